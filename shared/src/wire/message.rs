@@ -1,0 +1,181 @@
+//! Message bodies. Each derives its size on the wire and its schema; fixed arrays only.
+
+use crate::device::{DeviceDescription, JOINTS};
+use postcard::experimental::max_size::MaxSize;
+use postcard_schema::Schema;
+use serde::{Deserialize, Serialize};
+
+/// Opens a session; the console answers with a `Hello` of its own.
+///
+/// The host sends `session` = 0 and a random `nonce`. The console echoes the nonce and gives the
+/// session number that every later frame must carry.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, MaxSize, Schema)]
+pub struct Hello {
+    /// Hash over the schemas of all messages; a difference refuses torque.
+    pub schema_hash: u64,
+    /// Chosen by the host, echoed by the console.
+    pub nonce: u32,
+    /// Given by the console; 0 in the host's `Hello`.
+    pub session: u32,
+    /// Control rate of the console \[Hz\]; the rate the host expects, in the host's `Hello`.
+    pub tick_hz: u16,
+    /// Largest frame that the sender accepts \[bytes\].
+    pub max_frame: u16,
+    /// Whether the console simulates its motors and hand; false in the host's `Hello`.
+    pub simulated: bool,
+    /// Name of the device in UTF-8, zero padded; zeros in the host's `Hello`.
+    pub device_name: [u8; 16],
+}
+
+/// Control mode of the console. Torque other than gravity compensation only in `Armed` and `Decaying`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, MaxSize, Schema)]
+#[repr(u8)]
+pub enum Mode {
+    /// Before the first complete tick; amplifiers off.
+    Boot = 0,
+    /// Amplifiers off.
+    Idle = 1,
+    /// Rendering contact force.
+    Armed = 2,
+    /// Contact data is older than its horizon: contact force goes to zero, gravity compensation stays.
+    Decaying = 3,
+    /// A latched fault; amplifiers off until the host clears it.
+    Fault = 4,
+}
+
+/// Pose and force of the console at one tick. The header's console time is when the encoders were read.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, MaxSize, Schema)]
+pub struct State {
+    /// Ticks since boot.
+    pub tick: u32,
+    /// Grip position \[m\], (3), world frame.
+    pub position_m: [f32; 3],
+    /// Grip orientation, unit quaternion (x, y, z, w); identity where the console does not sense it.
+    pub orientation: [f32; 4],
+    /// Grip velocity, estimated \[m/s\], (3).
+    pub velocity_m_per_s: [f32; 3],
+    /// Contact force commanded on the grip in this tick \[N\], (3), after all guards.
+    pub force_n: [f32; 3],
+    /// Motor currents commanded in this tick \[A\], (3).
+    pub current_a: [f32; JOINTS],
+    /// Control mode.
+    pub mode: Mode,
+    /// Latched faults, bits of [`crate::wire::faults`].
+    pub faults: u16,
+    /// Sequence of the contact frame in use; 0 before the first.
+    pub contact_sequence: u32,
+    /// Age of the contact data now \[us\]; `u32::MAX` before the first.
+    pub contact_age_us: u32,
+    /// Age of the contact data in use when it was first applied \[us\]: the latency of the whole loop.
+    pub applied_age_us: u32,
+    /// Running hash over every tick's inputs, outputs and internal state since the session began.
+    pub trace_hash: u64,
+}
+
+/// The host's latest local contact model. The header's console time is that of the `State` it was solved for.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, MaxSize, Schema)]
+pub struct Contact {
+    /// Tool that this contact belongs to.
+    pub tool: u8,
+    /// Grip position that was solved for \[m\], (3).
+    pub position_m: [f32; 3],
+    /// Grip orientation that was solved for, unit quaternion (x, y, z, w).
+    pub orientation: [f32; 4],
+    /// Wrench on the tool at that pose: force \[N\], then moment about the grip \[N m\], (6).
+    pub wrench: [f32; 6],
+    /// Symmetric part of d wrench / d pose, packed upper triangle by rows, (21) of 6 x 6 \[N/m, N, N m/rad\];
+    /// the skew part follows from the moment. While `gap_m` > 0: the tangent just after touching.
+    pub tangent: [f32; 21],
+    /// Distance along `normal` that the tool can still move into the tissue before it touches \[m\]; 0 in contact.
+    pub gap_m: f32,
+    /// Unit vector out of the tissue, (3); any unit vector while nothing is near.
+    pub normal: [f32; 3],
+    /// Rate at which the force relaxes at a held pose \[1/s\]; 0 for quasi-static tissue.
+    pub relaxation_per_s: f32,
+    /// How long after the header's console time this frame may be used \[us\]; the console caps it.
+    pub horizon_us: u32,
+}
+
+/// An order to the console.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, MaxSize, Schema)]
+#[repr(u8)]
+pub enum Command {
+    /// Enter `Armed` from `Idle`.
+    Arm = 0,
+    /// Enter `Idle`.
+    Disarm = 1,
+    /// Leave `Fault` for `Idle`, if the cause is gone.
+    ClearFault = 2,
+    /// Send a `State` every so many ticks (1 to 1000).
+    StateEvery {
+        /// Ticks between two states.
+        ticks: u16,
+    } = 3,
+}
+
+/// Counters of the console since boot, sent about once a second.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, MaxSize, Schema)]
+pub struct Report {
+    /// Control ticks run.
+    pub ticks: u32,
+    /// Ticks whose computation took longer than their period.
+    pub tick_overruns: u32,
+    /// Ticks that started more than one period late; they are run, never skipped.
+    pub ticks_late: u32,
+    /// Valid frames received.
+    pub frames_received: u32,
+    /// Frames that never came, by gaps in the sequence.
+    pub frames_lost: u32,
+    /// Frames refused, for any reason.
+    pub frames_rejected: u32,
+    /// Contact frames replaced by a newer one before a tick used them.
+    pub frames_superseded: u32,
+    /// Why the last frame was refused: a pinned discriminant of `wire::Reject`; 0 = none was.
+    pub last_reject: u8,
+    /// Cause of the last reset: 0 unknown, 1 power, 2 pin, 3 software, 4 watchdog, 5 fault handler.
+    pub reset_cause: u8,
+    /// Largest cost of one control tick, in the board's unit (cycles, instructions or ns).
+    pub tick_cost_max: u32,
+}
+
+/// Number of way points of a scripted hand.
+pub const WAY_POINTS: usize = 12;
+
+/// One point on the hand's path.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, MaxSize, Schema)]
+pub struct WayPoint {
+    /// Time since the script began \[s\], not decreasing.
+    pub time_s: f32,
+    /// Where the hand wants the grip to be \[m\], (3).
+    pub position_m: [f32; 3],
+}
+
+/// A hand on the grip of a simulated console: spring and damper on a path of minimum-jerk segments.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, MaxSize, Schema)]
+pub struct HandScript {
+    /// Stiffness \[N/m\].
+    pub stiffness_n_per_m: f32,
+    /// Damping \[N s/m\].
+    pub damping_n_s_per_m: f32,
+    /// Joint coordinates at the start \[m or rad\], (3).
+    pub start_joint: [f32; JOINTS],
+    /// How many of `way_points` count (1 or more); the last is held.
+    pub count: u8,
+    /// The path, (12).
+    pub way_points: [WayPoint; WAY_POINTS],
+}
+
+/// Orders to a simulated console; a console with motors rejects them.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, MaxSize, Schema)]
+#[allow(clippy::large_enum_variant, reason = "fixed-size wire message, never stored in bulk")]
+#[repr(u8)]
+pub enum Simulate {
+    /// Become this device; refused while armed.
+    Device(DeviceDescription) = 0,
+    /// Start this hand script now.
+    Hand(HandScript) = 1,
+    /// Press or release the emergency stop.
+    EmergencyStop(bool) = 2,
+    /// Add an offset to every encoder reading from now on \[counts\].
+    EncoderOffset([i32; JOINTS]) = 3,
+}
