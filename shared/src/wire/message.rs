@@ -134,6 +134,13 @@ pub struct Report {
     pub last_reject: u8,
     /// Cause of the last reset: 0 unknown, 1 power, 2 pin, 3 software, 4 watchdog, 5 fault handler.
     pub reset_cause: u8,
+    /// What the last fault handler left behind: 0 nothing, 1 panic, 2 hard fault, 3 unexpected exception,
+    /// 4 watchdog about to bite.
+    pub epitaph_kind: u8,
+    /// Where it happened: the program counter, or a hash of file and line for a panic; 0 without an epitaph.
+    pub epitaph_place: u32,
+    /// Stack never used since boot \[bytes\]; 0 where it is not painted.
+    pub stack_free_bytes: u32,
     /// Largest cost of one control tick, in the board's unit (cycles, instructions or ns).
     pub tick_cost_max: u32,
 }
