@@ -1,2 +1,135 @@
-//! Entry point.
-fn main() {}
+//! The `sutura` command: parses the line, starts logging, runs one subcommand, renders its failure.
+//!
+//! Results go to stdout, logs and progress to stderr. Exit codes: see [`failure::Cause`].
+
+mod bench;
+mod console;
+mod failure;
+mod run;
+mod solve;
+
+use clap::{Args, Parser, Subcommand, ValueEnum};
+use failure::Failure;
+use miette::{GraphicalReportHandler, GraphicalTheme};
+use std::io::IsTerminal;
+use std::process::ExitCode;
+use tracing_subscriber::EnvFilter;
+
+/// Feel soft tissue through a haptic console.
+///
+/// Without a subcommand this is `sutura run`.
+#[derive(Parser, Debug)]
+#[command(version, after_help = EXAMPLES)]
+struct Cli {
+    #[command(flatten)]
+    global: Global,
+    #[command(subcommand)]
+    command: Option<Command>,
+}
+
+const EXAMPLES: &str = "\
+Examples:
+  sutura                                    5 s palpation with a virtual console
+  sutura run --console /dev/ttyACM0         the same on a console at a serial port
+  sutura solve scene.toml --out field.vtu   the tissue at rest under the scene's handles and loads
+  sutura bench                              time per step, by stage
+
+Exit codes: 0 ok, 1 failed, 2 bad usage or bad input, 3 no console, 4 protocol mismatch,
+5 console in latched fault, 6 replay diverged, 7 stated budget missed.";
+
+/// Options that every command takes.
+#[derive(Args, Debug)]
+pub struct Global {
+    /// How results are printed on stdout.
+    #[arg(long, value_enum, default_value_t = Format::Text, global = true)]
+    pub format: Format,
+    /// More logs on stderr: -v what is done, -vv details, -vvv everything. RUST_LOG overrides.
+    #[arg(short, long, action = clap::ArgAction::Count, global = true)]
+    pub verbose: u8,
+}
+
+/// How results are printed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum Format {
+    /// For people.
+    Text,
+    /// One JSON object.
+    Json,
+}
+
+#[derive(Subcommand, Debug)]
+enum Command {
+    Run(run::RunArgs),
+    Console(console::ConsoleArgs),
+    Solve(solve::SolveArgs),
+    Bench(bench::BenchArgs),
+}
+
+fn main() -> ExitCode {
+    let mut cli = Cli::parse();
+    if cli.command.is_none() {
+        // Parsed again, so that `run` has its defaults in one place.
+        cli = Cli::parse_from(std::env::args_os().chain(["run".into()]));
+    }
+    start_logging(cli.global.verbose);
+    let Some(command) = &cli.command else {
+        return ExitCode::SUCCESS;
+    };
+    let done = match command {
+        Command::Run(args) => run::run(args, &cli.global),
+        Command::Console(args) => console::run(args, &cli.global),
+        Command::Solve(args) => solve::run(args, &cli.global),
+        Command::Bench(args) => bench::run(args, &cli.global),
+    };
+    match done {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(failure) => {
+            render(&failure, cli.global.format);
+            ExitCode::from(failure.cause.code())
+        }
+    }
+}
+
+fn start_logging(verbose: u8) {
+    let level = match verbose {
+        0 => "warn",
+        1 => "info",
+        2 => "debug",
+        _ => "trace",
+    };
+    let filter = EnvFilter::try_from_default_env().unwrap_or_else(|_| EnvFilter::new(level));
+    tracing_subscriber::fmt()
+        .with_env_filter(filter)
+        .with_writer(std::io::stderr)
+        .with_ansi(std::io::stderr().is_terminal())
+        .with_target(false)
+        .without_time()
+        .init();
+}
+
+/// Shows a failure on stderr; with `--format json` stdout gets one object too.
+fn render(failure: &Failure, format: Format) {
+    // Off a terminal: no colours, and no wrapping, so that a message can be searched for.
+    let handler = if std::io::stderr().is_terminal() {
+        GraphicalReportHandler::new()
+    } else {
+        GraphicalReportHandler::new_themed(GraphicalTheme::unicode_nocolor()).with_wrap_lines(false)
+    };
+    let mut text = String::new();
+    if handler
+        .render_report(&mut text, failure.report.as_ref())
+        .is_err()
+    {
+        text = format!("{:?}", failure.report);
+    }
+    eprint!("{text}");
+    if format == Format::Json {
+        let object = serde_json::json!({
+            "status": failure.cause.word(),
+            "exit_code": failure.cause.code(),
+            "message": failure.report.to_string(),
+            "help": failure.report.help().map(|h| h.to_string()),
+        });
+        println!("{object}");
+    }
+}

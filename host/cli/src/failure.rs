@@ -1,0 +1,111 @@
+//! Why a command ended without success, and the exit code that scripts see.
+//!
+//! Entry point: [`Failure`]. Every command returns one; `main` renders it once and exits with its
+//! cause's code. The codes are a contract: add, never renumber.
+
+use miette::{Diagnostic, Report};
+
+/// What went wrong, as an exit code.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u8)]
+pub enum Cause {
+    /// The input was good, but the work could not be finished: no convergence, a full disk.
+    Failed = 1,
+    /// Bad usage or bad input: the user can change an argument or a file.
+    BadInput = 2,
+    /// No console: no such port, or nothing answers on it; no emulator.
+    NoConsole = 3,
+    /// The peer speaks another protocol version or other message schemas.
+    Protocol = 4,
+    /// The console is in a latched fault.
+    Fault = 5,
+    /// A replay took another course than its recording.
+    #[allow(
+        dead_code,
+        reason = "pinned with the other codes; no command replays yet"
+    )]
+    Diverged = 6,
+    /// A budget that the user stated was missed.
+    Budget = 7,
+}
+
+impl Cause {
+    /// The exit code.
+    pub fn code(self) -> u8 {
+        self as u8
+    }
+
+    /// Stable word for `status` in JSON output.
+    pub fn word(self) -> &'static str {
+        match self {
+            Cause::Failed => "failed",
+            Cause::BadInput => "bad-input",
+            Cause::NoConsole => "no-console",
+            Cause::Protocol => "protocol-mismatch",
+            Cause::Fault => "console-fault",
+            Cause::Diverged => "diverged",
+            Cause::Budget => "budget-missed",
+        }
+    }
+}
+
+/// A command's end without success: the cause and what to tell the user.
+#[derive(Debug)]
+pub struct Failure {
+    /// Decides the exit code.
+    pub cause: Cause,
+    /// Rendered on stderr, with source and help where the diagnostic has them.
+    pub report: Report,
+}
+
+impl Failure {
+    /// A failure from any diagnostic.
+    pub fn new(cause: Cause, diagnostic: impl Diagnostic + Send + Sync + 'static) -> Failure {
+        Failure {
+            cause,
+            report: Report::new(diagnostic),
+        }
+    }
+
+    /// A failure from a sentence and what the user can do about it.
+    pub fn say(cause: Cause, message: impl Into<String>, help: impl Into<String>) -> Failure {
+        Failure::new(
+            cause,
+            Said {
+                message: message.into(),
+                help: help.into(),
+            },
+        )
+    }
+}
+
+/// A failure that has no type of its own.
+#[derive(Debug, thiserror::Error, Diagnostic)]
+#[error("{message}")]
+#[diagnostic(help("{help}"))]
+struct Said {
+    message: String,
+    help: String,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Scripts depend on these numbers.
+    #[test]
+    fn exit_codes_are_pinned() {
+        let pinned = [
+            (Cause::Failed, 1),
+            (Cause::BadInput, 2),
+            (Cause::NoConsole, 3),
+            (Cause::Protocol, 4),
+            (Cause::Fault, 5),
+            (Cause::Diverged, 6),
+            (Cause::Budget, 7),
+        ];
+        for (cause, code) in pinned {
+            assert_eq!(cause.code(), code, "{cause:?}");
+        }
+    }
+}
