@@ -6,4 +6,5 @@
 #![forbid(unsafe_code)]
 
 pub mod device;
+pub mod link;
 pub mod wire;

@@ -174,7 +174,10 @@ pub struct HandScript {
 
 /// Orders to a simulated console; a console with motors rejects them.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, MaxSize, Schema)]
-#[allow(clippy::large_enum_variant, reason = "fixed-size wire message, never stored in bulk")]
+#[allow(
+    clippy::large_enum_variant,
+    reason = "fixed-size wire message, never stored in bulk"
+)]
 #[repr(u8)]
 pub enum Simulate {
     /// Become this device; refused while armed.

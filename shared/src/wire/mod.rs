@@ -1,6 +1,25 @@
 //! The wire protocol, draft 0: COBS(header | postcard body | CRC-32) 0x00.
 //!
 //! Received bytes go through three types, so that nothing unchecked can be used by mistake:
-//! bytes -> [`Decoded`](frame) -> validated message.
+//! [`Accumulator`] -> [`decode`] -> [`Decoded`] -> [`Decoded::unpack`] -> [`Unchecked`] ->
+//! [`Unchecked::validate`] -> [`Checked`], [`Valid`]. The other way: [`encode`].
+//! [`crate::link`] has both ends of a session on top of this.
 
+pub mod faults;
+mod frame;
 pub mod message;
+mod reject;
+mod schema;
+pub mod validate;
+
+pub(crate) use frame::hello_version;
+pub use frame::{
+    Accumulator, Decoded, EncodeError, HEADER_SIZE, Header, Kind, MAX_FRAME, MAX_REAL_TIME_FRAME,
+    decode, encode, frame_size,
+};
+pub use reject::Reject;
+pub use schema::SCHEMA_HASH;
+pub use validate::{Checked, Direction, Message, Unchecked, Valid, ValidContact, ValidSimulate};
+
+/// Version of the protocol; 0 is a draft that any commit may change.
+pub const PROTOCOL_VERSION: u8 = 0;

@@ -1,0 +1,210 @@
+//! The console's end of the link. Entry points: [`ConsoleLink::receive`] for every byte that comes in,
+//! [`ConsoleLink::take_reply`] and then [`ConsoleLink::encode_state`] for what goes out.
+
+use super::endpoint::{Counters, Endpoint, Received};
+use crate::wire::message::{Command, Hello, Report, State};
+use crate::wire::{
+    Checked, Direction, MAX_FRAME, Message, Reject, SCHEMA_HASH, ValidContact, ValidSimulate,
+};
+
+/// What a console says of itself in its `Hello`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Identity {
+    /// Control rate \[Hz\].
+    pub tick_hz: u16,
+    /// Whether motors and hand are simulated.
+    pub simulated: bool,
+    /// Name in UTF-8, padded with zeros. An empty one is sent as "console".
+    pub device_name: [u8; 16],
+}
+
+/// What a byte brought.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[allow(
+    clippy::large_enum_variant,
+    reason = "lives on the stack until it is applied"
+)]
+pub enum LinkEvent {
+    /// A new session: disarm and forget the contact.
+    SessionOpened,
+    /// The newest contact.
+    Contact(ValidContact),
+    /// An order; [`Command::StateEvery`] is already obeyed.
+    Command(Command),
+    /// An order to the simulation; never on a console with motors.
+    Simulate(ValidSimulate),
+}
+
+/// The console's end of the link.
+#[derive(Debug)]
+pub struct ConsoleLink {
+    endpoint: Endpoint,
+    identity: Identity,
+    seed: u32,
+    hellos: u32,
+    reply: Option<Hello>,
+    state_every: u16,
+}
+
+impl ConsoleLink {
+    /// A link without a session.
+    ///
+    /// `seed` should differ from boot to boot (entropy, or a boot counter); it makes session numbers
+    /// that were given before a reset useless after it.
+    pub fn new(mut identity: Identity, seed: u32) -> Self {
+        if identity.device_name == [0; 16] {
+            // The name also tells a console's Hello from a host's.
+            identity.device_name = *b"console\0\0\0\0\0\0\0\0\0";
+        }
+        ConsoleLink {
+            endpoint: Endpoint::new(Direction::ToConsole),
+            identity,
+            seed,
+            hellos: 0,
+            reply: None,
+            state_every: 1,
+        }
+    }
+
+    /// Takes one byte that came at console time `now_us`. What is refused is only counted.
+    pub fn receive(&mut self, byte: u8, now_us: u64) -> Option<LinkEvent> {
+        match self.endpoint.receive(byte)? {
+            Received::OtherVersion(_) => {
+                // Its nonce may stand anywhere. The answer's first byte says what differs.
+                self.reply = Some(self.hello(0, 0));
+                None
+            }
+            Received::Message(message) => {
+                let verdict = self.judge(message, now_us);
+                self.endpoint.settle(verdict)
+            }
+        }
+    }
+
+    fn judge(&mut self, message: Checked, now_us: u64) -> Result<LinkEvent, Reject> {
+        match message {
+            Checked::Hello(hello) => {
+                let nonce = hello.body().nonce;
+                let agreed = self.agree(hello.body());
+                let session = if agreed.is_ok() {
+                    self.next_session(nonce)
+                } else {
+                    0
+                };
+                self.reply = Some(self.hello(nonce, session));
+                agreed?;
+                self.endpoint.open(session);
+                self.state_every = 1;
+                Ok(LinkEvent::SessionOpened)
+            }
+            Checked::Contact(contact) if contact.console_time_us() > now_us => {
+                Err(Reject::FromTheFuture)
+            }
+            Checked::Contact(contact) => Ok(LinkEvent::Contact(contact)),
+            Checked::Command(command) => {
+                let command = *command.body();
+                if let Command::StateEvery { ticks } = command {
+                    self.state_every = ticks;
+                }
+                Ok(LinkEvent::Command(command))
+            }
+            Checked::Simulate(_) if !self.identity.simulated => Err(Reject::NotSimulated),
+            Checked::Simulate(simulate) => Ok(LinkEvent::Simulate(simulate)),
+            Checked::State(_) | Checked::Report(_) => Err(Reject::Direction),
+        }
+    }
+
+    fn agree(&self, host: &Hello) -> Result<(), Reject> {
+        if host.schema_hash != SCHEMA_HASH {
+            Err(Reject::Schema)
+        } else if host.tick_hz != self.identity.tick_hz {
+            Err(Reject::TickRate)
+        } else if usize::from(host.max_frame) < MAX_FRAME {
+            Err(Reject::FrameSize)
+        } else {
+            Ok(())
+        }
+    }
+
+    /// A number that no earlier session is likely to have had: the finalizer of MurmurHash3 (Appleby
+    /// 2011) over the host's nonce, this boot's seed and a count.
+    fn next_session(&mut self, nonce: u32) -> u32 {
+        loop {
+            self.hellos = self.hellos.wrapping_add(1);
+            let mut x = nonce ^ self.seed.rotate_left(16);
+            x = x.wrapping_add(self.hellos.wrapping_mul(0x9e37_79b9));
+            x = (x ^ (x >> 16)).wrapping_mul(0x85eb_ca6b);
+            x = (x ^ (x >> 13)).wrapping_mul(0xc2b2_ae35);
+            x ^= x >> 16;
+            // Two of 2^32 counts at most are passed over: each gives another number.
+            if x != 0 && x != self.endpoint.session() {
+                return x;
+            }
+        }
+    }
+
+    fn hello(&self, nonce: u32, session: u32) -> Hello {
+        Hello {
+            schema_hash: SCHEMA_HASH,
+            nonce,
+            session,
+            tick_hz: self.identity.tick_hz,
+            max_frame: MAX_FRAME as u16,
+            simulated: self.identity.simulated,
+            device_name: self.identity.device_name,
+        }
+    }
+
+    /// Writes the answer to the last `Hello`, if one waits, and returns its length.
+    pub fn take_reply(&mut self, now_us: u64, out: &mut [u8; MAX_FRAME]) -> Option<usize> {
+        let hello = self.reply.take()?;
+        self.endpoint.send(now_us, &hello, out).ok()
+    }
+
+    /// Writes a `State` frame and returns its length \[bytes\]; 0 while there is nobody to send it to:
+    /// no session is open, or the answer that opens it has not been taken yet.
+    pub fn encode_state(&mut self, now_us: u64, state: &State, out: &mut [u8; MAX_FRAME]) -> usize {
+        self.encode(now_us, state, out)
+    }
+
+    /// Like [`encode_state`](Self::encode_state) for a `Report`, whose four counts of received frames
+    /// are filled in here.
+    pub fn encode_report(
+        &mut self,
+        now_us: u64,
+        report: &Report,
+        out: &mut [u8; MAX_FRAME],
+    ) -> usize {
+        let counters = self.endpoint.counters;
+        let report = Report {
+            frames_received: counters.frames_received,
+            frames_lost: counters.frames_lost,
+            frames_rejected: counters.frames_rejected,
+            last_reject: counters.last_reject.map_or(0, |reject| reject as u8),
+            ..*report
+        };
+        self.encode(now_us, &report, out)
+    }
+
+    fn encode<M: Message>(&mut self, now_us: u64, body: &M, out: &mut [u8; MAX_FRAME]) -> usize {
+        if !self.is_open() || self.reply.is_some() {
+            return 0;
+        }
+        self.endpoint.send(now_us, body, out).unwrap_or(0)
+    }
+
+    /// Whether a session is open.
+    pub fn is_open(&self) -> bool {
+        self.endpoint.session() != 0
+    }
+
+    /// Ticks between two `State` frames, from [`Command::StateEvery`]; 1 at the start of a session.
+    pub fn state_every(&self) -> u16 {
+        self.state_every
+    }
+
+    /// Counts since boot.
+    pub fn counters(&self) -> Counters {
+        self.endpoint.counters
+    }
+}

@@ -1,0 +1,196 @@
+//! What both ends of the link have in common: the way from bytes to a checked message of the open
+//! session, and the counting. Entry points: [`Endpoint::receive`], [`Endpoint::send`].
+
+use crate::wire::{
+    Accumulator, Checked, Direction, EncodeError, Header, Kind, MAX_FRAME, Message, Reject, decode,
+    encode, hello_version,
+};
+
+/// What happened on one end of the link.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Counters {
+    /// Frames sent.
+    pub frames_sent: u32,
+    /// Frames received and accepted.
+    pub frames_received: u32,
+    /// Frames that never came, by gaps in the sequence. A frame that noise destroyed counts here, and
+    /// what is left of it counts as refused.
+    pub frames_lost: u32,
+    /// Frames refused.
+    pub frames_rejected: u32,
+    /// Why the last frame was refused.
+    pub last_reject: Option<Reject>,
+}
+
+/// What a byte completed.
+#[allow(
+    clippy::large_enum_variant,
+    reason = "lives on the stack for one frame"
+)]
+pub(super) enum Received {
+    /// A message that is right as such; the owner still has to [`Endpoint::settle`] it.
+    Message(Checked),
+    /// A `Hello` in another version of the protocol; already counted as refused.
+    OtherVersion(u8),
+}
+
+/// One end of the link.
+#[derive(Debug)]
+pub(super) struct Endpoint {
+    /// Direction of what this end receives.
+    receives: Direction,
+    accumulator: Accumulator,
+    /// 0: none is open.
+    session: u32,
+    received_sequence: u32,
+    sent_sequence: u32,
+    pub(super) counters: Counters,
+}
+
+impl Endpoint {
+    pub(super) fn new(receives: Direction) -> Self {
+        Endpoint {
+            receives,
+            accumulator: Accumulator::new(),
+            session: 0,
+            received_sequence: 0,
+            sent_sequence: 0,
+            counters: Counters::default(),
+        }
+    }
+
+    /// Starts a session, or with 0 ends it.
+    pub(super) fn open(&mut self, session: u32) {
+        self.session = session;
+        self.received_sequence = 0;
+        self.sent_sequence = 0;
+    }
+
+    /// Session that is open; 0: none.
+    pub(super) fn session(&self) -> u32 {
+        self.session
+    }
+
+    /// Sequence of the last frame sent in this session.
+    pub(super) fn sent_sequence(&self) -> u32 {
+        self.sent_sequence
+    }
+
+    /// Takes one byte. What is refused is counted here.
+    pub(super) fn receive(&mut self, byte: u8) -> Option<Received> {
+        let outcome = match self.accumulator.push(byte)? {
+            Err(reject) => Err(reject),
+            Ok(packet) => match decode(packet) {
+                Err(Reject::Version) => {
+                    let version = hello_version(packet);
+                    self.reject(Reject::Version);
+                    return version.map(Received::OtherVersion);
+                }
+                Err(reject) => Err(reject),
+                Ok(decoded) => {
+                    let order = Order {
+                        receives: self.receives,
+                        session: self.session,
+                        last: self.received_sequence,
+                    };
+                    match order.admit(&decoded.header) {
+                        Err(reject) => Err(reject),
+                        Ok(lost) => {
+                            if decoded.header.kind != Kind::Hello {
+                                self.received_sequence = decoded.header.sequence;
+                                count(&mut self.counters.frames_lost, lost);
+                            }
+                            decoded
+                                .unpack()
+                                .and_then(|unchecked| unchecked.validate(self.receives))
+                        }
+                    }
+                }
+            },
+        };
+        match outcome {
+            Ok(checked) => Some(Received::Message(checked)),
+            Err(reject) => {
+                self.reject(reject);
+                None
+            }
+        }
+    }
+
+    /// Counts the owner's verdict on a message.
+    pub(super) fn settle<T>(&mut self, verdict: Result<T, Reject>) -> Option<T> {
+        match verdict {
+            Ok(value) => {
+                count(&mut self.counters.frames_received, 1);
+                Some(value)
+            }
+            Err(reject) => {
+                self.reject(reject);
+                None
+            }
+        }
+    }
+
+    fn reject(&mut self, reject: Reject) {
+        count(&mut self.counters.frames_rejected, 1);
+        self.counters.last_reject = Some(reject);
+    }
+
+    /// Writes a frame of the open session (`Hello`: of none) and returns its length.
+    pub(super) fn send<M: Message>(
+        &mut self,
+        console_time_us: u64,
+        body: &M,
+        out: &mut [u8; MAX_FRAME],
+    ) -> Result<usize, EncodeError> {
+        let hello = M::KIND == Kind::Hello;
+        let sequence = self.sent_sequence.wrapping_add(1);
+        let (session, sequence) = if hello {
+            (0, 0)
+        } else {
+            (self.session, sequence)
+        };
+        let len = encode(session, sequence, console_time_us, body, out)?;
+        if !hello {
+            self.sent_sequence = sequence;
+        }
+        count(&mut self.counters.frames_sent, 1);
+        Ok(len)
+    }
+}
+
+/// What a header is judged by.
+struct Order {
+    receives: Direction,
+    session: u32,
+    last: u32,
+}
+
+impl Order {
+    /// Direction, session and sequence. Returns how many frames are missing before this one.
+    fn admit(&self, header: &Header) -> Result<u32, Reject> {
+        if !header.kind.travels(self.receives) {
+            return Err(Reject::Direction);
+        }
+        if header.kind == Kind::Hello {
+            return if (header.session, header.sequence) == (0, 0) {
+                Ok(0)
+            } else {
+                Err(Reject::Session)
+            };
+        }
+        if self.session == 0 || header.session != self.session {
+            return Err(Reject::Session);
+        }
+        // Serial number arithmetic (RFC 1982): half of the circle is newer, half is older.
+        match header.sequence.wrapping_sub(self.last) {
+            ahead @ 1..=0x7fff_ffff => Ok(ahead - 1),
+            _ => Err(Reject::Sequence),
+        }
+    }
+}
+
+/// Counters stop at the top instead of starting over.
+fn count(counter: &mut u32, by: u32) {
+    *counter = counter.saturating_add(by);
+}

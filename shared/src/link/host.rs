@@ -1,0 +1,248 @@
+//! The host's end of the link. Entry points: [`HostLink::hello`], then [`HostLink::receive`] for every
+//! byte that comes in and [`HostLink::send`] for what goes out.
+
+use super::endpoint::{Counters, Endpoint, Received};
+use crate::wire::message::{Hello, Report, State};
+use crate::wire::{
+    Checked, Direction, EncodeError, MAX_FRAME, Message, PROTOCOL_VERSION, Reject, SCHEMA_HASH,
+    Valid,
+};
+use core::fmt;
+
+/// Why the two ends do not work together.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Mismatch {
+    /// Another protocol version.
+    Version {
+        /// The console's.
+        console: u8,
+    },
+    /// Messages of another layout under the same version.
+    Schema {
+        /// The console's.
+        console: u64,
+    },
+    /// Another control rate.
+    TickRate {
+        /// The console's \[Hz\].
+        console: u16,
+        /// The host's \[Hz\].
+        host: u16,
+    },
+    /// The console cannot take the host's largest frame.
+    FrameSize {
+        /// The console's limit \[bytes\].
+        console: u16,
+    },
+    /// The console gave no session although nothing differs.
+    Refused,
+}
+
+impl fmt::Display for Mismatch {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Mismatch::Version { console } => write!(
+                f,
+                "the console speaks protocol version {console}, this program version \
+                 {PROTOCOL_VERSION}: use firmware and program of one release"
+            ),
+            Mismatch::Schema { console } => write!(
+                f,
+                "the console's messages have schema {console:016x}, this program's {SCHEMA_HASH:016x}: \
+                 use firmware and program of one release"
+            ),
+            Mismatch::TickRate { console, host } => write!(
+                f,
+                "the console's control rate is {console} Hz, this program expects {host} Hz"
+            ),
+            Mismatch::FrameSize { console } => write!(
+                f,
+                "the console takes frames of at most {console} bytes, this program's have up to {MAX_FRAME}"
+            ),
+            Mismatch::Refused => f.write_str("the console refused the session without a reason"),
+        }
+    }
+}
+
+impl core::error::Error for Mismatch {}
+
+/// Why a message was not sent.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum SendError {
+    /// No session is open.
+    NoSession,
+    /// The console would refuse it for this reason.
+    Invalid(Reject),
+    /// It does not fit into a frame.
+    Encode(EncodeError),
+}
+
+impl fmt::Display for SendError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            SendError::NoSession => f.write_str("no session with the console is open"),
+            SendError::Invalid(reject) => write!(f, "the console would refuse it: {reject}"),
+            SendError::Encode(error) => error.fmt(f),
+        }
+    }
+}
+
+impl core::error::Error for SendError {}
+
+/// What a byte brought.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum HostEvent {
+    /// The console answered and opened a session.
+    Opened(Hello),
+    /// The console answered, but the two ends do not work together.
+    Refused(Mismatch),
+    /// A state of the console.
+    State(Valid<State>),
+    /// The console's counters.
+    Report(Valid<Report>),
+}
+
+/// The host's end of the link.
+#[derive(Debug)]
+pub struct HostLink {
+    endpoint: Endpoint,
+    tick_hz: u16,
+    /// Nonce of the `Hello` that waits for its answer.
+    asked: Option<u32>,
+}
+
+impl HostLink {
+    /// A link without a session, to a console that runs at `tick_hz`.
+    pub fn new(tick_hz: u16) -> Self {
+        HostLink {
+            endpoint: Endpoint::new(Direction::ToHost),
+            tick_hz,
+            asked: None,
+        }
+    }
+
+    /// Ends the session and writes a `Hello` that asks for a new one; returns its length \[bytes\].
+    ///
+    /// `nonce` should be random, and another one at every attempt: an answer to an earlier attempt that
+    /// comes late is then not mistaken for this one's.
+    ///
+    /// # Errors
+    /// [`EncodeError`]: never, see there.
+    pub fn hello(&mut self, nonce: u32, out: &mut [u8; MAX_FRAME]) -> Result<usize, EncodeError> {
+        self.endpoint.open(0);
+        self.asked = Some(nonce);
+        let hello = Hello {
+            schema_hash: SCHEMA_HASH,
+            nonce,
+            session: 0,
+            tick_hz: self.tick_hz,
+            max_frame: MAX_FRAME as u16,
+            simulated: false,
+            device_name: [0; 16],
+        };
+        self.endpoint.send(0, &hello, out)
+    }
+
+    /// Takes one byte. What is refused is only counted.
+    pub fn receive(&mut self, byte: u8) -> Option<HostEvent> {
+        match self.endpoint.receive(byte)? {
+            Received::OtherVersion(console) => {
+                self.asked.take()?;
+                Some(HostEvent::Refused(Mismatch::Version { console }))
+            }
+            Received::Message(message) => {
+                let verdict = self.judge(message);
+                self.endpoint.settle(verdict)
+            }
+        }
+    }
+
+    fn judge(&mut self, message: Checked) -> Result<HostEvent, Reject> {
+        match message {
+            Checked::Hello(hello) => {
+                let hello = *hello.body();
+                if self.asked != Some(hello.nonce) {
+                    return Err(Reject::Nonce);
+                }
+                self.asked = None;
+                if let Err(mismatch) = self.agree(&hello) {
+                    return Ok(HostEvent::Refused(mismatch));
+                }
+                self.endpoint.open(hello.session);
+                // What came before belonged to somebody else's session.
+                self.endpoint.counters = Counters {
+                    frames_sent: 1,
+                    ..Counters::default()
+                };
+                Ok(HostEvent::Opened(hello))
+            }
+            Checked::State(state) => Ok(HostEvent::State(state)),
+            Checked::Report(report) => Ok(HostEvent::Report(report)),
+            Checked::Contact(_) | Checked::Command(_) | Checked::Simulate(_) => {
+                Err(Reject::Direction)
+            }
+        }
+    }
+
+    fn agree(&self, console: &Hello) -> Result<(), Mismatch> {
+        if console.schema_hash != SCHEMA_HASH {
+            Err(Mismatch::Schema {
+                console: console.schema_hash,
+            })
+        } else if console.tick_hz != self.tick_hz {
+            Err(Mismatch::TickRate {
+                console: console.tick_hz,
+                host: self.tick_hz,
+            })
+        } else if usize::from(console.max_frame) < MAX_FRAME {
+            Err(Mismatch::FrameSize {
+                console: console.max_frame,
+            })
+        } else if console.session == 0 {
+            Err(Mismatch::Refused)
+        } else {
+            Ok(())
+        }
+    }
+
+    /// Writes one frame and returns its length \[bytes\]; its sequence is then
+    /// [`sent_sequence`](Self::sent_sequence).
+    ///
+    /// `console_time_us` is that of the `State` that a contact was solved for; for other messages that
+    /// of the newest `State` (0 before the first).
+    ///
+    /// # Errors
+    /// [`SendError`]; nothing is sent then.
+    pub fn send<M: Message>(
+        &mut self,
+        console_time_us: u64,
+        body: &M,
+        out: &mut [u8; MAX_FRAME],
+    ) -> Result<usize, SendError> {
+        if !self.is_open() {
+            return Err(SendError::NoSession);
+        }
+        if !M::KIND.travels(Direction::ToConsole) {
+            return Err(SendError::Invalid(Reject::Direction));
+        }
+        body.check().map_err(SendError::Invalid)?;
+        self.endpoint
+            .send(console_time_us, body, out)
+            .map_err(SendError::Encode)
+    }
+
+    /// Whether a session is open.
+    pub fn is_open(&self) -> bool {
+        self.endpoint.session() != 0
+    }
+
+    /// Sequence of the last frame sent; [`State::contact_sequence`] echoes a contact's.
+    pub fn sent_sequence(&self) -> u32 {
+        self.endpoint.sent_sequence()
+    }
+
+    /// Counts since this session's `Hello`; before the first session, since the link was made.
+    pub fn counters(&self) -> Counters {
+        self.endpoint.counters
+    }
+}

@@ -1,0 +1,16 @@
+//! Both ends of a session over the wire: handshake, sequence, loss, and what is refused.
+//!
+//! Entry points: [`ConsoleLink`] on the console, [`HostLink`] on the host.
+//!
+//! A session starts with the host's `Hello`. The console's answer carries the session number that every
+//! later frame of either side must have, or 0 and what differs. `Hello` itself travels with session 0
+//! and sequence 0, outside the count; every other frame of one direction, whatever its kind, takes the
+//! next sequence from 1 on. Of two frames that swap places the later one is used, the other refused.
+
+mod console;
+mod endpoint;
+mod host;
+
+pub use console::{ConsoleLink, Identity, LinkEvent};
+pub use endpoint::Counters;
+pub use host::{HostEvent, HostLink, Mismatch, SendError};

@@ -1,0 +1,36 @@
+//! Fault bits of [`State::faults`](super::message::State::faults), latched until the host clears them.
+//!
+//! A bit keeps its meaning for ever; the host shows bits that it does not know by number.
+
+/// The emergency stop is, or was, pressed.
+pub const E_STOP: u16 = 1 << 0;
+/// A computed force or current was not finite.
+pub const NOT_FINITE: u16 = 1 << 1;
+/// An encoder moved faster than the device can.
+pub const ENCODER_JUMP: u16 = 1 << 2;
+/// Three ticks in a row took longer than their period.
+pub const OVERRUN: u16 = 1 << 3;
+/// The board reported a fault of its own: amplifier, supply, watchdog.
+pub const BOARD: u16 = 1 << 4;
+
+/// Every fault that this version knows, with the name that users see.
+pub const NAMES: [(u16, &str); 5] = [
+    (E_STOP, "e_stop"),
+    (NOT_FINITE, "not_finite"),
+    (ENCODER_JUMP, "encoder_jump"),
+    (OVERRUN, "overrun"),
+    (BOARD, "board"),
+];
+
+/// Names of the faults that are set in `bits`, in the order of the bits.
+///
+/// ```
+/// use sutura_shared::wire::faults;
+/// assert!(faults::names(faults::E_STOP | faults::OVERRUN).eq(["e_stop", "overrun"]));
+/// ```
+pub fn names(bits: u16) -> impl Iterator<Item = &'static str> {
+    NAMES
+        .into_iter()
+        .filter(move |(bit, _)| bits & bit != 0)
+        .map(|(_, name)| name)
+}
