@@ -1,0 +1,198 @@
+//! Byte pipes to a console, and opening one with errors that say what to do next.
+//!
+//! Entry points: [`Port`], [`open_serial`]. Serial ports go through the `serialport` crate; a
+//! USB console ignores the line rate, the emulator's UART has none.
+
+use super::LinkError;
+use serialport::SerialPort;
+use std::io;
+use std::time::Duration;
+
+/// A byte pipe to a console, over which frames travel both ways.
+pub trait Port: Send {
+    /// What the user calls it.
+    fn name(&self) -> String;
+
+    /// Reads what is there, waiting at most `wait` for a first byte; 0 bytes when none came.
+    ///
+    /// # Errors
+    /// `BrokenPipe` when the other end is gone for good; anything else that the system reports.
+    fn read(&mut self, into: &mut [u8], wait: Duration) -> io::Result<usize>;
+
+    /// Writes as much of `bytes` as the pipe takes now; may be 0.
+    ///
+    /// # Errors
+    /// As [`Port::read`].
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize>;
+
+    /// A second handle to the same port, so that one thread reads while another writes.
+    ///
+    /// # Errors
+    /// When the system refuses another handle.
+    fn try_clone(&self) -> io::Result<Box<dyn Port>>;
+}
+
+/// Line rate asked of a serial port that has one \[baud\]: what FTDI and ST-Link bridges reach reliably.
+const BAUD: u32 = 921_600;
+
+/// How long a write waits for room before the port counts as stuck this time round.
+const WRITE_WAIT: Duration = Duration::from_millis(20);
+
+struct Serial {
+    name: String,
+    port: Box<dyn SerialPort>,
+}
+
+/// Opens a serial port or a pseudo-terminal.
+///
+/// # Errors
+/// [`LinkError::NoPort`] with the ports that were found, [`LinkError::Permission`], [`LinkError::Busy`],
+/// or [`LinkError::Open`] with what the system said.
+pub fn open_serial(path: &str) -> Result<Box<dyn Port>, LinkError> {
+    let builder = serialport::new(path, BAUD)
+        .timeout(WRITE_WAIT)
+        .dtr_on_open(true);
+    #[cfg(unix)]
+    let opened = open_unix(path, &builder);
+    #[cfg(not(unix))]
+    let opened = builder.open();
+    let port = opened.map_err(|error| explain(path, &error))?;
+    // Bytes from before the session are of no use; a port that cannot drop them only costs a few rejects.
+    if let Err(error) = port.clear(serialport::ClearBuffer::Input) {
+        tracing::debug!("{path}: input not cleared: {error}");
+    }
+    Ok(Box::new(Serial {
+        name: path.to_owned(),
+        port,
+    }))
+}
+
+#[cfg(unix)]
+fn open_unix(
+    path: &str,
+    builder: &serialport::SerialPortBuilder,
+) -> serialport::Result<Box<dyn SerialPort>> {
+    let pseudo = std::fs::canonicalize(path).is_ok_and(|real| real.starts_with("/dev/pts"));
+    // macOS refuses a line rate on a pseudo-terminal; it has none anyway.
+    let builder = if pseudo {
+        builder
+            .clone()
+            .baud_rate(if cfg!(target_os = "macos") { 0 } else { BAUD })
+    } else {
+        builder.clone()
+    };
+    let mut port = builder.open_native()?;
+    if pseudo {
+        // The kernel's exclusive flag would outlive a killed host for as long as the console holds the
+        // terminal. The file lock that stays ends with the process, and keeps other hosts out all the same.
+        port.set_exclusive(false)?;
+    }
+    Ok(Box::new(port))
+}
+
+/// Which mistake or which state of the machine is behind a failed open.
+fn explain(path: &str, error: &serialport::Error) -> LinkError {
+    use serialport::ErrorKind as Kind;
+    let name = path.to_owned();
+    match error.kind() {
+        Kind::Io(io::ErrorKind::NotFound) => LinkError::NoPort {
+            name,
+            found: serial_ports().into(),
+        },
+        Kind::Io(io::ErrorKind::PermissionDenied) => LinkError::Permission { name },
+        // `serialport` reports a locked port as a missing device.
+        Kind::NoDevice if std::path::Path::new(path).exists() => LinkError::Busy { name },
+        Kind::NoDevice => LinkError::NoPort {
+            name,
+            found: serial_ports().into(),
+        },
+        _ => LinkError::Open {
+            name,
+            reason: error.description.clone(),
+        },
+    }
+}
+
+/// Names of the serial ports of this machine, with what is plugged in where that is known.
+pub fn serial_ports() -> Vec<String> {
+    let ports = serialport::available_ports().unwrap_or_default();
+    ports
+        .into_iter()
+        .map(|port| match port.port_type {
+            serialport::SerialPortType::UsbPort(usb) => {
+                format!(
+                    "{} ({})",
+                    port.port_name,
+                    usb.product.unwrap_or_else(|| "USB".to_owned())
+                )
+            }
+            _ => port.port_name,
+        })
+        .collect()
+}
+
+/// Nothing came, or nothing fitted, in time: not an error for us.
+fn none_in_time(error: io::Error) -> io::Result<usize> {
+    match error.kind() {
+        io::ErrorKind::TimedOut | io::ErrorKind::WouldBlock | io::ErrorKind::Interrupted => Ok(0),
+        // A terminal whose other end is closed reports an input/output error instead.
+        io::ErrorKind::Other if error.raw_os_error().is_none() => {
+            Err(io::ErrorKind::BrokenPipe.into())
+        }
+        _ => Err(error),
+    }
+}
+
+impl Port for Serial {
+    fn name(&self) -> String {
+        self.name.clone()
+    }
+
+    fn read(&mut self, into: &mut [u8], wait: Duration) -> io::Result<usize> {
+        self.port.set_timeout(wait)?;
+        match self.port.read(into) {
+            // A terminal at end of file: the other end is gone.
+            Ok(0) if !into.is_empty() => Err(io::ErrorKind::BrokenPipe.into()),
+            Ok(count) => Ok(count),
+            Err(error) => none_in_time(error),
+        }
+    }
+
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        self.port.write(bytes).or_else(none_in_time)
+    }
+
+    fn try_clone(&self) -> io::Result<Box<dyn Port>> {
+        Ok(Box::new(Serial {
+            name: self.name.clone(),
+            port: self.port.try_clone()?,
+        }))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_missing_port_names_it_and_the_next_step() {
+        let Err(error) = open_serial("/dev/no-such-console") else {
+            panic!("opened")
+        };
+        assert!(
+            matches!(&error, LinkError::NoPort { name, .. } if name == "/dev/no-such-console"),
+            "{error:?}"
+        );
+        assert!(error.to_string().contains("/dev/no-such-console"));
+        assert!(error.help().contains("virtual"), "{}", error.help());
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn a_file_is_not_a_port() {
+        let Err(error) = open_serial("/dev/null") else {
+            panic!("opened")
+        };
+        assert!(matches!(error, LinkError::Open { .. }), "{error:?}");
+    }
+}
