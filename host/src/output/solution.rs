@@ -1,0 +1,95 @@
+//! A tissue at rest: displacement, reactions, and how well the equations hold.
+//!
+//! Entry point: [`Solution`]. Signs: `force_n` and `torque_nm` in [`Reaction`] and [`ToolContact`] act **on
+//! the tissue**; the handle or the tool feels the opposite.
+
+use super::{vtu, write_whole};
+use serde::Serialize;
+use std::io;
+use std::path::Path;
+
+/// What `sutura solve` writes. The keys of the JSON file are the names of these fields.
+#[derive(Clone, Debug, Serialize)]
+pub struct Solution {
+    /// Name of the scene.
+    pub scene: String,
+    /// Name of the tissue model.
+    pub tissue: &'static str,
+    /// What `force_n` and `torque_nm` act on.
+    pub forces_act_on: &'static str,
+    /// Node positions at rest without load \[m\], (n x 3), world frame.
+    pub points_m: Vec<[f64; 3]>,
+    /// Nodal displacement \[m\], (n x 3), world frame.
+    pub displacement_m: Vec<[f64; 3]>,
+    /// One for each handle, in the scene's order.
+    pub reactions: Vec<Reaction>,
+    /// One for each tool that the scene holds somewhere.
+    pub tools: Vec<ToolContact>,
+    /// Largest component of the unbalanced force on a free node, over the largest nodal force; 1 \[-\].
+    pub residual: f64,
+    /// Nodes of each cell, (m x 4); in the grid file only.
+    #[serde(skip)]
+    pub cells: Vec<[u32; 4]>,
+}
+
+/// What a handle does to the tissue.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Reaction {
+    /// Place of the handle in the scene, from 0.
+    pub handle: usize,
+    /// The handle's name, if it has one.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub name: Option<String>,
+    /// Force on the tissue \[N\], (3).
+    pub force_n: [f64; 3],
+    /// Moment on the tissue about the handle \[N m\], (3); a point handle has none.
+    pub torque_nm: [f64; 3],
+}
+
+/// What a tool does to the tissue.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct ToolContact {
+    /// Id of the tool.
+    pub tool: u8,
+    /// Force on the tissue \[N\], (3).
+    pub force_n: [f64; 3],
+    /// Moment on the tissue about the grip \[N m\], (3).
+    pub torque_nm: [f64; 3],
+    /// Distance to the tissue \[m\]; 0 in contact.
+    pub gap_m: f64,
+    /// Touched vertices.
+    pub rows: usize,
+}
+
+/// File formats, by extension.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum SolutionFormat {
+    /// `.json`
+    Json,
+    /// `.vtu`, for ParaView and everything else that reads VTK.
+    Vtu,
+}
+
+impl SolutionFormat {
+    /// The format that a path's extension stands for.
+    pub fn of(path: &Path) -> Option<SolutionFormat> {
+        match path.extension()?.to_str()? {
+            "json" => Some(SolutionFormat::Json),
+            "vtu" => Some(SolutionFormat::Vtu),
+            _ => None,
+        }
+    }
+}
+
+impl Solution {
+    /// Writes the file, whole or not at all.
+    ///
+    /// # Errors
+    /// What the system says.
+    pub fn write(&self, path: &Path, format: SolutionFormat) -> io::Result<()> {
+        match format {
+            SolutionFormat::Json => write_whole(path, &serde_json::to_vec(self)?),
+            SolutionFormat::Vtu => write_whole(path, vtu(self).as_bytes()),
+        }
+    }
+}

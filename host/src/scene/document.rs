@@ -1,0 +1,251 @@
+//! A TOML file that people write: parsing and complaints that point at the character.
+//!
+//! Entry point: [`Document`]. Every complaint about a scene or a device is a [`SceneError`] made here.
+
+use miette::{Diagnostic, NamedSource, Severity, SourceSpan};
+use serde::de::DeserializeOwned;
+use std::ops::Range;
+use std::path::{Path, PathBuf};
+use thiserror::Error;
+use toml::Spanned;
+
+/// Why a scene or a device file cannot be used.
+#[derive(Debug, Error, Diagnostic)]
+pub enum SceneError {
+    /// The file itself cannot be read.
+    #[error("cannot read {}: {source}", path.display())]
+    #[diagnostic(help("give the path of a file that exists, relative to the directory you are in"))]
+    Unreadable {
+        /// As asked for.
+        path: PathBuf,
+        /// What the system said.
+        source: std::io::Error,
+    },
+    /// Something in the file is wrong.
+    #[error(transparent)]
+    #[diagnostic(transparent)]
+    Flaw(Box<Flaw>),
+    /// The parts are good each by itself, but the solver cannot be built from them.
+    #[error("the scene's tissue cannot be built: {message}")]
+    #[diagnostic(help("{help}"))]
+    Build {
+        /// What the solver said.
+        message: String,
+        /// What to try.
+        help: String,
+    },
+}
+
+/// One complaint or warning about a file, with the place it is about.
+#[derive(Debug, Error)]
+#[error("{message}")]
+pub struct Flaw {
+    message: String,
+    label: String,
+    help: Option<String>,
+    severity: Severity,
+    source_code: NamedSource<String>,
+    span: SourceSpan,
+}
+
+impl Flaw {
+    /// What the place is said to be, e.g. "not a positive number".
+    pub fn label(&self) -> &str {
+        &self.label
+    }
+
+    /// Where in the file: offset and length \[bytes\].
+    pub fn span(&self) -> SourceSpan {
+        self.span
+    }
+}
+
+impl Diagnostic for Flaw {
+    fn severity(&self) -> Option<Severity> {
+        Some(self.severity)
+    }
+
+    fn help<'a>(&'a self) -> Option<Box<dyn std::fmt::Display + 'a>> {
+        self.help.as_ref().map(|h| Box::new(h) as Box<dyn std::fmt::Display>)
+    }
+
+    fn source_code(&self) -> Option<&dyn miette::SourceCode> {
+        Some(&self.source_code)
+    }
+
+    fn labels(&self) -> Option<Box<dyn Iterator<Item = miette::LabeledSpan> + '_>> {
+        let label = Some(self.label.clone()).filter(|l| !l.is_empty());
+        Some(Box::new(std::iter::once(miette::LabeledSpan::new_with_span(label, self.span))))
+    }
+}
+
+/// A file's text with the name and the directory that it is known by.
+#[derive(Clone, Debug)]
+pub struct Document {
+    name: String,
+    directory: PathBuf,
+    text: String,
+}
+
+impl Document {
+    /// Reads a file.
+    ///
+    /// # Errors
+    /// [`SceneError::Unreadable`] when the system says so, also for text that is not UTF-8.
+    pub fn read(path: &Path) -> Result<Document, SceneError> {
+        let text = std::fs::read_to_string(path)
+            .map_err(|source| SceneError::Unreadable { path: path.to_owned(), source })?;
+        let directory = path.parent().unwrap_or(Path::new("")).to_owned();
+        Ok(Document { name: path.display().to_string(), directory, text })
+    }
+
+    /// A file held in memory; its relative paths start at `directory`.
+    pub fn embedded(name: &str, directory: &Path, text: &str) -> Document {
+        Document { name: name.to_owned(), directory: directory.to_owned(), text: text.to_owned() }
+    }
+
+    /// A path written in this file.
+    pub fn resolve(&self, path: &str) -> PathBuf {
+        self.directory.join(path)
+    }
+
+    /// The directory that relative paths start at.
+    pub fn directory(&self) -> &Path {
+        &self.directory
+    }
+
+    /// The name that complaints carry.
+    pub fn name(&self) -> &str {
+        &self.name
+    }
+
+    /// Reads the text as `T`; unknown keys are refused where `T` refuses them.
+    ///
+    /// # Errors
+    /// A [`Flaw`] at the character, with the nearest known key for a misspelt one.
+    pub fn parse<T: DeserializeOwned>(&self) -> Result<T, SceneError> {
+        toml::from_str(&self.text).map_err(|error| {
+            let span = error.span().unwrap_or(0..0);
+            let message = error.message().trim_end().to_owned();
+            let (message, label, help) = explain(&message);
+            self.flaw(span, message, label, help.as_deref())
+        })
+    }
+
+    /// A complaint about `span`.
+    pub fn flaw(
+        &self,
+        span: Range<usize>,
+        message: impl Into<String>,
+        label: impl Into<String>,
+        help: Option<&str>,
+    ) -> SceneError {
+        let flaw = self.note(Severity::Error, span, message.into(), label.into(), help);
+        SceneError::Flaw(Box::new(flaw))
+    }
+
+    /// A warning about `span`.
+    pub fn warning(&self, span: Range<usize>, message: &str, label: &str, help: &str) -> Flaw {
+        self.note(Severity::Warning, span, message.to_owned(), label.to_owned(), Some(help))
+    }
+
+    fn note(
+        &self,
+        severity: Severity,
+        span: Range<usize>,
+        message: String,
+        label: String,
+        help: Option<&str>,
+    ) -> Flaw {
+        // A span over several lines (a whole table) is marked at its first.
+        let covered = self.text.get(span.clone()).unwrap_or("");
+        let first_line = covered.lines().next().unwrap_or("").len();
+        let span = span.start..span.start + first_line;
+        Flaw {
+            message,
+            label,
+            help: help.map(str::to_owned),
+            severity,
+            source_code: NamedSource::new(&self.name, self.text.clone()).with_language("TOML"),
+            span: span.into(),
+        }
+    }
+
+    /// The value, if it is finite and `ok` holds for it.
+    ///
+    /// # Errors
+    /// A [`Flaw`] at the value: "`key` = value: must be `rule`".
+    pub fn number(
+        &self,
+        key: &str,
+        value: &Spanned<f64>,
+        rule: &str,
+        ok: impl Fn(f64) -> bool,
+        help: &str,
+    ) -> Result<f64, SceneError> {
+        let number = *value.get_ref();
+        if number.is_finite() && ok(number) {
+            return Ok(number);
+        }
+        let message = format!("{key} = {number}: must be {rule}");
+        Err(self.flaw(value.span(), message, format!("must be {rule}"), Some(help)))
+    }
+
+    /// The vector, if all its entries are finite.
+    ///
+    /// # Errors
+    /// A [`Flaw`] at the vector.
+    pub fn finite<const N: usize>(
+        &self,
+        key: &str,
+        value: &Spanned<[f64; N]>,
+    ) -> Result<[f64; N], SceneError> {
+        if value.get_ref().iter().all(|v| v.is_finite()) {
+            return Ok(*value.get_ref());
+        }
+        let message = format!("{key}: every entry must be a finite number");
+        Err(self.flaw(value.span(), message, "not finite", Some("`inf` and `nan` are no places")))
+    }
+}
+
+/// Message, label and help for what the parser said.
+fn explain(message: &str) -> (String, String, Option<String>) {
+    let quoted: Vec<&str> = message.split('`').skip(1).step_by(2).collect();
+    let (what, word, known) = match quoted.split_first() {
+        Some((word, known)) if message.starts_with("unknown field") => ("key", *word, known),
+        Some((word, known)) if message.starts_with("unknown variant") => ("value", *word, known),
+        Some((word, _)) if message.starts_with("missing field") => {
+            let help = format!("add `{word} = ...`, or `[{word}]` if it is a section");
+            return (format!("missing key `{word}`"), "needed here".to_owned(), Some(help));
+        }
+        _ => return (message.to_owned(), String::new(), None),
+    };
+    let all = known.iter().map(|k| format!("`{k}`")).collect::<Vec<_>>().join(", ");
+    let help = match nearest(word, known) {
+        Some(near) => format!("did you mean `{near}`? Known here: {all}"),
+        None => format!("known here: {all}"),
+    };
+    (format!("unknown {what} `{word}`"), format!("no such {what}"), Some(help))
+}
+
+/// The known word nearest to a misspelt one, if one is near enough to be meant.
+pub fn nearest<'a>(word: &str, known: &[&'a str]) -> Option<&'a str> {
+    // A wrong unit suffix ("radius_mm" for "radius_m") is near; an unrelated word is not.
+    let scored = known.iter().map(|k| (strsim::jaro_winkler(word, k), *k));
+    let best = scored.max_by(|a, b| a.0.total_cmp(&b.0))?;
+    (best.0 >= 0.8).then_some(best.1)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_misspelt_word_finds_its_neighbour_and_a_foreign_one_none() {
+        let known = ["youngs_modulus_pa", "poisson_ratio", "model"];
+        assert_eq!(nearest("yungs_modulus_pa", &known), Some("youngs_modulus_pa"));
+        assert_eq!(nearest("poison_ratio", &known), Some("poisson_ratio"));
+        assert_eq!(nearest("youngs_modulus_kpa", &known), Some("youngs_modulus_pa"));
+        assert_eq!(nearest("colour", &known), None);
+    }
+}

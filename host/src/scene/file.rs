@@ -1,0 +1,214 @@
+//! What a scene file may say, key by key. Units are in the names; unknown keys are refused.
+//!
+//! Entry point: [`SceneFile`]. Values are checked where they are used, in the files next to this one.
+
+use serde::Deserialize;
+use toml::Spanned;
+
+/// A whole scene file.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SceneFile {
+    /// For people; the file's stem when left out.
+    pub name: Option<String>,
+    /// How long a session lasts \[s\].
+    pub seconds: Option<Spanned<f64>>,
+    /// Name of a device, or path of a device file ending in `.toml`.
+    pub device: Option<Spanned<String>>,
+    /// Where the tissue is.
+    pub mesh: Spanned<MeshSection>,
+    /// What the tissue is made of.
+    pub tissue: TissueSection,
+    /// Nodes that do not move.
+    #[serde(default)]
+    pub fixed: Vec<Spanned<Selection>>,
+    /// Tools that can touch the tissue.
+    #[serde(default)]
+    pub tool: Vec<ToolSection>,
+    /// Points of tissue that are moved to a target.
+    #[serde(default)]
+    pub handle: Vec<HandleSection>,
+    /// Forces on nodes.
+    #[serde(default)]
+    pub load: Vec<LoadSection>,
+    /// The hand on a simulated console's grip.
+    pub hand: Option<Spanned<HandSection>>,
+    /// How the host works.
+    #[serde(default)]
+    pub host: HostSection,
+}
+
+/// `[mesh]`: a file with its scale, or a structured slab.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct MeshSection {
+    /// gmsh file, relative to the scene file.
+    pub file: Option<Spanned<String>>,
+    /// Metres per mesh unit.
+    pub scale_to_m: Option<Spanned<f64>>,
+    /// Structured slab, centred in x and y, top at z = 0.
+    pub slab: Option<Spanned<SlabSection>>,
+}
+
+/// `[mesh.slab]`.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SlabSection {
+    /// Along x, y, z \[m\], (3).
+    pub size_m: Spanned<[f64; 3]>,
+    /// Cubes along x, y, z, (3).
+    pub divisions: Spanned<[usize; 3]>,
+}
+
+/// Tissue models by name.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum TissueModel {
+    /// Linear elasticity, small displacements.
+    #[default]
+    Linear,
+}
+
+impl TissueModel {
+    /// The name as files and output write it.
+    pub fn word(self) -> &'static str {
+        match self {
+            TissueModel::Linear => "linear",
+        }
+    }
+}
+
+/// `[tissue]`: model and material.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct TissueSection {
+    /// Which model.
+    #[serde(default)]
+    pub model: TissueModel,
+    /// Young's modulus \[Pa\].
+    pub youngs_modulus_pa: Spanned<f64>,
+    /// Poisson's ratio.
+    pub poisson_ratio: Spanned<f64>,
+}
+
+/// Nodes of the mesh, in one of three ways.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Selection {
+    /// All nodes on a plane across an axis.
+    pub plane: Option<Plane>,
+    /// All nodes in a closed box.
+    #[serde(rename = "box")]
+    pub cuboid: Option<Cuboid>,
+    /// These nodes, counted from 0 in the mesh file's order.
+    pub nodes: Option<Spanned<Vec<u32>>>,
+}
+
+/// A plane across a world axis.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Plane {
+    /// The axis that is normal to it.
+    pub axis: Axis,
+    /// Where it cuts the axis \[m\].
+    pub at_m: f64,
+    /// How far off a node may be \[m\]; 1 um when left out, below any mesh edge.
+    #[serde(default = "one_micrometre")]
+    pub within_m: f64,
+}
+
+fn one_micrometre() -> f64 {
+    1e-6
+}
+
+/// A world axis.
+#[derive(Clone, Copy, Debug, Deserialize)]
+#[serde(rename_all = "lowercase")]
+#[allow(missing_docs, reason = "they are what they are called")]
+pub enum Axis {
+    X,
+    Y,
+    Z,
+}
+
+/// A closed box along the world axes.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Cuboid {
+    /// Lowest corner \[m\], (3).
+    pub min_m: [f64; 3],
+    /// Highest corner \[m\], (3).
+    pub max_m: [f64; 3],
+}
+
+/// `[[tool]]`: a sphere on the grip.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ToolSection {
+    /// Number on the wire; its place in the list when left out.
+    pub id: Option<Spanned<u8>>,
+    /// Radius of the sphere \[m\].
+    pub radius_m: Spanned<f64>,
+    /// Centre of the sphere in the grip's frame \[m\], (3).
+    pub offset_m: Option<Spanned<[f64; 3]>>,
+    /// Where `sutura solve` holds the grip \[m\], (3).
+    pub position_m: Option<Spanned<[f64; 3]>>,
+    /// How `sutura solve` holds the grip: unit quaternion (x, y, z, w).
+    pub orientation: Option<Spanned<[f64; 4]>>,
+}
+
+/// `[[handle]]`: a point of tissue by barycentric coordinates, and where it goes.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct HandleSection {
+    /// For people and output.
+    pub name: Option<String>,
+    /// Nodes of a face or cell, counted from 0, (1 to 4).
+    pub vertices: Spanned<Vec<u32>>,
+    /// Weights of these nodes, sum 1, (as many).
+    pub barycentric: Spanned<Vec<f64>>,
+    /// How far the point is moved \[m\], (3).
+    pub target_displacement_m: Spanned<[f64; 3]>,
+}
+
+/// `[[load]]`: a force spread equally over some nodes.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct LoadSection {
+    /// Where it acts.
+    pub on: Spanned<Selection>,
+    /// Sum over the nodes \[N\], (3).
+    pub total_force_n: Spanned<[f64; 3]>,
+}
+
+/// `[hand]`: spring and damper between the grip and a path of minimum-jerk segments.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct HandSection {
+    /// Stiffness \[N/m\].
+    pub stiffness_n_per_m: Spanned<f64>,
+    /// Damping \[N s/m\].
+    pub damping_n_s_per_m: Spanned<f64>,
+    /// The path; the grip starts at its first point.
+    pub way_point: Spanned<Vec<WayPointSection>>,
+}
+
+/// `[[hand.way_point]]`.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct WayPointSection {
+    /// Since the session began \[s\].
+    pub time_s: Spanned<f64>,
+    /// Where the hand wants the grip \[m\], (3).
+    pub position_m: Spanned<[f64; 3]>,
+}
+
+/// `[host]`.
+#[derive(Debug, Default, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct HostSection {
+    /// Solver steps a second \[Hz\].
+    pub host_hz: Option<Spanned<f64>>,
+    /// How long the console may use a contact frame \[ms\], from its console time.
+    pub horizon_ms: Option<Spanned<f64>>,
+}

@@ -1,0 +1,116 @@
+//! Scenes: what a TOML file describes, checked and ready to be built into a solver.
+//!
+//! Entry points: [`load`] and [`Scene::build`]. A scene builds only what it names.
+
+mod device;
+mod document;
+mod file;
+mod hand;
+mod read;
+mod select;
+
+pub use device::{BUILT_IN as BUILT_IN_DEVICES, read_device};
+pub use document::{Document, Flaw, SceneError};
+pub use file::TissueModel;
+pub use hand::position_at;
+
+use crate::fem::Material;
+use crate::mesh::TetMesh;
+use crate::tool::SphereTool;
+use std::path::Path;
+use sutura_shared::device::DeviceDescription;
+use sutura_shared::wire::message::HandScript;
+
+/// A checked scene.
+#[derive(Debug)]
+pub struct Scene {
+    /// For people: as written, or the file's stem.
+    pub name: String,
+    /// Length of a session \[s\].
+    pub seconds: f64,
+    /// The tissue's mesh, in metres.
+    pub mesh: TetMesh,
+    /// Which tissue model.
+    pub tissue: TissueModel,
+    /// The tissue's material.
+    pub material: Material,
+    /// Nodes that do not move, ascending.
+    pub fixed: Vec<u32>,
+    /// Tools, with different ids.
+    pub tools: Vec<Tool>,
+    /// Points of tissue that are moved to a target.
+    pub handles: Vec<Handle>,
+    /// Forces on single nodes; a node may be named more than once.
+    pub loads: Vec<NodeLoad>,
+    /// The console, if the scene names one.
+    pub device: Option<DeviceDescription>,
+    /// The hand on a simulated console, if the scene has one.
+    pub hand: Option<HandScript>,
+    /// How the host works.
+    pub host: HostSettings,
+    /// What is allowed but probably not meant.
+    pub warnings: Vec<Flaw>,
+}
+
+/// A tool of a scene.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Tool {
+    /// Number on the wire.
+    pub id: u8,
+    /// Its shape, on the grip.
+    pub shape: SphereTool,
+    /// Where a solve without a console holds the grip, if the scene says so.
+    pub pose: Option<Pose>,
+}
+
+/// Position and orientation of a grip.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Pose {
+    /// Grip \[m\], (3), world frame.
+    pub position_m: [f64; 3],
+    /// Unit quaternion (x, y, z, w), grip to world.
+    pub orientation: [f64; 4],
+}
+
+/// A point of tissue and where it is moved.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Handle {
+    /// For people, if the scene says so.
+    pub name: Option<String>,
+    /// Nodes of a face or cell, (1 to 4).
+    pub vertices: Vec<u32>,
+    /// Weights of these nodes, (as many), not negative, sum 1.
+    pub barycentric: Vec<f64>,
+    /// How far the point is moved \[m\], (3).
+    pub target_displacement_m: [f64; 3],
+}
+
+/// A force on one node.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct NodeLoad {
+    /// Which node.
+    pub node: u32,
+    /// Force on the tissue \[N\], (3).
+    pub force_n: [f64; 3],
+}
+
+/// How the host works.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct HostSettings {
+    /// Solver steps a second \[Hz\].
+    pub host_hz: f64,
+    /// How long the console may use a contact frame \[us\], from its console time.
+    pub horizon_us: u32,
+}
+
+/// Reads and checks a scene file and every file that it names.
+///
+/// # Errors
+/// The first thing that is wrong, at its place in the file.
+pub fn load(path: &Path) -> Result<Scene, SceneError> {
+    let stem = path.file_stem().map(|s| s.to_string_lossy().into_owned()).unwrap_or_default();
+    Scene::read(&Document::read(path)?, &stem)
+}
+
+#[cfg(test)]
+mod tests;

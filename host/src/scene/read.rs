@@ -1,0 +1,307 @@
+//! From what a scene file says to a checked [`Scene`].
+//!
+//! Entry point: [`Scene::read`]. The first thing that is wrong ends it, with its place in the file.
+
+use super::device::find_device;
+use super::document::{Document, Flaw, SceneError};
+use super::file::{HandleSection, LoadSection, MeshSection, SceneFile, ToolSection};
+use super::hand::hand_script;
+use super::select::{check_nodes, select};
+use super::{Handle, HostSettings, NodeLoad, Pose, Scene, Tool};
+use crate::fem::Material;
+use crate::mesh::{self, TetMesh};
+use crate::tool::SphereTool;
+use toml::Spanned;
+
+/// Length of a session when the scene does not say \[s\].
+const SECONDS: f64 = 5.0;
+/// Solver steps a second when the scene does not say \[Hz\]: half of what a slab of some thousand nodes
+/// allows on a small desktop machine.
+const HOST_HZ: f64 = 200.0;
+/// Horizon when the scene does not say \[ms\]: a dozen steps at 200 Hz, two at 30 Hz.
+const HORIZON_MS: f64 = 60.0;
+/// What every console caps the horizon at \[ms\].
+const HORIZON_CAP_MS: f64 = 150.0;
+
+impl Scene {
+    /// Checks a scene that is already in memory; `name` is used if it does not name itself.
+    ///
+    /// # Errors
+    /// The first thing that is wrong, at its place in the document.
+    pub fn read(document: &Document, name: &str) -> Result<Scene, SceneError> {
+        let file: SceneFile = document.parse()?;
+        let mesh = read_mesh(document, &file.mesh)?;
+        let material = read_material(document, &file)?;
+        let mut fixed = Vec::new();
+        for selection in &file.fixed {
+            fixed.extend(select(document, &mesh, selection)?);
+        }
+        fixed.sort_unstable();
+        fixed.dedup();
+        if fixed.is_empty() {
+            let help = "add `[[fixed]]` with `plane`, `box` or `nodes`: free tissue has no rest under load";
+            let message = "nothing holds the tissue";
+            return Err(document.flaw(file.mesh.span(), message, "none of it is fixed", Some(help)));
+        }
+        let device = match &file.device {
+            Some(name) => Some(find_device(document, name)?),
+            None => None,
+        };
+        let hand = match (&file.hand, &device) {
+            (Some(section), Some(device)) => {
+                Some(hand_script(document, section.get_ref(), device)?)
+            }
+            (Some(section), None) => {
+                let help = "add `device = \"cartesian-bench\"`, or the path of a device file, at the top";
+                let message = "a hand needs a device to hold";
+                return Err(document.flaw(section.span(), message, "no device", Some(help)));
+            }
+            (None, _) => None,
+        };
+        let mut warnings = Vec::new();
+        let tools = read_tools(document, &file.tool, &mesh, &mut warnings)?;
+        let handles = file.handle.iter().map(|h| read_handle(document, &mesh, &fixed, h));
+        let handles = handles.collect::<Result<_, _>>()?;
+        let mut loads = Vec::new();
+        for load in &file.load {
+            loads.extend(read_load(document, &mesh, load)?);
+        }
+        Ok(Scene {
+            name: file.name.clone().unwrap_or_else(|| name.to_owned()),
+            seconds: read_seconds(document, &file)?,
+            mesh,
+            tissue: file.tissue.model,
+            material,
+            fixed,
+            tools,
+            handles,
+            loads,
+            device,
+            hand,
+            host: read_host(document, &file)?,
+            warnings,
+        })
+    }
+}
+
+fn read_seconds(document: &Document, file: &SceneFile) -> Result<f64, SceneError> {
+    let Some(value) = &file.seconds else { return Ok(SECONDS) };
+    let help = "a session lasts at most a day";
+    document.number("seconds", value, "more than 0 and at most 86400", |s| s > 0.0 && s <= 86400.0, help)
+}
+
+fn read_host(document: &Document, file: &SceneFile) -> Result<HostSettings, SceneError> {
+    let host_hz = match &file.host.host_hz {
+        Some(value) => document.number(
+            "host_hz",
+            value,
+            "from 1 to 1000",
+            |hz| (1.0..=1000.0).contains(&hz),
+            "the console asks for nothing faster than its own 1000 Hz",
+        )?,
+        None => HOST_HZ,
+    };
+    let horizon_ms = match &file.host.horizon_ms {
+        Some(value) => document.number(
+            "horizon_ms",
+            value,
+            "more than 0 and at most 150",
+            |ms| ms > 0.0 && ms <= HORIZON_CAP_MS,
+            "two or three host periods; every console caps it at 150 ms",
+        )?,
+        None => HORIZON_MS,
+    };
+    Ok(HostSettings { host_hz, horizon_us: (horizon_ms * 1e3) as u32 })
+}
+
+fn read_mesh(document: &Document, section: &Spanned<MeshSection>) -> Result<TetMesh, SceneError> {
+    match section.get_ref() {
+        MeshSection { file: Some(file), scale_to_m: Some(scale), slab: None } => {
+            let help = "metres per unit of the mesh file: 0.001 for a mesh in millimetres";
+            let scale = document.number("scale_to_m", scale, "positive", |s| s > 0.0, help)?;
+            let path = document.resolve(file.get_ref());
+            let text = std::fs::read_to_string(&path).map_err(|error| {
+                let message = format!("cannot read the mesh {}: {error}", path.display());
+                let help = "the path is relative to the scene file";
+                document.flaw(file.span(), message, "this file", Some(help))
+            })?;
+            mesh::read_msh(&text, scale).map_err(|error| {
+                let message = format!("the mesh {} cannot be used: {error}", path.display());
+                let help = "elements and nodes are named by the number in that file, and by their place in it from 0";
+                document.flaw(file.span(), message, "this file", Some(help))
+            })
+        }
+        MeshSection { file: None, scale_to_m: None, slab: Some(slab) } => {
+            let (size, divisions) = (&slab.get_ref().size_m, &slab.get_ref().divisions);
+            let help = "size along x, y, z in metres";
+            if document.finite("size_m", size)?.iter().any(|s| *s <= 0.0) {
+                let message = "size_m: every length must be positive";
+                return Err(document.flaw(size.span(), message, "must be positive", Some(help)));
+            }
+            let cubes = divisions.get_ref().iter().try_fold(1usize, |n, d| n.checked_mul(*d));
+            // A million cubes are five million cells: far above what any solver here can do.
+            if !cubes.is_some_and(|n| (1..=1_000_000).contains(&n)) {
+                let message = "divisions: must be 1 or more along each axis, a million cubes at most";
+                let help = "a slab of 20 x 20 x 8 cubes steps at some hundred hertz";
+                return Err(document.flaw(divisions.span(), message, "not usable", Some(help)));
+            }
+            mesh::slab(*size.get_ref(), *divisions.get_ref())
+                .map_err(|e| document.flaw(slab.span(), e.to_string(), "this slab", Some(help)))
+        }
+        _ => {
+            let help = "give either `file = \"x.msh\"` with `scale_to_m`, or a `[mesh.slab]` section";
+            let message = "the mesh comes from one place";
+            Err(document.flaw(section.span(), message, "file or slab", Some(help)))
+        }
+    }
+}
+
+fn read_material(document: &Document, file: &SceneFile) -> Result<Material, SceneError> {
+    let tissue = &file.tissue;
+    let youngs_modulus_pa = document.number(
+        "youngs_modulus_pa",
+        &tissue.youngs_modulus_pa,
+        "positive",
+        |e| e > 0.0,
+        "soft tissue has 1e3 to 1e6 Pa: liver about 5e3, muscle 2e4, skin 2e5",
+    )?;
+    let poisson_ratio = document.number(
+        "poisson_ratio",
+        &tissue.poisson_ratio,
+        "more than -1 and less than 0.5",
+        |nu| nu > -1.0 && nu < 0.5,
+        "0.5 is incompressible, which these elements cannot be; soft tissue does well with 0.45",
+    )?;
+    Ok(Material { youngs_modulus_pa, poisson_ratio })
+}
+
+fn read_tools(
+    document: &Document,
+    sections: &[ToolSection],
+    mesh: &TetMesh,
+    warnings: &mut Vec<Flaw>,
+) -> Result<Vec<Tool>, SceneError> {
+    let edge_m = mesh.surface().mean_edge_m;
+    let mut tools: Vec<Tool> = Vec::with_capacity(sections.len());
+    for (place, section) in sections.iter().enumerate() {
+        let help = "the radius of the sphere that touches the tissue, in metres";
+        let radius_m = document.number("radius_m", &section.radius_m, "positive", |r| r > 0.0, help)?;
+        if radius_m < 3.0 * edge_m {
+            warnings.push(point_tool(document, section, radius_m, edge_m));
+        }
+        let id = section.id.as_ref().map_or(place as u8, |id| *id.get_ref());
+        if tools.iter().any(|other| other.id == id) {
+            let span = section.id.as_ref().map_or_else(|| section.radius_m.span(), |id| id.span());
+            let help = "give every tool an `id` of its own, 0 to 255";
+            let message = format!("two tools have the id {id}");
+            return Err(document.flaw(span, message, "the second", Some(help)));
+        }
+        let offset_m = match &section.offset_m {
+            Some(offset) => document.finite("offset_m", offset)?,
+            None => [0.0; 3],
+        };
+        let pose = read_pose(document, section)?;
+        tools.push(Tool { id, shape: SphereTool { radius_m, offset_m }, pose });
+    }
+    Ok(tools)
+}
+
+/// A tool that touches about one vertex feels the mesh, not the tissue.
+fn point_tool(document: &Document, section: &ToolSection, radius_m: f64, edge_m: f64) -> Flaw {
+    let message = format!(
+        "a tool of {:.1} mm radius is a bare point for this mesh, whose edges are {:.1} mm long",
+        radius_m * 1e3,
+        edge_m * 1e3
+    );
+    let help = format!(
+        "the stiffness felt is then an artefact of the mesh (it falls towards 0 under refinement): use a radius of at least {:.4} m, three edges, or a finer mesh",
+        3.0 * edge_m
+    );
+    document.warning(section.radius_m.span(), &message, "touches few vertices", &help)
+}
+
+fn read_pose(document: &Document, section: &ToolSection) -> Result<Option<Pose>, SceneError> {
+    let orientation = match &section.orientation {
+        Some(value) => {
+            let q = document.finite("orientation", value)?;
+            let norm = q.iter().map(|v| v * v).sum::<f64>().sqrt();
+            if (norm - 1.0).abs() > 1e-3 {
+                let message = format!("orientation: a quaternion of length {norm:.4}");
+                let help = "a rotation is a unit quaternion (x, y, z, w); none is [0.0, 0.0, 0.0, 1.0]";
+                return Err(document.flaw(value.span(), message, "must have length 1", Some(help)));
+            }
+            q.map(|v| v / norm)
+        }
+        None => [0.0, 0.0, 0.0, 1.0],
+    };
+    match (&section.position_m, &section.orientation) {
+        (Some(position), _) => {
+            Ok(Some(Pose { position_m: document.finite("position_m", position)?, orientation }))
+        }
+        (None, Some(value)) => {
+            let message = "an orientation without a position";
+            let help = "both say where `sutura solve` holds the grip: add `position_m`";
+            Err(document.flaw(value.span(), message, "no position_m", Some(help)))
+        }
+        (None, None) => Ok(None),
+    }
+}
+
+fn read_handle(
+    document: &Document,
+    mesh: &TetMesh,
+    fixed: &[u32],
+    section: &HandleSection,
+) -> Result<Handle, SceneError> {
+    let (vertices, weights) = (&section.vertices, &section.barycentric);
+    check_nodes(document, mesh, vertices)?;
+    let nodes = vertices.get_ref();
+    let flaw = |span, message: String, label: &str, help: &str| {
+        Err(document.flaw(span, message, label, Some(help)))
+    };
+    if nodes.is_empty() {
+        let help = "a handle is a point of the tissue: name the 1 to 4 nodes of the face or cell it is in";
+        return flaw(vertices.span(), "a handle without vertices".to_owned(), "empty", help);
+    }
+    let repeated = (1..nodes.len()).find(|i| nodes[..*i].contains(&nodes[*i]));
+    if nodes.len() > 4 || repeated.is_some() {
+        let message = "a handle has 1 to 4 different vertices".to_owned();
+        let help = "they are the nodes of one face or cell";
+        return flaw(vertices.span(), message, "not a face or cell", help);
+    }
+    if weights.get_ref().len() != nodes.len() {
+        let message = format!("{} weights for {} vertices", weights.get_ref().len(), nodes.len());
+        return flaw(weights.span(), message, "as many as vertices", "one weight for each vertex");
+    }
+    let sum: f64 = weights.get_ref().iter().sum();
+    let negative = weights.get_ref().iter().any(|w| *w < 0.0);
+    // Coordinates written with seven digits still pass.
+    if negative || !((sum - 1.0).abs() <= 1e-6) {
+        let message = format!("barycentric coordinates must be 0 or more and sum to 1, not {sum}");
+        let help = "they weigh the vertices: [1.0] for a node, [0.5, 0.5] for the middle of an edge";
+        return flaw(weights.span(), message, "not a point inside", help);
+    }
+    if nodes.iter().all(|n| fixed.binary_search(n).is_ok()) {
+        let message = "a handle on fixed nodes cannot move".to_owned();
+        let help = "take a handle elsewhere, or let these nodes go in `[[fixed]]`";
+        return flaw(vertices.span(), message, "all fixed", help);
+    }
+    Ok(Handle {
+        name: section.name.clone(),
+        vertices: nodes.clone(),
+        barycentric: weights.get_ref().clone(),
+        target_displacement_m: document
+            .finite("target_displacement_m", &section.target_displacement_m)?,
+    })
+}
+
+fn read_load(
+    document: &Document,
+    mesh: &TetMesh,
+    section: &LoadSection,
+) -> Result<Vec<NodeLoad>, SceneError> {
+    let nodes = select(document, mesh, &section.on)?;
+    let total = document.finite("total_force_n", &section.total_force_n)?;
+    let force_n = total.map(|f| f / nodes.len() as f64);
+    Ok(nodes.into_iter().map(|node| NodeLoad { node, force_n }).collect())
+}

@@ -1,0 +1,323 @@
+//! Good scenes read as they are written; every kind of slip is told at its place, with a way out.
+
+use super::*;
+use miette::Diagnostic;
+
+const GOOD: &str = r#"
+name = "good"
+seconds = 2.5
+device = "cartesian-bench"
+
+[mesh.slab]
+size_m = [0.08, 0.06, 0.03]
+divisions = [8, 6, 3]
+
+[tissue]
+youngs_modulus_pa = 15e3
+poisson_ratio = 0.45
+
+[[fixed]]
+plane = { axis = "z", at_m = -0.03 }
+
+[[fixed]]
+nodes = [0, 1]
+
+[[tool]]
+id = 3
+radius_m = 0.05
+offset_m = [0.0, 0.0, -0.01]
+position_m = [0.0, 0.0, 0.04]
+
+[[handle]]
+vertices = [250, 251]
+barycentric = [0.25, 0.75]
+target_displacement_m = [0.0, 0.0, 0.002]
+
+[[load]]
+on = { box = { min_m = [0.039, -1.0, -0.001], max_m = [1.0, 1.0, 1.0] } }
+total_force_n = [0.7, 0.0, 0.0]
+
+[hand]
+stiffness_n_per_m = 800.0
+damping_n_s_per_m = 8.0
+way_point = [{ time_s = 0.0, position_m = [0.0, 0.01, 0.05] }, { time_s = 1.0, position_m = [0.0, 0.0, 0.0] }]
+
+[host]
+host_hz = 120.0
+horizon_ms = 45.0
+"#;
+
+fn read(text: &str) -> Result<Scene, SceneError> {
+    Scene::read(&Document::embedded("scene.toml", Path::new("/nowhere"), text), "scene")
+}
+
+#[test]
+fn every_value_arrives_where_it_belongs() {
+    let scene = read(GOOD).expect("the scene is good");
+    assert_eq!(scene.name, "good");
+    assert_eq!(scene.seconds, 2.5);
+    assert_eq!(scene.material.youngs_modulus_pa, 15e3);
+    assert_eq!(scene.material.poisson_ratio, 0.45);
+    assert_eq!(scene.host, HostSettings { host_hz: 120.0, horizon_us: 45_000 });
+    assert_eq!(scene.tools.len(), 1);
+    assert_eq!((scene.tools[0].id, scene.tools[0].shape.radius_m), (3, 0.05));
+    assert_eq!(scene.tools[0].shape.offset_m, [0.0, 0.0, -0.01]);
+    let pose = Pose { position_m: [0.0, 0.0, 0.04], orientation: [0.0, 0.0, 0.0, 1.0] };
+    assert_eq!(scene.tools[0].pose, Some(pose));
+    assert_eq!(scene.handles[0].vertices, [250, 251]);
+    assert_eq!(scene.handles[0].barycentric, [0.25, 0.75]);
+    let hand = scene.hand.expect("the scene has a hand");
+    assert_eq!((hand.count, hand.stiffness_n_per_m), (2, 800.0));
+    // The bench console's origin is the world's.
+    assert_eq!(hand.start_joint, [0.0, 0.01, 0.05]);
+    assert!(scene.warnings.is_empty(), "{:?}", scene.warnings);
+    // 9 x 7 nodes on the bottom; nodes 0 and 1 are there or add to them.
+    assert!((63..=65).contains(&scene.fixed.len()), "{}", scene.fixed.len());
+    // The rim x = 0.04 of the top: 7 nodes share the force.
+    assert_eq!(scene.loads.len(), 7);
+    assert!(scene.loads.iter().all(|l| (l.force_n[0] - 0.1).abs() < 1e-12));
+    assert!(scene.loads.iter().all(|l| (scene.mesh.points_m()[l.node as usize][0] - 0.04).abs() < 1e-12));
+}
+
+#[test]
+fn a_scene_needs_only_tissue_and_what_holds_it() {
+    let least = "[mesh.slab]\nsize_m = [1.0, 1.0, 1.0]\ndivisions = [1, 1, 1]\n\
+                 [tissue]\nyoungs_modulus_pa = 1.0\npoisson_ratio = 0.3\n\
+                 [[fixed]]\nplane = { axis = \"x\", at_m = -0.5 }\n";
+    let scene = read(least).expect("the least scene is good");
+    assert_eq!(scene.name, "scene");
+    assert!(scene.device.is_none() && scene.hand.is_none() && scene.tools.is_empty());
+    assert_eq!(scene.fixed.len(), 4);
+}
+
+#[test]
+fn a_bare_point_warns_at_its_radius() {
+    let scene = read(&GOOD.replace("radius_m = 0.05", "radius_m = 0.0005")).expect("it only warns");
+    let [warning] = scene.warnings.as_slice() else { panic!("{:?}", scene.warnings) };
+    assert_eq!(warning.severity(), Some(miette::Severity::Warning));
+    assert!(warning.to_string().contains("bare point"), "{warning}");
+    assert_eq!(&underlined(warning, "0.0005"), "0.0005");
+}
+
+/// The text that a complaint's span covers in `GOOD` after one edit.
+fn underlined(flaw: &Flaw, edited: &str) -> String {
+    let source = flaw.source_code().expect("a flaw has its source");
+    let text = source.read_span(&flaw.span(), 0, 0).expect("the span is inside");
+    let text = String::from_utf8(text.data().to_vec()).expect("the source is text");
+    assert!(!text.is_empty(), "nothing is underlined for {edited}");
+    text
+}
+
+/// One slip, made by an edit of the good scene, and what has to be said about it.
+struct Slip {
+    from: &'static str,
+    to: &'static str,
+    message: &'static str,
+    under: &'static str,
+    help: &'static str,
+}
+
+const SLIPS: &[Slip] = &[
+    Slip {
+        from: "youngs_modulus_pa",
+        to: "yungs_modulus_pa",
+        message: "unknown key `yungs_modulus_pa`",
+        under: "yungs_modulus_pa",
+        help: "did you mean `youngs_modulus_pa`?",
+    },
+    Slip {
+        from: "radius_m = 0.05",
+        to: "radius_mm = 50.0",
+        message: "unknown key `radius_mm`",
+        under: "radius_mm",
+        help: "did you mean `radius_m`?",
+    },
+    Slip {
+        from: "[host]",
+        to: "[hosst]",
+        message: "unknown key `hosst`",
+        under: "hosst",
+        help: "did you mean `host`?",
+    },
+    Slip {
+        from: "poisson_ratio = 0.45",
+        to: "model = \"liner\"\npoisson_ratio = 0.45",
+        message: "unknown value `liner`",
+        under: "\"liner\"",
+        help: "did you mean `linear`?",
+    },
+    Slip {
+        from: "poisson_ratio = 0.45",
+        to: "",
+        message: "missing key `poisson_ratio`",
+        under: "[tissue]",
+        help: "add `poisson_ratio = ...`",
+    },
+    Slip {
+        from: "way_point = [{",
+        to: "way_point = [] # {",
+        message: "0 way points: a hand has 1 to 12",
+        under: "[]",
+        help: "the last point is held",
+    },
+    Slip {
+        from: "seconds = 2.5",
+        to: "seconds = \"2.5\"",
+        message: "invalid type: string \"2.5\", expected f64",
+        under: "\"2.5\"",
+        help: "",
+    },
+    Slip {
+        from: "youngs_modulus_pa = 15e3",
+        to: "youngs_modulus_pa = -15e3",
+        message: "youngs_modulus_pa = -15000: must be positive",
+        under: "-15e3",
+        help: "soft tissue has",
+    },
+    Slip {
+        from: "youngs_modulus_pa = 15e3",
+        to: "youngs_modulus_pa = nan",
+        message: "youngs_modulus_pa = NaN: must be positive",
+        under: "nan",
+        help: "soft tissue has",
+    },
+    Slip {
+        from: "poisson_ratio = 0.45",
+        to: "poisson_ratio = 0.5",
+        message: "poisson_ratio = 0.5: must be more than -1 and less than 0.5",
+        under: "0.5",
+        help: "incompressible",
+    },
+    Slip {
+        from: "device = \"cartesian-bench\"",
+        to: "device = \"cartesian-bensch\"",
+        message: "unknown device `cartesian-bensch`",
+        under: "\"cartesian-bensch\"",
+        help: "did you mean `cartesian-bench`?",
+    },
+    Slip {
+        from: "device = \"cartesian-bench\"",
+        to: "device = \"mine.toml\"",
+        message: "there is no device file /nowhere/mine.toml",
+        under: "\"mine.toml\"",
+        help: "relative to the scene file",
+    },
+    Slip {
+        from: "device = \"cartesian-bench\"",
+        to: "",
+        message: "a hand needs a device to hold",
+        under: "[hand]",
+        help: "add `device",
+    },
+    Slip {
+        from: "[mesh.slab]",
+        to: "[mesh]\nfile = \"no.msh\"\nscale_to_m = 1.0\n[mesh.slab]",
+        message: "the mesh comes from one place",
+        under: "[mesh]",
+        help: "either `file",
+    },
+    Slip {
+        from: "divisions = [8, 6, 3]",
+        to: "divisions = [8, 0, 3]",
+        message: "divisions: must be 1 or more",
+        under: "[8, 0, 3]",
+        help: "a slab of",
+    },
+    Slip {
+        from: "at_m = -0.03",
+        to: "at_m = -0.3",
+        message: "this selection holds no node",
+        under: "[[fixed]]",
+        help: "z -0.030000..0.000000",
+    },
+    Slip {
+        from: "nodes = [0, 1]",
+        to: "nodes = [0, 252]",
+        message: "node 252 is not in the mesh",
+        under: "[0, 252]",
+        help: "counted from 0",
+    },
+    Slip {
+        from: "vertices = [250, 251]",
+        to: "vertices = []",
+        message: "a handle without vertices",
+        under: "[]",
+        help: "name the 1 to 4 nodes",
+    },
+    Slip {
+        from: "barycentric = [0.25, 0.75]",
+        to: "barycentric = [0.25, 0.8]",
+        message: "barycentric coordinates must be 0 or more and sum to 1, not 1.05",
+        under: "[0.25, 0.8]",
+        help: "weigh the vertices",
+    },
+    Slip {
+        from: "vertices = [250, 251]",
+        to: "vertices = [0, 1]",
+        message: "a handle on fixed nodes cannot move",
+        under: "[0, 1]",
+        help: "take a handle elsewhere",
+    },
+    Slip {
+        from: "position_m = [0.0, 0.0, 0.04]",
+        to: "position_m = [0.0, inf, 0.04]",
+        message: "position_m: every entry must be a finite number",
+        under: "[0.0, inf, 0.04]",
+        help: "no places",
+    },
+    Slip {
+        from: "position_m = [0.0, 0.0, 0.04]",
+        to: "position_m = [0.0, 0.0, 0.04]\norientation = [0.0, 0.0, 0.0, 2.0]",
+        message: "orientation: a quaternion of length 2.0000",
+        under: "[0.0, 0.0, 0.0, 2.0]",
+        help: "unit quaternion",
+    },
+    Slip {
+        from: "time_s = 0.0",
+        to: "time_s = 1.5",
+        message: "time_s = 1: must be at least 1.5",
+        under: "1.0",
+        help: "do not go back",
+    },
+    Slip {
+        from: "host_hz = 120.0",
+        to: "host_hz = 12000.0",
+        message: "host_hz = 12000: must be from 1 to 1000",
+        under: "12000.0",
+        help: "1000 Hz",
+    },
+    Slip {
+        from: "horizon_ms = 45.0",
+        to: "horizon_ms = 450.0",
+        message: "horizon_ms = 450: must be more than 0 and at most 150",
+        under: "450.0",
+        help: "caps it",
+    },
+];
+
+#[test]
+fn every_slip_is_told_at_its_place_with_a_way_out() {
+    for slip in SLIPS {
+        assert!(GOOD.contains(slip.from), "the good scene has no {}", slip.from);
+        let error = match read(&GOOD.replacen(slip.from, slip.to, 1)) {
+            Ok(_) => panic!("accepted: {}", slip.to),
+            Err(SceneError::Flaw(flaw)) => flaw,
+            Err(other) => panic!("{}: not a flaw at a place: {other}", slip.to),
+        };
+        let message = error.to_string();
+        assert!(message.contains(slip.message), "{}: {message}", slip.to);
+        assert_eq!(underlined(&error, slip.to), slip.under, "{message}");
+        let help = error.help().map(|h| h.to_string()).unwrap_or_default();
+        assert!(help.contains(slip.help), "{}: {help}", slip.to);
+    }
+}
+
+/// An arm of twice 0.22 m, 0.30 m behind the origin, does not reach 0.5 m ahead of it.
+#[test]
+fn a_way_point_out_of_an_arms_reach_is_refused() {
+    let arm = GOOD.replace("cartesian-bench", "serial-arm");
+    read(&arm).expect("the arm reaches the good scene's path");
+    let far = arm.replace("position_m = [0.0, 0.01, 0.05]", "position_m = [0.5, 0.01, 0.05]");
+    let error = read(&far).expect_err("too far");
+    assert_eq!(error.to_string(), "the grip cannot reach this way point");
+}
