@@ -40,9 +40,7 @@ pub(super) struct Endpoint {
     /// Direction of what this end receives.
     receives: Direction,
     accumulator: Accumulator,
-    /// 0: none is open.
-    session: u32,
-    received_sequence: u32,
+    incoming: Incoming,
     sent_sequence: u32,
     pub(super) counters: Counters,
 }
@@ -52,8 +50,10 @@ impl Endpoint {
         Endpoint {
             receives,
             accumulator: Accumulator::new(),
-            session: 0,
-            received_sequence: 0,
+            incoming: Incoming {
+                session: 0,
+                sequence: 0,
+            },
             sent_sequence: 0,
             counters: Counters::default(),
         }
@@ -61,14 +61,16 @@ impl Endpoint {
 
     /// Starts a session, or with 0 ends it.
     pub(super) fn open(&mut self, session: u32) {
-        self.session = session;
-        self.received_sequence = 0;
+        self.incoming = Incoming {
+            session,
+            sequence: 0,
+        };
         self.sent_sequence = 0;
     }
 
     /// Session that is open; 0: none.
     pub(super) fn session(&self) -> u32 {
-        self.session
+        self.incoming.session
     }
 
     /// Sequence of the last frame sent in this session.
@@ -78,43 +80,26 @@ impl Endpoint {
 
     /// Takes one byte. What is refused is counted here.
     pub(super) fn receive(&mut self, byte: u8) -> Option<Received> {
-        let outcome = match self.accumulator.push(byte)? {
-            Err(reject) => Err(reject),
-            Ok(packet) => match decode(packet) {
-                Err(Reject::Version) => {
-                    let version = hello_version(packet);
-                    self.reject(Reject::Version);
-                    return version.map(Received::OtherVersion);
+        let packet = self.accumulator.push(byte)?;
+        let outcome = packet.and_then(|packet| match decode(packet) {
+            Ok(decoded) => {
+                if !decoded.header.kind.travels(self.receives) {
+                    return Err(Reject::Direction);
                 }
-                Err(reject) => Err(reject),
-                Ok(decoded) => {
-                    let order = Order {
-                        receives: self.receives,
-                        session: self.session,
-                        last: self.received_sequence,
-                    };
-                    match order.admit(&decoded.header) {
-                        Err(reject) => Err(reject),
-                        Ok(lost) => {
-                            if decoded.header.kind != Kind::Hello {
-                                self.received_sequence = decoded.header.sequence;
-                                count(&mut self.counters.frames_lost, lost);
-                            }
-                            decoded
-                                .unpack()
-                                .and_then(|unchecked| unchecked.validate(self.receives))
-                        }
-                    }
-                }
-            },
-        };
-        match outcome {
-            Ok(checked) => Some(Received::Message(checked)),
-            Err(reject) => {
-                self.reject(reject);
-                None
+                let lost = self.incoming.admit(&decoded.header)?;
+                count(&mut self.counters.frames_lost, lost);
+                let checked = decoded.unpack()?.validate(self.receives)?;
+                Ok(Received::Message(checked))
             }
+            Err(Reject::Version) => hello_version(packet)
+                .map(Received::OtherVersion)
+                .ok_or(Reject::Version),
+            Err(reject) => Err(reject),
+        });
+        if let Ok(Received::OtherVersion(_)) = outcome {
+            self.reject(Reject::Version);
         }
+        outcome.map_err(|reject| self.reject(reject)).ok()
     }
 
     /// Counts the owner's verdict on a message.
@@ -148,7 +133,7 @@ impl Endpoint {
         let (session, sequence) = if hello {
             (0, 0)
         } else {
-            (self.session, sequence)
+            (self.session(), sequence)
         };
         let len = encode(session, sequence, console_time_us, body, out)?;
         if !hello {
@@ -159,32 +144,33 @@ impl Endpoint {
     }
 }
 
-/// What a header is judged by.
-struct Order {
-    receives: Direction,
+/// Session and sequence of what comes in.
+#[derive(Debug)]
+struct Incoming {
+    /// 0: none is open.
     session: u32,
-    last: u32,
+    /// Of the newest frame.
+    sequence: u32,
 }
 
-impl Order {
-    /// Direction, session and sequence. Returns how many frames are missing before this one.
-    fn admit(&self, header: &Header) -> Result<u32, Reject> {
-        if !header.kind.travels(self.receives) {
-            return Err(Reject::Direction);
-        }
+impl Incoming {
+    /// Takes a header if it is next in the open session. Returns how many frames are missing before it.
+    fn admit(&mut self, header: &Header) -> Result<u32, Reject> {
         if header.kind == Kind::Hello {
-            return if (header.session, header.sequence) == (0, 0) {
-                Ok(0)
-            } else {
-                Err(Reject::Session)
+            return match (header.session, header.sequence) {
+                (0, 0) => Ok(0),
+                _ => Err(Reject::Session),
             };
         }
         if self.session == 0 || header.session != self.session {
             return Err(Reject::Session);
         }
         // Serial number arithmetic (RFC 1982): half of the circle is newer, half is older.
-        match header.sequence.wrapping_sub(self.last) {
-            ahead @ 1..=0x7fff_ffff => Ok(ahead - 1),
+        match header.sequence.wrapping_sub(self.sequence) {
+            ahead @ 1..=0x7fff_ffff => {
+                self.sequence = header.sequence;
+                Ok(ahead - 1)
+            }
             _ => Err(Reject::Sequence),
         }
     }

@@ -313,7 +313,7 @@ impl Accumulator {
     /// Takes one byte; returns a packet when the byte completes one, ready for [`decode`].
     ///
     /// Delimiters in a row are not errors.
-    pub fn push(&mut self, byte: u8) -> Option<Result<&mut [u8], Reject>> {
+    pub fn push(&mut self, byte: u8) -> Option<Result<&[u8], Reject>> {
         if self.skipping {
             self.skipping = byte != 0;
             return None;
@@ -334,7 +334,7 @@ impl Accumulator {
                 self.skipping = true;
                 Some(Err(Reject::Overlong))
             }
-            Ok(cobs::DecodeResult::DataComplete) => self.packet.get_mut(..self.len).map(Ok),
+            Ok(cobs::DecodeResult::DataComplete) => self.packet.get(..self.len).map(Ok),
             // Only a delimiter that comes too early is an error, so the next byte starts a frame.
             Err(_) => Some(Err(Reject::Cobs)),
         }

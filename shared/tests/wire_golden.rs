@@ -1,0 +1,170 @@
+//! What is on the wire, bit by bit: a change here is a change of the protocol.
+
+mod common;
+
+use common::{encode_again, golden, hex_of, unpack_one, validate_either};
+use sutura_shared::wire::message::{
+    Command, Contact, Hello, Mode, Report, Simulate, State, WAY_POINTS,
+};
+use sutura_shared::wire::{
+    HEADER_SIZE, Kind, MAX_FRAME, MAX_REAL_TIME_FRAME, PROTOCOL_VERSION, Reject, SCHEMA_HASH,
+    faults, frame_size,
+};
+
+use postcard::experimental::max_size::MaxSize;
+
+/// The golden frames come from `tests/golden/frames.py`, which shares no code with this crate.
+#[test]
+fn frames_are_those_of_the_independent_encoder() {
+    for golden in golden() {
+        let ours = hex_of(&encode_again(&golden.message));
+        assert_eq!(ours, hex_of(&golden.bytes), "encoding of {}", golden.name);
+        let read = unpack_one(&golden.bytes).expect(golden.name);
+        assert_eq!(read, golden.message, "decoding of {}", golden.name);
+        // -0.0 == 0.0, so compare the bits too.
+        assert_eq!(encode_again(&read), golden.bytes, "{}", golden.name);
+        validate_either(read).expect(golden.name);
+    }
+}
+
+#[test]
+fn numbers_on_the_wire_are_pinned() {
+    let kinds = [
+        (Kind::Hello, 1),
+        (Kind::State, 2),
+        (Kind::Contact, 3),
+        (Kind::Command, 4),
+        (Kind::Report, 5),
+        (Kind::Simulate, 6),
+        (Kind::Rows, 16),
+        (Kind::Needle, 17),
+        (Kind::Thread, 18),
+        (Kind::Tools, 19),
+    ];
+    for (kind, number) in kinds {
+        assert_eq!(kind as u8, number, "{kind:?}");
+    }
+    let modes = [
+        Mode::Boot,
+        Mode::Idle,
+        Mode::Armed,
+        Mode::Decaying,
+        Mode::Fault,
+    ];
+    for (number, mode) in modes.into_iter().enumerate() {
+        // postcard writes the position in the enum, `as` gives the discriminant: both are pinned.
+        assert_eq!(mode as usize, number, "{mode:?}");
+        assert_eq!(first_byte(&mode), number as u8, "{mode:?}");
+    }
+    let commands = [
+        Command::Arm,
+        Command::Disarm,
+        Command::ClearFault,
+        Command::StateEvery { ticks: 1 },
+    ];
+    for (number, command) in commands.into_iter().enumerate() {
+        assert_eq!(first_byte(&command), number as u8, "{command:?}");
+    }
+    let orders = [
+        Simulate::Device(common::sample::cartesian()),
+        Simulate::Hand(common::sample::hand()),
+        Simulate::EmergencyStop(true),
+        Simulate::EncoderOffset([0; 3]),
+    ];
+    for (number, order) in orders.into_iter().enumerate() {
+        assert_eq!(first_byte(&order), number as u8, "{order:?}");
+    }
+}
+
+fn first_byte<T: serde::Serialize>(value: &T) -> u8 {
+    let mut buffer = [0; MAX_FRAME];
+    postcard::to_slice(value, &mut buffer).expect("fits")[0]
+}
+
+#[test]
+fn reasons_for_refusal_are_pinned() {
+    let pinned = [
+        (Reject::Overlong, 1),
+        (Reject::Cobs, 2),
+        (Reject::Short, 3),
+        (Reject::Crc, 4),
+        (Reject::Version, 5),
+        (Reject::Kind, 6),
+        (Reject::ReservedKind, 7),
+        (Reject::Body, 8),
+        (Reject::Trailing, 9),
+        (Reject::Session, 10),
+        (Reject::Sequence, 11),
+        (Reject::NotFinite, 12),
+        (Reject::Range, 13),
+        (Reject::Direction, 14),
+        (Reject::Schema, 15),
+        (Reject::NotSimulated, 16),
+        (Reject::FromTheFuture, 17),
+        (Reject::TickRate, 18),
+        (Reject::FrameSize, 19),
+        (Reject::Name, 20),
+        (Reject::Nonce, 21),
+    ];
+    assert_eq!(Reject::ALL.len(), pinned.len());
+    for (reject, number) in pinned {
+        assert_eq!(reject as u8, number, "{reject:?}");
+        assert_eq!(Reject::from_number(number), Some(reject));
+        assert!(!reject.to_string().is_empty());
+    }
+    assert_eq!(Reject::from_number(0), None);
+    assert_eq!(Reject::from_number(22), None);
+}
+
+#[test]
+fn fault_bits_are_pinned() {
+    let pinned = [
+        (faults::E_STOP, 1, "e_stop"),
+        (faults::NOT_FINITE, 2, "not_finite"),
+        (faults::ENCODER_JUMP, 4, "encoder_jump"),
+        (faults::OVERRUN, 8, "overrun"),
+        (faults::BOARD, 16, "board"),
+    ];
+    assert_eq!(faults::NAMES.len(), pinned.len());
+    for (bit, number, name) in pinned {
+        assert_eq!(bit, number, "{name}");
+        assert!(faults::names(bit).eq([name]));
+    }
+    assert!(faults::names(0).next().is_none());
+    assert!(faults::names(0x8002).eq(["not_finite"]));
+}
+
+/// A different hash means that old and new cannot work together: change this number knowingly, together
+/// with the golden frames, and say so in the changelog.
+#[test]
+fn schema_is_pinned() {
+    assert_eq!(PROTOCOL_VERSION, 0);
+    assert_eq!(SCHEMA_HASH, 0x15f3_4612_bdec_3000, "{SCHEMA_HASH:#018x}");
+}
+
+/// Counted by hand from the layouts: varints of 3 (u16), 5 (u32, i32) and 10 (u64) bytes, f32 of 4.
+#[test]
+fn sizes_are_those_counted_by_hand() {
+    let joint = 8 * 4 + 5;
+    let device = 16 + (1 + 5 * 4) + 3 * joint + 3 * 4 + 4;
+    let hand = 5 * 4 + 1 + WAY_POINTS * 16;
+    assert_eq!(Hello::POSTCARD_MAX_SIZE, 10 + 5 + 5 + 3 + 3 + 1 + 16);
+    assert_eq!(
+        State::POSTCARD_MAX_SIZE,
+        5 + 16 * 4 + 1 + 3 + 5 + 5 + 5 + 10
+    );
+    assert_eq!(
+        Contact::POSTCARD_MAX_SIZE,
+        1 + (3 + 4 + 6 + 21 + 1 + 3 + 1) * 4 + 5
+    );
+    assert_eq!(Command::POSTCARD_MAX_SIZE, 1 + 3);
+    assert_eq!(Report::POSTCARD_MAX_SIZE, 7 * 5 + 3 + 3 * 5);
+    assert_eq!(Simulate::POSTCARD_MAX_SIZE, 1 + hand);
+    assert!(device <= hand);
+    assert_eq!(HEADER_SIZE, 1 + 1 + 4 + 4 + 8);
+    // Header, body, CRC, first stuffing byte, delimiter.
+    assert_eq!(MAX_FRAME, 18 + (1 + hand) + 4 + 1 + 1);
+    assert_eq!(frame_size(Contact::POSTCARD_MAX_SIZE), 186);
+    assert_eq!(frame_size(State::POSTCARD_MAX_SIZE), 122);
+    assert_eq!(MAX_REAL_TIME_FRAME, 220);
+}
