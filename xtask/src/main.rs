@@ -1,2 +1,76 @@
-//! Entry point.
-fn main() {}
+//! What the project needs besides `cargo build`: tools, firmware images with their gates, all checks.
+
+mod firmware;
+mod gates;
+mod image;
+mod locks;
+mod run;
+mod setup;
+mod test;
+mod toolchain;
+
+use clap::{Parser, Subcommand, ValueEnum};
+use std::process::ExitCode;
+
+/// Builds, checks and installs what the project needs.
+#[derive(Parser)]
+#[command(name = "cargo xtask", bin_name = "cargo xtask")]
+struct Arguments {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Subcommand)]
+enum Command {
+    /// Installs what is missing: the chip's Rust target, QEMU, cargo-deny.
+    Setup,
+    /// Builds the firmware, prints sizes and instruction counts, and compares them with the snapshots.
+    #[command(after_help = "Examples:
+  cargo xtask firmware                    all boards, all gates
+  cargo xtask firmware --board virtual    build one image, nothing else
+  cargo xtask firmware --bless            accept the present figures as snapshots
+  cargo xtask firmware --format json      one JSON object on stdout")]
+    Firmware {
+        /// Only build this board's image: no figures, no gates.
+        #[arg(long, value_enum, conflicts_with_all = ["bless"])]
+        board: Option<firmware::Board>,
+        /// Write the figures to firmware/snapshots instead of comparing them.
+        #[arg(long)]
+        bless: bool,
+        /// How to print the figures.
+        #[arg(long, value_enum, default_value = "text")]
+        format: Format,
+    },
+    /// Runs everything that the project checks.
+    Test,
+}
+
+#[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum Format {
+    Text,
+    Json,
+}
+
+fn main() -> ExitCode {
+    let result = match Arguments::parse().command {
+        Command::Setup => setup::all(),
+        Command::Firmware {
+            board: Some(board),
+            format,
+            ..
+        } => firmware::build_one(board, format),
+        Command::Firmware {
+            board: None,
+            bless,
+            format,
+        } => firmware::gated(bless, format),
+        Command::Test => test::all(),
+    };
+    match result {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("error: {error:#}");
+            ExitCode::FAILURE
+        }
+    }
+}

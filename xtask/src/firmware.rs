@@ -1,0 +1,224 @@
+//! `cargo xtask firmware`: builds the images, measures them, compares with the snapshots.
+//! Entry points: [`build_one`], [`gated`].
+
+use crate::Format;
+use crate::gates::{self, Gate, Outcome, Snapshot};
+use crate::image::{self, Image};
+use crate::run::{Tool, root};
+use crate::setup::{self, QEMU};
+use crate::toolchain::{TARGET, Toolchain};
+use anyhow::{Context, Result, bail};
+use clap::ValueEnum;
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+
+/// A board of `firmware/src/board`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum Board {
+    /// Olimex STM32-H405.
+    #[value(name = "olimex-h405")]
+    OlimexH405,
+    /// QEMU's netduinoplus2 with a simulated console.
+    Virtual,
+}
+
+impl Board {
+    /// Every board.
+    pub const ALL: [Board; 2] = [Board::OlimexH405, Board::Virtual];
+
+    /// Name of its cargo feature.
+    pub fn name(self) -> &'static str {
+        match self {
+            Board::OlimexH405 => "olimex-h405",
+            Board::Virtual => "virtual",
+        }
+    }
+}
+
+/// Longest that a path of the control task may wait for a lock of a lower task \[instructions\].
+const LOCK_LIMIT: u64 = 200;
+
+/// Time after which the emulator is stopped \[s\]; a run takes about one.
+const BENCH_LIMIT_S: u32 = 60;
+
+fn image_path(binary: &str) -> PathBuf {
+    root()
+        .join("firmware/target")
+        .join(TARGET)
+        .join("release")
+        .join(binary)
+}
+
+/// Builds one board's image, saying nothing when it is fresh.
+fn build(toolchain: &Toolchain, board: Board) -> Result<()> {
+    // Cargo looks for `.cargo/config.toml` from the working folder on, not from the manifest.
+    toolchain
+        .cargo("build --release --locked --quiet --features")
+        .arg(board.name())
+        .arg("--target-dir")
+        .arg(root().join("firmware/target"))
+        .within("firmware")
+        .run()
+        .with_context(|| format!("the image for {} does not build", board.name()))
+}
+
+/// `cargo xtask firmware --board NAME`.
+pub fn build_one(board: Board, format: Format) -> Result<()> {
+    build(&Toolchain::ensure()?, board)?;
+    if format == Format::Json {
+        let image = image_path(&format!("sutura-{}", board.name()));
+        println!(
+            "{}",
+            serde_json::json!({ "board": board.name(), "image": image })
+        );
+    }
+    Ok(())
+}
+
+/// What `--format json` prints.
+#[derive(Serialize)]
+struct Summary {
+    rustc: String,
+    boards: BTreeMap<&'static str, Image>,
+    instructions: BTreeMap<String, u64>,
+    gates: Vec<Gate>,
+    status: &'static str,
+}
+
+/// `cargo xtask firmware`: all boards, all figures, all gates.
+pub fn gated(bless: bool, format: Format) -> Result<()> {
+    let toolchain = Toolchain::ensure()?;
+    setup::qemu()?;
+    let rustc = toolchain.version()?;
+    let mut boards = BTreeMap::new();
+    let mut snapshots = Vec::new();
+    for board in Board::ALL {
+        eprintln!(
+            "building the image for {} with {}",
+            board.name(),
+            toolchain.describe()
+        );
+        build(&toolchain, board)?;
+        let image = image::read(&image_path(&format!("sutura-{}", board.name())))?;
+        let sizes = [
+            ("text", image.text),
+            ("data", image.data),
+            ("bss", image.bss),
+        ];
+        let snapshot = Snapshot {
+            rustc: rustc.clone(),
+            figures: sizes
+                .into_iter()
+                .map(|(name, size)| (name.to_owned(), size))
+                .collect(),
+            panic_symbols: image.panic_symbols.clone(),
+        };
+        snapshots.push((board.name(), snapshot));
+        boards.insert(board.name(), image);
+    }
+    let instructions = count_instructions()?;
+    let figures = instructions.clone();
+    snapshots.push((
+        "instructions",
+        Snapshot {
+            rustc: rustc.clone(),
+            figures,
+            ..Snapshot::default()
+        },
+    ));
+
+    let mut gates = Vec::new();
+    for (name, snapshot) in &snapshots {
+        if bless {
+            gates::save(name, snapshot)?;
+        }
+        gates.extend(gates::compare(name, &gates::load(name)?, snapshot));
+    }
+    for name in ["contact_swap", "state_swap"] {
+        gates.push(gates::limit(
+            name,
+            instructions.get(name).copied(),
+            LOCK_LIMIT,
+        ));
+    }
+    let failed = gates
+        .iter()
+        .filter(|gate| gate.outcome == Outcome::Failed)
+        .count();
+    let status = if failed == 0 { "ok" } else { "failed" };
+    let summary = Summary {
+        rustc,
+        boards,
+        instructions,
+        gates,
+        status,
+    };
+    match format {
+        Format::Json => println!("{}", serde_json::to_string(&summary)?),
+        Format::Text => print_text(&summary),
+    }
+    if failed > 0 {
+        bail!(
+            "{failed} firmware figures got worse; if that is meant, run `cargo xtask firmware --bless`"
+        );
+    }
+    Ok(())
+}
+
+fn print_text(summary: &Summary) {
+    println!("{:<16} {:>9} {:>9} {:>9}", "image", "text", "data", "bss");
+    for (board, image) in &summary.boards {
+        println!(
+            "{board:<16} {:>9} {:>9} {:>9}  bytes",
+            image.text, image.data, image.bss
+        );
+    }
+    println!();
+    for (name, count) in &summary.instructions {
+        println!("{name:<40} {count:>9}  instructions");
+    }
+    println!();
+    for gate in &summary.gates {
+        let mark = match gate.outcome {
+            Outcome::Ok => "ok     ",
+            Outcome::Warning => "warning",
+            Outcome::Failed => "FAILED ",
+        };
+        println!("{mark}  {:<40} {}", gate.name, gate.found);
+    }
+}
+
+/// One line of the bench image.
+#[derive(Deserialize)]
+struct Count {
+    name: String,
+    instructions: u64,
+}
+
+/// Runs the bench image under QEMU, where every instruction takes 8 ns of virtual time.
+fn count_instructions() -> Result<BTreeMap<String, u64>> {
+    let image = image_path("sutura-bench");
+    eprintln!("counting instructions under QEMU");
+    let limit = format!("timeout {BENCH_LIMIT_S}");
+    let output = Tool::new(&format!(
+        "{limit} {QEMU} -M netduinoplus2 -nographic -icount shift=3,sleep=off \
+         -semihosting-config enable=on,target=native -kernel"
+    ))
+    .arg(&image)
+    .output()
+    .context("the bench image failed under QEMU")?;
+    let mut counts = BTreeMap::new();
+    for line in output.lines().filter(|line| line.starts_with('{')) {
+        let count: Count = serde_json::from_str(line)
+            .with_context(|| format!("the bench image printed `{line}`"))?;
+        counts.insert(count.name, count.instructions);
+    }
+    if counts.is_empty() {
+        bail!(
+            "the bench image printed nothing; run it: {QEMU} -M netduinoplus2 .. -kernel {}",
+            image.display()
+        );
+    }
+    Ok(counts)
+}

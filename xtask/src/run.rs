@@ -1,0 +1,113 @@
+//! Programs that xtask runs, from the root of the checkout. Entry point: [`Tool`].
+
+use anyhow::{Context, Result, bail};
+use std::ffi::OsStr;
+use std::io::{BufRead, BufReader};
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+
+/// Root of the checkout.
+pub fn root() -> PathBuf {
+    let here = Path::new(env!("CARGO_MANIFEST_DIR"));
+    here.parent().unwrap_or(here).to_path_buf()
+}
+
+/// A command line that can be shown and run.
+pub struct Tool {
+    command: Command,
+    shown: String,
+}
+
+impl Tool {
+    /// `words`: the program and its arguments, separated by spaces.
+    pub fn new(words: &str) -> Self {
+        let mut parts = words.split_whitespace();
+        let mut command = Command::new(parts.next().unwrap_or_default());
+        command.args(parts).current_dir(root());
+        Self {
+            command,
+            shown: words.to_owned(),
+        }
+    }
+
+    /// Adds one argument, as it is.
+    pub fn arg(mut self, argument: impl AsRef<OsStr>) -> Self {
+        self.shown = format!("{} {}", self.shown, argument.as_ref().display());
+        self.command.arg(argument);
+        self
+    }
+
+    /// Sets an environment variable.
+    pub fn env(mut self, name: &str, value: impl AsRef<OsStr>) -> Self {
+        self.shown = format!("{name}='{}' {}", value.as_ref().display(), self.shown);
+        self.command.env(name, value);
+        self
+    }
+
+    /// Runs with another working folder, relative to the root of the checkout.
+    pub fn within(mut self, folder: &str) -> Self {
+        self.shown = format!("(cd {folder} && {})", self.shown);
+        self.command.current_dir(root().join(folder));
+        self
+    }
+
+    /// The command line, to be typed from the root of the checkout.
+    pub fn shown(&self) -> &str {
+        &self.shown
+    }
+
+    /// Runs to the end; what it writes goes to stderr.
+    pub fn run(self) -> Result<()> {
+        self.run_lines(|line| eprintln!("{line}"))
+    }
+
+    /// Runs to the end and gives each line of its stdout to `see`; its stderr passes through.
+    pub fn run_lines(mut self, mut see: impl FnMut(&str)) -> Result<()> {
+        let mut child = self
+            .command
+            .stdin(Stdio::null())
+            .stdout(Stdio::piped())
+            .spawn()
+            .with_context(|| format!("cannot start `{}`", self.shown))?;
+        if let Some(stdout) = child.stdout.take() {
+            for line in BufReader::new(stdout).lines() {
+                see(&line?);
+            }
+        }
+        let status = child.wait()?;
+        if !status.success() {
+            bail!("`{}` failed ({status})", self.shown);
+        }
+        Ok(())
+    }
+
+    /// Runs to the end without showing anything; its stdout, if it succeeded.
+    pub fn output(mut self) -> Result<String> {
+        let output = self
+            .command
+            .stdin(Stdio::null())
+            .output()
+            .with_context(|| format!("cannot start `{}`", self.shown))?;
+        if !output.status.success() {
+            let stderr = String::from_utf8_lossy(&output.stderr);
+            bail!(
+                "`{}` failed ({}): {}",
+                self.shown,
+                output.status,
+                stderr.trim()
+            );
+        }
+        Ok(String::from_utf8_lossy(&output.stdout).into_owned())
+    }
+}
+
+/// Whether a program of this name can be started.
+pub fn is_there(program: &str) -> bool {
+    let mut command = Command::new(program);
+    command
+        .arg("--version")
+        .stdin(Stdio::null())
+        .stdout(Stdio::null())
+        .stderr(Stdio::null());
+    command.status().is_ok_and(|status| status.success())
+}

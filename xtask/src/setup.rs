@@ -1,0 +1,60 @@
+//! `cargo xtask setup`: what the checks need and a fresh machine lacks. Entry point: [`all`].
+
+use crate::run::{Tool, is_there};
+use crate::toolchain::{Toolchain, apt_install};
+use anyhow::{Context, Result};
+
+/// The emulator's program.
+pub const QEMU: &str = "qemu-system-arm";
+
+/// Installs what is missing and says what is used.
+pub fn all() -> Result<()> {
+    let toolchain = Toolchain::ensure()?;
+    eprintln!(
+        "compiler for the chip: {}, {}",
+        toolchain.describe(),
+        toolchain.version()?
+    );
+    rustup_components()?;
+    qemu()?;
+    cargo_deny()
+}
+
+/// Formatter and lints, which minimal toolchains lack.
+fn rustup_components() -> Result<()> {
+    for (component, words) in [
+        ("rustfmt", "cargo fmt --version"),
+        ("clippy", "cargo clippy --version"),
+    ] {
+        if Tool::new(words).output().is_err() {
+            Tool::new("rustup component add").arg(component).run()?;
+        }
+    }
+    Ok(())
+}
+
+/// The emulator.
+pub fn qemu() -> Result<()> {
+    if !is_there(QEMU) {
+        apt_install(&[QEMU]).context("QEMU is missing")?;
+    }
+    let version = Tool::new(QEMU).arg("--version").output()?;
+    eprintln!("emulator: {}", version.lines().next().unwrap_or_default());
+    Ok(())
+}
+
+fn cargo_deny() -> Result<()> {
+    if Tool::new("cargo deny --version").output().is_err() {
+        eprintln!(
+            "installing cargo-deny from source, which takes minutes: cargo install cargo-deny --locked"
+        );
+        Tool::new("cargo install cargo-deny --locked")
+            .run()
+            .context("cargo-deny is missing")?;
+    }
+    eprintln!(
+        "dependency checks: {}",
+        Tool::new("cargo deny --version").output()?.trim()
+    );
+    Ok(())
+}
