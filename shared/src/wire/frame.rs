@@ -152,10 +152,6 @@ impl Header {
             t6,
             t7,
         ] = *bytes;
-        // The rest may mean something else in another version.
-        if version != PROTOCOL_VERSION {
-            return Err(Reject::Version);
-        }
         Ok(Header {
             version,
             kind: Kind::from_number(kind)?,
@@ -349,29 +345,39 @@ pub struct Decoded<'a> {
     pub(super) body: &'a [u8],
 }
 
-/// Checks a packet from [`Accumulator::push`]: length, CRC, version, kind.
+/// Checks a packet from [`Accumulator::push`]: CRC, version, length, kind.
 ///
 /// # Errors
-/// [`Reject::Short`], [`Reject::Crc`], then [`Reject::Version`], [`Reject::ReservedKind`] or
-/// [`Reject::Kind`].
+/// [`Reject::Crc`]; then [`Reject::Version`], as all else may differ in another version; then
+/// [`Reject::Short`], [`Reject::ReservedKind`] or [`Reject::Kind`].
 pub fn decode(packet: &[u8]) -> Result<Decoded<'_>, Reject> {
-    let (content, crc) = packet.split_last_chunk().ok_or(Reject::Short)?;
-    let (header, body) = content.split_first_chunk().ok_or(Reject::Short)?;
-    if CRC_32.checksum(content) != u32::from_le_bytes(*crc) {
-        return Err(Reject::Crc);
+    let content = sound_content(packet)?;
+    if content
+        .first()
+        .is_some_and(|version| *version != PROTOCOL_VERSION)
+    {
+        return Err(Reject::Version);
     }
+    let (header, body) = content.split_first_chunk().ok_or(Reject::Short)?;
     Ok(Decoded {
         header: Header::from_bytes(header)?,
         body,
     })
 }
 
-/// Version of the peer, if `packet` is a `Hello` (of any version) whose checksum is right.
+/// The packet without its checksum, which is right.
+fn sound_content(packet: &[u8]) -> Result<&[u8], Reject> {
+    let (content, crc) = packet.split_last_chunk().ok_or(Reject::Short)?;
+    if CRC_32.checksum(content) != u32::from_le_bytes(*crc) {
+        return Err(Reject::Crc);
+    }
+    Ok(content)
+}
+
+/// Version of the peer, if `packet` is a sound `Hello` of any version.
 pub(crate) fn hello_version(packet: &[u8]) -> Option<u8> {
-    let (content, crc) = packet.split_last_chunk()?;
-    let sound = CRC_32.checksum(content) == u32::from_le_bytes(*crc);
-    match content {
-        [version, kind, ..] if sound && *kind == Kind::Hello as u8 => Some(*version),
+    match sound_content(packet) {
+        Ok([version, kind, ..]) if *kind == Kind::Hello as u8 => Some(*version),
         _ => None,
     }
 }
