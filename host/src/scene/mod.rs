@@ -14,7 +14,7 @@ pub use document::{Document, Flaw, SceneError};
 pub use file::TissueModel;
 pub use hand::position_at;
 
-use crate::fem::Material;
+use crate::fem::{Loads, Material};
 use crate::mesh::TetMesh;
 use crate::tool::SphereTool;
 use std::path::Path;
@@ -38,10 +38,10 @@ pub struct Scene {
     pub fixed: Vec<u32>,
     /// Tools, with different ids.
     pub tools: Vec<Tool>,
-    /// Points of tissue that are moved to a target.
-    pub handles: Vec<Handle>,
-    /// Forces on single nodes; a node may be named more than once.
-    pub loads: Vec<NodeLoad>,
+    /// Forces on nodes, and points of tissue that are moved to a target.
+    pub loads: Loads,
+    /// A name for each handle that has one, (as many as there are handles).
+    pub handle_names: Vec<Option<String>>,
     /// The console, if the scene names one.
     pub device: Option<DeviceDescription>,
     /// The hand on a simulated console, if the scene has one.
@@ -70,28 +70,6 @@ pub struct Pose {
     pub position_m: [f64; 3],
     /// Unit quaternion (x, y, z, w), grip to world.
     pub orientation: [f64; 4],
-}
-
-/// A point of tissue and where it is moved.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Handle {
-    /// For people, if the scene says so.
-    pub name: Option<String>,
-    /// Nodes of a face or cell, (1 to 4).
-    pub vertices: Vec<u32>,
-    /// Weights of these nodes, (as many), not negative, sum 1.
-    pub barycentric: Vec<f64>,
-    /// How far the point is moved \[m\], (3).
-    pub target_displacement_m: [f64; 3],
-}
-
-/// A force on one node.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct NodeLoad {
-    /// Which node.
-    pub node: u32,
-    /// Force on the tissue \[N\], (3).
-    pub force_n: [f64; 3],
 }
 
 /// How the host works.

@@ -7,8 +7,8 @@ use super::document::{Document, Flaw, SceneError};
 use super::file::{HandleSection, LoadSection, MeshSection, SceneFile, ToolSection};
 use super::hand::hand_script;
 use super::select::{check_nodes, select};
-use super::{Handle, HostSettings, NodeLoad, Pose, Scene, Tool};
-use crate::fem::Material;
+use super::{HostSettings, Pose, Scene, Tool};
+use crate::fem::{Anchor, Handle, Loads, Material, NodeLoad};
 use crate::mesh::{self, TetMesh};
 use crate::tool::SphereTool;
 use toml::Spanned;
@@ -62,9 +62,9 @@ impl Scene {
         let tools = read_tools(document, &file.tool, &mesh, &mut warnings)?;
         let handles = file.handle.iter().map(|h| read_handle(document, &mesh, &fixed, h));
         let handles = handles.collect::<Result<_, _>>()?;
-        let mut loads = Vec::new();
+        let mut forces = Vec::new();
         for load in &file.load {
-            loads.extend(read_load(document, &mesh, load)?);
+            forces.extend(read_load(document, &mesh, load)?);
         }
         Ok(Scene {
             name: file.name.clone().unwrap_or_else(|| name.to_owned()),
@@ -74,8 +74,8 @@ impl Scene {
             material,
             fixed,
             tools,
-            handles,
-            loads,
+            loads: Loads { forces, handles, ..Loads::default() },
+            handle_names: file.handle.iter().map(|h| h.name.clone()).collect(),
             device,
             hand,
             host: read_host(document, &file)?,
@@ -184,8 +184,9 @@ fn read_tools(
     let edge_m = mesh.surface().mean_edge_m;
     let mut tools: Vec<Tool> = Vec::with_capacity(sections.len());
     for (place, section) in sections.iter().enumerate() {
-        let help = "the radius of the sphere that touches the tissue, in metres";
-        let radius_m = document.number("radius_m", &section.radius_m, "positive", |r| r > 0.0, help)?;
+        let help = "the radius of the sphere that touches the tissue, in metres; 0 is a bare point";
+        let radius_m = &section.radius_m;
+        let radius_m = document.number("radius_m", radius_m, "zero or positive", |r| r >= 0.0, help)?;
         if radius_m < 3.0 * edge_m {
             warnings.push(point_tool(document, section, radius_m, edge_m));
         }
@@ -286,13 +287,9 @@ fn read_handle(
         let help = "take a handle elsewhere, or let these nodes go in `[[fixed]]`";
         return flaw(vertices.span(), message, "all fixed", help);
     }
-    Ok(Handle {
-        name: section.name.clone(),
-        vertices: nodes.clone(),
-        barycentric: weights.get_ref().clone(),
-        target_displacement_m: document
-            .finite("target_displacement_m", &section.target_displacement_m)?,
-    })
+    let anchor = Anchor { vertices: nodes.clone(), weights: weights.get_ref().clone() };
+    let target = document.finite("target_displacement_m", &section.target_displacement_m)?;
+    Ok(Handle { anchor, target_displacement_m: target })
 }
 
 fn read_load(

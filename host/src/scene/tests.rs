@@ -29,6 +29,7 @@ offset_m = [0.0, 0.0, -0.01]
 position_m = [0.0, 0.0, 0.04]
 
 [[handle]]
+name = "pull"
 vertices = [250, 251]
 barycentric = [0.25, 0.75]
 target_displacement_m = [0.0, 0.0, 0.002]
@@ -64,8 +65,11 @@ fn every_value_arrives_where_it_belongs() {
     assert_eq!(scene.tools[0].shape.offset_m, [0.0, 0.0, -0.01]);
     let pose = Pose { position_m: [0.0, 0.0, 0.04], orientation: [0.0, 0.0, 0.0, 1.0] };
     assert_eq!(scene.tools[0].pose, Some(pose));
-    assert_eq!(scene.handles[0].vertices, [250, 251]);
-    assert_eq!(scene.handles[0].barycentric, [0.25, 0.75]);
+    let handle = &scene.loads.handles[0];
+    assert_eq!(handle.anchor.vertices, [250, 251]);
+    assert_eq!(handle.anchor.weights, [0.25, 0.75]);
+    assert_eq!(handle.target_displacement_m, [0.0, 0.0, 0.002]);
+    assert_eq!(scene.handle_names, [Some("pull".to_owned())]);
     let hand = scene.hand.expect("the scene has a hand");
     assert_eq!((hand.count, hand.stiffness_n_per_m), (2, 800.0));
     // The bench console's origin is the world's.
@@ -74,9 +78,12 @@ fn every_value_arrives_where_it_belongs() {
     // 9 x 7 nodes on the bottom; nodes 0 and 1 are there or add to them.
     assert!((63..=65).contains(&scene.fixed.len()), "{}", scene.fixed.len());
     // The rim x = 0.04 of the top: 7 nodes share the force.
-    assert_eq!(scene.loads.len(), 7);
-    assert!(scene.loads.iter().all(|l| (l.force_n[0] - 0.1).abs() < 1e-12));
-    assert!(scene.loads.iter().all(|l| (scene.mesh.points_m()[l.node as usize][0] - 0.04).abs() < 1e-12));
+    let forces = &scene.loads.forces;
+    assert_eq!(forces.len(), 7);
+    for load in forces {
+        assert!((load.force_n[0] - 0.1).abs() < 1e-12);
+        assert!((scene.mesh.points_m()[load.node as usize][0] - 0.04).abs() < 1e-12);
+    }
 }
 
 #[test]
