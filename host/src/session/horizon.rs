@@ -1,0 +1,79 @@
+//! How long the console may use a frame: long enough for the link as it is, short enough to be safe.
+//!
+//! Entry point: [`Horizon`]. Three host periods, so that two lost frames in a row do not let the force
+//! sag, and the 99th percentile of the delay that the console itself measured.
+
+use hdrhistogram::Histogram;
+
+/// Shortest horizon \[us\]: a desktop thread that wakes late now and then must not be felt.
+pub const SHORTEST_US: u64 = 20_000;
+/// Longest horizon \[us\]; the console caps at the same.
+pub const LONGEST_US: u64 = 150_000;
+
+/// Keeps the delays that the console reports.
+#[derive(Debug)]
+pub struct Horizon {
+    period_us: u64,
+    /// Age of contact data when they were first applied \[us\].
+    delays_us: Histogram<u64>,
+}
+
+impl Horizon {
+    /// For a host that sends `host_hz` frames a second.
+    pub fn new(host_hz: f64) -> Self {
+        Horizon {
+            period_us: (1e6 / host_hz).ceil() as u64,
+            delays_us: histogram(10_000_000),
+        }
+    }
+
+    /// Takes note of one applied frame's age \[us\].
+    pub fn applied(&mut self, age_us: u32) {
+        self.delays_us.saturating_record(u64::from(age_us));
+    }
+
+    /// The horizon for the next frame \[us\].
+    pub fn us(&self) -> u32 {
+        let p99 = if self.delays_us.is_empty() {
+            0
+        } else {
+            self.delays_us.value_at_quantile(0.99)
+        };
+        (3 * self.period_us + p99).clamp(SHORTEST_US, LONGEST_US) as u32
+    }
+
+    /// The delays seen so far \[us\].
+    pub fn delays_us(&self) -> &Histogram<u64> {
+        &self.delays_us
+    }
+}
+
+/// A histogram of 1 to `largest`, to three digits.
+pub(super) fn histogram(largest: u64) -> Histogram<u64> {
+    // Three digits and a range above 1 are always accepted.
+    Histogram::new_with_max(largest, 3).unwrap_or_else(|_| unreachable!("fixed bounds"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn three_periods_and_the_slowest_hundredth_within_bounds() {
+        let mut horizon = Horizon::new(100.0);
+        assert_eq!(horizon.us(), 30_000);
+        for _ in 0..98 {
+            horizon.applied(2_000);
+        }
+        horizon.applied(12_000);
+        horizon.applied(12_000);
+        // 30 ms + 12 ms, to three digits.
+        assert!(
+            (42_000..=42_012).contains(&horizon.us()),
+            "{}",
+            horizon.us()
+        );
+        assert_eq!(Horizon::new(1000.0).us(), SHORTEST_US as u32);
+        assert_eq!(Horizon::new(10.0).us(), LONGEST_US as u32);
+    }
+}

@@ -1,0 +1,232 @@
+//! A session in lockstep: one thread, one control tick per exchange, time from the tick count alone.
+//!
+//! Entry point: [`run_lockstep`]. A solve takes one host period of virtual time, whatever it takes on this
+//! machine: the contact for the state of solve k is delivered when solve k + 1 starts. Two runs give one hash.
+
+use super::setup::{Arming, ArmingWatch};
+use super::{Plan, Progress, SessionError, Solve, Summary, Tally, contact_frame};
+use crate::link::{LinkCounters, LinkError, LockstepConsole, Order};
+use std::ops::ControlFlow;
+use std::time::Instant;
+use sutura_shared::link::{HostEvent, HostLink};
+use sutura_shared::wire::message::{Command, Contact, Hello, State};
+use sutura_shared::wire::{MAX_FRAME, Message, Valid};
+
+/// Exchanges within which the console must answer a `Hello`.
+const ANSWER_WITHIN: u32 = 100;
+/// Exchanges after `Disarm`: long enough for a report to come, which is due once a second.
+const AFTER: u32 = 1100;
+/// Ticks between two progress notes.
+const PROGRESS_EVERY: u64 = 100;
+
+/// The host's end of a lockstep console.
+struct Line<'a> {
+    console: &'a mut dyn LockstepConsole,
+    end: HostLink,
+    /// Frames for the next exchange.
+    down: Vec<u8>,
+    up: Vec<u8>,
+    newest_us: u64,
+}
+
+impl Line<'_> {
+    fn send<M: Message>(&mut self, console_time_us: u64, body: &M) -> Result<(), LinkError> {
+        let mut frame = [0; MAX_FRAME];
+        let sent = self.end.send(console_time_us, body, &mut frame);
+        let length = sent.map_err(|source| LinkError::Unsendable {
+            name: self.console.name().to_owned(),
+            source,
+        })?;
+        self.down.extend_from_slice(&frame[..length]);
+        Ok(())
+    }
+
+    fn order(&mut self, order: &Order) -> Result<(), LinkError> {
+        match order {
+            Order::Command(command) => self.send(self.newest_us, command),
+            Order::Simulate(simulate) => self.send(self.newest_us, simulate),
+        }
+    }
+
+    /// One tick: what waits goes down, what comes up is told to the tally.
+    fn exchange(&mut self, tally: &mut Tally) -> Result<Heard, LinkError> {
+        self.up.clear();
+        self.console.exchange(&self.down, &mut self.up)?;
+        self.down.clear();
+        let mut heard = Heard::default();
+        for byte in &self.up {
+            match self.end.receive(*byte) {
+                Some(HostEvent::Opened(console)) => heard.opened = Some(console),
+                Some(HostEvent::Refused(mismatch)) => {
+                    return Err(LinkError::Mismatch {
+                        name: self.console.name().to_owned(),
+                        mismatch,
+                    });
+                }
+                Some(HostEvent::State(state)) => {
+                    self.newest_us = state.console_time_us();
+                    heard.state = Some(state);
+                }
+                Some(HostEvent::Report(report)) => tally.report(report.body()),
+                None => {}
+            }
+        }
+        Ok(heard)
+    }
+
+    fn open(&mut self, tally: &mut Tally) -> Result<Hello, LinkError> {
+        // Any number will do: nobody else is on this line, and the trace must not depend on it.
+        const NONCE: u32 = 1;
+        let mut frame = [0; MAX_FRAME];
+        let length = self.end.hello(NONCE, &mut frame).unwrap_or_default();
+        self.down.extend_from_slice(&frame[..length]);
+        for _ in 0..ANSWER_WITHIN {
+            if let Some(console) = self.exchange(tally)?.opened {
+                return Ok(console);
+            }
+        }
+        let what = format!("did not answer within {ANSWER_WITHIN} exchanges");
+        Err(LinkError::Console {
+            name: self.console.name().to_owned(),
+            what,
+        })
+    }
+}
+
+#[derive(Default)]
+struct Heard {
+    opened: Option<Hello>,
+    state: Option<Valid<State>>,
+}
+
+/// Which ticks the solver works on.
+struct Schedule {
+    first_tick: u32,
+    tick_hz: f64,
+    host_hz: f64,
+    next: u64,
+}
+
+impl Schedule {
+    /// Whether a solve starts with the state of this tick.
+    fn is_due(&mut self, tick: u32) -> bool {
+        let since = f64::from(tick.wrapping_sub(self.first_tick));
+        let due = since >= (self.next as f64 * self.tick_hz / self.host_hz).floor();
+        self.next += u64::from(due);
+        due
+    }
+}
+
+/// Runs a session of `plan.seconds` of console time; `progress` may end it early.
+///
+/// # Errors
+/// See [`SessionError`].
+pub fn run_lockstep(
+    console: &mut dyn LockstepConsole,
+    plan: &Plan,
+    solver: &mut dyn Solve,
+    mut progress: impl FnMut(&Progress<'_>) -> ControlFlow<()>,
+) -> Result<Summary, SessionError> {
+    let started = Instant::now();
+    let mut tally = Tally::new(plan.host_hz);
+    let end = HostLink::new(plan.tick_hz);
+    let mut line = Line {
+        console,
+        end,
+        down: Vec::new(),
+        up: Vec::new(),
+        newest_us: 0,
+    };
+    let hello = line.open(&mut tally)?;
+    for order in plan.opening_orders(&hello) {
+        line.order(&order)?;
+    }
+    let mut arming = Some(ArmingWatch::new(plan));
+    let mut schedule: Option<Schedule> = None;
+    let mut pending: Option<(u64, Contact)> = None;
+    let mut counters = LinkCounters::default();
+    let mut silent = 0;
+    let ticks = (plan.seconds * f64::from(plan.tick_hz)).round() as u64;
+    while tally.ticks() < ticks {
+        // The contact of the last solve leaves just before the tick that starts the next one.
+        let next_tick = tally.last().map(|state| state.tick.wrapping_add(1));
+        let starts = match (&mut schedule, next_tick) {
+            (Some(schedule), Some(tick)) => schedule.is_due(tick),
+            _ => false,
+        };
+        if let Some((time_us, contact)) = pending.take_if(|_| starts) {
+            line.send(time_us, &contact)?;
+            counters.contacts_sent += 1;
+        }
+        let Some(state) = line.exchange(&mut tally)?.state else {
+            silent += 1;
+            if silent > u32::from(plan.state_every) + ANSWER_WITHIN {
+                return Err(SessionError::Silent {
+                    waited_s: f64::from(silent) / f64::from(plan.tick_hz),
+                });
+            }
+            continue;
+        };
+        silent = 0;
+        if let Some(watch) = &mut arming {
+            match watch.judge(state.body())? {
+                Arming::Armed => {
+                    arming = None;
+                    let (tick_hz, host_hz) = (f64::from(plan.tick_hz), plan.host_hz);
+                    schedule = Some(Schedule {
+                        first_tick: state.body().tick,
+                        tick_hz,
+                        host_hz,
+                        next: 1,
+                    });
+                }
+                Arming::Again => line.order(&Order::Command(Command::Arm))?,
+                Arming::NotYet => {}
+            }
+        }
+        if arming.is_some() {
+            continue;
+        }
+        let first = tally.last().is_none();
+        tally.state(state.body());
+        if starts || first {
+            let before = Instant::now();
+            let solved = solver.solve(&state);
+            tally.step(&solved, before.elapsed());
+            let horizon_us = plan.horizon_us(&tally.horizon);
+            let contact = solved
+                .contact
+                .map(|contact| contact_frame(state.body(), &contact, horizon_us));
+            pending = contact.map(|contact| (state.console_time_us(), contact));
+        }
+        if tally.ticks().is_multiple_of(PROGRESS_EVERY) {
+            let elapsed_s = tally.ticks() as f64 / f64::from(plan.tick_hz);
+            let note = Progress {
+                elapsed_s,
+                seconds: plan.seconds,
+                state: state.body(),
+                report: tally.last_report(),
+            };
+            if progress(&note).is_break() {
+                break;
+            }
+        }
+    }
+    // The console goes to rest, and its counters come in. The tally's last state stays the session's.
+    line.order(&Order::Command(Command::Disarm))?;
+    let reports = tally.last_report().copied();
+    for _ in 0..AFTER {
+        line.exchange(&mut tally)?;
+        if tally.last_report().copied() != reports {
+            break;
+        }
+    }
+    counters.frames = line.end.counters();
+    Ok(Summary {
+        console: line.console.name().to_owned(),
+        device: plan.device_name(&hello),
+        wall_s: started.elapsed().as_secs_f64(),
+        scene: solver.scene(),
+        ..tally.summary(&counters, plan.tick_hz)
+    })
+}

@@ -1,0 +1,60 @@
+//! A session: the console's states in, the solver's contacts out, and the statistics of it all.
+//!
+//! Entry points: [`run_real_time`] for a console that runs by itself, [`run_lockstep`] for one that
+//! advances a tick per exchange. Both set up the same way, solve through [`Solve`], and end with a
+//! [`Summary`].
+
+mod contact_frame;
+mod horizon;
+mod lockstep;
+mod real_time;
+mod setup;
+mod summary;
+mod tally;
+mod tissue;
+
+pub use contact_frame::{contact_frame, pack_symmetric};
+pub use horizon::Horizon;
+pub use lockstep::run_lockstep;
+pub use real_time::run_real_time;
+pub use setup::{Plan, SessionError};
+pub use summary::{Age, Energy, Force, Frames, Latency, StepTime, Summary};
+pub use tally::{Tally, mode_word};
+pub use tissue::TissueSolver;
+
+use crate::step::{Stages, Status, ToolContact};
+use sutura_shared::wire::Valid;
+use sutura_shared::wire::message::{Report, State};
+
+/// What a solver step gave.
+#[derive(Clone, Copy, Debug)]
+pub struct Solved {
+    /// The contact at the state's pose; none when the result is not good enough to be felt.
+    pub contact: Option<ToolContact>,
+    /// How the step ended.
+    pub status: Status,
+    /// Time per stage.
+    pub stages: Stages,
+}
+
+/// What turns a state of the console into the contact that it feels.
+pub trait Solve: Send {
+    /// Steps the scene to the state's pose.
+    fn solve(&mut self, state: &Valid<State>) -> Solved;
+
+    /// What the scene reports when the session is over.
+    fn scene(&self) -> serde_json::Map<String, serde_json::Value>;
+}
+
+/// How far a session is.
+#[derive(Clone, Copy, Debug)]
+pub struct Progress<'a> {
+    /// Console time since the session's first state \[s\].
+    pub elapsed_s: f64,
+    /// How long the session is to last \[s\].
+    pub seconds: f64,
+    /// The console's newest state.
+    pub state: &'a State,
+    /// The console's newest report.
+    pub report: Option<&'a Report>,
+}

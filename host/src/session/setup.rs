@@ -1,0 +1,158 @@
+//! What a session needs to know, and the orders that begin and end it.
+//!
+//! Entry points: [`Plan`], [`Plan::opening_orders`]. The same orders go to every console; only a simulated
+//! one is also told which device it is and what its hand does.
+
+use crate::link::{LinkError, Order};
+use sutura_shared::device::DeviceDescription;
+use sutura_shared::wire::faults;
+use sutura_shared::wire::message::{Command, HandScript, Hello, Mode, Simulate, State};
+use sutura_shared::wire::validate::name;
+
+/// How long a console may take to arm \[ms of console time\]: a few ticks, and the orders' way over a slow line.
+pub(super) const ARM_WITHIN_MS: u32 = 3000;
+/// `Arm` is repeated this often while the console is idle \[ms of console time\]: a simulated console that
+/// has just become another device must run one tick before it obeys.
+pub(super) const ARM_AGAIN_MS: u32 = 100;
+
+/// What a session is to be.
+#[derive(Clone, Copy, Debug)]
+pub struct Plan {
+    /// The device that a simulated console becomes.
+    pub device: DeviceDescription,
+    /// What the hand on a simulated console does.
+    pub hand: HandScript,
+    /// Solver steps a second \[Hz\], above 0.
+    pub host_hz: f64,
+    /// Console time from the first armed state to the end \[s\].
+    pub seconds: f64,
+    /// Control rate that the host expects \[Hz\].
+    pub tick_hz: u16,
+    /// Ticks between two states; 1 unless the line is slow.
+    pub state_every: u16,
+    /// A fixed horizon for every frame \[us\]; otherwise it follows from the measured delay.
+    pub horizon_us: Option<u32>,
+    /// Clear a fault that is latched from before; its cause must be gone.
+    pub clear_fault: bool,
+}
+
+/// Why a session did not run to its end.
+#[derive(Debug, thiserror::Error)]
+pub enum SessionError {
+    /// There is no link, or no longer one.
+    #[error(transparent)]
+    Link(#[from] LinkError),
+    /// A fault was latched before the session began.
+    #[error("the console is in a latched fault: {}", faults.join(", "))]
+    Fault {
+        /// Names of the faults.
+        faults: Vec<String>,
+    },
+    /// The console did not arm.
+    #[error("the console did not arm within {} s; it is {mode}", f64::from(ARM_WITHIN_MS) / 1e3)]
+    NotArmed {
+        /// Its mode.
+        mode: &'static str,
+    },
+    /// The solver's thread ended by a panic; the console lets its force decay.
+    #[error("the solver failed; the console lets its force decay by itself")]
+    Solver,
+    /// No state came for so long that the console must be taken for dead.
+    #[error("no state came from the console for {waited_s} s")]
+    Silent {
+        /// How long the host waited \[s\].
+        waited_s: f64,
+    },
+}
+
+impl Plan {
+    /// What the console is told before it is armed, in order.
+    pub(super) fn opening_orders(&self, console: &Hello) -> Vec<Order> {
+        let mut orders = Vec::new();
+        if self.state_every != 1 {
+            orders.push(Order::Command(Command::StateEvery {
+                ticks: self.state_every,
+            }));
+        }
+        if self.clear_fault {
+            orders.push(Order::Command(Command::ClearFault));
+        }
+        if console.simulated {
+            orders.push(Order::Simulate(Simulate::Device(self.device)));
+            orders.push(Order::Simulate(Simulate::Hand(self.hand)));
+        }
+        orders.push(Order::Command(Command::Arm));
+        orders
+    }
+
+    /// Name of the device that the session is with.
+    pub(super) fn device_name(&self, console: &Hello) -> String {
+        let bytes = if console.simulated {
+            &self.device.name
+        } else {
+            &console.device_name
+        };
+        // Both have been checked: the scene's when it was loaded, the console's when it was received.
+        name(bytes).unwrap_or_default().to_owned()
+    }
+
+    /// The horizon of the next frame \[us\].
+    pub(super) fn horizon_us(&self, measured: &super::Horizon) -> u32 {
+        self.horizon_us.unwrap_or_else(|| measured.us())
+    }
+}
+
+/// Whether the console is armed by now, or never will be.
+pub(super) enum Arming {
+    Armed,
+    NotYet,
+    /// Tell it again.
+    Again,
+}
+
+/// Judges a state that came while the console should arm.
+pub(super) struct ArmingWatch {
+    first_tick: Option<u32>,
+    asked_tick: u32,
+    tick_hz: u32,
+    clear_fault: bool,
+}
+
+impl ArmingWatch {
+    pub(super) fn new(plan: &Plan) -> Self {
+        let tick_hz = u32::from(plan.tick_hz);
+        ArmingWatch {
+            first_tick: None,
+            asked_tick: 0,
+            tick_hz,
+            clear_fault: plan.clear_fault,
+        }
+    }
+
+    pub(super) fn judge(&mut self, state: &State) -> Result<Arming, SessionError> {
+        let first = *self.first_tick.get_or_insert_with(|| {
+            self.asked_tick = state.tick;
+            state.tick
+        });
+        let ms =
+            |since: u32| u64::from(state.tick.wrapping_sub(since)) * 1000 / u64::from(self.tick_hz);
+        let waited_ms = ms(first);
+        match state.mode {
+            Mode::Armed | Mode::Decaying => Ok(Arming::Armed),
+            // What was latched before needs a moment to be cleared.
+            Mode::Fault if !self.clear_fault || waited_ms >= u64::from(ARM_AGAIN_MS) => {
+                Err(SessionError::Fault {
+                    faults: faults::names(state.faults).map(str::to_owned).collect(),
+                })
+            }
+            mode if waited_ms >= u64::from(ARM_WITHIN_MS) => Err(SessionError::NotArmed {
+                mode: super::mode_word(mode),
+            }),
+            _ if ms(self.asked_tick) >= u64::from(ARM_AGAIN_MS) => {
+                self.asked_tick = state.tick;
+                Ok(Arming::Again)
+            }
+            _ => Ok(Arming::NotYet),
+        }
+    }
+}

@@ -1,0 +1,123 @@
+//! What a session reports when it is over: the JSON object of `sutura run`.
+//!
+//! Entry point: [`Summary`]. Key names carry their units and are a contract with scripts: add, never rename.
+
+use serde::Serialize;
+use std::collections::BTreeMap;
+
+/// Percentiles of a time.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub struct Latency {
+    /// Median.
+    pub p50: f64,
+    /// 99 of 100 are shorter.
+    pub p99: f64,
+    /// 999 of 1000 are shorter.
+    pub p999: f64,
+    /// Longest.
+    pub max: f64,
+}
+
+/// Percentiles of an age.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub struct Age {
+    /// Median.
+    pub p50: f64,
+    /// Oldest.
+    pub max: f64,
+}
+
+/// Percentiles of a solver step's time.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub struct StepTime {
+    /// Median.
+    pub p50: f64,
+    /// 99 of 100 are shorter.
+    pub p99: f64,
+    /// Longest.
+    pub max: f64,
+}
+
+/// Frames of both directions.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+pub struct Frames {
+    /// Frames that the host sent.
+    pub sent: u64,
+    /// Frames that never came, by gaps in the sequence: states at the host, the host's at the console.
+    pub lost: u64,
+    /// Frames refused, at either end.
+    pub rejected: u64,
+    /// Values replaced by newer ones before they were used: states at the host, contacts at either end.
+    /// By design, not a loss.
+    pub superseded: u64,
+}
+
+/// Contact force on the grip, as the console commanded it.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub struct Force {
+    /// Largest magnitude \[N\].
+    pub peak: f64,
+    /// Root of the mean square over all ticks \[N\].
+    pub rms: f64,
+}
+
+/// Passivity observer.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub struct Energy {
+    /// Least energy that the hand had put into the tissue so far, over the session \[J\]. Below zero the
+    /// console has given out more than it was given.
+    pub min: f64,
+}
+
+/// A session in numbers.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct Summary {
+    /// `ok`, or what was latched.
+    pub status: String,
+    /// How the console was reached: `virtual`, `qemu`, or a port.
+    pub console: String,
+    /// Name of the device.
+    pub device: String,
+    /// Control rate \[Hz\].
+    pub tick_hz: u32,
+    /// Control ticks from the session's first state to its last.
+    pub ticks: u64,
+    /// Ticks whose computation took longer than their period.
+    pub tick_overruns: u64,
+    /// Ticks that started more than a period late; they were run, never skipped.
+    pub ticks_late: u64,
+    /// Control mode at the end.
+    pub mode: String,
+    /// Faults latched at the end.
+    pub faults: Vec<String>,
+    /// Solver steps a second that the session aimed at \[Hz\].
+    pub host_hz: f64,
+    /// Solver steps a second that it reached, by the console's clock \[Hz\].
+    pub host_hz_reached: f64,
+    /// Solver steps after which nothing was sent, by what was wrong with their result.
+    pub steps_withheld: BTreeMap<&'static str, u64>,
+    /// Times that the console found its contact data too old and let the force decay.
+    pub decays: u64,
+    /// Frames.
+    pub frames: Frames,
+    /// From the state's time stamp to the tick that first applied its contact, by the console's clock \[us\].
+    pub latency_us: Latency,
+    /// Age of the contact data in use, every tick while armed \[ms\].
+    pub age_ms: Age,
+    /// Wall-clock time of a solver step \[us\].
+    pub step_us: StepTime,
+    /// Mean time of each stage of a step \[us\].
+    pub stages_us: BTreeMap<&'static str, f64>,
+    /// Contact force.
+    pub force_n: Force,
+    /// Energy.
+    pub energy_j: Energy,
+    /// Running hash of the console over every tick's inputs, outputs and state, in hexadecimal.
+    pub trace_hash: String,
+    /// Console time of the session \[s\].
+    pub seconds: f64,
+    /// Wall-clock time of the session \[s\].
+    pub wall_s: f64,
+    /// What the scene reports.
+    pub scene: serde_json::Map<String, serde_json::Value>,
+}

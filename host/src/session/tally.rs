@@ -1,0 +1,253 @@
+//! Counts and sums over a session, from every state and report of the console and every solver step.
+//!
+//! Entry points: [`Tally::state`], [`Tally::report`], [`Tally::step`], then [`Tally::summary`].
+//! Energy is the passivity observer's of Hannaford & Ryu 2002: E = -sum F . dx, with F the contact force
+//! on the hand held over one tick and dx the grip's motion in it; positive when the hand did the work.
+
+use super::Solved;
+use super::horizon::{Horizon, histogram};
+use super::summary::{Age, Energy, Force, Frames, Latency, StepTime, Summary};
+use crate::link::LinkCounters;
+use crate::step::Stages;
+use hdrhistogram::Histogram;
+use std::collections::BTreeMap;
+use std::time::Duration;
+use sutura_shared::wire::faults;
+use sutura_shared::wire::message::{Mode, Report, State};
+
+/// Everything that a session remembers of itself.
+#[derive(Debug)]
+pub struct Tally {
+    host_hz: f64,
+    first: Option<State>,
+    last: Option<State>,
+    states: u64,
+    decays: u64,
+    peak_n: f64,
+    /// Sum of squares \[N^2\].
+    square_n2: f64,
+    energy_j: f64,
+    energy_min_j: f64,
+    /// Delay of the whole loop, and the horizon that follows from it.
+    pub horizon: Horizon,
+    ages_us: Histogram<u64>,
+    steps_ns: Histogram<u64>,
+    stages_ns: BTreeMap<&'static str, u64>,
+    withheld: BTreeMap<&'static str, u64>,
+    first_report: Option<Report>,
+    last_report: Option<Report>,
+}
+
+/// Length of a vector.
+fn norm(v: [f32; 3]) -> f64 {
+    v.iter().map(|x| f64::from(*x).powi(2)).sum::<f64>().sqrt()
+}
+
+/// Stable word for a mode.
+pub fn mode_word(mode: Mode) -> &'static str {
+    match mode {
+        Mode::Boot => "boot",
+        Mode::Idle => "idle",
+        Mode::Armed => "armed",
+        Mode::Decaying => "decaying",
+        Mode::Fault => "fault",
+    }
+}
+
+impl Tally {
+    /// Nothing has happened yet.
+    pub fn new(host_hz: f64) -> Self {
+        Tally {
+            host_hz,
+            first: None,
+            last: None,
+            states: 0,
+            decays: 0,
+            peak_n: 0.0,
+            square_n2: 0.0,
+            energy_j: 0.0,
+            energy_min_j: 0.0,
+            horizon: Horizon::new(host_hz),
+            ages_us: histogram(u64::from(u32::MAX)),
+            steps_ns: histogram(100_000_000_000),
+            stages_ns: BTreeMap::new(),
+            withheld: BTreeMap::new(),
+            first_report: None,
+            last_report: None,
+        }
+    }
+
+    /// Takes note of a state of the console.
+    pub fn state(&mut self, state: &State) {
+        let force = norm(state.force_n);
+        self.peak_n = self.peak_n.max(force);
+        self.square_n2 += force * force;
+        self.states += 1;
+        if matches!(state.mode, Mode::Armed | Mode::Decaying) && state.contact_age_us != u32::MAX {
+            self.ages_us
+                .saturating_record(u64::from(state.contact_age_us));
+        }
+        if let Some(before) = self.last {
+            let work = (0..3).map(|i| {
+                f64::from(before.force_n[i]) * f64::from(state.position_m[i] - before.position_m[i])
+            });
+            self.energy_j -= work.sum::<f64>();
+            self.energy_min_j = self.energy_min_j.min(self.energy_j);
+            if state.contact_sequence != before.contact_sequence && state.contact_sequence != 0 {
+                self.horizon.applied(state.applied_age_us);
+            }
+            if state.mode == Mode::Decaying && before.mode == Mode::Armed {
+                self.decays += 1;
+            }
+        }
+        self.first.get_or_insert(*state);
+        self.last = Some(*state);
+    }
+
+    /// Takes note of the console's counters.
+    pub fn report(&mut self, report: &Report) {
+        self.first_report.get_or_insert(*report);
+        self.last_report = Some(*report);
+    }
+
+    /// Takes note of a solver step.
+    pub fn step(&mut self, solved: &Solved, time: Duration) {
+        self.steps_ns
+            .saturating_record(u64::try_from(time.as_nanos()).unwrap_or(u64::MAX));
+        let Stages {
+            detect_ns,
+            columns_ns,
+            solve_ns,
+            reduce_ns,
+        } = solved.stages;
+        let stages = [
+            ("detect", detect_ns),
+            ("columns", columns_ns),
+            ("solve", solve_ns),
+            ("reduce", reduce_ns),
+        ];
+        for (stage, ns) in stages {
+            *self.stages_ns.entry(stage).or_default() += ns;
+        }
+        if solved.contact.is_none() {
+            *self.withheld.entry(solved.status.name()).or_default() += 1;
+        }
+    }
+
+    /// The newest state.
+    pub fn last(&self) -> Option<&State> {
+        self.last.as_ref()
+    }
+
+    /// The newest report.
+    pub fn last_report(&self) -> Option<&Report> {
+        self.last_report.as_ref()
+    }
+
+    /// Ticks from the first state to the newest, both counted.
+    pub fn ticks(&self) -> u64 {
+        match (&self.first, &self.last) {
+            (Some(first), Some(last)) => u64::from(last.tick.wrapping_sub(first.tick)) + 1,
+            _ => 0,
+        }
+    }
+
+    /// The session in numbers; the caller fills in what only it knows.
+    pub fn summary(&self, link: &LinkCounters, tick_hz: u16) -> Summary {
+        let us = |histogram: &Histogram<u64>, quantile, unit: f64| {
+            if histogram.is_empty() {
+                0.0
+            } else {
+                histogram.value_at_quantile(quantile) as f64 / unit
+            }
+        };
+        let delays = self.horizon.delays_us();
+        let steps = self.steps_ns.len();
+        let seconds = self.ticks() as f64 / f64::from(tick_hz);
+        let mode = self.last.map_or(Mode::Boot, |state| state.mode);
+        let faults: Vec<String> = faults::names(self.last.map_or(0, |s| s.faults))
+            .map(str::to_owned)
+            .collect();
+        let console = since(self.first_report, self.last_report);
+        let frames = Frames {
+            sent: u64::from(link.frames.frames_sent),
+            lost: u64::from(link.frames.frames_lost) + console.lost,
+            rejected: u64::from(link.frames.frames_rejected) + console.rejected,
+            superseded: link.states_superseded + link.contacts_superseded + console.superseded,
+        };
+        Summary {
+            status: if mode == Mode::Fault {
+                format!("fault: {}", faults.join(", "))
+            } else {
+                "ok".to_owned()
+            },
+            tick_hz: u32::from(tick_hz),
+            ticks: self.ticks(),
+            tick_overruns: console.overruns,
+            ticks_late: console.late,
+            mode: mode_word(mode).to_owned(),
+            faults,
+            host_hz: self.host_hz,
+            host_hz_reached: if seconds > 0.0 {
+                steps as f64 / seconds
+            } else {
+                0.0
+            },
+            steps_withheld: self.withheld.clone(),
+            decays: self.decays,
+            frames,
+            latency_us: Latency {
+                p50: us(delays, 0.5, 1.0),
+                p99: us(delays, 0.99, 1.0),
+                p999: us(delays, 0.999, 1.0),
+                max: us(delays, 1.0, 1.0),
+            },
+            age_ms: Age {
+                p50: us(&self.ages_us, 0.5, 1e3),
+                max: us(&self.ages_us, 1.0, 1e3),
+            },
+            step_us: StepTime {
+                p50: us(&self.steps_ns, 0.5, 1e3),
+                p99: us(&self.steps_ns, 0.99, 1e3),
+                max: us(&self.steps_ns, 1.0, 1e3),
+            },
+            stages_us: self
+                .stages_ns
+                .iter()
+                .map(|(stage, ns)| (*stage, *ns as f64 / 1e3 / steps.max(1) as f64))
+                .collect(),
+            force_n: Force {
+                peak: self.peak_n,
+                rms: (self.square_n2 / self.states.max(1) as f64).sqrt(),
+            },
+            energy_j: Energy {
+                min: self.energy_min_j,
+            },
+            trace_hash: format!("{:016x}", self.last.map_or(0, |state| state.trace_hash)),
+            seconds,
+            ..Summary::default()
+        }
+    }
+}
+
+/// What the console counted during the session.
+struct ConsoleCounts {
+    overruns: u64,
+    late: u64,
+    lost: u64,
+    rejected: u64,
+    superseded: u64,
+}
+
+/// Difference of two reports: the console counts since its boot, over several sessions.
+fn since(first: Option<Report>, last: Option<Report>) -> ConsoleCounts {
+    let (first, last) = (first.unwrap_or_default(), last.unwrap_or_default());
+    let grown = |first: u32, last: u32| u64::from(last.wrapping_sub(first));
+    ConsoleCounts {
+        overruns: grown(first.tick_overruns, last.tick_overruns),
+        late: grown(first.ticks_late, last.ticks_late),
+        lost: grown(first.frames_lost, last.frames_lost),
+        rejected: grown(first.frames_rejected, last.frames_rejected),
+        superseded: grown(first.frames_superseded, last.frames_superseded),
+    }
+}

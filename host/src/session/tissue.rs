@@ -1,0 +1,117 @@
+//! The scene's tissue and tool behind [`Solve`]: a state becomes a sample, a step, a contact.
+//!
+//! Entry point: [`TissueSolver::new`]. The console's one grip carries the scene's first tool.
+
+use super::{Solve, Solved};
+use crate::model::Model;
+use crate::step::{self, Status, StepReport, Workspace};
+use crate::tool::ToolSample;
+use serde_json::{Map, Value, json};
+use sutura_shared::wire::Valid;
+use sutura_shared::wire::message::State;
+
+/// A model with its state and scratch.
+pub struct TissueSolver {
+    name: String,
+    model: Model,
+    state: step::State,
+    work: Workspace,
+    deepest: Deepest,
+}
+
+/// What the session's hardest press looked like.
+#[derive(Clone, Copy, Debug, Default)]
+struct Deepest {
+    force_n: f64,
+    position_m: [f64; 3],
+    rows: u32,
+    stored_energy_j: f64,
+}
+
+impl TissueSolver {
+    /// The scene of this name, tissue at rest.
+    pub fn new(name: &str, model: Model) -> Self {
+        let (state, work) = (step::State::new(&model), Workspace::new(&model));
+        TissueSolver {
+            name: name.to_owned(),
+            model,
+            state,
+            work,
+            deepest: Deepest::default(),
+        }
+    }
+
+    /// Steps to where the sample is.
+    pub fn step(&mut self, sample: ToolSample) -> StepReport {
+        step::step(&self.model, &mut self.state, &[sample], &mut self.work)
+    }
+
+    fn sample(&self, state: &Valid<State>) -> Option<ToolSample> {
+        let (id, _) = self.model.tools().first()?;
+        let body = state.body();
+        Some(ToolSample {
+            id: *id,
+            position_m: body.position_m.map(f64::from),
+            orientation: body.orientation.map(f64::from),
+            velocity_m_per_s: body.velocity_m_per_s.map(f64::from),
+            console_time_us: state.console_time_us(),
+        })
+    }
+}
+
+impl Solve for TissueSolver {
+    fn solve(&mut self, state: &Valid<State>) -> Solved {
+        let Some(sample) = self.sample(state) else {
+            // A scene without a tool is felt as free space, but nothing needs to be sent for that.
+            return Solved {
+                contact: None,
+                status: Status::UnknownTool,
+                stages: step::Stages::default(),
+            };
+        };
+        let report = self.step(sample);
+        let contact = report.contacts().first().copied();
+        if let Some(contact) = contact {
+            let [x, y, z, ..] = contact.wrench;
+            let force_n = (x * x + y * y + z * z).sqrt();
+            if force_n > self.deepest.force_n {
+                let (rows, stored_energy_j) = (report.rows, report.stored_energy_j);
+                self.deepest = Deepest {
+                    force_n,
+                    position_m: sample.position_m,
+                    rows,
+                    stored_energy_j,
+                };
+            }
+        }
+        Solved {
+            contact,
+            status: report.status,
+            stages: report.stages,
+        }
+    }
+
+    fn scene(&self) -> Map<String, Value> {
+        let Deepest {
+            force_n,
+            position_m,
+            rows,
+            stored_energy_j,
+        } = self.deepest;
+        let report = json!({
+            "name": self.name,
+            "nodes": self.model.points_m().len(),
+            "peak": {
+                "force_n": force_n,
+                "position_m": position_m,
+                "rows": rows,
+                "stored_energy_j": stored_energy_j,
+            },
+        });
+        if let Value::Object(report) = report {
+            report
+        } else {
+            Map::new()
+        }
+    }
+}
