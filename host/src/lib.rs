@@ -1,3 +1,15 @@
-//! Placeholder until the first module lands.
+//! The host of a Sutura console: soft-tissue solver, scenes, and the host's end of the link.
+//!
+//! The solver: [`mesh`] and [`fem`] make a [`model::Model`] of tissue and tools, [`step::step`] follows
+//! the tools and gives each its wrench and exact contact Jacobian.
 
+pub mod fem;
 pub mod link;
+pub mod mesh;
+pub mod model;
+pub mod output;
+pub mod scene;
+pub mod session;
+pub mod solve;
+pub mod step;
+pub mod tool;

@@ -1,0 +1,46 @@
+//! The four-node tetrahedron: constant gradients, stiffness blocks, strain and stress.
+//!
+//! Entry point: [`Element::new`]. Any text on linear finite elements, e.g. Zienkiewicz & Taylor,
+//! ch. 6.
+
+use nalgebra::{Matrix3, Vector3};
+
+/// One cell's constant data.
+#[derive(Clone, Debug)]
+pub(super) struct Element {
+    pub nodes: [u32; 4],
+    /// Gradient of each corner's shape function \[1/m\], (4 x 3).
+    pub gradients: [Vector3<f64>; 4],
+    pub volume_m3: f64,
+}
+
+impl Element {
+    /// `corners` of a positively oriented cell \[m\].
+    pub fn new(nodes: [u32; 4], corners: &[Vector3<f64>; 4]) -> Self {
+        let [p0, p1, p2, p3] = corners;
+        let (a, b, c) = (p1 - p0, p2 - p0, p3 - p0);
+        let six_volume = a.dot(&b.cross(&c));
+        let (g1, g2, g3) =
+            (b.cross(&c) / six_volume, c.cross(&a) / six_volume, a.cross(&b) / six_volume);
+        Self { nodes, gradients: [-(g1 + g2 + g3), g1, g2, g3], volume_m3: six_volume / 6.0 }
+    }
+
+    /// Stiffness block between two corners \[N/m\].
+    pub fn stiffness(&self, a: usize, b: usize, (lambda, mu): (f64, f64)) -> Matrix3<f64> {
+        let (ga, gb) = (self.gradients[a], self.gradients[b]);
+        let shear = ga.dot(&gb);
+        ((ga * gb.transpose()) * lambda
+            + (gb * ga.transpose() + Matrix3::from_diagonal_element(shear)) * mu)
+            * self.volume_m3
+    }
+
+    /// Stress \[Pa\] for the displacement of the four corners \[m\].
+    pub fn stress(&self, u: &[Vector3<f64>; 4], (lambda, mu): (f64, f64)) -> Matrix3<f64> {
+        let mut gradient = Matrix3::zeros();
+        for (u, g) in u.iter().zip(&self.gradients) {
+            gradient += u * g.transpose();
+        }
+        let strain = (gradient + gradient.transpose()) * 0.5;
+        strain * (2.0 * mu) + Matrix3::from_diagonal_element(lambda * strain.trace())
+    }
+}

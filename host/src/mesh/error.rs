@@ -1,0 +1,191 @@
+//! What can be wrong with a mesh. Each message names the node or cell by index and, where a file
+//! gave one, by tag.
+
+use std::fmt;
+use thiserror::Error;
+
+/// A cell in a message: 0-based index and the file's tag.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct CellId {
+    /// 0-based index among the tetrahedra.
+    pub index: usize,
+    /// Number of the element in the file.
+    pub tag: Option<u64>,
+}
+
+/// A node in a message: 0-based index and the file's tag.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct NodeId {
+    /// 0-based index.
+    pub index: usize,
+    /// Number of the node in the file.
+    pub tag: Option<u64>,
+}
+
+impl fmt::Display for CellId {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self.tag {
+            Some(tag) => write!(f, "element {tag} (index {})", self.index),
+            None => write!(f, "cell {}", self.index),
+        }
+    }
+}
+
+impl fmt::Display for NodeId {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self.tag {
+            Some(tag) => write!(f, "node {tag} (index {})", self.index),
+            None => write!(f, "node {}", self.index),
+        }
+    }
+}
+
+/// Why a mesh is refused.
+#[derive(Clone, Debug, PartialEq, Error)]
+#[non_exhaustive]
+pub enum MeshError {
+    /// The text is not what the format says at this line.
+    #[error("line {line}: expected {expected}, found {found}")]
+    Syntax {
+        /// 1-based line.
+        line: usize,
+        /// What the format asks for here.
+        expected: String,
+        /// What stands there.
+        found: String,
+    },
+    /// The file ends inside a section.
+    #[error("line {line}: the file ends while {expected} was expected; is it cut off?")]
+    Truncated {
+        /// 1-based line after the last.
+        line: usize,
+        /// What the format asks for here.
+        expected: String,
+    },
+    /// A version or encoding that is not read.
+    #[error("line {line}: {found} is not read; save it as gmsh 4.1 or 2.2 ASCII: gmsh -save -format msh41 FILE")]
+    Version {
+        /// 1-based line.
+        line: usize,
+        /// What the file says it is.
+        found: String,
+    },
+    /// A section that must be there is not.
+    #[error("the file has no ${0} section")]
+    NoSection(&'static str),
+    /// A section that may be there once is there again.
+    #[error("line {line}: a second ${section} section")]
+    SecondSection {
+        /// 1-based line.
+        line: usize,
+        /// Name of the section.
+        section: &'static str,
+    },
+    /// Volume elements other than four-node tetrahedra.
+    #[error("line {line}: element {tag} has gmsh type {kind} ({name}); only 4-node tetrahedra fill a volume here: mesh with gmsh -3 -order 1 and without recombination")]
+    ElementType {
+        /// 1-based line.
+        line: usize,
+        /// The element's number.
+        tag: u64,
+        /// The type's number.
+        kind: u64,
+        /// The type's name.
+        name: &'static str,
+    },
+    /// Two nodes carry one tag.
+    #[error("line {line}: node {tag} is given twice")]
+    NodeTagTwice {
+        /// 1-based line.
+        line: usize,
+        /// The tag.
+        tag: u64,
+    },
+    /// A cell names a node that does not exist.
+    #[error("{cell} names node {node}, which does not exist ({nodes} nodes)")]
+    NoSuchNode {
+        /// The cell.
+        cell: CellId,
+        /// The node's number as it stands in the cell.
+        node: u64,
+        /// How many nodes there are.
+        nodes: usize,
+    },
+    /// No tetrahedra at all.
+    #[error("the mesh has no tetrahedra; a surface mesh has to be filled first: gmsh -3 FILE")]
+    NoCells,
+    /// More nodes than an index can count.
+    #[error("the mesh has {0} nodes; at most 1,000,000,000 can be indexed")]
+    TooManyNodes(usize),
+    /// A coordinate is infinite or not a number.
+    #[error("{node} is at {at:?}, which is not finite")]
+    NotFinite {
+        /// The node.
+        node: NodeId,
+        /// Its coordinates.
+        at: [f64; 3],
+    },
+    /// The scale from the file's unit to metres is not a positive number.
+    #[error("the scale to metres is {0}; it must be finite and above zero")]
+    Scale(f64),
+    /// A cell with one node twice.
+    #[error("{cell} has {node} twice")]
+    NodeTwice {
+        /// The cell.
+        cell: CellId,
+        /// The node.
+        node: NodeId,
+    },
+    /// A cell turned inside out.
+    #[error("{cell} is inverted: its volume is {volume_m3:.3e} m^3; swap two of its nodes, or mesh again")]
+    Inverted {
+        /// The cell.
+        cell: CellId,
+        /// Signed volume \[m^3\].
+        volume_m3: f64,
+    },
+    /// A cell without volume.
+    #[error("{cell} is flat: its volume is {volume_m3:.3e} m^3 with edges up to {edge_m:.3e} m; mesh again with -optimize")]
+    Degenerate {
+        /// The cell.
+        cell: CellId,
+        /// Signed volume \[m^3\].
+        volume_m3: f64,
+        /// Longest edge \[m\].
+        edge_m: f64,
+    },
+    /// Two cells on the same four nodes.
+    #[error("{second} has the same nodes as {first}")]
+    Duplicate {
+        /// The first of them.
+        first: CellId,
+        /// The second.
+        second: CellId,
+    },
+    /// Three cells on one face.
+    #[error("{first}, {second} and {third} share one face; a face joins at most two cells")]
+    CrowdedFace {
+        /// A cell on the face.
+        first: CellId,
+        /// Another.
+        second: CellId,
+        /// One too many.
+        third: CellId,
+    },
+    /// A node that no cell uses.
+    #[error("{node} belongs to no tetrahedron (of {count} such nodes the first): delete it, or save only volume elements")]
+    Unreferenced {
+        /// The first such node.
+        node: NodeId,
+        /// How many there are.
+        count: usize,
+    },
+    /// A slab with a size or a number of divisions that makes no cells.
+    #[error("a slab of {size_m:?} m in {divisions:?} divisions is not possible: sizes must be finite and above zero, divisions at least 1 and together at most 10,000,000 cubes")]
+    Slab {
+        /// Wanted size \[m\].
+        size_m: [f64; 3],
+        /// Wanted divisions.
+        divisions: [usize; 3],
+    },
+}

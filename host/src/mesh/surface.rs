@@ -1,0 +1,120 @@
+//! The boundary of a mesh: triangles, vertices, outward normals, and whether a point lies inside.
+//!
+//! Entry point: [`Surface::of`]. Normals are angle-weighted (Baerentzen & Aanaes 2005); the inside
+//! test sums solid angles (van Oosterom & Strackee 1983).
+
+use super::TetMesh;
+use super::check::{FACES, face_key};
+use nalgebra::Vector3;
+use std::collections::HashMap;
+
+/// Boundary of a tetrahedral mesh, in its rest shape.
+#[derive(Clone, Debug)]
+pub struct Surface {
+    /// Mesh nodes of each boundary triangle, counter-clockwise seen from outside, (f x 3).
+    pub triangles: Vec<[u32; 3]>,
+    /// Mesh nodes on the boundary, ascending, (b).
+    pub vertices: Vec<u32>,
+    /// Unit outward normal at each entry of `vertices`, (b x 3).
+    pub normals: Vec<[f64; 3]>,
+    /// Mean length of the triangles' edges \[m\].
+    pub mean_edge_m: f64,
+}
+
+impl Surface {
+    /// The boundary of `mesh`: faces that belong to one cell only, in the order of the cells.
+    pub fn of(mesh: &TetMesh) -> Self {
+        let mut cells_on_face: HashMap<[u32; 3], u8> =
+            HashMap::with_capacity(2 * mesh.cells().len());
+        for &cell in mesh.cells() {
+            for face in FACES {
+                *cells_on_face.entry(face_key(cell, face)).or_default() += 1;
+            }
+        }
+        let mut triangles = Vec::new();
+        for &cell in mesh.cells() {
+            for face in FACES {
+                if cells_on_face.get(&face_key(cell, face)) == Some(&1) {
+                    triangles.push(face.map(|corner| cell[corner]));
+                }
+            }
+        }
+        let mut vertices: Vec<u32> = triangles.iter().flatten().copied().collect();
+        vertices.sort_unstable();
+        vertices.dedup();
+
+        let mut normal_of = vec![Vector3::zeros(); mesh.points_m().len()];
+        let mut edges = 0.0;
+        for &triangle in &triangles {
+            let p = triangle.map(|node| Vector3::from(mesh.points_m()[node as usize]));
+            let normal = (p[1] - p[0]).cross(&(p[2] - p[0])).normalize();
+            for corner in 0..3 {
+                let a = p[(corner + 1) % 3] - p[corner];
+                let b = p[(corner + 2) % 3] - p[corner];
+                edges += a.norm();
+                normal_of[triangle[corner] as usize] += normal * a.angle(&b);
+            }
+        }
+        let normals = vertices
+            .iter()
+            .map(|&node| normal_of[node as usize].try_normalize(1e-12).unwrap_or_else(Vector3::z))
+            .map(Into::into)
+            .collect();
+        let mean_edge_m = edges / (3 * triangles.len()) as f64;
+        Self { triangles, vertices, normals, mean_edge_m }
+    }
+
+    /// Whether `point` lies inside the closed boundary, with nodes at `points_m`: the solid angles of
+    /// the triangles add up to 4 pi inside and to 0 outside.
+    pub fn contains(&self, points_m: &[[f64; 3]], point: [f64; 3]) -> bool {
+        let point = Vector3::from(point);
+        let mut half_angle = 0.0;
+        for triangle in &self.triangles {
+            let [a, b, c] =
+                triangle.map(|node| Vector3::from(points_m[node as usize]) - point);
+            let (la, lb, lc) = (a.norm(), b.norm(), c.norm());
+            let volume = a.dot(&b.cross(&c));
+            let spread = la * lb * lc + a.dot(&b) * lc + b.dot(&c) * la + c.dot(&a) * lb;
+            half_angle += volume.atan2(spread);
+        }
+        half_angle > std::f64::consts::PI
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::mesh::slab;
+
+    #[test]
+    fn the_boundary_is_closed_and_points_outwards() {
+        let size = [0.3, 0.2, 0.1];
+        let mesh = slab(size, [3, 4, 2]).expect("a slab");
+        let surface = mesh.surface();
+        assert_eq!(surface.triangles.len(), 2 * 2 * (12 + 8 + 6));
+        assert_eq!(surface.vertices.len(), 4 * 5 * 3 - 2 * 3);
+        // Divergence theorem: the flux of x through the boundary is three times the volume.
+        let mut flux = 0.0;
+        let mut area = Vector3::zeros();
+        for triangle in &surface.triangles {
+            let p = triangle.map(|node| Vector3::from(mesh.points_m()[node as usize]));
+            let a = (p[1] - p[0]).cross(&(p[2] - p[0])) * 0.5;
+            flux += a.dot(&(p[0] + p[1] + p[2])) / 3.0;
+            area += a;
+        }
+        assert!((flux - 3.0 * size.iter().product::<f64>()).abs() < 1e-15);
+        assert!(area.norm() < 1e-16);
+    }
+
+    #[test]
+    fn normals_point_out_and_points_are_told_apart() {
+        let mesh = slab([0.2, 0.2, 0.1], [4, 4, 2]).expect("a slab");
+        let surface = mesh.surface();
+        for (&node, normal) in surface.vertices.iter().zip(&surface.normals) {
+            let p = mesh.points_m()[node as usize];
+            let step = |way: f64| [0, 1, 2].map(|axis: usize| p[axis] + way * 1e-4 * normal[axis]);
+            assert!(surface.contains(mesh.points_m(), step(-1.0)), "below {p:?}");
+            assert!(!surface.contains(mesh.points_m(), step(1.0)), "above {p:?}");
+        }
+    }
+}

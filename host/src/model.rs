@@ -1,0 +1,199 @@
+//! What is constant once a scene is loaded: tissue, its boundary, its loads, and the tools' shapes.
+//!
+//! Entry point: [`Model::new`].
+
+use crate::fem::{Equilibrium, HeldPoints, LinearTissue, Loads, Material, NodeLoad, TissueError};
+use crate::mesh::{Surface, TetMesh};
+use crate::step::State;
+use crate::tool::{MAX_TOOLS, SphereTool};
+use nalgebra::Vector3;
+use std::fmt;
+use thiserror::Error;
+
+/// Smallest radius of a tool in mean boundary edges: below it the force follows single vertices.
+pub const LEAST_RADIUS_IN_EDGES: f64 = 3.0;
+
+/// Everything that does not change while a scene runs.
+#[derive(Debug)]
+pub struct Model {
+    pub(crate) tissue: LinearTissue,
+    pub(crate) surface: Surface,
+    pub(crate) tools: Vec<(u8, SphereTool)>,
+    pub(crate) held: HeldPoints,
+    loads: Loads,
+    unloaded_m: Vec<[f64; 3]>,
+    /// Every node under the loads, without tools \[m\], (n x 3).
+    pub(crate) resting_m: Vec<[f64; 3]>,
+    /// Boundary nodes that can be touched and moved, ascending, (b).
+    pub(crate) touchable: Vec<u32>,
+    /// Their positions under the loads, without tools \[m\], (b).
+    pub(crate) touchable_m: Vec<Vector3<f64>>,
+    /// Their outward normals, (b).
+    pub(crate) touchable_normal: Vec<Vector3<f64>>,
+}
+
+/// Why a model cannot be built.
+#[derive(Clone, Debug, PartialEq, Error)]
+#[non_exhaustive]
+pub enum ModelError {
+    /// The tissue or its loads.
+    #[error(transparent)]
+    Tissue(#[from] TissueError),
+    /// A radius or an offset that is no length.
+    #[error("tool {id}: the radius is {radius_m} m and the offset {offset_m:?} m; both must be finite, the radius not below zero")]
+    Tool {
+        /// Which tool.
+        id: u8,
+        /// Its radius \[m\].
+        radius_m: f64,
+        /// Its offset \[m\].
+        offset_m: [f64; 3],
+    },
+    /// One id for two tools.
+    #[error("two tools have the id {0}")]
+    SameTool(u8),
+    /// More tools than a step has room for.
+    #[error("{0} tools; at most {MAX_TOOLS} are possible")]
+    TooManyTools(usize),
+}
+
+/// Something that works but probably not as meant.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
+pub enum Warning {
+    /// A tool too small for the mesh.
+    SmallTool {
+        /// Which tool.
+        id: u8,
+        /// Its radius \[m\].
+        radius_m: f64,
+        /// Mean edge of the boundary \[m\].
+        mean_edge_m: f64,
+    },
+}
+
+impl fmt::Display for Warning {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match *self {
+            Self::SmallTool { id, radius_m, mean_edge_m } => write!(
+                f,
+                "tool {id} has a radius of {:.2} mm and the mesh a mean edge of {:.2} mm: below \
+                 {LEAST_RADIUS_IN_EDGES} edges the stiffness that is felt is an artefact of the mesh \
+                 and falls with every refinement; make the radius at least {:.2} mm or the mesh finer",
+                1e3 * radius_m,
+                1e3 * mean_edge_m,
+                1e3 * LEAST_RADIUS_IN_EDGES * mean_edge_m,
+            ),
+        }
+    }
+}
+
+impl Model {
+    /// Tissue made of `material` with the nodes `fixed` held, under `loads`, and tools by id.
+    ///
+    /// # Errors
+    /// What [`LinearTissue::new`] and [`LinearTissue::solve`] refuse; tools without a shape.
+    pub fn new(
+        mesh: &TetMesh,
+        material: Material,
+        fixed: &[u32],
+        loads: Loads,
+        tools: &[(u8, SphereTool)],
+    ) -> Result<Self, ModelError> {
+        check_tools(tools)?;
+        let tissue = LinearTissue::new(mesh, material, fixed)?;
+        let anchors = loads.handles.iter().map(|handle| handle.anchor.clone()).collect();
+        let held = HeldPoints::new(&tissue, anchors)?;
+        let displacement = tissue.solve_held(&loads, &held)?.displacement_m;
+        let resting_m: Vec<[f64; 3]> = mesh
+            .points_m()
+            .iter()
+            .zip(&displacement)
+            .map(|(x, u)| [x[0] + u[0], x[1] + u[1], x[2] + u[2]])
+            .collect();
+
+        let surface = mesh.surface();
+        let mut touchable = Vec::new();
+        let mut touchable_normal = Vec::new();
+        for (&node, &normal) in surface.vertices.iter().zip(&surface.normals) {
+            if !tissue.is_fixed(node) {
+                touchable.push(node);
+                touchable_normal.push(Vector3::from(normal));
+            }
+        }
+        let touchable_m =
+            touchable.iter().map(|&node| Vector3::from(resting_m[node as usize])).collect();
+        Ok(Self {
+            tissue,
+            surface,
+            tools: tools.to_vec(),
+            held,
+            loads,
+            unloaded_m: mesh.points_m().to_vec(),
+            resting_m,
+            touchable,
+            touchable_m,
+            touchable_normal,
+        })
+    }
+
+    /// The tissue.
+    pub fn tissue(&self) -> &LinearTissue {
+        &self.tissue
+    }
+
+    /// Boundary of the tissue, in its unloaded shape.
+    pub fn surface(&self) -> &Surface {
+        &self.surface
+    }
+
+    /// Tools by id.
+    pub fn tools(&self) -> &[(u8, SphereTool)] {
+        &self.tools
+    }
+
+    /// Node positions of the unloaded mesh \[m\], (n x 3).
+    pub fn points_m(&self) -> &[[f64; 3]] {
+        &self.unloaded_m
+    }
+
+    /// What works but probably not as meant.
+    pub fn warnings(&self) -> Vec<Warning> {
+        let mean_edge_m = self.surface.mean_edge_m;
+        self.tools
+            .iter()
+            .filter(|(_, tool)| tool.radius_m < LEAST_RADIUS_IN_EDGES * mean_edge_m)
+            .map(|&(id, tool)| Warning::SmallTool { id, radius_m: tool.radius_m, mean_edge_m })
+            .collect()
+    }
+
+    /// Balance of the whole tissue under its loads and the contact forces of `state`. Allocates: for
+    /// files and viewers, not for the loop.
+    ///
+    /// # Errors
+    /// None that [`Model::new`] has not refused already, unless the state is not finite.
+    pub fn equilibrium(&self, state: &State) -> Result<Equilibrium, TissueError> {
+        let mut loads = self.loads.clone();
+        loads.forces.extend(state.contact_forces(self).map(|(node, force_n)| NodeLoad {
+            node,
+            force_n,
+        }));
+        self.tissue.solve_held(&loads, &self.held)
+    }
+}
+
+fn check_tools(tools: &[(u8, SphereTool)]) -> Result<(), ModelError> {
+    if tools.len() > MAX_TOOLS {
+        return Err(ModelError::TooManyTools(tools.len()));
+    }
+    for (index, &(id, SphereTool { radius_m, offset_m })) in tools.iter().enumerate() {
+        let lengths = radius_m.is_finite() && offset_m.iter().all(|x| x.is_finite());
+        if !lengths || radius_m < 0.0 {
+            return Err(ModelError::Tool { id, radius_m, offset_m });
+        }
+        if tools[..index].iter().any(|(other, _)| *other == id) {
+            return Err(ModelError::SameTool(id));
+        }
+    }
+    Ok(())
+}
