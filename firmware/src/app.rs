@@ -1,0 +1,145 @@
+//! The application: tasks that only wire the parts together, the same for every board.
+//!
+//! | task | priority | what |
+//! |---|---|---|
+//! | `emergency_stop`, `watchdog` | 15 | torque off |
+//! | `control` | 12 | one tick of `sutura_shared::control`; takes contacts and gives samples by swapping references |
+//! | `pulse` | 13 | virtual board: SysTick stands in for TIM7 |
+//! | link (`usb`, `uart`) | 4 | bytes to validated contacts and orders |
+//! | `telemetry` | 2 | samples to frames, and the log |
+//! | `idle` | 0 | watchdogs; on the virtual board the other end of lockstep |
+
+#[rtic::app(device = stm32f4xx_hal::pac, peripherals = true)]
+mod sutura {
+    use rtic::Mutex;
+    use stm32f4xx_hal::pac::Interrupt;
+    use sutura_firmware::board::{self, Guard, Plant, Port};
+    use sutura_firmware::control_side::ControlSide;
+    use sutura_firmware::exchange::Exchange;
+    use sutura_firmware::host_side::{HostSide, Orders, Sample, Slot};
+    use sutura_firmware::watch::{Task, Watch};
+    use sutura_shared::control::Control;
+    use sutura_shared::link::ConsoleLink;
+
+    /// Tasks that have run, for the watchdogs.
+    static WATCH: Watch = Watch::new();
+
+    #[shared]
+    struct Shared {
+        contacts: Exchange<'static, Slot>,
+        samples: Exchange<'static, Sample>,
+        now_us: u64,
+        host: HostSide<'static, Port>,
+    }
+
+    #[local]
+    struct Local {
+        control: ControlSide<'static, Plant>,
+        newest: &'static mut Sample,
+        guard: Guard,
+    }
+
+    #[init(local = [
+        orders: Orders = Orders::new(),
+        slots: [Slot; 3] = [None; 3],
+        samples: [Sample; 3] = [Sample::BEFORE_THE_FIRST; 3],
+    ])]
+    fn init(cx: init::Context) -> (Shared, Local) {
+        let mut core = cx.core;
+        board::float_environment(&mut core.FPU);
+        let (plant, port, guard, boot) = board::start(core, cx.device);
+        board::log(board::Event::Started(boot));
+        let (orders_in, orders_out) = cx.local.orders.split();
+        let [back, middle, front] = cx.local.slots;
+        let [written, between, newest] = cx.local.samples;
+        let link = ConsoleLink::new(board::IDENTITY, boot.seed);
+        let control = Control::new(board::DEVICE).expect("the board's own description is valid");
+        (
+            Shared {
+                contacts: Exchange::new(middle),
+                samples: Exchange::new(between),
+                now_us: 0,
+                host: HostSide::new(link, port, orders_in, back, boot.report()),
+            },
+            Local { control: ControlSide::new(control, plant, orders_out, front, written), newest, guard },
+        )
+    }
+
+    #[idle(local = [guard], shared = [host])]
+    fn idle(cx: idle::Context) -> ! {
+        board::idle(cx.shared.host, cx.local.guard, &WATCH)
+    }
+
+    /// The 1 kHz tick.
+    #[task(binds = TIM7, priority = 12, local = [control], shared = [contacts, samples, now_us])]
+    fn control(mut cx: control::Context) {
+        let start = board::cycles();
+        let control = cx.local.control;
+        cx.shared.contacts.lock(|contacts| control.take(contacts));
+        let now_us = control.tick();
+        cx.shared.now_us.lock(|shared| *shared = now_us);
+        control.finish(board::cycles_between(start, board::cycles()));
+        cx.shared.samples.lock(|samples| control.give(samples));
+        WATCH.tick(Task::Control);
+        rtic::pend(Interrupt::EXTI0);
+    }
+
+    /// Frames to the host. No line of any board raises EXTI0; the control task pends it.
+    #[task(binds = EXTI0, priority = 2, local = [newest], shared = [samples, host])]
+    fn telemetry(mut cx: telemetry::Context) {
+        let newest = cx.local.newest;
+        if cx.shared.samples.lock(|samples| samples.take(newest)) {
+            cx.shared.host.lock(|host| host.send(newest));
+        }
+        WATCH.tick(Task::Telemetry);
+        // What an interrupt did not bring, and what did not fit before.
+        rtic::pend(board::LINK);
+    }
+
+    /// Bytes from the host, over USB.
+    #[cfg(feature = "olimex-h405")]
+    #[task(binds = OTG_FS, priority = 4, shared = [contacts, now_us, host])]
+    fn usb(cx: usb::Context) {
+        receive(cx.shared.contacts, cx.shared.now_us, cx.shared.host);
+    }
+
+    /// Bytes from the host, over the UART; in lockstep `idle` pends it.
+    #[cfg(feature = "virtual")]
+    #[task(binds = USART1, priority = 4, shared = [contacts, now_us, host])]
+    fn uart(cx: uart::Context) {
+        receive(cx.shared.contacts, cx.shared.now_us, cx.shared.host);
+    }
+
+    fn receive(
+        mut contacts: impl Mutex<T = Exchange<'static, Slot>>,
+        mut now_us: impl Mutex<T = u64>,
+        mut host: impl Mutex<T = HostSide<'static, Port>>,
+    ) {
+        let now_us = now_us.lock(|now_us| *now_us);
+        host.lock(|host| {
+            host.receive(now_us, |back| contacts.lock(|contacts| contacts.publish(back)));
+        });
+        WATCH.tick(Task::Link);
+    }
+
+    /// The emulator has no timer of the right period but SysTick.
+    #[cfg(feature = "virtual")]
+    #[task(binds = SysTick, priority = 13)]
+    fn pulse(_: pulse::Context) {
+        rtic::pend(Interrupt::TIM7);
+    }
+
+    /// The break input: the timer has stopped the pulses already.
+    #[cfg(feature = "olimex-h405")]
+    #[task(binds = TIM8_BRK_TIM12, priority = 15)]
+    fn emergency_stop(_: emergency_stop::Context) {
+        board::emergency_stop();
+    }
+
+    /// The window watchdog is about to bite.
+    #[cfg(feature = "olimex-h405")]
+    #[task(binds = WWDG, priority = 15)]
+    fn watchdog(_: watchdog::Context) {
+        board::watchdog(&WATCH)
+    }
+}

@@ -1,0 +1,70 @@
+//! Every way in which the program can go wrong ends here: torque off first, then an epitaph for the next
+//! boot, then the board's `end`.
+
+use crate::epitaph::{Epitaph, Kind, place_of};
+use core::mem::MaybeUninit;
+use core::panic::PanicInfo;
+use cortex_m_rt::exception;
+
+#[unsafe(link_section = ".uninit.EPITAPH")]
+static mut EPITAPH: MaybeUninit<[u32; 3]> = MaybeUninit::uninit();
+
+/// Leaves an epitaph and ends the program. The torque must be off already.
+pub fn bury(epitaph: Epitaph) -> ! {
+    cortex_m::interrupt::disable();
+    let words = epitaph.to_words();
+    // SAFETY: interrupts are off and this never returns: nobody else reads or writes the static.
+    unsafe { (&raw mut EPITAPH).cast::<[u32; 3]>().write_volatile(words) };
+    super::end(epitaph)
+}
+
+/// Takes the epitaph of the last boot, if any; for use in the initialisation, once.
+pub fn exhume() -> Option<Epitaph> {
+    let place = (&raw mut EPITAPH).cast::<[u32; 3]>();
+    // SAFETY: only called before interrupts are enabled; any bits make an array of integers, and a
+    // volatile read takes what the RAM holds.
+    unsafe {
+        let epitaph = Epitaph::from_words(place.read_volatile());
+        place.write_volatile([0; 3]);
+        epitaph
+    }
+}
+
+#[panic_handler]
+fn panic(info: &PanicInfo) -> ! {
+    super::safe_state();
+    let place = info.location().map_or(0, |place| place_of(place.file(), place.line()));
+    bury(Epitaph { kind: Kind::Panic, place })
+}
+
+/// Restores a stack before anything uses it: an overflown stack is what brings us here most likely.
+#[unsafe(no_mangle)]
+#[unsafe(naked)]
+extern "C" fn HardFault() {
+    core::arch::naked_asm!(
+        "mrs r0, msp",
+        "ldr r1, =_stack_start",
+        "mov sp, r1",
+        "b {handler}",
+        handler = sym hard_fault,
+    )
+}
+
+extern "C" fn hard_fault(stack_pointer: usize) -> ! {
+    super::safe_state();
+    // The exception frame holds the program counter in its seventh word, unless the stack had overflown.
+    let top = super::stack::region();
+    let place = if top.contains(&stack_pointer) && top.contains(&(stack_pointer + 31)) {
+        // SAFETY: aligned by the processor, inside the stack's region of RAM, never written again.
+        unsafe { (stack_pointer as *const u32).add(6).read_volatile() }
+    } else {
+        0
+    };
+    bury(Epitaph { kind: Kind::HardFault, place })
+}
+
+#[exception]
+unsafe fn DefaultHandler(number: i16) -> ! {
+    super::safe_state();
+    bury(Epitaph { kind: Kind::Exception, place: number as u32 })
+}

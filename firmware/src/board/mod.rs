@@ -1,0 +1,79 @@
+//! One file per board; a cargo feature chooses. Every board offers the same names:
+//!
+//! - `start(..)`: clocks, pins, timers; gives [`Plant`], [`Port`], [`Guard`] and what the last boot left,
+//! - `Plant`: encoders and flags in, currents out, for the control task,
+//! - `Port`: bytes from and to the host, for the link task,
+//! - `Guard`: the watchdogs, for the idle task, in `idle(..)`,
+//! - `safe_state()`: first on every fault path; `end(epitaph)`: last on it,
+//! - `cycles()`: what a control tick costs, in the board's unit; `log(event)`: below control priority only.
+
+#[cfg(not(any(feature = "olimex-h405", feature = "virtual")))]
+compile_error!("choose a board: --features olimex-h405 or --features virtual");
+#[cfg(all(feature = "olimex-h405", feature = "virtual"))]
+compile_error!("choose one board only");
+
+pub mod fault;
+#[cfg(feature = "olimex-h405")]
+mod olimex_h405;
+pub mod stack;
+#[cfg(feature = "virtual")]
+mod semihosting;
+#[cfg(feature = "virtual")]
+mod virtual_console;
+
+#[cfg(feature = "olimex-h405")]
+pub use olimex_h405::*;
+#[cfg(feature = "virtual")]
+pub use virtual_console::*;
+
+/// Chip registers, for the RTIC application.
+pub use stm32f4xx_hal::pac;
+
+use crate::epitaph::Epitaph;
+use sutura_shared::wire::message::Report;
+
+/// What the last boot left behind.
+#[derive(Clone, Copy, Debug)]
+pub struct Boot {
+    /// As in `Report::reset_cause`.
+    pub reset_cause: u8,
+    /// Of a fault handler.
+    pub epitaph: Option<Epitaph>,
+    /// For session numbers: differs from boot to boot on hardware.
+    pub seed: u32,
+}
+
+impl Boot {
+    /// The part of a report that tells of it.
+    pub fn report(&self) -> Report {
+        Report {
+            reset_cause: self.reset_cause,
+            epitaph_kind: self.epitaph.map_or(0, |epitaph| epitaph.kind as u8),
+            epitaph_place: self.epitaph.map_or(0, |epitaph| epitaph.place),
+            ..Report::default()
+        }
+    }
+}
+
+/// Something for the log.
+#[derive(Clone, Copy, Debug)]
+pub enum Event {
+    /// The console is up.
+    Started(Boot),
+    /// The control mode changed, as in `State::mode`.
+    Mode(u8),
+    /// The latched faults changed, bits of `wire::faults`.
+    Faults(u16),
+}
+
+/// Sets the floating-point unit up as the shared code expects it: round to nearest, subnormals kept, NaNs
+/// propagated, here and in the context that every interrupt starts with.
+pub fn float_environment(fpu: &mut cortex_m::peripheral::FPU) {
+    let default = cortex_m::register::fpscr::Fpscr::from_bits(0);
+    // SAFETY: both registers hold only modes and flags, here and for new contexts (ARMv7-M, B3.2.23 and
+    // A2.5.3); 0 is what IEEE 754 and the compiler take for granted.
+    unsafe {
+        fpu.fpdscr.write(0);
+        cortex_m::register::fpscr::write(default);
+    }
+}

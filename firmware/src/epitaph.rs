@@ -1,0 +1,130 @@
+//! What a fault handler leaves behind for the next boot, and what the reset flags say.
+//!
+//! Entry points: [`Epitaph::to_words`] before the reset, [`Epitaph::from_words`] after it,
+//! [`reset_cause`]. RAM that nobody initialises holds noise after power-up, hence the mark and the check.
+
+/// Which handler wrote the epitaph; the numbers are those of `Report::epitaph_kind`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u8)]
+pub enum Kind {
+    /// A panic; the place is [`place_of`] its file and line.
+    Panic = 1,
+    /// A hard fault; the place is the program counter.
+    HardFault = 2,
+    /// Another exception or interrupt that nobody handles; the place is its number.
+    Exception = 3,
+    /// The window watchdog is about to bite; the place is which tasks ticked.
+    Watchdog = 4,
+}
+
+/// The last words of a fault handler.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Epitaph {
+    /// Who wrote it.
+    pub kind: Kind,
+    /// Where it happened, see [`Kind`].
+    pub place: u32,
+}
+
+const MARK: u32 = 0x5375_7475;
+
+impl Epitaph {
+    /// Three words for the uninitialised RAM.
+    pub fn to_words(self) -> [u32; 3] {
+        let kind = MARK ^ self.kind as u32;
+        [kind, self.place, check(kind, self.place)]
+    }
+
+    /// Reads the words back; `None` for noise.
+    pub fn from_words([kind, place, sum]: [u32; 3]) -> Option<Self> {
+        if sum != check(kind, place) {
+            return None;
+        }
+        let kind = match kind ^ MARK {
+            1 => Kind::Panic,
+            2 => Kind::HardFault,
+            3 => Kind::Exception,
+            4 => Kind::Watchdog,
+            _ => return None,
+        };
+        Some(Self { kind, place })
+    }
+}
+
+fn check(kind: u32, place: u32) -> u32 {
+    !(kind.rotate_left(7) ^ place.wrapping_mul(0x9E37_79B1))
+}
+
+/// Hash of a source place: FNV-1a (Fowler, Noll and Vo 1991, 32 bits) over the file name and the line.
+pub fn place_of(file: &str, line: u32) -> u32 {
+    let fold = |hash: u32, byte: &u8| (hash ^ u32::from(*byte)).wrapping_mul(0x0100_0193);
+    let hash = file.as_bytes().iter().fold(0x811C_9DC5, fold);
+    line.to_le_bytes().iter().fold(hash, fold)
+}
+
+/// Cause of a reset in the numbers of `Report::reset_cause`, from the flags in `RCC_CSR` (RM0090, 7.3.21).
+///
+/// Several flags stand at once: every reset pulls the pin too, and a power-up sets the brown-out flag. A
+/// software reset with an epitaph is a fault handler's.
+pub fn reset_cause(csr: u32, epitaph: Option<Epitaph>) -> u8 {
+    const PIN: u32 = 1 << 26;
+    const POWER: u32 = 1 << 27 | 1 << 25;
+    const SOFTWARE: u32 = 1 << 28;
+    const WATCHDOGS: u32 = 1 << 29 | 1 << 30;
+    if csr & POWER != 0 {
+        1
+    } else if csr & WATCHDOGS != 0 {
+        4
+    } else if csr & SOFTWARE != 0 {
+        if epitaph.is_some() { 5 } else { 3 }
+    } else if csr & PIN != 0 {
+        2
+    } else {
+        0
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_epitaph_survives_and_one_flipped_bit_voids_it() {
+        for kind in [Kind::Panic, Kind::HardFault, Kind::Exception, Kind::Watchdog] {
+            let epitaph = Epitaph { kind, place: 0x0800_1234 };
+            let words = epitaph.to_words();
+            assert_eq!(Epitaph::from_words(words), Some(epitaph));
+            for bit in 0..96 {
+                let mut broken = words;
+                broken[bit / 32] ^= 1 << (bit % 32);
+                assert_eq!(Epitaph::from_words(broken), None, "bit {bit}");
+            }
+        }
+    }
+
+    #[test]
+    fn erased_and_zeroed_memory_is_no_epitaph() {
+        assert_eq!(Epitaph::from_words([0; 3]), None);
+        assert_eq!(Epitaph::from_words([u32::MAX; 3]), None);
+    }
+
+    /// Test vector of the FNV authors: the 32-bit FNV-1a of "foobar" is 0xBF9CF968.
+    #[test]
+    fn place_is_fnv1a() {
+        let line = u32::from_le_bytes(*b"obar");
+        assert_eq!(place_of("fo", line), 0xBF9C_F968);
+    }
+
+    /// Flag combinations as RM0090 describes them: the pin flag stands beside every other.
+    #[test]
+    fn the_strongest_flag_names_the_cause() {
+        let epitaph = Some(Epitaph { kind: Kind::Panic, place: 7 });
+        assert_eq!(reset_cause(0x0E00_0000, None), 1);
+        assert_eq!(reset_cause(0x0400_0000, None), 2);
+        assert_eq!(reset_cause(0x1400_0000, None), 3);
+        assert_eq!(reset_cause(0x2400_0000, None), 4);
+        assert_eq!(reset_cause(0x4400_0000, epitaph), 4);
+        assert_eq!(reset_cause(0x1400_0000, epitaph), 5);
+        assert_eq!(reset_cause(0, None), 0);
+    }
+}

@@ -1,0 +1,197 @@
+//! Everything between the bytes of the host and the control task: what the link and telemetry tasks run.
+//!
+//! Entry points: [`HostSide::receive`] for the link task, [`HostSide::send`] for the telemetry task.
+
+use crate::outbox::Outbox;
+use heapless::spsc::{Consumer, Producer, Queue};
+use sutura_shared::link::{ConsoleLink, LinkEvent};
+use sutura_shared::wire::message::{Command, Mode, Report, State};
+use sutura_shared::wire::{MAX_FRAME, ValidContact, ValidSimulate};
+
+/// A byte stream that never waits.
+pub trait Bytes {
+    /// Takes what has arrived, up to the length of `bytes`; 0 = nothing more now.
+    fn read(&mut self, bytes: &mut [u8]) -> usize;
+    /// Sends what fits; 0 = nothing more fits now.
+    fn write(&mut self, bytes: &[u8]) -> usize;
+}
+
+/// A buffer for the newest contact; `None` forgets an older one.
+pub type Slot = Option<ValidContact>;
+
+/// What the control task does before its next tick, in the order of arrival.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[expect(clippy::large_enum_variant, reason = "a few, in a queue of fixed size")]
+pub enum Order {
+    /// A new session.
+    OpenSession,
+    /// From the host.
+    Command(Command),
+    /// From the host, to a simulated console.
+    Simulate(ValidSimulate),
+}
+
+/// Room for orders of one tick.
+const ORDERS: usize = 16;
+/// Smallest frame that is an order \[bytes\]: header, one byte, CRC, delimiter and COBS code.
+const SMALLEST_FRAME: usize = 18 + 1 + 4 + 2;
+/// Bytes taken from the port at a time.
+const CHUNK: usize = 64;
+
+/// Orders on their way to the control task.
+pub type Orders = Queue<Order, ORDERS>;
+/// The control task's end of [`Orders`].
+pub type OrdersOut<'a> = Consumer<'a, Order>;
+
+/// What the ticks have cost so far.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Costs {
+    /// Ticks that took longer than their period.
+    pub overruns: u32,
+    /// Ticks that began more than a period late.
+    pub late: u32,
+    /// Most that one took, in the board's unit.
+    pub cost_max: u32,
+}
+
+/// One tick as the telemetry task gets it.
+#[derive(Clone, Copy, Debug)]
+pub struct Sample {
+    /// Console time of the tick \[us\].
+    pub now_us: u64,
+    /// Its outcome.
+    pub state: State,
+    /// Of the ticks before it.
+    pub costs: Costs,
+}
+
+impl Sample {
+    /// What the buffers hold before the first tick; never sent.
+    pub const BEFORE_THE_FIRST: Sample = Sample {
+        now_us: 0,
+        state: State {
+            tick: 0,
+            position_m: [0.0; 3],
+            orientation: [0.0, 0.0, 0.0, 1.0],
+            velocity_m_per_s: [0.0; 3],
+            force_n: [0.0; 3],
+            current_a: [0.0; 3],
+            mode: Mode::Boot,
+            faults: 0,
+            contact_sequence: 0,
+            contact_age_us: u32::MAX,
+            applied_age_us: u32::MAX,
+            trace_hash: 0,
+        },
+        costs: Costs { overruns: 0, late: 0, cost_max: 0 },
+    };
+}
+
+/// The link, its port, and the ends of what leads to the control task.
+pub struct HostSide<'a, P> {
+    link: ConsoleLink,
+    port: P,
+    orders: Producer<'a, Order>,
+    back: &'a mut Slot,
+    outbox: Outbox<{ 8 * MAX_FRAME }>,
+    report: Report,
+}
+
+impl<'a, P: Bytes> HostSide<'a, P> {
+    /// `boot`: what every report says about the last boot.
+    pub fn new(
+        link: ConsoleLink,
+        port: P,
+        orders: Producer<'a, Order>,
+        back: &'a mut Slot,
+        boot: Report,
+    ) -> Self {
+        Self { link, port, orders, back, outbox: Outbox::new(), report: boot }
+    }
+
+    /// Takes all bytes that have arrived. `publish` swaps a buffer into the exchange of contacts, under its
+    /// lock, and says whether an unread one came back.
+    pub fn receive(&mut self, now_us: u64, mut publish: impl FnMut(&mut &'a mut Slot) -> bool) {
+        let mut bytes = [0; CHUNK];
+        // While the control task has not taken its orders, the port keeps the rest.
+        while self.orders.capacity() - self.orders.len() > CHUNK / SMALLEST_FRAME {
+            let count = self.port.read(&mut bytes);
+            if count == 0 {
+                break;
+            }
+            for &byte in bytes.iter().take(count) {
+                if let Some(event) = self.link.receive(byte, now_us) {
+                    self.apply(event, &mut publish);
+                }
+            }
+        }
+    }
+
+    fn apply(&mut self, event: LinkEvent, publish: &mut impl FnMut(&mut &'a mut Slot) -> bool) {
+        let order = match event {
+            LinkEvent::Contact(contact) => {
+                *self.back = Some(contact);
+                self.count_superseded(publish);
+                return;
+            }
+            LinkEvent::SessionOpened => {
+                *self.back = None;
+                self.count_superseded(publish);
+                Order::OpenSession
+            }
+            LinkEvent::Command(command) => Order::Command(command),
+            LinkEvent::Simulate(simulate) => Order::Simulate(simulate),
+        };
+        let refused = self.orders.enqueue(order).is_err();
+        debug_assert!(!refused, "room was checked before the bytes were taken");
+    }
+
+    fn count_superseded(&mut self, publish: &mut impl FnMut(&mut &'a mut Slot) -> bool) {
+        // What comes back is what was replaced.
+        if publish(&mut self.back) && self.back.is_some() {
+            self.report.frames_superseded = self.report.frames_superseded.wrapping_add(1);
+        }
+    }
+    /// Sends what is due after a tick: the answer to a `Hello`, then `State`, then `Report`.
+    pub fn send(&mut self, sample: &Sample) {
+        let mut frame = [0; MAX_FRAME];
+        if let Some(length) = self.link.take_reply(sample.now_us, &mut frame) {
+            self.push(&frame, length);
+        }
+        let tick = sample.state.tick;
+        if tick.is_multiple_of(u32::from(self.link.state_every())) {
+            let length = self.link.encode_state(sample.now_us, &sample.state, &mut frame);
+            self.push(&frame, length);
+        }
+        if tick.is_multiple_of(REPORT_EVERY) {
+            let report = Report {
+                ticks: tick,
+                tick_overruns: sample.costs.overruns,
+                ticks_late: sample.costs.late,
+                tick_cost_max: sample.costs.cost_max,
+                ..self.report
+            };
+            let length = self.link.encode_report(sample.now_us, &report, &mut frame);
+            self.push(&frame, length);
+        }
+        let port = &mut self.port;
+        self.outbox.flush(|bytes| port.write(bytes));
+    }
+
+    fn push(&mut self, frame: &[u8], length: usize) {
+        self.outbox.push(frame.get(..length).unwrap_or_default());
+    }
+
+    /// The port, for a board whose bytes come by other ways than interrupts.
+    pub fn port(&mut self) -> &mut P {
+        &mut self.port
+    }
+
+    /// Changes what every report says about this board.
+    pub fn report(&mut self) -> &mut Report {
+        &mut self.report
+    }
+}
+
+/// Ticks between two reports: 1 s.
+const REPORT_EVERY: u32 = 1000;

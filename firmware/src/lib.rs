@@ -1,0 +1,19 @@
+//! Parts of the firmware that know no hardware, so that they are tested on the build machine; and, on the
+//! target, the board layer.
+//!
+//! The application itself is `src/app.rs`: RTIC tasks that only wire these parts to `sutura_shared`.
+#![no_std]
+
+#[cfg(test)]
+extern crate std;
+
+#[cfg(target_os = "none")]
+pub mod board;
+pub mod control_side;
+pub mod epitaph;
+pub mod exchange;
+pub mod host_side;
+pub mod outbox;
+pub mod safe_state;
+pub mod signals;
+pub mod watch;
