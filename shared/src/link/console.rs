@@ -67,8 +67,20 @@ impl ConsoleLink {
     }
 
     /// Takes one byte that came at console time `now_us`. What is refused is only counted.
+    #[inline]
     pub fn receive(&mut self, byte: u8, now_us: u64) -> Option<LinkEvent> {
-        match self.endpoint.receive(byte)? {
+        if self.endpoint.take_in(byte) {
+            self.frame(now_us)
+        } else {
+            None
+        }
+    }
+
+    /// Apart, so that the many bytes within a frame do not pay for the registers and the stack that the
+    /// one at its end needs.
+    #[inline(never)]
+    fn frame(&mut self, now_us: u64) -> Option<LinkEvent> {
+        match self.endpoint.examine()? {
             Received::OtherVersion(_) => {
                 // Its nonce may stand anywhere. The answer's first byte says what differs.
                 self.reply = Some(self.hello(0, 0));

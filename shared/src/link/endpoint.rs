@@ -1,5 +1,5 @@
 //! What both ends of the link have in common: the way from bytes to a checked message of the open
-//! session, and the counting. Entry points: [`Endpoint::receive`], [`Endpoint::send`].
+//! session, and the counting. Entry points: [`Endpoint::take_in`], [`Endpoint::send`].
 
 use crate::wire::{
     Accumulator, Checked, Direction, EncodeError, Header, Kind, MAX_FRAME, Message, Reject, decode,
@@ -78,24 +78,32 @@ impl Endpoint {
         self.sent_sequence
     }
 
-    /// Takes one byte. What is refused is counted here.
-    pub(super) fn receive(&mut self, byte: u8) -> Option<Received> {
-        let packet = self.accumulator.push(byte)?;
-        let outcome = packet.and_then(|packet| match decode(packet) {
-            Ok(decoded) => {
-                if !decoded.header.kind.travels(self.receives) {
-                    return Err(Reject::Direction);
+    /// Takes one byte; whether it completes a frame, which then has to be [examined](Self::examine).
+    #[inline]
+    pub(super) fn take_in(&mut self, byte: u8) -> bool {
+        self.accumulator.take_in(byte)
+    }
+
+    /// Looks at the frame that is complete. What is refused is counted here.
+    pub(super) fn examine(&mut self) -> Option<Received> {
+        let outcome = self
+            .accumulator
+            .packet()
+            .and_then(|packet| match decode(packet) {
+                Ok(decoded) => {
+                    if !decoded.header.kind.travels(self.receives) {
+                        return Err(Reject::Direction);
+                    }
+                    let lost = self.incoming.admit(&decoded.header)?;
+                    count(&mut self.counters.frames_lost, lost);
+                    let checked = decoded.unpack()?.validate(self.receives)?;
+                    Ok(Received::Message(checked))
                 }
-                let lost = self.incoming.admit(&decoded.header)?;
-                count(&mut self.counters.frames_lost, lost);
-                let checked = decoded.unpack()?.validate(self.receives)?;
-                Ok(Received::Message(checked))
-            }
-            Err(Reject::Version) => hello_version(packet)
-                .map(Received::OtherVersion)
-                .ok_or(Reject::Version),
-            Err(reject) => Err(reject),
-        });
+                Err(Reject::Version) => hello_version(packet)
+                    .map(Received::OtherVersion)
+                    .ok_or(Reject::Version),
+                Err(reject) => Err(reject),
+            });
         if let Ok(Received::OtherVersion(_)) = outcome {
             self.reject(Reject::Version);
         }

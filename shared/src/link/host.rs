@@ -145,7 +145,10 @@ impl HostLink {
 
     /// Takes one byte. What is refused is only counted.
     pub fn receive(&mut self, byte: u8) -> Option<HostEvent> {
-        match self.endpoint.receive(byte)? {
+        if !self.endpoint.take_in(byte) {
+            return None;
+        }
+        match self.endpoint.examine()? {
             Received::OtherVersion(console) => {
                 self.asked.take()?;
                 Some(HostEvent::Refused(Mismatch::Version { console }))
