@@ -1,21 +1,365 @@
-//! `sutura bench`.
+//! `sutura bench`: time per step, by stage, on this machine.
+//!
+//! Each case walks its scene's hand path through the solver, without a console: once with nothing
+//! cached, then several times with every compliance column at hand.
 
-use crate::Global;
 use crate::failure::{Cause, Failure};
+use crate::{Format, Global, scene};
 use clap::Args;
+use indicatif::{ProgressBar, ProgressStyle};
+use serde::Serialize;
+use std::path::PathBuf;
+use std::time::{Duration, Instant};
+use sutura_host::model::Model;
+use sutura_host::scene::{Scene, position_at};
+use sutura_host::step::{State, Status, StepReport, Workspace, step};
+use sutura_host::tool::ToolSample;
+use sutura_shared::wire::message::HandScript;
 
-/// Arguments of `sutura bench`.
+/// Warm passes: their medians' spread says how far to trust a figure.
+const PASSES: usize = 5;
+/// Slabs of `--suite`, in cubes along x, y, z.
+const SUITE: [[usize; 3]; 3] = [[20, 20, 8], [26, 26, 10], [32, 32, 12]];
+
+/// Measures the time that a solver step takes, by stage.
 #[derive(Args, Debug)]
-pub struct BenchArgs {}
+#[command(after_help = EXAMPLES)]
+pub struct BenchArgs {
+    /// Scenes with a `[hand]` whose path the first tool follows; the palpation scene when left out.
+    #[arg(conflicts_with = "suite")]
+    pub scenes: Vec<PathBuf>,
+    /// The palpation scene on slabs of 4,000, 8,000 and 14,000 nodes.
+    #[arg(long)]
+    pub suite: bool,
+}
 
-/// Runs the command.
+const EXAMPLES: &str = "\
+Examples:
+  sutura bench                             the palpation scene
+  sutura bench scenes/palpation.toml my.toml --format json
+  sutura bench --suite                     the same tissue on finer and finer meshes
+
+Figures are medians over all steps in contact, after every compliance column was computed; first_touch_us is
+the slowest step while they were not. Build with --release: a debug build is many times slower.";
+
+#[derive(Serialize)]
+struct Report {
+    status: &'static str,
+    machine: Machine,
+    cases: Vec<Case>,
+}
+
+#[derive(Serialize)]
+struct Machine {
+    cpu: String,
+    threads: usize,
+    os: &'static str,
+    arch: &'static str,
+    build: &'static str,
+}
+
+#[derive(Serialize)]
+struct Case {
+    scene: String,
+    tissue: &'static str,
+    nodes: usize,
+    cells: usize,
+    /// Most touched vertices of a step.
+    rows: u32,
+    /// Steps in contact, in one pass.
+    steps: usize,
+    /// Steps of one pass that did not end in balance.
+    steps_not_ok: usize,
+    step_us: Spread,
+    /// Displacement of all nodes, for viewers and files.
+    field_us: f64,
+    stages_us: StagesUs,
+    /// Assembly and factorisation.
+    factor_ms: f64,
+    first_touch_us: f64,
+    /// Factor and cached columns.
+    memory_mb: f64,
+}
+
+#[derive(Serialize)]
+struct Spread {
+    p50: f64,
+    p99: f64,
+    max: f64,
+    /// Lowest and highest median of the passes.
+    p50_range: [f64; 2],
+}
+
+/// Medians by stage.
+#[derive(Serialize)]
+struct StagesUs {
+    detect: f64,
+    columns: f64,
+    solve: f64,
+    reduce: f64,
+}
+
+/// Runs the cases and prints the report.
 ///
 /// # Errors
-/// Not in this build.
-pub fn run(_args: &BenchArgs, _global: &Global) -> Result<(), Failure> {
-    Err(Failure::say(
-        Cause::Failed,
-        "`sutura bench` is not in this build",
-        "wait",
-    ))
+/// Bad input for a scene that cannot be used or has no hand.
+pub fn run(args: &BenchArgs, global: &Global) -> Result<(), Failure> {
+    if cfg!(debug_assertions) {
+        tracing::warn!("a debug build: the figures are many times too large");
+    }
+    let mut scenes = Vec::new();
+    if args.suite {
+        for divisions in SUITE {
+            scenes.push(scene::palpation_on(divisions)?);
+        }
+    } else if args.scenes.is_empty() {
+        scenes.push(scene::open(None)?);
+    }
+    for path in &args.scenes {
+        scenes.push(scene::open(Some(path))?);
+    }
+    // Hidden by itself where stderr is no terminal.
+    let progress = ProgressBar::new((scenes.len() * (1 + PASSES)) as u64);
+    if let Ok(style) = ProgressStyle::with_template("{bar:30} {pos}/{len} {msg}") {
+        progress.set_style(style);
+    }
+    let cases = scenes
+        .iter()
+        .map(|scene| measure(scene, &progress))
+        .collect::<Result<_, _>>();
+    progress.finish_and_clear();
+    let report = Report {
+        status: "ok",
+        machine: machine(),
+        cases: cases?,
+    };
+    match global.format {
+        Format::Json => println!("{}", serde_json::json!(report)),
+        Format::Text => print_text(&report),
+    }
+    Ok(())
+}
+
+/// One step of a pass.
+struct Sample {
+    took: Duration,
+    report: StepReport,
+}
+
+fn measure(scene: &Scene, progress: &ProgressBar) -> Result<Case, Failure> {
+    progress.set_message(scene.name.clone());
+    let (Some(hand), Some(tool)) = (&scene.hand, scene.tools.first()) else {
+        let message = format!(
+            "the scene \"{}\" has no hand or no tool to follow",
+            scene.name
+        );
+        return Err(Failure::say(
+            Cause::BadInput,
+            message,
+            "add `[hand]` with way points and a `[[tool]]`",
+        ));
+    };
+    let started = Instant::now();
+    let (model, mut state, mut work) = scene.build()?;
+    let factor_ms = 1e3 * started.elapsed().as_secs_f64();
+
+    let cold = walk(scene, hand, tool.id, &model, &mut state, &mut work);
+    progress.inc(1);
+    let first_touch = cold
+        .iter()
+        .filter(|s| s.report.columns_computed > 0)
+        .map(|s| s.took)
+        .max();
+
+    let mut samples = Vec::new();
+    let mut medians = Vec::new();
+    let mut steps_not_ok = 0;
+    for _ in 0..PASSES {
+        state = State::new(&model);
+        let pass = walk(scene, hand, tool.id, &model, &mut state, &mut work);
+        steps_not_ok = pass
+            .iter()
+            .filter(|s| s.report.status != Status::Ok)
+            .count();
+        let touching: Vec<Sample> = pass.into_iter().filter(|s| s.report.rows > 0).collect();
+        medians.push(quantile(&mut micros(&touching, |s| s.took), 0.5));
+        samples.extend(touching);
+        progress.inc(1);
+    }
+    medians.sort_by(f64::total_cmp);
+
+    let mut field_us: Vec<f64> = (0..PASSES)
+        .map(|_| {
+            let started = Instant::now();
+            let field = model.equilibrium(&state);
+            let took = started.elapsed();
+            std::hint::black_box(&field);
+            1e6 * took.as_secs_f64()
+        })
+        .collect();
+    let mut took = micros(&samples, |s| s.took);
+    let stage = |ns: fn(&StepReport) -> u64| {
+        quantile(
+            &mut micros(&samples, |s| Duration::from_nanos(ns(&s.report))),
+            0.5,
+        )
+    };
+    Ok(Case {
+        scene: scene.name.clone(),
+        tissue: scene.tissue.word(),
+        nodes: scene.mesh.points_m().len(),
+        cells: scene.mesh.cells().len(),
+        rows: samples.iter().map(|s| s.report.rows).max().unwrap_or(0),
+        steps: samples.len() / PASSES,
+        steps_not_ok,
+        step_us: Spread {
+            p50: quantile(&mut took, 0.5),
+            p99: quantile(&mut took, 0.99),
+            max: quantile(&mut took, 1.0),
+            p50_range: [medians[0], medians[PASSES - 1]],
+        },
+        field_us: quantile(&mut field_us, 0.5),
+        stages_us: StagesUs {
+            detect: stage(|r| r.stages.detect_ns),
+            columns: stage(|r| r.stages.columns_ns),
+            solve: stage(|r| r.stages.solve_ns),
+            reduce: stage(|r| r.stages.reduce_ns),
+        },
+        factor_ms,
+        first_touch_us: first_touch.map_or(0.0, |t| 1e6 * t.as_secs_f64()),
+        memory_mb: 1e-6 * (8 * model.tissue().factor_entries() + work.cache_bytes()) as f64,
+    })
+}
+
+/// The first tool along the hand's path, one step every host period.
+fn walk(
+    scene: &Scene,
+    hand: &HandScript,
+    tool: u8,
+    model: &Model,
+    state: &mut State,
+    work: &mut Workspace,
+) -> Vec<Sample> {
+    let steps = (scene.seconds * scene.host.host_hz) as u32;
+    let at = |step: u32| f64::from(step) / scene.host.host_hz;
+    let pose = |step: u32| ToolSample {
+        id: tool,
+        position_m: position_at(hand, at(step)),
+        orientation: [0.0, 0.0, 0.0, 1.0],
+        velocity_m_per_s: [0.0; 3],
+        console_time_us: (1e6 * at(step)) as u64,
+    };
+    let timed = |i| {
+        let tools = [pose(i)];
+        let started = Instant::now();
+        let report = step(model, state, &tools, work);
+        Sample {
+            took: started.elapsed(),
+            report,
+        }
+    };
+    (0..steps).map(timed).collect()
+}
+
+fn micros(samples: &[Sample], time: impl Fn(&Sample) -> Duration) -> Vec<f64> {
+    samples
+        .iter()
+        .map(|s| 1e6 * time(s).as_secs_f64())
+        .collect()
+}
+
+/// Nearest-rank quantile; 0 of nothing.
+fn quantile(values: &mut [f64], q: f64) -> f64 {
+    values.sort_by(f64::total_cmp);
+    let rank = (q * values.len() as f64).ceil() as usize;
+    values.get(rank.saturating_sub(1)).copied().unwrap_or(0.0)
+}
+
+fn machine() -> Machine {
+    let info = std::fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
+    let model = info
+        .lines()
+        .find_map(|line| line.strip_prefix("model name")?.split_once(':'));
+    Machine {
+        cpu: model.map_or("unknown", |(_, name)| name.trim()).to_owned(),
+        threads: std::thread::available_parallelism().map_or(1, usize::from),
+        os: std::env::consts::OS,
+        arch: std::env::consts::ARCH,
+        build: if cfg!(debug_assertions) {
+            "debug"
+        } else {
+            "release"
+        },
+    }
+}
+
+fn print_text(report: &Report) {
+    let Machine {
+        cpu,
+        threads,
+        os,
+        arch,
+        build,
+    } = &report.machine;
+    println!("{cpu}, {threads} threads, {os} {arch}, {build} build; times in us");
+    println!(
+        "{:<32} {:>6} {:>6} {:>5}  {:>7} {:>15} {:>7}  {:>6} {:>7} {:>6} {:>6}  {:>8} {:>7} {:>9} {:>6}",
+        "scene",
+        "nodes",
+        "cells",
+        "rows",
+        "p50",
+        "(passes)",
+        "p99",
+        "detect",
+        "columns",
+        "solve",
+        "reduce",
+        "field",
+        "touch",
+        "factor ms",
+        "MB"
+    );
+    for case in &report.cases {
+        let [low, high] = case.step_us.p50_range;
+        println!(
+            "{:<32} {:>6} {:>6} {:>5}  {:>7.1} {:>15} {:>7.1}  {:>6.1} {:>7.1} {:>6.1} {:>6.1}  {:>8.0} {:>7.0} {:>9.0} {:>6.1}",
+            case.scene,
+            case.nodes,
+            case.cells,
+            case.rows,
+            case.step_us.p50,
+            format!("{low:.1}-{high:.1}"),
+            case.step_us.p99,
+            case.stages_us.detect,
+            case.stages_us.columns,
+            case.stages_us.solve,
+            case.stages_us.reduce,
+            case.field_us,
+            case.first_touch_us,
+            case.factor_ms,
+            case.memory_mb
+        );
+        if case.steps_not_ok > 0 {
+            println!(
+                "  {} of its steps did not end in balance",
+                case.steps_not_ok
+            );
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Nearest rank: the smallest value that at least this share of the values does not exceed.
+    #[test]
+    fn quantiles_are_values_that_occurred() {
+        let mut values = [4.0, 1.0, 3.0, 2.0];
+        assert_eq!(quantile(&mut values, 0.5), 2.0);
+        assert_eq!(quantile(&mut values, 0.99), 4.0);
+        assert_eq!(quantile(&mut values, 1.0), 4.0);
+        assert_eq!(quantile(&mut [], 0.5), 0.0);
+    }
 }

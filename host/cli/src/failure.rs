@@ -3,7 +3,8 @@
 //! Entry point: [`Failure`]. Every command returns one; `main` renders it once and exits with its
 //! cause's code. The codes are a contract: add, never renumber.
 
-use miette::{Diagnostic, Report};
+use miette::{Diagnostic, GraphicalReportHandler, GraphicalTheme, Report};
+use std::io::IsTerminal;
 
 /// What went wrong, as an exit code.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -56,6 +57,8 @@ pub struct Failure {
     pub cause: Cause,
     /// Rendered on stderr, with source and help where the diagnostic has them.
     pub report: Report,
+    /// Whether stdout already has the command's result, which then says the failure too.
+    pub summarised: bool,
 }
 
 impl Failure {
@@ -64,6 +67,15 @@ impl Failure {
         Failure {
             cause,
             report: Report::new(diagnostic),
+            summarised: false,
+        }
+    }
+
+    /// The same failure, after the command has printed its result.
+    pub fn after_summary(self) -> Failure {
+        Failure {
+            summarised: true,
+            ..self
         }
     }
 
@@ -77,6 +89,21 @@ impl Failure {
             },
         )
     }
+}
+
+/// Shows a diagnostic on stderr.
+pub fn render(report: &Report) {
+    // Off a terminal: no colours, and no wrapping, so that a message can be searched for.
+    let handler = if std::io::stderr().is_terminal() {
+        GraphicalReportHandler::new()
+    } else {
+        GraphicalReportHandler::new_themed(GraphicalTheme::unicode_nocolor()).with_wrap_lines(false)
+    };
+    let mut text = String::new();
+    if handler.render_report(&mut text, report.as_ref()).is_err() {
+        text = format!("{report:?}\n");
+    }
+    eprint!("{text}");
 }
 
 /// A failure that has no type of its own.

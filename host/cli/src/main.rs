@@ -4,13 +4,16 @@
 
 mod bench;
 mod console;
+mod device;
+mod display;
 mod failure;
 mod run;
+mod scene;
+mod signals;
 mod solve;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
-use failure::Failure;
-use miette::{GraphicalReportHandler, GraphicalTheme};
+use failure::{Failure, render};
 use std::io::IsTerminal;
 use std::process::ExitCode;
 use tracing_subscriber::EnvFilter;
@@ -84,7 +87,7 @@ fn main() -> ExitCode {
     match done {
         Ok(()) => ExitCode::SUCCESS,
         Err(failure) => {
-            render(&failure, cli.global.format);
+            tell(&failure, cli.global.format);
             ExitCode::from(failure.cause.code())
         }
     }
@@ -108,22 +111,9 @@ fn start_logging(verbose: u8) {
 }
 
 /// Shows a failure on stderr; with `--format json` stdout gets one object too.
-fn render(failure: &Failure, format: Format) {
-    // Off a terminal: no colours, and no wrapping, so that a message can be searched for.
-    let handler = if std::io::stderr().is_terminal() {
-        GraphicalReportHandler::new()
-    } else {
-        GraphicalReportHandler::new_themed(GraphicalTheme::unicode_nocolor()).with_wrap_lines(false)
-    };
-    let mut text = String::new();
-    if handler
-        .render_report(&mut text, failure.report.as_ref())
-        .is_err()
-    {
-        text = format!("{:?}", failure.report);
-    }
-    eprint!("{text}");
-    if format == Format::Json {
+fn tell(failure: &Failure, format: Format) {
+    render(&failure.report);
+    if format == Format::Json && !failure.summarised {
         let object = serde_json::json!({
             "status": failure.cause.word(),
             "exit_code": failure.cause.code(),

@@ -6,6 +6,6 @@ mod solution;
 mod vtu;
 mod whole;
 
-pub use solution::{Reaction, Solution, SolutionFormat, ToolContact};
+pub use solution::{HeldTool, Reaction, Solution, SolutionFormat};
 pub use vtu::vtu;
 pub use whole::write_whole;

@@ -1,6 +1,6 @@
 //! A tissue at rest: displacement, reactions, and how well the equations hold.
 //!
-//! Entry point: [`Solution`]. Signs: `force_n` and `torque_nm` in [`Reaction`] and [`ToolContact`] act **on
+//! Entry point: [`Solution`]. Signs: `force_n` and `torque_nm` in [`Reaction`] and [`HeldTool`] act **on
 //! the tissue**; the handle or the tool feels the opposite.
 
 use super::{vtu, write_whole};
@@ -24,7 +24,7 @@ pub struct Solution {
     /// One for each handle, in the scene's order.
     pub reactions: Vec<Reaction>,
     /// One for each tool that the scene holds somewhere.
-    pub tools: Vec<ToolContact>,
+    pub tools: Vec<HeldTool>,
     /// Largest component of the unbalanced force on a free node, over the largest nodal force; 1 \[-\].
     pub residual: f64,
     /// Nodes of each cell, (m x 4); in the grid file only.
@@ -48,7 +48,7 @@ pub struct Reaction {
 
 /// What a tool does to the tissue.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct ToolContact {
+pub struct HeldTool {
     /// Id of the tool.
     pub tool: u8,
     /// Force on the tissue \[N\], (3).
@@ -58,7 +58,7 @@ pub struct ToolContact {
     /// Distance to the tissue \[m\]; 0 in contact.
     pub gap_m: f64,
     /// Touched vertices.
-    pub rows: usize,
+    pub rows: u32,
 }
 
 /// File formats, by extension.

@@ -15,7 +15,9 @@ pub fn vtu(solution: &Solution) -> String {
     let (points, cells) = (&solution.points_m, &solution.cells);
     let mut xml = String::with_capacity(150 * points.len() + 60 * cells.len() + 1000);
     xml.push_str("<?xml version=\"1.0\"?>\n");
-    xml.push_str("<VTKFile type=\"UnstructuredGrid\" version=\"1.0\" byte_order=\"LittleEndian\">\n");
+    xml.push_str(
+        "<VTKFile type=\"UnstructuredGrid\" version=\"1.0\" byte_order=\"LittleEndian\">\n",
+    );
     xml.push_str("<UnstructuredGrid>\n");
     push(
         &mut xml,
@@ -31,7 +33,12 @@ pub fn vtu(solution: &Solution) -> String {
     vectors(&mut xml, "points_m", points);
     xml.push_str("</Points>\n<Cells>\n");
     array(&mut xml, "Int64", "connectivity", cells.iter().flatten());
-    array(&mut xml, "Int64", "offsets", (1..=cells.len()).map(|n| 4 * n));
+    array(
+        &mut xml,
+        "Int64",
+        "offsets",
+        (1..=cells.len()).map(|n| 4 * n),
+    );
     array(&mut xml, "UInt8", "types", cells.iter().map(|_| VTK_TETRA));
     xml.push_str("</Cells>\n</Piece>\n</UnstructuredGrid>\n</VTKFile>\n");
     xml
@@ -50,8 +57,16 @@ fn vectors(xml: &mut String, name: &str, rows: &[[f64; 3]]) {
     xml.push_str("</DataArray>\n");
 }
 
-fn array(xml: &mut String, kind: &str, name: &str, values: impl Iterator<Item = impl std::fmt::Display>) {
-    push(xml, format_args!("<DataArray type=\"{kind}\" Name=\"{name}\" format=\"ascii\">\n"));
+fn array(
+    xml: &mut String,
+    kind: &str,
+    name: &str,
+    values: impl Iterator<Item = impl std::fmt::Display>,
+) {
+    push(
+        xml,
+        format_args!("<DataArray type=\"{kind}\" Name=\"{name}\" format=\"ascii\">\n"),
+    );
     for value in values {
         push(xml, format_args!("{value}\n"));
     }
@@ -79,7 +94,9 @@ mod tests {
                 [0.0, 0.0, 1.0 / 3.0],
                 [0.1, 0.1, 0.1],
             ],
-            displacement_m: (0..5).map(|i| [f64::from(i) * 0.1, -1e-300, 1.0 / 7.0]).collect(),
+            displacement_m: (0..5)
+                .map(|i| [f64::from(i) * 0.1, -1e-300, 1.0 / 7.0])
+                .collect(),
             reactions: Vec::new(),
             tools: Vec::new(),
             residual: 0.0,
@@ -88,7 +105,9 @@ mod tests {
     }
 
     fn numbers<T: std::str::FromStr>(document: &roxmltree::Document<'_>, name: &str) -> Vec<T> {
-        let array = document.descendants().find(|n| n.attribute("Name") == Some(name));
+        let array = document
+            .descendants()
+            .find(|n| n.attribute("Name") == Some(name));
         let text = array.and_then(|n| n.text()).expect("the array is there");
         let number = |word: &str| word.parse().ok().expect("a number of its type");
         text.split_ascii_whitespace().map(number).collect()
@@ -102,12 +121,24 @@ mod tests {
         let document = roxmltree::Document::parse(&text).expect("well-formed XML");
         let root = document.root_element();
         assert_eq!(root.attribute("type"), Some("UnstructuredGrid"));
-        let piece = document.descendants().find(|n| n.has_tag_name("Piece")).expect("a piece");
+        let piece = document
+            .descendants()
+            .find(|n| n.has_tag_name("Piece"))
+            .expect("a piece");
         assert_eq!(piece.attribute("NumberOfPoints"), Some("5"));
         assert_eq!(piece.attribute("NumberOfCells"), Some("2"));
-        assert_eq!(numbers::<f64>(&document, "points_m"), solution.points_m.concat());
-        assert_eq!(numbers::<f64>(&document, "displacement_m"), solution.displacement_m.concat());
-        assert_eq!(numbers::<u32>(&document, "connectivity"), solution.cells.concat());
+        assert_eq!(
+            numbers::<f64>(&document, "points_m"),
+            solution.points_m.concat()
+        );
+        assert_eq!(
+            numbers::<f64>(&document, "displacement_m"),
+            solution.displacement_m.concat()
+        );
+        assert_eq!(
+            numbers::<u32>(&document, "connectivity"),
+            solution.cells.concat()
+        );
         assert_eq!(numbers::<u32>(&document, "offsets"), [4, 8]);
         assert_eq!(numbers::<u8>(&document, "types"), [VTK_TETRA; 2]);
     }

@@ -11,7 +11,9 @@ use std::path::Path;
 /// # Errors
 /// What the system says: no such directory, no permission, a full disk. The old file stays.
 pub fn write_whole(path: &Path, bytes: &[u8]) -> io::Result<()> {
-    let name = path.file_name().ok_or_else(|| io::Error::other("the path has no file name"))?;
+    let name = path
+        .file_name()
+        .ok_or_else(|| io::Error::other("the path has no file name"))?;
     let mut fresh_name = name.to_owned();
     // The process id keeps two programs that write the same file out of each other's way.
     fresh_name.push(format!(".{}.partial", std::process::id()));
@@ -25,7 +27,11 @@ pub fn write_whole(path: &Path, bytes: &[u8]) -> io::Result<()> {
 }
 
 fn write_fresh(fresh: &Path, bytes: &[u8]) -> io::Result<()> {
-    let mut file = OpenOptions::new().write(true).create(true).truncate(true).open(fresh)?;
+    let mut file = OpenOptions::new()
+        .write(true)
+        .create(true)
+        .truncate(true)
+        .open(fresh)?;
     file.write_all(bytes)?;
     file.sync_all()
 }
@@ -37,7 +43,10 @@ mod tests {
     fn entries(directory: &Path) -> Vec<String> {
         let list = fs::read_dir(directory).expect("the directory is there");
         let name = |e: io::Result<fs::DirEntry>| {
-            e.expect("an entry").file_name().to_string_lossy().into_owned()
+            e.expect("an entry")
+                .file_name()
+                .to_string_lossy()
+                .into_owned()
         };
         list.map(name).collect()
     }

@@ -11,8 +11,14 @@ use toml::Spanned;
 
 /// Devices that are known by name wherever the program runs.
 pub const BUILT_IN: [(&str, &str); 2] = [
-    ("cartesian-bench", include_str!("../../../devices/cartesian-bench.toml")),
-    ("serial-arm", include_str!("../../../devices/serial-arm.toml")),
+    (
+        "cartesian-bench",
+        include_str!("../../../devices/cartesian-bench.toml"),
+    ),
+    (
+        "serial-arm",
+        include_str!("../../../devices/serial-arm.toml"),
+    ),
 ];
 
 #[derive(Deserialize)]
@@ -103,12 +109,18 @@ pub(super) fn find_device(
         }
     }
     if let Some((_, text)) = BUILT_IN.iter().find(|(known, _)| known == name) {
-        return read_device(&Document::embedded(&format!("{name}.toml"), Path::new(""), text));
+        return read_device(&Document::embedded(
+            &format!("{name}.toml"),
+            Path::new(""),
+            text,
+        ));
     }
     let known = BUILT_IN.map(|(known, _)| known);
     let all = known.map(|k| format!("`{k}`")).join(", ");
     let help = match nearest(name, &known) {
-        Some(near) => format!("did you mean `{near}`? Known: {all}, or give the path of a .toml file"),
+        Some(near) => {
+            format!("did you mean `{near}`? Known: {all}, or give the path of a .toml file")
+        }
         None => format!("known: {all}, or give the path of a .toml file"),
     };
     let message = format!("unknown device `{name}`");
@@ -134,9 +146,17 @@ pub fn read_device(document: &Document) -> Result<DeviceDescription, SceneError>
     match (file.cartesian, file.serial_arm) {
         (Some(section), None) => {
             let section = section.into_inner();
-            let kinematics = Kinematics::Cartesian { origin_m: c.vector("origin_m", &section.origin_m)? };
+            let kinematics = Kinematics::Cartesian {
+                origin_m: c.vector("origin_m", &section.origin_m)?,
+            };
             let (joints, gravity_mass_kg) = prismatic(&c, &section.joint)?;
-            Ok(DeviceDescription { name, kinematics, joints, gravity_mass_kg, max_force_n })
+            Ok(DeviceDescription {
+                name,
+                kinematics,
+                joints,
+                gravity_mass_kg,
+                max_force_n,
+            })
         }
         (None, Some(section)) => {
             let section = section.into_inner();
@@ -151,12 +171,22 @@ pub fn read_device(document: &Document) -> Result<DeviceDescription, SceneError>
                 c.not_negative("grip_mass_kg", &section.grip_mass_kg)?,
             ];
             let joints = revolute(&c, &section.joint)?;
-            Ok(DeviceDescription { name, kinematics, joints, gravity_mass_kg, max_force_n })
+            Ok(DeviceDescription {
+                name,
+                kinematics,
+                joints,
+                gravity_mass_kg,
+                max_force_n,
+            })
         }
         (first, second) => {
             let both = first.is_some() && second.is_some();
             let span = second.map_or_else(|| file.name.span(), |s| s.span());
-            let message = if both { "two kinds of kinematics" } else { "no kinematics" };
+            let message = if both {
+                "two kinds of kinematics"
+            } else {
+                "no kinematics"
+            };
             let help = "a device has either a `[cartesian]` or a `[serial_arm]` section";
             Err(document.flaw(span, message, "one section is needed", Some(help)))
         }
@@ -182,7 +212,10 @@ fn prismatic(
         })
     };
     let carried = |j: &PrismaticSection| c.not_negative("carried_mass_kg", &j.carried_mass_kg);
-    Ok(([joint(x)?, joint(y)?, joint(z)?], [carried(x)?, carried(y)?, carried(z)?]))
+    Ok((
+        [joint(x)?, joint(y)?, joint(z)?],
+        [carried(x)?, carried(y)?, carried(z)?],
+    ))
 }
 
 fn revolute(
@@ -231,7 +264,12 @@ impl Check<'_> {
     }
 
     fn not_zero(&self, key: &str, value: &Spanned<f64>) -> Result<f32, SceneError> {
-        self.number(key, value, "other than zero; its sign is the direction", |v| v != 0.0)
+        self.number(
+            key,
+            value,
+            "other than zero; its sign is the direction",
+            |v| v != 0.0,
+        )
     }
 
     fn vector(&self, key: &str, value: &Spanned<[f64; 3]>) -> Result<[f32; 3], SceneError> {
@@ -240,9 +278,13 @@ impl Check<'_> {
 
     fn three<'s, T>(&self, sections: &'s Spanned<Vec<T>>) -> Result<&'s [T; JOINTS], SceneError> {
         sections.get_ref().as_slice().try_into().map_err(|_| {
-            let message = format!("{} joints: a console has {JOINTS}", sections.get_ref().len());
+            let message = format!(
+                "{} joints: a console has {JOINTS}",
+                sections.get_ref().len()
+            );
             let help = "give one `joint` section for each, from the base out";
-            self.0.flaw(sections.span(), message, "needs three", Some(help))
+            self.0
+                .flaw(sections.span(), message, "needs three", Some(help))
         })
     }
 }
@@ -254,7 +296,10 @@ mod tests {
 
     fn built_in(name: &str) -> String {
         let found = BUILT_IN.iter().find(|(known, _)| *known == name);
-        found.expect("the test names a built-in device").1.to_owned()
+        found
+            .expect("the test names a built-in device")
+            .1
+            .to_owned()
     }
 
     fn complaint(text: &str) -> (String, String) {
@@ -289,7 +334,11 @@ mod tests {
     fn a_device_has_three_joints_and_one_kind_of_kinematics() {
         let text = built_in("cartesian-bench");
         let first = text.find("[[cartesian.joint]]").expect("has joints");
-        let second = first + 1 + text[first + 1..].find("[[cartesian.joint]]").expect("has two");
+        let second = first
+            + 1
+            + text[first + 1..]
+                .find("[[cartesian.joint]]")
+                .expect("has two");
         let (message, _) = complaint(&text.replacen(&text[first..second], "", 1));
         assert_eq!(message, "2 joints: a console has 3");
         let (message, _) = complaint("name = \"bare\"\nmax_force_n = 1.0\n");

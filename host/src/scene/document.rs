@@ -2,6 +2,7 @@
 //!
 //! Entry point: [`Document`]. Every complaint about a scene or a device is a [`SceneError`] made here.
 
+use crate::model::ModelError;
 use miette::{Diagnostic, NamedSource, Severity, SourceSpan};
 use serde::de::DeserializeOwned;
 use std::ops::Range;
@@ -14,7 +15,9 @@ use toml::Spanned;
 pub enum SceneError {
     /// The file itself cannot be read.
     #[error("cannot read {}: {source}", path.display())]
-    #[diagnostic(help("give the path of a file that exists, relative to the directory you are in"))]
+    #[diagnostic(help(
+        "give the path of a file that exists, relative to the directory you are in"
+    ))]
     Unreadable {
         /// As asked for.
         path: PathBuf,
@@ -26,14 +29,11 @@ pub enum SceneError {
     #[diagnostic(transparent)]
     Flaw(Box<Flaw>),
     /// The parts are good each by itself, but the solver cannot be built from them.
-    #[error("the scene's tissue cannot be built: {message}")]
-    #[diagnostic(help("{help}"))]
-    Build {
-        /// What the solver said.
-        message: String,
-        /// What to try.
-        help: String,
-    },
+    #[error("the scene cannot be built: {0}")]
+    #[diagnostic(help(
+        "see what holds the tissue, what acts on it and what touches it: `[[fixed]]`, `[[handle]]`, `[[load]]`, `[[tool]]`"
+    ))]
+    Build(ModelError),
 }
 
 /// One complaint or warning about a file, with the place it is about.
@@ -66,7 +66,9 @@ impl Diagnostic for Flaw {
     }
 
     fn help<'a>(&'a self) -> Option<Box<dyn std::fmt::Display + 'a>> {
-        self.help.as_ref().map(|h| Box::new(h) as Box<dyn std::fmt::Display>)
+        self.help
+            .as_ref()
+            .map(|h| Box::new(h) as Box<dyn std::fmt::Display>)
     }
 
     fn source_code(&self) -> Option<&dyn miette::SourceCode> {
@@ -75,7 +77,9 @@ impl Diagnostic for Flaw {
 
     fn labels(&self) -> Option<Box<dyn Iterator<Item = miette::LabeledSpan> + '_>> {
         let label = Some(self.label.clone()).filter(|l| !l.is_empty());
-        Some(Box::new(std::iter::once(miette::LabeledSpan::new_with_span(label, self.span))))
+        Some(Box::new(std::iter::once(
+            miette::LabeledSpan::new_with_span(label, self.span),
+        )))
     }
 }
 
@@ -93,15 +97,25 @@ impl Document {
     /// # Errors
     /// [`SceneError::Unreadable`] when the system says so, also for text that is not UTF-8.
     pub fn read(path: &Path) -> Result<Document, SceneError> {
-        let text = std::fs::read_to_string(path)
-            .map_err(|source| SceneError::Unreadable { path: path.to_owned(), source })?;
+        let text = std::fs::read_to_string(path).map_err(|source| SceneError::Unreadable {
+            path: path.to_owned(),
+            source,
+        })?;
         let directory = path.parent().unwrap_or(Path::new("")).to_owned();
-        Ok(Document { name: path.display().to_string(), directory, text })
+        Ok(Document {
+            name: path.display().to_string(),
+            directory,
+            text,
+        })
     }
 
     /// A file held in memory; its relative paths start at `directory`.
     pub fn embedded(name: &str, directory: &Path, text: &str) -> Document {
-        Document { name: name.to_owned(), directory: directory.to_owned(), text: text.to_owned() }
+        Document {
+            name: name.to_owned(),
+            directory: directory.to_owned(),
+            text: text.to_owned(),
+        }
     }
 
     /// A path written in this file.
@@ -146,7 +160,13 @@ impl Document {
 
     /// A warning about `span`.
     pub fn warning(&self, span: Range<usize>, message: &str, label: &str, help: &str) -> Flaw {
-        self.note(Severity::Warning, span, message.to_owned(), label.to_owned(), Some(help))
+        self.note(
+            Severity::Warning,
+            span,
+            message.to_owned(),
+            label.to_owned(),
+            Some(help),
+        )
     }
 
     fn note(
@@ -204,7 +224,12 @@ impl Document {
             return Ok(*value.get_ref());
         }
         let message = format!("{key}: every entry must be a finite number");
-        Err(self.flaw(value.span(), message, "not finite", Some("`inf` and `nan` are no places")))
+        Err(self.flaw(
+            value.span(),
+            message,
+            "not finite",
+            Some("`inf` and `nan` are no places"),
+        ))
     }
 }
 
@@ -216,16 +241,28 @@ fn explain(message: &str) -> (String, String, Option<String>) {
         Some((word, known)) if message.starts_with("unknown variant") => ("value", *word, known),
         Some((word, _)) if message.starts_with("missing field") => {
             let help = format!("add `{word} = ...`, or `[{word}]` if it is a section");
-            return (format!("missing key `{word}`"), "needed here".to_owned(), Some(help));
+            return (
+                format!("missing key `{word}`"),
+                "needed here".to_owned(),
+                Some(help),
+            );
         }
         _ => return (message.to_owned(), String::new(), None),
     };
-    let all = known.iter().map(|k| format!("`{k}`")).collect::<Vec<_>>().join(", ");
+    let all = known
+        .iter()
+        .map(|k| format!("`{k}`"))
+        .collect::<Vec<_>>()
+        .join(", ");
     let help = match nearest(word, known) {
         Some(near) => format!("did you mean `{near}`? Known here: {all}"),
         None => format!("known here: {all}"),
     };
-    (format!("unknown {what} `{word}`"), format!("no such {what}"), Some(help))
+    (
+        format!("unknown {what} `{word}`"),
+        format!("no such {what}"),
+        Some(help),
+    )
 }
 
 /// The known word nearest to a misspelt one, if one is near enough to be meant.
@@ -243,9 +280,15 @@ mod tests {
     #[test]
     fn a_misspelt_word_finds_its_neighbour_and_a_foreign_one_none() {
         let known = ["youngs_modulus_pa", "poisson_ratio", "model"];
-        assert_eq!(nearest("yungs_modulus_pa", &known), Some("youngs_modulus_pa"));
+        assert_eq!(
+            nearest("yungs_modulus_pa", &known),
+            Some("youngs_modulus_pa")
+        );
         assert_eq!(nearest("poison_ratio", &known), Some("poisson_ratio"));
-        assert_eq!(nearest("youngs_modulus_kpa", &known), Some("youngs_modulus_pa"));
+        assert_eq!(
+            nearest("youngs_modulus_kpa", &known),
+            Some("youngs_modulus_pa")
+        );
         assert_eq!(nearest("colour", &known), None);
     }
 }

@@ -20,13 +20,16 @@ pub(super) fn hand_script(
 ) -> Result<HandScript, SceneError> {
     let help = "a human hand holds a grip with some 200 to 2000 N/m and 2 to 40 N s/m";
     let positive = |key: &str, value: &Spanned<f64>| {
-        document.number(key, value, "zero or positive", |v| v >= 0.0, help).map(|v| v as f32)
+        document
+            .number(key, value, "zero or positive", |v| v >= 0.0, help)
+            .map(|v| v as f32)
     };
     let points = &section.way_point;
     let count = points.get_ref().len();
     if !(1..=WAY_POINTS).contains(&count) {
         let message = format!("{count} way points: a hand has 1 to {WAY_POINTS}");
-        let help = "the last point is held; leave out points on the straight way between two others";
+        let help =
+            "the last point is held; leave out points on the straight way between two others";
         return Err(document.flaw(points.span(), message, "wrong number", Some(help)));
     }
     let mut way_points = [WayPoint::default(); WAY_POINTS];
@@ -35,19 +38,31 @@ pub(super) fn hand_script(
     for (i, point) in points.get_ref().iter().enumerate() {
         let rule = format!("at least {before_s}, the time before it");
         let help = "times are counted from the start of the session and do not go back";
-        before_s =
-            document.number("time_s", &point.time_s, &rule, |t| t >= before_s && t <= 3600.0, help)?;
+        before_s = document.number(
+            "time_s",
+            &point.time_s,
+            &rule,
+            |t| t >= before_s && t <= 3600.0,
+            help,
+        )?;
         let position = document.finite("position_m", &point.position_m)?;
         let Some(joint) = joints_at(&device.kinematics, position) else {
             let message = "the grip cannot reach this way point".to_owned();
             let help = "see the arm's lengths and where its shoulder stands in the device file";
-            return Err(document.flaw(point.position_m.span(), message, "out of reach", Some(help)));
+            return Err(document.flaw(
+                point.position_m.span(),
+                message,
+                "out of reach",
+                Some(help),
+            ));
         };
         if i == 0 {
             start_joint = joint;
         }
-        way_points[i] =
-            WayPoint { time_s: before_s as f32, position_m: position.map(|v| v as f32) };
+        way_points[i] = WayPoint {
+            time_s: before_s as f32,
+            position_m: position.map(|v| v as f32),
+        };
     }
     Ok(HandScript {
         stiffness_n_per_m: positive("stiffness_n_per_m", &section.stiffness_n_per_m)?,
@@ -62,10 +77,14 @@ pub(super) fn hand_script(
 /// above. None where the grip cannot be.
 fn joints_at(kinematics: &Kinematics, position: [f64; 3]) -> Option<[f32; JOINTS]> {
     match *kinematics {
-        Kinematics::Cartesian { origin_m } => {
-            Some(std::array::from_fn(|i| (position[i] - f64::from(origin_m[i])) as f32))
-        }
-        Kinematics::SerialArm { shoulder_m, upper_m, fore_m } => {
+        Kinematics::Cartesian { origin_m } => Some(std::array::from_fn(|i| {
+            (position[i] - f64::from(origin_m[i])) as f32
+        })),
+        Kinematics::SerialArm {
+            shoulder_m,
+            upper_m,
+            fore_m,
+        } => {
             let [x, y, z] = std::array::from_fn(|i| position[i] - f64::from(shoulder_m[i]));
             let (upper, fore) = (f64::from(upper_m), f64::from(fore_m));
             let out = x.hypot(y);
@@ -92,7 +111,11 @@ pub fn position_at(hand: &HandScript, time_s: f64) -> [f64; 3] {
         None => (points[points.len() - 1], points[points.len() - 1]),
     };
     let length_s = f64::from(to.time_s) - f64::from(from.time_s);
-    let s = if length_s > 0.0 { (time_s - f64::from(from.time_s)) / length_s } else { 1.0 };
+    let s = if length_s > 0.0 {
+        (time_s - f64::from(from.time_s)) / length_s
+    } else {
+        1.0
+    };
     let blend = s * s * s * (10.0 - 15.0 * s + 6.0 * s * s);
     std::array::from_fn(|i| {
         let (a, b) = (f64::from(from.position_m[i]), f64::from(to.position_m[i]));
@@ -107,7 +130,10 @@ mod tests {
     fn script(points: &[(f32, [f32; 3])]) -> HandScript {
         let mut way_points = [WayPoint::default(); WAY_POINTS];
         for (slot, (time_s, position_m)) in way_points.iter_mut().zip(points) {
-            *slot = WayPoint { time_s: *time_s, position_m: *position_m };
+            *slot = WayPoint {
+                time_s: *time_s,
+                position_m: *position_m,
+            };
         }
         HandScript {
             stiffness_n_per_m: 1000.0,
@@ -122,7 +148,11 @@ mod tests {
     /// Hogan 1985).
     #[test]
     fn the_path_has_minimum_jerk_and_holds_its_last_point() {
-        let hand = script(&[(1.0, [0.0; 3]), (3.0, [0.5, 0.0, -1.0]), (3.0, [0.5, 0.0, -2.0])]);
+        let hand = script(&[
+            (1.0, [0.0; 3]),
+            (3.0, [0.5, 0.0, -1.0]),
+            (3.0, [0.5, 0.0, -2.0]),
+        ]);
         assert_eq!(position_at(&hand, 0.0), [0.0; 3]);
         assert_eq!(position_at(&hand, 2.0), [0.25, 0.0, -0.5]);
         let h = 1e-5;
@@ -133,7 +163,11 @@ mod tests {
 
     #[test]
     fn an_arm_has_its_elbow_above_and_ends_at_its_reach() {
-        let arm = Kinematics::SerialArm { shoulder_m: [0.0; 3], upper_m: 0.2, fore_m: 0.2 };
+        let arm = Kinematics::SerialArm {
+            shoulder_m: [0.0; 3],
+            upper_m: 0.2,
+            fore_m: 0.2,
+        };
         // Upright upper arm and level forearm: elbow a quarter turn down from the upper arm.
         let [yaw, shoulder, elbow] = joints_at(&arm, [0.2, 0.0, 0.2]).expect("within reach");
         let quarter = std::f32::consts::FRAC_PI_2;

@@ -16,6 +16,8 @@ pub use hand::position_at;
 
 use crate::fem::{Loads, Material};
 use crate::mesh::TetMesh;
+use crate::model::Model;
+use crate::step::{State, Workspace};
 use crate::tool::SphereTool;
 use std::path::Path;
 use sutura_shared::device::DeviceDescription;
@@ -86,8 +88,31 @@ pub struct HostSettings {
 /// # Errors
 /// The first thing that is wrong, at its place in the file.
 pub fn load(path: &Path) -> Result<Scene, SceneError> {
-    let stem = path.file_stem().map(|s| s.to_string_lossy().into_owned()).unwrap_or_default();
+    let stem = path
+        .file_stem()
+        .map(|s| s.to_string_lossy().into_owned())
+        .unwrap_or_default();
     Scene::read(&Document::read(path)?, &stem)
+}
+
+impl Scene {
+    /// The solver for this scene: what is constant, what evolves, and scratch.
+    ///
+    /// # Errors
+    /// [`SceneError::Build`]: tissue that is not held against rigid motion, handles that conflict, too many
+    /// tools.
+    pub fn build(&self) -> Result<(Model, State, Workspace), SceneError> {
+        let tools: Vec<_> = self
+            .tools
+            .iter()
+            .map(|tool| (tool.id, tool.shape))
+            .collect();
+        let loads = self.loads.clone();
+        let model = Model::new(&self.mesh, self.material, &self.fixed, loads, &tools)
+            .map_err(SceneError::Build)?;
+        let (state, workspace) = (State::new(&model), Workspace::new(&model));
+        Ok((model, state, workspace))
+    }
 }
 
 #[cfg(test)]

@@ -41,7 +41,12 @@ impl Scene {
         if fixed.is_empty() {
             let help = "add `[[fixed]]` with `plane`, `box` or `nodes`: free tissue has no rest under load";
             let message = "nothing holds the tissue";
-            return Err(document.flaw(file.mesh.span(), message, "none of it is fixed", Some(help)));
+            return Err(document.flaw(
+                file.mesh.span(),
+                message,
+                "none of it is fixed",
+                Some(help),
+            ));
         }
         let device = match &file.device {
             Some(name) => Some(find_device(document, name)?),
@@ -52,7 +57,8 @@ impl Scene {
                 Some(hand_script(document, section.get_ref(), device)?)
             }
             (Some(section), None) => {
-                let help = "add `device = \"cartesian-bench\"`, or the path of a device file, at the top";
+                let help =
+                    "add `device = \"cartesian-bench\"`, or the path of a device file, at the top";
                 let message = "a hand needs a device to hold";
                 return Err(document.flaw(section.span(), message, "no device", Some(help)));
             }
@@ -60,7 +66,10 @@ impl Scene {
         };
         let mut warnings = Vec::new();
         let tools = read_tools(document, &file.tool, &mesh, &mut warnings)?;
-        let handles = file.handle.iter().map(|h| read_handle(document, &mesh, &fixed, h));
+        let handles = file
+            .handle
+            .iter()
+            .map(|h| read_handle(document, &mesh, &fixed, h));
         let handles = handles.collect::<Result<_, _>>()?;
         let mut forces = Vec::new();
         for load in &file.load {
@@ -74,7 +83,11 @@ impl Scene {
             material,
             fixed,
             tools,
-            loads: Loads { forces, handles, ..Loads::default() },
+            loads: Loads {
+                forces,
+                handles,
+                ..Loads::default()
+            },
             handle_names: file.handle.iter().map(|h| h.name.clone()).collect(),
             device,
             hand,
@@ -85,9 +98,17 @@ impl Scene {
 }
 
 fn read_seconds(document: &Document, file: &SceneFile) -> Result<f64, SceneError> {
-    let Some(value) = &file.seconds else { return Ok(SECONDS) };
+    let Some(value) = &file.seconds else {
+        return Ok(SECONDS);
+    };
     let help = "a session lasts at most a day";
-    document.number("seconds", value, "more than 0 and at most 86400", |s| s > 0.0 && s <= 86400.0, help)
+    document.number(
+        "seconds",
+        value,
+        "more than 0 and at most 86400",
+        |s| s > 0.0 && s <= 86400.0,
+        help,
+    )
 }
 
 fn read_host(document: &Document, file: &SceneFile) -> Result<HostSettings, SceneError> {
@@ -111,12 +132,19 @@ fn read_host(document: &Document, file: &SceneFile) -> Result<HostSettings, Scen
         )?,
         None => HORIZON_MS,
     };
-    Ok(HostSettings { host_hz, horizon_us: (horizon_ms * 1e3) as u32 })
+    Ok(HostSettings {
+        host_hz,
+        horizon_us: (horizon_ms * 1e3) as u32,
+    })
 }
 
 fn read_mesh(document: &Document, section: &Spanned<MeshSection>) -> Result<TetMesh, SceneError> {
     match section.get_ref() {
-        MeshSection { file: Some(file), scale_to_m: Some(scale), slab: None } => {
+        MeshSection {
+            file: Some(file),
+            scale_to_m: Some(scale),
+            slab: None,
+        } => {
             let help = "metres per unit of the mesh file: 0.001 for a mesh in millimetres";
             let scale = document.number("scale_to_m", scale, "positive", |s| s > 0.0, help)?;
             let path = document.resolve(file.get_ref());
@@ -131,17 +159,25 @@ fn read_mesh(document: &Document, section: &Spanned<MeshSection>) -> Result<TetM
                 document.flaw(file.span(), message, "this file", Some(help))
             })
         }
-        MeshSection { file: None, scale_to_m: None, slab: Some(slab) } => {
+        MeshSection {
+            file: None,
+            scale_to_m: None,
+            slab: Some(slab),
+        } => {
             let (size, divisions) = (&slab.get_ref().size_m, &slab.get_ref().divisions);
             let help = "size along x, y, z in metres";
             if document.finite("size_m", size)?.iter().any(|s| *s <= 0.0) {
                 let message = "size_m: every length must be positive";
                 return Err(document.flaw(size.span(), message, "must be positive", Some(help)));
             }
-            let cubes = divisions.get_ref().iter().try_fold(1usize, |n, d| n.checked_mul(*d));
+            let cubes = divisions
+                .get_ref()
+                .iter()
+                .try_fold(1usize, |n, d| n.checked_mul(*d));
             // A million cubes are five million cells: far above what any solver here can do.
             if !cubes.is_some_and(|n| (1..=1_000_000).contains(&n)) {
-                let message = "divisions: must be 1 or more along each axis, a million cubes at most";
+                let message =
+                    "divisions: must be 1 or more along each axis, a million cubes at most";
                 let help = "a slab of 20 x 20 x 8 cubes steps at some hundred hertz";
                 return Err(document.flaw(divisions.span(), message, "not usable", Some(help)));
             }
@@ -149,7 +185,8 @@ fn read_mesh(document: &Document, section: &Spanned<MeshSection>) -> Result<TetM
                 .map_err(|e| document.flaw(slab.span(), e.to_string(), "this slab", Some(help)))
         }
         _ => {
-            let help = "give either `file = \"x.msh\"` with `scale_to_m`, or a `[mesh.slab]` section";
+            let help =
+                "give either `file = \"x.msh\"` with `scale_to_m`, or a `[mesh.slab]` section";
             let message = "the mesh comes from one place";
             Err(document.flaw(section.span(), message, "file or slab", Some(help)))
         }
@@ -172,7 +209,10 @@ fn read_material(document: &Document, file: &SceneFile) -> Result<Material, Scen
         |nu| nu > -1.0 && nu < 0.5,
         "0.5 is incompressible, which these elements cannot be; soft tissue does well with 0.45",
     )?;
-    Ok(Material { youngs_modulus_pa, poisson_ratio })
+    Ok(Material {
+        youngs_modulus_pa,
+        poisson_ratio,
+    })
 }
 
 fn read_tools(
@@ -186,13 +226,17 @@ fn read_tools(
     for (place, section) in sections.iter().enumerate() {
         let help = "the radius of the sphere that touches the tissue, in metres; 0 is a bare point";
         let radius_m = &section.radius_m;
-        let radius_m = document.number("radius_m", radius_m, "zero or positive", |r| r >= 0.0, help)?;
+        let radius_m =
+            document.number("radius_m", radius_m, "zero or positive", |r| r >= 0.0, help)?;
         if radius_m < 3.0 * edge_m {
             warnings.push(point_tool(document, section, radius_m, edge_m));
         }
         let id = section.id.as_ref().map_or(place as u8, |id| *id.get_ref());
         if tools.iter().any(|other| other.id == id) {
-            let span = section.id.as_ref().map_or_else(|| section.radius_m.span(), |id| id.span());
+            let span = section
+                .id
+                .as_ref()
+                .map_or_else(|| section.radius_m.span(), |id| id.span());
             let help = "give every tool an `id` of its own, 0 to 255";
             let message = format!("two tools have the id {id}");
             return Err(document.flaw(span, message, "the second", Some(help)));
@@ -202,7 +246,11 @@ fn read_tools(
             None => [0.0; 3],
         };
         let pose = read_pose(document, section)?;
-        tools.push(Tool { id, shape: SphereTool { radius_m, offset_m }, pose });
+        tools.push(Tool {
+            id,
+            shape: SphereTool { radius_m, offset_m },
+            pose,
+        });
     }
     Ok(tools)
 }
@@ -218,7 +266,12 @@ fn point_tool(document: &Document, section: &ToolSection, radius_m: f64, edge_m:
         "the stiffness felt is then an artefact of the mesh (it falls towards 0 under refinement): use a radius of at least {:.4} m, three edges, or a finer mesh",
         3.0 * edge_m
     );
-    document.warning(section.radius_m.span(), &message, "touches few vertices", &help)
+    document.warning(
+        section.radius_m.span(),
+        &message,
+        "touches few vertices",
+        &help,
+    )
 }
 
 fn read_pose(document: &Document, section: &ToolSection) -> Result<Option<Pose>, SceneError> {
@@ -228,7 +281,8 @@ fn read_pose(document: &Document, section: &ToolSection) -> Result<Option<Pose>,
             let norm = q.iter().map(|v| v * v).sum::<f64>().sqrt();
             if (norm - 1.0).abs() > 1e-3 {
                 let message = format!("orientation: a quaternion of length {norm:.4}");
-                let help = "a rotation is a unit quaternion (x, y, z, w); none is [0.0, 0.0, 0.0, 1.0]";
+                let help =
+                    "a rotation is a unit quaternion (x, y, z, w); none is [0.0, 0.0, 0.0, 1.0]";
                 return Err(document.flaw(value.span(), message, "must have length 1", Some(help)));
             }
             q.map(|v| v / norm)
@@ -236,9 +290,10 @@ fn read_pose(document: &Document, section: &ToolSection) -> Result<Option<Pose>,
         None => [0.0, 0.0, 0.0, 1.0],
     };
     match (&section.position_m, &section.orientation) {
-        (Some(position), _) => {
-            Ok(Some(Pose { position_m: document.finite("position_m", position)?, orientation }))
-        }
+        (Some(position), _) => Ok(Some(Pose {
+            position_m: document.finite("position_m", position)?,
+            orientation,
+        })),
         (None, Some(value)) => {
             let message = "an orientation without a position";
             let help = "both say where `sutura solve` holds the grip: add `position_m`";
@@ -261,8 +316,14 @@ fn read_handle(
         Err(document.flaw(span, message, label, Some(help)))
     };
     if nodes.is_empty() {
-        let help = "a handle is a point of the tissue: name the 1 to 4 nodes of the face or cell it is in";
-        return flaw(vertices.span(), "a handle without vertices".to_owned(), "empty", help);
+        let help =
+            "a handle is a point of the tissue: name the 1 to 4 nodes of the face or cell it is in";
+        return flaw(
+            vertices.span(),
+            "a handle without vertices".to_owned(),
+            "empty",
+            help,
+        );
     }
     let repeated = (1..nodes.len()).find(|i| nodes[..*i].contains(&nodes[*i]));
     if nodes.len() > 4 || repeated.is_some() {
@@ -271,15 +332,25 @@ fn read_handle(
         return flaw(vertices.span(), message, "not a face or cell", help);
     }
     if weights.get_ref().len() != nodes.len() {
-        let message = format!("{} weights for {} vertices", weights.get_ref().len(), nodes.len());
-        return flaw(weights.span(), message, "as many as vertices", "one weight for each vertex");
+        let message = format!(
+            "{} weights for {} vertices",
+            weights.get_ref().len(),
+            nodes.len()
+        );
+        return flaw(
+            weights.span(),
+            message,
+            "as many as vertices",
+            "one weight for each vertex",
+        );
     }
     let sum: f64 = weights.get_ref().iter().sum();
     let negative = weights.get_ref().iter().any(|w| *w < 0.0);
     // Coordinates written with seven digits still pass.
     if negative || !((sum - 1.0).abs() <= 1e-6) {
         let message = format!("barycentric coordinates must be 0 or more and sum to 1, not {sum}");
-        let help = "they weigh the vertices: [1.0] for a node, [0.5, 0.5] for the middle of an edge";
+        let help =
+            "they weigh the vertices: [1.0] for a node, [0.5, 0.5] for the middle of an edge";
         return flaw(weights.span(), message, "not a point inside", help);
     }
     if nodes.iter().all(|n| fixed.binary_search(n).is_ok()) {
@@ -287,9 +358,15 @@ fn read_handle(
         let help = "take a handle elsewhere, or let these nodes go in `[[fixed]]`";
         return flaw(vertices.span(), message, "all fixed", help);
     }
-    let anchor = Anchor { vertices: nodes.clone(), weights: weights.get_ref().clone() };
+    let anchor = Anchor {
+        vertices: nodes.clone(),
+        weights: weights.get_ref().clone(),
+    };
     let target = document.finite("target_displacement_m", &section.target_displacement_m)?;
-    Ok(Handle { anchor, target_displacement_m: target })
+    Ok(Handle {
+        anchor,
+        target_displacement_m: target,
+    })
 }
 
 fn read_load(
@@ -300,5 +377,8 @@ fn read_load(
     let nodes = select(document, mesh, &section.on)?;
     let total = document.finite("total_force_n", &section.total_force_n)?;
     let force_n = total.map(|f| f / nodes.len() as f64);
-    Ok(nodes.into_iter().map(|node| NodeLoad { node, force_n }).collect())
+    Ok(nodes
+        .into_iter()
+        .map(|node| NodeLoad { node, force_n })
+        .collect())
 }

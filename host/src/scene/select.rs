@@ -20,22 +20,30 @@ pub(super) fn select(
     let flaw = |message: String, label: &str, help: String| {
         document.flaw(selection.span(), message, label, Some(&help))
     };
-    let Selection { plane, cuboid, nodes } = selection.get_ref();
+    let Selection {
+        plane,
+        cuboid,
+        nodes,
+    } = selection.get_ref();
     let mut chosen = match (plane, cuboid, nodes) {
         (Some(p), None, None) => {
             let axis = p.axis as usize;
             where_point(mesh, |x| (x[axis] - p.at_m).abs() <= p.within_m)
         }
-        (None, Some(b), None) => {
-            where_point(mesh, |x| (0..3).all(|i| b.min_m[i] <= x[i] && x[i] <= b.max_m[i]))
-        }
+        (None, Some(b), None) => where_point(mesh, |x| {
+            (0..3).all(|i| b.min_m[i] <= x[i] && x[i] <= b.max_m[i])
+        }),
         (None, None, Some(list)) => {
             check_nodes(document, mesh, list)?;
             list.get_ref().clone()
         }
         _ => {
             let help = "give exactly one of `plane`, `box`, `nodes`".to_owned();
-            return Err(flaw("a selection of nodes says one thing".to_owned(), "here", help));
+            return Err(flaw(
+                "a selection of nodes says one thing".to_owned(),
+                "here",
+                help,
+            ));
         }
     };
     chosen.sort_unstable();
@@ -45,7 +53,11 @@ pub(super) fn select(
         let help = format!(
             "the mesh lies in x {x0:.6}..{x1:.6}, y {y0:.6}..{y1:.6}, z {z0:.6}..{z1:.6} m, after scaling"
         );
-        return Err(flaw("this selection holds no node of the mesh".to_owned(), "empty", help));
+        return Err(flaw(
+            "this selection holds no node of the mesh".to_owned(),
+            "empty",
+            help,
+        ));
     }
     Ok(chosen)
 }
@@ -57,15 +69,23 @@ pub(super) fn check_nodes(
     nodes: &Spanned<Vec<u32>>,
 ) -> Result<(), SceneError> {
     let count = mesh.points_m().len();
-    let Some(bad) = nodes.get_ref().iter().find(|n| **n as usize >= count) else { return Ok(()) };
+    let Some(bad) = nodes.get_ref().iter().find(|n| **n as usize >= count) else {
+        return Ok(());
+    };
     let message = format!("node {bad} is not in the mesh");
-    let help = format!("nodes are counted from 0 in the mesh file's order, here up to {}", count - 1);
+    let help = format!(
+        "nodes are counted from 0 in the mesh file's order, here up to {}",
+        count - 1
+    );
     Err(document.flaw(nodes.span(), message, "no such node", Some(&help)))
 }
 
 fn where_point(mesh: &TetMesh, inside: impl Fn(&[f64; 3]) -> bool) -> Vec<u32> {
     let numbered = (0u32..).zip(mesh.points_m());
-    numbered.filter(|(_, point)| inside(point)).map(|(node, _)| node).collect()
+    numbered
+        .filter(|(_, point)| inside(point))
+        .map(|(node, _)| node)
+        .collect()
 }
 
 /// Lowest and highest corner of the mesh's bounding box \[m\].

@@ -49,7 +49,10 @@ horizon_ms = 45.0
 "#;
 
 fn read(text: &str) -> Result<Scene, SceneError> {
-    Scene::read(&Document::embedded("scene.toml", Path::new("/nowhere"), text), "scene")
+    Scene::read(
+        &Document::embedded("scene.toml", Path::new("/nowhere"), text),
+        "scene",
+    )
 }
 
 #[test]
@@ -59,11 +62,23 @@ fn every_value_arrives_where_it_belongs() {
     assert_eq!(scene.seconds, 2.5);
     assert_eq!(scene.material.youngs_modulus_pa, 15e3);
     assert_eq!(scene.material.poisson_ratio, 0.45);
-    assert_eq!(scene.host, HostSettings { host_hz: 120.0, horizon_us: 45_000 });
+    assert_eq!(
+        scene.host,
+        HostSettings {
+            host_hz: 120.0,
+            horizon_us: 45_000
+        }
+    );
     assert_eq!(scene.tools.len(), 1);
-    assert_eq!((scene.tools[0].id, scene.tools[0].shape.radius_m), (3, 0.05));
+    assert_eq!(
+        (scene.tools[0].id, scene.tools[0].shape.radius_m),
+        (3, 0.05)
+    );
     assert_eq!(scene.tools[0].shape.offset_m, [0.0, 0.0, -0.01]);
-    let pose = Pose { position_m: [0.0, 0.0, 0.04], orientation: [0.0, 0.0, 0.0, 1.0] };
+    let pose = Pose {
+        position_m: [0.0, 0.0, 0.04],
+        orientation: [0.0, 0.0, 0.0, 1.0],
+    };
     assert_eq!(scene.tools[0].pose, Some(pose));
     let handle = &scene.loads.handles[0];
     assert_eq!(handle.anchor.vertices, [250, 251]);
@@ -76,7 +91,11 @@ fn every_value_arrives_where_it_belongs() {
     assert_eq!(hand.start_joint, [0.0, 0.01, 0.05]);
     assert!(scene.warnings.is_empty(), "{:?}", scene.warnings);
     // 9 x 7 nodes on the bottom; nodes 0 and 1 are there or add to them.
-    assert!((63..=65).contains(&scene.fixed.len()), "{}", scene.fixed.len());
+    assert!(
+        (63..=65).contains(&scene.fixed.len()),
+        "{}",
+        scene.fixed.len()
+    );
     // The rim x = 0.04 of the top: 7 nodes share the force.
     let forces = &scene.loads.forces;
     assert_eq!(forces.len(), 7);
@@ -100,7 +119,9 @@ fn a_scene_needs_only_tissue_and_what_holds_it() {
 #[test]
 fn a_bare_point_warns_at_its_radius() {
     let scene = read(&GOOD.replace("radius_m = 0.05", "radius_m = 0.0005")).expect("it only warns");
-    let [warning] = scene.warnings.as_slice() else { panic!("{:?}", scene.warnings) };
+    let [warning] = scene.warnings.as_slice() else {
+        panic!("{:?}", scene.warnings)
+    };
     assert_eq!(warning.severity(), Some(miette::Severity::Warning));
     assert!(warning.to_string().contains("bare point"), "{warning}");
     assert_eq!(&underlined(warning, "0.0005"), "0.0005");
@@ -109,7 +130,9 @@ fn a_bare_point_warns_at_its_radius() {
 /// The text that a complaint's span covers in `GOOD` after one edit.
 fn underlined(flaw: &Flaw, edited: &str) -> String {
     let source = flaw.source_code().expect("a flaw has its source");
-    let text = source.read_span(&flaw.span(), 0, 0).expect("the span is inside");
+    let text = source
+        .read_span(&flaw.span(), 0, 0)
+        .expect("the span is inside");
     let text = String::from_utf8(text.data().to_vec()).expect("the source is text");
     assert!(!text.is_empty(), "nothing is underlined for {edited}");
     text
@@ -305,7 +328,11 @@ const SLIPS: &[Slip] = &[
 #[test]
 fn every_slip_is_told_at_its_place_with_a_way_out() {
     for slip in SLIPS {
-        assert!(GOOD.contains(slip.from), "the good scene has no {}", slip.from);
+        assert!(
+            GOOD.contains(slip.from),
+            "the good scene has no {}",
+            slip.from
+        );
         let error = match read(&GOOD.replacen(slip.from, slip.to, 1)) {
             Ok(_) => panic!("accepted: {}", slip.to),
             Err(SceneError::Flaw(flaw)) => flaw,
@@ -324,7 +351,10 @@ fn every_slip_is_told_at_its_place_with_a_way_out() {
 fn a_way_point_out_of_an_arms_reach_is_refused() {
     let arm = GOOD.replace("cartesian-bench", "serial-arm");
     read(&arm).expect("the arm reaches the good scene's path");
-    let far = arm.replace("position_m = [0.0, 0.01, 0.05]", "position_m = [0.5, 0.01, 0.05]");
+    let far = arm.replace(
+        "position_m = [0.0, 0.01, 0.05]",
+        "position_m = [0.5, 0.01, 0.05]",
+    );
     let error = read(&far).expect_err("too far");
     assert_eq!(error.to_string(), "the grip cannot reach this way point");
 }

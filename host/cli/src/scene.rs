@@ -1,0 +1,81 @@
+//! Opening the scene that a command was given, or the one that it has by itself.
+//!
+//! Entry point: [`open`].
+
+use crate::failure::{Cause, Failure, render};
+use miette::Report;
+use std::path::Path;
+use sutura_host::scene::{self, Document, Scene, SceneError};
+
+/// Where the default scene is, seen from a checkout's root.
+pub const DEFAULT: &str = "scenes/palpation.toml";
+/// The same scene for use anywhere else.
+const EMBEDDED: &str = include_str!("../../../scenes/palpation.toml");
+
+/// The line of it that says how fine the slab is.
+const DIVISIONS: &str = "divisions = [20, 20, 8]";
+
+/// Loads a scene and shows its warnings; without a path it is [`DEFAULT`], or the copy of it inside this
+/// program where there is no such file.
+///
+/// # Errors
+/// Bad input: the file, something in it, or a file that it names.
+pub fn open(path: Option<&Path>) -> Result<Scene, Failure> {
+    let loaded = match path {
+        Some(path) => scene::load(path),
+        None if Path::new(DEFAULT).is_file() => scene::load(Path::new(DEFAULT)),
+        None => Scene::read(
+            &Document::embedded("palpation.toml", Path::new(""), EMBEDDED),
+            "palpation",
+        ),
+    };
+    let mut scene = loaded.map_err(Failure::from)?;
+    for warning in scene.warnings.drain(..) {
+        render(&Report::new(warning));
+    }
+    tracing::info!(
+        "scene \"{}\": {} nodes, {} cells, {} tools, {} handles",
+        scene.name,
+        scene.mesh.points_m().len(),
+        scene.mesh.cells().len(),
+        scene.tools.len(),
+        scene.loads.handles.len()
+    );
+    Ok(scene)
+}
+
+/// The palpation scene on a slab of these divisions.
+///
+/// # Errors
+/// Bad input, for divisions that make no slab.
+pub fn palpation_on(divisions: [usize; 3]) -> Result<Scene, Failure> {
+    let [x, y, z] = divisions;
+    let text = EMBEDDED.replacen(DIVISIONS, &format!("divisions = [{x}, {y}, {z}]"), 1);
+    let document = Document::embedded("palpation.toml", Path::new(""), &text);
+    let mut scene = Scene::read(&document, "palpation")?;
+    scene.name = format!("palpation {x} x {y} x {z}");
+    Ok(scene)
+}
+
+impl From<SceneError> for Failure {
+    fn from(error: SceneError) -> Failure {
+        Failure::new(Cause::BadInput, error)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_suite_changes_the_mesh_and_nothing_else() {
+        let scene = palpation_on([6, 5, 4]).expect("the embedded scene is good");
+        assert_eq!(scene.mesh.points_m().len(), 7 * 6 * 5);
+        let embedded = Document::embedded("palpation.toml", Path::new(""), EMBEDDED);
+        let own = Scene::read(&embedded, "palpation").expect("the embedded scene is good");
+        assert_eq!(
+            (own.hand, own.host, &own.tools),
+            (scene.hand, scene.host, &scene.tools)
+        );
+    }
+}

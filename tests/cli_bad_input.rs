@@ -1,0 +1,229 @@
+//! Every kind of bad input: the right exit code, and a message that names the thing and the way out.
+
+mod support;
+
+use std::path::Path;
+use support::{Ran, sutura, sutura_in};
+
+/// A scene on `mesh.msh` in the same directory.
+const SCENE: &str = "\
+[mesh]
+file = \"mesh.msh\"
+scale_to_m = 0.001
+
+[tissue]
+youngs_modulus_pa = 3000.0
+poisson_ratio = 0.4
+
+[[fixed]]
+plane = { axis = \"z\", at_m = 0.0 }
+
+[[handle]]
+vertices = [3]
+barycentric = [1.0]
+target_displacement_m = [0.0, 0.0, -0.0001]
+";
+
+/// gmsh 2.2, one tetrahedron of 1 mm; `element` is its node list, `extra` more nodes.
+fn mesh(element: &str, extra: &[&str]) -> String {
+    let corners = ["1 0 0 0", "2 1 0 0", "3 0 1 0", "4 0 0 1"];
+    let nodes: Vec<&str> = corners.iter().chain(extra).copied().collect();
+    format!(
+        "$MeshFormat\n2.2 0 8\n$EndMeshFormat\n$Nodes\n{}\n{}\n$EndNodes\n\
+         $Elements\n1\n77 4 2 0 1 {element}\n$EndElements\n",
+        nodes.len(),
+        nodes.join("\n")
+    )
+}
+
+fn solve(scene: &str, mesh: Option<&str>) -> Ran {
+    let directory = tempfile::tempdir().expect("a directory");
+    let write = |name: &str, text: &str| {
+        std::fs::write(directory.path().join(name), text).expect("writable");
+    };
+    write("scene.toml", scene);
+    if let Some(mesh) = mesh {
+        write("mesh.msh", mesh);
+    }
+    let ran = sutura_in(
+        directory.path(),
+        &["solve", "scene.toml", "--out", "out.json"],
+    );
+    assert_eq!(
+        directory.path().join("out.json").is_file(),
+        ran.code == 0,
+        "{}",
+        ran.stderr
+    );
+    ran
+}
+
+fn refused(ran: &Ran, said: &[&str]) {
+    assert_eq!(ran.code, 2, "{}{}", ran.stdout, ran.stderr);
+    for words in said {
+        assert!(
+            ran.stderr.contains(words),
+            "no \"{words}\" in:\n{}",
+            ran.stderr
+        );
+    }
+    assert!(ran.stdout.is_empty(), "results on stdout: {}", ran.stdout);
+}
+
+#[test]
+fn the_good_scene_of_these_tests_is_good() {
+    let ran = solve(SCENE, Some(&mesh("1 2 3 4", &[])));
+    assert_eq!(ran.code, 0, "{}", ran.stderr);
+}
+
+#[test]
+fn a_misspelt_key_is_shown_at_its_line_with_the_right_one() {
+    let ran = solve(
+        &SCENE.replace("poisson", "poison"),
+        Some(&mesh("1 2 3 4", &[])),
+    );
+    refused(
+        &ran,
+        &[
+            "unknown key `poison_ratio`",
+            "scene.toml:7:1",
+            "did you mean `poisson_ratio`?",
+        ],
+    );
+}
+
+#[test]
+fn a_negative_modulus_is_shown_at_its_value() {
+    let ran = solve(
+        &SCENE.replace("3000.0", "-3000.0"),
+        Some(&mesh("1 2 3 4", &[])),
+    );
+    refused(
+        &ran,
+        &[
+            "youngs_modulus_pa = -3000: must be positive",
+            "scene.toml:6:21",
+        ],
+    );
+}
+
+#[test]
+fn an_inverted_element_is_named_by_the_number_in_its_file() {
+    let ran = solve(SCENE, Some(&mesh("2 1 3 4", &[])));
+    refused(
+        &ran,
+        &["mesh.msh", "element 77", "inverted", "scene.toml:2:8"],
+    );
+}
+
+#[test]
+fn an_unreferenced_node_is_named_by_the_number_in_its_file() {
+    let ran = solve(SCENE, Some(&mesh("1 2 3 4", &["99 2 2 2"])));
+    refused(&ran, &["mesh.msh", "node 99", "belongs to no tetrahedron"]);
+}
+
+#[test]
+fn a_missing_mesh_is_shown_where_the_scene_names_it() {
+    refused(
+        &solve(SCENE, None),
+        &[
+            "cannot read the mesh mesh.msh",
+            "No such file",
+            "scene.toml:2:8",
+        ],
+    );
+}
+
+#[test]
+fn a_missing_scene_is_named() {
+    refused(
+        &sutura(&["solve", "scenes/none.toml", "--out", "x.json"]),
+        &["cannot read scenes/none.toml"],
+    );
+}
+
+#[test]
+fn tissue_that_can_float_away_is_refused() {
+    let scene = SCENE.replace("plane = { axis = \"z\", at_m = 0.0 }", "nodes = [0]");
+    refused(
+        &solve(&scene, Some(&mesh("1 2 3 4", &[]))),
+        &["the stiffness matrix is singular", "[[fixed]]"],
+    );
+}
+
+#[test]
+fn a_scene_with_nothing_to_solve_says_what_could_be_added() {
+    let scene = SCENE.split("[[handle]]").next().expect("the part before");
+    refused(
+        &solve(scene, Some(&mesh("1 2 3 4", &[]))),
+        &["nothing to solve", "add a `[[handle]]`"],
+    );
+}
+
+#[test]
+fn a_wrong_extension_is_refused_before_anything_is_read() {
+    let ran = sutura(&["solve", "scenes/none.toml", "--out", "field.csv"]);
+    refused(&ran, &["field.csv: not a result format", ".json or .vtu"]);
+}
+
+#[test]
+fn a_result_that_cannot_be_written_is_told() {
+    let ran = sutura(&[
+        "solve",
+        "scenes/cube-handle.toml",
+        "--out",
+        "no/such/place.json",
+    ]);
+    refused(&ran, &["cannot write no/such/place.json", "No such file"]);
+    assert!(!Path::new("no").exists());
+}
+
+#[test]
+fn a_wrong_flag_is_refused_with_the_usage() {
+    refused(
+        &sutura(&["solve", "--quickly"]),
+        &["unexpected argument '--quickly'", "--help"],
+    );
+    refused(
+        &sutura(&["slove"]),
+        &["unrecognized subcommand 'slove'", "solve"],
+    );
+}
+
+#[test]
+fn a_failure_is_one_json_object_when_asked_for() {
+    let ran = sutura(&[
+        "--format",
+        "json",
+        "solve",
+        "scenes/none.toml",
+        "--out",
+        "x.json",
+    ]);
+    assert_eq!(ran.code, 2);
+    let object: serde_json::Value = serde_json::from_str(&ran.stdout).expect("one JSON object");
+    assert_eq!(object["status"], "bad-input");
+    assert_eq!(object["exit_code"], 2);
+    assert!(
+        object["message"]
+            .as_str()
+            .expect("text")
+            .contains("scenes/none.toml")
+    );
+}
+
+#[test]
+fn every_command_has_help_with_examples() {
+    for command in ["run", "console", "solve", "bench"] {
+        let ran = sutura(&[command, "--help"]);
+        assert_eq!(ran.code, 0, "{command}: {}", ran.stderr);
+        assert!(
+            ran.stdout.contains("Examples:"),
+            "{command} has no examples"
+        );
+        assert!(
+            ran.stdout.contains(&format!("sutura {command}")),
+            "{command}"
+        );
+    }
+}

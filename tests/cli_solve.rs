@@ -1,0 +1,114 @@
+//! `sutura solve` from end to end: against an independent solution, and files that others can read.
+
+mod support;
+
+use serde_json::Value;
+use support::{root, sutura};
+
+fn json(text: &str) -> Value {
+    serde_json::from_str(text).expect("JSON")
+}
+
+fn read_json(path: &std::path::Path) -> Value {
+    json(&std::fs::read_to_string(path).expect("the file is there"))
+}
+
+fn vectors(value: &Value) -> Vec<[f64; 3]> {
+    serde_json::from_value(value.clone()).expect("a list of vectors")
+}
+
+/// Largest difference of two lists of vectors over the largest length in the second.
+fn relative_error(got: &[[f64; 3]], expected: &[[f64; 3]]) -> f64 {
+    assert_eq!(got.len(), expected.len());
+    let norm = |v: [f64; 3]| v.iter().map(|x| x * x).sum::<f64>().sqrt();
+    let apart = |(a, b): (&[f64; 3], &[f64; 3])| norm([a[0] - b[0], a[1] - b[1], a[2] - b[2]]);
+    let error = got.iter().zip(expected).map(apart).fold(0.0, f64::max);
+    error / expected.iter().map(|v| norm(*v)).fold(0.0, f64::max)
+}
+
+/// Expected: scikit-fem 12.0.2 assembly, scipy SuperLU on the full system (tests/data). The file gives 9
+/// digits.
+#[test]
+fn the_cube_with_one_handle_agrees_with_an_independent_solver() {
+    let directory = tempfile::tempdir().expect("a directory");
+    let out = directory.path().join("cube.json");
+    let ran = sutura(&[
+        "solve",
+        "scenes/cube-handle.toml",
+        "--out",
+        &out.to_string_lossy(),
+    ]);
+    assert_eq!(ran.code, 0, "{}", ran.stderr);
+    let got = read_json(&out);
+    let expected = read_json(&root().join("tests/data/linear-cube-1-handle.json"));
+    let displacement = vectors(&got["displacement_m"]);
+    assert_eq!(vectors(&got["points_m"]).len(), displacement.len());
+    let error = relative_error(&displacement, &vectors(&expected["displacement_m"]));
+    assert!(error < 1e-6, "displacement: {error:e}");
+    let reactions = got["reactions"].as_array().expect("a list");
+    assert_eq!(reactions[0]["handle"], 0);
+    let force: Vec<[f64; 3]> = reactions
+        .iter()
+        .map(|r| vectors(&json(&format!("[{}]", r["force_n"])))[0])
+        .collect();
+    let error = relative_error(&force, &vectors(&expected["force_on_tissue_n"]));
+    assert!(error < 1e-6, "force: {error:e}");
+    assert!(got["residual"].as_f64().expect("a number") < 1e-9);
+    assert!(ran.stdout.contains("handle side"), "{}", ran.stdout);
+}
+
+/// The two formats hold the same field, bit by bit.
+#[test]
+fn the_grid_file_reads_back_as_the_json_file() {
+    let directory = tempfile::tempdir().expect("a directory");
+    let [grid, plain] = ["cube.vtu", "cube.json"].map(|name| directory.path().join(name));
+    for out in [&grid, &plain] {
+        let ran = sutura(&[
+            "solve",
+            "scenes/cube-handle.toml",
+            "-o",
+            &out.to_string_lossy(),
+        ]);
+        assert_eq!(ran.code, 0, "{}", ran.stderr);
+    }
+    let text = std::fs::read_to_string(&grid).expect("the file is there");
+    let document = roxmltree::Document::parse(&text).expect("well-formed XML");
+    let plain = read_json(&plain);
+    for name in ["points_m", "displacement_m"] {
+        let array = document
+            .descendants()
+            .find(|n| n.attribute("Name") == Some(name));
+        let words = array
+            .and_then(|n| n.text())
+            .expect("the array is there")
+            .split_whitespace();
+        let numbers: Vec<f64> = words.map(|w| w.parse().expect("a number")).collect();
+        assert_eq!(numbers, vectors(&plain[name]).concat(), "{name}");
+    }
+    let left: Vec<_> = std::fs::read_dir(directory.path())
+        .expect("readable")
+        .collect();
+    assert_eq!(left.len(), 2, "partial files are left: {left:?}");
+}
+
+/// With `--format json` stdout is one object and nothing else.
+#[test]
+fn the_summary_is_one_json_object_when_asked_for() {
+    let directory = tempfile::tempdir().expect("a directory");
+    let out = directory.path().join("cube.json");
+    let out = out.to_string_lossy();
+    let ran = sutura(&[
+        "solve",
+        "scenes/cube-handle.toml",
+        "--out",
+        &out,
+        "--format",
+        "json",
+    ]);
+    assert_eq!(ran.code, 0, "{}", ran.stderr);
+    let summary = json(&ran.stdout);
+    assert_eq!(summary["status"], "ok");
+    assert_eq!(summary["nodes"], 1520);
+    assert_eq!(summary["cells"], 6502);
+    assert_eq!(summary["reactions"][0]["name"], "side");
+}
