@@ -36,7 +36,7 @@ pub enum LinkEvent {
 }
 
 /// The console's end of the link.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub struct ConsoleLink {
     endpoint: Endpoint,
     identity: Identity,

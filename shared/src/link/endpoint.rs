@@ -35,7 +35,7 @@ pub(super) enum Received {
 }
 
 /// One end of the link.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub(super) struct Endpoint {
     /// Direction of what this end receives.
     receives: Direction,
@@ -153,7 +153,7 @@ impl Endpoint {
 }
 
 /// Session and sequence of what comes in.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 struct Incoming {
     /// 0: none is open.
     session: u32,

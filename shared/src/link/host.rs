@@ -103,7 +103,7 @@ pub enum HostEvent {
 }
 
 /// The host's end of the link.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub struct HostLink {
     endpoint: Endpoint,
     tick_hz: u16,

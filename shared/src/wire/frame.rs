@@ -281,15 +281,26 @@ impl postcard::ser_flavors::Flavor for Writer<'_> {
 /// a fixed cost per byte.
 ///
 /// An overlong frame is dropped up to the next delimiter, so that its tail is never taken for a frame.
-#[derive(Debug)]
+/// (Own unstuffing, because a console with a `cobs::DecoderState` in it could not be cloned.)
+#[derive(Clone, Debug)]
 pub struct Accumulator {
     packet: [u8; MAX_PACKET],
     len: usize,
-    stuffing: cobs::DecoderState,
-    /// Within an overlong frame.
-    skipping: bool,
+    part: Part,
+    /// Bytes that the current block still has.
+    block_left: u8,
+    /// Whether a zero follows the current block, unless the frame ends with it.
+    zero_after: bool,
     /// Why the last frame gave no packet.
     reject: Option<Reject>,
+}
+
+/// What the last byte belonged to.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Part {
+    Delimiter,
+    Frame,
+    OverlongFrame,
 }
 
 impl Default for Accumulator {
@@ -304,8 +315,9 @@ impl Accumulator {
         Accumulator {
             packet: [0; MAX_PACKET],
             len: 0,
-            stuffing: cobs::DecoderState::Idle,
-            skipping: false,
+            part: Part::Delimiter,
+            block_left: 0,
+            zero_after: false,
             reject: None,
         }
     }
@@ -322,39 +334,53 @@ impl Accumulator {
     /// This is what every byte costs: some 40 instructions on a Cortex-M4.
     #[inline]
     pub(crate) fn take_in(&mut self, byte: u8) -> bool {
-        if self.skipping {
-            self.skipping = byte != 0;
-            return false;
-        }
-        match self.stuffing.feed(byte) {
-            Ok(cobs::DecodeResult::NoData) => false,
-            Ok(cobs::DecodeResult::DataStart) => {
+        match (byte, self.part) {
+            (0, _) => self.delimit(),
+            (_, Part::OverlongFrame) => false,
+            (_, Part::Frame) if self.block_left > 0 => {
+                self.block_left -= 1;
+                self.store(byte)
+            }
+            (_, Part::Frame) => {
+                let zero = self.zero_after;
+                self.begin_block(byte);
+                zero && self.store(0)
+            }
+            (_, Part::Delimiter) => {
+                self.part = Part::Frame;
                 self.len = 0;
+                self.begin_block(byte);
                 false
             }
-            Ok(cobs::DecodeResult::DataContinue(byte)) => match self.packet.get_mut(self.len) {
-                Some(place) => {
-                    *place = byte;
-                    self.len += 1;
-                    false
-                }
-                None => {
-                    self.stuffing = cobs::DecoderState::Idle;
-                    self.skipping = true;
-                    self.reject = Some(Reject::Overlong);
-                    true
-                }
-            },
-            Ok(cobs::DecodeResult::DataComplete) => {
-                self.reject = None;
-                true
+        }
+    }
+
+    /// `length` counts itself and is not 0; the longest block has no zero after it.
+    fn begin_block(&mut self, length: u8) {
+        self.block_left = length.saturating_sub(1);
+        self.zero_after = length != 0xff;
+    }
+
+    fn store(&mut self, byte: u8) -> bool {
+        match self.packet.get_mut(self.len) {
+            Some(place) => {
+                *place = byte;
+                self.len += 1;
+                false
             }
-            // Only a delimiter that comes too early is an error, so the next byte starts a frame.
-            Err(_) => {
-                self.reject = Some(Reject::Cobs);
+            None => {
+                self.part = Part::OverlongFrame;
+                self.reject = Some(Reject::Overlong);
                 true
             }
         }
+    }
+
+    fn delimit(&mut self) -> bool {
+        let ended = self.part == Part::Frame;
+        self.part = Part::Delimiter;
+        self.reject = (self.block_left > 0).then_some(Reject::Cobs);
+        ended
     }
 
     /// What the frame that ended last holds.
