@@ -3,6 +3,8 @@
 //! Entry point: [`DeviceDescription`]. One is compiled into each board's firmware; the host reads
 //! the same description from `devices/*.toml`.
 
+use crate::wire::validate::{MAX_CURRENT, MAX_POSITION};
+use core::fmt;
 use postcard::experimental::max_size::MaxSize;
 use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
@@ -69,4 +71,132 @@ pub struct DeviceDescription {
     pub gravity_mass_kg: [f32; JOINTS],
     /// Largest contact force at the grip \[N\].
     pub max_force_n: f32,
+}
+
+/// Why a description does not make a usable device.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct DeviceError {
+    /// Joint, from 0, if it is about one.
+    pub joint: Option<u8>,
+    /// Field of [`Joint`], [`Kinematics`] or [`DeviceDescription`].
+    pub field: &'static str,
+    /// What the field must be.
+    pub rule: &'static str,
+}
+
+impl fmt::Display for DeviceError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        if let Some(joint) = self.joint {
+            write!(f, "joint {joint}: ")?;
+        }
+        write!(f, "{} must be {}", self.field, self.rule)
+    }
+}
+
+impl core::error::Error for DeviceError {}
+
+/// Fastest grip of any device \[m/s\]: half of what a `State` may report.
+const MAX_GRIP_SPEED: f32 = 50.0;
+
+impl DeviceDescription {
+    /// Checks that the console can compute with these numbers: everything that control derives from them
+    /// is then finite, whatever the encoders say, and within what a `State` may report.
+    ///
+    /// # Errors
+    /// [`DeviceError`] names the first field that is not as it must be.
+    pub fn validate(&self) -> Result<(), DeviceError> {
+        let rule = |ok: bool, field, rule| require(ok, None, field, rule);
+        let length = |value: f32| value > 0.0 && value <= MAX_POSITION;
+        let reach_m = match self.kinematics {
+            Kinematics::Cartesian { origin_m } => {
+                rule(is_place(&origin_m), "origin_m", "finite, at most 10 m")?;
+                1.0
+            }
+            Kinematics::SerialArm {
+                shoulder_m,
+                upper_m,
+                fore_m,
+            } => {
+                rule(is_place(&shoulder_m), "shoulder_m", "finite, at most 10 m")?;
+                rule(length(upper_m), "upper_m", "positive, at most 10 m")?;
+                rule(length(fore_m), "fore_m", "positive, at most 10 m")?;
+                upper_m + fore_m
+            }
+        };
+        let mut grip_speed = 0.0;
+        for (joint, index) in self.joints.iter().zip(0..) {
+            joint.validate(index)?;
+            grip_speed += joint.max_speed_per_s * reach_m;
+        }
+        rule(
+            grip_speed <= MAX_GRIP_SPEED,
+            "max_speed_per_s",
+            "such that all joints together move the grip by at most 50 m/s",
+        )?;
+        let carried = |mass: &f32| (0.0..=1e3).contains(mass);
+        rule(
+            self.gravity_mass_kg.iter().all(carried),
+            "gravity_mass_kg",
+            "0 to 1000 kg",
+        )?;
+        rule(
+            self.max_force_n > 0.0 && self.max_force_n <= 1e3,
+            "max_force_n",
+            "positive, at most 1000 N",
+        )
+    }
+}
+
+impl Joint {
+    fn validate(&self, index: u8) -> Result<(), DeviceError> {
+        let rule = |ok: bool, field, rule| require(ok, Some(index), field, rule);
+        let ratio = |value: f32| (1e-6..=1e6).contains(&value.abs());
+        let positive = |value: f32| (1e-9..=1e9).contains(&value);
+        let not_negative = |value: f32| (0.0..=1e9).contains(&value);
+        rule(
+            (1.0..=1e9).contains(&self.counts_per_unit.abs()),
+            "counts_per_unit",
+            "of magnitude 1 to 1e9",
+        )?;
+        rule(
+            ratio(self.effort_per_amp),
+            "effort_per_amp",
+            "of magnitude 1e-6 to 1e6",
+        )?;
+        rule(
+            self.max_current_a > 0.0 && self.max_current_a <= MAX_CURRENT,
+            "max_current_a",
+            "positive, at most 1000 A",
+        )?;
+        rule(
+            positive(self.max_slew_per_s),
+            "max_slew_per_s",
+            "1e-9 to 1e9",
+        )?;
+        rule(
+            positive(self.max_speed_per_s),
+            "max_speed_per_s",
+            "1e-9 to 1e9",
+        )?;
+        rule(positive(self.inertia), "inertia", "1e-9 to 1e9")?;
+        rule(not_negative(self.damping), "damping", "0 to 1e9")?;
+        rule(not_negative(self.coulomb), "coulomb", "0 to 1e9")
+    }
+}
+
+fn is_place(v: &[f32; 3]) -> bool {
+    v.iter().all(|x| x.abs() <= MAX_POSITION)
+}
+
+fn require(
+    ok: bool,
+    joint: Option<u8>,
+    field: &'static str,
+    rule: &'static str,
+) -> Result<(), DeviceError> {
+    if ok {
+        Ok(())
+    } else {
+        Err(DeviceError { joint, field, rule })
+    }
 }

@@ -5,6 +5,12 @@
 #![no_std]
 #![forbid(unsafe_code)]
 
+pub mod control;
 pub mod device;
+pub mod hash;
+pub mod kinematics;
 pub mod link;
+pub mod math;
+pub mod simulated_console;
+pub mod virtual_console;
 pub mod wire;

@@ -124,6 +124,7 @@ fn fault_bits_are_pinned() {
         (faults::ENCODER_JUMP, 4, "encoder_jump"),
         (faults::OVERRUN, 8, "overrun"),
         (faults::BOARD, 16, "board"),
+        (faults::OUT_OF_REACH, 32, "out_of_reach"),
     ];
     assert_eq!(faults::NAMES.len(), pinned.len());
     for (bit, number, name) in pinned {

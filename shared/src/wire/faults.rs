@@ -12,14 +12,17 @@ pub const ENCODER_JUMP: u16 = 1 << 2;
 pub const OVERRUN: u16 = 1 << 3;
 /// The board reported a fault of its own: amplifier, supply, watchdog.
 pub const BOARD: u16 = 1 << 4;
+/// The encoders put a joint or the grip where no console reaches: more than 10 m or rad.
+pub const OUT_OF_REACH: u16 = 1 << 5;
 
 /// Every fault that this version knows, with the name that users see.
-pub const NAMES: [(u16, &str); 5] = [
+pub const NAMES: [(u16, &str); 6] = [
     (E_STOP, "e_stop"),
     (NOT_FINITE, "not_finite"),
     (ENCODER_JUMP, "encoder_jump"),
     (OVERRUN, "overrun"),
     (BOARD, "board"),
+    (OUT_OF_REACH, "out_of_reach"),
 ];
 
 /// Names of the faults that are set in `bits`, in the order of the bits.

@@ -1,0 +1,174 @@
+//! The local contact model: the force between two frames of the host.
+//!
+//! Entry points: [`LocalContact::force`] every tick, [`LocalContact::blend_from`] when the model changes.
+//! A tangent with a gap (Otaduy and Lin 2006) is exact for a plane spring; see `docs` for what the
+//! alternatives cost in error and stability.
+
+use super::{MAX_HORIZON_US, STALE_DECAY_US};
+use crate::math::{Vec3, dot, max, shortened};
+use crate::wire::ValidContact;
+
+/// Factor per tick on what is left of the force before the model changed: a time constant of 10 ms, below
+/// which a change of force is felt as a knock.
+const BLEND_DECAY: f32 = 0.904_837_4;
+
+/// How old a contact may be.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Freshness {
+    /// There is none.
+    Missing,
+    /// Within its horizon.
+    Fresh,
+    /// Beyond its horizon.
+    Stale,
+    /// So far beyond that the console should no longer wait for another one.
+    Lost,
+}
+
+/// The part of a frame that a console with three joints renders, and how it is blended in.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct LocalContact {
+    /// Grip position that was solved for \[m\].
+    position_m: Vec3,
+    /// Force on the tool there \[N\].
+    force_n: Vec3,
+    /// Columns of d force / d position \[N/m\]; symmetric.
+    tangent: [Vec3; 3],
+    /// Way along `-normal` until the tool touches \[m\].
+    gap_m: f32,
+    /// Out of the tissue.
+    normal: Vec3,
+    relaxation_per_s: f32,
+    horizon_us: u32,
+    /// Console time of the state that was solved for \[us\].
+    console_time_us: u64,
+    pub sequence: u32,
+    /// Age when it was first applied \[us\].
+    pub applied_age_us: u32,
+    /// What is left of the force before the model changed, less this model's \[N\].
+    offset_n: Vec3,
+    /// Largest force \[N\].
+    max_force_n: f32,
+}
+
+impl LocalContact {
+    /// The model of a frame that arrives at `now_us`.
+    pub fn new(frame: &ValidContact, now_us: u64, max_force_n: f32) -> Self {
+        let body = frame.body();
+        let [fx, fy, fz, ..] = body.wrench;
+        // Rows of the packed upper triangle: xx xy xz .. | yy yz .. | zz ..
+        let [xx, xy, xz, _, _, _, yy, yz, _, _, _, zz, ..] = body.tangent;
+        let mut contact = LocalContact {
+            position_m: Vec3::from(body.position_m),
+            force_n: Vec3::new(fx, fy, fz),
+            tangent: [
+                Vec3::new(xx, xy, xz),
+                Vec3::new(xy, yy, yz),
+                Vec3::new(xz, yz, zz),
+            ],
+            gap_m: body.gap_m,
+            normal: Vec3::from(body.normal),
+            relaxation_per_s: body.relaxation_per_s,
+            horizon_us: body.horizon_us.min(MAX_HORIZON_US),
+            console_time_us: frame.console_time_us(),
+            sequence: frame.sequence(),
+            applied_age_us: 0,
+            offset_n: Vec3::zeros(),
+            max_force_n,
+        };
+        contact.applied_age_us = contact.age_us(now_us);
+        contact
+    }
+
+    /// Age of the data \[us\], counted from the console time that was solved for.
+    pub fn age_us(&self, now_us: u64) -> u32 {
+        let age = now_us.saturating_sub(self.console_time_us);
+        // The largest value means "none" on the wire.
+        u32::try_from(age).map_or(u32::MAX - 1, |age| age.min(u32::MAX - 1))
+    }
+
+    /// How old the data is, in what it means.
+    pub fn freshness(&self, now_us: u64) -> Freshness {
+        match self.age_us(now_us).saturating_sub(self.horizon_us) {
+            0 => Freshness::Fresh,
+            1..=super::LOST_AFTER_US => Freshness::Stale,
+            _ => Freshness::Lost,
+        }
+    }
+
+    /// Whether this was solved for an earlier state than `other`.
+    pub fn is_older_than(&self, other: &LocalContact) -> bool {
+        self.console_time_us < other.console_time_us
+    }
+
+    /// Lets one tick pass for the blend.
+    pub fn fade_blend(&mut self) {
+        self.offset_n *= BLEND_DECAY;
+    }
+
+    /// Makes the force at this moment continue from `rendered`, for a contact that is fresh.
+    pub fn blend_from(&mut self, rendered: &Vec3, position: &Vec3, now_us: u64) {
+        self.offset_n = rendered - self.model(position, self.age_us(now_us));
+    }
+
+    /// Contact force on the grip \[N\], limited in length, 0 when the data is too old.
+    pub fn force(&self, position: &Vec3, now_us: u64) -> Vec3 {
+        let age_us = self.age_us(now_us);
+        let share = self.staleness(age_us);
+        if share > 0.0 {
+            shortened(
+                self.model(position, age_us) + self.offset_n,
+                self.max_force_n,
+            ) * share
+        } else {
+            Vec3::zeros()
+        }
+    }
+
+    /// 1 up to the horizon, then down to 0 in a straight line.
+    fn staleness(&self, age_us: u32) -> f32 {
+        let over_us = age_us.saturating_sub(self.horizon_us);
+        let left_us = STALE_DECAY_US.saturating_sub(over_us);
+        left_us as f32 * (1.0 / STALE_DECAY_US as f32)
+    }
+
+    /// The frame's own force at another position and time.
+    fn model(&self, position: &Vec3, age_us: u32) -> Vec3 {
+        let moved = position - self.position_m;
+        let force = if self.gap_m > 0.0 {
+            self.force_across_gap(&moved)
+        } else {
+            self.force_n * self.relaxed(age_us) + self.stiffness_times(&moved)
+        };
+        // Tissue pushes and never pulls.
+        if dot(&self.normal, &force) > 0.0 {
+            shortened(force, self.max_force_n)
+        } else {
+            Vec3::zeros()
+        }
+    }
+
+    /// What lies behind the gap acts only on the part of the way that is left after it.
+    fn force_across_gap(&self, moved: &Vec3) -> Vec3 {
+        let closed_m = -dot(&self.normal, moved);
+        if closed_m > self.gap_m {
+            self.stiffness_times(moved) * (1.0 - self.gap_m / closed_m)
+        } else {
+            Vec3::zeros()
+        }
+    }
+
+    fn relaxed(&self, age_us: u32) -> f32 {
+        max(0.0, 1.0 - self.relaxation_per_s * (age_us as f32 * 1e-6))
+    }
+
+    fn stiffness_times(&self, moved: &Vec3) -> Vec3 {
+        let [x, y, z] = self.tangent;
+        x * moved.x + y * moved.y + z * moved.z
+    }
+
+    /// What is left of the force before the model changed, less this model's \[N\].
+    pub fn offset(&self) -> &Vec3 {
+        &self.offset_n
+    }
+}

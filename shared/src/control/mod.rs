@@ -1,0 +1,339 @@
+//! The 1 kHz control tick: encoders in, motor currents out.
+//!
+//! Entry point: [`Control::tick`]. It costs the same whatever the data (a new frame costs two evaluations
+//! of the contact more), allocates nothing and does not panic. Whatever the encoders and the host send,
+//! the currents are finite and within the limits of the device, and without fresh contact data the
+//! contact force goes to 0.
+
+mod contact;
+mod drive;
+mod encoders;
+mod mode;
+
+pub use encoders::VELOCITY_GAIN;
+
+use crate::device::{DeviceDescription, DeviceError, JOINTS};
+use crate::hash::TraceHash;
+use crate::kinematics::{self, Pose};
+use crate::math::{Vec3, is_finite};
+use crate::wire::ValidContact;
+use crate::wire::faults;
+use crate::wire::message::{Command, Mode, State};
+use crate::wire::validate::MAX_POSITION;
+use contact::{Freshness, LocalContact};
+use drive::Drive;
+use encoders::{Encoders, Joints};
+use mode::{Faults, Orders, has_torque, next_mode};
+
+/// Control rate \[Hz\].
+pub const TICK_HZ: u16 = 1000;
+/// Period of control \[us\].
+pub const TICK_US: u64 = 1000;
+/// Period of control \[s\].
+pub const TICK_S: f32 = 1e-3;
+/// Longest use of a contact frame \[us\], whatever the frame says: a hand goes 30 mm in this time, further
+/// than a tangent holds.
+pub const MAX_HORIZON_US: u32 = 150_000;
+/// Time from the horizon until the contact force is gone \[us\]: longer than a knock, shorter than an
+/// unstable swing.
+pub const STALE_DECAY_US: u32 = 30_000;
+/// Time from the horizon until the console disarms \[us\].
+pub const LOST_AFTER_US: u32 = 500_000;
+
+/// What a board reads at the start of a tick.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct TickInput {
+    /// Console time at which the encoders were read \[us\].
+    pub now_us: u64,
+    /// Encoder readings \[counts\], (3); they may wrap around.
+    pub encoder_counts: [i32; JOINTS],
+    /// The emergency stop is pressed.
+    pub emergency_stop: bool,
+    /// The board has found a fault of its own.
+    pub board_fault: bool,
+    /// The computation of the tick before took longer than its period.
+    pub overrun: bool,
+}
+
+/// What a board puts out at the end of a tick.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TickOutput {
+    /// Motor currents \[A\], (3).
+    pub current_a: [f32; JOINTS],
+    /// Whether the amplifiers are on; the currents are 0 while they are not.
+    pub amplifiers_on: bool,
+    /// What the host is told.
+    pub state: State,
+}
+
+/// The control loop of one console.
+#[derive(Clone, Copy, Debug)]
+pub struct Control {
+    device: DeviceDescription,
+    encoders: Encoders,
+    contact: Option<LocalContact>,
+    orders: Orders,
+    faults: Faults,
+    mode: Mode,
+    drive: Drive,
+    tick: u32,
+    trace: TraceHash,
+}
+
+impl Control {
+    /// Control of a device, at boot.
+    ///
+    /// # Errors
+    /// See [`DeviceDescription::validate`].
+    pub fn new(device: DeviceDescription) -> Result<Control, DeviceError> {
+        device.validate()?;
+        Ok(Control {
+            encoders: Encoders::new(&device),
+            contact: None,
+            orders: Orders::default(),
+            faults: Faults::default(),
+            mode: Mode::Boot,
+            drive: Drive::new(&device),
+            tick: 0,
+            trace: TraceHash::new(),
+            device,
+        })
+    }
+
+    /// A host has opened a session: disarms, forgets the contact, and starts the trace hash again.
+    pub fn open_session(&mut self) {
+        self.orders = Orders::default();
+        self.orders.command(Command::Disarm);
+        self.contact = None;
+        self.trace = TraceHash::new();
+    }
+
+    /// Takes an order, for the next tick.
+    pub fn command(&mut self, command: Command) {
+        self.orders.command(command);
+    }
+
+    /// Becomes another device, from boot on; false, and nothing changes, while the amplifiers are on, a
+    /// fault is latched, or if the description is not valid. For simulated consoles.
+    pub fn change_device(&mut self, device: &DeviceDescription) -> bool {
+        if has_torque(self.mode) || self.mode == Mode::Fault || device.validate().is_err() {
+            return false;
+        }
+        self.device = *device;
+        self.encoders = Encoders::new(device);
+        self.drive = Drive::new(device);
+        self.contact = None;
+        self.mode = Mode::Boot;
+        true
+    }
+
+    /// The joints have been put elsewhere: the next reading is believed as it is. False, and nothing
+    /// changes, while the amplifiers are on. For simulated consoles.
+    pub fn restart_encoders(&mut self) -> bool {
+        if has_torque(self.mode) {
+            return false;
+        }
+        self.encoders.restart();
+        true
+    }
+
+    /// Adds a word to the trace hash. For simulated consoles: the state of their mechanics.
+    pub fn trace(&mut self, word: u32) {
+        self.trace.word(word);
+    }
+
+    /// One tick: from the encoders, and the newest contact if one has come since the last tick, to the
+    /// motors.
+    pub fn tick(&mut self, input: &TickInput, fresh: Option<&ValidContact>) -> TickOutput {
+        self.tick = self.tick.wrapping_add(1);
+        let started = self.encoders.have_started();
+        let joints = self.encoders.read(&input.encoder_counts);
+        let pose = kinematics::forward(&self.device, &joints.position);
+        let velocity = pose.velocity(&joints.velocity);
+
+        self.take_contact(fresh, &pose, input.now_us);
+        self.latch_faults(input, &joints, &pose);
+        self.change_mode(started, &pose, input.now_us);
+
+        let force = self.contact_force(&pose, input.now_us);
+        let (current_a, force) = self.drive_motors(&pose, &force);
+
+        let state = self.state(input.now_us, &pose, &velocity, &force, current_a);
+        let state = self.hash(input, fresh, &joints, state);
+        TickOutput {
+            current_a,
+            amplifiers_on: has_torque(self.mode),
+            state,
+        }
+    }
+
+    /// Puts a new frame in the place of the old one, at the force that is rendered now. Frames that come
+    /// too late to be used, or are older than the one in use, change nothing: that one goes on ageing.
+    fn take_contact(&mut self, fresh: Option<&ValidContact>, pose: &Pose, now_us: u64) {
+        if let Some(contact) = &mut self.contact {
+            contact.fade_blend();
+        }
+        // This console has one grip, which is tool 0.
+        let Some(frame) = fresh.filter(|frame| frame.body().tool == 0) else {
+            return;
+        };
+        let mut new = LocalContact::new(frame, now_us, self.device.max_force_n);
+        let outdated = self.contact.is_some_and(|old| new.is_older_than(&old));
+        if outdated || new.freshness(now_us) != Freshness::Fresh {
+            return;
+        }
+        let rendered = self.contact_force(pose, now_us);
+        new.blend_from(&rendered, &pose.position_m, now_us);
+        self.contact = Some(new);
+    }
+
+    fn latch_faults(&mut self, input: &TickInput, joints: &Joints, pose: &Pose) {
+        let beyond = |x: &f32| x.abs() > MAX_POSITION;
+        let out_of_reach = joints.position.iter().any(beyond) || pose.position_m.iter().any(beyond);
+        let causes = [
+            (input.emergency_stop, faults::E_STOP),
+            (input.board_fault, faults::BOARD),
+            (joints.jumped, faults::ENCODER_JUMP),
+            (out_of_reach, faults::OUT_OF_REACH),
+        ];
+        let present = causes.iter().filter(|(present, _)| *present);
+        let causes = present.fold(0, |all, (_, bit)| all | bit);
+        self.faults.latch(causes, input.overrun, self.orders.clear);
+    }
+
+    /// Obeys the orders. Those that come during boot wait for its end.
+    fn change_mode(&mut self, started: bool, pose: &Pose, now_us: u64) {
+        let contact = self.contact.as_ref();
+        let freshness = contact.map_or(Freshness::Missing, |contact| contact.freshness(now_us));
+        let before = self.mode;
+        let faults = self.faults.latched();
+        self.mode = next_mode(before, self.orders, faults, started, freshness);
+        if self.mode != Mode::Boot {
+            self.orders = Orders::default();
+        }
+        if self.mode == Mode::Fault {
+            self.contact = None;
+        }
+        if has_torque(self.mode) && !has_torque(before) {
+            self.begin_rendering(freshness, pose, now_us);
+        }
+    }
+
+    /// The first force after arming is 0 and grows from there.
+    fn begin_rendering(&mut self, freshness: Freshness, pose: &Pose, now_us: u64) {
+        match &mut self.contact {
+            Some(contact) if freshness == Freshness::Fresh => {
+                contact.blend_from(&Vec3::zeros(), &pose.position_m, now_us);
+            }
+            contact => *contact = None,
+        }
+    }
+
+    fn contact_force(&self, pose: &Pose, now_us: u64) -> Vec3 {
+        match &self.contact {
+            Some(contact) if has_torque(self.mode) => contact.force(&pose.position_m, now_us),
+            _ => Vec3::zeros(),
+        }
+    }
+
+    /// Currents, and the contact force that they make. A number that is not finite ends in a fault.
+    fn drive_motors(&mut self, pose: &Pose, force: &Vec3) -> ([f32; JOINTS], Vec3) {
+        if has_torque(self.mode) {
+            let contact = pose.effort(force);
+            let command = self.drive.command(&pose.weight_effort, &contact);
+            match command.filter(|_| is_finite(force)) {
+                Some(command) => return (command.current_a, force * command.share),
+                None => self.trip(faults::NOT_FINITE),
+            }
+        }
+        self.drive.off();
+        ([0.0; JOINTS], Vec3::zeros())
+    }
+
+    /// A fault found in the middle of a tick.
+    fn trip(&mut self, fault: u16) {
+        self.faults.add(fault);
+        self.mode = Mode::Fault;
+        self.contact = None;
+    }
+
+    fn state(
+        &self,
+        now_us: u64,
+        pose: &Pose,
+        velocity: &Vec3,
+        force: &Vec3,
+        current_a: [f32; JOINTS],
+    ) -> State {
+        let contact = self.contact.as_ref();
+        State {
+            tick: self.tick,
+            position_m: pose.position_m.into(),
+            orientation: [0.0, 0.0, 0.0, 1.0],
+            velocity_m_per_s: (*velocity).into(),
+            force_n: (*force).into(),
+            current_a,
+            mode: self.mode,
+            faults: self.faults.latched(),
+            contact_sequence: contact.map_or(0, |contact| contact.sequence),
+            contact_age_us: contact.map_or(u32::MAX, |contact| contact.age_us(now_us)),
+            applied_age_us: contact.map_or(u32::MAX, |contact| contact.applied_age_us),
+            trace_hash: 0,
+        }
+    }
+
+    /// Adds this tick's inputs, outputs and internal state to the trace.
+    fn hash(
+        &mut self,
+        input: &TickInput,
+        fresh: Option<&ValidContact>,
+        joints: &Joints,
+        state: State,
+    ) -> State {
+        let trace = &mut self.trace;
+        trace.double(input.now_us);
+        for counts in input.encoder_counts {
+            trace.word(counts as u32);
+        }
+        let flags = [input.emergency_stop, input.board_fault, input.overrun];
+        trace.word(
+            flags
+                .iter()
+                .fold(0, |bits, flag| bits << 1 | u32::from(*flag)),
+        );
+        if let Some(frame) = fresh {
+            hash_contact(trace, frame);
+        }
+        trace.floats(&joints.velocity);
+        if let Some(contact) = &self.contact {
+            trace.vector(contact.offset());
+        }
+        trace.word(self.faults.overruns());
+        trace.word(state.tick);
+        trace.floats(&state.position_m);
+        trace.floats(&state.velocity_m_per_s);
+        trace.floats(&state.force_n);
+        trace.floats(&state.current_a);
+        trace.word(state.mode as u32 | u32::from(state.faults) << 16);
+        trace.word(state.contact_sequence);
+        trace.word(state.contact_age_us);
+        trace.word(state.applied_age_us);
+        State {
+            trace_hash: trace.value(),
+            ..state
+        }
+    }
+}
+
+fn hash_contact(trace: &mut TraceHash, frame: &ValidContact) {
+    let body = frame.body();
+    trace.word(frame.sequence());
+    trace.double(frame.console_time_us());
+    trace.word(u32::from(body.tool));
+    trace.floats(&body.position_m);
+    trace.floats(&body.wrench);
+    trace.floats(&body.tangent);
+    trace.floats(&body.normal);
+    trace.floats(&[body.gap_m, body.relaxation_per_s]);
+    trace.word(body.horizon_us);
+}

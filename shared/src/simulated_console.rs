@@ -1,0 +1,201 @@
+//! A whole console in software: link, control and virtual device, put together in the order in which
+//! the firmware's tasks run.
+//!
+//! Entry points: [`SimulatedConsole`] where one thread does everything; [`SimulatedBoard`] for firmware
+//! that runs link and control in tasks of its own, as a board has encoders and motors.
+
+use crate::control::{Control, TICK_HZ, TICK_US, TickInput, TickOutput};
+use crate::device::{DeviceDescription, DeviceError};
+use crate::link::{ConsoleLink, Identity, LinkEvent};
+use crate::virtual_console::VirtualDevice;
+use crate::wire::message::{Report, Simulate, State};
+use crate::wire::{MAX_FRAME, ValidContact};
+
+/// Ticks between two reports.
+pub const REPORT_EVERY: u32 = 1000;
+
+/// What a simulated console has in the place of a board: encoders, motors, and an emergency stop.
+#[derive(Clone, Copy, Debug)]
+pub struct SimulatedBoard {
+    device: VirtualDevice,
+    emergency_stop: bool,
+    now_us: u64,
+}
+
+impl SimulatedBoard {
+    /// A board at boot.
+    pub fn new(device: &DeviceDescription) -> Self {
+        SimulatedBoard {
+            device: VirtualDevice::new(device),
+            emergency_stop: false,
+            now_us: 0,
+        }
+    }
+
+    /// Obeys an order to the simulation. The device changes only while the amplifiers are off and no fault
+    /// is latched; while they are on, a new hand takes the grip where it is.
+    pub fn simulate(&mut self, order: &Simulate, control: &mut Control) {
+        match order {
+            Simulate::Device(device) => {
+                if control.change_device(device) {
+                    self.device = VirtualDevice::new(device);
+                }
+            }
+            Simulate::Hand(script) => {
+                if control.restart_encoders() {
+                    self.device.place(&script.start_joint);
+                }
+                self.device.set_hand(script);
+            }
+            Simulate::EmergencyStop(pressed) => self.emergency_stop = *pressed,
+            Simulate::EncoderOffset(counts) => self.device.set_encoder_offset(*counts),
+        }
+    }
+
+    /// Starts a tick and reads its inputs. `overrun`: the tick before took longer than its period.
+    pub fn read(&mut self, overrun: bool) -> TickInput {
+        self.now_us += TICK_US;
+        TickInput {
+            now_us: self.now_us,
+            encoder_counts: self.device.encoder_counts(),
+            emergency_stop: self.emergency_stop,
+            board_fault: false,
+            overrun,
+        }
+    }
+
+    /// Lets the device move until the next tick.
+    pub fn write(&mut self, output: &TickOutput) {
+        self.device
+            .advance(&output.current_a, output.amplifiers_on, TICK_US as u32);
+    }
+
+    /// The mechanics.
+    pub fn device(&self) -> &VirtualDevice {
+        &self.device
+    }
+
+    /// Console time of the last tick \[us\].
+    pub fn now_us(&self) -> u64 {
+        self.now_us
+    }
+}
+
+/// How punctual the thread that runs a console was with the last tick.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Pace {
+    /// Its computation took longer than its period.
+    pub overrun: bool,
+    /// It started more than a period late.
+    pub late: bool,
+}
+
+/// A console in one thread.
+#[derive(Clone, Debug)]
+pub struct SimulatedConsole {
+    link: ConsoleLink,
+    control: Control,
+    board: SimulatedBoard,
+    contact: Option<ValidContact>,
+    report: Report,
+    state: Option<State>,
+}
+
+impl SimulatedConsole {
+    /// A console at boot. `seed`: see [`ConsoleLink::new`].
+    ///
+    /// # Errors
+    /// See [`DeviceDescription::validate`].
+    pub fn new(device: &DeviceDescription, seed: u32) -> Result<SimulatedConsole, DeviceError> {
+        let identity = Identity {
+            tick_hz: TICK_HZ,
+            simulated: true,
+            device_name: device.name,
+        };
+        Ok(SimulatedConsole {
+            link: ConsoleLink::new(identity, seed),
+            control: Control::new(*device)?,
+            board: SimulatedBoard::new(device),
+            contact: None,
+            report: Report::default(),
+            state: None,
+        })
+    }
+
+    /// Takes bytes from the host.
+    pub fn feed(&mut self, bytes: &[u8]) {
+        for byte in bytes {
+            if let Some(event) = self.link.receive(*byte, self.board.now_us()) {
+                self.apply(event);
+            }
+        }
+    }
+
+    fn apply(&mut self, event: LinkEvent) {
+        match event {
+            LinkEvent::SessionOpened => {
+                self.contact = None;
+                self.control.open_session();
+            }
+            LinkEvent::Contact(contact) => {
+                let replaced = self.contact.replace(contact).is_some();
+                self.report.frames_superseded = self
+                    .report
+                    .frames_superseded
+                    .wrapping_add(u32::from(replaced));
+            }
+            LinkEvent::Command(command) => self.control.command(command),
+            LinkEvent::Simulate(order) => self.board.simulate(order.body(), &mut self.control),
+        }
+    }
+
+    /// Runs one tick. `pace` is that of the tick before.
+    pub fn tick(&mut self, pace: Pace) -> TickOutput {
+        let input = self.board.read(pace.overrun);
+        let output = self.control.tick(&input, self.contact.take().as_ref());
+        self.board.write(&output);
+        self.state = Some(output.state);
+        self.report.ticks = output.state.tick;
+        count(&mut self.report.tick_overruns, pace.overrun);
+        count(&mut self.report.ticks_late, pace.late);
+        output
+    }
+
+    /// Gives what is to be sent after a tick, in order: the answer to a `Hello`, `State`, `Report`.
+    pub fn drain(&mut self, out: &mut impl Extend<u8>) {
+        let now_us = self.board.now_us();
+        let mut frame = [0; MAX_FRAME];
+        let mut send = |frame: &[u8; MAX_FRAME], len| out.extend(frame.iter().copied().take(len));
+        if let Some(len) = self.link.take_reply(now_us, &mut frame) {
+            send(&frame, len);
+        }
+        let Some(state) = self.state.take() else {
+            return;
+        };
+        if state
+            .tick
+            .is_multiple_of(u32::from(self.link.state_every()))
+        {
+            let len = self.link.encode_state(now_us, &state, &mut frame);
+            send(&frame, len);
+        }
+        if state.tick.is_multiple_of(REPORT_EVERY) {
+            let len = self.link.encode_report(now_us, &self.report, &mut frame);
+            send(&frame, len);
+        }
+    }
+
+    /// Control rate \[Hz\].
+    pub fn tick_hz(&self) -> u16 {
+        TICK_HZ
+    }
+
+    /// The board, to look at.
+    pub fn board(&self) -> &SimulatedBoard {
+        &self.board
+    }
+}
+
+fn count(counter: &mut u32, happened: bool) {
+    *counter = counter.wrapping_add(u32::from(happened));
+}
