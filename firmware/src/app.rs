@@ -20,6 +20,7 @@ mod sutura {
     use sutura_firmware::watch::{Task, Watch};
     use sutura_shared::control::Control;
     use sutura_shared::link::ConsoleLink;
+    use sutura_shared::wire::message::Mode;
 
     /// Tasks that have run, for the watchdogs.
     static WATCH: Watch = Watch::new();
@@ -61,7 +62,11 @@ mod sutura {
                 now_us: 0,
                 host: HostSide::new(link, port, orders_in, back, boot.report()),
             },
-            Local { control: ControlSide::new(control, plant, orders_out, front, written), newest, guard },
+            Local {
+                control: ControlSide::new(control, plant, orders_out, front, written),
+                newest,
+                guard,
+            },
         )
     }
 
@@ -76,8 +81,8 @@ mod sutura {
         let start = board::cycles();
         let control = cx.local.control;
         cx.shared.contacts.lock(|contacts| control.take(contacts));
-        let now_us = control.tick();
-        cx.shared.now_us.lock(|shared| *shared = now_us);
+        let tick_us = control.tick();
+        cx.shared.now_us.lock(|now_us| *now_us = tick_us);
         control.finish(board::cycles_between(start, board::cycles()));
         cx.shared.samples.lock(|samples| control.give(samples));
         WATCH.tick(Task::Control);
@@ -85,11 +90,26 @@ mod sutura {
     }
 
     /// Frames to the host. No line of any board raises EXTI0; the control task pends it.
-    #[task(binds = EXTI0, priority = 2, local = [newest], shared = [samples, host])]
+    #[task(binds = EXTI0, priority = 2, local = [newest, logged: (Mode, u16) = (Mode::Boot, 0)], shared = [samples, host])]
     fn telemetry(mut cx: telemetry::Context) {
         let newest = cx.local.newest;
         if cx.shared.samples.lock(|samples| samples.take(newest)) {
-            cx.shared.host.lock(|host| host.send(newest));
+            let due = newest.report_is_due();
+            let stack_free = if due { board::stack_free() } else { 0 };
+            cx.shared.host.lock(|host| {
+                if due {
+                    host.report().stack_free_bytes = stack_free;
+                }
+                host.send(newest);
+            });
+            let state = &newest.state;
+            if (state.mode, state.faults) != *cx.local.logged {
+                *cx.local.logged = (state.mode, state.faults);
+                board::log(board::Event::Mode {
+                    mode: state.mode as u8,
+                    faults: state.faults,
+                });
+            }
         }
         WATCH.tick(Task::Telemetry);
         // What an interrupt did not bring, and what did not fit before.
@@ -117,7 +137,9 @@ mod sutura {
     ) {
         let now_us = now_us.lock(|now_us| *now_us);
         host.lock(|host| {
-            host.receive(now_us, |back| contacts.lock(|contacts| contacts.publish(back)));
+            host.receive(now_us, |back| {
+                contacts.lock(|contacts| contacts.publish(back))
+            });
         });
         WATCH.tick(Task::Link);
     }

@@ -5,7 +5,8 @@
 use crate::exchange::Exchange;
 use crate::host_side::{Costs, Order, OrdersOut, Sample, Slot};
 use sutura_shared::control::{Control, TickInput, TickOutput};
-use sutura_shared::wire::ValidSimulate;
+use sutura_shared::simulated_console::SimulatedBoard;
+use sutura_shared::wire::message::Simulate;
 
 /// Encoders, motors and switches of a console, real or simulated.
 pub trait Plant {
@@ -16,7 +17,26 @@ pub trait Plant {
     /// Whether this tick has taken longer than its period by now.
     fn overrun(&self) -> bool;
     /// An order to a simulated console; a real one never gets any.
-    fn simulate(&mut self, order: &ValidSimulate, control: &mut Control);
+    fn simulate(&mut self, order: &Simulate, control: &mut Control);
+}
+
+/// Its time is made by the ticks themselves: none can be late.
+impl Plant for SimulatedBoard {
+    fn read(&mut self, overrun: bool) -> TickInput {
+        self.read(overrun)
+    }
+
+    fn write(&mut self, output: &TickOutput) {
+        self.write(output);
+    }
+
+    fn overrun(&self) -> bool {
+        false
+    }
+
+    fn simulate(&mut self, order: &Simulate, control: &mut Control) {
+        self.simulate(order, control);
+    }
 }
 
 /// The control loop and the ends of what leads to it.
@@ -40,7 +60,16 @@ impl<'a, P: Plant> ControlSide<'a, P> {
         front: &'a mut Slot,
         sample: &'a mut Sample,
     ) -> Self {
-        Self { control, plant, orders, front, fresh: false, sample, overrun: false, costs: Costs::default() }
+        Self {
+            control,
+            plant,
+            orders,
+            front,
+            fresh: false,
+            sample,
+            overrun: false,
+            costs: Costs::default(),
+        }
     }
 
     /// Takes the newest contact, if there is one. Under the lock: one swap.
@@ -54,15 +83,23 @@ impl<'a, P: Plant> ControlSide<'a, P> {
             match order {
                 Order::OpenSession => self.control.open_session(),
                 Order::Command(command) => self.control.command(command),
-                Order::Simulate(order) => self.plant.simulate(&order, &mut self.control),
+                Order::Simulate(order) => self.plant.simulate(order.body(), &mut self.control),
             }
         }
         let input = self.plant.read(self.overrun);
-        let fresh = if self.fresh { self.front.as_ref() } else { None };
+        let fresh = if self.fresh {
+            self.front.as_ref()
+        } else {
+            None
+        };
         let output = self.control.tick(&input, fresh);
         self.plant.write(&output);
         self.overrun = self.plant.overrun();
-        *self.sample = Sample { now_us: input.now_us, state: output.state, costs: self.costs };
+        *self.sample = Sample {
+            now_us: input.now_us,
+            state: output.state,
+            costs: self.costs,
+        };
         input.now_us
     }
 
@@ -75,5 +112,204 @@ impl<'a, P: Plant> ControlSide<'a, P> {
     pub fn finish(&mut self, cost: u32) {
         self.costs.overruns = self.costs.overruns.wrapping_add(u32::from(self.overrun));
         self.costs.cost_max = self.costs.cost_max.max(cost);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::devices::CARTESIAN_BENCH;
+    use crate::host_side::{Bytes, HostSide, Orders};
+    use std::vec::Vec;
+    use sutura_shared::control::TICK_HZ;
+    use sutura_shared::link::{ConsoleLink, HostEvent, HostLink, Identity};
+    use sutura_shared::simulated_console::{Pace, SimulatedConsole};
+    use sutura_shared::wire::message::{
+        Command, Contact, HandScript, Mode, Report, State, WAY_POINTS, WayPoint,
+    };
+    use sutura_shared::wire::{MAX_FRAME, Message};
+
+    #[derive(Default)]
+    struct Line {
+        down: Vec<u8>,
+        up: Vec<u8>,
+    }
+
+    impl Bytes for Line {
+        fn read(&mut self, bytes: &mut [u8]) -> usize {
+            let count = self.down.len().min(bytes.len());
+            for (place, byte) in bytes.iter_mut().zip(self.down.drain(..count)) {
+                *place = byte;
+            }
+            count
+        }
+
+        fn write(&mut self, bytes: &[u8]) -> usize {
+            self.up.extend_from_slice(bytes);
+            bytes.len()
+        }
+    }
+
+    /// What a host sends before tick `tick`: every kind of message, several in one tick, noise, silence,
+    /// and a second session.
+    fn script(host: &mut HostLink, tick: u32, newest: Option<(u64, State)>) -> Vec<u8> {
+        let mut bytes = Vec::new();
+        let mut frame = [0; MAX_FRAME];
+        if tick == 3 || tick == 2500 {
+            let length = host.hello(tick, &mut frame).expect("a hello fits");
+            bytes.extend_from_slice(&frame[..length]);
+        }
+        let mut send = |time, message: Order| {
+            fn one(host: &mut HostLink, time: u64, body: &impl Message, out: &mut Vec<u8>) {
+                let mut frame = [0; MAX_FRAME];
+                if let Ok(length) = host.send(time, body, &mut frame) {
+                    out.extend_from_slice(&frame[..length]);
+                }
+            }
+            match message {
+                Order::Command(command) => one(host, time, &command, &mut bytes),
+                Order::Simulate(order) => one(host, time, &order, &mut bytes),
+                Order::Contact(contact) => one(host, time, &contact, &mut bytes),
+            }
+        };
+        match tick {
+            10 | 2510 => {
+                send(0, Order::Simulate(Simulate::Device(CARTESIAN_BENCH)));
+                send(0, Order::Simulate(Simulate::Hand(hand())));
+            }
+            20 | 2520 | 1900 => send(0, Order::Command(Command::Arm)),
+            1000 => send(0, Order::Command(Command::StateEvery { ticks: 7 })),
+            1800 => send(0, Order::Simulate(Simulate::EmergencyStop(true))),
+            1810 => send(0, Order::Simulate(Simulate::EmergencyStop(false))),
+            1820 => send(0, Order::Command(Command::ClearFault)),
+            _ => {}
+        }
+        // 60 Hz contacts, twice in some ticks; none for 300 ms.
+        if let Some((time, state)) = newest
+            && tick.is_multiple_of(16)
+            && !(1200..1500).contains(&tick)
+        {
+            send(time, Order::Contact(contact(&state)));
+            if tick.is_multiple_of(48) {
+                send(time, Order::Contact(contact(&state)));
+            }
+        }
+        if tick.is_multiple_of(311) {
+            bytes.extend([1, 2, 3, 0, 0, 7]);
+        }
+        bytes
+    }
+
+    #[expect(clippy::large_enum_variant, reason = "a few in a test")]
+    enum Order {
+        Command(Command),
+        Simulate(Simulate),
+        Contact(Contact),
+    }
+
+    fn hand() -> HandScript {
+        let mut way_points = [WayPoint::default(); WAY_POINTS];
+        way_points[1] = WayPoint {
+            time_s: 1.0,
+            position_m: [0.002, -0.001, -0.01],
+        };
+        way_points[2] = WayPoint {
+            time_s: 2.0,
+            position_m: [0.0, 0.0, 0.005],
+        };
+        HandScript {
+            stiffness_n_per_m: 300.0,
+            damping_n_s_per_m: 3.0,
+            start_joint: [0.0; 3],
+            count: 3,
+            way_points,
+        }
+    }
+
+    /// A floor of 500 N/m at z = 0, solved at the state's pose.
+    fn contact(state: &State) -> Contact {
+        let depth = -state.position_m[2];
+        let mut tangent = [0.0; 21];
+        tangent[11] = -500.0;
+        Contact {
+            tool: 0,
+            position_m: state.position_m,
+            orientation: state.orientation,
+            wrench: [0.0, 0.0, 500.0 * depth.max(0.0), 0.0, 0.0, 0.0],
+            tangent,
+            gap_m: (-depth).max(0.0),
+            normal: [0.0, 0.0, 1.0],
+            relaxation_per_s: 0.0,
+            horizon_us: 60_000,
+        }
+    }
+
+    /// The tasks' parts, run in the order of their priorities, are `SimulatedConsole` to the byte.
+    #[test]
+    fn the_tasks_give_the_bytes_of_the_simulated_console() {
+        let identity = Identity {
+            tick_hz: TICK_HZ,
+            simulated: true,
+            device_name: CARTESIAN_BENCH.name,
+        };
+        let mut queue = Orders::new();
+        let (orders_in, orders_out) = queue.split();
+        let (mut back, mut middle, mut front) = (None, None, None);
+        let [mut written, mut between, mut newest] = [Sample::BEFORE_THE_FIRST; 3];
+        let link = ConsoleLink::new(identity, 0);
+        let mut host_side = HostSide::new(
+            link,
+            Line::default(),
+            orders_in,
+            &mut back,
+            Report::default(),
+        );
+        let mut contacts = Exchange::new(&mut middle);
+        let mut samples = Exchange::new(&mut between);
+        let control = Control::new(CARTESIAN_BENCH).expect("a valid device");
+        let plant = SimulatedBoard::new(&CARTESIAN_BENCH);
+        let mut control_side =
+            ControlSide::new(control, plant, orders_out, &mut front, &mut written);
+        let mut newest = &mut newest;
+
+        let mut reference = SimulatedConsole::new(&CARTESIAN_BENCH, 0).expect("a valid device");
+        let mut host = HostLink::new(TICK_HZ);
+        let mut last: Option<(u64, State)> = None;
+        let mut modes = Vec::new();
+        let mut peak = 0.0_f32;
+        let mut now_us = 0;
+        for tick in 1..=4000 {
+            let down = script(&mut host, tick, last);
+
+            host_side.port().down.extend_from_slice(&down);
+            host_side.receive(now_us, |back| contacts.publish(back));
+            control_side.take(&mut contacts);
+            now_us = control_side.tick();
+            control_side.give(&mut samples);
+            assert!(samples.take(&mut newest));
+            host_side.send(newest);
+            let up = core::mem::take(&mut host_side.port().up);
+
+            reference.feed(&down);
+            reference.tick(Pace::default());
+            let mut expected = Vec::new();
+            reference.drain(&mut expected);
+            assert_eq!(up, expected, "tick {tick}");
+
+            for byte in up {
+                if let Some(HostEvent::State(state)) = host.receive(byte) {
+                    last = Some((state.console_time_us(), *state.body()));
+                    peak = peak.max(state.body().force_n[2]);
+                    if modes.last() != Some(&state.body().mode) {
+                        modes.push(state.body().mode);
+                    }
+                }
+            }
+        }
+        // The script is worth something only if it went through everything.
+        for mode in [Mode::Idle, Mode::Armed, Mode::Decaying, Mode::Fault] {
+            assert!(modes.contains(&mode), "{modes:?}");
+        }
+        assert!(peak > 1.0, "{peak} N");
     }
 }

@@ -90,8 +90,16 @@ mod tests {
 
     #[test]
     fn an_epitaph_survives_and_one_flipped_bit_voids_it() {
-        for kind in [Kind::Panic, Kind::HardFault, Kind::Exception, Kind::Watchdog] {
-            let epitaph = Epitaph { kind, place: 0x0800_1234 };
+        for kind in [
+            Kind::Panic,
+            Kind::HardFault,
+            Kind::Exception,
+            Kind::Watchdog,
+        ] {
+            let epitaph = Epitaph {
+                kind,
+                place: 0x0800_1234,
+            };
             let words = epitaph.to_words();
             assert_eq!(Epitaph::from_words(words), Some(epitaph));
             for bit in 0..96 {
@@ -118,7 +126,10 @@ mod tests {
     /// Flag combinations as RM0090 describes them: the pin flag stands beside every other.
     #[test]
     fn the_strongest_flag_names_the_cause() {
-        let epitaph = Some(Epitaph { kind: Kind::Panic, place: 7 });
+        let epitaph = Some(Epitaph {
+            kind: Kind::Panic,
+            place: 7,
+        });
         assert_eq!(reset_cause(0x0E00_0000, None), 1);
         assert_eq!(reset_cause(0x0400_0000, None), 2);
         assert_eq!(reset_cause(0x1400_0000, None), 3);

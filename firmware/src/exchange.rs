@@ -12,7 +12,10 @@ pub struct Exchange<'a, T> {
 impl<'a, T> Exchange<'a, T> {
     /// An exchange that holds nothing yet.
     pub fn new(middle: &'a mut T) -> Self {
-        Self { middle, fresh: false }
+        Self {
+            middle,
+            fresh: false,
+        }
     }
 
     /// Hands the writer's buffer over and gives an older one back to write into.

@@ -5,6 +5,7 @@
 use crate::outbox::Outbox;
 use heapless::spsc::{Consumer, Producer, Queue};
 use sutura_shared::link::{ConsoleLink, LinkEvent};
+use sutura_shared::simulated_console::REPORT_EVERY;
 use sutura_shared::wire::message::{Command, Mode, Report, State};
 use sutura_shared::wire::{MAX_FRAME, ValidContact, ValidSimulate};
 
@@ -83,8 +84,17 @@ impl Sample {
             applied_age_us: u32::MAX,
             trace_hash: 0,
         },
-        costs: Costs { overruns: 0, late: 0, cost_max: 0 },
+        costs: Costs {
+            overruns: 0,
+            late: 0,
+            cost_max: 0,
+        },
     };
+
+    /// Whether a report follows this tick.
+    pub fn report_is_due(&self) -> bool {
+        self.state.tick.is_multiple_of(REPORT_EVERY)
+    }
 }
 
 /// The link, its port, and the ends of what leads to the control task.
@@ -106,7 +116,14 @@ impl<'a, P: Bytes> HostSide<'a, P> {
         back: &'a mut Slot,
         boot: Report,
     ) -> Self {
-        Self { link, port, orders, back, outbox: Outbox::new(), report: boot }
+        Self {
+            link,
+            port,
+            orders,
+            back,
+            outbox: Outbox::new(),
+            report: boot,
+        }
     }
 
     /// Takes all bytes that have arrived. `publish` swaps a buffer into the exchange of contacts, under its
@@ -160,10 +177,12 @@ impl<'a, P: Bytes> HostSide<'a, P> {
         }
         let tick = sample.state.tick;
         if tick.is_multiple_of(u32::from(self.link.state_every())) {
-            let length = self.link.encode_state(sample.now_us, &sample.state, &mut frame);
+            let length = self
+                .link
+                .encode_state(sample.now_us, &sample.state, &mut frame);
             self.push(&frame, length);
         }
-        if tick.is_multiple_of(REPORT_EVERY) {
+        if sample.report_is_due() {
             let report = Report {
                 ticks: tick,
                 tick_overruns: sample.costs.overruns,
@@ -193,5 +212,206 @@ impl<'a, P: Bytes> HostSide<'a, P> {
     }
 }
 
-/// Ticks between two reports: 1 s.
-const REPORT_EVERY: u32 = 1000;
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::exchange::Exchange;
+    use std::vec::Vec;
+    use sutura_shared::link::{HostEvent, HostLink, Identity};
+    use sutura_shared::wire::message::Contact;
+
+    /// Bytes in both directions, a few at a time.
+    #[derive(Default)]
+    struct Line {
+        down: Vec<u8>,
+        up: Vec<u8>,
+        /// Most bytes that a read gives.
+        grain: usize,
+    }
+
+    impl Bytes for Line {
+        fn read(&mut self, bytes: &mut [u8]) -> usize {
+            let count = self.down.len().min(bytes.len()).min(self.grain);
+            for (place, byte) in bytes.iter_mut().zip(self.down.drain(..count)) {
+                *place = byte;
+            }
+            count
+        }
+
+        fn write(&mut self, bytes: &[u8]) -> usize {
+            let count = bytes.len().min(self.grain);
+            self.up.extend_from_slice(&bytes[..count]);
+            count
+        }
+    }
+
+    const IDENTITY: Identity = Identity {
+        tick_hz: 1000,
+        simulated: true,
+        device_name: *b"test\0\0\0\0\0\0\0\0\0\0\0\0",
+    };
+
+    fn contact(force: f32) -> Contact {
+        Contact {
+            tool: 0,
+            position_m: [0.0; 3],
+            orientation: [0.0, 0.0, 0.0, 1.0],
+            wrench: [0.0, 0.0, force, 0.0, 0.0, 0.0],
+            tangent: [0.0; 21],
+            gap_m: 0.0,
+            normal: [0.0, 0.0, 1.0],
+            relaxation_per_s: 0.0,
+            horizon_us: 100_000,
+        }
+    }
+
+    fn sample(tick: u32) -> Sample {
+        let first = Sample::BEFORE_THE_FIRST;
+        Sample {
+            now_us: u64::from(tick) * 1000,
+            state: State {
+                tick,
+                ..first.state
+            },
+            ..first
+        }
+    }
+
+    /// Both sides, as the tasks use them; with an open session.
+    struct Bench<'a> {
+        side: HostSide<'a, Line>,
+        contacts: Exchange<'a, Slot>,
+        front: &'a mut Slot,
+        orders: OrdersOut<'a>,
+        host: HostLink,
+    }
+
+    fn with_session(grain: usize, test: impl FnOnce(&mut Bench)) {
+        let mut queue = Orders::new();
+        let (orders_in, orders) = queue.split();
+        let (mut back, mut middle, mut front) = (None, None, None);
+        let line = Line {
+            grain,
+            ..Line::default()
+        };
+        let link = ConsoleLink::new(IDENTITY, 7);
+        let side = HostSide::new(link, line, orders_in, &mut back, Report::default());
+        let contacts = Exchange::new(&mut middle);
+        let mut bench = Bench {
+            side,
+            contacts,
+            front: &mut front,
+            orders,
+            host: HostLink::new(1000),
+        };
+
+        let mut frame = [0; MAX_FRAME];
+        let length = bench.host.hello(3, &mut frame).expect("a hello fits");
+        bench.down(&frame[..length]);
+        bench.side.send(&sample(1));
+        assert!(matches!(
+            bench.up()[..],
+            [HostEvent::Opened(_), HostEvent::State(_)]
+        ));
+        assert_eq!(bench.orders.dequeue(), Some(Order::OpenSession));
+        test(&mut bench);
+    }
+
+    impl Bench<'_> {
+        fn down(&mut self, bytes: &[u8]) {
+            self.side.port.down.extend_from_slice(bytes);
+            self.side.receive(1000, |back| self.contacts.publish(back));
+        }
+
+        fn up(&mut self) -> Vec<HostEvent> {
+            let bytes = core::mem::take(&mut self.side.port.up);
+            bytes
+                .iter()
+                .filter_map(|&byte| self.host.receive(byte))
+                .collect()
+        }
+
+        fn frame(&mut self, message: &impl sutura_shared::wire::Message) -> Vec<u8> {
+            let mut frame = [0; MAX_FRAME];
+            let length = self.host.send(1000, message, &mut frame).expect("valid");
+            frame[..length].to_vec()
+        }
+    }
+
+    #[test]
+    fn the_newest_contact_arrives_and_older_ones_are_counted() {
+        for grain in [1, 7, 64] {
+            with_session(grain, |bench| {
+                for force in [1.0, 2.0, 3.0] {
+                    let frame = bench.frame(&contact(force));
+                    bench.down(&frame);
+                }
+                assert!(bench.contacts.take(&mut bench.front));
+                let wrench = bench.front.as_ref().map(|contact| contact.body().wrench[2]);
+                assert_eq!(wrench, Some(3.0));
+                assert_eq!(bench.side.report.frames_superseded, 2);
+            });
+        }
+    }
+
+    #[test]
+    fn a_new_session_forgets_the_contact_of_the_old_one() {
+        with_session(64, |bench| {
+            let frame = bench.frame(&contact(1.0));
+            bench.down(&frame);
+            let mut hello = [0; MAX_FRAME];
+            let length = bench.host.hello(4, &mut hello).expect("a hello fits");
+            bench.down(&hello[..length]);
+            bench.contacts.take(&mut bench.front);
+            assert_eq!(*bench.front, None);
+            assert_eq!(bench.orders.dequeue(), Some(Order::OpenSession));
+        });
+    }
+
+    #[test]
+    fn more_orders_than_there_is_room_for_wait_in_the_port() {
+        with_session(64, |bench| {
+            let mut frames = Vec::new();
+            for ticks in 1..=40 {
+                frames.extend(bench.frame(&Command::StateEvery { ticks }));
+            }
+            bench.down(&frames);
+            let mut received = Vec::new();
+            while let Some(order) = bench.orders.dequeue() {
+                received.push(order);
+                bench
+                    .side
+                    .receive(1000, |back| bench.contacts.publish(back));
+            }
+            let expected = (1..=40).map(|ticks| Order::Command(Command::StateEvery { ticks }));
+            assert!(received.into_iter().eq(expected));
+        });
+    }
+
+    #[test]
+    fn states_come_as_often_as_asked_and_reports_every_second() {
+        with_session(64, |bench| {
+            let frame = bench.frame(&Command::StateEvery { ticks: 10 });
+            bench.down(&frame);
+            let (mut states, mut reports) = (0, Vec::new());
+            for tick in 2..=2000 {
+                bench.side.send(&sample(tick));
+                for event in bench.up() {
+                    match event {
+                        HostEvent::State(_) => states += 1,
+                        HostEvent::Report(report) => reports.push(*report.body()),
+                        other => panic!("unexpected {other:?}"),
+                    }
+                }
+            }
+            assert_eq!(states, 200);
+            assert_eq!(reports.len(), 2);
+            assert_eq!(reports[1].ticks, 2000);
+            // The hello and the command.
+            assert_eq!(
+                (reports[1].frames_received, reports[1].frames_rejected),
+                (2, 0)
+            );
+        });
+    }
+}

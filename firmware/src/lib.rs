@@ -10,6 +10,7 @@ extern crate std;
 #[cfg(target_os = "none")]
 pub mod board;
 pub mod control_side;
+pub mod devices;
 pub mod epitaph;
 pub mod exchange;
 pub mod host_side;

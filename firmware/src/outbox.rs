@@ -15,7 +15,10 @@ pub struct Outbox<const N: usize> {
 impl<const N: usize> Outbox<N> {
     /// Nothing waits.
     pub const fn new() -> Self {
-        Self { bytes: Deque::new(), dropped: 0 }
+        Self {
+            bytes: Deque::new(),
+            dropped: 0,
+        }
     }
 
     /// Takes a frame whole, or drops it and counts that.
@@ -62,7 +65,13 @@ mod tests {
     fn frames_arrive_whole_and_in_order_through_a_slow_writer() {
         let mut outbox = Outbox::<10>::new();
         let mut received = Vec::new();
-        for frame in [&[1, 2, 3, 4][..], &[5, 6, 7, 8], &[9, 10, 11, 12], &[13], &[14, 15]] {
+        for frame in [
+            &[1, 2, 3, 4][..],
+            &[5, 6, 7, 8],
+            &[9, 10, 11, 12],
+            &[13],
+            &[14, 15],
+        ] {
             outbox.push(frame);
             let mut room = 2;
             outbox.flush(|bytes| {
@@ -77,7 +86,10 @@ mod tests {
             bytes.len()
         });
         // Two bytes leave after each push: 2, 4, then 6 + 4 bytes just fit, then 8 + 1, 7 + 2.
-        assert_eq!(received, [1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15]);
+        assert_eq!(
+            received,
+            [1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15]
+        );
         assert_eq!(outbox.dropped(), 0);
     }
 

@@ -43,7 +43,10 @@ pub const MAIN_OUTPUT_ENABLE: u32 = 1 << 15;
 /// a pulse train that stops is a command out of range, and 0 % may be full current backwards.
 pub fn safe_state(registers: &mut impl TorqueRegisters, layout: &TorqueLayout) {
     registers.write(Register::EnableSetReset, 1 << (16 + layout.enable_pin));
-    registers.write(Register::BreakDeadTime, layout.break_dead_time & !MAIN_OUTPUT_ENABLE);
+    registers.write(
+        Register::BreakDeadTime,
+        layout.break_dead_time & !MAIN_OUTPUT_ENABLE,
+    );
     for motor in 0..MOTORS {
         registers.write(Register::Compare(motor), layout.zero_compare);
     }
@@ -54,7 +57,10 @@ pub fn torque_on(registers: &mut impl TorqueRegisters, layout: &TorqueLayout) {
     for motor in 0..MOTORS {
         registers.write(Register::Compare(motor), layout.zero_compare);
     }
-    registers.write(Register::BreakDeadTime, layout.break_dead_time | MAIN_OUTPUT_ENABLE);
+    registers.write(
+        Register::BreakDeadTime,
+        layout.break_dead_time | MAIN_OUTPUT_ENABLE,
+    );
     registers.write(Register::EnableSetReset, 1 << layout.enable_pin);
 }
 
@@ -63,8 +69,11 @@ mod tests {
     use super::*;
     use std::vec::Vec;
 
-    const LAYOUT: TorqueLayout =
-        TorqueLayout { enable_pin: 12, break_dead_time: 0x1C00, zero_compare: 4200 };
+    const LAYOUT: TorqueLayout = TorqueLayout {
+        enable_pin: 12,
+        break_dead_time: 0x1C00,
+        zero_compare: 4200,
+    };
 
     /// Registers that behave like the timer and port as far as torque goes, and remember every write.
     #[derive(Default)]
@@ -118,8 +127,12 @@ mod tests {
     fn torque_is_off_after_the_first_write_from_any_state() {
         for main_output in [false, true] {
             for compare in [0, 840, 4200, 7560, 8400] {
-                let mut mock =
-                    Mock { enable: true, main_output, compare: [compare; MOTORS], ..Mock::default() };
+                let mut mock = Mock {
+                    enable: true,
+                    main_output,
+                    compare: [compare; MOTORS],
+                    ..Mock::default()
+                };
                 safe_state(&mut mock, &LAYOUT);
                 assert!(!mock.enabled_without_zero, "torque between the writes");
                 assert!(!mock.enable && !mock.main_output);
@@ -138,7 +151,10 @@ mod tests {
 
     #[test]
     fn amplifiers_wake_up_to_zero_current() {
-        let mut mock = Mock { compare: [840, 4200, 7560], ..Mock::default() };
+        let mut mock = Mock {
+            compare: [840, 4200, 7560],
+            ..Mock::default()
+        };
         torque_on(&mut mock, &LAYOUT);
         assert!(mock.enable && mock.main_output && !mock.enabled_without_zero);
     }

@@ -35,7 +35,9 @@ impl Watch {
 
     /// True if every task ticked since this last said so; then all have to tick again.
     pub fn all_ticked(&self) -> bool {
-        self.0.compare_exchange(ALL, 0, Ordering::Relaxed, Ordering::Relaxed).is_ok()
+        self.0
+            .compare_exchange(ALL, 0, Ordering::Relaxed, Ordering::Relaxed)
+            .is_ok()
     }
 
     /// The tasks that ticked, as bits: for an epitaph.
@@ -54,7 +56,10 @@ mod tests {
         for missing in tasks {
             let watch = Watch::new();
             for _ in 0..3 {
-                tasks.iter().filter(|&&task| task != missing).for_each(|&task| watch.tick(task));
+                tasks
+                    .iter()
+                    .filter(|&&task| task != missing)
+                    .for_each(|&task| watch.tick(task));
                 assert!(!watch.all_ticked(), "{missing:?} never ticked");
             }
             watch.tick(missing);

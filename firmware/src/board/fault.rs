@@ -33,8 +33,13 @@ pub fn exhume() -> Option<Epitaph> {
 #[panic_handler]
 fn panic(info: &PanicInfo) -> ! {
     super::safe_state();
-    let place = info.location().map_or(0, |place| place_of(place.file(), place.line()));
-    bury(Epitaph { kind: Kind::Panic, place })
+    let place = info
+        .location()
+        .map_or(0, |place| place_of(place.file(), place.line()));
+    bury(Epitaph {
+        kind: Kind::Panic,
+        place,
+    })
 }
 
 /// Restores a stack before anything uses it: an overflown stack is what brings us here most likely.
@@ -60,11 +65,17 @@ extern "C" fn hard_fault(stack_pointer: usize) -> ! {
     } else {
         0
     };
-    bury(Epitaph { kind: Kind::HardFault, place })
+    bury(Epitaph {
+        kind: Kind::HardFault,
+        place,
+    })
 }
 
 #[exception]
 unsafe fn DefaultHandler(number: i16) -> ! {
     super::safe_state();
-    bury(Epitaph { kind: Kind::Exception, place: number as u32 })
+    bury(Epitaph {
+        kind: Kind::Exception,
+        place: number as u32,
+    })
 }

@@ -5,19 +5,20 @@
 //! - `Port`: bytes from and to the host, for the link task,
 //! - `Guard`: the watchdogs, for the idle task, in `idle(..)`,
 //! - `safe_state()`: first on every fault path; `end(epitaph)`: last on it,
-//! - `cycles()`: what a control tick costs, in the board's unit; `log(event)`: below control priority only.
+//! - `cycles()`, `stack_free()`: what a control tick costs, in the board's unit, and what the stack has left,
+//! - `log(event)`: below control priority only, because its critical section alone could break a deadline.
 
 #[cfg(not(any(feature = "olimex-h405", feature = "virtual")))]
 compile_error!("choose a board: --features olimex-h405 or --features virtual");
 #[cfg(all(feature = "olimex-h405", feature = "virtual"))]
 compile_error!("choose one board only");
 
-pub mod fault;
+mod fault;
 #[cfg(feature = "olimex-h405")]
 mod olimex_h405;
-pub mod stack;
 #[cfg(feature = "virtual")]
 mod semihosting;
+mod stack;
 #[cfg(feature = "virtual")]
 mod virtual_console;
 
@@ -60,10 +61,13 @@ impl Boot {
 pub enum Event {
     /// The console is up.
     Started(Boot),
-    /// The control mode changed, as in `State::mode`.
-    Mode(u8),
-    /// The latched faults changed, bits of `wire::faults`.
-    Faults(u16),
+    /// The control mode or the latched faults changed.
+    Mode {
+        /// As in `State::mode`.
+        mode: u8,
+        /// As in `State::faults`.
+        faults: u16,
+    },
 }
 
 /// Sets the floating-point unit up as the shared code expects it: round to nearest, subnormals kept, NaNs

@@ -31,17 +31,19 @@ use crate::signals::{Clock, Counter16, duty};
 use crate::watch::Watch;
 use defmt_rtt as _;
 use stm32f4xx_hal::gpio::Pull;
-use stm32f4xx_hal::pac::Interrupt;
 use stm32f4xx_hal::otg_fs::{USB, UsbBus};
+use stm32f4xx_hal::pac::Interrupt;
 use stm32f4xx_hal::rcc::{Config, Enable, Reset};
 use stm32f4xx_hal::watchdog::IndependentWatchdog;
 use stm32f4xx_hal::{pac, prelude::*, qei::Qei};
 use sutura_shared::control::{Control, TickInput, TickOutput};
 use sutura_shared::device::{DeviceDescription, JOINTS, Joint, Kinematics};
 use sutura_shared::link::Identity;
-use sutura_shared::wire::ValidSimulate;
+use sutura_shared::wire::message::Simulate;
 use usb_device::bus::UsbBusAllocator;
-use usb_device::device::{StringDescriptors, UsbDevice, UsbDeviceBuilder, UsbDeviceState, UsbVidPid};
+use usb_device::device::{
+    StringDescriptors, UsbDevice, UsbDeviceBuilder, UsbDeviceState, UsbVidPid,
+};
 use usbd_serial::{SerialPort, USB_CLASS_CDC};
 
 /// Core clock \[Hz\].
@@ -55,8 +57,11 @@ const FULL_SCALE_A: f32 = 5.0;
 /// these bits locked until the next reset (RM0090, 17.4.18).
 const BREAK_DEAD_TIME: u32 = 1 << 12 | 1 << 11 | 1 << 10 | 1 << 8;
 
-const LAYOUT: TorqueLayout =
-    TorqueLayout { enable_pin: 12, break_dead_time: BREAK_DEAD_TIME, zero_compare: PULSE / 2 };
+const LAYOUT: TorqueLayout = TorqueLayout {
+    enable_pin: 12,
+    break_dead_time: BREAK_DEAD_TIME,
+    zero_compare: PULSE / 2,
+};
 
 /// The console that hangs on this board: three orthogonal axes with capstan drives. Encoders count from
 /// where the console stood at power-up, which is taken as the origin.
@@ -82,8 +87,11 @@ pub const DEVICE: DeviceDescription = {
 };
 
 /// What the console says of itself.
-pub const IDENTITY: Identity =
-    Identity { tick_hz: 1000, simulated: false, device_name: DEVICE.name };
+pub const IDENTITY: Identity = Identity {
+    tick_hz: 1000,
+    simulated: false,
+    device_name: DEVICE.name,
+};
 
 /// The interrupt of the link task.
 pub const LINK: Interrupt = Interrupt::OTG_FS;
@@ -100,9 +108,9 @@ impl TorqueRegisters for Registers {
             match register {
                 Register::EnableSetReset => (*pac::GPIOB::ptr()).bsrr().write(|w| w.bits(value)),
                 Register::BreakDeadTime => (*pac::TIM8::ptr()).bdtr().write(|w| w.bits(value)),
-                Register::Compare(motor) => {
-                    (*pac::TIM8::ptr()).ccr(motor % safe_state::MOTORS).write(|w| w.bits(value))
-                }
+                Register::Compare(motor) => (*pac::TIM8::ptr())
+                    .ccr(motor % safe_state::MOTORS)
+                    .write(|w| w.bits(value)),
             };
         }
     }
@@ -122,13 +130,20 @@ pub fn end(_: Epitaph) -> ! {
 pub fn emergency_stop() {
     safe_state();
     // SAFETY: the control task, below this priority, is the only other user of this register.
-    unsafe { (*pac::TIM8::ptr()).dier().modify(|_, w| w.bie().clear_bit()) };
+    unsafe {
+        (*pac::TIM8::ptr())
+            .dier()
+            .modify(|_, w| w.bie().clear_bit())
+    };
 }
 
 /// The window watchdog's early interrupt: some task hangs.
 pub fn watchdog(watch: &Watch) -> ! {
     safe_state();
-    fault::bury(Epitaph { kind: Kind::Watchdog, place: watch.bits() })
+    fault::bury(Epitaph {
+        kind: Kind::Watchdog,
+        place: watch.bits(),
+    })
 }
 
 /// Cycle counter of the core.
@@ -140,6 +155,8 @@ pub fn cycles() -> u32 {
 pub fn cycles_between(start: u32, end: u32) -> u32 {
     end.wrapping_sub(start)
 }
+
+pub use super::stack::unused_bytes as stack_free;
 
 /// Writes to the log. Takes a critical section: never from the control task.
 pub fn log(event: Event) {
@@ -153,8 +170,8 @@ pub fn log(event: Event) {
                 epitaph.place
             ),
         },
-        Event::Mode(mode) => defmt::info!("mode {}", mode),
-        Event::Faults(bits) => defmt::warn!("faults {:#06b}", bits),
+        Event::Mode { mode, faults: 0 } => defmt::info!("mode {}", mode),
+        Event::Mode { mode, faults } => defmt::warn!("mode {}, faults {:#06b}", mode, faults),
     }
 }
 
@@ -207,7 +224,10 @@ impl crate::control_side::Plant for Plant {
                 safe_state::torque_on(&mut Registers, &LAYOUT);
             }
             for (motor, current_a) in output.current_a.into_iter().enumerate() {
-                Registers.write(Register::Compare(motor), duty(current_a, FULL_SCALE_A, PULSE));
+                Registers.write(
+                    Register::Compare(motor),
+                    duty(current_a, FULL_SCALE_A, PULSE),
+                );
             }
             if stopped() {
                 safe_state();
@@ -215,7 +235,11 @@ impl crate::control_side::Plant for Plant {
         }
         if output.amplifiers_on != self.amplifiers_on {
             self.amplifiers_on = output.amplifiers_on;
-            let led = if output.amplifiers_on { 1 << (16 + 12) } else { 1 << 12 };
+            let led = if output.amplifiers_on {
+                1 << (16 + 12)
+            } else {
+                1 << 12
+            };
             // SAFETY: one whole-word write of the set/reset register; nobody else drives this port's pin 12.
             unsafe { (*pac::GPIOC::ptr()).bsrr().write(|w| w.bits(led)) };
         }
@@ -226,7 +250,7 @@ impl crate::control_side::Plant for Plant {
         self.tick.sr().read().uif().bit_is_set()
     }
 
-    fn simulate(&mut self, _: &ValidSimulate, _: &mut Control) {}
+    fn simulate(&mut self, _: &Simulate, _: &mut Control) {}
 }
 
 /// Whether the emergency stop's line is open.
@@ -280,7 +304,10 @@ pub fn idle<T>(_: T, guard: &mut Guard, watch: &Watch) -> ! {
 }
 
 /// Sets the board up. Called once, with interrupts off; the first tick is due 1 ms later.
-pub fn start(mut core: cortex_m::Peripherals, device: pac::Peripherals) -> (Plant, Port, Guard, Boot) {
+pub fn start(
+    mut core: cortex_m::Peripherals,
+    device: pac::Peripherals,
+) -> (Plant, Port, Guard, Boot) {
     let epitaph = fault::exhume();
     let csr = device.RCC.csr().read().bits();
     device.RCC.csr().modify(|_, w| w.rmvf().set_bit());
@@ -298,10 +325,17 @@ pub fn start(mut core: cortex_m::Peripherals, device: pac::Peripherals) -> (Plan
     let gpioc = device.GPIOC.split(&mut rcc);
 
     // Enable low before anything else drives a motor.
-    let _enable = gpiob.pb12.into_push_pull_output_in_state(stm32f4xx_hal::gpio::PinState::Low);
+    let _enable = gpiob
+        .pb12
+        .into_push_pull_output_in_state(stm32f4xx_hal::gpio::PinState::Low);
     let _ready = gpiob.pb13.into_pull_down_input();
-    let _led = gpioc.pc12.into_push_pull_output_in_state(stm32f4xx_hal::gpio::PinState::High);
-    let _stop = gpioa.pa6.into_alternate::<3>().internal_resistor(Pull::Down);
+    let _led = gpioc
+        .pc12
+        .into_push_pull_output_in_state(stm32f4xx_hal::gpio::PinState::High);
+    let _stop = gpioa
+        .pa6
+        .into_alternate::<3>()
+        .internal_resistor(Pull::Down);
 
     // Motor outputs: PWM mode 1, all three channels, preloaded.
     pac::TIM8::enable(&mut rcc);
@@ -309,25 +343,57 @@ pub fn start(mut core: cortex_m::Peripherals, device: pac::Peripherals) -> (Plan
     let pwm = device.TIM8;
     pwm.arr().write(|w| w.arr().set((PULSE - 1) as u16));
     pwm.ccmr1_output().write(|w| {
-        w.oc1m().pwm_mode1().oc1pe().enabled().oc2m().pwm_mode1().oc2pe().enabled()
+        w.oc1m()
+            .pwm_mode1()
+            .oc1pe()
+            .enabled()
+            .oc2m()
+            .pwm_mode1()
+            .oc2pe()
+            .enabled()
     });
-    pwm.ccmr2_output().write(|w| w.oc3m().pwm_mode1().oc3pe().enabled());
-    pwm.ccer().write(|w| w.cc1e().set_bit().cc2e().set_bit().cc3e().set_bit());
+    pwm.ccmr2_output()
+        .write(|w| w.oc3m().pwm_mode1().oc3pe().enabled());
+    pwm.ccer()
+        .write(|w| w.cc1e().set_bit().cc2e().set_bit().cc3e().set_bit());
     safe_state();
     pwm.egr().write(|w| w.ug().set_bit());
     pwm.cr1().write(|w| w.arpe().set_bit().cen().set_bit());
-    let _pwm_pins =
-        (gpioc.pc6.into_alternate::<3>(), gpioc.pc7.into_alternate::<3>(), gpioc.pc8.into_alternate::<3>());
+    let _pwm_pins = (
+        gpioc.pc6.into_alternate::<3>(),
+        gpioc.pc7.into_alternate::<3>(),
+        gpioc.pc8.into_alternate::<3>(),
+    );
 
     // Encoders, with an input filter of 8 samples at 84 MHz, which swallows spikes up to 95 ns.
-    let encoder_1 = Qei::new(device.TIM3, (gpiob.pb4.into_alternate(), gpiob.pb5), &mut rcc).release().0;
-    let encoder_2 = Qei::new(device.TIM4, (gpiob.pb6, gpiob.pb7), &mut rcc).release().0;
-    let encoder_3 = Qei::new(device.TIM2, (gpioa.pa5, gpiob.pb3.into_alternate()), &mut rcc).release().0;
+    let encoder_1 = Qei::new(
+        device.TIM3,
+        (gpiob.pb4.into_alternate(), gpiob.pb5),
+        &mut rcc,
+    )
+    .release()
+    .0;
+    let encoder_2 = Qei::new(device.TIM4, (gpiob.pb6, gpiob.pb7), &mut rcc)
+        .release()
+        .0;
+    let encoder_3 = Qei::new(
+        device.TIM2,
+        (gpioa.pa5, gpiob.pb3.into_alternate()),
+        &mut rcc,
+    )
+    .release()
+    .0;
     // SAFETY: 3 = eight samples of the timer's clock, a documented value of both fields (RM0090, 18.4.7).
     unsafe {
-        encoder_1.ccmr1_input().modify(|_, w| w.ic1f().bits(3).ic2f().bits(3));
-        encoder_2.ccmr1_input().modify(|_, w| w.ic1f().bits(3).ic2f().bits(3));
-        encoder_3.ccmr1_input().modify(|_, w| w.ic1f().bits(3).ic2f().bits(3));
+        encoder_1
+            .ccmr1_input()
+            .modify(|_, w| w.ic1f().bits(3).ic2f().bits(3));
+        encoder_2
+            .ccmr1_input()
+            .modify(|_, w| w.ic1f().bits(3).ic2f().bits(3));
+        encoder_3
+            .ccmr1_input()
+            .modify(|_, w| w.ic1f().bits(3).ic2f().bits(3));
     }
 
     // Session numbers; without random numbers the cycle count of the first `Hello` has to do.
@@ -339,11 +405,16 @@ pub fn start(mut core: cortex_m::Peripherals, device: pac::Peripherals) -> (Plan
     let (port, guard) = {
         let memory = cortex_m::singleton!(: [u32; 1024] = [0; 1024]).expect("start runs once");
         let usb = USB::new(
-            (device.OTG_FS_GLOBAL, device.OTG_FS_DEVICE, device.OTG_FS_PWRCLK),
+            (
+                device.OTG_FS_GLOBAL,
+                device.OTG_FS_DEVICE,
+                device.OTG_FS_PWRCLK,
+            ),
             (gpioa.pa11, gpioa.pa12),
             &rcc.clocks,
         );
-        let bus = cortex_m::singleton!(: Option<UsbBusAllocator<UsbBus<USB>>> = None).expect("start runs once");
+        let bus = cortex_m::singleton!(: Option<UsbBusAllocator<UsbBus<USB>>> = None)
+            .expect("start runs once");
         let bus = &*bus.insert(UsbBus::new(usb, memory));
         let serial = SerialPort::new(bus);
         let strings = StringDescriptors::default()
@@ -362,9 +433,20 @@ pub fn start(mut core: cortex_m::Peripherals, device: pac::Peripherals) -> (Plan
         rcc.apb1enr().modify(|_, w| w.wwdgen().set_bit());
         let window = device.WWDG;
         // 42 MHz / 4096 / 8: 64 steps are 49.9 ms; the early interrupt comes one step before.
-        window.cfr().write(|w| w.ewi().set_bit().wdgtb().div8().w().set(0x7F));
+        window
+            .cfr()
+            .write(|w| w.ewi().set_bit().wdgtb().div8().w().set(0x7F));
         window.cr().write(|w| w.wdga().set_bit().t().set(0x7F));
-        (Port { device: usb_device, serial }, Guard { independent, window })
+        (
+            Port {
+                device: usb_device,
+                serial,
+            },
+            Guard {
+                independent,
+                window,
+            },
+        )
     };
 
     // The tick: 1 MHz / 1000.
@@ -385,5 +467,14 @@ pub fn start(mut core: cortex_m::Peripherals, device: pac::Peripherals) -> (Plan
         tick,
         amplifiers_on: false,
     };
-    (plant, port, guard, Boot { reset_cause: reset_cause(csr, epitaph), epitaph, seed })
+    (
+        plant,
+        port,
+        guard,
+        Boot {
+            reset_cause: reset_cause(csr, epitaph),
+            epitaph,
+            seed,
+        },
+    )
 }

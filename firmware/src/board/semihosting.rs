@@ -20,13 +20,17 @@ pub enum Access {
 impl File {
     /// Opens a file; a named pipe waits for its other end.
     pub fn open(path: &str, access: Access) -> Option<Self> {
+        Self::open_mode(path, access as usize)
+    }
+
+    fn open_mode(path: &str, mode: usize) -> Option<Self> {
         // The operation takes a terminated string and its length.
         let mut name = [0; 256];
         name.get_mut(..path.len())?.copy_from_slice(path.as_bytes());
         if path.len() == name.len() {
             return None;
         }
-        let block = [name.as_ptr().addr(), access as usize, path.len()];
+        let block = [name.as_ptr().addr(), mode, path.len()];
         // SAFETY: a terminated string of the given length, alive during the call; it is only read.
         let handle = unsafe { syscall(nr::OPEN, &block) };
         (handle != usize::MAX).then_some(Self(handle))
@@ -68,12 +72,28 @@ pub fn command_line(buffer: &mut [u8]) -> &str {
     if failed {
         return "";
     }
-    buffer.get(..length).and_then(|bytes| str::from_utf8(bytes).ok()).unwrap_or_default()
+    buffer
+        .get(..length)
+        .and_then(|bytes| str::from_utf8(bytes).ok())
+        .unwrap_or_default()
+}
+
+/// Writes one line to the emulator's stderr, if it has one.
+pub fn say(line: &str) {
+    // The name for the console; the second handle opened for appending is stderr by Arm's convention.
+    if let Some(stderr) = File::open_mode(":tt", nr::open::W_APPEND) {
+        stderr.write_all(line.as_bytes());
+        stderr.write_all(b"\n");
+    }
 }
 
 /// Ends the emulator: exit code 0 or 1.
 pub fn exit(well: bool) -> ! {
     loop {
-        debug::exit(if well { debug::EXIT_SUCCESS } else { debug::EXIT_FAILURE });
+        debug::exit(if well {
+            debug::EXIT_SUCCESS
+        } else {
+            debug::EXIT_FAILURE
+        });
     }
 }

@@ -1,0 +1,92 @@
+//! Counts instructions under QEMU. One JSON line each on the emulator's stdout, in instructions: the most
+//! that any of the repetitions took.
+//!
+//! `-icount shift=3` makes every instruction last 8 ns of virtual time, so SysTick's count at 168 MHz is
+//! 1.344 times the number of instructions. That is a budget, not cycles: the chip has wait states, and
+//! divisions and square roots of 14 cycles.
+#![no_std]
+#![no_main]
+
+#[path = "../measure.rs"]
+mod measure;
+
+#[rtic::app(device = stm32f4xx_hal::pac, peripherals = true)]
+mod bench {
+    use crate::measure::{self, Stopwatch};
+    use cortex_m::peripheral::SYST;
+    use cortex_m::peripheral::syst::SystClkSource;
+    use cortex_m_semihosting::debug;
+    use sutura_firmware::board;
+    use sutura_firmware::exchange::Exchange;
+    use sutura_firmware::host_side::{Sample, Slot};
+
+    #[shared]
+    struct Shared {
+        contacts: Exchange<'static, Slot>,
+        samples: Exchange<'static, Sample>,
+    }
+
+    #[local]
+    struct Local {
+        ends: [&'static mut Slot; 2],
+        sample_ends: [&'static mut Sample; 2],
+        syst: SYST,
+    }
+
+    #[init(local = [
+        slots: [Slot; 3] = [None; 3],
+        samples: [Sample; 3] = [Sample::BEFORE_THE_FIRST; 3],
+    ])]
+    fn init(mut cx: init::Context) -> (Shared, Local) {
+        board::float_environment(&mut cx.core.FPU);
+        let [back, middle, front] = cx.local.slots;
+        let [written, between, newest] = cx.local.samples;
+        (
+            Shared {
+                contacts: Exchange::new(middle),
+                samples: Exchange::new(between),
+            },
+            Local {
+                ends: [back, front],
+                sample_ends: [written, newest],
+                syst: cx.core.SYST,
+            },
+        )
+    }
+
+    /// Gives the exchanges the ceiling that they have in the application.
+    #[task(binds = TIM7, priority = 12, shared = [contacts, samples])]
+    fn control(_: control::Context) {}
+
+    #[idle(local = [ends, sample_ends, syst], shared = [contacts, samples])]
+    fn idle(cx: idle::Context) -> ! {
+        let syst = cx.local.syst;
+        syst.set_clock_source(SystClkSource::Core);
+        syst.set_reload(0x00FF_FFFF);
+        syst.clear_current();
+        syst.enable_counter();
+        let mut contacts = cx.shared.contacts;
+        let mut samples = cx.shared.samples;
+        let [back, front] = cx.local.ends;
+        let [written, newest] = cx.local.sample_ends;
+        let stopwatch = Stopwatch::new();
+
+        stopwatch.print("contact_swap", || {
+            contacts.lock(|contacts| contacts.publish(back));
+        });
+        // Swaps once, then finds nothing new: the most counts.
+        stopwatch.print("contact_take", || {
+            contacts.lock(|contacts| contacts.take(front));
+        });
+        stopwatch.print("state_swap", || {
+            samples.lock(|samples| samples.publish(written));
+        });
+        stopwatch.print("state_take", || {
+            samples.lock(|samples| samples.take(newest));
+        });
+        measure::all(&stopwatch);
+        loop {
+            debug::exit(debug::EXIT_SUCCESS);
+        }
+    }
+}

@@ -1,0 +1,256 @@
+//! What the bench image counts, and with what. Entry points: [`Stopwatch::print`], [`all`].
+
+use core::fmt::Write;
+use core::hint::black_box;
+use core::sync::atomic::{Ordering, compiler_fence};
+use cortex_m::peripheral::SYST;
+use cortex_m_semihosting::hio;
+use sutura_firmware::devices::{CARTESIAN_BENCH, SERIAL_ARM};
+use sutura_firmware::host_side::Sample;
+use sutura_shared::control::{Control, TICK_HZ, TickInput};
+use sutura_shared::device::{DeviceDescription, JOINTS};
+use sutura_shared::kinematics::forward;
+use sutura_shared::link::{ConsoleLink, HostLink, Identity, LinkEvent};
+use sutura_shared::wire::message::{Command, Contact, Mode};
+use sutura_shared::wire::{MAX_FRAME, ValidContact};
+
+/// Repetitions of every measurement: the most expensive one counts.
+const REPEAT: u32 = 8;
+
+/// Counts instructions.
+pub struct Stopwatch {
+    /// SysTick counts of measuring nothing.
+    overhead: u32,
+}
+
+impl Stopwatch {
+    /// SysTick must be running at the core clock over its full 24 bits.
+    pub fn new() -> Self {
+        let mut stopwatch = Self { overhead: 0 };
+        stopwatch.overhead = (0..REPEAT)
+            .map(|_| stopwatch.counts(&mut || ()))
+            .min()
+            .unwrap_or(0);
+        stopwatch
+    }
+
+    fn counts(&self, work: &mut impl FnMut()) -> u32 {
+        // Fences, or the compiler would move parts of the work out of the count.
+        let start = SYST::get_current();
+        compiler_fence(Ordering::SeqCst);
+        work();
+        compiler_fence(Ordering::SeqCst);
+        let end = SYST::get_current();
+        (start.wrapping_sub(end) & 0x00FF_FFFF).saturating_sub(self.overhead)
+    }
+
+    /// Instructions of one run.
+    pub fn once(&self, mut work: impl FnMut()) -> u32 {
+        // 8 ns at 168 MHz: 1.344 counts an instruction.
+        (self.counts(&mut work) * 1000 + 672) / 1344
+    }
+
+    /// Runs the work a few times and prints the most that one took.
+    pub fn print(&self, name: &str, mut work: impl FnMut()) {
+        let most = (0..REPEAT).map(|_| self.once(&mut work)).max().unwrap_or(0);
+        line(name, most);
+    }
+}
+
+/// Prints one figure.
+pub fn line(name: &str, instructions: u32) {
+    if let Ok(mut stdout) = hio::hstdout() {
+        let written = writeln!(
+            stdout,
+            "{{\"name\":\"{name}\",\"instructions\":{instructions}}}"
+        );
+        black_box(written.is_ok());
+    }
+}
+
+/// Everything that does not need the application's locks.
+pub fn all(stopwatch: &Stopwatch) {
+    let mut wire = Wire::new();
+    for (device, names) in [
+        (&CARTESIAN_BENCH, CARTESIAN_NAMES),
+        (&SERIAL_ARM, SERIAL_ARM_NAMES),
+    ] {
+        device_costs(stopwatch, &mut wire, device, names);
+    }
+    let mut most = 0;
+    for sequence in 0..REPEAT {
+        let (frame, length) = wire.contact(
+            u64::from(sequence),
+            &touching(device_grip(&CARTESIAN_BENCH)),
+        );
+        most = most.max(stopwatch.once(|| {
+            black_box(wire.receive(&frame[..length]).is_some());
+        }));
+    }
+    line("contact_receive_and_validate", most);
+    let mut frame = [0; MAX_FRAME];
+    stopwatch.print("state_encode", || {
+        black_box(
+            wire.console
+                .encode_state(1000, &Sample::BEFORE_THE_FIRST.state, &mut frame),
+        );
+    });
+}
+
+/// Names of one console's figures.
+struct Names {
+    kinematics: &'static str,
+    tick: &'static str,
+    swap: &'static str,
+}
+
+const CARTESIAN_NAMES: Names = Names {
+    kinematics: "kinematics_cartesian",
+    tick: "tick_tangent_cartesian",
+    swap: "tick_tangent_with_swap_cartesian",
+};
+
+const SERIAL_ARM_NAMES: Names = Names {
+    kinematics: "kinematics_serial_arm",
+    tick: "tick_tangent_serial_arm",
+    swap: "tick_tangent_with_swap_serial_arm",
+};
+
+/// Joint coordinates in the middle of the travel, away from the arm's singular poses.
+const MIDDLE: [f32; JOINTS] = [0.1, 0.4, -0.9];
+
+fn counts(device: &DeviceDescription, q: [f32; JOINTS]) -> [i32; JOINTS] {
+    let mut counts = [0; JOINTS];
+    for ((count, joint), q) in counts.iter_mut().zip(&device.joints).zip(q) {
+        *count = (q * joint.counts_per_unit) as i32 + joint.zero_counts;
+    }
+    counts
+}
+
+/// A tick whose contact is a stiff, tilted surface that the grip is in: nothing is skipped.
+fn device_costs(stopwatch: &Stopwatch, wire: &mut Wire, device: &DeviceDescription, names: Names) {
+    stopwatch.print(names.kinematics, || {
+        black_box(forward(black_box(device), black_box(&MIDDLE)));
+    });
+    let Ok(mut control) = Control::new(*device) else {
+        return;
+    };
+    let grip = device_grip(device);
+    let (mut plain, mut swap) = (0, 0);
+    for tick in 0..400_u64 {
+        let step = (tick % 40).abs_diff(20) as f32 * 1e-4;
+        let input = TickInput {
+            now_us: 1000 * (tick + 1),
+            encoder_counts: counts(device, MIDDLE.map(|q| q + step)),
+            ..TickInput::default()
+        };
+        if tick == 2 {
+            control.command(Command::Arm);
+        }
+        let fresh = if tick % 10 == 5 {
+            wire.valid(1000 * tick, &touching(grip))
+        } else {
+            None
+        };
+        let mut output = None;
+        let cost = stopwatch.once(|| output = Some(control.tick(&input, fresh.as_ref())));
+        let armed = output.is_some_and(|output| output.state.mode == Mode::Armed);
+        let force = output.map_or(0.0, |output| output.state.force_n[2]);
+        // Only what renders counts.
+        if armed && force > 0.0 {
+            let most = if fresh.is_some() {
+                &mut swap
+            } else {
+                &mut plain
+            };
+            *most = cost.max(*most);
+        }
+    }
+    line(names.tick, plain);
+    line(names.swap, swap);
+}
+
+fn device_grip(device: &DeviceDescription) -> [f32; 3] {
+    forward(device, &MIDDLE).position_m.into()
+}
+
+/// 2 N and 800 N/m along a tilted normal, relaxing.
+fn touching(position_m: [f32; 3]) -> Contact {
+    let normal = [0.36, 0.48, 0.8];
+    let mut tangent = [0.0; 21];
+    // Packed rows: 0 to 5, 6 to 10, 11 to 14, ..
+    for (place, (a, b)) in [
+        (0, (0, 0)),
+        (1, (0, 1)),
+        (2, (0, 2)),
+        (6, (1, 1)),
+        (7, (1, 2)),
+        (11, (2, 2)),
+    ] {
+        tangent[place] = -800.0 * normal[a] * normal[b];
+    }
+    let [x, y, z] = normal.map(|n| 2.0 * n);
+    Contact {
+        tool: 0,
+        position_m,
+        orientation: [0.0, 0.0, 0.0, 1.0],
+        wrench: [x, y, z, 0.0, 0.0, 0.0],
+        tangent,
+        gap_m: 0.0,
+        normal,
+        relaxation_per_s: 0.1,
+        horizon_us: 100_000,
+    }
+}
+
+/// Both ends of an open session.
+struct Wire {
+    host: HostLink,
+    console: ConsoleLink,
+}
+
+impl Wire {
+    fn new() -> Self {
+        let identity = Identity {
+            tick_hz: TICK_HZ,
+            simulated: true,
+            device_name: CARTESIAN_BENCH.name,
+        };
+        let mut wire = Self {
+            host: HostLink::new(TICK_HZ),
+            console: ConsoleLink::new(identity, 1),
+        };
+        let mut frame = [0; MAX_FRAME];
+        let length = wire.host.hello(1, &mut frame).unwrap_or(0);
+        wire.receive(&frame[..length]);
+        let length = wire.console.take_reply(0, &mut frame).unwrap_or(0);
+        for &byte in &frame[..length] {
+            wire.host.receive(byte);
+        }
+        wire
+    }
+
+    fn contact(&mut self, console_time_us: u64, contact: &Contact) -> ([u8; MAX_FRAME], usize) {
+        let mut frame = [0; MAX_FRAME];
+        let length = self
+            .host
+            .send(console_time_us, contact, &mut frame)
+            .unwrap_or(0);
+        (frame, length)
+    }
+
+    fn receive(&mut self, frame: &[u8]) -> Option<ValidContact> {
+        let mut valid = None;
+        for &byte in frame {
+            if let Some(LinkEvent::Contact(contact)) = self.console.receive(byte, u64::MAX) {
+                valid = Some(contact);
+            }
+        }
+        valid
+    }
+
+    fn valid(&mut self, console_time_us: u64, contact: &Contact) -> Option<ValidContact> {
+        let (frame, length) = self.contact(console_time_us, contact);
+        self.receive(&frame[..length])
+    }
+}
