@@ -3,6 +3,7 @@
 //! The solver: [`mesh`] and [`fem`] make a [`model::Model`] of tissue and tools, [`step::step`] follows
 //! the tools and gives each its wrench and exact contact Jacobian.
 
+mod contact;
 pub mod fem;
 pub mod link;
 pub mod mesh;

@@ -21,6 +21,7 @@ pub struct Model {
     pub(crate) tools: Vec<(u8, SphereTool)>,
     pub(crate) held: HeldPoints,
     loads: Loads,
+    /// Nodes of the mesh as given \[m\], (n x 3).
     unloaded_m: Vec<[f64; 3]>,
     /// Every node under the loads, without tools \[m\], (n x 3).
     pub(crate) resting_m: Vec<[f64; 3]>,
@@ -79,9 +80,10 @@ impl fmt::Display for Warning {
                 f,
                 "tool {id} has a radius of {:.2} mm and the mesh a mean edge of {:.2} mm: below \
                  {LEAST_RADIUS_IN_EDGES} edges the stiffness that is felt is an artefact of the mesh \
-                 and falls with every refinement; make the radius at least {:.2} mm or the mesh finer",
+                 and falls with every refinement{}; make the radius at least {:.2} mm or the mesh finer",
                 1e3 * radius_m,
                 1e3 * mean_edge_m,
+                if radius_m < mean_edge_m { ", and below one edge it is as if it had one" } else { "" },
                 1e3 * LEAST_RADIUS_IN_EDGES * mean_edge_m,
             ),
         }
@@ -155,6 +157,23 @@ impl Model {
     /// Node positions of the unloaded mesh \[m\], (n x 3).
     pub fn points_m(&self) -> &[[f64; 3]] {
         &self.unloaded_m
+    }
+
+    /// Index and shape of a tool.
+    pub(crate) fn tool(&self, id: u8) -> Option<(usize, &SphereTool)> {
+        let index = self.tools.iter().position(|(other, _)| *other == id)?;
+        Some((index, &self.tools[index].1))
+    }
+
+    /// Radius with which a tool touches: a tool smaller than a mean edge would slip in between the
+    /// vertices, so it counts as a sphere of one mean edge.
+    pub(crate) fn touch_radius_m(&self, index: usize) -> f64 {
+        self.tools[index].1.radius_m.max(self.surface.mean_edge_m)
+    }
+
+    /// Whether a point lies inside the tissue as it rests under its loads.
+    pub(crate) fn contains(&self, point: &Vector3<f64>) -> bool {
+        self.surface.contains(&self.resting_m, (*point).into())
     }
 
     /// What works but probably not as meant.

@@ -81,6 +81,11 @@ impl HeldPoints {
         Ok(held)
     }
 
+    /// Number of rows: three per anchor.
+    pub fn rows(&self) -> usize {
+        3 * self.anchors.len()
+    }
+
     pub fn is_empty(&self) -> bool {
         self.anchors.is_empty()
     }
