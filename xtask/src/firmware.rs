@@ -36,7 +36,7 @@ impl Board {
     }
 }
 
-/// Longest that a path of the control task may wait for a lock of a lower task \[instructions\].
+/// Most that a lock shared with the control task may hold, whoever takes it \[instructions\].
 const LOCK_LIMIT: u64 = 200;
 
 /// Time after which the emulator is stopped \[s\]; a run takes about one.
@@ -135,13 +135,14 @@ pub fn gated(bless: bool, format: Format) -> Result<()> {
         }
         gates.extend(gates::compare(name, &gates::load(name)?, snapshot));
     }
-    for name in ["contact_swap", "state_swap"] {
+    for name in ["contact_swap", "contact_take", "state_swap", "state_take"] {
         gates.push(gates::limit(
             name,
             instructions.get(name).copied(),
             LOCK_LIMIT,
         ));
     }
+    gates.extend(fault_paths());
     let failed = gates
         .iter()
         .filter(|gate| gate.outcome == Outcome::Failed)
@@ -160,7 +161,7 @@ pub fn gated(bless: bool, format: Format) -> Result<()> {
     }
     if failed > 0 {
         bail!(
-            "{failed} firmware figures got worse; if that is meant, run `cargo xtask firmware --bless`"
+            "{failed} firmware gates failed; if larger figures are meant, run `cargo xtask firmware --bless`"
         );
     }
     Ok(())
@@ -196,18 +197,27 @@ struct Count {
     instructions: u64,
 }
 
-/// Runs the bench image under QEMU, where every instruction takes 8 ns of virtual time.
-fn count_instructions() -> Result<BTreeMap<String, u64>> {
-    let image = image_path("sutura-bench");
-    eprintln!("counting instructions under QEMU");
-    let limit = format!("timeout {BENCH_LIMIT_S}");
-    let output = Tool::new(&format!(
-        "{limit} {QEMU} -M netduinoplus2 -nographic -icount shift=3,sleep=off \
-         -semihosting-config enable=on,target=native -kernel"
+/// QEMU with the bench image, where every instruction takes 8 ns of virtual time; `words` are its command line.
+fn bench(words: &[&str]) -> Tool {
+    let mut config = "enable=on,target=native,arg=bench".to_owned();
+    for word in words {
+        config.push_str(",arg=");
+        config.push_str(word);
+    }
+    Tool::new(&format!(
+        "timeout {BENCH_LIMIT_S} {QEMU} -M netduinoplus2 -nographic -icount shift=3,sleep=off -semihosting-config"
     ))
-    .arg(&image)
-    .output()
-    .context("the bench image failed under QEMU")?;
+    .arg(config)
+    .arg("-kernel")
+    .arg(image_path("sutura-bench"))
+}
+
+/// Instruction counts, by name.
+fn count_instructions() -> Result<BTreeMap<String, u64>> {
+    eprintln!("counting instructions under QEMU");
+    let tool = bench(&[]);
+    let again = tool.shown().to_owned();
+    let output = tool.output().context("the bench image failed under QEMU")?;
     let mut counts = BTreeMap::new();
     for line in output.lines().filter(|line| line.starts_with('{')) {
         let count: Count = serde_json::from_str(line)
@@ -215,10 +225,39 @@ fn count_instructions() -> Result<BTreeMap<String, u64>> {
         counts.insert(count.name, count.instructions);
     }
     if counts.is_empty() {
-        bail!(
-            "the bench image printed nothing; run it: {QEMU} -M netduinoplus2 .. -kernel {}",
-            image.display()
-        );
+        bail!("the bench image printed nothing; run it: {again}");
     }
     Ok(counts)
+}
+
+/// Lets the image go wrong in each way and reads what its fault handler says.
+fn fault_paths() -> Vec<Gate> {
+    eprintln!("going through the fault handlers under QEMU");
+    // Kinds of `Report::epitaph_kind`. An overflown stack is a hard fault.
+    [("panic", 1), ("overflow", 2), ("exception", 3)]
+        .into_iter()
+        .map(|(crash, kind)| {
+            // The handler ends the emulator with an exit code, which makes this an error.
+            let said = match bench(&["crash", crash]).output() {
+                Ok(_) => "it went on".to_owned(),
+                Err(error) => error.to_string(),
+            };
+            let reached = said.contains(&format!("fault {kind} at 0x"));
+            let found = if reached {
+                format!("epitaph {kind}")
+            } else {
+                said
+            };
+            let outcome = if reached {
+                Outcome::Ok
+            } else {
+                Outcome::Failed
+            };
+            Gate {
+                name: format!("fault path {crash}"),
+                outcome,
+                found,
+            }
+        })
+        .collect()
 }

@@ -55,7 +55,11 @@ pub fn read(path: &Path) -> Result<Image> {
 
 /// Whether a function of the core library only exists to panic.
 fn is_panic(name: &str) -> bool {
-    name.starts_with("core::") && (name.contains("panicking") || name.contains("_fail"))
+    name.starts_with("core::")
+        && name
+            .split("::")
+            .any(|part| part == "panicking" || part.starts_with("panic_") || part.contains("_fail"))
+        && !name.starts_with("core::panic::")
 }
 
 /// The name without `<..>` arguments, which carry hashes of crates.
@@ -84,12 +88,14 @@ mod tests {
             "core::option::expect_failed",
             "core::slice::index::slice_index_fail::do_panic::runtime",
             "core::slice::copy_from_slice_impl::len_mismatch_fail",
+            "core::cell::panic_already_borrowed",
         ] {
             assert!(is_panic(name), "{name}");
         }
         for name in [
             "sutura_shared::control::Control::tick",
             "core::fmt::write",
+            "core::panic::panic_info::PanicInfo::location",
             "my::failing::thing_fail",
         ] {
             assert!(!is_panic(name), "{name}");

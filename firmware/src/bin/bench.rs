@@ -13,6 +13,7 @@ mod measure;
 #[rtic::app(device = stm32f4xx_hal::pac, peripherals = true)]
 mod bench {
     use crate::measure::{self, Stopwatch};
+    use core::hint::black_box;
     use cortex_m::peripheral::SYST;
     use cortex_m::peripheral::syst::SystClkSource;
     use cortex_m_semihosting::debug;
@@ -69,6 +70,7 @@ mod bench {
         let mut samples = cx.shared.samples;
         let [back, front] = cx.local.ends;
         let [written, newest] = cx.local.sample_ends;
+        crash_if_told();
         let stopwatch = Stopwatch::new();
 
         stopwatch.print("contact_swap", || {
@@ -88,5 +90,28 @@ mod bench {
         loop {
             debug::exit(debug::EXIT_SUCCESS);
         }
+    }
+
+    /// Goes wrong as the emulator's command line says: `crash panic`, `crash overflow`, `crash exception`.
+    fn crash_if_told() {
+        let mut buffer = [0; 512];
+        let mut words = board::command_line(&mut buffer).split_whitespace();
+        if words.find(|word| *word == "crash").is_none() {
+            return;
+        }
+        match words.next() {
+            Some("overflow") => {
+                black_box(overflow(0));
+            }
+            // Nothing handles it.
+            Some("exception") => cortex_m::peripheral::SCB::set_pendsv(),
+            _ => panic!("told to"),
+        }
+    }
+
+    #[expect(unconditional_recursion, reason = "that is the point")]
+    fn overflow(depth: u32) -> u32 {
+        let frame = black_box([depth; 64]);
+        overflow(depth + 1) + black_box(frame)[0]
     }
 }

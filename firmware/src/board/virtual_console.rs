@@ -39,6 +39,8 @@ pub const IDENTITY: Identity = Identity {
     device_name: DEVICE.name,
 };
 
+pub use super::semihosting::command_line;
+
 /// The interrupt of the link task.
 pub const LINK: Interrupt = Interrupt::USART1;
 
@@ -108,7 +110,7 @@ pub fn start(
     device: pac::Peripherals,
 ) -> (Plant, Port, Guard, Boot) {
     let mut buffer = [0; 512];
-    let mut words = semihosting::command_line(&mut buffer).split_whitespace();
+    let mut words = command_line(&mut buffer).split_whitespace();
     // The name of the program may stand first, whatever it is.
     let mode = words.find(|word| matches!(*word, "lockstep" | "uart"));
     let mut open = |access| words.next().and_then(|path| File::open(path, access));
