@@ -53,3 +53,35 @@ impl Default for TraceHash {
         Self::new()
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// For one word below 256 this is FNV-1a of one byte; the value is that of "a" in the test vectors of
+    /// draft-eastlake-fnv (appendix C).
+    #[test]
+    fn one_letter_hashes_as_published() {
+        let mut hash = TraceHash::new();
+        hash.word(u32::from(b'a'));
+        assert_eq!(hash.value(), 0xaf63_dc4c_8601_ec8c);
+    }
+
+    #[test]
+    fn order_zeros_and_halves_count_but_not_the_kind_of_nan() {
+        let of = |values: &[f32]| {
+            let mut hash = TraceHash::default();
+            hash.floats(values);
+            hash.value()
+        };
+        assert_ne!(of(&[1.0, 2.0]), of(&[2.0, 1.0]));
+        assert_ne!(of(&[0.0]), of(&[-0.0]));
+        assert_eq!(of(&[f32::NAN]), of(&[-f32::NAN]));
+        let mut double = TraceHash::new();
+        double.double(0x0000_0002_0000_0001);
+        let mut words = TraceHash::new();
+        words.word(1);
+        words.word(2);
+        assert_eq!(double, words);
+    }
+}

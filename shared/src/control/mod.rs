@@ -137,11 +137,6 @@ impl Control {
         true
     }
 
-    /// Adds a word to the trace hash. For simulated consoles: the state of their mechanics.
-    pub fn trace(&mut self, word: u32) {
-        self.trace.word(word);
-    }
-
     /// One tick: from the encoders, and the newest contact if one has come since the last tick, to the
     /// motors.
     pub fn tick(&mut self, input: &TickInput, fresh: Option<&ValidContact>) -> TickOutput {
