@@ -1,21 +1,108 @@
-//! `sutura console`: a virtual console as a process of its own.
+//! `sutura console`: a virtual console as a process of its own, which outlives any host.
 
-use crate::Global;
 use crate::failure::{Cause, Failure};
+use crate::signals::stop_on_signals;
+use crate::{Format, Global};
 use clap::Args;
+use std::path::PathBuf;
 
-/// Arguments of `sutura console`.
+/// Runs a virtual console behind a pseudo-terminal until it is told to stop.
+///
+/// It prints the port that `sutura run --console PORT` opens. Hosts may come, go, and be killed; the
+/// console lets its force decay by itself and waits for the next one.
 #[derive(Args, Debug)]
-pub struct ConsoleArgs {}
+#[command(after_help = EXAMPLES)]
+pub struct ConsoleArgs {
+    /// Device file that the console is until a host sends another; the built-in bench when left out.
+    #[arg(long, value_name = "FILE")]
+    pub device: Option<PathBuf>,
+    /// A symbolic link to the port, which keeps its name from run to run.
+    #[arg(long, value_name = "PATH")]
+    pub link: Option<PathBuf>,
+}
+
+const EXAMPLES: &str = "\
+Examples:
+  sutura console                                    prints the port, runs until Ctrl-C
+  sutura console --link /tmp/bench                  then, elsewhere: sutura run --console /tmp/bench
+  sutura console --device devices/serial-arm.toml";
 
 /// Runs the console until it is told to stop.
 ///
 /// # Errors
-/// When no pseudo-terminal can be had.
+/// A device file that cannot be used; no pseudo-terminal; a link that cannot be made.
+#[cfg(unix)]
+pub fn run(args: &ConsoleArgs, global: &Global) -> Result<(), Failure> {
+    use crate::run::link_failure;
+    use std::io::Write;
+    use std::sync::atomic::{AtomicBool, Ordering};
+    use sutura_hil::VirtualConsole;
+
+    let device = crate::device::open(args.device.as_deref())?;
+    let stop = stop_on_signals()?;
+    let console = VirtualConsole::start(&device).map_err(link_failure)?;
+    let path = console.path().unwrap_or_default().to_owned();
+    let link = args
+        .link
+        .as_deref()
+        .map(|link| Symlink::make(link, &path))
+        .transpose()?;
+    let port = link
+        .as_ref()
+        .map_or(path.clone(), |link| link.0.display().to_string());
+    match global.format {
+        Format::Json => println!("{}", serde_json::json!({ "port": port, "terminal": path })),
+        Format::Text => println!("{port}"),
+    }
+    // Whoever started this as a child waits for the line.
+    let _ = std::io::stdout().flush();
+    let stopped: &AtomicBool = &stop;
+    while !stopped.load(Ordering::Relaxed) {
+        std::thread::sleep(std::time::Duration::from_millis(50));
+    }
+    Ok(())
+}
+
+/// Runs the console until it is told to stop.
+///
+/// # Errors
+/// Always: a process of its own needs a pseudo-terminal.
+#[cfg(not(unix))]
 pub fn run(_args: &ConsoleArgs, _global: &Global) -> Result<(), Failure> {
+    let message = "this system has no pseudo-terminals for a console in a process of its own";
     Err(Failure::say(
-        Cause::Failed,
-        "`sutura console` is not in this build",
-        "use `sutura run`",
+        Cause::NoConsole,
+        message,
+        "use `sutura run --console virtual`",
     ))
+}
+
+/// A symbolic link that goes when the console does.
+#[cfg(unix)]
+struct Symlink(PathBuf);
+
+#[cfg(unix)]
+impl Symlink {
+    fn make(link: &std::path::Path, path: &str) -> Result<Symlink, Failure> {
+        // One that a killed console left behind is replaced; a file is not.
+        if link.is_symlink() {
+            let _ = std::fs::remove_file(link);
+        }
+        std::os::unix::fs::symlink(path, link).map_err(|error| {
+            let message = format!("cannot make the link {}: {error}", link.display());
+            Failure::say(
+                Cause::BadInput,
+                message,
+                "name a place that is yours and where no file is",
+            )
+        })?;
+        Ok(Symlink(link.to_owned()))
+    }
+}
+
+#[cfg(unix)]
+impl Drop for Symlink {
+    fn drop(&mut self) {
+        let _ = std::fs::remove_file(&self.0);
+    }
 }

@@ -1,25 +1,359 @@
-//! `sutura run`: the main job.
+//! `sutura run`: the main job. A scene, a console, a session, a summary.
 
-use crate::Global;
+use crate::display::{self, Display};
 use crate::failure::{Cause, Failure};
-use clap::Args;
+use crate::signals::stop_on_signals;
+use crate::{Format, Global, device, scene};
+use clap::{Args, ValueEnum};
+use std::ops::ControlFlow;
 use std::path::PathBuf;
+use std::sync::atomic::Ordering;
+use std::time::Duration;
+use sutura_hil::{NativeConsole, VirtualConsole};
+use sutura_host::link::{LinkError, LinkOptions, LockstepConsole, Port, open_serial};
+use sutura_host::scene::Scene;
+use sutura_host::session::{
+    Plan, Progress, SessionError, Solve, Summary, TissueSolver, run_lockstep, run_real_time,
+};
+use sutura_shared::control::TICK_HZ;
 
-/// Arguments of `sutura run`.
+/// Runs a scene on a console: tissue is solved here, its force is felt there.
 #[derive(Args, Debug)]
+#[command(after_help = EXAMPLES)]
 pub struct RunArgs {
     /// Scene file; scenes/palpation.toml (or its copy inside this program) when left out.
     pub scene: Option<PathBuf>,
+    /// `virtual` (in this process, behind a pseudo-terminal), `qemu` (the firmware image, in lockstep),
+    /// `qemu-uart` (the firmware image over its emulated serial port), or a serial port.
+    #[arg(long, value_name = "CONSOLE", default_value = "virtual")]
+    pub console: String,
+    /// Length of the session by the console's clock [s]; the scene's when left out.
+    #[arg(long, value_name = "S", value_parser = positive)]
+    pub seconds: Option<f64>,
+    /// Tissue model, in place of the scene's.
+    #[arg(long, value_name = "NAME")]
+    pub tissue: Option<Tissue>,
+    /// Solver steps a second, 1 to 1000 [Hz]; the scene's when left out.
+    #[arg(long, value_name = "HZ", value_parser = host_rate)]
+    pub host_hz: Option<f64>,
+    /// Ends with code 7 if one solver step in a hundred took longer than this [ms].
+    #[arg(long, value_name = "B", value_parser = positive)]
+    pub budget_ms: Option<f64>,
+    /// Steps host and virtual console tick by tick instead of in real time: two runs give one trace.
+    #[arg(long)]
+    pub lockstep: bool,
+    /// One JSON object a line on stdout while the session runs.
+    #[arg(long)]
+    pub stream: bool,
+    /// Clears a fault that is latched in the console from before.
+    #[arg(long)]
+    pub clear_fault: bool,
+    /// Firmware image for `qemu` and `qemu-uart`, in place of the one built from this checkout.
+    #[arg(long, value_name = "FILE")]
+    pub image: Option<PathBuf>,
 }
+
+const EXAMPLES: &str = "\
+Examples:
+  sutura run                                              5 s palpation with a virtual console
+  sutura run scenes/palpation.toml --console qemu --format json
+  sutura run --console /dev/ttyACM0 --host-hz 500 --budget-ms 2
+  sutura run --lockstep                                   the same bits at every run
+
+A step that is too slow, a lost console or a wrong solve never leaves a force standing: the console lets
+it go to zero by itself.";
+
+/// Tissue models that a scene can be run with.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum Tissue {
+    /// Linear elasticity, small displacements.
+    Linear,
+}
+
+fn positive(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(value) if value > 0.0 && value.is_finite() => Ok(value),
+        _ => Err("must be a number above 0".to_owned()),
+    }
+}
+
+fn host_rate(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(value) if (1.0..=f64::from(TICK_HZ)).contains(&value) => Ok(value),
+        _ => Err(format!(
+            "must be 1 to {TICK_HZ}: the console asks for nothing faster than its own tick"
+        )),
+    }
+}
+
+/// Most frames a second over the emulated UART, which takes 8 to 12 kB/s.
+const UART_HZ: f64 = 30.0;
+/// Ticks between two states over the emulated UART: every byte is an interrupt of the emulated chip.
+const UART_STATE_EVERY: u16 = 10;
+/// Wall-clock time that an emulated session may take besides its console time \[s\]: the session runs faster
+/// than that, but the emulator must end some time.
+const EMULATOR_SPARE: Duration = Duration::from_secs(120);
 
 /// Runs the session and prints its summary.
 ///
 /// # Errors
-/// Everything that keeps the session from running to its end.
-pub fn run(_args: &RunArgs, _global: &Global) -> Result<(), Failure> {
-    Err(Failure::say(
-        Cause::Failed,
-        "`sutura run` is not in this build",
-        "use `sutura solve` or `sutura bench`",
-    ))
+/// Everything that keeps the session from running to its end, a latched fault, a missed budget.
+pub fn run(args: &RunArgs, global: &Global) -> Result<(), Failure> {
+    let scene = scene::open(args.scene.as_deref())?;
+    let mut plan = plan(args, &scene)?;
+    if args.console == "qemu-uart" {
+        plan.host_hz = plan.host_hz.min(UART_HZ);
+        plan.state_every = UART_STATE_EVERY;
+        eprintln!(
+            "the emulated UART takes 8 to 12 kB/s: at most {UART_HZ} frames a second of at most 220 bytes"
+        );
+    }
+    let mut solver = solver(&scene)?;
+    let stop = stop_on_signals()?;
+    let mut display = Display::new(args.stream, global.format);
+    let mut progress = |note: &Progress<'_>| {
+        display.show(note);
+        if stop.load(Ordering::Relaxed) {
+            ControlFlow::Break(())
+        } else {
+            ControlFlow::Continue(())
+        }
+    };
+    let summary = session(args, &plan, &mut solver, &mut progress);
+    display.finish();
+    let summary = summary?;
+    match global.format {
+        Format::Json => println!("{}", display::json(&summary)),
+        Format::Text => print!("{}", display::table(&summary)),
+    }
+    verdict(args, &summary)
+}
+
+fn plan(args: &RunArgs, scene: &Scene) -> Result<Plan, Failure> {
+    let device = match scene.device {
+        Some(device) => device,
+        None => device::open(None)?,
+    };
+    let Some(hand) = scene.hand else {
+        let message = format!(
+            "the scene \"{}\" has no hand to hold a virtual console",
+            scene.name
+        );
+        return Err(Failure::say(
+            Cause::BadInput,
+            message,
+            "add a [hand] section as in scenes/palpation.toml",
+        ));
+    };
+    Ok(Plan {
+        device,
+        hand,
+        host_hz: args.host_hz.unwrap_or(scene.host.host_hz),
+        seconds: args.seconds.unwrap_or(scene.seconds),
+        tick_hz: TICK_HZ,
+        state_every: 1,
+        horizon_us: Some(scene.host.horizon_us),
+        clear_fault: args.clear_fault,
+    })
+}
+
+fn solver(scene: &Scene) -> Result<TissueSolver, Failure> {
+    let (model, state, work) = scene.build().map_err(Failure::from)?;
+    Ok(TissueSolver::new(&scene.name, model, state, work))
+}
+
+type Watcher<'a> = dyn FnMut(&Progress<'_>) -> ControlFlow<()> + 'a;
+
+fn session(
+    args: &RunArgs,
+    plan: &Plan,
+    solver: &mut dyn Solve,
+    progress: &mut Watcher,
+) -> Result<Summary, Failure> {
+    let named = |summary: Summary| Summary {
+        console: args.console.clone(),
+        ..summary
+    };
+    let summary = match args.console.as_str() {
+        "virtual" if args.lockstep => {
+            let mut console = NativeConsole::new(&plan.device).map_err(|error| {
+                Failure::say(
+                    Cause::BadInput,
+                    format!("the device is unusable: {error}"),
+                    "correct its device file",
+                )
+            })?;
+            in_lockstep(&mut console, plan, solver, progress)
+        }
+        "virtual" => {
+            let mut console = VirtualConsole::start(&plan.device).map_err(link_failure)?;
+            let port = console.host_port().map_err(link_failure)?;
+            in_real_time(port, LinkOptions::default(), plan, solver, progress)
+        }
+        #[cfg(unix)]
+        "qemu" => {
+            let image = emulated::image(args)?;
+            let limit = EMULATOR_SPARE + Duration::from_secs_f64(plan.seconds);
+            let mut console =
+                sutura_hil::QemuConsole::start(image, limit).map_err(emulated::failure)?;
+            let summary = in_lockstep(&mut console, plan, solver, progress)?;
+            console.quit().map_err(emulated::failure)?;
+            Ok(summary)
+        }
+        #[cfg(unix)]
+        "qemu-uart" => {
+            let image = emulated::image(args)?;
+            let limit = EMULATOR_SPARE + Duration::from_secs_f64(plan.seconds);
+            let qemu = sutura_hil::qemu::with_uart(image, limit).map_err(emulated::failure)?;
+            let port = open_serial(qemu.uart().unwrap_or_default()).map_err(link_failure)?;
+            let contact_spacing = Duration::from_secs_f64(1.0 / UART_HZ);
+            let options = LinkOptions {
+                contact_spacing,
+                ..LinkOptions::default()
+            };
+            let summary = in_real_time(port, options, plan, solver, progress)?;
+            qemu.check_log(|_| false).map_err(emulated::failure)?;
+            Ok(summary)
+        }
+        port => {
+            if args.lockstep {
+                let message = format!("`{port}` runs by its own clock");
+                let help = "--lockstep goes with `--console virtual`; `--console qemu` is always in lockstep";
+                return Err(Failure::say(Cause::BadInput, message, help));
+            }
+            in_real_time(
+                open_serial(port).map_err(link_failure)?,
+                LinkOptions::default(),
+                plan,
+                solver,
+                progress,
+            )
+        }
+    };
+    summary.map(named)
+}
+
+fn in_real_time(
+    port: Box<dyn Port>,
+    options: LinkOptions,
+    plan: &Plan,
+    solver: &mut dyn Solve,
+    progress: &mut Watcher,
+) -> Result<Summary, Failure> {
+    run_real_time(port, options, plan, solver, progress).map_err(session_failure)
+}
+
+fn in_lockstep(
+    console: &mut dyn LockstepConsole,
+    plan: &Plan,
+    solver: &mut dyn Solve,
+    progress: &mut Watcher,
+) -> Result<Summary, Failure> {
+    run_lockstep(console, plan, solver, progress).map_err(session_failure)
+}
+
+/// A failed link with its exit code and the next step.
+pub fn link_failure(error: LinkError) -> Failure {
+    let cause = match &error {
+        LinkError::Mismatch { .. } => Cause::Protocol,
+        LinkError::Unsendable { .. } => Cause::BadInput,
+        _ => Cause::NoConsole,
+    };
+    Failure::say(cause, error.to_string(), error.help())
+}
+
+fn session_failure(error: SessionError) -> Failure {
+    let message = error.to_string();
+    match error {
+        SessionError::Link(error) => link_failure(error),
+        SessionError::Fault { .. } => Failure::say(
+            Cause::Fault,
+            message,
+            "remove the cause (is the emergency stop pressed?), then run again with --clear-fault",
+        ),
+        SessionError::NotArmed { .. } | SessionError::Silent { .. } => Failure::say(
+            Cause::NoConsole,
+            message,
+            "press the console's reset and run again",
+        ),
+        SessionError::Solver => Failure::say(
+            Cause::Failed,
+            message,
+            "this is a defect: please report it with the scene",
+        ),
+    }
+}
+
+/// Whether a session that ran to its end is a success.
+fn verdict(args: &RunArgs, summary: &Summary) -> Result<(), Failure> {
+    if summary.mode == "fault" {
+        let message = format!(
+            "the console is in a latched fault: {}",
+            summary.faults.join(", ")
+        );
+        let help = "remove the cause, then run again with --clear-fault";
+        return Err(Failure::say(Cause::Fault, message, help).after_summary());
+    }
+    if let Some(budget_ms) = args.budget_ms
+        && summary.step_us.p99 > 1e3 * budget_ms
+    {
+        let message = format!(
+            "one step in a hundred took longer than {:.3} ms; the budget is {budget_ms} ms",
+            1e-3 * summary.step_us.p99
+        );
+        let help =
+            "use a coarser mesh, a lower --host-hz, or `sutura bench` to see where the time goes";
+        return Err(Failure::say(Cause::Budget, message, help).after_summary());
+    }
+    Ok(())
+}
+
+#[cfg(unix)]
+mod emulated {
+    //! Where the image comes from, and what is wrong when it does not run.
+
+    use super::RunArgs;
+    use crate::failure::{Cause, Failure};
+    use std::path::{Path, PathBuf};
+    use std::process::{Command, Stdio};
+    use sutura_hil::{QemuError, qemu};
+
+    /// The image that the user named, or the one of this checkout, built anew if anything has changed.
+    pub fn image(args: &RunArgs) -> Result<PathBuf, Failure> {
+        if let Some(image) = &args.image {
+            return Ok(image.clone());
+        }
+        let checkout = Path::new(env!("CARGO_MANIFEST_DIR"))
+            .ancestors()
+            .nth(2)
+            .filter(|root| root.join("firmware").is_dir());
+        if let Some(root) = checkout {
+            // Its own output belongs to progress: stdout is for the result.
+            let built = Command::new("cargo")
+                .args(["xtask", "firmware", "--board", "virtual"])
+                .current_dir(root)
+                .stdout(Stdio::from(std::io::stderr()))
+                .status();
+            if !built.is_ok_and(|status| status.success()) {
+                let message = "the firmware image cannot be built";
+                let help = "see above, and `cargo xtask setup`; or name an image with --image";
+                return Err(Failure::say(Cause::NoConsole, message, help));
+            }
+        }
+        Ok(qemu::default_image())
+    }
+
+    /// A failed emulator with its exit code and the next step.
+    pub fn failure(error: QemuError) -> Failure {
+        let help = match &error {
+            QemuError::NoQemu => "run `cargo xtask setup`, or use `--console virtual`",
+            QemuError::NoImage { .. } => {
+                "run `cargo xtask firmware --board virtual`, or name an image with --image"
+            }
+            _ => {
+                "run again with -v; `--console virtual --lockstep` does the same without the emulator"
+            }
+        };
+        Failure::say(Cause::NoConsole, error.to_string(), help)
+    }
 }

@@ -29,9 +29,8 @@ struct Deepest {
 }
 
 impl TissueSolver {
-    /// The scene of this name, tissue at rest.
-    pub fn new(name: &str, model: Model) -> Self {
-        let (state, work) = (step::State::new(&model), Workspace::new(&model));
+    /// The scene of this name.
+    pub fn new(name: &str, model: Model, state: step::State, work: Workspace) -> Self {
         TissueSolver {
             name: name.to_owned(),
             model,

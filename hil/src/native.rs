@@ -1,0 +1,43 @@
+//! The shared simulation in this process, one control tick per exchange.
+//!
+//! Entry point: [`NativeConsole::new`]. Bit for bit what [`QemuConsole`](crate::QemuConsole) does.
+
+use sutura_host::link::{LinkError, LockstepConsole};
+use sutura_shared::device::{DeviceDescription, DeviceError};
+use sutura_shared::simulated_console::{Pace, SimulatedConsole};
+
+/// A console in lockstep, without threads or clocks.
+pub struct NativeConsole {
+    console: SimulatedConsole,
+}
+
+impl NativeConsole {
+    /// A console at boot that is `device` until a host tells it otherwise.
+    ///
+    /// # Errors
+    /// [`DeviceError`] if the description is unusable.
+    pub fn new(device: &DeviceDescription) -> Result<NativeConsole, DeviceError> {
+        // Nothing here is random: two runs must give the same bits.
+        Ok(NativeConsole {
+            console: SimulatedConsole::new(device, 0)?,
+        })
+    }
+
+    /// The simulation, to look at.
+    pub fn console(&self) -> &SimulatedConsole {
+        &self.console
+    }
+}
+
+impl LockstepConsole for NativeConsole {
+    fn exchange(&mut self, down: &[u8], up: &mut Vec<u8>) -> Result<(), LinkError> {
+        self.console.feed(down);
+        self.console.tick(Pace::default());
+        self.console.drain(up);
+        Ok(())
+    }
+
+    fn name(&self) -> &str {
+        "native"
+    }
+}

@@ -1,0 +1,178 @@
+//! How a session shows itself: a bar while it runs, a table or an object when it is over.
+//!
+//! Entry points: [`Display`], [`table`], [`json`].
+
+use crate::Format;
+use indicatif::{ProgressBar, ProgressStyle};
+use std::fmt::Write;
+use std::io::IsTerminal;
+use sutura_host::session::{Progress, Summary, mode_word};
+
+/// Shows how far a session is.
+pub struct Display {
+    bar: Option<ProgressBar>,
+    stream: bool,
+}
+
+/// Steps of the bar per second of the session.
+const PER_SECOND: f64 = 1000.0;
+
+impl Display {
+    /// A bar if stderr is a terminal, lines of JSON if `stream`.
+    pub fn new(stream: bool, format: Format) -> Display {
+        let visible = std::io::stderr().is_terminal() && !(stream && format == Format::Text);
+        let style = ProgressStyle::with_template("{elapsed_precise} {bar:32} {msg}");
+        let bar = visible.then(|| {
+            ProgressBar::new(0).with_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()))
+        });
+        Display { bar, stream }
+    }
+
+    /// Shows one note.
+    pub fn show(&mut self, note: &Progress<'_>) {
+        let force_n = note
+            .state
+            .force_n
+            .iter()
+            .map(|f| f64::from(*f).powi(2))
+            .sum::<f64>()
+            .sqrt();
+        let mode = mode_word(note.state.mode);
+        if let Some(bar) = &self.bar {
+            bar.set_length((note.seconds * PER_SECOND) as u64);
+            bar.set_position((note.elapsed_s * PER_SECOND) as u64);
+            bar.set_message(format!(
+                "{:.1} of {:.1} s  {mode}  {force_n:.2} N",
+                note.elapsed_s, note.seconds
+            ));
+        }
+        if self.stream {
+            let object = serde_json::json!({
+                "elapsed_s": note.elapsed_s,
+                "tick": note.state.tick,
+                "mode": mode,
+                "position_m": note.state.position_m,
+                "force_n": note.state.force_n,
+                "age_ms": (note.state.contact_age_us != u32::MAX).then(|| f64::from(note.state.contact_age_us) / 1e3),
+                "ticks_late": note.report.map(|report| report.ticks_late),
+            });
+            println!("{object}");
+        }
+    }
+
+    /// Takes the bar away.
+    pub fn finish(&mut self) {
+        if let Some(bar) = self.bar.take() {
+            bar.finish_and_clear();
+        }
+    }
+}
+
+/// The summary as one JSON object.
+pub fn json(summary: &Summary) -> String {
+    // Only maps with keys that are no text, or numbers that JSON lacks, could fail; it has neither.
+    serde_json::to_string(summary).unwrap_or_default()
+}
+
+/// The summary for people.
+pub fn table(summary: &Summary) -> String {
+    let s = summary;
+    let mut out = String::new();
+    let name = s
+        .scene
+        .get("name")
+        .and_then(|name| name.as_str())
+        .unwrap_or("scene");
+    let mut row = |name: &str, text: String| {
+        let _ = writeln!(out, "  {name:<10} {text}");
+    };
+    row(
+        "session",
+        format!(
+            "{:.3} s by the console's clock, {:.3} s on the wall",
+            s.seconds, s.wall_s
+        ),
+    );
+    row(
+        "ticks",
+        format!(
+            "{} at {} Hz; {} overruns, {} woken late",
+            s.ticks, s.tick_hz, s.tick_overruns, s.ticks_late
+        ),
+    );
+    row(
+        "host",
+        format!(
+            "{:.1} of {:.1} steps a second; {}",
+            s.host_hz_reached,
+            s.host_hz,
+            withheld(s)
+        ),
+    );
+    let f = &s.frames;
+    row(
+        "frames",
+        format!(
+            "{} sent, {} lost, {} rejected, {} superseded",
+            f.sent, f.lost, f.rejected, f.superseded
+        ),
+    );
+    let l = &s.latency_us;
+    row(
+        "latency",
+        format!(
+            "p50 {:.1} ms, p99 {:.1} ms, p99.9 {:.1} ms, max {:.1} ms (state to force)",
+            l.p50 / 1e3,
+            l.p99 / 1e3,
+            l.p999 / 1e3,
+            l.max / 1e3
+        ),
+    );
+    row(
+        "age",
+        format!(
+            "p50 {:.1} ms, max {:.1} ms; {} decays",
+            s.age_ms.p50, s.age_ms.max, s.decays
+        ),
+    );
+    row(
+        "step",
+        format!(
+            "p50 {:.0} us, p99 {:.0} us, max {:.0} us",
+            s.step_us.p50, s.step_us.p99, s.step_us.max
+        ),
+    );
+    let stages: Vec<String> = s
+        .stages_us
+        .iter()
+        .map(|(stage, us)| format!("{stage} {us:.0}"))
+        .collect();
+    row("stages", format!("{} us, on average", stages.join(", ")));
+    row(
+        "force",
+        format!("peak {:.3} N, rms {:.3} N", s.force_n.peak, s.force_n.rms),
+    );
+    row("energy", format!("min {:.6} J", s.energy_j.min));
+    row("trace", s.trace_hash.clone());
+    let faults = if s.faults.is_empty() {
+        String::new()
+    } else {
+        format!(", faults: {}", s.faults.join(", "))
+    };
+    format!(
+        "{name} on {} ({}): {}, {}{faults}\n{out}",
+        s.console, s.device, s.status, s.mode
+    )
+}
+
+fn withheld(summary: &Summary) -> String {
+    if summary.steps_withheld.is_empty() {
+        return "every step was sent".to_owned();
+    }
+    let kinds: Vec<String> = summary
+        .steps_withheld
+        .iter()
+        .map(|(why, count)| format!("{count} {why}"))
+        .collect();
+    format!("withheld: {}", kinds.join(", "))
+}
