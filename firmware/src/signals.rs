@@ -40,22 +40,21 @@ impl Counter16 {
     }
 }
 
-/// Microseconds since boot from a 32-bit cycle counter.
+/// Microseconds since boot from a 32-bit counter of `PER_US` cycles a microsecond.
 ///
 /// Right as long as it is read before the counter has gone round (25.5 s at 168 MHz).
 #[derive(Clone, Copy, Debug)]
-pub struct Clock {
-    cycles_per_us: u32,
+pub struct Clock<const PER_US: u32> {
     last: u32,
     cycles: u32,
     us: u64,
 }
 
-impl Clock {
+impl<const PER_US: u32> Clock<PER_US> {
     /// A clock that starts at 0 us when the counter stands at `start`.
-    pub const fn new(cycles_per_us: u32, start: u32) -> Self {
+    pub const fn new(start: u32) -> Self {
+        const { assert!(PER_US > 0) };
         Self {
-            cycles_per_us,
             last: start,
             cycles: 0,
             us: 0,
@@ -64,10 +63,14 @@ impl Clock {
 
     /// Takes the counter's present value and returns the time \[us\].
     pub fn now_us(&mut self, counter: u32) -> u64 {
-        let passed = u64::from(counter.wrapping_sub(self.last)) + u64::from(self.cycles);
+        let passed = counter.wrapping_sub(self.last);
         self.last = counter;
-        self.us += passed / u64::from(self.cycles_per_us);
-        self.cycles = (passed % u64::from(self.cycles_per_us)) as u32;
+        self.us += u64::from(passed / PER_US);
+        self.cycles += passed % PER_US;
+        if self.cycles >= PER_US {
+            self.cycles -= PER_US;
+            self.us += 1;
+        }
         self.us
     }
 }
@@ -105,7 +108,7 @@ mod tests {
 
     #[test]
     fn the_clock_loses_nothing_over_many_wraps() {
-        let mut clock = Clock::new(168, 0xFFFF_FF00);
+        let mut clock = Clock::<168>::new(0xFFFF_FF00);
         let mut counter = 0xFFFF_FF00_u32;
         let mut cycles = 0_u64;
         for step in [

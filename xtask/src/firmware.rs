@@ -142,6 +142,19 @@ pub fn gated(bless: bool, format: Format) -> Result<()> {
             LOCK_LIMIT,
         ));
     }
+    for (board, image) in &boards {
+        let way = image.panic_in_control.join(" calls ");
+        let (outcome, found) = if way.is_empty() {
+            (Outcome::Ok, "no direct calls lead to a panic".to_owned())
+        } else {
+            (Outcome::Failed, way)
+        };
+        gates.push(Gate {
+            name: format!("{board} control task"),
+            outcome,
+            found,
+        });
+    }
     gates.extend(fault_paths());
     let failed = gates
         .iter()

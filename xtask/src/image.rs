@@ -1,5 +1,6 @@
 //! What an image weighs, and which ways to panic it still has. Entry point: [`read`].
 
+use crate::calls::Calls;
 use anyhow::{Context, Result};
 use object::elf::{SHF_ALLOC, SHF_WRITE};
 use object::{Object, ObjectSection, ObjectSymbol, SectionFlags, SectionKind};
@@ -18,7 +19,12 @@ pub struct Image {
     pub bss: u64,
     /// Functions of the core library that panic, without type arguments.
     pub panic_symbols: BTreeSet<String>,
+    /// How the control task can come to panic: names of functions, from the task on; empty if it cannot.
+    pub panic_in_control: Vec<String>,
 }
+
+/// The interrupt handler that the control task is.
+const CONTROL: &str = "TIM7";
 
 /// Reads an ELF image.
 pub fn read(path: &Path) -> Result<Image> {
@@ -50,6 +56,9 @@ pub fn read(path: &Path) -> Result<Image> {
             }
         }
     }
+    let calls = Calls::read(&file);
+    let way = calls.path_to(CONTROL, is_panic)?;
+    image.panic_in_control = way.into_iter().flatten().map(str::to_owned).collect();
     Ok(image)
 }
 

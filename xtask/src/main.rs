@@ -1,5 +1,6 @@
 //! What the project needs besides `cargo build`: tools, firmware images with their gates, all checks.
 
+mod calls;
 mod firmware;
 mod gates;
 mod image;

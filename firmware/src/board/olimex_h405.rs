@@ -177,7 +177,7 @@ pub fn log(event: Event) {
 
 /// Encoders, motors and the amplifiers' lines.
 pub struct Plant {
-    clock: Clock,
+    clock: Clock<{ CORE_HZ / 1_000_000 }>,
     encoders: (pac::TIM3, pac::TIM4, pac::TIM2),
     counters: [Counter16; 2],
     tick: pac::TIM7,
@@ -461,7 +461,7 @@ pub fn start(
     tick.cr1().write(|w| w.cen().set_bit());
 
     let plant = Plant {
-        clock: Clock::new(CORE_HZ / 1_000_000, cycles()),
+        clock: Clock::new(cycles()),
         encoders: (encoder_1, encoder_2, encoder_3),
         counters: [Counter16::default(); 2],
         tick,
