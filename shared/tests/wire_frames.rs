@@ -234,29 +234,6 @@ proptest! {
         }
     }
 
-    /// The `cobs` crate's decoder is the reference: whatever is between two delimiters comes out alike.
-    #[test]
-    fn unstuffing_is_that_of_the_cobs_crate(
-        stuffed in prop::collection::vec(prop_oneof![1u8..=255, 1u8..6, Just(255)], 1..MAX_FRAME),
-    ) {
-        let mut accumulator = Accumulator::new();
-        let mut ended = None;
-        for byte in stuffed.iter().chain(&[0]) {
-            if let Some(packet) = accumulator.push(*byte) {
-                prop_assert_eq!(ended, None);
-                ended = Some(packet.map(<[u8]>::to_vec));
-            }
-        }
-        let mut reference = [0; MAX_FRAME];
-        match (ended.unwrap(), cobs::decode(&stuffed, &mut reference)) {
-            (Ok(packet), Ok(report)) => prop_assert_eq!(packet, &reference[..report.frame_size()]),
-            (Err(Reject::Cobs), Err(_)) => {}
-            // Only the accumulator's buffer is as small as the largest packet.
-            (Err(Reject::Overlong), _) => prop_assert!(stuffed.len() > MAX_FRAME - 3),
-            (ours, theirs) => prop_assert!(false, "{:?} but {:?}", ours, theirs),
-        }
-    }
-
     /// A right checksum around any content: no panic; what validates is canonical, so that it encodes
     /// to a frame that reads as the same.
     #[test]

@@ -1,6 +1,7 @@
 //! Frame on the wire: COBS(header | postcard body | CRC-32) 0x00, all integers little endian.
 //!
-//! Entry points: [`encode`] on one end, [`Accumulator`] and then [`decode`] on the other. COBS is that
+//! Entry points: [`encode`] on one end, [`Accumulator`](super::Accumulator) and then [`decode`] on the
+//! other. COBS is that
 //! of Cheshire & Baker 1999 (the `cobs` crate's state machines), the CRC is CRC-32/ISO-HDLC.
 //!
 //! In every version of the protocol byte 0 is the version, byte 1 the kind, kind 1 is `Hello`, and the
@@ -27,7 +28,7 @@ const MAX_BODY: usize = largest(&[
     Simulate::POSTCARD_MAX_SIZE,
 ]);
 /// Bytes of the largest packet (header, body and CRC, before byte stuffing).
-const MAX_PACKET: usize = HEADER_SIZE + MAX_BODY + CRC_SIZE;
+pub(super) const MAX_PACKET: usize = HEADER_SIZE + MAX_BODY + CRC_SIZE;
 /// Bytes of the largest frame, byte stuffing and delimiter included.
 pub const MAX_FRAME: usize = frame_size(MAX_BODY);
 /// Bytes that a frame of the 1 kHz traffic may have: a 12 kB/s line then carries 54 of them a second.
@@ -277,121 +278,6 @@ impl postcard::ser_flavors::Flavor for Writer<'_> {
     }
 }
 
-/// Collects bytes into packets: finds the delimiters and undoes the byte stuffing as the bytes come, at
-/// a fixed cost per byte.
-///
-/// An overlong frame is dropped up to the next delimiter, so that its tail is never taken for a frame.
-/// (Own unstuffing, because a console with a `cobs::DecoderState` in it could not be cloned.)
-#[derive(Clone, Debug)]
-pub struct Accumulator {
-    packet: [u8; MAX_PACKET],
-    len: usize,
-    part: Part,
-    /// Bytes that the current block still has.
-    block_left: u8,
-    /// Whether a zero follows the current block, unless the frame ends with it.
-    zero_after: bool,
-    /// Why the last frame gave no packet.
-    reject: Option<Reject>,
-}
-
-/// What the last byte belonged to.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Part {
-    Delimiter,
-    Frame,
-    OverlongFrame,
-}
-
-impl Default for Accumulator {
-    fn default() -> Self {
-        Self::new()
-    }
-}
-
-impl Accumulator {
-    /// An empty accumulator.
-    pub const fn new() -> Self {
-        Accumulator {
-            packet: [0; MAX_PACKET],
-            len: 0,
-            part: Part::Delimiter,
-            block_left: 0,
-            zero_after: false,
-            reject: None,
-        }
-    }
-
-    /// Takes one byte; returns a packet when the byte completes one, ready for [`decode`].
-    ///
-    /// Delimiters in a row are not errors.
-    pub fn push(&mut self, byte: u8) -> Option<Result<&[u8], Reject>> {
-        self.take_in(byte).then(|| self.packet())
-    }
-
-    /// Takes one byte; whether it ends a frame, good or bad, which is then in [`packet`](Self::packet).
-    ///
-    /// This is what every byte costs: some 40 instructions on a Cortex-M4.
-    #[inline]
-    pub(crate) fn take_in(&mut self, byte: u8) -> bool {
-        match (byte, self.part) {
-            (0, _) => self.delimit(),
-            (_, Part::OverlongFrame) => false,
-            (_, Part::Frame) if self.block_left > 0 => {
-                self.block_left -= 1;
-                self.store(byte)
-            }
-            (_, Part::Frame) => {
-                let zero = self.zero_after;
-                self.begin_block(byte);
-                zero && self.store(0)
-            }
-            (_, Part::Delimiter) => {
-                self.part = Part::Frame;
-                self.len = 0;
-                self.begin_block(byte);
-                false
-            }
-        }
-    }
-
-    /// `length` counts itself and is not 0; the longest block has no zero after it.
-    fn begin_block(&mut self, length: u8) {
-        self.block_left = length.saturating_sub(1);
-        self.zero_after = length != 0xff;
-    }
-
-    fn store(&mut self, byte: u8) -> bool {
-        match self.packet.get_mut(self.len) {
-            Some(place) => {
-                *place = byte;
-                self.len += 1;
-                false
-            }
-            None => {
-                self.part = Part::OverlongFrame;
-                self.reject = Some(Reject::Overlong);
-                true
-            }
-        }
-    }
-
-    fn delimit(&mut self) -> bool {
-        let ended = self.part == Part::Frame;
-        self.part = Part::Delimiter;
-        self.reject = (self.block_left > 0).then_some(Reject::Cobs);
-        ended
-    }
-
-    /// What the frame that ended last holds.
-    pub(crate) fn packet(&self) -> Result<&[u8], Reject> {
-        match self.reject {
-            Some(reject) => Err(reject),
-            None => self.packet.get(..self.len).ok_or(Reject::Overlong),
-        }
-    }
-}
-
 /// A packet whose checksum, version and kind are right; nothing is known about its body.
 #[derive(Clone, Copy, Debug)]
 pub struct Decoded<'a> {
@@ -400,7 +286,7 @@ pub struct Decoded<'a> {
     pub(super) body: &'a [u8],
 }
 
-/// Checks a packet from [`Accumulator::push`]: CRC, version, length, kind.
+/// Checks a packet from [`Accumulator::push`](super::Accumulator::push): CRC, version, length, kind.
 ///
 /// # Errors
 /// [`Reject::Crc`]; then [`Reject::Version`], as all else may differ in another version; then

@@ -5,6 +5,7 @@
 //! [`Unchecked::validate`] -> [`Checked`], [`Valid`]. The other way: [`encode`].
 //! [`crate::link`] has both ends of a session on top of this.
 
+mod accumulator;
 pub mod faults;
 mod frame;
 pub mod message;
@@ -12,10 +13,11 @@ mod reject;
 mod schema;
 pub mod validate;
 
+pub use accumulator::Accumulator;
 pub(crate) use frame::hello_version;
 pub use frame::{
-    Accumulator, Decoded, EncodeError, HEADER_SIZE, Header, Kind, MAX_FRAME, MAX_REAL_TIME_FRAME,
-    decode, encode, frame_size,
+    Decoded, EncodeError, HEADER_SIZE, Header, Kind, MAX_FRAME, MAX_REAL_TIME_FRAME, decode,
+    encode, frame_size,
 };
 pub use reject::Reject;
 pub use schema::SCHEMA_HASH;
