@@ -172,3 +172,157 @@ impl LocalContact {
         &self.offset_n
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::wire::message::Contact;
+    use crate::wire::{Header, Kind, PROTOCOL_VERSION};
+
+    /// Solved for this console time \[us\].
+    const SOLVED: u64 = 1_000_000;
+    /// A limit that nothing here reaches \[N\].
+    const STRONG: f32 = 1e3;
+
+    fn frame(body: Contact) -> LocalContact {
+        let header = Header {
+            version: PROTOCOL_VERSION,
+            kind: Kind::Contact,
+            session: 1,
+            sequence: 7,
+            console_time_us: SOLVED,
+        };
+        let frame = ValidContact::new(header, body).expect("the test gives a valid contact");
+        LocalContact::new(&frame, SOLVED, STRONG)
+    }
+
+    /// A spring of `stiffness` \[N/m\] behind the plane through the origin, as solved at `position`.
+    fn wall(stiffness: f32, normal: Vec3, position: Vec3) -> Contact {
+        let height = dot(&normal, &position);
+        let [x, y, z]: [f32; 3] = normal.into();
+        let mut tangent = [0.0; 21];
+        for (index, product) in
+            [0, 1, 2, 6, 7, 11]
+                .into_iter()
+                .zip([x * x, x * y, x * z, y * y, y * z, z * z])
+        {
+            tangent[index] = -stiffness * product;
+        }
+        let push = stiffness * max(0.0, -height);
+        Contact {
+            tool: 0,
+            position_m: position.into(),
+            orientation: [0.0, 0.0, 0.0, 1.0],
+            wrench: [push * x, push * y, push * z, 0.0, 0.0, 0.0],
+            tangent,
+            gap_m: max(0.0, height),
+            normal: normal.into(),
+            relaxation_per_s: 0.0,
+            horizon_us: 100_000,
+        }
+    }
+
+    /// A linear wall is what the tangent model is exact for, touching or not, towards it or away.
+    #[test]
+    fn a_linear_wall_is_rendered_exactly() {
+        let normal = Vec3::new(0.36, -0.48, 0.8);
+        let along = Vec3::new(0.8, 0.6, 0.0);
+        for solved in [-8e-3, -1e-3, 0.0, 2e-3, 9e-3] {
+            let model = frame(wall(800.0, normal, normal * solved + along * 0.02));
+            for height in [-9e-3, -8e-3, -2e-3, -1e-6, 0.0, 1e-6, 3e-3, 0.1] {
+                let force = model.force(&(normal * height - along * 0.01), SOLVED);
+                let expected = normal * (800.0 * max(0.0, -height));
+                // Rounding of 9 mm times 800 N/m.
+                let error = force - expected;
+                assert!(error.amax() < 2e-5, "{solved} {height}: {force} {expected}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_gap_closes_where_it_says() {
+        let mut contact = wall(1000.0, Vec3::z(), Vec3::new(0.0, 0.0, 4e-3));
+        contact.gap_m = 3e-3;
+        let model = frame(contact);
+        let at = |z: f32| model.force(&Vec3::new(0.0, 0.0, z), SOLVED).z;
+        assert_eq!(at(1.001e-3), 0.0);
+        assert!((at(0.5e-3) - 0.5).abs() < 1e-5, "{}", at(0.5e-3));
+        // Sideways is no way in.
+        let sideways = model.force(&Vec3::new(0.1, 0.1, 4e-3), SOLVED);
+        assert_eq!(sideways, Vec3::zeros());
+    }
+
+    #[test]
+    fn tissue_never_pulls() {
+        let mut contact = wall(1000.0, Vec3::z(), Vec3::new(0.0, 0.0, -1e-3));
+        // A tangent of the wrong sign: pressing in would pull.
+        contact.tangent[11] = 5000.0;
+        let model = frame(contact);
+        let force = model.force(&Vec3::new(0.0, 0.0, -2e-3), SOLVED);
+        assert_eq!(force, Vec3::zeros());
+    }
+
+    #[test]
+    fn age_counts_from_the_solved_state_and_takes_the_force_away() {
+        let model = frame(wall(1000.0, Vec3::z(), Vec3::new(0.0, 0.0, -1e-3)));
+        let at = |age_us: u64| model.force(&Vec3::new(0.0, 0.0, -1e-3), SOLVED + age_us).z;
+        assert_eq!((at(0), at(100_000)), (1.0, 1.0));
+        assert!((at(115_000) - 0.5).abs() < 1e-6);
+        assert!(at(129_999) > 0.0);
+        assert_eq!(at(130_000).to_bits(), 0);
+        assert_eq!(at(u64::MAX - SOLVED).to_bits(), 0);
+        let freshness = |age_us| model.freshness(SOLVED + age_us);
+        assert_eq!(freshness(100_000), Freshness::Fresh);
+        assert_eq!(freshness(100_001), Freshness::Stale);
+        assert_eq!(freshness(600_000), Freshness::Stale);
+        assert_eq!(freshness(600_001), Freshness::Lost);
+        assert_eq!(model.age_us(u64::MAX), u32::MAX - 1);
+    }
+
+    #[test]
+    fn the_console_caps_the_horizon() {
+        let contact = Contact {
+            horizon_us: u32::MAX,
+            ..wall(1000.0, Vec3::z(), Vec3::zeros())
+        };
+        assert_eq!(frame(contact).horizon_us, 150_000);
+    }
+
+    #[test]
+    fn force_relaxes_at_the_given_rate_and_not_below_nothing() {
+        let contact = Contact {
+            relaxation_per_s: 20.0,
+            ..wall(1000.0, Vec3::z(), Vec3::new(0.0, 0.0, -1e-3))
+        };
+        let model = frame(contact);
+        let at = |age_us: u64| model.force(&Vec3::new(0.0, 0.0, -1e-3), SOLVED + age_us).z;
+        assert!((at(10_000) - 0.8).abs() < 1e-6);
+        assert_eq!(at(51_000), 0.0);
+    }
+
+    /// The offset alone decides what is left of the old force: exp(-t / 10 ms), below 1 % after 50 ms.
+    #[test]
+    fn a_blend_starts_at_the_old_force_and_is_gone_after_50_ms() {
+        let here = Vec3::new(0.0, 0.0, -1e-3);
+        let mut model = frame(wall(2000.0, Vec3::z(), here));
+        let old = Vec3::new(0.5, 0.0, 5.0);
+        model.blend_from(&old, &here, SOLVED);
+        let start = model.force(&here, SOLVED);
+        assert!((start - old).amax() < 1e-6, "{start}");
+        for ms in 1..=50 {
+            model.fade_blend();
+            let left = (model.force(&here, SOLVED).z - 2.0) / 3.0;
+            let expected = (-f64::from(ms) / 10.0).exp();
+            assert!((f64::from(left) - expected).abs() < 1e-5, "{ms} ms: {left}");
+        }
+        assert!((model.force(&here, SOLVED).z - 2.0).abs() < 0.01 * 3.0);
+    }
+
+    #[test]
+    fn the_longest_force_is_kept_to_its_limit() {
+        let mut model = frame(wall(1e5, Vec3::z(), Vec3::new(0.0, 0.0, -0.05)));
+        model.max_force_n = 10.0;
+        let force = model.force(&Vec3::new(0.01, 0.0, -0.05), SOLVED);
+        assert!((force.z - 10.0).abs() < 1e-5, "{force}");
+    }
+}

@@ -108,3 +108,83 @@ fn share_within(effort: f32, base: f32, limit: f32) -> f32 {
         1.0
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::device::{Joint, Kinematics};
+
+    /// Three equal motors of 2 N/A, 3 A: 6 N each; the slew limit lets everything through in one tick.
+    fn drive(effort_per_amp: f32, max_slew_per_s: f32) -> Drive {
+        let joint = Joint {
+            counts_per_unit: 1e5,
+            zero_counts: 0,
+            effort_per_amp,
+            max_current_a: 3.0,
+            max_slew_per_s,
+            max_speed_per_s: 1.0,
+            inertia: 0.1,
+            damping: 0.0,
+            coulomb: 0.0,
+        };
+        Drive::new(&DeviceDescription {
+            name: [0; 16],
+            kinematics: Kinematics::Cartesian { origin_m: [0.0; 3] },
+            joints: [joint; JOINTS],
+            gravity_mass_kg: [0.0; JOINTS],
+            max_force_n: 100.0,
+        })
+    }
+
+    const AT_ONCE: f32 = 1e6;
+
+    #[test]
+    fn the_contact_gives_way_to_the_weight_and_keeps_its_direction() {
+        // Of 6 N on joint 2, the weight takes 4 N: 2 N of the wanted 8 N remain, a quarter, of all joints.
+        let command = drive(2.0, AT_ONCE).command(&[0.0, 0.0, 4.0], &[4.0, -2.0, 8.0]);
+        let expected = Command {
+            current_a: [0.5, -0.25, 3.0],
+            share: 0.25,
+        };
+        assert_eq!(command, Some(expected));
+        // Against the weight there is room for 10 N.
+        let command = drive(2.0, AT_ONCE).command(&[0.0, 0.0, 4.0], &[0.0, 0.0, -8.0]);
+        let expected = Command {
+            current_a: [0.0, 0.0, -2.0],
+            share: 1.0,
+        };
+        assert_eq!(command, Some(expected));
+    }
+
+    #[test]
+    fn a_weight_beyond_the_motors_leaves_nothing_for_the_contact() {
+        let command = drive(2.0, AT_ONCE).command(&[0.0, 6.0, 12.0], &[1.0, 0.0, 1.0]);
+        let expected = Command {
+            current_a: [0.0, 1.5, 3.0],
+            share: 0.0,
+        };
+        assert_eq!(command, Some(expected));
+    }
+
+    #[test]
+    fn current_grows_at_most_at_the_slew_limit_and_stops_at_once() {
+        // 2000 N/s and -2 N/A: 1 A in 1 ms, of the other sign.
+        let mut drive = drive(-2.0, 2000.0);
+        for expected in [-1.0, -2.0, -2.5, -2.5] {
+            let command = drive.command(&[0.0; 3], &[5.0, 0.0, 0.0]);
+            assert_eq!(command.map(|c| c.current_a), Some([expected, 0.0, 0.0]));
+        }
+        drive.off();
+        let command = drive.command(&[0.0; 3], &[0.0; 3]);
+        assert_eq!(command.map(|c| c.current_a), Some([0.0; 3]));
+    }
+
+    #[test]
+    fn what_is_not_finite_is_refused() {
+        for bad in [f32::NAN, f32::INFINITY, -f32::INFINITY] {
+            let mut drive = drive(2.0, AT_ONCE);
+            assert_eq!(drive.command(&[0.0, bad, 0.0], &[0.0; 3]), None);
+            assert_eq!(drive.command(&[0.0; 3], &[bad, 0.0, 0.0]), None);
+        }
+    }
+}

@@ -8,7 +8,7 @@ use crate::device::{DeviceDescription, JOINTS};
 /// Weight of the newest difference in the velocity: 1 - exp(-2 pi f T) for a first-order low pass of
 /// f = 100 Hz. It lags by 1.1 ms on a ramp. A hand moves below 10 Hz, and one count of the encoder shows
 /// as at most this share of a count per tick.
-pub const VELOCITY_GAIN: f32 = 0.466_510_4;
+pub const VELOCITY_GAIN: f32 = 0.466_511_9;
 
 /// What the encoders say in one tick.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -92,5 +92,107 @@ impl Encoders {
             velocity: self.joints.map(|joint| joint.velocity),
             jumped,
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::device::{Joint, Kinematics};
+
+    /// 10 um per count, backwards on joint 1; at most 2 m/s: 200 counts in a tick, and one.
+    fn encoders() -> Encoders {
+        let joint = |counts_per_unit| Joint {
+            counts_per_unit,
+            zero_counts: 50,
+            effort_per_amp: 1.0,
+            max_current_a: 1.0,
+            max_slew_per_s: 1.0,
+            max_speed_per_s: 2.0,
+            inertia: 1.0,
+            damping: 0.0,
+            coulomb: 0.0,
+        };
+        Encoders::new(&DeviceDescription {
+            name: [0; 16],
+            kinematics: Kinematics::Cartesian { origin_m: [0.0; 3] },
+            joints: [joint(1e5), joint(-1e5), joint(1e5)],
+            gravity_mass_kg: [0.0; JOINTS],
+            max_force_n: 1.0,
+        })
+    }
+
+    #[test]
+    fn the_cutoff_is_100_hz() {
+        let gain = 1.0 - (-2.0 * core::f64::consts::PI * 100.0 * 1e-3_f64).exp();
+        assert!((f64::from(VELOCITY_GAIN) - gain).abs() < 1e-7, "{gain}");
+    }
+
+    #[test]
+    fn counts_become_coordinates_from_zero_and_with_sign() {
+        let joints = encoders().read(&[150, 150, 50]);
+        assert!((joints.position[0] - 1e-3).abs() < 1e-9);
+        assert!((joints.position[1] + 1e-3).abs() < 1e-9);
+        assert_eq!(joints.position[2], 0.0);
+        assert_eq!(joints.velocity, [0.0; 3]);
+    }
+
+    /// 0.2345 m/s is 23.45 counts a tick. The counts are whole, so the difference is 23 or 24 counts and
+    /// the filter's output, once it has settled, is off by at most its gain times one count per tick: the
+    /// rounding errors are differences of numbers in 0..1 counts, low-passed.
+    #[test]
+    fn a_ramp_is_measured_to_a_share_of_one_count() {
+        let mut encoders = encoders();
+        let count_per_tick = 1e-5 / TICK_S;
+        let mut worst = 0.0_f32;
+        for tick in 0..1000 {
+            let counts = (f64::from(tick) * 23.45).floor() as i32;
+            let velocity = encoders.read(&[counts, counts, 0]).velocity;
+            if tick > 40 {
+                worst = max(worst, (velocity[0] - 0.2345).abs());
+                worst = max(worst, (velocity[1] + 0.2345).abs());
+            }
+        }
+        assert!(worst <= VELOCITY_GAIN * count_per_tick, "{worst}");
+        assert!(worst > 0.1 * VELOCITY_GAIN * count_per_tick, "{worst}");
+    }
+
+    /// After a step of velocity, the rest of a first-order low pass of 100 Hz: exp(-2 pi 100 t).
+    #[test]
+    fn a_step_of_velocity_shows_with_the_filters_time_constant() {
+        let mut encoders = encoders();
+        encoders.read(&[0; 3]);
+        let velocity = (1..=5).map(|tick| encoders.read(&[100 * tick, 0, 0]).velocity[0]);
+        let expected = 1.0 - (-0.2 * core::f64::consts::PI * 5.0).exp();
+        let found = velocity.last().map_or(0.0, f64::from);
+        assert!((found - expected).abs() < 1e-5, "{found} {expected}");
+    }
+
+    #[test]
+    fn a_jump_is_one_count_more_than_the_fastest_motion() {
+        for (counts, jumped) in [(201, false), (202, true), (-201, false), (-202, true)] {
+            let mut encoders = encoders();
+            encoders.read(&[0; 3]);
+            let joints = encoders.read(&[0, counts, 0]);
+            assert_eq!(joints.jumped, jumped, "{counts}");
+            assert_eq!(joints.velocity == [0.0; 3], jumped);
+            // From there on it is believed again.
+            assert!(!encoders.read(&[0, counts, 0]).jumped);
+        }
+    }
+
+    #[test]
+    fn counters_may_wrap_around() {
+        let mut encoders = encoders();
+        encoders.read(&[i32::MAX - 50, 0, 0]);
+        let joints = encoders.read(&[i32::MIN + 49, 0, 0]);
+        assert!(!joints.jumped);
+        assert!((joints.velocity[0] - VELOCITY_GAIN).abs() < 1e-6);
+        // The greatest jump there is.
+        assert!(encoders.read(&[i32::MIN + 49, i32::MIN, 0]).jumped);
+    }
+
+    fn max(a: f32, b: f32) -> f32 {
+        crate::math::max(a, b)
     }
 }

@@ -1,0 +1,440 @@
+//! The control tick by itself: modes, faults, staleness and the change of models.
+
+#![allow(clippy::unwrap_used, reason = "a test")]
+
+mod rig;
+
+use rig::{Loop, arm, bench, frame, no_contact, wall};
+use sutura_shared::control::{Control, TickInput, TickOutput};
+use sutura_shared::kinematics::GRAVITY;
+use sutura_shared::wire::faults;
+use sutura_shared::wire::message::{Command, Contact, Mode};
+
+/// 1 N upwards at 1 mm behind the wall.
+const WALL: f32 = 1000.0;
+const INSIDE: [f32; 3] = [0.0, 0.0, -1e-3];
+
+/// Current that carries the z stage of the bench console \[A\]: 0.25 kg at 3.75 N/A.
+const CARRY_A: f32 = 0.25 * GRAVITY / 3.75;
+
+fn pressed_in() -> Loop {
+    let mut console = Loop::new(bench());
+    console.place(2, -1e-3);
+    // A jump of 81 counts in a tick is within 2 m/s.
+    console.tick();
+    console.control.command(Command::Arm);
+    console.tick();
+    console
+}
+
+fn renders_nothing(output: &TickOutput) -> bool {
+    output.state.force_n == [0.0; 3]
+}
+
+#[test]
+fn boot_lasts_one_tick_and_arming_needs_an_order() {
+    use Mode::{Armed, Boot, Idle};
+    let mut control = Control::new(bench()).unwrap();
+    let mut input = TickInput::default();
+    let mut modes = Vec::new();
+    for tick in 0..6 {
+        if tick == 3 {
+            control.command(Command::Arm);
+        }
+        input.now_us += 1000;
+        let output = control.tick(&input, Some(&frame(tick + 1, 0, wall(WALL, INSIDE))));
+        modes.push(output.state.mode);
+        let armed = output.state.mode == Armed;
+        assert_eq!(output.amplifiers_on, armed);
+        assert_eq!(output.current_a != [0.0; 3], armed);
+    }
+    assert_eq!(modes, [Boot, Idle, Idle, Armed, Armed, Armed]);
+}
+
+#[test]
+fn an_order_during_boot_is_obeyed_after_it() {
+    let mut control = Control::new(bench()).unwrap();
+    control.command(Command::Arm);
+    let mut input = TickInput::default();
+    assert_eq!(control.tick(&input, None).state.mode, Mode::Boot);
+    input.now_us = 1000;
+    assert_eq!(control.tick(&input, None).state.mode, Mode::Armed);
+}
+
+#[test]
+fn armed_without_contact_it_carries_its_weight_and_no_more() {
+    let mut console = Loop::armed(bench());
+    let output = console.wait(1000);
+    assert_eq!(output.state.mode, Mode::Armed);
+    assert!(renders_nothing(&output));
+    assert_eq!(output.current_a[..2], [0.0; 2]);
+    assert!((output.current_a[2] - CARRY_A).abs() < 1e-6);
+    assert_eq!(output.state.contact_sequence, 0);
+    assert_eq!(output.state.contact_age_us, u32::MAX);
+}
+
+#[test]
+fn a_contact_pushes_the_hand_out() {
+    let mut console = pressed_in();
+    let mut output = console.tick();
+    for _ in 0..100 {
+        output = console.contact(wall(WALL, INSIDE));
+    }
+    // 1 N, to the rounding of the encoder (12 um).
+    assert!((output.state.force_n[2] - 1.0).abs() < 0.013, "{output:?}");
+    let current_a = output.current_a[2] - CARRY_A;
+    assert!((current_a * 3.75 - output.state.force_n[2]).abs() < 1e-5);
+    assert_eq!(output.state.contact_age_us, 1000);
+    assert_eq!(output.state.applied_age_us, 1000);
+}
+
+#[test]
+fn the_force_goes_to_nothing_and_the_weight_stays_carried() {
+    let mut console = pressed_in();
+    let contact = Contact {
+        horizon_us: 40_000,
+        ..wall(WALL, INSIDE)
+    };
+    for _ in 0..100 {
+        console.contact(contact);
+    }
+    // The data is 1 ms old here; the horizon is 40 ms, the way down 30 ms.
+    let held = console.wait(39);
+    assert_eq!(held.state.mode, Mode::Armed);
+    assert!(held.state.force_n[2] > 0.98);
+    let late = console.tick();
+    assert_eq!(late.state.mode, Mode::Decaying);
+    assert!(late.state.force_n[2] < held.state.force_n[2]);
+    let half = console.wait(14);
+    assert!((half.state.force_n[2] / held.state.force_n[2] - 0.5).abs() < 1e-5);
+    let gone = console.wait(15);
+    assert_eq!(gone.state.contact_age_us, 70_000);
+    assert_eq!(gone.state.force_n.map(f32::to_bits), [0; 3]);
+    assert_eq!(gone.state.mode, Mode::Decaying);
+    // The slew limit lets the current follow within a tick of 2 N.
+    let weight = console.tick();
+    assert!((weight.current_a[2] - CARRY_A).abs() < 1e-6);
+    // 500 ms beyond the horizon, the console no longer waits.
+    assert_eq!(console.wait(469).state.mode, Mode::Decaying);
+    let idle = console.tick();
+    assert_eq!(idle.state.mode, Mode::Idle);
+    assert_eq!(idle.current_a, [0.0; 3]);
+    // It does not come back by itself.
+    assert_eq!(console.contact(contact).state.mode, Mode::Idle);
+}
+
+#[test]
+fn fresh_data_ends_the_decay_without_a_knock() {
+    let mut console = pressed_in();
+    for _ in 0..100 {
+        console.contact(wall(WALL, INSIDE));
+    }
+    let before = console.wait(115);
+    assert_eq!(before.state.mode, Mode::Decaying);
+    let after = console.contact(wall(WALL, INSIDE));
+    assert_eq!(after.state.mode, Mode::Armed);
+    let step = after.state.force_n[2] - before.state.force_n[2];
+    // The old force still loses 1/30 of 1 N in this tick.
+    assert!((-0.034..0.0).contains(&step), "{step}");
+}
+
+/// A solver that hangs while its link goes on sending must not hold the force.
+#[test]
+fn resent_data_ages() {
+    let mut console = pressed_in();
+    for _ in 0..100 {
+        console.contact(wall(WALL, INSIDE));
+    }
+    let wedged_us = console.input.now_us;
+    let mut output = console.tick();
+    for _ in 0..131 {
+        output = console.tick_with(Some((wedged_us, wall(WALL, INSIDE))));
+    }
+    assert_eq!(output.state.mode, Mode::Decaying);
+    assert!(renders_nothing(&output));
+    for _ in 0..500 {
+        output = console.tick_with(Some((wedged_us, wall(WALL, INSIDE))));
+    }
+    assert_eq!(output.state.mode, Mode::Idle);
+}
+
+#[test]
+fn no_horizon_is_longer_than_150_ms() {
+    let mut console = pressed_in();
+    let contact = Contact {
+        horizon_us: u32::MAX,
+        ..wall(WALL, INSIDE)
+    };
+    for _ in 0..100 {
+        console.contact(contact);
+    }
+    assert_eq!(console.wait(149).state.mode, Mode::Armed);
+    assert_eq!(console.tick().state.mode, Mode::Decaying);
+    assert!(renders_nothing(&console.wait(30)));
+}
+
+#[test]
+fn older_data_and_other_tools_do_not_replace_what_is_in_use() {
+    let mut console = pressed_in();
+    console.wait(100);
+    let used = console.contact(wall(WALL, INSIDE)).state.contact_sequence;
+    let now_us = console.input.now_us;
+    let older = console.tick_with(Some((now_us - 50_000, wall(9.0, INSIDE))));
+    assert_eq!(older.state.contact_sequence, used);
+    let other = Contact {
+        tool: 1,
+        ..wall(9.0, INSIDE)
+    };
+    assert_eq!(console.contact(other).state.contact_sequence, used);
+}
+
+/// At a swap the force is continuous whatever the new model says; the first force after arming is 0.
+#[test]
+fn a_swap_makes_no_step() {
+    let mut console = pressed_in();
+    let first = console.contact(wall(WALL, INSIDE));
+    assert!(renders_nothing(&first));
+    let mut before = console.wait(60);
+    for stiffness in [4000.0, 500.0, 0.0, 3000.0] {
+        let after = console.contact(wall(stiffness, INSIDE));
+        let step = after.state.force_n[2] - before.state.force_n[2];
+        // The grip does not move: the new model itself does not change.
+        assert!(step.abs() < 0.02, "{stiffness}: {step}");
+        before = console.wait(50);
+        let (target, rest) = (stiffness * 1e-3, before.state.force_n[2] - stiffness * 1e-3);
+        assert!(
+            rest.abs() < 0.01 * 4.0 + 0.013 * target,
+            "{stiffness}: {rest}"
+        );
+    }
+}
+
+#[test]
+fn force_is_limited_in_length_and_by_the_motors() {
+    let mut console = pressed_in();
+    let mut output = console.tick();
+    for _ in 0..200 {
+        output = console.contact(Contact {
+            wrench: [300.0, 0.0, 400.0, 0.0, 0.0, 0.0],
+            ..wall(WALL, INSIDE)
+        });
+    }
+    // 10 N in the direction of (3, 0, 4) / 5.
+    let [x, y, z] = output.state.force_n;
+    assert!((x - 6.0).abs() < 0.01 && y == 0.0 && (z - 8.0).abs() < 0.01);
+
+    // 10 N on an arm with motors for less: a smaller force in the same direction.
+    let weak = {
+        let mut device = arm();
+        device.max_force_n = 10.0;
+        device
+    };
+    let mut console = Loop::armed(weak);
+    for _ in 0..200 {
+        output = console.contact(Contact {
+            position_m: [0.14, 0.0, 0.12],
+            gap_m: 0.0,
+            wrench: [0.0, 6.0, 8.0, 0.0, 0.0, 0.0],
+            ..no_contact()
+        });
+    }
+    let [x, y, z] = output.state.force_n;
+    assert!(
+        x == 0.0 && (y * 8.0 - z * 6.0).abs() < 1e-4 && z > 0.5 && z < 2.5,
+        "{y} {z}"
+    );
+    let most = output
+        .current_a
+        .iter()
+        .fold(0.0, |most, a| f64::max(most, f64::from(*a).abs()));
+    assert!((most - 3.0).abs() < 1e-5, "{most}");
+}
+
+#[test]
+fn faults_latch_cut_the_torque_at_once_and_clear_only_without_their_cause() {
+    let cases: [(u16, fn(&mut Loop, bool)); 4] = [
+        (faults::E_STOP, |console, on| {
+            console.input.emergency_stop = on
+        }),
+        (faults::BOARD, |console, on| console.input.board_fault = on),
+        (faults::OVERRUN, |console, on| {
+            console.input.overrun = on;
+            if on {
+                console.wait(2);
+            }
+        }),
+        (faults::OUT_OF_REACH, |console, on| {
+            // 11 m, in steps that are no jump.
+            for _ in 0..5501 {
+                console.input.encoder_counts[0] += if on { 163 } else { -163 };
+                console.tick();
+            }
+        }),
+    ];
+    for (fault, present) in cases {
+        let mut console = Loop::armed(bench());
+        console.wait(20);
+        present(&mut console, true);
+        let output = console.tick();
+        assert_eq!(
+            (output.state.mode, output.state.faults),
+            (Mode::Fault, fault)
+        );
+        assert!(!output.amplifiers_on && output.current_a == [0.0; 3]);
+        // Neither time nor orders nor contacts help while the cause is there.
+        for order in [Command::Arm, Command::ClearFault, Command::Disarm] {
+            console.control.command(order);
+            assert_eq!(console.contact(wall(WALL, INSIDE)).state.mode, Mode::Fault);
+        }
+        // It stays latched when the cause is gone, and then clears, to idle.
+        present(&mut console, false);
+        console.control.command(Command::Arm);
+        let output = console.tick();
+        assert_eq!(
+            (output.state.mode, output.state.faults),
+            (Mode::Fault, fault)
+        );
+        console.control.command(Command::ClearFault);
+        let output = console.tick();
+        assert_eq!((output.state.mode, output.state.faults), (Mode::Idle, 0));
+        console.control.command(Command::Arm);
+        assert_eq!(console.tick().state.mode, Mode::Armed);
+    }
+}
+
+#[test]
+fn an_encoder_jump_is_a_fault_even_when_it_jumps_back() {
+    let mut console = Loop::armed(bench());
+    console.wait(20);
+    console.input.encoder_counts[1] += 165;
+    let output = console.tick();
+    assert_eq!(output.state.faults, faults::ENCODER_JUMP);
+    assert_eq!(output.current_a, [0.0; 3]);
+    console.input.encoder_counts[1] -= 165;
+    console.control.command(Command::ClearFault);
+    // The way back is the next jump.
+    assert_eq!(console.tick().state.mode, Mode::Fault);
+    console.control.command(Command::ClearFault);
+    let output = console.tick();
+    assert_eq!(output.state.mode, Mode::Idle);
+    assert_eq!(output.state.velocity_m_per_s, [0.0; 3]);
+}
+
+#[test]
+fn two_overruns_in_a_row_are_no_fault() {
+    let mut console = Loop::armed(bench());
+    for overrun in [true, true, false, true, true, false] {
+        console.input.overrun = overrun;
+        assert_eq!(console.tick().state.mode, Mode::Armed);
+    }
+}
+
+#[test]
+fn a_new_session_disarms_and_forgets() {
+    let mut console = pressed_in();
+    for _ in 0..100 {
+        console.contact(wall(WALL, INSIDE));
+    }
+    let hash = console.tick().state.trace_hash;
+    console.control.open_session();
+    let output = console.tick();
+    assert_eq!(output.state.mode, Mode::Idle);
+    assert_eq!(
+        (output.state.contact_sequence, output.current_a),
+        (0, [0.0; 3])
+    );
+    assert_ne!(output.state.trace_hash, hash);
+    // A fault stays what it is.
+    console.input.emergency_stop = true;
+    console.tick();
+    console.input.emergency_stop = false;
+    console.control.open_session();
+    assert_eq!(console.tick().state.mode, Mode::Fault);
+}
+
+#[test]
+fn a_device_changes_only_while_nothing_is_at_stake() {
+    let mut console = Loop::armed(bench());
+    assert!(!console.control.change_device(&arm()));
+    console.control.command(Command::Disarm);
+    console.tick();
+    let mut bad = arm();
+    bad.joints[1].max_current_a = f32::NAN;
+    assert!(!console.control.change_device(&bad));
+    assert!(console.control.change_device(&arm()));
+    let output = console.tick();
+    assert_eq!(output.state.mode, Mode::Boot);
+    assert!((output.state.position_m[0] - 0.14).abs() < 1e-6);
+    assert_eq!(console.tick().state.mode, Mode::Idle);
+    console.input.emergency_stop = true;
+    console.tick();
+    assert!(!console.control.change_device(&bench()));
+}
+
+/// The trace tells apart what differs in one bit, and nothing else.
+#[test]
+fn the_trace_is_repeatable_and_sees_signed_zeros() {
+    let run = |zero: f32| {
+        let mut console = pressed_in();
+        console.contact(Contact {
+            wrench: [zero, 0.0, 1.0, 0.0, 0.0, 0.0],
+            ..wall(WALL, INSIDE)
+        });
+        console.wait(10).state.trace_hash
+    };
+    assert_eq!(run(0.0), run(0.0));
+    assert_ne!(run(0.0), run(-0.0));
+}
+
+/// What a device description must be is checked where control starts, not only on the wire.
+#[test]
+fn unusable_devices_are_refused_by_name() {
+    use sutura_shared::device::{DeviceDescription, Kinematics};
+    let cases: [(fn(&mut DeviceDescription), &str); 9] = [
+        (
+            |d| d.joints[0].counts_per_unit = 0.0,
+            "joint 0: counts_per_unit",
+        ),
+        (
+            |d| d.joints[1].effort_per_amp = f32::NAN,
+            "joint 1: effort_per_amp",
+        ),
+        (
+            |d| d.joints[2].max_current_a = -1.0,
+            "joint 2: max_current_a",
+        ),
+        (|d| d.joints[2].inertia = 0.0, "joint 2: inertia"),
+        (
+            |d| d.joints[0].max_slew_per_s = f32::INFINITY,
+            "joint 0: max_slew_per_s",
+        ),
+        (|d| d.joints[0].max_speed_per_s = 60.0, "max_speed_per_s"),
+        (|d| d.gravity_mass_kg[2] = -0.1, "gravity_mass_kg"),
+        (|d| d.max_force_n = 0.0, "max_force_n"),
+        (
+            |d| {
+                d.kinematics = Kinematics::Cartesian {
+                    origin_m: [0.0, f32::NAN, 0.0],
+                }
+            },
+            "origin_m",
+        ),
+    ];
+    for (spoil, complaint) in cases {
+        let mut device = bench();
+        spoil(&mut device);
+        let error = Control::new(device).unwrap_err().to_string();
+        assert!(error.starts_with(complaint), "{error}");
+    }
+    let flat = Kinematics::SerialArm {
+        shoulder_m: [0.0; 3],
+        upper_m: 0.2,
+        fore_m: 0.0,
+    };
+    let error = Control::new(DeviceDescription {
+        kinematics: flat,
+        ..arm()
+    })
+    .unwrap_err();
+    assert_eq!(error.to_string(), "fore_m must be positive, at most 10 m");
+}
