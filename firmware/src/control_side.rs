@@ -200,7 +200,6 @@ mod tests {
         bytes
     }
 
-    #[expect(clippy::large_enum_variant, reason = "a few in a test")]
     enum Order {
         Command(Command),
         Simulate(Simulate),
