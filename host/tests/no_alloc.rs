@@ -1,0 +1,60 @@
+//! A step allocates nothing once the columns of what it touches are there.
+
+use sutura_host::fem::{Loads, Material};
+use sutura_host::mesh::slab;
+use sutura_host::model::Model;
+use sutura_host::step::{State, Status, Workspace, step};
+use sutura_host::tool::{SphereTool, ToolSample};
+
+/// Down, sideways through the tissue, up, and away, with two poses that are none.
+fn path(tick: u32) -> ToolSample {
+    let t = f64::from(tick) / 200.0;
+    let wave = (std::f64::consts::TAU * t).sin();
+    let position_m = match tick {
+        50 => [f64::NAN; 3],
+        150 => [0.0, 0.0, -0.2],
+        _ => [0.012 * wave, 0.008 * (1.0 - t), 0.016 - 0.01 * (std::f64::consts::PI * t).sin()],
+    };
+    ToolSample {
+        id: 0,
+        position_m,
+        orientation: [0.0, 0.0, 0.0, 1.0],
+        velocity_m_per_s: [0.0; 3],
+        console_time_us: 0,
+    }
+}
+
+#[test]
+fn a_step_allocates_nothing_after_the_first_touch() {
+    let mesh = slab([0.08, 0.08, 0.03], [14, 14, 5]).expect("a slab");
+    let bottom: Vec<u32> = (0..15 * 15).collect();
+    let material = Material { youngs_modulus_pa: 15e3, poisson_ratio: 0.45 };
+    let tool = SphereTool { radius_m: 0.015, offset_m: [0.0; 3] };
+    let model = Model::new(&mesh, material, &bottom, Loads::default(), &[(0, tool)])
+        .expect("a model");
+    let mut state = State::new(&model);
+    let mut work = Workspace::new(&model);
+    work.prepare(&model, |_| true);
+    let mut most_rows = 0;
+    let mut statuses = Vec::with_capacity(200);
+    let allocated = allocation_counter::measure(|| {
+        for tick in 0..200 {
+            let report = step(&model, &mut state, &[path(tick)], &mut work);
+            most_rows = most_rows.max(report.rows);
+            statuses.push(report.status);
+        }
+    });
+    assert!(most_rows >= 10, "the path touches {most_rows} vertices");
+    assert!(statuses.iter().filter(|status| **status == Status::Ok).count() > 190);
+    assert_eq!(allocated.count_total, 0, "{allocated:?}");
+
+    // The counter does see what a cold cache costs.
+    let mut cold = Workspace::new(&model);
+    let mut state = State::new(&model);
+    let allocated = allocation_counter::measure(|| {
+        for tick in 60..120 {
+            step(&model, &mut state, &[path(tick)], &mut cold);
+        }
+    });
+    assert!(allocated.count_total > 0);
+}
