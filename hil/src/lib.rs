@@ -4,6 +4,7 @@
 //! this process), [`QemuConsole`] (lockstep, the firmware image under QEMU), [`Qemu`] (any image),
 //! [`Meddler`] (a bad line).
 
+pub mod identity_trace;
 mod meddler;
 mod native;
 #[cfg(unix)]

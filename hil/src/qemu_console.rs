@@ -30,6 +30,8 @@ pub struct QemuConsole {
     message: Vec<u8>,
     /// Whether the image has answered yet.
     answered: bool,
+    /// Where the pipes are; the image opens the second one only after the first.
+    _pipes: tempfile::TempDir,
 }
 
 impl QemuConsole {
@@ -64,14 +66,13 @@ impl QemuConsole {
                 .map_err(io::Error::from)
                 .map_err(system("a pipe"))?;
         }
-        // Both ends are open now: the names can go.
-        drop(pipes);
         Ok(QemuConsole {
             qemu,
             down,
             up,
             message: Vec::new(),
             answered: false,
+            _pipes: pipes,
         })
     }
 

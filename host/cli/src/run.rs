@@ -11,7 +11,7 @@ use std::sync::atomic::Ordering;
 use std::time::Duration;
 use sutura_hil::{NativeConsole, VirtualConsole};
 use sutura_host::link::{LinkError, LinkOptions, LockstepConsole, Port, open_serial};
-use sutura_host::scene::Scene;
+use sutura_host::scene::{Scene, position_at};
 use sutura_host::session::{
     Plan, Progress, SessionError, Solve, Summary, TissueSolver, run_lockstep, run_real_time,
 };
@@ -108,7 +108,7 @@ pub fn run(args: &RunArgs, global: &Global) -> Result<(), Failure> {
             "the emulated UART takes 8 to 12 kB/s: at most {UART_HZ} frames a second of at most 220 bytes"
         );
     }
-    let mut solver = solver(&scene)?;
+    let mut solver = solver(&scene, &plan)?;
     let stop = stop_on_signals()?;
     let mut display = Display::new(args.stream, global.format);
     let mut progress = |note: &Progress<'_>| {
@@ -157,9 +157,23 @@ fn plan(args: &RunArgs, scene: &Scene) -> Result<Plan, Failure> {
     })
 }
 
-fn solver(scene: &Scene) -> Result<TissueSolver, Failure> {
+/// Seconds between two places of the hand that the solver is prepared for.
+const PREPARED_EVERY_S: f64 = 0.02;
+
+fn solver(scene: &Scene, plan: &Plan) -> Result<TissueSolver, Failure> {
     let (model, state, work) = scene.build().map_err(Failure::from)?;
-    Ok(TissueSolver::new(&scene.name, model, state, work))
+    let mut solver = TissueSolver::new(&scene.name, model, state, work);
+    let used = &plan.hand.way_points[..usize::from(plan.hand.count)];
+    let end_s = used
+        .last()
+        .map_or(0.0, |point| f64::from(point.time_s))
+        .min(plan.seconds);
+    let places = (end_s / PREPARED_EVERY_S).ceil() as u32;
+    let path: Vec<[f64; 3]> = (0..=places)
+        .map(|k| position_at(&plan.hand, f64::from(k) * PREPARED_EVERY_S))
+        .collect();
+    solver.prepare(&path);
+    Ok(solver)
 }
 
 type Watcher<'a> = dyn FnMut(&Progress<'_>) -> ControlFlow<()> + 'a;

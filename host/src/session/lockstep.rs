@@ -146,8 +146,7 @@ pub fn run_lockstep(
     let mut pending: Option<(u64, Contact)> = None;
     let mut counters = LinkCounters::default();
     let mut silent = 0;
-    let ticks = (plan.seconds * f64::from(plan.tick_hz)).round() as u64;
-    while tally.ticks() < ticks {
+    while tally.ticks() < plan.ticks() {
         // The contact of the last solve leaves just before the tick that starts the next one.
         let next_tick = tally.last().map(|state| state.tick.wrapping_add(1));
         let starts = match (&mut schedule, next_tick) {

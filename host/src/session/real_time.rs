@@ -16,6 +16,8 @@ use sutura_shared::wire::message::{Command, Mode, State};
 
 /// Time between two progress notes, and between two looks at how far the session is.
 const LOOK_EVERY: Duration = Duration::from_millis(50);
+/// Shortest of these times: a few ticks.
+const TICKS_SOME: Duration = Duration::from_millis(2);
 /// A console from which nothing came for so long is dead, or its line is.
 const SILENT: Duration = Duration::from_secs(2);
 /// How long the console may take to report after it was disarmed; it reports once a second by itself.
@@ -33,6 +35,8 @@ struct Log {
     /// The newest state, counted or not.
     newest: Option<(State, Instant)>,
     reports: u64,
+    /// Ticks that the session is to last.
+    ticks: u64,
 }
 
 /// Runs a session of `plan.seconds` of console time on the console behind `port`; `progress` may end it early.
@@ -52,6 +56,7 @@ pub fn run_real_time(
         armed: false,
         newest: None,
         reports: 0,
+        ticks: plan.ticks(),
     }));
     let written = log.clone();
     let link = Link::open(port, options, move |event| lock(&written).hear(event))?;
@@ -96,7 +101,7 @@ impl Log {
                 let state = state.body();
                 self.newest = Some((*state, Instant::now()));
                 self.armed |= matches!(state.mode, Mode::Armed | Mode::Decaying);
-                if self.armed && state.mode != Mode::Idle {
+                if self.armed && state.mode != Mode::Idle && self.tally.ticks() < self.ticks {
                     self.tally.state(state);
                 }
             }
@@ -126,6 +131,10 @@ fn solve_until(
             // The watching thread sees the same and says so.
             Err(_) => return,
         };
+        if !matches!(state.body().mode, Mode::Armed | Mode::Decaying) {
+            // Nobody feels anything: the pose may be anywhere, even inside the tissue.
+            continue;
+        }
         let before = Instant::now();
         let solved = solver.solve(&state);
         let time = before.elapsed();
@@ -163,8 +172,10 @@ fn watch(
 ) -> Result<(), SessionError> {
     let opened = Instant::now();
     let mut arming = Some(ArmingWatch::new(plan));
+    let mut elapsed_s = 0.0;
     loop {
-        std::thread::sleep(LOOK_EVERY);
+        let left = Duration::try_from_secs_f64(plan.seconds - elapsed_s).unwrap_or_default();
+        std::thread::sleep(left.clamp(TICKS_SOME, LOOK_EVERY));
         link.check()?;
         if solver_ended() {
             // It ends before it is told to only if the link broke, or by a panic.
@@ -195,7 +206,7 @@ fn watch(
                 Arming::NotYet => {}
             }
         }
-        let elapsed_s = ticks as f64 / f64::from(plan.tick_hz);
+        elapsed_s = ticks as f64 / f64::from(plan.tick_hz);
         let note = Progress {
             elapsed_s,
             seconds: plan.seconds,
@@ -203,7 +214,7 @@ fn watch(
             report: report.as_ref(),
         };
         // A fault is latched: nothing more is to be felt.
-        let over = elapsed_s >= plan.seconds || (arming.is_none() && state.mode == Mode::Fault);
+        let over = ticks >= plan.ticks() || (arming.is_none() && state.mode == Mode::Fault);
         if progress(&note).is_break() || over {
             return Ok(());
         }

@@ -85,6 +85,11 @@ impl Plan {
         orders
     }
 
+    /// Control ticks that the session lasts.
+    pub(super) fn ticks(&self) -> u64 {
+        (self.seconds * f64::from(self.tick_hz)).round() as u64
+    }
+
     /// Name of the device that the session is with.
     pub(super) fn device_name(&self, console: &Hello) -> String {
         let bytes = if console.simulated {

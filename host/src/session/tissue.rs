@@ -10,6 +10,11 @@ use serde_json::{Map, Value, json};
 use sutura_shared::wire::Valid;
 use sutura_shared::wire::message::State;
 
+/// How far from the tool's centre vertices are prepared, in radii: as far as a step looks ahead.
+const PREPARED_RADII: f64 = 1.5;
+/// And so much further \[m\]: the hand strays from its path, and tissue moves along.
+const PREPARED_MARGIN_M: f64 = 0.003;
+
 /// A model with its state and scratch.
 pub struct TissueSolver {
     name: String,
@@ -38,6 +43,25 @@ impl TissueSolver {
             work,
             deepest: Deepest::default(),
         }
+    }
+
+    /// Computes beforehand what steps along `path` will need, so that the first touch costs no more than
+    /// any other: `path` are places of the grip \[m\], not turned.
+    pub fn prepare(&mut self, path: &[[f64; 3]]) {
+        let Some((_, tool)) = self.model.tools().first() else {
+            return;
+        };
+        let radius_m = tool.radius_m.max(self.model.surface().mean_edge_m);
+        let reach_m = PREPARED_RADII * radius_m + PREPARED_MARGIN_M;
+        let offset = tool.offset_m;
+        let near = |vertex: [f64; 3]| {
+            path.iter().any(|grip| {
+                let square = (0..3).map(|i| (grip[i] + offset[i] - vertex[i]).powi(2));
+                square.sum::<f64>() <= reach_m * reach_m
+            })
+        };
+        let count = self.work.prepare(&self.model, near);
+        tracing::info!("compliance of {count} vertices computed beforehand");
     }
 
     /// Steps to where the sample is.
