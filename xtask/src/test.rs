@@ -161,7 +161,7 @@ fn steps(tally: &mut Tally) -> Result<()> {
             "cargo doc --workspace --no-deps --locked",
         ))]
         .into_iter()
-        .chain(boards("doc --no-deps --lib").map(documents)),
+        .chain(boards("doc --no-deps --lib").into_iter().map(documents)),
     )?;
     if tally.passed == 0 {
         return Err(anyhow!("no test ran on {host} or for {TARGET}"));
