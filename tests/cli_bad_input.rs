@@ -26,7 +26,7 @@ target_displacement_m = [0.0, 0.0, -0.0001]
 
 /// gmsh 2.2, one tetrahedron of 1 mm; `element` is its node list, `extra` more nodes.
 fn mesh(element: &str, extra: &[&str]) -> String {
-    let corners = ["1 0 0 0", "2 1 0 0", "3 0 1 0", "4 0 0 1"];
+    let corners = ["1 0 0 0", "2 1 0 0", "3 0.1 1 0", "4 0.2 0.3 1.5"];
     let nodes: Vec<&str> = corners.iter().chain(extra).copied().collect();
     format!(
         "$MeshFormat\n2.2 0 8\n$EndMeshFormat\n$Nodes\n{}\n{}\n$EndNodes\n\

@@ -164,6 +164,10 @@ fn measure(scene: &Scene, progress: &ProgressBar) -> Result<Case, Failure> {
     let factor_ms = 1e3 * started.elapsed().as_secs_f64();
 
     let cold = walk(scene, hand, tool.id, &model, &mut state, &mut work);
+    // What the cold pass was too late to touch, so that the warm passes find every column.
+    work.vertices_per_step = usize::MAX;
+    state = State::new(&model);
+    walk(scene, hand, tool.id, &model, &mut state, &mut work);
     progress.inc(1);
     let first_touch = cold
         .iter()
