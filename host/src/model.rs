@@ -41,7 +41,9 @@ pub enum ModelError {
     #[error(transparent)]
     Tissue(#[from] TissueError),
     /// A radius or an offset that is no length.
-    #[error("tool {id}: the radius is {radius_m} m and the offset {offset_m:?} m; both must be finite, the radius not below zero")]
+    #[error(
+        "tool {id}: the radius is {radius_m} m and the offset {offset_m:?} m; both must be finite, the radius not below zero"
+    )]
     Tool {
         /// Which tool.
         id: u8,
@@ -76,14 +78,22 @@ pub enum Warning {
 impl fmt::Display for Warning {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match *self {
-            Self::SmallTool { id, radius_m, mean_edge_m } => write!(
+            Self::SmallTool {
+                id,
+                radius_m,
+                mean_edge_m,
+            } => write!(
                 f,
                 "tool {id} has a radius of {:.2} mm and the mesh a mean edge of {:.2} mm: below \
                  {LEAST_RADIUS_IN_EDGES} edges the stiffness that is felt is an artefact of the mesh \
                  and falls with every refinement{}; make the radius at least {:.2} mm or the mesh finer",
                 1e3 * radius_m,
                 1e3 * mean_edge_m,
-                if radius_m < mean_edge_m { ", and below one edge it is as if it had one" } else { "" },
+                if radius_m < mean_edge_m {
+                    ", and below one edge it is as if it had one"
+                } else {
+                    ""
+                },
                 1e3 * LEAST_RADIUS_IN_EDGES * mean_edge_m,
             ),
         }
@@ -104,7 +114,11 @@ impl Model {
     ) -> Result<Self, ModelError> {
         check_tools(tools)?;
         let tissue = LinearTissue::new(mesh, material, fixed)?;
-        let anchors = loads.handles.iter().map(|handle| handle.anchor.clone()).collect();
+        let anchors = loads
+            .handles
+            .iter()
+            .map(|handle| handle.anchor.clone())
+            .collect();
         let held = HeldPoints::new(&tissue, anchors)?;
         let displacement = tissue.solve_held(&loads, &held)?.displacement_m;
         let resting_m: Vec<[f64; 3]> = mesh
@@ -123,8 +137,10 @@ impl Model {
                 touchable_normal.push(Vector3::from(normal));
             }
         }
-        let touchable_m =
-            touchable.iter().map(|&node| Vector3::from(resting_m[node as usize])).collect();
+        let touchable_m = touchable
+            .iter()
+            .map(|&node| Vector3::from(resting_m[node as usize]))
+            .collect();
         Ok(Self {
             tissue,
             surface,
@@ -182,7 +198,11 @@ impl Model {
         self.tools
             .iter()
             .filter(|(_, tool)| tool.radius_m < LEAST_RADIUS_IN_EDGES * mean_edge_m)
-            .map(|&(id, tool)| Warning::SmallTool { id, radius_m: tool.radius_m, mean_edge_m })
+            .map(|&(id, tool)| Warning::SmallTool {
+                id,
+                radius_m: tool.radius_m,
+                mean_edge_m,
+            })
             .collect()
     }
 
@@ -193,10 +213,11 @@ impl Model {
     /// None that [`Model::new`] has not refused already, unless the state is not finite.
     pub fn equilibrium(&self, state: &State) -> Result<Equilibrium, TissueError> {
         let mut loads = self.loads.clone();
-        loads.forces.extend(state.contact_forces(self).map(|(node, force_n)| NodeLoad {
-            node,
-            force_n,
-        }));
+        loads.forces.extend(
+            state
+                .contact_forces(self)
+                .map(|(node, force_n)| NodeLoad { node, force_n }),
+        );
         self.tissue.solve_held(&loads, &self.held)
     }
 }
@@ -208,7 +229,11 @@ fn check_tools(tools: &[(u8, SphereTool)]) -> Result<(), ModelError> {
     for (index, &(id, SphereTool { radius_m, offset_m })) in tools.iter().enumerate() {
         let lengths = radius_m.is_finite() && offset_m.iter().all(|x| x.is_finite());
         if !lengths || radius_m < 0.0 {
-            return Err(ModelError::Tool { id, radius_m, offset_m });
+            return Err(ModelError::Tool {
+                id,
+                radius_m,
+                offset_m,
+            });
         }
         if tools[..index].iter().any(|(other, _)| *other == id) {
             return Err(ModelError::SameTool(id));

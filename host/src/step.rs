@@ -134,12 +134,17 @@ impl State {
     /// No tool anywhere yet, tissue at rest under its loads.
     pub fn new(model: &Model) -> Self {
         let most = MAX_ROWS.min(model.touchable.len());
-        Self { centres: [None; MAX_TOOLS], rows: Vec::with_capacity(most) }
+        Self {
+            centres: [None; MAX_TOOLS],
+            rows: Vec::with_capacity(most),
+        }
     }
 
     /// Nodes that are touched and the force on the tissue there \[N\].
     pub fn contact_forces(&self, model: &Model) -> impl Iterator<Item = (u32, [f64; 3])> {
-        self.rows.iter().map(|row| (model.touchable[row.vertex as usize], row.force.into()))
+        self.rows
+            .iter()
+            .map(|row| (model.touchable[row.vertex as usize], row.force.into()))
     }
 }
 
@@ -308,8 +313,8 @@ fn place(
     targets: &Targets,
     work: &mut Workspace,
 ) -> Result<(), Status> {
-    for index in 0..MAX_TOOLS {
-        let Some(target) = targets[index] else {
+    for (index, target) in targets.iter().enumerate() {
+        let Some(target) = target else {
             state.rows.retain(|row| row.tool as usize != index);
             state.centres[index] = None;
             continue;
@@ -327,7 +332,11 @@ fn place(
 fn place_spheres(model: &Model, state: &State, work: &mut Workspace) {
     for (index, sphere) in work.spheres.iter_mut().enumerate() {
         *sphere = match state.centres[index] {
-            Some(centre) => Sphere { centre, radius: model.touch_radius_m(index), present: true },
+            Some(centre) => Sphere {
+                centre,
+                radius: model.touch_radius_m(index),
+                present: true,
+            },
             None => Sphere::default(),
         };
     }
@@ -370,7 +379,8 @@ fn locate(model: &Model, state: &State, work: &mut Workspace) {
     debug_assert_eq!(work.displacement.len(), 3 * model.touchable.len());
     work.displacement.fill(0.0);
     for row in &state.rows {
-        work.columns.add(row.vertex, &row.force, &mut work.displacement);
+        work.columns
+            .add(row.vertex, &row.force, &mut work.displacement);
     }
 }
 
@@ -401,8 +411,11 @@ fn advance(
     part *= shrink;
     for (index, target) in targets.iter().enumerate() {
         if let (Some(target), Some(centre)) = (target, state.centres[index]) {
-            work.spheres[index].centre =
-                if part >= 1.0 { target.centre } else { centre.lerp(&target.centre, part) };
+            work.spheres[index].centre = if part >= 1.0 {
+                target.centre
+            } else {
+                centre.lerp(&target.centre, part)
+            };
         }
     }
     part
@@ -413,12 +426,18 @@ fn advance(
 fn find_near(model: &Model, state: &State, work: &mut Workspace) -> bool {
     work.contact.near.clear();
     let mut inside = false;
-    for (vertex, (resting, u)) in
-        (0u32..).zip(model.touchable_m.iter().zip(work.displacement.chunks_exact(3)))
-    {
+    for (vertex, (resting, u)) in (0u32..).zip(
+        model
+            .touchable_m
+            .iter()
+            .zip(work.displacement.chunks_exact(3)),
+    ) {
         let at = resting + Vector3::new(u[0], u[1], u[2]);
         let mut best: Option<(f64, u32)> = None;
-        for (tool, sphere) in (0u32..).zip(&work.spheres).filter(|(_, sphere)| sphere.present) {
+        for (tool, sphere) in (0u32..)
+            .zip(&work.spheres)
+            .filter(|(_, sphere)| sphere.present)
+        {
             let gap = (at - sphere.centre).norm() / sphere.radius - 1.0;
             if gap < NEAR && best.is_none_or(|(least, _)| gap < least) {
                 best = Some((gap, tool));
@@ -492,17 +511,22 @@ fn solve_with_columns(
 
 /// Vertices whose columns this step may still compute.
 fn budget(work: &Workspace, report: &StepReport) -> usize {
-    work.vertices_per_step.saturating_sub(report.columns_computed as usize / 3)
+    work.vertices_per_step
+        .saturating_sub(report.columns_computed as usize / 3)
 }
 
 /// Uses what is left of the budget on the columns of the nearest vertices: the tip will be there soon.
 fn look_ahead(model: &Model, work: &mut Workspace, report: &mut StepReport) {
     let columns = &work.columns;
     work.contact.near.retain(|near| !columns.has(near.vertex));
-    work.contact.near.sort_unstable_by(|a, b| a.gap.total_cmp(&b.gap));
+    work.contact
+        .near
+        .sort_unstable_by(|a, b| a.gap.total_cmp(&b.gap));
     work.contact.missing.clear();
     let now = budget(work, report);
-    work.contact.missing.extend(work.contact.near.iter().take(now).map(|near| near.vertex));
+    work.contact
+        .missing
+        .extend(work.contact.near.iter().take(now).map(|near| near.vertex));
     work.columns.compute(model, &work.contact.missing);
     report.columns_computed += 3 * work.contact.missing.len() as u32;
 }
@@ -510,7 +534,9 @@ fn look_ahead(model: &Model, work: &mut Workspace, report: &mut StepReport) {
 /// At the end of the path: a tool that touches nothing must be outside.
 fn settle(model: &Model, state: &mut State, work: &mut Workspace) -> Status {
     for index in 0..MAX_TOOLS {
-        let Some(centre) = state.centres[index] else { continue };
+        let Some(centre) = state.centres[index] else {
+            continue;
+        };
         if state.rows.iter().any(|row| row.tool as usize == index) {
             continue;
         }
@@ -552,10 +578,17 @@ fn reduce(
     for (contact, sample) in report.contacts.iter_mut().zip(samples) {
         contact.id = sample.id;
         // Read once already: the id is known and its target is there.
-        let Some((index, _)) = model.tool(sample.id) else { continue };
-        let Some(target) = targets[index] else { continue };
-        contact.rows =
-            state.rows.iter().filter(|row| row.tool as usize == index).count() as u32;
+        let Some((index, _)) = model.tool(sample.id) else {
+            continue;
+        };
+        let Some(target) = targets[index] else {
+            continue;
+        };
+        contact.rows = state
+            .rows
+            .iter()
+            .filter(|row| row.tool as usize == index)
+            .count() as u32;
         let (force, tangent, normal) = if contact.rows > 0 {
             let force = tangent::force(&state.rows, index as u32);
             let tangent = tangent::centre_tangent(
@@ -564,7 +597,11 @@ fn reduce(
                 &mut work.contact,
                 &mut work.tangent,
             );
-            (force, tangent, force.try_normalize(0.0).unwrap_or_else(Vector3::z))
+            (
+                force,
+                tangent,
+                force.try_normalize(0.0).unwrap_or_else(Vector3::z),
+            )
         } else {
             let (gap, tangent, normal) = apart(model, index, &target.centre, work);
             contact.gap_m = gap;
@@ -579,7 +616,8 @@ fn reduce(
             .iter()
             .map(|row| {
                 let at = 3 * row.vertex as usize;
-                row.force.dot(&Vector3::from_column_slice(&work.displacement[at..at + 3]))
+                row.force
+                    .dot(&Vector3::from_column_slice(&work.displacement[at..at + 3]))
             })
             .sum::<f64>();
 }

@@ -36,7 +36,11 @@ impl SphereTool {
         let [x, y, z, w] = sample.orientation;
         let rotation = UnitQuaternion::try_new(Quaternion::new(w, x, y, z), 1e-6)?;
         let arm = rotation * Vector3::from(self.offset_m);
-        let finite = sample.position_m.iter().chain(arm.iter()).all(|x| x.is_finite());
+        let finite = sample
+            .position_m
+            .iter()
+            .chain(arm.iter())
+            .all(|x| x.is_finite());
         finite.then_some(arm)
     }
 }

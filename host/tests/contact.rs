@@ -10,7 +10,10 @@ use sutura_host::model::{Model, ModelError, Warning};
 use sutura_host::step::{State, Status, StepReport, ToolContact, Workspace, step};
 use sutura_host::tool::{SphereTool, ToolSample};
 
-const SOFT: Material = Material { youngs_modulus_pa: 15e3, poisson_ratio: 0.45 };
+const SOFT: Material = Material {
+    youngs_modulus_pa: 15e3,
+    poisson_ratio: 0.45,
+};
 const RADIUS: f64 = 0.014;
 /// Radius of the arch's top \[m\].
 const ARCH: f64 = 0.06;
@@ -32,7 +35,10 @@ impl Bench {
     /// The slab that the tests press: 80 x 80 x 30 mm on a table, one sphere.
     fn slab(offset_m: [f64; 3]) -> Self {
         let (mesh, bottom) = slab_mesh();
-        let tool = SphereTool { radius_m: RADIUS, offset_m };
+        let tool = SphereTool {
+            radius_m: RADIUS,
+            offset_m,
+        };
         Self::new(&mesh, &bottom, Loads::default(), &[(0, tool)])
     }
 
@@ -41,17 +47,25 @@ impl Bench {
         let (flat, bottom) = slab_mesh();
         let bend = |p: &[f64; 3]| {
             let angle = p[0] / ARCH;
-            [(ARCH + p[2]) * angle.sin(), p[1], (ARCH + p[2]) * angle.cos() - ARCH]
+            [
+                (ARCH + p[2]) * angle.sin(),
+                p[1],
+                (ARCH + p[2]) * angle.cos() - ARCH,
+            ]
         };
         let points = flat.points_m().iter().map(bend).collect();
         let mesh = TetMesh::new(points, flat.cells().to_vec()).expect("a sound mesh");
-        let tool = SphereTool { radius_m: 0.018, offset_m };
+        let tool = SphereTool {
+            radius_m: 0.018,
+            offset_m,
+        };
         Self::new(&mesh, &bottom, Loads::default(), &[(0, tool)])
     }
 
     /// A cylinder of 60 mm diameter lying along z, held at its ends, and a sphere on its side.
     fn cylinder(offset_m: [f64; 3]) -> Self {
-        let path = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../tests/data/cylinder_1650.msh");
+        let path =
+            PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../tests/data/cylinder_1650.msh");
         let text = std::fs::read_to_string(path).expect("the cylinder");
         let mesh = read_msh(&text, 0.06).expect("a sound mesh");
         let ends: Vec<u32> = (0u32..)
@@ -59,7 +73,10 @@ impl Bench {
             .filter(|(_, p)| p[2] < 1e-9 || p[2] > 0.12 - 1e-9)
             .map(|(node, _)| node)
             .collect();
-        let tool = SphereTool { radius_m: 0.02, offset_m };
+        let tool = SphereTool {
+            radius_m: 0.02,
+            offset_m,
+        };
         Self::new(&mesh, &ends, Loads::default(), &[(0, tool)])
     }
 
@@ -71,7 +88,11 @@ impl Bench {
     fn afresh(&mut self, from: ToolSample, to: ToolSample) -> (State, StepReport) {
         let mut state = State::new(&self.model);
         let start = self.step(&mut state, from);
-        assert_eq!((start.status, start.rows), (Status::Ok, 0), "starts in the air");
+        assert_eq!(
+            (start.status, start.rows),
+            (Status::Ok, 0),
+            "starts in the air"
+        );
         let report = self.step(&mut state, to);
         (state, report)
     }
@@ -79,7 +100,11 @@ impl Bench {
     /// No vertex inside a sphere, no force that pulls, forces only where vertices touch and along
     /// their normals.
     fn assert_balanced(&self, state: &State, centre: Vector3<f64>, radius: f64) {
-        let at = self.model.equilibrium(state).expect("a balance").displacement_m;
+        let at = self
+            .model
+            .equilibrium(state)
+            .expect("a balance")
+            .displacement_m;
         let place = |node: u32| {
             Vector3::from(self.model.points_m()[node as usize]) + Vector3::from(at[node as usize])
         };
@@ -98,9 +123,18 @@ impl Bench {
             let normal = (place(node) - centre).normalize();
             let lambda = force.dot(&normal);
             let gap = (place(node) - centre).norm() - radius;
-            assert!(lambda >= -1e-9 * largest, "node {node} is pulled by {lambda} N");
-            assert!((force - normal * lambda).norm() < 1e-9 * largest, "friction at {node}");
-            assert!((lambda * gap).abs() < 1e-9 * largest * radius, "a force across a gap");
+            assert!(
+                lambda >= -1e-9 * largest,
+                "node {node} is pulled by {lambda} N"
+            );
+            assert!(
+                (force - normal * lambda).norm() < 1e-9 * largest,
+                "friction at {node}"
+            );
+            assert!(
+                (lambda * gap).abs() < 1e-9 * largest * radius,
+                "a force across a gap"
+            );
         }
     }
 }
@@ -146,7 +180,10 @@ struct Chance(u64);
 
 impl Chance {
     fn next(&mut self) -> f64 {
-        self.0 = self.0.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
+        self.0 = self
+            .0
+            .wrapping_mul(6364136223846793005)
+            .wrapping_add(1442695040888963407);
         (self.0 >> 11) as f64 / (1u64 << 52) as f64 - 1.0
     }
 
@@ -173,7 +210,10 @@ fn pushing_in_pushes_the_hand_out() {
     // finite depth on a table is stiffer, one with free sides softer.
     let hertz = 4.0 / 3.0 * 15e3 / (1.0 - 0.45f64.powi(2)) * RADIUS.sqrt() * 0.009f64.powf(1.5);
     println!("9 mm: {last} N, Hertz {hertz} N");
-    assert!(last > hertz && last < 3.0 * hertz, "{last} N against Hertz's {hertz} N");
+    assert!(
+        last > hertz && last < 3.0 * hertz,
+        "{last} N against Hertz's {hertz} N"
+    );
 }
 
 #[test]
@@ -197,7 +237,10 @@ fn the_force_is_the_slope_of_the_stored_energy() {
             (solve(centre + step).1 - solve(centre - step).1) / (2.0 * h)
         });
         let error = (found + slope).norm() / found.norm();
-        assert!(error < 1e-6, "force {found} against -dE/dc {slope}: {error:e}");
+        assert!(
+            error < 1e-6,
+            "force {found} against -dE/dc {slope}: {error:e}"
+        );
     }
 }
 
@@ -213,7 +256,11 @@ fn the_tangent_under_the_middle_is_symmetric() {
     // The mesh is its own mirror image in x and in y, and x and y can be swapped.
     assert!((k[0][0] - k[1][1]).abs() < 1e-8 * normal.abs(), "{k:?}");
     for (i, j) in [(0, 1), (0, 2), (1, 2), (1, 0), (2, 0), (2, 1)] {
-        assert!(k[i][j].abs() < 1e-8 * normal.abs(), "{i} {j}: {:?}", k[i][j]);
+        assert!(
+            k[i][j].abs() < 1e-8 * normal.abs(),
+            "{i} {j}: {:?}",
+            k[i][j]
+        );
     }
     assert!(force(&contact).xy().norm() < 1e-10 * force(&contact).z);
 }
@@ -233,8 +280,10 @@ fn by_differences(
 ) -> Option<Matrix6<f64>> {
     let mut touched_by = |sample: ToolSample| {
         let (state, report) = bench.afresh(from, sample);
-        let mut touched: Vec<u32> =
-            state.contact_forces(&bench.model).map(|(node, _)| node).collect();
+        let mut touched: Vec<u32> = state
+            .contact_forces(&bench.model)
+            .map(|(node, _)| node)
+            .collect();
         touched.sort_unstable();
         (touched, contact(&report).wrench)
     };
@@ -261,8 +310,7 @@ fn by_differences(
         }
         let [mm, m, p, pp] = wrenches;
         for row in 0..6 {
-            jacobian[(row, axis)] =
-                (8.0 * (p[row] - m[row]) - (pp[row] - mm[row])) / (12.0 * step);
+            jacobian[(row, axis)] = (8.0 * (p[row] - m[row]) - (pp[row] - mm[row])) / (12.0 * step);
         }
     }
     Some(jacobian)
@@ -313,7 +361,10 @@ fn compare_jacobians(
         let skew = (tangent - tangent.transpose()) * 0.5;
         let moment = Vector3::from_column_slice(&found.wrench[3..]);
         let rest = skew.fixed_view::<3, 3>(3, 3) + moment.cross_matrix() * 0.5;
-        assert!(rest.norm() < 1e-12 * (1.0 + moment.norm()), "skew part off by {rest}");
+        assert!(
+            rest.norm() < 1e-12 * (1.0 + moment.norm()),
+            "skew part off by {rest}"
+        );
         assert!(skew.fixed_view::<6, 3>(0, 0).norm() < 1e-9 * tangent.norm());
         poses += 1;
         fewest = fewest.min(found.rows);
@@ -327,43 +378,80 @@ fn compare_jacobians(
 
 #[test]
 fn the_jacobian_is_exact_on_a_slab() {
-    compare_jacobians(Bench::slab([0.0; 3]), at(0.0, 0.0, 0.05), [0.0; 3], 14, |chance| {
-        let [x, y, z] = chance.vector().into();
-        (Vector3::new(0.012 * x, 0.012 * y, RADIUS - 0.006 + 0.003 * z), UnitQuaternion::identity())
-    });
+    compare_jacobians(
+        Bench::slab([0.0; 3]),
+        at(0.0, 0.0, 0.05),
+        [0.0; 3],
+        14,
+        |chance| {
+            let [x, y, z] = chance.vector().into();
+            (
+                Vector3::new(0.012 * x, 0.012 * y, RADIUS - 0.006 + 0.003 * z),
+                UnitQuaternion::identity(),
+            )
+        },
+    );
 }
 
 #[test]
 fn the_jacobian_is_exact_with_the_sphere_off_the_grip() {
     let offset = [0.02, -0.01, -0.05];
-    compare_jacobians(Bench::slab(offset), at(0.0, 0.0, 0.2), offset, 14, |chance| {
-        let [x, y, z] = chance.vector().into();
-        let centre = Vector3::new(0.012 * x, 0.012 * y, RADIUS - 0.006 + 0.003 * z);
-        (centre, UnitQuaternion::from_scaled_axis(chance.vector() * 0.8))
-    });
+    compare_jacobians(
+        Bench::slab(offset),
+        at(0.0, 0.0, 0.2),
+        offset,
+        14,
+        |chance| {
+            let [x, y, z] = chance.vector().into();
+            let centre = Vector3::new(0.012 * x, 0.012 * y, RADIUS - 0.006 + 0.003 * z);
+            (
+                centre,
+                UnitQuaternion::from_scaled_axis(chance.vector() * 0.8),
+            )
+        },
+    );
 }
 
 #[test]
 fn the_jacobian_is_exact_on_an_arch() {
     let offset = [0.0, 0.03, 0.05];
-    compare_jacobians(Bench::arch(offset), at(0.0, 0.0, 0.2), offset, 12, |chance| {
-        let [angle, y, depth] = chance.vector().into();
-        let out = Vector3::new((0.3 * angle).sin(), 0.0, (0.3 * angle).cos());
-        let height = ARCH + 0.018 - 0.006 + 0.003 * depth;
-        let centre = out * height + Vector3::new(0.0, 0.012 * y, -ARCH);
-        (centre, UnitQuaternion::from_scaled_axis(chance.vector() * 0.4))
-    });
+    compare_jacobians(
+        Bench::arch(offset),
+        at(0.0, 0.0, 0.2),
+        offset,
+        12,
+        |chance| {
+            let [angle, y, depth] = chance.vector().into();
+            let out = Vector3::new((0.3 * angle).sin(), 0.0, (0.3 * angle).cos());
+            let height = ARCH + 0.018 - 0.006 + 0.003 * depth;
+            let centre = out * height + Vector3::new(0.0, 0.012 * y, -ARCH);
+            (
+                centre,
+                UnitQuaternion::from_scaled_axis(chance.vector() * 0.4),
+            )
+        },
+    );
 }
 
 #[test]
 fn the_jacobian_is_exact_on_an_unstructured_cylinder() {
     let offset = [0.0, 0.01, 0.04];
-    compare_jacobians(Bench::cylinder(offset), at(0.2, 0.0, 0.06), offset, 8, |chance| {
-        let [angle, z, depth] = chance.vector().into();
-        let out = Vector3::new((0.5 * angle).cos(), (0.5 * angle).sin(), 0.0);
-        let centre = out * (0.03 + 0.02 - 0.005 + 0.002 * depth) + Vector3::z() * (0.06 + 0.015 * z);
-        (centre, UnitQuaternion::from_scaled_axis(chance.vector() * 0.4))
-    });
+    compare_jacobians(
+        Bench::cylinder(offset),
+        at(0.2, 0.0, 0.06),
+        offset,
+        8,
+        |chance| {
+            let [angle, z, depth] = chance.vector().into();
+            let out = Vector3::new((0.5 * angle).cos(), (0.5 * angle).sin(), 0.0);
+            let centre =
+                out * (0.03 + 0.02 - 0.005 + 0.002 * depth) + Vector3::z() * (0.06 + 0.015 * z);
+            (
+                centre,
+                UnitQuaternion::from_scaled_axis(chance.vector() * 0.4),
+            )
+        },
+    );
 }
 
 #[test]
@@ -373,7 +461,11 @@ fn apart_the_gap_and_the_coming_stiffness_are_known() {
     let report = bench.step(&mut state, at(0.0, 0.0, RADIUS + 0.003));
     let before = contact(&report);
     assert_eq!((before.rows, before.wrench), (0, [0.0; 6]));
-    assert!((before.gap_m - 0.003).abs() < 1e-12, "the vertex below is {} m away", before.gap_m);
+    assert!(
+        (before.gap_m - 0.003).abs() < 1e-12,
+        "the vertex below is {} m away",
+        before.gap_m
+    );
     assert!((before.normal[2] - 1.0).abs() < 1e-12);
     // Just after touching, with the one vertex below in contact.
     let report = bench.step(&mut state, at(0.0, 0.0, RADIUS - 1e-6));
@@ -389,8 +481,16 @@ fn all_finite(report: &StepReport) -> bool {
     report.stored_energy_j.is_finite()
         && report.residual.is_finite()
         && report.contacts().iter().all(|contact| {
-            contact.wrench.iter().chain(contact.tangent.iter().flatten()).all(|x| x.is_finite())
-                && contact.normal.iter().chain([&contact.gap_m]).all(|x| x.is_finite())
+            contact
+                .wrench
+                .iter()
+                .chain(contact.tangent.iter().flatten())
+                .all(|x| x.is_finite())
+                && contact
+                    .normal
+                    .iter()
+                    .chain([&contact.gap_m])
+                    .all(|x| x.is_finite())
         })
 }
 
@@ -401,14 +501,33 @@ fn bad_poses_get_a_status_and_the_state_recovers() {
     let (_, undisturbed) = bench.afresh(at(0.0, 0.0, 0.05), press);
     let expected = contact(&undisturbed);
 
-    let quaternion = |orientation| ToolSample { orientation, ..press };
+    let quaternion = |orientation| ToolSample {
+        orientation,
+        ..press
+    };
     let bad = [
         ("nan", at(f64::NAN, 0.0, 0.0), Some(Status::NotFinite)),
-        ("infinite", at(0.0, f64::INFINITY, 0.0), Some(Status::NotFinite)),
+        (
+            "infinite",
+            at(0.0, f64::INFINITY, 0.0),
+            Some(Status::NotFinite),
+        ),
         ("huge", at(0.0, 0.0, 1e300), Some(Status::NotFinite)),
-        ("no quaternion", quaternion([0.0; 4]), Some(Status::NotFinite)),
-        ("nan quaternion", quaternion([f64::NAN; 4]), Some(Status::NotFinite)),
-        ("unknown id", ToolSample { id: 9, ..press }, Some(Status::UnknownTool)),
+        (
+            "no quaternion",
+            quaternion([0.0; 4]),
+            Some(Status::NotFinite),
+        ),
+        (
+            "nan quaternion",
+            quaternion([f64::NAN; 4]),
+            Some(Status::NotFinite),
+        ),
+        (
+            "unknown id",
+            ToolSample { id: 9, ..press },
+            Some(Status::UnknownTool),
+        ),
         ("far away", at(50.0, -20.0, 9.0), Some(Status::Ok)),
         ("other side", at(0.0, 0.0, -0.2), Some(Status::Ok)),
         ("deep", at(0.0, 0.0, -0.002), None),
@@ -422,7 +541,10 @@ fn bad_poses_get_a_status_and_the_state_recovers() {
             bench.step(&mut state, start);
             let kept = state.clone();
             let report = bench.step(&mut state, sample);
-            println!("{name}: {:?}, {} substeps, {} rows", report.status, report.substeps, report.rows);
+            println!(
+                "{name}: {:?}, {} substeps, {} rows",
+                report.status, report.substeps, report.rows
+            );
             assert!(all_finite(&report), "{name}");
             if let Some(status) = status {
                 assert_eq!(report.status, status, "{name}");
@@ -431,14 +553,20 @@ fn bad_poses_get_a_status_and_the_state_recovers() {
                 assert_eq!(state, kept, "{name} leaves the state as it was");
             }
             if report.status != Status::Ok {
-                assert!(report.contacts().is_empty(), "{name}: no contact without a balance");
+                assert!(
+                    report.contacts().is_empty(),
+                    "{name}: no contact without a balance"
+                );
             }
             // Back into the air and down again: as if nothing had been.
             let air = bench.step(&mut state, at(0.0, 0.0, 0.05));
             assert_eq!((air.status, air.rows), (Status::Ok, 0), "{name}");
             let again = contact(&bench.step(&mut state, press));
             let error = (force(&again) - force(&expected)).norm() / force(&expected).norm();
-            assert!(error < 1e-9, "{name}: the force afterwards is off by {error:e}");
+            assert!(
+                error < 1e-9,
+                "{name}: the force afterwards is off by {error:e}"
+            );
         }
     }
 }
@@ -451,17 +579,29 @@ fn a_first_sample_may_touch_but_not_be_inside() {
     let mut state = State::new(&bench.model);
     let cold = bench.step(&mut state, press);
     let (cold, path) = (force(&contact(&cold)), force(&contact(&path)));
-    assert!((cold - path).norm() < 1e-9 * path.norm(), "{cold} and {path}");
+    assert!(
+        (cold - path).norm() < 1e-9 * path.norm(),
+        "{cold} and {path}"
+    );
 
     let mut state = State::new(&bench.model);
-    assert_eq!(bench.step(&mut state, at(0.0, 0.0, -0.015)).status, Status::Inside);
-    assert_eq!(bench.step(&mut state, at(0.0, 0.0, 0.05)).status, Status::Ok);
+    assert_eq!(
+        bench.step(&mut state, at(0.0, 0.0, -0.015)).status,
+        Status::Inside
+    );
+    assert_eq!(
+        bench.step(&mut state, at(0.0, 0.0, 0.05)).status,
+        Status::Ok
+    );
 }
 
 #[test]
 fn a_teleport_in_contact_ends_where_a_walk_ends() {
     let mut bench = Bench::slab([0.0; 3]);
-    let (from, to) = (at(-0.02, -0.015, RADIUS - 0.004), at(0.02, 0.01, RADIUS - 0.007));
+    let (from, to) = (
+        at(-0.02, -0.015, RADIUS - 0.004),
+        at(0.02, 0.01, RADIUS - 0.007),
+    );
     let (_, fresh) = bench.afresh(at(0.02, 0.01, 0.05), to);
     let (mut state, _) = bench.afresh(at(-0.02, -0.015, 0.05), from);
     let mut report = bench.step(&mut state, to);
@@ -473,7 +613,10 @@ fn a_teleport_in_contact_ends_where_a_walk_ends() {
         report = bench.step(&mut state, to);
     }
     let (jumped, fresh) = (force(&contact(&report)), force(&contact(&fresh)));
-    assert!((jumped - fresh).norm() < 1e-8 * fresh.norm(), "{jumped} and {fresh}");
+    assert!(
+        (jumped - fresh).norm() < 1e-8 * fresh.norm(),
+        "{jumped} and {fresh}"
+    );
 }
 
 #[test]
@@ -506,26 +649,44 @@ fn missing_columns_are_waited_for() {
 #[test]
 fn small_tools_warn_and_impossible_ones_are_refused() {
     let (mesh, bottom) = slab_mesh();
-    let build = |tools: &[(u8, SphereTool)]| {
-        Model::new(&mesh, SOFT, &bottom, Loads::default(), tools)
+    let build =
+        |tools: &[(u8, SphereTool)]| Model::new(&mesh, SOFT, &bottom, Loads::default(), tools);
+    let sphere = |radius_m| SphereTool {
+        radius_m,
+        offset_m: [0.0; 3],
     };
-    let sphere = |radius_m| SphereTool { radius_m, offset_m: [0.0; 3] };
     let model = build(&[(0, sphere(0.0)), (1, sphere(0.02))]).expect("a model");
     let warnings = model.warnings();
     assert!(
         matches!(warnings[..], [Warning::SmallTool { id: 0, radius_m: 0.0, mean_edge_m }] if mean_edge_m > 0.005)
     );
     let text = warnings[0].to_string();
-    assert!(text.contains("tool 0") && text.contains("0.00 mm") && text.contains("artefact"), "{text}");
-    assert!(matches!(build(&[(3, sphere(-1.0))]), Err(ModelError::Tool { id: 3, .. })));
-    assert!(matches!(build(&[(3, sphere(f64::NAN))]), Err(ModelError::Tool { .. })));
-    assert!(matches!(build(&[(3, sphere(0.01)); 2]), Err(ModelError::SameTool(3))));
+    assert!(
+        text.contains("tool 0") && text.contains("0.00 mm") && text.contains("artefact"),
+        "{text}"
+    );
+    assert!(matches!(
+        build(&[(3, sphere(-1.0))]),
+        Err(ModelError::Tool { id: 3, .. })
+    ));
+    assert!(matches!(
+        build(&[(3, sphere(f64::NAN))]),
+        Err(ModelError::Tool { .. })
+    ));
+    assert!(matches!(
+        build(&[(3, sphere(0.01)); 2]),
+        Err(ModelError::SameTool(3))
+    ));
     // A bare point still feels something and never a number that is none.
     let mut work = Workspace::new(&model);
     let mut state = State::new(&model);
     for step_mm in 0..20 {
-        let report =
-            step(&model, &mut state, &[at(0.0, 0.0, 0.01 - 1e-3 * f64::from(step_mm))], &mut work);
+        let report = step(
+            &model,
+            &mut state,
+            &[at(0.0, 0.0, 0.01 - 1e-3 * f64::from(step_mm))],
+            &mut work,
+        );
         assert!(all_finite(&report));
         if (8..12).contains(&step_mm) {
             assert!(force(&contact(&report)).z > 0.0, "at step {step_mm}");
@@ -536,14 +697,22 @@ fn small_tools_warn_and_impossible_ones_are_refused() {
 #[test]
 fn two_tools_feel_each_other_through_the_tissue() {
     let (mesh, bottom) = slab_mesh();
-    let tool = SphereTool { radius_m: RADIUS, offset_m: [0.0; 3] };
+    let tool = SphereTool {
+        radius_m: RADIUS,
+        offset_m: [0.0; 3],
+    };
     let mut bench = Bench::new(&mesh, &bottom, Loads::default(), &[(0, tool), (5, tool)]);
     let left = at(-0.018, 0.0, RADIUS - 0.005);
-    let right = ToolSample { id: 5, ..at(0.018, 0.0, RADIUS - 0.005) };
+    let right = ToolSample {
+        id: 5,
+        ..at(0.018, 0.0, RADIUS - 0.005)
+    };
     let mut state = State::new(&bench.model);
     let both = step(&bench.model, &mut state, &[right, left], &mut bench.work);
     assert_eq!((both.status, both.contacts().len()), (Status::Ok, 2));
-    let [first, second] = both.contacts() else { panic!("two contacts") };
+    let [first, second] = both.contacts() else {
+        panic!("two contacts")
+    };
     assert_eq!((first.id, second.id), (5, 0));
     let mirrored = Vector3::new(-1.0, 1.0, 1.0).component_mul(&force(second));
     assert!((force(first) - mirrored).norm() < 1e-9 * force(first).norm());
@@ -560,14 +729,26 @@ fn two_tools_feel_each_other_through_the_tissue() {
 fn loads_and_handles_stay_while_a_tool_presses() {
     let (mesh, bottom) = slab_mesh();
     let top = |x: u32, y: u32| 17 * 17 * 6 + 17 * y + x;
-    let anchor = Anchor { vertices: vec![top(11, 8), top(12, 8)], weights: vec![0.3, 0.7] };
+    let anchor = Anchor {
+        vertices: vec![top(11, 8), top(12, 8)],
+        weights: vec![0.3, 0.7],
+    };
     let target = [0.0, 0.0, 3e-3];
     let loads = Loads {
-        forces: vec![NodeLoad { node: top(3, 8), force_n: [0.0, 0.0, 0.1] }],
-        handles: vec![Handle { anchor: anchor.clone(), target_displacement_m: target }],
+        forces: vec![NodeLoad {
+            node: top(3, 8),
+            force_n: [0.0, 0.0, 0.1],
+        }],
+        handles: vec![Handle {
+            anchor: anchor.clone(),
+            target_displacement_m: target,
+        }],
         ..Loads::default()
     };
-    let tool = SphereTool { radius_m: RADIUS, offset_m: [0.0; 3] };
+    let tool = SphereTool {
+        radius_m: RADIUS,
+        offset_m: [0.0; 3],
+    };
     let mut bench = Bench::new(&mesh, &bottom, loads, &[(0, tool)]);
     let sample = at(0.0, 0.0, RADIUS - 0.005);
     let (state, report) = bench.afresh(at(0.0, 0.0, 0.05), sample);
@@ -604,12 +785,17 @@ fn a_path_gives_the_same_bits_twice() {
                 0.012 * (2.0 * turn).sin(),
                 RADIUS + 0.01 + 0.004 - 0.012 * (0.5 * turn).sin(),
             );
-            let rotation = UnitQuaternion::from_scaled_axis(Vector3::new(0.3 * turn.sin(), 0.2, 0.0));
+            let rotation =
+                UnitQuaternion::from_scaled_axis(Vector3::new(0.3 * turn.sin(), 0.2, 0.0));
             let report = bench.step(&mut state, pose(position, rotation));
             rows = rows.max(report.rows);
             hasher.write_u8(report.status as u8);
             for contact in report.contacts() {
-                for x in contact.wrench.iter().chain(contact.tangent.iter().flatten()) {
+                for x in contact
+                    .wrench
+                    .iter()
+                    .chain(contact.tangent.iter().flatten())
+                {
                     hasher.write_u64(x.to_bits());
                 }
             }
@@ -618,8 +804,15 @@ fn a_path_gives_the_same_bits_twice() {
                 force.iter().for_each(|x| hasher.write_u64(x.to_bits()));
             }
         }
-        let field = bench.model.equilibrium(&state).expect("a balance").displacement_m;
-        field.iter().flatten().for_each(|x| hasher.write_u64(x.to_bits()));
+        let field = bench
+            .model
+            .equilibrium(&state)
+            .expect("a balance")
+            .displacement_m;
+        field
+            .iter()
+            .flatten()
+            .for_each(|x| hasher.write_u64(x.to_bits()));
         (hasher.finish(), rows)
     };
     let (first, second) = (run(), run());

@@ -13,7 +13,11 @@ fn path(tick: u32) -> ToolSample {
     let position_m = match tick {
         50 => [f64::NAN; 3],
         150 => [0.0, 0.0, -0.2],
-        _ => [0.012 * wave, 0.008 * (1.0 - t), 0.016 - 0.01 * (std::f64::consts::PI * t).sin()],
+        _ => [
+            0.012 * wave,
+            0.008 * (1.0 - t),
+            0.016 - 0.01 * (std::f64::consts::PI * t).sin(),
+        ],
     };
     ToolSample {
         id: 0,
@@ -28,10 +32,16 @@ fn path(tick: u32) -> ToolSample {
 fn a_step_allocates_nothing_after_the_first_touch() {
     let mesh = slab([0.08, 0.08, 0.03], [14, 14, 5]).expect("a slab");
     let bottom: Vec<u32> = (0..15 * 15).collect();
-    let material = Material { youngs_modulus_pa: 15e3, poisson_ratio: 0.45 };
-    let tool = SphereTool { radius_m: 0.015, offset_m: [0.0; 3] };
-    let model = Model::new(&mesh, material, &bottom, Loads::default(), &[(0, tool)])
-        .expect("a model");
+    let material = Material {
+        youngs_modulus_pa: 15e3,
+        poisson_ratio: 0.45,
+    };
+    let tool = SphereTool {
+        radius_m: 0.015,
+        offset_m: [0.0; 3],
+    };
+    let model =
+        Model::new(&mesh, material, &bottom, Loads::default(), &[(0, tool)]).expect("a model");
     let mut state = State::new(&model);
     let mut work = Workspace::new(&model);
     work.prepare(&model, |_| true);
@@ -45,7 +55,13 @@ fn a_step_allocates_nothing_after_the_first_touch() {
         }
     });
     assert!(most_rows >= 10, "the path touches {most_rows} vertices");
-    assert!(statuses.iter().filter(|status| **status == Status::Ok).count() > 190);
+    assert!(
+        statuses
+            .iter()
+            .filter(|status| **status == Status::Ok)
+            .count()
+            > 190
+    );
     assert_eq!(allocated.count_total, 0, "{allocated:?}");
 
     // The counter does see what a cold cache costs.

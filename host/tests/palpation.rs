@@ -7,7 +7,9 @@ use sutura_host::step::{Status, step};
 use sutura_host::tool::ToolSample;
 
 fn path(relative: &str) -> PathBuf {
-    PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("..").join(relative)
+    PathBuf::from(env!("CARGO_MANIFEST_DIR"))
+        .join("..")
+        .join(relative)
 }
 
 fn numbers(value: &Value) -> [f64; 3] {
@@ -40,10 +42,16 @@ fn the_deepest_point_agrees_with_scikit_fem() {
     let force = &report.contacts()[0].wrench[..3];
     let target = numbers(&expected["force_on_tool_n"]);
     let scale = expected["force_n"].as_f64().expect("a number");
-    let error = (0..3).map(|axis| (force[axis] - target[axis]).abs()).fold(0.0, f64::max) / scale;
+    let error = (0..3)
+        .map(|axis| (force[axis] - target[axis]).abs())
+        .fold(0.0, f64::max)
+        / scale;
     println!("force {force:?} N, expected {target:?} N: off by {error:.1e}");
     assert!(error < 1e-6, "off by {error:e}");
-    assert_eq!(Some(u64::from(report.rows)), expected["touched_vertices"].as_u64());
+    assert_eq!(
+        Some(u64::from(report.rows)),
+        expected["touched_vertices"].as_u64()
+    );
     let energy = expected["stored_energy_j"].as_f64().expect("a number");
     assert!((report.stored_energy_j / energy - 1.0).abs() < 1e-6);
 }

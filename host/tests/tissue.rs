@@ -6,10 +6,15 @@ use std::path::PathBuf;
 use sutura_host::fem::{Anchor, Handle, LinearTissue, Loads, Material, NodeLoad, TissueError};
 use sutura_host::mesh::{TetMesh, read_msh, slab};
 
-const SOFT: Material = Material { youngs_modulus_pa: 15e3, poisson_ratio: 0.45 };
+const SOFT: Material = Material {
+    youngs_modulus_pa: 15e3,
+    poisson_ratio: 0.45,
+};
 
 fn data(name: &str) -> String {
-    let path = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../tests/data").join(name);
+    let path = PathBuf::from(env!("CARGO_MANIFEST_DIR"))
+        .join("../tests/data")
+        .join(name);
     std::fs::read_to_string(&path).unwrap_or_else(|error| panic!("{}: {error}", path.display()))
 }
 
@@ -28,7 +33,10 @@ fn patch_test(mesh: &TetMesh) {
     let field = |node: u32| gradient * point(mesh, node) + shift;
     let boundary = mesh.surface().vertices;
     let loads = Loads {
-        fixed_displacement_m: boundary.iter().map(|&node| (node, field(node).into())).collect(),
+        fixed_displacement_m: boundary
+            .iter()
+            .map(|&node| (node, field(node).into()))
+            .collect(),
         ..Loads::default()
     };
     let tissue = LinearTissue::new(mesh, SOFT, &boundary).expect("tissue");
@@ -36,20 +44,35 @@ fn patch_test(mesh: &TetMesh) {
 
     let inner = mesh.points_m().len() - boundary.len();
     assert!(inner > 20, "{inner} nodes are inside");
-    let largest = solution.displacement_m.iter().flatten().fold(0.0f64, |m, u| m.max(u.abs()));
+    let largest = solution
+        .displacement_m
+        .iter()
+        .flatten()
+        .fold(0.0f64, |m, u| m.max(u.abs()));
     for (node, u) in (0u32..).zip(&solution.displacement_m) {
         let error = (Vector3::from(*u) - field(node)).norm() / largest;
-        assert!(error < 1e-12, "node {node} is off by {error:e} of the largest displacement");
+        assert!(
+            error < 1e-12,
+            "node {node} is off by {error:e} of the largest displacement"
+        );
     }
 
     let strain = (gradient + gradient.transpose()) * 0.5;
     let (lambda, mu) = SOFT.lame();
     let stress = strain * (2.0 * mu) + Matrix3::identity() * (lambda * strain.trace());
-    for (cell, found) in tissue.stress(&solution.displacement_m).into_iter().enumerate() {
+    for (cell, found) in tissue
+        .stress(&solution.displacement_m)
+        .into_iter()
+        .enumerate()
+    {
         let error = (Matrix3::from(found) - stress).norm() / stress.norm();
         assert!(error < 1e-11, "cell {cell}: stress off by {error:e}");
     }
-    assert!(solution.residual < 1e-12, "residual {:e}", solution.residual);
+    assert!(
+        solution.residual < 1e-12,
+        "residual {:e}",
+        solution.residual
+    );
 }
 
 #[test]
@@ -115,16 +138,18 @@ fn quadrature() -> [([f64; 4], f64); 5] {
 
 #[test]
 fn displacement_converges_with_order_two() {
-    let material = Material { youngs_modulus_pa: 1.0, poisson_ratio: 0.3 };
+    let material = Material {
+        youngs_modulus_pa: 1.0,
+        poisson_ratio: 0.3,
+    };
     let (lambda, mu) = material.lame();
     let exact = Manufactured { lambda, mu };
     let mut errors = Vec::new();
     for divisions in [4, 8, 16] {
         let mesh = slab([1.0, 1.0, 1.0], [divisions; 3]).expect("a slab");
         let corners = |cell: [u32; 4]| cell.map(|node| point(&mesh, node));
-        let volume = |p: [Vector3<f64>; 4]| {
-            (p[1] - p[0]).cross(&(p[2] - p[0])).dot(&(p[3] - p[0])) / 6.0
-        };
+        let volume =
+            |p: [Vector3<f64>; 4]| (p[1] - p[0]).cross(&(p[2] - p[0])).dot(&(p[3] - p[0])) / 6.0;
         let boundary = mesh.surface().vertices;
         let mut loads = Loads {
             fixed_displacement_m: boundary
@@ -139,7 +164,10 @@ fn displacement_converges_with_order_two() {
                 let x: Vector3<f64> = p.iter().zip(at).map(|(p, at)| p * at).sum();
                 let force = exact.body_force(x) * (weight * volume(p));
                 for (&node, at) in cell.iter().zip(at) {
-                    loads.forces.push(NodeLoad { node, force_n: (force * at).into() });
+                    loads.forces.push(NodeLoad {
+                        node,
+                        force_n: (force * at).into(),
+                    });
                 }
             }
         }
@@ -150,27 +178,42 @@ fn displacement_converges_with_order_two() {
             let p = corners(cell);
             for (at, weight) in quadrature() {
                 let x: Vector3<f64> = p.iter().zip(at).map(|(p, at)| p * at).sum();
-                let found: Vector3<f64> =
-                    cell.iter().zip(at).map(|(&n, at)| Vector3::from(u[n as usize]) * at).sum();
+                let found: Vector3<f64> = cell
+                    .iter()
+                    .zip(at)
+                    .map(|(&n, at)| Vector3::from(u[n as usize]) * at)
+                    .sum();
                 squared += (found - exact.field(x)).norm_squared() * weight * volume(p);
             }
         }
         errors.push(squared.sqrt());
     }
-    let orders: Vec<f64> = errors.windows(2).map(|pair| (pair[0] / pair[1]).log2()).collect();
+    let orders: Vec<f64> = errors
+        .windows(2)
+        .map(|pair| (pair[0] / pair[1]).log2())
+        .collect();
     println!("L2 errors {errors:?}, orders {orders:.3?}");
     // 1.8 on the coarse pair, where the field's half waves span only four edges.
-    assert!(orders[0] > 1.7 && (1.9..2.2).contains(&orders[1]), "orders {orders:?}");
+    assert!(
+        orders[0] > 1.7 && (1.9..2.2).contains(&orders[1]),
+        "orders {orders:?}"
+    );
 }
 
 fn numbers(value: &Value) -> Vec<f64> {
     let values = value.as_array().expect("an array");
-    values.iter().map(|x| x.as_f64().expect("a number")).collect()
+    values
+        .iter()
+        .map(|x| x.as_f64().expect("a number"))
+        .collect()
 }
 
 fn triples(value: &Value) -> Vec<[f64; 3]> {
     let values = value.as_array().expect("an array");
-    values.iter().map(|row| numbers(row).try_into().expect("three")).collect()
+    values
+        .iter()
+        .map(|row| numbers(row).try_into().expect("three"))
+        .collect()
 }
 
 fn indices(value: &Value) -> Vec<u32> {
@@ -180,7 +223,10 @@ fn indices(value: &Value) -> Vec<u32> {
 /// Largest difference over the largest value.
 fn relative(found: &[[f64; 3]], expected: &[[f64; 3]]) -> f64 {
     assert_eq!(found.len(), expected.len());
-    let scale = expected.iter().flatten().fold(0.0f64, |m, x| m.max(x.abs()));
+    let scale = expected
+        .iter()
+        .flatten()
+        .fold(0.0f64, |m, x| m.max(x.abs()));
     let difference = found
         .iter()
         .flatten()
@@ -198,26 +244,39 @@ fn agrees_with_scikit_fem(name: &str) {
         youngs_modulus_pa: case["material"]["youngs_modulus_pa"].as_f64().expect("E"),
         poisson_ratio: case["material"]["poisson_ratio"].as_f64().expect("nu"),
     };
-    let handles = case["handles"].as_array().expect("handles").iter().map(|handle| Handle {
-        anchor: Anchor {
-            vertices: indices(&handle["vertices"]),
-            weights: numbers(&handle["barycentric"]),
-        },
-        target_displacement_m: numbers(&handle["target_displacement_m"])
-            .try_into()
-            .expect("three"),
-    });
-    let loads = Loads { handles: handles.collect(), ..Loads::default() };
+    let handles = case["handles"]
+        .as_array()
+        .expect("handles")
+        .iter()
+        .map(|handle| Handle {
+            anchor: Anchor {
+                vertices: indices(&handle["vertices"]),
+                weights: numbers(&handle["barycentric"]),
+            },
+            target_displacement_m: numbers(&handle["target_displacement_m"])
+                .try_into()
+                .expect("three"),
+        });
+    let loads = Loads {
+        handles: handles.collect(),
+        ..Loads::default()
+    };
     let tissue =
         LinearTissue::new(&mesh, material, &indices(&case["fixed_nodes"])).expect("tissue");
     let solution = tissue.solve(&loads).expect("a solution");
     let displacement = relative(&solution.displacement_m, &triples(&case["displacement_m"]));
-    let force = relative(&solution.handle_force_n, &triples(&case["force_on_tissue_n"]));
+    let force = relative(
+        &solution.handle_force_n,
+        &triples(&case["force_on_tissue_n"]),
+    );
     println!(
         "{name}: displacement {displacement:.2e}, force {force:.2e}, residual {:.2e}",
         solution.residual
     );
-    assert!(displacement < 1e-6, "displacement differs by {displacement:e}");
+    assert!(
+        displacement < 1e-6,
+        "displacement differs by {displacement:e}"
+    );
     assert!(force < 1e-6, "force differs by {force:e}");
     // Pulling one point takes a force with a part along the pull.
     if let ([handle], [force]) = (&loads.handles[..], &solution.handle_force_n[..]) {
@@ -225,8 +284,16 @@ fn agrees_with_scikit_fem(name: &str) {
         assert!(pull.dot(&Vector3::from(*force)) > 0.0);
     }
     // What handles put in, fixed nodes take out.
-    let sum: Vector3<f64> = solution.node_force_n.iter().map(|f| Vector3::from(*f)).sum();
-    let largest = solution.handle_force_n.iter().flatten().fold(0.0f64, |m, f| m.max(f.abs()));
+    let sum: Vector3<f64> = solution
+        .node_force_n
+        .iter()
+        .map(|f| Vector3::from(*f))
+        .sum();
+    let largest = solution
+        .handle_force_n
+        .iter()
+        .flatten()
+        .fold(0.0f64, |m, f| m.max(f.abs()));
     assert!(sum.norm() < 1e-9 * largest, "forces add up to {sum}");
 }
 
@@ -248,11 +315,30 @@ fn tissue_that_floats_or_has_nothing_to_move_is_refused() {
     assert_eq!(refusal(&[4]), TissueError::Floating { fixed: 1 });
     // Nodes 0, 1, 2 lie on one edge: the slab can swing about it.
     assert_eq!(refusal(&[0, 1, 2]), TissueError::Floating { fixed: 3 });
-    assert!(LinearTissue::new(&mesh, SOFT, &[0, 2, 6]).is_ok(), "three corners hold it");
-    assert_eq!(refusal(&(0..27).collect::<Vec<_>>()), TissueError::AllFixed(27));
-    assert!(matches!(refusal(&[27]), TissueError::NoSuchNode { node: 27, nodes: 27, .. }));
-    let stiff = Material { poisson_ratio: 0.5, ..SOFT };
-    assert!(matches!(LinearTissue::new(&mesh, stiff, &[0]), Err(TissueError::Material(_))));
+    assert!(
+        LinearTissue::new(&mesh, SOFT, &[0, 2, 6]).is_ok(),
+        "three corners hold it"
+    );
+    assert_eq!(
+        refusal(&(0..27).collect::<Vec<_>>()),
+        TissueError::AllFixed(27)
+    );
+    assert!(matches!(
+        refusal(&[27]),
+        TissueError::NoSuchNode {
+            node: 27,
+            nodes: 27,
+            ..
+        }
+    ));
+    let stiff = Material {
+        poisson_ratio: 0.5,
+        ..SOFT
+    };
+    assert!(matches!(
+        LinearTissue::new(&mesh, stiff, &[0]),
+        Err(TissueError::Material(_))
+    ));
 }
 
 #[test]
@@ -261,11 +347,17 @@ fn loads_and_handles_that_make_no_sense_are_refused() {
     let bottom: Vec<u32> = (0..9).collect();
     let tissue = LinearTissue::new(&mesh, SOFT, &bottom).expect("tissue");
     let handle = |vertices: &[u32], weights: &[f64]| Handle {
-        anchor: Anchor { vertices: vertices.to_vec(), weights: weights.to_vec() },
+        anchor: Anchor {
+            vertices: vertices.to_vec(),
+            weights: weights.to_vec(),
+        },
         target_displacement_m: [0.0, 0.0, 1e-3],
     };
     let refusal = |loads: Loads| tissue.solve(&loads).expect_err("refused");
-    let handles = |handles: Vec<Handle>| Loads { handles, ..Loads::default() };
+    let handles = |handles: Vec<Handle>| Loads {
+        handles,
+        ..Loads::default()
+    };
     assert_eq!(
         refusal(handles(vec![handle(&[20], &[1.0]), handle(&[20], &[1.0])])),
         TissueError::HandlesConflict { handle: 1 }
@@ -283,11 +375,23 @@ fn loads_and_handles_that_make_no_sense_are_refused() {
         TissueError::NoSuchNode { node: 99, .. }
     ));
     let force = |node, x| Loads {
-        forces: vec![NodeLoad { node, force_n: [x, 0.0, 0.0] }],
+        forces: vec![NodeLoad {
+            node,
+            force_n: [x, 0.0, 0.0],
+        }],
         ..Loads::default()
     };
-    assert!(matches!(refusal(force(99, 1.0)), TissueError::NoSuchNode { node: 99, .. }));
-    assert_eq!(refusal(force(20, f64::NAN)), TissueError::NotFinite("a load"));
-    let moved = Loads { fixed_displacement_m: vec![(20, [0.0; 3])], ..Loads::default() };
+    assert!(matches!(
+        refusal(force(99, 1.0)),
+        TissueError::NoSuchNode { node: 99, .. }
+    ));
+    assert_eq!(
+        refusal(force(20, f64::NAN)),
+        TissueError::NotFinite("a load")
+    );
+    let moved = Loads {
+        fixed_displacement_m: vec![(20, [0.0; 3])],
+        ..Loads::default()
+    };
     assert_eq!(refusal(moved), TissueError::NotFixed(20));
 }

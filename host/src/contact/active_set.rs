@@ -147,7 +147,9 @@ pub(crate) fn solve(
 
 /// Where `vertex` is moved by the forces of `rows`.
 fn displacement(columns: &Columns, rows: &[Row], vertex: u32) -> Vector3<f64> {
-    rows.iter().map(|row| columns.block(vertex, row.vertex) * row.force).sum()
+    rows.iter()
+        .map(|row| columns.block(vertex, row.vertex) * row.force)
+        .sum()
 }
 
 /// Drops rows that pull and adds near vertices that are inside their sphere, all at once or only the
@@ -180,7 +182,9 @@ fn update_set(
     // The multiplier of the last Newton step acts along the normal that the step started from. A row
     // that has not seen a step yet stays.
     let pulls = |index: usize, row: &Row| {
-        work.geometry.get(index).map_or(0.0, |geometry| geometry.normal.dot(&row.force))
+        work.geometry
+            .get(index)
+            .map_or(0.0, |geometry| geometry.normal.dot(&row.force))
     };
     let before = rows.len();
     if all_at_once {
@@ -190,7 +194,10 @@ fn update_set(
             pulls(index - 1, row) >= 0.0
         });
     } else {
-        let forces = rows.iter().enumerate().map(|(index, row)| (pulls(index, row), index));
+        let forces = rows
+            .iter()
+            .enumerate()
+            .map(|(index, row)| (pulls(index, row), index));
         if let Some((force, index)) = forces.min_by(|a, b| a.0.total_cmp(&b.0))
             && force < 0.0
         {
@@ -231,7 +238,8 @@ fn condense(columns: &Columns, rows: &[Row], work: &mut ContactWork) -> Result<(
     work.dense
         .factor(&mut work.compliance[..n * n], n)
         .map_err(|_| Failure::NotConverged)?;
-    work.dense.invert(&work.compliance[..n * n], &mut work.stiffness[..n * n], n);
+    work.dense
+        .invert(&work.compliance[..n * n], &mut work.stiffness[..n * n], n);
     Ok(())
 }
 
@@ -263,7 +271,13 @@ fn look(
         if largest > 0.0 {
             work.residual = work.residual.max(sideways / largest);
         }
-        work.geometry.push(Geometry { normal, tangents: tangents(&normal), distance, gap, lambda });
+        work.geometry.push(Geometry {
+            normal,
+            tangents: tangents(&normal),
+            distance,
+            gap,
+            lambda,
+        });
     }
     Ok(())
 }
@@ -278,7 +292,10 @@ fn tangents(normal: &Vector3<f64>) -> [Vector3<f64>; 2] {
 }
 
 /// Factors T'(K_A - G) T, or T' K_A T where the turning normals are left out.
-fn factor_tangential(work: &mut ContactWork, turning: bool) -> Result<(), super::dense::Indefinite> {
+fn factor_tangential(
+    work: &mut ContactWork,
+    turning: bool,
+) -> Result<(), super::dense::Indefinite> {
     let k = work.geometry.len();
     let (n, t) = (3 * k, 2 * k);
     for (j, column) in work.geometry.iter().enumerate() {
@@ -322,7 +339,8 @@ fn newton(spheres: &[Sphere], rows: &mut [Row], work: &mut ContactWork) -> Resul
             work.a[2 * i + a] = across.dot(&left);
         }
     }
-    work.dense.solve(&work.tangential[..t * t], t, &mut work.a[..t], 1);
+    work.dense
+        .solve(&work.tangential[..t * t], t, &mut work.a[..t], 1);
     for (i, geometry) in work.geometry.iter().enumerate() {
         let slide = geometry.tangents[0] * work.a[2 * i] + geometry.tangents[1] * work.a[2 * i + 1];
         for axis in 0..3 {

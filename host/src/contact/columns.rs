@@ -65,7 +65,9 @@ impl Columns {
                 }
             }
             let rhs = &mut self.rhs[..3 * batch.len() * unknowns];
-            model.tissue.solve_unknowns(rhs, 3 * batch.len(), &mut self.scratch);
+            model
+                .tissue
+                .solve_unknowns(rhs, 3 * batch.len(), &mut self.scratch);
             for (which, &vertex) in batch.iter().enumerate() {
                 self.place[vertex as usize] = self.count() as u32;
                 for axis in 0..3 {

@@ -21,7 +21,9 @@ impl Dense {
             inverse::inverse_scratch::<f64>(largest, Par::Seq),
             solve::solve_in_place_scratch::<f64>(largest, largest, Par::Seq),
         ]);
-        Self { memory: MemBuffer::new(need) }
+        Self {
+            memory: MemBuffer::new(need),
+        }
     }
 
     /// Replaces the lower triangle of `a` (n x n) by its Cholesky factor.

@@ -29,7 +29,11 @@ impl TangentWork {
 
 /// Force on `tool` \[N\].
 pub(crate) fn force(rows: &[Row], tool: u32) -> Vector3<f64> {
-    -rows.iter().filter(|row| row.tool == tool).map(|row| row.force).sum::<Vector3<f64>>()
+    -rows
+        .iter()
+        .filter(|row| row.tool == tool)
+        .map(|row| row.force)
+        .sum::<Vector3<f64>>()
 }
 
 /// d force / d centre of one tool, the others held \[N/m\], at the balance that `contact` describes.
@@ -67,7 +71,9 @@ pub(crate) fn centre_tangent(
     }
     let slides = &mut work.slides[..3 * t];
     slides.copy_from_slice(along);
-    contact.dense.solve(&contact.tangential[..t * t], t, slides, 3);
+    contact
+        .dense
+        .solve(&contact.tangential[..t * t], t, slides, 3);
     for i in 0..3 {
         for j in 0..3 {
             let along = &along[t * i..t * (i + 1)];
@@ -90,9 +96,13 @@ pub(crate) fn at_grip(
     let turn = arm.cross_matrix();
     let mut tangent = Matrix6::zeros();
     let mixed = -centre_tangent * turn;
-    tangent.fixed_view_mut::<3, 3>(0, 0).copy_from(centre_tangent);
+    tangent
+        .fixed_view_mut::<3, 3>(0, 0)
+        .copy_from(centre_tangent);
     tangent.fixed_view_mut::<3, 3>(0, 3).copy_from(&mixed);
-    tangent.fixed_view_mut::<3, 3>(3, 0).copy_from(&mixed.transpose());
+    tangent
+        .fixed_view_mut::<3, 3>(3, 0)
+        .copy_from(&mixed.transpose());
     let rotations = turn * mixed + force.cross_matrix() * turn;
     tangent.fixed_view_mut::<3, 3>(3, 3).copy_from(&rotations);
 
@@ -102,5 +112,8 @@ pub(crate) fn at_grip(
             *entry = tangent[(i, j)];
         }
     }
-    ([force.x, force.y, force.z, moment.x, moment.y, moment.z], rows)
+    (
+        [force.x, force.y, force.z, moment.x, moment.y, moment.z],
+        rows,
+    )
 }

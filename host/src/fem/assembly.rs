@@ -52,7 +52,11 @@ pub(super) fn assemble(
     for column in 0..free_nodes {
         for axis in 0..3 {
             for &(_, block_row) in &blocks[block_start[column]..block_start[column + 1]] {
-                let first = if block_row as usize == column { axis } else { 0 };
+                let first = if block_row as usize == column {
+                    axis
+                } else {
+                    0
+                };
                 row.extend((first..3).map(|axis| 3 * block_row as usize + axis));
             }
             column_start.push(row.len());
@@ -71,7 +75,9 @@ pub(super) fn assemble(
                 let column = free[b] as usize;
                 let range = &blocks[block_start[column]..block_start[column + 1]];
                 // The block is there: the same loops made the pattern.
-                let Ok(place) = range.binary_search(&(free[b], free[a])) else { continue };
+                let Ok(place) = range.binary_search(&(free[b], free[a])) else {
+                    continue;
+                };
                 for j in 0..3 {
                     // The diagonal block comes first and has lost j rows in column j.
                     let first = if free[a] == free[b] { j } else { 0 };
@@ -84,5 +90,10 @@ pub(super) fn assemble(
             }
         }
     }
-    LowerTriangle { unknowns, column_start, row, value }
+    LowerTriangle {
+        unknowns,
+        column_start,
+        row,
+        value,
+    }
 }

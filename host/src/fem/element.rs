@@ -20,9 +20,16 @@ impl Element {
         let [p0, p1, p2, p3] = corners;
         let (a, b, c) = (p1 - p0, p2 - p0, p3 - p0);
         let six_volume = a.dot(&b.cross(&c));
-        let (g1, g2, g3) =
-            (b.cross(&c) / six_volume, c.cross(&a) / six_volume, a.cross(&b) / six_volume);
-        Self { nodes, gradients: [-(g1 + g2 + g3), g1, g2, g3], volume_m3: six_volume / 6.0 }
+        let (g1, g2, g3) = (
+            b.cross(&c) / six_volume,
+            c.cross(&a) / six_volume,
+            a.cross(&b) / six_volume,
+        );
+        Self {
+            nodes,
+            gradients: [-(g1 + g2 + g3), g1, g2, g3],
+            volume_m3: six_volume / 6.0,
+        }
     }
 
     /// Stiffness block between two corners \[N/m\].

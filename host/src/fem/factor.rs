@@ -34,13 +34,8 @@ pub(crate) struct SolveScratch {
 impl Factor {
     pub fn new(matrix: &LowerTriangle) -> Result<Self, NotFactored> {
         let n = matrix.unknowns;
-        let pattern = SymbolicSparseColMatRef::new_checked(
-            n,
-            n,
-            &matrix.column_start,
-            None,
-            &matrix.row,
-        );
+        let pattern =
+            SymbolicSparseColMatRef::new_checked(n, n, &matrix.column_start, None, &matrix.row);
         let symbolic = factorize_symbolic_cholesky(
             pattern,
             Side::Lower,
@@ -69,8 +64,13 @@ impl Factor {
     }
 
     pub fn scratch(&self, columns: usize) -> SolveScratch {
-        let need = self.symbolic.solve_in_place_scratch::<f64>(columns, Par::Seq);
-        SolveScratch { memory: MemBuffer::new(need), columns }
+        let need = self
+            .symbolic
+            .solve_in_place_scratch::<f64>(columns, Par::Seq);
+        SolveScratch {
+            memory: MemBuffer::new(need),
+            columns,
+        }
     }
 
     /// Solves for `columns` right-hand sides in place, (columns x unknowns), one after the other in

@@ -67,7 +67,11 @@ impl HeldPoints {
             let mut scratch = tissue.scratch(rows);
             tissue.solve_unknowns(&mut y, rows, &mut scratch);
         }
-        let mut held = Self { anchors, y, w_factor: vec![0.0; rows * rows] };
+        let mut held = Self {
+            anchors,
+            y,
+            w_factor: vec![0.0; rows * rows],
+        };
         let mut column = vec![0.0; rows];
         for row in 0..rows {
             let y = &held.y[unknowns * row..unknowns * (row + 1)];
@@ -124,7 +128,11 @@ fn check(handle: usize, anchor: &Anchor, nodes: usize) -> Result<(), TissueError
         return Err(TissueError::AnchorWeights { handle });
     }
     match anchor.vertices.iter().find(|node| **node as usize >= nodes) {
-        Some(&node) => Err(TissueError::NoSuchNode { what: "a handle", node, nodes }),
+        Some(&node) => Err(TissueError::NoSuchNode {
+            what: "a handle",
+            node,
+            nodes,
+        }),
         None => Ok(()),
     }
 }

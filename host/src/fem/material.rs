@@ -42,7 +42,10 @@ impl Material {
     /// Lame's parameters (lambda, mu) \[Pa\].
     pub fn lame(self) -> (f64, f64) {
         let (e, nu) = (self.youngs_modulus_pa, self.poisson_ratio);
-        (e * nu / ((1.0 + nu) * (1.0 - 2.0 * nu)), e / (2.0 * (1.0 + nu)))
+        (
+            e * nu / ((1.0 + nu) * (1.0 - 2.0 * nu)),
+            e / (2.0 * (1.0 + nu)),
+        )
     }
 }
 
@@ -52,8 +55,10 @@ mod tests {
 
     #[test]
     fn ranges_are_checked() {
-        let material =
-            |youngs_modulus_pa, poisson_ratio| Material { youngs_modulus_pa, poisson_ratio };
+        let material = |youngs_modulus_pa, poisson_ratio| Material {
+            youngs_modulus_pa,
+            poisson_ratio,
+        };
         assert!(material(1.0, 0.49).check().is_ok());
         assert!(material(1.0, -0.5).check().is_ok());
         for (e, nu) in [

@@ -63,7 +63,9 @@ pub enum TissueError {
         nodes: usize,
     },
     /// The tissue can float away or turn.
-    #[error("the stiffness matrix is singular: {fixed} nodes are fixed, and at least three that are not on one line must be, in every connected part")]
+    #[error(
+        "the stiffness matrix is singular: {fixed} nodes are fixed, and at least three that are not on one line must be, in every connected part"
+    )]
     Floating {
         /// How many nodes are fixed.
         fixed: usize,
@@ -78,7 +80,9 @@ pub enum TissueError {
         handle: usize,
     },
     /// A handle that the handles before it, or fixed nodes, already determine.
-    #[error("handle {handle} cannot move by itself: its vertices are fixed or held by handles before it")]
+    #[error(
+        "handle {handle} cannot move by itself: its vertices are fixed or held by handles before it"
+    )]
     HandlesConflict {
         /// 0-based index of the handle.
         handle: usize,
@@ -113,11 +117,13 @@ impl LinearTissue {
         let nodes = mesh.points_m().len();
         let mut free_of_node = vec![0; nodes];
         for &node in fixed {
-            *free_of_node.get_mut(node as usize).ok_or(TissueError::NoSuchNode {
-                what: "the list of fixed nodes",
-                node,
-                nodes,
-            })? = FIXED;
+            *free_of_node
+                .get_mut(node as usize)
+                .ok_or(TissueError::NoSuchNode {
+                    what: "the list of fixed nodes",
+                    node,
+                    nodes,
+                })? = FIXED;
         }
         let mut free_nodes = 0u32;
         for free in free_of_node.iter_mut().filter(|free| **free != FIXED) {
@@ -133,12 +139,23 @@ impl LinearTissue {
             .map(|&cell| Element::new(cell, &mesh.corners(cell)))
             .collect();
         let matrix = assemble(&elements, &free_of_node, free_nodes as usize, lame);
-        let floating = TissueError::Floating { fixed: nodes - free_nodes as usize };
+        let floating = TissueError::Floating {
+            fixed: nodes - free_nodes as usize,
+        };
         let factor = Factor::new(&matrix).map_err(|_| floating.clone())?;
-        let tissue =
-            Self { elements, lame, free_of_node, unknowns: matrix.unknowns, factor };
+        let tissue = Self {
+            elements,
+            lame,
+            free_of_node,
+            unknowns: matrix.unknowns,
+            factor,
+        };
         // Round-off can hide a rigid motion from the factorisation; a solve cannot hide it.
-        if tissue.is_held(&matrix.value) { Ok(tissue) } else { Err(floating) }
+        if tissue.is_held(&matrix.value) {
+            Ok(tissue)
+        } else {
+            Err(floating)
+        }
     }
 
     /// Number of nodes, fixed ones included.
@@ -171,8 +188,11 @@ impl LinearTissue {
     /// # Errors
     /// Loads that name nodes that do not exist, are not finite, or handles that conflict.
     pub fn solve(&self, loads: &Loads) -> Result<Equilibrium, TissueError> {
-        let anchors: Vec<Anchor> =
-            loads.handles.iter().map(|handle| handle.anchor.clone()).collect();
+        let anchors: Vec<Anchor> = loads
+            .handles
+            .iter()
+            .map(|handle| handle.anchor.clone())
+            .collect();
         let held = HeldPoints::new(self, anchors)?;
         self.solve_held(loads, &held)
     }
@@ -232,7 +252,9 @@ impl LinearTissue {
             }
         }
         let largest = |forces: &mut dyn Iterator<Item = &[f64; 3]>| {
-            forces.flatten().fold(0.0f64, |largest, force| largest.max(force.abs()))
+            forces
+                .flatten()
+                .fold(0.0f64, |largest, force| largest.max(force.abs()))
         };
         let scale = largest(&mut node_force_n.iter());
         let left = largest(
@@ -243,7 +265,10 @@ impl LinearTissue {
         );
         Ok(Equilibrium {
             displacement_m,
-            handle_force_n: lambda.chunks_exact(3).map(|l| [-l[0], -l[1], -l[2]]).collect(),
+            handle_force_n: lambda
+                .chunks_exact(3)
+                .map(|l| [-l[0], -l[1], -l[2]])
+                .collect(),
             node_force_n,
             residual: if scale > 0.0 { left / scale } else { left },
         })
@@ -254,7 +279,9 @@ impl LinearTissue {
         self.elements
             .iter()
             .map(|element| {
-                let u = element.nodes.map(|node| Vector3::from(displacement_m[node as usize]));
+                let u = element
+                    .nodes
+                    .map(|node| Vector3::from(displacement_m[node as usize]));
                 element.stress(&u, self.lame).into()
             })
             .collect()
@@ -264,7 +291,9 @@ impl LinearTissue {
     fn apply(&self, displacement_m: &[[f64; 3]]) -> Vec<[f64; 3]> {
         let mut force = vec![[0.0; 3]; displacement_m.len()];
         for element in &self.elements {
-            let u = element.nodes.map(|node| Vector3::from(displacement_m[node as usize]));
+            let u = element
+                .nodes
+                .map(|node| Vector3::from(displacement_m[node as usize]));
             let stress = element.stress(&u, self.lame) * element.volume_m3;
             for (&node, gradient) in element.nodes.iter().zip(&element.gradients) {
                 let share = stress * gradient;
@@ -281,11 +310,13 @@ impl LinearTissue {
         let mut forces = vec![[0.0; 3]; nodes];
         for load in &loads.forces {
             let node = load.node;
-            let sum = forces.get_mut(node as usize).ok_or(TissueError::NoSuchNode {
-                what: "a load",
-                node,
-                nodes,
-            })?;
+            let sum = forces
+                .get_mut(node as usize)
+                .ok_or(TissueError::NoSuchNode {
+                    what: "a load",
+                    node,
+                    nodes,
+                })?;
             for (sum, force) in sum.iter_mut().zip(load.force_n) {
                 *sum += force;
             }
@@ -300,11 +331,13 @@ impl LinearTissue {
         let nodes = self.nodes();
         let mut field = vec![[0.0; 3]; nodes];
         for &(node, displacement) in &loads.fixed_displacement_m {
-            let at = field.get_mut(node as usize).ok_or(TissueError::NoSuchNode {
-                what: "a prescribed displacement",
-                node,
-                nodes,
-            })?;
+            let at = field
+                .get_mut(node as usize)
+                .ok_or(TissueError::NoSuchNode {
+                    what: "a prescribed displacement",
+                    node,
+                    nodes,
+                })?;
             if !self.is_fixed(node) {
                 return Err(TissueError::NotFixed(node));
             }
@@ -319,11 +352,15 @@ impl LinearTissue {
     /// Solves once for forces without symmetry: a factor that is singular but for round-off answers
     /// with a rigid motion many orders beyond what the tissue's stiffness explains.
     fn is_held(&self, stiffness: &[f64]) -> bool {
-        let mut u: Vec<f64> = (0..self.unknowns).map(|index| (index as f64).sin()).collect();
+        let mut u: Vec<f64> = (0..self.unknowns)
+            .map(|index| (index as f64).sin())
+            .collect();
         let mut scratch = self.scratch(1);
         self.solve_unknowns(&mut u, 1, &mut scratch);
         let largest = u.iter().fold(0.0f64, |largest, u| largest.max(u.abs()));
-        let stiffest = stiffness.iter().fold(0.0f64, |largest, k| largest.max(k.abs()));
+        let stiffest = stiffness
+            .iter()
+            .fold(0.0f64, |largest, k| largest.max(k.abs()));
         u.iter().all(|u| u.is_finite()) && largest * stiffest < 1e12 * self.unknowns as f64
     }
 

@@ -19,11 +19,17 @@ pub(super) struct Tags {
 
 impl Tags {
     pub fn node(&self, index: usize) -> NodeId {
-        NodeId { index, tag: self.nodes.get(index).copied() }
+        NodeId {
+            index,
+            tag: self.nodes.get(index).copied(),
+        }
     }
 
     pub fn cell(&self, index: usize) -> CellId {
-        CellId { index, tag: self.cells.get(index).copied() }
+        CellId {
+            index,
+            tag: self.cells.get(index).copied(),
+        }
     }
 }
 
@@ -43,7 +49,10 @@ pub(super) fn check(points: &[[f64; 3]], cells: &[[u32; 4]], tags: &Tags) -> Res
     }
     for (index, at) in points.iter().enumerate() {
         if !at.iter().all(|x| x.is_finite()) {
-            return Err(MeshError::NotFinite { node: tags.node(index), at: *at });
+            return Err(MeshError::NotFinite {
+                node: tags.node(index),
+                at: *at,
+            });
         }
     }
     if cells.is_empty() {
@@ -60,7 +69,11 @@ pub(super) fn check(points: &[[f64; 3]], cells: &[[u32; 4]], tags: &Tags) -> Res
 fn check_nodes(index: usize, cell: [u32; 4], nodes: usize, tags: &Tags) -> Result<(), MeshError> {
     for (corner, &node) in cell.iter().enumerate() {
         if node as usize >= nodes {
-            return Err(MeshError::NoSuchNode { cell: tags.cell(index), node: node.into(), nodes });
+            return Err(MeshError::NoSuchNode {
+                cell: tags.cell(index),
+                node: node.into(),
+                nodes,
+            });
         }
         if cell[..corner].contains(&node) {
             return Err(MeshError::NodeTwice {
@@ -89,10 +102,17 @@ fn check_volume(
     let flat = FLAT * edge_m.powi(3);
     // Written so that a volume that overflowed is refused too.
     if !(volume_m3.abs() > flat && volume_m3.is_finite()) {
-        return Err(MeshError::Degenerate { cell: tags.cell(index), volume_m3, edge_m });
+        return Err(MeshError::Degenerate {
+            cell: tags.cell(index),
+            volume_m3,
+            edge_m,
+        });
     }
     if volume_m3 < 0.0 {
-        return Err(MeshError::Inverted { cell: tags.cell(index), volume_m3 });
+        return Err(MeshError::Inverted {
+            cell: tags.cell(index),
+            volume_m3,
+        });
     }
     Ok(())
 }
@@ -103,7 +123,10 @@ fn check_neighbours(cells: &[[u32; 4]], tags: &Tags) -> Result<(), MeshError> {
         let mut key = cell;
         key.sort_unstable();
         if let Some(first) = seen.insert(key, index) {
-            return Err(MeshError::Duplicate { first: tags.cell(first), second: tags.cell(index) });
+            return Err(MeshError::Duplicate {
+                first: tags.cell(first),
+                second: tags.cell(index),
+            });
         }
     }
     let mut faces: HashMap<[u32; 3], [Option<usize>; 2]> = HashMap::with_capacity(2 * cells.len());
@@ -132,7 +155,10 @@ fn check_used(nodes: usize, cells: &[[u32; 4]], tags: &Tags) -> Result<(), MeshE
     }
     let count = used.iter().filter(|used| !**used).count();
     match used.iter().position(|used| !used) {
-        Some(first) => Err(MeshError::Unreferenced { node: tags.node(first), count }),
+        Some(first) => Err(MeshError::Unreferenced {
+            node: tags.node(first),
+            count,
+        }),
         None => Ok(()),
     }
 }
@@ -142,8 +168,13 @@ mod tests {
     use super::*;
     use crate::mesh::TetMesh;
 
-    const UNIT: [[f64; 3]; 5] =
-        [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 1.0, 1.0]];
+    const UNIT: [[f64; 3]; 5] = [
+        [0.0, 0.0, 0.0],
+        [1.0, 0.0, 0.0],
+        [0.0, 1.0, 0.0],
+        [0.0, 0.0, 1.0],
+        [1.0, 1.0, 1.0],
+    ];
 
     fn refusal(points: &[[f64; 3]], cells: &[[u32; 4]]) -> MeshError {
         TetMesh::new(points.to_vec(), cells.to_vec()).expect_err("a bad mesh")
@@ -157,7 +188,16 @@ mod tests {
     #[test]
     fn an_inverted_cell_is_named() {
         let error = refusal(&UNIT, &[[0, 1, 2, 3], [2, 1, 3, 4]]);
-        assert!(matches!(error, MeshError::Inverted { cell: CellId { index: 1, tag: None }, .. }));
+        assert!(matches!(
+            error,
+            MeshError::Inverted {
+                cell: CellId {
+                    index: 1,
+                    tag: None
+                },
+                ..
+            }
+        ));
         assert!(error.to_string().contains("cell 1 is inverted"), "{error}");
     }
 
@@ -166,13 +206,21 @@ mod tests {
         let mut points = UNIT;
         points[3] = [0.3, 0.3, 1e-12];
         let error = refusal(&points[..4], &[[0, 1, 2, 3]]);
-        assert!(matches!(error, MeshError::Degenerate { cell: CellId { index: 0, .. }, .. }));
+        assert!(matches!(
+            error,
+            MeshError::Degenerate {
+                cell: CellId { index: 0, .. },
+                ..
+            }
+        ));
     }
 
     #[test]
     fn a_repeated_cell_is_named_in_any_order_of_its_nodes() {
         let error = refusal(&UNIT, &[[0, 1, 2, 3], [1, 2, 3, 4], [1, 2, 0, 3]]);
-        let MeshError::Duplicate { first, second } = error else { panic!("{error}") };
+        let MeshError::Duplicate { first, second } = error else {
+            panic!("{error}")
+        };
         assert_eq!((first.index, second.index), (0, 2));
     }
 
@@ -182,7 +230,13 @@ mod tests {
         points.push([2.0, 2.0, 2.0]);
         let error = refusal(&points, &[[0, 1, 2, 3], [1, 2, 3, 4], [1, 2, 3, 5]]);
         assert!(
-            matches!(error, MeshError::CrowdedFace { third: CellId { index: 2, .. }, .. }),
+            matches!(
+                error,
+                MeshError::CrowdedFace {
+                    third: CellId { index: 2, .. },
+                    ..
+                }
+            ),
             "{error}"
         );
     }
@@ -192,17 +246,30 @@ mod tests {
         let error = refusal(&UNIT, &[[0, 1, 2, 3]]);
         assert!(matches!(
             error,
-            MeshError::Unreferenced { node: NodeId { index: 4, .. }, count: 1 }
+            MeshError::Unreferenced {
+                node: NodeId { index: 4, .. },
+                count: 1
+            }
         ));
         let error = refusal(&UNIT, &[[0, 1, 2, 3], [1, 2, 3, 9]]);
-        assert!(matches!(error, MeshError::NoSuchNode { node: 9, nodes: 5, .. }));
+        assert!(matches!(
+            error,
+            MeshError::NoSuchNode {
+                node: 9,
+                nodes: 5,
+                ..
+            }
+        ));
         let error = refusal(&UNIT, &[[0, 1, 2, 3], [1, 2, 2, 4]]);
         assert!(matches!(error, MeshError::NodeTwice { .. }));
         let mut points = UNIT;
         points[2][1] = f64::NAN;
         assert!(matches!(
             refusal(&points, &[[0, 1, 2, 3], [1, 2, 3, 4]]),
-            MeshError::NotFinite { node: NodeId { index: 2, .. }, .. }
+            MeshError::NotFinite {
+                node: NodeId { index: 2, .. },
+                ..
+            }
         ));
         assert_eq!(refusal(&UNIT, &[]), MeshError::NoCells);
     }

@@ -63,7 +63,9 @@ pub enum MeshError {
         expected: String,
     },
     /// A version or encoding that is not read.
-    #[error("line {line}: {found} is not read; save it as gmsh 4.1 or 2.2 ASCII: gmsh -save -format msh41 FILE")]
+    #[error(
+        "line {line}: {found} is not read; save it as gmsh 4.1 or 2.2 ASCII: gmsh -save -format msh41 FILE"
+    )]
     Version {
         /// 1-based line.
         line: usize,
@@ -82,7 +84,9 @@ pub enum MeshError {
         section: &'static str,
     },
     /// Volume elements other than four-node tetrahedra.
-    #[error("line {line}: element {tag} has gmsh type {kind} ({name}); only 4-node tetrahedra fill a volume here: mesh with gmsh -3 -order 1 and without recombination")]
+    #[error(
+        "line {line}: element {tag} has gmsh type {kind} ({name}); only 4-node tetrahedra fill a volume here: mesh with gmsh -3 -order 1 and without recombination"
+    )]
     ElementType {
         /// 1-based line.
         line: usize,
@@ -137,7 +141,9 @@ pub enum MeshError {
         node: NodeId,
     },
     /// A cell turned inside out.
-    #[error("{cell} is inverted: its volume is {volume_m3:.3e} m^3; swap two of its nodes, or mesh again")]
+    #[error(
+        "{cell} is inverted: its volume is {volume_m3:.3e} m^3; swap two of its nodes, or mesh again"
+    )]
     Inverted {
         /// The cell.
         cell: CellId,
@@ -145,7 +151,9 @@ pub enum MeshError {
         volume_m3: f64,
     },
     /// A cell without volume.
-    #[error("{cell} is flat: its volume is {volume_m3:.3e} m^3 with edges up to {edge_m:.3e} m; mesh again with -optimize")]
+    #[error(
+        "{cell} is flat: its volume is {volume_m3:.3e} m^3 with edges up to {edge_m:.3e} m; mesh again with -optimize"
+    )]
     Degenerate {
         /// The cell.
         cell: CellId,
@@ -173,7 +181,9 @@ pub enum MeshError {
         third: CellId,
     },
     /// A node that no cell uses.
-    #[error("{node} belongs to no tetrahedron (of {count} such nodes the first): delete it, or save only volume elements")]
+    #[error(
+        "{node} belongs to no tetrahedron (of {count} such nodes the first): delete it, or save only volume elements"
+    )]
     Unreferenced {
         /// The first such node.
         node: NodeId,
@@ -181,7 +191,9 @@ pub enum MeshError {
         count: usize,
     },
     /// A slab with a size or a number of divisions that makes no cells.
-    #[error("a slab of {size_m:?} m in {divisions:?} divisions is not possible: sizes must be finite and above zero, divisions at least 1 and together at most 10,000,000 cubes")]
+    #[error(
+        "a slab of {size_m:?} m in {divisions:?} divisions is not possible: sizes must be finite and above zero, divisions at least 1 and together at most 10,000,000 cubes"
+    )]
     Slab {
         /// Wanted size \[m\].
         size_m: [f64; 3],

@@ -29,7 +29,10 @@ pub fn read_msh(text: &str, scale_to_m: f64) -> Result<TetMesh, MeshError> {
         return Err(MeshError::Scale(scale_to_m));
     }
     let mut file = File::default();
-    let mut lines = Lines { lines: text.lines(), number: 0 };
+    let mut lines = Lines {
+        lines: text.lines(),
+        number: 0,
+    };
     let mut version = None;
     while let Some(line) = lines.next_filled() {
         match (line, version) {
@@ -38,10 +41,16 @@ pub fn read_msh(text: &str, scale_to_m: f64) -> Result<TetMesh, MeshError> {
                 return Err(lines.expected("$MeshFormat as the first section of a gmsh file", line));
             }
             ("$Nodes", Some(_)) if file.nodes_read => {
-                return Err(MeshError::SecondSection { line: lines.number, section: "Nodes" });
+                return Err(MeshError::SecondSection {
+                    line: lines.number,
+                    section: "Nodes",
+                });
             }
             ("$Elements", Some(_)) if file.elements_read => {
-                return Err(MeshError::SecondSection { line: lines.number, section: "Elements" });
+                return Err(MeshError::SecondSection {
+                    line: lines.number,
+                    section: "Elements",
+                });
             }
             ("$Nodes", Some(Version::V22)) => file.nodes_22(&mut lines)?,
             ("$Nodes", Some(Version::V41)) => file.nodes_41(&mut lines)?,
@@ -65,12 +74,20 @@ enum Version {
 fn read_format(lines: &mut Lines) -> Result<Version, MeshError> {
     let line = lines.next("the format's version")?;
     let number = lines.number;
-    let refuse = |found: String| MeshError::Version { line: number, found };
+    let refuse = |found: String| MeshError::Version {
+        line: number,
+        found,
+    };
     let mut words = line.split_whitespace();
     let version = match words.next() {
         Some("2.2") => Version::V22,
         Some("4.1") => Version::V41,
-        other => return Err(refuse(format!("gmsh format {}", other.unwrap_or("without a version")))),
+        other => {
+            return Err(refuse(format!(
+                "gmsh format {}",
+                other.unwrap_or("without a version")
+            )));
+        }
     };
     if words.next() != Some("0") {
         return Err(refuse("a binary gmsh file".into()));
@@ -177,7 +194,10 @@ impl File {
         let index = u32::try_from(self.points.len())
             .map_err(|_| MeshError::TooManyNodes(self.points.len()))?;
         if self.index_of.insert(tag, index).is_some() {
-            return Err(MeshError::NodeTagTwice { line: lines.number, tag });
+            return Err(MeshError::NodeTagTwice {
+                line: lines.number,
+                tag,
+            });
         }
         self.points.push(at);
         self.tags.nodes.push(tag);
@@ -194,9 +214,12 @@ impl File {
     ) -> Result<(), MeshError> {
         if kind != TETRAHEDRON {
             return match volume_type(kind) {
-                Some(name) => {
-                    Err(MeshError::ElementType { line: lines.number, tag, kind, name })
-                }
+                Some(name) => Err(MeshError::ElementType {
+                    line: lines.number,
+                    tag,
+                    kind,
+                    name,
+                }),
                 None => Ok(()), // a point, line or face: it bounds a volume that others fill
             };
         }
@@ -227,7 +250,10 @@ impl File {
             let mut nodes = [0; 4];
             for (node, tag) in nodes.iter_mut().zip(cell) {
                 *node = *self.index_of.get(&tag).ok_or(MeshError::NoSuchNode {
-                    cell: CellId { index, tag: self.tags.cells.get(index).copied() },
+                    cell: CellId {
+                        index,
+                        tag: self.tags.cells.get(index).copied(),
+                    },
                     node: tag,
                     nodes: self.points.len(),
                 })?;
@@ -270,8 +296,10 @@ impl<'a> Lines<'a> {
     }
 
     fn next(&mut self, expected: &str) -> Result<&'a str, MeshError> {
-        self.next_filled()
-            .ok_or_else(|| MeshError::Truncated { line: self.number, expected: expected.into() })
+        self.next_filled().ok_or_else(|| MeshError::Truncated {
+            line: self.number,
+            expected: expected.into(),
+        })
     }
 
     fn skip_to(&mut self, end: &str) -> Result<(), MeshError> {
@@ -281,17 +309,26 @@ impl<'a> Lines<'a> {
 
     fn end(&mut self, end: &str) -> Result<(), MeshError> {
         let line = self.next(end)?;
-        if line == end { Ok(()) } else { Err(self.expected(end, line)) }
+        if line == end {
+            Ok(())
+        } else {
+            Err(self.expected(end, line))
+        }
     }
 
     fn expected(&self, expected: &str, found: &str) -> MeshError {
         let mut found: String = found.chars().take(60).collect();
         found = format!("`{found}`");
-        MeshError::Syntax { line: self.number, expected: expected.into(), found }
+        MeshError::Syntax {
+            line: self.number,
+            expected: expected.into(),
+            found,
+        }
     }
 
     fn integer(&self, word: Option<&str>, line: &str, what: &str) -> Result<u64, MeshError> {
-        word.and_then(|word| word.parse().ok()).ok_or_else(|| self.expected(what, line))
+        word.and_then(|word| word.parse().ok())
+            .ok_or_else(|| self.expected(what, line))
     }
 
     /// A line of exactly N unsigned integers.
@@ -361,7 +398,11 @@ mod tests {
         let old = read_msh(&format!("{HEAD_22}{NODES_22}{ELEMENTS_22}"), 1.0).expect("2.2");
         assert_eq!(old.cells(), [[0, 1, 2, 3], [1, 2, 3, 4]]);
         let new = read_msh(FILE_41, 1e-3).expect("4.1");
-        assert_eq!(new.points_m()[0], [1e-3, 1e-3, 1e-3], "node 50 comes first in this file");
+        assert_eq!(
+            new.points_m()[0],
+            [1e-3, 1e-3, 1e-3],
+            "node 50 comes first in this file"
+        );
         assert_eq!(new.cells(), [[1, 2, 3, 4], [2, 3, 4, 0]]);
     }
 
@@ -381,9 +422,11 @@ mod tests {
 
     #[test]
     fn versions_and_encodings_are_named() {
-        for (head, name) in
-            [("4.0 0 8", "gmsh format 4.0"), ("1.0 0 8", "1.0"), ("4.1 1 8", "binary")]
-        {
+        for (head, name) in [
+            ("4.0 0 8", "gmsh format 4.0"),
+            ("1.0 0 8", "1.0"),
+            ("4.1 1 8", "binary"),
+        ] {
             let text = message(&format!("$MeshFormat\n{head}\n$EndMeshFormat\n"));
             assert!(text.contains("line 2") && text.contains(name), "{text}");
         }
@@ -400,9 +443,14 @@ mod tests {
         let text = message(&format!("{HEAD_22}{NODES_22}{missing}"));
         assert!(text.contains("element 8 (index 1) names node 51"), "{text}");
 
-        let unused = ELEMENTS_22.replace("3\n1 15", "2\n1 15").replace("8 4 2 0 1 20 30 40 50\n", "");
+        let unused = ELEMENTS_22
+            .replace("3\n1 15", "2\n1 15")
+            .replace("8 4 2 0 1 20 30 40 50\n", "");
         let text = message(&format!("{HEAD_22}{NODES_22}{unused}"));
-        assert!(text.contains("node 50 (index 4) belongs to no tetrahedron"), "{text}");
+        assert!(
+            text.contains("node 50 (index 4) belongs to no tetrahedron"),
+            "{text}"
+        );
 
         let twice = ELEMENTS_22.replace("20 30 40 50", "40 30 20 10");
         let text = message(&format!("{HEAD_22}{NODES_22}{twice}"));
@@ -410,22 +458,40 @@ mod tests {
 
         let infinite = NODES_22.replace("40 0 0 1", "40 0 0 1e999");
         let text = message(&format!("{HEAD_22}{infinite}{ELEMENTS_22}"));
-        assert!(text.contains("node 40 (index 3)") && text.contains("finite"), "{text}");
+        assert!(
+            text.contains("node 40 (index 3)") && text.contains("finite"),
+            "{text}"
+        );
     }
 
     #[test]
     fn wrong_counts_words_and_types_point_at_the_line() {
-        let text = message(&format!("{HEAD_22}{}", NODES_22.replace("$Nodes\n5", "$Nodes\n6")));
+        let text = message(&format!(
+            "{HEAD_22}{}",
+            NODES_22.replace("$Nodes\n5", "$Nodes\n6")
+        ));
         assert!(text.contains("line 11"), "{text}");
-        let text = message(&format!("{HEAD_22}{}", NODES_22.replace("20 1 0 0", "20 1 zero 0")));
-        assert!(text.contains("line 7") && text.contains("20 1 zero 0"), "{text}");
+        let text = message(&format!(
+            "{HEAD_22}{}",
+            NODES_22.replace("20 1 0 0", "20 1 zero 0")
+        ));
+        assert!(
+            text.contains("line 7") && text.contains("20 1 zero 0"),
+            "{text}"
+        );
         let text = message(&FILE_41.replace("2 5 10 50", "2 6 10 50"));
         assert!(text.contains("6 nodes as announced"), "{text}");
         let text = message(&FILE_41.replace("3 1 4 2\n7 10 20 30 40", "3 1 5 2\n7 10 20 30 40"));
-        assert!(text.contains("element 7") && text.contains("hexahedron"), "{text}");
+        assert!(
+            text.contains("element 7") && text.contains("hexahedron"),
+            "{text}"
+        );
         let text = message(&format!("{HEAD_22}{NODES_22}{NODES_22}{ELEMENTS_22}"));
         assert!(text.contains("second $Nodes"), "{text}");
-        let text = message(&format!("{HEAD_22}{}", NODES_22.replace("20 1 0 0", "10 1 0 0")));
+        let text = message(&format!(
+            "{HEAD_22}{}",
+            NODES_22.replace("20 1 0 0", "10 1 0 0")
+        ));
         assert!(text.contains("node 10 is given twice"), "{text}");
         assert!(message(HEAD_22).contains("$Nodes"));
         assert!(matches!(read_msh(FILE_41, 0.0), Err(MeshError::Scale(_))));
@@ -436,6 +502,9 @@ mod tests {
         let text = FILE_41.replace("2 5 10 50", "2 18446744073709551615 10 50");
         assert!(read_msh(&text, 1.0).is_err());
         let text = format!("{HEAD_22}$Nodes\n18446744073709551615\n1 0 0 0\n");
-        assert!(matches!(read_msh(&text, 1.0), Err(MeshError::Truncated { .. })));
+        assert!(matches!(
+            read_msh(&text, 1.0),
+            Err(MeshError::Truncated { .. })
+        ));
     }
 }

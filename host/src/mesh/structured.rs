@@ -30,7 +30,9 @@ const MOST_CUBES: usize = 10_000_000;
 /// # Ok::<(), sutura_host::mesh::MeshError>(())
 /// ```
 pub fn slab(size_m: [f64; 3], divisions: [usize; 3]) -> Result<TetMesh, MeshError> {
-    let cubes = divisions.iter().try_fold(1usize, |cubes, &n| cubes.checked_mul(n));
+    let cubes = divisions
+        .iter()
+        .try_fold(1usize, |cubes, &n| cubes.checked_mul(n));
     if !size_m.iter().all(|size| size.is_finite() && *size > 0.0)
         || !cubes.is_some_and(|cubes| (1..=MOST_CUBES).contains(&cubes))
     {
@@ -94,8 +96,11 @@ mod tests {
     #[test]
     fn cells_fill_the_box() {
         let mesh = slab([0.3, 0.2, 0.1], [3, 4, 5]).expect("a slab");
-        let volume: f64 =
-            mesh.cells().iter().map(|cell| signed_volume(&mesh.corners(*cell))).sum();
+        let volume: f64 = mesh
+            .cells()
+            .iter()
+            .map(|cell| signed_volume(&mesh.corners(*cell)))
+            .sum();
         assert!((volume - 0.3 * 0.2 * 0.1).abs() < 1e-15);
         assert_eq!(mesh.cells().len(), 6 * 60);
         let top = mesh.points_m().iter().filter(|p| p[2] == 0.0).count();

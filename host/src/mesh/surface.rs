@@ -57,11 +57,20 @@ impl Surface {
         }
         let normals = vertices
             .iter()
-            .map(|&node| normal_of[node as usize].try_normalize(1e-12).unwrap_or_else(Vector3::z))
+            .map(|&node| {
+                normal_of[node as usize]
+                    .try_normalize(1e-12)
+                    .unwrap_or_else(Vector3::z)
+            })
             .map(Into::into)
             .collect();
         let mean_edge_m = edges / (3 * triangles.len()) as f64;
-        Self { triangles, vertices, normals, mean_edge_m }
+        Self {
+            triangles,
+            vertices,
+            normals,
+            mean_edge_m,
+        }
     }
 
     /// Whether `point` lies inside the closed boundary, with nodes at `points_m`: the solid angles of
@@ -70,8 +79,7 @@ impl Surface {
         let point = Vector3::from(point);
         let mut half_angle = 0.0;
         for triangle in &self.triangles {
-            let [a, b, c] =
-                triangle.map(|node| Vector3::from(points_m[node as usize]) - point);
+            let [a, b, c] = triangle.map(|node| Vector3::from(points_m[node as usize]) - point);
             let (la, lb, lc) = (a.norm(), b.norm(), c.norm());
             let volume = a.dot(&b.cross(&c));
             let spread = la * lb * lc + a.dot(&b) * lc + b.dot(&c) * la + c.dot(&a) * lb;
