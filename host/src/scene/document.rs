@@ -49,11 +49,6 @@ pub struct Flaw {
 }
 
 impl Flaw {
-    /// What the place is said to be, e.g. "not a positive number".
-    pub fn label(&self) -> &str {
-        &self.label
-    }
-
     /// Where in the file: offset and length \[bytes\].
     pub fn span(&self) -> SourceSpan {
         self.span
@@ -121,16 +116,6 @@ impl Document {
     /// A path written in this file.
     pub fn resolve(&self, path: &str) -> PathBuf {
         self.directory.join(path)
-    }
-
-    /// The directory that relative paths start at.
-    pub fn directory(&self) -> &Path {
-        &self.directory
-    }
-
-    /// The name that complaints carry.
-    pub fn name(&self) -> &str {
-        &self.name
     }
 
     /// Reads the text as `T`; unknown keys are refused where `T` refuses them.

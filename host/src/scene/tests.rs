@@ -358,3 +358,22 @@ fn a_way_point_out_of_an_arms_reach_is_refused() {
     let error = read(&far).expect_err("too far");
     assert_eq!(error.to_string(), "the grip cannot reach this way point");
 }
+
+/// Cut off anywhere, a scene is read or refused at a place that is in it: no panic, no lost span.
+#[test]
+fn a_scene_cut_off_anywhere_is_told_at_a_place_in_it() {
+    for end in (0..GOOD.len()).filter(|end| GOOD.is_char_boundary(*end)) {
+        if let Err(SceneError::Flaw(flaw)) = read(&GOOD[..end]) {
+            let span = flaw.span();
+            assert!(
+                span.offset() + span.len() <= end,
+                "{flaw} at {span:?} of {end}"
+            );
+            let source = flaw.source_code().expect("a flaw has its source");
+            assert!(
+                source.read_span(&span, 1, 1).is_ok(),
+                "{flaw} at {span:?} of {end}"
+            );
+        }
+    }
+}
