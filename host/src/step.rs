@@ -35,7 +35,8 @@ pub enum Status {
     Waiting,
     /// The tool moved farther than one step follows; the next step goes on from where this one ended.
     Behind,
-    /// No balance within the iterations allowed; the state stays at the last pose that had one.
+    /// No stable balance found: too deep (about a radius), where the tissue would slip around the sphere;
+    /// the state stays at the last pose that had one.
     NotConverged,
     /// More vertices touched than a step has room for; as `NotConverged`.
     TooManyRows,

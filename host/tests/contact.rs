@@ -572,6 +572,30 @@ fn bad_poses_get_a_status_and_the_state_recovers() {
 }
 
 #[test]
+fn wild_motion_never_breaks_the_solver() {
+    let mut bench = Bench::slab([0.0, 0.0, -0.02]);
+    bench.work.vertices_per_step = 40;
+    let mut chance = Chance(3);
+    let mut state = State::new(&bench.model);
+    let mut seen = std::collections::BTreeMap::new();
+    for tick in 0..600 {
+        let position = chance.vector() * 0.05 + Vector3::z() * 0.03;
+        let rotation = UnitQuaternion::from_scaled_axis(chance.vector());
+        let sample = pose(position, rotation);
+        let report = bench.step(&mut state, sample);
+        assert!(all_finite(&report), "tick {tick}");
+        *seen.entry(report.status.name()).or_insert(0) += 1;
+        if report.status == Status::Ok && tick % 5 == 0 {
+            bench.assert_balanced(&state, centre_of(&sample, [0.0, 0.0, -0.02]), RADIUS);
+        }
+    }
+    println!("{seen:?}");
+    assert!(seen["ok"] > 300, "{seen:?}");
+    let air = bench.step(&mut state, at(0.0, 0.0, 0.1));
+    assert_eq!((air.status, air.rows), (Status::Ok, 0));
+}
+
+#[test]
 fn a_first_sample_may_touch_but_not_be_inside() {
     let mut bench = Bench::slab([0.0; 3]);
     let press = at(0.003, 0.001, RADIUS - 0.006);
