@@ -3,7 +3,7 @@
 //! Entry point: [`Horizon`]. Three host periods, so that two lost frames in a row do not let the force
 //! sag, and the 99th percentile of the delay that the console itself measured.
 
-use hdrhistogram::Histogram;
+use super::times::Times;
 
 /// Shortest horizon \[us\]: a desktop thread that wakes late now and then must not be felt.
 pub const SHORTEST_US: u64 = 20_000;
@@ -15,7 +15,7 @@ pub const LONGEST_US: u64 = 150_000;
 pub struct Horizon {
     period_us: u64,
     /// Age of contact data when they were first applied \[us\].
-    delays_us: Histogram<u64>,
+    delays_us: Times,
 }
 
 impl Horizon {
@@ -23,35 +23,25 @@ impl Horizon {
     pub fn new(host_hz: f64) -> Self {
         Horizon {
             period_us: (1e6 / host_hz).ceil() as u64,
-            delays_us: histogram(10_000_000),
+            delays_us: Times::new(10_000_000),
         }
     }
 
     /// Takes note of one applied frame's age \[us\].
     pub fn applied(&mut self, age_us: u32) {
-        self.delays_us.saturating_record(u64::from(age_us));
+        self.delays_us.record(u64::from(age_us));
     }
 
     /// The horizon for the next frame \[us\].
     pub fn us(&self) -> u32 {
-        let p99 = if self.delays_us.is_empty() {
-            0
-        } else {
-            self.delays_us.value_at_quantile(0.99)
-        };
+        let p99 = self.delays_us.quantile(0.99);
         (3 * self.period_us + p99).clamp(SHORTEST_US, LONGEST_US) as u32
     }
 
     /// The delays seen so far \[us\].
-    pub fn delays_us(&self) -> &Histogram<u64> {
+    pub(super) fn delays_us(&self) -> &Times {
         &self.delays_us
     }
-}
-
-/// A histogram of 1 to `largest`, to three digits.
-pub(super) fn histogram(largest: u64) -> Histogram<u64> {
-    // Three digits and a range above 1 are always accepted.
-    Histogram::new_with_max(largest, 3).unwrap_or_else(|_| unreachable!("fixed bounds"))
 }
 
 #[cfg(test)]

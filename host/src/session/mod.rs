@@ -11,6 +11,7 @@ mod real_time;
 mod setup;
 mod summary;
 mod tally;
+mod times;
 mod tissue;
 
 pub use contact_frame::{contact_frame, pack_symmetric};

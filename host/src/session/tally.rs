@@ -5,11 +5,11 @@
 //! on the hand held over one tick and dx the grip's motion in it; positive when the hand did the work.
 
 use super::Solved;
-use super::horizon::{Horizon, histogram};
+use super::horizon::Horizon;
 use super::summary::{Age, Energy, Force, Frames, Latency, StepTime, Summary};
+use super::times::Times;
 use crate::link::LinkCounters;
 use crate::step::Stages;
-use hdrhistogram::Histogram;
 use std::collections::BTreeMap;
 use std::time::Duration;
 use sutura_shared::wire::faults;
@@ -30,8 +30,8 @@ pub struct Tally {
     energy_min_j: f64,
     /// Delay of the whole loop, and the horizon that follows from it.
     pub horizon: Horizon,
-    ages_us: Histogram<u64>,
-    steps_ns: Histogram<u64>,
+    ages_us: Times,
+    steps_ns: Times,
     stages_ns: BTreeMap<&'static str, u64>,
     withheld: BTreeMap<&'static str, u64>,
     first_report: Option<Report>,
@@ -68,8 +68,8 @@ impl Tally {
             energy_j: 0.0,
             energy_min_j: 0.0,
             horizon: Horizon::new(host_hz),
-            ages_us: histogram(u64::from(u32::MAX)),
-            steps_ns: histogram(100_000_000_000),
+            ages_us: Times::new(u64::from(u32::MAX)),
+            steps_ns: Times::new(100_000_000_000),
             stages_ns: BTreeMap::new(),
             withheld: BTreeMap::new(),
             first_report: None,
@@ -84,8 +84,7 @@ impl Tally {
         self.square_n2 += force * force;
         self.states += 1;
         if matches!(state.mode, Mode::Armed | Mode::Decaying) && state.contact_age_us != u32::MAX {
-            self.ages_us
-                .saturating_record(u64::from(state.contact_age_us));
+            self.ages_us.record(u64::from(state.contact_age_us));
         }
         if let Some(before) = self.last {
             let work = (0..3).map(|i| {
@@ -113,7 +112,7 @@ impl Tally {
     /// Takes note of a solver step.
     pub fn step(&mut self, solved: &Solved, time: Duration) {
         self.steps_ns
-            .saturating_record(u64::try_from(time.as_nanos()).unwrap_or(u64::MAX));
+            .record(u64::try_from(time.as_nanos()).unwrap_or(u64::MAX));
         let Stages {
             detect_ns,
             columns_ns,
@@ -154,15 +153,9 @@ impl Tally {
 
     /// The session in numbers; the caller fills in what only it knows.
     pub fn summary(&self, link: &LinkCounters, tick_hz: u16) -> Summary {
-        let us = |histogram: &Histogram<u64>, quantile, unit: f64| {
-            if histogram.is_empty() {
-                0.0
-            } else {
-                histogram.value_at_quantile(quantile) as f64 / unit
-            }
-        };
+        let us = |times: &Times, share, unit: f64| times.quantile(share) as f64 / unit;
         let delays = self.horizon.delays_us();
-        let steps = self.steps_ns.len();
+        let steps = self.steps_ns.count();
         let seconds = self.ticks() as f64 / f64::from(tick_hz);
         let mode = self.last.map_or(Mode::Boot, |state| state.mode);
         let faults: Vec<String> = faults::names(self.last.map_or(0, |s| s.faults))
@@ -200,16 +193,16 @@ impl Tally {
                 p50: us(delays, 0.5, 1.0),
                 p99: us(delays, 0.99, 1.0),
                 p999: us(delays, 0.999, 1.0),
-                max: us(delays, 1.0, 1.0),
+                max: delays.max() as f64,
             },
             age_ms: Age {
                 p50: us(&self.ages_us, 0.5, 1e3),
-                max: us(&self.ages_us, 1.0, 1e3),
+                max: self.ages_us.max() as f64 / 1e3,
             },
             step_us: StepTime {
                 p50: us(&self.steps_ns, 0.5, 1e3),
                 p99: us(&self.steps_ns, 0.99, 1e3),
-                max: us(&self.steps_ns, 1.0, 1e3),
+                max: self.steps_ns.max() as f64 / 1e3,
             },
             stages_us: self
                 .stages_ns

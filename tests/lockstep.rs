@@ -1,0 +1,154 @@
+//! `sutura run` in lockstep: the same bits at every run, and the contract of its output.
+#![allow(clippy::unwrap_used, reason = "tests")]
+
+mod support;
+
+use serde_json::Value;
+use support::sutura;
+
+fn run(arguments: &[&str]) -> Value {
+    let ran = sutura(&[&["run", "--lockstep", "--format", "json"], arguments].concat());
+    assert_eq!(ran.code, 0, "{}", ran.stderr);
+    serde_json::from_str(&ran.stdout).unwrap()
+}
+
+#[test]
+fn two_runs_give_one_trace_and_another_rate_gives_another() {
+    let first = run(&[]);
+    let again = run(&[]);
+    assert_eq!(first["trace_hash"], again["trace_hash"]);
+    for key in [
+        "ticks",
+        "frames",
+        "latency_us",
+        "age_ms",
+        "force_n",
+        "energy_j",
+    ] {
+        assert_eq!(first[key], again[key], "{key}");
+    }
+    assert_eq!(
+        (&first["ticks"], &first["tick_overruns"]),
+        (&5000.into(), &0.into())
+    );
+    assert_eq!(
+        (&first["frames"]["lost"], &first["frames"]["rejected"]),
+        (&0.into(), &0.into())
+    );
+    // A solve takes one period of 200 Hz, and its contact is used in the tick that it is ready for.
+    assert_eq!(first["latency_us"]["max"], 5000.0);
+    assert_ne!(
+        run(&["--host-hz", "100"])["trace_hash"],
+        first["trace_hash"]
+    );
+}
+
+/// Scripts rely on these keys.
+#[test]
+fn the_summary_has_the_keys_of_the_contract() {
+    let summary = run(&["--seconds", "0.5"]);
+    for key in [
+        "console",
+        "tick_hz",
+        "ticks",
+        "tick_overruns",
+        "ticks_late",
+        "mode",
+        "faults",
+        "host_hz",
+        "frames",
+        "latency_us",
+        "age_ms",
+        "step_us",
+        "stages_us",
+        "force_n",
+        "energy_j",
+        "trace_hash",
+        "scene",
+    ] {
+        assert!(!summary[key].is_null(), "{key} in {summary}");
+    }
+    let inner = [
+        ("frames", &["sent", "lost", "rejected", "superseded"][..]),
+        ("latency_us", &["p50", "p99", "p999", "max"]),
+        ("age_ms", &["p50", "max"]),
+        ("step_us", &["p50", "p99", "max"]),
+        ("force_n", &["peak", "rms"]),
+        ("energy_j", &["min"]),
+    ];
+    for (key, parts) in inner {
+        for part in parts {
+            assert!(summary[key][part].is_number(), "{key}.{part} in {summary}");
+        }
+    }
+    assert_eq!(
+        (&summary["console"], &summary["ticks"]),
+        (&"virtual".into(), &500.into())
+    );
+}
+
+#[test]
+fn a_stream_is_one_object_a_line_and_the_summary_comes_last() {
+    let ran = sutura(&[
+        "run",
+        "--lockstep",
+        "--seconds",
+        "1",
+        "--stream",
+        "--format",
+        "json",
+    ]);
+    assert_eq!(ran.code, 0, "{}", ran.stderr);
+    let objects: Vec<Value> = ran
+        .stdout
+        .lines()
+        .map(|line| serde_json::from_str(line).unwrap())
+        .collect();
+    let (summary, notes) = objects.split_last().unwrap();
+    assert_eq!(summary["ticks"], 1000);
+    assert!(
+        notes.len() >= 5 && notes.iter().all(|note| note["force_n"].is_array()),
+        "{notes:?}"
+    );
+    let times: Vec<f64> = notes
+        .iter()
+        .map(|note| note["elapsed_s"].as_f64().unwrap())
+        .collect();
+    assert!(times.is_sorted());
+}
+
+#[test]
+fn a_missed_budget_has_its_own_exit_code_and_still_a_summary() {
+    let ran = sutura(&[
+        "run",
+        "--lockstep",
+        "--seconds",
+        "1",
+        "--budget-ms",
+        "1e-6",
+        "--format",
+        "json",
+    ]);
+    assert_eq!(ran.code, 7, "{}", ran.stderr);
+    let summary: Value = serde_json::from_str(&ran.stdout).unwrap();
+    assert_eq!(summary["ticks"], 1000);
+    assert!(ran.stderr.contains("budget"), "{}", ran.stderr);
+}
+
+#[test]
+fn what_cannot_be_is_refused_before_anything_runs() {
+    for (arguments, part) in [
+        (&["run", "--host-hz", "2000"][..], "1 to 1000"),
+        (&["run", "--seconds=-1"], "above 0"),
+        (&["run", "--tissue", "jelly"], "linear"),
+        (
+            &["run", "--lockstep", "--console", "/dev/ttyACM0"],
+            "its own clock",
+        ),
+        (&["run", "scenes/cube-handle.toml"], "[hand]"),
+    ] {
+        let ran = sutura(arguments);
+        assert_eq!(ran.code, 2, "{arguments:?}: {}", ran.stderr);
+        assert!(ran.stderr.contains(part), "{part:?} in {}", ran.stderr);
+    }
+}

@@ -1,0 +1,156 @@
+//! The firmware image under QEMU. Needs QEMU and the image: feature `qemu-tests`, which `cargo xtask test`
+//! turns on after `cargo xtask setup` and `cargo xtask firmware --board virtual`.
+#![cfg(unix)]
+#![allow(clippy::unwrap_used, reason = "tests")]
+
+#[path = "support/session.rs"]
+mod session;
+mod support;
+
+use serde_json::Value;
+use std::ops::ControlFlow;
+use std::path::PathBuf;
+use std::time::Duration;
+use support::{root, sutura};
+use sutura_hil::identity_trace::{self, IdentityTrace};
+use sutura_hil::{NativeConsole, QemuConsole, qemu};
+use sutura_host::link::{LinkOptions, LockstepConsole, open_serial};
+use sutura_host::session::run_real_time;
+use sutura_shared::wire::MAX_REAL_TIME_FRAME;
+
+const TIME_LIMIT: Duration = Duration::from_secs(300);
+
+fn image() -> PathBuf {
+    let image = qemu::default_image();
+    assert!(
+        image.is_file(),
+        "no firmware image at {}: run `cargo xtask setup` and `cargo xtask firmware --board virtual`",
+        image.display()
+    );
+    image
+}
+
+/// Ends the image and fails on anything that QEMU has to say about it.
+fn start() -> QemuConsole {
+    QemuConsole::start(image(), TIME_LIMIT).unwrap_or_else(|error| panic!("{error}"))
+}
+
+#[test]
+fn palpation_gives_the_same_bits_natively_and_on_the_image() {
+    let image = image();
+    let run = |console: &[&str]| -> Value {
+        let ran = sutura(
+            &[
+                &["run", "--format", "json", "scenes/palpation.toml"],
+                console,
+            ]
+            .concat(),
+        );
+        assert_eq!(ran.code, 0, "{}", ran.stderr);
+        serde_json::from_str(&ran.stdout).unwrap()
+    };
+    let native = run(&["--console", "virtual", "--lockstep"]);
+    let emulated = run(&["--console", "qemu", "--image", image.to_str().unwrap()]);
+    println!("5 s of palpation under QEMU in {} s", emulated["wall_s"]);
+    assert_eq!(native["trace_hash"], emulated["trace_hash"]);
+    for key in [
+        "ticks",
+        "frames",
+        "latency_us",
+        "age_ms",
+        "force_n",
+        "energy_j",
+    ] {
+        assert_eq!(native[key], emulated[key], "{key}");
+    }
+    assert_eq!(emulated["ticks"], 5000);
+}
+
+#[test]
+fn the_identity_trace_has_the_committed_hash_natively_and_on_the_image() {
+    let committed =
+        std::fs::read_to_string(root().join("tests/golden/identity-trace.txt")).unwrap();
+    let committed = u64::from_str_radix(committed.trim(), 16).unwrap();
+    let trace = |console: &mut dyn LockstepConsole| -> IdentityTrace {
+        identity_trace::run(console).unwrap_or_else(|error| panic!("{error}"))
+    };
+    let native = trace(&mut NativeConsole::new(&session::device()).unwrap());
+    let mut console = start();
+    let emulated = trace(&mut console);
+    console.quit().unwrap_or_else(|error| panic!("{error}"));
+    assert_eq!(native, emulated);
+    assert!(native.coverage.states >= 10_000, "{:?}", native.coverage);
+    assert_eq!(
+        format!("{:016x}", emulated.hash),
+        format!("{committed:016x}")
+    );
+}
+
+#[test]
+fn the_image_ends_with_its_exit_code() {
+    let mut console = start();
+    let mut up = Vec::new();
+    console.exchange(&[], &mut up).unwrap();
+    console.quit().unwrap_or_else(|error| panic!("{error}"));
+
+    // Without a link it says what it wants, and fails.
+    let options = sutura_hil::QemuOptions {
+        image: image(),
+        args: vec!["nonsense".into()],
+        icount: true,
+        uart: false,
+        time_limit: TIME_LIMIT,
+    };
+    let image = sutura_hil::Qemu::start(&options).unwrap_or_else(|error| panic!("{error}"));
+    assert_eq!(image.wait().unwrap().code(), Some(1));
+    assert!(
+        image.ending().to_string().contains("lockstep"),
+        "{}",
+        image.ending()
+    );
+}
+
+#[test]
+fn an_image_that_takes_too_long_is_killed() {
+    let options = sutura_hil::QemuOptions {
+        image: image(),
+        args: vec!["uart".into()],
+        icount: true,
+        uart: false,
+        time_limit: Duration::from_millis(300),
+    };
+    let image = sutura_hil::Qemu::start(&options).unwrap_or_else(|error| panic!("{error}"));
+    let error = image.wait().expect_err("it never ends by itself");
+    assert!(error.to_string().contains("time limit"), "{error}");
+}
+
+/// Framing and interrupts at the rate that the emulated UART manages; nothing is asserted about time.
+#[test]
+fn the_uart_loses_and_rejects_nothing_at_its_own_pace() {
+    let qemu = qemu::with_uart(image(), TIME_LIMIT).unwrap_or_else(|error| panic!("{error}"));
+    let mut plan = session::plan(2.0);
+    plan.host_hz = 30.0;
+    plan.state_every = 10;
+    println!(
+        "at most {} frames/s of at most {MAX_REAL_TIME_FRAME} bytes",
+        plan.host_hz
+    );
+    let port = open_serial(qemu.uart().unwrap()).unwrap();
+    let options = LinkOptions {
+        contact_spacing: Duration::from_secs_f64(1.0 / 30.0),
+        ..LinkOptions::default()
+    };
+    let summary = run_real_time(port, options, &plan, &mut session::Plane, |_| {
+        ControlFlow::Continue(())
+    });
+    let summary = summary.unwrap_or_else(|error| panic!("{error}"));
+    println!("{summary:#?}");
+    assert_eq!((summary.frames.lost, summary.frames.rejected), (0, 0));
+    assert!(
+        summary.force_n.peak > 0.5 * session::force_at_rest(),
+        "{:?}",
+        summary.force_n
+    );
+    qemu.check_log(|_| false)
+        .unwrap_or_else(|error| panic!("{error}"));
+}

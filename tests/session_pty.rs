@@ -1,0 +1,190 @@
+//! Sessions in real time over a real pseudo-terminal. Wall-clock times are reported, never asserted.
+#![cfg(unix)]
+#![allow(clippy::unwrap_used, reason = "tests")]
+
+#[path = "support/session.rs"]
+mod support;
+
+use std::ops::ControlFlow;
+use std::time::{Duration, Instant};
+use support::{Plane, force, force_at_rest, plan};
+use sutura_hil::{Meddler, VirtualConsole};
+use sutura_host::link::{Link, LinkOptions, Order};
+use sutura_host::session::{SessionError, run_real_time};
+use sutura_shared::wire::message::{Mode, Simulate, State};
+
+/// Longer than any machine needs.
+const LONG: Duration = Duration::from_secs(60);
+
+/// States of a new session until one satisfies `enough`.
+fn look(console: &mut VirtualConsole, enough: impl Fn(&State) -> bool) -> State {
+    let link = Link::open(console.host_port().unwrap(), LinkOptions::default(), |_| {}).unwrap();
+    let deadline = Instant::now() + LONG;
+    loop {
+        let state = *link.state(deadline).unwrap().expect("in time").body();
+        if enough(&state) {
+            return state;
+        }
+    }
+}
+
+#[test]
+fn a_session_feels_the_plane_and_leaves_the_console_at_rest() {
+    let plan = plan(1.5);
+    let mut console = VirtualConsole::start(&plan.device).unwrap();
+    let port = console.host_port().unwrap();
+    let mut notes = 0;
+    let summary = run_real_time(port, LinkOptions::default(), &plan, &mut Plane, |note| {
+        notes += 1;
+        assert!(note.elapsed_s <= 1.5 + 1e-9);
+        ControlFlow::Continue(())
+    })
+    .unwrap();
+    println!("{summary:#?}");
+    assert!(notes > 0);
+    assert_eq!((summary.frames.lost, summary.frames.rejected), (0, 0));
+    assert_eq!(
+        (summary.status.as_str(), summary.mode.as_str()),
+        ("ok", "armed")
+    );
+    assert_eq!((summary.ticks, summary.seconds), (1500, 1.5));
+    assert_eq!(summary.device, "cartesian-bench");
+    // Both springs in series. Friction (0.15 N in the stage) holds the grip up to that far from balance;
+    // one encoder count is 4 mN.
+    let peak = summary.force_n.peak;
+    let expected = force_at_rest();
+    assert!((peak - expected).abs() < 0.3, "{peak} N for {expected} N");
+    assert!(
+        summary.latency_us.p50 >= 1000.0,
+        "a contact cannot be used in its own state's tick"
+    );
+
+    let rest = look(&mut console, |_| true);
+    assert_eq!(rest.mode, Mode::Idle);
+    assert_eq!((rest.force_n, rest.current_a), ([0.0; 3], [0.0; 3]));
+}
+
+#[test]
+fn a_session_that_is_stopped_ends_with_its_summary() {
+    let plan = plan(3600.0);
+    let mut console = VirtualConsole::start(&plan.device).unwrap();
+    let port = console.host_port().unwrap();
+    let summary = run_real_time(port, LinkOptions::default(), &plan, &mut Plane, |note| {
+        if note.elapsed_s > 0.2 {
+            ControlFlow::Break(())
+        } else {
+            ControlFlow::Continue(())
+        }
+    })
+    .unwrap();
+    assert!(summary.seconds > 0.2 && summary.seconds < 3600.0);
+    assert_eq!(look(&mut console, |_| true).mode, Mode::Idle);
+}
+
+/// Every frame from the tenth on: one in five cut short, one in four behind noise.
+#[test]
+fn a_bad_line_costs_frames_and_never_more_force() {
+    let plan = plan(1.5);
+    let mut console = VirtualConsole::start(&plan.device).unwrap();
+    let mut frames = 0_usize;
+    let mut noise = 1_u32;
+    let port = Meddler::new(console.host_port().unwrap(), move |bytes| {
+        frames += 1;
+        let mut line = Vec::new();
+        if frames > 10 && frames.is_multiple_of(4) {
+            for _ in 0..frames % 90 {
+                // xorshift (Marsaglia 2003), zeros and all
+                noise ^= noise << 13;
+                noise ^= noise >> 17;
+                noise ^= noise << 5;
+                line.push(noise as u8);
+            }
+        }
+        let cut = if frames > 10 && frames.is_multiple_of(5) {
+            bytes.len() / 2
+        } else {
+            bytes.len()
+        };
+        line.extend_from_slice(&bytes[..cut]);
+        line
+    });
+    let mut largest = 0.0_f32;
+    let summary = run_real_time(
+        Box::new(port),
+        LinkOptions::default(),
+        &plan,
+        &mut Plane,
+        |note| {
+            largest = largest.max(force(note.state));
+            ControlFlow::Continue(())
+        },
+    )
+    .unwrap();
+    println!("{:?}", summary.frames);
+    assert!(
+        summary.frames.rejected > 0 && summary.frames.lost > 0,
+        "{:?}",
+        summary.frames
+    );
+    assert_eq!((summary.mode.as_str(), summary.ticks), ("armed", 1500));
+    // Nothing of the noise is felt: no more force than the springs give, overshoot of the press included.
+    let bound = 1.3 * force_at_rest();
+    assert!(
+        summary.force_n.peak < bound && f64::from(largest) < bound,
+        "{:?}",
+        summary.force_n
+    );
+    assert!(
+        summary.force_n.peak > 0.5 * force_at_rest(),
+        "and it is still felt"
+    );
+}
+
+#[test]
+fn an_emergency_stop_ends_the_session_in_a_fault_that_only_the_user_clears() {
+    let mut plan = plan(3600.0);
+    let mut console = VirtualConsole::start(&plan.device).unwrap();
+    // Pressed while nobody has a session, so that the next one finds the fault.
+    let press = |console: &mut VirtualConsole, pressed: bool| {
+        let link =
+            Link::open(console.host_port().unwrap(), LinkOptions::default(), |_| {}).unwrap();
+        link.order(Order::Simulate(Simulate::EmergencyStop(pressed)))
+            .unwrap();
+        link.close();
+    };
+    press(&mut console, true);
+    let fault = look(&mut console, |state| state.mode == Mode::Fault);
+    assert_eq!((fault.force_n, fault.current_a), ([0.0; 3], [0.0; 3]));
+    let mut run = |plan: &_| {
+        let port = console.host_port().unwrap();
+        run_real_time(port, LinkOptions::default(), plan, &mut Plane, |note| {
+            if note.elapsed_s > 0.1 {
+                ControlFlow::Break(())
+            } else {
+                ControlFlow::Continue(())
+            }
+        })
+    };
+    let refused = run(&plan);
+    assert!(
+        matches!(&refused, Err(SessionError::Fault { faults }) if faults == &["e_stop"]),
+        "{refused:?}"
+    );
+    press(&mut console, false);
+    let mut run = |plan: &_| {
+        let port = console.host_port().unwrap();
+        run_real_time(port, LinkOptions::default(), plan, &mut Plane, |note| {
+            if note.elapsed_s > 0.1 {
+                ControlFlow::Break(())
+            } else {
+                ControlFlow::Continue(())
+            }
+        })
+    };
+    assert!(
+        matches!(run(&plan), Err(SessionError::Fault { .. })),
+        "a fault stays latched"
+    );
+    plan.clear_fault = true;
+    assert_eq!(run(&plan).unwrap().mode, "armed");
+}

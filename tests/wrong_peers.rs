@@ -1,0 +1,195 @@
+//! Consoles that are not there, silent, of another make, or in a fault: exit code, message, next step.
+#![cfg(unix)]
+#![allow(clippy::unwrap_used, reason = "tests")]
+
+#[path = "support/session.rs"]
+mod session;
+mod support;
+
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
+use support::{Ran, sutura};
+use sutura_hil::{Pty, VirtualConsole};
+use sutura_host::link::{Link, LinkOptions, Order, Port};
+use sutura_shared::link::{ConsoleLink, Identity};
+use sutura_shared::wire::message::{Hello, Mode, Simulate};
+use sutura_shared::wire::{MAX_FRAME, PROTOCOL_VERSION, SCHEMA_HASH, Unchecked, decode, encode};
+
+#[test]
+fn a_missing_port_is_named() {
+    let Ran {
+        code,
+        stdout,
+        stderr,
+    } = sutura(&[
+        "run",
+        "--console",
+        "/dev/no-such-console",
+        "--format",
+        "json",
+    ]);
+    assert_eq!(code, 3, "{stderr}");
+    assert!(
+        stderr.contains("/dev/no-such-console") && stderr.contains("--console virtual"),
+        "{stderr}"
+    );
+    let object: serde_json::Value = serde_json::from_str(&stdout).unwrap();
+    assert_eq!(
+        (&object["status"], &object["exit_code"]),
+        (&"no-console".into(), &3.into())
+    );
+}
+
+#[test]
+fn a_port_in_use_is_busy() {
+    let pty = Pty::open().unwrap();
+    let _first = sutura_host::link::open_serial(pty.path()).unwrap();
+    let Ran { code, stderr, .. } = sutura(&["run", "--console", pty.path()]);
+    assert_eq!(code, 3, "{stderr}");
+    assert!(stderr.contains("in use"), "{stderr}");
+}
+
+#[test]
+fn a_port_where_nobody_answers_is_no_console() {
+    let pty = Pty::open().unwrap();
+    let Ran { code, stderr, .. } = sutura(&["run", "--console", pty.path()]);
+    assert_eq!(code, 3, "{stderr}");
+    assert!(
+        stderr.contains("no console answered") && stderr.contains("nothing came"),
+        "{stderr}"
+    );
+}
+
+/// Answers every hello with what `forge` makes of a good console's answer.
+fn impostor(pty: &mut Pty, stop: &AtomicBool, forge: impl Fn(&[u8]) -> Vec<u8>) {
+    let device_name = *b"impostor\0\0\0\0\0\0\0\0";
+    let mut console = ConsoleLink::new(
+        Identity {
+            tick_hz: 1000,
+            simulated: true,
+            device_name,
+        },
+        1,
+    );
+    let (mut frame, mut chunk) = ([0; MAX_FRAME], [0; 512]);
+    while !stop.load(Ordering::Relaxed) {
+        let count = pty.read(&mut chunk, Duration::from_millis(5)).unwrap_or(0);
+        for byte in &chunk[..count] {
+            console.receive(*byte, 0);
+            if let Some(length) = console.take_reply(0, &mut frame) {
+                pty.write(&forge(&frame[..length])).unwrap();
+            }
+        }
+    }
+}
+
+fn run_against(forge: impl Fn(&[u8]) -> Vec<u8> + Send) -> Ran {
+    let mut pty = Pty::open().unwrap();
+    let path = pty.path().to_owned();
+    let stop = AtomicBool::new(false);
+    std::thread::scope(|scope| {
+        let (pty, stop) = (&mut pty, &stop);
+        scope.spawn(move || impostor(pty, stop, forge));
+        let ran = sutura(&["run", "--console", &path]);
+        stop.store(true, Ordering::Relaxed);
+        ran
+    })
+}
+
+/// Header, body and checksum of a frame.
+fn packet(frame: &[u8]) -> Vec<u8> {
+    let mut packet = frame[..frame.len() - 1].to_vec();
+    let length = cobs::decode_in_place(&mut packet).unwrap();
+    packet.truncate(length);
+    packet
+}
+
+#[test]
+fn another_protocol_version_is_refused_by_name() {
+    const OTHER: u8 = 7;
+    let ran = run_against(|frame| {
+        let mut packet = packet(frame);
+        packet[0] = OTHER;
+        let content = packet.len() - 4;
+        let crc = crc::Crc::<u32>::new(&crc::CRC_32_ISO_HDLC).checksum(&packet[..content]);
+        packet[content..].copy_from_slice(&crc.to_le_bytes());
+        let mut forged = vec![0; cobs::max_encoding_length(packet.len())];
+        let length = cobs::encode(&packet, &mut forged);
+        forged.truncate(length);
+        forged.push(0);
+        forged
+    });
+    assert_eq!(ran.code, 4, "{}", ran.stderr);
+    for part in [
+        format!("version {OTHER}"),
+        format!("version {PROTOCOL_VERSION}"),
+        "cargo xtask firmware".into(),
+    ] {
+        assert!(ran.stderr.contains(&part), "{part:?} in {}", ran.stderr);
+    }
+}
+
+#[test]
+fn another_schema_is_refused_by_both_hashes() {
+    let other = SCHEMA_HASH ^ 0xFF;
+    let ran = run_against(|frame| {
+        let packet = packet(frame);
+        let Unchecked::Hello(_, hello) = decode(&packet).unwrap().unpack().unwrap() else {
+            panic!()
+        };
+        let mut forged = [0; MAX_FRAME];
+        let length = encode(
+            0,
+            0,
+            0,
+            &Hello {
+                schema_hash: other,
+                ..hello
+            },
+            &mut forged,
+        )
+        .unwrap();
+        forged[..length].to_vec()
+    });
+    assert_eq!(ran.code, 4, "{}", ran.stderr);
+    for hash in [other, SCHEMA_HASH] {
+        assert!(
+            ran.stderr.contains(&format!("{hash:016x}")),
+            "{}",
+            ran.stderr
+        );
+    }
+}
+
+#[test]
+fn a_latched_fault_has_its_own_exit_code_until_it_is_cleared() {
+    let mut console = VirtualConsole::start(&session::device()).unwrap();
+    let path = console.path().unwrap().to_owned();
+    let mut press = |pressed| {
+        let link =
+            Link::open(console.host_port().unwrap(), LinkOptions::default(), |_| {}).unwrap();
+        link.order(Order::Simulate(Simulate::EmergencyStop(pressed)))
+            .unwrap();
+        let deadline = std::time::Instant::now() + Duration::from_secs(60);
+        while link.state(deadline).unwrap().expect("in time").body().mode != Mode::Fault {}
+        link.close();
+    };
+    press(true);
+    let ran = sutura(&["run", "--console", &path, "--seconds", "0.2"]);
+    assert_eq!(ran.code, 5, "{}", ran.stderr);
+    assert!(
+        ran.stderr.contains("e_stop") && ran.stderr.contains("--clear-fault"),
+        "{}",
+        ran.stderr
+    );
+    press(false);
+    let ran = sutura(&[
+        "run",
+        "--console",
+        &path,
+        "--seconds",
+        "0.2",
+        "--clear-fault",
+    ]);
+    assert_eq!(ran.code, 0, "{}", ran.stderr);
+}
