@@ -4,7 +4,7 @@
 
 use crate::exchange::Exchange;
 use crate::host_side::{Costs, Order, OrdersOut, Sample, Slot};
-use sutura_shared::control::{Control, TickInput, TickOutput};
+use sutura_shared::control::{Control, TICK_US, TickInput, TickOutput};
 use sutura_shared::simulated_console::SimulatedBoard;
 use sutura_shared::wire::message::Simulate;
 
@@ -48,6 +48,8 @@ pub struct ControlSide<'a, P> {
     fresh: bool,
     sample: &'a mut Sample,
     overrun: bool,
+    /// Console time of the last tick; 0 before the first.
+    last_us: u64,
     costs: Costs,
 }
 
@@ -68,6 +70,7 @@ impl<'a, P: Plant> ControlSide<'a, P> {
             fresh: false,
             sample,
             overrun: false,
+            last_us: 0,
             costs: Costs::default(),
         }
     }
@@ -95,6 +98,9 @@ impl<'a, P: Plant> ControlSide<'a, P> {
         let output = self.control.tick(&input, fresh);
         self.plant.write(&output);
         self.overrun = self.plant.overrun();
+        let late = self.last_us != 0 && input.now_us >= self.last_us + 2 * TICK_US;
+        self.costs.late = self.costs.late.wrapping_add(u32::from(late));
+        self.last_us = input.now_us;
         *self.sample = Sample {
             now_us: input.now_us,
             state: output.state,
@@ -241,6 +247,66 @@ mod tests {
             relaxation_per_s: 0.0,
             horizon_us: 60_000,
         }
+    }
+
+    /// A board on which ticks take as long as they are told to.
+    #[derive(Default)]
+    struct Slow {
+        now_us: u64,
+        /// What `read` was told.
+        told: Vec<bool>,
+        /// Durations of the ticks to come \[us\], from the end on.
+        durations_us: Vec<u64>,
+    }
+
+    impl Plant for Slow {
+        fn read(&mut self, overrun: bool) -> TickInput {
+            self.told.push(overrun);
+            TickInput {
+                now_us: self.now_us,
+                ..TickInput::default()
+            }
+        }
+
+        fn write(&mut self, _: &TickOutput) {
+            let took = self.durations_us.pop().unwrap_or(1000);
+            self.now_us += took.max(TICK_US);
+        }
+
+        fn overrun(&self) -> bool {
+            !self.now_us.is_multiple_of(TICK_US)
+        }
+
+        fn simulate(&mut self, _: &Simulate, _: &mut Control) {}
+    }
+
+    #[test]
+    fn overruns_reach_the_next_tick_and_late_ticks_are_counted() {
+        let mut queue = Orders::new();
+        let (_, orders_out) = queue.split();
+        let mut front = None;
+        let mut sample = Sample::BEFORE_THE_FIRST;
+        let control = Control::new(CARTESIAN_BENCH).expect("a valid device");
+        // On time; 0.2 ms over, so that the next one begins at once; a whole period lost; on time.
+        let plant = Slow {
+            now_us: 1000,
+            durations_us: std::vec![1000, 2000, 1800, 1200, 1000],
+            ..Slow::default()
+        };
+        let mut side = ControlSide::new(control, plant, orders_out, &mut front, &mut sample);
+        for _ in 0..6 {
+            side.tick();
+            side.finish(7);
+        }
+        assert_eq!(side.plant.told, [false, false, true, false, false, false]);
+        assert_eq!(
+            side.costs,
+            Costs {
+                overruns: 1,
+                late: 1,
+                cost_max: 7
+            }
+        );
     }
 
     /// The tasks' parts, run in the order of their priorities, are `SimulatedConsole` to the byte.
