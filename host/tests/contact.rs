@@ -596,6 +596,31 @@ fn wild_motion_never_breaks_the_solver() {
 }
 
 #[test]
+fn a_sphere_that_touches_too_much_says_so() {
+    let (mesh, bottom) = slab_mesh();
+    let tool = SphereTool {
+        radius_m: 0.4,
+        offset_m: [0.0; 3],
+    };
+    let mut bench = Bench::new(&mesh, &bottom, Loads::default(), &[(0, tool)]);
+    let mut state = State::new(&bench.model);
+    assert_eq!(bench.step(&mut state, at(0.0, 0.0, 0.41)).rows, 0);
+    let light = bench.step(&mut state, at(0.0, 0.0, 0.4 - 2e-4));
+    assert_eq!(light.status, Status::Ok);
+    let deep = bench.step(&mut state, at(0.0, 0.0, 0.4 - 8e-3));
+    assert_eq!(
+        (deep.status, deep.contacts().len()),
+        (Status::TooManyRows, 0)
+    );
+    let again = bench.step(&mut state, at(0.0, 0.0, 0.4 - 2e-4));
+    let (before, after) = (force(&contact(&light)), force(&contact(&again)));
+    assert!(
+        (before - after).norm() < 1e-9 * before.norm(),
+        "{before} and {after}"
+    );
+}
+
+#[test]
 fn a_first_sample_may_touch_but_not_be_inside() {
     let mut bench = Bench::slab([0.0; 3]);
     let press = at(0.003, 0.001, RADIUS - 0.006);
@@ -778,14 +803,12 @@ fn loads_and_handles_stay_while_a_tool_presses() {
     let (state, report) = bench.afresh(at(0.0, 0.0, 0.05), sample);
     bench.assert_balanced(&state, centre_of(&sample, [0.0; 3]), RADIUS);
     let solution = bench.model.equilibrium(&state).expect("a balance");
-    for axis in 0..3 {
-        let held: f64 = anchor
-            .vertices
-            .iter()
-            .zip(&anchor.weights)
+    for (axis, target) in target.into_iter().enumerate() {
+        let nodes = anchor.vertices.iter().zip(&anchor.weights);
+        let held: f64 = nodes
             .map(|(&node, weight)| weight * solution.displacement_m[node as usize][axis])
             .sum();
-        assert!((held - target[axis]).abs() < 1e-12);
+        assert!((held - target).abs() < 1e-12);
     }
     assert!(solution.residual < 1e-10);
     let mut plain = Bench::slab([0.0; 3]);
