@@ -156,3 +156,130 @@ fn outside(model: &Model, shape: &SphereTool, pose: &Pose) -> Pose {
         ..*pose
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::Document;
+    use std::path::Path;
+
+    const SLAB: &str = r#"
+[mesh.slab]
+size_m = [0.06, 0.06, 0.03]
+divisions = [12, 12, 6]
+
+[tissue]
+youngs_modulus_pa = 10e3
+poisson_ratio = 0.4
+
+[[fixed]]
+plane = { axis = "z", at_m = -0.03 }
+"#;
+    /// Pressed in by 3 mm, off the middle.
+    const TOOL: &str = "[[tool]]\nradius_m = 0.018\nposition_m = [0.004, 0.0, 0.015]\n";
+    /// The top drawn sideways.
+    const LOAD: &str = "[[load]]\non = { plane = { axis = \"z\", at_m = 0.0 } }\ntotal_force_n = [0.3, 0.0, 0.0]\n";
+
+    fn scene(parts: &[&str]) -> Scene {
+        let text = parts.concat();
+        Scene::read(
+            &Document::embedded("test.toml", Path::new(""), &text),
+            "test",
+        )
+        .expect("good")
+    }
+
+    /// A handle at the node of the slab nearest to `place`.
+    fn handle(place: [f64; 3], target: [f64; 3]) -> String {
+        let scene = scene(&[SLAB]);
+        let distance = |x: &[f64; 3]| (0..3).map(|i| (x[i] - place[i]).powi(2)).sum::<f64>();
+        let points = scene.mesh.points_m();
+        let node = (0..points.len())
+            .min_by(|a, b| distance(&points[*a]).total_cmp(&distance(&points[*b])))
+            .expect("the slab has nodes");
+        format!(
+            "[[handle]]\nname = \"pull\"\nvertices = [{node}]\nbarycentric = [1.0]\n\
+             target_displacement_m = {target:?}\n"
+        )
+    }
+
+    /// Distance of every node on the top from the sphere \[m\].
+    fn gaps(scene: &Scene, solution: &Solution) -> Vec<f64> {
+        let tool = scene.tools[0];
+        let centre = Vector3::from(tool.pose.expect("held").position_m);
+        let nodes = solution.points_m.iter().zip(&solution.displacement_m);
+        let top = nodes.filter(|(x, _)| x[2] > -1e-9);
+        top.map(|(x, u)| {
+            (Vector3::from(*x) + Vector3::from(*u) - centre).norm() - tool.shape.radius_m
+        })
+        .collect()
+    }
+
+    /// Handle, load and tool at once: each condition holds in the one field, and each has moved the
+    /// others' forces.
+    #[test]
+    fn handle_load_and_tool_hold_together() {
+        let target = [0.0, 0.0, 0.002];
+        let pull = handle([-0.02, 0.0, 0.0], target);
+        let all = scene(&[SLAB, TOOL, LOAD, &pull]);
+        let solution = solve(&all).expect("has a rest");
+        let node = all.loads.handles[0].anchor.vertices[0] as usize;
+        for axis in 0..3 {
+            assert!((solution.displacement_m[node][axis] - target[axis]).abs() < 1e-12);
+        }
+        let gaps = gaps(&all, &solution);
+        let touching = gaps.iter().filter(|gap| gap.abs() < 1e-9).count();
+        assert!(
+            gaps.iter().all(|gap| *gap > -1e-9),
+            "the sphere is in the tissue"
+        );
+        assert_eq!(touching, solution.tools[0].rows as usize);
+        assert!(touching > 3, "{touching}");
+        assert!(solution.residual < 1e-9, "{}", solution.residual);
+
+        let reaction = &solution.reactions[0];
+        assert_eq!(reaction.name.as_deref(), Some("pull"));
+        assert!(
+            reaction.force_n[2] > 0.0,
+            "pulled up: {:?}",
+            reaction.force_n
+        );
+        let alone = solve(&scene(&[SLAB, TOOL])).expect("has a rest");
+        let [with, without] = [&solution, &alone].map(|s| s.tools[0].force_n[2]);
+        assert!(without < 0.0 && with < 0.0, "pushed down: {with} {without}");
+        assert!(
+            (with / without - 1.0).abs() > 1e-3,
+            "not coupled: {with} {without}"
+        );
+    }
+
+    /// Force on the tissue and torque about the grip belong to one line of action: the grip held 20 mm
+    /// aside of the same sphere changes the torque by r x F and nothing else.
+    #[test]
+    fn the_torque_is_about_the_grip() {
+        let aside = TOOL.replace(
+            "position_m = [0.004",
+            "offset_m = [0.02, 0.0, 0.0]\nposition_m = [-0.016",
+        );
+        let [centred, aside] =
+            [TOOL, &aside].map(|tool| solve(&scene(&[SLAB, tool])).expect("has a rest"));
+        let (at_centre, at_grip) = (&centred.tools[0], &aside.tools[0]);
+        let force = Vector3::from(at_centre.force_n);
+        assert!((Vector3::from(at_grip.force_n) - force).norm() < 1e-9 * force.norm());
+        assert!(Vector3::from(at_centre.torque_nm).norm() < 1e-12);
+        let expected = Vector3::new(0.02, 0.0, 0.0).cross(&force);
+        assert!((Vector3::from(at_grip.torque_nm) - expected).norm() < 1e-9 * expected.norm());
+    }
+
+    #[test]
+    fn a_tool_held_far_too_deep_finds_no_rest() {
+        let deep = TOOL.replace("0.015]", "-0.012]");
+        let error = solve(&scene(&[SLAB, &deep])).expect_err("24 mm into 30 mm");
+        assert!(matches!(error, SolveError::NoRest(_)), "{error}");
+    }
+
+    #[test]
+    fn nothing_to_solve_is_said() {
+        assert!(matches!(solve(&scene(&[SLAB])), Err(SolveError::Nothing)));
+    }
+}

@@ -347,7 +347,8 @@ fn read_handle(
     let sum: f64 = weights.get_ref().iter().sum();
     let negative = weights.get_ref().iter().any(|w| *w < 0.0);
     // Coordinates written with seven digits still pass.
-    if negative || !((sum - 1.0).abs() <= 1e-6) {
+    let sums_to_one = (sum - 1.0).abs() <= 1e-6;
+    if negative || !sums_to_one {
         let message = format!("barycentric coordinates must be 0 or more and sum to 1, not {sum}");
         let help =
             "they weigh the vertices: [1.0] for a node, [0.5, 0.5] for the middle of an edge";
