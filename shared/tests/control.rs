@@ -252,7 +252,9 @@ fn force_is_limited_in_length_and_by_the_motors() {
 
 #[test]
 fn faults_latch_cut_the_torque_at_once_and_clear_only_without_their_cause() {
-    let cases: [(u16, fn(&mut Loop, bool)); 4] = [
+    /// Brings a cause about, or takes it away.
+    type Cause = fn(&mut Loop, bool);
+    let cases: [(u16, Cause); 4] = [
         (faults::E_STOP, |console, on| {
             console.input.emergency_stop = on
         }),
@@ -390,7 +392,8 @@ fn the_trace_is_repeatable_and_sees_signed_zeros() {
 #[test]
 fn unusable_devices_are_refused_by_name() {
     use sutura_shared::device::{DeviceDescription, Kinematics};
-    let cases: [(fn(&mut DeviceDescription), &str); 9] = [
+    type Spoil = fn(&mut DeviceDescription);
+    let cases: [(Spoil, &str); 9] = [
         (
             |d| d.joints[0].counts_per_unit = 0.0,
             "joint 0: counts_per_unit",

@@ -1,0 +1,279 @@
+//! Bounded by construction: whatever the encoders and the host send, the motors get little, and slowly.
+
+#![allow(clippy::unwrap_used, reason = "a test")]
+
+mod rig;
+
+use proptest::prelude::*;
+use rig::{arm, bench, frame};
+use sutura_shared::control::{
+    Control, MAX_HORIZON_US, STALE_DECAY_US, TICK_S, TickInput, TickOutput,
+};
+use sutura_shared::device::DeviceDescription;
+use sutura_shared::wire::Message;
+use sutura_shared::wire::message::{Command, Contact, Mode};
+
+/// Rounding of a handful of operations in single precision.
+const ROUNDING: f32 = 1e-5;
+
+/// What happens before one tick.
+#[derive(Clone, Debug)]
+struct Event {
+    counts: Counts,
+    contact: Option<(u64, Contact)>,
+    command: Option<Command>,
+    /// Emergency stop, board fault, overrun.
+    flags: [bool; 3],
+}
+
+#[derive(Clone, Debug)]
+enum Counts {
+    /// As a hand would move them.
+    Moved([i8; 3]),
+    /// As a broken cable would.
+    Anything([i32; 3]),
+}
+
+/// Up to `limit` in magnitude: any size, zeros of both signs and subnormals often.
+fn number(limit: f32) -> impl Strategy<Value = f32> {
+    let any = prop::num::f32::POSITIVE
+        | prop::num::f32::NEGATIVE
+        | prop::num::f32::SUBNORMAL
+        | prop::num::f32::ZERO;
+    let shrunk = any.prop_map(move |x| {
+        if x.abs() > limit {
+            limit.copysign(x)
+        } else {
+            x
+        }
+    });
+    prop_oneof![-limit..=limit, shrunk]
+}
+
+fn unit() -> impl Strategy<Value = [f32; 3]> {
+    let direction = prop::array::uniform3(-1.0_f64..1.0);
+    let long = direction.prop_filter("too short", |v| v.iter().map(|x| x * x).sum::<f64>() > 0.01);
+    long.prop_map(|v| {
+        let length = v.iter().map(|x| x * x).sum::<f64>().sqrt();
+        v.map(|x| (x / length) as f32)
+    })
+}
+
+fn contact() -> impl Strategy<Value = Contact> {
+    let place = prop_oneof![
+        prop::array::uniform3(-0.1_f32..0.1),
+        prop::array::uniform3(number(10.0))
+    ];
+    let wrench = prop::array::uniform6(prop_oneof![number(20.0), number(1e4)]);
+    let tangent = prop::collection::vec(prop_oneof![number(5000.0), number(1e7)], 21);
+    let gap = prop_oneof![
+        Just(0.0),
+        Just(-0.0),
+        0.0_f32..0.01,
+        number(10.0).prop_map(f32::abs)
+    ];
+    let horizon = prop_oneof![0..200_000_u32, any::<u32>()];
+    (
+        0..2_u8,
+        place,
+        wrench,
+        tangent,
+        gap,
+        unit(),
+        number(1000.0),
+        horizon,
+    )
+        .prop_map(
+            |(tool, position_m, wrench, tangent, gap_m, normal, relaxation, horizon_us)| Contact {
+                tool,
+                position_m,
+                orientation: [0.0, 0.0, 0.0, 1.0],
+                wrench,
+                tangent: tangent.try_into().unwrap(),
+                gap_m,
+                normal,
+                relaxation_per_s: relaxation.abs(),
+                horizon_us,
+            },
+        )
+}
+
+fn event() -> impl Strategy<Value = Event> {
+    let counts = prop_oneof![
+        200 => any::<[i8; 3]>().prop_map(Counts::Moved),
+        1 => any::<[i32; 3]>().prop_map(Counts::Anything),
+    ];
+    let age = prop_oneof![0..20_000_u64, 0..400_000_u64, any::<u64>()];
+    let command = prop_oneof![
+        5 => Just(Command::Arm),
+        1 => Just(Command::Disarm),
+        5 => Just(Command::ClearFault),
+    ];
+    let rarely = || prop::bool::weighted(0.005);
+    (
+        counts,
+        prop::option::weighted(0.2, (age, contact())),
+        prop::option::weighted(0.3, command),
+        (rarely(), rarely(), prop::bool::weighted(0.1)),
+    )
+        .prop_map(|(counts, contact, command, (stop, board, overrun))| Event {
+            counts,
+            contact,
+            command,
+            flags: [stop, board, overrun],
+        })
+}
+
+/// A control loop, and what has been asked of it.
+struct Run {
+    device: DeviceDescription,
+    control: Control,
+    input: TickInput,
+    sequence: u32,
+    before: Option<TickOutput>,
+}
+
+impl Run {
+    fn new(device: DeviceDescription) -> Self {
+        Run {
+            device,
+            control: Control::new(device).unwrap(),
+            input: TickInput::default(),
+            sequence: 0,
+            before: None,
+        }
+    }
+
+    fn tick(&mut self, event: &Event) -> TickOutput {
+        self.input.now_us += 1000;
+        let pairs = self.input.encoder_counts.iter_mut();
+        match event.counts {
+            Counts::Moved(steps) => {
+                pairs
+                    .zip(steps)
+                    .for_each(|(c, step)| *c = c.wrapping_add(i32::from(step) / 6));
+            }
+            Counts::Anything(counts) => self.input.encoder_counts = counts,
+        }
+        let [emergency_stop, board_fault, overrun] = event.flags;
+        self.input = TickInput {
+            emergency_stop,
+            board_fault,
+            overrun,
+            ..self.input
+        };
+        if let Some(command) = event.command {
+            self.control.command(command);
+        }
+        let fresh = event.contact.as_ref().map(|(age_us, body)| {
+            self.sequence += 1;
+            frame(
+                self.sequence,
+                self.input.now_us.saturating_sub(*age_us),
+                *body,
+            )
+        });
+        self.control.tick(&self.input, fresh.as_ref())
+    }
+
+    /// What must hold after every tick.
+    fn check(&mut self, output: &TickOutput) {
+        let state = &output.state;
+        // The host accepts it: finite, in range.
+        assert_eq!(state.check(), Ok(()), "{state:?}");
+        let square: f64 = state.force_n.iter().map(|f| f64::from(*f).powi(2)).sum();
+        let limit = self.device.max_force_n * (1.0 + ROUNDING);
+        assert!(square <= f64::from(limit).powi(2), "{state:?}");
+
+        let before = self.before.map_or([0.0; 3], |before| before.current_a);
+        for ((now, before), joint) in output.current_a.iter().zip(before).zip(&self.device.joints) {
+            assert!(now.abs() <= joint.max_current_a, "{state:?}");
+            let step_effort = (now - before) * joint.effort_per_amp;
+            let limit = joint.max_slew_per_s * TICK_S * (1.0 + ROUNDING) + ROUNDING;
+            let off = !output.amplifiers_on && *now == 0.0;
+            assert!(
+                off || step_effort.abs() <= limit,
+                "{before} {now} {state:?}"
+            );
+        }
+
+        let torque = matches!(state.mode, Mode::Armed | Mode::Decaying);
+        assert_eq!(output.amplifiers_on, torque);
+        assert_eq!(state.faults != 0, state.mode == Mode::Fault);
+        assert!(torque || (output.current_a == [0.0; 3] && state.force_n == [0.0; 3]));
+        let longest_us = MAX_HORIZON_US + STALE_DECAY_US;
+        assert!(state.contact_age_us < longest_us || state.force_n.map(f32::to_bits) == [0; 3]);
+        assert_eq!(state.current_a, output.current_a);
+        self.before = Some(*output);
+    }
+}
+
+/// Stands still and hears nothing.
+const SILENCE: Event = Event {
+    counts: Counts::Moved([0; 3]),
+    contact: None,
+    command: None,
+    flags: [false; 3],
+};
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 300, failure_persistence: None, ..ProptestConfig::default() })]
+
+    #[test]
+    fn anything_in_leaves_the_motors_bounded(
+        events in prop::collection::vec(event(), 1..400),
+        jointed in any::<bool>(),
+    ) {
+        let mut run = Run::new(if jointed { arm() } else { bench() });
+        for event in &events {
+            let output = run.tick(event);
+            run.check(&output);
+        }
+        // Silence: within the longest horizon and 30 ms there is no contact force left, whatever was
+        // there; and if there is torque, it only carries the weight.
+        for _ in 0..(MAX_HORIZON_US + STALE_DECAY_US) / 1000 {
+            let output = run.tick(&SILENCE);
+            run.check(&output);
+        }
+        let last = run.tick(&SILENCE);
+        prop_assert_eq!(last.state.force_n.map(f32::to_bits), [0; 3]);
+        for _ in 0..60 {
+            let output = run.tick(&SILENCE);
+            run.check(&output);
+        }
+        let settled = run.tick(&SILENCE);
+        let weight = {
+            let q: [f32; 3] = core::array::from_fn(|i| {
+                run.input.encoder_counts[i] as f32 * (1.0 / run.device.joints[i].counts_per_unit)
+            });
+            sutura_shared::kinematics::forward(&run.device, &q).weight_effort
+        };
+        for ((current_a, weight), joint) in settled.current_a.iter().zip(weight).zip(&run.device.joints) {
+            let carried = if settled.amplifiers_on { weight } else { 0.0 };
+            prop_assert!((current_a * joint.effort_per_amp - carried).abs() < 1e-5);
+        }
+    }
+}
+
+/// The strategies above reach what they are for: a test that never arms proves nothing.
+#[test]
+fn the_events_reach_torque_faults_and_limits() {
+    use proptest::strategy::ValueTree;
+    use proptest::test_runner::TestRunner;
+    let mut runner = TestRunner::deterministic();
+    let events = prop::collection::vec(event(), 400);
+    let (mut modes, mut limited, mut stepped) = ([0_u32; 5], 0, 0);
+    for _ in 0..40 {
+        let mut run = Run::new(bench());
+        for event in events.new_tree(&mut runner).unwrap().current() {
+            let output = run.tick(&event);
+            run.check(&output);
+            modes[output.state.mode as usize] += 1;
+            let square: f32 = output.state.force_n.iter().map(|f| f * f).sum();
+            limited += u32::from(square > 80.0);
+            stepped += u32::from(output.current_a.iter().any(|a| (a * 3.75).abs() > 1.9));
+        }
+    }
+    assert!(modes.iter().all(|ticks| *ticks > 30), "{modes:?}");
+    assert!(limited > 100 && stepped > 100, "{limited} {stepped}");
+}
