@@ -52,15 +52,27 @@ fn image_path(binary: &str) -> PathBuf {
 
 /// Builds one board's image, saying nothing when it is fresh.
 fn build(toolchain: &Toolchain, board: Board) -> Result<()> {
+    // Paths of this machine would end up in panic messages: sizes and epitaphs would differ between
+    // machines.
+    let remap = |from: PathBuf, to: &str| format!("--remap-path-prefix={}={to}", from.display());
+    let flags = [remap(cargo_home(), "cargo"), remap(root(), "sutura")].join(" ");
     // Cargo looks for `.cargo/config.toml` from the working folder on, not from the manifest.
     toolchain
         .cargo("build --release --locked --quiet --features")
         .arg(board.name())
         .arg("--target-dir")
         .arg(root().join("firmware/target"))
+        .env("RUSTFLAGS", flags)
         .within("firmware")
         .run()
         .with_context(|| format!("the image for {} does not build", board.name()))
+}
+
+/// Where cargo keeps the sources of dependencies.
+fn cargo_home() -> PathBuf {
+    let home = std::env::var_os("CARGO_HOME").map(PathBuf::from);
+    home.or_else(|| std::env::home_dir().map(|home| home.join(".cargo")))
+        .unwrap_or_default()
 }
 
 /// `cargo xtask firmware --board NAME`.

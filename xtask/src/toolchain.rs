@@ -90,7 +90,7 @@ impl Toolchain {
     pub fn cargo(&self, words: &str) -> Tool {
         match self {
             Self::Target => Tool::new(&format!("cargo {words}")),
-            Self::BuildStd { linker } => Tool::new(&format!("cargo {words} -Zbuild-std=core"))
+            Self::BuildStd { linker } => Tool::new(&format!("cargo -Zbuild-std=core {words}"))
                 .env("RUSTC", DEBIAN_RUSTC)
                 .env("RUSTC_BOOTSTRAP", "1")
                 .env("CARGO_TARGET_THUMBV7EM_NONE_EABIHF_LINKER", linker),
