@@ -109,7 +109,7 @@ fn check(path: &str, said: &Said) {
                 before.contact_age_us + 1000,
                 "nothing came"
             );
-            if state.contact_age_us >= horizon_us + STALE_DECAY_US as u32 {
+            if state.contact_age_us >= horizon_us + STALE_DECAY_US {
                 assert_eq!(
                     state.force_n, [0.0; 3],
                     "at an age of {} us",

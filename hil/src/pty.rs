@@ -76,7 +76,7 @@ impl Port for Pty {
                 &self.master,
                 rustix::event::PollFlags::IN,
             )];
-            rustix::event::poll(&mut fds, Some(&timeout)).or_else(|error| none_now(error))?;
+            rustix::event::poll(&mut fds, Some(&timeout)).or_else(none_now)?;
         }
         rustix::io::read(&self.master, into).or_else(none_now)
     }

@@ -152,7 +152,7 @@ fn plan(args: &RunArgs, scene: &Scene) -> Result<Plan, Failure> {
         seconds: args.seconds.unwrap_or(scene.seconds),
         tick_hz: TICK_HZ,
         state_every: 1,
-        horizon_us: Some(scene.host.horizon_us),
+        horizon_us: scene.host.horizon_us,
         clear_fault: args.clear_fault,
     })
 }

@@ -79,8 +79,9 @@ pub struct Pose {
 pub struct HostSettings {
     /// Solver steps a second \[Hz\].
     pub host_hz: f64,
-    /// How long the console may use a contact frame \[us\], from its console time.
-    pub horizon_us: u32,
+    /// How long the console may use a contact frame \[us\], from its console time; a session measures
+    /// what is needed if the scene does not say.
+    pub horizon_us: Option<u32>,
 }
 
 /// Reads and checks a scene file and every file that it names.

@@ -18,8 +18,6 @@ const SECONDS: f64 = 5.0;
 /// Solver steps a second when the scene does not say \[Hz\]: half of what a slab of some thousand nodes
 /// allows on a small desktop machine.
 const HOST_HZ: f64 = 200.0;
-/// Horizon when the scene does not say \[ms\]: a dozen steps at 200 Hz, two at 30 Hz.
-const HORIZON_MS: f64 = 60.0;
 /// What every console caps the horizon at \[ms\].
 const HORIZON_CAP_MS: f64 = 150.0;
 
@@ -122,19 +120,20 @@ fn read_host(document: &Document, file: &SceneFile) -> Result<HostSettings, Scen
         )?,
         None => HOST_HZ,
     };
-    let horizon_ms = match &file.host.horizon_ms {
-        Some(value) => document.number(
+    let horizon_us = match &file.host.horizon_ms {
+        Some(value) => Some(document.number(
             "horizon_ms",
             value,
             "more than 0 and at most 150",
             |ms| ms > 0.0 && ms <= HORIZON_CAP_MS,
             "two or three host periods; every console caps it at 150 ms",
-        )?,
-        None => HORIZON_MS,
-    };
+        )?),
+        None => None,
+    }
+    .map(|ms| (ms * 1e3) as u32);
     Ok(HostSettings {
         host_hz,
-        horizon_us: (horizon_ms * 1e3) as u32,
+        horizon_us,
     })
 }
 

@@ -66,7 +66,7 @@ fn every_value_arrives_where_it_belongs() {
         scene.host,
         HostSettings {
             host_hz: 120.0,
-            horizon_us: 45_000
+            horizon_us: Some(45_000)
         }
     );
     assert_eq!(scene.tools.len(), 1);

@@ -12,6 +12,7 @@ use crate::link::LinkCounters;
 use crate::step::Stages;
 use std::collections::BTreeMap;
 use std::time::Duration;
+use sutura_shared::simulated_console::REPORT_EVERY;
 use sutura_shared::wire::faults;
 use sutura_shared::wire::message::{Mode, Report, State};
 
@@ -151,6 +152,17 @@ impl Tally {
         }
     }
 
+    /// What the console had counted before the session: nothing if it had just booted, else what its first
+    /// report of the session says.
+    fn baseline(&self) -> Report {
+        let booted = self.first.is_some_and(|state| state.tick < REPORT_EVERY);
+        if booted {
+            Report::default()
+        } else {
+            self.first_report.unwrap_or_default()
+        }
+    }
+
     /// The session in numbers; the caller fills in what only it knows.
     pub fn summary(&self, link: &LinkCounters, tick_hz: u16) -> Summary {
         let us = |times: &Times, share, unit: f64| times.quantile(share) as f64 / unit;
@@ -161,7 +173,7 @@ impl Tally {
         let faults: Vec<String> = faults::names(self.last.map_or(0, |s| s.faults))
             .map(str::to_owned)
             .collect();
-        let console = since(self.first_report, self.last_report);
+        let console = since(self.baseline(), self.last_report.unwrap_or_default());
         let frames = Frames {
             sent: u64::from(link.frames.frames_sent),
             lost: u64::from(link.frames.frames_lost) + console.lost,
@@ -233,8 +245,7 @@ struct ConsoleCounts {
 }
 
 /// Difference of two reports: the console counts since its boot, over several sessions.
-fn since(first: Option<Report>, last: Option<Report>) -> ConsoleCounts {
-    let (first, last) = (first.unwrap_or_default(), last.unwrap_or_default());
+fn since(first: Report, last: Report) -> ConsoleCounts {
     let grown = |first: u32, last: u32| u64::from(last.wrapping_sub(first));
     ConsoleCounts {
         overruns: grown(first.tick_overruns, last.tick_overruns),
@@ -242,5 +253,116 @@ fn since(first: Option<Report>, last: Option<Report>) -> ConsoleCounts {
         lost: grown(first.frames_lost, last.frames_lost),
         rejected: grown(first.frames_rejected, last.frames_rejected),
         superseded: grown(first.frames_superseded, last.frames_superseded),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::step::{Status, ToolContact};
+
+    fn state(tick: u32, z: f32, force: f32) -> State {
+        State {
+            tick,
+            position_m: [0.0, 0.0, z],
+            orientation: [0.0, 0.0, 0.0, 1.0],
+            velocity_m_per_s: [0.0; 3],
+            force_n: [0.0, 0.0, force],
+            current_a: [0.0; 3],
+            mode: Mode::Armed,
+            faults: 0,
+            contact_sequence: 1,
+            contact_age_us: 4_000,
+            applied_age_us: 3_000,
+            trace_hash: 0x0123_4567_89ab_cdef,
+        }
+    }
+
+    /// A spring of 100 N/m: pressed 10 ticks of 1 mm, let go 10 ticks. Held over each tick, its force is late
+    /// by half a tick: pressing costs the hand 0.5 k (x^2 - x dx), letting go gives 0.5 k (x^2 + x dx), so that
+    /// k x dx = 1 mJ more comes back than went in (Colgate & Schenkel 1997).
+    #[test]
+    fn the_energy_of_a_held_spring_is_that_of_its_lateness() {
+        let mut tally = Tally::new(100.0);
+        let depths = (0..=10).chain((0..10).rev());
+        for (tick, depth) in (0..).zip(depths) {
+            tally.state(&state(tick, -1e-3 * depth as f32, 0.1 * depth as f32));
+        }
+        let summary = tally.summary(&LinkCounters::default(), 1000);
+        let expected = -100.0 * 0.01 * 0.001;
+        assert!(
+            (summary.energy_j.min - expected).abs() < 1e-8,
+            "{:?}",
+            summary.energy_j
+        );
+        assert!(
+            (summary.force_n.peak - 1.0).abs() < 1e-6,
+            "{:?}",
+            summary.force_n
+        );
+        assert_eq!((summary.ticks, summary.seconds), (21, 0.021));
+        assert_eq!(summary.trace_hash, "0123456789abcdef");
+    }
+
+    #[test]
+    fn counts_are_those_of_the_session() {
+        let report = |lost| Report {
+            frames_lost: lost,
+            ticks_late: 10 * lost,
+            ..Report::default()
+        };
+        let lost = |first_tick, reports: &[u32]| {
+            let mut tally = Tally::new(100.0);
+            tally.state(&state(first_tick, 0.0, 0.0));
+            reports.iter().for_each(|lost| tally.report(&report(*lost)));
+            let summary = tally.summary(&LinkCounters::default(), 1000);
+            (summary.frames.lost, summary.ticks_late)
+        };
+        assert_eq!(lost(3, &[2, 5]), (5, 50), "a console that has just booted");
+        assert_eq!(
+            lost(500_000, &[2, 5]),
+            (3, 30),
+            "one that had sessions before"
+        );
+        assert_eq!(lost(3, &[]), (0, 0));
+    }
+
+    #[test]
+    fn latency_is_counted_once_a_contact_and_decay_once_a_fall() {
+        let mut tally = Tally::new(100.0);
+        for (tick, contact, mode) in [
+            (0, 1, Mode::Armed),
+            (1, 1, Mode::Armed),
+            (2, 2, Mode::Armed),
+            (3, 2, Mode::Decaying),
+            (4, 2, Mode::Decaying),
+            (5, 3, Mode::Armed),
+        ] {
+            tally.state(&State {
+                contact_sequence: contact,
+                mode,
+                ..state(tick, 0.0, 0.0)
+            });
+        }
+        assert_eq!(tally.horizon.delays_us().count(), 2);
+        assert_eq!(tally.summary(&LinkCounters::default(), 1000).decays, 1);
+    }
+
+    #[test]
+    fn steps_that_are_not_sent_are_counted_by_their_reason() {
+        let mut tally = Tally::new(100.0);
+        let solved = |status, contact| Solved {
+            contact,
+            status,
+            stages: Stages::default(),
+        };
+        tally.step(
+            &solved(Status::Ok, Some(ToolContact::default())),
+            Duration::from_micros(200),
+        );
+        tally.step(&solved(Status::Waiting, None), Duration::from_micros(900));
+        let summary = tally.summary(&LinkCounters::default(), 1000);
+        assert_eq!(summary.steps_withheld, BTreeMap::from([("waiting", 1)]));
+        assert_eq!(summary.step_us.max, 900.0);
     }
 }
