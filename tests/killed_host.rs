@@ -124,7 +124,10 @@ fn check(path: &str, said: &Said) {
         .iter()
         .filter(|state| state.mode == Mode::Decaying)
         .count();
-    assert!(decaying > STALE_DECAY_US as usize / 1000, "{decaying} ticks");
+    assert!(
+        decaying > STALE_DECAY_US as usize / 1000,
+        "{decaying} ticks"
+    );
 
     let next = sutura(&[
         "run",

@@ -7,7 +7,7 @@ mod support;
 
 use std::ops::ControlFlow;
 use std::time::{Duration, Instant};
-use support::{Plane, force, force_at_rest, plan};
+use support::{DEPTH_M, PLANE_N_PER_M, Plane, force, force_at_rest, plan};
 use sutura_hil::{Meddler, VirtualConsole};
 use sutura_host::link::{Link, LinkOptions, Order};
 use sutura_host::session::{SessionError, run_real_time};
@@ -15,6 +15,9 @@ use sutura_shared::wire::message::{Mode, Simulate, State};
 
 /// Longer than any machine needs.
 const LONG: Duration = Duration::from_secs(60);
+
+/// What the plane gives at most \[N\]: where the hand wants to be, and a third more for its swing.
+const DEEPEST_N: f64 = 1.3 * DEPTH_M * PLANE_N_PER_M;
 
 /// States of a new session until one satisfies `enough`.
 fn look(console: &mut VirtualConsole, enough: impl Fn(&State) -> bool) -> State {
@@ -51,9 +54,15 @@ fn a_session_feels_the_plane_and_leaves_the_console_at_rest() {
     assert_eq!(summary.device, "cartesian-bench");
     // Both springs in series. Friction (0.15 N in the stage) holds the grip up to that far from balance;
     // one encoder count is 4 mN.
-    let peak = summary.force_n.peak;
-    let expected = force_at_rest();
-    assert!((peak - expected).abs() < 0.3, "{peak} N for {expected} N");
+    let (peak, expected) = (summary.force_n.peak, force_at_rest());
+    assert!(peak > expected - 0.3, "{peak} N for {expected} N");
+    // A machine so busy that the force had to decay lets the hand go deeper before it is back.
+    let most = if summary.decays == 0 {
+        expected + 0.3
+    } else {
+        DEEPEST_N
+    };
+    assert!(peak < most, "{peak} N for {expected} N");
     assert!(
         summary.latency_us.p50 >= 1000.0,
         "a contact cannot be used in its own state's tick"
@@ -127,8 +136,8 @@ fn a_bad_line_costs_frames_and_never_more_force() {
         summary.frames
     );
     assert_eq!((summary.mode.as_str(), summary.ticks), ("armed", 1500));
-    // Nothing of the noise is felt: no more force than the springs give, overshoot of the press included.
-    let bound = 1.3 * force_at_rest();
+    // Nothing of the noise is felt: no more force than the springs can give.
+    let bound = DEEPEST_N;
     assert!(
         summary.force_n.peak < bound && f64::from(largest) < bound,
         "{:?}",

@@ -5,7 +5,7 @@
 
 use super::setup::{Arming, ArmingWatch};
 use super::{Plan, Progress, SessionError, Solve, Summary, Tally, contact_frame};
-use crate::link::{Link, LinkOptions, Order, Port};
+use crate::link::{Link, LinkCounters, LinkOptions, Order, Port};
 use std::ops::ControlFlow;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -82,8 +82,15 @@ pub fn run_real_time(
     let wall_s = started.elapsed().as_secs_f64();
     let device = plan.device_name(link.console());
     let console = link.name().to_owned();
+    // What nobody takes while the console goes to rest was not superseded by anything.
+    let LinkCounters {
+        states_superseded, ..
+    } = link.counters();
     disarm(&link, &log);
-    let counters = link.close();
+    let counters = LinkCounters {
+        states_superseded,
+        ..link.close()
+    };
     let summary = lock(&log).tally.summary(&counters, plan.tick_hz);
     Ok(Summary {
         console,
