@@ -40,7 +40,11 @@ pub fn check() -> Result<()> {
             differences.join("\n")
         );
     }
-    eprintln!("{} packages below {SHARED} agree", workspace.len());
+    let both = workspace
+        .keys()
+        .filter(|name| firmware.contains_key(*name))
+        .count();
+    eprintln!("{both} packages below {SHARED} agree");
     Ok(())
 }
 
@@ -83,32 +87,22 @@ fn resolved(lock: &str, shared_manifest: &str) -> Result<Resolved> {
     Ok(found)
 }
 
+/// What both resolve, but differently. A package on one side only comes from features that the other side
+/// does not ask for: it cannot differ.
 fn compare(workspace: &Resolved, firmware: &Resolved) -> Vec<String> {
-    let nothing = BTreeSet::new();
-    let names: BTreeSet<&String> = workspace.keys().chain(firmware.keys()).collect();
     let versions = |set: &BTreeSet<String>| {
         let short: Vec<&str> = set
             .iter()
             .filter_map(|exact| exact.split(' ').next())
             .collect();
-        if short.is_empty() {
-            "nothing".to_owned()
-        } else {
-            short.join(" and ")
-        }
+        short.join(" and ")
     };
-    names
-        .into_iter()
-        .filter_map(|name| {
-            let here = workspace.get(name).unwrap_or(&nothing);
-            let there = firmware.get(name).unwrap_or(&nothing);
-            (here != there).then(|| {
-                format!(
-                    "  {name}: {} here, {} in firmware/",
-                    versions(here),
-                    versions(there)
-                )
-            })
+    workspace
+        .iter()
+        .filter_map(|(name, here)| {
+            let there = firmware.get(name).filter(|there| *there != here)?;
+            let (here, there) = (versions(here), versions(there));
+            Some(format!("  {name}: {here} here, {there} in firmware/"))
         })
         .collect()
 }
@@ -167,6 +161,15 @@ checksum = "ee"
             compare(&here, &other),
             ["  libm: 0.2.15 here, 0.2.16 in firmware/"]
         );
+    }
+
+    #[test]
+    fn a_package_that_only_features_of_one_side_need_does_not_count() {
+        let here = resolved(&lock("0.2.15", "1.0.0"), MANIFEST).expect("a lock file");
+        let mut there = here.clone();
+        there.remove("thiserror");
+        assert!(compare(&here, &there).is_empty());
+        assert!(compare(&there, &here).is_empty());
     }
 
     #[test]
