@@ -207,3 +207,47 @@ pub fn path(script: &HandScript, time_us: u32) -> (Vec3, Vec3) {
 fn micros(point: WayPoint) -> u32 {
     (point.time_s * 1e6) as u32
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::device::Kinematics;
+
+    /// A firm human hand on a light arm: what is left of the equation of one step, against its terms.
+    #[test]
+    fn the_sweeps_solve_a_step_to_round_off() {
+        let joint = |inertia| Joint {
+            counts_per_unit: 1e4,
+            zero_counts: 0,
+            effort_per_amp: 0.3,
+            max_current_a: 3.0,
+            max_slew_per_s: 300.0,
+            max_speed_per_s: 12.0,
+            inertia,
+            damping: 0.01,
+            coulomb: 0.0,
+        };
+        let device = DeviceDescription {
+            name: [0; 16],
+            kinematics: Kinematics::SerialArm {
+                shoulder_m: [0.0; 3],
+                upper_m: 0.22,
+                fore_m: 0.22,
+            },
+            joints: [joint(0.006), joint(0.006), joint(0.003)],
+            gravity_mass_kg: [0.0; JOINTS],
+            max_force_n: 2.0,
+        };
+        let mut arm = VirtualDevice::new(&device);
+        let pose = forward(&device, &[0.3, 0.8, -1.4]);
+        let (dt, hand) = (125e-6, 125e-6 * (40.0 + 125e-6 * 2000.0));
+        let impulse = [1e-3, -2e-3, 1.5e-3];
+        arm.solve_velocity(&pose, &impulse, hand, dt);
+        let grip = pose.effort(&(pose.velocity(&arm.dq) * hand));
+        for i in 0..JOINTS {
+            let own = (device.joints[i].inertia + dt * 0.01) * arm.dq[i];
+            let rest = own + grip[i] - impulse[i];
+            assert!(rest.abs() < 2e-6 * 1e-3, "{i}: {rest:e}");
+        }
+    }
+}

@@ -188,6 +188,55 @@ fn older_data_and_other_tools_do_not_replace_what_is_in_use() {
     assert_eq!(console.contact(other).state.contact_sequence, used);
 }
 
+/// Newer than what is in use, and yet too late: what is in use goes on by itself.
+#[test]
+fn data_that_comes_after_its_horizon_is_not_used() {
+    let mut console = pressed_in();
+    for _ in 0..100 {
+        console.contact(wall(WALL, INSIDE));
+    }
+    let used = console.wait(20).state;
+    let late = Contact {
+        horizon_us: 9_000,
+        wrench: [5.0, 0.0, 5.0, 0.0, 0.0, 0.0],
+        ..wall(WALL, INSIDE)
+    };
+    let solved_us = console.input.now_us - 9_000;
+    let after = console.tick_with(Some((solved_us, late))).state;
+    assert_eq!(after.contact_sequence, used.contact_sequence);
+    assert_eq!(after.mode, Mode::Armed);
+    assert!((after.force_n[2] - used.force_n[2]).abs() < 1e-5 && after.force_n[0] == 0.0);
+    assert_eq!(after.contact_age_us, used.contact_age_us + 1000);
+    // Nor does it arm a console's force for the first time.
+    let mut console = pressed_in();
+    console.wait(20);
+    let solved_us = console.input.now_us - 9_000;
+    let first = console.tick_with(Some((solved_us, late))).state;
+    assert_eq!((first.mode, first.contact_age_us), (Mode::Armed, u32::MAX));
+}
+
+#[test]
+fn the_first_force_after_arming_is_nothing_whatever_was_known_before() {
+    let mut console = Loop::new(bench());
+    console.place(2, -1e-3);
+    console.tick();
+    console.contact(wall(WALL, INSIDE));
+    console.wait(60);
+    console.control.command(Command::Arm);
+    let armed = console.tick();
+    assert_eq!(armed.state.mode, Mode::Armed);
+    assert!(renders_nothing(&armed));
+    // A tenth of 1 N comes back in a millisecond.
+    let next = console.tick();
+    assert!((next.state.force_n[2] - 0.0952).abs() < 0.002, "{next:?}");
+    // What is too old when the console is armed is no contact at all.
+    console.control.command(Command::Disarm);
+    console.wait(300);
+    console.control.command(Command::Arm);
+    let armed = console.tick().state;
+    assert_eq!((armed.mode, armed.contact_sequence), (Mode::Armed, 0));
+}
+
 /// At a swap the force is continuous whatever the new model says; the first force after arming is 0.
 #[test]
 fn a_swap_makes_no_step() {
@@ -276,6 +325,10 @@ fn faults_latch_cut_the_torque_at_once_and_clear_only_without_their_cause() {
     for (fault, present) in cases {
         let mut console = Loop::armed(bench());
         console.wait(20);
+        assert_ne!(
+            console.contact(wall(WALL, INSIDE)).state.contact_sequence,
+            0
+        );
         present(&mut console, true);
         let output = console.tick();
         assert_eq!(
@@ -283,6 +336,7 @@ fn faults_latch_cut_the_torque_at_once_and_clear_only_without_their_cause() {
             (Mode::Fault, fault)
         );
         assert!(!output.amplifiers_on && output.current_a == [0.0; 3]);
+        assert_eq!(output.state.contact_sequence, 0);
         // Neither time nor orders nor contacts help while the cause is there.
         for order in [Command::Arm, Command::ClearFault, Command::Disarm] {
             console.control.command(order);

@@ -63,7 +63,7 @@ pub fn arm() -> DeviceDescription {
             joint(0.003, 0.008, 0.010),
         ],
         gravity_mass_kg: [0.0, 0.06, 0.04],
-        max_force_n: 2.3,
+        max_force_n: 2.0,
     }
 }
 
