@@ -52,6 +52,8 @@ fn close(found: [f32; 3], expected: [f64; 3], tolerance: f64) -> bool {
 }
 
 proptest! {
+    #![proptest_config(ProptestConfig { failure_persistence: None, ..ProptestConfig::default() })]
+
     #[test]
     fn an_arm_agrees_with_double_precision(q in prop::array::uniform3(-7.0_f32..7.0)) {
         let device = arm();
