@@ -241,7 +241,7 @@ fn bench(words: &[&str]) -> Tool {
 fn count_instructions() -> Result<BTreeMap<String, u64>> {
     eprintln!("counting instructions under QEMU");
     let tool = bench(&[]);
-    let again = tool.shown().to_owned();
+    let again = tool.shown();
     let output = tool.output().context("the bench image failed under QEMU")?;
     let mut counts = BTreeMap::new();
     for line in output.lines().filter(|line| line.starts_with('{')) {

@@ -15,7 +15,10 @@ pub fn root() -> PathBuf {
 /// A command line that can be shown and run.
 pub struct Tool {
     command: Command,
+    /// Environment, then program and arguments.
     shown: String,
+    /// Working folder, if not the root.
+    folder: Option<String>,
 }
 
 impl Tool {
@@ -27,6 +30,7 @@ impl Tool {
         Self {
             command,
             shown: words.to_owned(),
+            folder: None,
         }
     }
 
@@ -46,14 +50,17 @@ impl Tool {
 
     /// Runs with another working folder, relative to the root of the checkout.
     pub fn within(mut self, folder: &str) -> Self {
-        self.shown = format!("(cd {folder} && {})", self.shown);
+        self.folder = Some(folder.to_owned());
         self.command.current_dir(root().join(folder));
         self
     }
 
     /// The command line, to be typed from the root of the checkout.
-    pub fn shown(&self) -> &str {
-        &self.shown
+    pub fn shown(&self) -> String {
+        match &self.folder {
+            Some(folder) => format!("(cd {folder} && {})", self.shown),
+            None => self.shown.clone(),
+        }
     }
 
     /// Runs to the end; what it writes goes to stderr.
@@ -63,12 +70,13 @@ impl Tool {
 
     /// Runs to the end and gives each line of its stdout to `see`; its stderr passes through.
     pub fn run_lines(mut self, mut see: impl FnMut(&str)) -> Result<()> {
+        let shown = self.shown();
         let mut child = self
             .command
             .stdin(Stdio::null())
             .stdout(Stdio::piped())
             .spawn()
-            .with_context(|| format!("cannot start `{}`", self.shown))?;
+            .with_context(|| format!("cannot start `{shown}`"))?;
         if let Some(stdout) = child.stdout.take() {
             for line in BufReader::new(stdout).lines() {
                 see(&line?);
@@ -76,26 +84,22 @@ impl Tool {
         }
         let status = child.wait()?;
         if !status.success() {
-            bail!("`{}` failed ({status})", self.shown);
+            bail!("`{shown}` failed ({status})");
         }
         Ok(())
     }
 
     /// Runs to the end without showing anything; its stdout, if it succeeded.
     pub fn output(mut self) -> Result<String> {
+        let shown = self.shown();
         let output = self
             .command
             .stdin(Stdio::null())
             .output()
-            .with_context(|| format!("cannot start `{}`", self.shown))?;
+            .with_context(|| format!("cannot start `{shown}`"))?;
         if !output.status.success() {
             let stderr = String::from_utf8_lossy(&output.stderr);
-            bail!(
-                "`{}` failed ({}): {}",
-                self.shown,
-                output.status,
-                stderr.trim()
-            );
+            bail!("`{shown}` failed ({}): {}", output.status, stderr.trim());
         }
         Ok(String::from_utf8_lossy(&output.stdout).into_owned())
     }

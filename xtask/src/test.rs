@@ -65,7 +65,7 @@ impl Tally {
     /// Runs programs, one after the other, as one step.
     fn tools(&mut self, name: &str, tools: impl IntoIterator<Item = Tool>) -> Result<()> {
         let tools: Vec<Tool> = tools.into_iter().collect();
-        let again: Vec<String> = tools.iter().map(|tool| tool.shown().to_owned()).collect();
+        let again: Vec<String> = tools.iter().map(Tool::shown).collect();
         self.step(name, &again.join(" && "), |tally| {
             tools.into_iter().try_for_each(|tool| {
                 tool.run_lines(|line| {
@@ -182,6 +182,16 @@ mod tests {
             "test result: FAILED. 12 passed; 2 failed; 0 ignored; 0 measured; 0 filtered out",
         );
         assert_eq!((tally.passed, tally.failed), (15, 2));
+    }
+
+    #[test]
+    fn a_command_line_is_shown_as_it_is_typed() {
+        let tool = Tool::new("cargo clippy")
+            .within("firmware")
+            .env("A", "b c")
+            .arg("--")
+            .arg("-D");
+        assert_eq!(tool.shown(), "(cd firmware && A='b c' cargo clippy -- -D)");
     }
 
     #[test]
