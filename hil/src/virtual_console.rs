@@ -8,7 +8,9 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
-use sutura_host::link::{LinkError, PipeEnd, Port, nonce, open_serial};
+#[cfg(unix)]
+use sutura_host::link::open_serial;
+use sutura_host::link::{LinkError, PipeEnd, Port, nonce};
 use sutura_shared::device::DeviceDescription;
 use sutura_shared::simulated_console::{Pace, SimulatedConsole};
 
@@ -61,7 +63,7 @@ impl VirtualConsole {
     /// Opens the host's end, as a host would.
     ///
     /// # Errors
-    /// See [`open_serial`]; a pipe in memory can be opened once.
+    /// See [`sutura_host::link::open_serial`]; a pipe in memory can be opened once.
     pub fn host_port(&mut self) -> Result<Box<dyn Port>, LinkError> {
         match &mut self.host_end {
             #[cfg(unix)]

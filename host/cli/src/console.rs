@@ -1,8 +1,7 @@
 //! `sutura console`: a virtual console as a process of its own, which outlives any host.
 
+use crate::Global;
 use crate::failure::{Cause, Failure};
-use crate::signals::stop_on_signals;
-use crate::{Format, Global};
 use clap::Args;
 use std::path::PathBuf;
 
@@ -33,7 +32,9 @@ Examples:
 /// A device file that cannot be used; no pseudo-terminal; a link that cannot be made.
 #[cfg(unix)]
 pub fn run(args: &ConsoleArgs, global: &Global) -> Result<(), Failure> {
+    use crate::Format;
     use crate::run::link_failure;
+    use crate::signals::stop_on_signals;
     use std::io::Write;
     use std::sync::atomic::{AtomicBool, Ordering};
     use sutura_hil::VirtualConsole;

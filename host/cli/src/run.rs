@@ -92,6 +92,7 @@ const UART_HZ: f64 = 30.0;
 const UART_STATE_EVERY: u16 = 10;
 /// Wall-clock time that an emulated session may take besides its console time \[s\]: the session runs faster
 /// than that, but the emulator must end some time.
+#[cfg(unix)]
 const EMULATOR_SPARE: Duration = Duration::from_secs(120);
 
 /// Runs the session and prints its summary.
