@@ -135,11 +135,75 @@ fn a_missed_budget_has_its_own_exit_code_and_still_a_summary() {
     assert!(ran.stderr.contains("budget"), "{}", ran.stderr);
 }
 
+/// Static solve of the scene by other means (see tests/data/README.md), with the hand's spring and no friction.
+/// 2 %: the virtual console's joints have Coulomb friction, which takes its share of the hand's push where it rests.
+#[test]
+fn the_peak_agrees_with_an_independent_solve() {
+    let reference = include_str!("data/palpation-peak.json");
+    let reference: Value = serde_json::from_str(reference).unwrap();
+    let expected = reference["force_n"].as_f64().unwrap();
+    let peak = run(&[])["force_n"]["peak"].as_f64().unwrap();
+    assert!(
+        (peak - expected).abs() <= 0.02 * expected,
+        "{peak} N, not {expected} N"
+    );
+}
+
+/// A hand that presses so deep that no balance is found: the console decays, lets go, and that ends the session,
+/// which does not pass for a success.
+#[test]
+fn a_console_that_lets_go_ends_the_session() {
+    let text = std::fs::read_to_string(support::root().join("scenes/palpation.toml")).unwrap();
+    let deep = text
+        .replace(
+            "position_m = [0.0, 0.0, 0.0]",
+            "position_m = [0.0, 0.0, -0.025]",
+        )
+        .replace("stiffness_n_per_m = 1000.0", "stiffness_n_per_m = 2000.0");
+    let file = std::env::temp_dir().join(format!("sutura-deep-{}.toml", std::process::id()));
+    std::fs::write(&file, deep).unwrap();
+    let scene = file.to_str().unwrap();
+    for mode in [&["--lockstep"][..], &[]] {
+        let ran = sutura(&[&["run", scene, "--format", "json"], mode].concat());
+        assert_eq!(ran.code, 1, "{mode:?}: {}", ran.stderr);
+        let summary: Value = serde_json::from_str(&ran.stdout).unwrap();
+        assert_eq!(summary["mode"], "idle", "{mode:?}");
+        assert!(summary["ticks"].as_u64().unwrap() < 5000, "{mode:?}");
+        assert!(ran.stderr.contains("let go"), "{}", ran.stderr);
+    }
+    let _ = std::fs::remove_file(&file);
+}
+
+/// `sutura run --stream | head -1`: the session ends in order instead of by a panic.
+#[test]
+fn a_reader_that_goes_away_ends_the_session() {
+    use std::io::BufRead;
+    use std::process::{Command, Stdio};
+    for mode in [&["--lockstep"][..], &[]] {
+        let mut child = Command::new(env!("CARGO_BIN_EXE_sutura"))
+            .args([&["run", "--stream"], mode].concat())
+            .current_dir(support::root())
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped())
+            .spawn()
+            .unwrap();
+        let mut line = String::new();
+        let mut reader = std::io::BufReader::new(child.stdout.take().unwrap());
+        reader.read_line(&mut line).unwrap();
+        drop(reader);
+        let ended = child.wait_with_output().unwrap();
+        let stderr = String::from_utf8_lossy(&ended.stderr);
+        assert_eq!(ended.status.code(), Some(0), "{mode:?}: {stderr}");
+        assert!(!stderr.contains("panicked"), "{stderr}");
+    }
+}
+
 #[test]
 fn what_cannot_be_is_refused_before_anything_runs() {
     for (arguments, part) in [
         (&["run", "--host-hz", "2000"][..], "1 to 1000"),
         (&["run", "--seconds=-1"], "above 0"),
+        (&["run", "--seconds", "1e300"], "a day"),
         (&["run", "--tissue", "jelly"], "linear"),
         (
             &["run", "--lockstep", "--console", "/dev/ttyACM0"],

@@ -134,7 +134,7 @@ pub fn run(args: &BenchArgs, global: &Global) -> Result<(), Failure> {
         cases: cases?,
     };
     match global.format {
-        Format::Json => println!("{}", serde_json::json!(report)),
+        Format::Json => say!("{}", serde_json::json!(report)),
         Format::Text => print_text(&report),
     }
     Ok(())
@@ -305,8 +305,8 @@ fn print_text(report: &Report) {
         arch,
         build,
     } = &report.machine;
-    println!("{cpu}, {threads} threads, {os} {arch}, {build} build; times in us");
-    println!(
+    say!("{cpu}, {threads} threads, {os} {arch}, {build} build; times in us");
+    say!(
         "{:<32} {:>6} {:>6} {:>5}  {:>7} {:>15} {:>7}  {:>6} {:>7} {:>6} {:>6}  {:>8} {:>7} {:>9} {:>6}",
         "scene",
         "nodes",
@@ -326,7 +326,7 @@ fn print_text(report: &Report) {
     );
     for case in &report.cases {
         let [low, high] = case.step_us.p50_range;
-        println!(
+        say!(
             "{:<32} {:>6} {:>6} {:>5}  {:>7.1} {:>15} {:>7.1}  {:>6.1} {:>7.1} {:>6.1} {:>6.1}  {:>8.0} {:>7.0} {:>9.0} {:>6.1}",
             case.scene,
             case.nodes,
@@ -345,7 +345,7 @@ fn print_text(report: &Report) {
             case.memory_mb
         );
         if case.steps_not_ok > 0 {
-            println!(
+            say!(
                 "  {} of its steps did not end in balance",
                 case.steps_not_ok
             );

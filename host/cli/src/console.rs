@@ -52,8 +52,8 @@ pub fn run(args: &ConsoleArgs, global: &Global) -> Result<(), Failure> {
         .as_ref()
         .map_or(path.clone(), |link| link.0.display().to_string());
     match global.format {
-        Format::Json => println!("{}", serde_json::json!({ "port": port, "terminal": path })),
-        Format::Text => println!("{port}"),
+        Format::Json => say!("{}", serde_json::json!({ "port": port, "terminal": path })),
+        Format::Text => say!("{port}"),
     }
     // Whoever started this as a child waits for the line.
     let _ = std::io::stdout().flush();

@@ -3,10 +3,22 @@
 //! Entry points: [`Display`], [`table`], [`json`].
 
 use crate::Format;
+use crate::failure::Cause;
 use indicatif::{ProgressBar, ProgressStyle};
-use std::fmt::Write;
-use std::io::IsTerminal;
+use std::fmt::{Arguments, Write as _};
+use std::io::{self, IsTerminal, Write as _};
 use sutura_host::session::{Progress, Summary, mode_word};
+
+/// A line on stdout. That nobody reads it is not a failure; a full disk ends the command with code 1.
+pub fn say(text: Arguments<'_>) {
+    match writeln!(io::stdout(), "{text}") {
+        Err(error) if error.kind() != io::ErrorKind::BrokenPipe => {
+            eprintln!("the result cannot be written: {error}");
+            std::process::exit(i32::from(Cause::Failed.code()));
+        }
+        _ => {}
+    }
+}
 
 /// Shows how far a session is.
 pub struct Display {
@@ -20,7 +32,7 @@ const PER_SECOND: f64 = 1000.0;
 impl Display {
     /// A bar if stderr is a terminal, lines of JSON if `stream`.
     pub fn new(stream: bool, format: Format) -> Display {
-        let visible = std::io::stderr().is_terminal() && !(stream && format == Format::Text);
+        let visible = io::stderr().is_terminal() && !(stream && format == Format::Text);
         let style = ProgressStyle::with_template("{elapsed_precise} {bar:32} {msg}");
         let bar = visible.then(|| {
             ProgressBar::new(0).with_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()))
@@ -29,7 +41,10 @@ impl Display {
     }
 
     /// Shows one note.
-    pub fn show(&mut self, note: &Progress<'_>) {
+    ///
+    /// # Errors
+    /// When nobody reads the stream any more.
+    pub fn show(&mut self, note: &Progress<'_>) -> io::Result<()> {
         let force_n = note
             .state
             .force_n
@@ -56,8 +71,9 @@ impl Display {
                 "age_ms": (note.state.contact_age_us != u32::MAX).then(|| f64::from(note.state.contact_age_us) / 1e3),
                 "ticks_late": note.report.map(|report| report.ticks_late),
             });
-            println!("{object}");
+            writeln!(io::stdout(), "{object}")?;
         }
+        Ok(())
     }
 
     /// Takes the bar away.

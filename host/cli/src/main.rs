@@ -2,6 +2,13 @@
 //!
 //! Results go to stdout, logs and progress to stderr. Exit codes: see [`failure::Cause`].
 
+/// A line on stdout, as `println!` but without its panic: whoever reads may have closed the pipe.
+macro_rules! say {
+    ($($text:tt)*) => {
+        $crate::display::say(format_args!($($text)*))
+    };
+}
+
 mod bench;
 mod console;
 mod device;
@@ -120,6 +127,6 @@ fn tell(failure: &Failure, format: Format) {
             "message": failure.report.to_string(),
             "help": failure.report.help().map(|h| h.to_string()),
         });
-        println!("{object}");
+        say!("{object}");
     }
 }

@@ -11,7 +11,7 @@ use std::sync::atomic::Ordering;
 use std::time::Duration;
 use sutura_hil::{NativeConsole, VirtualConsole};
 use sutura_host::link::{LinkError, LinkOptions, LockstepConsole, Port, open_serial};
-use sutura_host::scene::{Scene, position_at};
+use sutura_host::scene::{LONGEST_S, Scene, position_at};
 use sutura_host::session::{
     Plan, Progress, SessionError, Solve, Summary, TissueSolver, run_lockstep, run_real_time,
 };
@@ -28,7 +28,7 @@ pub struct RunArgs {
     #[arg(long, value_name = "CONSOLE", default_value = "virtual")]
     pub console: String,
     /// Length of the session by the console's clock [s]; the scene's when left out.
-    #[arg(long, value_name = "S", value_parser = positive)]
+    #[arg(long, value_name = "S", value_parser = seconds)]
     pub seconds: Option<f64>,
     /// Tissue model, in place of the scene's.
     #[arg(long, value_name = "NAME")]
@@ -77,6 +77,13 @@ fn positive(text: &str) -> Result<f64, String> {
     }
 }
 
+fn seconds(text: &str) -> Result<f64, String> {
+    match positive(text) {
+        Ok(value) if value > LONGEST_S => Err(format!("must be at most {LONGEST_S}, a day")),
+        other => other,
+    }
+}
+
 fn host_rate(text: &str) -> Result<f64, String> {
     match text.parse::<f64>() {
         Ok(value) if (1.0..=f64::from(TICK_HZ)).contains(&value) => Ok(value),
@@ -113,8 +120,8 @@ pub fn run(args: &RunArgs, global: &Global) -> Result<(), Failure> {
     let stop = stop_on_signals()?;
     let mut display = Display::new(args.stream, global.format);
     let mut progress = |note: &Progress<'_>| {
-        display.show(note);
-        if stop.load(Ordering::Relaxed) {
+        let heard = display.show(note).is_ok();
+        if !heard || stop.load(Ordering::Relaxed) {
             ControlFlow::Break(())
         } else {
             ControlFlow::Continue(())
@@ -124,8 +131,8 @@ pub fn run(args: &RunArgs, global: &Global) -> Result<(), Failure> {
     display.finish();
     let summary = summary?;
     match global.format {
-        Format::Json => println!("{}", display::json(&summary)),
-        Format::Text => print!("{}", display::table(&summary)),
+        Format::Json => say!("{}", display::json(&summary)),
+        Format::Text => say!("{}", display::table(&summary).trim_end()),
     }
     verdict(args, &summary)
 }
@@ -308,6 +315,11 @@ fn verdict(args: &RunArgs, summary: &Summary) -> Result<(), Failure> {
         );
         let help = "remove the cause, then run again with --clear-fault";
         return Err(Failure::say(Cause::Fault, message, help).after_summary());
+    }
+    if summary.mode == "idle" {
+        let message = "the console let go: no contact that it could use came for too long";
+        let help = "see which steps were withheld and why: a hand that presses less deep, or a lower --host-hz";
+        return Err(Failure::say(Cause::Failed, message, help).after_summary());
     }
     if let Some(budget_ms) = args.budget_ms
         && summary.step_us.p99 > 1e3 * budget_ms

@@ -90,30 +90,30 @@ fn print_json(args: &SolveArgs, solution: &Solution) {
         "tools": solution.tools,
         "residual": solution.residual,
     });
-    println!("{object}");
+    say!("{object}");
 }
 
 fn print_text(args: &SolveArgs, solution: &Solution) {
-    println!("{}: {} tissue at rest", solution.scene, solution.tissue);
-    println!("  nodes              {:>10}", solution.points_m.len());
-    println!("  cells              {:>10}", solution.cells.len());
-    println!(
+    say!("{}: {} tissue at rest", solution.scene, solution.tissue);
+    say!("  nodes              {:>10}", solution.points_m.len());
+    say!("  cells              {:>10}", solution.cells.len());
+    say!(
         "  displaced at most  {:>10.4} mm",
         1e3 * largest_m(solution)
     );
-    println!("  residual           {:>10.1e}", solution.residual);
+    say!("  residual           {:>10.1e}", solution.residual);
     for reaction in &solution.reactions {
         let name = reaction
             .name
             .clone()
             .unwrap_or_else(|| reaction.handle.to_string());
-        println!(
+        say!(
             "  handle {name}: force on the tissue {} N",
             vector(&reaction.force_n)
         );
     }
     for tool in &solution.tools {
-        println!(
+        say!(
             "  tool {}: force on the tissue {} N, {} vertices touched, gap {:.3} mm",
             tool.tool,
             vector(&tool.force_n),
@@ -121,7 +121,7 @@ fn print_text(args: &SolveArgs, solution: &Solution) {
             1e3 * tool.gap_m
         );
     }
-    println!("written to {}", args.out.display());
+    say!("written to {}", args.out.display());
 }
 
 fn vector([x, y, z]: &[f64; 3]) -> String {

@@ -13,6 +13,7 @@ pub use device::{BUILT_IN as BUILT_IN_DEVICES, read_device};
 pub use document::{Document, Flaw, SceneError};
 pub use file::TissueModel;
 pub use hand::position_at;
+pub use read::LONGEST_S;
 
 use crate::fem::{Loads, Material};
 use crate::mesh::TetMesh;

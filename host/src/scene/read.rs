@@ -15,6 +15,8 @@ use toml::Spanned;
 
 /// Length of a session when the scene does not say \[s\].
 const SECONDS: f64 = 5.0;
+/// Longest session \[s\]: a day, which the console's 32-bit tick count holds.
+pub const LONGEST_S: f64 = 86_400.0;
 /// Solver steps a second when the scene does not say \[Hz\]: half of what a slab of some thousand nodes
 /// allows on a small desktop machine.
 const HOST_HZ: f64 = 200.0;
@@ -104,7 +106,7 @@ fn read_seconds(document: &Document, file: &SceneFile) -> Result<f64, SceneError
         "seconds",
         value,
         "more than 0 and at most 86400",
-        |s| s > 0.0 && s <= 86400.0,
+        |s| s > 0.0 && s <= LONGEST_S,
         help,
     )
 }

@@ -9,7 +9,7 @@ use crate::link::{LinkCounters, LinkError, LockstepConsole, Order};
 use std::ops::ControlFlow;
 use std::time::Instant;
 use sutura_shared::link::{HostEvent, HostLink};
-use sutura_shared::wire::message::{Command, Contact, Hello, State};
+use sutura_shared::wire::message::{Command, Contact, Hello, Mode, State};
 use sutura_shared::wire::{MAX_FRAME, Message, Valid};
 
 /// Exchanges within which the console must answer a `Hello`.
@@ -188,6 +188,10 @@ pub fn run_lockstep(
         }
         let first = tally.last().is_none();
         tally.state(state.body());
+        if state.body().mode == Mode::Idle {
+            // Contacts stayed away for so long that the console disarmed itself.
+            break;
+        }
         if starts || first {
             let before = Instant::now();
             let solved = solver.solve(&state);

@@ -32,6 +32,8 @@ struct Log {
     tally: Tally,
     /// Whether the console has been armed in this session; what was before is not counted.
     armed: bool,
+    /// Whether the console has gone to rest, by itself or as it was told; what comes then is not counted.
+    over: bool,
     /// The newest state, counted or not.
     newest: Option<(State, Instant)>,
     reports: u64,
@@ -54,6 +56,7 @@ pub fn run_real_time(
     let log = Arc::new(Mutex::new(Log {
         tally: Tally::new(plan.host_hz),
         armed: false,
+        over: false,
         newest: None,
         reports: 0,
         ticks: plan.ticks(),
@@ -65,6 +68,8 @@ pub fn run_real_time(
     }
     let stop = AtomicBool::new(false);
     let ended = std::thread::scope(|scope| {
+        // However this ends, by a panic too: the scope waits for the solver.
+        let stopping = Stopping(&stop);
         let solving = std::thread::Builder::new()
             .name("sutura-solve".to_owned())
             .spawn_scoped(scope, || solve_until(&stop, &link, plan, &log, solver));
@@ -72,7 +77,7 @@ pub fn run_real_time(
             Ok(solving) => watch(&link, plan, &log, &mut progress, || solving.is_finished()),
             Err(_) => Err(SessionError::Solver),
         };
-        stop.store(true, Ordering::Relaxed);
+        drop(stopping);
         match solving.map(std::thread::ScopedJoinHandle::join) {
             Ok(Ok(())) => ended,
             _ => Err(SessionError::Solver),
@@ -86,6 +91,7 @@ pub fn run_real_time(
     let LinkCounters {
         states_superseded, ..
     } = link.counters();
+    lock(&log).over = true;
     disarm(&link, &log);
     let counters = LinkCounters {
         states_superseded,
@@ -101,6 +107,15 @@ pub fn run_real_time(
     })
 }
 
+/// Tells the solver's thread to end when dropped.
+struct Stopping<'a>(&'a AtomicBool);
+
+impl Drop for Stopping<'_> {
+    fn drop(&mut self) {
+        self.0.store(true, Ordering::Relaxed);
+    }
+}
+
 impl Log {
     fn hear(&mut self, event: &HostEvent) {
         match event {
@@ -108,8 +123,10 @@ impl Log {
                 let state = state.body();
                 self.newest = Some((*state, Instant::now()));
                 self.armed |= matches!(state.mode, Mode::Armed | Mode::Decaying);
-                if self.armed && state.mode != Mode::Idle && self.tally.ticks() < self.ticks {
+                if self.armed && !self.over && self.tally.ticks() < self.ticks {
                     self.tally.state(state);
+                    // Data stayed away for so long that it disarmed itself; only a person arms it again.
+                    self.over = state.mode == Mode::Idle;
                 }
             }
             HostEvent::Report(report) => {
@@ -191,12 +208,13 @@ fn watch(
                 .map_err(SessionError::from)
                 .and(Err(SessionError::Solver));
         }
-        let (newest, ticks, report) = {
+        let (newest, ticks, report, over) = {
             let log = lock(log);
             (
                 log.newest,
                 log.tally.ticks(),
                 log.tally.last_report().copied(),
+                log.over,
             )
         };
         let heard = newest.map_or(opened, |(_, heard)| heard);
@@ -220,8 +238,8 @@ fn watch(
             state: &state,
             report: report.as_ref(),
         };
-        // A fault is latched: nothing more is to be felt.
-        let over = ticks >= plan.ticks() || (arming.is_none() && state.mode == Mode::Fault);
+        // At rest, or in a latched fault, nothing more is to be felt.
+        let over = over || ticks >= plan.ticks() || (arming.is_none() && state.mode == Mode::Fault);
         if progress(&note).is_break() || over {
             return Ok(());
         }

@@ -85,9 +85,9 @@ impl Plan {
         orders
     }
 
-    /// Control ticks that the session lasts.
+    /// Control ticks that the session lasts, at least one.
     pub(super) fn ticks(&self) -> u64 {
-        (self.seconds * f64::from(self.tick_hz)).round() as u64
+        ((self.seconds * f64::from(self.tick_hz)).round() as u64).max(1)
     }
 
     /// Name of the device that the session is with.

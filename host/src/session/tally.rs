@@ -12,7 +12,6 @@ use crate::link::LinkCounters;
 use crate::step::Stages;
 use std::collections::BTreeMap;
 use std::time::Duration;
-use sutura_shared::simulated_console::REPORT_EVERY;
 use sutura_shared::wire::faults;
 use sutura_shared::wire::message::{Mode, Report, State};
 
@@ -152,17 +151,6 @@ impl Tally {
         }
     }
 
-    /// What the console had counted before the session: nothing if it had just booted, else what its first
-    /// report of the session says.
-    fn baseline(&self) -> Report {
-        let booted = self.first.is_some_and(|state| state.tick < REPORT_EVERY);
-        if booted {
-            Report::default()
-        } else {
-            self.first_report.unwrap_or_default()
-        }
-    }
-
     /// The session in numbers; the caller fills in what only it knows.
     pub fn summary(&self, link: &LinkCounters, tick_hz: u16) -> Summary {
         let us = |times: &Times, share, unit: f64| times.quantile(share) as f64 / unit;
@@ -173,7 +161,11 @@ impl Tally {
         let faults: Vec<String> = faults::names(self.last.map_or(0, |s| s.faults))
             .map(str::to_owned)
             .collect();
-        let console = since(self.baseline(), self.last_report.unwrap_or_default());
+        // The first report comes with the answer to `Hello` and tells what was counted before the session.
+        let console = since(
+            self.first_report.unwrap_or_default(),
+            self.last_report.unwrap_or_default(),
+        );
         let frames = Frames {
             sent: u64::from(link.frames.frames_sent),
             lost: u64::from(link.frames.frames_lost) + console.lost,
@@ -181,10 +173,10 @@ impl Tally {
             superseded: link.states_superseded + link.contacts_superseded + console.superseded,
         };
         Summary {
-            status: if mode == Mode::Fault {
-                format!("fault: {}", faults.join(", "))
-            } else {
-                "ok".to_owned()
+            status: match mode {
+                Mode::Fault => format!("fault: {}", faults.join(", ")),
+                Mode::Idle => "idle: no usable contact for too long".to_owned(),
+                _ => "ok".to_owned(),
             },
             tick_hz: u32::from(tick_hz),
             ticks: self.ticks(),
@@ -311,20 +303,15 @@ mod tests {
             ticks_late: 10 * lost,
             ..Report::default()
         };
-        let lost = |first_tick, reports: &[u32]| {
+        let lost = |reports: &[u32]| {
             let mut tally = Tally::new(100.0);
-            tally.state(&state(first_tick, 0.0, 0.0));
             reports.iter().for_each(|lost| tally.report(&report(*lost)));
             let summary = tally.summary(&LinkCounters::default(), 1000);
             (summary.frames.lost, summary.ticks_late)
         };
-        assert_eq!(lost(3, &[2, 5]), (5, 50), "a console that has just booted");
-        assert_eq!(
-            lost(500_000, &[2, 5]),
-            (3, 30),
-            "one that had sessions before"
-        );
-        assert_eq!(lost(3, &[]), (0, 0));
+        assert_eq!(lost(&[0, 2, 5]), (5, 50), "a console that has just booted");
+        assert_eq!(lost(&[2, 5]), (3, 30), "one that had sessions before");
+        assert_eq!(lost(&[]), (0, 0));
     }
 
     #[test]
