@@ -94,7 +94,7 @@ mod sutura {
     fn telemetry(mut cx: telemetry::Context) {
         let newest = cx.local.newest;
         if cx.shared.samples.lock(|samples| samples.take(newest)) {
-            let due = newest.report_is_due();
+            let due = cx.shared.host.lock(|host| host.report_is_due(newest));
             let stack_free = if due { board::stack_free() } else { 0 };
             cx.shared.host.lock(|host| {
                 if due {

@@ -161,6 +161,13 @@ mod tests {
     fn script(host: &mut HostLink, tick: u32, newest: Option<(u64, State)>) -> Vec<u8> {
         let mut bytes = Vec::new();
         let mut frame = [0; MAX_FRAME];
+        if tick == 2500
+            && let Some((time, state)) = newest
+        {
+            // A contact that the new session, in the same tick, forgets.
+            let length = host.send(time, &contact(&state), &mut frame);
+            bytes.extend_from_slice(&frame[..length.expect("a contact fits")]);
+        }
         if tick == 3 || tick == 2500 {
             let length = host.hello(tick, &mut frame).expect("a hello fits");
             bytes.extend_from_slice(&frame[..length]);

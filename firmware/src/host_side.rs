@@ -90,11 +90,6 @@ impl Sample {
             cost_max: 0,
         },
     };
-
-    /// Whether a report follows this tick.
-    pub fn report_is_due(&self) -> bool {
-        self.state.tick.is_multiple_of(REPORT_EVERY)
-    }
 }
 
 /// The link, its port, and the ends of what leads to the control task.
@@ -148,12 +143,16 @@ impl<'a, P: Bytes> HostSide<'a, P> {
         let order = match event {
             LinkEvent::Contact(contact) => {
                 *self.back = Some(contact);
-                self.count_superseded(publish);
+                // What comes back is what was replaced.
+                if publish(&mut self.back) && self.back.is_some() {
+                    self.report.frames_superseded = self.report.frames_superseded.wrapping_add(1);
+                }
                 return;
             }
             LinkEvent::SessionOpened => {
+                // Forgotten, not replaced by a newer one.
                 *self.back = None;
-                self.count_superseded(publish);
+                publish(&mut self.back);
                 Order::OpenSession
             }
             LinkEvent::Command(command) => Order::Command(command),
@@ -163,14 +162,14 @@ impl<'a, P: Bytes> HostSide<'a, P> {
         debug_assert!(!refused, "room was checked before the bytes were taken");
     }
 
-    fn count_superseded(&mut self, publish: &mut impl FnMut(&mut &'a mut Slot) -> bool) {
-        // What comes back is what was replaced.
-        if publish(&mut self.back) && self.back.is_some() {
-            self.report.frames_superseded = self.report.frames_superseded.wrapping_add(1);
-        }
+    /// Whether a report follows this tick: every [`REPORT_EVERY`] ticks, and with the answer to a `Hello`.
+    pub fn report_is_due(&self, sample: &Sample) -> bool {
+        self.link.reply_waits() || sample.state.tick.is_multiple_of(REPORT_EVERY)
     }
+
     /// Sends what is due after a tick: the answer to a `Hello`, then `State`, then `Report`.
     pub fn send(&mut self, sample: &Sample) {
+        let report_is_due = self.report_is_due(sample);
         let mut frame = [0; MAX_FRAME];
         if let Some(length) = self.link.take_reply(sample.now_us, &mut frame) {
             self.push(&frame, length);
@@ -182,7 +181,7 @@ impl<'a, P: Bytes> HostSide<'a, P> {
                 .encode_state(sample.now_us, &sample.state, &mut frame);
             self.push(&frame, length);
         }
-        if sample.report_is_due() {
+        if report_is_due {
             let report = Report {
                 ticks: tick,
                 tick_overruns: sample.costs.overruns,
@@ -311,7 +310,11 @@ mod tests {
         bench.side.send(&sample(1));
         assert!(matches!(
             bench.up()[..],
-            [HostEvent::Opened(_), HostEvent::State(_)]
+            [
+                HostEvent::Opened(_),
+                HostEvent::State(_),
+                HostEvent::Report(_)
+            ]
         ));
         assert_eq!(bench.orders.dequeue(), Some(Order::OpenSession));
         test(&mut bench);
@@ -364,6 +367,7 @@ mod tests {
             bench.down(&hello[..length]);
             bench.contacts.take(&mut bench.front);
             assert_eq!(*bench.front, None);
+            assert_eq!(bench.side.report.frames_superseded, 0, "none was replaced");
             assert_eq!(bench.orders.dequeue(), Some(Order::OpenSession));
         });
     }

@@ -1,6 +1,6 @@
 //! Numbers to and from the motor timer, the encoder timers and the cycle counter.
 //!
-//! Entry points: [`duty`], [`Counter16`], [`Clock`].
+//! Entry points: [`duty`], [`StopLine`], [`Counter16`], [`Clock`].
 
 /// Compare value for a motor current, for an amplifier that takes 10 % duty as full current backwards,
 /// 50 % as none and 90 % as full current forwards.
@@ -21,6 +21,29 @@ pub fn duty(current_a: f32, full_scale_a: f32, period: u32) -> u32 {
     };
     // Rounded: cut off, 10 % could become a hair less, which the amplifier takes for a fault.
     ((0.5 + 0.4 * share) * period as f32 + 0.5) as u32
+}
+
+/// The emergency stop as a tick finds it. The timer takes its outputs off by itself when the line opens,
+/// and its flag remembers that: a stop shorter than a tick has to reach the tick too, or it would go on
+/// commanding motors that are off.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct StopLine {
+    /// The line is open now.
+    pub open: bool,
+    /// The timer's flag: it has been open since the flag was cleared.
+    pub tripped: bool,
+}
+
+impl StopLine {
+    /// Whether this tick has to stop.
+    pub fn pressed(self) -> bool {
+        self.open || self.tripped
+    }
+
+    /// Whether the flag is to be cleared: only after a tick was told of it, and with the line closed.
+    pub fn clears_flag(self) -> bool {
+        self.tripped && !self.open
+    }
 }
 
 /// A 16-bit encoder counter, widened.
@@ -78,6 +101,7 @@ impl<const PER_US: u32> Clock<PER_US> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::vec::Vec;
 
     #[test]
     fn duty_spans_10_to_90_percent_and_nothing_leaves_it() {
@@ -91,6 +115,32 @@ mod tests {
             let value = duty(f32::from_bits(bits), 5.0, 8400);
             assert!((840..=7560).contains(&value), "{bits:#x} gives {value}");
         }
+    }
+
+    /// The line, tick by tick, with the flag as the timer keeps it: it follows an opening at any time.
+    #[test]
+    fn a_stop_shorter_than_a_tick_is_not_missed() {
+        let mut flag = false;
+        let mut told = Vec::new();
+        // Opened since the tick before; open when the tick looks.
+        for (opened, open) in [
+            (false, false),
+            (true, false),
+            (false, false),
+            (true, true),
+            (false, true),
+            (false, false),
+            (false, false),
+        ] {
+            flag |= opened || open;
+            let line = StopLine {
+                open,
+                tripped: flag,
+            };
+            told.push(line.pressed());
+            flag &= !line.clears_flag();
+        }
+        assert_eq!(told, [false, true, false, true, true, true, false]);
     }
 
     #[test]

@@ -11,7 +11,8 @@ use crate::virtual_console::VirtualDevice;
 use crate::wire::message::{Report, Simulate, State};
 use crate::wire::{MAX_FRAME, ValidContact};
 
-/// Ticks between two reports.
+/// Ticks between two reports. One more comes with the answer to a `Hello`, so that a session knows what
+/// had been counted before it.
 pub const REPORT_EVERY: u32 = 1000;
 
 /// What a simulated console has in the place of a board: encoders, motors, and an emergency stop.
@@ -166,7 +167,8 @@ impl SimulatedConsole {
         let now_us = self.board.now_us();
         let mut frame = [0; MAX_FRAME];
         let mut send = |frame: &[u8; MAX_FRAME], len| out.extend(frame.iter().copied().take(len));
-        if let Some(len) = self.link.take_reply(now_us, &mut frame) {
+        let greeting = self.link.take_reply(now_us, &mut frame);
+        if let Some(len) = greeting {
             send(&frame, len);
         }
         let Some(state) = self.state.take() else {
@@ -179,7 +181,7 @@ impl SimulatedConsole {
             let len = self.link.encode_state(now_us, &state, &mut frame);
             send(&frame, len);
         }
-        if state.tick.is_multiple_of(REPORT_EVERY) {
+        if greeting.is_some() || state.tick.is_multiple_of(REPORT_EVERY) {
             let len = self.link.encode_report(now_us, &self.report, &mut frame);
             send(&frame, len);
         }

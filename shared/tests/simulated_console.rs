@@ -92,7 +92,30 @@ fn time_is_the_tick_count_and_states_and_reports_come_at_their_rates() {
         .iter()
         .map(|r| (r.ticks, r.tick_overruns, r.ticks_late))
         .collect();
-    assert_eq!(counts, [(1000, 1, 2), (2000, 1, 2), (3000, 1, 2)]);
+    // The first comes with the answer to the hello.
+    assert_eq!(
+        counts,
+        [(1, 0, 0), (1000, 1, 2), (2000, 1, 2), (3000, 1, 2)]
+    );
+}
+
+/// A second session starts from what the first one had counted, in the very first tick.
+#[test]
+fn every_session_begins_with_a_report() {
+    let mut host = Host::new();
+    host.ticks(1);
+    host.send(0, &Command::Arm);
+    host.ticks(4);
+    let mut frame = [0; MAX_FRAME];
+    let len = host.link.hello(78, &mut frame).unwrap();
+    host.console.feed(&frame[..len]);
+    host.ticks(3);
+    let counts: Vec<_> = host
+        .reports
+        .iter()
+        .map(|r| (r.ticks, r.frames_received))
+        .collect();
+    assert_eq!(counts, [(1, 1), (6, 3)]);
 }
 
 #[test]
@@ -104,7 +127,7 @@ fn a_contact_that_no_tick_used_is_superseded_not_lost() {
         host.send(2000, &wall(1000.0, [0.0; 3]));
     }
     host.ticks(998);
-    let report = host.reports[0];
+    let report = host.reports[1];
     assert_eq!((report.frames_superseded, report.frames_lost), (2, 0));
     assert_eq!(host.states[2].1.contact_sequence, 4);
     assert_eq!(host.states[2].1.applied_age_us, 1000);

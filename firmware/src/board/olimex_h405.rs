@@ -27,7 +27,7 @@
 use super::{Boot, Event, fault};
 use crate::epitaph::{Epitaph, Kind, reset_cause};
 use crate::safe_state::{self, Register, TorqueLayout, TorqueRegisters};
-use crate::signals::{Clock, Counter16, duty};
+use crate::signals::{Clock, Counter16, StopLine, duty};
 use crate::watch::Watch;
 use defmt_rtt as _;
 use stm32f4xx_hal::gpio::Pull;
@@ -188,13 +188,18 @@ impl crate::control_side::Plant for Plant {
     /// Acknowledges the tick and reads everything that it needs.
     fn read(&mut self, overrun: bool) -> TickInput {
         self.tick.sr().write(|w| w.uif().clear_bit());
-        let pressed = stopped();
-        if !pressed {
-            // SAFETY: only the break interrupt shares these registers, and it cannot be under way: it is
-            // above this priority and does not return here in between.
-            let pwm = unsafe { &*pac::TIM8::ptr() };
-            // Flags are cleared by writing 0; the others are not used.
+        // SAFETY: only the break interrupt shares these registers, and only its enable bit. Where it comes
+        // in between, the bit is set once more and the interrupt, above this priority, clears it again.
+        let pwm = unsafe { &*pac::TIM8::ptr() };
+        let stop = StopLine {
+            open: stopped(),
+            tripped: pwm.sr().read().bif().bit_is_set(),
+        };
+        if stop.clears_flag() {
+            // Cleared by writing 0; the other flags are not used. An opening from here on sets it again.
             pwm.sr().write(|w| w.bif().clear_bit());
+        }
+        if !stop.open {
             pwm.dier().write(|w| w.bie().set_bit());
         }
         // SAFETY: a read without side effects.
@@ -207,7 +212,7 @@ impl crate::control_side::Plant for Plant {
                 second.widen(self.encoders.1.cnt().read().cnt().bits()),
                 self.encoders.2.cnt().read().cnt().bits() as i32,
             ],
-            emergency_stop: pressed,
+            emergency_stop: stop.pressed(),
             board_fault: !ready,
             overrun,
         }
@@ -396,7 +401,7 @@ pub fn start(
             .modify(|_, w| w.ic1f().bits(3).ic2f().bits(3));
     }
 
-    // Session numbers; without random numbers the cycle count of the first `Hello` has to do.
+    // Session numbers; without random numbers the host's nonce alone has to do.
     pac::RNG::enable(&mut rcc);
     device.RNG.cr().write(|w| w.rngen().set_bit());
     let drawn = (0..10_000).find(|_| device.RNG.sr().read().drdy().bit_is_set());
@@ -448,6 +453,9 @@ pub fn start(
             },
         )
     };
+
+    // Setting up may have tripped the stop's flag; with an open line it comes back by itself.
+    pwm.sr().write(|w| w.bif().clear_bit());
 
     // The tick: 1 MHz / 1000.
     pac::TIM7::enable(&mut rcc);

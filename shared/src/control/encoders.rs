@@ -48,7 +48,8 @@ impl Encoders {
             zero_counts: joint.zero_counts,
             unit_per_count: 1.0 / joint.counts_per_unit,
             // One more for the quantisation.
-            max_counts: (joint.max_speed_per_s * TICK_S * joint.counts_per_unit.abs()) as u32 + 1,
+            max_counts: ((joint.max_speed_per_s * TICK_S * joint.counts_per_unit.abs()) as u32)
+                .saturating_add(1),
             velocity: 0.0,
         });
         Encoders {
@@ -120,6 +121,37 @@ mod tests {
             gravity_mass_kg: [0.0; JOINTS],
             max_force_n: 1.0,
         })
+    }
+
+    /// A valid description of a tiny, very fast arm: its limit is beyond what counts can tell.
+    #[test]
+    fn the_fastest_device_that_is_valid_has_a_limit() {
+        let joint = Joint {
+            counts_per_unit: 1e9,
+            zero_counts: 0,
+            effort_per_amp: 1.0,
+            max_current_a: 1.0,
+            max_slew_per_s: 1.0,
+            max_speed_per_s: 1e9,
+            inertia: 1.0,
+            damping: 0.0,
+            coulomb: 0.0,
+        };
+        let device = DeviceDescription {
+            name: [0; 16],
+            kinematics: Kinematics::SerialArm {
+                shoulder_m: [0.0; 3],
+                upper_m: 5e-9,
+                fore_m: 5e-9,
+            },
+            joints: [joint; JOINTS],
+            gravity_mass_kg: [0.0; JOINTS],
+            max_force_n: 1.0,
+        };
+        assert_eq!(device.validate(), Ok(()));
+        let mut encoders = Encoders::new(&device);
+        encoders.read(&[0; JOINTS]);
+        assert!(!encoders.read(&[1_000_000; JOINTS]).jumped);
     }
 
     #[test]

@@ -167,6 +167,11 @@ impl ConsoleLink {
         }
     }
 
+    /// Whether an answer to a `Hello` waits for [`take_reply`](Self::take_reply).
+    pub fn reply_waits(&self) -> bool {
+        self.reply.is_some()
+    }
+
     /// Writes the answer to the last `Hello`, if one waits, and returns its length.
     pub fn take_reply(&mut self, now_us: u64, out: &mut [u8; MAX_FRAME]) -> Option<usize> {
         let hello = self.reply.take()?;
