@@ -158,7 +158,7 @@ fn steps(tally: &mut Tally) -> Result<()> {
     tally.tools(
         "documents",
         [documents(Tool::new(
-            "cargo doc --workspace --no-deps --locked",
+            "cargo doc --workspace --lib --no-deps --locked",
         ))]
         .into_iter()
         .chain(boards("doc --no-deps --lib").into_iter().map(documents)),
