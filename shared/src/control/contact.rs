@@ -5,7 +5,7 @@
 //! forces and translations are rendered here: a console with three joints has no moments to give.
 
 use super::{MAX_HORIZON_US, STALE_DECAY_US};
-use crate::math::{Vec3, dot, max, shortened};
+use crate::math::{Vec3, dot, max, min, shortened};
 use crate::wire::ValidContact;
 
 /// Factor per tick on what is left of the force before the model changed: a time constant of 10 ms, below
@@ -47,6 +47,9 @@ pub(super) struct LocalContact {
     pub applied_age_us: u32,
     /// What is left of the force before the model changed, less this model's \[N\].
     offset_n: Vec3,
+    /// Part of the force before the model changed that pulled on this model's side, at most 0 \[N\]; fades
+    /// like the offset.
+    pull_n: f32,
     /// Largest force \[N\].
     max_force_n: f32,
 }
@@ -74,6 +77,7 @@ impl LocalContact {
             sequence: frame.sequence(),
             applied_age_us: 0,
             offset_n: Vec3::zeros(),
+            pull_n: 0.0,
             max_force_n,
         };
         contact.applied_age_us = contact.age_us(now_us);
@@ -104,11 +108,13 @@ impl LocalContact {
     /// Lets one tick pass for the blend.
     pub fn fade_blend(&mut self) {
         self.offset_n *= BLEND_DECAY;
+        self.pull_n *= BLEND_DECAY;
     }
 
     /// Makes the force at this moment continue from `rendered`, for a contact that is fresh.
     pub fn blend_from(&mut self, rendered: &Vec3, position: &Vec3, now_us: u64) {
         self.offset_n = rendered - self.model(position, self.age_us(now_us));
+        self.pull_n = min(dot(&self.normal, rendered), 0.0);
     }
 
     /// Contact force on the grip \[N\], limited in length, 0 when the data is too old.
@@ -116,12 +122,21 @@ impl LocalContact {
         let age_us = self.age_us(now_us);
         let share = self.staleness(age_us);
         if share > 0.0 {
-            shortened(
-                self.model(position, age_us) + self.offset_n,
-                self.max_force_n,
-            ) * share
+            let blended = self.model(position, age_us) + self.offset_n;
+            shortened(self.without_new_pull(blended), self.max_force_n) * share
         } else {
             Vec3::zeros()
+        }
+    }
+
+    /// An offset that holds a push back would pull once the tool leaves the tissue: only what pulled before
+    /// the model changed may go on pulling, while it fades.
+    fn without_new_pull(&self, force: Vec3) -> Vec3 {
+        let along = dot(&self.normal, &force);
+        if along < self.pull_n {
+            force + self.normal * (self.pull_n - along)
+        } else {
+            force
         }
     }
 
@@ -320,6 +335,34 @@ mod tests {
             assert!((f64::from(left) - expected).abs() < 1e-5, "{ms} ms: {left}");
         }
         assert!((model.force(&here, SOLVED).z - 2.0).abs() < 0.01 * 3.0);
+    }
+
+    /// Withdrawing in the middle of a blend: the missing part of a push must not become a pull.
+    #[test]
+    fn a_blend_never_pulls_where_nothing_pulled_before() {
+        let inside = Vec3::new(0.0, 0.0, -1e-3);
+        let mut model = frame(wall(2000.0, Vec3::z(), inside));
+        model.blend_from(&Vec3::new(0.3, 0.0, 0.0), &inside, SOLVED);
+        assert_eq!(model.force(&inside, SOLVED).z, 0.0);
+        for ms in 0_u8..20 {
+            model.fade_blend();
+            let height = -1e-3 + 0.2e-3 * f32::from(ms);
+            let force = model.force(&Vec3::new(0.0, 0.0, height), SOLVED);
+            assert!(force.z >= -1e-6, "{ms} ms: {force}");
+            assert!(force.x > 0.0, "along the surface it only fades: {force}");
+        }
+    }
+
+    /// The other side of a thin sheet: what was rendered points into the new normal's tissue, and still
+    /// fades instead of falling away in one tick.
+    #[test]
+    fn a_force_against_the_new_normal_fades_too() {
+        let outside = Vec3::new(0.0, 0.0, 5e-3);
+        let mut model = frame(wall(2000.0, Vec3::z(), outside));
+        model.blend_from(&Vec3::new(0.0, 0.0, -3.0), &outside, SOLVED);
+        assert_eq!(model.force(&outside, SOLVED).z, -3.0);
+        model.fade_blend();
+        assert!((model.force(&outside, SOLVED).z + 3.0 * BLEND_DECAY).abs() < 1e-6);
     }
 
     #[test]
