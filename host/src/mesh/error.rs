@@ -121,6 +121,9 @@ pub enum MeshError {
     /// More nodes than an index can count.
     #[error("the mesh has {0} nodes; at most 1,000,000,000 can be indexed")]
     TooManyNodes(usize),
+    /// More cells than an index can count.
+    #[error("the mesh has {0} cells; at most 1,073,741,824 can be indexed")]
+    TooManyCells(usize),
     /// A coordinate is infinite or not a number.
     #[error("{node} is at {at:?}, which is not finite")]
     NotFinite {
@@ -179,6 +182,42 @@ pub enum MeshError {
         second: CellId,
         /// One too many.
         third: CellId,
+    },
+    /// Two cells on one side of a face.
+    #[error(
+        "{first} and {second} lie on the same side of the face that they share: they overlap, or one of them is inside out"
+    )]
+    SameSide {
+        /// One of them.
+        first: CellId,
+        /// The other.
+        second: CellId,
+    },
+    /// Cells around an edge that do not hang together by faces.
+    #[error(
+        "{first} and {second} meet in the edge from {from} to {to} and no faces join them around it: join them by a face, or give each an edge of its own"
+    )]
+    SplitEdge {
+        /// The edge's smaller end.
+        from: NodeId,
+        /// Its larger end.
+        to: NodeId,
+        /// A cell of one fan.
+        first: CellId,
+        /// A cell of another.
+        second: CellId,
+    },
+    /// A node at which the mesh touches itself.
+    #[error(
+        "the mesh touches itself at {node}, between {first} and {second}: join its parts by faces there, or give each a node of its own"
+    )]
+    PinchedNode {
+        /// The node.
+        node: NodeId,
+        /// A cell at it.
+        first: CellId,
+        /// A cell that no faces join to it there, or the same where the boundary alone touches itself.
+        second: CellId,
     },
     /// A node that no cell uses.
     #[error(

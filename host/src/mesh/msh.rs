@@ -3,7 +3,7 @@
 //! Entry point: [`read_msh`]. Format: Gmsh reference manual, chapter "MSH file format".
 
 use super::check::Tags;
-use super::{CellId, MeshError, TetMesh};
+use super::{CellId, MeshError, RawMesh, TetMesh};
 use std::collections::HashMap;
 
 /// gmsh's number for a four-node tetrahedron.
@@ -260,7 +260,13 @@ impl File {
             }
             cells.push(nodes);
         }
-        TetMesh::new_tagged(self.points, cells, &self.tags)
+        RawMesh {
+            points_m: self.points,
+            cells,
+            tags: self.tags,
+            ..RawMesh::default()
+        }
+        .check()
     }
 }
 
