@@ -124,7 +124,8 @@ pub(super) fn check_edges(mesh: &HalfFaces, tags: &Tags) -> Result<(), MeshError
     for (index, (&cell, swept)) in mesh.cells().iter().zip(&swept).enumerate() {
         for corners in [[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]] {
             if swept & bit(corners) == 0 {
-                let [from, to] = corners.map(|corner| cell[corner]);
+                let ends = corners.map(|corner| cell[corner]);
+                let (from, to) = (ends[0].min(ends[1]), ends[0].max(ends[1]));
                 let first = mesh.edge(from, to).map_or(index, |e| e.cell() as usize);
                 return Err(MeshError::SplitEdge {
                     from: node(tags, from),
