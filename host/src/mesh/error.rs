@@ -62,6 +62,37 @@ pub enum MeshError {
         /// What the format asks for here.
         expected: String,
     },
+    /// What is wrong in one of the files that make a mesh together.
+    #[error("{file}: {error}")]
+    InFile {
+        /// The file, or its extension.
+        file: String,
+        /// What is wrong there.
+        error: Box<MeshError>,
+    },
+    /// A file that cannot be read, or is not text.
+    #[error("cannot read {file}: {reason}")]
+    Unreadable {
+        /// The file.
+        file: String,
+        /// What the system says.
+        reason: String,
+    },
+    /// A file of a kind that is not read.
+    #[error("{0} is no mesh file that is read here; these are: .msh, .node with .ele, .vtk")]
+    Extension(String),
+    /// A volume cell other than a four-node tetrahedron in a `.vtk` file.
+    #[error(
+        "line {line}: cell {index} has VTK type {kind}; only 4-node tetrahedra (type 10) fill a volume here"
+    )]
+    VtkCell {
+        /// 1-based line.
+        line: usize,
+        /// Its place in the file, from 0.
+        index: usize,
+        /// The type's number.
+        kind: u64,
+    },
     /// A version or encoding that is not read.
     #[error(
         "line {line}: {found} is not read; save it as gmsh 4.1 or 2.2 ASCII: gmsh -save -format msh41 FILE"

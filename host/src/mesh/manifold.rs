@@ -151,7 +151,7 @@ pub(super) fn check_nodes(mesh: &HalfFaces, tags: &Tags) -> Result<(), MeshError
     // The last node for which a cell has been reached, counted from 1.
     let mut reached = vec![0usize; mesh.cells().len()];
     let mut stack = Vec::new();
-    for at in 0..mesh.nodes() {
+    for (at, &edges) in edges_at.iter().enumerate() {
         let link = mesh.link_of_vertex(at as u32);
         let Some(&first) = link.first() else { continue };
         let mut boundary_faces = 0;
@@ -172,7 +172,7 @@ pub(super) fn check_nodes(mesh: &HalfFaces, tags: &Tags) -> Result<(), MeshError
         let apart = link.iter().find(|f| reached[f.cell() as usize] != at + 1);
         let cells = link.len() as i64;
         let sphere_or_disk = if boundary_faces == 0 { 2 } else { 1 };
-        let euler = edges_at[at] - (3 * cells + boundary_faces) / 2 + cells;
+        let euler = edges - (3 * cells + boundary_faces) / 2 + cells;
         if apart.is_some() || euler != sphere_or_disk {
             return Err(MeshError::PinchedNode {
                 node: tags.node(at),

@@ -1,6 +1,6 @@
 //! Tetrahedral meshes: from files, from a built-in structured slab, their boundary and connectivity.
 //!
-//! Entry points: [`read_msh`], [`slab`], [`TetMesh::new`], [`HalfFaces`]. A [`TetMesh`] that exists has
+//! Entry points: [`read_mesh`], [`slab`], [`TetMesh::new`], [`HalfFaces`], [`MeshReport`]. A [`TetMesh`] that exists has
 //! passed every check in [`MeshError`]; nothing downstream has to look again.
 
 mod boundary;
@@ -8,24 +8,33 @@ mod check;
 mod error;
 mod half_face;
 mod half_faces;
+mod lines;
 mod manifold;
 mod msh;
+mod read;
+mod report;
 mod structured;
 mod surface;
+mod tetgen;
+mod vtk;
 
 pub use boundary::{Boundary, Side};
 pub use error::{CellId, MeshError, NodeId};
 pub use half_face::{HalfEdge, HalfFace};
 pub use half_faces::{AroundEdge, HalfFaces};
-pub use msh::read_msh;
+pub use msh::{read_msh, read_msh_raw};
+pub use read::{read_mesh, read_raw_mesh};
+pub use report::{EdgeLengths, MeshReport, Quality, RegionReport, mean_ratio};
 pub use structured::slab;
 pub use surface::Surface;
+pub use tetgen::read_tetgen;
+pub use vtk::read_vtk;
 
 use check::Tags;
 use nalgebra::Vector3;
 use std::collections::BTreeMap;
 
-/// A mesh as a file has it: cells name nodes that exist, nothing else has been looked at.
+/// A mesh as a file has it: nothing in it has been checked.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct RawMesh {
     /// Node positions \[m\], (n x 3), world frame.
@@ -41,6 +50,44 @@ pub struct RawMesh {
 }
 
 impl RawMesh {
+    /// Points \[m\] (n x 3), cells as node indices (m x 4), a region for each cell (m) or none at all.
+    pub fn new(points_m: Vec<[f64; 3]>, cells: Vec<[u32; 4]>, regions: Vec<i64>) -> Self {
+        Self {
+            points_m,
+            cells,
+            regions,
+            ..Self::default()
+        }
+    }
+
+    /// The mesh with its coordinates times `scale_to_m`.
+    ///
+    /// # Errors
+    /// [`MeshError::Scale`].
+    pub fn scaled(mut self, scale_to_m: f64) -> Result<Self, MeshError> {
+        if !(scale_to_m.is_finite() && scale_to_m > 0.0) {
+            return Err(MeshError::Scale(scale_to_m));
+        }
+        for x in self.points_m.iter_mut().flatten() {
+            *x *= scale_to_m;
+        }
+        Ok(self)
+    }
+
+    /// [`mean_ratio`] of each cell, (m).
+    pub fn qualities(&self) -> Vec<f64> {
+        let corners = self.cells.iter().map(|cell| self.corners(*cell));
+        corners.map(|corners| mean_ratio(&corners)).collect()
+    }
+
+    /// Corners of one cell \[m\]; not a number where a node does not exist.
+    fn corners(&self, cell: [u32; 4]) -> [Vector3<f64>; 4] {
+        cell.map(|node| {
+            let at = self.points_m.get(node as usize);
+            Vector3::from(at.copied().unwrap_or([f64::NAN; 3]))
+        })
+    }
+
     /// Checks and takes the mesh.
     ///
     /// # Errors
@@ -80,12 +127,7 @@ impl TetMesh {
     /// # Errors
     /// The first [`MeshError`] found, naming the node or cell by its 0-based index.
     pub fn new(points_m: Vec<[f64; 3]>, cells: Vec<[u32; 4]>) -> Result<Self, MeshError> {
-        RawMesh {
-            points_m,
-            cells,
-            ..RawMesh::default()
-        }
-        .check()
+        RawMesh::new(points_m, cells, Vec::new()).check()
     }
 
     /// Node positions \[m\], (n x 3), world frame.
