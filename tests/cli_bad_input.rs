@@ -214,7 +214,7 @@ fn a_failure_is_one_json_object_when_asked_for() {
 
 #[test]
 fn every_command_has_help_with_examples() {
-    for command in ["run", "console", "solve", "bench"] {
+    for command in ["run", "console", "solve", "bench", "mesh"] {
         let ran = sutura(&[command, "--help"]);
         assert_eq!(ran.code, 0, "{command}: {}", ran.stderr);
         assert!(

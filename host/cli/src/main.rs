@@ -14,6 +14,7 @@ mod console;
 mod device;
 mod display;
 mod failure;
+mod mesh;
 mod run;
 mod scene;
 mod signals;
@@ -43,6 +44,7 @@ Examples:
   sutura run --console /dev/ttyACM0         the same on a console at a serial port
   sutura solve scene.toml --out field.vtu   the tissue at rest under the scene's handles and loads
   sutura bench                              time per step, by stage
+  sutura mesh info part.msh                 quality of a mesh, and whether scenes take it
 
 Exit codes: 0 ok, 1 failed, 2 bad usage or bad input, 3 no console, 4 protocol mismatch,
 5 console in latched fault, 6 replay diverged, 7 stated budget missed.";
@@ -73,6 +75,7 @@ enum Command {
     Console(console::ConsoleArgs),
     Solve(solve::SolveArgs),
     Bench(bench::BenchArgs),
+    Mesh(mesh::MeshArgs),
 }
 
 fn main() -> ExitCode {
@@ -90,6 +93,7 @@ fn main() -> ExitCode {
         Command::Console(args) => console::run(args, &cli.global),
         Command::Solve(args) => solve::run(args, &cli.global),
         Command::Bench(args) => bench::run(args, &cli.global),
+        Command::Mesh(args) => mesh::run(args, &cli.global),
     };
     match done {
         Ok(()) => ExitCode::SUCCESS,

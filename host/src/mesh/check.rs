@@ -1,17 +1,18 @@
-//! Every check that a mesh has to pass, in the order in which one failure would hide the next.
+//! What points and single cells have to pass; how cells meet is the half-faces' to look at.
 //!
-//! Entry point: [`check`]; linear in the size of the mesh.
+//! Entry points: [`check_points`], [`check_cells`], [`check_volumes`], [`check_used`].
 
 use super::{CellId, MeshError, NodeId, signed_volume};
 use nalgebra::Vector3;
-use std::collections::HashMap;
 
 /// A cell counts as flat below this volume over its longest edge cubed. A regular tetrahedron has
 /// 0.118; at 1e-9 the stiffness matrix loses nine of its sixteen digits.
 const FLAT: f64 = 1e-9;
 
+const MOST_NODES: usize = 1_000_000_000;
+
 /// The file's own numbers, by index; empty where there was no file.
-#[derive(Default)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub(super) struct Tags {
     pub nodes: Vec<u64>,
     pub cells: Vec<u64>,
@@ -33,37 +34,46 @@ impl Tags {
     }
 }
 
-/// Nodes of the face opposite each corner, oriented outwards for a positive cell.
-pub(super) const FACES: [[usize; 3]; 4] = [[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]];
-
-/// A face without its orientation, as a key.
-pub(super) fn face_key(cell: [u32; 4], face: [usize; 3]) -> [u32; 3] {
-    let mut key = face.map(|corner| cell[corner]);
-    key.sort_unstable();
-    key
-}
-
-pub(super) fn check(points: &[[f64; 3]], cells: &[[u32; 4]], tags: &Tags) -> Result<(), MeshError> {
-    if points.len() > 1_000_000_000 {
+pub(super) fn check_points(points: &[[f64; 3]], tags: &Tags) -> Result<(), MeshError> {
+    if points.len() > MOST_NODES {
         return Err(MeshError::TooManyNodes(points.len()));
     }
-    for (index, at) in points.iter().enumerate() {
-        if !at.iter().all(|x| x.is_finite()) {
-            return Err(MeshError::NotFinite {
-                node: tags.node(index),
-                at: *at,
-            });
-        }
+    match points
+        .iter()
+        .position(|at| !at.iter().all(|x| x.is_finite()))
+    {
+        Some(index) => Err(MeshError::NotFinite {
+            node: tags.node(index),
+            at: points[index],
+        }),
+        None => Ok(()),
+    }
+}
+
+/// Four different nodes each, all of which exist.
+pub(super) fn check_cells(nodes: usize, cells: &[[u32; 4]], tags: &Tags) -> Result<(), MeshError> {
+    if nodes > MOST_NODES {
+        return Err(MeshError::TooManyNodes(nodes));
     }
     if cells.is_empty() {
         return Err(MeshError::NoCells);
     }
     for (index, &cell) in cells.iter().enumerate() {
-        check_nodes(index, cell, points.len(), tags)?;
+        check_nodes(index, cell, nodes, tags)?;
+    }
+    Ok(())
+}
+
+/// Neither inverted nor flat; the nodes have to exist.
+pub(super) fn check_volumes(
+    points: &[[f64; 3]],
+    cells: &[[u32; 4]],
+    tags: &Tags,
+) -> Result<(), MeshError> {
+    for (index, &cell) in cells.iter().enumerate() {
         check_volume(index, cell, points, tags)?;
     }
-    check_neighbours(cells, tags)?;
-    check_used(points.len(), cells, tags)
+    Ok(())
 }
 
 fn check_nodes(index: usize, cell: [u32; 4], nodes: usize, tags: &Tags) -> Result<(), MeshError> {
@@ -92,16 +102,8 @@ fn check_volume(
     tags: &Tags,
 ) -> Result<(), MeshError> {
     let corners = cell.map(|node| Vector3::from(points[node as usize]));
-    let volume_m3 = signed_volume(&corners);
-    let mut edge_m = 0.0f64;
-    for a in 0..4 {
-        for b in a + 1..4 {
-            edge_m = edge_m.max((corners[a] - corners[b]).norm());
-        }
-    }
-    let flat = FLAT * edge_m.powi(3);
-    // Written so that a volume that overflowed is refused too.
-    if !(volume_m3.abs() > flat && volume_m3.is_finite()) {
+    let (volume_m3, edge_m) = (signed_volume(&corners), longest_edge(&corners));
+    if is_flat(volume_m3, edge_m) {
         return Err(MeshError::Degenerate {
             cell: tags.cell(index),
             volume_m3,
@@ -117,38 +119,25 @@ fn check_volume(
     Ok(())
 }
 
-fn check_neighbours(cells: &[[u32; 4]], tags: &Tags) -> Result<(), MeshError> {
-    let mut seen = HashMap::with_capacity(cells.len());
-    for (index, &cell) in cells.iter().enumerate() {
-        let mut key = cell;
-        key.sort_unstable();
-        if let Some(first) = seen.insert(key, index) {
-            return Err(MeshError::Duplicate {
-                first: tags.cell(first),
-                second: tags.cell(index),
-            });
-        }
-    }
-    let mut faces: HashMap<[u32; 3], [Option<usize>; 2]> = HashMap::with_capacity(2 * cells.len());
-    for (index, &cell) in cells.iter().enumerate() {
-        for face in FACES {
-            match faces.entry(face_key(cell, face)).or_default() {
-                [first @ None, _] => *first = Some(index),
-                [_, second @ None] => *second = Some(index),
-                [Some(first), Some(second)] => {
-                    return Err(MeshError::CrowdedFace {
-                        first: tags.cell(*first),
-                        second: tags.cell(*second),
-                        third: tags.cell(index),
-                    });
-                }
-            }
-        }
-    }
-    Ok(())
+/// Whether a cell has next to no volume for the length of its edges.
+pub(super) fn is_flat(volume_m3: f64, longest_edge_m: f64) -> bool {
+    // Written so that a volume that overflowed is refused too.
+    !(volume_m3.abs() > FLAT * longest_edge_m.powi(3) && volume_m3.is_finite())
 }
 
-fn check_used(nodes: usize, cells: &[[u32; 4]], tags: &Tags) -> Result<(), MeshError> {
+/// Longest of the six edges \[m\].
+pub(super) fn longest_edge(corners: &[Vector3<f64>; 4]) -> f64 {
+    let mut edge_m = 0.0f64;
+    for a in 0..4 {
+        for b in a + 1..4 {
+            edge_m = edge_m.max((corners[a] - corners[b]).norm());
+        }
+    }
+    edge_m
+}
+
+/// Every node belongs to a cell.
+pub(super) fn check_used(nodes: usize, cells: &[[u32; 4]], tags: &Tags) -> Result<(), MeshError> {
     let mut used = vec![false; nodes];
     for &node in cells.iter().flatten() {
         used[node as usize] = true;
@@ -239,6 +228,17 @@ mod tests {
             ),
             "{error}"
         );
+    }
+
+    #[test]
+    fn cells_on_one_side_of_a_face_are_named() {
+        let mut points = UNIT;
+        points[4] = [-1.0, 0.1, 0.2];
+        let error = refusal(&points, &[[0, 1, 2, 3], [4, 1, 2, 3]]);
+        let MeshError::SameSide { first, second } = error else {
+            panic!("{error}")
+        };
+        assert_eq!((first.index, second.index), (0, 1));
     }
 
     #[test]

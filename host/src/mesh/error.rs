@@ -62,6 +62,37 @@ pub enum MeshError {
         /// What the format asks for here.
         expected: String,
     },
+    /// What is wrong in one of the files that make a mesh together.
+    #[error("{file}: {error}")]
+    InFile {
+        /// The file, or its extension.
+        file: String,
+        /// What is wrong there.
+        error: Box<MeshError>,
+    },
+    /// A file that cannot be read, or is not text.
+    #[error("cannot read {file}: {reason}")]
+    Unreadable {
+        /// The file.
+        file: String,
+        /// What the system says.
+        reason: String,
+    },
+    /// A file of a kind that is not read.
+    #[error("{0} is no mesh file that is read here; these are: .msh, .node with .ele, .vtk")]
+    Extension(String),
+    /// A volume cell other than a four-node tetrahedron in a `.vtk` file.
+    #[error(
+        "line {line}: cell {index} has VTK type {kind}; only 4-node tetrahedra (type 10) fill a volume here"
+    )]
+    VtkCell {
+        /// 1-based line.
+        line: usize,
+        /// Its place in the file, from 0.
+        index: usize,
+        /// The type's number.
+        kind: u64,
+    },
     /// A version or encoding that is not read.
     #[error(
         "line {line}: {found} is not read; save it as gmsh 4.1 or 2.2 ASCII: gmsh -save -format msh41 FILE"
@@ -121,6 +152,9 @@ pub enum MeshError {
     /// More nodes than an index can count.
     #[error("the mesh has {0} nodes; at most 1,000,000,000 can be indexed")]
     TooManyNodes(usize),
+    /// More cells than an index can count.
+    #[error("the mesh has {0} cells; at most 1,073,741,824 can be indexed")]
+    TooManyCells(usize),
     /// A coordinate is infinite or not a number.
     #[error("{node} is at {at:?}, which is not finite")]
     NotFinite {
@@ -179,6 +213,42 @@ pub enum MeshError {
         second: CellId,
         /// One too many.
         third: CellId,
+    },
+    /// Two cells on one side of a face.
+    #[error(
+        "{first} and {second} lie on the same side of the face that they share: they overlap, or one of them is inside out"
+    )]
+    SameSide {
+        /// One of them.
+        first: CellId,
+        /// The other.
+        second: CellId,
+    },
+    /// Cells around an edge that do not hang together by faces.
+    #[error(
+        "{first} and {second} meet in the edge from {from} to {to} and no faces join them around it: join them by a face, or give each an edge of its own"
+    )]
+    SplitEdge {
+        /// The edge's smaller end.
+        from: NodeId,
+        /// Its larger end.
+        to: NodeId,
+        /// A cell of one fan.
+        first: CellId,
+        /// A cell of another.
+        second: CellId,
+    },
+    /// A node at which the mesh touches itself.
+    #[error(
+        "the mesh touches itself at {node}, between {first} and {second}: join its parts by faces there, or give each a node of its own"
+    )]
+    PinchedNode {
+        /// The node.
+        node: NodeId,
+        /// A cell at it.
+        first: CellId,
+        /// A cell that no faces join to it there, or the same where the boundary alone touches itself.
+        second: CellId,
     },
     /// A node that no cell uses.
     #[error(

@@ -1,21 +1,114 @@
-//! Tetrahedral meshes: from gmsh files, from a built-in structured slab, and their boundary.
+//! Tetrahedral meshes: from files, from a built-in structured slab, their boundary and connectivity.
 //!
-//! Entry points: [`read_msh`], [`slab`], [`TetMesh::new`]. A [`TetMesh`] that exists has passed
-//! every check in [`MeshError`]; nothing downstream has to look again.
+//! Entry points: [`read_mesh`], [`slab`], [`TetMesh::new`], [`HalfFaces`], [`MeshReport`]. A [`TetMesh`] that exists has
+//! passed every check in [`MeshError`]; nothing downstream has to look again.
 
+mod boundary;
 mod check;
 mod error;
+mod half_face;
+mod half_faces;
+mod lines;
+mod manifold;
 mod msh;
+mod read;
+mod report;
 mod structured;
 mod surface;
+mod tetgen;
+mod vtk;
 
+pub use boundary::{Boundary, Side};
 pub use error::{CellId, MeshError, NodeId};
-pub use msh::read_msh;
+pub use half_face::{HalfEdge, HalfFace};
+pub use half_faces::{AroundEdge, HalfFaces};
+pub use msh::{read_msh, read_msh_raw};
+pub use read::{read_mesh, read_raw_mesh};
+pub use report::{EdgeLengths, MeshReport, Quality, RegionReport, mean_ratio};
 pub use structured::slab;
 pub use surface::Surface;
+pub use tetgen::read_tetgen;
+pub use vtk::read_vtk;
 
 use check::Tags;
 use nalgebra::Vector3;
+use std::collections::BTreeMap;
+
+/// A mesh as a file has it: nothing in it has been checked.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct RawMesh {
+    /// Node positions \[m\], (n x 3), world frame.
+    pub points_m: Vec<[f64; 3]>,
+    /// Node indices of each cell, (m x 4).
+    pub cells: Vec<[u32; 4]>,
+    /// Number of the region that each cell lies in, 0 where the file gives none, (m).
+    pub regions: Vec<i64>,
+    /// Names of regions, where the file gives them.
+    pub region_names: BTreeMap<i64, String>,
+    /// The file's own numbers, for messages.
+    tags: Tags,
+}
+
+impl RawMesh {
+    /// Points \[m\] (n x 3), cells as node indices (m x 4), a region for each cell (m) or none at all.
+    pub fn new(points_m: Vec<[f64; 3]>, cells: Vec<[u32; 4]>, regions: Vec<i64>) -> Self {
+        Self {
+            points_m,
+            cells,
+            regions,
+            ..Self::default()
+        }
+    }
+
+    /// The mesh with its coordinates times `scale_to_m`.
+    ///
+    /// # Errors
+    /// [`MeshError::Scale`].
+    pub fn scaled(mut self, scale_to_m: f64) -> Result<Self, MeshError> {
+        if !(scale_to_m.is_finite() && scale_to_m > 0.0) {
+            return Err(MeshError::Scale(scale_to_m));
+        }
+        for x in self.points_m.iter_mut().flatten() {
+            *x *= scale_to_m;
+        }
+        Ok(self)
+    }
+
+    /// [`mean_ratio`] of each cell, (m).
+    pub fn qualities(&self) -> Vec<f64> {
+        let corners = self.cells.iter().map(|cell| self.corners(*cell));
+        corners.map(|corners| mean_ratio(&corners)).collect()
+    }
+
+    /// Corners of one cell \[m\]; not a number where a node does not exist.
+    fn corners(&self, cell: [u32; 4]) -> [Vector3<f64>; 4] {
+        cell.map(|node| {
+            let at = self.points_m.get(node as usize);
+            Vector3::from(at.copied().unwrap_or([f64::NAN; 3]))
+        })
+    }
+
+    /// Checks and takes the mesh.
+    ///
+    /// # Errors
+    /// The first [`MeshError`] found, naming the node or cell by its index and by the file's number.
+    pub fn check(self) -> Result<TetMesh, MeshError> {
+        let (nodes, tags) = (self.points_m.len(), &self.tags);
+        check::check_points(&self.points_m, tags)?;
+        check::check_cells(nodes, &self.cells, tags)?;
+        check::check_volumes(&self.points_m, &self.cells, tags)?;
+        let mut regions = self.regions;
+        regions.resize(self.cells.len(), 0);
+        let half_faces = HalfFaces::of_checked_cells(nodes, self.cells, tags)?;
+        check::check_used(nodes, half_faces.cells(), tags)?;
+        Ok(TetMesh {
+            half_faces,
+            points_m: self.points_m,
+            regions,
+            region_names: self.region_names,
+        })
+    }
+}
 
 /// A checked tetrahedral mesh.
 ///
@@ -23,7 +116,9 @@ use nalgebra::Vector3;
 #[derive(Clone, Debug, PartialEq)]
 pub struct TetMesh {
     points_m: Vec<[f64; 3]>,
-    cells: Vec<[u32; 4]>,
+    half_faces: HalfFaces,
+    regions: Vec<i64>,
+    region_names: BTreeMap<i64, String>,
 }
 
 impl TetMesh {
@@ -32,17 +127,7 @@ impl TetMesh {
     /// # Errors
     /// The first [`MeshError`] found, naming the node or cell by its 0-based index.
     pub fn new(points_m: Vec<[f64; 3]>, cells: Vec<[u32; 4]>) -> Result<Self, MeshError> {
-        Self::new_tagged(points_m, cells, &Tags::default())
-    }
-
-    /// As [`TetMesh::new`], with the file's own numbers for the messages.
-    fn new_tagged(
-        points_m: Vec<[f64; 3]>,
-        cells: Vec<[u32; 4]>,
-        tags: &Tags,
-    ) -> Result<Self, MeshError> {
-        check::check(&points_m, &cells, tags)?;
-        Ok(Self { points_m, cells })
+        RawMesh::new(points_m, cells, Vec::new()).check()
     }
 
     /// Node positions \[m\], (n x 3), world frame.
@@ -52,7 +137,23 @@ impl TetMesh {
 
     /// Node indices of each cell, (m x 4).
     pub fn cells(&self) -> &[[u32; 4]] {
-        &self.cells
+        self.half_faces.cells()
+    }
+
+    /// Who is next to whom.
+    pub fn half_faces(&self) -> &HalfFaces {
+        &self.half_faces
+    }
+
+    /// Number of the region that each cell lies in, 0 where none was given, (m): gmsh's physical group,
+    /// tetgen's attribute.
+    pub fn regions(&self) -> &[i64] {
+        &self.regions
+    }
+
+    /// Names of regions, where the file gave them.
+    pub fn region_names(&self) -> &BTreeMap<i64, String> {
+        &self.region_names
     }
 
     /// Boundary triangles and vertices.

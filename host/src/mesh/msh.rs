@@ -3,11 +3,15 @@
 //! Entry point: [`read_msh`]. Format: Gmsh reference manual, chapter "MSH file format".
 
 use super::check::Tags;
-use super::{CellId, MeshError, TetMesh};
-use std::collections::HashMap;
+use super::lines::Lines;
+use super::{CellId, MeshError, RawMesh, TetMesh};
+use std::collections::{BTreeMap, HashMap};
 
 /// gmsh's number for a four-node tetrahedron.
 const TETRAHEDRON: u64 = 4;
+
+/// gmsh's dimension of a volume.
+const VOLUME: u64 = 3;
 
 /// Reads a mesh and scales its coordinates by `scale_to_m` into metres. Node k of the result is the
 /// k-th node of the file, whatever its tag.
@@ -25,14 +29,17 @@ const TETRAHEDRON: u64 = 4;
 /// # Ok::<(), sutura_host::mesh::MeshError>(())
 /// ```
 pub fn read_msh(text: &str, scale_to_m: f64) -> Result<TetMesh, MeshError> {
-    if !(scale_to_m.is_finite() && scale_to_m > 0.0) {
-        return Err(MeshError::Scale(scale_to_m));
-    }
+    read_msh_raw(text)?.scaled(scale_to_m)?.check()
+}
+
+/// Reads a file without a look at the mesh in it, in the file's own unit of length. A cell's region is
+/// its physical group; of several the first.
+///
+/// # Errors
+/// A [`MeshError`] with the line for what cannot be read.
+pub fn read_msh_raw(text: &str) -> Result<RawMesh, MeshError> {
     let mut file = File::default();
-    let mut lines = Lines {
-        lines: text.lines(),
-        number: 0,
-    };
+    let mut lines = Lines::new(text);
     let mut version = None;
     while let Some(line) = lines.next_filled() {
         match (line, version) {
@@ -56,13 +63,15 @@ pub fn read_msh(text: &str, scale_to_m: f64) -> Result<TetMesh, MeshError> {
             ("$Nodes", Some(Version::V41)) => file.nodes_41(&mut lines)?,
             ("$Elements", Some(Version::V22)) => file.elements_22(&mut lines)?,
             ("$Elements", Some(Version::V41)) => file.elements_41(&mut lines)?,
+            ("$PhysicalNames", Some(_)) => file.physical_names(&mut lines)?,
+            ("$Entities", Some(Version::V41)) => file.entities(&mut lines)?,
             (other, Some(_)) => match other.strip_prefix('$') {
                 Some(name) => lines.skip_to(&format!("$End{name}"))?,
                 None => return Err(lines.expected("a section such as $Nodes", other)),
             },
         }
     }
-    file.into_mesh(scale_to_m)
+    file.into_mesh()
 }
 
 #[derive(Clone, Copy)]
@@ -103,11 +112,53 @@ struct File {
     tags: Tags,
     index_of: HashMap<u64, u32>,
     cells: Vec<[u64; 4]>,
+    regions: Vec<i64>,
+    region_names: BTreeMap<i64, String>,
+    /// Physical group of each volume of the geometry (4.1).
+    group_of: HashMap<i64, i64>,
     nodes_read: bool,
     elements_read: bool,
 }
 
 impl File {
+    fn physical_names(&mut self, lines: &mut Lines) -> Result<(), MeshError> {
+        let what = "a physical group: dimension number \"name\"";
+        let [count] = lines.integers("the number of names")?;
+        for _ in 0..count {
+            let line = lines.next(what)?;
+            let mut words = line.splitn(3, char::is_whitespace);
+            let dimension = lines.integer(words.next(), line, what)?;
+            let number = lines.region(words.next().unwrap_or(""), line)?;
+            let name = words.next().map(|name| name.trim().trim_matches('"'));
+            let name = name.ok_or_else(|| lines.expected(what, line))?;
+            if dimension == VOLUME {
+                self.region_names.insert(number, name.to_owned());
+            }
+        }
+        lines.end("$EndPhysicalNames")
+    }
+
+    /// Of a volume's line: its number, six bounds, how many groups, the groups, what bounds it.
+    fn entities(&mut self, lines: &mut Lines) -> Result<(), MeshError> {
+        let [points, curves, surfaces, volumes] =
+            lines.integers("numbers of points, curves, surfaces, volumes")?;
+        for _ in 0..points.saturating_add(curves).saturating_add(surfaces) {
+            lines.next("a point, curve or surface of the geometry")?;
+        }
+        let what = "a volume: number, six bounds, number of physical groups, the groups";
+        for _ in 0..volumes {
+            let line = lines.next(what)?;
+            let mut words = line.split_whitespace();
+            let volume = lines.region(words.next().unwrap_or(""), line)?;
+            let groups = lines.integer(words.nth(6), line, what)?;
+            if groups > 0 {
+                let group = lines.region(words.next().unwrap_or(""), line)?;
+                self.group_of.insert(volume, group);
+            }
+        }
+        lines.end("$EndEntities")
+    }
+
     fn nodes_22(&mut self, lines: &mut Lines) -> Result<(), MeshError> {
         let [count] = lines.integers("the number of nodes")?;
         for _ in 0..count {
@@ -126,8 +177,8 @@ impl File {
             lines.integers::<4>("number of blocks, number of nodes, smallest and largest tag")?;
         let mut block_tags = Vec::new();
         for _ in 0..blocks {
-            let [_, _, _, in_block] =
-                lines.signed_block("a block of nodes: dimension tag parametric count")?;
+            let (_, [_, _, in_block]) =
+                lines.block("a block of nodes: dimension tag parametric count")?;
             block_tags.clear();
             for _ in 0..in_block {
                 let [tag] = lines.integers("a node's number")?;
@@ -156,12 +207,14 @@ impl File {
             let tag = lines.integer(words.next(), line, what)?;
             let kind = lines.integer(words.next(), line, what)?;
             let labels = lines.integer(words.next(), line, what)?;
-            for _ in 0..labels {
-                if words.next().is_none() {
-                    return Err(lines.expected(what, line));
+            let mut region = 0;
+            for label in 0..labels {
+                let word = words.next().ok_or_else(|| lines.expected(what, line))?;
+                if label == 0 {
+                    region = lines.region(word, line)?;
                 }
             }
-            self.add_element(lines, tag, kind, &mut words, line)?;
+            self.add_element(lines, [tag, kind], region, &mut words, line)?;
         }
         self.elements_read = true;
         lines.end("$EndElements")
@@ -172,13 +225,17 @@ impl File {
             .integers::<4>("number of blocks, number of elements, smallest and largest tag")?;
         let mut seen = 0;
         for _ in 0..blocks {
-            let [_, _, kind, in_block] =
-                lines.signed_block("a block of elements: dimension tag type count")?;
+            let (entity, [dimension, kind, in_block]) =
+                lines.block("a block of elements: dimension tag type count")?;
+            let region = match dimension {
+                VOLUME => self.group_of.get(&entity).copied().unwrap_or(0),
+                _ => 0,
+            };
             for _ in 0..in_block {
                 let line = lines.next("an element: number nodes")?;
                 let mut words = line.split_whitespace();
                 let tag = lines.integer(words.next(), line, "an element: number nodes")?;
-                self.add_element(lines, tag, kind, &mut words, line)?;
+                self.add_element(lines, [tag, kind], region, &mut words, line)?;
             }
             seen += in_block;
         }
@@ -207,8 +264,8 @@ impl File {
     fn add_element<'a>(
         &mut self,
         lines: &Lines,
-        tag: u64,
-        kind: u64,
+        [tag, kind]: [u64; 2],
+        region: i64,
         words: &mut impl Iterator<Item = &'a str>,
         line: &str,
     ) -> Result<(), MeshError> {
@@ -231,19 +288,17 @@ impl File {
             return Err(lines.expected("four nodes of a tetrahedron", line));
         }
         self.cells.push(cell);
+        self.regions.push(region);
         self.tags.cells.push(tag);
         Ok(())
     }
 
-    fn into_mesh(mut self, scale_to_m: f64) -> Result<TetMesh, MeshError> {
+    fn into_mesh(self) -> Result<RawMesh, MeshError> {
         if !self.nodes_read {
             return Err(MeshError::NoSection("Nodes"));
         }
         if !self.elements_read {
             return Err(MeshError::NoSection("Elements"));
-        }
-        for x in self.points.iter_mut().flatten() {
-            *x *= scale_to_m;
         }
         let mut cells = Vec::with_capacity(self.cells.len());
         for (index, &cell) in self.cells.iter().enumerate() {
@@ -260,7 +315,13 @@ impl File {
             }
             cells.push(nodes);
         }
-        TetMesh::new_tagged(self.points, cells, &self.tags)
+        Ok(RawMesh {
+            points_m: self.points,
+            cells,
+            regions: self.regions,
+            region_names: self.region_names,
+            tags: self.tags,
+        })
     }
 }
 
@@ -277,101 +338,17 @@ fn volume_type(kind: u64) -> Option<&'static str> {
     }
 }
 
-/// The lines of a file, counted.
-struct Lines<'a> {
-    lines: std::str::Lines<'a>,
-    number: usize,
-}
-
-impl<'a> Lines<'a> {
-    /// The next line that is not blank, trimmed.
-    fn next_filled(&mut self) -> Option<&'a str> {
-        loop {
-            self.number += 1;
-            let line = self.lines.next()?.trim();
-            if !line.is_empty() {
-                return Some(line);
-            }
-        }
-    }
-
-    fn next(&mut self, expected: &str) -> Result<&'a str, MeshError> {
-        self.next_filled().ok_or_else(|| MeshError::Truncated {
-            line: self.number,
-            expected: expected.into(),
-        })
-    }
-
-    fn skip_to(&mut self, end: &str) -> Result<(), MeshError> {
-        while self.next(end)? != end {}
-        Ok(())
-    }
-
-    fn end(&mut self, end: &str) -> Result<(), MeshError> {
-        let line = self.next(end)?;
-        if line == end {
-            Ok(())
-        } else {
-            Err(self.expected(end, line))
-        }
-    }
-
-    fn expected(&self, expected: &str, found: &str) -> MeshError {
-        let mut found: String = found.chars().take(60).collect();
-        found = format!("`{found}`");
-        MeshError::Syntax {
-            line: self.number,
-            expected: expected.into(),
-            found,
-        }
-    }
-
-    fn integer(&self, word: Option<&str>, line: &str, what: &str) -> Result<u64, MeshError> {
-        word.and_then(|word| word.parse().ok())
-            .ok_or_else(|| self.expected(what, line))
-    }
-
-    /// A line of exactly N unsigned integers.
-    fn integers<const N: usize>(&mut self, what: &str) -> Result<[u64; N], MeshError> {
-        let line = self.next(what)?;
-        let mut words = line.split_whitespace();
-        let mut values = [0; N];
-        for value in &mut values {
-            *value = self.integer(words.next(), line, what)?;
-        }
-        if words.next().is_some() {
-            return Err(self.expected(what, line));
-        }
-        Ok(values)
-    }
-
-    /// The head of a block: four integers of which the second, the entity's tag, may be negative.
-    fn signed_block(&mut self, what: &str) -> Result<[u64; 4], MeshError> {
+impl Lines<'_> {
+    /// The head of a block: dimension, the entity's tag, which may be negative, and two more.
+    fn block(&mut self, what: &str) -> Result<(i64, [u64; 3]), MeshError> {
         let line = self.next(what)?;
         let words: Vec<&str> = line.split_whitespace().collect();
         let [dimension, tag, third, count] = words[..] else {
             return Err(self.expected(what, line));
         };
-        if tag.parse::<i64>().is_err() {
-            return Err(self.expected(what, line));
-        }
+        let tag = tag.parse().map_err(|_| self.expected(what, line))?;
         let read = |word| self.integer(Some(word), line, what);
-        Ok([read(dimension)?, 0, read(third)?, read(count)?])
-    }
-
-    fn point<'w>(
-        &self,
-        words: &mut impl Iterator<Item = &'w str>,
-        line: &str,
-    ) -> Result<[f64; 3], MeshError> {
-        let mut at = [0.0; 3];
-        for x in &mut at {
-            *x = words
-                .next()
-                .and_then(|word| word.parse().ok())
-                .ok_or_else(|| self.expected("three coordinates", line))?;
-        }
-        Ok(at)
+        Ok((tag, [read(dimension)?, read(third)?, read(count)?]))
     }
 }
 
@@ -404,6 +381,18 @@ mod tests {
             "node 50 comes first in this file"
         );
         assert_eq!(new.cells(), [[1, 2, 3, 4], [2, 3, 4, 0]]);
+    }
+
+    #[test]
+    fn physical_groups_are_the_regions() {
+        let names = "$PhysicalNames\n2\n2 3 \"skin\"\n3 3 \"fat layer\"\n$EndPhysicalNames\n";
+        let old = ELEMENTS_22.replace("8 4 2 0 1", "8 4 2 3 1");
+        let old = read_msh(&format!("{HEAD_22}{names}{NODES_22}{old}"), 1.0).expect("2.2");
+        assert_eq!(old.regions(), [0, 3]);
+        assert_eq!(old.region_names()[&3], "fat layer");
+        let new = FILE_41.replace("1 0 0 0 1 1 1 0 0\n", "1 0 0 0 1 1 1 2 5 6 0\n");
+        let new = read_msh(&new, 1.0).expect("4.1");
+        assert_eq!(new.regions(), [5, 5], "of two groups the first");
     }
 
     #[test]

@@ -4,9 +4,7 @@
 //! test sums solid angles (van Oosterom & Strackee 1983).
 
 use super::TetMesh;
-use super::check::{FACES, face_key};
 use nalgebra::Vector3;
-use std::collections::HashMap;
 
 /// Boundary of a tetrahedral mesh, in its rest shape.
 #[derive(Clone, Debug)]
@@ -24,25 +22,8 @@ pub struct Surface {
 impl Surface {
     /// The boundary of `mesh`: faces that belong to one cell only, in the order of the cells.
     pub fn of(mesh: &TetMesh) -> Self {
-        let mut cells_on_face: HashMap<[u32; 3], u8> =
-            HashMap::with_capacity(2 * mesh.cells().len());
-        for &cell in mesh.cells() {
-            for face in FACES {
-                *cells_on_face.entry(face_key(cell, face)).or_default() += 1;
-            }
-        }
-        let mut triangles = Vec::new();
-        for &cell in mesh.cells() {
-            for face in FACES {
-                if cells_on_face.get(&face_key(cell, face)) == Some(&1) {
-                    triangles.push(face.map(|corner| cell[corner]));
-                }
-            }
-        }
-        let mut vertices: Vec<u32> = triangles.iter().flatten().copied().collect();
-        vertices.sort_unstable();
-        vertices.dedup();
-
+        let boundary = mesh.half_faces().boundary();
+        let (triangles, vertices) = (boundary.triangles().to_vec(), boundary.vertices().to_vec());
         let mut normal_of = vec![Vector3::zeros(); mesh.points_m().len()];
         let mut edges = 0.0;
         for &triangle in &triangles {

@@ -1,11 +1,13 @@
-//! Results as files: JSON and VTK's unstructured grid, written whole or not at all.
+//! Results and meshes as files, written whole or not at all.
 //!
-//! Entry points: [`Solution::write`] and [`write_whole`].
+//! Entry points: [`Solution::write`], [`write_mesh`] and [`write_whole`].
 
+mod mesh_file;
 mod solution;
 mod vtu;
 mod whole;
 
+pub use mesh_file::{MeshFormat, write_mesh};
 pub use solution::{HeldTool, Reaction, Solution, SolutionFormat};
 pub use vtu::vtu;
 pub use whole::write_whole;

@@ -1,6 +1,6 @@
 //! VTK's XML unstructured grid, as ASCII: opens in ParaView (there: Warp By Vector).
 //!
-//! Entry point: [`vtu`]. Format: VTK File Formats, version 4.2, "UnstructuredGrid".
+//! Entry points: [`vtu`], [`grid`]. Format: VTK File Formats, version 4.2, "UnstructuredGrid".
 
 use super::Solution;
 use std::fmt::Write;
@@ -8,11 +8,34 @@ use std::fmt::Write;
 /// VTK's number for a linear tetrahedron.
 const VTK_TETRA: u8 = 10;
 
-/// The whole file: points at rest, cells, and `displacement_m` at the points.
-///
-/// Numbers are the shortest that read back to the same bits.
+/// What a file holds: points, tetrahedra, named arrays at the points and in the cells.
+pub(super) struct Grid<'a> {
+    /// Positions \[m\], (n x 3).
+    pub points_m: &'a [[f64; 3]],
+    /// Nodes of each cell, (m x 4).
+    pub cells: &'a [[u32; 4]],
+    /// Vectors at the points, (n x 3) each; the first is what ParaView takes for Warp By Vector.
+    pub point_vectors: &'a [(&'a str, &'a [[f64; 3]])],
+    /// Whole numbers in the cells, (m) each.
+    pub cell_integers: &'a [(&'a str, &'a [i64])],
+    /// Numbers in the cells, (m) each.
+    pub cell_numbers: &'a [(&'a str, &'a [f64])],
+}
+
+/// The whole file of a result: points at rest, cells, and `displacement_m` at the points.
 pub fn vtu(solution: &Solution) -> String {
-    let (points, cells) = (&solution.points_m, &solution.cells);
+    grid(&Grid {
+        points_m: &solution.points_m,
+        cells: &solution.cells,
+        point_vectors: &[("displacement_m", &solution.displacement_m)],
+        cell_integers: &[],
+        cell_numbers: &[],
+    })
+}
+
+/// The whole file. Numbers are the shortest that read back to the same bits.
+pub(super) fn grid(grid: &Grid<'_>) -> String {
+    let (points, cells) = (grid.points_m, grid.cells);
     let mut xml = String::with_capacity(150 * points.len() + 60 * cells.len() + 1000);
     xml.push_str("<?xml version=\"1.0\"?>\n");
     xml.push_str(
@@ -27,9 +50,24 @@ pub fn vtu(solution: &Solution) -> String {
             cells.len()
         ),
     );
-    xml.push_str("<PointData Vectors=\"displacement_m\">\n");
-    vectors(&mut xml, "displacement_m", &solution.displacement_m);
-    xml.push_str("</PointData>\n<Points>\n");
+    if let Some((first, _)) = grid.point_vectors.first() {
+        push(&mut xml, format_args!("<PointData Vectors=\"{first}\">\n"));
+        for (name, rows) in grid.point_vectors {
+            vectors(&mut xml, name, rows);
+        }
+        xml.push_str("</PointData>\n");
+    }
+    if !(grid.cell_integers.is_empty() && grid.cell_numbers.is_empty()) {
+        xml.push_str("<CellData>\n");
+        for (name, values) in grid.cell_integers {
+            array(&mut xml, "Int64", name, values.iter());
+        }
+        for (name, values) in grid.cell_numbers {
+            array(&mut xml, "Float64", name, values.iter());
+        }
+        xml.push_str("</CellData>\n");
+    }
+    xml.push_str("<Points>\n");
     vectors(&mut xml, "points_m", points);
     xml.push_str("</Points>\n<Cells>\n");
     array(&mut xml, "Int64", "connectivity", cells.iter().flatten());

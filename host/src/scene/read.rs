@@ -9,7 +9,7 @@ use super::hand::hand_script;
 use super::select::{check_nodes, select};
 use super::{HostSettings, Pose, Scene, Tool};
 use crate::fem::{Anchor, Handle, Loads, Material, NodeLoad};
-use crate::mesh::{self, TetMesh};
+use crate::mesh::{self, MeshError, TetMesh};
 use crate::tool::SphereTool;
 use toml::Spanned;
 
@@ -149,14 +149,17 @@ fn read_mesh(document: &Document, section: &Spanned<MeshSection>) -> Result<TetM
             let help = "metres per unit of the mesh file: 0.001 for a mesh in millimetres";
             let scale = document.number("scale_to_m", scale, "positive", |s| s > 0.0, help)?;
             let path = document.resolve(file.get_ref());
-            let text = std::fs::read_to_string(&path).map_err(|error| {
-                let message = format!("cannot read the mesh {}: {error}", path.display());
-                let help = "the path is relative to the scene file";
-                document.flaw(file.span(), message, "this file", Some(help))
-            })?;
-            mesh::read_msh(&text, scale).map_err(|error| {
-                let message = format!("the mesh {} cannot be used: {error}", path.display());
-                let help = "elements and nodes are named by the number in that file, and by their place in it from 0";
+            mesh::read_mesh(&path, scale).map_err(|error| {
+                let (message, help) = match error {
+                    MeshError::Unreadable { file, reason } => (
+                        format!("cannot read the mesh {file}: {reason}"),
+                        "the path is relative to the scene file",
+                    ),
+                    error => (
+                        format!("the mesh {} cannot be used: {error}", path.display()),
+                        "elements and nodes are named by the number in that file, and by their place in it from 0; `sutura mesh info` says more",
+                    ),
+                };
                 document.flaw(file.span(), message, "this file", Some(help))
             })
         }

@@ -1,0 +1,166 @@
+//! `sutura mesh` from the command line: figures of good and bad meshes, conversion there and back.
+
+mod support;
+
+use serde_json::Value;
+use std::path::Path;
+use support::{Ran, sutura, sutura_in};
+
+/// Two tetrahedra of 1 mm on the face 2 3 4, the second with `last`, in regions 5 and 6.
+fn two_cells(second: &str) -> String {
+    format!(
+        "$MeshFormat\n2.2 0 8\n$EndMeshFormat\n$PhysicalNames\n1\n3 6 \"fat\"\n$EndPhysicalNames\n\
+         $Nodes\n5\n1 0 0 0\n2 1 0 0\n3 0 1 0\n4 0 0 1\n5 1 1 1\n$EndNodes\n\
+         $Elements\n2\n1 4 2 5 1 1 2 3 4\n77 4 2 6 1 {second}\n$EndElements\n"
+    )
+}
+
+fn json(ran: &Ran) -> Value {
+    assert_eq!(ran.code, 0, "{}{}", ran.stdout, ran.stderr);
+    serde_json::from_str(&ran.stdout).expect("one JSON object")
+}
+
+fn info(directory: &Path, file: &str) -> Value {
+    json(&sutura_in(
+        directory,
+        &["mesh", "info", file, "--format", "json"],
+    ))
+}
+
+/// Counts as tests/data/README.md has them; a cube with an edge of 1 m.
+#[test]
+fn a_good_mesh_in_figures() {
+    let cube = "tests/data/cube_1650.msh";
+    let report = json(&sutura(&["mesh", "info", cube, "--format", "json"]));
+    assert_eq!(report["status"], "ok");
+    assert_eq!(
+        (&report["nodes"], &report["cells"]),
+        (&1520.into(), &6502.into())
+    );
+    assert_eq!(
+        (&report["inverted"], &report["usable"]),
+        (&0.into(), &true.into())
+    );
+    let quality = |key: &str| report["quality"][key].as_f64().expect("a number");
+    assert_eq!(report["quality"]["measure"], "mean-ratio");
+    assert!(0.0 < quality("min") && quality("min") <= quality("p01"));
+    assert!(quality("p01") <= quality("p50") && quality("p50") <= 1.0);
+    let volume = report["volume_m3"].as_f64().expect("a number");
+    assert!((volume - 1.0).abs() < 1e-9, "{volume}");
+    let text = sutura(&["mesh", "info", cube]);
+    assert!(
+        text.stdout.contains("scenes take this mesh"),
+        "{}",
+        text.stdout
+    );
+}
+
+#[test]
+fn scale_is_metres_per_unit() {
+    let directory = tempfile::tempdir().expect("a directory");
+    std::fs::write(directory.path().join("a.msh"), two_cells("2 3 4 5")).expect("writable");
+    let ran = sutura_in(
+        directory.path(),
+        &[
+            "mesh", "info", "a.msh", "--scale", "0.001", "--format", "json",
+        ],
+    );
+    let report = json(&ran);
+    // Corner of a cube, 1/6, and the tetrahedron on its far face, 1/3.
+    let volume = report["volume_m3"].as_f64().expect("a number");
+    assert!((volume - 0.5e-9).abs() < 1e-20, "{volume}");
+    assert_eq!(report["regions"][1]["name"], "fat");
+    let ran = sutura_in(directory.path(), &["mesh", "info", "a.msh", "--scale", "0"]);
+    assert_eq!(ran.code, 2);
+    assert!(
+        ran.stderr.contains("must be finite and above zero"),
+        "{}",
+        ran.stderr
+    );
+}
+
+#[test]
+fn an_inverted_cell_is_counted_and_named() {
+    let directory = tempfile::tempdir().expect("a directory");
+    std::fs::write(directory.path().join("bad.msh"), two_cells("3 2 4 5")).expect("writable");
+    let report = info(directory.path(), "bad.msh");
+    assert_eq!(
+        (&report["inverted"], &report["usable"]),
+        (&1.into(), &false.into())
+    );
+    assert_eq!(report["boundary_faces"], 6);
+    assert!(report["quality"]["min"].as_f64() < Some(0.0));
+    let refusal = report["refusal"].as_str().expect("a reason");
+    assert!(refusal.contains("element 77"), "{refusal}");
+    let text = sutura_in(directory.path(), &["mesh", "info", "bad.msh"]);
+    assert_eq!(text.code, 0);
+    assert!(
+        text.stdout.contains("scenes refuse this mesh"),
+        "{}",
+        text.stdout
+    );
+}
+
+/// Through every format and back: the same figures, except for names that a format cannot hold.
+#[test]
+fn formats_convert_into_each_other() {
+    let directory = tempfile::tempdir().expect("a directory");
+    let path = directory.path();
+    std::fs::write(path.join("a.msh"), two_cells("2 3 4 5")).expect("writable");
+    for (from, to) in [("a.msh", "b.node"), ("b.ele", "c.vtk"), ("c.vtk", "d.msh")] {
+        let ran = sutura_in(path, &["mesh", "convert", from, "--out", to]);
+        assert_eq!(ran.code, 0, "{}", ran.stderr);
+    }
+    let keep = |mut report: Value| {
+        report["file"].take();
+        report["regions"][1]["name"].take();
+        report
+    };
+    assert_eq!(keep(info(path, "a.msh")), keep(info(path, "d.msh")));
+    let ran = sutura_in(path, &["mesh", "convert", "a.msh", "--out", "e.vtu"]);
+    assert_eq!(ran.code, 0, "{}", ran.stderr);
+    let text = std::fs::read_to_string(path.join("e.vtu")).expect("written");
+    let document = roxmltree::Document::parse(&text).expect("well-formed XML");
+    let array = |name| {
+        let node = document
+            .descendants()
+            .find(|n| n.attribute("Name") == Some(name));
+        let text = node.and_then(|n| n.text()).expect("the array is there");
+        text.split_whitespace()
+            .map(str::to_owned)
+            .collect::<Vec<_>>()
+    };
+    assert_eq!(array("region"), ["5", "6"]);
+    assert_eq!(array("mean_ratio").len(), 2);
+}
+
+#[test]
+fn what_cannot_be_used_is_refused_with_its_place() {
+    let directory = tempfile::tempdir().expect("a directory");
+    let path = directory.path();
+    std::fs::write(path.join("a.msh"), two_cells("2 3 4 x")).expect("writable");
+    std::fs::write(path.join("lone.ele"), "0 4 0\n").expect("writable");
+    for (arguments, said) in [
+        (vec!["info", "a.msh"], ["a.msh: line 19", "2 3 4 x"]),
+        (
+            vec!["info", "none.msh"],
+            ["cannot read none.msh", "No such file"],
+        ),
+        (vec!["info", "part.stl"], ["part.stl", ".vtk"]),
+        (
+            vec!["info", "lone.ele"],
+            ["cannot read lone.node", "No such file"],
+        ),
+        (
+            vec!["convert", "a.msh", "--out", "a.obj"],
+            ["a.obj", ".vtu"],
+        ),
+    ] {
+        let ran = sutura_in(path, &[&["mesh"], &arguments[..]].concat());
+        assert_eq!(ran.code, 2, "{arguments:?}: {}", ran.stderr);
+        for words in said {
+            assert!(ran.stderr.contains(words), "no {words} in {}", ran.stderr);
+        }
+        assert!(ran.stdout.is_empty());
+    }
+}
