@@ -1,8 +1,12 @@
 //! The four-node tetrahedron: constant gradients, stiffness blocks, strain and stress.
 //!
-//! Entry point: [`Element::new`]. Any text on linear finite elements, e.g. Zienkiewicz & Taylor,
+//! Entry point: [`Element::of_mesh`]. Any text on linear finite elements, e.g. Zienkiewicz & Taylor,
 //! ch. 6.
 
+use super::material::Materials;
+use super::numbering::Numbering;
+use super::pattern::ascending;
+use crate::mesh::TetMesh;
 use nalgebra::{Matrix3, Vector3};
 
 /// One cell's constant data.
@@ -17,8 +21,16 @@ pub(super) struct Element {
 }
 
 impl Element {
+    /// Of every cell, with materials that have been checked.
+    pub fn of_mesh(mesh: &TetMesh, materials: &Materials) -> Vec<Self> {
+        let cells = mesh.cells().iter().enumerate();
+        cells
+            .map(|(index, &cell)| Self::new(cell, &mesh.corners(cell), materials.of(index).lame()))
+            .collect()
+    }
+
     /// `corners` of a positively oriented cell \[m\].
-    pub fn new(nodes: [u32; 4], corners: &[Vector3<f64>; 4], lame: (f64, f64)) -> Self {
+    fn new(nodes: [u32; 4], corners: &[Vector3<f64>; 4], lame: (f64, f64)) -> Self {
         let [p0, p1, p2, p3] = corners;
         let (a, b, c) = (p1 - p0, p2 - p0, p3 - p0);
         let six_volume = a.dot(&b.cross(&c));
@@ -33,6 +45,24 @@ impl Element {
             volume_m3: six_volume / 6.0,
             lame,
         }
+    }
+
+    /// Places of the corners instead of nodes, ascending.
+    pub fn placed(&self, numbering: &Numbering) -> Self {
+        let places = self.nodes.map(|node| numbering.place(node));
+        let order = ascending(places);
+        Self {
+            nodes: order.map(|corner| places[corner]),
+            gradients: order.map(|corner| self.gradients[corner]),
+            ..self.clone()
+        }
+    }
+
+    /// What a strain of 1 pulls on a corner with \[N\], in magnitude.
+    pub fn force_of_unit_strain(&self) -> f64 {
+        let (lambda, mu) = self.lame;
+        let longest = self.gradients.iter().map(Vector3::norm).fold(0.0, f64::max);
+        self.volume_m3 * longest * (lambda.abs() + 2.0 * mu)
     }
 
     /// Stiffness block between two corners \[N/m\].

@@ -1,9 +1,10 @@
 //! Sparse Cholesky factor of a stiffness matrix, and solves that reuse their buffers.
 //!
-//! Entry points: [`Factor::new`], [`Factor::solve`]. faer's supernodal LLT with AMD ordering on one
+//! Entry points: [`Factor::new`], [`Factor::refactor`], [`Factor::solve`]. faer's supernodal LLT with AMD ordering on one
 //! thread: two threads are slower below some ten thousand nodes, and one gives the same bits always.
 
-use super::assembly::LowerTriangle;
+use super::error::TissueError;
+use super::pattern::Pattern;
 use faer::dyn_stack::{MemBuffer, MemStack};
 use faer::linalg::cholesky::llt::factor::LltRegularization;
 use faer::sparse::linalg::SupernodalThreshold;
@@ -13,31 +14,37 @@ use faer::sparse::linalg::cholesky::{
 };
 use faer::sparse::{SparseColMatRef, SymbolicSparseColMatRef};
 use faer::{Conj, MatMut, Par, Side};
+use std::sync::Arc;
 
-/// `L L' = P K P'`.
-#[derive(Debug)]
-pub(super) struct Factor {
-    symbolic: SymbolicCholesky<usize>,
+/// `L L' = P K P'`. Copies share what depends on the pattern only.
+#[derive(Clone, Debug)]
+pub(crate) struct Factor {
+    symbolic: Arc<SymbolicCholesky<usize>>,
     values: Vec<f64>,
 }
 
 /// The matrix is not positive definite, or too large for memory.
 #[derive(Debug)]
-pub(super) struct NotFactored;
+pub(crate) struct NotFactored;
 
 /// Memory for solves of up to a given number of right-hand sides.
-pub(crate) struct SolveScratch {
+pub struct SolveScratch {
     memory: MemBuffer,
     columns: usize,
 }
 
+/// Memory for [`Factor::refactor`].
+pub(crate) struct RefactorScratch {
+    memory: MemBuffer,
+    /// Of the next factor, so that one that fails leaves the last.
+    values: Vec<f64>,
+}
+
 impl Factor {
-    pub fn new(matrix: &LowerTriangle) -> Result<Self, NotFactored> {
-        let n = matrix.unknowns;
-        let pattern =
-            SymbolicSparseColMatRef::new_checked(n, n, &matrix.column_start, None, &matrix.row);
+    /// Analyses the pattern and factors `values`, (entries of the pattern).
+    pub fn new(pattern: &Pattern, values: &[f64]) -> Result<Self, NotFactored> {
         let symbolic = factorize_symbolic_cholesky(
-            pattern,
+            symbolic_matrix(pattern),
             Side::Lower,
             SymmetricOrdering::Amd,
             CholeskySymbolicParams {
@@ -46,21 +53,62 @@ impl Factor {
             },
         )
         .map_err(|_| NotFactored)?;
-        let mut values = vec![0.0; symbolic.len_val()];
-        let scratch = symbolic.factorize_numeric_llt_scratch::<f64>(Par::Seq, Default::default());
-        let mut memory = MemBuffer::try_new(scratch).map_err(|_| NotFactored)?;
-        symbolic
+        let mut factor = Self {
+            values: vec![0.0; symbolic.len_val()],
+            symbolic: Arc::new(symbolic),
+        };
+        let mut scratch = factor.refactor_scratch()?;
+        factor.refactor(pattern, values, &mut scratch)?;
+        Ok(factor)
+    }
+
+    /// As [`Self::new`] for tissue at rest with so many nodes `fixed`, held against rigid motion or
+    /// refused.
+    pub fn held(pattern: &Pattern, stiffness: &[f64], fixed: usize) -> Result<Self, TissueError> {
+        let floating = TissueError::Floating { fixed };
+        let factor = Self::new(pattern, stiffness).map_err(|_| floating.clone())?;
+        // Round-off can hide a rigid motion from the factorisation. A solve cannot hide it: forces
+        // without symmetry move it by many orders more than the stiffness explains.
+        let mut u: Vec<f64> = (0..pattern.unknowns)
+            .map(|index| (index as f64).sin())
+            .collect();
+        factor.solve(&mut u, 1, &mut factor.scratch(1));
+        let largest = |values: &[f64]| values.iter().fold(0.0f64, |most, x| most.max(x.abs()));
+        let sound = u.iter().all(|u| u.is_finite())
+            && largest(&u) * largest(stiffness) < 1e12 * pattern.unknowns as f64;
+        if sound { Ok(factor) } else { Err(floating) }
+    }
+
+    pub fn refactor_scratch(&self) -> Result<RefactorScratch, NotFactored> {
+        let need = self
+            .symbolic
+            .factorize_numeric_llt_scratch::<f64>(Par::Seq, Default::default());
+        Ok(RefactorScratch {
+            memory: MemBuffer::try_new(need).map_err(|_| NotFactored)?,
+            values: vec![0.0; self.values.len()],
+        })
+    }
+
+    /// Factors other values on the same pattern. Allocates nothing; on failure the factor is as before.
+    pub fn refactor(
+        &mut self,
+        pattern: &Pattern,
+        values: &[f64],
+        scratch: &mut RefactorScratch,
+    ) -> Result<(), NotFactored> {
+        self.symbolic
             .factorize_numeric_llt(
-                &mut values,
-                SparseColMatRef::new(pattern, &matrix.value),
+                &mut scratch.values,
+                SparseColMatRef::new(symbolic_matrix(pattern), values),
                 Side::Lower,
                 LltRegularization::default(),
                 Par::Seq,
-                MemStack::new(&mut memory),
+                MemStack::new(&mut scratch.memory),
                 Default::default(),
             )
             .map_err(|_| NotFactored)?;
-        Ok(Self { symbolic, values })
+        std::mem::swap(&mut self.values, &mut scratch.values);
+        Ok(())
     }
 
     pub fn scratch(&self, columns: usize) -> SolveScratch {
@@ -91,4 +139,9 @@ impl Factor {
     pub fn len(&self) -> usize {
         self.values.len()
     }
+}
+
+fn symbolic_matrix(pattern: &Pattern) -> SymbolicSparseColMatRef<'_, usize> {
+    let n = pattern.unknowns;
+    SymbolicSparseColMatRef::new_checked(n, n, &pattern.column_start, None, &pattern.row)
 }

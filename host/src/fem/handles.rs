@@ -3,7 +3,9 @@
 //! Entry point: [`HeldPoints::new`]. With Y = K^-1 C' and W = C Y (younes-2021, 2.2.2):
 //! `lambda = W^-1 (C u_free - b)`, `u = u_free - Y lambda`, force on the tissue `-C' lambda`.
 
-use super::tissue::{LinearTissue, TissueError};
+use super::error::TissueError;
+use super::factor::Factor;
+use super::numbering::Numbering;
 
 /// A point of tissue: a weighted sum of nodes, usually barycentric in a face or cell.
 #[derive(Clone, Debug, PartialEq)]
@@ -37,6 +39,14 @@ impl Anchor {
     }
 }
 
+/// Tissue with a factored stiffness.
+pub(crate) trait Factored {
+    /// Where the nodes are among the unknowns.
+    fn numbering(&self) -> &Numbering;
+    /// The stiffness, as its factor.
+    fn factor(&self) -> &Factor;
+}
+
 /// Anchors held by equality rows, ready to correct any solution of the tissue without them.
 #[derive(Debug)]
 pub(crate) struct HeldPoints {
@@ -48,24 +58,25 @@ pub(crate) struct HeldPoints {
 }
 
 impl HeldPoints {
-    pub fn new(tissue: &LinearTissue, anchors: Vec<Anchor>) -> Result<Self, TissueError> {
+    pub fn new(tissue: &impl Factored, anchors: Vec<Anchor>) -> Result<Self, TissueError> {
+        let (numbering, factor) = (tissue.numbering(), tissue.factor());
         for (handle, anchor) in anchors.iter().enumerate() {
-            check(handle, anchor, tissue.nodes())?;
+            check(handle, anchor, numbering.nodes())?;
         }
         let rows = 3 * anchors.len();
-        let unknowns = tissue.unknowns();
+        let unknowns = numbering.unknowns();
         let mut y = vec![0.0; unknowns * rows];
         for (row, column) in y.chunks_exact_mut(unknowns.max(1)).enumerate() {
             let anchor = &anchors[row / 3];
             for (&node, &weight) in anchor.vertices.iter().zip(&anchor.weights) {
-                if let Some(first) = tissue.first_unknown(node) {
+                if let Some(first) = numbering.first_unknown(node) {
                     column[first + row % 3] += weight;
                 }
             }
         }
         if rows > 0 {
-            let mut scratch = tissue.scratch(rows);
-            tissue.solve_unknowns(&mut y, rows, &mut scratch);
+            let mut scratch = factor.scratch(rows);
+            factor.solve(&mut y, rows, &mut scratch);
         }
         let mut held = Self {
             anchors,
@@ -75,7 +86,7 @@ impl HeldPoints {
         let mut column = vec![0.0; rows];
         for row in 0..rows {
             let y = &held.y[unknowns * row..unknowns * (row + 1)];
-            held.at_anchors(tissue, y, &mut column);
+            held.at_anchors(numbering, y, &mut column);
             for (other, &value) in column.iter().enumerate() {
                 held.w_factor[rows * other + row] = value;
             }
@@ -96,11 +107,12 @@ impl HeldPoints {
 
     /// Makes `u` (unknowns) satisfy `C u = target`; `lambda` (3 per anchor) carries the target in and
     /// the multipliers out.
-    pub fn correct(&self, tissue: &LinearTissue, u: &mut [f64], lambda: &mut [f64]) {
+    pub fn correct(&self, tissue: &impl Factored, u: &mut [f64], lambda: &mut [f64]) {
         let rows = 3 * self.anchors.len();
-        let unknowns = tissue.unknowns();
+        let numbering = tissue.numbering();
+        let unknowns = numbering.unknowns();
         for (anchor, lambda) in self.anchors.iter().zip(lambda.chunks_exact_mut(3)) {
-            let at = anchor.sum(|node| tissue.at_node(u, node));
+            let at = anchor.sum(|node| numbering.at_node(u, node));
             for axis in 0..3 {
                 lambda[axis] = at[axis] - lambda[axis];
             }
@@ -113,9 +125,9 @@ impl HeldPoints {
         }
     }
 
-    fn at_anchors(&self, tissue: &LinearTissue, u: &[f64], out: &mut [f64]) {
+    fn at_anchors(&self, numbering: &Numbering, u: &[f64], out: &mut [f64]) {
         for (anchor, out) in self.anchors.iter().zip(out.chunks_exact_mut(3)) {
-            out.copy_from_slice(&anchor.sum(|node| tissue.at_node(u, node)));
+            out.copy_from_slice(&anchor.sum(|node| numbering.at_node(u, node)));
         }
     }
 }

@@ -1,19 +1,31 @@
-//! Linear-elastic finite elements on four-node tetrahedra, quasi-static.
+//! Finite elements on four-node tetrahedra, quasi-static: linear-elastic and corotational.
 //!
 //! Entry points: [`LinearTissue::new`] assembles and factors once, [`LinearTissue::solve`] answers
-//! loads and moved points. Rows follow one convention (younes-2021, 2.2): `K u + C' lambda = f`,
+//! loads and moved points; [`CorotationalTissue`] does so for large rotations. Rows follow one convention (younes-2021, 2.2): `K u + C' lambda = f`,
 //! `C u = b`; the force of a row on the tissue is `-C' lambda`.
 
 mod assembly;
+mod corotational;
 mod element;
+mod error;
 mod factor;
 mod handles;
+mod loads;
 mod material;
+mod numbering;
+mod pattern;
+mod rotation;
 mod tissue;
 
+pub use corotational::{
+    CorotationalState, CorotationalTissue, CorotationalWorkspace, Linearisation, Policy,
+    TangentKind,
+};
+pub use error::TissueError;
+pub use factor::SolveScratch;
 pub use handles::{Anchor, Handle};
+pub use loads::{Equilibrium, Loads, NodeLoad};
 pub use material::{Material, MaterialError, Materials};
-pub use tissue::{Equilibrium, LinearTissue, Loads, NodeLoad, TissueError};
+pub use tissue::LinearTissue;
 
-pub(crate) use factor::SolveScratch;
 pub(crate) use handles::HeldPoints;

@@ -1,0 +1,202 @@
+//! Corotational tissue: small strain in a frame that turns with every cell (younes-2021, 2.2.3).
+//!
+//! Entry points: [`CorotationalTissue::new`], [`CorotationalTissue::linearise`] for one step of an outer
+//! loop, [`CorotationalTissue::solve`] for a whole equilibrium. The energy mu |S - I|^2 + lambda/2
+//! tr(S - I)^2 with F = R S gives the forces sum R K (R'x - X); (Y 2.43) prints R' for R, (Y 2.46) turns
+//! the load. The tangent has dR/du in it.
+
+mod cell;
+mod equilibrium;
+mod linearise;
+mod state;
+#[cfg(test)]
+mod tests;
+
+pub use linearise::{Linearisation, TangentKind};
+pub use state::{CorotationalState, CorotationalWorkspace};
+
+use super::assembly::assemble;
+use super::element::Element;
+use super::error::TissueError;
+use super::factor::{Factor, SolveScratch};
+use super::handles::Factored;
+use super::material::Materials;
+use super::numbering::Numbering;
+use super::pattern::Pattern;
+use crate::mesh::TetMesh;
+
+/// How much work goes into following the tangent: speed against accuracy of one step.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Policy {
+    /// The tangent is factored anew once a cell has turned by more than this since the last time \[rad\].
+    /// A stale factor leaves about this share of an unbalanced force after one solve.
+    pub refactor_rotation_rad: f64,
+    /// ... and after this many steps, for what changes without turning.
+    pub refactor_every: u32,
+    /// Iterations of conjugate gradients on the present tangent, preconditioned with the stale factor;
+    /// zero: the stale factor alone. Each costs a solve and a product, and multiplies what is left by
+    /// about the rotation since the last factor.
+    pub cg_iterations: u32,
+    /// The iteration ends when the residual has fallen to this share.
+    pub cg_tolerance: f64,
+}
+
+impl Default for Policy {
+    /// 0.1 rad, because a solve then leaves a tenth and two iterations a hundredth, which is below what
+    /// linear cells and small strain are worth; every 256 steps, a quarter of a second at 1 kHz.
+    fn default() -> Self {
+        Self {
+            refactor_rotation_rad: 0.1,
+            refactor_every: 256,
+            cg_iterations: 2,
+            cg_tolerance: 1e-3,
+        }
+    }
+}
+
+/// What is constant: cells, the order of unknowns, the pattern of the stiffness and its factor at rest.
+pub struct CorotationalTissue {
+    /// With places instead of nodes, ascending in each cell.
+    elements: Vec<Element>,
+    numbering: Numbering,
+    pattern: Pattern,
+    /// Of the undeformed tissue.
+    rest_factor: Factor,
+    policy: Policy,
+    /// Forces below this are round-off \[N\].
+    round_off_n: f64,
+}
+
+impl CorotationalTissue {
+    /// Tissue of `mesh` with the nodes `fixed` held; `materials` is one
+    /// [`Material`](super::Material) for all cells, or [`Materials`].
+    ///
+    /// # Errors
+    /// As [`LinearTissue::new`](super::LinearTissue::new); a policy that is not finite or negative.
+    pub fn new(
+        mesh: &TetMesh,
+        materials: impl Into<Materials>,
+        fixed: &[u32],
+        policy: Policy,
+    ) -> Result<Self, TissueError> {
+        let limits = [policy.refactor_rotation_rad, policy.cg_tolerance];
+        if !limits.iter().all(|limit| *limit >= 0.0) {
+            return Err(TissueError::Policy(policy));
+        }
+        let materials = materials.into();
+        materials.check(mesh.cells().len())?;
+        let numbering = Numbering::new(mesh.points_m().len(), fixed)?;
+        let elements: Vec<Element> = Element::of_mesh(mesh, &materials)
+            .iter()
+            .map(|element| element.placed(&numbering))
+            .collect();
+        let (pattern, stiffness) = assemble(&elements, numbering.free());
+        let rest_factor = Factor::held(&pattern, &stiffness, numbering.fixed())?;
+        let round_off_n = elements
+            .iter()
+            .map(Element::force_of_unit_strain)
+            .fold(0.0, f64::max)
+            * 16.0
+            * f64::EPSILON;
+        Ok(Self {
+            elements,
+            numbering,
+            pattern,
+            rest_factor,
+            policy,
+            round_off_n,
+        })
+    }
+
+    /// Number of nodes, fixed ones included.
+    pub fn nodes(&self) -> usize {
+        self.numbering.nodes()
+    }
+
+    /// Number of cells.
+    pub fn cells(&self) -> usize {
+        self.elements.len()
+    }
+
+    /// Number of scalar unknowns: three per free node.
+    pub fn unknowns(&self) -> usize {
+        self.numbering.unknowns()
+    }
+
+    /// Whether a node is held.
+    pub fn is_fixed(&self, node: u32) -> bool {
+        self.numbering.is_fixed(node)
+    }
+
+    /// The speed-accuracy knob.
+    pub fn policy(&self) -> Policy {
+        self.policy
+    }
+
+    /// Index of a node's first unknown; `None` for a fixed node.
+    pub fn first_unknown(&self, node: u32) -> Option<usize> {
+        self.numbering.first_unknown(node)
+    }
+
+    /// A node's value in a vector of unknowns; zero for a fixed node.
+    pub fn at_node(&self, u: &[f64], node: u32) -> [f64; 3] {
+        self.numbering.at_node(u, node)
+    }
+
+    /// Tissue at rest.
+    pub fn state(&self) -> CorotationalState {
+        CorotationalState::at_rest(self)
+    }
+
+    /// Scratch for any number of states, one at a time.
+    ///
+    /// # Errors
+    /// [`TissueError::Floating`] if there is no memory for the factor.
+    pub fn workspace(&self) -> Result<CorotationalWorkspace, TissueError> {
+        CorotationalWorkspace::new(self)
+    }
+
+    /// Memory for [`Self::solve_unknowns`] with up to `columns` right-hand sides.
+    pub fn scratch(&self, columns: usize) -> SolveScratch {
+        self.rest_factor.scratch(columns)
+    }
+
+    /// K^-1 on `columns` vectors of unknowns, one after the other in memory, in place, with the
+    /// factor that the state has.
+    pub fn solve_unknowns(
+        &self,
+        state: &CorotationalState,
+        rhs: &mut [f64],
+        columns: usize,
+        scratch: &mut SolveScratch,
+    ) {
+        state.factor.solve(rhs, columns, scratch);
+    }
+}
+
+/// Corotational tissue with the tangent that a state holds, for rows.
+pub(crate) struct Linearised<'a> {
+    pub tissue: &'a CorotationalTissue,
+    pub state: &'a CorotationalState,
+}
+
+impl Factored for Linearised<'_> {
+    fn numbering(&self) -> &Numbering {
+        &self.tissue.numbering
+    }
+
+    fn factor(&self) -> &Factor {
+        &self.state.factor
+    }
+}
+
+impl std::fmt::Debug for CorotationalTissue {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("CorotationalTissue")
+            .field("nodes", &self.nodes())
+            .field("cells", &self.cells())
+            .field("unknowns", &self.unknowns())
+            .field("policy", &self.policy)
+            .finish_non_exhaustive()
+    }
+}
