@@ -1,0 +1,37 @@
+//! Rows on points of tissue: what holds it at punctures, pins and grips, solved at haptic rate.
+//!
+//! Entry point: [`AnchorSolver::step`]. A row keeps `direction . u(anchor)` at or below a target. The
+//! compliance between anchors is a barycentric sum of cached blocks of K^-1 (younes-2021, 2.2.2, with
+//! columns kept instead of solved for), so a step costs a dense solve in the number of rows and nothing
+//! that grows with the mesh. The displacement of all nodes costs one sparse solve more, on request.
+
+mod compliance;
+mod solver;
+
+pub use solver::{AnchorSettings, AnchorSolver, AnchorStages, AnchorStatus, AnchorStep};
+
+use crate::rows::RowKind;
+
+/// A point of tissue by barycentric coordinates of a face or cell.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct AnchorPoint {
+    /// Mesh nodes; any node where the weight is zero.
+    pub nodes: [u32; 4],
+    /// Their weights, with sum 1.
+    pub weights: [f64; 4],
+}
+
+/// One row: `direction . u(anchor) <= target` or `=`, by its kind.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct AnchorRow {
+    /// Names the row from step to step.
+    pub id: u64,
+    /// Index of its anchor.
+    pub anchor: u32,
+    /// What it may do.
+    pub kind: RowKind,
+    /// Unit vector, world frame, (3).
+    pub direction: [f64; 3],
+    /// Displacement of the anchor along `direction` from the unloaded mesh \[m\].
+    pub target_m: f64,
+}

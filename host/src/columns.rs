@@ -1,0 +1,240 @@
+//! Columns of the compliance K^-1 for touched vertices, kept once computed.
+//!
+//! Entry points: [`Columns::compute`] here and now, [`Columns::request`] from a worker thread,
+//! [`Columns::block`]. A column holds the displacement of the vertices that can be reached by rows, so
+//! that a step costs nothing that grows with the volume of the mesh. The cache stays below a memory
+//! limit: the columns that were used longest ago make room. A column's bits do not depend on who
+//! computes it, when, or together with which others.
+
+mod solver;
+mod worker;
+
+use crate::fem::{Factored, HeldPoints, LinearTissue};
+use nalgebra::{Matrix3, Vector3};
+use solver::ColumnSolver;
+use std::sync::Arc;
+use worker::Worker;
+
+const MISSING: u32 = u32::MAX;
+
+/// The cache. Vertices are numbered among those that can be reached.
+pub(crate) struct Columns {
+    /// Slot of each vertex's columns, or [`MISSING`], (b).
+    place: Vec<u32>,
+    slots: Vec<Slot>,
+    /// Slots that the memory limit allows.
+    most_slots: usize,
+    /// Counts steps.
+    now: u64,
+    solver: ColumnSolver,
+    worker: Option<Worker>,
+    /// Vertices that the worker has been asked for, (b).
+    pending: Vec<bool>,
+}
+
+/// Columns of one vertex.
+struct Slot {
+    vertex: u32,
+    /// Step that used it last.
+    used: u64,
+    /// For each vertex that can be reached the block that maps a force on this slot's vertex to its
+    /// displacement \[m/N\], column-major, (b x 3 x 3). Empty while the worker has it.
+    blocks: Vec<f64>,
+}
+
+impl Columns {
+    /// An empty cache for forces on the free nodes `reached`, in the order in which they are counted
+    /// from then on. It holds at most `limit_bytes`, but always as many columns as `least` vertices need.
+    pub fn new(
+        tissue: &impl Factored,
+        held: &HeldPoints,
+        reached: &[u32],
+        limit_bytes: usize,
+        least: usize,
+    ) -> Self {
+        let vertices = reached.len();
+        let bytes = size_of::<f64>() * 9 * vertices;
+        Self {
+            place: vec![MISSING; vertices],
+            slots: Vec::new(),
+            most_slots: (limit_bytes / bytes.max(1)).max(least).min(vertices),
+            now: 0,
+            solver: ColumnSolver::new(tissue, held, reached),
+            worker: None,
+            pending: vec![false; vertices],
+        }
+    }
+
+    /// From now on [`Self::request`] goes to a thread of its own; `reached` as in [`Self::new`].
+    pub fn start_worker(
+        &mut self,
+        tissue: Arc<LinearTissue>,
+        held: Arc<HeldPoints>,
+        reached: &[u32],
+    ) -> std::io::Result<()> {
+        let solver = ColumnSolver::new(&*tissue, &held, reached);
+        self.worker = Some(Worker::start(solver, tissue, held)?);
+        Ok(())
+    }
+
+    pub fn has_worker(&self) -> bool {
+        self.worker.is_some()
+    }
+
+    /// A new step: what the worker has finished is there, and nothing is in use yet.
+    pub fn begin_step(&mut self) {
+        self.now += 1;
+        let Some(worker) = &mut self.worker else {
+            return;
+        };
+        while let Some((slot, blocks)) = worker.finished() {
+            let home = &mut self.slots[slot as usize];
+            home.blocks = blocks;
+            self.place[home.vertex as usize] = slot;
+            self.pending[home.vertex as usize] = false;
+        }
+    }
+
+    /// Keeps a vertex's columns through this step.
+    pub fn keep(&mut self, vertex: u32) {
+        let slot = self.place[vertex as usize];
+        if slot != MISSING {
+            self.slots[slot as usize].used = self.now;
+        }
+    }
+
+    pub fn has(&self, vertex: u32) -> bool {
+        self.place[vertex as usize] != MISSING
+    }
+
+    /// Vertices whose columns are there.
+    pub fn count(&self) -> usize {
+        self.place.iter().filter(|slot| **slot != MISSING).count()
+    }
+
+    /// Memory for one vertex \[bytes\].
+    pub fn bytes_per_vertex(&self) -> usize {
+        size_of::<f64>() * 9 * self.place.len()
+    }
+
+    pub fn bytes(&self) -> usize {
+        self.slots.len() * self.bytes_per_vertex()
+    }
+
+    /// Computes the columns of those `vertices` that have none yet. Allocates until the memory limit is
+    /// reached; then the columns used longest ago make room, but none that this step uses: whether all
+    /// found room.
+    pub fn compute(
+        &mut self,
+        tissue: &impl Factored,
+        held: &HeldPoints,
+        vertices: &[u32],
+    ) -> bool {
+        let mut slots = [MISSING; ColumnSolver::BATCH];
+        let mut batch = [MISSING; ColumnSolver::BATCH];
+        let mut count = 0;
+        let mut room = true;
+        for (index, &vertex) in vertices.iter().enumerate() {
+            if !self.has(vertex)
+                && !self.pending[vertex as usize]
+                && !batch[..count].contains(&vertex)
+            {
+                match self.slot_for(vertex) {
+                    Some(slot) => {
+                        (slots[count], batch[count]) = (slot, vertex);
+                        count += 1;
+                    }
+                    None => room = false,
+                }
+            }
+            if count == batch.len() || (index + 1 == vertices.len() && count > 0) {
+                self.solver.solve(tissue, &batch[..count]);
+                for (which, (&slot, &vertex)) in slots.iter().zip(&batch[..count]).enumerate() {
+                    let home = &mut self.slots[slot as usize];
+                    self.solver.read(tissue, held, which, &mut home.blocks);
+                    self.place[vertex as usize] = slot;
+                }
+                count = 0;
+            }
+        }
+        room
+    }
+
+    /// Asks the worker for a vertex's columns, unless they are there or on their way. They come with the
+    /// begin of some later step.
+    pub fn request(&mut self, vertex: u32) {
+        if self.has(vertex) || self.pending[vertex as usize] {
+            return;
+        }
+        if !self.worker.as_ref().is_some_and(Worker::has_room) {
+            return;
+        }
+        if let Some(slot) = self.slot_for(vertex) {
+            let blocks = std::mem::take(&mut self.slots[slot as usize].blocks);
+            if let Some(worker) = &mut self.worker {
+                worker.ask(slot, vertex, blocks);
+                self.pending[vertex as usize] = true;
+            }
+        }
+    }
+
+    /// First unknown of a vertex.
+    pub fn first_unknown(&self, vertex: u32) -> usize {
+        self.solver.first_unknown(vertex)
+    }
+
+    /// Forgets every column: the factor has changed.
+    pub fn forget(&mut self) {
+        self.place.fill(MISSING);
+    }
+
+    /// A slot for `vertex`: a new one below the limit, else the one used longest ago.
+    fn slot_for(&mut self, vertex: u32) -> Option<u32> {
+        let slot = if self.slots.len() < self.most_slots {
+            self.slots.push(Slot {
+                vertex,
+                used: 0,
+                blocks: vec![0.0; 9 * self.place.len()],
+            });
+            self.slots.len() - 1
+        } else {
+            let idle = |slot: &Slot| slot.used < self.now && !slot.blocks.is_empty();
+            let (oldest, _) = self
+                .slots
+                .iter()
+                .enumerate()
+                .filter(|(_, slot)| idle(slot))
+                .min_by_key(|(index, slot)| (slot.used, *index))?;
+            oldest
+        };
+        let home = &mut self.slots[slot];
+        if self.place[home.vertex as usize] == slot as u32 {
+            self.place[home.vertex as usize] = MISSING;
+        }
+        home.vertex = vertex;
+        home.used = self.now;
+        Some(slot as u32)
+    }
+
+    /// Blocks of a vertex whose columns are there, (b x 3 x 3), each column-major.
+    pub fn of(&self, vertex: u32) -> &[f64] {
+        &self.slots[self.place[vertex as usize] as usize].blocks
+    }
+
+    /// Displacement of `at` per force on `pushed`, whose columns must be there \[m/N\].
+    #[inline]
+    pub fn block(&self, at: u32, pushed: u32) -> Matrix3<f64> {
+        let start = 9 * at as usize;
+        Matrix3::from_column_slice(&self.of(pushed)[start..start + 9])
+    }
+
+    /// Adds the displacement of every vertex for a force on `pushed` to `u` (3 b).
+    pub fn add(&self, pushed: u32, force: &Vector3<f64>, u: &mut [f64]) {
+        for (u, block) in u.chunks_exact_mut(3).zip(self.of(pushed).chunks_exact(9)) {
+            for axis in 0..3 {
+                u[axis] +=
+                    block[axis] * force.x + block[3 + axis] * force.y + block[6 + axis] * force.z;
+            }
+        }
+    }
+}

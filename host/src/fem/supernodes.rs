@@ -1,0 +1,439 @@
+//! Triangular solves with a supernodal Cholesky factor, for one or a few right-hand sides.
+//!
+//! Entry points: [`Supernodes::solve`] for a whole field, [`Supernodes::solve_columns`] for the response
+//! to unit loads: its forward sweep follows only the path from their supernodes to the root of
+//! the elimination tree (Gilbert & Peierls 1988), its backward sweep leaves out what nobody reads. A
+//! solve streams the factor from memory once each way, so the right-hand sides share each load of an
+//! entry. Sums run in a fixed order with explicit fused multiply-adds: one set of bits on every
+//! processor, whatever else is solved beside it.
+
+use faer::sparse::linalg::cholesky::{SymbolicCholesky, SymbolicCholeskyRaw};
+use pulp::{Arch, Simd, WithSimd};
+
+/// Partial sums of a dot product that run side by side.
+const LANES: usize = 4;
+/// Columns of a supernode taken together, so that a loaded value serves more than one of them.
+const QUAD: usize = 4;
+
+/// Where each supernode's rows and values lie, and which column of the matrix is which.
+#[derive(Debug)]
+pub(super) struct Supernodes {
+    /// First column of each supernode, and the end of the last, (s + 1).
+    begin: Vec<u32>,
+    /// Where its rows below the diagonal block begin in `rows`, (s + 1).
+    row_start: Vec<usize>,
+    rows: Vec<u32>,
+    /// Where its dense columns begin among the factor's values, (s + 1).
+    value_start: Vec<usize>,
+    /// The next supernode on the way to the root; the number of supernodes at a root, (s).
+    parent: Vec<u32>,
+    /// Supernode of each column, (n).
+    of_column: Vec<u32>,
+    /// Column of the matrix that stands at each place of the factor, and back, (n).
+    at_place: Vec<u32>,
+    place_of: Vec<u32>,
+    most_height: usize,
+    arch: Arch,
+}
+
+/// Buffers of a solve.
+pub(crate) struct SweepScratch<const K: usize> {
+    /// Right-hand sides in the factor's order, one after the other, (K x n).
+    x: Vec<f64>,
+    /// Rows of one supernode side by side, (K x most height).
+    t: Vec<f64>,
+    /// Next supernode on each unknown's path to the root.
+    heads: [u32; K],
+}
+
+impl Supernodes {
+    /// `None` for a factor that has no supernodes.
+    pub fn new(symbolic: &SymbolicCholesky<usize>) -> Option<Self> {
+        let SymbolicCholeskyRaw::Supernodal(raw) = symbolic.raw() else {
+            return None;
+        };
+        let count = raw.n_supernodes();
+        let n = raw.nrows();
+        let mut begin: Vec<u32> = raw.supernode_begin().iter().map(|&c| c as u32).collect();
+        begin.push(n as u32);
+        let mut of_column = vec![0; n];
+        for s in 0..count {
+            of_column[begin[s] as usize..begin[s + 1] as usize].fill(s as u32);
+        }
+        let (mut rows, mut row_start) = (Vec::new(), vec![0]);
+        let mut parent = Vec::with_capacity(count);
+        for s in 0..count {
+            let pattern = raw.supernode(s).pattern();
+            // Rows ascend: the first is the nearest ancestor.
+            let first = pattern.iter().min();
+            parent.push(first.map_or(count as u32, |&row| of_column[row]));
+            rows.extend(pattern.iter().map(|&row| row as u32));
+            row_start.push(rows.len());
+        }
+        let identity = || (0..n as u32).collect();
+        let (at_place, place_of) = match symbolic.perm() {
+            Some(perm) => {
+                let (forward, inverse) = perm.arrays();
+                let narrow = |order: &[usize]| order.iter().map(|&i| i as u32).collect();
+                (narrow(forward), narrow(inverse))
+            }
+            None => (identity(), identity()),
+        };
+        Some(Self {
+            most_height: (0..count)
+                .map(|s| (begin[s + 1] - begin[s]) as usize + row_start[s + 1] - row_start[s])
+                .max()
+                .unwrap_or(0),
+            begin,
+            row_start,
+            rows,
+            value_start: raw.col_ptr_for_val().to_vec(),
+            parent,
+            of_column,
+            at_place,
+            place_of,
+            arch: Arch::new(),
+        })
+    }
+
+    fn count(&self) -> usize {
+        self.parent.len()
+    }
+
+    pub fn scratch<const K: usize>(&self) -> SweepScratch<K> {
+        SweepScratch {
+            x: vec![0.0; K * self.at_place.len()],
+            t: vec![0.0; K * self.most_height],
+            heads: [0; K],
+        }
+    }
+
+    /// Supernodes that a backward sweep must visit to know `unknowns`, descending.
+    pub fn needed_for(&self, unknowns: impl Iterator<Item = usize>) -> Vec<u32> {
+        let mut needed = vec![false; self.count()];
+        for unknown in unknowns {
+            let mut s = self.of_column[self.place_of[unknown] as usize] as usize;
+            while s < self.count() && !needed[s] {
+                needed[s] = true;
+                s = self.parent[s] as usize;
+            }
+        }
+        let descending = (0..self.count() as u32).rev();
+        descending.filter(|s| needed[*s as usize]).collect()
+    }
+
+    /// K^-1 times `rhs` (n), in place.
+    pub fn solve(&self, values: &[f64], rhs: &mut [f64], scratch: &mut SweepScratch<1>) {
+        for (x, &column) in scratch.x.iter_mut().zip(&self.at_place) {
+            *x = rhs[column as usize];
+        }
+        self.arch.dispatch(Field {
+            supernodes: self,
+            values,
+            scratch,
+        });
+        for (x, &column) in scratch.x.iter().zip(&self.at_place) {
+            rhs[column as usize] = *x;
+        }
+    }
+
+    /// Columns of K^-1 for groups of `unknowns`, one scratch each, of which only what `needed` covers
+    /// can be read afterwards, with [`Self::read`]. Groups share the factor's way through the cache and
+    /// nothing else: the bits of one do not depend on its company.
+    pub fn solve_columns<const K: usize>(
+        &self,
+        values: &[f64],
+        unknowns: &[[usize; K]],
+        needed: &[u32],
+        scratch: &mut [SweepScratch<K>],
+    ) {
+        let n = self.at_place.len();
+        for (scratch, group) in scratch.iter_mut().zip(unknowns) {
+            scratch.x.fill(0.0);
+            for (k, unknown) in group.iter().enumerate() {
+                let place = self.place_of[*unknown] as usize;
+                scratch.x[k * n + place] = 1.0;
+                scratch.heads[k] = self.of_column[place];
+            }
+        }
+        self.arch.dispatch(Columns {
+            supernodes: self,
+            values,
+            needed,
+            scratch: &mut scratch[..unknowns.len()],
+        });
+    }
+
+    /// One unknown of every right-hand side after [`Self::solve_columns`].
+    pub fn read<const K: usize>(&self, scratch: &SweepScratch<K>, unknown: usize) -> [f64; K] {
+        let place = self.place_of[unknown] as usize;
+        std::array::from_fn(|k| scratch.x[k * self.at_place.len() + place])
+    }
+
+    /// Eliminates the columns of one supernode from those after it.
+    #[inline(always)]
+    fn forward<const K: usize>(&self, s: usize, values: &[f64], scratch: &mut SweepScratch<K>) {
+        let Block {
+            first,
+            width,
+            height,
+            rows,
+            values,
+        } = self.block(s, values);
+        let n = self.at_place.len();
+        let most = self.most_height;
+        for k in 0..K {
+            let t = &mut scratch.t[k * most..k * most + height];
+            t[..width].copy_from_slice(&scratch.x[k * n + first..k * n + first + width]);
+            t[width..].fill(0.0);
+        }
+        let mut j = 0;
+        while j < width {
+            let some = QUAD.min(width - j);
+            let columns = &values[j * height..(j + some) * height];
+            let mut x = [[0.0; K]; QUAD];
+            for c in 0..some {
+                for k in 0..K {
+                    let mut value = scratch.t[k * most + j + c];
+                    for (before, x) in x.iter().enumerate().take(c) {
+                        value = columns[before * height + j + c].mul_add(-x[k], value);
+                    }
+                    x[c][k] = value / columns[c * height + j + c];
+                    scratch.t[k * most + j + c] = x[c][k];
+                }
+            }
+            let rest = |c: usize| &columns[c * height + j + some..(c + 1) * height];
+            let [ta, tb] = [j + some, height];
+            let mut t = scratch.t.chunks_exact_mut(most);
+            let t: [&mut [f64]; K] = std::array::from_fn(|_| match t.next() {
+                Some(t) => &mut t[ta..tb],
+                None => &mut [],
+            });
+            if some == QUAD {
+                subtract([rest(0), rest(1), rest(2), rest(3)], &x, t);
+            } else {
+                let mut t = t;
+                for (c, x) in x.iter().enumerate().take(some) {
+                    for k in 0..K {
+                        for (t, l) in t[k].iter_mut().zip(rest(c)) {
+                            *t = l.mul_add(-x[k], *t);
+                        }
+                    }
+                }
+            }
+            j += some;
+        }
+        for k in 0..K {
+            let t = &scratch.t[k * most..k * most + height];
+            let x = &mut scratch.x[k * n..(k + 1) * n];
+            x[first..first + width].copy_from_slice(&t[..width]);
+            for (&row, t) in rows.iter().zip(&t[width..]) {
+                x[row as usize] += t;
+            }
+        }
+    }
+
+    /// Solves for the columns of one supernode, those after it being known.
+    #[inline(always)]
+    fn backward<const K: usize>(&self, s: usize, values: &[f64], scratch: &mut SweepScratch<K>) {
+        let Block {
+            first,
+            width,
+            height,
+            rows,
+            values,
+        } = self.block(s, values);
+        let n = self.at_place.len();
+        let most = self.most_height;
+        for k in 0..K {
+            let t = &mut scratch.t[k * most..k * most + height];
+            let x = &scratch.x[k * n..(k + 1) * n];
+            t[..width].copy_from_slice(&x[first..first + width]);
+            for (t, &row) in t[width..].iter_mut().zip(rows) {
+                *t = x[row as usize];
+            }
+        }
+        let mut end = width;
+        while end > 0 {
+            let some = match end % QUAD {
+                0 => QUAD,
+                odd => odd,
+            };
+            let j = end - some;
+            let columns = &values[j * height..end * height];
+            let rest = |c: usize| &columns[c * height + end..(c + 1) * height];
+            let t: [&[f64]; K] =
+                std::array::from_fn(|k| &scratch.t[k * most + end..k * most + height]);
+            let mut sums = [[0.0; K]; QUAD];
+            if some == QUAD {
+                sums = dots([rest(0), rest(1), rest(2), rest(3)], t);
+            } else {
+                for (c, sums) in sums.iter_mut().enumerate().take(some) {
+                    [*sums] = dots([rest(c)], t);
+                }
+            }
+            for c in (0..some).rev() {
+                for k in 0..K {
+                    let t = &mut scratch.t[k * most + j..k * most + end];
+                    let mut value = t[c] - sums[c][k];
+                    for after in c + 1..some {
+                        value = columns[c * height + j + after].mul_add(-t[after], value);
+                    }
+                    t[c] = value / columns[c * height + j + c];
+                }
+            }
+            end = j;
+        }
+        for k in 0..K {
+            scratch.x[k * n + first..k * n + first + width]
+                .copy_from_slice(&scratch.t[k * most..k * most + width]);
+        }
+    }
+
+    #[inline(always)]
+    fn block<'a>(&'a self, s: usize, values: &'a [f64]) -> Block<'a> {
+        let first = self.begin[s] as usize;
+        let width = self.begin[s + 1] as usize - first;
+        let rows = &self.rows[self.row_start[s]..self.row_start[s + 1]];
+        let height = width + rows.len();
+        Block {
+            first,
+            width,
+            height,
+            rows,
+            values: &values[self.value_start[s]..self.value_start[s] + height * width],
+        }
+    }
+}
+
+/// One supernode: dense columns of the factor, the diagonal block on top.
+struct Block<'a> {
+    first: usize,
+    width: usize,
+    height: usize,
+    /// Rows below the diagonal block.
+    rows: &'a [u32],
+    /// (height x width), column-major.
+    values: &'a [f64],
+}
+
+/// `t[k] -= sum of columns[c] x[c][k]`.
+#[inline(always)]
+fn subtract<const K: usize>(columns: [&[f64]; QUAD], x: &[[f64; K]; QUAD], mut t: [&mut [f64]; K]) {
+    let wholes: [&[[f64; LANES]]; QUAD] = std::array::from_fn(|c| columns[c].as_chunks().0);
+    let count = wholes[0].len();
+    for at in 0..count {
+        for (k, t) in t.iter_mut().enumerate() {
+            let t = &mut t[at * LANES..(at + 1) * LANES];
+            let mut sums: [f64; LANES] = std::array::from_fn(|lane| t[lane]);
+            for (column, x) in wholes.iter().zip(x) {
+                for (sum, l) in sums.iter_mut().zip(&column[at]) {
+                    *sum = l.mul_add(-x[k], *sum);
+                }
+            }
+            t.copy_from_slice(&sums);
+        }
+    }
+    for (k, t) in t.iter_mut().enumerate() {
+        for (i, t) in t.iter_mut().enumerate().skip(count * LANES) {
+            for (column, x) in columns.iter().zip(x) {
+                *t = column[i].mul_add(-x[k], *t);
+            }
+        }
+    }
+}
+
+/// Dot products of C columns with K vectors.
+#[inline(always)]
+fn dots<const C: usize, const K: usize>(columns: [&[f64]; C], t: [&[f64]; K]) -> [[f64; K]; C] {
+    let column_chunks: [&[[f64; LANES]]; C] = std::array::from_fn(|c| columns[c].as_chunks().0);
+    let t_chunks: [&[[f64; LANES]]; K] = std::array::from_fn(|k| t[k].as_chunks().0);
+    let count = if C == 0 { 0 } else { column_chunks[0].len() };
+    let mut lanes = [[[0.0f64; LANES]; K]; C];
+    for at in 0..count {
+        for (lanes, column) in lanes.iter_mut().zip(&column_chunks) {
+            let column = &column[at];
+            for (lanes, t) in lanes.iter_mut().zip(&t_chunks) {
+                for ((sum, l), t) in lanes.iter_mut().zip(column).zip(&t[at]) {
+                    *sum = l.mul_add(*t, *sum);
+                }
+            }
+        }
+    }
+    let mut sums = [[0.0; K]; C];
+    for c in 0..C {
+        for k in 0..K {
+            let [a, b, d, e] = lanes[c][k];
+            sums[c][k] = (a + b) + (d + e);
+            for i in count * LANES..columns[c].len() {
+                sums[c][k] = columns[c][i].mul_add(t[k][i], sums[c][k]);
+            }
+        }
+    }
+    sums
+}
+
+/// Both sweeps over all supernodes.
+struct Field<'a> {
+    supernodes: &'a Supernodes,
+    values: &'a [f64],
+    scratch: &'a mut SweepScratch<1>,
+}
+
+// Not closures: those are not inlined into the function compiled for the processor at hand.
+impl WithSimd for Field<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) {
+        for s in 0..self.supernodes.count() {
+            self.supernodes.forward(s, self.values, self.scratch);
+        }
+        for s in (0..self.supernodes.count()).rev() {
+            self.supernodes.backward(s, self.values, self.scratch);
+        }
+    }
+}
+
+/// Forward along the groups' paths to the root, backward over `needed`.
+struct Columns<'a, const K: usize> {
+    supernodes: &'a Supernodes,
+    values: &'a [f64],
+    needed: &'a [u32],
+    scratch: &'a mut [SweepScratch<K>],
+}
+
+impl<const K: usize> WithSimd for Columns<'_, K> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) {
+        let count = self.supernodes.count() as u32;
+        loop {
+            let mut s = count;
+            for group in self.scratch.iter() {
+                for head in group.heads {
+                    s = s.min(head);
+                }
+            }
+            if s == count {
+                break;
+            }
+            for group in self.scratch.iter_mut() {
+                if group.heads.contains(&s) {
+                    self.supernodes.forward(s as usize, self.values, group);
+                    for head in &mut group.heads {
+                        if *head == s {
+                            *head = self.supernodes.parent[s as usize];
+                        }
+                    }
+                }
+            }
+        }
+        for &s in self.needed {
+            for group in self.scratch.iter_mut() {
+                self.supernodes.backward(s as usize, self.values, group);
+            }
+        }
+    }
+}
