@@ -8,7 +8,7 @@
 
 use crate::columns::Columns;
 use crate::fem::{
-    CorotationalState, CorotationalTissue, CorotationalWorkspace, Factor, Factored, FieldScratch,
+    CorotationalState, CorotationalTissue, CorotationalWorkspace, Factor, Factored, SolveScratch,
     Linearisation, LinearTissue, Numbering, TissueError,
 };
 use nalgebra::Vector3;
@@ -40,7 +40,7 @@ pub(crate) struct Turning {
     loads: Vec<f64>,
     external: Vec<f64>,
     change: Vec<f64>,
-    scratch: FieldScratch,
+    scratch: SolveScratch,
 }
 
 impl Factored for Body {
@@ -79,7 +79,7 @@ impl Body {
             loads,
             external: vec![0.0; unknowns],
             change: vec![0.0; unknowns],
-            scratch: tissue.factor_at_rest().field_scratch(),
+            scratch: tissue.scratch(1),
             tissue,
         })))
     }
@@ -146,6 +146,7 @@ impl Body {
             work,
             change,
             scratch,
+            pushes: last,
             ..
         } = &mut **turning;
         change.fill(0.0);
@@ -155,14 +156,14 @@ impl Body {
                 change[first + axis] += sign * force[axis];
             }
         };
-        for push in turning.pushes.drain(..) {
+        for push in last.drain(..) {
             add(push, -1.0);
         }
         for push in pushes {
             add(push, 1.0);
-            turning.pushes.push(push);
+            last.push(push);
         }
-        state.factor().solve_field(change, scratch);
+        state.factor().solve(change, 1, scratch);
         let moved = work.predicted().iter().zip(change.iter());
         for (u, (predicted, change)) in state.unknowns_mut().iter_mut().zip(moved) {
             *u = predicted + change;
@@ -175,7 +176,7 @@ impl Body {
         columns: &Columns,
         pushes: impl Iterator<Item = Push>,
         u: &mut [f64],
-        scratch: &mut FieldScratch,
+        scratch: &mut SolveScratch,
     ) {
         match self {
             Self::Linear { tissue, resting } => {
@@ -186,7 +187,7 @@ impl Body {
                         u[first + axis] += force[axis];
                     }
                 }
-                tissue.factor().solve_field(u, scratch);
+                tissue.factor().solve(u, 1, scratch);
                 for (u, resting) in u.iter_mut().zip(resting) {
                     *u += resting;
                 }

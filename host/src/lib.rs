@@ -3,12 +3,18 @@
 //! The solver: [`mesh`] and [`fem`] make a [`model::Model`] of tissue and tools, [`step::step`] follows
 //! the tools and gives each its wrench and exact contact Jacobian.
 
+pub mod anchors;
+mod body;
+mod clock;
+mod columns;
 mod contact;
+mod dense;
 pub mod fem;
 pub mod link;
 pub mod mesh;
 pub mod model;
 pub mod output;
+pub mod rows;
 pub mod scene;
 pub mod session;
 pub mod solve;

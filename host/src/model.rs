@@ -8,6 +8,7 @@ use crate::step::State;
 use crate::tool::{MAX_TOOLS, SphereTool};
 use nalgebra::Vector3;
 use std::fmt;
+use std::sync::Arc;
 use thiserror::Error;
 
 /// Smallest radius of a tool in mean boundary edges: below it the force follows single vertices.
@@ -16,10 +17,10 @@ pub const LEAST_RADIUS_IN_EDGES: f64 = 3.0;
 /// Everything that does not change while a scene runs.
 #[derive(Debug)]
 pub struct Model {
-    pub(crate) tissue: LinearTissue,
+    pub(crate) tissue: Arc<LinearTissue>,
     pub(crate) surface: Surface,
     pub(crate) tools: Vec<(u8, SphereTool)>,
-    pub(crate) held: HeldPoints,
+    pub(crate) held: Arc<HeldPoints>,
     loads: Loads,
     /// Nodes of the mesh as given \[m\], (n x 3).
     unloaded_m: Vec<[f64; 3]>,
@@ -142,10 +143,10 @@ impl Model {
             .map(|&node| Vector3::from(resting_m[node as usize]))
             .collect();
         Ok(Self {
-            tissue,
+            tissue: Arc::new(tissue),
             surface,
             tools: tools.to_vec(),
-            held,
+            held: Arc::new(held),
             loads,
             unloaded_m: mesh.points_m().to_vec(),
             resting_m,

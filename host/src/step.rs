@@ -4,12 +4,12 @@
 //! and compared, [`Workspace`] is scratch and a cache that could be dropped between any two steps.
 
 use crate::contact::active_set::{self, ContactWork, Failure, MAX_ROWS, Near, Row, Sphere};
-use crate::contact::columns::Columns;
+use crate::clock::Clock;
+use crate::columns::Columns;
 use crate::contact::tangent::{self, TangentWork};
 use crate::model::Model;
 use crate::tool::{MAX_TOOLS, ToolSample};
 use nalgebra::{Matrix3, Vector3};
-use std::time::Instant;
 
 /// Longest piece of a path, in radii: short against the curvature that turns the normals.
 const PIECE: f64 = 0.25;
@@ -19,6 +19,8 @@ const MAX_SUBSTEPS: u32 = 32;
 const MAX_HALVINGS: i32 = 3;
 /// Vertices within this many radii of a sphere may come to be touched within a piece.
 const NEAR: f64 = 0.5;
+/// Memory for columns if nothing else is said \[bytes\].
+const DEFAULT_CACHE_BYTES: usize = 512 << 20;
 
 /// How a step ended. Anything but `Ok` means: send nothing, let the console's data age.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
@@ -167,7 +169,13 @@ impl Workspace {
     pub fn new(model: &Model) -> Self {
         let vertices = model.touchable.len();
         Self {
-            columns: Columns::new(model),
+            columns: Columns::new(
+                &*model.tissue,
+                &model.held,
+                &model.touchable,
+                DEFAULT_CACHE_BYTES,
+                4 * MAX_ROWS,
+            ),
             contact: ContactWork::new(vertices),
             tangent: TangentWork::new(),
             displacement: vec![0.0; 3 * vertices],
@@ -185,7 +193,8 @@ impl Workspace {
             .filter(|(vertex, at)| near((**at).into()) && !self.columns.has(*vertex))
             .map(|(vertex, _)| vertex)
             .collect();
-        self.columns.compute(model, &missing);
+        self.columns
+            .compute(&*model.tissue, &model.held, &missing);
         self.columns.count()
     }
 
@@ -208,6 +217,10 @@ pub fn step(
     let mut report = StepReport::default();
     let mut clock = Clock::start();
     work.contact.iterations = 0;
+    work.columns.begin_step();
+    for row in &state.rows {
+        work.columns.keep(row.vertex);
+    }
     let targets = match read_samples(model, samples) {
         Ok(targets) => targets,
         Err(status) => return StepReport { status, ..report },
@@ -498,7 +511,8 @@ fn solve_with_columns(
             Err(Failure::NotConverged) => return Err(Status::NotConverged),
             Err(Failure::Missing) => {
                 let now = work.contact.missing.len().min(budget(work, report));
-                work.columns.compute(model, &work.contact.missing[..now]);
+                work.columns
+                    .compute(&*model.tissue, &model.held, &work.contact.missing[..now]);
                 report.columns_computed += 3 * now as u32;
                 clock.lap(&mut report.stages.columns_ns);
                 if now < work.contact.missing.len() {
@@ -528,7 +542,8 @@ fn look_ahead(model: &Model, work: &mut Workspace, report: &mut StepReport) {
     work.contact
         .missing
         .extend(work.contact.near.iter().take(now).map(|near| near.vertex));
-    work.columns.compute(model, &work.contact.missing);
+    work.columns
+        .compute(&*model.tissue, &model.held, &work.contact.missing);
     report.columns_computed += 3 * work.contact.missing.len() as u32;
 }
 
@@ -654,19 +669,4 @@ fn apart(
         Matrix3::zeros()
     };
     (gap, tangent, normal)
-}
-
-/// Nanoseconds since the last look.
-struct Clock(Instant);
-
-impl Clock {
-    fn start() -> Self {
-        Self(Instant::now())
-    }
-
-    fn lap(&mut self, into: &mut u64) {
-        let now = Instant::now();
-        *into += (now - self.0).as_nanos() as u64;
-        self.0 = now;
-    }
 }

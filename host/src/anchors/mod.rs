@@ -5,6 +5,7 @@
 //! columns kept instead of solved for), so a step costs a dense solve in the number of rows and nothing
 //! that grows with the mesh. The displacement of all nodes costs one sparse solve more, on request.
 
+pub mod circling;
 mod compliance;
 mod solver;
 

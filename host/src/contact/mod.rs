@@ -7,6 +7,4 @@
 //! `lambda_i g_i = 0`. Tissue answers `u = S p`, S the columns of K^-1 at touched vertices.
 
 pub(crate) mod active_set;
-pub(crate) mod columns;
-pub(crate) mod dense;
 pub(crate) mod tangent;

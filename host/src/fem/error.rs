@@ -48,6 +48,9 @@ pub enum TissueError {
         /// 0-based index of the handle.
         handle: usize,
     },
+    /// A fixed node where rows are to act.
+    #[error("node {0} is fixed: no row can move it")]
+    Fixed(u32),
     /// A displacement for a node that is not fixed.
     #[error("node {0} is given a displacement but is not fixed")]
     NotFixed(u32),

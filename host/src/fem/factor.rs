@@ -1,10 +1,13 @@
 //! Sparse Cholesky factor of a stiffness matrix, and solves that reuse their buffers.
 //!
-//! Entry points: [`Factor::new`], [`Factor::refactor`], [`Factor::solve`]. faer's supernodal LLT with AMD ordering on one
-//! thread: two threads are slower below some ten thousand nodes, and one gives the same bits always.
+//! Entry points: [`Factor::new`], [`Factor::refactor`], [`Factor::solve`], [`Factor::solve_columns`].
+//! faer's supernodal LLT with AMD ordering on one thread: two threads are slower below some ten
+//! thousand nodes, and one gives the same bits always. One right-hand side, or few that are sparse, are
+//! solved by our own sweeps over its supernodes.
 
 use super::error::TissueError;
 use super::pattern::Pattern;
+use super::supernodes::{Supernodes, SweepScratch};
 use faer::dyn_stack::{MemBuffer, MemStack};
 use faer::linalg::cholesky::llt::factor::LltRegularization;
 use faer::sparse::linalg::SupernodalThreshold;
@@ -19,8 +22,15 @@ use std::sync::Arc;
 /// `L L' = P K P'`. Copies share what depends on the pattern only.
 #[derive(Clone, Debug)]
 pub(crate) struct Factor {
-    symbolic: Arc<SymbolicCholesky<usize>>,
+    symbolic: Arc<Symbolic>,
     values: Vec<f64>,
+}
+
+/// What depends on the pattern only.
+#[derive(Debug)]
+struct Symbolic {
+    cholesky: SymbolicCholesky<usize>,
+    supernodes: Supernodes,
 }
 
 /// The matrix is not positive definite, or too large for memory.
@@ -31,7 +41,11 @@ pub(crate) struct NotFactored;
 pub struct SolveScratch {
     memory: MemBuffer,
     columns: usize,
+    sweep: SweepScratch<1>,
 }
+
+/// Memory for the columns of one vertex, and what they are after a solve.
+pub(crate) type ColumnScratch = SweepScratch<3>;
 
 /// Memory for [`Factor::refactor`].
 pub(crate) struct RefactorScratch {
@@ -43,7 +57,7 @@ pub(crate) struct RefactorScratch {
 impl Factor {
     /// Analyses the pattern and factors `values`, (entries of the pattern).
     pub fn new(pattern: &Pattern, values: &[f64]) -> Result<Self, NotFactored> {
-        let symbolic = factorize_symbolic_cholesky(
+        let cholesky = factorize_symbolic_cholesky(
             symbolic_matrix(pattern),
             Side::Lower,
             SymmetricOrdering::Amd,
@@ -53,9 +67,13 @@ impl Factor {
             },
         )
         .map_err(|_| NotFactored)?;
+        let supernodes = Supernodes::new(&cholesky).ok_or(NotFactored)?;
         let mut factor = Self {
-            values: vec![0.0; symbolic.len_val()],
-            symbolic: Arc::new(symbolic),
+            values: vec![0.0; cholesky.len_val()],
+            symbolic: Arc::new(Symbolic {
+                cholesky,
+                supernodes,
+            }),
         };
         let mut scratch = factor.refactor_scratch()?;
         factor.refactor(pattern, values, &mut scratch)?;
@@ -82,6 +100,7 @@ impl Factor {
     pub fn refactor_scratch(&self) -> Result<RefactorScratch, NotFactored> {
         let need = self
             .symbolic
+            .cholesky
             .factorize_numeric_llt_scratch::<f64>(Par::Seq, Default::default());
         Ok(RefactorScratch {
             memory: MemBuffer::try_new(need).map_err(|_| NotFactored)?,
@@ -97,6 +116,7 @@ impl Factor {
         scratch: &mut RefactorScratch,
     ) -> Result<(), NotFactored> {
         self.symbolic
+            .cholesky
             .factorize_numeric_llt(
                 &mut scratch.values,
                 SparseColMatRef::new(symbolic_matrix(pattern), values),
@@ -114,25 +134,61 @@ impl Factor {
     pub fn scratch(&self, columns: usize) -> SolveScratch {
         let need = self
             .symbolic
+            .cholesky
             .solve_in_place_scratch::<f64>(columns, Par::Seq);
         SolveScratch {
             memory: MemBuffer::new(need),
             columns,
+            sweep: self.symbolic.supernodes.scratch(),
         }
     }
 
     /// Solves for `columns` right-hand sides in place, (columns x unknowns), one after the other in
     /// memory. Allocates only if the scratch was made for fewer.
     pub fn solve(&self, rhs: &mut [f64], columns: usize, scratch: &mut SolveScratch) {
+        let Symbolic {
+            cholesky,
+            supernodes,
+        } = &*self.symbolic;
+        if columns == 1 {
+            supernodes.solve(&self.values, rhs, &mut scratch.sweep);
+            return;
+        }
         if columns > scratch.columns {
             *scratch = self.scratch(columns);
         }
-        LltRef::new(&self.symbolic, &self.values).solve_in_place_with_conj(
+        LltRef::new(cholesky, &self.values).solve_in_place_with_conj(
             Conj::No,
-            MatMut::from_column_major_slice_mut(rhs, self.symbolic.nrows(), columns),
+            MatMut::from_column_major_slice_mut(rhs, cholesky.nrows(), columns),
             Par::Seq,
             MemStack::new(&mut scratch.memory),
         );
+    }
+
+    /// What [`Self::solve_columns`] must visit so that these `unknowns` can be read afterwards.
+    pub fn needed_for(&self, unknowns: impl Iterator<Item = usize>) -> Vec<u32> {
+        self.symbolic.supernodes.needed_for(unknowns)
+    }
+
+    pub fn column_scratch(&self) -> ColumnScratch {
+        self.symbolic.supernodes.scratch()
+    }
+
+    /// Columns of K^-1, one scratch for each three `unknowns`. The bits of one do not depend on its
+    /// company.
+    pub fn solve_columns(
+        &self,
+        unknowns: &[[usize; 3]],
+        needed: &[u32],
+        scratch: &mut [ColumnScratch],
+    ) {
+        let supernodes = &self.symbolic.supernodes;
+        supernodes.solve_columns(&self.values, unknowns, needed, scratch);
+    }
+
+    /// One unknown in the three columns of a scratch.
+    pub fn read_column(&self, scratch: &ColumnScratch, unknown: usize) -> [f64; 3] {
+        self.symbolic.supernodes.read(scratch, unknown)
     }
 
     /// Non-zeros of the factor, padding included.

@@ -96,6 +96,15 @@ impl HeldPoints {
         Ok(held)
     }
 
+    /// No points.
+    pub fn none() -> Self {
+        Self {
+            anchors: Vec::new(),
+            y: Vec::new(),
+            w_factor: Vec::new(),
+        }
+    }
+
     /// Number of rows: three per anchor.
     pub fn rows(&self) -> usize {
         3 * self.anchors.len()

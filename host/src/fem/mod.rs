@@ -1,8 +1,9 @@
 //! Finite elements on four-node tetrahedra, quasi-static: linear-elastic and corotational.
 //!
 //! Entry points: [`LinearTissue::new`] assembles and factors once, [`LinearTissue::solve`] answers
-//! loads and moved points; [`CorotationalTissue`] does so for large rotations. Rows follow one convention (younes-2021, 2.2): `K u + C' lambda = f`,
-//! `C u = b`; the force of a row on the tissue is `-C' lambda`.
+//! loads and moved points; [`CorotationalTissue`] does so for large rotations. Rows follow one
+//! convention (younes-2021, 2.2): `K u + C' lambda = f`, `C u = b`; the force of a row on the tissue is
+//! `-C' lambda`.
 
 mod assembly;
 mod corotational;
@@ -15,6 +16,7 @@ mod material;
 mod numbering;
 mod pattern;
 mod rotation;
+mod supernodes;
 mod tissue;
 
 pub use corotational::{
@@ -28,4 +30,6 @@ pub use loads::{Equilibrium, Loads, NodeLoad};
 pub use material::{Material, MaterialError, Materials};
 pub use tissue::LinearTissue;
 
-pub(crate) use handles::HeldPoints;
+pub(crate) use factor::{ColumnScratch, Factor};
+pub(crate) use handles::{Factored, HeldPoints};
+pub(crate) use numbering::Numbering;

@@ -212,10 +212,9 @@ impl Supernodes {
             if some == QUAD {
                 subtract([rest(0), rest(1), rest(2), rest(3)], &x, t);
             } else {
-                let mut t = t;
-                for (c, x) in x.iter().enumerate().take(some) {
-                    for k in 0..K {
-                        for (t, l) in t[k].iter_mut().zip(rest(c)) {
+                for (k, t) in t.into_iter().enumerate() {
+                    for (c, x) in x.iter().enumerate().take(some) {
+                        for (t, l) in t.iter_mut().zip(rest(c)) {
                             *t = l.mul_add(-x[k], *t);
                         }
                     }

@@ -143,6 +143,11 @@ impl CorotationalTissue {
         self.numbering.at_node(u, node)
     }
 
+    /// Where the nodes are among the unknowns.
+    pub(crate) fn numbering(&self) -> &Numbering {
+        &self.numbering
+    }
+
     /// Tissue at rest.
     pub fn state(&self) -> CorotationalState {
         CorotationalState::at_rest(self)

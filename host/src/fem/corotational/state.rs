@@ -60,6 +60,11 @@ impl CorotationalState {
         &mut self.u.as_flattened_mut()[..self.unknowns]
     }
 
+    /// Tangent that was factored last.
+    pub(crate) fn factor(&self) -> &Factor {
+        &self.factor
+    }
+
     /// Number of refactorisations so far: what was computed with the factor is void when it changes.
     pub fn generation(&self) -> u64 {
         self.generation
