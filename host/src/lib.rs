@@ -4,11 +4,13 @@
 //! the tools and gives each its wrench and exact contact Jacobian.
 
 mod contact;
+mod dense;
 pub mod fem;
 pub mod link;
 pub mod mesh;
 pub mod model;
 pub mod output;
+pub mod rows;
 pub mod scene;
 pub mod session;
 pub mod solve;

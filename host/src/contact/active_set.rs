@@ -8,7 +8,7 @@
 //! vertices inside a sphere added (primal-dual active set, Hintermueller, Ito & Kunisch 2002).
 
 use super::columns::Columns;
-use super::dense::Dense;
+use crate::dense::Dense;
 use nalgebra::Vector3;
 
 /// Most vertices touched at once, by all tools.
@@ -295,7 +295,7 @@ fn tangents(normal: &Vector3<f64>) -> [Vector3<f64>; 2] {
 fn factor_tangential(
     work: &mut ContactWork,
     turning: bool,
-) -> Result<(), super::dense::Indefinite> {
+) -> Result<(), crate::dense::Indefinite> {
     let k = work.geometry.len();
     let (n, t) = (3 * k, 2 * k);
     for (j, column) in work.geometry.iter().enumerate() {

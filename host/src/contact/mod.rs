@@ -8,5 +8,4 @@
 
 pub(crate) mod active_set;
 pub(crate) mod columns;
-pub(crate) mod dense;
 pub(crate) mod tangent;
