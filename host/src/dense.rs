@@ -1,0 +1,154 @@
+//! Small dense matrices, column-major, on one thread.
+//!
+//! Entry points: [`Dense`] for symmetric positive definite matrices and [`Lu`] for any; each owns the
+//! scratch of faer's factorisation, so that nothing allocates.
+
+use faer::dyn_stack::{MemBuffer, MemStack, StackReq};
+use faer::linalg::cholesky::llt::{factor, inverse, solve};
+use faer::linalg::lu::partial_pivoting as lu;
+use faer::linalg::{matmul::matmul, triangular_solve};
+use faer::perm::PermRef;
+use faer::{Accum, MatMut, MatRef, Par};
+
+/// The matrix is not positive definite.
+pub(crate) struct Indefinite;
+
+/// Scratch for matrices of up to a given size.
+pub(crate) struct Dense {
+    memory: MemBuffer,
+}
+
+impl Dense {
+    pub fn new(largest: usize) -> Self {
+        let need = StackReq::any_of(&[
+            factor::cholesky_in_place_scratch::<f64>(largest, Par::Seq, Default::default()),
+            inverse::inverse_scratch::<f64>(largest, Par::Seq),
+            solve::solve_in_place_scratch::<f64>(largest, largest, Par::Seq),
+        ]);
+        Self {
+            memory: MemBuffer::new(need),
+        }
+    }
+
+    /// Replaces the lower triangle of `a` (n x n) by its Cholesky factor.
+    pub fn factor(&mut self, a: &mut [f64], n: usize) -> Result<(), Indefinite> {
+        let regularization = factor::LltRegularization::default();
+        let stack = MemStack::new(&mut self.memory);
+        let a = MatMut::from_column_major_slice_mut(a, n, n);
+        factor::cholesky_in_place(a, regularization, Par::Seq, stack, Default::default())
+            .map(|_| ())
+            .map_err(|_| Indefinite)
+    }
+
+    /// Inverse (n x n), both triangles, of the matrix whose factor is `factor`.
+    pub fn invert(&mut self, factor: &[f64], out: &mut [f64], n: usize) {
+        inverse::inverse(
+            MatMut::from_column_major_slice_mut(out, n, n),
+            MatRef::from_column_major_slice(factor, n, n),
+            Par::Seq,
+            MemStack::new(&mut self.memory),
+        );
+        for column in 0..n {
+            for row in 0..column {
+                out[row + n * column] = out[column + n * row];
+            }
+        }
+    }
+
+    /// Solves in place for `columns` right-hand sides (n x columns).
+    pub fn solve(&mut self, factor: &[f64], n: usize, rhs: &mut [f64], columns: usize) {
+        solve::solve_in_place(
+            MatRef::from_column_major_slice(factor, n, n),
+            MatMut::from_column_major_slice_mut(rhs, n, columns),
+            Par::Seq,
+            MemStack::new(&mut self.memory),
+        );
+    }
+}
+
+/// `x = L^-1 x` for the factor L (n x n) of [`Dense::factor`] and x (n x columns).
+pub(crate) fn solve_lower(factor: &[f64], n: usize, x: &mut [f64], columns: usize) {
+    triangular_solve::solve_lower_triangular_in_place(
+        MatRef::from_column_major_slice(factor, n, n),
+        MatMut::from_column_major_slice_mut(x, n, columns),
+        Par::Seq,
+    );
+}
+
+/// `x = L^-T x` for the factor L (n x n) of [`Dense::factor`] and x (n x columns).
+pub(crate) fn solve_lower_transposed(factor: &[f64], n: usize, x: &mut [f64], columns: usize) {
+    triangular_solve::solve_upper_triangular_in_place(
+        MatRef::from_column_major_slice(factor, n, n).transpose(),
+        MatMut::from_column_major_slice_mut(x, n, columns),
+        Par::Seq,
+    );
+}
+
+/// `c -= a' b` for a (k x m), b (k x n) and c (m x n).
+pub(crate) fn subtract_product(
+    a: &[f64],
+    b: &[f64],
+    c: &mut [f64],
+    (k, m, n): (usize, usize, usize),
+) {
+    matmul(
+        MatMut::from_column_major_slice_mut(c, m, n),
+        Accum::Add,
+        MatRef::from_column_major_slice(a, k, m).transpose(),
+        MatRef::from_column_major_slice(b, k, n),
+        -1.0,
+        Par::Seq,
+    );
+}
+
+/// Scratch and pivots for LU factors of matrices of up to a given size.
+pub(crate) struct Lu {
+    memory: MemBuffer,
+    forward: Vec<usize>,
+    inverse: Vec<usize>,
+}
+
+impl Lu {
+    pub fn new(largest: usize) -> Self {
+        let need = StackReq::any_of(&[
+            lu::factor::lu_in_place_scratch::<usize, f64>(
+                largest,
+                largest,
+                Par::Seq,
+                Default::default(),
+            ),
+            lu::solve::solve_in_place_scratch::<usize, f64>(largest, largest, Par::Seq),
+        ]);
+        Self {
+            memory: MemBuffer::new(need),
+            forward: vec![0; largest],
+            inverse: vec![0; largest],
+        }
+    }
+
+    /// Replaces `a` (n x n) by its factors, pivoted by rows.
+    pub fn factor(&mut self, a: &mut [f64], n: usize) {
+        lu::factor::lu_in_place(
+            MatMut::from_column_major_slice_mut(a, n, n),
+            &mut self.forward[..n],
+            &mut self.inverse[..n],
+            Par::Seq,
+            MemStack::new(&mut self.memory),
+            Default::default(),
+        );
+    }
+
+    /// Solves in place for `columns` right-hand sides (n x columns) with the factors that
+    /// [`Lu::factor`] made last.
+    pub fn solve(&mut self, factors: &[f64], n: usize, rhs: &mut [f64], columns: usize) {
+        let factors = MatRef::from_column_major_slice(factors, n, n);
+        lu::solve::solve_in_place(
+            factors,
+            factors,
+            PermRef::new_checked(&self.forward[..n], &self.inverse[..n], n),
+            MatMut::from_column_major_slice_mut(rhs, n, columns),
+            Par::Seq,
+            MemStack::new(&mut self.memory),
+        );
+    }
+}

@@ -1,0 +1,347 @@
+//! Sets with Coulomb cones: semismooth Newton over open, sticking and slipping.
+//!
+//! Entry point: [`solve`]. With `q = x - r delta`, r the inverse of the diagonal, a solution is
+//! `x = P(q)`, P the projection to bounds, half-lines and discs of radius `mu q_n` (Alart & Curnier
+//! 1991). Newton's matrix is that of the active rows, with a slipping pair's two rows replaced by
+//! `x_t - mu x_n d - beta T (x_t - r delta_t) = 0`, `d = q_t / |q_t|`, `beta = mu q_n / |q_t|`,
+//! `T = I - d d'`: unsymmetric, so LU. Steps are shortened until `|x - P(q)|` falls; where it does
+//! not, Gauss-Seidel sweeps make the next start.
+
+use super::bounded::{self, Dependent, Iterate, Reduced};
+use super::gauss_seidel;
+use super::scaled::Law;
+use super::state::Mode;
+use super::workspace::Active;
+
+/// Newton steps from one start.
+const STEPS: u32 = 30;
+/// Gauss-Seidel sweeps between starts.
+const SWEEPS: [u32; 6] = [5, 20, 80, 320, 1000, 3000];
+/// Merits to which a step may climb back: the map has kinks, which a strict descent sticks to.
+const MEMORY: usize = 4;
+
+/// A slipping pair's linearisation.
+pub(super) struct Slip {
+    d: [f64; 2],
+    beta: f64,
+    r: f64,
+    friction: f64,
+}
+
+impl Slip {
+    /// For `q_n > 0` and `|q_t| > mu q_n`.
+    pub fn new(friction: f64, q: [f64; 3], r: f64) -> Self {
+        let length = q[1].hypot(q[2]);
+        Self {
+            d: [q[1] / length, q[2] / length],
+            beta: friction * q[0] / length,
+            r,
+            friction,
+        }
+    }
+
+    /// `beta r T v`.
+    fn turn(&self, v: [f64; 2]) -> [f64; 2] {
+        let along = v[0] * self.d[0] + v[1] * self.d[1];
+        let size = self.beta * self.r;
+        [
+            size * (v[0] - along * self.d[0]),
+            size * (v[1] - along * self.d[1]),
+        ]
+    }
+
+    /// Makes the rows of `delta_t` in a column, at `at` and behind it, rows of the slip law.
+    pub fn replace(&self, column: &mut [f64], at: usize) {
+        let turned = self.turn([column[at], column[at + 1]]);
+        column[at..at + 2].copy_from_slice(&turned);
+    }
+
+    /// Adds what the slip law says of x itself; the normal is the row before `at`.
+    pub fn complete(&self, matrix: &mut [f64], k: usize, at: usize) {
+        for i in 0..2 {
+            matrix[(at - 1) * k + at + i] -= self.friction * self.d[i];
+            for j in 0..2 {
+                let identity = if i == j { 1.0 - self.beta } else { 0.0 };
+                matrix[(at + j) * k + at + i] += identity + self.beta * self.d[i] * self.d[j];
+            }
+        }
+    }
+}
+
+/// Solves from the forces in `at.x`; the number of Newton steps and sweeps. Whether it converged is
+/// for the residual to say; `at.x` obeys all bounds and cones.
+pub(super) fn solve(
+    problem: &Reduced,
+    at: &mut Iterate,
+    best: &mut [f64],
+    active: &mut Active,
+) -> Result<u32, Dependent> {
+    if problem.regular {
+        independent(problem, active)?;
+    }
+    let mut iterations = 0;
+    if at.x.iter().all(|x| *x == 0.0) {
+        iterations += bounded::solve(problem, at, active)?;
+    }
+    let mut least = f64::INFINITY;
+    for sweeps in std::iter::once(0).chain(SWEEPS) {
+        gauss_seidel::project(problem.law, at.x);
+        problem.gaps(at.x, at.delta);
+        for _ in 0..sweeps {
+            gauss_seidel::sweep(problem, at.x, at.delta);
+        }
+        iterations += sweeps + newton(problem, at, active);
+        gauss_seidel::project(problem.law, at.x);
+        problem.gaps(at.x, at.delta);
+        let residual = natural_residual(problem.law, at.x, at.delta);
+        if residual < least {
+            least = residual;
+            best.copy_from_slice(at.x);
+        } else {
+            // Sweeps have their own way to go: from the best so far.
+            at.x.copy_from_slice(best);
+        }
+        if least <= 10.0 * problem.slack {
+            break;
+        }
+    }
+    at.x.copy_from_slice(best);
+    problem.gaps(at.x, at.delta);
+    classify(problem, at);
+    Ok(iterations)
+}
+
+/// Whether all rows together are independent.
+fn independent(problem: &Reduced, active: &mut Active) -> Result<(), Dependent> {
+    let n = problem.n;
+    active.matrix[..n * n].copy_from_slice(&problem.matrix[..n * n]);
+    bounded::factor(active, n, true)
+}
+
+/// Newton steps from `at.x` and its gaps until the residual is rounding, or no step helps.
+fn newton(problem: &Reduced, at: &mut Iterate, active: &mut Active) -> u32 {
+    let mut merits = [f64::INFINITY; MEMORY];
+    let mut smallest = f64::INFINITY;
+    for step in 0..STEPS {
+        let residual = natural_residual(problem.law, at.x, at.delta);
+        if residual <= problem.slack || (residual <= 10.0 * problem.slack && residual >= smallest) {
+            return step;
+        }
+        smallest = smallest.min(residual);
+        classify(problem, at);
+        linear_step(problem, at, active);
+        problem.gaps(at.trial, &mut active.rhs[..problem.n]);
+        let gaps = &active.rhs[..problem.n];
+        merits[step as usize % MEMORY] = merit(problem, at, gaps, 0.0);
+        let reference = merits
+            .iter()
+            .filter(|merit| merit.is_finite())
+            .fold(0.0, |most: f64, merit| most.max(*merit));
+        let mut part = 1.0;
+        let found = loop {
+            let merit = merit(problem, at, gaps, part);
+            if merit < reference * (1.0 - 1e-4 * part) {
+                break true;
+            }
+            part *= 0.5;
+            if part < 1e-2 {
+                break false;
+            }
+        };
+        if !found {
+            return step + 1;
+        }
+        for (x, trial) in at.x.iter_mut().zip(&*at.trial) {
+            *x += part * (trial - *x);
+        }
+        for (delta, gap) in at.delta.iter_mut().zip(gaps) {
+            *delta += part * (gap - *delta);
+        }
+    }
+    STEPS
+}
+
+/// The solution of the set linearised in the modes of `at`, into `at.trial`.
+fn linear_step(problem: &Reduced, at: &mut Iterate, active: &mut Active) {
+    let n = problem.n;
+    active.rows.clear();
+    for (row, law) in problem.law.iter().enumerate() {
+        let (low, high) = law.bounds();
+        at.trial[row] = match at.modes[row] {
+            Mode::Held | Mode::Slipping => {
+                active.rows.push(row);
+                0.0
+            }
+            Mode::AtUpper => high,
+            Mode::AtLower => low,
+        };
+    }
+    let k = active.rows.len();
+    let rhs = &mut active.rhs[..k];
+    for (rhs, &row) in rhs.iter_mut().zip(&active.rows) {
+        *rhs = -problem.target[row];
+    }
+    for (column, &x) in problem.matrix.chunks_exact(n.max(1)).zip(&*at.trial) {
+        if x != 0.0 {
+            for (rhs, &row) in rhs.iter_mut().zip(&active.rows) {
+                *rhs -= column[row] * x;
+            }
+        }
+    }
+    let matrix = &mut active.matrix[..k * k];
+    for (out, &column) in matrix.chunks_exact_mut(k.max(1)).zip(&active.rows) {
+        let column = &problem.matrix[column * n..(column + 1) * n];
+        for (out, &row) in out.iter_mut().zip(&active.rows) {
+            *out = column[row];
+        }
+    }
+    let mut place = 0;
+    while place < k {
+        let row = active.rows[place];
+        if at.modes[row] == Mode::Slipping {
+            let slip = slip_at(problem, at, row);
+            for column in matrix.chunks_exact_mut(k) {
+                slip.replace(column, place);
+            }
+            slip.complete(matrix, k, place);
+            slip.replace(rhs, place);
+            place += 1;
+        }
+        place += 1;
+    }
+    active.lu.factor(matrix, k);
+    active.lu.solve(matrix, k, rhs, 1);
+    for (&row, &value) in active.rows.iter().zip(&*rhs) {
+        at.trial[row] = value;
+    }
+}
+
+/// Linearisation of the slipping pair whose first tangent is `row`.
+fn slip_at(problem: &Reduced, at: &Iterate, row: usize) -> Slip {
+    let Law::Normal { friction } = problem.law[row - 1] else {
+        return Slip::new(0.0, [0.0, 1.0, 0.0], 1.0);
+    };
+    let (normal, sideways) = steps(problem, row - 1);
+    let q = [
+        at.x[row - 1] - normal * at.delta[row - 1],
+        at.x[row] - sideways * at.delta[row],
+        at.x[row + 1] - sideways * at.delta[row + 1],
+    ];
+    Slip::new(friction, q, sideways)
+}
+
+/// r of a cone's normal and tangents.
+fn steps(problem: &Reduced, row: usize) -> (f64, f64) {
+    let sideways = own(problem, row + 1) + own(problem, row + 2);
+    (own(problem, row).recip(), 2.0 / sideways)
+}
+
+/// The row's own compliance.
+fn own(problem: &Reduced, row: usize) -> f64 {
+    problem.matrix[row * (problem.n + 1)].max(bounded::PIVOT)
+}
+
+/// Calls `with` with every entry of `x - P(x - r delta)` and its r, which `steps_of` gives for a row, or
+/// for a normal and its tangents.
+fn natural_map(
+    laws: &[Law],
+    steps_of: impl Fn(usize, bool) -> (f64, f64),
+    at: impl Fn(usize) -> (f64, f64),
+    mut with: impl FnMut(f64, f64),
+) {
+    for (row, law) in laws.iter().enumerate() {
+        match *law {
+            Law::Between { low, high } if low < high => {
+                let (x, gap) = at(row);
+                let (r, _) = steps_of(row, false);
+                with(x - (x - r * gap).max(low).min(high), r);
+            }
+            Law::Normal { friction } => {
+                let (r, sideways) = steps_of(row, true);
+                let [(x, gap), first, second] = [row, row + 1, row + 2].map(&at);
+                let q = (x - r * gap).max(0.0);
+                with(x - q, r);
+                let aim = [first, second].map(|(x, gap)| x - sideways * gap);
+                let length = aim[0].hypot(aim[1]);
+                let radius = friction * q;
+                let part = if length > radius {
+                    radius / length
+                } else {
+                    1.0
+                };
+                with(first.0 - part * aim[0], sideways);
+                with(second.0 - part * aim[1], sideways);
+            }
+            Law::Between { .. } | Law::Tangent => {}
+        }
+    }
+}
+
+/// Largest entry of the natural map with r = 1, as [`super::residuals`] measures it.
+pub(super) fn natural_residual(laws: &[Law], x: &[f64], delta: &[f64]) -> f64 {
+    let mut most = 0.0;
+    natural_map(
+        laws,
+        |_, _| (1.0, 1.0),
+        |row| (x[row], delta[row]),
+        |off, _| most = if off.abs() <= most { most } else { off.abs() },
+    );
+    most
+}
+
+/// Sum of the map's squares, as energies, at `part` of the way from `at.x` to `at.trial` with `gaps`.
+fn merit(problem: &Reduced, at: &Iterate, gaps: &[f64], part: f64) -> f64 {
+    let mut sum = 0.0;
+    let between = |from: f64, to: f64| from + part * (to - from);
+    natural_map(
+        problem.law,
+        |row, cone| {
+            if cone {
+                steps(problem, row)
+            } else {
+                (own(problem, row).recip(), 1.0)
+            }
+        },
+        |row| {
+            (
+                between(at.x[row], at.trial[row]),
+                between(at.delta[row], gaps[row]),
+            )
+        },
+        |off, r| sum += off * off / r,
+    );
+    sum
+}
+
+/// Modes at the present forces and gaps.
+pub(super) fn classify(problem: &Reduced, at: &mut Iterate) {
+    for (row, law) in problem.law.iter().enumerate() {
+        match *law {
+            Law::Between { low, high } => {
+                let q = at.x[row] - at.delta[row] / own(problem, row);
+                at.modes[row] = if low == high || q < low {
+                    Mode::AtLower
+                } else if q > high {
+                    Mode::AtUpper
+                } else {
+                    Mode::Held
+                };
+            }
+            Law::Normal { friction } => {
+                let (normal, sideways) = steps(problem, row);
+                let q = at.x[row] - normal * at.delta[row];
+                let aim = [row + 1, row + 2].map(|t| at.x[t] - sideways * at.delta[t]);
+                let (own, pair) = if q <= 0.0 {
+                    (Mode::AtLower, Mode::AtLower)
+                } else if aim[0].hypot(aim[1]) <= friction * q {
+                    (Mode::Held, Mode::Held)
+                } else {
+                    (Mode::Held, Mode::Slipping)
+                };
+                at.modes[row] = own;
+                at.modes[row + 1..row + 3].fill(pair);
+            }
+            Law::Tangent => {}
+        }
+    }
+}

@@ -1,0 +1,270 @@
+//! The problem as the solvers see it: rows scaled to a unit diagonal, equality rows first.
+//!
+//! Entry points: [`Scaled::prepare`], then [`Scaled::block`] for parts of the scaled compliance.
+
+use super::{Problem, RowKind};
+
+/// What a scaled row may do.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum Law {
+    /// `low <= lambda <= high`; both zero for a row that nothing can act on.
+    Between { low: f64, high: f64 },
+    /// A cone's normal; the next two rows are its tangents.
+    Normal { friction: f64 },
+    /// A cone's tangent.
+    Tangent,
+}
+
+impl Law {
+    /// Neither bound nor cone.
+    pub const FREE: Self = Self::Between {
+        low: f64::NEG_INFINITY,
+        high: f64::INFINITY,
+    };
+    /// Holds lambda at zero.
+    pub const NONE: Self = Self::Between {
+        low: 0.0,
+        high: 0.0,
+    };
+
+    /// Least and largest lambda~; cones as if they had no friction.
+    pub fn bounds(self) -> (f64, f64) {
+        match self {
+            Self::Between { low, high } => (low, high),
+            Self::Normal { .. } => (0.0, f64::INFINITY),
+            Self::Tangent => (0.0, 0.0),
+        }
+    }
+}
+
+/// Why a problem is refused.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Fault {
+    NotFinite,
+    Malformed,
+}
+
+/// Scaled rows, by position: `order` leads back to the problem's rows.
+#[derive(Debug)]
+pub(super) struct Scaled {
+    pub n: usize,
+    /// Equality rows, which come first.
+    pub equalities: usize,
+    pub order: Vec<usize>,
+    /// d, by position.
+    pub scale: Vec<f64>,
+    /// delta_free~, by position.
+    pub target: Vec<f64>,
+    /// `W_ii^(1/2)` by row of the problem, infinite for empty rows: nothing bounds their rounding.
+    root: Vec<f64>,
+    pub law: Vec<Law>,
+    /// Largest drive~.
+    pub drive: f64,
+    /// Whether some cone can rub.
+    pub cones: bool,
+}
+
+/// Part by which `W_ij^2 <= W_ii W_jj` may be broken by rounding.
+const SEMIDEFINITE_SLACK: f64 = 1e-6;
+
+impl Scaled {
+    pub fn new(largest: usize) -> Self {
+        Self {
+            n: 0,
+            equalities: 0,
+            order: Vec::with_capacity(largest),
+            scale: Vec::with_capacity(largest),
+            target: Vec::with_capacity(largest),
+            root: Vec::with_capacity(largest),
+            law: Vec::with_capacity(largest),
+            drive: 0.0,
+            cones: false,
+        }
+    }
+
+    /// Checks and scales `problem`; equality rows come first if they are to be eliminated.
+    pub fn prepare(&mut self, problem: &Problem, equalities_first: bool) -> Result<(), Fault> {
+        let n = problem.rows.len();
+        if problem.compliance.len() != n * n || problem.delta_free.len() != n {
+            return Err(Fault::Malformed);
+        }
+        check_kinds(problem)?;
+        let finite = |numbers: &[f64]| numbers.iter().fold(true, |all, x| all & x.is_finite());
+        if !finite(problem.compliance) || !finite(problem.delta_free) {
+            return Err(Fault::NotFinite);
+        }
+        self.n = n;
+        self.order.clear();
+        let diagonal = |row: usize| problem.compliance[row * (n + 1)];
+        let eliminated = |row: usize| {
+            equalities_first
+                && problem.rows[row].kind == RowKind::Equality
+                && diagonal(row) >= f64::MIN_POSITIVE
+        };
+        self.order.extend((0..n).filter(|&row| eliminated(row)));
+        self.equalities = self.order.len();
+        self.order.extend((0..n).filter(|&row| !eliminated(row)));
+
+        self.scale.clear();
+        self.law.clear();
+        self.cones = false;
+        while self.scale.len() < n {
+            self.push_rows(problem)?;
+        }
+        self.target.clear();
+        self.drive = 0.0;
+        for (&row, (&scale, &law)) in self.order.iter().zip(self.scale.iter().zip(&self.law)) {
+            let target = problem.delta_free[row] * scale;
+            self.target.push(target);
+            let drive = match law {
+                Law::Between { low: 0.0, high } => (-target).clamp(0.0, high),
+                Law::Between { high, .. } => target.abs().min(high),
+                Law::Normal { .. } => (-target).max(0.0),
+                Law::Tangent => 0.0,
+            };
+            self.drive = self.drive.max(drive);
+        }
+        if !(finite(&self.target) && finite(&self.scale)) {
+            return Err(Fault::NotFinite);
+        }
+        self.check_semidefinite(problem)
+    }
+
+    /// Scales the next row, or the next three if it is a normal.
+    fn push_rows(&mut self, problem: &Problem) -> Result<(), Fault> {
+        let n = self.n;
+        let diagonal = |row: usize| problem.compliance[row * (n + 1)];
+        let row = self.order[self.scale.len()];
+        let empty = diagonal(row) < f64::MIN_POSITIVE;
+        let scale = scale_of(diagonal(row))?;
+        self.scale.push(scale);
+        self.law.push(match problem.rows[row].kind {
+            _ if empty => Law::NONE,
+            RowKind::Equality => Law::FREE,
+            RowKind::Inequality => Law::Between {
+                low: 0.0,
+                high: f64::INFINITY,
+            },
+            RowKind::Box { limit_n } => Law::Between {
+                low: -limit_n / scale,
+                high: limit_n / scale,
+            },
+            // Replaced below.
+            RowKind::Normal { .. } | RowKind::Tangent => Law::NONE,
+        });
+        let RowKind::Normal { friction } = problem.rows[row].kind else {
+            return Ok(());
+        };
+        let (first, second) = (diagonal(row + 1), diagonal(row + 2));
+        let sideways = scale_of(first.max(second))?;
+        // A tangent that moves nothing cannot rub, nor can its pair.
+        let rubs = friction > 0.0 && !empty && first.min(second) >= f64::MIN_POSITIVE;
+        // Negative diagonals are for `scale_of` to find.
+        scale_of(first.min(second))?;
+        self.scale.extend([sideways, sideways]);
+        let normal = self.law.len() - 1;
+        if rubs {
+            let friction = friction * (scale / sideways);
+            if !friction.is_finite() {
+                return Err(Fault::NotFinite);
+            }
+            self.cones = true;
+            self.law[normal] = Law::Normal { friction };
+            self.law.extend([Law::Tangent, Law::Tangent]);
+        } else {
+            if !empty {
+                self.law[normal] = Law::Between {
+                    low: 0.0,
+                    high: f64::INFINITY,
+                };
+            }
+            self.law.extend([Law::NONE, Law::NONE]);
+        }
+        Ok(())
+    }
+
+    fn check_semidefinite(&mut self, problem: &Problem) -> Result<(), Fault> {
+        let n = self.n;
+        let w = problem.compliance;
+        self.root.clear();
+        self.root.extend((0..n).map(|row| match w[row * (n + 1)] {
+            diagonal if diagonal < f64::MIN_POSITIVE => f64::INFINITY,
+            diagonal => diagonal.sqrt(),
+        }));
+        let allowed = 1.0 + SEMIDEFINITE_SLACK;
+        for j in 0..n {
+            // Square roots apart: a product of two diagonals may overflow or vanish.
+            let own = self.root[j] * allowed;
+            let column = &w[j * n..(j + 1) * n];
+            let mut sound = true;
+            for (entry, root) in column.iter().zip(&self.root) {
+                sound &= entry.abs() <= own * root;
+            }
+            if !sound {
+                return Err(Fault::Malformed);
+            }
+        }
+        Ok(())
+    }
+
+    /// Columns `columns` and rows `rows` (positions) of the scaled compliance, into `out`,
+    /// column-major.
+    pub fn block(
+        &self,
+        problem: &Problem,
+        rows: std::ops::Range<usize>,
+        columns: std::ops::Range<usize>,
+        out: &mut [f64],
+    ) {
+        let height = rows.len();
+        if height == 0 {
+            return;
+        }
+        for (out, at) in out.chunks_exact_mut(height).zip(columns) {
+            let own = self.scale[at];
+            let start = self.order[at] * self.n;
+            let column = &problem.compliance[start..start + self.n];
+            let order = &self.order[rows.clone()];
+            for ((out, &row), &scale) in out.iter_mut().zip(order).zip(&self.scale[rows.clone()]) {
+                *out = own * column[row] * scale;
+            }
+        }
+    }
+}
+
+/// `W_ii^(-1/2)`, 1 for an empty row.
+fn scale_of(diagonal: f64) -> Result<f64, Fault> {
+    if diagonal < 0.0 {
+        Err(Fault::Malformed)
+    } else if diagonal < f64::MIN_POSITIVE {
+        Ok(1.0)
+    } else {
+        Ok(diagonal.sqrt().recip())
+    }
+}
+
+/// Limits, frictions, and tangents behind their normals.
+fn check_kinds(problem: &Problem) -> Result<(), Fault> {
+    let mut due = 0;
+    for row in problem.rows {
+        if (row.kind == RowKind::Tangent) != (due > 0) {
+            return Err(Fault::Malformed);
+        }
+        match row.kind {
+            RowKind::Tangent => due -= 1,
+            RowKind::Normal { friction } if friction.is_infinite() || friction.is_nan() => {
+                return Err(Fault::NotFinite);
+            }
+            RowKind::Box { limit_n } if limit_n.is_nan() => return Err(Fault::NotFinite),
+            RowKind::Normal { friction } if friction < 0.0 => return Err(Fault::Malformed),
+            RowKind::Box { limit_n } if limit_n < 0.0 => return Err(Fault::Malformed),
+            RowKind::Normal { .. } => due = 2,
+            _ => {}
+        }
+    }
+    if due > 0 {
+        Err(Fault::Malformed)
+    } else {
+        Ok(())
+    }
+}
