@@ -222,6 +222,203 @@ fn small_loads_move_it_as_linear_tissue() {
     );
 }
 
+/// What is held turns, and the rest follows without a force.
+#[test]
+fn turning_what_is_held_turns_all() {
+    let (mesh, fixed) = small_block();
+    let tissue = CorotationalTissue::new(&mesh, SOFT, &fixed, Policy::default()).expect("tissue");
+    for angle in [0.5, 1.5, 3.0] {
+        let axis = Vector3::new(0.3, -0.5, 0.8).normalize();
+        let rotation = UnitQuaternion::from_scaled_axis(axis * angle);
+        let go = |node: u32| {
+            let x = Vector3::from(mesh.points_m()[node as usize]);
+            rotation * x - x
+        };
+        let loads = Loads {
+            fixed_displacement_m: fixed.iter().map(|&node| (node, go(node).into())).collect(),
+            ..Loads::default()
+        };
+        let found = tissue.solve(&loads).expect("balance");
+        for (node, u) in (0u32..).zip(&found.displacement_m) {
+            let off = (Vector3::from(*u) - go(node)).norm();
+            assert!(off < 1e-9, "{angle} rad: node {node} is off by {off} m");
+        }
+    }
+}
+
+/// Handles go where they are sent, far; what they put in, fixed nodes take out; the moments as well.
+#[test]
+fn handles_move_points_far() {
+    let (mesh, fixed) = small_block();
+    let tissue = CorotationalTissue::new(&mesh, SOFT, &fixed, Policy::default()).expect("tissue");
+    let handle = |vertices: &[u32], to: [f64; 3]| Handle {
+        anchor: Anchor {
+            vertices: vertices.to_vec(),
+            weights: vec![1.0 / vertices.len() as f64; vertices.len()],
+        },
+        target_displacement_m: to,
+    };
+    let loads = Loads {
+        handles: vec![
+            handle(&[24, 25, 28], [0.01, 0.005, 0.02]),
+            handle(&[35], [-0.005, 0.0, 0.015]),
+        ],
+        ..Loads::default()
+    };
+    let found = tissue.solve(&loads).expect("balance");
+    assert!(found.residual <= 1e-10, "{}", found.residual);
+    let mut sum = Vector3::zeros();
+    let mut moment = Vector3::zeros();
+    for ((u, x), force) in found
+        .displacement_m
+        .iter()
+        .zip(mesh.points_m())
+        .zip(&found.node_force_n)
+    {
+        let force = Vector3::from(*force);
+        sum += force;
+        moment += (Vector3::from(*x) + Vector3::from(*u)).cross(&force);
+    }
+    let scale = largest(found.handle_force_n.as_flattened());
+    assert!(sum.norm() < 1e-12 * scale, "{sum}");
+    // Of the forces' lever in the deformed shape: linear tissue has none of this.
+    assert!(moment.norm() < 1e-12 * 0.05 * scale, "{moment}");
+    for handle in &loads.handles {
+        for axis in 0..3 {
+            let vertices = handle.anchor.vertices.iter().zip(&handle.anchor.weights);
+            let at: f64 = vertices
+                .map(|(&node, weight)| weight * found.displacement_m[node as usize][axis])
+                .sum();
+            assert!((at - handle.target_displacement_m[axis]).abs() < 1e-12);
+        }
+    }
+}
+
+#[test]
+fn from_inside_out_it_comes_back_to_rest() {
+    let (mesh, fixed) = small_block();
+    let mut bench = Bench::new(&mesh, SOFT, &fixed, Policy::default());
+    let unknowns = bench.tissue.unknowns();
+    let points: Vec<f64> = mesh.points_m().as_flattened()[36..].to_vec();
+    assert_eq!(points.len(), unknowns, "the fixed nodes are the first");
+    let random: Vec<f64> = (0..unknowns).map(|index| 0.02 * noise(index)).collect();
+    let to_a_point: Vec<f64> = points.iter().map(|x| -x).collect();
+    let flat: Vec<f64> = points
+        .chunks_exact(3)
+        .flat_map(|x| [0.0, 0.0, -0.03 - x[2]])
+        .collect();
+    let mirrored: Vec<f64> = flat.iter().map(|u| 2.0 * u).collect();
+    for (name, u) in [
+        ("random", random),
+        ("a point", to_a_point),
+        ("flat", flat),
+        ("mirrored", mirrored),
+    ] {
+        let (energy, force) = bench.at(&u);
+        assert!(
+            energy.is_finite() && force.iter().all(|f| f.is_finite()),
+            "{name}"
+        );
+        assert!(energy > 0.0);
+        let found = bench.tissue.settle(&mut bench.state, &Loads::default());
+        let found = found.unwrap_or_else(|error| panic!("{name}: {error}"));
+        let left = largest(found.displacement_m.as_flattened());
+        println!("{name}: energy {energy} J, {left} m left");
+        assert!(left < 1e-9, "{name}: {left} m left");
+    }
+}
+
+/// Steps an outer loop does: loads rise, then stay.
+fn follow(bench: &mut Bench, external: &[f64], steps: usize) -> Vec<f64> {
+    let mut now = vec![0.0; external.len()];
+    for step in 0..steps {
+        let share = (step as f64 / (0.5 * steps as f64)).min(1.0);
+        for (now, whole) in now.iter_mut().zip(external) {
+            *now = share * whole;
+        }
+        let report = bench
+            .tissue
+            .linearise(&mut bench.state, &mut bench.workspace, &now);
+        assert!(report.sound);
+        let predicted = bench.workspace.predicted().to_vec();
+        bench.state.unknowns_mut().copy_from_slice(&predicted);
+    }
+    bench.state.unknowns().to_vec()
+}
+
+/// A load that bends the block by about a radian.
+fn bending(bench: &Bench) -> Vec<f64> {
+    let mut external = vec![0.0; bench.tissue.unknowns()];
+    for node in 24..36 {
+        let first = bench.tissue.first_unknown(node).expect("free");
+        external[first] = 0.15;
+    }
+    external
+}
+
+#[test]
+fn the_policy_does_not_change_the_answer() {
+    let (mesh, fixed) = small_block();
+    let policies = [
+        Policy::default(),
+        Policy {
+            refactor_rotation_rad: 0.0,
+            ..Policy::default()
+        },
+        Policy {
+            refactor_rotation_rad: 0.3,
+            cg_iterations: 0,
+            ..Policy::default()
+        },
+        Policy {
+            refactor_rotation_rad: 10.0,
+            refactor_every: u32::MAX,
+            cg_iterations: 20,
+            cg_tolerance: 1e-6,
+        },
+        Policy {
+            refactor_rotation_rad: 10.0,
+            refactor_every: 5,
+            cg_iterations: 1,
+            cg_tolerance: 0.0,
+        },
+    ];
+    let mut answers = Vec::new();
+    for policy in policies {
+        let mut bench = Bench::new(&mesh, SOFT, &fixed, policy);
+        let external = bending(&bench);
+        let u = follow(&mut bench, &external, 80);
+        println!("{policy:?}: {} generations", bench.state.generation());
+        answers.push(u);
+    }
+    // The whole solve as well.
+    let bench = Bench::new(&mesh, SOFT, &fixed, Policy::default());
+    let external = bending(&bench);
+    let loads = Loads {
+        forces: (24..36)
+            .map(|node| NodeLoad {
+                node,
+                force_n: [0.15, 0.0, 0.0],
+            })
+            .collect(),
+        ..Loads::default()
+    };
+    assert!(external.iter().any(|f| *f != 0.0));
+    let whole = bench.tissue.solve(&loads).expect("balance").displacement_m;
+    let scale = largest(whole.as_flattened());
+    println!("largest displacement {scale} m");
+    for (case, u) in answers.iter().enumerate() {
+        let off = u
+            .iter()
+            .zip(&whole.as_flattened()[36..])
+            .fold(0.0f64, |most, (a, b)| most.max((a - b).abs()));
+        assert!(
+            off < 1e-8 * scale,
+            "policy {case} is off by {off} of {scale}"
+        );
+    }
+}
+
 fn numbers(value: &Value) -> Vec<f64> {
     let values = value.as_array().expect("an array");
     values

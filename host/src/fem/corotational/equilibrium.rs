@@ -1,6 +1,6 @@
-//! The balance of corotational tissue under loads, from rest.
+//! The balance of corotational tissue under loads.
 //!
-//! Entry point: [`CorotationalTissue::solve`]. Newton's method with the consistent tangent: the first
+//! Entry points: [`CorotationalTissue::solve`] from rest, [`CorotationalTissue::settle`]. Newton's method with the consistent tangent: the first
 //! step of a load increment moves handles and fixed nodes, the next ones go down the potential energy
 //! by backtracking (Nocedal & Wright 2006, 3.1). An increment that fails is halved.
 
@@ -54,6 +54,18 @@ impl CorotationalTissue {
     /// Loads that name nodes that do not exist, are not finite, handles that conflict;
     /// [`TissueError::NoEquilibrium`].
     pub fn solve(&self, loads: &Loads) -> Result<Equilibrium, TissueError> {
+        self.settle(&mut self.state(), loads)
+    }
+
+    /// As [`Self::solve`], from any state, which is left in balance, or as it was on failure.
+    ///
+    /// # Errors
+    /// As [`Self::solve`].
+    pub fn settle(
+        &self,
+        state: &mut CorotationalState,
+        loads: &Loads,
+    ) -> Result<Equilibrium, TissueError> {
         let fixed = loads.fixed_field(&self.numbering)?;
         let target = Target {
             outside: self.placed(&loads.node_forces(&self.numbering)?),
@@ -65,17 +77,17 @@ impl CorotationalTissue {
             loads,
             lambda: vec![0.0; target.handles.len()],
             target,
-            state: self.state(),
+            state: state.clone(),
             workspace: self.workspace()?,
         };
         search.run()?;
         let Search {
             target,
-            state,
             workspace,
             lambda,
             ..
         } = search;
+        *state = search.state;
         Ok(Equilibrium::new(
             loads,
             &self.numbering,
