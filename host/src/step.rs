@@ -154,6 +154,8 @@ pub struct Workspace {
     columns: Columns,
     contact: ContactWork,
     tangent: TangentWork,
+    /// Where the touchable vertices rest without tools \[m\], (b): what displacements are added to.
+    resting_m: Vec<Vector3<f64>>,
     /// Displacement of the touchable vertices \[m\], (3 b).
     displacement: Vec<f64>,
     saved: Vec<Row>,
@@ -170,6 +172,7 @@ impl Workspace {
             columns: Columns::new(model),
             contact: ContactWork::new(vertices),
             tangent: TangentWork::new(),
+            resting_m: model.touchable_m.clone(),
             displacement: vec![0.0; 3 * vertices],
             saved: Vec::with_capacity(MAX_ROWS),
             spheres: [Sphere::default(); MAX_TOOLS],
@@ -181,7 +184,7 @@ impl Workspace {
     /// that touching them later costs nothing. Returns how many are there now.
     pub fn prepare(&mut self, model: &Model, near: impl Fn([f64; 3]) -> bool) -> usize {
         let missing: Vec<u32> = (0u32..)
-            .zip(&model.touchable_m)
+            .zip(&self.resting_m)
             .filter(|(vertex, at)| near((**at).into()) && !self.columns.has(*vertex))
             .map(|(vertex, _)| vertex)
             .collect();
@@ -323,7 +326,7 @@ fn place(
         if state.centres[index].is_none() {
             let radius = model.touch_radius_m(index);
             state.centres[index] =
-                Some(way_in(model, target.centre, radius).ok_or(Status::Inside)?);
+                Some(way_in(model, &work.resting_m, target.centre, radius).ok_or(Status::Inside)?);
         }
     }
     place_spheres(model, state, work);
@@ -345,8 +348,13 @@ fn place_spheres(model: &Model, state: &State, work: &mut Workspace) {
 
 /// A free place from which a sphere can come straight to `centre`: back along the normal of the
 /// nearest vertex. `None` if the centre lies inside the tissue.
-fn way_in(model: &Model, centre: Vector3<f64>, radius: f64) -> Option<Vector3<f64>> {
-    let Some((vertex, distance)) = nearest(&model.touchable_m, &centre) else {
+fn way_in(
+    model: &Model,
+    resting_m: &[Vector3<f64>],
+    centre: Vector3<f64>,
+    radius: f64,
+) -> Option<Vector3<f64>> {
+    let Some((vertex, distance)) = nearest(resting_m, &centre) else {
         return Some(centre);
     };
     if model.contains(&centre) {
@@ -357,7 +365,7 @@ fn way_in(model: &Model, centre: Vector3<f64>, radius: f64) -> Option<Vector3<f6
     // Twice as far each time: after 40 times any mesh is left behind.
     for _ in 0..40 {
         let start = centre + normal * back;
-        let free = nearest(&model.touchable_m, &start).is_none_or(|(_, near)| near >= radius);
+        let free = nearest(resting_m, &start).is_none_or(|(_, near)| near >= radius);
         if free && !model.contains(&start) {
             return Some(start);
         }
@@ -400,7 +408,7 @@ fn advance(
             let mut reach = PIECE * radius;
             if state.rows.is_empty() {
                 // Nothing is touched or moves: as far as the gap goes, too.
-                let gap = nearest(&model.touchable_m, &centre).map_or(f64::MAX, |near| near.1);
+                let gap = nearest(&work.resting_m, &centre).map_or(f64::MAX, |near| near.1);
                 reach += (gap - radius).max(0.0);
             }
             let way = (target.centre - centre).norm();
@@ -424,15 +432,12 @@ fn advance(
 
 /// Lists the vertices that a sphere might come to touch in this piece of the path; whether one that
 /// no row holds is inside its sphere.
-fn find_near(model: &Model, state: &State, work: &mut Workspace) -> bool {
+fn find_near(state: &State, work: &mut Workspace) -> bool {
     work.contact.near.clear();
     let mut inside = false;
-    for (vertex, (resting, u)) in (0u32..).zip(
-        model
-            .touchable_m
-            .iter()
-            .zip(work.displacement.chunks_exact(3)),
-    ) {
+    for (vertex, (resting, u)) in
+        (0u32..).zip(work.resting_m.iter().zip(work.displacement.chunks_exact(3)))
+    {
         let at = resting + Vector3::new(u[0], u[1], u[2]);
         let mut best: Option<(f64, u32)> = None;
         for (tool, sphere) in (0u32..)
@@ -461,12 +466,12 @@ fn balance(
     report: &mut StepReport,
     clock: &mut Clock,
 ) -> Result<(), Status> {
-    find_near(model, state, work);
+    find_near(state, work);
     clock.lap(&mut report.stages.detect_ns);
     for _ in 0..4 {
         solve_with_columns(model, state, work, report, clock)?;
         locate(model, state, work);
-        let inside = find_near(model, state, work);
+        let inside = find_near(state, work);
         clock.lap(&mut report.stages.detect_ns);
         if !inside {
             return Ok(());
@@ -486,7 +491,7 @@ fn solve_with_columns(
     loop {
         let solved = active_set::solve(
             &work.spheres,
-            &model.touchable_m,
+            &work.resting_m,
             &work.columns,
             &mut state.rows,
             &mut work.contact,
@@ -543,8 +548,8 @@ fn settle(model: &Model, state: &mut State, work: &mut Workspace) -> Status {
         }
         // The surface is closed: behind the nearest vertex's tangent plane is the cheap suspicion,
         // the solid angle the proof.
-        if let Some((vertex, _)) = nearest(&model.touchable_m, &centre)
-            && (centre - model.touchable_m[vertex]).dot(&model.touchable_normal[vertex]) < 0.0
+        if let Some((vertex, _)) = nearest(&work.resting_m, &centre)
+            && (centre - work.resting_m[vertex]).dot(&model.touchable_normal[vertex]) < 0.0
             && model.contains(&centre)
         {
             // It slipped in between vertices. Forget it, so that outside it starts afresh.
@@ -560,7 +565,7 @@ fn settle(model: &Model, state: &mut State, work: &mut Workspace) -> Status {
 fn is_free(model: &Model, targets: &Targets, work: &Workspace) -> bool {
     targets.iter().zip(&work.spheres).all(|(target, sphere)| {
         target.is_none_or(|target| {
-            nearest(&model.touchable_m, &target.centre).is_none_or(|near| near.1 > sphere.radius)
+            nearest(&work.resting_m, &target.centre).is_none_or(|near| near.1 > sphere.radius)
                 && !model.contains(&target.centre)
         })
     })
@@ -636,8 +641,8 @@ fn apart(
         let arm = centre - resting - Vector3::new(u[0], u[1], u[2]);
         (vertex as u32, arm, arm.norm())
     };
-    let Some((vertex, arm, distance)) = model
-        .touchable_m
+    let Some((vertex, arm, distance)) = work
+        .resting_m
         .iter()
         .enumerate()
         .map(displaced)
