@@ -2,10 +2,11 @@
 //!
 //! Entry point: [`Model::new`].
 
+use crate::contact::shape::Solid;
 use crate::fem::{Equilibrium, HeldPoints, LinearTissue, Loads, Materials, NodeLoad, TissueError};
 use crate::mesh::{Surface, TetMesh};
 use crate::step::State;
-use crate::tool::{MAX_TOOLS, SphereTool};
+use crate::tool::{MAX_TOOLS, Placement, Tool};
 use nalgebra::Vector3;
 use std::fmt;
 use std::sync::Arc;
@@ -19,7 +20,7 @@ pub const LEAST_RADIUS_IN_EDGES: f64 = 3.0;
 pub struct Model {
     pub(crate) tissue: Arc<LinearTissue>,
     pub(crate) surface: Surface,
-    pub(crate) tools: Vec<(u8, SphereTool)>,
+    pub(crate) tools: Vec<(u8, Tool)>,
     pub(crate) held: Arc<HeldPoints>,
     loads: Loads,
     /// Nodes of the mesh as given \[m\], (n x 3).
@@ -41,17 +42,13 @@ pub enum ModelError {
     /// The tissue or its loads.
     #[error(transparent)]
     Tissue(#[from] TissueError),
-    /// A radius or an offset that is no length.
-    #[error(
-        "tool {id}: the radius is {radius_m} m and the offset {offset_m:?} m; both must be finite, the radius not below zero"
-    )]
+    /// A tool without a sound shape.
+    #[error("tool {id}: {flaw}")]
     Tool {
         /// Which tool.
         id: u8,
-        /// Its radius \[m\].
-        radius_m: f64,
-        /// Its offset \[m\].
-        offset_m: [f64; 3],
+        /// What is wrong with it.
+        flaw: String,
     },
     /// One id for two tools.
     #[error("two tools have the id {0}")]
@@ -111,7 +108,7 @@ impl Model {
         materials: impl Into<Materials>,
         fixed: &[u32],
         loads: Loads,
-        tools: &[(u8, SphereTool)],
+        tools: &[(u8, Tool)],
     ) -> Result<Self, ModelError> {
         check_tools(tools)?;
         let tissue = LinearTissue::new(mesh, materials, fixed)?;
@@ -167,7 +164,7 @@ impl Model {
     }
 
     /// Tools by id.
-    pub fn tools(&self) -> &[(u8, SphereTool)] {
+    pub fn tools(&self) -> &[(u8, Tool)] {
         &self.tools
     }
 
@@ -177,15 +174,15 @@ impl Model {
     }
 
     /// Index and shape of a tool.
-    pub(crate) fn tool(&self, id: u8) -> Option<(usize, &SphereTool)> {
+    pub(crate) fn tool(&self, id: u8) -> Option<(usize, &Tool)> {
         let index = self.tools.iter().position(|(other, _)| *other == id)?;
         Some((index, &self.tools[index].1))
     }
 
-    /// Radius with which a tool touches: a tool smaller than a mean edge would slip in between the
-    /// vertices, so it counts as a sphere of one mean edge.
-    pub(crate) fn touch_radius_m(&self, index: usize) -> f64 {
-        self.tools[index].1.radius_m.max(self.surface.mean_edge_m)
+    /// The shape with which a tool touches, at `placement`: a tool smaller than a mean edge would slip
+    /// in between the vertices, so it counts as one mean edge in radius.
+    pub(crate) fn solid(&self, index: usize, placement: &Placement) -> Solid {
+        Solid::new(&self.tools[index].1, self.surface.mean_edge_m, placement)
     }
 
     /// Whether a point lies inside the tissue as it rests under its loads.
@@ -198,10 +195,10 @@ impl Model {
         let mean_edge_m = self.surface.mean_edge_m;
         self.tools
             .iter()
-            .filter(|(_, tool)| tool.radius_m < LEAST_RADIUS_IN_EDGES * mean_edge_m)
+            .filter(|(_, tool)| tool.radius_m() < LEAST_RADIUS_IN_EDGES * mean_edge_m)
             .map(|&(id, tool)| Warning::SmallTool {
                 id,
-                radius_m: tool.radius_m,
+                radius_m: tool.radius_m(),
                 mean_edge_m,
             })
             .collect()
@@ -223,21 +220,16 @@ impl Model {
     }
 }
 
-fn check_tools(tools: &[(u8, SphereTool)]) -> Result<(), ModelError> {
+fn check_tools(tools: &[(u8, Tool)]) -> Result<(), ModelError> {
     if tools.len() > MAX_TOOLS {
         return Err(ModelError::TooManyTools(tools.len()));
     }
-    for (index, &(id, SphereTool { radius_m, offset_m })) in tools.iter().enumerate() {
-        let lengths = radius_m.is_finite() && offset_m.iter().all(|x| x.is_finite());
-        if !lengths || radius_m < 0.0 {
-            return Err(ModelError::Tool {
-                id,
-                radius_m,
-                offset_m,
-            });
+    for (index, (id, tool)) in tools.iter().enumerate() {
+        if let Some(flaw) = tool.flaw() {
+            return Err(ModelError::Tool { id: *id, flaw });
         }
-        if tools[..index].iter().any(|(other, _)| *other == id) {
-            return Err(ModelError::SameTool(id));
+        if tools[..index].iter().any(|(other, _)| other == id) {
+            return Err(ModelError::SameTool(*id));
         }
     }
     Ok(())

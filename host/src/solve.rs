@@ -2,14 +2,15 @@
 //!
 //! Entry point: [`solve`].
 
+use crate::contact::shape::Solid;
 use crate::fem::TissueError;
 use crate::model::Model;
 use crate::output::{HeldTool, Reaction, Solution};
 use crate::scene::{Pose, Scene, SceneError};
 use crate::step::{State, Status, StepReport, Workspace, step};
-use crate::tool::{SphereTool, ToolSample};
+use crate::tool::{Tool, ToolSample};
 use miette::Diagnostic;
-use nalgebra::{Quaternion, UnitQuaternion, Vector3};
+use nalgebra::Vector3;
 use thiserror::Error;
 
 /// Most steps that follow a tool to its pose; a step moves it by a good part of its radius.
@@ -41,7 +42,7 @@ pub enum SolveError {
 /// # Errors
 /// Nothing to solve; tissue that is not held or handles that conflict; tools held too deep.
 pub fn solve(scene: &Scene) -> Result<Solution, SolveError> {
-    let held: Vec<(u8, SphereTool, Pose)> = scene
+    let held: Vec<(u8, Tool, Pose)> = scene
         .tools
         .iter()
         .filter_map(|tool| Some((tool.id, tool.shape, tool.pose?)))
@@ -87,7 +88,7 @@ pub fn solve(scene: &Scene) -> Result<Solution, SolveError> {
 fn bring_in(
     model: &Model,
     state: &mut State,
-    held: &[(u8, SphereTool, Pose)],
+    held: &[(u8, Tool, Pose)],
     work: &mut Workspace,
 ) -> Result<StepReport, SolveError> {
     if held.is_empty() {
@@ -120,39 +121,34 @@ fn sample(id: u8, pose: &Pose) -> ToolSample {
     }
 }
 
-/// The pose moved out along the nearest vertex's normal until the sphere is clear of the tissue.
-fn outside(model: &Model, shape: &SphereTool, pose: &Pose) -> Pose {
-    let [x, y, z, w] = pose.orientation;
-    let turn = UnitQuaternion::from_quaternion(Quaternion::new(w, x, y, z));
-    let arm = turn * Vector3::from(shape.offset_m);
-    let grip = Vector3::from(pose.position_m);
-    let points = model.points_m();
+/// The pose moved out along the nearest vertex's normal until the shape is clear of the tissue.
+fn outside(model: &Model, shape: &Tool, pose: &Pose) -> Pose {
     let surface = model.surface();
-    let distance =
-        |centre: Vector3<f64>, node: u32| (Vector3::from(points[node as usize]) - centre).norm();
+    let points = model.points_m();
+    let Some(placement) = shape.place(&sample(0, pose)) else {
+        return *pose;
+    };
+    let solid = Solid::new(shape, surface.mean_edge_m, &placement);
+    let gap = |solid: &Solid, node: u32| solid.gap(&points[node as usize].into());
     let nearest = surface
         .vertices
         .iter()
         .zip(&surface.normals)
-        .min_by(|a, b| distance(grip + arm, *a.0).total_cmp(&distance(grip + arm, *b.0)));
+        .min_by(|a, b| gap(&solid, *a.0).total_cmp(&gap(&solid, *b.0)));
     let Some((_, normal)) = nearest else {
         return *pose;
     };
-    let stride = Vector3::from(*normal) * shape.radius_m.max(surface.mean_edge_m);
-    let clear = |centre: Vector3<f64>| {
-        surface
-            .vertices
-            .iter()
-            .all(|node| distance(centre, *node) > shape.radius_m)
-            && !surface.contains(points, centre.into())
+    let stride = Vector3::from(*normal) * solid.radius();
+    let clear = |solid: &Solid| {
+        surface.vertices.iter().all(|node| gap(solid, *node) > 0.0)
+            && !surface.contains(points, solid.middle().into())
     };
-    let way_out = (0..1000).map(|strides| stride * f64::from(strides));
-    let out = way_out
-        .into_iter()
-        .find(|out| clear(grip + arm + out))
+    let out = (0..1000)
+        .map(|strides| stride * f64::from(strides))
+        .find(|out| clear(&solid.moved(out)))
         .unwrap_or_default();
     Pose {
-        position_m: (grip + out).into(),
+        position_m: (Vector3::from(pose.position_m) + out).into(),
         ..*pose
     }
 }
@@ -210,7 +206,7 @@ plane = { axis = "z", at_m = -0.03 }
         let nodes = solution.points_m.iter().zip(&solution.displacement_m);
         let top = nodes.filter(|(x, _)| x[2] > -1e-9);
         top.map(|(x, u)| {
-            (Vector3::from(*x) + Vector3::from(*u) - centre).norm() - tool.shape.radius_m
+            (Vector3::from(*x) + Vector3::from(*u) - centre).norm() - tool.shape.radius_m()
         })
         .collect()
     }

@@ -5,6 +5,10 @@ use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 /// Most tools in one model: two hands, each with a tool and a needle.
 pub const MAX_TOOLS: usize = 4;
 
+/// Rounding of a punch's rim in its radii, unless said otherwise: a sharp rim would cut real tissue,
+/// and has no normal.
+pub const DEFAULT_FILLET: f64 = 0.1;
+
 /// Where a tool is at one instant.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ToolSample {
@@ -20,27 +24,238 @@ pub struct ToolSample {
     pub console_time_us: u64,
 }
 
-/// A rigid, frictionless sphere on the grip.
+/// What a rigid, frictionless tool touches with; convex.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct SphereTool {
-    /// Radius \[m\]; 0 for a bare point.
-    pub radius_m: f64,
-    /// Centre in the frame of the grip \[m\], (3).
-    pub offset_m: [f64; 3],
+pub enum Shape {
+    /// A ball.
+    Sphere {
+        /// Radius \[m\]; 0 for a bare point.
+        radius_m: f64,
+    },
+    /// A round bar that ends in a flat face.
+    FlatPunch {
+        /// Radius of the bar \[m\]; the flat part of its face ends a fillet before.
+        radius_m: f64,
+        /// Radius of the rounded rim, at both ends of the bar \[m\]; above 0.
+        fillet_m: f64,
+        /// Length of the bar behind its face \[m\]; at least two fillets.
+        length_m: f64,
+    },
 }
 
-impl SphereTool {
-    /// From the grip to the sphere's centre, in the world frame \[m\]; `None` if the sample is not
-    /// a pose: a number that is not finite, or a quaternion without length.
-    pub(crate) fn arm(&self, sample: &ToolSample) -> Option<Vector3<f64>> {
+impl Shape {
+    /// A punch with the [`DEFAULT_FILLET`].
+    pub fn flat_punch(radius_m: f64, length_m: f64) -> Self {
+        Self::FlatPunch {
+            radius_m,
+            fillet_m: DEFAULT_FILLET * radius_m,
+            length_m,
+        }
+    }
+
+    /// Radius of the ball or of the bar \[m\].
+    pub fn radius_m(&self) -> f64 {
+        match *self {
+            Self::Sphere { radius_m } | Self::FlatPunch { radius_m, .. } => radius_m,
+        }
+    }
+
+    /// The same shape, not thinner than `least_m`.
+    pub(crate) fn at_least(self, least_m: f64) -> Self {
+        match self {
+            Self::Sphere { radius_m } => Self::Sphere {
+                radius_m: radius_m.max(least_m),
+            },
+            Self::FlatPunch {
+                radius_m,
+                fillet_m,
+                length_m,
+            } => Self::FlatPunch {
+                radius_m: radius_m.max(least_m),
+                fillet_m,
+                length_m,
+            },
+        }
+    }
+
+    /// Why nothing can be touched with it, if so.
+    fn flaw(&self) -> Option<String> {
+        match *self {
+            Self::Sphere { radius_m } if radius_m.is_finite() && radius_m >= 0.0 => None,
+            Self::Sphere { radius_m } => Some(format!(
+                "the radius is {radius_m} m; it must be finite and not below zero"
+            )),
+            Self::FlatPunch {
+                radius_m,
+                fillet_m,
+                length_m,
+            } => {
+                if !(radius_m.is_finite() && radius_m > 0.0) {
+                    Some(format!(
+                        "a punch's radius is {radius_m} m; it must be above zero"
+                    ))
+                } else if !(fillet_m > 0.0 && fillet_m <= radius_m) {
+                    Some(format!(
+                        "the fillet is {fillet_m} m; it must be above zero and at most the radius of {radius_m} m"
+                    ))
+                } else if !(length_m.is_finite() && length_m >= 2.0 * fillet_m) {
+                    Some(format!(
+                        "a punch is {length_m} m long; it must have room for two fillets of {fillet_m} m"
+                    ))
+                } else {
+                    None
+                }
+            }
+        }
+    }
+}
+
+/// A shape fixed to the grip.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Tool {
+    /// What touches.
+    pub shape: Shape,
+    /// Centre of the ball, or of the punch's face, in the frame of the grip \[m\], (3).
+    pub offset_m: [f64; 3],
+    /// Where a punch's face looks, unit vector in the frame of the grip, (3). A ball ignores it.
+    pub axis: [f64; 3],
+}
+
+impl Tool {
+    /// Where a punch looks unless said otherwise: down.
+    pub const DEFAULT_AXIS: [f64; 3] = [0.0, 0.0, -1.0];
+
+    /// A shape at `offset_m` from the grip that looks down.
+    pub fn new(shape: Shape, offset_m: [f64; 3]) -> Self {
+        Self {
+            shape,
+            offset_m,
+            axis: Self::DEFAULT_AXIS,
+        }
+    }
+
+    /// A ball at `offset_m` from the grip.
+    pub fn sphere(radius_m: f64, offset_m: [f64; 3]) -> Self {
+        Self::new(Shape::Sphere { radius_m }, offset_m)
+    }
+
+    /// Radius of the ball or of the bar \[m\].
+    pub fn radius_m(&self) -> f64 {
+        self.shape.radius_m()
+    }
+
+    /// Where the shape is while the grip is at `sample`; `None` if that is no pose: a number that is
+    /// not finite, or a quaternion without length.
+    pub(crate) fn place(&self, sample: &ToolSample) -> Option<Placement> {
         let [x, y, z, w] = sample.orientation;
         let rotation = UnitQuaternion::try_new(Quaternion::new(w, x, y, z), 1e-6)?;
-        let arm = rotation * Vector3::from(self.offset_m);
-        let finite = sample
-            .position_m
-            .iter()
-            .chain(arm.iter())
-            .all(|x| x.is_finite());
-        finite.then_some(arm)
+        let centre = Vector3::from(sample.position_m) + rotation * Vector3::from(self.offset_m);
+        // Squared as well: beyond that no distance can be computed.
+        let finite =
+            centre.norm_squared().is_finite() && rotation.coords.iter().all(|x| x.is_finite());
+        finite.then_some(Placement { centre, rotation })
+    }
+
+    /// Why it cannot be used, if so.
+    pub(crate) fn flaw(&self) -> Option<String> {
+        if let Some(flaw) = self.shape.flaw() {
+            return Some(flaw);
+        }
+        if !self.offset_m.iter().all(|x| x.is_finite()) {
+            return Some(format!(
+                "the offset is {:?} m; it must be finite",
+                self.offset_m
+            ));
+        }
+        let length = Vector3::from(self.axis).norm();
+        if length.is_nan() || (length - 1.0).abs() > 1e-6 {
+            return Some(format!(
+                "the axis {:?} has the length {length}, not 1",
+                self.axis
+            ));
+        }
+        None
+    }
+}
+
+/// Where a tool's shape is.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Placement {
+    /// Centre of the ball or of the punch's face \[m\], world frame.
+    pub centre: Vector3<f64>,
+    /// Grip to world.
+    pub rotation: UnitQuaternion<f64>,
+}
+
+impl Placement {
+    /// How far the angle to `other` turns \[rad\], 0 to pi.
+    pub fn angle_to(&self, other: &Self) -> f64 {
+        (other.rotation * self.rotation.inverse()).angle()
+    }
+
+    /// A part of the way to `other`: straight, and about one axis; all of it is exactly `other`.
+    pub fn towards(&self, other: &Self, part: f64) -> Self {
+        if part >= 1.0 {
+            return *other;
+        }
+        let turn = (other.rotation * self.rotation.inverse()).scaled_axis() * part;
+        Self {
+            centre: self.centre.lerp(&other.centre, part),
+            rotation: UnitQuaternion::from_scaled_axis(turn) * self.rotation,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn shapes_without_an_inside_or_a_normal_are_refused() {
+        let punch = |radius_m, fillet_m, length_m| {
+            let shape = Shape::FlatPunch {
+                radius_m,
+                fillet_m,
+                length_m,
+            };
+            Tool::new(shape, [0.0; 3]).flaw()
+        };
+        assert_eq!(punch(0.01, 0.001, 0.03), None);
+        for (radius, fillet, length, word) in [
+            (0.0, 0.001, 0.03, "radius"),
+            (f64::NAN, 0.001, 0.03, "radius"),
+            (0.01, 0.0, 0.03, "fillet"),
+            (0.01, 0.02, 0.03, "fillet"),
+            (0.01, 0.001, 0.001, "long"),
+        ] {
+            let flaw = punch(radius, fillet, length).expect("a flaw");
+            assert!(flaw.contains(word), "{flaw}");
+        }
+        let mut tool = Tool::sphere(0.01, [0.0; 3]);
+        tool.axis = [0.0, 0.0, -2.0];
+        assert!(tool.flaw().expect("a flaw").contains("axis"));
+    }
+
+    #[test]
+    fn a_path_in_pieces_ends_where_it_should() {
+        let from = Placement {
+            centre: Vector3::new(1.0, 2.0, 3.0),
+            rotation: UnitQuaternion::from_scaled_axis(Vector3::new(0.3, -2.0, 0.5)),
+        };
+        // The same rotation with the other sign of the quaternion is no way at all.
+        let flipped = UnitQuaternion::new_unchecked(-from.rotation.into_inner());
+        let same = Placement {
+            rotation: flipped,
+            ..from
+        };
+        assert!(from.angle_to(&same) < 1e-7);
+        let to = Placement {
+            centre: Vector3::zeros(),
+            rotation: UnitQuaternion::from_scaled_axis(Vector3::new(0.0, 0.7, 0.0)) * flipped,
+        };
+        let half = from.towards(&to, 0.5);
+        assert!((from.angle_to(&half) - 0.35).abs() < 1e-12);
+        assert!((half.angle_to(&to) - 0.35).abs() < 1e-12);
+        assert_eq!(from.towards(&to, 1.0), to);
     }
 }

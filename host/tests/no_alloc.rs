@@ -4,7 +4,7 @@ use sutura_host::fem::{Loads, Material};
 use sutura_host::mesh::slab;
 use sutura_host::model::Model;
 use sutura_host::step::{State, Status, Workspace, step};
-use sutura_host::tool::{SphereTool, ToolSample};
+use sutura_host::tool::{Tool, ToolSample};
 
 /// Down, sideways through the tissue, up, and away, with two poses that are none.
 fn path(tick: u32) -> ToolSample {
@@ -36,10 +36,7 @@ fn a_step_allocates_nothing_after_the_first_touch() {
         youngs_modulus_pa: 15e3,
         poisson_ratio: 0.45,
     };
-    let tool = SphereTool {
-        radius_m: 0.015,
-        offset_m: [0.0; 3],
-    };
+    let tool = Tool::sphere(0.015, [0.0; 3]);
     let model =
         Model::new(&mesh, material, &bottom, Loads::default(), &[(0, tool)]).expect("a model");
     let mut state = State::new(&model);

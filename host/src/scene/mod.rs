@@ -19,7 +19,7 @@ use crate::fem::{Loads, Material};
 use crate::mesh::TetMesh;
 use crate::model::Model;
 use crate::step::{State, Workspace};
-use crate::tool::SphereTool;
+use crate::tool;
 use std::path::Path;
 use sutura_shared::device::DeviceDescription;
 use sutura_shared::wire::message::HandScript;
@@ -61,7 +61,7 @@ pub struct Tool {
     /// Number on the wire.
     pub id: u8,
     /// Its shape, on the grip.
-    pub shape: SphereTool,
+    pub shape: tool::Tool,
     /// Where a solve without a console holds the grip, if the scene says so.
     pub pose: Option<Pose>,
 }

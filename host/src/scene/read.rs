@@ -10,7 +10,7 @@ use super::select::{check_nodes, select};
 use super::{HostSettings, Pose, Scene, Tool};
 use crate::fem::{Anchor, Handle, Loads, Material, NodeLoad};
 use crate::mesh::{self, MeshError, TetMesh};
-use crate::tool::SphereTool;
+use crate::tool;
 use toml::Spanned;
 
 /// Length of a session when the scene does not say \[s\].
@@ -252,7 +252,7 @@ fn read_tools(
         let pose = read_pose(document, section)?;
         tools.push(Tool {
             id,
-            shape: SphereTool { radius_m, offset_m },
+            shape: tool::Tool::sphere(radius_m, offset_m),
             pose,
         });
     }

@@ -71,7 +71,7 @@ fn every_value_arrives_where_it_belongs() {
     );
     assert_eq!(scene.tools.len(), 1);
     assert_eq!(
-        (scene.tools[0].id, scene.tools[0].shape.radius_m),
+        (scene.tools[0].id, scene.tools[0].shape.radius_m()),
         (3, 0.05)
     );
     assert_eq!(scene.tools[0].shape.offset_m, [0.0, 0.0, -0.01]);

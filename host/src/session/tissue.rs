@@ -51,7 +51,7 @@ impl TissueSolver {
         let Some((_, tool)) = self.model.tools().first() else {
             return;
         };
-        let radius_m = tool.radius_m.max(self.model.surface().mean_edge_m);
+        let radius_m = tool.radius_m().max(self.model.surface().mean_edge_m);
         let reach_m = PREPARED_RADII * radius_m + PREPARED_MARGIN_M;
         let offset = tool.offset_m;
         let near = |vertex: [f64; 3]| {

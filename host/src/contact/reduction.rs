@@ -1,0 +1,386 @@
+//! A tool's rows for the console: a small linear complementarity problem that predicts its wrench near
+//! the balance, switches of the touched set included.
+//!
+//! Entry point: [`Reduction::rows_of`]. Around the balance `d delta = J dq + W d lambda` and
+//! `d wrench = M dq + J' d lambda`. With E = K_A - G and Y of `tangent`, and y the load on the touched
+//! vertices that stands for a unit multiplier (n itself, or `K_A S n` at a vertex not touched yet),
+//! `W = y'E^-1 y` (and what a vertex not touched yields by itself), `J = -n'R - y'E^-1 Y`. All other active
+//! rows are condensed out.
+
+use super::active_set::{ContactWork, Row};
+use crate::columns::Columns;
+use crate::dense::Dense;
+use super::newton::multiply;
+use super::shape::Solid;
+use super::tangent::{PoseWork, dot, rigid};
+use nalgebra::{Matrix6, Vector3};
+
+/// Most rows of one tool that a console is given.
+pub const MAX_TOOL_ROWS: usize = 24;
+
+/// Rows of one tool at a balance: `delta = delta_m + J dq + W (lambda - lambda_n)`, and
+/// 0 <= lambda _|_ delta >= 0. The wrench changes by `J' (lambda - lambda_n)` and by
+/// `(T + J_a' W_aa^-1 J_a) dq`, T the contact's tangent and a the rows that touch: as long as none
+/// switches, by `T dq`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ToolRows {
+    /// Which tool.
+    pub tool: u8,
+    /// How many there are; 0 as well where the tissue, held by the forces instead of the tool, would
+    /// not be stable: then only the tangent predicts. Touching rows come first, the largest multiplier
+    /// foremost, then the nearest others.
+    pub count: usize,
+    /// The node each row acts on: the same row from step to step.
+    pub id: [u32; MAX_TOOL_ROWS],
+    /// Gap \[m\]; 0 where it touches.
+    pub delta_m: [f64; MAX_TOOL_ROWS],
+    /// Multiplier \[N\], 0 where it does not touch.
+    pub lambda_n: [f64; MAX_TOOL_ROWS],
+    /// d delta / d pose for left increments of the grip, (count x 6) \[m/m, m/rad\]. Minus a row's
+    /// normal and its moment arm, and what the turning of the normals adds.
+    pub jacobian: [[f64; 6]; MAX_TOOL_ROWS],
+    /// W, upper triangle by rows, (count (count + 1) / 2) \[m/N\].
+    pub compliance: [f64; MAX_TOOL_ROWS * (MAX_TOOL_ROWS + 1) / 2],
+    /// Of the balance: as the step reports it.
+    pub residual: f64,
+    /// How fast forces fade at a held pose \[1/s\]: 0, tissue without viscosity.
+    pub relaxation_per_s: f64,
+}
+
+impl ToolRows {
+    pub(crate) const NONE: Self = Self {
+        tool: 0,
+        count: 0,
+        id: [0; MAX_TOOL_ROWS],
+        delta_m: [0.0; MAX_TOOL_ROWS],
+        lambda_n: [0.0; MAX_TOOL_ROWS],
+        jacobian: [[0.0; 6]; MAX_TOOL_ROWS],
+        compliance: [0.0; MAX_TOOL_ROWS * (MAX_TOOL_ROWS + 1) / 2],
+        residual: 0.0,
+        relaxation_per_s: 0.0,
+    };
+
+    /// W\[i\]\[j\] \[m/N\].
+    pub fn compliance_between(&self, i: usize, j: usize) -> f64 {
+        let (i, j) = (i.min(j), i.max(j));
+        self.compliance[self.count * i - i * i.saturating_sub(1) / 2 - i + j]
+    }
+}
+
+/// A row of the problem before it is reduced.
+#[derive(Clone, Copy)]
+struct Candidate {
+    vertex: u32,
+    /// Among the active rows; `None` where it does not touch.
+    row: Option<usize>,
+    delta: f64,
+    lambda: f64,
+    normal: Vector3<f64>,
+    /// From the grip, for rows of the tool itself.
+    arm: Option<Vector3<f64>>,
+}
+
+/// Buffers of the reduction.
+pub(crate) struct Reduction {
+    candidates: Vec<Candidate>,
+    /// y, then E^-1 y, (3v x m), and E^-1 Y, (3v x 6).
+    loads: Vec<f64>,
+    answers: Vec<f64>,
+    yields: Vec<f64>,
+    /// S n of rows that do not touch, (3v x m).
+    moved: Vec<f64>,
+    /// W, (m x m), and J, (m x 6).
+    compliance: Vec<f64>,
+    jacobian: Vec<f64>,
+    /// Of the rows condensed out: factor of their W, and its answer to the others, (o x (m + 6)).
+    others: Vec<f64>,
+    shares: Vec<f64>,
+}
+
+/// Whose rows, and where to look for those that do not touch yet.
+pub(crate) struct Surroundings<'a> {
+    /// Index of the tool.
+    pub tool: u32,
+    /// Where it is held \[m\].
+    pub grip: Vector3<f64>,
+    pub solid: &'a Solid,
+    pub columns: &'a Columns,
+    /// Touchable vertices without tools \[m\], (b), and what the tools move them \[m\], (3 b).
+    pub resting_m: &'a [Vector3<f64>],
+    pub displacement: &'a [f64],
+    /// Rows with a larger gap \[m\] are left out.
+    pub most_gap: f64,
+}
+
+impl Surroundings<'_> {
+    fn at(&self, vertex: u32) -> Vector3<f64> {
+        let start = 3 * vertex as usize;
+        self.resting_m[vertex as usize]
+            + Vector3::from_column_slice(&self.displacement[start..start + 3])
+    }
+}
+
+impl Reduction {
+    /// For so many rows.
+    pub fn new(most_rows: usize) -> Self {
+        let (n, m) = (3 * most_rows, most_rows + MAX_TOOL_ROWS);
+        Self {
+            candidates: Vec::with_capacity(m),
+            loads: vec![0.0; n * m],
+            answers: vec![0.0; n * m],
+            yields: vec![0.0; 6 * n],
+            moved: vec![0.0; n * MAX_TOOL_ROWS],
+            compliance: vec![0.0; m * m],
+            jacobian: vec![0.0; 6 * m],
+            others: vec![0.0; m * m],
+            shares: vec![0.0; m * (MAX_TOOL_ROWS + 6)],
+        }
+    }
+
+    /// Rows of a tool at the balance that `contact` and `pose`, differentiated for it, describe. The
+    /// ids are numbers of touchable vertices.
+    pub fn rows_of(
+        &mut self,
+        rows: &[Row],
+        around: &Surroundings<'_>,
+        contact: &mut ContactWork,
+        pose: &PoseWork,
+        out: &mut ToolRows,
+    ) {
+        *out = ToolRows::NONE;
+        out.residual = contact.residual;
+        let kept = self.choose(rows, around, contact);
+        if self.respond(around.columns, contact, pose).is_some()
+            && self.condense_out(kept, contact).is_some()
+        {
+            self.write(kept, out);
+        }
+    }
+
+    /// Lists the rows to be kept, then those to be condensed out; how many are kept.
+    fn choose(&mut self, rows: &[Row], around: &Surroundings<'_>, contact: &ContactWork) -> usize {
+        let newton = &contact.newton;
+        self.candidates.clear();
+        for (index, (row, geometry)) in rows.iter().zip(&newton.geometry).enumerate() {
+            let arm = newton.touched[geometry.place].at - around.grip;
+            self.candidates.push(Candidate {
+                vertex: row.vertex,
+                row: Some(index),
+                delta: 0.0,
+                lambda: geometry.lambda,
+                normal: geometry.normal,
+                arm: (row.tool == around.tool).then_some(arm),
+            });
+        }
+        // Own rows by force, then the other tools'; equal ones by vertex, for the same order every time.
+        self.candidates.sort_unstable_by(|a, b| {
+            let own = b.arm.is_some().cmp(&a.arm.is_some());
+            own.then(b.lambda.total_cmp(&a.lambda))
+                .then(a.vertex.cmp(&b.vertex))
+        });
+        let own = self
+            .candidates
+            .iter()
+            .take_while(|row| row.arm.is_some())
+            .count();
+        let touching = own.min(MAX_TOOL_ROWS);
+        let room = MAX_TOOL_ROWS - touching;
+        let mut nearest = [(f64::MAX, 0u32); MAX_TOOL_ROWS];
+        let nearest = &mut nearest[..room];
+        for vertex in 0..around.resting_m.len() as u32 {
+            if !around.columns.has(vertex) {
+                continue;
+            }
+            let gap = around.solid.gap(&around.at(vertex));
+            if gap > around.most_gap || nearest.last().is_none_or(|last| gap >= last.0) {
+                continue;
+            }
+            if rows
+                .iter()
+                .any(|row| row.vertex == vertex && row.tool == around.tool)
+            {
+                continue;
+            }
+            let place = nearest.partition_point(|other| other.0 <= gap);
+            nearest[place..].rotate_right(1);
+            nearest[place] = (gap, vertex);
+        }
+        let mut kept = touching;
+        for &(gap, vertex) in nearest.iter().take_while(|near| near.0 < f64::MAX) {
+            let at = around.at(vertex);
+            if let Some(touch) = around.solid.touch(&at) {
+                let free = Candidate {
+                    vertex,
+                    row: None,
+                    delta: gap.max(0.0),
+                    lambda: 0.0,
+                    normal: touch.normal,
+                    arm: Some(at - around.grip),
+                };
+                self.candidates.insert(kept, free);
+                kept += 1;
+            }
+        }
+        kept
+    }
+
+    /// W and J of all listed rows; `None` if E is not positive definite.
+    fn respond(
+        &mut self,
+        columns: &Columns,
+        contact: &mut ContactWork,
+        pose: &PoseWork,
+    ) -> Option<()> {
+        let newton = &mut contact.newton;
+        let (n, m) = (newton.unknowns(), self.candidates.len());
+        self.loads[..n * m].fill(0.0);
+        let mut free = 0;
+        for (i, candidate) in self.candidates.iter().enumerate() {
+            let load = &mut self.loads[n * i..n * (i + 1)];
+            if let Some(row) = candidate.row {
+                let place = 3 * newton.geometry[row].place;
+                load[place..place + 3].copy_from_slice(candidate.normal.as_slice());
+                continue;
+            }
+            let moved = &mut self.moved[n * free..n * (free + 1)];
+            free += 1;
+            for (place, touched) in newton.touched.iter().enumerate() {
+                let u = columns.block(touched.vertex, candidate.vertex) * candidate.normal;
+                moved[3 * place..3 * place + 3].copy_from_slice(u.as_slice());
+            }
+            for place in 0..newton.touched.len() {
+                let push = multiply(&newton.stiffness, moved, n, place);
+                load[3 * place..3 * place + 3].copy_from_slice(push.as_slice());
+            }
+        }
+        if n > 0 {
+            let tissue = &mut newton.compliance[..n * n];
+            tissue.copy_from_slice(&newton.stiffness[..n * n]);
+            for (place, touched) in newton.touched.iter().enumerate() {
+                for (i, j) in (0..9).map(|entry| (entry / 3, entry % 3)) {
+                    tissue[n * (3 * place + j) + 3 * place + i] -= touched.turning[(i, j)];
+                }
+            }
+            newton.dense.factor(tissue, n).ok()?;
+            self.answers[..n * m].copy_from_slice(&self.loads[..n * m]);
+            newton.dense.solve(tissue, n, &mut self.answers[..n * m], m);
+            self.yields[..6 * n].copy_from_slice(&pose.turned[..6 * n]);
+            newton.dense.solve(tissue, n, &mut self.yields[..6 * n], 6);
+        }
+        let mut free = 0;
+        for (j, column) in self.candidates.iter().enumerate() {
+            let answer = &self.answers[n * j..n * (j + 1)];
+            for (i, row) in self.candidates.iter().enumerate() {
+                let load = &self.loads[n * i..n * (i + 1)];
+                let mut compliance = dot(load, answer);
+                if row.row.is_none() && column.row.is_none() {
+                    // What the untouched vertices yield with the touched ones held.
+                    let block = columns.block(row.vertex, column.vertex);
+                    compliance += row.normal.dot(&(block * column.normal));
+                    compliance -= dot(load, &self.moved[n * free..n * (free + 1)]);
+                }
+                self.compliance[m * j + i] = compliance;
+            }
+            if column.row.is_none() {
+                free += 1;
+            }
+            let own = column
+                .arm
+                .map(|arm| rigid(&arm).transpose() * column.normal);
+            let load = &self.loads[n * j..n * (j + 1)];
+            for axis in 0..6 {
+                let yields = dot(load, &self.yields[n * axis..n * (axis + 1)]);
+                self.jacobian[m * axis + j] = -yields - own.map_or(0.0, |own| own[axis]);
+            }
+        }
+        Some(())
+    }
+
+    /// Leaves in the first `kept` rows of W and J what they are with all others active.
+    fn condense_out(&mut self, kept: usize, contact: &mut ContactWork) -> Option<()> {
+        let m = self.candidates.len();
+        let out = m - kept;
+        if out == 0 {
+            return Some(());
+        }
+        let dense = &mut contact.newton.dense;
+        for j in 0..out {
+            let column = &self.compliance[m * (kept + j) + kept..m * (kept + j + 1)];
+            self.others[out * j..out * (j + 1)].copy_from_slice(column);
+        }
+        dense.factor(&mut self.others[..out * out], out).ok()?;
+        let columns = kept + 6;
+        for j in 0..columns {
+            let whole = if j < kept {
+                &self.compliance[m * j..m * (j + 1)]
+            } else {
+                &self.jacobian[m * (j - kept)..m * (j - kept + 1)]
+            };
+            self.shares[out * j..out * (j + 1)].copy_from_slice(&whole[kept..]);
+        }
+        let shares = &mut self.shares[..out * columns];
+        dense.solve(&self.others[..out * out], out, shares, columns);
+        for i in 0..kept {
+            // W is symmetric: its column i holds row i.
+            let (first, others) = self.compliance[m * i..m * (i + 1)].split_at_mut(kept);
+            for axis in 0..6 {
+                let share = &shares[out * (kept + axis)..out * (kept + axis + 1)];
+                self.jacobian[m * axis + i] -= dot(others, share);
+            }
+            for (j, entry) in first.iter_mut().enumerate() {
+                *entry -= dot(others, &shares[out * j..out * (j + 1)]);
+            }
+        }
+        Some(())
+    }
+
+    /// d wrench / d pose of a tool that touches nothing, just after the rows with gaps up to `most_gap`
+    /// will have come to touch.
+    pub fn coming(&mut self, rows: &ToolRows, most_gap: f64, dense: &mut Dense) -> Matrix6<f64> {
+        let m = rows.delta_m[..rows.count]
+            .iter()
+            .take_while(|delta| **delta <= most_gap)
+            .count();
+        for (i, j) in (0..m * m).map(|entry| (entry % m, entry / m)) {
+            self.others[m * j + i] = rows.compliance_between(i, j);
+        }
+        let mut tangent = Matrix6::zeros();
+        if m == 0 || dense.factor(&mut self.others[..m * m], m).is_err() {
+            return tangent;
+        }
+        let shares = &mut self.shares[..6 * m];
+        for (axis, share) in shares.chunks_exact_mut(m).enumerate() {
+            for (entry, jacobian) in share.iter_mut().zip(&rows.jacobian) {
+                *entry = jacobian[axis];
+            }
+        }
+        dense.solve(&self.others[..m * m], m, shares, 6);
+        for (j, share) in shares.chunks_exact(m).enumerate() {
+            for (jacobian, share) in rows.jacobian.iter().zip(share) {
+                for i in 0..6 {
+                    tangent[(i, j)] -= jacobian[i] * share;
+                }
+            }
+        }
+        tangent
+    }
+
+    fn write(&self, kept: usize, out: &mut ToolRows) {
+        let m = self.candidates.len();
+        out.count = kept;
+        let mut packed = 0;
+        for (i, row) in self.candidates[..kept].iter().enumerate() {
+            out.id[i] = row.vertex;
+            out.delta_m[i] = row.delta;
+            out.lambda_n[i] = row.lambda;
+            for axis in 0..6 {
+                out.jacobian[i][axis] = self.jacobian[m * axis + i];
+            }
+            for j in i..kept {
+                let both = self.compliance[m * i + j] + self.compliance[m * j + i];
+                out.compliance[packed] = 0.5 * both;
+                packed += 1;
+            }
+        }
+    }
+}

@@ -1,0 +1,254 @@
+//! One step of the solver, and what it reports.
+//!
+//! Entry point: [`step`]. Three lifetimes: [`Model`] is constant, [`State`] evolves and can be kept
+//! and compared, [`Workspace`] is scratch and a cache that could be dropped between any two steps.
+
+mod path;
+mod reduce;
+
+use crate::contact::active_set::{ContactWork, MAX_ROWS, Row, Solids};
+use crate::clock::Clock;
+use crate::columns::Columns;
+use crate::contact::reduction::Reduction;
+pub use crate::contact::reduction::{MAX_TOOL_ROWS, ToolRows};
+use crate::contact::tangent::PoseWork;
+use crate::model::Model;
+use crate::tool::{MAX_TOOLS, Placement, ToolSample};
+use nalgebra::Vector3;
+
+/// How a step ended. Anything but `Ok` means: send nothing, let the console's data age.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
+#[non_exhaustive]
+pub enum Status {
+    /// Balance found at the sampled poses.
+    #[default]
+    Ok,
+    /// A pose is not finite, or a quaternion has no length. The state is as before.
+    NotFinite,
+    /// A sample's id is not in the model, or is there twice. The state is as before.
+    UnknownTool,
+    /// Columns of the compliance are still missing for newly touched vertices; the next step goes on.
+    Waiting,
+    /// The tool moved farther than one step follows; the next step goes on from where this one ended.
+    Behind,
+    /// No stable balance found: too deep (about a radius), where the tissue would slip around the tool;
+    /// the state stays at the last pose that had one.
+    NotConverged,
+    /// More vertices touched than a step has room for; as `NotConverged`.
+    TooManyRows,
+    /// A tool's middle is inside the tissue and did not come in through the surface.
+    Inside,
+}
+
+impl Status {
+    /// As reports print it.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Ok => "ok",
+            Self::NotFinite => "not-finite",
+            Self::UnknownTool => "unknown-tool",
+            Self::Waiting => "waiting",
+            Self::Behind => "behind",
+            Self::NotConverged => "not-converged",
+            Self::TooManyRows => "too-many-rows",
+            Self::Inside => "inside",
+        }
+    }
+}
+
+/// One tool's contact, ready for the console.
+#[derive(Clone, Copy, Debug, PartialEq, Default)]
+pub struct ToolContact {
+    /// Which tool.
+    pub id: u8,
+    /// Wrench on the tool: force \[N\], then moment about the grip \[N m\], (6), world frame.
+    pub wrench: [f64; 6],
+    /// d wrench / d pose for left (world-frame) increments, (6 x 6) by rows \[N/m, N, N m/rad\]. Its skew
+    /// part is -1/2 \[moment\]x in the rotations. Apart: as it will be just after touching, zero while
+    /// that is too far to matter.
+    pub tangent: [[f64; 6]; 6],
+    /// Distance along `normal` to the nearest vertex \[m\]; 0 in contact.
+    pub gap_m: f64,
+    /// Unit vector out of the tissue, (3).
+    pub normal: [f64; 3],
+    /// Vertices that it touches.
+    pub rows: u32,
+}
+
+/// Time spent in each stage \[ns\].
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
+pub struct Stages {
+    /// Where the boundary is and which vertices are near a tool.
+    pub detect_ns: u64,
+    /// New columns of the compliance.
+    pub columns_ns: u64,
+    /// Active set and Newton.
+    pub solve_ns: u64,
+    /// Wrenches and tangents.
+    pub reduce_ns: u64,
+}
+
+/// What a step did.
+#[derive(Clone, Copy, Debug, PartialEq, Default)]
+pub struct StepReport {
+    /// How it ended.
+    pub status: Status,
+    contacts: [ToolContact; MAX_TOOLS],
+    tools: usize,
+    /// Touches: one for every vertex and tool.
+    pub rows: u32,
+    /// Newton iterations, all sub-steps together.
+    pub iterations: u32,
+    /// Pieces into which the tools' path was cut.
+    pub substeps: u32,
+    /// Columns of the compliance computed, three per vertex.
+    pub columns_computed: u32,
+    /// Largest of gap over radius and of tangential force over largest force.
+    pub residual: f64,
+    /// Elastic energy that the tools have put into the tissue \[J\].
+    pub stored_energy_j: f64,
+    /// Time per stage.
+    pub stages: Stages,
+}
+
+impl StepReport {
+    /// One per sample, in the samples' order; empty unless the status is `Ok`.
+    pub fn contacts(&self) -> &[ToolContact] {
+        &self.contacts[..self.tools]
+    }
+}
+
+/// What evolves: where the tools are and which vertices they push how.
+#[derive(Clone, Debug, PartialEq)]
+pub struct State {
+    /// Where each tool's shape was at the last balance, by the tool's index; `None` before its first
+    /// sample.
+    placements: [Option<Placement>; MAX_TOOLS],
+    /// Touched vertices and their forces at that balance: the next solve's warm start.
+    rows: Vec<Row>,
+}
+
+impl State {
+    /// No tool anywhere yet, tissue at rest under its loads.
+    pub fn new(model: &Model) -> Self {
+        let most = MAX_ROWS.min(model.touchable.len() * model.tools.len());
+        Self {
+            placements: [None; MAX_TOOLS],
+            rows: Vec::with_capacity(most),
+        }
+    }
+
+    /// Nodes that are touched and the force on the tissue there \[N\]; a node touched by two tools comes
+    /// twice.
+    pub fn contact_forces(&self, model: &Model) -> impl Iterator<Item = (u32, [f64; 3])> {
+        self.rows
+            .iter()
+            .map(|row| (model.touchable[row.vertex as usize], row.force.into()))
+    }
+}
+
+/// Memory for columns if nothing else is said \[bytes\].
+const DEFAULT_CACHE_BYTES: usize = 512 << 20;
+
+/// Scratch and the cache of compliance columns.
+pub struct Workspace {
+    columns: Columns,
+    contact: ContactWork,
+    pose: PoseWork,
+    reduction: Reduction,
+    rows: Vec<ToolRows>,
+    /// Where the touchable vertices rest without tools \[m\], (b): what displacements are added to.
+    resting_m: Vec<Vector3<f64>>,
+    /// Displacement of the touchable vertices \[m\], (3 b).
+    displacement: Vec<f64>,
+    saved: Vec<Row>,
+    solids: Solids,
+    /// Vertices whose columns one step may compute before it says [`Status::Waiting`].
+    pub vertices_per_step: usize,
+    /// Whether steps reduce each tool's contact to rows, for [`Workspace::rows`].
+    pub reduce_rows: bool,
+}
+
+impl Workspace {
+    /// Empty cache; all other buffers at their largest size.
+    pub fn new(model: &Model) -> Self {
+        let (vertices, tools) = (model.touchable.len(), model.tools.len());
+        let rows = MAX_ROWS.min(vertices * tools);
+        Self {
+            columns: Columns::new(
+                &*model.tissue,
+                &model.held,
+                &model.touchable,
+                DEFAULT_CACHE_BYTES,
+                4 * MAX_ROWS,
+            ),
+            contact: ContactWork::new(vertices, tools),
+            pose: PoseWork::new(rows),
+            reduction: Reduction::new(rows),
+            rows: Vec::with_capacity(MAX_TOOLS),
+            resting_m: model.touchable_m.clone(),
+            displacement: vec![0.0; 3 * vertices],
+            saved: Vec::with_capacity(rows),
+            solids: [None; MAX_TOOLS],
+            vertices_per_step: 8,
+            reduce_rows: false,
+        }
+    }
+
+    /// Computes the columns of all boundary vertices whose resting position \[m\] satisfies `near`, so
+    /// that touching them later costs nothing. Returns how many are there now.
+    pub fn prepare(&mut self, model: &Model, near: impl Fn([f64; 3]) -> bool) -> usize {
+        let missing: Vec<u32> = (0u32..)
+            .zip(&self.resting_m)
+            .filter(|(vertex, at)| near((**at).into()) && !self.columns.has(*vertex))
+            .map(|(vertex, _)| vertex)
+            .collect();
+        self.columns
+            .compute(&*model.tissue, &model.held, &missing);
+        self.columns.count()
+    }
+
+    /// The rows of a tool at the last step's balance, if [`Workspace::reduce_rows`] was set.
+    pub fn rows(&self, tool: u8) -> Option<&ToolRows> {
+        self.rows.iter().find(|rows| rows.tool == tool)
+    }
+
+    /// Memory held by the cache \[bytes\].
+    pub fn cache_bytes(&self) -> usize {
+        self.columns.bytes()
+    }
+}
+
+/// Follows the tools from where they were to where `samples` says, balances the tissue, and reduces
+/// the balance to one contact per sample. A tool that is not sampled is lifted off.
+///
+/// Deterministic for one binary and one SIMD level. Allocates only for new columns.
+pub fn step(
+    model: &Model,
+    state: &mut State,
+    samples: &[ToolSample],
+    work: &mut Workspace,
+) -> StepReport {
+    let mut report = StepReport::default();
+    let mut clock = Clock::start();
+    work.contact.iterations = 0;
+    work.rows.clear();
+    work.columns.begin_step();
+    for row in &state.rows {
+        work.columns.keep(row.vertex);
+    }
+    let targets = match path::read_samples(model, samples) {
+        Ok(targets) => targets,
+        Err(status) => return StepReport { status, ..report },
+    };
+    report.status = path::follow(model, state, &targets, work, &mut report, &mut clock);
+    report.iterations = work.contact.iterations;
+    report.rows = state.rows.len() as u32;
+    report.residual = work.contact.residual;
+    if report.status == Status::Ok {
+        reduce::reduce(model, state, samples, &targets, work, &mut report);
+    }
+    clock.lap(&mut report.stages.reduce_ns);
+    report
+}
+

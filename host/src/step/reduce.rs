@@ -1,0 +1,119 @@
+//! What a balance is to each tool: wrench, tangent, gap and, if asked for, rows.
+//!
+//! Entry point: [`reduce`].
+
+use super::path::{Targets, displaced, nearest};
+use super::{State, StepReport, Workspace};
+use crate::contact::reduction::{Surroundings, ToolRows};
+use crate::contact::shape::Solid;
+use crate::contact::tangent;
+use crate::model::Model;
+use crate::tool::ToolSample;
+use nalgebra::Vector3;
+
+/// Vertices that will be touched at once, in radii: as far as one is nearer than another.
+const AT_ONCE: f64 = 1e-3;
+/// Rows with larger gaps than this, in radii, are not worth sending.
+const WORTH: f64 = 0.5;
+
+/// Wrenches, tangents, gaps, rows and the energy at the balance.
+pub(super) fn reduce(
+    model: &Model,
+    state: &State,
+    samples: &[ToolSample],
+    targets: &Targets,
+    work: &mut Workspace,
+    report: &mut StepReport,
+) {
+    report.tools = samples.len();
+    for (contact, sample) in report.contacts.iter_mut().zip(samples) {
+        contact.id = sample.id;
+        // Read once already: the id is known and its shape is there.
+        let Some((index, _)) = model.tool(sample.id) else {
+            continue;
+        };
+        let (Some(solid), Some(_)) = (work.solids[index], targets[index]) else {
+            continue;
+        };
+        let tool = index as u32;
+        let grip = Vector3::from(sample.position_m);
+        contact.rows = state.rows.iter().filter(|row| row.tool == tool).count() as u32;
+        let wrench = tangent::wrench(&state.rows, tool, &grip, &work.contact);
+        let force: Vector3<f64> = wrench.fixed_rows::<3>(0).into();
+        let moment: Vector3<f64> = wrench.fixed_rows::<3>(3).into();
+        let mut tangent =
+            work.pose
+                .differentiate(&state.rows, tool, &grip, &moment, &mut work.contact);
+        let mut rows = ToolRows::NONE;
+        if contact.rows > 0 {
+            let normal = force.try_normalize(0.0).unwrap_or_else(Vector3::z);
+            contact.normal = normal.into();
+            if work.reduce_rows {
+                let most_gap = WORTH * solid.radius();
+                rows_of(state, tool, &grip, &solid, most_gap, work, &mut rows);
+            }
+        } else {
+            let (gap, normal) = apart(&solid, work);
+            contact.gap_m = gap.max(0.0);
+            contact.normal = normal.into();
+            if gap < WORTH * solid.radius() {
+                let most_gap = WORTH * solid.radius();
+                rows_of(state, tool, &grip, &solid, most_gap, work, &mut rows);
+                let at_once = gap.max(0.0) + AT_ONCE * solid.radius();
+                let dense = &mut work.contact.newton.dense;
+                tangent = work.reduction.coming(&rows, at_once, dense);
+            }
+        }
+        if work.reduce_rows {
+            rows.tool = sample.id;
+            for id in &mut rows.id[..rows.count] {
+                *id = model.touchable[*id as usize];
+            }
+            work.rows.push(rows);
+        }
+        contact.wrench = wrench.into();
+        contact.tangent = tangent.transpose().into();
+    }
+    report.stored_energy_j = 0.5
+        * state
+            .rows
+            .iter()
+            .map(|row| {
+                let at = 3 * row.vertex as usize;
+                row.force
+                    .dot(&Vector3::from_column_slice(&work.displacement[at..at + 3]))
+            })
+            .sum::<f64>();
+}
+
+/// Gap to the nearest vertex \[m\], and the normal there, out of the tissue.
+fn apart(solid: &Solid, work: &Workspace) -> (f64, Vector3<f64>) {
+    let near = nearest(displaced(work), solid);
+    let Some((vertex, gap)) = near else {
+        return (f64::MAX, Vector3::z());
+    };
+    let touch = displaced(work).nth(vertex).and_then(|at| solid.touch(&at));
+    (gap, touch.map_or_else(Vector3::z, |touch| -touch.normal))
+}
+
+fn rows_of(
+    state: &State,
+    tool: u32,
+    grip: &Vector3<f64>,
+    solid: &Solid,
+    most_gap: f64,
+    work: &mut Workspace,
+    rows: &mut ToolRows,
+) {
+    let around = Surroundings {
+        tool,
+        grip: *grip,
+        solid,
+        columns: &work.columns,
+        resting_m: &work.resting_m,
+        displacement: &work.displacement,
+        most_gap,
+    };
+    work.reduction
+        .rows_of(&state.rows, &around, &mut work.contact, &work.pose, rows);
+}
