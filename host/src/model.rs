@@ -3,7 +3,7 @@
 //! Entry point: [`Model::new`].
 
 use crate::contact::shape::Solid;
-use crate::fem::{Equilibrium, HeldPoints, LinearTissue, Loads, Material, NodeLoad, TissueError};
+use crate::fem::{Equilibrium, HeldPoints, LinearTissue, Loads, Materials, NodeLoad, TissueError};
 use crate::mesh::{Surface, TetMesh};
 use crate::step::State;
 use crate::tool::{MAX_TOOLS, Placement, Tool};
@@ -98,19 +98,19 @@ impl fmt::Display for Warning {
 }
 
 impl Model {
-    /// Tissue made of `material` with the nodes `fixed` held, under `loads`, and tools by id.
+    /// Tissue made of `materials` with the nodes `fixed` held, under `loads`, and tools by id.
     ///
     /// # Errors
     /// What [`LinearTissue::new`] and [`LinearTissue::solve`] refuse; tools without a shape.
     pub fn new(
         mesh: &TetMesh,
-        material: Material,
+        materials: impl Into<Materials>,
         fixed: &[u32],
         loads: Loads,
         tools: &[(u8, Tool)],
     ) -> Result<Self, ModelError> {
         check_tools(tools)?;
-        let tissue = LinearTissue::new(mesh, material, fixed)?;
+        let tissue = LinearTissue::new(mesh, materials, fixed)?;
         let anchors = loads
             .handles
             .iter()

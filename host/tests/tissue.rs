@@ -3,7 +3,9 @@
 use nalgebra::{Matrix3, Vector3};
 use serde_json::Value;
 use std::path::PathBuf;
-use sutura_host::fem::{Anchor, Handle, LinearTissue, Loads, Material, NodeLoad, TissueError};
+use sutura_host::fem::{
+    Anchor, Handle, LinearTissue, Loads, Material, Materials, NodeLoad, TissueError,
+};
 use sutura_host::mesh::{TetMesh, read_msh, slab};
 
 const SOFT: Material = Material {
@@ -83,6 +85,96 @@ fn a_linear_field_is_reproduced_on_a_slab() {
 #[test]
 fn a_linear_field_is_reproduced_on_an_unstructured_mesh() {
     patch_test(&data_mesh("cube_1650.msh", 1.0));
+}
+
+/// Two layers of a column in series. With nu = 0 nothing bulges, so linear cells are exact: the stress
+/// F / A is everywhere, the strain of each layer F / (A E).
+#[test]
+fn layers_in_series_stretch_by_their_own_stiffness() {
+    let (size, divisions) = ([0.02, 0.03, 0.08], [2, 3, 8]);
+    let mesh = slab(size, divisions).expect("a slab");
+    let material = |youngs_modulus_pa| Material {
+        youngs_modulus_pa,
+        poisson_ratio: 0.0,
+    };
+    let (soft, stiff) = (2e3, 50e3);
+    let middle = -0.03;
+    let height = |cell: [u32; 4]| cell.iter().map(|&n| point(&mesh, n).z).sum::<f64>() / 4.0;
+    let of_cell: Vec<u32> = mesh
+        .cells()
+        .iter()
+        .map(|cell| u32::from(height(*cell) > middle))
+        .collect();
+    let layers = Materials::by_cell(vec![material(soft), material(stiff)], of_cell.clone());
+    let bottom: Vec<u32> = (0..mesh.points_m().len() as u32)
+        .filter(|&node| point(&mesh, node).z < 1e-9 - size[2])
+        .collect();
+    let tissue = LinearTissue::new(&mesh, layers, &bottom).expect("tissue");
+
+    let stress = 300.0;
+    // A triangle's corner carries a third of its load.
+    let mut forces = Vec::new();
+    let surface = mesh.surface();
+    for triangle in &surface.triangles {
+        let [a, b, c] = triangle.map(|node| point(&mesh, node));
+        if a.z.min(b.z).min(c.z) < -1e-9 {
+            continue;
+        }
+        let share = stress * 0.5 * (b - a).cross(&(c - a)).norm() / 3.0;
+        forces.extend(triangle.map(|node| NodeLoad {
+            node,
+            force_n: [0.0, 0.0, share],
+        }));
+    }
+    let loads = Loads {
+        forces,
+        ..Loads::default()
+    };
+    let solution = tissue.solve(&loads).expect("a solution");
+    for (node, u) in (0u32..).zip(&solution.displacement_m) {
+        let z = point(&mesh, node).z;
+        let expected =
+            stress * ((z.min(middle) + size[2]) / soft + (z.max(middle) - middle) / stiff);
+        assert!(
+            (u[2] - expected).abs() < 1e-11 && u[0].abs().max(u[1].abs()) < 1e-11,
+            "node {node} moved by {u:?}, expected {expected} upwards"
+        );
+    }
+    for found in tissue.stress(&solution.displacement_m) {
+        let mut error = Matrix3::from(found);
+        error[(2, 2)] -= stress;
+        assert!(error.norm() < 1e-9 * stress, "stress off by {error}");
+    }
+}
+
+#[test]
+fn one_material_in_two_regions_is_one_material() {
+    let mesh = slab([0.08, 0.06, 0.03], [4, 3, 3]).expect("a slab");
+    let bottom: Vec<u32> = (0..20).collect();
+    let loads = Loads {
+        forces: vec![NodeLoad {
+            node: 70,
+            force_n: [0.1, -0.2, 0.3],
+        }],
+        ..Loads::default()
+    };
+    let regions = Materials::by_cell(
+        vec![SOFT, SOFT],
+        (0..mesh.cells().len() as u32)
+            .map(|cell| cell % 2)
+            .collect(),
+    );
+    let solve = |materials: Materials| {
+        let tissue = LinearTissue::new(&mesh, materials, &bottom).expect("tissue");
+        tissue.solve(&loads).expect("a solution")
+    };
+    assert_eq!(solve(regions), solve(SOFT.into()), "bit for bit");
+
+    let too_few = Materials::by_cell(vec![SOFT], vec![0; 3]);
+    assert!(matches!(
+        LinearTissue::new(&mesh, too_few, &bottom),
+        Err(TissueError::Material(_))
+    ));
 }
 
 /// u = (sin sin sin) in each component, with the body force that balances it.

@@ -21,7 +21,6 @@ pub(super) fn assemble(
     elements: &[Element],
     free_of_node: &[u32],
     free_nodes: usize,
-    lame: (f64, f64),
 ) -> LowerTriangle {
     // Blocks (column, row), row >= column, of nodes that share an element.
     let mut blocks: Vec<(u32, u32)> = Vec::with_capacity(10 * elements.len());
@@ -71,7 +70,7 @@ pub(super) fn assemble(
                 if free[a] == FIXED || free[b] == FIXED || free[b] > free[a] {
                     continue;
                 }
-                let stiffness = element.stiffness(a, b, lame);
+                let stiffness = element.stiffness(a, b);
                 let column = free[b] as usize;
                 let range = &blocks[block_start[column]..block_start[column + 1]];
                 // The block is there: the same loops made the pattern.

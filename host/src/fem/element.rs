@@ -12,11 +12,13 @@ pub(super) struct Element {
     /// Gradient of each corner's shape function \[1/m\], (4 x 3).
     pub gradients: [Vector3<f64>; 4],
     pub volume_m3: f64,
+    /// (lambda, mu) \[Pa\]
+    pub lame: (f64, f64),
 }
 
 impl Element {
     /// `corners` of a positively oriented cell \[m\].
-    pub fn new(nodes: [u32; 4], corners: &[Vector3<f64>; 4]) -> Self {
+    pub fn new(nodes: [u32; 4], corners: &[Vector3<f64>; 4], lame: (f64, f64)) -> Self {
         let [p0, p1, p2, p3] = corners;
         let (a, b, c) = (p1 - p0, p2 - p0, p3 - p0);
         let six_volume = a.dot(&b.cross(&c));
@@ -29,11 +31,13 @@ impl Element {
             nodes,
             gradients: [-(g1 + g2 + g3), g1, g2, g3],
             volume_m3: six_volume / 6.0,
+            lame,
         }
     }
 
     /// Stiffness block between two corners \[N/m\].
-    pub fn stiffness(&self, a: usize, b: usize, (lambda, mu): (f64, f64)) -> Matrix3<f64> {
+    pub fn stiffness(&self, a: usize, b: usize) -> Matrix3<f64> {
+        let (lambda, mu) = self.lame;
         let (ga, gb) = (self.gradients[a], self.gradients[b]);
         let shear = ga.dot(&gb);
         ((ga * gb.transpose()) * lambda
@@ -42,7 +46,8 @@ impl Element {
     }
 
     /// Stress \[Pa\] for the displacement of the four corners \[m\].
-    pub fn stress(&self, u: &[Vector3<f64>; 4], (lambda, mu): (f64, f64)) -> Matrix3<f64> {
+    pub fn stress(&self, u: &[Vector3<f64>; 4]) -> Matrix3<f64> {
+        let (lambda, mu) = self.lame;
         let mut gradient = Matrix3::zeros();
         for (u, g) in u.iter().zip(&self.gradients) {
             gradient += u * g.transpose();

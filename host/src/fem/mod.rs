@@ -1,4 +1,4 @@
-//! Linear-elastic finite elements on four-node tetrahedra, quasi-static, one material per tissue.
+//! Linear-elastic finite elements on four-node tetrahedra, quasi-static.
 //!
 //! Entry points: [`LinearTissue::new`] assembles and factors once, [`LinearTissue::solve`] answers
 //! loads and moved points. Rows follow one convention (younes-2021, 2.2): `K u + C' lambda = f`,
@@ -12,7 +12,7 @@ mod material;
 mod tissue;
 
 pub use handles::{Anchor, Handle};
-pub use material::{Material, MaterialError};
+pub use material::{Material, MaterialError, Materials};
 pub use tissue::{Equilibrium, LinearTissue, Loads, NodeLoad, TissueError};
 
 pub(crate) use factor::SolveScratch;

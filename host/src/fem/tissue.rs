@@ -6,7 +6,7 @@ use super::assembly::{FIXED, assemble};
 use super::element::Element;
 use super::factor::{Factor, SolveScratch};
 use super::handles::{Anchor, Handle, HeldPoints};
-use super::material::{Material, MaterialError};
+use super::material::{MaterialError, Materials};
 use crate::mesh::TetMesh;
 use nalgebra::Vector3;
 use thiserror::Error;
@@ -98,8 +98,6 @@ pub enum TissueError {
 /// Linear-elastic tissue with some nodes fixed.
 pub struct LinearTissue {
     elements: Vec<Element>,
-    /// (lambda, mu) \[Pa\]
-    lame: (f64, f64),
     /// Number among the free nodes, or [`FIXED`], (n).
     free_of_node: Vec<u32>,
     unknowns: usize,
@@ -107,13 +105,18 @@ pub struct LinearTissue {
 }
 
 impl LinearTissue {
-    /// Assembles and factors the stiffness of `mesh` with the nodes `fixed` held at rest.
+    /// Assembles and factors the stiffness of `mesh` with the nodes `fixed` held at rest. `materials`
+    /// is one [`Material`](super::Material) for all cells, or [`Materials`].
     ///
     /// # Errors
     /// A material or a node out of range; a mesh that is not held against rigid motion.
-    pub fn new(mesh: &TetMesh, material: Material, fixed: &[u32]) -> Result<Self, TissueError> {
-        material.check()?;
-        let lame = material.lame();
+    pub fn new(
+        mesh: &TetMesh,
+        materials: impl Into<Materials>,
+        fixed: &[u32],
+    ) -> Result<Self, TissueError> {
+        let materials = materials.into();
+        materials.check(mesh.cells().len())?;
         let nodes = mesh.points_m().len();
         let mut free_of_node = vec![0; nodes];
         for &node in fixed {
@@ -136,16 +139,18 @@ impl LinearTissue {
         let elements: Vec<Element> = mesh
             .cells()
             .iter()
-            .map(|&cell| Element::new(cell, &mesh.corners(cell)))
+            .enumerate()
+            .map(|(index, &cell)| {
+                Element::new(cell, &mesh.corners(cell), materials.of(index).lame())
+            })
             .collect();
-        let matrix = assemble(&elements, &free_of_node, free_nodes as usize, lame);
+        let matrix = assemble(&elements, &free_of_node, free_nodes as usize);
         let floating = TissueError::Floating {
             fixed: nodes - free_nodes as usize,
         };
         let factor = Factor::new(&matrix).map_err(|_| floating.clone())?;
         let tissue = Self {
             elements,
-            lame,
             free_of_node,
             unknowns: matrix.unknowns,
             factor,
@@ -282,7 +287,7 @@ impl LinearTissue {
                 let u = element
                     .nodes
                     .map(|node| Vector3::from(displacement_m[node as usize]));
-                element.stress(&u, self.lame).into()
+                element.stress(&u).into()
             })
             .collect()
     }
@@ -294,7 +299,7 @@ impl LinearTissue {
             let u = element
                 .nodes
                 .map(|node| Vector3::from(displacement_m[node as usize]));
-            let stress = element.stress(&u, self.lame) * element.volume_m3;
+            let stress = element.stress(&u) * element.volume_m3;
             for (&node, gradient) in element.nodes.iter().zip(&element.gradients) {
                 let share = stress * gradient;
                 for axis in 0..3 {
