@@ -19,6 +19,9 @@ pub struct SceneFile {
     pub mesh: Spanned<MeshSection>,
     /// What the tissue is made of.
     pub tissue: TissueSection,
+    /// Parts of the tissue that are made of something else.
+    #[serde(default)]
+    pub region: Vec<Spanned<RegionSection>>,
     /// Nodes that do not move.
     #[serde(default)]
     pub fixed: Vec<Spanned<Selection>>,
@@ -67,18 +70,11 @@ pub enum TissueModel {
     /// Linear elasticity, small displacements.
     #[default]
     Linear,
+    /// Linear elasticity that turns with each element: large rotations, small strains.
+    Corotational,
 }
 
-impl TissueModel {
-    /// The name as files and output write it.
-    pub fn word(self) -> &'static str {
-        match self {
-            TissueModel::Linear => "linear",
-        }
-    }
-}
-
-/// `[tissue]`: model and material.
+/// `[tissue]`: model, and the material of every cell that no region names.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct TissueSection {
@@ -89,6 +85,57 @@ pub struct TissueSection {
     pub youngs_modulus_pa: Spanned<f64>,
     /// Poisson's ratio.
     pub poisson_ratio: Spanned<f64>,
+    /// Speed against accuracy of the corotational model.
+    pub corotational: Option<Spanned<CorotationalSection>>,
+}
+
+/// `[tissue.corotational]`: when the stiffness is factored again, and what is done in between.
+#[derive(Debug, Default, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct CorotationalSection {
+    /// Factor again once an element has turned by so much since the last time \[degree\].
+    pub refactor_rotation_deg: Option<Spanned<f64>>,
+    /// Factor again after so many steps at the latest.
+    pub refactor_every: Option<Spanned<u32>>,
+    /// Iterations of conjugate gradients in a step, with the old factor as preconditioner.
+    pub cg_iterations: Option<Spanned<u32>>,
+}
+
+/// `[[region]]`: cells with a material of their own.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct RegionSection {
+    /// Number or name of a region of the mesh file.
+    pub tag: Option<Spanned<RegionTag>>,
+    /// All cells whose centroid lies in a closed box.
+    #[serde(rename = "box")]
+    pub cuboid: Option<Spanned<Cuboid>>,
+    /// Young's modulus \[Pa\].
+    pub youngs_modulus_pa: Spanned<f64>,
+    /// Poisson's ratio.
+    pub poisson_ratio: Spanned<f64>,
+}
+
+/// How a mesh file calls a region.
+#[derive(Clone, Debug, PartialEq, Eq, Deserialize)]
+#[serde(
+    untagged,
+    expecting = "expected the number or the name of a region of the mesh"
+)]
+pub enum RegionTag {
+    /// gmsh's physical group, tetgen's attribute; 0 for cells without.
+    Number(i64),
+    /// Its name, if the file has one.
+    Name(String),
+}
+
+impl std::fmt::Display for RegionTag {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::Number(number) => write!(f, "{number}"),
+            Self::Name(name) => write!(f, "\"{name}\""),
+        }
+    }
 }
 
 /// Nodes of the mesh, in one of three ways.
@@ -139,6 +186,13 @@ pub struct Cuboid {
     pub min_m: [f64; 3],
     /// Highest corner \[m\], (3).
     pub max_m: [f64; 3],
+}
+
+impl Cuboid {
+    /// Whether a point lies in it or on its boundary.
+    pub fn contains(&self, x: [f64; 3]) -> bool {
+        (0..3).all(|i| self.min_m[i] <= x[i] && x[i] <= self.max_m[i])
+    }
 }
 
 /// `[[tool]]`: a sphere on the grip.
