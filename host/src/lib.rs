@@ -4,6 +4,7 @@
 //! the tools and gives each its wrench and exact contact Jacobian.
 
 mod contact;
+pub mod explain;
 pub mod fem;
 pub mod link;
 pub mod mesh;

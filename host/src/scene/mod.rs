@@ -8,6 +8,7 @@ mod file;
 mod hand;
 mod read;
 mod region;
+mod schema;
 mod select;
 
 pub use device::{BUILT_IN as BUILT_IN_DEVICES, read_device};
@@ -15,6 +16,7 @@ pub use document::{Document, Flaw, SceneError};
 pub use hand::position_at;
 pub use read::LONGEST_S;
 pub use region::Region;
+pub use schema::schema;
 
 use crate::fem::{Loads, Materials};
 use crate::mesh::TetMesh;
@@ -94,8 +96,10 @@ pub struct Tool {
     /// Number on the wire.
     pub id: u8,
     /// Its shape, on the grip.
-    pub shape: tool::Tool,
-    /// Where a solve without a console holds the grip, if the scene says so.
+    pub shape: SphereTool,
+    /// Whether the console's grip carries it: one tool of a scene that has any.
+    pub driven: bool,
+    /// Where the grip is held: always if another tool is driven, else in solves without a console.
     pub pose: Option<Pose>,
 }
 
@@ -131,6 +135,17 @@ pub fn load(path: &Path) -> Result<Scene, SceneError> {
 }
 
 impl Scene {
+    /// The tool that the console's grip carries.
+    pub fn driven(&self) -> Option<&Tool> {
+        self.tools.iter().find(|tool| tool.driven)
+    }
+
+    /// Tools that are held while another is driven, with their poses.
+    pub fn held(&self) -> impl Iterator<Item = (&Tool, Pose)> {
+        let others = self.tools.iter().filter(|tool| !tool.driven);
+        others.filter_map(|tool| Some((tool, tool.pose?)))
+    }
+
     /// The solver for this scene: what is constant, what evolves, and scratch.
     ///
     /// # Errors

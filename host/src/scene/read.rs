@@ -246,6 +246,7 @@ fn read_tools(
     warnings: &mut Vec<Flaw>,
 ) -> Result<Vec<Tool>, SceneError> {
     let edge_m = mesh.surface().mean_edge_m;
+    let driven = driven_tool(document, sections)?;
     let mut tools: Vec<Tool> = Vec::with_capacity(sections.len());
     for (place, section) in sections.iter().enumerate() {
         let help = "the radius of the sphere that touches the tissue, in metres; 0 is a bare point";
@@ -270,13 +271,50 @@ fn read_tools(
             None => [0.0; 3],
         };
         let pose = read_pose(document, section)?;
+        let driven = driven == place;
+        if !driven && pose.is_none() {
+            let message = format!("tool {id} is neither driven by the console nor held");
+            let help = "add `position_m` where it is to be held, or leave the tool out";
+            let at = section.radius_m.span();
+            warnings.push(document.warning(at, &message, "touches nothing", help));
+        }
         tools.push(Tool {
             id,
             shape: tool::Tool::sphere(radius_m, offset_m),
+            driven,
             pose,
         });
     }
     Ok(tools)
+}
+
+/// Place in the list of the tool that the console's grip carries.
+fn driven_tool(document: &Document, sections: &[ToolSection]) -> Result<usize, SceneError> {
+    let said = |section: &ToolSection| section.driven.as_ref().map(|driven| *driven.get_ref());
+    let is_driven = |section: &&ToolSection| said(section) == Some(true);
+    if let Some(second) = sections.iter().filter(is_driven).nth(1) {
+        let message = "two tools are driven, but the console has one grip";
+        let help = "let one tool be driven, and hold the others at their `position_m`";
+        let span = second.driven.as_ref().map_or(0..0, Spanned::span);
+        return Err(document.flaw(span, message, "the second", Some(help)));
+    }
+    let driven = sections
+        .iter()
+        .position(|section| said(section) == Some(true))
+        .or_else(|| sections.iter().position(|section| said(section).is_none()));
+    match (
+        driven,
+        sections.first().and_then(|first| first.driven.as_ref()),
+    ) {
+        (Some(place), _) => Ok(place),
+        // Without tools there is nothing to drive.
+        (None, None) => Ok(0),
+        (None, Some(refused)) => {
+            let message = "no tool is driven";
+            let help = "leave `driven` out of the tool that the console's grip carries";
+            Err(document.flaw(refused.span(), message, "nor is any other", Some(help)))
+        }
+    }
 }
 
 /// A tool that touches about one vertex feels the mesh, not the tissue.

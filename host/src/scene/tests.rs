@@ -122,6 +122,30 @@ fn a_scene_needs_only_tissue_and_what_holds_it() {
     assert_eq!(scene.fixed.len(), 4);
 }
 
+#[test]
+fn one_tool_is_driven_and_the_others_are_held() {
+    let second = "[[tool]]\nid = 9\nradius_m = 0.05\n";
+    let held = format!("{second}position_m = [0.0, 0.0, -0.08]\n");
+    let scene = read(&format!("{GOOD}{held}")).expect("good");
+    assert_eq!(scene.driven().map(|tool| tool.id), Some(3));
+    assert_eq!(
+        scene.held().map(|(tool, _)| tool.id).collect::<Vec<_>>(),
+        [9]
+    );
+    assert!(scene.warnings.is_empty());
+
+    let scene = read(&format!("{GOOD}{second}driven = true\n")).expect("good");
+    assert_eq!(scene.driven().map(|tool| tool.id), Some(9));
+    assert_eq!(
+        scene.held().map(|(tool, _)| tool.id).collect::<Vec<_>>(),
+        [3]
+    );
+
+    let scene = read(&format!("{GOOD}{second}")).expect("it only warns");
+    assert!(scene.warnings[0].to_string().contains("neither driven"));
+    assert_eq!(scene.held().count(), 0);
+}
+
 /// Boxes and tags decide by cell; the later section has a cell that both name.
 #[test]
 fn a_later_region_has_the_cells_that_two_share() {
@@ -337,6 +361,20 @@ const SLIPS: &[Slip] = &[
         message: "refactor_every = 0: must be 1 or more",
         under: "0",
         help: "every step",
+    },
+    Slip {
+        from: "[[handle]]",
+        to: "[[tool]]\nid = 4\nradius_m = 0.05\ndriven = true\n[[tool]]\nradius_m = 0.05\ndriven = true\n[[handle]]",
+        message: "two tools are driven",
+        under: "true",
+        help: "hold the others",
+    },
+    Slip {
+        from: "id = 3",
+        to: "id = 3\ndriven = false",
+        message: "no tool is driven",
+        under: "false",
+        help: "leave `driven` out",
     },
     Slip {
         from: "way_point = [{",
