@@ -15,3 +15,4 @@ pub mod session;
 pub mod solve;
 pub mod step;
 pub mod tool;
+pub mod trial;
