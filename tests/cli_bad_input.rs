@@ -227,3 +227,37 @@ fn every_command_has_help_with_examples() {
         );
     }
 }
+
+/// A line that is not understood is an object too, when it asks for JSON; help is no failure.
+#[test]
+fn bad_usage_is_one_object_when_json_is_asked_for() {
+    for line in [
+        &["solve", "--format", "json"][..],
+        &["--format=json", "run", "--nonsense"],
+        &["sing", "--format", "json"],
+        &["run", "--seconds", "no", "--format", "json"],
+    ] {
+        let ran = sutura(line);
+        assert_eq!(ran.code, 2, "{line:?}: {}", ran.stderr);
+        let object: serde_json::Value = serde_json::from_str(&ran.stdout).expect("one JSON object");
+        assert_eq!(object["status"], "bad-input");
+        assert_eq!(object["exit_code"], 2);
+        let message = object["message"].as_str().expect("a message");
+        assert!(
+            ran.stderr
+                .contains(message.split(['\'', ':']).next().unwrap_or("")),
+            "{message}"
+        );
+        assert!(
+            object["help"]
+                .as_str()
+                .is_some_and(|help| help.contains("--help")),
+            "{object}"
+        );
+    }
+    let ran = sutura(&["run", "--nonsense"]);
+    assert_eq!((ran.code, ran.stdout.as_str()), (2, ""));
+    let ran = sutura(&["solve", "--help", "--format", "json"]);
+    assert_eq!(ran.code, 0);
+    assert!(ran.stdout.contains("Usage:"), "{}", ran.stdout);
+}

@@ -55,6 +55,38 @@ fn a_good_mesh_in_figures() {
     );
 }
 
+/// Times are those of this machine: only that they are there, and when they are not asked for.
+#[test]
+fn times_are_measured_on_small_meshes_and_where_asked_for() {
+    let cylinder = "tests/data/cylinder_1650.msh";
+    let report = json(&sutura(&[
+        "mesh", "info", cylinder, "--rows", "20", "--format", "json",
+    ]));
+    for key in [
+        "factor_ms",
+        "factor_mb",
+        "column_us",
+        "step_us",
+        "step_radius_m",
+    ] {
+        assert!(report[key].as_f64() > Some(0.0), "{key}: {report}");
+    }
+    assert_eq!(report["step_status"], "ok");
+    assert!(report["step_rows"].as_u64() > Some(5), "{report}");
+    let text = sutura(&["mesh", "info", cylinder]).stdout;
+    assert!(text.contains(" rows, a sphere of "), "{text}");
+
+    let directory = tempfile::tempdir().expect("a directory");
+    let flat = two_cells("2 3 4 1").replace("4 0 0 1", "4 0.5 0.5 0");
+    std::fs::write(directory.path().join("a.msh"), flat).expect("writable");
+    let report = info(directory.path(), "a.msh");
+    assert_eq!(
+        (&report["usable"], &report["step_us"]),
+        (&false.into(), &Value::Null)
+    );
+    assert_eq!(report["step_status"], "scenes refuse this mesh");
+}
+
 #[test]
 fn scale_is_metres_per_unit() {
     let directory = tempfile::tempdir().expect("a directory");

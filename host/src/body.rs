@@ -8,8 +8,8 @@
 
 use crate::columns::Columns;
 use crate::fem::{
-    CorotationalState, CorotationalTissue, CorotationalWorkspace, Factor, Factored, SolveScratch,
-    Linearisation, LinearTissue, Numbering, TissueError,
+    CorotationalState, CorotationalTissue, CorotationalWorkspace, Factor, Factored, LinearTissue,
+    Linearisation, Numbering, SolveScratch, TissueError,
 };
 use nalgebra::Vector3;
 use std::sync::Arc;

@@ -124,12 +124,7 @@ impl Columns {
     /// Computes the columns of those `vertices` that have none yet. Allocates until the memory limit is
     /// reached; then the columns used longest ago make room, but none that this step uses: whether all
     /// found room.
-    pub fn compute(
-        &mut self,
-        tissue: &impl Factored,
-        held: &HeldPoints,
-        vertices: &[u32],
-    ) -> bool {
+    pub fn compute(&mut self, tissue: &impl Factored, held: &HeldPoints, vertices: &[u32]) -> bool {
         let mut slots = [MISSING; ColumnSolver::BATCH];
         let mut batch = [MISSING; ColumnSolver::BATCH];
         let mut count = 0;

@@ -85,7 +85,7 @@ pub fn solve(scene: &Scene) -> Result<Solution, SolveError> {
 }
 
 /// Steps until every tool is where the scene holds it.
-fn bring_in(
+pub(crate) fn bring_in(
     model: &Model,
     state: &mut State,
     held: &[(u8, Tool, Pose)],
@@ -111,7 +111,8 @@ fn bring_in(
     Err(SolveError::NoRest(Status::Behind))
 }
 
-fn sample(id: u8, pose: &Pose) -> ToolSample {
+/// A tool at rest there.
+pub(crate) fn sample(id: u8, pose: &Pose) -> ToolSample {
     ToolSample {
         id,
         position_m: pose.position_m,

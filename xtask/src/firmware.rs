@@ -2,7 +2,7 @@
 //! Entry points: [`build_one`], [`gated`].
 
 use crate::Format;
-use crate::gates::{self, Gate, Outcome, Snapshot};
+use crate::gates::{self, FIRMWARE, Gate, Outcome, Snapshot};
 use crate::image::{self, Image};
 use crate::run::{Tool, root};
 use crate::setup::{self, QEMU};
@@ -125,6 +125,7 @@ pub fn gated(bless: bool, format: Format) -> Result<()> {
                 .map(|(name, size)| (name.to_owned(), size))
                 .collect(),
             panic_symbols: image.panic_symbols.clone(),
+            ..Snapshot::default()
         };
         snapshots.push((board.name(), snapshot));
         boards.insert(board.name(), image);
@@ -143,9 +144,9 @@ pub fn gated(bless: bool, format: Format) -> Result<()> {
     let mut gates = Vec::new();
     for (name, snapshot) in &snapshots {
         if bless {
-            gates::save(name, snapshot)?;
+            FIRMWARE.save(name, snapshot)?;
         }
-        gates.extend(gates::compare(name, &gates::load(name)?, snapshot));
+        gates.extend(FIRMWARE.compare(name, &FIRMWARE.load(name)?, snapshot));
     }
     for name in ["contact_swap", "contact_take", "state_swap", "state_take"] {
         gates.push(gates::limit(
@@ -205,14 +206,7 @@ fn print_text(summary: &Summary) {
         println!("{name:<40} {count:>9}  instructions");
     }
     println!();
-    for gate in &summary.gates {
-        let mark = match gate.outcome {
-            Outcome::Ok => "ok     ",
-            Outcome::Warning => "warning",
-            Outcome::Failed => "FAILED ",
-        };
-        println!("{mark}  {:<40} {}", gate.name, gate.found);
-    }
+    gates::print(&summary.gates);
 }
 
 /// One line of the bench image.

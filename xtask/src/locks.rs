@@ -48,6 +48,16 @@ pub fn check() -> Result<()> {
     Ok(())
 }
 
+/// The version of a package in the workspace's lock file.
+pub fn version(package: &str) -> Result<String> {
+    let path = root().join("Cargo.lock");
+    let text = std::fs::read_to_string(path).context("cannot read Cargo.lock")?;
+    let lock: Lock = toml::from_str(&text).context("Cargo.lock is no lock file")?;
+    let found = lock.package.into_iter().find(|other| other.name == package);
+    let found = found.with_context(|| format!("Cargo.lock has no {package}"))?;
+    Ok(found.version)
+}
+
 /// Version and checksum of everything below shared, by name.
 type Resolved = BTreeMap<String, BTreeSet<String>>;
 

@@ -1,5 +1,6 @@
 //! What the project needs besides `cargo build`: tools, firmware images with their gates, all checks.
 
+mod bench;
 mod calls;
 mod firmware;
 mod gates;
@@ -23,7 +24,7 @@ struct Arguments {
 
 #[derive(Subcommand)]
 enum Command {
-    /// Installs what is missing: the chip's Rust target, QEMU, cargo-deny.
+    /// Installs what is missing: the chip's Rust target, QEMU, valgrind, gungraun-runner, cargo-deny.
     Setup,
     /// Builds the firmware, prints sizes and instruction counts, and compares them with the snapshots.
     #[command(after_help = "Examples:
@@ -39,6 +40,21 @@ enum Command {
         #[arg(long)]
         bless: bool,
         /// How to print the figures.
+        #[arg(long, value_enum, default_value = "text")]
+        format: Format,
+    },
+    /// Counts the instructions of the solver's parts under valgrind and compares them with the snapshot.
+    #[command(after_help = "Examples:
+  cargo xtask bench                    fails if a part takes 3 % more than its snapshot
+  cargo xtask bench --bless            accept the present counts as snapshot
+  cargo xtask bench --format json      one JSON object on stdout
+
+Times on this machine: cargo run --release -- bench")]
+    Bench {
+        /// Write the counts to host/snapshots instead of comparing them.
+        #[arg(long)]
+        bless: bool,
+        /// How to print the counts.
         #[arg(long, value_enum, default_value = "text")]
         format: Format,
     },
@@ -65,6 +81,7 @@ fn main() -> ExitCode {
             bless,
             format,
         } => firmware::gated(bless, format),
+        Command::Bench { bless, format } => bench::gated(bless, format),
         Command::Test => test::all(),
     };
     match result {

@@ -1,11 +1,18 @@
 //! `cargo xtask setup`: what the checks need and a fresh machine lacks. Entry point: [`all`].
 
+use crate::locks;
 use crate::run::{Tool, is_there};
 use crate::toolchain::{Toolchain, apt_install};
 use anyhow::{Context, Result};
 
 /// The emulator's program.
 pub const QEMU: &str = "qemu-system-arm";
+
+/// What counts the solver's instructions.
+pub const VALGRIND: &str = "valgrind";
+
+/// What starts the counting; of the same version as the crate `gungraun` in Cargo.lock.
+const RUNNER: &str = "gungraun-runner";
 
 /// Installs what is missing and says what is used.
 pub fn all() -> Result<()> {
@@ -17,7 +24,33 @@ pub fn all() -> Result<()> {
     );
     rustup_components()?;
     qemu()?;
+    instruction_counter()?;
     cargo_deny()
+}
+
+/// Valgrind, and the runner of the instruction counts.
+pub fn instruction_counter() -> Result<()> {
+    if !is_there(VALGRIND) {
+        // Without the debug symbols of the C library valgrind cannot redirect its calls.
+        apt_install(&[VALGRIND, "libc6-dbg"]).context("valgrind is missing")?;
+    }
+    let wanted = locks::version("gungraun")?;
+    let version = || Tool::new(RUNNER).arg("--version").output();
+    let is_right = |text: &String| text.trim().ends_with(&format!(" {wanted}"));
+    if !version().is_ok_and(|text| is_right(&text)) {
+        let install = format!("cargo install {RUNNER} --locked --version ={wanted}");
+        eprintln!("installing {RUNNER} from source, which takes minutes: {install}");
+        Tool::new(&install)
+            .run()
+            .with_context(|| format!("{RUNNER} is missing"))?;
+    }
+    let valgrind = Tool::new(VALGRIND).arg("--version").output()?;
+    eprintln!(
+        "instruction counts: {}, {}",
+        valgrind.trim(),
+        version()?.trim()
+    );
+    Ok(())
 }
 
 /// Formatter and lints, which minimal toolchains lack.

@@ -3,7 +3,7 @@
 
 use crate::run::Tool;
 use crate::toolchain::{TARGET, Toolchain, host};
-use crate::{Format, firmware, locks, setup};
+use crate::{Format, bench, firmware, locks, setup};
 use anyhow::{Context, Result, anyhow};
 use std::time::Instant;
 
@@ -154,6 +154,9 @@ fn steps(tally: &mut Tally) -> Result<()> {
         "tests",
         [Tool::new("cargo test --workspace --locked --features").arg(TEST_FEATURES)],
     )?;
+    tally.step("solver instructions", "cargo xtask bench", |_| {
+        bench::gated(false, Format::Text)
+    })?;
     let documents = |tool: Tool| tool.env("RUSTDOCFLAGS", "-D warnings");
     tally.tools(
         "documents",

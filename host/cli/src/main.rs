@@ -21,7 +21,7 @@ mod signals;
 mod solve;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
-use failure::{Failure, render};
+use failure::{Cause, Failure, render};
 use std::io::IsTerminal;
 use std::process::ExitCode;
 use tracing_subscriber::EnvFilter;
@@ -44,6 +44,7 @@ Examples:
   sutura run --console /dev/ttyACM0         the same on a console at a serial port
   sutura solve scene.toml --out field.vtu   the tissue at rest under the scene's handles and loads
   sutura bench                              time per step, by stage
+  sutura scene explain scene.toml           what a scene builds, why, and what it costs
   sutura mesh info part.msh                 quality of a mesh, and whether scenes take it
 
 Exit codes: 0 ok, 1 failed, 2 bad usage or bad input, 3 no console, 4 protocol mismatch,
@@ -75,15 +76,15 @@ enum Command {
     Console(console::ConsoleArgs),
     Solve(solve::SolveArgs),
     Bench(bench::BenchArgs),
+    Scene(scene::command::SceneArgs),
     Mesh(mesh::MeshArgs),
 }
 
 fn main() -> ExitCode {
-    let mut cli = Cli::parse();
-    if cli.command.is_none() {
-        // Parsed again, so that `run` has its defaults in one place.
-        cli = Cli::parse_from(std::env::args_os().chain(["run".into()]));
-    }
+    let cli = match parse() {
+        Ok(cli) => cli,
+        Err(error) => return misused(&error),
+    };
     start_logging(cli.global.verbose);
     let Some(command) = &cli.command else {
         return ExitCode::SUCCESS;
@@ -93,6 +94,7 @@ fn main() -> ExitCode {
         Command::Console(args) => console::run(args, &cli.global),
         Command::Solve(args) => solve::run(args, &cli.global),
         Command::Bench(args) => bench::run(args, &cli.global),
+        Command::Scene(args) => scene::command::run(args, &cli.global),
         Command::Mesh(args) => mesh::run(args, &cli.global),
     };
     match done {
@@ -102,6 +104,44 @@ fn main() -> ExitCode {
             ExitCode::from(failure.cause.code())
         }
     }
+}
+
+fn parse() -> Result<Cli, clap::Error> {
+    let cli = Cli::try_parse()?;
+    if cli.command.is_some() {
+        return Ok(cli);
+    }
+    // Parsed again, so that `run` has its defaults in one place.
+    Cli::try_parse_from(std::env::args_os().chain(["run".into()]))
+}
+
+/// Help and version on stdout; for a line that is wrong, what is wrong on stderr, and an object on stdout if
+/// the line asks for JSON.
+fn misused(error: &clap::Error) -> ExitCode {
+    // A stream that nobody reads is no reason for another failure.
+    let _ = error.print();
+    if !error.use_stderr() {
+        return ExitCode::SUCCESS;
+    }
+    // The line was not understood, so it is only searched for the words.
+    let words: Vec<_> = std::env::args_os().collect();
+    let json = words.iter().any(|word| word == "--format=json")
+        || words
+            .windows(2)
+            .any(|two| two[0] == "--format" && two[1] == "json");
+    if json {
+        let text = error.to_string();
+        let mut paragraphs = text
+            .split("\n\n")
+            .map(|text| text.split_whitespace().collect::<Vec<_>>().join(" "));
+        let message = paragraphs.next().unwrap_or_default();
+        let message = message.strip_prefix("error: ").unwrap_or(&message);
+        let help = paragraphs
+            .filter(|text| !text.is_empty())
+            .collect::<Vec<_>>();
+        say_failure(Cause::BadInput, message, Some(&help.join("\n")));
+    }
+    ExitCode::from(Cause::BadInput.code())
 }
 
 fn start_logging(verbose: u8) {
@@ -125,12 +165,17 @@ fn start_logging(verbose: u8) {
 fn tell(failure: &Failure, format: Format) {
     render(&failure.report);
     if format == Format::Json && !failure.summarised {
-        let object = serde_json::json!({
-            "status": failure.cause.word(),
-            "exit_code": failure.cause.code(),
-            "message": failure.report.to_string(),
-            "help": failure.report.help().map(|h| h.to_string()),
-        });
-        say!("{object}");
+        let help = failure.report.help().map(|help| help.to_string());
+        say_failure(failure.cause, &failure.report.to_string(), help.as_deref());
     }
+}
+
+fn say_failure(cause: Cause, message: &str, help: Option<&str>) {
+    let object = serde_json::json!({
+        "status": cause.word(),
+        "exit_code": cause.code(),
+        "message": message,
+        "help": help,
+    });
+    say!("{object}");
 }

@@ -6,6 +6,7 @@ use clap::{Args, Subcommand};
 use std::path::{Path, PathBuf};
 use sutura_host::mesh::{MeshError, MeshReport, RawMesh, read_raw_mesh};
 use sutura_host::output::{MeshFormat, write_mesh};
+use sutura_host::trial::{Trial, trial};
 
 /// Looks at tetrahedral mesh files and converts them: .msh (gmsh), .node and .ele (tetgen), .vtk.
 #[derive(Args, Debug)]
@@ -25,6 +26,11 @@ Examples:
   sutura mesh info tests/data/cube_1650.msh
   sutura mesh info part.vtk --scale 0.001                   a file in millimetres
   sutura mesh info part.ele --format json | jq .quality     part.node is read too
+  sutura mesh info large.msh --time --rows 100              times of a step that touches about 100 vertices
+
+Times are measured, on this machine: the stiffness of the mesh is factored with its lowest nodes fixed, and a sphere that
+touches about as many vertices as --rows says is pressed on its top. Factoring once takes factor_ms, a vertex that
+is touched for the first time column_us, every step step_us. Above 5,000 nodes this takes long: ask for it with --time.
 
 Quality is the mean ratio: 1 for a regular tetrahedron, 0 for a flat one, below 0 for an inverted one.
 Inverted and flat cells are counted here; scenes refuse a mesh that has any, with the first one's number.";
@@ -37,11 +43,17 @@ Examples:
 
 #[derive(Subcommand, Debug)]
 enum MeshCommand {
-    /// Counts, sizes, quality, regions, and whether scenes take the mesh.
+    /// Counts, sizes, quality, regions, whether scenes take the mesh, and how fast steps will be.
     #[command(after_help = INFO_EXAMPLES)]
     Info {
         #[command(flatten)]
         input: Input,
+        /// Measure the times of a step above 5,000 nodes too.
+        #[arg(long)]
+        time: bool,
+        /// About how many vertices that step is to touch.
+        #[arg(long, value_name = "N", default_value_t = 30, value_parser = clap::value_parser!(u32).range(1..=1000))]
+        rows: u32,
     },
     /// Writes the mesh in another format, good or bad as it is; only nodes and tetrahedra are kept.
     #[command(after_help = CONVERT_EXAMPLES)]
@@ -69,7 +81,7 @@ struct Input {
 /// Bad input: a file that cannot be read or written, a scale that is not positive.
 pub fn run(args: &MeshArgs, global: &Global) -> Result<(), Failure> {
     match &args.command {
-        MeshCommand::Info { input } => info(input, global),
+        MeshCommand::Info { input, time, rows } => info(input, *time, *rows, global),
         MeshCommand::Convert { input, out } => convert(input, out, global),
     }
 }
@@ -90,13 +102,78 @@ fn read(input: &Input) -> Result<(RawMesh, MeshReport), Failure> {
         })
 }
 
-fn info(input: &Input, global: &Global) -> Result<(), Failure> {
-    let (_, report) = read(input)?;
+/// Nodes up to which times are measured unasked: the factorisation then takes a fraction of a second.
+const QUICK_NODES: usize = 5000;
+
+fn info(input: &Input, time: bool, rows: u32, global: &Global) -> Result<(), Failure> {
+    let (mesh, report) = read(input)?;
+    let trial = if time || report.nodes <= QUICK_NODES {
+        measure(mesh, rows)
+    } else {
+        Err(format!("{} nodes: ask for it with --time", report.nodes))
+    };
     match global.format {
-        Format::Json => print_json(&report, &[("file", &input.file)]),
-        Format::Text => print_text(&input.file, &report),
+        Format::Json => {
+            let mut object = json(&report, &[("file", &input.file)]);
+            let times = match &trial {
+                Ok(trial) => serde_json::json!(trial),
+                Err(why) => serde_json::json!({
+                    "factor_ms": null, "factor_mb": null, "column_us": null, "step_us": null,
+                    "step_rows": null, "step_radius_m": null, "step_status": why,
+                }),
+            };
+            if let (Some(object), serde_json::Value::Object(times)) =
+                (object.as_object_mut(), times)
+            {
+                object.extend(times);
+            }
+            say!("{object}");
+        }
+        Format::Text => {
+            print_text(&input.file, &report);
+            print_times(&trial);
+        }
     }
     Ok(())
+}
+
+/// Times of a step on the mesh, or why there are none.
+fn measure(mesh: RawMesh, rows: u32) -> Result<Trial, String> {
+    if cfg!(debug_assertions) {
+        tracing::warn!("a debug build: the times are many times too large");
+    }
+    let mesh = mesh
+        .check()
+        .map_err(|_| "scenes refuse this mesh".to_owned())?;
+    trial(&mesh, rows).map_err(|error| error.to_string())
+}
+
+fn print_times(trial: &Result<Trial, String>) {
+    match trial {
+        Err(why) => say!("  step time          not measured: {why}"),
+        Ok(trial) => {
+            say!(
+                "  factor             {:.1} ms, {:.1} MB",
+                trial.factor_ms,
+                trial.factor_mb
+            );
+            say!(
+                "  first touch        {:.0} us for a vertex",
+                trial.column_us
+            );
+            match trial.step_us {
+                Some(us) => say!(
+                    "  step               {us:.0} us for {} rows, a sphere of {:.2} mm",
+                    trial.step_rows,
+                    1e3 * trial.step_radius_m
+                ),
+                None => say!(
+                    "  step               no rest was found: {}",
+                    trial.step_status
+                ),
+            }
+        }
+    }
 }
 
 fn convert(input: &Input, out: &Path, global: &Global) -> Result<(), Failure> {
@@ -116,8 +193,11 @@ fn convert(input: &Input, out: &Path, global: &Global) -> Result<(), Failure> {
         tracing::warn!("scenes will refuse this mesh: {refusal}");
     }
     match global.format {
-        Format::Json => print_json(&report, &[("file", &input.file), ("out", &out.to_owned())]),
-        Format::Text => println!(
+        Format::Json => say!(
+            "{}",
+            json(&report, &[("file", &input.file), ("out", &out.to_owned())])
+        ),
+        Format::Text => say!(
             "{} nodes and {} cells written to {}",
             report.nodes,
             report.cells,
@@ -127,40 +207,42 @@ fn convert(input: &Input, out: &Path, global: &Global) -> Result<(), Failure> {
     Ok(())
 }
 
-fn print_json(report: &MeshReport, files: &[(&str, &PathBuf)]) {
+fn json(report: &MeshReport, files: &[(&str, &PathBuf)]) -> serde_json::Value {
     let mut object = serde_json::json!(report);
     object["status"] = "ok".into();
     for (key, path) in files {
         object[*key] = path.display().to_string().into();
     }
-    println!("{object}");
+    object
 }
 
 fn print_text(file: &Path, report: &MeshReport) {
     let [x, y, z] = report.size_m.map(|size| 1e3 * size);
     let (edge, quality) = (&report.edge_m, &report.quality);
-    println!("{}", file.display());
-    println!("  nodes              {:>10}", report.nodes);
-    println!("  cells              {:>10}", report.cells);
-    println!("  boundary faces     {:>10}", report.boundary_faces);
-    println!("  inverted cells     {:>10}", report.inverted);
-    println!("  flat cells         {:>10}", report.flat);
-    println!("  unused nodes       {:>10}", report.unreferenced);
-    println!("  size               {x:.3} x {y:.3} x {z:.3} mm");
-    println!("  volume             {:.6} ml", 1e6 * report.volume_m3);
-    println!(
+    say!("{}", file.display());
+    say!("  nodes              {:>10}", report.nodes);
+    say!("  cells              {:>10}", report.cells);
+    say!("  boundary faces     {:>10}", report.boundary_faces);
+    say!("  inverted cells     {:>10}", report.inverted);
+    say!("  flat cells         {:>10}", report.flat);
+    say!("  unused nodes       {:>10}", report.unreferenced);
+    say!("  size               {x:.3} x {y:.3} x {z:.3} mm");
+    say!("  volume             {:.6} ml", 1e6 * report.volume_m3);
+    say!(
         "  edges              {:.3} mm to {:.3} mm, mean {:.3} mm",
         1e3 * edge.min,
         1e3 * edge.max,
         1e3 * edge.mean
     );
-    println!(
+    say!(
         "  mean ratio         {:.3} at worst, {:.3} for 1 %, {:.3} for half",
-        quality.min, quality.p01, quality.p50
+        quality.min,
+        quality.p01,
+        quality.p50
     );
     for region in &report.regions {
         let name = region.name.as_deref().unwrap_or("");
-        println!(
+        say!(
             "  region {:<6} {:>16} cells, {:.6} ml  {name}",
             region.region,
             region.cells,
@@ -168,7 +250,7 @@ fn print_text(file: &Path, report: &MeshReport) {
         );
     }
     match &report.refusal {
-        None => println!("scenes take this mesh"),
-        Some(why) => println!("scenes refuse this mesh: {why}"),
+        None => say!("scenes take this mesh"),
+        Some(why) => say!("scenes refuse this mesh: {why}"),
     }
 }

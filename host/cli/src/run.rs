@@ -169,8 +169,7 @@ fn plan(args: &RunArgs, scene: &Scene) -> Result<Plan, Failure> {
 const PREPARED_EVERY_S: f64 = 0.02;
 
 fn solver(scene: &Scene, plan: &Plan) -> Result<TissueSolver, Failure> {
-    let (model, state, work) = scene.build().map_err(Failure::from)?;
-    let mut solver = TissueSolver::new(&scene.name, model, state, work);
+    let mut solver = TissueSolver::new(scene)?;
     let used = &plan.hand.way_points[..usize::from(plan.hand.count)];
     let end_s = used
         .last()

@@ -42,13 +42,7 @@ pub fn run(args: &SolveArgs, global: &Global) -> Result<(), Failure> {
         ));
     };
     let scene = scene::open(Some(&args.scene))?;
-    let solution = solve(&scene).map_err(|error| {
-        let cause = match error {
-            SolveError::NoRest(_) => Cause::Failed,
-            SolveError::Nothing | SolveError::Scene(_) | SolveError::Tissue(_) => Cause::BadInput,
-        };
-        Failure::new(cause, error)
-    })?;
+    let solution = solve(&scene)?;
     solution.write(&args.out, format).map_err(|error| {
         let message = format!("cannot write {}: {error}", args.out.display());
         Failure::say(
@@ -62,6 +56,16 @@ pub fn run(args: &SolveArgs, global: &Global) -> Result<(), Failure> {
         Format::Text => print_text(args, &solution),
     }
     Ok(())
+}
+
+impl From<SolveError> for Failure {
+    fn from(error: SolveError) -> Failure {
+        let cause = match error {
+            SolveError::NoRest(_) => Cause::Failed,
+            SolveError::Nothing | SolveError::Scene(_) | SolveError::Tissue(_) => Cause::BadInput,
+        };
+        Failure::new(cause, error)
+    }
 }
 
 /// Largest displacement of a node \[m\].

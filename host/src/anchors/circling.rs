@@ -80,7 +80,9 @@ impl Circling {
         let opposite = |face: &[u32; 3], edge: [u32; 2]| {
             let on_edge = |node: &u32| edge.contains(node);
             let count = face.iter().filter(|node| on_edge(node)).count();
-            face.iter().copied().find(|node| count == 2 && !on_edge(node))
+            face.iter()
+                .copied()
+                .find(|node| count == 2 && !on_edge(node))
         };
         let mut faces = Vec::with_capacity(count);
         for home in homes {

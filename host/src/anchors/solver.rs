@@ -8,7 +8,8 @@ use crate::body::{Body, Push};
 use crate::clock::Clock;
 use crate::columns::Columns;
 use crate::fem::{
-    CorotationalTissue, SolveScratch, HeldPoints, Linearisation, LinearTissue, Factored, TissueError,
+    CorotationalTissue, Factored, HeldPoints, LinearTissue, Linearisation, SolveScratch,
+    TissueError,
 };
 use crate::rows::{self, Method, Problem, Row};
 use nalgebra::{Matrix3, Vector3};
@@ -210,12 +211,7 @@ impl AnchorSolver {
 
     /// Finds the forces of `rows`, which are in the order of their `anchors`; with `field` the
     /// displacement of all nodes, too. Allocates only while columns are new and memory is below its limit.
-    pub fn step(
-        &mut self,
-        anchors: &[AnchorPoint],
-        rows: &[AnchorRow],
-        field: bool,
-    ) -> AnchorStep {
+    pub fn step(&mut self, anchors: &[AnchorPoint], rows: &[AnchorRow], field: bool) -> AnchorStep {
         let mut report = AnchorStep::default();
         let mut clock = Clock::start();
         if !self.reach(anchors, rows) {
@@ -251,10 +247,7 @@ impl AnchorSolver {
             report.outcome = Some(outcome);
             clock.lap(&mut report.stages.solve_ns);
             use rows::Status::{Incompatible, NotConverged, Ok, Redundant};
-            if !matches!(
-                outcome.status,
-                Ok | Redundant | Incompatible | NotConverged
-            ) {
+            if !matches!(outcome.status, Ok | Redundant | Incompatible | NotConverged) {
                 report.status = AnchorStatus::NotSolved;
                 return report;
             }
@@ -355,7 +348,8 @@ impl AnchorSolver {
     fn fetch(&mut self, report: &mut AnchorStep) -> bool {
         self.vertices.clear();
         for anchor in &self.next_anchors {
-            self.vertices.extend(anchor.parts().map(|(vertex, _)| vertex));
+            self.vertices
+                .extend(anchor.parts().map(|(vertex, _)| vertex));
         }
         self.vertices
             .extend(self.body.pushed().iter().map(|(vertex, _)| *vertex));
@@ -437,7 +431,9 @@ fn pushes<'a>(
             .filter(|(row, _)| row.anchor as usize == index)
             .map(|(row, lambda)| -Vector3::from(row.direction) * *lambda)
             .sum();
-        anchor.parts().map(move |(vertex, weight)| (vertex, force * weight))
+        anchor
+            .parts()
+            .map(move |(vertex, weight)| (vertex, force * weight))
     })
 }
 
@@ -450,36 +446,95 @@ mod timing {
     #[test]
     #[ignore]
     fn suite() {
-        for (name, scale) in [("../tests/data/tubes_younes.msh", 1e-3), ("../tests/data/cylinder_1650.msh", 0.02)] {
-            let mesh = crate::mesh::read_msh(&std::fs::read_to_string(name).unwrap(), scale).unwrap();
+        for (name, scale) in [
+            ("../tests/data/tubes_younes.msh", 1e-3),
+            ("../tests/data/cylinder_1650.msh", 0.02),
+        ] {
+            let mesh =
+                crate::mesh::read_msh(&std::fs::read_to_string(name).unwrap(), scale).unwrap();
             let (mut lo, mut hi) = (f64::MAX, f64::MIN);
-            for p in mesh.points_m() { lo = lo.min(p[2]); hi = hi.max(p[2]); }
+            for p in mesh.points_m() {
+                lo = lo.min(p[2]);
+                hi = hi.max(p[2]);
+            }
             println!("{name} z {lo} {hi}");
-            let fixed: Vec<u32> = (0..mesh.points_m().len() as u32).filter(|&i| { let z = mesh.points_m()[i as usize][2]; z < lo + 1e-7 || z > hi - 1e-7}).collect();
-            let material = Material { youngs_modulus_pa: 5e4, poisson_ratio: 0.45 };
+            let fixed: Vec<u32> = (0..mesh.points_m().len() as u32)
+                .filter(|&i| {
+                    let z = mesh.points_m()[i as usize][2];
+                    z < lo + 1e-7 || z > hi - 1e-7
+                })
+                .collect();
+            let material = Material {
+                youngs_modulus_pa: 5e4,
+                poisson_ratio: 0.45,
+            };
             let lin = Arc::new(LinearTissue::new(&mesh, material, &fixed).unwrap());
             let surface = mesh.surface();
-            let reached: Vec<u32> = surface.vertices.iter().copied().filter(|v| !lin.is_fixed(*v)).collect();
-            let cor = Arc::new(CorotationalTissue::new(&mesh, material, &fixed, Policy::default()).unwrap());
+            let reached: Vec<u32> = surface
+                .vertices
+                .iter()
+                .copied()
+                .filter(|v| !lin.is_fixed(*v))
+                .collect();
+            let cor = Arc::new(
+                CorotationalTissue::new(&mesh, material, &fixed, Policy::default()).unwrap(),
+            );
             for rows in [60, 150] {
                 for kind in ["linear", "linear+field", "corotational"] {
                     let mut work = Circling::new(&mesh, &fixed, rows / 3, 1.0).unwrap();
-                    let settings = AnchorSettings { vertices_per_step: 1000, ..Default::default() };
-                    let mut s = if kind == "corotational" { AnchorSolver::corotational(cor.clone(), &reached, settings).unwrap() } else { AnchorSolver::linear(lin.clone(), &reached, settings).unwrap() };
-                    let mut t = vec![]; let mut st = vec![]; let mut worst = 0.0f64; let mut refactors = 0; let mut rot = 0.0f64; let mut contraction = 0.0f64;
+                    let settings = AnchorSettings {
+                        vertices_per_step: 1000,
+                        ..Default::default()
+                    };
+                    let mut s = if kind == "corotational" {
+                        AnchorSolver::corotational(cor.clone(), &reached, settings).unwrap()
+                    } else {
+                        AnchorSolver::linear(lin.clone(), &reached, settings).unwrap()
+                    };
+                    let mut t = vec![];
+                    let mut st = vec![];
+                    let mut worst = 0.0f64;
+                    let mut refactors = 0;
+                    let mut rot = 0.0f64;
+                    let mut contraction = 0.0f64;
                     for step in 0..1250u64 {
                         let (a, r) = work.at(step, 1000.0);
                         let now = Instant::now();
                         let rep = s.step(a, r, kind == "linear+field");
                         let dt = now.elapsed().as_secs_f64() * 1e6;
-                        if step >= 250 { t.push(dt); st.push(rep.stages); }
+                        if step >= 250 {
+                            t.push(dt);
+                            st.push(rep.stages);
+                        }
                         assert_eq!(rep.status, AnchorStatus::Ok, "{rep:?}");
                         worst = worst.max(rep.outcome.unwrap().residual);
-                        if let Some(l) = rep.linearisation { refactors += l.refactored as u32; rot = rot.max(l.rotation_since_refactor_rad); contraction = contraction.max(l.contraction); assert!(l.sound); }
+                        if let Some(l) = rep.linearisation {
+                            refactors += l.refactored as u32;
+                            rot = rot.max(l.rotation_since_refactor_rad);
+                            contraction = contraction.max(l.contraction);
+                            assert!(l.sound);
+                        }
                     }
                     t.sort_by(f64::total_cmp);
-                    let med = |f: fn(&AnchorStages) -> u64| { let mut v: Vec<u64> = st.iter().map(f).collect(); v.sort(); v[v.len() / 2] / 1000 };
-                    println!("{rows} {kind}: p50 {:.0} mean {:.0} p99 {:.0} max {:.0} | tissue {} columns {} assemble {} solve {} field {} | residual {worst:.1e} cached {} refactors {refactors} rot {rot:.2} contraction {contraction:.2} status {:?}", t[t.len() / 2], t.iter().sum::<f64>() / t.len() as f64, t[t.len() * 99 / 100], t[t.len() - 1], med(|s| s.tissue_ns), med(|s| s.columns_ns), med(|s| s.assemble_ns), med(|s| s.solve_ns), med(|s| s.field_ns), s.cached_vertices(), s.force_norm());
+                    let med = |f: fn(&AnchorStages) -> u64| {
+                        let mut v: Vec<u64> = st.iter().map(f).collect();
+                        v.sort();
+                        v[v.len() / 2] / 1000
+                    };
+                    println!(
+                        "{rows} {kind}: p50 {:.0} mean {:.0} p99 {:.0} max {:.0} | tissue {} columns {} assemble {} solve {} field {} | residual {worst:.1e} cached {} refactors {refactors} rot {rot:.2} contraction {contraction:.2} status {:?}",
+                        t[t.len() / 2],
+                        t.iter().sum::<f64>() / t.len() as f64,
+                        t[t.len() * 99 / 100],
+                        t[t.len() - 1],
+                        med(|s| s.tissue_ns),
+                        med(|s| s.columns_ns),
+                        med(|s| s.assemble_ns),
+                        med(|s| s.solve_ns),
+                        med(|s| s.field_ns),
+                        s.cached_vertices(),
+                        s.force_norm()
+                    );
                 }
             }
         }

@@ -3,9 +3,9 @@
 //! Entry point: [`solve`]. After each step rows that pull are dropped and vertices inside a tool added
 //! (primal-dual active set, Hintermueller, Ito & Kunisch 2002).
 
-use crate::columns::Columns;
 use super::newton::{self, Newton};
 use super::shape::Solid;
+use crate::columns::Columns;
 use crate::tool::MAX_TOOLS;
 use nalgebra::Vector3;
 

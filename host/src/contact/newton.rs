@@ -7,10 +7,10 @@
 //! normals (du = -N (N'N)^-1 g + T a), where `T'(K_A - G) T` is positive definite at every stable balance.
 
 use super::active_set::{Failure, Row, Solids};
-use crate::columns::Columns;
-use crate::dense::{Dense, Indefinite};
 use super::reduction::MAX_TOOL_ROWS;
 use super::shape::Touch;
+use crate::columns::Columns;
+use crate::dense::{Dense, Indefinite};
 use nalgebra::{Matrix3, Vector3};
 
 /// Rows that one vertex can have: as many as it has directions.

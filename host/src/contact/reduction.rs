@@ -8,11 +8,11 @@
 //! rows are condensed out.
 
 use super::active_set::{ContactWork, Row};
-use crate::columns::Columns;
-use crate::dense::Dense;
 use super::newton::multiply;
 use super::shape::Solid;
 use super::tangent::{PoseWork, dot, rigid};
+use crate::columns::Columns;
+use crate::dense::Dense;
 use nalgebra::{Matrix6, Vector3};
 
 /// Most rows of one tool that a console is given.

@@ -2,25 +2,34 @@
 //!
 //! Entry point: [`SceneFile`]. Values are checked where they are used, in the files next to this one.
 
+use schemars::JsonSchema;
 use serde::Deserialize;
 use toml::Spanned;
 
 /// A whole scene file.
-#[derive(Debug, Deserialize)]
+#[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct SceneFile {
     /// For people; the file's stem when left out.
     pub name: Option<String>,
     /// How long a session lasts \[s\].
+    #[schemars(with = "Option<f64>")]
     pub seconds: Option<Spanned<f64>>,
     /// Name of a device, or path of a device file ending in `.toml`.
+    #[schemars(with = "Option<String>")]
     pub device: Option<Spanned<String>>,
     /// Where the tissue is.
+    #[schemars(with = "MeshSection")]
     pub mesh: Spanned<MeshSection>,
     /// What the tissue is made of.
     pub tissue: TissueSection,
+    /// Parts of the tissue that are made of something else.
+    #[serde(default)]
+    #[schemars(with = "Vec<RegionSection>")]
+    pub region: Vec<Spanned<RegionSection>>,
     /// Nodes that do not move.
     #[serde(default)]
+    #[schemars(with = "Vec<Selection>")]
     pub fixed: Vec<Spanned<Selection>>,
     /// Tools that can touch the tissue.
     #[serde(default)]
@@ -32,6 +41,7 @@ pub struct SceneFile {
     #[serde(default)]
     pub load: Vec<LoadSection>,
     /// The hand on a simulated console's grip.
+    #[schemars(with = "Option<HandSection>")]
     pub hand: Option<Spanned<HandSection>>,
     /// How the host works.
     #[serde(default)]
@@ -39,60 +49,119 @@ pub struct SceneFile {
 }
 
 /// `[mesh]`: a file with its scale, or a structured slab.
-#[derive(Debug, Deserialize)]
+#[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct MeshSection {
     /// gmsh file, relative to the scene file.
+    #[schemars(with = "Option<String>")]
     pub file: Option<Spanned<String>>,
     /// Metres per mesh unit.
+    #[schemars(with = "Option<f64>")]
     pub scale_to_m: Option<Spanned<f64>>,
     /// Structured slab, centred in x and y, top at z = 0.
+    #[schemars(with = "Option<SlabSection>")]
     pub slab: Option<Spanned<SlabSection>>,
 }
 
 /// `[mesh.slab]`.
-#[derive(Debug, Deserialize)]
+#[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct SlabSection {
     /// Along x, y, z \[m\], (3).
+    #[schemars(with = "[f64; 3]")]
     pub size_m: Spanned<[f64; 3]>,
     /// Cubes along x, y, z, (3).
+    #[schemars(with = "[usize; 3]")]
     pub divisions: Spanned<[usize; 3]>,
 }
 
 /// Tissue models by name.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum TissueModel {
     /// Linear elasticity, small displacements.
     #[default]
     Linear,
+    /// Linear elasticity that turns with each element: large rotations, small strains.
+    Corotational,
 }
 
-impl TissueModel {
-    /// The name as files and output write it.
-    pub fn word(self) -> &'static str {
-        match self {
-            TissueModel::Linear => "linear",
-        }
-    }
-}
-
-/// `[tissue]`: model and material.
-#[derive(Debug, Deserialize)]
+/// `[tissue]`: model, and the material of every cell that no region names.
+#[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct TissueSection {
     /// Which model.
     #[serde(default)]
     pub model: TissueModel,
     /// Young's modulus \[Pa\].
+    #[schemars(with = "f64")]
     pub youngs_modulus_pa: Spanned<f64>,
     /// Poisson's ratio.
+    #[schemars(with = "f64")]
+    pub poisson_ratio: Spanned<f64>,
+    /// Speed against accuracy of the corotational model.
+    #[schemars(with = "Option<CorotationalSection>")]
+    pub corotational: Option<Spanned<CorotationalSection>>,
+}
+
+/// `[tissue.corotational]`: when the stiffness is factored again, and what is done in between.
+#[derive(Debug, Default, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct CorotationalSection {
+    /// Factor again once an element has turned by so much since the last time \[degree\].
+    #[schemars(with = "Option<f64>")]
+    pub refactor_rotation_deg: Option<Spanned<f64>>,
+    /// Factor again after so many steps at the latest.
+    #[schemars(with = "Option<u32>")]
+    pub refactor_every: Option<Spanned<u32>>,
+    /// Iterations of conjugate gradients in a step, with the old factor as preconditioner.
+    #[schemars(with = "Option<u32>")]
+    pub cg_iterations: Option<Spanned<u32>>,
+}
+
+/// `[[region]]`: cells with a material of their own.
+#[derive(Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct RegionSection {
+    /// Number or name of a region of the mesh file.
+    #[schemars(with = "Option<RegionTag>")]
+    pub tag: Option<Spanned<RegionTag>>,
+    /// All cells whose centroid lies in a closed box.
+    #[serde(rename = "box")]
+    #[schemars(with = "Option<Cuboid>")]
+    pub cuboid: Option<Spanned<Cuboid>>,
+    /// Young's modulus \[Pa\].
+    #[schemars(with = "f64")]
+    pub youngs_modulus_pa: Spanned<f64>,
+    /// Poisson's ratio.
+    #[schemars(with = "f64")]
     pub poisson_ratio: Spanned<f64>,
 }
 
+/// How a mesh file calls a region.
+#[derive(Clone, Debug, PartialEq, Eq, Deserialize, JsonSchema)]
+#[serde(
+    untagged,
+    expecting = "expected the number or the name of a region of the mesh"
+)]
+pub enum RegionTag {
+    /// gmsh's physical group, tetgen's attribute; 0 for cells without.
+    Number(i64),
+    /// Its name, if the file has one.
+    Name(String),
+}
+
+impl std::fmt::Display for RegionTag {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::Number(number) => write!(f, "{number}"),
+            Self::Name(name) => write!(f, "\"{name}\""),
+        }
+    }
+}
+
 /// Nodes of the mesh, in one of three ways.
-#[derive(Debug, Deserialize)]
+#[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Selection {
     /// All nodes on a plane across an axis.
@@ -101,11 +170,12 @@ pub struct Selection {
     #[serde(rename = "box")]
     pub cuboid: Option<Cuboid>,
     /// These nodes, counted from 0 in the mesh file's order.
+    #[schemars(with = "Option<Vec<u32>>")]
     pub nodes: Option<Spanned<Vec<u32>>>,
 }
 
 /// A plane across a world axis.
-#[derive(Debug, Deserialize)]
+#[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Plane {
     /// The axis that is normal to it.
@@ -122,7 +192,7 @@ fn one_micrometre() -> f64 {
 }
 
 /// A world axis.
-#[derive(Clone, Copy, Debug, Deserialize)]
+#[derive(Clone, Copy, Debug, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 #[allow(missing_docs, reason = "they are what they are called")]
 pub enum Axis {
@@ -132,7 +202,7 @@ pub enum Axis {
 }
 
 /// A closed box along the world axes.
-#[derive(Debug, Deserialize)]
+#[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Cuboid {
     /// Lowest corner \[m\], (3).
@@ -141,74 +211,101 @@ pub struct Cuboid {
     pub max_m: [f64; 3],
 }
 
+impl Cuboid {
+    /// Whether a point lies in it or on its boundary.
+    pub fn contains(&self, x: [f64; 3]) -> bool {
+        (0..3).all(|i| self.min_m[i] <= x[i] && x[i] <= self.max_m[i])
+    }
+}
+
 /// `[[tool]]`: a sphere on the grip.
-#[derive(Debug, Deserialize)]
+#[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ToolSection {
     /// Number on the wire; its place in the list when left out.
+    #[schemars(with = "Option<u8>")]
     pub id: Option<Spanned<u8>>,
     /// Radius of the sphere \[m\].
+    #[schemars(with = "f64")]
     pub radius_m: Spanned<f64>,
     /// Centre of the sphere in the grip's frame \[m\], (3).
+    #[schemars(with = "Option<[f64; 3]>")]
     pub offset_m: Option<Spanned<[f64; 3]>>,
-    /// Where `sutura solve` holds the grip \[m\], (3).
+    /// Whether the console's grip carries this tool, as one tool in a scene; the first when no tool says so.
+    #[schemars(with = "Option<bool>")]
+    pub driven: Option<Spanned<bool>>,
+    /// Where the grip is held \[m\], (3): always if another tool is driven, else by `sutura solve`.
+    #[schemars(with = "Option<[f64; 3]>")]
     pub position_m: Option<Spanned<[f64; 3]>>,
-    /// How `sutura solve` holds the grip: unit quaternion (x, y, z, w).
+    /// How the grip is held there: unit quaternion (x, y, z, w).
+    #[schemars(with = "Option<[f64; 4]>")]
     pub orientation: Option<Spanned<[f64; 4]>>,
 }
 
 /// `[[handle]]`: a point of tissue by barycentric coordinates, and where it goes.
-#[derive(Debug, Deserialize)]
+#[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct HandleSection {
     /// For people and output.
     pub name: Option<String>,
     /// Nodes of a face or cell, counted from 0, (1 to 4).
+    #[schemars(with = "Vec<u32>")]
     pub vertices: Spanned<Vec<u32>>,
     /// Weights of these nodes, sum 1, (as many).
+    #[schemars(with = "Vec<f64>")]
     pub barycentric: Spanned<Vec<f64>>,
     /// How far the point is moved \[m\], (3).
+    #[schemars(with = "[f64; 3]")]
     pub target_displacement_m: Spanned<[f64; 3]>,
 }
 
 /// `[[load]]`: a force spread equally over some nodes.
-#[derive(Debug, Deserialize)]
+#[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct LoadSection {
     /// Where it acts.
+    #[schemars(with = "Selection")]
     pub on: Spanned<Selection>,
     /// Sum over the nodes \[N\], (3).
+    #[schemars(with = "[f64; 3]")]
     pub total_force_n: Spanned<[f64; 3]>,
 }
 
 /// `[hand]`: spring and damper between the grip and a path of minimum-jerk segments.
-#[derive(Debug, Deserialize)]
+#[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct HandSection {
     /// Stiffness \[N/m\].
+    #[schemars(with = "f64")]
     pub stiffness_n_per_m: Spanned<f64>,
     /// Damping \[N s/m\].
+    #[schemars(with = "f64")]
     pub damping_n_s_per_m: Spanned<f64>,
     /// The path; the grip starts at its first point.
+    #[schemars(with = "Vec<WayPointSection>")]
     pub way_point: Spanned<Vec<WayPointSection>>,
 }
 
 /// `[[hand.way_point]]`.
-#[derive(Debug, Deserialize)]
+#[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct WayPointSection {
     /// Since the session began \[s\].
+    #[schemars(with = "f64")]
     pub time_s: Spanned<f64>,
     /// Where the hand wants the grip \[m\], (3).
+    #[schemars(with = "[f64; 3]")]
     pub position_m: Spanned<[f64; 3]>,
 }
 
 /// `[host]`.
-#[derive(Debug, Default, Deserialize)]
+#[derive(Debug, Default, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct HostSection {
     /// Solver steps a second \[Hz\].
+    #[schemars(with = "Option<f64>")]
     pub host_hz: Option<Spanned<f64>>,
     /// How long the console may use a contact frame \[ms\], from its console time.
+    #[schemars(with = "Option<f64>")]
     pub horizon_ms: Option<Spanned<f64>>,
 }

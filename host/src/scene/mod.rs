@@ -7,15 +7,18 @@ mod document;
 mod file;
 mod hand;
 mod read;
+mod region;
+mod schema;
 mod select;
 
 pub use device::{BUILT_IN as BUILT_IN_DEVICES, read_device};
 pub use document::{Document, Flaw, SceneError};
-pub use file::TissueModel;
 pub use hand::position_at;
 pub use read::LONGEST_S;
+pub use region::Region;
+pub use schema::schema;
 
-use crate::fem::{Loads, Material};
+use crate::fem::{Loads, Materials};
 use crate::mesh::TetMesh;
 use crate::model::Model;
 use crate::step::{State, Workspace};
@@ -34,9 +37,11 @@ pub struct Scene {
     /// The tissue's mesh, in metres.
     pub mesh: TetMesh,
     /// Which tissue model.
-    pub tissue: TissueModel,
-    /// The tissue's material.
-    pub material: Material,
+    pub tissue: Tissue,
+    /// What each cell is made of.
+    pub materials: Materials,
+    /// Cells with a material of their own, in the order of their sections.
+    pub regions: Vec<Region>,
     /// Nodes that do not move, ascending.
     pub fixed: Vec<u32>,
     /// Tools, with different ids.
@@ -55,6 +60,36 @@ pub struct Scene {
     pub warnings: Vec<Flaw>,
 }
 
+/// How tissue answers.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Tissue {
+    /// Linear elasticity, small displacements.
+    Linear,
+    /// Linear elasticity that turns with each element.
+    Corotational(Corotational),
+}
+
+impl Tissue {
+    /// The name as files and output write it.
+    pub fn word(self) -> &'static str {
+        match self {
+            Tissue::Linear => "linear",
+            Tissue::Corotational(_) => "corotational",
+        }
+    }
+}
+
+/// What a scene says about corotational tissue; the solver's own choice where it says nothing.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Corotational {
+    /// Factor again once an element has turned by so much since the last time \[degree\].
+    pub refactor_rotation_deg: Option<f64>,
+    /// Factor again after so many steps at the latest.
+    pub refactor_every: Option<u32>,
+    /// Iterations of conjugate gradients in a step.
+    pub cg_iterations: Option<u32>,
+}
+
 /// A tool of a scene.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Tool {
@@ -62,7 +97,9 @@ pub struct Tool {
     pub id: u8,
     /// Its shape, on the grip.
     pub shape: tool::Tool,
-    /// Where a solve without a console holds the grip, if the scene says so.
+    /// Whether the console's grip carries it: one tool of a scene that has any.
+    pub driven: bool,
+    /// Where the grip is held: always if another tool is driven, else in solves without a console.
     pub pose: Option<Pose>,
 }
 
@@ -98,19 +135,33 @@ pub fn load(path: &Path) -> Result<Scene, SceneError> {
 }
 
 impl Scene {
+    /// The tool that the console's grip carries.
+    pub fn driven(&self) -> Option<&Tool> {
+        self.tools.iter().find(|tool| tool.driven)
+    }
+
+    /// Tools that are held while another is driven, with their poses.
+    pub fn held(&self) -> impl Iterator<Item = (&Tool, Pose)> {
+        let others = self.tools.iter().filter(|tool| !tool.driven);
+        others.filter_map(|tool| Some((tool, tool.pose?)))
+    }
+
     /// The solver for this scene: what is constant, what evolves, and scratch.
     ///
     /// # Errors
     /// [`SceneError::Build`]: tissue that is not held against rigid motion, handles that conflict, too many
-    /// tools.
+    /// tools. [`SceneError::NotAvailable`].
     pub fn build(&self) -> Result<(Model, State, Workspace), SceneError> {
         let tools: Vec<_> = self
             .tools
             .iter()
             .map(|tool| (tool.id, tool.shape))
             .collect();
-        let loads = self.loads.clone();
-        let model = Model::new(&self.mesh, self.material, &self.fixed, loads, &tools)
+        if self.tissue != Tissue::Linear {
+            return Err(SceneError::NotAvailable(self.tissue.word()));
+        }
+        let (materials, loads) = (self.materials.clone(), self.loads.clone());
+        let model = Model::new(&self.mesh, materials, &self.fixed, loads, &tools)
             .map_err(SceneError::Build)?;
         let (state, workspace) = (State::new(&model), Workspace::new(&model));
         Ok((model, state, workspace))

@@ -4,11 +4,14 @@
 
 use super::device::find_device;
 use super::document::{Document, Flaw, SceneError};
-use super::file::{HandleSection, LoadSection, MeshSection, SceneFile, ToolSection};
+use super::file::{
+    HandleSection, LoadSection, MeshSection, SceneFile, TissueModel, TissueSection, ToolSection,
+};
 use super::hand::hand_script;
+use super::region::read_materials;
 use super::select::{check_nodes, select};
-use super::{HostSettings, Pose, Scene, Tool};
-use crate::fem::{Anchor, Handle, Loads, Material, NodeLoad};
+use super::{Corotational, HostSettings, Pose, Scene, Tissue, Tool};
+use crate::fem::{Anchor, Handle, Loads, NodeLoad};
 use crate::mesh::{self, MeshError, TetMesh};
 use crate::tool;
 use toml::Spanned;
@@ -31,7 +34,9 @@ impl Scene {
     pub fn read(document: &Document, name: &str) -> Result<Scene, SceneError> {
         let file: SceneFile = document.parse()?;
         let mesh = read_mesh(document, &file.mesh)?;
-        let material = read_material(document, &file)?;
+        let mut warnings = Vec::new();
+        let (materials, regions) =
+            read_materials(document, &mesh, &file.tissue, &file.region, &mut warnings)?;
         let mut fixed = Vec::new();
         for selection in &file.fixed {
             fixed.extend(select(document, &mesh, selection)?);
@@ -64,7 +69,6 @@ impl Scene {
             }
             (None, _) => None,
         };
-        let mut warnings = Vec::new();
         let tools = read_tools(document, &file.tool, &mesh, &mut warnings)?;
         let handles = file
             .handle
@@ -79,8 +83,9 @@ impl Scene {
             name: file.name.clone().unwrap_or_else(|| name.to_owned()),
             seconds: read_seconds(document, &file)?,
             mesh,
-            tissue: file.tissue.model,
-            material,
+            tissue: read_tissue(document, &file.tissue)?,
+            materials,
+            regions,
             fixed,
             tools,
             loads: Loads {
@@ -197,26 +202,41 @@ fn read_mesh(document: &Document, section: &Spanned<MeshSection>) -> Result<TetM
     }
 }
 
-fn read_material(document: &Document, file: &SceneFile) -> Result<Material, SceneError> {
-    let tissue = &file.tissue;
-    let youngs_modulus_pa = document.number(
-        "youngs_modulus_pa",
-        &tissue.youngs_modulus_pa,
-        "positive",
-        |e| e > 0.0,
-        "soft tissue has 1e3 to 1e6 Pa: liver about 5e3, muscle 2e4, skin 2e5",
-    )?;
-    let poisson_ratio = document.number(
-        "poisson_ratio",
-        &tissue.poisson_ratio,
-        "more than -1 and less than 0.5",
-        |nu| nu > -1.0 && nu < 0.5,
-        "0.5 is incompressible, which these elements cannot be; soft tissue does well with 0.45",
-    )?;
-    Ok(Material {
-        youngs_modulus_pa,
-        poisson_ratio,
-    })
+fn read_tissue(document: &Document, section: &TissueSection) -> Result<Tissue, SceneError> {
+    let settings = match (section.model, &section.corotational) {
+        (TissueModel::Linear, None) => return Ok(Tissue::Linear),
+        (TissueModel::Linear, Some(settings)) => {
+            let message = "settings for a model that this tissue does not have";
+            let help = "add `model = \"corotational\"` to `[tissue]`, or leave this section out";
+            let label = "the model is linear";
+            return Err(document.flaw(settings.span(), message, label, Some(help)));
+        }
+        (TissueModel::Corotational, None) => {
+            return Ok(Tissue::Corotational(Corotational::default()));
+        }
+        (TissueModel::Corotational, Some(settings)) => settings.get_ref(),
+    };
+    let refactor_rotation_deg = match &settings.refactor_rotation_deg {
+        Some(value) => Some(document.number(
+            "refactor_rotation_deg",
+            value,
+            "more than 0 and at most 90",
+            |degrees| degrees > 0.0 && degrees <= 90.0,
+            "smaller follows large rotations better and costs more factorisations",
+        )?),
+        None => None,
+    };
+    let refactor_every = settings.refactor_every.as_ref();
+    if let Some(zero) = refactor_every.filter(|steps| *steps.get_ref() == 0) {
+        let message = "refactor_every = 0: must be 1 or more";
+        let help = "1 factors in every step; leave the key out to go by rotation alone";
+        return Err(document.flaw(zero.span(), message, "must be 1 or more", Some(help)));
+    }
+    Ok(Tissue::Corotational(Corotational {
+        refactor_rotation_deg,
+        refactor_every: refactor_every.map(|steps| *steps.get_ref()),
+        cg_iterations: settings.cg_iterations.as_ref().map(|n| *n.get_ref()),
+    }))
 }
 
 fn read_tools(
@@ -226,6 +246,7 @@ fn read_tools(
     warnings: &mut Vec<Flaw>,
 ) -> Result<Vec<Tool>, SceneError> {
     let edge_m = mesh.surface().mean_edge_m;
+    let driven = driven_tool(document, sections)?;
     let mut tools: Vec<Tool> = Vec::with_capacity(sections.len());
     for (place, section) in sections.iter().enumerate() {
         let help = "the radius of the sphere that touches the tissue, in metres; 0 is a bare point";
@@ -250,13 +271,50 @@ fn read_tools(
             None => [0.0; 3],
         };
         let pose = read_pose(document, section)?;
+        let driven = driven == place;
+        if !driven && pose.is_none() {
+            let message = format!("tool {id} is neither driven by the console nor held");
+            let help = "add `position_m` where it is to be held, or leave the tool out";
+            let at = section.radius_m.span();
+            warnings.push(document.warning(at, &message, "touches nothing", help));
+        }
         tools.push(Tool {
             id,
             shape: tool::Tool::sphere(radius_m, offset_m),
+            driven,
             pose,
         });
     }
     Ok(tools)
+}
+
+/// Place in the list of the tool that the console's grip carries.
+fn driven_tool(document: &Document, sections: &[ToolSection]) -> Result<usize, SceneError> {
+    let said = |section: &ToolSection| section.driven.as_ref().map(|driven| *driven.get_ref());
+    let is_driven = |section: &&ToolSection| said(section) == Some(true);
+    if let Some(second) = sections.iter().filter(is_driven).nth(1) {
+        let message = "two tools are driven, but the console has one grip";
+        let help = "let one tool be driven, and hold the others at their `position_m`";
+        let span = second.driven.as_ref().map_or(0..0, Spanned::span);
+        return Err(document.flaw(span, message, "the second", Some(help)));
+    }
+    let driven = sections
+        .iter()
+        .position(|section| said(section) == Some(true))
+        .or_else(|| sections.iter().position(|section| said(section).is_none()));
+    match (
+        driven,
+        sections.first().and_then(|first| first.driven.as_ref()),
+    ) {
+        (Some(place), _) => Ok(place),
+        // Without tools there is nothing to drive.
+        (None, None) => Ok(0),
+        (None, Some(refused)) => {
+            let message = "no tool is driven";
+            let help = "leave `driven` out of the tool that the console's grip carries";
+            Err(document.flaw(refused.span(), message, "nor is any other", Some(help)))
+        }
+    }
 }
 
 /// A tool that touches about one vertex feels the mesh, not the tissue.

@@ -30,9 +30,7 @@ pub(super) fn select(
             let axis = p.axis as usize;
             where_point(mesh, |x| (x[axis] - p.at_m).abs() <= p.within_m)
         }
-        (None, Some(b), None) => where_point(mesh, |x| {
-            (0..3).all(|i| b.min_m[i] <= x[i] && x[i] <= b.max_m[i])
-        }),
+        (None, Some(b), None) => where_point(mesh, |x| b.contains(*x)),
         (None, None, Some(list)) => {
             check_nodes(document, mesh, list)?;
             list.get_ref().clone()

@@ -1,7 +1,9 @@
 //! Good scenes read as they are written; every kind of slip is told at its place, with a way out.
 
 use super::*;
+use crate::fem::Material;
 use miette::Diagnostic;
+use nalgebra::Vector3;
 
 const GOOD: &str = r#"
 name = "good"
@@ -60,8 +62,12 @@ fn every_value_arrives_where_it_belongs() {
     let scene = read(GOOD).expect("the scene is good");
     assert_eq!(scene.name, "good");
     assert_eq!(scene.seconds, 2.5);
-    assert_eq!(scene.material.youngs_modulus_pa, 15e3);
-    assert_eq!(scene.material.poisson_ratio, 0.45);
+    let material = Material {
+        youngs_modulus_pa: 15e3,
+        poisson_ratio: 0.45,
+    };
+    assert_eq!(scene.materials, material.into());
+    assert_eq!(scene.tissue, Tissue::Linear);
     assert_eq!(
         scene.host,
         HostSettings {
@@ -114,6 +120,123 @@ fn a_scene_needs_only_tissue_and_what_holds_it() {
     assert_eq!(scene.name, "scene");
     assert!(scene.device.is_none() && scene.hand.is_none() && scene.tools.is_empty());
     assert_eq!(scene.fixed.len(), 4);
+}
+
+#[test]
+fn one_tool_is_driven_and_the_others_are_held() {
+    let second = "[[tool]]\nid = 9\nradius_m = 0.05\n";
+    let held = format!("{second}position_m = [0.0, 0.0, -0.08]\n");
+    let scene = read(&format!("{GOOD}{held}")).expect("good");
+    assert_eq!(scene.driven().map(|tool| tool.id), Some(3));
+    assert_eq!(
+        scene.held().map(|(tool, _)| tool.id).collect::<Vec<_>>(),
+        [9]
+    );
+    assert!(scene.warnings.is_empty());
+
+    let scene = read(&format!("{GOOD}{second}driven = true\n")).expect("good");
+    assert_eq!(scene.driven().map(|tool| tool.id), Some(9));
+    assert_eq!(
+        scene.held().map(|(tool, _)| tool.id).collect::<Vec<_>>(),
+        [3]
+    );
+
+    let scene = read(&format!("{GOOD}{second}")).expect("it only warns");
+    assert!(scene.warnings[0].to_string().contains("neither driven"));
+    assert_eq!(scene.held().count(), 0);
+}
+
+/// Boxes and tags decide by cell; the later section has a cell that both name.
+#[test]
+fn a_later_region_has_the_cells_that_two_share() {
+    let region = |place: &str, youngs: f64| {
+        format!("[[region]]\n{place}\nyoungs_modulus_pa = {youngs}\npoisson_ratio = 0.3\n")
+    };
+    let all = region("tag = 0", 1e3);
+    // The two lower of three layers of 8 x 6 cubes, six cells each.
+    let low = "box = { min_m = [-1.0, -1.0, -1.0], max_m = [1.0, 1.0, -0.01] }";
+    let low = region(low, 2e3);
+    let scene = read(&format!("{GOOD}{all}{low}")).expect("good");
+    let cells: Vec<_> = scene
+        .regions
+        .iter()
+        .map(|r| (r.name.as_str(), r.cells))
+        .collect();
+    assert_eq!(cells, [("0", 8 * 6 * 6), ("box", 2 * 8 * 6 * 6)]);
+    assert_eq!(scene.regions[1].material.youngs_modulus_pa, 2e3);
+    assert!(scene.warnings.is_empty());
+
+    let scene = read(&format!("{GOOD}{low}{all}")).expect("good");
+    assert_eq!(scene.regions[0].cells, 0);
+    assert!(scene.warnings[0].to_string().contains("no cell is made of"));
+}
+
+/// Two layers under a pull without shrinking sideways (nu = 0, so that each layer is uniaxial): springs
+/// in series, u = F/A (h1/E1 + h2/E2). Linear tetrahedra hold this piecewise linear field exactly.
+#[test]
+fn two_regions_are_springs_in_series() {
+    let text = "\
+[mesh.slab]
+size_m = [0.04, 0.02, 0.03]
+divisions = [4, 2, 3]
+
+[tissue]
+youngs_modulus_pa = 5e3
+poisson_ratio = 0.0
+
+[[region]]
+box = { min_m = [-1.0, -1.0, -0.01], max_m = [1.0, 1.0, 0.0] }
+youngs_modulus_pa = 40e3
+poisson_ratio = 0.0
+
+[[fixed]]
+plane = { axis = \"z\", at_m = -0.03 }
+";
+    let scene = read(text).expect("good");
+    let (model, _, _) = scene.build().expect("held");
+    // A uniform pull on the top: each triangle's third to each of its corners.
+    let (traction_pa, mut forces) = (30.0, Vec::new());
+    let surface = model.surface();
+    let points = model.points_m();
+    for triangle in &surface.triangles {
+        let [a, b, c] = triangle.map(|node| Vector3::from(points[node as usize]));
+        if [a, b, c].iter().all(|x| x.z.abs() < 1e-12) {
+            let third = (b - a).cross(&(c - a)).norm() / 6.0 * traction_pa;
+            let share = |node| crate::fem::NodeLoad {
+                node,
+                force_n: [0.0, 0.0, third],
+            };
+            forces.extend(triangle.map(share));
+        }
+    }
+    let loads = Loads {
+        forces,
+        ..Loads::default()
+    };
+    let u = model.tissue().solve(&loads).expect("held").displacement_m;
+    let closed_form_m = traction_pa * (0.02 / 5e3 + 0.01 / 40e3);
+    for (x, u) in points.iter().zip(&u).filter(|(x, _)| x[2].abs() < 1e-12) {
+        assert!((u[2] / closed_form_m - 1.0).abs() < 1e-10, "{x:?}: {u:?}");
+    }
+}
+
+#[test]
+fn corotational_settings_arrive_and_wait_for_their_solver() {
+    let text = GOOD.replace(
+        "poisson_ratio = 0.45",
+        "poisson_ratio = 0.45\nmodel = \"corotational\"\n[tissue.corotational]\n\
+         refactor_rotation_deg = 6.0\nrefactor_every = 20\ncg_iterations = 3",
+    );
+    let scene = read(&text).expect("good");
+    let settings = Corotational {
+        refactor_rotation_deg: Some(6.0),
+        refactor_every: Some(20),
+        cg_iterations: Some(3),
+    };
+    assert_eq!(scene.tissue, Tissue::Corotational(settings));
+    assert_eq!(scene.tissue.word(), "corotational");
+    let refused = scene.build().map(|_| ()).expect_err("no solver yet");
+    assert!(refused.to_string().contains("not available"), "{refused}");
 }
 
 #[test]
@@ -182,6 +305,76 @@ const SLIPS: &[Slip] = &[
         message: "missing key `poisson_ratio`",
         under: "[tissue]",
         help: "add `poisson_ratio = ...`",
+    },
+    Slip {
+        from: "[[fixed]]",
+        to: "[[region]]\ntag = 7\nyoungs_modulus_pa = 1.0\npoisson_ratio = 0.3\n[[fixed]]",
+        message: "the mesh has no region 7",
+        under: "7",
+        help: "gives its cells no regions",
+    },
+    Slip {
+        from: "[[fixed]]",
+        to: "[[region]]\ntag = 0.5\nyoungs_modulus_pa = 1.0\npoisson_ratio = 0.3\n[[fixed]]",
+        message: "expected the number or the name of a region",
+        under: "0.5",
+        help: "",
+    },
+    Slip {
+        from: "[[fixed]]",
+        to: "[[region]]\nyoungs_modulus_pa = 1.0\npoisson_ratio = 0.3\n[[fixed]]",
+        message: "a region says one thing",
+        under: "[[region]]",
+        help: "either `tag`",
+    },
+    Slip {
+        from: "[[fixed]]",
+        to: "[[region]]\nbox = { min_m = [1.0, 1.0, 1.0], max_m = [2.0, 2.0, 2.0] }\nyoungs_modulus_pa = 1.0\npoisson_ratio = 0.3\n[[fixed]]",
+        message: "this region holds no cell",
+        under: "{ min_m = [1.0, 1.0, 1.0], max_m = [2.0, 2.0, 2.0] }",
+        help: "centroid",
+    },
+    Slip {
+        from: "[[fixed]]",
+        to: "[[region]]\ntag = 0\nyoungs_modulus_pa = 0.0\npoisson_ratio = 0.3\n[[fixed]]",
+        message: "youngs_modulus_pa = 0: must be positive",
+        under: "0.0",
+        help: "soft tissue has",
+    },
+    Slip {
+        from: "[[fixed]]",
+        to: "[tissue.corotational]\nrefactor_every = 5\n[[fixed]]",
+        message: "settings for a model that this tissue does not have",
+        under: "[tissue.corotational]",
+        help: "add `model = \"corotational\"`",
+    },
+    Slip {
+        from: "poisson_ratio = 0.45",
+        to: "poisson_ratio = 0.45\nmodel = \"corotational\"\ncorotational = { refactor_rotation_deg = 120.0 }",
+        message: "refactor_rotation_deg = 120: must be more than 0 and at most 90",
+        under: "120.0",
+        help: "costs more factorisations",
+    },
+    Slip {
+        from: "poisson_ratio = 0.45",
+        to: "poisson_ratio = 0.45\nmodel = \"corotational\"\ncorotational = { refactor_every = 0 }",
+        message: "refactor_every = 0: must be 1 or more",
+        under: "0",
+        help: "every step",
+    },
+    Slip {
+        from: "[[handle]]",
+        to: "[[tool]]\nid = 4\nradius_m = 0.05\ndriven = true\n[[tool]]\nradius_m = 0.05\ndriven = true\n[[handle]]",
+        message: "two tools are driven",
+        under: "true",
+        help: "hold the others",
+    },
+    Slip {
+        from: "id = 3",
+        to: "id = 3\ndriven = false",
+        message: "no tool is driven",
+        under: "false",
+        help: "leave `driven` out",
     },
     Slip {
         from: "way_point = [{",

@@ -1,9 +1,12 @@
-//! The scene's tissue and tool behind [`Solve`]: a state becomes a sample, a step, a contact.
+//! The scene's tissue and tools behind [`Solve`]: a state becomes a sample, a step, a contact.
 //!
-//! Entry point: [`TissueSolver::new`]. The console's one grip carries the scene's first tool.
+//! Entry point: [`TissueSolver::new`]. The console's one grip carries the scene's driven tool; the others
+//! stay where the scene holds them.
 
 use super::{Solve, Solved};
 use crate::model::Model;
+use crate::scene::{Pose, Scene};
+use crate::solve::{SolveError, bring_in, sample};
 use crate::step::{self, Status, StepReport, Workspace};
 use crate::tool::ToolSample;
 use serde_json::{Map, Value, json};
@@ -21,7 +24,11 @@ pub struct TissueSolver {
     model: Model,
     state: step::State,
     work: Workspace,
+    /// The driven tool, if there is one, then those that are held.
+    samples: Vec<ToolSample>,
+    is_driven: bool,
     deepest: Deepest,
+    last: StepReport,
 }
 
 /// What the session's hardest press looked like.
@@ -34,22 +41,41 @@ struct Deepest {
 }
 
 impl TissueSolver {
-    /// The scene of this name.
-    pub fn new(name: &str, model: Model, state: step::State, work: Workspace) -> Self {
-        TissueSolver {
-            name: name.to_owned(),
+    /// Builds the scene's solver and brings the tools that are held to their places.
+    ///
+    /// # Errors
+    /// What [`Scene::build`] refuses; tools that are held too deep.
+    pub fn new(scene: &Scene) -> Result<Self, SolveError> {
+        let (model, mut state, mut work) = scene.build()?;
+        let held: Vec<_> = scene
+            .held()
+            .map(|(tool, pose)| (tool.id, tool.shape, pose))
+            .collect();
+        let last = bring_in(&model, &mut state, &held, &mut work)?;
+        // The console says where; it is not stepped before that.
+        let somewhere = Pose {
+            position_m: [0.0; 3],
+            orientation: [0.0, 0.0, 0.0, 1.0],
+        };
+        let driven = scene.driven().map(|tool| sample(tool.id, &somewhere));
+        let held = held.iter().map(|(id, _, pose)| sample(*id, pose));
+        Ok(TissueSolver {
+            name: scene.name.clone(),
             model,
             state,
             work,
+            is_driven: driven.is_some(),
+            samples: driven.into_iter().chain(held).collect(),
             deepest: Deepest::default(),
-        }
+            last,
+        })
     }
 
     /// Computes beforehand what steps along `path` will need, so that the first touch costs no more than
-    /// any other: `path` are places of the grip \[m\], not turned.
-    pub fn prepare(&mut self, path: &[[f64; 3]]) {
-        let Some((_, tool)) = self.model.tools().first() else {
-            return;
+    /// any other: `path` are places of the grip \[m\], not turned. Returns how many vertices are prepared.
+    pub fn prepare(&mut self, path: &[[f64; 3]]) -> usize {
+        let Some((_, tool)) = self.driven().and_then(|id| self.model.tool(id)) else {
+            return 0;
         };
         let radius_m = tool.radius_m().max(self.model.surface().mean_edge_m);
         let reach_m = PREPARED_RADII * radius_m + PREPARED_MARGIN_M;
@@ -62,18 +88,33 @@ impl TissueSolver {
         };
         let count = self.work.prepare(&self.model, near);
         tracing::info!("compliance of {count} vertices computed beforehand");
+        count
     }
 
-    /// Steps to where the sample is.
+    /// Id of the tool that the console's grip carries.
+    pub fn driven(&self) -> Option<u8> {
+        let first = self.samples.first().filter(|_| self.is_driven);
+        first.map(|sample| sample.id)
+    }
+
+    /// Steps with the driven tool where `sample` is; without a driven tool nothing moves.
     pub fn step(&mut self, sample: ToolSample) -> StepReport {
-        step::step(&self.model, &mut self.state, &[sample], &mut self.work)
+        if let Some(driven) = self.samples.first_mut().filter(|_| self.is_driven) {
+            *driven = sample;
+        }
+        self.last = step::step(&self.model, &mut self.state, &self.samples, &mut self.work);
+        self.last
+    }
+
+    /// The solver's parts, for what looks at them between steps.
+    pub fn parts(&self) -> (&Model, &step::State, &Workspace) {
+        (&self.model, &self.state, &self.work)
     }
 
     fn sample(&self, state: &Valid<State>) -> Option<ToolSample> {
-        let (id, _) = self.model.tools().first()?;
         let body = state.body();
         Some(ToolSample {
-            id: *id,
+            id: self.driven()?,
             position_m: body.position_m.map(f64::from),
             orientation: body.orientation.map(f64::from),
             velocity_m_per_s: body.velocity_m_per_s.map(f64::from),
@@ -98,7 +139,7 @@ impl Solve for TissueSolver {
             let [x, y, z, ..] = contact.wrench;
             let force_n = (x * x + y * y + z * z).sqrt();
             if force_n > self.deepest.force_n {
-                let (rows, stored_energy_j) = (report.rows, report.stored_energy_j);
+                let (rows, stored_energy_j) = (contact.rows, report.stored_energy_j);
                 self.deepest = Deepest {
                     force_n,
                     position_m: sample.position_m,
@@ -121,6 +162,17 @@ impl Solve for TissueSolver {
             rows,
             stored_energy_j,
         } = self.deepest;
+        let held = self
+            .last
+            .contacts()
+            .iter()
+            .skip(usize::from(self.is_driven));
+        let held: Vec<Value> = held
+            .map(|contact| {
+                let [x, y, z, ..] = contact.wrench;
+                json!({ "tool": contact.id, "force_n": [-x, -y, -z], "rows": contact.rows })
+            })
+            .collect();
         let report = json!({
             "name": self.name,
             "nodes": self.model.points_m().len(),
@@ -130,6 +182,7 @@ impl Solve for TissueSolver {
                 "rows": rows,
                 "stored_energy_j": stored_energy_j,
             },
+            "held": held,
         });
         if let Value::Object(report) = report {
             report

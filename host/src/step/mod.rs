@@ -6,9 +6,9 @@
 mod path;
 mod reduce;
 
-use crate::contact::active_set::{ContactWork, MAX_ROWS, Row, Solids};
 use crate::clock::Clock;
 use crate::columns::Columns;
+use crate::contact::active_set::{ContactWork, MAX_ROWS, Row, Solids};
 use crate::contact::reduction::Reduction;
 pub use crate::contact::reduction::{MAX_TOOL_ROWS, ToolRows};
 use crate::contact::tangent::PoseWork;
@@ -203,8 +203,7 @@ impl Workspace {
             .filter(|(vertex, at)| near((**at).into()) && !self.columns.has(*vertex))
             .map(|(vertex, _)| vertex)
             .collect();
-        self.columns
-            .compute(&*model.tissue, &model.held, &missing);
+        self.columns.compute(&*model.tissue, &model.held, &missing);
         self.columns.count()
     }
 
@@ -251,4 +250,3 @@ pub fn step(
     clock.lap(&mut report.stages.reduce_ns);
     report
 }
-

@@ -274,7 +274,8 @@ fn solve_with_columns(
             Err(Failure::NotConverged) => return Err(Status::NotConverged),
             Err(Failure::Missing) => {
                 let now = work.contact.missing.len().min(budget(work, report));
-                work.columns.compute(&*model.tissue, &model.held, &work.contact.missing[..now]);
+                work.columns
+                    .compute(&*model.tissue, &model.held, &work.contact.missing[..now]);
                 report.columns_computed += 3 * now as u32;
                 clock.lap(&mut report.stages.columns_ns);
                 if now < work.contact.missing.len() {
@@ -310,7 +311,8 @@ fn look_ahead(model: &Model, work: &mut Workspace, report: &mut StepReport) {
             work.contact.missing.push(near.vertex);
         }
     }
-    work.columns.compute(&*model.tissue, &model.held, &work.contact.missing);
+    work.columns
+        .compute(&*model.tissue, &model.held, &work.contact.missing);
     report.columns_computed += 3 * work.contact.missing.len() as u32;
 }
 

@@ -1,6 +1,8 @@
 //! Opening the scene that a command was given, or the one that it has by itself.
 //!
-//! Entry point: [`open`].
+//! Entry point: [`open`]; [`command`] is `sutura scene`.
+
+pub mod command;
 
 use crate::failure::{Cause, Failure, render};
 use miette::Report;
@@ -10,7 +12,7 @@ use sutura_host::scene::{self, Document, Scene, SceneError};
 /// Where the default scene is, seen from a checkout's root.
 pub const DEFAULT: &str = "scenes/palpation.toml";
 /// The same scene for use anywhere else.
-const EMBEDDED: &str = include_str!("../../../scenes/palpation.toml");
+const EMBEDDED: &str = include_str!("../../../../scenes/palpation.toml");
 
 /// The line of it that says how fine the slab is.
 const DIVISIONS: &str = "divisions = [20, 20, 8]";

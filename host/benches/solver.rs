@@ -1,0 +1,96 @@
+//! Instructions of the solver's parts, counted under valgrind: `cargo xtask bench` compares them with
+//! `host/snapshots/solver.json`. Setting up is not counted, nor is dropping what a function returns.
+
+#![allow(
+    missing_docs,
+    unused_qualifications,
+    reason = "in what the macros write"
+)]
+
+use gungraun::prelude::*;
+use std::hint::black_box;
+use std::path::Path;
+use sutura_host::fem::LinearTissue;
+use sutura_host::model::Model;
+use sutura_host::scene::{Document, Scene};
+use sutura_host::step::{State, StepReport, Workspace, step};
+use sutura_host::tool::ToolSample;
+
+/// A thousand nodes, and a sphere of three edges: large enough for every part to be at work.
+const SLAB: &str = r#"
+[mesh.slab]
+size_m = [0.05, 0.05, 0.02]
+divisions = [12, 12, 5]
+
+[tissue]
+youngs_modulus_pa = 15e3
+poisson_ratio = 0.45
+
+[[fixed]]
+plane = { axis = "z", at_m = -0.02 }
+
+[[tool]]
+radius_m = 0.014
+"#;
+
+fn slab() -> Scene {
+    let document = Document::embedded("slab.toml", Path::new(""), SLAB);
+    Scene::read(&document, "slab").expect("the scene is good")
+}
+
+fn built() -> (Model, State, Workspace) {
+    slab().build().expect("the slab is held")
+}
+
+/// The sphere pressed in by so much \[m\].
+fn pressed(depth_m: f64) -> ToolSample {
+    ToolSample {
+        id: 0,
+        position_m: [0.001, 0.0, 0.014 - depth_m],
+        orientation: [0.0, 0.0, 0.0, 1.0],
+        velocity_m_per_s: [0.0; 3],
+        console_time_us: 0,
+    }
+}
+
+/// Tissue in contact, with every column that the next step needs.
+fn touched() -> (Model, State, Workspace) {
+    let (model, mut state, mut work) = built();
+    work.prepare(&model, |at| at[2] > -0.001 && at[0].hypot(at[1]) < 0.016);
+    for depth_m in [-0.001, 0.001, 0.002, 0.003] {
+        step(&model, &mut state, &[pressed(depth_m)], &mut work);
+    }
+    (model, state, work)
+}
+
+type Solver = (Model, State, Workspace);
+
+#[library_benchmark]
+#[bench::warm(setup = touched)]
+fn palpation_step((model, mut state, mut work): Solver) -> (Solver, StepReport) {
+    // What one host period of the palpation scene moves the sphere by.
+    let report = step(&model, &mut state, &[pressed(0.0031)], &mut work);
+    ((model, state, work), black_box(report))
+}
+
+#[library_benchmark]
+#[bench::slab(setup = slab)]
+fn tissue_factor(scene: Scene) -> (Scene, LinearTissue) {
+    let tissue = LinearTissue::new(&scene.mesh, scene.materials.clone(), &scene.fixed);
+    let tissue = tissue.expect("the slab is held");
+    (scene, black_box(tissue))
+}
+
+#[library_benchmark]
+#[bench::vertex(setup = built)]
+fn compliance_column((model, state, mut work): Solver) -> (Solver, usize) {
+    // The vertex in the middle of the top.
+    let count = work.prepare(&model, |at| at.iter().all(|x| x.abs() < 1e-6));
+    ((model, state, work), black_box(count))
+}
+
+library_benchmark_group!(
+    name = solver,
+    benchmarks = [palpation_step, tissue_factor, compliance_column]
+);
+main!(library_benchmark_groups = solver);

@@ -1,0 +1,190 @@
+//! `sutura scene`: whether a scene is good, what it builds and what that costs, and the schema of its file.
+
+use crate::failure::{Failure, render};
+use crate::{Format, Global};
+use clap::{Args, Subcommand};
+use miette::{Diagnostic, Report};
+use std::path::{Path, PathBuf};
+use sutura_host::explain::{Component, explain};
+use sutura_host::scene::{self, Flaw, Scene};
+use sutura_host::session::TissueSolver;
+
+/// Looks at scene files: checks them, explains what they build, describes their keys.
+#[derive(Args, Debug)]
+#[command(after_help = EXAMPLES)]
+pub struct SceneArgs {
+    #[command(subcommand)]
+    command: SceneCommand,
+}
+
+const EXAMPLES: &str = "\
+Examples:
+  sutura scene check scenes/palpation.toml
+  sutura scene explain scenes/palpation.toml
+  sutura scene schema > scene.schema.json";
+
+const CHECK_EXAMPLES: &str = "\
+Examples:
+  sutura scene check mine.toml                  the first thing that is wrong, at its character
+  sutura scene check mine.toml --format json    status, warnings[] with line and column
+
+Reads every file that the scene names, builds the solver and brings held tools to their places. Warnings do not
+fail; what is wrong ends with exit code 2.";
+
+const EXPLAIN_EXAMPLES: &str = "\
+Examples:
+  sutura scene explain scenes/palpation.toml
+  sutura scene explain mine.toml --format json | jq '.components[] | select(.built) | {name, us, per}'
+
+Everything is built and the driven tool follows the hand's path, so times and bytes are those of this machine. A dash,
+or null, is what was not measured. Times are per `once`, per touched `vertex`, per `step`, or per `request`.";
+
+const SCHEMA_EXAMPLES: &str = "\
+Examples:
+  sutura scene schema > scene.schema.json       JSON Schema, 2020-12
+  taplo check --schema file://$PWD/scene.schema.json mine.toml
+
+Editors complete and check keys with it. What depends on several keys or on the mesh only `check` sees.";
+
+#[derive(Subcommand, Debug)]
+enum SceneCommand {
+    /// Whether a scene is good: the file, its mesh, every name in it, its tools; builds the solver.
+    #[command(after_help = CHECK_EXAMPLES)]
+    Check {
+        /// Scene file.
+        scene: PathBuf,
+    },
+    /// What a scene builds, which key asks for it, and what it costs on this machine.
+    #[command(after_help = EXPLAIN_EXAMPLES)]
+    Explain {
+        /// Scene file.
+        scene: PathBuf,
+    },
+    /// The JSON Schema of scene files.
+    #[command(after_help = SCHEMA_EXAMPLES)]
+    Schema {
+        /// Not needed: the schema is the same for every scene.
+        scene: Option<PathBuf>,
+    },
+}
+
+/// Checks, explains or describes.
+///
+/// # Errors
+/// Bad input: the scene, something in it, or a file that it names; tools that are held too deep.
+pub fn run(args: &SceneArgs, global: &Global) -> Result<(), Failure> {
+    match &args.command {
+        SceneCommand::Check { scene } => check(scene, global),
+        SceneCommand::Explain { scene } => print_components(scene, global),
+        SceneCommand::Schema { .. } => {
+            let schema = scene::schema();
+            match global.format {
+                Format::Json => say!("{schema}"),
+                Format::Text => say!("{schema:#}"),
+            }
+            Ok(())
+        }
+    }
+}
+
+fn check(path: &Path, global: &Global) -> Result<(), Failure> {
+    let mut scene = scene::load(path)?;
+    let warnings = std::mem::take(&mut scene.warnings);
+    let places: Vec<_> = warnings.iter().map(placed).collect();
+    for warning in warnings {
+        render(&Report::new(warning));
+    }
+    TissueSolver::new(&scene)?;
+    match global.format {
+        Format::Json => {
+            let mut object = summary(&scene);
+            object["status"] = "ok".into();
+            object["file"] = path.display().to_string().into();
+            object["warnings"] = places.into();
+            say!("{object}");
+        }
+        Format::Text => say!(
+            "{}: good, with {} warnings: \"{}\", {} tissue, {} nodes, {} cells, {} tools, {} handles",
+            path.display(),
+            places.len(),
+            scene.name,
+            scene.tissue.word(),
+            scene.mesh.points_m().len(),
+            scene.mesh.cells().len(),
+            scene.tools.len(),
+            scene.loads.handles.len()
+        ),
+    }
+    Ok(())
+}
+
+fn summary(scene: &Scene) -> serde_json::Value {
+    serde_json::json!({
+        "scene": scene.name,
+        "tissue": scene.tissue.word(),
+        "nodes": scene.mesh.points_m().len(),
+        "cells": scene.mesh.cells().len(),
+        "regions": scene.regions.len(),
+        "tools": scene.tools.len(),
+        "handles": scene.loads.handles.len(),
+    })
+}
+
+/// A warning with its line and column, counted from 1.
+fn placed(warning: &Flaw) -> serde_json::Value {
+    let source = warning.source_code();
+    let place = source.and_then(|source| source.read_span(&warning.span(), 0, 0).ok());
+    serde_json::json!({
+        "message": warning.to_string(),
+        "help": warning.help().map(|help| help.to_string()),
+        "line": place.as_ref().map(|place| place.line() + 1),
+        "column": place.as_ref().map(|place| place.column() + 1),
+    })
+}
+
+fn print_components(path: &Path, global: &Global) -> Result<(), Failure> {
+    if cfg!(debug_assertions) {
+        tracing::warn!("a debug build: the times are many times too large");
+    }
+    let scene = super::open(Some(path))?;
+    let components = explain(&scene)?;
+    if global.format == Format::Json {
+        let mut object = summary(&scene);
+        object["status"] = "ok".into();
+        object["file"] = path.display().to_string().into();
+        object["components"] = serde_json::json!(components);
+        say!("{object}");
+        return Ok(());
+    }
+    say!("{}: {} tissue", scene.name, scene.tissue.word());
+    let (built, absent): (Vec<_>, Vec<_>) = components.iter().partition(|part| part.built);
+    say!("\nbuilt                            rows     memory          time");
+    for part in built {
+        line(part);
+    }
+    say!("\nnot built");
+    for part in absent {
+        line(part);
+    }
+    Ok(())
+}
+
+fn line(part: &Component) {
+    let dash = || "-".to_owned();
+    let rows = part.rows.map_or_else(dash, |rows| rows.to_string());
+    let memory = part.bytes.map_or_else(dash, |bytes| match bytes {
+        0..10_000 => format!("{bytes} B"),
+        10_000..10_000_000 => format!("{:.0} kB", 1e-3 * bytes as f64),
+        _ => format!("{:.0} MB", 1e-6 * bytes as f64),
+    });
+    let time = match (part.us, part.per) {
+        (Some(us), Some(per)) if us < 1e4 => format!("{us:.0} us / {per}"),
+        (Some(us), Some(per)) => format!("{:.0} ms / {per}", 1e-3 * us),
+        _ => dash(),
+    };
+    say!(
+        "  {:<26} {rows:>8} {memory:>10} {time:>17}  {}",
+        part.name,
+        part.why
+    );
+}

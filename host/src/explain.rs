@@ -1,0 +1,427 @@
+//! What a scene builds, which key asks for it, and what it costs on this machine.
+//!
+//! Entry point: [`explain`]. Every cost is measured by building the scene and following its hand; what is
+//! not measured is left open, never estimated.
+
+use crate::fem::LinearTissue;
+use crate::scene::{HostSettings, Pose, Scene, SceneError, Tissue, position_at};
+use crate::session::TissueSolver;
+use crate::solve::{SolveError, sample};
+use crate::step::{Status, StepReport};
+use serde::Serialize;
+use std::time::{Duration, Instant};
+
+/// Steps along the hand's path that are timed at most, evenly spread.
+const MOST_STEPS: u32 = 2000;
+
+/// One part of a scene's solver, or one that the scene does without.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Component {
+    /// What it is.
+    pub name: String,
+    /// Whether the scene has it.
+    pub built: bool,
+    /// Which key asks for it, or why nothing does.
+    pub why: String,
+    /// Scalar constraints that it adds to a step, most of those on the hand's path; `None` where the word
+    /// has no meaning or nothing was followed.
+    pub rows: Option<u32>,
+    /// Memory \[bytes\]; `None`: not measured.
+    pub bytes: Option<usize>,
+    /// Time \[us\]; `None`: not measured.
+    pub us: Option<f64>,
+    /// How often this time is taken: `once`, `vertex` (once for each that is touched), `step`, or `request`.
+    pub per: Option<&'static str>,
+}
+
+impl Component {
+    fn built(name: impl Into<String>, why: impl Into<String>) -> Self {
+        Self {
+            name: name.into(),
+            built: true,
+            why: why.into(),
+            rows: None,
+            bytes: None,
+            us: None,
+            per: None,
+        }
+    }
+
+    fn absent(name: impl Into<String>, why: impl Into<String>) -> Self {
+        Self {
+            built: false,
+            ..Self::built(name, why)
+        }
+    }
+
+    fn rows(self, rows: u32) -> Self {
+        Self {
+            rows: Some(rows),
+            ..self
+        }
+    }
+
+    fn bytes(self, bytes: usize) -> Self {
+        Self {
+            bytes: Some(bytes),
+            ..self
+        }
+    }
+
+    fn takes(self, time: Option<Duration>, per: &'static str) -> Self {
+        Self {
+            us: time.map(|time| 1e6 * time.as_secs_f64()),
+            per: time.map(|_| per),
+            ..self
+        }
+    }
+}
+
+/// Builds the scene, follows its hand, and lists its parts.
+///
+/// # Errors
+/// What [`TissueSolver::new`] refuses.
+pub fn explain(scene: &Scene) -> Result<Vec<Component>, SolveError> {
+    let path = hand_path(scene);
+    let mut solver = TissueSolver::new(scene)?;
+    let before = solver.parts().2.cache_bytes();
+    let (prepared, preparing) = timed(|| solver.prepare(&path));
+    let walk: Vec<(StepReport, Duration)> = match solver.driven() {
+        Some(id) => path
+            .iter()
+            .map(|at| {
+                let pose = Pose {
+                    position_m: *at,
+                    orientation: [0.0, 0.0, 0.0, 1.0],
+                };
+                timed(|| solver.step(sample(id, &pose)))
+            })
+            .collect(),
+        None => Vec::new(),
+    };
+
+    let mut parts = tissue(scene)?;
+    let (model, state, work) = solver.parts();
+    parts.push(columns(scene, work.cache_bytes(), {
+        (prepared > 0 && before == 0).then(|| preparing / prepared as u32)
+    }));
+    parts.extend(contacts(scene, &walk));
+    parts.push(handles(scene));
+    parts.push(loads(scene));
+    let ((), field) = timed(|| {
+        std::hint::black_box(model.equilibrium(state).is_ok());
+    });
+    let why = "no step needs every node's displacement: `sutura solve` computes it, for its file";
+    parts.push(Component::absent("displacement of all nodes", why).takes(Some(field), "request"));
+    parts.push(match scene.tissue {
+        Tissue::Linear => Component::absent(
+            "refactorisation",
+            "`[tissue] model = \"linear\"`: the stiffness is constant",
+        ),
+        Tissue::Corotational(_) => Component::built(
+            "refactorisation",
+            "`[tissue] model = \"corotational\"`: the stiffness turns with the elements",
+        ),
+    });
+    parts.extend(not_here());
+    parts.extend(console(scene));
+    Ok(parts)
+}
+
+fn timed<T>(work: impl FnOnce() -> T) -> (T, Duration) {
+    let started = Instant::now();
+    let done = work();
+    (done, started.elapsed())
+}
+
+/// Where the hand wants the grip, one place a host period \[m\]; empty without a hand.
+fn hand_path(scene: &Scene) -> Vec<[f64; 3]> {
+    let Some(hand) = &scene.hand else {
+        return Vec::new();
+    };
+    let periods = (scene.seconds * scene.host.host_hz) as u32;
+    let steps = periods.clamp(1, MOST_STEPS);
+    let at = |step| position_at(hand, scene.seconds * f64::from(step) / f64::from(steps));
+    (0..steps).map(at).collect()
+}
+
+fn tissue(scene: &Scene) -> Result<Vec<Component>, SceneError> {
+    let mesh = &scene.mesh;
+    let tables =
+        size_of_val(mesh.points_m()) + size_of_val(mesh.cells()) + size_of_val(mesh.regions());
+    let why = format!(
+        "`[mesh]`: {} nodes, {} cells; bytes without what neighbours share",
+        mesh.points_m().len(),
+        mesh.cells().len()
+    );
+    let mut parts = vec![Component::built("mesh", why).bytes(tables)];
+
+    let (surface, took) = timed(|| mesh.surface());
+    let bytes = size_of_val(surface.triangles.as_slice())
+        + size_of_val(surface.vertices.as_slice())
+        + size_of_val(surface.normals.as_slice());
+    let why = format!(
+        "`[mesh]`: {} vertices, {} triangles, edges of {:.2} mm on average",
+        surface.vertices.len(),
+        surface.triangles.len(),
+        1e3 * surface.mean_edge_m
+    );
+    parts.push(
+        Component::built("surface", why)
+            .bytes(bytes)
+            .takes(Some(took), "once"),
+    );
+
+    let (tissue, took) = timed(|| LinearTissue::new(mesh, scene.materials.clone(), &scene.fixed));
+    let tissue = tissue.map_err(|error| SceneError::Build(error.into()))?;
+    let why = format!(
+        "`[tissue]`, {} nodes held by `[[fixed]]`: {} unknowns, {} entries in the factor",
+        scene.fixed.len(),
+        tissue.unknowns(),
+        tissue.factor_entries()
+    );
+    let factor = Component::built(format!("{} tissue, factored", scene.tissue.word()), why);
+    parts.push(
+        factor
+            .bytes(size_of::<f64>() * tissue.factor_entries())
+            .takes(Some(took), "once"),
+    );
+    parts.push(if scene.regions.is_empty() {
+        Component::absent(
+            "materials of regions",
+            "no `[[region]]`: one material everywhere",
+        )
+    } else {
+        let list: Vec<String> = scene
+            .regions
+            .iter()
+            .map(|region| format!("{} ({} cells)", region.name, region.cells))
+            .collect();
+        Component::built(
+            "materials of regions",
+            format!("`[[region]]`: {}", list.join(", ")),
+        )
+    });
+    Ok(parts)
+}
+
+fn columns(scene: &Scene, bytes: usize, per_vertex: Option<Duration>) -> Component {
+    let name = "compliance columns";
+    if scene.tools.is_empty() {
+        return Component::absent(name, "no `[[tool]]`: nothing touches the tissue");
+    }
+    let why = match scene.hand {
+        Some(_) => {
+            "`[[tool]]`: three for each vertex that is touched or near; here those along `[hand]`'s path"
+        }
+        None => {
+            "`[[tool]]`: three for each vertex that is touched or near; no `[hand]` to follow, so few yet"
+        }
+    };
+    Component::built(name, why)
+        .bytes(bytes)
+        .takes(per_vertex, "vertex")
+}
+
+/// The contact of each tool, and the step that balances all of them.
+fn contacts(scene: &Scene, walk: &[(StepReport, Duration)]) -> Vec<Component> {
+    if scene.tools.is_empty() {
+        return vec![Component::absent("contact", "no `[[tool]]`")];
+    }
+    let mut parts = Vec::new();
+    for tool in &scene.tools {
+        let name = format!("contact of tool {}", tool.id);
+        if !tool.driven && tool.pose.is_none() {
+            let why = "neither driven nor held: no `driven = true`, no `position_m`";
+            parts.push(Component::absent(name, why));
+            continue;
+        }
+        let why = match (tool.driven, &scene.hand) {
+            (true, Some(_)) => {
+                "`[[tool]]`, driven: carried by the console's grip along `[hand]`'s path"
+            }
+            (true, None) => {
+                "`[[tool]]`, driven: carried by the console's grip; no `[hand]` to follow here"
+            }
+            (false, _) => "`[[tool]]` with `position_m`: held there while another is driven",
+        };
+        let most = walk
+            .iter()
+            .flat_map(|(report, _)| report.contacts())
+            .filter(|contact| contact.id == tool.id)
+            .map(|contact| contact.rows)
+            .max();
+        parts.push(Component {
+            rows: most,
+            ..Component::built(name, why)
+        });
+    }
+    // As in a session: columns are there, and what is in no balance is not sent.
+    let mut touching: Vec<&(StepReport, Duration)> = walk
+        .iter()
+        .filter(|(report, _)| {
+            report.status == Status::Ok && report.rows > 0 && report.columns_computed == 0
+        })
+        .collect();
+    touching.sort_by_key(|(_, took)| *took);
+    let median = touching.get(touching.len() / 2).map(|(_, took)| *took);
+    let why = match touching.last() {
+        Some((_, slowest)) => format!(
+            "all contacts together: median of {} steps in contact, slowest {:.0} us",
+            touching.len(),
+            1e6 * slowest.as_secs_f64()
+        ),
+        None => "all contacts together: no step in contact was followed".to_owned(),
+    };
+    parts.push(Component {
+        rows: touching.iter().map(|(report, _)| report.rows).max(),
+        ..Component::built("step", why).takes(median, "step")
+    });
+    parts
+}
+
+fn handles(scene: &Scene) -> Component {
+    let count = scene.loads.handles.len();
+    if count == 0 {
+        return Component::absent("handles", "no `[[handle]]`");
+    }
+    let why = format!("`[[handle]]`: {count} points with three rows each, solved once");
+    Component::built("handles", why).rows(3 * count as u32)
+}
+
+fn loads(scene: &Scene) -> Component {
+    match scene.loads.forces.len() {
+        0 => Component::absent("loads", "no `[[load]]`"),
+        count => Component::built("loads", format!("`[[load]]`: forces on {count} nodes")),
+    }
+}
+
+/// What no scene of this version can name.
+fn not_here() -> [Component; 4] {
+    [
+        (
+            "collisions between tissues",
+            "no second body: a scene has one mesh, and it does not look for contact with itself",
+        ),
+        ("needle", "no tool is a needle: this version has none"),
+        ("thread", "no thread rows without a needle"),
+        (
+            "console rows",
+            "the console gets a wrench and a tangent; this version sends no rows with them",
+        ),
+    ]
+    .map(|(name, why)| Component::absent(name, why))
+}
+
+fn console(scene: &Scene) -> [Component; 3] {
+    let device = match &scene.device {
+        Some(_) => Component::built(
+            "device",
+            "`device`: what the simulated console is, and what its grip reaches",
+        ),
+        None => Component::absent(
+            "device",
+            "no `device`: a session asks the console what it is",
+        ),
+    };
+    let hand = match &scene.hand {
+        Some(hand) => {
+            let why = format!(
+                "`[hand]`: {} way points, followed by simulated consoles only",
+                hand.count
+            );
+            Component::built("hand", why)
+        }
+        None => Component::absent("hand", "no `[hand]`: nobody holds a simulated console"),
+    };
+    let HostSettings {
+        host_hz,
+        horizon_us,
+    } = scene.host;
+    let horizon = match horizon_us {
+        Some(us) => format!("a frame lasts {} ms", f64::from(us) / 1e3),
+        None => "how long a frame lasts is measured".to_owned(),
+    };
+    let why = format!(
+        "`[host]`: {host_hz} steps a second, {:.1} ms for each; {horizon}",
+        1e3 / host_hz
+    );
+    [device, hand, Component::built("host", why)]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::Document;
+    use std::path::Path;
+
+    const SLAB: &str = r#"
+[mesh.slab]
+size_m = [0.06, 0.06, 0.03]
+divisions = [6, 6, 3]
+
+[tissue]
+youngs_modulus_pa = 10e3
+poisson_ratio = 0.4
+
+[[fixed]]
+plane = { axis = "z", at_m = -0.03 }
+"#;
+    const HAND: &str = r#"
+[hand]
+stiffness_n_per_m = 1000.0
+damping_n_s_per_m = 10.0
+way_point = [{ time_s = 0.0, position_m = [0.0, 0.0, 0.04] }, { time_s = 0.4, position_m = [0.0, 0.0, 0.034] }]
+"#;
+
+    fn parts(text: &str) -> Vec<Component> {
+        let document = Document::embedded("test.toml", Path::new(""), text);
+        let scene = Scene::read(&document, "test").expect("good");
+        explain(&scene).expect("has a rest")
+    }
+
+    fn part<'a>(parts: &'a [Component], name: &str) -> &'a Component {
+        let found = parts.iter().find(|part| part.name == name);
+        found.unwrap_or_else(|| panic!("no {name} in {parts:#?}"))
+    }
+
+    #[test]
+    fn a_scene_without_tools_says_what_it_does_without() {
+        let parts = parts(SLAB);
+        for name in [
+            "compliance columns",
+            "contact",
+            "handles",
+            "loads",
+            "device",
+            "hand",
+            "needle",
+        ] {
+            let part = part(&parts, name);
+            assert!(!part.built && part.why.starts_with("no "), "{part:?}");
+            assert_eq!((part.rows, part.bytes, part.us), (None, None, None));
+        }
+        let factor = part(&parts, "linear tissue, factored");
+        // A factor has at least its diagonal: three unknowns for each of 7 x 7 x 3 free nodes.
+        assert!(factor.bytes >= Some(8 * 3 * 147), "{factor:?}");
+        assert!(factor.us > Some(0.0) && factor.per == Some("once"));
+    }
+
+    /// The driven tool is followed along the hand's path, the other stays in the tissue's side.
+    #[test]
+    fn every_tool_has_its_rows_and_the_step_has_them_all() {
+        let tools = "[[tool]]\nradius_m = 0.036\n[[tool]]\nid = 7\nradius_m = 0.036\nposition_m = [0.064, 0.0, -0.01]\n";
+        let text = format!("device = \"cartesian-bench\"\nseconds = 0.5\n{SLAB}{tools}{HAND}");
+        let parts = parts(&text);
+        let rows = |name: &str| part(&parts, name).rows.unwrap_or(0);
+        assert!(
+            rows("contact of tool 0") > 0 && rows("contact of tool 7") > 0,
+            "{parts:#?}"
+        );
+        assert!(rows("step") >= rows("contact of tool 0").max(rows("contact of tool 7")));
+        let step = part(&parts, "step");
+        assert!(step.us > Some(0.0) && step.per == Some("step"), "{step:?}");
+        let columns = part(&parts, "compliance columns");
+        assert!(columns.bytes > Some(0), "{columns:?}");
+    }
+}

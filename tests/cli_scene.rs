@@ -1,0 +1,194 @@
+//! `sutura scene` from the command line: good and bad scenes, their parts, and the schema of their files.
+
+mod support;
+
+use serde_json::Value;
+use std::path::Path;
+use support::{Ran, root, sutura, sutura_in};
+
+fn json(ran: &Ran) -> Value {
+    serde_json::from_str(&ran.stdout).unwrap_or_else(|_| panic!("{}{}", ran.stdout, ran.stderr))
+}
+
+/// Two tetrahedra of 1 m on one face, in the regions 5, called fat, and 6.
+const MESH: &str = "\
+$MeshFormat\n2.2 0 8\n$EndMeshFormat\n$PhysicalNames\n1\n3 5 \"fat\"\n$EndPhysicalNames\n\
+$Nodes\n5\n1 0 0 0\n2 1 0 0\n3 0 1 0\n4 0 0 1\n5 1 1 1\n$EndNodes\n\
+$Elements\n2\n1 4 2 5 1 1 2 3 4\n77 4 2 6 1 2 3 4 5\n$EndElements\n";
+
+const SCENE: &str = "\
+[mesh]
+file = \"mesh.msh\"
+scale_to_m = 1.0
+
+[tissue]
+youngs_modulus_pa = 3000.0
+poisson_ratio = 0.4
+
+[[region]]
+tag = \"fat\"
+youngs_modulus_pa = 1000.0
+poisson_ratio = 0.45
+
+[[fixed]]
+nodes = [0, 1, 2]
+";
+
+fn scene(directory: &Path, text: &str, command: &[&str]) -> Ran {
+    std::fs::write(directory.join("mesh.msh"), MESH).expect("writable");
+    std::fs::write(directory.join("scene.toml"), text).expect("writable");
+    let words = [&["scene"], command, &["scene.toml", "--format", "json"]].concat();
+    sutura_in(directory, &words)
+}
+
+#[test]
+fn a_region_is_named_by_its_name_or_number_and_an_unknown_one_is_shown() {
+    let directory = tempfile::tempdir().expect("a directory");
+    let check = |text: &str| scene(directory.path(), text, &["check"]);
+    for text in [SCENE.to_owned(), SCENE.replace("\"fat\"", "6")] {
+        let ran = check(&text);
+        assert_eq!(
+            (ran.code, &json(&ran)["regions"]),
+            (0, &1.into()),
+            "{}",
+            ran.stderr
+        );
+    }
+    let ran = check(&SCENE.replace("\"fat\"", "\"fatt\""));
+    assert_eq!((ran.code, &json(&ran)["status"]), (2, &"bad-input".into()));
+    for words in [
+        "the mesh has no region \"fatt\"",
+        "scene.toml:10:7",
+        "did you mean \"fat\"? The mesh has 5 or \"fat\" (1 cells), 6 (1 cells)",
+    ] {
+        assert!(ran.stderr.contains(words), "no {words} in:\n{}", ran.stderr);
+    }
+}
+
+/// The model is built: three nodes on one line let the tissue turn.
+#[test]
+fn check_sees_what_only_the_solver_can() {
+    let directory = tempfile::tempdir().expect("a directory");
+    let ran = scene(
+        directory.path(),
+        &SCENE.replace("[0, 1, 2]", "[0, 1]"),
+        &["check"],
+    );
+    assert_eq!(ran.code, 2);
+    let object = json(&ran);
+    let message = object["message"].as_str().expect("a message");
+    assert!(message.contains("singular: 2 nodes are fixed"), "{message}");
+}
+
+#[test]
+fn warnings_have_their_place_and_do_not_fail() {
+    let directory = tempfile::tempdir().expect("a directory");
+    let text = format!("{SCENE}\n[[tool]]\nradius_m = 0.1\n");
+    let ran = scene(directory.path(), &text, &["check"]);
+    let object = json(&ran);
+    assert_eq!((ran.code, &object["status"]), (0, &"ok".into()));
+    let warning = &object["warnings"][0];
+    assert_eq!(
+        (&warning["line"], &warning["column"]),
+        (&18.into(), &12.into()),
+        "{object}"
+    );
+    assert!(ran.stderr.contains("bare point"), "{}", ran.stderr);
+}
+
+#[test]
+fn every_shipped_scene_is_good_and_explains_itself() {
+    for path in scenes() {
+        let ran = sutura(&["scene", "check", &path, "--format", "json"]);
+        assert_eq!(
+            (ran.code, &json(&ran)["warnings"]),
+            (0, &serde_json::json!([])),
+            "{path}: {}",
+            ran.stderr
+        );
+        let ran = sutura(&["scene", "explain", &path, "--format", "json"]);
+        assert_eq!(ran.code, 0, "{}", ran.stderr);
+        let object = json(&ran);
+        let parts = object["components"].as_array().expect("parts");
+        for part in parts {
+            for key in ["name", "built", "why", "rows", "bytes", "us"] {
+                assert!(part.get(key).is_some(), "{path}: no {key} in {part}");
+            }
+            assert!(
+                part["why"].as_str().is_some_and(|why| !why.is_empty()),
+                "{part}"
+            );
+        }
+        let names = |built: bool| {
+            parts
+                .iter()
+                .filter(move |part| part["built"] == built)
+                .count()
+        };
+        assert!(names(true) >= 4 && names(false) >= 4, "{path}: {object}");
+    }
+}
+
+#[test]
+fn the_text_says_the_same_for_people() {
+    let ran = sutura(&["scene", "explain", "scenes/palpation.toml"]);
+    assert_eq!(ran.code, 0, "{}", ran.stderr);
+    for words in [
+        "linear tissue, factored",
+        "contact of tool 0",
+        "us / step",
+        "not built",
+        "needle",
+    ] {
+        assert!(ran.stdout.contains(words), "no {words} in:\n{}", ran.stdout);
+    }
+    let ran = sutura(&["scene", "check", "scenes/palpation.toml"]);
+    assert!(
+        ran.stdout.contains("good, with 0 warnings"),
+        "{}",
+        ran.stdout
+    );
+}
+
+/// Paths of all scenes that ship.
+fn scenes() -> Vec<String> {
+    let list = std::fs::read_dir(root().join("scenes")).expect("the folder is there");
+    let paths = list.map(|entry| entry.expect("readable").path());
+    let scenes = paths.filter(|path| path.extension().is_some_and(|e| e == "toml"));
+    scenes.map(|path| path.display().to_string()).collect()
+}
+
+fn as_json(path: &str, edit: impl Fn(&str) -> String) -> Value {
+    let text = std::fs::read_to_string(path).expect("readable");
+    let table: toml::Table = toml::from_str(&edit(&text)).expect("TOML");
+    serde_json::to_value(table).expect("a scene has no date")
+}
+
+/// An independent validator takes every scene that ships, and none with a slip.
+#[test]
+fn the_schema_takes_what_is_shipped_and_not_a_misspelt_key() {
+    let ran = sutura(&["scene", "schema", "--format", "json"]);
+    assert_eq!(ran.code, 0, "{}", ran.stderr);
+    let schema = json(&ran);
+    let validator = jsonschema::validator_for(&schema).expect("a schema");
+    assert!(scenes().len() >= 2);
+    for path in scenes() {
+        let scene = as_json(&path, str::to_owned);
+        if let Err(error) = validator.validate(&scene) {
+            panic!("{path}: {error} at {}", error.instance_path());
+        }
+        for (from, to) in [
+            ("youngs_modulus_pa", "yungs_modulus_pa"),
+            ("poisson_ratio = 0", "poisson_ratio = \"soft\" # 0"),
+            ("[tissue]", "[tisue]"),
+            ("\"linear\"", "\"liner\""),
+            ("axis = \"z\"", "axis = \"w\""),
+        ] {
+            let slip = as_json(&path, |text| {
+                assert!(text.contains(from), "{path} has no {from}");
+                text.replacen(from, to, 1)
+            });
+            assert!(!validator.is_valid(&slip), "{path} with {to}");
+        }
+    }
+}

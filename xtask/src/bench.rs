@@ -1,0 +1,106 @@
+//! `cargo xtask bench`: counts the instructions of the solver's parts and compares them with the snapshot.
+//! Entry point: [`gated`].
+//!
+//! Valgrind shows the program a processor of its own, the same on every machine that has AVX2, so that
+//! the solver's choice of SIMD kernels, and with it the counts, do not depend on the machine.
+
+use crate::Format;
+use crate::gates::{self, Gate, Outcome, SOLVER, Snapshot};
+use crate::run::Tool;
+use crate::setup::{self, VALGRIND};
+use anyhow::{Context, Result, bail};
+use serde::Serialize;
+use serde_json::Value;
+use std::collections::BTreeMap;
+
+/// Name of the snapshot.
+const SNAPSHOT: &str = "solver";
+
+/// What `--format json` prints.
+#[derive(Serialize)]
+struct Summary {
+    rustc: String,
+    machine: String,
+    instructions: BTreeMap<String, u64>,
+    gates: Vec<Gate>,
+    status: &'static str,
+}
+
+/// Runs the benches; fails if one takes more instructions than its snapshot allows.
+pub fn gated(bless: bool, format: Format) -> Result<()> {
+    setup::instruction_counter()?;
+    let snapshot = Snapshot {
+        rustc: Tool::new("rustc --version").output()?.trim().to_owned(),
+        machine: machine()?,
+        figures: count()?,
+        ..Snapshot::default()
+    };
+    if bless {
+        SOLVER.save(SNAPSHOT, &snapshot)?;
+    }
+    let gates = SOLVER.compare(SNAPSHOT, &SOLVER.load(SNAPSHOT)?, &snapshot);
+    let failed = gates
+        .iter()
+        .filter(|gate| gate.outcome == Outcome::Failed)
+        .count();
+    let summary = Summary {
+        rustc: snapshot.rustc,
+        machine: snapshot.machine,
+        instructions: snapshot.figures,
+        gates,
+        status: if failed == 0 { "ok" } else { "failed" },
+    };
+    match format {
+        Format::Json => println!("{}", serde_json::to_string(&summary)?),
+        Format::Text => gates::print(&summary.gates),
+    }
+    if failed > 0 {
+        bail!(
+            "{failed} parts take more instructions; if that is meant, run `cargo xtask bench --bless`"
+        );
+    }
+    Ok(())
+}
+
+/// What the counts depend on besides the program: the processor that valgrind shows.
+fn machine() -> Result<String> {
+    let valgrind = Tool::new(VALGRIND).arg("--version").output()?;
+    let flags = std::fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
+    let simd = ["avx2", "avx"]
+        .into_iter()
+        .find(|flag| flags.split_whitespace().any(|word| word == *flag));
+    let arch = std::env::consts::ARCH;
+    Ok(format!(
+        "{} on {arch} with {}",
+        valgrind.trim(),
+        simd.unwrap_or("its base instructions")
+    ))
+}
+
+/// Instruction counts by name.
+fn count() -> Result<BTreeMap<String, u64>> {
+    eprintln!("counting instructions under valgrind");
+    let tool = Tool::new(
+        "cargo bench --quiet --locked --package sutura-host --bench solver -- --output-format=json",
+    );
+    let again = tool.shown();
+    let output = tool.output().context("the benches failed")?;
+    let mut counts = BTreeMap::new();
+    for line in output.lines().filter(|line| line.starts_with('{')) {
+        let summary: Value =
+            serde_json::from_str(line).with_context(|| format!("the benches printed `{line}`"))?;
+        let (name, instructions) = read(&summary)
+            .with_context(|| format!("no instruction count in what `{again}` prints"))?;
+        counts.insert(name, instructions);
+    }
+    if counts.is_empty() {
+        bail!("the benches printed nothing; run them: {again}");
+    }
+    Ok(counts)
+}
+
+/// Name and instructions of one bench.
+fn read(summary: &Value) -> Option<(String, u64)> {
+    let name = summary["function_name"].as_str()?;
+    todo_placeholder!(name)
+}
