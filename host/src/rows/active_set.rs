@@ -2,7 +2,7 @@
 //!
 //! Entry point: [`solve`]. See the header of [`super`] for the mathematics.
 
-use super::bounded::{self, Dependent, Iterate, PIVOT, Reduced};
+use super::bounded::{self, Dependent, Found, Iterate, PIVOT, Reduced};
 use super::cone;
 use super::residual::gaps;
 use super::scaled::{Law, Scaled};
@@ -32,14 +32,13 @@ pub(super) fn solve(problem: &Problem, work: &mut Workspace) -> Finish {
     }
     start(work);
     work.vectors.centre[..n].fill(0.0);
-    let mut iterations = 0;
     if reduce(problem, work, 0.0).is_ok()
-        && let Ok(more) = search(work, true)
+        && let Ok(Found { iterations, .. }) = search(work, true)
     {
         flag_empty(problem, work);
-        return Finish { iterations: more };
+        return Finish { iterations };
     }
-    iterations += dependent(problem, work);
+    let iterations = dependent(problem, work);
     flag_empty(problem, work);
     Finish { iterations }
 }
@@ -130,7 +129,7 @@ fn dot(a: &[f64], b: &[f64]) -> f64 {
 }
 
 /// Forces of all rows for the matrices of [`reduce`].
-fn search(work: &mut Workspace, regular: bool) -> Result<u32, Dependent> {
+fn search(work: &mut Workspace, regular: bool) -> Result<Found, Dependent> {
     let scaled = &work.scaled;
     let (n, e) = (scaled.n, scaled.equalities);
     let m = n - e;
@@ -139,7 +138,10 @@ fn search(work: &mut Workspace, regular: bool) -> Result<u32, Dependent> {
     let cross = &work.cross[..e * m];
     let v = &mut work.vectors;
     condense_targets(scaled, epsilon, factor, cross, v);
-    let mut iterations = u32::from(e > 0);
+    let mut found = Found {
+        iterations: 1,
+        converged: true,
+    };
     if m > 0 {
         let reduced = Reduced {
             n: m,
@@ -155,7 +157,7 @@ fn search(work: &mut Workspace, regular: bool) -> Result<u32, Dependent> {
             delta: &mut v.delta[..m],
             trial: &mut v.trial[..m],
         };
-        iterations += if scaled.cones {
+        found = if scaled.cones {
             cone::solve(&reduced, &mut iterate, &mut v.best[..m], &mut work.active)?
         } else {
             bounded::solve(&reduced, &mut iterate, &mut work.active)?
@@ -175,7 +177,7 @@ fn search(work: &mut Workspace, regular: bool) -> Result<u32, Dependent> {
         equality.iter_mut().for_each(|lambda| *lambda = -*lambda);
         solve_lower_transposed(factor, e, equality, 1);
     }
-    Ok(iterations)
+    Ok(found)
 }
 
 /// Dependent rows: proximal steps on `W~ + epsilon`, targets shifted where they contradict.
@@ -186,16 +188,19 @@ fn dependent(problem: &Problem, work: &mut Workspace) -> u32 {
         work.vectors.lambda[..n].fill(0.0);
         return 0;
     }
-    for round in 0..=SHIFTS {
+    'rounds: for round in 0..=SHIFTS {
         start(work);
         work.vectors.centre[..n].fill(0.0);
         let mut before = f64::INFINITY;
         let mut compatible = false;
         for _ in 0..PROXIMAL_STEPS {
-            let Ok(more) = search(work, false) else {
-                return iterations;
+            let Ok(found) = search(work, false) else {
+                break 'rounds;
             };
-            iterations += more;
+            iterations += found.iterations;
+            if !found.converged {
+                break 'rounds;
+            }
             let residual = scaled_residual(problem, work);
             compatible = residual <= 0.1 * TOLERANCE;
             if compatible || residual > 0.5 * before {
