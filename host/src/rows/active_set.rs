@@ -16,6 +16,8 @@ use crate::dense::{solve_lower, solve_lower_transposed, subtract_product};
 pub(super) const EPSILON: f64 = 1e-8;
 /// Proximal steps: each gains the factor epsilon over an eigenvalue of W~.
 const PROXIMAL_STEPS: u32 = 8;
+/// Searches among cones that may fail before a dependent set is given up.
+const MOST_FAILURES: u32 = 3;
 /// Shifts of targets: the second takes away what rounding left of the first.
 const SHIFTS: u32 = 3;
 
@@ -188,6 +190,7 @@ fn dependent(problem: &Problem, work: &mut Workspace) -> u32 {
         work.vectors.lambda[..n].fill(0.0);
         return 0;
     }
+    let mut failures = 0;
     'rounds: for round in 0..=SHIFTS {
         start(work);
         work.vectors.centre[..n].fill(0.0);
@@ -198,7 +201,9 @@ fn dependent(problem: &Problem, work: &mut Workspace) -> u32 {
                 break 'rounds;
             };
             iterations += found.iterations;
-            if !found.converged {
+            // One may still lead to the next step's solution; a failed search is expensive.
+            failures += u32::from(!found.converged);
+            if failures > MOST_FAILURES {
                 break 'rounds;
             }
             let residual = scaled_residual(problem, work);

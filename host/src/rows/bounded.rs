@@ -218,11 +218,7 @@ fn clamp(problem: &Reduced, at: &mut Iterate) {
 }
 
 /// Primal active set from the projection of `at.x`.
-fn primal(
-    problem: &Reduced,
-    at: &mut Iterate,
-    active: &mut Active,
-) -> Result<Found, Dependent> {
+fn primal(problem: &Reduced, at: &mut Iterate, active: &mut Active) -> Result<Found, Dependent> {
     for ((x, law), mode) in at.x.iter_mut().zip(problem.law).zip(at.modes.iter_mut()) {
         let (low, high) = law.bounds();
         *mode = if *x <= low {
@@ -302,4 +298,73 @@ fn most_wrong(problem: &Reduced, at: &Iterate) -> Option<usize> {
         }
     }
     worst
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The primal method alone finds what the primal-dual one finds.
+    #[test]
+    fn both_methods_agree() {
+        let mut seed = 3u64;
+        let mut random = || {
+            seed = seed.wrapping_mul(6364136223846793005).wrapping_add(1);
+            (seed >> 11) as f64 / (1u64 << 53) as f64 * 2.0 - 1.0
+        };
+        const N: usize = 12;
+        let mut active = Active::new(N);
+        for _ in 0..500 {
+            let root: Vec<f64> = (0..N * N).map(|_| random()).collect();
+            let mut matrix = vec![0.0; N * N];
+            for i in 0..N {
+                for j in 0..N {
+                    let product: f64 = (0..N).map(|k| root[k * N + i] * root[k * N + j]).sum();
+                    matrix[j * N + i] = product / N as f64 + if i == j { 1e-3 } else { 0.0 };
+                }
+            }
+            let target: Vec<f64> = (0..N).map(|_| random()).collect();
+            let law: Vec<Law> = (0..N)
+                .map(|row| match row % 3 {
+                    0 => Law::FREE,
+                    1 => Law::Between {
+                        low: 0.0,
+                        high: f64::INFINITY,
+                    },
+                    _ => Law::Between {
+                        low: -random().abs(),
+                        high: random().abs(),
+                    },
+                })
+                .collect();
+            let problem = Reduced {
+                n: N,
+                matrix: &matrix,
+                target: &target,
+                law: &law,
+                slack: 1e-12,
+                regular: true,
+            };
+            let answers = [true, false].map(|both| {
+                let (mut modes, mut x) = ([Mode::Held; N], [0.0; N]);
+                let (mut delta, mut trial) = ([0.0; N], [0.0; N]);
+                let mut at = Iterate {
+                    modes: &mut modes,
+                    x: &mut x,
+                    delta: &mut delta,
+                    trial: &mut trial,
+                };
+                let found = if both {
+                    solve(&problem, &mut at, &mut active)
+                } else {
+                    primal(&problem, &mut at, &mut active)
+                };
+                assert!(found.expect("independent rows").converged);
+                x
+            });
+            for (a, b) in answers[0].iter().zip(&answers[1]) {
+                assert!((a - b).abs() <= 1e-8, "{answers:?}");
+            }
+        }
+    }
 }

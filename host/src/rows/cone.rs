@@ -103,7 +103,7 @@ pub(super) fn solve(
             // Sweeps have their own way to go: from the best so far.
             at.x.copy_from_slice(best);
         }
-        converged = least <= 10.0 * problem.rounding(best);
+        converged = least <= 90.0 * problem.slack + 10.0 * problem.rounding(best);
         if converged {
             break;
         }
