@@ -20,9 +20,10 @@ impl Tally {
         let (mut state, mut work) = buffers();
         let mut tally = Self::default();
         for index in 0..count {
-            let set = draw(&mut random, how);
-            if !random.chance(0.3) {
-                state.clear();
+            let mut set = draw(&mut random, how);
+            if random.chance(0.3) {
+                // Forces and modes of quite another set to start from.
+                (0..).zip(&mut set.rows).for_each(|(id, row)| row.id = id);
             }
             let outcome = solve(&set.problem(), Method::ActiveSet, &mut state, &mut work);
             assert_admissible(&set, &state);
