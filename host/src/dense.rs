@@ -152,3 +152,10 @@ impl Lu {
         );
     }
 }
+
+/// Makes faer's packing buffer of this thread, which its first large product would allocate.
+pub(crate) fn prepare_thread() {
+    const SIZE: usize = 64;
+    let (a, mut c) = (vec![0.0; SIZE * SIZE], vec![0.0; SIZE * SIZE]);
+    subtract_product(&a, &a, &mut c, (SIZE, SIZE, SIZE));
+}

@@ -2,7 +2,7 @@
 //!
 //! Entry point: [`solve`]. See the header of [`super`] for the mathematics.
 
-use super::bounded::{self, Dependent, Iterate, PIVOT, Reduced};
+use super::bounded::{self, Dependent, Found, Iterate, PIVOT, Reduced};
 use super::cone;
 use super::residual::gaps;
 use super::scaled::{Law, Scaled};
@@ -16,6 +16,8 @@ use crate::dense::{solve_lower, solve_lower_transposed, subtract_product};
 pub(super) const EPSILON: f64 = 1e-8;
 /// Proximal steps: each gains the factor epsilon over an eigenvalue of W~.
 const PROXIMAL_STEPS: u32 = 8;
+/// Searches among cones that may fail before a dependent set is given up.
+const MOST_FAILURES: u32 = 3;
 /// Shifts of targets: the second takes away what rounding left of the first.
 const SHIFTS: u32 = 3;
 
@@ -32,14 +34,13 @@ pub(super) fn solve(problem: &Problem, work: &mut Workspace) -> Finish {
     }
     start(work);
     work.vectors.centre[..n].fill(0.0);
-    let mut iterations = 0;
     if reduce(problem, work, 0.0).is_ok()
-        && let Ok(more) = search(work, true)
+        && let Ok(Found { iterations, .. }) = search(work, true)
     {
         flag_empty(problem, work);
-        return Finish { iterations: more };
+        return Finish { iterations };
     }
-    iterations += dependent(problem, work);
+    let iterations = dependent(problem, work);
     flag_empty(problem, work);
     Finish { iterations }
 }
@@ -130,7 +131,7 @@ fn dot(a: &[f64], b: &[f64]) -> f64 {
 }
 
 /// Forces of all rows for the matrices of [`reduce`].
-fn search(work: &mut Workspace, regular: bool) -> Result<u32, Dependent> {
+fn search(work: &mut Workspace, regular: bool) -> Result<Found, Dependent> {
     let scaled = &work.scaled;
     let (n, e) = (scaled.n, scaled.equalities);
     let m = n - e;
@@ -139,7 +140,10 @@ fn search(work: &mut Workspace, regular: bool) -> Result<u32, Dependent> {
     let cross = &work.cross[..e * m];
     let v = &mut work.vectors;
     condense_targets(scaled, epsilon, factor, cross, v);
-    let mut iterations = u32::from(e > 0);
+    let mut found = Found {
+        iterations: 1,
+        converged: true,
+    };
     if m > 0 {
         let reduced = Reduced {
             n: m,
@@ -155,7 +159,7 @@ fn search(work: &mut Workspace, regular: bool) -> Result<u32, Dependent> {
             delta: &mut v.delta[..m],
             trial: &mut v.trial[..m],
         };
-        iterations += if scaled.cones {
+        found = if scaled.cones {
             cone::solve(&reduced, &mut iterate, &mut v.best[..m], &mut work.active)?
         } else {
             bounded::solve(&reduced, &mut iterate, &mut work.active)?
@@ -175,7 +179,7 @@ fn search(work: &mut Workspace, regular: bool) -> Result<u32, Dependent> {
         equality.iter_mut().for_each(|lambda| *lambda = -*lambda);
         solve_lower_transposed(factor, e, equality, 1);
     }
-    Ok(iterations)
+    Ok(found)
 }
 
 /// Dependent rows: proximal steps on `W~ + epsilon`, targets shifted where they contradict.
@@ -186,16 +190,22 @@ fn dependent(problem: &Problem, work: &mut Workspace) -> u32 {
         work.vectors.lambda[..n].fill(0.0);
         return 0;
     }
-    for round in 0..=SHIFTS {
+    let mut failures = 0;
+    'rounds: for round in 0..=SHIFTS {
         start(work);
         work.vectors.centre[..n].fill(0.0);
         let mut before = f64::INFINITY;
         let mut compatible = false;
         for _ in 0..PROXIMAL_STEPS {
-            let Ok(more) = search(work, false) else {
-                return iterations;
+            let Ok(found) = search(work, false) else {
+                break 'rounds;
             };
-            iterations += more;
+            iterations += found.iterations;
+            // One may still lead to the next step's solution; a failed search is expensive.
+            failures += u32::from(!found.converged);
+            if failures > MOST_FAILURES {
+                break 'rounds;
+            }
             let residual = scaled_residual(problem, work);
             compatible = residual <= 0.1 * TOLERANCE;
             if compatible || residual > 0.5 * before {

@@ -19,6 +19,14 @@ pub(super) const PIVOT: f64 = 1e-10;
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Dependent;
 
+/// How a search ended.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Found {
+    /// Factorisations.
+    pub iterations: u32,
+    pub converged: bool,
+}
+
 /// The problem.
 #[derive(Clone, Copy)]
 pub(super) struct Reduced<'a> {
@@ -28,13 +36,19 @@ pub(super) struct Reduced<'a> {
     /// g, (n).
     pub target: &'a [f64],
     pub law: &'a [Law],
-    /// Violations of signs and bounds that rounding may cause.
+    /// Violations of signs and bounds to overlook.
     pub slack: f64,
     /// Whether small pivots are an error.
     pub regular: bool,
 }
 
 impl Reduced<'_> {
+    /// Violations that rounding may cause at `x`.
+    pub fn rounding(&self, x: &[f64]) -> f64 {
+        let strongest = x.iter().fold(0.0f64, |most, x| most.max(x.abs()));
+        self.slack + 1e-15 * strongest
+    }
+
     /// `delta = g + S x`.
     pub fn gaps(&self, x: &[f64], delta: &mut [f64]) {
         delta.copy_from_slice(self.target);
@@ -57,12 +71,12 @@ pub(super) struct Iterate<'a> {
     pub trial: &'a mut [f64],
 }
 
-/// Solves from the set in `modes`; returns the number of factorisations.
+/// Solves from the set in `modes`.
 pub(super) fn solve(
     problem: &Reduced,
     at: &mut Iterate,
     active: &mut Active,
-) -> Result<u32, Dependent> {
+) -> Result<Found, Dependent> {
     for (mode, law) in at.modes.iter_mut().zip(problem.law) {
         let (low, high) = law.bounds();
         *mode = match *mode {
@@ -83,7 +97,10 @@ pub(super) fn solve(
         if wrong == 0 {
             at.x.copy_from_slice(at.trial);
             clamp(problem, at);
-            return Ok(rounds);
+            return Ok(Found {
+                iterations: rounds,
+                converged: true,
+            });
         }
         if wrong < fewest {
             fewest = wrong;
@@ -93,7 +110,11 @@ pub(super) fn solve(
         }
     }
     at.x.copy_from_slice(at.trial);
-    primal(problem, at, active).map(|more| rounds + more)
+    let found = primal(problem, at, active)?;
+    Ok(Found {
+        iterations: rounds + found.iterations,
+        ..found
+    })
 }
 
 /// Minimiser in the subspace of the held rows, the others at their bounds.
@@ -166,6 +187,7 @@ pub(super) fn smallest_pivot(factor: &[f64], k: usize) -> f64 {
 /// Moves rows that break their sign or bound to where they belong; how many there were.
 fn update(problem: &Reduced, at: &mut Iterate) -> usize {
     let mut wrong = 0;
+    let slack = 4.0 * problem.rounding(at.trial);
     for (((mode, law), &x), &delta) in at
         .modes
         .iter_mut()
@@ -175,10 +197,10 @@ fn update(problem: &Reduced, at: &mut Iterate) -> usize {
     {
         let (low, high) = law.bounds();
         let next = match *mode {
-            Mode::Held if x < low - problem.slack => Mode::AtLower,
-            Mode::Held if x > high + problem.slack => Mode::AtUpper,
-            Mode::AtLower if low < high && delta < -problem.slack => Mode::Held,
-            Mode::AtUpper if low < high && delta > problem.slack => Mode::Held,
+            Mode::Held if x < low - slack => Mode::AtLower,
+            Mode::Held if x > high + slack => Mode::AtUpper,
+            Mode::AtLower if low < high && delta < -slack => Mode::Held,
+            Mode::AtUpper if low < high && delta > slack => Mode::Held,
             same => same,
         };
         wrong += usize::from(next != *mode);
@@ -196,7 +218,7 @@ fn clamp(problem: &Reduced, at: &mut Iterate) {
 }
 
 /// Primal active set from the projection of `at.x`.
-fn primal(problem: &Reduced, at: &mut Iterate, active: &mut Active) -> Result<u32, Dependent> {
+fn primal(problem: &Reduced, at: &mut Iterate, active: &mut Active) -> Result<Found, Dependent> {
     for ((x, law), mode) in at.x.iter_mut().zip(problem.law).zip(at.modes.iter_mut()) {
         let (low, high) = law.bounds();
         *mode = if *x <= low {
@@ -225,11 +247,17 @@ fn primal(problem: &Reduced, at: &mut Iterate, active: &mut Active) -> Result<u3
         problem.gaps(at.x, at.delta);
         let Some(row) = most_wrong(problem, at) else {
             clamp(problem, at);
-            return Ok(round);
+            return Ok(Found {
+                iterations: round,
+                converged: true,
+            });
         };
         at.modes[row] = Mode::Held;
     }
-    Ok(limit)
+    Ok(Found {
+        iterations: limit,
+        converged: false,
+    })
 }
 
 /// The bound that is met first on the way from `x` to `trial`: row, part of the way, bound.
@@ -256,7 +284,7 @@ fn first_bound(problem: &Reduced, at: &Iterate) -> Option<(usize, f64, Mode)> {
 /// The bounded row whose gap has the wrong sign by most.
 fn most_wrong(problem: &Reduced, at: &Iterate) -> Option<usize> {
     let mut worst = None;
-    let mut most = problem.slack;
+    let mut most = 4.0 * problem.rounding(at.x);
     for (row, law) in problem.law.iter().enumerate() {
         let (low, high) = law.bounds();
         let wrong = match at.modes[row] {
@@ -270,4 +298,73 @@ fn most_wrong(problem: &Reduced, at: &Iterate) -> Option<usize> {
         }
     }
     worst
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The primal method alone finds what the primal-dual one finds.
+    #[test]
+    fn both_methods_agree() {
+        let mut seed = 3u64;
+        let mut random = || {
+            seed = seed.wrapping_mul(6364136223846793005).wrapping_add(1);
+            (seed >> 11) as f64 / (1u64 << 53) as f64 * 2.0 - 1.0
+        };
+        const N: usize = 12;
+        let mut active = Active::new(N);
+        for _ in 0..500 {
+            let root: Vec<f64> = (0..N * N).map(|_| random()).collect();
+            let mut matrix = vec![0.0; N * N];
+            for i in 0..N {
+                for j in 0..N {
+                    let product: f64 = (0..N).map(|k| root[k * N + i] * root[k * N + j]).sum();
+                    matrix[j * N + i] = product / N as f64 + if i == j { 1e-3 } else { 0.0 };
+                }
+            }
+            let target: Vec<f64> = (0..N).map(|_| random()).collect();
+            let law: Vec<Law> = (0..N)
+                .map(|row| match row % 3 {
+                    0 => Law::FREE,
+                    1 => Law::Between {
+                        low: 0.0,
+                        high: f64::INFINITY,
+                    },
+                    _ => Law::Between {
+                        low: -random().abs(),
+                        high: random().abs(),
+                    },
+                })
+                .collect();
+            let problem = Reduced {
+                n: N,
+                matrix: &matrix,
+                target: &target,
+                law: &law,
+                slack: 1e-12,
+                regular: true,
+            };
+            let answers = [true, false].map(|both| {
+                let (mut modes, mut x) = ([Mode::Held; N], [0.0; N]);
+                let (mut delta, mut trial) = ([0.0; N], [0.0; N]);
+                let mut at = Iterate {
+                    modes: &mut modes,
+                    x: &mut x,
+                    delta: &mut delta,
+                    trial: &mut trial,
+                };
+                let found = if both {
+                    solve(&problem, &mut at, &mut active)
+                } else {
+                    primal(&problem, &mut at, &mut active)
+                };
+                assert!(found.expect("independent rows").converged);
+                x
+            });
+            for (a, b) in answers[0].iter().zip(&answers[1]) {
+                assert!((a - b).abs() <= 1e-8, "{answers:?}");
+            }
+        }
+    }
 }

@@ -7,7 +7,7 @@
 //! `T = I - d d'`: unsymmetric, so LU. Steps are shortened until `|x - P(q)|` falls; where it does
 //! not, Gauss-Seidel sweeps make the next start.
 
-use super::bounded::{self, Dependent, Iterate, Reduced};
+use super::bounded::{self, Dependent, Found, Iterate, Reduced};
 use super::gauss_seidel;
 use super::scaled::Law;
 use super::state::Mode;
@@ -16,7 +16,7 @@ use super::workspace::Active;
 /// Newton steps from one start.
 const STEPS: u32 = 30;
 /// Gauss-Seidel sweeps between starts.
-const SWEEPS: [u32; 6] = [5, 20, 80, 320, 1000, 3000];
+const SWEEPS: [u32; 4] = [5, 20, 80, 320];
 /// Merits to which a step may climb back: the map has kinks, which a strict descent sticks to.
 const MEMORY: usize = 4;
 
@@ -68,22 +68,24 @@ impl Slip {
     }
 }
 
-/// Solves from the forces in `at.x`; the number of Newton steps and sweeps. Whether it converged is
-/// for the residual to say; `at.x` obeys all bounds and cones.
+/// Solves from the forces in `at.x`, which obeys all bounds and cones whether or not it converges.
+/// Iterations are Newton steps and sweeps.
 pub(super) fn solve(
     problem: &Reduced,
     at: &mut Iterate,
     best: &mut [f64],
     active: &mut Active,
-) -> Result<u32, Dependent> {
+) -> Result<Found, Dependent> {
     if problem.regular {
         independent(problem, active)?;
     }
     let mut iterations = 0;
     if at.x.iter().all(|x| *x == 0.0) {
-        iterations += bounded::solve(problem, at, active)?;
+        iterations += bounded::solve(problem, at, active)?.iterations;
     }
     let mut least = f64::INFINITY;
+    let mut converged = false;
+    best.copy_from_slice(at.x);
     for sweeps in std::iter::once(0).chain(SWEEPS) {
         gauss_seidel::project(problem.law, at.x);
         problem.gaps(at.x, at.delta);
@@ -101,14 +103,18 @@ pub(super) fn solve(
             // Sweeps have their own way to go: from the best so far.
             at.x.copy_from_slice(best);
         }
-        if least <= 10.0 * problem.slack {
+        converged = least <= 90.0 * problem.slack + 10.0 * problem.rounding(best);
+        if converged {
             break;
         }
     }
     at.x.copy_from_slice(best);
     problem.gaps(at.x, at.delta);
     classify(problem, at);
-    Ok(iterations)
+    Ok(Found {
+        iterations,
+        converged,
+    })
 }
 
 /// Whether all rows together are independent.
@@ -124,7 +130,8 @@ fn newton(problem: &Reduced, at: &mut Iterate, active: &mut Active) -> u32 {
     let mut smallest = f64::INFINITY;
     for step in 0..STEPS {
         let residual = natural_residual(problem.law, at.x, at.delta);
-        if residual <= problem.slack || (residual <= 10.0 * problem.slack && residual >= smallest) {
+        let rounding = problem.rounding(at.x);
+        if residual <= rounding || (residual <= 10.0 * rounding && residual >= smallest) {
             return step;
         }
         smallest = smallest.min(residual);

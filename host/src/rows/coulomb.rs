@@ -8,7 +8,7 @@
 use nalgebra::{Matrix3, Vector3};
 
 /// Directions tried when Newton from the last one fails, and when two solutions hide between those.
-const DIRECTIONS: [usize; 2] = [32, 1024];
+const DIRECTIONS: [usize; 2] = [32, 256];
 
 /// Force of a cone with gap `free + a lambda`, starting from the force `last`.
 pub(super) fn solve(

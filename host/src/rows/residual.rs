@@ -5,6 +5,7 @@
 //! be: zero exactly at solutions (Facchinei & Pang 2003, 1.5.8; for cones De Saxce's bipotential
 //! without its coupling term, so P is the disc of radius `friction lambda_n`).
 
+use super::scaled::check_kinds;
 use super::{Problem, RowKind};
 
 /// Largest scaled residual of every kind of row, as part of the scale of the set.
@@ -29,11 +30,10 @@ impl Residuals {
 
 /// `delta = delta_free + W lambda` \[m\] into `out`, (n).
 pub fn gaps(problem: &Problem, lambda: &[f64], out: &mut [f64]) {
-    out.copy_from_slice(problem.delta_free);
-    let n = problem.rows.len();
-    if n == 0 {
-        return;
+    for (out, free) in out.iter_mut().zip(problem.delta_free) {
+        *out = *free;
     }
+    let n = problem.rows.len().max(1);
     for (column, &lambda) in problem.compliance.chunks_exact(n).zip(lambda) {
         if lambda != 0.0 {
             for (out, w) in out.iter_mut().zip(column) {
@@ -44,9 +44,18 @@ pub fn gaps(problem: &Problem, lambda: &[f64], out: &mut [f64]) {
 }
 
 /// Residuals of `lambda` \[N\] that leaves `delta` \[m\], both (n). Rows without compliance, and the
-/// tangents of a normal or pair without it, carry no force and count for nothing.
+/// tangents of a normal or pair without it, carry no force and count for nothing. NaN for a problem
+/// that is malformed.
 pub fn residuals(problem: &Problem, lambda: &[f64], delta: &[f64]) -> Residuals {
     let n = problem.rows.len();
+    let lengths = [lambda.len(), delta.len(), problem.delta_free.len()];
+    if lengths != [n; 3] || problem.compliance.len() != n * n || check_kinds(problem).is_err() {
+        return Residuals {
+            equality: f64::NAN,
+            complementarity: f64::NAN,
+            cone: f64::NAN,
+        };
+    }
     let diagonal = |row: usize| problem.compliance[row * (n + 1)];
     let empty = |row: usize| diagonal(row) < f64::MIN_POSITIVE;
     let mut found = Residuals::default();

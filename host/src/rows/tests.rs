@@ -196,3 +196,35 @@ fn a_warm_start_follows_ids() {
         assert!((after - before).abs() < 1e-15);
     }
 }
+
+/// A tool that holds one place by two equal rows feels it once.
+#[test]
+fn copies_of_a_row_do_not_stiffen_the_tangent() {
+    let one = [row(1, RowKind::Equality)];
+    let two = [row(1, RowKind::Equality), row(2, RowKind::Equality)];
+    let j: Vec<f64> = (1..=6).map(f64::from).collect();
+    let twice: Vec<f64> = j.iter().flat_map(|j| [*j, *j]).collect();
+    let entries = [(&one[..], &j), (&two[..], &twice)].map(|(rows, j)| {
+        let n = rows.len();
+        let problem = Problem {
+            rows,
+            compliance: &[2.0; 4][..n * n],
+            delta_free: &[-1.0; 2][..n],
+        };
+        let (mut state, mut work) = (State::new(2), Workspace::new(2));
+        solve(&problem, Method::ActiveSet, &mut state, &mut work);
+        tangent(&problem, &state, j, &mut work).expect("its own state")
+    });
+    for (i, (a, b)) in entries[0]
+        .tangent
+        .iter()
+        .zip(&entries[1].tangent)
+        .enumerate()
+    {
+        for (k, (a, b)) in a.iter().zip(b).enumerate() {
+            // -J' W^-1 J by hand.
+            let expected = -(j[i] * j[k]) / 2.0;
+            assert!((a - expected).abs() < 1e-12 && (b - expected).abs() < 1e-6 * expected.abs());
+        }
+    }
+}

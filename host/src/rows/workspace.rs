@@ -5,7 +5,7 @@ use super::residual::{gaps, residuals};
 use super::scaled::{Law, Scaled};
 use super::state::{Mode, State, Warm};
 use super::{Outcome, Problem, Status, TOLERANCE};
-use crate::dense::{Dense, Lu};
+use crate::dense::{Dense, Lu, prepare_thread};
 
 /// What is wrong with a row.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -45,6 +45,19 @@ pub(super) struct Active {
     pub lu: Lu,
 }
 
+impl Active {
+    pub fn new(largest: usize) -> Self {
+        Self {
+            matrix: vec![0.0; largest * largest],
+            rows: Vec::with_capacity(largest),
+            rhs: vec![0.0; largest],
+            // The reduction solves for the rows it keeps and six directions.
+            dense: Dense::new(largest + 6),
+            lu: Lu::new(largest + 6),
+        }
+    }
+}
+
 /// Vectors by position.
 pub(super) struct Vectors {
     pub modes: Vec<Mode>,
@@ -70,8 +83,10 @@ pub(super) struct Finish {
 }
 
 impl Workspace {
-    /// For sets of up to so many rows.
+    /// For sets of up to so many rows, for use on this thread: on another one the first solve
+    /// allocates that thread's buffer for products.
     pub fn new(largest: usize) -> Self {
+        prepare_thread();
         let square = || vec![0.0; largest * largest];
         let vector = || vec![0.0; largest];
         Self {
@@ -96,13 +111,7 @@ impl Workspace {
             equality: square(),
             cross: square(),
             schur: square(),
-            active: Active {
-                matrix: square(),
-                rows: Vec::with_capacity(largest),
-                rhs: vector(),
-                dense: Dense::new(largest + 6),
-                lu: Lu::new(largest + 6),
-            },
+            active: Active::new(largest),
             columns: vec![0.0; largest * (largest + 6)],
         }
     }

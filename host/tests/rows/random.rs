@@ -1,0 +1,174 @@
+//! Sets by the hundred thousand, garbage, and allocations.
+
+use super::sets::{ALL, Draw, Random, Set, assert_admissible, draw};
+use super::{GENTLE, PLAIN, assert_solved, buffers, sets};
+use sutura_host::rows::{Method, RowFlag, RowKind, State, Status, Workspace, solve, tangent};
+
+/// Ends of random sets.
+#[derive(Debug, Default)]
+struct Tally {
+    sets: usize,
+    ok: usize,
+    redundant: usize,
+    incompatible: usize,
+    not_converged: usize,
+}
+
+impl Tally {
+    fn run(seed: u64, count: usize, how: &Draw) -> Self {
+        let mut random = Random(seed);
+        let (mut state, mut work) = buffers();
+        let mut tally = Self::default();
+        for index in 0..count {
+            let mut set = draw(&mut random, how);
+            if random.chance(0.3) {
+                // Forces and modes of quite another set to start from.
+                (0..).zip(&mut set.rows).for_each(|(id, row)| row.id = id);
+            }
+            let outcome = solve(&set.problem(), Method::ActiveSet, &mut state, &mut work);
+            assert_admissible(&set, &state);
+            assert!(outcome.residual.is_finite() && outcome.conflict_m.is_finite());
+            tally.sets += 1;
+            let compatible = || assert_solved(&set, &outcome, &state);
+            match outcome.status {
+                Status::Ok => {
+                    compatible();
+                    tally.ok += 1;
+                }
+                Status::Redundant => {
+                    compatible();
+                    assert!(set.dependent, "set {index} is independent");
+                    assert!(work.flags().contains(&RowFlag::Redundant));
+                    tally.redundant += 1;
+                }
+                Status::Incompatible => {
+                    assert!(set.conflicting, "set {index} has no conflict");
+                    assert!(outcome.conflict_m > 0.0);
+                    tally.incompatible += 1;
+                }
+                Status::NotConverged => tally.not_converged += 1,
+                refused => panic!("set {index}: {refused:?}"),
+            }
+        }
+        tally
+    }
+}
+
+/// 10^5 sets: one half without friction, and rows dependent and at odds far more often than a
+/// simulation makes them.
+#[test]
+fn a_hundred_thousand_sets_are_solved_or_say_so() {
+    let wild = Draw {
+        dependent: 0.3,
+        conflicting: 0.5,
+        softest: 1e-4,
+        magnitude: (-9.0, 3.0),
+        spread: 6.0,
+        ..PLAIN
+    };
+    let convex = Tally::run(6, 50_000, &wild);
+    let cones = Tally::run(
+        7,
+        50_000,
+        &Draw {
+            kinds: ALL,
+            friction: 1.5,
+            ..wild
+        },
+    );
+    println!("{convex:?}\n{cones:?}");
+    assert_eq!(convex.not_converged, 0);
+    assert!(
+        convex.redundant > 3000 && convex.incompatible > 500,
+        "{convex:?}"
+    );
+    assert!(
+        cones.redundant > 3000 && cones.incompatible > 200,
+        "{cones:?}"
+    );
+    // 1 in 1000 of all.
+    assert!(cones.not_converged <= 100, "{cones:?}");
+}
+
+/// NaN, infinities, negative and tiny numbers in places where they do not belong.
+#[test]
+fn garbage_gives_a_status_and_finite_forces() {
+    let mut random = Random(8);
+    let (mut state, mut work) = buffers();
+    let garbage = [
+        f64::NAN,
+        f64::INFINITY,
+        f64::NEG_INFINITY,
+        f64::MAX,
+        f64::MIN_POSITIVE,
+        1e-320,
+        -1.0,
+        0.0,
+    ];
+    let mut refused = 0;
+    for mut set in sets(8, 4000, GENTLE) {
+        let n = set.rows.len();
+        for _ in 0..1 + random.below(3) {
+            let bad = garbage[random.below(garbage.len())];
+            match random.below(4) {
+                0 => set.compliance[random.below(n * n)] = bad,
+                1 => set.delta_free[random.below(n)] = bad,
+                2 => set.compliance[random.below(n) * (n + 1)] = bad,
+                _ => match &mut set.rows[random.below(n)].kind {
+                    RowKind::Box { limit_n } => *limit_n = bad,
+                    RowKind::Normal { friction } => *friction = bad,
+                    kind => *kind = RowKind::Tangent,
+                },
+            }
+        }
+        let method = if random.chance(0.5) {
+            Method::ActiveSet
+        } else {
+            Method::GaussSeidel {
+                sweeps: 20,
+                tolerance: 1e-10,
+            }
+        };
+        let outcome = solve(&set.problem(), method, &mut state, &mut work);
+        let finite = state.lambda().iter().all(|lambda| lambda.is_finite());
+        assert!(finite, "{outcome:?}");
+        assert!(outcome.residual.is_finite() || outcome.status == Status::NotConverged);
+        if matches!(outcome.status, Status::NotFinite | Status::Malformed) {
+            refused += 1;
+            assert!(state.lambda().iter().all(|lambda| *lambda == 0.0));
+        }
+    }
+    assert!(refused > 1000, "{refused}");
+}
+
+/// A dependent, conflicting set with cones goes through every branch of the solver.
+#[test]
+fn a_solve_allocates_nothing() {
+    let all: Vec<Set> = sets(
+        9,
+        100,
+        Draw {
+            most_rows: 150,
+            dependent: 0.5,
+            conflicting: 0.5,
+            ..GENTLE
+        },
+    )
+    .collect();
+    assert!(all.iter().any(|set| set.rows.len() > 140));
+    let (mut state, mut work) = (State::new(152), Workspace::new(152));
+    let jacobian = [0.5; 6 * 152];
+    let allocated = allocation_counter::measure(|| {
+        for set in &all {
+            let (problem, n) = (set.problem(), set.rows.len());
+            let sweeps = Method::GaussSeidel {
+                sweeps: 10,
+                tolerance: 1e-9,
+            };
+            solve(&problem, sweeps, &mut state, &mut work);
+            solve(&problem, Method::ActiveSet, &mut state, &mut work);
+            tangent(&problem, &state, &jacobian[..6 * n], &mut work);
+        }
+    });
+    assert_eq!(allocated.count_total, 0, "{allocated:?}");
+}
