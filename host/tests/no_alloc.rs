@@ -1,6 +1,6 @@
-//! A step allocates nothing once the columns of what it touches are there.
+//! A step allocates nothing once the columns of what it touches are there, nor does corotational tissue.
 
-use sutura_host::fem::{Loads, Material};
+use sutura_host::fem::{CorotationalTissue, Loads, Material, Policy};
 use sutura_host::mesh::slab;
 use sutura_host::model::Model;
 use sutura_host::step::{State, Status, Workspace, step};
@@ -70,4 +70,34 @@ fn a_step_allocates_nothing_after_the_first_touch() {
         }
     });
     assert!(allocated.count_total > 0);
+}
+
+#[test]
+fn corotational_tissue_allocates_nothing_refactorisations_included() {
+    let mesh = slab([0.08, 0.08, 0.03], [8, 8, 4]).expect("a slab");
+    let bottom: Vec<u32> = (0..9 * 9).collect();
+    let material = Material {
+        youngs_modulus_pa: 15e3,
+        poisson_ratio: 0.45,
+    };
+    let policy = Policy {
+        refactor_every: 4,
+        ..Policy::default()
+    };
+    let tissue = CorotationalTissue::new(&mesh, material, &bottom, policy).expect("tissue");
+    let mut state = tissue.state();
+    let mut workspace = tissue.workspace().expect("a workspace");
+    let mut external = vec![0.0; tissue.unknowns()];
+    let first = tissue.first_unknown(4 * 81 + 40).expect("a free node");
+    let mut iterations = 0;
+    let allocated = allocation_counter::measure(|| {
+        for step in 0..20 {
+            external[first] = 0.1 * f64::from(step);
+            let report = tissue.linearise(&mut state, &mut workspace, &external);
+            iterations += report.cg_iterations;
+            state.unknowns_mut().copy_from_slice(workspace.predicted());
+        }
+    });
+    assert!(state.generation() >= 4 && iterations >= 20);
+    assert_eq!(allocated.count_total, 0, "{allocated:?}");
 }

@@ -107,8 +107,7 @@ fn matrix(rotation: &UnitQuaternion<f64>) -> Matrix3<f64> {
 
 /// `rotation` times a turn, by Cayley's map: right to second order, and a rotation whatever the turn.
 fn turned(rotation: &UnitQuaternion<f64>, turn: &Vector3<f64>) -> UnitQuaternion<f64> {
-    let half = turn * 0.5;
-    let turn = Quaternion::from_parts(1.0, half);
+    let turn = Quaternion::from_parts(1.0, turn * 0.5);
     UnitQuaternion::new_normalize(rotation.into_inner() * turn)
 }
 

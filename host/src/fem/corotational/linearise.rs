@@ -21,11 +21,15 @@ pub enum TangentKind {
 /// What one linearisation did.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Linearisation {
-    /// Norm of the out-of-balance force on the unknowns \[N\].
+    /// Norm of the out-of-balance force r on the unknowns \[N\]. It can rise while the tissue gets nearer
+    /// to balance: a little error in a stiff direction is a large force.
     pub residual_n: f64,
-    /// Share of the out-of-balance force that the last step left, when measured under the present
-    /// external forces: 0 for a tangent without error, 1 for a step that did nothing. 0 before the
-    /// first step and in perfect balance.
+    /// r'K^-1 r with the factored K \[J\], twice the energy that is still to be released.
+    pub residual_j: f64,
+    /// What the last step left, in the energy norm, over the step itself: sqrt(r'K^-1 r / r0'du), r0
+    /// the old internal force under the present external one. 0 for a tangent without error, before the
+    /// first step and in balance; 1 for a step that did nothing; above 1 it did harm. What fixed nodes
+    /// that were moved pull with counts as left.
     pub contraction: f64,
     /// Largest turn of a cell since the last refactorisation, before this one \[rad\].
     pub rotation_since_refactor_rad: f64,
@@ -35,7 +39,8 @@ pub struct Linearisation {
     pub tangent: TangentKind,
     /// Iterations of conjugate gradients; 0 where the factor alone was used.
     pub cg_iterations: u32,
-    /// Share of the residual that they left in the linear system; 0 where the factor alone was used.
+    /// What was left of the energy norm before the last iteration, 1 at the first; 0 where the factor
+    /// alone was used.
     pub cg_residual: f64,
     /// False if displacement or external force are not finite, or the tangent could not be factored at
     /// all: the factor is the last good one, and nothing is predicted to move.
@@ -53,35 +58,37 @@ impl CorotationalTissue {
         external: &[f64],
     ) -> Linearisation {
         self.update(state, workspace);
-        let unbalanced = |force: &[[f64; 3]]| difference_norm(external, force.as_flattened());
-        let residual_n = unbalanced(&workspace.force);
-        let without_step = unbalanced(&state.force);
-        let round_off = self.round_off_n * (self.unknowns() as f64).sqrt();
-        let contraction = if state.linearised && without_step > round_off {
-            residual_n / without_step
-        } else {
-            0.0
-        };
-        let rotation_since_refactor_rad = state.rotation_since_refactor();
+        workspace.predicted.copy_from_slice(state.unknowns());
+        let internal = workspace.force.as_flattened();
+        for ((residual, external), internal) in
+            workspace.residual.iter_mut().zip(external).zip(internal)
+        {
+            *residual = external - internal;
+        }
+        let residual_n = dot(&workspace.residual, &workspace.residual).sqrt();
         let mut report = Linearisation {
             residual_n,
-            contraction,
-            rotation_since_refactor_rad,
+            residual_j: 0.0,
+            contraction: 0.0,
+            rotation_since_refactor_rad: state.rotation_since_refactor(),
             refactored: false,
             tangent: state.tangent,
             cg_iterations: 0,
             cg_residual: 0.0,
             sound: residual_n.is_finite(),
         };
-        workspace.predicted.copy_from_slice(state.unknowns());
         if !report.sound {
             return report;
         }
-        state.force.copy_from_slice(&workspace.force);
+        let step_j = state.work_of_step(external);
+        state.last_u.copy_from_slice(&workspace.predicted);
+        state
+            .last_force
+            .copy_from_slice(&internal[..external.len()]);
         state.linearised = true;
 
         state.age = state.age.saturating_add(1);
-        if rotation_since_refactor_rad > self.policy.refactor_rotation_rad
+        if report.rotation_since_refactor_rad > self.policy.refactor_rotation_rad
             || state.age > self.policy.refactor_every
         {
             report.sound = self.refactor(state, workspace);
@@ -91,17 +98,19 @@ impl CorotationalTissue {
                 return report;
             }
         }
-        let residual = workspace.residual.iter_mut();
-        let internal = workspace.force.as_flattened();
-        for ((residual, external), internal) in residual.zip(external).zip(internal) {
-            *residual = external - internal;
-        }
+        precondition(state, workspace);
+        report.residual_j = dot(&workspace.residual, &workspace.preconditioned);
+        let balanced = residual_n <= self.round_off_n * (external.len() as f64).sqrt();
+        report.contraction = match step_j {
+            Some(step) if !balanced && step > 0.0 => (report.residual_j / step).max(0.0).sqrt(),
+            Some(_) if !balanced => 1.0,
+            _ => 0.0,
+        };
         if report.refactored || self.policy.cg_iterations == 0 {
-            let du = &mut workspace.residual;
-            state.factor.solve(du, 1, &mut workspace.solve);
-            add(1.0, du, &mut workspace.predicted);
+            add(1.0, &workspace.preconditioned, &mut workspace.predicted);
         } else {
-            (report.cg_iterations, report.cg_residual) = self.iterate(state, workspace);
+            (report.cg_iterations, report.cg_residual) =
+                self.iterate(state, workspace, report.residual_j);
         }
         report
     }
@@ -179,33 +188,23 @@ impl CorotationalTissue {
         }
     }
 
-    /// Conjugate gradients for K du = residual with the stale factor, added to `predicted`. Ends early
-    /// where the tangent has no positive curvature. Iterations, and the share of the residual left.
+    /// Conjugate gradients for K du = residual with the stale factor, added to `predicted`; the
+    /// residual has been preconditioned, `first` is its square. Ends early where the tangent has no
+    /// positive curvature. Iterations, and the residual before the last in units of the first.
     fn iterate(
         &self,
         state: &CorotationalState,
         workspace: &mut CorotationalWorkspace,
+        first: f64,
     ) -> (u32, f64) {
         self.find_twist(workspace, state.tangent);
         let unknowns = self.unknowns();
-        let start = dot(&workspace.residual, &workspace.residual).sqrt();
-        let (mut left, mut last_square) = (start, f64::INFINITY);
+        let enough = self.policy.cg_tolerance.powi(2) * first;
+        workspace.direction.as_flattened_mut()[..unknowns]
+            .copy_from_slice(&workspace.preconditioned);
+        let mut square = first;
         let mut iterations = 0;
-        while iterations < self.policy.cg_iterations && left > self.policy.cg_tolerance * start {
-            let z = &mut workspace.preconditioned;
-            z.copy_from_slice(&workspace.residual);
-            state.factor.solve(z, 1, &mut workspace.solve);
-            let square = dot(&workspace.residual, z);
-            let direction = &mut workspace.direction.as_flattened_mut()[..unknowns];
-            let keep = square / last_square;
-            for (direction, z) in direction.iter_mut().zip(z.iter()) {
-                *direction = if iterations == 0 {
-                    *z
-                } else {
-                    z + keep * *direction
-                };
-            }
-            last_square = square;
+        while square > 0.0 {
             self.multiply(workspace);
             let direction = &workspace.direction.as_flattened()[..unknowns];
             let product = &workspace.product.as_flattened()[..unknowns];
@@ -219,10 +218,23 @@ impl CorotationalTissue {
             let step = square / curvature;
             add(step, direction, &mut workspace.predicted);
             add(-step, product, &mut workspace.residual);
-            left = dot(&workspace.residual, &workspace.residual).sqrt();
             iterations += 1;
+            if iterations == self.policy.cg_iterations {
+                break;
+            }
+            precondition(state, workspace);
+            let next = dot(&workspace.residual, &workspace.preconditioned);
+            if next <= enough {
+                break;
+            }
+            let direction = &mut workspace.direction.as_flattened_mut()[..unknowns];
+            for (direction, z) in direction.iter_mut().zip(&workspace.preconditioned) {
+                *direction = z + next / square * *direction;
+            }
+            square = next;
         }
-        (iterations, if start > 0.0 { left / start } else { 0.0 })
+        let left = if first > 0.0 { square / first } else { 0.0 };
+        (iterations, left.sqrt())
     }
 
     /// Twist of every cell at the last update.
@@ -246,6 +258,15 @@ impl CorotationalTissue {
 }
 
 impl CorotationalState {
+    /// r0'du of the step since the last linearisation \[J\], r0 what was out of balance before it under
+    /// the present external force; `None` before the first.
+    fn work_of_step(&self, external: &[f64]) -> Option<f64> {
+        let forces = external.iter().zip(&self.last_force);
+        let steps = self.unknowns().iter().zip(&self.last_u);
+        let work = forces.zip(steps).map(|((f, g), (u, v))| (f - g) * (u - v));
+        self.linearised.then(|| work.sum())
+    }
+
     /// Largest turn of a cell since its tangent was factored \[rad\].
     fn rotation_since_refactor(&self) -> f64 {
         let cosine = self
@@ -258,6 +279,12 @@ impl CorotationalState {
     }
 }
 
+fn precondition(state: &CorotationalState, workspace: &mut CorotationalWorkspace) {
+    let z = &mut workspace.preconditioned;
+    z.copy_from_slice(&workspace.residual);
+    state.factor.solve(z, 1, &mut workspace.solve);
+}
+
 pub(super) fn dot(a: &[f64], b: &[f64]) -> f64 {
     a.iter().zip(b).map(|(a, b)| a * b).sum()
 }
@@ -267,10 +294,4 @@ pub(super) fn add(factor: f64, x: &[f64], to: &mut [f64]) {
     for (to, x) in to.iter_mut().zip(x) {
         *to += factor * x;
     }
-}
-
-/// Norm of a - b over the length of a.
-fn difference_norm(a: &[f64], b: &[f64]) -> f64 {
-    let squared = a.iter().zip(b).map(|(a, b)| (a - b) * (a - b));
-    squared.sum::<f64>().sqrt()
 }

@@ -18,8 +18,9 @@ pub struct CorotationalState {
     // Written by a linearisation.
     /// Rotation of each cell, (m).
     pub(super) rotations: Vec<UnitQuaternion<f64>>,
-    /// Internal force at the last linearisation \[N\], as `u`; `None` before the first.
-    pub(super) force: Vec<[f64; 3]>,
+    /// Displacement \[m\] and internal force \[N\] at the last linearisation, if there was one, (unknowns).
+    pub(super) last_u: Vec<f64>,
+    pub(super) last_force: Vec<f64>,
     pub(super) linearised: bool,
     /// Steps since the factor was made.
     pub(super) age: u32,
@@ -40,7 +41,8 @@ impl CorotationalState {
             unknowns: tissue.unknowns(),
             factored_rotations: rotations.clone(),
             rotations,
-            force: vec![[0.0; 3]; tissue.nodes()],
+            last_u: vec![0.0; tissue.unknowns()],
+            last_force: vec![0.0; tissue.unknowns()],
             linearised: false,
             age: 0,
             factor: tissue.rest_factor.clone(),
