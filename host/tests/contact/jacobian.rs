@@ -1,7 +1,7 @@
 //! The tangent against perturbed full solves, each detecting contact afresh.
 
 use crate::bench::{ARCH, Bench, Chance, RADIUS, at, ball, contact, force, pose};
-use nalgebra::{Matrix6, UnitQuaternion, Vector3};
+use nalgebra::{Matrix3, Matrix3x6, Matrix6, UnitQuaternion, Vector3};
 use sutura_host::tool::{Tool, ToolSample};
 
 #[test]
@@ -214,5 +214,42 @@ fn the_jacobian_is_exact_on_an_unstructured_cylinder() {
                 UnitQuaternion::from_scaled_axis(chance.vector() * 0.4),
             )
         },
+    );
+}
+
+/// A sphere's normals do not turn with it: about a grip aside of it, wrench and tangent are those at its
+/// centre, moved by the arm r: `J' T J + blockdiag(0, [F]x [r]x)` with `J = [I, -[r]x]`.
+#[test]
+fn a_sphere_feels_at_the_grip_what_it_feels_at_its_centre() {
+    let offset = [0.02, -0.01, -0.05];
+    let centre = Vector3::new(0.003, -0.002, RADIUS - 0.006);
+    let turn = UnitQuaternion::from_scaled_axis(Vector3::new(0.3, -0.5, 0.4));
+    let arm = turn * Vector3::from(offset);
+    let mut bench = Bench::slab(ball([0.0; 3]));
+    let (_, report) = bench.afresh(at(0.0, 0.0, 0.05), pose(centre, turn));
+    let there = contact(&report);
+    let mut bench = Bench::slab(ball(offset));
+    let (_, report) = bench.afresh(at(0.0, 0.0, 0.2), pose(centre - arm, turn));
+    let here = contact(&report);
+
+    let push = force(&there);
+    let stiffness = Matrix3::from_fn(|i, j| there.tangent[i][j]);
+    let mut rigid = Matrix3x6::zeros();
+    rigid.fixed_view_mut::<3, 3>(0, 0).fill_with_identity();
+    rigid
+        .fixed_view_mut::<3, 3>(0, 3)
+        .copy_from(&-arm.cross_matrix());
+    let mut expected = rigid.transpose() * stiffness * rigid;
+    let mut corner = expected.fixed_view_mut::<3, 3>(3, 3);
+    corner += push.cross_matrix() * arm.cross_matrix();
+    let found = Matrix6::from_fn(|i, j| here.tangent[i][j]);
+    assert!((found - expected).norm() < 1e-9 * expected.norm());
+    let moment = Vector3::from_column_slice(&here.wrench[3..]);
+    assert!((moment - arm.cross(&push)).norm() < 1e-9 * moment.norm());
+    let alone = Matrix6::from_fn(|i, j| there.tangent[i][j]);
+    let turning = alone.fixed_view::<6, 3>(0, 3).norm();
+    assert!(
+        turning < 1e-9 * stiffness.norm(),
+        "a turn about the centre does nothing"
     );
 }

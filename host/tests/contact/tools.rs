@@ -93,3 +93,24 @@ fn two_tools_may_touch_the_same_vertex() {
     println!("largest error {worst:.1e}");
     assert!(worst < 1e-6);
 }
+
+/// Two tools in one place leave open which of them pushes: a status, and the way back.
+#[test]
+fn two_tools_in_one_place_say_so() {
+    let (mesh, bottom) = slab_mesh();
+    let tools = [(0, ball([0.0; 3])), (5, ball([0.0; 3]))];
+    let mut bench = Bench::new(&mesh, &bottom, Loads::default(), &tools);
+    let mut state = State::new(&bench.model);
+    let mut both = |state: &mut State, z: f64| {
+        let sample = at(0.001, 0.0, z);
+        let samples = [sample, ToolSample { id: 5, ..sample }];
+        step(&bench.model, state, &samples, &mut bench.work)
+    };
+    assert_eq!(both(&mut state, 0.05).status, Status::Ok);
+    assert_eq!(
+        both(&mut state, RADIUS - 0.004).status,
+        Status::NotConverged
+    );
+    let air = both(&mut state, 0.05);
+    assert_eq!((air.status, air.rows), (Status::Ok, 0));
+}
