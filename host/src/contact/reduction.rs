@@ -19,9 +19,9 @@ use nalgebra::{Matrix6, Vector3};
 pub const MAX_TOOL_ROWS: usize = 24;
 
 /// Rows of one tool at a balance: `delta = delta_m + J dq + W (lambda - lambda_n)`, and
-/// 0 <= lambda _|_ delta >= 0. The wrench changes by `J' (lambda - lambda_n)` and by
-/// `(T + J_a' W_aa^-1 J_a) dq`, T the contact's tangent and a the rows that touch: as long as none
-/// switches, by `T dq`.
+/// 0 <= lambda _|_ delta >= 0. The wrench changes by `M dq + J' (lambda - lambda_n)`, and its skew part by
+/// the moment as in the tangent. While no row switches that is the tangent: with a the rows that touch,
+/// its symmetric part is `M - J_a' W_aa^-1 J_a`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ToolRows {
     /// Which tool.
@@ -41,6 +41,8 @@ pub struct ToolRows {
     pub jacobian: [[f64; 6]; MAX_TOOL_ROWS],
     /// W, upper triangle by rows, (count (count + 1) / 2) \[m/N\].
     pub compliance: [f64; MAX_TOOL_ROWS * (MAX_TOOL_ROWS + 1) / 2],
+    /// M: symmetric part of d wrench / d pose with all multipliers held, (6 x 6) \[N/m, N, N m/rad\].
+    pub held: [[f64; 6]; 6],
     /// Of the balance: as the step reports it.
     pub residual: f64,
     /// How fast forces fade at a held pose \[1/s\]: 0, tissue without viscosity.
@@ -56,6 +58,7 @@ impl ToolRows {
         lambda_n: [0.0; MAX_TOOL_ROWS],
         jacobian: [[0.0; 6]; MAX_TOOL_ROWS],
         compliance: [0.0; MAX_TOOL_ROWS * (MAX_TOOL_ROWS + 1) / 2],
+        held: [[0.0; 6]; 6],
         residual: 0.0,
         relaxation_per_s: 0.0,
     };
@@ -95,6 +98,8 @@ pub(crate) struct Reduction {
     /// Of the rows condensed out: factor of their W, and its answer to the others, (o x (m + 6)).
     others: Vec<f64>,
     shares: Vec<f64>,
+    /// M.
+    held: Matrix6<f64>,
 }
 
 /// Whose rows, and where to look for those that do not touch yet.
@@ -134,6 +139,7 @@ impl Reduction {
             jacobian: vec![0.0; 6 * m],
             others: vec![0.0; m * m],
             shares: vec![0.0; m * (MAX_TOOL_ROWS + 6)],
+            held: Matrix6::zeros(),
         }
     }
 
@@ -267,6 +273,11 @@ impl Reduction {
             self.yields[..6 * n].copy_from_slice(&pose.turned[..6 * n]);
             newton.dense.solve(tissue, n, &mut self.yields[..6 * n], 6);
         }
+        self.held = pose.held;
+        for (i, j) in (0..36).map(|entry| (entry / 6, entry % 6)) {
+            let (turned, yields) = (&pose.turned[n * i..], &self.yields[n * j..]);
+            self.held[(i, j)] += dot(&turned[..n], &yields[..n]);
+        }
         let mut free = 0;
         for (j, column) in self.candidates.iter().enumerate() {
             let answer = &self.answers[n * j..n * (j + 1)];
@@ -320,6 +331,10 @@ impl Reduction {
         }
         let shares = &mut self.shares[..out * columns];
         dense.solve(&self.others[..out * out], out, shares, columns);
+        for (i, j) in (0..36).map(|entry| (entry / 6, entry % 6)) {
+            let jacobian = &self.jacobian[m * i + kept..m * (i + 1)];
+            self.held[(i, j)] -= dot(jacobian, &shares[out * (kept + j)..out * (kept + j + 1)]);
+        }
         for i in 0..kept {
             // W is symmetric: its column i holds row i.
             let (first, others) = self.compliance[m * i..m * (i + 1)].split_at_mut(kept);
@@ -368,6 +383,7 @@ impl Reduction {
     fn write(&self, kept: usize, out: &mut ToolRows) {
         let m = self.candidates.len();
         out.count = kept;
+        out.held = ((self.held + self.held.transpose()) * 0.5).into();
         let mut packed = 0;
         for (i, row) in self.candidates[..kept].iter().enumerate() {
             out.id[i] = row.vertex;

@@ -159,7 +159,7 @@ impl Section {
 
     fn touch(&self) -> Option<Touch> {
         let distance = self.distance();
-        if !distance.is_finite() {
+        if !(self.radius + self.beyond_end).is_finite() {
             return None;
         }
         let gap = distance - self.fillet;

@@ -31,8 +31,9 @@ pub enum Status {
     Waiting,
     /// The tool moved farther than one step follows; the next step goes on from where this one ended.
     Behind,
-    /// No stable balance found: too deep (about a radius), where the tissue would slip around the tool;
-    /// the state stays at the last pose that had one.
+    /// No stable balance found: about a radius deep, where symmetry leaves open to which side the tissue
+    /// slips around a sphere, or two tools that press one vertex the same way. The state stays at the last
+    /// pose that had a balance.
     NotConverged,
     /// More vertices touched than a step has room for; as `NotConverged`.
     TooManyRows,

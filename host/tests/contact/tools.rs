@@ -1,0 +1,116 @@
+//! Several tools on one tissue.
+
+use crate::bench::{Bench, RADIUS, at, ball, contact, force, pose, slab_mesh};
+use nalgebra::{UnitQuaternion, Vector3};
+use sutura_host::fem::Loads;
+use sutura_host::step::{State, Status, step};
+use sutura_host::tool::{Tool, ToolSample};
+
+#[test]
+fn two_tools_feel_each_other_through_the_tissue() {
+    let (mesh, bottom) = slab_mesh();
+    let tool = ball([0.0; 3]);
+    let mut bench = Bench::new(&mesh, &bottom, Loads::default(), &[(0, tool), (5, tool)]);
+    let left = at(-0.018, 0.0, RADIUS - 0.005);
+    let right = ToolSample {
+        id: 5,
+        ..at(0.018, 0.0, RADIUS - 0.005)
+    };
+    let mut state = State::new(&bench.model);
+    let both = step(&bench.model, &mut state, &[right, left], &mut bench.work);
+    assert_eq!((both.status, both.contacts().len()), (Status::Ok, 2));
+    let [first, second] = both.contacts() else {
+        panic!("two contacts")
+    };
+    assert_eq!((first.id, second.id), (5, 0));
+    let mirrored = Vector3::new(-1.0, 1.0, 1.0).component_mul(&force(second));
+    assert!((force(first) - mirrored).norm() < 1e-9 * force(first).norm());
+    // The right one lifts off: the left one is alone and feels something else.
+    let one = step(&bench.model, &mut state, &[left], &mut bench.work);
+    let alone = force(&contact(&one));
+    assert!((alone - force(second)).norm() > 1e-3 * alone.norm());
+    let mut fresh = State::new(&bench.model);
+    let fresh = step(&bench.model, &mut fresh, &[left], &mut bench.work);
+    assert!((alone - force(&contact(&fresh))).norm() < 1e-9 * alone.norm());
+}
+
+/// The tangent of one tool while another presses some of the same vertices and stays where it is.
+#[test]
+fn two_tools_may_touch_the_same_vertex() {
+    let (mesh, bottom) = slab_mesh();
+    let offset = [0.01, 0.0, -0.02];
+    let tools = [(0, Tool::sphere(RADIUS, offset)), (5, ball([0.0; 3]))];
+    let mut bench = Bench::new(&mesh, &bottom, Loads::default(), &tools);
+    let other = ToolSample {
+        id: 5,
+        ..at(0.0045, 0.001, RADIUS - 0.005)
+    };
+    let grip = Vector3::new(-0.0045, 0.0, RADIUS - 0.0055) - Vector3::from(offset);
+    let mut solve = |sample: ToolSample| {
+        let mut state = State::new(&bench.model);
+        let air = at(0.0, 0.0, 0.1);
+        step(
+            &bench.model,
+            &mut state,
+            &[air, ToolSample { id: 5, ..air }],
+            &mut bench.work,
+        );
+        let report = step(&bench.model, &mut state, &[sample, other], &mut bench.work);
+        assert_eq!(report.status, Status::Ok);
+        bench.assert_balanced(&state, &[sample, other]);
+        let mut nodes: Vec<u32> = state.contact_forces(&bench.model).map(|at| at.0).collect();
+        nodes.sort_unstable();
+        (contact(&report), nodes)
+    };
+    let (here, nodes) = solve(pose(grip, UnitQuaternion::identity()));
+    let shared = nodes.windows(2).filter(|pair| pair[0] == pair[1]).count();
+    println!("{} touches, {shared} vertices twice", nodes.len());
+    assert!(shared > 0, "no vertex is touched by both");
+    let h = [2e-6, 1e-4];
+    let mut worst = 0.0f64;
+    for axis in 0..6 {
+        let step = h[axis / 3];
+        let mut by = Vector3::zeros();
+        by[axis % 3] = step;
+        let wrenches = [-2.0, -1.0, 1.0, 2.0].map(|way| {
+            let (dx, turn) = if axis < 3 {
+                (by * way, Vector3::zeros())
+            } else {
+                (Vector3::zeros(), by * way)
+            };
+            let (contact, touched) = solve(pose(grip + dx, UnitQuaternion::from_scaled_axis(turn)));
+            assert_eq!(touched, nodes, "a switch");
+            contact.wrench
+        });
+        let [mm, m, p, pp] = wrenches;
+        for row in 0..6 {
+            let expected = (8.0 * (p[row] - m[row]) - (pp[row] - mm[row])) / (12.0 * step);
+            // Each block against the size that the arm gives it.
+            let size = here.tangent[2][2].abs() * 0.02f64.powi((row / 3 + axis / 3) as i32);
+            worst = worst.max((here.tangent[row][axis] - expected).abs() / size);
+        }
+    }
+    println!("largest error {worst:.1e}");
+    assert!(worst < 1e-6);
+}
+
+/// Two tools in one place leave open which of them pushes: a status, and the way back.
+#[test]
+fn two_tools_in_one_place_say_so() {
+    let (mesh, bottom) = slab_mesh();
+    let tools = [(0, ball([0.0; 3])), (5, ball([0.0; 3]))];
+    let mut bench = Bench::new(&mesh, &bottom, Loads::default(), &tools);
+    let mut state = State::new(&bench.model);
+    let mut both = |state: &mut State, z: f64| {
+        let sample = at(0.001, 0.0, z);
+        let samples = [sample, ToolSample { id: 5, ..sample }];
+        step(&bench.model, state, &samples, &mut bench.work)
+    };
+    assert_eq!(both(&mut state, 0.05).status, Status::Ok);
+    assert_eq!(
+        both(&mut state, RADIUS - 0.004).status,
+        Status::NotConverged
+    );
+    let air = both(&mut state, 0.05);
+    assert_eq!((air.status, air.rows), (Status::Ok, 0));
+}
