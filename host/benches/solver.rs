@@ -93,4 +93,8 @@ library_benchmark_group!(
     name = solver,
     benchmarks = [palpation_step, tissue_factor, compliance_column]
 );
-main!(library_benchmark_groups = solver);
+main!(
+    // Instructions are what is compared; caches would only take time.
+    config = LibraryBenchmarkConfig::default().tool(Callgrind::with_args(["--cache-sim=no"])),
+    library_benchmark_groups = solver
+);
