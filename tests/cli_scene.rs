@@ -135,7 +135,7 @@ fn the_text_says_the_same_for_people() {
     assert_eq!(ran.code, 0, "{}", ran.stderr);
     for words in [
         "linear tissue, factored",
-        "contact of tool 0",
+        "contact of tool 0, sphere",
         "us / step",
         "not built",
         "needle",
@@ -148,6 +148,26 @@ fn the_text_says_the_same_for_people() {
         "{}",
         ran.stdout
     );
+}
+
+/// The held punch presses on the tissue all the time that the console's sphere goes about; both share the
+/// step's rows.
+#[test]
+fn a_session_steps_the_tools_that_are_held_too() {
+    let two = "scenes/two-tools.toml";
+    let ran = sutura(&["run", two, "--lockstep", "--format", "json"]);
+    assert_eq!(ran.code, 0, "{}", ran.stderr);
+    let object = json(&ran);
+    let scene = &object["scene"];
+    assert!(scene["peak"]["force_n"].as_f64() > Some(0.5), "{scene}");
+    let held = &scene["held"][0];
+    assert_eq!(held["tool"], 1, "{scene}");
+    assert!(
+        held["force_n"][2].as_f64() < Some(-0.5),
+        "pushes down: {scene}"
+    );
+    assert!(held["rows"].as_u64() > Some(10), "{scene}");
+    assert_eq!(scene["held"].as_array().map(Vec::len), Some(1));
 }
 
 /// Paths of all scenes that ship.

@@ -7,11 +7,13 @@
     reason = "in what the macros write"
 )]
 
+use gungraun::Callgrind;
 use gungraun::prelude::*;
 use std::hint::black_box;
 use std::path::Path;
 use sutura_host::fem::LinearTissue;
 use sutura_host::model::Model;
+use sutura_host::rows::{self, Method, Outcome, Problem, Row, RowKind};
 use sutura_host::scene::{Document, Scene};
 use sutura_host::step::{State, StepReport, Workspace, step};
 use sutura_host::tool::ToolSample;
@@ -89,8 +91,61 @@ fn compliance_column((model, state, mut work): Solver) -> (Solver, usize) {
     ((model, state, work), black_box(count))
 }
 
+/// Rows of the suture that the suite is about.
+const ROWS: usize = 150;
+
+struct Dense {
+    rows: Vec<Row>,
+    compliance: Vec<f64>,
+    delta_free: Vec<f64>,
+    state: rows::State,
+    work: rows::Workspace,
+}
+
+/// Equality rows on a compliance that falls off along a line, as between neighbouring stitches.
+fn stitches() -> Dense {
+    let near = |i: usize, j: usize| 1e-3 * (-(i.abs_diff(j) as f64) / 10.0).exp();
+    let row = |id: usize| Row {
+        id: id as u64,
+        kind: RowKind::Equality,
+    };
+    Dense {
+        rows: (0..ROWS).map(row).collect(),
+        compliance: (0..ROWS * ROWS).map(|k| near(k / ROWS, k % ROWS)).collect(),
+        delta_free: (0..ROWS).map(|i| 1e-3 * (i as f64).sin()).collect(),
+        state: rows::State::new(ROWS),
+        work: rows::Workspace::new(ROWS),
+    }
+}
+
+#[library_benchmark]
+#[bench::stitches(setup = stitches)]
+fn dense_factor_150(mut dense: Dense) -> (Dense, Outcome) {
+    let problem = Problem {
+        rows: &dense.rows,
+        compliance: &dense.compliance,
+        delta_free: &dense.delta_free,
+    };
+    let outcome = rows::solve(
+        &problem,
+        Method::ActiveSet,
+        &mut dense.state,
+        &mut dense.work,
+    );
+    (dense, black_box(outcome))
+}
+
 library_benchmark_group!(
     name = solver,
-    benchmarks = [palpation_step, tissue_factor, compliance_column]
+    benchmarks = [
+        palpation_step,
+        dense_factor_150,
+        tissue_factor,
+        compliance_column
+    ]
 );
-main!(library_benchmark_groups = solver);
+main!(
+    // Instructions are what is compared; caches would only take time.
+    config = LibraryBenchmarkConfig::default().tool(Callgrind::with_args(["--cache-sim=no"])),
+    library_benchmark_groups = solver
+);

@@ -8,6 +8,7 @@ use crate::scene::{HostSettings, Pose, Scene, SceneError, Tissue, position_at};
 use crate::session::TissueSolver;
 use crate::solve::{SolveError, sample};
 use crate::step::{Status, StepReport};
+use crate::tool::Shape;
 use serde::Serialize;
 use std::time::{Duration, Instant};
 
@@ -84,8 +85,10 @@ impl Component {
 pub fn explain(scene: &Scene) -> Result<Vec<Component>, SolveError> {
     let path = hand_path(scene);
     let mut solver = TissueSolver::new(scene)?;
-    let before = solver.parts().2.cache_bytes();
-    let (prepared, preparing) = timed(|| solver.prepare(&path));
+    // Held tools have come to touch some already.
+    let before = solver.prepare(&[]);
+    let (there, preparing) = timed(|| solver.prepare(&path));
+    let prepared = (there - before) as u32;
     let walk: Vec<(StepReport, Duration)> = match solver.driven() {
         Some(id) => path
             .iter()
@@ -102,9 +105,8 @@ pub fn explain(scene: &Scene) -> Result<Vec<Component>, SolveError> {
 
     let mut parts = tissue(scene)?;
     let (model, state, work) = solver.parts();
-    parts.push(columns(scene, work.cache_bytes(), {
-        (prepared > 0 && before == 0).then(|| preparing / prepared as u32)
-    }));
+    let per_vertex = (prepared > 0).then(|| preparing / prepared);
+    parts.push(columns(scene, work.cache_bytes(), per_vertex));
     parts.extend(contacts(scene, &walk));
     parts.push(handles(scene));
     parts.push(loads(scene));
@@ -230,7 +232,11 @@ fn contacts(scene: &Scene, walk: &[(StepReport, Duration)]) -> Vec<Component> {
     }
     let mut parts = Vec::new();
     for tool in &scene.tools {
-        let name = format!("contact of tool {}", tool.id);
+        let shape = match tool.shape.shape {
+            Shape::Sphere { .. } => "sphere",
+            Shape::FlatPunch { .. } => "flat punch",
+        };
+        let name = format!("contact of tool {}, {shape}", tool.id);
         if !tool.driven && tool.pose.is_none() {
             let why = "neither driven nor held: no `driven = true`, no `position_m`";
             parts.push(Component::absent(name, why));
@@ -415,10 +421,13 @@ way_point = [{ time_s = 0.0, position_m = [0.0, 0.0, 0.04] }, { time_s = 0.4, po
         let parts = parts(&text);
         let rows = |name: &str| part(&parts, name).rows.unwrap_or(0);
         assert!(
-            rows("contact of tool 0") > 0 && rows("contact of tool 7") > 0,
+            rows("contact of tool 0, sphere") > 0 && rows("contact of tool 7, sphere") > 0,
             "{parts:#?}"
         );
-        assert!(rows("step") >= rows("contact of tool 0").max(rows("contact of tool 7")));
+        assert!(
+            rows("step")
+                >= rows("contact of tool 0, sphere").max(rows("contact of tool 7, sphere"))
+        );
         let step = part(&parts, "step");
         assert!(step.us > Some(0.0) && step.per == Some("step"), "{step:?}");
         let columns = part(&parts, "compliance columns");

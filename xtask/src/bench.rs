@@ -102,5 +102,22 @@ fn count() -> Result<BTreeMap<String, u64>> {
 /// Name and instructions of one bench.
 fn read(summary: &Value) -> Option<(String, u64)> {
     let name = summary["function_name"].as_str()?;
-    todo_placeholder!(name)
+    let metrics = &summary["profiles"][0]["data"]["total"]["metrics"];
+    let instructions = metrics["Ir"]["values"]["new"].as_u64()?;
+    Some((name.to_owned(), instructions))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// As gungraun-runner 0.20.0 prints it, shortened.
+    #[test]
+    fn the_count_is_found_in_what_the_runner_prints() {
+        let line = r#"{"function_name":"tissue_factor","id":"slab","profiles":[{"data":{"parts":[],
+            "total":{"metrics":{"Dr":{"values":{"new":7}},"Ir":{"values":{"new":587426,"old":5}}}}}}]}"#;
+        let summary: Value = serde_json::from_str(line).expect("JSON");
+        assert_eq!(read(&summary), Some(("tissue_factor".to_owned(), 587_426)));
+        assert_eq!(read(&Value::Null), None);
+    }
 }

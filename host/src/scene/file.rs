@@ -218,17 +218,40 @@ impl Cuboid {
     }
 }
 
-/// `[[tool]]`: a sphere on the grip.
+/// Shapes of tools by name.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum ToolShape {
+    /// A ball.
+    #[default]
+    Sphere,
+    /// A round bar that ends in a flat face with a rounded rim.
+    FlatPunch,
+}
+
+/// `[[tool]]`: a rigid shape on a grip.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ToolSection {
     /// Number on the wire; its place in the list when left out.
     #[schemars(with = "Option<u8>")]
     pub id: Option<Spanned<u8>>,
-    /// Radius of the sphere \[m\].
+    /// What touches.
+    #[serde(default)]
+    pub shape: ToolShape,
+    /// Radius of the sphere or of the punch's bar \[m\].
     #[schemars(with = "f64")]
     pub radius_m: Spanned<f64>,
-    /// Centre of the sphere in the grip's frame \[m\], (3).
+    /// Radius of a punch's rounded rim \[m\]; a tenth of its radius when left out.
+    #[schemars(with = "Option<f64>")]
+    pub fillet_m: Option<Spanned<f64>>,
+    /// Length of a punch's bar behind its face \[m\]; four radii when left out.
+    #[schemars(with = "Option<f64>")]
+    pub length_m: Option<Spanned<f64>>,
+    /// Where a punch's face looks in the grip's frame, of any length, (3); down when left out.
+    #[schemars(with = "Option<[f64; 3]>")]
+    pub axis: Option<Spanned<[f64; 3]>>,
+    /// Centre of the sphere, or of the punch's face, in the grip's frame \[m\], (3).
     #[schemars(with = "Option<[f64; 3]>")]
     pub offset_m: Option<Spanned<[f64; 3]>>,
     /// Whether the console's grip carries this tool, as one tool in a scene; the first when no tool says so.

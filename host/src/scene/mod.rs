@@ -10,6 +10,7 @@ mod read;
 mod region;
 mod schema;
 mod select;
+mod tools;
 
 pub use device::{BUILT_IN as BUILT_IN_DEVICES, read_device};
 pub use document::{Document, Flaw, SceneError};

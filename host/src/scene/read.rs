@@ -3,17 +3,15 @@
 //! Entry point: [`Scene::read`]. The first thing that is wrong ends it, with its place in the file.
 
 use super::device::find_device;
-use super::document::{Document, Flaw, SceneError};
-use super::file::{
-    HandleSection, LoadSection, MeshSection, SceneFile, TissueModel, TissueSection, ToolSection,
-};
+use super::document::{Document, SceneError};
+use super::file::{HandleSection, LoadSection, MeshSection, SceneFile, TissueModel, TissueSection};
 use super::hand::hand_script;
 use super::region::read_materials;
 use super::select::{check_nodes, select};
-use super::{Corotational, HostSettings, Pose, Scene, Tissue, Tool};
+use super::tools::read_tools;
+use super::{Corotational, HostSettings, Scene, Tissue};
 use crate::fem::{Anchor, Handle, Loads, NodeLoad};
 use crate::mesh::{self, MeshError, TetMesh};
-use crate::tool;
 use toml::Spanned;
 
 /// Length of a session when the scene does not say \[s\].
@@ -237,132 +235,6 @@ fn read_tissue(document: &Document, section: &TissueSection) -> Result<Tissue, S
         refactor_every: refactor_every.map(|steps| *steps.get_ref()),
         cg_iterations: settings.cg_iterations.as_ref().map(|n| *n.get_ref()),
     }))
-}
-
-fn read_tools(
-    document: &Document,
-    sections: &[ToolSection],
-    mesh: &TetMesh,
-    warnings: &mut Vec<Flaw>,
-) -> Result<Vec<Tool>, SceneError> {
-    let edge_m = mesh.surface().mean_edge_m;
-    let driven = driven_tool(document, sections)?;
-    let mut tools: Vec<Tool> = Vec::with_capacity(sections.len());
-    for (place, section) in sections.iter().enumerate() {
-        let help = "the radius of the sphere that touches the tissue, in metres; 0 is a bare point";
-        let radius_m = &section.radius_m;
-        let radius_m =
-            document.number("radius_m", radius_m, "zero or positive", |r| r >= 0.0, help)?;
-        if radius_m < 3.0 * edge_m {
-            warnings.push(point_tool(document, section, radius_m, edge_m));
-        }
-        let id = section.id.as_ref().map_or(place as u8, |id| *id.get_ref());
-        if tools.iter().any(|other| other.id == id) {
-            let span = section
-                .id
-                .as_ref()
-                .map_or_else(|| section.radius_m.span(), |id| id.span());
-            let help = "give every tool an `id` of its own, 0 to 255";
-            let message = format!("two tools have the id {id}");
-            return Err(document.flaw(span, message, "the second", Some(help)));
-        }
-        let offset_m = match &section.offset_m {
-            Some(offset) => document.finite("offset_m", offset)?,
-            None => [0.0; 3],
-        };
-        let pose = read_pose(document, section)?;
-        let driven = driven == place;
-        if !driven && pose.is_none() {
-            let message = format!("tool {id} is neither driven by the console nor held");
-            let help = "add `position_m` where it is to be held, or leave the tool out";
-            let at = section.radius_m.span();
-            warnings.push(document.warning(at, &message, "touches nothing", help));
-        }
-        tools.push(Tool {
-            id,
-            shape: tool::Tool::sphere(radius_m, offset_m),
-            driven,
-            pose,
-        });
-    }
-    Ok(tools)
-}
-
-/// Place in the list of the tool that the console's grip carries.
-fn driven_tool(document: &Document, sections: &[ToolSection]) -> Result<usize, SceneError> {
-    let said = |section: &ToolSection| section.driven.as_ref().map(|driven| *driven.get_ref());
-    let is_driven = |section: &&ToolSection| said(section) == Some(true);
-    if let Some(second) = sections.iter().filter(is_driven).nth(1) {
-        let message = "two tools are driven, but the console has one grip";
-        let help = "let one tool be driven, and hold the others at their `position_m`";
-        let span = second.driven.as_ref().map_or(0..0, Spanned::span);
-        return Err(document.flaw(span, message, "the second", Some(help)));
-    }
-    let driven = sections
-        .iter()
-        .position(|section| said(section) == Some(true))
-        .or_else(|| sections.iter().position(|section| said(section).is_none()));
-    match (
-        driven,
-        sections.first().and_then(|first| first.driven.as_ref()),
-    ) {
-        (Some(place), _) => Ok(place),
-        // Without tools there is nothing to drive.
-        (None, None) => Ok(0),
-        (None, Some(refused)) => {
-            let message = "no tool is driven";
-            let help = "leave `driven` out of the tool that the console's grip carries";
-            Err(document.flaw(refused.span(), message, "nor is any other", Some(help)))
-        }
-    }
-}
-
-/// A tool that touches about one vertex feels the mesh, not the tissue.
-fn point_tool(document: &Document, section: &ToolSection, radius_m: f64, edge_m: f64) -> Flaw {
-    let message = format!(
-        "a tool of {:.1} mm radius is a bare point for this mesh, whose edges are {:.1} mm long",
-        radius_m * 1e3,
-        edge_m * 1e3
-    );
-    let help = format!(
-        "the stiffness felt is then an artefact of the mesh (it falls towards 0 under refinement): use a radius of at least {:.4} m, three edges, or a finer mesh",
-        3.0 * edge_m
-    );
-    document.warning(
-        section.radius_m.span(),
-        &message,
-        "touches few vertices",
-        &help,
-    )
-}
-
-fn read_pose(document: &Document, section: &ToolSection) -> Result<Option<Pose>, SceneError> {
-    let orientation = match &section.orientation {
-        Some(value) => {
-            let q = document.finite("orientation", value)?;
-            let norm = q.iter().map(|v| v * v).sum::<f64>().sqrt();
-            if (norm - 1.0).abs() > 1e-3 {
-                let message = format!("orientation: a quaternion of length {norm:.4}");
-                let help =
-                    "a rotation is a unit quaternion (x, y, z, w); none is [0.0, 0.0, 0.0, 1.0]";
-                return Err(document.flaw(value.span(), message, "must have length 1", Some(help)));
-            }
-            q.map(|v| v / norm)
-        }
-        None => [0.0, 0.0, 0.0, 1.0],
-    };
-    match (&section.position_m, &section.orientation) {
-        (Some(position), _) => Ok(Some(Pose {
-            position_m: document.finite("position_m", position)?,
-            orientation,
-        })),
-        (None, Some(value)) => {
-            let message = "an orientation without a position";
-            let help = "both say where `sutura solve` holds the grip: add `position_m`";
-            Err(document.flaw(value.span(), message, "no position_m", Some(help)))
-        }
-        (None, None) => Ok(None),
-    }
 }
 
 fn read_handle(

@@ -123,6 +123,31 @@ fn a_scene_needs_only_tissue_and_what_holds_it() {
 }
 
 #[test]
+fn a_flat_punch_arrives_with_its_own_choices_where_nothing_is_said() {
+    use crate::tool::{self, Shape};
+    let shape = |keys: &str| {
+        let text = GOOD.replace(
+            "radius_m = 0.05",
+            &format!("shape = \"flat-punch\"\n{keys}"),
+        );
+        read(&text).expect("good").tools[0].shape
+    };
+    let said = "radius_m = 0.05\nfillet_m = 0.004\nlength_m = 0.02\naxis = [0.0, -2.0, 0.0]";
+    let expected = tool::Tool {
+        shape: Shape::FlatPunch {
+            radius_m: 0.05,
+            fillet_m: 0.004,
+            length_m: 0.02,
+        },
+        offset_m: [0.0, 0.0, -0.01],
+        axis: [0.0, -1.0, 0.0],
+    };
+    assert_eq!(shape(said), expected);
+    let unsaid = tool::Tool::new(Shape::flat_punch(0.05, 0.2), [0.0, 0.0, -0.01]);
+    assert_eq!(shape("radius_m = 0.05"), unsaid);
+}
+
+#[test]
 fn one_tool_is_driven_and_the_others_are_held() {
     let second = "[[tool]]\nid = 9\nradius_m = 0.05\n";
     let held = format!("{second}position_m = [0.0, 0.0, -0.08]\n");
@@ -361,6 +386,48 @@ const SLIPS: &[Slip] = &[
         message: "refactor_every = 0: must be 1 or more",
         under: "0",
         help: "every step",
+    },
+    Slip {
+        from: "radius_m = 0.05",
+        to: "radius_m = 0.05\nfillet_m = 0.01",
+        message: "a sphere has no fillet",
+        under: "0.01",
+        help: "add `shape = \"flat-punch\"`",
+    },
+    Slip {
+        from: "radius_m = 0.05",
+        to: "shape = \"flat-puch\"\nradius_m = 0.05",
+        message: "unknown value `flat-puch`",
+        under: "\"flat-puch\"",
+        help: "did you mean `flat-punch`?",
+    },
+    Slip {
+        from: "radius_m = 0.05",
+        to: "shape = \"flat-punch\"\nradius_m = 0.0",
+        message: "radius_m = 0: must be positive",
+        under: "0.0",
+        help: "",
+    },
+    Slip {
+        from: "radius_m = 0.05",
+        to: "shape = \"flat-punch\"\nradius_m = 0.05\nfillet_m = 0.06",
+        message: "fillet_m = 0.06: must be more than 0 and at most the radius",
+        under: "0.06",
+        help: "rounded",
+    },
+    Slip {
+        from: "radius_m = 0.05",
+        to: "shape = \"flat-punch\"\nradius_m = 0.05\nlength_m = 0.009",
+        message: "length_m = 0.009: must be at least two fillets",
+        under: "0.009",
+        help: "both ends",
+    },
+    Slip {
+        from: "radius_m = 0.05",
+        to: "shape = \"flat-punch\"\nradius_m = 0.05\naxis = [0.0, 0.0, 0.0]",
+        message: "axis: a direction without length",
+        under: "[0.0, 0.0, 0.0]",
+        help: "down is",
     },
     Slip {
         from: "[[handle]]",

@@ -158,7 +158,7 @@ fn print_components(path: &Path, global: &Global) -> Result<(), Failure> {
     }
     say!("{}: {} tissue", scene.name, scene.tissue.word());
     let (built, absent): (Vec<_>, Vec<_>) = components.iter().partition(|part| part.built);
-    say!("\nbuilt                            rows     memory          time");
+    say!("\nbuilt                               rows     memory          time");
     for part in built {
         line(part);
     }
@@ -183,7 +183,7 @@ fn line(part: &Component) {
         _ => dash(),
     };
     say!(
-        "  {:<26} {rows:>8} {memory:>10} {time:>17}  {}",
+        "  {:<30} {rows:>7} {memory:>10} {time:>17}  {}",
         part.name,
         part.why
     );

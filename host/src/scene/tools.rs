@@ -1,0 +1,204 @@
+//! `[[tool]]`: shapes on grips, which of them the console drives, and where the others are held.
+//!
+//! Entry point: [`read_tools`].
+
+use super::document::{Document, Flaw, SceneError};
+use super::file::{ToolSection, ToolShape};
+use super::{Pose, Tool};
+use crate::mesh::TetMesh;
+use crate::model::LEAST_RADIUS_IN_EDGES;
+use crate::tool::{self, Shape};
+use nalgebra::Vector3;
+use toml::Spanned;
+
+/// Bars so much longer than wide end far from the tissue.
+const LENGTH_IN_RADII: f64 = 4.0;
+
+/// The tools of a scene, with different ids, one of them driven.
+///
+/// # Errors
+/// A flaw at what is wrong: a length, an id that is there already, a pose that is none, two driven tools.
+pub(super) fn read_tools(
+    document: &Document,
+    sections: &[ToolSection],
+    mesh: &TetMesh,
+    warnings: &mut Vec<Flaw>,
+) -> Result<Vec<Tool>, SceneError> {
+    let edge_m = mesh.surface().mean_edge_m;
+    let driven = driven_tool(document, sections)?;
+    let mut tools: Vec<Tool> = Vec::with_capacity(sections.len());
+    for (place, section) in sections.iter().enumerate() {
+        let shape = read_shape(document, section)?;
+        if shape.radius_m() < LEAST_RADIUS_IN_EDGES * edge_m {
+            warnings.push(point_tool(document, section, shape.radius_m(), edge_m));
+        }
+        let id = section.id.as_ref().map_or(place as u8, |id| *id.get_ref());
+        if tools.iter().any(|other| other.id == id) {
+            let span = section
+                .id
+                .as_ref()
+                .map_or_else(|| section.radius_m.span(), |id| id.span());
+            let help = "give every tool an `id` of its own, 0 to 255";
+            let message = format!("two tools have the id {id}");
+            return Err(document.flaw(span, message, "the second", Some(help)));
+        }
+        let pose = read_pose(document, section)?;
+        let driven = driven == place;
+        if !driven && pose.is_none() {
+            let message = format!("tool {id} is neither driven by the console nor held");
+            let help = "add `position_m` where it is to be held, or leave the tool out";
+            let at = section.radius_m.span();
+            warnings.push(document.warning(at, &message, "touches nothing", help));
+        }
+        tools.push(Tool {
+            id,
+            shape,
+            driven,
+            pose,
+        });
+    }
+    Ok(tools)
+}
+
+fn read_shape(document: &Document, section: &ToolSection) -> Result<tool::Tool, SceneError> {
+    let help = "the radius of the sphere or the bar that touches the tissue, in metres; a sphere of 0 is a bare point";
+    let (rule, least): (_, fn(f64) -> bool) = match section.shape {
+        ToolShape::Sphere => ("zero or positive", |r| r >= 0.0),
+        ToolShape::FlatPunch => ("positive", |r| r > 0.0),
+    };
+    let radius_m = document.number("radius_m", &section.radius_m, rule, least, help)?;
+    let offset_m = match &section.offset_m {
+        Some(offset) => document.finite("offset_m", offset)?,
+        None => [0.0; 3],
+    };
+    if section.shape == ToolShape::Sphere {
+        let lengths =
+            [&section.fillet_m, &section.length_m].map(|key| key.as_ref().map(Spanned::span));
+        let axis = section.axis.as_ref().map(Spanned::span);
+        if let Some(span) = lengths.into_iter().chain([axis]).flatten().next() {
+            let message = "a sphere has no fillet, length or axis";
+            let help = "add `shape = \"flat-punch\"`, or leave this key out";
+            return Err(document.flaw(span, message, "the shape is a sphere", Some(help)));
+        }
+        return Ok(tool::Tool::sphere(radius_m, offset_m));
+    }
+    let fillet_m = match &section.fillet_m {
+        Some(fillet) => document.number(
+            "fillet_m",
+            fillet,
+            "more than 0 and at most the radius",
+            |f| f > 0.0 && f <= radius_m,
+            "the punch's rim is rounded by this: a sharp one would cut real tissue, and has no normal",
+        )?,
+        None => tool::DEFAULT_FILLET * radius_m,
+    };
+    let length_m = match &section.length_m {
+        Some(length) => document.number(
+            "length_m",
+            length,
+            "at least two fillets",
+            |l| l >= 2.0 * fillet_m,
+            "the length of the bar behind the face, with a rounded rim at both ends",
+        )?,
+        None => LENGTH_IN_RADII * radius_m,
+    };
+    let axis = match &section.axis {
+        Some(axis) => {
+            let vector = Vector3::from(document.finite("axis", axis)?);
+            let Some(unit) = vector.try_normalize(1e-12) else {
+                let message = "axis: a direction without length";
+                let help =
+                    "where the punch's face looks in the grip's frame: down is [0.0, 0.0, -1.0]";
+                return Err(document.flaw(axis.span(), message, "no direction", Some(help)));
+            };
+            unit.into()
+        }
+        None => tool::Tool::DEFAULT_AXIS,
+    };
+    Ok(tool::Tool {
+        shape: Shape::FlatPunch {
+            radius_m,
+            fillet_m,
+            length_m,
+        },
+        offset_m,
+        axis,
+    })
+}
+
+/// Place in the list of the tool that the console's grip carries.
+fn driven_tool(document: &Document, sections: &[ToolSection]) -> Result<usize, SceneError> {
+    let said = |section: &ToolSection| section.driven.as_ref().map(|driven| *driven.get_ref());
+    let is_driven = |section: &&ToolSection| said(section) == Some(true);
+    if let Some(second) = sections.iter().filter(is_driven).nth(1) {
+        let message = "two tools are driven, but the console has one grip";
+        let help = "let one tool be driven, and hold the others at their `position_m`";
+        let span = second.driven.as_ref().map_or(0..0, Spanned::span);
+        return Err(document.flaw(span, message, "the second", Some(help)));
+    }
+    let driven = sections
+        .iter()
+        .position(|section| said(section) == Some(true))
+        .or_else(|| sections.iter().position(|section| said(section).is_none()));
+    match (
+        driven,
+        sections.first().and_then(|first| first.driven.as_ref()),
+    ) {
+        (Some(place), _) => Ok(place),
+        // Without tools there is nothing to drive.
+        (None, None) => Ok(0),
+        (None, Some(refused)) => {
+            let message = "no tool is driven";
+            let help = "leave `driven` out of the tool that the console's grip carries";
+            Err(document.flaw(refused.span(), message, "nor is any other", Some(help)))
+        }
+    }
+}
+
+/// A tool that touches about one vertex feels the mesh, not the tissue.
+fn point_tool(document: &Document, section: &ToolSection, radius_m: f64, edge_m: f64) -> Flaw {
+    let message = format!(
+        "a tool of {:.1} mm radius is a bare point for this mesh, whose edges are {:.1} mm long",
+        radius_m * 1e3,
+        edge_m * 1e3
+    );
+    let help = format!(
+        "the stiffness felt is then an artefact of the mesh (it falls towards 0 under refinement): use a radius of at least {:.4} m, three edges, or a finer mesh",
+        3.0 * edge_m
+    );
+    document.warning(
+        section.radius_m.span(),
+        &message,
+        "touches few vertices",
+        &help,
+    )
+}
+
+fn read_pose(document: &Document, section: &ToolSection) -> Result<Option<Pose>, SceneError> {
+    let orientation = match &section.orientation {
+        Some(value) => {
+            let q = document.finite("orientation", value)?;
+            let norm = q.iter().map(|v| v * v).sum::<f64>().sqrt();
+            if (norm - 1.0).abs() > 1e-3 {
+                let message = format!("orientation: a quaternion of length {norm:.4}");
+                let help =
+                    "a rotation is a unit quaternion (x, y, z, w); none is [0.0, 0.0, 0.0, 1.0]";
+                return Err(document.flaw(value.span(), message, "must have length 1", Some(help)));
+            }
+            q.map(|v| v / norm)
+        }
+        None => [0.0, 0.0, 0.0, 1.0],
+    };
+    match (&section.position_m, &section.orientation) {
+        (Some(position), _) => Ok(Some(Pose {
+            position_m: document.finite("position_m", position)?,
+            orientation,
+        })),
+        (None, Some(value)) => {
+            let message = "an orientation without a position";
+            let help = "both say where `sutura solve` holds the grip: add `position_m`";
+            Err(document.flaw(value.span(), message, "no position_m", Some(help)))
+        }
+        (None, None) => Ok(None),
+    }
+}
