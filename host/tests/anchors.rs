@@ -219,7 +219,7 @@ fn forces_after(solver: &mut AnchorSolver, steps: u64, each: impl Fn(&AnchorStep
 
 /// Few columns a step, a cache that must forget, or all at once: the same bits.
 #[test]
-fn neither_budget_nor_memory_changes_a_bit() {
+fn neither_budget_nor_threads_nor_memory_change_a_bit() {
     let (mesh, fixed) = block();
     let expected = forces_after(&mut linear(&mesh, &fixed, plenty()), 40, |report| {
         assert_eq!(report.status, AnchorStatus::Ok);
@@ -238,6 +238,15 @@ fn neither_budget_nor_memory_changes_a_bit() {
     });
     assert!(waited.get() >= 8, "it waited {} times", waited.get());
     assert_eq!(found, expected);
+
+    let tissue = Arc::new(LinearTissue::new(&mesh, SOFT, &fixed).expect("tissue"));
+    let reached = boundary(&mesh, &tissue);
+    let mut served = AnchorSolver::linear(tissue, &reached, plenty()).expect("a solver");
+    served.start_worker(&reached).expect("a thread");
+    let found = forces_after(&mut served, 40, |report| {
+        assert_eq!(report.vertices_computed, 0, "the worker does that");
+    });
+    assert_eq!(found, expected, "on another thread");
 
     let small = AnchorSettings {
         memory_bytes: 0,

@@ -209,6 +209,27 @@ impl AnchorSolver {
         })
     }
 
+    /// From now on a thread of its own computes columns: a step that needs one that is not there waits.
+    /// Only linear tissue keeps its columns long enough for that; nothing happens for other tissue.
+    ///
+    /// # Errors
+    /// What the system says when it has no thread to give.
+    pub fn start_worker(&mut self, reached: &[u32]) -> std::io::Result<()> {
+        if let Body::Linear { tissue, .. } = &self.body {
+            let none = Arc::new(HeldPoints::none());
+            self.columns.start_worker(tissue.clone(), none, reached)?;
+        }
+        Ok(())
+    }
+
+    /// Has the worker compute the columns of a node that anchors will soon name.
+    pub fn prefetch(&mut self, node: u32) {
+        let vertex = self.reached_of_node.get(node as usize);
+        if let Some(&vertex) = vertex.filter(|vertex| **vertex != UNREACHED) {
+            self.columns.request(vertex);
+        }
+    }
+
     /// Finds the forces of `rows`, which are in the order of their `anchors`; with `field` the
     /// displacement of all nodes, too. Allocates only while columns are new and memory is below its limit.
     pub fn step(&mut self, anchors: &[AnchorPoint], rows: &[AnchorRow], field: bool) -> AnchorStep {
@@ -363,6 +384,12 @@ impl AnchorSolver {
         }
         if self.missing.is_empty() {
             return true;
+        }
+        if self.columns.has_worker() {
+            for &vertex in &self.missing {
+                self.columns.request(vertex);
+            }
+            return false;
         }
         let budget = self
             .settings

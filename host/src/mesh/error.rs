@@ -260,6 +260,18 @@ pub enum MeshError {
         /// How many there are.
         count: usize,
     },
+    /// A tube with lengths or a number of divisions that make none.
+    #[error(
+        "a tube of radii {radii_m:?} m between {heights_m:?} m in {divisions:?} divisions is not possible: radii must be above zero and both pairs ascend, divisions be at least [1, 3, 1] and together at most 10,000,000 cubes"
+    )]
+    Tube {
+        /// Wanted inner and outer radius \[m\].
+        radii_m: [f64; 2],
+        /// Wanted heights \[m\].
+        heights_m: [f64; 2],
+        /// Wanted divisions.
+        divisions: [usize; 3],
+    },
     /// A slab with a size or a number of divisions that makes no cells.
     #[error(
         "a slab of {size_m:?} m in {divisions:?} divisions is not possible: sizes must be finite and above zero, divisions at least 1 and together at most 10,000,000 cubes"

@@ -25,7 +25,7 @@ pub use half_faces::{AroundEdge, HalfFaces};
 pub use msh::{read_msh, read_msh_raw};
 pub use read::{read_mesh, read_raw_mesh};
 pub use report::{EdgeLengths, MeshReport, Quality, RegionReport, mean_ratio};
-pub use structured::slab;
+pub use structured::{slab, tube};
 pub use surface::Surface;
 pub use tetgen::read_tetgen;
 pub use vtk::read_vtk;
@@ -128,6 +128,17 @@ impl TetMesh {
     /// The first [`MeshError`] found, naming the node or cell by its 0-based index.
     pub fn new(points_m: Vec<[f64; 3]>, cells: Vec<[u32; 4]>) -> Result<Self, MeshError> {
         RawMesh::new(points_m, cells, Vec::new()).check()
+    }
+
+    /// This mesh and another, not connected: its nodes and cells come first.
+    ///
+    /// # Errors
+    /// As [`Self::new`]; regions are not kept.
+    pub fn beside(&self, other: &Self) -> Result<Self, MeshError> {
+        let first = self.points_m.len() as u32;
+        let points_m = [self.points_m(), other.points_m()].concat();
+        let others = other.cells().iter().map(|cell| cell.map(|node| node + first));
+        Self::new(points_m, self.cells().iter().copied().chain(others).collect())
     }
 
     /// Node positions \[m\], (n x 3), world frame.

@@ -1,7 +1,8 @@
-//! A box of tetrahedra without a mesh generator.
+//! Boxes and tubes of tetrahedra without a mesh generator.
 //!
-//! Entry point: [`slab`]. Each cube is cut into six along its diagonal (Kuhn 1960), mirrored from
-//! cube to cube (Todd's J1): faces match, and the mesh is symmetric about every plane of nodes.
+//! Entry points: [`slab`], [`tube`]. Each cube is cut into six along its diagonal (Kuhn 1960); in a slab
+//! mirrored from cube to cube (Todd's J1): faces match, and the mesh is symmetric about every plane of
+//! nodes.
 
 use super::{MeshError, TetMesh};
 
@@ -87,6 +88,67 @@ pub fn slab(size_m: [f64; 3], divisions: [usize; 3]) -> Result<TetMesh, MeshErro
     TetMesh::new(points_m, cells)
 }
 
+/// A tube about the z axis between two radii and two heights \[m\], in `divisions` along radius,
+/// circumference and height; at least 3 around.
+///
+/// # Errors
+/// [`MeshError::Tube`] for lengths or divisions that make no tube.
+pub fn tube(
+    radii_m: [f64; 2],
+    heights_m: [f64; 2],
+    divisions: [usize; 3],
+) -> Result<TetMesh, MeshError> {
+    let [inner, outer] = radii_m;
+    let [low, high] = heights_m;
+    let cubes = divisions
+        .iter()
+        .try_fold(1usize, |cubes, &n| cubes.checked_mul(n));
+    let sound = outer.is_finite() && high.is_finite() && low.is_finite();
+    if !(sound && 0.0 < inner && inner < outer && low < high)
+        || divisions[1] < 3
+        || !cubes.is_some_and(|cubes| (1..=MOST_CUBES).contains(&cubes))
+    {
+        return Err(MeshError::Tube {
+            radii_m,
+            heights_m,
+            divisions,
+        });
+    }
+    let [nr, around, nz] = divisions;
+    let node = |[i, j, k]: [usize; 3]| (i + (nr + 1) * (j % around + around * k)) as u32;
+    let mut points_m = Vec::with_capacity((nr + 1) * around * (nz + 1));
+    for k in 0..=nz {
+        for j in 0..around {
+            for i in 0..=nr {
+                let radius = inner + (outer - inner) * i as f64 / nr as f64;
+                let (sin, cos) = (std::f64::consts::TAU * j as f64 / around as f64).sin_cos();
+                let z = low + (high - low) * k as f64 / nz as f64;
+                points_m.push([radius * cos, radius * sin, z]);
+            }
+        }
+    }
+    let mut cells = Vec::with_capacity(6 * nr * around * nz);
+    for k in 0..nz {
+        for j in 0..around {
+            for i in 0..nr {
+                for (path, positive) in PATHS {
+                    let mut corner = [i, j, k];
+                    let mut cell = [node(corner); 4];
+                    for (step, &axis) in path.iter().enumerate() {
+                        corner[axis] += 1;
+                        cell[step + 1] = node(corner);
+                    }
+                    if !positive {
+                        cell.swap(2, 3);
+                    }
+                    cells.push(cell);
+                }
+            }
+        }
+    }
+    TetMesh::new(points_m, cells)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -127,6 +189,29 @@ mod tests {
         for cell in &cells {
             assert!(cells.contains(&sorted(cell.map(mirror))));
             assert!(cells.contains(&sorted(cell.map(swap))));
+        }
+    }
+
+    /// The boundary is a torus, and the volume that of the polygon's ring.
+    #[test]
+    fn a_tube_is_closed_and_full() {
+        let (around, radii) = (12, [0.008, 0.011]);
+        let mesh = tube(radii, [0.003, 0.033], [2, around, 5]).expect("a tube");
+        let volume: f64 = mesh
+            .cells()
+            .iter()
+            .map(|cell| signed_volume(&mesh.corners(*cell)))
+            .sum();
+        let angle = std::f64::consts::TAU / around as f64;
+        let ring = 0.5 * around as f64 * angle.sin() * (radii[1].powi(2) - radii[0].powi(2));
+        assert!((volume / (ring * 0.03) - 1.0).abs() < 1e-12);
+        let surface = mesh.surface();
+        let (faces, vertices) = (surface.triangles.len(), surface.vertices.len());
+        // Euler: V - E + F = 0 with E = 3/2 F.
+        assert_eq!(2 * vertices, faces);
+        for (radii, divisions) in [([0.0, 0.1], [1, 3, 1]), ([0.1, 0.2], [1, 2, 1])] {
+            let refused = tube(radii, [0.0, 1.0], divisions);
+            assert!(matches!(refused, Err(MeshError::Tube { .. })));
         }
     }
 

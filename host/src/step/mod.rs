@@ -196,6 +196,17 @@ impl Workspace {
         }
     }
 
+    /// From now on a thread of its own computes columns, ahead of the tools where it can; a step that
+    /// needs one that is not there says [`Status::Waiting`]. The bits of what a step finds are the same,
+    /// but not when it finds it: for live sessions, not for replays.
+    ///
+    /// # Errors
+    /// What the system says when it has no thread to give.
+    pub fn start_worker(&mut self, model: &Model) -> std::io::Result<()> {
+        let (tissue, held) = (model.tissue.clone(), model.held.clone());
+        self.columns.start_worker(tissue, held, &model.touchable)
+    }
+
     /// Computes the columns of all boundary vertices whose resting position \[m\] satisfies `near`, so
     /// that touching them later costs nothing. Returns how many are there now.
     pub fn prepare(&mut self, model: &Model, near: impl Fn([f64; 3]) -> bool) -> usize {

@@ -272,6 +272,12 @@ fn solve_with_columns(
             Ok(()) => return Ok(()),
             Err(Failure::TooManyRows) => return Err(Status::TooManyRows),
             Err(Failure::NotConverged) => return Err(Status::NotConverged),
+            Err(Failure::Missing) if work.columns.has_worker() => {
+                for &vertex in &work.contact.missing {
+                    work.columns.request(vertex);
+                }
+                return Err(Status::Waiting);
+            }
             Err(Failure::Missing) => {
                 let now = work.contact.missing.len().min(budget(work, report));
                 work.columns
@@ -293,13 +299,20 @@ fn budget(work: &Workspace, report: &StepReport) -> usize {
         .saturating_sub(report.columns_computed as usize / 3)
 }
 
-/// Uses what is left of the budget on the columns of the nearest vertices: the tip will be there soon.
+/// Uses what is left of the budget, or the worker, on the columns of the nearest vertices: the tip will be
+/// there soon.
 fn look_ahead(model: &Model, work: &mut Workspace, report: &mut StepReport) {
     let columns = &work.columns;
     work.contact.near.retain(|near| !columns.has(near.vertex));
     work.contact
         .near
         .sort_unstable_by(|a, b| a.gap.total_cmp(&b.gap));
+    if columns.has_worker() {
+        for near in &work.contact.near {
+            work.columns.request(near.vertex);
+        }
+        return;
+    }
     work.contact.missing.clear();
     let now = budget(work, report);
     for near in &work.contact.near {
