@@ -18,8 +18,8 @@ pub(super) const EPSILON: f64 = 1e-8;
 const PROXIMAL_STEPS: u32 = 8;
 /// Searches among cones that may fail before a dependent set is given up.
 const MOST_FAILURES: u32 = 3;
-/// Shifts of targets: the second takes away what rounding left of the first.
-const SHIFTS: u32 = 3;
+/// Rounds of proximal steps: the first finds the conflict, the second forces without it.
+const ROUNDS: u32 = 2;
 
 /// Solves the problem that `work.scaled` was prepared from.
 pub(super) fn solve(problem: &Problem, work: &mut Workspace) -> Finish {
@@ -191,12 +191,16 @@ fn dependent(problem: &Problem, work: &mut Workspace) -> u32 {
         return 0;
     }
     let mut failures = 0;
-    'rounds: for round in 0..=SHIFTS {
+    'rounds: for _ in 0..ROUNDS {
         start(work);
-        work.vectors.centre[..n].fill(0.0);
         let mut before = f64::INFINITY;
-        let mut compatible = false;
-        for _ in 0..PROXIMAL_STEPS {
+        for step in 0..PROXIMAL_STEPS {
+            let v = &mut work.vectors;
+            if step == 0 {
+                v.centre[..n].fill(0.0);
+            } else {
+                v.centre[..n].copy_from_slice(&v.lambda[..n]);
+            }
             let Ok(found) = search(work, false) else {
                 break 'rounds;
             };
@@ -207,18 +211,16 @@ fn dependent(problem: &Problem, work: &mut Workspace) -> u32 {
                 break 'rounds;
             }
             let residual = scaled_residual(problem, work);
-            compatible = residual <= 0.1 * TOLERANCE;
-            if compatible || residual > 0.5 * before {
+            if residual <= 0.1 * TOLERANCE {
+                break 'rounds;
+            }
+            if residual > 0.5 * before {
                 break;
             }
             before = residual;
-            let v = &mut work.vectors;
-            v.centre[..n].copy_from_slice(&v.lambda[..n]);
         }
-        if compatible || round == SHIFTS {
-            break;
-        }
-        // What the last step did not gain is what no force can.
+        // What the last step did not gain is a conflict. The forces are exact for targets without it,
+        // but in the first round they are as large as the regularisation lets them be.
         let v = &mut work.vectors;
         for at in 0..n {
             v.shift[at] += EPSILON * (v.lambda[at] - v.centre[at]);
@@ -267,7 +269,7 @@ fn flag_dependent(problem: &Problem, work: &mut Workspace) {
     let largest = v.shift[..scaled.n]
         .iter()
         .fold(0.0f64, |most, shift| most.max(shift.abs()));
-    if largest > TOLERANCE * scaled.drive {
+    if largest > 0.1 * TOLERANCE * scaled.drive {
         for (&row, shift) in scaled.order.iter().zip(&v.shift) {
             if shift.abs() > 1e-3 * largest {
                 flags[row] = RowFlag::Incompatible;

@@ -2,70 +2,40 @@
 //!
 //! Entry point: [`solve`]. With `q = x - r delta`, r the inverse of the diagonal, a solution is
 //! `x = P(q)`, P the projection to bounds, half-lines and discs of radius `mu q_n` (Alart & Curnier
-//! 1991). Newton's matrix is that of the active rows, with a slipping pair's two rows replaced by
-//! `x_t - mu x_n d - beta T (x_t - r delta_t) = 0`, `d = q_t / |q_t|`, `beta = mu q_n / |q_t|`,
-//! `T = I - d d'`: unsymmetric, so LU. Steps are shortened until `|x - P(q)|` falls; where it does
-//! not, Gauss-Seidel sweeps make the next start.
+//! 1991). Newton's matrix is that of the active rows, with the law of [`Slip`] for slipping pairs:
+//! unsymmetric, so LU. Steps are shortened until `|x - P(q)|` falls; where it does not, Gauss-Seidel
+//! sweeps or a ramp of friction make the next start.
 
 use super::bounded::{self, Dependent, Found, Iterate, Reduced};
 use super::gauss_seidel;
 use super::scaled::Law;
+use super::slip::Slip;
 use super::state::Mode;
 use super::workspace::Active;
 
 /// Newton steps from one start.
 const STEPS: u32 = 30;
-/// Gauss-Seidel sweeps between starts.
-const SWEEPS: [u32; 4] = [5, 20, 80, 320];
+/// Where Newton starts from, one after the other until it converges.
+const STARTS: [Start; 6] = [
+    Start::Sweeps(0),
+    Start::Sweeps(5),
+    Start::Ramp,
+    Start::Sweeps(20),
+    Start::Sweeps(80),
+    Start::Sweeps(320),
+];
+/// Steps in which a ramp raises friction.
+const RAMP: u32 = 8;
 /// Merits to which a step may climb back: the map has kinks, which a strict descent sticks to.
 const MEMORY: usize = 4;
 
-/// A slipping pair's linearisation.
-pub(super) struct Slip {
-    d: [f64; 2],
-    beta: f64,
-    r: f64,
-    friction: f64,
-}
-
-impl Slip {
-    /// For `q_n > 0` and `|q_t| > mu q_n`.
-    pub fn new(friction: f64, q: [f64; 3], r: f64) -> Self {
-        let length = q[1].hypot(q[2]);
-        Self {
-            d: [q[1] / length, q[2] / length],
-            beta: friction * q[0] / length,
-            r,
-            friction,
-        }
-    }
-
-    /// `beta r T v`.
-    fn turn(&self, v: [f64; 2]) -> [f64; 2] {
-        let along = v[0] * self.d[0] + v[1] * self.d[1];
-        let size = self.beta * self.r;
-        [
-            size * (v[0] - along * self.d[0]),
-            size * (v[1] - along * self.d[1]),
-        ]
-    }
-
-    /// Makes the rows of `delta_t` in a column, at `at` and behind it, rows of the slip law.
-    pub fn replace(&self, column: &mut [f64], at: usize) {
-        let turned = self.turn([column[at], column[at + 1]]);
-        column[at..at + 2].copy_from_slice(&turned);
-    }
-
-    /// Adds what the slip law says of x itself; the normal is the row before `at`.
-    pub fn complete(&self, matrix: &mut [f64], k: usize, at: usize) {
-        for i in 0..2 {
-            matrix[(at - 1) * k + at + i] -= self.friction * self.d[i];
-            for j in 0..2 {
-                let identity = if i == j { 1.0 - self.beta } else { 0.0 };
-                matrix[(at + j) * k + at + i] += identity + self.beta * self.d[i] * self.d[j];
-            }
-        }
-    }
+/// A start for Newton.
+#[derive(Clone, Copy, PartialEq)]
+enum Start {
+    /// The best forces so far after Gauss-Seidel sweeps.
+    Sweeps(u32),
+    /// Friction raised in steps from none, whose problem is always solved.
+    Ramp,
 }
 
 /// Solves from the forces in `at.x`, which obeys all bounds and cones whether or not it converges.
@@ -86,13 +56,19 @@ pub(super) fn solve(
     let mut least = f64::INFINITY;
     let mut converged = false;
     best.copy_from_slice(at.x);
-    for sweeps in std::iter::once(0).chain(SWEEPS) {
+    for start in STARTS {
+        if start == Start::Ramp {
+            iterations += ramp(problem, at, active)?;
+        }
         gauss_seidel::project(problem.law, at.x);
         problem.gaps(at.x, at.delta);
-        for _ in 0..sweeps {
-            gauss_seidel::sweep(problem, at.x, at.delta);
+        if let Start::Sweeps(sweeps) = start {
+            for _ in 0..sweeps {
+                gauss_seidel::sweep(problem, at.x, at.delta);
+            }
+            iterations += sweeps;
         }
-        iterations += sweeps + newton(problem, at, active);
+        iterations += newton(problem, at, active);
         gauss_seidel::project(problem.law, at.x);
         problem.gaps(at.x, at.delta);
         let residual = natural_residual(problem.law, at.x, at.delta);
@@ -115,6 +91,31 @@ pub(super) fn solve(
         iterations,
         converged,
     })
+}
+
+/// Solves without friction, then raises it.
+fn ramp(problem: &Reduced, at: &mut Iterate, active: &mut Active) -> Result<u32, Dependent> {
+    let mut iterations = bounded::solve(problem, at, active)?.iterations;
+    let mut laws = std::mem::take(&mut active.laws);
+    for step in 1..RAMP {
+        let part = f64::from(step) / f64::from(RAMP);
+        laws.clear();
+        laws.extend(problem.law.iter().map(|law| match *law {
+            Law::Normal { friction } => Law::Normal {
+                friction: part * friction,
+            },
+            same => same,
+        }));
+        let eased = Reduced {
+            law: &laws,
+            ..*problem
+        };
+        gauss_seidel::project(&laws, at.x);
+        eased.gaps(at.x, at.delta);
+        iterations += newton(&eased, at, active);
+    }
+    active.laws = laws;
+    Ok(iterations)
 }
 
 /// Whether all rows together are independent.

@@ -17,10 +17,12 @@
 //! Equality rows are eliminated first (Cholesky); the search works on the Schur complement of the
 //! others. When a pivot falls below 1e-10 the rows are dependent. Then `W~ + 1e-8 I` is solved, whose
 //! solution always exists and is unique without friction, and brought to the solution of W by
-//! proximal steps `delta_free~ - 1e-8 lambda~` (Rockafellar 1976). A violation that stays is a
-//! conflict between targets: it is the smallest in the sense of least squares of scaled rows; the
-//! targets are shifted by it and the then compatible set is solved again, so that no force grows
-//! beyond what the rest asks for.
+//! proximal steps `delta_free~ - 1e-8 lambda~` (Rockafellar 1976); of all forces on dependent rows it
+//! is the smallest. What a step does not gain is a conflict between targets, the smallest in the
+//! sense of least squares of scaled rows. Targets are shifted by it and the then compatible rows
+//! solved again, so that no force grows beyond what the rest asks for. Rows that are dependent to
+//! some 1e-4 only end between the two: what is left of their targets, which only forces without
+//! bound could reach, is reported as a conflict.
 
 mod active_set;
 mod bounded;
@@ -30,6 +32,7 @@ mod gauss_seidel;
 mod reduction;
 mod residual;
 mod scaled;
+mod slip;
 mod state;
 #[cfg(test)]
 mod tests;
@@ -113,7 +116,8 @@ pub enum Status {
     Ok,
     /// Solved; some rows say what others say already ([`RowFlag::Redundant`]).
     Redundant,
-    /// Some rows contradict others ([`RowFlag::Incompatible`]): solved for the compromise.
+    /// Some rows contradict others ([`RowFlag::Incompatible`]): solved for the compromise, which is
+    /// `conflict_m` away from the targets.
     Incompatible,
     /// The forces obey their bounds but the residual is above the tolerance.
     NotConverged,

@@ -2,13 +2,13 @@
 //!
 //! Entry points: [`tangent`], [`condense`]. Held rows answer a change of targets with
 //! `d lambda = -W_aa^-1 d delta_free`; rows at a bound keep their force; a slipping pair follows its
-//! normal and turns with the slip (the derivative of the law in module `cone`), which makes the
+//! normal and turns with the slip (module `slip`), which makes the
 //! operator unsymmetric.
 
 use super::active_set::EPSILON;
 use super::bounded;
-use super::cone::Slip;
 use super::scaled::{Law, Scaled};
+use super::slip::Slip;
 use super::workspace::{Active, Workspace};
 use super::{Mode, Problem, State};
 

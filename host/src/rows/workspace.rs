@@ -41,6 +41,8 @@ pub(super) struct Active {
     pub matrix: Vec<f64>,
     pub rows: Vec<usize>,
     pub rhs: Vec<f64>,
+    /// Laws of a problem with less friction.
+    pub laws: Vec<Law>,
     pub dense: Dense,
     pub lu: Lu,
 }
@@ -51,6 +53,7 @@ impl Active {
             matrix: vec![0.0; largest * largest],
             rows: Vec::with_capacity(largest),
             rhs: vec![0.0; largest],
+            laws: Vec::with_capacity(largest),
             // The reduction solves for the rows it keeps and six directions.
             dense: Dense::new(largest + 6),
             lu: Lu::new(largest + 6),

@@ -17,6 +17,7 @@ const PLAIN: Draw = Draw {
     most_rows: MOST,
     kinds: CONVEX,
     dependent: 0.0,
+    nearly: 0.0,
     conflicting: 0.0,
     softest: 1.0,
     friction: 1.0,

@@ -42,8 +42,12 @@ impl Tally {
                     tally.redundant += 1;
                 }
                 Status::Incompatible => {
-                    assert!(set.conflicting, "set {index} has no conflict");
-                    assert!(outcome.conflict_m > 0.0);
+                    // Of nearly dependent rows it gives up what would take forces without bound.
+                    let whole = set.conflicting || outcome.conflict_m < 1e-3 * reach(&set);
+                    assert!(
+                        whole && outcome.conflict_m > 0.0,
+                        "set {index}: {outcome:?}"
+                    );
                     tally.incompatible += 1;
                 }
                 Status::NotConverged => tally.not_converged += 1,
@@ -54,39 +58,62 @@ impl Tally {
     }
 }
 
-/// 10^5 sets: one half without friction, and rows dependent and at odds far more often than a
-/// simulation makes them.
+/// How far [m] the set's targets reach, in its softest row.
+fn reach(set: &Set) -> f64 {
+    let n = set.rows.len();
+    let root = |row: usize| set.compliance[row * (n + 1)].sqrt();
+    let drive = (0..n).map(|row| set.delta_free[row].abs() / root(row));
+    drive.fold(0.0, f64::max) * (0..n).map(root).fold(0.0, f64::max)
+}
+
+/// Rows that are dependent, or at odds, far more often than a simulation makes them.
+const WILD: Draw = Draw {
+    dependent: 0.3,
+    conflicting: 0.5,
+    softest: 1e-4,
+    magnitude: (-9.0, 3.0),
+    spread: 6.0,
+    ..PLAIN
+};
+
+/// Half of the 10^5 sets are without friction: all of them are solved.
 #[test]
 fn a_hundred_thousand_sets_are_solved_or_say_so() {
-    let wild = Draw {
-        dependent: 0.3,
-        conflicting: 0.5,
-        softest: 1e-4,
-        magnitude: (-9.0, 3.0),
-        spread: 6.0,
-        ..PLAIN
+    let convex = Tally::run(6, 50_000, &WILD);
+    let rubbing = Draw {
+        kinds: ALL,
+        friction: 1.5,
+        ..WILD
     };
-    let convex = Tally::run(6, 50_000, &wild);
-    let cones = Tally::run(
-        7,
-        50_000,
-        &Draw {
-            kinds: ALL,
-            friction: 1.5,
-            ..wild
-        },
-    );
+    let cones = Tally::run(7, 50_000, &rubbing);
     println!("{convex:?}\n{cones:?}");
     assert_eq!(convex.not_converged, 0);
-    assert!(
-        convex.redundant > 3000 && convex.incompatible > 500,
-        "{convex:?}"
-    );
-    assert!(
-        cones.redundant > 3000 && cones.incompatible > 200,
-        "{cones:?}"
-    );
-    // 1 in 1000 of all.
+    for (tally, least) in [(&convex, 500), (&cones, 200)] {
+        assert!(
+            tally.redundant > 2000 && tally.incompatible > least,
+            "{tally:?}"
+        );
+    }
+    assert!(cones.not_converged <= 50, "{cones:?}");
+}
+
+/// Rows that are dependent to 1e-2 .. 1e-10 only: harder than those that are to the last digit.
+#[test]
+fn nearly_dependent_rows_are_solved_or_say_so() {
+    let nearly = Draw {
+        nearly: 0.5,
+        ..WILD
+    };
+    let convex = Tally::run(8, 10_000, &nearly);
+    let rubbing = Draw {
+        kinds: ALL,
+        friction: 1.5,
+        ..nearly
+    };
+    let cones = Tally::run(9, 10_000, &rubbing);
+    println!("{convex:?}\n{cones:?}");
+    assert_eq!(convex.not_converged, 0);
+    // 1 in 100: sticking and slipping of nearly the same row is nearly no choice.
     assert!(cones.not_converged <= 100, "{cones:?}");
 }
 

@@ -94,7 +94,9 @@ pub struct Draw {
     pub kinds: &'static [Kind],
     /// Share of sets with rows that copy or combine others.
     pub dependent: f64,
-    /// Share of those whose targets contradict.
+    /// Share of these rows that are so to 1e-2 .. 1e-10 only.
+    pub nearly: f64,
+    /// Share of those sets whose targets contradict.
     pub conflicting: f64,
     /// Least eigenvalue, relative, of independent sets.
     pub softest: f64,
@@ -154,6 +156,11 @@ pub fn draw(random: &mut Random, how: &Draw) -> Set {
     let conflicting = dependent && random.chance(how.conflicting);
     if dependent {
         for _ in 0..1 + random.below(n / 2 + 1) {
+            let noise = if random.chance(how.nearly) {
+                10f64.powf(-2.0 - 8.0 * random.unit())
+            } else {
+                0.0
+            };
             let (to, a, b) = (random.below(n), random.below(n), random.below(n));
             let (x, y) = match random.below(3) {
                 0 => (1.0, 0.0),
@@ -162,7 +169,8 @@ pub fn draw(random: &mut Random, how: &Draw) -> Set {
             };
             if to != a && to != b {
                 for k in 0..width {
-                    c[to * width + k] = x * c[a * width + k] + y * c[b * width + k];
+                    c[to * width + k] =
+                        x * c[a * width + k] + y * c[b * width + k] + noise * random.sign();
                 }
             }
         }
