@@ -28,8 +28,9 @@ pub struct Linearisation {
     pub residual_j: f64,
     /// What the last step left, in the energy norm, over the step itself: sqrt(r'K^-1 r / r0'du), r0
     /// the old internal force under the present external one. 0 for a tangent without error, before the
-    /// first step and in balance; 1 for a step that did nothing; above 1 it did harm. What fixed nodes
-    /// that were moved pull with counts as left.
+    /// first step and in balance; 1 for a step that did nothing; above 1 it did harm. Meant for steps
+    /// between which only the rows' forces change, with the step: loads that changed since and
+    /// fixed nodes that were moved count as left (steady motion by loads alone reads 0.71).
     pub contraction: f64,
     /// Largest turn of a cell since the last refactorisation, before this one \[rad\].
     pub rotation_since_refactor_rad: f64,
