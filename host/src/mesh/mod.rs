@@ -137,8 +137,14 @@ impl TetMesh {
     pub fn beside(&self, other: &Self) -> Result<Self, MeshError> {
         let first = self.points_m.len() as u32;
         let points_m = [self.points_m(), other.points_m()].concat();
-        let others = other.cells().iter().map(|cell| cell.map(|node| node + first));
-        Self::new(points_m, self.cells().iter().copied().chain(others).collect())
+        let others = other
+            .cells()
+            .iter()
+            .map(|cell| cell.map(|node| node + first));
+        Self::new(
+            points_m,
+            self.cells().iter().copied().chain(others).collect(),
+        )
     }
 
     /// Node positions \[m\], (n x 3), world frame.

@@ -1,7 +1,9 @@
 //! `sutura bench`: time per step, by stage, on this machine.
 //!
-//! Each case walks its scene's hand path through the solver, without a console: once with nothing
-//! cached, then several times with every compliance column at hand.
+//! Each scene's case walks its hand path through the solver, without a console: once with nothing
+//! cached, then several times with every compliance column at hand. The suite is in `suite`.
+
+mod suite;
 
 use crate::failure::{Cause, Failure};
 use crate::{Format, Global, scene};
@@ -16,10 +18,10 @@ use sutura_host::step::{State, Status, StepReport, Workspace, step};
 use sutura_host::tool::ToolSample;
 use sutura_shared::wire::message::HandScript;
 
+/// Slabs of `--suite`, in cubes along x, y, z.
+const SLABS: [[usize; 3]; 3] = [[20, 20, 8], [26, 26, 10], [32, 32, 12]];
 /// Warm passes: their medians' spread says how far to trust a figure.
 const PASSES: usize = 5;
-/// Slabs of `--suite`, in cubes along x, y, z.
-const SUITE: [[usize; 3]; 3] = [[20, 20, 8], [26, 26, 10], [32, 32, 12]];
 
 /// Measures the time that a solver step takes, by stage.
 #[derive(Args, Debug)]
@@ -28,18 +30,22 @@ pub struct BenchArgs {
     /// Scenes with a `[hand]` whose path the first tool follows; the palpation scene when left out.
     #[arg(conflicts_with = "suite")]
     pub scenes: Vec<PathBuf>,
-    /// The palpation scene on slabs of 4,000, 8,000 and 14,000 nodes.
+    /// Rows on circling anchors: two tubes, a cylinder, growth to 20,000 nodes; palpation of three slabs.
     #[arg(long)]
     pub suite: bool,
+    /// Steps of a pass of the suite.
+    #[arg(long, default_value_t = 1000, value_parser = clap::value_parser!(u32).range(1..=100_000), requires = "suite")]
+    pub steps: u32,
 }
 
 const EXAMPLES: &str = "\
 Examples:
   sutura bench                             the palpation scene
   sutura bench scenes/palpation.toml my.toml --format json
-  sutura bench --suite                     the same tissue on finer and finer meshes
+  sutura bench --suite                     60 and 150 rows on tubes and a cylinder, up to 20,000 nodes
+  sutura bench --suite --steps 100         the same, shorter
 
-Figures are medians over all steps in contact, after every compliance column was computed; first_touch_us is
+Figures of scenes are medians over all steps in contact, after every compliance column was computed; first_touch_us is
 the slowest step while they were not. Build with --release: a debug build is many times slower.";
 
 #[derive(Serialize)]
@@ -71,19 +77,47 @@ struct Case {
     /// Steps of one pass that did not end in balance.
     steps_not_ok: usize,
     step_us: Spread,
-    /// Displacement of all nodes, for viewers and files.
-    field_us: f64,
+    /// Displacement of all nodes, for viewers and files; in steps of which it is a part, its stage.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    field_us: Option<f64>,
     stages_us: StagesUs,
     /// Assembly and factorisation.
     factor_ms: f64,
     first_touch_us: f64,
     /// Factor and cached columns.
     memory_mb: f64,
+    #[serde(flatten)]
+    of_rows: Option<Rows>,
+    #[serde(flatten)]
+    turning: Option<Turning>,
+}
+
+/// What rows on anchors cost.
+#[derive(Serialize)]
+struct Rows {
+    /// Columns computed per warm step: solves.
+    columns_per_step: f64,
+    /// One column, three of which a vertex has, computed with others where they were missing together.
+    column_us: f64,
+    /// Columns of one vertex.
+    vertex_kb: f64,
+    cached_vertices: usize,
+}
+
+/// What corotational tissue did.
+#[derive(Serialize)]
+struct Turning {
+    refactors_per_step: f64,
+    /// Of any cell.
+    largest_rotation_deg: f64,
+    /// Largest difference from the fully converged displacement, over its largest entry.
+    displacement_difference_pct: f64,
 }
 
 #[derive(Serialize)]
 struct Spread {
     p50: f64,
+    mean: f64,
     p99: f64,
     max: f64,
     /// Lowest and highest median of the passes.
@@ -91,12 +125,12 @@ struct Spread {
 }
 
 /// Medians by stage.
-#[derive(Serialize)]
-struct StagesUs {
-    detect: f64,
-    columns: f64,
-    solve: f64,
-    reduce: f64,
+struct StagesUs(Vec<(&'static str, f64)>);
+
+impl Serialize for StagesUs {
+    fn serialize<S: serde::Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.collect_map(self.0.iter().copied())
+    }
 }
 
 /// Runs the cases and prints the report.
@@ -109,7 +143,7 @@ pub fn run(args: &BenchArgs, global: &Global) -> Result<(), Failure> {
     }
     let mut scenes = Vec::new();
     if args.suite {
-        for divisions in SUITE {
+        for divisions in SLABS {
             scenes.push(scene::palpation_on(divisions)?);
         }
     } else if args.scenes.is_empty() {
@@ -123,15 +157,20 @@ pub fn run(args: &BenchArgs, global: &Global) -> Result<(), Failure> {
     if let Ok(style) = ProgressStyle::with_template("{bar:30} {pos}/{len} {msg}") {
         progress.set_style(style);
     }
-    let cases = scenes
-        .iter()
-        .map(|scene| measure(scene, &progress))
-        .collect::<Result<_, _>>();
+    let mut cases = Vec::new();
+    if args.suite {
+        cases = suite::run(args.steps as usize, &progress)?;
+        progress.reset();
+        progress.set_length((scenes.len() * (1 + PASSES)) as u64);
+    }
+    for scene in &scenes {
+        cases.push(measure(scene, &progress)?);
+    }
     progress.finish_and_clear();
     let report = Report {
         status: "ok",
         machine: machine(),
-        cases: cases?,
+        cases,
     };
     match global.format {
         Format::Json => say!("{}", serde_json::json!(report)),
@@ -218,20 +257,23 @@ fn measure(scene: &Scene, progress: &ProgressBar) -> Result<Case, Failure> {
         steps_not_ok,
         step_us: Spread {
             p50: quantile(&mut took, 0.5),
+            mean: took.iter().sum::<f64>() / took.len().max(1) as f64,
             p99: quantile(&mut took, 0.99),
             max: quantile(&mut took, 1.0),
             p50_range: [medians[0], medians[PASSES - 1]],
         },
-        field_us: quantile(&mut field_us, 0.5),
-        stages_us: StagesUs {
-            detect: stage(|r| r.stages.detect_ns),
-            columns: stage(|r| r.stages.columns_ns),
-            solve: stage(|r| r.stages.solve_ns),
-            reduce: stage(|r| r.stages.reduce_ns),
-        },
+        field_us: Some(quantile(&mut field_us, 0.5)),
+        stages_us: StagesUs(vec![
+            ("detect", stage(|r| r.stages.detect_ns)),
+            ("columns", stage(|r| r.stages.columns_ns)),
+            ("solve", stage(|r| r.stages.solve_ns)),
+            ("reduce", stage(|r| r.stages.reduce_ns)),
+        ]),
         factor_ms,
         first_touch_us: first_touch.map_or(0.0, |t| 1e6 * t.as_secs_f64()),
         memory_mb: 1e-6 * (8 * model.tissue().factor_entries() + work.cache_bytes()) as f64,
+        of_rows: None,
+        turning: None,
     })
 }
 
@@ -265,7 +307,7 @@ fn walk(
     (0..steps).map(timed).collect()
 }
 
-fn micros(samples: &[Sample], time: impl Fn(&Sample) -> Duration) -> Vec<f64> {
+fn micros<T>(samples: &[T], time: impl Fn(&T) -> Duration) -> Vec<f64> {
     samples
         .iter()
         .map(|s| 1e6 * time(s).as_secs_f64())
@@ -307,43 +349,47 @@ fn print_text(report: &Report) {
     } = &report.machine;
     say!("{cpu}, {threads} threads, {os} {arch}, {build} build; times in us");
     say!(
-        "{:<32} {:>6} {:>6} {:>5}  {:>7} {:>15} {:>7}  {:>6} {:>7} {:>6} {:>6}  {:>8} {:>7} {:>9} {:>6}",
+        "{:<26} {:>12} {:>6} {:>5}  {:>7} {:>15} {:>7} {:>7}  {:>8} {:>7} {:>6}  stages",
         "scene",
+        "tissue",
         "nodes",
-        "cells",
         "rows",
         "p50",
         "(passes)",
+        "mean",
         "p99",
-        "detect",
-        "columns",
-        "solve",
-        "reduce",
         "field",
         "touch",
-        "factor ms",
         "MB"
     );
     for case in &report.cases {
         let [low, high] = case.step_us.p50_range;
+        let stages = case.stages_us.0.iter();
+        let stages: Vec<String> = stages.map(|(name, us)| format!("{name} {us:.0}")).collect();
         say!(
-            "{:<32} {:>6} {:>6} {:>5}  {:>7.1} {:>15} {:>7.1}  {:>6.1} {:>7.1} {:>6.1} {:>6.1}  {:>8.0} {:>7.0} {:>9.0} {:>6.1}",
+            "{:<26} {:>12} {:>6} {:>5}  {:>7.1} {:>15} {:>7.1} {:>7.1}  {:>8} {:>7.0} {:>6.1}  {}",
             case.scene,
+            case.tissue,
             case.nodes,
-            case.cells,
             case.rows,
             case.step_us.p50,
             format!("{low:.1}-{high:.1}"),
+            case.step_us.mean,
             case.step_us.p99,
-            case.stages_us.detect,
-            case.stages_us.columns,
-            case.stages_us.solve,
-            case.stages_us.reduce,
-            case.field_us,
+            case.field_us
+                .map_or("-".to_owned(), |us| format!("{us:.0}")),
             case.first_touch_us,
-            case.factor_ms,
-            case.memory_mb
+            case.memory_mb,
+            stages.join(", ")
         );
+        if let Some(turning) = &case.turning {
+            say!(
+                "  {:.3} refactorisations a step, cells turn by up to {:.0} degrees, displacement within {:.2} % of the converged one",
+                turning.refactors_per_step,
+                turning.largest_rotation_deg,
+                turning.displacement_difference_pct
+            );
+        }
         if case.steps_not_ok > 0 {
             say!(
                 "  {} of its steps did not end in balance",

@@ -62,6 +62,12 @@ impl CorotationalState {
         &mut self.u.as_flattened_mut()[..self.unknowns]
     }
 
+    /// Largest rotation of a cell \[rad\].
+    pub fn largest_rotation_rad(&self) -> f64 {
+        let angles = self.rotations.iter().map(|rotation| rotation.angle());
+        angles.fold(0.0, f64::max)
+    }
+
     /// Tangent that was factored last.
     pub(crate) fn factor(&self) -> &Factor {
         &self.factor
