@@ -88,6 +88,8 @@ pub(crate) struct Newton {
     /// S, then its factor, (3v x 3v).
     pub compliance: Vec<f64>,
     du: Vec<f64>,
+    /// K_A du, (3v).
+    pushed: Vec<f64>,
     a: Vec<f64>,
     most_rows: usize,
 }
@@ -106,6 +108,7 @@ impl Newton {
             dense: Dense::new(n + MAX_TOOL_ROWS + 6),
             compliance: vec![0.0; n * n],
             du: vec![0.0; n],
+            pushed: vec![0.0; n],
             a: vec![0.0; t],
             most_rows,
         }
@@ -267,9 +270,10 @@ impl Newton {
             let du: Vector3<f64> = rows.map(|row| -row.dual * row.gap).sum();
             self.du[3 * place..3 * place + 3].copy_from_slice(du.as_slice());
         }
+        multiply(&self.stiffness[..n * n], &self.du, &mut self.pushed[..n]);
         for (place, touched) in self.touched.iter().enumerate() {
             let du = Vector3::from_column_slice(&self.du[3 * place..3 * place + 3]);
-            let mut left = -multiply(&self.stiffness, &self.du, n, place);
+            let mut left = -Vector3::from_column_slice(&self.pushed[3 * place..3 * place + 3]);
             left -= touched
                 .rows()
                 .iter()
@@ -302,8 +306,9 @@ impl Newton {
                 }
             }
         }
+        multiply(&self.stiffness[..n * n], &self.du, &mut self.pushed[..n]);
         for (place, touched) in self.touched.iter().enumerate() {
-            let more = multiply(&self.stiffness, &self.du, n, place) * part;
+            let more = Vector3::from_column_slice(&self.pushed[3 * place..3 * place + 3]) * part;
             let count = touched.rows().len() as f64;
             let whole = more
                 + touched
@@ -410,12 +415,30 @@ fn tangents(normal: &Vector3<f64>) -> [Vector3<f64>; 2] {
     [first, normal.cross(&first)]
 }
 
-/// Three rows of a symmetric matrix (n x n) times a vector.
-pub(crate) fn multiply(matrix: &[f64], vector: &[f64], n: usize, block: usize) -> Vector3<f64> {
-    let mut product = Vector3::zeros();
-    for axis in 0..3 {
-        let column = &matrix[n * (3 * block + axis)..n * (3 * block + axis + 1)];
-        product[axis] = column.iter().zip(vector).map(|(a, x)| a * x).sum();
+/// `matrix` (n x n) times `vector`, by columns: additions that do not wait for each other.
+pub(crate) fn multiply(matrix: &[f64], vector: &[f64], product: &mut [f64]) {
+    product.fill(0.0);
+    for (column, x) in matrix.chunks_exact(product.len().max(1)).zip(vector) {
+        for (sum, a) in product.iter_mut().zip(column) {
+            *sum += a * x;
+        }
     }
-    product
+}
+
+/// Inner product, in four sums that do not wait for each other.
+pub(crate) fn dot(a: &[f64], b: &[f64]) -> f64 {
+    let (a, b) = (a.chunks_exact(4), b.chunks_exact(4));
+    let rest: f64 = a
+        .remainder()
+        .iter()
+        .zip(b.remainder())
+        .map(|(a, b)| a * b)
+        .sum();
+    let mut sums = [0.0; 4];
+    for (a, b) in a.zip(b) {
+        for (sum, (a, b)) in sums.iter_mut().zip(a.iter().zip(b)) {
+            *sum += a * b;
+        }
+    }
+    rest + (sums[0] + sums[1]) + (sums[2] + sums[3])
 }

@@ -10,9 +10,9 @@
 use super::active_set::{ContactWork, Row};
 use super::columns::Columns;
 use super::dense::Dense;
-use super::newton::multiply;
+use super::newton::{dot, multiply};
 use super::shape::Solid;
-use super::tangent::{PoseWork, dot, rigid};
+use super::tangent::{PoseWork, rigid};
 use nalgebra::{Matrix6, Vector3};
 
 /// Most rows of one tool that a console is given.
@@ -190,35 +190,22 @@ impl Reduction {
             .take_while(|row| row.arm.is_some())
             .count();
         let touching = own.min(MAX_TOOL_ROWS);
-        let room = MAX_TOOL_ROWS - touching;
-        let mut nearest = [(f64::MAX, 0u32); MAX_TOOL_ROWS];
-        let nearest = &mut nearest[..room];
-        for vertex in 0..around.resting_m.len() as u32 {
-            if !around.columns.has(vertex) {
-                continue;
-            }
-            let gap = around.solid.gap(&around.at(vertex));
-            if gap > around.most_gap || nearest.last().is_none_or(|last| gap >= last.0) {
-                continue;
-            }
-            if rows
-                .iter()
-                .any(|row| row.vertex == vertex && row.tool == around.tool)
-            {
-                continue;
-            }
-            let place = nearest.partition_point(|other| other.0 <= gap);
-            nearest[place..].rotate_right(1);
-            nearest[place] = (gap, vertex);
-        }
         let mut kept = touching;
-        for &(gap, vertex) in nearest.iter().take_while(|near| near.0 < f64::MAX) {
-            let at = around.at(vertex);
-            if let Some(touch) = around.solid.touch(&at) {
+        // Listed by their gaps, the least first.
+        for near in contact.near.iter().filter(|near| near.tool == around.tool) {
+            if kept == MAX_TOOL_ROWS || near.gap * around.solid.radius() > around.most_gap {
+                break;
+            }
+            let touches = |row: &Row| row.vertex == near.vertex && row.tool == near.tool;
+            let at = around.at(near.vertex);
+            if around.columns.has(near.vertex)
+                && !rows.iter().any(touches)
+                && let Some(touch) = around.solid.touch(&at)
+            {
                 let free = Candidate {
-                    vertex,
+                    vertex: near.vertex,
                     row: None,
-                    delta: gap.max(0.0),
+                    delta: touch.gap.max(0.0),
                     lambda: 0.0,
                     normal: touch.normal,
                     arm: Some(at - around.grip),
@@ -254,10 +241,7 @@ impl Reduction {
                 let u = columns.block(touched.vertex, candidate.vertex) * candidate.normal;
                 moved[3 * place..3 * place + 3].copy_from_slice(u.as_slice());
             }
-            for place in 0..newton.touched.len() {
-                let push = multiply(&newton.stiffness, moved, n, place);
-                load[3 * place..3 * place + 3].copy_from_slice(push.as_slice());
-            }
+            multiply(&newton.stiffness[..n * n], moved, load);
         }
         if n > 0 {
             let tissue = &mut newton.compliance[..n * n];
