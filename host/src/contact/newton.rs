@@ -169,7 +169,7 @@ impl Newton {
         solids: &Solids,
         resting: &[Vector3<f64>],
         columns: &Columns,
-        rows: &[Row],
+        rows: &mut [Row],
     ) -> Result<f64, Failure> {
         let mut residual = 0.0f64;
         self.geometry.clear();
@@ -191,18 +191,16 @@ impl Newton {
             self.slides += touched.free;
         }
         // Multipliers, and what of the forces is along no normal.
-        let force = |touched: &Touched| -> Vector3<f64> {
-            touched.rows().iter().map(|&index| rows[index].force).sum()
-        };
         let largest = self
             .touched
             .iter()
-            .map(|at| force(at).norm())
+            .map(|touched| whole(touched, rows).norm())
             .fold(0.0, f64::max);
         for touched in &mut self.touched {
-            let mut sideways = force(touched);
+            let whole = whole(touched, rows);
+            share(touched, &self.geometry, &whole, rows);
+            let mut sideways = whole;
             touched.turning = Matrix3::zeros();
-            let whole = sideways;
             for &index in &touched.rows[..touched.count] {
                 let row = &mut self.geometry[index];
                 row.lambda = row.dual.dot(&whole).max(0.0);
@@ -274,11 +272,7 @@ impl Newton {
         for (place, touched) in self.touched.iter().enumerate() {
             let du = Vector3::from_column_slice(&self.du[3 * place..3 * place + 3]);
             let mut left = -Vector3::from_column_slice(&self.pushed[3 * place..3 * place + 3]);
-            left -= touched
-                .rows()
-                .iter()
-                .map(|&index| rows[index].force)
-                .sum::<Vector3<f64>>();
+            left -= whole(touched, rows);
             if turning {
                 left += touched.turning * du;
             }
@@ -309,30 +303,11 @@ impl Newton {
         multiply(&self.stiffness[..n * n], &self.du, &mut self.pushed[..n]);
         for (place, touched) in self.touched.iter().enumerate() {
             let more = Vector3::from_column_slice(&self.pushed[3 * place..3 * place + 3]) * part;
-            let count = touched.rows().len() as f64;
-            let whole = more
-                + touched
-                    .rows()
-                    .iter()
-                    .map(|&index| rows[index].force)
-                    .sum::<Vector3<f64>>();
+            let whole = whole(touched, rows) + more;
             if !whole.iter().all(|force| force.is_finite()) {
                 return Err(Failure::NotConverged);
             }
-            // Each row its multiplier; what is along no normal, in equal parts.
-            let own = |index: usize| {
-                let row = &self.geometry[index];
-                row.normal * row.dual.dot(&whole)
-            };
-            let rest = whole
-                - touched
-                    .rows()
-                    .iter()
-                    .map(|&index| own(index))
-                    .sum::<Vector3<f64>>();
-            for &index in touched.rows() {
-                rows[index].force = own(index) + rest / count;
-            }
+            share(touched, &self.geometry, &whole, rows);
         }
         Ok(())
     }
@@ -367,6 +342,27 @@ pub(crate) fn displacement(columns: &Columns, rows: &[Row], vertex: u32) -> Vect
     rows.iter()
         .map(|row| columns.block(vertex, row.vertex) * row.force)
         .sum()
+}
+
+/// Force on a vertex, of all its rows.
+fn whole(touched: &Touched, rows: &[Row]) -> Vector3<f64> {
+    touched.rows().iter().map(|&index| rows[index].force).sum()
+}
+
+/// Gives each row of a vertex its multiplier's share of the force on it, and what is along no normal in
+/// equal parts.
+fn share(touched: &Touched, geometry: &[Geometry], whole: &Vector3<f64>, rows: &mut [Row]) {
+    let own = |index: usize| geometry[index].normal * geometry[index].dual.dot(whole);
+    match *touched.rows() {
+        [one] => rows[one].force = *whole,
+        _ => {
+            let along: Vector3<f64> = touched.rows().iter().map(|&index| own(index)).sum();
+            let rest = (whole - along) / touched.rows().len() as f64;
+            for &index in touched.rows() {
+                rows[index].force = own(index) + rest;
+            }
+        }
+    }
 }
 
 /// Tangents and duals of a vertex from its rows' normals; `None` if these do not differ.

@@ -63,9 +63,12 @@ impl ToolRows {
         relaxation_per_s: 0.0,
     };
 
-    /// W\[i\]\[j\] \[m/N\].
+    /// W\[i\]\[j\] \[m/N\]; 0 for rows that are not there.
     pub fn compliance_between(&self, i: usize, j: usize) -> f64 {
         let (i, j) = (i.min(j), i.max(j));
+        if j >= self.count {
+            return 0.0;
+        }
         self.compliance[self.count * i - i * i.saturating_sub(1) / 2 - i + j]
     }
 }

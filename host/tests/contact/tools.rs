@@ -114,3 +114,84 @@ fn two_tools_in_one_place_say_so() {
     let air = both(&mut state, 0.05);
     assert_eq!((air.status, air.rows), (Status::Ok, 0));
 }
+
+#[test]
+fn scratch_stress() {
+    use crate::bench::{Chance, all_finite};
+    use sutura_host::tool::Shape;
+    let (mesh, bottom) = slab_mesh();
+    for fillet in [0.02, 0.1, 0.3, 1.0] {
+        let shape = Shape::FlatPunch {
+            radius_m: RADIUS,
+            fillet_m: fillet * RADIUS,
+            length_m: 0.04,
+        };
+        let tools = [
+            (0, Tool::new(shape, [0.0, 0.0, -0.02])),
+            (5, ball([0.0; 3])),
+            (6, Tool::new(shape, [0.0; 3])),
+        ];
+        let mut bench = Bench::new(&mesh, &bottom, Loads::default(), &tools);
+        bench.work.reduce_rows = true;
+        let mut state = State::new(&bench.model);
+        let mut chance = Chance(99);
+        let mut seen = std::collections::BTreeMap::new();
+        let (mut most, mut shared, mut norows, mut worst) = (0, 0, 0, 0u64);
+        for tick in 0..400 {
+            let a = pose(
+                chance.vector() * 0.025 + Vector3::z() * 0.03,
+                UnitQuaternion::from_scaled_axis(chance.vector() * 0.4),
+            );
+            let b = ToolSample {
+                id: 5,
+                ..pose(
+                    chance.vector() * 0.025 + Vector3::z() * 0.02,
+                    UnitQuaternion::identity(),
+                )
+            };
+            let c = ToolSample {
+                id: 6,
+                ..pose(
+                    chance.vector() * 0.025 + Vector3::z() * 0.02,
+                    UnitQuaternion::from_scaled_axis(chance.vector() * 0.4),
+                )
+            };
+            let all = [a, b, c];
+            let samples = &all[..(1 + tick % 3) as usize];
+            let mut report = step(&bench.model, &mut state, samples, &mut bench.work);
+            for _ in 0..3 {
+                if report.status == Status::Behind {
+                    report = step(&bench.model, &mut state, samples, &mut bench.work);
+                }
+            }
+            assert!(all_finite(&report));
+            most = most.max(report.rows);
+            worst = worst.max(report.stages.solve_ns / u64::from(report.substeps.max(1)));
+            *seen.entry(report.status.name()).or_insert(0) += 1;
+            if report.status == Status::Ok {
+                let mut nodes: Vec<u32> =
+                    state.contact_forces(&bench.model).map(|at| at.0).collect();
+                nodes.sort_unstable();
+                shared += nodes.windows(2).filter(|p| p[0] == p[1]).count();
+                bench.assert_balanced(&state, samples);
+                for c in report.contacts() {
+                    let rows = bench.work.rows(c.id).expect("rows");
+                    if c.rows > 0 && rows.count == 0 {
+                        norows += 1;
+                    }
+                    assert!(
+                        rows.jacobian
+                            .iter()
+                            .flatten()
+                            .chain(&rows.compliance)
+                            .all(|x| x.is_finite())
+                    );
+                }
+            }
+        }
+        println!(
+            "fillet {fillet}: {seen:?} most {most} shared {shared} norows {norows} worst solve/sub {} us",
+            worst / 1000
+        );
+    }
+}
