@@ -27,6 +27,8 @@ pub(crate) struct PoseWork {
     /// C less the symmetric part of Z: how the wrench changes with the touched vertices and all
     /// multipliers held.
     pub held: Matrix6<f64>,
+    /// Symmetric part of the tangent.
+    pub symmetric: Matrix6<f64>,
 }
 
 impl PoseWork {
@@ -39,6 +41,7 @@ impl PoseWork {
             along: vec![0.0; 12 * most_rows],
             slides: vec![0.0; 12 * most_rows],
             held: Matrix6::zeros(),
+            symmetric: Matrix6::zeros(),
         }
     }
 
@@ -114,6 +117,7 @@ impl PoseWork {
                 tangent[(j, i)] = entry;
             }
         }
+        self.symmetric = tangent;
         let mut corner = tangent.fixed_view_mut::<3, 3>(3, 3);
         corner -= moment.cross_matrix() * 0.5;
         tangent
