@@ -88,6 +88,8 @@ pub(crate) struct Newton {
     /// S, then its factor, (3v x 3v).
     pub compliance: Vec<f64>,
     du: Vec<f64>,
+    /// K_A du, (3v).
+    pushed: Vec<f64>,
     a: Vec<f64>,
     most_rows: usize,
 }
@@ -106,6 +108,7 @@ impl Newton {
             dense: Dense::new(n + MAX_TOOL_ROWS + 6),
             compliance: vec![0.0; n * n],
             du: vec![0.0; n],
+            pushed: vec![0.0; n],
             a: vec![0.0; t],
             most_rows,
         }
@@ -166,7 +169,7 @@ impl Newton {
         solids: &Solids,
         resting: &[Vector3<f64>],
         columns: &Columns,
-        rows: &[Row],
+        rows: &mut [Row],
     ) -> Result<f64, Failure> {
         let mut residual = 0.0f64;
         self.geometry.clear();
@@ -188,18 +191,16 @@ impl Newton {
             self.slides += touched.free;
         }
         // Multipliers, and what of the forces is along no normal.
-        let force = |touched: &Touched| -> Vector3<f64> {
-            touched.rows().iter().map(|&index| rows[index].force).sum()
-        };
         let largest = self
             .touched
             .iter()
-            .map(|at| force(at).norm())
+            .map(|touched| whole(touched, rows).norm())
             .fold(0.0, f64::max);
         for touched in &mut self.touched {
-            let mut sideways = force(touched);
+            let whole = whole(touched, rows);
+            share(touched, &self.geometry, &whole, rows);
+            let mut sideways = whole;
             touched.turning = Matrix3::zeros();
-            let whole = sideways;
             for &index in &touched.rows[..touched.count] {
                 let row = &mut self.geometry[index];
                 row.lambda = row.dual.dot(&whole).max(0.0);
@@ -267,14 +268,11 @@ impl Newton {
             let du: Vector3<f64> = rows.map(|row| -row.dual * row.gap).sum();
             self.du[3 * place..3 * place + 3].copy_from_slice(du.as_slice());
         }
+        multiply(&self.stiffness[..n * n], &self.du, &mut self.pushed[..n]);
         for (place, touched) in self.touched.iter().enumerate() {
             let du = Vector3::from_column_slice(&self.du[3 * place..3 * place + 3]);
-            let mut left = -multiply(&self.stiffness, &self.du, n, place);
-            left -= touched
-                .rows()
-                .iter()
-                .map(|&index| rows[index].force)
-                .sum::<Vector3<f64>>();
+            let mut left = -Vector3::from_column_slice(&self.pushed[3 * place..3 * place + 3]);
+            left -= whole(touched, rows);
             if turning {
                 left += touched.turning * du;
             }
@@ -302,32 +300,14 @@ impl Newton {
                 }
             }
         }
+        multiply(&self.stiffness[..n * n], &self.du, &mut self.pushed[..n]);
         for (place, touched) in self.touched.iter().enumerate() {
-            let more = multiply(&self.stiffness, &self.du, n, place) * part;
-            let count = touched.rows().len() as f64;
-            let whole = more
-                + touched
-                    .rows()
-                    .iter()
-                    .map(|&index| rows[index].force)
-                    .sum::<Vector3<f64>>();
+            let more = Vector3::from_column_slice(&self.pushed[3 * place..3 * place + 3]) * part;
+            let whole = whole(touched, rows) + more;
             if !whole.iter().all(|force| force.is_finite()) {
                 return Err(Failure::NotConverged);
             }
-            // Each row its multiplier; what is along no normal, in equal parts.
-            let own = |index: usize| {
-                let row = &self.geometry[index];
-                row.normal * row.dual.dot(&whole)
-            };
-            let rest = whole
-                - touched
-                    .rows()
-                    .iter()
-                    .map(|&index| own(index))
-                    .sum::<Vector3<f64>>();
-            for &index in touched.rows() {
-                rows[index].force = own(index) + rest / count;
-            }
+            share(touched, &self.geometry, &whole, rows);
         }
         Ok(())
     }
@@ -362,6 +342,27 @@ pub(crate) fn displacement(columns: &Columns, rows: &[Row], vertex: u32) -> Vect
     rows.iter()
         .map(|row| columns.block(vertex, row.vertex) * row.force)
         .sum()
+}
+
+/// Force on a vertex, of all its rows.
+fn whole(touched: &Touched, rows: &[Row]) -> Vector3<f64> {
+    touched.rows().iter().map(|&index| rows[index].force).sum()
+}
+
+/// Gives each row of a vertex its multiplier's share of the force on it, and what is along no normal in
+/// equal parts.
+fn share(touched: &Touched, geometry: &[Geometry], whole: &Vector3<f64>, rows: &mut [Row]) {
+    let own = |index: usize| geometry[index].normal * geometry[index].dual.dot(whole);
+    match *touched.rows() {
+        [one] => rows[one].force = *whole,
+        _ => {
+            let along: Vector3<f64> = touched.rows().iter().map(|&index| own(index)).sum();
+            let rest = (whole - along) / touched.rows().len() as f64;
+            for &index in touched.rows() {
+                rows[index].force = own(index) + rest;
+            }
+        }
+    }
 }
 
 /// Tangents and duals of a vertex from its rows' normals; `None` if these do not differ.
@@ -410,12 +411,30 @@ fn tangents(normal: &Vector3<f64>) -> [Vector3<f64>; 2] {
     [first, normal.cross(&first)]
 }
 
-/// Three rows of a symmetric matrix (n x n) times a vector.
-pub(crate) fn multiply(matrix: &[f64], vector: &[f64], n: usize, block: usize) -> Vector3<f64> {
-    let mut product = Vector3::zeros();
-    for axis in 0..3 {
-        let column = &matrix[n * (3 * block + axis)..n * (3 * block + axis + 1)];
-        product[axis] = column.iter().zip(vector).map(|(a, x)| a * x).sum();
+/// `matrix` (n x n) times `vector`, by columns: additions that do not wait for each other.
+pub(crate) fn multiply(matrix: &[f64], vector: &[f64], product: &mut [f64]) {
+    product.fill(0.0);
+    for (column, x) in matrix.chunks_exact(product.len().max(1)).zip(vector) {
+        for (sum, a) in product.iter_mut().zip(column) {
+            *sum += a * x;
+        }
     }
-    product
+}
+
+/// Inner product, in four sums that do not wait for each other.
+pub(crate) fn dot(a: &[f64], b: &[f64]) -> f64 {
+    let (a, b) = (a.chunks_exact(4), b.chunks_exact(4));
+    let rest: f64 = a
+        .remainder()
+        .iter()
+        .zip(b.remainder())
+        .map(|(a, b)| a * b)
+        .sum();
+    let mut sums = [0.0; 4];
+    for (a, b) in a.zip(b) {
+        for (sum, (a, b)) in sums.iter_mut().zip(a.iter().zip(b)) {
+            *sum += a * b;
+        }
+    }
+    rest + (sums[0] + sums[1]) + (sums[2] + sums[3])
 }

@@ -8,9 +8,9 @@
 //! rows are condensed out.
 
 use super::active_set::{ContactWork, Row};
-use super::newton::multiply;
+use super::newton::{dot, multiply};
 use super::shape::Solid;
-use super::tangent::{PoseWork, dot, rigid};
+use super::tangent::{PoseWork, rigid};
 use crate::columns::Columns;
 use crate::dense::Dense;
 use nalgebra::{Matrix6, Vector3};
@@ -26,10 +26,13 @@ pub const MAX_TOOL_ROWS: usize = 24;
 pub struct ToolRows {
     /// Which tool.
     pub tool: u8,
-    /// How many there are; 0 as well where the tissue, held by the forces instead of the tool, would
-    /// not be stable: then only the tangent predicts. Touching rows come first, the largest multiplier
-    /// foremost, then the nearest others.
+    /// How many there are. Touching rows come first, the largest multiplier foremost, then the nearest
+    /// others.
     pub count: usize,
+    /// Whether J and W know that normals turn. Not so where tissue that is held by the forces instead of
+    /// the tool would slip, deep in it: there W would not be positive definite. M makes up for it as
+    /// long as no row switches.
+    pub turning: bool,
     /// The node each row acts on: the same row from step to step.
     pub id: [u32; MAX_TOOL_ROWS],
     /// Gap \[m\]; 0 where it touches.
@@ -53,6 +56,7 @@ impl ToolRows {
     pub(crate) const NONE: Self = Self {
         tool: 0,
         count: 0,
+        turning: false,
         id: [0; MAX_TOOL_ROWS],
         delta_m: [0.0; MAX_TOOL_ROWS],
         lambda_n: [0.0; MAX_TOOL_ROWS],
@@ -63,9 +67,12 @@ impl ToolRows {
         relaxation_per_s: 0.0,
     };
 
-    /// W\[i\]\[j\] \[m/N\].
+    /// W\[i\]\[j\] \[m/N\]; 0 for rows that are not there.
     pub fn compliance_between(&self, i: usize, j: usize) -> f64 {
         let (i, j) = (i.min(j), i.max(j));
+        if j >= self.count {
+            return 0.0;
+        }
         self.compliance[self.count * i - i * i.saturating_sub(1) / 2 - i + j]
     }
 }
@@ -156,10 +163,23 @@ impl Reduction {
         *out = ToolRows::NONE;
         out.residual = contact.residual;
         let kept = self.choose(rows, around, contact);
-        if self.respond(around.columns, contact, pose).is_some()
-            && self.condense_out(kept, contact).is_some()
-        {
+        for turning in [true, false] {
+            if self
+                .respond(around.columns, contact, pose, turning)
+                .is_none()
+                || self.condense_out(kept, contact).is_none()
+            {
+                continue;
+            }
+            out.turning = turning;
             self.write(kept, out);
+            if !turning {
+                let rows = self.candidates[..kept].iter();
+                let touching = rows.take_while(|row| row.row.is_some()).count();
+                let dense = &mut contact.newton.dense;
+                out.held = (pose.symmetric - self.held_by(out, touching, dense)).into();
+            }
+            return;
         }
     }
 
@@ -190,35 +210,22 @@ impl Reduction {
             .take_while(|row| row.arm.is_some())
             .count();
         let touching = own.min(MAX_TOOL_ROWS);
-        let room = MAX_TOOL_ROWS - touching;
-        let mut nearest = [(f64::MAX, 0u32); MAX_TOOL_ROWS];
-        let nearest = &mut nearest[..room];
-        for vertex in 0..around.resting_m.len() as u32 {
-            if !around.columns.has(vertex) {
-                continue;
-            }
-            let gap = around.solid.gap(&around.at(vertex));
-            if gap > around.most_gap || nearest.last().is_none_or(|last| gap >= last.0) {
-                continue;
-            }
-            if rows
-                .iter()
-                .any(|row| row.vertex == vertex && row.tool == around.tool)
-            {
-                continue;
-            }
-            let place = nearest.partition_point(|other| other.0 <= gap);
-            nearest[place..].rotate_right(1);
-            nearest[place] = (gap, vertex);
-        }
         let mut kept = touching;
-        for &(gap, vertex) in nearest.iter().take_while(|near| near.0 < f64::MAX) {
-            let at = around.at(vertex);
-            if let Some(touch) = around.solid.touch(&at) {
+        // Listed by their gaps, the least first.
+        for near in contact.near.iter().filter(|near| near.tool == around.tool) {
+            if kept == MAX_TOOL_ROWS || near.gap * around.solid.radius() > around.most_gap {
+                break;
+            }
+            let touches = |row: &Row| row.vertex == near.vertex && row.tool == near.tool;
+            let at = around.at(near.vertex);
+            if around.columns.has(near.vertex)
+                && !rows.iter().any(touches)
+                && let Some(touch) = around.solid.touch(&at)
+            {
                 let free = Candidate {
-                    vertex,
+                    vertex: near.vertex,
                     row: None,
-                    delta: gap.max(0.0),
+                    delta: touch.gap.max(0.0),
                     lambda: 0.0,
                     normal: touch.normal,
                     arm: Some(at - around.grip),
@@ -230,12 +237,14 @@ impl Reduction {
         kept
     }
 
-    /// W and J of all listed rows; `None` if E is not positive definite.
+    /// W and J of all listed rows, with normals that turn or with E = K_A; `None` if E is not positive
+    /// definite.
     fn respond(
         &mut self,
         columns: &Columns,
         contact: &mut ContactWork,
         pose: &PoseWork,
+        turning: bool,
     ) -> Option<()> {
         let newton = &mut contact.newton;
         let (n, m) = (newton.unknowns(), self.candidates.len());
@@ -254,15 +263,13 @@ impl Reduction {
                 let u = columns.block(touched.vertex, candidate.vertex) * candidate.normal;
                 moved[3 * place..3 * place + 3].copy_from_slice(u.as_slice());
             }
-            for place in 0..newton.touched.len() {
-                let push = multiply(&newton.stiffness, moved, n, place);
-                load[3 * place..3 * place + 3].copy_from_slice(push.as_slice());
-            }
+            multiply(&newton.stiffness[..n * n], moved, load);
         }
         if n > 0 {
             let tissue = &mut newton.compliance[..n * n];
             tissue.copy_from_slice(&newton.stiffness[..n * n]);
-            for (place, touched) in newton.touched.iter().enumerate() {
+            let bends = newton.touched.iter().filter(|_| turning);
+            for (place, touched) in bends.enumerate() {
                 for (i, j) in (0..9).map(|entry| (entry / 3, entry % 3)) {
                     tissue[n * (3 * place + j) + 3 * place + i] -= touched.turning[(i, j)];
                 }
@@ -270,7 +277,11 @@ impl Reduction {
             newton.dense.factor(tissue, n).ok()?;
             self.answers[..n * m].copy_from_slice(&self.loads[..n * m]);
             newton.dense.solve(tissue, n, &mut self.answers[..n * m], m);
-            self.yields[..6 * n].copy_from_slice(&pose.turned[..6 * n]);
+            if turning {
+                self.yields[..6 * n].copy_from_slice(&pose.turned[..6 * n]);
+            } else {
+                self.yields[..6 * n].fill(0.0);
+            }
             newton.dense.solve(tissue, n, &mut self.yields[..6 * n], 6);
         }
         self.held = pose.held;
@@ -352,10 +363,13 @@ impl Reduction {
     /// d wrench / d pose of a tool that touches nothing, just after the rows with gaps up to `most_gap`
     /// will have come to touch.
     pub fn coming(&mut self, rows: &ToolRows, most_gap: f64, dense: &mut Dense) -> Matrix6<f64> {
-        let m = rows.delta_m[..rows.count]
-            .iter()
-            .take_while(|delta| **delta <= most_gap)
-            .count();
+        let near = rows.delta_m[..rows.count].iter();
+        let m = near.take_while(|delta| **delta <= most_gap).count();
+        self.held_by(rows, m, dense)
+    }
+
+    /// -J' W^-1 J over the first `m` rows.
+    fn held_by(&mut self, rows: &ToolRows, m: usize, dense: &mut Dense) -> Matrix6<f64> {
         for (i, j) in (0..m * m).map(|entry| (entry % m, entry / m)) {
             self.others[m * j + i] = rows.compliance_between(i, j);
         }

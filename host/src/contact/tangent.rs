@@ -10,7 +10,7 @@
 //! skew part of -Z is -1/2 \[moment\]x.
 
 use super::active_set::{ContactWork, Row};
-use super::newton::multiply;
+use super::newton::{dot, multiply};
 use nalgebra::{Matrix3, Matrix3x6, Matrix6, Vector3, Vector6};
 
 /// Derivatives by one tool's pose, and buffers for them.
@@ -27,6 +27,8 @@ pub(crate) struct PoseWork {
     /// C less the symmetric part of Z: how the wrench changes with the touched vertices and all
     /// multipliers held.
     pub held: Matrix6<f64>,
+    /// Symmetric part of the tangent.
+    pub symmetric: Matrix6<f64>,
 }
 
 impl PoseWork {
@@ -39,6 +41,7 @@ impl PoseWork {
             along: vec![0.0; 12 * most_rows],
             slides: vec![0.0; 12 * most_rows],
             held: Matrix6::zeros(),
+            symmetric: Matrix6::zeros(),
         }
     }
 
@@ -86,10 +89,12 @@ impl PoseWork {
             .zip(self.pushed.chunks_exact_mut(n.max(1)))
             .enumerate()
         {
+            multiply(&newton.stiffness[..n * n], moved, pushed);
             for (place, touched) in newton.touched.iter().enumerate() {
                 let own = Vector3::from_column_slice(&moved[3 * place..3 * place + 3]);
                 let turned = &self.turned[n * axis + 3 * place..][..3];
-                let sum = multiply(&newton.stiffness, moved, n, place) - touched.turning * own
+                let sum = Vector3::from_column_slice(&pushed[3 * place..3 * place + 3])
+                    - touched.turning * own
                     + Vector3::from_column_slice(turned);
                 pushed[3 * place..3 * place + 3].copy_from_slice(sum.as_slice());
                 for (a, across) in touched.tangents().iter().enumerate() {
@@ -99,18 +104,20 @@ impl PoseWork {
         }
         self.slides[..6 * t].copy_from_slice(&self.along[..6 * t]);
         newton.solve_slides(&mut self.slides[..6 * t], 6);
-        let mut tangent = self.held;
+        let mut tangent = Matrix6::zeros();
         for i in 0..6 {
-            for j in 0..6 {
+            for j in i..6 {
                 let (a, b) = (n * i..n * (i + 1), n * j..n * (j + 1));
-                tangent[(i, j)] -= dot(&self.moved[a.clone()], &self.pushed[b.clone()])
-                    + dot(&self.turned[a], &self.moved[b]);
-                let (a, b) = (t * i..t * (i + 1), t * j..t * (j + 1));
-                tangent[(i, j)] += dot(&self.along[a], &self.slides[b]);
+                let (c, d) = (t * i..t * (i + 1), t * j..t * (j + 1));
+                // Symmetric up to round-off; make it so to the last bit.
+                let entry = self.held[(i, j)] + dot(&self.along[c], &self.slides[d])
+                    - dot(&self.moved[a.clone()], &self.pushed[b.clone()])
+                    - dot(&self.turned[a], &self.moved[b]);
+                tangent[(i, j)] = entry;
+                tangent[(j, i)] = entry;
             }
         }
-        // Symmetric up to round-off; make it so to the last bit.
-        let mut tangent = (tangent + tangent.transpose()) * 0.5;
+        self.symmetric = tangent;
         let mut corner = tangent.fixed_view_mut::<3, 3>(3, 3);
         corner -= moment.cross_matrix() * 0.5;
         tangent
@@ -154,8 +161,4 @@ fn add(matrix: &mut [f64], n: usize, place: usize, values: &Matrix3x6<f64>) {
             *entry += value;
         }
     }
-}
-
-pub(crate) fn dot(a: &[f64], b: &[f64]) -> f64 {
-    a.iter().zip(b).map(|(a, b)| a * b).sum()
 }

@@ -14,7 +14,7 @@ const MAX_SUBSTEPS: u32 = 32;
 /// Times that a piece without balance is halved before the step gives up.
 const MAX_HALVINGS: i32 = 3;
 /// Vertices within this many radii of a tool may come to be touched within a piece.
-const NEAR: f64 = 0.5;
+pub(super) const NEAR: f64 = 0.5;
 
 /// Where each tool's shape has to go.
 pub(super) type Targets = [Option<Placement>; MAX_TOOLS];
@@ -79,6 +79,9 @@ pub(super) fn follow(
         state.placements = *targets;
         put(model, &state.placements, work);
         locate(model, state, work);
+        find_near(state, work);
+        look_ahead(model, work, report);
+        work.contact.newton.clear();
         work.contact.residual = 0.0;
         return Status::Ok;
     }
@@ -303,10 +306,10 @@ fn budget(work: &Workspace, report: &StepReport) -> usize {
 /// there soon.
 fn look_ahead(model: &Model, work: &mut Workspace, report: &mut StepReport) {
     let columns = &work.columns;
-    work.contact.near.retain(|near| !columns.has(near.vertex));
-    work.contact
-        .near
-        .sort_unstable_by(|a, b| a.gap.total_cmp(&b.gap));
+    work.contact.near.sort_unstable_by(|a, b| {
+        let nearer = a.gap.total_cmp(&b.gap);
+        nearer.then((a.vertex, a.tool).cmp(&(b.vertex, b.tool)))
+    });
     if columns.has_worker() {
         for near in &work.contact.near {
             work.columns.request(near.vertex);
@@ -320,7 +323,7 @@ fn look_ahead(model: &Model, work: &mut Workspace, report: &mut StepReport) {
             break;
         }
         // Two tools may be near one vertex.
-        if !work.contact.missing.contains(&near.vertex) {
+        if !columns.has(near.vertex) && !work.contact.missing.contains(&near.vertex) {
             work.contact.missing.push(near.vertex);
         }
     }

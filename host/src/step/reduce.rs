@@ -2,7 +2,7 @@
 //!
 //! Entry point: [`reduce`].
 
-use super::path::{Targets, displaced, nearest};
+use super::path::{NEAR, Targets, displaced, nearest};
 use super::{State, StepReport, Workspace};
 use crate::contact::reduction::{Surroundings, ToolRows};
 use crate::contact::shape::Solid;
@@ -13,8 +13,6 @@ use nalgebra::Vector3;
 
 /// Vertices that will be touched at once, in radii: as far as one is nearer than another.
 const AT_ONCE: f64 = 1e-3;
-/// Rows with larger gaps than this, in radii, are not worth sending.
-const WORTH: f64 = 0.5;
 
 /// Wrenches, tangents, gaps, rows and the energy at the balance.
 pub(super) fn reduce(
@@ -49,17 +47,17 @@ pub(super) fn reduce(
             let normal = force.try_normalize(0.0).unwrap_or_else(Vector3::z);
             contact.normal = normal.into();
             if work.reduce_rows {
-                let most_gap = WORTH * solid.radius();
-                rows_of(state, tool, &grip, &solid, most_gap, work, &mut rows);
+                rows_of(state, tool, &grip, &solid, f64::MAX, work, &mut rows);
             }
         } else {
             let (gap, normal) = apart(&solid, work);
             contact.gap_m = gap.max(0.0);
             contact.normal = normal.into();
-            if gap < WORTH * solid.radius() {
-                let most_gap = WORTH * solid.radius();
+            // Farther away, no vertex is listed as near.
+            if gap < NEAR * solid.radius() {
+                let at_once = contact.gap_m + AT_ONCE * solid.radius();
+                let most_gap = if work.reduce_rows { f64::MAX } else { at_once };
                 rows_of(state, tool, &grip, &solid, most_gap, work, &mut rows);
-                let at_once = gap.max(0.0) + AT_ONCE * solid.radius();
                 let dense = &mut work.contact.newton.dense;
                 tangent = work.reduction.coming(&rows, at_once, dense);
             }
@@ -92,7 +90,8 @@ fn apart(solid: &Solid, work: &Workspace) -> (f64, Vector3<f64>) {
     let Some((vertex, gap)) = near else {
         return (f64::MAX, Vector3::z());
     };
-    let touch = displaced(work).nth(vertex).and_then(|at| solid.touch(&at));
+    let u = Vector3::from_column_slice(&work.displacement[3 * vertex..3 * vertex + 3]);
+    let touch = solid.touch(&(work.resting_m[vertex] + u));
     (gap, touch.map_or_else(Vector3::z, |touch| -touch.normal))
 }
 

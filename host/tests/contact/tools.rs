@@ -1,10 +1,11 @@
 //! Several tools on one tissue.
 
-use crate::bench::{Bench, RADIUS, at, ball, contact, force, pose, slab_mesh};
+use crate::bench::{Bench, Chance, RADIUS, all_finite, at, ball, contact, force, pose, slab_mesh};
+use crate::rows::assert_reproduced;
 use nalgebra::{UnitQuaternion, Vector3};
 use sutura_host::fem::Loads;
 use sutura_host::step::{State, Status, step};
-use sutura_host::tool::{Tool, ToolSample};
+use sutura_host::tool::{Shape, Tool, ToolSample};
 
 #[test]
 fn two_tools_feel_each_other_through_the_tissue() {
@@ -113,4 +114,64 @@ fn two_tools_in_one_place_say_so() {
     );
     let air = both(&mut state, 0.05);
     assert_eq!((air.status, air.rows), (Status::Ok, 0));
+}
+
+/// Three tools anywhere, at once, one or two of them gone again: every balance is one, every vertex that two
+/// of them touch shares its force between them, and rows are there and reproduce the tangent.
+#[test]
+fn wild_motion_of_three_tools_never_breaks_the_solver() {
+    let (mesh, bottom) = slab_mesh();
+    let shape = Shape::FlatPunch {
+        radius_m: RADIUS,
+        fillet_m: 0.3 * RADIUS,
+        length_m: 0.04,
+    };
+    let tools = [
+        (0, Tool::new(shape, [0.0, 0.0, -0.02])),
+        (5, ball([0.0; 3])),
+        (6, Tool::new(shape, [0.0; 3])),
+    ];
+    let mut bench = Bench::new(&mesh, &bottom, Loads::default(), &tools);
+    bench.work.reduce_rows = true;
+    let mut state = State::new(&bench.model);
+    let mut chance = Chance(99);
+    let mut seen = std::collections::BTreeMap::new();
+    let (mut shared, mut turning, mut not) = (0, 0, 0);
+    for tick in 0..240 {
+        let samples = [(0, 0.03), (5, 0.02), (6, 0.02)].map(|(id, height)| ToolSample {
+            id,
+            ..pose(
+                chance.vector() * 0.025 + Vector3::z() * height,
+                UnitQuaternion::from_scaled_axis(chance.vector() * 0.4),
+            )
+        });
+        let samples = &samples[..1 + tick % 3];
+        let mut report = step(&bench.model, &mut state, samples, &mut bench.work);
+        for _ in 0..3 {
+            if report.status == Status::Behind {
+                report = step(&bench.model, &mut state, samples, &mut bench.work);
+            }
+        }
+        assert!(all_finite(&report));
+        *seen.entry(report.status.name()).or_insert(0) += 1;
+        if report.status != Status::Ok {
+            continue;
+        }
+        bench.assert_balanced(&state, samples);
+        let mut nodes: Vec<u32> = state.contact_forces(&bench.model).map(|at| at.0).collect();
+        nodes.sort_unstable();
+        shared += nodes.windows(2).filter(|pair| pair[0] == pair[1]).count();
+        for contact in report.contacts().iter().filter(|contact| contact.rows > 0) {
+            let rows = bench.work.rows(contact.id).expect("rows");
+            assert!(rows.count > 0);
+            if rows.turning {
+                turning += 1;
+            } else {
+                not += 1;
+                assert_reproduced(rows, contact, "without turning");
+            }
+        }
+    }
+    println!("{seen:?}, {shared} shared, rows with turning normals {turning}, without {not}");
+    assert!(seen["ok"] > 200 && shared > 0 && turning > 0 && not > 0);
 }
