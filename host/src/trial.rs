@@ -12,6 +12,7 @@ use crate::step::{State, Status, Workspace, step};
 use crate::tool::Tool;
 use nalgebra::Vector3;
 use serde::Serialize;
+use std::collections::BTreeMap;
 use std::time::Instant;
 
 /// Any soft tissue: the time does not depend on it.
@@ -42,11 +43,11 @@ pub struct Trial {
     pub step_status: &'static str,
 }
 
-/// Fixes the lowest nodes of `mesh` and presses a sphere on its highest vertex, large enough for about
+/// Fixes the lowest nodes of every connected part of `mesh` and presses a sphere on its highest vertex, large enough for about
 /// `rows` vertices to be touched.
 ///
 /// # Errors
-/// What [`Model::new`] refuses: a mesh of which some part is not connected to the lowest nodes.
+/// What [`Model::new`] refuses: a mesh that its lowest nodes do not hold, as where they are on one line.
 pub fn trial(mesh: &TetMesh, rows: u32) -> Result<Trial, ModelError> {
     let fixed = lowest(mesh);
     let started = Instant::now();
@@ -100,23 +101,51 @@ pub fn trial(mesh: &TetMesh, rows: u32) -> Result<Trial, ModelError> {
     Ok(trial)
 }
 
-/// Nodes of the lowest tenth, or of more of the mesh until three are there.
+/// Nodes of the lowest tenth of each connected part, or of more of it until three are there.
 fn lowest(mesh: &TetMesh) -> Vec<u32> {
-    let heights = || mesh.points_m().iter().map(|x| x[2]);
-    let (low, high) = heights().fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), z| {
-        (low.min(z), high.max(z))
-    });
-    let below = |share: f64| -> Vec<u32> {
-        let numbered = (0u32..).zip(heights());
-        let chosen = numbered.filter(|(_, z)| *z <= low + share * (high - low));
-        chosen.map(|(node, _)| node).collect()
+    let mut parts: BTreeMap<u32, Vec<(u32, f64)>> = BTreeMap::new();
+    for ((node, part), x) in (0u32..).zip(connected(mesh)).zip(mesh.points_m()) {
+        parts.entry(part).or_default().push((node, x[2]));
+    }
+    let lowest_of = |nodes: &Vec<(u32, f64)>| -> Vec<u32> {
+        let heights = nodes.iter().map(|(_, z)| *z);
+        let (low, high) = heights.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), z| {
+            (low.min(z), high.max(z))
+        });
+        let below = |share: f64| -> Vec<u32> {
+            let chosen = nodes
+                .iter()
+                .filter(|(_, z)| *z <= low + share * (high - low));
+            chosen.map(|(node, _)| *node).collect()
+        };
+        let [tenth, more, most] = [0.1, 0.3, 0.6].map(below);
+        let enough = [tenth, more].into_iter().find(|nodes| nodes.len() >= 3);
+        enough.unwrap_or(most)
     };
-    let few = [0.1, 0.3, 0.6].map(below);
-    let [tenth, more, most] = few;
-    [tenth, more]
-        .into_iter()
-        .find(|nodes| nodes.len() >= 3)
-        .unwrap_or(most)
+    parts.values().flat_map(lowest_of).collect()
+}
+
+/// For each node one node of the part that it is connected to, the same for the whole part.
+fn connected(mesh: &TetMesh) -> Vec<u32> {
+    let mut towards: Vec<u32> = (0u32..).take(mesh.points_m().len()).collect();
+    let root = |towards: &mut Vec<u32>, mut node: u32| {
+        while towards[node as usize] != node {
+            let next = towards[towards[node as usize] as usize];
+            towards[node as usize] = next;
+            node = next;
+        }
+        node
+    };
+    for [first, others @ ..] in mesh.cells() {
+        for other in others {
+            let (a, b) = (root(&mut towards, *first), root(&mut towards, *other));
+            towards[a.max(b) as usize] = a.min(b);
+        }
+    }
+    (0u32..)
+        .take(towards.len())
+        .map(|node| root(&mut towards, node))
+        .collect()
 }
 
 /// Radius of a sphere that, pressed in by a quarter of it, touches about so many vertices: an area of
@@ -168,6 +197,26 @@ mod tests {
             assert!((0.5..2.0).contains(&found), "{trial:?}");
             assert!(trial.step_us > Some(0.0) && trial.column_us > 0.0 && trial.factor_ms > 0.0);
         }
+    }
+
+    /// Two slabs side by side are held both, and each node is with its own.
+    #[test]
+    fn parts_that_do_not_touch_are_held_each_by_itself() {
+        let one = slab([0.06, 0.06, 0.03], [6, 6, 3]).expect("a slab");
+        let count = one.points_m().len() as u32;
+        let beside = one
+            .points_m()
+            .iter()
+            .map(|[x, y, z]| [x + 0.1, *y, z + 0.02]);
+        let points = one.points_m().iter().copied().chain(beside).collect();
+        let others = one.cells().iter().map(|cell| cell.map(|node| node + count));
+        let cells = one.cells().iter().copied().chain(others).collect();
+        let two = TetMesh::new(points, cells).expect("good");
+        let parts = connected(&two);
+        assert!(parts[..count as usize].iter().all(|part| *part == 0));
+        assert!(parts[count as usize..].iter().all(|part| *part == count));
+        let trial = trial(&two, 15).expect("both are held");
+        assert_eq!(trial.step_status, "ok", "{trial:?}");
     }
 
     /// Five nodes: whatever comes out, it is no panic.

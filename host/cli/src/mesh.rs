@@ -28,7 +28,7 @@ Examples:
   sutura mesh info part.ele --format json | jq .quality     part.node is read too
   sutura mesh info large.msh --time --rows 100              times of a step that touches about 100 vertices
 
-Times are measured, on this machine: the stiffness of the mesh is factored with its lowest nodes fixed, and a sphere that
+Times are measured, on this machine: the stiffness of the mesh is factored with the lowest nodes of every part fixed, and a sphere that
 touches about as many vertices as --rows says is pressed on its top. Factoring once takes factor_ms, a vertex that
 is touched for the first time column_us, every step step_us. Above 5,000 nodes this takes long: ask for it with --time.
 

@@ -19,7 +19,7 @@ pub use read::LONGEST_S;
 pub use region::Region;
 pub use schema::schema;
 
-use crate::fem::{Loads, Materials};
+use crate::fem::{CorotationalTissue, Loads, Materials, Policy};
 use crate::mesh::TetMesh;
 use crate::model::Model;
 use crate::step::{State, Workspace};
@@ -66,8 +66,8 @@ pub struct Scene {
 pub enum Tissue {
     /// Linear elasticity, small displacements.
     Linear,
-    /// Linear elasticity that turns with each element.
-    Corotational(Corotational),
+    /// Linear elasticity that turns with each element, and how closely it is followed.
+    Corotational(Policy),
 }
 
 impl Tissue {
@@ -78,17 +78,6 @@ impl Tissue {
             Tissue::Corotational(_) => "corotational",
         }
     }
-}
-
-/// What a scene says about corotational tissue; the solver's own choice where it says nothing.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Corotational {
-    /// Factor again once an element has turned by so much since the last time \[degree\].
-    pub refactor_rotation_deg: Option<f64>,
-    /// Factor again after so many steps at the latest.
-    pub refactor_every: Option<u32>,
-    /// Iterations of conjugate gradients in a step.
-    pub cg_iterations: Option<u32>,
 }
 
 /// A tool of a scene.
@@ -145,6 +134,15 @@ impl Scene {
     pub fn held(&self) -> impl Iterator<Item = (&Tool, Pose)> {
         let others = self.tools.iter().filter(|tool| !tool.driven);
         others.filter_map(|tool| Some((tool, tool.pose?)))
+    }
+
+    /// This scene's tissue as a corotational one, without tools.
+    ///
+    /// # Errors
+    /// [`SceneError::Build`]: tissue that is not held against rigid motion.
+    pub fn corotational(&self, policy: Policy) -> Result<CorotationalTissue, SceneError> {
+        CorotationalTissue::new(&self.mesh, self.materials.clone(), &self.fixed, policy)
+            .map_err(|error| SceneError::Build(error.into()))
     }
 
     /// The solver for this scene: what is constant, what evolves, and scratch.

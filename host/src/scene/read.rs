@@ -9,8 +9,8 @@ use super::hand::hand_script;
 use super::region::read_materials;
 use super::select::{check_nodes, select};
 use super::tools::read_tools;
-use super::{Corotational, HostSettings, Scene, Tissue};
-use crate::fem::{Anchor, Handle, Loads, NodeLoad};
+use super::{HostSettings, Scene, Tissue};
+use crate::fem::{Anchor, Handle, Loads, NodeLoad, Policy};
 use crate::mesh::{self, MeshError, TetMesh};
 use toml::Spanned;
 
@@ -210,30 +210,35 @@ fn read_tissue(document: &Document, section: &TissueSection) -> Result<Tissue, S
             return Err(document.flaw(settings.span(), message, label, Some(help)));
         }
         (TissueModel::Corotational, None) => {
-            return Ok(Tissue::Corotational(Corotational::default()));
+            return Ok(Tissue::Corotational(Policy::default()));
         }
         (TissueModel::Corotational, Some(settings)) => settings.get_ref(),
     };
-    let refactor_rotation_deg = match &settings.refactor_rotation_deg {
-        Some(value) => Some(document.number(
-            "refactor_rotation_deg",
-            value,
-            "more than 0 and at most 90",
-            |degrees| degrees > 0.0 && degrees <= 90.0,
-            "smaller follows large rotations better and costs more factorisations",
-        )?),
-        None => None,
+    let unsaid = Policy::default();
+    let refactor_rotation_rad = match &settings.refactor_rotation_deg {
+        Some(value) => document
+            .number(
+                "refactor_rotation_deg",
+                value,
+                "more than 0 and at most 90",
+                |degrees| degrees > 0.0 && degrees <= 90.0,
+                "smaller follows large rotations better and costs more factorisations",
+            )?
+            .to_radians(),
+        None => unsaid.refactor_rotation_rad,
     };
     let refactor_every = settings.refactor_every.as_ref();
     if let Some(zero) = refactor_every.filter(|steps| *steps.get_ref() == 0) {
         let message = "refactor_every = 0: must be 1 or more";
-        let help = "1 factors in every step; leave the key out to go by rotation alone";
+        let help = "1 factors in every step; 256 is what a scene has that does not say";
         return Err(document.flaw(zero.span(), message, "must be 1 or more", Some(help)));
     }
-    Ok(Tissue::Corotational(Corotational {
-        refactor_rotation_deg,
-        refactor_every: refactor_every.map(|steps| *steps.get_ref()),
-        cg_iterations: settings.cg_iterations.as_ref().map(|n| *n.get_ref()),
+    let count = |said: Option<&Spanned<u32>>, unsaid| said.map_or(unsaid, |n| *n.get_ref());
+    Ok(Tissue::Corotational(Policy {
+        refactor_rotation_rad,
+        refactor_every: count(refactor_every, unsaid.refactor_every),
+        cg_iterations: count(settings.cg_iterations.as_ref(), unsaid.cg_iterations),
+        ..unsaid
     }))
 }
 

@@ -253,12 +253,13 @@ fn corotational_settings_arrive_and_wait_for_their_solver() {
          refactor_rotation_deg = 6.0\nrefactor_every = 20\ncg_iterations = 3",
     );
     let scene = read(&text).expect("good");
-    let settings = Corotational {
-        refactor_rotation_deg: Some(6.0),
-        refactor_every: Some(20),
-        cg_iterations: Some(3),
+    let policy = Policy {
+        refactor_rotation_rad: 6f64.to_radians(),
+        refactor_every: 20,
+        cg_iterations: 3,
+        ..Policy::default()
     };
-    assert_eq!(scene.tissue, Tissue::Corotational(settings));
+    assert_eq!(scene.tissue, Tissue::Corotational(policy));
     assert_eq!(scene.tissue.word(), "corotational");
     let refused = scene.build().map(|_| ()).expect_err("no solver yet");
     assert!(refused.to_string().contains("not available"), "{refused}");
