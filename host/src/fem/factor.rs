@@ -201,3 +201,90 @@ fn symbolic_matrix(pattern: &Pattern) -> SymbolicSparseColMatRef<'_, usize> {
     let n = pattern.unknowns;
     SymbolicSparseColMatRef::new_checked(n, n, &pattern.column_start, None, &pattern.row)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::fem::{Factored, LinearTissue, Material};
+    use crate::mesh::slab;
+
+    fn tissue() -> LinearTissue {
+        let mesh = slab([0.06, 0.05, 0.03], [6, 5, 4]).expect("a slab");
+        let soft = Material {
+            youngs_modulus_pa: 1e4,
+            poisson_ratio: 0.45,
+        };
+        let bottom: Vec<u32> = (0..42).collect();
+        LinearTissue::new(&mesh, soft, &bottom).expect("tissue")
+    }
+
+    fn unit(n: usize, unknown: usize) -> Vec<f64> {
+        let mut e = vec![0.0; n];
+        e[unknown] = 1.0;
+        e
+    }
+
+    /// Our sweeps against faer's solve for many right-hand sides.
+    #[test]
+    fn sweeps_agree_with_faer() {
+        let tissue = tissue();
+        let factor = tissue.factor();
+        let n = tissue.unknowns();
+        let asked = [0, 1, 2, n / 2, n / 2 + 1, n / 2 + 2, n - 3, n - 2, n - 1];
+        let mut expected: Vec<f64> = asked.iter().flat_map(|u| unit(n, *u)).collect();
+        factor.solve(&mut expected, asked.len(), &mut factor.scratch(asked.len()));
+
+        let scale = expected.iter().fold(0.0f64, |most, x| most.max(x.abs()));
+        let mut scratch = factor.scratch(1);
+        for (unknown, expected) in asked.iter().zip(expected.chunks_exact(n)) {
+            let mut found = unit(n, *unknown);
+            factor.solve(&mut found, 1, &mut scratch);
+            for (found, expected) in found.iter().zip(expected) {
+                assert!((found - expected).abs() < 1e-13 * scale);
+            }
+        }
+        let groups = [
+            [0, 1, 2],
+            [asked[3], asked[4], asked[5]],
+            [n - 3, n - 2, n - 1],
+        ];
+        let mut columns: Vec<_> = (0..3).map(|_| factor.column_scratch()).collect();
+        let read = [0, 7, n / 3, n - 1];
+        let needed = factor.needed_for(read.into_iter());
+        factor.solve_columns(&groups, &needed, &mut columns);
+        for (group, scratch) in columns.iter().enumerate() {
+            for unknown in read {
+                let found = factor.read_column(scratch, unknown);
+                for (k, found) in found.iter().enumerate() {
+                    let expected = expected[(3 * group + k) * n + unknown];
+                    assert!((found - expected).abs() < 1e-13 * scale);
+                }
+            }
+        }
+    }
+
+    /// Alone, in company, read in few places or everywhere: the same bits.
+    #[test]
+    fn a_columns_bits_do_not_depend_on_its_company() {
+        let tissue = tissue();
+        let factor = tissue.factor();
+        let n = tissue.unknowns();
+        let groups: Vec<[usize; 3]> = (0..8).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect();
+        let everywhere = factor.needed_for(0..n);
+        let few = factor.needed_for([5, n / 2].into_iter());
+        assert!(few.len() < everywhere.len(), "nothing is left out");
+        let mut together: Vec<_> = (0..8).map(|_| factor.column_scratch()).collect();
+        factor.solve_columns(&groups, &everywhere, &mut together);
+        let mut alone = [factor.column_scratch()];
+        for (group, together) in groups.iter().zip(&together) {
+            factor.solve_columns(&[*group], &few, &mut alone);
+            for unknown in [5, n / 2] {
+                let (a, b) = (
+                    factor.read_column(&alone[0], unknown),
+                    factor.read_column(together, unknown),
+                );
+                assert_eq!(a.map(f64::to_bits), b.map(f64::to_bits));
+            }
+        }
+    }
+}

@@ -187,7 +187,7 @@ struct Sample {
 
 fn measure(scene: &Scene, progress: &ProgressBar) -> Result<Case, Failure> {
     progress.set_message(scene.name.clone());
-    let (Some(hand), Some(tool)) = (&scene.hand, scene.tools.first()) else {
+    let (Some(hand), Some(tool)) = (&scene.hand, scene.driven()) else {
         let message = format!(
             "the scene \"{}\" has no hand or no tool to follow",
             scene.name
@@ -277,7 +277,7 @@ fn measure(scene: &Scene, progress: &ProgressBar) -> Result<Case, Failure> {
     })
 }
 
-/// The first tool along the hand's path, one step every host period.
+/// The driven tool along the hand's path, one step every host period; the others where they are held.
 fn walk(
     scene: &Scene,
     hand: &HandScript,
@@ -295,8 +295,16 @@ fn walk(
         velocity_m_per_s: [0.0; 3],
         console_time_us: (1e6 * at(step)) as u64,
     };
+    let held = scene.held().map(|(tool, at)| ToolSample {
+        id: tool.id,
+        position_m: at.position_m,
+        orientation: at.orientation,
+        velocity_m_per_s: [0.0; 3],
+        console_time_us: 0,
+    });
+    let mut tools: Vec<ToolSample> = std::iter::once(pose(0)).chain(held).collect();
     let timed = |i| {
-        let tools = [pose(i)];
+        tools[0] = pose(i);
         let started = Instant::now();
         let report = step(model, state, &tools, work);
         Sample {

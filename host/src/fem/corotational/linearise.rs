@@ -32,7 +32,7 @@ pub struct Linearisation {
     /// between which only the rows' forces change, with the step: loads that changed since and
     /// fixed nodes that were moved count as left (steady motion by loads alone reads 0.71).
     pub contraction: f64,
-    /// Largest turn of a cell since the last refactorisation, before this one \[rad\].
+    /// Turn of the cells since the last refactorisation, before this one, root mean square \[rad\].
     pub rotation_since_refactor_rad: f64,
     /// Whether the factor is new: columns computed with the last one are void.
     pub refactored: bool,
@@ -268,15 +268,19 @@ impl CorotationalState {
         self.linearised.then(|| work.sum())
     }
 
-    /// Largest turn of a cell since its tangent was factored \[rad\].
+    /// Root mean square over the cells of their turn since the tangent was factored \[rad\]. Not the
+    /// largest: a factor that is wrong in a few cells costs conjugate gradients one iteration for each.
     fn rotation_since_refactor(&self) -> f64 {
-        let cosine = self
-            .rotations
-            .iter()
-            .zip(&self.factored_rotations)
-            .map(|(now, then)| now.coords.dot(&then.coords).abs())
-            .fold(1.0, f64::min);
-        2.0 * cosine.acos()
+        let cells = self.rotations.iter().zip(&self.factored_rotations);
+        let squares: f64 = cells
+            .map(|(now, then)| {
+                // Of the quaternions' difference: a cosine near one has no digits left.
+                let same = now.coords.dot(&then.coords).signum();
+                let chord = (now.coords - then.coords * same).norm();
+                (4.0 * (0.5 * chord).min(1.0).asin()).powi(2)
+            })
+            .sum();
+        (squares / self.rotations.len().max(1) as f64).sqrt()
     }
 }
 
