@@ -272,9 +272,9 @@ impl Supernodes {
                 }
             }
             for c in (0..some).rev() {
-                for k in 0..K {
+                for (k, sum) in sums[c].iter().enumerate() {
                     let t = &mut scratch.t[k * most + j..k * most + end];
-                    let mut value = t[c] - sums[c][k];
+                    let mut value = t[c] - sum;
                     for after in c + 1..some {
                         value = columns[c * height + j + after].mul_add(-t[after], value);
                     }

@@ -94,10 +94,10 @@ fn benches() -> Result<Vec<Bench>, MeshError> {
         include_str!("../../../../tests/data/tubes_younes.msh"),
         1e-3,
     )?;
-    // 40 mm long, 20 mm thick: the size of the tubes.
+    // 60 mm long, 30 mm thick: the size of the tubes.
     let cylinder = read_msh(
         include_str!("../../../../tests/data/cylinder_1650.msh"),
-        0.02,
+        0.03,
     )?;
     Ok(vec![
         Bench::new("tubes 1,650", tubes),
