@@ -287,7 +287,7 @@ impl Walk {
             self.took.push(1e6 * took.as_secs_f64());
             self.reports.push(report);
             if let (Some(tissue), Some(state)) = (truth, &mut converged)
-                && (step - GROWING) as usize % COMPARED_EVERY == 0
+                && ((step - GROWING) as usize).is_multiple_of(COMPARED_EVERY)
             {
                 let loads = Loads {
                     handles: handles(points, rows),
