@@ -53,8 +53,8 @@ fn handles(points: &[AnchorPoint], rows: &[AnchorRow]) -> Vec<Handle> {
     let target = |anchor: usize| {
         let mut target = [0.0; 3];
         for row in &rows[3 * anchor..3 * anchor + 3] {
-            for axis in 0..3 {
-                target[axis] += row.direction[axis] * row.target_m;
+            for (target, direction) in target.iter_mut().zip(row.direction) {
+                *target += direction * row.target_m;
             }
         }
         target
@@ -75,8 +75,8 @@ fn handles(points: &[AnchorPoint], rows: &[AnchorRow]) -> Vec<Handle> {
 fn force(rows: &[AnchorRow], lambda: &[f64], anchor: usize) -> [f64; 3] {
     let mut force = [0.0; 3];
     for row in 3 * anchor..3 * anchor + 3 {
-        for axis in 0..3 {
-            force[axis] -= rows[row].direction[axis] * lambda[row];
+        for (force, direction) in force.iter_mut().zip(rows[row].direction) {
+            *force -= direction * lambda[row];
         }
     }
     force
@@ -115,7 +115,7 @@ fn rows_agree_with_an_independent_solver() {
 
     let (mut points, mut rows) = (Vec::new(), Vec::new());
     // Directions that are not the axes': the columns of a rotation.
-    let frame = [[0.48, -0.8, 0.36], [0.6, 0.0, -0.8], [0.64, 0.6, 0.48]];
+    let frame = [[0.48, 0.6, 0.64], [-0.8, 0.0, 0.6], [0.36, -0.8, 0.48]];
     for (anchor, handle) in case["handles"]
         .as_array()
         .expect("handles")
@@ -128,8 +128,7 @@ fn rows_agree_with_an_independent_solver() {
             nodes: [nodes[0] as u32, nodes[1] as u32, nodes[2] as u32, 0],
             weights: [weights[0], weights[1], weights[2], 0.0],
         });
-        for axis in 0..3 {
-            let direction = [frame[0][axis], frame[1][axis], frame[2][axis]];
+        for direction in frame {
             rows.push(AnchorRow {
                 id: rows.len() as u64,
                 anchor: anchor as u32,

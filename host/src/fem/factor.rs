@@ -204,7 +204,6 @@ fn symbolic_matrix(pattern: &Pattern) -> SymbolicSparseColMatRef<'_, usize> {
 
 #[cfg(test)]
 mod tests {
-    use super::*;
     use crate::fem::{Factored, LinearTissue, Material};
     use crate::mesh::slab;
 
