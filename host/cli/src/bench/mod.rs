@@ -3,6 +3,7 @@
 //! Each scene's case walks its hand path through the solver, without a console: once with nothing
 //! cached, then several times with every compliance column at hand. The suite is in `suite`.
 
+mod sliding;
 mod suite;
 
 use crate::failure::{Cause, Failure};
@@ -53,6 +54,8 @@ struct Report {
     status: &'static str,
     machine: Machine,
     cases: Vec<Case>,
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    slides: Vec<sliding::Slide>,
 }
 
 #[derive(Serialize)]
@@ -158,8 +161,9 @@ pub fn run(args: &BenchArgs, global: &Global) -> Result<(), Failure> {
         progress.set_style(style);
     }
     let mut cases = Vec::new();
+    let mut slides = Vec::new();
     if args.suite {
-        cases = suite::run(args.steps as usize, &progress)?;
+        (cases, slides) = suite::run(args.steps as usize, &progress)?;
         progress.reset();
         progress.set_length((scenes.len() * (1 + PASSES)) as u64);
     }
@@ -171,6 +175,7 @@ pub fn run(args: &BenchArgs, global: &Global) -> Result<(), Failure> {
         status: "ok",
         machine: machine(),
         cases,
+        slides,
     };
     match global.format {
         Format::Json => say!("{}", serde_json::json!(report)),
@@ -404,6 +409,9 @@ fn print_text(report: &Report) {
                 case.steps_not_ok
             );
         }
+    }
+    for slide in &report.slides {
+        say!("{slide}");
     }
 }
 

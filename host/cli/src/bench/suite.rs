@@ -3,6 +3,7 @@
 //! Entry point: [`run`]. In every step all row directions turn, a tenth of the anchors changes its face,
 //! and the compliance between them is assembled and factored anew.
 
+use super::sliding::{self, Slide};
 use super::{Case, PASSES, Rows, Spread, StagesUs, Turning, micros, quantile};
 use crate::failure::{Cause, Failure};
 use indicatif::ProgressBar;
@@ -18,22 +19,23 @@ use sutura_host::fem::{
 use sutura_host::mesh::{MeshError, TetMesh, read_msh, tube};
 
 /// Steps a second: the host keeps up with the console.
-const RATE_HZ: f64 = 1000.0;
+pub const RATE_HZ: f64 = 1000.0;
 /// Steps before the first that counts: the circles have grown, and every column is there.
 const GROWING: u64 = 250;
 /// Steps of corotational tissue between two comparisons with the converged solution.
 const COMPARED_EVERY: usize = 50;
-const MATERIAL: Material = Material {
+pub const MATERIAL: Material = Material {
     youngs_modulus_pa: 50e3,
     poisson_ratio: 0.45,
 };
 
 /// A mesh with both ends held.
-struct Bench {
-    name: &'static str,
-    mesh: TetMesh,
-    fixed: Vec<u32>,
-    reached: Vec<u32>,
+pub struct Bench {
+    pub name: &'static str,
+    pub mesh: TetMesh,
+    pub fixed: Vec<u32>,
+    /// Free nodes of the boundary.
+    pub reached: Vec<u32>,
 }
 
 /// One line of the suite.
@@ -50,7 +52,7 @@ struct Task {
 ///
 /// # Errors
 /// None that the shipped meshes could cause.
-pub fn run(steps: usize, progress: &ProgressBar) -> Result<Vec<Case>, Failure> {
+pub fn run(steps: usize, progress: &ProgressBar) -> Result<(Vec<Case>, Vec<Slide>), Failure> {
     let benches = benches().map_err(|error| unexpected(error.to_string()))?;
     let mut tasks = Vec::new();
     for bench in 0..2 {
@@ -76,7 +78,7 @@ pub fn run(steps: usize, progress: &ProgressBar) -> Result<Vec<Case>, Failure> {
         }
     }
     progress.set_length(tasks.len() as u64);
-    tasks
+    let cases = tasks
         .iter()
         .map(|task| {
             let bench = &benches[task.bench];
@@ -85,8 +87,13 @@ pub fn run(steps: usize, progress: &ProgressBar) -> Result<Vec<Case>, Failure> {
             progress.inc(1);
             Ok(case)
         })
-        .collect()
+        .collect::<Result<_, Failure>>()?;
+    progress.set_message("sliding");
+    Ok((cases, sliding::run(&benches[FIVE_THOUSAND])?))
 }
+
+/// Which of [`benches`] has 5,000 nodes.
+const FIVE_THOUSAND: usize = 3;
 
 fn benches() -> Result<Vec<Bench>, MeshError> {
     // The meshes that other systems were measured on.
@@ -357,7 +364,7 @@ fn handles(points: &[AnchorPoint], rows: &[AnchorRow]) -> Vec<Handle> {
 }
 
 /// The suite's own meshes fit its own tasks.
-fn unexpected(message: String) -> Failure {
+pub fn unexpected(message: String) -> Failure {
     Failure::say(
         Cause::Failed,
         format!("the suite cannot run: {message}"),
