@@ -19,9 +19,9 @@ pub use read::LONGEST_S;
 pub use region::Region;
 pub use schema::schema;
 
-use crate::fem::{Loads, Materials};
+use crate::fem::{Loads, Materials, Policy};
 use crate::mesh::TetMesh;
-use crate::model::Model;
+use crate::model::{Model, Passes};
 use crate::step::{State, Workspace};
 use crate::tool;
 use std::path::Path;
@@ -85,10 +85,39 @@ impl Tissue {
 pub struct Corotational {
     /// Factor again once an element has turned by so much since the last time \[degree\].
     pub refactor_rotation_deg: Option<f64>,
-    /// Factor again after so many steps at the latest.
+    /// Factor again in every pass of this number at the latest.
     pub refactor_every: Option<u32>,
-    /// Iterations of conjugate gradients in a step.
+    /// Iterations of conjugate gradients in a pass.
     pub cg_iterations: Option<u32>,
+    /// Most passes of one step.
+    pub passes: Option<u32>,
+    /// Passes end when the out-of-balance force has fallen below this share of the forces.
+    pub tolerance: Option<f64>,
+}
+
+impl Corotational {
+    pub(crate) fn policy(&self) -> Policy {
+        let solvers = Policy::default();
+        Policy {
+            refactor_rotation_rad: self
+                .refactor_rotation_deg
+                .map_or(solvers.refactor_rotation_rad, f64::to_radians),
+            // The policy counts the passes in between.
+            refactor_every: self
+                .refactor_every
+                .map_or(solvers.refactor_every, |every| every.saturating_sub(1)),
+            cg_iterations: self.cg_iterations.unwrap_or(solvers.cg_iterations),
+            ..solvers
+        }
+    }
+
+    pub(crate) fn passes(&self) -> Passes {
+        let solvers = Passes::default();
+        Passes {
+            most: self.passes.unwrap_or(solvers.most),
+            tolerance: self.tolerance.unwrap_or(solvers.tolerance),
+        }
+    }
 }
 
 /// A tool of a scene.
@@ -151,19 +180,23 @@ impl Scene {
     ///
     /// # Errors
     /// [`SceneError::Build`]: tissue that is not held against rigid motion, handles that conflict, too many
-    /// tools. [`SceneError::NotAvailable`].
+    /// tools; corotational tissue with handles and tools, or without a balance under its loads.
     pub fn build(&self) -> Result<(Model, State, Workspace), SceneError> {
         let tools: Vec<_> = self
             .tools
             .iter()
             .map(|tool| (tool.id, tool.shape))
             .collect();
-        if self.tissue != Tissue::Linear {
-            return Err(SceneError::NotAvailable(self.tissue.word()));
-        }
+        let (mesh, fixed) = (&self.mesh, &self.fixed[..]);
         let (materials, loads) = (self.materials.clone(), self.loads.clone());
-        let model = Model::new(&self.mesh, materials, &self.fixed, loads, &tools)
-            .map_err(SceneError::Build)?;
+        let model = match self.tissue {
+            Tissue::Linear => Model::new(mesh, materials, fixed, loads, &tools),
+            Tissue::Corotational(settings) => {
+                let (policy, passes) = (settings.policy(), settings.passes());
+                Model::corotational(mesh, materials, fixed, loads, &tools, policy, passes)
+            }
+        }
+        .map_err(SceneError::Build)?;
         let (state, workspace) = (State::new(&model), Workspace::new(&model));
         Ok((model, state, workspace))
     }

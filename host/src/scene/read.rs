@@ -224,15 +224,38 @@ fn read_tissue(document: &Document, section: &TissueSection) -> Result<Tissue, S
         )?),
         None => None,
     };
-    let refactor_every = settings.refactor_every.as_ref();
-    if let Some(zero) = refactor_every.filter(|steps| *steps.get_ref() == 0) {
-        let message = "refactor_every = 0: must be 1 or more";
-        let help = "1 factors in every step; leave the key out to go by rotation alone";
-        return Err(document.flaw(zero.span(), message, "must be 1 or more", Some(help)));
-    }
+    let one_or_more = |key, value: &Option<Spanned<u32>>, help| match value {
+        Some(zero) if *zero.get_ref() == 0 => {
+            let message = format!("{key} = 0: must be 1 or more");
+            Err(document.flaw(zero.span(), message, "must be 1 or more", Some(help)))
+        }
+        value => Ok(value.as_ref().map(|number| *number.get_ref())),
+    };
+    let refactor_every = one_or_more(
+        "refactor_every",
+        &settings.refactor_every,
+        "1 factors in every pass; leave the key out to go by rotation alone",
+    )?;
+    let passes = one_or_more(
+        "passes",
+        &settings.passes,
+        "1 suits sessions: what a step leaves, the next one answers",
+    )?;
+    let tolerance = match &settings.tolerance {
+        Some(value) => Some(document.number(
+            "tolerance",
+            value,
+            "more than 0 and below 1",
+            |share| share > 0.0 && share < 1.0,
+            "a share of the forces on the tissue: 0.001 is far below what fingers tell apart",
+        )?),
+        None => None,
+    };
     Ok(Tissue::Corotational(Corotational {
         refactor_rotation_deg,
-        refactor_every: refactor_every.map(|steps| *steps.get_ref()),
+        refactor_every,
+        passes,
+        tolerance,
         cg_iterations: settings.cg_iterations.as_ref().map(|n| *n.get_ref()),
     }))
 }

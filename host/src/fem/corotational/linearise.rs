@@ -18,6 +18,16 @@ pub enum TangentKind {
     Projected,
 }
 
+/// How far from balance the tissue is.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Balance {
+    /// Norm of the out-of-balance force over the larger of those of external and internal forces; 0
+    /// within round-off.
+    pub imbalance: f64,
+    /// Largest turn of a cell since the factor was made \[rad\].
+    pub rotation_since_refactor_rad: f64,
+}
+
 /// What one linearisation did.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Linearisation {
@@ -58,14 +68,48 @@ impl CorotationalTissue {
         workspace: &mut CorotationalWorkspace,
         external: &[f64],
     ) -> Linearisation {
+        self.look(state, workspace, external);
+        self.answer(state, workspace, external)
+    }
+
+    /// The first half of [`Self::linearise`]: rotations at `state.u` and the out-of-balance force.
+    pub(crate) fn look(
+        &self,
+        state: &mut CorotationalState,
+        workspace: &mut CorotationalWorkspace,
+        external: &[f64],
+    ) -> Balance {
         self.update(state, workspace);
-        workspace.predicted.copy_from_slice(state.unknowns());
-        let internal = workspace.force.as_flattened();
-        for ((residual, external), internal) in
-            workspace.residual.iter_mut().zip(external).zip(internal)
+        let internal = workspace.internal_force();
+        let scale_n = dot(external, external).max(dot(internal, internal)).sqrt();
+        for ((residual, external), internal) in workspace
+            .residual
+            .iter_mut()
+            .zip(external)
+            .zip(workspace.force.as_flattened())
         {
             *residual = external - internal;
         }
+        let residual_n = dot(&workspace.residual, &workspace.residual).sqrt();
+        Balance {
+            imbalance: if self.is_round_off(residual_n) {
+                0.0
+            } else {
+                residual_n / scale_n
+            },
+            rotation_since_refactor_rad: state.rotation_since_refactor(),
+        }
+    }
+
+    /// The second half: what the tangent answers to the last [`Self::look`].
+    pub(crate) fn answer(
+        &self,
+        state: &mut CorotationalState,
+        workspace: &mut CorotationalWorkspace,
+        external: &[f64],
+    ) -> Linearisation {
+        workspace.predicted.copy_from_slice(state.unknowns());
+        let internal = workspace.force.as_flattened();
         let residual_n = dot(&workspace.residual, &workspace.residual).sqrt();
         let mut report = Linearisation {
             residual_n,
@@ -89,9 +133,9 @@ impl CorotationalTissue {
         state.linearised = true;
 
         state.age = state.age.saturating_add(1);
-        if report.rotation_since_refactor_rad > self.policy.refactor_rotation_rad
-            || state.age > self.policy.refactor_every
-        {
+        let is_old = report.rotation_since_refactor_rad > self.policy.refactor_rotation_rad
+            || state.age > self.policy.refactor_every;
+        if is_old && state.moved {
             report.sound = self.refactor(state, workspace);
             report.refactored = report.sound;
             report.tangent = state.tangent;
@@ -101,7 +145,7 @@ impl CorotationalTissue {
         }
         precondition(state, workspace);
         report.residual_j = dot(&workspace.residual, &workspace.preconditioned);
-        let balanced = residual_n <= self.round_off_n * (external.len() as f64).sqrt();
+        let balanced = self.is_round_off(residual_n);
         report.contraction = match step_j {
             Some(step) if !balanced && step > 0.0 => (report.residual_j / step).max(0.0).sqrt(),
             Some(_) if !balanced => 1.0,
@@ -114,6 +158,10 @@ impl CorotationalTissue {
                 self.iterate(state, workspace, report.residual_j);
         }
         report
+    }
+
+    fn is_round_off(&self, residual_n: f64) -> bool {
+        residual_n <= self.round_off_n * (self.unknowns() as f64).sqrt()
     }
 
     /// Rotations, stretches and internal forces at `state.u`. Allocates nothing.
@@ -171,7 +219,9 @@ impl CorotationalTissue {
                 state.tangent = kind;
                 state.factored_rotations.copy_from_slice(&state.rotations);
                 state.generation += 1;
+                state.fingerprint = fingerprint(values);
                 state.age = 0;
+                state.moved = false;
                 return true;
             }
         }
@@ -278,6 +328,13 @@ impl CorotationalState {
             .fold(1.0, f64::min);
         2.0 * cosine.acos()
     }
+}
+
+/// FNV-1a over the bits (Fowler, Noll & Vo 1991): equal for equal tangents, and as good as never
+/// otherwise. Odd, because 0 stands for the factor at rest.
+fn fingerprint(values: &[f64]) -> u64 {
+    let mix = |hash: u64, value: &f64| (hash ^ value.to_bits()).wrapping_mul(0x0100_0000_01b3);
+    values.iter().fold(0xcbf2_9ce4_8422_2325, mix) | 1
 }
 
 fn precondition(state: &CorotationalState, workspace: &mut CorotationalWorkspace) {
