@@ -74,12 +74,18 @@ impl Factored for View<'_> {
 }
 
 impl Motion {
-    /// Corotational tissue that starts in `state`, with up to `most_pushes` forces.
-    pub fn turning(state: CorotationalState, most_pushes: usize) -> Self {
-        Self(Some(Turning {
-            state,
-            pushes: Vec::with_capacity(most_pushes),
-        }))
+    /// Corotational tissue that starts in `state`.
+    pub fn turning(state: CorotationalState) -> Self {
+        let pushes = Vec::new();
+        Self(Some(Turning { state, pushes }))
+    }
+
+    /// Room for so many forces, which a copy does not have.
+    pub fn with_room(mut self, pushes: usize) -> Self {
+        if let Some(turning) = &mut self.0 {
+            turning.pushes.reserve(pushes);
+        }
+        self
     }
 
     /// Vertices whose columns [`Body::free`] will read, and the forces on them.
@@ -111,11 +117,11 @@ impl Body {
         matches!(self, Self::Linear { .. })
     }
 
-    /// Tissue at rest without loads, with up to `most_pushes` forces.
-    pub fn at_rest(&self, most_pushes: usize) -> Motion {
+    /// Tissue at rest without loads.
+    pub fn at_rest(&self) -> Motion {
         match self {
             Self::Linear { .. } => Motion::default(),
-            Self::Corotational { tissue, .. } => Motion::turning(tissue.state(), most_pushes),
+            Self::Corotational { tissue, .. } => Motion::turning(tissue.state()),
         }
     }
 
@@ -205,15 +211,28 @@ impl Body {
         at
     }
 
-    /// Estimate of the relative error of a tangent that was factored before cells turned as `balance`
-    /// says: a cell's stiffness that is turned by theta differs by theta sqrt((lambda + 2 mu) / mu) at most,
-    /// in the energy norm.
+    /// Estimate of the relative error of a tangent whose factor is as old as `balance` says: a cell that
+    /// has turned by theta shears where its factored stiffness expects pressure, which differs in the energy
+    /// norm by theta sqrt((lambda + 2 mu) / mu); a change of stretch counts like a turn. The cell that
+    /// changed most stands for all.
     pub fn tangent_error(&self, balance: &Balance) -> f64 {
+        self.error_of(balance.change_since_refactor)
+    }
+
+    /// What a pass that has not been looked at adds to the estimate.
+    pub fn tangent_error_of_pass(&self, motion: &Motion) -> f64 {
+        match (self, motion.state()) {
+            (Self::Corotational { tissue, .. }, Some(state)) => {
+                self.error_of(tissue.change_since_linearised(state))
+            }
+            _ => 0.0,
+        }
+    }
+
+    fn error_of(&self, change: f64) -> f64 {
         match self {
             Self::Linear { .. } => 0.0,
-            Self::Corotational { tissue, .. } => {
-                balance.rotation_since_refactor_rad * tissue.stiffness_ratio()
-            }
+            Self::Corotational { tissue, .. } => change * tissue.stiffness_ratio(),
         }
     }
 

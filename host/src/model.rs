@@ -3,7 +3,6 @@
 //! Entry point: [`Model::new`].
 
 use crate::body::{Body, Motion};
-use crate::contact::active_set::MAX_ROWS;
 use crate::contact::shape::Solid;
 use crate::fem::{
     CorotationalTissue, Equilibrium, Factored, HeldPoints, LinearTissue, Loads, Materials,
@@ -193,13 +192,12 @@ impl Model {
         let tissue = CorotationalTissue::new(mesh, materials, fixed, policy)?;
         let mut state = tissue.state();
         let displacement = tissue.settle(&mut state, &loads)?.displacement_m;
-        let most_pushes = MAX_ROWS.min(mesh.points_m().len() * tools.len());
         let mut work = tissue.workspace();
         tissue.update(&mut state, &mut work);
         let on_unknowns = loads.on_unknowns(tissue.numbering())?;
         let done = on_unknowns.iter().zip(state.unknowns()).map(|(f, u)| f * u);
         let resting_potential_j = tissue.energy_j(&work) - done.sum::<f64>();
-        let motion = Motion::turning(state, most_pushes);
+        let motion = Motion::turning(state);
         let body = Body::Corotational {
             loads: on_unknowns,
             tissue: Arc::new(tissue),

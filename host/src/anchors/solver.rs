@@ -184,7 +184,7 @@ impl AnchorSolver {
         } = settings;
         // Corotational tissue reads the anchors of the step before, too.
         let least = 8 * most_anchors;
-        let motion = body.at_rest(4 * most_anchors);
+        let motion = body.at_rest().with_room(4 * most_anchors);
         let view = body.view(&motion);
         let columns = Columns::new(&view, &held, reached, memory_bytes, least);
         let unknowns = numbering.unknowns();

@@ -151,7 +151,7 @@ impl State {
         Self {
             placements: [None; MAX_TOOLS],
             rows: Vec::with_capacity(most),
-            motion: model.motion.clone(),
+            motion: model.motion.clone().with_room(most),
         }
     }
 

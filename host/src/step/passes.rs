@@ -35,7 +35,10 @@ pub(super) fn pass(
             if !linearised.sound {
                 return Status::NotConverged;
             }
-            report.refactorisations += u32::from(linearised.refactored);
+            if linearised.refactored {
+                report.refactorisations += 1;
+                report.tangent_error = 0.0;
+            }
         }
         let is_free = release(model, state, work, report);
         clock.lap(&mut report.stages.columns_ns);
@@ -55,6 +58,9 @@ pub(super) fn pass(
         body.accept(&mut state.motion, &mut work.body, &work.columns, pushes);
         clock.lap(&mut report.stages.tissue_ns);
         report.passes += 1;
+        if report.passes >= model.passes.most {
+            report.tangent_error += body.tangent_error_of_pass(&state.motion);
+        }
         if status == Status::Behind || report.passes >= model.passes.most {
             return status;
         }

@@ -327,6 +327,10 @@ pub(super) fn budget(work: &Workspace, report: &StepReport) -> usize {
 /// Uses what is left of the budget, or the worker, on the columns of the nearest vertices: the tip will be
 /// there soon.
 fn look_ahead(model: &Model, state: &State, work: &mut Workspace, report: &mut StepReport) {
+    // The next factor would make them void.
+    if !model.body.is_linear() {
+        return;
+    }
     let columns = &work.columns;
     work.contact.near.retain(|near| !columns.has(near.vertex));
     work.contact

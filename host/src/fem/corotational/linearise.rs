@@ -3,10 +3,11 @@
 //! Entry point: [`CorotationalTissue::linearise`]. Between refactorisations the stale factor
 //! preconditions conjugate gradients on the present tangent, applied cell by cell.
 
-use super::super::rotation::polar;
+use super::super::element::Element;
+use super::super::rotation::{Polar, polar};
 use super::cell::{self, add_force, gradient, tangent_blocks, tangent_stress};
 use super::{CorotationalState, CorotationalTissue, CorotationalWorkspace};
-use nalgebra::Matrix3;
+use nalgebra::{Matrix3, Vector3};
 
 /// Which tangent a factor is of.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -24,8 +25,8 @@ pub(crate) struct Balance {
     /// Norm of the out-of-balance force over the larger of those of external and internal forces; 0
     /// within round-off.
     pub imbalance: f64,
-    /// Largest turn of a cell since the factor was made \[rad\].
-    pub rotation_since_refactor_rad: f64,
+    /// Largest turn \[rad\] plus change of stretch (Frobenius norm) of a cell since the factor was made.
+    pub change_since_refactor: f64,
 }
 
 /// What one linearisation did.
@@ -97,7 +98,7 @@ impl CorotationalTissue {
             } else {
                 residual_n / scale_n
             },
-            rotation_since_refactor_rad: state.rotation_since_refactor(),
+            change_since_refactor: state.change_since_refactor(&workspace.polar),
         }
     }
 
@@ -164,6 +165,26 @@ impl CorotationalTissue {
         residual_n <= self.round_off_n * (self.unknowns() as f64).sqrt()
     }
 
+    /// Largest change of a cell's deformation gradient (Frobenius norm) since the last linearisation.
+    pub(crate) fn change_since_linearised(&self, state: &CorotationalState) -> f64 {
+        let u = state.unknowns();
+        let moved = |place: u32| {
+            let first = 3 * place as usize;
+            match (u.get(first..first + 3), state.last_u.get(first..first + 3)) {
+                (Some(now), Some(then)) => {
+                    Vector3::new(now[0] - then[0], now[1] - then[1], now[2] - then[2])
+                }
+                _ => Vector3::zeros(), // fixed
+            }
+        };
+        let change = |element: &Element| {
+            let corners = element.nodes.iter().zip(&element.gradients);
+            let sum: Matrix3<f64> = corners.map(|(a, g)| moved(*a) * g.transpose()).sum();
+            sum.norm()
+        };
+        self.elements.iter().map(change).fold(0.0, f64::max)
+    }
+
     /// Rotations, stretches and internal forces at `state.u`. Allocates nothing.
     pub fn update(&self, state: &mut CorotationalState, workspace: &mut CorotationalWorkspace) {
         workspace.force.fill([0.0; 3]);
@@ -218,6 +239,9 @@ impl CorotationalTissue {
             {
                 state.tangent = kind;
                 state.factored_rotations.copy_from_slice(&state.rotations);
+                for (factored, polar) in state.factored_stretches.iter_mut().zip(&workspace.polar) {
+                    *factored = polar.stretch;
+                }
                 state.generation += 1;
                 state.fingerprint = fingerprint(values);
                 state.age = 0;
@@ -316,6 +340,21 @@ impl CorotationalState {
         let steps = self.unknowns().iter().zip(&self.last_u);
         let work = forces.zip(steps).map(|((f, g), (u, v))| (f - g) * (u - v));
         self.linearised.then(|| work.sum())
+    }
+
+    /// Largest turn plus change of stretch of a cell since its tangent was factored.
+    fn change_since_refactor(&self, polar: &[Polar]) -> f64 {
+        let turns = self.rotations.iter().zip(&self.factored_rotations);
+        let stretches = polar.iter().zip(&self.factored_stretches);
+        turns
+            .zip(stretches)
+            .map(|((now, then), (polar, stretch))| {
+                // Chord for angle: exact to third order, without the arc cosine's loss near 1.
+                let sign = now.coords.dot(&then.coords).signum();
+                let turn = 2.0 * (now.coords - then.coords * sign).norm();
+                turn + (polar.stretch - stretch).norm()
+            })
+            .fold(0.0, f64::max)
     }
 
     /// Largest turn of a cell since its tangent was factored \[rad\].

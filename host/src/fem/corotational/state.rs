@@ -30,6 +30,8 @@ pub struct CorotationalState {
     pub(super) tangent: TangentKind,
     /// Rotations in the factor, (m).
     pub(super) factored_rotations: Vec<UnitQuaternion<f64>>,
+    /// Stretches in the factor, (m).
+    pub(super) factored_stretches: Vec<Matrix3<f64>>,
     pub(super) generation: u64,
     /// Of the tangent's entries; 0 at rest.
     pub(super) fingerprint: u64,
@@ -51,6 +53,7 @@ impl CorotationalState {
             age: 0,
             factor: tissue.rest_factor.clone(),
             tangent: TangentKind::Consistent,
+            factored_stretches: vec![Matrix3::identity(); tissue.cells()],
             generation: 0,
             fingerprint: 0,
             moved: false,
