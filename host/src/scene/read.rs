@@ -234,7 +234,7 @@ fn read_tissue(document: &Document, section: &TissueSection) -> Result<Tissue, S
     let refactor_every = one_or_more(
         "refactor_every",
         &settings.refactor_every,
-        "1 factors in every pass; leave the key out to go by rotation alone",
+        "1 factors in every pass of every step; leave the key out to go by rotation alone",
     )?;
     let passes = one_or_more(
         "passes",

@@ -270,8 +270,11 @@ fn corotational_settings_arrive_at_their_solver() {
     let policy = settings.policy();
     assert!((policy.refactor_rotation_rad - 6f64.to_radians()).abs() < 1e-15);
     assert_eq!((policy.refactor_every, policy.cg_iterations), (19, 3));
-    let (model, _, _) = scene.build().expect("a model");
-    assert_eq!((model.passes.most, model.passes.tolerance), (4, 1e-4));
+    let passes = settings.passes();
+    assert_eq!((passes.most, passes.tolerance), (4, 1e-4));
+    let refused = scene.build().map(|_| ()).expect_err("a handle and a tool");
+    let message = refused.to_string();
+    assert!(message.contains("`[[handle]]` and `[[tool]]`"), "{message}");
 }
 
 #[test]
