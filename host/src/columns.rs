@@ -24,6 +24,10 @@ pub(crate) struct Columns {
     slots: Vec<Slot>,
     /// Slots that the memory limit allows.
     most_slots: usize,
+    /// Slots that no vertex has.
+    empty: Vec<u32>,
+    /// Which factor the columns are of.
+    factor: u64,
     /// Counts steps.
     now: u64,
     solver: ColumnSolver,
@@ -58,6 +62,8 @@ impl Columns {
             place: vec![MISSING; vertices],
             slots: Vec::new(),
             most_slots: (limit_bytes / bytes.max(1)).max(least).min(vertices),
+            empty: Vec::new(),
+            factor: 0,
             now: 0,
             solver: ColumnSolver::new(tissue, held, reached),
             worker: None,
@@ -178,14 +184,23 @@ impl Columns {
         self.solver.first_unknown(vertex)
     }
 
-    /// Forgets every column: the factor has changed.
-    pub fn forget(&mut self) {
-        self.place.fill(MISSING);
+    /// Forgets every column if they are not of the factor with this number; the first has 0.
+    pub fn belong_to(&mut self, factor: u64) {
+        if self.factor != factor {
+            self.factor = factor;
+            self.place.fill(MISSING);
+            self.empty.clear();
+            self.empty.extend((0..self.slots.len() as u32).rev());
+        }
     }
 
     /// A slot for `vertex`: a new one below the limit, else the one used longest ago.
     fn slot_for(&mut self, vertex: u32) -> Option<u32> {
-        let slot = if self.slots.len() < self.most_slots {
+        let slot = if let Some(empty) = self.empty.pop() {
+            empty as usize
+        } else if self.slots.len() < self.most_slots {
+            // Room to forget them all.
+            self.empty.reserve(self.slots.len() + 1);
             self.slots.push(Slot {
                 vertex,
                 used: 0,

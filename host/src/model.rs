@@ -2,8 +2,12 @@
 //!
 //! Entry point: [`Model::new`].
 
+use crate::body::{Body, Motion};
 use crate::contact::shape::Solid;
-use crate::fem::{Equilibrium, HeldPoints, LinearTissue, Loads, Materials, NodeLoad, TissueError};
+use crate::fem::{
+    CorotationalTissue, Equilibrium, Factored, HeldPoints, LinearTissue, Loads, Materials,
+    NodeLoad, Policy, TissueError,
+};
 use crate::mesh::{Surface, TetMesh};
 use crate::step::State;
 use crate::tool::{MAX_TOOLS, Placement, Tool};
@@ -18,7 +22,13 @@ pub const LEAST_RADIUS_IN_EDGES: f64 = 3.0;
 /// Everything that does not change while a scene runs.
 #[derive(Debug)]
 pub struct Model {
-    pub(crate) tissue: Arc<LinearTissue>,
+    pub(crate) body: Body,
+    /// How the tissue is before the first step.
+    pub(crate) motion: Motion,
+    /// Passes over corotational tissue.
+    pub(crate) passes: Passes,
+    /// Elastic energy without tools less the work of the loads \[J\]; of corotational tissue.
+    pub(crate) resting_potential_j: f64,
     pub(crate) surface: Surface,
     pub(crate) tools: Vec<(u8, Tool)>,
     pub(crate) held: Arc<HeldPoints>,
@@ -33,6 +43,26 @@ pub struct Model {
     pub(crate) touchable_m: Vec<Vector3<f64>>,
     /// Their outward normals, (b).
     pub(crate) touchable_normal: Vec<Vector3<f64>>,
+}
+
+/// When a step over corotational tissue ends: each pass linearises it anew.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Passes {
+    /// Most passes of one step, at least 1.
+    pub most: u32,
+    /// They end when the out-of-balance force has fallen below this share of the forces.
+    pub tolerance: f64,
+}
+
+impl Default for Passes {
+    /// One: what a step leaves out of balance the next one answers, a few milliseconds later. A
+    /// thousandth of the force is below what fingers tell apart, some 10 %.
+    fn default() -> Self {
+        Self {
+            most: 1,
+            tolerance: 1e-3,
+        }
+    }
 }
 
 /// Why a model cannot be built.
@@ -53,6 +83,12 @@ pub enum ModelError {
     /// One id for two tools.
     #[error("two tools have the id {0}")]
     SameTool(u8),
+    /// Handles next to tools, on corotational tissue.
+    #[error(
+        "`[[handle]]` and `[[tool]]` together need `[tissue] model = \"linear\"`: on corotational \
+         tissue a scene has either handles or tools; pull with a `[[load]]` instead"
+    )]
+    HandlesAndTools,
     /// More tools than a step has room for.
     #[error("{0} tools; at most {MAX_TOOLS} are possible")]
     TooManyTools(usize),
@@ -119,10 +155,73 @@ impl Model {
             .collect();
         let held = HeldPoints::new(&tissue, anchors)?;
         let displacement = tissue.solve_held(&loads, &held)?.displacement_m;
+        let mut resting = vec![0.0; tissue.unknowns()];
+        for (node, u) in (0u32..).zip(&displacement) {
+            if let Some(first) = tissue.first_unknown(node) {
+                resting[first..first + 3].copy_from_slice(u);
+            }
+        }
+        let body = Body::Linear {
+            tissue: Arc::new(tissue),
+            resting,
+        };
+        Ok(Self {
+            held: Arc::new(held),
+            ..Self::around(mesh, body, Motion::default(), loads, tools, &displacement)
+        })
+    }
+
+    /// As [`Self::new`], for tissue whose stiffness turns with its cells. It has handles or tools, not
+    /// both.
+    ///
+    /// # Errors
+    /// As [`Self::new`]; a policy out of range; loads under which there is no balance.
+    pub fn corotational(
+        mesh: &TetMesh,
+        materials: impl Into<Materials>,
+        fixed: &[u32],
+        loads: Loads,
+        tools: &[(u8, Tool)],
+        policy: Policy,
+        passes: Passes,
+    ) -> Result<Self, ModelError> {
+        check_tools(tools)?;
+        if !tools.is_empty() && !loads.handles.is_empty() {
+            return Err(ModelError::HandlesAndTools);
+        }
+        let tissue = CorotationalTissue::new(mesh, materials, fixed, policy)?;
+        let mut state = tissue.state();
+        let displacement = tissue.settle(&mut state, &loads)?.displacement_m;
+        let mut work = tissue.workspace();
+        tissue.update(&mut state, &mut work);
+        let on_unknowns = loads.on_unknowns(tissue.numbering())?;
+        let done = on_unknowns.iter().zip(state.unknowns()).map(|(f, u)| f * u);
+        let resting_potential_j = tissue.energy_j(&work) - done.sum::<f64>();
+        let motion = Motion::turning(state);
+        let body = Body::Corotational {
+            loads: on_unknowns,
+            tissue: Arc::new(tissue),
+        };
+        Ok(Self {
+            passes,
+            resting_potential_j,
+            ..Self::around(mesh, body, motion, loads, tools, &displacement)
+        })
+    }
+
+    /// What follows from the tissue, moved by its loads as `displacement` says.
+    fn around(
+        mesh: &TetMesh,
+        body: Body,
+        motion: Motion,
+        loads: Loads,
+        tools: &[(u8, Tool)],
+        displacement: &[[f64; 3]],
+    ) -> Self {
         let resting_m: Vec<[f64; 3]> = mesh
             .points_m()
             .iter()
-            .zip(&displacement)
+            .zip(displacement)
             .map(|(x, u)| [x[0] + u[0], x[1] + u[1], x[2] + u[2]])
             .collect();
 
@@ -130,7 +229,7 @@ impl Model {
         let mut touchable = Vec::new();
         let mut touchable_normal = Vec::new();
         for (&node, &normal) in surface.vertices.iter().zip(&surface.normals) {
-            if !tissue.is_fixed(node) {
+            if !body.numbering().is_fixed(node) {
                 touchable.push(node);
                 touchable_normal.push(Vector3::from(normal));
             }
@@ -139,23 +238,31 @@ impl Model {
             .iter()
             .map(|&node| Vector3::from(resting_m[node as usize]))
             .collect();
-        Ok(Self {
-            tissue: Arc::new(tissue),
+        Self {
+            body,
+            motion,
+            passes: Passes::default(),
+            resting_potential_j: 0.0,
             surface,
             tools: tools.to_vec(),
-            held: Arc::new(held),
+            held: Arc::new(HeldPoints::none()),
             loads,
             unloaded_m: mesh.points_m().to_vec(),
             resting_m,
             touchable,
             touchable_m,
             touchable_normal,
-        })
+        }
     }
 
-    /// The tissue.
-    pub fn tissue(&self) -> &LinearTissue {
-        &self.tissue
+    /// Whether a node is held.
+    pub fn is_fixed(&self, node: u32) -> bool {
+        self.body.numbering().is_fixed(node)
+    }
+
+    /// Entries of the stiffness's factor, zeros that pad its dense blocks included.
+    pub fn factor_entries(&self) -> usize {
+        Factored::factor(&self.body.view(&self.motion)).len()
     }
 
     /// Boundary of the tissue, in its unloaded shape.
@@ -204,19 +311,25 @@ impl Model {
             .collect()
     }
 
-    /// Balance of the whole tissue under its loads and the contact forces of `state`. Allocates: for
-    /// files and viewers, not for the loop.
+    /// The whole tissue under its loads and the contact forces of `state`: in balance if it is linear;
+    /// corotational tissue as the last step left it, how far from balance the residual says. Allocates:
+    /// for files and viewers, not for the loop.
     ///
     /// # Errors
-    /// None that [`Model::new`] has not refused already, unless the state is not finite.
+    /// None that building the model has not refused already, unless the state is not finite.
     pub fn equilibrium(&self, state: &State) -> Result<Equilibrium, TissueError> {
         let mut loads = self.loads.clone();
-        loads.forces.extend(
-            state
-                .contact_forces(self)
-                .map(|(node, force_n)| NodeLoad { node, force_n }),
-        );
-        self.tissue.solve_held(&loads, &self.held)
+        let pushed = state.contact_forces(self);
+        loads
+            .forces
+            .extend(pushed.map(|(node, force_n)| NodeLoad { node, force_n }));
+        match (&self.body, state.motion().state()) {
+            (Body::Linear { tissue, .. }, _) => tissue.solve_held(&loads, &self.held),
+            (Body::Corotational { tissue, .. }, Some(turning)) if loads.handles.is_empty() => {
+                tissue.book(turning, &loads)
+            }
+            (Body::Corotational { tissue, .. }, _) => tissue.solve(&loads),
+        }
     }
 }
 

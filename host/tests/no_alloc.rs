@@ -2,7 +2,7 @@
 
 use sutura_host::fem::{CorotationalTissue, Loads, Material, Policy};
 use sutura_host::mesh::slab;
-use sutura_host::model::Model;
+use sutura_host::model::{Model, Passes};
 use sutura_host::step::{State, Status, Workspace, step};
 use sutura_host::tool::{Shape, Tool, ToolSample};
 
@@ -89,6 +89,55 @@ fn a_step_allocates_nothing_after_the_first_touch() {
 }
 
 #[test]
+fn a_step_on_corotational_tissue_allocates_nothing_once_it_has_columns() {
+    let mesh = slab([0.08, 0.08, 0.03], [8, 8, 4]).expect("a slab");
+    let bottom: Vec<u32> = (0..9 * 9).collect();
+    let material = Material {
+        youngs_modulus_pa: 15e3,
+        poisson_ratio: 0.45,
+    };
+    let policy = Policy {
+        refactor_rotation_rad: 0.02,
+        ..Policy::default()
+    };
+    let passes = Passes {
+        most: 3,
+        tolerance: 1e-6,
+    };
+    let tools = [(0, Tool::sphere(0.02, [0.0; 3]))];
+    let loads = Loads::default();
+    let model = Model::corotational(&mesh, material, &bottom, loads, &tools, policy, passes);
+    let model = model.expect("a model");
+    let mut state = State::new(&model);
+    let mut work = Workspace::new(&model);
+    work.vertices_per_step = 1000;
+    work.reduce_rows = true;
+    // All buffers for columns, at the first factor; new factors reuse them.
+    work.prepare(&model, |_| true);
+    let (mut most_rows, mut refactorisations, mut passes) = (0, 0, 0);
+    let mut statuses = Vec::with_capacity(40);
+    let allocated = allocation_counter::measure(|| {
+        for tick in 0..40 {
+            let mut sample = path(5 * tick);
+            sample.position_m[2] += 0.006;
+            let report = step(&model, &mut state, &[sample], &mut work);
+            most_rows = most_rows.max(report.rows);
+            refactorisations += report.refactorisations;
+            passes += report.passes;
+            statuses.push(report.status);
+        }
+    });
+    let ok = statuses.iter().filter(|status| **status == Status::Ok);
+    // One sample of the path is not a number.
+    assert_eq!(ok.count(), 39, "{statuses:?}");
+    assert!(
+        most_rows >= 3 && refactorisations >= 5 && passes > 60,
+        "{most_rows} {refactorisations} {passes}"
+    );
+    assert_eq!(allocated.count_total, 0, "{allocated:?}");
+}
+
+#[test]
 fn corotational_tissue_allocates_nothing_refactorisations_included() {
     let mesh = slab([0.08, 0.08, 0.03], [8, 8, 4]).expect("a slab");
     let bottom: Vec<u32> = (0..9 * 9).collect();
@@ -102,7 +151,7 @@ fn corotational_tissue_allocates_nothing_refactorisations_included() {
     };
     let tissue = CorotationalTissue::new(&mesh, material, &bottom, policy).expect("tissue");
     let mut state = tissue.state();
-    let mut workspace = tissue.workspace().expect("a workspace");
+    let mut workspace = tissue.workspace();
     let mut external = vec![0.0; tissue.unknowns()];
     let first = tissue.first_unknown(4 * 81 + 40).expect("a free node");
     let mut iterations = 0;

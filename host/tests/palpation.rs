@@ -55,3 +55,66 @@ fn the_deepest_point_agrees_with_scikit_fem() {
     let energy = expected["stored_energy_j"].as_f64().expect("a number");
     assert!((report.stored_energy_j / energy - 1.0).abs() < 1e-6);
 }
+
+/// The palpation scene's hand on corotational tissue, a step every host period without a console: every
+/// step has a contact, but for those that wait for columns of a new factor.
+#[test]
+fn corotational_tissue_follows_the_scenes_hand() {
+    let text = std::fs::read_to_string(path("scenes/palpation.toml")).expect("the scene");
+    let text = text.replace("model = \"linear\"", "model = \"corotational\"");
+    let file = PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join("palpation-corotational.toml");
+    std::fs::write(&file, text).expect("a file");
+    let scene = scene::load(&file).expect("the scene");
+    let (model, mut state, mut work) = scene.build().expect("a model");
+    let hand = scene.hand.expect("a hand");
+    let (mut waiting, mut touching, mut refactorisations) = (0, 0, 0);
+    let (mut times, mut stages) = (Vec::new(), [0.0; 5]);
+    let (mut error, mut imbalance) = (0.0f64, 0.0f64);
+    // The first two presses.
+    for number in 0..(2.6 * scene.host.host_hz) as u32 {
+        let time_s = f64::from(number) / scene.host.host_hz;
+        let mut position_m = scene::position_at(&hand, time_s);
+        // The hand is a spring that gives way: about as far in as in a session.
+        position_m[2] = position_m[2].max(0.006);
+        let sample = ToolSample {
+            id: scene.tools[0].id,
+            position_m,
+            orientation: [0.0, 0.0, 0.0, 1.0],
+            velocity_m_per_s: [0.0; 3],
+            console_time_us: 0,
+        };
+        let started = std::time::Instant::now();
+        let report = step(&model, &mut state, &[sample], &mut work);
+        times.push(started.elapsed().as_secs_f64() * 1e3);
+        refactorisations += report.refactorisations;
+        let s = report.stages;
+        for (sum, ns) in stages.iter_mut().zip([
+            s.tissue_ns,
+            s.detect_ns,
+            s.columns_ns,
+            s.solve_ns,
+            s.reduce_ns,
+        ]) {
+            *sum += ns as f64 * 1e-6;
+        }
+        match report.status {
+            Status::Ok => {
+                touching += u32::from(report.rows > 0);
+                error = error.max(report.tangent_error);
+                imbalance = imbalance.max(report.imbalance);
+            }
+            Status::Waiting => waiting += 1,
+            other => panic!("{other:?} at {time_s} s: {report:?}"),
+        }
+    }
+    times.sort_by(f64::total_cmp);
+    println!(
+        "ms in tissue, detect, columns, solve, reduce: {stages:.0?}; {touching} steps in contact, {waiting} waiting, {refactorisations} refactorisations; ms p50 {:.2} \
+         p99 {:.2} max {:.2}; tangent error {error:.2}, imbalance {imbalance:.3}",
+        times[times.len() / 2],
+        times[times.len() * 99 / 100],
+        times[times.len() - 1]
+    );
+    assert!(touching > 200, "{touching}");
+    assert!(waiting < touching / 4, "{waiting}");
+}

@@ -4,7 +4,7 @@
 
 use super::compliance::{Reached, assemble};
 use super::{AnchorPoint, AnchorRow};
-use crate::body::{Body, Push};
+use crate::body::{Body, BodyWork, Motion, Push};
 use crate::clock::Clock;
 use crate::columns::Columns;
 use crate::fem::{
@@ -26,7 +26,7 @@ pub struct AnchorSettings {
     pub vertices_per_step: usize,
     /// Most passes over corotational tissue in one step; linear tissue needs one.
     pub passes: u32,
-    /// Passes end when the out-of-balance force has fallen below this share of the row forces.
+    /// Passes end when the out-of-balance force has fallen below this share of the forces.
     pub tolerance: f64,
     /// Memory for columns \[bytes\]; what `most_anchors` need is always allowed.
     pub memory_bytes: usize,
@@ -100,6 +100,7 @@ pub struct AnchorStep {
 /// Tissue held by rows on anchors.
 pub struct AnchorSolver {
     body: Body,
+    body_work: BodyWork,
     held: HeldPoints,
     settings: AnchorSettings,
     columns: Columns,
@@ -107,6 +108,7 @@ pub struct AnchorSolver {
     reached_of_node: Vec<u32>,
 
     // What evolves.
+    motion: Motion,
     forces: rows::State,
     anchors: Vec<Reached>,
     /// Direction and anchor of each row of the last solve.
@@ -140,7 +142,7 @@ impl AnchorSolver {
         settings: AnchorSettings,
     ) -> Result<Self, TissueError> {
         let resting = vec![0.0; tissue.unknowns()];
-        Self::new(Body::linear(tissue, resting), reached, settings)
+        Self::new(Body::Linear { tissue, resting }, reached, settings)
     }
 
     /// As [`Self::linear`], for corotational tissue.
@@ -153,8 +155,7 @@ impl AnchorSolver {
         settings: AnchorSettings,
     ) -> Result<Self, TissueError> {
         let loads = vec![0.0; tissue.unknowns()];
-        let body = Body::corotational(tissue, loads, 4 * settings.most_anchors)?;
-        Self::new(body, reached, settings)
+        Self::new(Body::Corotational { tissue, loads }, reached, settings)
     }
 
     fn new(body: Body, reached: &[u32], settings: AnchorSettings) -> Result<Self, TissueError> {
@@ -183,7 +184,9 @@ impl AnchorSolver {
         } = settings;
         // Corotational tissue reads the anchors of the step before, too.
         let least = 8 * most_anchors;
-        let columns = Columns::new(&body, &held, reached, memory_bytes, least);
+        let motion = body.at_rest().with_room(4 * most_anchors);
+        let view = body.view(&motion);
+        let columns = Columns::new(&view, &held, reached, memory_bytes, least);
         let unknowns = numbering.unknowns();
         Ok(Self {
             held,
@@ -203,8 +206,10 @@ impl AnchorSolver {
             delta_free: vec![0.0; most_rows],
             kinds: Vec::with_capacity(most_rows),
             rows_work: rows::Workspace::new(most_rows),
-            field: body.factor().scratch(1),
+            field: view.factor().scratch(1),
             settings,
+            body_work: body.work(),
+            motion,
             body,
         })
     }
@@ -246,16 +251,23 @@ impl AnchorSolver {
             kind: row.kind,
         }));
         loop {
-            let linearisation = self.body.linearise(&mut self.columns);
-            clock.lap(&mut report.stages.tissue_ns);
-            let balanced = linearisation.is_some_and(|linearisation| {
-                report.passes > 0
-                    && linearisation.residual_n <= self.settings.tolerance * self.force_norm()
+            let Self {
+                body,
+                motion,
+                body_work,
+                columns,
+                ..
+            } = self;
+            let balance = body.look(motion, body_work, columns);
+            let balanced = balance.is_some_and(|balance| {
+                report.passes > 0 && balance.imbalance <= self.settings.tolerance
             });
-            report.linearisation = linearisation.or(report.linearisation);
             if balanced {
                 break;
             }
+            let linearisation = body.linearise(motion, body_work, columns);
+            report.linearisation = linearisation.or(report.linearisation);
+            clock.lap(&mut report.stages.tissue_ns);
             let ready = self.fetch(&mut report);
             clock.lap(&mut report.stages.columns_ns);
             if !ready {
@@ -273,6 +285,8 @@ impl AnchorSolver {
                 return report;
             }
             self.body.accept(
+                &mut self.motion,
+                &mut self.body_work,
                 &self.columns,
                 pushes(&self.anchors, &self.acting, self.forces.lambda()),
             );
@@ -284,6 +298,7 @@ impl AnchorSolver {
         }
         if field {
             self.body.field(
+                &self.motion,
                 &self.columns,
                 pushes(&self.anchors, &self.acting, self.forces.lambda()),
                 &mut self.u,
@@ -318,11 +333,6 @@ impl AnchorSolver {
     /// Memory for the columns of one vertex, and of all that are there \[bytes\].
     pub fn column_bytes(&self) -> (usize, usize) {
         (self.columns.bytes_per_vertex(), self.columns.bytes())
-    }
-
-    fn force_norm(&self) -> f64 {
-        let lambda = self.forces.lambda().iter();
-        lambda.map(|lambda| lambda * lambda).sum::<f64>().sqrt()
     }
 
     /// Reads anchors and rows; whether they make sense.
@@ -373,7 +383,7 @@ impl AnchorSolver {
                 .extend(anchor.parts().map(|(vertex, _)| vertex));
         }
         self.vertices
-            .extend(self.body.pushed().iter().map(|(vertex, _)| *vertex));
+            .extend(self.motion.pushed().iter().map(|(vertex, _)| *vertex));
         self.missing.clear();
         for &vertex in &self.vertices {
             if self.columns.has(vertex) {
@@ -397,9 +407,11 @@ impl AnchorSolver {
             .saturating_sub(report.vertices_computed as usize);
         let now = self.missing.len().min(budget);
         report.vertices_computed += now as u32;
-        self.columns
-            .compute(&self.body, &self.held, &self.missing[..now])
-            && now == self.missing.len()
+        self.columns.compute(
+            &self.body.view(&self.motion),
+            &self.held,
+            &self.missing[..now],
+        ) && now == self.missing.len()
     }
 
     /// Compliance and free delta of the rows.
@@ -408,7 +420,10 @@ impl AnchorSolver {
         for (free, anchor) in self.free.iter_mut().zip(&self.next_anchors) {
             *free = anchor
                 .parts()
-                .map(|(vertex, weight)| self.body.free(&self.columns, vertex) * weight)
+                .map(|(vertex, weight)| {
+                    let (motion, work) = (&self.motion, &self.body_work);
+                    self.body.free(motion, work, &self.columns, vertex) * weight
+                })
                 .sum();
         }
         for (delta, row) in self.delta_free.iter_mut().zip(rows) {

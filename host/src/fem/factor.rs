@@ -8,7 +8,7 @@
 use super::error::TissueError;
 use super::pattern::Pattern;
 use super::supernodes::{Supernodes, SweepScratch};
-use faer::dyn_stack::{MemBuffer, MemStack};
+use faer::dyn_stack::{MemBuffer, MemStack, StackReq};
 use faer::linalg::cholesky::llt::factor::LltRegularization;
 use faer::sparse::linalg::SupernodalThreshold;
 use faer::sparse::linalg::cholesky::{
@@ -75,7 +75,10 @@ impl Factor {
                 supernodes,
             }),
         };
-        let mut scratch = factor.refactor_scratch()?;
+        let mut scratch = RefactorScratch {
+            memory: MemBuffer::try_new(factor.refactor_need()).map_err(|_| NotFactored)?,
+            values: vec![0.0; factor.values.len()],
+        };
         factor.refactor(pattern, values, &mut scratch)?;
         Ok(factor)
     }
@@ -97,15 +100,18 @@ impl Factor {
         if sound { Ok(factor) } else { Err(floating) }
     }
 
-    pub fn refactor_scratch(&self) -> Result<RefactorScratch, NotFactored> {
-        let need = self
-            .symbolic
-            .cholesky
-            .factorize_numeric_llt_scratch::<f64>(Par::Seq, Default::default());
-        Ok(RefactorScratch {
-            memory: MemBuffer::try_new(need).map_err(|_| NotFactored)?,
+    /// As much memory as [`Self::new`] has found once already.
+    pub fn refactor_scratch(&self) -> RefactorScratch {
+        RefactorScratch {
+            memory: MemBuffer::new(self.refactor_need()),
             values: vec![0.0; self.values.len()],
-        })
+        }
+    }
+
+    fn refactor_need(&self) -> StackReq {
+        self.symbolic
+            .cholesky
+            .factorize_numeric_llt_scratch::<f64>(Par::Seq, Default::default())
     }
 
     /// Factors other values on the same pattern. Allocates nothing; on failure the factor is as before.

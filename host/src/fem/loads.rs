@@ -103,6 +103,17 @@ impl Loads {
         Ok(targets)
     }
 
+    /// Force on the unknowns \[N\].
+    pub(crate) fn on_unknowns(&self, numbering: &Numbering) -> Result<Vec<f64>, TissueError> {
+        let mut forces = vec![0.0; numbering.unknowns()];
+        for (node, force) in (0u32..).zip(self.node_forces(numbering)?) {
+            if let Some(first) = numbering.first_unknown(node) {
+                forces[first..first + 3].copy_from_slice(&force);
+            }
+        }
+        Ok(forces)
+    }
+
     pub(super) fn anchors(&self) -> Vec<Anchor> {
         let anchors = self.handles.iter().map(|handle| handle.anchor.clone());
         anchors.collect()

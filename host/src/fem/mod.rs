@@ -30,6 +30,7 @@ pub use loads::{Equilibrium, Loads, NodeLoad};
 pub use material::{Material, MaterialError, Materials};
 pub use tissue::LinearTissue;
 
+pub(crate) use corotational::Balance;
 pub(crate) use factor::{ColumnScratch, Factor};
 pub(crate) use handles::{Factored, HeldPoints};
 pub(crate) use numbering::Numbering;

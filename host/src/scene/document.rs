@@ -34,10 +34,6 @@ pub enum SceneError {
         "see what holds the tissue, what acts on it and what touches it: `[[fixed]]`, `[[handle]]`, `[[load]]`, `[[tool]]`"
     ))]
     Build(ModelError),
-    /// The scene asks for something that this version reads but cannot build.
-    #[error("{0} tissue is not available in contact with tools yet")]
-    #[diagnostic(help("take `model = \"linear\"` in `[tissue]`"))]
-    NotAvailable(&'static str),
 }
 
 /// One complaint or warning about a file, with the place it is about.

@@ -112,12 +112,18 @@ pub struct CorotationalSection {
     /// \[degree\].
     #[schemars(with = "Option<f64>")]
     pub refactor_rotation_deg: Option<Spanned<f64>>,
-    /// Factor again after so many steps at the latest.
+    /// Factor again after so many passes at the latest; 1 factors in every pass.
     #[schemars(with = "Option<u32>")]
     pub refactor_every: Option<Spanned<u32>>,
-    /// Iterations of conjugate gradients in a step, with the old factor as preconditioner.
+    /// Iterations of conjugate gradients in a pass, with the old factor as preconditioner.
     #[schemars(with = "Option<u32>")]
     pub cg_iterations: Option<Spanned<u32>>,
+    /// Most passes of a step: each linearises the tissue anew.
+    #[schemars(with = "Option<u32>")]
+    pub passes: Option<Spanned<u32>>,
+    /// Passes end when the out-of-balance force has fallen below this share of the forces.
+    #[schemars(with = "Option<f64>")]
+    pub tolerance: Option<Spanned<f64>>,
 }
 
 /// `[[region]]`: cells with a material of their own.

@@ -19,9 +19,9 @@ pub use read::LONGEST_S;
 pub use region::Region;
 pub use schema::schema;
 
-use crate::fem::{CorotationalTissue, Loads, Materials, Policy};
+use crate::fem::{Loads, Materials, Policy};
 use crate::mesh::TetMesh;
-use crate::model::Model;
+use crate::model::{Model, Passes};
 use crate::step::{State, Workspace};
 use crate::tool;
 use std::path::Path;
@@ -67,7 +67,7 @@ pub enum Tissue {
     /// Linear elasticity, small displacements.
     Linear,
     /// Linear elasticity that turns with each element, and how closely it is followed.
-    Corotational(Policy),
+    Corotational(Corotational),
 }
 
 impl Tissue {
@@ -76,6 +76,46 @@ impl Tissue {
         match self {
             Tissue::Linear => "linear",
             Tissue::Corotational(_) => "corotational",
+        }
+    }
+}
+
+/// What a scene says about corotational tissue; the solver's own choice where it says nothing.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Corotational {
+    /// Factor again once an element has turned by so much since the last time \[degree\].
+    pub refactor_rotation_deg: Option<f64>,
+    /// Factor again in every pass of this number at the latest.
+    pub refactor_every: Option<u32>,
+    /// Iterations of conjugate gradients in a pass.
+    pub cg_iterations: Option<u32>,
+    /// Most passes of one step.
+    pub passes: Option<u32>,
+    /// Passes end when the out-of-balance force has fallen below this share of the forces.
+    pub tolerance: Option<f64>,
+}
+
+impl Corotational {
+    pub(crate) fn policy(&self) -> Policy {
+        let solvers = Policy::default();
+        Policy {
+            refactor_rotation_rad: self
+                .refactor_rotation_deg
+                .map_or(solvers.refactor_rotation_rad, f64::to_radians),
+            // The policy counts the passes in between.
+            refactor_every: self
+                .refactor_every
+                .map_or(solvers.refactor_every, |every| every.saturating_sub(1)),
+            cg_iterations: self.cg_iterations.unwrap_or(solvers.cg_iterations),
+            ..solvers
+        }
+    }
+
+    pub(crate) fn passes(&self) -> Passes {
+        let solvers = Passes::default();
+        Passes {
+            most: self.passes.unwrap_or(solvers.most),
+            tolerance: self.tolerance.unwrap_or(solvers.tolerance),
         }
     }
 }
@@ -136,32 +176,27 @@ impl Scene {
         others.filter_map(|tool| Some((tool, tool.pose?)))
     }
 
-    /// This scene's tissue as a corotational one, without tools.
-    ///
-    /// # Errors
-    /// [`SceneError::Build`]: tissue that is not held against rigid motion.
-    pub fn corotational(&self, policy: Policy) -> Result<CorotationalTissue, SceneError> {
-        CorotationalTissue::new(&self.mesh, self.materials.clone(), &self.fixed, policy)
-            .map_err(|error| SceneError::Build(error.into()))
-    }
-
     /// The solver for this scene: what is constant, what evolves, and scratch.
     ///
     /// # Errors
     /// [`SceneError::Build`]: tissue that is not held against rigid motion, handles that conflict, too many
-    /// tools. [`SceneError::NotAvailable`].
+    /// tools; corotational tissue with handles and tools, or without a balance under its loads.
     pub fn build(&self) -> Result<(Model, State, Workspace), SceneError> {
         let tools: Vec<_> = self
             .tools
             .iter()
             .map(|tool| (tool.id, tool.shape))
             .collect();
-        if self.tissue != Tissue::Linear {
-            return Err(SceneError::NotAvailable(self.tissue.word()));
-        }
+        let (mesh, fixed) = (&self.mesh, &self.fixed[..]);
         let (materials, loads) = (self.materials.clone(), self.loads.clone());
-        let model = Model::new(&self.mesh, materials, &self.fixed, loads, &tools)
-            .map_err(SceneError::Build)?;
+        let model = match self.tissue {
+            Tissue::Linear => Model::new(mesh, materials, fixed, loads, &tools),
+            Tissue::Corotational(settings) => {
+                let (policy, passes) = (settings.policy(), settings.passes());
+                Model::corotational(mesh, materials, fixed, loads, &tools, policy, passes)
+            }
+        }
+        .map_err(SceneError::Build)?;
         let (state, workspace) = (State::new(&model), Workspace::new(&model));
         Ok((model, state, workspace))
     }

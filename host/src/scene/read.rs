@@ -9,8 +9,8 @@ use super::hand::hand_script;
 use super::region::read_materials;
 use super::select::{check_nodes, select};
 use super::tools::read_tools;
-use super::{HostSettings, Scene, Tissue};
-use crate::fem::{Anchor, Handle, Loads, NodeLoad, Policy};
+use super::{Corotational, HostSettings, Scene, Tissue};
+use crate::fem::{Anchor, Handle, Loads, NodeLoad};
 use crate::mesh::{self, MeshError, TetMesh};
 use toml::Spanned;
 
@@ -210,35 +210,53 @@ fn read_tissue(document: &Document, section: &TissueSection) -> Result<Tissue, S
             return Err(document.flaw(settings.span(), message, label, Some(help)));
         }
         (TissueModel::Corotational, None) => {
-            return Ok(Tissue::Corotational(Policy::default()));
+            return Ok(Tissue::Corotational(Corotational::default()));
         }
         (TissueModel::Corotational, Some(settings)) => settings.get_ref(),
     };
-    let unsaid = Policy::default();
-    let refactor_rotation_rad = match &settings.refactor_rotation_deg {
-        Some(value) => document
-            .number(
-                "refactor_rotation_deg",
-                value,
-                "more than 0 and at most 90",
-                |degrees| degrees > 0.0 && degrees <= 90.0,
-                "smaller follows large rotations better and costs more factorisations",
-            )?
-            .to_radians(),
-        None => unsaid.refactor_rotation_rad,
+    let refactor_rotation_deg = match &settings.refactor_rotation_deg {
+        Some(value) => Some(document.number(
+            "refactor_rotation_deg",
+            value,
+            "more than 0 and at most 90",
+            |degrees| degrees > 0.0 && degrees <= 90.0,
+            "smaller follows large rotations better and costs more factorisations",
+        )?),
+        None => None,
     };
-    let refactor_every = settings.refactor_every.as_ref();
-    if let Some(zero) = refactor_every.filter(|steps| *steps.get_ref() == 0) {
-        let message = "refactor_every = 0: must be 1 or more";
-        let help = "1 factors in every step; 256 is what a scene has that does not say";
-        return Err(document.flaw(zero.span(), message, "must be 1 or more", Some(help)));
-    }
-    let count = |said: Option<&Spanned<u32>>, unsaid| said.map_or(unsaid, |n| *n.get_ref());
-    Ok(Tissue::Corotational(Policy {
-        refactor_rotation_rad,
-        refactor_every: count(refactor_every, unsaid.refactor_every),
-        cg_iterations: count(settings.cg_iterations.as_ref(), unsaid.cg_iterations),
-        ..unsaid
+    let one_or_more = |key, value: &Option<Spanned<u32>>, help| match value {
+        Some(zero) if *zero.get_ref() == 0 => {
+            let message = format!("{key} = 0: must be 1 or more");
+            Err(document.flaw(zero.span(), message, "must be 1 or more", Some(help)))
+        }
+        value => Ok(value.as_ref().map(|number| *number.get_ref())),
+    };
+    let refactor_every = one_or_more(
+        "refactor_every",
+        &settings.refactor_every,
+        "1 factors in every pass of every step; leave the key out to go by rotation alone",
+    )?;
+    let passes = one_or_more(
+        "passes",
+        &settings.passes,
+        "1 suits sessions: what a step leaves, the next one answers",
+    )?;
+    let tolerance = match &settings.tolerance {
+        Some(value) => Some(document.number(
+            "tolerance",
+            value,
+            "more than 0 and below 1",
+            |share| share > 0.0 && share < 1.0,
+            "a share of the forces on the tissue: 0.001 is far below what fingers tell apart",
+        )?),
+        None => None,
+    };
+    Ok(Tissue::Corotational(Corotational {
+        refactor_rotation_deg,
+        refactor_every,
+        passes,
+        tolerance,
+        cg_iterations: settings.cg_iterations.as_ref().map(|n| *n.get_ref()),
     }))
 }
 

@@ -238,7 +238,12 @@ plane = { axis = \"z\", at_m = -0.03 }
         forces,
         ..Loads::default()
     };
-    let u = model.tissue().solve(&loads).expect("held").displacement_m;
+    let tissue = crate::fem::LinearTissue::new(&scene.mesh, scene.materials.clone(), &scene.fixed);
+    let u = tissue
+        .expect("held")
+        .solve(&loads)
+        .expect("held")
+        .displacement_m;
     let closed_form_m = traction_pa * (0.02 / 5e3 + 0.01 / 40e3);
     for (x, u) in points.iter().zip(&u).filter(|(x, _)| x[2].abs() < 1e-12) {
         assert!((u[2] / closed_form_m - 1.0).abs() < 1e-10, "{x:?}: {u:?}");
@@ -246,23 +251,30 @@ plane = { axis = \"z\", at_m = -0.03 }
 }
 
 #[test]
-fn corotational_settings_arrive_and_wait_for_their_solver() {
+fn corotational_settings_arrive_at_their_solver() {
     let text = GOOD.replace(
         "poisson_ratio = 0.45",
         "poisson_ratio = 0.45\nmodel = \"corotational\"\n[tissue.corotational]\n\
-         refactor_rotation_deg = 6.0\nrefactor_every = 20\ncg_iterations = 3",
+         refactor_rotation_deg = 6.0\nrefactor_every = 20\ncg_iterations = 3\npasses = 4\ntolerance = 1e-4",
     );
     let scene = read(&text).expect("good");
-    let policy = Policy {
-        refactor_rotation_rad: 6f64.to_radians(),
-        refactor_every: 20,
-        cg_iterations: 3,
-        ..Policy::default()
+    let settings = Corotational {
+        refactor_rotation_deg: Some(6.0),
+        refactor_every: Some(20),
+        cg_iterations: Some(3),
+        passes: Some(4),
+        tolerance: Some(1e-4),
     };
-    assert_eq!(scene.tissue, Tissue::Corotational(policy));
+    assert_eq!(scene.tissue, Tissue::Corotational(settings));
     assert_eq!(scene.tissue.word(), "corotational");
-    let refused = scene.build().map(|_| ()).expect_err("no solver yet");
-    assert!(refused.to_string().contains("not available"), "{refused}");
+    let policy = settings.policy();
+    assert!((policy.refactor_rotation_rad - 6f64.to_radians()).abs() < 1e-15);
+    assert_eq!((policy.refactor_every, policy.cg_iterations), (19, 3));
+    let passes = settings.passes();
+    assert_eq!((passes.most, passes.tolerance), (4, 1e-4));
+    let refused = scene.build().map(|_| ()).expect_err("a handle and a tool");
+    let message = refused.to_string();
+    assert!(message.contains("`[[handle]]` and `[[tool]]`"), "{message}");
 }
 
 #[test]

@@ -114,12 +114,14 @@ impl Tally {
         self.steps_ns
             .record(u64::try_from(time.as_nanos()).unwrap_or(u64::MAX));
         let Stages {
+            tissue_ns,
             detect_ns,
             columns_ns,
             solve_ns,
             reduce_ns,
         } = solved.stages;
         let stages = [
+            ("tissue", tissue_ns),
             ("detect", detect_ns),
             ("columns", columns_ns),
             ("solve", solve_ns),

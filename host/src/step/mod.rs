@@ -3,9 +3,11 @@
 //! Entry point: [`step`]. Three lifetimes: [`Model`] is constant, [`State`] evolves and can be kept
 //! and compared, [`Workspace`] is scratch and a cache that could be dropped between any two steps.
 
+mod passes;
 mod path;
 mod reduce;
 
+use crate::body::{Body, BodyWork, Motion};
 use crate::clock::Clock;
 use crate::columns::Columns;
 use crate::contact::active_set::{ContactWork, MAX_ROWS, Row, Solids};
@@ -79,6 +81,8 @@ pub struct ToolContact {
 /// Time spent in each stage \[ns\].
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
 pub struct Stages {
+    /// Rotations, internal forces and factorisation of corotational tissue.
+    pub tissue_ns: u64,
     /// Where the boundary is and which vertices are near a tool.
     pub detect_ns: u64,
     /// New columns of the compliance.
@@ -106,6 +110,15 @@ pub struct StepReport {
     pub columns_computed: u32,
     /// Largest of gap over radius and of tangential force over largest force.
     pub residual: f64,
+    /// Passes over corotational tissue; 0 for linear tissue, which is solved exactly.
+    pub passes: u32,
+    /// Out-of-balance force of corotational tissue over the forces on it, when it was looked at last:
+    /// before the last pass, or after it if that was enough. 0 for linear tissue.
+    pub imbalance: f64,
+    /// Estimate of the tangents' relative error. 0 for linear tissue.
+    pub tangent_error: f64,
+    /// Times the stiffness was factored.
+    pub refactorisations: u32,
     /// Elastic energy that the tools have put into the tissue \[J\].
     pub stored_energy_j: f64,
     /// Time per stage.
@@ -127,6 +140,8 @@ pub struct State {
     placements: [Option<Placement>; MAX_TOOLS],
     /// Touched vertices and their forces at that balance: the next solve's warm start.
     rows: Vec<Row>,
+    /// What evolves in the tissue itself.
+    motion: Motion,
 }
 
 impl State {
@@ -136,7 +151,12 @@ impl State {
         Self {
             placements: [None; MAX_TOOLS],
             rows: Vec::with_capacity(most),
+            motion: model.motion.clone().with_room(most),
         }
+    }
+
+    pub(crate) fn motion(&self) -> &Motion {
+        &self.motion
     }
 
     /// Nodes that are touched and the force on the tissue there \[N\]; a node touched by two tools comes
@@ -154,11 +174,13 @@ const DEFAULT_CACHE_BYTES: usize = 512 << 20;
 /// Scratch and the cache of compliance columns.
 pub struct Workspace {
     columns: Columns,
+    body: BodyWork,
     contact: ContactWork,
     pose: PoseWork,
     reduction: Reduction,
     rows: Vec<ToolRows>,
-    /// Where the touchable vertices rest without tools \[m\], (b): what displacements are added to.
+    /// Where the touchable vertices are without tools \[m\], (b), corotational tissue by its
+    /// linearisation: what displacements are added to.
     resting_m: Vec<Vector3<f64>>,
     /// Displacement of the touchable vertices \[m\], (3 b).
     displacement: Vec<f64>,
@@ -175,14 +197,17 @@ impl Workspace {
     pub fn new(model: &Model) -> Self {
         let (vertices, tools) = (model.touchable.len(), model.tools.len());
         let rows = MAX_ROWS.min(vertices * tools);
+        let mut columns = Columns::new(
+            &model.body.view(&model.motion),
+            &model.held,
+            &model.touchable,
+            DEFAULT_CACHE_BYTES,
+            4 * MAX_ROWS,
+        );
+        columns.belong_to(model.motion.factor());
         Self {
-            columns: Columns::new(
-                &*model.tissue,
-                &model.held,
-                &model.touchable,
-                DEFAULT_CACHE_BYTES,
-                4 * MAX_ROWS,
-            ),
+            columns,
+            body: model.body.work(),
             contact: ContactWork::new(vertices, tools),
             pose: PoseWork::new(rows),
             reduction: Reduction::new(rows),
@@ -198,24 +223,30 @@ impl Workspace {
 
     /// From now on a thread of its own computes columns, ahead of the tools where it can; a step that
     /// needs one that is not there says [`Status::Waiting`]. The bits of what a step finds are the same,
-    /// but not when it finds it: for live sessions, not for replays.
+    /// but not when it finds it: for live sessions, not for replays. Nothing happens for corotational
+    /// tissue, which does not keep its columns long enough.
     ///
     /// # Errors
     /// What the system says when it has no thread to give.
     pub fn start_worker(&mut self, model: &Model) -> std::io::Result<()> {
-        let (tissue, held) = (model.tissue.clone(), model.held.clone());
+        let Body::Linear { tissue, .. } = &model.body else {
+            return Ok(());
+        };
+        let (tissue, held) = (tissue.clone(), model.held.clone());
         self.columns.start_worker(tissue, held, &model.touchable)
     }
 
     /// Computes the columns of all boundary vertices whose resting position \[m\] satisfies `near`, so
     /// that touching them later costs nothing. Returns how many are there now.
     pub fn prepare(&mut self, model: &Model, near: impl Fn([f64; 3]) -> bool) -> usize {
+        self.columns.belong_to(model.motion.factor());
         let missing: Vec<u32> = (0u32..)
-            .zip(&self.resting_m)
+            .zip(&model.touchable_m)
             .filter(|(vertex, at)| near((**at).into()) && !self.columns.has(*vertex))
             .map(|(vertex, _)| vertex)
             .collect();
-        self.columns.compute(&*model.tissue, &model.held, &missing);
+        let view = model.body.view(&model.motion);
+        self.columns.compute(&view, &model.held, &missing);
         self.columns.count()
     }
 
@@ -252,7 +283,7 @@ pub fn step(
         Ok(targets) => targets,
         Err(status) => return StepReport { status, ..report },
     };
-    report.status = path::follow(model, state, &targets, work, &mut report, &mut clock);
+    report.status = passes::pass(model, state, &targets, work, &mut report, &mut clock);
     report.iterations = work.contact.iterations;
     report.rows = state.rows.len() as u32;
     report.residual = work.contact.residual;

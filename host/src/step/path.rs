@@ -3,6 +3,7 @@
 //! Entry point: [`follow`].
 
 use super::{Clock, State, Status, StepReport, Workspace};
+use crate::body::View;
 use crate::contact::active_set::{self, Failure, Near};
 use crate::contact::shape::Solid;
 use crate::model::Model;
@@ -66,26 +67,43 @@ pub(super) fn follow(
         }
         state.placements = placements;
         if part >= 1.0 {
-            look_ahead(model, work, report);
+            look_ahead(model, state, work, report);
             clock.lap(&mut report.stages.columns_ns);
             return settle(model, state, work);
         }
         status = Status::Behind;
         halvings = 0;
     }
-    if status != Status::Waiting && is_free(model, targets, work) {
+    if status != Status::Waiting && is_free(model, targets) {
         // The way there could not be followed, but nothing is touched at its end: let go.
         state.rows.clear();
         state.placements = *targets;
         put(model, &state.placements, work);
         locate(model, state, work);
         find_near(state, work);
-        look_ahead(model, work, report);
+        look_ahead(model, state, work, report);
         work.contact.newton.clear();
         work.contact.residual = 0.0;
         return Status::Ok;
     }
     status
+}
+
+/// Balances the tissue once more with the tools where [`follow`] has brought them.
+pub(super) fn stay(
+    model: &Model,
+    state: &mut State,
+    work: &mut Workspace,
+    report: &mut StepReport,
+    clock: &mut Clock,
+) -> Status {
+    locate(model, state, work);
+    work.saved.clone_from(&state.rows);
+    if let Err(failure) = balance(model, state, work, report, clock) {
+        state.rows.clone_from(&work.saved);
+        return failure;
+    }
+    settle(model, state, work)
 }
 
 /// Lifts tools that are not sampled and finds a way in for those that had no place before.
@@ -102,8 +120,7 @@ fn place(
             continue;
         };
         if state.placements[index].is_none() {
-            let out = way_in(model, &work.resting_m, &model.solid(index, target))
-                .ok_or(Status::Inside)?;
+            let out = way_in(model, &model.solid(index, target)).ok_or(Status::Inside)?;
             state.placements[index] = Some(Placement {
                 centre: target.centre + out,
                 ..*target
@@ -122,7 +139,8 @@ fn put(model: &Model, placements: &Targets, work: &mut Workspace) {
 
 /// How far off lies a free place from which a tool can come straight to where `solid` is: back along
 /// the normal of the nearest vertex. `None` if its middle lies inside the tissue.
-fn way_in(model: &Model, resting_m: &[Vector3<f64>], solid: &Solid) -> Option<Vector3<f64>> {
+fn way_in(model: &Model, solid: &Solid) -> Option<Vector3<f64>> {
+    let resting_m = &model.touchable_m;
     let Some((vertex, gap)) = nearest(resting_m.iter().copied(), solid) else {
         return Some(Vector3::zeros());
     };
@@ -283,8 +301,11 @@ fn solve_with_columns(
             }
             Err(Failure::Missing) => {
                 let now = work.contact.missing.len().min(budget(work, report));
-                work.columns
-                    .compute(&*model.tissue, &model.held, &work.contact.missing[..now]);
+                work.columns.compute(
+                    &view(model, state),
+                    &model.held,
+                    &work.contact.missing[..now],
+                );
                 report.columns_computed += 3 * now as u32;
                 clock.lap(&mut report.stages.columns_ns);
                 if now < work.contact.missing.len() {
@@ -296,15 +317,23 @@ fn solve_with_columns(
     }
 }
 
+fn view<'a>(model: &'a Model, state: &'a State) -> View<'a> {
+    model.body.view(&state.motion)
+}
+
 /// Vertices whose columns this step may still compute.
-fn budget(work: &Workspace, report: &StepReport) -> usize {
+pub(super) fn budget(work: &Workspace, report: &StepReport) -> usize {
     work.vertices_per_step
         .saturating_sub(report.columns_computed as usize / 3)
 }
 
 /// Uses what is left of the budget, or the worker, on the columns of the nearest vertices: the tip will be
 /// there soon.
-fn look_ahead(model: &Model, work: &mut Workspace, report: &mut StepReport) {
+fn look_ahead(model: &Model, state: &State, work: &mut Workspace, report: &mut StepReport) {
+    // The next factor would make them void.
+    if !model.body.is_linear() {
+        return;
+    }
     let columns = &work.columns;
     work.contact.near.sort_unstable_by(|a, b| {
         let nearer = a.gap.total_cmp(&b.gap);
@@ -328,7 +357,7 @@ fn look_ahead(model: &Model, work: &mut Workspace, report: &mut StepReport) {
         }
     }
     work.columns
-        .compute(&*model.tissue, &model.held, &work.contact.missing);
+        .compute(&view(model, state), &model.held, &work.contact.missing);
     report.columns_computed += 3 * work.contact.missing.len() as u32;
 }
 
@@ -344,8 +373,8 @@ fn settle(model: &Model, state: &mut State, work: &mut Workspace) -> Status {
         // The surface is closed: behind the nearest vertex's tangent plane is the cheap suspicion,
         // the solid angle the proof.
         let middle = solid.middle();
-        if let Some((vertex, _)) = nearest(work.resting_m.iter().copied(), &solid)
-            && (middle - work.resting_m[vertex]).dot(&model.touchable_normal[vertex]) < 0.0
+        if let Some((vertex, _)) = nearest(model.touchable_m.iter().copied(), &solid)
+            && (middle - model.touchable_m[vertex]).dot(&model.touchable_normal[vertex]) < 0.0
             && model.contains(&middle)
         {
             // It slipped in between vertices. Forget it, so that outside it starts afresh.
@@ -358,11 +387,11 @@ fn settle(model: &Model, state: &mut State, work: &mut Workspace) -> Status {
 }
 
 /// Whether every tool, at its target, is clear of the tissue at rest.
-fn is_free(model: &Model, targets: &Targets, work: &Workspace) -> bool {
+fn is_free(model: &Model, targets: &Targets) -> bool {
     targets.iter().enumerate().all(|(index, target)| {
         target.is_none_or(|target| {
             let solid = model.solid(index, &target);
-            nearest(work.resting_m.iter().copied(), &solid).is_none_or(|near| near.1 > 0.0)
+            nearest(model.touchable_m.iter().copied(), &solid).is_none_or(|near| near.1 > 0.0)
                 && !model.contains(&solid.middle())
         })
     })

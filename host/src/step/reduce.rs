@@ -3,7 +3,7 @@
 //! Entry point: [`reduce`].
 
 use super::path::{NEAR, Targets, displaced, nearest};
-use super::{State, StepReport, Workspace};
+use super::{Row, State, StepReport, Workspace};
 use crate::contact::reduction::{Surroundings, ToolRows};
 use crate::contact::shape::Solid;
 use crate::contact::tangent;
@@ -72,16 +72,18 @@ pub(super) fn reduce(
         contact.wrench = wrench.into();
         contact.tangent = tangent.transpose().into();
     }
-    report.stored_energy_j = 0.5
-        * state
-            .rows
-            .iter()
-            .map(|row| {
+    let potential_j = model.body.potential_j(&state.motion, &work.body);
+    report.stored_energy_j = match potential_j {
+        Some(potential_j) => potential_j - model.resting_potential_j,
+        None => {
+            let work_of = |row: &Row| {
                 let at = 3 * row.vertex as usize;
                 row.force
                     .dot(&Vector3::from_column_slice(&work.displacement[at..at + 3]))
-            })
-            .sum::<f64>();
+            };
+            0.5 * state.rows.iter().map(work_of).sum::<f64>()
+        }
+    };
 }
 
 /// Gap to the nearest vertex \[m\], and the normal there, out of the tissue.

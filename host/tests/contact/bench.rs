@@ -101,7 +101,7 @@ impl Bench {
         });
         let tools: Vec<(Tool, ToolSample)> = tools.collect();
         for &node in &self.model.surface().vertices {
-            if !self.model.tissue().is_fixed(node) {
+            if !self.model.is_fixed(node) {
                 for (tool, sample) in &tools {
                     let (gap, _) = distance(tool, sample, &place(node));
                     let limit = -1e-9 * tool.radius_m();

@@ -2,6 +2,7 @@
 
 mod balance;
 mod bench;
+mod corotational;
 mod jacobian;
 mod poses;
 mod punch;

@@ -269,6 +269,7 @@ fn measure(scene: &Scene, progress: &ProgressBar) -> Result<Case, Failure> {
         },
         field_us: Some(quantile(&mut field_us, 0.5)),
         stages_us: StagesUs(vec![
+            ("tissue", stage(|r| r.stages.tissue_ns)),
             ("detect", stage(|r| r.stages.detect_ns)),
             ("columns", stage(|r| r.stages.columns_ns)),
             ("solve", stage(|r| r.stages.solve_ns)),
@@ -276,7 +277,7 @@ fn measure(scene: &Scene, progress: &ProgressBar) -> Result<Case, Failure> {
         ]),
         factor_ms,
         first_touch_us: first_touch.map_or(0.0, |t| 1e6 * t.as_secs_f64()),
-        memory_mb: 1e-6 * (8 * model.tissue().factor_entries() + work.cache_bytes()) as f64,
+        memory_mb: 1e-6 * (8 * model.factor_entries() + work.cache_bytes()) as f64,
         of_rows: None,
         turning: None,
     })

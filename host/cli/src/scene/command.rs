@@ -6,7 +6,7 @@ use clap::{Args, Subcommand};
 use miette::{Diagnostic, Report};
 use std::path::{Path, PathBuf};
 use sutura_host::explain::{Component, explain};
-use sutura_host::scene::{self, Flaw, Scene, Tissue};
+use sutura_host::scene::{self, Flaw, Scene};
 use sutura_host::session::TissueSolver;
 
 /// Looks at scene files: checks them, explains what they build, describes their keys.
@@ -94,14 +94,7 @@ fn check(path: &Path, global: &Global) -> Result<(), Failure> {
     for warning in warnings {
         render(&Report::new(warning));
     }
-    match scene.tissue {
-        Tissue::Corotational(policy) if scene.tools.is_empty() => {
-            scene.corotational(policy)?;
-        }
-        _ => {
-            TissueSolver::new(&scene)?;
-        }
-    }
+    TissueSolver::new(&scene)?;
     match global.format {
         Format::Json => {
             let mut object = summary(&scene);

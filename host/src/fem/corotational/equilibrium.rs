@@ -79,7 +79,7 @@ impl CorotationalTissue {
             lambda: vec![0.0; target.handles.len()],
             target,
             state: state.clone(),
-            workspace: self.workspace()?,
+            workspace: self.workspace(),
         };
         search.run()?;
         let Search {
@@ -96,6 +96,28 @@ impl CorotationalTissue {
             self.by_node(&workspace.force),
             &self.by_node(&target.outside),
             &lambda,
+        ))
+    }
+
+    /// `state` as it is, under `loads` without handles: the residual says how far from balance. Allocates.
+    ///
+    /// # Errors
+    /// Loads that name nodes that do not exist or are not finite.
+    pub(crate) fn book(
+        &self,
+        state: &CorotationalState,
+        loads: &Loads,
+    ) -> Result<Equilibrium, TissueError> {
+        let outside = loads.node_forces(&self.numbering)?;
+        let mut workspace = self.workspace();
+        self.update(&mut state.clone(), &mut workspace);
+        Ok(Equilibrium::new(
+            loads,
+            &self.numbering,
+            self.by_node(&state.u),
+            self.by_node(&workspace.force),
+            &outside,
+            &[],
         ))
     }
 
@@ -190,6 +212,7 @@ impl Search<'_> {
         workspace.direction.fill([0.0; 3]);
         for place in free..tissue.nodes() {
             let target = self.target.fixed[place].map(|u| share * u);
+            self.state.moved = true;
             let u = &mut self.state.u[place];
             workspace.direction[place] = [0, 1, 2].map(|axis| target[axis] - u[axis]);
             *u = target;

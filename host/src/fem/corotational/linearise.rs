@@ -3,10 +3,11 @@
 //! Entry point: [`CorotationalTissue::linearise`]. Between refactorisations the stale factor
 //! preconditions conjugate gradients on the present tangent, applied cell by cell.
 
-use super::super::rotation::polar;
+use super::super::element::Element;
+use super::super::rotation::{Polar, polar};
 use super::cell::{self, add_force, gradient, tangent_blocks, tangent_stress};
 use super::{CorotationalState, CorotationalTissue, CorotationalWorkspace};
-use nalgebra::Matrix3;
+use nalgebra::{Matrix3, Vector3};
 
 /// Which tangent a factor is of.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -16,6 +17,16 @@ pub enum TangentKind {
     /// The derivative was not positive definite: cells whose own is not have the rotated stiffness
     /// R K R'.
     Projected,
+}
+
+/// How far from balance the tissue is.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Balance {
+    /// Norm of the out-of-balance force over the larger of those of external and internal forces; 0
+    /// within round-off.
+    pub imbalance: f64,
+    /// Largest turn \[rad\] plus change of stretch (Frobenius norm) of a cell since the factor was made.
+    pub change_since_refactor: f64,
 }
 
 /// What one linearisation did.
@@ -58,14 +69,48 @@ impl CorotationalTissue {
         workspace: &mut CorotationalWorkspace,
         external: &[f64],
     ) -> Linearisation {
+        self.look(state, workspace, external);
+        self.answer(state, workspace, external)
+    }
+
+    /// The first half of [`Self::linearise`]: rotations at `state.u` and the out-of-balance force.
+    pub(crate) fn look(
+        &self,
+        state: &mut CorotationalState,
+        workspace: &mut CorotationalWorkspace,
+        external: &[f64],
+    ) -> Balance {
         self.update(state, workspace);
-        workspace.predicted.copy_from_slice(state.unknowns());
-        let internal = workspace.force.as_flattened();
-        for ((residual, external), internal) in
-            workspace.residual.iter_mut().zip(external).zip(internal)
+        let internal = workspace.internal_force();
+        let scale_n = dot(external, external).max(dot(internal, internal)).sqrt();
+        for ((residual, external), internal) in workspace
+            .residual
+            .iter_mut()
+            .zip(external)
+            .zip(workspace.force.as_flattened())
         {
             *residual = external - internal;
         }
+        let residual_n = dot(&workspace.residual, &workspace.residual).sqrt();
+        Balance {
+            imbalance: if self.is_round_off(residual_n) {
+                0.0
+            } else {
+                residual_n / scale_n
+            },
+            change_since_refactor: state.change_since_refactor(&workspace.polar),
+        }
+    }
+
+    /// The second half: what the tangent answers to the last [`Self::look`].
+    pub(crate) fn answer(
+        &self,
+        state: &mut CorotationalState,
+        workspace: &mut CorotationalWorkspace,
+        external: &[f64],
+    ) -> Linearisation {
+        workspace.predicted.copy_from_slice(state.unknowns());
+        let internal = workspace.force.as_flattened();
         let residual_n = dot(&workspace.residual, &workspace.residual).sqrt();
         let mut report = Linearisation {
             residual_n,
@@ -89,9 +134,9 @@ impl CorotationalTissue {
         state.linearised = true;
 
         state.age = state.age.saturating_add(1);
-        if report.rotation_since_refactor_rad > self.policy.refactor_rotation_rad
-            || state.age > self.policy.refactor_every
-        {
+        let is_old = report.rotation_since_refactor_rad > self.policy.refactor_rotation_rad
+            || state.age > self.policy.refactor_every;
+        if is_old && state.moved {
             report.sound = self.refactor(state, workspace);
             report.refactored = report.sound;
             report.tangent = state.tangent;
@@ -101,7 +146,7 @@ impl CorotationalTissue {
         }
         precondition(state, workspace);
         report.residual_j = dot(&workspace.residual, &workspace.preconditioned);
-        let balanced = residual_n <= self.round_off_n * (external.len() as f64).sqrt();
+        let balanced = self.is_round_off(residual_n);
         report.contraction = match step_j {
             Some(step) if !balanced && step > 0.0 => (report.residual_j / step).max(0.0).sqrt(),
             Some(_) if !balanced => 1.0,
@@ -114,6 +159,30 @@ impl CorotationalTissue {
                 self.iterate(state, workspace, report.residual_j);
         }
         report
+    }
+
+    fn is_round_off(&self, residual_n: f64) -> bool {
+        residual_n <= self.round_off_n * (self.unknowns() as f64).sqrt()
+    }
+
+    /// Largest change of a cell's deformation gradient (Frobenius norm) since the last linearisation.
+    pub(crate) fn change_since_linearised(&self, state: &CorotationalState) -> f64 {
+        let u = state.unknowns();
+        let moved = |place: u32| {
+            let first = 3 * place as usize;
+            match (u.get(first..first + 3), state.last_u.get(first..first + 3)) {
+                (Some(now), Some(then)) => {
+                    Vector3::new(now[0] - then[0], now[1] - then[1], now[2] - then[2])
+                }
+                _ => Vector3::zeros(), // fixed
+            }
+        };
+        let change = |element: &Element| {
+            let corners = element.nodes.iter().zip(&element.gradients);
+            let sum: Matrix3<f64> = corners.map(|(a, g)| moved(*a) * g.transpose()).sum();
+            sum.norm()
+        };
+        self.elements.iter().map(change).fold(0.0, f64::max)
     }
 
     /// Rotations, stretches and internal forces at `state.u`. Allocates nothing.
@@ -170,8 +239,13 @@ impl CorotationalTissue {
             {
                 state.tangent = kind;
                 state.factored_rotations.copy_from_slice(&state.rotations);
+                for (factored, polar) in state.factored_stretches.iter_mut().zip(&workspace.polar) {
+                    *factored = polar.stretch;
+                }
                 state.generation += 1;
+                state.fingerprint = fingerprint(values);
                 state.age = 0;
+                state.moved = false;
                 return true;
             }
         }
@@ -268,6 +342,21 @@ impl CorotationalState {
         self.linearised.then(|| work.sum())
     }
 
+    /// Largest turn plus change of stretch of a cell since its tangent was factored.
+    fn change_since_refactor(&self, polar: &[Polar]) -> f64 {
+        let turns = self.rotations.iter().zip(&self.factored_rotations);
+        let stretches = polar.iter().zip(&self.factored_stretches);
+        turns
+            .zip(stretches)
+            .map(|((now, then), (polar, stretch))| {
+                // Chord for angle: exact to third order, without the arc cosine's loss near 1.
+                let sign = now.coords.dot(&then.coords).signum();
+                let turn = 2.0 * (now.coords - then.coords * sign).norm();
+                turn + (polar.stretch - stretch).norm()
+            })
+            .fold(0.0, f64::max)
+    }
+
     /// Root mean square over the cells of their turn since the tangent was factored \[rad\]. Not the
     /// largest: a factor that is wrong in a few cells costs conjugate gradients one iteration for each.
     fn rotation_since_refactor(&self) -> f64 {
@@ -282,6 +371,13 @@ impl CorotationalState {
             .sum();
         (squares / self.rotations.len().max(1) as f64).sqrt()
     }
+}
+
+/// FNV-1a over the bits (Fowler, Noll & Vo 1991): equal for equal tangents, and as good as never
+/// otherwise. Odd, because 0 stands for the factor at rest.
+fn fingerprint(values: &[f64]) -> u64 {
+    let mix = |hash: u64, value: &f64| (hash ^ value.to_bits()).wrapping_mul(0x0100_0000_01b3);
+    values.iter().fold(0xcbf2_9ce4_8422_2325, mix) | 1
 }
 
 fn precondition(state: &CorotationalState, workspace: &mut CorotationalWorkspace) {

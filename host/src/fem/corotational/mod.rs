@@ -12,6 +12,7 @@ mod state;
 #[cfg(test)]
 mod tests;
 
+pub(crate) use linearise::Balance;
 pub use linearise::{Linearisation, TangentKind};
 pub use state::{CorotationalState, CorotationalWorkspace};
 
@@ -65,6 +66,9 @@ pub struct CorotationalTissue {
     policy: Policy,
     /// Forces below this are round-off \[N\].
     round_off_n: f64,
+    /// Largest sqrt((lambda + 2 mu) / mu) of a cell: how much stiffer against being pressed than against
+    /// being sheared.
+    stiffness_ratio: f64,
 }
 
 impl CorotationalTissue {
@@ -98,6 +102,8 @@ impl CorotationalTissue {
             .fold(0.0, f64::max)
             * 16.0
             * f64::EPSILON;
+        let ratio = |element: &Element| (element.lame.0 / element.lame.1 + 2.0).sqrt();
+        let stiffness_ratio = elements.iter().map(ratio).fold(0.0, f64::max);
         Ok(Self {
             elements,
             numbering,
@@ -105,6 +111,7 @@ impl CorotationalTissue {
             rest_factor,
             policy,
             round_off_n,
+            stiffness_ratio,
         })
     }
 
@@ -154,11 +161,17 @@ impl CorotationalTissue {
     }
 
     /// Scratch for any number of states, one at a time.
-    ///
-    /// # Errors
-    /// [`TissueError::Floating`] if there is no memory for the factor.
-    pub fn workspace(&self) -> Result<CorotationalWorkspace, TissueError> {
+    pub fn workspace(&self) -> CorotationalWorkspace {
         CorotationalWorkspace::new(self)
+    }
+
+    /// Of the undeformed tissue.
+    pub(crate) fn rest_factor(&self) -> &Factor {
+        &self.rest_factor
+    }
+
+    pub(crate) fn stiffness_ratio(&self) -> f64 {
+        self.stiffness_ratio
     }
 
     /// Memory for [`Self::solve_unknowns`] with up to `columns` right-hand sides.

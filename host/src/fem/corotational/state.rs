@@ -30,7 +30,13 @@ pub struct CorotationalState {
     pub(super) tangent: TangentKind,
     /// Rotations in the factor, (m).
     pub(super) factored_rotations: Vec<UnitQuaternion<f64>>,
+    /// Stretches in the factor, (m).
+    pub(super) factored_stretches: Vec<Matrix3<f64>>,
     pub(super) generation: u64,
+    /// Of the tangent's entries; 0 at rest.
+    pub(super) fingerprint: u64,
+    /// Whether the displacement may have changed since.
+    pub(super) moved: bool,
 }
 
 impl CorotationalState {
@@ -47,7 +53,10 @@ impl CorotationalState {
             age: 0,
             factor: tissue.rest_factor.clone(),
             tangent: TangentKind::Consistent,
+            factored_stretches: vec![Matrix3::identity(); tissue.cells()],
             generation: 0,
+            fingerprint: 0,
+            moved: false,
         }
     }
 
@@ -59,6 +68,7 @@ impl CorotationalState {
     /// Displacement of free nodes, to be moved by rows or by
     /// [`CorotationalWorkspace::predicted`].
     pub fn unknowns_mut(&mut self) -> &mut [f64] {
+        self.moved = true;
         &mut self.u.as_flattened_mut()[..self.unknowns]
     }
 
@@ -76,6 +86,12 @@ impl CorotationalState {
     /// Number of refactorisations so far: what was computed with the factor is void when it changes.
     pub fn generation(&self) -> u64 {
         self.generation
+    }
+
+    /// The same for equal tangents: what was computed with one factor holds for another with the same
+    /// number.
+    pub(crate) fn fingerprint(&self) -> u64 {
+        self.fingerprint
     }
 
     /// Displacement of any node \[m\].
@@ -107,7 +123,23 @@ impl CorotationalState {
             return Err(TissueError::NotFinite("a prescribed displacement"));
         }
         self.u[tissue.numbering.place(node) as usize] = displacement_m;
+        self.moved = true;
         Ok(())
+    }
+}
+
+/// Equal states go on equally.
+impl PartialEq for CorotationalState {
+    fn eq(&self, other: &Self) -> bool {
+        // The factor by its fingerprint; `generation` counts and decides nothing.
+        self.u == other.u
+            && self.rotations == other.rotations
+            && self.factored_rotations == other.factored_rotations
+            && self.last_u == other.last_u
+            && self.last_force == other.last_force
+            && (self.linearised, self.age, self.moved, self.tangent)
+                == (other.linearised, other.age, other.moved, other.tangent)
+            && self.fingerprint == other.fingerprint
     }
 }
 
@@ -133,30 +165,25 @@ pub struct CorotationalWorkspace {
 }
 
 impl CorotationalWorkspace {
-    pub(super) fn new(tissue: &CorotationalTissue) -> Result<Self, TissueError> {
+    pub(super) fn new(tissue: &CorotationalTissue) -> Self {
         let (unknowns, nodes, cells) = (tissue.unknowns(), tissue.nodes(), tissue.cells());
         let at_rest = Polar {
             rotation: Matrix3::identity(),
             stretch: Matrix3::identity(),
         };
-        Ok(Self {
+        Self {
             polar: vec![at_rest; cells],
             twist: vec![Matrix3::zeros(); cells],
             force: vec![[0.0; 3]; nodes],
             predicted: vec![0.0; unknowns],
             stiffness: vec![0.0; tissue.pattern.entries()],
-            refactor: tissue
-                .rest_factor
-                .refactor_scratch()
-                .map_err(|_| TissueError::Floating {
-                    fixed: tissue.numbering.fixed(),
-                })?,
+            refactor: tissue.rest_factor.refactor_scratch(),
             solve: tissue.rest_factor.scratch(1),
             residual: vec![0.0; unknowns],
             preconditioned: vec![0.0; unknowns],
             direction: vec![[0.0; 3]; nodes],
             product: vec![[0.0; 3]; nodes],
-        })
+        }
     }
 
     /// u + du of the last linearisation \[m\], (unknowns): where the tissue goes if no row holds it.
