@@ -108,8 +108,7 @@ pub struct TissueSection {
 #[derive(Debug, Default, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct CorotationalSection {
-    /// Factor again once the elements have turned by so much since the last time, root mean square
-    /// \[degree\].
+    /// Factor again once an element has turned by so much since the last time \[degree\].
     #[schemars(with = "Option<f64>")]
     pub refactor_rotation_deg: Option<Spanned<f64>>,
     /// Factor again after so many passes at the latest; 1 factors in every pass.

@@ -43,7 +43,7 @@ pub struct Linearisation {
     /// between which only the rows' forces change, with the step: loads that changed since and
     /// fixed nodes that were moved count as left (steady motion by loads alone reads 0.71).
     pub contraction: f64,
-    /// Turn of the cells since the last refactorisation, before this one, root mean square \[rad\].
+    /// Largest turn of a cell since the last refactorisation, before this one \[rad\].
     pub rotation_since_refactor_rad: f64,
     /// Whether the factor is new: columns computed with the last one are void.
     pub refactored: bool,
@@ -357,19 +357,15 @@ impl CorotationalState {
             .fold(0.0, f64::max)
     }
 
-    /// Root mean square over the cells of their turn since the tangent was factored \[rad\]. Not the
-    /// largest: a factor that is wrong in a few cells costs conjugate gradients one iteration for each.
+    /// Largest turn of a cell since its tangent was factored \[rad\].
     fn rotation_since_refactor(&self) -> f64 {
-        let cells = self.rotations.iter().zip(&self.factored_rotations);
-        let squares: f64 = cells
-            .map(|(now, then)| {
-                // Of the quaternions' difference: a cosine near one has no digits left.
-                let same = now.coords.dot(&then.coords).signum();
-                let chord = (now.coords - then.coords * same).norm();
-                (4.0 * (0.5 * chord).min(1.0).asin()).powi(2)
-            })
-            .sum();
-        (squares / self.rotations.len().max(1) as f64).sqrt()
+        let cosine = self
+            .rotations
+            .iter()
+            .zip(&self.factored_rotations)
+            .map(|(now, then)| now.coords.dot(&then.coords).abs())
+            .fold(1.0, f64::min);
+        2.0 * cosine.acos()
     }
 }
 

@@ -47,7 +47,7 @@ impl Default for Policy {
     /// 1 kHz.
     fn default() -> Self {
         Self {
-            refactor_rotation_rad: 0.05,
+            refactor_rotation_rad: 0.1,
             refactor_every: 256,
             cg_iterations: 2,
             cg_tolerance: 1e-3,
