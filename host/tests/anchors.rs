@@ -241,7 +241,7 @@ fn neither_budget_nor_threads_nor_memory_change_a_bit() {
     let tissue = Arc::new(LinearTissue::new(&mesh, SOFT, &fixed).expect("tissue"));
     let reached = boundary(&mesh, &tissue);
     let mut served = AnchorSolver::linear(tissue, &reached, plenty()).expect("a solver");
-    served.start_worker(&reached).expect("a thread");
+    served.start_worker().expect("a thread");
     let found = forces_after(&mut served, 40, |report| {
         assert_eq!(report.vertices_computed, 0, "the worker does that");
     });

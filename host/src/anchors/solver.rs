@@ -104,6 +104,8 @@ pub struct AnchorSolver {
     held: HeldPoints,
     settings: AnchorSettings,
     columns: Columns,
+    /// Free nodes that anchors may name, in the columns' order, (b).
+    reached: Vec<u32>,
     /// Place of each mesh node among the reached, (n).
     reached_of_node: Vec<u32>,
 
@@ -191,6 +193,7 @@ impl AnchorSolver {
         Ok(Self {
             held,
             columns,
+            reached: reached.to_vec(),
             reached_of_node,
             forces: rows::State::new(most_rows),
             anchors: Vec::with_capacity(most_anchors),
@@ -219,10 +222,11 @@ impl AnchorSolver {
     ///
     /// # Errors
     /// What the system says when it has no thread to give.
-    pub fn start_worker(&mut self, reached: &[u32]) -> std::io::Result<()> {
+    pub fn start_worker(&mut self) -> std::io::Result<()> {
         if let Body::Linear { tissue, .. } = &self.body {
             let none = Arc::new(HeldPoints::none());
-            self.columns.start_worker(tissue.clone(), none, reached)?;
+            self.columns
+                .start_worker(tissue.clone(), none, &self.reached)?;
         }
         Ok(())
     }

@@ -28,7 +28,7 @@ const PASSES: usize = 5;
 #[derive(Args, Debug)]
 #[command(after_help = EXAMPLES)]
 pub struct BenchArgs {
-    /// Scenes with a `[hand]` whose path the first tool follows; the palpation scene when left out.
+    /// Scenes with a `[hand]` whose path the driven tool follows; the palpation scene when left out.
     #[arg(conflicts_with = "suite")]
     pub scenes: Vec<PathBuf>,
     /// Rows on circling anchors: two tubes, a cylinder, growth to 20,000 nodes; palpation of three slabs.

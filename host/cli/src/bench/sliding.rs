@@ -81,7 +81,7 @@ fn slide(
     let mut solver = AnchorSolver::linear(tissue, &bench.reached, AnchorSettings::default())
         .map_err(|error| unexpected(error.to_string()))?;
     solver
-        .start_worker(&bench.reached)
+        .start_worker()
         .map_err(|error| unexpected(error.to_string()))?;
     let period = Duration::from_secs_f64(1.0 / RATE_HZ);
     let mut due = Instant::now();
