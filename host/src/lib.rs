@@ -14,6 +14,7 @@ pub mod fem;
 pub mod link;
 pub mod mesh;
 pub mod model;
+pub mod needle;
 pub mod output;
 pub mod rows;
 pub mod scene;

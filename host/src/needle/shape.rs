@@ -1,0 +1,293 @@
+//! Straight needles and circular arcs in one arc-length parametrisation.
+//!
+//! Entry points: [`Needle`], [`Needle::at`], [`Curve`]. Source: Younes 2021, 3.1.1. In the needle's own
+//! frame the end is the origin, the tangent there is +x, and an arc bends towards +y:
+//! `s(alpha) = (r sin(alpha / r), r (1 - cos(alpha / r)), 0)`, a straight needle being its limit.
+
+use nalgebra::{Isometry3, Point3, Vector3};
+
+/// Centre line of a needle, from the end (alpha = 0) to the tip (alpha = length).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum NeedleShape {
+    /// A straight needle.
+    Straight {
+        /// From end to tip \[m\].
+        length_m: f64,
+    },
+    /// A part of a circle.
+    Arc {
+        /// Of the circle \[m\].
+        radius_m: f64,
+        /// From end to tip \[rad\], less than a whole turn.
+        angle_rad: f64,
+    },
+}
+
+impl NeedleShape {
+    /// Arc length from end to tip \[m\].
+    pub fn length_m(&self) -> f64 {
+        match *self {
+            Self::Straight { length_m } => length_m,
+            Self::Arc {
+                radius_m,
+                angle_rad,
+            } => radius_m * angle_rad,
+        }
+    }
+
+    /// 1 / radius \[1/m\]; 0 for a straight needle.
+    pub fn curvature_per_m(&self) -> f64 {
+        match *self {
+            Self::Straight { .. } => 0.0,
+            Self::Arc { radius_m, .. } => radius_m.recip(),
+        }
+    }
+}
+
+/// A needle.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Needle {
+    /// Its centre line.
+    pub shape: NeedleShape,
+    /// Diameter \[m\]; the tip's area follows from it.
+    pub thickness_m: f64,
+}
+
+impl Needle {
+    /// Area that cuts and punctures \[m^2\].
+    pub fn tip_area_m2(&self) -> f64 {
+        0.25 * std::f64::consts::PI * self.thickness_m * self.thickness_m
+    }
+
+    /// The needle with its frame at `pose`.
+    pub fn at(&self, pose: &Isometry3<f64>) -> Curve {
+        let along = |v: Vector3<f64>| pose.rotation * v;
+        Curve {
+            start: pose.translation.vector,
+            tangent: along(Vector3::x()),
+            inward: along(Vector3::y()),
+            curvature: self.shape.curvature_per_m(),
+            length: self.shape.length_m(),
+        }
+    }
+
+    /// Why it cannot be used, if so.
+    pub fn flaw(&self) -> Option<String> {
+        let positive = |what: &str, value: f64| {
+            (!(value.is_finite() && value > 0.0)).then(|| {
+                format!("the needle's {what} is {value}; it must be above zero and finite")
+            })
+        };
+        let shape = match self.shape {
+            NeedleShape::Straight { length_m } => positive("length [m]", length_m),
+            NeedleShape::Arc {
+                radius_m,
+                angle_rad,
+            } => positive("radius [m]", radius_m)
+                .or_else(|| positive("angle [rad]", angle_rad))
+                .or_else(|| {
+                    (angle_rad >= std::f64::consts::TAU).then(|| {
+                        format!(
+                            "the needle's arc is {} degrees; a whole turn, 360, is too much",
+                            angle_rad.to_degrees()
+                        )
+                    })
+                }),
+        };
+        shape.or_else(|| positive("thickness [m]", self.thickness_m))
+    }
+}
+
+/// How tissue answers a needle. Zero everywhere: it slides as if there were nothing but its way.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct NeedleTissue {
+    /// Axial force per length of needle in tissue while it slides \[N/m\].
+    pub friction_n_per_m: f64,
+    /// The same before it begins to slide \[N/m\], at least `friction_n_per_m`.
+    pub static_friction_n_per_m: f64,
+    /// Added to the sliding friction per speed \[N s/m^2\].
+    pub viscous_n_s_per_m2: f64,
+    /// Force on the tip that cuts on \[N/m^2\], per area of the tip.
+    pub cutting_pa: f64,
+    /// Axial force on the tip that breaks through a boundary face \[N/m^2\], per area of the tip;
+    /// infinite: never.
+    pub puncture_pa: f64,
+}
+
+/// Where a needle, or any line or arc, is: s(alpha), arc length \[m\].
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Curve {
+    /// s(0) \[m\].
+    pub start: Vector3<f64>,
+    /// Unit tangent at alpha = 0.
+    pub tangent: Vector3<f64>,
+    /// Unit vector from s(0) to the circle's centre; any unit vector across a line's tangent.
+    pub inward: Vector3<f64>,
+    /// 1 / radius \[1/m\]; 0 for a line.
+    pub curvature: f64,
+    /// Largest alpha \[m\].
+    pub length: f64,
+}
+
+impl Curve {
+    /// From one point straight to another; `None` if they are the same.
+    pub fn segment(from: &Vector3<f64>, to: &Vector3<f64>) -> Option<Self> {
+        let way = to - from;
+        let length = way.norm();
+        let tangent = way.try_normalize(f64::MIN_POSITIVE)?;
+        // Across the tangent, away from its largest entry.
+        let aside = Vector3::ith(tangent.iamin(), 1.0);
+        let inward = (aside - tangent * tangent.dot(&aside)).normalize();
+        Some(Self {
+            start: *from,
+            tangent,
+            inward,
+            curvature: 0.0,
+            length,
+        })
+    }
+
+    /// s(alpha) \[m\], also beyond both ends.
+    pub fn at(&self, alpha: f64) -> Vector3<f64> {
+        if self.curvature == 0.0 {
+            return self.start + self.tangent * alpha;
+        }
+        let (sin, cos) = (alpha * self.curvature).sin_cos();
+        self.start + (self.tangent * sin + self.inward * (1.0 - cos)) / self.curvature
+    }
+
+    /// Unit tangent at alpha, towards the tip: d s / d alpha.
+    pub fn tangent_at(&self, alpha: f64) -> Vector3<f64> {
+        if self.curvature == 0.0 {
+            return self.tangent;
+        }
+        let (sin, cos) = (alpha * self.curvature).sin_cos();
+        self.tangent * cos + self.inward * sin
+    }
+
+    /// Unit vector at alpha across the tangent in the curve's plane, towards the centre of an arc.
+    pub fn inward_at(&self, alpha: f64) -> Vector3<f64> {
+        if self.curvature == 0.0 {
+            return self.inward;
+        }
+        let (sin, cos) = (alpha * self.curvature).sin_cos();
+        self.inward * cos - self.tangent * sin
+    }
+
+    /// Unit normal of the curve's plane.
+    pub fn binormal(&self) -> Vector3<f64> {
+        self.tangent.cross(&self.inward)
+    }
+
+    /// Tangent, inward and binormal at alpha: orthonormal, right-handed.
+    pub fn frame_at(&self, alpha: f64) -> [Vector3<f64>; 3] {
+        [
+            self.tangent_at(alpha),
+            self.inward_at(alpha),
+            self.binormal(),
+        ]
+    }
+
+    /// alpha of the nearest point on the whole line, or on the circle within half a turn of `near`
+    /// (3.9; 3.12 to 3.17): the uniform slide of a grip is the difference to where it was.
+    pub fn project(&self, point: &Vector3<f64>, near: f64) -> f64 {
+        let from = point - self.start;
+        if self.curvature == 0.0 {
+            return from.dot(&self.tangent);
+        }
+        let radius = self.curvature.recip();
+        let centre = self.at(near) + self.inward_at(near) * radius;
+        let from = point - centre;
+        let (along, out) = (
+            from.dot(&self.tangent_at(near)),
+            -from.dot(&self.inward_at(near)),
+        );
+        near + radius * along.atan2(out)
+    }
+}
+
+/// A point with a frame, as an isometry.
+impl From<&Curve> for Isometry3<f64> {
+    fn from(curve: &Curve) -> Self {
+        let axes =
+            nalgebra::Matrix3::from_columns(&[curve.tangent, curve.inward, curve.binormal()]);
+        let rotation = nalgebra::Rotation3::from_matrix_unchecked(axes);
+        Self::from_parts(Point3::from(curve.start).into(), rotation.into())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn needles() -> [Needle; 2] {
+        let thickness_m = 0.8e-3;
+        [
+            NeedleShape::Straight { length_m: 0.04 },
+            NeedleShape::Arc {
+                radius_m: 0.012,
+                angle_rad: 3.0,
+            },
+        ]
+        .map(|shape| Needle { shape, thickness_m })
+    }
+
+    fn pose() -> Isometry3<f64> {
+        Isometry3::new(Vector3::new(0.3, -0.1, 0.2), Vector3::new(0.4, 1.1, -0.7))
+    }
+
+    #[test]
+    fn frames_are_the_derivatives_of_the_curve() {
+        let h = 1e-6;
+        for needle in needles() {
+            let curve = needle.at(&pose());
+            for part in [0.0, 0.3, 1.0, 1.2] {
+                let alpha = part * curve.length;
+                let slope = (curve.at(alpha + h) - curve.at(alpha - h)) / (2.0 * h);
+                let bend = (curve.tangent_at(alpha + h) - curve.tangent_at(alpha - h)) / (2.0 * h);
+                let [tangent, inward, binormal] = curve.frame_at(alpha);
+                assert!((slope - tangent).norm() < 5e-9);
+                assert!((bend - inward * curve.curvature).norm() < 1e-7);
+                assert!((tangent.cross(&inward) - binormal).norm() < 1e-14);
+            }
+        }
+    }
+
+    #[test]
+    fn a_point_beside_the_curve_projects_to_its_foot() {
+        for needle in needles() {
+            let curve = needle.at(&pose());
+            for part in [0.0, 0.4, 1.0] {
+                let alpha = part * curve.length;
+                let [_, inward, binormal] = curve.frame_at(alpha);
+                let beside = curve.at(alpha) + inward * 1e-3 + binormal * 2e-3;
+                let found = curve.project(&beside, alpha + 1e-3);
+                assert!((found - alpha).abs() < 1e-15, "{found} for {alpha}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_pose_is_the_frame_of_its_curve() {
+        for needle in needles() {
+            let back = Isometry3::from(&needle.at(&pose()));
+            assert!((back.to_homogeneous() - pose().to_homogeneous()).norm() < 1e-14);
+        }
+    }
+
+    #[test]
+    fn needles_without_a_shape_are_refused() {
+        let [straight, arc] = needles();
+        assert_eq!(straight.flaw(), None);
+        assert_eq!(arc.flaw(), None);
+        let flaw = |shape, thickness_m| Needle { shape, thickness_m }.flaw().expect("a flaw");
+        assert!(flaw(NeedleShape::Straight { length_m: -1.0 }, 1e-3).contains("length"));
+        assert!(flaw(straight.shape, f64::NAN).contains("thickness"));
+        let arc = |radius_m, angle_rad| NeedleShape::Arc {
+            radius_m,
+            angle_rad,
+        };
+        assert!(flaw(arc(0.0, 1.0), 1e-3).contains("radius"));
+        assert!(flaw(arc(0.01, 6.3), 1e-3).contains("360"));
+    }
+}
