@@ -8,6 +8,7 @@
 pub mod circling;
 mod compliance;
 mod solver;
+mod system;
 
 pub use solver::{AnchorSettings, AnchorSolver, AnchorStages, AnchorStatus, AnchorStep};
 

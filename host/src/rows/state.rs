@@ -59,6 +59,14 @@ impl State {
         &self.modes
     }
 
+    /// As a copy of `other`, without new memory.
+    pub fn copy_from(&mut self, other: &Self) {
+        self.ids.clone_from(&other.ids);
+        self.lambda.clone_from(&other.lambda);
+        self.delta.clone_from(&other.delta);
+        self.modes.clone_from(&other.modes);
+    }
+
     /// Forgets everything.
     pub fn clear(&mut self) {
         self.ids.clear();
