@@ -11,6 +11,7 @@ mod solver;
 mod system;
 
 pub use solver::{AnchorSettings, AnchorSolver, AnchorStages, AnchorStatus, AnchorStep};
+pub(crate) use system::{Grasp, System, is_solved};
 
 use crate::rows::RowKind;
 

@@ -8,13 +8,13 @@ use super::compliance::{Reached, assemble};
 use super::{AnchorPoint, AnchorRow, AnchorSettings};
 use crate::body::{Body, BodyWork, Motion, Push};
 use crate::columns::Columns;
-use crate::fem::{Balance, HeldPoints, LinearTissue, Linearisation, TissueError};
+use crate::fem::{Balance, Factored, HeldPoints, LinearTissue, Linearisation, TissueError};
 use crate::rows::{self, Problem, Row};
 use nalgebra::{Matrix3, Vector3};
 use std::sync::Arc;
 
 /// What evolves: the tissue's motion and the forces of the rows on it.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Grasp {
     motion: Motion,
     forces: rows::State,
@@ -51,11 +51,6 @@ impl Grasp {
     /// Modes of the last solve's rows.
     pub fn modes(&self) -> &[rows::Mode] {
         self.forces.modes()
-    }
-
-    /// Rows of the last solve.
-    pub fn acting(&self) -> &[AnchorRow] {
-        &self.acting
     }
 
     /// Forces on vertices: -C' lambda.
@@ -140,6 +135,34 @@ impl System {
             }
             *slot = place;
         }
+        Ok(Self::reaching(
+            body,
+            motion,
+            reached,
+            reached_of_node,
+            settings,
+        ))
+    }
+
+    /// For anchors on all free nodes.
+    pub fn everywhere(body: &Body, motion: &Motion, settings: AnchorSettings) -> Self {
+        let numbering = body.numbering();
+        let nodes = 0..numbering.nodes() as u32;
+        let reached: Vec<u32> = nodes.filter(|node| !numbering.is_fixed(*node)).collect();
+        let mut reached_of_node = vec![UNREACHED; numbering.nodes()];
+        for (place, &node) in (0u32..).zip(&reached) {
+            reached_of_node[node as usize] = place;
+        }
+        Self::reaching(body, motion, &reached, reached_of_node, settings)
+    }
+
+    fn reaching(
+        body: &Body,
+        motion: &Motion,
+        reached: &[u32],
+        reached_of_node: Vec<u32>,
+        settings: AnchorSettings,
+    ) -> Self {
         let held = Arc::new(HeldPoints::none());
         let AnchorSettings {
             most_rows,
@@ -149,8 +172,9 @@ impl System {
         } = settings;
         // Corotational tissue reads the anchors of the step before, too.
         let least = 8 * most_anchors;
-        let columns = Columns::new(&body.view(motion), &held, reached, memory_bytes, least);
-        Ok(Self {
+        let mut columns = Columns::new(&body.view(motion), &held, reached, memory_bytes, least);
+        columns.belong_to(motion.factor());
+        Self {
             held,
             columns,
             body_work: body.work(),
@@ -166,7 +190,7 @@ impl System {
             kinds: Vec::with_capacity(most_rows),
             rows_work: rows::Workspace::new(most_rows),
             settings,
-        })
+        }
     }
 
     pub fn start_worker(
@@ -176,6 +200,14 @@ impl System {
     ) -> std::io::Result<()> {
         self.columns
             .start_worker(tissue, self.held.clone(), reached)
+    }
+
+    /// As [`Self::start_worker`], for a system that reaches all free nodes.
+    pub fn start_worker_everywhere(&mut self, tissue: Arc<LinearTissue>) -> std::io::Result<()> {
+        let numbering = tissue.numbering();
+        let nodes = 0..numbering.nodes() as u32;
+        let reached: Vec<u32> = nodes.filter(|node| !numbering.is_fixed(*node)).collect();
+        self.start_worker(tissue, &reached)
     }
 
     pub fn settings(&self) -> &AnchorSettings {
@@ -211,15 +243,75 @@ impl System {
         free + moved.sum::<Vector3<f64>>()
     }
 
+    /// As [`Self::compliance`], for what gives way besides the tissue.
+    pub fn compliance_mut(&mut self, rows: usize) -> &mut [f64] {
+        &mut self.w[..rows * rows]
+    }
+
+    pub fn body_work(&self) -> &BodyWork {
+        &self.body_work
+    }
+
+    /// No node is farther than this from where it is displaced to by `resting` (n x 3) \[m\].
+    pub fn slack_m(
+        &self,
+        body: &Body,
+        grasp: &Grasp,
+        pushes: &[Push],
+        resting: &[[f64; 3]],
+    ) -> f64 {
+        if body.is_linear() {
+            let reach = |(vertex, force): &Push| self.columns.largest(*vertex) * force.norm();
+            return pushes.iter().map(reach).sum();
+        }
+        // Displacements of corotational tissue are at hand, at the cost of a look at all of them.
+        let Some(state) = grasp.motion.state() else {
+            return 0.0;
+        };
+        let moved = (0u32..).zip(resting).map(|(node, from)| {
+            let now = body.numbering().at_node(state.unknowns(), node);
+            (Vector3::from(now) - Vector3::from(*from)).norm()
+        });
+        let last = moved.fold(0.0, f64::max);
+        let more = |(vertex, force): &Push| self.columns.largest(*vertex) * force.norm();
+        let change = pushes.iter().map(more).sum::<f64>()
+            + grasp.motion.pushed().iter().map(more).sum::<f64>();
+        last + change
+    }
+
+    /// Computes columns of nodes that will soon be named, of at most `most` that are missing.
+    pub fn compute_ahead(&mut self, body: &Body, grasp: &Grasp, nodes: &[u32], most: usize) -> u32 {
+        if self.columns.has_worker() {
+            nodes.iter().for_each(|node| self.prefetch(*node));
+            return 0;
+        }
+        self.missing.clear();
+        for &node in nodes {
+            if let Some(vertex) = self.vertex(node)
+                && self.missing.len() < most
+                && !self.columns.has(vertex)
+                && !self.missing.contains(&vertex)
+            {
+                self.missing.push(vertex);
+            }
+        }
+        let view = body.view(&grasp.motion);
+        self.columns.compute(&view, &self.held, &self.missing);
+        self.missing.len() as u32
+    }
+
+    /// Computes the columns of all `nodes`; how many are there then.
+    pub fn prepare(&mut self, body: &Body, motion: &Motion, nodes: &[u32]) -> usize {
+        let vertices: Vec<u32> = nodes.iter().filter_map(|node| self.vertex(*node)).collect();
+        self.columns.belong_to(motion.factor());
+        self.columns
+            .compute(&body.view(motion), &self.held, &vertices);
+        self.columns.count()
+    }
+
     /// Compliance of the rows of the last solve, (n x n).
     pub fn compliance(&self, rows: usize) -> &[f64] {
         &self.w[..rows * rows]
-    }
-
-    /// Whether the columns of a node are there, or none are needed.
-    pub fn has(&self, node: u32) -> bool {
-        self.vertex(node)
-            .is_none_or(|vertex| self.columns.has(vertex))
     }
 
     /// Place of a node among the reached.

@@ -275,36 +275,43 @@ impl Drive<'_> {
         points.clear();
         for (index, state) in self.states.iter().enumerate() {
             let curve = self.needles.parts[index].needle.at(&state.pose);
-            let mut add = |what, at: AnchorPoint, alpha: f64, slid: f64, id: u32, kinds: [RowKind; 3]| {
-                let rest: Vector3<f64> = at
-                    .nodes
-                    .iter()
-                    .zip(at.weights)
-                    .map(|(node, weight)| place(self.points_m, *node) * weight)
-                    .sum();
-                let to = curve.at(alpha) - rest;
-                points.push(Point {
-                    needle: index,
-                    what,
-                    first_row: rows.len(),
-                    alpha,
-                });
-                let anchor = anchors.len() as u32;
-                anchors.push(at);
-                for (axis, (direction, kind)) in (0u64..).zip(curve.frame_at(alpha).into_iter().zip(kinds)) {
-                    let slid = if axis == 0 { slid } else { 0.0 };
-                    rows.push(AnchorRow {
-                        id: (index as u64) << 34 | u64::from(id) << 2 | axis,
-                        anchor,
-                        kind,
-                        direction: direction.into(),
-                        target_m: direction.dot(&to) + slid,
+            let mut add =
+                |what, at: AnchorPoint, alpha: f64, slid: f64, id: u32, kinds: [RowKind; 3]| {
+                    let rest: Vector3<f64> = at
+                        .nodes
+                        .iter()
+                        .zip(at.weights)
+                        .map(|(node, weight)| place(self.points_m, *node) * weight)
+                        .sum();
+                    let to = curve.at(alpha) - rest;
+                    points.push(Point {
+                        needle: index,
+                        what,
+                        first_row: rows.len(),
+                        alpha,
                     });
-                }
-            };
+                    let anchor = anchors.len() as u32;
+                    anchors.push(at);
+                    for (axis, (direction, kind)) in
+                        (0u64..).zip(curve.frame_at(alpha).into_iter().zip(kinds))
+                    {
+                        let slid = if axis == 0 { slid } else { 0.0 };
+                        rows.push(AnchorRow {
+                            id: (index as u64) << 34 | u64::from(id) << 2 | axis,
+                            anchor,
+                            kind,
+                            direction: direction.into(),
+                            target_m: direction.dot(&to) + slid,
+                        });
+                    }
+                };
             let equal = RowKind::Equality;
-            for (place, (crossing, hold)) in
-                state.history.crossings().iter().zip(&state.holds).enumerate()
+            for (place, (crossing, hold)) in state
+                .history
+                .crossings()
+                .iter()
+                .zip(&state.holds)
+                .enumerate()
             {
                 let limit_n = hold.limit_n;
                 add(
@@ -461,7 +468,10 @@ impl Drive<'_> {
             changed = true;
         }
         let crossings = self.states[needle].history.crossings();
-        let behind = crossings.iter().take_while(|first| first.alpha < 0.0).count();
+        let behind = crossings
+            .iter()
+            .take_while(|first| first.alpha < 0.0)
+            .count();
         for index in 0..behind {
             self.release(needle, What::Crossing(index));
         }
@@ -479,7 +489,9 @@ impl Drive<'_> {
 
     /// The tip goes on through the cells, or from outside to the boundary.
     fn advance(&mut self, needle: usize) -> Result<bool, Status> {
-        let curve = self.needles.parts[needle].needle.at(&self.states[needle].pose);
+        let curve = self.needles.parts[needle]
+            .needle
+            .at(&self.states[needle].pose);
         match self.states[needle].tip {
             Tip::Holding { .. } => Ok(false),
             Tip::Inside { .. } => self.advance_inside(needle, &curve),
@@ -580,7 +592,9 @@ impl Drive<'_> {
         let point = self.position_of(&anchor(&self.needles.mesh, &face));
         let last = self.states[needle].history.crossings().last();
         let least = last.map_or(f64::NEG_INFINITY, |crossing| crossing.alpha);
-        let alpha = curve.project(&point, length).clamp(least.min(length), length);
+        let alpha = curve
+            .project(&point, length)
+            .clamp(least.min(length), length);
         let state = &mut self.states[needle];
         if !state.history.push(Crossing { alpha, ..face }) {
             return Err(Status::TooManyRows);
@@ -683,8 +697,14 @@ impl Drive<'_> {
                 };
                 let point = self.position_of(&anchor(&self.needles.mesh, &crossing));
                 let state = &mut self.states[needle];
-                let least = state.history.crossings().last().map_or(0.0, |last| last.alpha);
-                let alpha = curve.project(&point, length).clamp(least.min(length), length);
+                let least = state
+                    .history
+                    .crossings()
+                    .last()
+                    .map_or(0.0, |last| last.alpha);
+                let alpha = curve
+                    .project(&point, length)
+                    .clamp(least.min(length), length);
                 if !state.history.push(Crossing { alpha, ..crossing }) {
                     return Err(Status::TooManyRows);
                 }
@@ -727,10 +747,15 @@ impl Drive<'_> {
     fn drag(&self, needle: usize) -> Option<(Vector3<f64>, Vector6<f64>)> {
         let n = self.work.rows.len();
         let w = self.work.system.compliance(n);
-        let curve = self.needles.parts[needle].needle.at(&self.states[needle].pose);
+        let curve = self.needles.parts[needle]
+            .needle
+            .at(&self.states[needle].pose);
         let (mut sum, mut count, mut centre) = (0.0, 0, Vector3::zeros());
         for point in self.work.points.iter().filter(|at| at.needle == needle) {
-            sum += (0..3).map(|axis| w[(point.first_row + axis) * (n + 1)]).sum::<f64>() / 3.0;
+            sum += (0..3)
+                .map(|axis| w[(point.first_row + axis) * (n + 1)])
+                .sum::<f64>()
+                / 3.0;
             centre += curve.at(point.alpha);
             count += 1;
         }
@@ -753,7 +778,9 @@ impl Drive<'_> {
                 continue;
             };
             let n = self.work.rows.len();
-            let curve = self.needles.parts[needle].needle.at(&self.states[needle].pose);
+            let curve = self.needles.parts[needle]
+                .needle
+                .at(&self.states[needle].pose);
             let NeedleWork {
                 system,
                 points,
@@ -954,12 +981,7 @@ fn limits(needles: &Needles, state: &mut NeedleState, length: f64) {
             None => 0.0,
         };
         let behind = match index.checked_sub(1) {
-            Some(other) => share(
-                crossing.from(),
-                state.holds[other].alpha,
-                own.alpha,
-                0.5,
-            ),
+            Some(other) => share(crossing.from(), state.holds[other].alpha, own.alpha, 0.5),
             None => share(crossing.from(), 0.0, own.alpha, 1.0),
         };
         let ahead = match state.holds.get(index + 1) {

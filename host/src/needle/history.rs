@@ -67,7 +67,7 @@ pub enum Broken {
 }
 
 /// Crossings of one needle, from its end to its tip; nothing is allocated after [`History::new`].
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub struct History {
     /// Cell before the first crossing; `None` outside.
     before: Option<u32>,
@@ -166,6 +166,13 @@ impl History {
         for crossing in &mut self.crossings {
             crossing.alpha += by;
         }
+    }
+
+    /// As of a way that begins in the cell `before`, or outside, with `last` as its only crossing.
+    pub fn restart(&mut self, before: Option<u32>, last: Option<Crossing>) {
+        self.before = before;
+        self.crossings.clear();
+        self.crossings.extend(last);
     }
 
     /// As of a needle outside.

@@ -4,7 +4,6 @@
 
 use super::{Hierarchy, Needle, NeedleTissue};
 use crate::anchors::AnchorSettings;
-use crate::fem::Numbering;
 use crate::mesh::{HalfFaces, TetMesh};
 use nalgebra::{Isometry3, Vector3};
 use thiserror::Error;
@@ -115,8 +114,6 @@ pub(crate) struct Needles {
     pub settings: NeedleSettings,
     pub mesh: HalfFaces,
     pub hierarchy: Hierarchy,
-    /// Free nodes, which columns are for.
-    pub reached: Vec<u32>,
     /// Displacement under the loads alone, where the hierarchy is \[m\], (n x 3).
     pub resting: Vec<[f64; 3]>,
     /// Kinds of tissue, and each cell's among them, (m).
@@ -134,7 +131,6 @@ impl Needles {
         settings: NeedleSettings,
         mesh: &TetMesh,
         resting_m: &[[f64; 3]],
-        numbering: &Numbering,
     ) -> Result<Self, NeedleError> {
         if parts.len() > MAX_NEEDLES {
             return Err(NeedleError::TooMany(parts.len()));
@@ -183,7 +179,6 @@ impl Needles {
                 .get(node as usize)
                 .map_or_else(Vector3::zeros, |at| Vector3::from(*at))
         });
-        let nodes = 0..resting_m.len() as u32;
         Ok(Self {
             parts: parts.to_vec(),
             settings,
@@ -194,7 +189,6 @@ impl Needles {
                 .zip(mesh.points_m())
                 .map(|(at, from)| [at[0] - from[0], at[1] - from[1], at[2] - from[2]])
                 .collect(),
-            reached: nodes.filter(|node| !numbering.is_fixed(*node)).collect(),
             kinds,
             kind_of_cell,
             piece_m: 0.25 * mesh.surface().mean_edge_m,

@@ -11,7 +11,7 @@ use nalgebra::Isometry3;
 pub(super) const LOG: usize = 64;
 
 /// One needle.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, PartialEq)]
 pub(crate) struct NeedleState {
     pub pose: Isometry3<f64>,
     pub grip: Option<Grip>,

@@ -11,7 +11,6 @@ use super::{Curve, NeedlePart};
 use crate::anchors::{Grasp, System};
 use crate::body::Motion;
 use crate::clock::Clock;
-use crate::fem::TissueError;
 use crate::model::Model;
 use crate::step::{Status, StepReport};
 use crate::tool::{MAX_TOOLS, ToolSample};
@@ -70,7 +69,7 @@ pub struct NeedleReport {
 }
 
 /// What evolves about the needles of a scene.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, PartialEq)]
 pub(crate) struct NeedlesState {
     pub grasp: Grasp,
     pub each: Vec<NeedleState>,
@@ -100,14 +99,29 @@ impl NeedlesState {
 }
 
 impl NeedlesWork {
-    pub fn new(model: &Model, needles: &Needles, state: &NeedlesState) -> Result<Self, TissueError> {
+    pub fn new(model: &Model, needles: &Needles) -> Self {
         let settings = needles.anchor_settings();
-        let system = System::new(&model.body, state.grasp.motion(), &needles.reached, settings)?;
-        Ok(Self {
+        let state = NeedlesState::new(needles, model.motion.clone());
+        let system = System::everywhere(&model.body, &model.motion, settings);
+        Self {
             drive: NeedleWork::new(needles, system, &state.each, &state.grasp),
             tangent: TangentWork::new(settings.most_rows),
             ahead: Vec::with_capacity(64),
-        })
+        }
+    }
+}
+
+impl NeedlesWork {
+    /// Computes the columns of all nodes whose resting position \[m\] satisfies `near`; how many are there.
+    pub fn prepare(&mut self, model: &Model, near: impl Fn([f64; 3]) -> bool) -> usize {
+        let nodes: Vec<u32> = (0u32..)
+            .zip(&model.resting_m)
+            .filter(|(_, at)| near(**at))
+            .map(|(node, _)| node)
+            .collect();
+        self.drive
+            .system
+            .prepare(&model.body, &model.motion, &nodes)
     }
 }
 
@@ -140,7 +154,11 @@ pub(crate) fn step(
         let (from, to) = (part.needle.at(&each.pose), part.needle.at(target));
         let middle = 0.5 * from.length;
         let slide = from.project(&to.at(middle), middle) - middle;
-        each.speed = if passed_s > 0.0 { slide / passed_s } else { 0.0 };
+        each.speed = if passed_s > 0.0 {
+            slide / passed_s
+        } else {
+            0.0
+        };
     }
     let status = loop {
         let body = &model.body;
@@ -162,7 +180,15 @@ pub(crate) fn step(
                 report.tangent_error = 0.0;
             }
         }
-        let status = follow(model, needles, state, &targets[..count], work, report, clock);
+        let status = follow(
+            model,
+            needles,
+            state,
+            &targets[..count],
+            work,
+            report,
+            clock,
+        );
         if !matches!(status, Status::Ok | Status::Behind) || body.is_linear() {
             break status;
         }
@@ -244,7 +270,11 @@ fn piece(needles: &Needles, each: &NeedleState, target: &Isometry3<f64>, own: &N
         part = part.min(needles.piece_m / way.into_iter().fold(0.0, f64::max));
     }
     // A way without end is none.
-    if part.is_nan() { f64::NAN } else { part.min(1.0) }
+    if part.is_nan() {
+        f64::NAN
+    } else {
+        part.min(1.0)
+    }
 }
 
 /// A part of the way: straight for the origin of the frame, about one axis; all of it is exactly `to`.
@@ -306,7 +336,12 @@ fn reduce(
     tangent.factor(needles, drive.states, drive.grasp, drive.work);
     let in_tissue = |index: usize| drive.position_of(&drive.work.anchors[index]);
     let mut grips = [None; MAX_TOOLS];
-    for ((contact, sample), grip_at) in report.contacts_mut(samples.len()).iter_mut().zip(samples).zip(&mut grips) {
+    for ((contact, sample), grip_at) in report
+        .contacts_mut(samples.len())
+        .iter_mut()
+        .zip(samples)
+        .zip(&mut grips)
+    {
         contact.id = sample.id;
         let grip = Vector3::from(sample.position_m);
         *grip_at = Some((sample.id, grip));
@@ -318,7 +353,11 @@ fn reduce(
         let (mut gap_m, mut normal) = (f64::MAX, Vector3::z());
         for needle in (0..drive.states.len()).filter(|needle| holds(*needle)) {
             wrench += drive.wrench_on(needle, &grip);
-            let own = drive.work.points.iter().filter(|point| point.needle == needle);
+            let own = drive
+                .work
+                .points
+                .iter()
+                .filter(|point| point.needle == needle);
             let rows = 3 * own.count() as u32;
             contact.rows += rows;
             let curve = needles.parts[needle].needle.at(&drive.states[needle].pose);
@@ -362,7 +401,11 @@ fn reduce(
             stored += 0.5 * lambda_i * lambda_j * w[n * i + j];
         }
     }
-    for (needle, out) in report.needles_mut(drive.states.len()).iter_mut().enumerate() {
+    for (needle, out) in report
+        .needles_mut(drive.states.len())
+        .iter_mut()
+        .enumerate()
+    {
         let each = &drive.states[needle];
         let part = &needles.parts[needle];
         let curve = part.needle.at(&each.pose);
@@ -377,9 +420,11 @@ fn reduce(
             Tip::Inside { cut: Some(cut) } => cut.limit_n,
             _ => 0.0,
         };
-        let holding = drive.work.points.iter().find(|point| {
-            point.needle == needle && point.what == super::drive::What::Holding
-        });
+        let holding = drive
+            .work
+            .points
+            .iter()
+            .find(|point| point.needle == needle && point.what == super::drive::What::Holding);
         let (hold_n, puncture_n) = match (each.tip, holding) {
             (Tip::Holding { face, .. }, Some(point)) => (
                 -lambda[point.first_row],
@@ -398,7 +443,10 @@ fn reduce(
             crossings: each.holds.len() as u32,
             punctures: each.tally.punctures,
             slides: !each.holds.is_empty()
-                && each.holds.iter().all(|hold| hold.slides || hold.limit_n == 0.0),
+                && each
+                    .holds
+                    .iter()
+                    .all(|hold| hold.slides || hold.limit_n == 0.0),
             axial_n: drive.wrench_on(needle, &at_grip).dot(&twist),
             limit_n: [rubbing + cutting, rubbing],
             hold_n,
@@ -416,7 +464,14 @@ fn reduce(
         if let Some(cell) = each.history.tip_cell(&needles.mesh) {
             let near = needles.mesh.adjacent_cells(cell).into_iter().flatten();
             for cell in std::iter::once(cell).chain(near) {
-                ahead.extend(needles.mesh.cells().get(cell as usize).into_iter().flatten());
+                ahead.extend(
+                    needles
+                        .mesh
+                        .cells()
+                        .get(cell as usize)
+                        .into_iter()
+                        .flatten(),
+                );
             }
         }
         let derivative = tangent.differentiate(
@@ -430,17 +485,29 @@ fn reduce(
         );
         out.stiffness_n_per_m[1] = -twist.dot(&(derivative * twist));
     }
-    for (needle, out) in report.needles_mut(drive.states.len()).iter_mut().enumerate() {
+    for (needle, out) in report
+        .needles_mut(drive.states.len())
+        .iter_mut()
+        .enumerate()
+    {
         out.stiffness_n_per_m[0] = tangent.sticking(drive.work, needle);
     }
-    let potential_j = model.body.potential_j(drive.grasp.motion(), drive.work.system.body_work());
-    report.stored_energy_j =
-        potential_j.map_or(stored, |potential_j| potential_j - model.resting_potential_j);
+    let potential_j = model
+        .body
+        .potential_j(drive.grasp.motion(), drive.work.system.body_work());
+    report.stored_energy_j = potential_j.map_or(stored, |potential_j| {
+        potential_j - model.resting_potential_j
+    });
     clock.lap(&mut report.stages.reduce_ns);
     if model.body.is_linear() {
         let most = needles.settings.vertices_per_step;
-        let left = most.saturating_sub(report.columns_computed as usize / 3).min(PREFETCHED);
-        let computed = work.drive.system.compute_ahead(&model.body, &state.grasp, &work.ahead, left);
+        let left = most
+            .saturating_sub(report.columns_computed as usize / 3)
+            .min(PREFETCHED);
+        let computed =
+            work.drive
+                .system
+                .compute_ahead(&model.body, &state.grasp, &work.ahead, left);
         report.columns_computed += 3 * computed;
         clock.lap(&mut report.stages.columns_ns);
     }

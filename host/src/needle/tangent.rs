@@ -24,7 +24,6 @@ pub(super) struct TangentWork {
 
 /// One point of a needle and its force.
 struct Held {
-    needle: usize,
     row: usize,
     frame: [Vector3<f64>; 3],
     /// s(alpha).
@@ -56,13 +55,19 @@ impl TangentWork {
     }
 
     /// Factors the derivative of the balance in `work`.
-    pub fn factor(&mut self, needles: &Needles, states: &[NeedleState], grasp: &Grasp, work: &NeedleWork) {
+    pub fn factor(
+        &mut self,
+        needles: &Needles,
+        states: &[NeedleState],
+        grasp: &Grasp,
+        work: &NeedleWork,
+    ) {
         let n = work.rows.len();
         let w = work.system.compliance(n);
         let matrix = &mut self.matrix[..n * n];
         matrix.copy_from_slice(w);
         for (index, point) in work.points.iter().enumerate() {
-            let held = held(needles, states, grasp, work, index, point, Vector3::zeros());
+            let held = held(needles, states, grasp, index, point, Vector3::zeros());
             let mut replace = |row: usize, scale: f64| {
                 for column in 0..n {
                     let entry = scale * w[n * column + row];
@@ -99,11 +104,16 @@ impl TangentWork {
     ) -> Matrix6<f64> {
         let n = work.rows.len();
         let w = work.system.compliance(n);
-        let points = || work.points.iter().enumerate().filter(|(_, point)| moves(point.needle));
+        let points = || {
+            work.points
+                .iter()
+                .enumerate()
+                .filter(|(_, point)| moves(point.needle))
+        };
         let change = &mut self.change[..6 * n];
         change.fill(0.0);
         for (index, point) in points() {
-            let held = held(needles, states, grasp, work, index, point, position(index));
+            let held = held(needles, states, grasp, index, point, position(index));
             for pose in 0..6 {
                 let (shift, turn) = unit(pose);
                 let moved = shift + turn.cross(&(held.on_needle - grip));
@@ -128,7 +138,7 @@ impl TangentWork {
         self.lu.solve(&self.matrix[..n * n], n, change, 6);
         let mut tangent = Matrix6::zeros();
         for (index, point) in points() {
-            let held = held(needles, states, grasp, work, index, point, position(index));
+            let held = held(needles, states, grasp, index, point, position(index));
             let arm = held.in_tissue - grip;
             for pose in 0..6 {
                 let (shift, _) = unit(pose);
@@ -199,7 +209,6 @@ fn held(
     needles: &Needles,
     states: &[NeedleState],
     grasp: &Grasp,
-    work: &NeedleWork,
     index: usize,
     point: &Point,
     in_tissue: Vector3<f64>,
@@ -210,7 +219,10 @@ fn held(
     let law = match (point.what, state.tip) {
         (What::Holding, _) => Law::Sticks,
         (What::Crossing(place), _) => {
-            let frictionless = state.holds.get(place).is_none_or(|hold| hold.limit_n == 0.0);
+            let frictionless = state
+                .holds
+                .get(place)
+                .is_none_or(|hold| hold.limit_n == 0.0);
             if bound || frictionless {
                 Law::Slides
             } else {
@@ -223,7 +235,6 @@ fn held(
         (What::Cut, _) => Law::Cut { sticks: false },
     };
     Held {
-        needle: point.needle,
         row: point.first_row,
         frame: curve.frame_at(point.alpha),
         on_needle: curve.at(point.alpha),

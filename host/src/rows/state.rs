@@ -16,7 +16,7 @@ pub enum Mode {
 }
 
 /// Forces and modes of the rows solved last.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct State {
     largest: usize,
     pub(super) ids: Vec<u64>,
