@@ -51,13 +51,16 @@ pub(super) struct Point {
     pub alpha: f64,
 }
 
-/// A force that has been taken away: until the next balance says how far the tissue moved.
+/// A force that has been taken away, or tissue that has been taken hold of where the needle is not: until
+/// the next solve says how far it moved.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Release {
     needle: usize,
     at: AnchorPoint,
     force: Vector3<f64>,
     from: Vector3<f64>,
+    /// The crossing that took hold.
+    taken: Option<usize>,
 }
 
 /// Rows of the present balance and scratch.
@@ -123,6 +126,7 @@ impl Drive<'_> {
             saved.copy_from(state);
         }
         self.work.saved_grasp.copy_rows(self.grasp);
+        self.work.releases.clear();
         let done = self.balance(poses, None);
         if done.is_err() {
             for (state, saved) in self.states.iter_mut().zip(&self.work.saved) {
@@ -150,7 +154,6 @@ impl Drive<'_> {
 
     /// Puts the needles where they shall be.
     fn begin(&mut self, poses: &[Isometry3<f64>]) {
-        self.work.releases.clear();
         for (index, (state, pose)) in self.states.iter_mut().zip(poses).enumerate() {
             let part = &self.needles.parts[index];
             let curve = part.needle.at(&state.pose);
@@ -161,10 +164,17 @@ impl Drive<'_> {
             if let Tip::Inside { cut: Some(cut) } = &mut state.tip {
                 cut.pressed = true;
             }
+        }
+        self.stick();
+    }
+
+    /// From now on crossings stick where they are.
+    fn stick(&mut self) {
+        for (state, part) in self.states.iter_mut().zip(&self.needles.parts) {
             for (hold, crossing) in state.holds.iter_mut().zip(state.history.crossings()) {
                 hold.alpha = crossing.alpha;
             }
-            limits(self.needles, state, curve.length);
+            limits(self.needles, state, part.needle.shape.length_m());
         }
     }
 
@@ -357,15 +367,38 @@ impl Drive<'_> {
             .sum()
     }
 
-    /// The energy that went with forces taken away before the last solve: exact on linear tissue, for
-    /// the others' anchors stay or are counted as sliding.
+    /// The energy that went, or came, with what was let go and taken hold of before the last solve. Between
+    /// two balances of linear tissue it changes by the sum of (f + f').(x' - x) / 2 over all anchors; the
+    /// others' share is the hand's work and their slides.
     fn settle_releases(&mut self) {
         for index in 0..self.work.releases.len() {
             let release = self.work.releases[index];
             let moved = self.position_of(&release.at) - release.from;
-            self.states[release.needle].tally.release_j -= 0.5 * release.force.dot(&moved);
+            let point = release.taken.and_then(|taken| {
+                let what = What::Crossing(taken);
+                let is = |point: &Point| point.needle == release.needle && point.what == what;
+                self.work.points.iter().position(is)
+            });
+            let now = point.map_or_else(Vector3::zeros, |point| self.grasp.force_on(point));
+            // Its slide is booked with the others'.
+            let slid = release
+                .taken
+                .map_or_else(Vector3::zeros, |taken| self.slid(release.needle, taken));
+            let done = 0.5 * (release.force + now).dot(&(moved - slid));
+            self.states[release.needle].tally.release_j -= done;
         }
         self.work.releases.clear();
+    }
+
+    /// By how much a crossing has slid in this balance \[m\].
+    fn slid(&self, needle: usize, crossing: usize) -> Vector3<f64> {
+        let state = &self.states[needle];
+        let crossings = state.history.crossings();
+        let (Some(now), Some(hold)) = (crossings.get(crossing), state.holds.get(crossing)) else {
+            return Vector3::zeros();
+        };
+        let curve = self.needles.parts[needle].needle.at(&state.pose);
+        curve.at(now.alpha) - curve.at(hold.alpha)
     }
 
     /// Takes the rows of a point of needle `needle` away: remembers their force.
@@ -388,8 +421,31 @@ impl Drive<'_> {
                 at,
                 force,
                 from,
+                taken: None,
             });
         }
+    }
+
+    /// The needle takes hold of a crossing that may be beside it.
+    fn take_hold(&mut self, needle: usize, crossing: Crossing) -> Result<(), Status> {
+        let at = anchor(&self.needles.mesh, &crossing);
+        let from = self.position_of(&at);
+        let state = &mut self.states[needle];
+        let taken = state.holds.len();
+        if !state.history.push(crossing) {
+            return Err(Status::TooManyRows);
+        }
+        state.hold_new();
+        if self.work.releases.len() < self.work.releases.capacity() {
+            self.work.releases.push(Release {
+                needle,
+                at,
+                force: Vector3::zeros(),
+                from,
+                taken: Some(taken),
+            });
+        }
+        Ok(())
     }
 
     /// Moves tips and histories to the solved tissue; whether rows came or went that change the balance.
@@ -564,6 +620,7 @@ impl Drive<'_> {
 
     /// The tip comes to hold a boundary face; a free one goes on through it.
     fn take(&mut self, needle: usize, face: Crossing) {
+        self.release(needle, What::Cut);
         let state = &mut self.states[needle];
         let id = state.new_id();
         state.tip = Tip::Holding { face, id };
@@ -587,6 +644,9 @@ impl Drive<'_> {
         let mut solves = 0;
         self.slide(&mut solves)?;
         self.settle_releases();
+        // Tissue has slid far, and what rubs changes now: that slide is over.
+        self.book();
+        self.stick();
         let pose = self.states[needle].pose;
         let curve = self.needles.parts[needle].needle.at(&pose);
         let point = self.position_of(&anchor(&self.needles.mesh, &face));
@@ -595,11 +655,7 @@ impl Drive<'_> {
         let alpha = curve
             .project(&point, length)
             .clamp(least.min(length), length);
-        let state = &mut self.states[needle];
-        if !state.history.push(Crossing { alpha, ..face }) {
-            return Err(Status::TooManyRows);
-        }
-        state.hold_new();
+        self.take_hold(needle, Crossing { alpha, ..face })?;
         if self.needles.settings.playback == Playback::EveryPose && !free {
             self.replay(needle)?;
         } else {
@@ -625,7 +681,16 @@ impl Drive<'_> {
                 _ => last,
             };
             let count = self.states.len();
+            // Nobody's hand does this work.
+            let from = self.states[needle].pose;
+            let centre = from.translation.vector;
+            let before = self.wrench_on(needle, &centre);
             self.balance(&poses[..count], Some(needle))?;
+            let way = poses[needle].translation.vector - centre;
+            let turn = (poses[needle].rotation * from.rotation.inverse()).scaled_axis();
+            let after = self.wrench_on(needle, &poses[needle].translation.vector);
+            let twist = Vector6::new(way.x, way.y, way.z, turn.x, turn.y, turn.z);
+            self.states[needle].tally.release_j += 0.5 * (before + after).dot(&twist);
         }
         Ok(())
     }
@@ -696,19 +761,12 @@ impl Drive<'_> {
                     _ => self.work.path.crossings()[index],
                 };
                 let point = self.position_of(&anchor(&self.needles.mesh, &crossing));
-                let state = &mut self.states[needle];
-                let least = state
-                    .history
-                    .crossings()
-                    .last()
-                    .map_or(0.0, |last| last.alpha);
+                let last = self.states[needle].history.crossings().last();
+                let least = last.map_or(0.0, |last| last.alpha);
                 let alpha = curve
                     .project(&point, length)
                     .clamp(least.min(length), length);
-                if !state.history.push(Crossing { alpha, ..crossing }) {
-                    return Err(Status::TooManyRows);
-                }
-                state.hold_new();
+                self.take_hold(needle, Crossing { alpha, ..crossing })?;
             }
             if out.is_some() {
                 self.states[needle].tip = Tip::Outside;
@@ -821,9 +879,24 @@ impl Drive<'_> {
 
     /// Takes over what the balance found.
     fn finish(&mut self) {
+        self.book();
+        for needle in 0..self.states.len() {
+            if matches!(self.states[needle].tip, Tip::Holding { .. }) {
+                self.states[needle].log_pose();
+            }
+            self.cut(needle);
+        }
+    }
+
+    /// Books slides and cuts under the mean of the forces before and after, as [`Self::settle_releases`] says.
+    fn book(&mut self) {
         let lambda = self.grasp.lambda();
         let (delta, modes) = (self.grasp.delta_m(), self.grasp.modes());
-        for point in &self.work.points {
+        for (index_of_point, point) in self.work.points.iter().enumerate() {
+            let slid = match point.what {
+                What::Crossing(index) => self.slid(point.needle, index),
+                _ => Vector3::zeros(),
+            };
             let state = &mut self.states[point.needle];
             let (force, slide) = (lambda[point.first_row], delta[point.first_row]);
             let bound = modes[point.first_row] != Mode::Held;
@@ -832,11 +905,10 @@ impl Drive<'_> {
                     let Some(hold) = state.holds.get_mut(index) else {
                         continue;
                     };
-                    // What began to slide did so under the force at which it does.
-                    let before = if hold.slides { hold.axial_n } else { force };
-                    state.tally.friction_j -= 0.5 * (before + force) * slide;
+                    let force = self.grasp.force_on(index_of_point);
+                    state.tally.friction_j -= 0.5 * (hold.force + force).dot(&slid);
                     hold.slides = bound && hold.limit_n > 0.0;
-                    hold.axial_n = force;
+                    hold.force = force;
                 }
                 What::Cut => {
                     let Tip::Inside { cut: Some(cut) } = &mut state.tip else {
@@ -844,20 +916,13 @@ impl Drive<'_> {
                     };
                     let cuts = cut.pressed && bound && slide > 0.0;
                     if cuts {
-                        let before = if cut.cuts { cut.axial_n } else { force };
-                        state.tally.cutting_j -= 0.5 * (before + force) * slide;
+                        state.tally.cutting_j -= 0.5 * (cut.axial_n + force) * slide;
                     }
                     cut.cuts = cuts;
                     cut.axial_n = force;
                 }
                 What::Holding => {}
             }
-        }
-        for needle in 0..self.states.len() {
-            if matches!(self.states[needle].tip, Tip::Holding { .. }) {
-                self.states[needle].log_pose();
-            }
-            self.cut(needle);
         }
     }
 

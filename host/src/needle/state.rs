@@ -5,7 +5,7 @@
 use super::model::{NeedlePart, NeedleSettings};
 use super::{Crossing, History};
 use crate::anchors::AnchorPoint;
-use nalgebra::Isometry3;
+use nalgebra::{Isometry3, Vector3};
 
 /// Poses that are kept while the tip holds a boundary face: more are thinned out.
 pub(super) const LOG: usize = 64;
@@ -47,8 +47,8 @@ pub(crate) struct Hold {
     pub alpha: f64,
     /// Bound of the axial force \[N\].
     pub limit_n: f64,
-    /// Axial multiplier at the last balance \[N\].
-    pub axial_n: f64,
+    /// Force on the tissue at the last balance \[N\].
+    pub force: Vector3<f64>,
     /// Whether it slid at the last balance.
     pub slides: bool,
 }
@@ -159,7 +159,7 @@ impl NeedleState {
                 id,
                 alpha,
                 limit_n: 0.0,
-                axial_n: 0.0,
+                force: Vector3::zeros(),
                 slides: false,
             });
         }

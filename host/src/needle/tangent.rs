@@ -234,10 +234,19 @@ fn held(
         },
         (What::Cut, _) => Law::Cut { sticks: false },
     };
+    // Where it has slid to.
+    let alpha = match point.what {
+        What::Crossing(place) => state
+            .history
+            .crossings()
+            .get(place)
+            .map_or(point.alpha, |crossing| crossing.alpha),
+        _ => point.alpha,
+    };
     Held {
         row: point.first_row,
-        frame: curve.frame_at(point.alpha),
-        on_needle: curve.at(point.alpha),
+        frame: curve.frame_at(alpha),
+        on_needle: curve.at(alpha),
         in_tissue,
         force: grasp.force_on(index),
         curvature: curve.curvature,
