@@ -49,13 +49,13 @@ pub struct NeedleSettings {
 }
 
 impl Default for NeedleSettings {
-    /// 48 crossings are ten tube walls.
+    /// 48 crossings are ten tube walls; 64 vertices are all that a few new ones, or a refactorisation, ask for.
     fn default() -> Self {
         Self {
             playback: Playback::OneSolve,
             solve_every: 1,
             most_crossings: 48,
-            vertices_per_step: 16,
+            vertices_per_step: 64,
             memory_bytes: 512 << 20,
         }
     }

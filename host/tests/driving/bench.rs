@@ -103,11 +103,23 @@ pub enum Kind {
 
 impl Bench {
     pub fn new(
-        (mesh, fixed): (TetMesh, Vec<u32>),
+        mesh: (TetMesh, Vec<u32>),
         kind: Kind,
         needle: Needle,
         start: Isometry3<f64>,
         tissue: NeedleTissue,
+        settings: NeedleSettings,
+    ) -> Self {
+        let tissue = vec![tissue; mesh.0.cells().len()];
+        Self::of(mesh, kind, needle, start, &tissue, settings)
+    }
+
+    pub fn of(
+        (mesh, fixed): (TetMesh, Vec<u32>),
+        kind: Kind,
+        needle: Needle,
+        start: Isometry3<f64>,
+        tissue: &[NeedleTissue],
         settings: NeedleSettings,
     ) -> Self {
         let tools = [
@@ -128,9 +140,8 @@ impl Bench {
             needle,
             start,
         };
-        let tissue = vec![tissue; mesh.cells().len()];
         let model = model
-            .with_needles(&mesh, &[part], &tissue, settings)
+            .with_needles(&mesh, &[part], tissue, settings)
             .expect("a needle");
         let mut state = State::new(&model);
         let mut work = Workspace::new(&model);
@@ -156,6 +167,16 @@ impl Bench {
             velocity_m_per_s: [0.0; 3],
             console_time_us: self.time_us,
         }
+    }
+
+    /// Of all nodes.
+    pub fn largest_displacement_m(&self) -> f64 {
+        let whole = self.model.equilibrium(&self.state).expect("a balance");
+        let lengths = whole
+            .displacement_m
+            .iter()
+            .map(|u| Vector3::from(*u).norm());
+        lengths.fold(0.0, f64::max)
     }
 
     /// One step with the grip at `self.grip`.
