@@ -5,7 +5,7 @@
 
 use super::{Solve, Solved};
 use crate::model::Model;
-use crate::scene::{Pose, Scene};
+use crate::scene::{Pose, Scene, Tissue};
 use crate::solve::{SolveError, bring_in, sample};
 use crate::step::{self, Status, StepReport, Workspace};
 use crate::tool::ToolSample;
@@ -21,6 +21,7 @@ const PREPARED_MARGIN_M: f64 = 0.003;
 /// A model with its state and scratch.
 pub struct TissueSolver {
     name: String,
+    tissue: Tissue,
     model: Model,
     state: step::State,
     work: Workspace,
@@ -61,6 +62,7 @@ impl TissueSolver {
         let held = held.iter().map(|(id, _, pose)| sample(*id, pose));
         Ok(TissueSolver {
             name: scene.name.clone(),
+            tissue: scene.tissue,
             model,
             state,
             work,
@@ -175,6 +177,7 @@ impl Solve for TissueSolver {
             .collect();
         let report = json!({
             "name": self.name,
+            "tissue": self.tissue.word(),
             "nodes": self.model.points_m().len(),
             "peak": {
                 "force_n": force_n,
