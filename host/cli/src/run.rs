@@ -138,6 +138,10 @@ pub fn run(args: &RunArgs, global: &Global) -> Result<(), Failure> {
         );
     }
     let mut solver = solver(&scene, &plan)?;
+    // In lockstep columns are computed in step: when they are there must not depend on this machine's pace.
+    if !args.lockstep && args.console != "qemu" {
+        solver.start_worker();
+    }
     let stop = stop_on_signals()?;
     let mut display = Display::new(args.stream, global.format);
     let mut progress = |note: &Progress<'_>| {

@@ -93,6 +93,16 @@ impl TissueSolver {
         count
     }
 
+    /// From now on a thread computes what is newly touched while steps go on with what is there. What a
+    /// step finds in contact is the same to the bit, but not when it finds it, nor from when on the tangent
+    /// of a touch to come is there: for sessions in real time. Only linear tissue keeps its columns long
+    /// enough; without a thread they are computed in the step as before.
+    pub fn start_worker(&mut self) {
+        if let Err(error) = self.work.start_worker(&self.model) {
+            tracing::warn!("no thread for compliance columns, steps compute them: {error}");
+        }
+    }
+
     /// Id of the tool that the console's grip carries.
     pub fn driven(&self) -> Option<u8> {
         let first = self.samples.first().filter(|_| self.is_driven);
