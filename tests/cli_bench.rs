@@ -75,3 +75,15 @@ fn a_scene_without_a_hand_cannot_be_walked() {
     assert_eq!(ran.code, 2, "{}", ran.stderr);
     assert!(ran.stderr.contains("has no hand"), "{}", ran.stderr);
 }
+
+/// The suite itself is for release builds; what it is asked for is checked in any.
+#[test]
+fn a_part_of_the_suite_that_is_not_there_is_said() {
+    let ran = sutura(&["bench", "--suite", "--only", "skating"]);
+    assert_eq!(ran.code, 2, "{}", ran.stderr);
+    assert!(ran.stderr.contains("`skating`"), "{}", ran.stderr);
+    assert!(ran.stderr.contains("`sliding on`"), "{}", ran.stderr);
+    let ran = sutura(&["bench", "--only", "sliding"]);
+    assert_eq!(ran.code, 2, "{}", ran.stderr);
+    assert!(ran.stderr.contains("--suite"), "{}", ran.stderr);
+}

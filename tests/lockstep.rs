@@ -198,13 +198,92 @@ fn a_reader_that_goes_away_ends_the_session() {
     }
 }
 
+/// A block that a ball enters by a quarter of its radius, at a third of a second.
+const BLOCK: &str = r#"
+seconds = 0.3
+device = "cartesian-bench"
+host = { host_hz = 50.0 }
+
+[mesh.slab]
+size_m = [0.06, 0.06, 0.03]
+divisions = [6, 6, 3]
+
+[tissue]
+model = "linear"
+youngs_modulus_pa = 10e3
+poisson_ratio = 0.4
+
+[[fixed]]
+plane = { axis = "z", at_m = -0.03 }
+
+[[tool]]
+radius_m = 0.036
+
+[hand]
+stiffness_n_per_m = 1000.0
+damping_n_s_per_m = 10.0
+way_point = [{ time_s = 0.0, position_m = [0.0, 0.0, 0.037] }, { time_s = 0.3, position_m = [0.0, 0.0, 0.02] }]
+"#;
+
+/// `--tissue` does what the file's own words would do, and keeps the settings that the file has.
+#[test]
+fn the_tissue_on_the_command_line_stands_in_for_the_scenes() {
+    let directory = tempfile::tempdir().unwrap();
+    let corotational = |settings: &str| {
+        let model = format!("model = \"corotational\"\ncorotational = {{ {settings} }}");
+        BLOCK.replace("model = \"linear\"", &model)
+    };
+    let scenes = [
+        ("linear.toml", BLOCK.to_owned()),
+        ("plain.toml", corotational("")),
+        ("passes.toml", corotational("passes = 20, tolerance = 1e-9")),
+    ];
+    for (name, text) in &scenes {
+        std::fs::write(directory.path().join(name), text).unwrap();
+    }
+    let felt = |name: &str, tissue: &[&str]| {
+        let command = ["run", name, "--lockstep", "--format", "json"];
+        let ran = support::sutura_in(directory.path(), &[&command, tissue].concat());
+        assert_eq!(ran.code, 0, "{name} {tissue:?}: {}", ran.stderr);
+        let summary: Value = serde_json::from_str(&ran.stdout).unwrap();
+        let used = summary["scene"]["tissue"].as_str().unwrap().to_owned();
+        (used, summary["trace_hash"].clone())
+    };
+    let [linear, plain, passes] = scenes.each_ref().map(|(name, _)| felt(name, &[]));
+    assert_eq!(
+        [&linear.0, &plain.0, &passes.0],
+        ["linear", "corotational", "corotational"]
+    );
+    assert!(linear.1 != plain.1 && plain.1 != passes.1 && passes.1 != linear.1);
+    let over = ["--tissue", "corotational"];
+    assert_eq!(felt("linear.toml", &over), plain);
+    assert_eq!(felt("passes.toml", &over), passes);
+    assert_eq!(felt("passes.toml", &["--tissue", "linear"]), linear);
+
+    // What a model cannot do is refused as if the scene had asked for it.
+    let handle = "[[handle]]\nvertices = [150]\nbarycentric = [1.0]\ntarget_displacement_m = [0.0, 0.0, 0.001]\n";
+    std::fs::write(
+        directory.path().join("handle.toml"),
+        format!("{BLOCK}{handle}"),
+    )
+    .unwrap();
+    let command = ["run", "handle.toml", "--lockstep"];
+    let ran = support::sutura_in(directory.path(), &[&command[..], &over].concat());
+    assert_eq!(ran.code, 2, "{}", ran.stderr);
+    assert!(
+        ran.stderr.contains("`[[handle]]` and `[[tool]]` together"),
+        "{}",
+        ran.stderr
+    );
+}
+
 #[test]
 fn what_cannot_be_is_refused_before_anything_runs() {
     for (arguments, part) in [
         (&["run", "--host-hz", "2000"][..], "1 to 1000"),
         (&["run", "--seconds=-1"], "above 0"),
         (&["run", "--seconds", "1e300"], "a day"),
-        (&["run", "--tissue", "jelly"], "linear"),
+        (&["run", "--tissue", "jelly"], "linear, corotational"),
         (
             &["run", "--lockstep", "--console", "/dev/ttyACM0"],
             "its own clock",

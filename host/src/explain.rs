@@ -3,7 +3,7 @@
 //! Entry point: [`explain`]. Every cost is measured by building the scene and following its hand; what is
 //! not measured is left open, never estimated.
 
-use crate::fem::LinearTissue;
+use crate::fem::{CorotationalTissue, LinearTissue};
 use crate::scene::{HostSettings, Pose, Scene, SceneError, Tissue, position_at};
 use crate::session::TissueSolver;
 use crate::solve::{SolveError, sample};
@@ -14,6 +14,14 @@ use std::time::{Duration, Instant};
 
 /// Steps along the hand's path that are timed at most, evenly spread.
 const MOST_STEPS: u32 = 2000;
+/// Corotational steps take hundreds of times longer: so many pieces of the path stand for all of it, ...
+const PIECES: usize = 12;
+/// ... each with so many steps a host period apart, ...
+const PIECE_STEPS: usize = 8;
+/// ... after at most so many that bring the tool there and are not counted, ...
+const MOST_WAY_STEPS: usize = 24;
+/// ... until this much time has passed: whoever asks is waiting.
+const LONGEST: Duration = Duration::from_secs(5);
 
 /// One part of a scene's solver, or one that the scene does without.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -31,7 +39,8 @@ pub struct Component {
     pub bytes: Option<usize>,
     /// Time \[us\]; `None`: not measured.
     pub us: Option<f64>,
-    /// How often this time is taken: `once`, `vertex` (once for each that is touched), `step`, or `request`.
+    /// How often this time is taken: `once`, `vertex` (once for each that is touched), `step`, `factor` (once
+    /// for each refactorisation), or `request`.
     pub per: Option<&'static str>,
 }
 
@@ -89,18 +98,13 @@ pub fn explain(scene: &Scene) -> Result<Vec<Component>, SolveError> {
     let before = solver.prepare(&[]);
     let (there, preparing) = timed(|| solver.prepare(&path));
     let prepared = (there - before) as u32;
-    let walk: Vec<(StepReport, Duration)> = match solver.driven() {
-        Some(id) => path
+    let walk = match (solver.driven(), scene.tissue) {
+        (Some(id), Tissue::Linear) => path
             .iter()
-            .map(|at| {
-                let pose = Pose {
-                    position_m: *at,
-                    orientation: [0.0, 0.0, 0.0, 1.0],
-                };
-                timed(|| solver.step(sample(id, &pose)))
-            })
+            .map(|at| timed(|| solver.step(sample(id, &upright(at)))))
             .collect(),
-        None => Vec::new(),
+        (Some(id), Tissue::Corotational(_)) => pieces(&mut solver, id, &path),
+        (None, _) => Vec::new(),
     };
 
     let mut parts = tissue(scene)?;
@@ -120,14 +124,63 @@ pub fn explain(scene: &Scene) -> Result<Vec<Component>, SolveError> {
             "refactorisation",
             "`[tissue] model = \"linear\"`: the stiffness is constant",
         ),
-        Tissue::Corotational(_) => Component::built(
-            "refactorisation",
-            "`[tissue] model = \"corotational\"`: the stiffness turns with the elements",
-        ),
+        Tissue::Corotational(_) => refactorisation(&walk),
     });
     parts.extend(not_here());
     parts.extend(console(scene));
     Ok(parts)
+}
+
+/// Steps in pieces of the path, evenly spread; the tool is brought to each before it is timed there.
+fn pieces(solver: &mut TissueSolver, id: u8, path: &[[f64; 3]]) -> Vec<(StepReport, Duration)> {
+    let started = Instant::now();
+    let mut walk = Vec::with_capacity(PIECES * PIECE_STEPS);
+    for piece in 0..PIECES {
+        let first = piece * path.len() / PIECES;
+        let end = (piece + 1) * path.len() / PIECES;
+        let places = &path[first..end.min(first + PIECE_STEPS)];
+        let Some(start) = places.first() else {
+            continue;
+        };
+        for _ in 0..MOST_WAY_STEPS {
+            let report = solver.step(sample(id, &upright(start)));
+            if report.status == Status::Ok || started.elapsed() > LONGEST {
+                break;
+            }
+        }
+        for at in places {
+            if started.elapsed() > LONGEST {
+                return walk;
+            }
+            walk.push(timed(|| solver.step(sample(id, &upright(at)))));
+        }
+    }
+    walk
+}
+
+fn upright(at: &[f64; 3]) -> Pose {
+    Pose {
+        position_m: *at,
+        orientation: [0.0, 0.0, 0.0, 1.0],
+    }
+}
+
+/// Median time of the tissue's part of those steps that factored.
+fn refactorisation(walk: &[(StepReport, Duration)]) -> Component {
+    let mut factored: Vec<Duration> = walk
+        .iter()
+        .filter(|(report, _)| report.refactorisations > 0)
+        .map(|(report, _)| Duration::from_nanos(report.stages.tissue_ns) / report.refactorisations)
+        .collect();
+    factored.sort();
+    let why = format!(
+        "`[tissue] model = \"corotational\"`: the stiffness turns with the elements; in {} of {} steps that \
+         were followed",
+        factored.len(),
+        walk.len()
+    );
+    let median = factored.get(factored.len() / 2).copied();
+    Component::built("refactorisation", why).takes(median, "factor")
 }
 
 fn timed<T>(work: impl FnOnce() -> T) -> (T, Duration) {
@@ -174,18 +227,24 @@ fn tissue(scene: &Scene) -> Result<Vec<Component>, SceneError> {
             .takes(Some(took), "once"),
     );
 
-    let (tissue, took) = timed(|| LinearTissue::new(mesh, scene.materials.clone(), &scene.fixed));
-    let tissue = tissue.map_err(|error| SceneError::Build(error.into()))?;
+    let (materials, fixed) = (scene.materials.clone(), &scene.fixed[..]);
+    let (size, took) = timed(|| match scene.tissue {
+        Tissue::Linear => LinearTissue::new(mesh, materials, fixed)
+            .map(|tissue| (tissue.unknowns(), tissue.factor_entries())),
+        Tissue::Corotational(settings) => {
+            CorotationalTissue::new(mesh, materials, fixed, settings.policy())
+                .map(|tissue| (tissue.unknowns(), tissue.factor_entries()))
+        }
+    });
+    let (unknowns, entries) = size.map_err(|error| SceneError::Build(error.into()))?;
     let why = format!(
-        "`[tissue]`, {} nodes held by `[[fixed]]`: {} unknowns, {} entries in the factor",
+        "`[tissue]`, {} nodes held by `[[fixed]]`: {unknowns} unknowns, {entries} entries in the factor",
         scene.fixed.len(),
-        tissue.unknowns(),
-        tissue.factor_entries()
     );
     let factor = Component::built(format!("{} tissue, factored", scene.tissue.word()), why);
     parts.push(
         factor
-            .bytes(size_of::<f64>() * tissue.factor_entries())
+            .bytes(size_of::<f64>() * entries)
             .takes(Some(took), "once"),
     );
     parts.push(if scene.regions.is_empty() {
@@ -263,11 +322,14 @@ fn contacts(scene: &Scene, walk: &[(StepReport, Duration)]) -> Vec<Component> {
             ..Component::built(name, why)
         });
     }
-    // As in a session: columns are there, and what is in no balance is not sent.
+    // As in a session: linear tissue has its columns, corotational tissue computes them again and again, and
+    // what is in no balance is not sent.
+    let keeps_columns = scene.tissue == Tissue::Linear;
     let mut touching: Vec<&(StepReport, Duration)> = walk
         .iter()
         .filter(|(report, _)| {
-            report.status == Status::Ok && report.rows > 0 && report.columns_computed == 0
+            let computed = keeps_columns && report.columns_computed > 0;
+            report.status == Status::Ok && report.rows > 0 && !computed
         })
         .collect();
     touching.sort_by_key(|(_, took)| *took);
@@ -390,6 +452,36 @@ way_point = [{ time_s = 0.0, position_m = [0.0, 0.0, 0.04] }, { time_s = 0.4, po
     fn part<'a>(parts: &'a [Component], name: &str) -> &'a Component {
         let found = parts.iter().find(|part| part.name == name);
         found.unwrap_or_else(|| panic!("no {name} in {parts:#?}"))
+    }
+
+    /// Its own factor, with what factors again; and in a few seconds even in a debug build.
+    #[test]
+    fn corotational_tissue_is_timed_as_it_is_built() {
+        let tool = "[[tool]]\nradius_m = 0.036\n";
+        let slab = SLAB.replace(
+            "0.4\n",
+            "0.4\nmodel = \"corotational\"\ncorotational = { refactor_every = 1 }\n",
+        );
+        let text = format!("device = \"cartesian-bench\"\nseconds = 0.5\n{slab}{tool}{HAND}");
+        let parts = parts(&text);
+        let factor = part(&parts, "corotational tissue, factored");
+        assert!(
+            factor.bytes >= Some(8 * 3 * 147) && factor.us > Some(0.0),
+            "{factor:?}"
+        );
+        let again = part(&parts, "refactorisation");
+        assert!(
+            again.built && again.us > Some(0.0) && again.per == Some("factor"),
+            "{again:?}"
+        );
+        // Every step factors, of twelve pieces of eight steps.
+        assert!(
+            again.why.ends_with("in 96 of 96 steps that were followed"),
+            "{}",
+            again.why
+        );
+        let step = part(&parts, "step");
+        assert!(step.rows > Some(0) && step.us > Some(0.0), "{step:?}");
     }
 
     #[test]

@@ -3,7 +3,7 @@
 use crate::display::{self, Display};
 use crate::failure::{Cause, Failure};
 use crate::signals::stop_on_signals;
-use crate::{Format, Global, device, scene};
+use crate::{Format, Global, device};
 use clap::{Args, ValueEnum};
 use std::ops::ControlFlow;
 use std::path::PathBuf;
@@ -11,7 +11,7 @@ use std::sync::atomic::Ordering;
 use std::time::Duration;
 use sutura_hil::{NativeConsole, VirtualConsole};
 use sutura_host::link::{LinkError, LinkOptions, LockstepConsole, Port, open_serial};
-use sutura_host::scene::{LONGEST_S, Scene, position_at};
+use sutura_host::scene::{self, LONGEST_S, Scene, position_at};
 use sutura_host::session::{
     Plan, Progress, SessionError, Solve, Summary, TissueSolver, run_lockstep, run_real_time,
 };
@@ -30,7 +30,7 @@ pub struct RunArgs {
     /// Length of the session by the console's clock [s]; the scene's when left out.
     #[arg(long, value_name = "S", value_parser = seconds)]
     pub seconds: Option<f64>,
-    /// Tissue model, in place of the scene's.
+    /// Tissue model, in place of the scene's; `[tissue.corotational]` holds where the scene has it.
     #[arg(long, value_name = "NAME")]
     pub tissue: Option<Tissue>,
     /// Solver steps a second, 1 to 1000 [Hz]; the scene's when left out.
@@ -59,6 +59,7 @@ Examples:
   sutura run scenes/palpation.toml --console qemu --format json
   sutura run --console /dev/ttyACM0 --host-hz 500 --budget-ms 2
   sutura run --lockstep                                   the same bits at every run
+  sutura run --tissue corotational --host-hz 30           large displacements, at the pace that they take
 
 A step that is too slow, a lost console or a wrong solve never leaves a force standing: the console lets
 it go to zero by itself.";
@@ -68,6 +69,23 @@ it go to zero by itself.";
 pub enum Tissue {
     /// Linear elasticity, small displacements.
     Linear,
+    /// Linear elasticity that turns with each cell: large displacements, steps that take longer.
+    Corotational,
+}
+
+impl Tissue {
+    /// In place of what the scene says; its settings stay where it has some for this model.
+    fn instead_of(self, scenes: scene::Tissue) -> scene::Tissue {
+        match (self, scenes) {
+            (Tissue::Linear, _) => scene::Tissue::Linear,
+            (Tissue::Corotational, scene::Tissue::Corotational(settings)) => {
+                scene::Tissue::Corotational(settings)
+            }
+            (Tissue::Corotational, scene::Tissue::Linear) => {
+                scene::Tissue::Corotational(scene::Corotational::default())
+            }
+        }
+    }
 }
 
 fn positive(text: &str) -> Result<f64, String> {
@@ -107,7 +125,10 @@ const EMULATOR_SPARE: Duration = Duration::from_secs(120);
 /// # Errors
 /// Everything that keeps the session from running to its end, a latched fault, a missed budget.
 pub fn run(args: &RunArgs, global: &Global) -> Result<(), Failure> {
-    let scene = scene::open(args.scene.as_deref())?;
+    let mut scene = crate::scene::open(args.scene.as_deref())?;
+    if let Some(tissue) = args.tissue {
+        scene.tissue = tissue.instead_of(scene.tissue);
+    }
     let mut plan = plan(args, &scene)?;
     if args.console == "qemu-uart" {
         plan.host_hz = plan.host_hz.min(UART_HZ);
@@ -117,6 +138,10 @@ pub fn run(args: &RunArgs, global: &Global) -> Result<(), Failure> {
         );
     }
     let mut solver = solver(&scene, &plan)?;
+    // In lockstep columns are computed in step: when they are there must not depend on this machine's pace.
+    if !args.lockstep && args.console != "qemu" {
+        solver.start_worker();
+    }
     let stop = stop_on_signals()?;
     let mut display = Display::new(args.stream, global.format);
     let mut progress = |note: &Progress<'_>| {

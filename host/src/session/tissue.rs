@@ -5,7 +5,7 @@
 
 use super::{Solve, Solved};
 use crate::model::Model;
-use crate::scene::{Pose, Scene};
+use crate::scene::{Pose, Scene, Tissue};
 use crate::solve::{SolveError, bring_in, sample};
 use crate::step::{self, Status, StepReport, Workspace};
 use crate::tool::ToolSample;
@@ -21,6 +21,7 @@ const PREPARED_MARGIN_M: f64 = 0.003;
 /// A model with its state and scratch.
 pub struct TissueSolver {
     name: String,
+    tissue: Tissue,
     model: Model,
     state: step::State,
     work: Workspace,
@@ -61,6 +62,7 @@ impl TissueSolver {
         let held = held.iter().map(|(id, _, pose)| sample(*id, pose));
         Ok(TissueSolver {
             name: scene.name.clone(),
+            tissue: scene.tissue,
             model,
             state,
             work,
@@ -89,6 +91,16 @@ impl TissueSolver {
         let count = self.work.prepare(&self.model, near);
         tracing::info!("compliance of {count} vertices computed beforehand");
         count
+    }
+
+    /// From now on a thread computes what is newly touched while steps go on with what is there. What a
+    /// step finds in contact is the same to the bit, but not when it finds it, nor from when on the tangent
+    /// of a touch to come is there: for sessions in real time. Only linear tissue keeps its columns long
+    /// enough; without a thread they are computed in the step as before.
+    pub fn start_worker(&mut self) {
+        if let Err(error) = self.work.start_worker(&self.model) {
+            tracing::warn!("no thread for compliance columns, steps compute them: {error}");
+        }
     }
 
     /// Id of the tool that the console's grip carries.
@@ -175,6 +187,7 @@ impl Solve for TissueSolver {
             .collect();
         let report = json!({
             "name": self.name,
+            "tissue": self.tissue.word(),
             "nodes": self.model.points_m().len(),
             "peak": {
                 "force_n": force_n,

@@ -1,12 +1,12 @@
 //! Tools on corotational tissue: against whole Newton solves, the linear limit, and itself.
 
-use crate::bench::{Bench, RADIUS, SOFT, at, ball, distance, force};
-use nalgebra::{Matrix3, Vector3};
+use crate::bench::{Bench, Chance, RADIUS, SOFT, at, ball, distance, force, pose};
+use nalgebra::{Matrix3, Matrix6, UnitQuaternion, Vector3, Vector6};
 use sutura_host::fem::{CorotationalTissue, Loads, NodeLoad, Policy};
-use sutura_host::mesh::slab;
+use sutura_host::mesh::{TetMesh, slab, tube};
 use sutura_host::model::{Model, Passes};
 use sutura_host::step::{State, Status, StepReport, Workspace};
-use sutura_host::tool::ToolSample;
+use sutura_host::tool::{Tool, ToolSample};
 
 /// Factors in every pass.
 const FRESH: Policy = Policy {
@@ -255,6 +255,110 @@ fn the_tangent_is_exact_or_says_how_far_it_may_be_off() {
         ] {
             let mut stale = block(policy, passes);
             let (_, report) = press(&mut stale, depth);
+            let (off, says) = (error(&report), report.tangent_error);
+            println!("{depth}: {off:.3}, says {says:.3}");
+            assert!(off <= says, "{off} {says}");
+        }
+    }
+}
+
+/// Outer radius of the tube \[m\].
+const OUTSIDE: f64 = 0.03;
+/// Radius of the ball that presses it \[m\]: three of its edges.
+const BALL: f64 = 0.024;
+
+/// A thick tube along z, held at both ends, its outside jittered by a tenth of an edge; the ball hangs off
+/// the grip, so that turning the grip moves it.
+fn round(policy: Policy, passes: Passes) -> Bench {
+    let even = tube([0.012, OUTSIDE], [-0.03, 0.03], [2, 24, 8]).expect("a tube");
+    let mut chance = Chance(7);
+    let jittered = |p: &[f64; 3]| {
+        let free = p[2].abs() < 0.029 && p[0].hypot(p[1]) > 0.99 * OUTSIDE;
+        let by = chance.vector() * if free { 8e-4 } else { 0.0 };
+        (Vector3::from(*p) + by).into()
+    };
+    let points = even.points_m().iter().map(jittered).collect();
+    let mesh = TetMesh::new(points, even.cells().to_vec()).expect("a sound mesh");
+    let ends: Vec<u32> = (0u32..)
+        .zip(mesh.points_m())
+        .filter(|(_, p)| p[2].abs() > 0.0299)
+        .map(|(node, _)| node)
+        .collect();
+    let tool = Tool::sphere(BALL, [0.01, -0.02, 0.015]);
+    let loads = Loads::default();
+    let model = Model::corotational(&mesh, SOFT, &ends, loads, &[(0, tool)], policy, passes);
+    let model = model.expect("a model");
+    let mut work = Workspace::new(&model);
+    work.vertices_per_step = 1000;
+    Bench { model, work }
+}
+
+/// The grip with the ball so deep in the tube's side, aslant, moved and turned by `by` \[m, rad\].
+fn aside(depth_m: f64, by: Vector6<f64>) -> ToolSample {
+    let out = Vector3::new(0.3f64.cos(), 0.3f64.sin(), 0.0);
+    let rotation = UnitQuaternion::from_scaled_axis(Vector3::new(0.3, -0.2, 0.5));
+    let grip = out * (OUTSIDE + BALL - depth_m) + Vector3::new(0.0, 0.0, 0.004)
+        - rotation * Vector3::new(0.01, -0.02, 0.015);
+    let (shift, turn) = (by.fixed_rows::<3>(0), by.fixed_rows::<3>(3));
+    let turn = UnitQuaternion::from_scaled_axis(turn.into_owned());
+    pose(grip + shift, turn * rotation)
+}
+
+fn press_round(bench: &mut Bench, depth_m: f64) -> (State, StepReport) {
+    let mut state = State::new(&bench.model);
+    let mut report = StepReport::default();
+    for number in -1..=4 {
+        let sample = aside(0.25 * depth_m * f64::from(number), Vector6::zeros());
+        report = bench.step(&mut state, sample);
+        assert_eq!(report.status, Status::Ok, "{report:?}");
+    }
+    (state, report)
+}
+
+/// Wrench by force and moment, all six ways to move, on a surface that is curved and uneven: as in the test
+/// above.
+#[test]
+fn the_whole_tangent_on_a_round_surface_is_exact_or_says_how_far_it_may_be_off() {
+    // Rotations count as the way of the ball's surface.
+    let scale = Matrix6::from_diagonal(&Vector6::from_fn(
+        |i, _| if i < 3 { 1.0 } else { 1.0 / BALL },
+    ));
+    for depth in [0.003, 0.007] {
+        let mut bench = round(FRESH, CONVERGED);
+        let (start, report) = press_round(&mut bench, depth);
+        assert!(report.rows >= 3, "{report:?}");
+        let mut expected = Matrix6::zeros();
+        for axis in 0..6 {
+            let h = if axis < 3 { 1e-6 } else { 1e-6 / BALL };
+            let [back, forward] = [-h, h].map(|way| {
+                let sample = aside(depth, Vector6::ith(axis, way));
+                let after = bench.step(&mut start.clone(), sample);
+                assert_eq!((after.status, after.rows), (Status::Ok, report.rows));
+                assert!(after.imbalance <= 1e-9, "{after:?}");
+                Vector6::from(after.contacts()[0].wrench)
+            });
+            expected.set_column(axis, &((forward - back) / (2.0 * h)));
+        }
+        let expected = scale * expected * scale;
+        let error = |report: &StepReport| {
+            let tangent = report.contacts()[0].tangent;
+            let found = scale * Matrix6::from_fn(|i, j| tangent[i][j]) * scale;
+            (found - expected).norm() / expected.norm()
+        };
+        let (fresh, rows) = (error(&report), report.rows);
+        println!(
+            "{depth}, {rows} rows: fresh {fresh:.1e}, says {:.1e}",
+            report.tangent_error
+        );
+        assert!(fresh < 1e-5, "{fresh:e}");
+        assert!(report.tangent_error < 1e-5, "{:e}", report.tangent_error);
+        for (policy, passes) in [
+            (STALE, CONVERGED),
+            (Policy::default(), CONVERGED),
+            (STALE, Passes::default()),
+            (Policy::default(), Passes::default()),
+        ] {
+            let (_, report) = press_round(&mut round(policy, passes), depth);
             let (off, says) = (error(&report), report.tangent_error);
             println!("{depth}: {off:.3}, says {says:.3}");
             assert!(off <= says, "{off} {says}");

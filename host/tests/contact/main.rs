@@ -8,3 +8,4 @@ mod poses;
 mod punch;
 mod rows;
 mod tools;
+mod worker;

@@ -37,6 +37,9 @@ pub struct BenchArgs {
     /// Steps of a pass of the suite.
     #[arg(long, default_value_t = 1000, value_parser = clap::value_parser!(u32).range(1..=100_000), requires = "suite")]
     pub steps: u32,
+    /// Runs only what has NAME in its name, as the suite prints it: `sliding`, `tubes 5 k`, `palpation`.
+    #[arg(long, value_name = "NAME", requires = "suite")]
+    pub only: Option<String>,
 }
 
 const EXAMPLES: &str = "\
@@ -45,6 +48,7 @@ Examples:
   sutura bench scenes/palpation.toml my.toml --format json
   sutura bench --suite                     60 and 150 rows on tubes and a cylinder, up to 20,000 nodes
   sutura bench --suite --steps 100         the same, shorter
+  sutura bench --suite --only sliding      what a needle's speed costs where nothing is computed yet
 
 Figures of scenes are medians over all steps in contact, after every compliance column was computed; first_touch_us is
 the slowest step while they were not. Build with --release: a debug build is many times slower.";
@@ -149,6 +153,9 @@ pub fn run(args: &BenchArgs, global: &Global) -> Result<(), Failure> {
         for divisions in SLABS {
             scenes.push(scene::palpation_on(divisions)?);
         }
+        if let Some(only) = &args.only {
+            scenes.retain(|scene| scene.name.contains(only.as_str()));
+        }
     } else if args.scenes.is_empty() {
         scenes.push(scene::open(None)?);
     }
@@ -163,12 +170,19 @@ pub fn run(args: &BenchArgs, global: &Global) -> Result<(), Failure> {
     let mut cases = Vec::new();
     let mut slides = Vec::new();
     if args.suite {
-        (cases, slides) = suite::run(args.steps as usize, &progress)?;
+        (cases, slides) = suite::run(args.steps as usize, args.only.as_deref(), &progress)?;
         progress.reset();
         progress.set_length((scenes.len() * (1 + PASSES)) as u64);
     }
     for scene in &scenes {
         cases.push(measure(scene, &progress)?);
+    }
+    if let (Some(only), true, true) = (&args.only, cases.is_empty(), slides.is_empty()) {
+        return Err(Failure::say(
+            Cause::BadInput,
+            format!("nothing in the suite has `{only}` in its name"),
+            "the names begin with `circling on`, `sliding on` and `palpation`",
+        ));
     }
     progress.finish_and_clear();
     let report = Report {

@@ -1,6 +1,8 @@
 //! Waiting: one anchor slides over a tube at the speed of a needle, where no column has been computed yet.
 //!
 //! Entry point: [`run`]. A thread computes columns; how far ahead it is told decides how many steps wait.
+//! Each slide is done twice, for the haptic step alone and with the displacement of all nodes: the latter
+//! streams the factor while the thread does.
 
 use super::quantile;
 use super::suite::{Bench, MATERIAL, RATE_HZ, unexpected};
@@ -29,9 +31,11 @@ pub struct Slide {
     /// How long before its use a column is asked for.
     ahead_ms: f64,
     steps: usize,
+    /// Whether a step ends with the displacement of all nodes, or with the forces that the hand feels.
+    field: bool,
     /// Steps that found a column missing.
     waiting_pct: f64,
-    /// Steps with the displacement of all nodes.
+    /// Of the steps that do not wait; those that do end at once.
     step_us: SlideTimes,
 }
 
@@ -47,14 +51,24 @@ impl std::fmt::Display for Slide {
         let SlideTimes { p50, p99, max } = self.step_us;
         write!(
             f,
-            "{} at {:.0} mm/s, {:.0} ms of notice: {:.1} % of {} steps wait; with the field p50 {p50:.0}, p99 {p99:.0}, max {max:.0}",
+            "{} at {:.0} mm/s, {:.0} ms of notice: {:.1} % of {} steps wait; {} p50 {p50:.0}, p99 {p99:.0}, max {max:.0}",
             self.scene,
             1e3 * self.speed_m_per_s,
             self.ahead_ms,
             self.waiting_pct,
             self.steps,
+            if self.field {
+                "with the field of all nodes"
+            } else {
+                "haptic step alone"
+            },
         )
     }
+}
+
+/// What the slide over a mesh is called.
+pub fn name(bench: &Bench) -> String {
+    format!("sliding on {}", bench.name)
 }
 
 /// Slides along the outside of the upper tube.
@@ -66,9 +80,11 @@ pub fn run(bench: &Bench) -> Result<Vec<Slide>, Failure> {
     let tissue = LinearTissue::new(&bench.mesh, MATERIAL, &bench.fixed)
         .map_err(|error| unexpected(error.to_string()))?;
     let tissue = Arc::new(tissue);
-    AHEAD
+    let slides = AHEAD
         .iter()
-        .map(|&ahead| slide(bench, tissue.clone(), &path, ahead))
+        .flat_map(|&ahead| [(ahead, false), (ahead, true)]);
+    slides
+        .map(|(ahead, field)| slide(bench, tissue.clone(), &path, ahead, field))
         .collect()
 }
 
@@ -77,6 +93,7 @@ fn slide(
     tissue: Arc<LinearTissue>,
     path: &[(AnchorPoint, Vector3<f64>)],
     ahead: usize,
+    field: bool,
 ) -> Result<Slide, Failure> {
     let mut solver = AnchorSolver::linear(tissue, &bench.reached, AnchorSettings::default())
         .map_err(|error| unexpected(error.to_string()))?;
@@ -86,7 +103,7 @@ fn slide(
     let period = Duration::from_secs_f64(1.0 / RATE_HZ);
     let mut due = Instant::now();
     let mut took = Vec::with_capacity(path.len());
-    let mut waited = 0;
+    let mut waited = 0usize;
     // The approach: nothing is touched yet.
     for step in 0..path.len() + ahead {
         if ahead > 0
@@ -97,20 +114,26 @@ fn slide(
         if let Some((point, inward)) = step.checked_sub(ahead).and_then(|at| path.get(at)) {
             let rows = pressing(inward);
             let started = Instant::now();
-            let report = solver.step(&[*point], &rows, true);
-            took.push(1e6 * started.elapsed().as_secs_f64());
-            waited += usize::from(report.status == AnchorStatus::Waiting);
+            let report = solver.step(&[*point], &rows, field);
+            let us = 1e6 * started.elapsed().as_secs_f64();
+            if report.status == AnchorStatus::Waiting {
+                waited += 1;
+            } else {
+                took.push(us);
+            }
         }
         due += period;
         std::thread::sleep(due.saturating_duration_since(Instant::now()));
     }
+    let steps = path.len();
     Ok(Slide {
-        scene: format!("sliding on {}", bench.name),
+        scene: name(bench),
         nodes: bench.mesh.points_m().len(),
         speed_m_per_s: SPEED_M_PER_S,
         ahead_ms: 1e3 * ahead as f64 / RATE_HZ,
-        steps: took.len(),
-        waiting_pct: 100.0 * waited as f64 / took.len().max(1) as f64,
+        steps,
+        field,
+        waiting_pct: 100.0 * waited as f64 / steps.max(1) as f64,
         step_us: SlideTimes {
             p50: quantile(&mut took, 0.5),
             p99: quantile(&mut took, 0.99),

@@ -48,11 +48,15 @@ struct Task {
     field: bool,
 }
 
-/// Runs the suite with so many steps a pass.
+/// Runs the suite with so many steps a pass, or that of it whose name contains `only`.
 ///
 /// # Errors
 /// None that the shipped meshes could cause.
-pub fn run(steps: usize, progress: &ProgressBar) -> Result<(Vec<Case>, Vec<Slide>), Failure> {
+pub fn run(
+    steps: usize,
+    only: Option<&str>,
+    progress: &ProgressBar,
+) -> Result<(Vec<Case>, Vec<Slide>), Failure> {
     let benches = benches().map_err(|error| unexpected(error.to_string()))?;
     let mut tasks = Vec::new();
     for bench in 0..2 {
@@ -77,6 +81,8 @@ pub fn run(steps: usize, progress: &ProgressBar) -> Result<(Vec<Case>, Vec<Slide
             });
         }
     }
+    let wanted = |name: String| only.is_none_or(|only| name.contains(only));
+    tasks.retain(|task| wanted(name(&benches[task.bench])));
     progress.set_length(tasks.len() as u64);
     let cases = tasks
         .iter()
@@ -88,8 +94,19 @@ pub fn run(steps: usize, progress: &ProgressBar) -> Result<(Vec<Case>, Vec<Slide
             Ok(case)
         })
         .collect::<Result<_, Failure>>()?;
-    progress.set_message("sliding");
-    Ok((cases, sliding::run(&benches[FIVE_THOUSAND])?))
+    let slid = &benches[FIVE_THOUSAND];
+    let slides = if wanted(sliding::name(slid)) {
+        progress.set_message("sliding");
+        sliding::run(slid)?
+    } else {
+        Vec::new()
+    };
+    Ok((cases, slides))
+}
+
+/// What the rows on a mesh's circling anchors are called.
+fn name(bench: &Bench) -> String {
+    format!("circling on {}", bench.name)
 }
 
 /// Which of [`benches`] has 5,000 nodes.
@@ -215,7 +232,7 @@ fn measure(bench: &Bench, task: Task, steps: usize) -> Result<Case, Failure> {
     let not_ok = |report: &&AnchorStep| report.status != AnchorStatus::Ok;
     let mut took = walk.took.clone();
     Ok(Case {
-        scene: format!("circling on {}", bench.name),
+        scene: name(bench),
         tissue: if task.corotational {
             "corotational"
         } else {

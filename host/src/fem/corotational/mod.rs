@@ -130,6 +130,11 @@ impl CorotationalTissue {
         self.numbering.unknowns()
     }
 
+    /// Entries of the stiffness's factor, zeros that pad its dense blocks included.
+    pub fn factor_entries(&self) -> usize {
+        self.rest_factor.len()
+    }
+
     /// Whether a node is held.
     pub fn is_fixed(&self, node: u32) -> bool {
         self.numbering.is_fixed(node)
