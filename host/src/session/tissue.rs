@@ -129,6 +129,7 @@ impl Solve for TissueSolver {
             // A scene without a tool is felt as free space, but nothing needs to be sent for that.
             return Solved {
                 contact: None,
+                needle: None,
                 status: Status::UnknownTool,
                 stages: step::Stages::default(),
             };
@@ -150,6 +151,7 @@ impl Solve for TissueSolver {
         }
         Solved {
             contact,
+            needle: None,
             status: report.status,
             stages: report.stages,
         }
