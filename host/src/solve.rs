@@ -215,7 +215,7 @@ plane = { axis = "z", at_m = -0.03 }
 
     /// Distance of every node on the top from the sphere \[m\].
     fn gaps(scene: &Scene, solution: &Solution) -> Vec<f64> {
-        let tool = scene.tools[0];
+        let tool = &scene.tools[0];
         let centre = Vector3::from(tool.pose.expect("held").position_m);
         let nodes = solution.points_m.iter().zip(&solution.displacement_m);
         let top = nodes.filter(|(x, _)| x[2] > -1e-9);
