@@ -44,6 +44,8 @@ struct Slot {
     /// For each vertex that can be reached the block that maps a force on this slot's vertex to its
     /// displacement \[m/N\], column-major, (b x 3 x 3). Empty while the worker has it.
     blocks: Vec<f64>,
+    /// Largest Frobenius norm of a block \[m/N\].
+    largest: f64,
 }
 
 impl Columns {
@@ -95,6 +97,7 @@ impl Columns {
         };
         while let Some((slot, blocks)) = worker.finished() {
             let home = &mut self.slots[slot as usize];
+            home.largest = largest(&blocks);
             home.blocks = blocks;
             self.place[home.vertex as usize] = slot;
             self.pending[home.vertex as usize] = false;
@@ -153,6 +156,7 @@ impl Columns {
                 for (which, (&slot, &vertex)) in slots.iter().zip(&batch[..count]).enumerate() {
                     let home = &mut self.slots[slot as usize];
                     self.solver.read(tissue, held, which, &mut home.blocks);
+                    home.largest = largest(&home.blocks);
                     self.place[vertex as usize] = slot;
                 }
                 count = 0;
@@ -205,6 +209,7 @@ impl Columns {
                 vertex,
                 used: 0,
                 blocks: vec![0.0; 9 * self.place.len()],
+                largest: 0.0,
             });
             self.slots.len() - 1
         } else {
@@ -231,6 +236,11 @@ impl Columns {
         &self.slots[self.place[vertex as usize] as usize].blocks
     }
 
+    /// A force on `pushed` displaces no vertex that can be reached by more than this \[m/N\].
+    pub fn largest(&self, pushed: u32) -> f64 {
+        self.slots[self.place[pushed as usize] as usize].largest
+    }
+
     /// Displacement of `at` per force on `pushed`, whose columns must be there \[m/N\].
     #[inline]
     pub fn block(&self, at: u32, pushed: u32) -> Matrix3<f64> {
@@ -247,4 +257,12 @@ impl Columns {
             }
         }
     }
+}
+
+/// Largest Frobenius norm of a block.
+fn largest(blocks: &[f64]) -> f64 {
+    let squares = blocks
+        .chunks_exact(9)
+        .map(|block| block.iter().map(|entry| entry * entry).sum::<f64>());
+    squares.fold(0.0, f64::max).sqrt()
 }

@@ -235,6 +235,7 @@ fn contacts(scene: &Scene, walk: &[(StepReport, Duration)]) -> Vec<Component> {
         let shape = match tool.shape.shape {
             Shape::Sphere { .. } => "sphere",
             Shape::FlatPunch { .. } => "flat punch",
+            Shape::Grip => "grip",
         };
         let name = format!("contact of tool {}, {shape}", tool.id);
         if !tool.driven && tool.pose.is_none() {

@@ -9,8 +9,9 @@ use crate::fem::{
     NodeLoad, Policy, TissueError,
 };
 use crate::mesh::{Surface, TetMesh};
+use crate::needle::{NeedleError, NeedlePart, NeedleSettings, NeedleTissue, Needles};
 use crate::step::State;
-use crate::tool::{MAX_TOOLS, Placement, Tool};
+use crate::tool::{MAX_TOOLS, Placement, Shape, Tool};
 use nalgebra::Vector3;
 use std::fmt;
 use std::sync::Arc;
@@ -43,6 +44,8 @@ pub struct Model {
     pub(crate) touchable_m: Vec<Vector3<f64>>,
     /// Their outward normals, (b).
     pub(crate) touchable_normal: Vec<Vector3<f64>>,
+    /// Needles, if there are any.
+    pub(crate) needles: Option<Needles>,
 }
 
 /// When a step over corotational tissue ends: each pass linearises it anew.
@@ -89,6 +92,18 @@ pub enum ModelError {
          tissue a scene has either handles or tools; pull with a `[[load]]` instead"
     )]
     HandlesAndTools,
+    /// Tools that touch next to needles.
+    #[error(
+        "tool {0} touches tissue, and the scene has needles: its tools may only hold them; give it \
+         `shape = \"grip\"`"
+    )]
+    NeedlesAndTools(u8),
+    /// Handles next to needles.
+    #[error("a scene has either needles or `[[handle]]`: pull with a `[[load]]` instead")]
+    NeedlesAndHandles,
+    /// A needle.
+    #[error(transparent)]
+    Needle(#[from] NeedleError),
     /// More tools than a step has room for.
     #[error("{0} tools; at most {MAX_TOOLS} are possible")]
     TooManyTools(usize),
@@ -252,7 +267,40 @@ impl Model {
             touchable,
             touchable_m,
             touchable_normal,
+            needles: None,
         }
+    }
+
+    /// Adds needles to a model of `mesh`; `tissue` says how each cell answers them. Its tools hold needles
+    /// then and touch nothing.
+    ///
+    /// # Errors
+    /// Needles without a shape, tissue of another mesh or with properties that are none; tools that touch.
+    pub fn with_needles(
+        mut self,
+        mesh: &TetMesh,
+        needles: &[NeedlePart],
+        tissue: &[NeedleTissue],
+        settings: NeedleSettings,
+    ) -> Result<Self, ModelError> {
+        if let Some((id, _)) = self
+            .tools
+            .iter()
+            .find(|(_, tool)| tool.shape != Shape::Grip)
+        {
+            return Err(ModelError::NeedlesAndTools(*id));
+        }
+        if !self.held.is_empty() {
+            return Err(ModelError::NeedlesAndHandles);
+        }
+        self.needles = Some(Needles::new(
+            needles,
+            tissue,
+            settings,
+            mesh,
+            &self.resting_m,
+        )?);
+        Ok(self)
     }
 
     /// Whether a node is held.
@@ -302,6 +350,7 @@ impl Model {
         let mean_edge_m = self.surface.mean_edge_m;
         self.tools
             .iter()
+            .filter(|(_, tool)| tool.shape != Shape::Grip)
             .filter(|(_, tool)| tool.radius_m() < LEAST_RADIUS_IN_EDGES * mean_edge_m)
             .map(|&(id, tool)| Warning::SmallTool {
                 id,

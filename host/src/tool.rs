@@ -41,6 +41,8 @@ pub enum Shape {
         /// Length of the bar behind its face \[m\]; at least two fillets.
         length_m: f64,
     },
+    /// A grip that holds needles and touches nothing.
+    Grip,
 }
 
 impl Shape {
@@ -57,6 +59,7 @@ impl Shape {
     pub fn radius_m(&self) -> f64 {
         match *self {
             Self::Sphere { radius_m } | Self::FlatPunch { radius_m, .. } => radius_m,
+            Self::Grip => 0.0,
         }
     }
 
@@ -75,12 +78,14 @@ impl Shape {
                 fillet_m,
                 length_m,
             },
+            Self::Grip => Self::Grip,
         }
     }
 
     /// Why nothing can be touched with it, if so.
     fn flaw(&self) -> Option<String> {
         match *self {
+            Self::Grip => None,
             Self::Sphere { radius_m } if radius_m.is_finite() && radius_m >= 0.0 => None,
             Self::Sphere { radius_m } => Some(format!(
                 "the radius is {radius_m} m; it must be finite and not below zero"

@@ -7,7 +7,7 @@ use crate::columns::Columns;
 use nalgebra::{Matrix3, Vector3};
 
 /// An anchor with its free nodes counted as the columns count them; fixed nodes are left out.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct Reached {
     pub vertices: [u32; 4],
     pub weights: [f64; 4],

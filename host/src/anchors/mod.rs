@@ -8,8 +8,10 @@
 pub mod circling;
 mod compliance;
 mod solver;
+mod system;
 
 pub use solver::{AnchorSettings, AnchorSolver, AnchorStages, AnchorStatus, AnchorStep};
+pub(crate) use system::{Grasp, System, is_solved};
 
 use crate::rows::RowKind;
 

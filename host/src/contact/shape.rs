@@ -57,13 +57,14 @@ impl Solid {
         match self.shape {
             Shape::Sphere { radius_m } => 0.25 * radius_m,
             Shape::FlatPunch { fillet_m, .. } => 0.5 * fillet_m,
+            Shape::Grip => f64::MAX,
         }
     }
 
     /// How far a turn about `centre` moves the surface, per radian \[m\]; nothing for a ball.
     pub fn reach(&self) -> f64 {
         match self.shape {
-            Shape::Sphere { .. } => 0.0,
+            Shape::Sphere { .. } | Shape::Grip => 0.0,
             Shape::FlatPunch {
                 radius_m, length_m, ..
             } => radius_m.hypot(length_m),
@@ -73,7 +74,7 @@ impl Solid {
     /// A point well inside: in the tissue only if the whole shape is.
     pub fn middle(&self) -> Vector3<f64> {
         match self.shape {
-            Shape::Sphere { .. } => self.centre,
+            Shape::Sphere { .. } | Shape::Grip => self.centre,
             Shape::FlatPunch { length_m, .. } => self.centre - self.axis * (0.5 * length_m),
         }
     }
@@ -81,6 +82,7 @@ impl Solid {
     /// Signed distance of `point` \[m\].
     pub fn gap(&self, point: &Vector3<f64>) -> f64 {
         match self.shape {
+            Shape::Grip => f64::MAX,
             Shape::Sphere { radius_m } => (point - self.centre).norm() - radius_m,
             Shape::FlatPunch {
                 radius_m,
@@ -97,6 +99,7 @@ impl Solid {
     /// a ball, and where a number is not finite.
     pub fn touch(&self, point: &Vector3<f64>) -> Option<Touch> {
         match self.shape {
+            Shape::Grip => None,
             Shape::Sphere { radius_m } => {
                 let arm = point - self.centre;
                 let distance = arm.norm();

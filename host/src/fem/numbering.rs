@@ -72,6 +72,12 @@ impl Numbering {
         self.place[node as usize]
     }
 
+    /// The node at a place; a search through all of them.
+    pub fn node_at(&self, place: u32) -> Option<u32> {
+        let node = self.place.iter().position(|other| *other == place)?;
+        Some(node as u32)
+    }
+
     /// Index of a node's first unknown; `None` for a fixed node.
     pub fn first_unknown(&self, node: u32) -> Option<usize> {
         let place = self.place[node as usize];

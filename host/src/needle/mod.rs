@@ -1,8 +1,33 @@
 //! Suture needles: their shape, their way through the mesh, and the rows by which tissue holds them.
 //!
-//! Entry points: [`Needle`], [`Curve`]. Source: Younes 2021, sections 3.1 and 3.2, with friction-bounded
+//! Entry points: [`Needle`], [`Curve`], [`slide`]. Source: Younes 2021, sections 3.1 and 3.2, with friction-bounded
 //! axial rows in place of its sticking rows (3.28), which are their limit for infinite friction.
 
+mod drive;
+mod hierarchy;
+mod history;
+mod model;
+mod section;
 mod shape;
+mod slide;
+mod state;
+mod step;
+mod tangent;
+mod walk;
 
+pub use hierarchy::{Bounds, Hierarchy};
+pub use history::{Broken, Crossing, History};
+pub(crate) use model::Needles;
+pub use model::{MAX_NEEDLES, NeedleError, NeedlePart, NeedleSettings, Playback};
 pub use shape::{Curve, Needle, NeedleShape, NeedleTissue};
+pub use slide::{Entry, Geometry, SlideReport, SlideStatus, entry, slide};
+pub use step::{NeedleReport, TipPlace};
+pub(crate) use step::{NeedlesState, NeedlesWork, grip, pose_of, step};
+pub use walk::{Stop, Walked, walk};
+
+/// Places on a curve that are nearer than this to each other \[m\] may be in either order by rounding alone:
+/// 1e-9 of its length, which for faces nearly along the curve is still far above rounding, and far
+/// below anything that tissue has.
+fn tie(curve: &Curve) -> f64 {
+    1e-9 * curve.length
+}

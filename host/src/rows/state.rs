@@ -16,7 +16,7 @@ pub enum Mode {
 }
 
 /// Forces and modes of the rows solved last.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct State {
     largest: usize,
     pub(super) ids: Vec<u64>,
@@ -57,6 +57,14 @@ impl State {
     /// Modes of the last problem's rows.
     pub fn modes(&self) -> &[Mode] {
         &self.modes
+    }
+
+    /// As a copy of `other`, without new memory.
+    pub fn copy_from(&mut self, other: &Self) {
+        self.ids.clone_from(&other.ids);
+        self.lambda.clone_from(&other.lambda);
+        self.delta.clone_from(&other.delta);
+        self.modes.clone_from(&other.modes);
     }
 
     /// Forgets everything.

@@ -15,6 +15,7 @@ use crate::contact::reduction::Reduction;
 pub use crate::contact::reduction::{MAX_TOOL_ROWS, ToolRows};
 use crate::contact::tangent::PoseWork;
 use crate::model::Model;
+use crate::needle::{self, MAX_NEEDLES, NeedleReport, NeedlesState, NeedlesWork};
 use crate::tool::{MAX_TOOLS, Placement, ToolSample};
 use nalgebra::Vector3;
 
@@ -123,9 +124,26 @@ pub struct StepReport {
     pub stored_energy_j: f64,
     /// Time per stage.
     pub stages: Stages,
+    needles: [NeedleReport; MAX_NEEDLES],
+    needle_count: usize,
 }
 
 impl StepReport {
+    /// One per needle, in the model's order; empty unless the status is `Ok`.
+    pub fn needles(&self) -> &[NeedleReport] {
+        &self.needles[..self.needle_count]
+    }
+
+    pub(crate) fn needles_mut(&mut self, count: usize) -> &mut [NeedleReport] {
+        self.needle_count = count.min(MAX_NEEDLES);
+        &mut self.needles[..self.needle_count]
+    }
+
+    pub(crate) fn contacts_mut(&mut self, count: usize) -> &mut [ToolContact] {
+        self.tools = count.min(MAX_TOOLS);
+        &mut self.contacts[..self.tools]
+    }
+
     /// One per sample, in the samples' order; empty unless the status is `Ok`.
     pub fn contacts(&self) -> &[ToolContact] {
         &self.contacts[..self.tools]
@@ -140,8 +158,9 @@ pub struct State {
     placements: [Option<Placement>; MAX_TOOLS],
     /// Touched vertices and their forces at that balance: the next solve's warm start.
     rows: Vec<Row>,
-    /// What evolves in the tissue itself.
+    /// What evolves in the tissue itself, if there are no needles in it.
     motion: Motion,
+    needles: Option<Box<NeedlesState>>,
 }
 
 impl State {
@@ -152,19 +171,74 @@ impl State {
             placements: [None; MAX_TOOLS],
             rows: Vec::with_capacity(most),
             motion: model.motion.clone().with_room(most),
+            needles: model
+                .needles
+                .as_ref()
+                .map(|needles| Box::new(NeedlesState::new(needles, model.motion.clone()))),
         }
     }
 
     pub(crate) fn motion(&self) -> &Motion {
-        &self.motion
+        let needles = self.needles.as_ref();
+        needles.map_or(&self.motion, |needles| needles.grasp.motion())
+    }
+
+    /// Has a tool take a needle where it is, with the tool at `sample`; or nobody. Nothing moves and no force
+    /// changes by that; a needle that nobody holds goes where the tissue takes it in later steps. Says
+    /// whether there are such a needle and tool, and the sample is a pose.
+    pub fn hold(&mut self, model: &Model, needle: u8, sample: Option<&ToolSample>) -> bool {
+        let (Some(needles), Some(state)) = (&model.needles, &mut self.needles) else {
+            return false;
+        };
+        let index = needles.parts.iter().position(|part| part.id == needle);
+        let Some(each) = index.and_then(|index| state.each.get_mut(index)) else {
+            return false;
+        };
+        let Some(sample) = sample else {
+            each.grip = None;
+            return true;
+        };
+        match needle::pose_of(sample).filter(|_| model.tool(sample.id).is_some()) {
+            Some(pose) => {
+                each.grip = Some(needle::grip(sample.id, &pose, &each.pose));
+                true
+            }
+            None => false,
+        }
+    }
+
+    /// Where a needle is: its frame, as [`crate::needle::NeedleShape`] has it.
+    pub fn needle_pose(&self, model: &Model, needle: u8) -> Option<nalgebra::Isometry3<f64>> {
+        let parts = &model.needles.as_ref()?.parts;
+        let index = parts.iter().position(|part| part.id == needle)?;
+        Some(self.needles.as_ref()?.each.get(index)?.pose)
+    }
+
+    /// The faces that a needle goes through, from its end to its tip.
+    pub fn crossings(&self, model: &Model, needle: u8) -> &[needle::Crossing] {
+        let found = || {
+            let parts = &model.needles.as_ref()?.parts;
+            let index = parts.iter().position(|part| part.id == needle)?;
+            Some(self.needles.as_ref()?.each.get(index)?.history.crossings())
+        };
+        found().unwrap_or(&[])
     }
 
     /// Nodes that are touched and the force on the tissue there \[N\]; a node touched by two tools comes
     /// twice.
     pub fn contact_forces(&self, model: &Model) -> impl Iterator<Item = (u32, [f64; 3])> {
-        self.rows
+        let touches = self
+            .rows
             .iter()
-            .map(|row| (model.touchable[row.vertex as usize], row.force.into()))
+            .map(|row| (model.touchable[row.vertex as usize], row.force.into()));
+        let by_needles = self
+            .needles
+            .iter()
+            .flat_map(|needles| needles.grasp.pushes());
+        touches.chain(by_needles.filter_map(|(vertex, force)| {
+            let node = model.body.numbering().node_at(vertex)?;
+            Some((node, force.into()))
+        }))
     }
 }
 
@@ -186,6 +260,7 @@ pub struct Workspace {
     displacement: Vec<f64>,
     saved: Vec<Row>,
     solids: Solids,
+    needles: Option<Box<NeedlesWork>>,
     /// Vertices whose columns one step may compute before it says [`Status::Waiting`].
     pub vertices_per_step: usize,
     /// Whether steps reduce each tool's contact to rows, for [`Workspace::rows`].
@@ -216,6 +291,10 @@ impl Workspace {
             displacement: vec![0.0; 3 * vertices],
             saved: Vec::with_capacity(rows),
             solids: [None; MAX_TOOLS],
+            needles: model
+                .needles
+                .as_ref()
+                .map(|needles| Box::new(NeedlesWork::new(model, needles))),
             vertices_per_step: 8,
             reduce_rows: false,
         }
@@ -233,12 +312,18 @@ impl Workspace {
             return Ok(());
         };
         let (tissue, held) = (tissue.clone(), model.held.clone());
+        if let Some(needles) = &mut self.needles {
+            return needles.drive.system.start_worker_everywhere(tissue);
+        }
         self.columns.start_worker(tissue, held, &model.touchable)
     }
 
     /// Computes the columns of all boundary vertices whose resting position \[m\] satisfies `near`, so
     /// that touching them later costs nothing. Returns how many are there now.
     pub fn prepare(&mut self, model: &Model, near: impl Fn([f64; 3]) -> bool) -> usize {
+        if let Some(needles) = &mut self.needles {
+            return needles.prepare(model, near);
+        }
         self.columns.belong_to(model.motion.factor());
         let missing: Vec<u32> = (0u32..)
             .zip(&model.touchable_m)
@@ -257,7 +342,9 @@ impl Workspace {
 
     /// Memory held by the cache \[bytes\].
     pub fn cache_bytes(&self) -> usize {
-        self.columns.bytes()
+        let needles = self.needles.as_ref();
+        let columns = needles.map_or(&self.columns, |needles| needles.drive.system.columns());
+        columns.bytes()
     }
 }
 
@@ -283,6 +370,20 @@ pub fn step(
         Ok(targets) => targets,
         Err(status) => return StepReport { status, ..report },
     };
+    if let (Some(needles), Some(needles_state), Some(needles_work)) =
+        (&model.needles, &mut state.needles, &mut work.needles)
+    {
+        report.status = needle::step(
+            model,
+            needles,
+            needles_state,
+            samples,
+            needles_work,
+            &mut report,
+            &mut clock,
+        );
+        return report;
+    }
     report.status = passes::pass(model, state, &targets, work, &mut report, &mut clock);
     report.iterations = work.contact.iterations;
     report.rows = state.rows.len() as u32;

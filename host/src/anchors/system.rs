@@ -1,0 +1,503 @@
+//! Columns, compliance and forces of rows on anchors, for whoever makes the rows.
+//!
+//! Entry points: [`Grasp`] is what evolves, [`System`] scratch and the cache of columns. In order:
+//! [`System::read`], [`System::look`] and [`System::linearise`] for tissue that turns, [`System::fetch`],
+//! [`System::assemble`], [`System::solve`], [`System::accept`].
+
+use super::compliance::{Reached, assemble};
+use super::{AnchorPoint, AnchorRow, AnchorSettings};
+use crate::body::{Body, BodyWork, Motion, Push};
+use crate::columns::Columns;
+use crate::fem::{Balance, Factored, HeldPoints, LinearTissue, Linearisation, TissueError};
+use crate::rows::{self, Problem, Row};
+use nalgebra::{Matrix3, Vector3};
+use std::sync::Arc;
+
+/// What evolves: the tissue's motion and the forces of the rows on it.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct Grasp {
+    motion: Motion,
+    forces: rows::State,
+    anchors: Vec<Reached>,
+    /// Rows of the last solve.
+    acting: Vec<AnchorRow>,
+}
+
+impl Grasp {
+    /// No rows yet.
+    pub fn new(motion: Motion, settings: &AnchorSettings) -> Self {
+        Self {
+            motion: motion.with_room(4 * settings.most_anchors),
+            forces: rows::State::new(settings.most_rows),
+            anchors: Vec::with_capacity(settings.most_anchors),
+            acting: Vec::with_capacity(settings.most_rows),
+        }
+    }
+
+    pub fn motion(&self) -> &Motion {
+        &self.motion
+    }
+
+    /// Multipliers of the last solve's rows \[N\].
+    pub fn lambda(&self) -> &[f64] {
+        self.forces.lambda()
+    }
+
+    /// delta of the last solve's rows \[m\].
+    pub fn delta_m(&self) -> &[f64] {
+        self.forces.delta()
+    }
+
+    /// Modes of the last solve's rows.
+    pub fn modes(&self) -> &[rows::Mode] {
+        self.forces.modes()
+    }
+
+    /// Forces on vertices: -C' lambda.
+    pub fn pushes(&self) -> impl Iterator<Item = Push> + '_ {
+        pushes(&self.anchors, &self.acting, self.forces.lambda())
+    }
+
+    /// Force on the tissue at an anchor of the last solve \[N\].
+    pub fn force_on(&self, anchor: usize) -> Vector3<f64> {
+        force_on(anchor, &self.acting, self.forces.lambda())
+    }
+
+    /// The rows and forces of `other`, without new memory; the tissue's motion stays.
+    pub fn copy_rows(&mut self, other: &Self) {
+        self.forces.copy_from(&other.forces);
+        self.anchors.clone_from(&other.anchors);
+        self.acting.clone_from(&other.acting);
+    }
+}
+
+/// What [`System::fetch`] did.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Fetched {
+    /// Vertices whose columns were computed.
+    pub computed: u32,
+    /// Whether every column that the anchors need is there.
+    pub all: bool,
+}
+
+/// Scratch and the cache of columns.
+pub(crate) struct System {
+    settings: AnchorSettings,
+    held: Arc<HeldPoints>,
+    columns: Columns,
+    body_work: BodyWork,
+    /// Place of each mesh node among the reached, (n).
+    reached_of_node: Vec<u32>,
+    vertices: Vec<u32>,
+    missing: Vec<u32>,
+    next_anchors: Vec<Reached>,
+    first_row: Vec<u32>,
+    free: Vec<Vector3<f64>>,
+    pairs: Vec<Matrix3<f64>>,
+    w: Vec<f64>,
+    delta_free: Vec<f64>,
+    kinds: Vec<Row>,
+    rows_work: rows::Workspace,
+}
+
+const UNREACHED: u32 = u32::MAX;
+
+/// Whether a solve gave forces to go on with.
+pub(crate) fn is_solved(outcome: &rows::Outcome) -> bool {
+    use rows::Status::{Incompatible, NotConverged, Ok, Redundant};
+    matches!(outcome.status, Ok | Redundant | Incompatible | NotConverged)
+}
+
+impl System {
+    /// For anchors on the free nodes `reached`.
+    ///
+    /// # Errors
+    /// A node in `reached` that does not exist or is fixed.
+    pub fn new(
+        body: &Body,
+        motion: &Motion,
+        reached: &[u32],
+        settings: AnchorSettings,
+    ) -> Result<Self, TissueError> {
+        let numbering = body.numbering();
+        let nodes = numbering.nodes();
+        let mut reached_of_node = vec![UNREACHED; nodes];
+        for (place, &node) in (0u32..).zip(reached) {
+            let slot = reached_of_node
+                .get_mut(node as usize)
+                .ok_or(TissueError::NoSuchNode {
+                    what: "the list of reached nodes",
+                    node,
+                    nodes,
+                })?;
+            if numbering.is_fixed(node) {
+                return Err(TissueError::Fixed(node));
+            }
+            *slot = place;
+        }
+        Ok(Self::reaching(
+            body,
+            motion,
+            reached,
+            reached_of_node,
+            settings,
+        ))
+    }
+
+    /// For anchors on all free nodes.
+    pub fn everywhere(body: &Body, motion: &Motion, settings: AnchorSettings) -> Self {
+        let numbering = body.numbering();
+        let nodes = 0..numbering.nodes() as u32;
+        let reached: Vec<u32> = nodes.filter(|node| !numbering.is_fixed(*node)).collect();
+        let mut reached_of_node = vec![UNREACHED; numbering.nodes()];
+        for (place, &node) in (0u32..).zip(&reached) {
+            reached_of_node[node as usize] = place;
+        }
+        Self::reaching(body, motion, &reached, reached_of_node, settings)
+    }
+
+    fn reaching(
+        body: &Body,
+        motion: &Motion,
+        reached: &[u32],
+        reached_of_node: Vec<u32>,
+        settings: AnchorSettings,
+    ) -> Self {
+        let held = Arc::new(HeldPoints::none());
+        let AnchorSettings {
+            most_rows,
+            most_anchors,
+            memory_bytes,
+            ..
+        } = settings;
+        // Corotational tissue reads the anchors of the step before, too.
+        let least = 8 * most_anchors;
+        let mut columns = Columns::new(&body.view(motion), &held, reached, memory_bytes, least);
+        columns.belong_to(motion.factor());
+        Self {
+            held,
+            columns,
+            body_work: body.work(),
+            reached_of_node,
+            vertices: Vec::with_capacity(8 * most_anchors),
+            missing: Vec::with_capacity(8 * most_anchors),
+            next_anchors: Vec::with_capacity(most_anchors),
+            first_row: Vec::with_capacity(most_anchors + 1),
+            free: vec![Vector3::zeros(); most_anchors],
+            pairs: vec![Matrix3::zeros(); most_anchors],
+            w: vec![0.0; most_rows * most_rows],
+            delta_free: vec![0.0; most_rows],
+            kinds: Vec::with_capacity(most_rows),
+            rows_work: rows::Workspace::new(most_rows),
+            settings,
+        }
+    }
+
+    pub fn start_worker(
+        &mut self,
+        tissue: Arc<LinearTissue>,
+        reached: &[u32],
+    ) -> std::io::Result<()> {
+        self.columns
+            .start_worker(tissue, self.held.clone(), reached)
+    }
+
+    /// As [`Self::start_worker`], for a system that reaches all free nodes.
+    pub fn start_worker_everywhere(&mut self, tissue: Arc<LinearTissue>) -> std::io::Result<()> {
+        let numbering = tissue.numbering();
+        let nodes = 0..numbering.nodes() as u32;
+        let reached: Vec<u32> = nodes.filter(|node| !numbering.is_fixed(*node)).collect();
+        self.start_worker(tissue, &reached)
+    }
+
+    pub fn settings(&self) -> &AnchorSettings {
+        &self.settings
+    }
+
+    pub fn columns(&self) -> &Columns {
+        &self.columns
+    }
+
+    /// Has the worker compute the columns of a node that anchors will soon name.
+    pub fn prefetch(&mut self, node: u32) {
+        if let Some(vertex) = self.vertex(node) {
+            self.columns.request(vertex);
+        }
+    }
+
+    /// Displacement of a node by the linearisation \[m\] under `pushes`, whose columns must be there.
+    pub fn displacement(
+        &self,
+        body: &Body,
+        grasp: &Grasp,
+        pushes: &[Push],
+        node: u32,
+    ) -> Vector3<f64> {
+        let Some(vertex) = self.vertex(node) else {
+            return Vector3::zeros();
+        };
+        let free = body.free(&grasp.motion, &self.body_work, &self.columns, vertex);
+        let moved = pushes
+            .iter()
+            .map(|(pushed, force)| self.columns.block(vertex, *pushed) * force);
+        free + moved.sum::<Vector3<f64>>()
+    }
+
+    /// As [`Self::compliance`], for what gives way besides the tissue.
+    pub fn compliance_mut(&mut self, rows: usize) -> &mut [f64] {
+        &mut self.w[..rows * rows]
+    }
+
+    pub fn body_work(&self) -> &BodyWork {
+        &self.body_work
+    }
+
+    /// No node is farther than this from where it is displaced to by `resting` (n x 3) \[m\].
+    pub fn slack_m(
+        &self,
+        body: &Body,
+        grasp: &Grasp,
+        pushes: &[Push],
+        resting: &[[f64; 3]],
+    ) -> f64 {
+        if body.is_linear() {
+            let reach = |(vertex, force): &Push| self.columns.largest(*vertex) * force.norm();
+            return pushes.iter().map(reach).sum();
+        }
+        // Displacements of corotational tissue are at hand, at the cost of a look at all of them.
+        let Some(state) = grasp.motion.state() else {
+            return 0.0;
+        };
+        let moved = (0u32..).zip(resting).map(|(node, from)| {
+            let now = body.numbering().at_node(state.unknowns(), node);
+            (Vector3::from(now) - Vector3::from(*from)).norm()
+        });
+        let last = moved.fold(0.0, f64::max);
+        let more = |(vertex, force): &Push| self.columns.largest(*vertex) * force.norm();
+        let change = pushes.iter().map(more).sum::<f64>()
+            + grasp.motion.pushed().iter().map(more).sum::<f64>();
+        last + change
+    }
+
+    /// Computes columns of nodes that will soon be named, of at most `most` that are missing.
+    pub fn compute_ahead(&mut self, body: &Body, grasp: &Grasp, nodes: &[u32], most: usize) -> u32 {
+        if self.columns.has_worker() {
+            nodes.iter().for_each(|node| self.prefetch(*node));
+            return 0;
+        }
+        self.missing.clear();
+        for &node in nodes {
+            if let Some(vertex) = self.vertex(node)
+                && self.missing.len() < most
+                && !self.columns.has(vertex)
+                && !self.missing.contains(&vertex)
+            {
+                self.missing.push(vertex);
+            }
+        }
+        let view = body.view(&grasp.motion);
+        self.columns.compute(&view, &self.held, &self.missing);
+        self.missing.len() as u32
+    }
+
+    /// Computes the columns of all `nodes`; how many are there then.
+    pub fn prepare(&mut self, body: &Body, motion: &Motion, nodes: &[u32]) -> usize {
+        let vertices: Vec<u32> = nodes.iter().filter_map(|node| self.vertex(*node)).collect();
+        self.columns.belong_to(motion.factor());
+        self.columns
+            .compute(&body.view(motion), &self.held, &vertices);
+        self.columns.count()
+    }
+
+    /// Compliance of the rows of the last solve, (n x n).
+    pub fn compliance(&self, rows: usize) -> &[f64] {
+        &self.w[..rows * rows]
+    }
+
+    /// Place of a node among the reached.
+    fn vertex(&self, node: u32) -> Option<u32> {
+        let vertex = self.reached_of_node.get(node as usize).copied();
+        vertex.filter(|vertex| *vertex != UNREACHED)
+    }
+
+    pub fn begin_step(&mut self) {
+        self.columns.begin_step();
+    }
+
+    /// Reads anchors and rows; whether they make sense: no more than the settings allow, rows in the
+    /// order of their anchors, anchors on nodes that are reached or fixed.
+    pub fn read(&mut self, body: &Body, anchors: &[AnchorPoint], rows: &[AnchorRow]) -> bool {
+        if anchors.len() > self.settings.most_anchors || rows.len() > self.settings.most_rows {
+            return false;
+        }
+        self.next_anchors.clear();
+        for anchor in anchors {
+            let mut reached = Reached::default();
+            for (&node, &weight) in anchor.nodes.iter().zip(&anchor.weights) {
+                if weight == 0.0 {
+                    continue;
+                }
+                let Some(&vertex) = self.reached_of_node.get(node as usize) else {
+                    return false;
+                };
+                if vertex == UNREACHED {
+                    if body.numbering().is_fixed(node) {
+                        continue;
+                    }
+                    return false;
+                }
+                reached.vertices[reached.count] = vertex;
+                reached.weights[reached.count] = weight;
+                reached.count += 1;
+            }
+            self.next_anchors.push(reached);
+        }
+        self.first_row.clear();
+        let mut next = 0;
+        for anchor in 0..anchors.len() {
+            self.first_row.push(next as u32);
+            next += rows[next..]
+                .iter()
+                .take_while(|row| row.anchor as usize == anchor)
+                .count();
+        }
+        self.first_row.push(next as u32);
+        self.kinds.clear();
+        self.kinds.extend(rows.iter().map(|row| Row {
+            id: row.id,
+            kind: row.kind,
+        }));
+        next == rows.len()
+    }
+
+    /// How far from balance the tissue is; `None` for linear tissue.
+    pub fn look(&mut self, body: &Body, grasp: &mut Grasp) -> Option<Balance> {
+        body.look(&mut grasp.motion, &mut self.body_work, &self.columns)
+    }
+
+    /// After [`Self::look`]: linearises there; columns of another factor are forgotten.
+    pub fn linearise(&mut self, body: &Body, grasp: &mut Grasp) -> Option<Linearisation> {
+        body.linearise(&mut grasp.motion, &mut self.body_work, &mut self.columns)
+    }
+
+    /// Computes missing columns of what [`Self::read`] read, of at most `budget` vertices.
+    pub fn fetch(&mut self, body: &Body, grasp: &Grasp, budget: usize) -> Fetched {
+        self.vertices.clear();
+        for anchor in &self.next_anchors {
+            self.vertices
+                .extend(anchor.parts().map(|(vertex, _)| vertex));
+        }
+        self.vertices
+            .extend(grasp.motion.pushed().iter().map(|(vertex, _)| *vertex));
+        self.missing.clear();
+        for &vertex in &self.vertices {
+            if self.columns.has(vertex) {
+                self.columns.keep(vertex);
+            } else if !self.missing.contains(&vertex) {
+                self.missing.push(vertex);
+            }
+        }
+        if self.missing.is_empty() {
+            return Fetched {
+                computed: 0,
+                all: true,
+            };
+        }
+        if self.columns.has_worker() {
+            for &vertex in &self.missing {
+                self.columns.request(vertex);
+            }
+            return Fetched {
+                computed: 0,
+                all: false,
+            };
+        }
+        let now = self.missing.len().min(budget);
+        let found_room =
+            self.columns
+                .compute(&body.view(&grasp.motion), &self.held, &self.missing[..now]);
+        Fetched {
+            computed: now as u32,
+            all: found_room && now == self.missing.len(),
+        }
+    }
+
+    /// Compliance and free delta of the rows.
+    pub fn assemble(&mut self, body: &Body, grasp: &Grasp, rows: &[AnchorRow]) {
+        let n = rows.len();
+        for (free, anchor) in self.free.iter_mut().zip(&self.next_anchors) {
+            *free = anchor
+                .parts()
+                .map(|(vertex, weight)| {
+                    body.free(&grasp.motion, &self.body_work, &self.columns, vertex) * weight
+                })
+                .sum();
+        }
+        for (delta, row) in self.delta_free.iter_mut().zip(rows) {
+            let along = Vector3::from(row.direction).dot(&self.free[row.anchor as usize]);
+            *delta = row.target_m - along;
+        }
+        assemble(
+            &self.next_anchors,
+            rows,
+            &self.first_row,
+            &self.columns,
+            &mut self.pairs,
+            &mut self.w[..n * n],
+        );
+    }
+
+    /// Finds the forces.
+    pub fn solve(&mut self, rows: &[AnchorRow], grasp: &mut Grasp) -> rows::Outcome {
+        let n = rows.len();
+        let problem = Problem {
+            rows: &self.kinds,
+            compliance: &self.w[..n * n],
+            delta_free: &self.delta_free[..n],
+        };
+        let outcome = rows::solve(
+            &problem,
+            self.settings.method,
+            &mut grasp.forces,
+            &mut self.rows_work,
+        );
+        grasp.anchors.clone_from(&self.next_anchors);
+        grasp.acting.clear();
+        grasp.acting.extend_from_slice(rows);
+        outcome
+    }
+
+    /// Moves the tissue under the forces found.
+    pub fn accept(&mut self, body: &Body, grasp: &mut Grasp) {
+        let Grasp {
+            motion,
+            forces,
+            anchors,
+            acting,
+        } = grasp;
+        let pushes = pushes(anchors, acting, forces.lambda());
+        body.accept(motion, &mut self.body_work, &self.columns, pushes);
+    }
+}
+
+/// Forces on vertices: -C' lambda.
+fn pushes<'a>(
+    anchors: &'a [Reached],
+    rows: &'a [AnchorRow],
+    lambda: &'a [f64],
+) -> impl Iterator<Item = Push> + 'a {
+    anchors.iter().enumerate().flat_map(move |(index, anchor)| {
+        let force = force_on(index, rows, lambda);
+        anchor
+            .parts()
+            .map(move |(vertex, weight)| (vertex, force * weight))
+    })
+}
+
+fn force_on(anchor: usize, rows: &[AnchorRow], lambda: &[f64]) -> Vector3<f64> {
+    rows.iter()
+        .zip(lambda)
+        .filter(|(row, _)| row.anchor as usize == anchor)
+        .map(|(row, lambda)| -Vector3::from(row.direction) * *lambda)
+        .sum()
+}

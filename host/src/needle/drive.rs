@@ -1,0 +1,994 @@
+//! One balance of tissue and needles: rows, slides, and what happens on the way.
+//!
+//! Entry point: [`Drive::to`]. Every crossing is an anchor with two transverse rows (3.29) and an axial
+//! one that is bounded by friction. A row that reaches its bound slides: with w the tangent,
+//! `delta = w.(s(alpha) - x)` is by how far the needle runs ahead of the tissue, so that the tissue
+//! point is at `alpha - delta` afterwards. Directions turn with alpha on an arc, hence Newton's
+//! method: the axial target is `w.s(alpha_k) + alpha_0 - alpha_k`, whose delta is the whole slide since
+//! alpha_0. Between balances nothing of this is kept but alpha, which makes friction's law implicit:
+//! it is plastic flow, integrated backwards (Simo & Hughes 1998, 1.4).
+
+use super::model::{MAX_NEEDLES, Needles, Playback};
+use super::state::{Cut, NeedleState, Tip};
+use super::{Crossing, Curve, Geometry, History, NeedleTissue, Stop, entry, walk};
+use crate::anchors::{AnchorPoint, AnchorRow, Grasp, System, is_solved};
+use crate::body::{Body, Push};
+use crate::clock::Clock;
+use crate::mesh::HalfFaces;
+use crate::rows::{Mode, RowKind};
+use crate::step::{Status, StepReport};
+use nalgebra::{Isometry3, Matrix3, Translation3, UnitQuaternion, Vector3, Vector6};
+
+/// Most solves of one balance.
+const MOST_SOLVES: u32 = 64;
+/// A slide is known well enough when it changes by less than this part of the needle \[1\].
+const SLIDE_TOLERANCE: f64 = 1e-8;
+/// Where a tip comes from is looked for from this part of the needle behind it \[1\]: it may have come to
+/// lie in the face that it left.
+const BACK: f64 = 1e-6;
+/// Poses that are played back after a puncture.
+const PLAYED: usize = 16;
+/// Stiffness with which a needle that nobody holds is held back in each solve, in parts of the
+/// tissue's: it settles by a factor of about this in every one.
+const DRAG: f64 = 1e-3;
+
+/// What a row's anchor is on its needle.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum What {
+    Crossing(usize),
+    Holding,
+    Cut,
+}
+
+/// An anchor of the present rows.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Point {
+    pub needle: usize,
+    pub what: What,
+    /// Of its three rows: along the needle, towards the inside of its curve, across both.
+    pub first_row: usize,
+    /// On the needle \[m\].
+    pub alpha: f64,
+}
+
+/// A force that has been taken away: until the next balance says how far the tissue moved.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Release {
+    needle: usize,
+    at: AnchorPoint,
+    force: Vector3<f64>,
+    from: Vector3<f64>,
+}
+
+/// Rows of the present balance and scratch.
+pub(crate) struct NeedleWork {
+    pub system: System,
+    pub(super) anchors: Vec<AnchorPoint>,
+    pub(super) rows: Vec<AnchorRow>,
+    pub(super) points: Vec<Point>,
+    pushes: Vec<Push>,
+    releases: Vec<Release>,
+    path: History,
+    no_history: History,
+    saved: Vec<NeedleState>,
+    saved_grasp: Grasp,
+    /// Where each needle's tip was at the last balance.
+    tips: Vec<Vector3<f64>>,
+    /// Let go of its face in this balance: not to take it again.
+    let_go: Vec<bool>,
+    /// Pressing against the end of the cut was tried in this balance.
+    pressed: Vec<bool>,
+}
+
+impl NeedleWork {
+    pub fn new(needles: &Needles, system: System, states: &[NeedleState], grasp: &Grasp) -> Self {
+        let settings = needles.anchor_settings();
+        let (rows, anchors) = (settings.most_rows, settings.most_anchors);
+        let count = states.len();
+        Self {
+            system,
+            anchors: Vec::with_capacity(anchors),
+            rows: Vec::with_capacity(rows),
+            points: Vec::with_capacity(anchors),
+            pushes: Vec::with_capacity(4 * anchors),
+            releases: Vec::with_capacity(anchors),
+            path: History::new(needles.settings.most_crossings),
+            no_history: History::new(0),
+            saved: states.to_vec(),
+            saved_grasp: Grasp::new(grasp.motion().clone(), &settings),
+            tips: vec![Vector3::zeros(); count],
+            let_go: vec![false; count],
+            pressed: vec![false; count],
+        }
+    }
+}
+
+/// Everything that a balance works on.
+pub(super) struct Drive<'a> {
+    pub body: &'a Body,
+    pub needles: &'a Needles,
+    /// Unloaded nodes \[m\], (n x 3).
+    pub points_m: &'a [[f64; 3]],
+    pub states: &'a mut [NeedleState],
+    pub grasp: &'a mut Grasp,
+    pub work: &'a mut NeedleWork,
+    pub report: &'a mut StepReport,
+    pub clock: &'a mut Clock,
+}
+
+impl Drive<'_> {
+    /// Balances the tissue with the needles at `poses`; if that fails everything is as before.
+    pub fn to(&mut self, poses: &[Isometry3<f64>]) -> Result<(), Status> {
+        for (saved, state) in self.work.saved.iter_mut().zip(self.states.iter()) {
+            saved.copy_from(state);
+        }
+        self.work.saved_grasp.copy_rows(self.grasp);
+        let done = self.balance(poses, None);
+        if done.is_err() {
+            for (state, saved) in self.states.iter_mut().zip(&self.work.saved) {
+                state.copy_from(saved);
+            }
+            self.grasp.copy_rows(&self.work.saved_grasp);
+        }
+        done
+    }
+
+    /// Balances; a tip that is `free` goes through faces without effort.
+    fn balance(&mut self, poses: &[Isometry3<f64>], free: Option<usize>) -> Result<(), Status> {
+        self.begin(poses);
+        let mut solves = 0;
+        loop {
+            self.slide(&mut solves)?;
+            self.settle_releases();
+            if !self.follow(free)? {
+                break;
+            }
+        }
+        self.finish();
+        Ok(())
+    }
+
+    /// Puts the needles where they shall be.
+    fn begin(&mut self, poses: &[Isometry3<f64>]) {
+        self.work.releases.clear();
+        for (index, (state, pose)) in self.states.iter_mut().zip(poses).enumerate() {
+            let part = &self.needles.parts[index];
+            let curve = part.needle.at(&state.pose);
+            self.work.tips[index] = curve.at(curve.length);
+            self.work.let_go[index] = false;
+            self.work.pressed[index] = false;
+            state.pose = *pose;
+            if let Tip::Inside { cut: Some(cut) } = &mut state.tip {
+                cut.pressed = true;
+            }
+            for (hold, crossing) in state.holds.iter_mut().zip(state.history.crossings()) {
+                hold.alpha = crossing.alpha;
+            }
+            limits(self.needles, state, curve.length);
+        }
+    }
+
+    /// Solves until the slides are known.
+    fn slide(&mut self, solves: &mut u32) -> Result<(), Status> {
+        loop {
+            *solves += 1;
+            if *solves > MOST_SOLVES {
+                return Err(Status::NotConverged);
+            }
+            self.solve()?;
+            let mut settled = true;
+            let (delta, lambda) = (self.grasp.delta_m(), self.grasp.lambda());
+            for point in &self.work.points {
+                let state = &mut self.states[point.needle];
+                let needle = &self.needles.parts[point.needle].needle;
+                if let What::Crossing(index) = point.what {
+                    let alpha = state.holds[index].alpha - delta[point.first_row];
+                    let bends = needle.shape.curvature_per_m() > 0.0;
+                    let change = (alpha - point.alpha).abs();
+                    settled &= !bends || change <= SLIDE_TOLERANCE * needle.shape.length_m();
+                    state.history.set_alpha(index, alpha);
+                    continue;
+                }
+                let (What::Cut, Tip::Inside { cut: Some(cut) }) = (point.what, &mut state.tip)
+                else {
+                    continue;
+                };
+                // The end of the cut can be pushed, not pulled.
+                let pulls = cut.pressed && lambda[point.first_row] > 0.0;
+                let goes_in = !cut.pressed && delta[point.first_row] > 0.0;
+                let tried = &mut self.work.pressed[point.needle];
+                if pulls || (goes_in && !*tried) {
+                    cut.pressed = goes_in;
+                    *tried |= goes_in;
+                    settled = false;
+                }
+            }
+            settled &= self.settle_loose();
+            if settled {
+                return Ok(());
+            }
+        }
+    }
+
+    /// One solve of the rows at the present poses and slides.
+    fn solve(&mut self) -> Result<(), Status> {
+        self.make_rows();
+        let Self {
+            body,
+            grasp,
+            work,
+            report,
+            clock,
+            ..
+        } = self;
+        let NeedleWork {
+            system,
+            anchors,
+            rows,
+            ..
+        } = &mut **work;
+        if !system.read(body, anchors, rows) {
+            return Err(Status::TooManyRows);
+        }
+        let most = system.settings().vertices_per_step;
+        let fetched = system.fetch(
+            body,
+            grasp,
+            most.saturating_sub(report.columns_computed as usize / 3),
+        );
+        report.columns_computed += 3 * fetched.computed;
+        clock.lap(&mut report.stages.columns_ns);
+        if !fetched.all {
+            return Err(Status::Waiting);
+        }
+        system.assemble(body, grasp, rows);
+        self.loosen();
+        let Self {
+            grasp,
+            work,
+            report,
+            clock,
+            ..
+        } = self;
+        let outcome = work.system.solve(&work.rows, grasp);
+        report.iterations += outcome.iterations;
+        report.residual = outcome.residual;
+        clock.lap(&mut report.stages.solve_ns);
+        work.pushes.clear();
+        work.pushes.extend(grasp.pushes());
+        if !is_solved(&outcome) {
+            return Err(Status::NotConverged);
+        }
+        Ok(())
+    }
+
+    /// Rows of every needle at its pose and present alphas.
+    fn make_rows(&mut self) {
+        let NeedleWork {
+            anchors,
+            rows,
+            points,
+            ..
+        } = &mut *self.work;
+        anchors.clear();
+        rows.clear();
+        points.clear();
+        for (index, state) in self.states.iter().enumerate() {
+            let curve = self.needles.parts[index].needle.at(&state.pose);
+            let mut add =
+                |what, at: AnchorPoint, alpha: f64, slid: f64, id: u32, kinds: [RowKind; 3]| {
+                    let rest: Vector3<f64> = at
+                        .nodes
+                        .iter()
+                        .zip(at.weights)
+                        .map(|(node, weight)| place(self.points_m, *node) * weight)
+                        .sum();
+                    let to = curve.at(alpha) - rest;
+                    points.push(Point {
+                        needle: index,
+                        what,
+                        first_row: rows.len(),
+                        alpha,
+                    });
+                    let anchor = anchors.len() as u32;
+                    anchors.push(at);
+                    for (axis, (direction, kind)) in
+                        (0u64..).zip(curve.frame_at(alpha).into_iter().zip(kinds))
+                    {
+                        let slid = if axis == 0 { slid } else { 0.0 };
+                        rows.push(AnchorRow {
+                            id: (index as u64) << 34 | u64::from(id) << 2 | axis,
+                            anchor,
+                            kind,
+                            direction: direction.into(),
+                            target_m: direction.dot(&to) + slid,
+                        });
+                    }
+                };
+            let equal = RowKind::Equality;
+            for (place, (crossing, hold)) in state
+                .history
+                .crossings()
+                .iter()
+                .zip(&state.holds)
+                .enumerate()
+            {
+                let limit_n = hold.limit_n;
+                add(
+                    What::Crossing(place),
+                    anchor(&self.needles.mesh, crossing),
+                    crossing.alpha,
+                    hold.alpha - crossing.alpha,
+                    hold.id,
+                    [RowKind::Box { limit_n }, equal, equal],
+                );
+            }
+            match state.tip {
+                Tip::Holding { face, id } => add(
+                    What::Holding,
+                    anchor(&self.needles.mesh, &face),
+                    curve.length,
+                    0.0,
+                    id,
+                    [equal; 3],
+                ),
+                Tip::Inside { cut: Some(cut) } => {
+                    let limit_n = if cut.pressed { cut.limit_n } else { 0.0 };
+                    let none = RowKind::Box { limit_n: 0.0 };
+                    let kinds = [RowKind::Box { limit_n }, none, none];
+                    add(What::Cut, cut.at, curve.length, 0.0, 0, kinds);
+                }
+                _ => {}
+            }
+        }
+    }
+
+    /// Where a node is under the forces of the last solve.
+    pub(super) fn position(&self, node: u32) -> Vector3<f64> {
+        position(self.body, self.points_m, self.grasp, self.work, node)
+    }
+
+    pub(super) fn position_of(&self, at: &AnchorPoint) -> Vector3<f64> {
+        at.nodes
+            .iter()
+            .zip(at.weights)
+            .filter(|(_, weight)| *weight != 0.0)
+            .map(|(node, weight)| self.position(*node) * weight)
+            .sum()
+    }
+
+    /// The energy that went with forces taken away before the last solve: exact on linear tissue, for
+    /// the others' anchors stay or are counted as sliding.
+    fn settle_releases(&mut self) {
+        for index in 0..self.work.releases.len() {
+            let release = self.work.releases[index];
+            let moved = self.position_of(&release.at) - release.from;
+            self.states[release.needle].tally.release_j -= 0.5 * release.force.dot(&moved);
+        }
+        self.work.releases.clear();
+    }
+
+    /// Takes the rows of a point of needle `needle` away: remembers their force.
+    fn release(&mut self, needle: usize, what: What) {
+        let found = self
+            .work
+            .points
+            .iter()
+            .position(|point| point.needle == needle && point.what == what);
+        // One that came after the last solve has no force.
+        let Some(index) = found else {
+            return;
+        };
+        let force = self.grasp.force_on(index);
+        if force != Vector3::zeros() && self.work.releases.len() < self.work.releases.capacity() {
+            let at = self.work.anchors[index];
+            let from = self.position_of(&at);
+            self.work.releases.push(Release {
+                needle,
+                at,
+                force,
+                from,
+            });
+        }
+    }
+
+    /// Moves tips and histories to the solved tissue; whether rows came or went that change the balance.
+    fn follow(&mut self, free: Option<usize>) -> Result<bool, Status> {
+        let mut changed = false;
+        for needle in 0..self.states.len() {
+            changed |= self.follow_hold(needle, free)?;
+            changed |= self.withdraw(needle);
+            changed |= self.advance(needle)?;
+        }
+        self.clock.lap(&mut self.report.stages.detect_ns);
+        Ok(changed)
+    }
+
+    /// A tip that holds a face: it may let go, or go through.
+    fn follow_hold(&mut self, needle: usize, free: Option<usize>) -> Result<bool, Status> {
+        let Tip::Holding { face, .. } = self.states[needle].tip else {
+            return Ok(false);
+        };
+        let found = self
+            .work
+            .points
+            .iter()
+            .find(|point| point.needle == needle && point.what == What::Holding);
+        let Some(point) = found else {
+            return Ok(false);
+        };
+        let push = -self.grasp.lambda()[point.first_row];
+        // A face that cannot give way holds nothing back.
+        let rigid = self.grasp.delta_m()[point.first_row] > 0.0
+            && self.work.system.compliance(self.work.rows.len())
+                [point.first_row * (self.work.rows.len() + 1)]
+                == 0.0;
+        let area = self.needles.parts[needle].needle.tip_area_m2();
+        let limit = self.needles.tissue(face.face.cell()).puncture_pa * area;
+        if push < 0.0 {
+            self.release(needle, What::Holding);
+            self.work.let_go[needle] = true;
+            let state = &mut self.states[needle];
+            state.log.clear();
+            state.tip = if face.enters {
+                Tip::Outside
+            } else {
+                Tip::Inside { cut: None }
+            };
+            return Ok(true);
+        }
+        let free = free == Some(needle);
+        if push > limit || free || (rigid && limit.is_finite()) {
+            self.puncture(needle, face, free)?;
+            return Ok(true);
+        }
+        Ok(false)
+    }
+
+    /// Crossings that have slid off the tip, and off the end.
+    fn withdraw(&mut self, needle: usize) -> bool {
+        let length = self.needles.parts[needle].needle.shape.length_m();
+        let mut changed = false;
+        while let Some(last) = self.states[needle].history.crossings().last().copied() {
+            if last.alpha <= length {
+                break;
+            }
+            let index = self.states[needle].holds.len() - 1;
+            self.release(needle, What::Crossing(index));
+            self.release(needle, What::Cut);
+            let state = &mut self.states[needle];
+            state.history.pop();
+            state.holds.truncate(index);
+            // What it held lay beyond this face.
+            state.log.clear();
+            state.tip = match state.history.tip_cell(&self.needles.mesh) {
+                Some(_) => Tip::Inside { cut: None },
+                None => Tip::Outside,
+            };
+            changed = true;
+        }
+        let crossings = self.states[needle].history.crossings();
+        let behind = crossings
+            .iter()
+            .take_while(|first| first.alpha < 0.0)
+            .count();
+        for index in 0..behind {
+            self.release(needle, What::Crossing(index));
+        }
+        if behind > 0 {
+            let state = &mut self.states[needle];
+            state.history.drop_behind(&self.needles.mesh, 0.0);
+            state.holds.drain(..behind);
+            changed = true;
+        }
+        if changed {
+            limits(self.needles, &mut self.states[needle], length);
+        }
+        changed
+    }
+
+    /// The tip goes on through the cells, or from outside to the boundary.
+    fn advance(&mut self, needle: usize) -> Result<bool, Status> {
+        let curve = self.needles.parts[needle]
+            .needle
+            .at(&self.states[needle].pose);
+        match self.states[needle].tip {
+            Tip::Holding { .. } => Ok(false),
+            Tip::Inside { .. } => self.advance_inside(needle, &curve),
+            Tip::Outside if self.work.let_go[needle] => Ok(false),
+            Tip::Outside => Ok(self.advance_outside(needle, &curve)),
+        }
+    }
+
+    fn advance_inside(&mut self, needle: usize, curve: &Curve) -> Result<bool, Status> {
+        let before = self.states[needle].holds.len();
+        let geometry = Geometry {
+            mesh: &self.needles.mesh,
+            hierarchy: &self.needles.hierarchy,
+            slack_m: 0.0,
+            at: |node| position(self.body, self.points_m, self.grasp, self.work, node),
+        };
+        let history = &mut self.states[needle].history;
+        let walked = walk(&geometry, curve, history, curve.length);
+        let stop = walked.stop;
+        let state = &mut self.states[needle];
+        state.tally.guessed += walked.guessed;
+        state.hold_new();
+        if state.holds.len() > before {
+            limits(self.needles, state, curve.length);
+        }
+        match stop {
+            Stop::Reached => Ok(false),
+            Stop::Full => Err(Status::TooManyRows),
+            Stop::Lost => {
+                state.tally.lost += 1;
+                Ok(false)
+            }
+            Stop::Boundary(_) if self.work.let_go[needle] => Ok(false),
+            Stop::Boundary(face) => {
+                self.take(needle, face);
+                Ok(true)
+            }
+        }
+    }
+
+    fn advance_outside(&mut self, needle: usize, curve: &Curve) -> bool {
+        let tip = curve.at(curve.length);
+        let back = curve.tangent_at(curve.length) * (BACK * curve.length);
+        let Some(path) = Curve::segment(&(self.work.tips[needle] - back), &tip) else {
+            return false;
+        };
+        let Some(hit) = self.first_face(&path) else {
+            return false;
+        };
+        self.take(needle, hit);
+        true
+    }
+
+    /// The first boundary face that a path from outside goes in through.
+    pub(super) fn first_face(&self, path: &Curve) -> Option<Crossing> {
+        let geometry = Geometry {
+            mesh: &self.needles.mesh,
+            hierarchy: &self.needles.hierarchy,
+            slack_m: self.slack_m(),
+            at: |node| position(self.body, self.points_m, self.grasp, self.work, node),
+        };
+        entry(&geometry, path, &self.work.no_history, 0.0, path.length).crossing
+    }
+
+    /// No node is farther than this from where the hierarchy has it.
+    fn slack_m(&self) -> f64 {
+        let NeedleWork { system, pushes, .. } = &*self.work;
+        system.slack_m(self.body, self.grasp, pushes, &self.needles.resting)
+    }
+
+    /// The tip comes to hold a boundary face; a free one goes on through it.
+    fn take(&mut self, needle: usize, face: Crossing) {
+        let state = &mut self.states[needle];
+        let id = state.new_id();
+        state.tip = Tip::Holding { face, id };
+        let pose = state.pose;
+        state.begin_log(pose);
+    }
+
+    /// The tip breaks through the face that it holds: the tissue snaps back, and the way since the first
+    /// contact is gone once more (3.2.3).
+    fn puncture(&mut self, needle: usize, face: Crossing, free: bool) -> Result<(), Status> {
+        self.release(needle, What::Holding);
+        let length = self.needles.parts[needle].needle.shape.length_m();
+        let state = &mut self.states[needle];
+        state.tally.punctures += 1;
+        state.tip = if face.enters {
+            Tip::Inside { cut: None }
+        } else {
+            Tip::Outside
+        };
+        // Without the tip's force; the face itself is not yet held either.
+        let mut solves = 0;
+        self.slide(&mut solves)?;
+        self.settle_releases();
+        let pose = self.states[needle].pose;
+        let curve = self.needles.parts[needle].needle.at(&pose);
+        let point = self.position_of(&anchor(&self.needles.mesh, &face));
+        let last = self.states[needle].history.crossings().last();
+        let least = last.map_or(f64::NEG_INFINITY, |crossing| crossing.alpha);
+        let alpha = curve
+            .project(&point, length)
+            .clamp(least.min(length), length);
+        let state = &mut self.states[needle];
+        if !state.history.push(Crossing { alpha, ..face }) {
+            return Err(Status::TooManyRows);
+        }
+        state.hold_new();
+        if self.needles.settings.playback == Playback::EveryPose && !free {
+            self.replay(needle)?;
+        } else {
+            self.play_back(needle, &face, &point, &curve)?;
+        }
+        limits(self.needles, &mut self.states[needle], length);
+        self.states[needle].log.clear();
+        Ok(())
+    }
+
+    /// The way since the tip touched, a balance at each of its poses.
+    fn replay(&mut self, needle: usize) -> Result<(), Status> {
+        let mut poses = [Isometry3::identity(); MAX_NEEDLES];
+        for (pose, state) in poses.iter_mut().zip(self.states.iter()) {
+            *pose = state.pose;
+        }
+        let last = poses[needle];
+        let logged = self.states[needle].log.len();
+        let played = PLAYED.min(logged.max(1));
+        for index in 1..=played {
+            poses[needle] = match self.states[needle].log.get(index * logged / played) {
+                Some(pose) if index < played => *pose,
+                _ => last,
+            };
+            let count = self.states.len();
+            self.balance(&poses[..count], Some(needle))?;
+        }
+        Ok(())
+    }
+
+    /// The tip's way since it touched, through the tissue as it is now.
+    fn play_back(
+        &mut self,
+        needle: usize,
+        face: &Crossing,
+        from: &Vector3<f64>,
+        curve: &Curve,
+    ) -> Result<(), Status> {
+        let part = &self.needles.parts[needle].needle;
+        let mut first = Some(*face);
+        let length = curve.length;
+        let logged = self.states[needle].log.len();
+        let mut here = *from;
+        let tip = curve.at(length);
+        let forward = curve.tangent_at(length);
+        for index in 1..=PLAYED.min(logged.max(1)) {
+            let played = PLAYED.min(logged.max(1));
+            let next = if index == played {
+                tip
+            } else {
+                let pose = &self.states[needle].log[(index * logged / played).min(logged - 1)];
+                let then = part.at(pose);
+                then.at(length)
+            };
+            // The tip cuts where it comes for the first time.
+            if (next - here).dot(&forward) <= 0.0 && index < played {
+                continue;
+            }
+            let Some(path) = Curve::segment(&here, &next) else {
+                continue;
+            };
+            let inside = self.states[needle].history.tip_cell(&self.needles.mesh);
+            if inside.is_none() {
+                // Out on the other side: what lies beyond is met like anything else.
+                break;
+            }
+            let mut walked = std::mem::take(&mut self.work.path);
+            match first.take() {
+                Some(face) => walked.restart(face.from(), Some(Crossing { alpha: 0.0, ..face })),
+                None => walked.restart(inside, None),
+            }
+            let known = walked.crossings().len();
+            let geometry = Geometry {
+                mesh: &self.needles.mesh,
+                hierarchy: &self.needles.hierarchy,
+                slack_m: 0.0,
+                at: |node| position(self.body, self.points_m, self.grasp, self.work, node),
+            };
+            let stop = walk(&geometry, &path, &mut walked, path.length).stop;
+            self.work.path = walked;
+            let out = match stop {
+                Stop::Boundary(face) => Some(face),
+                Stop::Full => return Err(Status::TooManyRows),
+                Stop::Lost => {
+                    self.states[needle].tally.lost += 1;
+                    None
+                }
+                Stop::Reached => None,
+            };
+            let found = self.work.path.crossings().len();
+            for index in known..found + usize::from(out.is_some()) {
+                let crossing = match out {
+                    Some(out) if index == found => out,
+                    _ => self.work.path.crossings()[index],
+                };
+                let point = self.position_of(&anchor(&self.needles.mesh, &crossing));
+                let state = &mut self.states[needle];
+                let least = state
+                    .history
+                    .crossings()
+                    .last()
+                    .map_or(0.0, |last| last.alpha);
+                let alpha = curve
+                    .project(&point, length)
+                    .clamp(least.min(length), length);
+                if !state.history.push(Crossing { alpha, ..crossing }) {
+                    return Err(Status::TooManyRows);
+                }
+                state.hold_new();
+            }
+            if out.is_some() {
+                self.states[needle].tip = Tip::Outside;
+                break;
+            }
+            here = next;
+        }
+        Ok(())
+    }
+
+    /// Needles that nobody holds move as far as their wrench takes them against [`DRAG`]: whether all
+    /// are at rest.
+    fn settle_loose(&mut self) -> bool {
+        let mut settled = true;
+        for needle in 0..self.states.len() {
+            if self.states[needle].grip.is_some() {
+                continue;
+            }
+            let Some((centre, drag)) = self.drag(needle) else {
+                continue;
+            };
+            let wrench = self.wrench_on(needle, &centre);
+            let step = Vector6::from_fn(|axis, _| wrench[axis] / drag[axis]);
+            let shift: Vector3<f64> = step.fixed_rows::<3>(0).into();
+            let turn: Vector3<f64> = step.fixed_rows::<3>(3).into();
+            let length = self.needles.parts[needle].needle.shape.length_m();
+            let state = &mut self.states[needle];
+            state.pose = about(&centre, &shift, &turn) * state.pose;
+            settled &= shift.norm() + turn.norm() * length <= 1e-9 * length;
+        }
+        // A needle at rest needs no second look in this balance; the others go on in the next one.
+        settled || self.states.iter().all(|state| state.grip.is_none())
+    }
+
+    /// Where a loose needle turns about, and its drag \[N/m, N m/rad\]; `None` if no row holds it.
+    fn drag(&self, needle: usize) -> Option<(Vector3<f64>, Vector6<f64>)> {
+        let n = self.work.rows.len();
+        let w = self.work.system.compliance(n);
+        let curve = self.needles.parts[needle]
+            .needle
+            .at(&self.states[needle].pose);
+        let (mut sum, mut count, mut centre) = (0.0, 0, Vector3::zeros());
+        for point in self.work.points.iter().filter(|at| at.needle == needle) {
+            sum += (0..3)
+                .map(|axis| w[(point.first_row + axis) * (n + 1)])
+                .sum::<f64>()
+                / 3.0;
+            centre += curve.at(point.alpha);
+            count += 1;
+        }
+        if count == 0 || sum <= 0.0 {
+            return None;
+        }
+        let push = DRAG * f64::from(count) * f64::from(count) / sum;
+        let turn = push * curve.length * curve.length / 12.0;
+        let drag = Vector6::new(push, push, push, turn, turn, turn);
+        Some((centre / f64::from(count), drag))
+    }
+
+    /// Lets loose needles give way in the compliance.
+    fn loosen(&mut self) {
+        for needle in 0..self.states.len() {
+            if self.states[needle].grip.is_some() {
+                continue;
+            }
+            let Some((centre, drag)) = self.drag(needle) else {
+                continue;
+            };
+            let n = self.work.rows.len();
+            let curve = self.needles.parts[needle]
+                .needle
+                .at(&self.states[needle].pose);
+            let NeedleWork {
+                system,
+                points,
+                rows,
+                ..
+            } = &mut *self.work;
+            let jacobian = |row: usize| {
+                let point = points[row / 3];
+                let along = Vector3::from(rows[row].direction);
+                let arm = curve.at(point.alpha) - centre;
+                let turn = arm.cross(&along);
+                Vector6::new(along.x, along.y, along.z, turn.x, turn.y, turn.z)
+            };
+            let w = system.compliance_mut(n);
+            for j in (0..n).filter(|row| points[row / 3].needle == needle) {
+                let given = jacobian(j).component_div(&drag);
+                for i in (0..n).filter(|row| points[row / 3].needle == needle) {
+                    w[n * j + i] += jacobian(i).dot(&given);
+                }
+            }
+        }
+    }
+
+    /// Wrench on a needle: force, then moment about `centre`.
+    pub(super) fn wrench_on(&self, needle: usize, centre: &Vector3<f64>) -> Vector6<f64> {
+        let mut wrench = Vector6::zeros();
+        for (index, point) in self.work.points.iter().enumerate() {
+            if point.needle != needle {
+                continue;
+            }
+            let force = -self.grasp.force_on(index);
+            let arm = self.position_of(&self.work.anchors[index]) - centre;
+            let moment = arm.cross(&force);
+            wrench += Vector6::new(force.x, force.y, force.z, moment.x, moment.y, moment.z);
+        }
+        wrench
+    }
+
+    /// Takes over what the balance found.
+    fn finish(&mut self) {
+        let lambda = self.grasp.lambda();
+        let (delta, modes) = (self.grasp.delta_m(), self.grasp.modes());
+        for point in &self.work.points {
+            let state = &mut self.states[point.needle];
+            let (force, slide) = (lambda[point.first_row], delta[point.first_row]);
+            let bound = modes[point.first_row] != Mode::Held;
+            match point.what {
+                What::Crossing(index) => {
+                    let Some(hold) = state.holds.get_mut(index) else {
+                        continue;
+                    };
+                    // What began to slide did so under the force at which it does.
+                    let before = if hold.slides { hold.axial_n } else { force };
+                    state.tally.friction_j -= 0.5 * (before + force) * slide;
+                    hold.slides = bound && hold.limit_n > 0.0;
+                    hold.axial_n = force;
+                }
+                What::Cut => {
+                    let Tip::Inside { cut: Some(cut) } = &mut state.tip else {
+                        continue;
+                    };
+                    let cuts = cut.pressed && bound && slide > 0.0;
+                    if cuts {
+                        let before = if cut.cuts { cut.axial_n } else { force };
+                        state.tally.cutting_j -= 0.5 * (before + force) * slide;
+                    }
+                    cut.cuts = cuts;
+                    cut.axial_n = force;
+                }
+                What::Holding => {}
+            }
+        }
+        for needle in 0..self.states.len() {
+            if matches!(self.states[needle].tip, Tip::Holding { .. }) {
+                self.states[needle].log_pose();
+            }
+            self.cut(needle);
+        }
+    }
+
+    /// Brings the end of the cut to where the tip is now, if it went further.
+    fn cut(&mut self, needle: usize) {
+        let Tip::Inside { cut } = self.states[needle].tip else {
+            return;
+        };
+        let Some(cell) = self.states[needle].history.tip_cell(&self.needles.mesh) else {
+            return;
+        };
+        let part = &self.needles.parts[needle].needle;
+        let limit_n = self.needles.tissue(cell).cutting_pa * part.tip_area_m2();
+        if limit_n == 0.0 {
+            self.states[needle].tip = Tip::Inside { cut: None };
+            return;
+        }
+        if cut.is_some_and(|cut| cut.cell == cell && !cut.cuts) {
+            return;
+        }
+        let curve = part.at(&self.states[needle].pose);
+        let Some(nodes) = self.needles.mesh.cells().get(cell as usize).copied() else {
+            return;
+        };
+        let corners = nodes.map(|node| self.position(node));
+        let weights = barycentric(&corners, &curve.at(curve.length));
+        self.states[needle].tip = Tip::Inside {
+            cut: Some(Cut {
+                at: AnchorPoint { nodes, weights },
+                cell,
+                limit_n,
+                pressed: true,
+                axial_n: cut.map_or(0.0, |cut| cut.axial_n),
+                cuts: cut.is_some_and(|cut| cut.cuts),
+            }),
+        };
+    }
+}
+
+/// Where an unloaded node is.
+fn place(points_m: &[[f64; 3]], node: u32) -> Vector3<f64> {
+    points_m
+        .get(node as usize)
+        .map_or_else(Vector3::zeros, |at| Vector3::from(*at))
+}
+
+/// Where a node is under the forces of the last solve.
+fn position(
+    body: &Body,
+    points_m: &[[f64; 3]],
+    grasp: &Grasp,
+    work: &NeedleWork,
+    node: u32,
+) -> Vector3<f64> {
+    place(points_m, node) + work.system.displacement(body, grasp, &work.pushes, node)
+}
+
+/// The tissue point of a crossing.
+pub(super) fn anchor(mesh: &HalfFaces, crossing: &Crossing) -> AnchorPoint {
+    let [a, b, c] = mesh.vertices(crossing.face);
+    let [x, y, z] = crossing.weights;
+    AnchorPoint {
+        nodes: [a, b, c, a],
+        weights: [x, y, z, 0.0],
+    }
+}
+
+/// Weights of a point in a cell, none below zero, with sum 1; all alike in a flat cell.
+fn barycentric(corners: &[Vector3<f64>; 4], at: &Vector3<f64>) -> [f64; 4] {
+    let [a, b, c, d] = corners;
+    let edges = Matrix3::from_columns(&[b - a, c - a, d - a]);
+    let Some(inverse) = edges.try_inverse() else {
+        return [0.25; 4];
+    };
+    let inner = inverse * (at - a);
+    let weights = [1.0 - inner.sum(), inner.x, inner.y, inner.z].map(|w| w.clamp(0.0, 1.0));
+    let sum: f64 = weights.iter().sum();
+    if sum > 0.0 && sum.is_finite() {
+        weights.map(|weight| weight / sum)
+    } else {
+        [0.25; 4]
+    }
+}
+
+/// A shift and a turn about a point.
+pub(super) fn about(
+    centre: &Vector3<f64>,
+    shift: &Vector3<f64>,
+    turn: &Vector3<f64>,
+) -> Isometry3<f64> {
+    let rotation = UnitQuaternion::from_scaled_axis(*turn);
+    let to = centre + shift - rotation * centre;
+    Isometry3::from_parts(Translation3::from(to), rotation)
+}
+
+/// Bounds of the axial forces: friction per length, half of the length between two crossings to each,
+/// and to the one next to the tip, or to the end, all of it.
+fn limits(needles: &Needles, state: &mut NeedleState, length: f64) {
+    let mesh = &needles.mesh;
+    let per_length = |tissue: &NeedleTissue, slides: bool, speed: f64| {
+        if slides {
+            tissue.friction_n_per_m + tissue.viscous_n_s_per_m2 * speed
+        } else {
+            tissue.static_friction_n_per_m.max(tissue.friction_n_per_m)
+                + tissue.viscous_n_s_per_m2 * speed
+        }
+    };
+    let speed = state.speed.abs();
+    let crossings = state.history.crossings();
+    let inside = matches!(state.tip, Tip::Inside { .. }) || {
+        matches!(state.tip, Tip::Holding { face, .. } if !face.enters)
+    };
+    let count = state.holds.len();
+    for index in 0..count {
+        let crossing = crossings[index];
+        let own = state.holds[index];
+        let share = |cell: Option<u32>, from: f64, to: f64, part: f64| match cell {
+            Some(cell) => {
+                part * (to - from).max(0.0) * per_length(needles.tissue(cell), own.slides, speed)
+            }
+            None => 0.0,
+        };
+        let behind = match index.checked_sub(1) {
+            Some(other) => share(crossing.from(), state.holds[other].alpha, own.alpha, 0.5),
+            None => share(crossing.from(), 0.0, own.alpha, 1.0),
+        };
+        let ahead = match state.holds.get(index + 1) {
+            Some(next) => share(crossing.to(mesh), own.alpha, next.alpha, 0.5),
+            None if inside => share(crossing.to(mesh), own.alpha, length, 1.0),
+            None => 0.0,
+        };
+        state.holds[index].limit_n = behind + ahead;
+    }
+}

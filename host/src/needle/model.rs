@@ -1,0 +1,245 @@
+//! What is constant about a scene's needles.
+//!
+//! Entry point: [`Needles::new`].
+
+use super::{Hierarchy, Needle, NeedleTissue};
+use crate::anchors::AnchorSettings;
+use crate::mesh::{HalfFaces, TetMesh};
+use nalgebra::{Isometry3, Vector3};
+use thiserror::Error;
+
+/// Most needles in one model.
+pub const MAX_NEEDLES: usize = 4;
+
+/// A needle of a model.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct NeedlePart {
+    /// Names it.
+    pub id: u8,
+    /// Its shape.
+    pub needle: Needle,
+    /// Where its frame is before the first step: outside the tissue.
+    pub start: Isometry3<f64>,
+}
+
+/// How a needle's way since the first contact is followed once its tip has broken through.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Playback {
+    /// The tip's path through the tissue as it is without the tip's force, and one solve at its end.
+    #[default]
+    OneSolve,
+    /// A solve at each of up to 16 poses.
+    EveryPose,
+}
+
+/// What needles may use.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct NeedleSettings {
+    /// What follows a puncture.
+    pub playback: Playback,
+    /// Steps that one solve serves while nothing happens but sticking and sliding, at least 1: in
+    /// between, wrenches follow the last tangent.
+    pub solve_every: u32,
+    /// Most faces that one needle can go through.
+    pub most_crossings: usize,
+    /// Vertices whose columns one step may compute before it waits.
+    pub vertices_per_step: usize,
+    /// Memory for columns \[bytes\].
+    pub memory_bytes: usize,
+}
+
+impl Default for NeedleSettings {
+    /// 48 crossings are ten tube walls.
+    fn default() -> Self {
+        Self {
+            playback: Playback::OneSolve,
+            solve_every: 1,
+            most_crossings: 48,
+            vertices_per_step: 16,
+            memory_bytes: 512 << 20,
+        }
+    }
+}
+
+/// Why needles cannot be used.
+#[derive(Clone, Debug, PartialEq, Error)]
+#[non_exhaustive]
+pub enum NeedleError {
+    /// A needle without a sound shape or pose.
+    #[error("needle {id}: {flaw}")]
+    Flaw {
+        /// Which needle.
+        id: u8,
+        /// What is wrong with it.
+        flaw: String,
+    },
+    /// One id for two needles.
+    #[error("two needles have the id {0}")]
+    SameNeedle(u8),
+    /// More needles than a step has room for.
+    #[error("{0} needles; at most {MAX_NEEDLES} are possible")]
+    TooMany(usize),
+    /// Properties for another number of cells.
+    #[error("needle properties for {given} cells; the mesh has {cells}")]
+    Cells {
+        /// How many there are.
+        given: usize,
+        /// How many there should be.
+        cells: usize,
+    },
+    /// A property that is below zero or not a number.
+    #[error("{what} is {value}; it must be zero or above{}", if *.what == "puncture_pa" { "" } else { " and finite" })]
+    Property {
+        /// Its name.
+        what: &'static str,
+        /// Its value.
+        value: f64,
+    },
+    /// A setting out of range.
+    #[error("`{what}` is {value}; it must be at least {least}")]
+    Setting {
+        /// Its name.
+        what: &'static str,
+        /// Its value.
+        value: usize,
+        /// The least possible.
+        least: usize,
+    },
+}
+
+/// Needles and how tissue answers them.
+#[derive(Debug)]
+pub(crate) struct Needles {
+    pub parts: Vec<NeedlePart>,
+    pub settings: NeedleSettings,
+    pub mesh: HalfFaces,
+    pub hierarchy: Hierarchy,
+    /// Displacement under the loads alone, where the hierarchy is \[m\], (n x 3).
+    pub resting: Vec<[f64; 3]>,
+    /// Kinds of tissue, and each cell's among them, (m).
+    kinds: Vec<NeedleTissue>,
+    kind_of_cell: Vec<u32>,
+    /// Longest piece of a needle's way between two solves \[m\].
+    pub piece_m: f64,
+}
+
+impl Needles {
+    /// For `mesh`, whose nodes rest at `resting_m`; `tissue` by cell.
+    pub fn new(
+        parts: &[NeedlePart],
+        tissue: &[NeedleTissue],
+        settings: NeedleSettings,
+        mesh: &TetMesh,
+        resting_m: &[[f64; 3]],
+    ) -> Result<Self, NeedleError> {
+        if parts.len() > MAX_NEEDLES {
+            return Err(NeedleError::TooMany(parts.len()));
+        }
+        for (index, part) in parts.iter().enumerate() {
+            let coords = part.start.to_homogeneous();
+            let flaw = part.needle.flaw().or_else(|| {
+                let finite = coords.iter().all(|x| x.is_finite());
+                (!finite).then(|| "its start is not finite".to_owned())
+            });
+            if let Some(flaw) = flaw {
+                let id = part.id;
+                return Err(NeedleError::Flaw { id, flaw });
+            }
+            if parts[..index].iter().any(|other| other.id == part.id) {
+                return Err(NeedleError::SameNeedle(part.id));
+            }
+        }
+        let (given, cells) = (tissue.len(), mesh.cells().len());
+        if given != cells {
+            return Err(NeedleError::Cells { given, cells });
+        }
+        for (what, value) in [
+            ("solve_every", settings.solve_every as usize),
+            ("most_crossings", settings.most_crossings),
+            ("vertices_per_step", settings.vertices_per_step),
+        ] {
+            let least = 1;
+            if value < least {
+                return Err(NeedleError::Setting { what, value, least });
+            }
+        }
+        let mut kinds: Vec<NeedleTissue> = Vec::new();
+        let mut kind_of_cell = Vec::with_capacity(cells);
+        for of_cell in tissue {
+            let known = kinds.iter().position(|kind| kind == of_cell);
+            if known.is_none() {
+                check(of_cell)?;
+                kinds.push(*of_cell);
+            }
+            kind_of_cell.push(known.unwrap_or(kinds.len() - 1) as u32);
+        }
+        let half_faces = mesh.half_faces().clone();
+        let hierarchy = Hierarchy::new(&half_faces, |node| {
+            resting_m
+                .get(node as usize)
+                .map_or_else(Vector3::zeros, |at| Vector3::from(*at))
+        });
+        Ok(Self {
+            parts: parts.to_vec(),
+            settings,
+            mesh: half_faces,
+            hierarchy,
+            resting: resting_m
+                .iter()
+                .zip(mesh.points_m())
+                .map(|(at, from)| [at[0] - from[0], at[1] - from[1], at[2] - from[2]])
+                .collect(),
+            kinds,
+            kind_of_cell,
+            piece_m: 0.25 * mesh.surface().mean_edge_m,
+        })
+    }
+
+    /// How a cell answers needles.
+    pub fn tissue(&self, cell: u32) -> &NeedleTissue {
+        const NONE: NeedleTissue = NeedleTissue {
+            friction_n_per_m: 0.0,
+            static_friction_n_per_m: 0.0,
+            viscous_n_s_per_m2: 0.0,
+            cutting_pa: 0.0,
+            puncture_pa: 0.0,
+        };
+        let kind = self.kind_of_cell.get(cell as usize);
+        kind.map_or(&NONE, |kind| &self.kinds[*kind as usize])
+    }
+
+    /// What rows of these needles need at most: at each crossing three, and at each tip.
+    pub fn anchor_settings(&self) -> AnchorSettings {
+        let most_anchors = self.parts.len() * (self.settings.most_crossings + 1);
+        AnchorSettings {
+            most_rows: 3 * most_anchors,
+            most_anchors,
+            vertices_per_step: self.settings.vertices_per_step,
+            memory_bytes: self.settings.memory_bytes,
+            ..AnchorSettings::default()
+        }
+    }
+}
+
+fn check(tissue: &NeedleTissue) -> Result<(), NeedleError> {
+    let NeedleTissue {
+        friction_n_per_m,
+        static_friction_n_per_m,
+        viscous_n_s_per_m2,
+        cutting_pa,
+        puncture_pa,
+    } = *tissue;
+    for (what, value) in [
+        ("friction_n_per_m", friction_n_per_m),
+        ("static_friction_n_per_m", static_friction_n_per_m),
+        ("viscous_n_s_per_m2", viscous_n_s_per_m2),
+        ("cutting_pa", cutting_pa),
+        ("puncture_pa", puncture_pa),
+    ] {
+        let endless = value.is_infinite() && what != "puncture_pa";
+        if value.is_nan() || value < 0.0 || endless {
+            return Err(NeedleError::Property { what, value });
+        }
+    }
+    Ok(())
+}

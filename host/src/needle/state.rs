@@ -1,0 +1,193 @@
+//! What evolves about needles: poses, grips, histories, tips.
+//!
+//! Entry points: [`NeedleState`], [`Tip`].
+
+use super::model::{NeedlePart, NeedleSettings};
+use super::{Crossing, History};
+use crate::anchors::AnchorPoint;
+use nalgebra::Isometry3;
+
+/// Poses that are kept while the tip holds a boundary face: more are thinned out.
+pub(super) const LOG: usize = 64;
+
+/// One needle.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct NeedleState {
+    pub pose: Isometry3<f64>,
+    pub grip: Option<Grip>,
+    pub history: History,
+    /// One for each crossing.
+    pub holds: Vec<Hold>,
+    pub tip: Tip,
+    /// Poses since the tip first touched the face that it holds.
+    pub log: Vec<Isometry3<f64>>,
+    /// Poses since the last one that was kept, and how many are let pass in between.
+    pub log_skipped: u32,
+    pub log_every: u32,
+    pub next_id: u32,
+    pub tally: Tally,
+    /// Speed of the uniform slide in this step \[m/s\].
+    pub speed: f64,
+}
+
+/// By which tool a needle is held, and how.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Grip {
+    pub tool: u8,
+    /// The needle's frame in the tool's.
+    pub needle: Isometry3<f64>,
+}
+
+/// What a crossing needs besides its place.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Hold {
+    /// Names its rows.
+    pub id: u32,
+    /// Where on the needle it sticks unless it slides \[m\].
+    pub alpha: f64,
+    /// Bound of the axial force \[N\].
+    pub limit_n: f64,
+    /// Axial multiplier at the last balance \[N\].
+    pub axial_n: f64,
+    /// Whether it slid at the last balance.
+    pub slides: bool,
+}
+
+/// Where a tip is.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) enum Tip {
+    /// Outside the tissue.
+    Outside,
+    /// On a boundary face, which it does not yet go through.
+    Holding {
+        /// The crossing that it will be.
+        face: Crossing,
+        id: u32,
+    },
+    /// In a cell.
+    Inside {
+        /// How far the tissue is cut, if that takes force.
+        cut: Option<Cut>,
+    },
+}
+
+/// The end of a cut.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Cut {
+    pub at: AnchorPoint,
+    pub cell: u32,
+    /// Force that cuts on \[N\].
+    pub limit_n: f64,
+    /// Whether the tip pushes against it.
+    pub pressed: bool,
+    /// Axial multiplier at the last balance \[N\].
+    pub axial_n: f64,
+    /// Whether it was cut at the last balance.
+    pub cuts: bool,
+}
+
+/// What happened so far.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(crate) struct Tally {
+    pub punctures: u32,
+    pub friction_j: f64,
+    pub cutting_j: f64,
+    pub release_j: f64,
+    /// Crossings found by the direction alone.
+    pub guessed: u32,
+    /// Times that the tip found no way on.
+    pub lost: u32,
+}
+
+impl NeedleState {
+    pub fn new(part: &NeedlePart, settings: &NeedleSettings) -> Self {
+        Self {
+            pose: part.start,
+            grip: None,
+            history: History::new(settings.most_crossings),
+            holds: Vec::with_capacity(settings.most_crossings),
+            tip: Tip::Outside,
+            log: Vec::with_capacity(LOG),
+            log_skipped: 0,
+            log_every: 0,
+            next_id: 0,
+            tally: Tally::default(),
+            speed: 0.0,
+        }
+    }
+
+    /// As a copy of `other`, without new memory.
+    pub fn copy_from(&mut self, other: &Self) {
+        let Self {
+            pose,
+            grip,
+            history,
+            holds,
+            tip,
+            log,
+            log_skipped,
+            log_every,
+            next_id,
+            tally,
+            speed,
+        } = self;
+        *pose = other.pose;
+        *grip = other.grip;
+        history.clone_from(&other.history);
+        holds.clone_from(&other.holds);
+        *tip = other.tip;
+        log.clone_from(&other.log);
+        *log_skipped = other.log_skipped;
+        *log_every = other.log_every;
+        *next_id = other.next_id;
+        *tally = other.tally;
+        *speed = other.speed;
+    }
+
+    /// A number that no row of this needle had before.
+    pub fn new_id(&mut self) -> u32 {
+        self.next_id = self.next_id.wrapping_add(1);
+        self.next_id
+    }
+
+    /// Gives crossings that have just come their [`Hold`].
+    pub fn hold_new(&mut self) {
+        while let Some(crossing) = self.history.crossings().get(self.holds.len()) {
+            let alpha = crossing.alpha;
+            let id = self.new_id();
+            self.holds.push(Hold {
+                id,
+                alpha,
+                limit_n: 0.0,
+                axial_n: 0.0,
+                slides: false,
+            });
+        }
+    }
+
+    /// Begins to log poses, from where the tip touched.
+    pub fn begin_log(&mut self, first: Isometry3<f64>) {
+        self.log.clear();
+        self.log_skipped = 0;
+        self.log_every = 0;
+        self.log.push(first);
+    }
+
+    /// Logs the present pose; once there is no room, every other pose goes.
+    pub fn log_pose(&mut self) {
+        if self.log_skipped < self.log_every {
+            self.log_skipped += 1;
+            return;
+        }
+        self.log_skipped = 0;
+        if self.log.len() == LOG {
+            let mut index = 0;
+            self.log.retain(|_| {
+                index += 1;
+                index % 2 == 1
+            });
+            self.log_every = 2 * self.log_every + 1;
+        }
+        self.log.push(self.pose);
+    }
+}

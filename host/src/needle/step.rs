@@ -1,0 +1,517 @@
+//! One step of a scene with needles, and what it reports of them.
+//!
+//! Entry point: [`step`]. A tool's way is followed in pieces, a balance at the end of each; then
+//! every tool gets its wrench and tangent, every needle its report.
+
+use super::drive::{Drive, NeedleWork, about};
+use super::model::{MAX_NEEDLES, Needles};
+use super::state::{Grip, NeedleState, Tip};
+use super::tangent::{TangentWork, slide_twist};
+use super::{Curve, NeedlePart};
+use crate::anchors::{Grasp, System};
+use crate::body::Motion;
+use crate::clock::Clock;
+use crate::model::Model;
+use crate::step::{Status, StepReport};
+use crate::tool::{MAX_TOOLS, ToolSample};
+use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3};
+
+/// Pieces that one step follows.
+const MAX_PIECES: u32 = 32;
+/// Largest turn of a piece \[rad\]: the tip's path is taken as straight within one.
+const MOST_TURN: f64 = 0.1;
+/// As far ahead of a tip outside the next boundary is looked for \[m\].
+const LOOK_M: f64 = 0.02;
+
+/// Where a needle's tip is.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum TipPlace {
+    /// Outside the tissue.
+    #[default]
+    Outside,
+    /// It holds a boundary face, from either side.
+    Holding,
+    /// Inside.
+    Inside,
+}
+
+/// What a step found about one needle.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct NeedleReport {
+    /// Which needle.
+    pub id: u8,
+    /// The tool that holds it.
+    pub held_by: Option<u8>,
+    /// Where its tip is.
+    pub tip: TipPlace,
+    /// Faces that it goes through.
+    pub crossings: u32,
+    /// Boundary faces that it has broken through so far.
+    pub punctures: u32,
+    /// Whether all that rubs slides.
+    pub slides: bool,
+    /// Wrench of the tissue on it, along its slide \[N\]: below zero against driving.
+    pub axial_n: f64,
+    /// Largest axial force of friction and cutting, forward and backward \[N\].
+    pub limit_n: [f64; 2],
+    /// Axial force of the tip on the face that it holds \[N\].
+    pub hold_n: f64,
+    /// Axial force that breaks through it \[N\]; infinite for never, 0 when it holds none.
+    pub puncture_n: f64,
+    /// Stiffness against its slide \[N/m\]: if all stuck, and as it is.
+    pub stiffness_n_per_m: [f64; 2],
+    /// Its slide as a twist of the grip per metre: linear, then angular \[1/m\].
+    pub slide: [f64; 6],
+    /// Spent so far \[J\]: by friction, cutting, and forces let go.
+    pub dissipated_j: [f64; 3],
+    /// Times so far that the way through the cells was guessed by its direction, or lost.
+    pub guessed: u32,
+}
+
+/// What evolves about the needles of a scene.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct NeedlesState {
+    pub grasp: Grasp,
+    pub each: Vec<NeedleState>,
+    time_us: u64,
+}
+
+/// Scratch.
+pub(crate) struct NeedlesWork {
+    pub drive: NeedleWork,
+    tangent: TangentWork,
+    ahead: Vec<u32>,
+}
+
+impl NeedlesState {
+    pub fn new(needles: &Needles, motion: Motion) -> Self {
+        let settings = needles.anchor_settings();
+        Self {
+            grasp: Grasp::new(motion, &settings),
+            each: needles
+                .parts
+                .iter()
+                .map(|part| NeedleState::new(part, &needles.settings))
+                .collect(),
+            time_us: 0,
+        }
+    }
+}
+
+impl NeedlesWork {
+    pub fn new(model: &Model, needles: &Needles) -> Self {
+        let settings = needles.anchor_settings();
+        let state = NeedlesState::new(needles, model.motion.clone());
+        let system = System::everywhere(&model.body, &model.motion, settings);
+        Self {
+            drive: NeedleWork::new(needles, system, &state.each, &state.grasp),
+            tangent: TangentWork::new(settings.most_rows),
+            ahead: Vec::with_capacity(64),
+        }
+    }
+}
+
+impl NeedlesWork {
+    /// Computes the columns of all nodes whose resting position \[m\] satisfies `near`; how many are there.
+    pub fn prepare(&mut self, model: &Model, near: impl Fn([f64; 3]) -> bool) -> usize {
+        let nodes: Vec<u32> = (0u32..)
+            .zip(&model.resting_m)
+            .filter(|(_, at)| near(**at))
+            .map(|(node, _)| node)
+            .collect();
+        self.drive
+            .system
+            .prepare(&model.body, &model.motion, &nodes)
+    }
+}
+
+/// Follows the tools with the needles that they hold. `samples` have been looked at: known, finite, once each.
+pub(crate) fn step(
+    model: &Model,
+    needles: &Needles,
+    state: &mut NeedlesState,
+    samples: &[ToolSample],
+    work: &mut NeedlesWork,
+    report: &mut StepReport,
+    clock: &mut Clock,
+) -> Status {
+    work.drive.system.begin_step();
+    let count = state.each.len();
+    let mut targets = [Isometry3::identity(); MAX_NEEDLES];
+    for (target, each) in targets.iter_mut().zip(&mut state.each) {
+        *target = each.pose;
+        let held_by = each.grip.and_then(|grip| {
+            let sample = samples.iter().find(|sample| sample.id == grip.tool);
+            sample.and_then(|sample| Some(pose_of(sample)? * grip.needle))
+        });
+        if let Some(pose) = held_by {
+            *target = pose;
+        }
+    }
+    let time_us = samples.iter().map(|sample| sample.console_time_us).max();
+    let passed_s = time_us.map_or(0.0, |now| 1e-6 * now.saturating_sub(state.time_us) as f64);
+    for ((each, target), part) in state.each.iter_mut().zip(&targets).zip(&needles.parts) {
+        let (from, to) = (part.needle.at(&each.pose), part.needle.at(target));
+        let middle = 0.5 * from.length;
+        let slide = from.project(&to.at(middle), middle) - middle;
+        each.speed = if passed_s > 0.0 {
+            slide / passed_s
+        } else {
+            0.0
+        };
+    }
+    let status = loop {
+        let body = &model.body;
+        if let Some(balance) = work.drive.system.look(body, &mut state.grasp) {
+            report.imbalance = balance.imbalance;
+            report.tangent_error = body.tangent_error(&balance);
+            if report.passes > 0 && balance.imbalance <= model.passes.tolerance {
+                break Status::Ok;
+            }
+        }
+        let linearised = work.drive.system.linearise(body, &mut state.grasp);
+        clock.lap(&mut report.stages.tissue_ns);
+        if let Some(linearised) = linearised {
+            if !linearised.sound {
+                break Status::NotConverged;
+            }
+            if linearised.refactored {
+                report.refactorisations += 1;
+                report.tangent_error = 0.0;
+            }
+        }
+        let status = follow(
+            model,
+            needles,
+            state,
+            &targets[..count],
+            work,
+            report,
+            clock,
+        );
+        if !matches!(status, Status::Ok | Status::Behind) || body.is_linear() {
+            break status;
+        }
+        work.drive.system.accept(body, &mut state.grasp);
+        clock.lap(&mut report.stages.tissue_ns);
+        report.passes += 1;
+        if report.passes >= model.passes.most {
+            report.tangent_error += body.tangent_error_of_pass(state.grasp.motion());
+        }
+        if status == Status::Behind || report.passes >= model.passes.most {
+            break status;
+        }
+    };
+    if let Some(now) = time_us.filter(|_| matches!(status, Status::Ok | Status::Behind)) {
+        state.time_us = now;
+    }
+    report.rows = work.drive.rows.len() as u32;
+    if status == Status::Ok {
+        reduce(model, needles, state, samples, work, report, clock);
+    }
+    status
+}
+
+/// Takes the needles to their targets in pieces.
+fn follow(
+    model: &Model,
+    needles: &Needles,
+    state: &mut NeedlesState,
+    targets: &[Isometry3<f64>],
+    work: &mut NeedlesWork,
+    report: &mut StepReport,
+    clock: &mut Clock,
+) -> Status {
+    loop {
+        let mut part = 1.0f64;
+        for ((each, target), own) in state.each.iter().zip(targets).zip(&needles.parts) {
+            part = part.min(piece(needles, each, target, own));
+        }
+        if !part.is_finite() {
+            return Status::NotFinite;
+        }
+        let mut poses = [Isometry3::identity(); MAX_NEEDLES];
+        for ((pose, each), target) in poses.iter_mut().zip(&state.each).zip(targets) {
+            *pose = towards(&each.pose, target, part);
+        }
+        report.substeps += 1;
+        let count = state.each.len();
+        let mut drive = Drive {
+            body: &model.body,
+            needles,
+            points_m: model.points_m(),
+            states: &mut state.each,
+            grasp: &mut state.grasp,
+            work: &mut work.drive,
+            report,
+            clock,
+        };
+        if let Err(status) = drive.to(&poses[..count]) {
+            return status;
+        }
+        if part >= 1.0 {
+            return Status::Ok;
+        }
+        if report.substeps >= MAX_PIECES {
+            return Status::Behind;
+        }
+    }
+}
+
+/// Which part of its way a needle may go at once.
+fn piece(needles: &Needles, each: &NeedleState, target: &Isometry3<f64>, own: &NeedlePart) -> f64 {
+    let (from, to) = (own.needle.at(&each.pose), own.needle.at(target));
+    let touches = !each.holds.is_empty() || each.tip != Tip::Outside;
+    let turn = (target.rotation * each.pose.rotation.inverse()).angle();
+    let mut part = MOST_TURN / turn;
+    if touches {
+        let way = [0.0, 0.5, 1.0]
+            .map(|share| (to.at(share * to.length) - from.at(share * from.length)).norm());
+        part = part.min(needles.piece_m / way.into_iter().fold(0.0, f64::max));
+    }
+    // A way without end is none.
+    if part.is_nan() {
+        f64::NAN
+    } else {
+        part.min(1.0)
+    }
+}
+
+/// A part of the way: straight for the origin of the frame, about one axis; all of it is exactly `to`.
+fn towards(from: &Isometry3<f64>, to: &Isometry3<f64>, part: f64) -> Isometry3<f64> {
+    if part >= 1.0 {
+        return *to;
+    }
+    let shift = (to.translation.vector - from.translation.vector) * part;
+    let turn = (to.rotation * from.rotation.inverse()).scaled_axis() * part;
+    about(&from.translation.vector, &shift, &turn) * from
+}
+
+/// The pose of a sample's grip; `None` for a quaternion without length.
+pub(crate) fn pose_of(sample: &ToolSample) -> Option<Isometry3<f64>> {
+    let [x, y, z, w] = sample.orientation;
+    let rotation = UnitQuaternion::try_new(Quaternion::new(w, x, y, z), 1e-6)?;
+    Some(Isometry3::from_parts(
+        Translation3::from(sample.position_m),
+        rotation,
+    ))
+}
+
+/// A tool at `pose` takes a needle where that is.
+pub(crate) fn grip(tool: u8, pose: &Isometry3<f64>, needle: &Isometry3<f64>) -> Grip {
+    Grip {
+        tool,
+        needle: pose.inverse() * needle,
+    }
+}
+
+/// Wrenches and tangents of tools, reports of needles, columns that will soon be needed.
+fn reduce(
+    model: &Model,
+    needles: &Needles,
+    state: &mut NeedlesState,
+    samples: &[ToolSample],
+    work: &mut NeedlesWork,
+    report: &mut StepReport,
+    clock: &mut Clock,
+) {
+    let NeedlesState { grasp, each, .. } = state;
+    let NeedlesWork {
+        drive: scratch,
+        tangent,
+        ahead,
+    } = work;
+    let mut stages_report = *report;
+    let drive = Drive {
+        body: &model.body,
+        needles,
+        points_m: model.points_m(),
+        states: each,
+        grasp,
+        work: scratch,
+        report: &mut stages_report,
+        clock,
+    };
+    ahead.clear();
+    tangent.factor(needles, drive.states, drive.grasp, drive.work);
+    let in_tissue = |index: usize| drive.position_of(&drive.work.anchors[index]);
+    let mut grips = [None; MAX_TOOLS];
+    for ((contact, sample), grip_at) in report
+        .contacts_mut(samples.len())
+        .iter_mut()
+        .zip(samples)
+        .zip(&mut grips)
+    {
+        contact.id = sample.id;
+        let grip = Vector3::from(sample.position_m);
+        *grip_at = Some((sample.id, grip));
+        let holds = |needle: usize| {
+            let by: Option<Grip> = drive.states[needle].grip;
+            by.is_some_and(|by| by.tool == sample.id)
+        };
+        let mut wrench = nalgebra::Vector6::zeros();
+        let (mut gap_m, mut normal) = (f64::MAX, Vector3::z());
+        for needle in (0..drive.states.len()).filter(|needle| holds(*needle)) {
+            wrench += drive.wrench_on(needle, &grip);
+            let own = drive
+                .work
+                .points
+                .iter()
+                .filter(|point| point.needle == needle);
+            let rows = 3 * own.count() as u32;
+            contact.rows += rows;
+            let curve = needles.parts[needle].needle.at(&drive.states[needle].pose);
+            let forward = curve.tangent_at(curve.length);
+            if rows > 0 {
+                gap_m = 0.0;
+            }
+            if drive.states[needle].tip == Tip::Outside {
+                let tip = curve.at(curve.length);
+                let path = Curve::segment(&tip, &(tip + forward * LOOK_M));
+                if let Some(face) = path.and_then(|path| drive.first_face(&path)) {
+                    gap_m = gap_m.min(face.alpha);
+                    if let Some(nodes) = needles.mesh.cells().get(face.face.cell() as usize) {
+                        ahead.extend(nodes);
+                    }
+                }
+            }
+            normal = -forward;
+        }
+        contact.gap_m = gap_m;
+        let force: Vector3<f64> = wrench.fixed_rows::<3>(0).into();
+        contact.normal = force.try_normalize(1e-12).unwrap_or(normal).into();
+        contact.wrench = wrench.into();
+        let derivative = tangent.differentiate(
+            needles,
+            drive.states,
+            drive.grasp,
+            drive.work,
+            &in_tissue,
+            &grip,
+            holds,
+        );
+        contact.tangent = derivative.transpose().into();
+    }
+    let lambda = drive.grasp.lambda();
+    let n = drive.work.rows.len();
+    let w = drive.work.system.compliance(n);
+    let mut stored = 0.0;
+    for (i, lambda_i) in lambda.iter().enumerate() {
+        for (j, lambda_j) in lambda.iter().enumerate() {
+            stored += 0.5 * lambda_i * lambda_j * w[n * i + j];
+        }
+    }
+    for (needle, out) in report
+        .needles_mut(drive.states.len())
+        .iter_mut()
+        .enumerate()
+    {
+        let each = &drive.states[needle];
+        let part = &needles.parts[needle];
+        let curve = part.needle.at(&each.pose);
+        let at_grip = each.grip.and_then(|by| {
+            let found = grips.iter().flatten().find(|(id, _)| *id == by.tool);
+            found.map(|(_, at)| *at)
+        });
+        let at_grip = at_grip.unwrap_or(curve.start);
+        let twist = slide_twist(&curve, &at_grip);
+        let rubbing: f64 = each.holds.iter().map(|hold| hold.limit_n).sum();
+        let cutting = match each.tip {
+            Tip::Inside { cut: Some(cut) } => cut.limit_n,
+            _ => 0.0,
+        };
+        let holding = drive
+            .work
+            .points
+            .iter()
+            .find(|point| point.needle == needle && point.what == super::drive::What::Holding);
+        let (hold_n, puncture_n) = match (each.tip, holding) {
+            (Tip::Holding { face, .. }, Some(point)) => (
+                -lambda[point.first_row],
+                needles.tissue(face.face.cell()).puncture_pa * part.needle.tip_area_m2(),
+            ),
+            _ => (0.0, 0.0),
+        };
+        *out = NeedleReport {
+            id: part.id,
+            held_by: each.grip.map(|by| by.tool),
+            tip: match each.tip {
+                Tip::Outside => TipPlace::Outside,
+                Tip::Holding { .. } => TipPlace::Holding,
+                Tip::Inside { .. } => TipPlace::Inside,
+            },
+            crossings: each.holds.len() as u32,
+            punctures: each.tally.punctures,
+            slides: !each.holds.is_empty()
+                && each
+                    .holds
+                    .iter()
+                    .all(|hold| hold.slides || hold.limit_n == 0.0),
+            axial_n: drive.wrench_on(needle, &at_grip).dot(&twist),
+            limit_n: [rubbing + cutting, rubbing],
+            hold_n,
+            puncture_n,
+            stiffness_n_per_m: [0.0; 2],
+            slide: twist.into(),
+            dissipated_j: [
+                each.tally.friction_j,
+                each.tally.cutting_j,
+                each.tally.release_j,
+            ],
+            guessed: each.tally.guessed + each.tally.lost,
+        };
+        // Cells around the tip are next.
+        if let Some(cell) = each.history.tip_cell(&needles.mesh) {
+            let near = needles.mesh.adjacent_cells(cell).into_iter().flatten();
+            for cell in std::iter::once(cell).chain(near) {
+                ahead.extend(
+                    needles
+                        .mesh
+                        .cells()
+                        .get(cell as usize)
+                        .into_iter()
+                        .flatten(),
+                );
+            }
+        }
+        let derivative = tangent.differentiate(
+            needles,
+            drive.states,
+            drive.grasp,
+            drive.work,
+            &in_tissue,
+            &at_grip,
+            |other| other == needle,
+        );
+        out.stiffness_n_per_m[1] = -twist.dot(&(derivative * twist));
+    }
+    for (needle, out) in report
+        .needles_mut(drive.states.len())
+        .iter_mut()
+        .enumerate()
+    {
+        out.stiffness_n_per_m[0] = tangent.sticking(drive.work, needle);
+    }
+    let potential_j = model
+        .body
+        .potential_j(drive.grasp.motion(), drive.work.system.body_work());
+    report.stored_energy_j = potential_j.map_or(stored, |potential_j| {
+        potential_j - model.resting_potential_j
+    });
+    clock.lap(&mut report.stages.reduce_ns);
+    if model.body.is_linear() {
+        let most = needles.settings.vertices_per_step;
+        let left = most
+            .saturating_sub(report.columns_computed as usize / 3)
+            .min(PREFETCHED);
+        let computed =
+            work.drive
+                .system
+                .compute_ahead(&model.body, &state.grasp, &work.ahead, left);
+        report.columns_computed += 3 * computed;
+        clock.lap(&mut report.stages.columns_ns);
+    }
+}
+
+/// Vertices whose columns a step computes ahead of need.
+const PREFETCHED: usize = 2;

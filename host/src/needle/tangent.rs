@@ -1,0 +1,253 @@
+//! How the wrench of the needles that a tool holds follows the tool, slides included.
+//!
+//! Entry points: [`TangentWork::factor`], then [`TangentWork::differentiate`] for each tool. With f the
+//! force on the tissue at a point of a needle, x where that is, s the needle's point and (t, n, b) its
+//! frame there: what sticks has `ds = dx`. What slides has `ds + t dalpha = dx` and keeps `f.t`, which
+//! turns with the pose and, on an arc of curvature kappa, with alpha. Unknown is `df = -(t n b) dLambda`,
+//! and `dx = W df`; dalpha is eliminated.
+
+use super::drive::{NeedleWork, Point, What};
+use super::model::Needles;
+use super::state::{NeedleState, Tip};
+use crate::anchors::Grasp;
+use crate::dense::Lu;
+use crate::rows::Mode;
+use nalgebra::{Matrix6, Vector3, Vector6};
+
+/// Scratch for so many rows.
+pub(super) struct TangentWork {
+    lu: Lu,
+    matrix: Vec<f64>,
+    /// Right-hand sides, then dLambda, (n x 6).
+    change: Vec<f64>,
+}
+
+/// One point of a needle and its force.
+struct Held {
+    row: usize,
+    frame: [Vector3<f64>; 3],
+    /// s(alpha).
+    on_needle: Vector3<f64>,
+    /// x.
+    in_tissue: Vector3<f64>,
+    force: Vector3<f64>,
+    curvature: f64,
+    law: Law,
+}
+
+#[derive(Clone, Copy, PartialEq)]
+enum Law {
+    Sticks,
+    Slides,
+    /// The end of a cut, which only holds along the needle.
+    Cut {
+        sticks: bool,
+    },
+}
+
+impl TangentWork {
+    pub fn new(most_rows: usize) -> Self {
+        Self {
+            lu: Lu::new(most_rows),
+            matrix: vec![0.0; most_rows * most_rows],
+            change: vec![0.0; 6 * most_rows],
+        }
+    }
+
+    /// Factors the derivative of the balance in `work`.
+    pub fn factor(
+        &mut self,
+        needles: &Needles,
+        states: &[NeedleState],
+        grasp: &Grasp,
+        work: &NeedleWork,
+    ) {
+        let n = work.rows.len();
+        let w = work.system.compliance(n);
+        let matrix = &mut self.matrix[..n * n];
+        matrix.copy_from_slice(w);
+        for (index, point) in work.points.iter().enumerate() {
+            let held = held(needles, states, grasp, index, point, Vector3::zeros());
+            let mut replace = |row: usize, scale: f64| {
+                for column in 0..n {
+                    let entry = scale * w[n * column + row];
+                    matrix[n * column + row] = f64::from(u8::from(column == row)) - entry;
+                }
+            };
+            match held.law {
+                Law::Sticks => {}
+                Law::Slides => {
+                    let inward = -held.force.dot(&held.frame[1]);
+                    replace(held.row, held.curvature * inward);
+                }
+                Law::Cut { sticks } => {
+                    for axis in usize::from(sticks)..3 {
+                        replace(held.row + axis, 0.0);
+                    }
+                }
+            }
+        }
+        self.lu.factor(matrix, n);
+    }
+
+    /// d wrench / d pose of the needles for which `moves`, for left increments about `grip`, (6 x 6).
+    #[expect(clippy::too_many_arguments, reason = "they are the balance")]
+    pub fn differentiate(
+        &mut self,
+        needles: &Needles,
+        states: &[NeedleState],
+        grasp: &Grasp,
+        work: &NeedleWork,
+        position: &impl Fn(usize) -> Vector3<f64>,
+        grip: &Vector3<f64>,
+        moves: impl Fn(usize) -> bool,
+    ) -> Matrix6<f64> {
+        let n = work.rows.len();
+        let w = work.system.compliance(n);
+        let points = || {
+            work.points
+                .iter()
+                .enumerate()
+                .filter(|(_, point)| moves(point.needle))
+        };
+        let change = &mut self.change[..6 * n];
+        change.fill(0.0);
+        for (index, point) in points() {
+            let held = held(needles, states, grasp, index, point, position(index));
+            for pose in 0..6 {
+                let (shift, turn) = unit(pose);
+                let moved = shift + turn.cross(&(held.on_needle - grip));
+                let turned = |axis: usize| turn.dot(&held.frame[axis].cross(&held.force));
+                for axis in 0..3 {
+                    let along = held.frame[axis];
+                    change[n * pose + held.row + axis] = match held.law {
+                        Law::Slides if axis == 0 => {
+                            let inward = -held.force.dot(&held.frame[1]);
+                            turned(0) + held.curvature * inward * along.dot(&moved)
+                        }
+                        Law::Sticks | Law::Slides => -along.dot(&moved),
+                        Law::Cut { sticks: true } if axis == 0 => {
+                            let off = held.on_needle - held.in_tissue;
+                            -along.dot(&moved) - turn.dot(&along.cross(&off))
+                        }
+                        Law::Cut { .. } => turned(axis),
+                    };
+                }
+            }
+        }
+        self.lu.solve(&self.matrix[..n * n], n, change, 6);
+        let mut tangent = Matrix6::zeros();
+        for (index, point) in points() {
+            let held = held(needles, states, grasp, index, point, position(index));
+            let arm = held.in_tissue - grip;
+            for pose in 0..6 {
+                let (shift, _) = unit(pose);
+                let own = &change[n * pose..n * (pose + 1)];
+                let (mut force, mut moved) = (Vector3::zeros(), Vector3::zeros());
+                for axis in 0..3 {
+                    let row = held.row + axis;
+                    force += held.frame[axis] * own[row];
+                    let column = &w[n * row..n * (row + 1)];
+                    let along: f64 = column.iter().zip(own).map(|(w, own)| w * own).sum();
+                    moved -= held.frame[axis] * along;
+                }
+                let moment = arm.cross(&force) - (moved - shift).cross(&held.force);
+                for axis in 0..3 {
+                    tangent[(axis, pose)] += force[axis];
+                    tangent[(3 + axis, pose)] += moment[axis];
+                }
+            }
+        }
+        tangent
+    }
+
+    /// Stiffness against the uniform slide of a needle if nothing slid \[N/m\].
+    pub fn sticking(&mut self, work: &NeedleWork, needle: usize) -> f64 {
+        let n = work.rows.len();
+        self.matrix[..n * n].copy_from_slice(work.system.compliance(n));
+        let rhs = &mut self.change[..n];
+        rhs.fill(0.0);
+        let mut any = false;
+        for point in work.points.iter().filter(|point| point.needle == needle) {
+            rhs[point.first_row] = 1.0;
+            any = true;
+            if point.what == What::Cut {
+                for axis in 1..3 {
+                    free(&mut self.matrix, n, point.first_row + axis);
+                }
+            }
+        }
+        if !any {
+            return 0.0;
+        }
+        self.lu.factor(&mut self.matrix[..n * n], n);
+        self.lu.solve(&self.matrix[..n * n], n, rhs, 1);
+        let along = work.points.iter().filter(|point| point.needle == needle);
+        along.map(|point| self.change[point.first_row]).sum()
+    }
+}
+
+/// Leaves a row without force.
+fn free(matrix: &mut [f64], n: usize, row: usize) {
+    for other in 0..n {
+        matrix[n * row + other] = 0.0;
+        matrix[n * other + row] = 0.0;
+    }
+    matrix[n * row + row] = 1.0;
+}
+
+fn unit(pose: usize) -> (Vector3<f64>, Vector3<f64>) {
+    let along = |axis: usize| Vector3::ith(axis, 1.0);
+    if pose < 3 {
+        (along(pose), Vector3::zeros())
+    } else {
+        (Vector3::zeros(), along(pose - 3))
+    }
+}
+
+fn held(
+    needles: &Needles,
+    states: &[NeedleState],
+    grasp: &Grasp,
+    index: usize,
+    point: &Point,
+    in_tissue: Vector3<f64>,
+) -> Held {
+    let state = &states[point.needle];
+    let curve = needles.parts[point.needle].needle.at(&state.pose);
+    let bound = grasp.modes()[point.first_row] != Mode::Held;
+    let law = match (point.what, state.tip) {
+        (What::Holding, _) => Law::Sticks,
+        (What::Crossing(place), _) => {
+            let frictionless = state
+                .holds
+                .get(place)
+                .is_none_or(|hold| hold.limit_n == 0.0);
+            if bound || frictionless {
+                Law::Slides
+            } else {
+                Law::Sticks
+            }
+        }
+        (What::Cut, Tip::Inside { cut: Some(cut) }) => Law::Cut {
+            sticks: cut.pressed && !bound,
+        },
+        (What::Cut, _) => Law::Cut { sticks: false },
+    };
+    Held {
+        row: point.first_row,
+        frame: curve.frame_at(point.alpha),
+        on_needle: curve.at(point.alpha),
+        in_tissue,
+        force: grasp.force_on(index),
+        curvature: curve.curvature,
+        law,
+    }
+}
+
+/// The uniform slide of a needle as a twist of its grip per metre: linear, then angular.
+pub(super) fn slide_twist(curve: &super::Curve, grip: &Vector3<f64>) -> Vector6<f64> {
+    let turn = curve.binormal() * curve.curvature;
+    let shift = curve.tangent + turn.cross(&(grip - curve.start));
+    Vector6::new(shift.x, shift.y, shift.z, turn.x, turn.y, turn.z)
+}

@@ -1,0 +1,4 @@
+//! Needles driven through tissue: forces, energy, derivatives, extremes.
+
+mod bench;
+mod force;
