@@ -26,8 +26,8 @@ pub use way::{OnWay, Way, WayStop};
 
 use crate::fem::{Loads, Materials, Policy};
 use crate::mesh::TetMesh;
-use crate::model::{Model, Passes};
-use crate::needle::NeedleTissue;
+use crate::model::{Model, ModelError, Passes};
+use crate::needle::{NeedlePart, NeedleSettings, NeedleTissue};
 use crate::step::{State, Workspace};
 use crate::tool;
 use std::path::Path;
@@ -141,8 +141,6 @@ pub struct Tool {
     pub id: u8,
     /// Its shape, on the grip.
     pub shape: tool::Tool,
-    /// Whether it touches nothing, and holds a needle.
-    pub is_grip: bool,
     /// Whether the console's grip carries it: one tool of a scene that has any.
     pub driven: bool,
     /// Where the grip is held: always if another tool is driven, else in solves without a console. With a
@@ -199,7 +197,8 @@ impl Scene {
     ///
     /// # Errors
     /// [`SceneError::Build`]: tissue that is not held against rigid motion, handles that conflict, too many
-    /// tools; corotational tissue with handles and tools, or without a balance under its loads.
+    /// tools; corotational tissue with handles and tools, or without a balance under its loads; handles beside
+    /// needles.
     pub fn build(&self) -> Result<(Model, State, Workspace), SceneError> {
         let tools: Vec<_> = self
             .tools
@@ -216,8 +215,30 @@ impl Scene {
             }
         }
         .map_err(SceneError::Build)?;
+        let model = self.add_needles(model).map_err(SceneError::Build)?;
         let (state, workspace) = (State::new(&model), Workspace::new(&model));
         Ok((model, state, workspace))
+    }
+
+    fn add_needles(&self, model: Model) -> Result<Model, ModelError> {
+        if self.needles.is_empty() {
+            return Ok(model);
+        }
+        let parts: Vec<_> = self
+            .needles
+            .iter()
+            .map(|needle| NeedlePart {
+                id: needle.id,
+                needle: needle.needle,
+                start: needle.start,
+            })
+            .collect();
+        let settings = NeedleSettings {
+            playback: self.needle_solver.playback,
+            solve_every: self.needle_solver.solve_every,
+            ..NeedleSettings::default()
+        };
+        model.with_needles(&self.mesh, &parts, &self.needle_tissue, settings)
     }
 }
 

@@ -101,7 +101,7 @@ fn what_is_written_arrives() {
     assert!(scene.warnings.is_empty(), "{:?}", scene.warnings);
     assert_eq!(scene.solve_at_s, Some(3.0));
     let expected = NeedleSolver {
-        every_pose: true,
+        playback: crate::needle::Playback::EveryPose,
         solve_every: 4,
     };
     assert_eq!(scene.needle_solver, expected);
@@ -182,7 +182,7 @@ fn scripts_begin_where_their_first_point_is() {
     let [driven, second] = scene.tools.as_slice() else {
         panic!("{:?}", scene.tools)
     };
-    assert!(driven.is_grip && driven.driven && driven.pose.is_none());
+    assert!(driven.shape.shape == tool::Shape::Grip && driven.driven && driven.pose.is_none());
     let way = driven.way.as_ref().expect("it turns");
     assert_eq!(way.at(1.0).moved, None, "the console says where");
     let half = 22.5f64.to_radians();

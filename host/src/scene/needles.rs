@@ -9,7 +9,7 @@ use super::file::{
 };
 use super::{Tool, way};
 use crate::mesh::TetMesh;
-use crate::needle::{self, Curve, NeedleShape, NeedleTissue};
+use crate::needle::{self, Curve, NeedleShape, NeedleTissue, Playback};
 use nalgebra::{Isometry3, Vector3};
 use toml::Spanned;
 
@@ -43,8 +43,8 @@ pub struct Hold {
 /// Speed against accuracy of needles.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct NeedleSolver {
-    /// Whether the way since the first contact is solved at every pose once the tip has broken through.
-    pub every_pose: bool,
+    /// What follows a puncture.
+    pub playback: Playback,
     /// Steps that one solve serves while nothing happens but sticking and sliding, at least 1.
     pub solve_every: u32,
 }
@@ -52,7 +52,7 @@ pub struct NeedleSolver {
 impl Default for NeedleSolver {
     fn default() -> Self {
         NeedleSolver {
-            every_pose: false,
+            playback: Playback::default(),
             solve_every: 1,
         }
     }
@@ -478,7 +478,10 @@ pub(super) fn read_needle_solver(
         return Err(document.flaw(zero.span(), message, "must be 1 or more", Some(help)));
     }
     Ok(NeedleSolver {
-        every_pose: *playback == PlaybackName::EveryPose,
+        playback: match playback {
+            PlaybackName::OneSolve => Playback::OneSolve,
+            PlaybackName::EveryPose => Playback::EveryPose,
+        },
         solve_every: solve_every.as_ref().map_or(1, |every| *every.get_ref()),
     })
 }

@@ -66,7 +66,6 @@ pub(super) fn read_tools(
         tools.push(Tool {
             id,
             shape,
-            is_grip,
             driven,
             pose,
             way,
@@ -95,7 +94,7 @@ fn read_shape(
                 "leave this key out, or name a shape that touches: `\"sphere\"`, `\"flat-punch\"`";
             return Err(document.flaw(span, message, "the shape is a grip", Some(help)));
         }
-        return Ok(tool::Tool::sphere(0.0, offset_m));
+        return Ok(tool::Tool::new(Shape::Grip, offset_m));
     }
     let help = "the radius of the sphere or the bar that touches the tissue, in metres; a sphere of 0 is a bare point";
     let (rule, least): (_, fn(f64) -> bool) = match section.shape {

@@ -153,8 +153,8 @@ pub struct Needle {
     pub stiffness_n_per_m: [f32; 2],
     /// Force with which the tip presses on the boundary that holds it \[N\]; 0 if none does.
     pub hold_n: f32,
-    /// Such a force at which the boundary is punctured \[N\]; the largest that the wire carries where none is
-    /// enough.
+    /// Such a force at which that boundary is punctured \[N\]; the largest that the wire carries where none is
+    /// enough, 0 if none holds the tip.
     pub puncture_n: f32,
     /// Axial force on the tool at that pose if the boundary did not hold the tip any longer \[N\]: what is
     /// left right after the puncture.
