@@ -86,6 +86,7 @@ impl<'a, P: Plant> ControlSide<'a, P> {
             match order {
                 Order::OpenSession => self.control.open_session(),
                 Order::Command(command) => self.control.command(command),
+                Order::Needle(needle) => self.control.needle(&needle),
                 Order::Simulate(order) => self.plant.simulate(order.body(), &mut self.control),
             }
         }
@@ -131,7 +132,8 @@ mod tests {
     use sutura_shared::link::{ConsoleLink, HostEvent, HostLink, Identity};
     use sutura_shared::simulated_console::{Pace, SimulatedConsole};
     use sutura_shared::wire::message::{
-        Command, Contact, HandScript, Mode, Report, State, WAY_POINTS, WayPoint,
+        Command, Contact, Friction, HandScript, Mode, Needle, Report, State, Tip, WAY_POINTS,
+        WayPoint,
     };
     use sutura_shared::wire::{MAX_FRAME, Message};
 
@@ -183,6 +185,7 @@ mod tests {
                 Order::Command(command) => one(host, time, &command, &mut bytes),
                 Order::Simulate(order) => one(host, time, &order, &mut bytes),
                 Order::Contact(contact) => one(host, time, &contact, &mut bytes),
+                Order::Needle(needle) => one(host, time, &needle, &mut bytes),
             }
         };
         match tick {
@@ -202,6 +205,7 @@ mod tests {
             && tick.is_multiple_of(16)
             && !(1200..1500).contains(&tick)
         {
+            send(time, Order::Needle(needle(&state)));
             send(time, Order::Contact(contact(&state)));
             if tick.is_multiple_of(48) {
                 send(time, Order::Contact(contact(&state)));
@@ -217,6 +221,7 @@ mod tests {
         Command(Command),
         Simulate(Simulate),
         Contact(Contact),
+        Needle(Needle),
     }
 
     fn hand() -> HandScript {
@@ -252,6 +257,26 @@ mod tests {
             gap_m: (-depth).max(0.0),
             normal: [0.0, 0.0, 1.0],
             relaxation_per_s: 0.0,
+            horizon_us: 60_000,
+        }
+    }
+
+    /// A needle that hangs in the grip.
+    fn needle(state: &State) -> Needle {
+        Needle {
+            tool: 0,
+            needle: 0,
+            position_m: state.position_m,
+            orientation: state.orientation,
+            slide: [0.0, 0.0, -1.0, 0.0, 0.0, 0.0],
+            tip: Tip::Outside,
+            friction: Friction::Sticks,
+            axial_n: 0.0,
+            friction_n: [0.0; 2],
+            stiffness_n_per_m: [0.0; 2],
+            hold_n: 0.0,
+            puncture_n: 0.25,
+            punctured_n: 0.0,
             horizon_us: 60_000,
         }
     }

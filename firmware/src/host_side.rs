@@ -7,7 +7,7 @@ use heapless::spsc::{Consumer, Producer, Queue};
 use sutura_shared::link::{ConsoleLink, LinkEvent};
 use sutura_shared::simulated_console::REPORT_EVERY;
 use sutura_shared::wire::message::{Command, Mode, Report, State};
-use sutura_shared::wire::{MAX_FRAME, ValidContact, ValidSimulate};
+use sutura_shared::wire::{MAX_FRAME, ValidContact, ValidNeedle, ValidSimulate};
 
 /// A byte stream that never waits.
 pub trait Bytes {
@@ -28,6 +28,8 @@ pub enum Order {
     OpenSession,
     /// From the host.
     Command(Command),
+    /// From the host. The newest counts: the control task finds out which that is.
+    Needle(ValidNeedle),
     /// From the host, to a simulated console.
     Simulate(ValidSimulate),
 }
@@ -156,6 +158,7 @@ impl<'a, P: Bytes> HostSide<'a, P> {
                 Order::OpenSession
             }
             LinkEvent::Command(command) => Order::Command(command),
+            LinkEvent::Needle(needle) => Order::Needle(needle),
             LinkEvent::Simulate(simulate) => Order::Simulate(simulate),
         };
         let refused = self.orders.enqueue(order).is_err();

@@ -4,14 +4,19 @@
 //! not measured is left open, never estimated.
 
 use crate::fem::{CorotationalTissue, LinearTissue};
+use crate::needle::{Hierarchy, NeedleShape};
 use crate::scene::{HostSettings, Pose, Scene, SceneError, Tissue, position_at};
+use crate::script::{Path, at_rest, path};
 use crate::session::TissueSolver;
-use crate::solve::{SolveError, sample};
+use crate::solve::SolveError;
 use crate::step::{Status, StepReport};
-use crate::tool::Shape;
+use crate::tool::{Shape, ToolSample};
+use nalgebra::Vector3;
 use serde::Serialize;
 use std::time::{Duration, Instant};
 
+/// Seconds between two places of a needle whose surroundings are prepared.
+const PREPARED_EVERY_S: f64 = 0.02;
 /// Steps along the hand's path that are timed at most, evenly spread.
 const MOST_STEPS: u32 = 2000;
 /// Corotational steps take hundreds of times longer: so many pieces of the path stand for all of it, ...
@@ -92,19 +97,24 @@ impl Component {
 /// # Errors
 /// What [`TissueSolver::new`] refuses.
 pub fn explain(scene: &Scene) -> Result<Vec<Component>, SolveError> {
-    let path = hand_path(scene);
+    let hand = hand_path(scene);
     let mut solver = TissueSolver::new(scene)?;
     // Held tools have come to touch some already.
-    let before = solver.prepare(&[]);
-    let (there, preparing) = timed(|| solver.prepare(&path));
+    let before = solver.prepare(&Path::default());
+    let apart_m = TissueSolver::apart_m(scene);
+    let every_s = scene.seconds / f64::from(steps(scene));
+    let ahead = path(scene, scene.seconds, every_s.max(PREPARED_EVERY_S), apart_m);
+    let (there, preparing) = timed(|| solver.prepare(&ahead));
     let prepared = (there - before) as u32;
-    let walk = match (solver.driven(), scene.tissue) {
-        (Some(id), Tissue::Linear) => path
+    // A needle's way cannot be cut into pieces.
+    let whole = scene.tissue == Tissue::Linear || !scene.needles.is_empty();
+    let walk: Vec<(StepReport, Duration)> = match solver.driven() {
+        Some(id) if whole => hand
             .iter()
-            .map(|at| timed(|| solver.step(sample(id, &upright(at)))))
+            .map(|at| timed(|| solver.step(on_path(id, at))))
             .collect(),
-        (Some(id), Tissue::Corotational(_)) => pieces(&mut solver, id, &path),
-        (None, _) => Vec::new(),
+        Some(id) => pieces(&mut solver, id, &hand),
+        None => Vec::new(),
     };
 
     let mut parts = tissue(scene)?;
@@ -112,6 +122,7 @@ pub fn explain(scene: &Scene) -> Result<Vec<Component>, SolveError> {
     let per_vertex = (prepared > 0).then(|| preparing / prepared);
     parts.push(columns(scene, work.cache_bytes(), per_vertex));
     parts.extend(contacts(scene, &walk));
+    parts.extend(needles(scene, &walk));
     parts.push(handles(scene));
     parts.push(loads(scene));
     let ((), field) = timed(|| {
@@ -132,7 +143,11 @@ pub fn explain(scene: &Scene) -> Result<Vec<Component>, SolveError> {
 }
 
 /// Steps in pieces of the path, evenly spread; the tool is brought to each before it is timed there.
-fn pieces(solver: &mut TissueSolver, id: u8, path: &[[f64; 3]]) -> Vec<(StepReport, Duration)> {
+fn pieces(
+    solver: &mut TissueSolver,
+    id: u8,
+    path: &[(f64, [f64; 3])],
+) -> Vec<(StepReport, Duration)> {
     let started = Instant::now();
     let mut walk = Vec::with_capacity(PIECES * PIECE_STEPS);
     for piece in 0..PIECES {
@@ -143,7 +158,7 @@ fn pieces(solver: &mut TissueSolver, id: u8, path: &[[f64; 3]]) -> Vec<(StepRepo
             continue;
         };
         for _ in 0..MOST_WAY_STEPS {
-            let report = solver.step(sample(id, &upright(start)));
+            let report = solver.step(on_path(id, start));
             if report.status == Status::Ok || started.elapsed() > LONGEST {
                 break;
             }
@@ -152,16 +167,21 @@ fn pieces(solver: &mut TissueSolver, id: u8, path: &[[f64; 3]]) -> Vec<(StepRepo
             if started.elapsed() > LONGEST {
                 return walk;
             }
-            walk.push(timed(|| solver.step(sample(id, &upright(at)))));
+            walk.push(timed(|| solver.step(on_path(id, at))));
         }
     }
     walk
 }
 
-fn upright(at: &[f64; 3]) -> Pose {
-    Pose {
-        position_m: *at,
+/// The grip upright at a place of the hand's path and its time.
+fn on_path(id: u8, (time_s, position_m): &(f64, [f64; 3])) -> ToolSample {
+    let pose = Pose {
+        position_m: *position_m,
         orientation: [0.0, 0.0, 0.0, 1.0],
+    };
+    ToolSample {
+        console_time_us: (1e6 * time_s).round() as u64,
+        ..at_rest(id, &pose)
     }
 }
 
@@ -189,14 +209,22 @@ fn timed<T>(work: impl FnOnce() -> T) -> (T, Duration) {
     (done, started.elapsed())
 }
 
-/// Where the hand wants the grip, one place a host period \[m\]; empty without a hand.
-fn hand_path(scene: &Scene) -> Vec<[f64; 3]> {
+/// Steps that are followed: one a host period.
+fn steps(scene: &Scene) -> u32 {
+    let periods = (scene.seconds * scene.host.host_hz) as u32;
+    periods.clamp(1, MOST_STEPS)
+}
+
+/// When and where the hand wants the grip \[s\], \[m\]; empty without a hand.
+fn hand_path(scene: &Scene) -> Vec<(f64, [f64; 3])> {
     let Some(hand) = &scene.hand else {
         return Vec::new();
     };
-    let periods = (scene.seconds * scene.host.host_hz) as u32;
-    let steps = periods.clamp(1, MOST_STEPS);
-    let at = |step| position_at(hand, scene.seconds * f64::from(step) / f64::from(steps));
+    let steps = steps(scene);
+    let at = |step| {
+        let time_s = scene.seconds * f64::from(step) / f64::from(steps);
+        (time_s, position_at(hand, time_s))
+    };
     (0..steps).map(at).collect()
 }
 
@@ -271,6 +299,12 @@ fn columns(scene: &Scene, bytes: usize, per_vertex: Option<Duration>) -> Compone
     if scene.tools.is_empty() {
         return Component::absent(name, "no `[[tool]]`: nothing touches the tissue");
     }
+    if !scene.needles.is_empty() {
+        let why = "`[[needle]]`: three for each node of a face that a needle goes through; here those along the scripts";
+        return Component::built(name, why)
+            .bytes(bytes)
+            .takes(per_vertex, "vertex");
+    }
     let why = match scene.hand {
         Some(_) => {
             "`[[tool]]`: three for each vertex that is touched or near; here those along `[hand]`'s path"
@@ -296,7 +330,10 @@ fn contacts(scene: &Scene, walk: &[(StepReport, Duration)]) -> Vec<Component> {
             Shape::FlatPunch { .. } => "flat punch",
             Shape::Grip => "grip",
         };
-        let name = format!("contact of tool {}, {shape}", tool.id);
+        let name = match tool.shape.shape {
+            Shape::Grip => format!("tool {}, {shape}", tool.id),
+            _ => format!("contact of tool {}, {shape}", tool.id),
+        };
         if !tool.driven && tool.pose.is_none() {
             let why = "neither driven nor held: no `driven = true`, no `position_m`";
             parts.push(Component::absent(name, why));
@@ -308,6 +345,9 @@ fn contacts(scene: &Scene, walk: &[(StepReport, Duration)]) -> Vec<Component> {
             }
             (true, None) => {
                 "`[[tool]]`, driven: carried by the console's grip; no `[hand]` to follow here"
+            }
+            (false, _) if tool.way.is_some() => {
+                "`[[tool]]` with `[[tool.way_point]]`: follows its script while another is driven"
             }
             (false, _) => "`[[tool]]` with `position_m`: held there while another is driven",
         };
@@ -349,6 +389,48 @@ fn contacts(scene: &Scene, walk: &[(StepReport, Duration)]) -> Vec<Component> {
     parts
 }
 
+/// Needles, and what finds the faces that they come to.
+fn needles(scene: &Scene, walk: &[(StepReport, Duration)]) -> Vec<Component> {
+    if scene.needles.is_empty() {
+        return vec![Component::absent("needle", "no `[[needle]]`")];
+    }
+    let mut parts = Vec::new();
+    for (index, needle) in scene.needles.iter().enumerate() {
+        let shape = match needle.needle.shape {
+            NeedleShape::Straight { .. } => "straight",
+            NeedleShape::Arc { .. } => "arc",
+        };
+        let reports = || {
+            walk.iter()
+                .filter_map(|(step, _)| step.needles().get(index))
+        };
+        let crossings = reports().map(|report| report.crossings).max();
+        let why = match reports().last() {
+            Some(last) => format!(
+                "`[[needle]]`: {:.1} mm long, through {} faces at most, {} punctures along the scripts",
+                1e3 * needle.needle.shape.length_m(),
+                crossings.unwrap_or(0),
+                last.punctures
+            ),
+            None => "`[[needle]]`; no `[hand]` to follow here".to_owned(),
+        };
+        let name = format!("needle {}, {shape}", needle.id);
+        // Two across and one along for each face.
+        parts.push(Component {
+            rows: crossings.map(|crossings| 3 * crossings),
+            ..Component::built(name, why)
+        });
+    }
+    let half_faces = scene.mesh.half_faces();
+    let points_m = scene.mesh.points_m();
+    let at = |node: u32| Vector3::from(points_m[node as usize]);
+    let (hierarchy, took) = timed(|| Hierarchy::new(half_faces, at));
+    std::hint::black_box(&hierarchy);
+    let why = "`[[needle]]`: finds the face that a tip outside comes to";
+    parts.push(Component::built("hierarchy of the boundary", why).takes(Some(took), "once"));
+    parts
+}
+
 fn handles(scene: &Scene) -> Component {
     let count = scene.loads.handles.len();
     if count == 0 {
@@ -366,14 +448,13 @@ fn loads(scene: &Scene) -> Component {
 }
 
 /// What no scene of this version can name.
-fn not_here() -> [Component; 4] {
+fn not_here() -> [Component; 3] {
     [
         (
             "collisions between tissues",
             "no second body: a scene has one mesh, and it does not look for contact with itself",
         ),
-        ("needle", "no tool is a needle: this version has none"),
-        ("thread", "no thread rows without a needle"),
+        ("thread", "no thread rows: this version has none"),
         (
             "console rows",
             "the console gets a wrench and a tangent; this version sends no rows with them",

@@ -18,6 +18,7 @@ pub mod needle;
 pub mod output;
 pub mod rows;
 pub mod scene;
+pub mod script;
 pub mod session;
 pub mod solve;
 pub mod step;

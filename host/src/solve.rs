@@ -5,8 +5,9 @@
 use crate::contact::shape::Solid;
 use crate::fem::TissueError;
 use crate::model::Model;
-use crate::output::{HeldTool, Reaction, Solution};
+use crate::output::{DrivenNeedle, HeldTool, Reaction, Solution};
 use crate::scene::{Pose, Scene, SceneError};
+use crate::script::{Script, at_rest};
 use crate::step::{State, Status, StepReport, Workspace, step};
 use crate::tool::{Tool, ToolSample};
 use miette::Diagnostic;
@@ -35,6 +36,23 @@ pub enum SolveError {
     /// The tissue does not answer.
     #[error("the tissue cannot be solved: {0}")]
     Tissue(#[from] TissueError),
+    /// Nobody drives the needles.
+    #[error("the scene's needles are held by a tool that nothing moves")]
+    #[diagnostic(help(
+        "add `[hand]` with way points for the driven tool, as in scenes/needle-slabs.toml"
+    ))]
+    NoHand,
+    /// The way to the place could not be followed.
+    #[error("the tissue found no rest {time_s:.3} s after the start: {}", status.name())]
+    #[diagnostic(help(
+        "let the hand go slower there, or less deep; `sutura run --lockstep` shows what the session does"
+    ))]
+    NoWay {
+        /// Since the start of the scripts \[s\].
+        time_s: f64,
+        /// How the step ended.
+        status: Status,
+    },
     /// A tool could not be brought to its place.
     #[error("the tissue found no rest with the tools where the scene holds them: {}", .0.name())]
     #[diagnostic(help("move the tools' `position_m` less deep into the tissue"))]
@@ -42,21 +60,28 @@ pub enum SolveError {
 }
 
 /// Solves a scene at rest. Tools come from outside, along the outward normal of the vertex nearest to
-/// where the scene holds them.
+/// where the scene holds them. With needles, what is at rest depends on the way there: the scripts are
+/// followed until the scene's `solve_at_s`.
 ///
 /// # Errors
-/// Nothing to solve; tissue that is not held or handles that conflict; tools held too deep.
+/// Nothing to solve; needles that nobody drives, or a way that cannot be followed; tissue that is not held or handles that conflict; tools held too deep.
 pub fn solve(scene: &Scene) -> Result<Solution, SolveError> {
     let held: Vec<(u8, Tool, Pose)> = scene
         .tools
         .iter()
         .filter_map(|tool| Some((tool.id, tool.shape, tool.pose?)))
         .collect();
-    if scene.loads.forces.is_empty() && scene.loads.handles.is_empty() && held.is_empty() {
+    let without = scene.needles.is_empty();
+    if scene.loads.forces.is_empty() && scene.loads.handles.is_empty() && held.is_empty() && without
+    {
         return Err(SolveError::Nothing);
     }
     let (model, mut state, mut work) = scene.build()?;
-    let report = bring_in(&model, &mut state, &held, &mut work)?;
+    let report = if without {
+        bring_in(&model, &mut state, &held, &mut work)?
+    } else {
+        follow_scripts(scene, &model, &mut state, &mut work)?
+    };
     let rest = model.equilibrium(&state)?;
     let reactions = rest
         .handle_force_n
@@ -84,6 +109,7 @@ pub fn solve(scene: &Scene) -> Result<Solution, SolveError> {
         displacement_m: rest.displacement_m,
         reactions: reactions.collect(),
         tools: tools.collect(),
+        needles: report.needles().iter().map(DrivenNeedle::from).collect(),
         residual: rest.residual.max(report.residual),
         cells: scene.mesh.cells().to_vec(),
     })
@@ -101,9 +127,12 @@ pub(crate) fn bring_in(
     }
     let outside: Vec<ToolSample> = held
         .iter()
-        .map(|(id, shape, pose)| sample(*id, &outside(model, shape, pose)))
+        .map(|(id, shape, pose)| at_rest(*id, &outside(model, shape, pose)))
         .collect();
-    let inside: Vec<ToolSample> = held.iter().map(|(id, _, pose)| sample(*id, pose)).collect();
+    let inside: Vec<ToolSample> = held
+        .iter()
+        .map(|(id, _, pose)| at_rest(*id, pose))
+        .collect();
     step(model, state, &outside, work);
     let mut passes = 0;
     for _ in 0..MOST_STEPS {
@@ -124,14 +153,75 @@ pub(crate) fn bring_in(
     Err(SolveError::NoRest(Status::Behind))
 }
 
-/// A tool at rest there.
-pub(crate) fn sample(id: u8, pose: &Pose) -> ToolSample {
-    ToolSample {
-        id,
-        position_m: pose.position_m,
-        orientation: pose.orientation,
-        velocity_m_per_s: [0.0; 3],
-        console_time_us: 0,
+/// Steps along the scripts of hands and tools until the scene's time to solve at, at its host's rate, then on the spot
+/// until the tissue is in balance.
+fn follow_scripts(
+    scene: &Scene,
+    model: &Model,
+    state: &mut State,
+    work: &mut Workspace,
+) -> Result<StepReport, SolveError> {
+    let stays = scene
+        .driven()
+        .is_some_and(|tool| tool.pose.is_none() && scene.hand.is_none());
+    if stays {
+        return Err(SolveError::NoHand);
+    }
+    let mut script = Script::new(scene);
+    let end_s = scene.solve_at_s.unwrap_or(scene.seconds);
+    let steps = (end_s * scene.host.host_hz).ceil() as u64;
+    for number in 0..=steps {
+        let time_s = (number as f64 / scene.host.host_hz).min(end_s);
+        let report = arrive(time_s, &mut script, model, state, work)?;
+        if number == steps {
+            return settle(time_s, report, &mut script, model, state, work);
+        }
+    }
+    Err(SolveError::Nothing)
+}
+
+/// Steps until all is where the scripts have it at a time.
+fn arrive(
+    time_s: f64,
+    script: &mut Script,
+    model: &Model,
+    state: &mut State,
+    work: &mut Workspace,
+) -> Result<StepReport, SolveError> {
+    for _ in 0..MOST_STEPS {
+        let tools = script.follow(time_s, model, state);
+        let report = step(model, state, tools, work);
+        match report.status {
+            Status::Ok => return Ok(report),
+            Status::Waiting | Status::Behind => {}
+            status => return Err(SolveError::NoWay { time_s, status }),
+        }
+    }
+    let status = Status::Behind;
+    Err(SolveError::NoWay { time_s, status })
+}
+
+/// Steps on the spot until corotational tissue is in balance, and nothing moves that would be viscous.
+fn settle(
+    time_s: f64,
+    first: StepReport,
+    script: &mut Script,
+    model: &Model,
+    state: &mut State,
+    work: &mut Workspace,
+) -> Result<StepReport, SolveError> {
+    let mut passes = first.passes;
+    loop {
+        let report = arrive(time_s, script, model, state, work)?;
+        passes += report.passes;
+        // A step looks before it moves: only the next one knows what this one left.
+        if report.passes == 0 || report.imbalance <= IN_BALANCE {
+            return Ok(report);
+        }
+        if passes > MOST_PASSES {
+            let status = Status::NotConverged;
+            return Err(SolveError::NoWay { time_s, status });
+        }
     }
 }
 
@@ -139,7 +229,7 @@ pub(crate) fn sample(id: u8, pose: &Pose) -> ToolSample {
 fn outside(model: &Model, shape: &Tool, pose: &Pose) -> Pose {
     let surface = model.surface();
     let points = model.points_m();
-    let Some(placement) = shape.place(&sample(0, pose)) else {
+    let Some(placement) = shape.place(&at_rest(0, pose)) else {
         return *pose;
     };
     let solid = Solid::new(shape, surface.mean_edge_m, &placement);
@@ -215,7 +305,7 @@ plane = { axis = "z", at_m = -0.03 }
 
     /// Distance of every node on the top from the sphere \[m\].
     fn gaps(scene: &Scene, solution: &Solution) -> Vec<f64> {
-        let tool = scene.tools[0];
+        let tool = &scene.tools[0];
         let centre = Vector3::from(tool.pose.expect("held").position_m);
         let nodes = solution.points_m.iter().zip(&solution.displacement_m);
         let top = nodes.filter(|(x, _)| x[2] > -1e-9);

@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 use sutura_host::link::{Link, LinkError, LinkOptions, Order, PipeEnd, Port, pipe};
 use sutura_shared::link::{ConsoleLink, HostEvent, Identity, LinkEvent, Mismatch};
 use sutura_shared::wire::MAX_FRAME;
-use sutura_shared::wire::message::{Command, Contact, Mode, State};
+use sutura_shared::wire::message::{Command, Contact, Friction, Mode, Needle, State, Tip};
 
 /// Longer than any machine needs, shorter than anybody waits.
 const LONG: Duration = Duration::from_secs(60);
@@ -44,6 +44,25 @@ fn contact(tool: u8) -> Contact {
         gap_m: 0.0,
         normal: [0.0, 0.0, 1.0],
         relaxation_per_s: 0.0,
+        horizon_us: 50_000,
+    }
+}
+
+fn needle(number: u8) -> Needle {
+    Needle {
+        tool: 0,
+        needle: number,
+        position_m: [0.0; 3],
+        orientation: [0.0, 0.0, 0.0, 1.0],
+        slide: [0.0, 0.0, -1.0, 0.0, 0.0, 0.0],
+        tip: Tip::Outside,
+        friction: Friction::Sticks,
+        axial_n: 0.0,
+        friction_n: [0.0; 2],
+        stiffness_n_per_m: [0.0; 2],
+        hold_n: 0.0,
+        puncture_n: 1.0,
+        punctured_n: 0.0,
         horizon_us: 50_000,
     }
 }
@@ -189,12 +208,12 @@ fn a_contact_that_the_console_would_refuse_is_not_sent() {
     let bench = bench();
     let mut bad = contact(0);
     bad.wrench[2] = f32::NAN;
-    bench.link.contact(1000, bad);
+    bench.link.contact(1000, bad, None);
     let (done, ready) = channel();
     bench.tell.send(Do::Hear(done)).unwrap();
     ready.recv_timeout(LONG).unwrap();
     bench.link.order(Order::Command(Command::Arm)).unwrap();
-    bench.link.contact(1000, contact(3));
+    bench.link.contact(1000, contact(3), None);
     let mut heard = Vec::new();
     while heard.len() < 2 {
         heard.push(bench.heard.recv_timeout(LONG).unwrap());
@@ -211,6 +230,26 @@ fn a_contact_that_the_console_would_refuse_is_not_sent() {
         })
         .collect();
     assert_eq!(tools, [3]);
+}
+
+#[test]
+fn a_needle_goes_just_before_its_contact() {
+    let bench = bench();
+    bench.link.contact(1000, contact(3), Some(needle(5)));
+    let next = || bench.heard.recv_timeout(LONG).unwrap();
+    let (first, second) = (next(), next());
+    let (LinkEvent::Needle(needle), LinkEvent::Contact(contact)) = (&first, &second) else {
+        panic!("{first:?}, {second:?}");
+    };
+    assert_eq!((needle.body().needle, contact.body().tool), (5, 3));
+    assert_eq!(
+        (needle.console_time_us(), contact.console_time_us()),
+        (1000, 1000)
+    );
+    let sent = bench.link.close();
+    assert_eq!(sent.contacts_sent, 1);
+    // Hello, needle, contact, disarm.
+    assert_eq!(sent.frames.frames_sent, 4);
 }
 
 #[test]

@@ -145,6 +145,7 @@ impl SimulatedConsole {
                     .frames_superseded
                     .wrapping_add(u32::from(replaced));
             }
+            LinkEvent::Needle(needle) => self.control.needle(&needle),
             LinkEvent::Command(command) => self.control.command(command),
             LinkEvent::Simulate(order) => self.board.simulate(order.body(), &mut self.control),
         }

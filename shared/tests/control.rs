@@ -4,11 +4,11 @@
 
 mod rig;
 
-use rig::{Loop, arm, bench, frame, no_contact, wall};
+use rig::{Loop, arm, bench, frame, needle, needle_frame, no_contact, wall};
 use sutura_shared::control::{Control, TickInput, TickOutput};
 use sutura_shared::kinematics::GRAVITY;
 use sutura_shared::wire::faults;
-use sutura_shared::wire::message::{Command, Contact, Mode};
+use sutura_shared::wire::message::{Command, Contact, Mode, Needle};
 
 /// 1 N upwards at 1 mm behind the wall.
 const WALL: f32 = 1000.0;
@@ -425,6 +425,78 @@ fn a_device_changes_only_while_nothing_is_at_stake() {
     console.input.emergency_stop = true;
     console.tick();
     assert!(!console.control.change_device(&bench()));
+}
+
+#[test]
+fn the_newest_needle_in_the_grip_is_kept() {
+    let mut console = pressed_in();
+    let kept = |console: &Loop| {
+        let needle = console.control.needle_in_grip();
+        needle.map(|needle| needle.body().needle)
+    };
+    let mut arrive = |sequence, time_us, tool, needle_id| {
+        let body = Needle {
+            tool,
+            needle: needle_id,
+            ..needle()
+        };
+        console
+            .control
+            .needle(&needle_frame(sequence, time_us, body));
+        console.contact(wall(WALL, INSIDE));
+        kept(&console)
+    };
+    assert_eq!(arrive(1, 2000, 0, 1), Some(1));
+    assert_eq!(arrive(2, 1000, 0, 2), Some(1), "solved for an older state");
+    assert_eq!(arrive(3, 3000, 1, 3), Some(1), "in another tool's grip");
+    assert_eq!(arrive(4, 3000, 0, 4), Some(4));
+    console.input.emergency_stop = true;
+    console.tick();
+    assert_eq!(kept(&console), None, "a fault forgets it like the contact");
+
+    let mut console = pressed_in();
+    console.control.needle(&needle_frame(1, 1000, needle()));
+    console.tick();
+    assert_eq!(kept(&console), Some(0));
+    // One that waits for the next tick belongs to the old session, too.
+    console.control.needle(&needle_frame(2, 1000, needle()));
+    console.control.open_session();
+    console.tick();
+    assert_eq!(kept(&console), None);
+}
+
+/// Nothing is rendered from a needle; that it came is in the trace, to the last bit.
+#[test]
+fn a_needle_is_in_the_trace_and_not_in_the_force() {
+    let run = |change: &dyn Fn(&mut Needle)| {
+        let mut console = pressed_in();
+        let mut body = needle();
+        change(&mut body);
+        console.control.needle(&needle_frame(1, 1000, body));
+        console.contact(wall(WALL, INSIDE));
+        console.wait(10).state
+    };
+    let mut without = pressed_in();
+    without.contact(wall(WALL, INSIDE));
+    let without = without.wait(10).state;
+    let plain = run(&|_| {});
+    assert_eq!(plain.force_n, without.force_n);
+    assert_ne!(plain.trace_hash, without.trace_hash);
+    assert_eq!(plain.trace_hash, run(&|_| {}).trace_hash);
+    let changes: [&dyn Fn(&mut Needle); 9] = [
+        &|n| n.needle = 1,
+        &|n| n.tip = sutura_shared::wire::message::Tip::Holding,
+        &|n| n.friction = sutura_shared::wire::message::Friction::Sticks,
+        &|n| n.slide[1] = -0.0,
+        &|n| n.friction_n[1] = 0.25,
+        &|n| n.stiffness_n_per_m[1] = 1.0,
+        &|n| n.hold_n = 1.0,
+        &|n| n.punctured_n = 0.0,
+        &|n| n.horizon_us += 1,
+    ];
+    for (index, change) in changes.iter().enumerate() {
+        assert_ne!(run(change).trace_hash, plain.trace_hash, "change {index}");
+    }
 }
 
 /// The trace tells apart what differs in one bit, and nothing else.

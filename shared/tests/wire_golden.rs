@@ -4,7 +4,7 @@ mod common;
 
 use common::{encode_again, golden, hex_of, unpack_one, validate_either};
 use sutura_shared::wire::message::{
-    Command, Contact, Hello, Mode, Report, Simulate, State, WAY_POINTS,
+    Command, Contact, Friction, Hello, Mode, Needle, Report, Simulate, State, Tip, WAY_POINTS,
 };
 use sutura_shared::wire::{
     HEADER_SIZE, Kind, MAX_FRAME, MAX_REAL_TIME_FRAME, PROTOCOL_VERSION, Reject, SCHEMA_HASH,
@@ -76,6 +76,19 @@ fn numbers_on_the_wire_are_pinned() {
     }
 }
 
+#[test]
+fn words_for_a_needle_are_pinned() {
+    for (number, tip) in [Tip::Outside, Tip::Holding, Tip::Inside].iter().enumerate() {
+        assert_eq!(*tip as usize, number, "{tip:?}");
+        assert_eq!(first_byte(tip), number as u8, "{tip:?}");
+    }
+    let frictions = [Friction::Sticks, Friction::Forward, Friction::Backward];
+    for (number, friction) in frictions.iter().enumerate() {
+        assert_eq!(*friction as usize, number, "{friction:?}");
+        assert_eq!(first_byte(friction), number as u8, "{friction:?}");
+    }
+}
+
 fn first_byte<T: serde::Serialize>(value: &T) -> u8 {
     let mut buffer = [0; MAX_FRAME];
     postcard::to_slice(value, &mut buffer).expect("fits")[0]
@@ -140,7 +153,7 @@ fn fault_bits_are_pinned() {
 #[test]
 fn schema_is_pinned() {
     assert_eq!(PROTOCOL_VERSION, 0);
-    assert_eq!(SCHEMA_HASH, 0x15f3_4612_bdec_3000, "{SCHEMA_HASH:#018x}");
+    assert_eq!(SCHEMA_HASH, 0x7322_6152_5e7a_b834, "{SCHEMA_HASH:#018x}");
 }
 
 /// Counted by hand from the layouts: varints of 3 (u16), 5 (u32, i32) and 10 (u64) bytes, f32 of 4.
@@ -158,6 +171,8 @@ fn sizes_are_those_counted_by_hand() {
         Contact::POSTCARD_MAX_SIZE,
         1 + (3 + 4 + 6 + 21 + 1 + 3 + 1) * 4 + 5
     );
+    let numbers = 3 + 4 + 6 + 1 + 2 + 2 + 1 + 1 + 1;
+    assert_eq!(Needle::POSTCARD_MAX_SIZE, 1 + 1 + numbers * 4 + 1 + 1 + 5);
     assert_eq!(Command::POSTCARD_MAX_SIZE, 1 + 3);
     assert_eq!(Report::POSTCARD_MAX_SIZE, 7 * 5 + 3 + 3 * 5);
     assert_eq!(Simulate::POSTCARD_MAX_SIZE, 1 + hand);
@@ -166,6 +181,7 @@ fn sizes_are_those_counted_by_hand() {
     // Header, body, CRC, first stuffing byte, delimiter.
     assert_eq!(MAX_FRAME, 18 + (1 + hand) + 4 + 1 + 1);
     assert_eq!(frame_size(Contact::POSTCARD_MAX_SIZE), 186);
+    assert_eq!(frame_size(Needle::POSTCARD_MAX_SIZE), 117);
     assert_eq!(frame_size(State::POSTCARD_MAX_SIZE), 122);
     assert_eq!(MAX_REAL_TIME_FRAME, 220);
 }

@@ -10,7 +10,8 @@ use common::{
 use proptest::prelude::*;
 use sutura_shared::device::{DeviceDescription, Kinematics};
 use sutura_shared::wire::message::{
-    Command, Contact, HandScript, Hello, Mode, Report, Simulate, State, WAY_POINTS, WayPoint,
+    Command, Contact, Friction, HandScript, Hello, Mode, Needle, Report, Simulate, State, Tip,
+    WAY_POINTS, WayPoint,
 };
 use sutura_shared::wire::{Checked, Header, Kind, Message, Reject, Valid, validate};
 
@@ -115,6 +116,69 @@ fn directions_and_rotations_have_unit_length() {
         assert_eq!(normal([0.0, value, 1.0]), Err(Reject::NotFinite));
         let reject = orientation([0.0, 0.0, value, 1.0]);
         assert_eq!(reject, Err(Reject::NotFinite));
+    }
+}
+
+#[test]
+fn needle_limits() {
+    let needle = sample::needle();
+    for i in 0..3 {
+        check_limits(needle, |n| &mut n.position_m[i], -10.0, 10.0);
+        check_limits(needle, |n| &mut n.slide[i], -100.0, 100.0);
+    }
+    // The first makes the needle round, whatever the others.
+    for i in 4..6 {
+        check_limits(needle, |n| &mut n.slide[i], -1e4, 1e4);
+    }
+    let signed: [FieldOf<Needle>; 2] = [|n| &mut n.axial_n, |n| &mut n.punctured_n];
+    for field in signed {
+        check_limits(needle, field, -1e4, 1e4);
+    }
+    let magnitudes: [FieldOf<Needle>; 4] = [
+        |n| &mut n.friction_n[0],
+        |n| &mut n.friction_n[1],
+        |n| &mut n.hold_n,
+        |n| &mut n.puncture_n,
+    ];
+    for field in magnitudes {
+        check_limits(needle, field, 0.0, 1e4);
+    }
+    for i in 0..2 {
+        check_limits(needle, |n| &mut n.stiffness_n_per_m[i], 0.0, 1e7);
+    }
+    let tool = |tool| verdict(with(needle, |n| n.tool = tool));
+    assert_eq!(tool(7), Ok(()));
+    assert_eq!(tool(8), Err(Reject::Range));
+    assert_eq!(verdict(with(needle, |n| n.needle = u8::MAX)), Ok(()));
+    assert_eq!(verdict(with(needle, |n| n.horizon_us = u32::MAX)), Ok(()));
+    let turned = |orientation| {
+        verdict(Needle {
+            orientation,
+            ..needle
+        })
+    };
+    assert_eq!(turned([0.0; 4]), Err(Reject::Range));
+    assert_eq!(turned([0.0, f32::NAN, 0.0, 1.0]), Err(Reject::NotFinite));
+}
+
+/// A straight needle slides as far as it is moved; a round one may be held anywhere, even in its middle.
+#[test]
+fn a_straight_needle_slides_along_a_unit_vector() {
+    let slides = |slide| {
+        verdict(Needle {
+            slide,
+            ..sample::needle()
+        })
+    };
+    assert_eq!(slides([0.6, 0.0, -0.8, 0.0, 0.0, 0.0]), Ok(()));
+    assert_eq!(slides([0.6, 0.0, -0.8, -0.0, 0.0, 0.0]), Ok(()));
+    assert_eq!(slides([0.6, 0.0, -0.7, 0.0, 0.0, 0.0]), Err(Reject::Range));
+    assert_eq!(slides([0.0; 6]), Err(Reject::Range));
+    assert_eq!(slides([0.6, 0.0, -0.7, 0.0, 50.0, 0.0]), Ok(()));
+    assert_eq!(slides([0.0, 0.0, 0.0, 0.0, 50.0, 0.0]), Ok(()));
+    for value in NOT_FINITE {
+        let slide = slides([1.0, 0.0, 0.0, 0.0, 0.0, value]);
+        assert_eq!(slide, Err(Reject::NotFinite));
     }
 }
 
@@ -382,6 +446,28 @@ prop_compose! {
 }
 
 prop_compose! {
+    fn any_needle()(
+        (tool, needle) in (0u8..9, any::<u8>()),
+        (position_m, orientation) in (numbers(), any_unit()),
+        (linear, angular) in (any_unit::<3>(), prop_oneof![Just([0.0; 3]), numbers::<3>()]),
+        tip in prop_oneof![Just(Tip::Outside), Just(Tip::Holding), Just(Tip::Inside)],
+        friction in
+            prop_oneof![Just(Friction::Sticks), Just(Friction::Forward), Just(Friction::Backward)],
+        friction_n in prop_oneof![Just([0.5, 0.25]), numbers()],
+        stiffness_n_per_m in prop_oneof![Just([90.0, 0.0]), numbers()],
+        (axial_n, punctured_n) in (any_number(), any_number()),
+        (hold_n, puncture_n) in prop_oneof![Just((0.0, 1e4)), (any_number(), any_number())],
+        horizon_us in any::<u32>(),
+    ) -> Needle {
+        let ([a, b, c], [d, e, f]) = (linear, angular);
+        Needle {
+            tool, needle, position_m, orientation, slide: [a, b, c, d, e, f], tip, friction, axial_n,
+            friction_n, stiffness_n_per_m, hold_n, puncture_n, punctured_n, horizon_us,
+        }
+    }
+}
+
+prop_compose! {
     fn any_state()(
         (tick, faults) in (any::<u32>(), prop_oneof![Just(0), any::<u16>()]),
         position_m in numbers(),
@@ -441,6 +527,21 @@ fn holds_promises(message: &Checked) -> bool {
                 && (length(&c.orientation) - 1.0).abs() < 1e-3
                 && c.tool < 8
         }
+        Checked::Needle(needle) => {
+            let n = needle.body();
+            let bends = length(&n.slide[3..]) > 0.0;
+            let magnitudes = [n.friction_n, n.stiffness_n_per_m, [n.hold_n, n.puncture_n]];
+            finite(&n.position_m)
+                && (length(&n.orientation) - 1.0).abs() < 1e-3
+                && finite(&n.slide)
+                && (bends || (length(&n.slide) - 1.0).abs() < 1e-3)
+                && finite(&[n.axial_n, n.punctured_n])
+                && magnitudes
+                    .iter()
+                    .flatten()
+                    .all(|x| x.is_finite() && *x >= 0.0)
+                && n.tool < 8
+        }
         Checked::State(state) => {
             let s = state.body();
             finite(&s.position_m)
@@ -480,6 +581,11 @@ proptest! {
 
     #[test]
     fn contacts_arrive_as_sent_or_not_at_all(body in any_contact(), head in any::<(u32, u32, u64)>()) {
+        survives(&frame(head.0, head.1, head.2, &body))?;
+    }
+
+    #[test]
+    fn needles_arrive_as_sent_or_not_at_all(body in any_needle(), head in any::<(u32, u32, u64)>()) {
         survives(&frame(head.0, head.1, head.2, &body))?;
     }
 
@@ -526,7 +632,8 @@ fn many_of_the_random_messages_are_valid() {
     let states = share(&mut |r| verdict(any_state().new_tree(r).unwrap().current()).is_ok());
     let hands =
         share(&mut |r| verdict(Simulate::Hand(any_hand().new_tree(r).unwrap().current())).is_ok());
-    for share in [contacts, states, hands] {
+    let needles = share(&mut |r| verdict(any_needle().new_tree(r).unwrap().current()).is_ok());
+    for share in [contacts, states, hands, needles] {
         assert!((20..900).contains(&share), "{share} of 1000 are valid");
     }
 }

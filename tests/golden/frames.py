@@ -92,6 +92,22 @@ contact = (
     + f32(0.5)
     + uint(100000)
 )
+needle = (
+    u8(0)
+    + u8(3)
+    + f32(0.125, -0.25, 0.5)
+    + f32(0.5, -0.5, 0.5, 0.5)
+    + f32(0.0, 0.75, -2.0, 125.0, 0.0, -0.0)
+    + uint(1)  # Holding
+    + uint(2)  # Backward
+    + f32(-0.375)
+    + f32(0.5, 0.25)
+    + f32(256.0, 64.0)
+    + f32(0.0625)
+    + f32(0.125)
+    + f32(-0.3125)
+    + uint(100000)
+)
 report = (
     b"".join(uint(x) for x in [100000, 1, 2, 30000, 4, 5, 300])
     + u8(4)  # Crc
@@ -121,6 +137,7 @@ FRAMES = [
     ("hello_console", frame(1, 0, 0, 5_000_000_000, hello_console)),
     ("state", frame(2, 0xC0FFEE, 1, 123_456_000, state)),
     ("contact", frame(3, 0xC0FFEE, 2, 123_423_000, contact)),
+    ("needle", frame(17, 0xC0FFEE, 12, 123_423_000, needle)),
     ("command_arm", frame(4, 0xC0FFEE, 3, 0, uint(0))),
     ("command_disarm", frame(4, 0xC0FFEE, 4, 0, uint(1))),
     ("command_clear_fault", frame(4, 0xC0FFEE, 5, 0, uint(2))),

@@ -36,6 +36,7 @@ impl Solve for Plane {
         contact.tangent[2][2] = -PLANE_N_PER_M;
         Solved {
             contact: Some(contact),
+            needle: None,
             status: Status::Ok,
             stages: Stages::default(),
         }

@@ -169,6 +169,20 @@ pub fn table(summary: &Summary) -> String {
         format!("peak {:.3} N, rms {:.3} N", s.force_n.peak, s.force_n.rms),
     );
     row("energy", format!("min {:.6} J", s.energy_j.min));
+    let needles = s.scene.get("needles").and_then(|list| list.as_array());
+    for needle in needles.into_iter().flatten() {
+        let number = |key: &str| needle[key].as_f64().unwrap_or_default();
+        row(
+            "needle",
+            format!(
+                "{}: tip {}, {} punctures, axial peak {:.3} N",
+                needle["needle"],
+                needle["tip"].as_str().unwrap_or_default(),
+                needle["punctures"],
+                number("peak_axial_n")
+            ),
+        );
+    }
     row("trace", s.trace_hash.clone());
     let faults = if s.faults.is_empty() {
         String::new()

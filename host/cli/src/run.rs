@@ -11,7 +11,8 @@ use std::sync::atomic::Ordering;
 use std::time::Duration;
 use sutura_hil::{NativeConsole, VirtualConsole};
 use sutura_host::link::{LinkError, LinkOptions, LockstepConsole, Port, open_serial};
-use sutura_host::scene::{self, LONGEST_S, Scene, position_at};
+use sutura_host::scene::{self, LONGEST_S, Scene};
+use sutura_host::script::path;
 use sutura_host::session::{
     Plan, Progress, SessionError, Solve, Summary, TissueSolver, run_lockstep, run_real_time,
 };
@@ -196,14 +197,17 @@ const PREPARED_EVERY_S: f64 = 0.02;
 fn solver(scene: &Scene, plan: &Plan) -> Result<TissueSolver, Failure> {
     let mut solver = TissueSolver::new(scene)?;
     let used = &plan.hand.way_points[..usize::from(plan.hand.count)];
-    let end_s = used
-        .last()
-        .map_or(0.0, |point| f64::from(point.time_s))
-        .min(plan.seconds);
-    let places = (end_s / PREPARED_EVERY_S).ceil() as u32;
-    let path: Vec<[f64; 3]> = (0..=places)
-        .map(|k| position_at(&plan.hand, f64::from(k) * PREPARED_EVERY_S))
-        .collect();
+    let hand_s = used.last().map_or(0.0, |point| f64::from(point.time_s));
+    let ways = scene.tools.iter().filter_map(|tool| tool.way.as_ref());
+    let ends = ways.filter_map(|way| way.stops().last());
+    // Afterwards everything rests.
+    let end_s = ends.fold(hand_s, |end, stop| end.max(stop.time_s));
+    let path = path(
+        scene,
+        end_s.min(plan.seconds),
+        PREPARED_EVERY_S,
+        TissueSolver::apart_m(scene),
+    );
     solver.prepare(&path);
     Ok(solver)
 }

@@ -5,6 +5,7 @@ use crate::{Format, Global, scene};
 use clap::Args;
 use std::path::PathBuf;
 use sutura_host::output::{Solution, SolutionFormat};
+use sutura_host::scene::{LONGEST_S, Scene};
 use sutura_host::solve::{SolveError, solve};
 
 /// Solves a scene at rest: handles at their targets, loads, and tools held where `position_m` says.
@@ -16,6 +17,10 @@ pub struct SolveArgs {
     /// Result file: .json or .vtu (ParaView).
     #[arg(short, long, value_name = "FILE")]
     pub out: PathBuf,
+    /// Until when the scripts are followed [s], in scenes with needles; the scene's `solve_at_s`, or its end, when left
+    /// out.
+    #[arg(long, value_name = "SECONDS")]
+    pub at: Option<f64>,
 }
 
 const EXAMPLES: &str = "\
@@ -23,6 +28,7 @@ Examples:
   sutura solve scenes/cube-handle.toml --out cube.vtu      open it in ParaView, then Warp By Vector
   sutura solve scenes/cube-handle.toml --out cube.json
   sutura solve scenes/palpation.toml --out pressed.json    a sphere held 9 mm deep in a slab
+  sutura solve scenes/needle-slabs.toml --at 3 --out in.vtu   a needle three seconds after the start
 
 The JSON file has points_m, displacement_m, reactions[] (handle, force_n, torque_nm), tools[] and residual.
 Forces and torques act on the tissue; the handle or the tool feels the opposite.";
@@ -41,7 +47,10 @@ pub fn run(args: &SolveArgs, global: &Global) -> Result<(), Failure> {
             "end the name in .json or .vtu",
         ));
     };
-    let scene = scene::open(Some(&args.scene))?;
+    let mut scene = scene::open(Some(&args.scene))?;
+    if let Some(at_s) = args.at {
+        scene.solve_at_s = Some(solve_at(at_s, &scene)?);
+    }
     let solution = solve(&scene)?;
     solution.write(&args.out, format).map_err(|error| {
         let message = format!("cannot write {}: {error}", args.out.display());
@@ -58,11 +67,31 @@ pub fn run(args: &SolveArgs, global: &Global) -> Result<(), Failure> {
     Ok(())
 }
 
+fn solve_at(at_s: f64, scene: &Scene) -> Result<f64, Failure> {
+    if scene.needles.is_empty() {
+        let message = format!(
+            "--at {at_s}: the scene \"{}\" has no needle, so nothing depends on the way there",
+            scene.name
+        );
+        let help = "leave --at out: tools are held where `position_m` says";
+        return Err(Failure::say(Cause::BadInput, message, help));
+    }
+    if !(0.0..=LONGEST_S).contains(&at_s) {
+        let message = format!("--at {at_s}: must be from 0 to 86400 seconds");
+        let help = "scripts begin at 0";
+        return Err(Failure::say(Cause::BadInput, message, help));
+    }
+    Ok(at_s)
+}
+
 impl From<SolveError> for Failure {
     fn from(error: SolveError) -> Failure {
         let cause = match error {
-            SolveError::NoRest(_) => Cause::Failed,
-            SolveError::Nothing | SolveError::Scene(_) | SolveError::Tissue(_) => Cause::BadInput,
+            SolveError::NoRest(_) | SolveError::NoWay { .. } => Cause::Failed,
+            SolveError::Nothing
+            | SolveError::NoHand
+            | SolveError::Scene(_)
+            | SolveError::Tissue(_) => Cause::BadInput,
         };
         Failure::new(cause, error)
     }
@@ -92,6 +121,7 @@ fn print_json(args: &SolveArgs, solution: &Solution) {
         "displacement_max_m": largest_m(solution),
         "reactions": solution.reactions,
         "tools": solution.tools,
+        "needles": solution.needles,
         "residual": solution.residual,
     });
     say!("{object}");
@@ -123,6 +153,16 @@ fn print_text(args: &SolveArgs, solution: &Solution) {
             vector(&tool.force_n),
             tool.rows,
             1e3 * tool.gap_m
+        );
+    }
+    for needle in &solution.needles {
+        say!(
+            "  needle {}: tip {}, {} punctures, through {} faces, axial force {:.4} N",
+            needle.needle,
+            needle.tip,
+            needle.punctures,
+            needle.crossings,
+            needle.axial_n
         );
     }
     say!("written to {}", args.out.display());

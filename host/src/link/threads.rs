@@ -12,9 +12,9 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
-use sutura_shared::link::{Counters, HostEvent, HostLink};
-use sutura_shared::wire::message::{Command, Contact, Hello, Simulate, State};
-use sutura_shared::wire::{MAX_FRAME, Valid};
+use sutura_shared::link::{Counters, HostEvent, HostLink, SendError};
+use sutura_shared::wire::message::{Command, Contact, Hello, Needle, Simulate, State};
+use sutura_shared::wire::{MAX_FRAME, Message, Valid};
 
 /// How long a `Hello` may stay unanswered before another one is sent: a console answers within a few
 /// ticks, even over the emulator's UART (0.1 s).
@@ -87,7 +87,8 @@ pub struct Link {
 struct Shared {
     end: Mutex<HostLink>,
     states: Slot<Valid<State>>,
-    outbox: Outbox<Order, (u64, Contact)>,
+    /// The newest contact, its console time \[us\], and the needle that goes before it.
+    outbox: Outbox<Order, (u64, Contact, Option<Needle>)>,
     contacts_sent: AtomicU64,
     /// Console time of the newest state \[us\].
     console_time_us: AtomicU64,
@@ -175,9 +176,10 @@ impl Link {
         }
     }
 
-    /// Puts a contact out, solved for the state of `console_time_us`, in place of one that still waits.
-    pub fn contact(&self, console_time_us: u64, contact: Contact) {
-        self.shared.outbox.put((console_time_us, contact));
+    /// Puts a contact out, and before it the needle that was solved with it, both for the state of
+    /// `console_time_us`, in place of what still waits.
+    pub fn contact(&self, console_time_us: u64, contact: Contact, needle: Option<Needle>) {
+        self.shared.outbox.put((console_time_us, contact, needle));
     }
 
     /// Queues an order.
@@ -276,29 +278,31 @@ impl Shared {
 
     /// Until the outbox is closed or the link breaks: orders and contacts to bytes.
     fn write(&self, mut port: Box<dyn Port>, contact_spacing: Duration) {
-        let mut frame = [0; MAX_FRAME];
+        let mut frames = Vec::with_capacity(2 * MAX_FRAME);
         let mut next_contact = Instant::now();
         while let Some(outgoing) = self.outbox.next(next_contact) {
             let newest = self.console_time_us.load(Ordering::Relaxed);
+            frames.clear();
             let mut end = lock(&self.end);
             let encoded = match &outgoing {
-                Outgoing::Order(Order::Command(command)) => end.send(newest, command, &mut frame),
-                Outgoing::Order(Order::Simulate(simulate)) => {
-                    end.send(newest, simulate, &mut frame)
+                Outgoing::Order(Order::Command(command)) => {
+                    append(&mut end, newest, command, &mut frames)
                 }
-                Outgoing::Latest((time_us, contact)) => end.send(*time_us, contact, &mut frame),
+                Outgoing::Order(Order::Simulate(simulate)) => {
+                    append(&mut end, newest, simulate, &mut frames)
+                }
+                Outgoing::Latest((time_us, contact, needle)) => {
+                    append_both(&mut end, *time_us, contact, needle.as_ref(), &mut frames)
+                }
             };
             drop(end);
-            let length = match encoded {
-                Ok(length) => length,
-                Err(error) => {
-                    // Nothing is sent that the console would refuse: it ages out what it has.
-                    tracing::warn!("a message to the console was not sent: {error}");
-                    continue;
-                }
-            };
+            if let Err(error) = encoded {
+                // Nothing is sent that the console would refuse: it ages out what it has.
+                tracing::warn!("a message to the console was not sent: {error}");
+                continue;
+            }
             let give_up = || self.closing.load(Ordering::Relaxed);
-            if let Err(error) = write_all(port.as_mut(), &frame[..length], give_up) {
+            if let Err(error) = write_all(port.as_mut(), &frames, give_up) {
                 return self.break_off(&error);
             }
             if matches!(outgoing, Outgoing::Latest(_)) {
@@ -313,6 +317,35 @@ impl Shared {
         self.states.close();
         self.outbox.close();
     }
+}
+
+/// Writes one frame behind what is there.
+fn append<M: Message>(
+    end: &mut HostLink,
+    console_time_us: u64,
+    body: &M,
+    frames: &mut Vec<u8>,
+) -> Result<(), SendError> {
+    let mut frame = [0; MAX_FRAME];
+    let length = end.send(console_time_us, body, &mut frame)?;
+    frames.extend_from_slice(&frame[..length]);
+    Ok(())
+}
+
+/// Needle and contact, or neither.
+fn append_both(
+    end: &mut HostLink,
+    console_time_us: u64,
+    contact: &Contact,
+    needle: Option<&Needle>,
+    frames: &mut Vec<u8>,
+) -> Result<(), SendError> {
+    // Before the needle's frame takes its number in the sequence.
+    contact.check().map_err(SendError::Invalid)?;
+    if let Some(needle) = needle {
+        append(end, console_time_us, needle, frames)?;
+    }
+    append(end, console_time_us, contact, frames)
 }
 
 fn describe(error: &io::Error) -> String {
@@ -390,4 +423,83 @@ fn shake_hands(
         waited: within,
         heard,
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use sutura_shared::link::{ConsoleLink, Identity};
+    use sutura_shared::wire::Reject;
+    use sutura_shared::wire::message::{Friction, Tip};
+
+    const CONTACT: Contact = Contact {
+        tool: 0,
+        position_m: [0.0; 3],
+        orientation: [0.0, 0.0, 0.0, 1.0],
+        wrench: [0.0; 6],
+        tangent: [0.0; 21],
+        gap_m: 0.0,
+        normal: [0.0, 0.0, 1.0],
+        relaxation_per_s: 0.0,
+        horizon_us: 50_000,
+    };
+    const NEEDLE: Needle = Needle {
+        tool: 0,
+        needle: 0,
+        position_m: [0.0; 3],
+        orientation: [0.0, 0.0, 0.0, 1.0],
+        slide: [0.0, 0.0, -1.0, 0.0, 0.0, 0.0],
+        tip: Tip::Outside,
+        friction: Friction::Sticks,
+        axial_n: 0.0,
+        friction_n: [0.0; 2],
+        stiffness_n_per_m: [0.0; 2],
+        hold_n: 0.0,
+        puncture_n: 1.0,
+        punctured_n: 0.0,
+        horizon_us: 50_000,
+    };
+
+    /// What would be refused of the two holds both back and takes no number in the sequence, so that the
+    /// console does not count it as lost.
+    #[test]
+    fn a_needle_and_its_contact_go_together_or_not_at_all() {
+        let identity = Identity {
+            tick_hz: 1000,
+            simulated: false,
+            device_name: *b"bench\0\0\0\0\0\0\0\0\0\0\0",
+        };
+        let (mut host, mut console) = (HostLink::new(1000), ConsoleLink::new(identity, 7));
+        let mut frame = [0; MAX_FRAME];
+        let length = host.hello(3, &mut frame).expect("fits");
+        frame[..length].iter().for_each(|byte| {
+            console.receive(*byte, 0);
+        });
+        let length = console.take_reply(0, &mut frame).expect("an answer");
+        frame[..length].iter().for_each(|byte| {
+            host.receive(*byte);
+        });
+
+        let bad_contact = Contact {
+            gap_m: f32::NAN,
+            ..CONTACT
+        };
+        let bad_needle = Needle {
+            hold_n: -1.0,
+            ..NEEDLE
+        };
+        let mut frames = Vec::new();
+        let mut append = |contact, needle| append_both(&mut host, 0, contact, needle, &mut frames);
+        let not_finite = Err(SendError::Invalid(Reject::NotFinite));
+        assert_eq!(append(&bad_contact, Some(&NEEDLE)), not_finite);
+        let range = Err(SendError::Invalid(Reject::Range));
+        assert_eq!(append(&CONTACT, Some(&bad_needle)), range);
+        assert_eq!(append(&CONTACT, Some(&NEEDLE)), Ok(()));
+        let heard: Vec<_> = frames
+            .iter()
+            .filter_map(|byte| console.receive(*byte, 0))
+            .collect();
+        assert_eq!(heard.len(), 2, "{heard:?}");
+        assert_eq!(console.counters().frames_lost, 0);
+    }
 }

@@ -8,6 +8,7 @@ mod vtu;
 mod whole;
 
 pub use mesh_file::{MeshFormat, write_mesh};
-pub use solution::{HeldTool, Reaction, Solution, SolutionFormat};
+pub(crate) use solution::tip_word;
+pub use solution::{DrivenNeedle, HeldTool, Reaction, Solution, SolutionFormat};
 pub use vtu::vtu;
 pub use whole::write_whole;

@@ -4,6 +4,7 @@
 //! the tissue**; the handle or the tool feels the opposite.
 
 use super::{vtu, write_whole};
+use crate::needle::{NeedleReport, TipPlace};
 use serde::Serialize;
 use std::io;
 use std::path::Path;
@@ -25,6 +26,9 @@ pub struct Solution {
     pub reactions: Vec<Reaction>,
     /// One for each tool that the scene holds somewhere.
     pub tools: Vec<HeldTool>,
+    /// One for each needle, in the scene's order.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub needles: Vec<DrivenNeedle>,
     /// Largest component of the unbalanced force on a free node, over the largest nodal force; 1 \[-\].
     pub residual: f64,
     /// Nodes of each cell, (m x 4); in the grid file only.
@@ -59,6 +63,45 @@ pub struct HeldTool {
     pub gap_m: f64,
     /// Touched vertices.
     pub rows: u32,
+}
+
+/// A needle as its way has left it.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct DrivenNeedle {
+    /// Id of the needle.
+    pub needle: u8,
+    /// Id of the tool that holds it.
+    pub held_by: Option<u8>,
+    /// Where its tip is: `outside`, `holding` a boundary, `inside`.
+    pub tip: &'static str,
+    /// Faces of the mesh that it goes through.
+    pub crossings: u32,
+    /// Boundaries that it has broken through on its way.
+    pub punctures: u32,
+    /// Force of the tissue on it along itself \[N\], positive towards its tip.
+    pub axial_n: f64,
+}
+
+impl From<&NeedleReport> for DrivenNeedle {
+    fn from(report: &NeedleReport) -> Self {
+        DrivenNeedle {
+            needle: report.id,
+            held_by: report.held_by,
+            tip: tip_word(report.tip),
+            crossings: report.crossings,
+            punctures: report.punctures,
+            axial_n: report.axial_n,
+        }
+    }
+}
+
+/// As reports print it.
+pub(crate) fn tip_word(tip: TipPlace) -> &'static str {
+    match tip {
+        TipPlace::Outside => "outside",
+        TipPlace::Holding => "holding",
+        TipPlace::Inside => "inside",
+    }
 }
 
 /// File formats, by extension.

@@ -137,6 +137,7 @@ mod tests {
                 .collect(),
             reactions: Vec::new(),
             tools: Vec::new(),
+            needles: Vec::new(),
             residual: 0.0,
             cells: vec![[0, 1, 2, 3], [1, 2, 3, 4]],
         }

@@ -18,6 +18,10 @@ pub struct SceneFile {
     /// Name of a device, or path of a device file ending in `.toml`.
     #[schemars(with = "Option<String>")]
     pub device: Option<Spanned<String>>,
+    /// Until when `sutura solve` follows the scripts of hands and tools \[s\], in scenes with needles; to the end
+    /// when left out.
+    #[schemars(with = "Option<f64>")]
+    pub solve_at_s: Option<Spanned<f64>>,
     /// Where the tissue is.
     #[schemars(with = "MeshSection")]
     pub mesh: Spanned<MeshSection>,
@@ -31,9 +35,17 @@ pub struct SceneFile {
     #[serde(default)]
     #[schemars(with = "Vec<Selection>")]
     pub fixed: Vec<Spanned<Selection>>,
-    /// Tools that can touch the tissue.
+    /// Tools that can touch the tissue, or hold needles.
     #[serde(default)]
-    pub tool: Vec<ToolSection>,
+    #[schemars(with = "Vec<ToolSection>")]
+    pub tool: Vec<Spanned<ToolSection>>,
+    /// Needles.
+    #[serde(default)]
+    #[schemars(with = "Vec<NeedleSection>")]
+    pub needle: Vec<Spanned<NeedleSection>>,
+    /// Speed against accuracy of needles.
+    #[schemars(with = "Option<NeedleSolverSection>")]
+    pub needle_solver: Option<Spanned<NeedleSolverSection>>,
     /// Points of tissue that are moved to a target.
     #[serde(default)]
     pub handle: Vec<HandleSection>,
@@ -48,7 +60,7 @@ pub struct SceneFile {
     pub host: HostSection,
 }
 
-/// `[mesh]`: a file with its scale, or a structured slab.
+/// `[mesh]`: a file with its scale, a structured slab, or several parts.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct MeshSection {
@@ -61,9 +73,47 @@ pub struct MeshSection {
     /// Structured slab, centred in x and y, top at z = 0.
     #[schemars(with = "Option<SlabSection>")]
     pub slab: Option<Spanned<SlabSection>>,
+    /// Slabs and tubes beside each other, not connected.
+    #[serde(default)]
+    #[schemars(with = "Vec<PartSection>")]
+    pub part: Vec<Spanned<PartSection>>,
 }
 
-/// `[mesh.slab]`.
+/// `[[mesh.part]]`: a slab or a tube at its place; its cells are a region.
+#[derive(Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct PartSection {
+    /// Name of the region; its number is the part's place in the list, from 1.
+    pub name: Option<String>,
+    /// A structured slab.
+    #[schemars(with = "Option<SlabSection>")]
+    pub slab: Option<Spanned<SlabSection>>,
+    /// A structured tube.
+    #[schemars(with = "Option<TubeSection>")]
+    pub tube: Option<Spanned<TubeSection>>,
+    /// Where the middle of the slab's top, or of the tube, is \[m\], (3); the origin when left out.
+    #[schemars(with = "Option<[f64; 3]>")]
+    pub at_m: Option<Spanned<[f64; 3]>>,
+}
+
+/// A tube of `[[mesh.part]]`.
+#[derive(Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct TubeSection {
+    /// Inner and outer radius \[m\], (2).
+    #[schemars(with = "[f64; 2]")]
+    pub radii_m: Spanned<[f64; 2]>,
+    /// Along its axis \[m\].
+    #[schemars(with = "f64")]
+    pub length_m: Spanned<f64>,
+    /// Along radius, circumference and axis, (3); at least 3 around.
+    #[schemars(with = "[usize; 3]")]
+    pub divisions: Spanned<[usize; 3]>,
+    /// Which way it lies; z when left out.
+    pub axis: Option<Axis>,
+}
+
+/// `[mesh.slab]`, and a slab of `[[mesh.part]]`.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct SlabSection {
@@ -99,6 +149,9 @@ pub struct TissueSection {
     /// Poisson's ratio.
     #[schemars(with = "f64")]
     pub poisson_ratio: Spanned<f64>,
+    /// How the tissue answers needles; scenes with needles need it.
+    #[schemars(with = "Option<NeedleTissueSection>")]
+    pub needle: Option<Spanned<NeedleTissueSection>>,
     /// Speed against accuracy of the corotational model.
     #[schemars(with = "Option<CorotationalSection>")]
     pub corotational: Option<Spanned<CorotationalSection>>,
@@ -142,6 +195,31 @@ pub struct RegionSection {
     /// Poisson's ratio.
     #[schemars(with = "f64")]
     pub poisson_ratio: Spanned<f64>,
+    /// How this part answers needles, where it does so in its own way.
+    #[schemars(with = "Option<NeedleTissueSection>")]
+    pub needle: Option<Spanned<NeedleTissueSection>>,
+}
+
+/// How tissue answers needles: `[tissue.needle]`, and `needle = { .. }` of a region, which has what it leaves
+/// out from `[tissue.needle]`.
+#[derive(Debug, Default, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct NeedleTissueSection {
+    /// Axial force per length of needle in tissue while it slides \[N/m\].
+    #[schemars(with = "Option<f64>")]
+    pub friction_n_per_m: Option<Spanned<f64>>,
+    /// The same before it begins to slide \[N/m\]; that while it slides when left out.
+    #[schemars(with = "Option<f64>")]
+    pub static_friction_n_per_m: Option<Spanned<f64>>,
+    /// Added to the sliding friction per speed \[N s/m^2\]; 0 when left out.
+    #[schemars(with = "Option<f64>")]
+    pub viscous_n_s_per_m2: Option<Spanned<f64>>,
+    /// Force that cuts on, per area of the tip \[Pa\]; 0 when left out.
+    #[schemars(with = "Option<f64>")]
+    pub cutting_pa: Option<Spanned<f64>>,
+    /// Axial force on the tip that breaks through a boundary, per area of the tip \[Pa\]; `inf`: never.
+    #[schemars(with = "Option<f64>")]
+    pub puncture_pa: Option<Spanned<f64>>,
 }
 
 /// How a mesh file calls a region.
@@ -233,6 +311,8 @@ pub enum ToolShape {
     Sphere,
     /// A round bar that ends in a flat face with a rounded rim.
     FlatPunch,
+    /// Touches nothing, and holds a needle.
+    Grip,
 }
 
 /// `[[tool]]`: a rigid shape on a grip.
@@ -245,9 +325,9 @@ pub struct ToolSection {
     /// What touches.
     #[serde(default)]
     pub shape: ToolShape,
-    /// Radius of the sphere or of the punch's bar \[m\].
-    #[schemars(with = "f64")]
-    pub radius_m: Spanned<f64>,
+    /// Radius of the sphere or of the punch's bar \[m\]; a grip has none.
+    #[schemars(with = "Option<f64>")]
+    pub radius_m: Option<Spanned<f64>>,
     /// Radius of a punch's rounded rim \[m\]; a tenth of its radius when left out.
     #[schemars(with = "Option<f64>")]
     pub fillet_m: Option<Spanned<f64>>,
@@ -269,6 +349,107 @@ pub struct ToolSection {
     /// How the grip is held there: unit quaternion (x, y, z, w).
     #[schemars(with = "Option<[f64; 4]>")]
     pub orientation: Option<Spanned<[f64; 4]>>,
+    /// How the grip turns, and, if the console does not carry it, where it goes.
+    #[serde(default)]
+    #[schemars(with = "Vec<ToolWayPointSection>")]
+    pub way_point: Vec<Spanned<ToolWayPointSection>>,
+}
+
+/// `[[tool.way_point]]`: between two of them with minimum jerk, from rest to rest.
+#[derive(Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct ToolWayPointSection {
+    /// Since the session began \[s\].
+    #[schemars(with = "f64")]
+    pub time_s: Spanned<f64>,
+    /// How the grip is turned: axis in the world frame times angle \[degree\], (3); not turned when left out.
+    #[schemars(with = "Option<[f64; 3]>")]
+    pub rotation_deg: Option<Spanned<[f64; 3]>>,
+    /// Where the grip is \[m\], (3); only of tools that the console does not carry, and then of every point.
+    #[schemars(with = "Option<[f64; 3]>")]
+    pub position_m: Option<Spanned<[f64; 3]>>,
+}
+
+/// Shapes of needles by name.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum NeedleShapeName {
+    /// Straight.
+    Straight,
+    /// Part of a circle.
+    Arc,
+}
+
+/// `[[needle]]`: its shape, where it is when the session begins, and who holds it when.
+#[derive(Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct NeedleSection {
+    /// Number on the wire; its place in the list when left out.
+    #[schemars(with = "Option<u8>")]
+    pub id: Option<Spanned<u8>>,
+    /// Straight, or part of a circle.
+    pub shape: NeedleShapeName,
+    /// From end to tip \[m\], of a straight needle.
+    #[schemars(with = "Option<f64>")]
+    pub length_m: Option<Spanned<f64>>,
+    /// Radius of the circle \[m\], of an arc.
+    #[schemars(with = "Option<f64>")]
+    pub radius_m: Option<Spanned<f64>>,
+    /// From end to tip \[degree\], of an arc; less than 360.
+    #[schemars(with = "Option<f64>")]
+    pub angle_deg: Option<Spanned<f64>>,
+    /// Diameter \[m\].
+    #[schemars(with = "f64")]
+    pub thickness_m: Spanned<f64>,
+    /// Where its end, opposite to the tip, is at the start \[m\], (3).
+    #[schemars(with = "[f64; 3]")]
+    pub end_m: Spanned<[f64; 3]>,
+    /// Which way it goes at its end, towards the tip, of any length, (3).
+    #[schemars(with = "[f64; 3]")]
+    pub direction: Spanned<[f64; 3]>,
+    /// From the end to the circle's centre, of any length, (3); of an arc. Only what of it lies across
+    /// `direction` counts.
+    #[schemars(with = "Option<[f64; 3]>")]
+    pub towards: Option<Spanned<[f64; 3]>>,
+    /// Who holds it, from when on.
+    #[serde(default)]
+    #[schemars(with = "Vec<NeedleHoldSection>")]
+    pub hold: Vec<Spanned<NeedleHoldSection>>,
+}
+
+/// `[[needle.hold]]`: from this time on a tool holds the needle where it happens to be, or none does.
+#[derive(Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct NeedleHoldSection {
+    /// Since the session began \[s\]; the first is 0.
+    #[schemars(with = "f64")]
+    pub time_s: Spanned<f64>,
+    /// Id of a tool that is a grip; the needle is let go when left out.
+    #[schemars(with = "Option<u8>")]
+    pub tool: Option<Spanned<u8>>,
+}
+
+/// What follows a puncture.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum PlaybackName {
+    /// The way since the first contact is tracked at once, and solved once at its end.
+    #[default]
+    OneSolve,
+    /// The same, with a solve at each of up to 16 poses on the way.
+    EveryPose,
+}
+
+/// `[needle_solver]`: speed against accuracy of needles.
+#[derive(Debug, Default, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct NeedleSolverSection {
+    /// What follows a puncture.
+    #[serde(default)]
+    pub playback: PlaybackName,
+    /// Steps that one solve serves while nothing happens but sticking and sliding; 1 when left out.
+    #[schemars(with = "Option<u32>")]
+    pub solve_every: Option<Spanned<u32>>,
 }
 
 /// `[[handle]]`: a point of tissue by barycentric coordinates, and where it goes.

@@ -6,22 +6,28 @@ mod device;
 mod document;
 mod file;
 mod hand;
+mod needles;
+mod parts;
 mod read;
 mod region;
 mod schema;
 mod select;
 mod tools;
+mod way;
 
 pub use device::{BUILT_IN as BUILT_IN_DEVICES, read_device};
 pub use document::{Document, Flaw, SceneError};
 pub use hand::position_at;
+pub use needles::{Hold, Needle, NeedleSolver};
 pub use read::LONGEST_S;
 pub use region::Region;
 pub use schema::schema;
+pub use way::{OnWay, Way, WayStop};
 
 use crate::fem::{Loads, Materials, Policy};
 use crate::mesh::TetMesh;
-use crate::model::{Model, Passes};
+use crate::model::{Model, ModelError, Passes};
+use crate::needle::{NeedlePart, NeedleSettings, NeedleTissue};
 use crate::step::{State, Workspace};
 use crate::tool;
 use std::path::Path;
@@ -35,6 +41,8 @@ pub struct Scene {
     pub name: String,
     /// Length of a session \[s\].
     pub seconds: f64,
+    /// Until when a solve without a console follows the scripts \[s\]; to the end if the scene does not say.
+    pub solve_at_s: Option<f64>,
     /// The tissue's mesh, in metres.
     pub mesh: TetMesh,
     /// Which tissue model.
@@ -47,6 +55,12 @@ pub struct Scene {
     pub fixed: Vec<u32>,
     /// Tools, with different ids.
     pub tools: Vec<Tool>,
+    /// Needles, with different ids.
+    pub needles: Vec<Needle>,
+    /// How each cell answers them, (m); empty in a scene without needles.
+    pub needle_tissue: Vec<NeedleTissue>,
+    /// Speed against accuracy of needles.
+    pub needle_solver: NeedleSolver,
     /// Forces on nodes, and points of tissue that are moved to a target.
     pub loads: Loads,
     /// A name for each handle that has one, (as many as there are handles).
@@ -121,7 +135,7 @@ impl Corotational {
 }
 
 /// A tool of a scene.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Tool {
     /// Number on the wire.
     pub id: u8,
@@ -129,8 +143,11 @@ pub struct Tool {
     pub shape: tool::Tool,
     /// Whether the console's grip carries it: one tool of a scene that has any.
     pub driven: bool,
-    /// Where the grip is held: always if another tool is driven, else in solves without a console.
+    /// Where the grip is held: always if another tool is driven, else in solves without a console. With a
+    /// script, where it begins.
     pub pose: Option<Pose>,
+    /// How the grip turns, and where one goes that the console does not carry.
+    pub way: Option<Way>,
 }
 
 /// Position and orientation of a grip.
@@ -180,7 +197,8 @@ impl Scene {
     ///
     /// # Errors
     /// [`SceneError::Build`]: tissue that is not held against rigid motion, handles that conflict, too many
-    /// tools; corotational tissue with handles and tools, or without a balance under its loads.
+    /// tools; corotational tissue with handles and tools, or without a balance under its loads; handles beside
+    /// needles.
     pub fn build(&self) -> Result<(Model, State, Workspace), SceneError> {
         let tools: Vec<_> = self
             .tools
@@ -197,10 +215,34 @@ impl Scene {
             }
         }
         .map_err(SceneError::Build)?;
+        let model = self.add_needles(model).map_err(SceneError::Build)?;
         let (state, workspace) = (State::new(&model), Workspace::new(&model));
         Ok((model, state, workspace))
     }
+
+    fn add_needles(&self, model: Model) -> Result<Model, ModelError> {
+        if self.needles.is_empty() {
+            return Ok(model);
+        }
+        let parts: Vec<_> = self
+            .needles
+            .iter()
+            .map(|needle| NeedlePart {
+                id: needle.id,
+                needle: needle.needle,
+                start: needle.start,
+            })
+            .collect();
+        let settings = NeedleSettings {
+            playback: self.needle_solver.playback,
+            solve_every: self.needle_solver.solve_every,
+            ..NeedleSettings::default()
+        };
+        model.with_needles(&self.mesh, &parts, &self.needle_tissue, settings)
+    }
 }
 
+#[cfg(test)]
+mod needle_tests;
 #[cfg(test)]
 mod tests;

@@ -6,7 +6,9 @@ use super::device::find_device;
 use super::document::{Document, SceneError};
 use super::file::{HandleSection, LoadSection, MeshSection, SceneFile, TissueModel, TissueSection};
 use super::hand::hand_script;
-use super::region::read_materials;
+use super::needles::{read_needle_solver, read_needle_tissue, read_needles};
+use super::parts::{read_parts, read_slab};
+use super::region::{Made, read_materials};
 use super::select::{check_nodes, select};
 use super::tools::read_tools;
 use super::{Corotational, HostSettings, Scene, Tissue};
@@ -33,8 +35,11 @@ impl Scene {
         let file: SceneFile = document.parse()?;
         let mesh = read_mesh(document, &file.mesh)?;
         let mut warnings = Vec::new();
-        let (materials, regions) =
-            read_materials(document, &mesh, &file.tissue, &file.region, &mut warnings)?;
+        let Made {
+            materials,
+            regions,
+            of_cell,
+        } = read_materials(document, &mesh, &file.tissue, &file.region, &mut warnings)?;
         let mut fixed = Vec::new();
         for selection in &file.fixed {
             fixed.extend(select(document, &mesh, selection)?);
@@ -68,6 +73,9 @@ impl Scene {
             (None, _) => None,
         };
         let tools = read_tools(document, &file.tool, &mesh, &mut warnings)?;
+        let hands = (&tools[..], &file.tool[..]);
+        let needles = read_needles(document, &file.needle, hands, &mesh, &mut warnings)?;
+        let needle_tissue = read_needle_tissue(document, &file, &of_cell, &mut warnings)?;
         let handles = file
             .handle
             .iter()
@@ -80,12 +88,16 @@ impl Scene {
         Ok(Scene {
             name: file.name.clone().unwrap_or_else(|| name.to_owned()),
             seconds: read_seconds(document, &file)?,
+            solve_at_s: read_solve_at(document, &file)?,
             mesh,
             tissue: read_tissue(document, &file.tissue)?,
             materials,
             regions,
             fixed,
             tools,
+            needles,
+            needle_tissue,
+            needle_solver: read_needle_solver(document, &file)?,
             loads: Loads {
                 forces,
                 handles,
@@ -112,6 +124,23 @@ fn read_seconds(document: &Document, file: &SceneFile) -> Result<f64, SceneError
         |s| s > 0.0 && s <= LONGEST_S,
         help,
     )
+}
+
+fn read_solve_at(document: &Document, file: &SceneFile) -> Result<Option<f64>, SceneError> {
+    let Some(value) = &file.solve_at_s else {
+        return Ok(None);
+    };
+    if file.needle.is_empty() {
+        let message = "a time to solve at in a scene where nothing depends on the way there";
+        let help = "`sutura solve` follows scripts for needles only: add a `[[needle]]`, or leave this key out";
+        return Err(document.flaw(value.span(), message, "no needle", Some(help)));
+    }
+    let help = "seconds since the session begins";
+    let rule = "from 0 to 86400";
+    let sound = |s| (0.0..=LONGEST_S).contains(&s);
+    document
+        .number("solve_at_s", value, rule, sound, help)
+        .map(Some)
 }
 
 fn read_host(document: &Document, file: &SceneFile) -> Result<HostSettings, SceneError> {
@@ -148,7 +177,8 @@ fn read_mesh(document: &Document, section: &Spanned<MeshSection>) -> Result<TetM
             file: Some(file),
             scale_to_m: Some(scale),
             slab: None,
-        } => {
+            part,
+        } if part.is_empty() => {
             let help = "metres per unit of the mesh file: 0.001 for a mesh in millimetres";
             let scale = document.number("scale_to_m", scale, "positive", |s| s > 0.0, help)?;
             let path = document.resolve(file.get_ref());
@@ -170,32 +200,18 @@ fn read_mesh(document: &Document, section: &Spanned<MeshSection>) -> Result<TetM
             file: None,
             scale_to_m: None,
             slab: Some(slab),
-        } => {
-            let (size, divisions) = (&slab.get_ref().size_m, &slab.get_ref().divisions);
-            let help = "size along x, y, z in metres";
-            if document.finite("size_m", size)?.iter().any(|s| *s <= 0.0) {
-                let message = "size_m: every length must be positive";
-                return Err(document.flaw(size.span(), message, "must be positive", Some(help)));
-            }
-            let cubes = divisions
-                .get_ref()
-                .iter()
-                .try_fold(1usize, |n, d| n.checked_mul(*d));
-            // A million cubes are five million cells: far above what any solver here can do.
-            if !cubes.is_some_and(|n| (1..=1_000_000).contains(&n)) {
-                let message =
-                    "divisions: must be 1 or more along each axis, a million cubes at most";
-                let help = "a slab of 20 x 20 x 8 cubes steps at some hundred hertz";
-                return Err(document.flaw(divisions.span(), message, "not usable", Some(help)));
-            }
-            mesh::slab(*size.get_ref(), *divisions.get_ref())
-                .map_err(|e| document.flaw(slab.span(), e.to_string(), "this slab", Some(help)))
-        }
+            part,
+        } if part.is_empty() => read_slab(document, slab),
+        MeshSection {
+            file: None,
+            scale_to_m: None,
+            slab: None,
+            part,
+        } if !part.is_empty() => read_parts(document, part),
         _ => {
-            let help =
-                "give either `file = \"x.msh\"` with `scale_to_m`, or a `[mesh.slab]` section";
+            let help = "give either `file = \"x.msh\"` with `scale_to_m`, or a `[mesh.slab]` section, or `[[mesh.part]]`s";
             let message = "the mesh comes from one place";
-            Err(document.flaw(section.span(), message, "file or slab", Some(help)))
+            Err(document.flaw(section.span(), message, "file, slab or parts", Some(help)))
         }
     }
 }

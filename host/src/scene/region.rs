@@ -21,6 +21,14 @@ pub struct Region {
     pub cells: usize,
 }
 
+/// What the cells are made of.
+pub(super) struct Made {
+    pub materials: Materials,
+    pub regions: Vec<Region>,
+    /// 0 for `[tissue]`, else which `[[region]]` in the order of the file, from 1, (m).
+    pub of_cell: Vec<u32>,
+}
+
 /// The materials of all cells, and every region with what it holds in the end.
 ///
 /// # Errors
@@ -32,10 +40,14 @@ pub(super) fn read_materials(
     tissue: &TissueSection,
     sections: &[Spanned<RegionSection>],
     warnings: &mut Vec<Flaw>,
-) -> Result<(Materials, Vec<Region>), SceneError> {
+) -> Result<Made, SceneError> {
     let everywhere = read_material(document, &tissue.youngs_modulus_pa, &tissue.poisson_ratio)?;
     if sections.is_empty() {
-        return Ok((everywhere.into(), Vec::new()));
+        return Ok(Made {
+            materials: everywhere.into(),
+            regions: Vec::new(),
+            of_cell: vec![0; mesh.cells().len()],
+        });
     }
     let mut list = vec![everywhere];
     let mut of_cell = vec![0; mesh.cells().len()];
@@ -46,6 +58,7 @@ pub(super) fn read_materials(
             cuboid,
             youngs_modulus_pa,
             poisson_ratio,
+            needle: _,
         } = section.get_ref();
         let material = read_material(document, youngs_modulus_pa, poisson_ratio)?;
         let (name, cells) = match (tag, cuboid) {
@@ -83,7 +96,11 @@ pub(super) fn read_materials(
             warnings.push(document.warning(section.span(), message, "all in later regions", help));
         }
     }
-    Ok((Materials::by_cell(list, of_cell), regions))
+    Ok(Made {
+        materials: Materials::by_cell(list, of_cell.clone()),
+        regions,
+        of_cell,
+    })
 }
 
 fn read_material(

@@ -1,14 +1,16 @@
-//! `[[tool]]`: shapes on grips, which of them the console drives, and where the others are held.
+//! `[[tool]]`: shapes on grips, which of them the console drives, and where the others are held or go.
 //!
 //! Entry point: [`read_tools`].
 
 use super::document::{Document, Flaw, SceneError};
 use super::file::{ToolSection, ToolShape};
+use super::way::{self, read_way};
 use super::{Pose, Tool};
 use crate::mesh::TetMesh;
 use crate::model::LEAST_RADIUS_IN_EDGES;
 use crate::tool::{self, Shape};
 use nalgebra::Vector3;
+use std::ops::Range;
 use toml::Spanned;
 
 /// Bars so much longer than wide end far from the tissue.
@@ -20,34 +22,45 @@ const LENGTH_IN_RADII: f64 = 4.0;
 /// A flaw at what is wrong: a length, an id that is there already, a pose that is none, two driven tools.
 pub(super) fn read_tools(
     document: &Document,
-    sections: &[ToolSection],
+    sections: &[Spanned<ToolSection>],
     mesh: &TetMesh,
     warnings: &mut Vec<Flaw>,
 ) -> Result<Vec<Tool>, SceneError> {
     let edge_m = mesh.surface().mean_edge_m;
     let driven = driven_tool(document, sections)?;
     let mut tools: Vec<Tool> = Vec::with_capacity(sections.len());
-    for (place, section) in sections.iter().enumerate() {
-        let shape = read_shape(document, section)?;
-        if shape.radius_m() < LEAST_RADIUS_IN_EDGES * edge_m {
-            warnings.push(point_tool(document, section, shape.radius_m(), edge_m));
+    for (place, spanned) in sections.iter().enumerate() {
+        let section = spanned.get_ref();
+        let at = way::place(spanned);
+        let is_grip = section.shape == ToolShape::Grip;
+        let shape = read_shape(document, spanned)?;
+        if !is_grip && shape.radius_m() < LEAST_RADIUS_IN_EDGES * edge_m {
+            warnings.push(point_tool(document, at.clone(), shape.radius_m(), edge_m));
         }
         let id = section.id.as_ref().map_or(place as u8, |id| *id.get_ref());
         if tools.iter().any(|other| other.id == id) {
             let span = section
                 .id
                 .as_ref()
-                .map_or_else(|| section.radius_m.span(), |id| id.span());
+                .map_or_else(|| at.clone(), |id| id.span());
             let help = "give every tool an `id` of its own, 0 to 255";
             let message = format!("two tools have the id {id}");
             return Err(document.flaw(span, message, "the second", Some(help)));
         }
-        let pose = read_pose(document, section)?;
         let driven = driven == place;
+        let way = read_way(document, section, driven)?;
+        let mut pose = read_pose(document, section)?;
+        if let Some(begin) = way.as_ref().map(|way| way.at(0.0)) {
+            let position_m = begin.moved.map(|(at, _)| at);
+            let position_m = position_m.or(pose.map(|pose| pose.position_m));
+            pose = position_m.map(|position_m| Pose {
+                position_m,
+                orientation: begin.orientation,
+            });
+        }
         if !driven && pose.is_none() {
             let message = format!("tool {id} is neither driven by the console nor held");
             let help = "add `position_m` where it is to be held, or leave the tool out";
-            let at = section.radius_m.span();
             warnings.push(document.warning(at, &message, "touches nothing", help));
         }
         tools.push(Tool {
@@ -55,22 +68,46 @@ pub(super) fn read_tools(
             shape,
             driven,
             pose,
+            way,
         });
     }
     Ok(tools)
 }
 
-fn read_shape(document: &Document, section: &ToolSection) -> Result<tool::Tool, SceneError> {
-    let help = "the radius of the sphere or the bar that touches the tissue, in metres; a sphere of 0 is a bare point";
-    let (rule, least): (_, fn(f64) -> bool) = match section.shape {
-        ToolShape::Sphere => ("zero or positive", |r| r >= 0.0),
-        ToolShape::FlatPunch => ("positive", |r| r > 0.0),
-    };
-    let radius_m = document.number("radius_m", &section.radius_m, rule, least, help)?;
+fn read_shape(
+    document: &Document,
+    spanned: &Spanned<ToolSection>,
+) -> Result<tool::Tool, SceneError> {
+    let section = spanned.get_ref();
     let offset_m = match &section.offset_m {
         Some(offset) => document.finite("offset_m", offset)?,
         None => [0.0; 3],
     };
+    if section.shape == ToolShape::Grip {
+        let lengths = [&section.radius_m, &section.fillet_m, &section.length_m]
+            .map(|key| key.as_ref().map(Spanned::span));
+        let vectors = [&section.axis, &section.offset_m].map(|key| key.as_ref().map(Spanned::span));
+        if let Some(span) = lengths.into_iter().chain(vectors).flatten().next() {
+            let message =
+                "a grip touches nothing: it has no radius, fillet, length, axis or offset";
+            let help =
+                "leave this key out, or name a shape that touches: `\"sphere\"`, `\"flat-punch\"`";
+            return Err(document.flaw(span, message, "the shape is a grip", Some(help)));
+        }
+        return Ok(tool::Tool::new(Shape::Grip, offset_m));
+    }
+    let help = "the radius of the sphere or the bar that touches the tissue, in metres; a sphere of 0 is a bare point";
+    let (rule, least): (_, fn(f64) -> bool) = match section.shape {
+        ToolShape::Sphere | ToolShape::Grip => ("zero or positive", |r| r >= 0.0),
+        ToolShape::FlatPunch => ("positive", |r| r > 0.0),
+    };
+    let Some(radius) = &section.radius_m else {
+        let message = "missing key `radius_m`";
+        let help =
+            "add `radius_m = ...`; only a `shape = \"grip\"`, which holds a needle, has none";
+        return Err(document.flaw(spanned.span(), message, "needed here", Some(help)));
+    };
+    let radius_m = document.number("radius_m", radius, rule, least, help)?;
     if section.shape == ToolShape::Sphere {
         let lengths =
             [&section.fillet_m, &section.length_m].map(|key| key.as_ref().map(Spanned::span));
@@ -127,23 +164,24 @@ fn read_shape(document: &Document, section: &ToolSection) -> Result<tool::Tool, 
 }
 
 /// Place in the list of the tool that the console's grip carries.
-fn driven_tool(document: &Document, sections: &[ToolSection]) -> Result<usize, SceneError> {
-    let said = |section: &ToolSection| section.driven.as_ref().map(|driven| *driven.get_ref());
-    let is_driven = |section: &&ToolSection| said(section) == Some(true);
+fn driven_tool(
+    document: &Document,
+    sections: &[Spanned<ToolSection>],
+) -> Result<usize, SceneError> {
+    let key = |section: &Spanned<ToolSection>| section.get_ref().driven.clone();
+    let said = |section: &Spanned<ToolSection>| key(section).map(Spanned::into_inner);
+    let is_driven = |section: &&Spanned<ToolSection>| said(section) == Some(true);
     if let Some(second) = sections.iter().filter(is_driven).nth(1) {
         let message = "two tools are driven, but the console has one grip";
         let help = "let one tool be driven, and hold the others at their `position_m`";
-        let span = second.driven.as_ref().map_or(0..0, Spanned::span);
+        let span = key(second).map_or(0..0, |driven| driven.span());
         return Err(document.flaw(span, message, "the second", Some(help)));
     }
     let driven = sections
         .iter()
         .position(|section| said(section) == Some(true))
         .or_else(|| sections.iter().position(|section| said(section).is_none()));
-    match (
-        driven,
-        sections.first().and_then(|first| first.driven.as_ref()),
-    ) {
+    match (driven, sections.first().and_then(key)) {
         (Some(place), _) => Ok(place),
         // Without tools there is nothing to drive.
         (None, None) => Ok(0),
@@ -156,7 +194,7 @@ fn driven_tool(document: &Document, sections: &[ToolSection]) -> Result<usize, S
 }
 
 /// A tool that touches about one vertex feels the mesh, not the tissue.
-fn point_tool(document: &Document, section: &ToolSection, radius_m: f64, edge_m: f64) -> Flaw {
+fn point_tool(document: &Document, at: Range<usize>, radius_m: f64, edge_m: f64) -> Flaw {
     let message = format!(
         "a tool of {:.1} mm radius is a bare point for this mesh, whose edges are {:.1} mm long",
         radius_m * 1e3,
@@ -166,12 +204,7 @@ fn point_tool(document: &Document, section: &ToolSection, radius_m: f64, edge_m:
         "the stiffness felt is then an artefact of the mesh (it falls towards 0 under refinement): use a radius of at least {:.4} m, three edges, or a finer mesh",
         3.0 * edge_m
     );
-    document.warning(
-        section.radius_m.span(),
-        &message,
-        "touches few vertices",
-        &help,
-    )
+    document.warning(at, &message, "touches few vertices", &help)
 }
 
 fn read_pose(document: &Document, section: &ToolSection) -> Result<Option<Pose>, SceneError> {

@@ -4,12 +4,12 @@
 //! machine: the contact for the state of solve k is delivered when solve k + 1 starts. Two runs give one hash.
 
 use super::setup::{Arming, ArmingWatch};
-use super::{Plan, Progress, SessionError, Solve, Summary, Tally, contact_frame};
+use super::{Plan, Progress, SessionError, Solve, Summary, Tally};
 use crate::link::{LinkCounters, LinkError, LockstepConsole, Order};
 use std::ops::ControlFlow;
 use std::time::Instant;
 use sutura_shared::link::{HostEvent, HostLink};
-use sutura_shared::wire::message::{Command, Contact, Hello, Mode, State};
+use sutura_shared::wire::message::{Command, Contact, Hello, Mode, Needle, State};
 use sutura_shared::wire::{MAX_FRAME, Message, Valid};
 
 /// Exchanges within which the console must answer a `Hello`.
@@ -143,7 +143,7 @@ pub fn run_lockstep(
     }
     let mut arming = Some(ArmingWatch::new(plan));
     let mut schedule: Option<Schedule> = None;
-    let mut pending: Option<(u64, Contact)> = None;
+    let mut pending: Option<(u64, Contact, Option<Needle>)> = None;
     let mut counters = LinkCounters::default();
     let mut silent = 0;
     while tally.ticks() < plan.ticks() {
@@ -153,7 +153,10 @@ pub fn run_lockstep(
             (Some(schedule), Some(tick)) => schedule.is_due(tick),
             _ => false,
         };
-        if let Some((time_us, contact)) = pending.take_if(|_| starts) {
+        if let Some((time_us, contact, needle)) = pending.take_if(|_| starts) {
+            if let Some(needle) = needle {
+                line.send(time_us, &needle)?;
+            }
             line.send(time_us, &contact)?;
             counters.contacts_sent += 1;
         }
@@ -197,10 +200,8 @@ pub fn run_lockstep(
             let solved = solver.solve(&state);
             tally.step(&solved, before.elapsed());
             let horizon_us = plan.horizon_us(&tally.horizon);
-            let contact = solved
-                .contact
-                .map(|contact| contact_frame(state.body(), &contact, horizon_us));
-            pending = contact.map(|contact| (state.console_time_us(), contact));
+            let frames = solved.frames(state.body(), horizon_us);
+            pending = frames.map(|(contact, needle)| (state.console_time_us(), contact, needle));
         }
         if tally.ticks().is_multiple_of(PROGRESS_EVERY) {
             let elapsed_s = tally.ticks() as f64 / f64::from(plan.tick_hz);

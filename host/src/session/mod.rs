@@ -7,6 +7,7 @@
 mod contact_frame;
 mod horizon;
 mod lockstep;
+mod needle_frame;
 mod real_time;
 mod setup;
 mod summary;
@@ -17,6 +18,7 @@ mod tissue;
 pub use contact_frame::{contact_frame, pack_symmetric};
 pub use horizon::Horizon;
 pub use lockstep::run_lockstep;
+pub use needle_frame::{HeldNeedle, needle_frame};
 pub use real_time::run_real_time;
 pub use setup::{Plan, SessionError};
 pub use summary::{Age, Energy, Force, Frames, Latency, StepTime, Summary};
@@ -25,17 +27,31 @@ pub use tissue::TissueSolver;
 
 use crate::step::{Stages, Status, ToolContact};
 use sutura_shared::wire::Valid;
-use sutura_shared::wire::message::{Report, State};
+use sutura_shared::wire::message::{Contact, Needle, Report, State};
 
 /// What a solver step gave.
 #[derive(Clone, Copy, Debug)]
 pub struct Solved {
     /// The contact at the state's pose; none when the result is not good enough to be felt.
     pub contact: Option<ToolContact>,
+    /// The needle in that tool's grip, if it holds one; sent with the contact, never without.
+    pub needle: Option<HeldNeedle>,
     /// How the step ended.
     pub status: Status,
     /// Time per stage.
     pub stages: Stages,
+}
+
+impl Solved {
+    /// What is sent for the state that was solved for, good until `horizon_us` after it.
+    pub fn frames(&self, state: &State, horizon_us: u32) -> Option<(Contact, Option<Needle>)> {
+        let contact = contact_frame(state, self.contact.as_ref()?, horizon_us);
+        let needle = self.needle.as_ref();
+        Some((
+            contact,
+            needle.map(|needle| needle_frame(state, needle, horizon_us)),
+        ))
+    }
 }
 
 /// What turns a state of the console into the contact that it feels.

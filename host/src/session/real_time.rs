@@ -4,7 +4,7 @@
 //! times a second; a step whose result is not good sends nothing, and the console lets the force decay.
 
 use super::setup::{Arming, ArmingWatch};
-use super::{Plan, Progress, SessionError, Solve, Summary, Tally, contact_frame};
+use super::{Plan, Progress, SessionError, Solve, Summary, Tally};
 use crate::link::{Link, LinkCounters, LinkOptions, Order, Port};
 use std::ops::ControlFlow;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -169,11 +169,8 @@ fn solve_until(
             }
             plan.horizon_us(&log.tally.horizon)
         };
-        if let Some(contact) = solved.contact {
-            link.contact(
-                state.console_time_us(),
-                contact_frame(state.body(), &contact, horizon_us),
-            );
+        if let Some((contact, needle)) = solved.frames(state.body(), horizon_us) {
+            link.contact(state.console_time_us(), contact, needle);
         }
         next += period;
         let now = Instant::now();

@@ -342,6 +342,7 @@ mod tests {
         let mut tally = Tally::new(100.0);
         let solved = |status, contact| Solved {
             contact,
+            needle: None,
             status,
             stages: Stages::default(),
         };

@@ -1,20 +1,27 @@
-//! The scene's tissue and tools behind [`Solve`]: a state becomes a sample, a step, a contact.
+//! The scene's tissue, tools and needles behind [`Solve`]: a state becomes a sample, a step, a contact.
 //!
-//! Entry point: [`TissueSolver::new`]. The console's one grip carries the scene's driven tool; the others
-//! stay where the scene holds them.
+//! Entry point: [`TissueSolver::new`]. The console's one grip carries the scene's driven tool; the others stay
+//! where the scene holds them, or follow their scripts.
 
-use super::{Solve, Solved};
+use super::{HeldNeedle, Solve, Solved};
 use crate::model::Model;
-use crate::scene::{Pose, Scene, Tissue};
-use crate::solve::{SolveError, bring_in, sample};
+use crate::needle::{NeedleReport, TipPlace};
+use crate::output::tip_word;
+use crate::scene::{Needle, Scene, Tissue};
+use crate::script::{Path, Script};
+use crate::solve::{SolveError, bring_in};
 use crate::step::{self, Status, StepReport, Workspace};
 use crate::tool::ToolSample;
+use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 use serde_json::{Map, Value, json};
 use sutura_shared::wire::Valid;
-use sutura_shared::wire::message::State;
+use sutura_shared::wire::message::{Friction, State, Tip};
 
 /// How far from the tool's centre vertices are prepared, in radii: as far as a step looks ahead.
 const PREPARED_RADII: f64 = 1.5;
+/// How far from a needle nodes are prepared, in mean edges: those of the faces that it goes through, and of the
+/// next ones.
+const PREPARED_EDGES: f64 = 1.5;
 /// And so much further \[m\]: the hand strays from its path, and tissue moves along.
 const PREPARED_MARGIN_M: f64 = 0.003;
 
@@ -25,10 +32,11 @@ pub struct TissueSolver {
     model: Model,
     state: step::State,
     work: Workspace,
-    /// The driven tool, if there is one, then those that are held.
-    samples: Vec<ToolSample>,
-    is_driven: bool,
+    script: Script,
+    /// Console time of the first step \[us\], from which scripts count.
+    began_us: Option<u64>,
     deepest: Deepest,
+    needles: Vec<NeedleTally>,
     last: StepReport,
 }
 
@@ -41,6 +49,14 @@ struct Deepest {
     stored_energy_j: f64,
 }
 
+/// A needle as the last good step left it, and at its worst.
+#[derive(Clone, Copy, Debug, Default)]
+struct NeedleTally {
+    last: NeedleReport,
+    peak_axial_n: f64,
+    most_crossings: u32,
+}
+
 impl TissueSolver {
     /// Builds the scene's solver and brings the tools that are held to their places.
     ///
@@ -48,45 +64,51 @@ impl TissueSolver {
     /// What [`Scene::build`] refuses; tools that are held too deep.
     pub fn new(scene: &Scene) -> Result<Self, SolveError> {
         let (model, mut state, mut work) = scene.build()?;
-        let held: Vec<_> = scene
-            .held()
-            .map(|(tool, pose)| (tool.id, tool.shape, pose))
-            .collect();
-        let last = bring_in(&model, &mut state, &held, &mut work)?;
-        // The console says where; it is not stepped before that.
-        let somewhere = Pose {
-            position_m: [0.0; 3],
-            orientation: [0.0, 0.0, 0.0, 1.0],
-        };
-        let driven = scene.driven().map(|tool| sample(tool.id, &somewhere));
-        let held = held.iter().map(|(id, _, pose)| sample(*id, pose));
+        let mut last = StepReport::default();
+        // Grips touch nothing on their way.
+        if scene.needles.is_empty() {
+            let held: Vec<_> = scene
+                .held()
+                .map(|(tool, pose)| (tool.id, tool.shape, pose))
+                .collect();
+            last = bring_in(&model, &mut state, &held, &mut work)?;
+        }
         Ok(TissueSolver {
             name: scene.name.clone(),
             tissue: scene.tissue,
             model,
             state,
             work,
-            is_driven: driven.is_some(),
-            samples: driven.into_iter().chain(held).collect(),
+            script: Script::new(scene),
+            began_us: None,
             deepest: Deepest::default(),
+            needles: scene.needles.iter().map(NeedleTally::of).collect(),
             last,
         })
     }
 
     /// Computes beforehand what steps along `path` will need, so that the first touch costs no more than
-    /// any other: `path` are places of the grip \[m\], not turned. Returns how many vertices are prepared.
-    pub fn prepare(&mut self, path: &[[f64; 3]]) -> usize {
-        let Some((_, tool)) = self.driven().and_then(|id| self.model.tool(id)) else {
-            return 0;
-        };
-        let radius_m = tool.radius_m().max(self.model.surface().mean_edge_m);
-        let reach_m = PREPARED_RADII * radius_m + PREPARED_MARGIN_M;
-        let offset = tool.offset_m;
+    /// any other. Returns how many vertices are prepared.
+    pub fn prepare(&mut self, path: &Path) -> usize {
+        let edge_m = self.model.surface().mean_edge_m;
+        let (mut places, mut reach_m) = (path.needles.clone(), 0.0);
+        if !places.is_empty() {
+            reach_m = PREPARED_EDGES * edge_m + PREPARED_MARGIN_M;
+        } else if let Some((_, tool)) = self.driven().and_then(|id| self.model.tool(id)) {
+            reach_m = PREPARED_RADII * tool.radius_m().max(edge_m) + PREPARED_MARGIN_M;
+            let offset = Vector3::from(tool.offset_m);
+            places.extend(path.grips.iter().map(|grip| {
+                let [x, y, z, w] = grip.orientation;
+                let turn = UnitQuaternion::new_unchecked(Quaternion::new(w, x, y, z));
+                Vector3::from(grip.position_m) + turn * offset
+            }));
+        }
         let near = |vertex: [f64; 3]| {
-            path.iter().any(|grip| {
-                let square = (0..3).map(|i| (grip[i] + offset[i] - vertex[i]).powi(2));
-                square.sum::<f64>() <= reach_m * reach_m
-            })
+            let vertex = Vector3::from(vertex);
+            let square = reach_m * reach_m;
+            places
+                .iter()
+                .any(|place| (place - vertex).norm_squared() <= square)
         };
         let count = self.work.prepare(&self.model, near);
         tracing::info!("compliance of {count} vertices computed beforehand");
@@ -103,18 +125,31 @@ impl TissueSolver {
         }
     }
 
-    /// Id of the tool that the console's grip carries.
-    pub fn driven(&self) -> Option<u8> {
-        let first = self.samples.first().filter(|_| self.is_driven);
-        first.map(|sample| sample.id)
+    /// Distance between the points of a needle that [`Self::prepare`] needs at most \[m\].
+    pub fn apart_m(scene: &Scene) -> f64 {
+        0.5 * scene.mesh.surface().mean_edge_m
     }
 
-    /// Steps with the driven tool where `sample` is; without a driven tool nothing moves.
+    /// Id of the tool that the console's grip carries.
+    pub fn driven(&self) -> Option<u8> {
+        self.script.driven()
+    }
+
+    /// Steps with the driven tool where `sample` is, and all else where the scripts have it at its time, counted from
+    /// the first step's.
     pub fn step(&mut self, sample: ToolSample) -> StepReport {
-        if let Some(driven) = self.samples.first_mut().filter(|_| self.is_driven) {
-            *driven = sample;
+        let now_us = sample.console_time_us;
+        let began_us = *self.began_us.get_or_insert(now_us);
+        let time_s = 1e-6 * now_us.saturating_sub(began_us) as f64;
+        let samples = self
+            .script
+            .step_to(time_s, sample, &self.model, &mut self.state);
+        self.last = step::step(&self.model, &mut self.state, samples, &mut self.work);
+        for (tally, report) in self.needles.iter_mut().zip(self.last.needles()) {
+            tally.last = *report;
+            tally.peak_axial_n = tally.peak_axial_n.max(report.axial_n.abs());
+            tally.most_crossings = tally.most_crossings.max(report.crossings);
         }
-        self.last = step::step(&self.model, &mut self.state, &self.samples, &mut self.work);
         self.last
     }
 
@@ -135,18 +170,79 @@ impl TissueSolver {
     }
 }
 
+/// The needle in the grip of `driven`, for the wire.
+fn in_grip(report: &StepReport, driven: u8) -> Option<HeldNeedle> {
+    let needles = report.needles().iter();
+    let needle = needles.into_iter().find(|n| n.held_by == Some(driven))?;
+    let friction = match (needle.slides, needle.axial_n > 0.0) {
+        (false, _) => Friction::Sticks,
+        (true, false) => Friction::Forward,
+        (true, true) => Friction::Backward,
+    };
+    // What sticks gives way, too, once the boundary does: at most friction is left.
+    let left_n = needle.axial_n + needle.hold_n;
+    let [forward_n, backward_n] = needle.limit_n;
+    Some(HeldNeedle {
+        tool: driven,
+        needle: needle.id,
+        slide: needle.slide,
+        tip: match needle.tip {
+            TipPlace::Outside => Tip::Outside,
+            TipPlace::Holding => Tip::Holding,
+            TipPlace::Inside => Tip::Inside,
+        },
+        friction,
+        axial_n: needle.axial_n,
+        friction_n: needle.limit_n,
+        stiffness_n_per_m: needle.stiffness_n_per_m,
+        hold_n: needle.hold_n,
+        puncture_n: needle.puncture_n,
+        punctured_n: left_n.max(-forward_n).min(backward_n),
+    })
+}
+
+impl NeedleTally {
+    fn of(needle: &Needle) -> Self {
+        NeedleTally {
+            last: NeedleReport {
+                id: needle.id,
+                ..NeedleReport::default()
+            },
+            ..NeedleTally::default()
+        }
+    }
+
+    fn to_json(self) -> Value {
+        let [friction, cutting, release] = self.last.dissipated_j;
+        json!({
+            "needle": self.last.id,
+            "held_by": self.last.held_by,
+            "tip": tip_word(self.last.tip),
+            "punctures": self.last.punctures,
+            "crossings": self.last.crossings,
+            "most_crossings": self.most_crossings,
+            "axial_n": self.last.axial_n,
+            "peak_axial_n": self.peak_axial_n,
+            "dissipated_j": { "friction": friction, "cutting": cutting, "release": release },
+            "guessed": self.last.guessed,
+        })
+    }
+}
+
 impl Solve for TissueSolver {
     fn solve(&mut self, state: &Valid<State>) -> Solved {
         let Some(sample) = self.sample(state) else {
             // A scene without a tool is felt as free space, but nothing needs to be sent for that.
             return Solved {
                 contact: None,
+                needle: None,
                 status: Status::UnknownTool,
                 stages: step::Stages::default(),
             };
         };
         let report = self.step(sample);
         let contact = report.contacts().first().copied();
+        let needle = self.driven().and_then(|driven| in_grip(&report, driven));
         if let Some(contact) = contact {
             let [x, y, z, ..] = contact.wrench;
             let force_n = (x * x + y * y + z * z).sqrt();
@@ -162,6 +258,7 @@ impl Solve for TissueSolver {
         }
         Solved {
             contact,
+            needle,
             status: report.status,
             stages: report.stages,
         }
@@ -178,14 +275,14 @@ impl Solve for TissueSolver {
             .last
             .contacts()
             .iter()
-            .skip(usize::from(self.is_driven));
+            .skip(usize::from(self.driven().is_some()));
         let held: Vec<Value> = held
             .map(|contact| {
                 let [x, y, z, ..] = contact.wrench;
                 json!({ "tool": contact.id, "force_n": [-x, -y, -z], "rows": contact.rows })
             })
             .collect();
-        let report = json!({
+        let mut report = json!({
             "name": self.name,
             "tissue": self.tissue.word(),
             "nodes": self.model.points_m().len(),
@@ -197,6 +294,12 @@ impl Solve for TissueSolver {
             },
             "held": held,
         });
+        if !self.needles.is_empty() {
+            let punctures = self.needles.iter().map(|needle| needle.last.punctures);
+            report["punctures"] = punctures.sum::<u32>().into();
+            let needles = self.needles.iter().map(|needle| needle.to_json());
+            report["needles"] = needles.collect();
+        }
         if let Value::Object(report) = report {
             report
         } else {

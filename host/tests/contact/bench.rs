@@ -134,6 +134,7 @@ pub fn distance(tool: &Tool, sample: &ToolSample, point: &Vector3<f64>) -> (f64,
     let turn = rotation_of(sample);
     let centre = Vector3::from(sample.position_m) + turn * Vector3::from(tool.offset_m);
     let (nearest, swell) = match tool.shape {
+        Shape::Grip => return (f64::MAX, Vector3::z()),
         Shape::Sphere { radius_m } => (centre, radius_m),
         Shape::FlatPunch {
             radius_m,

@@ -16,10 +16,10 @@ use crate::device::{DeviceDescription, DeviceError, JOINTS};
 use crate::hash::TraceHash;
 use crate::kinematics::{self, Pose};
 use crate::math::{Vec3, is_finite};
-use crate::wire::ValidContact;
 use crate::wire::faults;
 use crate::wire::message::{Command, Mode, State};
 use crate::wire::validate::MAX_POSITION;
+use crate::wire::{ValidContact, ValidNeedle};
 use contact::{Freshness, LocalContact};
 use drive::Drive;
 use encoders::{Encoders, Joints};
@@ -72,6 +72,10 @@ pub struct Control {
     device: DeviceDescription,
     encoders: Encoders,
     contact: Option<LocalContact>,
+    /// The newest state of the needle in the grip; nothing is rendered from it yet.
+    needle: Option<ValidNeedle>,
+    /// What came since the last tick.
+    new_needle: Option<ValidNeedle>,
     orders: Orders,
     faults: Faults,
     mode: Mode,
@@ -90,6 +94,8 @@ impl Control {
         Ok(Control {
             encoders: Encoders::new(&device),
             contact: None,
+            needle: None,
+            new_needle: None,
             orders: Orders::default(),
             faults: Faults::default(),
             mode: Mode::Boot,
@@ -100,17 +106,33 @@ impl Control {
         })
     }
 
-    /// A host has opened a session: disarms, forgets the contact, and starts the trace hash again.
+    /// A host has opened a session: disarms, forgets contact and needle, and starts the trace hash again.
     pub fn open_session(&mut self) {
         self.orders = Orders::default();
         self.orders.command(Command::Disarm);
-        self.contact = None;
+        self.forget();
+        self.new_needle = None;
         self.trace = TraceHash::new();
     }
 
     /// Takes an order, for the next tick.
     pub fn command(&mut self, command: Command) {
         self.orders.command(command);
+    }
+
+    /// Takes the state of a needle, for the next tick: the newest counts.
+    pub fn needle(&mut self, needle: &ValidNeedle) {
+        self.new_needle = Some(*needle);
+    }
+
+    /// The newest state of the needle in the grip; none before the first, and after a fault.
+    pub fn needle_in_grip(&self) -> Option<&ValidNeedle> {
+        self.needle.as_ref()
+    }
+
+    fn forget(&mut self) {
+        self.contact = None;
+        self.needle = None;
     }
 
     /// Becomes another device, from boot on; false, and nothing changes, while the amplifiers are on, a
@@ -122,7 +144,7 @@ impl Control {
         self.device = *device;
         self.encoders = Encoders::new(device);
         self.drive = Drive::new(device);
-        self.contact = None;
+        self.forget();
         self.mode = Mode::Boot;
         true
     }
@@ -146,6 +168,8 @@ impl Control {
         let pose = kinematics::forward(&self.device, &joints.position);
         let velocity = pose.velocity(&joints.velocity);
 
+        let needle = self.new_needle.take();
+        self.take_needle(needle.as_ref());
         self.take_contact(fresh, &pose, input.now_us);
         self.latch_faults(input, &joints, &pose);
         self.change_mode(started, &pose, input.now_us);
@@ -154,7 +178,7 @@ impl Control {
         let (current_a, force) = self.drive_motors(&pose, &force);
 
         let state = self.state(input.now_us, &pose, &velocity, &force, current_a);
-        let state = self.hash(input, fresh, &joints, state);
+        let state = self.hash(input, (fresh, needle.as_ref()), &joints, state);
         TickOutput {
             current_a,
             amplifiers_on: has_torque(self.mode),
@@ -182,6 +206,18 @@ impl Control {
         self.contact = Some(new);
     }
 
+    /// The newest state of a needle takes the place of the one before.
+    fn take_needle(&mut self, fresh: Option<&ValidNeedle>) {
+        // This console has one grip, which is tool 0.
+        let Some(frame) = fresh.filter(|frame| frame.body().tool == 0) else {
+            return;
+        };
+        let old = self.needle.as_ref();
+        if old.is_none_or(|old| frame.console_time_us() >= old.console_time_us()) {
+            self.needle = Some(*frame);
+        }
+    }
+
     fn latch_faults(&mut self, input: &TickInput, joints: &Joints, pose: &Pose) {
         let beyond = |x: &f32| x.abs() > MAX_POSITION;
         let out_of_reach = joints.position.iter().any(beyond) || pose.position_m.iter().any(beyond);
@@ -207,7 +243,7 @@ impl Control {
             self.orders = Orders::default();
         }
         if self.mode == Mode::Fault {
-            self.contact = None;
+            self.forget();
         }
         if has_torque(self.mode) && !has_torque(before) {
             self.begin_rendering(freshness, pose, now_us);
@@ -249,7 +285,7 @@ impl Control {
     fn trip(&mut self, fault: u16) {
         self.faults.add(fault);
         self.mode = Mode::Fault;
-        self.contact = None;
+        self.forget();
     }
 
     fn state(
@@ -281,7 +317,7 @@ impl Control {
     fn hash(
         &mut self,
         input: &TickInput,
-        fresh: Option<&ValidContact>,
+        (fresh, needle): (Option<&ValidContact>, Option<&ValidNeedle>),
         joints: &Joints,
         state: State,
     ) -> State {
@@ -298,6 +334,9 @@ impl Control {
         );
         if let Some(frame) = fresh {
             hash_contact(trace, frame);
+        }
+        if let Some(frame) = needle {
+            hash_needle(trace, frame);
         }
         trace.floats(&joints.velocity);
         if let Some(contact) = &self.contact {
@@ -330,5 +369,21 @@ fn hash_contact(trace: &mut TraceHash, frame: &ValidContact) {
     trace.floats(&body.tangent);
     trace.floats(&body.normal);
     trace.floats(&[body.gap_m, body.relaxation_per_s]);
+    trace.word(body.horizon_us);
+}
+
+fn hash_needle(trace: &mut TraceHash, frame: &ValidNeedle) {
+    let body = frame.body();
+    trace.word(frame.sequence());
+    trace.double(frame.console_time_us());
+    let words = [body.tool, body.needle, body.tip as u8, body.friction as u8];
+    trace.word(u32::from_le_bytes(words));
+    trace.floats(&body.position_m);
+    trace.floats(&body.orientation);
+    trace.floats(&body.slide);
+    trace.floats(&body.friction_n);
+    trace.floats(&body.stiffness_n_per_m);
+    let forces = [body.axial_n, body.hold_n, body.puncture_n, body.punctured_n];
+    trace.floats(&forces);
     trace.word(body.horizon_us);
 }

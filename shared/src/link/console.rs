@@ -4,7 +4,8 @@
 use super::endpoint::{Counters, Endpoint, Received};
 use crate::wire::message::{Command, Hello, Report, State};
 use crate::wire::{
-    Checked, Direction, MAX_FRAME, Message, Reject, SCHEMA_HASH, ValidContact, ValidSimulate,
+    Checked, Direction, MAX_FRAME, Message, Reject, SCHEMA_HASH, ValidContact, ValidNeedle,
+    ValidSimulate,
 };
 
 /// What a console says of itself in its `Hello`.
@@ -29,6 +30,8 @@ pub enum LinkEvent {
     SessionOpened,
     /// The newest contact.
     Contact(ValidContact),
+    /// The newest state of a needle.
+    Needle(ValidNeedle),
     /// An order; [`Command::StateEvery`] is already obeyed.
     Command(Command),
     /// An order to the simulation; never on a console with motors.
@@ -113,6 +116,10 @@ impl ConsoleLink {
                 Err(Reject::FromTheFuture)
             }
             Checked::Contact(contact) => Ok(LinkEvent::Contact(contact)),
+            Checked::Needle(needle) if needle.console_time_us() > now_us => {
+                Err(Reject::FromTheFuture)
+            }
+            Checked::Needle(needle) => Ok(LinkEvent::Needle(needle)),
             Checked::Command(command) => {
                 let command = *command.body();
                 if let Command::StateEvery { ticks } = command {

@@ -181,9 +181,10 @@ impl HostLink {
             }
             Checked::State(state) => Ok(HostEvent::State(state)),
             Checked::Report(report) => Ok(HostEvent::Report(report)),
-            Checked::Contact(_) | Checked::Command(_) | Checked::Simulate(_) => {
-                Err(Reject::Direction)
-            }
+            Checked::Contact(_)
+            | Checked::Command(_)
+            | Checked::Simulate(_)
+            | Checked::Needle(_) => Err(Reject::Direction),
         }
     }
 
@@ -211,7 +212,7 @@ impl HostLink {
     /// Writes one frame and returns its length \[bytes\]; its sequence is then
     /// [`sent_sequence`](Self::sent_sequence).
     ///
-    /// `console_time_us` is that of the `State` that a contact was solved for; for other messages that
+    /// `console_time_us` is that of the `State` that a contact or a needle was solved for; for other messages that
     /// of the newest `State` (0 before the first).
     ///
     /// # Errors

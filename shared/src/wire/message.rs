@@ -96,6 +96,73 @@ pub struct Contact {
     pub horizon_us: u32,
 }
 
+/// Where a needle's tip is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, MaxSize, Schema)]
+#[repr(u8)]
+pub enum Tip {
+    /// In the open, or at a boundary that it does not press on.
+    Outside = 0,
+    /// Held by a boundary, from outside or from inside, that it has not punctured.
+    Holding = 1,
+    /// In tissue.
+    Inside = 2,
+}
+
+/// How tissue and needle move against each other along the needle.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, MaxSize, Schema)]
+#[repr(u8)]
+pub enum Friction {
+    /// Somewhere the tissue goes along with the needle; also where no tissue is.
+    Sticks = 0,
+    /// All of it slides, the tip ahead.
+    Forward = 1,
+    /// All of it slides, the tip behind.
+    Backward = 2,
+}
+
+/// What a needle in a tool's grip does along itself: with it a console can go on by itself between two
+/// frames of the host. The header's console time is that of the `State` it was solved for. A host sends it
+/// before the `Contact` of the same console time.
+///
+/// Axial means along the slide: a wrench w on the tool has the axial force w . `slide` \[N\], positive
+/// when it pulls the needle on, tip first.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, MaxSize, Schema)]
+pub struct Needle {
+    /// Tool that holds the needle.
+    pub tool: u8,
+    /// Which of the scene's needles.
+    pub needle: u8,
+    /// Grip position that was solved for \[m\], (3).
+    pub position_m: [f32; 3],
+    /// Grip orientation that was solved for, unit quaternion (x, y, z, w).
+    pub orientation: [f32; 4],
+    /// Motion of the grip while the needle slides along itself, tip first, per metre of slide: linear \[1\],
+    /// then angular \[1/m\], world frame, (6). Of a straight needle: its direction, and 0.
+    pub slide: [f32; 6],
+    /// Where the tip is.
+    pub tip: Tip,
+    /// Whether it sticks.
+    pub friction: Friction,
+    /// Axial force on the tool at that pose \[N\].
+    pub axial_n: f32,
+    /// Largest axial force with which friction, and cutting at the tip, withstand a slide forward, and
+    /// backward \[N\], (2); magnitudes.
+    pub friction_n: [f32; 2],
+    /// Axial force on the tool lost per metre of slide: while all of the needle sticks, and with what sticks
+    /// now \[N/m\], (2); magnitudes.
+    pub stiffness_n_per_m: [f32; 2],
+    /// Force with which the tip presses on the boundary that holds it \[N\]; 0 if none does.
+    pub hold_n: f32,
+    /// Such a force at which that boundary is punctured \[N\]; the largest that the wire carries where none is
+    /// enough, 0 if none holds the tip.
+    pub puncture_n: f32,
+    /// Axial force on the tool at that pose if the boundary did not hold the tip any longer \[N\]: what is
+    /// left right after the puncture.
+    pub punctured_n: f32,
+    /// How long after the header's console time this frame may be used \[us\]; the console caps it.
+    pub horizon_us: u32,
+}
+
 /// An order to the console.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, MaxSize, Schema)]
 #[repr(u8)]

@@ -21,7 +21,9 @@ pub use frame::{
 };
 pub use reject::Reject;
 pub use schema::SCHEMA_HASH;
-pub use validate::{Checked, Direction, Message, Unchecked, Valid, ValidContact, ValidSimulate};
+pub use validate::{
+    Checked, Direction, Message, Unchecked, Valid, ValidContact, ValidNeedle, ValidSimulate,
+};
 
 /// Version of the protocol; 0 is a draft that any commit may change.
 pub const PROTOCOL_VERSION: u8 = 0;

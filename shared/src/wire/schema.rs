@@ -2,7 +2,7 @@
 
 use super::PROTOCOL_VERSION;
 use super::frame::Kind;
-use super::message::{Command, Contact, Hello, Report, Simulate, State};
+use super::message::{Command, Contact, Hello, Needle, Report, Simulate, State};
 use super::validate::Message;
 use postcard_schema::{Schema, key::Key};
 
@@ -15,7 +15,8 @@ pub const SCHEMA_HASH: u64 = {
     hash = message::<Contact>(hash, Contact::KIND);
     hash = message::<Command>(hash, Command::KIND);
     hash = message::<Report>(hash, Report::KIND);
-    message::<Simulate>(hash, Simulate::KIND)
+    hash = message::<Simulate>(hash, Simulate::KIND);
+    message::<Needle>(hash, Needle::KIND)
 };
 
 const fn message<M: Schema>(hash: u64, kind: Kind) -> u64 {

@@ -5,7 +5,7 @@
 
 use super::frame::{Decoded, Header, Kind};
 use super::message::{
-    Command, Contact, HandScript, Hello, Report, Simulate, State, WAY_POINTS, WayPoint,
+    Command, Contact, HandScript, Hello, Needle, Report, Simulate, State, WAY_POINTS, WayPoint,
 };
 use super::{PROTOCOL_VERSION, Reject};
 use crate::device::{DeviceDescription, Joint, Kinematics};
@@ -22,6 +22,10 @@ pub const MAX_SPEED: f32 = 100.0;
 pub const MAX_WRENCH: f32 = 1e4;
 /// Largest entry of a tangent \[N/m, N, N m/rad\]: steel would feel softer at the end of an arm.
 pub const MAX_TANGENT: f32 = 1e7;
+/// Largest way of a grip per way of the needle in its grip: as far from the middle of a circle as 100 radii.
+pub const MAX_SLIDE: f32 = 100.0;
+/// Largest curvature of a needle \[1/m\]: a circle of 0.1 mm.
+pub const MAX_CURVATURE: f32 = 1e4;
 /// Fastest relaxation \[1/s\]: gone within one tick of 1 ms.
 pub const MAX_RELAXATION: f32 = 1e3;
 /// Largest motor current \[A\].
@@ -58,8 +62,10 @@ impl Kind {
         match self {
             Kind::Hello => true,
             Kind::State | Kind::Report => direction == Direction::ToHost,
-            Kind::Contact | Kind::Command | Kind::Simulate => direction == Direction::ToConsole,
-            Kind::Rows | Kind::Needle | Kind::Thread | Kind::Tools => false,
+            Kind::Contact | Kind::Command | Kind::Simulate | Kind::Needle => {
+                direction == Direction::ToConsole
+            }
+            Kind::Rows | Kind::Thread | Kind::Tools => false,
         }
     }
 }
@@ -85,6 +91,8 @@ pub struct Valid<M> {
 
 /// A checked [`Contact`].
 pub type ValidContact = Valid<Contact>;
+/// A checked [`Needle`].
+pub type ValidNeedle = Valid<Needle>;
 /// A checked [`Simulate`].
 pub type ValidSimulate = Valid<Simulate>;
 
@@ -136,6 +144,7 @@ pub enum Unchecked {
     Command(Header, Command),
     Report(Header, Report),
     Simulate(Header, Simulate),
+    Needle(Header, Needle),
 }
 
 /// A checked message of any kind.
@@ -152,6 +161,7 @@ pub enum Checked {
     Command(Valid<Command>),
     Report(Valid<Report>),
     Simulate(ValidSimulate),
+    Needle(ValidNeedle),
 }
 
 impl Decoded<'_> {
@@ -168,9 +178,8 @@ impl Decoded<'_> {
             Kind::Command => Unchecked::Command(header, self.read()?),
             Kind::Report => Unchecked::Report(header, self.read()?),
             Kind::Simulate => Unchecked::Simulate(header, self.read()?),
-            Kind::Rows | Kind::Needle | Kind::Thread | Kind::Tools => {
-                return Err(Reject::ReservedKind);
-            }
+            Kind::Needle => Unchecked::Needle(header, self.read()?),
+            Kind::Rows | Kind::Thread | Kind::Tools => return Err(Reject::ReservedKind),
         })
     }
 
@@ -199,6 +208,7 @@ impl Unchecked {
             Unchecked::Command(header, body) => Checked::Command(Valid::new(header, body)?),
             Unchecked::Report(header, body) => Checked::Report(Valid::new(header, body)?),
             Unchecked::Simulate(header, body) => Checked::Simulate(Valid::new(header, body)?),
+            Unchecked::Needle(header, body) => Checked::Needle(Valid::new(header, body)?),
         })
     }
 
@@ -221,7 +231,8 @@ impl Unchecked {
             | Unchecked::Contact(header, _)
             | Unchecked::Command(header, _)
             | Unchecked::Report(header, _)
-            | Unchecked::Simulate(header, _) => header,
+            | Unchecked::Simulate(header, _)
+            | Unchecked::Needle(header, _) => header,
         }
     }
 }
@@ -261,6 +272,32 @@ impl Message for Contact {
         between(self.gap_m, 0.0, MAX_POSITION)?;
         unit(&self.normal)?;
         between(self.relaxation_per_s, 0.0, MAX_RELAXATION)
+    }
+}
+
+impl Message for Needle {
+    const KIND: Kind = Kind::Needle;
+
+    fn check(&self) -> Result<(), Reject> {
+        require(self.tool < MAX_TOOLS)?;
+        within(&self.position_m, MAX_POSITION)?;
+        unit(&self.orientation)?;
+        let (linear, angular) = self.slide.split_at(3);
+        within(linear, MAX_SLIDE)?;
+        within(angular, MAX_CURVATURE)?;
+        // On a circle the grip may be anywhere, its middle included.
+        if angular.iter().all(|value| *value == 0.0) {
+            unit(linear)?;
+        }
+        within(&[self.axial_n, self.punctured_n], MAX_WRENCH)?;
+        for limit in self.friction_n {
+            between(limit, 0.0, MAX_WRENCH)?;
+        }
+        for stiffness in self.stiffness_n_per_m {
+            between(stiffness, 0.0, MAX_TANGENT)?;
+        }
+        between(self.hold_n, 0.0, MAX_WRENCH)?;
+        between(self.puncture_n, 0.0, MAX_WRENCH)
     }
 }
 

@@ -8,7 +8,8 @@
 
 use sutura_shared::device::{DeviceDescription, Joint, Kinematics};
 use sutura_shared::wire::message::{
-    Command, Contact, HandScript, Hello, Mode, Report, Simulate, State, WayPoint,
+    Command, Contact, Friction, HandScript, Hello, Mode, Needle, Report, Simulate, State, Tip,
+    WayPoint,
 };
 use sutura_shared::wire::{
     Accumulator, Checked, Direction, Header, Kind, MAX_FRAME, Message, PROTOCOL_VERSION, Reject,
@@ -74,6 +75,25 @@ pub mod sample {
             gap_m: 0.0,
             normal: [0.0, 0.0, 1.0],
             relaxation_per_s: 0.5,
+            horizon_us: 100_000,
+        }
+    }
+
+    pub fn needle() -> Needle {
+        Needle {
+            tool: 0,
+            needle: 3,
+            position_m: [0.125, -0.25, 0.5],
+            orientation: [0.5, -0.5, 0.5, 0.5],
+            slide: [0.0, 0.75, -2.0, 125.0, 0.0, -0.0],
+            tip: Tip::Holding,
+            friction: Friction::Backward,
+            axial_n: -0.375,
+            friction_n: [0.5, 0.25],
+            stiffness_n_per_m: [256.0, 64.0],
+            hold_n: 0.0625,
+            puncture_n: 0.125,
+            punctured_n: -0.3125,
             horizon_us: 100_000,
         }
     }
@@ -185,6 +205,10 @@ pub fn golden() -> Vec<Golden> {
             header(Kind::Contact, session, 2, 123_423_000),
             sample::contact(),
         ),
+        Unchecked::Needle(
+            header(Kind::Needle, session, 12, 123_423_000),
+            sample::needle(),
+        ),
         command(3, Command::Arm),
         command(4, Command::Disarm),
         command(5, Command::ClearFault),
@@ -251,6 +275,7 @@ pub fn encode_again(message: &Unchecked) -> Vec<u8> {
         Unchecked::Command(header, body) => again(header, body),
         Unchecked::Report(header, body) => again(header, body),
         Unchecked::Simulate(header, body) => again(header, body),
+        Unchecked::Needle(header, body) => again(header, body),
     }
 }
 

@@ -8,8 +8,10 @@
 
 use sutura_shared::control::{Control, TICK_US, TickInput, TickOutput};
 use sutura_shared::device::{DeviceDescription, Joint, Kinematics};
-use sutura_shared::wire::message::{Command, Contact, HandScript, Mode, WAY_POINTS, WayPoint};
-use sutura_shared::wire::{Header, Kind, PROTOCOL_VERSION, ValidContact};
+use sutura_shared::wire::message::{
+    Command, Contact, Friction, HandScript, Mode, Needle, Tip, WAY_POINTS, WayPoint,
+};
+use sutura_shared::wire::{Header, Kind, PROTOCOL_VERSION, ValidContact, ValidNeedle};
 
 /// The numbers of `devices/cartesian-bench.toml`.
 pub fn bench() -> DeviceDescription {
@@ -124,6 +126,38 @@ pub fn frame(sequence: u32, console_time_us: u64, body: Contact) -> ValidContact
         console_time_us,
     };
     ValidContact::new(header, body).unwrap()
+}
+
+/// A straight needle that slides down through tissue, in the grip of tool 0.
+pub fn needle() -> Needle {
+    Needle {
+        tool: 0,
+        needle: 0,
+        position_m: [0.0; 3],
+        orientation: [0.0, 0.0, 0.0, 1.0],
+        slide: [0.0, 0.0, -1.0, 0.0, 0.0, 0.0],
+        tip: Tip::Inside,
+        friction: Friction::Forward,
+        axial_n: -0.5,
+        friction_n: [0.5; 2],
+        stiffness_n_per_m: [80.0, 0.0],
+        hold_n: 0.0,
+        puncture_n: 0.3,
+        punctured_n: -0.5,
+        horizon_us: 100_000,
+    }
+}
+
+/// A checked frame of a needle.
+pub fn needle_frame(sequence: u32, console_time_us: u64, body: Needle) -> ValidNeedle {
+    let header = Header {
+        version: PROTOCOL_VERSION,
+        kind: Kind::Needle,
+        session: 1,
+        sequence,
+        console_time_us,
+    };
+    ValidNeedle::new(header, body).unwrap()
 }
 
 /// A control loop whose encoders stand where the test puts them.

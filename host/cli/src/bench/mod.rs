@@ -14,10 +14,9 @@ use serde::Serialize;
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 use sutura_host::model::Model;
-use sutura_host::scene::{Scene, position_at};
+use sutura_host::scene::Scene;
+use sutura_host::script::Script;
 use sutura_host::step::{State, Status, StepReport, Workspace, step};
-use sutura_host::tool::ToolSample;
-use sutura_shared::wire::message::HandScript;
 
 /// Slabs of `--suite`, in cubes along x, y, z.
 const SLABS: [[usize; 3]; 3] = [[20, 20, 8], [26, 26, 10], [32, 32, 12]];
@@ -206,7 +205,7 @@ struct Sample {
 
 fn measure(scene: &Scene, progress: &ProgressBar) -> Result<Case, Failure> {
     progress.set_message(scene.name.clone());
-    let (Some(hand), Some(tool)) = (&scene.hand, scene.driven()) else {
+    if scene.hand.is_none() || scene.driven().is_none() {
         let message = format!(
             "the scene \"{}\" has no hand or no tool to follow",
             scene.name
@@ -216,16 +215,16 @@ fn measure(scene: &Scene, progress: &ProgressBar) -> Result<Case, Failure> {
             message,
             "add `[hand]` with way points and a `[[tool]]`",
         ));
-    };
+    }
     let started = Instant::now();
     let (model, mut state, mut work) = scene.build()?;
     let factor_ms = 1e3 * started.elapsed().as_secs_f64();
 
-    let cold = walk(scene, hand, tool.id, &model, &mut state, &mut work);
+    let cold = walk(scene, &model, &mut state, &mut work);
     // What the cold pass was too late to touch, so that the warm passes find every column.
     work.vertices_per_step = usize::MAX;
     state = State::new(&model);
-    walk(scene, hand, tool.id, &model, &mut state, &mut work);
+    walk(scene, &model, &mut state, &mut work);
     progress.inc(1);
     let first_touch = cold
         .iter()
@@ -238,7 +237,7 @@ fn measure(scene: &Scene, progress: &ProgressBar) -> Result<Case, Failure> {
     let mut steps_not_ok = 0;
     for _ in 0..PASSES {
         state = State::new(&model);
-        let pass = walk(scene, hand, tool.id, &model, &mut state, &mut work);
+        let pass = walk(scene, &model, &mut state, &mut work);
         steps_not_ok = pass
             .iter()
             .filter(|s| s.report.status != Status::Ok)
@@ -297,36 +296,15 @@ fn measure(scene: &Scene, progress: &ProgressBar) -> Result<Case, Failure> {
     })
 }
 
-/// The driven tool along the hand's path, one step every host period; the others where they are held.
-fn walk(
-    scene: &Scene,
-    hand: &HandScript,
-    tool: u8,
-    model: &Model,
-    state: &mut State,
-    work: &mut Workspace,
-) -> Vec<Sample> {
+/// The scene's scripts, one step every host period.
+fn walk(scene: &Scene, model: &Model, state: &mut State, work: &mut Workspace) -> Vec<Sample> {
     let steps = (scene.seconds * scene.host.host_hz) as u32;
-    let at = |step: u32| f64::from(step) / scene.host.host_hz;
-    let pose = |step: u32| ToolSample {
-        id: tool,
-        position_m: position_at(hand, at(step)),
-        orientation: [0.0, 0.0, 0.0, 1.0],
-        velocity_m_per_s: [0.0; 3],
-        console_time_us: (1e6 * at(step)) as u64,
-    };
-    let held = scene.held().map(|(tool, at)| ToolSample {
-        id: tool.id,
-        position_m: at.position_m,
-        orientation: at.orientation,
-        velocity_m_per_s: [0.0; 3],
-        console_time_us: 0,
-    });
-    let mut tools: Vec<ToolSample> = std::iter::once(pose(0)).chain(held).collect();
-    let timed = |i| {
-        tools[0] = pose(i);
+    let mut script = Script::new(scene);
+    let timed = |number: u32| {
+        let time_s = f64::from(number) / scene.host.host_hz;
+        let tools = script.follow(time_s, model, state);
         let started = Instant::now();
-        let report = step(model, state, &tools, work);
+        let report = step(model, state, tools, work);
         Sample {
             took: started.elapsed(),
             report,

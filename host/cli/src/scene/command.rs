@@ -104,7 +104,7 @@ fn check(path: &Path, global: &Global) -> Result<(), Failure> {
             say!("{object}");
         }
         Format::Text => say!(
-            "{}: good, with {} warnings: \"{}\", {} tissue, {} nodes, {} cells, {} tools, {} handles",
+            "{}: good, with {} warnings: \"{}\", {} tissue, {} nodes, {} cells, {} tools, {} needles, {} handles",
             path.display(),
             places.len(),
             scene.name,
@@ -112,6 +112,7 @@ fn check(path: &Path, global: &Global) -> Result<(), Failure> {
             scene.mesh.points_m().len(),
             scene.mesh.cells().len(),
             scene.tools.len(),
+            scene.needles.len(),
             scene.loads.handles.len()
         ),
     }
@@ -126,6 +127,7 @@ fn summary(scene: &Scene) -> serde_json::Value {
         "cells": scene.mesh.cells().len(),
         "regions": scene.regions.len(),
         "tools": scene.tools.len(),
+        "needles": scene.needles.len(),
         "handles": scene.loads.handles.len(),
     })
 }

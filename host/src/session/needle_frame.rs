@@ -1,0 +1,124 @@
+//! The solver's needle as the wire carries it: f32, within the wire's limits.
+//!
+//! Entry point: [`needle_frame`].
+
+use sutura_shared::wire::message::{Friction, Needle, State, Tip};
+use sutura_shared::wire::validate::{MAX_TANGENT, MAX_WRENCH};
+
+/// A needle in the grip of the driven tool, as a step left it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct HeldNeedle {
+    /// Tool that holds it.
+    pub tool: u8,
+    /// Which of the scene's needles, in the order of the file.
+    pub needle: u8,
+    /// Motion of the grip per metre of slide, tip first: linear \[1\], then angular \[1/m\], world frame, (6).
+    pub slide: [f64; 6],
+    /// Where the tip is.
+    pub tip: Tip,
+    /// Whether it sticks.
+    pub friction: Friction,
+    /// Axial force on the tool \[N\], positive when it pulls the needle on.
+    pub axial_n: f64,
+    /// What withstands a slide forward, and backward \[N\], (2), magnitudes.
+    pub friction_n: [f64; 2],
+    /// Axial force lost per metre of slide: all sticking, and now \[N/m\], (2), magnitudes.
+    pub stiffness_n_per_m: [f64; 2],
+    /// Force of the tip on the boundary that holds it \[N\].
+    pub hold_n: f64,
+    /// Such a force that punctures it \[N\]; infinite where none does.
+    pub puncture_n: f64,
+    /// Axial force right after the puncture, at the same pose \[N\].
+    pub punctured_n: f64,
+}
+
+/// The frame for the state that `needle` was solved for, good until `horizon_us` after it.
+pub fn needle_frame(state: &State, needle: &HeldNeedle, horizon_us: u32) -> Needle {
+    // Round-off below zero, and thresholds that nothing reaches; what is not a number stays that, and is
+    // not sent.
+    let force = |value: f64| (value as f32).clamp(0.0, MAX_WRENCH);
+    Needle {
+        tool: needle.tool,
+        needle: needle.needle,
+        // As it came: the console goes on from exactly this pose.
+        position_m: state.position_m,
+        orientation: state.orientation,
+        slide: needle.slide.map(|value| value as f32),
+        tip: needle.tip,
+        friction: needle.friction,
+        axial_n: needle.axial_n as f32,
+        friction_n: needle.friction_n.map(force),
+        stiffness_n_per_m: needle
+            .stiffness_n_per_m
+            .map(|value| (value as f32).clamp(0.0, MAX_TANGENT)),
+        hold_n: force(needle.hold_n),
+        puncture_n: force(needle.puncture_n),
+        punctured_n: needle.punctured_n as f32,
+        horizon_us,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use sutura_shared::wire::message::Mode;
+    use sutura_shared::wire::{Message, Reject};
+
+    const STATE: State = State {
+        tick: 1,
+        position_m: [0.1, -0.2, 0.3],
+        orientation: [0.0, 0.6, 0.0, 0.8],
+        velocity_m_per_s: [0.0; 3],
+        force_n: [0.0; 3],
+        current_a: [0.0; 3],
+        mode: Mode::Armed,
+        faults: 0,
+        contact_sequence: 0,
+        contact_age_us: 0,
+        applied_age_us: 0,
+        trace_hash: 0,
+    };
+    const NEEDLE: HeldNeedle = HeldNeedle {
+        tool: 0,
+        needle: 2,
+        slide: [0.0, 0.0, -1.0, 0.0, 0.0, 0.0],
+        tip: Tip::Holding,
+        friction: Friction::Forward,
+        axial_n: -0.25,
+        friction_n: [0.25, 0.125],
+        stiffness_n_per_m: [90.0, 30.0],
+        hold_n: 0.125,
+        puncture_n: f64::INFINITY,
+        punctured_n: -0.125,
+    };
+
+    #[test]
+    fn the_frame_passes_the_consoles_own_check() {
+        let frame = needle_frame(&STATE, &NEEDLE, 50_000);
+        assert_eq!(frame.check(), Ok(()));
+        assert_eq!(frame.position_m, STATE.position_m);
+        assert_eq!(frame.orientation, STATE.orientation);
+        assert_eq!((frame.needle, frame.horizon_us), (2, 50_000));
+        assert_eq!((frame.axial_n, frame.punctured_n), (-0.25, -0.125));
+        assert_eq!(frame.friction_n, [0.25, 0.125]);
+        // Never punctured: the largest force that the wire has.
+        assert_eq!(frame.puncture_n, MAX_WRENCH);
+    }
+
+    #[test]
+    fn round_off_below_zero_is_sent_as_zero_and_nonsense_is_not_sent() {
+        let below = HeldNeedle {
+            hold_n: -1e-17,
+            friction_n: [-1e-17, 0.0],
+            ..NEEDLE
+        };
+        let frame = needle_frame(&STATE, &below, 50_000);
+        assert_eq!((frame.check(), frame.hold_n), (Ok(()), 0.0));
+        let nonsense = HeldNeedle {
+            friction_n: [f64::NAN, 0.0],
+            ..NEEDLE
+        };
+        let frame = needle_frame(&STATE, &nonsense, 50_000);
+        assert_eq!(frame.check(), Err(Reject::NotFinite));
+    }
+}
