@@ -32,6 +32,12 @@ const PLAYED: usize = 16;
 /// tissue's: it settles by a factor of about this in every one.
 const DRAG: f64 = 1e-3;
 
+/// Compliance of friction on fixed nodes \[m/N\]: far below any tissue's, so that it slides at once.
+const RIGID_M_PER_N: f64 = 1e-6;
+
+/// Solves of one balance in which needles that nobody holds may go on settling.
+const LOOSE_SOLVES: u32 = 4;
+
 /// What a row's anchor is on its needle.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum What {
@@ -75,10 +81,12 @@ pub(crate) struct NeedleWork {
     no_history: History,
     saved: Vec<NeedleState>,
     saved_grasp: Grasp,
-    /// Where each needle's tip was at the last balance.
+    /// Where each needle's tip was at the last balance, or where it came out since.
     tips: Vec<Vector3<f64>>,
     /// Let go of its face in this balance: not to take it again.
     let_go: Vec<bool>,
+    /// Where each loose needle turns about in the last solve, and its drag.
+    drags: Vec<Option<(Vector3<f64>, Vector6<f64>)>>,
     /// Pressing against the end of the cut was tried in this balance.
     pressed: Vec<bool>,
 }
@@ -101,6 +109,7 @@ impl NeedleWork {
             saved_grasp: Grasp::new(grasp.motion().clone(), &settings),
             tips: vec![Vector3::zeros(); count],
             let_go: vec![false; count],
+            drags: vec![None; count],
             pressed: vec![false; count],
         }
     }
@@ -139,7 +148,7 @@ impl Drive<'_> {
 
     /// Balances; a tip that is `free` goes through faces without effort.
     fn balance(&mut self, poses: &[Isometry3<f64>], free: Option<usize>) -> Result<(), Status> {
-        self.begin(poses);
+        self.begin(poses, free);
         let mut solves = 0;
         loop {
             self.slide(&mut solves)?;
@@ -152,12 +161,16 @@ impl Drive<'_> {
         Ok(())
     }
 
-    /// Puts the needles where they shall be.
-    fn begin(&mut self, poses: &[Isometry3<f64>]) {
+    /// Puts the needles where they shall be; while the way of one is played back nothing begins for the others.
+    fn begin(&mut self, poses: &[Isometry3<f64>], free: Option<usize>) {
         for (index, (state, pose)) in self.states.iter_mut().zip(poses).enumerate() {
-            let part = &self.needles.parts[index];
-            let curve = part.needle.at(&state.pose);
-            self.work.tips[index] = curve.at(curve.length);
+            if free.is_some_and(|free| free != index) {
+                continue;
+            }
+            if free.is_none() {
+                let curve = self.needles.parts[index].needle.at(&state.pose);
+                self.work.tips[index] = curve.at(curve.length);
+            }
             self.work.let_go[index] = false;
             self.work.pressed[index] = false;
             state.pose = *pose;
@@ -170,16 +183,18 @@ impl Drive<'_> {
 
     /// From now on crossings stick where they are.
     fn stick(&mut self) {
-        for (state, part) in self.states.iter_mut().zip(&self.needles.parts) {
+        for state in self.states.iter_mut() {
             for (hold, crossing) in state.holds.iter_mut().zip(state.history.crossings()) {
                 hold.alpha = crossing.alpha;
             }
-            limits(self.needles, state, part.needle.shape.length_m());
         }
     }
 
     /// Solves until the slides are known.
     fn slide(&mut self, solves: &mut u32) -> Result<(), Status> {
+        for (state, part) in self.states.iter_mut().zip(&self.needles.parts) {
+            limits(self.needles, state, part.needle.shape.length_m());
+        }
         loop {
             *solves += 1;
             if *solves > MOST_SOLVES {
@@ -213,8 +228,9 @@ impl Drive<'_> {
                     settled = false;
                 }
             }
-            settled &= self.settle_loose();
-            if settled {
+            let at_rest = self.settle_loose();
+            // One that is not yet goes on in the next balance.
+            if settled && (at_rest || *solves >= LOOSE_SOLVES) {
                 return Ok(());
             }
         }
@@ -252,6 +268,7 @@ impl Drive<'_> {
             return Err(Status::Waiting);
         }
         system.assemble(body, grasp, rows);
+        self.soften();
         self.loosen();
         let Self {
             grasp,
@@ -270,6 +287,19 @@ impl Drive<'_> {
             return Err(Status::NotConverged);
         }
         Ok(())
+    }
+
+    /// Friction on what cannot move needs something that gives way, or it would be none.
+    fn soften(&mut self) {
+        let n = self.work.rows.len();
+        let NeedleWork { system, points, .. } = &mut *self.work;
+        let w = system.compliance_mut(n);
+        for point in points.iter().filter(|point| point.what != What::Holding) {
+            let own = &mut w[point.first_row * (n + 1)];
+            if *own == 0.0 {
+                *own = RIGID_M_PER_N;
+            }
+        }
     }
 
     /// Rows of every needle at its pose and present alphas.
@@ -487,6 +517,7 @@ impl Drive<'_> {
             let state = &mut self.states[needle];
             state.log.clear();
             state.tip = if face.enters {
+                state.left = Some(face);
                 Tip::Outside
             } else {
                 Tip::Inside { cut: None }
@@ -512,6 +543,7 @@ impl Drive<'_> {
             let index = self.states[needle].holds.len() - 1;
             self.release(needle, What::Crossing(index));
             self.release(needle, What::Cut);
+            self.release(needle, What::Holding);
             let state = &mut self.states[needle];
             state.history.pop();
             state.holds.truncate(index);
@@ -537,9 +569,6 @@ impl Drive<'_> {
             state.holds.drain(..behind);
             changed = true;
         }
-        if changed {
-            limits(self.needles, &mut self.states[needle], length);
-        }
         changed
     }
 
@@ -557,7 +586,6 @@ impl Drive<'_> {
     }
 
     fn advance_inside(&mut self, needle: usize, curve: &Curve) -> Result<bool, Status> {
-        let before = self.states[needle].holds.len();
         let geometry = Geometry {
             mesh: &self.needles.mesh,
             hierarchy: &self.needles.hierarchy,
@@ -570,8 +598,8 @@ impl Drive<'_> {
         let state = &mut self.states[needle];
         state.tally.guessed += walked.guessed;
         state.hold_new();
-        if state.holds.len() > before {
-            limits(self.needles, state, curve.length);
+        if state.holds.is_empty() && matches!(stop, Stop::Reached | Stop::Lost) {
+            return Ok(self.find_again(needle, curve));
         }
         match stop {
             Stop::Reached => Ok(false),
@@ -588,10 +616,60 @@ impl Drive<'_> {
         }
     }
 
+    /// A needle that goes through no face, as it is shorter than a cell: its tip is where a straight way
+    /// from the middle of the cell that it was in leads. Whether it is out.
+    fn find_again(&mut self, needle: usize, curve: &Curve) -> bool {
+        let mesh = &self.needles.mesh;
+        let before = self.states[needle].history.tip_cell(mesh);
+        let nodes = before.and_then(|cell| mesh.cells().get(cell as usize));
+        let Some(nodes) = nodes.copied() else {
+            return false;
+        };
+        let corners = nodes.map(|node| self.position(node));
+        let middle = corners.iter().sum::<Vector3<f64>>() / 4.0;
+        let Some(path) = Curve::segment(&middle, &curve.at(curve.length)) else {
+            return false;
+        };
+        let mut walked = std::mem::take(&mut self.work.path);
+        walked.restart(before, None);
+        let geometry = Geometry {
+            mesh,
+            hierarchy: &self.needles.hierarchy,
+            slack_m: 0.0,
+            at: |node| position(self.body, self.points_m, self.grasp, self.work, node),
+        };
+        let stop = walk(&geometry, &path, &mut walked, path.length).stop;
+        let now = walked.tip_cell(mesh);
+        self.work.path = walked;
+        match stop {
+            Stop::Reached => {
+                self.states[needle].history.restart(now, None);
+                false
+            }
+            Stop::Boundary(_) => {
+                self.release(needle, What::Cut);
+                let state = &mut self.states[needle];
+                state.history.clear();
+                state.tip = Tip::Outside;
+                true
+            }
+            Stop::Full | Stop::Lost => {
+                self.states[needle].tally.lost += 1;
+                false
+            }
+        }
+    }
+
     fn advance_outside(&mut self, needle: usize, curve: &Curve) -> bool {
         let tip = curve.at(curve.length);
-        let back = curve.tangent_at(curve.length) * (BACK * curve.length);
-        let Some(path) = Curve::segment(&(self.work.tips[needle] - back), &tip) else {
+        let back = BACK * curve.length;
+        let above = self.states[needle]
+            .left
+            .take()
+            .and_then(|face| self.above(&face, &tip, back));
+        let from =
+            above.unwrap_or_else(|| self.work.tips[needle] - curve.tangent_at(curve.length) * back);
+        let Some(path) = Curve::segment(&from, &tip) else {
             return false;
         };
         let Some(hit) = self.first_face(&path) else {
@@ -599,6 +677,19 @@ impl Drive<'_> {
         };
         self.take(needle, hit);
         true
+    }
+
+    /// A tip that let go of a face without having left the tissue, as it was dragged along it, comes in from
+    /// straight above.
+    fn above(&self, face: &Crossing, tip: &Vector3<f64>, by: f64) -> Option<Vector3<f64>> {
+        let [a, b, c] = self
+            .needles
+            .mesh
+            .vertices(face.face)
+            .map(|node| self.position(node));
+        let out = (b - a).cross(&(c - a)).try_normalize(0.0)?;
+        let depth = out.dot(&(a - tip));
+        (depth > 0.0).then(|| tip + out * (depth + by))
     }
 
     /// The first boundary face that a path from outside goes in through.
@@ -622,6 +713,7 @@ impl Drive<'_> {
     fn take(&mut self, needle: usize, face: Crossing) {
         self.release(needle, What::Cut);
         let state = &mut self.states[needle];
+        state.tip_force = Vector3::zeros();
         let id = state.new_id();
         state.tip = Tip::Holding { face, id };
         let pose = state.pose;
@@ -656,12 +748,13 @@ impl Drive<'_> {
             .project(&point, length)
             .clamp(least.min(length), length);
         self.take_hold(needle, Crossing { alpha, ..face })?;
+        // What lies close behind is met from here.
+        self.work.tips[needle] = point;
         if self.needles.settings.playback == Playback::EveryPose && !free {
             self.replay(needle)?;
         } else {
             self.play_back(needle, &face, &point, &curve)?;
         }
-        limits(self.needles, &mut self.states[needle], length);
         self.states[needle].log.clear();
         Ok(())
     }
@@ -672,20 +765,24 @@ impl Drive<'_> {
         for (pose, state) in poses.iter_mut().zip(self.states.iter()) {
             *pose = state.pose;
         }
-        let last = poses[needle];
-        let logged = self.states[needle].log.len();
+        let count = self.states.len();
+        // What is met on the way begins a log of its own.
+        let log = &self.states[needle].log;
+        let logged = log.len();
         let played = PLAYED.min(logged.max(1));
-        for index in 1..=played {
-            poses[needle] = match self.states[needle].log.get(index * logged / played) {
-                Some(pose) if index < played => *pose,
-                _ => last,
-            };
-            let count = self.states.len();
+        let mut way = [poses[needle]; PLAYED];
+        for (index, pose) in (1..played).zip(&mut way) {
+            *pose = *log.get(index * logged / played).unwrap_or(pose);
+        }
+        for pose in &way[..played] {
+            poses[needle] = *pose;
             // Nobody's hand does this work.
             let from = self.states[needle].pose;
             let centre = from.translation.vector;
             let before = self.wrench_on(needle, &centre);
             self.balance(&poses[..count], Some(needle))?;
+            let curve = self.needles.parts[needle].needle.at(&poses[needle]);
+            self.work.tips[needle] = curve.at(curve.length);
             let way = poses[needle].translation.vector - centre;
             let turn = (poses[needle].rotation * from.rotation.inverse()).scaled_axis();
             let after = self.wrench_on(needle, &poses[needle].translation.vector);
@@ -768,8 +865,11 @@ impl Drive<'_> {
                     .clamp(least.min(length), length);
                 self.take_hold(needle, Crossing { alpha, ..crossing })?;
             }
-            if out.is_some() {
-                self.states[needle].tip = Tip::Outside;
+            if let Some(out) = out {
+                let state = &mut self.states[needle];
+                state.tip = Tip::Outside;
+                state.tally.punctures += 1;
+                self.work.tips[needle] = self.position_of(&anchor(&self.needles.mesh, &out));
                 break;
             }
             here = next;
@@ -785,7 +885,8 @@ impl Drive<'_> {
             if self.states[needle].grip.is_some() {
                 continue;
             }
-            let Some((centre, drag)) = self.drag(needle) else {
+            // The compliance has it in it by now.
+            let Some((centre, drag)) = self.work.drags[needle] else {
                 continue;
             };
             let wrench = self.wrench_on(needle, &centre);
@@ -795,10 +896,11 @@ impl Drive<'_> {
             let length = self.needles.parts[needle].needle.shape.length_m();
             let state = &mut self.states[needle];
             state.pose = about(&centre, &shift, &turn) * state.pose;
+            // Products of rotations drift.
+            state.pose.rotation.renormalize();
             settled &= shift.norm() + turn.norm() * length <= 1e-9 * length;
         }
-        // A needle at rest needs no second look in this balance; the others go on in the next one.
-        settled || self.states.iter().all(|state| state.grip.is_none())
+        settled
     }
 
     /// Where a loose needle turns about, and its drag \[N/m, N m/rad\]; `None` if no row holds it.
@@ -832,7 +934,8 @@ impl Drive<'_> {
             if self.states[needle].grip.is_some() {
                 continue;
             }
-            let Some((centre, drag)) = self.drag(needle) else {
+            self.work.drags[needle] = self.drag(needle);
+            let Some((centre, drag)) = self.work.drags[needle] else {
                 continue;
             };
             let n = self.work.rows.len();
@@ -899,6 +1002,23 @@ impl Drive<'_> {
             };
             let state = &mut self.states[point.needle];
             let (force, slide) = (lambda[point.first_row], delta[point.first_row]);
+            if state.grip.is_none() {
+                // Where nobody holds the needle nobody gets the work that its way is worth.
+                let needle = &self.needles.parts[point.needle].needle;
+                let [from, to] = [&state.booked, &state.pose].map(|pose| needle.at(pose));
+                let (alpha, before) = match point.what {
+                    What::Crossing(index) => match state.holds.get(index) {
+                        Some(hold) => (hold.alpha, hold.force),
+                        None => continue,
+                    },
+                    What::Cut | What::Holding => (to.length, state.tip_force),
+                };
+                let mean = 0.5 * (before + self.grasp.force_on(index_of_point));
+                state.tally.release_j -= mean.dot(&(to.at(alpha) - from.at(alpha)));
+            }
+            if !matches!(point.what, What::Crossing(_)) {
+                state.tip_force = self.grasp.force_on(index_of_point);
+            }
             let bound = modes[point.first_row] != Mode::Held;
             match point.what {
                 What::Crossing(index) => {
@@ -922,6 +1042,14 @@ impl Drive<'_> {
                     cut.axial_n = force;
                 }
                 What::Holding => {}
+            }
+        }
+        for (needle, state) in self.states.iter_mut().enumerate() {
+            state.booked = state.pose;
+            let at_tip =
+                |point: &Point| point.needle == needle && !matches!(point.what, What::Crossing(_));
+            if !self.work.points.iter().any(at_tip) {
+                state.tip_force = Vector3::zeros();
             }
         }
     }

@@ -137,6 +137,10 @@ pub(crate) fn step(
 ) -> Status {
     work.drive.system.begin_step();
     let count = state.each.len();
+    let mut speeds = [0.0; MAX_NEEDLES];
+    for (speed, each) in speeds.iter_mut().zip(&state.each) {
+        *speed = each.speed;
+    }
     let mut targets = [Isometry3::identity(); MAX_NEEDLES];
     for (target, each) in targets.iter_mut().zip(&mut state.each) {
         *target = each.pose;
@@ -202,8 +206,12 @@ pub(crate) fn step(
             break status;
         }
     };
-    if let Some(now) = time_us.filter(|_| matches!(status, Status::Ok | Status::Behind)) {
-        state.time_us = now;
+    if matches!(status, Status::Ok | Status::Behind) {
+        state.time_us = time_us.unwrap_or(state.time_us);
+    } else {
+        for (each, speed) in state.each.iter_mut().zip(&speeds) {
+            each.speed = *speed;
+        }
     }
     report.rows = work.drive.rows.len() as u32;
     if status == Status::Ok {
@@ -287,9 +295,14 @@ fn towards(from: &Isometry3<f64>, to: &Isometry3<f64>, part: f64) -> Isometry3<f
     about(&from.translation.vector, &shift, &turn) * from
 }
 
-/// The pose of a sample's grip; `None` for a quaternion without length.
+/// The pose of a sample's grip; `None` for a number that is not finite, even squared, or a quaternion without
+/// length.
 pub(crate) fn pose_of(sample: &ToolSample) -> Option<Isometry3<f64>> {
     let [x, y, z, w] = sample.orientation;
+    let far = Vector3::from(sample.position_m).norm_squared();
+    if !(far.is_finite() && sample.orientation.iter().all(|x| x.is_finite())) {
+        return None;
+    }
     let rotation = UnitQuaternion::try_new(Quaternion::new(w, x, y, z), 1e-6)?;
     Some(Isometry3::from_parts(
         Translation3::from(sample.position_m),

@@ -87,6 +87,7 @@ impl TangentWork {
                 }
             }
         }
+        regularise(matrix, n);
         self.lu.factor(matrix, n);
     }
 
@@ -180,10 +181,25 @@ impl TangentWork {
         if !any {
             return 0.0;
         }
+        regularise(&mut self.matrix[..n * n], n);
         self.lu.factor(&mut self.matrix[..n * n], n);
         self.lu.solve(&self.matrix[..n * n], n, rhs, 1);
         let along = work.points.iter().filter(|point| point.needle == needle);
         along.map(|point| self.change[point.first_row]).sum()
+    }
+}
+
+/// What a row's own compliance is raised by: rows that say the same share the force, as in a solve.
+const REGULAR: f64 = 1e-11;
+
+/// Rows on nodes that cannot move keep their force, and rows that repeat others do no harm.
+fn regularise(matrix: &mut [f64], n: usize) {
+    for row in 0..n {
+        if matrix[row * (n + 1)] == 0.0 {
+            free(matrix, n, row);
+        } else {
+            matrix[row * (n + 1)] *= 1.0 + REGULAR;
+        }
     }
 }
 
