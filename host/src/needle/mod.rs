@@ -10,7 +10,7 @@ mod shape;
 mod slide;
 mod walk;
 
-pub use hierarchy::{Bounds, Hierarchy};
+pub use hierarchy::{Bounds, Capsule, Hierarchy};
 pub use history::{Broken, Crossing, History};
 pub use shape::{Curve, Needle, NeedleShape, NeedleTissue};
 pub use slide::{Entry, Geometry, SlideReport, SlideStatus, entry, slide};
