@@ -22,7 +22,7 @@ use nalgebra::{Isometry3, Matrix3, Translation3, UnitQuaternion, Vector3, Vector
 /// Most solves of one balance.
 const MOST_SOLVES: u32 = 64;
 /// A slide is known well enough when it changes by less than this part of the needle \[1\].
-const SLIDE_TOLERANCE: f64 = 1e-8;
+const SLIDE_TOLERANCE: f64 = 3e-8;
 /// Where a tip comes from is looked for from this part of the needle behind it \[1\]: it may have come to
 /// lie in the face that it left.
 const BACK: f64 = 1e-6;
@@ -77,7 +77,8 @@ pub(crate) struct NeedleWork {
     saved_grasp: Grasp,
     /// Where each needle's tip was at the last balance.
     tips: Vec<Vector3<f64>>,
-    /// Let go of its face in this balance: not to take it again.
+    /// Let go of a face, or was withdrawn from one, in this balance: the tissue that gives way is not to be
+    /// gone into at once.
     let_go: Vec<bool>,
     /// Pressing against the end of the cut was tried in this balance.
     pressed: Vec<bool>,
@@ -154,6 +155,10 @@ impl Drive<'_> {
 
     /// Puts the needles where they shall be.
     fn begin(&mut self, poses: &[Isometry3<f64>]) {
+        let mut poses_before = [Isometry3::identity(); MAX_NEEDLES];
+        for (before, state) in poses_before.iter_mut().zip(self.states.iter()) {
+            *before = state.pose;
+        }
         for (index, (state, pose)) in self.states.iter_mut().zip(poses).enumerate() {
             let part = &self.needles.parts[index];
             let curve = part.needle.at(&state.pose);
@@ -166,6 +171,26 @@ impl Drive<'_> {
             }
         }
         self.stick();
+        self.predict(poses_before);
+    }
+
+    /// What slid will slide on, by about the uniform slide (3.9, 3.17); a line needs no guess.
+    fn predict(&mut self, before: [Isometry3<f64>; MAX_NEEDLES]) {
+        let parts = self.needles.parts.iter().zip(&before);
+        for (state, (part, before)) in self.states.iter_mut().zip(parts) {
+            let (from, to) = (part.needle.at(before), part.needle.at(&state.pose));
+            if from.curvature == 0.0 {
+                continue;
+            }
+            let middle = 0.5 * from.length;
+            let slide = from.project(&to.at(middle), middle) - middle;
+            for index in 0..state.holds.len() {
+                let hold = state.holds[index];
+                if hold.slides && slide.abs() < from.length {
+                    state.history.set_alpha(index, hold.alpha - slide);
+                }
+            }
+        }
     }
 
     /// From now on crossings stick where they are.
@@ -213,9 +238,25 @@ impl Drive<'_> {
                     settled = false;
                 }
             }
+            self.lead_followers();
             settled &= self.settle_loose();
             if settled {
                 return Ok(());
+            }
+        }
+    }
+
+    /// Crossings without rows of their own go with the one before them.
+    fn lead_followers(&mut self) {
+        for state in self.states.iter_mut() {
+            let mut slide = 0.0;
+            for index in 0..state.holds.len() {
+                let hold = state.holds[index];
+                if hold.follows {
+                    state.history.set_alpha(index, hold.alpha + slide);
+                } else if let Some(crossing) = state.history.crossings().get(index) {
+                    slide = crossing.alpha - hold.alpha;
+                }
             }
         }
     }
@@ -322,6 +363,7 @@ impl Drive<'_> {
                 .iter()
                 .zip(&state.holds)
                 .enumerate()
+                .filter(|(_, (_, hold))| !hold.follows)
             {
                 let limit_n = hold.limit_n;
                 add(
@@ -435,7 +477,7 @@ impl Drive<'_> {
         if !state.history.push(crossing) {
             return Err(Status::TooManyRows);
         }
-        state.hold_new();
+        state.hold_new(self.needles.apart_m);
         if self.work.releases.len() < self.work.releases.capacity() {
             self.work.releases.push(Release {
                 needle,
@@ -512,6 +554,7 @@ impl Drive<'_> {
             let index = self.states[needle].holds.len() - 1;
             self.release(needle, What::Crossing(index));
             self.release(needle, What::Cut);
+            self.work.let_go[needle] = true;
             let state = &mut self.states[needle];
             state.history.pop();
             state.holds.truncate(index);
@@ -535,6 +578,9 @@ impl Drive<'_> {
             let state = &mut self.states[needle];
             state.history.drop_behind(&self.needles.mesh, 0.0);
             state.holds.drain(..behind);
+            if let Some(first) = state.holds.first_mut() {
+                first.follows = false;
+            }
             changed = true;
         }
         if changed {
@@ -550,8 +596,8 @@ impl Drive<'_> {
             .at(&self.states[needle].pose);
         match self.states[needle].tip {
             Tip::Holding { .. } => Ok(false),
+            _ if self.work.let_go[needle] => Ok(false),
             Tip::Inside { .. } => self.advance_inside(needle, &curve),
-            Tip::Outside if self.work.let_go[needle] => Ok(false),
             Tip::Outside => Ok(self.advance_outside(needle, &curve)),
         }
     }
@@ -569,7 +615,7 @@ impl Drive<'_> {
         let stop = walked.stop;
         let state = &mut self.states[needle];
         state.tally.guessed += walked.guessed;
-        state.hold_new();
+        state.hold_new(self.needles.apart_m);
         if state.holds.len() > before {
             limits(self.needles, state, curve.length);
         }
@@ -580,7 +626,6 @@ impl Drive<'_> {
                 state.tally.lost += 1;
                 Ok(false)
             }
-            Stop::Boundary(_) if self.work.let_go[needle] => Ok(false),
             Stop::Boundary(face) => {
                 self.take(needle, face);
                 Ok(true)
@@ -1036,9 +1081,15 @@ fn limits(needles: &Needles, state: &mut NeedleState, length: f64) {
         matches!(state.tip, Tip::Holding { face, .. } if !face.enters)
     };
     let count = state.holds.len();
+    let mut leader = 0;
     for index in 0..count {
         let crossing = crossings[index];
-        let own = state.holds[index];
+        let mut own = state.holds[index];
+        if own.follows {
+            own.slides = state.holds[leader].slides;
+        } else {
+            leader = index;
+        }
         let share = |cell: Option<u32>, from: f64, to: f64, part: f64| match cell {
             Some(cell) => {
                 part * (to - from).max(0.0) * per_length(needles.tissue(cell), own.slides, speed)
@@ -1054,6 +1105,7 @@ fn limits(needles: &Needles, state: &mut NeedleState, length: f64) {
             None if inside => share(crossing.to(mesh), own.alpha, length, 1.0),
             None => 0.0,
         };
-        state.holds[index].limit_n = behind + ahead;
+        state.holds[index].limit_n = 0.0;
+        state.holds[leader].limit_n += behind + ahead;
     }
 }

@@ -15,43 +15,50 @@ const DEPTH: usize = 34;
 /// An axis-aligned box \[m\].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Bounds {
-    /// Least coordinates.
-    pub low: Vector3<f64>,
-    /// Greatest coordinates.
-    pub high: Vector3<f64>,
+    /// Its middle.
+    pub centre: Vector3<f64>,
+    /// Half its edges.
+    pub half: Vector3<f64>,
 }
 
-impl Bounds {
-    /// Around nothing.
-    const NONE: Self = Self {
-        low: Vector3::new(f64::INFINITY, f64::INFINITY, f64::INFINITY),
-        high: Vector3::new(f64::NEG_INFINITY, f64::NEG_INFINITY, f64::NEG_INFINITY),
-    };
+/// A segment with a ball around each of its points, to hold against boxes.
+#[derive(Clone, Copy, Debug)]
+pub struct Capsule {
+    middle: Vector3<f64>,
+    /// Half the way from one end to the other.
+    half: Vector3<f64>,
+    /// The same without signs.
+    size: Vector3<f64>,
+    reach: f64,
+}
 
-    fn with(&self, other: &Self) -> Self {
+impl Capsule {
+    /// From `a` to `b`, and all that is within `reach` \[m\].
+    pub fn new(a: &Vector3<f64>, b: &Vector3<f64>, reach: f64) -> Self {
+        let half = (b - a) * 0.5;
         Self {
-            low: self.low.inf(&other.low),
-            high: self.high.sup(&other.high),
+            middle: (a + b) * 0.5,
+            half,
+            size: half.abs(),
+            reach,
         }
     }
 
-    /// Whether a segment, given by its middle and half its way, comes within `reach` of the box in every
-    /// direction that could separate them; never wrong about one that does. Not a number: it does.
-    pub fn meets(&self, middle: &Vector3<f64>, half: &Vector3<f64>, reach: f64) -> bool {
-        let centre = (self.low + self.high) * 0.5;
-        let size = (self.high - self.low) * 0.5 + Vector3::repeat(reach);
-        let from = middle - centre;
+    /// Whether a box grown by the reach has a point of the segment: by the directions that can separate the two
+    /// (Gottschalk, Lin, Manocha 1996). Never wrong about one that has but for rounding, which the
+    /// reach has to be above; not a number has.
+    #[inline]
+    pub fn meets(&self, bounds: &Bounds) -> bool {
         let apart = |distance: f64, within: f64| distance.abs() > within;
-        let along = |k: usize| apart(from[k], size[k] + half[k].abs());
-        if along(0) || along(1) || along(2) {
+        let from = self.middle - bounds.centre;
+        let (h, size) = (&self.size, bounds.half + Vector3::repeat(self.reach));
+        if (0..3).any(|k| apart(from[k], size[k] + h[k])) {
             return false;
         }
-        let across = from.cross(half);
-        let (h, rounding) = (half.abs(), 1e-15 * from.amax() * half.amax());
-        let within = |i: usize, j: usize| size[i] * h[j] + size[j] * h[i] + rounding;
-        !(apart(across.x, within(1, 2))
-            || apart(across.y, within(0, 2))
-            || apart(across.z, within(0, 1)))
+        let across = from.cross(&self.half);
+        !(apart(across.x, size.y * h.z + size.z * h.y)
+            || apart(across.y, size.x * h.z + size.z * h.x)
+            || apart(across.z, size.x * h.y + size.y * h.x))
     }
 }
 
@@ -79,13 +86,10 @@ impl Hierarchy {
             .boundary()
             .half_faces()
             .iter()
-            .map(|face| {
-                let bounds = bounds_of(mesh, &at, *face);
-                (bounds.low + bounds.high, *face)
-            })
+            .map(|face| (Corners::of_face(mesh, &at, *face).bounds().centre, *face))
             .collect();
         let leaf = |first: usize, faces: usize| Node {
-            bounds: Bounds::NONE,
+            bounds: Corners::NONE.bounds(),
             first: first as u32,
             faces: faces as u32,
         };
@@ -95,13 +99,8 @@ impl Hierarchy {
             let (first, count) = (node.first as usize, node.faces as usize);
             if count > LEAF {
                 let part = &mut faces[first..first + count];
-                let middles = part.iter().map(|(middle, _)| Bounds {
-                    low: *middle,
-                    high: *middle,
-                });
-                let around = middles.fold(Bounds::NONE, |a, b| a.with(&b));
+                let around = part.iter().fold(Corners::NONE, |all, (at, _)| all.with(at));
                 let axis = (around.high - around.low).imax();
-                // Whole leaves on the left, so that a tree of as few leaves as can be is balanced.
                 let half = count / 2;
                 part.select_nth_unstable_by(half, |a, b| {
                     a.0[axis].total_cmp(&b.0[axis]).then(a.1.cmp(&b.1))
@@ -123,14 +122,19 @@ impl Hierarchy {
         for place in (0..self.nodes.len()).rev() {
             let Node { first, faces, .. } = self.nodes[place];
             let (first, faces) = (first as usize, faces as usize);
-            self.nodes[place].bounds = if faces == 0 {
+            let corners = if faces == 0 {
                 let children = self.nodes.get(first..first + 2).unwrap_or_default();
-                children.iter().fold(Bounds::NONE, |a, b| a.with(&b.bounds))
+                let ends = children.iter().flat_map(|child| {
+                    let Bounds { centre, half } = child.bounds;
+                    [centre - half, centre + half]
+                });
+                ends.fold(Corners::NONE, |all, at| all.with(&at))
             } else {
-                let faces = &self.faces[first..first + faces];
-                let each = faces.iter().map(|face| bounds_of(mesh, &at, *face));
-                each.fold(Bounds::NONE, |a, b| a.with(&b))
+                let faces = self.faces[first..first + faces].iter();
+                let nodes = faces.flat_map(|face| mesh.vertices(*face));
+                nodes.fold(Corners::NONE, |all, node| all.with(&at(node)))
             };
+            self.nodes[place].bounds = corners.bounds();
         }
     }
 
@@ -170,9 +174,35 @@ impl Hierarchy {
     }
 }
 
-fn bounds_of(mesh: &HalfFaces, at: impl Fn(u32) -> Vector3<f64>, face: HalfFace) -> Bounds {
-    mesh.vertices(face).iter().fold(Bounds::NONE, |bounds, v| {
-        let at = at(*v);
-        bounds.with(&Bounds { low: at, high: at })
-    })
+/// Least and greatest coordinates.
+struct Corners {
+    low: Vector3<f64>,
+    high: Vector3<f64>,
+}
+
+impl Corners {
+    /// Of nothing.
+    const NONE: Self = Self {
+        low: Vector3::new(f64::INFINITY, f64::INFINITY, f64::INFINITY),
+        high: Vector3::new(f64::NEG_INFINITY, f64::NEG_INFINITY, f64::NEG_INFINITY),
+    };
+
+    fn with(&self, at: &Vector3<f64>) -> Self {
+        Self {
+            low: self.low.inf(at),
+            high: self.high.sup(at),
+        }
+    }
+
+    fn of_face(mesh: &HalfFaces, at: impl Fn(u32) -> Vector3<f64>, face: HalfFace) -> Self {
+        let nodes = mesh.vertices(face).into_iter();
+        nodes.fold(Self::NONE, |all, node| all.with(&at(node)))
+    }
+
+    fn bounds(&self) -> Bounds {
+        Bounds {
+            centre: (self.low + self.high) * 0.5,
+            half: (self.high - self.low) * 0.5,
+        }
+    }
 }

@@ -11,6 +11,9 @@ use thiserror::Error;
 /// Most needles in one model.
 pub const MAX_NEEDLES: usize = 4;
 
+/// Least distance between crossings with rows, in mean boundary edges.
+const APART: f64 = 0.15;
+
 /// A needle of a model.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct NeedlePart {
@@ -119,6 +122,9 @@ pub(crate) struct Needles {
     /// Kinds of tissue, and each cell's among them, (m).
     kinds: Vec<NeedleTissue>,
     kind_of_cell: Vec<u32>,
+    /// Least distance between crossings that both have rows \[m\]: at vertices and edges they coincide, and what
+    /// is nearer than this says the same thing twice, with large forces against each other.
+    pub apart_m: f64,
     /// Longest piece of a needle's way between two solves \[m\].
     pub piece_m: f64,
 }
@@ -191,6 +197,7 @@ impl Needles {
                 .collect(),
             kinds,
             kind_of_cell,
+            apart_m: APART * mesh.surface().mean_edge_m,
             piece_m: 0.25 * mesh.surface().mean_edge_m,
         })
     }

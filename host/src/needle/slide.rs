@@ -3,7 +3,7 @@
 //! Entry points: [`entry`], [`slide`]. Source: Younes 2021, 3.2.1 and 3.2.3.1 (the playback, where boundaries
 //! do not resist).
 
-use super::hierarchy::Hierarchy;
+use super::hierarchy::{Capsule, Hierarchy};
 use super::history::{Crossing, History};
 use super::section::Section;
 use super::walk::{Stop, walk};
@@ -72,10 +72,10 @@ pub fn entry<At: Fn(u32) -> Vector3<f64>>(
     for number in 0..pieces as u32 {
         let start = from + piece * f64::from(number);
         let [a, b] = [start, start + piece].map(|alpha| curve.at(alpha));
-        let (middle, half) = ((a + b) * 0.5, (b - a) * 0.5);
+        let capsule = Capsule::new(&a, &b, reach);
         let (mut best, mut faces) = (found.crossing, 0);
         found.boxes += geometry.hierarchy.near(
-            |bounds| bounds.meets(&middle, &half, reach),
+            |bounds| capsule.meets(bounds),
             |face| {
                 faces += 1;
                 let nodes = geometry.mesh.vertices(face);
