@@ -34,23 +34,17 @@ fn start() -> QemuConsole {
     QemuConsole::start(image(), TIME_LIMIT).unwrap_or_else(|error| panic!("{error}"))
 }
 
-#[test]
-fn palpation_gives_the_same_bits_natively_and_on_the_image() {
+/// Runs a scene natively and on the image, in lockstep: what they have in common, once.
+fn same_bits_natively_and_on_the_image(scene: &str) -> Value {
     let image = image();
     let run = |console: &[&str]| -> Value {
-        let ran = sutura(
-            &[
-                &["run", "--format", "json", "scenes/palpation.toml"],
-                console,
-            ]
-            .concat(),
-        );
+        let ran = sutura(&[&["run", "--format", "json", scene], console].concat());
         assert_eq!(ran.code, 0, "{}", ran.stderr);
         serde_json::from_str(&ran.stdout).unwrap()
     };
     let native = run(&["--console", "virtual", "--lockstep"]);
     let emulated = run(&["--console", "qemu", "--image", image.to_str().unwrap()]);
-    println!("5 s of palpation under QEMU in {} s", emulated["wall_s"]);
+    println!("{scene} under QEMU in {} s", emulated["wall_s"]);
     assert_eq!(native["trace_hash"], emulated["trace_hash"]);
     for key in [
         "ticks",
@@ -62,7 +56,21 @@ fn palpation_gives_the_same_bits_natively_and_on_the_image() {
     ] {
         assert_eq!(native[key], emulated[key], "{key}");
     }
+    emulated
+}
+
+#[test]
+fn palpation_gives_the_same_bits_natively_and_on_the_image() {
+    let emulated = same_bits_natively_and_on_the_image("scenes/palpation.toml");
     assert_eq!(emulated["ticks"], 5000);
+}
+
+/// Needle frames go down with every contact, and are in the trace.
+#[test]
+fn a_driven_needle_gives_the_same_bits_natively_and_on_the_image() {
+    let emulated = same_bits_natively_and_on_the_image("scenes/needle-slabs.toml");
+    assert_eq!(emulated["ticks"], 12_000);
+    assert_eq!(emulated["scene"]["punctures"], 4);
 }
 
 #[test]

@@ -9,10 +9,13 @@
 
 use gungraun::Callgrind;
 use gungraun::prelude::*;
+use nalgebra::Vector3;
 use std::hint::black_box;
 use std::path::Path;
 use sutura_host::fem::LinearTissue;
+use sutura_host::mesh::{self, HalfFaces};
 use sutura_host::model::Model;
+use sutura_host::needle::{Curve, Geometry, Hierarchy, History, Slack, SlideReport, slide};
 use sutura_host::rows::{self, Method, Outcome, Problem, Row, RowKind};
 use sutura_host::scene::{Document, Scene};
 use sutura_host::step::{State, StepReport, Workspace, step};
@@ -135,13 +138,111 @@ fn dense_factor_150(mut dense: Dense) -> (Dense, Outcome) {
     (dense, black_box(outcome))
 }
 
+/// A needle over tissue, upright but for a little.
+struct Driven {
+    mesh: HalfFaces,
+    at: Vec<Vector3<f64>>,
+    hierarchy: Hierarchy,
+    history: History,
+    /// Depth of the tip \[m\].
+    depth: f64,
+}
+
+/// The suite's slab, or one of twenty times its size with the same cells in its middle.
+fn under_needle(wide: bool, depth: f64) -> Driven {
+    let mesh = if wide {
+        mesh::slab([0.25, 0.2, 0.02], [60, 48, 5])
+    } else {
+        mesh::slab([0.05, 0.05, 0.02], [12, 12, 5])
+    };
+    let mesh = mesh.expect("a slab");
+    let at: Vec<_> = mesh.points_m().iter().map(|p| Vector3::from(*p)).collect();
+    let hierarchy = Hierarchy::new(mesh.half_faces(), |node| at[node as usize]);
+    let driven = Driven {
+        mesh: mesh.half_faces().clone(),
+        at,
+        hierarchy,
+        history: History::new(100),
+        depth: -0.01,
+    };
+    driven.slid(depth + 0.01).0
+}
+
+impl Driven {
+    fn slid(mut self, by: f64) -> (Self, SlideReport) {
+        self.depth += by;
+        let tip = Vector3::new(0.001, 0.0005, 0.0);
+        let tangent = Vector3::new(0.2, 0.1, -1.0).normalize();
+        let needle = Curve {
+            start: tip + tangent * (self.depth - 0.04),
+            tangent,
+            inward: tangent.cross(&Vector3::x()).normalize(),
+            curvature: 0.0,
+            length: 0.04,
+        };
+        let geometry = Geometry {
+            mesh: &self.mesh,
+            hierarchy: &self.hierarchy,
+            slack: Slack::Everywhere(1e-3),
+            at: |node: u32| self.at[node as usize],
+        };
+        let report = slide(&geometry, &needle, &mut self.history, by);
+        (self, report)
+    }
+}
+
+// A step of the tip inside, which is a hundred milliseconds of a needle at 20 mm/s.
+#[library_benchmark]
+#[bench::slab(setup = under_needle, args = (false, 0.005))]
+fn needle_inside(driven: Driven) -> (Driven, SlideReport) {
+    black_box(driven.slid(0.002))
+}
+
+#[library_benchmark]
+#[bench::slab(setup = under_needle, args = (true, 0.005))]
+fn needle_inside_20(driven: Driven) -> (Driven, SlideReport) {
+    black_box(driven.slid(0.002))
+}
+
+// A step in which the tip comes in from outside.
+#[library_benchmark]
+#[bench::slab(setup = under_needle, args = (false, -0.0005))]
+fn needle_enters(driven: Driven) -> (Driven, SlideReport) {
+    black_box(driven.slid(0.002))
+}
+
+#[library_benchmark]
+#[bench::slab(setup = under_needle, args = (true, -0.0005))]
+fn needle_enters_20(driven: Driven) -> (Driven, SlideReport) {
+    black_box(driven.slid(0.002))
+}
+
+// A step just over the surface.
+#[library_benchmark]
+#[bench::slab(setup = under_needle, args = (false, -0.0005))]
+fn needle_outside(driven: Driven) -> (Driven, SlideReport) {
+    black_box(driven.slid(0.0002))
+}
+
+#[library_benchmark]
+#[bench::slab(setup = under_needle, args = (true, -0.0005))]
+fn needle_outside_20(driven: Driven) -> (Driven, SlideReport) {
+    black_box(driven.slid(0.0002))
+}
+
 library_benchmark_group!(
     name = solver,
     benchmarks = [
         palpation_step,
         dense_factor_150,
         tissue_factor,
-        compliance_column
+        compliance_column,
+        needle_inside,
+        needle_inside_20,
+        needle_enters,
+        needle_enters_20,
+        needle_outside,
+        needle_outside_20
     ]
 );
 main!(

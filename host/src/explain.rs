@@ -452,7 +452,7 @@ fn not_here() -> [Component; 3] {
     [
         (
             "collisions between tissues",
-            "no second body: a scene has one mesh, and it does not look for contact with itself",
+            "this version looks for none: not between parts of the mesh, nor of one with itself",
         ),
         ("thread", "no thread rows: this version has none"),
         (

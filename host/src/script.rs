@@ -262,3 +262,163 @@ fn isometry(sample: &ToolSample) -> Isometry3<f64> {
         quaternion(sample.orientation),
     )
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::Document;
+    use crate::step::{Status, Workspace, step};
+
+    /// A slab, a driven grip that turns, a second hand that moves; the needle goes from one to the other in the
+    /// open, and is let go.
+    const SCENE: &str = r#"
+device = "cartesian-bench"
+seconds = 4.0
+
+[mesh.slab]
+size_m = [0.02, 0.02, 0.01]
+divisions = [2, 2, 1]
+
+[tissue]
+youngs_modulus_pa = 20e3
+poisson_ratio = 0.45
+needle = { friction_n_per_m = 10.0, puncture_pa = 1e5 }
+
+[[fixed]]
+plane = { axis = "z", at_m = -0.01 }
+
+[[tool]]
+id = 4
+shape = "grip"
+[[tool.way_point]]
+time_s = 0.0
+[[tool.way_point]]
+time_s = 2.0
+rotation_deg = [0.0, 90.0, 0.0]
+
+[[tool]]
+id = 6
+shape = "grip"
+[[tool.way_point]]
+time_s = 2.0
+position_m = [0.0, 0.0, 0.1]
+[[tool.way_point]]
+time_s = 3.0
+position_m = [0.0, 0.05, 0.1]
+
+[[needle]]
+id = 1
+shape = "straight"
+length_m = 0.02
+thickness_m = 0.001
+end_m = [0.01, 0.0, 0.06]
+direction = [0.0, 0.0, -1.0]
+[[needle.hold]]
+time_s = 0.0
+tool = 4
+[[needle.hold]]
+time_s = 2.0
+tool = 6
+[[needle.hold]]
+time_s = 3.5
+
+[hand]
+stiffness_n_per_m = 1000.0
+damping_n_s_per_m = 10.0
+way_point = [{ time_s = 0.0, position_m = [0.0, 0.0, 0.06] }]
+"#;
+
+    fn scene() -> Scene {
+        let document = Document::embedded("test.toml", "".as_ref(), SCENE);
+        Scene::read(&document, "test").expect("good")
+    }
+
+    fn near(a: [f64; 3], b: [f64; 3]) {
+        let apart = (Vector3::from(a) - Vector3::from(b)).norm();
+        assert!(apart < 1e-9, "{a:?} is not {b:?}");
+    }
+
+    /// Held at its end, 10 mm beside the grip: a quarter turn brings that from +x to -z, and the tip with it.
+    #[test]
+    fn a_needle_follows_the_grip_that_holds_it() {
+        let scene = scene();
+        let (model, mut state, mut work) = scene.build().expect("held");
+        let mut script = Script::new(&scene);
+        assert_eq!(script.driven(), Some(4));
+        let mut go = |time_s: f64, state: &mut State, work: &mut Workspace| {
+            let tools = script.follow(time_s, &model, state);
+            let report = step(&model, state, tools, work);
+            assert_eq!(report.status, Status::Ok, "at {time_s} s");
+            let held_by = report.needles()[0].held_by;
+            let pose = state.needle_pose(&model, 1).expect("it exists");
+            let curve = scene.needles[0].needle.at(&pose);
+            (held_by, curve.at(0.0).into(), curve.at(curve.length).into())
+        };
+        let (held_by, end, tip) = go(0.0, &mut state, &mut work);
+        assert_eq!(held_by, Some(4));
+        near(end, [0.01, 0.0, 0.06]);
+        near(tip, [0.01, 0.0, 0.04]);
+        for place in 1..20 {
+            go(0.1 * f64::from(place), &mut state, &mut work);
+        }
+        let (held_by, end, tip) = go(2.0, &mut state, &mut work);
+        // The other hand has taken it where the step before left it, and does not move yet.
+        assert_eq!(held_by, Some(6));
+        let (_, before, _) = go(2.0, &mut state, &mut work);
+        near(end, before);
+        let turned = (Vector3::from(tip) - Vector3::from(end)).normalize();
+        assert!(turned.x < -0.99, "down has become -x: {turned}");
+        for place in 21..=30 {
+            go(0.1 * f64::from(place), &mut state, &mut work);
+        }
+        let (_, moved, _) = go(3.0, &mut state, &mut work);
+        near(moved, [before[0], before[1] + 0.05, before[2]]);
+        let (held_by, left, _) = go(3.5, &mut state, &mut work);
+        assert_eq!(held_by, None);
+        near(left, moved);
+    }
+
+    /// What the console senses comes before the script's own turn.
+    #[test]
+    fn a_wrist_turns_what_the_console_senses() {
+        let scene = scene();
+        let (model, mut state, _) = scene.build().expect("held");
+        let mut script = Script::new(&scene);
+        let about = |axis: Vector3<f64>| {
+            UnitQuaternion::from_scaled_axis(axis * std::f64::consts::FRAC_PI_2)
+        };
+        let sensed = about(Vector3::x());
+        let console = ToolSample {
+            orientation: sensed.coords.into(),
+            ..script.samples()[0]
+        };
+        let tools = script.step_to(2.0, console, &model, &mut state);
+        let expected = about(Vector3::y()) * sensed;
+        let found = quaternion(tools[0].orientation);
+        assert!(found.angle_to(&expected) < 1e-12);
+        assert_eq!(tools[1].id, 6);
+        near(tools[1].position_m, [0.0, 0.0, 0.1]);
+    }
+
+    /// Without tissue a path goes where the steps go: through the same poses of the needle.
+    #[test]
+    fn a_path_has_the_places_of_grips_and_needles() {
+        let path = path(&scene(), 4.0, 0.02, 0.011);
+        assert_eq!(path.grips.len(), 201);
+        // Two pieces of 10 mm: three points a time.
+        assert_eq!(path.needles.len(), 201 * 3);
+        // A needle is taken where it was a place before, nearly at rest.
+        let near = |found: Vector3<f64>, x: [f64; 3]| {
+            assert!(
+                (found - Vector3::from(x)).norm() < 1e-6,
+                "{found} is not {x:?}"
+            );
+        };
+        near(path.needles[0], [0.01, 0.0, 0.06]);
+        near(path.needles[2], [0.01, 0.0, 0.04]);
+        // At 2 s turned by 90 degrees, at 4 s moved by 50 mm as well.
+        near(path.needles[3 * 100], [0.0, 0.0, 0.05]);
+        near(path.needles[3 * 100 + 2], [-0.02, 0.0, 0.05]);
+        near(path.needles[3 * 200], [0.0, 0.05, 0.05]);
+    }
+}

@@ -1,8 +1,11 @@
-//! A step allocates nothing once the columns of what it touches are there, nor does corotational tissue.
+//! A step allocates nothing once the columns of what it touches are there, nor does corotational tissue, nor
+//! following a needle.
 
+use nalgebra::Vector3;
 use sutura_host::fem::{CorotationalTissue, Loads, Material, Policy};
 use sutura_host::mesh::slab;
 use sutura_host::model::{Model, Passes};
+use sutura_host::needle::{Curve, Geometry, Hierarchy, History, Slack, SlideStatus, slide};
 use sutura_host::step::{State, Status, Workspace, step};
 use sutura_host::tool::{Shape, Tool, ToolSample};
 
@@ -164,5 +167,57 @@ fn corotational_tissue_allocates_nothing_refactorisations_included() {
         }
     });
     assert!(state.generation() >= 4 && iterations >= 20);
+    assert_eq!(allocated.count_total, 0, "{allocated:?}");
+}
+
+#[test]
+fn following_a_needle_allocates_nothing() {
+    let mesh = slab([0.08, 0.08, 0.03], [8, 8, 4]).expect("a slab");
+    let at = |node: u32| Vector3::from(mesh.points_m()[node as usize]);
+    let mut hierarchy = Hierarchy::new(mesh.half_faces(), at);
+    let base = Curve {
+        start: Vector3::new(-0.05, 0.001, 0.005),
+        tangent: Vector3::new(0.6, 0.0, -0.8),
+        inward: Vector3::new(0.8, 0.0, 0.6),
+        curvature: 25.0,
+        length: 0.05,
+    };
+    let needle = |along: f64| Curve {
+        start: base.at(along),
+        tangent: base.tangent_at(along),
+        inward: base.inward_at(along),
+        ..base
+    };
+    let [mut history, mut copy] = [History::new(16), History::new(0)];
+    copy.clone_from(&history);
+    let (mut pushed, mut popped, mut entered, mut full) = (0, 0, 0, 0);
+    let mut along = -0.06;
+    let allocated = allocation_counter::measure(|| {
+        for step in 0..200 {
+            hierarchy.refit(mesh.half_faces(), at);
+            let geometry = Geometry {
+                mesh: mesh.half_faces(),
+                hierarchy: &hierarchy,
+                slack: Slack::Everywhere(1e-3),
+                at,
+            };
+            // Through and out, back, and on until there is no room.
+            let sigma = if (80..140).contains(&step) {
+                -0.0013
+            } else {
+                0.0012
+            };
+            along += sigma;
+            let report = slide(&geometry, &needle(along), &mut history, sigma);
+            copy.clone_from(&history);
+            pushed += report.pushed;
+            popped += report.popped;
+            entered += report.entered;
+            full += u32::from(report.status == SlideStatus::Full);
+            history.drop_behind(mesh.half_faces(), -0.01);
+        }
+    });
+    assert!(pushed > 20 && popped > 10, "{pushed} {popped}");
+    assert!(entered > 0 && full > 5, "{entered} {full}");
     assert_eq!(allocated.count_total, 0, "{allocated:?}");
 }

@@ -10,7 +10,9 @@
 
 use super::model::{MAX_NEEDLES, Needles, Playback};
 use super::state::{Cut, NeedleState, Tip};
-use super::{Crossing, Curve, Geometry, History, NeedleTissue, Stop, entry, walk};
+use super::{
+    Crossing, Curve, Geometry, History, MOST_GROUPS, NeedleTissue, Slack, Stop, entry, walk,
+};
 use crate::anchors::{AnchorPoint, AnchorRow, Grasp, System, is_solved};
 use crate::body::{Body, Push};
 use crate::clock::Clock;
@@ -18,11 +20,12 @@ use crate::mesh::HalfFaces;
 use crate::rows::{Mode, RowKind};
 use crate::step::{Status, StepReport};
 use nalgebra::{Isometry3, Matrix3, Translation3, UnitQuaternion, Vector3, Vector6};
+use std::cell::Cell;
 
 /// Most solves of one balance.
 const MOST_SOLVES: u32 = 64;
 /// A slide is known well enough when it changes by less than this part of the needle \[1\].
-const SLIDE_TOLERANCE: f64 = 1e-8;
+const SLIDE_TOLERANCE: f64 = 3e-8;
 /// Where a tip comes from is looked for from this part of the needle behind it \[1\]: it may have come to
 /// lie in the face that it left.
 const BACK: f64 = 1e-6;
@@ -76,6 +79,9 @@ pub(crate) struct NeedleWork {
     pub(super) rows: Vec<AnchorRow>,
     pub(super) points: Vec<Point>,
     pushes: Vec<Push>,
+    /// Solves so far, and where each node was found to be in which of them, (n).
+    solves: u64,
+    known: Vec<Cell<(u64, Vector3<f64>)>>,
     releases: Vec<Release>,
     path: History,
     no_history: History,
@@ -83,7 +89,8 @@ pub(crate) struct NeedleWork {
     saved_grasp: Grasp,
     /// Where each needle's tip was at the last balance, or where it came out since.
     tips: Vec<Vector3<f64>>,
-    /// Let go of its face in this balance: not to take it again.
+    /// Let go of a face, or was withdrawn from one, in this balance: the tissue that gives way is not to be
+    /// gone into at once.
     let_go: Vec<bool>,
     /// Where each loose needle turns about in the last solve, and its drag.
     drags: Vec<Option<(Vector3<f64>, Vector6<f64>)>>,
@@ -102,6 +109,8 @@ impl NeedleWork {
             rows: Vec::with_capacity(rows),
             points: Vec::with_capacity(anchors),
             pushes: Vec::with_capacity(4 * anchors),
+            solves: 0,
+            known: vec![Cell::new((0, Vector3::zeros())); needles.mesh.nodes()],
             releases: Vec::with_capacity(anchors),
             path: History::new(needles.settings.most_crossings),
             no_history: History::new(0),
@@ -163,6 +172,10 @@ impl Drive<'_> {
 
     /// Puts the needles where they shall be; while the way of one is played back nothing begins for the others.
     fn begin(&mut self, poses: &[Isometry3<f64>], free: Option<usize>) {
+        let mut poses_before = [Isometry3::identity(); MAX_NEEDLES];
+        for (before, state) in poses_before.iter_mut().zip(self.states.iter()) {
+            *before = state.pose;
+        }
         for (index, (state, pose)) in self.states.iter_mut().zip(poses).enumerate() {
             if free.is_some_and(|free| free != index) {
                 continue;
@@ -179,6 +192,26 @@ impl Drive<'_> {
             }
         }
         self.stick();
+        self.predict(poses_before);
+    }
+
+    /// What slid will slide on, by about the uniform slide (3.9, 3.17); a line needs no guess.
+    fn predict(&mut self, before: [Isometry3<f64>; MAX_NEEDLES]) {
+        let parts = self.needles.parts.iter().zip(&before);
+        for (state, (part, before)) in self.states.iter_mut().zip(parts) {
+            let (from, to) = (part.needle.at(before), part.needle.at(&state.pose));
+            if from.curvature == 0.0 {
+                continue;
+            }
+            let middle = 0.5 * from.length;
+            let slide = from.project(&to.at(middle), middle) - middle;
+            for index in 0..state.holds.len() {
+                let hold = state.holds[index];
+                if hold.slides && slide.abs() < from.length {
+                    state.history.set_alpha(index, hold.alpha - slide);
+                }
+            }
+        }
     }
 
     /// From now on crossings stick where they are.
@@ -228,10 +261,26 @@ impl Drive<'_> {
                     settled = false;
                 }
             }
+            self.lead_followers();
             let at_rest = self.settle_loose();
             // One that is not yet goes on in the next balance.
             if settled && (at_rest || *solves >= LOOSE_SOLVES) {
                 return Ok(());
+            }
+        }
+    }
+
+    /// Crossings without rows of their own go with the one before them.
+    fn lead_followers(&mut self) {
+        for state in self.states.iter_mut() {
+            let mut slide = 0.0;
+            for index in 0..state.holds.len() {
+                let hold = state.holds[index];
+                if hold.follows {
+                    state.history.set_alpha(index, hold.alpha + slide);
+                } else if let Some(crossing) = state.history.crossings().get(index) {
+                    slide = crossing.alpha - hold.alpha;
+                }
             }
         }
     }
@@ -281,8 +330,18 @@ impl Drive<'_> {
         report.iterations += outcome.iterations;
         report.residual = outcome.residual;
         clock.lap(&mut report.stages.solve_ns);
+        work.solves += 1;
         work.pushes.clear();
         work.pushes.extend(grasp.pushes());
+        // Crossings share vertices.
+        work.pushes.sort_unstable_by_key(|(vertex, _)| *vertex);
+        work.pushes.dedup_by(|(vertex, force), (kept, sum)| {
+            let same = vertex == kept;
+            if same {
+                *sum += *force;
+            }
+            same
+        });
         if !is_solved(&outcome) {
             return Err(Status::NotConverged);
         }
@@ -352,6 +411,7 @@ impl Drive<'_> {
                 .iter()
                 .zip(&state.holds)
                 .enumerate()
+                .filter(|(_, (_, hold))| !hold.follows)
             {
                 let limit_n = hold.limit_n;
                 add(
@@ -465,7 +525,7 @@ impl Drive<'_> {
         if !state.history.push(crossing) {
             return Err(Status::TooManyRows);
         }
-        state.hold_new();
+        state.hold_new(self.needles.apart_m);
         if self.work.releases.len() < self.work.releases.capacity() {
             self.work.releases.push(Release {
                 needle,
@@ -544,6 +604,7 @@ impl Drive<'_> {
             self.release(needle, What::Crossing(index));
             self.release(needle, What::Cut);
             self.release(needle, What::Holding);
+            self.work.let_go[needle] = true;
             let state = &mut self.states[needle];
             state.history.pop();
             state.holds.truncate(index);
@@ -567,6 +628,9 @@ impl Drive<'_> {
             let state = &mut self.states[needle];
             state.history.drop_behind(&self.needles.mesh, 0.0);
             state.holds.drain(..behind);
+            if let Some(first) = state.holds.first_mut() {
+                first.follows = false;
+            }
             changed = true;
         }
         changed
@@ -579,8 +643,8 @@ impl Drive<'_> {
             .at(&self.states[needle].pose);
         match self.states[needle].tip {
             Tip::Holding { .. } => Ok(false),
+            _ if self.work.let_go[needle] => Ok(false),
             Tip::Inside { .. } => self.advance_inside(needle, &curve),
-            Tip::Outside if self.work.let_go[needle] => Ok(false),
             Tip::Outside => Ok(self.advance_outside(needle, &curve)),
         }
     }
@@ -589,7 +653,7 @@ impl Drive<'_> {
         let geometry = Geometry {
             mesh: &self.needles.mesh,
             hierarchy: &self.needles.hierarchy,
-            slack_m: 0.0,
+            slack: Slack::Everywhere(0.0),
             at: |node| position(self.body, self.points_m, self.grasp, self.work, node),
         };
         let history = &mut self.states[needle].history;
@@ -597,7 +661,7 @@ impl Drive<'_> {
         let stop = walked.stop;
         let state = &mut self.states[needle];
         state.tally.guessed += walked.guessed;
-        state.hold_new();
+        state.hold_new(self.needles.apart_m);
         if state.holds.is_empty() && matches!(stop, Stop::Reached | Stop::Lost) {
             return Ok(self.find_again(needle, curve));
         }
@@ -608,7 +672,6 @@ impl Drive<'_> {
                 state.tally.lost += 1;
                 Ok(false)
             }
-            Stop::Boundary(_) if self.work.let_go[needle] => Ok(false),
             Stop::Boundary(face) => {
                 self.take(needle, face);
                 Ok(true)
@@ -635,7 +698,7 @@ impl Drive<'_> {
         let geometry = Geometry {
             mesh,
             hierarchy: &self.needles.hierarchy,
-            slack_m: 0.0,
+            slack: Slack::Everywhere(0.0),
             at: |node| position(self.body, self.points_m, self.grasp, self.work, node),
         };
         let stop = walk(&geometry, &path, &mut walked, path.length).stop;
@@ -694,19 +757,18 @@ impl Drive<'_> {
 
     /// The first boundary face that a path from outside goes in through.
     pub(super) fn first_face(&self, path: &Curve) -> Option<Crossing> {
+        let NeedleWork { system, pushes, .. } = &*self.work;
+        let groups = self.needles.hierarchy.groups();
+        let mut slack = [0.0; MOST_GROUPS];
+        let resting = &self.needles.resting;
+        system.slack(self.body, self.grasp, pushes, resting, &mut slack[..groups]);
         let geometry = Geometry {
             mesh: &self.needles.mesh,
             hierarchy: &self.needles.hierarchy,
-            slack_m: self.slack_m(),
+            slack: Slack::ByGroup(&slack[..groups]),
             at: |node| position(self.body, self.points_m, self.grasp, self.work, node),
         };
         entry(&geometry, path, &self.work.no_history, 0.0, path.length).crossing
-    }
-
-    /// No node is farther than this from where the hierarchy has it.
-    fn slack_m(&self) -> f64 {
-        let NeedleWork { system, pushes, .. } = &*self.work;
-        system.slack_m(self.body, self.grasp, pushes, &self.needles.resting)
     }
 
     /// The tip comes to hold a boundary face; a free one goes on through it.
@@ -837,7 +899,7 @@ impl Drive<'_> {
             let geometry = Geometry {
                 mesh: &self.needles.mesh,
                 hierarchy: &self.needles.hierarchy,
-                slack_m: 0.0,
+                slack: Slack::Everywhere(0.0),
                 at: |node| position(self.body, self.points_m, self.grasp, self.work, node),
             };
             let stop = walk(&geometry, &path, &mut walked, path.length).stop;
@@ -1105,7 +1167,17 @@ fn position(
     work: &NeedleWork,
     node: u32,
 ) -> Vector3<f64> {
-    place(points_m, node) + work.system.displacement(body, grasp, &work.pushes, node)
+    let find = || place(points_m, node) + work.system.displacement(body, grasp, &work.pushes, node);
+    let Some(known) = work.known.get(node as usize) else {
+        return find();
+    };
+    let (solve, at) = known.get();
+    if solve == work.solves {
+        return at;
+    }
+    let at = find();
+    known.set((work.solves, at));
+    at
 }
 
 /// The tissue point of a crossing.
@@ -1164,9 +1236,15 @@ fn limits(needles: &Needles, state: &mut NeedleState, length: f64) {
         matches!(state.tip, Tip::Holding { face, .. } if !face.enters)
     };
     let count = state.holds.len();
+    let mut leader = 0;
     for index in 0..count {
         let crossing = crossings[index];
-        let own = state.holds[index];
+        let mut own = state.holds[index];
+        if own.follows {
+            own.slides = state.holds[leader].slides;
+        } else {
+            leader = index;
+        }
         let share = |cell: Option<u32>, from: f64, to: f64, part: f64| match cell {
             Some(cell) => {
                 part * (to - from).max(0.0) * per_length(needles.tissue(cell), own.slides, speed)
@@ -1182,6 +1260,7 @@ fn limits(needles: &Needles, state: &mut NeedleState, length: f64) {
             None if inside => share(crossing.to(mesh), own.alpha, length, 1.0),
             None => 0.0,
         };
-        state.holds[index].limit_n = behind + ahead;
+        state.holds[index].limit_n = 0.0;
+        state.holds[leader].limit_n += behind + ahead;
     }
 }

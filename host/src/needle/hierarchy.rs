@@ -11,47 +11,56 @@ use nalgebra::Vector3;
 const LEAF: usize = 4;
 /// A binary tree halved at the median of 2^32 faces at most is no deeper.
 const DEPTH: usize = 34;
+/// So far below the root the tree falls into groups.
+const GROUP_DEPTH: u32 = 5;
+/// Most groups of a tree.
+pub const MOST_GROUPS: usize = 1 << GROUP_DEPTH;
 
 /// An axis-aligned box \[m\].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Bounds {
-    /// Least coordinates.
-    pub low: Vector3<f64>,
-    /// Greatest coordinates.
-    pub high: Vector3<f64>,
+    /// Its middle.
+    pub centre: Vector3<f64>,
+    /// Half its edges.
+    pub half: Vector3<f64>,
 }
 
-impl Bounds {
-    /// Around nothing.
-    const NONE: Self = Self {
-        low: Vector3::new(f64::INFINITY, f64::INFINITY, f64::INFINITY),
-        high: Vector3::new(f64::NEG_INFINITY, f64::NEG_INFINITY, f64::NEG_INFINITY),
-    };
+/// A segment with a ball around each of its points, to hold against boxes.
+#[derive(Clone, Copy, Debug)]
+pub struct Capsule {
+    middle: Vector3<f64>,
+    /// Half the way from one end to the other.
+    half: Vector3<f64>,
+    /// The same without signs.
+    size: Vector3<f64>,
+}
 
-    fn with(&self, other: &Self) -> Self {
+impl Capsule {
+    /// From `a` to `b`.
+    pub fn new(a: &Vector3<f64>, b: &Vector3<f64>) -> Self {
+        let half = (b - a) * 0.5;
         Self {
-            low: self.low.inf(&other.low),
-            high: self.high.sup(&other.high),
+            middle: (a + b) * 0.5,
+            half,
+            size: half.abs(),
         }
     }
 
-    /// Whether a segment, given by its middle and half its way, comes within `reach` of the box in every
-    /// direction that could separate them; never wrong about one that does. Not a number: it does.
-    pub fn meets(&self, middle: &Vector3<f64>, half: &Vector3<f64>, reach: f64) -> bool {
-        let centre = (self.low + self.high) * 0.5;
-        let size = (self.high - self.low) * 0.5 + Vector3::repeat(reach);
-        let from = middle - centre;
+    /// Whether a box grown by `reach` \[m\] has a point of the segment: by the directions that can separate the two
+    /// (Gottschalk, Lin, Manocha 1996). Never wrong about one that has but for rounding, which the
+    /// reach has to be above; not a number has.
+    #[inline]
+    pub fn meets(&self, bounds: &Bounds, reach: f64) -> bool {
         let apart = |distance: f64, within: f64| distance.abs() > within;
-        let along = |k: usize| apart(from[k], size[k] + half[k].abs());
-        if along(0) || along(1) || along(2) {
+        let from = self.middle - bounds.centre;
+        let (h, size) = (&self.size, bounds.half + Vector3::repeat(reach));
+        if (0..3).any(|k| apart(from[k], size[k] + h[k])) {
             return false;
         }
-        let across = from.cross(half);
-        let (h, rounding) = (half.abs(), 1e-15 * from.amax() * half.amax());
-        let within = |i: usize, j: usize| size[i] * h[j] + size[j] * h[i] + rounding;
-        !(apart(across.x, within(1, 2))
-            || apart(across.y, within(0, 2))
-            || apart(across.z, within(0, 1)))
+        let across = from.cross(&self.half);
+        !(apart(across.x, size.y * h.z + size.z * h.y)
+            || apart(across.y, size.x * h.z + size.z * h.x)
+            || apart(across.z, size.x * h.y + size.y * h.x))
     }
 }
 
@@ -62,6 +71,28 @@ struct Node {
     first: u32,
     /// Faces of a leaf; else 0.
     faces: u32,
+    /// The group that it belongs to; [`MOST_GROUPS`] above the groups.
+    group: u32,
+}
+
+/// How far the boundary may have moved since the boxes were made \[m\].
+#[derive(Clone, Copy, Debug)]
+pub enum Slack<'a> {
+    /// Nowhere farther than this.
+    Everywhere(f64),
+    /// No farther than this in each group of the hierarchy.
+    ByGroup(&'a [f64]),
+}
+
+impl Slack<'_> {
+    /// In a group; without one in all of them.
+    pub fn of(&self, group: Option<usize>) -> f64 {
+        match (self, group) {
+            (Self::Everywhere(slack), _) => *slack,
+            (Self::ByGroup(each), Some(group)) => each.get(group).copied().unwrap_or(f64::MAX),
+            (Self::ByGroup(each), None) => each.iter().copied().fold(0.0, f64::max),
+        }
+    }
 }
 
 /// A tree of boxes over the boundary faces of a mesh.
@@ -70,6 +101,7 @@ pub struct Hierarchy {
     /// Children after their parents.
     nodes: Vec<Node>,
     faces: Vec<HalfFace>,
+    groups: usize,
 }
 
 impl Hierarchy {
@@ -79,41 +111,47 @@ impl Hierarchy {
             .boundary()
             .half_faces()
             .iter()
-            .map(|face| {
-                let bounds = bounds_of(mesh, &at, *face);
-                (bounds.low + bounds.high, *face)
-            })
+            .map(|face| (Corners::of_face(mesh, &at, *face).bounds().centre, *face))
             .collect();
-        let leaf = |first: usize, faces: usize| Node {
-            bounds: Bounds::NONE,
+        let leaf = |first: usize, faces: usize, group: u32| Node {
+            bounds: Corners::NONE.bounds(),
             first: first as u32,
             faces: faces as u32,
+            group,
         };
-        let mut nodes = vec![leaf(0, faces.len())];
-        let mut place = 0;
+        let above = MOST_GROUPS as u32;
+        let mut nodes = vec![leaf(0, faces.len(), above)];
+        let mut depths = vec![0];
+        let (mut place, mut groups) = (0, 0);
         while let Some(&node) = nodes.get(place) {
             let (first, count) = (node.first as usize, node.faces as usize);
+            let mut group = node.group;
+            if group == above && (depths[place] == GROUP_DEPTH || count <= LEAF) {
+                group = groups;
+                groups += 1;
+                nodes[place].group = group;
+            }
             if count > LEAF {
                 let part = &mut faces[first..first + count];
-                let middles = part.iter().map(|(middle, _)| Bounds {
-                    low: *middle,
-                    high: *middle,
-                });
-                let around = middles.fold(Bounds::NONE, |a, b| a.with(&b));
+                let around = part.iter().fold(Corners::NONE, |all, (at, _)| all.with(at));
                 let axis = (around.high - around.low).imax();
-                // Whole leaves on the left, so that a tree of as few leaves as can be is balanced.
                 let half = count / 2;
                 part.select_nth_unstable_by(half, |a, b| {
                     a.0[axis].total_cmp(&b.0[axis]).then(a.1.cmp(&b.1))
                 });
-                nodes[place] = leaf(nodes.len(), 0);
-                nodes.push(leaf(first, half));
-                nodes.push(leaf(first + half, count - half));
+                nodes[place] = leaf(nodes.len(), 0, group);
+                nodes.push(leaf(first, half, group));
+                nodes.push(leaf(first + half, count - half, group));
+                depths.extend([depths[place] + 1; 2]);
             }
             place += 1;
         }
         let faces = faces.into_iter().map(|(_, face)| face).collect();
-        let mut hierarchy = Self { nodes, faces };
+        let mut hierarchy = Self {
+            nodes,
+            faces,
+            groups: groups as usize,
+        };
         hierarchy.refit(mesh, at);
         hierarchy
     }
@@ -123,22 +161,42 @@ impl Hierarchy {
         for place in (0..self.nodes.len()).rev() {
             let Node { first, faces, .. } = self.nodes[place];
             let (first, faces) = (first as usize, faces as usize);
-            self.nodes[place].bounds = if faces == 0 {
+            let corners = if faces == 0 {
                 let children = self.nodes.get(first..first + 2).unwrap_or_default();
-                children.iter().fold(Bounds::NONE, |a, b| a.with(&b.bounds))
+                let ends = children.iter().flat_map(|child| {
+                    let Bounds { centre, half } = child.bounds;
+                    [centre - half, centre + half]
+                });
+                ends.fold(Corners::NONE, |all, at| all.with(&at))
             } else {
-                let faces = &self.faces[first..first + faces];
-                let each = faces.iter().map(|face| bounds_of(mesh, &at, *face));
-                each.fold(Bounds::NONE, |a, b| a.with(&b))
+                let faces = self.faces[first..first + faces].iter();
+                let nodes = faces.flat_map(|face| mesh.vertices(*face));
+                nodes.fold(Corners::NONE, |all, node| all.with(&at(node)))
             };
+            self.nodes[place].bounds = corners.bounds();
         }
+    }
+
+    /// How many groups the faces fall into, at most [`MOST_GROUPS`].
+    pub fn groups(&self) -> usize {
+        self.groups
+    }
+
+    /// Faces with the group of each.
+    pub fn grouped_faces(&self) -> impl Iterator<Item = (usize, HalfFace)> + '_ {
+        let leaves = self.nodes.iter().filter(|node| node.faces > 0);
+        leaves.flat_map(|leaf| {
+            let first = leaf.first as usize;
+            let faces = self.faces[first..first + leaf.faces as usize].iter();
+            faces.map(|face| (leaf.group as usize, *face))
+        })
     }
 
     /// Calls `visit` for the faces in the leaves whose boxes, and those around them, `meets` takes; says how
     /// many boxes it was asked about.
     pub fn near(
         &self,
-        mut meets: impl FnMut(&Bounds) -> bool,
+        mut meets: impl FnMut(&Bounds, Option<usize>) -> bool,
         mut visit: impl FnMut(HalfFace),
     ) -> u32 {
         let mut stack = [0u32; DEPTH + 1];
@@ -149,7 +207,8 @@ impl Hierarchy {
                 continue;
             };
             asked += 1;
-            if !meets(&node.bounds) {
+            let group = Some(node.group as usize).filter(|group| *group < MOST_GROUPS);
+            if !meets(&node.bounds, group) {
                 continue;
             }
             let first = node.first as usize;
@@ -170,9 +229,35 @@ impl Hierarchy {
     }
 }
 
-fn bounds_of(mesh: &HalfFaces, at: impl Fn(u32) -> Vector3<f64>, face: HalfFace) -> Bounds {
-    mesh.vertices(face).iter().fold(Bounds::NONE, |bounds, v| {
-        let at = at(*v);
-        bounds.with(&Bounds { low: at, high: at })
-    })
+/// Least and greatest coordinates.
+struct Corners {
+    low: Vector3<f64>,
+    high: Vector3<f64>,
+}
+
+impl Corners {
+    /// Of nothing.
+    const NONE: Self = Self {
+        low: Vector3::new(f64::INFINITY, f64::INFINITY, f64::INFINITY),
+        high: Vector3::new(f64::NEG_INFINITY, f64::NEG_INFINITY, f64::NEG_INFINITY),
+    };
+
+    fn with(&self, at: &Vector3<f64>) -> Self {
+        Self {
+            low: self.low.inf(at),
+            high: self.high.sup(at),
+        }
+    }
+
+    fn of_face(mesh: &HalfFaces, at: impl Fn(u32) -> Vector3<f64>, face: HalfFace) -> Self {
+        let nodes = mesh.vertices(face).into_iter();
+        nodes.fold(Self::NONE, |all, node| all.with(&at(node)))
+    }
+
+    fn bounds(&self) -> Bounds {
+        Bounds {
+            centre: (self.low + self.high) * 0.5,
+            half: (self.high - self.low) * 0.5,
+        }
+    }
 }

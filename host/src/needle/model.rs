@@ -2,7 +2,7 @@
 //!
 //! Entry point: [`Needles::new`].
 
-use super::{Geometry, Hierarchy, History, Needle, NeedleTissue, entry};
+use super::{Geometry, Hierarchy, History, Needle, NeedleTissue, Slack, entry};
 use crate::anchors::AnchorSettings;
 use crate::mesh::{HalfFaces, TetMesh};
 use nalgebra::{Isometry3, Vector3};
@@ -10,6 +10,9 @@ use thiserror::Error;
 
 /// Most needles in one model.
 pub const MAX_NEEDLES: usize = 4;
+
+/// Least distance between crossings with rows, in mean boundary edges.
+const APART: f64 = 0.15;
 
 /// A needle of a model.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -125,6 +128,9 @@ pub(crate) struct Needles {
     /// Kinds of tissue, and each cell's among them, (m).
     kinds: Vec<NeedleTissue>,
     kind_of_cell: Vec<u32>,
+    /// Least distance between crossings that both have rows \[m\]: at vertices and edges they coincide, and what
+    /// is nearer than this says the same thing twice, with large forces against each other.
+    pub apart_m: f64,
     /// Longest piece of a needle's way between two solves \[m\].
     pub piece_m: f64,
 }
@@ -193,7 +199,7 @@ impl Needles {
         let geometry = Geometry {
             mesh: &half_faces,
             hierarchy: &hierarchy,
-            slack_m: 0.0,
+            slack: Slack::Everywhere(0.0),
             at,
         };
         for part in parts {
@@ -216,6 +222,7 @@ impl Needles {
                 .collect(),
             kinds,
             kind_of_cell,
+            apart_m: APART * mesh.surface().mean_edge_m,
             piece_m: 0.25 * mesh.surface().mean_edge_m,
         })
     }

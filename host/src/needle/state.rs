@@ -56,6 +56,8 @@ pub(crate) struct Hold {
     pub force: Vector3<f64>,
     /// Whether it slid at the last balance.
     pub slides: bool,
+    /// Whether it lies so close behind the crossing before it that it has no rows and goes with that.
+    pub follows: bool,
 }
 
 /// Where a tip is.
@@ -186,10 +188,14 @@ impl NeedleState {
         self.next_id
     }
 
-    /// Gives crossings that have just come their [`Hold`].
-    pub fn hold_new(&mut self) {
+    /// Gives crossings that have just come their [`Hold`]; one that is nearer than `apart_m` to the last that
+    /// has rows, in the same tissue, has none.
+    pub fn hold_new(&mut self, apart_m: f64) {
         while let Some(crossing) = self.history.crossings().get(self.holds.len()) {
-            let alpha = crossing.alpha;
+            let (alpha, enters) = (crossing.alpha, crossing.enters);
+            let leader = self.holds.iter().rposition(|hold| !hold.follows);
+            let leader = leader.and_then(|leader| self.history.crossings().get(leader));
+            let follows = !enters && leader.is_some_and(|leader| alpha - leader.alpha < apart_m);
             let id = self.new_id();
             self.holds.push(Hold {
                 id,
@@ -197,6 +203,7 @@ impl NeedleState {
                 limit_n: 0.0,
                 force: Vector3::zeros(),
                 slides: false,
+                follows,
             });
         }
     }

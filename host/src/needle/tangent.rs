@@ -121,7 +121,9 @@ impl TangentWork {
                 let turned = |axis: usize| turn.dot(&held.frame[axis].cross(&held.force));
                 for axis in 0..3 {
                     let along = held.frame[axis];
-                    change[n * pose + held.row + axis] = match held.law {
+                    let row = held.row + axis;
+                    change[n * pose + row] = match held.law {
+                        _ if w[row * (n + 1)] == 0.0 => 0.0,
                         Law::Slides if axis == 0 => {
                             let inward = -held.force.dot(&held.frame[1]);
                             turned(0) + held.curvature * inward * along.dot(&moved)
@@ -165,12 +167,13 @@ impl TangentWork {
     /// Stiffness against the uniform slide of a needle if nothing slid \[N/m\].
     pub fn sticking(&mut self, work: &NeedleWork, needle: usize) -> f64 {
         let n = work.rows.len();
-        self.matrix[..n * n].copy_from_slice(work.system.compliance(n));
+        let w = work.system.compliance(n);
+        self.matrix[..n * n].copy_from_slice(w);
         let rhs = &mut self.change[..n];
         rhs.fill(0.0);
         let mut any = false;
         for point in work.points.iter().filter(|point| point.needle == needle) {
-            rhs[point.first_row] = 1.0;
+            rhs[point.first_row] = f64::from(u8::from(w[point.first_row * (n + 1)] > 0.0));
             any = true;
             if point.what == What::Cut {
                 for axis in 1..3 {

@@ -5,6 +5,7 @@
 
 use crate::step::ToolContact;
 use sutura_shared::wire::message::{Contact, State};
+use sutura_shared::wire::validate::MAX_POSITION;
 
 /// Upper triangle by rows of the symmetric part of `tangent`, (21).
 pub fn pack_symmetric(tangent: &[[f64; 6]; 6]) -> [f32; 21] {
@@ -25,8 +26,9 @@ pub fn contact_frame(state: &State, contact: &ToolContact, horizon_us: u32) -> C
         orientation: state.orientation,
         wrench: contact.wrench.map(|value| value as f32),
         tangent: pack_symmetric(&contact.tangent),
-        // The wire has no negative gap; a penetration is part of the solved force.
-        gap_m: contact.gap_m.max(0.0) as f32,
+        // The wire has no negative gap (a penetration is part of the solved force), and none that is longer than any
+        // console reaches.
+        gap_m: contact.gap_m.clamp(0.0, f64::from(MAX_POSITION)) as f32,
         normal: contact.normal.map(|value| value as f32),
         relaxation_per_s: 0.0,
         horizon_us,
@@ -109,5 +111,12 @@ mod tests {
         assert_eq!(frame.check(), Ok(()));
         assert_eq!(frame.position_m, state.position_m);
         assert_eq!((frame.gap_m, frame.horizon_us), (0.0, 50_000));
+        // A grip whose needle another tool has taken touches nothing anywhere.
+        let nowhere = ToolContact {
+            gap_m: f64::MAX,
+            ..contact
+        };
+        let frame = contact_frame(&state, &nowhere, 50_000);
+        assert_eq!((frame.check(), frame.gap_m), (Ok(()), MAX_POSITION));
     }
 }

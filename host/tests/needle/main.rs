@@ -1,5 +1,6 @@
 //! Needles through meshes: the list that follows a needle step by step against brute force.
 
+mod extremes;
 mod oracle;
 mod support;
 
@@ -389,4 +390,36 @@ fn circles_through_vertices_and_edges() {
         }
     }
     through_corners(&deep, 81, 200, &ways);
+}
+
+/// The same cells in the middle of a slab and of one of twenty times its size: a step inside looks at the same
+/// cells, and one from outside at a few boxes more for each doubling of the surface, four ways at most
+/// where the tree's first cuts all meet.
+#[test]
+fn a_step_costs_the_same_in_a_mesh_of_twenty_times_the_size() {
+    let small = Body::at_rest(&slab([12.0, 12.0, 5.0], [12, 12, 5]).expect("a slab"));
+    let large = Body::at_rest(&slab([60.0, 48.0, 5.0], [60, 48, 5]).expect("a slab"));
+    assert_eq!(large.mesh.cells().len(), 20 * small.mesh.cells().len());
+    let faces = |body: &Body| body.mesh.boundary().half_faces().len() as f64;
+    let doublings = (faces(&large) / faces(&small)).log2().ceil() as u32;
+    let tangent = Vector3::new(0.2, 0.1, -1.0).normalize();
+    let inward = tangent.cross(&AXES[0]).normalize();
+    for (x, y) in [(0.2, 0.1), (-1.7, 2.9)] {
+        let start = Vector3::new(x, y, 0.0) - tangent * 10.0;
+        let way = Way::line(start, tangent, inward, 9.0, 10.0);
+        let [mut one, mut other] = [History::new(100), History::new(100)];
+        let mut along = 0.0;
+        for sigma in [0.9, 0.05, 0.1, 1.3, 0.05, 0.4, 1.0, 1.5] {
+            along += sigma;
+            let outside = one.crossings().is_empty();
+            let step = |body: &Body, history: &mut History| {
+                slide(&body.geometry(), &way.needle(along), history, sigma)
+            };
+            let (a, b) = (step(&small, &mut one), step(&large, &mut other));
+            assert_eq!((a.pushed, a.entered), (b.pushed, b.entered));
+            let more = if outside { 4 * 2 * doublings } else { 0 };
+            assert!(b.looked_at <= a.looked_at + more, "{a:?} {b:?}");
+        }
+        assert!(one.crossings().len() > 10);
+    }
 }

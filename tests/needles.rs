@@ -1,0 +1,465 @@
+//! Needles from scene file to console: what is felt, when it arrives, and what is refused.
+#![allow(clippy::unwrap_used, reason = "tests")]
+
+mod support;
+
+use serde_json::Value;
+use std::ops::ControlFlow;
+use std::path::Path;
+use support::{root, sutura, sutura_in};
+use sutura_hil::NativeConsole;
+use sutura_host::link::{LinkError, LockstepConsole};
+use sutura_host::scene::{Scene, load};
+use sutura_host::script::path;
+use sutura_host::session::{Plan, Solve, Solved, Summary, TissueSolver, run_lockstep};
+use sutura_shared::wire::message::{Contact, Needle, State, Tip};
+use sutura_shared::wire::{Accumulator, Unchecked, Valid, decode};
+
+const SLABS: &str = "scenes/needle-slabs.toml";
+const ARC: &str = "scenes/needle-arc.toml";
+/// Period of the host in both scenes \[us\].
+const PERIOD_US: u64 = 5000;
+
+fn run(scene: &str) -> Value {
+    let ran = sutura(&["run", scene, "--lockstep", "--format", "json"]);
+    assert_eq!(ran.code, 0, "{}", ran.stderr);
+    serde_json::from_str(&ran.stdout).unwrap()
+}
+
+/// Every step is sent, the force stays below the device's limit, and at the end the tissue is alone again.
+fn check_session(summary: &Value) {
+    assert_eq!(summary["status"], "ok");
+    assert_eq!(summary["steps_withheld"], serde_json::json!({}));
+    assert_eq!(summary["decays"], 0);
+    assert_eq!(
+        (&summary["frames"]["lost"], &summary["frames"]["rejected"]),
+        (&0.into(), &0.into())
+    );
+    assert_eq!(summary["latency_us"]["max"], 5000.0);
+    // The device's `max_force_n` is 10.
+    let peak = summary["force_n"]["peak"].as_f64().unwrap();
+    assert!((0.2..3.0).contains(&peak), "{peak} N");
+    let scene = &summary["scene"];
+    assert_eq!(scene["punctures"], 4, "{scene}");
+    let needle = &scene["needles"][0];
+    assert_eq!(
+        (&needle["tip"], &needle["crossings"], &needle["guessed"]),
+        (&"outside".into(), &0.into(), &0.into()),
+        "{needle}"
+    );
+    assert_eq!(needle["axial_n"].as_f64(), Some(0.0), "{needle}");
+    for key in ["friction", "cutting", "release"] {
+        let spent = needle["dissipated_j"][key].as_f64().unwrap();
+        assert!(spent > 0.0, "{key}: {needle}");
+    }
+}
+
+#[test]
+fn a_straight_needle_goes_through_both_slabs_and_comes_back() {
+    let summary = run(SLABS);
+    check_session(&summary);
+    let again = run(SLABS);
+    assert_eq!(summary["trace_hash"], again["trace_hash"]);
+    assert_eq!(summary["scene"], again["scene"]);
+    // What the hand puts in is spent in the tissue: nothing comes back that was not there.
+    assert!(
+        summary["energy_j"]["min"].as_f64() > Some(-1e-6),
+        "{summary}"
+    );
+    let needle = &summary["scene"]["needles"][0];
+    let most = needle["most_crossings"].as_u64().unwrap();
+    assert!(most >= 12, "three layers of cells in each slab: {most}");
+}
+
+/// A second hand takes it on the far side: it is the one that holds it in the end.
+#[test]
+fn an_arc_goes_through_both_tube_walls_and_changes_hands() {
+    let summary = run(ARC);
+    check_session(&summary);
+    assert_eq!(summary["scene"]["needles"][0]["held_by"], 1);
+}
+
+/// What a solver step gave, and for which console time \[us\].
+struct Step {
+    time_us: u64,
+    solved: Solved,
+}
+
+/// A solver that writes down what it gives.
+struct Watched {
+    solver: TissueSolver,
+    steps: Vec<Step>,
+}
+
+impl Solve for Watched {
+    fn solve(&mut self, state: &Valid<State>) -> Solved {
+        let solved = self.solver.solve(state);
+        self.steps.push(Step {
+            time_us: state.console_time_us(),
+            solved,
+        });
+        solved
+    }
+
+    fn scene(&self) -> serde_json::Map<String, Value> {
+        self.solver.scene()
+    }
+}
+
+/// A console whose line is tapped both ways.
+struct Tapped {
+    console: NativeConsole,
+    down: Accumulator,
+    up: Accumulator,
+    contacts: Vec<(u64, Contact)>,
+    needles: Vec<(u64, Needle)>,
+    /// With their console times \[us\].
+    states: Vec<(u64, State)>,
+}
+
+impl LockstepConsole for Tapped {
+    fn exchange(&mut self, down: &[u8], up: &mut Vec<u8>) -> Result<(), LinkError> {
+        let before = up.len();
+        self.console.exchange(down, up)?;
+        let message = |end: &mut Accumulator, byte| {
+            let packet = end.push(byte)?;
+            packet.and_then(|packet| decode(packet)?.unpack()).ok()
+        };
+        for byte in down {
+            match message(&mut self.down, *byte) {
+                Some(Unchecked::Contact(header, body)) => {
+                    self.contacts.push((header.console_time_us, body));
+                }
+                Some(Unchecked::Needle(header, body)) => {
+                    self.needles.push((header.console_time_us, body));
+                }
+                _ => {}
+            }
+        }
+        for byte in &up[before..] {
+            if let Some(Unchecked::State(header, body)) = message(&mut self.up, *byte) {
+                self.states.push((header.console_time_us, body));
+            }
+        }
+        Ok(())
+    }
+
+    fn name(&self) -> &str {
+        self.console.name()
+    }
+}
+
+/// A session of the first `seconds` of a scene, with all that went over the line.
+fn watch(scene: &Scene, seconds: f64) -> (Watched, Tapped, Summary) {
+    let mut solver = TissueSolver::new(scene).unwrap();
+    solver.prepare(&path(scene, seconds, 0.02, TissueSolver::apart_m(scene)));
+    let mut watched = Watched {
+        solver,
+        steps: Vec::new(),
+    };
+    let plan = Plan {
+        device: scene.device.unwrap(),
+        hand: scene.hand.unwrap(),
+        host_hz: scene.host.host_hz,
+        seconds,
+        tick_hz: 1000,
+        state_every: 1,
+        horizon_us: scene.host.horizon_us,
+        clear_fault: false,
+    };
+    let mut tapped = Tapped {
+        console: NativeConsole::new(&plan.device).unwrap(),
+        down: Accumulator::new(),
+        up: Accumulator::new(),
+        contacts: Vec::new(),
+        needles: Vec::new(),
+        states: Vec::new(),
+    };
+    let summary = run_lockstep(&mut tapped, &plan, &mut watched, |_| {
+        ControlFlow::Continue(())
+    });
+    (watched, tapped, summary.unwrap())
+}
+
+/// The tip presses on the upper slab until it gives way. What the console is told of it, and when.
+#[test]
+fn the_drop_of_a_puncture_arrives_within_one_host_period() {
+    let scene = load(&root().join(SLABS)).unwrap();
+    assert_eq!(1e6 / scene.host.host_hz, PERIOD_US as f64);
+    let (watched, tapped, _) = watch(&scene, 2.5);
+    let needle = |step: &Step| step.solved.needle.expect("in the grip all the time");
+    let at = watched
+        .steps
+        .windows(2)
+        .position(|pair| {
+            needle(&pair[0]).tip == Tip::Holding && needle(&pair[1]).tip == Tip::Inside
+        })
+        .expect("it breaks through");
+    let (holding, inside) = (&watched.steps[at], &watched.steps[at + 1]);
+    let (before, after) = (needle(holding), needle(inside));
+
+    // The threshold of the scene: 5e5 Pa on a tip of 0.8 mm. A step moves the tip by less than 0.1 mm, which
+    // the tissue answers by some hundredths of a newton.
+    let threshold_n = 5e5 * 0.25 * std::f64::consts::PI * 0.8e-3f64.powi(2);
+    assert!((before.puncture_n / threshold_n - 1.0).abs() < 1e-12);
+    let pressed = before.hold_n / threshold_n;
+    assert!((0.8..=1.0).contains(&pressed), "{pressed} of the threshold");
+    // Nothing else held it back. What was said to be left after the puncture is about what is left: the way
+    // since the first contact rubs already.
+    assert!((before.axial_n + before.hold_n).abs() < 0.01 * threshold_n);
+    let drop_n = after.axial_n - before.axial_n;
+    assert!(drop_n > 0.3 * threshold_n, "{drop_n} N of {threshold_n}");
+
+    // The frame of the puncture's step is the one that the console uses one period after that step's state.
+    let told = tapped
+        .needles
+        .iter()
+        .find(|(time_us, _)| *time_us == inside.time_us);
+    assert_eq!(told.expect("sent").1.tip, Tip::Inside);
+    let sent_at = |time_us: u64| tapped.contacts.iter().position(|(t, _)| *t == time_us);
+    assert_eq!(
+        sent_at(inside.time_us),
+        sent_at(holding.time_us).map(|n| n + 1)
+    );
+    let uses = |(time_us, state): &&(u64, State)| {
+        u64::from(state.contact_age_us) + inside.time_us == *time_us
+    };
+    let (first_us, first) = tapped.states.iter().find(uses).expect("used");
+    assert!(first_us - inside.time_us <= PERIOD_US, "{first_us}");
+    assert_eq!(u64::from(first.applied_age_us), first_us - inside.time_us);
+
+    // The force follows with the blend's time constant of 10 ms: most of the drop has come 20 ms later.
+    let force = |time_us: u64| {
+        let state = tapped.states.iter().find(|(t, _)| *t == time_us);
+        f64::from(state.expect("every tick").1.force_n[2])
+    };
+    let felt_n = force(first_us - 1000) - force(first_us + 20_000);
+    assert!(felt_n > 0.6 * drop_n, "{felt_n} N of {drop_n}");
+    let most = tapped.states.iter().flat_map(|(_, state)| state.force_n);
+    assert!(most.map(f32::abs).fold(0.0, f32::max) < 1.0);
+}
+
+/// While the grip holds the needle every contact comes with its needle, just before it and for the same state;
+/// afterwards contacts come alone.
+#[test]
+fn needles_go_with_the_contacts_of_the_tool_that_holds_them() {
+    let text = std::fs::read_to_string(root().join(SLABS)).unwrap();
+    // Let go once it has come to rest in the upper slab.
+    let text = text.replace(
+        "[[needle.hold]]\ntime_s = 0.0\ntool = 0\n",
+        "[[needle.hold]]\ntime_s = 0.0\ntool = 0\n[[needle.hold]]\ntime_s = 2.4\n",
+    );
+    let document = sutura_host::scene::Document::embedded("slabs.toml", Path::new(""), &text);
+    let scene = Scene::read(&document, "slabs").unwrap();
+    let (watched, tapped, summary) = watch(&scene, 3.0);
+    assert_eq!(summary.status, "ok");
+    let held: Vec<u64> = watched
+        .steps
+        .iter()
+        .filter(|step| step.solved.needle.is_some())
+        .map(|step| step.time_us)
+        .collect();
+    let sent: Vec<u64> = tapped.needles.iter().map(|(time_us, _)| *time_us).collect();
+    assert_eq!(sent, held, "all that there is to tell is told");
+    let began_us = watched.steps[0].time_us;
+    let last_us = held.last().expect("some") - began_us;
+    assert!((2_390_000..2_400_000).contains(&last_us), "{last_us}");
+    assert!(tapped.contacts.len() > sent.len() + 100);
+    let (_, last) = tapped.contacts.last().expect("some");
+    assert_eq!(last.wrench, [0.0; 6], "nothing in the grip");
+    for (time_us, needle) in &tapped.needles {
+        let contact = tapped.contacts.iter().find(|(t, _)| t == time_us);
+        let (_, contact) = contact.expect("with each needle");
+        assert_eq!(needle.position_m, contact.position_m);
+        assert_eq!(needle.horizon_us, contact.horizon_us);
+        assert_eq!(needle.slide, [0.0, 0.0, -1.0, 0.0, 0.0, 0.0]);
+        // Axial force is that of the wrench along the slide.
+        let along = -contact.wrench[2];
+        assert!((needle.axial_n - along).abs() <= 1e-6, "{needle:?}");
+    }
+    // The needle stays where it was let go: in the slab.
+    let scene = &summary.scene["needles"][0];
+    assert_eq!(
+        (&scene["held_by"], &scene["tip"]),
+        (&Value::Null, &"inside".into())
+    );
+}
+
+#[test]
+fn needle_scenes_are_checked_and_explained() {
+    let ran = sutura(&["scene", "explain", SLABS, "--format", "json"]);
+    assert_eq!(ran.code, 0, "{}", ran.stderr);
+    let object: Value = serde_json::from_str(&ran.stdout).unwrap();
+    assert_eq!(object["needles"], 1);
+    let parts = object["components"].as_array().unwrap();
+    let part = |name: &str| {
+        let found = parts.iter().find(|part| part["name"] == name);
+        found.unwrap_or_else(|| panic!("no {name} in {object:#}"))
+    };
+    let built = part("needle 0, straight");
+    assert_eq!(built["built"], true);
+    assert!(built["rows"].as_u64() >= Some(36), "{built}");
+    let why = built["why"].as_str().unwrap();
+    assert!(why.contains("4 punctures"), "{why}");
+    assert!(part("hierarchy of the boundary")["us"].as_f64() > Some(0.0));
+    assert!(part("step")["rows"].as_u64() >= Some(36));
+    assert_eq!(part("tool 0, grip")["built"], true);
+    let ran = sutura(&["scene", "check", SLABS]);
+    assert!(ran.stdout.contains("1 needles"), "{}", ran.stdout);
+}
+
+/// `sutura solve` stops on the way: before the first contact nothing is moved, then something is, and after the
+/// withdrawal nothing again.
+#[test]
+fn a_solve_follows_the_scripts_until_its_time() {
+    let directory = tempfile::tempdir().unwrap();
+    let solve = |more: &[&str]| -> Value {
+        let words = [
+            &["solve", SLABS, "--out", "out.json", "--format", "json"],
+            more,
+        ]
+        .concat();
+        let slabs = root().join(SLABS);
+        let words: Vec<&str> = words
+            .into_iter()
+            .map(|word| {
+                if word == SLABS {
+                    slabs.to_str().unwrap()
+                } else {
+                    word
+                }
+            })
+            .collect();
+        let ran = sutura_in(directory.path(), &words);
+        assert_eq!(ran.code, 0, "{}", ran.stderr);
+        serde_json::from_str(&ran.stdout).unwrap()
+    };
+    let state = |object: &Value| {
+        let needle = &object["needles"][0];
+        (
+            needle["tip"].as_str().unwrap().to_owned(),
+            needle["punctures"].as_u64().unwrap(),
+            object["displacement_max_m"].as_f64().unwrap(),
+        )
+    };
+    assert_eq!(state(&solve(&["--at", "0"])), ("outside".into(), 0, 0.0));
+    // The scene's own `solve_at_s`: through both slabs.
+    let through = solve(&[]);
+    let (tip, punctures, moved_m) = state(&through);
+    assert_eq!((tip.as_str(), punctures), ("outside", 4));
+    assert!((1e-4..0.01).contains(&moved_m), "{moved_m}");
+    // Friction drags the tissue down: the force on it points with the slide.
+    let force = through["tools"][0]["force_n"][2].as_f64().unwrap();
+    let axial = through["needles"][0]["axial_n"].as_f64().unwrap();
+    assert!(
+        force < -0.1 && (force - axial).abs() < 1e-9,
+        "{force} {axial}"
+    );
+    let file = std::fs::read_to_string(directory.path().join("out.json")).unwrap();
+    let file: Value = serde_json::from_str(&file).unwrap();
+    assert_eq!(file["needles"], through["needles"]);
+    let (tip, punctures, left_m) = state(&solve(&["--at", "12"]));
+    assert_eq!((tip.as_str(), punctures), ("outside", 4));
+    assert!(
+        left_m <= 1e-9 * moved_m,
+        "{left_m} m of {moved_m} m are left"
+    );
+}
+
+#[test]
+fn a_bench_walks_the_scripts() {
+    let text = std::fs::read_to_string(root().join(SLABS)).unwrap();
+    let short = text.replace("seconds = 12.0", "seconds = 2.0");
+    let directory = tempfile::tempdir().unwrap();
+    std::fs::write(
+        directory.path().join("short.toml"),
+        short.replace("solve_at_s = 6.0", ""),
+    )
+    .unwrap();
+    let ran = sutura_in(
+        directory.path(),
+        &["bench", "short.toml", "--format", "json"],
+    );
+    assert_eq!(ran.code, 0, "{}", ran.stderr);
+    let report: Value = serde_json::from_str(&ran.stdout).unwrap();
+    let case = &report["cases"][0];
+    assert_eq!(
+        (&case["nodes"], &case["steps_not_ok"]),
+        (&512.into(), &0.into())
+    );
+    // From the first contact on, a third of the way down.
+    let steps = case["steps"].as_u64().unwrap();
+    assert!((150..400).contains(&steps), "{case}");
+    assert!(case["rows"].as_u64() >= Some(9), "{case}");
+}
+
+/// What a scene with a slip is told, and where.
+#[test]
+fn slips_are_told_at_their_place() {
+    let text = std::fs::read_to_string(root().join(SLABS)).unwrap();
+    let directory = tempfile::tempdir().unwrap();
+    for (from, to, message, help) in [
+        (
+            "shape = \"grip\"",
+            "radius_m = 0.01",
+            "a tool that touches tissue in a scene with needles",
+            "shape = \"grip\"",
+        ),
+        (
+            "tool = 0",
+            "tool = 3",
+            "there is no tool 3",
+            "this scene's tools are [0]",
+        ),
+        (
+            "puncture_pa = 5e5",
+            "puncture_pa = -5e5",
+            "puncture_pa = -500000: must be zero or positive",
+            "`inf` is never",
+        ),
+        (
+            "length_m = 0.04",
+            "",
+            "missing key `length_m`",
+            "add `length_m",
+        ),
+        (
+            "end_m = [0.0011, 0.0007, 0.06]",
+            "end_m = [0.0011, 0.0007, 0.05]",
+            "this needle starts inside the tissue",
+            "comes from outside",
+        ),
+        (
+            "[[needle.hold]]",
+            "[[needle.holds]]",
+            "unknown key `holds`",
+            "did you mean `hold`?",
+        ),
+    ] {
+        assert!(text.contains(from), "{from}");
+        std::fs::write(
+            directory.path().join("slip.toml"),
+            text.replacen(from, to, 1),
+        )
+        .unwrap();
+        let ran = sutura_in(directory.path(), &["scene", "check", "slip.toml"]);
+        assert_eq!(ran.code, 2, "{to}: {}", ran.stderr);
+        let told = ran.stderr.split_whitespace().collect::<Vec<_>>().join(" ");
+        for words in [message, help, "slip.toml:"] {
+            assert!(told.contains(words), "{to}: no {words:?} in {}", ran.stderr);
+        }
+    }
+    let ran = sutura(&[
+        "solve",
+        "scenes/palpation.toml",
+        "--out",
+        "x.json",
+        "--at",
+        "3",
+    ]);
+    assert_eq!(ran.code, 2, "{}", ran.stderr);
+    assert!(ran.stderr.contains("has no needle"), "{}", ran.stderr);
+    let ran = sutura(&["solve", SLABS, "--out", "x.json", "--at=-1"]);
+    assert_eq!(ran.code, 2, "{}", ran.stderr);
+    assert!(ran.stderr.contains("from 0 to 86400"), "{}", ran.stderr);
+}
