@@ -94,6 +94,8 @@ pub(crate) struct NeedleWork {
     let_go: Vec<bool>,
     /// Where each loose needle turns about in the last solve, and its drag.
     drags: Vec<Option<(Vector3<f64>, Vector6<f64>)>>,
+    /// Took the face that it holds in this balance.
+    took: Vec<bool>,
     /// Pressing against the end of the cut was tried in this balance.
     pressed: Vec<bool>,
 }
@@ -119,6 +121,7 @@ impl NeedleWork {
             tips: vec![Vector3::zeros(); count],
             let_go: vec![false; count],
             drags: vec![None; count],
+            took: vec![false; count],
             pressed: vec![false; count],
         }
     }
@@ -161,6 +164,7 @@ impl Drive<'_> {
         let mut solves = 0;
         loop {
             self.slide(&mut solves)?;
+            self.unfold();
             self.settle_releases();
             if !self.follow(free)? {
                 break;
@@ -185,6 +189,7 @@ impl Drive<'_> {
                 self.work.tips[index] = curve.at(curve.length);
             }
             self.work.let_go[index] = false;
+            self.work.took[index] = false;
             self.work.pressed[index] = false;
             state.pose = *pose;
             if let Tip::Inside { cut: Some(cut) } = &mut state.tip {
@@ -267,6 +272,32 @@ impl Drive<'_> {
             if settled && (at_rest || *solves >= LOOSE_SOLVES) {
                 return Ok(());
             }
+        }
+    }
+
+    /// Tissue that has been folded by more than its own thickness would have crossings change places: what
+    /// slides stops at the next one instead.
+    fn unfold(&mut self) {
+        for state in self.states.iter_mut() {
+            let count = state.holds.len();
+            let mut folded = false;
+            let alpha = |state: &NeedleState, index: usize| state.history.crossings()[index].alpha;
+            for index in (1..count).rev() {
+                let (own, next) = (alpha(state, index - 1), alpha(state, index));
+                let slid = own != state.holds[index - 1].alpha;
+                if own > next && slid {
+                    state.history.set_alpha(index - 1, next);
+                    folded = true;
+                }
+            }
+            for index in 1..count {
+                let (before, own) = (alpha(state, index - 1), alpha(state, index));
+                if own < before {
+                    state.history.set_alpha(index, before);
+                    folded = true;
+                }
+            }
+            state.tally.folded += u32::from(folded);
         }
     }
 
@@ -572,7 +603,10 @@ impl Drive<'_> {
         let area = self.needles.parts[needle].needle.tip_area_m2();
         let limit = self.needles.tissue(face.face.cell()).puncture_pa * area;
         if push < 0.0 {
-            self.release(needle, What::Holding);
+            // Nobody has done work on what was taken only now.
+            if !self.work.took[needle] {
+                self.release(needle, What::Holding);
+            }
             self.work.let_go[needle] = true;
             let state = &mut self.states[needle];
             state.log.clear();
@@ -726,16 +760,15 @@ impl Drive<'_> {
     fn advance_outside(&mut self, needle: usize, curve: &Curve) -> bool {
         let tip = curve.at(curve.length);
         let back = BACK * curve.length;
-        let above = self.states[needle]
-            .left
-            .take()
-            .and_then(|face| self.above(&face, &tip, back));
-        let from =
-            above.unwrap_or_else(|| self.work.tips[needle] - curve.tangent_at(curve.length) * back);
-        let Some(path) = Curve::segment(&from, &tip) else {
-            return false;
-        };
-        let Some(hit) = self.first_face(&path) else {
+        let left = self.states[needle].left.take();
+        let hit = left
+            .and_then(|face| self.above(&face, &tip, back))
+            .and_then(|from| self.covers(&from, &tip))
+            .or_else(|| {
+                let from = self.work.tips[needle] - curve.tangent_at(curve.length) * back;
+                self.first_face(&Curve::segment(&from, &tip)?)
+            });
+        let Some(hit) = hit else {
             return false;
         };
         self.take(needle, hit);
@@ -753,6 +786,24 @@ impl Drive<'_> {
         let out = (b - a).cross(&(c - a)).try_normalize(0.0)?;
         let depth = out.dot(&(a - tip));
         (depth > 0.0).then(|| tip + out * (depth + by))
+    }
+
+    /// The boundary face that a point in the tissue is under, seen from a point outside; `None` if there is no
+    /// tissue at it.
+    fn covers(&mut self, from: &Vector3<f64>, at: &Vector3<f64>) -> Option<Crossing> {
+        let path = Curve::segment(from, at)?;
+        let face = self.first_face(&path)?;
+        let mut walked = std::mem::take(&mut self.work.path);
+        walked.restart(None, Some(face));
+        let geometry = Geometry {
+            mesh: &self.needles.mesh,
+            hierarchy: &self.needles.hierarchy,
+            slack: Slack::Everywhere(0.0),
+            at: |node| position(self.body, self.points_m, self.grasp, self.work, node),
+        };
+        let stop = walk(&geometry, &path, &mut walked, path.length).stop;
+        self.work.path = walked;
+        (stop == Stop::Reached).then_some(face)
     }
 
     /// The first boundary face that a path from outside goes in through.
@@ -776,6 +827,7 @@ impl Drive<'_> {
         self.release(needle, What::Cut);
         let state = &mut self.states[needle];
         state.tip_force = Vector3::zeros();
+        self.work.took[needle] = true;
         let id = state.new_id();
         state.tip = Tip::Holding { face, id };
         let pose = state.pose;
@@ -797,6 +849,7 @@ impl Drive<'_> {
         // Without the tip's force; the face itself is not yet held either.
         let mut solves = 0;
         self.slide(&mut solves)?;
+        self.unfold();
         self.settle_releases();
         // Tissue has slid far, and what rubs changes now: that slide is over.
         self.book();
@@ -1232,9 +1285,6 @@ fn limits(needles: &Needles, state: &mut NeedleState, length: f64) {
     };
     let speed = state.speed.abs();
     let crossings = state.history.crossings();
-    let inside = matches!(state.tip, Tip::Inside { .. }) || {
-        matches!(state.tip, Tip::Holding { face, .. } if !face.enters)
-    };
     let count = state.holds.len();
     let mut leader = 0;
     for index in 0..count {
@@ -1257,8 +1307,7 @@ fn limits(needles: &Needles, state: &mut NeedleState, length: f64) {
         };
         let ahead = match state.holds.get(index + 1) {
             Some(next) => share(crossing.to(mesh), own.alpha, next.alpha, 0.5),
-            None if inside => share(crossing.to(mesh), own.alpha, length, 1.0),
-            None => 0.0,
+            None => share(crossing.to(mesh), own.alpha, length, 1.0),
         };
         state.holds[index].limit_n = 0.0;
         state.holds[leader].limit_n += behind + ahead;

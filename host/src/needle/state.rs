@@ -11,7 +11,7 @@ use nalgebra::{Isometry3, Vector3};
 pub(super) const LOG: usize = 64;
 
 /// One needle.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Debug, PartialEq)]
 pub(crate) struct NeedleState {
     pub pose: Isometry3<f64>,
     pub grip: Option<Grip>,
@@ -104,6 +104,8 @@ pub(crate) struct Tally {
     pub guessed: u32,
     /// Times that the tip found no way on.
     pub lost: u32,
+    /// Balances in which crossings would have changed places.
+    pub folded: u32,
 }
 
 /// Friction at one crossing, as the last balance has it.
@@ -232,5 +234,19 @@ impl NeedleState {
             self.log_every = 2 * self.log_every + 1;
         }
         self.log.push(self.pose);
+    }
+}
+
+/// With the same room, so that a copy does not allocate later either.
+impl Clone for NeedleState {
+    fn clone(&self) -> Self {
+        let mut copy = Self {
+            history: self.history.clone(),
+            holds: Vec::with_capacity(self.history.most()),
+            log: Vec::with_capacity(LOG),
+            ..*self
+        };
+        copy.copy_from(self);
+        copy
     }
 }

@@ -64,7 +64,8 @@ pub struct NeedleReport {
     pub slide: [f64; 6],
     /// Spent so far \[J\]: by friction, cutting, and forces let go.
     pub dissipated_j: [f64; 3],
-    /// Times so far that the way through the cells was guessed by its direction, or lost.
+    /// Times so far that the way through the cells was guessed by its direction, or lost, or that tissue folded
+    /// so far that crossings would have changed places.
     pub guessed: u32,
 }
 
@@ -479,7 +480,7 @@ fn reduce(
                 each.tally.cutting_j,
                 each.tally.release_j,
             ],
-            guessed: each.tally.guessed + each.tally.lost,
+            guessed: each.tally.guessed + each.tally.lost + each.tally.folded,
         };
         // Cells around the tip are next.
         if let Some(cell) = each.history.tip_cell(&needles.mesh) {

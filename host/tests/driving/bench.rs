@@ -241,7 +241,16 @@ impl Bench {
             let history = history.expect("the needle's");
             // Its own length is checked by the crossings' places.
             let checked = history.check(self.mesh.half_faces(), 1.0);
-            assert_eq!(checked, Ok(()), "{:?}", history.crossings());
+            let alphas = || history.crossings().iter().map(|crossing| crossing.alpha);
+            assert_eq!(checked, Ok(()), "{:?}", alphas().collect::<Vec<f64>>());
+            // One that lies loose goes on moving after its last solve.
+            let held = report
+                .needles()
+                .iter()
+                .any(|own| own.id == needle && own.held_by.is_some());
+            if !held {
+                continue;
+            }
             for (place, rubbing) in self.state.rubbing(&self.model, needle).enumerate() {
                 let Rubbing {
                     axial_n,
