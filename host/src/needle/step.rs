@@ -240,15 +240,24 @@ fn follow(
     clock: &mut Clock,
 ) -> Status {
     loop {
+        // What nobody holds is where the tissue took it.
+        let mut ends = [Isometry3::identity(); MAX_NEEDLES];
+        for ((end, each), target) in ends.iter_mut().zip(&state.each).zip(targets) {
+            *end = if each.grip.is_some() {
+                *target
+            } else {
+                each.pose
+            };
+        }
         let mut part = 1.0f64;
-        for ((each, target), own) in state.each.iter().zip(targets).zip(&needles.parts) {
+        for ((each, target), own) in state.each.iter().zip(&ends).zip(&needles.parts) {
             part = part.min(piece(needles, each, target, own));
         }
         if !part.is_finite() {
             return Status::NotFinite;
         }
         let mut poses = [Isometry3::identity(); MAX_NEEDLES];
-        for ((pose, each), target) in poses.iter_mut().zip(&state.each).zip(targets) {
+        for ((pose, each), target) in poses.iter_mut().zip(&state.each).zip(&ends) {
             *pose = towards(&each.pose, target, part);
         }
         report.substeps += 1;
@@ -263,11 +272,17 @@ fn follow(
             report,
             clock,
         };
-        if let Err(status) = drive.to(&poses[..count]) {
-            return status;
-        }
-        if part >= 1.0 {
-            return Status::Ok;
+        match drive.to(&poses[..count]) {
+            Ok(()) if part >= 1.0 => return Status::Ok,
+            Ok(()) => {}
+            // Where the way leads through what has no balance, its end may have one: that it can be left again.
+            Err(Status::NotConverged | Status::TooManyRows) if part < 1.0 => {
+                return match drive.to(&ends[..count]) {
+                    Ok(()) => Status::Ok,
+                    Err(status) => status,
+                };
+            }
+            Err(status) => return status,
         }
         if report.substeps >= MAX_PIECES {
             return Status::Behind;

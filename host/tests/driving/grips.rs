@@ -214,6 +214,14 @@ fn a_needle_let_go_comes_to_rest_in_the_tissue() {
                 let after = bench.state.needle_pose(&bench.model, 0).expect("a needle");
                 let drift = (after.translation.vector - pose.translation.vector).norm();
                 let turned = after.rotation.angle_to(&pose.rotation);
+                println!("drifts {drift:e} {turned:e}");
+                for _ in 0..100 {
+                    bench.time_us += 5000;
+                    step(&bench.model, &mut bench.state, &[], &mut bench.work);
+                }
+                let later = bench.state.needle_pose(&bench.model, 0).expect("a needle");
+                let drift = (after.translation.vector - later.translation.vector).norm();
+                println!("drifts on {drift:e} ");
                 assert!(drift < 1e-9 && turned < 1e-7, "drifts {drift:e} {turned:e}");
                 assert!((after.rotation.norm() - 1.0).abs() < 1e-14);
                 // Taken where it lies, it pulls at nobody.
@@ -307,14 +315,14 @@ fn a_loose_needle_beside_a_held_one_gives_way() {
             } else {
                 &mut bench.other
             };
-            grip.translation.vector.z -= 4e-5;
+            grip.translation.vector.z -= 1e-5;
             bench.step_both();
         }
         let before = bench.state.clone();
         let grips = [bench.grip, bench.other];
         // Deeper, so that what slides goes on sliding.
         let mut base = grips;
-        base[tool].translation.vector += Vector3::new(2e-5, 1e-5, -4e-5);
+        base[tool].translation.vector += Vector3::new(1e-5, 5e-6, -1e-5);
         let mut at = |by: Vector6<f64>| {
             let mut to = base;
             let shift: Vector3<f64> = by.fixed_rows::<3>(0).into();
