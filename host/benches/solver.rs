@@ -15,7 +15,7 @@ use std::path::Path;
 use sutura_host::fem::LinearTissue;
 use sutura_host::mesh::{self, HalfFaces};
 use sutura_host::model::Model;
-use sutura_host::needle::{Curve, Geometry, Hierarchy, History, SlideReport, slide};
+use sutura_host::needle::{Curve, Geometry, Hierarchy, History, Slack, SlideReport, slide};
 use sutura_host::rows::{self, Method, Outcome, Problem, Row, RowKind};
 use sutura_host::scene::{Document, Scene};
 use sutura_host::step::{State, StepReport, Workspace, step};
@@ -183,7 +183,7 @@ impl Driven {
         let geometry = Geometry {
             mesh: &self.mesh,
             hierarchy: &self.hierarchy,
-            slack_m: 1e-3,
+            slack: Slack::Everywhere(1e-3),
             at: |node: u32| self.at[node as usize],
         };
         let report = slide(&geometry, &needle, &mut self.history, by);

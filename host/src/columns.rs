@@ -34,6 +34,9 @@ pub(crate) struct Columns {
     worker: Option<Worker>,
     /// Vertices that the worker has been asked for, (b).
     pending: Vec<bool>,
+    /// Groups of vertices and where each begins, for [`Self::largest`].
+    grouped: Vec<u32>,
+    group_start: Vec<usize>,
 }
 
 /// Columns of one vertex.
@@ -44,8 +47,8 @@ struct Slot {
     /// For each vertex that can be reached the block that maps a force on this slot's vertex to its
     /// displacement \[m/N\], column-major, (b x 3 x 3). Empty while the worker has it.
     blocks: Vec<f64>,
-    /// Largest Frobenius norm of a block \[m/N\].
-    largest: f64,
+    /// Largest Frobenius norm of a block in each group \[m/N\].
+    largest: Vec<f64>,
 }
 
 impl Columns {
@@ -70,6 +73,16 @@ impl Columns {
             solver: ColumnSolver::new(tissue, held, reached),
             worker: None,
             pending: vec![false; vertices],
+            grouped: Vec::new(),
+            group_start: vec![0],
+        }
+    }
+
+    /// Groups of vertices whose largest displacements are to be known, before any column is computed.
+    pub fn group(&mut self, groups: &[Vec<u32>]) {
+        for group in groups {
+            self.grouped.extend(group);
+            self.group_start.push(self.grouped.len());
         }
     }
 
@@ -97,7 +110,7 @@ impl Columns {
         };
         while let Some((slot, blocks)) = worker.finished() {
             let home = &mut self.slots[slot as usize];
-            home.largest = largest(&blocks);
+            largest(&blocks, &self.grouped, &self.group_start, &mut home.largest);
             home.blocks = blocks;
             self.place[home.vertex as usize] = slot;
             self.pending[home.vertex as usize] = false;
@@ -156,7 +169,8 @@ impl Columns {
                 for (which, (&slot, &vertex)) in slots.iter().zip(&batch[..count]).enumerate() {
                     let home = &mut self.slots[slot as usize];
                     self.solver.read(tissue, held, which, &mut home.blocks);
-                    home.largest = largest(&home.blocks);
+                    let (grouped, start) = (&self.grouped, &self.group_start);
+                    largest(&home.blocks, grouped, start, &mut home.largest);
                     self.place[vertex as usize] = slot;
                 }
                 count = 0;
@@ -209,7 +223,7 @@ impl Columns {
                 vertex,
                 used: 0,
                 blocks: vec![0.0; 9 * self.place.len()],
-                largest: 0.0,
+                largest: vec![0.0; self.group_start.len() - 1],
             });
             self.slots.len() - 1
         } else {
@@ -236,9 +250,9 @@ impl Columns {
         &self.slots[self.place[vertex as usize] as usize].blocks
     }
 
-    /// A force on `pushed` displaces no vertex that can be reached by more than this \[m/N\].
-    pub fn largest(&self, pushed: u32) -> f64 {
-        self.slots[self.place[pushed as usize] as usize].largest
+    /// A force on `pushed` displaces no vertex of each group by more than this \[m/N\].
+    pub fn largest(&self, pushed: u32) -> &[f64] {
+        &self.slots[self.place[pushed as usize] as usize].largest
     }
 
     /// Displacement of `at` per force on `pushed`, whose columns must be there \[m/N\].
@@ -259,10 +273,13 @@ impl Columns {
     }
 }
 
-/// Largest Frobenius norm of a block.
-fn largest(blocks: &[f64]) -> f64 {
-    let squares = blocks
-        .chunks_exact(9)
-        .map(|block| block.iter().map(|entry| entry * entry).sum::<f64>());
-    squares.fold(0.0, f64::max).sqrt()
+/// Largest Frobenius norm of the blocks of each group's vertices.
+fn largest(blocks: &[f64], grouped: &[u32], start: &[usize], out: &mut [f64]) {
+    for (out, ends) in out.iter_mut().zip(start.windows(2)) {
+        let squares = grouped[ends[0]..ends[1]].iter().map(|vertex| {
+            let block = &blocks[9 * *vertex as usize..9 * *vertex as usize + 9];
+            block.iter().map(|entry| entry * entry).sum::<f64>()
+        });
+        *out = squares.fold(0.0, f64::max).sqrt();
+    }
 }

@@ -5,7 +5,7 @@ use nalgebra::Vector3;
 use sutura_host::fem::{CorotationalTissue, Loads, Material, Policy};
 use sutura_host::mesh::slab;
 use sutura_host::model::{Model, Passes};
-use sutura_host::needle::{Curve, Geometry, Hierarchy, History, SlideStatus, slide};
+use sutura_host::needle::{Curve, Geometry, Hierarchy, History, Slack, SlideStatus, slide};
 use sutura_host::step::{State, Status, Workspace, step};
 use sutura_host::tool::{Shape, Tool, ToolSample};
 
@@ -198,7 +198,7 @@ fn following_a_needle_allocates_nothing() {
             let geometry = Geometry {
                 mesh: mesh.half_faces(),
                 hierarchy: &hierarchy,
-                slack_m: 1e-3,
+                slack: Slack::Everywhere(1e-3),
                 at,
             };
             // Through and out, back, and on until there is no room.

@@ -86,6 +86,8 @@ pub(crate) struct System {
     held: Arc<HeldPoints>,
     columns: Columns,
     body_work: BodyWork,
+    /// Whether the tissue has moved since it was linearised.
+    accepted: bool,
     /// Place of each mesh node among the reached, (n).
     reached_of_node: Vec<u32>,
     vertices: Vec<u32>,
@@ -144,8 +146,13 @@ impl System {
         ))
     }
 
-    /// For anchors on all free nodes.
-    pub fn everywhere(body: &Body, motion: &Motion, settings: AnchorSettings) -> Self {
+    /// For anchors on all free nodes; `groups` of nodes are those of [`Self::slack`].
+    pub fn everywhere(
+        body: &Body,
+        motion: &Motion,
+        settings: AnchorSettings,
+        groups: &[Vec<u32>],
+    ) -> Self {
         let numbering = body.numbering();
         let nodes = 0..numbering.nodes() as u32;
         let reached: Vec<u32> = nodes.filter(|node| !numbering.is_fixed(*node)).collect();
@@ -153,7 +160,17 @@ impl System {
         for (place, &node) in (0u32..).zip(&reached) {
             reached_of_node[node as usize] = place;
         }
-        Self::reaching(body, motion, &reached, reached_of_node, settings)
+        let free = |node: &u32| {
+            let vertex = reached_of_node.get(*node as usize).copied();
+            vertex.filter(|vertex| *vertex != UNREACHED)
+        };
+        let groups: Vec<Vec<u32>> = groups
+            .iter()
+            .map(|group| group.iter().filter_map(free).collect())
+            .collect();
+        let mut system = Self::reaching(body, motion, &reached, reached_of_node, settings);
+        system.columns.group(&groups);
+        system
     }
 
     fn reaching(
@@ -178,6 +195,7 @@ impl System {
             held,
             columns,
             body_work: body.work(),
+            accepted: false,
             reached_of_node,
             vertices: Vec::with_capacity(8 * most_anchors),
             missing: Vec::with_capacity(8 * most_anchors),
@@ -236,6 +254,9 @@ impl System {
         let Some(vertex) = self.vertex(node) else {
             return Vector3::zeros();
         };
+        if let Some(state) = grasp.motion.state().filter(|_| self.accepted) {
+            return body.numbering().at_node(state.unknowns(), node).into();
+        }
         let free = body.free(&grasp.motion, &self.body_work, &self.columns, vertex);
         let moved = pushes
             .iter()
@@ -252,31 +273,35 @@ impl System {
         &self.body_work
     }
 
-    /// No node is farther than this from where it is displaced to by `resting` (n x 3) \[m\].
-    pub fn slack_m(
+    /// How far no node of each group is farther than from where it is displaced to by `resting` (n x 3) \[m\],
+    /// under `pushes`. The groups are those of [`Self::everywhere`].
+    pub fn slack(
         &self,
         body: &Body,
         grasp: &Grasp,
         pushes: &[Push],
         resting: &[[f64; 3]],
-    ) -> f64 {
-        if body.is_linear() {
-            let reach = |(vertex, force): &Push| self.columns.largest(*vertex) * force.norm();
-            return pushes.iter().map(reach).sum();
-        }
-        // Displacements of corotational tissue are at hand, at the cost of a look at all of them.
-        let Some(state) = grasp.motion.state() else {
-            return 0.0;
+        out: &mut [f64],
+    ) {
+        out.fill(0.0);
+        let mut add = |(vertex, force): &Push| {
+            let force = force.norm();
+            for (out, largest) in out.iter_mut().zip(self.columns.largest(*vertex)) {
+                *out += force * largest;
+            }
         };
+        pushes.iter().for_each(&mut add);
+        // Of corotational tissue the displacement of the last pass is at hand, at the cost of a look at all of it.
+        let Some(state) = grasp.motion.state() else {
+            return;
+        };
+        grasp.motion.pushed().iter().for_each(&mut add);
         let moved = (0u32..).zip(resting).map(|(node, from)| {
             let now = body.numbering().at_node(state.unknowns(), node);
             (Vector3::from(now) - Vector3::from(*from)).norm()
         });
         let last = moved.fold(0.0, f64::max);
-        let more = |(vertex, force): &Push| self.columns.largest(*vertex) * force.norm();
-        let change = pushes.iter().map(more).sum::<f64>()
-            + grasp.motion.pushed().iter().map(more).sum::<f64>();
-        last + change
+        out.iter_mut().for_each(|out| *out += last);
     }
 
     /// Computes columns of nodes that will soon be named, of at most `most` that are missing.
@@ -377,6 +402,7 @@ impl System {
 
     /// After [`Self::look`]: linearises there; columns of another factor are forgotten.
     pub fn linearise(&mut self, body: &Body, grasp: &mut Grasp) -> Option<Linearisation> {
+        self.accepted = false;
         body.linearise(&mut grasp.motion, &mut self.body_work, &mut self.columns)
     }
 
@@ -477,6 +503,7 @@ impl System {
         } = grasp;
         let pushes = pushes(anchors, acting, forces.lambda());
         body.accept(motion, &mut self.body_work, &self.columns, pushes);
+        self.accepted = true;
     }
 }
 

@@ -10,7 +10,9 @@
 
 use super::model::{MAX_NEEDLES, Needles, Playback};
 use super::state::{Cut, NeedleState, Tip};
-use super::{Crossing, Curve, Geometry, History, NeedleTissue, Stop, entry, walk};
+use super::{
+    Crossing, Curve, Geometry, History, MOST_GROUPS, NeedleTissue, Slack, Stop, entry, walk,
+};
 use crate::anchors::{AnchorPoint, AnchorRow, Grasp, System, is_solved};
 use crate::body::{Body, Push};
 use crate::clock::Clock;
@@ -18,6 +20,7 @@ use crate::mesh::HalfFaces;
 use crate::rows::{Mode, RowKind};
 use crate::step::{Status, StepReport};
 use nalgebra::{Isometry3, Matrix3, Translation3, UnitQuaternion, Vector3, Vector6};
+use std::cell::Cell;
 
 /// Most solves of one balance.
 const MOST_SOLVES: u32 = 64;
@@ -70,6 +73,9 @@ pub(crate) struct NeedleWork {
     pub(super) rows: Vec<AnchorRow>,
     pub(super) points: Vec<Point>,
     pushes: Vec<Push>,
+    /// Solves so far, and where each node was found to be in which of them, (n).
+    solves: u64,
+    known: Vec<Cell<(u64, Vector3<f64>)>>,
     releases: Vec<Release>,
     path: History,
     no_history: History,
@@ -95,6 +101,8 @@ impl NeedleWork {
             rows: Vec::with_capacity(rows),
             points: Vec::with_capacity(anchors),
             pushes: Vec::with_capacity(4 * anchors),
+            solves: 0,
+            known: vec![Cell::new((0, Vector3::zeros())); needles.mesh.nodes()],
             releases: Vec::with_capacity(anchors),
             path: History::new(needles.settings.most_crossings),
             no_history: History::new(0),
@@ -305,8 +313,18 @@ impl Drive<'_> {
         report.iterations += outcome.iterations;
         report.residual = outcome.residual;
         clock.lap(&mut report.stages.solve_ns);
+        work.solves += 1;
         work.pushes.clear();
         work.pushes.extend(grasp.pushes());
+        // Crossings share vertices.
+        work.pushes.sort_unstable_by_key(|(vertex, _)| *vertex);
+        work.pushes.dedup_by(|(vertex, force), (kept, sum)| {
+            let same = vertex == kept;
+            if same {
+                *sum += *force;
+            }
+            same
+        });
         if !is_solved(&outcome) {
             return Err(Status::NotConverged);
         }
@@ -607,7 +625,7 @@ impl Drive<'_> {
         let geometry = Geometry {
             mesh: &self.needles.mesh,
             hierarchy: &self.needles.hierarchy,
-            slack_m: 0.0,
+            slack: Slack::Everywhere(0.0),
             at: |node| position(self.body, self.points_m, self.grasp, self.work, node),
         };
         let history = &mut self.states[needle].history;
@@ -648,19 +666,18 @@ impl Drive<'_> {
 
     /// The first boundary face that a path from outside goes in through.
     pub(super) fn first_face(&self, path: &Curve) -> Option<Crossing> {
+        let NeedleWork { system, pushes, .. } = &*self.work;
+        let groups = self.needles.hierarchy.groups();
+        let mut slack = [0.0; MOST_GROUPS];
+        let resting = &self.needles.resting;
+        system.slack(self.body, self.grasp, pushes, resting, &mut slack[..groups]);
         let geometry = Geometry {
             mesh: &self.needles.mesh,
             hierarchy: &self.needles.hierarchy,
-            slack_m: self.slack_m(),
+            slack: Slack::ByGroup(&slack[..groups]),
             at: |node| position(self.body, self.points_m, self.grasp, self.work, node),
         };
         entry(&geometry, path, &self.work.no_history, 0.0, path.length).crossing
-    }
-
-    /// No node is farther than this from where the hierarchy has it.
-    fn slack_m(&self) -> f64 {
-        let NeedleWork { system, pushes, .. } = &*self.work;
-        system.slack_m(self.body, self.grasp, pushes, &self.needles.resting)
     }
 
     /// The tip comes to hold a boundary face; a free one goes on through it.
@@ -785,7 +802,7 @@ impl Drive<'_> {
             let geometry = Geometry {
                 mesh: &self.needles.mesh,
                 hierarchy: &self.needles.hierarchy,
-                slack_m: 0.0,
+                slack: Slack::Everywhere(0.0),
                 at: |node| position(self.body, self.points_m, self.grasp, self.work, node),
             };
             let stop = walk(&geometry, &path, &mut walked, path.length).stop;
@@ -1022,7 +1039,17 @@ fn position(
     work: &NeedleWork,
     node: u32,
 ) -> Vector3<f64> {
-    place(points_m, node) + work.system.displacement(body, grasp, &work.pushes, node)
+    let find = || place(points_m, node) + work.system.displacement(body, grasp, &work.pushes, node);
+    let Some(known) = work.known.get(node as usize) else {
+        return find();
+    };
+    let (solve, at) = known.get();
+    if solve == work.solves {
+        return at;
+    }
+    let at = find();
+    known.set((work.solves, at));
+    at
 }
 
 /// The tissue point of a crossing.

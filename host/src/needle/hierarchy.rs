@@ -11,6 +11,10 @@ use nalgebra::Vector3;
 const LEAF: usize = 4;
 /// A binary tree halved at the median of 2^32 faces at most is no deeper.
 const DEPTH: usize = 34;
+/// So far below the root the tree falls into groups.
+const GROUP_DEPTH: u32 = 5;
+/// Most groups of a tree.
+pub const MOST_GROUPS: usize = 1 << GROUP_DEPTH;
 
 /// An axis-aligned box \[m\].
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -29,29 +33,27 @@ pub struct Capsule {
     half: Vector3<f64>,
     /// The same without signs.
     size: Vector3<f64>,
-    reach: f64,
 }
 
 impl Capsule {
-    /// From `a` to `b`, and all that is within `reach` \[m\].
-    pub fn new(a: &Vector3<f64>, b: &Vector3<f64>, reach: f64) -> Self {
+    /// From `a` to `b`.
+    pub fn new(a: &Vector3<f64>, b: &Vector3<f64>) -> Self {
         let half = (b - a) * 0.5;
         Self {
             middle: (a + b) * 0.5,
             half,
             size: half.abs(),
-            reach,
         }
     }
 
-    /// Whether a box grown by the reach has a point of the segment: by the directions that can separate the two
+    /// Whether a box grown by `reach` \[m\] has a point of the segment: by the directions that can separate the two
     /// (Gottschalk, Lin, Manocha 1996). Never wrong about one that has but for rounding, which the
     /// reach has to be above; not a number has.
     #[inline]
-    pub fn meets(&self, bounds: &Bounds) -> bool {
+    pub fn meets(&self, bounds: &Bounds, reach: f64) -> bool {
         let apart = |distance: f64, within: f64| distance.abs() > within;
         let from = self.middle - bounds.centre;
-        let (h, size) = (&self.size, bounds.half + Vector3::repeat(self.reach));
+        let (h, size) = (&self.size, bounds.half + Vector3::repeat(reach));
         if (0..3).any(|k| apart(from[k], size[k] + h[k])) {
             return false;
         }
@@ -69,6 +71,28 @@ struct Node {
     first: u32,
     /// Faces of a leaf; else 0.
     faces: u32,
+    /// The group that it belongs to; [`MOST_GROUPS`] above the groups.
+    group: u32,
+}
+
+/// How far the boundary may have moved since the boxes were made \[m\].
+#[derive(Clone, Copy, Debug)]
+pub enum Slack<'a> {
+    /// Nowhere farther than this.
+    Everywhere(f64),
+    /// No farther than this in each group of the hierarchy.
+    ByGroup(&'a [f64]),
+}
+
+impl Slack<'_> {
+    /// In a group; without one in all of them.
+    pub fn of(&self, group: Option<usize>) -> f64 {
+        match (self, group) {
+            (Self::Everywhere(slack), _) => *slack,
+            (Self::ByGroup(each), Some(group)) => each.get(group).copied().unwrap_or(f64::MAX),
+            (Self::ByGroup(each), None) => each.iter().copied().fold(0.0, f64::max),
+        }
+    }
 }
 
 /// A tree of boxes over the boundary faces of a mesh.
@@ -77,6 +101,7 @@ pub struct Hierarchy {
     /// Children after their parents.
     nodes: Vec<Node>,
     faces: Vec<HalfFace>,
+    groups: usize,
 }
 
 impl Hierarchy {
@@ -88,15 +113,24 @@ impl Hierarchy {
             .iter()
             .map(|face| (Corners::of_face(mesh, &at, *face).bounds().centre, *face))
             .collect();
-        let leaf = |first: usize, faces: usize| Node {
+        let leaf = |first: usize, faces: usize, group: u32| Node {
             bounds: Corners::NONE.bounds(),
             first: first as u32,
             faces: faces as u32,
+            group,
         };
-        let mut nodes = vec![leaf(0, faces.len())];
-        let mut place = 0;
+        let above = MOST_GROUPS as u32;
+        let mut nodes = vec![leaf(0, faces.len(), above)];
+        let mut depths = vec![0];
+        let (mut place, mut groups) = (0, 0);
         while let Some(&node) = nodes.get(place) {
             let (first, count) = (node.first as usize, node.faces as usize);
+            let mut group = node.group;
+            if group == above && (depths[place] == GROUP_DEPTH || count <= LEAF) {
+                group = groups;
+                groups += 1;
+                nodes[place].group = group;
+            }
             if count > LEAF {
                 let part = &mut faces[first..first + count];
                 let around = part.iter().fold(Corners::NONE, |all, (at, _)| all.with(at));
@@ -105,14 +139,19 @@ impl Hierarchy {
                 part.select_nth_unstable_by(half, |a, b| {
                     a.0[axis].total_cmp(&b.0[axis]).then(a.1.cmp(&b.1))
                 });
-                nodes[place] = leaf(nodes.len(), 0);
-                nodes.push(leaf(first, half));
-                nodes.push(leaf(first + half, count - half));
+                nodes[place] = leaf(nodes.len(), 0, group);
+                nodes.push(leaf(first, half, group));
+                nodes.push(leaf(first + half, count - half, group));
+                depths.extend([depths[place] + 1; 2]);
             }
             place += 1;
         }
         let faces = faces.into_iter().map(|(_, face)| face).collect();
-        let mut hierarchy = Self { nodes, faces };
+        let mut hierarchy = Self {
+            nodes,
+            faces,
+            groups: groups as usize,
+        };
         hierarchy.refit(mesh, at);
         hierarchy
     }
@@ -138,11 +177,26 @@ impl Hierarchy {
         }
     }
 
+    /// How many groups the faces fall into, at most [`MOST_GROUPS`].
+    pub fn groups(&self) -> usize {
+        self.groups
+    }
+
+    /// Faces with the group of each.
+    pub fn grouped_faces(&self) -> impl Iterator<Item = (usize, HalfFace)> + '_ {
+        let leaves = self.nodes.iter().filter(|node| node.faces > 0);
+        leaves.flat_map(|leaf| {
+            let first = leaf.first as usize;
+            let faces = self.faces[first..first + leaf.faces as usize].iter();
+            faces.map(|face| (leaf.group as usize, *face))
+        })
+    }
+
     /// Calls `visit` for the faces in the leaves whose boxes, and those around them, `meets` takes; says how
     /// many boxes it was asked about.
     pub fn near(
         &self,
-        mut meets: impl FnMut(&Bounds) -> bool,
+        mut meets: impl FnMut(&Bounds, Option<usize>) -> bool,
         mut visit: impl FnMut(HalfFace),
     ) -> u32 {
         let mut stack = [0u32; DEPTH + 1];
@@ -153,7 +207,8 @@ impl Hierarchy {
                 continue;
             };
             asked += 1;
-            if !meets(&node.bounds) {
+            let group = Some(node.group as usize).filter(|group| *group < MOST_GROUPS);
+            if !meets(&node.bounds, group) {
                 continue;
             }
             let first = node.first as usize;

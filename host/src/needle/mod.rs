@@ -15,7 +15,7 @@ mod step;
 mod tangent;
 mod walk;
 
-pub use hierarchy::{Bounds, Capsule, Hierarchy};
+pub use hierarchy::{Bounds, Capsule, Hierarchy, MOST_GROUPS, Slack};
 pub use history::{Broken, Crossing, History};
 pub(crate) use model::Needles;
 pub use model::{MAX_NEEDLES, NeedleError, NeedlePart, NeedleSettings, Playback};

@@ -3,7 +3,7 @@
 //! Entry points: [`entry`], [`slide`]. Source: Younes 2021, 3.2.1 and 3.2.3.1 (the playback, where boundaries
 //! do not resist).
 
-use super::hierarchy::{Capsule, Hierarchy};
+use super::hierarchy::{Capsule, Hierarchy, Slack};
 use super::history::{Crossing, History};
 use super::section::Section;
 use super::walk::{Stop, walk};
@@ -22,8 +22,8 @@ pub struct Geometry<'a, At> {
     pub mesh: &'a HalfFaces,
     /// Around the boundary, where it was when this was last made or refitted.
     pub hierarchy: &'a Hierarchy,
-    /// No vertex of the boundary is farther than this from where `hierarchy` has it \[m\].
-    pub slack_m: f64,
+    /// No vertex of the boundary is farther than this from where `hierarchy` has it.
+    pub slack: Slack<'a>,
     /// Where a vertex is now \[m\].
     pub at: At,
 }
@@ -68,14 +68,13 @@ pub fn entry<At: Fn(u32) -> Vector3<f64>>(
     }
     let piece = (to - from) / pieces;
     let bulge = piece * piece * curve.curvature.abs() / 8.0;
-    let reach = geometry.slack_m + bulge + tie;
     for number in 0..pieces as u32 {
         let start = from + piece * f64::from(number);
         let [a, b] = [start, start + piece].map(|alpha| curve.at(alpha));
-        let capsule = Capsule::new(&a, &b, reach);
+        let capsule = Capsule::new(&a, &b);
         let (mut best, mut faces) = (found.crossing, 0);
         found.boxes += geometry.hierarchy.near(
-            |bounds| capsule.meets(bounds),
+            |bounds, group| capsule.meets(bounds, geometry.slack.of(group) + bulge + tie),
             |face| {
                 faces += 1;
                 let nodes = geometry.mesh.vertices(face);
@@ -250,7 +249,7 @@ mod tests {
         let geometry = Geometry {
             mesh: mesh.half_faces(),
             hierarchy: &hierarchy,
-            slack_m: 0.0,
+            slack: Slack::Everywhere(0.0),
             at: at(&mesh),
         };
         let mut history = History::new(64);

@@ -21,7 +21,7 @@ const MAX_PIECES: u32 = 32;
 /// Largest turn of a piece \[rad\]: the tip's path is taken as straight within one.
 const MOST_TURN: f64 = 0.1;
 /// As far ahead of a tip outside the next boundary is looked for \[m\].
-const LOOK_M: f64 = 0.02;
+const LOOK_M: f64 = 0.005;
 
 /// Where a needle's tip is.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -102,7 +102,15 @@ impl NeedlesWork {
     pub fn new(model: &Model, needles: &Needles) -> Self {
         let settings = needles.anchor_settings();
         let state = NeedlesState::new(needles, model.motion.clone());
-        let system = System::everywhere(&model.body, &model.motion, settings);
+        let mut groups = vec![Vec::new(); needles.hierarchy.groups()];
+        for (group, face) in needles.hierarchy.grouped_faces() {
+            groups[group].extend(needles.mesh.vertices(face));
+        }
+        for group in &mut groups {
+            group.sort_unstable();
+            group.dedup();
+        }
+        let system = System::everywhere(&model.body, &model.motion, settings, &groups);
         Self {
             drive: NeedleWork::new(needles, system, &state.each, &state.grasp),
             tangent: TangentWork::new(settings.most_rows),

@@ -6,7 +6,7 @@ use crate::support::{Body, Random, Way, jittered};
 use crate::{AXES, Slides, Tally, follow, lines_along_axes};
 use nalgebra::Vector3;
 use sutura_host::mesh::{TetMesh, slab};
-use sutura_host::needle::{Curve, Geometry, History, SlideStatus, Stop, entry, slide, walk};
+use sutura_host::needle::{Curve, Geometry, History, Slack, SlideStatus, Stop, entry, slide, walk};
 
 fn small_slab() -> TetMesh {
     let even = slab([4.0, 3.0, 2.0], [4, 3, 2]).expect("a slab");
@@ -66,7 +66,7 @@ fn tissue_that_is_nowhere_is_reported() {
             let geometry = Geometry {
                 mesh: &body.mesh,
                 hierarchy: &body.hierarchy,
-                slack_m: 0.0,
+                slack: Slack::Everywhere(0.0),
                 at: |node: u32| match node == corner {
                     true => Vector3::new(0.0, bad, 0.0),
                     false => body.at[node as usize],
@@ -80,7 +80,7 @@ fn tissue_that_is_nowhere_is_reported() {
         let geometry = Geometry {
             mesh: &body.mesh,
             hierarchy: &body.hierarchy,
-            slack_m: bad,
+            slack: Slack::Everywhere(bad),
             at: |_| Vector3::repeat(bad),
         };
         let mut history = history.clone();
@@ -340,7 +340,7 @@ fn tissue_that_moves_from_step_to_step_does_not_lose_the_tip() {
                 let geometry = Geometry {
                     mesh: &body.mesh,
                     hierarchy: &body.hierarchy,
-                    slack_m: 2.0 * by,
+                    slack: Slack::Everywhere(2.0 * by),
                     at: |node: u32| at[node as usize],
                 };
                 let report = slide(&geometry, &curve, &mut history, sigma);

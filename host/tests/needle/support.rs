@@ -3,7 +3,7 @@
 use crate::oracle::{NOT, Oracle};
 use nalgebra::Vector3;
 use sutura_host::mesh::{HalfFaces, TetMesh, read_msh};
-use sutura_host::needle::{Curve, Geometry, Hierarchy};
+use sutura_host::needle::{Curve, Geometry, Hierarchy, Slack};
 
 /// SplitMix64 (Steele, Lea, Flood 2014).
 pub struct Random(pub u64);
@@ -94,7 +94,7 @@ impl Body {
         Geometry {
             mesh: &self.mesh,
             hierarchy: &self.hierarchy,
-            slack_m: self.slack_m,
+            slack: Slack::Everywhere(self.slack_m),
             at: |node: u32| self.at[node as usize],
         }
     }
