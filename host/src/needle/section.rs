@@ -292,6 +292,30 @@ mod tests {
         assert!(one > 500 && two > 50, "{one} {two}");
     }
 
+    /// The triangles around an edge have it in either direction; the hardest case is a plane through its middle.
+    #[test]
+    fn every_triangle_around_an_edge_cuts_it_in_the_same_place() {
+        for k in 0..1000 {
+            let section = Section::new(&Curve {
+                start: Vector3::zeros(),
+                tangent: Vector3::x(),
+                inward: Vector3::y(),
+                curvature: f64::from(k as u32 % 2),
+                length: 1.0,
+            });
+            let mut corners = [3 * k, 3 * k + 1, 3 * k + 2].map(vector);
+            if k % 3 == 0 {
+                corners[1].z = -corners[0].z;
+            }
+            let heights = corners.map(|at| section.height(&at));
+            let nodes = [8, 3, 5];
+            let [forth, back] =
+                [[0, 1], [1, 0]].map(|edge| section.cut(nodes, &corners, &heights, edge));
+            assert_eq!((forth.corners, forth.at), (back.corners, back.at));
+            assert_eq!((forth.part, forth.f), (back.part, back.f));
+        }
+    }
+
     /// What lies on the plane is above it, and what lies on the curve to its left: of the triangles around a vertex on
     /// a line, those with a corner below get one passage out and one in.
     #[test]
