@@ -1,0 +1,6 @@
+//! Swept tests against exact arithmetic, and the search for pairs against all pairs.
+
+mod exact;
+mod oracle;
+mod queries;
+mod sweeps;
