@@ -85,7 +85,7 @@ pub fn draw(chance: &mut Chance, family: Family) -> Drawn {
         Kind::EdgeEdge
     };
     // At a sixteenth and at a thousandth of the size, too.
-    let speed = SIZE / PARTS >> [0, 0, 4, 10][chance.below(4) as usize];
+    let speed = (SIZE / PARTS) >> [0, 0, 4, 10][chance.below(4) as usize];
     let time = match family {
         Family::Grazing => [0, PARTS, i128::from(chance.below(17))][chance.below(3) as usize],
         _ => i128::from(chance.below(17)),
