@@ -163,7 +163,8 @@ impl Tree {
     /// Visits all things whose boxes meet `bounds`. Allocates nothing.
     pub fn near(&self, bounds: &Bounds, mut visit: impl FnMut(u32)) {
         let mut waiting = [0; DEPTH + 2];
-        let mut count = 1;
+        // The root over nothing has no children.
+        let mut count = usize::from(!self.things.is_empty());
         while count > 0 {
             count -= 1;
             let node = &self.nodes[waiting[count] as usize];
@@ -205,6 +206,9 @@ impl Tree {
         waiting: &mut Waiting,
         mut visit: impl FnMut(u32, u32),
     ) {
+        if self.things.is_empty() || other.things.is_empty() {
+            return;
+        }
         while let Some((here, there)) = waiting.pop() {
             let (a, b) = (&self.nodes[here as usize], &other.nodes[there as usize]);
             if !a.bounds.meets(&b.bounds) {
@@ -369,5 +373,10 @@ mod tests {
             .grown(0.1);
         tree.near(&column, |thing| found.push(thing));
         assert_eq!(found, [7]);
+        // But nothing is nowhere.
+        let nothing = Tree::new(0, around(&[], 0.01));
+        let lost = Tree::new(1, around(&[Vector3::repeat(f64::NAN)], 0.01));
+        nothing.pairs(&lost, |_, _| panic!("of nothing"));
+        nothing.near(&lost.bounds(), |_| panic!("near nothing"));
     }
 }

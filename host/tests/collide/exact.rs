@@ -18,8 +18,8 @@ pub const LARGEST: i128 = 1 << 30;
 const DEPTH: u32 = 40;
 /// Largest part of a direction.
 const WHOLE: i32 = 1 << 9;
-/// Boxes after which no answer is given. Passes so close and long do not occur in these tests.
-const MOST_BOXES: u32 = 4_000_000;
+/// Boxes after which no answer is given: of things that come near for long before they meet.
+const MOST_BOXES: u32 = 1_000_000;
 
 /// Two things that move on straight lines over a step: four nodes from their start to their end.
 #[derive(Clone, Copy, Debug)]

@@ -74,7 +74,7 @@ pub struct Drawn {
 /// Times and places are sixteenths, and what they divide multiples of 16.
 const PARTS: i128 = 16;
 /// Half the size of things \[units\].
-pub const SIZE: i128 = 1 << 20;
+const SIZE: i128 = 1 << 20;
 /// Where far things lie \[units\].
 const AWAY: Point = [1 << 28, -(1 << 28), 1 << 27];
 
