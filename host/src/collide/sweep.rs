@@ -57,7 +57,7 @@ pub struct Sweep {
 const DEEPEST: usize = 64;
 /// Advances of a part before it is halved.
 const ADVANCES: u32 = 6;
-/// Parts that are looked at before the search is given up, 100 times what a close pass takes.
+/// Parts that are looked at before the search is given up: ten times what the worst of a million tests took.
 const MOST_PARTS: u32 = 4096;
 /// Round-off of all that is done with a corner, in units of half a unit in the last place of the largest:
 /// one for each halving; a difference, a product with a direction and its sum, a mixture in time, a
@@ -134,22 +134,17 @@ struct Search {
 
 /// The first pass within the step, and how many parts were looked at.
 pub(super) fn first_pass<const N: usize>(whole: Patch<N>, margin: &Margin) -> (Found, u32) {
-    let corners = whole.start.iter().chain(&whole.end);
-    let largest = corners.fold(Vector3::zeros(), |most: Vector3<f64>, corner| {
-        // Unlike `max`, this keeps what is not a number.
-        most.zip_map(
-            corner,
-            |most, x| if x.abs() <= most { most } else { x.abs() },
-        )
-    });
+    let corners = || whole.start.iter().chain(&whole.end);
     let margins = [margin.separation_m, margin.tolerance_m];
-    if !largest
-        .iter()
-        .chain(&margins)
-        .all(|x| *x >= 0.0 && *x <= LARGEST_M)
-    {
+    // No comparison holds for what is not a number.
+    let known = corners().flatten().all(|x| x.abs() <= LARGEST_M)
+        && margins.iter().all(|x| (0.0..=LARGEST_M).contains(x));
+    if !known {
         return (Found::NotFinite, 0);
     }
+    let largest = corners().fold(Vector3::zeros(), |most: Vector3<f64>, corner| {
+        most.sup(&corner.abs())
+    });
     let round_off_m = largest * (ROUND_OFF * 0.5 * f64::EPSILON);
     let mut search = Search {
         separation_m: margin.separation_m,

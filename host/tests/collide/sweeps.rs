@@ -162,6 +162,20 @@ fn sizes_do_not_matter_and_what_is_no_number_is_refused() {
         assert_eq!(at(1.0, z), Verdict::NotFinite);
     }
     let [a, b, c, d] = [0.0, 1.0, 2.0, 3.0].map(|x| still(x, 0.0, 0.0));
+    // Wherever it is.
+    for node in 0..4 {
+        let mut paths = [a, b, c, d];
+        paths[node].to.y = f64::NAN;
+        let [a, b, c, d] = &paths;
+        assert_eq!(
+            vertex_face(a, [b, c, d], &CLOSE).verdict,
+            Verdict::NotFinite
+        );
+        assert_eq!(
+            edge_edge([a, b], [c, d], &CLOSE).verdict,
+            Verdict::NotFinite
+        );
+    }
     for bad in [f64::NAN, -1e-9] {
         let margin = Margin {
             separation_m: bad,
