@@ -57,7 +57,7 @@ pub struct Sweep {
 const DEEPEST: usize = 64;
 /// Advances of a part before it is halved.
 const ADVANCES: u32 = 6;
-/// Parts that are looked at before the search is given up: ten times what the worst of a million tests took.
+/// Parts that are looked at before the search is given up: five times what the worst of a million tests took.
 const MOST_PARTS: u32 = 4096;
 /// Round-off of all that is done with a corner, in units of half a unit in the last place of the largest:
 /// one for each halving; a difference, a product with a direction and its sum, a mixture in time, a
