@@ -78,7 +78,8 @@ impl Section {
         }
     }
 
-    fn alpha(&self, point: &Vector3<f64>) -> f64 {
+    /// Of the nearest place on the curve \[m\]; for a circle within half a turn of 0.
+    pub(super) fn alpha(&self, point: &Vector3<f64>) -> f64 {
         match self.circle {
             None => self.tangent.dot(&(point - self.start)),
             Some((centre, radius)) => {

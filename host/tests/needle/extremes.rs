@@ -352,8 +352,8 @@ fn tissue_that_moves_from_step_to_step_does_not_lose_the_tip() {
     let mut random = Random(105);
     let (mut guessed, mut inside) = (0, 0);
     for by in [1e-15, 1e-12, 1e-9, 1e-6, 1e-3, 0.02] {
-        let mut worst = 0.0f64;
-        for needle in 0..60 {
+        let (mut worst, mut misplaced) = (0.0f64, 0.0f64);
+        for needle in 0..300 {
             let length = random.between(1.0, 6.0);
             let (body, way) = match needle % 3 {
                 0 => {
@@ -382,12 +382,28 @@ fn tissue_that_moves_from_step_to_step_does_not_lose_the_tip() {
                 assert_eq!(report.status, SlideStatus::Ok, "{by} {needle} {step}");
                 assert_eq!(history.check(&body.mesh, curve.length), Ok(()));
                 guessed += report.guessed;
+                // Where the needle has a new crossing, the tissue has it too.
+                for crossing in history
+                    .crossings()
+                    .iter()
+                    .rev()
+                    .take(report.pushed as usize)
+                {
+                    let nodes = body.mesh.vertices(crossing.face);
+                    let on_face: Vector3<f64> = std::iter::zip(nodes, crossing.weights)
+                        .map(|(node, weight)| at[node as usize] * weight)
+                        .sum();
+                    let apart = (on_face - curve.at(crossing.alpha)).norm();
+                    misplaced = misplaced.max(apart / (by + 1e-14));
+                }
                 let tip = curve.at(curve.length);
                 let off = match history.tip_cell(&body.mesh) {
                     Some(cell) => {
                         inside += 1;
                         -depth(body, &at, cell, &tip)
                     }
+                    // Tissue that comes over a tip that is outside is not a slide's business.
+                    None if by > 1e-4 => 0.0,
                     None => {
                         let cells = 0..body.mesh.cells().len() as u32;
                         let deepest = cells.map(|cell| depth(body, &at, cell, &tip));
@@ -397,7 +413,7 @@ fn tissue_that_moves_from_step_to_step_does_not_lose_the_tip() {
                 worst = worst.max(off / (by + 1e-14));
             }
         }
-        assert!(worst < 10.0, "{by}: {worst}");
+        assert!(worst < 3.0 && misplaced < 10.0, "{by}: {worst} {misplaced}");
     }
     assert!(guessed > 100 && inside > 3000, "{guessed} {inside}");
 }
