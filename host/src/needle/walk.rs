@@ -205,8 +205,14 @@ impl Cell {
         let start = found.unwrap_or(entered);
         // Out and in again through one face: the way out lies behind the way in, however close.
         let out_before = |corner| found.is_some() && Some(corner) == entry_corner;
+        // A cell turned inside out is gone through backwards.
+        let way = if turn.is_finite() && self.volume() < 0.0 {
+            -1.0
+        } else {
+            1.0
+        };
         let ahead = |corner: usize, root: &Root| {
-            let ahead = root.alpha - start;
+            let ahead = way * (root.alpha - start);
             if !turn.is_finite() {
                 return ahead;
             }
@@ -221,24 +227,17 @@ impl Cell {
             let ahead = ahead(corner, root);
             (out_before(corner) || ahead < -tie(curve), ahead)
         };
-        let mut ways = 1;
         let (mut corner, mut root) = first;
         for (other_corner, other) in leaving {
-            ways += 1;
             if key(other_corner, other) < key(corner, root) {
                 (corner, root) = (other_corner, other);
             }
-        }
-        let mut alpha = start + ahead(corner, root);
-        if ways == 1 && alpha - start > 0.5 * turn && self.volume() < 0.0 {
-            // A cell turned inside out is gone through backwards.
-            alpha -= turn;
         }
         Exit::Passage(Crossing {
             face: self.faces[corner],
             enters: false,
             weights: root.weights,
-            alpha,
+            alpha: start + way * ahead(corner, root),
         })
     }
 
