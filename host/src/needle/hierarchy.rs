@@ -303,9 +303,9 @@ mod tests {
                 |k: usize| Vector3::from_fn(|axis, _| 2.5 * spread(7 * k + axis)) - Vector3::z();
             let (a, b) = (point(2 * k), point(2 * k + 1));
             let (b, reach) = (a + (b - a) * 0.2, 0.2 * spread(k).abs());
-            let capsule = Capsule::new(&a, &b, reach);
+            let capsule = Capsule::new(&a, &b);
             let mut near = Vec::new();
-            asked += hierarchy.near(|bounds| capsule.meets(bounds), |face| near.push(face));
+            asked += hierarchy.near(|bounds, _| capsule.meets(bounds, reach), |face| near.push(face));
             visited += near.len();
             near.sort_unstable();
             assert!(near.windows(2).all(|pair| pair[0] < pair[1]));
