@@ -79,6 +79,21 @@ fn an_arc_goes_through_both_tube_walls_and_changes_hands() {
     assert_eq!(summary["scene"]["needles"][0]["held_by"], 1);
 }
 
+/// In real time a thread computes what the needle comes to, and frames go through a pseudo-terminal.
+#[test]
+fn a_session_in_real_time_punctures_the_first_boundary() {
+    let ran = sutura(&["run", SLABS, "--seconds", "2.5", "--format", "json"]);
+    assert_eq!(ran.code, 0, "{}", ran.stderr);
+    let summary: Value = serde_json::from_str(&ran.stdout).unwrap();
+    assert_eq!(summary["ticks"], 2500);
+    assert_eq!(summary["frames"]["rejected"], 0);
+    let needle = &summary["scene"]["needles"][0];
+    assert_eq!(
+        (&needle["punctures"], &needle["tip"]),
+        (&1.into(), &"inside".into())
+    );
+}
+
 /// What a solver step gave, and for which console time \[us\].
 struct Step {
     time_us: u64,
@@ -216,6 +231,9 @@ fn the_drop_of_a_puncture_arrives_within_one_host_period() {
         .iter()
         .find(|(time_us, _)| *time_us == inside.time_us);
     assert_eq!(told.expect("sent").1.tip, Tip::Inside);
+    let contact = tapped.contacts.iter().find(|(t, _)| *t == inside.time_us);
+    let (_, contact) = contact.expect("sent");
+    assert!((f64::from(-contact.wrench[2]) - after.axial_n).abs() < 1e-6);
     let sent_at = |time_us: u64| tapped.contacts.iter().position(|(t, _)| *t == time_us);
     assert_eq!(
         sent_at(inside.time_us),

@@ -405,7 +405,7 @@ fn needles(scene: &Scene, walk: &[(StepReport, Duration)]) -> Vec<Component> {
                 .filter_map(|(step, _)| step.needles().get(index))
         };
         let crossings = reports().map(|report| report.crossings).max();
-        let why = match reports().last() {
+        let why = match reports().next_back() {
             Some(last) => format!(
                 "`[[needle]]`: {:.1} mm long, through {} faces at most, {} punctures along the scripts",
                 1e3 * needle.needle.shape.length_m(),

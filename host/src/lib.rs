@@ -6,6 +6,7 @@
 pub mod anchors;
 mod body;
 mod clock;
+pub mod collide;
 mod columns;
 mod contact;
 mod dense;

@@ -269,8 +269,8 @@ mod tests {
     use crate::scene::Document;
     use crate::step::{Status, Workspace, step};
 
-    /// A slab, a driven grip that turns, a second hand that moves; the needle goes from one to the other in the
-    /// open, and is let go.
+    /// A slab, a driven grip that turns, a second hand that takes the needle from it in the open, on its way, and
+    /// lets it go.
     const SCENE: &str = r#"
 device = "cartesian-bench"
 seconds = 4.0
@@ -300,7 +300,7 @@ rotation_deg = [0.0, 90.0, 0.0]
 id = 6
 shape = "grip"
 [[tool.way_point]]
-time_s = 2.0
+time_s = 1.0
 position_m = [0.0, 0.0, 0.1]
 [[tool.way_point]]
 time_s = 3.0
@@ -333,6 +333,12 @@ way_point = [{ time_s = 0.0, position_m = [0.0, 0.0, 0.06] }]
         Scene::read(&document, "test").expect("good")
     }
 
+    /// Where the second hand's script has it along y \[m\].
+    fn hand_y(scene: &Scene, time_s: f64) -> f64 {
+        let way = scene.tools[1].way.as_ref().expect("it moves");
+        way.at(time_s).moved.expect("it moves").0[1]
+    }
+
     fn near(a: [f64; 3], b: [f64; 3]) {
         let apart = (Vector3::from(a) - Vector3::from(b)).norm();
         assert!(apart < 1e-9, "{a:?} is not {b:?}");
@@ -358,21 +364,26 @@ way_point = [{ time_s = 0.0, position_m = [0.0, 0.0, 0.06] }]
         assert_eq!(held_by, Some(4));
         near(end, [0.01, 0.0, 0.06]);
         near(tip, [0.01, 0.0, 0.04]);
-        for place in 1..20 {
+        for place in 1..19 {
             go(0.1 * f64::from(place), &mut state, &mut work);
         }
+        let (_, before, _) = go(1.9, &mut state, &mut work);
         let (held_by, end, tip) = go(2.0, &mut state, &mut work);
-        // The other hand has taken it where the step before left it, and does not move yet.
+        // The other hand takes it where the step before left it, and has taken it along since then.
         assert_eq!(held_by, Some(6));
-        let (_, before, _) = go(2.0, &mut state, &mut work);
-        near(end, before);
+        let hand = |time_s: f64| hand_y(&scene, time_s);
+        assert!(hand(2.0) - hand(1.9) > 4e-3);
+        near(
+            end,
+            [before[0], before[1] + hand(2.0) - hand(1.9), before[2]],
+        );
         let turned = (Vector3::from(tip) - Vector3::from(end)).normalize();
         assert!(turned.x < -0.99, "down has become -x: {turned}");
         for place in 21..=30 {
             go(0.1 * f64::from(place), &mut state, &mut work);
         }
         let (_, moved, _) = go(3.0, &mut state, &mut work);
-        near(moved, [before[0], before[1] + 0.05, before[2]]);
+        near(moved, [end[0], end[1] + hand(3.0) - hand(2.0), end[2]]);
         let (held_by, left, _) = go(3.5, &mut state, &mut work);
         assert_eq!(held_by, None);
         near(left, moved);
@@ -397,7 +408,7 @@ way_point = [{ time_s = 0.0, position_m = [0.0, 0.0, 0.06] }]
         let found = quaternion(tools[0].orientation);
         assert!(found.angle_to(&expected) < 1e-12);
         assert_eq!(tools[1].id, 6);
-        near(tools[1].position_m, [0.0, 0.0, 0.1]);
+        near(tools[1].position_m, [0.0, 0.025, 0.1]);
     }
 
     /// Without tissue a path goes where the steps go: through the same poses of the needle.
@@ -416,9 +427,10 @@ way_point = [{ time_s = 0.0, position_m = [0.0, 0.0, 0.06] }]
         };
         near(path.needles[0], [0.01, 0.0, 0.06]);
         near(path.needles[2], [0.01, 0.0, 0.04]);
-        // At 2 s turned by 90 degrees, at 4 s moved by 50 mm as well.
-        near(path.needles[3 * 100], [0.0, 0.0, 0.05]);
-        near(path.needles[3 * 100 + 2], [-0.02, 0.0, 0.05]);
-        near(path.needles[3 * 200], [0.0, 0.05, 0.05]);
+        // At 2 s turned by 90 degrees and taken by the second hand, which goes on.
+        let went = |until_s: f64| hand_y(&scene(), until_s) - hand_y(&scene(), 1.98);
+        near(path.needles[3 * 100], [0.0, went(2.0), 0.05]);
+        near(path.needles[3 * 100 + 2], [-0.02, went(2.0), 0.05]);
+        near(path.needles[3 * 200], [0.0, went(4.0), 0.05]);
     }
 }

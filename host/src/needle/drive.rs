@@ -1303,8 +1303,7 @@ fn limits(needles: &Needles, state: &mut NeedleState, length: f64) {
     let crossings = state.history.crossings();
     let count = state.holds.len();
     let mut leader = 0;
-    for index in 0..count {
-        let crossing = crossings[index];
+    for (index, crossing) in crossings.iter().enumerate().take(count) {
         let mut own = state.holds[index];
         if own.follows {
             own.slides = state.holds[leader].slides;

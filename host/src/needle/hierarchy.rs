@@ -261,3 +261,64 @@ impl Corners {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::mesh::slab;
+
+    /// Numbers between -1 and 1 that are not regular.
+    fn spread(k: usize) -> f64 {
+        let k = k as f64;
+        2.0 * (1e4 * (12.9898 * k + 78.233).sin()).fract().abs() - 1.0
+    }
+
+    /// Distance of a triangle from a segment, from points on both.
+    fn distance(corners: &[Vector3<f64>; 3], a: &Vector3<f64>, b: &Vector3<f64>) -> f64 {
+        let parts = || (0..=8).map(|k| f64::from(k) / 8.0);
+        let on_segment = || parts().map(|s| a + (b - a) * s);
+        let on_face = parts().flat_map(|s| parts().map(move |t| (s * (1.0 - t), s * t)));
+        let [p, q, r] = corners;
+        on_face
+            .map(|(s, t)| p + (q - p) * s + (r - p) * t)
+            .flat_map(|at| on_segment().map(move |on| (on - at).norm()))
+            .fold(f64::INFINITY, f64::min)
+    }
+
+    #[test]
+    fn nothing_near_a_segment_is_missed_and_little_else_is_looked_at() {
+        let mesh = slab([4.0, 3.0, 2.0], [8, 6, 4]).expect("a slab");
+        let rest = |node: u32| Vector3::from(mesh.points_m()[node as usize]);
+        let moved = |node: u32| {
+            let at = rest(node);
+            at + Vector3::new(0.3 * at.y.sin(), 0.2 * at.z, 0.1 * (2.0 * at.x).cos())
+        };
+        let mesh = mesh.half_faces();
+        let all = mesh.boundary().half_faces();
+        let mut hierarchy = Hierarchy::new(mesh, rest);
+        hierarchy.refit(mesh, moved);
+        let (mut asked, mut visited) = (0, 0);
+        for k in 0..200 {
+            let point =
+                |k: usize| Vector3::from_fn(|axis, _| 2.5 * spread(7 * k + axis)) - Vector3::z();
+            let (a, b) = (point(2 * k), point(2 * k + 1));
+            let (b, reach) = (a + (b - a) * 0.2, 0.2 * spread(k).abs());
+            let capsule = Capsule::new(&a, &b);
+            let mut near = Vec::new();
+            asked += hierarchy.near(|bounds, _| capsule.meets(bounds, reach), |face| near.push(face));
+            visited += near.len();
+            near.sort_unstable();
+            assert!(near.windows(2).all(|pair| pair[0] < pair[1]));
+            for face in all {
+                let corners = mesh.vertices(*face).map(moved);
+                let close = distance(&corners, &a, &b) <= reach;
+                assert!(
+                    !close || near.binary_search(face).is_ok(),
+                    "{face:?} of {k}"
+                );
+            }
+        }
+        assert!(visited < 200 * all.len() / 20, "{visited} of {}", all.len());
+        assert!(asked < 200 * 40, "{asked}");
+    }
+}

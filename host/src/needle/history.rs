@@ -237,3 +237,101 @@ impl PartialEq for History {
         self.before == other.before && self.crossings == other.crossings
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Three cells in a row: 0 to 2 by the faces that they share.
+    fn row() -> HalfFaces {
+        let cells = vec![[0, 1, 2, 3], [1, 2, 3, 4], [2, 3, 4, 5]];
+        HalfFaces::new(6, cells).expect("a row of cells")
+    }
+
+    /// Into cell 0, through the others, and out of cell 2.
+    fn through(mesh: &HalfFaces) -> History {
+        let face = |cell, corner| mesh.half_face(cell, corner).expect("a face");
+        let faces = [
+            (face(0, 3), true),
+            (face(0, 0), false),
+            (face(1, 0), false),
+            (face(2, 0), false),
+        ];
+        let mut history = History::new(4);
+        for (place, (face, enters)) in faces.into_iter().enumerate() {
+            assert!(history.push(Crossing {
+                face,
+                enters,
+                weights: [0.25, 0.75, 0.0],
+                alpha: 0.125 * place as f64,
+            }));
+        }
+        history
+    }
+
+    #[test]
+    fn cells_are_those_between_the_crossings() {
+        let mesh = row();
+        let mut history = through(&mesh);
+        assert_eq!(history.check(&mesh, 0.375), Ok(()));
+        assert!(history.crossings()[3].leaves(&mesh) && !history.crossings()[2].leaves(&mesh));
+        assert!(
+            !history.push(history.crossings()[0]),
+            "there is room for four"
+        );
+        history.shift(-0.2);
+        assert_eq!(history.end_cell(&mesh), Some(1));
+        assert_eq!(history.on_needle().len(), 2);
+        assert_eq!(history.pop_beyond(0.1), 1);
+        assert_eq!(history.tip_cell(&mesh), Some(2));
+        assert_eq!(history.drop_behind(&mesh, 0.0), 2);
+        assert_eq!((history.before(), history.crossings().len()), (Some(1), 1));
+        assert_eq!(history.check(&mesh, 0.375), Ok(()));
+        assert!(history.pop().is_some());
+        assert_eq!(
+            (history.tip_cell(&mesh), history.end_cell(&mesh)),
+            (Some(1), Some(1))
+        );
+    }
+
+    #[test]
+    fn what_comes_later_is_not_put_before() {
+        let mesh = row();
+        let mut history = through(&mesh);
+        let last = history.pop().expect("four");
+        assert!(history.push(Crossing { alpha: 0.2, ..last }));
+        assert_eq!(history.crossings()[3].alpha, history.crossings()[2].alpha);
+    }
+
+    #[test]
+    fn every_promise_is_looked_at() {
+        let mesh = row();
+        let broken = |spoil: fn(&mut Vec<Crossing>)| {
+            let mut history = through(&mesh);
+            spoil(&mut history.crossings);
+            history
+                .check(&mesh, 0.375)
+                .expect_err("something is broken")
+        };
+        let inner = |all: &mut Vec<Crossing>| all[0].face = all[1].face;
+        assert_eq!(broken(inner), Broken::Face(0));
+        assert_eq!(broken(|all| all[2].enters = true), Broken::Face(2));
+        assert_eq!(broken(|all| all.swap(1, 2)), Broken::Chain(1));
+        assert_eq!(broken(|all| all[1].alpha = -0.1), Broken::Alpha(1));
+        assert_eq!(broken(|all| all[3].alpha = 0.38), Broken::Alpha(3));
+        assert_eq!(broken(|all| all[0].alpha = f64::NAN), Broken::Alpha(0));
+        assert_eq!(
+            broken(|all| all[2].weights = [0.5, 0.6, -0.1]),
+            Broken::Weights(2)
+        );
+        assert_eq!(broken(|all| all[2].weights[0] += 1e-12), Broken::Weights(2));
+        assert_eq!(
+            broken(|all| all[2].weights[0] = f64::NAN),
+            Broken::Weights(2)
+        );
+        assert_eq!(
+            HalfFaces::new(4, vec![[0, 1, 2, 3]]).map(|one| through(&mesh).check(&one, 0.375)),
+            Ok(Err(Broken::Face(2)))
+        );
+    }
+}

@@ -78,7 +78,8 @@ impl Section {
         }
     }
 
-    fn alpha(&self, point: &Vector3<f64>) -> f64 {
+    /// Of the nearest place on the curve \[m\]; for a circle within half a turn of 0.
+    pub(super) fn alpha(&self, point: &Vector3<f64>) -> f64 {
         match self.circle {
             None => self.tangent.dot(&(point - self.start)),
             Some((centre, radius)) => {
@@ -207,6 +208,161 @@ impl Section {
             leaves,
             weights,
             alpha: self.alpha(&at),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Numbers between -1 and 1 that are not regular.
+    fn spread(k: usize) -> f64 {
+        let k = k as f64;
+        2.0 * (1e4 * (12.9898 * k + 78.233).sin()).fract().abs() - 1.0
+    }
+
+    fn vector(k: usize) -> Vector3<f64> {
+        Vector3::from_fn(|axis, _| spread(11 * k + axis))
+    }
+
+    /// Lines, and circles about places near the origin.
+    fn curves() -> impl Iterator<Item = Curve> {
+        (0..3000).map(|k| {
+            let tangent = vector(3 * k).normalize();
+            let inward = tangent.cross(&vector(3 * k + 2)).normalize();
+            let radius = [0.0, 0.3, 0.6][k % 3];
+            Curve {
+                start: vector(3 * k + 1) * 0.3 - inward * radius,
+                tangent,
+                inward,
+                curvature: if radius > 0.0 { 1.0 / radius } else { 0.0 },
+                length: 1.0,
+            }
+        })
+    }
+
+    /// All orders of a triangle's corners; whether they run around it the same way.
+    const ORDERS: [([usize; 3], bool); 6] = [
+        ([0, 1, 2], true),
+        ([1, 2, 0], true),
+        ([2, 0, 1], true),
+        ([0, 2, 1], false),
+        ([2, 1, 0], false),
+        ([1, 0, 2], false),
+    ];
+
+    /// To the last bit, or a curve could leave one cell and not enter the next.
+    #[test]
+    fn every_half_face_of_a_triangle_sees_the_same_passages() {
+        let (mut one, mut two) = (0, 0);
+        for (number, curve) in curves().enumerate() {
+            let section = Section::new(&curve);
+            let corners = [0, 1, 2].map(|k| vector(5 * number + k + 7));
+            let nodes = [4, 17, 9];
+            let seen = ORDERS.map(|(order, same)| {
+                let at = order.map(|k| corners[k]);
+                let heights = at.map(|at| section.height(&at));
+                let roots = section.roots(order.map(|k| nodes[k]), &at, &heights);
+                let mut roots: Vec<_> = roots
+                    .into_iter()
+                    .flatten()
+                    .map(|root| {
+                        let mut weights = [0.0; 3];
+                        for (place, k) in order.into_iter().enumerate() {
+                            weights[k] = root.weights[place];
+                        }
+                        (root.alpha, weights, root.leaves == same)
+                    })
+                    .collect();
+                roots.sort_by(|a, b| a.0.total_cmp(&b.0));
+                roots
+            });
+            assert!(seen.iter().all(|roots| *roots == seen[0]), "{seen:?}");
+            for (alpha, weights, out) in &seen[0] {
+                let on_face: Vector3<f64> = (0..3).map(|k| corners[k] * weights[k]).sum();
+                assert!((on_face - curve.at(*alpha)).norm() < 1e-13);
+                let [a, b, c] = corners;
+                let normal = (b - a).cross(&(c - a));
+                let along = curve.tangent_at(*alpha).dot(&normal);
+                assert_eq!(*out, along > 0.0, "{along}");
+            }
+            one += usize::from(seen[0].len() == 1);
+            two += usize::from(seen[0].len() == 2);
+        }
+        assert!(one > 500 && two > 50, "{one} {two}");
+    }
+
+    /// The triangles around an edge have it in either direction; the hardest case is a plane through its middle.
+    #[test]
+    fn every_triangle_around_an_edge_cuts_it_in_the_same_place() {
+        for k in 0..1000 {
+            let section = Section::new(&Curve {
+                start: Vector3::zeros(),
+                tangent: Vector3::x(),
+                inward: Vector3::y(),
+                curvature: f64::from(k as u32 % 2),
+                length: 1.0,
+            });
+            let mut corners = [3 * k, 3 * k + 1, 3 * k + 2].map(vector);
+            if k % 3 == 0 {
+                corners[1].z = -corners[0].z;
+            }
+            let heights = corners.map(|at| section.height(&at));
+            let nodes = [8, 3, 5];
+            let [forth, back] =
+                [[0, 1], [1, 0]].map(|edge| section.cut(nodes, &corners, &heights, edge));
+            assert_eq!((forth.corners, forth.at), (back.corners, back.at));
+            assert_eq!((forth.part, forth.f), (back.part, back.f));
+        }
+    }
+
+    /// What lies on the plane is above it, and what lies on the curve to its left: of the triangles around a vertex on
+    /// a line, those with a corner below get one passage out and one in.
+    #[test]
+    fn a_line_through_a_vertex_passes_two_triangles_around_it() {
+        let curve = Curve {
+            start: Vector3::new(-1.0, 0.0, 0.0),
+            tangent: Vector3::x(),
+            inward: Vector3::y(),
+            curvature: 0.0,
+            length: 2.0,
+        };
+        let section = Section::new(&curve);
+        let below = Vector3::new(0.0, 0.0, -1.0);
+        for turn in [0.0, 0.3, 1.1] {
+            // An umbrella of triangles with the origin at its top, seen from outside.
+            let rim = [0, 1, 2, 3, 4, 5].map(|k| {
+                let angle = turn + f64::from(k);
+                below + Vector3::new(angle.cos(), angle.sin(), 0.0)
+            });
+            let passages = [0, 1, 2, 3, 4, 5].map(|k| {
+                let corners = [Vector3::zeros(), rim[k], rim[(k + 1) % 6]];
+                let heights = corners.map(|at| section.height(&at));
+                let nodes = [0, k as u32 + 1, (k as u32 + 1) % 6 + 1];
+                section.roots(nodes, &corners, &heights)
+            });
+            // All cuts are the origin itself, which is on the left of the line: nothing is passed.
+            assert!(passages.iter().flatten().flatten().next().is_none());
+
+            // The same vertex as one of the rim's plane: a triangle to either side along the line is passed.
+            let flat = [(-1.0, 0.5), (-1.0, -2.0), (1.0, -2.0), (1.0, 0.5)];
+            let flat = flat.map(|(x, y)| Vector3::new(x, y, if y > 0.0 { 1.0 } else { -1.0 }));
+            let mut found = Vec::new();
+            for k in 0..4 {
+                let corners = [Vector3::zeros(), flat[k], flat[(k + 1) % 4]];
+                let heights = corners.map(|at| section.height(&at));
+                let nodes = [0, k as u32 + 1, (k as u32 + 1) % 4 + 1];
+                let roots = section.roots(nodes, &corners, &heights);
+                found.extend(roots.into_iter().flatten());
+            }
+            assert_eq!(found.len(), 2, "{found:?}");
+            assert_eq!(found[0].leaves, !found[1].leaves);
+            assert!(
+                found
+                    .iter()
+                    .all(|root| root.weights == [1.0, 0.0, 0.0] && root.alpha == 1.0)
+            );
         }
     }
 }

@@ -126,6 +126,7 @@ struct Cell {
 /// The crossing that a cell was entered through.
 #[derive(Clone, Copy)]
 struct Entry {
+    /// Of where the tissue has it now.
     alpha: f64,
     /// The corner of the cell that it lies opposite to.
     corner: usize,
@@ -146,13 +147,15 @@ impl Cell {
         let at = nodes.map(|node| (geometry.at)(node));
         let entry = match last {
             Some(last) => {
-                let mut weights = [0.0; 4];
+                let (mut weights, mut place) = ([0.0; 4], Vector3::zeros());
                 // The two half-faces of a face name its vertices in different orders.
                 for (vertex, weight) in mesh.vertices(last.face).into_iter().zip(last.weights) {
-                    weights[nodes.iter().position(|node| *node == vertex)?] = weight;
+                    let corner = nodes.iter().position(|node| *node == vertex)?;
+                    weights[corner] = weight;
+                    place += at[corner] * weight;
                 }
                 Some(Entry {
-                    alpha: last.alpha,
+                    alpha: nearest(section.alpha(&place), last.alpha, section.turn()),
                     corner: last.ahead(mesh)?.corner(),
                     weights,
                 })
@@ -205,34 +208,41 @@ impl Cell {
         let start = found.unwrap_or(entered);
         // Out and in again through one face: the way out lies behind the way in, however close.
         let out_before = |corner| found.is_some() && Some(corner) == entry_corner;
+        // A cell turned inside out is gone through backwards.
+        let way = if turn.is_finite() && self.volume() < 0.0 {
+            -1.0
+        } else {
+            1.0
+        };
         let ahead = |corner: usize, root: &Root| {
-            let ahead = root.alpha - start;
+            let ahead = way * (root.alpha - start);
             if !turn.is_finite() {
                 return ahead;
             }
-            let slack = if out_before(corner) {
-                -tie(curve)
-            } else {
-                tie(curve)
+            // An anchor off the curve may lie behind the way out by as much as it is off.
+            let slack = match found {
+                Some(_) if out_before(corner) => -tie(curve),
+                Some(_) => tie(curve),
+                None => 0.5 * turn,
             };
             (ahead + slack).rem_euclid(turn) - slack
         };
         let key = |corner: usize, root: &Root| {
             let ahead = ahead(corner, root);
-            (out_before(corner) || ahead < -tie(curve), ahead)
+            let behind = out_before(corner) || ahead < -tie(curve);
+            (behind, if behind { ahead.abs() } else { ahead })
         };
-        let mut ways = 1;
         let (mut corner, mut root) = first;
         for (other_corner, other) in leaving {
-            ways += 1;
             if key(other_corner, other) < key(corner, root) {
                 (corner, root) = (other_corner, other);
             }
         }
-        let mut alpha = start + ahead(corner, root);
-        if ways == 1 && alpha - start > 0.5 * turn && self.volume() < 0.0 {
-            // A cell turned inside out is gone through backwards.
-            alpha -= turn;
+        let alpha = start + way * ahead(corner, root);
+        if alpha < entered - tie(curve) && self.volume() >= 0.0 {
+            // The tissue has moved so that the curve leaves the cell before it enters: a place there
+            // would be put where the needle is not.
+            return self.exit_without_passage(curve, to);
         }
         Exit::Passage(Crossing {
             face: self.faces[corner],

@@ -31,7 +31,7 @@ pub enum SceneError {
     /// The parts are good each by itself, but the solver cannot be built from them.
     #[error("the scene cannot be built: {0}")]
     #[diagnostic(help(
-        "see what holds the tissue, what acts on it and what touches it: `[[fixed]]`, `[[handle]]`, `[[load]]`, `[[tool]]`"
+        "see what holds the tissue, what acts on it and what touches it: `[[fixed]]`, `[[handle]]`, `[[load]]`, `[[tool]]`, `[[needle]]`"
     ))]
     Build(ModelError),
 }

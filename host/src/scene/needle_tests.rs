@@ -473,6 +473,13 @@ const SLIPS: &[Slip] = &[
         help: "let one needle go",
     },
     Slip {
+        from: "[needle_solver]",
+        to: "[[handle]]\nvertices = [40]\nbarycentric = [1.0]\ntarget_displacement_m = [0.0, 0.0, 0.001]\n[needle_solver]",
+        message: "a handle in a scene with needles",
+        under: "[40]",
+        help: "`[[load]]`",
+    },
+    Slip {
         from: "solve_every = 4",
         to: "solve_every = 0",
         message: "solve_every = 0: must be 1 or more",

@@ -76,6 +76,13 @@ impl Scene {
         let hands = (&tools[..], &file.tool[..]);
         let needles = read_needles(document, &file.needle, hands, &mesh, &mut warnings)?;
         let needle_tissue = read_needle_tissue(document, &file, &of_cell, &mut warnings)?;
+        if let Some(handle) = file.handle.first().filter(|_| !needles.is_empty()) {
+            let message = "a handle in a scene with needles";
+            let help =
+                "pull with a `[[load]]` instead: handles and needles are not solved together yet";
+            let span = handle.vertices.span();
+            return Err(document.flaw(span, message, "it would pull", Some(help)));
+        }
         let handles = file
             .handle
             .iter()

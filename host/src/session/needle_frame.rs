@@ -10,7 +10,7 @@ use sutura_shared::wire::validate::{MAX_TANGENT, MAX_WRENCH};
 pub struct HeldNeedle {
     /// Tool that holds it.
     pub tool: u8,
-    /// Which of the scene's needles, in the order of the file.
+    /// Id of the needle.
     pub needle: u8,
     /// Motion of the grip per metre of slide, tip first: linear \[1\], then angular \[1/m\], world frame, (6).
     pub slide: [f64; 6],

@@ -318,8 +318,9 @@ impl Workspace {
     }
 
     /// From now on a thread of its own computes columns, ahead of the tools where it can; a step that
-    /// needs one that is not there says [`Status::Waiting`]. The bits of what a step finds are the same,
-    /// but not when it finds it: for live sessions, not for replays. Nothing happens for corotational
+    /// needs one that is not there says [`Status::Waiting`]. The bits of what a step finds in contact are the
+    /// same, but not when it finds it, nor from when on it knows the tangent of a touch to come: for live
+    /// sessions, not for replays. Nothing happens for corotational
     /// tissue, which does not keep its columns long enough.
     ///
     /// # Errors

@@ -130,6 +130,7 @@ fn a_needle_that_jumps_keeps_a_sound_list() {
             0 => Way::any_line(&body, &mut random, length),
             _ => Way::any_arc(&body, &mut random, length),
         };
+        let length = way.length();
         let mut history = History::new(64);
         for _ in 0..20 {
             // Anywhere on the way, with a slide that has nothing to do with it.
@@ -199,12 +200,29 @@ fn distance(curve: &Curve, point: &Vector3<f64>) -> f64 {
     (curve.at(curve.project(point, 0.0)) - point).norm()
 }
 
+/// Barycentric coordinates of a point in a cell, which may be inside out; `None` if it has no volume to speak of.
+fn weights(body: &Body, cell: u32, point: &Vector3<f64>) -> Option<[f64; 4]> {
+    let [a, b, c, d] = body.mesh.cells()[cell as usize].map(|node| body.at[node as usize]);
+    let volume = |a, b, c, d| -> f64 {
+        let [a, b, c, d]: [&Vector3<f64>; 4] = [a, b, c, d];
+        (b - a).cross(&(c - a)).dot(&(d - a))
+    };
+    let all = volume(&a, &b, &c, &d);
+    let parts = [
+        volume(point, &b, &c, &d),
+        volume(&a, point, &c, &d),
+        volume(&a, &b, point, &d),
+        volume(&a, &b, &c, point),
+    ];
+    (all.abs() > 1e-6).then(|| parts.map(|part| part / all))
+}
+
 #[test]
 fn folded_and_collapsed_tissue_is_passed_or_reported() {
     let mesh = small_slab();
     let mut random = Random(104);
     let mut stops = [0; 2];
-    let (mut inverted, mut flat, mut pushed) = (0, 0, 0);
+    let (mut inverted, mut flat, mut pushed, mut within) = (0, 0, 0, 0);
     for case in 0..300 {
         let mut body = Body::at_rest(&mesh);
         let by = 10f64.powf(random.between(-1.0, 0.5));
@@ -238,6 +256,22 @@ fn folded_and_collapsed_tissue_is_passed_or_reported() {
                 Way::line(start, -AXES[2], AXES[case % 2], length, 20.0)
             }
         };
+        let length = way.length();
+        // Straight through: the tip is in its cell, whichever way round that is.
+        let mut history = History::new(500);
+        for step in 1..=50 {
+            let sigma = way.reach / 50.0;
+            let needle = way.needle(f64::from(step) * sigma);
+            let report = slide(&body.geometry(), &needle, &mut history, sigma);
+            let tip_cell = history.tip_cell(&body.mesh);
+            if let (SlideStatus::Ok, 0, Some(cell)) = (report.status, report.guessed, tip_cell) {
+                let inside = weights(&body, cell, &needle.at(length));
+                within += usize::from(inside.is_some());
+                let least = inside.map_or(0.0, |w| w.into_iter().fold(1.0, f64::min));
+                assert!(least > -1e-6, "{case} {step}: {inside:?}");
+            }
+        }
+
         let (mut along, mut forward) = (0.0, true);
         let mut history = History::new(500);
         for _ in 0..100 {
@@ -265,6 +299,7 @@ fn folded_and_collapsed_tissue_is_passed_or_reported() {
         }
     }
     assert!(inverted > 1000 && flat > 100 && pushed > 3000);
+    assert!(within > 1000, "{within}");
     assert!(stops[0] > 50 * stops[1], "{stops:?}");
 }
 
@@ -317,8 +352,8 @@ fn tissue_that_moves_from_step_to_step_does_not_lose_the_tip() {
     let mut random = Random(105);
     let (mut guessed, mut inside) = (0, 0);
     for by in [1e-15, 1e-12, 1e-9, 1e-6, 1e-3, 0.02] {
-        let mut worst = 0.0f64;
-        for needle in 0..60 {
+        let (mut worst, mut misplaced) = (0.0f64, 0.0f64);
+        for needle in 0..300 {
             let length = random.between(1.0, 6.0);
             let (body, way) = match needle % 3 {
                 0 => {
@@ -347,12 +382,28 @@ fn tissue_that_moves_from_step_to_step_does_not_lose_the_tip() {
                 assert_eq!(report.status, SlideStatus::Ok, "{by} {needle} {step}");
                 assert_eq!(history.check(&body.mesh, curve.length), Ok(()));
                 guessed += report.guessed;
+                // Where the needle has a new crossing, the tissue has it too.
+                for crossing in history
+                    .crossings()
+                    .iter()
+                    .rev()
+                    .take(report.pushed as usize)
+                {
+                    let nodes = body.mesh.vertices(crossing.face);
+                    let on_face: Vector3<f64> = std::iter::zip(nodes, crossing.weights)
+                        .map(|(node, weight)| at[node as usize] * weight)
+                        .sum();
+                    let apart = (on_face - curve.at(crossing.alpha)).norm();
+                    misplaced = misplaced.max(apart / (by + 1e-14));
+                }
                 let tip = curve.at(curve.length);
                 let off = match history.tip_cell(&body.mesh) {
                     Some(cell) => {
                         inside += 1;
                         -depth(body, &at, cell, &tip)
                     }
+                    // Tissue that comes over a tip that is outside is not a slide's business.
+                    None if by > 1e-4 => 0.0,
                     None => {
                         let cells = 0..body.mesh.cells().len() as u32;
                         let deepest = cells.map(|cell| depth(body, &at, cell, &tip));
@@ -362,7 +413,7 @@ fn tissue_that_moves_from_step_to_step_does_not_lose_the_tip() {
                 worst = worst.max(off / (by + 1e-14));
             }
         }
-        assert!(worst < 10.0, "{by}: {worst}");
+        assert!(worst < 3.0 && misplaced < 10.0, "{by}: {worst} {misplaced}");
     }
     assert!(guessed > 100 && inside > 3000, "{guessed} {inside}");
 }

@@ -73,7 +73,7 @@ fn follow(
 ) {
     let (geometry, length) = (body.geometry(), way.length());
     let oracle = Oracle::new(&body.mesh, &body.at);
-    let mut history = History::new(2000);
+    let [mut history, mut needle_only] = [History::new(2000), History::new(0)];
     let (mut along, mut forward) = (0.0, true);
     for step in 0..steps {
         let sigma = slides.next(random, way, &mut forward);
@@ -93,6 +93,15 @@ fn follow(
         let expected = &expected[behind..];
         let names = |step: &str| format!("{step} at step {step:?}, {along} along, by {sigma}");
         let found = history.on_needle();
+        // Without what lies behind its end the needle is the same.
+        needle_only.clone_from(&history);
+        let dropped = needle_only.drop_behind(&body.mesh, 0.0);
+        assert_eq!(
+            (needle_only.check(&body.mesh, length), dropped),
+            (Ok(()), behind)
+        );
+        assert_eq!(needle_only.crossings(), found);
+        assert_eq!(needle_only.before(), history.end_cell(&body.mesh));
         let both = |k: usize| (found.get(k), expected.get(k));
         assert_eq!(found.len(), expected.len(), "{}", names("count"));
         assert_eq!(

@@ -183,7 +183,8 @@ impl Way {
         )
     }
 
-    /// About a point beside the body, so that a part of the circle that a needle of `length` fits in is outside.
+    /// About a point beside the body, so that a part of the circle that a needle of `length` fits in is outside; at
+    /// times with a needle of more than half a turn.
     pub fn any_arc(body: &Body, random: &mut Random, length: f64) -> Self {
         let (low, high) = body.bounds();
         let size = (high - low).norm();
@@ -191,7 +192,12 @@ impl Way {
         let out = random.direction();
         let through = middle + (high - low).component_mul(&random.vector()) * 0.3;
         // Its farthest point is out of the body's ball by more than a half of what the needle bends.
-        let radius = random.between(0.7, 1.2) * size + 0.5 * length;
+        let (radius, length) = if random.unit() < 0.3 {
+            let radius = random.between(1.0, 1.3) * size;
+            (radius, random.between(3.3, 4.1) * radius)
+        } else {
+            (random.between(0.7, 1.2) * size + 0.5 * length, length)
+        };
         let inward = (out + random.direction() * 0.3).normalize();
         let tangent = inward.cross(&random.direction()).normalize();
         let centre = through + inward * radius;

@@ -1,0 +1,382 @@
+//! Boxes around things that move, in boxes around boxes: which of them may come near which.
+//!
+//! Entry points: [`Tree::new`], [`Tree::refit`], [`Tree::near`], [`Tree::pairs`], [`Tree::own_pairs`]. The tree
+//! stays as it was built, by halving at the median, and its boxes follow. Our own: of the crates bvh and rstar
+//! know no pairs and no refit, and parry3d-f64 brings a second linear algebra and 40 crates for what is here.
+
+use nalgebra::Vector3;
+
+/// Things in a leaf.
+const LEAF: usize = 4;
+/// A binary tree halved at the median of 2^32 things at most is no deeper.
+const DEPTH: usize = 32;
+/// Pairs yet to be looked at: two of each depth while the two are one, then one of each depth of either.
+const WAITING: usize = 4 * DEPTH + 4;
+
+/// An axis-aligned box. It is made of coordinates as they are, so that nothing in it is lost by rounding.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Bounds {
+    /// Least coordinates \[m\], (3).
+    pub low: Vector3<f64>,
+    /// Greatest coordinates \[m\], (3).
+    pub high: Vector3<f64>,
+}
+
+impl Bounds {
+    /// Around nothing.
+    pub const NOTHING: Self = Self {
+        low: Vector3::new(f64::INFINITY, f64::INFINITY, f64::INFINITY),
+        high: Vector3::new(f64::NEG_INFINITY, f64::NEG_INFINITY, f64::NEG_INFINITY),
+    };
+
+    /// Around a point, too. What is no number may be anywhere.
+    #[inline]
+    pub fn with(mut self, point: &Vector3<f64>) -> Self {
+        for axis in 0..3 {
+            let x = point[axis];
+            let (low, high) = if x.is_nan() {
+                (f64::NEG_INFINITY, f64::INFINITY)
+            } else {
+                (x, x)
+            };
+            self.low[axis] = self.low[axis].min(low);
+            self.high[axis] = self.high[axis].max(high);
+        }
+        self
+    }
+
+    /// Around another box, too.
+    #[inline]
+    pub fn and(&self, other: &Self) -> Self {
+        Self {
+            low: self.low.inf(&other.low),
+            high: self.high.sup(&other.high),
+        }
+    }
+
+    /// Larger by so much on every side \[m\], at least 0.
+    #[inline]
+    pub fn grown(&self, by: f64) -> Self {
+        Self {
+            low: self.low.map(|x| (x - by).next_down()),
+            high: self.high.map(|x| (x + by).next_up()),
+        }
+    }
+
+    /// Whether two boxes have a point in common; one around nothing has none.
+    #[inline]
+    pub fn meets(&self, other: &Self) -> bool {
+        (0..3).all(|axis| self.low[axis] <= other.high[axis] && other.low[axis] <= self.high[axis])
+    }
+
+    fn size(&self) -> f64 {
+        (self.high - self.low).sum()
+    }
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Node {
+    bounds: Bounds,
+    /// Of a leaf the place of its first thing, else its first child; the second follows.
+    first: u32,
+    /// Things of a leaf; else 0.
+    things: u32,
+}
+
+/// A tree of boxes over things that are counted from 0.
+#[derive(Clone, Debug)]
+pub struct Tree {
+    /// Children after their parents, the root first.
+    nodes: Vec<Node>,
+    /// Things by place.
+    things: Vec<u32>,
+    /// Their boxes, by place.
+    boxes: Vec<Bounds>,
+}
+
+impl Tree {
+    /// Over `count` things, whose boxes `bounds` gives.
+    pub fn new(count: u32, bounds: impl Fn(u32) -> Bounds) -> Self {
+        let mut things: Vec<(Vector3<f64>, u32)> = (0..count)
+            .map(|thing| {
+                let Bounds { low, high } = bounds(thing);
+                (low + high, thing)
+            })
+            .collect();
+        let leaf = |first: usize, things: usize| Node {
+            bounds: Bounds::NOTHING,
+            first: first as u32,
+            things: things as u32,
+        };
+        let mut nodes = vec![leaf(0, things.len())];
+        let mut place = 0;
+        while let Some(&node) = nodes.get(place) {
+            let (first, count) = (node.first as usize, node.things as usize);
+            if count > LEAF {
+                let part = &mut things[first..first + count];
+                let around = part
+                    .iter()
+                    .fold(Bounds::NOTHING, |all, (middle, _)| all.with(middle));
+                let axis = (around.high - around.low).imax();
+                let half = count / 2;
+                part.select_nth_unstable_by(half, |a, b| {
+                    a.0[axis].total_cmp(&b.0[axis]).then(a.1.cmp(&b.1))
+                });
+                nodes[place] = leaf(nodes.len(), 0);
+                nodes.push(leaf(first, half));
+                nodes.push(leaf(first + half, count - half));
+            }
+            place += 1;
+        }
+        let mut tree = Self {
+            nodes,
+            boxes: vec![Bounds::NOTHING; things.len()],
+            things: things.into_iter().map(|(_, thing)| thing).collect(),
+        };
+        tree.refit(bounds);
+        tree
+    }
+
+    /// Puts the boxes around where the things are now. Allocates nothing.
+    pub fn refit(&mut self, bounds: impl Fn(u32) -> Bounds) {
+        for (around, thing) in self.boxes.iter_mut().zip(&self.things) {
+            *around = bounds(*thing);
+        }
+        for place in (0..self.nodes.len()).rev() {
+            let node = self.nodes[place];
+            let first = node.first as usize;
+            self.nodes[place].bounds = if node.things > 0 || self.boxes.is_empty() {
+                self.boxes[first..first + node.things as usize]
+                    .iter()
+                    .fold(Bounds::NOTHING, |all, around| all.and(around))
+            } else {
+                self.nodes[first].bounds.and(&self.nodes[first + 1].bounds)
+            };
+        }
+    }
+
+    /// Around everything.
+    pub fn bounds(&self) -> Bounds {
+        self.nodes[0].bounds
+    }
+
+    /// Visits all things whose boxes meet `bounds`. Allocates nothing.
+    pub fn near(&self, bounds: &Bounds, mut visit: impl FnMut(u32)) {
+        let mut waiting = [0; DEPTH + 2];
+        // The root over nothing has no children.
+        let mut count = usize::from(!self.things.is_empty());
+        while count > 0 {
+            count -= 1;
+            let node = &self.nodes[waiting[count] as usize];
+            if !node.bounds.meets(bounds) {
+                continue;
+            }
+            if node.things == 0 {
+                (waiting[count], waiting[count + 1]) = (node.first + 1, node.first);
+                count += 2;
+                continue;
+            }
+            for (thing, around) in self.of_leaf(node) {
+                if around.meets(bounds) {
+                    visit(thing);
+                }
+            }
+        }
+    }
+
+    /// Visits all pairs of a thing here and one there whose boxes meet, each once, in an order that depends on
+    /// the trees alone. Allocates nothing.
+    pub fn pairs(&self, other: &Self, visit: impl FnMut(u32, u32)) {
+        let mut waiting = Waiting::new();
+        waiting.push(0, 0);
+        self.follow(other, false, &mut waiting, visit);
+    }
+
+    /// Visits all pairs of two things here whose boxes meet, each once. Allocates nothing.
+    pub fn own_pairs(&self, visit: impl FnMut(u32, u32)) {
+        let mut waiting = Waiting::new();
+        waiting.push(0, 0);
+        self.follow(self, true, &mut waiting, visit);
+    }
+
+    fn follow(
+        &self,
+        other: &Self,
+        own: bool,
+        waiting: &mut Waiting,
+        mut visit: impl FnMut(u32, u32),
+    ) {
+        if self.things.is_empty() || other.things.is_empty() {
+            return;
+        }
+        while let Some((here, there)) = waiting.pop() {
+            let (a, b) = (&self.nodes[here as usize], &other.nodes[there as usize]);
+            if !a.bounds.meets(&b.bounds) {
+                continue;
+            }
+            match (a.things, b.things) {
+                (0, _) if own && here == there => {
+                    waiting.push(a.first, a.first + 1);
+                    waiting.push(a.first + 1, a.first + 1);
+                    waiting.push(a.first, a.first);
+                }
+                (0, _) if b.things > 0 || a.bounds.size() > b.bounds.size() => {
+                    waiting.push(a.first + 1, there);
+                    waiting.push(a.first, there);
+                }
+                (_, 0) => {
+                    waiting.push(here, b.first + 1);
+                    waiting.push(here, b.first);
+                }
+                _ => {
+                    for (number, (thing, around)) in self.of_leaf(a).enumerate() {
+                        let skipped = if own && here == there { number + 1 } else { 0 };
+                        for (against, bounds) in other.of_leaf(b).skip(skipped) {
+                            if around.meets(&bounds) {
+                                visit(thing, against);
+                            }
+                        }
+                    }
+                }
+            }
+        }
+    }
+
+    fn of_leaf(&self, node: &Node) -> impl Iterator<Item = (u32, Bounds)> {
+        let places = node.first as usize..(node.first + node.things) as usize;
+        let things = self.things[places.clone()].iter().copied();
+        things.zip(self.boxes[places].iter().copied())
+    }
+}
+
+/// Pairs of nodes yet to be looked at.
+struct Waiting {
+    pairs: [(u32, u32); WAITING],
+    count: usize,
+}
+
+impl Waiting {
+    fn new() -> Self {
+        Self {
+            pairs: [(0, 0); WAITING],
+            count: 0,
+        }
+    }
+
+    fn push(&mut self, here: u32, there: u32) {
+        self.pairs[self.count] = (here, there);
+        self.count += 1;
+    }
+
+    fn pop(&mut self) -> Option<(u32, u32)> {
+        self.count = self.count.checked_sub(1)?;
+        Some(self.pairs[self.count])
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn points(count: u32, spread: f64) -> Vec<Vector3<f64>> {
+        let mut x = 3u64;
+        let mut next = || {
+            x = x
+                .wrapping_mul(6364136223846793005)
+                .wrapping_add(1442695040888963407);
+            (x >> 40) as f64 / (1u64 << 24) as f64 * spread
+        };
+        (0..count)
+            .map(|_| Vector3::from_fn(|_, _| next()))
+            .collect()
+    }
+
+    fn around(at: &[Vector3<f64>], size: f64) -> impl Fn(u32) -> Bounds {
+        move |thing| Bounds::NOTHING.with(&at[thing as usize]).grown(size)
+    }
+
+    fn sorted(mut pairs: Vec<(u32, u32)>) -> Vec<(u32, u32)> {
+        pairs.sort_unstable();
+        pairs
+    }
+
+    /// Against all pairs, for trees of no, one and many things, built there and refitted from elsewhere.
+    #[test]
+    fn pairs_are_those_whose_boxes_meet_each_once() {
+        for (count, others) in [(0, 5), (1, 1), (3, 40), (200, 130)] {
+            let (a, b) = (points(count, 1.0), points(others, 0.8));
+            let before = points(count, 7.0);
+            let mut moved = Tree::new(count, around(&before, 0.01));
+            moved.refit(around(&a, 0.06));
+            let other = Tree::new(others, around(&b, 0.06));
+            for tree in [Tree::new(count, around(&a, 0.06)), moved] {
+                let meet = |x: &Vector3<f64>, y: &Vector3<f64>| (x - y).amax() <= 0.12;
+                let mut found = Vec::new();
+                tree.pairs(&other, |x, y| found.push((x, y)));
+                let mut expected = Vec::new();
+                for x in 0..count {
+                    for y in 0..others {
+                        if meet(&a[x as usize], &b[y as usize]) {
+                            expected.push((x, y));
+                        }
+                    }
+                }
+                assert_eq!(sorted(found), expected);
+
+                let mut found = Vec::new();
+                tree.own_pairs(|x, y| found.push((x.min(y), x.max(y))));
+                let mut expected = Vec::new();
+                for x in 0..count {
+                    for y in x + 1..count {
+                        if meet(&a[x as usize], &a[y as usize]) {
+                            expected.push((x, y));
+                        }
+                    }
+                }
+                assert_eq!(sorted(found), expected);
+                assert!(count < 200 || expected.len() > 100);
+
+                let mut near = Vec::new();
+                let here = Bounds::NOTHING.with(&Vector3::repeat(0.4)).grown(0.1);
+                tree.near(&here, |x| near.push((x, 0)));
+                let close = |x: &u32| meet_at(&a[*x as usize], 0.16);
+                let expected: Vec<_> = (0..count).filter(close).map(|x| (x, 0)).collect();
+                assert_eq!(sorted(near), expected);
+            }
+        }
+    }
+
+    fn meet_at(x: &Vector3<f64>, size: f64) -> bool {
+        (x - Vector3::repeat(0.4)).amax() <= size
+    }
+
+    /// A thousand things in one place: the tree halves them all the same, and its stack does.
+    #[test]
+    fn things_in_one_place_all_meet() {
+        let at = vec![Vector3::zeros(); 1000];
+        let tree = Tree::new(1000, around(&at, 0.0));
+        let mut pairs = 0;
+        tree.own_pairs(|_, _| pairs += 1);
+        assert_eq!(pairs, 1000 * 999 / 2);
+        tree.pairs(&tree, |_, _| pairs -= 1);
+        assert_eq!(pairs, 1000 * 999 / 2 - 1000 * 1000);
+    }
+
+    #[test]
+    fn what_is_no_number_may_be_anywhere() {
+        let mut at = points(50, 1.0);
+        at[7].y = f64::NAN;
+        let tree = Tree::new(50, around(&at, 0.01));
+        let mut found = Vec::new();
+        let column = Bounds::NOTHING
+            .with(&Vector3::new(at[7].x, 1e9, at[7].z))
+            .grown(0.1);
+        tree.near(&column, |thing| found.push(thing));
+        assert_eq!(found, [7]);
+        // But nothing is nowhere.
+        let nothing = Tree::new(0, around(&[], 0.01));
+        let lost = Tree::new(1, around(&[Vector3::repeat(f64::NAN)], 0.01));
+        nothing.pairs(&lost, |_, _| panic!("of nothing"));
+        nothing.near(&lost.bounds(), |_| panic!("near nothing"));
+    }
+}
