@@ -31,12 +31,17 @@ pub fn tissue() -> NeedleTissue {
 
 /// Two slabs of 30 x 30 x 8 mm one above the other, 4 mm apart, the lower top at z = 0, fixed at their sides in x.
 pub fn slabs() -> (TetMesh, Vec<u32>) {
+    slabs_apart(0.004)
+}
+
+/// The same so far apart.
+pub fn slabs_apart(gap_m: f64) -> (TetMesh, Vec<u32>) {
     let one = slab([0.03, 0.03, 0.008], [7, 7, 3]).expect("a slab");
     let lift = |by: f64| {
         let points = one.points_m().iter().map(|p| [p[0], p[1], p[2] + by]);
         TetMesh::new(points.collect(), one.cells().to_vec()).expect("the same slab")
     };
-    let both = lift(0.012).beside(&lift(0.0)).expect("apart");
+    let both = lift(0.008 + gap_m).beside(&lift(0.0)).expect("apart");
     let fixed = (0u32..)
         .zip(both.points_m())
         .filter(|(_, p)| p[0].abs() > 0.0149)
@@ -251,8 +256,10 @@ impl Bench {
             if !held {
                 continue;
             }
-            // What has been folded is kept in order.
-            let folded = report.needles().iter().any(|own| own.guessed > 0);
+            // What has been folded is kept in order, away from where its forces hold.
+            if report.needles().iter().any(|own| own.guessed > 0) {
+                continue;
+            }
             for (place, rubbing) in self.state.rubbing(&self.model, needle).enumerate() {
                 let Rubbing {
                     axial_n,
@@ -263,10 +270,9 @@ impl Bench {
                 let slack = 1e-6;
                 assert!(axial_n.abs() <= limit_n + slack, "{place}: {rubbing:?}");
                 let inside = axial_n.abs() < limit_n - slack;
-                let sticks = !inside || folded;
-                assert!(sticks || slid_m.abs() < 1e-9, "{place}: {rubbing:?}");
+                assert!(!inside || slid_m.abs() < 1e-9, "{place}: {rubbing:?}");
                 // The needle runs ahead of what it drags.
-                let slides = slid_m.abs() > 1e-9 && !folded;
+                let slides = slid_m.abs() > 1e-9;
                 assert!(
                     !slides || axial_n * slid_m <= slack * slid_m.abs(),
                     "{place}: {rubbing:?}"

@@ -5,7 +5,9 @@ use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use sutura_host::fem::{Loads, Material};
 use sutura_host::mesh::{TetMesh, slab};
 use sutura_host::model::{Model, ModelError};
-use sutura_host::needle::{NeedleError, NeedlePart, NeedleSettings, NeedleTissue, TipPlace};
+use sutura_host::needle::{
+    NeedleError, NeedlePart, NeedleSettings, NeedleTissue, Playback, TipPlace,
+};
 use sutura_host::step::{Status, StepReport, step};
 use sutura_host::tool::{Shape, Tool};
 
@@ -413,6 +415,26 @@ fn gripped_anew_while_its_tip_holds() {
     }
     assert!(punctured >= 2);
     out(&mut bench, above(0.04));
+}
+
+#[test]
+fn what_lies_close_behind_is_met() {
+    // 1 mm between the slabs, and a tip that bulges the upper one out by more before it is through.
+    for playback in [Playback::OneSolve, Playback::EveryPose] {
+        let settings = NeedleSettings {
+            playback,
+            ..NeedleSettings::default()
+        };
+        let (needle, start) = (straight(0.04), above(0.04));
+        let mesh = slabs_apart(0.001);
+        let mut bench = Bench::new(mesh, Kind::Linear, needle, start, tissue(), settings);
+        bench.go();
+        let needle = down(&mut bench, 0.027).needles()[0];
+        assert_eq!((needle.punctures, needle.tip), (4, TipPlace::Outside));
+        let rubs = 5.0 * 0.016;
+        assert!((-needle.axial_n / rubs - 1.0).abs() < 0.03, "{needle:?}");
+        out(&mut bench, start);
+    }
 }
 
 #[test]
