@@ -33,7 +33,15 @@ const BACK: f64 = 1e-6;
 const PLAYED: usize = 16;
 /// Stiffness with which a needle that nobody holds is held back in each solve, in parts of the
 /// tissue's: it settles by a factor of about this in every one.
-const DRAG: f64 = 1e-3;
+const DRAG: f64 = 1e-5;
+
+/// Compliance of friction on fixed nodes \[m/N\]: far below any tissue's, so that it slides at once.
+const RIGID_M_PER_N: f64 = 1e-6;
+
+/// As far a needle that nobody holds turns between two solves \[rad\].
+const MOST_LOOSE_TURN: f64 = 0.1;
+/// Solves of one balance in which needles that nobody holds settle.
+const LOOSE_SOLVES: u32 = 4;
 
 /// What a row's anchor is on its needle.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -81,11 +89,15 @@ pub(crate) struct NeedleWork {
     no_history: History,
     saved: Vec<NeedleState>,
     saved_grasp: Grasp,
-    /// Where each needle's tip was at the last balance.
+    /// Where each needle's tip was at the last balance, or where it came out since.
     tips: Vec<Vector3<f64>>,
     /// Let go of a face, or was withdrawn from one, in this balance: the tissue that gives way is not to be
     /// gone into at once.
     let_go: Vec<bool>,
+    /// Where each loose needle turns about in the last solve, and its drag.
+    drags: Vec<Option<(Vector3<f64>, Vector6<f64>)>>,
+    /// Took the face that it holds in this balance.
+    took: Vec<bool>,
     /// Pressing against the end of the cut was tried in this balance.
     pressed: Vec<bool>,
 }
@@ -110,6 +122,8 @@ impl NeedleWork {
             saved_grasp: Grasp::new(grasp.motion().clone(), &settings),
             tips: vec![Vector3::zeros(); count],
             let_go: vec![false; count],
+            drags: vec![None; count],
+            took: vec![false; count],
             pressed: vec![false; count],
         }
     }
@@ -148,10 +162,11 @@ impl Drive<'_> {
 
     /// Balances; a tip that is `free` goes through faces without effort.
     fn balance(&mut self, poses: &[Isometry3<f64>], free: Option<usize>) -> Result<(), Status> {
-        self.begin(poses);
+        self.begin(poses, free);
         let mut solves = 0;
         loop {
             self.slide(&mut solves)?;
+            self.unfold();
             self.settle_releases();
             if !self.follow(free)? {
                 break;
@@ -161,17 +176,22 @@ impl Drive<'_> {
         Ok(())
     }
 
-    /// Puts the needles where they shall be.
-    fn begin(&mut self, poses: &[Isometry3<f64>]) {
+    /// Puts the needles where they shall be; while the way of one is played back nothing begins for the others.
+    fn begin(&mut self, poses: &[Isometry3<f64>], free: Option<usize>) {
         let mut poses_before = [Isometry3::identity(); MAX_NEEDLES];
         for (before, state) in poses_before.iter_mut().zip(self.states.iter()) {
             *before = state.pose;
         }
         for (index, (state, pose)) in self.states.iter_mut().zip(poses).enumerate() {
-            let part = &self.needles.parts[index];
-            let curve = part.needle.at(&state.pose);
-            self.work.tips[index] = curve.at(curve.length);
+            if free.is_some_and(|free| free != index) {
+                continue;
+            }
+            if free.is_none() {
+                let curve = self.needles.parts[index].needle.at(&state.pose);
+                self.work.tips[index] = curve.at(curve.length);
+            }
             self.work.let_go[index] = false;
+            self.work.took[index] = false;
             self.work.pressed[index] = false;
             state.pose = *pose;
             if let Tip::Inside { cut: Some(cut) } = &mut state.tip {
@@ -203,22 +223,24 @@ impl Drive<'_> {
 
     /// From now on crossings stick where they are.
     fn stick(&mut self) {
-        for (state, part) in self.states.iter_mut().zip(&self.needles.parts) {
+        for state in self.states.iter_mut() {
             for (hold, crossing) in state.holds.iter_mut().zip(state.history.crossings()) {
                 hold.alpha = crossing.alpha;
             }
-            limits(self.needles, state, part.needle.shape.length_m());
         }
     }
 
     /// Solves until the slides are known.
     fn slide(&mut self, solves: &mut u32) -> Result<(), Status> {
+        for (state, part) in self.states.iter_mut().zip(&self.needles.parts) {
+            limits(self.needles, state, part.needle.shape.length_m());
+        }
         loop {
             *solves += 1;
             if *solves > MOST_SOLVES {
                 return Err(Status::NotConverged);
             }
-            self.solve()?;
+            self.solve(*solves)?;
             let mut settled = true;
             let (delta, lambda) = (self.grasp.delta_m(), self.grasp.lambda());
             for point in &self.work.points {
@@ -247,10 +269,37 @@ impl Drive<'_> {
                 }
             }
             self.lead_followers();
-            settled &= self.settle_loose();
+            // One that is not at rest by then lies still, and goes on in the next balance.
+            settled &= *solves > LOOSE_SOLVES || self.settle_loose();
             if settled {
                 return Ok(());
             }
+        }
+    }
+
+    /// Tissue that has been folded by more than its own thickness would have crossings change places: what
+    /// slides stops at the next one instead.
+    fn unfold(&mut self) {
+        for state in self.states.iter_mut() {
+            let count = state.holds.len();
+            let mut folded = false;
+            let alpha = |state: &NeedleState, index: usize| state.history.crossings()[index].alpha;
+            for index in (1..count).rev() {
+                let (own, next) = (alpha(state, index - 1), alpha(state, index));
+                let slid = own != state.holds[index - 1].alpha;
+                if own > next && slid {
+                    state.history.set_alpha(index - 1, next);
+                    folded = true;
+                }
+            }
+            for index in 1..count {
+                let (before, own) = (alpha(state, index - 1), alpha(state, index));
+                if own < before {
+                    state.history.set_alpha(index, before);
+                    folded = true;
+                }
+            }
+            state.tally.folded += u32::from(folded);
         }
     }
 
@@ -269,8 +318,8 @@ impl Drive<'_> {
         }
     }
 
-    /// One solve of the rows at the present poses and slides.
-    fn solve(&mut self) -> Result<(), Status> {
+    /// One solve of the rows at the present poses and slides, the `solve`th of the balance.
+    fn solve(&mut self, solve: u32) -> Result<(), Status> {
         self.make_rows();
         let Self {
             body,
@@ -301,7 +350,10 @@ impl Drive<'_> {
             return Err(Status::Waiting);
         }
         system.assemble(body, grasp, rows);
-        self.loosen();
+        self.soften();
+        if solve <= LOOSE_SOLVES {
+            self.loosen();
+        }
         let Self {
             grasp,
             work,
@@ -329,6 +381,19 @@ impl Drive<'_> {
             return Err(Status::NotConverged);
         }
         Ok(())
+    }
+
+    /// Friction on what cannot move needs something that gives way, or it would be none.
+    fn soften(&mut self) {
+        let n = self.work.rows.len();
+        let NeedleWork { system, points, .. } = &mut *self.work;
+        let w = system.compliance_mut(n);
+        for point in points.iter().filter(|point| point.what != What::Holding) {
+            let own = &mut w[point.first_row * (n + 1)];
+            if *own == 0.0 {
+                *own = RIGID_M_PER_N;
+            }
+        }
     }
 
     /// Rows of every needle at its pose and present alphas.
@@ -542,11 +607,15 @@ impl Drive<'_> {
         let area = self.needles.parts[needle].needle.tip_area_m2();
         let limit = self.needles.tissue(face.face.cell()).puncture_pa * area;
         if push < 0.0 {
-            self.release(needle, What::Holding);
+            // Nobody has done work on what was taken only now.
+            if !self.work.took[needle] {
+                self.release(needle, What::Holding);
+            }
             self.work.let_go[needle] = true;
             let state = &mut self.states[needle];
             state.log.clear();
             state.tip = if face.enters {
+                state.left = Some(face);
                 Tip::Outside
             } else {
                 Tip::Inside { cut: None }
@@ -572,6 +641,7 @@ impl Drive<'_> {
             let index = self.states[needle].holds.len() - 1;
             self.release(needle, What::Crossing(index));
             self.release(needle, What::Cut);
+            self.release(needle, What::Holding);
             self.work.let_go[needle] = true;
             let state = &mut self.states[needle];
             state.history.pop();
@@ -601,9 +671,6 @@ impl Drive<'_> {
             }
             changed = true;
         }
-        if changed {
-            limits(self.needles, &mut self.states[needle], length);
-        }
         changed
     }
 
@@ -621,7 +688,6 @@ impl Drive<'_> {
     }
 
     fn advance_inside(&mut self, needle: usize, curve: &Curve) -> Result<bool, Status> {
-        let before = self.states[needle].holds.len();
         let geometry = Geometry {
             mesh: &self.needles.mesh,
             hierarchy: &self.needles.hierarchy,
@@ -634,8 +700,8 @@ impl Drive<'_> {
         let state = &mut self.states[needle];
         state.tally.guessed += walked.guessed;
         state.hold_new(self.needles.apart_m);
-        if state.holds.len() > before {
-            limits(self.needles, state, curve.length);
+        if state.holds.is_empty() && matches!(stop, Stop::Reached | Stop::Lost) {
+            return Ok(self.find_again(needle, curve));
         }
         match stop {
             Stop::Reached => Ok(false),
@@ -651,17 +717,97 @@ impl Drive<'_> {
         }
     }
 
-    fn advance_outside(&mut self, needle: usize, curve: &Curve) -> bool {
-        let tip = curve.at(curve.length);
-        let back = curve.tangent_at(curve.length) * (BACK * curve.length);
-        let Some(path) = Curve::segment(&(self.work.tips[needle] - back), &tip) else {
+    /// A needle that goes through no face, as it is shorter than a cell: its tip is where a straight way
+    /// from the middle of the cell that it was in leads. Whether it is out.
+    fn find_again(&mut self, needle: usize, curve: &Curve) -> bool {
+        let mesh = &self.needles.mesh;
+        let before = self.states[needle].history.tip_cell(mesh);
+        let nodes = before.and_then(|cell| mesh.cells().get(cell as usize));
+        let Some(nodes) = nodes.copied() else {
             return false;
         };
-        let Some(hit) = self.first_face(&path) else {
+        let corners = nodes.map(|node| self.position(node));
+        let middle = corners.iter().sum::<Vector3<f64>>() / 4.0;
+        let Some(path) = Curve::segment(&middle, &curve.at(curve.length)) else {
+            return false;
+        };
+        let mut walked = std::mem::take(&mut self.work.path);
+        walked.restart(before, None);
+        let geometry = Geometry {
+            mesh,
+            hierarchy: &self.needles.hierarchy,
+            slack: Slack::Everywhere(0.0),
+            at: |node| position(self.body, self.points_m, self.grasp, self.work, node),
+        };
+        let stop = walk(&geometry, &path, &mut walked, path.length).stop;
+        let now = walked.tip_cell(mesh);
+        self.work.path = walked;
+        match stop {
+            Stop::Reached => {
+                self.states[needle].history.restart(now, None);
+                false
+            }
+            Stop::Boundary(_) => {
+                self.release(needle, What::Cut);
+                let state = &mut self.states[needle];
+                state.history.clear();
+                state.tip = Tip::Outside;
+                true
+            }
+            Stop::Full | Stop::Lost => {
+                self.states[needle].tally.lost += 1;
+                false
+            }
+        }
+    }
+
+    fn advance_outside(&mut self, needle: usize, curve: &Curve) -> bool {
+        let tip = curve.at(curve.length);
+        let back = BACK * curve.length;
+        let left = self.states[needle].left.take();
+        let hit = left
+            .and_then(|face| self.above(&face, &tip, back))
+            .and_then(|from| self.covers(&from, &tip))
+            .or_else(|| {
+                let from = self.work.tips[needle] - curve.tangent_at(curve.length) * back;
+                self.first_face(&Curve::segment(&from, &tip)?)
+            });
+        let Some(hit) = hit else {
             return false;
         };
         self.take(needle, hit);
         true
+    }
+
+    /// A tip that let go of a face without having left the tissue, as it was dragged along it, comes in from
+    /// straight above.
+    fn above(&self, face: &Crossing, tip: &Vector3<f64>, by: f64) -> Option<Vector3<f64>> {
+        let [a, b, c] = self
+            .needles
+            .mesh
+            .vertices(face.face)
+            .map(|node| self.position(node));
+        let out = (b - a).cross(&(c - a)).try_normalize(0.0)?;
+        let depth = out.dot(&(a - tip));
+        (depth > 0.0).then(|| tip + out * (depth + by))
+    }
+
+    /// The boundary face that a point in the tissue is under, seen from a point outside; `None` if there is no
+    /// tissue at it.
+    fn covers(&mut self, from: &Vector3<f64>, at: &Vector3<f64>) -> Option<Crossing> {
+        let path = Curve::segment(from, at)?;
+        let face = self.first_face(&path)?;
+        let mut walked = std::mem::take(&mut self.work.path);
+        walked.restart(None, Some(face));
+        let geometry = Geometry {
+            mesh: &self.needles.mesh,
+            hierarchy: &self.needles.hierarchy,
+            slack: Slack::Everywhere(0.0),
+            at: |node| position(self.body, self.points_m, self.grasp, self.work, node),
+        };
+        let stop = walk(&geometry, &path, &mut walked, path.length).stop;
+        self.work.path = walked;
+        (stop == Stop::Reached).then_some(face)
     }
 
     /// The first boundary face that a path from outside goes in through.
@@ -684,6 +830,8 @@ impl Drive<'_> {
     fn take(&mut self, needle: usize, face: Crossing) {
         self.release(needle, What::Cut);
         let state = &mut self.states[needle];
+        state.tip_force = Vector3::zeros();
+        self.work.took[needle] = true;
         let id = state.new_id();
         state.tip = Tip::Holding { face, id };
         let pose = state.pose;
@@ -705,6 +853,7 @@ impl Drive<'_> {
         // Without the tip's force; the face itself is not yet held either.
         let mut solves = 0;
         self.slide(&mut solves)?;
+        self.unfold();
         self.settle_releases();
         // Tissue has slid far, and what rubs changes now: that slide is over.
         self.book();
@@ -718,12 +867,13 @@ impl Drive<'_> {
             .project(&point, length)
             .clamp(least.min(length), length);
         self.take_hold(needle, Crossing { alpha, ..face })?;
+        // What lies close behind is met from here.
+        self.work.tips[needle] = point;
         if self.needles.settings.playback == Playback::EveryPose && !free {
             self.replay(needle)?;
         } else {
             self.play_back(needle, &face, &point, &curve)?;
         }
-        limits(self.needles, &mut self.states[needle], length);
         self.states[needle].log.clear();
         Ok(())
     }
@@ -734,20 +884,24 @@ impl Drive<'_> {
         for (pose, state) in poses.iter_mut().zip(self.states.iter()) {
             *pose = state.pose;
         }
-        let last = poses[needle];
-        let logged = self.states[needle].log.len();
+        let count = self.states.len();
+        // What is met on the way begins a log of its own.
+        let log = &self.states[needle].log;
+        let logged = log.len();
         let played = PLAYED.min(logged.max(1));
-        for index in 1..=played {
-            poses[needle] = match self.states[needle].log.get(index * logged / played) {
-                Some(pose) if index < played => *pose,
-                _ => last,
-            };
-            let count = self.states.len();
+        let mut way = [poses[needle]; PLAYED];
+        for (index, pose) in (1..played).zip(&mut way) {
+            *pose = *log.get(index * logged / played).unwrap_or(pose);
+        }
+        for pose in &way[..played] {
+            poses[needle] = *pose;
             // Nobody's hand does this work.
             let from = self.states[needle].pose;
             let centre = from.translation.vector;
             let before = self.wrench_on(needle, &centre);
             self.balance(&poses[..count], Some(needle))?;
+            let curve = self.needles.parts[needle].needle.at(&poses[needle]);
+            self.work.tips[needle] = curve.at(curve.length);
             let way = poses[needle].translation.vector - centre;
             let turn = (poses[needle].rotation * from.rotation.inverse()).scaled_axis();
             let after = self.wrench_on(needle, &poses[needle].translation.vector);
@@ -830,8 +984,11 @@ impl Drive<'_> {
                     .clamp(least.min(length), length);
                 self.take_hold(needle, Crossing { alpha, ..crossing })?;
             }
-            if out.is_some() {
-                self.states[needle].tip = Tip::Outside;
+            if let Some(out) = out {
+                let state = &mut self.states[needle];
+                state.tip = Tip::Outside;
+                state.tally.punctures += 1;
+                self.work.tips[needle] = self.position_of(&anchor(&self.needles.mesh, &out));
                 break;
             }
             here = next;
@@ -847,20 +1004,34 @@ impl Drive<'_> {
             if self.states[needle].grip.is_some() {
                 continue;
             }
-            let Some((centre, drag)) = self.drag(needle) else {
+            // The compliance has it in it by now.
+            let Some((centre, drag)) = self.work.drags[needle] else {
                 continue;
             };
-            let wrench = self.wrench_on(needle, &centre);
-            let step = Vector6::from_fn(|axis, _| wrench[axis] / drag[axis]);
+            let part = &self.needles.parts[needle].needle;
+            let (curve, length) = (part.at(&self.states[needle].pose), part.shape.length_m());
+            // Where the solve has it: with the arms that the compliance has.
+            let mut wrench = Vector6::zeros();
+            for (index, point) in self.work.points.iter().enumerate() {
+                if point.needle == needle {
+                    let force = -self.grasp.force_on(index);
+                    let moment = (curve.at(point.alpha) - centre).cross(&force);
+                    wrench += Vector6::new(force.x, force.y, force.z, moment.x, moment.y, moment.z);
+                }
+            }
+            let step = wrench.component_div(&drag);
             let shift: Vector3<f64> = step.fixed_rows::<3>(0).into();
             let turn: Vector3<f64> = step.fixed_rows::<3>(3).into();
-            let length = self.needles.parts[needle].needle.shape.length_m();
+            let size = shift.norm() / self.needles.piece_m + turn.norm() / MOST_LOOSE_TURN;
+            let part = size.max(1.0).recip();
+            let (shift, turn) = (shift * part, turn * part);
             let state = &mut self.states[needle];
             state.pose = about(&centre, &shift, &turn) * state.pose;
+            // Products of rotations drift.
+            state.pose.rotation.renormalize();
             settled &= shift.norm() + turn.norm() * length <= 1e-9 * length;
         }
-        // A needle at rest needs no second look in this balance; the others go on in the next one.
-        settled || self.states.iter().all(|state| state.grip.is_none())
+        settled
     }
 
     /// Where a loose needle turns about, and its drag \[N/m, N m/rad\]; `None` if no row holds it.
@@ -894,7 +1065,8 @@ impl Drive<'_> {
             if self.states[needle].grip.is_some() {
                 continue;
             }
-            let Some((centre, drag)) = self.drag(needle) else {
+            self.work.drags[needle] = self.drag(needle);
+            let Some((centre, drag)) = self.work.drags[needle] else {
                 continue;
             };
             let n = self.work.rows.len();
@@ -961,6 +1133,23 @@ impl Drive<'_> {
             };
             let state = &mut self.states[point.needle];
             let (force, slide) = (lambda[point.first_row], delta[point.first_row]);
+            if state.grip.is_none() {
+                // Where nobody holds the needle nobody gets the work that its way is worth.
+                let needle = &self.needles.parts[point.needle].needle;
+                let [from, to] = [&state.booked, &state.pose].map(|pose| needle.at(pose));
+                let (alpha, before) = match point.what {
+                    What::Crossing(index) => match state.holds.get(index) {
+                        Some(hold) => (hold.alpha, hold.force),
+                        None => continue,
+                    },
+                    What::Cut | What::Holding => (to.length, state.tip_force),
+                };
+                let mean = 0.5 * (before + self.grasp.force_on(index_of_point));
+                state.tally.release_j -= mean.dot(&(to.at(alpha) - from.at(alpha)));
+            }
+            if !matches!(point.what, What::Crossing(_)) {
+                state.tip_force = self.grasp.force_on(index_of_point);
+            }
             let bound = modes[point.first_row] != Mode::Held;
             match point.what {
                 What::Crossing(index) => {
@@ -984,6 +1173,14 @@ impl Drive<'_> {
                     cut.axial_n = force;
                 }
                 What::Holding => {}
+            }
+        }
+        for (needle, state) in self.states.iter_mut().enumerate() {
+            state.booked = state.pose;
+            let at_tip =
+                |point: &Point| point.needle == needle && !matches!(point.what, What::Crossing(_));
+            if !self.work.points.iter().any(at_tip) {
+                state.tip_force = Vector3::zeros();
             }
         }
     }
@@ -1104,9 +1301,6 @@ fn limits(needles: &Needles, state: &mut NeedleState, length: f64) {
     };
     let speed = state.speed.abs();
     let crossings = state.history.crossings();
-    let inside = matches!(state.tip, Tip::Inside { .. }) || {
-        matches!(state.tip, Tip::Holding { face, .. } if !face.enters)
-    };
     let count = state.holds.len();
     let mut leader = 0;
     for (index, crossing) in crossings.iter().enumerate().take(count) {
@@ -1128,8 +1322,7 @@ fn limits(needles: &Needles, state: &mut NeedleState, length: f64) {
         };
         let ahead = match state.holds.get(index + 1) {
             Some(next) => share(crossing.to(mesh), own.alpha, next.alpha, 0.5),
-            None if inside => share(crossing.to(mesh), own.alpha, length, 1.0),
-            None => 0.0,
+            None => share(crossing.to(mesh), own.alpha, length, 1.0),
         };
         state.holds[index].limit_n = 0.0;
         state.holds[leader].limit_n += behind + ahead;

@@ -21,6 +21,8 @@ pub(crate) use model::Needles;
 pub use model::{MAX_NEEDLES, NeedleError, NeedlePart, NeedleSettings, Playback};
 pub use shape::{Curve, Needle, NeedleShape, NeedleTissue};
 pub use slide::{Entry, Geometry, SlideReport, SlideStatus, entry, slide};
+pub(crate) use state::NeedleState;
+pub use state::Rubbing;
 pub use step::{NeedleReport, TipPlace};
 pub(crate) use step::{NeedlesState, NeedlesWork, grip, pose_of, step};
 pub use walk::{Stop, Walked, walk};

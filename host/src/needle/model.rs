@@ -2,7 +2,7 @@
 //!
 //! Entry point: [`Needles::new`].
 
-use super::{Hierarchy, Needle, NeedleTissue};
+use super::{Geometry, Hierarchy, History, Needle, NeedleTissue, Slack, entry};
 use crate::anchors::AnchorSettings;
 use crate::mesh::{HalfFaces, TetMesh};
 use nalgebra::{Isometry3, Vector3};
@@ -75,6 +75,12 @@ pub enum NeedleError {
         id: u8,
         /// What is wrong with it.
         flaw: String,
+    },
+    /// A needle that is in tissue before the first step.
+    #[error("needle {id} starts in the tissue; start it outside, it gets in by its tip")]
+    Inside {
+        /// Which needle.
+        id: u8,
     },
     /// One id for two needles.
     #[error("two needles have the id {0}")]
@@ -185,6 +191,25 @@ impl Needles {
                 .get(node as usize)
                 .map_or_else(Vector3::zeros, |at| Vector3::from(*at))
         });
+        let at = |node: u32| {
+            resting_m
+                .get(node as usize)
+                .map_or_else(Vector3::zeros, |at| Vector3::from(*at))
+        };
+        let geometry = Geometry {
+            mesh: &half_faces,
+            hierarchy: &hierarchy,
+            slack: Slack::Everywhere(0.0),
+            at,
+        };
+        for part in parts {
+            let curve = part.needle.at(&part.start);
+            let found = entry(&geometry, &curve, &History::new(0), 0.0, curve.length);
+            let inside = |cell: &[u32; 4]| contains(&cell.map(at), &curve.start);
+            if found.crossing.is_some() || mesh.cells().iter().any(inside) {
+                return Err(NeedleError::Inside { id: part.id });
+            }
+        }
         Ok(Self {
             parts: parts.to_vec(),
             settings,
@@ -226,6 +251,17 @@ impl Needles {
             ..AnchorSettings::default()
         }
     }
+}
+
+/// Whether a point lies in a cell, which has its corners in the mesh's order.
+fn contains(corners: &[Vector3<f64>; 4], at: &Vector3<f64>) -> bool {
+    let volume = |[a, b, c, d]: [Vector3<f64>; 4]| (b - a).cross(&(c - a)).dot(&(d - a));
+    let whole = volume(*corners);
+    (0..4).all(|corner| {
+        let mut part = *corners;
+        part[corner] = *at;
+        volume(part) * whole > 0.0
+    })
 }
 
 fn check(tissue: &NeedleTissue) -> Result<(), NeedleError> {

@@ -3,7 +3,7 @@
 //! Entry points: [`NeedleState`], [`Tip`].
 
 use super::model::{NeedlePart, NeedleSettings};
-use super::{Crossing, History};
+use super::{Crossing, Curve, History};
 use crate::anchors::AnchorPoint;
 use nalgebra::{Isometry3, Vector3};
 
@@ -11,7 +11,7 @@ use nalgebra::{Isometry3, Vector3};
 pub(super) const LOG: usize = 64;
 
 /// One needle.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Debug, PartialEq)]
 pub(crate) struct NeedleState {
     pub pose: Isometry3<f64>,
     pub grip: Option<Grip>,
@@ -19,12 +19,17 @@ pub(crate) struct NeedleState {
     /// One for each crossing.
     pub holds: Vec<Hold>,
     pub tip: Tip,
+    /// A boundary face that the tip let go of from outside: it may have been dragged on below it.
+    pub left: Option<Crossing>,
     /// Poses since the tip first touched the face that it holds.
     pub log: Vec<Isometry3<f64>>,
     /// Poses since the last one that was kept, and how many are let pass in between.
     pub log_skipped: u32,
     pub log_every: u32,
     pub next_id: u32,
+    /// Where the needle was, and the tip's force on the tissue \[N\], when work was booked last.
+    pub booked: Isometry3<f64>,
+    pub tip_force: Vector3<f64>,
     pub tally: Tally,
     /// Speed of the uniform slide in this step \[m/s\].
     pub speed: f64,
@@ -99,9 +104,33 @@ pub(crate) struct Tally {
     pub guessed: u32,
     /// Times that the tip found no way on.
     pub lost: u32,
+    /// Balances in which crossings would have changed places.
+    pub folded: u32,
+}
+
+/// Friction at one crossing, as the last balance has it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Rubbing {
+    /// Force of the needle on the tissue along the needle \[N\], above zero towards the tip.
+    pub axial_n: f64,
+    /// The most that it can be \[N\].
+    pub limit_n: f64,
+    /// By how much the crossing slid in that balance \[m\], above zero towards the tip: against the
+    /// needle's own way.
+    pub slid_m: f64,
 }
 
 impl NeedleState {
+    /// Friction at each crossing of the needle, which is at `curve`.
+    pub fn rubbing(&self, curve: Curve) -> impl Iterator<Item = Rubbing> {
+        let each = self.history.crossings().iter().zip(&self.holds);
+        each.map(move |(crossing, hold)| Rubbing {
+            axial_n: hold.force.dot(&curve.tangent_at(crossing.alpha)),
+            limit_n: hold.limit_n,
+            slid_m: crossing.alpha - hold.alpha,
+        })
+    }
+
     pub fn new(part: &NeedlePart, settings: &NeedleSettings) -> Self {
         Self {
             pose: part.start,
@@ -109,10 +138,13 @@ impl NeedleState {
             history: History::new(settings.most_crossings),
             holds: Vec::with_capacity(settings.most_crossings),
             tip: Tip::Outside,
+            left: None,
             log: Vec::with_capacity(LOG),
             log_skipped: 0,
             log_every: 0,
             next_id: 0,
+            booked: part.start,
+            tip_force: Vector3::zeros(),
             tally: Tally::default(),
             speed: 0.0,
         }
@@ -126,10 +158,13 @@ impl NeedleState {
             history,
             holds,
             tip,
+            left,
             log,
             log_skipped,
             log_every,
             next_id,
+            booked,
+            tip_force,
             tally,
             speed,
         } = self;
@@ -138,10 +173,13 @@ impl NeedleState {
         history.clone_from(&other.history);
         holds.clone_from(&other.holds);
         *tip = other.tip;
+        *left = other.left;
         log.clone_from(&other.log);
         *log_skipped = other.log_skipped;
         *log_every = other.log_every;
         *next_id = other.next_id;
+        *booked = other.booked;
+        *tip_force = other.tip_force;
         *tally = other.tally;
         *speed = other.speed;
     }
@@ -196,5 +234,19 @@ impl NeedleState {
             self.log_every = 2 * self.log_every + 1;
         }
         self.log.push(self.pose);
+    }
+}
+
+/// With the same room, so that a copy does not allocate later either.
+impl Clone for NeedleState {
+    fn clone(&self) -> Self {
+        let mut copy = Self {
+            history: self.history.clone(),
+            holds: Vec::with_capacity(self.history.most()),
+            log: Vec::with_capacity(LOG),
+            ..*self
+        };
+        copy.copy_from(self);
+        copy
     }
 }

@@ -64,7 +64,8 @@ pub struct NeedleReport {
     pub slide: [f64; 6],
     /// Spent so far \[J\]: by friction, cutting, and forces let go.
     pub dissipated_j: [f64; 3],
-    /// Times so far that the way through the cells was guessed by its direction, or lost.
+    /// Times so far that the way through the cells was guessed by its direction, or lost, or that tissue folded
+    /// so far that crossings would have changed places.
     pub guessed: u32,
 }
 
@@ -145,6 +146,10 @@ pub(crate) fn step(
 ) -> Status {
     work.drive.system.begin_step();
     let count = state.each.len();
+    let mut speeds = [0.0; MAX_NEEDLES];
+    for (speed, each) in speeds.iter_mut().zip(&state.each) {
+        *speed = each.speed;
+    }
     let mut targets = [Isometry3::identity(); MAX_NEEDLES];
     for (target, each) in targets.iter_mut().zip(&mut state.each) {
         *target = each.pose;
@@ -210,8 +215,12 @@ pub(crate) fn step(
             break status;
         }
     };
-    if let Some(now) = time_us.filter(|_| matches!(status, Status::Ok | Status::Behind)) {
-        state.time_us = now;
+    if matches!(status, Status::Ok | Status::Behind) {
+        state.time_us = time_us.unwrap_or(state.time_us);
+    } else {
+        for (each, speed) in state.each.iter_mut().zip(&speeds) {
+            each.speed = *speed;
+        }
     }
     report.rows = work.drive.rows.len() as u32;
     if status == Status::Ok {
@@ -231,15 +240,24 @@ fn follow(
     clock: &mut Clock,
 ) -> Status {
     loop {
+        // What nobody holds is where the tissue took it.
+        let mut ends = [Isometry3::identity(); MAX_NEEDLES];
+        for ((end, each), target) in ends.iter_mut().zip(&state.each).zip(targets) {
+            *end = if each.grip.is_some() {
+                *target
+            } else {
+                each.pose
+            };
+        }
         let mut part = 1.0f64;
-        for ((each, target), own) in state.each.iter().zip(targets).zip(&needles.parts) {
+        for ((each, target), own) in state.each.iter().zip(&ends).zip(&needles.parts) {
             part = part.min(piece(needles, each, target, own));
         }
         if !part.is_finite() {
             return Status::NotFinite;
         }
         let mut poses = [Isometry3::identity(); MAX_NEEDLES];
-        for ((pose, each), target) in poses.iter_mut().zip(&state.each).zip(targets) {
+        for ((pose, each), target) in poses.iter_mut().zip(&state.each).zip(&ends) {
             *pose = towards(&each.pose, target, part);
         }
         report.substeps += 1;
@@ -254,11 +272,17 @@ fn follow(
             report,
             clock,
         };
-        if let Err(status) = drive.to(&poses[..count]) {
-            return status;
-        }
-        if part >= 1.0 {
-            return Status::Ok;
+        match drive.to(&poses[..count]) {
+            Ok(()) if part >= 1.0 => return Status::Ok,
+            Ok(()) => {}
+            // Where the way leads through what has no balance, its end may have one: that it can be left again.
+            Err(Status::NotConverged | Status::TooManyRows) if part < 1.0 => {
+                return match drive.to(&ends[..count]) {
+                    Ok(()) => Status::Ok,
+                    Err(status) => status,
+                };
+            }
+            Err(status) => return status,
         }
         if report.substeps >= MAX_PIECES {
             return Status::Behind;
@@ -295,9 +319,14 @@ fn towards(from: &Isometry3<f64>, to: &Isometry3<f64>, part: f64) -> Isometry3<f
     about(&from.translation.vector, &shift, &turn) * from
 }
 
-/// The pose of a sample's grip; `None` for a quaternion without length.
+/// The pose of a sample's grip; `None` for a number that is not finite, even squared, or a quaternion without
+/// length.
 pub(crate) fn pose_of(sample: &ToolSample) -> Option<Isometry3<f64>> {
     let [x, y, z, w] = sample.orientation;
+    let far = Vector3::from(sample.position_m).norm_squared();
+    if !(far.is_finite() && sample.orientation.iter().all(|x| x.is_finite())) {
+        return None;
+    }
     let rotation = UnitQuaternion::try_new(Quaternion::new(w, x, y, z), 1e-6)?;
     Some(Isometry3::from_parts(
         Translation3::from(sample.position_m),
@@ -466,7 +495,7 @@ fn reduce(
                 each.tally.cutting_j,
                 each.tally.release_j,
             ],
-            guessed: each.tally.guessed + each.tally.lost,
+            guessed: each.tally.guessed + each.tally.lost + each.tally.folded,
         };
         // Cells around the tip are next.
         if let Some(cell) = each.history.tip_cell(&needles.mesh) {

@@ -87,6 +87,7 @@ impl TangentWork {
                 }
             }
         }
+        regularise(matrix, n);
         self.lu.factor(matrix, n);
     }
 
@@ -120,7 +121,9 @@ impl TangentWork {
                 let turned = |axis: usize| turn.dot(&held.frame[axis].cross(&held.force));
                 for axis in 0..3 {
                     let along = held.frame[axis];
-                    change[n * pose + held.row + axis] = match held.law {
+                    let row = held.row + axis;
+                    change[n * pose + row] = match held.law {
+                        _ if w[row * (n + 1)] == 0.0 => 0.0,
                         Law::Slides if axis == 0 => {
                             let inward = -held.force.dot(&held.frame[1]);
                             turned(0) + held.curvature * inward * along.dot(&moved)
@@ -164,12 +167,13 @@ impl TangentWork {
     /// Stiffness against the uniform slide of a needle if nothing slid \[N/m\].
     pub fn sticking(&mut self, work: &NeedleWork, needle: usize) -> f64 {
         let n = work.rows.len();
-        self.matrix[..n * n].copy_from_slice(work.system.compliance(n));
+        let w = work.system.compliance(n);
+        self.matrix[..n * n].copy_from_slice(w);
         let rhs = &mut self.change[..n];
         rhs.fill(0.0);
         let mut any = false;
         for point in work.points.iter().filter(|point| point.needle == needle) {
-            rhs[point.first_row] = 1.0;
+            rhs[point.first_row] = f64::from(u8::from(w[point.first_row * (n + 1)] > 0.0));
             any = true;
             if point.what == What::Cut {
                 for axis in 1..3 {
@@ -180,10 +184,25 @@ impl TangentWork {
         if !any {
             return 0.0;
         }
+        regularise(&mut self.matrix[..n * n], n);
         self.lu.factor(&mut self.matrix[..n * n], n);
         self.lu.solve(&self.matrix[..n * n], n, rhs, 1);
         let along = work.points.iter().filter(|point| point.needle == needle);
         along.map(|point| self.change[point.first_row]).sum()
+    }
+}
+
+/// What a row's own compliance is raised by: rows that say the same share the force, as in a solve.
+const REGULAR: f64 = 1e-11;
+
+/// Rows on nodes that cannot move keep their force, and rows that repeat others do no harm.
+fn regularise(matrix: &mut [f64], n: usize) {
+    for row in 0..n {
+        if matrix[row * (n + 1)] == 0.0 {
+            free(matrix, n, row);
+        } else {
+            matrix[row * (n + 1)] *= 1.0 + REGULAR;
+        }
     }
 }
 

@@ -216,12 +216,29 @@ impl State {
 
     /// The faces that a needle goes through, from its end to its tip.
     pub fn crossings(&self, model: &Model, needle: u8) -> &[needle::Crossing] {
+        let history = self.needle_history(model, needle);
+        history.map_or(&[], needle::History::crossings)
+    }
+
+    /// The way of a needle through the mesh.
+    pub fn needle_history(&self, model: &Model, needle: u8) -> Option<&needle::History> {
+        let parts = &model.needles.as_ref()?.parts;
+        let index = parts.iter().position(|part| part.id == needle)?;
+        Some(&self.needles.as_ref()?.each.get(index)?.history)
+    }
+
+    /// What rubs at each of [`State::crossings`], in their order.
+    pub fn rubbing(&self, model: &Model, needle: u8) -> impl Iterator<Item = needle::Rubbing> {
         let found = || {
             let parts = &model.needles.as_ref()?.parts;
             let index = parts.iter().position(|part| part.id == needle)?;
-            Some(self.needles.as_ref()?.each.get(index)?.history.crossings())
+            let curve = |each: &needle::NeedleState| parts[index].needle.at(&each.pose);
+            let each = self.needles.as_ref()?.each.get(index)?;
+            Some((each, curve(each)))
         };
-        found().unwrap_or(&[])
+        found()
+            .into_iter()
+            .flat_map(|(each, curve)| each.rubbing(curve))
     }
 
     /// Nodes that are touched and the force on the tissue there \[N\]; a node touched by two tools comes

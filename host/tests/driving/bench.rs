@@ -5,7 +5,7 @@ use sutura_host::fem::{Loads, Material, Policy};
 use sutura_host::mesh::{TetMesh, slab, tube};
 use sutura_host::model::{Model, Passes};
 use sutura_host::needle::{
-    Needle, NeedlePart, NeedleReport, NeedleSettings, NeedleShape, NeedleTissue,
+    Needle, NeedlePart, NeedleReport, NeedleSettings, NeedleShape, NeedleTissue, Rubbing,
 };
 use sutura_host::step::{State, Status, StepReport, Workspace, step};
 use sutura_host::tool::{Shape, Tool, ToolSample};
@@ -62,10 +62,14 @@ pub fn a_tube() -> (TetMesh, Vec<u32>) {
 }
 
 pub struct Bench {
+    pub mesh: TetMesh,
     pub model: Model,
     pub state: State,
     pub work: Workspace,
+    /// Where tool 0 is.
     pub grip: Isometry3<f64>,
+    /// Where tool 1 is.
+    pub other: Isometry3<f64>,
     pub time_us: u64,
 }
 
@@ -115,54 +119,76 @@ impl Bench {
     }
 
     pub fn of(
-        (mesh, fixed): (TetMesh, Vec<u32>),
+        mesh: (TetMesh, Vec<u32>),
         kind: Kind,
         needle: Needle,
         start: Isometry3<f64>,
         tissue: &[NeedleTissue],
         settings: NeedleSettings,
     ) -> Self {
-        let tools = [
-            (0, Tool::new(Shape::Grip, [0.0; 3])),
-            (1, Tool::new(Shape::Grip, [0.0; 3])),
-        ];
+        Self::many(mesh, kind, &[(needle, start)], MATERIAL, tissue, settings)
+    }
+
+    /// Tool 0 holds the first needle, tool 1 the second, both at their frames.
+    pub fn many(
+        (mesh, fixed): (TetMesh, Vec<u32>),
+        kind: Kind,
+        needles: &[(Needle, Isometry3<f64>)],
+        material: Material,
+        tissue: &[NeedleTissue],
+        settings: NeedleSettings,
+    ) -> Self {
+        let tools = [0, 1].map(|id| (id, Tool::new(Shape::Grip, [0.0; 3])));
         let loads = Loads::default();
         let model = match kind {
-            Kind::Linear => Model::new(&mesh, MATERIAL, &fixed, loads, &tools),
+            Kind::Linear => Model::new(&mesh, material, &fixed, loads, &tools),
             Kind::Corotational(passes) => {
                 let policy = Policy::default();
-                Model::corotational(&mesh, MATERIAL, &fixed, loads, &tools, policy, passes)
+                Model::corotational(&mesh, material, &fixed, loads, &tools, policy, passes)
             }
         }
         .expect("tissue");
-        let part = NeedlePart {
-            id: 0,
-            needle,
-            start,
-        };
+        let parts: Vec<NeedlePart> = (0u8..)
+            .zip(needles)
+            .map(|(id, &(needle, start))| NeedlePart { id, needle, start })
+            .collect();
         let model = model
-            .with_needles(&mesh, &[part], tissue, settings)
-            .expect("a needle");
-        let mut state = State::new(&model);
+            .with_needles(&mesh, &parts, tissue, settings)
+            .expect("needles");
         let mut work = Workspace::new(&model);
         work.prepare(&model, |_| true);
+        let grips = [0, 1].map(|tool| needles.get(tool).map_or(needles[0].1, |(_, start)| *start));
         let mut bench = Self {
-            grip: start,
+            grip: grips[0],
+            other: grips[1],
             time_us: 0,
-            state: state.clone(),
+            state: State::new(&model),
             work,
             model,
+            mesh,
         };
-        assert!(state.hold(&bench.model, 0, Some(&bench.sample())));
-        bench.state = state;
+        for (id, _) in (0u8..).zip(needles) {
+            assert!(bench.hold(id, Some(id)));
+        }
         bench
     }
 
+    /// Has a tool take a needle where both are.
+    pub fn hold(&mut self, needle: u8, tool: Option<u8>) -> bool {
+        let sample = tool.map(|tool| self.sample_of(tool));
+        self.state.hold(&self.model, needle, sample.as_ref())
+    }
+
     pub fn sample(&self) -> ToolSample {
-        let turn = self.grip.rotation.coords;
+        self.sample_of(0)
+    }
+
+    pub fn sample_of(&self, tool: u8) -> ToolSample {
+        let grip = if tool == 0 { &self.grip } else { &self.other };
+        let turn = grip.rotation.coords;
         ToolSample {
-            id: 0,
-            position_m: self.grip.translation.vector.into(),
+            id: tool,
+            position_m: grip.translation.vector.into(),
             orientation: [turn.x, turn.y, turn.z, turn.w],
             velocity_m_per_s: [0.0; 3],
             console_time_us: self.time_us,
@@ -184,6 +210,74 @@ impl Bench {
         self.time_us += 5000;
         let sample = self.sample();
         step(&self.model, &mut self.state, &[sample], &mut self.work)
+    }
+
+    /// One step with both tools.
+    pub fn step_both(&mut self) -> StepReport {
+        self.time_us += 5000;
+        let samples = [self.sample_of(0), self.sample_of(1)];
+        step(&self.model, &mut self.state, &samples, &mut self.work)
+    }
+
+    /// What must be so after any step: numbers finite, histories in order, friction within its bounds and
+    /// no slide without all of it.
+    pub fn look(&self, report: &StepReport) {
+        for contact in report.contacts() {
+            let numbers = contact.wrench.iter().chain(contact.tangent.as_flattened());
+            assert!(numbers.into_iter().all(|x| x.is_finite()), "{contact:?}");
+        }
+        for needle in report.needles() {
+            let spent: f64 = needle.dissipated_j.iter().sum();
+            let all = [needle.axial_n, needle.hold_n, spent, report.stored_energy_j];
+            assert!(all.iter().all(|x| x.is_finite()), "{needle:?}");
+        }
+        for needle in 0..4 {
+            let Some(pose) = self.state.needle_pose(&self.model, needle) else {
+                return;
+            };
+            let coords = pose.to_homogeneous();
+            assert!(coords.iter().all(|x| x.is_finite()), "{pose:?}");
+            let history = self.state.needle_history(&self.model, needle);
+            let history = history.expect("the needle's");
+            // Its own length is checked by the crossings' places.
+            let checked = history.check(self.mesh.half_faces(), 1.0);
+            let alphas = || history.crossings().iter().map(|crossing| crossing.alpha);
+            assert_eq!(checked, Ok(()), "{:?}", alphas().collect::<Vec<f64>>());
+            // One that lies loose goes on moving after its last solve.
+            let held = report
+                .needles()
+                .iter()
+                .any(|own| own.id == needle && own.held_by.is_some());
+            if !held {
+                continue;
+            }
+            for (place, rubbing) in self.state.rubbing(&self.model, needle).enumerate() {
+                let Rubbing {
+                    axial_n,
+                    limit_n,
+                    slid_m,
+                } = rubbing;
+                // Known to 1e-8 of the needle, an arc's tangent lets so much of the force across it in.
+                let slack = 1e-6;
+                assert!(axial_n.abs() <= limit_n + slack, "{place}: {rubbing:?}");
+                let inside = axial_n.abs() < limit_n - slack;
+                assert!(!inside || slid_m.abs() < 1e-9, "{place}: {rubbing:?}");
+                // The needle runs ahead of what it drags.
+                let folded = report.needles().iter().any(|own| own.guessed > 0);
+                let slides = slid_m.abs() > 1e-9 && !folded;
+                assert!(
+                    !slides || axial_n * slid_m <= slack * slid_m.abs(),
+                    "{place}: {rubbing:?}"
+                );
+            }
+        }
+    }
+
+    /// As [`Self::step`], looked at.
+    pub fn try_step(&mut self) -> StepReport {
+        let report = self.step();
+        self.look(&report);
+        report
     }
 
     /// As [`Self::step`], which must go well.

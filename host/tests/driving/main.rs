@@ -1,6 +1,12 @@
 //! Needles driven through tissue: forces, energy, derivatives, extremes.
 
+mod aggregated;
+mod allocations;
 mod bench;
 mod energy;
+mod extremes;
 mod force;
+mod grips;
+mod playback;
 mod tangent;
+mod walks;

@@ -1,0 +1,217 @@
+//! Random walks of needles through tissue.
+
+use super::bench::*;
+use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
+use proptest::prelude::*;
+use sutura_host::mesh::{TetMesh, slab, tube};
+use sutura_host::needle::{Needle, NeedleSettings, NeedleTissue, Playback};
+use sutura_host::step::Status;
+
+/// Somewhere to go: of the way in, aside \[m\], turned \[rad\], in so many steps.
+#[derive(Clone, Debug)]
+struct Leg {
+    way: f64,
+    aside: [f64; 3],
+    turn: [f64; 3],
+    steps: u32,
+}
+
+fn legs() -> impl Strategy<Value = Vec<Leg>> {
+    let aside = prop::array::uniform3(-1.5e-3..1.5e-3f64);
+    let turn = prop::array::uniform3(-0.15..0.15f64);
+    let leg = (-0.1..1.1f64, aside, turn, 1u32..8).prop_map(|(way, aside, turn, steps)| Leg {
+        way,
+        aside,
+        turn,
+        steps,
+    });
+    prop::collection::vec(leg, 1..8)
+}
+
+fn tissues() -> impl Strategy<Value = NeedleTissue> {
+    let friction = prop_oneof![Just(0.0), 0.5..20.0f64];
+    let more = prop_oneof![Just(1.0), 1.0..2.0f64];
+    let viscous = prop_oneof![Just(0.0), 0.0..20.0f64];
+    let cutting = prop_oneof![Just(0.0), 0.0..1.0f64];
+    let puncture = prop_oneof![Just(0.0), 0.0..1.0f64, 0.0..0.1f64, Just(f64::INFINITY)];
+    (friction, more, viscous, cutting, puncture).prop_map(
+        |(friction, more, viscous, cutting, puncture)| NeedleTissue {
+            friction_n_per_m: friction,
+            static_friction_n_per_m: friction * more,
+            viscous_n_s_per_m2: viscous,
+            cutting_pa: cutting * tissue().cutting_pa,
+            puncture_pa: puncture * tissue().puncture_pa,
+        },
+    )
+}
+
+fn ends(mesh: TetMesh, axis: usize) -> (TetMesh, Vec<u32>) {
+    let far = mesh.points_m().iter().map(|p| p[axis].abs());
+    let far = far.fold(0.0, f64::max);
+    let fixed = (0u32..)
+        .zip(mesh.points_m())
+        .filter(|(_, p)| p[axis].abs() > 0.99 * far)
+        .map(|(node, _)| node)
+        .collect();
+    (mesh, fixed)
+}
+
+/// Where the frame is after a part of the way, which a straight needle goes along itself and an arc about its
+/// centre.
+fn on_the_way(needle: &Needle, start: &Isometry3<f64>, way_m: f64) -> Isometry3<f64> {
+    let curve = needle.at(start);
+    if curve.curvature == 0.0 {
+        let shift = Translation3::from(curve.tangent * way_m);
+        return shift * start;
+    }
+    let centre = curve.start + curve.inward / curve.curvature;
+    let turn = UnitQuaternion::from_scaled_axis(curve.binormal() * (way_m * curve.curvature));
+    let to = centre + turn * (curve.start - centre);
+    Isometry3::from_parts(Translation3::from(to), turn * start.rotation)
+}
+
+struct Course {
+    bench: Bench,
+    needle: Needle,
+    start: Isometry3<f64>,
+    /// All the way through the tissue \[m\].
+    through_m: f64,
+}
+
+impl Course {
+    fn new(
+        mesh: (TetMesh, Vec<u32>),
+        needle: Needle,
+        start: Isometry3<f64>,
+        through_m: f64,
+        tissue: NeedleTissue,
+        every_pose: bool,
+    ) -> Self {
+        let settings = NeedleSettings {
+            playback: if every_pose {
+                Playback::EveryPose
+            } else {
+                Playback::OneSolve
+            },
+            ..NeedleSettings::default()
+        };
+        Self {
+            bench: Bench::new(mesh, Kind::Linear, needle, start, tissue, settings),
+            needle,
+            start,
+            through_m,
+        }
+    }
+
+    fn slabs(tissue: NeedleTissue, every_pose: bool) -> Self {
+        let one = slab([0.02, 0.02, 0.006], [3, 3, 2]).expect("a slab");
+        let lifted = one.points_m().iter().map(|p| [p[0], p[1], p[2] + 0.009]);
+        let other = TetMesh::new(lifted.collect(), one.cells().to_vec()).expect("a slab");
+        let both = other.beside(&one).expect("apart");
+        let start = frame([0.0013, 0.0007, 0.042], [0.05, 0.02, -1.0], [1.0, 0.0, 0.0]);
+        Self::new(
+            ends(both, 0),
+            straight(0.03),
+            start,
+            0.022,
+            tissue,
+            every_pose,
+        )
+    }
+
+    fn tube(tissue: NeedleTissue, every_pose: bool) -> Self {
+        let mesh = tube([0.006, 0.01], [0.0, 0.02], [2, 14, 4]).expect("a tube");
+        let centre = Vector3::new(0.0135, 0.0, 0.0101);
+        let end = centre - Vector3::y() * 0.009;
+        let start = frame(end.into(), [1.0, 0.0, 0.02], [0.0, 1.0, 0.01]);
+        let low = mesh
+            .points_m()
+            .iter()
+            .map(|p| p[2])
+            .fold(f64::MAX, f64::min);
+        let fixed = (0u32..)
+            .zip(mesh.points_m())
+            .filter(|(_, p)| p[2] < low + 1e-9)
+            .map(|(node, _)| node)
+            .collect();
+        Self::new(
+            (mesh, fixed),
+            arc(0.009, 150.0),
+            start,
+            0.022,
+            tissue,
+            every_pose,
+        )
+    }
+
+    fn go(&mut self, to: Isometry3<f64>) -> Status {
+        self.bench.grip = to;
+        let before = self.bench.state.clone();
+        let report = self.bench.try_step();
+        match report.status {
+            Status::Ok => {
+                assert_eq!(report.contacts().len(), 1);
+                assert_eq!(report.needles().len(), 1);
+            }
+            Status::Behind => {}
+            // A later piece of the way may have failed.
+            _ if report.substeps <= 1 => {
+                assert_eq!(self.bench.state, before, "{:?}", report.status);
+            }
+            _ => {}
+        }
+        report.status
+    }
+
+    fn walk(mut self, legs: &[Leg]) {
+        let mut statuses = [0u32; 2];
+        let mut from = self.bench.grip;
+        for leg in legs {
+            let on = on_the_way(&self.needle, &self.start, leg.way * self.through_m);
+            let shift = Vector3::from(leg.aside);
+            let turn = UnitQuaternion::from_scaled_axis(Vector3::from(leg.turn));
+            let rotation = turn * on.rotation;
+            let to =
+                Isometry3::from_parts(Translation3::from(on.translation.vector + shift), rotation);
+            for step in 1..=leg.steps {
+                let part = f64::from(step) / f64::from(leg.steps);
+                let between = from.lerp_slerp(&to, part);
+                let status = self.go(between);
+                statuses[usize::from(status == Status::Ok)] += 1;
+            }
+            from = to;
+        }
+        // Out along itself, and on until it is.
+        let pose = self
+            .bench
+            .state
+            .needle_pose(&self.bench.model, 0)
+            .expect("a needle");
+        let curve = self.needle.at(&pose);
+        let mut last = Status::Ok;
+        for step in 1..=140 {
+            let way = -(f64::from(step) * 0.25e-3).min(curve.length + 2e-3);
+            last = self.go(on_the_way(&self.needle, &pose, way));
+        }
+        assert_eq!(last, Status::Ok);
+        let left = self.bench.state.crossings(&self.bench.model, 0);
+        assert!(left.is_empty(), "{left:?}");
+        let forces = self.bench.state.contact_forces(&self.bench.model).count();
+        assert_eq!(forces, 0);
+        assert_eq!(self.bench.largest_displacement_m(), 0.0);
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { failure_persistence: None, ..ProptestConfig::with_cases(48) })]
+
+    #[test]
+    fn straight_needles_through_slabs(tissue in tissues(), legs in legs(), every_pose: bool) {
+        Course::slabs(tissue, every_pose).walk(&legs);
+    }
+
+    #[test]
+    fn arcs_through_tubes(tissue in tissues(), legs in legs(), every_pose: bool) {
+        Course::tube(tissue, every_pose).walk(&legs);
+    }
+}
