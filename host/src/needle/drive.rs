@@ -94,6 +94,8 @@ pub(crate) struct NeedleWork {
     /// Let go of a face, or was withdrawn from one, in this balance: the tissue that gives way is not to be
     /// gone into at once.
     let_go: Vec<bool>,
+    /// Where each point of the needles is acted on.
+    arms: Vec<Vector3<f64>>,
     /// Where each loose needle turns about in the last solve, and its drag.
     drags: Vec<Option<(Vector3<f64>, Vector6<f64>)>>,
     /// Took the face that it holds in this balance.
@@ -122,6 +124,7 @@ impl NeedleWork {
             saved_grasp: Grasp::new(grasp.motion().clone(), &settings),
             tips: vec![Vector3::zeros(); count],
             let_go: vec![false; count],
+            arms: Vec::with_capacity(anchors),
             drags: vec![None; count],
             took: vec![false; count],
             pressed: vec![false; count],
@@ -1009,13 +1012,13 @@ impl Drive<'_> {
                 continue;
             };
             let part = &self.needles.parts[needle].needle;
-            let (curve, length) = (part.at(&self.states[needle].pose), part.shape.length_m());
+            let length = part.shape.length_m();
             // Where the solve has it: with the arms that the compliance has.
             let mut wrench = Vector6::zeros();
             for (index, point) in self.work.points.iter().enumerate() {
                 if point.needle == needle {
                     let force = -self.grasp.force_on(index);
-                    let moment = (curve.at(point.alpha) - centre).cross(&force);
+                    let moment = (self.work.arms[index] - centre).cross(&force);
                     wrench += Vector6::new(force.x, force.y, force.z, moment.x, moment.y, moment.z);
                 }
             }
@@ -1061,6 +1064,26 @@ impl Drive<'_> {
 
     /// Lets loose needles give way in the compliance.
     fn loosen(&mut self) {
+        let mut arms = std::mem::take(&mut self.work.arms);
+        arms.clear();
+        arms.extend(
+            self.work
+                .points
+                .iter()
+                .zip(&self.work.anchors)
+                .map(|(point, at)| {
+                    if point.what == What::Cut {
+                        // It holds along the needle only, and may lie beside it.
+                        return self.position_of(at);
+                    }
+                    let pose = &self.states[point.needle].pose;
+                    self.needles.parts[point.needle]
+                        .needle
+                        .at(pose)
+                        .at(point.alpha)
+                }),
+        );
+        self.work.arms = arms;
         for needle in 0..self.states.len() {
             if self.states[needle].grip.is_some() {
                 continue;
@@ -1070,20 +1093,16 @@ impl Drive<'_> {
                 continue;
             };
             let n = self.work.rows.len();
-            let curve = self.needles.parts[needle]
-                .needle
-                .at(&self.states[needle].pose);
             let NeedleWork {
                 system,
                 points,
                 rows,
+                arms,
                 ..
             } = &mut *self.work;
             let jacobian = |row: usize| {
-                let point = points[row / 3];
                 let along = Vector3::from(rows[row].direction);
-                let arm = curve.at(point.alpha) - centre;
-                let turn = arm.cross(&along);
+                let turn = (arms[row / 3] - centre).cross(&along);
                 Vector6::new(along.x, along.y, along.z, turn.x, turn.y, turn.z)
             };
             let w = system.compliance_mut(n);

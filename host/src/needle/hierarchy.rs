@@ -305,7 +305,10 @@ mod tests {
             let (b, reach) = (a + (b - a) * 0.2, 0.2 * spread(k).abs());
             let capsule = Capsule::new(&a, &b);
             let mut near = Vec::new();
-            asked += hierarchy.near(|bounds, _| capsule.meets(bounds, reach), |face| near.push(face));
+            asked += hierarchy.near(
+                |bounds, _| capsule.meets(bounds, reach),
+                |face| near.push(face),
+            );
             visited += near.len();
             near.sort_unstable();
             assert!(near.windows(2).all(|pair| pair[0] < pair[1]));

@@ -40,9 +40,6 @@ pub enum Playback {
 pub struct NeedleSettings {
     /// What follows a puncture.
     pub playback: Playback,
-    /// Steps that one solve serves while nothing happens but sticking and sliding, at least 1: in
-    /// between, wrenches follow the last tangent.
-    pub solve_every: u32,
     /// Most faces that one needle can go through.
     pub most_crossings: usize,
     /// Vertices whose columns one step may compute before it waits.
@@ -56,7 +53,6 @@ impl Default for NeedleSettings {
     fn default() -> Self {
         Self {
             playback: Playback::OneSolve,
-            solve_every: 1,
             most_crossings: 48,
             vertices_per_step: 64,
             memory_bytes: 512 << 20,
@@ -166,7 +162,6 @@ impl Needles {
             return Err(NeedleError::Cells { given, cells });
         }
         for (what, value) in [
-            ("solve_every", settings.solve_every as usize),
             ("most_crossings", settings.most_crossings),
             ("vertices_per_step", settings.vertices_per_step),
         ] {

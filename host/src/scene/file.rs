@@ -447,9 +447,6 @@ pub struct NeedleSolverSection {
     /// What follows a puncture.
     #[serde(default)]
     pub playback: PlaybackName,
-    /// Steps that one solve serves while nothing happens but sticking and sliding; 1 when left out.
-    #[schemars(with = "Option<u32>")]
-    pub solve_every: Option<Spanned<u32>>,
 }
 
 /// `[[handle]]`: a point of tissue by barycentric coordinates, and where it goes.

@@ -235,7 +235,6 @@ impl Scene {
             .collect();
         let settings = NeedleSettings {
             playback: self.needle_solver.playback,
-            solve_every: self.needle_solver.solve_every,
             ..NeedleSettings::default()
         };
         model.with_needles(&self.mesh, &parts, &self.needle_tissue, settings)

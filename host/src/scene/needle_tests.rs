@@ -87,7 +87,6 @@ time_s = 0.0
 
 [needle_solver]
 playback = "every-pose"
-solve_every = 4
 
 [hand]
 stiffness_n_per_m = 800.0
@@ -102,7 +101,6 @@ fn what_is_written_arrives() {
     assert_eq!(scene.solve_at_s, Some(3.0));
     let expected = NeedleSolver {
         playback: crate::needle::Playback::EveryPose,
-        solve_every: 4,
     };
     assert_eq!(scene.needle_solver, expected);
     let [arc, straight] = scene.needles.as_slice() else {
@@ -480,13 +478,6 @@ const SLIPS: &[Slip] = &[
         help: "`[[load]]`",
     },
     Slip {
-        from: "solve_every = 4",
-        to: "solve_every = 0",
-        message: "solve_every = 0: must be 1 or more",
-        under: "0",
-        help: "every step",
-    },
-    Slip {
         from: "playback = \"every-pose\"",
         to: "playback = \"every-posse\"",
         message: "unknown value `every-posse`",
@@ -501,7 +492,7 @@ fn every_slip_is_told_at_its_place_with_a_way_out() {
     let [_, rest] = GOOD
         .split("[[needle]]")
         .next()
-        .map(|tools| [tools, "[needle_solver]\nsolve_every = 2\n"])
+        .map(|tools| [tools, "[needle_solver]\nplayback = \"one-solve\"\n"])
         .expect("tools");
     let without = GOOD.split("[[needle]]").next().expect("tools");
     let without = without.replace("solve_at_s = 3.0\n", "") + rest;

@@ -41,21 +41,10 @@ pub struct Hold {
 }
 
 /// Speed against accuracy of needles.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct NeedleSolver {
     /// What follows a puncture.
     pub playback: Playback,
-    /// Steps that one solve serves while nothing happens but sticking and sliding, at least 1.
-    pub solve_every: u32,
-}
-
-impl Default for NeedleSolver {
-    fn default() -> Self {
-        NeedleSolver {
-            playback: Playback::default(),
-            solve_every: 1,
-        }
-    }
 }
 
 /// The needles of a scene, with different ids.
@@ -455,7 +444,7 @@ fn read_properties(
 /// Speed against accuracy.
 ///
 /// # Errors
-/// A flaw at settings without a needle, and at `solve_every = 0`.
+/// A flaw at settings without a needle.
 pub(super) fn read_needle_solver(
     document: &Document,
     file: &SceneFile,
@@ -468,20 +457,11 @@ pub(super) fn read_needle_solver(
         let help = "add a `[[needle]]`, or leave this section out";
         return Err(document.flaw(section.span(), message, "no needle", Some(help)));
     }
-    let NeedleSolverSection {
-        playback,
-        solve_every,
-    } = section.get_ref();
-    if let Some(zero) = solve_every.as_ref().filter(|every| *every.get_ref() == 0) {
-        let message = "solve_every = 0: must be 1 or more";
-        let help = "1 solves in every step";
-        return Err(document.flaw(zero.span(), message, "must be 1 or more", Some(help)));
-    }
+    let NeedleSolverSection { playback } = section.get_ref();
     Ok(NeedleSolver {
         playback: match playback {
             PlaybackName::OneSolve => Playback::OneSolve,
             PlaybackName::EveryPose => Playback::EveryPose,
         },
-        solve_every: solve_every.as_ref().map_or(1, |every| *every.get_ref()),
     })
 }

@@ -1,6 +1,5 @@
 //! Needles driven through tissue: forces, energy, derivatives, extremes.
 
-mod aggregated;
 mod allocations;
 mod bench;
 mod energy;
