@@ -11,8 +11,6 @@ use sutura_host::step::{Status, step};
 fn in_and_out(bench: &mut Bench, needle: &Needle, way_m: f64) -> (u32, u32, u32) {
     let start = bench.grip;
     let (mut well, mut punctures, mut most) = (0, 0, 0);
-    let mut bad = [(0, Status::Ok); 20];
-    let mut wrong = 0;
     for tick in 0..300 {
         let part = 1.0 - (f64::from(tick) / 100.0 - 1.0).abs().min(1.0);
         let curve = needle.at(&start);
@@ -39,16 +37,11 @@ fn in_and_out(bench: &mut Bench, needle: &Needle, way_m: f64) -> (u32, u32, u32)
         }
         let report = step(&bench.model, &mut bench.state, &[sample], &mut bench.work);
         well += u32::from(report.status == Status::Ok);
-        if report.status != Status::Ok && wrong < 20 {
-            bad[wrong] = (tick, report.status);
-            wrong += 1;
-        }
         if let Some(needle) = report.needles().first() {
             punctures = needle.punctures;
             most = most.max(needle.crossings);
         }
     }
-    println!("{:?}", &bad[..wrong]);
     (well, punctures, most)
 }
 
