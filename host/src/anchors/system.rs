@@ -356,6 +356,24 @@ impl System {
         &self.w[..rows * rows]
     }
 
+    /// delta at no forces of the rows of the last [`Self::assemble`] \[m\], (n).
+    pub fn delta_free_m(&self, rows: usize) -> &[f64] {
+        &self.delta_free[..rows]
+    }
+
+    /// Forces on vertices of the rows on several anchors that were read last, of which there are no others, with
+    /// multipliers `lambda` \[N\].
+    pub fn pushes<'a>(&'a self, lambda: &'a [f64]) -> impl Iterator<Item = Push> + 'a {
+        pushes(&self.next_anchors, &[], &self.spread, lambda)
+    }
+
+    /// Makes room for the rows on several anchors, so that reading them does not.
+    pub fn reserve_spread(&mut self) {
+        let most = self.settings.most_spread;
+        self.spread.rows.reserve(most);
+        self.spread.terms.reserve(most * self.settings.most_anchors);
+    }
+
     /// Place of a node among the reached.
     fn vertex(&self, node: u32) -> Option<u32> {
         let vertex = self.reached_of_node.get(node as usize).copied();

@@ -3,3 +3,4 @@
 //! Entry point: [`pull::ThreadSolver`]. Source: Younes 2021, section 3.3.
 
 pub mod pull;
+mod tension;

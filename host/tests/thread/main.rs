@@ -64,7 +64,7 @@ fn stitches(mesh: &TetMesh, count: usize) -> (Vec<PathPoint>, Vec<bool>) {
 
 fn solver(mesh: &TetMesh, fixed: &[u32], points: usize) -> ThreadSolver {
     let tissue = LinearTissue::new(mesh, MATERIAL, fixed).expect("tissue");
-    ThreadSolver::new(Arc::new(tissue), mesh.points_m(), points).expect("a solver")
+    ThreadSolver::new(Arc::new(tissue), mesh.points_m(), points, 20.0).expect("a solver")
 }
 
 fn pulled(count: usize, shares: &[f64]) -> Vec<Pull> {
