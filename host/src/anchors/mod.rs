@@ -9,6 +9,8 @@ pub mod circling;
 mod compliance;
 mod solver;
 mod system;
+#[cfg(test)]
+mod tests;
 
 pub use solver::{AnchorSettings, AnchorSolver, AnchorStages, AnchorStatus, AnchorStep};
 pub(crate) use system::{Grasp, System, is_solved};

@@ -21,14 +21,16 @@ use nalgebra::Vector3;
 const TIGHT: f64 = 1e-13;
 /// Residual that is still a solution when rounding stops earlier.
 const LOOSE: f64 = 1e-9;
+/// Lengths are not told apart to less than that share of this \[m\].
+const SHORTEST_M: f64 = 1e-3;
 /// Most solves.
 const MOST_SOLVES: u32 = 200;
 /// Newton's steps between two proximal ones.
 const NEWTON_STEPS: u32 = 12;
 /// Newton's steps within a proximal one.
 const PROXIMAL_STEPS: u32 = 20;
-/// A residual that falls less than to this is not falling.
-const FALLING: f64 = 0.7;
+/// Newton goes on while no step makes the residual larger by more than this: the first ones may.
+const FALLING: f64 = 30.0;
 /// Share of the proximal term in Newton's matrix: forces on welds that say the same twice would have no solution.
 const REGULARISATION: f64 = 1e-10;
 /// Halvings of a line search.
@@ -43,7 +45,7 @@ pub(crate) enum End {
     Limit,
     /// Neither within the solves allowed; forces obey their bounds.
     NotConverged,
-    /// NaN, infinity, or lengths that do not match; no forces.
+    /// NaN, infinity, beyond what f64 can hold, or lengths that do not match; no forces.
     Malformed,
 }
 
@@ -72,6 +74,8 @@ pub(crate) struct Tension {
     /// 1 / (number of taut pieces) while their total length is held, else 0.
     shared: f64,
     tension_n: f64,
+    /// Whether that is the limit.
+    limited: bool,
     c: f64,
     lengths: Vec<f64>,
     best: Vec<f64>,
@@ -101,6 +105,7 @@ impl Tension {
             pieces: Vec::with_capacity(most),
             shared: 0.0,
             tension_n: 0.0,
+            limited: false,
             c: 0.0,
             lengths: Vec::with_capacity(most),
             best: vector(),
@@ -143,6 +148,7 @@ impl Tension {
         self.way.clear();
         self.pieces.clear();
         self.tension_n = 0.0;
+        self.limited = false;
         self.shared = 0.0;
     }
 
@@ -156,7 +162,7 @@ impl Tension {
         limit_n: f64,
     ) -> (End, u32) {
         let n = free.len();
-        let extent = total(free) + available_m;
+        let extent = (total(free) + available_m).max(SHORTEST_M);
         let sound = n.is_multiple_of(3)
             && n <= 3 * self.most
             && compliance.len() == n * n
@@ -183,7 +189,7 @@ impl Tension {
             limit_n,
         };
         self.c = scale(compliance, free);
-        let (c, tight) = (self.c, TIGHT * extent);
+        let (c, tight, loose) = (self.c, TIGHT * extent, LOOSE * extent);
         if total(free) <= available_m {
             self.force.fill(0.0);
             self.look(&problem, c);
@@ -191,7 +197,7 @@ impl Tension {
         }
         let mut solves = 0;
         let mut least = self.look(&problem, c);
-        let mut proximal = c;
+        let mut proximal = 0.1 * c;
         self.best[..n].copy_from_slice(&self.force);
         'search: loop {
             let mut before = least;
@@ -202,36 +208,47 @@ impl Tension {
                 solves += 1;
                 self.newton(&problem);
                 let residual = self.look(&problem, c);
-                let falls = residual <= FALLING * before;
+                let goes_on = residual <= FALLING * before;
                 before = residual;
                 if residual <= 0.5 * least || residual < least && residual <= tight {
                     least = residual;
                     self.best[..n].copy_from_slice(&self.force);
                 }
-                if !falls {
+                if !goes_on {
                     break;
                 }
             }
             self.force.copy_from_slice(&self.best[..n]);
-            if least <= LOOSE * extent {
+            if least <= loose {
                 break;
             }
             solves += self.proximal(&problem, proximal);
             // Smaller ones go further, for a harder problem.
-            proximal = (0.3 * proximal).max(1e-6 * c);
+            proximal = (0.1 * proximal).max(1e-9 * c);
             least = self.look(&problem, c);
             self.best[..n].copy_from_slice(&self.force);
         }
         self.force.copy_from_slice(&self.best[..n]);
         let residual = self.look(&problem, c);
-        // Exactly within their bounds.
-        for ((force, z), way) in self.force.iter_mut().zip(&self.left).zip(&self.way) {
-            *force += (way - z) / c;
+        // Exactly within their bounds, whatever the numbers were.
+        for ((force, left), way) in self.force.iter_mut().zip(&self.left).zip(&self.way) {
+            *force += (way - left) / c;
         }
         self.look(&problem, c);
-        let end = if residual > LOOSE * extent || !residual.is_finite() {
+        for force in self.force.chunks_exact_mut(3) {
+            let size = norm(force);
+            if size > self.tension_n {
+                let share = self.tension_n / size;
+                force.iter_mut().for_each(|force| *force *= share);
+            }
+        }
+        if !(residual.is_finite() && self.force.iter().all(|force| force.is_finite())) {
+            self.clear();
+            return (End::Malformed, solves);
+        }
+        let end = if residual > loose {
             End::NotConverged
-        } else if self.tension_n >= limit_n {
+        } else if self.limited {
             End::Limit
         } else {
             End::Solved
@@ -369,7 +386,7 @@ impl Tension {
             })
             .sum();
         let over = total(&self.left[..n]) - problem.available_m;
-        let limited = if self.shared == 0.0 && over > 0.0 {
+        let limited = if self.limited {
             problem.limit_n * over
         } else {
             0.0
@@ -413,6 +430,7 @@ impl Tension {
         self.lengths.sort_unstable_by(|a, b| b.total_cmp(a));
         let sum: f64 = self.lengths.iter().sum();
         self.tension_n = 0.0;
+        self.limited = false;
         self.shared = 0.0;
         if sum <= problem.available_m {
             self.pieces.fill(Piece::Loose);
@@ -432,11 +450,13 @@ impl Tension {
         if taut > 0.0 {
             self.shared = 1.0 / taut;
         }
-        if tau >= c * problem.limit_n {
+        self.limited = tau >= c * problem.limit_n;
+        self.tension_n = tau / c;
+        if self.limited {
             tau = c * problem.limit_n;
+            self.tension_n = problem.limit_n;
             self.shared = 0.0;
         }
-        self.tension_n = tau / c;
         for (z, piece) in z.chunks_exact_mut(3).zip(&mut self.pieces) {
             let length = norm(z);
             if length > tau {
@@ -556,3 +576,6 @@ fn norm(v: &[f64]) -> f64 {
 fn dot(a: &[f64], b: &[f64]) -> f64 {
     a.iter().zip(b).map(|(a, b)| a * b).sum()
 }
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,162 @@
+//! Random paths against clarabel's interior point method on the problem as it is stated: least energy of the
+//! tissue under a bound on the path's length, with K^-1 from whole solves.
+
+use super::*;
+use clarabel::algebra::CscMatrix;
+use clarabel::solver::SupportedConeT::{NonnegativeConeT, SecondOrderConeT};
+use clarabel::solver::{DefaultSettingsBuilder, DefaultSolver, IPSolver, SolverStatus};
+use sutura_host::thread::pull::PullStatus;
+
+/// How segments (3 each) are, and how forces along their axes move them, by columns.
+fn gathered(scene: &Scene, path: &[PathPoint], outside: &[bool]) -> (Vec<f64>, Vec<Vec<f64>>) {
+    let rest = scene.at_rest();
+    let segments: Vec<_> = outside_segments(path, outside).collect();
+    let ways = |moved: &[[f64; 3]]| -> Vec<f64> {
+        segments
+            .iter()
+            .flat_map(|(a, b)| {
+                let way: [f64; 3] = (scene.at(b, moved) - scene.at(a, moved)).into();
+                way
+            })
+            .collect()
+    };
+    let free = ways(&rest);
+    let mut columns = Vec::new();
+    for ends in &segments {
+        for axis in 0..3 {
+            let pulled = [(ends.0, 1.0), (ends.1, -1.0)];
+            let forces = pulled.iter().flat_map(|(point, sign)| {
+                let anchor = match point {
+                    PathPoint::Tissue(anchor) => Some(*anchor),
+                    PathPoint::Held(_) => None,
+                };
+                anchor.into_iter().flat_map(move |anchor| {
+                    let nodes = anchor.nodes.into_iter().zip(anchor.weights);
+                    nodes.map(move |(node, weight)| {
+                        let mut force = [0.0; 3];
+                        force[axis] = sign * weight;
+                        (node, force)
+                    })
+                })
+            });
+            let moved = scene.moved(forces);
+            columns.push(ways(&moved).iter().zip(&free).map(|(y, f)| f - y).collect());
+        }
+    }
+    (free, columns)
+}
+
+/// Tension and segments: `min 1/2 w'Gw` with `|y_free - G w| <= t` by segments, `sum t <= a`.
+fn cone_programme(free: &[f64], g: &[Vec<f64>], available_m: f64) -> (f64, Vec<f64>) {
+    let (n, m) = (free.len(), free.len() / 3);
+    let length = free.iter().fold(0.0f64, |most, x| most.max(x.abs()));
+    let soft = g.iter().flatten().fold(0.0f64, |most, x| most.max(x.abs()));
+    let g = |row: usize, column: usize| 0.5 * (g[column][row] + g[row][column]) / soft;
+    let (mut values, mut rows, mut starts) = (Vec::new(), Vec::new(), vec![0]);
+    for column in 0..n {
+        for row in 0..=column {
+            rows.push(row);
+            values.push(g(row, column));
+        }
+        starts.push(rows.len());
+    }
+    starts.extend(std::iter::repeat_n(rows.len(), m));
+    let hessian = CscMatrix::new(n + m, n + m, starts, rows, values);
+    // Rows: the sum, then by segments t and y.
+    let (mut values, mut rows, mut starts) = (Vec::new(), Vec::new(), vec![0]);
+    for column in 0..n {
+        for row in 0..n {
+            rows.push(1 + 4 * (row / 3) + 1 + row % 3);
+            values.push(g(row, column));
+        }
+        starts.push(rows.len());
+    }
+    for segment in 0..m {
+        rows.extend([0, 1 + 4 * segment]);
+        values.extend([1.0, -1.0]);
+        starts.push(rows.len());
+    }
+    let matrix = CscMatrix::new(1 + 4 * m, n + m, starts, rows, values);
+    let mut bounds = vec![available_m / length];
+    let mut cones = vec![NonnegativeConeT(1)];
+    for way in free.chunks(3) {
+        bounds.push(0.0);
+        bounds.extend(way.iter().map(|x| x / length));
+        cones.push(SecondOrderConeT(4));
+    }
+    let settings = DefaultSettingsBuilder::default()
+        .verbose(false)
+        .tol_gap_abs(1e-14)
+        .tol_gap_rel(1e-14)
+        .tol_feas(1e-14)
+        .build()
+        .expect("settings");
+    let linear = vec![0.0; n + m];
+    let mut solver = DefaultSolver::new(&hessian, &linear, &matrix, &bounds, &cones, settings)
+        .expect("a programme");
+    solver.solve();
+    let solution = &solver.solution;
+    assert!(matches!(
+        solution.status,
+        SolverStatus::Solved | SolverStatus::AlmostSolved | SolverStatus::InsufficientProgress
+    ));
+    let ways = (0..n)
+        .map(|row| {
+            let moved: f64 = (0..n)
+                .map(|column| g(row, column) * solution.x[column])
+                .sum();
+            free[row] - length * moved
+        })
+        .collect();
+    (solution.z[0] * length / soft, ways)
+}
+
+#[test]
+fn tension_and_segments_are_those_of_the_cone_programme() {
+    let scene = Scene::new();
+    let mut solver = scene.solver(16, 1e3);
+    let mut random = Random(7);
+    let (mut worst, mut welds, mut most, mut taut, mut sum) = ((0.0f64, 0.0f64), 0, 0, 0, 0);
+    for case in 0..60 {
+        let (path, outside) = if case < 8 {
+            stitches(&scene.mesh, 1 + case)
+        } else {
+            random.path(&scene.mesh)
+        };
+        if path.len() > 16 {
+            solver = scene.solver(path.len(), 1e3);
+        }
+        let (free, g) = gathered(&scene, &path, &outside);
+        let whole: f64 = free
+            .chunks(3)
+            .map(|y| Vector3::from_column_slice(y).norm())
+            .sum();
+        let share = if case < 8 {
+            0.5
+        } else {
+            0.2 + 0.85 * random.unit()
+        };
+        let pull = solver.pull(&path, &outside, share * whole);
+        if pull.status == PullStatus::Strained {
+            continue;
+        }
+        assert_eq!(pull.status, PullStatus::Ok, "{case}");
+        if share >= 1.0 {
+            assert_eq!(pull.tension_n, 0.0);
+            continue;
+        }
+        let (tension, ways) = cone_programme(&free, &g, share * whole);
+        let off = (pull.tension_n - tension).abs() / tension;
+        let far = (0..ways.len() / 3).flat_map(|segment| solver.segment_m(segment).expect("one"));
+        let far = far.zip(&ways).map(|(own, way)| (own - way).abs());
+        let far = far.fold(0.0, f64::max) / whole;
+        assert!(off < 1e-6 && far < 1e-6, "{case}: {off:e} {far:e} {pull:?}");
+        worst = (worst.0.max(off), worst.1.max(far));
+        welds += pull.welds;
+        most = most.max(pull.solves);
+        sum += pull.solves;
+        taut += 1;
+    }
+    println!("{taut} taut: {worst:?} off, {welds} welds, solves {sum}, at most {most}");
+    assert!(taut >= 30 && welds >= 10);
+}
