@@ -46,28 +46,46 @@ fn gathered(scene: &Scene, path: &[PathPoint], outside: &[bool]) -> (Vec<f64>, V
     (free, columns)
 }
 
-/// Tension and segments: `min 1/2 w'Gw` with `|y_free - G w| <= t` by segments, `sum t <= a`.
+/// Columns of R with `R R'` the given matrix of any rank: Cholesky with the largest pivot first.
+fn root(n: usize, entry: impl Fn(usize, usize) -> f64) -> Vec<Vec<f64>> {
+    let mut columns: Vec<Vec<f64>> = Vec::new();
+    let left = |columns: &[Vec<f64>], row: usize, column: usize| {
+        let done: f64 = columns.iter().map(|r| r[row] * r[column]).sum();
+        entry(row, column) - done
+    };
+    for _ in 0..n {
+        let sizes = (0..n).map(|row| (row, left(&columns, row, row)));
+        let (pivot, size) = sizes
+            .max_by(|a, b| a.1.total_cmp(&b.1))
+            .expect("at least one");
+        let next = if size > 1e-15 {
+            let column = (0..n).map(|row| left(&columns, row, pivot) / size.sqrt());
+            column.collect()
+        } else {
+            vec![0.0; n]
+        };
+        columns.push(next);
+    }
+    columns
+}
+
+/// Tension and segments: `min 1/2 v'v` with `|y_free - R v| <= t` by segments, `sum t <= a`, `G = R R'`.
 fn cone_programme(free: &[f64], g: &[Vec<f64>], available_m: f64) -> (f64, Vec<f64>) {
     let (n, m) = (free.len(), free.len() / 3);
     let length = free.iter().fold(0.0f64, |most, x| most.max(x.abs()));
     let soft = g.iter().flatten().fold(0.0f64, |most, x| most.max(x.abs()));
-    let g = |row: usize, column: usize| 0.5 * (g[column][row] + g[row][column]) / soft;
-    let (mut values, mut rows, mut starts) = (Vec::new(), Vec::new(), vec![0]);
-    for column in 0..n {
-        for row in 0..=column {
-            rows.push(row);
-            values.push(g(row, column));
-        }
-        starts.push(rows.len());
-    }
-    starts.extend(std::iter::repeat_n(rows.len(), m));
-    let hessian = CscMatrix::new(n + m, n + m, starts, rows, values);
+    let root = root(n, |row, column| {
+        0.5 * (g[column][row] + g[row][column]) / soft
+    });
+    let r = |row: usize, column: usize| root[column][row];
+    let starts = (0..=n).chain(std::iter::repeat_n(n, m)).collect();
+    let hessian = CscMatrix::new(n + m, n + m, starts, (0..n).collect(), vec![1.0; n]);
     // Rows: the sum, then by segments t and y.
     let (mut values, mut rows, mut starts) = (Vec::new(), Vec::new(), vec![0]);
     for column in 0..n {
         for row in 0..n {
             rows.push(1 + 4 * (row / 3) + 1 + row % 3);
-            values.push(g(row, column));
+            values.push(r(row, column));
         }
         starts.push(rows.len());
     }
@@ -103,7 +121,7 @@ fn cone_programme(free: &[f64], g: &[Vec<f64>], available_m: f64) -> (f64, Vec<f
     let ways = (0..n)
         .map(|row| {
             let moved: f64 = (0..n)
-                .map(|column| g(row, column) * solution.x[column])
+                .map(|column| r(row, column) * solution.x[column])
                 .sum();
             free[row] - length * moved
         })
@@ -117,6 +135,7 @@ fn tension_and_segments_are_those_of_the_cone_programme() {
     let mut solver = scene.solver(16, 1e3);
     let mut random = Random(7);
     let (mut worst, mut welds, mut most, mut taut, mut sum) = ((0.0f64, 0.0f64), 0, 0, 0, 0);
+    let mut short = 0;
     for case in 0..60 {
         let (path, outside) = if case < 8 {
             stitches(&scene.mesh, 1 + case)
@@ -150,13 +169,38 @@ fn tension_and_segments_are_those_of_the_cone_programme() {
         let far = (0..ways.len() / 3).flat_map(|segment| solver.segment_m(segment).expect("one"));
         let far = far.zip(&ways).map(|(own, way)| (own - way).abs());
         let far = far.fold(0.0, f64::max) / whole;
-        assert!(off < 1e-6 && far < 1e-6, "{case}: {off:e} {far:e} {pull:?}");
+        // The interior point method stops short where a segment has just closed or is about to.
+        assert!(off < 1e-3 && far < 1e-4, "{case}: {off:e} {far:e} {pull:?}");
+        if off > 1e-6 || far > 1e-6 {
+            short += 1;
+            println!("{case}: {off:e} {far:e} {pull:?}");
+        }
+        // Then the law itself, on compliance from whole solves, which is enough of a convex problem.
+        let force: Vec<f64> = (0..free.len() / 3)
+            .flat_map(|segment| solver.segment_force_n(segment))
+            .collect();
+        for (segment, free) in free.chunks(3).enumerate() {
+            let way = Vector3::from_fn(|axis, _| {
+                let row = 3 * segment + axis;
+                let moved: f64 = g.iter().zip(&force).map(|(g, f)| g[row] * f).sum();
+                free[axis] - moved
+            });
+            let pulled = Vector3::from_column_slice(&force[3 * segment..3 * segment + 3]);
+            let idle = pull.tension_n * way.norm() - pulled.dot(&way);
+            assert!(pulled.norm() <= pull.tension_n * (1.0 + 1e-12));
+            assert!(
+                idle.abs() <= 1e-12 * pull.tension_n * whole,
+                "{case}: {idle:e}"
+            );
+        }
+        assert!((pull.length_m - share * whole).abs() < 1e-9);
         worst = (worst.0.max(off), worst.1.max(far));
         welds += pull.welds;
         most = most.max(pull.solves);
         sum += pull.solves;
         taut += 1;
     }
+    assert!(short <= taut / 20);
     println!("{taut} taut: {worst:?} off, {welds} welds, solves {sum}, at most {most}");
     assert!(taut >= 30 && welds >= 10);
 }
