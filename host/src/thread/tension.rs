@@ -426,7 +426,7 @@ impl Tension {
         let n = self.force.len();
         let z = &mut self.left[..n];
         self.lengths.clear();
-        self.lengths.extend(z.chunks_exact(3).map(|z| norm(z)));
+        self.lengths.extend(z.chunks_exact(3).map(norm));
         self.lengths.sort_unstable_by(|a, b| b.total_cmp(a));
         let sum: f64 = self.lengths.iter().sum();
         self.tension_n = 0.0;
