@@ -477,6 +477,13 @@ fn slips_are_told_at_their_place() {
     ]);
     assert_eq!(ran.code, 2, "{}", ran.stderr);
     assert!(ran.stderr.contains("has no needle"), "{}", ran.stderr);
+    // A needle that nobody drives.
+    let (handless, _) = text.split_once("# The hand is a spring").unwrap();
+    std::fs::write(directory.path().join("slip.toml"), handless).unwrap();
+    let ran = sutura_in(directory.path(), &["solve", "slip.toml", "--out", "x.json"]);
+    assert_eq!(ran.code, 2, "{}", ran.stderr);
+    assert!(ran.stderr.contains("nothing moves"), "{}", ran.stderr);
+    assert!(ran.stderr.contains("add `[hand]`"), "{}", ran.stderr);
     let ran = sutura(&["solve", SLABS, "--out", "x.json", "--at=-1"]);
     assert_eq!(ran.code, 2, "{}", ran.stderr);
     assert!(ran.stderr.contains("from 0 to 86400"), "{}", ran.stderr);

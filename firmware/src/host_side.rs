@@ -22,7 +22,6 @@ pub type Slot = Option<ValidContact>;
 
 /// What the control task does before its next tick, in the order of arrival.
 #[derive(Clone, Copy, Debug, PartialEq)]
-#[expect(clippy::large_enum_variant, reason = "a few, in a queue of fixed size")]
 pub enum Order {
     /// A new session.
     OpenSession,

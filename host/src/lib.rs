@@ -23,5 +23,6 @@ pub mod script;
 pub mod session;
 pub mod solve;
 pub mod step;
+pub mod thread;
 pub mod tool;
 pub mod trial;

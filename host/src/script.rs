@@ -40,7 +40,7 @@ struct Change {
 
 impl Script {
     /// The scripts of `scene`, at their start. The driven tool is where the hand begins or the scene holds it;
-    /// without either it is at the origin until [`Self::go`] is told where.
+    /// without either it is at the origin until the first step.
     pub fn new(scene: &Scene) -> Self {
         let somewhere = Pose {
             position_m: [0.0; 3],

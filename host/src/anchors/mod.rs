@@ -9,6 +9,8 @@ pub mod circling;
 mod compliance;
 mod solver;
 mod system;
+#[cfg(test)]
+mod tests;
 
 pub use solver::{AnchorSettings, AnchorSolver, AnchorStages, AnchorStatus, AnchorStep};
 pub(crate) use system::{Grasp, System, is_solved};
@@ -22,6 +24,31 @@ pub struct AnchorPoint {
     pub nodes: [u32; 4],
     /// Their weights, with sum 1.
     pub weights: [f64; 4],
+}
+
+/// A row on several anchors: the sum of `direction . u(anchor)` over its terms, at or below its target or
+/// equal to it, by its kind.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SpreadRow {
+    /// Names the row from step to step, among single rows too.
+    pub id: u64,
+    /// What it may do.
+    pub kind: RowKind,
+    /// The sum's target, from the unloaded mesh \[m\].
+    pub target_m: f64,
+    /// How much it gives way by itself per force \[m/N\]: 0 for a rigid row.
+    pub compliance_m_per_n: f64,
+    /// Its first term, and how many it has.
+    pub terms: (u32, u32),
+}
+
+/// A part of a [`SpreadRow`].
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Term {
+    /// Index of the anchor.
+    pub anchor: u32,
+    /// World frame, of any length, (3).
+    pub direction: [f64; 3],
 }
 
 /// One row: `direction . u(anchor) <= target` or `=`, by its kind.

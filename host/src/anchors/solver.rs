@@ -19,6 +19,8 @@ pub struct AnchorSettings {
     pub most_rows: usize,
     /// Most anchors of a step.
     pub most_anchors: usize,
+    /// Most rows of a step that lie on several anchors.
+    pub most_spread: usize,
     /// Vertices whose columns one step may compute.
     pub vertices_per_step: usize,
     /// Most passes over corotational tissue in one step; linear tissue needs one.
@@ -37,6 +39,7 @@ impl Default for AnchorSettings {
         Self {
             most_rows: 150,
             most_anchors: 50,
+            most_spread: 0,
             vertices_per_step: 8,
             passes: 1,
             tolerance: 1e-3,

@@ -4,8 +4,8 @@
 //! [`System::read`], [`System::look`] and [`System::linearise`] for tissue that turns, [`System::fetch`],
 //! [`System::assemble`], [`System::solve`], [`System::accept`].
 
-use super::compliance::{Reached, assemble};
-use super::{AnchorPoint, AnchorRow, AnchorSettings};
+use super::compliance::{Reached, Spread, assemble};
+use super::{AnchorPoint, AnchorRow, AnchorSettings, SpreadRow, Term};
 use crate::body::{Body, BodyWork, Motion, Push};
 use crate::columns::Columns;
 use crate::fem::{Balance, Factored, HeldPoints, LinearTissue, Linearisation, TissueError};
@@ -19,8 +19,9 @@ pub(crate) struct Grasp {
     motion: Motion,
     forces: rows::State,
     anchors: Vec<Reached>,
-    /// Rows of the last solve.
+    /// Rows of the last solve, and after them those on several anchors.
     acting: Vec<AnchorRow>,
+    spread: Spread,
 }
 
 impl Grasp {
@@ -28,9 +29,13 @@ impl Grasp {
     pub fn new(motion: Motion, settings: &AnchorSettings) -> Self {
         Self {
             motion: motion.with_room(4 * settings.most_anchors),
-            forces: rows::State::new(settings.most_rows),
+            forces: rows::State::new(settings.most_rows + settings.most_spread),
             anchors: Vec::with_capacity(settings.most_anchors),
             acting: Vec::with_capacity(settings.most_rows),
+            spread: Spread {
+                rows: Vec::with_capacity(settings.most_spread),
+                terms: Vec::with_capacity(settings.most_spread * settings.most_anchors),
+            },
         }
     }
 
@@ -55,12 +60,17 @@ impl Grasp {
 
     /// Forces on vertices: -C' lambda.
     pub fn pushes(&self) -> impl Iterator<Item = Push> + '_ {
-        pushes(&self.anchors, &self.acting, self.forces.lambda())
+        pushes(
+            &self.anchors,
+            &self.acting,
+            &self.spread,
+            self.forces.lambda(),
+        )
     }
 
     /// Force on the tissue at an anchor of the last solve \[N\].
     pub fn force_on(&self, anchor: usize) -> Vector3<f64> {
-        force_on(anchor, &self.acting, self.forces.lambda())
+        force_on(anchor, &self.acting, &self.spread, self.forces.lambda())
     }
 
     /// The rows and forces of `other`, without new memory; the tissue's motion stays.
@@ -68,6 +78,7 @@ impl Grasp {
         self.forces.copy_from(&other.forces);
         self.anchors.clone_from(&other.anchors);
         self.acting.clone_from(&other.acting);
+        self.spread.copy_from(&other.spread);
     }
 }
 
@@ -96,6 +107,8 @@ pub(crate) struct System {
     first_row: Vec<u32>,
     free: Vec<Vector3<f64>>,
     pairs: Vec<Matrix3<f64>>,
+    spread: Spread,
+    moved: Vec<Vector3<f64>>,
     w: Vec<f64>,
     delta_free: Vec<f64>,
     kinds: Vec<Row>,
@@ -187,6 +200,8 @@ impl System {
             memory_bytes,
             ..
         } = settings;
+        // Rows on several anchors come on top.
+        let most_rows = most_rows + settings.most_spread;
         // Corotational tissue reads the anchors of the step before, too.
         let least = 8 * most_anchors;
         let mut columns = Columns::new(&body.view(motion), &held, reached, memory_bytes, least);
@@ -203,6 +218,8 @@ impl System {
             first_row: Vec::with_capacity(most_anchors + 1),
             free: vec![Vector3::zeros(); most_anchors],
             pairs: vec![Matrix3::zeros(); most_anchors],
+            spread: Spread::default(),
+            moved: vec![Vector3::zeros(); most_anchors * settings.most_spread],
             w: vec![0.0; most_rows * most_rows],
             delta_free: vec![0.0; most_rows],
             kinds: Vec::with_capacity(most_rows),
@@ -339,6 +356,24 @@ impl System {
         &self.w[..rows * rows]
     }
 
+    /// delta at no forces of the rows of the last [`Self::assemble`] \[m\], (n).
+    pub fn delta_free_m(&self, rows: usize) -> &[f64] {
+        &self.delta_free[..rows]
+    }
+
+    /// Forces on vertices of the rows on several anchors that were read last, of which there are no others, with
+    /// multipliers `lambda` \[N\].
+    pub fn pushes<'a>(&'a self, lambda: &'a [f64]) -> impl Iterator<Item = Push> + 'a {
+        pushes(&self.next_anchors, &[], &self.spread, lambda)
+    }
+
+    /// Makes room for the rows on several anchors, so that reading them does not.
+    pub fn reserve_spread(&mut self) {
+        let most = self.settings.most_spread;
+        self.spread.rows.reserve(most);
+        self.spread.terms.reserve(most * self.settings.most_anchors);
+    }
+
     /// Place of a node among the reached.
     fn vertex(&self, node: u32) -> Option<u32> {
         let vertex = self.reached_of_node.get(node as usize).copied();
@@ -392,7 +427,29 @@ impl System {
             id: row.id,
             kind: row.kind,
         }));
+        self.spread.rows.clear();
+        self.spread.terms.clear();
         next == rows.len()
+    }
+
+    /// After [`Self::read`]: rows on several of its anchors; whether they make sense.
+    pub fn read_spread(&mut self, rows: &[SpreadRow], terms: &[Term]) -> bool {
+        let anchors = self.next_anchors.len();
+        let sound = rows.len() <= self.settings.most_spread
+            && terms.len() <= self.settings.most_spread * self.settings.most_anchors
+            && terms.iter().all(|term| (term.anchor as usize) < anchors)
+            && rows
+                .iter()
+                .all(|row| row.terms.0 as usize + row.terms.1 as usize <= terms.len());
+        if sound {
+            self.spread.rows.extend_from_slice(rows);
+            self.spread.terms.extend_from_slice(terms);
+            self.kinds.extend(rows.iter().map(|row| Row {
+                id: row.id,
+                kind: row.kind,
+            }));
+        }
+        sound
     }
 
     /// How far from balance the tissue is; `None` for linear tissue.
@@ -450,7 +507,7 @@ impl System {
 
     /// Compliance and free delta of the rows.
     pub fn assemble(&mut self, body: &Body, grasp: &Grasp, rows: &[AnchorRow]) {
-        let n = rows.len();
+        let n = rows.len() + self.spread.rows.len();
         for (free, anchor) in self.free.iter_mut().zip(&self.next_anchors) {
             *free = anchor
                 .parts()
@@ -463,19 +520,32 @@ impl System {
             let along = Vector3::from(row.direction).dot(&self.free[row.anchor as usize]);
             *delta = row.target_m - along;
         }
+        for (delta, row) in self.delta_free[rows.len()..]
+            .iter_mut()
+            .zip(&self.spread.rows)
+        {
+            let along =
+                self.spread.terms_of(row).iter().map(|term| {
+                    Vector3::from(term.direction).dot(&self.free[term.anchor as usize])
+                });
+            *delta = row.target_m - along.sum::<f64>();
+        }
+        let moved = self.spread.rows.len() * self.next_anchors.len();
         assemble(
             &self.next_anchors,
             rows,
             &self.first_row,
+            &self.spread,
             &self.columns,
             &mut self.pairs,
+            &mut self.moved[..moved],
             &mut self.w[..n * n],
         );
     }
 
     /// Finds the forces.
     pub fn solve(&mut self, rows: &[AnchorRow], grasp: &mut Grasp) -> rows::Outcome {
-        let n = rows.len();
+        let n = rows.len() + self.spread.rows.len();
         let problem = Problem {
             rows: &self.kinds,
             compliance: &self.w[..n * n],
@@ -490,6 +560,7 @@ impl System {
         grasp.anchors.clone_from(&self.next_anchors);
         grasp.acting.clear();
         grasp.acting.extend_from_slice(rows);
+        grasp.spread.copy_from(&self.spread);
         outcome
     }
 
@@ -500,8 +571,9 @@ impl System {
             forces,
             anchors,
             acting,
+            spread,
         } = grasp;
-        let pushes = pushes(anchors, acting, forces.lambda());
+        let pushes = pushes(anchors, acting, spread, forces.lambda());
         body.accept(motion, &mut self.body_work, &self.columns, pushes);
         self.accepted = true;
     }
@@ -511,20 +583,32 @@ impl System {
 fn pushes<'a>(
     anchors: &'a [Reached],
     rows: &'a [AnchorRow],
+    spread: &'a Spread,
     lambda: &'a [f64],
 ) -> impl Iterator<Item = Push> + 'a {
     anchors.iter().enumerate().flat_map(move |(index, anchor)| {
-        let force = force_on(index, rows, lambda);
+        let force = force_on(index, rows, spread, lambda);
         anchor
             .parts()
             .map(move |(vertex, weight)| (vertex, force * weight))
     })
 }
 
-fn force_on(anchor: usize, rows: &[AnchorRow], lambda: &[f64]) -> Vector3<f64> {
-    rows.iter()
+fn force_on(anchor: usize, rows: &[AnchorRow], spread: &Spread, lambda: &[f64]) -> Vector3<f64> {
+    let of_rows = rows
+        .iter()
         .zip(lambda)
         .filter(|(row, _)| row.anchor as usize == anchor)
-        .map(|(row, lambda)| -Vector3::from(row.direction) * *lambda)
-        .sum()
+        .map(|(row, lambda)| -Vector3::from(row.direction) * *lambda);
+    let of_spread = spread
+        .rows
+        .iter()
+        .zip(lambda.get(rows.len()..).unwrap_or_default())
+        .flat_map(|(row, lambda)| {
+            let terms = spread.terms_of(row).iter();
+            terms
+                .filter(|term| term.anchor as usize == anchor)
+                .map(move |term| -Vector3::from(term.direction) * *lambda)
+        });
+    of_rows.chain(of_spread).sum()
 }
