@@ -4,8 +4,11 @@
 //! axial rows in place of its sticking rows (3.28), which are their limit for infinite friction.
 
 mod drive;
+mod events;
 mod hierarchy;
 mod history;
+mod ledger;
+mod loose;
 mod model;
 mod section;
 mod shape;

@@ -181,6 +181,7 @@ fn an_arc() {
                     "{step}: {:?} {} crossings, {} punctures, slides {}: {worst:.1e}",
                     needle.tip, needle.crossings, needle.punctures, needle.slides
                 );
+                assert!(worst < 1e-6, "{step}: off by {worst:e}");
             } else {
                 let report = bench.step();
                 if report.status != sutura_host::step::Status::Ok {

@@ -1,0 +1,508 @@
+//! What happens to tips and crossings once a balance is found: faces held, gone through and left.
+//!
+//! Entry point: [`Drive::follow`]. Source: Younes 2021, 3.2.2 and 3.2.3.
+
+use super::drive::{Drive, NeedleWork, What, anchor, position};
+use super::model::{MAX_NEEDLES, Playback};
+use super::state::{Cut, Tip};
+use super::{Crossing, Curve, Geometry, MOST_GROUPS, Slack, Stop, entry, walk};
+use crate::anchors::AnchorPoint;
+use crate::step::Status;
+use nalgebra::{Isometry3, Matrix3, Vector3, Vector6};
+
+/// Where a tip comes from is looked for from this part of the needle behind it \[1\]: it may have come to
+/// lie in the face that it left.
+const BACK: f64 = 1e-6;
+/// Poses that are played back after a puncture.
+const PLAYED: usize = 16;
+
+impl Drive<'_> {
+    /// Moves tips and histories to the solved tissue; whether rows came or went that change the balance.
+    pub(super) fn follow(&mut self, free: Option<usize>) -> Result<bool, Status> {
+        let mut changed = false;
+        for needle in 0..self.states.len() {
+            changed |= self.follow_hold(needle, free)?;
+            changed |= self.withdraw(needle);
+            changed |= self.advance(needle)?;
+        }
+        self.clock.lap(&mut self.report.stages.detect_ns);
+        Ok(changed)
+    }
+
+    /// A tip that holds a face: it may let go, or go through.
+    pub(super) fn follow_hold(
+        &mut self,
+        needle: usize,
+        free: Option<usize>,
+    ) -> Result<bool, Status> {
+        let Tip::Holding { face, .. } = self.states[needle].tip else {
+            return Ok(false);
+        };
+        let found = self
+            .work
+            .points
+            .iter()
+            .find(|point| point.needle == needle && point.what == What::Holding);
+        let Some(point) = found else {
+            return Ok(false);
+        };
+        let push = -self.grasp.lambda()[point.first_row];
+        // A face that cannot give way holds nothing back.
+        let rigid = self.grasp.delta_m()[point.first_row] > 0.0
+            && self.work.system.compliance(self.work.rows.len())
+                [point.first_row * (self.work.rows.len() + 1)]
+                == 0.0;
+        let area = self.needles.parts[needle].needle.tip_area_m2();
+        let limit = self.needles.tissue(face.face.cell()).puncture_pa * area;
+        if push < 0.0 {
+            // Nobody has done work on what was taken only now.
+            if !self.work.took[needle] {
+                self.release(needle, What::Holding);
+            }
+            self.work.let_go[needle] = true;
+            let state = &mut self.states[needle];
+            state.log.clear();
+            state.tip = if face.enters {
+                state.left = Some(face);
+                Tip::Outside
+            } else {
+                Tip::Inside { cut: None }
+            };
+            return Ok(true);
+        }
+        let free = free == Some(needle);
+        if push > limit || free || (rigid && limit.is_finite()) {
+            self.puncture(needle, face, free)?;
+            return Ok(true);
+        }
+        Ok(false)
+    }
+
+    /// Crossings that have slid off the tip, and off the end.
+    pub(super) fn withdraw(&mut self, needle: usize) -> bool {
+        let length = self.needles.parts[needle].needle.shape.length_m();
+        let mut changed = false;
+        while let Some(last) = self.states[needle].history.crossings().last().copied() {
+            if last.alpha <= length {
+                break;
+            }
+            let index = self.states[needle].holds.len() - 1;
+            self.release(needle, What::Crossing(index));
+            self.release(needle, What::Cut);
+            self.release(needle, What::Holding);
+            self.work.let_go[needle] = true;
+            let state = &mut self.states[needle];
+            state.history.pop();
+            state.holds.truncate(index);
+            // What it held lay beyond this face.
+            state.log.clear();
+            state.tip = match state.history.tip_cell(&self.needles.mesh) {
+                Some(_) => Tip::Inside { cut: None },
+                None => Tip::Outside,
+            };
+            changed = true;
+        }
+        let crossings = self.states[needle].history.crossings();
+        let behind = crossings
+            .iter()
+            .take_while(|first| first.alpha < 0.0)
+            .count();
+        for index in 0..behind {
+            self.release(needle, What::Crossing(index));
+        }
+        if behind > 0 {
+            let state = &mut self.states[needle];
+            state.history.drop_behind(&self.needles.mesh, 0.0);
+            state.holds.drain(..behind);
+            if let Some(first) = state.holds.first_mut() {
+                first.follows = false;
+            }
+            changed = true;
+        }
+        changed
+    }
+
+    /// The tip goes on through the cells, or from outside to the boundary.
+    pub(super) fn advance(&mut self, needle: usize) -> Result<bool, Status> {
+        let curve = self.needles.parts[needle]
+            .needle
+            .at(&self.states[needle].pose);
+        match self.states[needle].tip {
+            Tip::Holding { .. } => Ok(false),
+            _ if self.work.let_go[needle] => Ok(false),
+            Tip::Inside { .. } => self.advance_inside(needle, &curve),
+            Tip::Outside => Ok(self.advance_outside(needle, &curve)),
+        }
+    }
+
+    pub(super) fn advance_inside(&mut self, needle: usize, curve: &Curve) -> Result<bool, Status> {
+        let geometry = Geometry {
+            mesh: &self.needles.mesh,
+            hierarchy: &self.needles.hierarchy,
+            slack: Slack::Everywhere(0.0),
+            at: |node| position(self.body, self.points_m, self.grasp, self.work, node),
+        };
+        let history = &mut self.states[needle].history;
+        let walked = walk(&geometry, curve, history, curve.length);
+        let stop = walked.stop;
+        let state = &mut self.states[needle];
+        state.tally.guessed += walked.guessed;
+        state.hold_new(self.needles.apart_m);
+        if state.holds.is_empty() && matches!(stop, Stop::Reached | Stop::Lost) {
+            return Ok(self.find_again(needle, curve));
+        }
+        match stop {
+            Stop::Reached => Ok(false),
+            Stop::Full => Err(Status::TooManyRows),
+            Stop::Lost => {
+                state.tally.lost += 1;
+                Ok(false)
+            }
+            Stop::Boundary(face) => {
+                self.take(needle, face);
+                Ok(true)
+            }
+        }
+    }
+
+    /// A needle that goes through no face, as it is shorter than a cell: its tip is where a straight way
+    /// from the middle of the cell that it was in leads. Whether it is out.
+    pub(super) fn find_again(&mut self, needle: usize, curve: &Curve) -> bool {
+        let mesh = &self.needles.mesh;
+        let before = self.states[needle].history.tip_cell(mesh);
+        let nodes = before.and_then(|cell| mesh.cells().get(cell as usize));
+        let Some(nodes) = nodes.copied() else {
+            return false;
+        };
+        let corners = nodes.map(|node| self.position(node));
+        let middle = corners.iter().sum::<Vector3<f64>>() / 4.0;
+        let Some(path) = Curve::segment(&middle, &curve.at(curve.length)) else {
+            return false;
+        };
+        let mut walked = std::mem::take(&mut self.work.path);
+        walked.restart(before, None);
+        let geometry = Geometry {
+            mesh,
+            hierarchy: &self.needles.hierarchy,
+            slack: Slack::Everywhere(0.0),
+            at: |node| position(self.body, self.points_m, self.grasp, self.work, node),
+        };
+        let stop = walk(&geometry, &path, &mut walked, path.length).stop;
+        let now = walked.tip_cell(mesh);
+        self.work.path = walked;
+        match stop {
+            Stop::Reached => {
+                self.states[needle].history.restart(now, None);
+                false
+            }
+            Stop::Boundary(_) => {
+                self.release(needle, What::Cut);
+                let state = &mut self.states[needle];
+                state.history.clear();
+                state.tip = Tip::Outside;
+                true
+            }
+            Stop::Full | Stop::Lost => {
+                self.states[needle].tally.lost += 1;
+                false
+            }
+        }
+    }
+
+    pub(super) fn advance_outside(&mut self, needle: usize, curve: &Curve) -> bool {
+        let tip = curve.at(curve.length);
+        let back = BACK * curve.length;
+        let left = self.states[needle].left.take();
+        let hit = left
+            .and_then(|face| self.above(&face, &tip, back))
+            .and_then(|from| self.covers(&from, &tip))
+            .or_else(|| {
+                let from = self.work.tips[needle] - curve.tangent_at(curve.length) * back;
+                self.first_face(&Curve::segment(&from, &tip)?)
+            });
+        let Some(hit) = hit else {
+            return false;
+        };
+        self.take(needle, hit);
+        true
+    }
+
+    /// A tip that let go of a face without having left the tissue, as it was dragged along it, comes in from
+    /// straight above.
+    pub(super) fn above(
+        &self,
+        face: &Crossing,
+        tip: &Vector3<f64>,
+        by: f64,
+    ) -> Option<Vector3<f64>> {
+        let [a, b, c] = self
+            .needles
+            .mesh
+            .vertices(face.face)
+            .map(|node| self.position(node));
+        let out = (b - a).cross(&(c - a)).try_normalize(0.0)?;
+        let depth = out.dot(&(a - tip));
+        (depth > 0.0).then(|| tip + out * (depth + by))
+    }
+
+    /// The boundary face that a point in the tissue is under, seen from a point outside; `None` if there is no
+    /// tissue at it.
+    pub(super) fn covers(&mut self, from: &Vector3<f64>, at: &Vector3<f64>) -> Option<Crossing> {
+        let path = Curve::segment(from, at)?;
+        let face = self.first_face(&path)?;
+        let mut walked = std::mem::take(&mut self.work.path);
+        walked.restart(None, Some(face));
+        let geometry = Geometry {
+            mesh: &self.needles.mesh,
+            hierarchy: &self.needles.hierarchy,
+            slack: Slack::Everywhere(0.0),
+            at: |node| position(self.body, self.points_m, self.grasp, self.work, node),
+        };
+        let stop = walk(&geometry, &path, &mut walked, path.length).stop;
+        self.work.path = walked;
+        (stop == Stop::Reached).then_some(face)
+    }
+
+    /// The first boundary face that a path from outside goes in through.
+    pub(super) fn first_face(&self, path: &Curve) -> Option<Crossing> {
+        let NeedleWork { system, pushes, .. } = &*self.work;
+        let groups = self.needles.hierarchy.groups();
+        let mut slack = [0.0; MOST_GROUPS];
+        let resting = &self.needles.resting;
+        system.slack(self.body, self.grasp, pushes, resting, &mut slack[..groups]);
+        let geometry = Geometry {
+            mesh: &self.needles.mesh,
+            hierarchy: &self.needles.hierarchy,
+            slack: Slack::ByGroup(&slack[..groups]),
+            at: |node| position(self.body, self.points_m, self.grasp, self.work, node),
+        };
+        entry(&geometry, path, &self.work.no_history, 0.0, path.length).crossing
+    }
+
+    /// The tip comes to hold a boundary face; a free one goes on through it.
+    pub(super) fn take(&mut self, needle: usize, face: Crossing) {
+        self.release(needle, What::Cut);
+        let state = &mut self.states[needle];
+        state.tip_force = Vector3::zeros();
+        self.work.took[needle] = true;
+        let id = state.new_id();
+        state.tip = Tip::Holding { face, id };
+        let pose = state.pose;
+        state.begin_log(pose);
+    }
+
+    /// The tip breaks through the face that it holds: the tissue snaps back, and the way since the first
+    /// contact is gone once more (3.2.3).
+    pub(super) fn puncture(
+        &mut self,
+        needle: usize,
+        face: Crossing,
+        free: bool,
+    ) -> Result<(), Status> {
+        self.release(needle, What::Holding);
+        let length = self.needles.parts[needle].needle.shape.length_m();
+        let state = &mut self.states[needle];
+        state.tally.punctures += 1;
+        state.tip = if face.enters {
+            Tip::Inside { cut: None }
+        } else {
+            Tip::Outside
+        };
+        // Without the tip's force; the face itself is not yet held either.
+        let mut solves = 0;
+        self.slide(&mut solves)?;
+        self.unfold();
+        self.settle_releases();
+        // Tissue has slid far, and what rubs changes now: that slide is over.
+        self.book();
+        self.stick();
+        let pose = self.states[needle].pose;
+        let curve = self.needles.parts[needle].needle.at(&pose);
+        let point = self.position_of(&anchor(&self.needles.mesh, &face));
+        let last = self.states[needle].history.crossings().last();
+        let least = last.map_or(f64::NEG_INFINITY, |crossing| crossing.alpha);
+        let alpha = curve
+            .project(&point, length)
+            .clamp(least.min(length), length);
+        self.take_hold(needle, Crossing { alpha, ..face })?;
+        // What lies close behind is met from here.
+        self.work.tips[needle] = point;
+        if self.needles.settings.playback == Playback::EveryPose && !free {
+            self.replay(needle)?;
+        } else {
+            self.play_back(needle, &face, &point, &curve)?;
+        }
+        self.states[needle].log.clear();
+        Ok(())
+    }
+
+    /// The way since the tip touched, a balance at each of its poses.
+    pub(super) fn replay(&mut self, needle: usize) -> Result<(), Status> {
+        let mut poses = [Isometry3::identity(); MAX_NEEDLES];
+        for (pose, state) in poses.iter_mut().zip(self.states.iter()) {
+            *pose = state.pose;
+        }
+        let count = self.states.len();
+        // What is met on the way begins a log of its own.
+        let log = &self.states[needle].log;
+        let logged = log.len();
+        let played = PLAYED.min(logged.max(1));
+        let mut way = [poses[needle]; PLAYED];
+        for (index, pose) in (1..played).zip(&mut way) {
+            *pose = *log.get(index * logged / played).unwrap_or(pose);
+        }
+        for pose in &way[..played] {
+            poses[needle] = *pose;
+            // Nobody's hand does this work.
+            let from = self.states[needle].pose;
+            let centre = from.translation.vector;
+            let before = self.wrench_on(needle, &centre);
+            self.balance(&poses[..count], Some(needle))?;
+            let curve = self.needles.parts[needle].needle.at(&poses[needle]);
+            self.work.tips[needle] = curve.at(curve.length);
+            let way = poses[needle].translation.vector - centre;
+            let turn = (poses[needle].rotation * from.rotation.inverse()).scaled_axis();
+            let after = self.wrench_on(needle, &poses[needle].translation.vector);
+            let twist = Vector6::new(way.x, way.y, way.z, turn.x, turn.y, turn.z);
+            self.states[needle].tally.release_j += 0.5 * (before + after).dot(&twist);
+        }
+        Ok(())
+    }
+
+    /// The tip's way since it touched, through the tissue as it is now.
+    pub(super) fn play_back(
+        &mut self,
+        needle: usize,
+        face: &Crossing,
+        from: &Vector3<f64>,
+        curve: &Curve,
+    ) -> Result<(), Status> {
+        let part = &self.needles.parts[needle].needle;
+        let mut first = Some(*face);
+        let length = curve.length;
+        let logged = self.states[needle].log.len();
+        let mut here = *from;
+        let tip = curve.at(length);
+        let forward = curve.tangent_at(length);
+        for index in 1..=PLAYED.min(logged.max(1)) {
+            let played = PLAYED.min(logged.max(1));
+            let next = if index == played {
+                tip
+            } else {
+                let pose = &self.states[needle].log[(index * logged / played).min(logged - 1)];
+                let then = part.at(pose);
+                then.at(length)
+            };
+            // The tip cuts where it comes for the first time.
+            if (next - here).dot(&forward) <= 0.0 && index < played {
+                continue;
+            }
+            let Some(path) = Curve::segment(&here, &next) else {
+                continue;
+            };
+            let inside = self.states[needle].history.tip_cell(&self.needles.mesh);
+            if inside.is_none() {
+                // Out on the other side: what lies beyond is met like anything else.
+                break;
+            }
+            let mut walked = std::mem::take(&mut self.work.path);
+            match first.take() {
+                Some(face) => walked.restart(face.from(), Some(Crossing { alpha: 0.0, ..face })),
+                None => walked.restart(inside, None),
+            }
+            let known = walked.crossings().len();
+            let geometry = Geometry {
+                mesh: &self.needles.mesh,
+                hierarchy: &self.needles.hierarchy,
+                slack: Slack::Everywhere(0.0),
+                at: |node| position(self.body, self.points_m, self.grasp, self.work, node),
+            };
+            let stop = walk(&geometry, &path, &mut walked, path.length).stop;
+            self.work.path = walked;
+            let out = match stop {
+                Stop::Boundary(face) => Some(face),
+                Stop::Full => return Err(Status::TooManyRows),
+                Stop::Lost => {
+                    self.states[needle].tally.lost += 1;
+                    None
+                }
+                Stop::Reached => None,
+            };
+            let found = self.work.path.crossings().len();
+            for index in known..found + usize::from(out.is_some()) {
+                let crossing = match out {
+                    Some(out) if index == found => out,
+                    _ => self.work.path.crossings()[index],
+                };
+                let point = self.position_of(&anchor(&self.needles.mesh, &crossing));
+                let last = self.states[needle].history.crossings().last();
+                let least = last.map_or(0.0, |last| last.alpha);
+                let alpha = curve
+                    .project(&point, length)
+                    .clamp(least.min(length), length);
+                self.take_hold(needle, Crossing { alpha, ..crossing })?;
+            }
+            if let Some(out) = out {
+                let state = &mut self.states[needle];
+                state.tip = Tip::Outside;
+                state.tally.punctures += 1;
+                self.work.tips[needle] = self.position_of(&anchor(&self.needles.mesh, &out));
+                break;
+            }
+            here = next;
+        }
+        Ok(())
+    }
+
+    /// Brings the end of the cut to where the tip is now, if it went further.
+    pub(super) fn cut(&mut self, needle: usize) {
+        let Tip::Inside { cut } = self.states[needle].tip else {
+            return;
+        };
+        let Some(cell) = self.states[needle].history.tip_cell(&self.needles.mesh) else {
+            return;
+        };
+        let part = &self.needles.parts[needle].needle;
+        let limit_n = self.needles.tissue(cell).cutting_pa * part.tip_area_m2();
+        if limit_n == 0.0 {
+            self.states[needle].tip = Tip::Inside { cut: None };
+            return;
+        }
+        if cut.is_some_and(|cut| cut.cell == cell && !cut.cuts) {
+            return;
+        }
+        let curve = part.at(&self.states[needle].pose);
+        let Some(nodes) = self.needles.mesh.cells().get(cell as usize).copied() else {
+            return;
+        };
+        let corners = nodes.map(|node| self.position(node));
+        let weights = barycentric(&corners, &curve.at(curve.length));
+        self.states[needle].tip = Tip::Inside {
+            cut: Some(Cut {
+                at: AnchorPoint { nodes, weights },
+                cell,
+                limit_n,
+                pressed: true,
+                axial_n: cut.map_or(0.0, |cut| cut.axial_n),
+                cuts: cut.is_some_and(|cut| cut.cuts),
+            }),
+        };
+    }
+}
+
+/// Weights of a point in a cell, none below zero, with sum 1; all alike in a flat cell.
+fn barycentric(corners: &[Vector3<f64>; 4], at: &Vector3<f64>) -> [f64; 4] {
+    let [a, b, c, d] = corners;
+    let edges = Matrix3::from_columns(&[b - a, c - a, d - a]);
+    let Some(inverse) = edges.try_inverse() else {
+        return [0.25; 4];
+    };
+    let inner = inverse * (at - a);
+    let weights = [1.0 - inner.sum(), inner.x, inner.y, inner.z].map(|w| w.clamp(0.0, 1.0));
+    let sum: f64 = weights.iter().sum();
+    if sum > 0.0 && sum.is_finite() {
+        weights.map(|weight| weight / sum)
+    } else {
+        [0.25; 4]
+    }
+}

@@ -1,0 +1,130 @@
+//! Needles that nobody holds: six unknowns of their own, which the tissue settles.
+//!
+//! Entry points: [`Drive::loosen`] before a solve, [`Drive::settle_loose`] after it.
+
+use super::drive::{Drive, NeedleWork, What, about};
+use nalgebra::{Vector3, Vector6};
+
+/// Stiffness with which a needle that nobody holds is held back in each solve, in parts of the
+/// tissue's: it settles by a factor of about this in every one.
+const DRAG: f64 = 1e-5;
+/// As far a needle that nobody holds turns between two solves \[rad\].
+const MOST_LOOSE_TURN: f64 = 0.1;
+
+impl Drive<'_> {
+    /// Needles that nobody holds move as far as their wrench takes them against [`DRAG`]: whether all
+    /// are at rest.
+    pub(super) fn settle_loose(&mut self) -> bool {
+        let mut settled = true;
+        for needle in 0..self.states.len() {
+            if self.states[needle].grip.is_some() {
+                continue;
+            }
+            // The compliance has it in it by now.
+            let Some((centre, drag)) = self.work.drags[needle] else {
+                continue;
+            };
+            let part = &self.needles.parts[needle].needle;
+            let length = part.shape.length_m();
+            // Where the solve has it: with the arms that the compliance has.
+            let mut wrench = Vector6::zeros();
+            for (index, point) in self.work.points.iter().enumerate() {
+                if point.needle == needle {
+                    let force = -self.grasp.force_on(index);
+                    let moment = (self.work.arms[index] - centre).cross(&force);
+                    wrench += Vector6::new(force.x, force.y, force.z, moment.x, moment.y, moment.z);
+                }
+            }
+            let step = wrench.component_div(&drag);
+            let shift: Vector3<f64> = step.fixed_rows::<3>(0).into();
+            let turn: Vector3<f64> = step.fixed_rows::<3>(3).into();
+            let size = shift.norm() / self.needles.piece_m + turn.norm() / MOST_LOOSE_TURN;
+            let part = size.max(1.0).recip();
+            let (shift, turn) = (shift * part, turn * part);
+            let state = &mut self.states[needle];
+            state.pose = about(&centre, &shift, &turn) * state.pose;
+            // Products of rotations drift.
+            state.pose.rotation.renormalize();
+            settled &= shift.norm() + turn.norm() * length <= 1e-9 * length;
+        }
+        settled
+    }
+
+    /// Where a loose needle turns about, and its drag \[N/m, N m/rad\]; `None` if no row holds it.
+    pub(super) fn drag(&self, needle: usize) -> Option<(Vector3<f64>, Vector6<f64>)> {
+        let n = self.work.rows.len();
+        let w = self.work.system.compliance(n);
+        let curve = self.needles.parts[needle]
+            .needle
+            .at(&self.states[needle].pose);
+        let (mut sum, mut count, mut centre) = (0.0, 0, Vector3::zeros());
+        for point in self.work.points.iter().filter(|at| at.needle == needle) {
+            sum += (0..3)
+                .map(|axis| w[(point.first_row + axis) * (n + 1)])
+                .sum::<f64>()
+                / 3.0;
+            centre += curve.at(point.alpha);
+            count += 1;
+        }
+        if count == 0 || sum <= 0.0 {
+            return None;
+        }
+        let push = DRAG * f64::from(count) * f64::from(count) / sum;
+        let turn = push * curve.length * curve.length / 12.0;
+        let drag = Vector6::new(push, push, push, turn, turn, turn);
+        Some((centre / f64::from(count), drag))
+    }
+
+    /// Lets loose needles give way in the compliance.
+    pub(super) fn loosen(&mut self) {
+        let mut arms = std::mem::take(&mut self.work.arms);
+        arms.clear();
+        arms.extend(
+            self.work
+                .points
+                .iter()
+                .zip(&self.work.anchors)
+                .map(|(point, at)| {
+                    if point.what == What::Cut {
+                        // It holds along the needle only, and may lie beside it.
+                        return self.position_of(at);
+                    }
+                    let pose = &self.states[point.needle].pose;
+                    self.needles.parts[point.needle]
+                        .needle
+                        .at(pose)
+                        .at(point.alpha)
+                }),
+        );
+        self.work.arms = arms;
+        for needle in 0..self.states.len() {
+            if self.states[needle].grip.is_some() {
+                continue;
+            }
+            self.work.drags[needle] = self.drag(needle);
+            let Some((centre, drag)) = self.work.drags[needle] else {
+                continue;
+            };
+            let n = self.work.rows.len();
+            let NeedleWork {
+                system,
+                points,
+                rows,
+                arms,
+                ..
+            } = &mut *self.work;
+            let jacobian = |row: usize| {
+                let along = Vector3::from(rows[row].direction);
+                let turn = (arms[row / 3] - centre).cross(&along);
+                Vector6::new(along.x, along.y, along.z, turn.x, turn.y, turn.z)
+            };
+            let w = system.compliance_mut(n);
+            for j in (0..n).filter(|row| points[row / 3].needle == needle) {
+                let given = jacobian(j).component_div(&drag);
+                for i in (0..n).filter(|row| points[row / 3].needle == needle) {
+                    w[n * j + i] += jacobian(i).dot(&given);
+                }
+            }
+        }
+    }
+}
