@@ -115,7 +115,8 @@ impl NeedlesWork {
         Self {
             drive: NeedleWork::new(needles, system, &state.each, &state.grasp),
             tangent: TangentWork::new(settings.most_rows),
-            ahead: Vec::with_capacity(64),
+            // A cell and its neighbours around each tip, and one that lies ahead.
+            ahead: Vec::with_capacity(24 * MAX_NEEDLES),
         }
     }
 }
