@@ -11,6 +11,7 @@ use crate::fem::{
 use crate::mesh::{Surface, TetMesh};
 use crate::needle::{NeedleError, NeedlePart, NeedleSettings, NeedleTissue, Needles};
 use crate::step::State;
+use crate::thread::{ThreadError, ThreadPart};
 use crate::tool::{MAX_TOOLS, Placement, Shape, Tool};
 use nalgebra::Vector3;
 use std::fmt;
@@ -104,6 +105,9 @@ pub enum ModelError {
     /// A needle.
     #[error(transparent)]
     Needle(#[from] NeedleError),
+    /// A thread.
+    #[error(transparent)]
+    Thread(#[from] ThreadError),
     /// More tools than a step has room for.
     #[error("{0} tools; at most {MAX_TOOLS} are possible")]
     TooManyTools(usize),
@@ -301,6 +305,15 @@ impl Model {
             &self.resting_m,
         )?);
         Ok(self)
+    }
+
+    /// Adds threads to a model with needles.
+    ///
+    /// # Errors
+    /// Threads on needles that are not there, or with numbers that make none.
+    pub fn with_threads(self, threads: &[ThreadPart]) -> Result<Self, ModelError> {
+        let _ = threads;
+        todo!()
     }
 
     /// Whether a node is held.

@@ -16,6 +16,7 @@ pub use crate::contact::reduction::{MAX_TOOL_ROWS, ToolRows};
 use crate::contact::tangent::PoseWork;
 use crate::model::Model;
 use crate::needle::{self, MAX_NEEDLES, NeedleReport, NeedlesState, NeedlesWork};
+use crate::thread::{ThreadEnd, ThreadHold, ThreadPoint, ThreadReport};
 use crate::tool::{MAX_TOOLS, Placement, ToolSample};
 use nalgebra::Vector3;
 
@@ -126,6 +127,10 @@ pub struct StepReport {
     pub stages: Stages,
     needles: [NeedleReport; MAX_NEEDLES],
     needle_count: usize,
+    threads: [ThreadReport; MAX_NEEDLES],
+    thread_count: usize,
+    /// Pairs of features of touching tissues that press against each other.
+    pub touching: u32,
 }
 
 impl StepReport {
@@ -137,6 +142,16 @@ impl StepReport {
     pub(crate) fn needles_mut(&mut self, count: usize) -> &mut [NeedleReport] {
         self.needle_count = count.min(MAX_NEEDLES);
         &mut self.needles[..self.needle_count]
+    }
+
+    /// One per thread, in the model's order; empty unless the status is `Ok`.
+    pub fn threads(&self) -> &[ThreadReport] {
+        &self.threads[..self.thread_count]
+    }
+
+    pub(crate) fn threads_mut(&mut self, count: usize) -> &mut [ThreadReport] {
+        self.thread_count = count.min(MAX_NEEDLES);
+        &mut self.threads[..self.thread_count]
     }
 
     pub(crate) fn contacts_mut(&mut self, count: usize) -> &mut [ToolContact] {
@@ -225,6 +240,33 @@ impl State {
         let parts = &model.needles.as_ref()?.parts;
         let index = parts.iter().position(|part| part.id == needle)?;
         Some(&self.needles.as_ref()?.each.get(index)?.history)
+    }
+
+    /// Has an end of a thread held by something else from now on, where it is. Says whether there is such a thread
+    /// and such a tool among `samples`.
+    pub fn hold_thread(
+        &mut self,
+        model: &Model,
+        thread: u8,
+        end: ThreadEnd,
+        hold: ThreadHold,
+        samples: &[ToolSample],
+    ) -> bool {
+        let _ = (model, thread, end, hold, samples);
+        todo!()
+    }
+
+    /// Bounds every segment of a thread between two punctures to `ratio` of its length at the time of the first such call
+    /// (younes-2021, 3.37), whatever its ends do; `None` gives it free again. Says whether there is such a thread.
+    pub fn tighten(&mut self, model: &Model, thread: u8, ratio: Option<f64>) -> bool {
+        let _ = (model, thread, ratio);
+        todo!()
+    }
+
+    /// The path of a thread, from tail to head; for viewers and files.
+    pub fn thread_path(&self, model: &Model, thread: u8) -> Vec<ThreadPoint> {
+        let _ = (model, thread);
+        todo!()
     }
 
     /// What rubs at each of [`State::crossings`], in their order.
