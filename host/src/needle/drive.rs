@@ -327,7 +327,7 @@ impl Drive<'_> {
             rows,
             ..
         } = &mut **work;
-        if !system.read(body, anchors, rows) {
+        if !system.read(body, anchors, &[], rows) {
             return Err(Status::TooManyRows);
         }
         let most = system.settings().vertices_per_step;
