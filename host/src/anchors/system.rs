@@ -12,7 +12,7 @@ use crate::fem::{
     Balance, Factored, HeldPoints, LinearTissue, Linearisation, SolveScratch, TissueError,
 };
 use crate::rows::{self, Problem, Row};
-use nalgebra::Vector3;
+use nalgebra::{Matrix3, Vector3};
 use std::sync::Arc;
 
 /// What evolves: the tissue's motion and the forces of the rows on it.
@@ -392,6 +392,21 @@ impl System {
                 parts.map(move |(vertex, weight)| (vertex, force * weight))
             })
         })
+    }
+
+    /// Elastic energy that the forces of the last solve have put into linear tissue \[J\].
+    pub fn stored_j(&self, grasp: &Grasp) -> f64 {
+        let forces = grasp.on_anchors.iter().enumerate();
+        let each = forces.map(|(anchor, force)| {
+            let moved = self.anchor_displacement(grasp, anchor) - self.free[anchor];
+            0.5 * force.dot(&moved)
+        });
+        each.sum()
+    }
+
+    /// Displacement of an anchor of the last [`Self::assemble`] per force on another \[m/N\].
+    pub fn between(&self, at: usize, pushed: usize) -> &Matrix3<f64> {
+        self.pairs.block(at, pushed)
     }
 
     /// Where all nodes are displaced to under the forces of the last solve, by the linearisation \[m\], (unknowns).
