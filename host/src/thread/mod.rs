@@ -5,7 +5,11 @@
 
 mod model;
 pub mod pull;
+#[cfg_attr(not(test), expect(dead_code))]
+mod skin;
 mod tension;
+#[cfg_attr(not(test), expect(dead_code))]
+mod wrap;
 
 pub use model::{
     ThreadEnd, ThreadError, ThreadHold, ThreadPart, ThreadPlace, ThreadPoint, ThreadReport,
