@@ -7,11 +7,15 @@ mod model;
 pub mod pull;
 mod segments;
 mod state;
+mod skin;
 mod tension;
+mod wrap;
 
 pub(crate) use model::{MOST_SEGMENTS, Threads};
 pub(crate) use segments::{EndRows, Out, Segment};
+pub(crate) use skin::Skin;
 pub(crate) use state::ThreadState;
+pub(crate) use wrap::wraps;
 
 pub use model::{
     Bridge, ThreadEnd, ThreadError, ThreadHold, ThreadPart, ThreadPlace, ThreadPoint, ThreadReport,
