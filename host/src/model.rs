@@ -3,6 +3,7 @@
 //! Entry point: [`Model::new`].
 
 use crate::body::{Body, Motion};
+use crate::collide::{TouchError, TouchPart, TouchSettings, Touching};
 use crate::contact::shape::Solid;
 use crate::fem::{
     CorotationalTissue, Equilibrium, Factored, HeldPoints, LinearTissue, Loads, Materials,
@@ -108,6 +109,12 @@ pub enum ModelError {
     /// A thread.
     #[error(transparent)]
     Thread(#[from] ThreadError),
+    /// Tissues that touch.
+    #[error(transparent)]
+    Touch(#[from] TouchError),
+    /// Tissues that touch in a scene that does not need to solve for that.
+    #[error("`[[tissue_contact]]` needs a `[[needle]]`: nothing else brings tissues together yet")]
+    TouchingWithoutNeedles,
     /// More tools than a step has room for.
     #[error("{0} tools; at most {MAX_TOOLS} are possible")]
     TooManyTools(usize),
@@ -325,6 +332,23 @@ impl Model {
         };
         let ids: Vec<u8> = needles.parts.iter().map(|part| part.id).collect();
         needles.threads = Threads::new(threads, &ids, &needles.mesh)?;
+        Ok(self)
+    }
+
+    /// Has bodies of tissue touch each other, in a model with needles.
+    ///
+    /// # Errors
+    /// Bodies without faces, numbers out of range; a model without needles.
+    pub fn with_touching(
+        mut self,
+        parts: &[TouchPart],
+        settings: TouchSettings,
+    ) -> Result<Self, ModelError> {
+        let Some(needles) = &mut self.needles else {
+            return Err(ModelError::TouchingWithoutNeedles);
+        };
+        let places = needles.places();
+        needles.touching = Some(Touching::new(parts, &places, settings)?);
         Ok(self)
     }
 

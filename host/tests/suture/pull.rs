@@ -2,6 +2,7 @@
 
 use super::bench::*;
 use nalgebra::Vector3;
+use sutura_host::collide::{TouchPart, TouchSettings};
 use sutura_host::needle::{NeedleSettings, NeedleTissue};
 use sutura_host::step::{State, StepReport, Workspace};
 use sutura_host::thread::{ThreadEnd, ThreadHold, ThreadPart, ThreadTension};
@@ -31,7 +32,20 @@ fn bench(friction: f64, strength_n: f64) -> Bench {
         friction,
         strength_n,
     };
+    let faces = |upper: bool| {
+        let faces = bench.mesh.surface().triangles.into_iter();
+        let is_upper = |face: &[u32; 3]| bench.mesh.points_m()[face[0] as usize][2] > 0.002;
+        faces.filter(|face| is_upper(face) == upper).collect()
+    };
+    let touching = TouchPart {
+        faces: [faces(true), faces(false)],
+        friction: 0.0,
+    };
     bench.model = bench.model.with_threads(&[part]).expect("a thread");
+    bench.model = bench
+        .model
+        .with_touching(&[touching], TouchSettings::default())
+        .expect("bodies");
     bench.state = State::new(&bench.model);
     bench.work = Workspace::new(&bench.model);
     bench.work.prepare(&bench.model, |_| true);
@@ -72,4 +86,10 @@ fn a_pull_at_both_ends_brings_the_slabs_together() {
     let thread = report.threads()[0];
     println!("{:?}", bench.state.bridges(&bench.model, 7));
     assert_eq!(thread.state, ThreadTension::Taut);
+    let report = go(&mut bench, Vector3::new(0.0, 0.0, -0.008));
+    println!(
+        "{:?} {}",
+        bench.state.bridges(&bench.model, 7),
+        report.touching
+    );
 }
