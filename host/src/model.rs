@@ -11,7 +11,7 @@ use crate::fem::{
 use crate::mesh::{Surface, TetMesh};
 use crate::needle::{NeedleError, NeedlePart, NeedleSettings, NeedleTissue, Needles};
 use crate::step::State;
-use crate::thread::{ThreadError, ThreadPart};
+use crate::thread::{ThreadError, ThreadPart, Threads};
 use crate::tool::{MAX_TOOLS, Placement, Shape, Tool};
 use nalgebra::Vector3;
 use std::fmt;
@@ -311,9 +311,27 @@ impl Model {
     ///
     /// # Errors
     /// Threads on needles that are not there, or with numbers that make none.
-    pub fn with_threads(self, threads: &[ThreadPart]) -> Result<Self, ModelError> {
-        let _ = threads;
-        todo!()
+    pub fn with_threads(mut self, threads: &[ThreadPart]) -> Result<Self, ModelError> {
+        let Some(needles) = &mut self.needles else {
+            return threads.first().map_or(Ok(self), |part| {
+                let flaw = "does not exist";
+                Err(ThreadError::Needle {
+                    id: part.id,
+                    needle: part.needle,
+                    flaw,
+                }
+                .into())
+            });
+        };
+        let ids: Vec<u8> = needles.parts.iter().map(|part| part.id).collect();
+        needles.threads = Threads::new(threads, &ids, &needles.mesh)?;
+        Ok(self)
+    }
+
+    /// Index of a thread.
+    pub(crate) fn thread(&self, id: u8) -> Option<usize> {
+        let parts = &self.needles.as_ref()?.threads.parts;
+        parts.iter().position(|part| part.id == id)
     }
 
     /// Whether a node is held.

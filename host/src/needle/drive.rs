@@ -11,12 +11,13 @@
 use super::model::{MAX_NEEDLES, Needles};
 use super::state::{NeedleState, Tip};
 use super::{Crossing, History, NeedleTissue};
-use crate::anchors::{AnchorPoint, AnchorRow, Grasp, System, is_solved};
+use crate::anchors::{AnchorPoint, AnchorRow, Grasp, SpreadRow, System, Term, is_solved};
 use crate::body::{Body, Push};
 use crate::clock::Clock;
 use crate::mesh::HalfFaces;
 use crate::rows::RowKind;
 use crate::step::{Status, StepReport};
+use crate::thread::{Out, Segment, ThreadHold, ThreadState};
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3, Vector6};
 use std::cell::Cell;
 
@@ -64,8 +65,17 @@ pub(super) struct Release {
 pub(crate) struct NeedleWork {
     pub system: System,
     pub(super) anchors: Vec<AnchorPoint>,
+    /// Segments of threads.
+    pub(super) ways: Vec<[Option<AnchorPoint>; 2]>,
+    /// Three for every point, then others.
     pub(super) rows: Vec<AnchorRow>,
+    pub(super) spread: Vec<SpreadRow>,
+    pub(super) terms: Vec<Term>,
+    /// Rows that give way by themselves, and by how much \[m/N\].
+    pub(super) soft: Vec<(u32, f64)>,
     pub(super) points: Vec<Point>,
+    pub(super) known_segments: Vec<Segment>,
+    pub(super) saved_threads: Vec<ThreadState>,
     pub(super) pushes: Vec<Push>,
     /// Solves so far, and where each node was found to be in which of them, (n).
     pub(super) solves: u64,
@@ -91,14 +101,26 @@ pub(crate) struct NeedleWork {
 }
 
 impl NeedleWork {
-    pub fn new(needles: &Needles, system: System, states: &[NeedleState], grasp: &Grasp) -> Self {
+    pub fn new(
+        needles: &Needles,
+        system: System,
+        states: &[NeedleState],
+        threads: &[ThreadState],
+        grasp: &Grasp,
+    ) -> Self {
         let settings = needles.anchor_settings();
         let (rows, anchors) = (settings.most_rows, settings.most_anchors);
         let count = states.len();
         Self {
             system,
             anchors: Vec::with_capacity(anchors),
+            ways: Vec::with_capacity(anchors),
             rows: Vec::with_capacity(rows),
+            spread: Vec::with_capacity(settings.most_spread),
+            terms: Vec::with_capacity(settings.most_terms),
+            soft: Vec::with_capacity(rows),
+            known_segments: Vec::with_capacity(anchors),
+            saved_threads: threads.to_vec(),
             points: Vec::with_capacity(anchors),
             pushes: Vec::with_capacity(4 * anchors),
             solves: 0,
@@ -116,6 +138,11 @@ impl NeedleWork {
             pressed: vec![false; count],
         }
     }
+
+    /// Rows of the present balance, those on several anchors included.
+    pub(super) fn count(&self) -> usize {
+        self.rows.len() + self.spread.len()
+    }
 }
 
 /// Everything that a balance works on.
@@ -125,22 +152,42 @@ pub(super) struct Drive<'a> {
     /// Unloaded nodes \[m\], (n x 3).
     pub points_m: &'a [[f64; 3]],
     pub states: &'a mut [NeedleState],
+    pub threads: &'a mut [ThreadState],
     pub grasp: &'a mut Grasp,
     pub work: &'a mut NeedleWork,
     pub report: &'a mut StepReport,
     pub clock: &'a mut Clock,
 }
 impl Drive<'_> {
-    /// Balances the tissue with the needles at `poses`; if that fails everything is as before.
-    pub fn to(&mut self, poses: &[Isometry3<f64>]) -> Result<(), Status> {
+    /// Balances the tissue with the needles at `poses` and what else holds threads at `ends`; if that fails everything
+    /// is as before.
+    pub fn to(
+        &mut self,
+        poses: &[Isometry3<f64>],
+        ends: &[[Vector3<f64>; 2]],
+    ) -> Result<(), Status> {
         for (saved, state) in self.work.saved.iter_mut().zip(self.states.iter()) {
             saved.copy_from(state);
+        }
+        let threads = self
+            .work
+            .saved_threads
+            .iter_mut()
+            .zip(self.threads.iter_mut());
+        for ((saved, thread), [tail, head]) in threads.zip(ends) {
+            saved.copy_from(thread);
+            thread.tail.at = *tail;
+            thread.head.at = *head;
+            thread.strained = false;
         }
         self.work.saved_grasp.copy_rows(self.grasp);
         self.work.releases.clear();
         let done = self.balance(poses, None);
         if done.is_err() {
             for (state, saved) in self.states.iter_mut().zip(&self.work.saved) {
+                state.copy_from(saved);
+            }
+            for (state, saved) in self.threads.iter_mut().zip(&self.work.saved_threads) {
                 state.copy_from(saved);
             }
             self.grasp.copy_rows(&self.work.saved_grasp);
@@ -227,6 +274,7 @@ impl Drive<'_> {
         for (state, part) in self.states.iter_mut().zip(&self.needles.parts) {
             limits(self.needles, state, part.needle.shape.length_m());
         }
+        self.lay_threads();
         loop {
             *solves += 1;
             if *solves > MOST_SOLVES {
@@ -261,6 +309,7 @@ impl Drive<'_> {
                 }
             }
             self.lead_followers();
+            settled &= self.settle_threads();
             // One that is not at rest by then lies still, and goes on in the next balance.
             settled &= *solves > LOOSE_SOLVES || self.settle_loose();
             if settled {
@@ -324,10 +373,13 @@ impl Drive<'_> {
         let NeedleWork {
             system,
             anchors,
+            ways,
             rows,
+            spread,
+            terms,
             ..
         } = &mut **work;
-        if !system.read(body, anchors, rows) {
+        if !(system.read(body, anchors, ways, rows) && system.read_spread(spread, terms)) {
             return Err(Status::TooManyRows);
         }
         let most = system.settings().vertices_per_step;
@@ -377,9 +429,17 @@ impl Drive<'_> {
 
     /// Friction on what cannot move needs something that gives way, or it would be none.
     pub(super) fn soften(&mut self) {
-        let n = self.work.rows.len();
-        let NeedleWork { system, points, .. } = &mut *self.work;
+        let n = self.work.count();
+        let NeedleWork {
+            system,
+            points,
+            soft,
+            ..
+        } = &mut *self.work;
         let w = system.compliance_mut(n);
+        for (row, by) in soft {
+            w[*row as usize * (n + 1)] += *by;
+        }
         for point in points.iter().filter(|point| point.what != What::Holding) {
             let own = &mut w[point.first_row * (n + 1)];
             if *own == 0.0 {
@@ -392,12 +452,20 @@ impl Drive<'_> {
     pub(super) fn make_rows(&mut self) {
         let NeedleWork {
             anchors,
+            ways,
             rows,
+            spread,
+            terms,
+            soft,
             points,
             ..
         } = &mut *self.work;
         anchors.clear();
+        ways.clear();
         rows.clear();
+        spread.clear();
+        terms.clear();
+        soft.clear();
         points.clear();
         for (index, state) in self.states.iter().enumerate() {
             let curve = self.needles.parts[index].needle.at(&state.pose);
@@ -468,6 +536,22 @@ impl Drive<'_> {
                 _ => {}
             }
         }
+        let mut out = Out {
+            anchors: anchors.len() as u32,
+            ways,
+            rows,
+            spread,
+            terms,
+            soft,
+        };
+        let held = &self.needles.threads;
+        let ground = held.ground(&self.needles.mesh, self.points_m);
+        for (index, thread) in self.threads.iter_mut().enumerate() {
+            let needle = &self.states[held.needles[index]];
+            let is_held =
+                thread.is_tail_held() && head_at(self.needles, needle, thread, index).is_some();
+            thread.make_rows(index, &held.parts[index], is_held, &ground, &mut out);
+        }
     }
 
     /// Where a node is under the forces of the last solve.
@@ -484,14 +568,132 @@ impl Drive<'_> {
             .sum()
     }
 
+    /// Whether both ends of a thread withstand a pull.
+    pub(super) fn is_held(&self, thread: usize) -> bool {
+        let needle = &self.states[self.needles.threads.needles[thread]];
+        let state = &self.threads[thread];
+        state.is_tail_held() && head_at(self.needles, needle, state, thread).is_some()
+    }
+
+    /// The tools that hold the tail and the head of a thread.
+    pub(super) fn held_by(&self, thread: usize) -> [Option<u8>; 2] {
+        let state = &self.threads[thread];
+        let by = |hold: &ThreadHold| match hold {
+            ThreadHold::Tool(tool) => Some(*tool),
+            _ => None,
+        };
+        let needle = &self.states[self.needles.threads.needles[thread]];
+        let head = match state.head.by {
+            ThreadHold::Free | ThreadHold::Knot => needle.grip.map(|grip| grip.tool),
+            hold => by(&hold),
+        };
+        [by(&state.tail.by), head]
+    }
+
+    /// The paths of threads that pull, and where they are linearised first.
+    pub(super) fn lay_threads(&mut self) {
+        let held = &self.needles.threads;
+        let ground = held.ground(&self.needles.mesh, self.points_m);
+        let mut known = std::mem::take(&mut self.work.known_segments);
+        for index in 0..self.threads.len() {
+            let needle = &self.states[held.needles[index]];
+            let head = head_at(self.needles, needle, &self.threads[index], index);
+            let mut thread = std::mem::take(&mut self.threads[index]);
+            if thread.pulls(head.is_some()) {
+                thread.lay(&ground, head, &mut known, |at| self.position_of(at));
+                if self.needles.threads.parts[index].friction > 0.0 {
+                    thread.turn(&self.needles.mesh, |at| self.position_of(at));
+                }
+            } else {
+                thread.segments.clear();
+                thread.spans.clear();
+            }
+            self.threads[index] = thread;
+        }
+        self.work.known_segments = known;
+    }
+
+    /// Takes the threads' tensions from a solve and linearises their paths anew; whether that was not needed.
+    pub(super) fn settle_threads(&mut self) -> bool {
+        let held = &self.needles.threads;
+        let ground = held.ground(&self.needles.mesh, self.points_m);
+        let mut settled = true;
+        let mut first = 0;
+        for (index, thread) in self.threads.iter_mut().enumerate() {
+            if thread.segments.is_empty() {
+                continue;
+            }
+            let needle = &self.states[held.needles[index]];
+            let is_held =
+                thread.is_tail_held() && head_at(self.needles, needle, thread, index).is_some();
+            let rows = (self.work.rows.len(), first);
+            settled &= thread.settle(
+                &held.parts[index],
+                is_held,
+                rows,
+                &ground,
+                &self.work.system,
+                self.grasp,
+            );
+            first += thread.spread_rows(&held.parts[index], is_held);
+        }
+        settled
+    }
+
+    /// Threads have slid: those that pull as the solve says, others follow their needle.
+    pub(super) fn finish_threads(&mut self) {
+        for index in 0..self.threads.len() {
+            let needle = self.needles.threads.needles[index];
+            let head = head_at(
+                self.needles,
+                &self.states[needle],
+                &self.threads[index],
+                index,
+            );
+            let is_held = self.threads[index].is_tail_held() && head.is_some();
+            self.threads[index].finish(is_held);
+            let (Some(head), false) = (head, is_held) else {
+                continue;
+            };
+            let Some(last) = self.threads[index].passed.last().map(|last| last.crossing) else {
+                continue;
+            };
+            let way = head - self.position_of(&anchor(&self.needles.mesh, &last));
+            let thread = &mut self.threads[index];
+            let short = way.norm() - (thread.head.alpha - last.alpha);
+            if short > 0.0 {
+                thread.draw(short);
+                thread.drop_behind();
+            }
+        }
+    }
+
     /// Takes over what the balance found.
     pub(super) fn finish(&mut self) {
         self.book();
+        self.finish_threads();
         for needle in 0..self.states.len() {
             if matches!(self.states[needle].tip, Tip::Holding { .. }) {
                 self.states[needle].log_pose();
             }
             self.cut(needle);
+        }
+    }
+}
+
+/// Where the head of a thread is held \[m\]: at its needle's end, if somebody holds that, or apart from it.
+pub(super) fn head_at(
+    needles: &Needles,
+    needle: &NeedleState,
+    thread: &ThreadState,
+    index: usize,
+) -> Option<Vector3<f64>> {
+    match thread.head.by {
+        ThreadHold::Place(_) | ThreadHold::Tool(_) => Some(thread.head.at),
+        _ => {
+            needle.grip?;
+            let part = &needles.parts[needles.threads.needles[index]].needle;
+            Some(part.at(&needle.pose).start)
         }
     }
 }
@@ -525,7 +727,7 @@ pub(super) fn position(
 }
 
 /// The tissue point of a crossing.
-pub(super) fn anchor(mesh: &HalfFaces, crossing: &Crossing) -> AnchorPoint {
+pub(crate) fn anchor(mesh: &HalfFaces, crossing: &Crossing) -> AnchorPoint {
     let [a, b, c] = mesh.vertices(crossing.face);
     let [x, y, z] = crossing.weights;
     AnchorPoint {

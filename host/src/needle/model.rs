@@ -5,6 +5,7 @@
 use super::{Geometry, Hierarchy, History, Needle, NeedleTissue, Slack, entry};
 use crate::anchors::AnchorSettings;
 use crate::mesh::{HalfFaces, TetMesh};
+use crate::thread::{MOST_SEGMENTS, Threads};
 use nalgebra::{Isometry3, Vector3};
 use thiserror::Error;
 
@@ -119,6 +120,7 @@ pub(crate) struct Needles {
     pub settings: NeedleSettings,
     pub mesh: HalfFaces,
     pub hierarchy: Hierarchy,
+    pub threads: Threads,
     /// Displacement under the loads alone, where the hierarchy is \[m\], (n x 3).
     pub resting: Vec<[f64; 3]>,
     /// Kinds of tissue, and each cell's among them, (m).
@@ -210,6 +212,7 @@ impl Needles {
             settings,
             mesh: half_faces,
             hierarchy,
+            threads: Threads::none(),
             resting: resting_m
                 .iter()
                 .zip(mesh.points_m())
@@ -237,10 +240,17 @@ impl Needles {
 
     /// What rows of these needles need at most: at each crossing three, and at each tip.
     pub fn anchor_settings(&self) -> AnchorSettings {
-        let most_anchors = self.parts.len() * (self.settings.most_crossings + 1);
+        let of_needles = self.parts.len() * (self.settings.most_crossings + 1);
+        let threads = self.threads.parts.len();
+        let most_anchors = of_needles + threads * MOST_SEGMENTS;
+        let rubbing = self.threads.parts.iter().any(|part| part.friction > 0.0);
+        // A row for every span, and of all that lies beyond it.
+        let most_terms = threads * MOST_SEGMENTS * if rubbing { MOST_SEGMENTS } else { 3 };
         AnchorSettings {
             most_rows: 3 * most_anchors,
             most_anchors,
+            most_spread: threads * 2 * MOST_SEGMENTS,
+            most_terms,
             vertices_per_step: self.settings.vertices_per_step,
             memory_bytes: self.settings.memory_bytes,
             ..AnchorSettings::default()

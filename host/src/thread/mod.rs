@@ -5,9 +5,15 @@
 
 mod model;
 pub mod pull;
+mod segments;
+mod state;
 mod tension;
 
+pub(crate) use model::{MOST_SEGMENTS, Threads};
+pub(crate) use segments::{EndRows, Out, Segment};
+pub(crate) use state::ThreadState;
+
 pub use model::{
-    ThreadEnd, ThreadError, ThreadHold, ThreadPart, ThreadPlace, ThreadPoint, ThreadReport,
+    Bridge, ThreadEnd, ThreadError, ThreadHold, ThreadPart, ThreadPlace, ThreadPoint, ThreadReport,
     ThreadTension,
 };
