@@ -12,8 +12,11 @@ mod read;
 mod region;
 mod schema;
 mod select;
+mod threads;
 mod tools;
+mod touching;
 mod way;
+mod wound_file;
 
 pub use device::{BUILT_IN as BUILT_IN_DEVICES, read_device};
 pub use document::{Document, Flaw, SceneError};
@@ -22,6 +25,8 @@ pub use needles::{Hold, Needle, NeedleSolver};
 pub use read::LONGEST_S;
 pub use region::Region;
 pub use schema::schema;
+pub use threads::{Thread, ThreadHeld, Tighten};
+pub use touching::TissueContact;
 pub use way::{OnWay, Way, WayStop};
 
 use crate::fem::{Loads, Materials, Policy};
@@ -59,6 +64,10 @@ pub struct Scene {
     pub needles: Vec<Needle>,
     /// How each cell answers them, (m); empty in a scene without needles.
     pub needle_tissue: Vec<NeedleTissue>,
+    /// Threads, with different ids, on different needles.
+    pub threads: Vec<Thread>,
+    /// Parts of the tissue that may touch.
+    pub touching: Vec<TissueContact>,
     /// Speed against accuracy of needles.
     pub needle_solver: NeedleSolver,
     /// Forces on nodes, and points of tissue that are moved to a target.
@@ -237,7 +246,12 @@ impl Scene {
             playback: self.needle_solver.playback,
             ..NeedleSettings::default()
         };
-        model.with_needles(&self.mesh, &parts, &self.needle_tissue, settings)
+        let model = model.with_needles(&self.mesh, &parts, &self.needle_tissue, settings)?;
+        if self.threads.is_empty() {
+            return Ok(model);
+        }
+        let threads: Vec<_> = self.threads.iter().map(|thread| thread.part).collect();
+        model.with_threads(&threads)
     }
 }
 
@@ -245,3 +259,5 @@ impl Scene {
 mod needle_tests;
 #[cfg(test)]
 mod tests;
+#[cfg(test)]
+mod wound_tests;
