@@ -8,7 +8,7 @@
 use super::body::Pair;
 use super::near::Nearby;
 use super::pairs::Path;
-use super::stance::{stance, weighted};
+use super::stance::{faces_each_other, stance, weighted};
 use super::sweep::{Margin, Verdict};
 use super::touch::Touching;
 use super::touch_state::{BEYOND, Kept, TouchState, across};
@@ -21,6 +21,8 @@ const MEETS: f64 = 0.5;
 const VIOLATED: f64 = 1e-6;
 /// Looks of a balance after which everything that meets is taken up at once.
 const IN_ORDER: u32 = 4;
+/// Cosine below which two directions are not nearly the same.
+const ALONG: f64 = 0.9;
 /// Pairs found by one look, for each that may be kept.
 const FOUND: usize = 8;
 
@@ -156,8 +158,8 @@ fn features(kept: &Kept) -> [Feature; 2] {
     [feature(0, first), feature(1, second)]
 }
 
-/// Whether a pair that is kept holds what a new one would: one vertex at two faces that share nodes, and it is not over
-/// the new one.
+/// Whether a pair that is kept holds what a new one would: the same points along nearly the same direction, or one
+/// vertex at two faces that share nodes while it is not over the new one.
 fn says_the_same(old: &Kept, new: &Found) -> bool {
     if old.part != new.kept.part || new.outside < -BEYOND {
         return false;
@@ -166,8 +168,23 @@ fn says_the_same(old: &Kept, new: &Found) -> bool {
     match (&old.pair, &new.kept.pair) {
         (Pair::VertexFace(v, face), Pair::VertexFace(w, other))
         | (Pair::FaceVertex(face, v), Pair::FaceVertex(other, w)) => v == w && shared(face, other),
-        _ => false,
+        _ => {
+            let new = &new.kept;
+            old.normal.dot(&new.normal) > ALONG && apart(old, new) + apart(new, old) < 8.0 * BEYOND
+        }
     }
+}
+
+/// How much of the first pair's points is not the second's, by weights.
+fn apart(one: &Kept, other: &Kept) -> f64 {
+    let (nodes, others) = (one.pair.nodes(), other.pair.nodes());
+    let own = nodes.iter().zip(&one.weights);
+    own.map(|(node, weight)| {
+        let same = others.iter().zip(&other.weights);
+        let share = same.filter(|(other, _)| *other == node);
+        (weight - share.map(|(_, weight)| weight).sum::<f64>()).abs()
+    })
+    .sum()
 }
 
 /// A pair that meets on the way and that a row would have to keep apart.
@@ -201,7 +218,10 @@ fn meets(
     let hold_m = before.min(separation_m);
     let deepest_m = touching.settings.deepest * touching.mean_edge_m();
     // From inside, or on its way out, it is not kept.
-    if before < -deepest_m || after >= hold_m - VIOLATED * separation_m {
+    if before < -deepest_m
+        || after >= hold_m - VIOLATED * separation_m
+        || !faces_each_other(shells, &pair, &stance.normal, then)
+    {
         return None;
     }
     Some(Found {

@@ -6,6 +6,7 @@
 //! 2.2.6).
 
 mod body;
+mod depth;
 mod look;
 mod near;
 mod pairs;
@@ -18,6 +19,7 @@ mod touch_state;
 mod tree;
 
 pub use body::{Body, Pair};
+pub use depth::{gaps_m, penetration_m};
 pub use look::TouchWork;
 pub use pairs::{Path, edge_edge, vertex_face};
 pub use sweep::{Impact, Margin, Sweep, Verdict};

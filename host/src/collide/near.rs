@@ -22,6 +22,29 @@ struct Listed {
     distance_m: f64,
     part: u32,
     pair: Pair,
+    /// Unit vector from the second to the first where they are nearest, (3); zero if they touch.
+    direction: Vector3<f64>,
+}
+
+impl Listed {
+    /// Whether all of one stays ahead of all of the other by more than `within_m` along the direction: a plane between them
+    /// that most pairs do not even come near.
+    fn stays_ahead(&self, path: &impl Fn(u32) -> Path, within_m: f64) -> bool {
+        let along = self.pair.nodes().map(|node| {
+            let Path { from, to } = path(node);
+            [self.direction.dot(&from), self.direction.dot(&to)]
+        });
+        let [a, b, c, d] = along;
+        let hidden = 8.0 * f64::EPSILON * along.iter().flatten().map(|x| x.abs()).sum::<f64>();
+        (0..2).all(|time| {
+            let [a, b, c, d] = [a, b, c, d].map(|along| along[time]);
+            let ahead = match self.pair {
+                Pair::EdgeEdge(..) => a.min(b) - c.max(d),
+                _ => a - b.max(c).max(d),
+            };
+            ahead > within_m * (1.0 + 1e-9) + hidden
+        })
+    }
 }
 
 /// The list and trees.
@@ -70,6 +93,10 @@ impl Nearby {
         mut visit: impl FnMut(u32, Pair),
     ) {
         let mut most = self.follow(touching, &path);
+        // Nothing can be said of what may be anywhere.
+        if !most.is_finite() {
+            return;
+        }
         if 2.0 * most + within_m > self.reach_m {
             let from = |node: u32| path(node).from;
             self.list(
@@ -94,7 +121,7 @@ impl Nearby {
                 Pair::EdgeEdge(..) => a.max(b) + c.max(d),
                 _ => a + b.max(c).max(d),
             };
-            if listed.distance_m <= moved_m + within_m {
+            if listed.distance_m <= moved_m + within_m && !listed.stays_ahead(&path, within_m) {
                 visit(listed.part, listed.pair);
             }
         }
@@ -148,7 +175,7 @@ impl Nearby {
             to: at(node),
         };
         self.meeting(touching, path, reach_m, |part, pair| {
-            let distance_m = distance_m(&pair, &at);
+            let (distance_m, direction) = nearest(&pair, &at);
             if distance_m > reach_m {
                 return;
             }
@@ -158,6 +185,7 @@ impl Nearby {
                     distance_m,
                     part,
                     pair,
+                    direction,
                 });
             }
         });
@@ -187,7 +215,7 @@ impl Nearby {
                 clear = clear.min(reach_m);
                 bodies[0].sweep(path, &margin(reach_m));
                 bodies[0].with_itself(path, |pair| {
-                    clear = clear.min(distance_m(&pair, |node| at[node as usize]));
+                    clear = clear.min(nearest(&pair, |node| at[node as usize]).0);
                 });
             } else {
                 for body in bodies.iter_mut() {
@@ -207,14 +235,24 @@ fn margin(separation_m: f64) -> Margin {
     }
 }
 
-/// How far apart two features are for certain.
-fn distance_m(pair: &Pair, at: impl Fn(u32) -> Vector3<f64>) -> f64 {
+/// How far apart two features are for certain \[m\], and in which direction.
+fn nearest(pair: &Pair, at: impl Fn(u32) -> Vector3<f64>) -> (f64, Vector3<f64>) {
     let [a, b, c, d] = pair.nodes().map(at);
-    let square = match pair {
-        Pair::EdgeEdge(..) => closest(&[a - c, b - c, b - d, a - d]).point.norm_squared(),
-        _ => closest(&[a - b, a - c, a - d]).point.norm_squared(),
+    let (point, normal) = match pair {
+        Pair::EdgeEdge(..) => {
+            let closest = closest(&[a - c, b - c, b - d, a - d]);
+            (closest.point, closest.normal)
+        }
+        _ => {
+            let closest = closest(&[a - b, a - c, a - d]);
+            (closest.point, closest.normal)
+        }
     };
+    let length = point.norm();
     let hidden = ROUNDING * (a.amax() + b.amax() + c.amax() + d.amax());
-    let distance = (square.sqrt() * (1.0 - ROUNDING) - hidden).max(0.0);
-    if distance.is_nan() { 0.0 } else { distance }
+    let distance = (length * (1.0 - ROUNDING) - hidden).max(0.0);
+    // The normal is the more exact one where they nearly touch.
+    let normal = normal.map_or(point, |normal| normal * normal.dot(&point).signum());
+    let direction = normal.try_normalize(0.0).unwrap_or_default();
+    (if distance.is_nan() { 0.0 } else { distance }, direction)
 }

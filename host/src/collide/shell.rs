@@ -11,6 +11,8 @@ pub(super) struct Shell {
     faces: Vec<[u32; 3]>,
     /// The faces at each edge, lower node first; twice the same at the rim of a boundary that is open.
     beside: HashMap<[u32; 2], [u32; 2]>,
+    /// The faces at each node.
+    around: HashMap<u32, Vec<u32>>,
 }
 
 /// An edge by its nodes, the lower one first.
@@ -27,7 +29,11 @@ pub(super) fn normal(face: &[u32; 3], at: impl Fn(u32) -> Vector3<f64>) -> Vecto
 impl Shell {
     pub fn new(faces: &[[u32; 3]]) -> Self {
         let mut beside = HashMap::with_capacity(2 * faces.len());
+        let mut around: HashMap<u32, Vec<u32>> = HashMap::with_capacity(faces.len());
         for (index, &[a, b, c]) in (0u32..).zip(faces) {
+            for node in [a, b, c] {
+                around.entry(node).or_default().push(index);
+            }
             for edge in [edge(a, b), edge(b, c), edge(c, a)] {
                 beside
                     .entry(edge)
@@ -38,6 +44,7 @@ impl Shell {
         Self {
             faces: faces.to_vec(),
             beside,
+            around,
         }
     }
 
@@ -45,30 +52,33 @@ impl Shell {
         &self.faces
     }
 
-    /// The faces at an edge.
-    pub fn at_edge(&self, edge: &[u32; 2]) -> Option<[[u32; 3]; 2]> {
-        let faces = self.beside.get(edge)?;
-        Some(faces.map(|face| self.faces[face as usize]))
-    }
-
     /// The face across the side of `face` that lies opposite to one of its corners.
     pub fn across(&self, face: &[u32; 3], corner: usize) -> Option<[u32; 3]> {
         let side = edge(face[(corner + 1) % 3], face[(corner + 2) % 3]);
-        let [one, other] = self.at_edge(&side)?;
+        let faces = self.beside.get(&side)?;
+        let [one, other] = faces.map(|face| self.faces[face as usize]);
         let next = if one == *face { other } else { one };
         (next != *face).then_some(next)
     }
 
-    /// Mean of the normals of the two faces at an edge, of length 1 if they lie in a plane; zero if there are none.
+    /// Mean of the unit normals of the two faces at an edge; zero if there are none.
     pub fn edge_normal(&self, edge: &[u32; 2], at: impl Fn(u32) -> Vector3<f64>) -> Vector3<f64> {
-        let Some(faces) = self.at_edge(edge) else {
-            return Vector3::zeros();
-        };
-        let unit = |face: &[u32; 3]| {
-            let normal = normal(face, &at);
+        let faces = self.beside.get(edge);
+        self.mean_normal(faces.map_or(&[], |faces| faces), at)
+    }
+
+    /// Mean of the unit normals of the faces at a node; zero if there are none.
+    pub fn node_normal(&self, node: u32, at: impl Fn(u32) -> Vector3<f64>) -> Vector3<f64> {
+        let faces = self.around.get(&node);
+        self.mean_normal(faces.map_or(&[], Vec::as_slice), at)
+    }
+
+    fn mean_normal(&self, faces: &[u32], at: impl Fn(u32) -> Vector3<f64>) -> Vector3<f64> {
+        let units = faces.iter().map(|face| {
+            let normal = normal(&self.faces[*face as usize], &at);
             normal.try_normalize(0.0).unwrap_or_default()
-        };
-        0.5 * (unit(&faces[0]) + unit(&faces[1]))
+        });
+        units.sum::<Vector3<f64>>() / faces.len().max(1) as f64
     }
 
     /// Every node, ascending.

@@ -15,6 +15,10 @@ const PARALLEL: f64 = 0.05;
 /// other, or one is a valley.
 const FACING: f64 = 0.1;
 
+/// Most that the normals at a vertex may have, in the mean, along the normal of a face that it meets: with more it comes
+/// from within its own body.
+const TURNED: f64 = 0.2;
+
 /// Two features that stand opposite each other.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Stance {
@@ -31,6 +35,21 @@ impl Stance {
     pub fn gap_m(&self, nodes: &[u32; 4], at: impl Fn(u32) -> Vector3<f64>) -> f64 {
         self.normal.dot(&weighted(nodes, &self.weights, at))
     }
+}
+
+/// Whether the vertex of a pair turns its outside towards the face. Edges are looked at by [`stance`].
+pub(super) fn faces_each_other(
+    shells: [&Shell; 2],
+    pair: &Pair,
+    normal: &Vector3<f64>,
+    at: impl Fn(u32) -> Vector3<f64>,
+) -> bool {
+    let (shell, vertex) = match pair {
+        Pair::VertexFace(vertex, _) => (shells[0], *vertex),
+        Pair::FaceVertex(_, vertex) => (shells[1], *vertex),
+        Pair::EdgeEdge(..) => return true,
+    };
+    shell.node_normal(vertex, at).dot(normal) <= TURNED
 }
 
 /// Sum of the nodes' positions times weights.

@@ -1,6 +1,6 @@
 //! Pressed and let go of.
 
-use crate::rig::{Blocks, Rig};
+use crate::rig::{Blocks, Rig, moved};
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use std::f64::consts::FRAC_PI_4;
 
@@ -15,10 +15,6 @@ fn block_on_block(friction: f64) -> (Rig, Vec<u32>) {
     let mut fixed = blocks.nodes(1, |at| at[2] < -0.0299);
     fixed.extend(&top);
     (Rig::new(blocks, &fixed, friction), top)
-}
-
-fn moved(nodes: &[u32], by: [f64; 3]) -> Vec<(u32, [f64; 3])> {
-    nodes.iter().map(|node| (*node, by)).collect()
 }
 
 #[test]

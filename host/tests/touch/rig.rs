@@ -1,10 +1,10 @@
 //! Blocks of linear tissue whose fixed nodes are moved, solved with the rows of their contact.
 
-use nalgebra::{Isometry3, Vector3};
+use nalgebra::{Isometry3, Point3, Vector3};
 use std::sync::Arc;
 use sutura_host::anchors::{AnchorPoint, AnchorRow, AnchorSettings, AnchorSolver, AnchorStatus};
 use sutura_host::collide::{TouchPart, TouchSettings, TouchState, TouchWork, Touching};
-use sutura_host::fem::{LinearTissue, Loads, Material};
+use sutura_host::fem::{LinearTissue, Loads, Material, NodeLoad};
 use sutura_host::mesh::{RawMesh, TetMesh, slab};
 
 pub const SOFT: Material = Material {
@@ -22,14 +22,17 @@ pub struct Blocks {
 impl Blocks {
     /// Slabs (size, divisions), each where its isometry puts it.
     pub fn new(slabs: &[([f64; 3], [usize; 3], Isometry3<f64>)]) -> Self {
+        let slabs = slabs.iter();
+        Self::of(slabs.map(|(size, divisions, to)| (slab(*size, *divisions).expect("a slab"), *to)))
+    }
+
+    /// Meshes, each where its isometry puts it.
+    pub fn of(bodies: impl Iterator<Item = (TetMesh, Isometry3<f64>)>) -> Self {
         let (mut points, mut cells, mut first) = (Vec::new(), Vec::new(), vec![0]);
-        for (size, divisions, to) in slabs {
-            let mesh = slab(*size, *divisions).expect("a slab");
+        for (mesh, to) in bodies {
             let start = points.len() as u32;
             let moved = mesh.points_m().iter();
-            points.extend(
-                moved.map(|at| <[f64; 3]>::from((to * nalgebra::Point3::from(*at)).coords)),
-            );
+            points.extend(moved.map(|at| <[f64; 3]>::from((to * Point3::from(*at)).coords)));
             cells.extend(
                 mesh.cells()
                     .iter()
@@ -62,6 +65,10 @@ impl Blocks {
 #[derive(Clone, Debug, Default)]
 pub struct Step {
     pub solves: usize,
+    /// Where each solve had the nodes \[m\].
+    pub seen: Vec<Vec<Vector3<f64>>>,
+    /// What the fixed nodes were moved by.
+    pub moved: Vec<(u32, [f64; 3])>,
     pub rows: Vec<AnchorRow>,
     pub anchors: Vec<AnchorPoint>,
     pub lambda: Vec<f64>,
@@ -83,6 +90,11 @@ impl Step {
     }
 }
 
+/// The same way for all of them.
+pub fn moved(nodes: &[u32], by: [f64; 3]) -> Vec<(u32, [f64; 3])> {
+    nodes.iter().map(|node| (*node, by)).collect()
+}
+
 /// Most solves of a step.
 const MOST: usize = 12;
 
@@ -99,12 +111,18 @@ pub struct Rig {
 impl Rig {
     /// Contact between body 0 and body 1; `fixed` nodes are those that steps move.
     pub fn new(blocks: Blocks, fixed: &[u32], friction: f64) -> Self {
-        Self::with(blocks, fixed, friction, TouchSettings::default())
+        Self::with(blocks, fixed, friction, SOFT, TouchSettings::default())
     }
 
-    pub fn with(blocks: Blocks, fixed: &[u32], friction: f64, settings: TouchSettings) -> Self {
+    pub fn with(
+        blocks: Blocks,
+        fixed: &[u32],
+        friction: f64,
+        material: Material,
+        settings: TouchSettings,
+    ) -> Self {
         let mesh = &blocks.mesh;
-        let tissue = Arc::new(LinearTissue::new(mesh, SOFT, fixed).expect("tissue"));
+        let tissue = Arc::new(LinearTissue::new(mesh, material, fixed).expect("tissue"));
         let mut reached = mesh.surface().vertices;
         reached.retain(|node| !tissue.is_fixed(*node));
         let at: Vec<Vector3<f64>> = mesh.points_m().iter().map(|p| Vector3::from(*p)).collect();
@@ -133,6 +151,11 @@ impl Rig {
         }
     }
 
+    /// Faces of the two bodies.
+    pub fn faces(&self) -> [Vec<[u32; 3]>; 2] {
+        [self.blocks.faces(0), self.blocks.faces(1)]
+    }
+
     /// Balances with fixed nodes moved by `moved` \[m\].
     pub fn step(&mut self, moved: &[(u32, [f64; 3])]) -> Step {
         let loads = Loads {
@@ -140,7 +163,10 @@ impl Rig {
             ..Loads::default()
         };
         let free = self.tissue.solve(&loads).expect("a balance").displacement_m;
-        let mut step = Step::default();
+        let mut step = Step {
+            moved: moved.to_vec(),
+            ..Step::default()
+        };
         loop {
             step.solves += 1;
             step.anchors.clear();
@@ -165,6 +191,7 @@ impl Rig {
                     + Vector3::from(free[node])
                     + Vector3::from(self.solver.displacement_m(node as u32));
             }
+            step.seen.push(self.at.clone());
             if step.solves >= MOST || !self.state.look(&self.touching, &mut self.work, &self.at) {
                 break;
             }
@@ -173,5 +200,29 @@ impl Rig {
         self.state
             .accept(&self.touching, &mut self.work, &self.at, &step.lambda);
         step
+    }
+
+    /// Force that `nodes`, which are fixed, get from what moves them \[N\].
+    pub fn holding(&self, nodes: &[u32], step: &Step) -> Vector3<f64> {
+        let mut forces = Vec::new();
+        for (row, lambda) in step.rows.iter().zip(&step.lambda) {
+            let anchor = &step.anchors[row.anchor as usize];
+            for (node, weight) in anchor.nodes.iter().zip(anchor.weights) {
+                forces.push(NodeLoad {
+                    node: *node,
+                    force_n: row.direction.map(|x| -x * lambda * weight),
+                });
+            }
+        }
+        let loads = Loads {
+            forces,
+            fixed_displacement_m: step.moved.clone(),
+            ..Loads::default()
+        };
+        let balance = self.tissue.solve(&loads).expect("a balance");
+        let held = nodes
+            .iter()
+            .map(|node| balance.node_force_n[*node as usize]);
+        held.map(Vector3::from).sum()
     }
 }
