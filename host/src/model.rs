@@ -7,7 +7,7 @@ use crate::collide::{TouchError, TouchPart, TouchSettings, Touching};
 use crate::contact::shape::Solid;
 use crate::fem::{
     CorotationalTissue, Equilibrium, Factored, HeldPoints, LinearTissue, Loads, Materials,
-    NodeLoad, Policy, TissueError,
+    NodeLoad, Policy, TissueError, principal_stress_pa,
 };
 use crate::mesh::{Surface, TetMesh};
 use crate::needle::{NeedleError, NeedlePart, NeedleSettings, NeedleTissue, Needles};
@@ -434,6 +434,20 @@ impl Model {
             }
             (Body::Corotational { tissue, .. }, _) => tissue.solve(&loads),
         }
+    }
+
+    /// Principal stresses of each cell \[Pa\], descending, tension positive, (m x 3), for a displacement of every
+    /// node \[m\]: from small strain on linear tissue, from strain in the frame that turns with the cell on
+    /// corotational tissue. None for a displacement of another mesh.
+    pub fn principal_stress_pa(&self, displacement_m: &[[f64; 3]]) -> Vec<[f64; 3]> {
+        if displacement_m.len() != self.unloaded_m.len() {
+            return Vec::new();
+        }
+        let stress = match &self.body {
+            Body::Linear { tissue, .. } => tissue.stress(displacement_m),
+            Body::Corotational { tissue, .. } => tissue.stress(displacement_m),
+        };
+        stress.iter().map(principal_stress_pa).collect()
     }
 }
 
