@@ -3,7 +3,7 @@
 //! Entry point: [`TissueSolver::new`]. The console's one grip carries the scene's driven tool; the others stay
 //! where the scene holds them, or follow their scripts.
 
-use super::{HeldNeedle, Solve, Solved};
+use super::{HeldNeedle, HeldThread, Solve, Solved};
 use crate::model::Model;
 use crate::needle::{NeedleReport, TipPlace};
 use crate::output::tip_word;
@@ -11,11 +11,12 @@ use crate::scene::{Needle, Scene, Tissue};
 use crate::script::{Path, Script};
 use crate::solve::{SolveError, bring_in};
 use crate::step::{self, Status, StepReport, Workspace};
+use crate::thread::{ThreadReport, ThreadTension};
 use crate::tool::ToolSample;
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 use serde_json::{Map, Value, json};
 use sutura_shared::wire::Valid;
-use sutura_shared::wire::message::{Friction, State, Tip};
+use sutura_shared::wire::message::{End, Friction, State, Tension, Tip};
 
 /// How far from the tool's centre vertices are prepared, in radii: as far as a step looks ahead.
 const PREPARED_RADII: f64 = 1.5;
@@ -201,6 +202,29 @@ fn in_grip(report: &StepReport, driven: u8) -> Option<HeldNeedle> {
     })
 }
 
+/// The thread that pulls at the grip of `driven`, for the wire; of a thread with both ends there, its head.
+fn at_grip(report: &StepReport, driven: u8) -> Option<HeldThread> {
+    let at = |thread: &ThreadReport, end: usize| thread.held_by[end] == Some(driven);
+    let [tail, head] = [0, 1];
+    let threads = report.threads();
+    let thread = threads.iter().find(|t| at(t, head) || at(t, tail))?;
+    let end = if at(thread, head) { head } else { tail };
+    Some(HeldThread {
+        tool: driven,
+        thread: thread.id,
+        end: [End::Tail, End::Head][end],
+        state: match thread.state {
+            ThreadTension::Slack => Tension::Slack,
+            ThreadTension::Taut => Tension::Taut,
+            ThreadTension::Strained => Tension::Strained,
+        },
+        direction: thread.direction[end],
+        tension_n: thread.tension_n[end],
+        stiffness_n_per_m: thread.stiffness_n_per_m,
+        slack_m: thread.available_m - thread.length_m,
+    })
+}
+
 impl NeedleTally {
     fn of(needle: &Needle) -> Self {
         NeedleTally {
@@ -236,6 +260,7 @@ impl Solve for TissueSolver {
             return Solved {
                 contact: None,
                 needle: None,
+                thread: None,
                 status: Status::UnknownTool,
                 stages: step::Stages::default(),
             };
@@ -259,6 +284,7 @@ impl Solve for TissueSolver {
         Solved {
             contact,
             needle,
+            thread: self.driven().and_then(|driven| at_grip(&report, driven)),
             status: report.status,
             stages: report.stages,
         }
