@@ -89,6 +89,25 @@ fn the_grid_file_reads_back_as_the_json_file() {
             assert!((a - b).abs() <= 4e-16 * b.abs(), "{name}: {a:e} and {b:e}");
         }
     }
+    // One row for each cell; the equivalent stress is that of the row.
+    let array = |name: &str| -> Vec<f64> {
+        let array = document
+            .descendants()
+            .find(|n| n.attribute("Name") == Some(name));
+        let words = array.and_then(|n| n.text()).expect("the array is there");
+        let number = |word: &str| word.parse().expect("a number");
+        words.split_whitespace().map(number).collect()
+    };
+    let (principal, von_mises) = (array("principal_stress_pa"), array("von_mises_pa"));
+    assert!(!von_mises.is_empty() && von_mises.len() == array("types").len());
+    assert_eq!(principal.len(), 3 * von_mises.len());
+    for (row, equivalent) in principal.chunks_exact(3).zip(&von_mises) {
+        let [a, b, c] = [row[0], row[1], row[2]];
+        assert!(a >= b && b >= c);
+        let expected = (0.5 * ((a - b).powi(2) + (b - c).powi(2) + (c - a).powi(2))).sqrt();
+        assert!((equivalent - expected).abs() <= 1e-12 * expected);
+    }
+    assert!(von_mises.iter().any(|stress| *stress > 1.0), "under load");
     let left: Vec<_> = std::fs::read_dir(directory.path())
         .expect("readable")
         .collect();

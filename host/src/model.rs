@@ -3,10 +3,11 @@
 //! Entry point: [`Model::new`].
 
 use crate::body::{Body, Motion};
+use crate::collide::{TouchError, TouchPart, TouchSettings, Touching};
 use crate::contact::shape::Solid;
 use crate::fem::{
     CorotationalTissue, Equilibrium, Factored, HeldPoints, LinearTissue, Loads, Materials,
-    NodeLoad, Policy, TissueError,
+    NodeLoad, Policy, TissueError, principal_stress_pa,
 };
 use crate::mesh::{Surface, TetMesh};
 use crate::needle::{NeedleError, NeedlePart, NeedleSettings, NeedleTissue, Needles};
@@ -108,6 +109,12 @@ pub enum ModelError {
     /// A thread.
     #[error(transparent)]
     Thread(#[from] ThreadError),
+    /// Tissues that touch.
+    #[error(transparent)]
+    Touch(#[from] TouchError),
+    /// Tissues that touch in a scene that does not need to solve for that.
+    #[error("`[[tissue_contact]]` needs a `[[needle]]`: nothing else brings tissues together yet")]
+    TouchingWithoutNeedles,
     /// More tools than a step has room for.
     #[error("{0} tools; at most {MAX_TOOLS} are possible")]
     TooManyTools(usize),
@@ -328,6 +335,23 @@ impl Model {
         Ok(self)
     }
 
+    /// Has bodies of tissue touch each other, in a model with needles.
+    ///
+    /// # Errors
+    /// Bodies without faces, numbers out of range; a model without needles.
+    pub fn with_touching(
+        mut self,
+        parts: &[TouchPart],
+        settings: TouchSettings,
+    ) -> Result<Self, ModelError> {
+        let Some(needles) = &mut self.needles else {
+            return Err(ModelError::TouchingWithoutNeedles);
+        };
+        let places = needles.places();
+        needles.touching = Some(Touching::new(parts, &places, settings)?);
+        Ok(self)
+    }
+
     /// Index of a thread.
     pub(crate) fn thread(&self, id: u8) -> Option<usize> {
         let parts = &self.needles.as_ref()?.threads.parts;
@@ -410,6 +434,20 @@ impl Model {
             }
             (Body::Corotational { tissue, .. }, _) => tissue.solve(&loads),
         }
+    }
+
+    /// Principal stresses of each cell \[Pa\], descending, tension positive, (m x 3), for a displacement of every
+    /// node \[m\]: from small strain on linear tissue, from strain in the frame that turns with the cell on
+    /// corotational tissue. None for a displacement of another mesh.
+    pub fn principal_stress_pa(&self, displacement_m: &[[f64; 3]]) -> Vec<[f64; 3]> {
+        if displacement_m.len() != self.unloaded_m.len() {
+            return Vec::new();
+        }
+        let stress = match &self.body {
+            Body::Linear { tissue, .. } => tissue.stress(displacement_m),
+            Body::Corotational { tissue, .. } => tissue.stress(displacement_m),
+        };
+        stress.iter().map(principal_stress_pa).collect()
     }
 }
 

@@ -106,6 +106,7 @@ pub fn solve(scene: &Scene) -> Result<Solution, SolveError> {
         tissue: scene.tissue.word(),
         forces_act_on: "tissue",
         points_m: scene.mesh.points_m().to_vec(),
+        principal_stress_pa: model.principal_stress_pa(&rest.displacement_m),
         displacement_m: rest.displacement_m,
         reactions: reactions.collect(),
         tools: tools.collect(),

@@ -1,7 +1,7 @@
 //! Boxes around things that move, in boxes around boxes: which of them may come near which.
 //!
-//! Entry points: [`Tree::new`], [`Tree::refit`], [`Tree::near`], [`Tree::pairs`], [`Tree::own_pairs`]. The tree
-//! stays as it was built, by halving at the median, and its boxes follow. Our own: of the crates bvh and rstar
+//! Entry points: [`Tree::new`], [`Tree::refit`], [`Tree::near`], [`Tree::along`], [`Tree::pairs`],
+//! [`Tree::own_pairs`]. The tree stays as it was built, by halving at the median, and its boxes follow. Our own: of the crates bvh and rstar
 //! know no pairs and no refit, and parry3d-f64 brings a second linear algebra and 40 crates for what is here.
 
 use nalgebra::Vector3;
@@ -12,6 +12,8 @@ const LEAF: usize = 4;
 const DEPTH: usize = 32;
 /// Pairs yet to be looked at: two of each depth while the two are one, then one of each depth of either.
 const WAITING: usize = 4 * DEPTH + 4;
+/// What a line passes a box by within this part of both is for rounding to say.
+const ROUNDING: f64 = 1e-12;
 
 /// An axis-aligned box. It is made of coordinates as they are, so that nothing in it is lost by rounding.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -67,6 +69,32 @@ impl Bounds {
     #[inline]
     pub fn meets(&self, other: &Self) -> bool {
         (0..3).all(|axis| self.low[axis] <= other.high[axis] && other.low[axis] <= self.high[axis])
+    }
+
+    /// Square of the distance to another box.
+    fn apart_squared(&self, other: &Self) -> f64 {
+        let (above, below) = (self.low - other.high, other.low - self.high);
+        above.sup(&below).map(|x| x.max(0.0)).norm_squared()
+    }
+
+    /// Whether a straight line has a point in the box or in one larger by rounding (separating axes: those of
+    /// the box and their cross products with the line).
+    #[inline]
+    pub fn cut_by(&self, from: &Vector3<f64>, to: &Vector3<f64>) -> bool {
+        let half = (self.high - self.low) * 0.5;
+        let way = (to - from) * 0.5;
+        let apart = (from + to - self.low - self.high) * 0.5;
+        let reach = way.abs();
+        let slack = ROUNDING * (half.amax() + reach.amax());
+        (0..3).all(|axis| {
+            let (next, last) = ((axis + 1) % 3, (axis + 2) % 3);
+            let across = apart[next] * way[last] - apart[last] * way[next];
+            let most = half[next] * reach[last] + half[last] * reach[next];
+            // Written so that what is no number is not found apart.
+            let apart = apart[axis].abs() > half[axis] + reach[axis] + slack
+                || across.abs() > most + slack * reach.amax();
+            !apart
+        })
     }
 
     fn size(&self) -> f64 {
@@ -161,14 +189,23 @@ impl Tree {
     }
 
     /// Visits all things whose boxes meet `bounds`. Allocates nothing.
-    pub fn near(&self, bounds: &Bounds, mut visit: impl FnMut(u32)) {
+    pub fn near(&self, bounds: &Bounds, visit: impl FnMut(u32)) {
+        self.visit(|around| around.meets(bounds), visit);
+    }
+
+    /// Visits all things whose boxes a straight line may meet. Allocates nothing.
+    pub fn along(&self, from: &Vector3<f64>, to: &Vector3<f64>, visit: impl FnMut(u32)) {
+        self.visit(|around| around.cut_by(from, to), visit);
+    }
+
+    fn visit(&self, wanted: impl Fn(&Bounds) -> bool, mut visit: impl FnMut(u32)) {
         let mut waiting = [0; DEPTH + 2];
         // The root over nothing has no children.
         let mut count = usize::from(!self.things.is_empty());
         while count > 0 {
             count -= 1;
             let node = &self.nodes[waiting[count] as usize];
-            if !node.bounds.meets(bounds) {
+            if !wanted(&node.bounds) {
                 continue;
             }
             if node.things == 0 {
@@ -177,7 +214,7 @@ impl Tree {
                 continue;
             }
             for (thing, around) in self.of_leaf(node) {
-                if around.meets(bounds) {
+                if wanted(&around) {
                     visit(thing);
                 }
             }
@@ -190,6 +227,55 @@ impl Tree {
         let mut waiting = Waiting::new();
         waiting.push(0, 0);
         self.follow(other, false, &mut waiting, visit);
+    }
+
+    /// The least distance between the box of a thing here and that of one there; infinity if there are none.
+    /// Allocates nothing.
+    pub fn apart(&self, other: &Self) -> f64 {
+        if self.things.is_empty() || other.things.is_empty() {
+            return f64::INFINITY;
+        }
+        let mut least = f64::INFINITY;
+        let mut waiting = Waiting::new();
+        waiting.push(0, 0);
+        while let Some((here, there)) = waiting.pop() {
+            let (a, b) = (&self.nodes[here as usize], &other.nodes[there as usize]);
+            if a.bounds.apart_squared(&b.bounds) >= least {
+                continue;
+            }
+            // The nearer child is to be looked at first: it comes last.
+            match (a.things, b.things) {
+                (0, _) if b.things > 0 || a.bounds.size() > b.bounds.size() => {
+                    let [near, far] = self.by_distance(a.first, &b.bounds);
+                    waiting.push(far, there);
+                    waiting.push(near, there);
+                }
+                (_, 0) => {
+                    let [near, far] = other.by_distance(b.first, &a.bounds);
+                    waiting.push(here, far);
+                    waiting.push(here, near);
+                }
+                _ => {
+                    for (_, around) in self.of_leaf(a) {
+                        for (_, bounds) in other.of_leaf(b) {
+                            least = least.min(around.apart_squared(&bounds));
+                        }
+                    }
+                }
+            }
+        }
+        // One unit for each operation, down.
+        least.sqrt() * (1.0 - 8.0 * f64::EPSILON)
+    }
+
+    /// A node's children, the one that is nearer to a box first.
+    fn by_distance(&self, first: u32, to: &Bounds) -> [u32; 2] {
+        let apart = |node: u32| self.nodes[node as usize].bounds.apart_squared(to);
+        if apart(first + 1) < apart(first) {
+            [first + 1, first]
+        } else {
+            [first, first + 1]
+        }
     }
 
     /// Visits all pairs of two things here whose boxes meet, each once. Allocates nothing.
@@ -348,6 +434,39 @@ mod tests {
 
     fn meet_at(x: &Vector3<f64>, size: f64) -> bool {
         (x - Vector3::repeat(0.4)).amax() <= size
+    }
+
+    /// A line that passes a box by is told from one that cuts it, to a part in a million; against places along it.
+    #[test]
+    fn along_a_line_are_the_boxes_that_it_cuts() {
+        let at = points(300, 1.0);
+        let tree = Tree::new(300, around(&at, 0.07));
+        let mut cuts = 0;
+        for ends in points(200, 1.4).chunks_exact(2) {
+            let (from, to) = (ends[0], ends[1]);
+            let mut found = Vec::new();
+            tree.along(&from, &to, |thing| found.push((thing, 0)));
+            let found = sorted(found);
+            for (thing, middle) in at.iter().enumerate() {
+                // Largest distance along an axis: convex along the line.
+                let far = |s: f64| (from.lerp(&to, s) - middle).amax();
+                let (mut low, mut high) = (0.0, 1.0);
+                for _ in 0..100 {
+                    let (a, b) = (low + (high - low) / 3.0, high - (high - low) / 3.0);
+                    if far(a) < far(b) {
+                        high = b;
+                    } else {
+                        low = a;
+                    }
+                }
+                let least = far(0.5 * (low + high));
+                let is_found = found.binary_search(&(thing as u32, 0)).is_ok();
+                assert!(is_found || least > 0.07 * (1.0 - 1e-6), "missed at {least}");
+                assert!(!is_found || least < 0.07 * (1.0 + 1e-6), "found at {least}");
+                cuts += u32::from(is_found);
+            }
+        }
+        assert!(cuts > 100, "{cuts}");
     }
 
     /// A thousand things in one place: the tree halves them all the same, and its stack does.

@@ -15,6 +15,7 @@ mod loads;
 mod material;
 mod numbering;
 mod pattern;
+mod principal;
 mod rotation;
 mod supernodes;
 mod tissue;
@@ -28,6 +29,7 @@ pub use factor::SolveScratch;
 pub use handles::{Anchor, Handle};
 pub use loads::{Equilibrium, Loads, NodeLoad};
 pub use material::{Material, MaterialError, Materials};
+pub use principal::{principal_stress_pa, von_mises_pa};
 pub use tissue::LinearTissue;
 
 pub(crate) use corotational::Balance;

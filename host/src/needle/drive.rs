@@ -10,14 +10,15 @@
 
 use super::model::{MAX_NEEDLES, Needles};
 use super::state::{NeedleState, Tip};
-use super::{Crossing, History, NeedleTissue};
+use super::{Crossing, History, MOST_GROUPS, NeedleTissue};
 use crate::anchors::{AnchorPoint, AnchorRow, Grasp, SpreadRow, System, Term, is_solved};
 use crate::body::{Body, Push};
 use crate::clock::Clock;
+use crate::collide::{TouchState, TouchWork};
 use crate::mesh::HalfFaces;
 use crate::rows::RowKind;
 use crate::step::{Status, StepReport};
-use crate::thread::{Out, Segment, ThreadHold, ThreadState};
+use crate::thread::{MOST_SEGMENTS, Out, Segment, Skin, ThreadHold, ThreadState, Wrap, wraps};
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3, Vector6};
 use std::cell::Cell;
 
@@ -29,6 +30,9 @@ const SLIDE_TOLERANCE: f64 = 3e-8;
 const RIGID_M_PER_N: f64 = 1e-6;
 /// Solves of one balance in which needles that nobody holds settle.
 const LOOSE_SOLVES: u32 = 4;
+
+/// A thread that would bend by less over tissue cuts into it \[rad\].
+const LEAST_TURN: f64 = 0.02;
 
 /// What a row's anchor is on its needle.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -76,6 +80,15 @@ pub(crate) struct NeedleWork {
     pub(super) points: Vec<Point>,
     pub(super) known_segments: Vec<Segment>,
     pub(super) saved_threads: Vec<ThreadState>,
+    pub(super) saved_touch: Option<TouchState>,
+    pub(super) touch: Option<TouchWork>,
+    pub(super) skin: Option<Skin>,
+    /// Where all nodes are \[m\], (n), by which solve.
+    pub(super) at: Vec<Vector3<f64>>,
+    pub(super) at_solve: u64,
+    /// How far nodes may have been from where they rest when they were looked at last \[m\].
+    pub(super) looked_m: f64,
+    pub(super) wraps: Vec<Wrap>,
     pub(super) pushes: Vec<Push>,
     /// Solves so far, and where each node was found to be in which of them, (n).
     pub(super) solves: u64,
@@ -106,8 +119,11 @@ impl NeedleWork {
         system: System,
         states: &[NeedleState],
         threads: &[ThreadState],
+        touch: Option<&TouchState>,
         grasp: &Grasp,
     ) -> Self {
+        let nodes = needles.mesh.nodes();
+        let places = needles.places();
         let settings = needles.anchor_settings();
         let (rows, anchors) = (settings.most_rows, settings.most_anchors);
         let count = states.len();
@@ -121,6 +137,17 @@ impl NeedleWork {
             soft: Vec::with_capacity(rows),
             known_segments: Vec::with_capacity(anchors),
             saved_threads: threads.to_vec(),
+            saved_touch: touch.cloned(),
+            touch: needles
+                .touching
+                .as_ref()
+                .map(|touching| TouchWork::new(touching, nodes)),
+            skin: (!threads.is_empty())
+                .then(|| Skin::new(needles.mesh.boundary().triangles(), &places)),
+            at: places,
+            at_solve: u64::MAX,
+            looked_m: f64::INFINITY,
+            wraps: Vec::with_capacity(MOST_SEGMENTS),
             points: Vec::with_capacity(anchors),
             pushes: Vec::with_capacity(4 * anchors),
             solves: 0,
@@ -153,6 +180,7 @@ pub(super) struct Drive<'a> {
     pub points_m: &'a [[f64; 3]],
     pub states: &'a mut [NeedleState],
     pub threads: &'a mut [ThreadState],
+    pub touch: Option<&'a mut TouchState>,
     pub grasp: &'a mut Grasp,
     pub work: &'a mut NeedleWork,
     pub report: &'a mut StepReport,
@@ -180,6 +208,9 @@ impl Drive<'_> {
             thread.head.at = *head;
             thread.strained = false;
         }
+        if let (Some(saved), Some(touch)) = (&mut self.work.saved_touch, &self.touch) {
+            saved.copy_from(touch);
+        }
         self.work.saved_grasp.copy_rows(self.grasp);
         self.work.releases.clear();
         let done = self.balance(poses, None);
@@ -189,6 +220,9 @@ impl Drive<'_> {
             }
             for (state, saved) in self.threads.iter_mut().zip(&self.work.saved_threads) {
                 state.copy_from(saved);
+            }
+            if let (Some(saved), Some(touch)) = (&self.work.saved_touch, &mut self.touch) {
+                touch.copy_from(saved);
             }
             self.grasp.copy_rows(&self.work.saved_grasp);
         }
@@ -312,7 +346,7 @@ impl Drive<'_> {
             settled &= self.settle_threads();
             // One that is not at rest by then lies still, and goes on in the next balance.
             settled &= *solves > LOOSE_SOLVES || self.settle_loose();
-            if settled {
+            if settled && !self.meets() {
                 return Ok(());
             }
         }
@@ -536,6 +570,9 @@ impl Drive<'_> {
                 _ => {}
             }
         }
+        if let (Some(touching), Some(touch)) = (&self.needles.touching, &self.touch) {
+            touch.rows(touching, self.points_m, anchors, rows);
+        }
         let mut out = Out {
             anchors: anchors.len() as u32,
             ways,
@@ -668,10 +705,110 @@ impl Drive<'_> {
         }
     }
 
+    /// Finds where all nodes are after the last solve.
+    fn look_at_all(&mut self) {
+        if self.work.at_solve == self.work.solves {
+            return;
+        }
+        self.clock.lap(&mut self.report.stages.solve_ns);
+        let numbering = self.body.numbering();
+        let NeedleWork { system, at, .. } = &mut *self.work;
+        let u = system.field(self.body, self.grasp);
+        for ((node, at), from) in (0u32..).zip(at.iter_mut()).zip(self.points_m) {
+            *at = Vector3::from(*from) + Vector3::from(numbering.at_node(u, node));
+        }
+        self.work.at_solve = self.work.solves;
+        self.clock.lap(&mut self.report.stages.field_ns);
+    }
+
+    /// As far as nodes may have moved since tissues that may touch were looked at last \[m\].
+    fn slack_m(&self) -> f64 {
+        let mut slack = [0.0; MOST_GROUPS];
+        let slack = &mut slack[..self.needles.hierarchy.groups()];
+        let NeedleWork { system, pushes, .. } = &*self.work;
+        let resting = &self.needles.resting;
+        system.slack(self.body, self.grasp, pushes, resting, slack);
+        slack.iter().copied().fold(0.0, f64::max)
+    }
+
+    /// Whether tissues have met on the way to where the last solve has them, and so have rows now.
+    fn meets(&mut self) -> bool {
+        let Some(touching) = &self.needles.touching else {
+            return false;
+        };
+        let moved_m = self.slack_m() + self.work.looked_m;
+        if self
+            .touch
+            .as_ref()
+            .is_none_or(|touch| touch.is_clear(moved_m))
+        {
+            return false;
+        }
+        self.look_at_all();
+        let NeedleWork { touch, at, .. } = &mut *self.work;
+        let met = match (&mut self.touch, touch) {
+            (Some(state), Some(work)) => state.look(touching, work, at),
+            _ => false,
+        };
+        self.clock.lap(&mut self.report.stages.detect_ns);
+        met
+    }
+
+    /// A balance is found: what touches is looked at anew.
+    fn finish_touch(&mut self) {
+        let Some(touching) = &self.needles.touching else {
+            return;
+        };
+        if self.work.at_solve != self.work.solves {
+            return;
+        }
+        self.work.looked_m = self.slack_m();
+        let first = 3 * self.work.points.len();
+        let NeedleWork { touch, at, .. } = &mut *self.work;
+        if let (Some(state), Some(work)) = (&mut self.touch, touch) {
+            let lambda = self.grasp.lambda().get(first..).unwrap_or_default();
+            state.accept(touching, work, at, lambda);
+            self.report.touching = state.pressing() as u32;
+        }
+        self.clock.lap(&mut self.report.stages.detect_ns);
+    }
+
+    /// A balance is found: where taut threads bend over tissue.
+    fn bend_threads(&mut self) {
+        if self.threads.iter().all(|thread| thread.segments.is_empty()) {
+            return;
+        }
+        self.look_at_all();
+        let NeedleWork {
+            skin,
+            at,
+            wraps: found,
+            ..
+        } = &mut *self.work;
+        let Some(skin) = skin else {
+            return;
+        };
+        skin.refit(at);
+        let mesh = &self.needles.mesh;
+        for thread in self.threads.iter_mut() {
+            thread.bend(mesh, at, |from, to, up, out| {
+                found.clear();
+                wraps(skin, at, from, to, up, LEAST_TURN, found);
+                out.extend(found.iter().map(|wrap| AnchorPoint {
+                    nodes: [wrap.nodes[0], wrap.nodes[1], wrap.nodes[0], wrap.nodes[0]],
+                    weights: [wrap.weights[0], wrap.weights[1], 0.0, 0.0],
+                }));
+            });
+        }
+        self.clock.lap(&mut self.report.stages.detect_ns);
+    }
+
     /// Takes over what the balance found.
     pub(super) fn finish(&mut self) {
         self.book();
         self.finish_threads();
+        self.bend_threads();
+        self.finish_touch();
         for needle in 0..self.states.len() {
             if matches!(self.states[needle].tip, Tip::Holding { .. }) {
                 self.states[needle].log_pose();

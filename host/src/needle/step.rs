@@ -11,6 +11,7 @@ use super::{Curve, NeedlePart};
 use crate::anchors::{AnchorPoint, Grasp, System};
 use crate::body::Motion;
 use crate::clock::Clock;
+use crate::collide::TouchState;
 use crate::model::Model;
 use crate::step::{Status, StepReport};
 use crate::thread::{
@@ -79,6 +80,7 @@ pub(crate) struct NeedlesState {
     pub grasp: Grasp,
     pub each: Vec<NeedleState>,
     pub threads: Vec<ThreadState>,
+    pub touch: Option<TouchState>,
     time_us: u64,
 }
 
@@ -105,6 +107,10 @@ impl NeedlesState {
                 .iter()
                 .map(|part| ThreadState::new(part, MOST_SEGMENTS))
                 .collect(),
+            touch: needles
+                .touching
+                .as_ref()
+                .map(|touching| TouchState::new(touching, &needles.places())),
             time_us: 0,
         }
     }
@@ -223,7 +229,14 @@ impl NeedlesWork {
         }
         let system = System::everywhere(&model.body, &model.motion, settings, &groups);
         Self {
-            drive: NeedleWork::new(needles, system, &state.each, &state.threads, &state.grasp),
+            drive: NeedleWork::new(
+                needles,
+                system,
+                &state.each,
+                &state.threads,
+                state.touch.as_ref(),
+                &state.grasp,
+            ),
             tangent: TangentWork::new(settings.most_rows + settings.most_spread),
             // A cell and its neighbours around each tip, and one that lies ahead.
             ahead: Vec::with_capacity(24 * MAX_NEEDLES),
@@ -410,6 +423,7 @@ fn follow(
             points_m: model.points_m(),
             states: &mut state.each,
             threads: &mut state.threads,
+            touch: state.touch.as_mut(),
             grasp: &mut state.grasp,
             work: &mut work.drive,
             report,
@@ -500,6 +514,7 @@ fn reduce(
         grasp,
         each,
         threads,
+        touch,
         ..
     } = state;
     let NeedlesWork {
@@ -514,6 +529,7 @@ fn reduce(
         points_m: model.points_m(),
         states: each,
         threads,
+        touch: touch.as_mut(),
         grasp,
         work: scratch,
         report: &mut stages_report,

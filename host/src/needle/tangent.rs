@@ -211,12 +211,15 @@ impl TangentWork {
     pub fn sticking(&mut self, work: &NeedleWork, needle: usize) -> f64 {
         // Of the needle's own rows; others do not matter much.
         let n = 3 * work.points.len();
+        if n == 0 {
+            return 0.0;
+        }
         let all = work.count();
         let w = work.system.compliance(all);
         for (column, from) in self
             .matrix
             .chunks_exact_mut(n.max(1))
-            .zip(w.chunks_exact(all.max(1)))
+            .zip(w.chunks_exact(all))
         {
             column.copy_from_slice(&from[..n]);
         }

@@ -53,6 +53,7 @@ pub fn write_mesh(mesh: &RawMesh, path: &Path, format: MeshFormat) -> io::Result
                 cells: &mesh.cells,
                 point_vectors: &[],
                 cell_integers: &[("region", &regions(mesh))],
+                cell_vectors: &[],
                 cell_numbers: &[("mean_ratio", &mesh.qualities())],
             });
             write_whole(path, file.as_bytes())

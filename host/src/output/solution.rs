@@ -34,6 +34,9 @@ pub struct Solution {
     /// Nodes of each cell, (m x 4); in the grid file only.
     #[serde(skip)]
     pub cells: Vec<[u32; 4]>,
+    /// Principal stresses of each cell \[Pa\], descending, tension positive, (m x 3); in the grid file only.
+    #[serde(skip)]
+    pub principal_stress_pa: Vec<[f64; 3]>,
 }
 
 /// What a handle does to the tissue.

@@ -3,6 +3,7 @@
 //! Entry points: [`vtu`], [`grid`]. Format: VTK File Formats, version 4.2, "UnstructuredGrid".
 
 use super::Solution;
+use crate::fem::von_mises_pa;
 use std::fmt::Write;
 
 /// VTK's number for a linear tetrahedron.
@@ -18,18 +19,24 @@ pub(super) struct Grid<'a> {
     pub point_vectors: &'a [(&'a str, &'a [[f64; 3]])],
     /// Whole numbers in the cells, (m) each.
     pub cell_integers: &'a [(&'a str, &'a [i64])],
+    /// Three numbers in each cell, (m x 3).
+    pub cell_vectors: &'a [(&'a str, &'a [[f64; 3]])],
     /// Numbers in the cells, (m) each.
     pub cell_numbers: &'a [(&'a str, &'a [f64])],
 }
 
-/// The whole file of a result: points at rest, cells, and `displacement_m` at the points.
+/// The whole file of a result: points at rest, cells, `displacement_m` at the points, `principal_stress_pa` and
+/// `von_mises_pa` in the cells.
 pub fn vtu(solution: &Solution) -> String {
+    let principal = &solution.principal_stress_pa;
+    let von_mises: Vec<f64> = principal.iter().map(von_mises_pa).collect();
     grid(&Grid {
         points_m: &solution.points_m,
         cells: &solution.cells,
         point_vectors: &[("displacement_m", &solution.displacement_m)],
         cell_integers: &[],
-        cell_numbers: &[],
+        cell_vectors: &[("principal_stress_pa", principal)],
+        cell_numbers: &[("von_mises_pa", &von_mises)],
     })
 }
 
@@ -57,10 +64,14 @@ pub(super) fn grid(grid: &Grid<'_>) -> String {
         }
         xml.push_str("</PointData>\n");
     }
-    if !(grid.cell_integers.is_empty() && grid.cell_numbers.is_empty()) {
+    let in_cells = grid.cell_integers.len() + grid.cell_vectors.len() + grid.cell_numbers.len();
+    if in_cells > 0 {
         xml.push_str("<CellData>\n");
         for (name, values) in grid.cell_integers {
             array(&mut xml, "Int64", name, values.iter());
+        }
+        for (name, rows) in grid.cell_vectors {
+            vectors(&mut xml, name, rows);
         }
         for (name, values) in grid.cell_numbers {
             array(&mut xml, "Float64", name, values.iter());
@@ -140,6 +151,7 @@ mod tests {
             needles: Vec::new(),
             residual: 0.0,
             cells: vec![[0, 1, 2, 3], [1, 2, 3, 4]],
+            principal_stress_pa: vec![[1e3 / 3.0, 0.0, -2e-5], [7.0, 4.0, 4.0]],
         }
     }
 
@@ -180,5 +192,17 @@ mod tests {
         );
         assert_eq!(numbers::<u32>(&document, "offsets"), [4, 8]);
         assert_eq!(numbers::<u8>(&document, "types"), [VTK_TETRA; 2]);
+        let cells = document.descendants().find(|n| n.has_tag_name("CellData"));
+        let names: Vec<_> = cells
+            .into_iter()
+            .flat_map(|n| n.children().filter_map(|n| n.attribute("Name")))
+            .collect();
+        assert_eq!(names, ["principal_stress_pa", "von_mises_pa"]);
+        assert_eq!(
+            numbers::<f64>(&document, "principal_stress_pa"),
+            solution.principal_stress_pa.concat()
+        );
+        let von_mises = numbers::<f64>(&document, "von_mises_pa");
+        assert!(von_mises.len() == 2 && (von_mises[1] - 3.0).abs() < 1e-15);
     }
 }

@@ -91,6 +91,8 @@ pub struct Stages {
     pub columns_ns: u64,
     /// Active set and Newton.
     pub solve_ns: u64,
+    /// Displacement of all nodes, where tissues may touch or threads bend.
+    pub field_ns: u64,
     /// Wrenches and tangents.
     pub reduce_ns: u64,
 }

@@ -6,12 +6,16 @@
 mod model;
 pub mod pull;
 mod segments;
+mod skin;
 mod state;
 mod tension;
+mod wrap;
 
 pub(crate) use model::{MOST_SEGMENTS, Threads};
 pub(crate) use segments::{EndRows, Out, Segment};
+pub(crate) use skin::Skin;
 pub(crate) use state::ThreadState;
+pub(crate) use wrap::{Wrap, wraps};
 
 pub use model::{
     Bridge, ThreadEnd, ThreadError, ThreadHold, ThreadPart, ThreadPlace, ThreadPoint, ThreadReport,

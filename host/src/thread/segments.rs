@@ -25,6 +25,8 @@ const STRAIGHT: f64 = 1e-6;
 const LENGTH_M: f64 = 1e-7;
 /// Tension below this is none \[N\].
 const NO_TENSION_N: f64 = 1e-9;
+/// A bend that has wandered along its edge by less than this part of it stays where it is.
+const WANDER: f64 = 0.02;
 /// Friction follows the tensions to this part of them.
 const FRICTION: f64 = 1e-4;
 
@@ -574,6 +576,77 @@ impl ThreadState {
             };
             let turn = angle(&first.pull(), &inside) + angle(&inside, &second.pull());
             self.spans[place - 1].turn = turn;
+        }
+    }
+
+    /// Where spans bend over tissue whose nodes are at `at` \[m\]; `over` finds bends of a chord, with the way out of
+    /// the tissue.
+    pub fn bend(
+        &mut self,
+        mesh: &HalfFaces,
+        at: &[Vector3<f64>],
+        mut over: impl FnMut(&Vector3<f64>, &Vector3<f64>, &Vector3<f64>, &mut Vec<AnchorPoint>),
+    ) {
+        if self.segments.is_empty() {
+            return;
+        }
+        let place = |anchor: &AnchorPoint| {
+            let parts = anchor.nodes.iter().zip(anchor.weights);
+            let each = parts.filter_map(|(node, weight)| Some(at.get(*node as usize)? * weight));
+            each.sum::<Vector3<f64>>()
+        };
+        std::mem::swap(&mut self.bends, &mut self.former_bends);
+        self.bends.clear();
+        for (index, span) in self.spans.iter().enumerate() {
+            let mut own = self.segments.iter().filter(|segment| segment.span == index);
+            let (Some(first), last) = (own.next(), own.next_back()) else {
+                continue;
+            };
+            let ends = [first.ends[0], last.unwrap_or(first).ends[1]];
+            let [from, to] = ends.map(|end| match end {
+                End::Tissue(anchor) => place(&anchor),
+                End::Held(at) => at,
+            });
+            let mut up = Vector3::zeros();
+            let mut inside = false;
+            for passed in [span.from, span.to].into_iter().flatten() {
+                let Some(passed) = self.passed.get(passed) else {
+                    continue;
+                };
+                inside |= !passed.is_boundary;
+                let [a, b, c] = mesh.vertices(passed.crossing.face).map(|node| {
+                    at.get(node as usize)
+                        .copied()
+                        .unwrap_or_else(Vector3::zeros)
+                });
+                up += (b - a)
+                    .cross(&(c - a))
+                    .try_normalize(0.0)
+                    .unwrap_or_default();
+            }
+            // The needle's end is in the tissue.
+            inside |= span.to.is_none()
+                && span
+                    .from
+                    .is_some_and(|from| self.passed[from].crossing.enters);
+            if inside {
+                continue;
+            }
+            self.new_bends.clear();
+            over(&from, &to, &up, &mut self.new_bends);
+            let key = span.key;
+            for bend in &self.new_bends {
+                if self.bends.len() + self.spans.len() >= self.bends.capacity() {
+                    break;
+                }
+                // What has hardly moved stays, so that what is known of it does.
+                let mut same = self.former_bends.iter().filter(|(of, _)| *of == key);
+                let near = same.find(|(_, old)| {
+                    let moved = (old.weights[0] - bend.weights[0]).abs();
+                    old.nodes == bend.nodes && moved <= WANDER
+                });
+                self.bends.push((key, near.map_or(*bend, |(_, old)| *old)));
+            }
         }
     }
 

@@ -49,6 +49,9 @@ pub(crate) struct ThreadState {
     pub former: Vec<Span>,
     /// Points of tissue that a span bends around, by the face that it begins at.
     pub bends: Vec<(u32, AnchorPoint)>,
+    /// Those of the balance before, and scratch.
+    pub former_bends: Vec<(u32, AnchorPoint)>,
+    pub new_bends: Vec<AnchorPoint>,
     /// Bridging spans are no longer than this part of their length in the unloaded mesh.
     pub tightened: Option<f64>,
     pub state: ThreadTension,
@@ -78,6 +81,8 @@ impl ThreadState {
             spans: Vec::with_capacity(most_segments),
             former: Vec::with_capacity(most_segments),
             bends: Vec::with_capacity(most_segments),
+            former_bends: Vec::with_capacity(most_segments),
+            new_bends: Vec::with_capacity(most_segments),
             tightened: None,
             state: ThreadTension::Slack,
             strained: false,
@@ -98,6 +103,8 @@ impl ThreadState {
             spans,
             former,
             bends,
+            former_bends: _,
+            new_bends: _,
             tightened,
             state,
             strained,
