@@ -29,6 +29,7 @@ pub use threads::{Thread, ThreadHeld, Tighten};
 pub use touching::TissueContact;
 pub use way::{OnWay, Way, WayStop};
 
+use crate::collide::{TouchPart, TouchSettings};
 use crate::fem::{Loads, Materials, Policy};
 use crate::mesh::TetMesh;
 use crate::model::{Model, ModelError, Passes};
@@ -247,11 +248,16 @@ impl Scene {
             ..NeedleSettings::default()
         };
         let model = model.with_needles(&self.mesh, &parts, &self.needle_tissue, settings)?;
-        if self.threads.is_empty() {
+        let threads: Vec<_> = self.threads.iter().map(|thread| thread.part).collect();
+        let model = model.with_threads(&threads)?;
+        if self.touching.is_empty() {
             return Ok(model);
         }
-        let threads: Vec<_> = self.threads.iter().map(|thread| thread.part).collect();
-        model.with_threads(&threads)
+        let parts = self.touching.iter().map(|contact| TouchPart {
+            faces: contact.faces.clone(),
+            friction: contact.friction,
+        });
+        model.with_touching(&parts.collect::<Vec<_>>(), TouchSettings::default())
     }
 }
 

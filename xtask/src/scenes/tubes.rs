@@ -37,6 +37,8 @@ const SHALLOW_CENTRE_M: [f64; 2] = [0.0171, 0.014];
 /// Between the tip and the tissue when a bite begins, and between the needle's end and the tissue when it has ended
 /// \[degree\].
 const CLEAR_DEG: f64 = 7.0;
+/// The thread's length \[m\].
+const THREAD_M: f64 = 0.6;
 /// Punctures of a bite through both tubes.
 const BITE: u32 = 4;
 
@@ -185,6 +187,28 @@ puncture_pa = 1e6
         ));
     }
     write::needle(&mut text, &sewing, &holds);
+    text.push_str(&format!(
+        "# Frictionless, and held at both ends once it has been sewn.
+[[thread]]
+needle = 0
+length_m = {THREAD_M:?}
+hold = [
+  {{ time_s = {:.3}, end = \"tail\", tool = 2 }},
+]
+
+# What closes.
+[[tissue_contact]]
+between = [\"upper\", \"lower\"]
+rims = [
+  {{ plane = {{ axis = \"z\", at_m = {:.4} }} }},
+  {{ plane = {{ axis = \"z\", at_m = {:.4} }} }},
+]
+
+",
+        pull_s - 0.05,
+        UPPER.ends_m[0],
+        LOWER.ends_m[1],
+    ));
     text.push_str("# The console's own.\n[[tool]]\nid = 0\nshape = \"grip\"\n\n");
     text.push_str("# Goes round with the needle.\n");
     write::hand(&mut text, 1, &round);
