@@ -218,7 +218,11 @@ fn wound(summary: &Summary) -> Option<String> {
     let number = |key: &str| summary.scene.get(key).and_then(|value| value.as_f64());
     let mut said = Vec::new();
     if let (Some(gap), Some(ratio)) = (number("rim_gap_m"), number("gap_ratio")) {
-        said.push(format!("gap {:.2} mm, {:.1} % of that at the start", 1e3 * gap, 1e2 * ratio));
+        said.push(format!(
+            "gap {:.2} mm, {:.1} % of that at the start",
+            1e3 * gap,
+            1e2 * ratio
+        ));
     }
     if let Some(welded) = number("rim_gap_vs_welded") {
         said.push(format!("{welded:.2} times that of welded punctures"));
@@ -230,7 +234,10 @@ fn wound(summary: &Summary) -> Option<String> {
         said.push(format!("overlap {depth:.4} edges"));
     }
     if let (Some(tension), Some(pulled)) = (number("tension_n"), number("pulled_m")) {
-        said.push(format!("{tension:.3} N, {:.0} mm of thread pulled", 1e3 * pulled));
+        said.push(format!(
+            "{tension:.3} N, {:.0} mm of thread pulled",
+            1e3 * pulled
+        ));
     }
     (!said.is_empty()).then(|| said.join("; "))
 }

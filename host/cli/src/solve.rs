@@ -176,7 +176,11 @@ fn print_text(args: &SolveArgs, solution: &Solution) {
             thread.tension_n[0].max(thread.tension_n[1])
         );
     }
-    if let Some((gap_m, ratio)) = solution.wound.as_ref().and_then(|w| w.rim_gap_m.zip(w.gap_ratio)) {
+    if let Some((gap_m, ratio)) = solution
+        .wound
+        .as_ref()
+        .and_then(|w| w.rim_gap_m.zip(w.gap_ratio))
+    {
         say!(
             "  gap                {:>10.4} mm, {:.1} % of that at the start",
             1e3 * gap_m,

@@ -19,7 +19,10 @@ fn column(above: f64, friction: f64, material: Material) -> (Rig, Vec<u32>) {
     let top = blocks.nodes(0, |at| at[2] > 0.0199 + above);
     let mut fixed = blocks.nodes(1, |at| at[2] < -0.0199);
     fixed.extend(&top);
-    (Rig::with(blocks, &fixed, friction, material, TouchSettings::default()), top)
+    (
+        Rig::with(blocks, &fixed, friction, material, TouchSettings::default()),
+        top,
+    )
 }
 
 /// Patch test: without Poisson's effect a column is pressed evenly, interface or not. Pressure goes over at nodes, and which of
