@@ -13,9 +13,11 @@ use crate::tool::ToolSample;
 use nalgebra::Vector3;
 use serde::Serialize;
 
-/// Steps in which punctures are drawn together for comparison: a tenth of an edge at a time or less, where gaps
-/// are a few edges wide.
-const WELDING_STEPS: u32 = 60;
+/// Part of the spans' length by which punctures are drawn together at a time, for comparison: a tenth of an edge or
+/// less, where gaps are a few edges wide.
+const WELDING_STEP: f64 = 1.0 / 60.0;
+/// Smallest part of such a step that is tried.
+const SMALLEST_SHARE: f64 = 1.0 / 16.0;
 
 /// Most steps that wait for columns at one place.
 const MOST_WAITS: u32 = 64;
@@ -183,27 +185,48 @@ impl Wound {
             }
         }
         let mut samples = samples.to_vec();
-        for k in 0..=WELDING_STEPS {
-            let left = 1.0 - f64::from(k) / f64::from(WELDING_STEPS);
+        let (mut left, mut part) = (ratio, 0.0);
+        // What found no balance is tried again in smaller steps.
+        while left > 0.0 || part == 0.0 {
+            let next = (left - part).max(0.0);
             for thread in &self.threads {
-                state.tighten(model, *thread, Some(ratio * left));
+                state.tighten(model, *thread, Some(next));
             }
             for sample in &mut samples {
                 sample.velocity_m_per_s = [0.0; 3];
                 sample.console_time_us += 5000;
             }
-            // A step computes a bounded number of new columns.
-            let mut tries = 0;
-            loop {
-                match step(model, &mut state, &samples, &mut work).status {
-                    Status::Ok => break,
-                    Status::Waiting if tries < MOST_WAITS => tries += 1,
-                    _ => return None,
+            match balance(model, &mut state, &samples, &mut work) {
+                Status::Ok => {
+                    left = next;
+                    part = if part == 0.0 { ratio * WELDING_STEP } else { part };
                 }
+                status if part <= ratio * WELDING_STEP * SMALLEST_SHARE => {
+                    tracing::info!("the gap of welded punctures is not known: {status:?} at {next}");
+                    return None;
+                }
+                _ => part *= 0.5,
             }
         }
         Some(state)
     }
+}
+
+/// How a step ends; one that computes columns goes on, as a step has room for some only.
+fn balance(
+    model: &Model,
+    state: &mut State,
+    samples: &[ToolSample],
+    work: &mut Workspace,
+) -> Status {
+    let mut status = Status::Waiting;
+    for _ in 0..MOST_WAITS {
+        if !matches!(status, Status::Waiting | Status::Behind) {
+            break;
+        }
+        status = step(model, state, samples, work).status;
+    }
+    status
 }
 
 fn places(model: &Model, state: &State) -> Vec<Vector3<f64>> {
