@@ -8,7 +8,7 @@
 use super::body::Pair;
 use super::near::Nearby;
 use super::pairs::Path;
-use super::stance::{faces_each_other, stance, weighted};
+use super::stance::{faces_each_other, stance, stance_along, weighted};
 use super::sweep::{Margin, Verdict};
 use super::touch::Touching;
 use super::touch_state::{BEYOND, Kept, TouchState, across};
@@ -23,6 +23,8 @@ const VIOLATED: f64 = 1e-6;
 const IN_ORDER: u32 = 4;
 /// Cosine below which two directions are not nearly the same.
 const ALONG: f64 = 0.9;
+/// Looks of a balance in which pairs are linearised anew.
+const TURNS: u32 = 6;
 /// Pairs found by one look, for each that may be kept.
 const FOUND: usize = 8;
 
@@ -124,6 +126,35 @@ impl TouchState {
                 ..new.kept
             });
             self.next_serial += 1;
+            any = true;
+        }
+        self.turn(touching, at) || any
+    }
+
+    /// Linearises pairs anew where a solve would have the nodes if they came nearer there than they may, for the direction
+    /// that keeps them apart has turned; whether any had to be.
+    fn turn(&mut self, touching: &Touching, at: &[Vector3<f64>]) -> bool {
+        if self.looks > TURNS {
+            return false;
+        }
+        let at = |node: u32| at[node as usize];
+        let least_m = MEETS * touching.separation_m();
+        let mut any = false;
+        for kept in &mut self.pairs {
+            let Some(now) = stance_along(&kept.normal, &kept.pair, at) else {
+                continue;
+            };
+            let short_m = kept.hold_m - now.gap_m(&kept.pair.nodes(), at);
+            if now.outside > BEYOND || short_m <= least_m {
+                continue;
+            }
+            let more = now.weights.iter().zip(&kept.weights);
+            let wandered = more.fold(0.0f64, |most, (new, old)| most.max((new - old).abs()));
+            if wandered > touching.settings.wander {
+                kept.weights = now.weights;
+            }
+            kept.normal = now.normal;
+            kept.tangent = across(&now.normal, &kept.tangent);
             any = true;
         }
         any

@@ -21,7 +21,7 @@ pub(super) fn edge(a: u32, b: u32) -> [u32; 2] {
 }
 
 /// A face's normal, as long as its area is twice \[m^2\].
-pub(super) fn normal(face: &[u32; 3], at: impl Fn(u32) -> Vector3<f64>) -> Vector3<f64> {
+fn normal(face: &[u32; 3], at: impl Fn(u32) -> Vector3<f64>) -> Vector3<f64> {
     let [a, b, c] = face.map(at);
     (b - a).cross(&(c - a))
 }

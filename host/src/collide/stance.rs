@@ -6,18 +6,17 @@
 //! pass through each other in first order.
 
 use super::body::Pair;
-use super::shell::{Shell, normal};
+use super::shell::Shell;
 use nalgebra::Vector3;
 
 /// Sine of the angle below which two edges are parallel: their ends meet faces.
 const PARALLEL: f64 = 0.05;
-/// Least part of the common perpendicular that the edges' mean normals must see: else they lie beside each
-/// other, or one is a valley.
-const FACING: f64 = 0.1;
-
-/// Most that the normals at a vertex may have, in the mean, along the normal of a face that it meets: with more it comes
-/// from within its own body.
-const TURNED: f64 = 0.2;
+/// By how much the common perpendicular of two edges may lie outside the normals of the faces at either: cosine and sine
+/// of 35 degrees. Farther out the edges lie beside each other.
+const TILTED: [f64; 2] = [0.819, 0.574];
+/// Cosine of the angle that the normal at a vertex must at least have to the opposite of the normal of a face that it meets:
+/// with less the vertex comes from within its own body or goes along the face.
+const OPPOSITE: f64 = 0.1;
 
 /// Two features that stand opposite each other.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -49,7 +48,8 @@ pub(super) fn faces_each_other(
         Pair::FaceVertex(_, vertex) => (shells[1], *vertex),
         Pair::EdgeEdge(..) => return true,
     };
-    shell.node_normal(vertex, at).dot(normal) <= TURNED
+    let own = shell.node_normal(vertex, at);
+    own.dot(normal) <= -OPPOSITE * own.norm()
 }
 
 /// Sum of the nodes' positions times weights.
@@ -62,60 +62,82 @@ pub(super) fn weighted(
     parts.map(|(node, weight)| at(*node) * *weight).sum()
 }
 
+/// Whether a direction across an edge lies between the normals of its faces, or nearly so; `mean` is theirs, whose length
+/// is the cosine of half of the angle between them.
+fn sees(mean: &Vector3<f64>, direction: &Vector3<f64>) -> bool {
+    let cosine = mean.norm();
+    let sine = (1.0 - cosine * cosine).max(0.0).sqrt();
+    let along = mean.dot(direction);
+    along > 0.0 && along >= cosine * (cosine * TILTED[0] - sine * TILTED[1])
+}
+
 /// How a pair stands where the nodes are at `at`; nothing if it cannot be said or they do not face each other.
 pub(super) fn stance(
     shells: [&Shell; 2],
     pair: &Pair,
     at: impl Fn(u32) -> Vector3<f64>,
 ) -> Option<Stance> {
-    let nodes = pair.nodes();
-    let [a, b, c, d] = nodes.map(&at);
-    match pair {
-        Pair::EdgeEdge(one, other) => {
-            let (along, across, from) = (b - a, d - c, a - c);
-            let perpendicular = along.cross(&across);
-            let squares = along.norm_squared() * across.norm_squared();
-            let area = perpendicular.norm_squared();
-            // Numbers that are none are not above anything.
-            let crossing = area > PARALLEL * PARALLEL * squares;
-            if !crossing {
-                return None;
-            }
-            let s = across.cross(&from).dot(&perpendicular) / area;
-            let t = along.cross(&from).dot(&perpendicular) / area;
-            let [first, second] = [
-                shells[0].edge_normal(one, &at),
-                shells[1].edge_normal(other, &at),
-            ];
-            let mut normal = perpendicular / area.sqrt();
-            if normal.dot(&(second - first)) < 0.0 {
-                normal = -normal;
-            }
-            if normal.dot(&second) < FACING || -normal.dot(&first) < FACING {
-                return None;
-            }
-            Some(Stance {
-                weights: [1.0 - s, s, t - 1.0, -t],
-                normal,
-                outside: [-s, s - 1.0, -t, t - 1.0]
-                    .into_iter()
-                    .fold(f64::MIN, f64::max),
-            })
+    let mut found = opposite(pair, &at)?;
+    if let Pair::EdgeEdge(one, other) = pair {
+        let first = shells[0].edge_normal(one, &at);
+        let second = shells[1].edge_normal(other, &at);
+        found.turn(&(second - first));
+        if !sees(&second, &found.normal) || !sees(&first, &-found.normal) {
+            return None;
         }
-        Pair::VertexFace(..) | Pair::FaceVertex(..) => {
-            let face = [nodes[1], nodes[2], nodes[3]];
-            let whole = normal(&face, &at);
-            let square = whole.norm_squared();
-            let part = |from: &Vector3<f64>, to: &Vector3<f64>| {
-                (from - a).cross(&(to - a)).dot(&whole) / square
-            };
-            let [u, v, w] = [part(&c, &d), part(&d, &b), part(&b, &c)];
-            let normal = whole / square.sqrt();
-            (u + v + w).is_finite().then_some(Stance {
-                weights: [1.0, -u, -v, -w],
-                normal,
-                outside: (-u).max(-v).max(-w),
-            })
+    }
+    Some(found)
+}
+
+/// As [`stance`], for a pair whose normal is about `normal`: of edges no faces are looked at.
+pub(super) fn stance_along(
+    normal: &Vector3<f64>,
+    pair: &Pair,
+    at: impl Fn(u32) -> Vector3<f64>,
+) -> Option<Stance> {
+    let mut found = opposite(pair, at)?;
+    if let Pair::EdgeEdge(..) = pair {
+        found.turn(normal);
+    }
+    Some(found)
+}
+
+impl Stance {
+    /// Turns the normal to the side of `along`.
+    fn turn(&mut self, along: &Vector3<f64>) {
+        if self.normal.dot(along) < 0.0 {
+            self.normal = -self.normal;
         }
+    }
+}
+
+/// The points opposite each other, and the face's normal or, either way round, the common perpendicular.
+fn opposite(pair: &Pair, at: impl Fn(u32) -> Vector3<f64>) -> Option<Stance> {
+    let [a, b, c, d] = pair.nodes().map(&at);
+    if let Pair::EdgeEdge(..) = pair {
+        let (along, across, from) = (b - a, d - c, a - c);
+        let perpendicular = along.cross(&across);
+        let squares = along.norm_squared() * across.norm_squared();
+        let area = perpendicular.norm_squared();
+        let s = across.cross(&from).dot(&perpendicular) / area;
+        let t = along.cross(&from).dot(&perpendicular) / area;
+        // Numbers that are none are not above anything.
+        (area > PARALLEL * PARALLEL * squares).then_some(Stance {
+            weights: [1.0 - s, s, t - 1.0, -t],
+            normal: perpendicular / area.sqrt(),
+            outside: (-s).max(s - 1.0).max(-t).max(t - 1.0),
+        })
+    } else {
+        let whole = (c - b).cross(&(d - b));
+        let square = whole.norm_squared();
+        let part = |from: &Vector3<f64>, to: &Vector3<f64>| {
+            (from - a).cross(&(to - a)).dot(&whole) / square
+        };
+        let [u, v, w] = [part(&c, &d), part(&d, &b), part(&b, &c)];
+        (u + v + w).is_finite().then_some(Stance {
+            weights: [1.0, -u, -v, -w],
+            normal: whole / square.sqrt(),
+            outside: (-u).max(-v).max(-w),
+        })
     }
 }

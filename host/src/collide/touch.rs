@@ -31,7 +31,7 @@ pub struct TouchSettings {
     /// How deep a feature may be inside at the last balance and still be kept from going deeper; what is deeper
     /// is on its way through from another side. 0.25.
     pub deepest: f64,
-    /// Features that come as near as this are looked at more closely. 0.3: more makes a longer list, less has
+    /// Features that come as near as this are looked at more closely. 0.15: more makes a longer list, less has
     /// it made anew more often.
     pub guard: f64,
     /// Most pairs of features that are kept apart at a time. 256.
@@ -45,7 +45,7 @@ impl Default for TouchSettings {
             release: 0.02,
             wander: 0.02,
             deepest: 0.25,
-            guard: 0.3,
+            guard: 0.15,
             most_pairs: 256,
         }
     }

@@ -27,6 +27,8 @@ const LENGTH_M: f64 = 1e-7;
 const NO_TENSION_N: f64 = 1e-9;
 /// A bend that has wandered along its edge by less than this part of it stays where it is.
 const WANDER: f64 = 0.02;
+/// Normals of both ends that add up to less leave no plane to bend in.
+const LEAST_UP: f64 = 0.5;
 /// Friction follows the tensions to this part of them.
 const FRICTION: f64 = 1e-4;
 
@@ -624,6 +626,8 @@ impl ThreadState {
                     .try_normalize(0.0)
                     .unwrap_or_default();
             }
+            // Between two cuts that face each other no side is outside.
+            inside |= up.norm() < LEAST_UP;
             // The needle's end is in the tissue.
             inside |= span.to.is_none()
                 && span

@@ -99,6 +99,35 @@ fn a_block_that_is_pressed_slid_and_lifted_never_gets_inside_and_gives_back_the_
     }
 }
 
+/// Pairs keep their ids while they wander over faces, so that the next solve starts from their forces.
+#[test]
+fn pairs_keep_their_ids_while_they_slide() {
+    let (mut rig, top) = turned_block(0.0);
+    let (mut before, mut kept, mut all) = (Vec::new(), 0, 0);
+    for (number, to) in cycle(60).take(120).enumerate() {
+        let report = rig.step(&moved(&top, to));
+        let pressing = report.rows.iter().zip(&report.lambda);
+        let now: Vec<u64> = pressing
+            .filter(|(_, lambda)| **lambda > 0.0)
+            .map(|(row, _)| row.id)
+            .collect();
+        assert!(now.iter().all(|id| id >> 40 == 1));
+        let mut sorted = now.clone();
+        sorted.sort_unstable();
+        sorted.dedup();
+        assert_eq!(sorted.len(), now.len());
+        if number >= 60 {
+            kept += now.iter().filter(|id| before.contains(*id)).count();
+            all += now.len();
+        }
+        before = report.rows.iter().map(|row| row.id).collect();
+    }
+    assert!(
+        all > 2000 && kept as f64 > 0.98 * all as f64,
+        "{kept} of {all}"
+    );
+}
+
 /// Friction keeps some of it.
 #[test]
 fn friction_costs_work() {
@@ -163,7 +192,7 @@ fn looking_and_accepting_allocate_nothing() {
     let (mut rig, top) = turned_block(0.2);
     let points = rig.blocks.mesh.points_m().to_vec();
     let rest = rig.at.clone();
-    let mut steps: Vec<(Vec<Vec<Vector3<f64>>>, Vec<f64>)> = Vec::new();
+    let mut steps = Vec::new();
     for to in cycle(10).take(28) {
         let report = rig.step(&moved(&top, to));
         steps.push((report.seen, report.lambda));

@@ -6,3 +6,4 @@ mod laws;
 mod near;
 mod press;
 mod rig;
+mod walks;
