@@ -462,12 +462,10 @@ fn loads(scene: &Scene) -> Component {
 
 /// What no scene of this version can name.
 fn not_here() -> [Component; 1] {
-    [
-        (
-            "console rows",
-            "the console gets a wrench and a tangent; this version sends no rows with them",
-        ),
-    ]
+    [(
+        "console rows",
+        "the console gets a wrench and a tangent; this version sends no rows with them",
+    )]
     .map(|(name, why)| Component::absent(name, why))
 }
 

@@ -199,10 +199,16 @@ impl Wound {
             match balance(model, &mut state, &samples, &mut work) {
                 Status::Ok => {
                     left = next;
-                    part = if part == 0.0 { ratio * WELDING_STEP } else { part };
+                    part = if part == 0.0 {
+                        ratio * WELDING_STEP
+                    } else {
+                        part
+                    };
                 }
                 status if part <= ratio * WELDING_STEP * SMALLEST_SHARE => {
-                    tracing::info!("the gap of welded punctures is not known: {status:?} at {next}");
+                    tracing::info!(
+                        "the gap of welded punctures is not known: {status:?} at {next}"
+                    );
                     return None;
                 }
                 _ => part *= 0.5,

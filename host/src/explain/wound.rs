@@ -8,10 +8,15 @@ use std::time::Duration;
 /// A component for each thread, or one that says that there is none.
 pub(super) fn threads(scene: &Scene, walk: &[(StepReport, Duration)]) -> Vec<Component> {
     if scene.threads.is_empty() {
-        return vec![Component::absent("thread", "no `[[thread]]`: no thread rows")];
+        return vec![Component::absent(
+            "thread",
+            "no `[[thread]]`: no thread rows",
+        )];
     }
     let thread = |(index, thread): (usize, &crate::scene::Thread)| {
-        let reports = walk.iter().filter_map(|(step, _)| step.threads().get(index));
+        let reports = walk
+            .iter()
+            .filter_map(|(step, _)| step.threads().get(index));
         let punctures = reports.map(|report| report.punctures).max();
         let why = match punctures {
             Some(punctures) => format!(
