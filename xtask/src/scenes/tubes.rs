@@ -47,7 +47,7 @@ const BEGIN_S: f64 = 0.1;
 const PULL_S: f64 = 3.6;
 /// By how much the thread's ends are pulled away \[m\].
 const PULL_M: f64 = 0.067;
-const LONG_PULL_M: f64 = 0.115;
+const LONG_PULL_M: f64 = 0.12;
 
 /// Angle on the needle's circle \[degree\], from radially outwards towards +z, of its crossing with a cylinder about
 /// the tubes' axis.
