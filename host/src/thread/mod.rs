@@ -3,7 +3,11 @@
 //! Entry points: [`ThreadPart`] for a thread that follows a needle in a [`crate::model::Model`];
 //! [`pull::ThreadSolver`] for one alone. Source: Younes 2021, section 3.3.
 
+#[cfg_attr(not(test), expect(dead_code))]
+mod chain;
 mod model;
+#[cfg_attr(not(test), expect(dead_code))]
+mod nearest;
 pub mod pull;
 #[cfg_attr(not(test), expect(dead_code))]
 mod skin;
