@@ -310,18 +310,35 @@ impl Body {
     ) {
         if let Some(state) = motion.state() {
             u.copy_from_slice(state.unknowns());
-        } else if let Self::Linear { tissue, resting } = self {
-            u.fill(0.0);
-            for (vertex, force) in pushes {
-                let first = columns.first_unknown(vertex);
-                for axis in 0..3 {
-                    u[first + axis] += force[axis];
-                }
+        } else {
+            self.displaced(motion, &BodyWork(None), columns, pushes, u, scratch);
+        }
+    }
+
+    /// Displacement of free nodes \[m\] (unknowns) with `pushes` acting, by the linearisation, into `u`.
+    pub fn displaced(
+        &self,
+        motion: &Motion,
+        work: &BodyWork,
+        columns: &Columns,
+        pushes: impl Iterator<Item = Push>,
+        u: &mut [f64],
+        scratch: &mut SolveScratch,
+    ) {
+        u.fill(0.0);
+        let before = motion
+            .pushed()
+            .iter()
+            .map(|(vertex, force)| (*vertex, -force));
+        for (vertex, force) in pushes.chain(before) {
+            let first = columns.first_unknown(vertex);
+            for axis in 0..3 {
+                u[first + axis] += force[axis];
             }
-            tissue.factor().solve(u, 1, scratch);
-            for (u, resting) in u.iter_mut().zip(resting) {
-                *u += resting;
-            }
+        }
+        self.view(motion).factor().solve(u, 1, scratch);
+        for (u, predicted) in u.iter_mut().zip(self.predicted(work)) {
+            *u += predicted;
         }
     }
 

@@ -3,6 +3,7 @@
 //! Entry point: [`Model::new`].
 
 use crate::body::{Body, Motion};
+use crate::collide::{TouchError, TouchPart, TouchSettings, Touching};
 use crate::contact::shape::Solid;
 use crate::fem::{
     CorotationalTissue, Equilibrium, Factored, HeldPoints, LinearTissue, Loads, Materials,
@@ -11,7 +12,7 @@ use crate::fem::{
 use crate::mesh::{Surface, TetMesh};
 use crate::needle::{NeedleError, NeedlePart, NeedleSettings, NeedleTissue, Needles};
 use crate::step::State;
-use crate::thread::{ThreadError, ThreadPart};
+use crate::thread::{ThreadError, ThreadPart, Threads};
 use crate::tool::{MAX_TOOLS, Placement, Shape, Tool};
 use nalgebra::Vector3;
 use std::fmt;
@@ -108,6 +109,12 @@ pub enum ModelError {
     /// A thread.
     #[error(transparent)]
     Thread(#[from] ThreadError),
+    /// Tissues that touch.
+    #[error(transparent)]
+    Touch(#[from] TouchError),
+    /// Tissues that touch in a scene that does not need to solve for that.
+    #[error("`[[tissue_contact]]` needs a `[[needle]]`: nothing else brings tissues together yet")]
+    TouchingWithoutNeedles,
     /// More tools than a step has room for.
     #[error("{0} tools; at most {MAX_TOOLS} are possible")]
     TooManyTools(usize),
@@ -311,9 +318,44 @@ impl Model {
     ///
     /// # Errors
     /// Threads on needles that are not there, or with numbers that make none.
-    pub fn with_threads(self, threads: &[ThreadPart]) -> Result<Self, ModelError> {
-        let _ = threads;
-        todo!()
+    pub fn with_threads(mut self, threads: &[ThreadPart]) -> Result<Self, ModelError> {
+        let Some(needles) = &mut self.needles else {
+            return threads.first().map_or(Ok(self), |part| {
+                let flaw = "does not exist";
+                Err(ThreadError::Needle {
+                    id: part.id,
+                    needle: part.needle,
+                    flaw,
+                }
+                .into())
+            });
+        };
+        let ids: Vec<u8> = needles.parts.iter().map(|part| part.id).collect();
+        needles.threads = Threads::new(threads, &ids, &needles.mesh)?;
+        Ok(self)
+    }
+
+    /// Has bodies of tissue touch each other, in a model with needles.
+    ///
+    /// # Errors
+    /// Bodies without faces, numbers out of range; a model without needles.
+    pub fn with_touching(
+        mut self,
+        parts: &[TouchPart],
+        settings: TouchSettings,
+    ) -> Result<Self, ModelError> {
+        let Some(needles) = &mut self.needles else {
+            return Err(ModelError::TouchingWithoutNeedles);
+        };
+        let places = needles.places();
+        needles.touching = Some(Touching::new(parts, &places, settings)?);
+        Ok(self)
+    }
+
+    /// Index of a thread.
+    pub(crate) fn thread(&self, id: u8) -> Option<usize> {
+        let parts = &self.needles.as_ref()?.threads.parts;
+        parts.iter().position(|part| part.id == id)
     }
 
     /// Whether a node is held.

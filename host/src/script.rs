@@ -1,12 +1,13 @@
 //! What a scene's scripts say at a time: where tools are that the console does not carry, how grips are
-//! turned, and who holds which needle.
+//! turned, and who holds which needle and thread.
 //!
 //! Entry points: [`Script::step_to`] and [`Script::follow`] before each step; [`path`] for what a session will
 //! come by.
 
 use crate::model::Model;
-use crate::scene::{Pose, Scene, Way, position_at};
+use crate::scene::{Pose, Scene, Thread, Way, position_at};
 use crate::step::State;
+use crate::thread::{ThreadEnd, ThreadHold};
 use crate::tool::ToolSample;
 use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3};
 use sutura_shared::wire::message::HandScript;
@@ -19,10 +20,12 @@ pub struct Script {
     /// Of each sample's tool.
     ways: Vec<Option<Way>>,
     is_driven: bool,
-    /// In the order of time.
+    /// In the order of time; needles before threads.
     changes: Vec<Change>,
     /// How many of them have been made.
     made: usize,
+    /// Those that are tightened, each with what it was tightened to last.
+    tightened: Vec<(Thread, Option<f64>)>,
     /// Whether tools and needles have met in a step before.
     has_begun: bool,
     hand: Option<HandScript>,
@@ -30,12 +33,24 @@ pub struct Script {
     rest: Pose,
 }
 
-/// A needle changes hands.
+/// A needle or an end of a thread changes hands.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Change {
     time_s: f64,
-    needle: u8,
-    tool: Option<u8>,
+    what: Taken,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Taken {
+    Needle {
+        id: u8,
+        tool: Option<u8>,
+    },
+    Thread {
+        id: u8,
+        end: ThreadEnd,
+        by: ThreadHold,
+    },
 }
 
 impl Script {
@@ -61,12 +76,18 @@ impl Script {
             .needles
             .iter()
             .flat_map(|needle| {
-                needle.holds.iter().map(|hold| Change {
-                    time_s: hold.time_s,
-                    needle: needle.id,
-                    tool: hold.tool,
+                needle.holds.iter().map(|hold| {
+                    let (id, tool) = (needle.id, hold.tool);
+                    (hold.time_s, Taken::Needle { id, tool })
                 })
             })
+            .chain(scene.threads.iter().flat_map(|thread| {
+                thread.holds.iter().map(|hold| {
+                    let (id, end, by) = (thread.part.id, hold.end, hold.by);
+                    (hold.time_s, Taken::Thread { id, end, by })
+                })
+            }))
+            .map(|(time_s, what)| Change { time_s, what })
             .collect();
         changes.sort_by(|a, b| a.time_s.total_cmp(&b.time_s));
         let rest = driven.and_then(|tool| tool.pose).map_or(somewhere, |pose| {
@@ -87,6 +108,12 @@ impl Script {
             is_driven: driven.is_some(),
             changes,
             made: 0,
+            tightened: scene
+                .threads
+                .iter()
+                .filter(|thread| !thread.tightens.is_empty())
+                .map(|thread| (thread.clone(), None))
+                .collect(),
             has_begun: false,
             hand: scene.hand,
             rest,
@@ -108,7 +135,8 @@ impl Script {
     }
 
     /// Goes on to a time since the session began \[s\], with the driven tool, if there is one, where the console has
-    /// it (its script turns it further), and lets needles change hands. Returns where the tools are for the step.
+    /// it (its script turns it further), and lets needles and threads change hands and be
+    /// tightened. Returns where the tools are for the step.
     pub fn step_to(
         &mut self,
         time_s: f64,
@@ -121,9 +149,23 @@ impl Script {
         }
         // A needle is taken where the last step has left it, by a tool where that was then.
         while let Some(change) = self.due(time_s) {
-            let by = change.tool.and_then(|id| self.sample(id));
-            // The scene has been checked: there is such a needle.
-            state.hold(model, change.needle, by.as_ref());
+            // The scene has been checked: there are such a needle and such a thread.
+            match change.what {
+                Taken::Needle { id, tool } => {
+                    let by = tool.and_then(|id| self.sample(id));
+                    state.hold(model, id, by.as_ref());
+                }
+                Taken::Thread { id, end, by } => {
+                    state.hold_thread(model, id, end, by, &self.samples);
+                }
+            }
+        }
+        for (thread, before) in &mut self.tightened {
+            let ratio = thread.tightened(time_s);
+            if ratio != *before {
+                state.tighten(model, thread.part.id, ratio);
+                *before = ratio;
+            }
         }
         if self.has_begun {
             self.go(time_s, console);
@@ -228,8 +270,11 @@ pub fn path(scene: &Scene, seconds: f64, every_s: f64, apart_m: f64) -> Path {
     for place in 0..=places {
         let time_s = f64::from(place) * every_s;
         while let Some(change) = script.due(time_s) {
-            let by = change.tool.and_then(|id| script.sample(id));
-            let index = scene.needles.iter().position(|n| n.id == change.needle);
+            let Taken::Needle { id, tool } = change.what else {
+                continue;
+            };
+            let by = tool.and_then(|id| script.sample(id));
+            let index = scene.needles.iter().position(|n| n.id == id);
             if let Some(index) = index {
                 grips[index] = by.map(|tool| (tool.id, isometry(&tool).inverse() * poses[index]));
             }

@@ -93,6 +93,7 @@ fn corotational_tissue_follows_the_scenes_hand() {
             s.detect_ns,
             s.columns_ns,
             s.solve_ns,
+            s.field_ns,
             s.reduce_ns,
         ]) {
             *sum += ns as f64 * 1e-6;

@@ -7,6 +7,7 @@ mod gates;
 mod image;
 mod locks;
 mod run;
+mod scenes;
 mod setup;
 mod test;
 mod toolchain;
@@ -58,6 +59,15 @@ Times on this machine: cargo run --release -- bench")]
         #[arg(long, value_enum, default_value = "text")]
         format: Format,
     },
+    /// Writes the scenes that have generated scripts.
+    #[command(after_help = "Examples:
+  cargo xtask scenes            write scenes/anastomosis-20.toml and others
+  cargo xtask scenes --check    fails if they are not what would be written")]
+    Scenes {
+        /// Write nothing.
+        #[arg(long)]
+        check: bool,
+    },
     /// Runs everything that the project checks.
     Test,
 }
@@ -82,6 +92,7 @@ fn main() -> ExitCode {
             format,
         } => firmware::gated(bless, format),
         Command::Bench { bless, format } => bench::gated(bless, format),
+        Command::Scenes { check } => scenes::gated(check),
         Command::Test => test::all(),
     };
     match result {

@@ -1,23 +1,38 @@
 //! W = C K^-1 C' by barycentric sums of cached blocks.
 //!
-//! Entry point: [`assemble`].
+//! Entry points: [`Pairs::look`], then [`Pairs::project`]. Blocks between anchors are kept from step to step: what
+//! has not moved in the mesh costs nothing again, and a change of direction only the projection.
 
 use super::{AnchorRow, SpreadRow, Term};
 use crate::columns::Columns;
 use nalgebra::{Matrix3, Vector3};
 
+/// Most vertices of an anchor: a way between two points of cells has eight.
+const MOST_VERTICES: usize = 8;
+
 /// An anchor with its free nodes counted as the columns count them; fixed nodes are left out.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct Reached {
-    pub vertices: [u32; 4],
-    pub weights: [f64; 4],
-    pub count: usize,
+    vertices: [u32; MOST_VERTICES],
+    weights: [f64; MOST_VERTICES],
+    count: usize,
 }
 
 impl Reached {
     pub fn parts(&self) -> impl Iterator<Item = (u32, f64)> {
         let pairs = self.vertices.into_iter().zip(self.weights);
         pairs.take(self.count)
+    }
+
+    /// Adds a vertex; whether there is room.
+    pub fn add(&mut self, vertex: u32, weight: f64) -> bool {
+        let room = self.count < MOST_VERTICES;
+        if room {
+            self.vertices[self.count] = vertex;
+            self.weights[self.count] = weight;
+            self.count += 1;
+        }
+        room
     }
 }
 
@@ -41,87 +56,178 @@ impl Spread {
     }
 }
 
-/// Fills `w` (n x n, column-major, both triangles), n the number of `rows` and `spread` rows, with the former
-/// first, which are in the order of their anchors; `first_row` (anchors + 1) says where each anchor's rows
-/// begin. `pairs` (anchors) and `moved` (spread rows x anchors) are scratch.
-#[expect(clippy::too_many_arguments, reason = "buffers of one owner")]
-pub(super) fn assemble(
-    anchors: &[Reached],
-    rows: &[AnchorRow],
-    first_row: &[u32],
-    spread: &Spread,
-    columns: &Columns,
-    pairs: &mut [Matrix3<f64>],
-    moved: &mut [Vector3<f64>],
-    w: &mut [f64],
-) {
-    let single = rows.len();
-    let n = single + spread.rows.len();
-    moved.fill(Vector3::zeros());
-    for (b, pushed) in anchors.iter().enumerate() {
-        let of_b = first_row[b] as usize..first_row[b + 1] as usize;
-        if of_b.is_empty() && spread.rows.is_empty() {
-            continue;
+/// Blocks of compliance between anchors.
+pub(super) struct Pairs {
+    most: usize,
+    /// Number of the factor that they belong to.
+    factor: u64,
+    /// What each slot holds; `None` if it is free.
+    held: Vec<Option<Reached>>,
+    /// Whether a slot is held by a present anchor.
+    present: Vec<bool>,
+    /// Displacement of the first per force on the second \[m/N\], (slots x slots), by the first.
+    blocks: Vec<Matrix3<f64>>,
+    /// Slot of each present anchor, and those of them that are new.
+    slots: Vec<u32>,
+    new: Vec<u32>,
+    /// What unit forces of rows on several anchors move each anchor by, (anchors).
+    moved: Vec<Vector3<f64>>,
+}
+
+impl Pairs {
+    /// For so many anchors.
+    pub fn new(most: usize) -> Self {
+        Self {
+            most,
+            factor: 0,
+            held: vec![None; most],
+            present: vec![false; most],
+            blocks: vec![Matrix3::zeros(); most * most],
+            slots: Vec::with_capacity(most),
+            new: Vec::with_capacity(most),
+            moved: vec![Vector3::zeros(); most],
         }
-        let pairs = &mut pairs[..=b];
-        pairs.fill(Matrix3::zeros());
-        // One pushed vertex at a time: its blocks lie together.
-        for (vertex, weight) in pushed.parts() {
-            let blocks = columns.of(vertex);
-            for (pair, at) in pairs.iter_mut().zip(anchors) {
+    }
+
+    /// Finds the blocks between `anchors`, at most as many as there is room for, whose columns are there if the
+    /// anchors are new.
+    pub fn look(&mut self, anchors: &[Reached], columns: &Columns, factor: u64) {
+        if self.factor != factor {
+            self.factor = factor;
+            self.held.fill(None);
+        }
+        self.slots.clear();
+        self.new.clear();
+        self.present.fill(false);
+        // Anchors mostly come in the order of the last time.
+        let mut next = 0;
+        for anchor in anchors {
+            let around = (next..self.most).chain(0..next);
+            let known = around
+                .into_iter()
+                .find(|slot| self.held[*slot].as_ref() == Some(anchor));
+            let slot = known.unwrap_or(self.most);
+            self.slots.push(slot as u32);
+            if known.is_some() {
+                self.present[slot] = true;
+                next = slot + 1;
+            }
+        }
+        let mut free = 0;
+        for (place, anchor) in anchors.iter().enumerate() {
+            if (self.slots[place] as usize) < self.most {
+                continue;
+            }
+            // One that came twice has its slot now.
+            let twin = self.new.iter().find(|slot| {
+                let held = self.held[**slot as usize].as_ref();
+                held == Some(anchor)
+            });
+            if let Some(twin) = twin {
+                self.slots[place] = *twin;
+                continue;
+            }
+            while self.present.get(free).copied().unwrap_or(false) {
+                free += 1;
+            }
+            self.slots[place] = free as u32;
+            self.held[free] = Some(*anchor);
+            self.present[free] = true;
+            self.new.push(free as u32);
+        }
+        // Blocks of what is gone would not be made anew for what comes.
+        for (held, present) in self.held.iter_mut().zip(&self.present) {
+            if !present {
+                *held = None;
+            }
+        }
+        for &new in &self.new {
+            let Some(pushed) = &self.held[new as usize] else {
+                continue;
+            };
+            for (slot, at) in self.held.iter().enumerate() {
+                let Some(at) = at else {
+                    continue;
+                };
                 let mut sum = Matrix3::zeros();
-                for (node, share) in at.parts() {
-                    let start = 9 * node as usize;
-                    sum += Matrix3::from_column_slice(&blocks[start..start + 9]) * share;
-                }
-                *pair += sum * weight;
-            }
-        }
-        // What unit forces of the spread rows move each anchor by.
-        for (index, row) in spread.rows.iter().enumerate() {
-            let moved = &mut moved[index * anchors.len()..(index + 1) * anchors.len()];
-            for term in spread.terms_of(row) {
-                let direction = Vector3::from(term.direction);
-                let at = term.anchor as usize;
-                if at == b {
-                    for (moved, pair) in moved.iter_mut().zip(pairs.iter()) {
-                        *moved += pair * direction;
+                for (vertex, weight) in pushed.parts() {
+                    let blocks = columns.of(vertex);
+                    for (node, share) in at.parts() {
+                        let start = 9 * node as usize;
+                        sum += Matrix3::from_column_slice(&blocks[start..start + 9])
+                            * (share * weight);
                     }
-                } else if at < b {
-                    moved[b] += pairs[at].transpose() * direction;
                 }
-            }
-        }
-        for column in of_b {
-            let direction = Vector3::from(rows[column].direction);
-            for (a, pair) in pairs.iter().enumerate() {
-                let moved = pair * direction;
-                for row in first_row[a] as usize..first_row[a + 1] as usize {
-                    let entry = moved.dot(&Vector3::from(rows[row].direction));
-                    w[n * column + row] = entry;
-                    w[n * row + column] = entry;
-                }
+                self.blocks[slot * self.most + new as usize] = sum;
+                self.blocks[new as usize * self.most + slot] = sum.transpose();
             }
         }
     }
-    for (index, row) in spread.rows.iter().enumerate() {
-        let column = single + index;
-        let moved = &moved[index * anchors.len()..(index + 1) * anchors.len()];
-        for (place, row) in rows.iter().enumerate() {
-            let entry = moved[row.anchor as usize].dot(&Vector3::from(row.direction));
-            w[n * column + place] = entry;
-            w[n * place + column] = entry;
+
+    /// Displacement of a present anchor per force on another \[m/N\].
+    pub fn block(&self, at: usize, pushed: usize) -> &Matrix3<f64> {
+        &self.blocks[self.slots[at] as usize * self.most + self.slots[pushed] as usize]
+    }
+
+    /// Fills `w` (n x n, column-major, both triangles), n the number of `rows` and `spread` rows, with the former
+    /// first, which are in the order of their anchors; `first_row` (anchors + 1) says where each anchor's rows
+    /// begin.
+    pub fn project(
+        &mut self,
+        rows: &[AnchorRow],
+        first_row: &[u32],
+        spread: &Spread,
+        w: &mut [f64],
+    ) {
+        let single = rows.len();
+        let n = single + spread.rows.len();
+        let anchors = self.slots.len();
+        for b in 0..anchors {
+            for column in first_row[b] as usize..first_row[b + 1] as usize {
+                let direction = Vector3::from(rows[column].direction);
+                for a in 0..=b {
+                    let (first, end) = (first_row[a] as usize, first_row[a + 1] as usize);
+                    if first == end {
+                        continue;
+                    }
+                    let moved = self.block(a, b) * direction;
+                    for row in first..end {
+                        let entry = moved.dot(&Vector3::from(rows[row].direction));
+                        w[n * column + row] = entry;
+                        w[n * row + column] = entry;
+                    }
+                }
+            }
         }
-        for (other, before) in spread.rows[..=index].iter().enumerate() {
-            let entry: f64 = spread
-                .terms_of(before)
-                .iter()
-                .map(|term| moved[term.anchor as usize].dot(&Vector3::from(term.direction)))
-                .sum();
-            w[n * column + single + other] = entry;
-            w[n * (single + other) + column] = entry;
+        for (index, row) in spread.rows.iter().enumerate() {
+            let column = single + index;
+            for a in 0..anchors {
+                let mut moved = Vector3::zeros();
+                for term in spread.terms_of(row) {
+                    let direction = Vector3::from(term.direction);
+                    moved += self.block(a, term.anchor as usize) * direction;
+                }
+                self.moved[a] = moved;
+            }
+            for (place, row) in rows.iter().enumerate() {
+                let entry = self.moved[row.anchor as usize].dot(&Vector3::from(row.direction));
+                w[n * column + place] = entry;
+                w[n * place + column] = entry;
+            }
+            for (other, before) in spread.rows[..=index].iter().enumerate() {
+                let entry: f64 = spread
+                    .terms_of(before)
+                    .iter()
+                    .map(|term| {
+                        let moved = &self.moved[term.anchor as usize];
+                        moved.dot(&Vector3::from(term.direction))
+                    })
+                    .sum();
+                w[n * column + single + other] = entry;
+                w[n * (single + other) + column] = entry;
+            }
+            // What gives way besides the tissue.
+            w[(n + 1) * column] += row.compliance_m_per_n;
         }
-        // What gives way besides the tissue.
-        w[(n + 1) * column] += row.compliance_m_per_n;
     }
 }

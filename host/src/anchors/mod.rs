@@ -22,7 +22,7 @@ use crate::rows::RowKind;
 pub struct AnchorPoint {
     /// Mesh nodes; any node where the weight is zero.
     pub nodes: [u32; 4],
-    /// Their weights, with sum 1.
+    /// Their weights, with sum 1; or 0 for one point less another, whose way apart a row bounds.
     pub weights: [f64; 4],
 }
 

@@ -21,6 +21,8 @@ pub struct AnchorSettings {
     pub most_anchors: usize,
     /// Most rows of a step that lie on several anchors.
     pub most_spread: usize,
+    /// Most terms of all these rows together.
+    pub most_terms: usize,
     /// Vertices whose columns one step may compute.
     pub vertices_per_step: usize,
     /// Most passes over corotational tissue in one step; linear tissue needs one.
@@ -40,6 +42,7 @@ impl Default for AnchorSettings {
             most_rows: 150,
             most_anchors: 50,
             most_spread: 0,
+            most_terms: 0,
             vertices_per_step: 8,
             passes: 1,
             tolerance: 1e-3,
@@ -177,7 +180,7 @@ impl AnchorSolver {
             system,
             ..
         } = self;
-        if !system.read(body, anchors, rows) {
+        if !system.read(body, anchors, &[], rows) {
             report.status = AnchorStatus::Malformed;
             return report;
         }

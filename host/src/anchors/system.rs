@@ -4,11 +4,13 @@
 //! [`System::read`], [`System::look`] and [`System::linearise`] for tissue that turns, [`System::fetch`],
 //! [`System::assemble`], [`System::solve`], [`System::accept`].
 
-use super::compliance::{Reached, Spread, assemble};
+use super::compliance::{Pairs, Reached, Spread};
 use super::{AnchorPoint, AnchorRow, AnchorSettings, SpreadRow, Term};
 use crate::body::{Body, BodyWork, Motion, Push};
 use crate::columns::Columns;
-use crate::fem::{Balance, Factored, HeldPoints, LinearTissue, Linearisation, TissueError};
+use crate::fem::{
+    Balance, Factored, HeldPoints, LinearTissue, Linearisation, SolveScratch, TissueError,
+};
 use crate::rows::{self, Problem, Row};
 use nalgebra::{Matrix3, Vector3};
 use std::sync::Arc;
@@ -22,20 +24,23 @@ pub(crate) struct Grasp {
     /// Rows of the last solve, and after them those on several anchors.
     acting: Vec<AnchorRow>,
     spread: Spread,
+    /// Force on the tissue at each anchor \[N\], (anchors).
+    on_anchors: Vec<Vector3<f64>>,
 }
 
 impl Grasp {
     /// No rows yet.
     pub fn new(motion: Motion, settings: &AnchorSettings) -> Self {
         Self {
-            motion: motion.with_room(4 * settings.most_anchors),
+            motion: motion.with_room(8 * settings.most_anchors),
             forces: rows::State::new(settings.most_rows + settings.most_spread),
             anchors: Vec::with_capacity(settings.most_anchors),
             acting: Vec::with_capacity(settings.most_rows),
             spread: Spread {
                 rows: Vec::with_capacity(settings.most_spread),
-                terms: Vec::with_capacity(settings.most_spread * settings.most_anchors),
+                terms: Vec::with_capacity(settings.most_terms),
             },
+            on_anchors: Vec::with_capacity(settings.most_anchors),
         }
     }
 
@@ -60,17 +65,29 @@ impl Grasp {
 
     /// Forces on vertices: -C' lambda.
     pub fn pushes(&self) -> impl Iterator<Item = Push> + '_ {
-        pushes(
-            &self.anchors,
-            &self.acting,
-            &self.spread,
-            self.forces.lambda(),
-        )
+        pushes(&self.anchors, &self.on_anchors)
     }
 
     /// Force on the tissue at an anchor of the last solve \[N\].
     pub fn force_on(&self, anchor: usize) -> Vector3<f64> {
-        force_on(anchor, &self.acting, &self.spread, self.forces.lambda())
+        let force = self.on_anchors.get(anchor).copied();
+        force.unwrap_or_else(Vector3::zeros)
+    }
+
+    /// After a solve: forces on anchors from multipliers.
+    fn gather(&mut self) {
+        let lambda = self.forces.lambda();
+        self.on_anchors.clear();
+        self.on_anchors.resize(self.anchors.len(), Vector3::zeros());
+        for (row, lambda) in self.acting.iter().zip(lambda) {
+            self.on_anchors[row.anchor as usize] -= Vector3::from(row.direction) * *lambda;
+        }
+        let of_spread = lambda.get(self.acting.len()..).unwrap_or_default();
+        for (row, lambda) in self.spread.rows.iter().zip(of_spread) {
+            for term in self.spread.terms_of(row) {
+                self.on_anchors[term.anchor as usize] -= Vector3::from(term.direction) * *lambda;
+            }
+        }
     }
 
     /// The rows and forces of `other`, without new memory; the tissue's motion stays.
@@ -79,6 +96,7 @@ impl Grasp {
         self.anchors.clone_from(&other.anchors);
         self.acting.clone_from(&other.acting);
         self.spread.copy_from(&other.spread);
+        self.on_anchors.clone_from(&other.on_anchors);
     }
 }
 
@@ -106,13 +124,14 @@ pub(crate) struct System {
     next_anchors: Vec<Reached>,
     first_row: Vec<u32>,
     free: Vec<Vector3<f64>>,
-    pairs: Vec<Matrix3<f64>>,
+    pairs: Pairs,
     spread: Spread,
-    moved: Vec<Vector3<f64>>,
     w: Vec<f64>,
     delta_free: Vec<f64>,
     kinds: Vec<Row>,
     rows_work: rows::Workspace,
+    field: Vec<f64>,
+    field_work: SolveScratch,
 }
 
 const UNREACHED: u32 = u32::MAX;
@@ -217,13 +236,14 @@ impl System {
             next_anchors: Vec::with_capacity(most_anchors),
             first_row: Vec::with_capacity(most_anchors + 1),
             free: vec![Vector3::zeros(); most_anchors],
-            pairs: vec![Matrix3::zeros(); most_anchors],
+            pairs: Pairs::new(most_anchors),
             spread: Spread::default(),
-            moved: vec![Vector3::zeros(); most_anchors * settings.most_spread],
             w: vec![0.0; most_rows * most_rows],
             delta_free: vec![0.0; most_rows],
             kinds: Vec::with_capacity(most_rows),
             rows_work: rows::Workspace::new(most_rows),
+            field: vec![0.0; body.numbering().unknowns()],
+            field_work: body.view(motion).factor().scratch(1),
             settings,
         }
     }
@@ -364,14 +384,56 @@ impl System {
     /// Forces on vertices of the rows on several anchors that were read last, of which there are no others, with
     /// multipliers `lambda` \[N\].
     pub fn pushes<'a>(&'a self, lambda: &'a [f64]) -> impl Iterator<Item = Push> + 'a {
-        pushes(&self.next_anchors, &[], &self.spread, lambda)
+        let rows = self.spread.rows.iter().zip(lambda);
+        rows.flat_map(move |(row, lambda)| {
+            self.spread.terms_of(row).iter().flat_map(move |term| {
+                let force = -Vector3::from(term.direction) * *lambda;
+                let parts = self.next_anchors[term.anchor as usize].parts();
+                parts.map(move |(vertex, weight)| (vertex, force * weight))
+            })
+        })
+    }
+
+    /// Elastic energy that the forces of the last solve have put into linear tissue \[J\].
+    pub fn stored_j(&self, grasp: &Grasp) -> f64 {
+        let forces = grasp.on_anchors.iter().enumerate();
+        let each = forces.map(|(anchor, force)| {
+            let moved = self.anchor_displacement(grasp, anchor) - self.free[anchor];
+            0.5 * force.dot(&moved)
+        });
+        each.sum()
+    }
+
+    /// Displacement of an anchor of the last [`Self::assemble`] per force on another \[m/N\].
+    pub fn between(&self, at: usize, pushed: usize) -> &Matrix3<f64> {
+        self.pairs.block(at, pushed)
+    }
+
+    /// Where all nodes are displaced to under the forces of the last solve, by the linearisation \[m\], (unknowns).
+    pub fn field<'a>(&'a mut self, body: &Body, grasp: &Grasp) -> &'a [f64] {
+        let Self {
+            field,
+            field_work,
+            columns,
+            body_work,
+            ..
+        } = self;
+        body.displaced(
+            &grasp.motion,
+            body_work,
+            columns,
+            grasp.pushes(),
+            field,
+            field_work,
+        );
+        field
     }
 
     /// Makes room for the rows on several anchors, so that reading them does not.
     pub fn reserve_spread(&mut self) {
         let most = self.settings.most_spread;
         self.spread.rows.reserve(most);
-        self.spread.terms.reserve(most * self.settings.most_anchors);
+        self.spread.terms.reserve(self.settings.most_terms);
     }
 
     /// Place of a node among the reached.
@@ -385,36 +447,33 @@ impl System {
     }
 
     /// Reads anchors and rows; whether they make sense: no more than the settings allow, rows in the
-    /// order of their anchors, anchors on nodes that are reached or fixed.
-    pub fn read(&mut self, body: &Body, anchors: &[AnchorPoint], rows: &[AnchorRow]) -> bool {
-        if anchors.len() > self.settings.most_anchors || rows.len() > self.settings.most_rows {
+    /// order of their anchors, anchors on nodes that are reached or fixed. After the anchors, rows count the
+    /// `ways`, whose displacement is that of their second end less that of their first.
+    pub fn read(
+        &mut self,
+        body: &Body,
+        anchors: &[AnchorPoint],
+        ways: &[[Option<AnchorPoint>; 2]],
+        rows: &[AnchorRow],
+    ) -> bool {
+        let count = anchors.len() + ways.len();
+        if count > self.settings.most_anchors || rows.len() > self.settings.most_rows {
             return false;
         }
         self.next_anchors.clear();
-        for anchor in anchors {
+        let ends = anchors.iter().map(|anchor| [None, Some(*anchor)]);
+        for [from, to] in ends.chain(ways.iter().copied()) {
             let mut reached = Reached::default();
-            for (&node, &weight) in anchor.nodes.iter().zip(&anchor.weights) {
-                if weight == 0.0 {
-                    continue;
-                }
-                let Some(&vertex) = self.reached_of_node.get(node as usize) else {
-                    return false;
-                };
-                if vertex == UNREACHED {
-                    if body.numbering().is_fixed(node) {
-                        continue;
-                    }
+            for (end, sign) in [(from, -1.0), (to, 1.0)] {
+                if !end.is_none_or(|end| self.reach(body, &end, sign, &mut reached)) {
                     return false;
                 }
-                reached.vertices[reached.count] = vertex;
-                reached.weights[reached.count] = weight;
-                reached.count += 1;
             }
             self.next_anchors.push(reached);
         }
         self.first_row.clear();
         let mut next = 0;
-        for anchor in 0..anchors.len() {
+        for anchor in 0..count {
             self.first_row.push(next as u32);
             next += rows[next..]
                 .iter()
@@ -432,11 +491,32 @@ impl System {
         next == rows.len()
     }
 
+    /// Adds an anchor's free nodes; whether all others are fixed.
+    fn reach(&self, body: &Body, anchor: &AnchorPoint, sign: f64, reached: &mut Reached) -> bool {
+        for (&node, &weight) in anchor.nodes.iter().zip(&anchor.weights) {
+            if weight == 0.0 {
+                continue;
+            }
+            let Some(&vertex) = self.reached_of_node.get(node as usize) else {
+                return false;
+            };
+            let sound = if vertex == UNREACHED {
+                body.numbering().is_fixed(node)
+            } else {
+                reached.add(vertex, sign * weight)
+            };
+            if !sound {
+                return false;
+            }
+        }
+        true
+    }
+
     /// After [`Self::read`]: rows on several of its anchors; whether they make sense.
     pub fn read_spread(&mut self, rows: &[SpreadRow], terms: &[Term]) -> bool {
         let anchors = self.next_anchors.len();
         let sound = rows.len() <= self.settings.most_spread
-            && terms.len() <= self.settings.most_spread * self.settings.most_anchors
+            && terms.len() <= self.settings.most_terms
             && terms.iter().all(|term| (term.anchor as usize) < anchors)
             && rows
                 .iter()
@@ -530,17 +610,20 @@ impl System {
                 });
             *delta = row.target_m - along.sum::<f64>();
         }
-        let moved = self.spread.rows.len() * self.next_anchors.len();
-        assemble(
-            &self.next_anchors,
-            rows,
-            &self.first_row,
-            &self.spread,
-            &self.columns,
-            &mut self.pairs,
-            &mut self.moved[..moved],
-            &mut self.w[..n * n],
-        );
+        let factor = grasp.motion.factor();
+        self.pairs.look(&self.next_anchors, &self.columns, factor);
+        let w = &mut self.w[..n * n];
+        self.pairs.project(rows, &self.first_row, &self.spread, w);
+    }
+
+    /// Displacement of an anchor of the last [`Self::assemble`] under the forces of the last solve, by the
+    /// linearisation \[m\].
+    pub fn anchor_displacement(&self, grasp: &Grasp, anchor: usize) -> Vector3<f64> {
+        let forces = grasp.on_anchors.iter().enumerate();
+        let moved = forces
+            .filter(|(_, force)| **force != Vector3::zeros())
+            .map(|(pushed, force)| self.pairs.block(anchor, pushed) * force);
+        self.free[anchor] + moved.sum::<Vector3<f64>>()
     }
 
     /// Finds the forces.
@@ -561,6 +644,7 @@ impl System {
         grasp.acting.clear();
         grasp.acting.extend_from_slice(rows);
         grasp.spread.copy_from(&self.spread);
+        grasp.gather();
         outcome
     }
 
@@ -568,47 +652,22 @@ impl System {
     pub fn accept(&mut self, body: &Body, grasp: &mut Grasp) {
         let Grasp {
             motion,
-            forces,
             anchors,
-            acting,
-            spread,
+            on_anchors,
+            ..
         } = grasp;
-        let pushes = pushes(anchors, acting, spread, forces.lambda());
+        let pushes = pushes(anchors, on_anchors);
         body.accept(motion, &mut self.body_work, &self.columns, pushes);
         self.accepted = true;
     }
 }
 
-/// Forces on vertices: -C' lambda.
 fn pushes<'a>(
     anchors: &'a [Reached],
-    rows: &'a [AnchorRow],
-    spread: &'a Spread,
-    lambda: &'a [f64],
+    forces: &'a [Vector3<f64>],
 ) -> impl Iterator<Item = Push> + 'a {
-    anchors.iter().enumerate().flat_map(move |(index, anchor)| {
-        let force = force_on(index, rows, spread, lambda);
-        anchor
-            .parts()
-            .map(move |(vertex, weight)| (vertex, force * weight))
+    anchors.iter().zip(forces).flat_map(|(anchor, force)| {
+        let parts = anchor.parts();
+        parts.map(move |(vertex, weight)| (vertex, force * weight))
     })
-}
-
-fn force_on(anchor: usize, rows: &[AnchorRow], spread: &Spread, lambda: &[f64]) -> Vector3<f64> {
-    let of_rows = rows
-        .iter()
-        .zip(lambda)
-        .filter(|(row, _)| row.anchor as usize == anchor)
-        .map(|(row, lambda)| -Vector3::from(row.direction) * *lambda);
-    let of_spread = spread
-        .rows
-        .iter()
-        .zip(lambda.get(rows.len()..).unwrap_or_default())
-        .flat_map(|(row, lambda)| {
-            let terms = spread.terms_of(row).iter();
-            terms
-                .filter(|term| term.anchor as usize == anchor)
-                .map(move |term| -Vector3::from(term.direction) * *lambda)
-        });
-    of_rows.chain(of_spread).sum()
 }

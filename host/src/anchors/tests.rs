@@ -64,6 +64,7 @@ fn spread_rows_give_way_as_products_with_the_inverse_say() {
         most_rows: 2,
         most_anchors: 5,
         most_spread: 4,
+        most_terms: 16,
         ..AnchorSettings::default()
     };
     let resting = vec![0.0; tissue.unknowns()];
@@ -95,7 +96,7 @@ fn spread_rows_give_way_as_products_with_the_inverse_say() {
             terms: (first, parts.len() as u32),
         });
     }
-    assert!(system.read(&body, &anchors, &rows) && system.read_spread(&spread_rows, &terms));
+    assert!(system.read(&body, &anchors, &[], &rows) && system.read_spread(&spread_rows, &terms));
     system.begin_step();
     assert!(system.fetch(&body, &grasp, usize::MAX).all);
     system.assemble(&body, &grasp, &rows);

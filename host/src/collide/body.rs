@@ -103,6 +103,12 @@ impl Body {
         });
     }
 
+    /// No feature of this boundary comes nearer than this to one of `other`, the room for a margin not counted
+    /// \[m\]; 0 if they may touch. Allocates nothing.
+    pub fn apart_m(&self, other: &Self) -> f64 {
+        self.tree.apart(&other.tree)
+    }
+
     /// As [`Self::against`], for a boundary that may fold onto itself: without features that share a node,
     /// which always touch.
     pub fn with_itself(&self, path: impl Fn(u32) -> Path, mut visit: impl FnMut(Pair)) {

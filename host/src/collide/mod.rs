@@ -2,15 +2,27 @@
 //!
 //! Entry points: [`Body`] for the pairs of features that may meet, [`vertex_face`] and [`edge_edge`] for whether
 //! and when they do. These never miss a meeting and may report one that is none by less than a stated
-//! distance.
+//! distance. [`Touching`] and [`TouchState`] make rows of them that keep bodies of tissue apart (younes-2021,
+//! 2.2.6).
 
 mod body;
+mod depth;
+mod look;
+mod near;
 mod pairs;
 mod patch;
+mod shell;
+mod stance;
 mod sweep;
+mod touch;
+mod touch_state;
 mod tree;
 
 pub use body::{Body, Pair};
+pub use depth::{gaps_m, penetration_m};
+pub use look::TouchWork;
 pub use pairs::{Path, edge_edge, vertex_face};
 pub use sweep::{Impact, Margin, Sweep, Verdict};
+pub use touch::{TouchError, TouchPart, TouchSettings, Touching};
+pub use touch_state::TouchState;
 pub use tree::{Bounds, Tree};

@@ -10,13 +10,15 @@
 
 use super::model::{MAX_NEEDLES, Needles};
 use super::state::{NeedleState, Tip};
-use super::{Crossing, History, NeedleTissue};
-use crate::anchors::{AnchorPoint, AnchorRow, Grasp, System, is_solved};
+use super::{Crossing, History, MOST_GROUPS, NeedleTissue};
+use crate::anchors::{AnchorPoint, AnchorRow, Grasp, SpreadRow, System, Term, is_solved};
 use crate::body::{Body, Push};
 use crate::clock::Clock;
+use crate::collide::{TouchState, TouchWork};
 use crate::mesh::HalfFaces;
 use crate::rows::RowKind;
 use crate::step::{Status, StepReport};
+use crate::thread::{MOST_SEGMENTS, Out, Segment, Skin, ThreadHold, ThreadState, Wrap, wraps};
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3, Vector6};
 use std::cell::Cell;
 
@@ -28,6 +30,11 @@ const SLIDE_TOLERANCE: f64 = 3e-8;
 const RIGID_M_PER_N: f64 = 1e-6;
 /// Solves of one balance in which needles that nobody holds settle.
 const LOOSE_SOLVES: u32 = 4;
+
+/// Where more vertices than this are pushed, one solve for all nodes costs less than a sum for each that is asked for.
+const MANY_PUSHES: usize = 150;
+/// A thread that would bend by less over tissue cuts into it \[rad\].
+const LEAST_TURN: f64 = 0.02;
 
 /// What a row's anchor is on its needle.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -64,8 +71,26 @@ pub(super) struct Release {
 pub(crate) struct NeedleWork {
     pub system: System,
     pub(super) anchors: Vec<AnchorPoint>,
+    /// Segments of threads.
+    pub(super) ways: Vec<[Option<AnchorPoint>; 2]>,
+    /// Three for every point, then others.
     pub(super) rows: Vec<AnchorRow>,
+    pub(super) spread: Vec<SpreadRow>,
+    pub(super) terms: Vec<Term>,
+    /// Rows that give way by themselves, and by how much \[m/N\].
+    pub(super) soft: Vec<(u32, f64)>,
     pub(super) points: Vec<Point>,
+    pub(super) known_segments: Vec<Segment>,
+    pub(super) saved_threads: Vec<ThreadState>,
+    pub(super) saved_touch: Option<TouchState>,
+    pub(super) touch: Option<TouchWork>,
+    pub(super) skin: Option<Skin>,
+    /// Where all nodes are \[m\], (n), by which solve.
+    pub(super) at: Vec<Vector3<f64>>,
+    pub(super) at_solve: u64,
+    /// How far nodes may have been from where they rest when they were looked at last \[m\].
+    pub(super) looked_m: f64,
+    pub(super) wraps: Vec<Wrap>,
     pub(super) pushes: Vec<Push>,
     /// Solves so far, and where each node was found to be in which of them, (n).
     pub(super) solves: u64,
@@ -91,14 +116,40 @@ pub(crate) struct NeedleWork {
 }
 
 impl NeedleWork {
-    pub fn new(needles: &Needles, system: System, states: &[NeedleState], grasp: &Grasp) -> Self {
+    pub fn new(
+        needles: &Needles,
+        system: System,
+        states: &[NeedleState],
+        threads: &[ThreadState],
+        touch: Option<&TouchState>,
+        grasp: &Grasp,
+    ) -> Self {
+        let nodes = needles.mesh.nodes();
+        let places = needles.places();
         let settings = needles.anchor_settings();
         let (rows, anchors) = (settings.most_rows, settings.most_anchors);
         let count = states.len();
         Self {
             system,
             anchors: Vec::with_capacity(anchors),
+            ways: Vec::with_capacity(anchors),
             rows: Vec::with_capacity(rows),
+            spread: Vec::with_capacity(settings.most_spread),
+            terms: Vec::with_capacity(settings.most_terms),
+            soft: Vec::with_capacity(rows),
+            known_segments: Vec::with_capacity(anchors),
+            saved_threads: threads.to_vec(),
+            saved_touch: touch.cloned(),
+            touch: needles
+                .touching
+                .as_ref()
+                .map(|touching| TouchWork::new(touching, nodes)),
+            skin: (!threads.is_empty())
+                .then(|| Skin::new(needles.mesh.boundary().triangles(), &places)),
+            at: places,
+            at_solve: u64::MAX,
+            looked_m: f64::INFINITY,
+            wraps: Vec::with_capacity(MOST_SEGMENTS),
             points: Vec::with_capacity(anchors),
             pushes: Vec::with_capacity(4 * anchors),
             solves: 0,
@@ -116,6 +167,11 @@ impl NeedleWork {
             pressed: vec![false; count],
         }
     }
+
+    /// Rows of the present balance, those on several anchors included.
+    pub(super) fn count(&self) -> usize {
+        self.rows.len() + self.spread.len()
+    }
 }
 
 /// Everything that a balance works on.
@@ -125,16 +181,37 @@ pub(super) struct Drive<'a> {
     /// Unloaded nodes \[m\], (n x 3).
     pub points_m: &'a [[f64; 3]],
     pub states: &'a mut [NeedleState],
+    pub threads: &'a mut [ThreadState],
+    pub touch: Option<&'a mut TouchState>,
     pub grasp: &'a mut Grasp,
     pub work: &'a mut NeedleWork,
     pub report: &'a mut StepReport,
     pub clock: &'a mut Clock,
 }
 impl Drive<'_> {
-    /// Balances the tissue with the needles at `poses`; if that fails everything is as before.
-    pub fn to(&mut self, poses: &[Isometry3<f64>]) -> Result<(), Status> {
+    /// Balances the tissue with the needles at `poses` and what else holds threads at `ends`; if that fails everything
+    /// is as before.
+    pub fn to(
+        &mut self,
+        poses: &[Isometry3<f64>],
+        ends: &[[Vector3<f64>; 2]],
+    ) -> Result<(), Status> {
         for (saved, state) in self.work.saved.iter_mut().zip(self.states.iter()) {
             saved.copy_from(state);
+        }
+        let threads = self
+            .work
+            .saved_threads
+            .iter_mut()
+            .zip(self.threads.iter_mut());
+        for ((saved, thread), [tail, head]) in threads.zip(ends) {
+            saved.copy_from(thread);
+            thread.tail.at = *tail;
+            thread.head.at = *head;
+            thread.strained = false;
+        }
+        if let (Some(saved), Some(touch)) = (&mut self.work.saved_touch, &self.touch) {
+            saved.copy_from(touch);
         }
         self.work.saved_grasp.copy_rows(self.grasp);
         self.work.releases.clear();
@@ -142,6 +219,12 @@ impl Drive<'_> {
         if done.is_err() {
             for (state, saved) in self.states.iter_mut().zip(&self.work.saved) {
                 state.copy_from(saved);
+            }
+            for (state, saved) in self.threads.iter_mut().zip(&self.work.saved_threads) {
+                state.copy_from(saved);
+            }
+            if let (Some(saved), Some(touch)) = (&self.work.saved_touch, &mut self.touch) {
+                touch.copy_from(saved);
             }
             self.grasp.copy_rows(&self.work.saved_grasp);
         }
@@ -159,6 +242,9 @@ impl Drive<'_> {
         loop {
             self.slide(&mut solves)?;
             self.unfold();
+            if self.work.pushes.len() > MANY_PUSHES {
+                self.look_at_all();
+            }
             self.settle_releases();
             if !self.follow(free)? {
                 break;
@@ -227,6 +313,7 @@ impl Drive<'_> {
         for (state, part) in self.states.iter_mut().zip(&self.needles.parts) {
             limits(self.needles, state, part.needle.shape.length_m());
         }
+        self.lay_threads();
         loop {
             *solves += 1;
             if *solves > MOST_SOLVES {
@@ -261,9 +348,10 @@ impl Drive<'_> {
                 }
             }
             self.lead_followers();
+            settled &= self.settle_threads();
             // One that is not at rest by then lies still, and goes on in the next balance.
             settled &= *solves > LOOSE_SOLVES || self.settle_loose();
-            if settled {
+            if settled && !self.meets() {
                 return Ok(());
             }
         }
@@ -324,10 +412,13 @@ impl Drive<'_> {
         let NeedleWork {
             system,
             anchors,
+            ways,
             rows,
+            spread,
+            terms,
             ..
         } = &mut **work;
-        if !system.read(body, anchors, rows) {
+        if !(system.read(body, anchors, ways, rows) && system.read_spread(spread, terms)) {
             return Err(Status::TooManyRows);
         }
         let most = system.settings().vertices_per_step;
@@ -377,9 +468,17 @@ impl Drive<'_> {
 
     /// Friction on what cannot move needs something that gives way, or it would be none.
     pub(super) fn soften(&mut self) {
-        let n = self.work.rows.len();
-        let NeedleWork { system, points, .. } = &mut *self.work;
+        let n = self.work.count();
+        let NeedleWork {
+            system,
+            points,
+            soft,
+            ..
+        } = &mut *self.work;
         let w = system.compliance_mut(n);
+        for (row, by) in soft {
+            w[*row as usize * (n + 1)] += *by;
+        }
         for point in points.iter().filter(|point| point.what != What::Holding) {
             let own = &mut w[point.first_row * (n + 1)];
             if *own == 0.0 {
@@ -392,12 +491,20 @@ impl Drive<'_> {
     pub(super) fn make_rows(&mut self) {
         let NeedleWork {
             anchors,
+            ways,
             rows,
+            spread,
+            terms,
+            soft,
             points,
             ..
         } = &mut *self.work;
         anchors.clear();
+        ways.clear();
         rows.clear();
+        spread.clear();
+        terms.clear();
+        soft.clear();
         points.clear();
         for (index, state) in self.states.iter().enumerate() {
             let curve = self.needles.parts[index].needle.at(&state.pose);
@@ -468,6 +575,25 @@ impl Drive<'_> {
                 _ => {}
             }
         }
+        if let (Some(touching), Some(touch)) = (&self.needles.touching, &self.touch) {
+            touch.rows(touching, self.points_m, anchors, rows);
+        }
+        let mut out = Out {
+            anchors: anchors.len() as u32,
+            ways,
+            rows,
+            spread,
+            terms,
+            soft,
+        };
+        let held = &self.needles.threads;
+        let ground = held.ground(&self.needles.mesh, self.points_m);
+        for (index, thread) in self.threads.iter_mut().enumerate() {
+            let needle = &self.states[held.needles[index]];
+            let is_held =
+                thread.is_tail_held() && head_at(self.needles, needle, thread, index).is_some();
+            thread.make_rows(index, &held.parts[index], is_held, &ground, &mut out);
+        }
     }
 
     /// Where a node is under the forces of the last solve.
@@ -484,14 +610,232 @@ impl Drive<'_> {
             .sum()
     }
 
+    /// Whether both ends of a thread withstand a pull.
+    pub(super) fn is_held(&self, thread: usize) -> bool {
+        let needle = &self.states[self.needles.threads.needles[thread]];
+        let state = &self.threads[thread];
+        state.is_tail_held() && head_at(self.needles, needle, state, thread).is_some()
+    }
+
+    /// The tools that hold the tail and the head of a thread.
+    pub(super) fn held_by(&self, thread: usize) -> [Option<u8>; 2] {
+        let state = &self.threads[thread];
+        let by = |hold: &ThreadHold| match hold {
+            ThreadHold::Tool(tool) => Some(*tool),
+            _ => None,
+        };
+        let needle = &self.states[self.needles.threads.needles[thread]];
+        let head = match state.head.by {
+            ThreadHold::Free | ThreadHold::Knot => needle.grip.map(|grip| grip.tool),
+            hold => by(&hold),
+        };
+        [by(&state.tail.by), head]
+    }
+
+    /// The paths of threads that pull, and where they are linearised first.
+    pub(super) fn lay_threads(&mut self) {
+        let held = &self.needles.threads;
+        let ground = held.ground(&self.needles.mesh, self.points_m);
+        let mut known = std::mem::take(&mut self.work.known_segments);
+        for index in 0..self.threads.len() {
+            let needle = &self.states[held.needles[index]];
+            let head = head_at(self.needles, needle, &self.threads[index], index);
+            let mut thread = std::mem::take(&mut self.threads[index]);
+            if thread.pulls(head.is_some()) {
+                thread.lay(&ground, head, &mut known, |at| self.position_of(at));
+                if self.needles.threads.parts[index].friction > 0.0 {
+                    thread.turn(&self.needles.mesh, |at| self.position_of(at));
+                }
+            } else {
+                thread.segments.clear();
+                thread.spans.clear();
+            }
+            self.threads[index] = thread;
+        }
+        self.work.known_segments = known;
+    }
+
+    /// Takes the threads' tensions from a solve and linearises their paths anew; whether that was not needed.
+    pub(super) fn settle_threads(&mut self) -> bool {
+        let held = &self.needles.threads;
+        let ground = held.ground(&self.needles.mesh, self.points_m);
+        let mut settled = true;
+        let mut first = 0;
+        for (index, thread) in self.threads.iter_mut().enumerate() {
+            if thread.segments.is_empty() {
+                continue;
+            }
+            let needle = &self.states[held.needles[index]];
+            let is_held =
+                thread.is_tail_held() && head_at(self.needles, needle, thread, index).is_some();
+            let rows = (self.work.rows.len(), first);
+            settled &= thread.settle(
+                &held.parts[index],
+                is_held,
+                rows,
+                &ground,
+                &self.work.system,
+                self.grasp,
+            );
+            first += thread.spread_rows(&held.parts[index], is_held);
+        }
+        settled
+    }
+
+    /// Threads have slid: those that pull as the solve says, others follow their needle.
+    pub(super) fn finish_threads(&mut self) {
+        for index in 0..self.threads.len() {
+            let needle = self.needles.threads.needles[index];
+            let head = head_at(
+                self.needles,
+                &self.states[needle],
+                &self.threads[index],
+                index,
+            );
+            let is_held = self.threads[index].is_tail_held() && head.is_some();
+            self.threads[index].finish(is_held);
+            let (Some(head), false) = (head, is_held) else {
+                continue;
+            };
+            let Some(last) = self.threads[index].passed.last().map(|last| last.crossing) else {
+                continue;
+            };
+            let way = head - self.position_of(&anchor(&self.needles.mesh, &last));
+            let thread = &mut self.threads[index];
+            let short = way.norm() - (thread.head.alpha - last.alpha);
+            if short > 0.0 {
+                thread.draw(short);
+                thread.drop_behind();
+            }
+        }
+    }
+
+    /// Finds where all nodes are after the last solve.
+    fn look_at_all(&mut self) {
+        if self.work.at_solve == self.work.solves {
+            return;
+        }
+        self.clock.lap(&mut self.report.stages.solve_ns);
+        let numbering = self.body.numbering();
+        let NeedleWork { system, at, .. } = &mut *self.work;
+        let u = system.field(self.body, self.grasp);
+        for ((node, at), from) in (0u32..).zip(at.iter_mut()).zip(self.points_m) {
+            *at = Vector3::from(*from) + Vector3::from(numbering.at_node(u, node));
+        }
+        self.work.at_solve = self.work.solves;
+        self.clock.lap(&mut self.report.stages.field_ns);
+    }
+
+    /// As far as nodes may have moved since tissues that may touch were looked at last \[m\].
+    fn slack_m(&self) -> f64 {
+        let mut slack = [0.0; MOST_GROUPS];
+        let slack = &mut slack[..self.needles.hierarchy.groups()];
+        let NeedleWork { system, pushes, .. } = &*self.work;
+        let resting = &self.needles.resting;
+        system.slack(self.body, self.grasp, pushes, resting, slack);
+        slack.iter().copied().fold(0.0, f64::max)
+    }
+
+    /// Whether tissues have met on the way to where the last solve has them, and so have rows now.
+    fn meets(&mut self) -> bool {
+        let Some(touching) = &self.needles.touching else {
+            return false;
+        };
+        let moved_m = self.slack_m() + self.work.looked_m;
+        if self
+            .touch
+            .as_ref()
+            .is_none_or(|touch| touch.is_clear(moved_m))
+        {
+            return false;
+        }
+        self.look_at_all();
+        let NeedleWork { touch, at, .. } = &mut *self.work;
+        let met = match (&mut self.touch, touch) {
+            (Some(state), Some(work)) => state.look(touching, work, at),
+            _ => false,
+        };
+        self.clock.lap(&mut self.report.stages.detect_ns);
+        met
+    }
+
+    /// A balance is found: what touches is looked at anew.
+    fn finish_touch(&mut self) {
+        let Some(touching) = &self.needles.touching else {
+            return;
+        };
+        if self.work.at_solve != self.work.solves {
+            return;
+        }
+        self.work.looked_m = self.slack_m();
+        let first = 3 * self.work.points.len();
+        let NeedleWork { touch, at, .. } = &mut *self.work;
+        if let (Some(state), Some(work)) = (&mut self.touch, touch) {
+            let lambda = self.grasp.lambda().get(first..).unwrap_or_default();
+            state.accept(touching, work, at, lambda);
+            self.report.touching = state.pressing() as u32;
+        }
+        self.clock.lap(&mut self.report.stages.detect_ns);
+    }
+
+    /// A balance is found: where taut threads bend over tissue.
+    fn bend_threads(&mut self) {
+        if self.threads.iter().all(|thread| thread.segments.is_empty()) {
+            return;
+        }
+        self.look_at_all();
+        let NeedleWork {
+            skin,
+            at,
+            wraps: found,
+            ..
+        } = &mut *self.work;
+        let Some(skin) = skin else {
+            return;
+        };
+        skin.refit(at);
+        let mesh = &self.needles.mesh;
+        for thread in self.threads.iter_mut() {
+            thread.bend(mesh, at, |from, to, up, out| {
+                found.clear();
+                wraps(skin, at, from, to, up, LEAST_TURN, found);
+                out.extend(found.iter().map(|wrap| AnchorPoint {
+                    nodes: [wrap.nodes[0], wrap.nodes[1], wrap.nodes[0], wrap.nodes[0]],
+                    weights: [wrap.weights[0], wrap.weights[1], 0.0, 0.0],
+                }));
+            });
+        }
+        self.clock.lap(&mut self.report.stages.detect_ns);
+    }
+
     /// Takes over what the balance found.
     pub(super) fn finish(&mut self) {
         self.book();
+        self.finish_threads();
+        self.bend_threads();
+        self.finish_touch();
         for needle in 0..self.states.len() {
             if matches!(self.states[needle].tip, Tip::Holding { .. }) {
                 self.states[needle].log_pose();
             }
             self.cut(needle);
+        }
+    }
+}
+
+/// Where the head of a thread is held \[m\]: at its needle's end, if somebody holds that, or apart from it.
+pub(super) fn head_at(
+    needles: &Needles,
+    needle: &NeedleState,
+    thread: &ThreadState,
+    index: usize,
+) -> Option<Vector3<f64>> {
+    match thread.head.by {
+        ThreadHold::Place(_) | ThreadHold::Tool(_) => Some(thread.head.at),
+        _ => {
+            needle.grip?;
+            let part = &needles.parts[needles.threads.needles[index]].needle;
+            Some(part.at(&needle.pose).start)
         }
     }
 }
@@ -511,6 +855,9 @@ pub(super) fn position(
     work: &NeedleWork,
     node: u32,
 ) -> Vector3<f64> {
+    if work.at_solve == work.solves {
+        return work.at.get(node as usize).copied().unwrap_or_default();
+    }
     let find = || place(points_m, node) + work.system.displacement(body, grasp, &work.pushes, node);
     let Some(known) = work.known.get(node as usize) else {
         return find();
@@ -525,7 +872,7 @@ pub(super) fn position(
 }
 
 /// The tissue point of a crossing.
-pub(super) fn anchor(mesh: &HalfFaces, crossing: &Crossing) -> AnchorPoint {
+pub(crate) fn anchor(mesh: &HalfFaces, crossing: &Crossing) -> AnchorPoint {
     let [a, b, c] = mesh.vertices(crossing.face);
     let [x, y, z] = crossing.weights;
     AnchorPoint {

@@ -49,8 +49,8 @@ impl Drive<'_> {
         let push = -self.grasp.lambda()[point.first_row];
         // A face that cannot give way holds nothing back.
         let rigid = self.grasp.delta_m()[point.first_row] > 0.0
-            && self.work.system.compliance(self.work.rows.len())
-                [point.first_row * (self.work.rows.len() + 1)]
+            && self.work.system.compliance(self.work.count())
+                [point.first_row * (self.work.count() + 1)]
                 == 0.0;
         let area = self.needles.parts[needle].needle.tip_area_m2();
         let limit = self.needles.tissue(face.face.cell()).puncture_pa * area;
@@ -107,8 +107,14 @@ impl Drive<'_> {
             .iter()
             .take_while(|first| first.alpha < 0.0)
             .count();
+        let thread = self.needles.threads.of_needle(needle);
         for index in 0..behind {
             self.release(needle, What::Crossing(index));
+            // The thread follows.
+            if let Some(thread) = thread.and_then(|thread| self.threads.get_mut(thread)) {
+                let crossing = self.states[needle].history.crossings()[index];
+                changed |= thread.pass(&self.needles.mesh, crossing);
+            }
         }
         if behind > 0 {
             let state = &mut self.states[needle];

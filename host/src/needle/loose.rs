@@ -52,7 +52,7 @@ impl Drive<'_> {
 
     /// Where a loose needle turns about, and its drag \[N/m, N m/rad\]; `None` if no row holds it.
     pub(super) fn drag(&self, needle: usize) -> Option<(Vector3<f64>, Vector6<f64>)> {
-        let n = self.work.rows.len();
+        let n = self.work.count();
         let w = self.work.system.compliance(n);
         let curve = self.needles.parts[needle]
             .needle
@@ -105,7 +105,7 @@ impl Drive<'_> {
             let Some((centre, drag)) = self.work.drags[needle] else {
                 continue;
             };
-            let n = self.work.rows.len();
+            let n = self.work.count();
             let NeedleWork {
                 system,
                 points,
@@ -118,10 +118,11 @@ impl Drive<'_> {
                 let turn = (arms[row / 3] - centre).cross(&along);
                 Vector6::new(along.x, along.y, along.z, turn.x, turn.y, turn.z)
             };
+            let own = 3 * points.len();
             let w = system.compliance_mut(n);
-            for j in (0..n).filter(|row| points[row / 3].needle == needle) {
+            for j in (0..own).filter(|row| points[row / 3].needle == needle) {
                 let given = jacobian(j).component_div(&drag);
-                for i in (0..n).filter(|row| points[row / 3].needle == needle) {
+                for i in (0..own).filter(|row| points[row / 3].needle == needle) {
                     w[n * j + i] += jacobian(i).dot(&given);
                 }
             }

@@ -18,6 +18,7 @@ mod step;
 mod tangent;
 mod walk;
 
+pub(crate) use drive::anchor;
 pub use hierarchy::{Bounds, Capsule, Hierarchy, MOST_GROUPS, Slack};
 pub use history::{Broken, Crossing, History};
 pub(crate) use model::Needles;

@@ -4,7 +4,9 @@
 
 use super::{Geometry, Hierarchy, History, Needle, NeedleTissue, Slack, entry};
 use crate::anchors::AnchorSettings;
+use crate::collide::Touching;
 use crate::mesh::{HalfFaces, TetMesh};
+use crate::thread::{MOST_SEGMENTS, Threads};
 use nalgebra::{Isometry3, Vector3};
 use thiserror::Error;
 
@@ -119,8 +121,12 @@ pub(crate) struct Needles {
     pub settings: NeedleSettings,
     pub mesh: HalfFaces,
     pub hierarchy: Hierarchy,
+    pub threads: Threads,
+    /// Bodies of tissue that may touch, if there are any.
+    pub touching: Option<Touching>,
     /// Displacement under the loads alone, where the hierarchy is \[m\], (n x 3).
     pub resting: Vec<[f64; 3]>,
+    resting_m: Vec<Vector3<f64>>,
     /// Kinds of tissue, and each cell's among them, (m).
     kinds: Vec<NeedleTissue>,
     kind_of_cell: Vec<u32>,
@@ -210,6 +216,9 @@ impl Needles {
             settings,
             mesh: half_faces,
             hierarchy,
+            threads: Threads::none(),
+            touching: None,
+            resting_m: resting_m.iter().map(|at| Vector3::from(*at)).collect(),
             resting: resting_m
                 .iter()
                 .zip(mesh.points_m())
@@ -220,6 +229,11 @@ impl Needles {
             apart_m: APART * mesh.surface().mean_edge_m,
             piece_m: 0.25 * mesh.surface().mean_edge_m,
         })
+    }
+
+    /// Where nodes rest under the loads \[m\], (n).
+    pub fn places(&self) -> Vec<Vector3<f64>> {
+        self.resting_m.clone()
     }
 
     /// How a cell answers needles.
@@ -237,10 +251,19 @@ impl Needles {
 
     /// What rows of these needles need at most: at each crossing three, and at each tip.
     pub fn anchor_settings(&self) -> AnchorSettings {
-        let most_anchors = self.parts.len() * (self.settings.most_crossings + 1);
+        let of_needles = self.parts.len() * (self.settings.most_crossings + 1);
+        let threads = self.threads.parts.len();
+        let touching = self.touching.as_ref();
+        let (pairs, rows) = touching.map_or((0, 0), |own| (own.most_pairs(), own.most_rows()));
+        let most_anchors = of_needles + threads * MOST_SEGMENTS + pairs;
+        let rubbing = self.threads.parts.iter().any(|part| part.friction > 0.0);
+        // A row for every span, and of all that lies beyond it.
+        let most_terms = threads * MOST_SEGMENTS * if rubbing { MOST_SEGMENTS } else { 3 };
         AnchorSettings {
-            most_rows: 3 * most_anchors,
+            most_rows: 3 * (most_anchors - pairs) + rows,
             most_anchors,
+            most_spread: threads * 2 * MOST_SEGMENTS,
+            most_terms,
             vertices_per_step: self.settings.vertices_per_step,
             memory_bytes: self.settings.memory_bytes,
             ..AnchorSettings::default()

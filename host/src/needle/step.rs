@@ -6,15 +6,20 @@
 use super::drive::{Drive, NeedleWork, about};
 use super::model::{MAX_NEEDLES, Needles};
 use super::state::{Grip, NeedleState, Tip};
-use super::tangent::{TangentWork, slide_twist};
+use super::tangent::{Pull, TangentWork, slide_twist};
 use super::{Curve, NeedlePart};
-use crate::anchors::{Grasp, System};
+use crate::anchors::{AnchorPoint, Grasp, System};
 use crate::body::Motion;
 use crate::clock::Clock;
+use crate::collide::TouchState;
 use crate::model::Model;
 use crate::step::{Status, StepReport};
+use crate::thread::{
+    Bridge, EndRows, MOST_SEGMENTS, ThreadEnd, ThreadHold, ThreadPlace, ThreadPoint, ThreadReport,
+    ThreadState,
+};
 use crate::tool::{MAX_TOOLS, ToolSample};
-use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3};
+use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3, Vector6};
 
 /// Pieces that one step follows.
 const MAX_PIECES: u32 = 32;
@@ -74,6 +79,8 @@ pub struct NeedleReport {
 pub(crate) struct NeedlesState {
     pub grasp: Grasp,
     pub each: Vec<NeedleState>,
+    pub threads: Vec<ThreadState>,
+    pub touch: Option<TouchState>,
     time_us: u64,
 }
 
@@ -94,8 +101,117 @@ impl NeedlesState {
                 .iter()
                 .map(|part| NeedleState::new(part, &needles.settings))
                 .collect(),
+            threads: needles
+                .threads
+                .parts
+                .iter()
+                .map(|part| ThreadState::new(part, MOST_SEGMENTS))
+                .collect(),
+            touch: needles
+                .touching
+                .as_ref()
+                .map(|touching| TouchState::new(touching, &needles.places())),
             time_us: 0,
         }
+    }
+}
+
+impl NeedlesState {
+    /// See [`crate::step::State::hold_thread`]; `at` is where it is held, if it has a place.
+    pub fn hold_thread(
+        &mut self,
+        needles: &Needles,
+        nodes_m: &[[f64; 3]],
+        thread: usize,
+        end: ThreadEnd,
+        hold: ThreadHold,
+        at: Option<[f64; 3]>,
+    ) -> bool {
+        let Some(each) = self.threads.get(thread) else {
+            return false;
+        };
+        let nearest = match end {
+            ThreadEnd::Tail => each.passed.first(),
+            ThreadEnd::Head => each.passed.last(),
+        };
+        let at = at.map_or_else(Vector3::zeros, Vector3::from);
+        let near = nearest.map_or(at, |near| {
+            let near = super::drive::anchor(&needles.mesh, &near.crossing);
+            place_of(nodes_m, &near)
+        });
+        let part = &needles.threads.parts[thread];
+        self.threads[thread].hold(end, hold, at, near, part);
+        true
+    }
+
+    /// See [`crate::step::State::bridges`].
+    pub fn bridges(
+        &self,
+        needles: &Needles,
+        model: &Model,
+        nodes_m: &[[f64; 3]],
+        thread: usize,
+    ) -> Vec<Bridge> {
+        let Some(each) = self.threads.get(thread) else {
+            return Vec::new();
+        };
+        let mut each = each.clone();
+        let ground = needles.threads.ground(&needles.mesh, model.points_m());
+        each.segments.clear();
+        let place = |at: &AnchorPoint| place_of(nodes_m, at);
+        each.lay(&ground, None, &mut Vec::new(), place);
+        let spans = each.spans.iter().enumerate();
+        let bridging = spans.filter(|(_, span)| span.bridges);
+        bridging
+            .map(|(index, span)| Bridge {
+                rest_m: span.rest_m,
+                now_m: each.lengths_of(index),
+                tension_n: self.threads[thread].tension_after(span.key),
+            })
+            .collect()
+    }
+
+    /// See [`crate::step::State::thread_path`].
+    pub fn thread_path(
+        &self,
+        needles: &Needles,
+        nodes_m: &[[f64; 3]],
+        thread: usize,
+    ) -> Vec<ThreadPoint> {
+        let Some(each) = self.threads.get(thread) else {
+            return Vec::new();
+        };
+        let part = &needles.parts[needles.threads.needles[thread]];
+        let needle = &self.each[needles.threads.needles[thread]];
+        let mut path = Vec::with_capacity(each.passed.len() + 2);
+        let end = |at: Vector3<f64>, along_m| ThreadPoint {
+            at_m: at.into(),
+            along_m,
+            what: ThreadPlace::End,
+            tension_n: 0.0,
+        };
+        if matches!(each.tail.by, ThreadHold::Place(_) | ThreadHold::Tool(_)) {
+            path.push(end(each.tail.at, each.tail.alpha));
+        }
+        for passed in &each.passed {
+            let at = super::drive::anchor(&needles.mesh, &passed.crossing);
+            path.push(ThreadPoint {
+                at_m: place_of(nodes_m, &at).into(),
+                along_m: passed.crossing.alpha,
+                what: match (passed.is_boundary, passed.crossing.enters) {
+                    (false, _) => ThreadPlace::Inside,
+                    (true, true) => ThreadPlace::Enters,
+                    (true, false) => ThreadPlace::Leaves,
+                },
+                tension_n: each.tension_after(passed.id),
+            });
+        }
+        let head = match each.head.by {
+            ThreadHold::Place(_) | ThreadHold::Tool(_) => each.head.at,
+            _ => part.needle.at(&needle.pose).start,
+        };
+        path.push(end(head, each.head.alpha));
+        path
     }
 }
 
@@ -113,8 +229,15 @@ impl NeedlesWork {
         }
         let system = System::everywhere(&model.body, &model.motion, settings, &groups);
         Self {
-            drive: NeedleWork::new(needles, system, &state.each, &state.grasp),
-            tangent: TangentWork::new(settings.most_rows),
+            drive: NeedleWork::new(
+                needles,
+                system,
+                &state.each,
+                &state.threads,
+                state.touch.as_ref(),
+                &state.grasp,
+            ),
+            tangent: TangentWork::new(settings.most_rows + settings.most_spread),
             // A cell and its neighbours around each tip, and one that lies ahead.
             ahead: Vec::with_capacity(24 * MAX_NEEDLES),
         }
@@ -162,6 +285,16 @@ pub(crate) fn step(
             *target = pose;
         }
     }
+    let mut ends = [[Vector3::zeros(); 2]; MAX_NEEDLES];
+    for (ends, thread) in ends.iter_mut().zip(&state.threads) {
+        *ends = [thread.tail, thread.head].map(|hold| match hold.by {
+            ThreadHold::Tool(tool) => {
+                let sample = samples.iter().find(|sample| sample.id == tool);
+                sample.map_or(hold.at, |sample| Vector3::from(sample.position_m))
+            }
+            _ => hold.at,
+        });
+    }
     let time_us = samples.iter().map(|sample| sample.console_time_us).max();
     let passed_s = time_us.map_or(0.0, |now| 1e-6 * now.saturating_sub(state.time_us) as f64);
     for ((each, target), part) in state.each.iter_mut().zip(&targets).zip(&needles.parts) {
@@ -198,7 +331,7 @@ pub(crate) fn step(
             model,
             needles,
             state,
-            &targets[..count],
+            (&targets[..count], &ends[..state.threads.len()]),
             work,
             report,
             clock,
@@ -223,7 +356,7 @@ pub(crate) fn step(
             each.speed = *speed;
         }
     }
-    report.rows = work.drive.rows.len() as u32;
+    report.rows = work.drive.count() as u32;
     if status == Status::Ok {
         reduce(model, needles, state, samples, work, report, clock);
     }
@@ -235,7 +368,7 @@ fn follow(
     model: &Model,
     needles: &Needles,
     state: &mut NeedlesState,
-    targets: &[Isometry3<f64>],
+    (targets, threads): (&[Isometry3<f64>], &[[Vector3<f64>; 2]]),
     work: &mut NeedlesWork,
     report: &mut StepReport,
     clock: &mut Clock,
@@ -254,8 +387,29 @@ fn follow(
         for ((each, target), own) in state.each.iter().zip(&ends).zip(&needles.parts) {
             part = part.min(piece(needles, each, target, own));
         }
+        let mut holds = [[Vector3::zeros(); 2]; MAX_NEEDLES];
+        for (thread, target) in state.threads.iter().zip(threads) {
+            let way = [target[0] - thread.tail.at, target[1] - thread.head.at];
+            let far = way[0].norm().max(way[1].norm());
+            if !thread.segments.is_empty() && far > 0.0 {
+                part = part.min(needles.piece_m / far);
+            }
+        }
         if !part.is_finite() {
             return Status::NotFinite;
+        }
+        for ((hold, thread), target) in holds.iter_mut().zip(&state.threads).zip(threads) {
+            let between = |from: Vector3<f64>, to: Vector3<f64>| {
+                if part >= 1.0 {
+                    to
+                } else {
+                    from + (to - from) * part
+                }
+            };
+            *hold = [
+                between(thread.tail.at, target[0]),
+                between(thread.head.at, target[1]),
+            ];
         }
         let mut poses = [Isometry3::identity(); MAX_NEEDLES];
         for ((pose, each), target) in poses.iter_mut().zip(&state.each).zip(&ends) {
@@ -268,17 +422,20 @@ fn follow(
             needles,
             points_m: model.points_m(),
             states: &mut state.each,
+            threads: &mut state.threads,
+            touch: state.touch.as_mut(),
             grasp: &mut state.grasp,
             work: &mut work.drive,
             report,
             clock,
         };
-        match drive.to(&poses[..count]) {
+        let threads_count = threads.len();
+        match drive.to(&poses[..count], &holds[..threads_count]) {
             Ok(()) if part >= 1.0 => return Status::Ok,
             Ok(()) => {}
             // Where the way leads through what has no balance, its end may have one: that it can be left again.
             Err(Status::NotConverged | Status::TooManyRows) if part < 1.0 => {
-                return match drive.to(&ends[..count]) {
+                return match drive.to(&ends[..count], threads) {
                     Ok(()) => Status::Ok,
                     Err(status) => status,
                 };
@@ -353,7 +510,13 @@ fn reduce(
     report: &mut StepReport,
     clock: &mut Clock,
 ) {
-    let NeedlesState { grasp, each, .. } = state;
+    let NeedlesState {
+        grasp,
+        each,
+        threads,
+        touch,
+        ..
+    } = state;
     let NeedlesWork {
         drive: scratch,
         tangent,
@@ -365,6 +528,8 @@ fn reduce(
         needles,
         points_m: model.points_m(),
         states: each,
+        threads,
+        touch: touch.as_mut(),
         grasp,
         work: scratch,
         report: &mut stages_report,
@@ -387,7 +552,7 @@ fn reduce(
             let by: Option<Grip> = drive.states[needle].grip;
             by.is_some_and(|by| by.tool == sample.id)
         };
-        let mut wrench = nalgebra::Vector6::zeros();
+        let mut wrench = Vector6::zeros();
         let (mut gap_m, mut normal) = (f64::MAX, Vector3::z());
         for needle in (0..drive.states.len()).filter(|needle| holds(*needle)) {
             wrench += drive.wrench_on(needle, &grip);
@@ -415,6 +580,19 @@ fn reduce(
             }
             normal = -forward;
         }
+        let mut pulls = [None; 2 * MAX_NEEDLES];
+        for (pull, end) in pulls.iter_mut().zip(thread_ends(&drive)) {
+            let Some((_, by, at, force, rows)) = end.filter(|(_, by, ..)| *by == sample.id) else {
+                continue;
+            };
+            debug_assert_eq!(by, sample.id);
+            let arm = at - grip;
+            let moment = arm.cross(&force);
+            wrench += Vector6::new(force.x, force.y, force.z, moment.x, moment.y, moment.z);
+            contact.rows += 1;
+            gap_m = 0.0;
+            *pull = Some(Pull { arm, force, rows });
+        }
         contact.gap_m = gap_m;
         let force: Vector3<f64> = wrench.fixed_rows::<3>(0).into();
         contact.normal = force.try_normalize(1e-12).unwrap_or(normal).into();
@@ -427,18 +605,12 @@ fn reduce(
             &in_tissue,
             &grip,
             holds,
+            &pulls,
         );
         contact.tangent = derivative.transpose().into();
     }
     let lambda = drive.grasp.lambda();
-    let n = drive.work.rows.len();
-    let w = drive.work.system.compliance(n);
-    let mut stored = 0.0;
-    for (i, lambda_i) in lambda.iter().enumerate() {
-        for (j, lambda_j) in lambda.iter().enumerate() {
-            stored += 0.5 * lambda_i * lambda_j * w[n * i + j];
-        }
-    }
+    let stored = drive.work.system.stored_j(drive.grasp);
     for (needle, out) in report
         .needles_mut(drive.states.len())
         .iter_mut()
@@ -520,6 +692,7 @@ fn reduce(
             &in_tissue,
             &at_grip,
             |other| other == needle,
+            &[],
         );
         out.stiffness_n_per_m[1] = -twist.dot(&(derivative * twist));
     }
@@ -530,6 +703,7 @@ fn reduce(
     {
         out.stiffness_n_per_m[0] = tangent.sticking(drive.work, needle);
     }
+    report_threads(&drive, report);
     let potential_j = model
         .body
         .potential_j(drive.grasp.motion(), drive.work.system.body_work());
@@ -548,6 +722,79 @@ fn reduce(
                 .compute_ahead(&model.body, &state.grasp, &work.ahead, left);
         report.columns_computed += 3 * computed;
         clock.lap(&mut report.stages.columns_ns);
+    }
+}
+
+fn place_of(nodes_m: &[[f64; 3]], at: &AnchorPoint) -> Vector3<f64> {
+    let parts = at.nodes.iter().zip(at.weights);
+    let places = parts
+        .filter_map(|(node, weight)| Some(Vector3::from(*nodes_m.get(*node as usize)?) * weight));
+    places.sum()
+}
+
+/// What a tool feels of the end of a thread: which thread, which tool, where \[m\], its pull \[N\], its rows.
+type Felt = (usize, u8, Vector3<f64>, Vector3<f64>, EndRows);
+
+/// Tail and head of every thread that pulls, if a tool holds it.
+fn thread_ends(drive: &Drive) -> [Option<Felt>; 2 * MAX_NEEDLES] {
+    let mut ends = [None; 2 * MAX_NEEDLES];
+    let mut first = drive.work.rows.len();
+    let parts = &drive.needles.threads;
+    for (index, thread) in drive.threads.iter().enumerate() {
+        let part = &parts.parts[index];
+        let is_held = drive.is_held(index);
+        for (place, end) in [ThreadEnd::Tail, ThreadEnd::Head].into_iter().enumerate() {
+            let by = drive.held_by(index)[place];
+            let felt = thread.end(end, part, is_held, first);
+            if let (Some(by), Some((force, at, rows))) = (by, felt) {
+                ends[2 * index + place] = Some((index, by, at, force, rows));
+            }
+        }
+        first += thread.spread_rows(part, is_held);
+    }
+    ends
+}
+
+fn report_threads(drive: &Drive, report: &mut StepReport) {
+    for (index, out) in report
+        .threads_mut(drive.threads.len())
+        .iter_mut()
+        .enumerate()
+    {
+        let thread = &drive.threads[index];
+        let part = &drive.needles.threads.parts[index];
+        let is_held = drive.is_held(index);
+        *out = ThreadReport {
+            id: part.id,
+            state: thread.state,
+            held_by: drive.held_by(index),
+            punctures: thread.punctures(),
+            length_m: (0..thread.spans.len())
+                .map(|span| thread.lengths_of(span))
+                .sum(),
+            available_m: thread.available_m(),
+            pulled_m: thread.pulled_m,
+            welds: thread
+                .segments
+                .iter()
+                .filter(|segment| segment.is_weld)
+                .count() as u32,
+            wraps: thread.bends.len() as u32,
+            dissipated_j: thread.friction_j,
+            ..ThreadReport::default()
+        };
+        for (place, end) in [ThreadEnd::Tail, ThreadEnd::Head].into_iter().enumerate() {
+            let segment = match end {
+                ThreadEnd::Tail => thread.segments.first(),
+                ThreadEnd::Head => thread.segments.last(),
+            };
+            out.tension_n[place] = segment.map_or(0.0, |segment| segment.tension_n);
+            if let Some((force, at, _)) = thread.end(end, part, is_held, 0) {
+                let direction = force.try_normalize(0.0).unwrap_or_else(Vector3::zeros);
+                out.direction[place] = direction.into();
+                out.end_m[place] = at.into();
+            }
+        }
     }
 }
 

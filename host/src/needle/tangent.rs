@@ -12,6 +12,7 @@ use super::state::{NeedleState, Tip};
 use crate::anchors::Grasp;
 use crate::dense::Lu;
 use crate::rows::Mode;
+use crate::thread::EndRows;
 use nalgebra::{Matrix6, Vector3, Vector6};
 
 /// Scratch for so many rows.
@@ -20,6 +21,16 @@ pub(super) struct TangentWork {
     matrix: Vec<f64>,
     /// Right-hand sides, then dLambda, (n x 6).
     change: Vec<f64>,
+}
+
+/// An end of a thread that a tool holds, or the needle that it holds.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Pull {
+    /// From the grip to the end \[m\].
+    pub arm: Vector3<f64>,
+    /// On the end \[N\].
+    pub force: Vector3<f64>,
+    pub rows: EndRows,
 }
 
 /// One point of a needle and its force.
@@ -62,10 +73,16 @@ impl TangentWork {
         grasp: &Grasp,
         work: &NeedleWork,
     ) {
-        let n = work.rows.len();
+        let n = work.count();
         let w = work.system.compliance(n);
         let matrix = &mut self.matrix[..n * n];
         matrix.copy_from_slice(w);
+        // Rows of threads and of tissues that touch act or do not; a bound that follows other forces comes after.
+        for (row, mode) in grasp.modes().iter().enumerate().skip(3 * work.points.len()) {
+            if *mode != Mode::Held {
+                free(matrix, n, row);
+            }
+        }
         for (index, point) in work.points.iter().enumerate() {
             let held = held(needles, states, grasp, index, point, Vector3::zeros());
             let mut replace = |row: usize, scale: f64| {
@@ -102,8 +119,9 @@ impl TangentWork {
         position: &impl Fn(usize) -> Vector3<f64>,
         grip: &Vector3<f64>,
         moves: impl Fn(usize) -> bool,
+        pulls: &[Option<Pull>],
     ) -> Matrix6<f64> {
-        let n = work.rows.len();
+        let n = work.count();
         let w = work.system.compliance(n);
         let points = || {
             work.points
@@ -138,6 +156,17 @@ impl TangentWork {
                 }
             }
         }
+        for pull in pulls.iter().flatten() {
+            for pose in 0..6 {
+                let (shift, turn) = unit(pose);
+                let moved = shift + turn.cross(&pull.arm);
+                let rows = &mut change[n * pose..n * (pose + 1)];
+                pull.rows.visit(|row, direction| {
+                    let acts = grasp.modes()[row] == Mode::Held && w[row * (n + 1)] > 0.0;
+                    rows[row] = if acts { direction.dot(&moved) } else { 0.0 };
+                });
+            }
+        }
         self.lu.solve(&self.matrix[..n * n], n, change, 6);
         let mut tangent = Matrix6::zeros();
         for (index, point) in points() {
@@ -161,19 +190,44 @@ impl TangentWork {
                 }
             }
         }
+        for pull in pulls.iter().flatten() {
+            for pose in 0..6 {
+                let (_, turn) = unit(pose);
+                let own = &change[n * pose..n * (pose + 1)];
+                let mut force = Vector3::zeros();
+                pull.rows
+                    .visit(|row, direction| force -= direction * own[row]);
+                let moment = pull.arm.cross(&force) + turn.cross(&pull.arm).cross(&pull.force);
+                for axis in 0..3 {
+                    tangent[(axis, pose)] += force[axis];
+                    tangent[(3 + axis, pose)] += moment[axis];
+                }
+            }
+        }
         tangent
     }
 
     /// Stiffness against the uniform slide of a needle if nothing slid \[N/m\].
     pub fn sticking(&mut self, work: &NeedleWork, needle: usize) -> f64 {
-        let n = work.rows.len();
-        let w = work.system.compliance(n);
-        self.matrix[..n * n].copy_from_slice(w);
+        // Of the needle's own rows; others do not matter much.
+        let n = 3 * work.points.len();
+        if n == 0 {
+            return 0.0;
+        }
+        let all = work.count();
+        let w = work.system.compliance(all);
+        for (column, from) in self
+            .matrix
+            .chunks_exact_mut(n.max(1))
+            .zip(w.chunks_exact(all))
+        {
+            column.copy_from_slice(&from[..n]);
+        }
         let rhs = &mut self.change[..n];
         rhs.fill(0.0);
         let mut any = false;
         for point in work.points.iter().filter(|point| point.needle == needle) {
-            rhs[point.first_row] = f64::from(u8::from(w[point.first_row * (n + 1)] > 0.0));
+            rhs[point.first_row] = f64::from(u8::from(w[point.first_row * (all + 1)] > 0.0));
             any = true;
             if point.what == What::Cut {
                 for axis in 1..3 {

@@ -2,6 +2,7 @@
 //!
 //! Entry point: [`SceneFile`]. Values are checked where they are used, in the files next to this one.
 
+use super::wound_file::{ThreadSection, TissueContactSection};
 use schemars::JsonSchema;
 use serde::Deserialize;
 use toml::Spanned;
@@ -43,6 +44,14 @@ pub struct SceneFile {
     #[serde(default)]
     #[schemars(with = "Vec<NeedleSection>")]
     pub needle: Vec<Spanned<NeedleSection>>,
+    /// Threads.
+    #[serde(default)]
+    #[schemars(with = "Vec<ThreadSection>")]
+    pub thread: Vec<Spanned<ThreadSection>>,
+    /// Parts of the tissue that may touch.
+    #[serde(default)]
+    #[schemars(with = "Vec<TissueContactSection>")]
+    pub tissue_contact: Vec<Spanned<TissueContactSection>>,
     /// Speed against accuracy of needles.
     #[schemars(with = "Option<NeedleSolverSection>")]
     pub needle_solver: Option<Spanned<NeedleSolverSection>>,

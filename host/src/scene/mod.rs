@@ -12,8 +12,11 @@ mod read;
 mod region;
 mod schema;
 mod select;
+mod threads;
 mod tools;
+mod touching;
 mod way;
+mod wound_file;
 
 pub use device::{BUILT_IN as BUILT_IN_DEVICES, read_device};
 pub use document::{Document, Flaw, SceneError};
@@ -22,8 +25,11 @@ pub use needles::{Hold, Needle, NeedleSolver};
 pub use read::LONGEST_S;
 pub use region::Region;
 pub use schema::schema;
+pub use threads::{Thread, ThreadHeld, Tighten};
+pub use touching::TissueContact;
 pub use way::{OnWay, Way, WayStop};
 
+use crate::collide::{TouchPart, TouchSettings};
 use crate::fem::{Loads, Materials, Policy};
 use crate::mesh::TetMesh;
 use crate::model::{Model, ModelError, Passes};
@@ -59,6 +65,10 @@ pub struct Scene {
     pub needles: Vec<Needle>,
     /// How each cell answers them, (m); empty in a scene without needles.
     pub needle_tissue: Vec<NeedleTissue>,
+    /// Threads, with different ids, on different needles.
+    pub threads: Vec<Thread>,
+    /// Parts of the tissue that may touch.
+    pub touching: Vec<TissueContact>,
     /// Speed against accuracy of needles.
     pub needle_solver: NeedleSolver,
     /// Forces on nodes, and points of tissue that are moved to a target.
@@ -237,7 +247,17 @@ impl Scene {
             playback: self.needle_solver.playback,
             ..NeedleSettings::default()
         };
-        model.with_needles(&self.mesh, &parts, &self.needle_tissue, settings)
+        let model = model.with_needles(&self.mesh, &parts, &self.needle_tissue, settings)?;
+        let threads: Vec<_> = self.threads.iter().map(|thread| thread.part).collect();
+        let model = model.with_threads(&threads)?;
+        if self.touching.is_empty() {
+            return Ok(model);
+        }
+        let parts = self.touching.iter().map(|contact| TouchPart {
+            faces: contact.faces.clone(),
+            friction: contact.friction,
+        });
+        model.with_touching(&parts.collect::<Vec<_>>(), TouchSettings::default())
     }
 }
 
@@ -245,3 +265,5 @@ impl Scene {
 mod needle_tests;
 #[cfg(test)]
 mod tests;
+#[cfg(test)]
+mod wound_tests;

@@ -57,7 +57,6 @@ pub(super) fn read_needles(
     sections: &[Spanned<NeedleSection>],
     (tools, tool_sections): (&[Tool], &[Spanned<ToolSection>]),
     mesh: &TetMesh,
-    warnings: &mut Vec<Flaw>,
 ) -> Result<Vec<Needle>, SceneError> {
     let touching = |section: &&Spanned<ToolSection>| section.get_ref().shape != ToolShape::Grip;
     if let Some(tool) = tool_sections
@@ -113,15 +112,6 @@ pub(super) fn read_needles(
         });
     }
     check_hands(document, sections, &needles)?;
-    for (tool, section) in tools.iter().zip(tool_sections) {
-        let holds = |needle: &Needle| needle.holds.iter().any(|hold| hold.tool == Some(tool.id));
-        if section.get_ref().shape == ToolShape::Grip && !needles.iter().any(holds) {
-            let message = format!("tool {} is a grip that holds no needle", tool.id);
-            let help = "name it in a `[[needle.hold]]`, or leave the tool out";
-            let at = section.span();
-            warnings.push(document.warning(at, &message, "does nothing", help));
-        }
-    }
     Ok(needles)
 }
 

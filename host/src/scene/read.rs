@@ -10,7 +10,9 @@ use super::needles::{read_needle_solver, read_needle_tissue, read_needles};
 use super::parts::{read_parts, read_slab};
 use super::region::{Made, read_materials};
 use super::select::{check_nodes, select};
+use super::threads::{idle_grips, read_threads};
 use super::tools::read_tools;
+use super::touching::read_touching;
 use super::{Corotational, HostSettings, Scene, Tissue};
 use crate::fem::{Anchor, Handle, Loads, NodeLoad};
 use crate::mesh::{self, MeshError, TetMesh};
@@ -74,7 +76,10 @@ impl Scene {
         };
         let tools = read_tools(document, &file.tool, &mesh, &mut warnings)?;
         let hands = (&tools[..], &file.tool[..]);
-        let needles = read_needles(document, &file.needle, hands, &mesh, &mut warnings)?;
+        let needles = read_needles(document, &file.needle, hands, &mesh)?;
+        let threads = read_threads(document, &file.thread, &needles, &tools)?;
+        warnings.extend(idle_grips(document, hands, &needles, &threads));
+        let touching = read_touching(document, &file.tissue_contact, &mesh)?;
         let needle_tissue = read_needle_tissue(document, &file, &of_cell, &mut warnings)?;
         if let Some(handle) = file.handle.first().filter(|_| !needles.is_empty()) {
             let message = "a handle in a scene with needles";
@@ -104,6 +109,8 @@ impl Scene {
             tools,
             needles,
             needle_tissue,
+            threads,
+            touching,
             needle_solver: read_needle_solver(document, &file)?,
             loads: Loads {
                 forces,

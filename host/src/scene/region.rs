@@ -128,8 +128,8 @@ fn read_material(
     })
 }
 
-/// The cells that the mesh file has given this number or name.
-fn tagged(
+/// The cells that the mesh file has given this number or name, ascending.
+pub(super) fn tagged(
     document: &Document,
     mesh: &TetMesh,
     tag: &Spanned<RegionTag>,

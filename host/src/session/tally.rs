@@ -118,6 +118,7 @@ impl Tally {
             detect_ns,
             columns_ns,
             solve_ns,
+            field_ns,
             reduce_ns,
         } = solved.stages;
         let stages = [
@@ -125,6 +126,7 @@ impl Tally {
             ("detect", detect_ns),
             ("columns", columns_ns),
             ("solve", solve_ns),
+            ("field", field_ns),
             ("reduce", reduce_ns),
         ];
         for (stage, ns) in stages {

@@ -16,7 +16,7 @@ pub use crate::contact::reduction::{MAX_TOOL_ROWS, ToolRows};
 use crate::contact::tangent::PoseWork;
 use crate::model::Model;
 use crate::needle::{self, MAX_NEEDLES, NeedleReport, NeedlesState, NeedlesWork};
-use crate::thread::{ThreadEnd, ThreadHold, ThreadPoint, ThreadReport};
+use crate::thread::{Bridge, ThreadEnd, ThreadHold, ThreadPoint, ThreadReport};
 use crate::tool::{MAX_TOOLS, Placement, ToolSample};
 use nalgebra::Vector3;
 
@@ -91,6 +91,8 @@ pub struct Stages {
     pub columns_ns: u64,
     /// Active set and Newton.
     pub solve_ns: u64,
+    /// Displacement of all nodes, where tissues may touch or threads bend.
+    pub field_ns: u64,
     /// Wrenches and tangents.
     pub reduce_ns: u64,
 }
@@ -252,21 +254,69 @@ impl State {
         hold: ThreadHold,
         samples: &[ToolSample],
     ) -> bool {
-        let _ = (model, thread, end, hold, samples);
-        todo!()
+        let nodes_m = self.positions(model);
+        let (Some(needles), Some(state)) = (&model.needles, &mut self.needles) else {
+            return false;
+        };
+        let Some(thread) = model.thread(thread) else {
+            return false;
+        };
+        let tool = |id: u8| samples.iter().find(|sample| sample.id == id);
+        let at = match hold {
+            ThreadHold::Free | ThreadHold::Knot => None,
+            ThreadHold::Place(at) => Some(at),
+            ThreadHold::Tool(id) => match tool(id) {
+                Some(sample) => Some(sample.position_m),
+                None => return false,
+            },
+        };
+        let is_sound = at.is_none_or(|at| at.iter().all(|x| x.is_finite()));
+        is_sound && state.hold_thread(needles, &nodes_m, thread, end, hold, at)
     }
 
-    /// Bounds every segment of a thread between two punctures to `ratio` of its length at the time of the first such call
-    /// (younes-2021, 3.37), whatever its ends do; `None` gives it free again. Says whether there is such a thread.
+    /// Bounds every span of a thread that bridges two bodies of tissue (every one between punctures, if there is only one
+    /// body) to `ratio` of its length in the unloaded mesh (younes-2021, 3.37), whatever its ends do; `None` gives it free
+    /// again. Says whether there is such a thread.
     pub fn tighten(&mut self, model: &Model, thread: u8, ratio: Option<f64>) -> bool {
-        let _ = (model, thread, ratio);
-        todo!()
+        let index = model.thread(thread);
+        let each = self.needles.as_mut().zip(index);
+        let each = each.and_then(|(state, index)| state.threads.get_mut(index));
+        let is_sound = ratio.is_none_or(|ratio| ratio.is_finite() && ratio >= 0.0);
+        match each.filter(|_| is_sound) {
+            Some(each) => {
+                each.tightened = ratio;
+                true
+            }
+            None => false,
+        }
     }
 
     /// The path of a thread, from tail to head; for viewers and files.
     pub fn thread_path(&self, model: &Model, thread: u8) -> Vec<ThreadPoint> {
-        let _ = (model, thread);
-        todo!()
+        let index = model.thread(thread);
+        let found = self.needles.as_ref().zip(model.needles.as_ref()).zip(index);
+        found.map_or_else(Vec::new, |((state, needles), index)| {
+            state.thread_path(needles, &self.positions(model), index)
+        })
+    }
+
+    /// What a thread closes, or not: its spans between two bodies of tissue.
+    pub fn bridges(&self, model: &Model, thread: u8) -> Vec<Bridge> {
+        let index = model.thread(thread);
+        let found = self.needles.as_ref().zip(model.needles.as_ref()).zip(index);
+        found.map_or_else(Vec::new, |((state, needles), index)| {
+            state.bridges(needles, model, &self.positions(model), index)
+        })
+    }
+
+    /// Where all nodes are \[m\], (n x 3): allocates, for files and viewers.
+    pub fn positions(&self, model: &Model) -> Vec<[f64; 3]> {
+        let moved = model.equilibrium(self).map(|found| found.displacement_m);
+        let moved = moved.unwrap_or_else(|_| vec![[0.0; 3]; model.points_m().len()]);
+        let nodes = model.points_m().iter().zip(&moved);
+        nodes
+            .map(|(x, u)| [x[0] + u[0], x[1] + u[1], x[2] + u[2]])
+            .collect()
     }
 
     /// What rubs at each of [`State::crossings`], in their order.

@@ -9,13 +9,19 @@ mod model;
 #[cfg_attr(not(test), expect(dead_code))]
 mod nearest;
 pub mod pull;
-#[cfg_attr(not(test), expect(dead_code))]
+mod segments;
 mod skin;
+mod state;
 mod tension;
-#[cfg_attr(not(test), expect(dead_code))]
 mod wrap;
 
+pub(crate) use model::{MOST_SEGMENTS, Threads};
+pub(crate) use segments::{EndRows, Out, Segment};
+pub(crate) use skin::Skin;
+pub(crate) use state::ThreadState;
+pub(crate) use wrap::{Wrap, wraps};
+
 pub use model::{
-    ThreadEnd, ThreadError, ThreadHold, ThreadPart, ThreadPlace, ThreadPoint, ThreadReport,
+    Bridge, ThreadEnd, ThreadError, ThreadHold, ThreadPart, ThreadPlace, ThreadPoint, ThreadReport,
     ThreadTension,
 };

@@ -2,6 +2,8 @@
 //!
 //! Entry points: [`ThreadPart`], [`ThreadReport`].
 
+use super::segments::Ground;
+use crate::mesh::HalfFaces;
 use thiserror::Error;
 
 /// A thread of a model, fastened to the end of a needle.
@@ -116,6 +118,17 @@ pub enum ThreadPlace {
     Wraps,
 }
 
+/// A span of a thread between two punctures.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Bridge {
+    /// Straight distance of its ends in the unloaded mesh \[m\].
+    pub rest_m: f64,
+    /// Its length now \[m\].
+    pub now_m: f64,
+    /// Tension in it \[N\].
+    pub tension_n: f64,
+}
+
 /// Why threads cannot be used.
 #[derive(Clone, Debug, PartialEq, Error)]
 #[non_exhaustive]
@@ -145,4 +158,122 @@ pub enum ThreadError {
         /// What is allowed.
         rule: &'static str,
     },
+}
+
+/// Threads of a model, and the tissue that they go through.
+#[derive(Debug)]
+pub(crate) struct Threads {
+    pub parts: Vec<ThreadPart>,
+    /// Index of each thread's needle.
+    pub needles: Vec<usize>,
+    /// Number of each node's connected body of tissue, (n), and how many there are.
+    bodies: Vec<u32>,
+    count: u32,
+}
+
+/// Most segments of one thread: 50 punctures with as many bends, and both ends.
+pub(crate) const MOST_SEGMENTS: usize = 96;
+
+impl Threads {
+    /// No threads.
+    pub fn none() -> Self {
+        Self {
+            parts: Vec::new(),
+            needles: Vec::new(),
+            bodies: Vec::new(),
+            count: 0,
+        }
+    }
+
+    /// Threads on needles with `ids`, in tissue made of `mesh`.
+    pub fn new(parts: &[ThreadPart], ids: &[u8], mesh: &HalfFaces) -> Result<Self, ThreadError> {
+        let mut needles: Vec<usize> = Vec::with_capacity(parts.len());
+        for (index, part) in parts.iter().enumerate() {
+            let (id, needle) = (part.id, part.needle);
+            if parts[..index].iter().any(|other| other.id == id) {
+                return Err(ThreadError::SameThread(id));
+            }
+            let flaw = |flaw| ThreadError::Needle { id, needle, flaw };
+            let place = ids.iter().position(|other| *other == needle);
+            let place = place.ok_or_else(|| flaw("does not exist"))?;
+            if needles.contains(&place) {
+                return Err(flaw("has a thread already"));
+            }
+            needles.push(place);
+            let numbers = [
+                ("length_m", part.length_m, part.length_m > 0.0, "above zero"),
+                (
+                    "friction",
+                    part.friction,
+                    (0.0..=10.0).contains(&part.friction),
+                    "from 0 to 10",
+                ),
+                (
+                    "strength_n",
+                    part.strength_n,
+                    part.strength_n > 0.0,
+                    "above zero",
+                ),
+            ];
+            for (what, value, sound, rule) in numbers {
+                if !(sound && value.is_finite()) {
+                    return Err(ThreadError::Number {
+                        id,
+                        what,
+                        value,
+                        rule,
+                    });
+                }
+            }
+        }
+        let (bodies, count) = bodies(mesh);
+        Ok(Self {
+            parts: parts.to_vec(),
+            needles,
+            bodies,
+            count,
+        })
+    }
+
+    /// The thread of a needle.
+    pub fn of_needle(&self, needle: usize) -> Option<usize> {
+        self.needles.iter().position(|own| *own == needle)
+    }
+
+    /// What they go through.
+    pub fn ground<'a>(&'a self, mesh: &'a HalfFaces, points_m: &'a [[f64; 3]]) -> Ground<'a> {
+        Ground {
+            mesh,
+            points_m,
+            bodies: &self.bodies,
+            count: self.count,
+        }
+    }
+}
+
+/// Number of each node's connected body, and how many there are.
+pub(crate) fn bodies(mesh: &HalfFaces) -> (Vec<u32>, u32) {
+    const NONE: u32 = u32::MAX;
+    let mut body = vec![NONE; mesh.nodes()];
+    let mut seen = vec![false; mesh.cells().len()];
+    let mut count = 0;
+    for start in 0..mesh.cells().len() {
+        if seen[start] {
+            continue;
+        }
+        seen[start] = true;
+        let mut waiting = vec![start as u32];
+        while let Some(cell) = waiting.pop() {
+            for node in mesh.cells()[cell as usize] {
+                body[node as usize] = count;
+            }
+            for next in mesh.adjacent_cells(cell).into_iter().flatten() {
+                if !std::mem::replace(&mut seen[next as usize], true) {
+                    waiting.push(next);
+                }
+            }
+        }
+        count += 1;
+    }
+    (body, count)
 }

@@ -117,6 +117,7 @@ impl ThreadSolver {
             most_rows: 0,
             most_anchors: most_points,
             most_spread: 3 * most_segments,
+            most_terms: 6 * most_segments,
             vertices_per_step: usize::MAX,
             ..AnchorSettings::default()
         };
@@ -153,7 +154,7 @@ impl ThreadSolver {
         self.pushes.clear();
         let sound = self.lay(path, outside)
             && available_m.abs() <= FARTHEST_M
-            && self.system.read(&self.body, &self.anchors, &[])
+            && self.system.read(&self.body, &self.anchors, &[], &[])
             && self.system.read_spread(&self.rows, &self.terms);
         if !sound {
             self.forget();

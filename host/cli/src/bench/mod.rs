@@ -286,6 +286,7 @@ fn measure(scene: &Scene, progress: &ProgressBar) -> Result<Case, Failure> {
             ("detect", stage(|r| r.stages.detect_ns)),
             ("columns", stage(|r| r.stages.columns_ns)),
             ("solve", stage(|r| r.stages.solve_ns)),
+            ("field", stage(|r| r.stages.field_ns)),
             ("reduce", stage(|r| r.stages.reduce_ns)),
         ]),
         factor_ms,

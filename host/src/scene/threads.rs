@@ -1,0 +1,269 @@
+//! `[[thread]]`: which needles draw threads, what holds their ends when, and when they are tightened.
+//!
+//! Entry point: [`read_threads`].
+
+use super::document::{Document, Flaw, SceneError};
+use super::file::ToolSection;
+use super::wound_file::{ThreadEndName, ThreadHoldSection, ThreadSection, ThreadTightenSection};
+use super::{Needle, Tool};
+use crate::thread::{ThreadEnd, ThreadHold, ThreadPart};
+use crate::tool::Shape;
+use toml::Spanned;
+
+/// What a thread bears that does not say \[N\]: braided sutures of 0.3 mm break at 20 to 30 N.
+const STRENGTH_N: f64 = 20.0;
+
+/// A thread of a scene.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Thread {
+    /// What is constant about it.
+    pub part: ThreadPart,
+    /// What holds its ends, in the order of time.
+    pub holds: Vec<ThreadHeld>,
+    /// When it is tightened, in the order of time.
+    pub tightens: Vec<Tighten>,
+}
+
+/// From when on what holds an end of a thread.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ThreadHeld {
+    /// Since the session began \[s\].
+    pub time_s: f64,
+    /// Which end.
+    pub end: ThreadEnd,
+    /// What holds it.
+    pub by: ThreadHold,
+}
+
+/// When a thread's segments between punctures shrink, in proportion to time.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Tighten {
+    /// When it begins \[s\].
+    pub time_s: f64,
+    /// When it is done \[s\].
+    pub until_s: f64,
+    /// What is left then of their length at the first beginning.
+    pub ratio: f64,
+}
+
+impl Thread {
+    /// To which part its segments are tightened at a time since the session began \[s\]; `None` before that begins.
+    pub fn tightened(&self, time_s: f64) -> Option<f64> {
+        let mut ratio = 1.0;
+        let mut has_begun = false;
+        for tighten in &self.tightens {
+            if time_s < tighten.time_s {
+                break;
+            }
+            has_begun = true;
+            let length_s = tighten.until_s - tighten.time_s;
+            let part = if time_s < tighten.until_s {
+                (time_s - tighten.time_s) / length_s
+            } else {
+                1.0
+            };
+            ratio += part * (tighten.ratio - ratio);
+        }
+        has_begun.then_some(ratio)
+    }
+}
+
+/// The threads of a scene, with different ids, on different needles.
+///
+/// # Errors
+/// A flaw at a needle that is not there or has a thread already, at a length or force that is none, at a hold by
+/// nothing that can hold, at times that go back.
+pub(super) fn read_threads(
+    document: &Document,
+    sections: &[Spanned<ThreadSection>],
+    needles: &[Needle],
+    tools: &[Tool],
+) -> Result<Vec<Thread>, SceneError> {
+    let mut threads: Vec<Thread> = Vec::with_capacity(sections.len());
+    for (place, section) in sections.iter().enumerate() {
+        let said = section.get_ref();
+        let id = said.id.as_ref().map_or(place as u8, |id| *id.get_ref());
+        if threads.iter().any(|thread| thread.part.id == id) {
+            let span = said
+                .id
+                .as_ref()
+                .map_or_else(|| section.span(), Spanned::span);
+            let message = format!("two threads have the id {id}");
+            let help = "give every thread an `id` of its own, 0 to 255";
+            return Err(document.flaw(span, message, "the second", Some(help)));
+        }
+        let needle = *said.needle.get_ref();
+        let span = said.needle.span();
+        if needles.iter().all(|other| other.id != needle) {
+            let message = format!("there is no needle {needle}");
+            let ids: Vec<u8> = needles.iter().map(|needle| needle.id).collect();
+            let help = format!("this scene's needles are {ids:?}");
+            return Err(document.flaw(span, message, "no such needle", Some(&help)));
+        }
+        if threads.iter().any(|thread| thread.part.needle == needle) {
+            let message = format!("needle {needle} has a thread already");
+            let help =
+                "one thread is fastened to a needle's end: give the other one another needle";
+            return Err(document.flaw(span, message, "the second", Some(help)));
+        }
+        let help = "from tail to head, in metres: 0.3 to 0.9 are usual";
+        let positive = |v: f64| v > 0.0;
+        let length_m = document.number("length_m", &said.length_m, "positive", positive, help)?;
+        let strength_n = match &said.strength_n {
+            Some(value) => {
+                let help = "tension at which it would break, in newtons: sutures have 5 to 60";
+                document.number("strength_n", value, "positive", positive, help)?
+            }
+            None => STRENGTH_N,
+        };
+        let part = ThreadPart {
+            id,
+            needle,
+            length_m,
+            friction: read_friction(document, said.friction.as_ref())?,
+            strength_n,
+        };
+        threads.push(Thread {
+            part,
+            holds: read_holds(document, &said.hold, tools)?,
+            tightens: read_tightens(document, &said.tighten)?,
+        });
+    }
+    Ok(threads)
+}
+
+/// Coulomb's coefficient of a thread or a contact; 0 when left out.
+pub(super) fn read_friction(
+    document: &Document,
+    value: Option<&Spanned<f64>>,
+) -> Result<f64, SceneError> {
+    let help =
+        "Coulomb's coefficient, a number without unit: 0.05 to 0.3 between wet tissues and threads";
+    value.map_or(Ok(0.0), |value| {
+        document.number("friction", value, "zero or positive", |v| v >= 0.0, help)
+    })
+}
+
+fn read_holds(
+    document: &Document,
+    sections: &[Spanned<ThreadHoldSection>],
+    tools: &[Tool],
+) -> Result<Vec<ThreadHeld>, SceneError> {
+    let mut holds: Vec<ThreadHeld> = Vec::with_capacity(sections.len());
+    for section in sections {
+        let said = section.get_ref();
+        let before_s = holds.last().map_or(0.0, |hold| hold.time_s);
+        let time_s = in_order(document, "time_s", &said.time_s, before_s)?;
+        let end = match said.end {
+            ThreadEndName::Tail => ThreadEnd::Tail,
+            ThreadEndName::Head => ThreadEnd::Head,
+        };
+        let knot = said.knot.as_ref().filter(|knot| *knot.get_ref());
+        let by = match (&said.tool, &said.at_m, knot) {
+            (None, None, None) => ThreadHold::Free,
+            (None, None, Some(_)) if end == ThreadEnd::Tail => ThreadHold::Knot,
+            (None, None, Some(knot)) => {
+                let message = "a knot at the head, which the needle draws through the tissue";
+                let help = "make it `end = \"tail\"`, or name the `tool` that holds the head";
+                return Err(document.flaw(knot.span(), message, "at the head", Some(help)));
+            }
+            (None, Some(at), None) => ThreadHold::Place(document.finite("at_m", at)?),
+            (Some(id), None, None) => ThreadHold::Tool(read_tool(document, id, tools)?),
+            _ => {
+                let message = "an end of a thread that is held by several things";
+                let help = "give one of `tool`, `at_m` and `knot`, or none to let it go";
+                return Err(document.flaw(section.span(), message, "held twice", Some(help)));
+            }
+        };
+        holds.push(ThreadHeld { time_s, end, by });
+    }
+    Ok(holds)
+}
+
+/// Id of a grip that is somewhere.
+fn read_tool(document: &Document, id: &Spanned<u8>, tools: &[Tool]) -> Result<u8, SceneError> {
+    let flaw = |message: String, label: &str, help: &str| {
+        Err(document.flaw(id.span(), message, label, Some(help)))
+    };
+    let Some(found) = tools.iter().find(|tool| tool.id == *id.get_ref()) else {
+        let ids: Vec<u8> = tools.iter().map(|tool| tool.id).collect();
+        let help = format!("this scene's tools are {ids:?}");
+        return flaw(
+            format!("there is no tool {}", id.get_ref()),
+            "no such tool",
+            &help,
+        );
+    };
+    if found.shape.shape != Shape::Grip {
+        let message = format!("tool {} is no grip: it cannot hold a thread", found.id);
+        return flaw(message, "touches tissue", "make it `shape = \"grip\"`");
+    }
+    if !found.driven && found.pose.is_none() {
+        let message = format!("tool {} is nowhere: it cannot hold a thread", found.id);
+        let help = "give it `position_m` or `[[tool.way_point]]`, or let it be driven";
+        return flaw(message, "has no place", help);
+    }
+    Ok(found.id)
+}
+
+fn read_tightens(
+    document: &Document,
+    sections: &[Spanned<ThreadTightenSection>],
+) -> Result<Vec<Tighten>, SceneError> {
+    let mut list: Vec<Tighten> = Vec::with_capacity(sections.len());
+    for section in sections {
+        let ThreadTightenSection {
+            time_s,
+            until_s,
+            ratio,
+        } = section.get_ref();
+        let before_s = list.last().map_or(0.0, |tighten| tighten.until_s);
+        let time_s = in_order(document, "time_s", time_s, before_s)?;
+        let until_s = in_order(document, "until_s", until_s, time_s)?;
+        let help = "what is left of the length: 0 draws the punctures together, 1 changes nothing";
+        let sound = |v: f64| (0.0..=1.0).contains(&v);
+        let ratio = document.number("ratio", ratio, "from 0 to 1", sound, help)?;
+        list.push(Tighten {
+            time_s,
+            until_s,
+            ratio,
+        });
+    }
+    Ok(list)
+}
+
+fn in_order(
+    document: &Document,
+    key: &str,
+    value: &Spanned<f64>,
+    before_s: f64,
+) -> Result<f64, SceneError> {
+    let rule = format!("at least {before_s}, the time before it");
+    let help = "times are counted from the start of the session and do not go back";
+    document.number(key, value, &rule, |t| t >= before_s, help)
+}
+
+/// A warning for each grip that never holds a needle or a thread.
+pub(super) fn idle_grips(
+    document: &Document,
+    (tools, sections): (&[Tool], &[Spanned<ToolSection>]),
+    needles: &[Needle],
+    threads: &[Thread],
+) -> Vec<Flaw> {
+    let holds = |tool: &Tool| {
+        let by = ThreadHold::Tool(tool.id);
+        let needle = |needle: &Needle| needle.holds.iter().any(|hold| hold.tool == Some(tool.id));
+        let thread = |thread: &Thread| thread.holds.iter().any(|hold| hold.by == by);
+        needles.iter().any(needle) || threads.iter().any(thread)
+    };
+    let idle = |(tool, _): &(&Tool, _)| tool.shape.shape == Shape::Grip && !holds(tool);
+    let warn = |(tool, section): (&Tool, &Spanned<ToolSection>)| {
+        let message = format!(
+            "tool {} is a grip that holds no needle and no thread",
+            tool.id
+        );
+        let help = "name it in a `[[needle.hold]]` or `[[thread.hold]]`, or leave the tool out";
+        document.warning(section.span(), &message, "does nothing", help)
+    };
+    tools.iter().zip(sections).filter(idle).map(warn).collect()
+}

@@ -1,0 +1,99 @@
+//! What a scene file may say of threads and of tissue that touches tissue, key by key, as in [`super::file`].
+//!
+//! Entry points: [`ThreadSection`], [`TissueContactSection`].
+
+use super::file::{RegionTag, Selection};
+use schemars::JsonSchema;
+use serde::Deserialize;
+use toml::Spanned;
+
+/// `[[thread]]`: fastened to the end of a needle.
+#[derive(Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct ThreadSection {
+    /// Number on the wire; its place in the list when left out.
+    #[schemars(with = "Option<u8>")]
+    pub id: Option<Spanned<u8>>,
+    /// Id of the needle whose end it is fastened to.
+    #[schemars(with = "u8")]
+    pub needle: Spanned<u8>,
+    /// From tail to head \[m\].
+    #[schemars(with = "f64")]
+    pub length_m: Spanned<f64>,
+    /// Coulomb's coefficient against tissue; none when left out.
+    #[schemars(with = "Option<f64>")]
+    pub friction: Option<Spanned<f64>>,
+    /// Tension that it bears \[N\]; 20 when left out.
+    #[schemars(with = "Option<f64>")]
+    pub strength_n: Option<Spanned<f64>>,
+    /// What holds its ends, from when on.
+    #[serde(default)]
+    #[schemars(with = "Vec<ThreadHoldSection>")]
+    pub hold: Vec<Spanned<ThreadHoldSection>>,
+    /// When what of it bridges punctures is shortened.
+    #[serde(default)]
+    #[schemars(with = "Vec<ThreadTightenSection>")]
+    pub tighten: Vec<Spanned<ThreadTightenSection>>,
+}
+
+/// An end of a thread.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum ThreadEndName {
+    /// The one that follows.
+    Tail,
+    /// The one at the needle.
+    Head,
+}
+
+/// `[[thread.hold]]`: from this time on an end is held by a tool, at a place, by a knot, or by nothing.
+#[derive(Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct ThreadHoldSection {
+    /// Since the session began \[s\].
+    #[schemars(with = "f64")]
+    pub time_s: Spanned<f64>,
+    /// Which end.
+    pub end: ThreadEndName,
+    /// Id of a tool that is a grip: it takes the thread without slack, where it is then.
+    #[schemars(with = "Option<u8>")]
+    pub tool: Option<Spanned<u8>>,
+    /// Where the end is held \[m\], (3).
+    #[schemars(with = "Option<[f64; 3]>")]
+    pub at_m: Option<Spanned<[f64; 3]>>,
+    /// A knot at the tail, too thick for the first puncture: true, or left out.
+    #[schemars(with = "Option<bool>")]
+    pub knot: Option<Spanned<bool>>,
+}
+
+/// `[[thread.tighten]]`: every piece between two punctures, outside, shrinks to a part of the length that it has when
+/// the first of these begins, whatever the ends do.
+#[derive(Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct ThreadTightenSection {
+    /// When it begins, since the session began \[s\].
+    #[schemars(with = "f64")]
+    pub time_s: Spanned<f64>,
+    /// When it is done \[s\]; in between in proportion to time.
+    #[schemars(with = "f64")]
+    pub until_s: Spanned<f64>,
+    /// Part of the length that is left then, 0 to 1.
+    #[schemars(with = "f64")]
+    pub ratio: Spanned<f64>,
+}
+
+/// `[[tissue_contact]]`: two parts of the tissue may touch.
+#[derive(Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct TissueContactSection {
+    /// Regions of the mesh, by number or name, (2); one twice for folds of a part that touch each other.
+    #[schemars(with = "[RegionTag; 2]")]
+    pub between: [Spanned<RegionTag>; 2],
+    /// Coulomb's coefficient; none when left out.
+    #[schemars(with = "Option<f64>")]
+    pub friction: Option<Spanned<f64>>,
+    /// Nodes of each part whose distance to the other part is the gap of the report, (2); no gap is reported when left
+    /// out.
+    #[schemars(with = "Option<[Selection; 2]>")]
+    pub rims: Option<[Spanned<Selection>; 2]>,
+}

@@ -1,0 +1,337 @@
+//! Scenes with threads and tissue that touches: what is written arrives, and every kind of slip is told at its place.
+
+use super::tests::{Slip, check_slips, read};
+use super::*;
+use crate::thread::{ThreadEnd, ThreadHold, ThreadPart};
+
+const GOOD: &str = r#"
+device = "cartesian-bench"
+
+[[mesh.part]]
+name = "left"
+slab = { size_m = [0.02, 0.03, 0.01], divisions = [4, 6, 2] }
+at_m = [-0.012, 0.0, 0.0]
+
+[[mesh.part]]
+name = "right"
+slab = { size_m = [0.02, 0.03, 0.01], divisions = [4, 6, 2] }
+at_m = [0.012, 0.0, 0.0]
+
+[tissue]
+youngs_modulus_pa = 20e3
+poisson_ratio = 0.45
+needle = { friction_n_per_m = 0.0, puncture_pa = 4e5 }
+
+[[fixed]]
+plane = { axis = "z", at_m = -0.01 }
+
+[[tool]]
+id = 2
+shape = "grip"
+
+[[tool]]
+id = 5
+shape = "grip"
+position_m = [0.0, 0.0, 0.1]
+
+[[needle]]
+id = 3
+shape = "straight"
+length_m = 0.03
+thickness_m = 0.0008
+end_m = [0.0, 0.0, 0.05]
+direction = [0.0, 0.0, -1.0]
+[[needle.hold]]
+time_s = 0.0
+tool = 2
+
+[[thread]]
+needle = 3
+length_m = 0.4
+friction = 0.1
+strength_n = 12.0
+
+[[thread.hold]]
+time_s = 0.0
+end = "tail"
+knot = true
+
+[[thread.hold]]
+time_s = 1.0
+end = "tail"
+
+[[thread.hold]]
+time_s = 1.5
+end = "head"
+tool = 5
+
+[[thread.hold]]
+time_s = 1.5
+end = "tail"
+at_m = [0.0, 0.1, 0.2]
+
+[[thread.tighten]]
+time_s = 2.0
+until_s = 3.0
+ratio = 0.5
+
+[[thread.tighten]]
+time_s = 4.0
+until_s = 5.0
+ratio = 0.2
+
+[[tissue_contact]]
+between = ["left", "right"]
+friction = 0.3
+rims = [{ plane = { axis = "x", at_m = -0.002 } }, { plane = { axis = "x", at_m = 0.002 } }]
+
+[[tissue_contact]]
+between = [2, 2]
+"#;
+
+#[test]
+fn threads_arrive_as_they_are_written() {
+    let scene = read(GOOD).expect("good");
+    assert!(scene.warnings.is_empty(), "{:?}", scene.warnings);
+    let [thread] = scene.threads.as_slice() else {
+        panic!("{:?}", scene.threads)
+    };
+    let part = ThreadPart {
+        id: 0,
+        needle: 3,
+        length_m: 0.4,
+        friction: 0.1,
+        strength_n: 12.0,
+    };
+    assert_eq!(thread.part, part);
+    let held = |time_s, end, by| ThreadHeld { time_s, end, by };
+    assert_eq!(
+        thread.holds,
+        [
+            held(0.0, ThreadEnd::Tail, ThreadHold::Knot),
+            held(1.0, ThreadEnd::Tail, ThreadHold::Free),
+            held(1.5, ThreadEnd::Head, ThreadHold::Tool(5)),
+            held(1.5, ThreadEnd::Tail, ThreadHold::Place([0.0, 0.1, 0.2])),
+        ]
+    );
+    let short = GOOD.replace("friction = 0.1\nstrength_n = 12.0\n", "");
+    let scene = read(&short).expect("good");
+    let part = scene.threads[0].part;
+    assert_eq!((part.friction, part.strength_n), (0.0, 20.0));
+}
+
+/// 3.37 of the source with `ratio` from 1 on; at rest between and after the two sections.
+#[test]
+fn tightening_goes_in_proportion_to_time() {
+    let scene = read(GOOD).expect("good");
+    let ratio = |time_s| scene.threads[0].tightened(time_s);
+    assert_eq!((ratio(1.99), ratio(2.0)), (None, Some(1.0)));
+    assert_eq!((ratio(2.5), ratio(3.0)), (Some(0.75), Some(0.5)));
+    assert_eq!((ratio(3.5), ratio(4.0)), (Some(0.5), Some(0.5)));
+    let half_way = ratio(4.5).expect("it has begun");
+    assert!((half_way - 0.35).abs() < 1e-15, "{half_way}");
+    assert_eq!((ratio(5.0), ratio(1e3)), (Some(0.2), Some(0.2)));
+    // All at once.
+    let text = GOOD.replace("until_s = 3.0", "until_s = 2.0");
+    let scene = read(&text).expect("good");
+    assert_eq!(scene.threads[0].tightened(2.0), Some(0.5));
+}
+
+#[test]
+fn parts_that_touch_have_their_own_faces_and_rims() {
+    let scene = read(GOOD).expect("good");
+    let [pair, itself] = scene.touching.as_slice() else {
+        panic!("{:?}", scene.touching)
+    };
+    assert_eq!(pair.between, ["left", "right"]);
+    assert_eq!((pair.friction, itself.friction), (0.3, 0.0));
+    // Two triangles a square: 2 (4 x 6 + 4 x 2 + 6 x 2) squares a slab.
+    let each = 4 * (4 * 6 + 4 * 2 + 6 * 2);
+    let points = scene.mesh.points_m();
+    for (side, faces) in pair.faces.iter().enumerate() {
+        assert_eq!(faces.len(), each);
+        let sign = [-1.0, 1.0][side];
+        let xs = faces
+            .iter()
+            .flatten()
+            .map(|n| sign * points[*n as usize][0]);
+        assert!(xs.into_iter().all(|x| x > 0.0), "the {side} one");
+    }
+    // The gap's faces: 7 x 3 nodes.
+    for (side, rim) in pair.rims.iter().enumerate() {
+        let x = [-0.002, 0.002][side];
+        assert_eq!(rim.len(), 7 * 3);
+        let off = |n: &u32| (points[*n as usize][0] - x).abs();
+        assert!(rim.iter().map(off).all(|off| off < 1e-9));
+    }
+    assert!(itself.is_within_one() && !pair.is_within_one());
+    assert_eq!(itself.faces[0], pair.faces[1]);
+    assert!(itself.rims.iter().all(Vec::is_empty));
+}
+
+const SLIPS: &[Slip] = &[
+    Slip {
+        from: "needle = 3\nlength_m",
+        to: "needle = 0\nlength_m",
+        message: "there is no needle 0",
+        under: "0",
+        help: "this scene's needles are [3]",
+    },
+    Slip {
+        from: "length_m = 0.4",
+        to: "length_m = 0.0",
+        message: "length_m = 0: must be positive",
+        under: "0.0",
+        help: "from tail to head",
+    },
+    Slip {
+        from: "friction = 0.1",
+        to: "friction = -0.1",
+        message: "friction = -0.1: must be zero or positive",
+        under: "-0.1",
+        help: "Coulomb",
+    },
+    Slip {
+        from: "strength_n = 12.0",
+        to: "strength_n = inf",
+        message: "strength_n = inf: must be positive",
+        under: "inf",
+        help: "it would break",
+    },
+    Slip {
+        from: "strength_n = 12.0",
+        to: "strength = 12.0",
+        message: "unknown key `strength`",
+        under: "strength",
+        help: "did you mean `strength_n`?",
+    },
+    Slip {
+        from: "[[thread]]\nneedle = 3",
+        to: "[[thread]]\nneedle = 3\nlength_m = 1.0\n[[thread]]\nneedle = 3",
+        message: "needle 3 has a thread already",
+        under: "3",
+        help: "one thread is fastened",
+    },
+    Slip {
+        from: "[[thread]]\nneedle = 3",
+        to: "[[thread]]\nneedle = 3\nlength_m = 1.0\n[[thread]]\nid = 0\nneedle = 3",
+        message: "two threads have the id 0",
+        under: "0",
+        help: "an `id` of its own",
+    },
+    Slip {
+        from: "end = \"tail\"\nknot = true",
+        to: "end = \"tip\"\nknot = true",
+        message: "unknown value `tip`",
+        under: "\"tip\"",
+        help: "`tail`, `head`",
+    },
+    Slip {
+        from: "end = \"tail\"\nknot = true",
+        to: "end = \"head\"\nknot = true",
+        message: "a knot at the head",
+        under: "true",
+        help: "end = \"tail\"",
+    },
+    Slip {
+        from: "tool = 5",
+        to: "tool = 4",
+        message: "there is no tool 4",
+        under: "4",
+        help: "this scene's tools are [2, 5]",
+    },
+    Slip {
+        from: "position_m = [0.0, 0.0, 0.1]",
+        to: "",
+        message: "tool 5 is nowhere: it cannot hold a thread",
+        under: "5",
+        help: "position_m",
+    },
+    Slip {
+        from: "time_s = 1.5\nend = \"head\"",
+        to: "time_s = 0.5\nend = \"head\"",
+        message: "time_s = 0.5: must be at least 1, the time before it",
+        under: "0.5",
+        help: "do not go back",
+    },
+    Slip {
+        from: "until_s = 3.0",
+        to: "until_s = 1.0",
+        message: "until_s = 1: must be at least 2",
+        under: "1.0",
+        help: "do not go back",
+    },
+    Slip {
+        from: "time_s = 4.0\nuntil_s",
+        to: "time_s = 2.5\nuntil_s",
+        message: "time_s = 2.5: must be at least 3",
+        under: "2.5",
+        help: "do not go back",
+    },
+    Slip {
+        from: "ratio = 0.2",
+        to: "ratio = 1.2",
+        message: "ratio = 1.2: must be from 0 to 1",
+        under: "1.2",
+        help: "draws the punctures together",
+    },
+    Slip {
+        from: "between = [\"left\", \"right\"]",
+        to: "between = [\"left\", \"rigth\"]",
+        message: "the mesh has no region \"rigth\"",
+        under: "\"rigth\"",
+        help: "did you mean \"right\"?",
+    },
+    Slip {
+        from: "friction = 0.3",
+        to: "friction = nan",
+        message: "friction = NaN: must be zero or positive",
+        under: "nan",
+        help: "Coulomb",
+    },
+    Slip {
+        from: "{ plane = { axis = \"x\", at_m = 0.002 } }",
+        to: "{ plane = { axis = \"x\", at_m = -0.022 } }",
+        message: "this rim has no node on the boundary of \"right\"",
+        under: "{ plane = { axis = \"x\", at_m = -0.022 } }",
+        help: "in the order of `between`",
+    },
+    Slip {
+        from: "{ plane = { axis = \"x\", at_m = 0.002 } }",
+        to: "{ plane = { axis = \"x\", at_m = 0.0 } }",
+        message: "this selection holds no node",
+        under: "{ plane = { axis = \"x\", at_m = 0.0 } }",
+        help: "the mesh lies in",
+    },
+];
+
+#[test]
+fn slips_are_told_at_their_place() {
+    check_slips(GOOD, SLIPS);
+}
+
+#[test]
+fn an_end_is_held_by_one_thing() {
+    let text = GOOD.replace("knot = true", "knot = true\ntool = 5");
+    let Err(SceneError::Flaw(flaw)) = read(&text) else {
+        panic!("accepted")
+    };
+    assert!(
+        flaw.to_string().contains("held by several things"),
+        "{flaw}"
+    );
+}
+
+#[test]
+fn a_grip_that_holds_a_thread_is_not_idle() {
+    let text = GOOD.replace("end = \"head\"\ntool = 5", "end = \"head\"\ntool = 2");
+    let scene = read(&text).expect("it only warns");
+    let [warning] = scene.warnings.as_slice() else {
+        panic!("{:?}", scene.warnings)
+    };
+    let said = warning.to_string();
+    assert!(
+        said.contains("tool 5 is a grip that holds no needle and no thread"),
+        "{said}"
+    );
+}

@@ -1,0 +1,809 @@
+//! A thread's path outside the tissue as rows: one length, whatever it takes to keep its pieces straight.
+//!
+//! Entry points: [`ThreadState::lay`], [`ThreadState::make_rows`], [`ThreadState::settle`] after each solve,
+//! [`ThreadState::finish`] at the end of a balance. Younes 2021, 3.33, with both end segments: `sum |y_j| <= available`
+//! for the ways y_j of all segments, whose multiplier is the tension T. Newton's method on it has, for every
+//! segment of length l along d, its part d.y in one shared row and two rows across d that give way by l / T: the
+//! stiffness of a taut string. A segment that vanishes has no direction; it becomes a weld, three rows y = 0,
+//! until their force exceeds T. Both come out of one formula, the projection of z = y + c f on the segments
+//! that are c T shorter (Moreau), with c a typical compliance.
+//!
+//! Friction: the tension changes by F at a passage through tissue, which is bounded, e^(mu theta) - 1 times the smaller
+//! of the tensions on both sides (capstan), and F is the multiplier of the length of all that lies beyond: a box row.
+
+use super::model::{ThreadEnd, ThreadHold, ThreadPart, ThreadTension};
+use super::state::ThreadState;
+use crate::anchors::{AnchorPoint, AnchorRow, Grasp, SpreadRow, System, Term};
+use crate::mesh::HalfFaces;
+use crate::needle::{Crossing, anchor};
+use crate::rows::RowKind;
+use nalgebra::Vector3;
+
+/// A segment's direction is known when forces follow it to this part of the tension.
+const STRAIGHT: f64 = 1e-6;
+/// The true length is held this well \[m\]: a tenth of what is promised.
+const LENGTH_M: f64 = 1e-7;
+/// Tension below this is none \[N\].
+const NO_TENSION_N: f64 = 1e-9;
+/// A bend that has wandered along its edge by less than this part of it stays where it is.
+const WANDER: f64 = 0.02;
+/// Normals of both ends that add up to less leave no plane to bend in.
+const LEAST_UP: f64 = 0.5;
+/// Friction follows the tensions to this part of them.
+const FRICTION: f64 = 1e-4;
+
+/// An end of a segment.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) enum End {
+    /// A point of tissue.
+    Tissue(AnchorPoint),
+    /// Held there \[m\].
+    Held(Vector3<f64>),
+}
+
+/// A straight piece of the path.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Segment {
+    /// Face that its span begins at (0 for the tail), and which piece of the span it is.
+    pub key: (u32, u32),
+    pub ends: [End; 2],
+    pub span: usize,
+    /// From its first end to the second \[m\].
+    pub way: Vector3<f64>,
+    /// Pull on its first end \[N\].
+    pub force: Vector3<f64>,
+    pub tension_n: f64,
+    /// Where it was linearised: unit vector, and length \[m\], 0 for a weld.
+    pub along: Vector3<f64>,
+    pub length_m: f64,
+    pub is_weld: bool,
+    /// As it was in the last solve: its direction, whether it was a weld, and its first row, if it had any.
+    pub solved_along: Vector3<f64>,
+    pub was_weld: bool,
+    pub first_row: Option<u32>,
+    /// Its place among the ways.
+    pub place: u32,
+}
+
+/// What lies between two faces, or a face and an end, outside.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Span {
+    /// Id of the face that it begins at, 0 for the tail.
+    pub key: u32,
+    /// Places among the faces passed; `None` for an end.
+    pub from: Option<usize>,
+    pub to: Option<usize>,
+    /// What there is of thread for it \[m\].
+    pub material_m: f64,
+    /// Straight distance of its ends in the unloaded mesh \[m\].
+    pub rest_m: f64,
+    /// Whether it leads from one body of tissue to another, or between punctures of the only one.
+    pub bridges: bool,
+    /// Most that friction can change the tension by at its end, and what it does \[N\].
+    pub limit_n: f64,
+    pub friction_n: f64,
+    /// Turn on the way to the next span \[rad\].
+    pub turn: f64,
+    /// Multiplier of a bound of its own \[N\].
+    pub own_n: f64,
+}
+
+/// Where rows go.
+pub(crate) struct Out<'a> {
+    /// How many anchors come before the ways.
+    pub anchors: u32,
+    pub ways: &'a mut Vec<[Option<AnchorPoint>; 2]>,
+    pub rows: &'a mut Vec<AnchorRow>,
+    pub spread: &'a mut Vec<SpreadRow>,
+    pub terms: &'a mut Vec<Term>,
+    /// Rows that give way by themselves, and by how much \[m/N\].
+    pub soft: &'a mut Vec<(u32, f64)>,
+}
+
+/// What threads go through.
+#[derive(Clone, Copy)]
+pub(crate) struct Ground<'a> {
+    pub mesh: &'a HalfFaces,
+    /// Unloaded nodes \[m\], (n x 3).
+    pub points_m: &'a [[f64; 3]],
+    /// Number of each node's connected body of tissue, (n), and how many there are.
+    pub bodies: &'a [u32],
+    pub count: u32,
+}
+
+impl Ground<'_> {
+    /// Whether two faces are of different bodies, or there is only one.
+    fn bridges(&self, a: &Crossing, b: &Crossing) -> bool {
+        let body = |crossing: &Crossing| {
+            let [node, ..] = self.mesh.vertices(crossing.face);
+            self.bodies.get(node as usize)
+        };
+        self.count < 2 || body(a) != body(b)
+    }
+
+    fn unloaded(&self, end: &End) -> Vector3<f64> {
+        match end {
+            End::Tissue(anchor) => {
+                let parts = anchor.nodes.iter().zip(anchor.weights);
+                let places = parts.filter_map(|(node, weight)| {
+                    Some(Vector3::from(*self.points_m.get(*node as usize)?) * weight)
+                });
+                places.sum()
+            }
+            End::Held(at) => *at,
+        }
+    }
+}
+
+/// Classes of rows, for their ids.
+const PIECE: u64 = 0;
+const SHARED: u64 = 1;
+const FRICTION_ROW: u64 = 2;
+const OWN: u64 = 3;
+
+fn row_id(thread: usize, class: u64, key: (u32, u32), axis: u64) -> u64 {
+    let key = u64::from(key.0) << 8 | u64::from(key.1 & 0xff);
+    1 << 48 | (thread as u64) << 44 | class << 42 | key << 2 | axis
+}
+
+impl ThreadState {
+    /// Whether anything but the thread's own slide withstands a pull.
+    pub fn pulls(&self, head_held: bool) -> bool {
+        !self.passed.is_empty() && (self.is_tail_held() && head_held || self.tightened.is_some())
+    }
+
+    /// Finds the path and linearises it; what is known of its segments stays, where others are `at` says. `head` is
+    /// where that is, if it is held.
+    pub fn lay(
+        &mut self,
+        ground: &Ground,
+        head: Option<Vector3<f64>>,
+        known: &mut Vec<Segment>,
+        at: impl Fn(&AnchorPoint) -> Vector3<f64>,
+    ) {
+        known.clone_from(&self.segments);
+        self.segments.clear();
+        self.spans.clear();
+        let Some(first) = self.passed.first().map(|first| first.crossing) else {
+            return;
+        };
+        let has_place = matches!(self.tail.by, ThreadHold::Place(_) | ThreadHold::Tool(_));
+        if has_place && first.enters {
+            let from = (None, self.tail.at, self.tail.alpha);
+            self.add_span(
+                ground,
+                known,
+                from,
+                (Some(0), Vector3::zeros(), first.alpha),
+                &at,
+            );
+        }
+        for index in 0..self.passed.len() {
+            let own = self.passed[index];
+            let from = (Some(index), Vector3::zeros(), own.crossing.alpha);
+            let to = match (self.passed.get(index + 1), head) {
+                (None, Some(head)) => (None, head, self.head.alpha),
+                (Some(next), _) if own.is_boundary && !own.crossing.enters => {
+                    (Some(index + 1), Vector3::zeros(), next.crossing.alpha)
+                }
+                _ => continue,
+            };
+            self.add_span(ground, known, from, to, &at);
+        }
+    }
+
+    /// Adds what lies between two faces or ends: place among the faces or where it is held, and where on the thread.
+    fn add_span(
+        &mut self,
+        ground: &Ground,
+        known: &[Segment],
+        from: (Option<usize>, Vector3<f64>, f64),
+        to: (Option<usize>, Vector3<f64>, f64),
+        at: &impl Fn(&AnchorPoint) -> Vector3<f64>,
+    ) {
+        let passed = |place: Option<usize>| Some(self.passed.get(place?)?.crossing);
+        let end = |(place, held, _): (Option<usize>, Vector3<f64>, f64)| match passed(place) {
+            Some(crossing) => End::Tissue(anchor(ground.mesh, &crossing)),
+            None => End::Held(held),
+        };
+        let (first, second) = (end(from), end(to));
+        let key = from.0.map_or(0, |place| self.passed[place].id);
+        let bridges = match (passed(from.0), passed(to.0)) {
+            (Some(a), Some(b)) => ground.bridges(&a, &b),
+            _ => false,
+        };
+        let before = self.former.iter().find(|span| span.key == key);
+        let place = self.spans.len();
+        self.spans.push(Span {
+            key,
+            from: from.0,
+            to: to.0,
+            material_m: to.2 - from.2,
+            rest_m: (ground.unloaded(&second) - ground.unloaded(&first)).norm(),
+            bridges,
+            limit_n: before.map_or(0.0, |span| span.limit_n),
+            friction_n: before.map_or(0.0, |span| span.friction_n),
+            turn: before.map_or(0.0, |span| span.turn),
+            own_n: before.map_or(0.0, |span| span.own_n),
+        });
+        let (mut piece, mut last) = (0, first);
+        let bends = self.bends.iter().filter(|(of, _)| *of == key);
+        let stops = bends.map(|(_, bend)| End::Tissue(*bend));
+        for stop in stops.chain([second]) {
+            let key = (key, piece);
+            piece += 1;
+            let same = known.iter().find(|segment| segment.key == key);
+            let ends = [last, stop];
+            let mut segment = Segment {
+                key,
+                ends,
+                span: place,
+                way: Vector3::zeros(),
+                force: same.map_or_else(Vector3::zeros, |segment| segment.force),
+                tension_n: same.map_or(0.0, |segment| segment.tension_n),
+                along: Vector3::zeros(),
+                length_m: 0.0,
+                is_weld: false,
+                solved_along: Vector3::zeros(),
+                was_weld: false,
+                first_row: None,
+                place: 0,
+            };
+            let point = |end: &End| match end {
+                End::Tissue(anchor) => at(anchor),
+                End::Held(at) => *at,
+            };
+            segment.way = match (same, ends) {
+                (Some(same), [End::Tissue(_), End::Tissue(_)]) if same.ends == ends => same.way,
+                // What is held has moved, the tissue has not.
+                (Some(same), [End::Tissue(a), End::Held(b)]) => match same.ends {
+                    [End::Tissue(before), End::Held(held)] if before == a => same.way + b - held,
+                    _ => b - at(&a),
+                },
+                (Some(same), [End::Held(a), End::Tissue(b)]) => match same.ends {
+                    [End::Held(held), End::Tissue(before)] if before == b => same.way + held - a,
+                    _ => at(&b) - a,
+                },
+                _ => point(&stop) - point(&last),
+            };
+            segment.linearise(self.compliance);
+            self.segments.push(segment);
+            last = stop;
+        }
+    }
+
+    /// Appends the rows of the path.
+    pub fn make_rows(
+        &mut self,
+        index: usize,
+        part: &ThreadPart,
+        is_held: bool,
+        ground: &Ground,
+        out: &mut Out,
+    ) {
+        let rest = |end: &End| ground.unloaded(end);
+        for segment in &mut self.segments {
+            let tissue = |end: &End| match end {
+                End::Tissue(anchor) => Some(*anchor),
+                End::Held(_) => None,
+            };
+            let [a, b] = &segment.ends;
+            segment.place = out.anchors + out.ways.len() as u32;
+            out.ways.push([tissue(a), tissue(b)]);
+            segment.first_row = None;
+            segment.was_weld = segment.is_weld;
+            segment.solved_along = segment.along;
+            let from = rest(b) - rest(a);
+            let first = out.rows.len() as u32;
+            let mut add = |axis: u64, direction: Vector3<f64>| {
+                out.rows.push(AnchorRow {
+                    id: row_id(index, PIECE, segment.key, axis),
+                    anchor: segment.place,
+                    kind: RowKind::Equality,
+                    direction: direction.into(),
+                    target_m: -direction.dot(&from),
+                });
+            };
+            if segment.is_weld {
+                (0..3).for_each(|axis| add(axis, Vector3::ith(axis as usize, 1.0)));
+                segment.first_row = Some(first);
+            } else if segment.tension_n > NO_TENSION_N {
+                let (u, v) = across(&segment.along);
+                add(0, u);
+                add(1, v);
+                segment.first_row = Some(first);
+                let soft = segment.length_m / segment.tension_n;
+                out.soft.extend([(first, soft), (first + 1, soft)]);
+            }
+        }
+        if self.segments.is_empty() {
+            return;
+        }
+        let along = |from: usize, to: usize, terms: &mut Vec<Term>| {
+            let first = terms.len() as u32;
+            let mut straight = 0.0;
+            for segment in &self.segments {
+                if (from..to).contains(&segment.span) && !segment.is_weld {
+                    let [a, b] = &segment.ends;
+                    straight += segment.along.dot(&(rest(b) - rest(a)));
+                    terms.push(Term {
+                        anchor: segment.place,
+                        direction: segment.along.into(),
+                    });
+                }
+            }
+            ((first, terms.len() as u32 - first), straight)
+        };
+        let count = self.spans.len();
+        let mut add =
+            |class: u64, key: u32, kind: RowKind, (from, to): (usize, usize), length: f64| {
+                let (terms, straight) = along(from, to, out.terms);
+                out.spread.push(SpreadRow {
+                    id: row_id(index, class, (key, 0), 0),
+                    kind,
+                    target_m: length - straight,
+                    compliance_m_per_n: 0.0,
+                    terms,
+                });
+            };
+        if is_held {
+            let kind = if self.strained {
+                RowKind::Box {
+                    limit_n: part.strength_n,
+                }
+            } else {
+                RowKind::Inequality
+            };
+            let length = self.available_m();
+            add(SHARED, 0, kind, (0, count), length);
+            if part.friction > 0.0 {
+                for place in 1..count {
+                    let span = self.spans[place - 1];
+                    let beyond: f64 = self.spans[place..].iter().map(|span| span.material_m).sum();
+                    let limit_n = span.limit_n;
+                    let kind = RowKind::Box { limit_n };
+                    add(FRICTION_ROW, span.key, kind, (place, count), beyond);
+                }
+            }
+        }
+        if let Some(tightened) = self.tightened {
+            for place in 0..count {
+                let span = self.spans[place];
+                if span.bridges {
+                    let length = tightened * span.rest_m;
+                    add(
+                        OWN,
+                        span.key,
+                        RowKind::Inequality,
+                        (place, place + 1),
+                        length,
+                    );
+                }
+            }
+        }
+    }
+
+    /// What there is of thread for the path \[m\].
+    pub fn available_m(&self) -> f64 {
+        let spans: f64 = self.spans.iter().map(|span| span.material_m).sum();
+        // What is left before a knot comes to the tissue.
+        let loose = match (self.tail.by, self.passed.first()) {
+            (ThreadHold::Knot, Some(first)) => first.crossing.alpha - self.tail.alpha,
+            _ => 0.0,
+        };
+        spans + loose
+    }
+
+    /// After a solve whose single rows were `single` in number, and the first of those on several anchors that are this thread's
+    /// `first`: linearises anew; whether that was not needed. `c` is a typical compliance \[m/N\].
+    pub fn settle(
+        &mut self,
+        part: &ThreadPart,
+        is_held: bool,
+        (single, first): (usize, usize),
+        ground: &Ground,
+        system: &System,
+        grasp: &Grasp,
+    ) -> bool {
+        let lambda = grasp.lambda();
+        let mut next = single + first;
+        let mut take = || {
+            let own = lambda.get(next).copied().unwrap_or(0.0);
+            next += 1;
+            own
+        };
+        let mut shared = 0.0;
+        let mut settled = true;
+        if is_held {
+            shared = take().max(0.0);
+            let strained = shared >= part.strength_n;
+            settled &= strained == self.strained;
+            self.strained = strained;
+            if part.friction > 0.0 {
+                for place in 1..self.spans.len() {
+                    self.spans[place - 1].friction_n = take();
+                }
+            }
+        }
+        if self.tightened.is_some() {
+            for place in 0..self.spans.len() {
+                let bound = self.spans[place].bridges;
+                self.spans[place].own_n = if bound { take().max(0.0) } else { 0.0 };
+            }
+        }
+        let mut tension = shared;
+        let mut at = 0;
+        let c = self.typical_compliance(system);
+        self.compliance = c;
+        let mut total = 0.0;
+        for segment in &mut self.segments {
+            while at < segment.span {
+                tension += self.spans[at].friction_n;
+                at += 1;
+            }
+            let own = self.spans[segment.span].own_n;
+            segment.tension_n = (tension + own).max(0.0);
+            let [a, b] = &segment.ends;
+            segment.way = ground.unloaded(b) - ground.unloaded(a)
+                + system.anchor_displacement(grasp, segment.place as usize);
+            segment.force = Vector3::zeros();
+            if !segment.is_weld {
+                segment.force = segment.along * segment.tension_n;
+            }
+            if let Some(row) = segment.first_row {
+                let row = row as usize;
+                let of_row = |axis: usize| lambda.get(row + axis).copied().unwrap_or(0.0);
+                if segment.is_weld {
+                    segment.force = Vector3::new(of_row(0), of_row(1), of_row(2));
+                } else {
+                    let (u, v) = across(&segment.along);
+                    segment.force += u * of_row(0) + v * of_row(1);
+                }
+            }
+            let length = segment.way.norm();
+            total += length;
+            let pull = segment.tension_n;
+            settled &= if segment.is_weld {
+                segment.force.norm() <= pull * (1.0 + STRAIGHT) + NO_TENSION_N
+            } else if pull > NO_TENSION_N {
+                let straight = segment.way * (pull / length.max(f64::MIN_POSITIVE));
+                (segment.force - straight).norm() <= STRAIGHT * pull.max(1e-3)
+            } else {
+                true
+            };
+            segment.linearise(c);
+        }
+        if is_held {
+            let over = total - self.available_m();
+            let held = shared > 0.0 && !self.strained;
+            settled &= over <= LENGTH_M && (!held || over >= -LENGTH_M);
+        }
+        for place in 0..self.spans.len() {
+            let span = self.spans[place];
+            if let Some(tightened) = self.tightened.filter(|_| span.bridges) {
+                let over = self.lengths_of(place) - tightened * span.rest_m;
+                settled &= over <= LENGTH_M && (span.own_n == 0.0 || over >= -LENGTH_M);
+            }
+        }
+        settled &= self.rub(part, shared);
+        settled
+    }
+
+    /// Rows on several anchors that [`Self::make_rows`] makes.
+    pub fn spread_rows(&self, part: &ThreadPart, is_held: bool) -> usize {
+        if self.segments.is_empty() {
+            return 0;
+        }
+        let rubbing = if part.friction > 0.0 {
+            self.spans.len().saturating_sub(1)
+        } else {
+            0
+        };
+        let own = self.spans.iter().filter(|span| span.bridges).count();
+        let shared = if is_held { 1 + rubbing } else { 0 };
+        shared + if self.tightened.is_some() { own } else { 0 }
+    }
+
+    /// True length of a span \[m\].
+    pub fn lengths_of(&self, span: usize) -> f64 {
+        let own = self.segments.iter().filter(|segment| segment.span == span);
+        own.map(|segment| segment.way.norm()).sum()
+    }
+
+    /// Tension behind the face of that name, towards the head \[N\]; in tissue as before it.
+    pub fn tension_after(&self, id: u32) -> f64 {
+        let before = self.segments.iter().rfind(|segment| segment.key.0 <= id);
+        before.map_or(0.0, |segment| segment.tension_n)
+    }
+
+    /// Bounds of friction from the tensions; whether they are as they were.
+    fn rub(&mut self, part: &ThreadPart, shared: f64) -> bool {
+        if part.friction == 0.0 {
+            return true;
+        }
+        let mut settled = true;
+        let mut tension = shared;
+        for place in 1..self.spans.len() {
+            let span = &mut self.spans[place - 1];
+            let next = tension + span.friction_n;
+            let least = tension.min(next).max(0.0);
+            let limit = ((part.friction * span.turn).exp() - 1.0) * least;
+            let limit = limit.min(part.strength_n);
+            settled &=
+                (limit - span.limit_n).abs() <= FRICTION * limit.max(1e-3 * shared) + NO_TENSION_N;
+            span.limit_n = limit;
+            tension = next;
+        }
+        settled
+    }
+
+    /// Typical compliance of a segment \[m/N\].
+    fn typical_compliance(&self, system: &System) -> f64 {
+        let own = |segment: &Segment| {
+            let place = segment.place as usize;
+            system.between(place, place).trace() / 3.0
+        };
+        let sum: f64 = self.segments.iter().map(own).sum();
+        let mean = sum / self.segments.len().max(1) as f64;
+        if mean > 0.0 && mean.is_finite() {
+            mean
+        } else {
+            1.0
+        }
+    }
+
+    /// Turns at the passages through tissue, whose points are where `at` says.
+    pub fn turn(&mut self, mesh: &HalfFaces, at: impl Fn(&AnchorPoint) -> Vector3<f64>) {
+        for place in 1..self.spans.len() {
+            let (from, to) = (self.spans[place - 1].to, self.spans[place].from);
+            let (Some(enters), Some(leaves)) = (from, to) else {
+                continue;
+            };
+            let first = self
+                .segments
+                .iter()
+                .rfind(|segment| segment.span == place - 1);
+            let second = self.segments.iter().find(|segment| segment.span == place);
+            let (Some(first), Some(second)) = (first, second) else {
+                continue;
+            };
+            let point = |place: usize| at(&anchor(mesh, &self.passed[place].crossing));
+            // Straight through the tissue, as only the turn counts.
+            let inside = point(leaves) - point(enters);
+            let angle = |a: &Vector3<f64>, b: &Vector3<f64>| {
+                let (Some(a), Some(b)) = (a.try_normalize(1e-12), b.try_normalize(1e-12)) else {
+                    return 0.0;
+                };
+                a.cross(&b).norm().atan2(a.dot(&b))
+            };
+            let turn = angle(&first.pull(), &inside) + angle(&inside, &second.pull());
+            self.spans[place - 1].turn = turn;
+        }
+    }
+
+    /// Where spans bend over tissue whose nodes are at `at` \[m\]; `over` finds bends of a chord, with the way out of
+    /// the tissue.
+    pub fn bend(
+        &mut self,
+        mesh: &HalfFaces,
+        at: &[Vector3<f64>],
+        mut over: impl FnMut(&Vector3<f64>, &Vector3<f64>, &Vector3<f64>, &mut Vec<AnchorPoint>),
+    ) {
+        if self.segments.is_empty() {
+            return;
+        }
+        let place = |anchor: &AnchorPoint| {
+            let parts = anchor.nodes.iter().zip(anchor.weights);
+            let each = parts.filter_map(|(node, weight)| Some(at.get(*node as usize)? * weight));
+            each.sum::<Vector3<f64>>()
+        };
+        std::mem::swap(&mut self.bends, &mut self.former_bends);
+        self.bends.clear();
+        for (index, span) in self.spans.iter().enumerate() {
+            let mut own = self.segments.iter().filter(|segment| segment.span == index);
+            let (Some(first), last) = (own.next(), own.next_back()) else {
+                continue;
+            };
+            let ends = [first.ends[0], last.unwrap_or(first).ends[1]];
+            let [from, to] = ends.map(|end| match end {
+                End::Tissue(anchor) => place(&anchor),
+                End::Held(at) => at,
+            });
+            let mut up = Vector3::zeros();
+            let mut inside = false;
+            for passed in [span.from, span.to].into_iter().flatten() {
+                let Some(passed) = self.passed.get(passed) else {
+                    continue;
+                };
+                inside |= !passed.is_boundary;
+                let [a, b, c] = mesh.vertices(passed.crossing.face).map(|node| {
+                    at.get(node as usize)
+                        .copied()
+                        .unwrap_or_else(Vector3::zeros)
+                });
+                up += (b - a)
+                    .cross(&(c - a))
+                    .try_normalize(0.0)
+                    .unwrap_or_default();
+            }
+            // Between two cuts that face each other no side is outside.
+            inside |= up.norm() < LEAST_UP;
+            // The needle's end is in the tissue.
+            inside |= span.to.is_none()
+                && span
+                    .from
+                    .is_some_and(|from| self.passed[from].crossing.enters);
+            if inside {
+                continue;
+            }
+            self.new_bends.clear();
+            over(&from, &to, &up, &mut self.new_bends);
+            let key = span.key;
+            for bend in &self.new_bends {
+                if self.bends.len() + self.spans.len() >= self.bends.capacity() {
+                    break;
+                }
+                // What has hardly moved stays, so that what is known of it does.
+                let mut same = self.former_bends.iter().filter(|(of, _)| *of == key);
+                let near = same.find(|(_, old)| {
+                    let moved = (old.weights[0] - bend.weights[0]).abs();
+                    old.nodes == bend.nodes && moved <= WANDER
+                });
+                self.bends.push((key, near.map_or(*bend, |(_, old)| *old)));
+            }
+        }
+    }
+
+    /// A balance is found: the thread has slid.
+    pub fn finish(&mut self, is_held: bool) {
+        self.state = if self.strained {
+            ThreadTension::Strained
+        } else if self
+            .segments
+            .iter()
+            .any(|segment| segment.tension_n > NO_TENSION_N)
+        {
+            ThreadTension::Taut
+        } else {
+            ThreadTension::Slack
+        };
+        self.former.clone_from(&self.spans);
+        if !is_held || self.state != ThreadTension::Taut {
+            return;
+        }
+        let (last, count) = (self.spans.len().wrapping_sub(1), self.passed.len());
+        // From the head on, with what lies in tissue as long as it was.
+        let mut shift = 0.0;
+        let mut upto = count;
+        for place in (0..=last).rev() {
+            let new = self.lengths_of(place);
+            let span = &mut self.spans[place];
+            let change = new - span.material_m;
+            span.material_m = new;
+            if span.to.is_none() {
+                self.pulled_m[1] += change;
+            }
+            if span.from.is_none() {
+                self.pulled_m[0] += change;
+            } else if let Some(from) = span.from {
+                if place < last {
+                    let beyond = shift;
+                    let before = self.former.iter().find(|former| former.key == span.key);
+                    let before = before.map_or(span.friction_n, |before| before.friction_n);
+                    let force = 0.5 * (span.friction_n + before);
+                    self.friction_j += (force * beyond).abs();
+                }
+                for passed in &mut self.passed[from + 1..upto] {
+                    passed.crossing.alpha -= shift;
+                }
+                upto = from + 1;
+                shift += change;
+            }
+        }
+        for passed in &mut self.passed[..upto] {
+            passed.crossing.alpha -= shift;
+        }
+        self.former.clone_from(&self.spans);
+    }
+}
+
+/// Rows that an end of a thread has a part in.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct EndRows {
+    /// 1 for the head, the second end of its segment, and -1 for the tail.
+    sign: f64,
+    along: Vector3<f64>,
+    /// Rows that bound its length, from one to another.
+    bounds: (usize, usize),
+    /// The first of its segment's own rows, and how many of these directions they have.
+    own: usize,
+    directions: [Vector3<f64>; 3],
+    count: usize,
+}
+
+impl EndRows {
+    /// Rows, and by how much their target falls as the end moves.
+    pub fn visit(&self, mut visit: impl FnMut(usize, Vector3<f64>)) {
+        for row in self.bounds.0..self.bounds.1 {
+            visit(row, self.along * self.sign);
+        }
+        for (axis, direction) in self.directions.iter().enumerate().take(self.count) {
+            visit(self.own + axis, direction * self.sign);
+        }
+    }
+}
+
+impl ThreadState {
+    /// Pull on an end that is held, the point that it is at, and its rows, if the first of those on several anchors is
+    /// `first`; `None` for an end that is not.
+    pub fn end(
+        &self,
+        end: ThreadEnd,
+        part: &ThreadPart,
+        is_held: bool,
+        first: usize,
+    ) -> Option<(Vector3<f64>, Vector3<f64>, EndRows)> {
+        let (segment, sign) = match end {
+            ThreadEnd::Tail => (self.segments.first()?, -1.0),
+            ThreadEnd::Head => (self.segments.last()?, 1.0),
+        };
+        let End::Held(at) = segment.ends[usize::from(sign > 0.0)] else {
+            return None;
+        };
+        let mut rows = EndRows {
+            sign,
+            along: segment.along,
+            bounds: (first, first),
+            own: 0,
+            directions: [Vector3::x(), Vector3::y(), Vector3::z()],
+            count: 0,
+        };
+        if let Some(own) = segment.first_row {
+            rows.own = own as usize;
+            rows.count = 3;
+            if !segment.was_weld {
+                let (u, v) = across(&segment.solved_along);
+                rows.directions = [u, v, Vector3::zeros()];
+                rows.count = 2;
+            }
+        }
+        if is_held && !segment.was_weld {
+            let rubbing = part.friction > 0.0 && end == ThreadEnd::Head;
+            let beyond = if rubbing { self.spans.len() } else { 1 };
+            rows.bounds.1 = first + beyond;
+            rows.along = segment.solved_along;
+        }
+        Some((segment.force * -sign, at, rows))
+    }
+}
+
+impl Segment {
+    /// Direction, length, and whether it is a weld, from its way and force: see the module.
+    fn linearise(&mut self, c: f64) {
+        let z = self.way + self.force * c;
+        let (size, short) = (z.norm(), c * self.tension_n);
+        self.is_weld = size <= short && self.tension_n > NO_TENSION_N;
+        if self.is_weld || size == 0.0 {
+            self.length_m = 0.0;
+            self.is_weld = true;
+            return;
+        }
+        self.along = z / size;
+        self.length_m = size - short;
+    }
+
+    /// The pull on its first end, or its way if it does not pull.
+    fn pull(&self) -> Vector3<f64> {
+        if self.tension_n > NO_TENSION_N {
+            self.force
+        } else {
+            self.way
+        }
+    }
+}
+
+/// Two unit vectors across another.
+fn across(along: &Vector3<f64>) -> (Vector3<f64>, Vector3<f64>) {
+    let u = along.cross(&Vector3::ith(along.iamin(), 1.0)).normalize();
+    (u, along.cross(&u))
+}

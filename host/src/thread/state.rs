@@ -1,0 +1,215 @@
+//! What evolves about threads: which faces they go through, what holds their ends, how they pulled last.
+//!
+//! Entry point: [`ThreadState`]. Places on a thread are counted from its head at the needle: at most 0, as
+//! alpha behind the needle's end (younes-2021, 3.3). What lies in tissue keeps its length; between punctures
+//! the thread slides.
+
+use super::model::{ThreadEnd, ThreadHold, ThreadPart, ThreadTension};
+use super::segments::{Segment, Span};
+use crate::anchors::AnchorPoint;
+use crate::mesh::HalfFaces;
+use crate::needle::Crossing;
+use nalgebra::Vector3;
+
+/// Most faces that a thread goes through.
+pub(crate) const MOST_PASSED: usize = 1024;
+
+/// A face that the thread goes through.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Passed {
+    pub crossing: Crossing,
+    /// Whether there is tissue on one side only.
+    pub is_boundary: bool,
+    /// Names it.
+    pub id: u32,
+}
+
+/// An end.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(crate) struct Hold {
+    pub by: ThreadHold,
+    /// Where on the thread it is held \[m\].
+    pub alpha: f64,
+    /// Where that is \[m\].
+    pub at: Vector3<f64>,
+}
+
+/// One thread.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(crate) struct ThreadState {
+    /// From tail to head.
+    pub passed: Vec<Passed>,
+    pub tail: Hold,
+    pub head: Hold,
+    /// Its path outside, from tail to head, as the last solve has it: straight segments, and what lies between
+    /// two faces.
+    pub segments: Vec<Segment>,
+    pub spans: Vec<Span>,
+    /// Spans as the last balance left them.
+    pub former: Vec<Span>,
+    /// Points of tissue that a span bends around, by the face that it begins at.
+    pub bends: Vec<(u32, AnchorPoint)>,
+    /// Those of the balance before, and scratch.
+    pub former_bends: Vec<(u32, AnchorPoint)>,
+    pub new_bends: Vec<AnchorPoint>,
+    /// Bridging spans are no longer than this part of their length in the unloaded mesh.
+    pub tightened: Option<f64>,
+    pub state: ThreadTension,
+    /// Whether the strength bounds the tension.
+    pub strained: bool,
+    /// Typical compliance of a segment \[m/N\]; 0 before the first solve.
+    pub compliance: f64,
+    /// Drawn out at tail and head so far \[m\].
+    pub pulled_m: [f64; 2],
+    pub friction_j: f64,
+    next_id: u32,
+}
+
+impl ThreadState {
+    /// A thread that nothing has drawn anywhere yet, with room for `most_segments`.
+    pub fn new(part: &ThreadPart, most_segments: usize) -> Self {
+        let hold = |alpha| Hold {
+            by: ThreadHold::Free,
+            alpha,
+            at: Vector3::zeros(),
+        };
+        Self {
+            passed: Vec::with_capacity(MOST_PASSED),
+            tail: hold(-part.length_m),
+            head: hold(0.0),
+            segments: Vec::with_capacity(most_segments),
+            spans: Vec::with_capacity(most_segments),
+            former: Vec::with_capacity(most_segments),
+            bends: Vec::with_capacity(most_segments),
+            former_bends: Vec::with_capacity(most_segments),
+            new_bends: Vec::with_capacity(most_segments),
+            tightened: None,
+            state: ThreadTension::Slack,
+            strained: false,
+            compliance: 0.0,
+            pulled_m: [0.0; 2],
+            friction_j: 0.0,
+            next_id: 0,
+        }
+    }
+
+    /// As a copy of `other`, without new memory.
+    pub fn copy_from(&mut self, other: &Self) {
+        let Self {
+            passed,
+            tail,
+            head,
+            segments,
+            spans,
+            former,
+            bends,
+            former_bends: _,
+            new_bends: _,
+            tightened,
+            state,
+            strained,
+            compliance,
+            pulled_m,
+            friction_j,
+            next_id,
+        } = self;
+        passed.clone_from(&other.passed);
+        *tail = other.tail;
+        *head = other.head;
+        segments.clone_from(&other.segments);
+        spans.clone_from(&other.spans);
+        former.clone_from(&other.former);
+        bends.clone_from(&other.bends);
+        *tightened = other.tightened;
+        *state = other.state;
+        *strained = other.strained;
+        *compliance = other.compliance;
+        *pulled_m = other.pulled_m;
+        *friction_j = other.friction_j;
+        *next_id = other.next_id;
+    }
+
+    /// The needle's end has gone through a face: whether there is room.
+    pub fn pass(&mut self, mesh: &HalfFaces, crossing: Crossing) -> bool {
+        if self.passed.len() >= MOST_PASSED {
+            return false;
+        }
+        self.next_id += 1;
+        let is_boundary = crossing.from().is_none() || crossing.to(mesh).is_none();
+        let last = self.passed.last().map_or(0.0, |last| last.crossing.alpha);
+        let alpha = crossing.alpha.min(0.0);
+        self.passed.push(Passed {
+            crossing: Crossing { alpha, ..crossing },
+            is_boundary,
+            id: self.next_id,
+        });
+        // Places do not decrease towards the head.
+        if last > alpha {
+            self.draw(last - alpha);
+            if let Some(own) = self.passed.last_mut() {
+                own.crossing.alpha = alpha;
+            }
+        }
+        true
+    }
+
+    /// All that is in tissue slides towards the head.
+    pub fn draw(&mut self, by: f64) {
+        for passed in &mut self.passed {
+            passed.crossing.alpha -= by;
+        }
+    }
+
+    /// Faces that the tail has been drawn out of are forgotten.
+    pub fn drop_behind(&mut self) {
+        if self.tail.by != ThreadHold::Free {
+            return;
+        }
+        let end = self.tail.alpha;
+        let gone = self
+            .passed
+            .iter()
+            .take_while(|passed| passed.crossing.alpha < end);
+        let gone = gone.count();
+        self.passed.drain(..gone);
+    }
+
+    /// Whether the tail withstands a pull.
+    pub fn is_tail_held(&self) -> bool {
+        self.tail.by != ThreadHold::Free
+    }
+
+    /// Faces with tissue on one side only.
+    pub fn punctures(&self) -> u32 {
+        self.passed
+            .iter()
+            .filter(|passed| passed.is_boundary)
+            .count() as u32
+    }
+
+    /// Gives an end another hold, at `at`; `first` is where the nearest face is.
+    pub fn hold(
+        &mut self,
+        end: ThreadEnd,
+        by: ThreadHold,
+        at: Vector3<f64>,
+        near: Vector3<f64>,
+        part: &ThreadPart,
+    ) {
+        let alpha = match (end, by, self.passed.first(), self.passed.last()) {
+            (ThreadEnd::Tail, ThreadHold::Place(_) | ThreadHold::Tool(_), Some(first), _) => {
+                (first.crossing.alpha - (at - near).norm()).max(-part.length_m)
+            }
+            (ThreadEnd::Tail, ..) => -part.length_m,
+            (ThreadEnd::Head, ThreadHold::Place(_) | ThreadHold::Tool(_), _, Some(last)) => {
+                (last.crossing.alpha + (at - near).norm()).min(0.0)
+            }
+            (ThreadEnd::Head, ..) => 0.0,
+        };
+        let hold = Hold { by, alpha, at };
+        match end {
+            ThreadEnd::Tail => self.tail = hold,
+            ThreadEnd::Head => self.head = hold,
+        }
+    }
+}
