@@ -6,7 +6,6 @@
 #[cfg_attr(not(test), expect(dead_code))]
 mod chain;
 mod model;
-#[cfg_attr(not(test), expect(dead_code))]
 mod nearest;
 pub mod pull;
 mod segments;
