@@ -38,7 +38,7 @@ const PRESSED: f64 = 0.02;
 
 /// What a chain is made of.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct ChainSettings {
+pub struct ChainSettings {
     /// Its length \[m\].
     pub length_m: f64,
     /// Nodes at equal distances along it, both ends among them; at least 2.
@@ -84,7 +84,7 @@ pub(crate) struct Guide {
 
 /// How a step ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum ChainStatus {
+pub enum ChainStatus {
     /// In balance.
     Ok,
     /// Not yet: the next step goes on.
@@ -95,7 +95,7 @@ pub(crate) enum ChainStatus {
 
 /// What a step did.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct ChainReport {
+pub struct ChainReport {
     /// How it ended.
     pub status: ChainStatus,
     /// Newton's steps.
@@ -210,6 +210,37 @@ impl Chain {
             lengths: Vec::with_capacity(most),
             settings,
         })
+    }
+
+    /// Lays it at rest along straight lines from guide to guide, ascending along it, and straight on beyond them.
+    pub fn place(&mut self, guides: &[Guide]) {
+        let (Some(first), Some(last)) = (guides.first(), guides.last()) else {
+            return;
+        };
+        let segment = self.settings.length_m / (self.settings.nodes - 1) as f64;
+        let at = |guide: &Guide| Vector3::from(guide.at_m);
+        let way = |guides: &[Guide]| match guides {
+            [a, .., b] => (at(b) - at(a)).try_normalize(0.0),
+            _ => None,
+        };
+        let begins = way(&guides[..guides.len().min(2)]).unwrap_or_else(Vector3::x);
+        let ends = way(&guides[guides.len().saturating_sub(2)..]).unwrap_or(begins);
+        for (node, place) in self.nodes.iter_mut().enumerate() {
+            let along = node as f64 * segment;
+            let next = guides.partition_point(|guide| guide.along_m <= along);
+            *place = match (
+                next.checked_sub(1).map(|before| &guides[before]),
+                guides.get(next),
+            ) {
+                (Some(a), Some(b)) => {
+                    let share = (along - a.along_m) / (b.along_m - a.along_m);
+                    at(a).lerp(&at(b), share)
+                }
+                (None, _) => at(first) - begins * (first.along_m - along),
+                (_, None) => at(last) + ends * (along - last.along_m),
+            };
+        }
+        self.velocities.fill(Vector3::zeros());
     }
 
     /// Where its nodes are \[m\], from its start.

@@ -1,10 +1,10 @@
 //! Suture thread: pulled through anchors in tissue.
 //!
 //! Entry points: [`ThreadPart`] for a thread that follows a needle in a [`crate::model::Model`];
-//! [`pull::ThreadSolver`] for one alone. Source: Younes 2021, section 3.3.
+//! [`pull::ThreadSolver`] for one alone; [`FreeThread`] for the shape of what hangs. Source: Younes 2021, section 3.3.
 
-#[cfg_attr(not(test), expect(dead_code))]
 mod chain;
+mod free;
 mod model;
 mod nearest;
 pub mod pull;
@@ -20,6 +20,8 @@ pub(crate) use skin::Skin;
 pub(crate) use state::ThreadState;
 pub(crate) use wrap::{Wrap, wraps};
 
+pub use chain::{ChainReport, ChainSettings, ChainStatus};
+pub use free::FreeThread;
 pub use model::{
     Bridge, ThreadEnd, ThreadError, ThreadHold, ThreadPart, ThreadPlace, ThreadPoint, ThreadReport,
     ThreadTension,
