@@ -56,7 +56,10 @@ fn a_wound_is_sewn_and_closed() {
     assert_eq!(thread["held_by"], serde_json::json!([2, 0]));
     // Frictionless: one tension.
     let tension = |end: usize| thread["tension_n"][end].as_f64().unwrap();
-    assert!(tension(0) > 0.1 && (tension(0) - tension(1)).abs() < 1e-9, "{thread}");
+    assert!(
+        tension(0) > 0.1 && (tension(0) - tension(1)).abs() < 1e-9,
+        "{thread}"
+    );
     assert_eq!(number(scene, "tension_n"), tension(0).max(tension(1)));
     // As long as what there is of it.
     let excess = number(thread, "length_m") - number(thread, "available_m");
@@ -100,8 +103,7 @@ impl LockstepConsole for Tapped {
     fn exchange(&mut self, down: &[u8], up: &mut Vec<u8>) -> Result<(), LinkError> {
         for byte in down {
             let packet = self.down.push(*byte);
-            let message =
-                packet.map(|packet| packet.and_then(|packet| decode(packet)?.unpack()));
+            let message = packet.map(|packet| packet.and_then(|packet| decode(packet)?.unpack()));
             match message {
                 Some(Ok(Unchecked::Contact(header, body))) => {
                     self.contacts.push((header.console_time_us, body));
@@ -167,7 +169,10 @@ fn the_console_is_told_how_the_thread_pulls() {
         for axis in 0..3 {
             let pull = thread.tension_n * thread.direction[axis];
             let felt = contact.wrench[axis];
-            assert!((pull - felt).abs() < 1e-4 + 1e-4 * pull.abs(), "{pull} N, {felt} N");
+            assert!(
+                (pull - felt).abs() < 1e-4 + 1e-4 * pull.abs(),
+                "{pull} N, {felt} N"
+            );
         }
         assert!(thread.stiffness_n_per_m > 0.0, "{thread:?}");
     }
