@@ -644,7 +644,7 @@ impl Drive<'_> {
             if thread.pulls(head.is_some()) {
                 thread.lay(&ground, head, &mut known, |at| self.position_of(at));
                 if self.needles.threads.parts[index].friction > 0.0 {
-                    thread.turn(&self.needles.mesh, |at| self.position_of(at));
+                    thread.pass_through(&self.needles.mesh, |at| self.position_of(at));
                 }
             } else {
                 thread.segments.clear();
