@@ -1,129 +1,58 @@
-//! An anastomosis whose thread rubs and is pulled after every bite: at the end its tension would not reach the first
-//! ones.
+//! An anastomosis whose thread rubs. Around 50 punctures tension falls by a factor of some thousand, so nobody
+//! pulls at its ends: what bridges the gap is shortened everywhere, as by a surgeon who takes up the slack of each bite.
 //!
-//! Entry point: [`tightened`]. It differs from [`super::tubes::anastomosis`] in its thread and in a third hand.
+//! Entry point: [`tightened`]. It differs from [`super::tubes::anastomosis`] in its thread only.
 
-use super::stitch::{Bite, Sewing, Stop};
-use super::turn::{Vec3, along};
-use super::{tubes, write};
-use std::fmt::Write;
+use super::stitch::Sewing;
+use super::tubes;
 
 const PUNCTURES: u32 = 50;
 const FRICTION: f64 = 0.1;
-/// Where the third hand takes the thread, above the last puncture \[m\].
-const NEAR_M: f64 = 0.006;
-/// How far it pulls it \[m\]: after the first bite there is no slack to take up.
-const FIRST_PULL_M: f64 = 0.003;
-const PULL_M: f64 = 0.008;
-/// When it takes the thread after a bite, and when it lets go \[s\].
-const TAKES_S: f64 = 0.02;
-const LEAVES_S: f64 = 0.33;
+/// What is left of the bridges' length, and how long shortening them takes \[s\].
+const RATIO: f64 = 0.1;
+const TAKES_S: f64 = 2.4;
 
 /// The scene.
 pub fn tightened() -> String {
-    let sewing = tubes::sewing(PUNCTURES);
-    let ends_s = sewing.script().ends_s;
-    let mut thread = format!(
-        "# It rubs, and its tail is fastened beside the first puncture. After every bite the third hand takes it at the last
-# puncture, pulls, and lets go; the console does so at the end.
+    let text = tubes::anastomosis(PUNCTURES);
+    let text = instead(
+        &text,
+        ["name = ", "\n"],
+        "name = \"Two tubes, drawn together\"",
+    );
+    let told = format!(
+        "# Two tubes end to end are sewn together with one thread: {PUNCTURES} punctures, then what bridges the gap is\n# shortened."
+    );
+    let text = instead(&text, ["# Two tubes end to end", "\n#\n"], &told);
+    let from_s = sewn_s(&tubes::sewing(PUNCTURES)) + 0.1;
+    let until_s = from_s + TAKES_S;
+    let thread = format!(
+        "# It rubs: a pull at its ends would close the last bites only.
 [[thread]]
 needle = 0
 length_m = 0.6
 friction = {FRICTION:?}
-hold = [
+tighten = [
+  {{ time_s = {from_s:.3}, until_s = {until_s:.3}, ratio = {RATIO:?} }},
+]
+
 "
     );
-    let mut stops = Vec::new();
-    for (index, (bite, end_s)) in sewing.bites.iter().zip(&ends_s).enumerate() {
-        let (out, puncture) = (bite.axes[0], leaves_m(&sewing, bite));
-        if index == 0 {
-            let at = write::position(along(enters_m(&sewing, bite), 0.001, out));
-            let time_s = end_s + TAKES_S;
-            let _ = writeln!(
-                thread,
-                "  {{ time_s = {time_s:.3}, end = \"tail\", at_m = {at} }},"
-            );
-        }
-        let (takes_s, leaves_s) = (end_s + TAKES_S, end_s + LEAVES_S);
-        let is_last = index + 1 == ends_s.len();
-        if is_last {
-            let time_s = end_s + 0.05;
-            let _ = writeln!(
-                thread,
-                "  {{ time_s = {time_s:.3}, end = \"head\", tool = 0 }},"
-            );
-            break;
-        }
-        let _ = writeln!(
-            thread,
-            "  {{ time_s = {takes_s:.3}, end = \"head\", tool = 3 }},\n  {{ time_s = {leaves_s:.3}, end = \"head\" }},"
-        );
-        let pull_m = if index == 0 { FIRST_PULL_M } else { PULL_M };
-        let stop = |time_s, out_m| Stop {
-            time_s,
-            position_m: along(puncture, out_m, out),
-            rotation_deg: [0.0; 3],
-        };
-        stops.push(stop(end_s - 0.1, NEAR_M));
-        stops.push(stop(takes_s + 0.01, NEAR_M));
-        stops.push(stop(leaves_s - 0.02, NEAR_M + pull_m));
-        stops.push(stop(leaves_s + 0.01, NEAR_M + pull_m));
-    }
-    thread.push_str("]\n\n");
-    let mut hand = "# Pulls the thread after every bite.\n".to_owned();
-    write::hand(&mut hand, 3, &stops);
-    let text = tubes::anastomosis(PUNCTURES);
-    let text = between(
-        &text,
-        "name = ",
-        "\n",
-        "name = \"Two tubes, tightened bite by bite\"",
-    );
-    let text = between(
-        &text,
-        "# Two tubes end to end",
-        "\n#\n",
-        &format!(
-            "# Two tubes end to end are sewn together with one thread: {PUNCTURES} punctures. It rubs, and is pulled after every bite.",
-        ),
-    );
-    let text = between(&text, "# Frictionless", "# What closes.", &thread);
-    between(&text, "# The hand is a spring", "", &hand)
+    instead(&text, ["# Frictionless", "# What closes."], &thread)
 }
 
-/// `text` with `new` in place of what begins with `from` and ends before `to`; before `from` without `to`.
-fn between(text: &str, from: &str, to: &str, new: &str) -> String {
+fn sewn_s(sewing: &Sewing) -> f64 {
+    let ends_s = sewing.script().ends_s;
+    ends_s.last().copied().unwrap_or(0.0)
+}
+
+/// `text` with `new` in place of what begins with `from` and ends before the next `to`; empty if that is not there.
+fn instead(text: &str, [from, to]: [&str; 2], new: &str) -> String {
     let found = text.find(from).and_then(|start| {
         let end = text[start..].find(to)?;
-        Some((start, start + end))
+        Some([&text[..start], new, &text[start + end..]].concat())
     });
-    found.map_or_else(String::new, |(start, end)| {
-        [&text[..start], new, &text[end..]].concat()
-    })
-}
-
-/// Where a bite goes into the tissue, and where it leaves it \[m\].
-fn enters_m(sewing: &Sewing, bite: &Bite) -> Vec3 {
-    on_circle(
-        sewing,
-        bite,
-        bite.tip_deg[0] + tubes::CLEAR_DEG * sense(bite),
-    )
-}
-
-fn leaves_m(sewing: &Sewing, bite: &Bite) -> Vec3 {
-    let end_deg = bite.tip_deg[1] - (tubes::CLEAR_DEG + sewing.angle_deg) * sense(bite);
-    on_circle(sewing, bite, end_deg)
-}
-
-fn sense(bite: &Bite) -> f64 {
-    (bite.tip_deg[1] - bite.tip_deg[0]).signum()
-}
-
-fn on_circle(sewing: &Sewing, bite: &Bite, degrees: f64) -> Vec3 {
-    let (sin, cos) = degrees.to_radians().sin_cos();
-    let aside = along(bite.centre, cos * sewing.radius_m, bite.axes[0]);
-    along(aside, sin * sewing.radius_m, bite.axes[1])
+    found.unwrap_or_default()
 }
 
 #[cfg(test)]
@@ -132,41 +61,19 @@ mod tests {
 
     /// Where the plain scene says something else, this one says its own.
     #[test]
-    fn it_has_a_thread_of_its_own_and_a_third_hand() {
+    fn it_has_a_thread_of_its_own() {
         let text = tightened();
         for (what, count) in [
-            ("tightened bite by bite", 1),
-            ("pulled after every bite", 1),
+            ("drawn together", 1),
+            ("# shortened.", 1),
             ("friction = 0.1", 1),
+            ("tighten = [", 1),
             ("[[thread]]", 1),
             ("[[tissue_contact]]", 1),
-            ("end = \"head\", tool = 3", 12),
-            ("end = \"head\", tool = 0", 1),
-            ("end = \"tail\"", 1),
-            ("id = 3\n", 1),
+            ("end = ", 0),
             ("[hand]", 1),
         ] {
             assert_eq!(text.matches(what).count(), count, "{what}");
-        }
-    }
-
-    /// On the outer walls.
-    #[test]
-    fn punctures_are_where_the_bites_begin_and_end() {
-        let sewing = tubes::sewing(PUNCTURES);
-        let is_on =
-            |tube: &tubes::Tube, x: Vec3| (x[0].hypot(x[1]) - tube.radii_m[1]).abs() < 1e-12;
-        for (index, bite) in sewing.bites.iter().take(12).enumerate() {
-            let [upper, lower] = if index % 2 == 0 {
-                [enters_m(&sewing, bite), leaves_m(&sewing, bite)]
-            } else {
-                [leaves_m(&sewing, bite), enters_m(&sewing, bite)]
-            };
-            assert!(is_on(&tubes::UPPER, upper) && upper[2] > 0.003, "{upper:?}");
-            assert!(
-                is_on(&tubes::LOWER, lower) && lower[2] < -0.003,
-                "{lower:?}"
-            );
         }
     }
 }

@@ -9,18 +9,18 @@ use super::turn::{Vec3, along};
 use super::write;
 
 /// Inner and outer radius, lower and upper end \[m\].
-pub(super) struct Tube {
-    pub radii_m: [f64; 2],
+struct Tube {
+    radii_m: [f64; 2],
     ends_m: [f64; 2],
     divisions: [u32; 3],
 }
 
-pub(super) const UPPER: Tube = Tube {
+const UPPER: Tube = Tube {
     radii_m: [0.008, 0.011],
     ends_m: [0.003, 0.033],
     divisions: [2, 30, 8],
 };
-pub(super) const LOWER: Tube = Tube {
+const LOWER: Tube = Tube {
     radii_m: [0.009, 0.012],
     ends_m: [-0.031, -0.003],
     divisions: [2, 32, 8],
@@ -36,7 +36,7 @@ const CENTRE_M: [f64; 2] = [0.0155, 0.0001];
 const SHALLOW_CENTRE_M: [f64; 2] = [0.01625, 0.014];
 /// Between the tip and the tissue when a bite begins, and between the needle's end and the tissue when it has ended
 /// \[degree\].
-pub(super) const CLEAR_DEG: f64 = 7.0;
+const CLEAR_DEG: f64 = 7.0;
 /// The thread's length \[m\].
 const THREAD_M: f64 = 0.6;
 /// Punctures of a bite through both tubes.
@@ -57,7 +57,7 @@ fn crossing_deg(centre_m: [f64; 2], radius_m: f64, above: bool) -> f64 {
     if above { degrees } else { 360.0 - degrees }
 }
 
-pub(super) fn outwards(angle: f64) -> Vec3 {
+fn outwards(angle: f64) -> Vec3 {
     [angle.cos(), angle.sin(), 0.0]
 }
 
