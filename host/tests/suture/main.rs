@@ -3,5 +3,6 @@
 #[path = "../driving/bench.rs"]
 #[expect(dead_code, reason = "shared with the tests of driving")]
 mod bench;
+mod hanging;
 mod pull;
 mod rig;
