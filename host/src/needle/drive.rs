@@ -609,6 +609,19 @@ impl Drive<'_> {
             .sum()
     }
 
+    /// How far a crossing is from the last face that a thread goes through; 0 if there is none.
+    pub(super) fn apart(&self, thread: usize, crossing: &Crossing) -> f64 {
+        let last = self
+            .threads
+            .get(thread)
+            .and_then(|thread| thread.passed.last());
+        last.map_or(0.0, |last| {
+            let [a, b] = [&last.crossing, crossing]
+                .map(|crossing| self.position_of(&anchor(&self.needles.mesh, crossing)));
+            a.metric_distance(&b)
+        })
+    }
+
     /// Whether both ends of a thread withstand a pull.
     pub(super) fn is_held(&self, thread: usize) -> bool {
         let needle = &self.states[self.needles.threads.needles[thread]];

@@ -133,27 +133,26 @@ impl ThreadState {
         *next_id = other.next_id;
     }
 
-    /// The needle's end has gone through a face: whether there is room.
-    pub fn pass(&mut self, mesh: &HalfFaces, crossing: Crossing) -> bool {
+    /// The needle's end has gone through a face, `apart_m` from the one before: whether there is room. What lies
+    /// between the two has been drawn in by the needle, up to this face.
+    pub fn pass(&mut self, mesh: &HalfFaces, crossing: Crossing, apart_m: f64) -> bool {
         if self.passed.len() >= MOST_PASSED {
             return false;
         }
         self.next_id += 1;
         let is_boundary = crossing.from().is_none() || crossing.to(mesh).is_none();
-        let last = self.passed.last().map_or(0.0, |last| last.crossing.alpha);
         let alpha = crossing.alpha.min(0.0);
+        if let Some(last) = self.passed.last() {
+            let lacking = last.crossing.alpha + apart_m - alpha;
+            if lacking > 0.0 {
+                self.draw(lacking);
+            }
+        }
         self.passed.push(Passed {
             crossing: Crossing { alpha, ..crossing },
             is_boundary,
             id: self.next_id,
         });
-        // Places do not decrease towards the head.
-        if last > alpha {
-            self.draw(last - alpha);
-            if let Some(own) = self.passed.last_mut() {
-                own.crossing.alpha = alpha;
-            }
-        }
         true
     }
 

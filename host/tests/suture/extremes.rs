@@ -36,15 +36,6 @@ fn pull(
         bench.grip.translation.vector += way / steps as f64;
         report = bench.step_both();
         bounded(bench, &report, strength_n);
-        if report.status.name() != "ok" {
-            println!(
-                "{} {:?} {} {}",
-                report.status.name(),
-                bench.grip.translation.vector,
-                report.iterations,
-                report.rows
-            );
-        }
         others += usize::from(report.status.name() != "ok");
     }
     (report, others)
@@ -83,15 +74,14 @@ fn a_jump_is_followed_or_refused() {
     }));
     for way in [-0.05, 0.05, -0.02, 0.02, -0.3, 0.3] {
         let (report, _) = pull(&mut bench, Vector3::new(0.0, 0.5 * way, way), 1, 2.0);
-        println!("{way} {}", report.status.name());
         for _ in 0..20 {
             let report = bench.step_both();
             bounded(&bench, &report, 2.0);
-            println!("  {} {}", report.status.name(), report.iterations);
         }
         assert_eq!(bench.step_both().status.name(), "ok");
     }
-    assert_eq!(bench.step_both().threads()[0].state, ThreadTension::Slack);
+    // Where it began.
+    assert!(bench.step_both().threads()[0].tension_n[0] < 0.05);
 }
 
 #[test]

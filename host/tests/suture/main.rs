@@ -4,5 +4,6 @@
 #[expect(dead_code, reason = "shared with the tests of driving")]
 mod bench;
 mod extremes;
+mod hanging;
 mod pull;
 mod rig;
