@@ -87,6 +87,7 @@ impl<'a, P: Plant> ControlSide<'a, P> {
                 Order::OpenSession => self.control.open_session(),
                 Order::Command(command) => self.control.command(command),
                 Order::Needle(needle) => self.control.needle(&needle),
+                Order::Thread(thread) => self.control.thread(&thread),
                 Order::Simulate(order) => self.plant.simulate(order.body(), &mut self.control),
             }
         }
@@ -132,8 +133,8 @@ mod tests {
     use sutura_shared::link::{ConsoleLink, HostEvent, HostLink, Identity};
     use sutura_shared::simulated_console::{Pace, SimulatedConsole};
     use sutura_shared::wire::message::{
-        Command, Contact, Friction, HandScript, Mode, Needle, Report, State, Tip, WAY_POINTS,
-        WayPoint,
+        Command, Contact, End, Friction, HandScript, Mode, Needle, Report, State, Tension, Thread,
+        Tip, WAY_POINTS, WayPoint,
     };
     use sutura_shared::wire::{MAX_FRAME, Message};
 
@@ -186,6 +187,7 @@ mod tests {
                 Order::Simulate(order) => one(host, time, &order, &mut bytes),
                 Order::Contact(contact) => one(host, time, &contact, &mut bytes),
                 Order::Needle(needle) => one(host, time, &needle, &mut bytes),
+                Order::Thread(thread) => one(host, time, &thread, &mut bytes),
             }
         };
         match tick {
@@ -206,6 +208,7 @@ mod tests {
             && !(1200..1500).contains(&tick)
         {
             send(time, Order::Needle(needle(&state)));
+            send(time, Order::Thread(thread(&state)));
             send(time, Order::Contact(contact(&state)));
             if tick.is_multiple_of(48) {
                 send(time, Order::Contact(contact(&state)));
@@ -222,6 +225,7 @@ mod tests {
         Simulate(Simulate),
         Contact(Contact),
         Needle(Needle),
+        Thread(Thread),
     }
 
     fn hand() -> HandScript {
@@ -277,6 +281,22 @@ mod tests {
             hold_n: 0.0,
             puncture_n: 0.25,
             punctured_n: 0.0,
+            horizon_us: 60_000,
+        }
+    }
+
+    /// Its thread, taut.
+    fn thread(state: &State) -> Thread {
+        Thread {
+            tool: 0,
+            thread: 0,
+            end: End::Head,
+            state: Tension::Taut,
+            position_m: state.position_m,
+            direction: [0.0, 0.0, 1.0],
+            tension_n: 0.5,
+            stiffness_n_per_m: 100.0,
+            slack_m: 0.0,
             horizon_us: 60_000,
         }
     }

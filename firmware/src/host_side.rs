@@ -7,7 +7,7 @@ use heapless::spsc::{Consumer, Producer, Queue};
 use sutura_shared::link::{ConsoleLink, LinkEvent};
 use sutura_shared::simulated_console::REPORT_EVERY;
 use sutura_shared::wire::message::{Command, Mode, Report, State};
-use sutura_shared::wire::{MAX_FRAME, ValidContact, ValidNeedle, ValidSimulate};
+use sutura_shared::wire::{MAX_FRAME, ValidContact, ValidNeedle, ValidSimulate, ValidThread};
 
 /// A byte stream that never waits.
 pub trait Bytes {
@@ -29,6 +29,8 @@ pub enum Order {
     Command(Command),
     /// From the host. The newest counts: the control task finds out which that is.
     Needle(ValidNeedle),
+    /// From the host. The newest counts, as of needles.
+    Thread(ValidThread),
     /// From the host, to a simulated console.
     Simulate(ValidSimulate),
 }
@@ -158,6 +160,7 @@ impl<'a, P: Bytes> HostSide<'a, P> {
             }
             LinkEvent::Command(command) => Order::Command(command),
             LinkEvent::Needle(needle) => Order::Needle(needle),
+            LinkEvent::Thread(thread) => Order::Thread(thread),
             LinkEvent::Simulate(simulate) => Order::Simulate(simulate),
         };
         let refused = self.orders.enqueue(order).is_err();

@@ -3,6 +3,8 @@
 //! Entry point: [`explain`]. Every cost is measured by building the scene and following its hand; what is
 //! not measured is left open, never estimated.
 
+mod wound;
+
 use crate::fem::{CorotationalTissue, LinearTissue};
 use crate::needle::{Hierarchy, NeedleShape};
 use crate::scene::{HostSettings, Pose, Scene, SceneError, Tissue, position_at};
@@ -123,13 +125,24 @@ pub fn explain(scene: &Scene) -> Result<Vec<Component>, SolveError> {
     parts.push(columns(scene, work.cache_bytes(), per_vertex));
     parts.extend(contacts(scene, &walk));
     parts.extend(needles(scene, &walk));
+    parts.extend(wound::threads(scene, &walk));
+    parts.extend(wound::touching(scene, &walk));
     parts.push(handles(scene));
     parts.push(loads(scene));
     let ((), field) = timed(|| {
         std::hint::black_box(model.equilibrium(state).is_ok());
     });
-    let why = "no step needs every node's displacement: `sutura solve` computes it, for its file";
-    parts.push(Component::absent("displacement of all nodes", why).takes(Some(field), "request"));
+    let name = "displacement of all nodes";
+    let is_needed = !scene.threads.is_empty() || !scene.touching.is_empty();
+    let component = if is_needed {
+        let why = "`[[thread]]`, `[[tissue_contact]]`: where threads bend and tissues may meet";
+        Component::built(name.to_owned(), why.to_owned())
+    } else {
+        let why =
+            "no step needs every node's displacement: `sutura solve` computes it, for its file";
+        Component::absent(name, why)
+    };
+    parts.push(component.takes(Some(field), if is_needed { "solve" } else { "request" }));
     parts.push(match scene.tissue {
         Tissue::Linear => Component::absent(
             "refactorisation",
@@ -448,18 +461,11 @@ fn loads(scene: &Scene) -> Component {
 }
 
 /// What no scene of this version can name.
-fn not_here() -> [Component; 3] {
-    [
-        (
-            "collisions between tissues",
-            "this version looks for none: not between parts of the mesh, nor of one with itself",
-        ),
-        ("thread", "no thread rows: this version has none"),
-        (
-            "console rows",
-            "the console gets a wrench and a tangent; this version sends no rows with them",
-        ),
-    ]
+fn not_here() -> [Component; 1] {
+    [(
+        "console rows",
+        "the console gets a wrench and a tangent; this version sends no rows with them",
+    )]
     .map(|(name, why)| Component::absent(name, why))
 }
 
@@ -576,6 +582,8 @@ way_point = [{ time_s = 0.0, position_m = [0.0, 0.0, 0.04] }, { time_s = 0.4, po
             "device",
             "hand",
             "needle",
+            "thread",
+            "contact of tissues",
         ] {
             let part = part(&parts, name);
             assert!(!part.built && part.why.starts_with("no "), "{part:?}");

@@ -26,3 +26,4 @@ pub mod step;
 pub mod thread;
 pub mod tool;
 pub mod trial;
+pub mod wound;

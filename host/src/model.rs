@@ -358,6 +358,12 @@ impl Model {
         parts.iter().position(|part| part.id == id)
     }
 
+    /// Length of a thread \[m\].
+    pub(crate) fn thread_length_m(&self, id: u8) -> Option<f64> {
+        let parts = &self.needles.as_ref()?.threads.parts;
+        Some(parts[self.thread(id)?].length_m)
+    }
+
     /// Whether a node is held.
     pub fn is_fixed(&self, node: u32) -> bool {
         self.body.numbering().is_fixed(node)

@@ -10,6 +10,7 @@ use crate::scene::{Pose, Scene, SceneError};
 use crate::script::{Script, at_rest};
 use crate::step::{State, Status, StepReport, Workspace, step};
 use crate::tool::{Tool, ToolSample};
+use crate::wound::Wound;
 use miette::Diagnostic;
 use nalgebra::Vector3;
 use thiserror::Error;
@@ -77,11 +78,14 @@ pub fn solve(scene: &Scene) -> Result<Solution, SolveError> {
         return Err(SolveError::Nothing);
     }
     let (model, mut state, mut work) = scene.build()?;
+    let wound = Wound::new(scene, &model);
+    let mut script = Script::new(scene);
     let report = if without {
         bring_in(&model, &mut state, &held, &mut work)?
     } else {
-        follow_scripts(scene, &model, &mut state, &mut work)?
+        follow_scripts(scene, &mut script, &model, &mut state, &mut work)?
     };
+    let wound = wound.map(|wound| wound.report(&model, &state, &report, script.samples()));
     let rest = model.equilibrium(&state)?;
     let reactions = rest
         .handle_force_n
@@ -111,6 +115,7 @@ pub fn solve(scene: &Scene) -> Result<Solution, SolveError> {
         reactions: reactions.collect(),
         tools: tools.collect(),
         needles: report.needles().iter().map(DrivenNeedle::from).collect(),
+        wound,
         residual: rest.residual.max(report.residual),
         cells: scene.mesh.cells().to_vec(),
     })
@@ -158,6 +163,7 @@ pub(crate) fn bring_in(
 /// until the tissue is in balance.
 fn follow_scripts(
     scene: &Scene,
+    script: &mut Script,
     model: &Model,
     state: &mut State,
     work: &mut Workspace,
@@ -168,14 +174,13 @@ fn follow_scripts(
     if stays {
         return Err(SolveError::NoHand);
     }
-    let mut script = Script::new(scene);
     let end_s = scene.solve_at_s.unwrap_or(scene.seconds);
     let steps = (end_s * scene.host.host_hz).ceil() as u64;
     for number in 0..=steps {
         let time_s = (number as f64 / scene.host.host_hz).min(end_s);
-        let report = arrive(time_s, &mut script, model, state, work)?;
+        let report = arrive(time_s, script, model, state, work)?;
         if number == steps {
-            return settle(time_s, report, &mut script, model, state, work);
+            return settle(time_s, report, script, model, state, work);
         }
     }
     Err(SolveError::Nothing)

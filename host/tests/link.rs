@@ -3,10 +3,12 @@
 
 use std::sync::mpsc::{Receiver, Sender, channel};
 use std::time::{Duration, Instant};
-use sutura_host::link::{Link, LinkError, LinkOptions, Order, PipeEnd, Port, pipe};
+use sutura_host::link::{Felt, Link, LinkError, LinkOptions, Order, PipeEnd, Port, pipe};
 use sutura_shared::link::{ConsoleLink, HostEvent, Identity, LinkEvent, Mismatch};
 use sutura_shared::wire::MAX_FRAME;
-use sutura_shared::wire::message::{Command, Contact, Friction, Mode, Needle, State, Tip};
+use sutura_shared::wire::message::{
+    Command, Contact, End, Friction, Mode, Needle, State, Tension, Thread, Tip,
+};
 
 /// Longer than any machine needs, shorter than anybody waits.
 const LONG: Duration = Duration::from_secs(60);
@@ -64,6 +66,30 @@ fn needle(number: u8) -> Needle {
         puncture_n: 1.0,
         punctured_n: 0.0,
         horizon_us: 50_000,
+    }
+}
+
+fn thread(number: u8) -> Thread {
+    Thread {
+        tool: 0,
+        thread: number,
+        end: End::Tail,
+        state: Tension::Slack,
+        position_m: [0.0; 3],
+        direction: [0.0, 0.0, 1.0],
+        tension_n: 0.0,
+        stiffness_n_per_m: 50.0,
+        slack_m: 0.1,
+        horizon_us: 50_000,
+    }
+}
+
+/// A contact alone.
+fn felt(contact: Contact) -> Felt {
+    Felt {
+        contact,
+        needle: None,
+        thread: None,
     }
 }
 
@@ -208,12 +234,12 @@ fn a_contact_that_the_console_would_refuse_is_not_sent() {
     let bench = bench();
     let mut bad = contact(0);
     bad.wrench[2] = f32::NAN;
-    bench.link.contact(1000, bad, None);
+    bench.link.felt(1000, felt(bad));
     let (done, ready) = channel();
     bench.tell.send(Do::Hear(done)).unwrap();
     ready.recv_timeout(LONG).unwrap();
     bench.link.order(Order::Command(Command::Arm)).unwrap();
-    bench.link.contact(1000, contact(3), None);
+    bench.link.felt(1000, felt(contact(3)));
     let mut heard = Vec::new();
     while heard.len() < 2 {
         heard.push(bench.heard.recv_timeout(LONG).unwrap());
@@ -233,14 +259,26 @@ fn a_contact_that_the_console_would_refuse_is_not_sent() {
 }
 
 #[test]
-fn a_needle_goes_just_before_its_contact() {
+fn needle_and_thread_go_just_before_their_contact() {
     let bench = bench();
-    bench.link.contact(1000, contact(3), Some(needle(5)));
-    let next = || bench.heard.recv_timeout(LONG).unwrap();
-    let (first, second) = (next(), next());
-    let (LinkEvent::Needle(needle), LinkEvent::Contact(contact)) = (&first, &second) else {
-        panic!("{first:?}, {second:?}");
+    let felt = Felt {
+        needle: Some(needle(5)),
+        thread: Some(thread(6)),
+        ..felt(contact(3))
     };
+    bench.link.felt(1000, felt);
+    let next = || bench.heard.recv_timeout(LONG).unwrap();
+    let heard = [next(), next(), next()];
+    let [
+        LinkEvent::Needle(needle),
+        LinkEvent::Thread(thread),
+        LinkEvent::Contact(contact),
+    ] = &heard
+    else {
+        panic!("{heard:?}");
+    };
+    assert_eq!(thread.body().thread, 6);
+    assert_eq!(thread.console_time_us(), 1000);
     assert_eq!((needle.body().needle, contact.body().tool), (5, 3));
     assert_eq!(
         (needle.console_time_us(), contact.console_time_us()),
@@ -248,8 +286,8 @@ fn a_needle_goes_just_before_its_contact() {
     );
     let sent = bench.link.close();
     assert_eq!(sent.contacts_sent, 1);
-    // Hello, needle, contact, disarm.
-    assert_eq!(sent.frames.frames_sent, 4);
+    // Hello, needle, thread, contact, disarm.
+    assert_eq!(sent.frames.frames_sent, 5);
 }
 
 #[test]

@@ -146,6 +146,7 @@ impl SimulatedConsole {
                     .wrapping_add(u32::from(replaced));
             }
             LinkEvent::Needle(needle) => self.control.needle(&needle),
+            LinkEvent::Thread(thread) => self.control.thread(&thread),
             LinkEvent::Command(command) => self.control.command(command),
             LinkEvent::Simulate(order) => self.board.simulate(order.body(), &mut self.control),
         }

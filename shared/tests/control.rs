@@ -4,11 +4,11 @@
 
 mod rig;
 
-use rig::{Loop, arm, bench, frame, needle, needle_frame, no_contact, wall};
+use rig::{Loop, arm, bench, frame, needle, needle_frame, no_contact, thread, thread_frame, wall};
 use sutura_shared::control::{Control, TickInput, TickOutput};
 use sutura_shared::kinematics::GRAVITY;
 use sutura_shared::wire::faults;
-use sutura_shared::wire::message::{Command, Contact, Mode, Needle};
+use sutura_shared::wire::message::{Command, Contact, End, Mode, Needle, Tension, Thread};
 
 /// 1 N upwards at 1 mm behind the wall.
 const WALL: f32 = 1000.0;
@@ -497,6 +497,78 @@ fn a_needle_is_in_the_trace_and_not_in_the_force() {
     for (index, change) in changes.iter().enumerate() {
         assert_ne!(run(change).trace_hash, plain.trace_hash, "change {index}");
     }
+}
+
+#[test]
+fn the_newest_thread_in_the_grip_is_kept() {
+    let mut console = pressed_in();
+    let kept = |console: &Loop| console.control.thread_in_grip().map(|t| t.body().thread);
+    let mut arrive = |sequence, time_us, tool, id| {
+        let body = Thread {
+            tool,
+            thread: id,
+            ..thread()
+        };
+        console
+            .control
+            .thread(&thread_frame(sequence, time_us, body));
+        console.contact(wall(WALL, INSIDE));
+        kept(&console)
+    };
+    assert_eq!(arrive(1, 2000, 0, 1), Some(1));
+    assert_eq!(arrive(2, 1000, 0, 2), Some(1), "solved for an older state");
+    assert_eq!(arrive(3, 3000, 1, 3), Some(1), "in another tool's grip");
+    assert_eq!(arrive(4, 3000, 0, 4), Some(4));
+    console.input.emergency_stop = true;
+    console.tick();
+    assert_eq!(kept(&console), None, "a fault forgets it like the contact");
+
+    let mut console = pressed_in();
+    console.control.thread(&thread_frame(1, 1000, thread()));
+    console.tick();
+    assert_eq!(kept(&console), Some(0));
+    console.control.thread(&thread_frame(2, 1000, thread()));
+    console.control.open_session();
+    console.tick();
+    assert_eq!(kept(&console), None);
+}
+
+/// As of needles.
+#[test]
+fn a_thread_is_in_the_trace_and_not_in_the_force() {
+    let run = |change: &dyn Fn(&mut Thread)| {
+        let mut console = pressed_in();
+        let mut body = thread();
+        change(&mut body);
+        console.control.thread(&thread_frame(1, 1000, body));
+        console.contact(wall(WALL, INSIDE));
+        console.wait(10).state
+    };
+    let mut without = pressed_in();
+    without.contact(wall(WALL, INSIDE));
+    let without = without.wait(10).state;
+    let plain = run(&|_| {});
+    assert_eq!(plain.force_n, without.force_n);
+    assert_ne!(plain.trace_hash, without.trace_hash);
+    assert_eq!(plain.trace_hash, run(&|_| {}).trace_hash);
+    let changes: [&dyn Fn(&mut Thread); 7] = [
+        &|t| t.thread = 1,
+        &|t| t.end = End::Tail,
+        &|t| t.state = Tension::Strained,
+        &|t| t.direction[1] = -0.0,
+        &|t| t.tension_n = 1.0,
+        &|t| t.stiffness_n_per_m = 1.0,
+        &|t| t.horizon_us += 1,
+    ];
+    for (index, change) in changes.iter().enumerate() {
+        assert_ne!(run(change).trace_hash, plain.trace_hash, "change {index}");
+    }
+    let slack = |slack_m| {
+        run(&|t| {
+            (t.state, t.tension_n, t.slack_m) = (Tension::Slack, 0.0, slack_m);
+        })
+    };
+    assert_ne!(slack(0.25).trace_hash, slack(0.5).trace_hash);
 }
 
 /// The trace tells apart what differs in one bit, and nothing else.

@@ -110,6 +110,14 @@ fn a_session_carries_every_message_both_ways() {
     assert_eq!(*needle.body(), sample::needle());
     assert_eq!(needle.console_time_us(), NOW_US);
 
+    let bytes = send(&mut host, &sample::thread());
+    let events = feed(&mut console, &bytes);
+    let [LinkEvent::Thread(thread)] = &events[..] else {
+        panic!("{events:?}");
+    };
+    assert_eq!(*thread.body(), sample::thread());
+    assert_eq!(thread.console_time_us(), NOW_US);
+
     let bytes = send(&mut host, &Command::Arm);
     let events = feed(&mut console, &bytes);
     assert_eq!(events, [LinkEvent::Command(Command::Arm)]);
@@ -135,8 +143,8 @@ fn a_session_carries_every_message_both_ways() {
         ..Counters::default()
     };
     // The Hellos count too.
-    assert_eq!(host.counters(), clean(5, 2));
-    assert_eq!(console.counters(), clean(2, 5));
+    assert_eq!(host.counters(), clean(6, 2));
+    assert_eq!(console.counters(), clean(2, 6));
 }
 
 #[test]
@@ -267,6 +275,16 @@ fn a_needle_from_the_future_is_refused() {
     assert_eq!(feed(&mut console, &needle(2, NOW_US + 1)), []);
     assert_eq!(console.counters().last_reject, Some(Reject::FromTheFuture));
     assert_eq!(feed(&mut console, &needle(3, 0)).len(), 1);
+}
+
+#[test]
+fn a_thread_from_the_future_is_refused() {
+    let (_, mut console, session) = pair();
+    let thread = |sequence, time| frame(session, sequence, time, &sample::thread());
+    assert_eq!(feed(&mut console, &thread(1, NOW_US)).len(), 1);
+    assert_eq!(feed(&mut console, &thread(2, NOW_US + 1)), []);
+    assert_eq!(console.counters().last_reject, Some(Reject::FromTheFuture));
+    assert_eq!(feed(&mut console, &thread(3, 0)).len(), 1);
 }
 
 /// Everything that an earlier session sent comes once more: its `Hello` disarms and asks for a session

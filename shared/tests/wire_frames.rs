@@ -144,7 +144,7 @@ fn each_part_of_the_packet_has_its_reject() {
     for kind in [0, 7, 15, 20, 255] {
         assert_eq!(unpack_one(&content(0, kind, &[0])), Err(Reject::Kind));
     }
-    for kind in [16, 18, 19] {
+    for kind in [16, 19] {
         let read = unpack_one(&content(0, kind, &[0]));
         assert_eq!(read, Err(Reject::ReservedKind));
     }
@@ -190,7 +190,8 @@ fn direction_is_checked() {
             Unchecked::Contact(..)
             | Unchecked::Command(..)
             | Unchecked::Simulate(..)
-            | Unchecked::Needle(..) => true,
+            | Unchecked::Needle(..)
+            | Unchecked::Thread(..) => true,
             Unchecked::State(..) | Unchecked::Report(..) => false,
         };
         if from_host {
@@ -199,7 +200,7 @@ fn direction_is_checked() {
             assert_eq!((to_console, to_host), (wrong, None), "{name}");
         }
     }
-    for reserved in [Kind::Rows, Kind::Thread, Kind::Tools] {
+    for reserved in [Kind::Rows, Kind::Tools] {
         assert!(!reserved.travels(Direction::ToConsole));
         assert!(!reserved.travels(Direction::ToHost));
     }
@@ -217,6 +218,7 @@ fn any_frame() -> impl Strategy<Value = Vec<u8>> {
             Unchecked::Report(_, body) => frame(session, sequence, time, &body),
             Unchecked::Simulate(_, body) => frame(session, sequence, time, &body),
             Unchecked::Needle(_, body) => frame(session, sequence, time, &body),
+            Unchecked::Thread(_, body) => frame(session, sequence, time, &body),
         },
     )
 }

@@ -4,7 +4,8 @@ mod common;
 
 use common::{encode_again, golden, hex_of, unpack_one, validate_either};
 use sutura_shared::wire::message::{
-    Command, Contact, Friction, Hello, Mode, Needle, Report, Simulate, State, Tip, WAY_POINTS,
+    Command, Contact, End, Friction, Hello, Mode, Needle, Report, Simulate, State, Tension, Thread,
+    Tip, WAY_POINTS,
 };
 use sutura_shared::wire::{
     HEADER_SIZE, Kind, MAX_FRAME, MAX_REAL_TIME_FRAME, PROTOCOL_VERSION, Reject, SCHEMA_HASH,
@@ -89,6 +90,19 @@ fn words_for_a_needle_are_pinned() {
     }
 }
 
+#[test]
+fn words_for_a_thread_are_pinned() {
+    for (number, end) in [End::Tail, End::Head].iter().enumerate() {
+        assert_eq!(*end as usize, number, "{end:?}");
+        assert_eq!(first_byte(end), number as u8, "{end:?}");
+    }
+    let states = [Tension::Slack, Tension::Taut, Tension::Strained];
+    for (number, state) in states.iter().enumerate() {
+        assert_eq!(*state as usize, number, "{state:?}");
+        assert_eq!(first_byte(state), number as u8, "{state:?}");
+    }
+}
+
 fn first_byte<T: serde::Serialize>(value: &T) -> u8 {
     let mut buffer = [0; MAX_FRAME];
     postcard::to_slice(value, &mut buffer).expect("fits")[0]
@@ -153,7 +167,7 @@ fn fault_bits_are_pinned() {
 #[test]
 fn schema_is_pinned() {
     assert_eq!(PROTOCOL_VERSION, 0);
-    assert_eq!(SCHEMA_HASH, 0x7322_6152_5e7a_b834, "{SCHEMA_HASH:#018x}");
+    assert_eq!(SCHEMA_HASH, 0x1f19_a560_d7e5_2d8d, "{SCHEMA_HASH:#018x}");
 }
 
 /// Counted by hand from the layouts: varints of 3 (u16), 5 (u32, i32) and 10 (u64) bytes, f32 of 4.
@@ -173,6 +187,7 @@ fn sizes_are_those_counted_by_hand() {
     );
     let numbers = 3 + 4 + 6 + 1 + 2 + 2 + 1 + 1 + 1;
     assert_eq!(Needle::POSTCARD_MAX_SIZE, 1 + 1 + numbers * 4 + 1 + 1 + 5);
+    assert_eq!(Thread::POSTCARD_MAX_SIZE, 4 + (3 + 3 + 3) * 4 + 5);
     assert_eq!(Command::POSTCARD_MAX_SIZE, 1 + 3);
     assert_eq!(Report::POSTCARD_MAX_SIZE, 7 * 5 + 3 + 3 * 5);
     assert_eq!(Simulate::POSTCARD_MAX_SIZE, 1 + hand);
@@ -182,6 +197,7 @@ fn sizes_are_those_counted_by_hand() {
     assert_eq!(MAX_FRAME, 18 + (1 + hand) + 4 + 1 + 1);
     assert_eq!(frame_size(Contact::POSTCARD_MAX_SIZE), 186);
     assert_eq!(frame_size(Needle::POSTCARD_MAX_SIZE), 117);
+    assert_eq!(frame_size(Thread::POSTCARD_MAX_SIZE), 69);
     assert_eq!(frame_size(State::POSTCARD_MAX_SIZE), 122);
     assert_eq!(MAX_REAL_TIME_FRAME, 220);
 }

@@ -10,8 +10,8 @@ use common::{
 use proptest::prelude::*;
 use sutura_shared::device::{DeviceDescription, Kinematics};
 use sutura_shared::wire::message::{
-    Command, Contact, Friction, HandScript, Hello, Mode, Needle, Report, Simulate, State, Tip,
-    WAY_POINTS, WayPoint,
+    Command, Contact, End, Friction, HandScript, Hello, Mode, Needle, Report, Simulate, State,
+    Tension, Thread, Tip, WAY_POINTS, WayPoint,
 };
 use sutura_shared::wire::{Checked, Header, Kind, Message, Reject, Valid, validate};
 
@@ -159,6 +159,44 @@ fn needle_limits() {
     };
     assert_eq!(turned([0.0; 4]), Err(Reject::Range));
     assert_eq!(turned([0.0, f32::NAN, 0.0, 1.0]), Err(Reject::NotFinite));
+}
+
+#[test]
+fn thread_limits() {
+    let taut = sample::thread();
+    for i in 0..3 {
+        check_limits(taut, |t| &mut t.position_m[i], -10.0, 10.0);
+    }
+    check_limits(taut, |t| &mut t.tension_n, 0.0, 1e4);
+    check_limits(taut, |t| &mut t.stiffness_n_per_m, 0.0, 1e7);
+    let slack = Thread {
+        state: Tension::Slack,
+        tension_n: 0.0,
+        ..taut
+    };
+    check_limits(slack, |t| &mut t.slack_m, 0.0, 10.0);
+    assert_eq!(
+        verdict(with(slack, |t| t.tension_n = 1e-9)),
+        Err(Reject::Range)
+    );
+    // What pulls is not slack.
+    for state in [Tension::Taut, Tension::Strained] {
+        let pulls = Thread { state, ..taut };
+        assert_eq!(verdict(pulls), Ok(()));
+        assert_eq!(
+            verdict(with(pulls, |t| t.slack_m = 1e-9)),
+            Err(Reject::Range)
+        );
+    }
+    let tool = |tool| verdict(with(taut, |t| t.tool = tool));
+    assert_eq!((tool(7), tool(8)), (Ok(()), Err(Reject::Range)));
+    assert_eq!(verdict(with(taut, |t| t.thread = u8::MAX)), Ok(()));
+    assert_eq!(verdict(with(taut, |t| t.horizon_us = u32::MAX)), Ok(()));
+    let along = |direction| verdict(Thread { direction, ..taut });
+    assert_eq!(along([0.6, 0.0, -0.8]), Ok(()));
+    assert_eq!(along([0.6, 0.0, -0.7]), Err(Reject::Range));
+    assert_eq!(along([0.0; 3]), Err(Reject::Range));
+    assert_eq!(along([0.0, f32::NAN, 1.0]), Err(Reject::NotFinite));
 }
 
 /// A straight needle slides as far as it is moved; a round one may be held anywhere, even in its middle.
@@ -468,6 +506,22 @@ prop_compose! {
 }
 
 prop_compose! {
+    fn any_thread()(
+        (tool, thread) in (0u8..9, any::<u8>()),
+        end in prop_oneof![Just(End::Tail), Just(End::Head)],
+        state in prop_oneof![Just(Tension::Slack), Just(Tension::Taut), Just(Tension::Strained)],
+        (position_m, direction) in (numbers(), any_unit()),
+        (tension_n, stiffness_n_per_m) in (prop_oneof![Just(0.0), any_number()], any_number()),
+        slack_m in prop_oneof![Just(0.0), any_number()],
+        horizon_us in any::<u32>(),
+    ) -> Thread {
+        Thread {
+            tool, thread, end, state, position_m, direction, tension_n, stiffness_n_per_m, slack_m, horizon_us,
+        }
+    }
+}
+
+prop_compose! {
     fn any_state()(
         (tick, faults) in (any::<u32>(), prop_oneof![Just(0), any::<u16>()]),
         position_m in numbers(),
@@ -542,6 +596,15 @@ fn holds_promises(message: &Checked) -> bool {
                     .all(|x| x.is_finite() && *x >= 0.0)
                 && n.tool < 8
         }
+        Checked::Thread(thread) => {
+            let t = thread.body();
+            let numbers = [t.tension_n, t.stiffness_n_per_m, t.slack_m];
+            finite(&t.position_m)
+                && (length(&t.direction) - 1.0).abs() < 1e-3
+                && numbers.iter().all(|x| x.is_finite() && *x >= 0.0)
+                && (t.tension_n == 0.0 || t.slack_m == 0.0)
+                && t.tool < 8
+        }
         Checked::State(state) => {
             let s = state.body();
             finite(&s.position_m)
@@ -590,6 +653,11 @@ proptest! {
     }
 
     #[test]
+    fn threads_arrive_as_sent_or_not_at_all(body in any_thread(), head in any::<(u32, u32, u64)>()) {
+        survives(&frame(head.0, head.1, head.2, &body))?;
+    }
+
+    #[test]
     fn states_arrive_as_sent_or_not_at_all(body in any_state(), head in any::<(u32, u32, u64)>()) {
         survives(&frame(head.0, head.1, head.2, &body))?;
     }
@@ -633,7 +701,8 @@ fn many_of_the_random_messages_are_valid() {
     let hands =
         share(&mut |r| verdict(Simulate::Hand(any_hand().new_tree(r).unwrap().current())).is_ok());
     let needles = share(&mut |r| verdict(any_needle().new_tree(r).unwrap().current()).is_ok());
-    for share in [contacts, states, hands, needles] {
+    let threads = share(&mut |r| verdict(any_thread().new_tree(r).unwrap().current()).is_ok());
+    for share in [contacts, states, hands, needles, threads] {
         assert!((20..900).contains(&share), "{share} of 1000 are valid");
     }
 }

@@ -108,6 +108,18 @@ needle = (
     + f32(-0.3125)
     + uint(100000)
 )
+thread = (
+    u8(0)
+    + u8(2)
+    + uint(1)  # Head
+    + uint(1)  # Taut
+    + f32(0.125, -0.25, 0.5)
+    + f32(0.0, -1.0, -0.0)
+    + f32(1.5)
+    + f32(512.0)
+    + f32(0.0)
+    + uint(100000)
+)
 report = (
     b"".join(uint(x) for x in [100000, 1, 2, 30000, 4, 5, 300])
     + u8(4)  # Crc
@@ -138,6 +150,7 @@ FRAMES = [
     ("state", frame(2, 0xC0FFEE, 1, 123_456_000, state)),
     ("contact", frame(3, 0xC0FFEE, 2, 123_423_000, contact)),
     ("needle", frame(17, 0xC0FFEE, 12, 123_423_000, needle)),
+    ("thread", frame(18, 0xC0FFEE, 13, 123_423_000, thread)),
     ("command_arm", frame(4, 0xC0FFEE, 3, 0, uint(0))),
     ("command_disarm", frame(4, 0xC0FFEE, 4, 0, uint(1))),
     ("command_clear_fault", frame(4, 0xC0FFEE, 5, 0, uint(2))),

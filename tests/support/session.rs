@@ -37,6 +37,7 @@ impl Solve for Plane {
         Solved {
             contact: Some(contact),
             needle: None,
+            thread: None,
             status: Status::Ok,
             stages: Stages::default(),
         }

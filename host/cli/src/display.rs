@@ -183,6 +183,24 @@ pub fn table(summary: &Summary) -> String {
             ),
         );
     }
+    let threads = s.scene.get("threads").and_then(|list| list.as_array());
+    for thread in threads.into_iter().flatten() {
+        let number = |key: &str| thread[key].as_f64().unwrap_or_default();
+        row(
+            "thread",
+            format!(
+                "{}: {}, through {} boundaries, {} spans bridge, tension peak {:.3} N",
+                thread["thread"],
+                thread["state"].as_str().unwrap_or_default(),
+                thread["punctures"],
+                thread["bridges"],
+                number("peak_tension_n")
+            ),
+        );
+    }
+    if let Some(wound) = wound(s) {
+        row("wound", wound);
+    }
     row("trace", s.trace_hash.clone());
     let faults = if s.faults.is_empty() {
         String::new()
@@ -193,6 +211,35 @@ pub fn table(summary: &Summary) -> String {
         "{name} on {} ({}): {}, {}{faults}\n{out}",
         s.console, s.device, s.status, s.mode
     )
+}
+
+/// How well the scene's wound is closed, if it has one.
+fn wound(summary: &Summary) -> Option<String> {
+    let number = |key: &str| summary.scene.get(key).and_then(|value| value.as_f64());
+    let mut said = Vec::new();
+    if let (Some(gap), Some(ratio)) = (number("rim_gap_m"), number("gap_ratio")) {
+        said.push(format!(
+            "gap {:.2} mm, {:.1} % of that at the start",
+            1e3 * gap,
+            1e2 * ratio
+        ));
+    }
+    if let Some(welded) = number("rim_gap_vs_welded") {
+        said.push(format!("{welded:.2} times that of welded punctures"));
+    }
+    if let Some(bridge) = number("bridge_ratio") {
+        said.push(format!("longest bridge {:.1} %", 1e2 * bridge));
+    }
+    if let Some(depth) = number("penetration_ratio") {
+        said.push(format!("overlap {depth:.4} edges"));
+    }
+    if let (Some(tension), Some(pulled)) = (number("tension_n"), number("pulled_m")) {
+        said.push(format!(
+            "{tension:.3} N, {:.0} mm of thread pulled",
+            1e3 * pulled
+        ));
+    }
+    (!said.is_empty()).then(|| said.join("; "))
 }
 
 fn withheld(summary: &Summary) -> String {

@@ -122,6 +122,7 @@ fn print_json(args: &SolveArgs, solution: &Solution) {
         "reactions": solution.reactions,
         "tools": solution.tools,
         "needles": solution.needles,
+        "wound": solution.wound,
         "residual": solution.residual,
     });
     say!("{object}");
@@ -163,6 +164,27 @@ fn print_text(args: &SolveArgs, solution: &Solution) {
             needle.punctures,
             needle.crossings,
             needle.axial_n
+        );
+    }
+    for thread in solution.wound.iter().flat_map(|wound| &wound.threads) {
+        say!(
+            "  thread {}: {}, through {} boundaries, {} spans bridge, tension {:.4} N",
+            thread.thread,
+            thread.state,
+            thread.punctures,
+            thread.bridges,
+            thread.tension_n[0].max(thread.tension_n[1])
+        );
+    }
+    if let Some((gap_m, ratio)) = solution
+        .wound
+        .as_ref()
+        .and_then(|w| w.rim_gap_m.zip(w.gap_ratio))
+    {
+        say!(
+            "  gap                {:>10.4} mm, {:.1} % of that at the start",
+            1e3 * gap_m,
+            1e2 * ratio
         );
     }
     say!("written to {}", args.out.display());

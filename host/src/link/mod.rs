@@ -14,4 +14,4 @@ pub use error::{LinkError, Ports};
 pub use lockstep::LockstepConsole;
 pub use pipe::{PipeEnd, pipe};
 pub use port::{Port, open_serial, serial_ports};
-pub use threads::{Link, LinkCounters, LinkOptions, Order, nonce};
+pub use threads::{Felt, Link, LinkCounters, LinkOptions, Order, nonce};

@@ -13,7 +13,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 use sutura_shared::link::{Counters, HostEvent, HostLink, SendError};
-use sutura_shared::wire::message::{Command, Contact, Hello, Needle, Simulate, State};
+use sutura_shared::wire::message::{Command, Contact, Hello, Needle, Simulate, State, Thread};
 use sutura_shared::wire::{MAX_FRAME, Message, Valid};
 
 /// How long a `Hello` may stay unanswered before another one is sent: a console answers within a few
@@ -83,12 +83,23 @@ pub struct Link {
     name: String,
 }
 
+/// What the console is told of one solve: sent together, the contact last, or not at all.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Felt {
+    /// The contact of the console's tool.
+    pub contact: Contact,
+    /// The needle in its grip.
+    pub needle: Option<Needle>,
+    /// The thread that pulls at it.
+    pub thread: Option<Thread>,
+}
+
 #[derive(Debug)]
 struct Shared {
     end: Mutex<HostLink>,
     states: Slot<Valid<State>>,
-    /// The newest contact, its console time \[us\], and the needle that goes before it.
-    outbox: Outbox<Order, (u64, Contact, Option<Needle>)>,
+    /// What was solved for the newest state, and its console time \[us\].
+    outbox: Outbox<Order, (u64, Felt)>,
     contacts_sent: AtomicU64,
     /// Console time of the newest state \[us\].
     console_time_us: AtomicU64,
@@ -176,10 +187,9 @@ impl Link {
         }
     }
 
-    /// Puts a contact out, and before it the needle that was solved with it, both for the state of
-    /// `console_time_us`, in place of what still waits.
-    pub fn contact(&self, console_time_us: u64, contact: Contact, needle: Option<Needle>) {
-        self.shared.outbox.put((console_time_us, contact, needle));
+    /// Puts out what was solved for the state of `console_time_us`, in place of what still waits.
+    pub fn felt(&self, console_time_us: u64, felt: Felt) {
+        self.shared.outbox.put((console_time_us, felt));
     }
 
     /// Queues an order.
@@ -278,7 +288,7 @@ impl Shared {
 
     /// Until the outbox is closed or the link breaks: orders and contacts to bytes.
     fn write(&self, mut port: Box<dyn Port>, contact_spacing: Duration) {
-        let mut frames = Vec::with_capacity(2 * MAX_FRAME);
+        let mut frames = Vec::with_capacity(3 * MAX_FRAME);
         let mut next_contact = Instant::now();
         while let Some(outgoing) = self.outbox.next(next_contact) {
             let newest = self.console_time_us.load(Ordering::Relaxed);
@@ -291,8 +301,8 @@ impl Shared {
                 Outgoing::Order(Order::Simulate(simulate)) => {
                     append(&mut end, newest, simulate, &mut frames)
                 }
-                Outgoing::Latest((time_us, contact, needle)) => {
-                    append_both(&mut end, *time_us, contact, needle.as_ref(), &mut frames)
+                Outgoing::Latest((time_us, felt)) => {
+                    append_all(&mut end, *time_us, felt, &mut frames)
                 }
             };
             drop(end);
@@ -332,18 +342,28 @@ fn append<M: Message>(
     Ok(())
 }
 
-/// Needle and contact, or neither.
-fn append_both(
+/// Needle, thread and contact, or none of them.
+fn append_all(
     end: &mut HostLink,
     console_time_us: u64,
-    contact: &Contact,
-    needle: Option<&Needle>,
+    felt: &Felt,
     frames: &mut Vec<u8>,
 ) -> Result<(), SendError> {
-    // Before the needle's frame takes its number in the sequence.
+    let Felt {
+        contact,
+        needle,
+        thread,
+    } = felt;
+    // Before another frame takes its number in the sequence.
     contact.check().map_err(SendError::Invalid)?;
+    if let Some(thread) = thread {
+        thread.check().map_err(SendError::Invalid)?;
+    }
     if let Some(needle) = needle {
         append(end, console_time_us, needle, frames)?;
+    }
+    if let Some(thread) = thread {
+        append(end, console_time_us, thread, frames)?;
     }
     append(end, console_time_us, contact, frames)
 }
@@ -430,7 +450,7 @@ mod tests {
     use super::*;
     use sutura_shared::link::{ConsoleLink, Identity};
     use sutura_shared::wire::Reject;
-    use sutura_shared::wire::message::{Friction, Tip};
+    use sutura_shared::wire::message::{End, Friction, Tension, Tip};
 
     const CONTACT: Contact = Contact {
         tool: 0,
@@ -460,10 +480,23 @@ mod tests {
         horizon_us: 50_000,
     };
 
-    /// What would be refused of the two holds both back and takes no number in the sequence, so that the
+    const THREAD: Thread = Thread {
+        tool: 0,
+        thread: 0,
+        end: End::Head,
+        state: Tension::Taut,
+        position_m: [0.0; 3],
+        direction: [0.0, 0.0, 1.0],
+        tension_n: 1.0,
+        stiffness_n_per_m: 100.0,
+        slack_m: 0.0,
+        horizon_us: 50_000,
+    };
+
+    /// What would be refused of the three holds all of them back and takes no number in the sequence, so that the
     /// console does not count it as lost.
     #[test]
-    fn a_needle_and_its_contact_go_together_or_not_at_all() {
+    fn needle_thread_and_contact_go_together_or_not_at_all() {
         let identity = Identity {
             tick_hz: 1000,
             simulated: false,
@@ -488,18 +521,30 @@ mod tests {
             hold_n: -1.0,
             ..NEEDLE
         };
+        let bad_thread = Thread {
+            slack_m: 0.1,
+            ..THREAD
+        };
         let mut frames = Vec::new();
-        let mut append = |contact, needle| append_both(&mut host, 0, contact, needle, &mut frames);
+        let mut append = |contact, needle, thread| {
+            let felt = Felt {
+                contact,
+                needle: Some(needle),
+                thread: Some(thread),
+            };
+            append_all(&mut host, 0, &felt, &mut frames)
+        };
         let not_finite = Err(SendError::Invalid(Reject::NotFinite));
-        assert_eq!(append(&bad_contact, Some(&NEEDLE)), not_finite);
+        assert_eq!(append(bad_contact, NEEDLE, THREAD), not_finite);
         let range = Err(SendError::Invalid(Reject::Range));
-        assert_eq!(append(&CONTACT, Some(&bad_needle)), range);
-        assert_eq!(append(&CONTACT, Some(&NEEDLE)), Ok(()));
+        assert_eq!(append(CONTACT, bad_needle, THREAD), range);
+        assert_eq!(append(CONTACT, NEEDLE, bad_thread), range);
+        assert_eq!(append(CONTACT, NEEDLE, THREAD), Ok(()));
         let heard: Vec<_> = frames
             .iter()
             .filter_map(|byte| console.receive(*byte, 0))
             .collect();
-        assert_eq!(heard.len(), 2, "{heard:?}");
+        assert_eq!(heard.len(), 3, "{heard:?}");
         assert_eq!(console.counters().frames_lost, 0);
     }
 }

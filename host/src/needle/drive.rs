@@ -31,6 +31,8 @@ const RIGID_M_PER_N: f64 = 1e-6;
 /// Solves of one balance in which needles that nobody holds settle.
 const LOOSE_SOLVES: u32 = 4;
 
+/// Where more vertices than this are pushed, one solve for all nodes costs less than a sum for each that is asked for.
+const MANY_PUSHES: usize = 150;
 /// A thread that would bend by less over tissue cuts into it \[rad\].
 const LEAST_TURN: f64 = 0.02;
 
@@ -240,6 +242,9 @@ impl Drive<'_> {
         loop {
             self.slide(&mut solves)?;
             self.unfold();
+            if self.work.pushes.len() > MANY_PUSHES {
+                self.look_at_all();
+            }
             self.settle_releases();
             if !self.follow(free)? {
                 break;
@@ -639,7 +644,7 @@ impl Drive<'_> {
             if thread.pulls(head.is_some()) {
                 thread.lay(&ground, head, &mut known, |at| self.position_of(at));
                 if self.needles.threads.parts[index].friction > 0.0 {
-                    thread.turn(&self.needles.mesh, |at| self.position_of(at));
+                    thread.pass_through(&self.needles.mesh, |at| self.position_of(at));
                 }
             } else {
                 thread.segments.clear();
@@ -850,6 +855,9 @@ pub(super) fn position(
     work: &NeedleWork,
     node: u32,
 ) -> Vector3<f64> {
+    if work.at_solve == work.solves {
+        return work.at.get(node as usize).copied().unwrap_or_default();
+    }
     let find = || place(points_m, node) + work.system.displacement(body, grasp, &work.pushes, node);
     let Some(known) = work.known.get(node as usize) else {
         return find();

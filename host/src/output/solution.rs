@@ -5,6 +5,7 @@
 
 use super::{vtu, write_whole};
 use crate::needle::{NeedleReport, TipPlace};
+use crate::wound::WoundReport;
 use serde::Serialize;
 use std::io;
 use std::path::Path;
@@ -29,6 +30,9 @@ pub struct Solution {
     /// One for each needle, in the scene's order.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub needles: Vec<DrivenNeedle>,
+    /// How well threads and contact close a wound.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub wound: Option<WoundReport>,
     /// Largest component of the unbalanced force on a free node, over the largest nodal force; 1 \[-\].
     pub residual: f64,
     /// Nodes of each cell, (m x 4); in the grid file only.

@@ -149,6 +149,7 @@ mod tests {
             reactions: Vec::new(),
             tools: Vec::new(),
             needles: Vec::new(),
+            wound: None,
             residual: 0.0,
             cells: vec![[0, 1, 2, 3], [1, 2, 3, 4]],
             principal_stress_pa: vec![[1e3 / 3.0, 0.0, -2e-5], [7.0, 4.0, 4.0]],

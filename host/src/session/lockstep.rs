@@ -5,11 +5,11 @@
 
 use super::setup::{Arming, ArmingWatch};
 use super::{Plan, Progress, SessionError, Solve, Summary, Tally};
-use crate::link::{LinkCounters, LinkError, LockstepConsole, Order};
+use crate::link::{Felt, LinkCounters, LinkError, LockstepConsole, Order};
 use std::ops::ControlFlow;
 use std::time::Instant;
 use sutura_shared::link::{HostEvent, HostLink};
-use sutura_shared::wire::message::{Command, Contact, Hello, Mode, Needle, State};
+use sutura_shared::wire::message::{Command, Hello, Mode, State};
 use sutura_shared::wire::{MAX_FRAME, Message, Valid};
 
 /// Exchanges within which the console must answer a `Hello`.
@@ -143,7 +143,7 @@ pub fn run_lockstep(
     }
     let mut arming = Some(ArmingWatch::new(plan));
     let mut schedule: Option<Schedule> = None;
-    let mut pending: Option<(u64, Contact, Option<Needle>)> = None;
+    let mut pending: Option<(u64, Felt)> = None;
     let mut counters = LinkCounters::default();
     let mut silent = 0;
     while tally.ticks() < plan.ticks() {
@@ -153,11 +153,14 @@ pub fn run_lockstep(
             (Some(schedule), Some(tick)) => schedule.is_due(tick),
             _ => false,
         };
-        if let Some((time_us, contact, needle)) = pending.take_if(|_| starts) {
-            if let Some(needle) = needle {
+        if let Some((time_us, felt)) = pending.take_if(|_| starts) {
+            if let Some(needle) = felt.needle {
                 line.send(time_us, &needle)?;
             }
-            line.send(time_us, &contact)?;
+            if let Some(thread) = felt.thread {
+                line.send(time_us, &thread)?;
+            }
+            line.send(time_us, &felt.contact)?;
             counters.contacts_sent += 1;
         }
         let Some(state) = line.exchange(&mut tally)?.state else {
@@ -201,7 +204,7 @@ pub fn run_lockstep(
             tally.step(&solved, before.elapsed());
             let horizon_us = plan.horizon_us(&tally.horizon);
             let frames = solved.frames(state.body(), horizon_us);
-            pending = frames.map(|(contact, needle)| (state.console_time_us(), contact, needle));
+            pending = frames.map(|felt| (state.console_time_us(), felt));
         }
         if tally.ticks().is_multiple_of(PROGRESS_EVERY) {
             let elapsed_s = tally.ticks() as f64 / f64::from(plan.tick_hz);

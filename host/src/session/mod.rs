@@ -12,6 +12,7 @@ mod real_time;
 mod setup;
 mod summary;
 mod tally;
+mod thread_frame;
 mod times;
 mod tissue;
 
@@ -23,11 +24,13 @@ pub use real_time::run_real_time;
 pub use setup::{Plan, SessionError};
 pub use summary::{Age, Energy, Force, Frames, Latency, StepTime, Summary};
 pub use tally::{Tally, mode_word};
+pub use thread_frame::{HeldThread, thread_frame};
 pub use tissue::TissueSolver;
 
+use crate::link::Felt;
 use crate::step::{Stages, Status, ToolContact};
 use sutura_shared::wire::Valid;
-use sutura_shared::wire::message::{Contact, Needle, Report, State};
+use sutura_shared::wire::message::{Report, State};
 
 /// What a solver step gave.
 #[derive(Clone, Copy, Debug)]
@@ -36,6 +39,8 @@ pub struct Solved {
     pub contact: Option<ToolContact>,
     /// The needle in that tool's grip, if it holds one; sent with the contact, never without.
     pub needle: Option<HeldNeedle>,
+    /// The thread that pulls at that grip, by itself or by its needle; sent with the contact, never without.
+    pub thread: Option<HeldThread>,
     /// How the step ended.
     pub status: Status,
     /// Time per stage.
@@ -44,13 +49,13 @@ pub struct Solved {
 
 impl Solved {
     /// What is sent for the state that was solved for, good until `horizon_us` after it.
-    pub fn frames(&self, state: &State, horizon_us: u32) -> Option<(Contact, Option<Needle>)> {
-        let contact = contact_frame(state, self.contact.as_ref()?, horizon_us);
-        let needle = self.needle.as_ref();
-        Some((
-            contact,
-            needle.map(|needle| needle_frame(state, needle, horizon_us)),
-        ))
+    pub fn frames(&self, state: &State, horizon_us: u32) -> Option<Felt> {
+        let (needle, thread) = (self.needle.as_ref(), self.thread.as_ref());
+        Some(Felt {
+            contact: contact_frame(state, self.contact.as_ref()?, horizon_us),
+            needle: needle.map(|needle| needle_frame(state, needle, horizon_us)),
+            thread: thread.map(|thread| thread_frame(state, thread, horizon_us)),
+        })
     }
 }
 

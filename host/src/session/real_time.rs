@@ -169,8 +169,8 @@ fn solve_until(
             }
             plan.horizon_us(&log.tally.horizon)
         };
-        if let Some((contact, needle)) = solved.frames(state.body(), horizon_us) {
-            link.contact(state.console_time_us(), contact, needle);
+        if let Some(felt) = solved.frames(state.body(), horizon_us) {
+            link.felt(state.console_time_us(), felt);
         }
         next += period;
         let now = Instant::now();

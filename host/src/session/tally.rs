@@ -345,6 +345,7 @@ mod tests {
         let solved = |status, contact| Solved {
             contact,
             needle: None,
+            thread: None,
             status,
             stages: Stages::default(),
         };

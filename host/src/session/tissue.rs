@@ -3,7 +3,7 @@
 //! Entry point: [`TissueSolver::new`]. The console's one grip carries the scene's driven tool; the others stay
 //! where the scene holds them, or follow their scripts.
 
-use super::{HeldNeedle, Solve, Solved};
+use super::{HeldNeedle, HeldThread, Solve, Solved};
 use crate::model::Model;
 use crate::needle::{NeedleReport, TipPlace};
 use crate::output::tip_word;
@@ -11,11 +11,13 @@ use crate::scene::{Needle, Scene, Tissue};
 use crate::script::{Path, Script};
 use crate::solve::{SolveError, bring_in};
 use crate::step::{self, Status, StepReport, Workspace};
+use crate::thread::{ThreadReport, ThreadTension};
 use crate::tool::ToolSample;
+use crate::wound::Wound;
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 use serde_json::{Map, Value, json};
 use sutura_shared::wire::Valid;
-use sutura_shared::wire::message::{Friction, State, Tip};
+use sutura_shared::wire::message::{End, Friction, State, Tension, Tip};
 
 /// How far from the tool's centre vertices are prepared, in radii: as far as a step looks ahead.
 const PREPARED_RADII: f64 = 1.5;
@@ -37,7 +39,12 @@ pub struct TissueSolver {
     began_us: Option<u64>,
     deepest: Deepest,
     needles: Vec<NeedleTally>,
+    wound: Option<Wound>,
+    /// Largest tension so far at an end of each thread \[N\].
+    peak_tension_n: Vec<f64>,
     last: StepReport,
+    /// The newest step that found a balance.
+    last_good: StepReport,
 }
 
 /// What the session's hardest press looked like.
@@ -73,6 +80,7 @@ impl TissueSolver {
                 .collect();
             last = bring_in(&model, &mut state, &held, &mut work)?;
         }
+        let wound = Wound::new(scene, &model);
         Ok(TissueSolver {
             name: scene.name.clone(),
             tissue: scene.tissue,
@@ -83,7 +91,10 @@ impl TissueSolver {
             began_us: None,
             deepest: Deepest::default(),
             needles: scene.needles.iter().map(NeedleTally::of).collect(),
+            wound,
+            peak_tension_n: vec![0.0; scene.threads.len()],
             last,
+            last_good: last,
         })
     }
 
@@ -150,12 +161,34 @@ impl TissueSolver {
             tally.peak_axial_n = tally.peak_axial_n.max(report.axial_n.abs());
             tally.most_crossings = tally.most_crossings.max(report.crossings);
         }
+        for (peak, thread) in self.peak_tension_n.iter_mut().zip(self.last.threads()) {
+            *peak = thread.tension_n.into_iter().fold(*peak, f64::max);
+        }
+        if self.last.status == Status::Ok {
+            self.last_good = self.last;
+        }
         self.last
     }
 
     /// The solver's parts, for what looks at them between steps.
     pub fn parts(&self) -> (&Model, &step::State, &Workspace) {
         (&self.model, &self.state, &self.work)
+    }
+
+    /// What there is to say of threads and of what they close.
+    fn wound(&self) -> Map<String, Value> {
+        let found = self.wound.as_ref().map(|wound| {
+            let samples = self.script.samples();
+            wound.report(&self.model, &self.state, &self.last_good, samples)
+        });
+        let Some(Ok(Value::Object(mut map))) = found.map(serde_json::to_value) else {
+            return Map::new();
+        };
+        let threads = map.get_mut("threads").and_then(Value::as_array_mut);
+        for (thread, peak) in threads.into_iter().flatten().zip(&self.peak_tension_n) {
+            thread["peak_tension_n"] = json!(peak);
+        }
+        map
     }
 
     fn sample(&self, state: &Valid<State>) -> Option<ToolSample> {
@@ -201,6 +234,29 @@ fn in_grip(report: &StepReport, driven: u8) -> Option<HeldNeedle> {
     })
 }
 
+/// The thread that pulls at the grip of `driven`, for the wire; of a thread with both ends there, its head.
+fn at_grip(report: &StepReport, driven: u8) -> Option<HeldThread> {
+    let at = |thread: &ThreadReport, end: usize| thread.held_by[end] == Some(driven);
+    let [tail, head] = [0, 1];
+    let threads = report.threads();
+    let thread = threads.iter().find(|t| at(t, head) || at(t, tail))?;
+    let end = if at(thread, head) { head } else { tail };
+    Some(HeldThread {
+        tool: driven,
+        thread: thread.id,
+        end: [End::Tail, End::Head][end],
+        state: match thread.state {
+            ThreadTension::Slack => Tension::Slack,
+            ThreadTension::Taut => Tension::Taut,
+            ThreadTension::Strained => Tension::Strained,
+        },
+        direction: thread.direction[end],
+        tension_n: thread.tension_n[end],
+        stiffness_n_per_m: thread.stiffness_n_per_m,
+        slack_m: thread.available_m - thread.length_m,
+    })
+}
+
 impl NeedleTally {
     fn of(needle: &Needle) -> Self {
         NeedleTally {
@@ -236,6 +292,7 @@ impl Solve for TissueSolver {
             return Solved {
                 contact: None,
                 needle: None,
+                thread: None,
                 status: Status::UnknownTool,
                 stages: step::Stages::default(),
             };
@@ -259,6 +316,7 @@ impl Solve for TissueSolver {
         Solved {
             contact,
             needle,
+            thread: self.driven().and_then(|driven| at_grip(&report, driven)),
             status: report.status,
             stages: report.stages,
         }
@@ -300,10 +358,10 @@ impl Solve for TissueSolver {
             let needles = self.needles.iter().map(|needle| needle.to_json());
             report["needles"] = needles.collect();
         }
-        if let Value::Object(report) = report {
-            report
-        } else {
-            Map::new()
-        }
+        let Value::Object(mut report) = report else {
+            return Map::new();
+        };
+        report.extend(self.wound());
+        report
     }
 }

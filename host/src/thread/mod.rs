@@ -1,9 +1,12 @@
 //! Suture thread: pulled through anchors in tissue.
 //!
 //! Entry points: [`ThreadPart`] for a thread that follows a needle in a [`crate::model::Model`];
-//! [`pull::ThreadSolver`] for one alone. Source: Younes 2021, section 3.3.
+//! [`pull::ThreadSolver`] for one alone; [`FreeThread`] for the shape of what hangs. Source: Younes 2021, section 3.3.
 
+mod chain;
+mod free;
 mod model;
+mod nearest;
 pub mod pull;
 mod segments;
 mod skin;
@@ -17,6 +20,8 @@ pub(crate) use skin::Skin;
 pub(crate) use state::ThreadState;
 pub(crate) use wrap::{Wrap, wraps};
 
+pub use chain::{ChainReport, ChainSettings, ChainStatus};
+pub use free::FreeThread;
 pub use model::{
     Bridge, ThreadEnd, ThreadError, ThreadHold, ThreadPart, ThreadPlace, ThreadPoint, ThreadReport,
     ThreadTension,

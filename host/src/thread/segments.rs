@@ -27,6 +27,8 @@ const LENGTH_M: f64 = 1e-7;
 const NO_TENSION_N: f64 = 1e-9;
 /// A bend that has wandered along its edge by less than this part of it stays where it is.
 const WANDER: f64 = 0.02;
+/// Normals of both ends that add up to less leave no plane to bend in.
+const LEAST_UP: f64 = 0.5;
 /// Friction follows the tensions to this part of them.
 const FRICTION: f64 = 1e-4;
 
@@ -80,8 +82,9 @@ pub(crate) struct Span {
     /// Most that friction can change the tension by at its end, and what it does \[N\].
     pub limit_n: f64,
     pub friction_n: f64,
-    /// Turn on the way to the next span \[rad\].
+    /// Turn on the way to the next span \[rad\], and that way, straight through the tissue \[m\].
     pub turn: f64,
+    pub inside: Vector3<f64>,
     /// Multiplier of a bound of its own \[N\].
     pub own_n: f64,
 }
@@ -222,6 +225,7 @@ impl ThreadState {
             limit_n: before.map_or(0.0, |span| span.limit_n),
             friction_n: before.map_or(0.0, |span| span.friction_n),
             turn: before.map_or(0.0, |span| span.turn),
+            inside: Vector3::zeros(),
             own_n: before.map_or(0.0, |span| span.own_n),
         });
         let (mut piece, mut last) = (0, first);
@@ -473,8 +477,12 @@ impl ThreadState {
         }
         if is_held {
             let over = total - self.available_m();
-            let held = shared > 0.0 && !self.strained;
-            settled &= over <= LENGTH_M && (!held || over >= -LENGTH_M);
+            settled &= if self.strained {
+                // As strong as it is, whatever is missing; what was enough would be too much.
+                over >= -LENGTH_M
+            } else {
+                over <= LENGTH_M && (shared == 0.0 || over >= -LENGTH_M)
+            };
         }
         for place in 0..self.spans.len() {
             let span = self.spans[place];
@@ -519,6 +527,7 @@ impl ThreadState {
         if part.friction == 0.0 {
             return true;
         }
+        self.turn();
         let mut settled = true;
         let mut tension = shared;
         for place in 1..self.spans.len() {
@@ -550,32 +559,31 @@ impl ThreadState {
         }
     }
 
-    /// Turns at the passages through tissue, whose points are where `at` says.
-    pub fn turn(&mut self, mesh: &HalfFaces, at: impl Fn(&AnchorPoint) -> Vector3<f64>) {
+    /// Finds the ways through tissue, whose points are where `at` says, and how much the thread turns there.
+    pub fn pass_through(&mut self, mesh: &HalfFaces, at: impl Fn(&AnchorPoint) -> Vector3<f64>) {
         for place in 1..self.spans.len() {
-            let (from, to) = (self.spans[place - 1].to, self.spans[place].from);
-            let (Some(enters), Some(leaves)) = (from, to) else {
-                continue;
-            };
-            let first = self
-                .segments
-                .iter()
-                .rfind(|segment| segment.span == place - 1);
-            let second = self.segments.iter().find(|segment| segment.span == place);
-            let (Some(first), Some(second)) = (first, second) else {
+            let ends = [self.spans[place - 1].to, self.spans[place].from];
+            let [Some(enters), Some(leaves)] = ends else {
                 continue;
             };
             let point = |place: usize| at(&anchor(mesh, &self.passed[place].crossing));
-            // Straight through the tissue, as only the turn counts.
-            let inside = point(leaves) - point(enters);
-            let angle = |a: &Vector3<f64>, b: &Vector3<f64>| {
-                let (Some(a), Some(b)) = (a.try_normalize(1e-12), b.try_normalize(1e-12)) else {
-                    return 0.0;
-                };
-                a.cross(&b).norm().atan2(a.dot(&b))
+            self.spans[place - 1].inside = point(leaves) - point(enters);
+        }
+        self.turn();
+    }
+
+    /// Turns at the passages through tissue, as the segments beside them pull now.
+    fn turn(&mut self) {
+        let angle = |a: &Vector3<f64>, b: &Vector3<f64>| a.cross(b).norm().atan2(a.dot(b));
+        for pair in self.segments.windows(2) {
+            let [before, after] = pair else {
+                continue;
             };
-            let turn = angle(&first.pull(), &inside) + angle(&inside, &second.pull());
-            self.spans[place - 1].turn = turn;
+            if before.span != after.span {
+                let span = &mut self.spans[before.span];
+                let inside = span.inside;
+                span.turn = angle(&before.pull(), &inside) + angle(&inside, &after.pull());
+            }
         }
     }
 
@@ -624,6 +632,8 @@ impl ThreadState {
                     .try_normalize(0.0)
                     .unwrap_or_default();
             }
+            // Between two cuts that face each other no side is outside.
+            inside |= up.norm() < LEAST_UP;
             // The needle's end is in the tissue.
             inside |= span.to.is_none()
                 && span

@@ -1,6 +1,6 @@
 //! The surface of all tissue of a scene: its faces, their neighbours, and boxes around where they are.
 //!
-//! Entry points: [`Skin::new`], [`Skin::refit`], [`Skin::along`], [`Skin::across`].
+//! Entry points: [`Skin::new`], [`Skin::refit`], [`Skin::along`], [`Skin::near`], [`Skin::across`].
 
 use crate::collide::{Bounds, Tree};
 use nalgebra::Vector3;
@@ -19,6 +19,7 @@ pub(crate) struct Skin {
     tree: Tree,
     /// By how much boxes are larger \[m\].
     grown_m: f64,
+    mean_edge_m: f64,
 }
 
 /// A side of a face: from its corner `corner` to the next.
@@ -60,7 +61,8 @@ impl Skin {
                 }
             }
         }
-        let grown_m = GROWN * edges_m / (3 * faces.len()).max(1) as f64;
+        let mean_edge_m = edges_m / (3 * faces.len()).max(1) as f64;
+        let grown_m = GROWN * mean_edge_m;
         let tree = Tree::new(faces.len() as u32, |face| {
             around(&faces[face as usize], at).grown(grown_m)
         });
@@ -69,6 +71,7 @@ impl Skin {
             across,
             tree,
             grown_m,
+            mean_edge_m,
         }
     }
 
@@ -97,6 +100,23 @@ impl Skin {
     /// Visits all faces that a straight line may cut. Allocates nothing.
     pub fn along(&self, from: &Vector3<f64>, to: &Vector3<f64>, visit: impl FnMut(u32)) {
         self.tree.along(from, to, visit);
+    }
+
+    /// Visits all faces that may have a point in `bounds`. Allocates nothing.
+    pub fn near(&self, bounds: &Bounds, visit: impl FnMut(u32)) {
+        self.tree.near(bounds, visit);
+    }
+
+    /// How deep in tissue the way out is still looked for \[m\]: half a mean edge.
+    pub fn reach_m(&self) -> f64 {
+        0.5 * self.mean_edge_m
+    }
+
+    /// Whether what moves from one point to another may come into the tissue.
+    pub fn may_meet(&self, from: &Vector3<f64>, to: &Vector3<f64>) -> bool {
+        let mut met = false;
+        self.tree.along(from, to, |_| met = true);
+        met
     }
 }
 

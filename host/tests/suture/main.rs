@@ -4,3 +4,4 @@
 #[expect(dead_code, reason = "shared with the tests of driving")]
 mod bench;
 mod pull;
+mod rig;

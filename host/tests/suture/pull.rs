@@ -1,95 +1,212 @@
-//! A thread through two slabs, pulled at both ends.
+//! What a pulled thread does at every step.
 
-use super::bench::*;
-use nalgebra::Vector3;
-use sutura_host::collide::{TouchPart, TouchSettings};
-use sutura_host::needle::{NeedleSettings, NeedleTissue};
-use sutura_host::step::{State, StepReport, Workspace};
-use sutura_host::thread::{ThreadEnd, ThreadHold, ThreadPart, ThreadTension};
+use super::rig::*;
+use nalgebra::{UnitQuaternion, Vector3, Vector6};
+use sutura_host::step::{StepReport, step};
+use sutura_host::thread::{ThreadPlace, ThreadPoint, ThreadTension};
 
-/// A straight needle above two slabs 4 mm apart, with a thread.
-fn bench(friction: f64, strength_n: f64) -> Bench {
-    let start = frame([0.0013, 0.0007, 0.054], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]);
-    let tissue = NeedleTissue {
-        friction_n_per_m: 0.0,
-        static_friction_n_per_m: 0.0,
-        cutting_pa: 0.0,
-        ..tissue()
-    };
-    let settings = NeedleSettings::default();
-    let mut bench = Bench::new(
-        slabs(),
-        Kind::Linear,
-        straight(0.04),
-        start,
-        tissue,
-        settings,
-    );
-    let part = ThreadPart {
-        id: 7,
-        needle: 0,
-        length_m: 0.3,
-        friction,
-        strength_n,
-    };
-    let faces = |upper: bool| {
-        let faces = bench.mesh.surface().triangles.into_iter();
-        let is_upper = |face: &[u32; 3]| bench.mesh.points_m()[face[0] as usize][2] > 0.002;
-        faces.filter(|face| is_upper(face) == upper).collect()
-    };
-    let touching = TouchPart {
-        faces: [faces(true), faces(false)],
-        friction: 0.0,
-    };
-    bench.model = bench.model.with_threads(&[part]).expect("a thread");
-    bench.model = bench
-        .model
-        .with_touching(&[touching], TouchSettings::default())
-        .expect("bodies");
-    bench.state = State::new(&bench.model);
-    bench.work = Workspace::new(&bench.model);
-    bench.work.prepare(&bench.model, |_| true);
-    assert!(bench.hold(0, Some(0)));
-    bench
+/// Work of both hands against what is stored and spent, over the largest stored energy.
+struct Ledger {
+    last: Option<(
+        [Vector3<f64>; 2],
+        [UnitQuaternion<f64>; 2],
+        [Vector6<f64>; 2],
+    )>,
+    work_j: f64,
+    start_j: f64,
+    peak_j: f64,
+    worst_j: f64,
 }
 
-/// Moves the grip by so much, in steps of 0.2 mm.
-fn go(bench: &mut Bench, way: Vector3<f64>) -> StepReport {
-    let steps = (way.norm() / 2e-4).ceil() as usize;
-    let mut report = StepReport::default();
-    for _ in 0..steps {
-        bench.grip.translation.vector += way / steps as f64;
-        report = bench.step_both();
-        assert_eq!(report.status.name(), "ok");
-        println!(
-            "{:?} {:?}",
-            report.threads()[0],
-            report.contacts()[0].wrench
-        );
+impl Ledger {
+    fn book(&mut self, bench: &Bench, report: &StepReport) {
+        let poses = [bench.grip, bench.other];
+        let at = poses.map(|pose| pose.translation.vector);
+        let turned = poses.map(|pose| pose.rotation);
+        let wrench = [0, 1].map(|tool| Vector6::from(report.contacts()[tool].wrench));
+        let spent: f64 = report.needles()[0].dissipated_j.iter().sum();
+        let stored = report.stored_energy_j + spent + report.threads()[0].dissipated_j;
+        match &self.last {
+            None => self.start_j = stored,
+            Some((from, before, then)) => {
+                for tool in 0..2 {
+                    let way = at[tool] - from[tool];
+                    let turn = (turned[tool] * before[tool].inverse()).scaled_axis();
+                    let twist = Vector6::new(way.x, way.y, way.z, turn.x, turn.y, turn.z);
+                    self.work_j -= 0.5 * (wrench[tool] + then[tool]).dot(&twist);
+                }
+            }
+        }
+        self.peak_j = self.peak_j.max(report.stored_energy_j);
+        self.worst_j = self
+            .worst_j
+            .max((self.work_j - (stored - self.start_j)).abs());
+        self.last = Some((at, turned, wrench));
     }
-    report
+}
+
+/// Pulls, lets go again and pulls once more with both hands; the energy's error over its peak.
+fn cycle(mut bench: Bench, pull_m: f64, step_m: f64) -> f64 {
+    let mut ledger = Ledger {
+        last: None,
+        work_j: 0.0,
+        start_j: 0.0,
+        peak_j: 0.0,
+        worst_j: 0.0,
+    };
+    let mut start = [bench.grip, bench.other];
+    // Half a millimetre of slack.
+    start[1].translation.vector.z -= 5e-4;
+    let steps = (pull_m / step_m).round() as i32;
+    let (mut slack, mut taut) = (0, 0);
+    for k in 0..=3 * steps {
+        let part = 1.0 - (f64::from((k + steps) % (2 * steps)) / f64::from(steps) - 1.0).abs();
+        let part = 1.0 - part;
+        let turn = UnitQuaternion::from_scaled_axis(Vector3::new(0.1, 0.2, 0.0) * part);
+        bench.grip = start[0];
+        bench.grip.rotation = turn * start[0].rotation;
+        bench.grip.translation.vector += Vector3::new(0.3, 0.1, -1.0) * (part * pull_m);
+        bench.other = start[1];
+        bench.other.translation.vector += Vector3::new(-0.2, 0.3, 0.6) * (part * pull_m);
+        let report = bench.step_both();
+        assert_eq!(report.status.name(), "ok");
+        bench.look(&report);
+        let thread = report.threads()[0];
+        let over = thread.length_m - thread.available_m;
+        match thread.state {
+            ThreadTension::Slack => {
+                slack += 1;
+                assert_eq!(thread.tension_n, [0.0; 2]);
+                assert!(over <= 1e-6, "{thread:?}");
+            }
+            ThreadTension::Taut => {
+                taut += 1;
+                assert!(thread.tension_n.iter().all(|tension| *tension > 0.0));
+                assert!(over.abs() <= 1e-6, "{thread:?}");
+            }
+            ThreadTension::Strained => panic!("{thread:?}"),
+        }
+        ledger.book(&bench, &report);
+    }
+    assert!(slack > 0 && taut > steps, "{slack} {taut}");
+    println!("{step_m}: {} of {} J", ledger.worst_j, ledger.peak_j);
+    ledger.worst_j / ledger.peak_j
 }
 
 #[test]
-fn a_pull_at_both_ends_brings_the_slabs_together() {
-    let mut bench = bench(0.0, 20.0);
-    go(&mut bench, Vector3::new(0.0, 0.0, -0.072));
-    let report = go(&mut bench, Vector3::new(0.003, 0.0, -0.003));
-    assert_eq!(report.threads()[0].punctures, 4);
-    assert_eq!(report.threads()[0].state, ThreadTension::Slack);
-    // The tail is taken above.
-    bench.other.translation.vector = Vector3::new(0.0, 0.0, 0.03);
-    let samples = [bench.sample_of(0), bench.sample_of(1)];
-    let (tail, by) = (ThreadEnd::Tail, ThreadHold::Tool(1));
-    assert!(bench.state.hold_thread(&bench.model, 7, tail, by, &samples));
-    let report = go(&mut bench, Vector3::new(0.001, 0.0, -0.002));
-    let thread = report.threads()[0];
-    println!("{:?}", bench.state.bridges(&bench.model, 7));
-    assert_eq!(thread.state, ThreadTension::Taut);
-    let report = go(&mut bench, Vector3::new(0.0, 0.0, -0.008));
-    println!(
-        "{:?} {}",
-        bench.state.bridges(&bench.model, 7),
-        report.touching
-    );
+fn what_the_hands_do_is_stored() {
+    let error = cycle(drawn(bench(0.0, 20.0, false)), 0.004, 4e-5);
+    assert!(error < 1e-3, "{error}");
+}
+
+#[test]
+fn what_the_hands_do_is_stored_when_the_slabs_touch() {
+    let error = cycle(drawn(bench(0.0, 20.0, true)), 0.008, 4e-5);
+    assert!(error < 1e-3, "{error}");
+}
+
+/// Both tools' tangents against steps from the same state with a tool moved a little.
+#[test]
+fn both_hands_feel_how_the_tension_changes() {
+    let mut bench = drawn(bench(0.0, 20.0, false));
+    go(&mut bench, Vector3::new(0.001, 0.0005, -0.002));
+    let report = bench.step_both();
+    assert_eq!(report.threads()[0].state, ThreadTension::Taut);
+    let mut worst = 0.0f64;
+    for tool in 0..2usize {
+        let exact = report.contacts()[tool].tangent;
+        let largest = exact
+            .as_flattened()
+            .iter()
+            .fold(0.0f64, |a, b| a.max(b.abs()));
+        let translation = exact[..3].iter().flat_map(|row| &row[..3]);
+        assert!(translation.fold(0.0f64, |a, b| a.max(b.abs())) > 10.0);
+        for axis in 0..6 {
+            let h = if axis < 3 { 1e-6 } else { 1e-4 };
+            let moved = [-h, h].map(|by| {
+                let mut state = bench.state.clone();
+                let mut samples = [bench.sample_of(0), bench.sample_of(1)];
+                if axis < 3 {
+                    samples[tool].position_m[axis] += by;
+                } else {
+                    let turn = UnitQuaternion::from_scaled_axis(Vector3::ith(axis - 3, by));
+                    let pose = if tool == 0 { bench.grip } else { bench.other };
+                    let coords = (turn * pose.rotation).coords;
+                    samples[tool].orientation = [coords.x, coords.y, coords.z, coords.w];
+                }
+                let report = step(&bench.model, &mut state, &samples, &mut bench.work);
+                assert_eq!(report.status.name(), "ok");
+                report.contacts()[tool].wrench
+            });
+            for row in 0..6 {
+                let found = (moved[1][row] - moved[0][row]) / (2.0 * h);
+                let off = (found - exact[row][axis]).abs();
+                worst = worst.max(off / largest);
+                assert!(
+                    off <= 1e-6 * largest,
+                    "tool {tool} row {row} axis {axis}: {found} {}",
+                    exact[row][axis]
+                );
+            }
+        }
+    }
+    println!("{worst:e}");
+}
+
+/// Tensions before and after each passage through tissue, and the turn from the path alone \[rad\].
+fn passages(path: &[ThreadPoint]) -> Vec<([f64; 2], f64)> {
+    let at = |point: &ThreadPoint| Vector3::from(point.at_m);
+    let places = |what: ThreadPlace| {
+        let places = path.iter().enumerate();
+        places
+            .filter(move |(_, point)| point.what == what)
+            .map(|(place, _)| place)
+    };
+    places(ThreadPlace::Enters)
+        .zip(places(ThreadPlace::Leaves))
+        .map(|(enters, leaves)| {
+            let before = at(&path[enters]) - at(&path[enters - 1]);
+            let inside = at(&path[leaves]) - at(&path[enters]);
+            let after = at(&path[leaves + 1]) - at(&path[leaves]);
+            let turn = before.angle(&inside) + inside.angle(&after);
+            ([path[enters - 1].tension_n, path[leaves].tension_n], turn)
+        })
+        .collect()
+}
+
+#[test]
+fn friction_holds_the_tension_back_around_turns() {
+    for friction in [0.1, 0.5] {
+        let mut bench = drawn(bench(friction, 20.0, true));
+        // Pulled far aside, so that it turns; the other end stays.
+        let mut seen = 0;
+        for _ in 0..8 {
+            let report = go(&mut bench, Vector3::new(0.001, 0.0, -0.0005));
+            let [tail, head] = report.threads()[0].tension_n;
+            if report.threads()[0].state != ThreadTension::Taut {
+                continue;
+            }
+            seen += 1;
+            assert!(head > tail, "{tail} {head}");
+            let path = bench.state.thread_path(&bench.model, 7);
+            for ([before, after], turn) in passages(&path) {
+                assert!(turn > 0.05, "{turn}");
+                let ratio = (after / before).ln() / (friction * turn);
+                assert!(
+                    (ratio - 1.0).abs() < 0.01,
+                    "{before} {after} {turn} {ratio}"
+                );
+            }
+        }
+        assert!(seen > 4);
+        // Back: it slips the other way only once the tensions have changed places.
+        let before = bench.state.thread_path(&bench.model, 7);
+        go(&mut bench, Vector3::new(-0.0001, 0.0, 0.00005));
+        let stuck = bench.state.thread_path(&bench.model, 7);
+        let places = |path: &[ThreadPoint]| path[1].along_m - path[path.len() - 3].along_m;
+        assert!((places(&before) - places(&stuck)).abs() < 1e-9);
+        for ([before, after], turn) in passages(&stuck) {
+            assert!((after / before).ln().abs() < 0.99 * friction * turn);
+        }
+    }
 }

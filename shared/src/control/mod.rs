@@ -19,7 +19,7 @@ use crate::math::{Vec3, is_finite};
 use crate::wire::faults;
 use crate::wire::message::{Command, Mode, State};
 use crate::wire::validate::MAX_POSITION;
-use crate::wire::{ValidContact, ValidNeedle};
+use crate::wire::{Message, Valid, ValidContact, ValidNeedle, ValidThread};
 use contact::{Freshness, LocalContact};
 use drive::Drive;
 use encoders::{Encoders, Joints};
@@ -72,10 +72,12 @@ pub struct Control {
     device: DeviceDescription,
     encoders: Encoders,
     contact: Option<LocalContact>,
-    /// The newest state of the needle in the grip; nothing is rendered from it yet.
+    /// The newest states of needle and thread in the grip; nothing is rendered from them yet.
     needle: Option<ValidNeedle>,
+    thread: Option<ValidThread>,
     /// What came since the last tick.
     new_needle: Option<ValidNeedle>,
+    new_thread: Option<ValidThread>,
     orders: Orders,
     faults: Faults,
     mode: Mode,
@@ -95,7 +97,9 @@ impl Control {
             encoders: Encoders::new(&device),
             contact: None,
             needle: None,
+            thread: None,
             new_needle: None,
+            new_thread: None,
             orders: Orders::default(),
             faults: Faults::default(),
             mode: Mode::Boot,
@@ -106,12 +110,13 @@ impl Control {
         })
     }
 
-    /// A host has opened a session: disarms, forgets contact and needle, and starts the trace hash again.
+    /// A host has opened a session: disarms, forgets contact, needle and thread, and starts the trace hash again.
     pub fn open_session(&mut self) {
         self.orders = Orders::default();
         self.orders.command(Command::Disarm);
         self.forget();
         self.new_needle = None;
+        self.new_thread = None;
         self.trace = TraceHash::new();
     }
 
@@ -130,9 +135,20 @@ impl Control {
         self.needle.as_ref()
     }
 
+    /// Takes the state of a thread, for the next tick: the newest counts.
+    pub fn thread(&mut self, thread: &ValidThread) {
+        self.new_thread = Some(*thread);
+    }
+
+    /// The newest state of the thread in the grip; none before the first, and after a fault.
+    pub fn thread_in_grip(&self) -> Option<&ValidThread> {
+        self.thread.as_ref()
+    }
+
     fn forget(&mut self) {
         self.contact = None;
         self.needle = None;
+        self.thread = None;
     }
 
     /// Becomes another device, from boot on; false, and nothing changes, while the amplifiers are on, a
@@ -169,7 +185,10 @@ impl Control {
         let velocity = pose.velocity(&joints.velocity);
 
         let needle = self.new_needle.take();
-        self.take_needle(needle.as_ref());
+        let thread = self.new_thread.take();
+        // This console has one grip, which is tool 0.
+        take_newer(&mut self.needle, needle.filter(|n| n.body().tool == 0));
+        take_newer(&mut self.thread, thread.filter(|t| t.body().tool == 0));
         self.take_contact(fresh, &pose, input.now_us);
         self.latch_faults(input, &joints, &pose);
         self.change_mode(started, &pose, input.now_us);
@@ -178,7 +197,12 @@ impl Control {
         let (current_a, force) = self.drive_motors(&pose, &force);
 
         let state = self.state(input.now_us, &pose, &velocity, &force, current_a);
-        let state = self.hash(input, (fresh, needle.as_ref()), &joints, state);
+        let state = self.hash(
+            input,
+            (fresh, needle.as_ref(), thread.as_ref()),
+            &joints,
+            state,
+        );
         TickOutput {
             current_a,
             amplifiers_on: has_torque(self.mode),
@@ -204,18 +228,6 @@ impl Control {
         let rendered = self.contact_force(pose, now_us);
         new.blend_from(&rendered, &pose.position_m, now_us);
         self.contact = Some(new);
-    }
-
-    /// The newest state of a needle takes the place of the one before.
-    fn take_needle(&mut self, fresh: Option<&ValidNeedle>) {
-        // This console has one grip, which is tool 0.
-        let Some(frame) = fresh.filter(|frame| frame.body().tool == 0) else {
-            return;
-        };
-        let old = self.needle.as_ref();
-        if old.is_none_or(|old| frame.console_time_us() >= old.console_time_us()) {
-            self.needle = Some(*frame);
-        }
     }
 
     fn latch_faults(&mut self, input: &TickInput, joints: &Joints, pose: &Pose) {
@@ -317,7 +329,11 @@ impl Control {
     fn hash(
         &mut self,
         input: &TickInput,
-        (fresh, needle): (Option<&ValidContact>, Option<&ValidNeedle>),
+        (fresh, needle, thread): (
+            Option<&ValidContact>,
+            Option<&ValidNeedle>,
+            Option<&ValidThread>,
+        ),
         joints: &Joints,
         state: State,
     ) -> State {
@@ -337,6 +353,9 @@ impl Control {
         }
         if let Some(frame) = needle {
             hash_needle(trace, frame);
+        }
+        if let Some(frame) = thread {
+            hash_thread(trace, frame);
         }
         trace.floats(&joints.velocity);
         if let Some(contact) = &self.contact {
@@ -369,6 +388,28 @@ fn hash_contact(trace: &mut TraceHash, frame: &ValidContact) {
     trace.floats(&body.tangent);
     trace.floats(&body.normal);
     trace.floats(&[body.gap_m, body.relaxation_per_s]);
+    trace.word(body.horizon_us);
+}
+
+/// What was solved for no older a state takes the place of the one before.
+fn take_newer<M: Message + Copy>(kept: &mut Option<Valid<M>>, fresh: Option<Valid<M>>) {
+    let Some(frame) = fresh else {
+        return;
+    };
+    if kept.is_none_or(|old| frame.console_time_us() >= old.console_time_us()) {
+        *kept = Some(frame);
+    }
+}
+
+fn hash_thread(trace: &mut TraceHash, frame: &ValidThread) {
+    let body = frame.body();
+    trace.word(frame.sequence());
+    trace.double(frame.console_time_us());
+    let words = [body.tool, body.thread, body.end as u8, body.state as u8];
+    trace.word(u32::from_le_bytes(words));
+    trace.floats(&body.position_m);
+    trace.floats(&body.direction);
+    trace.floats(&[body.tension_n, body.stiffness_n_per_m, body.slack_m]);
     trace.word(body.horizon_us);
 }
 

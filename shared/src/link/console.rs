@@ -5,7 +5,7 @@ use super::endpoint::{Counters, Endpoint, Received};
 use crate::wire::message::{Command, Hello, Report, State};
 use crate::wire::{
     Checked, Direction, MAX_FRAME, Message, Reject, SCHEMA_HASH, ValidContact, ValidNeedle,
-    ValidSimulate,
+    ValidSimulate, ValidThread,
 };
 
 /// What a console says of itself in its `Hello`.
@@ -32,6 +32,8 @@ pub enum LinkEvent {
     Contact(ValidContact),
     /// The newest state of a needle.
     Needle(ValidNeedle),
+    /// The newest state of a thread.
+    Thread(ValidThread),
     /// An order; [`Command::StateEvery`] is already obeyed.
     Command(Command),
     /// An order to the simulation; never on a console with motors.
@@ -120,6 +122,10 @@ impl ConsoleLink {
                 Err(Reject::FromTheFuture)
             }
             Checked::Needle(needle) => Ok(LinkEvent::Needle(needle)),
+            Checked::Thread(thread) if thread.console_time_us() > now_us => {
+                Err(Reject::FromTheFuture)
+            }
+            Checked::Thread(thread) => Ok(LinkEvent::Thread(thread)),
             Checked::Command(command) => {
                 let command = *command.body();
                 if let Command::StateEvery { ticks } = command {

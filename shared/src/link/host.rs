@@ -184,7 +184,8 @@ impl HostLink {
             Checked::Contact(_)
             | Checked::Command(_)
             | Checked::Simulate(_)
-            | Checked::Needle(_) => Err(Reject::Direction),
+            | Checked::Needle(_)
+            | Checked::Thread(_) => Err(Reject::Direction),
         }
     }
 
@@ -212,7 +213,7 @@ impl HostLink {
     /// Writes one frame and returns its length \[bytes\]; its sequence is then
     /// [`sent_sequence`](Self::sent_sequence).
     ///
-    /// `console_time_us` is that of the `State` that a contact or a needle was solved for; for other messages that
+    /// `console_time_us` is that of the `State` that a contact, a needle or a thread was solved for; for other messages that
     /// of the newest `State` (0 before the first).
     ///
     /// # Errors

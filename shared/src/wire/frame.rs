@@ -7,7 +7,7 @@
 //! In every version of the protocol byte 0 is the version, byte 1 the kind, kind 1 is `Hello`, and the
 //! last four bytes are the CRC, so that peers of two versions can at least tell each other theirs.
 
-use super::message::{Command, Contact, Hello, Needle, Report, Simulate, State};
+use super::message::{Command, Contact, Hello, Needle, Report, Simulate, State, Thread};
 use super::{PROTOCOL_VERSION, Reject, validate::Message};
 use core::fmt;
 use crc::{CRC_32_ISO_HDLC, Crc, Digest, Table};
@@ -27,6 +27,7 @@ const MAX_BODY: usize = largest(&[
     Report::POSTCARD_MAX_SIZE,
     Simulate::POSTCARD_MAX_SIZE,
     Needle::POSTCARD_MAX_SIZE,
+    Thread::POSTCARD_MAX_SIZE,
 ]);
 /// Bytes of the largest packet (header, body and CRC, before byte stuffing).
 pub(super) const MAX_PACKET: usize = HEADER_SIZE + MAX_BODY + CRC_SIZE;
@@ -38,6 +39,7 @@ pub const MAX_REAL_TIME_FRAME: usize = 220;
 const _: () = assert!(frame_size(State::POSTCARD_MAX_SIZE) <= MAX_REAL_TIME_FRAME);
 const _: () = assert!(frame_size(Contact::POSTCARD_MAX_SIZE) <= MAX_REAL_TIME_FRAME);
 const _: () = assert!(frame_size(Needle::POSTCARD_MAX_SIZE) <= MAX_REAL_TIME_FRAME);
+const _: () = assert!(frame_size(Thread::POSTCARD_MAX_SIZE) <= MAX_REAL_TIME_FRAME);
 // `Hello::max_frame` is a u16.
 const _: () = assert!(MAX_FRAME <= u16::MAX as usize);
 
@@ -85,7 +87,7 @@ pub enum Kind {
     Rows = 16,
     /// [`Needle`], from the host.
     Needle = 17,
-    /// Reserved: state of a thread.
+    /// [`Thread`], from the host.
     Thread = 18,
     /// Reserved: several tools at once.
     Tools = 19,
@@ -102,7 +104,8 @@ impl Kind {
             5 => Kind::Report,
             6 => Kind::Simulate,
             17 => Kind::Needle,
-            16 | 18 | 19 => return Err(Reject::ReservedKind),
+            18 => Kind::Thread,
+            16 | 19 => return Err(Reject::ReservedKind),
             _ => return Err(Reject::Kind),
         })
     }
@@ -120,7 +123,7 @@ pub struct Header {
     /// Counts the frames of one direction in one session, whatever their kind, from 1; 0 for `Hello`.
     pub sequence: u32,
     /// Console time \[us since boot\]: when the encoders were read (`State`), of the `State` that was
-    /// solved for (`Contact`, `Needle`), when sent (other frames from the console), 0 in `Hello` from the host.
+    /// solved for (`Contact`, `Needle`, `Thread`), when sent (other frames from the console), 0 in `Hello` from the host.
     pub console_time_us: u64,
 }
 

@@ -163,6 +163,55 @@ pub struct Needle {
     pub horizon_us: u32,
 }
 
+/// An end of a thread.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, MaxSize, Schema)]
+#[repr(u8)]
+pub enum End {
+    /// The one that follows.
+    Tail = 0,
+    /// The one at the needle.
+    Head = 1,
+}
+
+/// How a thread does.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, MaxSize, Schema)]
+#[repr(u8)]
+pub enum Tension {
+    /// There is more of it than its path needs.
+    Slack = 0,
+    /// Its path is as long as what there is of it.
+    Taut = 1,
+    /// It pulls with all that it bears, and its path is longer than what there is of it.
+    Strained = 2,
+}
+
+/// How a thread pulls at a tool's grip, or how much of it is left before it does: with it a console can go on by
+/// itself between two frames of the host. The header's console time is that of the `State` it was solved for. A host
+/// sends it before the `Contact` of the same console time.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, MaxSize, Schema)]
+pub struct Thread {
+    /// Tool that holds it, by itself or by its needle.
+    pub tool: u8,
+    /// Which of the scene's threads.
+    pub thread: u8,
+    /// Which of its ends.
+    pub end: End,
+    /// Whether it pulls.
+    pub state: Tension,
+    /// Grip position that was solved for \[m\], (3).
+    pub position_m: [f32; 3],
+    /// Unit vector along which it pulls the grip, or would if it was taut, (3); world frame.
+    pub direction: [f32; 3],
+    /// Force with which it pulls at that pose \[N\].
+    pub tension_n: f32,
+    /// Tension gained per metre that the grip moves against `direction`, once it is taut \[N/m\].
+    pub stiffness_n_per_m: f32,
+    /// Way of the grip against `direction` before it is taut \[m\]; 0 unless it is slack.
+    pub slack_m: f32,
+    /// How long after the header's console time this frame may be used \[us\]; the console caps it.
+    pub horizon_us: u32,
+}
+
 /// An order to the console.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, MaxSize, Schema)]
 #[repr(u8)]

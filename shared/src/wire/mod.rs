@@ -23,6 +23,7 @@ pub use reject::Reject;
 pub use schema::SCHEMA_HASH;
 pub use validate::{
     Checked, Direction, Message, Unchecked, Valid, ValidContact, ValidNeedle, ValidSimulate,
+    ValidThread,
 };
 
 /// Version of the protocol; 0 is a draft that any commit may change.

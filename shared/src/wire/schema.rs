@@ -2,7 +2,7 @@
 
 use super::PROTOCOL_VERSION;
 use super::frame::Kind;
-use super::message::{Command, Contact, Hello, Needle, Report, Simulate, State};
+use super::message::{Command, Contact, Hello, Needle, Report, Simulate, State, Thread};
 use super::validate::Message;
 use postcard_schema::{Schema, key::Key};
 
@@ -16,7 +16,8 @@ pub const SCHEMA_HASH: u64 = {
     hash = message::<Command>(hash, Command::KIND);
     hash = message::<Report>(hash, Report::KIND);
     hash = message::<Simulate>(hash, Simulate::KIND);
-    message::<Needle>(hash, Needle::KIND)
+    hash = message::<Needle>(hash, Needle::KIND);
+    message::<Thread>(hash, Thread::KIND)
 };
 
 const fn message<M: Schema>(hash: u64, kind: Kind) -> u64 {

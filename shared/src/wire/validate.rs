@@ -5,7 +5,8 @@
 
 use super::frame::{Decoded, Header, Kind};
 use super::message::{
-    Command, Contact, HandScript, Hello, Needle, Report, Simulate, State, WAY_POINTS, WayPoint,
+    Command, Contact, HandScript, Hello, Needle, Report, Simulate, State, Tension, Thread,
+    WAY_POINTS, WayPoint,
 };
 use super::{PROTOCOL_VERSION, Reject};
 use crate::device::{DeviceDescription, Joint, Kinematics};
@@ -62,10 +63,10 @@ impl Kind {
         match self {
             Kind::Hello => true,
             Kind::State | Kind::Report => direction == Direction::ToHost,
-            Kind::Contact | Kind::Command | Kind::Simulate | Kind::Needle => {
+            Kind::Contact | Kind::Command | Kind::Simulate | Kind::Needle | Kind::Thread => {
                 direction == Direction::ToConsole
             }
-            Kind::Rows | Kind::Thread | Kind::Tools => false,
+            Kind::Rows | Kind::Tools => false,
         }
     }
 }
@@ -93,6 +94,8 @@ pub struct Valid<M> {
 pub type ValidContact = Valid<Contact>;
 /// A checked [`Needle`].
 pub type ValidNeedle = Valid<Needle>;
+/// A checked [`Thread`].
+pub type ValidThread = Valid<Thread>;
 /// A checked [`Simulate`].
 pub type ValidSimulate = Valid<Simulate>;
 
@@ -145,6 +148,7 @@ pub enum Unchecked {
     Report(Header, Report),
     Simulate(Header, Simulate),
     Needle(Header, Needle),
+    Thread(Header, Thread),
 }
 
 /// A checked message of any kind.
@@ -162,6 +166,7 @@ pub enum Checked {
     Report(Valid<Report>),
     Simulate(ValidSimulate),
     Needle(ValidNeedle),
+    Thread(ValidThread),
 }
 
 impl Decoded<'_> {
@@ -179,7 +184,8 @@ impl Decoded<'_> {
             Kind::Report => Unchecked::Report(header, self.read()?),
             Kind::Simulate => Unchecked::Simulate(header, self.read()?),
             Kind::Needle => Unchecked::Needle(header, self.read()?),
-            Kind::Rows | Kind::Thread | Kind::Tools => return Err(Reject::ReservedKind),
+            Kind::Thread => Unchecked::Thread(header, self.read()?),
+            Kind::Rows | Kind::Tools => return Err(Reject::ReservedKind),
         })
     }
 
@@ -209,6 +215,7 @@ impl Unchecked {
             Unchecked::Report(header, body) => Checked::Report(Valid::new(header, body)?),
             Unchecked::Simulate(header, body) => Checked::Simulate(Valid::new(header, body)?),
             Unchecked::Needle(header, body) => Checked::Needle(Valid::new(header, body)?),
+            Unchecked::Thread(header, body) => Checked::Thread(Valid::new(header, body)?),
         })
     }
 
@@ -232,7 +239,8 @@ impl Unchecked {
             | Unchecked::Command(header, _)
             | Unchecked::Report(header, _)
             | Unchecked::Simulate(header, _)
-            | Unchecked::Needle(header, _) => header,
+            | Unchecked::Needle(header, _)
+            | Unchecked::Thread(header, _) => header,
         }
     }
 }
@@ -298,6 +306,21 @@ impl Message for Needle {
         }
         between(self.hold_n, 0.0, MAX_WRENCH)?;
         between(self.puncture_n, 0.0, MAX_WRENCH)
+    }
+}
+
+impl Message for Thread {
+    const KIND: Kind = Kind::Thread;
+
+    fn check(&self) -> Result<(), Reject> {
+        require(self.tool < MAX_TOOLS)?;
+        within(&self.position_m, MAX_POSITION)?;
+        unit(&self.direction)?;
+        between(self.tension_n, 0.0, MAX_WRENCH)?;
+        between(self.stiffness_n_per_m, 0.0, MAX_TANGENT)?;
+        let is_slack = self.state == Tension::Slack;
+        between(self.slack_m, 0.0, if is_slack { MAX_POSITION } else { 0.0 })?;
+        require(!is_slack || self.tension_n == 0.0)
     }
 }
 

@@ -8,8 +8,8 @@
 
 use sutura_shared::device::{DeviceDescription, Joint, Kinematics};
 use sutura_shared::wire::message::{
-    Command, Contact, Friction, HandScript, Hello, Mode, Needle, Report, Simulate, State, Tip,
-    WayPoint,
+    Command, Contact, End, Friction, HandScript, Hello, Mode, Needle, Report, Simulate, State,
+    Tension, Thread, Tip, WayPoint,
 };
 use sutura_shared::wire::{
     Accumulator, Checked, Direction, Header, Kind, MAX_FRAME, Message, PROTOCOL_VERSION, Reject,
@@ -94,6 +94,21 @@ pub mod sample {
             hold_n: 0.0625,
             puncture_n: 0.125,
             punctured_n: -0.3125,
+            horizon_us: 100_000,
+        }
+    }
+
+    pub fn thread() -> Thread {
+        Thread {
+            tool: 0,
+            thread: 2,
+            end: End::Head,
+            state: Tension::Taut,
+            position_m: [0.125, -0.25, 0.5],
+            direction: [0.0, -1.0, -0.0],
+            tension_n: 1.5,
+            stiffness_n_per_m: 512.0,
+            slack_m: 0.0,
             horizon_us: 100_000,
         }
     }
@@ -209,6 +224,10 @@ pub fn golden() -> Vec<Golden> {
             header(Kind::Needle, session, 12, 123_423_000),
             sample::needle(),
         ),
+        Unchecked::Thread(
+            header(Kind::Thread, session, 13, 123_423_000),
+            sample::thread(),
+        ),
         command(3, Command::Arm),
         command(4, Command::Disarm),
         command(5, Command::ClearFault),
@@ -276,6 +295,7 @@ pub fn encode_again(message: &Unchecked) -> Vec<u8> {
         Unchecked::Report(header, body) => again(header, body),
         Unchecked::Simulate(header, body) => again(header, body),
         Unchecked::Needle(header, body) => again(header, body),
+        Unchecked::Thread(header, body) => again(header, body),
     }
 }
 

@@ -9,9 +9,10 @@
 use sutura_shared::control::{Control, TICK_US, TickInput, TickOutput};
 use sutura_shared::device::{DeviceDescription, Joint, Kinematics};
 use sutura_shared::wire::message::{
-    Command, Contact, Friction, HandScript, Mode, Needle, Tip, WAY_POINTS, WayPoint,
+    Command, Contact, End, Friction, HandScript, Mode, Needle, Tension, Thread, Tip, WAY_POINTS,
+    WayPoint,
 };
-use sutura_shared::wire::{Header, Kind, PROTOCOL_VERSION, ValidContact, ValidNeedle};
+use sutura_shared::wire::{Header, Kind, PROTOCOL_VERSION, ValidContact, ValidNeedle, ValidThread};
 
 /// The numbers of `devices/cartesian-bench.toml`.
 pub fn bench() -> DeviceDescription {
@@ -158,6 +159,34 @@ pub fn needle_frame(sequence: u32, console_time_us: u64, body: Needle) -> ValidN
         console_time_us,
     };
     ValidNeedle::new(header, body).unwrap()
+}
+
+/// A thread that pulls the grip of tool 0 down.
+pub fn thread() -> Thread {
+    Thread {
+        tool: 0,
+        thread: 0,
+        end: End::Head,
+        state: Tension::Taut,
+        position_m: [0.0; 3],
+        direction: [0.0, 0.0, -1.0],
+        tension_n: 0.75,
+        stiffness_n_per_m: 120.0,
+        slack_m: 0.0,
+        horizon_us: 100_000,
+    }
+}
+
+/// A checked frame of a thread.
+pub fn thread_frame(sequence: u32, console_time_us: u64, body: Thread) -> ValidThread {
+    let header = Header {
+        version: PROTOCOL_VERSION,
+        kind: Kind::Thread,
+        session: 1,
+        sequence,
+        console_time_us,
+    };
+    ValidThread::new(header, body).unwrap()
 }
 
 /// A control loop whose encoders stand where the test puts them.

@@ -1,6 +1,8 @@
 //! `cargo xtask scenes`: writes the scenes whose scripts nobody would write by hand.
 //! Entry point: [`gated`].
 
+mod bites;
+mod slabs;
 mod stitch;
 mod tubes;
 mod turn;
@@ -10,10 +12,12 @@ use crate::run::root;
 use anyhow::{Context, Result, bail};
 
 /// Files below `scenes/` and what they say.
-fn files() -> [(&'static str, String); 2] {
+fn files() -> [(&'static str, String); 4] {
     [
         ("anastomosis-20.toml", tubes::anastomosis(20)),
         ("anastomosis-50.toml", tubes::anastomosis(50)),
+        ("anastomosis-50-tighten.toml", bites::tightened()),
+        ("wound-slabs.toml", slabs::wound()),
     ]
 }
 

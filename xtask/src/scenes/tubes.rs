@@ -1,42 +1,42 @@
 //! Two tubes end to end, sewn together by one thread: an anastomosis.
 //!
-//! Entry point: [`anastomosis`]. The thread zigzags: into the upper tube from outside, out of the lower one from the
-//! lumen, into that from outside at the next angle, and out of the upper one from the lumen. Within the lumen it
-//! bridges the gap, outside it runs along one tube.
+//! Entry point: [`anastomosis`]. The thread zigzags: into the upper tube from outside, out of its cut end, into that of
+//! the lower one and out of its side, into that at the next angle, and back. Between the cut ends it bridges the
+//! gap, outside it runs along one tube.
 
 use super::stitch::{Bite, Sewing, Stop};
 use super::turn::{Vec3, along};
 use super::write;
 
 /// Inner and outer radius, lower and upper end \[m\].
-struct Tube {
-    radii_m: [f64; 2],
+pub(super) struct Tube {
+    pub radii_m: [f64; 2],
     ends_m: [f64; 2],
     divisions: [u32; 3],
 }
 
-const UPPER: Tube = Tube {
+pub(super) const UPPER: Tube = Tube {
     radii_m: [0.008, 0.011],
     ends_m: [0.003, 0.033],
     divisions: [2, 30, 8],
 };
-const LOWER: Tube = Tube {
-    radii_m: [0.012, 0.015],
+pub(super) const LOWER: Tube = Tube {
+    radii_m: [0.009, 0.012],
     ends_m: [-0.031, -0.003],
     divisions: [2, 32, 8],
 };
 
 /// Half a circle.
-const NEEDLE_RADIUS_M: f64 = 0.008;
+const NEEDLE_RADIUS_M: f64 = 0.0065;
 const NEEDLE_DEG: f64 = 180.0;
-/// Distance of its circle's centre from the tubes' axis, and height \[m\]: punctures are 3 to 5 mm from the rims, and
-/// half a circle fits outside both tubes.
-const CENTRE_M: [f64; 2] = [0.014, 0.0006];
+/// Distance of its circle's centre from the tubes' axis, and height \[m\]: it goes into a tube's outside 2 mm from its
+/// end and comes out of the cut, and half a circle fits outside both tubes.
+const CENTRE_M: [f64; 2] = [0.0155, 0.0001];
 /// The same for a bite into the outer half of the upper tube's wall.
-const SHALLOW_CENTRE_M: [f64; 2] = [0.0171, 0.014];
+const SHALLOW_CENTRE_M: [f64; 2] = [0.01625, 0.014];
 /// Between the tip and the tissue when a bite begins, and between the needle's end and the tissue when it has ended
 /// \[degree\].
-const CLEAR_DEG: f64 = 7.0;
+pub(super) const CLEAR_DEG: f64 = 7.0;
 /// The thread's length \[m\].
 const THREAD_M: f64 = 0.6;
 /// Punctures of a bite through both tubes.
@@ -44,9 +44,10 @@ const BITE: u32 = 4;
 
 /// When the needle's end is pulled away \[s\], and for how long.
 const BEGIN_S: f64 = 0.1;
-const PULL_S: f64 = 2.5;
+const PULL_S: f64 = 3.6;
 /// By how much the thread's ends are pulled away \[m\].
-const PULL_M: f64 = 0.04;
+const PULL_M: f64 = 0.067;
+const LONG_PULL_M: f64 = 0.12;
 
 /// Angle on the needle's circle \[degree\], from radially outwards towards +z, of its crossing with a cylinder about
 /// the tubes' axis.
@@ -56,12 +57,12 @@ fn crossing_deg(centre_m: [f64; 2], radius_m: f64, above: bool) -> f64 {
     if above { degrees } else { 360.0 - degrees }
 }
 
-fn outwards(angle: f64) -> Vec3 {
+pub(super) fn outwards(angle: f64) -> Vec3 {
     [angle.cos(), angle.sin(), 0.0]
 }
 
 /// The needle's way for so many punctures: an even number.
-fn sewing(punctures: u32) -> Sewing {
+pub(super) fn sewing(punctures: u32) -> Sewing {
     let whole = punctures / BITE;
     let count = punctures.div_ceil(BITE);
     // Beside the mesh's lines, which are at multiples of 12 and of 11.25 degrees.
@@ -76,15 +77,15 @@ fn sewing(punctures: u32) -> Sewing {
             (SHALLOW_CENTRE_M, [shallow(true) - CLEAR_DEG, after], 0.8)
         } else if index % 2 == 0 {
             let after = below + NEEDLE_DEG + CLEAR_DEG;
-            (CENTRE_M, [above - CLEAR_DEG, after], 0.95)
+            (CENTRE_M, [above - CLEAR_DEG, after], 0.85)
         } else {
             let after = above - NEEDLE_DEG - CLEAR_DEG;
-            (CENTRE_M, [below + CLEAR_DEG, after], 0.95)
+            (CENTRE_M, [below + CLEAR_DEG, after], 0.85)
         };
         let out = outwards(angle(index));
         let aside = outwards(angle(index) + 0.5 * (angle(1) - angle(0)));
         let (far_m, way_s) = if count > 8 {
-            (0.008, 0.36)
+            (0.008, 0.34)
         } else {
             (0.02, 0.6)
         };
@@ -123,6 +124,7 @@ pub fn anastomosis(punctures: u32) -> String {
     let head = last.map_or([0.0; 3], |bite| sewing.end_after(bite));
     let head_out = last.map_or([0.0; 3], |bite| bite.axes[0]);
     let tail_out = sewing.bites[0].axes[0];
+    let pull_m = if punctures > 20 { LONG_PULL_M } else { PULL_M };
     let tail = along(tail_out.map(|v| 0.016 * v), 0.009, [0.0, 0.0, 1.0]);
     let rest = |time_s, position_m| Stop {
         time_s,
@@ -131,7 +133,7 @@ pub fn anastomosis(punctures: u32) -> String {
     };
     carry.push(rest(sewn_s, tail));
     carry.push(rest(pull_s, tail));
-    carry.push(rest(pull_s + PULL_S, along(tail, PULL_M, tail_out)));
+    carry.push(rest(pull_s + PULL_S, along(tail, pull_m, tail_out)));
 
     let seconds = (10.0 * (pull_s + PULL_S + 0.2)).ceil() / 10.0;
     let mut text = format!(
@@ -214,7 +216,7 @@ rims = [
     write::hand(&mut text, 1, &round);
     text.push_str("# Carries the needle to the next bite, and pulls the tail.\n");
     write::hand(&mut text, 2, &carry);
-    let pulled = along(head, PULL_M, head_out);
+    let pulled = along(head, pull_m, head_out);
     write::console_hand(
         &mut text,
         &[(0.0, head), (pull_s, head), (pull_s + PULL_S, pulled)],

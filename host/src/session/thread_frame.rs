@@ -1,0 +1,145 @@
+//! The solver's thread as the wire carries it: f32, within the wire's limits.
+//!
+//! Entry point: [`thread_frame`].
+
+use sutura_shared::wire::message::{End, State, Tension, Thread};
+use sutura_shared::wire::validate::{MAX_POSITION, MAX_TANGENT, MAX_WRENCH};
+
+/// A thread that the driven tool holds, by itself or by its needle, as a step left it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct HeldThread {
+    /// Tool that holds it.
+    pub tool: u8,
+    /// Id of the thread.
+    pub thread: u8,
+    /// Which end.
+    pub end: End,
+    /// Whether it pulls.
+    pub state: Tension,
+    /// Unit vector along which it pulls the grip, (3), world frame; zero where its path has no direction.
+    pub direction: [f64; 3],
+    /// Force with which it pulls \[N\].
+    pub tension_n: f64,
+    /// Tension per metre \[N/m\].
+    pub stiffness_n_per_m: f64,
+    /// What there is of it more than its path needs \[m\].
+    pub slack_m: f64,
+}
+
+/// The frame for the state that `thread` was solved for, good until `horizon_us` after it.
+pub fn thread_frame(state: &State, thread: &HeldThread, horizon_us: u32) -> Thread {
+    let limited = |value: f64, most: f32| (value as f32).clamp(0.0, most);
+    let direction = thread.direction.map(|value| value as f32);
+    let is_slack = thread.state == Tension::Slack;
+    Thread {
+        tool: thread.tool,
+        thread: thread.thread,
+        end: thread.end,
+        state: thread.state,
+        // As it came: the console goes on from exactly this place.
+        position_m: state.position_m,
+        // Nothing to pull along: any direction is as good.
+        direction: if direction == [0.0; 3] {
+            [0.0, 0.0, 1.0]
+        } else {
+            direction
+        },
+        // Round-off of what is slack; what is not a number stays that, and is not sent.
+        tension_n: if is_slack && thread.tension_n.is_finite() {
+            0.0
+        } else {
+            limited(thread.tension_n, MAX_WRENCH)
+        },
+        stiffness_n_per_m: limited(thread.stiffness_n_per_m, MAX_TANGENT),
+        slack_m: if is_slack {
+            limited(thread.slack_m, MAX_POSITION)
+        } else {
+            0.0
+        },
+        horizon_us,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use sutura_shared::wire::message::Mode;
+    use sutura_shared::wire::{Message, Reject};
+
+    const STATE: State = State {
+        tick: 1,
+        position_m: [0.1, -0.2, 0.3],
+        orientation: [0.0, 0.6, 0.0, 0.8],
+        velocity_m_per_s: [0.0; 3],
+        force_n: [0.0; 3],
+        current_a: [0.0; 3],
+        mode: Mode::Armed,
+        faults: 0,
+        contact_sequence: 0,
+        contact_age_us: 0,
+        applied_age_us: 0,
+        trace_hash: 0,
+    };
+    const TAUT: HeldThread = HeldThread {
+        tool: 0,
+        thread: 2,
+        end: End::Head,
+        state: Tension::Taut,
+        direction: [0.6, 0.0, -0.8],
+        tension_n: 0.5,
+        stiffness_n_per_m: 300.0,
+        slack_m: -1e-15,
+    };
+
+    #[test]
+    fn the_frame_passes_the_consoles_own_check() {
+        let frame = thread_frame(&STATE, &TAUT, 50_000);
+        assert_eq!(frame.check(), Ok(()));
+        assert_eq!(frame.position_m, STATE.position_m);
+        assert_eq!((frame.thread, frame.horizon_us), (2, 50_000));
+        assert_eq!((frame.end, frame.state), (End::Head, Tension::Taut));
+        assert_eq!(frame.direction, [0.6, 0.0, -0.8]);
+        let numbers = [frame.tension_n, frame.stiffness_n_per_m, frame.slack_m];
+        assert_eq!(numbers, [0.5, 300.0, 0.0]);
+    }
+
+    #[test]
+    fn what_is_slack_does_not_pull_and_says_how_far_it_is_from_that() {
+        let slack = HeldThread {
+            state: Tension::Slack,
+            direction: [0.0; 3],
+            tension_n: 1e-18,
+            slack_m: 0.25,
+            ..TAUT
+        };
+        let frame = thread_frame(&STATE, &slack, 50_000);
+        assert_eq!(frame.check(), Ok(()));
+        assert_eq!((frame.tension_n, frame.slack_m), (0.0, 0.25));
+    }
+
+    #[test]
+    fn nonsense_is_not_sent() {
+        for bad in [
+            HeldThread {
+                tension_n: f64::NAN,
+                ..TAUT
+            },
+            HeldThread {
+                state: Tension::Slack,
+                tension_n: f64::NAN,
+                ..TAUT
+            },
+            HeldThread {
+                stiffness_n_per_m: f64::NAN,
+                ..TAUT
+            },
+            HeldThread {
+                direction: [f64::NAN, 0.0, 1.0],
+                ..TAUT
+            },
+        ] {
+            let frame = thread_frame(&STATE, &bad, 50_000);
+            assert_eq!(frame.check(), Err(Reject::NotFinite), "{bad:?}");
+        }
+    }
+}

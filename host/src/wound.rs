@@ -1,0 +1,274 @@
+//! How well a wound is closed: gaps, overlaps, bridges, tension, stress.
+//!
+//! Entry points: [`Wound::new`] before the first step, [`Wound::report`] at any time after it. Allocates and takes
+//! steps of its own: for reports, not for the loop.
+
+use crate::collide::{gaps_m, penetration_m};
+use crate::fem::von_mises_pa;
+use crate::model::Model;
+use crate::scene::{Scene, TissueContact};
+use crate::step::{State, Status, StepReport, Workspace, step};
+use crate::thread::{ThreadEnd, ThreadHold, ThreadReport, ThreadTension};
+use crate::tool::ToolSample;
+use nalgebra::Vector3;
+use serde::Serialize;
+
+/// Part of the spans' length by which punctures are drawn together at a time, for comparison: a tenth of an edge or
+/// less, where gaps are a few edges wide.
+const WELDING_STEP: f64 = 1.0 / 60.0;
+/// What is left of their length then: as good as nothing.
+const WELDED: f64 = 1e-3;
+/// Smallest part of such a step that is tried.
+const SMALLEST_SHARE: f64 = 1.0 / 16.0;
+
+/// Most steps that wait for columns at one place.
+const MOST_WAITS: u32 = 64;
+
+/// Parts of tissue that a scene brings together, and how far apart they were.
+#[derive(Clone, Debug)]
+pub struct Wound {
+    contacts: Vec<TissueContact>,
+    threads: Vec<u8>,
+    mean_edge_m: f64,
+    /// Mean over all nodes of rims \[m\].
+    gap_m: Option<f64>,
+}
+
+/// What a scene with threads or tissues that touch reports; a key is left out where there is nothing to say.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct WoundReport {
+    /// Mean gap of the rims over that at the start.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub gap_ratio: Option<f64>,
+    /// Deepest interpenetration over the mean edge of the boundary.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub penetration_ratio: Option<f64>,
+    /// Longest of the spans of threads between two parts, each over its length in the unloaded mesh.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub bridge_ratio: Option<f64>,
+    /// `rim_gap_m` over `rim_gap_welded_m`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub rim_gap_vs_welded: Option<f64>,
+    /// Mean distance of the rims' nodes to the other part \[m\].
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub rim_gap_m: Option<f64>,
+    /// The same with both ends of every thread let go and what bridges the parts drawn together all the way.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub rim_gap_welded_m: Option<f64>,
+    /// Largest tension at an end of a thread \[N\].
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub tension_n: Option<f64>,
+    /// Thread drawn out of the tissue, of all threads at both ends \[m\].
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub pulled_m: Option<f64>,
+    /// Largest principal stress of a cell, of either sign \[Pa\].
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub stress_peak_pa: Option<f64>,
+    /// Largest equivalent stress of a cell (von Mises) \[Pa\].
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub von_mises_peak_pa: Option<f64>,
+    /// Pairs of features of touching parts that press.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub touching: Option<u32>,
+    /// The threads, in the scene's order.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub threads: Vec<ThreadSummary>,
+}
+
+/// A thread as a step has left it.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct ThreadSummary {
+    /// Id of the thread.
+    pub thread: u8,
+    /// `slack`, `taut` or `strained`.
+    pub state: &'static str,
+    /// Ids of the tools that hold its tail and its head, (2).
+    pub held_by: [Option<u8>; 2],
+    /// Tension at tail and head \[N\], (2).
+    pub tension_n: [f64; 2],
+    /// Boundaries that it goes through.
+    pub punctures: u32,
+    /// Spans between two parts.
+    pub bridges: usize,
+    /// Length of its path outside tissue and at its ends \[m\].
+    pub length_m: f64,
+    /// What there is of it for that \[m\].
+    pub available_m: f64,
+    /// Drawn out at tail and head \[m\], (2).
+    pub pulled_m: [f64; 2],
+    /// Segments of no length that the tension holds closed.
+    pub welds: u32,
+    /// Points of tissue that it bends around.
+    pub wraps: u32,
+    /// Spent by friction \[J\].
+    pub dissipated_j: f64,
+}
+
+impl Wound {
+    /// What `scene` brings together; `None` if it has neither threads nor tissues that touch.
+    pub fn new(scene: &Scene, model: &Model) -> Option<Self> {
+        if scene.threads.is_empty() && scene.touching.is_empty() {
+            return None;
+        }
+        let places: Vec<_> = model.points_m().iter().map(|x| Vector3::from(*x)).collect();
+        Some(Self {
+            gap_m: rim_gap_m(&scene.touching, &places),
+            contacts: scene.touching.clone(),
+            threads: scene.threads.iter().map(|thread| thread.part.id).collect(),
+            mean_edge_m: model.surface().mean_edge_m,
+        })
+    }
+
+    /// What a step has left, with the tools at `samples`.
+    pub fn report(
+        &self,
+        model: &Model,
+        state: &State,
+        last: &StepReport,
+        samples: &[ToolSample],
+    ) -> WoundReport {
+        let at = places(model, state);
+        let gap_m = rim_gap_m(&self.contacts, &at);
+        let apart = self.contacts.iter().filter(|pair| !pair.is_within_one());
+        let depths_m = apart.map(|pair| penetration_m([&pair.faces[0], &pair.faces[1]], &at));
+        let bridges: Vec<_> = self
+            .threads
+            .iter()
+            .map(|thread| state.bridges(model, *thread))
+            .collect();
+        let ratios = bridges.iter().flatten().map(|b| b.now_m / b.rest_m);
+        let bridge_ratio = ratios.reduce(f64::max);
+        let welded_m = gap_m.zip(bridge_ratio).and_then(|(_, ratio)| {
+            let drawn = self.welded(model, state, samples, ratio)?;
+            rim_gap_m(&self.contacts, &places(model, &drawn))
+        });
+        let displaced: Vec<[f64; 3]> = at
+            .iter()
+            .zip(model.points_m())
+            .map(|(now, rest)| (now - Vector3::from(*rest)).into())
+            .collect();
+        let stresses = model.principal_stress_pa(&displaced);
+        let ends = |thread: &ThreadReport| thread.tension_n.into_iter().fold(0.0, f64::max);
+        let threads = last.threads();
+        let has_threads = !self.threads.is_empty();
+        WoundReport {
+            gap_ratio: gap_m.zip(self.gap_m).map(|(now, start)| now / start),
+            penetration_ratio: depths_m.reduce(f64::max).map(|m| m / self.mean_edge_m),
+            bridge_ratio,
+            rim_gap_vs_welded: gap_m.zip(welded_m).map(|(now, welded)| now / welded),
+            rim_gap_m: gap_m,
+            rim_gap_welded_m: welded_m,
+            tension_n: threads.iter().map(ends).reduce(f64::max),
+            pulled_m: has_threads.then(|| threads.iter().flat_map(|t| t.pulled_m).sum()),
+            stress_peak_pa: stresses.iter().flatten().map(|s| s.abs()).reduce(f64::max),
+            von_mises_peak_pa: stresses.iter().map(von_mises_pa).reduce(f64::max),
+            touching: (!self.contacts.is_empty()).then_some(last.touching),
+            threads: threads
+                .iter()
+                .zip(&bridges)
+                .map(|(thread, bridges)| ThreadSummary::new(thread, bridges.len()))
+                .collect(),
+        }
+    }
+
+    /// The same state with all ends of threads let go and what bridges parts drawn together from `ratio` of its length
+    /// to nothing, tissues kept apart all the while; `None` if that finds no balance.
+    fn welded(
+        &self,
+        model: &Model,
+        state: &State,
+        samples: &[ToolSample],
+        ratio: f64,
+    ) -> Option<State> {
+        let (mut state, mut work) = (state.clone(), Workspace::new(model));
+        for thread in &self.threads {
+            for end in [ThreadEnd::Tail, ThreadEnd::Head] {
+                state.hold_thread(model, *thread, end, ThreadHold::Free, samples);
+            }
+        }
+        let mut samples = samples.to_vec();
+        let (mut left, mut part) = (ratio, 0.0);
+        // What found no balance is tried again in smaller steps.
+        while left > WELDED || part == 0.0 {
+            let next = (left - part).max(WELDED);
+            for thread in &self.threads {
+                state.tighten(model, *thread, Some(next));
+            }
+            for sample in &mut samples {
+                sample.velocity_m_per_s = [0.0; 3];
+                sample.console_time_us += 5000;
+            }
+            match balance(model, &mut state, &samples, &mut work) {
+                Status::Ok => {
+                    left = next;
+                    part = if part == 0.0 { WELDING_STEP } else { part };
+                }
+                status if part <= WELDING_STEP * SMALLEST_SHARE => {
+                    tracing::info!(
+                        "the gap of welded punctures is not known: {status:?} at {next}"
+                    );
+                    return None;
+                }
+                _ => part *= 0.5,
+            }
+        }
+        Some(state)
+    }
+}
+
+/// How a step ends; one that computes columns goes on, as a step has room for some only.
+fn balance(
+    model: &Model,
+    state: &mut State,
+    samples: &[ToolSample],
+    work: &mut Workspace,
+) -> Status {
+    let mut status = Status::Waiting;
+    for _ in 0..MOST_WAITS {
+        if !matches!(status, Status::Waiting | Status::Behind) {
+            break;
+        }
+        status = step(model, state, samples, work).status;
+    }
+    status
+}
+
+fn places(model: &Model, state: &State) -> Vec<Vector3<f64>> {
+    let places = state.positions(model);
+    places.into_iter().map(Vector3::from).collect()
+}
+
+/// Mean distance of the rims' nodes to the other part \[m\]; `None` without rims.
+fn rim_gap_m(contacts: &[TissueContact], at: &[Vector3<f64>]) -> Option<f64> {
+    let mut gaps = Vec::new();
+    for pair in contacts {
+        let [first, second] = &pair.rims;
+        gaps.extend(gaps_m(first, &pair.faces[1], at));
+        gaps.extend(gaps_m(second, &pair.faces[0], at));
+    }
+    let count = gaps.len() as f64;
+    (!gaps.is_empty()).then(|| gaps.iter().sum::<f64>() / count)
+}
+
+impl ThreadSummary {
+    fn new(report: &ThreadReport, bridges: usize) -> Self {
+        Self {
+            thread: report.id,
+            state: match report.state {
+                ThreadTension::Slack => "slack",
+                ThreadTension::Taut => "taut",
+                ThreadTension::Strained => "strained",
+            },
+            held_by: report.held_by,
+            tension_n: report.tension_n,
+            punctures: report.punctures,
+            bridges,
+            length_m: report.length_m,
+            available_m: report.available_m,
+            pulled_m: report.pulled_m,
+            welds: report.welds,
+            wraps: report.wraps,
+            dissipated_j: report.dissipated_j,
+        }
+    }
+}

@@ -1,0 +1,81 @@
+//! Tissue, a needle with a thread, and two tools.
+
+pub use super::bench::*;
+use nalgebra::Vector3;
+use sutura_host::collide::{TouchPart, TouchSettings};
+use sutura_host::needle::{NeedleSettings, NeedleTissue};
+use sutura_host::step::{State, StepReport, Workspace};
+use sutura_host::thread::{ThreadEnd, ThreadHold, ThreadPart, ThreadTension};
+
+/// A straight needle above two slabs 4 mm apart, with a thread.
+pub fn bench(friction: f64, strength_n: f64, touches: bool) -> Bench {
+    let start = frame([0.0013, 0.0007, 0.054], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]);
+    let tissue = NeedleTissue {
+        friction_n_per_m: 0.0,
+        static_friction_n_per_m: 0.0,
+        cutting_pa: 0.0,
+        ..tissue()
+    };
+    let settings = NeedleSettings::default();
+    let mut bench = Bench::new(
+        slabs(),
+        Kind::Linear,
+        straight(0.04),
+        start,
+        tissue,
+        settings,
+    );
+    let part = ThreadPart {
+        id: 7,
+        needle: 0,
+        length_m: 0.3,
+        friction,
+        strength_n,
+    };
+    let faces = |upper: bool| {
+        let faces = bench.mesh.surface().triangles.into_iter();
+        let is_upper = |face: &[u32; 3]| bench.mesh.points_m()[face[0] as usize][2] > 0.002;
+        faces.filter(|face| is_upper(face) == upper).collect()
+    };
+    let touching = TouchPart {
+        faces: [faces(true), faces(false)],
+        friction: 0.0,
+    };
+    bench.model = bench.model.with_threads(&[part]).expect("a thread");
+    if touches {
+        bench.model = bench
+            .model
+            .with_touching(&[touching], TouchSettings::default())
+            .expect("bodies");
+    }
+    bench.state = State::new(&bench.model);
+    bench.work = Workspace::new(&bench.model);
+    bench.work.prepare(&bench.model, |_| true);
+    assert!(bench.hold(0, Some(0)));
+    bench
+}
+
+/// Moves the grip by so much, in steps of 0.2 mm.
+pub fn go(bench: &mut Bench, way: Vector3<f64>) -> StepReport {
+    let steps = (way.norm() / 2e-4).ceil() as usize;
+    let mut report = StepReport::default();
+    for _ in 0..steps {
+        bench.grip.translation.vector += way / steps as f64;
+        report = bench.step_both();
+        assert_eq!(report.status.name(), "ok");
+    }
+    report
+}
+
+/// Through both slabs and a little aside, with the tail in the hands of tool 1, still slack.
+pub fn drawn(mut bench: Bench) -> Bench {
+    go(&mut bench, Vector3::new(0.0, 0.0, -0.072));
+    let report = go(&mut bench, Vector3::new(0.003, 0.0, -0.003));
+    assert_eq!(report.threads()[0].punctures, 4);
+    assert_eq!(report.threads()[0].state, ThreadTension::Slack);
+    bench.other.translation.vector = Vector3::new(0.001, 0.002, 0.03);
+    let samples = [bench.sample_of(0), bench.sample_of(1)];
+    let (tail, by) = (ThreadEnd::Tail, ThreadHold::Tool(1));
+    assert!(bench.state.hold_thread(&bench.model, 7, tail, by, &samples));
+    bench
+}
