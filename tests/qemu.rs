@@ -74,6 +74,13 @@ fn a_driven_needle_gives_the_same_bits_natively_and_on_the_image() {
     }
 }
 
+/// Thread frames, too.
+#[test]
+fn a_sewn_wound_gives_the_same_bits_natively_and_on_the_image() {
+    let emulated = same_bits_natively_and_on_the_image("scenes/wound-slabs.toml");
+    assert_eq!(emulated["scene"]["threads"][0]["state"], "taut");
+}
+
 #[test]
 fn the_identity_trace_has_the_committed_hash_natively_and_on_the_image() {
     let committed =

@@ -16,6 +16,8 @@ use serde::Serialize;
 /// Part of the spans' length by which punctures are drawn together at a time, for comparison: a tenth of an edge or
 /// less, where gaps are a few edges wide.
 const WELDING_STEP: f64 = 1.0 / 60.0;
+/// What is left of their length then: as good as nothing.
+const WELDED: f64 = 1e-3;
 /// Smallest part of such a step that is tried.
 const SMALLEST_SHARE: f64 = 1.0 / 16.0;
 
@@ -187,8 +189,8 @@ impl Wound {
         let mut samples = samples.to_vec();
         let (mut left, mut part) = (ratio, 0.0);
         // What found no balance is tried again in smaller steps.
-        while left > 0.0 || part == 0.0 {
-            let next = (left - part).max(0.0);
+        while left > WELDED || part == 0.0 {
+            let next = (left - part).max(WELDED);
             for thread in &self.threads {
                 state.tighten(model, *thread, Some(next));
             }
@@ -199,13 +201,9 @@ impl Wound {
             match balance(model, &mut state, &samples, &mut work) {
                 Status::Ok => {
                     left = next;
-                    part = if part == 0.0 {
-                        ratio * WELDING_STEP
-                    } else {
-                        part
-                    };
+                    part = if part == 0.0 { WELDING_STEP } else { part };
                 }
-                status if part <= ratio * WELDING_STEP * SMALLEST_SHARE => {
+                status if part <= WELDING_STEP * SMALLEST_SHARE => {
                     tracing::info!(
                         "the gap of welded punctures is not known: {status:?} at {next}"
                     );

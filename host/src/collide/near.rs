@@ -1,7 +1,7 @@
 //! Pairs of features that are near each other, kept while nothing moves far.
 //!
 //! Entry point: [`Nearby::visit`]. A pair that was apart by d cannot meet before its features have moved by d
-//! together, so that of a list sorted by d only the first few matter from step to step (Verlet 1967). What is
+//! together, so that a list serves as long as they have not (Verlet 1967). What is
 //! visited may be more than what meets, never less, and does not depend on when the list was made.
 
 use super::body::{Body, Pair};
@@ -113,7 +113,7 @@ impl Nearby {
         }
         for listed in &self.listed {
             if listed.distance_m > 2.0 * most + within_m {
-                break;
+                continue;
             }
             let moved = |node: u32| self.moved_m[node as usize];
             let [a, b, c, d] = listed.pair.nodes().map(moved);
@@ -188,11 +188,6 @@ impl Nearby {
                     direction,
                 });
             }
-        });
-        // Not a number never comes first.
-        listed.sort_unstable_by(|a, b| {
-            let order = a.distance_m.total_cmp(&b.distance_m);
-            order.then_with(|| (a.part, a.pair).cmp(&(b.part, b.pair)))
         });
         self.listed = listed;
         for &node in &touching.nodes {

@@ -208,7 +208,6 @@ impl Drive<'_> {
             saved.copy_from(thread);
             thread.tail.at = *tail;
             thread.head.at = *head;
-            thread.strained = false;
         }
         if let (Some(saved), Some(touch)) = (&mut self.work.saved_touch, &self.touch) {
             saved.copy_from(touch);
@@ -657,7 +656,7 @@ impl Drive<'_> {
             if thread.pulls(head.is_some()) {
                 thread.lay(&ground, head, &mut known, |at| self.position_of(at));
                 if self.needles.threads.parts[index].friction > 0.0 {
-                    thread.turn(&self.needles.mesh, |at| self.position_of(at));
+                    thread.pass_through(&self.needles.mesh, |at| self.position_of(at));
                 }
             } else {
                 thread.segments.clear();
@@ -707,7 +706,11 @@ impl Drive<'_> {
             );
             let is_held = self.threads[index].is_tail_held() && head.is_some();
             self.threads[index].finish(is_held);
-            let (Some(head), false) = (head, is_held) else {
+            if is_held {
+                continue;
+            }
+            let Some(head) = head else {
+                self.draw_back(index);
                 continue;
             };
             let Some(last) = self.threads[index].passed.last().map(|last| last.crossing) else {
@@ -720,6 +723,23 @@ impl Drive<'_> {
                 thread.draw(short);
                 thread.drop_behind();
             }
+        }
+    }
+
+    /// What a tail that is pulled draws out of the tissue of a thread whose head nobody holds.
+    fn draw_back(&mut self, index: usize) {
+        let thread = &self.threads[index];
+        let tail = thread.tail;
+        let has_place = matches!(tail.by, ThreadHold::Place(_) | ThreadHold::Tool(_));
+        let Some(first) = thread.passed.first().filter(|_| has_place) else {
+            return;
+        };
+        let way = tail.at - self.position_of(&anchor(&self.needles.mesh, &first.crossing));
+        let short = way.norm() - (first.crossing.alpha - tail.alpha);
+        if short > 0.0 {
+            let thread = &mut self.threads[index];
+            thread.draw(-short);
+            thread.drop_ahead();
         }
     }
 

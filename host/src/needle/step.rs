@@ -191,8 +191,22 @@ impl NeedlesState {
             tension_n: 0.0,
         };
         if matches!(each.tail.by, ThreadHold::Place(_) | ThreadHold::Tool(_)) {
-            path.push(end(each.tail.at, each.tail.alpha));
+            path.push(ThreadPoint {
+                tension_n: each.tension_after(0),
+                ..end(each.tail.at, each.tail.alpha)
+            });
         }
+        let bends = |path: &mut Vec<ThreadPoint>, key: u32| {
+            for (_, bend) in each.bends.iter().filter(|(of, _)| *of == key) {
+                path.push(ThreadPoint {
+                    at_m: place_of(nodes_m, bend).into(),
+                    along_m: path.last().map_or(0.0, |last| last.along_m),
+                    what: ThreadPlace::Wraps,
+                    tension_n: each.tension_after(key),
+                });
+            }
+        };
+        bends(&mut path, 0);
         for passed in &each.passed {
             let at = super::drive::anchor(&needles.mesh, &passed.crossing);
             path.push(ThreadPoint {
@@ -205,6 +219,7 @@ impl NeedlesState {
                 },
                 tension_n: each.tension_after(passed.id),
             });
+            bends(&mut path, passed.id);
         }
         let head = match each.head.by {
             ThreadHold::Place(_) | ThreadHold::Tool(_) => each.head.at,

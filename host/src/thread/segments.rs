@@ -82,8 +82,9 @@ pub(crate) struct Span {
     /// Most that friction can change the tension by at its end, and what it does \[N\].
     pub limit_n: f64,
     pub friction_n: f64,
-    /// Turn on the way to the next span \[rad\].
+    /// Turn on the way to the next span \[rad\], and that way, straight through the tissue \[m\].
     pub turn: f64,
+    pub inside: Vector3<f64>,
     /// Multiplier of a bound of its own \[N\].
     pub own_n: f64,
 }
@@ -224,6 +225,7 @@ impl ThreadState {
             limit_n: before.map_or(0.0, |span| span.limit_n),
             friction_n: before.map_or(0.0, |span| span.friction_n),
             turn: before.map_or(0.0, |span| span.turn),
+            inside: Vector3::zeros(),
             own_n: before.map_or(0.0, |span| span.own_n),
         });
         let (mut piece, mut last) = (0, first);
@@ -347,7 +349,7 @@ impl ThreadState {
                 });
             };
         if is_held {
-            let kind = if self.strained {
+            let kind = if self.is_bounded {
                 RowKind::Box {
                     limit_n: part.strength_n,
                 }
@@ -415,10 +417,17 @@ impl ThreadState {
         let mut shared = 0.0;
         let mut settled = true;
         if is_held {
-            shared = take().max(0.0);
-            let strained = shared >= part.strength_n;
-            settled &= strained == self.strained;
-            self.strained = strained;
+            shared = take();
+            self.strained = self.is_bounded && shared >= part.strength_n;
+            // A box bounds a push, too.
+            let is_bounded = if self.is_bounded {
+                shared > 0.0
+            } else {
+                shared > part.strength_n
+            };
+            settled &= is_bounded == self.is_bounded;
+            self.is_bounded = is_bounded;
+            shared = shared.max(0.0);
             if part.friction > 0.0 {
                 for place in 1..self.spans.len() {
                     self.spans[place - 1].friction_n = take();
@@ -475,8 +484,12 @@ impl ThreadState {
         }
         if is_held {
             let over = total - self.available_m();
-            let held = shared > 0.0 && !self.strained;
-            settled &= over <= LENGTH_M && (!held || over >= -LENGTH_M);
+            settled &= if self.strained {
+                // As strong as it is, whatever is missing; what was enough would be too much.
+                over >= -LENGTH_M
+            } else {
+                over <= LENGTH_M && (shared == 0.0 || over >= -LENGTH_M)
+            };
         }
         for place in 0..self.spans.len() {
             let span = self.spans[place];
@@ -521,6 +534,7 @@ impl ThreadState {
         if part.friction == 0.0 {
             return true;
         }
+        self.turn();
         let mut settled = true;
         let mut tension = shared;
         for place in 1..self.spans.len() {
@@ -552,32 +566,31 @@ impl ThreadState {
         }
     }
 
-    /// Turns at the passages through tissue, whose points are where `at` says.
-    pub fn turn(&mut self, mesh: &HalfFaces, at: impl Fn(&AnchorPoint) -> Vector3<f64>) {
+    /// Finds the ways through tissue, whose points are where `at` says, and how much the thread turns there.
+    pub fn pass_through(&mut self, mesh: &HalfFaces, at: impl Fn(&AnchorPoint) -> Vector3<f64>) {
         for place in 1..self.spans.len() {
-            let (from, to) = (self.spans[place - 1].to, self.spans[place].from);
-            let (Some(enters), Some(leaves)) = (from, to) else {
-                continue;
-            };
-            let first = self
-                .segments
-                .iter()
-                .rfind(|segment| segment.span == place - 1);
-            let second = self.segments.iter().find(|segment| segment.span == place);
-            let (Some(first), Some(second)) = (first, second) else {
+            let ends = [self.spans[place - 1].to, self.spans[place].from];
+            let [Some(enters), Some(leaves)] = ends else {
                 continue;
             };
             let point = |place: usize| at(&anchor(mesh, &self.passed[place].crossing));
-            // Straight through the tissue, as only the turn counts.
-            let inside = point(leaves) - point(enters);
-            let angle = |a: &Vector3<f64>, b: &Vector3<f64>| {
-                let (Some(a), Some(b)) = (a.try_normalize(1e-12), b.try_normalize(1e-12)) else {
-                    return 0.0;
-                };
-                a.cross(&b).norm().atan2(a.dot(&b))
+            self.spans[place - 1].inside = point(leaves) - point(enters);
+        }
+        self.turn();
+    }
+
+    /// Turns at the passages through tissue, as the segments beside them pull now.
+    fn turn(&mut self) {
+        let angle = |a: &Vector3<f64>, b: &Vector3<f64>| a.cross(b).norm().atan2(a.dot(b));
+        for pair in self.segments.windows(2) {
+            let [before, after] = pair else {
+                continue;
             };
-            let turn = angle(&first.pull(), &inside) + angle(&inside, &second.pull());
-            self.spans[place - 1].turn = turn;
+            if before.span != after.span {
+                let span = &mut self.spans[before.span];
+                let inside = span.inside;
+                span.turn = angle(&before.pull(), &inside) + angle(&inside, &after.pull());
+            }
         }
     }
 

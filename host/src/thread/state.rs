@@ -55,8 +55,9 @@ pub(crate) struct ThreadState {
     /// Bridging spans are no longer than this part of their length in the unloaded mesh.
     pub tightened: Option<f64>,
     pub state: ThreadTension,
-    /// Whether the strength bounds the tension.
+    /// Whether the tension is the strength, and whether the rows say that it can be no more.
     pub strained: bool,
+    pub is_bounded: bool,
     /// Typical compliance of a segment \[m/N\]; 0 before the first solve.
     pub compliance: f64,
     /// Drawn out at tail and head so far \[m\].
@@ -86,6 +87,7 @@ impl ThreadState {
             tightened: None,
             state: ThreadTension::Slack,
             strained: false,
+            is_bounded: false,
             compliance: 0.0,
             pulled_m: [0.0; 2],
             friction_j: 0.0,
@@ -108,6 +110,7 @@ impl ThreadState {
             tightened,
             state,
             strained,
+            is_bounded,
             compliance,
             pulled_m,
             friction_j,
@@ -123,6 +126,7 @@ impl ThreadState {
         *tightened = other.tightened;
         *state = other.state;
         *strained = other.strained;
+        *is_bounded = other.is_bounded;
         *compliance = other.compliance;
         *pulled_m = other.pulled_m;
         *friction_j = other.friction_j;
@@ -171,6 +175,18 @@ impl ThreadState {
             .take_while(|passed| passed.crossing.alpha < end);
         let gone = gone.count();
         self.passed.drain(..gone);
+    }
+
+    /// Faces that the head has been drawn back out of are forgotten.
+    pub fn drop_ahead(&mut self) {
+        let end = self.head.alpha;
+        while self
+            .passed
+            .last()
+            .is_some_and(|last| last.crossing.alpha > end)
+        {
+            self.passed.pop();
+        }
     }
 
     /// Whether the tail withstands a pull.

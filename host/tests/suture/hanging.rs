@@ -7,7 +7,7 @@ use sutura_host::thread::{ChainSettings, ChainStatus, FreeThread, ThreadPlace};
 /// Between the faces that it was drawn through straight there is as much of it as they are apart.
 #[test]
 fn a_thread_that_follows_its_needle_counts_its_length() {
-    let mut bench = bench(0.0, 20.0, false);
+    let mut bench = bench(SETUP);
     go(&mut bench, Vector3::new(0.0, 0.0, -0.072));
     let path = bench.state.thread_path(&bench.model, 7);
     assert!(path.len() > 10);
@@ -22,7 +22,7 @@ fn a_thread_that_follows_its_needle_counts_its_length() {
 /// hang on; a thread that is not there has no shape.
 #[test]
 fn a_loose_thread_hangs_from_its_last_puncture_outside_the_tissue() {
-    let mut bench = bench(0.0, 20.0, false);
+    let mut bench = bench(SETUP);
     go(&mut bench, Vector3::new(0.0, 0.0, -0.072));
     let settings = |length_m| ChainSettings {
         nodes: 151,

@@ -10,9 +10,11 @@ use std::fmt::Write;
 
 const PUNCTURES: u32 = 50;
 const FRICTION: f64 = 0.1;
-/// Where the third hand takes the thread, above the last puncture, and how far it pulls it \[m\].
+/// Where the third hand takes the thread, above the last puncture \[m\].
 const NEAR_M: f64 = 0.006;
-const PULL_M: f64 = 0.02;
+/// How far it pulls it \[m\]: after the first bite there is no slack to take up.
+const FIRST_PULL_M: f64 = 0.003;
+const PULL_M: f64 = 0.008;
 /// When it takes the thread after a bite, and when it lets go \[s\].
 const TAKES_S: f64 = 0.02;
 const LEAVES_S: f64 = 0.33;
@@ -56,6 +58,7 @@ hold = [
             thread,
             "  {{ time_s = {takes_s:.3}, end = \"head\", tool = 3 }},\n  {{ time_s = {leaves_s:.3}, end = \"head\" }},"
         );
+        let pull_m = if index == 0 { FIRST_PULL_M } else { PULL_M };
         let stop = |time_s, out_m| Stop {
             time_s,
             position_m: along(puncture, out_m, out),
@@ -63,8 +66,8 @@ hold = [
         };
         stops.push(stop(end_s - 0.1, NEAR_M));
         stops.push(stop(takes_s + 0.01, NEAR_M));
-        stops.push(stop(leaves_s - 0.02, NEAR_M + PULL_M));
-        stops.push(stop(leaves_s + 0.01, NEAR_M + PULL_M));
+        stops.push(stop(leaves_s - 0.02, NEAR_M + pull_m));
+        stops.push(stop(leaves_s + 0.01, NEAR_M + pull_m));
     }
     thread.push_str("]\n\n");
     let mut hand = "# Pulls the thread after every bite.\n".to_owned();

@@ -25,7 +25,7 @@ const BITES_M: [f64; 4] = [-0.0091, -0.0029, 0.0033, 0.0094];
 const THREAD_M: f64 = 0.3;
 const PULL_S: f64 = 3.0;
 /// By how much each end of the thread is pulled away \[m\].
-const PULL_M: f64 = 0.04;
+const PULL_M: f64 = 0.022;
 
 const X: Vec3 = [1.0, 0.0, 0.0];
 const Z: Vec3 = [0.0, 0.0, 1.0];
@@ -145,15 +145,17 @@ hold = [
 # What closes.
 [[tissue_contact]]
 between = [\"left\", \"right\"]
+# As deep as the thread goes.
 rims = [
-  {{ plane = {{ axis = \"x\", at_m = {:.4} }} }},
-  {{ plane = {{ axis = \"x\", at_m = {:.4} }} }},
+  {{ box = {{ min_m = [-{half:?}, -{y:?}, -{depth:?}], max_m = [-{half:?}, {y:?}, 0.0] }} }},
+  {{ box = {{ min_m = [{half:?}, -{y:?}, -{depth:?}], max_m = [{half:?}, {y:?}, 0.0] }} }},
 ]
 
 ",
         pull_s - 0.05,
-        -0.5 * GAP_M,
-        0.5 * GAP_M,
+        half = 0.5 * GAP_M,
+        y = 0.5 * SIZE_M[1],
+        depth = NEEDLE_RADIUS_M - CENTRE_Z_M,
     ));
     text.push_str("# The console's own.\n[[tool]]\nid = 0\nshape = \"grip\"\n\n");
     text.push_str("# Goes round with the needle.\n");

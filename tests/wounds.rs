@@ -1,0 +1,220 @@
+//! Threads and contact from scene file to console: a wound is sewn and drawn together.
+#![allow(clippy::unwrap_used, reason = "tests")]
+
+mod support;
+
+use serde_json::Value;
+use std::ops::ControlFlow;
+use std::path::Path;
+use support::{root, sutura_in};
+use sutura_hil::NativeConsole;
+use sutura_host::link::{LinkError, LockstepConsole};
+use sutura_host::scene::{Document, Scene};
+use sutura_host::session::{Plan, TissueSolver, run_lockstep};
+use sutura_shared::wire::message::{Contact, End, Tension, Thread};
+use sutura_shared::wire::{Accumulator, Unchecked, decode};
+
+/// `scenes/wound-slabs.toml` with fewer cells, and without what comes after the gap has closed.
+fn coarse() -> String {
+    let text = std::fs::read_to_string(root().join("scenes/wound-slabs.toml")).unwrap();
+    let coarse = text.replace("divisions = [8, 12, 4]", "divisions = [5, 7, 3]");
+    assert_ne!(text, coarse);
+    coarse
+}
+
+fn run(directory: &Path, text: &str) -> Value {
+    std::fs::write(directory.join("wound.toml"), text).unwrap();
+    let ran = sutura_in(
+        directory,
+        &["run", "wound.toml", "--lockstep", "--format", "json"],
+    );
+    assert_eq!(ran.code, 0, "{}", ran.stderr);
+    serde_json::from_str(&ran.stdout).unwrap()
+}
+
+fn number(object: &Value, key: &str) -> f64 {
+    object[key]
+        .as_f64()
+        .unwrap_or_else(|| panic!("no number {key} in {object:#}"))
+}
+
+#[test]
+fn a_wound_is_sewn_and_closed() {
+    let directory = tempfile::tempdir().unwrap();
+    let summary = run(directory.path(), &coarse());
+    assert_eq!(summary["status"], "ok");
+    assert_eq!(summary["steps_withheld"], serde_json::json!({}));
+    let scene = &summary["scene"];
+    assert_eq!(scene["punctures"], 16, "{scene}");
+    let thread = &scene["threads"][0];
+    assert_eq!(
+        (&thread["state"], &thread["punctures"], &thread["bridges"]),
+        (&"taut".into(), &16.into(), &7.into()),
+        "{thread}"
+    );
+    // The tail's hand, and the console's by the needle.
+    assert_eq!(thread["held_by"], serde_json::json!([2, 0]));
+    // Frictionless: one tension.
+    let tension = |end: usize| thread["tension_n"][end].as_f64().unwrap();
+    assert!(
+        tension(0) > 0.1 && (tension(0) - tension(1)).abs() < 1e-9,
+        "{thread}"
+    );
+    assert_eq!(number(scene, "tension_n"), tension(0).max(tension(1)));
+    // As long as what there is of it.
+    let excess = number(thread, "length_m") - number(thread, "available_m");
+    assert!(excess.abs() < 1e-6, "{excess} m");
+    assert!(number(scene, "gap_ratio") < 0.5, "{scene}");
+    assert!(number(scene, "pulled_m") > 0.02, "{scene}");
+    assert!(number(scene, "penetration_ratio") >= 0.0, "{scene}");
+    let gap = number(scene, "rim_gap_m");
+    let welded = number(scene, "rim_gap_welded_m");
+    assert!((number(scene, "rim_gap_vs_welded") - gap / welded).abs() < 1e-12);
+    assert!(number(scene, "stress_peak_pa") > 1e3, "{scene}");
+
+    let again = run(directory.path(), &coarse());
+    assert_eq!(summary["trace_hash"], again["trace_hash"]);
+    assert_eq!(scene, &again["scene"]);
+}
+
+/// Nothing of a thread is reported or sent where there is none.
+#[test]
+fn a_scene_without_a_thread_has_nothing_of_it() {
+    let text = coarse();
+    let (before, rest) = text.split_once("# Frictionless, and held").unwrap();
+    let (_, after) = rest.split_once("# The console's own.").unwrap();
+    let directory = tempfile::tempdir().unwrap();
+    let summary = run(directory.path(), &[before, "# ", after].concat());
+    let scene = summary["scene"].as_object().unwrap();
+    for key in ["threads", "gap_ratio", "tension_n", "stress_peak_pa"] {
+        assert!(!scene.contains_key(key), "{key}");
+    }
+}
+
+/// A console whose line is tapped on the way down.
+struct Tapped {
+    console: NativeConsole,
+    down: Accumulator,
+    contacts: Vec<(u64, Contact)>,
+    threads: Vec<(u64, Thread)>,
+}
+
+impl LockstepConsole for Tapped {
+    fn exchange(&mut self, down: &[u8], up: &mut Vec<u8>) -> Result<(), LinkError> {
+        for byte in down {
+            let packet = self.down.push(*byte);
+            let message = packet.map(|packet| packet.and_then(|packet| decode(packet)?.unpack()));
+            match message {
+                Some(Ok(Unchecked::Contact(header, body))) => {
+                    self.contacts.push((header.console_time_us, body));
+                }
+                Some(Ok(Unchecked::Thread(header, body))) => {
+                    self.threads.push((header.console_time_us, body));
+                }
+                _ => {}
+            }
+        }
+        self.console.exchange(down, up)
+    }
+
+    fn name(&self) -> &str {
+        self.console.name()
+    }
+}
+
+/// What the console is told of the thread at its needle: first how much of it is left, then how it pulls.
+#[test]
+fn the_console_is_told_how_the_thread_pulls() {
+    let document = Document::embedded("wound.toml", Path::new(""), &coarse());
+    let scene = Scene::read(&document, "wound").unwrap();
+    let mut solver = TissueSolver::new(&scene).unwrap();
+    let plan = Plan {
+        device: scene.device.unwrap(),
+        hand: scene.hand.unwrap(),
+        host_hz: scene.host.host_hz,
+        seconds: scene.seconds,
+        tick_hz: 1000,
+        state_every: 1,
+        horizon_us: scene.host.horizon_us,
+        clear_fault: false,
+    };
+    let mut tapped = Tapped {
+        console: NativeConsole::new(&plan.device).unwrap(),
+        down: Accumulator::new(),
+        contacts: Vec::new(),
+        threads: Vec::new(),
+    };
+    let summary = run_lockstep(&mut tapped, &plan, &mut solver, |_| {
+        ControlFlow::Continue(())
+    });
+    assert_eq!(summary.unwrap().status, "ok");
+    // From when on the console holds the needle.
+    let began_us = tapped.contacts[0].0;
+    let held_us = scene.needles[0].holds.last().unwrap().time_s * 1e6;
+    let first_us = tapped.threads[0].0 - began_us;
+    assert!((first_us as f64 - held_us).abs() <= 5000.0, "{first_us}");
+    let mut taut = 0;
+    for (time_us, thread) in &tapped.threads {
+        assert_eq!((thread.tool, thread.thread, thread.end), (0, 0, End::Head));
+        let contact = tapped.contacts.iter().find(|(t, _)| t == time_us);
+        let (_, contact) = contact.expect("with each thread");
+        assert_eq!(thread.position_m, contact.position_m);
+        assert_eq!(thread.horizon_us, contact.horizon_us);
+        if thread.state == Tension::Slack {
+            assert_eq!(thread.tension_n, 0.0);
+            continue;
+        }
+        taut += 1;
+        // Only the thread pulls at a needle that is out of the tissue.
+        for axis in 0..3 {
+            let pull = thread.tension_n * thread.direction[axis];
+            let felt = contact.wrench[axis];
+            assert!(
+                (pull - felt).abs() < 1e-4 + 1e-4 * pull.abs(),
+                "{pull} N, {felt} N"
+            );
+        }
+        assert!(thread.stiffness_n_per_m > 0.0, "{thread:?}");
+    }
+    assert!(taut > 100, "{taut} of {}", tapped.threads.len());
+    assert!(tapped.contacts.len() > tapped.threads.len() + 500);
+}
+
+#[test]
+fn slips_are_told_at_their_place() {
+    let directory = tempfile::tempdir().unwrap();
+    for (from, to, message, help) in [
+        (
+            "needle = 0\nlength_m",
+            "needle = 1\nlength_m",
+            "there is no needle 1",
+            "this scene's needles are [0]",
+        ),
+        (
+            "between = [\"left\", \"right\"]",
+            "between = [\"left\", \"rihgt\"]",
+            "the mesh has no region \"rihgt\"",
+            "did you mean \"right\"?",
+        ),
+        (
+            "end = \"tail\", tool = 2",
+            "end = \"tail\", tool = 7",
+            "there is no tool 7",
+            "this scene's tools are [0, 1, 2]",
+        ),
+    ] {
+        let text = coarse();
+        assert!(text.contains(from), "{from}");
+        std::fs::write(
+            directory.path().join("slip.toml"),
+            text.replacen(from, to, 1),
+        )
+        .unwrap();
+        let ran = sutura_in(directory.path(), &["scene", "check", "slip.toml"]);
+        assert_eq!(ran.code, 2, "{to}: {}", ran.stderr);
+        let told = ran.stderr.split_whitespace().collect::<Vec<_>>().join(" ");
+        for words in [message, help, "slip.toml:"] {
+            assert!(told.contains(words), "{to}: no {words:?} in {}", ran.stderr);
+        }
+    }
+}
