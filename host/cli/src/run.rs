@@ -76,7 +76,7 @@ pub enum Tissue {
 
 impl Tissue {
     /// In place of what the scene says; its settings stay where it has some for this model.
-    fn instead_of(self, scenes: scene::Tissue) -> scene::Tissue {
+    pub fn instead_of(self, scenes: scene::Tissue) -> scene::Tissue {
         match (self, scenes) {
             (Tissue::Linear, _) => scene::Tissue::Linear,
             (Tissue::Corotational, scene::Tissue::Corotational(settings)) => {

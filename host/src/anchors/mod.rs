@@ -29,7 +29,7 @@ pub struct AnchorPoint {
 /// A row on several anchors: the sum of `direction . u(anchor)` over its terms, at or below its target or
 /// equal to it, by its kind.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct SpreadRow {
+pub(crate) struct SpreadRow {
     /// Names the row from step to step, among single rows too.
     pub id: u64,
     /// What it may do.
@@ -44,7 +44,7 @@ pub struct SpreadRow {
 
 /// A part of a [`SpreadRow`].
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Term {
+pub(crate) struct Term {
     /// Index of the anchor.
     pub anchor: u32,
     /// World frame, of any length, (3).

@@ -237,7 +237,10 @@ impl System {
             first_row: Vec::with_capacity(most_anchors + 1),
             free: vec![Vector3::zeros(); most_anchors],
             pairs: Pairs::new(most_anchors),
-            spread: Spread::default(),
+            spread: Spread {
+                rows: Vec::with_capacity(settings.most_spread),
+                terms: Vec::with_capacity(settings.most_terms),
+            },
             w: vec![0.0; most_rows * most_rows],
             delta_free: vec![0.0; most_rows],
             kinds: Vec::with_capacity(most_rows),
@@ -377,21 +380,9 @@ impl System {
     }
 
     /// delta at no forces of the rows of the last [`Self::assemble`] \[m\], (n).
+    #[cfg(test)]
     pub fn delta_free_m(&self, rows: usize) -> &[f64] {
         &self.delta_free[..rows]
-    }
-
-    /// Forces on vertices of the rows on several anchors that were read last, of which there are no others, with
-    /// multipliers `lambda` \[N\].
-    pub fn pushes<'a>(&'a self, lambda: &'a [f64]) -> impl Iterator<Item = Push> + 'a {
-        let rows = self.spread.rows.iter().zip(lambda);
-        rows.flat_map(move |(row, lambda)| {
-            self.spread.terms_of(row).iter().flat_map(move |term| {
-                let force = -Vector3::from(term.direction) * *lambda;
-                let parts = self.next_anchors[term.anchor as usize].parts();
-                parts.map(move |(vertex, weight)| (vertex, force * weight))
-            })
-        })
     }
 
     /// Elastic energy that the forces of the last solve have put into linear tissue \[J\].
@@ -427,13 +418,6 @@ impl System {
             field_work,
         );
         field
-    }
-
-    /// Makes room for the rows on several anchors, so that reading them does not.
-    pub fn reserve_spread(&mut self) {
-        let most = self.settings.most_spread;
-        self.spread.rows.reserve(most);
-        self.spread.terms.reserve(self.settings.most_terms);
     }
 
     /// Place of a node among the reached.

@@ -34,7 +34,7 @@ const LOOSE_SOLVES: u32 = 4;
 /// Where more vertices than this are pushed, one solve for all nodes costs less than a sum for each that is asked for.
 const MANY_PUSHES: usize = 150;
 /// A thread that would bend by less over tissue cuts into it \[rad\].
-const LEAST_TURN: f64 = 0.02;
+const LEAST_TURN: f64 = 0.05;
 
 /// What a row's anchor is on its needle.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -74,6 +74,9 @@ impl TangentWork {
         work: &NeedleWork,
     ) {
         let n = work.count();
+        if n == 0 {
+            return;
+        }
         let w = work.system.compliance(n);
         let matrix = &mut self.matrix[..n * n];
         matrix.copy_from_slice(w);
@@ -122,6 +125,10 @@ impl TangentWork {
         pulls: &[Option<Pull>],
     ) -> Matrix6<f64> {
         let n = work.count();
+        let nothing = !work.points.iter().any(|point| moves(point.needle));
+        if nothing && pulls.iter().all(Option::is_none) {
+            return Matrix6::zeros();
+        }
         let w = work.system.compliance(n);
         let points = || {
             work.points

@@ -1,17 +1,15 @@
 //! Suture thread: pulled through anchors in tissue.
 //!
 //! Entry points: [`ThreadPart`] for a thread that follows a needle in a [`crate::model::Model`];
-//! [`pull::ThreadSolver`] for one alone; [`FreeThread`] for the shape of what hangs. Source: Younes 2021, section 3.3.
+//! [`FreeThread`] for the shape of what hangs. Source: Younes 2021, section 3.3.
 
 mod chain;
 mod free;
 mod model;
 mod nearest;
-pub mod pull;
 mod segments;
 mod skin;
 mod state;
-mod tension;
 mod wrap;
 
 pub(crate) use model::{MOST_SEGMENTS, Threads};

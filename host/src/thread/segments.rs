@@ -20,7 +20,7 @@ use crate::rows::RowKind;
 use nalgebra::Vector3;
 
 /// A segment's direction is known when forces follow it to this part of the tension.
-const STRAIGHT: f64 = 1e-6;
+const STRAIGHT: f64 = 3e-5;
 /// The true length is held this well \[m\]: a tenth of what is promised.
 const LENGTH_M: f64 = 1e-7;
 /// Tension below this is none \[N\].

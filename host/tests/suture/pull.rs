@@ -10,13 +10,12 @@ const TOUCHING: Setup = Setup {
     ..SETUP
 };
 
+/// Where a hand is, and its wrench on the tool.
+type Hand = (Vector3<f64>, UnitQuaternion<f64>, Vector6<f64>);
+
 /// Work of both hands against what is stored and spent, over the largest stored energy.
 struct Ledger {
-    last: Option<(
-        [Vector3<f64>; 2],
-        [UnitQuaternion<f64>; 2],
-        [Vector6<f64>; 2],
-    )>,
+    last: Option<[Hand; 2]>,
     work_j: f64,
     start_j: f64,
     peak_j: f64,
@@ -25,20 +24,20 @@ struct Ledger {
 
 impl Ledger {
     fn book(&mut self, bench: &Bench, report: &StepReport) {
-        let poses = [bench.grip, bench.other];
-        let at = poses.map(|pose| pose.translation.vector);
-        let turned = poses.map(|pose| pose.rotation);
-        let wrench = [0, 1].map(|tool| Vector6::from(report.contacts()[tool].wrench));
+        let hands = [(0, &bench.grip), (1, &bench.other)].map(|(tool, pose): (usize, _)| {
+            let wrench = Vector6::from(report.contacts()[tool].wrench);
+            (pose.translation.vector, pose.rotation, wrench)
+        });
         let spent: f64 = report.needles()[0].dissipated_j.iter().sum();
         let stored = report.stored_energy_j + spent + report.threads()[0].dissipated_j;
         match &self.last {
             None => self.start_j = stored,
-            Some((from, before, then)) => {
-                for tool in 0..2 {
-                    let way = at[tool] - from[tool];
-                    let turn = (turned[tool] * before[tool].inverse()).scaled_axis();
+            Some(before) => {
+                for ((at, turned, wrench), (from, unturned, then)) in hands.iter().zip(before) {
+                    let way = at - from;
+                    let turn = (turned * unturned.inverse()).scaled_axis();
                     let twist = Vector6::new(way.x, way.y, way.z, turn.x, turn.y, turn.z);
-                    self.work_j -= 0.5 * (wrench[tool] + then[tool]).dot(&twist);
+                    self.work_j -= 0.5 * (wrench + then).dot(&twist);
                 }
             }
         }
@@ -46,7 +45,7 @@ impl Ledger {
         self.worst_j = self
             .worst_j
             .max((self.work_j - (stored - self.start_j)).abs());
-        self.last = Some((at, turned, wrench));
+        self.last = Some(hands);
     }
 }
 
@@ -118,8 +117,8 @@ fn both_hands_feel_how_the_tension_changes() {
     let report = bench.step_both();
     assert_eq!(report.threads()[0].state, ThreadTension::Taut);
     let mut worst = 0.0f64;
-    for tool in 0..2usize {
-        let exact = report.contacts()[tool].tangent;
+    for (tool, contact) in report.contacts().iter().enumerate() {
+        let exact = contact.tangent;
         let largest = exact
             .as_flattened()
             .iter()

@@ -139,7 +139,10 @@ pub fn anastomosis(punctures: u32) -> String {
     };
     carry.push(rest(sewn_s, tail));
     carry.push(rest(pull_s, tail));
-    carry.push(rest(pull_s + PULL_S, along(tail, pull_m, aside(tail_out, -1.0))));
+    carry.push(rest(
+        pull_s + PULL_S,
+        along(tail, pull_m, aside(tail_out, -1.0)),
+    ));
 
     let seconds = (10.0 * (pull_s + PULL_S + 0.2)).ceil() / 10.0;
     let mut text = format!(

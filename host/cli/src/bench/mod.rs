@@ -7,6 +7,7 @@ mod sliding;
 mod suite;
 
 use crate::failure::{Cause, Failure};
+use crate::run::Tissue;
 use crate::{Format, Global, scene};
 use clap::Args;
 use indicatif::{ProgressBar, ProgressStyle};
@@ -17,6 +18,7 @@ use sutura_host::model::Model;
 use sutura_host::scene::Scene;
 use sutura_host::script::Script;
 use sutura_host::step::{State, Status, StepReport, Workspace, step};
+use sutura_host::thread::ThreadTension;
 
 /// Slabs of `--suite`, in cubes along x, y, z.
 const SLABS: [[usize; 3]; 3] = [[20, 20, 8], [26, 26, 10], [32, 32, 12]];
@@ -30,6 +32,9 @@ pub struct BenchArgs {
     /// Scenes with a `[hand]` whose path the driven tool follows; the palpation scene when left out.
     #[arg(conflicts_with = "suite")]
     pub scenes: Vec<PathBuf>,
+    /// Tissue model, in place of the scenes'.
+    #[arg(long, value_name = "NAME", conflicts_with = "suite")]
+    pub tissue: Option<Tissue>,
     /// Rows on circling anchors: two tubes, a cylinder, growth to 20,000 nodes; palpation of three slabs.
     #[arg(long)]
     pub suite: bool,
@@ -45,11 +50,12 @@ const EXAMPLES: &str = "\
 Examples:
   sutura bench                             the palpation scene
   sutura bench scenes/palpation.toml my.toml --format json
+  sutura bench scenes/anastomosis-50.toml --tissue corotational
   sutura bench --suite                     60 and 150 rows on tubes and a cylinder, up to 20,000 nodes
   sutura bench --suite --steps 100         the same, shorter
   sutura bench --suite --only sliding      what a needle's speed costs where nothing is computed yet
 
-Figures of scenes are medians over all steps in contact, after every compliance column was computed; first_touch_us is
+Figures of scenes are medians over all steps in contact (and once more over those in which a thread pulls), after every compliance column was computed; first_touch_us is
 the slowest step while they were not. Build with --release: a debug build is many times slower.";
 
 #[derive(Serialize)]
@@ -161,6 +167,11 @@ pub fn run(args: &BenchArgs, global: &Global) -> Result<(), Failure> {
     for path in &args.scenes {
         scenes.push(scene::open(Some(path))?);
     }
+    if let Some(tissue) = args.tissue {
+        for scene in &mut scenes {
+            scene.tissue = tissue.instead_of(scene.tissue);
+        }
+    }
     // Hidden by itself where stderr is no terminal.
     let progress = ProgressBar::new((scenes.len() * (1 + PASSES)) as u64);
     if let Ok(style) = ProgressStyle::with_template("{bar:30} {pos}/{len} {msg}") {
@@ -174,7 +185,7 @@ pub fn run(args: &BenchArgs, global: &Global) -> Result<(), Failure> {
         progress.set_length((scenes.len() * (1 + PASSES)) as u64);
     }
     for scene in &scenes {
-        cases.push(measure(scene, &progress)?);
+        cases.extend(measure(scene, &progress)?);
     }
     if let (Some(only), true, true) = (&args.only, cases.is_empty(), slides.is_empty()) {
         return Err(Failure::say(
@@ -198,12 +209,13 @@ pub fn run(args: &BenchArgs, global: &Global) -> Result<(), Failure> {
 }
 
 /// One step of a pass.
+#[derive(Clone, Copy)]
 struct Sample {
     took: Duration,
     report: StepReport,
 }
 
-fn measure(scene: &Scene, progress: &ProgressBar) -> Result<Case, Failure> {
+fn measure(scene: &Scene, progress: &ProgressBar) -> Result<Vec<Case>, Failure> {
     progress.set_message(scene.name.clone());
     if scene.hand.is_none() || scene.driven().is_none() {
         let message = format!(
@@ -232,23 +244,12 @@ fn measure(scene: &Scene, progress: &ProgressBar) -> Result<Case, Failure> {
         .map(|s| s.took)
         .max();
 
-    let mut samples = Vec::new();
-    let mut medians = Vec::new();
-    let mut steps_not_ok = 0;
+    let mut passes: Vec<Vec<Sample>> = Vec::with_capacity(PASSES);
     for _ in 0..PASSES {
         state = State::new(&model);
-        let pass = walk(scene, &model, &mut state, &mut work);
-        steps_not_ok = pass
-            .iter()
-            .filter(|s| s.report.status != Status::Ok)
-            .count();
-        let touching: Vec<Sample> = pass.into_iter().filter(|s| s.report.rows > 0).collect();
-        medians.push(quantile(&mut micros(&touching, |s| s.took), 0.5));
-        samples.extend(touching);
+        passes.push(walk(scene, &model, &mut state, &mut work));
         progress.inc(1);
     }
-    medians.sort_by(f64::total_cmp);
-
     let mut field_us: Vec<f64> = (0..PASSES)
         .map(|_| {
             let started = Instant::now();
@@ -258,43 +259,69 @@ fn measure(scene: &Scene, progress: &ProgressBar) -> Result<Case, Failure> {
             1e6 * took.as_secs_f64()
         })
         .collect();
-    let mut took = micros(&samples, |s| s.took);
-    let stage = |ns: fn(&StepReport) -> u64| {
-        quantile(
-            &mut micros(&samples, |s| Duration::from_nanos(ns(&s.report))),
-            0.5,
-        )
+    let field_us = quantile(&mut field_us, 0.5);
+    let first_touch_us = first_touch.map_or(0.0, |t| 1e6 * t.as_secs_f64());
+    let memory_mb = 1e-6 * (8 * model.factor_entries() + work.cache_bytes()) as f64;
+    let case = |name: String, of: fn(&StepReport) -> bool| {
+        let chosen = |pass: &[Sample]| -> Vec<Sample> {
+            pass.iter().filter(|s| of(&s.report)).copied().collect()
+        };
+        let mut medians: Vec<f64> = passes
+            .iter()
+            .map(|pass| quantile(&mut micros(&chosen(pass), |s| s.took), 0.5))
+            .collect();
+        medians.sort_by(f64::total_cmp);
+        let samples: Vec<Sample> = passes.iter().flat_map(|pass| chosen(pass)).collect();
+        let mut took = micros(&samples, |s| s.took);
+        let stage = |ns: fn(&StepReport) -> u64| {
+            quantile(
+                &mut micros(&samples, |s| Duration::from_nanos(ns(&s.report))),
+                0.5,
+            )
+        };
+        Case {
+            scene: name,
+            tissue: scene.tissue.word(),
+            nodes: scene.mesh.points_m().len(),
+            cells: scene.mesh.cells().len(),
+            rows: samples.iter().map(|s| s.report.rows).max().unwrap_or(0),
+            steps: samples.len() / PASSES,
+            steps_not_ok: passes.last().map_or(0, |pass| {
+                let bad = pass.iter().filter(|s| s.report.status != Status::Ok);
+                bad.count()
+            }),
+            step_us: Spread {
+                p50: quantile(&mut took, 0.5),
+                mean: took.iter().sum::<f64>() / took.len().max(1) as f64,
+                p99: quantile(&mut took, 0.99),
+                max: quantile(&mut took, 1.0),
+                p50_range: [medians[0], medians[PASSES - 1]],
+            },
+            field_us: Some(field_us),
+            stages_us: StagesUs(vec![
+                ("tissue", stage(|r| r.stages.tissue_ns)),
+                ("detect", stage(|r| r.stages.detect_ns)),
+                ("columns", stage(|r| r.stages.columns_ns)),
+                ("solve", stage(|r| r.stages.solve_ns)),
+                ("field", stage(|r| r.stages.field_ns)),
+                ("reduce", stage(|r| r.stages.reduce_ns)),
+            ]),
+            factor_ms,
+            first_touch_us,
+            memory_mb,
+            of_rows: None,
+            turning: None,
+        }
     };
-    Ok(Case {
-        scene: scene.name.clone(),
-        tissue: scene.tissue.word(),
-        nodes: scene.mesh.points_m().len(),
-        cells: scene.mesh.cells().len(),
-        rows: samples.iter().map(|s| s.report.rows).max().unwrap_or(0),
-        steps: samples.len() / PASSES,
-        steps_not_ok,
-        step_us: Spread {
-            p50: quantile(&mut took, 0.5),
-            mean: took.iter().sum::<f64>() / took.len().max(1) as f64,
-            p99: quantile(&mut took, 0.99),
-            max: quantile(&mut took, 1.0),
-            p50_range: [medians[0], medians[PASSES - 1]],
-        },
-        field_us: Some(quantile(&mut field_us, 0.5)),
-        stages_us: StagesUs(vec![
-            ("tissue", stage(|r| r.stages.tissue_ns)),
-            ("detect", stage(|r| r.stages.detect_ns)),
-            ("columns", stage(|r| r.stages.columns_ns)),
-            ("solve", stage(|r| r.stages.solve_ns)),
-            ("field", stage(|r| r.stages.field_ns)),
-            ("reduce", stage(|r| r.stages.reduce_ns)),
-        ]),
-        factor_ms,
-        first_touch_us: first_touch.map_or(0.0, |t| 1e6 * t.as_secs_f64()),
-        memory_mb: 1e-6 * (8 * model.factor_entries() + work.cache_bytes()) as f64,
-        of_rows: None,
-        turning: None,
-    })
+    let mut cases = vec![case(scene.name.clone(), |report| report.rows > 0)];
+    if !scene.threads.is_empty() {
+        let pulls = |report: &StepReport| {
+            let mut threads = report.threads().iter();
+            threads.any(|thread| thread.state != ThreadTension::Slack)
+        };
+        cases.push(case(format!("{}, pulling", scene.name), pulls));
+    }
+    Ok(cases)
 }
 
 /// The scene's scripts, one step every host period.
