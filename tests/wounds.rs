@@ -6,7 +6,7 @@ mod support;
 use serde_json::Value;
 use std::ops::ControlFlow;
 use std::path::Path;
-use support::{root, sutura_in};
+use support::{root, sutura, sutura_in};
 use sutura_hil::NativeConsole;
 use sutura_host::link::{LinkError, LockstepConsole};
 use sutura_host::scene::{Document, Scene};
@@ -178,6 +178,33 @@ fn the_console_is_told_how_the_thread_pulls() {
     }
     assert!(taut > 100, "{taut} of {}", tapped.threads.len());
     assert!(tapped.contacts.len() > tapped.threads.len() + 500);
+}
+
+#[test]
+fn a_wound_is_explained() {
+    let ran = sutura(&[
+        "scene",
+        "explain",
+        "scenes/wound-slabs.toml",
+        "--format",
+        "json",
+    ]);
+    assert_eq!(ran.code, 0, "{}", ran.stderr);
+    let object: Value = serde_json::from_str(&ran.stdout).unwrap();
+    let parts = object["components"].as_array().unwrap();
+    let part = |name: &str| {
+        let found = parts.iter().find(|part| part["name"] == name);
+        found.unwrap_or_else(|| panic!("no {name} in {object:#}"))
+    };
+    for (name, words) in [
+        ("thread 0", "through 16 boundaries"),
+        ("contact of left and right", "pairs of features press"),
+        ("displacement of all nodes", "where threads bend"),
+    ] {
+        let part = part(name);
+        assert_eq!(part["built"], true, "{part}");
+        assert!(part["why"].as_str().unwrap().contains(words), "{part}");
+    }
 }
 
 #[test]
