@@ -201,19 +201,23 @@ fn says_the_same(old: &Kept, new: &Found) -> bool {
         | (Pair::FaceVertex(face, v), Pair::FaceVertex(other, w)) => v == w && shared(face, other),
         _ => {
             let new = &new.kept;
-            old.normal.dot(&new.normal) > ALONG && apart(old, new) + apart(new, old) < 8.0 * BEYOND
+            // A vertex and a face of the other body look at each other the other way round.
+            let cosine = old.normal.dot(&new.normal);
+            let side = cosine.signum();
+            let apart = apart(old, new, side) + apart(new, old, side);
+            cosine.abs() > ALONG && apart < 8.0 * BEYOND
         }
     }
 }
 
-/// How much of the first pair's points is not the second's, by weights.
-fn apart(one: &Kept, other: &Kept) -> f64 {
+/// How much of the first pair's points is not the second's, by weights, those times `side`.
+fn apart(one: &Kept, other: &Kept, side: f64) -> f64 {
     let (nodes, others) = (one.pair.nodes(), other.pair.nodes());
     let own = nodes.iter().zip(&one.weights);
     own.map(|(node, weight)| {
         let same = others.iter().zip(&other.weights);
         let share = same.filter(|(other, _)| *other == node);
-        (weight - share.map(|(_, weight)| weight).sum::<f64>()).abs()
+        (weight - side * share.map(|(_, weight)| weight).sum::<f64>()).abs()
     })
     .sum()
 }
@@ -247,10 +251,8 @@ fn meets(
     let after = stance.gap_m(&nodes, |node| path(node).to);
     let separation_m = touching.separation_m();
     let hold_m = before.min(separation_m);
-    let deepest_m = touching.settings.deepest * touching.mean_edge_m();
-    // From inside, or on its way out, it is not kept.
-    if before < -deepest_m
-        || after >= hold_m - VIOLATED * separation_m
+    // On its way out, or from inside, it is not kept.
+    if after >= hold_m - VIOLATED * separation_m
         || !faces_each_other(shells, &pair, &stance.normal, then)
     {
         return None;

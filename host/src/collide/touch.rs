@@ -28,9 +28,6 @@ pub struct TouchSettings {
     /// A point of contact that has wandered by less than this over its face or edge stays where it is in the
     /// rows, so that what is known of it does not have to be computed again. 0.02.
     pub wander: f64,
-    /// How deep a feature may be inside at the last balance and still be kept from going deeper; what is deeper
-    /// is on its way through from another side. 0.25.
-    pub deepest: f64,
     /// Features that come as near as this are looked at more closely. 0.15: more makes a longer list, less has
     /// it made anew more often.
     pub guard: f64,
@@ -44,7 +41,6 @@ impl Default for TouchSettings {
             separation: 0.005,
             release: 0.02,
             wander: 0.02,
-            deepest: 0.25,
             guard: 0.15,
             most_pairs: 256,
         }
@@ -114,8 +110,9 @@ pub struct Touching {
 }
 
 impl Touching {
-    /// Of `parts`, with their nodes at `at` \[m\] (n x 3) in the beginning. Bodies may touch there, and what
-    /// overlaps by less than the settings' `deepest` stays as it is and does not get deeper.
+    /// Of `parts`, with their nodes at `at` \[m\] (n x 3) in the beginning. Bodies may touch there; what
+    /// overlaps by less than half a separation does not get deeper, and what overlaps by more is not held before
+    /// it has come out. [`super::penetration_m`] says by how much they do.
     ///
     /// # Errors
     /// A body without faces, nodes that do not exist, numbers out of range.
@@ -204,7 +201,6 @@ fn check(settings: &TouchSettings) -> Result<(), TouchError> {
         ("separation", settings.separation),
         ("release", settings.release),
         ("wander", settings.wander),
-        ("deepest", settings.deepest),
         ("guard", settings.guard),
     ];
     for (what, value) in lengths {

@@ -208,7 +208,6 @@ impl Drive<'_> {
             saved.copy_from(thread);
             thread.tail.at = *tail;
             thread.head.at = *head;
-            thread.strained = false;
         }
         if let (Some(saved), Some(touch)) = (&mut self.work.saved_touch, &self.touch) {
             saved.copy_from(touch);
@@ -610,6 +609,19 @@ impl Drive<'_> {
             .sum()
     }
 
+    /// How far a crossing is from the last face that a thread goes through; 0 if there is none.
+    pub(super) fn apart(&self, thread: usize, crossing: &Crossing) -> f64 {
+        let last = self
+            .threads
+            .get(thread)
+            .and_then(|thread| thread.passed.last());
+        last.map_or(0.0, |last| {
+            let [a, b] = [&last.crossing, crossing]
+                .map(|crossing| self.position_of(&anchor(&self.needles.mesh, crossing)));
+            a.metric_distance(&b)
+        })
+    }
+
     /// Whether both ends of a thread withstand a pull.
     pub(super) fn is_held(&self, thread: usize) -> bool {
         let needle = &self.states[self.needles.threads.needles[thread]];
@@ -694,7 +706,11 @@ impl Drive<'_> {
             );
             let is_held = self.threads[index].is_tail_held() && head.is_some();
             self.threads[index].finish(is_held);
-            let (Some(head), false) = (head, is_held) else {
+            if is_held {
+                continue;
+            }
+            let Some(head) = head else {
+                self.draw_back(index);
                 continue;
             };
             let Some(last) = self.threads[index].passed.last().map(|last| last.crossing) else {
@@ -707,6 +723,23 @@ impl Drive<'_> {
                 thread.draw(short);
                 thread.drop_behind();
             }
+        }
+    }
+
+    /// What a tail that is pulled draws out of the tissue of a thread whose head nobody holds.
+    fn draw_back(&mut self, index: usize) {
+        let thread = &self.threads[index];
+        let tail = thread.tail;
+        let has_place = matches!(tail.by, ThreadHold::Place(_) | ThreadHold::Tool(_));
+        let Some(first) = thread.passed.first().filter(|_| has_place) else {
+            return;
+        };
+        let way = tail.at - self.position_of(&anchor(&self.needles.mesh, &first.crossing));
+        let short = way.norm() - (first.crossing.alpha - tail.alpha);
+        if short > 0.0 {
+            let thread = &mut self.threads[index];
+            thread.draw(-short);
+            thread.drop_ahead();
         }
     }
 

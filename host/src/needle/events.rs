@@ -111,9 +111,10 @@ impl Drive<'_> {
         for index in 0..behind {
             self.release(needle, What::Crossing(index));
             // The thread follows.
+            let crossing = self.states[needle].history.crossings()[index];
+            let apart = thread.map_or(0.0, |thread| self.apart(thread, &crossing));
             if let Some(thread) = thread.and_then(|thread| self.threads.get_mut(thread)) {
-                let crossing = self.states[needle].history.crossings()[index];
-                changed |= thread.pass(&self.needles.mesh, crossing);
+                changed |= thread.pass(&self.needles.mesh, crossing, apart);
             }
         }
         if behind > 0 {

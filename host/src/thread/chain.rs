@@ -20,7 +20,7 @@ const MOST_NEWTON: usize = 30;
 /// Halvings of one of them.
 const HALVINGS: usize = 14;
 /// At rest when no point would move by more than this part of a segment.
-const AT_REST: f64 = 1e-8;
+const AT_REST: f64 = 1e-6;
 /// Lengths are held this well, of their own; what is asked for is 1e-4.
 const HELD: f64 = 1e-10;
 /// Passes that bring lengths back, of which each squares the error.
@@ -33,6 +33,8 @@ const APART: f64 = 0.3;
 const STRAIGHT: f64 = 1e-6;
 /// Nodes between two guides that move freely; fewer may not reach from one to the other with their pieces.
 const LEAST_FREE: usize = 3;
+/// What is laid out loose leaves its line by this part of the chain's length.
+const ASIDE: f64 = 0.05;
 /// A force as large as what the chain pulls with presses it into tissue by this part of its radius.
 const PRESSED: f64 = 0.02;
 
@@ -212,32 +214,43 @@ impl Chain {
         })
     }
 
-    /// Lays it at rest along straight lines from guide to guide, ascending along it, and straight on beyond them.
+    /// Lays it at rest along straight lines from guide to guide, ascending along it, and on beyond them, a little
+    /// downwards or aside so that it does not stand on its end.
     pub fn place(&mut self, guides: &[Guide]) {
         let (Some(first), Some(last)) = (guides.first(), guides.last()) else {
             return;
         };
-        let segment = self.settings.length_m / (self.settings.nodes - 1) as f64;
+        let (length, segment) = (self.settings.length_m, self.segment());
         let at = |guide: &Guide| Vector3::from(guide.at_m);
-        let way = |guides: &[Guide]| match guides {
-            [a, .., b] => (at(b) - at(a)).try_normalize(0.0),
-            _ => None,
+        let way = |from: Option<&Guide>, to: &Guide| {
+            let from = from.map_or_else(Vector3::zeros, at);
+            (at(to) - from)
+                .try_normalize(0.0)
+                .unwrap_or_else(Vector3::x)
         };
-        let begins = way(&guides[..guides.len().min(2)]).unwrap_or_else(Vector3::x);
-        let ends = way(&guides[guides.len().saturating_sub(2)..]).unwrap_or(begins);
+        let begins = way(guides.get(1), first);
+        let ends = way(
+            guides.len().checked_sub(2).map(|before| &guides[before]),
+            last,
+        );
+        let [aside, beside] = [begins, ends].map(|way| self.across(&way) * (ASIDE / length));
         for (node, place) in self.nodes.iter_mut().enumerate() {
             let along = node as f64 * segment;
             let next = guides.partition_point(|guide| guide.along_m <= along);
-            *place = match (
-                next.checked_sub(1).map(|before| &guides[before]),
-                guides.get(next),
-            ) {
+            let before = next.checked_sub(1).map(|before| &guides[before]);
+            *place = match (before, guides.get(next)) {
                 (Some(a), Some(b)) => {
                     let share = (along - a.along_m) / (b.along_m - a.along_m);
                     at(a).lerp(&at(b), share)
                 }
-                (None, _) => at(first) - begins * (first.along_m - along),
-                (_, None) => at(last) + ends * (along - last.along_m),
+                (None, _) => {
+                    let far = first.along_m - along;
+                    at(first) + begins * far + aside * (far * far)
+                }
+                (_, None) => {
+                    let far = along - last.along_m;
+                    at(last) + ends * far + beside * (far * far)
+                }
             };
         }
         self.velocities.fill(Vector3::zeros());
@@ -304,13 +317,18 @@ impl Chain {
         self.at.copy_from_slice(&self.trial);
         let mut sum = self.potential(&step);
         std::mem::swap(&mut self.touch, &mut self.touch_tried);
-        // Where inertia is little, what a step may do is bounded at first.
-        let mut firm = heaviest * gravity.norm() / segment + load / settings.length_m;
+        // Where inertia is little, what a step may do is bounded at first; elsewhere where one fails.
+        let firmness = heaviest * gravity.norm() / segment + load / settings.length_m;
+        let mut firm = if heaviest * inertia < firmness {
+            firmness
+        } else {
+            0.0
+        };
         report.status = ChainStatus::Moving;
         while (report.steps as usize) < MOST_NEWTON {
             report.steps += 1;
             let Some((slope, farthest)) = self.newton(&step, firm) else {
-                firm = (10.0 * firm).max(f64::MIN_POSITIVE);
+                firm = (10.0 * firm).max(firmness);
                 continue;
             };
             if farthest <= AT_REST * segment {
@@ -332,7 +350,7 @@ impl Chain {
                 share *= 0.5;
             }
             if !taken {
-                firm *= 10.0;
+                firm = (10.0 * firm).max(firmness);
                 continue;
             }
             if share == 1.0 {

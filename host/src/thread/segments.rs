@@ -349,7 +349,7 @@ impl ThreadState {
                 });
             };
         if is_held {
-            let kind = if self.strained {
+            let kind = if self.is_bounded {
                 RowKind::Box {
                     limit_n: part.strength_n,
                 }
@@ -417,10 +417,17 @@ impl ThreadState {
         let mut shared = 0.0;
         let mut settled = true;
         if is_held {
-            shared = take().max(0.0);
-            let strained = shared >= part.strength_n;
-            settled &= strained == self.strained;
-            self.strained = strained;
+            shared = take();
+            self.strained = self.is_bounded && shared >= part.strength_n;
+            // A box bounds a push, too.
+            let is_bounded = if self.is_bounded {
+                shared > 0.0
+            } else {
+                shared > part.strength_n
+            };
+            settled &= is_bounded == self.is_bounded;
+            self.is_bounded = is_bounded;
+            shared = shared.max(0.0);
             if part.friction > 0.0 {
                 for place in 1..self.spans.len() {
                     self.spans[place - 1].friction_n = take();

@@ -55,8 +55,9 @@ pub(crate) struct ThreadState {
     /// Bridging spans are no longer than this part of their length in the unloaded mesh.
     pub tightened: Option<f64>,
     pub state: ThreadTension,
-    /// Whether the strength bounds the tension.
+    /// Whether the tension is the strength, and whether the rows say that it can be no more.
     pub strained: bool,
+    pub is_bounded: bool,
     /// Typical compliance of a segment \[m/N\]; 0 before the first solve.
     pub compliance: f64,
     /// Drawn out at tail and head so far \[m\].
@@ -86,6 +87,7 @@ impl ThreadState {
             tightened: None,
             state: ThreadTension::Slack,
             strained: false,
+            is_bounded: false,
             compliance: 0.0,
             pulled_m: [0.0; 2],
             friction_j: 0.0,
@@ -108,6 +110,7 @@ impl ThreadState {
             tightened,
             state,
             strained,
+            is_bounded,
             compliance,
             pulled_m,
             friction_j,
@@ -123,33 +126,33 @@ impl ThreadState {
         *tightened = other.tightened;
         *state = other.state;
         *strained = other.strained;
+        *is_bounded = other.is_bounded;
         *compliance = other.compliance;
         *pulled_m = other.pulled_m;
         *friction_j = other.friction_j;
         *next_id = other.next_id;
     }
 
-    /// The needle's end has gone through a face: whether there is room.
-    pub fn pass(&mut self, mesh: &HalfFaces, crossing: Crossing) -> bool {
+    /// The needle's end has gone through a face, `apart_m` from the one before: whether there is room. What lies
+    /// between the two has been drawn in by the needle, up to this face.
+    pub fn pass(&mut self, mesh: &HalfFaces, crossing: Crossing, apart_m: f64) -> bool {
         if self.passed.len() >= MOST_PASSED {
             return false;
         }
         self.next_id += 1;
         let is_boundary = crossing.from().is_none() || crossing.to(mesh).is_none();
-        let last = self.passed.last().map_or(0.0, |last| last.crossing.alpha);
         let alpha = crossing.alpha.min(0.0);
+        if let Some(last) = self.passed.last() {
+            let lacking = last.crossing.alpha + apart_m - alpha;
+            if lacking > 0.0 {
+                self.draw(lacking);
+            }
+        }
         self.passed.push(Passed {
             crossing: Crossing { alpha, ..crossing },
             is_boundary,
             id: self.next_id,
         });
-        // Places do not decrease towards the head.
-        if last > alpha {
-            self.draw(last - alpha);
-            if let Some(own) = self.passed.last_mut() {
-                own.crossing.alpha = alpha;
-            }
-        }
         true
     }
 
@@ -172,6 +175,18 @@ impl ThreadState {
             .take_while(|passed| passed.crossing.alpha < end);
         let gone = gone.count();
         self.passed.drain(..gone);
+    }
+
+    /// Faces that the head has been drawn back out of are forgotten.
+    pub fn drop_ahead(&mut self) {
+        let end = self.head.alpha;
+        while self
+            .passed
+            .last()
+            .is_some_and(|last| last.crossing.alpha > end)
+        {
+            self.passed.pop();
+        }
     }
 
     /// Whether the tail withstands a pull.

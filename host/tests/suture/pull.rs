@@ -5,6 +5,11 @@ use nalgebra::{UnitQuaternion, Vector3, Vector6};
 use sutura_host::step::{StepReport, step};
 use sutura_host::thread::{ThreadPlace, ThreadPoint, ThreadTension};
 
+const TOUCHING: Setup = Setup {
+    touches: true,
+    ..SETUP
+};
+
 /// Work of both hands against what is stored and spent, over the largest stored energy.
 struct Ledger {
     last: Option<(
@@ -95,20 +100,20 @@ fn cycle(mut bench: Bench, pull_m: f64, step_m: f64) -> f64 {
 
 #[test]
 fn what_the_hands_do_is_stored() {
-    let error = cycle(drawn(bench(0.0, 20.0, false)), 0.004, 4e-5);
+    let error = cycle(drawn(bench(SETUP)), 0.004, 4e-5);
     assert!(error < 1e-3, "{error}");
 }
 
 #[test]
 fn what_the_hands_do_is_stored_when_the_slabs_touch() {
-    let error = cycle(drawn(bench(0.0, 20.0, true)), 0.008, 4e-5);
+    let error = cycle(drawn(bench(TOUCHING)), 0.008, 4e-5);
     assert!(error < 1e-3, "{error}");
 }
 
 /// Both tools' tangents against steps from the same state with a tool moved a little.
 #[test]
 fn both_hands_feel_how_the_tension_changes() {
-    let mut bench = drawn(bench(0.0, 20.0, false));
+    let mut bench = drawn(bench(SETUP));
     go(&mut bench, Vector3::new(0.001, 0.0005, -0.002));
     let report = bench.step_both();
     assert_eq!(report.threads()[0].state, ThreadTension::Taut);
@@ -177,7 +182,10 @@ fn passages(path: &[ThreadPoint]) -> Vec<([f64; 2], f64)> {
 #[test]
 fn friction_holds_the_tension_back_around_turns() {
     for friction in [0.1, 0.5] {
-        let mut bench = drawn(bench(friction, 20.0, true));
+        let mut bench = drawn(bench(Setup {
+            friction,
+            ..TOUCHING
+        }));
         // Pulled far aside, so that it turns; the other end stays.
         let mut seen = 0;
         for _ in 0..8 {

@@ -7,9 +7,34 @@ use sutura_host::needle::{NeedleSettings, NeedleTissue};
 use sutura_host::step::{State, StepReport, Workspace};
 use sutura_host::thread::{ThreadEnd, ThreadHold, ThreadPart, ThreadTension};
 
-/// A straight needle above two slabs 4 mm apart, with a thread.
-pub fn bench(friction: f64, strength_n: f64, touches: bool) -> Bench {
-    let start = frame([0.0013, 0.0007, 0.054], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]);
+/// A straight needle above two slabs, with a thread.
+#[derive(Clone, Copy)]
+pub struct Setup {
+    pub friction: f64,
+    pub strength_n: f64,
+    pub touches: bool,
+    pub gap_m: f64,
+    pub length_m: f64,
+    /// Where the needle goes down \[m\].
+    pub at_m: [f64; 2],
+}
+
+pub const SETUP: Setup = Setup {
+    friction: 0.0,
+    strength_n: 20.0,
+    touches: false,
+    gap_m: 0.004,
+    length_m: 0.3,
+    at_m: [0.0013, 0.0007],
+};
+
+pub fn bench(setup: Setup) -> Bench {
+    let [x, y] = setup.at_m;
+    let start = frame(
+        [x, y, 0.05 + setup.gap_m],
+        [0.0, 0.0, -1.0],
+        [1.0, 0.0, 0.0],
+    );
     let tissue = NeedleTissue {
         friction_n_per_m: 0.0,
         static_friction_n_per_m: 0.0,
@@ -17,32 +42,27 @@ pub fn bench(friction: f64, strength_n: f64, touches: bool) -> Bench {
         ..tissue()
     };
     let settings = NeedleSettings::default();
-    let mut bench = Bench::new(
-        slabs(),
-        Kind::Linear,
-        straight(0.04),
-        start,
-        tissue,
-        settings,
-    );
+    let slabs = slabs_apart(setup.gap_m);
+    let mut bench = Bench::new(slabs, Kind::Linear, straight(0.04), start, tissue, settings);
     let part = ThreadPart {
         id: 7,
         needle: 0,
-        length_m: 0.3,
-        friction,
-        strength_n,
+        length_m: setup.length_m,
+        friction: setup.friction,
+        strength_n: setup.strength_n,
     };
     let faces = |upper: bool| {
         let faces = bench.mesh.surface().triangles.into_iter();
-        let is_upper = |face: &[u32; 3]| bench.mesh.points_m()[face[0] as usize][2] > 0.002;
-        faces.filter(|face| is_upper(face) == upper).collect()
+        // The lower slab has the second half of the nodes.
+        let first = bench.mesh.points_m().len() as u32 / 2;
+        faces.filter(|face| (face[0] < first) == upper).collect()
     };
     let touching = TouchPart {
         faces: [faces(true), faces(false)],
         friction: 0.0,
     };
     bench.model = bench.model.with_threads(&[part]).expect("a thread");
-    if touches {
+    if setup.touches {
         bench.model = bench
             .model
             .with_touching(&[touching], TouchSettings::default())
@@ -63,6 +83,7 @@ pub fn go(bench: &mut Bench, way: Vector3<f64>) -> StepReport {
         bench.grip.translation.vector += way / steps as f64;
         report = bench.step_both();
         assert_eq!(report.status.name(), "ok");
+        bench.look(&report);
     }
     report
 }
@@ -74,8 +95,11 @@ pub fn drawn(mut bench: Bench) -> Bench {
     assert_eq!(report.threads()[0].punctures, 4);
     assert_eq!(report.threads()[0].state, ThreadTension::Slack);
     bench.other.translation.vector = Vector3::new(0.001, 0.002, 0.03);
-    let samples = [bench.sample_of(0), bench.sample_of(1)];
-    let (tail, by) = (ThreadEnd::Tail, ThreadHold::Tool(1));
-    assert!(bench.state.hold_thread(&bench.model, 7, tail, by, &samples));
+    hold(&mut bench, ThreadEnd::Tail, ThreadHold::Tool(1));
     bench
+}
+
+pub fn hold(bench: &mut Bench, end: ThreadEnd, by: ThreadHold) {
+    let samples = [bench.sample_of(0), bench.sample_of(1)];
+    assert!(bench.state.hold_thread(&bench.model, 7, end, by, &samples));
 }

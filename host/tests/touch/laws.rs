@@ -69,8 +69,9 @@ fn pressure_goes_through_an_interface_that_does_not_match() {
 #[test]
 fn friction_sticks_and_then_slips_at_its_limit() {
     let soft = crate::rig::SOFT;
-    for friction in [0.2, 0.6] {
+    for (friction, way) in [(0.2, [1.0, 0.0]), (0.6, [-0.6, 0.8])] {
         let (mut rig, top) = column(0.0005, friction, soft);
+        let along = Vector3::new(way[0], way[1], 0.0);
         let own = 0..rig.blocks.first[1];
         for step in 1..=5 {
             rig.step(&moved(&top, [0.0, 0.0, -4e-4 * f64::from(step)]));
@@ -79,7 +80,7 @@ fn friction_sticks_and_then_slips_at_its_limit() {
         // Aside, and back by a little.
         for step in (1..=30).chain((20..30).rev()) {
             let aside = 2e-4 * f64::from(step);
-            let report = rig.step(&moved(&top, [aside, 0.0, -0.002]));
+            let report = rig.step(&moved(&top, [aside * way[0], aside * way[1], -0.002]));
             let (mut limit, mut force) = (0.0, Vector3::zeros());
             for (rows, lambda) in report.rows.chunks(3).zip(report.lambda.chunks(3)) {
                 let across = lambda[1].hypot(lambda[2]);
@@ -101,7 +102,7 @@ fn friction_sticks_and_then_slips_at_its_limit() {
                     force -= Vector3::from(rows[axis].direction) * (lambda[axis] * side);
                 }
             }
-            shares.push(-force.x / limit);
+            shares.push(-force.dot(&along) / limit);
         }
         // In the beginning it sticks: the force grows with the way; far slid every pair slips against it.
         let growth = (shares[2] - shares[1]) / (shares[1] - shares[0]);

@@ -49,6 +49,25 @@ fn what_presses_is_pressed_back_and_let_go_of() {
     assert!(rig.state.is_clear(1e-5));
 }
 
+/// Nodes over nodes: each has one row, though it meets up to six faces and as many edges, and its opposite does.
+#[test]
+fn what_says_the_same_is_said_once() {
+    let above = Isometry3::translation(0.0, 0.0, 0.0205);
+    let blocks = Blocks::new(&[
+        ([0.03, 0.03, 0.02], [5, 5, 3], above),
+        ([0.054, 0.054, 0.03], [9, 9, 4], Isometry3::identity()),
+    ]);
+    let top = blocks.nodes(0, |at| at[2] > 0.0204);
+    let mut fixed = blocks.nodes(1, |at| at[2] < -0.0299);
+    fixed.extend(&top);
+    let mut rig = Rig::new(blocks, &fixed, 0.0);
+    for step in 1..=4 {
+        rig.step(&moved(&top, [0.0, 0.0, -2e-4 * f64::from(step)]));
+    }
+    assert!(rig.state.pressing() >= 30, "{}", rig.state.pressing());
+    assert_eq!(rig.state.pairs(), 36);
+}
+
 /// Two ridges across each other: one pair of edges.
 #[test]
 fn ridges_across_each_other_press_at_one_point() {

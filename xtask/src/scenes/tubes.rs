@@ -17,23 +17,23 @@ struct Tube {
 
 const UPPER: Tube = Tube {
     radii_m: [0.008, 0.011],
-    ends_m: [0.003, 0.033],
+    ends_m: [0.002, 0.032],
     divisions: [2, 30, 8],
 };
 const LOWER: Tube = Tube {
     radii_m: [0.009, 0.012],
-    ends_m: [-0.031, -0.003],
+    ends_m: [-0.030, -0.002],
     divisions: [2, 32, 8],
 };
 
 /// Half a circle.
-const NEEDLE_RADIUS_M: f64 = 0.0065;
+const NEEDLE_RADIUS_M: f64 = 0.0061;
 const NEEDLE_DEG: f64 = 180.0;
 /// Distance of its circle's centre from the tubes' axis, and height \[m\]: it goes into a tube's outside 2 mm from its
 /// end and comes out of the cut, and half a circle fits outside both tubes.
 const CENTRE_M: [f64; 2] = [0.0155, 0.0001];
 /// The same for a bite into the outer half of the upper tube's wall.
-const SHALLOW_CENTRE_M: [f64; 2] = [0.01625, 0.014];
+const SHALLOW_CENTRE_M: [f64; 2] = [0.01585, 0.014];
 /// Between the tip and the tissue when a bite begins, and between the needle's end and the tissue when it has ended
 /// \[degree\].
 const CLEAR_DEG: f64 = 7.0;
@@ -46,8 +46,8 @@ const BITE: u32 = 4;
 const BEGIN_S: f64 = 0.1;
 const PULL_S: f64 = 3.6;
 /// By how much the thread's ends are pulled away \[m\].
-const PULL_M: f64 = 0.067;
-const LONG_PULL_M: f64 = 0.12;
+const PULL_M: f64 = 0.057;
+const LONG_PULL_M: f64 = 0.107;
 
 /// Angle on the needle's circle \[degree\], from radially outwards towards +z, of its crossing with a cylinder about
 /// the tubes' axis.
@@ -59,6 +59,12 @@ fn crossing_deg(centre_m: [f64; 2], radius_m: f64, above: bool) -> f64 {
 
 fn outwards(angle: f64) -> Vec3 {
     [angle.cos(), angle.sin(), 0.0]
+}
+
+/// Round the tube and a little outwards: a pull outwards would dent it.
+fn aside(out: Vec3, sense: f64) -> Vec3 {
+    let round = [-out[1], out[0], 0.0].map(|v| sense * v);
+    along(round.map(|v| 0.96 * v), 0.28, out)
 }
 
 /// The needle's way for so many punctures: an even number.
@@ -133,7 +139,7 @@ pub fn anastomosis(punctures: u32) -> String {
     };
     carry.push(rest(sewn_s, tail));
     carry.push(rest(pull_s, tail));
-    carry.push(rest(pull_s + PULL_S, along(tail, pull_m, tail_out)));
+    carry.push(rest(pull_s + PULL_S, along(tail, pull_m, aside(tail_out, -1.0))));
 
     let seconds = (10.0 * (pull_s + PULL_S + 0.2)).ceil() / 10.0;
     let mut text = format!(
@@ -216,7 +222,7 @@ rims = [
     write::hand(&mut text, 1, &round);
     text.push_str("# Carries the needle to the next bite, and pulls the tail.\n");
     write::hand(&mut text, 2, &carry);
-    let pulled = along(head, pull_m, head_out);
+    let pulled = along(head, pull_m, aside(head_out, 1.0));
     write::console_hand(
         &mut text,
         &[(0.0, head), (pull_s, head), (pull_s + PULL_S, pulled)],

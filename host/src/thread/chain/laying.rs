@@ -13,7 +13,7 @@ impl Chain {
         guides.len() <= self.settings.most_guides && guides.iter().all(within) && ascending
     }
 
-    fn segment(&self) -> f64 {
+    pub(super) fn segment(&self) -> f64 {
         self.settings.length_m / (self.settings.nodes - 1) as f64
     }
 
@@ -120,7 +120,7 @@ impl Chain {
     }
 
     /// Unit vector across a line, downwards if that is possible.
-    fn across(&self, line: &Vector3<f64>) -> Vector3<f64> {
+    pub(super) fn across(&self, line: &Vector3<f64>) -> Vector3<f64> {
         let along = line.try_normalize(0.0).unwrap_or_else(Vector3::z);
         let gravity = Vector3::from(self.settings.gravity_m_per_s2);
         let down = gravity - along * along.dot(&gravity);

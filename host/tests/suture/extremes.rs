@@ -1,0 +1,194 @@
+//! What no surgeon does on purpose: bounded forces, a status, and the next good step works.
+
+use super::rig::*;
+use nalgebra::Vector3;
+use sutura_host::step::StepReport;
+use sutura_host::thread::{ThreadEnd, ThreadHold, ThreadTension};
+
+/// Numbers are finite and no pull exceeds the strength.
+fn bounded(bench: &Bench, report: &StepReport, strength_n: f64) {
+    bench.look(report);
+    for thread in report.threads() {
+        let most = 1.001 * strength_n;
+        assert!(
+            thread
+                .tension_n
+                .iter()
+                .all(|tension| (0.0..=most).contains(tension)),
+            "{thread:?}"
+        );
+    }
+    for contact in report.contacts() {
+        let force = Vector3::from_column_slice(&contact.wrench[..3]);
+        assert!(force.norm() <= 1.001 * strength_n, "{contact:?}");
+    }
+}
+
+/// Pulls by `way` at once or in steps of 1 mm; statuses other than `ok` are counted.
+fn pull(
+    bench: &mut Bench,
+    way: Vector3<f64>,
+    steps: usize,
+    strength_n: f64,
+) -> (StepReport, usize) {
+    let (mut report, mut others) = (StepReport::default(), 0);
+    for _ in 0..steps {
+        bench.grip.translation.vector += way / steps as f64;
+        report = bench.step_both();
+        bounded(bench, &report, strength_n);
+        others += usize::from(report.status.name() != "ok");
+    }
+    (report, others)
+}
+
+#[test]
+fn ten_times_too_hard_is_as_hard_as_the_thread_is_strong() {
+    for touches in [false, true] {
+        let strength_n = 2.0;
+        let setup = Setup {
+            touches,
+            strength_n,
+            ..SETUP
+        };
+        let mut bench = drawn(bench(setup));
+        let (report, others) = pull(&mut bench, Vector3::new(0.0, 0.0, -0.12), 120, strength_n);
+        assert_eq!((report.status.name(), others), ("ok", 0));
+        let thread = report.threads()[0];
+        assert_eq!(thread.state, ThreadTension::Strained);
+        assert!(thread.length_m > thread.available_m + 0.01);
+        assert!((thread.tension_n[1] / strength_n - 1.0).abs() < 1e-6);
+        // Back: it goes slack, and nothing is left.
+        let (report, others) = pull(&mut bench, Vector3::new(0.0, 0.0, 0.125), 125, strength_n);
+        assert_eq!((report.status.name(), others), ("ok", 0));
+        assert_eq!(report.threads()[0].state, ThreadTension::Slack);
+        assert!(bench.largest_displacement_m() < 1e-12);
+    }
+}
+
+#[test]
+fn a_jump_is_followed_or_refused() {
+    let mut bench = drawn(bench(Setup {
+        touches: true,
+        strength_n: 2.0,
+        ..SETUP
+    }));
+    for way in [-0.05, 0.05, -0.02, 0.02, -0.3, 0.3] {
+        let (report, _) = pull(&mut bench, Vector3::new(0.0, 0.5 * way, way), 1, 2.0);
+        for _ in 0..20 {
+            let report = bench.step_both();
+            bounded(&bench, &report, 2.0);
+        }
+        assert_eq!(bench.step_both().status.name(), "ok");
+    }
+    // Where it began.
+    assert!(bench.step_both().threads()[0].tension_n[0] < 0.05);
+}
+
+#[test]
+fn hardly_any_thread() {
+    // Drawn out of everything at once; with a knot it is as if tied to the first puncture, and too short.
+    let mut bench = bench(Setup {
+        length_m: 1e-6,
+        strength_n: 1.0,
+        ..SETUP
+    });
+    let report = go(&mut bench, Vector3::new(0.0, 0.0, -0.072));
+    assert_eq!(report.threads()[0].punctures, 0);
+    let mut bench = super::rig::bench(Setup {
+        length_m: 1e-6,
+        strength_n: 1.0,
+        ..SETUP
+    });
+    hold(&mut bench, ThreadEnd::Tail, ThreadHold::Knot);
+    for _ in 0..720 {
+        bench.grip.translation.vector.z -= 1e-4;
+        let report = bench.step_both();
+        bounded(&bench, &report, 1.0);
+    }
+    let report = bench.step_both();
+    assert_eq!(report.threads()[0].state, ThreadTension::Strained);
+}
+
+#[test]
+fn slabs_that_touch_from_the_start() {
+    let mut bench = drawn(bench(Setup {
+        touches: true,
+        gap_m: 1e-9,
+        ..SETUP
+    }));
+    let (report, others) = pull(&mut bench, Vector3::new(0.001, 0.0, -0.004), 20, 20.0);
+    assert_eq!((report.status.name(), others), ("ok", 0));
+    assert_eq!(report.threads()[0].state, ThreadTension::Taut);
+    assert!(report.touching > 0);
+}
+
+#[test]
+fn punctures_beside_and_on_what_does_not_move() {
+    // x = 15 mm is held; the mesh has nodes at y = -15 + 30/7 k mm.
+    for at_m in [
+        [0.01499, 0.0007],
+        [0.015 - 1e-12, -0.015 + 0.03 / 7.0 * 4.0],
+        [0.0, 0.0149],
+    ] {
+        let mut bench = drawn(bench(Setup {
+            touches: true,
+            at_m,
+            ..SETUP
+        }));
+        let (report, others) = pull(&mut bench, Vector3::new(0.0, 0.001, -0.004), 20, 20.0);
+        assert_eq!((report.status.name(), others), ("ok", 0), "{at_m:?}");
+        let state = report.threads()[0].state;
+        assert!(state != ThreadTension::Slack, "{at_m:?}");
+    }
+}
+
+#[test]
+fn any_friction() {
+    for friction in [0.0, 1e-6, 1.0, 10.0] {
+        let setup = Setup {
+            friction,
+            touches: true,
+            ..SETUP
+        };
+        let mut bench = drawn(bench(setup));
+        let (report, others) = pull(&mut bench, Vector3::new(0.003, 0.0, -0.004), 40, 20.0);
+        assert_eq!((report.status.name(), others), ("ok", 0), "{friction}");
+        let [tail, head] = report.threads()[0].tension_n;
+        assert!(
+            head > 0.0 && tail <= head * (1.0 + 1e-9),
+            "{friction} {tail} {head}"
+        );
+        let (report, _) = pull(&mut bench, Vector3::new(-0.003, 0.0, 0.006), 40, 20.0);
+        assert_eq!(report.status.name(), "ok", "{friction}");
+        assert_eq!(
+            report.threads()[0].state,
+            ThreadTension::Slack,
+            "{friction}"
+        );
+    }
+}
+
+#[test]
+fn a_tail_that_is_let_go_lets_the_thread_through() {
+    let mut bench = drawn(bench(SETUP));
+    let (report, _) = pull(&mut bench, Vector3::new(0.0, 0.0, -0.003), 15, 20.0);
+    assert_eq!(report.threads()[0].state, ThreadTension::Taut);
+    hold(&mut bench, ThreadEnd::Tail, ThreadHold::Free);
+    let (report, _) = pull(&mut bench, Vector3::new(0.0, 0.0, -0.1), 200, 20.0);
+    assert_eq!(report.threads()[0].tension_n, [0.0; 2]);
+    let (report, _) = pull(&mut bench, Vector3::new(0.0, 0.0, -0.3), 300, 20.0);
+    assert_eq!(report.threads()[0].punctures, 0);
+    assert!(bench.largest_displacement_m() < 1e-12);
+}
+
+#[test]
+fn a_needle_that_is_let_go_lets_the_thread_through_the_other_way() {
+    let mut bench = drawn(bench(SETUP));
+    assert!(bench.hold(0, None));
+    for _ in 0..600 {
+        bench.other.translation.vector.z += 1e-3;
+        let report = bench.step_both();
+        assert_eq!(report.threads()[0].tension_n, [0.0; 2]);
+    }
+    assert_eq!(bench.step_both().threads()[0].punctures, 0);
+}
