@@ -6,7 +6,7 @@ mod support;
 use serde_json::Value;
 use std::ops::ControlFlow;
 use std::path::Path;
-use support::{root, sutura_in};
+use support::{root, sutura, sutura_in};
 use sutura_hil::NativeConsole;
 use sutura_host::link::{LinkError, LockstepConsole};
 use sutura_host::scene::{Document, Scene};
@@ -75,6 +75,67 @@ fn a_wound_is_sewn_and_closed() {
     let again = run(directory.path(), &coarse());
     assert_eq!(summary["trace_hash"], again["trace_hash"]);
     assert_eq!(scene, &again["scene"]);
+}
+
+fn solve(directory: &Path, text: &str, more: &[&str]) -> Value {
+    std::fs::write(directory.join("wound.toml"), text).unwrap();
+    let words = [
+        "solve",
+        "wound.toml",
+        "--out",
+        "out.json",
+        "--format",
+        "json",
+    ];
+    let ran = sutura_in(directory, &[&words, more].concat());
+    assert_eq!(ran.code, 0, "{}", ran.stderr);
+    serde_json::from_str(&ran.stdout).unwrap()
+}
+
+/// Before anything has happened: the gap is that of the mesh.
+#[test]
+fn an_open_wound_is_reported_as_it_is_made() {
+    let directory = tempfile::tempdir().unwrap();
+    let solved = solve(directory.path(), &coarse(), &["--at", "0"]);
+    let wound = &solved["wound"];
+    assert!(
+        (number(wound, "rim_gap_m") - 0.004).abs() < 1e-12,
+        "{wound}"
+    );
+    assert!((number(wound, "gap_ratio") - 1.0).abs() < 1e-12, "{wound}");
+    assert_eq!(number(wound, "penetration_ratio"), 0.0);
+    assert_eq!(number(wound, "stress_peak_pa"), 0.0);
+    assert_eq!(
+        (number(wound, "tension_n"), number(wound, "pulled_m")),
+        (0.0, 0.0)
+    );
+    assert_eq!(wound["threads"][0]["state"], "slack");
+    // No thread bridges it yet.
+    for key in ["bridge_ratio", "rim_gap_vs_welded"] {
+        assert!(wound.get(key).is_none(), "{wound}");
+    }
+}
+
+/// What bridges the gap is as short as the scene says, and nobody pulls at the thread's ends.
+#[test]
+fn bridges_are_as_short_as_they_are_tightened() {
+    let text = coarse();
+    let (before, rest) = text.split_once("length_m = 0.3\nhold = [").unwrap();
+    let (_, after) = rest.split_once("]\n").unwrap();
+    let tighten = "length_m = 0.3\ntighten = [{ time_s = 6.7, until_s = 8.7, ratio = 0.4 }]\n";
+    let directory = tempfile::tempdir().unwrap();
+    let whole = [before, tighten, after].concat();
+    let wound_at = |at_s: &str| solve(directory.path(), &whole, &["--at", at_s])["wound"].clone();
+    let half_way = wound_at("7.7");
+    assert!(
+        (number(&half_way, "bridge_ratio") - 0.7).abs() < 1e-3,
+        "{half_way}"
+    );
+    let done = wound_at("9.0");
+    assert!((number(&done, "bridge_ratio") - 0.4).abs() < 1e-3, "{done}");
+    assert_eq!(done["threads"][0]["tension_n"][1], 0.0, "{done}");
+    assert!(number(&done, "gap_ratio") < number(&half_way, "gap_ratio"));
+    assert!(number(&done, "gap_ratio") < 0.6, "{done}");
 }
 
 /// Nothing of a thread is reported or sent where there is none.
@@ -178,6 +239,33 @@ fn the_console_is_told_how_the_thread_pulls() {
     }
     assert!(taut > 100, "{taut} of {}", tapped.threads.len());
     assert!(tapped.contacts.len() > tapped.threads.len() + 500);
+}
+
+#[test]
+fn a_wound_is_explained() {
+    let ran = sutura(&[
+        "scene",
+        "explain",
+        "scenes/wound-slabs.toml",
+        "--format",
+        "json",
+    ]);
+    assert_eq!(ran.code, 0, "{}", ran.stderr);
+    let object: Value = serde_json::from_str(&ran.stdout).unwrap();
+    let parts = object["components"].as_array().unwrap();
+    let part = |name: &str| {
+        let found = parts.iter().find(|part| part["name"] == name);
+        found.unwrap_or_else(|| panic!("no {name} in {object:#}"))
+    };
+    for (name, words) in [
+        ("thread 0", "through 16 boundaries"),
+        ("contact of left and right", "pairs of features press"),
+        ("displacement of all nodes", "where threads bend"),
+    ] {
+        let part = part(name);
+        assert_eq!(part["built"], true, "{part}");
+        assert!(part["why"].as_str().unwrap().contains(words), "{part}");
+    }
 }
 
 #[test]

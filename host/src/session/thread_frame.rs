@@ -20,7 +20,7 @@ pub struct HeldThread {
     pub direction: [f64; 3],
     /// Force with which it pulls \[N\].
     pub tension_n: f64,
-    /// Tension per metre \[N/m\].
+    /// Tension gained per metre that the grip moves against `direction` \[N/m\].
     pub stiffness_n_per_m: f64,
     /// What there is of it more than its path needs \[m\].
     pub slack_m: f64,

@@ -234,6 +234,20 @@ fn in_grip(report: &StepReport, driven: u8) -> Option<HeldNeedle> {
     })
 }
 
+/// How much a force along `direction` grows per metre that the grip of `driven` moves against it \[N/m\]: the tangent's
+/// part along it, which turning does not change.
+fn along(report: &StepReport, driven: u8, direction: &[f64; 3]) -> f64 {
+    let contact = report
+        .contacts()
+        .iter()
+        .find(|contact| contact.id == driven);
+    contact.map_or(0.0, |contact| {
+        let rows = contact.tangent.iter().zip(direction);
+        let changes = rows.map(|(row, n)| n * (0..3).map(|i| row[i] * direction[i]).sum::<f64>());
+        -changes.sum::<f64>()
+    })
+}
+
 /// The thread that pulls at the grip of `driven`, for the wire; of a thread with both ends there, its head.
 fn at_grip(report: &StepReport, driven: u8) -> Option<HeldThread> {
     let at = |thread: &ThreadReport, end: usize| thread.held_by[end] == Some(driven);
@@ -252,7 +266,7 @@ fn at_grip(report: &StepReport, driven: u8) -> Option<HeldThread> {
         },
         direction: thread.direction[end],
         tension_n: thread.tension_n[end],
-        stiffness_n_per_m: thread.stiffness_n_per_m,
+        stiffness_n_per_m: along(report, driven, &thread.direction[end]),
         slack_m: thread.available_m - thread.length_m,
     })
 }

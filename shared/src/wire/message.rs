@@ -200,11 +200,11 @@ pub struct Thread {
     pub state: Tension,
     /// Grip position that was solved for \[m\], (3).
     pub position_m: [f32; 3],
-    /// Unit vector along which it pulls the grip, or would if it was taut, (3); world frame.
+    /// Unit vector along which it pulls the grip, (3), world frame; any unit vector while it is slack.
     pub direction: [f32; 3],
     /// Force with which it pulls at that pose \[N\].
     pub tension_n: f32,
-    /// Tension gained per metre that the grip moves against `direction`, once it is taut \[N/m\].
+    /// Tension gained per metre that the grip moves against `direction` \[N/m\]; 0 while it is slack.
     pub stiffness_n_per_m: f32,
     /// Way of the grip against `direction` before it is taut \[m\]; 0 unless it is slack.
     pub slack_m: f32,
