@@ -10,6 +10,9 @@ use nalgebra::{Matrix3, Vector3};
 /// Most vertices of an anchor: a way between two points of cells has eight.
 const MOST_VERTICES: usize = 8;
 
+/// Anchors in a row that may have gone since the last time before one is looked for among all.
+const SKIPPED: usize = 6;
+
 /// An anchor with its free nodes counted as the columns count them; fixed nodes are left out.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct Reached {
@@ -70,6 +73,8 @@ pub(super) struct Pairs {
     /// Slot of each present anchor, and those of them that are new.
     slots: Vec<u32>,
     new: Vec<u32>,
+    /// Slots of the anchors of the last time, in their order.
+    before: Vec<u32>,
     /// What unit forces of rows on several anchors move each anchor by, (anchors).
     moved: Vec<Vector3<f64>>,
 }
@@ -85,6 +90,7 @@ impl Pairs {
             blocks: vec![Matrix3::zeros(); most * most],
             slots: Vec::with_capacity(most),
             new: Vec::with_capacity(most),
+            before: Vec::with_capacity(most),
             moved: vec![Vector3::zeros(); most],
         }
     }
@@ -96,22 +102,26 @@ impl Pairs {
             self.factor = factor;
             self.held.fill(None);
         }
+        std::mem::swap(&mut self.slots, &mut self.before);
         self.slots.clear();
         self.new.clear();
         self.present.fill(false);
-        // Anchors mostly come in the order of the last time.
+        // Anchors mostly come in the order of the last time, but for a few.
         let mut next = 0;
         for anchor in anchors {
-            let around = (next..self.most).chain(0..next);
-            let known = around
-                .into_iter()
-                .find(|slot| self.held[*slot].as_ref() == Some(anchor));
-            let slot = known.unwrap_or(self.most);
-            self.slots.push(slot as u32);
-            if known.is_some() {
-                self.present[slot] = true;
-                next = slot + 1;
+            let is = |slot: u32| self.held[slot as usize].as_ref() == Some(anchor);
+            let near = self.before.iter().enumerate().skip(next).take(SKIPPED);
+            let known = match near.into_iter().find(|(_, slot)| is(**slot)) {
+                Some((place, slot)) => {
+                    next = place + 1;
+                    Some(*slot)
+                }
+                None => self.before.iter().copied().find(|slot| is(*slot)),
+            };
+            if let Some(slot) = known {
+                self.present[slot as usize] = true;
             }
+            self.slots.push(known.unwrap_or(self.most as u32));
         }
         let mut free = 0;
         for (place, anchor) in anchors.iter().enumerate() {

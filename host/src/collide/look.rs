@@ -17,6 +17,8 @@ use nalgebra::Vector3;
 /// Pairs are held apart at the separation and meet at this part of it: what rows hold up to an error of second
 /// order does not come up again for features nearby, which lie in the same planes.
 const MEETS: f64 = 0.5;
+/// A pair whose direction has turned in a solve so far that this part of the separation is missing is linearised anew.
+const TURNED: f64 = 0.8;
 /// Room for error when it is decided whether a solve violates a pair, in separations.
 const VIOLATED: f64 = 1e-6;
 /// Looks of a balance after which everything that meets is taken up at once.
@@ -138,7 +140,7 @@ impl TouchState {
             return false;
         }
         let at = |node: u32| at[node as usize];
-        let least_m = MEETS * touching.separation_m();
+        let least_m = TURNED * touching.separation_m();
         let mut any = false;
         for kept in &mut self.pairs {
             let Some(now) = stance_along(&kept.normal, &kept.pair, at) else {

@@ -26,9 +26,9 @@ pub struct TouchSettings {
     /// that what has been let go of does not come back at once.
     pub release: f64,
     /// A point of contact that has wandered by less than this over its face or edge stays where it is in the
-    /// rows, so that what is known of it does not have to be computed again. 0.02.
+    /// rows, so that what is known of it does not have to be computed again. 0.05.
     pub wander: f64,
-    /// Features that come as near as this are looked at more closely. 0.15: more makes a longer list, less has
+    /// Features that come as near as this are looked at more closely. 0.4: more makes a longer list, less has
     /// it made anew more often.
     pub guard: f64,
     /// Most pairs of features that are kept apart at a time. 256.
@@ -40,8 +40,8 @@ impl Default for TouchSettings {
         Self {
             separation: 0.005,
             release: 0.02,
-            wander: 0.02,
-            guard: 0.15,
+            wander: 0.05,
+            guard: 0.4,
             most_pairs: 256,
         }
     }

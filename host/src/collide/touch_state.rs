@@ -66,6 +66,9 @@ pub struct TouchState {
     pub(super) at: Vec<Vector3<f64>>,
     /// How far apart everything was then for certain \[m\].
     pub(super) clear_m: f64,
+    /// Where nodes were when that was found from all of them \[m\], (n), and what was found.
+    cleared_at: Vec<Vector3<f64>>,
+    cleared_m: f64,
     pub(super) next_serial: u64,
     /// Looks since the last balance.
     pub(super) looks: u32,
@@ -81,6 +84,9 @@ impl TouchState {
             at: at.to_vec(),
             // Not known before the first balance.
             clear_m: 0.0,
+            // Far from anywhere: it is found at once.
+            cleared_at: vec![Vector3::repeat(f64::MAX.sqrt().sqrt()); at.len()],
+            cleared_m: 0.0,
             next_serial: 0,
             looks: 0,
             refused: 0,
@@ -92,6 +98,8 @@ impl TouchState {
         self.pairs.clone_from(&other.pairs);
         self.at.clone_from(&other.at);
         self.clear_m = other.clear_m;
+        self.cleared_at.clone_from(&other.cleared_at);
+        self.cleared_m = other.cleared_m;
         self.next_serial = other.next_serial;
         self.looks = other.looks;
         self.refused = other.refused;
@@ -204,11 +212,30 @@ impl TouchState {
                 }
             }
         }
-        self.clear_m = if self.pairs.is_empty() {
-            work.nearby.clear_m(touching, at) - touching.separation_m()
+        self.clear(touching, work);
+    }
+
+    /// How far apart everything is for certain: what it was, less what nodes have moved since, as long as that
+    /// is worth something.
+    fn clear(&mut self, touching: &Touching, work: &mut TouchWork) {
+        if !self.pairs.is_empty() {
+            self.cleared_at.copy_from_slice(&self.at);
+            (self.cleared_m, self.clear_m) = (0.0, 0.0);
+            return;
+        }
+        let moved = touching.nodes().iter().fold(0.0f64, |most, &node| {
+            let way = self.at[node as usize] - self.cleared_at[node as usize];
+            most.max(way.norm_squared())
+        });
+        let moved_m = moved.sqrt();
+        let near_m = touching.settings.guard * touching.mean_edge_m();
+        if moved_m > (0.25 * self.cleared_m).max(0.5 * near_m) {
+            self.cleared_m = work.nearby.clear_m(touching, &self.at) - touching.separation_m();
+            self.cleared_at.copy_from_slice(&self.at);
+            self.clear_m = self.cleared_m;
         } else {
-            0.0
-        };
+            self.clear_m = self.cleared_m - 2.0 * moved_m;
+        }
     }
 }
 

@@ -445,6 +445,7 @@ impl Drive<'_> {
         } = self;
         let outcome = work.system.solve(&work.rows, grasp);
         report.iterations += outcome.iterations;
+        report.solves += 1;
         report.residual = outcome.residual;
         clock.lap(&mut report.stages.solve_ns);
         work.solves += 1;

@@ -108,6 +108,8 @@ pub struct StepReport {
     pub rows: u32,
     /// Newton iterations, all sub-steps together.
     pub iterations: u32,
+    /// Solves of the rows in a scene with needles, all sub-steps together.
+    pub solves: u32,
     /// Pieces into which the tools' path was cut.
     pub substeps: u32,
     /// Columns of the compliance computed, three per vertex.

@@ -20,13 +20,13 @@ use crate::rows::RowKind;
 use nalgebra::Vector3;
 
 /// A segment's direction is known when forces follow it to this part of the tension.
-const STRAIGHT: f64 = 3e-5;
-/// The true length is held this well \[m\]: a tenth of what is promised.
-const LENGTH_M: f64 = 1e-7;
+const STRAIGHT: f64 = 1e-3;
+/// The true length is held this well \[m\].
+const LENGTH_M: f64 = 5e-7;
 /// Tension below this is none \[N\].
 const NO_TENSION_N: f64 = 1e-9;
 /// A bend that has wandered along its edge by less than this part of it stays where it is.
-const WANDER: f64 = 0.02;
+const WANDER: f64 = 0.05;
 /// Normals of both ends that add up to less leave no plane to bend in.
 const LEAST_UP: f64 = 0.5;
 /// Friction follows the tensions to this part of them.

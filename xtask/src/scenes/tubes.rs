@@ -149,9 +149,9 @@ pub fn anastomosis(punctures: u32) -> String {
         "# Two tubes end to end are sewn together with one thread: {punctures} punctures, then both ends of the thread are
 # pulled.
 #
-# World frame: z up, the tubes' common axis. A half-circle needle goes round its centre, 14 mm from the axis: into the
-# upper tube from outside, out of the lower one from the lumen; at the next angle the other way round. Two hands
-# take turns: one goes round with the needle, the other one carries it to the next bite. At the end the
+# World frame: z up, the tubes' common axis. A half-circle needle goes round its centre, 15.5 mm from the axis: into the
+# upper tube's side, out of its cut end, into the lower one's and out of its side; at the next angle the other way
+# round. Two hands take turns: one goes round with the needle, the other one carries it to the next bite. At the end the
 # console takes the needle, and the second hand the thread's tail.
 #
 # Written by `cargo xtask scenes`: change it there.
