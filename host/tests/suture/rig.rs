@@ -83,7 +83,6 @@ pub fn go(bench: &mut Bench, way: Vector3<f64>) -> StepReport {
         bench.grip.translation.vector += way / steps as f64;
         report = bench.step_both();
         assert_eq!(report.status.name(), "ok");
-        bench.look(&report);
     }
     report
 }

@@ -46,8 +46,8 @@ const BITE: u32 = 4;
 const BEGIN_S: f64 = 0.1;
 const PULL_S: f64 = 3.6;
 /// By how much the thread's ends are pulled away \[m\].
-const PULL_M: f64 = 0.057;
-const LONG_PULL_M: f64 = 0.107;
+const PULL_M: f64 = 0.0517;
+const LONG_PULL_M: f64 = 0.0962;
 
 /// Angle on the needle's circle \[degree\], from radially outwards towards +z, of its crossing with a cylinder about
 /// the tubes' axis.
