@@ -66,7 +66,7 @@ pub struct TouchState {
     pub(super) at: Vec<Vector3<f64>>,
     /// How far apart everything was then for certain \[m\].
     pub(super) clear_m: f64,
-    /// Where nodes were when that was found from all of them \[m\], (n), and what was found.
+    /// Where nodes were when that was found from all of them \[m\], (n), and what was found; below 0 if nothing was.
     cleared_at: Vec<Vector3<f64>>,
     cleared_m: f64,
     pub(super) next_serial: u64,
@@ -84,9 +84,8 @@ impl TouchState {
             at: at.to_vec(),
             // Not known before the first balance.
             clear_m: 0.0,
-            // Far from anywhere: it is found at once.
-            cleared_at: vec![Vector3::repeat(f64::MAX.sqrt().sqrt()); at.len()],
-            cleared_m: 0.0,
+            cleared_at: at.to_vec(),
+            cleared_m: -1.0,
             next_serial: 0,
             looks: 0,
             refused: 0,
@@ -219,8 +218,7 @@ impl TouchState {
     /// is worth something.
     fn clear(&mut self, touching: &Touching, work: &mut TouchWork) {
         if !self.pairs.is_empty() {
-            self.cleared_at.copy_from_slice(&self.at);
-            (self.cleared_m, self.clear_m) = (0.0, 0.0);
+            (self.cleared_m, self.clear_m) = (-1.0, 0.0);
             return;
         }
         let moved = touching.nodes().iter().fold(0.0f64, |most, &node| {
@@ -229,8 +227,9 @@ impl TouchState {
         });
         let moved_m = moved.sqrt();
         let near_m = touching.settings.guard * touching.mean_edge_m();
-        if moved_m > (0.25 * self.cleared_m).max(0.5 * near_m) {
-            self.cleared_m = work.nearby.clear_m(touching, &self.at) - touching.separation_m();
+        if self.cleared_m < 0.0 || moved_m > (0.25 * self.cleared_m).max(0.05 * near_m) {
+            let clear_m = work.nearby.clear_m(touching, &self.at) - touching.separation_m();
+            self.cleared_m = clear_m.max(0.0);
             self.cleared_at.copy_from_slice(&self.at);
             self.clear_m = self.cleared_m;
         } else {

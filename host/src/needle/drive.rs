@@ -28,6 +28,8 @@ const MOST_SOLVES: u32 = 64;
 const SLIDE_TOLERANCE: f64 = 3e-8;
 /// Compliance of friction on fixed nodes \[m/N\]: far below any tissue's, so that it slides at once.
 const RIGID_M_PER_N: f64 = 1e-6;
+/// Least compliance of a row beside fixed nodes \[m/N\]: a hundredth of what an edge of soft tissue has.
+const STIFFEST_M_PER_N: f64 = 3e-5;
 /// Solves of one balance in which needles that nobody holds settle.
 const LOOSE_SOLVES: u32 = 4;
 
@@ -479,10 +481,15 @@ impl Drive<'_> {
         for (row, by) in soft {
             w[*row as usize * (n + 1)] += *by;
         }
-        for point in points.iter().filter(|point| point.what != What::Holding) {
-            let own = &mut w[point.first_row * (n + 1)];
-            if *own == 0.0 {
-                *own = RIGID_M_PER_N;
+        for point in points.iter() {
+            for row in point.first_row..point.first_row + 3 {
+                let own = &mut w[row * (n + 1)];
+                // Next to what does not move a way of nothing would be a force of everything.
+                if *own > 0.0 {
+                    *own = own.max(STIFFEST_M_PER_N);
+                } else if row == point.first_row && point.what != What::Holding {
+                    *own = RIGID_M_PER_N;
+                }
             }
         }
     }

@@ -134,13 +134,11 @@ fn punctures_beside_and_on_what_does_not_move() {
         [0.015 - 1e-12, -0.015 + 0.03 / 7.0 * 4.0],
         [0.0, 0.0149],
     ] {
-        println!("{at_m:?} {:?}", std::time::Instant::now());
         let mut bench = drawn(bench(Setup {
             touches: true,
             at_m,
             ..SETUP
         }));
-        println!("drawn {:?}", std::time::Instant::now());
         let (report, others) = pull(&mut bench, Vector3::new(0.0, 0.001, -0.004), 20, 20.0);
         assert_eq!((report.status.name(), others), ("ok", 0), "{at_m:?}");
         let state = report.threads()[0].state;
