@@ -11,11 +11,13 @@ mod ledger;
 mod loose;
 mod model;
 mod section;
+mod sewing;
 mod shape;
 mod slide;
 mod state;
 mod step;
 mod tangent;
+mod threads;
 mod walk;
 
 pub(crate) use drive::anchor;

@@ -86,8 +86,6 @@ pub struct ThreadReport {
     pub wraps: u32,
     /// Spent by friction so far \[J\].
     pub dissipated_j: f64,
-    /// d(tension at the head) / d(length at the head) \[N/m\].
-    pub stiffness_n_per_m: f64,
 }
 
 /// A point of a thread's path, from tail to head.
