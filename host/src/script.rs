@@ -7,7 +7,7 @@
 use crate::model::Model;
 use crate::scene::{Pose, Scene, Thread, Way, position_at};
 use crate::step::State;
-use crate::thread::{ThreadEnd, ThreadHold};
+use crate::thread::{ThreadEnd, ThreadHold, Tightening};
 use crate::tool::ToolSample;
 use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3};
 use sutura_shared::wire::message::HandScript;
@@ -25,7 +25,7 @@ pub struct Script {
     /// How many of them have been made.
     made: usize,
     /// Those that are tightened, each with what it was tightened to last.
-    tightened: Vec<(Thread, Option<f64>)>,
+    tightened: Vec<(Thread, Option<Tightening>)>,
     /// Whether tools and needles have met in a step before.
     has_begun: bool,
     hand: Option<HandScript>,
@@ -161,10 +161,10 @@ impl Script {
             }
         }
         for (thread, before) in &mut self.tightened {
-            let ratio = thread.tightened(time_s);
-            if ratio != *before {
-                state.tighten(model, thread.part.id, ratio);
-                *before = ratio;
+            let now = thread.tightened(time_s);
+            if now != *before {
+                state.tighten(model, thread.part.id, now);
+                *before = now;
             }
         }
         if self.has_begun {

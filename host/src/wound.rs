@@ -8,7 +8,7 @@ use crate::fem::von_mises_pa;
 use crate::model::Model;
 use crate::scene::{Scene, TissueContact};
 use crate::step::{State, Status, StepReport, Workspace, step};
-use crate::thread::{ThreadEnd, ThreadHold, ThreadReport, ThreadTension};
+use crate::thread::{ThreadEnd, ThreadHold, ThreadReport, ThreadTension, Tightening};
 use crate::tool::ToolSample;
 use nalgebra::Vector3;
 use serde::Serialize;
@@ -192,7 +192,7 @@ impl Wound {
         while left > WELDED || part == 0.0 {
             let next = (left - part).max(WELDED);
             for thread in &self.threads {
-                state.tighten(model, *thread, Some(next));
+                state.tighten(model, *thread, Some(Tightening::all(next)));
             }
             for sample in &mut samples {
                 sample.velocity_m_per_s = [0.0; 3];

@@ -6,7 +6,7 @@ use super::document::{Document, Flaw, SceneError};
 use super::file::ToolSection;
 use super::wound_file::{ThreadEndName, ThreadHoldSection, ThreadSection, ThreadTightenSection};
 use super::{Needle, Tool};
-use crate::thread::{ThreadEnd, ThreadHold, ThreadPart};
+use crate::thread::{ThreadEnd, ThreadHold, ThreadPart, Tightening};
 use crate::tool::Shape;
 use toml::Spanned;
 
@@ -42,29 +42,29 @@ pub struct Tighten {
     pub time_s: f64,
     /// When it is done \[s\].
     pub until_s: f64,
-    /// What is left then of their length at the first beginning.
+    /// What is left then of their length in the unloaded mesh.
     pub ratio: f64,
+    /// Whether one comes after the other.
+    pub in_turn: bool,
 }
 
 impl Thread {
-    /// To which part its segments are tightened at a time since the session began \[s\]; `None` before that begins.
-    pub fn tightened(&self, time_s: f64) -> Option<f64> {
-        let mut ratio = 1.0;
-        let mut has_begun = false;
-        for tighten in &self.tightens {
-            if time_s < tighten.time_s {
-                break;
-            }
-            has_begun = true;
-            let length_s = tighten.until_s - tighten.time_s;
-            let part = if time_s < tighten.until_s {
-                (time_s - tighten.time_s) / length_s
+    /// How far its spans are tightened at a time since the session began \[s\]; `None` before that begins.
+    pub fn tightened(&self, time_s: f64) -> Option<Tightening> {
+        let begun = self
+            .tightens
+            .partition_point(|tighten| tighten.time_s <= time_s);
+        let (last, before) = self.tightens[..begun].split_last()?;
+        let length_s = last.until_s - last.time_s;
+        Some(Tightening {
+            ratio: [before.last().map_or(1.0, |before| before.ratio), last.ratio],
+            done: if time_s < last.until_s {
+                (time_s - last.time_s) / length_s
             } else {
                 1.0
-            };
-            ratio += part * (tighten.ratio - ratio);
-        }
-        has_begun.then_some(ratio)
+            },
+            in_turn: last.in_turn,
+        })
     }
 }
 
@@ -216,6 +216,7 @@ fn read_tightens(
             time_s,
             until_s,
             ratio,
+            in_turn,
         } = section.get_ref();
         let before_s = list.last().map_or(0.0, |tighten| tighten.until_s);
         let time_s = in_order(document, "time_s", time_s, before_s)?;
@@ -227,6 +228,7 @@ fn read_tightens(
             time_s,
             until_s,
             ratio,
+            in_turn: *in_turn,
         });
     }
     Ok(list)

@@ -66,8 +66,8 @@ pub struct ThreadHoldSection {
     pub knot: Option<Spanned<bool>>,
 }
 
-/// `[[thread.tighten]]`: every piece between two punctures, outside, shrinks to a part of the length that it has when
-/// the first of these begins, whatever the ends do.
+/// `[[thread.tighten]]`: what bridges two parts of the tissue shrinks to a part of its length in the unloaded mesh,
+/// whatever the ends do.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ThreadTightenSection {
@@ -77,9 +77,12 @@ pub struct ThreadTightenSection {
     /// When it is done \[s\]; in between in proportion to time.
     #[schemars(with = "f64")]
     pub until_s: Spanned<f64>,
-    /// Part of the length that is left then, 0 to 1.
+    /// Part of the length in the unloaded mesh that is left then, 0 to 1.
     #[schemars(with = "f64")]
     pub ratio: Spanned<f64>,
+    /// Whether one span comes after the other, from the tail on; all together when left out.
+    #[serde(default)]
+    pub in_turn: bool,
 }
 
 /// `[[tissue_contact]]`: two parts of the tissue may touch.

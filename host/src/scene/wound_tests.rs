@@ -124,7 +124,7 @@ fn threads_arrive_as_they_are_written() {
 #[test]
 fn tightening_goes_in_proportion_to_time() {
     let scene = read(GOOD).expect("good");
-    let ratio = |time_s| scene.threads[0].tightened(time_s);
+    let ratio = |time_s| scene.threads[0].tightened(time_s).map(|to| to.of(0, 1));
     assert_eq!((ratio(1.99), ratio(2.0)), (None, Some(1.0)));
     assert_eq!((ratio(2.5), ratio(3.0)), (Some(0.75), Some(0.5)));
     assert_eq!((ratio(3.5), ratio(4.0)), (Some(0.5), Some(0.5)));
@@ -134,7 +134,22 @@ fn tightening_goes_in_proportion_to_time() {
     // All at once.
     let text = GOOD.replace("until_s = 3.0", "until_s = 2.0");
     let scene = read(&text).expect("good");
-    assert_eq!(scene.threads[0].tightened(2.0), Some(0.5));
+    let tightened = scene.threads[0].tightened(2.0).expect("it has begun");
+    assert_eq!(tightened.of(0, 1), 0.5);
+}
+
+/// A third of the way through three spans: the first is done, the others have not begun.
+#[test]
+fn spans_are_tightened_in_turn() {
+    let text = GOOD.replace("until_s = 3.0", "until_s = 3.0\nin_turn = true");
+    let scene = read(&text).expect("good");
+    let at = |time_s| {
+        let to = scene.threads[0].tightened(time_s).expect("it has begun");
+        [0, 1, 2, 3].map(|place| to.of(place, 4))
+    };
+    assert_eq!(at(2.25), [0.5, 1.0, 1.0, 1.0]);
+    assert_eq!(at(2.625), [0.5, 0.5, 0.75, 1.0]);
+    assert_eq!(at(3.5), [0.5; 4]);
 }
 
 #[test]

@@ -16,7 +16,7 @@ pub use crate::contact::reduction::{MAX_TOOL_ROWS, ToolRows};
 use crate::contact::tangent::PoseWork;
 use crate::model::Model;
 use crate::needle::{self, MAX_NEEDLES, NeedleReport, NeedlesState, NeedlesWork};
-use crate::thread::{Bridge, ThreadEnd, ThreadHold, ThreadPoint, ThreadReport};
+use crate::thread::{Bridge, ThreadEnd, ThreadHold, ThreadPoint, ThreadReport, Tightening};
 use crate::tool::{MAX_TOOLS, Placement, ToolSample};
 use nalgebra::Vector3;
 
@@ -277,16 +277,16 @@ impl State {
     }
 
     /// Bounds every span of a thread that bridges two bodies of tissue (every one between punctures, if there is only one
-    /// body) to `ratio` of its length in the unloaded mesh (younes-2021, 3.37), whatever its ends do; `None` gives it free
-    /// again. Says whether there is such a thread.
-    pub fn tighten(&mut self, model: &Model, thread: u8, ratio: Option<f64>) -> bool {
+    /// body) to a part of its length in the unloaded mesh (younes-2021, 3.37), whatever its ends do; `None` gives them
+    /// free again. Says whether there is such a thread and the numbers make sense.
+    pub fn tighten(&mut self, model: &Model, thread: u8, to: Option<Tightening>) -> bool {
         let index = model.thread(thread);
         let each = self.needles.as_mut().zip(index);
         let each = each.and_then(|(state, index)| state.threads.get_mut(index));
-        let is_sound = ratio.is_none_or(|ratio| ratio.is_finite() && ratio >= 0.0);
+        let is_sound = to.is_none_or(|to| to.is_sound());
         match each.filter(|_| is_sound) {
             Some(each) => {
-                each.tightened = ratio;
+                each.tightened = to;
                 true
             }
             None => false,

@@ -22,5 +22,5 @@ pub use chain::{ChainReport, ChainSettings, ChainStatus};
 pub use free::FreeThread;
 pub use model::{
     Bridge, ThreadEnd, ThreadError, ThreadHold, ThreadPart, ThreadPlace, ThreadPoint, ThreadReport,
-    ThreadTension,
+    ThreadTension, Tightening,
 };

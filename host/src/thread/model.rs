@@ -45,6 +45,44 @@ pub enum ThreadEnd {
     Head,
 }
 
+/// How far spans that bridge two bodies of tissue are drawn together: to a part of their length in the unloaded mesh.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Tightening {
+    /// To which part before, and in the end.
+    pub ratio: [f64; 2],
+    /// How much of that is done, 0 to 1.
+    pub done: f64,
+    /// Whether one span comes after the other, from the tail on, instead of all together.
+    pub in_turn: bool,
+}
+
+impl Tightening {
+    /// All spans to one part.
+    pub fn all(ratio: f64) -> Self {
+        Self {
+            ratio: [ratio; 2],
+            done: 1.0,
+            in_turn: false,
+        }
+    }
+
+    /// Of the span at `place` among `count`.
+    pub fn of(&self, place: usize, count: usize) -> f64 {
+        let own = if self.in_turn {
+            (self.done * count as f64 - place as f64).clamp(0.0, 1.0)
+        } else {
+            self.done
+        };
+        let [from, to] = self.ratio;
+        from + own * (to - from)
+    }
+
+    pub(crate) fn is_sound(&self) -> bool {
+        let numbers = [self.ratio[0], self.ratio[1], self.done];
+        numbers.iter().all(|x| x.is_finite() && *x >= 0.0)
+    }
+}
+
 /// How a thread does.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum ThreadTension {

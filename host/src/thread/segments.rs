@@ -368,11 +368,10 @@ impl ThreadState {
                 }
             }
         }
-        if let Some(tightened) = self.tightened {
+        if self.tightened.is_some() {
             for place in 0..count {
                 let span = self.spans[place];
-                if span.bridges {
-                    let length = tightened * span.rest_m;
+                if let Some(length) = self.bound_m(place) {
                     add(
                         OWN,
                         span.key,
@@ -493,8 +492,8 @@ impl ThreadState {
         }
         for place in 0..self.spans.len() {
             let span = self.spans[place];
-            if let Some(tightened) = self.tightened.filter(|_| span.bridges) {
-                let over = self.lengths_of(place) - tightened * span.rest_m;
+            if let Some(bound_m) = self.bound_m(place) {
+                let over = self.lengths_of(place) - bound_m;
                 settled &= over <= LENGTH_M && (span.own_n == 0.0 || over >= -LENGTH_M);
             }
         }
@@ -515,6 +514,14 @@ impl ThreadState {
         let own = self.spans.iter().filter(|span| span.bridges).count();
         let shared = if is_held { 1 + rubbing } else { 0 };
         shared + if self.tightened.is_some() { own } else { 0 }
+    }
+
+    /// A span's own bound of its length \[m\], if it has one.
+    fn bound_m(&self, place: usize) -> Option<f64> {
+        let span = self.spans.get(place).filter(|span| span.bridges)?;
+        let bridging = |spans: &[Span]| spans.iter().filter(|span| span.bridges).count();
+        let (own, all) = (bridging(&self.spans[..place]), bridging(&self.spans));
+        Some(self.tightened?.of(own, all) * span.rest_m)
     }
 
     /// True length of a span \[m\].

@@ -4,7 +4,7 @@
 //! alpha behind the needle's end (younes-2021, 3.3). What lies in tissue keeps its length; between punctures
 //! the thread slides.
 
-use super::model::{ThreadEnd, ThreadHold, ThreadPart, ThreadTension};
+use super::model::{ThreadEnd, ThreadHold, ThreadPart, ThreadTension, Tightening};
 use super::segments::{Segment, Span};
 use crate::anchors::AnchorPoint;
 use crate::mesh::HalfFaces;
@@ -52,8 +52,8 @@ pub(crate) struct ThreadState {
     /// Those of the balance before, and scratch.
     pub former_bends: Vec<(u32, AnchorPoint)>,
     pub new_bends: Vec<AnchorPoint>,
-    /// Bridging spans are no longer than this part of their length in the unloaded mesh.
-    pub tightened: Option<f64>,
+    /// How short bridging spans have to be.
+    pub tightened: Option<Tightening>,
     pub state: ThreadTension,
     /// Whether the tension is the strength, and whether the rows say that it can be no more.
     pub strained: bool,

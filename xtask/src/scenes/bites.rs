@@ -1,5 +1,5 @@
 //! An anastomosis whose thread rubs. Around 50 punctures tension falls by a factor of some thousand, so nobody
-//! pulls at its ends: what bridges the gap is shortened everywhere, as by a surgeon who takes up the slack of each bite.
+//! pulls at its ends: what bridges the gap is shortened bite by bite, as by a surgeon who takes up the slack of each.
 //!
 //! Entry point: [`tightened`]. It differs from [`super::tubes::anastomosis`] in its thread only.
 
@@ -21,7 +21,7 @@ pub fn tightened() -> String {
         "name = \"Two tubes, drawn together\"",
     );
     let told = format!(
-        "# Two tubes end to end are sewn together with one thread: {PUNCTURES} punctures, then what bridges the gap is\n# shortened."
+        "# Two tubes end to end are sewn together with one thread: {PUNCTURES} punctures, then what bridges the gap is\n# shortened, bite by bite."
     );
     let text = instead(&text, ["# Two tubes end to end", "\n#\n"], &told);
     let from_s = sewn_s(&tubes::sewing(PUNCTURES)) + 0.1;
@@ -33,7 +33,7 @@ needle = 0
 length_m = 0.6
 friction = {FRICTION:?}
 tighten = [
-  {{ time_s = {from_s:.3}, until_s = {until_s:.3}, ratio = {RATIO:?} }},
+  {{ time_s = {from_s:.3}, until_s = {until_s:.3}, ratio = {RATIO:?}, in_turn = true }},
 ]
 
 "
