@@ -549,7 +549,8 @@ impl ThreadState {
             let next = tension + span.friction_n;
             let least = tension.min(next).max(0.0);
             let limit = ((part.friction * span.turn).exp() - 1.0) * least;
-            let limit = limit.min(part.strength_n);
+            // Nowhere more than its strength.
+            let limit = limit.min(part.strength_n - least).max(0.0);
             settled &=
                 (limit - span.limit_n).abs() <= FRICTION * limit.max(1e-3 * shared) + NO_TENSION_N;
             span.limit_n = limit;

@@ -2,8 +2,10 @@
 
 use super::rig::*;
 use nalgebra::Vector3;
-use sutura_host::step::StepReport;
-use sutura_host::thread::{ThreadEnd, ThreadHold, ThreadTension};
+use sutura_host::mesh::TetMesh;
+use sutura_host::needle::{NeedleSettings, NeedleTissue};
+use sutura_host::step::{State, StepReport, Workspace};
+use sutura_host::thread::{ThreadEnd, ThreadHold, ThreadPart, ThreadTension};
 
 /// Numbers are finite and no pull exceeds the strength.
 fn bounded(report: &StepReport, strength_n: f64) {
@@ -195,4 +197,116 @@ fn a_needle_that_is_let_go_lets_the_thread_through_the_other_way() {
         assert_eq!(report.threads()[0].tension_n, [0.0; 2]);
     }
     assert_eq!(bench.step_both().threads()[0].punctures, 0);
+}
+
+fn frictionless() -> NeedleTissue {
+    NeedleTissue {
+        friction_n_per_m: 0.0,
+        static_friction_n_per_m: 0.0,
+        cutting_pa: 0.0,
+        ..tissue()
+    }
+}
+
+fn part(id: u8, needle: u8, strength_n: f64) -> ThreadPart {
+    ThreadPart {
+        id,
+        needle,
+        length_m: 0.3,
+        friction: 0.1,
+        strength_n,
+    }
+}
+
+/// Gives a bench's model threads, and begins anew.
+fn with_threads(mut bench: Bench, parts: &[ThreadPart]) -> Bench {
+    bench.model = bench.model.with_threads(parts).expect("threads");
+    bench.state = State::new(&bench.model);
+    bench.work = Workspace::new(&bench.model);
+    bench.work.prepare(&bench.model, |_| true);
+    for part in parts {
+        assert!(bench.hold(part.needle, Some(part.needle)));
+    }
+    bench
+}
+
+#[test]
+fn all_punctures_in_one_cell() {
+    let points = vec![
+        [0.0, 0.0, 0.0],
+        [0.03, 0.0, 0.0],
+        [0.0, 0.03, 0.0],
+        [0.008, 0.008, 0.02],
+    ];
+    let mesh = TetMesh::new(points, vec![[0, 1, 2, 3]]).expect("a cell");
+    let start = frame([-0.03, 0.007, 0.008], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]);
+    let settings = NeedleSettings::default();
+    let fixed = (mesh, vec![0, 1, 2]);
+    let needle = straight(0.02);
+    let bench = Bench::new(fixed, Kind::Linear, needle, start, frictionless(), settings);
+    let mut bench = with_threads(bench, &[part(7, 0, 1.0)]);
+    let (report, others) = pull(&mut bench, Vector3::new(0.08, 0.0, 0.0), 400, 1.0);
+    assert_eq!((report.threads()[0].punctures, others), (2, 0));
+    bench.other.translation.vector = Vector3::new(-0.02, 0.0, 0.02);
+    hold(&mut bench, ThreadEnd::Tail, ThreadHold::Tool(1));
+    let (report, others) = pull(&mut bench, Vector3::new(0.02, 0.01, 0.01), 50, 1.0);
+    assert_eq!(
+        (report.threads()[0].state, others),
+        (ThreadTension::Strained, 0)
+    );
+    let (report, others) = pull(&mut bench, Vector3::new(-0.025, -0.01, -0.01), 50, 1.0);
+    assert_eq!(
+        (report.threads()[0].state, others),
+        (ThreadTension::Slack, 0)
+    );
+}
+
+/// Each has its own tension, on the tool that holds its needle.
+#[test]
+fn two_threads_at_once() {
+    let at = |x: f64, y: f64| {
+        let start = frame([x, y, 0.054], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]);
+        (straight(0.04), start)
+    };
+    let needles = [at(0.0013, 0.0047), at(-0.0021, -0.0053)];
+    let mesh = slabs();
+    let tissue = vec![frictionless(); mesh.0.cells().len()];
+    let settings = NeedleSettings::default();
+    let bench = Bench::many(mesh, Kind::Linear, &needles, MATERIAL, &tissue, settings);
+    let mut bench = with_threads(bench, &[part(7, 0, 5.0), part(8, 1, 5.0)]);
+    let go = |bench: &mut Bench, way: Vector3<f64>, steps: usize| {
+        let mut report = StepReport::default();
+        for _ in 0..steps {
+            bench.grip.translation.vector += way / steps as f64;
+            bench.other.translation.vector += 0.5 * way / steps as f64;
+            report = bench.step_both();
+            bounded(&report, 5.0);
+            assert_eq!(report.status.name(), "ok");
+        }
+        report
+    };
+    go(&mut bench, Vector3::new(0.0, 0.0, -0.15), 600);
+    let samples = [bench.sample_of(0), bench.sample_of(1)];
+    for (thread, at) in [(7, [0.001, 0.004, 0.03]), (8, [-0.002, -0.005, 0.03])] {
+        let (end, by) = (ThreadEnd::Tail, ThreadHold::Place(at));
+        assert!(
+            bench
+                .state
+                .hold_thread(&bench.model, thread, end, by, &samples)
+        );
+    }
+    let report = go(&mut bench, Vector3::new(0.002, 0.0, -0.006), 60);
+    let mut pulls = [0.0; 2];
+    for (tool, thread) in report.threads().iter().enumerate() {
+        assert_eq!((thread.state, thread.punctures), (ThreadTension::Taut, 4));
+        assert!((thread.length_m - thread.available_m).abs() < 1e-6);
+        let force = Vector3::from_column_slice(&report.contacts()[tool].wrench[..3]);
+        assert!((force.norm() / thread.tension_n[1] - 1.0).abs() < 1e-3);
+        pulls[tool] = thread.tension_n[1];
+    }
+    // Pulled half as far.
+    assert!(
+        pulls[1] > 0.2 * pulls[0] && pulls[1] < 0.8 * pulls[0],
+        "{pulls:?}"
+    );
 }
