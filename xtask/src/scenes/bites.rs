@@ -65,7 +65,7 @@ mod tests {
         let text = tightened();
         for (what, count) in [
             ("drawn together", 1),
-            ("# shortened.", 1),
+            ("# shortened, bite by bite.", 1),
             ("friction = 0.1", 1),
             ("tighten = [", 1),
             ("[[thread]]", 1),
