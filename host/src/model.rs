@@ -347,8 +347,7 @@ impl Model {
         let Some(needles) = &mut self.needles else {
             return Err(ModelError::TouchingWithoutNeedles);
         };
-        let places = needles.places();
-        needles.touching = Some(Touching::new(parts, &places, settings)?);
+        needles.touching = Some(Touching::new(parts, &needles.resting_m, settings)?);
         Ok(self)
     }
 

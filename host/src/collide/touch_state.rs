@@ -120,6 +120,15 @@ impl TouchState {
         self.refused
     }
 
+    /// How far nodes that may meet were at the last [`Self::accept`] from the places `from` (n) \[m\].
+    pub fn strayed_m(&self, touching: &Touching, from: &[Vector3<f64>]) -> f64 {
+        let ways = touching.nodes().iter().filter_map(|&node| {
+            let (at, from) = (self.at.get(node as usize)?, from.get(node as usize)?);
+            Some((at - from).norm_squared())
+        });
+        ways.fold(0.0, f64::max).sqrt()
+    }
+
     /// Whether nothing can meet as long as no node is farther than `moved_m` from where it was at the last
     /// [`Self::accept`]: then nobody has to know where the nodes are.
     pub fn is_clear(&self, moved_m: f64) -> bool {

@@ -19,7 +19,7 @@ use crate::collide::{TouchState, TouchWork};
 use crate::mesh::HalfFaces;
 use crate::rows::RowKind;
 use crate::step::{Status, StepReport};
-use crate::thread::{MOST_SEGMENTS, Out, Segment, Skin, ThreadState, Wrap};
+use crate::thread::{BendWork, MOST_SEGMENTS, Out, Segment, Skin, ThreadState, Wrap};
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3, Vector6};
 use std::cell::Cell;
 
@@ -33,7 +33,6 @@ const RIGID_M_PER_N: f64 = 1e-6;
 const STIFFEST_M_PER_N: f64 = 3e-5;
 /// Solves of one balance in which needles that nobody holds settle.
 const LOOSE_SOLVES: u32 = 4;
-
 /// Where more vertices than this are pushed, one solve for all nodes costs less than a sum for each that is asked for.
 const MANY_PUSHES: usize = 150;
 
@@ -89,8 +88,7 @@ pub(crate) struct NeedleWork {
     /// Where all nodes are \[m\], (n), by which solve.
     pub(super) at: Vec<Vector3<f64>>,
     pub(super) at_solve: u64,
-    /// How far nodes may have been from where they rest when they were looked at last \[m\].
-    pub(super) looked_m: f64,
+    pub(super) bends: BendWork,
     pub(super) wraps: Vec<Wrap>,
     pub(super) pushes: Vec<Push>,
     /// Solves so far, and where each node was found to be in which of them, (n).
@@ -126,7 +124,6 @@ impl NeedleWork {
         grasp: &Grasp,
     ) -> Self {
         let nodes = needles.mesh.nodes();
-        let places = needles.places();
         let settings = needles.anchor_settings();
         let (rows, anchors) = (settings.most_rows, settings.most_anchors);
         let count = states.len();
@@ -146,10 +143,10 @@ impl NeedleWork {
                 .as_ref()
                 .map(|touching| TouchWork::new(touching, nodes)),
             skin: (!threads.is_empty())
-                .then(|| Skin::new(needles.mesh.boundary().triangles(), &places)),
-            at: places,
+                .then(|| Skin::new(needles.mesh.boundary().triangles(), &needles.resting_m)),
+            at: needles.resting_m.clone(),
+            bends: BendWork::new(MOST_SEGMENTS),
             at_solve: u64::MAX,
-            looked_m: f64::INFINITY,
             wraps: Vec::with_capacity(MOST_SEGMENTS),
             points: Vec::with_capacity(anchors),
             pushes: Vec::with_capacity(4 * anchors),

@@ -114,7 +114,8 @@ impl Drive<'_> {
             let crossing = self.states[needle].history.crossings()[index];
             let apart = thread.map_or(0.0, |thread| self.apart(thread, &crossing));
             if let Some(thread) = thread.and_then(|thread| self.threads.get_mut(thread)) {
-                changed |= thread.pass(&self.needles.mesh, crossing, apart);
+                let has_room = thread.pass(&self.needles.mesh, crossing, apart);
+                self.states[needle].tally.lost += u32::from(!has_room);
             }
         }
         if behind > 0 {

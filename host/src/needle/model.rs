@@ -126,7 +126,8 @@ pub(crate) struct Needles {
     pub touching: Option<Touching>,
     /// Displacement under the loads alone, where the hierarchy is \[m\], (n x 3).
     pub resting: Vec<[f64; 3]>,
-    resting_m: Vec<Vector3<f64>>,
+    /// Where nodes rest under the loads \[m\], (n).
+    pub resting_m: Vec<Vector3<f64>>,
     /// Kinds of tissue, and each cell's among them, (m).
     kinds: Vec<NeedleTissue>,
     kind_of_cell: Vec<u32>,
@@ -229,11 +230,6 @@ impl Needles {
             apart_m: APART * mesh.surface().mean_edge_m,
             piece_m: 0.25 * mesh.surface().mean_edge_m,
         })
-    }
-
-    /// Where nodes rest under the loads \[m\], (n).
-    pub fn places(&self) -> Vec<Vector3<f64>> {
-        self.resting_m.clone()
     }
 
     /// How a cell answers needles.

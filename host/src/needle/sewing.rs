@@ -151,7 +151,7 @@ impl Drive<'_> {
         self.clock.lap(&mut self.report.stages.field_ns);
     }
 
-    /// As far as nodes may have moved since tissues that may touch were looked at last \[m\].
+    /// As far as nodes may be from where they rest \[m\].
     fn slack_m(&self) -> f64 {
         let mut slack = [0.0; MOST_GROUPS];
         let slack = &mut slack[..self.needles.hierarchy.groups()];
@@ -166,12 +166,11 @@ impl Drive<'_> {
         let Some(touching) = &self.needles.touching else {
             return false;
         };
-        let moved_m = self.slack_m() + self.work.looked_m;
-        if self
-            .touch
-            .as_ref()
-            .is_none_or(|touch| touch.is_clear(moved_m))
-        {
+        let slack_m = self.slack_m();
+        let is_clear = self.touch.as_ref().is_none_or(|touch| {
+            touch.is_clear(slack_m + touch.strayed_m(touching, &self.needles.resting_m))
+        });
+        if is_clear {
             return false;
         }
         self.look_at_all();
@@ -192,7 +191,6 @@ impl Drive<'_> {
         if self.work.at_solve != self.work.solves {
             return;
         }
-        self.work.looked_m = self.slack_m();
         let first = 3 * self.work.points.len();
         let NeedleWork { touch, at, .. } = &mut *self.work;
         if let (Some(state), Some(work)) = (&mut self.touch, touch) {
@@ -213,6 +211,7 @@ impl Drive<'_> {
             skin,
             at,
             wraps: found,
+            bends,
             ..
         } = &mut *self.work;
         let Some(skin) = skin else {
@@ -221,7 +220,7 @@ impl Drive<'_> {
         skin.refit(at);
         let mesh = &self.needles.mesh;
         for thread in self.threads.iter_mut() {
-            thread.bend(mesh, at, |from, to, up, out| {
+            thread.bend(mesh, at, bends, |from, to, up, out| {
                 found.clear();
                 wraps(skin, at, from, to, up, LEAST_TURN, found);
                 out.extend(found.iter().map(|wrap| AnchorPoint {

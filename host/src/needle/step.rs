@@ -108,7 +108,7 @@ impl NeedlesState {
             touch: needles
                 .touching
                 .as_ref()
-                .map(|touching| TouchState::new(touching, &needles.places())),
+                .map(|touching| TouchState::new(touching, &needles.resting_m)),
             time_us: 0,
         }
     }

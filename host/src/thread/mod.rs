@@ -3,8 +3,11 @@
 //! Entry points: [`ThreadPart`] for a thread that follows a needle in a [`crate::model::Model`];
 //! [`FreeThread`] for the shape of what hangs. Source: Younes 2021, section 3.3.
 
+mod bends;
 mod chain;
+mod ends;
 mod free;
+mod friction;
 mod model;
 mod nearest;
 mod segments;
@@ -12,8 +15,10 @@ mod skin;
 mod state;
 mod wrap;
 
+pub(crate) use bends::BendWork;
+pub(crate) use ends::EndRows;
 pub(crate) use model::{MOST_SEGMENTS, Threads};
-pub(crate) use segments::{EndRows, Out, Segment};
+pub(crate) use segments::{Out, Segment};
 pub(crate) use skin::Skin;
 pub(crate) use state::ThreadState;
 pub(crate) use wrap::{Wrap, wraps};

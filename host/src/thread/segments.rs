@@ -11,7 +11,7 @@
 //! Friction: the tension changes by F at a passage through tissue, which is bounded, e^(mu theta) - 1 times the smaller
 //! of the tensions on both sides (capstan), and F is the multiplier of the length of all that lies beyond: a box row.
 
-use super::model::{ThreadEnd, ThreadHold, ThreadPart, ThreadTension};
+use super::model::{ThreadHold, ThreadPart, ThreadTension};
 use super::state::ThreadState;
 use crate::anchors::{AnchorPoint, AnchorRow, Grasp, SpreadRow, System, Term};
 use crate::mesh::HalfFaces;
@@ -24,13 +24,7 @@ const STRAIGHT: f64 = 1e-3;
 /// The true length is held this well \[m\].
 const LENGTH_M: f64 = 5e-7;
 /// Tension below this is none \[N\].
-const NO_TENSION_N: f64 = 1e-9;
-/// A bend that has wandered along its edge by less than this part of it stays where it is.
-const WANDER: f64 = 0.05;
-/// Normals of both ends that add up to less leave no plane to bend in.
-const LEAST_UP: f64 = 0.5;
-/// Friction follows the tensions to this part of them.
-const FRICTION: f64 = 1e-4;
+pub(super) const NO_TENSION_N: f64 = 1e-9;
 
 /// An end of a segment.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -536,29 +530,6 @@ impl ThreadState {
         before.map_or(0.0, |segment| segment.tension_n)
     }
 
-    /// Bounds of friction from the tensions; whether they are as they were.
-    fn rub(&mut self, part: &ThreadPart, shared: f64) -> bool {
-        if part.friction == 0.0 {
-            return true;
-        }
-        self.turn();
-        let mut settled = true;
-        let mut tension = shared;
-        for place in 1..self.spans.len() {
-            let span = &mut self.spans[place - 1];
-            let next = tension + span.friction_n;
-            let least = tension.min(next).max(0.0);
-            let limit = ((part.friction * span.turn).exp() - 1.0) * least;
-            // Nowhere more than its strength.
-            let limit = limit.min(part.strength_n - least).max(0.0);
-            settled &=
-                (limit - span.limit_n).abs() <= FRICTION * limit.max(1e-3 * shared) + NO_TENSION_N;
-            span.limit_n = limit;
-            tension = next;
-        }
-        settled
-    }
-
     /// Typical compliance of a segment \[m/N\].
     fn typical_compliance(&self, system: &System) -> f64 {
         let own = |segment: &Segment| {
@@ -571,107 +542,6 @@ impl ThreadState {
             mean
         } else {
             1.0
-        }
-    }
-
-    /// Finds the ways through tissue, whose points are where `at` says, and how much the thread turns there.
-    pub fn pass_through(&mut self, mesh: &HalfFaces, at: impl Fn(&AnchorPoint) -> Vector3<f64>) {
-        for place in 1..self.spans.len() {
-            let ends = [self.spans[place - 1].to, self.spans[place].from];
-            let [Some(enters), Some(leaves)] = ends else {
-                continue;
-            };
-            let point = |place: usize| at(&anchor(mesh, &self.passed[place].crossing));
-            self.spans[place - 1].inside = point(leaves) - point(enters);
-        }
-        self.turn();
-    }
-
-    /// Turns at the passages through tissue, as the segments beside them pull now.
-    fn turn(&mut self) {
-        let angle = |a: &Vector3<f64>, b: &Vector3<f64>| a.cross(b).norm().atan2(a.dot(b));
-        for pair in self.segments.windows(2) {
-            let [before, after] = pair else {
-                continue;
-            };
-            if before.span != after.span {
-                let span = &mut self.spans[before.span];
-                let inside = span.inside;
-                span.turn = angle(&before.pull(), &inside) + angle(&inside, &after.pull());
-            }
-        }
-    }
-
-    /// Where spans bend over tissue whose nodes are at `at` \[m\]; `over` finds bends of a chord, with the way out of
-    /// the tissue.
-    pub fn bend(
-        &mut self,
-        mesh: &HalfFaces,
-        at: &[Vector3<f64>],
-        mut over: impl FnMut(&Vector3<f64>, &Vector3<f64>, &Vector3<f64>, &mut Vec<AnchorPoint>),
-    ) {
-        if self.segments.is_empty() {
-            return;
-        }
-        let place = |anchor: &AnchorPoint| {
-            let parts = anchor.nodes.iter().zip(anchor.weights);
-            let each = parts.filter_map(|(node, weight)| Some(at.get(*node as usize)? * weight));
-            each.sum::<Vector3<f64>>()
-        };
-        std::mem::swap(&mut self.bends, &mut self.former_bends);
-        self.bends.clear();
-        for (index, span) in self.spans.iter().enumerate() {
-            let mut own = self.segments.iter().filter(|segment| segment.span == index);
-            let (Some(first), last) = (own.next(), own.next_back()) else {
-                continue;
-            };
-            let ends = [first.ends[0], last.unwrap_or(first).ends[1]];
-            let [from, to] = ends.map(|end| match end {
-                End::Tissue(anchor) => place(&anchor),
-                End::Held(at) => at,
-            });
-            let mut up = Vector3::zeros();
-            let mut inside = false;
-            for passed in [span.from, span.to].into_iter().flatten() {
-                let Some(passed) = self.passed.get(passed) else {
-                    continue;
-                };
-                inside |= !passed.is_boundary;
-                let [a, b, c] = mesh.vertices(passed.crossing.face).map(|node| {
-                    at.get(node as usize)
-                        .copied()
-                        .unwrap_or_else(Vector3::zeros)
-                });
-                up += (b - a)
-                    .cross(&(c - a))
-                    .try_normalize(0.0)
-                    .unwrap_or_default();
-            }
-            // Between two cuts that face each other no side is outside.
-            inside |= up.norm() < LEAST_UP;
-            // The needle's end is in the tissue.
-            inside |= span.to.is_none()
-                && span
-                    .from
-                    .is_some_and(|from| self.passed[from].crossing.enters);
-            if inside {
-                continue;
-            }
-            self.new_bends.clear();
-            over(&from, &to, &up, &mut self.new_bends);
-            let key = span.key;
-            for bend in &self.new_bends {
-                if self.bends.len() + self.spans.len() >= self.bends.capacity() {
-                    break;
-                }
-                // What has hardly moved stays, so that what is known of it does.
-                let mut same = self.former_bends.iter().filter(|(of, _)| *of == key);
-                let near = same.find(|(_, old)| {
-                    let moved = (old.weights[0] - bend.weights[0]).abs();
-                    old.nodes == bend.nodes && moved <= WANDER
-                });
-                self.bends.push((key, near.map_or(*bend, |(_, old)| *old)));
-            }
         }
     }
 
@@ -688,8 +558,8 @@ impl ThreadState {
         } else {
             ThreadTension::Slack
         };
-        self.former.clone_from(&self.spans);
         if !is_held || self.state != ThreadTension::Taut {
+            self.former.clone_from(&self.spans);
             return;
         }
         let (last, count) = (self.spans.len().wrapping_sub(1), self.passed.len());
@@ -728,76 +598,6 @@ impl ThreadState {
     }
 }
 
-/// Rows that an end of a thread has a part in.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct EndRows {
-    /// 1 for the head, the second end of its segment, and -1 for the tail.
-    sign: f64,
-    along: Vector3<f64>,
-    /// Rows that bound its length, from one to another.
-    bounds: (usize, usize),
-    /// The first of its segment's own rows, and how many of these directions they have.
-    own: usize,
-    directions: [Vector3<f64>; 3],
-    count: usize,
-}
-
-impl EndRows {
-    /// Rows, and by how much their target falls as the end moves.
-    pub fn visit(&self, mut visit: impl FnMut(usize, Vector3<f64>)) {
-        for row in self.bounds.0..self.bounds.1 {
-            visit(row, self.along * self.sign);
-        }
-        for (axis, direction) in self.directions.iter().enumerate().take(self.count) {
-            visit(self.own + axis, direction * self.sign);
-        }
-    }
-}
-
-impl ThreadState {
-    /// Pull on an end that is held, the point that it is at, and its rows, if the first of those on several anchors is
-    /// `first`; `None` for an end that is not.
-    pub fn end(
-        &self,
-        end: ThreadEnd,
-        part: &ThreadPart,
-        is_held: bool,
-        first: usize,
-    ) -> Option<(Vector3<f64>, Vector3<f64>, EndRows)> {
-        let (segment, sign) = match end {
-            ThreadEnd::Tail => (self.segments.first()?, -1.0),
-            ThreadEnd::Head => (self.segments.last()?, 1.0),
-        };
-        let End::Held(at) = segment.ends[usize::from(sign > 0.0)] else {
-            return None;
-        };
-        let mut rows = EndRows {
-            sign,
-            along: segment.along,
-            bounds: (first, first),
-            own: 0,
-            directions: [Vector3::x(), Vector3::y(), Vector3::z()],
-            count: 0,
-        };
-        if let Some(own) = segment.first_row {
-            rows.own = own as usize;
-            rows.count = 3;
-            if !segment.was_weld {
-                let (u, v) = across(&segment.solved_along);
-                rows.directions = [u, v, Vector3::zeros()];
-                rows.count = 2;
-            }
-        }
-        if is_held && !segment.was_weld {
-            let rubbing = part.friction > 0.0 && end == ThreadEnd::Head;
-            let beyond = if rubbing { self.spans.len() } else { 1 };
-            rows.bounds.1 = first + beyond;
-            rows.along = segment.solved_along;
-        }
-        Some((segment.force * -sign, at, rows))
-    }
-}
-
 impl Segment {
     /// Direction, length, and whether it is a weld, from its way and force: see the module.
     fn linearise(&mut self, c: f64) {
@@ -814,7 +614,7 @@ impl Segment {
     }
 
     /// The pull on its first end, or its way if it does not pull.
-    fn pull(&self) -> Vector3<f64> {
+    pub(super) fn pull(&self) -> Vector3<f64> {
         if self.tension_n > NO_TENSION_N {
             self.force
         } else {
@@ -824,7 +624,7 @@ impl Segment {
 }
 
 /// Two unit vectors across another.
-fn across(along: &Vector3<f64>) -> (Vector3<f64>, Vector3<f64>) {
+pub(super) fn across(along: &Vector3<f64>) -> (Vector3<f64>, Vector3<f64>) {
     let u = along.cross(&Vector3::ith(along.iamin(), 1.0)).normalize();
     (u, along.cross(&u))
 }

@@ -49,9 +49,6 @@ pub(crate) struct ThreadState {
     pub former: Vec<Span>,
     /// Points of tissue that a span bends around, by the face that it begins at.
     pub bends: Vec<(u32, AnchorPoint)>,
-    /// Those of the balance before, and scratch.
-    pub former_bends: Vec<(u32, AnchorPoint)>,
-    pub new_bends: Vec<AnchorPoint>,
     /// How short bridging spans have to be.
     pub tightened: Option<Tightening>,
     pub state: ThreadTension,
@@ -82,8 +79,6 @@ impl ThreadState {
             spans: Vec::with_capacity(most_segments),
             former: Vec::with_capacity(most_segments),
             bends: Vec::with_capacity(most_segments),
-            former_bends: Vec::with_capacity(most_segments),
-            new_bends: Vec::with_capacity(most_segments),
             tightened: None,
             state: ThreadTension::Slack,
             strained: false,
@@ -105,8 +100,6 @@ impl ThreadState {
             spans,
             former,
             bends,
-            former_bends: _,
-            new_bends: _,
             tightened,
             state,
             strained,
@@ -202,7 +195,7 @@ impl ThreadState {
             .count() as u32
     }
 
-    /// Gives an end another hold, at `at`; `first` is where the nearest face is.
+    /// Gives an end another hold, at `at`; `near` is where the nearest face is.
     pub fn hold(
         &mut self,
         end: ThreadEnd,

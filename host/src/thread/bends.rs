@@ -1,0 +1,106 @@
+//! Where a thread's spans bend over tissue, from one balance to the next.
+//!
+//! Entry point: [`ThreadState::bend`].
+
+use super::segments::End;
+use super::state::ThreadState;
+use crate::anchors::AnchorPoint;
+use crate::mesh::HalfFaces;
+use nalgebra::Vector3;
+
+/// A bend that has wandered along its edge by less than this part of it stays where it is.
+const WANDER: f64 = 0.05;
+/// Normals of both ends that add up to less leave no plane to bend in.
+const LEAST_UP: f64 = 0.5;
+
+/// Scratch.
+pub(crate) struct BendWork {
+    former: Vec<(u32, AnchorPoint)>,
+    new: Vec<AnchorPoint>,
+}
+
+impl BendWork {
+    /// For so many segments.
+    pub fn new(most: usize) -> Self {
+        Self {
+            former: Vec::with_capacity(most),
+            new: Vec::with_capacity(most),
+        }
+    }
+}
+
+impl ThreadState {
+    /// Where spans bend over tissue whose nodes are at `at` \[m\]; `over` finds bends of a chord, with the way out of
+    /// the tissue.
+    pub fn bend(
+        &mut self,
+        mesh: &HalfFaces,
+        at: &[Vector3<f64>],
+        work: &mut BendWork,
+        mut over: impl FnMut(&Vector3<f64>, &Vector3<f64>, &Vector3<f64>, &mut Vec<AnchorPoint>),
+    ) {
+        if self.segments.is_empty() {
+            return;
+        }
+        let place = |anchor: &AnchorPoint| {
+            let parts = anchor.nodes.iter().zip(anchor.weights);
+            let each = parts.filter_map(|(node, weight)| Some(at.get(*node as usize)? * weight));
+            each.sum::<Vector3<f64>>()
+        };
+        std::mem::swap(&mut self.bends, &mut work.former);
+        self.bends.clear();
+        for (index, span) in self.spans.iter().enumerate() {
+            let mut own = self.segments.iter().filter(|segment| segment.span == index);
+            let (Some(first), last) = (own.next(), own.next_back()) else {
+                continue;
+            };
+            let ends = [first.ends[0], last.unwrap_or(first).ends[1]];
+            let [from, to] = ends.map(|end| match end {
+                End::Tissue(anchor) => place(&anchor),
+                End::Held(at) => at,
+            });
+            let mut up = Vector3::zeros();
+            let mut inside = false;
+            for passed in [span.from, span.to].into_iter().flatten() {
+                let Some(passed) = self.passed.get(passed) else {
+                    continue;
+                };
+                inside |= !passed.is_boundary;
+                let [a, b, c] = mesh.vertices(passed.crossing.face).map(|node| {
+                    at.get(node as usize)
+                        .copied()
+                        .unwrap_or_else(Vector3::zeros)
+                });
+                up += (b - a)
+                    .cross(&(c - a))
+                    .try_normalize(0.0)
+                    .unwrap_or_default();
+            }
+            // Between two cuts that face each other no side is outside.
+            inside |= up.norm() < LEAST_UP;
+            // The needle's end is in the tissue.
+            inside |= span.to.is_none()
+                && span
+                    .from
+                    .is_some_and(|from| self.passed[from].crossing.enters);
+            if inside {
+                continue;
+            }
+            work.new.clear();
+            over(&from, &to, &up, &mut work.new);
+            let key = span.key;
+            for bend in &work.new {
+                if self.bends.len() + self.spans.len() >= self.bends.capacity() {
+                    break;
+                }
+                // What has hardly moved stays, so that what is known of it does.
+                let mut same = work.former.iter().filter(|(of, _)| *of == key);
+                let near = same.find(|(_, old)| {
+                    let moved = (old.weights[0] - bend.weights[0]).abs();
+                    old.nodes == bend.nodes && moved <= WANDER
+                });
+                self.bends.push((key, near.map_or(*bend, |(_, old)| *old)));
+            }
+        }
+    }
+}
