@@ -574,22 +574,19 @@ impl ThreadState {
             if span.to.is_none() {
                 self.pulled_m[1] += change;
             }
-            if span.from.is_none() {
+            // It rubs where it leaves the span, by what lies beyond.
+            let before = self.former.iter().find(|former| former.key == span.key);
+            let before = before.map_or(span.friction_n, |before| before.friction_n);
+            self.friction_j += (0.5 * (span.friction_n + before) * shift).abs();
+            let Some(from) = span.from else {
                 self.pulled_m[0] += change;
-            } else if let Some(from) = span.from {
-                if place < last {
-                    let beyond = shift;
-                    let before = self.former.iter().find(|former| former.key == span.key);
-                    let before = before.map_or(span.friction_n, |before| before.friction_n);
-                    let force = 0.5 * (span.friction_n + before);
-                    self.friction_j += (force * beyond).abs();
-                }
-                for passed in &mut self.passed[from + 1..upto] {
-                    passed.crossing.alpha -= shift;
-                }
-                upto = from + 1;
-                shift += change;
+                continue;
+            };
+            for passed in &mut self.passed[from + 1..upto] {
+                passed.crossing.alpha -= shift;
             }
+            upto = from + 1;
+            shift += change;
         }
         for passed in &mut self.passed[..upto] {
             passed.crossing.alpha -= shift;

@@ -109,6 +109,16 @@ fn what_the_hands_do_is_stored_when_the_slabs_touch() {
     assert!(error < 1e-3, "{error}");
 }
 
+#[test]
+fn what_the_hands_do_is_stored_or_rubbed_away() {
+    let setup = Setup {
+        friction: 0.3,
+        ..SETUP
+    };
+    let error = cycle(drawn(bench(setup)), 0.004, 4e-5);
+    assert!(error < 0.01, "{error}");
+}
+
 /// Both tools' tangents against steps from the same state with a tool moved a little, as closely as directions are
 /// known.
 #[test]
