@@ -4,10 +4,11 @@
 
 use crate::outbox::Outbox;
 use heapless::spsc::{Consumer, Producer, Queue};
+use sutura_shared::control::Fresh;
 use sutura_shared::link::{ConsoleLink, LinkEvent};
 use sutura_shared::simulated_console::REPORT_EVERY;
 use sutura_shared::wire::message::{Command, Mode, Report, State};
-use sutura_shared::wire::{MAX_FRAME, ValidContact, ValidNeedle, ValidSimulate, ValidThread};
+use sutura_shared::wire::{MAX_FRAME, ValidNeedle, ValidSimulate, ValidThread};
 
 /// A byte stream that never waits.
 pub trait Bytes {
@@ -18,7 +19,7 @@ pub trait Bytes {
 }
 
 /// A buffer for the newest contact; `None` forgets an older one.
-pub type Slot = Option<ValidContact>;
+pub type Slot = Option<Fresh>;
 
 /// What the control task does before its next tick, in the order of arrival.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -145,7 +146,7 @@ impl<'a, P: Bytes> HostSide<'a, P> {
     fn apply(&mut self, event: LinkEvent, publish: &mut impl FnMut(&mut &'a mut Slot) -> bool) {
         let order = match event {
             LinkEvent::Contact(contact) => {
-                *self.back = Some(contact);
+                *self.back = Some(contact.into());
                 // What comes back is what was replaced.
                 if publish(&mut self.back) && self.back.is_some() {
                     self.report.frames_superseded = self.report.frames_superseded.wrapping_add(1);

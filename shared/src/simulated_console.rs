@@ -4,12 +4,12 @@
 //! Entry points: [`SimulatedConsole`] where one thread does everything; [`SimulatedBoard`] for firmware
 //! that runs link and control in tasks of its own, as a board has encoders and motors.
 
-use crate::control::{Control, TICK_HZ, TICK_US, TickInput, TickOutput};
+use crate::control::{Control, Fresh, TICK_HZ, TICK_US, TickInput, TickOutput};
 use crate::device::{DeviceDescription, DeviceError};
 use crate::link::{ConsoleLink, Identity, LinkEvent};
 use crate::virtual_console::VirtualDevice;
+use crate::wire::MAX_FRAME;
 use crate::wire::message::{Report, Simulate, State};
-use crate::wire::{MAX_FRAME, ValidContact};
 
 /// Ticks between two reports. One more comes with the answer to a `Hello`, so that a session knows what
 /// had been counted before it.
@@ -59,6 +59,7 @@ impl SimulatedBoard {
         TickInput {
             now_us: self.now_us,
             encoder_counts: self.device.encoder_counts(),
+            orientation: None,
             emergency_stop: self.emergency_stop,
             board_fault: false,
             overrun,
@@ -97,7 +98,7 @@ pub struct SimulatedConsole {
     link: ConsoleLink,
     control: Control,
     board: SimulatedBoard,
-    contact: Option<ValidContact>,
+    contact: Option<Fresh>,
     report: Report,
     state: Option<State>,
 }
@@ -139,7 +140,7 @@ impl SimulatedConsole {
                 self.control.open_session();
             }
             LinkEvent::Contact(contact) => {
-                let replaced = self.contact.replace(contact).is_some();
+                let replaced = self.contact.replace(contact.into()).is_some();
                 self.report.frames_superseded = self
                     .report
                     .frames_superseded

@@ -173,7 +173,8 @@ impl Run {
                 *body,
             )
         });
-        self.control.tick(&self.input, fresh.as_ref())
+        self.control
+            .tick(&self.input, fresh.map(Into::into).as_ref())
     }
 
     /// What must hold after every tick.

@@ -57,7 +57,7 @@ impl Session {
             });
         }
         let input = self.board.read(false);
-        let output = self.control.tick(&input, fresh.as_ref());
+        let output = self.control.tick(&input, fresh.map(Into::into).as_ref());
         self.board.write(&output);
         self.output = Some(output);
         output

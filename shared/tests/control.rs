@@ -42,7 +42,7 @@ fn boot_lasts_one_tick_and_arming_needs_an_order() {
             control.command(Command::Arm);
         }
         input.now_us += 1000;
-        let output = control.tick(&input, Some(&frame(tick + 1, 0, wall(WALL, INSIDE))));
+        let output = control.tick(&input, Some(&frame(tick + 1, 0, wall(WALL, INSIDE)).into()));
         modes.push(output.state.mode);
         let armed = output.state.mode == Armed;
         assert_eq!(output.amplifiers_on, armed);

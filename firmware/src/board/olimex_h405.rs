@@ -212,6 +212,8 @@ impl crate::control_side::Plant for Plant {
                 second.widen(self.encoders.1.cnt().read().cnt().bits()),
                 self.encoders.2.cnt().read().cnt().bits() as i32,
             ],
+            // No wrist.
+            orientation: None,
             emergency_stop: stop.pressed(),
             board_fault: !ready,
             overrun,

@@ -8,9 +8,19 @@
 mod contact;
 mod drive;
 mod encoders;
+mod limits;
 mod mode;
+mod needle;
+mod passivity;
+mod rows;
+mod thread;
+mod tuning;
+mod velocity;
+mod wall;
 
 pub use encoders::VELOCITY_GAIN;
+pub use rows::ContactRows;
+pub use tuning::{Guards, Rendering, Tuning};
 
 use crate::device::{DeviceDescription, DeviceError, JOINTS};
 use crate::hash::TraceHash;
@@ -40,13 +50,33 @@ pub const STALE_DECAY_US: u32 = 30_000;
 /// Time from the horizon until the console disarms \[us\].
 pub const LOST_AFTER_US: u32 = 500_000;
 
+/// What the host has solved, as a tick takes it: the contact, and its rows if the host has sent any.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Fresh {
+    /// The contact.
+    pub contact: ValidContact,
+    /// The rows of the same console time; none if they did not come.
+    pub rows: ContactRows,
+}
+
+impl From<ValidContact> for Fresh {
+    fn from(contact: ValidContact) -> Self {
+        Fresh {
+            contact,
+            rows: ContactRows::NONE,
+        }
+    }
+}
+
 /// What a board reads at the start of a tick.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct TickInput {
     /// Console time at which the encoders were read \[us\].
     pub now_us: u64,
     /// Encoder readings \[counts\], (3); they may wrap around.
     pub encoder_counts: [i32; JOINTS],
+    /// Orientation of the grip, unit quaternion (x, y, z, w), where the console senses it.
+    pub orientation: Option<[f32; 4]>,
     /// The emergency stop is pressed.
     pub emergency_stop: bool,
     /// The board has found a fault of its own.
@@ -82,6 +112,7 @@ pub struct Control {
     faults: Faults,
     mode: Mode,
     drive: Drive,
+    tuning: Tuning,
     tick: u32,
     trace: TraceHash,
 }
@@ -92,6 +123,15 @@ impl Control {
     /// # Errors
     /// See [`DeviceDescription::validate`].
     pub fn new(device: DeviceDescription) -> Result<Control, DeviceError> {
+        Control::tuned(device, Tuning::default())
+    }
+
+    /// Control with a rendering or without guards, to measure what they are for. Nothing on the wire
+    /// reaches this.
+    ///
+    /// # Errors
+    /// See [`DeviceDescription::validate`].
+    pub fn tuned(device: DeviceDescription, tuning: Tuning) -> Result<Control, DeviceError> {
         device.validate()?;
         Ok(Control {
             encoders: Encoders::new(&device),
@@ -104,6 +144,7 @@ impl Control {
             faults: Faults::default(),
             mode: Mode::Boot,
             drive: Drive::new(&device),
+            tuning,
             tick: 0,
             trace: TraceHash::new(),
             device,
@@ -177,7 +218,8 @@ impl Control {
 
     /// One tick: from the encoders, and the newest contact if one has come since the last tick, to the
     /// motors.
-    pub fn tick(&mut self, input: &TickInput, fresh: Option<&ValidContact>) -> TickOutput {
+    pub fn tick(&mut self, input: &TickInput, fresh: Option<&Fresh>) -> TickOutput {
+        let fresh = fresh.map(|fresh| &fresh.contact);
         self.tick = self.tick.wrapping_add(1);
         let started = self.encoders.have_started();
         let joints = self.encoders.read(&input.encoder_counts);

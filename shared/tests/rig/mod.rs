@@ -236,7 +236,8 @@ impl Loop {
             self.sequence += 1;
             frame(self.sequence, time_us, body)
         });
-        self.control.tick(&self.input, frame.as_ref())
+        self.control
+            .tick(&self.input, frame.map(Into::into).as_ref())
     }
 
     /// One tick, with a contact solved for the state before it.
