@@ -211,3 +211,202 @@ impl Render {
         &self.offset_n
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::wire::message::Contact;
+    use crate::wire::{Header, Kind, PROTOCOL_VERSION, ValidContact};
+
+    /// Solved for this console time \[us\].
+    const SOLVED: u64 = 1_000_000;
+
+    /// A spring of `stiffness` \[N/m\] below z = 0, as solved at the height `z` \[m\].
+    fn floor(stiffness: f32, z: f32) -> Contact {
+        let mut contact = Contact {
+            tool: 0,
+            position_m: [0.0, 0.0, z],
+            orientation: [0.0, 0.0, 0.0, 1.0],
+            wrench: [0.0, 0.0, -stiffness * min(z, 0.0), 0.0, 0.0, 0.0],
+            tangent: [0.0; 21],
+            gap_m: if z > 0.0 { z } else { 0.0 },
+            normal: [0.0, 0.0, 1.0],
+            relaxation_per_s: 0.0,
+            horizon_us: 100_000,
+        };
+        contact.tangent[11] = -stiffness;
+        contact
+    }
+
+    /// A console whose grip stands where it is put, without lead.
+    struct Stand {
+        render: Render,
+        now_us: u64,
+    }
+
+    impl Stand {
+        fn new() -> Self {
+            let mut tuning = Tuning::default();
+            tuning.guards.lead = false;
+            Stand {
+                render: Render::new(1e3, TICK_S, tuning),
+                now_us: SOLVED,
+            }
+        }
+
+        fn take(&mut self, contact: Contact, solved_us: u64, z: f32) {
+            let header = Header {
+                version: PROTOCOL_VERSION,
+                kind: Kind::Contact,
+                session: 1,
+                sequence: 7,
+                console_time_us: solved_us,
+            };
+            let frame = ValidContact::new(header, contact).expect("a valid contact");
+            self.render.take(&frame.into(), &grip(z), self.now_us);
+        }
+
+        fn force(&mut self, z: f32) -> f32 {
+            let force = self.render.force(&grip(z), &Vec3::zeros(), self.now_us);
+            self.now_us += 1000;
+            force.z
+        }
+
+        /// Lets the blend from nothing end.
+        fn settle(&mut self, contact: Contact, z: f32) -> f32 {
+            for _ in 0..150 {
+                self.take(contact, self.now_us, z);
+                self.force(z);
+            }
+            self.force(z)
+        }
+    }
+
+    fn grip(z: f32) -> Grip {
+        Grip {
+            position_m: Vec3::new(0.0, 0.0, z),
+            orientation: [0.0, 0.0, 0.0, 1.0],
+        }
+    }
+
+    #[test]
+    fn age_counts_from_the_solved_state_and_takes_the_force_away() {
+        let mut stand = Stand::new();
+        let force = stand.settle(floor(1000.0, -1e-3), -1e-3);
+        assert!((force - 1.0).abs() < 1e-5, "{force}");
+        let solved_us = stand.now_us - 2000;
+        let mut at = |age_us: u64| {
+            stand.now_us = solved_us + age_us;
+            stand.force(-1e-3)
+        };
+        assert!((at(100_000) - 1.0).abs() < 1e-5);
+        assert!((at(115_000) - 0.5).abs() < 1e-5);
+        assert!(at(129_999) > 0.0);
+        assert_eq!(at(130_000).to_bits(), 0);
+        let freshness = |age_us| stand.render.freshness(solved_us + age_us);
+        assert_eq!(freshness(100_000), Freshness::Fresh);
+        assert_eq!(freshness(100_001), Freshness::Stale);
+        assert_eq!(freshness(600_000), Freshness::Stale);
+        assert_eq!(freshness(600_001), Freshness::Lost);
+    }
+
+    /// The offset alone decides what is left of the old force: exp(-t / 10 ms), below 1 % after 50 ms.
+    #[test]
+    fn a_blend_starts_at_the_old_force_and_is_gone_after_50_ms() {
+        let mut stand = Stand::new();
+        stand.settle(floor(5000.0, -1e-3), -1e-3);
+        stand.take(floor(2000.0, -1e-3), stand.now_us, -1e-3);
+        for ms in 0..=50 {
+            let left = (stand.force(-1e-3) - 2.0) / 3.0;
+            let expected = (-f64::from(ms) / 10.0).exp();
+            assert!((f64::from(left) - expected).abs() < 2e-5, "{ms} ms: {left}");
+        }
+    }
+
+    /// A swap while the grip moves: the old force goes on along the new tangent.
+    #[test]
+    fn a_moving_grip_feels_no_step_at_a_swap() {
+        let mut stand = Stand::new();
+        stand.settle(floor(1000.0, -1e-3), -1e-3);
+        let before = stand.force(-1e-3);
+        stand.take(floor(1000.0, -0.5e-3), stand.now_us, -1.1e-3);
+        let after = stand.force(-1.1e-3);
+        assert!((after - before - 0.1).abs() < 1e-5, "{before} {after}");
+    }
+
+    /// Withdrawing in the middle of a blend: the missing part of a push must not become a pull.
+    #[test]
+    fn a_blend_never_pulls_where_nothing_pulled_before() {
+        let mut stand = Stand::new();
+        stand.take(floor(2000.0, -1e-3), stand.now_us, -1e-3);
+        assert_eq!(stand.force(-1e-3), 0.0);
+        for ms in 0_u8..20 {
+            let force = stand.force(-1e-3 + 0.2e-3 * f32::from(ms));
+            assert!(force >= -1e-6, "{ms} ms: {force}");
+        }
+    }
+
+    /// The other side of a thin sheet: what was rendered points into the new normal's tissue, and still
+    /// fades instead of falling away in one tick.
+    #[test]
+    fn a_force_against_the_new_normal_fades_too() {
+        let mut stand = Stand::new();
+        let mut ceiling = floor(0.0, 5e-3);
+        (ceiling.gap_m, ceiling.normal) = (0.0, [0.0, 0.0, -1.0]);
+        ceiling.wrench[2] = -3.0;
+        stand.settle(ceiling, 5e-3);
+        stand.take(floor(2000.0, 5e-3), stand.now_us, 5e-3);
+        assert!((stand.force(5e-3) + 3.0).abs() < 1e-5);
+        assert!((stand.force(5e-3) + 3.0 * BLEND_DECAY).abs() < 1e-5);
+    }
+
+    #[test]
+    fn the_longest_force_is_kept_to_its_limit() {
+        let mut stand = Stand::new();
+        stand.render.max_force_n = 10.0;
+        let force = stand.settle(floor(1e5, -0.05), -0.05);
+        assert!((force - 10.0).abs() < 1e-4, "{force}");
+    }
+
+    /// Frames of a spring of 1000 N/m whose tangent says another stiffness, on a path of 1 mm a frame.
+    fn scale_after(told: f32, frames: u8) -> f32 {
+        let mut stand = Stand::new();
+        for frame in 0..frames {
+            let z = -2e-3 - 1e-3 * f32::from(frame);
+            let mut contact = floor(1000.0, z);
+            contact.tangent[11] = -told;
+            stand.take(contact, stand.now_us, z);
+            stand.now_us += 30_000;
+        }
+        stand.render.trust.scale()
+    }
+
+    #[test]
+    fn a_tangent_that_is_wrong_by_a_factor_is_found_out() {
+        assert_eq!(scale_after(1250.0, 1), 1.0);
+        for told in [500.0, 750.0, 1000.0, 1250.0, 2000.0] {
+            let scale = scale_after(told, 4);
+            assert!(
+                (scale * told / 1000.0 - 1.0).abs() < 1e-3,
+                "{told}: {scale}"
+            );
+        }
+        assert_eq!(scale_after(10_000.0, 4), 0.4);
+    }
+
+    /// The trapezoidal rule is exact for a force that is quadratic in the way: non-linear tissue with a right
+    /// tangent is not mistaken for linear tissue with a wrong one.
+    #[test]
+    fn hardening_tissue_is_no_wrong_tangent() {
+        let mut stand = Stand::new();
+        for frame in 0..5_u8 {
+            let deep = 2e-3 + 1.5e-3 * f32::from(frame);
+            let mut contact = floor(0.0, -deep);
+            contact.wrench[2] = 1e5 * deep * deep;
+            contact.tangent[11] = -2e5 * deep;
+            stand.take(contact, stand.now_us, -deep);
+            stand.now_us += 30_000;
+        }
+        assert!((stand.render.trust.scale() - 1.0).abs() < 1e-4);
+    }
+}
