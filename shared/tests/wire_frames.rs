@@ -144,7 +144,7 @@ fn each_part_of_the_packet_has_its_reject() {
     for kind in [0, 7, 15, 20, 255] {
         assert_eq!(unpack_one(&content(0, kind, &[0])), Err(Reject::Kind));
     }
-    for kind in [16, 19] {
+    for kind in [19] {
         let read = unpack_one(&content(0, kind, &[0]));
         assert_eq!(read, Err(Reject::ReservedKind));
     }
@@ -191,7 +191,8 @@ fn direction_is_checked() {
             | Unchecked::Command(..)
             | Unchecked::Simulate(..)
             | Unchecked::Needle(..)
-            | Unchecked::Thread(..) => true,
+            | Unchecked::Thread(..)
+            | Unchecked::Rows(..) => true,
             Unchecked::State(..) | Unchecked::Report(..) => false,
         };
         if from_host {
@@ -219,6 +220,7 @@ fn any_frame() -> impl Strategy<Value = Vec<u8>> {
             Unchecked::Simulate(_, body) => frame(session, sequence, time, &body),
             Unchecked::Needle(_, body) => frame(session, sequence, time, &body),
             Unchecked::Thread(_, body) => frame(session, sequence, time, &body),
+            Unchecked::Rows(_, body) => frame(session, sequence, time, &body),
         },
     )
 }
@@ -244,7 +246,7 @@ proptest! {
     /// to a frame that reads as the same.
     #[test]
     fn any_content_is_handled(
-        kind in prop_oneof![0u8..8, Just(17), any::<u8>()],
+        kind in prop_oneof![0u8..8, Just(16), Just(17), any::<u8>()],
         body in any_bytes(230),
     ) {
         let content = [&header_bytes(0, kind, 1, 1, 0)[..], &body].concat();

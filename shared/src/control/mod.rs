@@ -21,7 +21,7 @@ mod velocity;
 mod wall;
 
 pub use encoders::VELOCITY_GAIN;
-pub use rows::ContactRows;
+pub use rows::{ContactRows, RowsForce};
 pub use tuning::{Guards, Rendering, Tuning};
 
 use crate::device::{DeviceDescription, DeviceError, JOINTS};
@@ -65,6 +65,19 @@ pub struct Fresh {
     pub contact: ValidContact,
     /// The rows of the same console time; none if they did not come.
     pub rows: ContactRows,
+}
+
+impl Fresh {
+    /// A contact, and the rows that came last if they are its own: of the same tool and console time.
+    pub fn of(contact: ValidContact, rows: &ContactRows) -> Fresh {
+        let mut fresh = Fresh::from(contact);
+        let own = rows.tool() == contact.body().tool
+            && rows.console_time_us() == contact.console_time_us();
+        if own && !rows.is_empty() {
+            fresh.rows = *rows;
+        }
+        fresh
+    }
 }
 
 impl From<ValidContact> for Fresh {

@@ -7,7 +7,7 @@
 //! In every version of the protocol byte 0 is the version, byte 1 the kind, kind 1 is `Hello`, and the
 //! last four bytes are the CRC, so that peers of two versions can at least tell each other theirs.
 
-use super::message::{Command, Contact, Hello, Needle, Report, Simulate, State, Thread};
+use super::message::{Command, Contact, Hello, Needle, Report, Rows, Simulate, State, Thread};
 use super::{PROTOCOL_VERSION, Reject, validate::Message};
 use core::fmt;
 use crc::{CRC_32_ISO_HDLC, Crc, Digest, Table};
@@ -28,6 +28,7 @@ const MAX_BODY: usize = largest(&[
     Simulate::POSTCARD_MAX_SIZE,
     Needle::POSTCARD_MAX_SIZE,
     Thread::POSTCARD_MAX_SIZE,
+    Rows::POSTCARD_MAX_SIZE,
 ]);
 /// Bytes of the largest packet (header, body and CRC, before byte stuffing).
 pub(super) const MAX_PACKET: usize = HEADER_SIZE + MAX_BODY + CRC_SIZE;
@@ -83,7 +84,7 @@ pub enum Kind {
     Report = 5,
     /// [`Simulate`], from the host.
     Simulate = 6,
-    /// Reserved: contact rows.
+    /// [`Rows`], from the host.
     Rows = 16,
     /// [`Needle`], from the host.
     Needle = 17,
@@ -103,9 +104,10 @@ impl Kind {
             4 => Kind::Command,
             5 => Kind::Report,
             6 => Kind::Simulate,
+            16 => Kind::Rows,
             17 => Kind::Needle,
             18 => Kind::Thread,
-            16 | 19 => return Err(Reject::ReservedKind),
+            19 => return Err(Reject::ReservedKind),
             _ => return Err(Reject::Kind),
         })
     }
