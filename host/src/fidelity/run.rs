@@ -8,11 +8,14 @@ use super::hand::{Grasp, Motion};
 use super::link::{Link, LinkSpec};
 use super::plant::{Mechanics, Plant};
 use super::scenes::{Sample, Scene, Solution};
-use crate::session::pack_symmetric;
-use sutura_shared::control::{Control, Fresh, Rendering, TickInput, Tuning};
+use crate::session::{pack_symmetric, rows_frame};
+use crate::step::ToolRows;
+use sutura_shared::control::{ContactRows, Control, Fresh, Rendering, TickInput, Tuning};
 use sutura_shared::device::DeviceError;
 use sutura_shared::wire::message::{Command, Contact, Mode, State};
-use sutura_shared::wire::{Header, Kind, PROTOCOL_VERSION, ValidContact};
+use sutura_shared::wire::{
+    Header, Message, PROTOCOL_VERSION, Valid, ValidContact, ValidNeedle, ValidRows, ValidThread,
+};
 
 /// Who solves for the console.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -50,14 +53,26 @@ pub struct Setup<'a> {
     pub tuning: Tuning,
     /// Who solves.
     pub host: Host,
-    /// Factor on the tangent that is sent: how wrong it is.
+    /// Factor on the tangent and the rows' stiffness that are sent: how wrong they are.
     pub tangent_scale: f64,
+    /// Most contact rows in a frame; the console gets none unless it renders them.
+    pub most_rows: usize,
     /// \[s\].
     pub seconds: f64,
     /// If any.
     pub knock: Option<Knock>,
     /// The true force \[N\] at every tick, if it is known: open loop, where the path is.
     pub truth: Option<&'a [[f64; 3]]>,
+}
+
+impl Setup<'_> {
+    /// Rows that the host has to reduce to.
+    fn most_rows_sent(&self) -> usize {
+        match (self.host, self.tuning.rendering) {
+            (Host::Late(_), Rendering::Rows) => self.most_rows,
+            _ => 0,
+        }
+    }
 }
 
 /// One tick.
@@ -109,7 +124,7 @@ pub fn run(setup: &Setup<'_>) -> Result<Record, DeviceError> {
     control.command(Command::Arm);
     let origin_m = setup.scene.origin_m();
     let mut plant = Plant::new(setup.mechanics, setup.motion, setup.grasp, origin_m);
-    let mut truth = setup.truth.is_none().then(|| setup.scene.start());
+    let mut truth = setup.truth.is_none().then(|| setup.scene.start(0));
     let mut host = Remote::new(setup);
     let mut under_way = vec![[0.0; 3]; setup.mechanics.actuation_ticks];
     let mut true_n = [0.0; 3];
@@ -136,7 +151,7 @@ pub fn run(setup: &Setup<'_>) -> Result<Record, DeviceError> {
         }
         let counts = plant.counts();
         let read_m = counts.map(|count| f64::from(count) / setup.mechanics.counts_per_m);
-        let fresh = host.arrives(time_s);
+        let fresh = host.arrives(time_s, &mut control);
         let input = TickInput {
             now_us,
             encoder_counts: counts,
@@ -181,7 +196,7 @@ pub fn run(setup: &Setup<'_>) -> Result<Record, DeviceError> {
 
 /// The true force at every tick of a hand that goes where it wants \[N\], (3).
 pub fn truth_along(scene: &dyn Scene, motion: Motion, seconds: f64) -> Vec<[f64; 3]> {
-    let mut truth = scene.start();
+    let mut truth = scene.start(0);
     let mut last = [0.0; 3];
     let origin = scene.origin_m();
     (0..=(seconds * 1e3).round() as u32)
@@ -207,11 +222,21 @@ fn force(solution: &Solution) -> [f64; 3] {
     [x, y, z]
 }
 
+/// A frame on the wire.
+enum Frame {
+    Rows(Box<ContactRows>),
+    Needle(ValidNeedle),
+    Thread(ValidThread),
+    Contact(ValidContact),
+}
+
 /// The host and its link.
 struct Remote<'a> {
     setup: &'a Setup<'a>,
     tissue: Box<dyn super::scenes::Truth>,
-    link: Option<(LinkSpec, Link<Fresh>)>,
+    link: Option<(LinkSpec, Link<Frame>)>,
+    /// The last rows that came.
+    rows: Box<ContactRows>,
     /// Solves so far, and frames.
     solves: u32,
     sequence: u32,
@@ -231,7 +256,8 @@ impl<'a> Remote<'a> {
         };
         Remote {
             setup,
-            tissue: setup.scene.start(),
+            tissue: setup.scene.start(setup.most_rows_sent()),
+            rows: Box::new(ContactRows::NONE),
             link,
             solves: 0,
             sequence: 0,
@@ -240,9 +266,19 @@ impl<'a> Remote<'a> {
         }
     }
 
-    /// What the console finds at the start of a tick.
-    fn arrives(&mut self, time_s: f64) -> Option<Fresh> {
-        self.link.as_mut()?.1.arrived(time_s)
+    /// What the console finds at the start of a tick: the newest of each kind.
+    fn arrives(&mut self, time_s: f64, control: &mut Control) -> Option<Fresh> {
+        let (_, link) = self.link.as_mut()?;
+        let mut newest = None;
+        while let Some(frame) = link.arrived(time_s) {
+            match frame {
+                Frame::Rows(rows) => self.rows = rows,
+                Frame::Needle(needle) => control.needle(&needle),
+                Frame::Thread(thread) => control.thread(&thread),
+                Frame::Contact(contact) => newest = Some(contact),
+            }
+        }
+        newest.map(|contact| Fresh::of(contact, &self.rows))
     }
 
     /// The force itself, as motors that do not give way at once have it.
@@ -271,18 +307,23 @@ impl<'a> Remote<'a> {
             orientation: state.orientation.map(f64::from),
             velocity_m_per_s: state.velocity_m_per_s.map(f64::from),
         };
-        let frame = self.solve(&sample, now_us);
-        if let (Some(frame), Some((_, link))) = (frame, &mut self.link) {
-            link.send(due_s, frame);
+        let Some(solution) = self.tissue.solve(&sample) else {
+            return;
+        };
+        let frames = self.frames(&sample, now_us, solution);
+        if let Some((_, link)) = &mut self.link {
+            link.send(due_s, frames);
         }
     }
 
-    /// Solves; nothing where the solver has nothing, or nothing that a console would take.
-    fn solve(&mut self, sample: &Sample, now_us: u64) -> Option<Fresh> {
-        let solution = self.tissue.solve(sample)?;
-        self.sequence += 1;
-        let holds = self.setup.tuning.rendering == Rendering::Hold;
-        let scale = if holds { 0.0 } else { self.setup.tangent_scale };
+    /// What the wire carries of a solution, as the console's rendering asks for; rows, needle and thread before
+    /// the contact.
+    fn frames(&mut self, sample: &Sample, now_us: u64, solution: Solution) -> Vec<Frame> {
+        let rendering = self.setup.tuning.rendering;
+        let scale = match rendering {
+            Rendering::Hold => 0.0,
+            _ => self.setup.tangent_scale,
+        };
         let tangent = solution.tangent.map(|row| row.map(|entry| entry * scale));
         let contact = Contact {
             tool: 0,
@@ -292,20 +333,54 @@ impl<'a> Remote<'a> {
             tangent: pack_symmetric(&tangent),
             gap_m: solution.gap_m as f32,
             normal: solution.normal.map(|x| x as f32),
-            relaxation_per_s: if holds {
-                0.0
-            } else {
-                solution.relaxation_per_s as f32
+            relaxation_per_s: match rendering {
+                Rendering::Hold => 0.0,
+                _ => solution.relaxation_per_s as f32,
             },
             horizon_us: self.horizon_us,
         };
+        let mut frames = Vec::with_capacity(4);
+        if rendering == Rendering::Rows {
+            let rows = solution.rows.map(|rows| stiffer(*rows, scale));
+            let rows: Option<ValidRows> = rows
+                .and_then(|rows| rows_frame(&rows))
+                .and_then(|rows| self.valid(now_us, rows));
+            frames.extend(rows.map(|rows| Frame::Rows(Box::new(ContactRows::unpack(&rows)))));
+            let needle = solution
+                .needle
+                .and_then(|needle| self.valid(now_us, needle));
+            frames.extend(needle.map(Frame::Needle));
+            let thread = solution
+                .thread
+                .and_then(|thread| self.valid(now_us, thread));
+            frames.extend(thread.map(Frame::Thread));
+        }
+        frames.extend(self.valid(now_us, contact).map(Frame::Contact));
+        frames
+    }
+
+    fn valid<M: Message>(&mut self, console_time_us: u64, body: M) -> Option<Valid<M>> {
+        self.sequence += 1;
         let header = Header {
             version: PROTOCOL_VERSION,
-            kind: Kind::Contact,
+            kind: M::KIND,
             session: 1,
             sequence: self.sequence,
-            console_time_us: now_us,
+            console_time_us,
         };
-        ValidContact::new(header, contact).ok().map(Fresh::from)
+        Valid::new(header, body).ok()
     }
+}
+
+/// Rows of tissue that is so many times stiffer: the same forces at the balance.
+fn stiffer(mut rows: ToolRows, times: f64) -> ToolRows {
+    if times > 0.0 {
+        for entry in &mut rows.compliance {
+            *entry /= times;
+        }
+        for entry in rows.held.iter_mut().flatten() {
+            *entry *= times;
+        }
+    }
+    rows
 }

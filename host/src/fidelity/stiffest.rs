@@ -54,6 +54,7 @@ pub fn hold(search: &Search, k: f64) -> Result<(Steadiness, f64), DeviceError> {
         tuning: search.tuning,
         host: search.host,
         tangent_scale: search.tangent_scale,
+        most_rows: 24,
         seconds: 3.0,
         knock: Some(Knock {
             from_s: 1.5,

@@ -1,5 +1,6 @@
 //! What the tools touch in the measurements: one file per scene, all behind [`Truth`].
 
+pub mod palpation;
 pub mod point;
 
 use crate::step::ToolRows;
@@ -69,6 +70,6 @@ pub trait Scene: Sync {
     /// Where the grip is when the tool touches \[m\], (3).
     fn origin_m(&self) -> [f64; 3];
 
-    /// The scene, untouched.
-    fn start(&self) -> Box<dyn Truth>;
+    /// The scene, untouched, that gives so many contact rows at most.
+    fn start(&self, most_rows: usize) -> Box<dyn Truth>;
 }
