@@ -15,7 +15,7 @@ const SECONDS: f64 = 4.0;
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let only = std::env::args().nth(1).unwrap_or_default();
-    let point = Point::default();
+    let point = Point::TISSUE;
     let palpation = Palpation::load()?;
     let scenes: [&dyn Scene; 2] = [&point, &palpation];
     let all = Tuning::default();
@@ -95,6 +95,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
                     tuning,
                     host,
                     tangent_scale: scale,
+                    mechanics: Mechanics::LIGHT,
                 })?;
                 println!(
                     "{label:44} {:8.0} {:6.3} {:8.3}",

@@ -6,7 +6,7 @@
 
 use super::hand::{Grasp, Motion};
 use super::link::{Link, LinkSpec};
-use super::plant::{Mechanics, Plant};
+use super::plant::{Mechanics, Plant, pace};
 use super::scenes::{Sample, Scene, Solution};
 use crate::session::{pack_symmetric, rows_frame};
 use crate::step::ToolRows;
@@ -61,8 +61,8 @@ pub struct Setup<'a> {
     pub seconds: f64,
     /// If any.
     pub knock: Option<Knock>,
-    /// The true force \[N\] at every tick, if it is known: open loop, where the path is.
-    pub truth: Option<&'a [[f64; 3]]>,
+    /// What is true at every tick, if it is known: open loop, where the path is.
+    pub truth: Option<&'a [True]>,
 }
 
 impl Setup<'_> {
@@ -71,6 +71,24 @@ impl Setup<'_> {
         match (self.host, self.tuning.rendering) {
             (Host::Late(_), Rendering::Rows) => self.most_rows,
             _ => 0,
+        }
+    }
+}
+
+/// What is true in a tick.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct True {
+    /// Force on the tool \[N\], (3).
+    pub force_n: [f64; 3],
+    /// Boundaries punctured so far.
+    pub punctures: u32,
+}
+
+impl True {
+    fn of(solution: &Solution) -> Self {
+        True {
+            force_n: force(solution),
+            punctures: solution.punctures,
         }
     }
 }
@@ -90,6 +108,8 @@ pub struct Tick {
     pub command_n: [f64; 3],
     /// True force here and now \[N\], (3).
     pub truth_n: [f64; 3],
+    /// Boundaries punctured by now, in truth.
+    pub punctures: u32,
     /// Whether a new frame came into use.
     pub swapped: bool,
     /// What the motors had taken from the motion by now, less what they had given \[J\].
@@ -122,12 +142,11 @@ pub fn run(setup: &Setup<'_>) -> Result<Record, DeviceError> {
     let description = setup.mechanics.description();
     let mut control = Control::tuned(description, setup.tuning)?;
     control.command(Command::Arm);
-    let origin_m = setup.scene.origin_m();
-    let mut plant = Plant::new(setup.mechanics, setup.motion, setup.grasp, origin_m);
+    let mut plant = Plant::new(setup.mechanics, setup.motion, setup.grasp, setup.scene);
     let mut truth = setup.truth.is_none().then(|| setup.scene.start(0));
     let mut host = Remote::new(setup);
     let mut under_way = vec![[0.0; 3]; setup.mechanics.actuation_ticks];
-    let mut true_n = [0.0; 3];
+    let mut now = True::default();
     let count = (setup.seconds * 1e3).round() as u32;
     let mut ticks = Vec::with_capacity(count as usize);
     let mut before_sequence = 0;
@@ -141,10 +160,10 @@ pub fn run(setup: &Setup<'_>) -> Result<Record, DeviceError> {
             velocity_m_per_s: plant.velocity_m_per_s,
         };
         match (setup.truth, &mut truth) {
-            (Some(known), _) => true_n = known.get(number as usize).copied().unwrap_or(true_n),
+            (Some(known), _) => now = known.get(number as usize).copied().unwrap_or(now),
             (None, Some(truth)) => {
                 if let Some(solution) = truth.solve(&here) {
-                    true_n = force(&solution);
+                    now = True::of(&solution);
                 }
             }
             (None, None) => {}
@@ -174,7 +193,8 @@ pub fn run(setup: &Setup<'_>) -> Result<Record, DeviceError> {
             velocity_m_per_s: plant.velocity_m_per_s,
             acting_n,
             command_n,
-            truth_n: true_n,
+            truth_n: now.force_n,
+            punctures: now.punctures,
             swapped: output.state.contact_sequence != before_sequence,
             energy_j: plant.energy_j,
             mode: output.state.mode,
@@ -194,23 +214,21 @@ pub fn run(setup: &Setup<'_>) -> Result<Record, DeviceError> {
     })
 }
 
-/// The true force at every tick of a hand that goes where it wants \[N\], (3).
-pub fn truth_along(scene: &dyn Scene, motion: Motion, seconds: f64) -> Vec<[f64; 3]> {
+/// What is true at every tick with a hand that goes where it wants.
+pub fn truth_along(scene: &dyn Scene, motion: Motion, seconds: f64) -> Vec<True> {
     let mut truth = scene.start(0);
-    let mut last = [0.0; 3];
-    let origin = scene.origin_m();
+    let mut last = True::default();
     (0..=(seconds * 1e3).round() as u32)
         .map(|number| {
             let time_s = f64::from(number) * 1e-3;
-            let way = motion.at(time_s);
             let sample = Sample {
                 time_s,
-                position_m: [0, 1, 2].map(|axis: usize| origin[axis] + way[axis]),
+                position_m: scene.place(motion.at(time_s)),
                 orientation: [0.0, 0.0, 0.0, 1.0],
-                velocity_m_per_s: motion.velocity(time_s),
+                velocity_m_per_s: pace(scene, motion, time_s),
             };
             if let Some(solution) = truth.solve(&sample) {
-                last = force(&solution);
+                last = True::of(&solution);
             }
             last
         })

@@ -75,7 +75,7 @@ impl Scene for Palpation {
         if let Some(work) = &mut solver.workspace {
             // Not in real time: nothing waits for columns.
             work.vertices_per_step = usize::MAX;
-            work.reduce_rows = most_rows > 0;
+            work.most_rows = most_rows;
         }
         Box::new(solver)
     }
