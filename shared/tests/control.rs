@@ -591,7 +591,7 @@ fn the_trace_is_repeatable_and_sees_signed_zeros() {
 fn unusable_devices_are_refused_by_name() {
     use sutura_shared::device::{DeviceDescription, Kinematics};
     type Spoil = fn(&mut DeviceDescription);
-    let cases: [(Spoil, &str); 9] = [
+    let cases: [(Spoil, &str); 12] = [
         (
             |d| d.joints[0].counts_per_unit = 0.0,
             "joint 0: counts_per_unit",
@@ -612,6 +612,12 @@ fn unusable_devices_are_refused_by_name() {
         (|d| d.joints[0].max_speed_per_s = 60.0, "max_speed_per_s"),
         (|d| d.gravity_mass_kg[2] = -0.1, "gravity_mass_kg"),
         (|d| d.max_force_n = 0.0, "max_force_n"),
+        (|d| d.max_power_w = f32::NAN, "max_power_w"),
+        (
+            |d| d.max_grip_speed_m_per_s = 0.0,
+            "max_grip_speed_m_per_s",
+        ),
+        (|d| d.actuation_delay_us = 5001, "actuation_delay_us"),
         (
             |d| {
                 d.kinematics = Kinematics::Cartesian {

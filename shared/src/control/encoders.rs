@@ -120,6 +120,9 @@ mod tests {
             joints: [joint(1e5), joint(-1e5), joint(1e5)],
             gravity_mass_kg: [0.0; JOINTS],
             max_force_n: 1.0,
+            max_power_w: 1e3,
+            max_grip_speed_m_per_s: 10.0,
+            actuation_delay_us: 0,
         })
     }
 
@@ -147,6 +150,9 @@ mod tests {
             joints: [joint; JOINTS],
             gravity_mass_kg: [0.0; JOINTS],
             max_force_n: 1.0,
+            max_power_w: 1e3,
+            max_grip_speed_m_per_s: 10.0,
+            actuation_delay_us: 0,
         };
         assert_eq!(device.validate(), Ok(()));
         let mut encoders = Encoders::new(&device);

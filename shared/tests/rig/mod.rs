@@ -37,6 +37,9 @@ pub fn bench() -> DeviceDescription {
         ],
         gravity_mass_kg: [0.0, 0.0, 0.25],
         max_force_n: 10.0,
+        max_power_w: 10.0,
+        max_grip_speed_m_per_s: 1.5,
+        actuation_delay_us: 1000,
     }
 }
 
@@ -67,6 +70,9 @@ pub fn arm() -> DeviceDescription {
         ],
         gravity_mass_kg: [0.0, 0.06, 0.04],
         max_force_n: 2.0,
+        max_power_w: 3.0,
+        max_grip_speed_m_per_s: 1.5,
+        actuation_delay_us: 1000,
     }
 }
 
