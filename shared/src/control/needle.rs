@@ -1,0 +1,1 @@
+//! A needle between two frames of the host: it sticks, slides and punctures by itself.
