@@ -104,8 +104,8 @@ impl LocalContact {
     }
 
     /// Change of force from `before` to this frame \[N\]: as the mean of both tangents tells it, and as it came,
-    /// without what had relaxed meanwhile. None unless both touch.
-    pub fn change_since(&self, before: &LocalContact) -> Option<(Vec3, Vec3)> {
+    /// without what had relaxed meanwhile; and the time between them \[s\]. None unless both touch.
+    pub fn change_since(&self, before: &LocalContact) -> Option<(Vec3, Vec3, f32)> {
         let touches = |contact: &LocalContact| {
             contact.gap_m <= 0.0 && dot(&contact.normal, &contact.own_force()) > 0.0
         };
@@ -115,8 +115,9 @@ impl LocalContact {
         let moved = self.grip.moved_from(&before.grip);
         let told = (force_of(&self.tangent, &moved) + force_of(&before.tangent, &moved)) * 0.5;
         let span_us = self.console_time_us.saturating_sub(before.console_time_us);
-        let left = before.relaxed(u32::try_from(span_us).unwrap_or(u32::MAX));
-        Some((told, self.own_force() - before.own_force() * left))
+        let span_us = u32::try_from(span_us).unwrap_or(u32::MAX);
+        let came = self.own_force() - before.own_force() * before.relaxed(span_us);
+        Some((told, came, span_us as f32 * 1e-6))
     }
 
     /// Motion of the grip since the pose that was solved for.

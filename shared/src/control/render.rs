@@ -105,7 +105,7 @@ impl Render {
             }
             new.follow(old);
             match new.change_since(old) {
-                Some((foretold, came)) => self.trust.learn(&foretold, &came),
+                Some((foretold, came, span_s)) => self.trust.learn(&foretold, &came, span_s),
                 None => self.trust = Trust::FULL,
             }
         }
@@ -139,7 +139,8 @@ impl Render {
         }
         let dx = contact.moved_to(&at);
         let scale = if self.tuning.guards.trust {
-            self.trust.scale()
+            let age_s = contact.age_us(now_us) as f32 * 1e-6;
+            self.trust.scale() * self.trust.confidence(age_s)
         } else {
             1.0
         };
@@ -392,6 +393,22 @@ mod tests {
             );
         }
         assert_eq!(scale_after(10_000.0, 4), 0.4);
+    }
+
+    /// Changes across what was foretold: nothing is explained, and little is believed at the next frame's age.
+    #[test]
+    fn what_explains_nothing_is_worth_less_the_older_it_is() {
+        let (told, span_s) = (Vec3::x(), 0.03);
+        let mut right = Trust::FULL;
+        let mut wrong = Trust::FULL;
+        for _ in 0..5 {
+            right.learn(&told, &(told * 0.8), span_s);
+            wrong.learn(&told, &Vec3::y(), span_s);
+        }
+        assert!(right.confidence(0.1) > 0.99, "{}", right.confidence(0.1));
+        assert!((right.scale() - 0.8).abs() < 1e-3);
+        assert!(wrong.confidence(0.03) < 0.2 && wrong.confidence(0.0) == 1.0);
+        assert!(wrong.confidence(0.1) < wrong.confidence(0.03));
     }
 
     /// The trapezoidal rule is exact for a force that is quadratic in the way: non-linear tissue with a right
