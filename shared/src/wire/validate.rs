@@ -404,7 +404,12 @@ fn check_device(device: &DeviceDescription) -> Result<(), Reject> {
         within(&numbers, MAX_DEVICE_NUMBER)?;
     }
     within(&device.gravity_mass_kg, MAX_DEVICE_NUMBER)?;
-    within(&[device.max_force_n], MAX_DEVICE_NUMBER)
+    let limits = [
+        device.max_force_n,
+        device.max_power_w,
+        device.max_grip_speed_m_per_s,
+    ];
+    within(&limits, MAX_DEVICE_NUMBER)
 }
 
 fn check_hand(script: &HandScript) -> Result<(), Reject> {
