@@ -19,7 +19,9 @@ mod velocity;
 mod wall;
 
 pub use encoders::VELOCITY_GAIN;
+pub use needle::LocalNeedle;
 pub use rows::ContactRows;
+pub use thread::LocalThread;
 pub use tuning::{Guards, Rendering, Tuning};
 
 use crate::device::{DeviceDescription, DeviceError, JOINTS};
@@ -468,5 +470,9 @@ fn hash_needle(trace: &mut TraceHash, frame: &ValidNeedle) {
     trace.floats(&body.stiffness_n_per_m);
     let forces = [body.axial_n, body.hold_n, body.puncture_n, body.punctured_n];
     trace.floats(&forces);
+    for course in [&body.forward, &body.backward] {
+        trace.word(u32::from(course.count));
+        trace.floats(course.points.as_flattened());
+    }
     trace.word(body.horizon_us);
 }

@@ -5,7 +5,7 @@
 
 use super::frame::{Decoded, Header, Kind};
 use super::message::{
-    Command, Contact, HandScript, Hello, Needle, Report, Simulate, State, Tension, Thread,
+    COURSE_POINTS, Command, Contact, Course, HandScript, Hello, Needle, Report, Simulate, State, Tension, Thread,
     WAY_POINTS, WayPoint,
 };
 use super::{PROTOCOL_VERSION, Reject};
@@ -305,8 +305,22 @@ impl Message for Needle {
             between(stiffness, 0.0, MAX_TANGENT)?;
         }
         between(self.hold_n, 0.0, MAX_WRENCH)?;
-        between(self.puncture_n, 0.0, MAX_WRENCH)
+        between(self.puncture_n, 0.0, MAX_WRENCH)?;
+        check_course(&self.forward)?;
+        check_course(&self.backward)
     }
+}
+
+/// Points beyond `count` are not used, but no non-finite number gets in anywhere.
+fn check_course(course: &Course) -> Result<(), Reject> {
+    for [way_m, axial_n] in course.points {
+        between(way_m, 0.0, MAX_POSITION)?;
+        within(&[axial_n], MAX_WRENCH)?;
+    }
+    let count = usize::from(course.count);
+    require(count <= COURSE_POINTS)?;
+    let used = course.points.iter().take(count);
+    require(used.map(|[way_m, _]| way_m).is_sorted())
 }
 
 impl Message for Thread {
