@@ -356,7 +356,10 @@ mod tests {
                     bench.down(&frame);
                 }
                 assert!(bench.contacts.take(&mut bench.front));
-                let wrench = bench.front.as_ref().map(|contact| contact.body().wrench[2]);
+                let wrench = bench
+                    .front
+                    .as_ref()
+                    .map(|fresh| fresh.contact.body().wrench[2]);
                 assert_eq!(wrench, Some(3.0));
                 assert_eq!(bench.side.report.frames_superseded, 2);
             });

@@ -153,7 +153,8 @@ fn device_costs(stopwatch: &Stopwatch, wire: &mut Wire, device: &DeviceDescripti
             None
         };
         let mut output = None;
-        let cost = stopwatch.once(|| output = Some(control.tick(&input, fresh.map(Into::into).as_ref())));
+        let cost =
+            stopwatch.once(|| output = Some(control.tick(&input, fresh.map(Into::into).as_ref())));
         let armed = output.is_some_and(|output| output.state.mode == Mode::Armed);
         let force = output.map_or(0.0, |output| output.state.force_n[2]);
         // Only what renders counts.

@@ -3,10 +3,28 @@
 //! Entry point: [`forward`]. Frames and signs are those of [`Kinematics`]; world z is up.
 
 use crate::device::{DeviceDescription, JOINTS, Kinematics};
-use crate::math::{Vec3, dot, sincos};
+use crate::math::{Vec3, dot, rotation_between, sincos};
 
 /// Standard gravity \[m/s^2\].
 pub const GRAVITY: f32 = 9.806_65;
+
+/// Pose of the grip.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Grip {
+    /// \[m\], world frame.
+    pub position_m: Vec3,
+    /// Unit quaternion (x, y, z, w); identity where it is not sensed.
+    pub orientation: [f32; 4],
+}
+
+impl Grip {
+    /// Motion from `before`: linear \[m\], then rotation vector \[rad\], both in the world frame, (6).
+    pub fn moved_from(&self, before: &Grip) -> [f32; 6] {
+        let [x, y, z]: [f32; 3] = (self.position_m - before.position_m).into();
+        let [a, b, c]: [f32; 3] = rotation_between(&before.orientation, &self.orientation).into();
+        [x, y, z, a, b, c]
+    }
+}
 
 /// Where the joints put the grip.
 #[derive(Clone, Copy, Debug, PartialEq)]

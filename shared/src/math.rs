@@ -73,6 +73,34 @@ pub fn shortened(v: Vec3, length: f32) -> Vec3 {
     }
 }
 
+/// Rotation vector \[rad\], world frame, that takes the orientation `from` to `to`, unit quaternions (x, y, z, w): the
+/// shorter way, right to 1e-4 of itself up to 1 rad, and bounded beyond.
+#[inline]
+pub fn rotation_between(from: &[f32; 4], to: &[f32; 4]) -> Vec3 {
+    let [x, y, z, w] = *to;
+    let [fx, fy, fz, fw] = *from;
+    let (a, b) = (Vec3::new(x, y, z), Vec3::new(fx, fy, fz));
+    // to * conjugate(from)
+    let half = a * fw - b * w
+        + Vec3::new(
+            b.y * a.z - b.z * a.y,
+            b.z * a.x - b.x * a.z,
+            b.x * a.y - b.y * a.x,
+        );
+    let cosine = w * fw + dot(&a, &b);
+    let half = if cosine < 0.0 { -half } else { half };
+    // 2 asin(s) / s with s = |half|, the sine of half the angle.
+    let z = min(dot(&half, &half), 1.0);
+    half * (2.0
+        * (1.0 + z * (1.0 / 6.0 + z * (3.0 / 40.0 + z * (15.0 / 336.0 + z * (105.0 / 3456.0))))))
+}
+
+/// Scalar product of six numbers, summed in their order.
+#[inline]
+pub fn dot6(a: &[f32; 6], b: &[f32; 6]) -> f32 {
+    a.iter().zip(b).fold(0.0, |sum, (a, b)| sum + a * b)
+}
+
 /// Largest argument of [`sincos`] \[rad\].
 pub const SINCOS_LIMIT: f32 = 8192.0;
 
@@ -148,6 +176,28 @@ mod tests {
         for far in [SINCOS_LIMIT * 1.001, 1e9, f32::INFINITY, -f32::MAX, NAN] {
             assert_eq!(sincos(far), (0.0, 1.0));
         }
+    }
+
+    /// Against the quaternions that nalgebra makes in double precision.
+    #[test]
+    fn a_rotation_vector_takes_one_orientation_to_the_other() {
+        use nalgebra::{Quaternion, UnitQuaternion, Vector3};
+        let from = UnitQuaternion::from_euler_angles(0.3, -0.7, 1.9);
+        let of = |q: &UnitQuaternion<f64>| {
+            let Quaternion { coords } = *q.quaternion();
+            [coords.x, coords.y, coords.z, coords.w].map(|x| x as f32)
+        };
+        for angle in [0.0, 1e-4, 0.01, 0.3, 1.0] {
+            let turn = Vector3::new(0.36, -0.48, 0.8) * angle;
+            let to = UnitQuaternion::from_scaled_axis(turn) * from;
+            for sign in [1.0, -1.0] {
+                let found = rotation_between(&of(&from), &of(&to).map(|x| x * sign));
+                let error = (found.map(f64::from) - turn).norm();
+                assert!(error < 1e-4 * angle + 1e-6, "{angle}: {error}");
+            }
+        }
+        let half = rotation_between(&[0.0, 0.0, 0.0, 1.0], &[0.0, 0.0, 1.0, 0.0]);
+        assert!(half.z > 2.0 && half.z < 3.2);
     }
 
     #[test]

@@ -1,16 +1,14 @@
-//! The local contact model: the force between two frames of the host.
+//! One frame of the host as a local model: the wrench at another pose, a little later.
 //!
-//! Entry points: [`LocalContact::force`] every tick, [`LocalContact::blend_from`] when the model changes.
-//! A tangent (Otaduy and Lin 2006) with a gap, so that contact can open: exact for a plane spring. Only
-//! forces and translations are rendered here: a console with three joints has no moments to give.
+//! Entry point: [`LocalContact::force`]. Hold and a line in time (Picinbono and Lombardo 1999) as baselines, a tangent
+//! with a gap and relaxation (Otaduy and Lin 2006), exact for a plane spring, to which contact rows, a needle and a
+//! thread add what a tangent does not know.
 
+use super::tuning::Rendering;
 use super::{MAX_HORIZON_US, STALE_DECAY_US};
-use crate::math::{Vec3, dot, max, min, shortened};
+use crate::kinematics::Grip;
+use crate::math::{Vec3, dot, max, shortened};
 use crate::wire::ValidContact;
-
-/// Factor per tick on what is left of the force before the model changed: a time constant of 10 ms, below
-/// which a change of force is felt as a knock.
-const BLEND_DECAY: f32 = 0.904_837_4;
 
 /// How old a contact may be.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -25,31 +23,28 @@ pub enum Freshness {
     Lost,
 }
 
-/// The part of a frame that a console with three joints renders, and how it is blended in.
+/// A frame as the console uses it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct LocalContact {
-    /// Grip position that was solved for \[m\].
-    position_m: Vec3,
-    /// Force on the tool there \[N\].
-    force_n: Vec3,
-    /// Columns of d force / d position \[N/m\]; symmetric.
-    tangent: [Vec3; 3],
+    /// Where it was solved for.
+    grip: Grip,
+    /// Wrench on the tool there \[N, N m\].
+    wrench: [f32; 6],
+    /// Packed upper triangle of d wrench / d pose, symmetric part.
+    tangent: [f32; 21],
     /// Way along `-normal` until the tool touches \[m\].
     gap_m: f32,
     /// Out of the tissue.
-    normal: Vec3,
+    pub normal: Vec3,
     relaxation_per_s: f32,
     horizon_us: u32,
     /// Console time of the state that was solved for \[us\].
-    console_time_us: u64,
+    pub console_time_us: u64,
     pub sequence: u32,
     /// Age when it was first applied \[us\].
     pub applied_age_us: u32,
-    /// What is left of the force before the model changed, less this model's \[N\].
-    offset_n: Vec3,
-    /// Part of the force before the model changed that pulled on this model's side, at most 0 \[N\]; fades
-    /// like the offset.
-    pull_n: f32,
+    /// Change of force per second from the frame before this one to this one \[N/s\].
+    rate: Vec3,
     /// Largest force \[N\].
     max_force_n: f32,
 }
@@ -58,17 +53,13 @@ impl LocalContact {
     /// The model of a frame that arrives at `now_us`.
     pub fn new(frame: &ValidContact, now_us: u64, max_force_n: f32) -> Self {
         let body = frame.body();
-        let [fx, fy, fz, ..] = body.wrench;
-        // Rows of the packed upper triangle: xx xy xz .. | yy yz .. | zz ..
-        let [xx, xy, xz, _, _, _, yy, yz, _, _, _, zz, ..] = body.tangent;
         let mut contact = LocalContact {
-            position_m: Vec3::from(body.position_m),
-            force_n: Vec3::new(fx, fy, fz),
-            tangent: [
-                Vec3::new(xx, xy, xz),
-                Vec3::new(xy, yy, yz),
-                Vec3::new(xz, yz, zz),
-            ],
+            grip: Grip {
+                position_m: Vec3::from(body.position_m),
+                orientation: body.orientation,
+            },
+            wrench: body.wrench,
+            tangent: body.tangent,
             gap_m: body.gap_m,
             normal: Vec3::from(body.normal),
             relaxation_per_s: body.relaxation_per_s,
@@ -76,8 +67,7 @@ impl LocalContact {
             console_time_us: frame.console_time_us(),
             sequence: frame.sequence(),
             applied_age_us: 0,
-            offset_n: Vec3::zeros(),
-            pull_n: 0.0,
+            rate: Vec3::zeros(),
             max_force_n,
         };
         contact.applied_age_us = contact.age_us(now_us);
@@ -105,57 +95,59 @@ impl LocalContact {
         self.console_time_us < other.console_time_us
     }
 
-    /// Lets one tick pass for the blend.
-    pub fn fade_blend(&mut self) {
-        self.offset_n *= BLEND_DECAY;
-        self.pull_n *= BLEND_DECAY;
-    }
-
-    /// Makes the force at this moment continue from `rendered`, for a contact that is fresh.
-    pub fn blend_from(&mut self, rendered: &Vec3, position: &Vec3, now_us: u64) {
-        self.offset_n = rendered - self.model(position, self.age_us(now_us));
-        self.pull_n = min(dot(&self.normal, rendered), 0.0);
-    }
-
-    /// Contact force on the grip \[N\], limited in length, 0 when the data is too old.
-    pub fn force(&self, position: &Vec3, now_us: u64) -> Vec3 {
-        let age_us = self.age_us(now_us);
-        let share = self.staleness(age_us);
-        if share > 0.0 {
-            let blended = self.model(position, age_us) + self.offset_n;
-            shortened(self.without_new_pull(blended), self.max_force_n) * share
-        } else {
-            Vec3::zeros()
+    /// Goes on from the frame before: its force gives the slope of a line in time.
+    pub fn follow(&mut self, before: &LocalContact) {
+        let span_us = self.console_time_us.saturating_sub(before.console_time_us);
+        if span_us > 0 {
+            self.rate = (self.own_force() - before.own_force()) * (1e6 / span_us as f32);
         }
     }
 
-    /// An offset that holds a push back would pull once the tool leaves the tissue: only what pulled before
-    /// the model changed may go on pulling, while it fades.
-    fn without_new_pull(&self, force: Vec3) -> Vec3 {
-        let along = dot(&self.normal, &force);
-        if along < self.pull_n {
-            force + self.normal * (self.pull_n - along)
-        } else {
-            force
+    /// Change of force from `before` to this frame \[N\]: as the mean of both tangents tells it, and as it came,
+    /// without what had relaxed meanwhile; and the time between them \[s\]. None unless both touch.
+    pub fn change_since(&self, before: &LocalContact) -> Option<(Vec3, Vec3, f32)> {
+        let touches = |contact: &LocalContact| {
+            contact.gap_m <= 0.0 && dot(&contact.normal, &contact.own_force()) > 0.0
+        };
+        if !touches(self) || !touches(before) {
+            return None;
         }
+        let moved = self.grip.moved_from(&before.grip);
+        let told = (force_of(&self.tangent, &moved) + force_of(&before.tangent, &moved)) * 0.5;
+        let span_us = self.console_time_us.saturating_sub(before.console_time_us);
+        let span_us = u32::try_from(span_us).unwrap_or(u32::MAX);
+        let came = self.own_force() - before.own_force() * before.relaxed(span_us);
+        Some((told, came, span_us as f32 * 1e-6))
+    }
+
+    /// Motion of the grip since the pose that was solved for.
+    pub fn moved_to(&self, grip: &Grip) -> [f32; 6] {
+        grip.moved_from(&self.grip)
     }
 
     /// 1 up to the horizon, then down to 0 in a straight line.
-    fn staleness(&self, age_us: u32) -> f32 {
-        let over_us = age_us.saturating_sub(self.horizon_us);
+    pub fn staleness(&self, now_us: u64) -> f32 {
+        let over_us = self.age_us(now_us).saturating_sub(self.horizon_us);
         let left_us = STALE_DECAY_US.saturating_sub(over_us);
         left_us as f32 * (1.0 / STALE_DECAY_US as f32)
     }
 
-    /// The frame's own force at another position and time.
-    fn model(&self, position: &Vec3, age_us: u32) -> Vec3 {
-        let moved = position - self.position_m;
-        let force = if self.gap_m > 0.0 {
-            self.force_across_gap(&moved)
-        } else {
-            self.force_n * self.relaxed(age_us) + self.stiffness_times(&moved)
+    /// Force after the grip has moved by `dx`, with the tangent times `scale` \[N\].
+    pub fn force(&self, rendering: Rendering, dx: &[f32; 6], scale: f32, now_us: u64) -> Vec3 {
+        let age_us = self.age_us(now_us);
+        let force = match rendering {
+            Rendering::Hold => self.own_force(),
+            Rendering::LinearTime => self.own_force() + self.rate * (age_us as f32 * 1e-6),
+            Rendering::Tangent | Rendering::Rows if self.gap_m > 0.0 => self.force_across_gap(dx),
+            Rendering::Tangent | Rendering::Rows => {
+                self.own_force() * self.relaxed(age_us) + force_of(&self.tangent, dx) * scale
+            }
         };
-        // Tissue pushes and never pulls.
+        self.pushing(force)
+    }
+
+    /// Tissue pushes and never pulls.
+    pub fn pushing(&self, force: Vec3) -> Vec3 {
         if dot(&self.normal, &force) > 0.0 {
             shortened(force, self.max_force_n)
         } else {
@@ -163,11 +155,34 @@ impl LocalContact {
         }
     }
 
+    /// Wrench after the grip has moved by `dx`, without gap or limits: what needles and threads correct.
+    pub fn linear(&self, dx: &[f32; 6], now_us: u64) -> [f32; 6] {
+        let left = self.relaxed(self.age_us(now_us));
+        let mut wrench = times(&self.tangent, dx);
+        for (out, own) in wrench.iter_mut().zip(&self.wrench) {
+            *out += own * left;
+        }
+        wrench
+    }
+
+    /// Largest stiffness along an axis \[N/m\].
+    pub fn stiffness(&self) -> f32 {
+        let [xx, _, _, _, _, _, yy, _, _, _, _, zz, ..] = self.tangent;
+        max(xx.abs(), max(yy.abs(), zz.abs()))
+    }
+
+    /// Force at the pose that was solved for \[N\].
+    pub fn own_force(&self) -> Vec3 {
+        let [x, y, z, ..] = self.wrench;
+        Vec3::new(x, y, z)
+    }
+
     /// What lies behind the gap acts only on the part of the way that is left after it.
-    fn force_across_gap(&self, moved: &Vec3) -> Vec3 {
-        let closed_m = -dot(&self.normal, moved);
+    fn force_across_gap(&self, dx: &[f32; 6]) -> Vec3 {
+        let [x, y, z, ..] = *dx;
+        let closed_m = -dot(&self.normal, &Vec3::new(x, y, z));
         if closed_m > self.gap_m {
-            self.stiffness_times(moved) * (1.0 - self.gap_m / closed_m)
+            force_of(&self.tangent, dx) * (1.0 - self.gap_m / closed_m)
         } else {
             Vec3::zeros()
         }
@@ -176,16 +191,49 @@ impl LocalContact {
     fn relaxed(&self, age_us: u32) -> f32 {
         max(0.0, 1.0 - self.relaxation_per_s * (age_us as f32 * 1e-6))
     }
+}
 
-    fn stiffness_times(&self, moved: &Vec3) -> Vec3 {
-        let [x, y, z] = self.tangent;
-        x * moved.x + y * moved.y + z * moved.z
+/// A symmetric 6 x 6 matrix, packed upper triangle by rows, times a vector.
+fn times(packed: &[f32; 21], v: &[f32; 6]) -> [f32; 6] {
+    let mut out = [0.0; 6];
+    let mut entries = packed.iter();
+    for row in 0..6 {
+        for (column, entry) in (row..6).zip(&mut entries) {
+            out[row] += entry * v[column];
+            if column > row {
+                out[column] += entry * v[row];
+            }
+        }
     }
+    out
+}
 
-    /// What is left of the force before the model changed, less this model's \[N\].
-    pub fn offset(&self) -> &Vec3 {
-        &self.offset_n
-    }
+/// The first three rows of that product \[N\].
+fn force_of(packed: &[f32; 21], v: &[f32; 6]) -> Vec3 {
+    let [
+        xx,
+        xy,
+        xz,
+        xa,
+        xb,
+        xc,
+        yy,
+        yz,
+        ya,
+        yb,
+        yc,
+        zz,
+        za,
+        zb,
+        zc,
+        ..,
+    ] = *packed;
+    let [x, y, z, a, b, c] = *v;
+    Vec3::new(
+        xx * x + xy * y + xz * z + (xa * a + xb * b + xc * c),
+        xy * x + yy * y + yz * z + (ya * a + yb * b + yc * c),
+        xz * x + yz * y + zz * z + (za * a + zb * b + zc * c),
+    )
 }
 
 #[cfg(test)]
@@ -209,6 +257,15 @@ mod tests {
         };
         let frame = ValidContact::new(header, body).expect("the test gives a valid contact");
         LocalContact::new(&frame, SOLVED, STRONG)
+    }
+
+    /// Force of a model with the grip at `position`.
+    fn at(model: &LocalContact, position: &Vec3, now_us: u64) -> Vec3 {
+        let grip = Grip {
+            position_m: *position,
+            orientation: [0.0, 0.0, 0.0, 1.0],
+        };
+        model.force(Rendering::Tangent, &model.moved_to(&grip), 1.0, now_us)
     }
 
     /// A spring of `stiffness` \[N/m\] behind the plane through the origin, as solved at `position`.
@@ -245,7 +302,7 @@ mod tests {
         for solved in [-8e-3, -1e-3, 0.0, 2e-3, 9e-3] {
             let model = frame(wall(800.0, normal, normal * solved + along * 0.02));
             for height in [-9e-3, -8e-3, -2e-3, -1e-6, 0.0, 1e-6, 3e-3, 0.1] {
-                let force = model.force(&(normal * height - along * 0.01), SOLVED);
+                let force = at(&model, &(normal * height - along * 0.01), SOLVED);
                 let expected = normal * (800.0 * max(0.0, -height));
                 // Rounding of 9 mm times 800 N/m.
                 let error = force - expected;
@@ -262,11 +319,11 @@ mod tests {
         let mut contact = wall(1000.0, Vec3::z(), Vec3::new(0.0, 0.0, 4e-3));
         contact.gap_m = 3e-3;
         let model = frame(contact);
-        let at = |z: f32| model.force(&Vec3::new(0.0, 0.0, z), SOLVED).z;
-        assert_eq!(at(1.001e-3), 0.0);
-        assert!((at(0.5e-3) - 0.5).abs() < 1e-5, "{}", at(0.5e-3));
+        let push = |z: f32| at(&model, &Vec3::new(0.0, 0.0, z), SOLVED).z;
+        assert_eq!(push(1.001e-3), 0.0);
+        assert!((push(0.5e-3) - 0.5).abs() < 1e-5, "{}", push(0.5e-3));
         // Sideways is no way in.
-        let sideways = model.force(&Vec3::new(0.1, 0.1, 4e-3), SOLVED);
+        let sideways = at(&model, &Vec3::new(0.1, 0.1, 4e-3), SOLVED);
         assert_eq!(sideways, Vec3::zeros());
     }
 
@@ -276,25 +333,8 @@ mod tests {
         // A tangent of the wrong sign: pressing in would pull.
         contact.tangent[11] = 5000.0;
         let model = frame(contact);
-        let force = model.force(&Vec3::new(0.0, 0.0, -2e-3), SOLVED);
+        let force = at(&model, &Vec3::new(0.0, 0.0, -2e-3), SOLVED);
         assert_eq!(force, Vec3::zeros());
-    }
-
-    #[test]
-    fn age_counts_from_the_solved_state_and_takes_the_force_away() {
-        let model = frame(wall(1000.0, Vec3::z(), Vec3::new(0.0, 0.0, -1e-3)));
-        let at = |age_us: u64| model.force(&Vec3::new(0.0, 0.0, -1e-3), SOLVED + age_us).z;
-        assert_eq!((at(0), at(100_000)), (1.0, 1.0));
-        assert!((at(115_000) - 0.5).abs() < 1e-6);
-        assert!(at(129_999) > 0.0);
-        assert_eq!(at(130_000).to_bits(), 0);
-        assert_eq!(at(u64::MAX - SOLVED).to_bits(), 0);
-        let freshness = |age_us| model.freshness(SOLVED + age_us);
-        assert_eq!(freshness(100_000), Freshness::Fresh);
-        assert_eq!(freshness(100_001), Freshness::Stale);
-        assert_eq!(freshness(600_000), Freshness::Stale);
-        assert_eq!(freshness(600_001), Freshness::Lost);
-        assert_eq!(model.age_us(u64::MAX), u32::MAX - 1);
     }
 
     #[test]
@@ -313,63 +353,8 @@ mod tests {
             ..wall(1000.0, Vec3::z(), Vec3::new(0.0, 0.0, -1e-3))
         };
         let model = frame(contact);
-        let at = |age_us: u64| model.force(&Vec3::new(0.0, 0.0, -1e-3), SOLVED + age_us).z;
-        assert!((at(10_000) - 0.8).abs() < 1e-6);
-        assert_eq!(at(51_000), 0.0);
-    }
-
-    /// The offset alone decides what is left of the old force: exp(-t / 10 ms), below 1 % after 50 ms.
-    #[test]
-    fn a_blend_starts_at_the_old_force_and_is_gone_after_50_ms() {
-        let here = Vec3::new(0.0, 0.0, -1e-3);
-        let mut model = frame(wall(2000.0, Vec3::z(), here));
-        let old = Vec3::new(0.5, 0.0, 5.0);
-        model.blend_from(&old, &here, SOLVED);
-        let start = model.force(&here, SOLVED);
-        let error = start - old;
-        assert!(dot(&error, &error) < 1e-12, "{start}");
-        for ms in 1..=50 {
-            model.fade_blend();
-            let left = (model.force(&here, SOLVED).z - 2.0) / 3.0;
-            let expected = (-f64::from(ms) / 10.0).exp();
-            assert!((f64::from(left) - expected).abs() < 1e-5, "{ms} ms: {left}");
-        }
-        assert!((model.force(&here, SOLVED).z - 2.0).abs() < 0.01 * 3.0);
-    }
-
-    /// Withdrawing in the middle of a blend: the missing part of a push must not become a pull.
-    #[test]
-    fn a_blend_never_pulls_where_nothing_pulled_before() {
-        let inside = Vec3::new(0.0, 0.0, -1e-3);
-        let mut model = frame(wall(2000.0, Vec3::z(), inside));
-        model.blend_from(&Vec3::new(0.3, 0.0, 0.0), &inside, SOLVED);
-        assert_eq!(model.force(&inside, SOLVED).z, 0.0);
-        for ms in 0_u8..20 {
-            model.fade_blend();
-            let height = -1e-3 + 0.2e-3 * f32::from(ms);
-            let force = model.force(&Vec3::new(0.0, 0.0, height), SOLVED);
-            assert!(force.z >= -1e-6, "{ms} ms: {force}");
-            assert!(force.x > 0.0, "along the surface it only fades: {force}");
-        }
-    }
-
-    /// The other side of a thin sheet: what was rendered points into the new normal's tissue, and still
-    /// fades instead of falling away in one tick.
-    #[test]
-    fn a_force_against_the_new_normal_fades_too() {
-        let outside = Vec3::new(0.0, 0.0, 5e-3);
-        let mut model = frame(wall(2000.0, Vec3::z(), outside));
-        model.blend_from(&Vec3::new(0.0, 0.0, -3.0), &outside, SOLVED);
-        assert_eq!(model.force(&outside, SOLVED).z, -3.0);
-        model.fade_blend();
-        assert!((model.force(&outside, SOLVED).z + 3.0 * BLEND_DECAY).abs() < 1e-6);
-    }
-
-    #[test]
-    fn the_longest_force_is_kept_to_its_limit() {
-        let mut model = frame(wall(1e5, Vec3::z(), Vec3::new(0.0, 0.0, -0.05)));
-        model.max_force_n = 10.0;
-        let force = model.force(&Vec3::new(0.01, 0.0, -0.05), SOLVED);
-        assert!((force.z - 10.0).abs() < 1e-5, "{force}");
+        let push = |age_us: u64| at(&model, &Vec3::new(0.0, 0.0, -1e-3), SOLVED + age_us).z;
+        assert!((push(10_000) - 0.8).abs() < 1e-6);
+        assert_eq!(push(51_000), 0.0);
     }
 }

@@ -12,8 +12,10 @@ mod limits;
 mod mode;
 mod needle;
 mod passivity;
+mod render;
 mod rows;
 mod thread;
+mod trust;
 mod tuning;
 mod velocity;
 mod wall;
@@ -26,16 +28,17 @@ pub use tuning::{Guards, Rendering, Tuning};
 
 use crate::device::{DeviceDescription, DeviceError, JOINTS};
 use crate::hash::TraceHash;
-use crate::kinematics::{self, Pose};
+use crate::kinematics::{self, Grip, Pose};
 use crate::math::{Vec3, is_finite};
 use crate::wire::faults;
 use crate::wire::message::{Command, Mode, State};
-use crate::wire::validate::MAX_POSITION;
+use crate::wire::validate::{MAX_POSITION, UNIT_TOLERANCE};
 use crate::wire::{Message, Valid, ValidContact, ValidNeedle, ValidThread};
-use contact::{Freshness, LocalContact};
+use contact::Freshness;
 use drive::Drive;
 use encoders::{Encoders, Joints};
 use mode::{Faults, Orders, has_torque, next_mode};
+use render::Render;
 
 /// Control rate \[Hz\].
 pub const TICK_HZ: u16 = 1000;
@@ -51,6 +54,11 @@ pub const MAX_HORIZON_US: u32 = 150_000;
 pub const STALE_DECAY_US: u32 = 30_000;
 /// Time from the horizon until the console disarms \[us\].
 pub const LOST_AFTER_US: u32 = 500_000;
+
+/// From reading the encoders until the motors act on it \[s\].
+const DELAY_S: f32 = TICK_S;
+/// Where no orientation is sensed.
+const UNTURNED: [f32; 4] = [0.0, 0.0, 0.0, 1.0];
 
 /// What the host has solved, as a tick takes it: the contact, and its rows if the host has sent any.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -103,7 +111,7 @@ pub struct TickOutput {
 pub struct Control {
     device: DeviceDescription,
     encoders: Encoders,
-    contact: Option<LocalContact>,
+    render: Render,
     /// The newest states of needle and thread in the grip; nothing is rendered from them yet.
     needle: Option<ValidNeedle>,
     thread: Option<ValidThread>,
@@ -137,7 +145,7 @@ impl Control {
         device.validate()?;
         Ok(Control {
             encoders: Encoders::new(&device),
-            contact: None,
+            render: Render::new(device.max_force_n, DELAY_S, tuning),
             needle: None,
             thread: None,
             new_needle: None,
@@ -189,7 +197,7 @@ impl Control {
     }
 
     fn forget(&mut self) {
-        self.contact = None;
+        self.render.forget();
         self.needle = None;
         self.thread = None;
     }
@@ -203,6 +211,7 @@ impl Control {
         self.device = *device;
         self.encoders = Encoders::new(device);
         self.drive = Drive::new(device);
+        self.render = Render::new(device.max_force_n, DELAY_S, self.tuning);
         self.forget();
         self.mode = Mode::Boot;
         true
@@ -221,26 +230,29 @@ impl Control {
     /// One tick: from the encoders, and the newest contact if one has come since the last tick, to the
     /// motors.
     pub fn tick(&mut self, input: &TickInput, fresh: Option<&Fresh>) -> TickOutput {
-        let fresh = fresh.map(|fresh| &fresh.contact);
         self.tick = self.tick.wrapping_add(1);
         let started = self.encoders.have_started();
         let joints = self.encoders.read(&input.encoder_counts);
         let pose = kinematics::forward(&self.device, &joints.position);
         let velocity = pose.velocity(&joints.velocity);
+        let grip = self.grip(&pose, input);
 
         let needle = self.new_needle.take();
         let thread = self.new_thread.take();
         // This console has one grip, which is tool 0.
         take_newer(&mut self.needle, needle.filter(|n| n.body().tool == 0));
         take_newer(&mut self.thread, thread.filter(|t| t.body().tool == 0));
-        self.take_contact(fresh, &pose, input.now_us);
+        // This console has one grip, which is tool 0.
+        if let Some(fresh) = fresh.filter(|fresh| fresh.contact.body().tool == 0) {
+            self.render.take(fresh, &grip, input.now_us);
+        }
         self.latch_faults(input, &joints, &pose);
-        self.change_mode(started, &pose, input.now_us);
+        self.change_mode(started, input.now_us);
 
-        let force = self.contact_force(&pose, input.now_us);
+        let force = self.contact_force(&grip, &velocity, input.now_us);
         let (current_a, force) = self.drive_motors(&pose, &force);
 
-        let state = self.state(input.now_us, &pose, &velocity, &force, current_a);
+        let state = self.state(input.now_us, &grip, &velocity, &force, current_a);
         let state = self.hash(
             input,
             (fresh, needle.as_ref(), thread.as_ref()),
@@ -254,24 +266,11 @@ impl Control {
         }
     }
 
-    /// Puts a new frame in the place of the old one, at the force that is rendered now. Frames that come
-    /// too late to be used, or are older than the one in use, change nothing: that one goes on ageing.
-    fn take_contact(&mut self, fresh: Option<&ValidContact>, pose: &Pose, now_us: u64) {
-        if let Some(contact) = &mut self.contact {
-            contact.fade_blend();
+    fn grip(&self, pose: &Pose, input: &TickInput) -> Grip {
+        Grip {
+            position_m: pose.position_m,
+            orientation: input.orientation.filter(is_unit).unwrap_or(UNTURNED),
         }
-        // This console has one grip, which is tool 0.
-        let Some(frame) = fresh.filter(|frame| frame.body().tool == 0) else {
-            return;
-        };
-        let mut new = LocalContact::new(frame, now_us, self.device.max_force_n);
-        let outdated = self.contact.is_some_and(|old| new.is_older_than(&old));
-        if outdated || new.freshness(now_us) != Freshness::Fresh {
-            return;
-        }
-        let rendered = self.contact_force(pose, now_us);
-        new.blend_from(&rendered, &pose.position_m, now_us);
-        self.contact = Some(new);
     }
 
     fn latch_faults(&mut self, input: &TickInput, joints: &Joints, pose: &Pose) {
@@ -289,9 +288,8 @@ impl Control {
     }
 
     /// Obeys the orders. Those that come during boot wait for its end.
-    fn change_mode(&mut self, started: bool, pose: &Pose, now_us: u64) {
-        let contact = self.contact.as_ref();
-        let freshness = contact.map_or(Freshness::Missing, |contact| contact.freshness(now_us));
+    fn change_mode(&mut self, started: bool, now_us: u64) {
+        let freshness = self.render.freshness(now_us);
         let before = self.mode;
         let faults = self.faults.latched();
         self.mode = next_mode(before, self.orders, faults, started, freshness);
@@ -302,24 +300,24 @@ impl Control {
             self.forget();
         }
         if has_torque(self.mode) && !has_torque(before) {
-            self.begin_rendering(freshness, pose, now_us);
+            self.begin_rendering(freshness);
         }
     }
 
-    /// The first force after arming is 0 and grows from there.
-    fn begin_rendering(&mut self, freshness: Freshness, pose: &Pose, now_us: u64) {
-        match &mut self.contact {
-            Some(contact) if freshness == Freshness::Fresh => {
-                contact.blend_from(&Vec3::zeros(), &pose.position_m, now_us);
-            }
-            contact => *contact = None,
+    /// The first force after arming is 0 and grows from there; what is too old then is no contact at all.
+    fn begin_rendering(&mut self, freshness: Freshness) {
+        if freshness == Freshness::Fresh {
+            self.render.start_from_nothing();
+        } else {
+            self.render.forget();
         }
     }
 
-    fn contact_force(&self, pose: &Pose, now_us: u64) -> Vec3 {
-        match &self.contact {
-            Some(contact) if has_torque(self.mode) => contact.force(&pose.position_m, now_us),
-            _ => Vec3::zeros(),
+    fn contact_force(&mut self, grip: &Grip, velocity: &Vec3, now_us: u64) -> Vec3 {
+        if has_torque(self.mode) {
+            self.render.force(grip, velocity, now_us)
+        } else {
+            Vec3::zeros()
         }
     }
 
@@ -347,16 +345,16 @@ impl Control {
     fn state(
         &self,
         now_us: u64,
-        pose: &Pose,
+        grip: &Grip,
         velocity: &Vec3,
         force: &Vec3,
         current_a: [f32; JOINTS],
     ) -> State {
-        let contact = self.contact.as_ref();
+        let contact = self.render.contact();
         State {
             tick: self.tick,
-            position_m: pose.position_m.into(),
-            orientation: [0.0, 0.0, 0.0, 1.0],
+            position_m: grip.position_m.into(),
+            orientation: grip.orientation,
             velocity_m_per_s: (*velocity).into(),
             force_n: (*force).into(),
             current_a,
@@ -373,11 +371,7 @@ impl Control {
     fn hash(
         &mut self,
         input: &TickInput,
-        (fresh, needle, thread): (
-            Option<&ValidContact>,
-            Option<&ValidNeedle>,
-            Option<&ValidThread>,
-        ),
+        (fresh, needle, thread): (Option<&Fresh>, Option<&ValidNeedle>, Option<&ValidThread>),
         joints: &Joints,
         state: State,
     ) -> State {
@@ -393,7 +387,7 @@ impl Control {
                 .fold(0, |bits, flag| bits << 1 | u32::from(*flag)),
         );
         if let Some(frame) = fresh {
-            hash_contact(trace, frame);
+            hash_contact(trace, &frame.contact);
         }
         if let Some(frame) = needle {
             hash_needle(trace, frame);
@@ -402,8 +396,8 @@ impl Control {
             hash_thread(trace, frame);
         }
         trace.floats(&joints.velocity);
-        if let Some(contact) = &self.contact {
-            trace.vector(contact.offset());
+        if self.render.contact().is_some() {
+            trace.vector(self.render.offset());
         }
         trace.word(self.faults.overruns());
         trace.word(state.tick);
@@ -420,6 +414,12 @@ impl Control {
             ..state
         }
     }
+}
+
+/// Whether a quaternion is finite and of unit length, to what f32 makes of it.
+fn is_unit(q: &[f32; 4]) -> bool {
+    let square: f32 = q.iter().fold(0.0, |sum, x| sum + x * x);
+    (square - 1.0).abs() <= UNIT_TOLERANCE
 }
 
 fn hash_contact(trace: &mut TraceHash, frame: &ValidContact) {
@@ -470,9 +470,8 @@ fn hash_needle(trace: &mut TraceHash, frame: &ValidNeedle) {
     trace.floats(&body.stiffness_n_per_m);
     let forces = [body.axial_n, body.hold_n, body.puncture_n, body.punctured_n];
     trace.floats(&forces);
-    for course in [&body.forward, &body.backward] {
-        trace.word(u32::from(course.count));
-        trace.floats(course.points.as_flattened());
-    }
+    let counts = [body.course.forward, body.course.backward, 0, 0];
+    trace.word(u32::from_le_bytes(counts));
+    trace.floats(body.course.points.as_flattened());
     trace.word(body.horizon_us);
 }

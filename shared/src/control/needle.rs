@@ -8,9 +8,9 @@
 
 use super::{MAX_HORIZON_US, STALE_DECAY_US};
 use crate::math::{clamp, max, min};
-use crate::wire::message::{COURSE_POINTS, Course, Needle};
+use crate::wire::ValidNeedle;
+use crate::wire::message::{COURSE_POINTS, Needle};
 use crate::wire::validate::{MAX_POSITION, MAX_TANGENT, MAX_WRENCH};
-use crate::wire::{Message, Valid, ValidNeedle};
 
 /// Places of the grip that are kept.
 const PAST: usize = 64;
@@ -45,11 +45,6 @@ impl Curve {
         curve
     }
 
-    fn of(axial_n: f32, course: &Course) -> Self {
-        let count = usize::from(course.count);
-        Curve::new(axial_n, course.points.into_iter().take(count))
-    }
-
     /// Straight on to `end`, then level.
     fn ramp(axial_n: f32, end: [f32; 2]) -> Self {
         Curve::new(axial_n, [end].into_iter())
@@ -71,7 +66,11 @@ impl Curve {
         let mut force = last;
         for [[from, before], [to, after]] in self.legs().rev() {
             if way_m <= to {
-                let part = if to > from { (way_m - from) / (to - from) } else { 0.0 };
+                let part = if to > from {
+                    (way_m - from) / (to - from)
+                } else {
+                    0.0
+                };
                 force = before + (after - before) * clamp(part, 0.0, 1.0);
             }
         }
@@ -80,14 +79,15 @@ impl Curve {
 
     /// The steepest change of force, up or down \[N/m\].
     fn steepest(&self, sign: f32) -> f32 {
-        self.legs().fold(0.0, |most, [[from, before], [to, after]]| {
-            let way = to - from;
-            if way > SHORT_M {
-                max(most, sign * (after - before) / way)
-            } else {
-                most
-            }
-        })
+        self.legs()
+            .fold(0.0, |most, [[from, before], [to, after]]| {
+                let way = to - from;
+                if way > SHORT_M {
+                    max(most, sign * (after - before) / way)
+                } else {
+                    most
+                }
+            })
     }
 
     /// The first jump: where, and the force after it.
@@ -258,14 +258,26 @@ impl LocalNeedle {
             Some(_) => (self.after_n, self.most_n),
             None => {
                 let behind = forward_m - slide_m;
-                let low = if ahead > 0.0 { self.forward.at(ahead) } else { -MAX_WRENCH };
-                let high = if behind > 0.0 { self.backward.at(behind) } else { MAX_WRENCH };
+                let low = if ahead > 0.0 {
+                    self.forward.at(ahead)
+                } else {
+                    -MAX_WRENCH
+                };
+                let high = if behind > 0.0 {
+                    self.backward.at(behind)
+                } else {
+                    MAX_WRENCH
+                };
                 (low, max(low, high))
             }
         };
         self.axial_n = clamp(trial, low, high);
         if self.stick_n_per_m > 0.0 {
-            let slip = clamp((self.axial_n - trial) / self.stick_n_per_m, -MAX_POSITION, MAX_POSITION);
+            let slip = clamp(
+                (self.axial_n - trial) / self.stick_n_per_m,
+                -MAX_POSITION,
+                MAX_POSITION,
+            );
             let most = 2.0 * MAX_POSITION;
             self.slid_m = [
                 min(forward_m + max(slip, 0.0), most),
@@ -320,7 +332,11 @@ impl LocalNeedle {
                 return place.slide_m;
             };
             let apart = place.time_us.wrapping_sub(before.time_us) as f32;
-            let part = if apart > 0.0 { left as f32 / apart } else { 0.0 };
+            let part = if apart > 0.0 {
+                left as f32 / apart
+            } else {
+                0.0
+            };
             return place.slide_m - (place.slide_m - before.slide_m) * part;
         }
         before.map_or(self.at_m, |before| before.slide_m)
@@ -329,8 +345,9 @@ impl LocalNeedle {
 
 /// The axial force on the way forward; by friction, stiffness and threshold where the host has not looked.
 fn forward(body: &Needle) -> Curve {
-    if body.forward.count > 0 {
-        return Curve::of(body.axial_n, &body.forward);
+    let [known, _] = body.course.ways();
+    if !known.is_empty() {
+        return Curve::new(body.axial_n, known.iter().copied());
     }
     let [_, now] = body.stiffness_n_per_m;
     let [most_n, _] = body.friction_n;
@@ -346,13 +363,17 @@ fn forward(body: &Needle) -> Curve {
 
 /// As [`forward`], on the way backward.
 fn backward(body: &Needle) -> Curve {
-    if body.backward.count > 0 {
-        return Curve::of(body.axial_n, &body.backward);
+    let [_, known] = body.course.ways();
+    if !known.is_empty() {
+        return Curve::new(body.axial_n, known.iter().copied());
     }
     let [all, now] = body.stiffness_n_per_m;
     let [_, most_n] = body.friction_n;
     let left_n = max(most_n - body.axial_n, 0.0);
-    Curve::ramp(body.axial_n, [ramp_m(left_n, max(all, now)), body.axial_n + left_n])
+    Curve::ramp(
+        body.axial_n,
+        [ramp_m(left_n, max(all, now)), body.axial_n + left_n],
+    )
 }
 
 /// The way on which a force changes by so much.
@@ -379,5 +400,12 @@ fn across(slide: &[f32; 6]) -> [f32; 6] {
         return [0.0; 6];
     }
     let (shift, weight) = (1.0 / square, weight / square);
-    [x * shift, y * shift, z * shift, a * weight, b * weight, c * weight]
+    [
+        x * shift,
+        y * shift,
+        z * shift,
+        a * weight,
+        b * weight,
+        c * weight,
+    ]
 }

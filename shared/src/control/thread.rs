@@ -6,9 +6,9 @@
 
 use super::{MAX_HORIZON_US, STALE_DECAY_US};
 use crate::math::{clamp, max, min};
+use crate::wire::ValidThread;
 use crate::wire::message::Tension;
 use crate::wire::validate::MAX_WRENCH;
-use crate::wire::{Message, Valid, ValidThread};
 
 /// The thread in the grip, as one frame has it.
 #[derive(Clone, Copy, Debug, PartialEq)]

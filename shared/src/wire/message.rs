@@ -121,18 +121,30 @@ pub enum Friction {
 }
 
 /// Most points of a [`Course`].
-pub const COURSE_POINTS: usize = 8;
+pub const COURSE_POINTS: usize = 12;
 
 /// How a needle's axial force goes on as the grip moves along the slide from the pose that was solved for, one way
-/// and without turning back: what the host has found by going there beforehand.
+/// and without turning back: what the host has found by going there beforehand. Straight lines between the points,
+/// and from no way and the solved force to the first. Two points at one way: the force jumps, as a boundary gives way
+/// there.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, MaxSize, Schema)]
 pub struct Course {
-    /// How many of `points` count; 0 where the host has not looked.
-    pub count: u8,
-    /// Way along the slide \[m\], not decreasing, and the axial force there \[N\], (8 x 2): straight lines between
-    /// them, and from no way and the solved force to the first. Two at one way: the force jumps, as a boundary gives
-    /// way there.
+    /// How many of `points` are on the way forward; 0 where the host has not looked.
+    pub forward: u8,
+    /// How many of those that follow are on the way backward.
+    pub backward: u8,
+    /// Way along the slide \[m\], a magnitude, not decreasing, and the axial force there \[N\], (12 x 2).
     pub points: [[f32; 2]; COURSE_POINTS],
+}
+
+impl Course {
+    /// The points on the way forward, and on the way backward.
+    pub fn ways(&self) -> [&[[f32; 2]]; 2] {
+        let forward = usize::from(self.forward).min(COURSE_POINTS);
+        let (forward, rest) = self.points.split_at(forward);
+        let backward = usize::from(self.backward).min(rest.len());
+        [forward, rest.split_at(backward).0]
+    }
 }
 
 /// What a needle in a tool's grip does along itself: with it a console can go on by itself between two
@@ -174,10 +186,8 @@ pub struct Needle {
     /// Axial force on the tool at that pose if the boundary did not hold the tip any longer \[N\]: what is
     /// left right after the puncture.
     pub punctured_n: f32,
-    /// The axial force on the way forward.
-    pub forward: Course,
-    /// The axial force on the way backward; its ways count from the pose that was solved for, too.
-    pub backward: Course,
+    /// The axial force on the way.
+    pub course: Course,
     /// How long after the header's console time this frame may be used \[us\]; the console caps it.
     pub horizon_us: u32,
 }

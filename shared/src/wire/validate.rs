@@ -5,8 +5,8 @@
 
 use super::frame::{Decoded, Header, Kind};
 use super::message::{
-    COURSE_POINTS, Command, Contact, Course, HandScript, Hello, Needle, Report, Simulate, State, Tension, Thread,
-    WAY_POINTS, WayPoint,
+    COURSE_POINTS, Command, Contact, Course, HandScript, Hello, Needle, Report, Simulate, State,
+    Tension, Thread, WAY_POINTS, WayPoint,
 };
 use super::{PROTOCOL_VERSION, Reject};
 use crate::device::{DeviceDescription, Joint, Kinematics};
@@ -306,8 +306,7 @@ impl Message for Needle {
         }
         between(self.hold_n, 0.0, MAX_WRENCH)?;
         between(self.puncture_n, 0.0, MAX_WRENCH)?;
-        check_course(&self.forward)?;
-        check_course(&self.backward)
+        check_course(&self.course)
     }
 }
 
@@ -317,10 +316,10 @@ fn check_course(course: &Course) -> Result<(), Reject> {
         between(way_m, 0.0, MAX_POSITION)?;
         within(&[axial_n], MAX_WRENCH)?;
     }
-    let count = usize::from(course.count);
-    require(count <= COURSE_POINTS)?;
-    let used = course.points.iter().take(count);
-    require(used.map(|[way_m, _]| way_m).is_sorted())
+    let counted = usize::from(course.forward) + usize::from(course.backward);
+    require(counted <= COURSE_POINTS)?;
+    let on_the_way = |way: &[[f32; 2]]| way.iter().map(|[way_m, _]| *way_m).is_sorted();
+    require(course.ways().into_iter().all(on_the_way))
 }
 
 impl Message for Thread {

@@ -1,0 +1,1 @@
+//! Limits on force, slew, power and speed at the grip.

@@ -1,0 +1,429 @@
+//! From the newest frame to the force that is wanted at every tick: local model, trust, lead, and the change of models.
+//!
+//! Entry points: [`Render::take`] when a frame has come, [`Render::force`] every tick. It asks for one evaluation
+//! of the local model a tick, also when the model changes: the old one is continued by the new one's tangent.
+
+use super::contact::{Freshness, LocalContact};
+use super::rows::ContactRows;
+use super::trust::Trust;
+use super::tuning::{Rendering, Tuning};
+use super::{Fresh, TICK_S};
+use crate::kinematics::Grip;
+use crate::math::{Vec3, dot, min, shortened};
+
+/// Factor per tick on what is left of the force before the model changed: a time constant of 10 ms, below
+/// which a change of force is felt as a knock.
+const BLEND_DECAY: f32 = 0.904_837_4;
+/// Scaled residual above which rows are not solved well enough to be felt: a twentieth of the largest drive.
+const MAX_RESIDUAL: f32 = 0.05;
+/// Part by which rows give way to the tangent, or come back, in a tick: all of it in 10 ms.
+const GIVE_WAY: f32 = 0.1;
+
+/// What is rendered, and how it came about.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Render {
+    tuning: Tuning,
+    max_force_n: f32,
+    /// From reading the encoders to the middle of the time in which the motors act on it \[s\].
+    lead_s: f32,
+    contact: Option<LocalContact>,
+    rows: ContactRows,
+    /// Part of the force that the rows have, 0 to 1; the tangent has the rest.
+    rows_share: f32,
+    trust: Trust,
+    /// The model is new since the last tick.
+    changed: bool,
+    /// What is left of the force before the model changed, less this model's \[N\].
+    offset_n: Vec3,
+    /// Part of the force before the model changed that pulled on this model's side, at most 0 \[N\]; fades
+    /// like the offset.
+    pull_n: f32,
+    /// Of the last tick: force \[N\] before the guards, and the pose that it is for.
+    last: Option<(Vec3, Grip)>,
+}
+
+impl Render {
+    /// Nothing to render. `delay_s`: from reading the encoders until the motors act.
+    pub fn new(max_force_n: f32, delay_s: f32, tuning: Tuning) -> Self {
+        Render {
+            tuning,
+            max_force_n,
+            lead_s: if tuning.guards.lead {
+                delay_s + 0.5 * TICK_S
+            } else {
+                0.0
+            },
+            contact: None,
+            rows: ContactRows::NONE,
+            rows_share: 1.0,
+            trust: Trust::FULL,
+            changed: false,
+            offset_n: Vec3::zeros(),
+            pull_n: 0.0,
+            last: None,
+        }
+    }
+
+    /// Forgets everything.
+    pub fn forget(&mut self) {
+        self.contact = None;
+        self.rows = ContactRows::NONE;
+        self.trust = Trust::FULL;
+        self.start_from_nothing();
+    }
+
+    /// The next force is 0, and grows from there.
+    pub fn start_from_nothing(&mut self) {
+        self.last = None;
+        self.changed = true;
+        (self.offset_n, self.pull_n) = (Vec3::zeros(), 0.0);
+    }
+
+    /// The frame in use.
+    pub fn contact(&self) -> Option<&LocalContact> {
+        self.contact.as_ref()
+    }
+
+    /// How old the frame in use is.
+    pub fn freshness(&self, now_us: u64) -> Freshness {
+        match &self.contact {
+            Some(contact) => contact.freshness(now_us),
+            None => Freshness::Missing,
+        }
+    }
+
+    /// Puts a frame in the place of the one in use. Frames that come too late to be used, or are older than
+    /// the one in use, change nothing: that one goes on ageing.
+    pub fn take(&mut self, fresh: &Fresh, grip: &Grip, now_us: u64) {
+        let mut new = LocalContact::new(&fresh.contact, now_us, self.max_force_n);
+        if new.freshness(now_us) != Freshness::Fresh {
+            return;
+        }
+        if let Some(old) = &self.contact {
+            if new.is_older_than(old) {
+                return;
+            }
+            new.follow(old);
+            match new.change_since(old) {
+                Some((foretold, came, span_s)) => self.trust.learn(&foretold, &came, span_s),
+                None => self.trust = Trust::FULL,
+            }
+        }
+        let mut rows = fresh.rows;
+        rows.adopt(&self.rows, &new.moved_to(grip), new.console_time_us);
+        self.rows = rows;
+        self.contact = Some(new);
+        self.changed = true;
+    }
+
+    /// Force that is wanted on the grip \[N\], limited in length; 0 when the data is too old.
+    pub fn force(&mut self, grip: &Grip, velocity: &Vec3, now_us: u64) -> Vec3 {
+        let before = self.offset_n;
+        self.offset_n *= BLEND_DECAY;
+        self.pull_n *= BLEND_DECAY;
+        let Some(contact) = self.contact else {
+            return Vec3::zeros();
+        };
+        let at = Grip {
+            position_m: grip.position_m + velocity * self.lead_s,
+            ..*grip
+        };
+        let share = if self.tuning.guards.horizon {
+            contact.staleness(now_us)
+        } else {
+            1.0
+        };
+        if share <= 0.0 {
+            self.start_from_nothing();
+            return Vec3::zeros();
+        }
+        let dx = contact.moved_to(&at);
+        let scale = if self.tuning.guards.trust {
+            let age_s = contact.age_us(now_us) as f32 * 1e-6;
+            self.trust.scale() * self.trust.confidence(age_s)
+        } else {
+            1.0
+        };
+        let tangent = contact.force(self.tuning.rendering, &dx, scale, now_us);
+        let model = self.with_rows(&contact, &dx, tangent, now_us);
+        if self.changed {
+            self.changed = false;
+            let faded = (self.offset_n - before) * share;
+            self.blend(&contact, &model, &(tangent + faded), scale, now_us);
+        }
+        let blended = self.without_new_pull(&contact.normal, model + self.offset_n);
+        let force = shortened(blended, self.max_force_n) * share;
+        self.last = Some((force, at));
+        force
+    }
+
+    /// Makes this tick's force go on from the last one: what that was, and what the new tangent adds to it on the
+    /// way since then.
+    fn blend(
+        &mut self,
+        contact: &LocalContact,
+        model: &Vec3,
+        tangent: &Vec3,
+        scale: f32,
+        now_us: u64,
+    ) {
+        if !self.tuning.guards.blend {
+            return;
+        }
+        let continued = match &self.last {
+            Some((force, at)) => {
+                let before = contact.moved_to(at);
+                force + tangent - contact.force(self.tuning.rendering, &before, scale, now_us)
+            }
+            None => Vec3::zeros(),
+        };
+        self.offset_n = continued - model;
+        self.pull_n = min(dot(&contact.normal, &continued), 0.0);
+    }
+
+    /// The rows' force, as far as they have it.
+    fn with_rows(
+        &mut self,
+        contact: &LocalContact,
+        dx: &[f32; 6],
+        tangent: Vec3,
+        now_us: u64,
+    ) -> Vec3 {
+        let _ = (contact, dx, now_us, MAX_RESIDUAL, GIVE_WAY, self.rows_share);
+        if self.tuning.rendering != Rendering::Rows || self.rows.is_empty() {
+            return tangent;
+        }
+        tangent
+    }
+
+    /// An offset that holds a push back would pull once the tool leaves the tissue: only what pulled before
+    /// the model changed may go on pulling, while it fades.
+    fn without_new_pull(&self, normal: &Vec3, force: Vec3) -> Vec3 {
+        let along = dot(normal, &force);
+        if along < self.pull_n {
+            force + normal * (self.pull_n - along)
+        } else {
+            force
+        }
+    }
+
+    /// What is left of the force before the model changed, less this model's \[N\].
+    pub fn offset(&self) -> &Vec3 {
+        &self.offset_n
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::wire::message::Contact;
+    use crate::wire::{Header, Kind, PROTOCOL_VERSION, ValidContact};
+
+    /// Solved for this console time \[us\].
+    const SOLVED: u64 = 1_000_000;
+
+    /// A spring of `stiffness` \[N/m\] below z = 0, as solved at the height `z` \[m\].
+    fn floor(stiffness: f32, z: f32) -> Contact {
+        let mut contact = Contact {
+            tool: 0,
+            position_m: [0.0, 0.0, z],
+            orientation: [0.0, 0.0, 0.0, 1.0],
+            wrench: [0.0, 0.0, -stiffness * min(z, 0.0), 0.0, 0.0, 0.0],
+            tangent: [0.0; 21],
+            gap_m: if z > 0.0 { z } else { 0.0 },
+            normal: [0.0, 0.0, 1.0],
+            relaxation_per_s: 0.0,
+            horizon_us: 100_000,
+        };
+        contact.tangent[11] = -stiffness;
+        contact
+    }
+
+    /// A console whose grip stands where it is put, without lead.
+    struct Stand {
+        render: Render,
+        now_us: u64,
+    }
+
+    impl Stand {
+        fn new() -> Self {
+            let mut tuning = Tuning::default();
+            tuning.guards.lead = false;
+            Stand {
+                render: Render::new(1e3, TICK_S, tuning),
+                now_us: SOLVED,
+            }
+        }
+
+        fn take(&mut self, contact: Contact, solved_us: u64, z: f32) {
+            let header = Header {
+                version: PROTOCOL_VERSION,
+                kind: Kind::Contact,
+                session: 1,
+                sequence: 7,
+                console_time_us: solved_us,
+            };
+            let frame = ValidContact::new(header, contact).expect("a valid contact");
+            self.render.take(&frame.into(), &grip(z), self.now_us);
+        }
+
+        fn force(&mut self, z: f32) -> f32 {
+            let force = self.render.force(&grip(z), &Vec3::zeros(), self.now_us);
+            self.now_us += 1000;
+            force.z
+        }
+
+        /// Lets the blend from nothing end.
+        fn settle(&mut self, contact: Contact, z: f32) -> f32 {
+            for _ in 0..150 {
+                self.take(contact, self.now_us, z);
+                self.force(z);
+            }
+            self.force(z)
+        }
+    }
+
+    fn grip(z: f32) -> Grip {
+        Grip {
+            position_m: Vec3::new(0.0, 0.0, z),
+            orientation: [0.0, 0.0, 0.0, 1.0],
+        }
+    }
+
+    #[test]
+    fn age_counts_from_the_solved_state_and_takes_the_force_away() {
+        let mut stand = Stand::new();
+        let force = stand.settle(floor(1000.0, -1e-3), -1e-3);
+        assert!((force - 1.0).abs() < 1e-5, "{force}");
+        let solved_us = stand.now_us - 2000;
+        let mut at = |age_us: u64| {
+            stand.now_us = solved_us + age_us;
+            stand.force(-1e-3)
+        };
+        assert!((at(100_000) - 1.0).abs() < 1e-5);
+        assert!((at(115_000) - 0.5).abs() < 1e-5);
+        assert!(at(129_999) > 0.0);
+        assert_eq!(at(130_000).to_bits(), 0);
+        let freshness = |age_us| stand.render.freshness(solved_us + age_us);
+        assert_eq!(freshness(100_000), Freshness::Fresh);
+        assert_eq!(freshness(100_001), Freshness::Stale);
+        assert_eq!(freshness(600_000), Freshness::Stale);
+        assert_eq!(freshness(600_001), Freshness::Lost);
+    }
+
+    /// The offset alone decides what is left of the old force: exp(-t / 10 ms), below 1 % after 50 ms.
+    #[test]
+    fn a_blend_starts_at_the_old_force_and_is_gone_after_50_ms() {
+        let mut stand = Stand::new();
+        stand.settle(floor(5000.0, -1e-3), -1e-3);
+        stand.take(floor(2000.0, -1e-3), stand.now_us, -1e-3);
+        for ms in 0..=50 {
+            let left = (stand.force(-1e-3) - 2.0) / 3.0;
+            let expected = (-f64::from(ms) / 10.0).exp();
+            assert!((f64::from(left) - expected).abs() < 2e-5, "{ms} ms: {left}");
+        }
+    }
+
+    /// A swap while the grip moves: the old force goes on along the new tangent.
+    #[test]
+    fn a_moving_grip_feels_no_step_at_a_swap() {
+        let mut stand = Stand::new();
+        stand.settle(floor(1000.0, -1e-3), -1e-3);
+        let before = stand.force(-1e-3);
+        stand.take(floor(1000.0, -0.5e-3), stand.now_us, -1.1e-3);
+        let after = stand.force(-1.1e-3);
+        assert!((after - before - 0.1).abs() < 1e-5, "{before} {after}");
+    }
+
+    /// Withdrawing in the middle of a blend: the missing part of a push must not become a pull.
+    #[test]
+    fn a_blend_never_pulls_where_nothing_pulled_before() {
+        let mut stand = Stand::new();
+        stand.take(floor(2000.0, -1e-3), stand.now_us, -1e-3);
+        assert_eq!(stand.force(-1e-3), 0.0);
+        for ms in 0_u8..20 {
+            let force = stand.force(-1e-3 + 0.2e-3 * f32::from(ms));
+            assert!(force >= -1e-6, "{ms} ms: {force}");
+        }
+    }
+
+    /// The other side of a thin sheet: what was rendered points into the new normal's tissue, and still
+    /// fades instead of falling away in one tick.
+    #[test]
+    fn a_force_against_the_new_normal_fades_too() {
+        let mut stand = Stand::new();
+        let mut ceiling = floor(0.0, 5e-3);
+        (ceiling.gap_m, ceiling.normal) = (0.0, [0.0, 0.0, -1.0]);
+        ceiling.wrench[2] = -3.0;
+        stand.settle(ceiling, 5e-3);
+        stand.take(floor(2000.0, 5e-3), stand.now_us, 5e-3);
+        assert!((stand.force(5e-3) + 3.0).abs() < 1e-5);
+        assert!((stand.force(5e-3) + 3.0 * BLEND_DECAY).abs() < 1e-5);
+    }
+
+    #[test]
+    fn the_longest_force_is_kept_to_its_limit() {
+        let mut stand = Stand::new();
+        stand.render.max_force_n = 10.0;
+        let force = stand.settle(floor(1e5, -0.05), -0.05);
+        assert!((force - 10.0).abs() < 1e-4, "{force}");
+    }
+
+    /// Frames of a spring of 1000 N/m whose tangent says another stiffness, on a path of 1 mm a frame.
+    fn scale_after(told: f32, frames: u8) -> f32 {
+        let mut stand = Stand::new();
+        for frame in 0..frames {
+            let z = -2e-3 - 1e-3 * f32::from(frame);
+            let mut contact = floor(1000.0, z);
+            contact.tangent[11] = -told;
+            stand.take(contact, stand.now_us, z);
+            stand.now_us += 30_000;
+        }
+        stand.render.trust.scale()
+    }
+
+    #[test]
+    fn a_tangent_that_is_wrong_by_a_factor_is_found_out() {
+        assert_eq!(scale_after(1250.0, 1), 1.0);
+        for told in [500.0, 750.0, 1000.0, 1250.0, 2000.0] {
+            let scale = scale_after(told, 4);
+            assert!(
+                (scale * told / 1000.0 - 1.0).abs() < 1e-3,
+                "{told}: {scale}"
+            );
+        }
+        assert_eq!(scale_after(10_000.0, 4), 0.4);
+    }
+
+    /// Changes across what was foretold: nothing is explained, and little is believed at the next frame's age.
+    #[test]
+    fn what_explains_nothing_is_worth_less_the_older_it_is() {
+        let (told, span_s) = (Vec3::x(), 0.03);
+        let mut right = Trust::FULL;
+        let mut wrong = Trust::FULL;
+        for _ in 0..5 {
+            right.learn(&told, &(told * 0.8), span_s);
+            wrong.learn(&told, &Vec3::y(), span_s);
+        }
+        assert!(right.confidence(0.1) > 0.99, "{}", right.confidence(0.1));
+        assert!((right.scale() - 0.8).abs() < 1e-3);
+        assert!(wrong.confidence(0.03) < 0.2 && wrong.confidence(0.0) == 1.0);
+        assert!(wrong.confidence(0.1) < wrong.confidence(0.03));
+    }
+
+    /// The trapezoidal rule is exact for a force that is quadratic in the way: non-linear tissue with a right
+    /// tangent is not mistaken for linear tissue with a wrong one.
+    #[test]
+    fn hardening_tissue_is_no_wrong_tangent() {
+        let mut stand = Stand::new();
+        for frame in 0..5_u8 {
+            let deep = 2e-3 + 1.5e-3 * f32::from(frame);
+            let mut contact = floor(0.0, -deep);
+            contact.wrench[2] = 1e5 * deep * deep;
+            contact.tangent[11] = -2e5 * deep;
+            stand.take(contact, stand.now_us, -deep);
+            stand.now_us += 30_000;
+        }
+        assert!((stand.render.trust.scale() - 1.0).abs() < 1e-4);
+    }
+}

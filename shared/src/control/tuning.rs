@@ -1,0 +1,77 @@
+//! What is rendered, and which guards watch over it.
+//!
+//! Entry point: [`Tuning`]. A console that is used has the default; everything else is for measuring.
+
+/// What the force between two frames is taken from.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Rendering {
+    /// The last frame's force.
+    Hold,
+    /// The last two frames' forces, on a straight line in time (Picinbono and Lombardo 1999).
+    LinearTime,
+    /// The last frame's tangent, with gap and relaxation (Otaduy and Lin 2006).
+    Tangent,
+    /// The frame's contact rows (Saupin, Duriez and Cotin 2008); the tangent where there are none or
+    /// they do not converge.
+    #[default]
+    Rows,
+}
+
+/// Guards, on or off.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Guards {
+    /// A swap of models is blended.
+    pub blend: bool,
+    /// The tangent is corrected by what successive frames say of it, and trusted less as it ages.
+    pub trust: bool,
+    /// The force is evaluated where the grip will be when the motors act.
+    pub lead: bool,
+    /// The passivity observer's tank bounds what is given back.
+    pub tank: bool,
+    /// The passivity controller adds damping.
+    pub damping: bool,
+    /// Contact data beyond its horizon decays.
+    pub horizon: bool,
+    /// Force is limited, per axis and in total.
+    pub force: bool,
+    /// Slew is limited.
+    pub slew: bool,
+    /// Power is limited.
+    pub power: bool,
+    /// A grip that is too fast is a fault.
+    pub overspeed: bool,
+    /// Rows whose residual is too large give way to the tangent.
+    pub residual: bool,
+}
+
+impl Guards {
+    /// All of them.
+    pub const ALL: Guards = Guards {
+        blend: true,
+        trust: true,
+        lead: true,
+        tank: true,
+        damping: true,
+        horizon: true,
+        force: true,
+        slew: true,
+        power: true,
+        overspeed: true,
+        residual: true,
+    };
+}
+
+impl Default for Guards {
+    fn default() -> Self {
+        Guards::ALL
+    }
+}
+
+/// How a console renders.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Tuning {
+    /// What the force is taken from.
+    pub rendering: Rendering,
+    /// What watches over it.
+    pub guards: Guards,
+}

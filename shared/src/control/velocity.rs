@@ -1,0 +1,1 @@
+//! Velocity from quantised positions.

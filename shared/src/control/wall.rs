@@ -1,0 +1,1 @@
+//! A virtual wall and a virtual coupling: useful without a host.
