@@ -21,7 +21,9 @@ mod velocity;
 mod wall;
 
 pub use encoders::VELOCITY_GAIN;
+pub use needle::LocalNeedle;
 pub use rows::{ContactRows, RowsForce};
+pub use thread::LocalThread;
 pub use tuning::{Guards, Rendering, Tuning};
 
 use crate::device::{DeviceDescription, DeviceError, JOINTS};
@@ -514,5 +516,8 @@ fn hash_needle(trace: &mut TraceHash, frame: &ValidNeedle) {
     trace.floats(&body.stiffness_n_per_m);
     let forces = [body.axial_n, body.hold_n, body.puncture_n, body.punctured_n];
     trace.floats(&forces);
+    let counts = [body.course.forward, body.course.backward, 0, 0];
+    trace.word(u32::from_le_bytes(counts));
+    trace.floats(body.course.points.as_flattened());
     trace.word(body.horizon_us);
 }
