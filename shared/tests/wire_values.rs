@@ -330,7 +330,7 @@ fn check_order<T: Copy>(
 
 #[test]
 fn device_numbers_are_finite_and_bounded() {
-    let numbers: [FieldOf<DeviceDescription>; 10] = [
+    let numbers: [FieldOf<DeviceDescription>; 12] = [
         |d| &mut d.joints[0].counts_per_unit,
         |d| &mut d.joints[1].effort_per_amp,
         |d| &mut d.joints[2].max_current_a,
@@ -341,6 +341,8 @@ fn device_numbers_are_finite_and_bounded() {
         |d| &mut d.joints[1].coulomb,
         |d| &mut d.gravity_mass_kg[2],
         |d| &mut d.max_force_n,
+        |d| &mut d.max_power_w,
+        |d| &mut d.max_grip_speed_m_per_s,
     ];
     for field in numbers {
         check_order(Simulate::Device, sample::cartesian(), field, -1e9, 1e9);

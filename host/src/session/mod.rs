@@ -7,6 +7,7 @@
 mod contact_frame;
 mod horizon;
 mod lockstep;
+mod look_ahead;
 mod needle_frame;
 mod real_time;
 mod setup;

@@ -9,7 +9,7 @@ use super::trust::Trust;
 use super::tuning::{Rendering, Tuning};
 use super::{Fresh, TICK_S};
 use crate::kinematics::Grip;
-use crate::math::{Vec3, dot, min, shortened};
+use crate::math::{Vec3, dot, max, min, shortened};
 
 /// Factor per tick on what is left of the force before the model changed: a time constant of 10 ms, below
 /// which a change of force is felt as a knock.
@@ -82,6 +82,13 @@ impl Render {
     /// The frame in use.
     pub fn contact(&self) -> Option<&LocalContact> {
         self.contact.as_ref()
+    }
+
+    /// Largest stiffness of what is rendered \[N/m\]: the tangent's, or what successive frames say of it if that is
+    /// more.
+    pub fn stiffness(&self) -> f32 {
+        let told = self.contact.map_or(0.0, |contact| contact.stiffness());
+        told * max(self.trust.scale(), 1.0)
     }
 
     /// How old the frame in use is.

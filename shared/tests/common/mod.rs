@@ -174,6 +174,9 @@ pub mod sample {
             joints: [joint(1.0), joint(2.0), joint(3.0)],
             gravity_mass_kg: [0.0, 0.5, 0.25],
             max_force_n: 12.0,
+            max_power_w: 6.0,
+            max_grip_speed_m_per_s: 1.5,
+            actuation_delay_us: 1000,
         }
     }
 
