@@ -59,6 +59,9 @@ impl Mechanics {
             joints: [joint; JOINTS],
             gravity_mass_kg: [0.0; JOINTS],
             max_force_n: 10.0,
+            actuation_delay_us: self.actuation_ticks as u32 * 1000,
+            max_power_w: 10.0,
+            max_grip_speed_m_per_s: 1.5,
         }
     }
 }
