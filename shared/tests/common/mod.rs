@@ -8,8 +8,8 @@
 
 use sutura_shared::device::{DeviceDescription, Joint, Kinematics};
 use sutura_shared::wire::message::{
-    Command, Contact, End, Friction, HandScript, Hello, Mode, Needle, Report, Row, RowKind, Rows,
-    Simulate, State, Tension, Thread, Tip, WayPoint,
+    Command, Contact, Course, End, Friction, HandScript, Hello, Mode, Needle, Report, Row, RowKind,
+    Rows, Simulate, State, Tension, Thread, Tip, WayPoint,
 };
 use sutura_shared::wire::{
     Accumulator, Checked, Direction, Header, Kind, List, MAX_FRAME, Message, PROTOCOL_VERSION,
@@ -94,6 +94,7 @@ pub mod sample {
             hold_n: 0.0625,
             puncture_n: 0.125,
             punctured_n: -0.3125,
+            course: Course::default(),
             horizon_us: 100_000,
         }
     }
