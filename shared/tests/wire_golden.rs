@@ -195,7 +195,8 @@ fn sizes_are_those_counted_by_hand() {
     assert!(device <= hand);
     assert_eq!(HEADER_SIZE, 1 + 1 + 4 + 4 + 8);
     // Header, body, CRC, first stuffing byte, delimiter.
-    assert_eq!(MAX_FRAME, 18 + (1 + hand) + 4 + 1 + 1);
+    let packet = 18 + Rows::POSTCARD_MAX_SIZE + 4;
+    assert_eq!(MAX_FRAME, packet + packet / 254 + 1 + 1);
     let row = (1 + 5 + 4) + (2 + 6) * 4;
     let entries = 24 * 25 / 2;
     assert_eq!(

@@ -3,6 +3,10 @@
 //! Entry points: [`Link::send`], [`Link::arrived`].
 
 use super::random::Random;
+use std::collections::VecDeque;
+
+/// By how many periods a frame is late that comes after its successor.
+const LATE: f64 = 1.25;
 
 /// What a link does to the frames of the host.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -43,7 +47,7 @@ impl LinkSpec {
     /// Longest delay that is not a loss \[s\].
     pub fn longest_delay_s(&self) -> f64 {
         let late = if self.reordered > 0.0 {
-            1.25 / self.host_hz
+            LATE / self.host_hz
         } else {
             0.0
         };
@@ -56,8 +60,8 @@ impl LinkSpec {
 pub struct Link<T> {
     spec: LinkSpec,
     random: Random,
-    /// Time of arrival \[s\] and frame.
-    under_way: Vec<(f64, T)>,
+    /// Time of arrival \[s\] and frame, in the order of arrival.
+    under_way: VecDeque<(f64, T)>,
 }
 
 impl<T> Link<T> {
@@ -66,22 +70,26 @@ impl<T> Link<T> {
         Link {
             spec,
             random: Random::new(spec.seed),
-            under_way: Vec::new(),
+            under_way: VecDeque::new(),
         }
     }
 
-    /// Takes a frame at `now_s`.
-    pub fn send(&mut self, now_s: f64, frame: T) {
+    /// Takes the frames of one solve at `now_s`: they come together, but each may be lost by itself.
+    pub fn send(&mut self, now_s: f64, frames: impl IntoIterator<Item = T>) {
         // Always as many draws: what is lost does not change what becomes of the others.
-        let [lost, late, jitter] = [(); 3].map(|()| self.random.unit());
+        let [late, jitter] = [(); 2].map(|()| self.random.unit());
         let late_s = if late < self.spec.reordered {
-            1.25 / self.spec.host_hz
+            LATE / self.spec.host_hz
         } else {
             0.0
         };
         let at = now_s + self.spec.delay_s + jitter * self.spec.jitter_s + late_s;
-        if lost >= self.spec.loss && !self.in_burst(at) {
-            self.under_way.push((at, frame));
+        for frame in frames {
+            let lost = self.random.unit() < self.spec.loss;
+            if !lost && !self.in_burst(at) {
+                let place = self.under_way.partition_point(|(other, _)| *other <= at);
+                self.under_way.insert(place, (at, frame));
+            }
         }
     }
 
@@ -91,17 +99,11 @@ impl<T> Link<T> {
         every > 0.0 && at_s % every > every - length
     }
 
-    /// The newest arrival up to `now_s`; those before it are lost, as in a slot for the latest value.
+    /// The next frame that has come by `now_s`, in the order of arrival.
     pub fn arrived(&mut self, now_s: f64) -> Option<T> {
-        let mut newest: Option<(f64, T)> = None;
         // A nanosecond for the rounding of times.
-        let due = self.under_way.extract_if(.., |(at, _)| *at <= now_s + 1e-9);
-        for (at, frame) in due {
-            if newest.as_ref().is_none_or(|(best, _)| at >= *best) {
-                newest = Some((at, frame));
-            }
-        }
-        newest.map(|(_, frame)| frame)
+        let is_due = |(at, _): &mut (f64, T)| *at <= now_s + 1e-9;
+        self.under_way.pop_front_if(is_due).map(|(_, frame)| frame)
     }
 }
 
@@ -116,9 +118,9 @@ mod tests {
         for tick in 0..11_000_usize {
             let now = tick as f64 * 1e-3;
             if tick % 10 == 0 && tick < 10_000 {
-                link.send(now, tick / 10);
+                link.send(now, [tick / 10]);
             }
-            if let Some(frame) = link.arrived(now) {
+            while let Some(frame) = link.arrived(now) {
                 seen.push((tick, frame));
             }
         }

@@ -26,8 +26,8 @@ pub struct Errors {
 /// Where a run starts to count \[s\]: after boot and the first frames.
 const FROM_S: f64 = 0.1;
 
-/// Errors of a run, from 0.1 s on, in the ticks that `counts` lets through.
-pub fn errors_where(record: &Record, counts: impl Fn(&Tick) -> bool) -> Errors {
+/// Errors of a run, from 0.1 s on, in the ticks that count.
+fn errors_where(record: &Record, counts: &[bool]) -> Errors {
     let ticks = &record.ticks;
     let largest = ticks.iter().map(|t| length(t.truth_n)).fold(1e-9, f64::max);
     let mut sums = (0.0, 0.0, 0.0);
@@ -41,11 +41,11 @@ pub fn errors_where(record: &Record, counts: impl Fn(&Tick) -> bool) -> Errors {
         other_step_pct: 0.0,
     };
     let percent = 100.0 / largest;
-    for three in ticks.windows(3) {
+    for (three, counts) in ticks.windows(3).zip(counts.iter().skip(1)) {
         let [before, now, after] = three else {
             continue;
         };
-        if now.time_s < FROM_S || !counts(now) {
+        if now.time_s < FROM_S || !counts {
             continue;
         }
         let mean = [0, 1, 2].map(|i: usize| 0.5 * (now.truth_n[i] + after.truth_n[i]));
@@ -73,9 +73,21 @@ pub fn errors_where(record: &Record, counts: impl Fn(&Tick) -> bool) -> Errors {
     errors
 }
 
-/// Errors of a run, from 0.1 s on.
+/// Ticks on either side of a puncture that are left out: when it comes is a figure of its own.
+const PUNCTURE_TICKS: usize = 20;
+
+/// Errors of a run, from 0.1 s on, but for 20 ms on either side of a puncture.
 pub fn errors(record: &Record) -> Errors {
-    errors_where(record, |_| true)
+    let ticks = &record.ticks;
+    let mut quiet = vec![true; ticks.len()];
+    for (index, pair) in ticks.windows(2).enumerate() {
+        if pair[0].punctures != pair[1].punctures {
+            let from = index.saturating_sub(PUNCTURE_TICKS);
+            let until = (index + PUNCTURE_TICKS).min(quiet.len());
+            quiet[from..until].fill(false);
+        }
+    }
+    errors_where(record, &quiet)
 }
 
 /// What a held press looks like.

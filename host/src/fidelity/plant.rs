@@ -6,6 +6,7 @@
 //! force times the way, without any error of quadrature.
 
 use super::hand::{Grasp, Motion};
+use super::scenes::Scene;
 use sutura_shared::control::TICK_S;
 use sutura_shared::device::{DeviceDescription, JOINTS, Joint, Kinematics};
 
@@ -58,18 +59,21 @@ impl Mechanics {
             joints: [joint; JOINTS],
             gravity_mass_kg: [0.0; JOINTS],
             max_force_n: 10.0,
+            max_power_w: 20.0,
+            max_grip_speed_m_per_s: 2.0,
+            actuation_delay_us: 1000 * self.actuation_ticks as u32,
         }
     }
 }
 
 /// What evolves.
-#[derive(Clone, Copy, Debug)]
-pub struct Plant {
+#[derive(Clone, Copy)]
+pub struct Plant<'a> {
     mechanics: Mechanics,
-    motion: Motion,
     grasp: Grasp,
-    /// Where the scene's origin is in the console's space \[m\], (3).
-    origin_m: [f64; 3],
+    motion: Motion,
+    /// Where the motion takes place.
+    scene: &'a dyn Scene,
     /// Time \[s\].
     time_s: f64,
     /// Place of the grip \[m\], (3), and velocity \[m/s\], (3).
@@ -84,34 +88,27 @@ pub struct Plant {
     pub least_energy_j: f64,
 }
 
-impl Plant {
+impl<'a> Plant<'a> {
     /// The hand at the start of its way.
-    pub fn new(mechanics: Mechanics, motion: Motion, grasp: Grasp, origin_m: [f64; 3]) -> Self {
-        let mut plant = Plant {
+    pub fn new(mechanics: Mechanics, motion: Motion, grasp: Grasp, scene: &'a dyn Scene) -> Self {
+        Plant {
             mechanics,
             motion,
             grasp,
-            origin_m,
+            scene,
             time_s: 0.0,
-            position_m: [0.0; 3],
-            velocity_m_per_s: motion.velocity(0.0),
+            position_m: scene.place(motion.at(0.0)),
+            velocity_m_per_s: pace(scene, motion, 0.0),
             knock_n: [0.0; 3],
             energy_j: 0.0,
             least_energy_j: 0.0,
-        };
-        plant.position_m = plant.hand_at(0.0);
-        plant
+        }
     }
 
     /// Encoder readings \[counts\], (3).
     pub fn counts(&self) -> [i32; JOINTS] {
         self.position_m
             .map(|x| (x * self.mechanics.counts_per_m).floor() as i32)
-    }
-
-    fn hand_at(&self, time_s: f64) -> [f64; 3] {
-        let way = self.motion.at(time_s);
-        [0, 1, 2].map(|axis: usize| self.origin_m[axis] + way[axis])
     }
 
     /// One tick under a force of the motors on the grip \[N\], (3).
@@ -123,14 +120,17 @@ impl Plant {
             let before = self.position_m;
             match self.grasp {
                 Grasp::Rigid => {
-                    self.position_m = self.hand_at(end_s);
-                    self.velocity_m_per_s = self.motion.velocity(end_s);
+                    self.position_m = self.scene.place(self.motion.at(end_s));
+                    self.velocity_m_per_s = pace(self.scene, self.motion, end_s);
                 }
                 Grasp::Spring {
                     stiffness_n_per_m,
                     damping_n_s_per_m,
                 } => {
-                    let (goal, pace) = (self.hand_at(end_s), self.motion.velocity(end_s));
+                    let (goal, pace) = (
+                        self.scene.place(self.motion.at(end_s)),
+                        pace(self.scene, self.motion, end_s),
+                    );
                     for axis in 0..3 {
                         let push = motors_n[axis]
                             + self.knock_n[axis]
@@ -173,11 +173,22 @@ impl Plant {
     }
 }
 
+/// Velocity of a hand \[m/s\], (3), world frame.
+pub(super) fn pace(scene: &dyn Scene, motion: Motion, time_s: f64) -> [f64; 3] {
+    let (way, velocity) = (motion.at(time_s), motion.velocity(time_s));
+    let ahead = [0, 1, 2].map(|axis: usize| way[axis] + velocity[axis]);
+    let (from, to) = (scene.place(way), scene.place(ahead));
+    [0, 1, 2].map(|axis: usize| to[axis] - from[axis])
+}
+
 #[cfg(test)]
 mod tests {
+    use super::super::scenes::point::Point;
     use super::*;
 
-    fn held(k: f64, b: f64) -> Plant {
+    const SCENE: Point = Point::TISSUE;
+
+    fn held(k: f64, b: f64) -> Plant<'static> {
         let grasp = Grasp::Spring {
             stiffness_n_per_m: k,
             damping_n_s_per_m: b,
@@ -187,7 +198,7 @@ mod tests {
             ..Mechanics::LIGHT
         };
         // Taps begin with 96 ms of rest.
-        Plant::new(mechanics, Motion::Taps, grasp, [0.0; 3])
+        Plant::new(mechanics, Motion::Taps, grasp, &SCENE)
     }
 
     /// A mass on the hand's spring swings as it must, and keeps its energy.

@@ -6,13 +6,16 @@
 
 use super::hand::{Grasp, Motion};
 use super::link::{Link, LinkSpec};
-use super::plant::{Mechanics, Plant};
+use super::plant::{Mechanics, Plant, pace};
 use super::scenes::{Sample, Scene, Solution};
-use crate::session::pack_symmetric;
-use sutura_shared::control::{Control, Fresh, Rendering, TickInput, Tuning};
+use crate::session::{pack_symmetric, rows_frame};
+use crate::step::ToolRows;
+use sutura_shared::control::{ContactRows, Control, Fresh, Rendering, TickInput, Tuning};
 use sutura_shared::device::DeviceError;
 use sutura_shared::wire::message::{Command, Contact, Mode, State};
-use sutura_shared::wire::{Header, Kind, PROTOCOL_VERSION, ValidContact};
+use sutura_shared::wire::{
+    Header, Message, PROTOCOL_VERSION, Valid, ValidContact, ValidNeedle, ValidRows, ValidThread,
+};
 
 /// Who solves for the console.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -50,14 +53,44 @@ pub struct Setup<'a> {
     pub tuning: Tuning,
     /// Who solves.
     pub host: Host,
-    /// Factor on the tangent that is sent: how wrong it is.
+    /// Factor on the tangent and the rows' stiffness that are sent: how wrong they are.
     pub tangent_scale: f64,
+    /// Most contact rows in a frame; the console gets none unless it renders them.
+    pub most_rows: usize,
     /// \[s\].
     pub seconds: f64,
     /// If any.
     pub knock: Option<Knock>,
-    /// The true force \[N\] at every tick, if it is known: open loop, where the path is.
-    pub truth: Option<&'a [[f64; 3]]>,
+    /// What is true at every tick, if it is known: open loop, where the path is.
+    pub truth: Option<&'a [True]>,
+}
+
+impl Setup<'_> {
+    /// Rows that the host has to reduce to.
+    fn most_rows_sent(&self) -> usize {
+        match (self.host, self.tuning.rendering) {
+            (Host::Late(_), Rendering::Rows) => self.most_rows,
+            _ => 0,
+        }
+    }
+}
+
+/// What is true in a tick.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct True {
+    /// Force on the tool \[N\], (3).
+    pub force_n: [f64; 3],
+    /// Boundaries punctured so far.
+    pub punctures: u32,
+}
+
+impl True {
+    fn of(solution: &Solution) -> Self {
+        True {
+            force_n: force(solution),
+            punctures: solution.punctures,
+        }
+    }
 }
 
 /// One tick.
@@ -75,6 +108,8 @@ pub struct Tick {
     pub command_n: [f64; 3],
     /// True force here and now \[N\], (3).
     pub truth_n: [f64; 3],
+    /// Boundaries punctured by now, in truth.
+    pub punctures: u32,
     /// Whether a new frame came into use.
     pub swapped: bool,
     /// What the motors had taken from the motion by now, less what they had given \[J\].
@@ -107,12 +142,11 @@ pub fn run(setup: &Setup<'_>) -> Result<Record, DeviceError> {
     let description = setup.mechanics.description();
     let mut control = Control::tuned(description, setup.tuning)?;
     control.command(Command::Arm);
-    let origin_m = setup.scene.origin_m();
-    let mut plant = Plant::new(setup.mechanics, setup.motion, setup.grasp, origin_m);
-    let mut truth = setup.truth.is_none().then(|| setup.scene.start());
+    let mut plant = Plant::new(setup.mechanics, setup.motion, setup.grasp, setup.scene);
+    let mut truth = setup.truth.is_none().then(|| setup.scene.start(0));
     let mut host = Remote::new(setup);
     let mut under_way = vec![[0.0; 3]; setup.mechanics.actuation_ticks];
-    let mut true_n = [0.0; 3];
+    let mut now = True::default();
     let count = (setup.seconds * 1e3).round() as u32;
     let mut ticks = Vec::with_capacity(count as usize);
     let mut before_sequence = 0;
@@ -126,17 +160,17 @@ pub fn run(setup: &Setup<'_>) -> Result<Record, DeviceError> {
             velocity_m_per_s: plant.velocity_m_per_s,
         };
         match (setup.truth, &mut truth) {
-            (Some(known), _) => true_n = known.get(number as usize).copied().unwrap_or(true_n),
+            (Some(known), _) => now = known.get(number as usize).copied().unwrap_or(now),
             (None, Some(truth)) => {
                 if let Some(solution) = truth.solve(&here) {
-                    true_n = force(&solution);
+                    now = True::of(&solution);
                 }
             }
             (None, None) => {}
         }
         let counts = plant.counts();
         let read_m = counts.map(|count| f64::from(count) / setup.mechanics.counts_per_m);
-        let fresh = host.arrives(time_s);
+        let fresh = host.arrives(time_s, &mut control);
         let input = TickInput {
             now_us,
             encoder_counts: counts,
@@ -159,7 +193,8 @@ pub fn run(setup: &Setup<'_>) -> Result<Record, DeviceError> {
             velocity_m_per_s: plant.velocity_m_per_s,
             acting_n,
             command_n,
-            truth_n: true_n,
+            truth_n: now.force_n,
+            punctures: now.punctures,
             swapped: output.state.contact_sequence != before_sequence,
             energy_j: plant.energy_j,
             mode: output.state.mode,
@@ -179,23 +214,21 @@ pub fn run(setup: &Setup<'_>) -> Result<Record, DeviceError> {
     })
 }
 
-/// The true force at every tick of a hand that goes where it wants \[N\], (3).
-pub fn truth_along(scene: &dyn Scene, motion: Motion, seconds: f64) -> Vec<[f64; 3]> {
-    let mut truth = scene.start();
-    let mut last = [0.0; 3];
-    let origin = scene.origin_m();
+/// What is true at every tick with a hand that goes where it wants.
+pub fn truth_along(scene: &dyn Scene, motion: Motion, seconds: f64) -> Vec<True> {
+    let mut truth = scene.start(0);
+    let mut last = True::default();
     (0..=(seconds * 1e3).round() as u32)
         .map(|number| {
             let time_s = f64::from(number) * 1e-3;
-            let way = motion.at(time_s);
             let sample = Sample {
                 time_s,
-                position_m: [0, 1, 2].map(|axis: usize| origin[axis] + way[axis]),
+                position_m: scene.place(motion.at(time_s)),
                 orientation: [0.0, 0.0, 0.0, 1.0],
-                velocity_m_per_s: motion.velocity(time_s),
+                velocity_m_per_s: pace(scene, motion, time_s),
             };
             if let Some(solution) = truth.solve(&sample) {
-                last = force(&solution);
+                last = True::of(&solution);
             }
             last
         })
@@ -207,11 +240,21 @@ fn force(solution: &Solution) -> [f64; 3] {
     [x, y, z]
 }
 
+/// A frame on the wire.
+enum Frame {
+    Rows(Box<ContactRows>),
+    Needle(ValidNeedle),
+    Thread(ValidThread),
+    Contact(ValidContact),
+}
+
 /// The host and its link.
 struct Remote<'a> {
     setup: &'a Setup<'a>,
     tissue: Box<dyn super::scenes::Truth>,
-    link: Option<(LinkSpec, Link<Fresh>)>,
+    link: Option<(LinkSpec, Link<Frame>)>,
+    /// The last rows that came.
+    rows: Box<ContactRows>,
     /// Solves so far, and frames.
     solves: u32,
     sequence: u32,
@@ -231,7 +274,8 @@ impl<'a> Remote<'a> {
         };
         Remote {
             setup,
-            tissue: setup.scene.start(),
+            tissue: setup.scene.start(setup.most_rows_sent()),
+            rows: Box::new(ContactRows::NONE),
             link,
             solves: 0,
             sequence: 0,
@@ -240,9 +284,19 @@ impl<'a> Remote<'a> {
         }
     }
 
-    /// What the console finds at the start of a tick.
-    fn arrives(&mut self, time_s: f64) -> Option<Fresh> {
-        self.link.as_mut()?.1.arrived(time_s)
+    /// What the console finds at the start of a tick: the newest of each kind.
+    fn arrives(&mut self, time_s: f64, control: &mut Control) -> Option<Fresh> {
+        let (_, link) = self.link.as_mut()?;
+        let mut newest = None;
+        while let Some(frame) = link.arrived(time_s) {
+            match frame {
+                Frame::Rows(rows) => self.rows = rows,
+                Frame::Needle(needle) => control.needle(&needle),
+                Frame::Thread(thread) => control.thread(&thread),
+                Frame::Contact(contact) => newest = Some(contact),
+            }
+        }
+        newest.map(|contact| Fresh::of(contact, &self.rows))
     }
 
     /// The force itself, as motors that do not give way at once have it.
@@ -271,18 +325,23 @@ impl<'a> Remote<'a> {
             orientation: state.orientation.map(f64::from),
             velocity_m_per_s: state.velocity_m_per_s.map(f64::from),
         };
-        let frame = self.solve(&sample, now_us);
-        if let (Some(frame), Some((_, link))) = (frame, &mut self.link) {
-            link.send(due_s, frame);
+        let Some(solution) = self.tissue.solve(&sample) else {
+            return;
+        };
+        let frames = self.frames(&sample, now_us, solution);
+        if let Some((_, link)) = &mut self.link {
+            link.send(due_s, frames);
         }
     }
 
-    /// Solves; nothing where the solver has nothing, or nothing that a console would take.
-    fn solve(&mut self, sample: &Sample, now_us: u64) -> Option<Fresh> {
-        let solution = self.tissue.solve(sample)?;
-        self.sequence += 1;
-        let holds = self.setup.tuning.rendering == Rendering::Hold;
-        let scale = if holds { 0.0 } else { self.setup.tangent_scale };
+    /// What the wire carries of a solution, as the console's rendering asks for; rows, needle and thread before
+    /// the contact.
+    fn frames(&mut self, sample: &Sample, now_us: u64, solution: Solution) -> Vec<Frame> {
+        let rendering = self.setup.tuning.rendering;
+        let scale = match rendering {
+            Rendering::Hold => 0.0,
+            _ => self.setup.tangent_scale,
+        };
         let tangent = solution.tangent.map(|row| row.map(|entry| entry * scale));
         let contact = Contact {
             tool: 0,
@@ -292,20 +351,54 @@ impl<'a> Remote<'a> {
             tangent: pack_symmetric(&tangent),
             gap_m: solution.gap_m as f32,
             normal: solution.normal.map(|x| x as f32),
-            relaxation_per_s: if holds {
-                0.0
-            } else {
-                solution.relaxation_per_s as f32
+            relaxation_per_s: match rendering {
+                Rendering::Hold => 0.0,
+                _ => solution.relaxation_per_s as f32,
             },
             horizon_us: self.horizon_us,
         };
+        let mut frames = Vec::with_capacity(4);
+        if rendering == Rendering::Rows {
+            let rows = solution.rows.map(|rows| stiffer(*rows, scale));
+            let rows: Option<ValidRows> = rows
+                .and_then(|rows| rows_frame(&rows))
+                .and_then(|rows| self.valid(now_us, rows));
+            frames.extend(rows.map(|rows| Frame::Rows(Box::new(ContactRows::unpack(&rows)))));
+            let needle = solution
+                .needle
+                .and_then(|needle| self.valid(now_us, needle));
+            frames.extend(needle.map(Frame::Needle));
+            let thread = solution
+                .thread
+                .and_then(|thread| self.valid(now_us, thread));
+            frames.extend(thread.map(Frame::Thread));
+        }
+        frames.extend(self.valid(now_us, contact).map(Frame::Contact));
+        frames
+    }
+
+    fn valid<M: Message>(&mut self, console_time_us: u64, body: M) -> Option<Valid<M>> {
+        self.sequence += 1;
         let header = Header {
             version: PROTOCOL_VERSION,
-            kind: Kind::Contact,
+            kind: M::KIND,
             session: 1,
             sequence: self.sequence,
-            console_time_us: now_us,
+            console_time_us,
         };
-        ValidContact::new(header, contact).ok().map(Fresh::from)
+        Valid::new(header, body).ok()
     }
+}
+
+/// Rows of tissue that is so many times stiffer: the same forces at the balance.
+fn stiffer(mut rows: ToolRows, times: f64) -> ToolRows {
+    if times > 0.0 {
+        for entry in &mut rows.compliance {
+            *entry /= times;
+        }
+        for entry in rows.held.iter_mut().flatten() {
+            *entry *= times;
+        }
+    }
+    rows
 }

@@ -24,6 +24,8 @@ pub struct Search {
     pub host: Host,
     /// How wrong the tangent is.
     pub tangent_scale: f64,
+    /// The console's mechanics.
+    pub mechanics: Mechanics,
 }
 
 /// What was found.
@@ -50,10 +52,11 @@ pub fn hold(search: &Search, k: f64) -> Result<(Steadiness, f64), DeviceError> {
         scene: &scene,
         motion: Motion::Hold,
         grasp: Grasp::PEN,
-        mechanics: Mechanics::LIGHT,
+        mechanics: search.mechanics,
         tuning: search.tuning,
         host: search.host,
         tangent_scale: search.tangent_scale,
+        most_rows: 24,
         seconds: 3.0,
         knock: Some(Knock {
             from_s: 1.5,
@@ -111,7 +114,7 @@ fn tissue(k: f64) -> Point {
     let (mut low, mut high) = (1e-3, 1e3);
     for _ in 0..60 {
         let times: f64 = f64::sqrt(low * high);
-        let found = Point::default()
+        let found = Point::TISSUE
             .stiffer(times)
             .stiffness_held_by(HAND_N_PER_M, PRESSED_M);
         if found < k {
@@ -120,5 +123,5 @@ fn tissue(k: f64) -> Point {
             high = times;
         }
     }
-    Point::default().stiffer(low)
+    Point::TISSUE.stiffer(low)
 }

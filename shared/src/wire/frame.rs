@@ -37,8 +37,13 @@ pub const MAX_FRAME: usize = frame_size(MAX_BODY);
 /// Bytes that a frame of the 1 kHz traffic may have: a 12 kB/s line then carries 54 of them a second.
 pub const MAX_REAL_TIME_FRAME: usize = 220;
 
-const _: () = assert!(frame_size(State::POSTCARD_MAX_SIZE) <= MAX_REAL_TIME_FRAME);
-const _: () = assert!(frame_size(Contact::POSTCARD_MAX_SIZE) <= MAX_REAL_TIME_FRAME);
+/// Bytes of the largest `State`, and of the largest `Contact`.
+pub const MAX_STATE_FRAME: usize = frame_size(State::POSTCARD_MAX_SIZE);
+/// See [`MAX_STATE_FRAME`].
+pub const MAX_CONTACT_FRAME: usize = frame_size(Contact::POSTCARD_MAX_SIZE);
+
+const _: () = assert!(MAX_STATE_FRAME <= MAX_REAL_TIME_FRAME);
+const _: () = assert!(MAX_CONTACT_FRAME <= MAX_REAL_TIME_FRAME);
 const _: () = assert!(frame_size(Needle::POSTCARD_MAX_SIZE) <= MAX_REAL_TIME_FRAME);
 const _: () = assert!(frame_size(Thread::POSTCARD_MAX_SIZE) <= MAX_REAL_TIME_FRAME);
 // `Hello::max_frame` is a u16.

@@ -18,8 +18,8 @@ pub mod validate;
 pub use accumulator::Accumulator;
 pub(crate) use frame::hello_version;
 pub use frame::{
-    Decoded, EncodeError, HEADER_SIZE, Header, Kind, MAX_FRAME, MAX_REAL_TIME_FRAME, decode,
-    encode, frame_size,
+    Decoded, EncodeError, HEADER_SIZE, Header, Kind, MAX_CONTACT_FRAME, MAX_FRAME,
+    MAX_REAL_TIME_FRAME, MAX_STATE_FRAME, decode, encode, frame_size,
 };
 pub use list::List;
 pub use reject::Reject;

@@ -1,5 +1,6 @@
 //! What the tools touch in the measurements: one file per scene, all behind [`Truth`].
 
+pub mod palpation;
 pub mod point;
 
 use crate::step::ToolRows;
@@ -37,6 +38,8 @@ pub struct Solution {
     pub needle: Option<Needle>,
     /// State of a thread in the grip.
     pub thread: Option<Thread>,
+    /// Boundaries that a needle has punctured so far.
+    pub punctures: u32,
 }
 
 impl Solution {
@@ -51,6 +54,7 @@ impl Solution {
             rows: None,
             needle: None,
             thread: None,
+            punctures: 0,
         }
     }
 }
@@ -69,6 +73,13 @@ pub trait Scene: Sync {
     /// Where the grip is when the tool touches \[m\], (3).
     fn origin_m(&self) -> [f64; 3];
 
-    /// The scene, untouched.
-    fn start(&self) -> Box<dyn Truth>;
+    /// Where the grip is for a point of a [`Motion`](super::hand::Motion)'s way \[m\], (3), world frame: a rigid
+    /// map, for the hand's velocity as well.
+    fn place(&self, way_m: [f64; 3]) -> [f64; 3] {
+        let origin_m = self.origin_m();
+        [0, 1, 2].map(|axis: usize| origin_m[axis] + way_m[axis])
+    }
+
+    /// The scene, untouched, that gives so many contact rows at most.
+    fn start(&self, most_rows: usize) -> Box<dyn Truth>;
 }

@@ -24,19 +24,15 @@ const ALONG: f64 = 0.2;
 /// Coefficient of friction along the skin.
 const FRICTION: f64 = 0.5;
 
-impl Default for Point {
-    /// 4.6 N at 10 mm, as tissue between liver and muscle under a fingertip.
-    fn default() -> Self {
-        Point {
-            stiffness_n_per_m: 250.0,
-            hardening_m: 12e-3,
-            branch: 0.5,
-            relaxation_s: 0.15,
-        }
-    }
-}
-
 impl Point {
+    /// 4.6 N at 10 mm, as tissue between liver and muscle under a fingertip.
+    pub const TISSUE: Point = Point {
+        stiffness_n_per_m: 250.0,
+        hardening_m: 12e-3,
+        branch: 0.5,
+        relaxation_s: 0.15,
+    };
+
     /// Tissue that is so many times stiffer and as many times thinner: the same forces at as many times
     /// less depth.
     pub fn stiffer(self, times: f64) -> Self {
@@ -79,7 +75,7 @@ impl Scene for Point {
         [0.0; 3]
     }
 
-    fn start(&self) -> Box<dyn Truth> {
+    fn start(&self, _most_rows: usize) -> Box<dyn Truth> {
         Box::new(Touched {
             point: *self,
             before: None,
@@ -203,7 +199,7 @@ mod tests {
     #[test]
     fn the_tangent_is_the_derivative() {
         let start = |path: &[[f64; 3]]| {
-            let mut tissue = Point::default().start();
+            let mut tissue = Point::TISSUE.start(0);
             let mut last = None;
             for (position, tick) in path.iter().zip(0..) {
                 last = tissue.solve(&at(f64::from(tick) * 1e-3, *position));
@@ -232,14 +228,14 @@ mod tests {
     /// After a step the force fades to that of the spring, at first at the rate that is sent.
     #[test]
     fn a_held_point_relaxes() {
-        let mut tissue = Point::default().start();
+        let mut tissue = Point::TISSUE.start(0);
         tissue.solve(&at(0.0, [0.0; 3]));
         let first = tissue.solve(&at(1e-3, [0.0, 0.0, -5e-3])).expect("solved");
         let next = tissue.solve(&at(2e-3, [0.0, 0.0, -5e-3])).expect("solved");
         let rate = (1.0 - next.wrench[2] / first.wrench[2]) / 1e-3;
         assert!((rate / first.relaxation_per_s - 1.0).abs() < 0.01);
         let last = tissue.solve(&at(3.0, [0.0, 0.0, -5e-3])).expect("solved");
-        let spring = Point::default().spring(5e-3).0;
+        let spring = Point::TISSUE.spring(5e-3).0;
         assert!((last.wrench[2] - spring).abs() < 1e-6);
     }
 
@@ -248,7 +244,7 @@ mod tests {
     fn the_tissue_is_passive() {
         let mut random = crate::fidelity::random::Random::new(3);
         for _ in 0..50 {
-            let mut tissue = Point::default().start();
+            let mut tissue = Point::TISSUE.start(0);
             let (mut energy, mut z, mut pace) = (0.0, 0.0, 0.0);
             for tick in 0..3000 {
                 let before = tissue.solve(&at(f64::from(tick) * 1e-3, [0.0, 0.0, z]));
