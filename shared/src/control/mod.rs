@@ -20,7 +20,6 @@ mod tuning;
 mod velocity;
 mod wall;
 
-pub use encoders::VELOCITY_GAIN;
 pub use rows::ContactRows;
 pub use tuning::{Guards, Rendering, Tuning};
 
