@@ -202,6 +202,12 @@ impl Control {
         self.thread.as_ref()
     }
 
+    /// Energy that the contact force has taken from the hand and not given back, as far as it may still pay for
+    /// something \[J\].
+    pub fn tank_j(&self) -> f32 {
+        self.passivity.energy_j()
+    }
+
     fn forget(&mut self) {
         self.render.forget();
         self.needle = None;
