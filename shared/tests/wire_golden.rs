@@ -4,8 +4,8 @@ mod common;
 
 use common::{encode_again, golden, hex_of, unpack_one, validate_either};
 use sutura_shared::wire::message::{
-    Command, Contact, End, Friction, Hello, Mode, Needle, Report, Simulate, State, Tension, Thread,
-    Tip, WAY_POINTS,
+    Command, Contact, End, Friction, Hello, Mode, Needle, Report, Rows, Simulate, State, Tension,
+    Thread, Tip, WAY_POINTS,
 };
 use sutura_shared::wire::{
     HEADER_SIZE, Kind, MAX_FRAME, MAX_REAL_TIME_FRAME, PROTOCOL_VERSION, Reject, SCHEMA_HASH,
@@ -195,7 +195,14 @@ fn sizes_are_those_counted_by_hand() {
     assert!(device <= hand);
     assert_eq!(HEADER_SIZE, 1 + 1 + 4 + 4 + 8);
     // Header, body, CRC, first stuffing byte, delimiter.
-    assert_eq!(MAX_FRAME, 18 + (1 + hand) + 4 + 1 + 1);
+    let packet = 18 + Rows::POSTCARD_MAX_SIZE + 4;
+    assert_eq!(MAX_FRAME, packet + packet / 254 + 1 + 1);
+    let row = (1 + 5 + 4) + (2 + 6) * 4;
+    let entries = 24 * 25 / 2;
+    assert_eq!(
+        Rows::POSTCARD_MAX_SIZE,
+        1 + 21 * 4 + (1 + 24 * row) + (2 + entries * 4)
+    );
     assert_eq!(frame_size(Contact::POSTCARD_MAX_SIZE), 186);
     assert_eq!(frame_size(Needle::POSTCARD_MAX_SIZE), 117);
     assert_eq!(frame_size(Thread::POSTCARD_MAX_SIZE), 69);

@@ -6,9 +6,7 @@
 use super::document::{Document, SceneError, nearest};
 use serde::Deserialize;
 use std::path::Path;
-use sutura_shared::device::{
-    DeviceDescription, JOINTS, Joint, Kinematics, MAX_ACTUATION_DELAY_US,
-};
+use sutura_shared::device::{DeviceDescription, JOINTS, Joint, Kinematics, MAX_ACTUATION_DELAY_US};
 use toml::Spanned;
 
 /// Devices that are known by name wherever the program runs.
@@ -290,8 +288,7 @@ impl Check<'_> {
     fn delay(&self, key: &str, value: &Spanned<u32>) -> Result<u32, SceneError> {
         let delay_us = *value.get_ref();
         if delay_us > MAX_ACTUATION_DELAY_US {
-            let message =
-                format!("{key} = {delay_us}: must be at most {MAX_ACTUATION_DELAY_US}");
+            let message = format!("{key} = {delay_us}: must be at most {MAX_ACTUATION_DELAY_US}");
             let help = "a current acts one tick (1000 us) after it was computed on most drives";
             return Err(self.0.flaw(value.span(), message, "too long", Some(help)));
         }

@@ -20,7 +20,9 @@ mod tuning;
 mod velocity;
 mod wall;
 
-pub use rows::ContactRows;
+pub use needle::LocalNeedle;
+pub use rows::{ContactRows, RowsForce};
+pub use thread::LocalThread;
 pub use tuning::{Guards, Rendering, Tuning};
 
 use crate::device::{DeviceDescription, DeviceError, JOINTS};
@@ -71,6 +73,19 @@ pub struct Fresh {
     pub rows: ContactRows,
 }
 
+impl Fresh {
+    /// A contact, and the rows that came last if they are its own: of the same tool and console time.
+    pub fn of(contact: ValidContact, rows: &ContactRows) -> Fresh {
+        let mut fresh = Fresh::from(contact);
+        let own = rows.tool() == contact.body().tool
+            && rows.console_time_us() == contact.console_time_us();
+        if own && !rows.is_empty() {
+            fresh.rows = *rows;
+        }
+        fresh
+    }
+}
+
 impl From<ValidContact> for Fresh {
     fn from(contact: ValidContact) -> Self {
         Fresh {
@@ -114,7 +129,7 @@ pub struct Control {
     device: DeviceDescription,
     encoders: Encoders,
     render: Render,
-    /// The newest states of needle and thread in the grip; nothing is rendered from them yet.
+    /// The newest states of needle and thread in the grip.
     needle: Option<ValidNeedle>,
     thread: Option<ValidThread>,
     /// What came since the last tick.
@@ -259,7 +274,8 @@ impl Control {
         take_newer(&mut self.thread, thread.filter(|t| t.body().tool == 0));
         // This console has one grip, which is tool 0.
         if let Some(fresh) = fresh.filter(|fresh| fresh.contact.body().tool == 0) {
-            self.render.take(fresh, &grip, input.now_us);
+            let (needle, thread) = (self.needle.as_ref(), self.thread.as_ref());
+            self.render.take(fresh, needle, thread, &grip, input.now_us);
         }
         let too_fast = self.limits.too_fast(&velocity, has_torque(self.mode));
         self.latch_faults(input, &joints, &pose, too_fast);
@@ -291,12 +307,13 @@ impl Control {
     }
 
     fn latch_faults(&mut self, input: &TickInput, joints: &Joints, pose: &Pose, too_fast: bool) {
+        let turned = input.orientation.as_ref().is_none_or(is_unit);
         let beyond = |x: &f32| x.abs() > MAX_POSITION;
         let out_of_reach = joints.position.iter().any(beyond) || pose.position_m.iter().any(beyond);
         let causes = [
             (input.emergency_stop, faults::E_STOP),
             (input.board_fault, faults::BOARD),
-            (joints.jumped, faults::ENCODER_JUMP),
+            (joints.jumped || !turned, faults::ENCODER_JUMP),
             (out_of_reach, faults::OUT_OF_REACH),
             (too_fast, faults::OVERSPEED),
         ];
@@ -506,5 +523,8 @@ fn hash_needle(trace: &mut TraceHash, frame: &ValidNeedle) {
     trace.floats(&body.stiffness_n_per_m);
     let forces = [body.axial_n, body.hold_n, body.puncture_n, body.punctured_n];
     trace.floats(&forces);
+    let counts = [body.course.forward, body.course.backward, 0, 0];
+    trace.word(u32::from_le_bytes(counts));
+    trace.floats(body.course.points.as_flattened());
     trace.word(body.horizon_us);
 }

@@ -5,8 +5,8 @@
 
 use super::frame::{Decoded, Header, Kind};
 use super::message::{
-    Command, Contact, HandScript, Hello, Needle, Report, Simulate, State, Tension, Thread,
-    WAY_POINTS, WayPoint,
+    COURSE_POINTS, Command, Contact, Course, HandScript, Hello, Needle, Report, Rows, Simulate,
+    State, Tension, Thread, WAY_POINTS, WayPoint,
 };
 use super::{PROTOCOL_VERSION, Reject};
 use crate::device::{DeviceDescription, Joint, Kinematics};
@@ -63,10 +63,13 @@ impl Kind {
         match self {
             Kind::Hello => true,
             Kind::State | Kind::Report => direction == Direction::ToHost,
-            Kind::Contact | Kind::Command | Kind::Simulate | Kind::Needle | Kind::Thread => {
-                direction == Direction::ToConsole
-            }
-            Kind::Rows | Kind::Tools => false,
+            Kind::Contact
+            | Kind::Command
+            | Kind::Simulate
+            | Kind::Needle
+            | Kind::Thread
+            | Kind::Rows => direction == Direction::ToConsole,
+            Kind::Tools => false,
         }
     }
 }
@@ -96,6 +99,8 @@ pub type ValidContact = Valid<Contact>;
 pub type ValidNeedle = Valid<Needle>;
 /// A checked [`Thread`].
 pub type ValidThread = Valid<Thread>;
+/// A checked [`Rows`].
+pub type ValidRows = Valid<Rows>;
 /// A checked [`Simulate`].
 pub type ValidSimulate = Valid<Simulate>;
 
@@ -149,6 +154,7 @@ pub enum Unchecked {
     Simulate(Header, Simulate),
     Needle(Header, Needle),
     Thread(Header, Thread),
+    Rows(Header, Rows),
 }
 
 /// A checked message of any kind.
@@ -167,6 +173,7 @@ pub enum Checked {
     Simulate(ValidSimulate),
     Needle(ValidNeedle),
     Thread(ValidThread),
+    Rows(ValidRows),
 }
 
 impl Decoded<'_> {
@@ -185,7 +192,8 @@ impl Decoded<'_> {
             Kind::Simulate => Unchecked::Simulate(header, self.read()?),
             Kind::Needle => Unchecked::Needle(header, self.read()?),
             Kind::Thread => Unchecked::Thread(header, self.read()?),
-            Kind::Rows | Kind::Tools => return Err(Reject::ReservedKind),
+            Kind::Rows => Unchecked::Rows(header, self.read()?),
+            Kind::Tools => return Err(Reject::ReservedKind),
         })
     }
 
@@ -216,6 +224,7 @@ impl Unchecked {
             Unchecked::Simulate(header, body) => Checked::Simulate(Valid::new(header, body)?),
             Unchecked::Needle(header, body) => Checked::Needle(Valid::new(header, body)?),
             Unchecked::Thread(header, body) => Checked::Thread(Valid::new(header, body)?),
+            Unchecked::Rows(header, body) => Checked::Rows(Valid::new(header, body)?),
         })
     }
 
@@ -240,7 +249,8 @@ impl Unchecked {
             | Unchecked::Report(header, _)
             | Unchecked::Simulate(header, _)
             | Unchecked::Needle(header, _)
-            | Unchecked::Thread(header, _) => header,
+            | Unchecked::Thread(header, _)
+            | Unchecked::Rows(header, _) => header,
         }
     }
 }
@@ -305,8 +315,21 @@ impl Message for Needle {
             between(stiffness, 0.0, MAX_TANGENT)?;
         }
         between(self.hold_n, 0.0, MAX_WRENCH)?;
-        between(self.puncture_n, 0.0, MAX_WRENCH)
+        between(self.puncture_n, 0.0, MAX_WRENCH)?;
+        check_course(&self.course)
     }
+}
+
+/// Points beyond `count` are not used, but no non-finite number gets in anywhere.
+fn check_course(course: &Course) -> Result<(), Reject> {
+    for [way_m, axial_n] in course.points {
+        between(way_m, 0.0, MAX_POSITION)?;
+        within(&[axial_n], MAX_WRENCH)?;
+    }
+    let counted = usize::from(course.forward) + usize::from(course.backward);
+    require(counted <= COURSE_POINTS)?;
+    let on_the_way = |way: &[[f32; 2]]| way.iter().map(|[way_m, _]| *way_m).is_sorted();
+    require(course.ways().into_iter().all(on_the_way))
 }
 
 impl Message for Thread {
@@ -431,11 +454,11 @@ pub fn name(bytes: &[u8; 16]) -> Result<&str, Reject> {
     Ok(text)
 }
 
-fn require(ok: bool) -> Result<(), Reject> {
+pub(super) fn require(ok: bool) -> Result<(), Reject> {
     if ok { Ok(()) } else { Err(Reject::Range) }
 }
 
-fn between(value: f32, low: f32, high: f32) -> Result<(), Reject> {
+pub(super) fn between(value: f32, low: f32, high: f32) -> Result<(), Reject> {
     if !value.is_finite() {
         return Err(Reject::NotFinite);
     }
@@ -443,7 +466,7 @@ fn between(value: f32, low: f32, high: f32) -> Result<(), Reject> {
 }
 
 /// Every value finite and of magnitude at most `limit`.
-fn within(values: &[f32], limit: f32) -> Result<(), Reject> {
+pub(super) fn within(values: &[f32], limit: f32) -> Result<(), Reject> {
     values
         .iter()
         .try_for_each(|value| between(*value, -limit, limit))
