@@ -97,11 +97,12 @@ impl Render {
         self.contact.as_ref()
     }
 
-    /// Largest stiffness of what is rendered \[N/m\]: the tangent's, or what successive frames say of it if that is
-    /// more.
-    pub fn stiffness(&self) -> f32 {
+    /// Least and largest stiffness that what is rendered may have \[N/m\]: the tangent's largest, and what successive
+    /// frames say of it.
+    pub fn stiffness(&self) -> (f32, f32) {
         let told = self.contact.map_or(0.0, |contact| contact.stiffness());
-        told * max(self.trust.scale(), 1.0)
+        let scale = self.trust.scale();
+        (told * min(scale, 1.0), told * max(scale, 1.0))
     }
 
     /// How old the frame in use is.
