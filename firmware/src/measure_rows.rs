@@ -3,7 +3,6 @@
 use crate::measure::{Stopwatch, Wire, line};
 use core::hint::black_box;
 use sutura_shared::control::ContactRows;
-use sutura_shared::link::LinkEvent;
 use sutura_shared::wire::message::{MAX_ROWS, Row, RowKind, Rows};
 use sutura_shared::wire::{List, MAX_FRAME};
 
@@ -15,7 +14,7 @@ pub fn all(stopwatch: &Stopwatch, wire: &mut Wire) {
     for (cones, names) in [(0, SMOOTH_NAMES), (MAX_ROWS / 3, CONES_NAMES)] {
         let body = patch(cones);
         let mut frame = [0; MAX_FRAME];
-        let (mut receive, mut solve, mut adopt) = (0, 0, 0);
+        let (mut receive, mut solve, mut replace) = (0, 0, 0);
         let mut rows = ContactRows::NONE;
         for tick in 1..=TICKS {
             let now_us = 1000 * tick;
@@ -24,24 +23,21 @@ pub fn all(stopwatch: &Stopwatch, wire: &mut Wire) {
             let dx = [tick as f32 * 1e-4, 0.0, press, 0.0, 1e-3, 0.0];
             if tick % 10 == 1 {
                 let length = wire.host.send(now_us, &body, &mut frame).unwrap_or(0);
-                let mut fresh = ContactRows::NONE;
                 receive = receive.max(stopwatch.once(|| {
                     for &byte in &frame[..length] {
-                        if let Some(LinkEvent::Rows(rows)) = wire.console.receive(byte, u64::MAX) {
-                            fresh.unpack_from(&rows);
-                        }
+                        black_box(wire.console.receive(byte, u64::MAX).is_some());
                     }
                 }));
-                adopt = adopt.max(stopwatch.once(|| fresh.adopt(&rows, &dx, now_us - 500)));
-                rows = fresh;
-                line(names.bytes, length as u32);
+                replace = replace.max(stopwatch.once(|| rows.replace(wire.console.rows(), &dx, now_us - 500)));
             }
             solve = solve.max(stopwatch.once(|| {
                 black_box(rows.solve(black_box(&dx), now_us));
             }));
         }
+        let length = wire.host.send(0, &body, &mut frame).unwrap_or(0);
+        line(names.bytes, length as u32);
         line(names.receive, receive);
-        line(names.adopt, adopt);
+        line(names.replace, replace);
         line(names.solve, solve);
     }
 }
@@ -49,21 +45,21 @@ pub fn all(stopwatch: &Stopwatch, wire: &mut Wire) {
 struct Names {
     bytes: &'static str,
     receive: &'static str,
-    adopt: &'static str,
+    replace: &'static str,
     solve: &'static str,
 }
 
 const SMOOTH_NAMES: Names = Names {
     bytes: "rows24_frame_bytes",
     receive: "rows24_receive_and_unpack",
-    adopt: "rows24_adopt",
+    replace: "rows24_replace",
     solve: "rows24_solve",
 };
 
 const CONES_NAMES: Names = Names {
     bytes: "rows24_cones_frame_bytes",
     receive: "rows24_cones_receive_and_unpack",
-    adopt: "rows24_cones_adopt",
+    replace: "rows24_cones_replace",
     solve: "rows24_cones_solve",
 };
 
@@ -95,6 +91,7 @@ fn patch(cones: usize) -> Rows {
     Rows {
         tool: 0,
         held: [1.0; 21],
+        curvature_per_m: 100.0,
         rows,
         compliance,
     }
