@@ -133,8 +133,8 @@ mod tests {
     use sutura_shared::link::{ConsoleLink, HostEvent, HostLink, Identity};
     use sutura_shared::simulated_console::{Pace, SimulatedConsole};
     use sutura_shared::wire::message::{
-        Command, Contact, End, Friction, HandScript, Mode, Needle, Report, Row, RowKind, Rows, State, Tension, Thread,
-        Tip, WAY_POINTS, WayPoint,
+        Command, Contact, Course, End, Friction, HandScript, Mode, Needle, Report, Row, RowKind,
+        Rows, State, Tension, Thread, Tip, WAY_POINTS, WayPoint,
     };
     use sutura_shared::wire::{List, MAX_FRAME, Message};
 
@@ -305,6 +305,7 @@ mod tests {
             hold_n: 0.0,
             puncture_n: 0.25,
             punctured_n: 0.0,
+            course: Course::default(),
             horizon_us: 60_000,
         }
     }

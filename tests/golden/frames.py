@@ -147,7 +147,8 @@ cartesian = uint(0) + f32(-1.0, 0.0, 0.5)
 
 
 def device(kinematics):
-    return text("bras é") + kinematics + joint(1) + joint(2) + joint(3) + f32(0.0, 0.5, 0.25) + f32(12.0)
+    joints = joint(1) + joint(2) + joint(3)
+    return text("bras é") + kinematics + joints + f32(0.0, 0.5, 0.25) + f32(12.0, 6.0, 1.5) + uint(1000)
 
 
 hand = (

@@ -8,6 +8,7 @@ mod budget;
 mod contact_frame;
 mod horizon;
 mod lockstep;
+mod look_ahead;
 mod needle_frame;
 mod real_time;
 mod rows_frame;

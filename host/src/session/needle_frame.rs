@@ -2,7 +2,7 @@
 //!
 //! Entry point: [`needle_frame`].
 
-use sutura_shared::wire::message::{Friction, Needle, State, Tip};
+use sutura_shared::wire::message::{Course, Friction, Needle, State, Tip};
 use sutura_shared::wire::validate::{MAX_TANGENT, MAX_WRENCH};
 
 /// A needle in the grip of the driven tool, as a step left it.
@@ -30,6 +30,8 @@ pub struct HeldNeedle {
     pub puncture_n: f64,
     /// Axial force right after the puncture, at the same pose \[N\].
     pub punctured_n: f64,
+    /// The axial force on the way from there; none where nobody has looked.
+    pub course: Course,
 }
 
 /// The frame for the state that `needle` was solved for, good until `horizon_us` after it.
@@ -54,6 +56,7 @@ pub fn needle_frame(state: &State, needle: &HeldNeedle, horizon_us: u32) -> Need
         hold_n: force(needle.hold_n),
         puncture_n: force(needle.puncture_n),
         punctured_n: needle.punctured_n as f32,
+        course: needle.course,
         horizon_us,
     }
 }
@@ -61,7 +64,7 @@ pub fn needle_frame(state: &State, needle: &HeldNeedle, horizon_us: u32) -> Need
 #[cfg(test)]
 mod tests {
     use super::*;
-    use sutura_shared::wire::message::Mode;
+    use sutura_shared::wire::message::{COURSE_POINTS, Mode};
     use sutura_shared::wire::{Message, Reject};
 
     const STATE: State = State {
@@ -90,6 +93,11 @@ mod tests {
         hold_n: 0.125,
         puncture_n: f64::INFINITY,
         punctured_n: -0.125,
+        course: Course {
+            forward: 2,
+            backward: 1,
+            points: [[0.5; 2]; COURSE_POINTS],
+        },
     };
 
     #[test]
@@ -101,6 +109,7 @@ mod tests {
         assert_eq!((frame.needle, frame.horizon_us), (2, 50_000));
         assert_eq!((frame.axial_n, frame.punctured_n), (-0.25, -0.125));
         assert_eq!(frame.friction_n, [0.25, 0.125]);
+        assert_eq!(frame.course, NEEDLE.course);
         // Never punctured: the largest force that the wire has.
         assert_eq!(frame.puncture_n, MAX_WRENCH);
     }

@@ -3,6 +3,7 @@
 //! Entry point: [`TissueSolver::new`]. The console's one grip carries the scene's driven tool; the others stay
 //! where the scene holds them, or follow their scripts.
 
+use super::look_ahead::{Look, course};
 use super::{HeldNeedle, HeldThread, Solve, Solved};
 use crate::model::Model;
 use crate::needle::{NeedleReport, TipPlace};
@@ -17,7 +18,7 @@ use crate::wound::Wound;
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 use serde_json::{Map, Value, json};
 use sutura_shared::wire::Valid;
-use sutura_shared::wire::message::{End, Friction, State, Tension, Tip};
+use sutura_shared::wire::message::{Course, End, Friction, State, Tension, Tip};
 
 /// How far from the tool's centre vertices are prepared, in radii: as far as a step looks ahead.
 const PREPARED_RADII: f64 = 1.5;
@@ -26,6 +27,22 @@ const PREPARED_RADII: f64 = 1.5;
 const PREPARED_EDGES: f64 = 1.5;
 /// And so much further \[m\]: the hand strays from its path, and tissue moves along.
 const PREPARED_MARGIN_M: f64 = 0.003;
+
+/// Part of a period that may be spent on looking ahead of a needle, and what a step of so many rows takes \[us\]:
+/// measured, and the same everywhere, so that a session does not depend on the machine.
+const LOOK_SHARE: f64 = 0.2;
+const LOOK_US: f64 = 60.0;
+const LOOK_ROWS: f64 = 60.0;
+/// Most steps of one look.
+const LOOK_STEPS: usize = 12;
+/// A frame is in use until it is so many periods old, or for so long \[us\].
+const LOOK_PERIODS: f64 = 3.0;
+const LOOK_MOST_US: f64 = 150e3;
+/// A hand that sets out within that time comes so far \[m\], and faster by this \[m/s^2\].
+const LOOK_MARGIN_M: f64 = 5e-4;
+const LOOK_HAND_M_PER_S2: f64 = 0.5;
+/// Farther than this a look is too coarse \[m\].
+const LOOK_MOST_M: f64 = 0.012;
 
 /// A model with its state and scratch.
 pub struct TissueSolver {
@@ -42,6 +59,8 @@ pub struct TissueSolver {
     wound: Option<Wound>,
     /// Largest tension so far at an end of each thread \[N\].
     peak_tension_n: Vec<f64>,
+    /// Console time of the step before \[us\].
+    last_us: Option<u64>,
     last: StepReport,
     /// The newest step that found a balance.
     last_good: StepReport,
@@ -89,6 +108,7 @@ impl TissueSolver {
             work,
             script: Script::new(scene),
             began_us: None,
+            last_us: None,
             deepest: Deepest::default(),
             needles: scene.needles.iter().map(NeedleTally::of).collect(),
             wound,
@@ -202,6 +222,53 @@ impl TissueSolver {
         map
     }
 
+    /// How the axial force of the needle in the grip goes on, as far as it may get before the console hears of it.
+    fn look_ahead(&mut self, needle: u8, report: &StepReport, period_us: u64) -> Course {
+        let found = report.needles().iter().find(|other| other.id == needle);
+        let samples = self.script.samples();
+        let (Some(found), Some(sample)) = (found, samples.first()) else {
+            return Course::default();
+        };
+        let Some(look) = self.look(found, sample, period_us) else {
+            return Course::default();
+        };
+        course(
+            &self.model,
+            &self.state,
+            samples,
+            found,
+            &look,
+            &mut self.work,
+        )
+    }
+
+    /// How far to look; not at all where tissue is linearised anew by a step, or where it would take too long.
+    fn look(&self, needle: &NeedleReport, sample: &ToolSample, period_us: u64) -> Option<Look> {
+        let touches = self.last.rows as usize;
+        let step_us = LOOK_US * (1.0 + (touches as f64 / LOOK_ROWS).powi(2));
+        let affordable = (LOOK_SHARE * period_us as f64 / step_us) as usize;
+        if self.tissue.word() != "linear" || affordable < 2 {
+            return None;
+        }
+        let [x, y, z, ..] = needle.slide;
+        let [u, v, w] = sample.velocity_m_per_s;
+        let square = (x * x + y * y + z * z).max(1e-6);
+        let speed_m_per_s = (x * u + y * v + z * w) / square;
+        let seconds = 1e-6 * (LOOK_PERIODS * period_us as f64).min(LOOK_MOST_US);
+        let reach = |speed: f64| {
+            let reach_m = LOOK_MARGIN_M
+                + 0.5 * LOOK_HAND_M_PER_S2 * seconds * seconds
+                + speed.max(0.0) * seconds;
+            reach_m.min(LOOK_MOST_M)
+        };
+        let steps = affordable.min(LOOK_STEPS);
+        Some(Look {
+            reach_m: [reach(speed_m_per_s), reach(-speed_m_per_s)],
+            steps: [steps - steps / 3, steps / 3],
+            speed_m_per_s: speed_m_per_s.abs(),
+        })
+    }
+
     fn sample(&self, state: &Valid<State>) -> Option<ToolSample> {
         let body = state.body();
         Some(ToolSample {
@@ -242,6 +309,7 @@ fn in_grip(report: &StepReport, driven: u8) -> Option<HeldNeedle> {
         hold_n: needle.hold_n,
         puncture_n: needle.puncture_n,
         punctured_n: left_n.max(-forward_n).min(backward_n),
+        course: Course::default(),
     })
 }
 
@@ -323,9 +391,14 @@ impl Solve for TissueSolver {
                 stages: step::Stages::default(),
             };
         };
+        let before_us = self.last_us.replace(sample.console_time_us);
         let report = self.step(sample);
         let contact = report.contacts().first().copied();
-        let needle = self.driven().and_then(|driven| in_grip(&report, driven));
+        let mut needle = self.driven().and_then(|driven| in_grip(&report, driven));
+        let period_us = before_us.map_or(0, |before| sample.console_time_us.saturating_sub(before));
+        if let (Some(needle), Status::Ok) = (&mut needle, report.status) {
+            needle.course = self.look_ahead(needle.needle, &report, period_us);
+        }
         if let Some(contact) = contact {
             let [x, y, z, ..] = contact.wrench;
             let force_n = (x * x + y * y + z * z).sqrt();

@@ -1,1 +1,411 @@
 //! A needle between two frames of the host: it sticks, slides and punctures by itself.
+//!
+//! Entry points: [`LocalNeedle::adopt`] when a frame comes, [`LocalNeedle::correction`] every tick. The force along
+//! the slide is elastic-plastic (return mapping, Simo and Hughes 1998, 1.4): its trial sticks, its bounds are the
+//! frame's courses, forward from below and backward from above. Where a course jumps a boundary gives way, which
+//! it does once. What the grip has done since the frame's console time is gone through again with the new
+//! frame, so that slips and punctures that the host did not know of are had again.
+
+use super::{MAX_HORIZON_US, STALE_DECAY_US};
+use crate::math::{clamp, max, min};
+use crate::wire::ValidNeedle;
+use crate::wire::message::{COURSE_POINTS, Needle};
+use crate::wire::validate::{MAX_POSITION, MAX_TANGENT, MAX_WRENCH};
+
+/// Places of the grip that are kept.
+const PAST: usize = 64;
+/// Time between two of them \[us\]: all of them reach back over 126 ms, further than a force is late.
+const PAST_US: u32 = 2_000;
+/// Curvature below which a needle is a line \[1/m\]: a circle of 1 km.
+const STRAIGHT: f32 = 1e-3;
+/// Part of a slide along the old frame's direction that is one along the new one's, at least \[1\].
+const SAME_WAY: f32 = 0.9;
+/// Ways shorter than this have no slope of their own \[m\].
+const SHORT_M: f32 = 1e-6;
+
+/// Axial force against way, one way: straight between its points, the first of which is the frame's own.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Curve {
+    way_m: [f32; COURSE_POINTS + 1],
+    axial_n: [f32; COURSE_POINTS + 1],
+}
+
+impl Curve {
+    fn new(axial_n: f32, points: impl Iterator<Item = [f32; 2]>) -> Self {
+        let mut curve = Curve {
+            way_m: [0.0; COURSE_POINTS + 1],
+            axial_n: [axial_n; COURSE_POINTS + 1],
+        };
+        let (mut last, mut points) = ([0.0, axial_n], points);
+        let places = curve.way_m.iter_mut().zip(&mut curve.axial_n);
+        for (way_m, axial_n) in places.skip(1) {
+            last = points.next().unwrap_or(last);
+            [*way_m, *axial_n] = last;
+        }
+        curve
+    }
+
+    /// Straight on to `end`, then level.
+    fn ramp(axial_n: f32, end: [f32; 2]) -> Self {
+        Curve::new(axial_n, [end].into_iter())
+    }
+
+    fn legs(&self) -> impl DoubleEndedIterator<Item = [[f32; 2]; 2]> + '_ {
+        let starts = self.way_m.iter().zip(&self.axial_n);
+        let ends = self.way_m.iter().zip(&self.axial_n).skip(1);
+        // Both are of a fixed length, so that this can be walked from its end.
+        let starts = starts.take(COURSE_POINTS);
+        starts
+            .zip(ends)
+            .map(|((from, before), (to, after))| [[*from, *before], [*to, *after]])
+    }
+
+    /// The force after a way that is not negative; at a jump the one before it, beyond the end the last.
+    fn at(&self, way_m: f32) -> f32 {
+        let [.., last] = self.axial_n;
+        let mut force = last;
+        for [[from, before], [to, after]] in self.legs().rev() {
+            if way_m <= to {
+                let part = if to > from {
+                    (way_m - from) / (to - from)
+                } else {
+                    0.0
+                };
+                force = before + (after - before) * clamp(part, 0.0, 1.0);
+            }
+        }
+        force
+    }
+
+    /// The steepest change of force, up or down \[N/m\].
+    fn steepest(&self, sign: f32) -> f32 {
+        self.legs()
+            .fold(0.0, |most, [[from, before], [to, after]]| {
+                let way = to - from;
+                if way > SHORT_M {
+                    max(most, sign * (after - before) / way)
+                } else {
+                    most
+                }
+            })
+    }
+
+    /// The first jump: where, and the force after it.
+    fn jump(&self) -> Option<[f32; 2]> {
+        self.legs()
+            .find(|[[from, before], [to, after]]| to == from && after > before)
+            .map(|[_, end]| end)
+    }
+}
+
+/// A place of the grip along the slide, and when it was there.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+struct Place {
+    /// Lower half of the console time \[us\].
+    time_us: u32,
+    /// From the frame's pose \[m\].
+    slide_m: f32,
+}
+
+/// The needle in the grip, as one frame has it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct LocalNeedle {
+    needle: u8,
+    solved_us: u64,
+    horizon_us: u32,
+    /// Motion of the grip per metre of slide, as in the frame.
+    slide: [f32; 6],
+    /// What a motion of the grip makes of slide, and an axial force of wrench: `across . slide` = 1.
+    across: [f32; 6],
+    /// Axial force at the frame's pose \[N\], and what the frame's tangent takes from it per metre \[N/m\].
+    solved_n: f32,
+    now_n_per_m: f32,
+    /// Of a needle that sticks; no course is steeper \[N/m\].
+    stick_n_per_m: f32,
+    forward: Curve,
+    backward: Curve,
+    /// Where a boundary gives way on the way forward \[m\], the force right after, and the largest that pulls the needle on
+    /// then \[N\].
+    jump_m: f32,
+    after_n: f32,
+    most_n: f32,
+    /// Where the grip was last \[m\], and the axial force there \[N\].
+    at_m: f32,
+    axial_n: f32,
+    /// Slid forward and backward since the frame's pose \[m\], magnitudes.
+    slid_m: [f32; 2],
+    /// Console time at which the boundary gave way \[us\].
+    punctured_us: Option<u64>,
+    past: [Place; PAST],
+    /// Of those, how many there are, and which comes next.
+    known: usize,
+    next: usize,
+}
+
+impl LocalNeedle {
+    /// The needle of a frame, at the frame's pose.
+    pub fn new(frame: &ValidNeedle) -> Self {
+        let body = frame.body();
+        let (forward, backward) = (forward(body), backward(body));
+        let stiffest = max(forward.steepest(-1.0), backward.steepest(1.0));
+        let [all, now] = body.stiffness_n_per_m;
+        let [_, most_n] = body.friction_n;
+        let jump = forward.jump();
+        let [jump_m, after_n] = jump.unwrap_or([f32::MAX, body.punctured_n]);
+        LocalNeedle {
+            needle: body.needle,
+            solved_us: frame.console_time_us(),
+            horizon_us: body.horizon_us.min(MAX_HORIZON_US),
+            slide: body.slide,
+            across: across(&body.slide),
+            solved_n: body.axial_n,
+            now_n_per_m: now,
+            stick_n_per_m: min(max(all, stiffest), MAX_TANGENT),
+            forward,
+            backward,
+            jump_m,
+            after_n,
+            most_n: max(most_n, after_n),
+            at_m: 0.0,
+            axial_n: body.axial_n,
+            slid_m: [0.0; 2],
+            punctured_us: None,
+            past: [Place::default(); PAST],
+            known: 0,
+            next: 0,
+        }
+    }
+
+    /// Console time of the state that was solved for \[us\].
+    pub fn solved_us(&self) -> u64 {
+        self.solved_us
+    }
+
+    /// Axial force on the tool \[N\] where the grip was last.
+    pub fn axial_n(&self) -> f32 {
+        self.axial_n
+    }
+
+    /// Console time at which a boundary gave way that the host did not know of \[us\].
+    pub fn punctured_us(&self) -> Option<u64> {
+        self.punctured_us
+    }
+
+    /// Takes the place of `old`: goes once more through what the grip has done since this frame's console
+    /// time. What has been punctured since then stays so, until the host says what is.
+    pub fn adopt(&mut self, old: &LocalNeedle) {
+        let along: f32 = self.across.iter().zip(&old.slide).map(|(a, b)| a * b).sum();
+        let same = old.needle == self.needle && (along - 1.0).abs() <= 1.0 - SAME_WAY;
+        if !same || self.solved_us < old.solved_us {
+            return;
+        }
+        let from = self.solved_us as u32;
+        let start_m = old.slide_at(from);
+        let had_us = old.punctured_us.filter(|at| *at > self.solved_us);
+        for place in old.places() {
+            // Times wrap around; what is kept is far less than half of that.
+            let since = place.time_us.wrapping_sub(from) as i32;
+            if since <= 0 {
+                continue;
+            }
+            let slide_m = place.slide_m - start_m;
+            let now_us = self.solved_us.wrapping_add(u64::from(since.unsigned_abs()));
+            if had_us.is_some_and(|at| at <= now_us) {
+                self.give_way(had_us);
+            }
+            self.go(slide_m, now_us);
+            self.keep(Place { slide_m, ..*place });
+        }
+        if had_us.is_some() {
+            self.give_way(had_us);
+        }
+    }
+
+    /// What the wrench that is linear in the grip's motion lacks, (6) \[N, N m\]: with `dx` the motion of the grip from
+    /// the frame's pose \[m, rad\], (6), at `now_us`. Nothing beyond the horizon, into which it fades.
+    pub fn correction(&mut self, dx: &[f32; 6], now_us: u64) -> [f32; 6] {
+        let slide_m: f32 = self.across.iter().zip(dx).map(|(a, b)| a * b).sum();
+        if !slide_m.is_finite() {
+            return [0.0; 6];
+        }
+        let slide_m = clamp(slide_m, -2.0 * MAX_POSITION, 2.0 * MAX_POSITION);
+        self.note(slide_m, now_us);
+        self.go(slide_m, now_us);
+        let linear_n = self.solved_n - self.now_n_per_m * slide_m;
+        let lacking_n = (self.axial_n - linear_n) * self.freshness(now_us);
+        self.across.map(|part| part * lacking_n)
+    }
+
+    /// 1 up to the horizon, then down to 0 in a straight line.
+    fn freshness(&self, now_us: u64) -> f32 {
+        let age_us = now_us.saturating_sub(self.solved_us);
+        let over_us = age_us.saturating_sub(u64::from(self.horizon_us));
+        let left_us = u64::from(STALE_DECAY_US).saturating_sub(over_us);
+        left_us as f32 * (1.0 / STALE_DECAY_US as f32)
+    }
+
+    /// The return mapping, from where the grip was last.
+    fn go(&mut self, slide_m: f32, now_us: u64) {
+        let [forward_m, backward_m] = self.slid_m;
+        let trial = self.axial_n - self.stick_n_per_m * (slide_m - self.at_m);
+        self.at_m = slide_m;
+        let ahead = slide_m + backward_m;
+        if ahead > self.jump_m && self.punctured_us.is_none() {
+            self.punctured_us = Some(now_us);
+        }
+        let (low, high) = match self.punctured_us {
+            Some(_) if ahead > self.jump_m => (self.forward.at(ahead), self.most_n),
+            Some(_) => (self.after_n, self.most_n),
+            None => {
+                let behind = forward_m - slide_m;
+                let low = if ahead > 0.0 {
+                    self.forward.at(ahead)
+                } else {
+                    -MAX_WRENCH
+                };
+                let high = if behind > 0.0 {
+                    self.backward.at(behind)
+                } else {
+                    MAX_WRENCH
+                };
+                (low, max(low, high))
+            }
+        };
+        self.axial_n = clamp(trial, low, high);
+        if self.stick_n_per_m > 0.0 {
+            let slip = clamp(
+                (self.axial_n - trial) / self.stick_n_per_m,
+                -MAX_POSITION,
+                MAX_POSITION,
+            );
+            let most = 2.0 * MAX_POSITION;
+            self.slid_m = [
+                min(forward_m + max(slip, 0.0), most),
+                min(backward_m + max(-slip, 0.0), most),
+            ];
+        }
+    }
+
+    /// The boundary has given way, wherever the frame has it.
+    fn give_way(&mut self, when_us: Option<u64>) {
+        if self.punctured_us.is_none() {
+            self.punctured_us = when_us;
+            self.axial_n = self.after_n;
+        }
+    }
+
+    /// Keeps where the grip is, every so often.
+    fn note(&mut self, slide_m: f32, now_us: u64) {
+        let time_us = now_us as u32;
+        let newest = self.places().last();
+        let due = newest.is_none_or(|last| time_us.wrapping_sub(last.time_us) >= PAST_US);
+        if due {
+            self.keep(Place { time_us, slide_m });
+        }
+    }
+
+    fn keep(&mut self, place: Place) {
+        if let Some(slot) = self.past.get_mut(self.next) {
+            *slot = place;
+        }
+        self.next = (self.next + 1) % PAST;
+        self.known = (self.known + 1).min(PAST);
+    }
+
+    /// What is kept, the oldest first.
+    fn places(&self) -> impl Iterator<Item = &Place> {
+        let (newer, older) = self.past.split_at(self.next);
+        let older = older.iter().take(self.known.saturating_sub(self.next));
+        older.chain(newer.iter().skip(self.next.saturating_sub(self.known)))
+    }
+
+    /// Where the grip was at a time, between what is kept.
+    fn slide_at(&self, time_us: u32) -> f32 {
+        let mut before: Option<&Place> = None;
+        for place in self.places() {
+            let left = place.time_us.wrapping_sub(time_us) as i32;
+            if left < 0 {
+                before = Some(place);
+                continue;
+            }
+            let Some(before) = before else {
+                return place.slide_m;
+            };
+            let apart = place.time_us.wrapping_sub(before.time_us) as f32;
+            let part = if apart > 0.0 {
+                left as f32 / apart
+            } else {
+                0.0
+            };
+            return place.slide_m - (place.slide_m - before.slide_m) * part;
+        }
+        before.map_or(self.at_m, |before| before.slide_m)
+    }
+}
+
+/// The axial force on the way forward; by friction, stiffness and threshold where the host has not looked.
+fn forward(body: &Needle) -> Curve {
+    let [known, _] = body.course.ways();
+    if !known.is_empty() {
+        return Curve::new(body.axial_n, known.iter().copied());
+    }
+    let [_, now] = body.stiffness_n_per_m;
+    let [most_n, _] = body.friction_n;
+    if body.puncture_n > 0.0 && now > 0.0 {
+        let way = min(max(body.puncture_n - body.hold_n, 0.0) / now, MAX_POSITION);
+        let there = body.axial_n - now * way;
+        let points = [[way, there], [way, max(there, body.punctured_n)]];
+        return Curve::new(body.axial_n, points.into_iter());
+    }
+    let left_n = max(body.axial_n + most_n, 0.0);
+    Curve::ramp(body.axial_n, [ramp_m(left_n, now), body.axial_n - left_n])
+}
+
+/// As [`forward`], on the way backward.
+fn backward(body: &Needle) -> Curve {
+    let [_, known] = body.course.ways();
+    if !known.is_empty() {
+        return Curve::new(body.axial_n, known.iter().copied());
+    }
+    let [all, now] = body.stiffness_n_per_m;
+    let [_, most_n] = body.friction_n;
+    let left_n = max(most_n - body.axial_n, 0.0);
+    Curve::ramp(
+        body.axial_n,
+        [ramp_m(left_n, max(all, now)), body.axial_n + left_n],
+    )
+}
+
+/// The way on which a force changes by so much.
+fn ramp_m(change_n: f32, stiffness_n_per_m: f32) -> f32 {
+    if stiffness_n_per_m > 0.0 {
+        min(change_n / stiffness_n_per_m, MAX_POSITION)
+    } else {
+        MAX_POSITION
+    }
+}
+
+/// The twist `a` with `a . slide` = 1 that is along the slide, turns weighed by the needle's radius; zero where the
+/// grip hardly moves when the needle slides.
+fn across(slide: &[f32; 6]) -> [f32; 6] {
+    let [x, y, z, a, b, c] = *slide;
+    let linear = x * x + y * y + z * z;
+    let turn = a * a + b * b + c * c;
+    let (weight, square) = if turn > STRAIGHT * STRAIGHT {
+        (1.0 / turn, linear + 1.0)
+    } else {
+        (0.0, linear)
+    };
+    if square < 0.25 {
+        return [0.0; 6];
+    }
+    let (shift, weight) = (1.0 / square, weight / square);
+    [
+        x * shift,
+        y * shift,
+        z * shift,
+        a * weight,
+        b * weight,
+        c * weight,
+    ]
+}

@@ -121,6 +121,33 @@ pub enum Friction {
     Backward = 2,
 }
 
+/// Most points of a [`Course`].
+pub const COURSE_POINTS: usize = 12;
+
+/// How a needle's axial force goes on as the grip moves along the slide from the pose that was solved for, one way
+/// and without turning back: what the host has found by going there beforehand. Straight lines between the points,
+/// and from no way and the solved force to the first. Two points at one way: the force jumps, as a boundary gives way
+/// there.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, MaxSize, Schema)]
+pub struct Course {
+    /// How many of `points` are on the way forward; 0 where the host has not looked.
+    pub forward: u8,
+    /// How many of those that follow are on the way backward.
+    pub backward: u8,
+    /// Way along the slide \[m\], a magnitude, not decreasing, and the axial force there \[N\], (12 x 2).
+    pub points: [[f32; 2]; COURSE_POINTS],
+}
+
+impl Course {
+    /// The points on the way forward, and on the way backward.
+    pub fn ways(&self) -> [&[[f32; 2]]; 2] {
+        let forward = usize::from(self.forward).min(COURSE_POINTS);
+        let (forward, rest) = self.points.split_at(forward);
+        let backward = usize::from(self.backward).min(rest.len());
+        [forward, rest.split_at(backward).0]
+    }
+}
+
 /// What a needle in a tool's grip does along itself: with it a console can go on by itself between two
 /// frames of the host. The header's console time is that of the `State` it was solved for. A host sends it
 /// before the `Contact` of the same console time.
@@ -160,6 +187,8 @@ pub struct Needle {
     /// Axial force on the tool at that pose if the boundary did not hold the tip any longer \[N\]: what is
     /// left right after the puncture.
     pub punctured_n: f32,
+    /// The axial force on the way.
+    pub course: Course,
     /// How long after the header's console time this frame may be used \[us\]; the console caps it.
     pub horizon_us: u32,
 }
@@ -205,7 +234,8 @@ pub struct Thread {
     pub direction: [f32; 3],
     /// Force with which it pulls at that pose \[N\].
     pub tension_n: f32,
-    /// Tension gained per metre that the grip moves against `direction` \[N/m\]; 0 while it is slack.
+    /// Tension gained per metre that the grip moves against `direction` \[N/m\]; while it is slack: as it will be once
+    /// it is taut, 0 where that is not known.
     pub stiffness_n_per_m: f32,
     /// Way of the grip against `direction` before it is taut \[m\]; 0 unless it is slack.
     pub slack_m: f32,

@@ -5,8 +5,8 @@
 
 use super::frame::{Decoded, Header, Kind};
 use super::message::{
-    Command, Contact, HandScript, Hello, Needle, Report, Rows, Simulate, State, Tension, Thread,
-    WAY_POINTS, WayPoint,
+    COURSE_POINTS, Command, Contact, Course, HandScript, Hello, Needle, Report, Rows, Simulate,
+    State, Tension, Thread, WAY_POINTS, WayPoint,
 };
 use super::{PROTOCOL_VERSION, Reject};
 use crate::device::{DeviceDescription, Joint, Kinematics};
@@ -326,8 +326,21 @@ impl Message for Needle {
             between(stiffness, 0.0, MAX_TANGENT)?;
         }
         between(self.hold_n, 0.0, MAX_WRENCH)?;
-        between(self.puncture_n, 0.0, MAX_WRENCH)
+        between(self.puncture_n, 0.0, MAX_WRENCH)?;
+        check_course(&self.course)
     }
+}
+
+/// Points beyond `count` are not used, but no non-finite number gets in anywhere.
+fn check_course(course: &Course) -> Result<(), Reject> {
+    for [way_m, axial_n] in course.points {
+        between(way_m, 0.0, MAX_POSITION)?;
+        within(&[axial_n], MAX_WRENCH)?;
+    }
+    let counted = usize::from(course.forward) + usize::from(course.backward);
+    require(counted <= COURSE_POINTS)?;
+    let on_the_way = |way: &[[f32; 2]]| way.iter().map(|[way_m, _]| *way_m).is_sorted();
+    require(course.ways().into_iter().all(on_the_way))
 }
 
 impl Message for Thread {
@@ -415,7 +428,12 @@ fn check_device(device: &DeviceDescription) -> Result<(), Reject> {
         within(&numbers, MAX_DEVICE_NUMBER)?;
     }
     within(&device.gravity_mass_kg, MAX_DEVICE_NUMBER)?;
-    within(&[device.max_force_n], MAX_DEVICE_NUMBER)
+    let limits = [
+        device.max_force_n,
+        device.max_power_w,
+        device.max_grip_speed_m_per_s,
+    ];
+    within(&limits, MAX_DEVICE_NUMBER)
 }
 
 fn check_hand(script: &HandScript) -> Result<(), Reject> {

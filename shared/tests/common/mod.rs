@@ -8,8 +8,8 @@
 
 use sutura_shared::device::{DeviceDescription, Joint, Kinematics};
 use sutura_shared::wire::message::{
-    Command, Contact, End, Friction, HandScript, Hello, Mode, Needle, Report, Row, RowKind, Rows,
-    Simulate, State, Tension, Thread, Tip, WayPoint,
+    Command, Contact, Course, End, Friction, HandScript, Hello, Mode, Needle, Report, Row, RowKind,
+    Rows, Simulate, State, Tension, Thread, Tip, WayPoint,
 };
 use sutura_shared::wire::{
     Accumulator, Checked, Direction, Header, Kind, List, MAX_FRAME, Message, PROTOCOL_VERSION,
@@ -94,6 +94,7 @@ pub mod sample {
             hold_n: 0.0625,
             puncture_n: 0.125,
             punctured_n: -0.3125,
+            course: Course::default(),
             horizon_us: 100_000,
         }
     }
@@ -175,6 +176,9 @@ pub mod sample {
             joints: [joint(1.0), joint(2.0), joint(3.0)],
             gravity_mass_kg: [0.0, 0.5, 0.25],
             max_force_n: 12.0,
+            max_power_w: 6.0,
+            max_grip_speed_m_per_s: 1.5,
+            actuation_delay_us: 1000,
         }
     }
 
