@@ -139,9 +139,8 @@ impl Render {
                 None => self.trust = Trust::FULL,
             }
         }
-        let mut rows = fresh.rows;
-        rows.adopt(&self.rows, &new.moved_to(grip), new.console_time_us);
-        self.rows = rows;
+        let dx = new.moved_to(grip);
+        self.rows.replace(&fresh.rows, &dx, new.console_time_us);
         self.contact = Some(new);
         self.changed = true;
     }
