@@ -11,7 +11,9 @@ use sutura_hil::NativeConsole;
 use sutura_host::link::{LinkError, LockstepConsole};
 use sutura_host::scene::{Scene, load};
 use sutura_host::script::path;
-use sutura_host::session::{Plan, Solve, Solved, Summary, TissueSolver, run_lockstep};
+use sutura_host::session::{
+    LINE_BYTES_PER_S, Plan, Rendering, Solve, Solved, Summary, TissueSolver, run_lockstep,
+};
 use sutura_shared::wire::message::{Contact, Needle, State, Tip};
 use sutura_shared::wire::{Accumulator, Unchecked, Valid, decode};
 
@@ -181,6 +183,8 @@ fn watch(scene: &Scene, seconds: f64) -> (Watched, Tapped, Summary) {
         state_every: 1,
         horizon_us: scene.host.horizon_us,
         clear_fault: false,
+        rendering: Rendering::Rows,
+        line_bytes_per_s: LINE_BYTES_PER_S,
     };
     let mut tapped = Tapped {
         console: NativeConsole::new(&plan.device).unwrap(),

@@ -10,7 +10,7 @@ use support::{root, sutura, sutura_in};
 use sutura_hil::NativeConsole;
 use sutura_host::link::{LinkError, LockstepConsole};
 use sutura_host::scene::{Document, Scene};
-use sutura_host::session::{Plan, TissueSolver, run_lockstep};
+use sutura_host::session::{LINE_BYTES_PER_S, Plan, Rendering, TissueSolver, run_lockstep};
 use sutura_shared::wire::message::{Contact, End, Tension, Thread};
 use sutura_shared::wire::{Accumulator, Unchecked, decode};
 
@@ -198,6 +198,8 @@ fn the_console_is_told_how_the_thread_pulls() {
         state_every: 1,
         horizon_us: scene.host.horizon_us,
         clear_fault: false,
+        rendering: Rendering::Rows,
+        line_bytes_per_s: LINE_BYTES_PER_S,
     };
     let mut tapped = Tapped {
         console: NativeConsole::new(&plan.device).unwrap(),

@@ -133,10 +133,10 @@ mod tests {
     use sutura_shared::link::{ConsoleLink, HostEvent, HostLink, Identity};
     use sutura_shared::simulated_console::{Pace, SimulatedConsole};
     use sutura_shared::wire::message::{
-        Command, Contact, End, Friction, HandScript, Mode, Needle, Report, State, Tension, Thread,
-        Tip, WAY_POINTS, WayPoint,
+        Command, Contact, Course, End, Friction, HandScript, Mode, Needle, Report, Row, RowKind,
+        Rows, State, Tension, Thread, Tip, WAY_POINTS, WayPoint,
     };
-    use sutura_shared::wire::{MAX_FRAME, Message};
+    use sutura_shared::wire::{List, MAX_FRAME, Message};
 
     #[derive(Default)]
     struct Line {
@@ -186,6 +186,7 @@ mod tests {
                 Order::Command(command) => one(host, time, &command, &mut bytes),
                 Order::Simulate(order) => one(host, time, &order, &mut bytes),
                 Order::Contact(contact) => one(host, time, &contact, &mut bytes),
+                Order::Rows(rows) => one(host, time, &rows, &mut bytes),
                 Order::Needle(needle) => one(host, time, &needle, &mut bytes),
                 Order::Thread(thread) => one(host, time, &thread, &mut bytes),
             }
@@ -207,6 +208,10 @@ mod tests {
             && tick.is_multiple_of(16)
             && !(1200..1500).contains(&tick)
         {
+            // Every fourth is lost.
+            if !tick.is_multiple_of(64) {
+                send(time, Order::Rows(rows(&state)));
+            }
             send(time, Order::Needle(needle(&state)));
             send(time, Order::Thread(thread(&state)));
             send(time, Order::Contact(contact(&state)));
@@ -224,6 +229,7 @@ mod tests {
         Command(Command),
         Simulate(Simulate),
         Contact(Contact),
+        Rows(Rows),
         Needle(Needle),
         Thread(Thread),
     }
@@ -265,6 +271,23 @@ mod tests {
         }
     }
 
+    /// That floor as a row.
+    fn rows(state: &State) -> Rows {
+        let height = state.position_m[2];
+        let row = Row {
+            kind: RowKind::Smooth { id: 1 },
+            delta_free_m: height,
+            lambda_n: 500.0 * (-height).max(0.0),
+            jacobian: [0.0, 0.0, 1.0, 0.0, 0.0, 0.0],
+        };
+        Rows {
+            tool: 0,
+            held: [0.0; 21],
+            rows: List::of([row]),
+            compliance: List::of([1.0 / 500.0]),
+        }
+    }
+
     /// A needle that hangs in the grip.
     fn needle(state: &State) -> Needle {
         Needle {
@@ -281,6 +304,7 @@ mod tests {
             hold_n: 0.0,
             puncture_n: 0.25,
             punctured_n: 0.0,
+            course: Course::default(),
             horizon_us: 60_000,
         }
     }

@@ -27,6 +27,9 @@ pub const CARTESIAN_BENCH: DeviceDescription = {
         ],
         gravity_mass_kg: [0.0, 0.0, 0.25],
         max_force_n: 10.0,
+        max_power_w: 10.0,
+        max_grip_speed_m_per_s: 1.5,
+        actuation_delay_us: 1000,
     }
 };
 
@@ -53,5 +56,8 @@ pub const SERIAL_ARM: DeviceDescription = {
         joints: [joint; JOINTS],
         gravity_mass_kg: [0.0, 0.06, 0.04],
         max_force_n: 2.3,
+        max_power_w: 3.0,
+        max_grip_speed_m_per_s: 1.5,
+        actuation_delay_us: 1000,
     }
 };

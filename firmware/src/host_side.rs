@@ -4,11 +4,13 @@
 
 use crate::outbox::Outbox;
 use heapless::spsc::{Consumer, Producer, Queue};
-use sutura_shared::control::Fresh;
+use sutura_shared::control::{ContactRows, Fresh};
 use sutura_shared::link::{ConsoleLink, LinkEvent};
 use sutura_shared::simulated_console::REPORT_EVERY;
 use sutura_shared::wire::message::{Command, Mode, Report, State};
-use sutura_shared::wire::{MAX_FRAME, ValidNeedle, ValidSimulate, ValidThread};
+use sutura_shared::wire::{
+    MAX_FRAME, MAX_REAL_TIME_FRAME, ValidNeedle, ValidSimulate, ValidThread,
+};
 
 /// A byte stream that never waits.
 pub trait Bytes {
@@ -102,7 +104,9 @@ pub struct HostSide<'a, P> {
     port: P,
     orders: Producer<'a, Order>,
     back: &'a mut Slot,
-    outbox: Outbox<{ 8 * MAX_FRAME }>,
+    /// The newest rows, unpacked: they wait for the contact of their console time.
+    rows: ContactRows,
+    outbox: Outbox<{ 8 * MAX_REAL_TIME_FRAME }>,
     report: Report,
 }
 
@@ -120,6 +124,7 @@ impl<'a, P: Bytes> HostSide<'a, P> {
             port,
             orders,
             back,
+            rows: ContactRows::NONE,
             outbox: Outbox::new(),
             report: boot,
         }
@@ -145,8 +150,9 @@ impl<'a, P: Bytes> HostSide<'a, P> {
 
     fn apply(&mut self, event: LinkEvent, publish: &mut impl FnMut(&mut &'a mut Slot) -> bool) {
         let order = match event {
+            LinkEvent::Rows(rows) => return self.rows.unpack_from(&rows),
             LinkEvent::Contact(contact) => {
-                *self.back = Some(contact.into());
+                *self.back = Some(Fresh::of(contact, &self.rows));
                 // What comes back is what was replaced.
                 if publish(&mut self.back) && self.back.is_some() {
                     self.report.frames_superseded = self.report.frames_superseded.wrapping_add(1);
@@ -156,6 +162,7 @@ impl<'a, P: Bytes> HostSide<'a, P> {
             LinkEvent::SessionOpened => {
                 // Forgotten, not replaced by a newer one.
                 *self.back = None;
+                self.rows = ContactRows::NONE;
                 publish(&mut self.back);
                 Order::OpenSession
             }
@@ -223,7 +230,8 @@ mod tests {
     use crate::exchange::Exchange;
     use std::vec::Vec;
     use sutura_shared::link::{HostEvent, HostLink, Identity};
-    use sutura_shared::wire::message::Contact;
+    use sutura_shared::wire::message::{Contact, Row, Rows};
+    use sutura_shared::wire::{List, Message};
 
     /// Bytes in both directions, a few at a time.
     #[derive(Default)]
@@ -340,9 +348,13 @@ mod tests {
                 .collect()
         }
 
-        fn frame(&mut self, message: &impl sutura_shared::wire::Message) -> Vec<u8> {
+        fn frame(&mut self, message: &impl Message) -> Vec<u8> {
+            self.frame_at(1000, message)
+        }
+
+        fn frame_at(&mut self, time_us: u64, message: &impl Message) -> Vec<u8> {
             let mut frame = [0; MAX_FRAME];
-            let length = self.host.send(1000, message, &mut frame).expect("valid");
+            let length = self.host.send(time_us, message, &mut frame).expect("valid");
             frame[..length].to_vec()
         }
     }
@@ -364,6 +376,35 @@ mod tests {
                 assert_eq!(bench.side.report.frames_superseded, 2);
             });
         }
+    }
+
+    #[test]
+    fn rows_come_with_the_contact_of_their_time() {
+        with_session(64, |bench| {
+            let rows = Rows {
+                tool: 0,
+                held: [0.0; 21],
+                rows: List::of([Row::default()]),
+                compliance: List::of([0.01]),
+            };
+            // Rows, and the contact after them; some rows are lost.
+            for (rows_us, contact_us, there) in [
+                (Some(800), 800, 1),
+                (None, 900, 0),
+                (Some(850), 900, 0),
+                (Some(900), 900, 1),
+            ] {
+                if let Some(rows_us) = rows_us {
+                    let frame = bench.frame_at(rows_us, &rows);
+                    bench.down(&frame);
+                }
+                let frame = bench.frame_at(contact_us, &contact(1.0));
+                bench.down(&frame);
+                assert!(bench.contacts.take(&mut bench.front));
+                let fresh = bench.front.as_ref().expect("a contact");
+                assert_eq!(fresh.rows.multipliers_n().count(), there);
+            }
+        });
     }
 
     #[test]

@@ -143,6 +143,9 @@ fn stages(counts_per_m: f32) -> DeviceDescription {
         ],
         gravity_mass_kg: [0.0, 0.0, 0.25],
         max_force_n: 5.0,
+        max_power_w: 5.0,
+        max_grip_speed_m_per_s: 1.5,
+        actuation_delay_us: 1000,
     }
 }
 
@@ -161,6 +164,9 @@ fn arm() -> DeviceDescription {
         ],
         gravity_mass_kg: [0.0, 0.06, 0.04],
         max_force_n: 3.0,
+        max_power_w: 5.0,
+        max_grip_speed_m_per_s: 1.5,
+        actuation_delay_us: 1000,
     }
 }
 

@@ -35,6 +35,9 @@ fn boot_device(max_force_n: f32) -> DeviceDescription {
         joints: [joint; 3],
         gravity_mass_kg: [0.0; 3],
         max_force_n,
+        max_power_w: 1.0,
+        max_grip_speed_m_per_s: 1.0,
+        actuation_delay_us: 0,
     }
 }
 

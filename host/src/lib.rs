@@ -12,6 +12,7 @@ mod contact;
 mod dense;
 pub mod explain;
 pub mod fem;
+pub mod fidelity;
 pub mod link;
 pub mod mesh;
 pub mod model;

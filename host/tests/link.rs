@@ -88,6 +88,7 @@ fn thread(number: u8) -> Thread {
 fn felt(contact: Contact) -> Felt {
     Felt {
         contact,
+        rows: None,
         needle: None,
         thread: None,
     }

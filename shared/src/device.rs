@@ -71,6 +71,13 @@ pub struct DeviceDescription {
     pub gravity_mass_kg: [f32; JOINTS],
     /// Largest contact force at the grip \[N\].
     pub max_force_n: f32,
+    /// Largest mechanical power of the contact force, given to the hand or taken from it \[W\].
+    pub max_power_w: f32,
+    /// Fastest motion of the grip under power \[m/s\]; a faster one is a fault.
+    pub max_grip_speed_m_per_s: f32,
+    /// Time from a tick until its currents act on the grip \[us\]: amplifier and winding, and the period
+    /// that a drive on a bus adds.
+    pub actuation_delay_us: u32,
 }
 
 /// Why a description does not make a usable device.
@@ -94,6 +101,10 @@ impl fmt::Display for DeviceError {
 }
 
 impl core::error::Error for DeviceError {}
+
+/// Longest time from a tick until its currents act \[us\]: five ticks, beyond which no stiffness worth
+/// the name is stable.
+pub const MAX_ACTUATION_DELAY_US: u32 = 5000;
 
 /// Fastest grip of any device \[m/s\]: half of what a `State` may report.
 const MAX_GRIP_SPEED: f32 = 50.0;
@@ -143,6 +154,21 @@ impl DeviceDescription {
             self.max_force_n > 0.0 && self.max_force_n <= 1e3,
             "max_force_n",
             "positive, at most 1000 N",
+        )?;
+        rule(
+            self.max_power_w > 0.0 && self.max_power_w <= 1e4,
+            "max_power_w",
+            "positive, at most 10 kW",
+        )?;
+        rule(
+            self.max_grip_speed_m_per_s > 0.0 && self.max_grip_speed_m_per_s <= MAX_GRIP_SPEED,
+            "max_grip_speed_m_per_s",
+            "positive, at most 50 m/s",
+        )?;
+        rule(
+            self.actuation_delay_us <= MAX_ACTUATION_DELAY_US,
+            "actuation_delay_us",
+            "at most 5000 us",
         )
     }
 }

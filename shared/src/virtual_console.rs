@@ -5,7 +5,7 @@
 //! and damping of the hand; friction is Coulomb's with true sticking, as the minimum of a convex function
 //! (maximum dissipation; Moreau 1988) that coordinate descent finds.
 
-use crate::device::{DeviceDescription, JOINTS, Joint};
+use crate::device::{DeviceDescription, JOINTS, Joint, MAX_ACTUATION_DELAY_US};
 use crate::kinematics::{Pose, forward};
 use crate::math::{Vec3, clamp, dot, shrink};
 use crate::wire::message::{HandScript, WAY_POINTS, WayPoint};
@@ -17,6 +17,9 @@ const SUB_STEPS: u32 = 8;
 /// them by less than 1 %, so that four reach round-off.
 const SWEEPS: u32 = 4;
 
+/// Commands that may be under way: with the longest delay the one of five ticks ago acts.
+const DELAYED: usize = (MAX_ACTUATION_DELAY_US / 1000) as usize + 1;
+
 /// The simulated mechanics.
 #[derive(Clone, Copy, Debug)]
 pub struct VirtualDevice {
@@ -27,6 +30,8 @@ pub struct VirtualDevice {
     /// Joint velocities \[m/s or rad/s\], (3).
     dq: [f32; JOINTS],
     encoder_offset: [i32; JOINTS],
+    /// Motor efforts of the last calls, the newest first: the device's delay decides which one acts.
+    commanded: [[f32; JOINTS]; DELAYED],
 }
 
 /// A hand on its path.
@@ -46,6 +51,7 @@ impl VirtualDevice {
             q: [0.0; JOINTS],
             dq: [0.0; JOINTS],
             encoder_offset: [0; JOINTS],
+            commanded: [[0.0; JOINTS]; DELAYED],
         }
     }
 
@@ -100,18 +106,35 @@ impl VirtualDevice {
         })
     }
 
-    /// Lets `dt_us` pass under these motor currents \[A\].
+    /// Lets `dt_us`, one tick, pass under these motor currents \[A\]: each set acts from the device's
+    /// actuation delay on. Amplifiers that go off do so at once.
     pub fn advance(&mut self, current_a: &[f32; JOINTS], amplifiers_on: bool, dt_us: u32) {
         let Some(mut hand) = self.hand else {
             return;
         };
-        let motor = self.motor_effort(current_a, amplifiers_on);
+        self.commanded.rotate_right(1);
+        let newest = self.motor_effort(current_a, amplifiers_on);
+        if let Some(slot) = self.commanded.first_mut() {
+            *slot = newest;
+        }
+        if !amplifiers_on {
+            self.commanded = [newest; DELAYED];
+        }
         let step_us = dt_us / SUB_STEPS;
-        for _ in 0..SUB_STEPS {
+        for step in 0..SUB_STEPS {
             hand.time_us = hand.time_us.saturating_add(step_us);
+            let motor = self.acting(step * step_us, dt_us);
             self.step(&motor, &hand, step_us as f32 * 1e-6);
         }
         self.hand = Some(hand);
+    }
+
+    /// The efforts that act `since_us` after the newest command, where `period_us` lies between two.
+    fn acting(&self, since_us: u32, period_us: u32) -> [f32; JOINTS] {
+        let waiting_us = self.device.actuation_delay_us.saturating_sub(since_us);
+        let behind = waiting_us.div_ceil(period_us.max(1)) as usize;
+        let oldest = self.commanded.last().copied().unwrap_or_default();
+        self.commanded.get(behind).copied().unwrap_or(oldest)
     }
 
     fn motor_effort(&self, current_a: &[f32; JOINTS], amplifiers_on: bool) -> [f32; JOINTS] {
@@ -215,6 +238,56 @@ mod tests {
 
     /// A firm human hand on a light arm: what is left of the equation of one step, against its terms.
     #[test]
+    fn a_command_acts_after_its_delay() {
+        let joint = Joint {
+            counts_per_unit: 1e5,
+            zero_counts: 0,
+            effort_per_amp: 2.0,
+            max_current_a: 10.0,
+            max_slew_per_s: 1.0,
+            max_speed_per_s: 1.0,
+            inertia: 0.5,
+            damping: 0.0,
+            coulomb: 0.0,
+        };
+        // 2 A x 2 N/A on 0.5 kg: 8 m/s^2 from the delay on, in steps of 125 us.
+        for (delay_us, acting_us) in [(0, 1000), (250, 750), (1000, 0), (1500, 0), (5000, 0)] {
+            let mut stage = VirtualDevice::new(&DeviceDescription {
+                name: [0; 16],
+                kinematics: Kinematics::Cartesian { origin_m: [0.0; 3] },
+                joints: [joint; JOINTS],
+                gravity_mass_kg: [0.0; JOINTS],
+                max_force_n: 10.0,
+                max_power_w: 10.0,
+                max_grip_speed_m_per_s: 1.0,
+                actuation_delay_us: delay_us,
+            });
+            stage.set_hand(&HandScript {
+                stiffness_n_per_m: 0.0,
+                damping_n_s_per_m: 0.0,
+                start_joint: [0.0; JOINTS],
+                count: 1,
+                way_points: [WayPoint::default(); WAY_POINTS],
+            });
+            let speed = |stage: &VirtualDevice| stage.joints().1[0];
+            stage.advance(&[2.0, 0.0, 0.0], true, 1000);
+            let expected = 8.0 * acting_us as f32 * 1e-6;
+            assert!((speed(&stage) - expected).abs() < 1e-6, "{delay_us}");
+            for _ in 0..5 {
+                stage.advance(&[0.0; 3], true, 1000);
+            }
+            // The whole pulse of 1 ms has acted.
+            let expected = 8e-3;
+            assert!((speed(&stage) - expected).abs() < 1e-6, "{delay_us}");
+            // What was under way when the amplifiers went off does not act any more.
+            stage.advance(&[2.0, 0.0, 0.0], true, 1000);
+            let before = speed(&stage);
+            stage.advance(&[2.0, 0.0, 0.0], false, 1000);
+            assert_eq!(speed(&stage), before);
+        }
+    }
+
+    #[test]
     fn the_sweeps_solve_a_step_to_round_off() {
         let joint = |inertia| Joint {
             counts_per_unit: 1e4,
@@ -237,6 +310,9 @@ mod tests {
             joints: [joint(0.006), joint(0.006), joint(0.003)],
             gravity_mass_kg: [0.0; JOINTS],
             max_force_n: 2.0,
+            max_power_w: 1e3,
+            max_grip_speed_m_per_s: 10.0,
+            actuation_delay_us: 0,
         };
         let mut arm = VirtualDevice::new(&device);
         let pose = forward(&device, &[0.3, 0.8, -1.4]);

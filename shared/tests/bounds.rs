@@ -7,7 +7,7 @@ mod rig;
 use proptest::prelude::*;
 use rig::{arm, bench, frame};
 use sutura_shared::control::{
-    Control, MAX_HORIZON_US, STALE_DECAY_US, TICK_S, TickInput, TickOutput,
+    Control, Guards, MAX_HORIZON_US, STALE_DECAY_US, TICK_S, TickInput, TickOutput, Tuning,
 };
 use sutura_shared::device::DeviceDescription;
 use sutura_shared::wire::Message;
@@ -134,10 +134,19 @@ struct Run {
 }
 
 impl Run {
-    fn new(device: DeviceDescription) -> Self {
+    /// Without the tank the force need not be paid for: all that holds it then are the limits.
+    fn new(device: DeviceDescription, tank: bool) -> Self {
+        let guards = Guards {
+            tank,
+            ..Guards::ALL
+        };
+        let tuning = Tuning {
+            guards,
+            ..Tuning::default()
+        };
         Run {
             device,
-            control: Control::new(device).unwrap(),
+            control: Control::tuned(device, tuning).unwrap(),
             input: TickInput::default(),
             sequence: 0,
             before: None,
@@ -203,7 +212,10 @@ impl Run {
         assert_eq!(state.faults != 0, state.mode == Mode::Fault);
         assert!(torque || (output.current_a == [0.0; 3] && state.force_n == [0.0; 3]));
         let longest_us = MAX_HORIZON_US + STALE_DECAY_US;
-        assert!(state.contact_age_us < longest_us || state.force_n.map(f32::to_bits) == [0; 3]);
+        assert!(
+            state.contact_age_us < longest_us || state.force_n.map(f32::to_bits) == [0; 3],
+            "{state:?}"
+        );
         assert_eq!(state.current_a, output.current_a);
         self.before = Some(*output);
     }
@@ -224,8 +236,9 @@ proptest! {
     fn anything_in_leaves_the_motors_bounded(
         events in prop::collection::vec(event(), 1..400),
         jointed in any::<bool>(),
+        tank in any::<bool>(),
     ) {
-        let mut run = Run::new(if jointed { arm() } else { bench() });
+        let mut run = Run::new(if jointed { arm() } else { bench() }, tank);
         for event in &events {
             let output = run.tick(event);
             run.check(&output);
@@ -265,7 +278,7 @@ fn the_events_reach_torque_faults_and_limits() {
     let events = prop::collection::vec(event(), 400);
     let (mut modes, mut limited, mut stepped) = ([0_u32; 5], 0, 0);
     for _ in 0..40 {
-        let mut run = Run::new(bench());
+        let mut run = Run::new(bench(), false);
         for event in events.new_tree(&mut runner).unwrap().current() {
             let output = run.tick(&event);
             run.check(&output);

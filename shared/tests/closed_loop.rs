@@ -5,7 +5,7 @@
 mod rig;
 
 use rig::{bench, frame, hand, wall};
-use sutura_shared::control::{Control, TickOutput};
+use sutura_shared::control::{Control, Guards, TickOutput, Tuning};
 use sutura_shared::simulated_console::SimulatedBoard;
 use sutura_shared::wire::message::{Command, Contact, Mode, Simulate};
 
@@ -27,8 +27,12 @@ struct Session {
 }
 
 impl Session {
-    fn new(render: fn(Contact) -> Contact) -> Self {
-        let mut control = Control::new(bench()).unwrap();
+    fn new(render: fn(Contact) -> Contact, guards: Guards) -> Self {
+        let tuning = Tuning {
+            guards,
+            ..Tuning::default()
+        };
+        let mut control = Control::tuned(bench(), tuning).unwrap();
         let mut board = SimulatedBoard::new(&bench());
         let points = [(0.0, [0.0, 0.0, 0.01]), (0.3, [0.0, 0.0, TARGET])];
         let mut script = hand(HAND, 10.0, &points);
@@ -77,6 +81,12 @@ impl Session {
     }
 }
 
+const WITHOUT_TANK: Guards = Guards {
+    tank: false,
+    damping: false,
+    ..Guards::ALL
+};
+
 /// A frame without its tangent: the console holds the force.
 fn hold(contact: Contact) -> Contact {
     Contact {
@@ -87,7 +97,7 @@ fn hold(contact: Contact) -> Contact {
 
 #[test]
 fn with_the_tangent_the_grip_rests_where_springs_and_hand_balance() {
-    let mut session = Session::new(|contact| contact);
+    let mut session = Session::new(|contact| contact, Guards::ALL);
     let (low, high) = session.swing();
     // Two encoder counts.
     assert!(high - low < 25e-6, "{low} {high}");
@@ -103,6 +113,6 @@ fn with_the_tangent_the_grip_rests_where_springs_and_hand_balance() {
 
 #[test]
 fn without_the_tangent_the_same_loop_shakes() {
-    let (low, high) = Session::new(hold).swing();
+    let (low, high) = Session::new(hold, WITHOUT_TANK).swing();
     assert!(high - low > 1e-3, "{low} {high}");
 }

@@ -18,7 +18,7 @@ const INSIDE: [f32; 3] = [0.0, 0.0, -1e-3];
 const CARRY_A: f32 = 0.25 * GRAVITY / 3.75;
 
 fn pressed_in() -> Loop {
-    let mut console = Loop::new(bench());
+    let mut console = Loop::on_credit(bench());
     console.place(2, -1e-3);
     // A jump of 81 counts in a tick is within 2 m/s.
     console.tick();
@@ -277,7 +277,7 @@ fn force_is_limited_in_length_and_by_the_motors() {
         device.max_force_n = 10.0;
         device
     };
-    let mut console = Loop::armed(weak);
+    let mut console = Loop::armed_on_credit(weak);
     for _ in 0..200 {
         output = console.contact(Contact {
             position_m: [0.14, 0.0, 0.12],
@@ -314,9 +314,9 @@ fn faults_latch_cut_the_torque_at_once_and_clear_only_without_their_cause() {
             }
         }),
         (faults::OUT_OF_REACH, |console, on| {
-            // 11 m, in steps that are no jump.
-            for _ in 0..5501 {
-                console.input.encoder_counts[0] += if on { 163 } else { -163 };
+            // 11 m, in steps that are no jump, nor too fast a grip.
+            for _ in 0..11_002 {
+                console.input.encoder_counts[0] += if on { 82 } else { -82 };
                 console.tick();
             }
         }),
@@ -590,7 +590,7 @@ fn the_trace_is_repeatable_and_sees_signed_zeros() {
 fn unusable_devices_are_refused_by_name() {
     use sutura_shared::device::{DeviceDescription, Kinematics};
     type Spoil = fn(&mut DeviceDescription);
-    let cases: [(Spoil, &str); 9] = [
+    let cases: [(Spoil, &str); 12] = [
         (
             |d| d.joints[0].counts_per_unit = 0.0,
             "joint 0: counts_per_unit",
@@ -611,6 +611,9 @@ fn unusable_devices_are_refused_by_name() {
         (|d| d.joints[0].max_speed_per_s = 60.0, "max_speed_per_s"),
         (|d| d.gravity_mass_kg[2] = -0.1, "gravity_mass_kg"),
         (|d| d.max_force_n = 0.0, "max_force_n"),
+        (|d| d.max_power_w = f32::NAN, "max_power_w"),
+        (|d| d.max_grip_speed_m_per_s = 0.0, "max_grip_speed_m_per_s"),
+        (|d| d.actuation_delay_us = 5001, "actuation_delay_us"),
         (
             |d| {
                 d.kinematics = Kinematics::Cartesian {

@@ -81,6 +81,7 @@ fn pair() -> (HostLink, ConsoleLink, u32) {
 fn host_hello(change: impl FnOnce(&mut Hello)) -> Vec<u8> {
     let mut hello = Hello {
         schema_hash: SCHEMA_HASH,
+        max_frame: MAX_FRAME as u16,
         ..sample::hello_host()
     };
     change(&mut hello);
@@ -118,6 +119,14 @@ fn a_session_carries_every_message_both_ways() {
     assert_eq!(*thread.body(), sample::thread());
     assert_eq!(thread.console_time_us(), NOW_US);
 
+    let bytes = send(&mut host, &sample::rows());
+    let events = feed(&mut console, &bytes);
+    let [LinkEvent::Rows(rows)] = &events[..] else {
+        panic!("{events:?}");
+    };
+    assert_eq!(*rows.body(), sample::rows());
+    assert_eq!(rows.console_time_us(), NOW_US);
+
     let bytes = send(&mut host, &Command::Arm);
     let events = feed(&mut console, &bytes);
     assert_eq!(events, [LinkEvent::Command(Command::Arm)]);
@@ -143,8 +152,8 @@ fn a_session_carries_every_message_both_ways() {
         ..Counters::default()
     };
     // The Hellos count too.
-    assert_eq!(host.counters(), clean(6, 2));
-    assert_eq!(console.counters(), clean(2, 6));
+    assert_eq!(host.counters(), clean(7, 2));
+    assert_eq!(console.counters(), clean(2, 7));
 }
 
 #[test]
@@ -265,6 +274,16 @@ fn a_contact_from_the_future_is_refused() {
     assert_eq!(feed(&mut console, &contact(2, NOW_US + 1)), []);
     assert_eq!(console.counters().last_reject, Some(Reject::FromTheFuture));
     assert_eq!(feed(&mut console, &contact(3, 0)).len(), 1);
+}
+
+#[test]
+fn rows_from_the_future_are_refused() {
+    let (_, mut console, session) = pair();
+    let rows = |sequence, time| frame(session, sequence, time, &sample::rows());
+    assert_eq!(feed(&mut console, &rows(1, NOW_US)).len(), 1);
+    assert_eq!(feed(&mut console, &rows(2, NOW_US + 1)), []);
+    assert_eq!(console.counters().last_reject, Some(Reject::FromTheFuture));
+    assert_eq!(feed(&mut console, &rows(3, 0)).len(), 1);
 }
 
 #[test]

@@ -20,6 +20,11 @@ fn free(device: &DeviceDescription) -> VirtualDevice {
     virtual_device
 }
 
+fn without_delay(mut device: DeviceDescription) -> DeviceDescription {
+    device.actuation_delay_us = 0;
+    device
+}
+
 fn without_gravity(mut device: DeviceDescription) -> DeviceDescription {
     device.gravity_mass_kg = [0.0; 3];
     device
@@ -64,7 +69,7 @@ fn without_a_hand_it_stays_on_its_stand() {
 
 #[test]
 fn motors_put_in_the_energy_that_comes_out() {
-    for device in [bench(), arm()] {
+    for device in [bench(), arm()].map(without_delay) {
         let mut moving = free(&device);
         let start = energy(&device, &moving);
         let (mut work, mut last) = (0.0, start);
@@ -116,7 +121,7 @@ fn a_swing_without_friction_keeps_its_energy() {
 /// Coulomb friction of 0.25 N on x: what is below holds for ever, what is above accelerates by the rest.
 #[test]
 fn friction_sticks_below_its_limit_and_slips_above() {
-    let device = without_gravity(bench());
+    let device = without_delay(without_gravity(bench()));
     let mut sticking = free(&device);
     for _ in 0..1000 {
         sticking.advance(&[0.249 / 3.75, 0.0, 0.0], true, TICK_US);

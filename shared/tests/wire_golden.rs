@@ -4,8 +4,8 @@ mod common;
 
 use common::{encode_again, golden, hex_of, unpack_one, validate_either};
 use sutura_shared::wire::message::{
-    Command, Contact, End, Friction, Hello, Mode, Needle, Report, Simulate, State, Tension, Thread,
-    Tip, WAY_POINTS,
+    Command, Contact, End, Friction, Hello, Mode, Needle, Report, Rows, Simulate, State, Tension,
+    Thread, Tip, WAY_POINTS,
 };
 use sutura_shared::wire::{
     HEADER_SIZE, Kind, MAX_FRAME, MAX_REAL_TIME_FRAME, PROTOCOL_VERSION, Reject, SCHEMA_HASH,
@@ -152,6 +152,7 @@ fn fault_bits_are_pinned() {
         (faults::OVERRUN, 8, "overrun"),
         (faults::BOARD, 16, "board"),
         (faults::OUT_OF_REACH, 32, "out_of_reach"),
+        (faults::OVERSPEED, 64, "overspeed"),
     ];
     assert_eq!(faults::NAMES.len(), pinned.len());
     for (bit, number, name) in pinned {
@@ -167,7 +168,7 @@ fn fault_bits_are_pinned() {
 #[test]
 fn schema_is_pinned() {
     assert_eq!(PROTOCOL_VERSION, 0);
-    assert_eq!(SCHEMA_HASH, 0x1f19_a560_d7e5_2d8d, "{SCHEMA_HASH:#018x}");
+    assert_eq!(SCHEMA_HASH, 0x0c45_5007_c2af_b3e0, "{SCHEMA_HASH:#018x}");
 }
 
 /// Counted by hand from the layouts: varints of 3 (u16), 5 (u32, i32) and 10 (u64) bytes, f32 of 4.
@@ -194,7 +195,14 @@ fn sizes_are_those_counted_by_hand() {
     assert!(device <= hand);
     assert_eq!(HEADER_SIZE, 1 + 1 + 4 + 4 + 8);
     // Header, body, CRC, first stuffing byte, delimiter.
-    assert_eq!(MAX_FRAME, 18 + (1 + hand) + 4 + 1 + 1);
+    let packet = 18 + Rows::POSTCARD_MAX_SIZE + 4;
+    assert_eq!(MAX_FRAME, packet + packet / 254 + 1 + 1);
+    let row = (1 + 5 + 4) + (2 + 6) * 4;
+    let entries = 24 * 25 / 2;
+    assert_eq!(
+        Rows::POSTCARD_MAX_SIZE,
+        1 + 21 * 4 + (1 + 24 * row) + (2 + entries * 4)
+    );
     assert_eq!(frame_size(Contact::POSTCARD_MAX_SIZE), 186);
     assert_eq!(frame_size(Needle::POSTCARD_MAX_SIZE), 117);
     assert_eq!(frame_size(Thread::POSTCARD_MAX_SIZE), 69);

@@ -10,8 +10,8 @@ use common::{
 use proptest::prelude::*;
 use sutura_shared::device::{DeviceDescription, Kinematics};
 use sutura_shared::wire::message::{
-    Command, Contact, End, Friction, HandScript, Hello, Mode, Needle, Report, Simulate, State,
-    Tension, Thread, Tip, WAY_POINTS, WayPoint,
+    Command, Contact, Course, End, Friction, HandScript, Hello, Mode, Needle, Report, Simulate,
+    State, Tension, Thread, Tip, WAY_POINTS, WayPoint,
 };
 use sutura_shared::wire::{Checked, Header, Kind, Message, Reject, Valid, validate};
 
@@ -330,7 +330,7 @@ fn check_order<T: Copy>(
 
 #[test]
 fn device_numbers_are_finite_and_bounded() {
-    let numbers: [FieldOf<DeviceDescription>; 10] = [
+    let numbers: [FieldOf<DeviceDescription>; 12] = [
         |d| &mut d.joints[0].counts_per_unit,
         |d| &mut d.joints[1].effort_per_amp,
         |d| &mut d.joints[2].max_current_a,
@@ -341,6 +341,8 @@ fn device_numbers_are_finite_and_bounded() {
         |d| &mut d.joints[1].coulomb,
         |d| &mut d.gravity_mass_kg[2],
         |d| &mut d.max_force_n,
+        |d| &mut d.max_power_w,
+        |d| &mut d.max_grip_speed_m_per_s,
     ];
     for field in numbers {
         check_order(Simulate::Device, sample::cartesian(), field, -1e9, 1e9);
@@ -500,7 +502,8 @@ prop_compose! {
         let ([a, b, c], [d, e, f]) = (linear, angular);
         Needle {
             tool, needle, position_m, orientation, slide: [a, b, c, d, e, f], tip, friction, axial_n,
-            friction_n, stiffness_n_per_m, hold_n, puncture_n, punctured_n, horizon_us,
+            friction_n, stiffness_n_per_m, hold_n, puncture_n, punctured_n, course: Course::default(),
+            horizon_us,
         }
     }
 }
@@ -581,6 +584,7 @@ fn holds_promises(message: &Checked) -> bool {
                 && (length(&c.orientation) - 1.0).abs() < 1e-3
                 && c.tool < 8
         }
+        Checked::Rows(rows) => rows.body().check().is_ok(),
         Checked::Needle(needle) => {
             let n = needle.body();
             let bends = length(&n.slide[3..]) > 0.0;

@@ -120,6 +120,18 @@ thread = (
     + f32(0.0)
     + uint(100000)
 )
+row = lambda kind, k, force: kind + f32(-0.25 * k, force) + f32(0.0, -0.5 * k, -1.0, 0.125, k, -0.0)
+rows = (
+    u8(0)
+    + f32(*[8.0 * (k + 1) for k in range(21)])
+    + uint(4)
+    + row(uint(0) + uint(3), 1, 0.75)  # Smooth
+    + row(uint(1) + uint(70000) + f32(0.5), 2, 2.0)  # Normal
+    + row(uint(2) + f32(-0.125), 3, -0.5)  # Tangent
+    + row(uint(2) + f32(0.0), 4, 0.0)
+    + uint(10)
+    + f32(0.5, 0.25, -0.125, 0.0, 0.5, 0.0625, -0.0, 1.0, 0.03125, 2.0)
+)
 report = (
     b"".join(uint(x) for x in [100000, 1, 2, 30000, 4, 5, 300])
     + u8(4)  # Crc
@@ -134,7 +146,8 @@ cartesian = uint(0) + f32(-1.0, 0.0, 0.5)
 
 
 def device(kinematics):
-    return text("bras é") + kinematics + joint(1) + joint(2) + joint(3) + f32(0.0, 0.5, 0.25) + f32(12.0)
+    joints = joint(1) + joint(2) + joint(3)
+    return text("bras é") + kinematics + joints + f32(0.0, 0.5, 0.25) + f32(12.0, 6.0, 1.5) + uint(1000)
 
 
 hand = (
@@ -151,6 +164,7 @@ FRAMES = [
     ("contact", frame(3, 0xC0FFEE, 2, 123_423_000, contact)),
     ("needle", frame(17, 0xC0FFEE, 12, 123_423_000, needle)),
     ("thread", frame(18, 0xC0FFEE, 13, 123_423_000, thread)),
+    ("rows", frame(16, 0xC0FFEE, 14, 123_423_000, rows)),
     ("command_arm", frame(4, 0xC0FFEE, 3, 0, uint(0))),
     ("command_disarm", frame(4, 0xC0FFEE, 4, 0, uint(1))),
     ("command_clear_fault", frame(4, 0xC0FFEE, 5, 0, uint(2))),

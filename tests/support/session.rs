@@ -6,7 +6,7 @@ use std::sync::{Arc, Mutex};
 use std::time::Duration;
 use sutura_host::link::Port;
 use sutura_host::scene::{BUILT_IN_DEVICES, Document, read_device};
-use sutura_host::session::{Plan, Solve, Solved};
+use sutura_host::session::{LINE_BYTES_PER_S, Plan, Rendering, Solve, Solved};
 use sutura_host::step::{Stages, Status, ToolContact};
 use sutura_shared::device::DeviceDescription;
 use sutura_shared::wire::message::{HandScript, State, WAY_POINTS, WayPoint};
@@ -36,6 +36,7 @@ impl Solve for Plane {
         contact.tangent[2][2] = -PLANE_N_PER_M;
         Solved {
             contact: Some(contact),
+            rows: None,
             needle: None,
             thread: None,
             status: Status::Ok,
@@ -83,6 +84,8 @@ pub fn plan(seconds: f64) -> Plan {
         state_every: 1,
         horizon_us: None,
         clear_fault: false,
+        rendering: Rendering::Rows,
+        line_bytes_per_s: LINE_BYTES_PER_S,
     }
 }
 

@@ -83,6 +83,9 @@ pub const DEVICE: DeviceDescription = {
         joints: [axis; JOINTS],
         gravity_mass_kg: [0.0; 3],
         max_force_n: 8.0,
+        max_power_w: 8.0,
+        max_grip_speed_m_per_s: 1.5,
+        actuation_delay_us: 1000,
     }
 };
 

@@ -14,7 +14,8 @@ use sutura_host::link::{LinkError, LinkOptions, LockstepConsole, Port, open_seri
 use sutura_host::scene::{self, LONGEST_S, Scene};
 use sutura_host::script::path;
 use sutura_host::session::{
-    Plan, Progress, SessionError, Solve, Summary, TissueSolver, run_lockstep, run_real_time,
+    self, LINE_BYTES_PER_S, Plan, Progress, SessionError, Solve, Summary, TissueSolver,
+    run_lockstep, run_real_time,
 };
 use sutura_shared::control::TICK_HZ;
 
@@ -37,6 +38,9 @@ pub struct RunArgs {
     /// Solver steps a second, 1 to 1000 [Hz]; the scene's when left out.
     #[arg(long, value_name = "HZ", value_parser = host_rate)]
     pub host_hz: Option<f64>,
+    /// What the console is given to render from, on lines fast enough for it.
+    #[arg(long, value_name = "R", default_value = "rows")]
+    pub rendering: Rendering,
     /// Ends with code 7 if one solver step in a hundred took longer than this [ms].
     #[arg(long, value_name = "B", value_parser = positive)]
     pub budget_ms: Option<f64>,
@@ -61,9 +65,31 @@ Examples:
   sutura run --console /dev/ttyACM0 --host-hz 500 --budget-ms 2
   sutura run --lockstep                                   the same bits at every run
   sutura run --tissue corotational --host-hz 30           large displacements, at the pace that they take
+  sutura run --rendering hold --host-hz 30                how it feels without local models
 
 A step that is too slow, a lost console or a wrong solve never leaves a force standing: the console lets
 it go to zero by itself.";
+
+/// What the console's force between two solver steps is taken from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum Rendering {
+    /// The last step's force.
+    Hold,
+    /// The last step's force and its tangent.
+    Tangent,
+    /// The contact problem itself, solved by the console at every tick.
+    Rows,
+}
+
+impl From<Rendering> for session::Rendering {
+    fn from(rendering: Rendering) -> Self {
+        match rendering {
+            Rendering::Hold => session::Rendering::Hold,
+            Rendering::Tangent => session::Rendering::Tangent,
+            Rendering::Rows => session::Rendering::Rows,
+        }
+    }
+}
 
 /// Tissue models that a scene can be run with.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
@@ -116,6 +142,8 @@ fn host_rate(text: &str) -> Result<f64, String> {
 const UART_HZ: f64 = 30.0;
 /// Ticks between two states over the emulated UART: every byte is an interrupt of the emulated chip.
 const UART_STATE_EVERY: u16 = 10;
+/// What it takes for sure \[bytes/s\].
+const UART_BYTES_PER_S: f64 = 8e3;
 /// Wall-clock time that an emulated session may take besides its console time \[s\]: the session runs faster
 /// than that, but the emulator must end some time.
 #[cfg(unix)]
@@ -134,6 +162,7 @@ pub fn run(args: &RunArgs, global: &Global) -> Result<(), Failure> {
     if args.console == "qemu-uart" {
         plan.host_hz = plan.host_hz.min(UART_HZ);
         plan.state_every = UART_STATE_EVERY;
+        plan.line_bytes_per_s = UART_BYTES_PER_S;
         eprintln!(
             "the emulated UART takes 8 to 12 kB/s: at most {UART_HZ} frames a second of at most 220 bytes"
         );
@@ -188,6 +217,8 @@ fn plan(args: &RunArgs, scene: &Scene) -> Result<Plan, Failure> {
         state_every: 1,
         horizon_us: scene.host.horizon_us,
         clear_fault: args.clear_fault,
+        rendering: args.rendering.into(),
+        line_bytes_per_s: LINE_BYTES_PER_S,
     })
 }
 
@@ -209,6 +240,7 @@ fn solver(scene: &Scene, plan: &Plan) -> Result<TissueSolver, Failure> {
         TissueSolver::apart_m(scene),
     );
     solver.prepare(&path);
+    solver.reduce_to(plan.most_rows());
     Ok(solver)
 }
 

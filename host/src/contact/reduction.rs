@@ -75,6 +75,19 @@ impl ToolRows {
         }
         self.compliance[self.count * i - i * i.saturating_sub(1) / 2 - i + j]
     }
+
+    /// Leaves out all but the first `most` rows, which must not touch.
+    pub(crate) fn truncate(&mut self, most: usize) {
+        if self.count <= most {
+            return;
+        }
+        let whole = *self;
+        self.count = most;
+        let pairs = (0..most).flat_map(|i| (i..most).map(move |j| (i, j)));
+        for (entry, (i, j)) in self.compliance.iter_mut().zip(pairs) {
+            *entry = whole.compliance_between(i, j);
+        }
+    }
 }
 
 /// A row of the problem before it is reduced.
@@ -122,6 +135,8 @@ pub(crate) struct Surroundings<'a> {
     pub displacement: &'a [f64],
     /// Rows with a larger gap \[m\] are left out.
     pub most_gap: f64,
+    /// Of more rows the least are condensed out, or left out where they do not touch; at most [`MAX_TOOL_ROWS`].
+    pub most_rows: usize,
 }
 
 impl Surroundings<'_> {
@@ -209,11 +224,11 @@ impl Reduction {
             .iter()
             .take_while(|row| row.arm.is_some())
             .count();
-        let touching = own.min(MAX_TOOL_ROWS);
+        let touching = own.min(around.most_rows);
         let mut kept = touching;
         // Listed by their gaps, the least first.
         for near in contact.near.iter().filter(|near| near.tool == around.tool) {
-            if kept == MAX_TOOL_ROWS || near.gap * around.solid.radius() > around.most_gap {
+            if kept >= around.most_rows || near.gap * around.solid.radius() > around.most_gap {
                 break;
             }
             let touches = |row: &Row| row.vertex == near.vertex && row.tool == near.tool;

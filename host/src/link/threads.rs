@@ -13,7 +13,9 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 use sutura_shared::link::{Counters, HostEvent, HostLink, SendError};
-use sutura_shared::wire::message::{Command, Contact, Hello, Needle, Simulate, State, Thread};
+use sutura_shared::wire::message::{
+    Command, Contact, Hello, Needle, Rows, Simulate, State, Thread,
+};
 use sutura_shared::wire::{MAX_FRAME, Message, Valid};
 
 /// How long a `Hello` may stay unanswered before another one is sent: a console answers within a few
@@ -88,6 +90,8 @@ pub struct Link {
 pub struct Felt {
     /// The contact of the console's tool.
     pub contact: Contact,
+    /// Its rows.
+    pub rows: Option<Rows>,
     /// The needle in its grip.
     pub needle: Option<Needle>,
     /// The thread that pulls at it.
@@ -342,7 +346,7 @@ fn append<M: Message>(
     Ok(())
 }
 
-/// Needle, thread and contact, or none of them.
+/// Rows, needle, thread and contact, or none of them.
 fn append_all(
     end: &mut HostLink,
     console_time_us: u64,
@@ -351,6 +355,7 @@ fn append_all(
 ) -> Result<(), SendError> {
     let Felt {
         contact,
+        rows,
         needle,
         thread,
     } = felt;
@@ -358,6 +363,12 @@ fn append_all(
     contact.check().map_err(SendError::Invalid)?;
     if let Some(thread) = thread {
         thread.check().map_err(SendError::Invalid)?;
+    }
+    if let Some(needle) = needle {
+        needle.check().map_err(SendError::Invalid)?;
+    }
+    if let Some(rows) = rows {
+        append(end, console_time_us, rows, frames)?;
     }
     if let Some(needle) = needle {
         append(end, console_time_us, needle, frames)?;
@@ -529,6 +540,7 @@ mod tests {
         let mut append = |contact, needle, thread| {
             let felt = Felt {
                 contact,
+                rows: None,
                 needle: Some(needle),
                 thread: Some(thread),
             };

@@ -6,7 +6,7 @@
 use super::document::{Document, SceneError, nearest};
 use serde::Deserialize;
 use std::path::Path;
-use sutura_shared::device::{DeviceDescription, JOINTS, Joint, Kinematics};
+use sutura_shared::device::{DeviceDescription, JOINTS, Joint, Kinematics, MAX_ACTUATION_DELAY_US};
 use toml::Spanned;
 
 /// Devices that are known by name wherever the program runs.
@@ -26,6 +26,9 @@ pub const BUILT_IN: [(&str, &str); 2] = [
 struct DeviceFile {
     name: Spanned<String>,
     max_force_n: Spanned<f64>,
+    max_power_w: Spanned<f64>,
+    max_grip_speed_m_per_s: Spanned<f64>,
+    actuation_delay_us: Spanned<u32>,
     cartesian: Option<Spanned<CartesianSection>>,
     serial_arm: Option<Spanned<SerialArmSection>>,
 }
@@ -143,6 +146,10 @@ pub fn read_device(document: &Document) -> Result<DeviceDescription, SceneError>
     }
     name[..written.len()].copy_from_slice(written);
     let max_force_n = c.positive("max_force_n", &file.max_force_n)?;
+    let max_power_w = c.positive("max_power_w", &file.max_power_w)?;
+    let max_grip_speed_m_per_s =
+        c.positive("max_grip_speed_m_per_s", &file.max_grip_speed_m_per_s)?;
+    let actuation_delay_us = c.delay("actuation_delay_us", &file.actuation_delay_us)?;
     match (file.cartesian, file.serial_arm) {
         (Some(section), None) => {
             let section = section.into_inner();
@@ -156,6 +163,9 @@ pub fn read_device(document: &Document) -> Result<DeviceDescription, SceneError>
                 joints,
                 gravity_mass_kg,
                 max_force_n,
+                max_power_w,
+                max_grip_speed_m_per_s,
+                actuation_delay_us,
             })
         }
         (None, Some(section)) => {
@@ -177,6 +187,9 @@ pub fn read_device(document: &Document) -> Result<DeviceDescription, SceneError>
                 joints,
                 gravity_mass_kg,
                 max_force_n,
+                max_power_w,
+                max_grip_speed_m_per_s,
+                actuation_delay_us,
             })
         }
         (first, second) => {
@@ -272,6 +285,16 @@ impl Check<'_> {
         )
     }
 
+    fn delay(&self, key: &str, value: &Spanned<u32>) -> Result<u32, SceneError> {
+        let delay_us = *value.get_ref();
+        if delay_us > MAX_ACTUATION_DELAY_US {
+            let message = format!("{key} = {delay_us}: must be at most {MAX_ACTUATION_DELAY_US}");
+            let help = "a current acts one tick (1000 us) after it was computed on most drives";
+            return Err(self.0.flaw(value.span(), message, "too long", Some(help)));
+        }
+        Ok(delay_us)
+    }
+
     fn vector(&self, key: &str, value: &Spanned<[f64; 3]>) -> Result<[f32; 3], SceneError> {
         Ok(self.0.finite(key, value)?.map(|v| v as f32))
     }
@@ -325,6 +348,8 @@ mod tests {
         let (message, _) = complaint(&text.replacen("mass_kg = ", "mass_kg = -", 1));
         assert!(message.starts_with("mass_kg = -"), "{message}");
         assert!(message.ends_with("must be positive"), "{message}");
+        let (message, _) = complaint(&text.replacen("delay_us = 1000", "delay_us = 5001", 1));
+        assert_eq!(message, "actuation_delay_us = 5001: must be at most 5000");
         let (message, help) = complaint(&text.replacen("coulomb_n ", "coulomb_nm ", 1));
         assert!(message.contains("unknown key `coulomb_nm`"), "{message}");
         assert!(help.contains("did you mean `coulomb_n`"), "{help}");
@@ -341,7 +366,9 @@ mod tests {
                 .expect("has two");
         let (message, _) = complaint(&text.replacen(&text[first..second], "", 1));
         assert_eq!(message, "2 joints: a console has 3");
-        let (message, _) = complaint("name = \"bare\"\nmax_force_n = 1.0\n");
+        let (message, _) = complaint(
+            "name = \"bare\"\nmax_force_n = 1.0\nmax_power_w = 1.0\nmax_grip_speed_m_per_s = 1.0\nactuation_delay_us = 0\n",
+        );
         assert_eq!(message, "no kinematics");
     }
 }

@@ -141,6 +141,9 @@ mod tests {
             joints: [joint; JOINTS],
             gravity_mass_kg: [0.0; JOINTS],
             max_force_n: 1.0,
+            max_power_w: 1.0,
+            max_grip_speed_m_per_s: 1.0,
+            actuation_delay_us: 0,
         }
     }
 

@@ -154,6 +154,9 @@ pub fn run_lockstep(
             _ => false,
         };
         if let Some((time_us, felt)) = pending.take_if(|_| starts) {
+            if let Some(rows) = felt.rows {
+                line.send(time_us, &rows)?;
+            }
             if let Some(needle) = felt.needle {
                 line.send(time_us, &needle)?;
             }
@@ -203,7 +206,7 @@ pub fn run_lockstep(
             let solved = solver.solve(&state);
             tally.step(&solved, before.elapsed());
             let horizon_us = plan.horizon_us(&tally.horizon);
-            let frames = solved.frames(state.body(), horizon_us);
+            let frames = solved.frames(state.body(), horizon_us, plan.rendering);
             pending = frames.map(|felt| (state.console_time_us(), felt));
         }
         if tally.ticks().is_multiple_of(PROGRESS_EVERY) {

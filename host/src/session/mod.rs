@@ -4,12 +4,14 @@
 //! advances a tick per exchange. Both set up the same way, solve through [`Solve`], and end with a
 //! [`Summary`].
 
+mod budget;
 mod contact_frame;
 mod horizon;
 mod lockstep;
 mod look_ahead;
 mod needle_frame;
 mod real_time;
+mod rows_frame;
 mod setup;
 mod summary;
 mod tally;
@@ -17,11 +19,13 @@ mod thread_frame;
 mod times;
 mod tissue;
 
+pub use budget::{LINE_BYTES_PER_S, Rendering, most_rows};
 pub use contact_frame::{contact_frame, pack_symmetric};
 pub use horizon::Horizon;
 pub use lockstep::run_lockstep;
 pub use needle_frame::{HeldNeedle, needle_frame};
 pub use real_time::run_real_time;
+pub use rows_frame::rows_frame;
 pub use setup::{Plan, SessionError};
 pub use summary::{Age, Energy, Force, Frames, Latency, StepTime, Summary};
 pub use tally::{Tally, mode_word};
@@ -29,7 +33,7 @@ pub use thread_frame::{HeldThread, thread_frame};
 pub use tissue::TissueSolver;
 
 use crate::link::Felt;
-use crate::step::{Stages, Status, ToolContact};
+use crate::step::{Stages, Status, ToolContact, ToolRows};
 use sutura_shared::wire::Valid;
 use sutura_shared::wire::message::{Report, State};
 
@@ -38,6 +42,8 @@ use sutura_shared::wire::message::{Report, State};
 pub struct Solved {
     /// The contact at the state's pose; none when the result is not good enough to be felt.
     pub contact: Option<ToolContact>,
+    /// The contact's rows; sent with it, never without.
+    pub rows: Option<ToolRows>,
     /// The needle in that tool's grip, if it holds one; sent with the contact, never without.
     pub needle: Option<HeldNeedle>,
     /// The thread that pulls at that grip, by itself or by its needle; sent with the contact, never without.
@@ -49,13 +55,28 @@ pub struct Solved {
 }
 
 impl Solved {
-    /// What is sent for the state that was solved for, good until `horizon_us` after it.
-    pub fn frames(&self, state: &State, horizon_us: u32) -> Option<Felt> {
+    /// What is sent for the state that was solved for, good until `horizon_us` after it, so that the console can
+    /// render this way.
+    pub fn frames(&self, state: &State, horizon_us: u32, rendering: Rendering) -> Option<Felt> {
+        let mut contact = contact_frame(state, self.contact.as_ref()?, horizon_us);
         let (needle, thread) = (self.needle.as_ref(), self.thread.as_ref());
-        Some(Felt {
-            contact: contact_frame(state, self.contact.as_ref()?, horizon_us),
+        let all = Felt {
+            contact,
+            rows: self.rows.as_ref().and_then(rows_frame),
             needle: needle.map(|needle| needle_frame(state, needle, horizon_us)),
             thread: thread.map(|thread| thread_frame(state, thread, horizon_us)),
+        };
+        if rendering == Rendering::Rows {
+            return Some(all);
+        }
+        if rendering == Rendering::Hold {
+            contact.tangent = [0.0; 21];
+        }
+        Some(Felt {
+            contact,
+            rows: None,
+            needle: None,
+            thread: None,
         })
     }
 }

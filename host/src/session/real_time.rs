@@ -169,7 +169,7 @@ fn solve_until(
             }
             plan.horizon_us(&log.tally.horizon)
         };
-        if let Some(felt) = solved.frames(state.body(), horizon_us) {
+        if let Some(felt) = solved.frames(state.body(), horizon_us, plan.rendering) {
             link.felt(state.console_time_us(), felt);
         }
         next += period;

@@ -3,6 +3,7 @@
 //! Entry points: [`Plan`], [`Plan::opening_orders`]. The same orders go to every console; only a simulated
 //! one is also told which device it is and what its hand does.
 
+use super::budget::{Rendering, most_rows};
 use crate::link::{LinkError, Order};
 use sutura_shared::device::DeviceDescription;
 use sutura_shared::wire::faults;
@@ -30,6 +31,10 @@ pub struct Plan {
     pub tick_hz: u16,
     /// Ticks between two states; 1 unless the line is slow.
     pub state_every: u16,
+    /// What the console is given to render from.
+    pub rendering: Rendering,
+    /// What the line carries, both ways together \[bytes/s\].
+    pub line_bytes_per_s: f64,
     /// A fixed horizon for every frame \[us\]; otherwise it follows from the measured delay.
     pub horizon_us: Option<u32>,
     /// Clear a fault that is latched from before; its cause must be gone.
@@ -66,6 +71,17 @@ pub enum SessionError {
 }
 
 impl Plan {
+    /// Most rows that a contact may have for the line to carry them all; 0: none are sent.
+    pub fn most_rows(&self) -> usize {
+        match self.rendering {
+            Rendering::Rows => {
+                let state_hz = f64::from(self.tick_hz) / f64::from(self.state_every.max(1));
+                most_rows(self.line_bytes_per_s, self.host_hz, state_hz)
+            }
+            Rendering::Hold | Rendering::Tangent => 0,
+        }
+    }
+
     /// What the console is told before it is armed, in order.
     pub(super) fn opening_orders(&self, console: &Hello) -> Vec<Order> {
         let mut orders = Vec::new();

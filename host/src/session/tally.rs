@@ -344,6 +344,7 @@ mod tests {
         let mut tally = Tally::new(100.0);
         let solved = |status, contact| Solved {
             contact,
+            rows: None,
             needle: None,
             thread: None,
             status,

@@ -11,7 +11,7 @@ use crate::output::tip_word;
 use crate::scene::{Needle, Scene, Tissue};
 use crate::script::{Path, Script};
 use crate::solve::{SolveError, bring_in};
-use crate::step::{self, Status, StepReport, Workspace};
+use crate::step::{self, Status, StepReport, ToolRows, Workspace};
 use crate::thread::{ThreadReport, ThreadTension};
 use crate::tool::ToolSample;
 use crate::wound::Wound;
@@ -158,6 +158,17 @@ impl TissueSolver {
         if let Err(error) = self.work.start_worker(&self.model) {
             tracing::warn!("no thread for compliance columns, steps compute them: {error}");
         }
+    }
+
+    /// From now on steps reduce the driven tool's contact to so many rows at most; 0: to none.
+    pub fn reduce_to(&mut self, most_rows: usize) {
+        self.work.most_rows = most_rows;
+    }
+
+    /// The driven tool's rows at the last step, if there are any.
+    fn rows(&self) -> Option<ToolRows> {
+        let rows = self.work.rows(self.driven()?)?;
+        (self.last.status == Status::Ok && rows.count > 0).then_some(*rows)
     }
 
     /// Distance between the points of a needle that [`Self::prepare`] needs at most \[m\].
@@ -377,6 +388,7 @@ impl Solve for TissueSolver {
             // A scene without a tool is felt as free space, but nothing needs to be sent for that.
             return Solved {
                 contact: None,
+                rows: None,
                 needle: None,
                 thread: None,
                 status: Status::UnknownTool,
@@ -406,6 +418,7 @@ impl Solve for TissueSolver {
         }
         Solved {
             contact,
+            rows: self.rows(),
             needle,
             thread: self.driven().and_then(|driven| at_grip(&report, driven)),
             status: report.status,

@@ -374,8 +374,9 @@ pub struct Workspace {
     needles: Option<Box<NeedlesWork>>,
     /// Vertices whose columns one step may compute before it says [`Status::Waiting`].
     pub vertices_per_step: usize,
-    /// Whether steps reduce each tool's contact to rows, for [`Workspace::rows`].
-    pub reduce_rows: bool,
+    /// To how many rows at most steps reduce each tool's contact, for [`Workspace::rows`]; 0: they do not. More than
+    /// [`MAX_TOOL_ROWS`] are never given.
+    pub most_rows: usize,
 }
 
 impl Workspace {
@@ -407,7 +408,7 @@ impl Workspace {
                 .as_ref()
                 .map(|needles| Box::new(NeedlesWork::new(model, needles))),
             vertices_per_step: 8,
-            reduce_rows: false,
+            most_rows: 0,
         }
     }
 
@@ -447,7 +448,7 @@ impl Workspace {
         self.columns.count()
     }
 
-    /// The rows of a tool at the last step's balance, if [`Workspace::reduce_rows`] was set.
+    /// The rows of a tool at the last step's balance, if [`Workspace::most_rows`] asked for any.
     pub fn rows(&self, tool: u8) -> Option<&ToolRows> {
         self.rows.iter().find(|rows| rows.tool == tool)
     }

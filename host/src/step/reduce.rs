@@ -4,7 +4,7 @@
 
 use super::path::{NEAR, Targets, displaced, nearest};
 use super::{Row, State, StepReport, Workspace};
-use crate::contact::reduction::{Surroundings, ToolRows};
+use crate::contact::reduction::{MAX_TOOL_ROWS, Surroundings, ToolRows};
 use crate::contact::shape::Solid;
 use crate::contact::tangent;
 use crate::model::Model;
@@ -43,11 +43,13 @@ pub(super) fn reduce(
             work.pose
                 .differentiate(&state.rows, tool, &grip, &moment, &mut work.contact);
         let mut rows = ToolRows::NONE;
+        let most_rows = work.most_rows.min(MAX_TOOL_ROWS);
         if contact.rows > 0 {
             let normal = force.try_normalize(0.0).unwrap_or_else(Vector3::z);
             contact.normal = normal.into();
-            if work.reduce_rows {
-                rows_of(state, tool, &grip, &solid, f64::MAX, work, &mut rows);
+            if most_rows > 0 {
+                let near = (f64::MAX, most_rows);
+                rows_of(state, tool, &grip, &solid, near, work, &mut rows);
             }
         } else {
             let (gap, normal) = apart(&solid, work);
@@ -56,13 +58,15 @@ pub(super) fn reduce(
             // Farther away, no vertex is listed as near.
             if gap < NEAR * solid.radius() {
                 let at_once = contact.gap_m + AT_ONCE * solid.radius();
-                let most_gap = if work.reduce_rows { f64::MAX } else { at_once };
-                rows_of(state, tool, &grip, &solid, most_gap, work, &mut rows);
+                let most_gap = if most_rows > 0 { f64::MAX } else { at_once };
+                let near = (most_gap, MAX_TOOL_ROWS);
+                rows_of(state, tool, &grip, &solid, near, work, &mut rows);
                 let dense = &mut work.contact.newton.dense;
                 tangent = work.reduction.coming(&rows, at_once, dense);
+                rows.truncate(most_rows);
             }
         }
-        if work.reduce_rows {
+        if most_rows > 0 {
             rows.tool = sample.id;
             for id in &mut rows.id[..rows.count] {
                 *id = model.touchable[*id as usize];
@@ -102,7 +106,7 @@ fn rows_of(
     tool: u32,
     grip: &Vector3<f64>,
     solid: &Solid,
-    most_gap: f64,
+    (most_gap, most_rows): (f64, usize),
     work: &mut Workspace,
     rows: &mut ToolRows,
 ) {
@@ -114,6 +118,7 @@ fn rows_of(
         resting_m: &work.resting_m,
         displacement: &work.displacement,
         most_gap,
+        most_rows,
     };
     work.reduction
         .rows_of(&state.rows, &around, &mut work.contact, &work.pose, rows);

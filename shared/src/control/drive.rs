@@ -4,7 +4,7 @@
 
 use super::TICK_S;
 use crate::device::{DeviceDescription, JOINTS};
-use crate::math::{clamp, min};
+use crate::math::{clamp, max, min};
 
 /// What goes to the motors in one tick.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -13,6 +13,8 @@ pub(super) struct Command {
     pub current_a: [f32; JOINTS],
     /// Part of the contact effort that the motors have room for, 0 to 1.
     pub share: f32,
+    /// Efforts of the contact in these currents, after the slew limit, (3).
+    pub contact: [f32; JOINTS],
 }
 
 /// One motor, in terms of its current.
@@ -73,9 +75,11 @@ impl Drive {
                 )
             });
         let mut current_a = [0.0; JOINTS];
+        let mut given = [0.0; JOINTS];
         let efforts = weight.iter().zip(contact);
-        for ((motor, (weight, contact)), out) in
-            self.motors.iter_mut().zip(efforts).zip(&mut current_a)
+        let outputs = current_a.iter_mut().zip(&mut given);
+        for ((motor, (weight, contact)), (out, given)) in
+            self.motors.iter_mut().zip(efforts).zip(outputs)
         {
             let wanted_a = (weight * carried + contact * share) * motor.amp_per_effort;
             if !wanted_a.is_finite() {
@@ -89,8 +93,16 @@ impl Drive {
             let next_a = motor.current_a + step_a;
             motor.current_a = clamp(next_a, -motor.max_current_a, motor.max_current_a);
             *out = motor.current_a;
+            // What the slew limit keeps back is the contact's before it is the weight's.
+            let effort = motor.current_a / motor.amp_per_effort - weight * carried;
+            let whole = contact * share;
+            *given = clamp(effort, min(whole, 0.0), max(whole, 0.0));
         }
-        Some(Command { current_a, share })
+        Some(Command {
+            current_a,
+            share,
+            contact: given,
+        })
     }
 }
 
@@ -133,6 +145,9 @@ mod tests {
             joints: [joint; JOINTS],
             gravity_mass_kg: [0.0; JOINTS],
             max_force_n: 100.0,
+            max_power_w: 1e3,
+            max_grip_speed_m_per_s: 10.0,
+            actuation_delay_us: 0,
         })
     }
 
@@ -145,6 +160,7 @@ mod tests {
         let expected = Command {
             current_a: [0.5, -0.25, 3.0],
             share: 0.25,
+            contact: [1.0, -0.5, 2.0],
         };
         assert_eq!(command, Some(expected));
         // Against the weight there is room for 10 N.
@@ -152,6 +168,7 @@ mod tests {
         let expected = Command {
             current_a: [0.0, 0.0, -2.0],
             share: 1.0,
+            contact: [0.0, 0.0, -8.0],
         };
         assert_eq!(command, Some(expected));
     }
@@ -162,6 +179,7 @@ mod tests {
         let expected = Command {
             current_a: [0.0, 1.5, 3.0],
             share: 0.0,
+            contact: [0.0; 3],
         };
         assert_eq!(command, Some(expected));
     }

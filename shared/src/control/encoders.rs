@@ -17,6 +17,8 @@ pub(super) struct Joints {
     pub position: [f32; JOINTS],
     /// Filtered velocities \[m/s or rad/s\], (3).
     pub velocity: [f32; JOINTS],
+    /// Change of the coordinates since the last tick, (3); 0 after a jump.
+    pub moved: [f32; JOINTS],
     /// Whether a joint moved faster than the device can.
     pub jumped: bool,
 }
@@ -75,22 +77,27 @@ impl Encoders {
     pub fn read(&mut self, counts: &[i32; JOINTS]) -> Joints {
         let previous = self.previous.unwrap_or(*counts);
         let mut position = [0.0; JOINTS];
+        let mut ways = [0.0; JOINTS];
         let mut jumped = false;
         let steps = counts.iter().zip(&previous);
-        for ((joint, (now, before)), q) in self.joints.iter_mut().zip(steps).zip(&mut position) {
+        let outputs = position.iter_mut().zip(&mut ways);
+        for ((joint, (now, before)), (q, way)) in self.joints.iter_mut().zip(steps).zip(outputs) {
             *q = now.wrapping_sub(joint.zero_counts) as f32 * joint.unit_per_count;
             let moved = now.wrapping_sub(*before);
             jumped |= moved.unsigned_abs() > joint.max_counts;
-            let velocity = moved as f32 * joint.unit_per_count * (1.0 / TICK_S);
+            *way = moved as f32 * joint.unit_per_count;
+            let velocity = *way * (1.0 / TICK_S);
             joint.velocity += VELOCITY_GAIN * (velocity - joint.velocity);
         }
         if jumped {
             self.restart();
+            ways = [0.0; JOINTS];
         }
         self.previous = Some(*counts);
         Joints {
             position,
             velocity: self.joints.map(|joint| joint.velocity),
+            moved: ways,
             jumped,
         }
     }
@@ -120,6 +127,9 @@ mod tests {
             joints: [joint(1e5), joint(-1e5), joint(1e5)],
             gravity_mass_kg: [0.0; JOINTS],
             max_force_n: 1.0,
+            max_power_w: 1e3,
+            max_grip_speed_m_per_s: 10.0,
+            actuation_delay_us: 0,
         })
     }
 
@@ -147,6 +157,9 @@ mod tests {
             joints: [joint; JOINTS],
             gravity_mass_kg: [0.0; JOINTS],
             max_force_n: 1.0,
+            max_power_w: 1e3,
+            max_grip_speed_m_per_s: 10.0,
+            actuation_delay_us: 0,
         };
         assert_eq!(device.validate(), Ok(()));
         let mut encoders = Encoders::new(&device);

@@ -22,7 +22,7 @@ mod wall;
 
 pub use encoders::VELOCITY_GAIN;
 pub use needle::LocalNeedle;
-pub use rows::ContactRows;
+pub use rows::{ContactRows, RowsForce};
 pub use thread::LocalThread;
 pub use tuning::{Guards, Rendering, Tuning};
 
@@ -37,7 +37,9 @@ use crate::wire::{Message, Valid, ValidContact, ValidNeedle, ValidThread};
 use contact::Freshness;
 use drive::Drive;
 use encoders::{Encoders, Joints};
+use limits::Limits;
 use mode::{Faults, Orders, has_torque, next_mode};
+use passivity::Passivity;
 use render::Render;
 
 /// Control rate \[Hz\].
@@ -56,7 +58,10 @@ pub const STALE_DECAY_US: u32 = 30_000;
 pub const LOST_AFTER_US: u32 = 500_000;
 
 /// From reading the encoders until the motors act on it \[s\].
-const DELAY_S: f32 = TICK_S;
+fn delay_s(device: &DeviceDescription) -> f32 {
+    device.actuation_delay_us as f32 * 1e-6
+}
+
 /// Where no orientation is sensed.
 const UNTURNED: [f32; 4] = [0.0, 0.0, 0.0, 1.0];
 
@@ -67,6 +72,19 @@ pub struct Fresh {
     pub contact: ValidContact,
     /// The rows of the same console time; none if they did not come.
     pub rows: ContactRows,
+}
+
+impl Fresh {
+    /// A contact, and the rows that came last if they are its own: of the same tool and console time.
+    pub fn of(contact: ValidContact, rows: &ContactRows) -> Fresh {
+        let mut fresh = Fresh::from(contact);
+        let own = rows.tool() == contact.body().tool
+            && rows.console_time_us() == contact.console_time_us();
+        if own && !rows.is_empty() {
+            fresh.rows = *rows;
+        }
+        fresh
+    }
 }
 
 impl From<ValidContact> for Fresh {
@@ -112,7 +130,7 @@ pub struct Control {
     device: DeviceDescription,
     encoders: Encoders,
     render: Render,
-    /// The newest states of needle and thread in the grip; nothing is rendered from them yet.
+    /// The newest states of needle and thread in the grip.
     needle: Option<ValidNeedle>,
     thread: Option<ValidThread>,
     /// What came since the last tick.
@@ -122,6 +140,8 @@ pub struct Control {
     faults: Faults,
     mode: Mode,
     drive: Drive,
+    limits: Limits,
+    passivity: Passivity,
     tuning: Tuning,
     tick: u32,
     trace: TraceHash,
@@ -145,7 +165,7 @@ impl Control {
         device.validate()?;
         Ok(Control {
             encoders: Encoders::new(&device),
-            render: Render::new(device.max_force_n, DELAY_S, tuning),
+            render: Render::new(device.max_force_n, delay_s(&device), tuning),
             needle: None,
             thread: None,
             new_needle: None,
@@ -154,6 +174,8 @@ impl Control {
             faults: Faults::default(),
             mode: Mode::Boot,
             drive: Drive::new(&device),
+            limits: Limits::new(&device, tuning.guards),
+            passivity: Passivity::new(&device, tuning.guards),
             tuning,
             tick: 0,
             trace: TraceHash::new(),
@@ -211,7 +233,9 @@ impl Control {
         self.device = *device;
         self.encoders = Encoders::new(device);
         self.drive = Drive::new(device);
-        self.render = Render::new(device.max_force_n, DELAY_S, self.tuning);
+        self.limits = Limits::new(device, self.tuning.guards);
+        self.passivity = Passivity::new(device, self.tuning.guards);
+        self.render = Render::new(device.max_force_n, delay_s(device), self.tuning);
         self.forget();
         self.mode = Mode::Boot;
         true
@@ -236,6 +260,7 @@ impl Control {
         let pose = kinematics::forward(&self.device, &joints.position);
         let velocity = pose.velocity(&joints.velocity);
         let grip = self.grip(&pose, input);
+        self.passivity.book(&joints.moved);
 
         let needle = self.new_needle.take();
         let thread = self.new_thread.take();
@@ -244,12 +269,15 @@ impl Control {
         take_newer(&mut self.thread, thread.filter(|t| t.body().tool == 0));
         // This console has one grip, which is tool 0.
         if let Some(fresh) = fresh.filter(|fresh| fresh.contact.body().tool == 0) {
-            self.render.take(fresh, &grip, input.now_us);
+            let (needle, thread) = (self.needle.as_ref(), self.thread.as_ref());
+            self.render.take(fresh, needle, thread, &grip, input.now_us);
         }
-        self.latch_faults(input, &joints, &pose);
+        let too_fast = self.limits.too_fast(&velocity, has_torque(self.mode));
+        self.latch_faults(input, &joints, &pose, too_fast);
         self.change_mode(started, input.now_us);
 
         let force = self.contact_force(&grip, &velocity, input.now_us);
+        let force = self.guard(&force, &pose, &velocity, &joints);
         let (current_a, force) = self.drive_motors(&pose, &force);
 
         let state = self.state(input.now_us, &grip, &velocity, &force, current_a);
@@ -273,14 +301,16 @@ impl Control {
         }
     }
 
-    fn latch_faults(&mut self, input: &TickInput, joints: &Joints, pose: &Pose) {
+    fn latch_faults(&mut self, input: &TickInput, joints: &Joints, pose: &Pose, too_fast: bool) {
+        let turned = input.orientation.as_ref().is_none_or(is_unit);
         let beyond = |x: &f32| x.abs() > MAX_POSITION;
         let out_of_reach = joints.position.iter().any(beyond) || pose.position_m.iter().any(beyond);
         let causes = [
             (input.emergency_stop, faults::E_STOP),
             (input.board_fault, faults::BOARD),
-            (joints.jumped, faults::ENCODER_JUMP),
+            (joints.jumped || !turned, faults::ENCODER_JUMP),
             (out_of_reach, faults::OUT_OF_REACH),
+            (too_fast, faults::OVERSPEED),
         ];
         let present = causes.iter().filter(|(present, _)| *present);
         let causes = present.fold(0, |all, (_, bit)| all | bit);
@@ -321,17 +351,34 @@ impl Control {
         }
     }
 
+    /// As much of a force as limits and tank let through.
+    fn guard(&mut self, force: &Vec3, pose: &Pose, velocity: &Vec3, joints: &Joints) -> Vec3 {
+        let bounded = self.limits.bound(force, velocity);
+        let stiffness = self.render.stiffness();
+        let allowed = self
+            .passivity
+            .allow(&bounded, pose, &joints.velocity, stiffness);
+        self.limits.slewed(&allowed, pose)
+    }
+
     /// Currents, and the contact force that they make. A number that is not finite ends in a fault.
     fn drive_motors(&mut self, pose: &Pose, force: &Vec3) -> ([f32; JOINTS], Vec3) {
         if has_torque(self.mode) {
             let contact = pose.effort(force);
             let command = self.drive.command(&pose.weight_effort, &contact);
             match command.filter(|_| is_finite(force)) {
-                Some(command) => return (command.current_a, force * command.share),
+                Some(command) => {
+                    let force = force * command.share;
+                    self.passivity.commit(&command.contact, &force);
+                    self.limits.commit(&force);
+                    return (command.current_a, force);
+                }
                 None => self.trip(faults::NOT_FINITE),
             }
         }
         self.drive.off();
+        self.passivity.off();
+        self.limits.commit(&Vec3::zeros());
         ([0.0; JOINTS], Vec3::zeros())
     }
 
@@ -399,6 +446,7 @@ impl Control {
         if self.render.contact().is_some() {
             trace.vector(self.render.offset());
         }
+        trace.floats(&[self.passivity.energy_j()]);
         trace.word(self.faults.overruns());
         trace.word(state.tick);
         trace.floats(&state.position_m);

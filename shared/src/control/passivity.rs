@@ -1,1 +1,270 @@
-//! What the console has given and taken: a passivity observer, and what it lets through.
+//! What the console has taken from the hand and given back, and how much of a force that pays for.
+//!
+//! Entry points: [`Passivity::book`] first in every tick, [`Passivity::allow`] for the force that is wanted,
+//! [`Passivity::commit`] for the efforts that went to the motors. A passivity observer (Hannaford and Ryu 2002) whose
+//! balance is a tank (Lee and Huang 2010, passive set-position modulation), in joint space, where the work between two
+//! samples is exact: the effort that acted, known from the device's delay, times the way. Two bounds hang on it. What
+//! a force can give back before the next tick could change it must be in the tank; and a force that no motion has
+//! built up (energy bounding, Kim and Ryu 2010) must be one whose spring the tank could have loaded.
+
+use super::TICK_S;
+use super::tuning::Guards;
+use crate::device::{DeviceDescription, JOINTS, MAX_ACTUATION_DELAY_US};
+use crate::kinematics::Pose;
+use crate::math::{Vec3, clamp, dot, max, min};
+
+/// Commands that may be under way, and the one that is just acting.
+const DELAYED: usize = (MAX_ACTUATION_DELAY_US / 1000) as usize + 1;
+/// What the tank holds at the start \[J\]: the work of a few newtons along an encoder's step, below which the ledger
+/// cannot tell.
+const CREDIT_J: f32 = 0.2e-3;
+/// What the tank may hold beyond what the present contact can have stored \[J\]: what a swap costs at most on a
+/// contact that has dissipated it before.
+const RESERVE_J: f32 = 3e-3;
+/// Stored by the present contact, at most, over force^2 / (2 stiffness): tissue hardens, and tangents are wrong by
+/// a factor.
+const STORED: f32 = 2.0;
+/// Share per tick of what is beyond that which leaks: a time constant of 0.3 s, longer than a gap in the frames,
+/// shorter than the time between two presses.
+const LEAK: f32 = TICK_S / 0.3;
+/// Part of the tank that one tick may plan to give: the hand's own acceleration is not known.
+const SHARE: f32 = 0.7;
+/// Stiffness with which a force must be covered by the tank, over that of the local model: what wrong tangents
+/// are wrong by.
+const COVER: f32 = 1.5;
+/// Stiffness below which a local model says nothing about what it stores \[N/m\].
+const SOFTEST: f32 = 100.0;
+/// With so little in the tank \[J\] half of the force is gone, whatever the direction.
+const OVERDRAWN_J: f32 = -0.5e-3;
+/// Slower motion is not damped \[m/s\]: an encoder's step looks like that.
+const SLOWEST: f32 = 2e-3;
+/// Largest damping over mass per period of the actuation: a tenth of what would stop the grip in that time.
+const DAMPING: f32 = 0.1;
+
+/// The ledger, and the commands that it still has to book.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Passivity {
+    guards: Guards,
+    /// Energy taken from the hand and not given back, with the credit, less the leak \[J\].
+    energy_j: f32,
+    /// Efforts of the contact force at the last ticks, the newest first.
+    efforts: [[f32; JOINTS]; DELAYED],
+    /// Ticks from a command until it acts: whole ones, and the part of one after them.
+    whole: usize,
+    part: f32,
+    inertia: [f32; JOINTS],
+    damping: [f32; JOINTS],
+    /// 1 / largest change of effort in a tick.
+    per_step: [f32; JOINTS],
+    /// Largest damping over mass \[1/s\].
+    damping_per_s: f32,
+    /// What the joints moved since the last tick.
+    moved: [f32; JOINTS],
+    /// Force at the last tick \[N\].
+    before_n: f32,
+}
+
+/// What a force would do until it can be changed.
+struct Forecast {
+    /// Work of what is under way \[J\].
+    under_way_j: f32,
+    /// Work of the force itself, linear and quadratic in it \[J\].
+    linear_j: f32,
+    quadratic_j: f32,
+}
+
+impl Passivity {
+    pub fn new(device: &DeviceDescription, guards: Guards) -> Self {
+        let ticks = device.actuation_delay_us as f32 * 1e-3;
+        let whole = (device.actuation_delay_us / 1000) as usize;
+        Passivity {
+            guards,
+            energy_j: CREDIT_J,
+            efforts: [[0.0; JOINTS]; DELAYED],
+            whole,
+            part: ticks - whole as f32,
+            inertia: device.joints.map(|joint| joint.inertia),
+            damping: device.joints.map(|joint| joint.damping),
+            per_step: device
+                .joints
+                .map(|joint| 1.0 / (joint.max_slew_per_s * TICK_S)),
+            damping_per_s: DAMPING / (TICK_S * (1.0 + ticks)),
+            moved: [0.0; JOINTS],
+            before_n: 0.0,
+        }
+    }
+
+    /// Energy in the tank \[J\].
+    pub fn energy_j(&self) -> f32 {
+        self.energy_j
+    }
+
+    /// Books the work since the last tick, in which the joints moved by `moved`: what went against the force was
+    /// taken from the hand.
+    pub fn book(&mut self, moved: &[f32; JOINTS]) {
+        let acting = self.efforts.get(self.whole).copied().unwrap_or_default();
+        let older = self.efforts.get(self.whole + 1).copied().unwrap_or(acting);
+        let work = acting.iter().zip(&older).zip(moved);
+        self.energy_j -= work.fold(0.0, |sum, ((acting, older), moved)| {
+            sum + (acting + (older - acting) * self.part) * moved
+        });
+        self.moved = *moved;
+    }
+
+    /// As much of the force that is wanted \[N\] as the tank pays for, and damping while it is overdrawn. `velocity`:
+    /// of the joints; `stiffness`: the largest of the local model \[N/m\].
+    pub fn allow(
+        &mut self,
+        wanted: &Vec3,
+        pose: &Pose,
+        velocity: &[f32; JOINTS],
+        stiffness: f32,
+    ) -> Vec3 {
+        let square = dot(wanted, wanted);
+        let stiffness = max(stiffness, SOFTEST);
+        self.leak(STORED * 0.5 * square / stiffness + RESERVE_J);
+        if square <= 0.0 {
+            return *wanted;
+        }
+        let forecast = self.forecast(&pose.effort(wanted), velocity);
+        let size = libm::sqrtf(square);
+        let bound = self.covered(&forecast, pose, stiffness);
+        let covered = if size > bound { bound / size } else { 1.0 };
+        let share = min(covered, self.paid(&forecast)) * self.shrunk();
+        let mut allowed = *wanted;
+        if self.guards.tank {
+            allowed *= share;
+        }
+        if self.guards.damping && share < 1.0 {
+            allowed -= self.damper(pose, velocity) * (1.0 - share);
+        }
+        allowed
+    }
+
+    /// Takes note of what went to the motors: efforts of the contact force, and that force \[N\].
+    pub fn commit(&mut self, efforts: &[f32; JOINTS], force: &Vec3) {
+        self.efforts.rotate_right(1);
+        if let Some(newest) = self.efforts.first_mut() {
+            *newest = *efforts;
+        }
+        self.before_n = libm::sqrtf(dot(force, force));
+    }
+
+    /// The amplifiers are off: nothing acts any more. Arming again brings no new credit.
+    pub fn off(&mut self) {
+        self.efforts = [[0.0; JOINTS]; DELAYED];
+        self.before_n = 0.0;
+        self.energy_j = min(self.energy_j, CREDIT_J);
+    }
+
+    /// Old dissipation does not pay for a swing of now.
+    fn leak(&mut self, most_j: f32) {
+        let over_j = self.energy_j - most_j;
+        if over_j > 0.0 {
+            self.energy_j -= over_j * LEAK;
+        }
+    }
+
+    /// The joints as the efforts under way and this one would move them if nobody held the grip: the most that a
+    /// passive hand lets them have.
+    fn forecast(&self, effort: &[f32; JOINTS], velocity: &[f32; JOINTS]) -> Forecast {
+        let mut speed = *velocity;
+        let mut under_way_j = 0.0;
+        for index in (0..=self.whole).rev() {
+            let seconds = if index == self.whole {
+                self.part * TICK_S
+            } else {
+                TICK_S
+            };
+            let acting = self.efforts.get(index).copied().unwrap_or_default();
+            for ((speed, inertia), acting) in speed.iter_mut().zip(&self.inertia).zip(acting) {
+                let gained = acting * seconds / inertia;
+                under_way_j += acting * seconds * (*speed + 0.5 * gained);
+                *speed += gained;
+            }
+        }
+        let (mut linear_j, mut quadratic_j, mut steps) = (0.0, 0.0, 0.0);
+        let constants = self.inertia.iter().zip(&self.per_step);
+        for ((effort, speed), (inertia, per_step)) in effort.iter().zip(&speed).zip(constants) {
+            linear_j += effort * TICK_S * speed;
+            quadratic_j += 0.5 * effort * TICK_S * (effort * TICK_S / inertia);
+            steps = max(effort.abs() * per_step, steps);
+        }
+        // The slew limit takes so many more ticks to take the force away, along what it pushes meanwhile.
+        quadratic_j += 0.5 * steps * max(linear_j, 0.0) + 0.25 * steps * (steps * quadratic_j);
+        Forecast {
+            under_way_j,
+            linear_j,
+            quadratic_j,
+        }
+    }
+
+    /// Part s of the force, 0 to 1, whose work s linear + s^2 quadratic the tank pays.
+    fn paid(&self, forecast: &Forecast) -> f32 {
+        let Forecast {
+            under_way_j,
+            linear_j: a,
+            quadratic_j: b,
+        } = *forecast;
+        let tank_j = self.energy_j;
+        let available_j = if tank_j > 0.0 { SHARE * tank_j } else { tank_j } - under_way_j;
+        if a + b <= available_j || b <= 0.0 {
+            return 1.0;
+        }
+        let square = max(a * a + 4.0 * b * available_j, 0.0);
+        clamp((libm::sqrtf(square) - a) / (2.0 * b), 0.0, 1.0)
+    }
+
+    /// Largest force \[N\] that what the tank will hold can have loaded a spring with; beyond it, what was there
+    /// before and the motion since then built up. On the way out the part that is not covered goes at the slope of a
+    /// stiff spring, not at once.
+    fn covered(&self, forecast: &Forecast, pose: &Pose, stiffness: f32) -> f32 {
+        let own_j = 0.5 * min(forecast.linear_j, 0.0);
+        let tank_j = max(self.energy_j - forecast.under_way_j - own_j, 0.0);
+        let spring_n = libm::sqrtf(2.0 * COVER * stiffness * tank_j);
+        let moved = pose.velocity(&self.moved);
+        let way_m = libm::sqrtf(dot(&moved, &moved));
+        let built_n = if forecast.linear_j > 0.0 {
+            self.before_n - 4.0 * stiffness * way_m
+        } else {
+            self.before_n + (stiffness + 2.0 * self.grip_damping(pose) / TICK_S) * way_m
+        };
+        max(spring_n, built_n)
+    }
+
+    /// Smallest damping of the device along the joints' directions at the grip \[N s/m\].
+    fn grip_damping(&self, pose: &Pose) -> f32 {
+        let columns = pose.jacobian.iter().zip(&self.damping);
+        columns.fold(1e3, |least, (column, damping)| {
+            let square = max(dot(column, column), 1e-6);
+            min(damping / square, least)
+        })
+    }
+
+    /// 1, and less the further the tank is overdrawn: no forecast helps against encoders that lie.
+    fn shrunk(&self) -> f32 {
+        let over = min(self.energy_j / OVERDRAWN_J, 1e3);
+        if over > 0.0 {
+            1.0 / (1.0 + over * over)
+        } else {
+            1.0
+        }
+    }
+
+    /// Largest damping force, to be taken off \[N\]: what it takes from the hand pays for the force that is missing.
+    fn damper(&self, pose: &Pose, velocity: &[f32; JOINTS]) -> Vec3 {
+        let speed = pose.velocity(velocity);
+        let square = dot(&speed, &speed);
+        let mobility = pose
+            .effort(&speed)
+            .iter()
+            .zip(&self.inertia)
+            .fold(0.0, |sum, (effort, inertia)| {
+                sum + effort * (effort / inertia)
+            });
+        if square < SLOWEST * SLOWEST || mobility <= 0.0 {
+            return Vec3::zeros();
+        }
+        speed * (self.damping_per_s * (square / mobility))
+    }
+}

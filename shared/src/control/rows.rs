@@ -1,23 +1,444 @@
 //! Contact rows: the local contact problem, solved anew at the pose of every tick.
 //!
-//! Entry point: [`ContactRows`].
+//! Entry points: [`ContactRows::unpack`], [`ContactRows::adopt`] when a frame takes the place of another,
+//! [`ContactRows::solve`] every tick. Projected Gauss-Seidel, a contact at a time (Saupin, Duriez and Cotin 2008;
+//! Jourdan, Alart and Jean 1998), with a fixed number of sweeps that start from the last tick's multipliers.
+//! Rows are scaled by d = W_ii^(-1/2), the tangents of a cone by the largest eigenvalue of their block: then
+//! delta~ = d delta and lambda~ = lambda / d are of one unit, and a step of a row needs no division.
+
+use crate::math::{clamp, max, min};
+use crate::wire::ValidRows;
+use crate::wire::message::{MAX_ROWS, Row, RowKind};
+use crate::wire::validate::MAX_WRENCH;
+
+/// Sweeps of a tick. All in one direction: from multipliers that are a tick old, sweeps to and fro lag ten to a hundred
+/// times as far behind on patches of 24 rows, and nonlinear conjugate gradients (Silcowitz, Niebe and Erleben
+/// 2010) up to ten times.
+const SWEEPS: u32 = 16;
+/// Numbers of a row that are worked on at a time; rows are filled up with zeros.
+const LANES: usize = 8;
+/// Largest way and turn \[m, rad\] for which rows are solved: twice the reach of any console, and more than any turn.
+const MAX_WAY: f32 = 20.0;
+/// What a multiplier counts for in the scale of the residual: rounding of f32 over some tens of terms.
+const ROUNDING: f32 = 1e-6;
+
+/// What the rows say at a pose.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct RowsForce {
+    /// Change of the wrench since the frame's \[N, N m\], (6): M dx + J' (lambda - lambda of the host). Without
+    /// the skew part, which the moment makes.
+    pub change: [f32; 6],
+    /// How far the multipliers are from solving the rows: the largest violation of a row, scaled, as a part of the
+    /// largest drive (penetration without forces). The largest number there is if they could not be solved.
+    pub residual: f32,
+}
+
+/// A contact: its normal row, and its two tangents if it has friction.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+struct Touch {
+    id: u32,
+    /// Its normal row.
+    row: u8,
+    /// Coulomb's coefficient between scaled multipliers; 0 without tangents.
+    friction: f32,
+    /// Largest scaled multiplier of the normal.
+    limit: f32,
+    /// Console time at which it last slipped on the console \[us\]; 0: not since the frame.
+    slipped_us: u64,
+}
 
 /// The rows of one tool, unpacked; none is the default.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ContactRows {
-    /// How many there are.
+    /// Console time that was solved for \[us\].
+    console_time_us: u64,
+    tool: u8,
+    /// How many rows there are, and how many contacts.
     count: u8,
+    touching: u8,
+    touches: [Touch; MAX_ROWS],
+    /// M, packed upper triangle by rows \[N/m, N, N m/rad\].
+    held: [f32; 21],
+    /// Scaled W, symmetric, (24 x 24) \[1\].
+    compliance: [[f32; MAX_ROWS]; MAX_ROWS],
+    /// Scaled J, (24 x 6) \[N^1/2 m^-1/2, N^1/2 m^1/2\].
+    jacobian: [[f32; 6]; MAX_ROWS],
+    /// d, (24) \[(N/m)^1/2\].
+    scale: [f32; MAX_ROWS],
+    /// Scaled: delta at the frame's pose without multipliers, the host's multipliers, \[(N m)^1/2\].
+    free: [f32; MAX_ROWS],
+    host: [f32; MAX_ROWS],
+    /// Scaled: the multipliers of the last tick, and where tangents stick.
+    lambda: [f32; MAX_ROWS],
+    anchor: [f32; MAX_ROWS],
+}
+
+impl Default for ContactRows {
+    fn default() -> Self {
+        ContactRows::NONE
+    }
 }
 
 impl ContactRows {
     /// No rows.
-    pub const NONE: ContactRows = ContactRows { count: 0 };
+    pub const NONE: ContactRows = ContactRows {
+        console_time_us: 0,
+        tool: 0,
+        count: 0,
+        touching: 0,
+        touches: [Touch {
+            id: 0,
+            row: 0,
+            friction: 0.0,
+            limit: 0.0,
+            slipped_us: 0,
+        }; MAX_ROWS],
+        held: [0.0; 21],
+        compliance: [[0.0; MAX_ROWS]; MAX_ROWS],
+        jacobian: [[0.0; 6]; MAX_ROWS],
+        scale: [0.0; MAX_ROWS],
+        free: [0.0; MAX_ROWS],
+        host: [0.0; MAX_ROWS],
+        lambda: [0.0; MAX_ROWS],
+        anchor: [0.0; MAX_ROWS],
+    };
 
-    /// Goes on from other rows.
-    pub fn adopt(&mut self, _old: &ContactRows, _dx: &[f32; 6], _solved_us: u64) {}
+    /// Unpacks a frame: W full and scaled, multipliers and anchors as the host has them. Costs as much as some
+    /// sweeps, and is not for the tick.
+    pub fn unpack(frame: &ValidRows) -> ContactRows {
+        let mut rows = ContactRows::NONE;
+        rows.unpack_from(frame);
+        rows
+    }
+
+    /// [`unpack`](Self::unpack) in place.
+    pub fn unpack_from(&mut self, frame: &ValidRows) {
+        *self = ContactRows::NONE;
+        let body = frame.body();
+        let rows = body.rows.items();
+        self.console_time_us = frame.console_time_us();
+        self.tool = body.tool;
+        self.held = body.held;
+        // At most `MAX_ROWS`.
+        self.count = rows.len() as u8;
+        let mut packed = body.compliance.items().iter();
+        for i in 0..rows.len() {
+            for (j, entry) in (i..rows.len()).zip(&mut packed) {
+                set(&mut self.compliance, i, j, *entry);
+                set(&mut self.compliance, j, i, *entry);
+            }
+        }
+        for (index, row) in rows.iter().enumerate() {
+            self.name(index, row);
+        }
+        self.scale_rows(rows);
+    }
+
+    /// Enters a row into its contact.
+    fn name(&mut self, index: usize, row: &Row) {
+        let (id, friction) = match row.kind {
+            RowKind::Smooth { id } => (id, 0.0),
+            RowKind::Normal { id, friction } => (id, friction),
+            RowKind::Tangent { .. } => return,
+        };
+        let normal = 1.0 / libm::sqrtf(self.coupling(index, index));
+        put(&mut self.scale, index, normal);
+        let mut touch = Touch {
+            id,
+            row: index as u8,
+            friction: 0.0,
+            limit: MAX_WRENCH / normal,
+            slipped_us: 0,
+        };
+        if friction > 0.0 {
+            let (a, b) = (index + 1, index + 2);
+            let mean = 0.5 * (self.coupling(a, a) + self.coupling(b, b));
+            let half = 0.5 * (self.coupling(a, a) - self.coupling(b, b));
+            let across = self.coupling(a, b);
+            let largest = mean + libm::sqrtf(half * half + across * across);
+            let tangent = 1.0 / libm::sqrtf(largest);
+            put(&mut self.scale, a, tangent);
+            put(&mut self.scale, b, tangent);
+            touch.friction = friction * (normal / tangent);
+        }
+        if let Some(place) = self.touches.get_mut(usize::from(self.touching)) {
+            *place = touch;
+            self.touching += 1;
+        }
+    }
+
+    fn scale_rows(&mut self, rows: &[Row]) {
+        for (row, own) in self.compliance.iter_mut().zip(self.scale) {
+            for (entry, other) in row.iter_mut().zip(self.scale) {
+                *entry *= own * other;
+            }
+        }
+        for (index, row) in rows.iter().enumerate() {
+            let scale = at(&self.scale, index);
+            let anchor = match row.kind {
+                RowKind::Tangent { anchor_m } => anchor_m,
+                RowKind::Smooth { .. } | RowKind::Normal { .. } => 0.0,
+            };
+            put(&mut self.anchor, index, anchor * scale);
+            put(&mut self.free, index, row.delta_free_m * scale);
+            put(&mut self.host, index, row.lambda_n / scale);
+            if let Some(jacobian) = self.jacobian.get_mut(index) {
+                *jacobian = row.jacobian.map(|entry| entry * scale);
+            }
+        }
+        self.lambda = self.host;
+    }
+
+    fn coupling(&self, i: usize, j: usize) -> f32 {
+        self.compliance.get(i).map_or(0.0, |row| at(row, j))
+    }
 
     /// Whether there are none.
     pub fn is_empty(&self) -> bool {
         self.count == 0
+    }
+
+    /// Console time that they were solved for \[us\].
+    pub fn console_time_us(&self) -> u64 {
+        self.console_time_us
+    }
+
+    /// Tool that they belong to.
+    pub fn tool(&self) -> u8 {
+        self.tool
+    }
+
+    /// The multipliers as they are now \[N\], in the order of the frame's rows.
+    pub fn multipliers_n(&self) -> impl Iterator<Item = f32> {
+        let rows = self.lambda.iter().zip(&self.scale);
+        rows.take(usize::from(self.count))
+            .map(|(lambda, scale)| lambda * scale)
+    }
+
+    /// Goes on from the rows that have been rendered so far: the multipliers of contacts that both know carry
+    /// over. A contact that has slipped here after `solved_us`, which this frame cannot know, sticks where its force
+    /// is in balance now; else the host's anchor counts, which knows all slip. `dx_now`: see [`solve`](Self::solve).
+    pub fn adopt(&mut self, old: &ContactRows, dx_now: &[f32; 6], solved_us: u64) {
+        let touching = usize::from(self.touching);
+        for touch in self.touches.iter_mut().take(touching) {
+            let known = old.touches.iter().take(usize::from(old.touching));
+            let Some(before) = known.into_iter().find(|other| other.id == touch.id) else {
+                continue;
+            };
+            let (to, from) = (usize::from(touch.row), usize::from(before.row));
+            let both = touch.friction > 0.0 && before.friction > 0.0;
+            for row in 0..if both { 3 } else { 1 } {
+                let force = at(&old.lambda, from + row) * at(&old.scale, from + row);
+                put(
+                    &mut self.lambda,
+                    to + row,
+                    force / at(&self.scale, to + row),
+                );
+            }
+            if both && before.slipped_us > solved_us {
+                touch.slipped_us = before.slipped_us;
+            }
+        }
+        if !is_small(dx_now) {
+            return;
+        }
+        for touch in self.touches.iter().take(touching) {
+            if touch.slipped_us > 0 {
+                for row in usize::from(touch.row) + 1..usize::from(touch.row) + 3 {
+                    let reached = self.without_forces(row, dx_now) + self.by_forces(row);
+                    put(&mut self.anchor, row, reached);
+                }
+            }
+        }
+    }
+
+    /// Scaled delta of a row at a pose without multipliers.
+    fn without_forces(&self, row: usize, dx: &[f32; 6]) -> f32 {
+        let moved = self.jacobian.get(row).map_or(0.0, |row| dot6(row, dx));
+        at(&self.free, row) + moved
+    }
+
+    /// What the multipliers add to it.
+    fn by_forces(&self, row: usize) -> f32 {
+        let width = self.width();
+        let row = self.compliance.get(row);
+        row.map_or(0.0, |row| product(row, &self.lambda, width))
+    }
+
+    /// Chunks of [`LANES`] that hold all rows.
+    fn width(&self) -> usize {
+        usize::from(self.count).div_ceil(LANES)
+    }
+
+    /// Solves the rows at the pose `dx` from the frame's: linear \[m\], then rotation vector \[rad\], world frame,
+    /// left increment. Always the same number of sweeps, from the multipliers of the solve before. Tangents whose
+    /// force is at its limit drag their anchors along.
+    pub fn solve(&mut self, dx: &[f32; 6], now_us: u64) -> RowsForce {
+        if !is_small(dx) {
+            return RowsForce {
+                change: [0.0; 6],
+                residual: f32::MAX,
+            };
+        }
+        let mut drive = [0.0; MAX_ROWS];
+        for row in 0..usize::from(self.count) {
+            let free = self.without_forces(row, dx);
+            put(&mut drive, row, free - at(&self.anchor, row));
+        }
+        for _ in 0..SWEEPS {
+            self.sweep(&drive);
+        }
+        let residual = self.settle(&drive, now_us);
+        RowsForce {
+            change: self.change(dx),
+            residual,
+        }
+    }
+
+    /// One pass over all contacts.
+    fn sweep(&mut self, drive: &[f32; MAX_ROWS]) {
+        for index in 0..usize::from(self.touching) {
+            let Some(touch) = self.touches.get(index).copied() else {
+                return;
+            };
+            let row = usize::from(touch.row);
+            let aim = at(&self.lambda, row) - (at(drive, row) + self.by_forces(row));
+            let normal = clamp(aim, 0.0, touch.limit);
+            put(&mut self.lambda, row, normal);
+            if touch.friction > 0.0 {
+                let aim = [row + 1, row + 2]
+                    .map(|row| at(&self.lambda, row) - (at(drive, row) + self.by_forces(row)));
+                let [a, b] = disc(aim, touch.friction * normal);
+                put(&mut self.lambda, row + 1, a);
+                put(&mut self.lambda, row + 2, b);
+            }
+        }
+    }
+
+    /// What is left of every row: the residual. Anchors of what slips move to where it sticks now.
+    fn settle(&mut self, drive: &[f32; MAX_ROWS], now_us: u64) -> f32 {
+        let (mut worst, mut largest, mut strongest) = (0.0, 0.0, 0.0);
+        for index in 0..usize::from(self.touching) {
+            let Some(touch) = self.touches.get(index).copied() else {
+                continue;
+            };
+            let row = usize::from(touch.row);
+            let lambda = at(&self.lambda, row);
+            let delta = at(drive, row) + self.by_forces(row);
+            let off = lambda - clamp(lambda - delta, 0.0, touch.limit);
+            worst = max(worst, off.abs());
+            // As deep as without forces now, or at the frame's pose: a contact that has all but opened is no reason
+            // for doubt.
+            largest = max(largest, max(-at(drive, row), -at(&self.free, row)));
+            strongest = max(strongest, lambda);
+            if touch.friction > 0.0 {
+                let delta = [row + 1, row + 2].map(|row| at(drive, row) + self.by_forces(row));
+                let force = [at(&self.lambda, row + 1), at(&self.lambda, row + 2)];
+                let aim = [force[0] - delta[0], force[1] - delta[1]];
+                let held = disc(aim, touch.friction * lambda);
+                worst = max(worst, (force[0] - held[0]).abs());
+                worst = max(worst, (force[1] - held[1]).abs());
+                if held != aim {
+                    for (row, slip) in [row + 1, row + 2].into_iter().zip(delta) {
+                        let anchor = at(&self.anchor, row) + slip;
+                        put(&mut self.anchor, row, anchor);
+                    }
+                    if let Some(touch) = self.touches.get_mut(index) {
+                        touch.slipped_us = now_us;
+                    }
+                }
+            }
+        }
+        let scale = largest + ROUNDING * strongest;
+        if worst > 0.0 {
+            min(worst / scale, f32::MAX)
+        } else {
+            0.0
+        }
+    }
+
+    /// M dx + J' (lambda - lambda of the host).
+    fn change(&self, dx: &[f32; 6]) -> [f32; 6] {
+        let mut change = symmetric_times(&self.held, dx);
+        let rows = self.jacobian.iter().zip(self.lambda.iter().zip(&self.host));
+        for (jacobian, (lambda, host)) in rows.take(usize::from(self.count)) {
+            let more = lambda - host;
+            for (sum, entry) in change.iter_mut().zip(jacobian) {
+                *sum += entry * more;
+            }
+        }
+        change
+    }
+}
+
+/// `aim`, brought back to a disc of this radius.
+#[inline]
+fn disc(aim: [f32; 2], radius: f32) -> [f32; 2] {
+    let [a, b] = aim;
+    let square = a * a + b * b;
+    if square > radius * radius {
+        let part = radius / libm::sqrtf(square);
+        [a * part, b * part]
+    } else {
+        aim
+    }
+}
+
+/// Whether rows are solved for such a way; not for NaN.
+fn is_small(dx: &[f32; 6]) -> bool {
+    dx.iter().all(|way| way.abs() <= MAX_WAY)
+}
+
+/// Sum of products over the first `width` chunks.
+#[inline]
+fn product(a: &[f32; MAX_ROWS], b: &[f32; MAX_ROWS], width: usize) -> f32 {
+    let (a, _) = a.as_chunks::<LANES>();
+    let (b, _) = b.as_chunks::<LANES>();
+    let mut sum = 0.0;
+    for (a, b) in a.iter().zip(b).take(width) {
+        for (a, b) in a.iter().zip(b) {
+            sum += a * b;
+        }
+    }
+    sum
+}
+
+#[inline]
+fn dot6(a: &[f32; 6], b: &[f32; 6]) -> f32 {
+    let products = a.iter().zip(b).map(|(a, b)| a * b);
+    products.fold(0.0, |sum, product| sum + product)
+}
+
+/// Product of a packed symmetric matrix (21) and a vector.
+fn symmetric_times(packed: &[f32; 21], x: &[f32; 6]) -> [f32; 6] {
+    let mut out = [0.0; 6];
+    let mut entries = packed.iter();
+    for i in 0..6 {
+        for (j, entry) in (i..6).zip(&mut entries) {
+            out[i] += entry * x[j];
+            if j > i {
+                out[j] += entry * x[i];
+            }
+        }
+    }
+    out
+}
+
+#[inline]
+fn at(values: &[f32; MAX_ROWS], index: usize) -> f32 {
+    values.get(index).copied().unwrap_or(0.0)
+}
+
+#[inline]
+fn put(values: &mut [f32; MAX_ROWS], index: usize, value: f32) {
+    if let Some(place) = values.get_mut(index) {
+        *place = value;
+    }
+}
+
+#[inline]
+fn set(matrix: &mut [[f32; MAX_ROWS]; MAX_ROWS], i: usize, j: usize, value: f32) {
+    if let Some(row) = matrix.get_mut(i) {
+        put(row, j, value);
     }
 }

@@ -5,7 +5,7 @@ use super::endpoint::{Counters, Endpoint, Received};
 use crate::wire::message::{Command, Hello, Report, State};
 use crate::wire::{
     Checked, Direction, MAX_FRAME, Message, Reject, SCHEMA_HASH, ValidContact, ValidNeedle,
-    ValidSimulate, ValidThread,
+    ValidRows, ValidSimulate, ValidThread,
 };
 
 /// What a console says of itself in its `Hello`.
@@ -30,6 +30,8 @@ pub enum LinkEvent {
     SessionOpened,
     /// The newest contact.
     Contact(ValidContact),
+    /// The newest rows; they belong to the contact of the same console time, which is yet to come.
+    Rows(ValidRows),
     /// The newest state of a needle.
     Needle(ValidNeedle),
     /// The newest state of a thread.
@@ -118,6 +120,8 @@ impl ConsoleLink {
                 Err(Reject::FromTheFuture)
             }
             Checked::Contact(contact) => Ok(LinkEvent::Contact(contact)),
+            Checked::Rows(rows) if rows.console_time_us() > now_us => Err(Reject::FromTheFuture),
+            Checked::Rows(rows) => Ok(LinkEvent::Rows(rows)),
             Checked::Needle(needle) if needle.console_time_us() > now_us => {
                 Err(Reject::FromTheFuture)
             }

@@ -185,7 +185,8 @@ impl HostLink {
             | Checked::Command(_)
             | Checked::Simulate(_)
             | Checked::Needle(_)
-            | Checked::Thread(_) => Err(Reject::Direction),
+            | Checked::Thread(_)
+            | Checked::Rows(_) => Err(Reject::Direction),
         }
     }
 

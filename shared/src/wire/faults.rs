@@ -15,14 +15,18 @@ pub const BOARD: u16 = 1 << 4;
 /// The encoders put a joint or the grip where no console reaches: more than 10 m or rad.
 pub const OUT_OF_REACH: u16 = 1 << 5;
 
+/// The grip was faster than the device allows under power, for five ticks.
+pub const OVERSPEED: u16 = 1 << 6;
+
 /// Every fault that this version knows, with the name that users see.
-pub const NAMES: [(u16, &str); 6] = [
+pub const NAMES: [(u16, &str); 7] = [
     (E_STOP, "e_stop"),
     (NOT_FINITE, "not_finite"),
     (ENCODER_JUMP, "encoder_jump"),
     (OVERRUN, "overrun"),
     (BOARD, "board"),
     (OUT_OF_REACH, "out_of_reach"),
+    (OVERSPEED, "overspeed"),
 ];
 
 /// Names of the faults that are set in `bits`, in the order of the bits.

@@ -7,7 +7,7 @@
 //! In every version of the protocol byte 0 is the version, byte 1 the kind, kind 1 is `Hello`, and the
 //! last four bytes are the CRC, so that peers of two versions can at least tell each other theirs.
 
-use super::message::{Command, Contact, Hello, Needle, Report, Simulate, State, Thread};
+use super::message::{Command, Contact, Hello, Needle, Report, Rows, Simulate, State, Thread};
 use super::{PROTOCOL_VERSION, Reject, validate::Message};
 use core::fmt;
 use crc::{CRC_32_ISO_HDLC, Crc, Digest, Table};
@@ -28,6 +28,7 @@ const MAX_BODY: usize = largest(&[
     Simulate::POSTCARD_MAX_SIZE,
     Needle::POSTCARD_MAX_SIZE,
     Thread::POSTCARD_MAX_SIZE,
+    Rows::POSTCARD_MAX_SIZE,
 ]);
 /// Bytes of the largest packet (header, body and CRC, before byte stuffing).
 pub(super) const MAX_PACKET: usize = HEADER_SIZE + MAX_BODY + CRC_SIZE;
@@ -36,8 +37,13 @@ pub const MAX_FRAME: usize = frame_size(MAX_BODY);
 /// Bytes that a frame of the 1 kHz traffic may have: a 12 kB/s line then carries 54 of them a second.
 pub const MAX_REAL_TIME_FRAME: usize = 220;
 
-const _: () = assert!(frame_size(State::POSTCARD_MAX_SIZE) <= MAX_REAL_TIME_FRAME);
-const _: () = assert!(frame_size(Contact::POSTCARD_MAX_SIZE) <= MAX_REAL_TIME_FRAME);
+/// Bytes of the largest `State`, and of the largest `Contact`.
+pub const MAX_STATE_FRAME: usize = frame_size(State::POSTCARD_MAX_SIZE);
+/// See [`MAX_STATE_FRAME`].
+pub const MAX_CONTACT_FRAME: usize = frame_size(Contact::POSTCARD_MAX_SIZE);
+
+const _: () = assert!(MAX_STATE_FRAME <= MAX_REAL_TIME_FRAME);
+const _: () = assert!(MAX_CONTACT_FRAME <= MAX_REAL_TIME_FRAME);
 const _: () = assert!(frame_size(Needle::POSTCARD_MAX_SIZE) <= MAX_REAL_TIME_FRAME);
 const _: () = assert!(frame_size(Thread::POSTCARD_MAX_SIZE) <= MAX_REAL_TIME_FRAME);
 // `Hello::max_frame` is a u16.
@@ -83,7 +89,7 @@ pub enum Kind {
     Report = 5,
     /// [`Simulate`], from the host.
     Simulate = 6,
-    /// Reserved: contact rows.
+    /// [`Rows`], from the host.
     Rows = 16,
     /// [`Needle`], from the host.
     Needle = 17,
@@ -103,9 +109,10 @@ impl Kind {
             4 => Kind::Command,
             5 => Kind::Report,
             6 => Kind::Simulate,
+            16 => Kind::Rows,
             17 => Kind::Needle,
             18 => Kind::Thread,
-            16 | 19 => return Err(Reject::ReservedKind),
+            19 => return Err(Reject::ReservedKind),
             _ => return Err(Reject::Kind),
         })
     }

@@ -1,5 +1,6 @@
-//! Message bodies. Each derives its size on the wire and its schema; fixed arrays only.
+//! Message bodies. Each derives its size on the wire and its schema; fixed arrays and bounded lists only.
 
+use super::list::List;
 use crate::device::{DeviceDescription, JOINTS};
 use postcard::experimental::max_size::MaxSize;
 use postcard_schema::Schema;
@@ -240,6 +241,75 @@ pub struct Thread {
     pub slack_m: f32,
     /// How long after the header's console time this frame may be used \[us\]; the console caps it.
     pub horizon_us: u32,
+}
+
+/// Most rows of one tool.
+pub const MAX_ROWS: usize = 24;
+
+/// What a row may do.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, MaxSize, Schema)]
+#[repr(u8)]
+pub enum RowKind {
+    /// Along the normal of a contact without friction.
+    Smooth {
+        /// Names the contact from frame to frame; of a tool's contacts at most one has it.
+        id: u32,
+    } = 0,
+    /// Along the normal of a contact with friction; its two tangents follow.
+    Normal {
+        /// As of [`RowKind::Smooth`].
+        id: u32,
+        /// Coulomb's coefficient, above 0.
+        friction: f32,
+    } = 1,
+    /// Along one of the two orthogonal unit tangents of the [`RowKind::Normal`] before.
+    Tangent {
+        /// How far the contact has slipped along this row \[m\]: it sticks where `delta` is this.
+        anchor_m: f32,
+    } = 2,
+}
+
+/// A row: 0 <= lambda _|_ delta >= 0 along a normal; |lambda| <= friction lambda_normal along the tangents, where
+/// delta stays at the anchor unless that limit is reached, and then drags it along.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, MaxSize, Schema)]
+pub struct Row {
+    /// What it may do.
+    pub kind: RowKind,
+    /// delta at the frame's pose with all multipliers 0 \[m\].
+    pub delta_free_m: f32,
+    /// The host's multiplier \[N\].
+    pub lambda_n: f32,
+    /// J: d delta / d pose, left increments about the grip, world frame, (6) \[m/m, m/rad\].
+    pub jacobian: [f32; 6],
+}
+
+impl Default for Row {
+    /// One that does nothing.
+    fn default() -> Self {
+        Row {
+            kind: RowKind::Smooth { id: 0 },
+            delta_free_m: 0.0,
+            lambda_n: 0.0,
+            jacobian: [0.0; 6],
+        }
+    }
+}
+
+/// A tool's contact as a small problem of its own, `delta = delta_free + J dx + W lambda`, which a console
+/// solves anew at every pose dx from the frame's; the wrench is then that of the `Contact` and
+/// `M dx + J' (lambda - lambda_n)`. The header's console time is that of the `State` it was solved for, pose and
+/// horizon are those of the `Contact` of the same console time. A host sends it before that one.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, MaxSize, Schema)]
+pub struct Rows {
+    /// Tool that the rows belong to.
+    pub tool: u8,
+    /// M: symmetric part of d wrench / d pose with all multipliers held, packed like [`Contact::tangent`],
+    /// (21) \[N/m, N, N m/rad\].
+    pub held: [f32; 21],
+    /// The rows; those of one contact follow each other.
+    pub rows: List<Row, MAX_ROWS>,
+    /// W with everything else condensed out, packed upper triangle by rows, (n (n + 1) / 2) \[m/N\].
+    pub compliance: List<f32, { MAX_ROWS * (MAX_ROWS + 1) / 2 }>,
 }
 
 /// An order to the console.

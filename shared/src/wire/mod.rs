@@ -8,22 +8,25 @@
 mod accumulator;
 pub mod faults;
 mod frame;
+mod list;
 pub mod message;
 mod reject;
+mod rows;
 mod schema;
 pub mod validate;
 
 pub use accumulator::Accumulator;
 pub(crate) use frame::hello_version;
 pub use frame::{
-    Decoded, EncodeError, HEADER_SIZE, Header, Kind, MAX_FRAME, MAX_REAL_TIME_FRAME, decode,
-    encode, frame_size,
+    Decoded, EncodeError, HEADER_SIZE, Header, Kind, MAX_CONTACT_FRAME, MAX_FRAME,
+    MAX_REAL_TIME_FRAME, MAX_STATE_FRAME, decode, encode, frame_size,
 };
+pub use list::List;
 pub use reject::Reject;
 pub use schema::SCHEMA_HASH;
 pub use validate::{
-    Checked, Direction, Message, Unchecked, Valid, ValidContact, ValidNeedle, ValidSimulate,
-    ValidThread,
+    Checked, Direction, Message, Unchecked, Valid, ValidContact, ValidNeedle, ValidRows,
+    ValidSimulate, ValidThread,
 };
 
 /// Version of the protocol; 0 is a draft that any commit may change.

@@ -2,7 +2,7 @@
 
 use super::PROTOCOL_VERSION;
 use super::frame::Kind;
-use super::message::{Command, Contact, Hello, Needle, Report, Simulate, State, Thread};
+use super::message::{Command, Contact, Hello, Needle, Report, Rows, Simulate, State, Thread};
 use super::validate::Message;
 use postcard_schema::{Schema, key::Key};
 
@@ -17,7 +17,8 @@ pub const SCHEMA_HASH: u64 = {
     hash = message::<Report>(hash, Report::KIND);
     hash = message::<Simulate>(hash, Simulate::KIND);
     hash = message::<Needle>(hash, Needle::KIND);
-    message::<Thread>(hash, Thread::KIND)
+    hash = message::<Thread>(hash, Thread::KIND);
+    message::<Rows>(hash, Rows::KIND)
 };
 
 const fn message<M: Schema>(hash: u64, kind: Kind) -> u64 {

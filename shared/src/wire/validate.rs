@@ -5,8 +5,8 @@
 
 use super::frame::{Decoded, Header, Kind};
 use super::message::{
-    COURSE_POINTS, Command, Contact, Course, HandScript, Hello, Needle, Report, Simulate, State,
-    Tension, Thread, WAY_POINTS, WayPoint,
+    COURSE_POINTS, Command, Contact, Course, HandScript, Hello, Needle, Report, Rows, Simulate,
+    State, Tension, Thread, WAY_POINTS, WayPoint,
 };
 use super::{PROTOCOL_VERSION, Reject};
 use crate::device::{DeviceDescription, Joint, Kinematics};
@@ -63,10 +63,13 @@ impl Kind {
         match self {
             Kind::Hello => true,
             Kind::State | Kind::Report => direction == Direction::ToHost,
-            Kind::Contact | Kind::Command | Kind::Simulate | Kind::Needle | Kind::Thread => {
-                direction == Direction::ToConsole
-            }
-            Kind::Rows | Kind::Tools => false,
+            Kind::Contact
+            | Kind::Command
+            | Kind::Simulate
+            | Kind::Needle
+            | Kind::Thread
+            | Kind::Rows => direction == Direction::ToConsole,
+            Kind::Tools => false,
         }
     }
 }
@@ -96,6 +99,8 @@ pub type ValidContact = Valid<Contact>;
 pub type ValidNeedle = Valid<Needle>;
 /// A checked [`Thread`].
 pub type ValidThread = Valid<Thread>;
+/// A checked [`Rows`].
+pub type ValidRows = Valid<Rows>;
 /// A checked [`Simulate`].
 pub type ValidSimulate = Valid<Simulate>;
 
@@ -149,6 +154,7 @@ pub enum Unchecked {
     Simulate(Header, Simulate),
     Needle(Header, Needle),
     Thread(Header, Thread),
+    Rows(Header, Rows),
 }
 
 /// A checked message of any kind.
@@ -167,6 +173,7 @@ pub enum Checked {
     Simulate(ValidSimulate),
     Needle(ValidNeedle),
     Thread(ValidThread),
+    Rows(ValidRows),
 }
 
 impl Decoded<'_> {
@@ -185,7 +192,8 @@ impl Decoded<'_> {
             Kind::Simulate => Unchecked::Simulate(header, self.read()?),
             Kind::Needle => Unchecked::Needle(header, self.read()?),
             Kind::Thread => Unchecked::Thread(header, self.read()?),
-            Kind::Rows | Kind::Tools => return Err(Reject::ReservedKind),
+            Kind::Rows => Unchecked::Rows(header, self.read()?),
+            Kind::Tools => return Err(Reject::ReservedKind),
         })
     }
 
@@ -216,6 +224,7 @@ impl Unchecked {
             Unchecked::Simulate(header, body) => Checked::Simulate(Valid::new(header, body)?),
             Unchecked::Needle(header, body) => Checked::Needle(Valid::new(header, body)?),
             Unchecked::Thread(header, body) => Checked::Thread(Valid::new(header, body)?),
+            Unchecked::Rows(header, body) => Checked::Rows(Valid::new(header, body)?),
         })
     }
 
@@ -240,7 +249,8 @@ impl Unchecked {
             | Unchecked::Report(header, _)
             | Unchecked::Simulate(header, _)
             | Unchecked::Needle(header, _)
-            | Unchecked::Thread(header, _) => header,
+            | Unchecked::Thread(header, _)
+            | Unchecked::Rows(header, _) => header,
         }
     }
 }
@@ -407,7 +417,12 @@ fn check_device(device: &DeviceDescription) -> Result<(), Reject> {
         within(&numbers, MAX_DEVICE_NUMBER)?;
     }
     within(&device.gravity_mass_kg, MAX_DEVICE_NUMBER)?;
-    within(&[device.max_force_n], MAX_DEVICE_NUMBER)
+    let limits = [
+        device.max_force_n,
+        device.max_power_w,
+        device.max_grip_speed_m_per_s,
+    ];
+    within(&limits, MAX_DEVICE_NUMBER)
 }
 
 fn check_hand(script: &HandScript) -> Result<(), Reject> {
@@ -439,11 +454,11 @@ pub fn name(bytes: &[u8; 16]) -> Result<&str, Reject> {
     Ok(text)
 }
 
-fn require(ok: bool) -> Result<(), Reject> {
+pub(super) fn require(ok: bool) -> Result<(), Reject> {
     if ok { Ok(()) } else { Err(Reject::Range) }
 }
 
-fn between(value: f32, low: f32, high: f32) -> Result<(), Reject> {
+pub(super) fn between(value: f32, low: f32, high: f32) -> Result<(), Reject> {
     if !value.is_finite() {
         return Err(Reject::NotFinite);
     }
@@ -451,7 +466,7 @@ fn between(value: f32, low: f32, high: f32) -> Result<(), Reject> {
 }
 
 /// Every value finite and of magnitude at most `limit`.
-fn within(values: &[f32], limit: f32) -> Result<(), Reject> {
+pub(super) fn within(values: &[f32], limit: f32) -> Result<(), Reject> {
     values
         .iter()
         .try_for_each(|value| between(*value, -limit, limit))

@@ -8,12 +8,12 @@
 
 use sutura_shared::device::{DeviceDescription, Joint, Kinematics};
 use sutura_shared::wire::message::{
-    Command, Contact, End, Friction, HandScript, Hello, Mode, Needle, Report, Simulate, State,
-    Tension, Thread, Tip, WayPoint,
+    Command, Contact, Course, End, Friction, HandScript, Hello, Mode, Needle, Report, Row, RowKind,
+    Rows, Simulate, State, Tension, Thread, Tip, WayPoint,
 };
 use sutura_shared::wire::{
-    Accumulator, Checked, Direction, Header, Kind, MAX_FRAME, Message, PROTOCOL_VERSION, Reject,
-    Unchecked, Valid, decode, encode,
+    Accumulator, Checked, Direction, Header, Kind, List, MAX_FRAME, Message, PROTOCOL_VERSION,
+    Reject, Unchecked, Valid, ValidRows, decode, encode,
 };
 
 /// A name, padded with zeros.
@@ -94,6 +94,7 @@ pub mod sample {
             hold_n: 0.0625,
             puncture_n: 0.125,
             punctured_n: -0.3125,
+            course: Course::default(),
             horizon_us: 100_000,
         }
     }
@@ -110,6 +111,31 @@ pub mod sample {
             stiffness_n_per_m: 512.0,
             slack_m: 0.0,
             horizon_us: 100_000,
+        }
+    }
+
+    /// A smooth contact and one with friction: four rows.
+    pub fn rows() -> Rows {
+        let row = |k: f32, kind, lambda_n| Row {
+            kind,
+            delta_free_m: -0.25 * k,
+            lambda_n,
+            jacobian: [0.0, -0.5 * k, -1.0, 0.125, k, -0.0],
+        };
+        let normal = RowKind::Normal {
+            id: 70_000,
+            friction: 0.5,
+        };
+        Rows {
+            tool: 0,
+            held: core::array::from_fn(|k| 8.0 * (k as f32 + 1.0)),
+            rows: List::of([
+                row(1.0, RowKind::Smooth { id: 3 }, 0.75),
+                row(2.0, normal, 2.0),
+                row(3.0, RowKind::Tangent { anchor_m: -0.125 }, -0.5),
+                row(4.0, RowKind::Tangent { anchor_m: 0.0 }, 0.0),
+            ]),
+            compliance: List::of([0.5, 0.25, -0.125, 0.0, 0.5, 0.0625, -0.0, 1.0, 0.03125, 2.0]),
         }
     }
 
@@ -149,6 +175,9 @@ pub mod sample {
             joints: [joint(1.0), joint(2.0), joint(3.0)],
             gravity_mass_kg: [0.0, 0.5, 0.25],
             max_force_n: 12.0,
+            max_power_w: 6.0,
+            max_grip_speed_m_per_s: 1.5,
+            actuation_delay_us: 1000,
         }
     }
 
@@ -181,6 +210,120 @@ pub mod sample {
             start_joint: [0.0, 0.5, -0.5],
             count: 3,
             way_points,
+        }
+    }
+}
+
+/// Contacts as rows.
+pub mod rows {
+    use super::*;
+
+    /// A checked frame.
+    pub fn frame(console_time_us: u64, body: Rows) -> ValidRows {
+        let header = Header {
+            console_time_us,
+            ..header_for::<Rows>()
+        };
+        Valid::new(header, body).unwrap()
+    }
+
+    /// One smooth row along z, with a gap at the frame's pose.
+    pub fn smooth(id: u32, compliance: f32, gap_m: f32) -> Rows {
+        let row = Row {
+            kind: RowKind::Smooth { id },
+            delta_free_m: gap_m,
+            lambda_n: 0.0,
+            jacobian: [0.0, 0.0, 1.0, 0.0, 0.0, 0.0],
+        };
+        Rows {
+            tool: 0,
+            held: [0.0; 21],
+            rows: List::of([row]),
+            compliance: List::of([compliance]),
+        }
+    }
+
+    /// A point on springs \[N/m\].
+    pub struct Contact3 {
+        pub normal: f32,
+        pub along: f32,
+        pub friction: f32,
+    }
+
+    /// That point, with z as its normal and x and y as its tangents; in balance at the frame's pose.
+    pub fn cone(id: u32, contact: &Contact3, gap_m: f32) -> Rows {
+        let axis = |axis: usize| core::array::from_fn(|k| if k == axis { 1.0 } else { 0.0 });
+        let row = |kind, delta_free_m: f32, lambda_n, jacobian| Row {
+            kind,
+            delta_free_m,
+            lambda_n,
+            jacobian,
+        };
+        let friction = contact.friction;
+        let push = contact.normal * (-gap_m).max(0.0);
+        let tangent = RowKind::Tangent { anchor_m: 0.0 };
+        let (n, t) = (1.0 / contact.normal, 1.0 / contact.along);
+        Rows {
+            tool: 0,
+            held: [0.0; 21],
+            rows: List::of([
+                row(RowKind::Normal { id, friction }, gap_m, push, axis(2)),
+                row(tangent, 0.0, 0.0, axis(0)),
+                row(tangent, 0.0, 0.0, axis(1)),
+            ]),
+            compliance: List::of([n, 0.0, 0.0, t, 0.0, t]),
+        }
+    }
+
+    /// Rows of any numbers that still validate, the first of them cones, coupled up to the limit: W may be
+    /// indefinite.
+    pub fn wild(numbers: &[[f32; 8]], cones: usize, entries: &[f32], exponent: i32) -> Rows {
+        let n = numbers.len();
+        let size = 10f32.powi(exponent);
+        let diagonal: Vec<f32> = (0..n)
+            .map(|k| (size * (1.0 + 4.0 * entries[k].abs())).clamp(1e-7, 1e4))
+            .collect();
+        let mut compliance = List::new();
+        for i in 0..n {
+            for j in i..n {
+                let entry = entries[(7 * i + 3 * j) % entries.len()];
+                // Extremes are what breaks a solver: half of them are at the limit.
+                let entry = if entry.abs() < 0.5 {
+                    entry
+                } else {
+                    entry.signum()
+                };
+                let most = (diagonal[i] * diagonal[j]).sqrt();
+                compliance.push(if i == j { diagonal[i] } else { entry * most });
+            }
+        }
+        let mut rows = List::new();
+        for (k, numbers) in numbers.iter().enumerate() {
+            let id = k as u32;
+            let kind = match k {
+                k if k >= 3 * cones => RowKind::Smooth { id },
+                k if k % 3 == 0 => RowKind::Normal {
+                    id,
+                    friction: (10.0 * numbers[0].abs()).max(1e-6),
+                },
+                _ => RowKind::Tangent {
+                    anchor_m: numbers[1],
+                },
+            };
+            let lambda = 1e4 * numbers[6];
+            let is_tangent = matches!(kind, RowKind::Tangent { .. });
+            rows.push(Row {
+                kind,
+                delta_free_m: 10.0 * numbers[7],
+                lambda_n: if is_tangent { lambda } else { lambda.abs() },
+                jacobian: core::array::from_fn(|axis| 1e3 * numbers[axis]),
+            });
+        }
+        Rows {
+            tool: 0,
+            held: core::array::from_fn(|k| 1e7 * entries[k]),
+            rows,
+            compliance,
         }
     }
 }
@@ -228,6 +371,7 @@ pub fn golden() -> Vec<Golden> {
             header(Kind::Thread, session, 13, 123_423_000),
             sample::thread(),
         ),
+        Unchecked::Rows(header(Kind::Rows, session, 14, 123_423_000), sample::rows()),
         command(3, Command::Arm),
         command(4, Command::Disarm),
         command(5, Command::ClearFault),
@@ -296,6 +440,7 @@ pub fn encode_again(message: &Unchecked) -> Vec<u8> {
         Unchecked::Simulate(header, body) => again(header, body),
         Unchecked::Needle(header, body) => again(header, body),
         Unchecked::Thread(header, body) => again(header, body),
+        Unchecked::Rows(header, body) => again(header, body),
     }
 }
 

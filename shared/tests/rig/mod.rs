@@ -6,11 +6,11 @@
     reason = "each test binary uses its part"
 )]
 
-use sutura_shared::control::{Control, TICK_US, TickInput, TickOutput};
+use sutura_shared::control::{Control, Guards, TICK_US, TickInput, TickOutput, Tuning};
 use sutura_shared::device::{DeviceDescription, Joint, Kinematics};
 use sutura_shared::wire::message::{
-    Command, Contact, End, Friction, HandScript, Mode, Needle, Tension, Thread, Tip, WAY_POINTS,
-    WayPoint,
+    Command, Contact, Course, End, Friction, HandScript, Mode, Needle, Tension, Thread, Tip,
+    WAY_POINTS, WayPoint,
 };
 use sutura_shared::wire::{Header, Kind, PROTOCOL_VERSION, ValidContact, ValidNeedle, ValidThread};
 
@@ -37,6 +37,9 @@ pub fn bench() -> DeviceDescription {
         ],
         gravity_mass_kg: [0.0, 0.0, 0.25],
         max_force_n: 10.0,
+        max_power_w: 10.0,
+        max_grip_speed_m_per_s: 1.5,
+        actuation_delay_us: 1000,
     }
 }
 
@@ -67,6 +70,9 @@ pub fn arm() -> DeviceDescription {
         ],
         gravity_mass_kg: [0.0, 0.06, 0.04],
         max_force_n: 2.0,
+        max_power_w: 3.0,
+        max_grip_speed_m_per_s: 1.5,
+        actuation_delay_us: 1000,
     }
 }
 
@@ -145,6 +151,7 @@ pub fn needle() -> Needle {
         hold_n: 0.0,
         puncture_n: 0.3,
         punctured_n: -0.5,
+        course: Course::default(),
         horizon_us: 100_000,
     }
 }
@@ -200,8 +207,17 @@ pub struct Loop {
 impl Loop {
     /// A loop that has left boot.
     pub fn new(device: DeviceDescription) -> Self {
+        Loop::guarded(device, Guards::ALL)
+    }
+
+    /// A loop that has left boot, with some of its guards.
+    pub fn guarded(device: DeviceDescription, guards: Guards) -> Self {
+        let tuning = Tuning {
+            guards,
+            ..Tuning::default()
+        };
         let mut this = Loop {
-            control: Control::new(device).unwrap(),
+            control: Control::tuned(device, tuning).unwrap(),
             input: TickInput::default(),
             device,
             sequence: 0,
@@ -213,7 +229,27 @@ impl Loop {
 
     /// A loop that has been armed.
     pub fn armed(device: DeviceDescription) -> Self {
-        let mut this = Loop::new(device);
+        Loop::new(device).arm()
+    }
+
+    /// A loop that has left boot and whose force needs no motion that paid for it: encoders that a test puts
+    /// somewhere have taken no energy from a hand.
+    pub fn on_credit(device: DeviceDescription) -> Self {
+        let guards = Guards {
+            tank: false,
+            damping: false,
+            ..Guards::ALL
+        };
+        Loop::guarded(device, guards)
+    }
+
+    /// The same, armed.
+    pub fn armed_on_credit(device: DeviceDescription) -> Self {
+        Loop::on_credit(device).arm()
+    }
+
+    fn arm(self) -> Self {
+        let mut this = self;
         this.control.command(Command::Arm);
         assert_eq!(this.tick().state.mode, Mode::Armed);
         this

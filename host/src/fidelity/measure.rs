@@ -1,0 +1,150 @@
+//! What a run says: errors against the truth, and whether it was stable.
+//!
+//! Entry points: [`errors`], [`steadiness`].
+
+use super::run::{Record, Tick};
+
+/// Errors of the force on the hand, in percent of the largest true force.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Errors {
+    /// Largest true force \[N\]: 100 %.
+    pub largest_n: f64,
+    /// Mean force acting in each tick against the true mean of that tick: root mean square.
+    pub rms_pct: f64,
+    /// The largest.
+    pub peak_pct: f64,
+    /// When that was \[s\].
+    pub peak_at_s: f64,
+    /// Command of each tick against the truth at its pose, without the motors' delay: root mean square.
+    pub rms_pct_sampled: f64,
+    /// Largest jump of the command, beyond the truth's own, in ticks that took a new frame.
+    pub step_pct: f64,
+    /// The same in all other ticks: noise of the encoders, for comparison.
+    pub other_step_pct: f64,
+}
+
+/// Where a run starts to count \[s\]: after boot and the first frames.
+const FROM_S: f64 = 0.1;
+
+/// Errors of a run, from 0.1 s on, in the ticks that count.
+fn errors_where(record: &Record, counts: &[bool]) -> Errors {
+    let ticks = &record.ticks;
+    let largest = ticks.iter().map(|t| length(t.truth_n)).fold(1e-9, f64::max);
+    let mut sums = (0.0, 0.0, 0.0);
+    let mut errors = Errors {
+        largest_n: largest,
+        rms_pct: 0.0,
+        peak_pct: 0.0,
+        peak_at_s: 0.0,
+        rms_pct_sampled: 0.0,
+        step_pct: 0.0,
+        other_step_pct: 0.0,
+    };
+    let percent = 100.0 / largest;
+    for (three, counts) in ticks.windows(3).zip(counts.iter().skip(1)) {
+        let [before, now, after] = three else {
+            continue;
+        };
+        if now.time_s < FROM_S || !counts {
+            continue;
+        }
+        let mean = [0, 1, 2].map(|i: usize| 0.5 * (now.truth_n[i] + after.truth_n[i]));
+        let error = length(minus(now.acting_n, mean));
+        sums.0 += 1.0;
+        sums.1 += error * error;
+        sums.2 += length(minus(now.command_n, now.truth_n)).powi(2);
+        if error * percent > errors.peak_pct {
+            errors.peak_pct = error * percent;
+            errors.peak_at_s = now.time_s;
+        }
+        let jump = minus(now.command_n, before.command_n);
+        let own = minus(now.truth_n, before.truth_n);
+        let excess = length(minus(jump, own)) * percent;
+        let step = if now.swapped {
+            &mut errors.step_pct
+        } else {
+            &mut errors.other_step_pct
+        };
+        *step = step.max(excess);
+    }
+    let count: f64 = f64::max(sums.0, 1.0);
+    errors.rms_pct = percent * (sums.1 / count).sqrt();
+    errors.rms_pct_sampled = percent * (sums.2 / count).sqrt();
+    errors
+}
+
+/// Ticks on either side of a puncture that are left out: when it comes is a figure of its own.
+const PUNCTURE_TICKS: usize = 20;
+
+/// Errors of a run, from 0.1 s on, but for 20 ms on either side of a puncture.
+pub fn errors(record: &Record) -> Errors {
+    let ticks = &record.ticks;
+    let mut quiet = vec![true; ticks.len()];
+    for (index, pair) in ticks.windows(2).enumerate() {
+        if pair[0].punctures != pair[1].punctures {
+            let from = index.saturating_sub(PUNCTURE_TICKS);
+            let until = (index + PUNCTURE_TICKS).min(quiet.len());
+            quiet[from..until].fill(false);
+        }
+    }
+    errors_where(record, &quiet)
+}
+
+/// What a held press looks like.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Steadiness {
+    /// Swing of the force on the hand in the last half second, root mean square about its mean, in its
+    /// true mean.
+    pub swing: f64,
+    /// That swing over the one of the half second before.
+    pub growth: f64,
+    /// Mean force on the hand over the true mean.
+    pub force_ratio: f64,
+    /// Whether it counts as stable.
+    pub is_stable: bool,
+}
+
+/// Largest swing of a stable hold: the least change of a force that a hand notices (7 to 10 %).
+pub const STABLE_SWING: f64 = 0.10;
+/// Least swing whose growth counts: below this it is the encoders' steps.
+const QUIET_SWING: f64 = 0.03;
+/// Growth within half a second that is no longer chance.
+const GROWTH: f64 = 1.5;
+
+/// Of a run that ends with a held press of at least a second.
+///
+/// Stable: in the last half second the force swings by at most a tenth of the true one, it does not swing more
+/// than in the half second before (unless that is below 3 %), and no fault is latched.
+pub fn steadiness(record: &Record) -> Steadiness {
+    let ticks = &record.ticks;
+    let last = &ticks[ticks.len().saturating_sub(500)..];
+    let before = &ticks[ticks.len().saturating_sub(1000)..ticks.len().saturating_sub(500)];
+    let mean = |ticks: &[Tick], of: fn(&Tick) -> f64| {
+        ticks.iter().map(of).sum::<f64>() / ticks.len().max(1) as f64
+    };
+    let truth = mean(last, |t| length(t.truth_n)).max(1e-9);
+    let force = mean(last, |t| t.acting_n[2]);
+    let swing = |ticks: &[Tick]| {
+        let middle = mean(ticks, |t| t.acting_n[2]);
+        let squares = ticks.iter().map(|t| (t.acting_n[2] - middle).powi(2));
+        (squares.sum::<f64>() / ticks.len().max(1) as f64).sqrt() / truth
+    };
+    let (now, then) = (swing(last), swing(before));
+    let growth = now / then.max(1e-12);
+    let faultless = ticks.iter().all(|t| t.faults == 0);
+    let grows = growth > GROWTH && now > QUIET_SWING;
+    Steadiness {
+        swing: now,
+        growth,
+        force_ratio: force / truth,
+        is_stable: now <= STABLE_SWING && !grows && faultless && now.is_finite(),
+    }
+}
+
+fn length(v: [f64; 3]) -> f64 {
+    v.iter().map(|x| x * x).sum::<f64>().sqrt()
+}
+
+fn minus(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
+    [0, 1, 2].map(|i: usize| a[i] - b[i])
+}

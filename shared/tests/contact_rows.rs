@@ -1,0 +1,299 @@
+//! Contact rows on the console against contacts whose forces are known.
+
+mod common;
+
+use common::rows::{Contact3, cone, frame, smooth};
+use proptest::prelude::*;
+use sutura_shared::control::{ContactRows, Fresh};
+use sutura_shared::wire::message::{RowKind, Rows};
+use sutura_shared::wire::{List, Valid, ValidContact};
+
+/// Solved for this console time \[us\].
+const SOLVED: u64 = 1_000_000;
+
+fn at(x: f32, y: f32, z: f32) -> [f32; 6] {
+    [x, y, z, 0.0, 0.0, 0.0]
+}
+
+/// Wrench of rows whose frame's wrench is that of its multipliers.
+fn force(rows: &mut ContactRows, body: &Rows, dx: &[f32; 6], now_us: u64) -> [f32; 3] {
+    let solved = rows.solve(dx, now_us);
+    assert!(solved.residual < 1e-4, "{}", solved.residual);
+    let mut force = [0.0; 3];
+    for (axis, sum) in force.iter_mut().enumerate() {
+        *sum = solved.change[axis];
+        for row in body.rows.items() {
+            *sum += row.jacobian[axis] * row.lambda_n;
+        }
+    }
+    force
+}
+
+fn assert_near(found: [f32; 3], expected: [f32; 3], tolerance: f32, what: &str) {
+    for (found, expected) in found.into_iter().zip(expected) {
+        assert!(
+            (found - expected).abs() <= tolerance,
+            "{what}: {found} {expected}"
+        );
+    }
+}
+
+#[test]
+fn a_smooth_wall_pushes_as_deep_as_it_is_pressed() {
+    // 500 N/m behind z = 0, solved 1 mm above it.
+    let body = smooth(7, 1.0 / 500.0, 1e-3);
+    let mut rows = ContactRows::unpack(&frame(SOLVED, body));
+    for (z, push) in [
+        (0.0, 0.0),
+        (-1e-3, 0.0),
+        (-3e-3, 1.0),
+        (-2e-3, 0.5),
+        (1e-3, 0.0),
+        (-5e-3, 2.0),
+    ] {
+        let found = force(&mut rows, &body, &at(0.1, 0.0, z), SOLVED);
+        assert_near(found, [0.0, 0.0, push], 1e-5, "wall");
+    }
+}
+
+/// What is held: M dx, next to the rows.
+#[test]
+fn held_stiffness_acts_besides_the_rows() {
+    let mut body = smooth(7, 1.0 / 500.0, 1e-3);
+    body.held = core::array::from_fn(|k| k as f32);
+    let mut rows = ContactRows::unpack(&frame(SOLVED, body));
+    let change = rows.solve(&[1.0, 2.0, 3.0, 4.0, 5.0, 6.0], SOLVED).change;
+    // Rows of the packed triangle: 0 to 5, 6 to 10, 11 to 14, 15 to 17, 18 19, 20.
+    assert_eq!(change, [70.0, 171.0, 246.0, 297.0, 329.0, 350.0]);
+}
+
+/// A point on a plane of 1000 N/m across and 400 N/m along: elastic up to the cone, then it slips at
+/// `friction N`, and reversed it unloads elastically from there. All of it by hand.
+#[test]
+fn a_point_on_a_coulomb_plane_sticks_slips_and_reverses() {
+    let contact = Contact3 {
+        normal: 1000.0,
+        along: 400.0,
+        friction: 0.5,
+    };
+    let body = cone(3, &contact, -2e-3);
+    let mut rows = ContactRows::unpack(&frame(SOLVED, body));
+    // 2 N across: slips at 1 N, after 2.5 mm.
+    let mut now_us = SOLVED;
+    let mut drag = |x: f32, expected: f32| {
+        now_us += 1000;
+        let found = force(&mut rows, &body, &at(x, 0.0, 0.0), now_us);
+        assert_near(found, [expected, 0.0, 2.0], 2e-4, &format!("{x} m"));
+    };
+    for step in 0..=25 {
+        let x = step as f32 * 1e-4;
+        drag(x, -400.0 * x);
+    }
+    for step in 26..=60 {
+        drag(step as f32 * 1e-4, -1.0);
+    }
+    // Back: 5 mm from one limit to the other.
+    for step in (10..=60).rev() {
+        let x = step as f32 * 1e-4;
+        drag(x, -1.0 + 400.0 * (6e-3 - x));
+    }
+    for step in (-20..10).rev() {
+        drag(step as f32 * 1e-4, 1.0);
+    }
+}
+
+/// Lifting takes the cone away, and what touches again sticks where it touches.
+#[test]
+fn lifting_forgets_where_it_stuck() {
+    let contact = Contact3 {
+        normal: 1000.0,
+        along: 400.0,
+        friction: 0.5,
+    };
+    let body = cone(3, &contact, -2e-3);
+    let mut rows = ContactRows::unpack(&frame(SOLVED, body));
+    let mut now_us = SOLVED;
+    let mut go = |x, y, z| {
+        now_us += 1000;
+        force(&mut rows, &body, &at(x, y, z), now_us)
+    };
+    assert_near(go(1e-3, 0.0, 0.0), [-0.4, 0.0, 2.0], 1e-4, "sticks");
+    // Half as deep, half the cone: 0.5 N is still more than 0.4 N.
+    assert_near(go(1e-3, 0.0, 1e-3), [-0.4, 0.0, 1.0], 1e-4, "less");
+    assert_near(go(1e-3, 0.0, 1.6e-3), [-0.2, 0.0, 0.4], 1e-4, "slips");
+    assert_near(go(1e-3, 0.0, 3e-3), [0.0; 3], 1e-6, "open");
+    assert_near(go(9e-3, 1e-3, 3e-3), [0.0; 3], 1e-6, "elsewhere");
+    assert_near(go(9e-3, 1e-3, 0.0), [0.0, 0.0, 2.0], 1e-4, "down");
+    assert_near(go(9e-3, 2e-3, 0.0), [0.0, -0.4, 2.0], 1e-4, "sticks again");
+}
+
+/// On a circle the force turns until it is against the motion.
+#[test]
+fn slip_is_opposed_whatever_its_direction() {
+    let contact = Contact3 {
+        normal: 1000.0,
+        along: 400.0,
+        friction: 0.5,
+    };
+    let body = cone(3, &contact, -2e-3);
+    let mut rows = ContactRows::unpack(&frame(SOLVED, body));
+    for step in 0..2000_u16 {
+        let angle = 1e-3 * f64::from(step);
+        let (s, c) = (angle.sin() as f32, angle.cos() as f32);
+        let now_us = SOLVED + 1000 * u64::from(step);
+        let [x, y, z] = force(&mut rows, &body, &at(0.1 * c - 0.1, 0.1 * s, 0.0), now_us);
+        assert!((z - 2.0).abs() < 1e-4);
+        if step > 500 {
+            // Relative slip lags the turn by the elastic way, 2.5 mm of the circle's 100 mm.
+            let against = x * s - y * c;
+            assert!(against > 0.9995, "{step}: {x} {y}");
+        }
+    }
+}
+
+#[test]
+fn multipliers_carry_over_by_id_and_new_ids_start_at_the_hosts() {
+    // Two walls that do not couple; the host thinks the second one bears 3 N.
+    let two = |ids: [u32; 2]| {
+        let mut body = smooth(ids[0], 1.0 / 500.0, 1e-3);
+        let mut second = smooth(ids[1], 1.0 / 500.0, 1e-3).rows.items()[0];
+        second.lambda_n = 3.0;
+        assert!(body.rows.push(second));
+        body.compliance = List::of([1.0 / 500.0, 0.0, 1.0 / 500.0]);
+        frame(SOLVED, body)
+    };
+    let down = at(0.0, 0.0, -2e-3);
+    let mut old = ContactRows::unpack(&two([7, 8]));
+    old.solve(&down, SOLVED);
+    let mut new = ContactRows::unpack(&two([8, 9]));
+    new.adopt(&old, &down, SOLVED);
+    // Nothing to see of the multipliers but through the first solve, which is exact without coupling.
+    assert_eq!(new.multipliers_n().collect::<Vec<_>>(), [0.5, 3.0]);
+}
+
+/// The host has seen the state before the slip: its anchor would pull back what has slipped since.
+#[test]
+fn what_has_slipped_since_stays_slipped() {
+    let contact = Contact3 {
+        normal: 1000.0,
+        along: 400.0,
+        friction: 0.5,
+    };
+    let body = cone(3, &contact, -2e-3);
+    let mut old = ContactRows::unpack(&frame(SOLVED, body));
+    // Slips from 2.5 mm on; the last slip is at 6 mm, 60 ms after.
+    let mut now_us = SOLVED;
+    for step in 0..=60 {
+        now_us = SOLVED + 1000 * step as u64;
+        force(&mut old, &body, &at(step as f32 * 1e-4, 0.0, 0.0), now_us);
+    }
+    let back = force(&mut old, &body, &at(4e-3, 0.0, 0.0), now_us + 1000);
+    assert_near(back, [-0.2, 0.0, 2.0], 2e-4, "2 mm back");
+
+    // Solved at 3 mm, where it had slipped by 0.5 mm.
+    let mut late = cone(3, &contact, -2e-3);
+    for row in late.rows.items_mut() {
+        let along = row.jacobian[0] * 3e-3;
+        row.delta_free_m += along;
+        if let RowKind::Tangent { anchor_m } = &mut row.kind {
+            *anchor_m = along / 6.0;
+            row.lambda_n = -400.0 * (along - *anchor_m);
+        }
+    }
+    let mut new = ContactRows::unpack(&frame(SOLVED + 30_000, late));
+    let here = at(1e-3, 0.0, 0.0);
+    new.adopt(&old, &here, SOLVED + 30_000);
+    let kept = force(&mut new, &late, &here, now_us + 2000);
+    assert_near(kept, back, 2e-4, "the same force at the same place");
+
+    // A frame that knows of the slip: the host's anchor counts. 4 mm, anchor where nothing pulls.
+    let mut knowing = cone(3, &contact, -2e-3);
+    for row in knowing.rows.items_mut() {
+        let along = row.jacobian[0] * 4e-3;
+        row.delta_free_m += along;
+        if let RowKind::Tangent { anchor_m } = &mut row.kind {
+            *anchor_m = along;
+        }
+    }
+    let mut newer = ContactRows::unpack(&frame(now_us, knowing));
+    newer.adopt(&new, &at(0.0, 0.0, 0.0), now_us);
+    let told = force(&mut newer, &knowing, &at(0.0, 0.0, 0.0), now_us + 3000);
+    assert_near(told, [0.0, 0.0, 2.0], 2e-4, "the host's anchor");
+}
+
+#[test]
+fn rows_go_with_the_contact_of_their_time_only() {
+    let body = smooth(7, 1.0 / 500.0, 1e-3);
+    let rows = ContactRows::unpack(&frame(SOLVED, body));
+    let contact = |time, tool| {
+        let mut header = common::header_for::<sutura_shared::wire::message::Contact>();
+        header.console_time_us = time;
+        let body = sutura_shared::wire::message::Contact {
+            tool,
+            ..common::sample::contact()
+        };
+        let contact: ValidContact = Valid::new(header, body).expect("valid");
+        contact
+    };
+    assert_eq!(Fresh::of(contact(SOLVED, 0), &rows).rows, rows);
+    // The rows of the next contact were lost.
+    assert!(Fresh::of(contact(SOLVED + 1000, 0), &rows).rows.is_empty());
+    assert!(Fresh::of(contact(SOLVED, 1), &rows).rows.is_empty());
+    assert!(Fresh::of(contact(0, 0), &ContactRows::NONE).rows.is_empty());
+}
+
+#[test]
+fn a_pose_that_is_no_pose_changes_nothing() {
+    let body = smooth(7, 1.0 / 500.0, 1e-3);
+    let mut rows = ContactRows::unpack(&frame(SOLVED, body));
+    rows.solve(&at(0.0, 0.0, -2e-3), SOLVED);
+    let before = rows;
+    for wrong in [f32::NAN, f32::INFINITY, -1e30] {
+        let solved = rows.solve(&at(0.0, wrong, 0.0), SOLVED);
+        assert_eq!(solved.residual, f32::MAX);
+        assert_eq!(solved.change, [0.0; 6]);
+        assert_eq!(rows, before);
+        let mut adopting = before;
+        adopting.adopt(&rows, &at(wrong, 0.0, 0.0), 0);
+        assert_eq!(adopting, before);
+    }
+}
+
+fn any_row_numbers() -> impl Strategy<Value = [f32; 8]> {
+    prop::array::uniform8(-1.0f32..1.0)
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(500))]
+
+    /// Whatever validates, positive definite or not, is solved to finite forces, tick after tick.
+    #[test]
+    fn any_valid_rows_give_finite_forces(
+        rows in prop::collection::vec(any_row_numbers(), 24),
+        cones in 0usize..=8,
+        entries in prop::collection::vec(-1.0f32..1.0, 300),
+        exponent in -7i32..=4,
+        reach in prop_oneof![Just(1e-3f32), Just(10.0)],
+        ways in prop::collection::vec(prop::array::uniform6(-1.0f32..1.0), 1..30),
+    ) {
+        let body = common::rows::wild(&rows, cones, &entries, exponent);
+        let mut solved = ContactRows::unpack(&frame(SOLVED, body));
+        for (tick, way) in (1u64..).zip(ways) {
+            let dx = way.map(|way| way * reach);
+            let now_us = SOLVED + 1000 * tick;
+            let force = solved.solve(&dx, now_us);
+            prop_assert!(force.residual >= 0.0 && force.residual.is_finite());
+            prop_assert!(force.change.iter().all(|x| x.is_finite()), "{:?}", force);
+            let mut next = ContactRows::unpack(&frame(now_us, body));
+            next.adopt(&solved, &dx, now_us - 500);
+            solved = next;
+        }
+        let multipliers: Vec<_> = solved.multipliers_n().collect();
+        for (row, lambda) in body.rows.items().iter().zip(multipliers) {
+            prop_assert!(lambda.abs() <= 1.001e5, "{lambda}");
+            if !matches!(row.kind, RowKind::Tangent { .. }) {
+                prop_assert!(lambda >= 0.0);
+            }
+        }
+    }
+}
