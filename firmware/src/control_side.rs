@@ -133,8 +133,8 @@ mod tests {
     use sutura_shared::link::{ConsoleLink, HostEvent, HostLink, Identity};
     use sutura_shared::simulated_console::{Pace, SimulatedConsole};
     use sutura_shared::wire::message::{
-        Command, Contact, End, Friction, HandScript, Mode, Needle, Report, Row, RowKind, Rows, State, Tension, Thread,
-        Tip, WAY_POINTS, WayPoint,
+        Command, Contact, Course, End, Friction, HandScript, Mode, Needle, Report, Row, RowKind,
+        Rows, State, Tension, Thread, Tip, WAY_POINTS, WayPoint,
     };
     use sutura_shared::wire::{List, MAX_FRAME, Message};
 
@@ -283,6 +283,7 @@ mod tests {
         Rows {
             tool: 0,
             held: [0.0; 21],
+            curvature_per_m: 0.0,
             rows: List::of([row]),
             compliance: List::of([1.0 / 500.0]),
         }
@@ -304,6 +305,7 @@ mod tests {
             hold_n: 0.0,
             puncture_n: 0.25,
             punctured_n: 0.0,
+            course: Course::default(),
             horizon_us: 60_000,
         }
     }

@@ -10,8 +10,8 @@ use common::{
 use proptest::prelude::*;
 use sutura_shared::device::{DeviceDescription, Kinematics};
 use sutura_shared::wire::message::{
-    Command, Contact, End, Friction, HandScript, Hello, Mode, Needle, Report, Simulate, State,
-    Tension, Thread, Tip, WAY_POINTS, WayPoint,
+    Command, Contact, Course, End, Friction, HandScript, Hello, Mode, Needle, Report, Simulate,
+    State, Tension, Thread, Tip, WAY_POINTS, WayPoint,
 };
 use sutura_shared::wire::{Checked, Header, Kind, Message, Reject, Valid, validate};
 
@@ -502,7 +502,8 @@ prop_compose! {
         let ([a, b, c], [d, e, f]) = (linear, angular);
         Needle {
             tool, needle, position_m, orientation, slide: [a, b, c, d, e, f], tip, friction, axial_n,
-            friction_n, stiffness_n_per_m, hold_n, puncture_n, punctured_n, horizon_us,
+            friction_n, stiffness_n_per_m, hold_n, puncture_n, punctured_n, course: Course::default(),
+            horizon_us,
         }
     }
 }
@@ -583,7 +584,6 @@ fn holds_promises(message: &Checked) -> bool {
                 && (length(&c.orientation) - 1.0).abs() < 1e-3
                 && c.tool < 8
         }
-        Checked::Rows(rows) => rows.body().check().is_ok(),
         Checked::Needle(needle) => {
             let n = needle.body();
             let bends = length(&n.slide[3..]) > 0.0;

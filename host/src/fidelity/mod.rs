@@ -8,6 +8,7 @@ pub mod case;
 pub mod hand;
 pub mod link;
 pub mod measure;
+pub mod oracles;
 pub mod plant;
 pub mod random;
 pub mod run;

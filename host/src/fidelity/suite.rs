@@ -459,23 +459,22 @@ pub struct Mutant {
     pub fails: Vec<Bar>,
 }
 
-/// Each guard off in turn. `with_all`: the bars with all guards.
+/// Each guard off in turn, in the short form.
 ///
 /// # Errors
 /// Mechanics that make no valid device.
 pub fn mutants(
-    extent: Extent,
-    with_all: &[Bar],
     scenes: &Scenes,
     threads: usize,
     done: &(dyn Fn(usize, &str) + Sync),
 ) -> Result<Vec<Mutant>, DeviceError> {
     let names = guards_by_name(&Guards::ALL).map(|(name, _)| name);
-    let count = core(extent, Guards::ALL).len();
+    let all = core(Extent::Short, Guards::ALL);
+    let with_all = bars(&measure(&all, scenes, threads, done)?);
     let mut mutants = Vec::new();
     for (index, guard) in names.into_iter().enumerate() {
-        let specs = core(extent, all_but(guard));
-        let told = |n: usize, name: &str| done(index * count + n, name);
+        let specs = core(Extent::Short, all_but(guard));
+        let told = |n: usize, name: &str| done(index * all.len() + n, name);
         let found = bars(&measure(&specs, scenes, threads, &told)?);
         let met = |bar: &&Bar| with_all.iter().any(|with| with.name == bar.name && with.ok);
         let fails = found.iter().filter(|bar| !bar.ok).filter(met);

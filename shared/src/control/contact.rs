@@ -10,6 +10,9 @@ use crate::kinematics::Grip;
 use crate::math::{Vec3, dot, max, shortened};
 use crate::wire::ValidContact;
 
+/// Longest force of a tangent on its own \[N\]: squares stay finite whatever is added to it.
+const STRONGEST_N: f32 = 1e9;
+
 /// How old a contact may be.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Freshness {
@@ -155,20 +158,29 @@ impl LocalContact {
         }
     }
 
-    /// Wrench after the grip has moved by `dx`, without gap or limits: what needles and threads correct.
-    pub fn linear(&self, dx: &[f32; 6], now_us: u64) -> [f32; 6] {
-        let left = self.relaxed(self.age_us(now_us));
-        let mut wrench = times(&self.tangent, dx);
-        for (out, own) in wrench.iter_mut().zip(&self.wrench) {
-            *out += own * left;
-        }
-        wrench
+    /// The same for what pulls as well as it pushes, needles and threads: without gap and scale.
+    pub fn bilateral(&self, rendering: Rendering, dx: &[f32; 6], now_us: u64) -> Vec3 {
+        let force = match rendering {
+            Rendering::Hold => self.own_force(),
+            Rendering::LinearTime => {
+                self.own_force() + self.rate * (self.age_us(now_us) as f32 * 1e-6)
+            }
+            Rendering::Tangent | Rendering::Rows => {
+                self.relaxed_force(now_us) + force_of(&self.tangent, dx)
+            }
+        };
+        shortened(force, STRONGEST_N)
     }
 
     /// Largest stiffness along an axis \[N/m\].
     pub fn stiffness(&self) -> f32 {
         let [xx, _, _, _, _, _, yy, _, _, _, _, zz, ..] = self.tangent;
         max(xx.abs(), max(yy.abs(), zz.abs()))
+    }
+
+    /// Force at the pose that was solved for, as much as is left of it by now \[N\].
+    pub fn relaxed_force(&self, now_us: u64) -> Vec3 {
+        self.own_force() * self.relaxed(self.age_us(now_us))
     }
 
     /// Force at the pose that was solved for \[N\].
@@ -193,22 +205,7 @@ impl LocalContact {
     }
 }
 
-/// A symmetric 6 x 6 matrix, packed upper triangle by rows, times a vector.
-fn times(packed: &[f32; 21], v: &[f32; 6]) -> [f32; 6] {
-    let mut out = [0.0; 6];
-    let mut entries = packed.iter();
-    for row in 0..6 {
-        for (column, entry) in (row..6).zip(&mut entries) {
-            out[row] += entry * v[column];
-            if column > row {
-                out[column] += entry * v[row];
-            }
-        }
-    }
-    out
-}
-
-/// The first three rows of that product \[N\].
+/// The first three rows of a symmetric 6 x 6 matrix, packed upper triangle by rows, times a vector.
 fn force_of(packed: &[f32; 21], v: &[f32; 6]) -> Vec3 {
     let [
         xx,

@@ -20,7 +20,6 @@ mod tuning;
 mod velocity;
 mod wall;
 
-pub use encoders::VELOCITY_GAIN;
 pub use needle::LocalNeedle;
 pub use rows::{ContactRows, RowsForce};
 pub use thread::LocalThread;
@@ -130,7 +129,7 @@ pub struct Control {
     device: DeviceDescription,
     encoders: Encoders,
     render: Render,
-    /// The newest states of needle and thread in the grip; nothing is rendered from them yet.
+    /// The newest states of needle and thread in the grip.
     needle: Option<ValidNeedle>,
     thread: Option<ValidThread>,
     /// What came since the last tick.
@@ -218,6 +217,12 @@ impl Control {
         self.thread.as_ref()
     }
 
+    /// Energy that the contact force has taken from the hand and not given back, as far as it may still pay for
+    /// something \[J\].
+    pub fn tank_j(&self) -> f32 {
+        self.passivity.energy_j()
+    }
+
     fn forget(&mut self) {
         self.render.forget();
         self.needle = None;
@@ -269,7 +274,8 @@ impl Control {
         take_newer(&mut self.thread, thread.filter(|t| t.body().tool == 0));
         // This console has one grip, which is tool 0.
         if let Some(fresh) = fresh.filter(|fresh| fresh.contact.body().tool == 0) {
-            self.render.take(fresh, &grip, input.now_us);
+            let (needle, thread) = (self.needle.as_ref(), self.thread.as_ref());
+            self.render.take(fresh, needle, thread, &grip, input.now_us);
         }
         let too_fast = self.limits.too_fast(&velocity, has_torque(self.mode));
         self.latch_faults(input, &joints, &pose, too_fast);
@@ -301,12 +307,13 @@ impl Control {
     }
 
     fn latch_faults(&mut self, input: &TickInput, joints: &Joints, pose: &Pose, too_fast: bool) {
+        let turned = input.orientation.as_ref().is_none_or(is_unit);
         let beyond = |x: &f32| x.abs() > MAX_POSITION;
         let out_of_reach = joints.position.iter().any(beyond) || pose.position_m.iter().any(beyond);
         let causes = [
             (input.emergency_stop, faults::E_STOP),
             (input.board_fault, faults::BOARD),
-            (joints.jumped, faults::ENCODER_JUMP),
+            (joints.jumped || !turned, faults::ENCODER_JUMP),
             (out_of_reach, faults::OUT_OF_REACH),
             (too_fast, faults::OVERSPEED),
         ];

@@ -4,12 +4,15 @@
 //! of the local model a tick, also when the model changes: the old one is continued by the new one's tangent.
 
 use super::contact::{Freshness, LocalContact};
+use super::needle::LocalNeedle;
 use super::rows::ContactRows;
+use super::thread::LocalThread;
 use super::trust::Trust;
 use super::tuning::{Rendering, Tuning};
-use super::{Fresh, TICK_S};
+use super::{Fresh, MAX_HORIZON_US, TICK_S};
 use crate::kinematics::Grip;
-use crate::math::{Vec3, dot, max, min, shortened};
+use crate::math::{Vec3, clamp, dot, max, min, shortened};
+use crate::wire::{ValidNeedle, ValidThread};
 
 /// Factor per tick on what is left of the force before the model changed: a time constant of 10 ms, below
 /// which a change of force is felt as a knock.
@@ -30,6 +33,12 @@ pub(super) struct Render {
     rows: ContactRows,
     /// Part of the force that the rows have, 0 to 1; the tangent has the rest.
     rows_share: f32,
+    /// Of the frame in use.
+    needle: Option<LocalNeedle>,
+    thread: Option<LocalThread>,
+    /// Console time until which a needle or a thread is in the grip, whether or not its next frame comes \[us\]: a
+    /// contact may pull as well as push until then.
+    held_until_us: u64,
     trust: Trust,
     /// The model is new since the last tick.
     changed: bool,
@@ -56,6 +65,9 @@ impl Render {
             contact: None,
             rows: ContactRows::NONE,
             rows_share: 1.0,
+            needle: None,
+            thread: None,
+            held_until_us: 0,
             trust: Trust::FULL,
             changed: false,
             offset_n: Vec3::zeros(),
@@ -68,6 +80,7 @@ impl Render {
     pub fn forget(&mut self) {
         self.contact = None;
         self.rows = ContactRows::NONE;
+        (self.needle, self.thread, self.held_until_us) = (None, None, 0);
         self.trust = Trust::FULL;
         self.start_from_nothing();
     }
@@ -84,11 +97,12 @@ impl Render {
         self.contact.as_ref()
     }
 
-    /// Largest stiffness of what is rendered \[N/m\]: the tangent's, or what successive frames say of it if that is
-    /// more.
-    pub fn stiffness(&self) -> f32 {
+    /// Least and largest stiffness that what is rendered may have \[N/m\]: the tangent's largest, and what successive
+    /// frames say of it.
+    pub fn stiffness(&self) -> (f32, f32) {
         let told = self.contact.map_or(0.0, |contact| contact.stiffness());
-        told * max(self.trust.scale(), 1.0)
+        let scale = self.trust.scale();
+        (told * min(scale, 1.0), told * max(scale, 1.0))
     }
 
     /// How old the frame in use is.
@@ -99,28 +113,59 @@ impl Render {
         }
     }
 
-    /// Puts a frame in the place of the one in use. Frames that come too late to be used, or are older than
-    /// the one in use, change nothing: that one goes on ageing.
-    pub fn take(&mut self, fresh: &Fresh, grip: &Grip, now_us: u64) {
+    /// Puts a frame in the place of the one in use, with the needle and the thread of the same console time. Frames
+    /// that come too late to be used, or are older than the one in use, change nothing: that one goes on ageing.
+    pub fn take(
+        &mut self,
+        fresh: &Fresh,
+        needle: Option<&ValidNeedle>,
+        thread: Option<&ValidThread>,
+        grip: &Grip,
+        now_us: u64,
+    ) {
         let mut new = LocalContact::new(&fresh.contact, now_us, self.max_force_n);
         if new.freshness(now_us) != Freshness::Fresh {
             return;
         }
+        let outdated = |old: &LocalContact| new.is_older_than(old);
+        if self.contact.as_ref().is_some_and(outdated) {
+            return;
+        }
+        self.hold(needle, thread, new.console_time_us);
         if let Some(old) = &self.contact {
-            if new.is_older_than(old) {
-                return;
-            }
             new.follow(old);
-            match new.change_since(old) {
+            match new.change_since(old).filter(|_| !self.holds(now_us)) {
                 Some((foretold, came, span_s)) => self.trust.learn(&foretold, &came, span_s),
                 None => self.trust = Trust::FULL,
             }
         }
-        let mut rows = fresh.rows;
-        rows.adopt(&self.rows, &new.moved_to(grip), new.console_time_us);
-        self.rows = rows;
+        let dx = new.moved_to(grip);
+        self.rows.replace(&fresh.rows, &dx, new.console_time_us);
         self.contact = Some(new);
         self.changed = true;
+    }
+
+    /// Takes needle and thread of the frame for `solved_us`.
+    fn hold(&mut self, needle: Option<&ValidNeedle>, thread: Option<&ValidThread>, solved_us: u64) {
+        let old = self.needle.take();
+        let needle = needle.filter(|needle| needle.console_time_us() == solved_us);
+        self.needle = needle.map(|frame| {
+            let mut needle = LocalNeedle::new(frame);
+            if let Some(old) = &old {
+                needle.adopt(old);
+            }
+            needle
+        });
+        let thread = thread.filter(|thread| thread.console_time_us() == solved_us);
+        self.thread = thread.map(LocalThread::new);
+        if self.needle.is_some() || self.thread.is_some() {
+            self.held_until_us = solved_us.saturating_add(u64::from(MAX_HORIZON_US));
+        }
+    }
+
+    /// Whether a needle or a thread is in the grip.
+    fn holds(&self, now_us: u64) -> bool {
+        now_us < self.held_until_us
     }
 
     /// Force that is wanted on the grip \[N\], limited in length; 0 when the data is too old.
@@ -145,62 +190,92 @@ impl Render {
             return Vec3::zeros();
         }
         let dx = contact.moved_to(&at);
+        let tangent = self.by_tangent(&contact, &dx, now_us);
+        let model = if self.tuning.rendering == Rendering::Rows {
+            self.solved(&contact, &dx, tangent, now_us)
+        } else {
+            tangent
+        };
+        if self.changed {
+            self.changed = false;
+            let faded = (self.offset_n - before) * share;
+            self.blend(&contact, &model, &(tangent + faded), now_us);
+        }
+        let mut force = model + self.offset_n;
+        if !self.holds(now_us) {
+            force = self.without_new_pull(&contact.normal, force);
+        }
+        let force = shortened(force, self.max_force_n) * share;
+        self.last = Some((force, at));
+        force
+    }
+
+    /// What the frame says without anything to be solved or remembered: the tangent, or a baseline.
+    fn by_tangent(&self, contact: &LocalContact, dx: &[f32; 6], now_us: u64) -> Vec3 {
+        let rendering = self.tuning.rendering;
+        if self.holds(now_us) {
+            return contact.bilateral(rendering, dx, now_us);
+        }
         let scale = if self.tuning.guards.trust {
             let age_s = contact.age_us(now_us) as f32 * 1e-6;
             self.trust.scale() * self.trust.confidence(age_s)
         } else {
             1.0
         };
-        let tangent = contact.force(self.tuning.rendering, &dx, scale, now_us);
-        let model = self.with_rows(&contact, &dx, tangent, now_us);
-        if self.changed {
-            self.changed = false;
-            let faded = (self.offset_n - before) * share;
-            self.blend(&contact, &model, &(tangent + faded), scale, now_us);
-        }
-        let blended = self.without_new_pull(&contact.normal, model + self.offset_n);
-        let force = shortened(blended, self.max_force_n) * share;
-        self.last = Some((force, at));
-        force
+        contact.force(rendering, dx, scale, now_us)
     }
 
-    /// Makes this tick's force go on from the last one: what that was, and what the new tangent adds to it on the
-    /// way since then.
-    fn blend(
-        &mut self,
-        contact: &LocalContact,
-        model: &Vec3,
-        tangent: &Vec3,
-        scale: f32,
-        now_us: u64,
-    ) {
-        if !self.tuning.guards.blend {
-            return;
-        }
-        let continued = match &self.last {
-            Some((force, at)) => {
-                let before = contact.moved_to(at);
-                force + tangent - contact.force(self.tuning.rendering, &before, scale, now_us)
-            }
-            None => Vec3::zeros(),
-        };
-        self.offset_n = continued - model;
-        self.pull_n = min(dot(&contact.normal, &continued), 0.0);
-    }
-
-    /// The rows' force, as far as they have it.
-    fn with_rows(
+    /// The force with all that the console solves by itself: the needle's and the thread's state, or contact rows.
+    fn solved(
         &mut self,
         contact: &LocalContact,
         dx: &[f32; 6],
         tangent: Vec3,
         now_us: u64,
     ) -> Vec3 {
-        let _ = (contact, dx, now_us, MAX_RESIDUAL, GIVE_WAY, self.rows_share);
-        if self.tuning.rendering != Rendering::Rows || self.rows.is_empty() {
-            return tangent;
+        let mut force = tangent;
+        if let Some(needle) = &mut self.needle {
+            force += linear_part(&needle.correction(dx, now_us));
         }
-        tangent
+        if let Some(thread) = &self.thread {
+            force += linear_part(&thread.correction(dx, now_us));
+        }
+        if self.rows.is_empty() || self.holds(now_us) {
+            return shortened(force, self.max_force_n);
+        }
+        let solved = self.rows.solve(dx, now_us);
+        let lost = self.tuning.guards.residual && solved.residual > MAX_RESIDUAL;
+        let step = if lost { -GIVE_WAY } else { GIVE_WAY };
+        self.rows_share = clamp(self.rows_share + step, 0.0, 1.0);
+        let touches = self.rows.multipliers_n().any(|multiplier| multiplier > 0.0);
+        let by_rows = if touches {
+            contact.pushing(contact.relaxed_force(now_us) + linear_part(&solved.change))
+        } else {
+            Vec3::zeros()
+        };
+        tangent + (by_rows - tangent) * self.rows_share
+    }
+
+    /// Makes this tick's force go on from the last one: what that was, and what the new tangent adds to it on the
+    /// way since then.
+    fn blend(&mut self, contact: &LocalContact, model: &Vec3, tangent: &Vec3, now_us: u64) {
+        // The baselines are what they are known as, steps and all.
+        let baseline = matches!(
+            self.tuning.rendering,
+            Rendering::Hold | Rendering::LinearTime
+        );
+        if baseline || !self.tuning.guards.blend {
+            return;
+        }
+        let continued = match &self.last {
+            Some((force, at)) => {
+                let before = contact.moved_to(at);
+                force + tangent - self.by_tangent(contact, &before, now_us)
+            }
+            None => Vec3::zeros(),
+        };
+        self.offset_n = continued - model;
+        self.pull_n = min(dot(&contact.normal, &continued), 0.0);
     }
 
     /// An offset that holds a push back would pull once the tool leaves the tissue: only what pulled before
@@ -218,6 +293,12 @@ impl Render {
     pub fn offset(&self) -> &Vec3 {
         &self.offset_n
     }
+}
+
+/// Force of a wrench \[N\]: consoles with three motors have no moments to give.
+fn linear_part(wrench: &[f32; 6]) -> Vec3 {
+    let [x, y, z, ..] = *wrench;
+    Vec3::new(x, y, z)
 }
 
 #[cfg(test)]
@@ -271,7 +352,8 @@ mod tests {
                 console_time_us: solved_us,
             };
             let frame = ValidContact::new(header, contact).expect("a valid contact");
-            self.render.take(&frame.into(), &grip(z), self.now_us);
+            self.render
+                .take(&frame.into(), None, None, &grip(z), self.now_us);
         }
 
         fn force(&mut self, z: f32) -> f32 {

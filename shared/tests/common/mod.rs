@@ -8,8 +8,8 @@
 
 use sutura_shared::device::{DeviceDescription, Joint, Kinematics};
 use sutura_shared::wire::message::{
-    Command, Contact, End, Friction, HandScript, Hello, Mode, Needle, Report, Row, RowKind, Rows,
-    Simulate, State, Tension, Thread, Tip, WayPoint,
+    Command, Contact, Course, End, Friction, HandScript, Hello, Mode, Needle, Report, Row, RowKind,
+    Rows, Simulate, State, Tension, Thread, Tip, WayPoint,
 };
 use sutura_shared::wire::{
     Accumulator, Checked, Direction, Header, Kind, List, MAX_FRAME, Message, PROTOCOL_VERSION,
@@ -94,6 +94,7 @@ pub mod sample {
             hold_n: 0.0625,
             puncture_n: 0.125,
             punctured_n: -0.3125,
+            course: Course::default(),
             horizon_us: 100_000,
         }
     }
@@ -128,6 +129,7 @@ pub mod sample {
         Rows {
             tool: 0,
             held: core::array::from_fn(|k| 8.0 * (k as f32 + 1.0)),
+            curvature_per_m: 125.0,
             rows: List::of([
                 row(1.0, RowKind::Smooth { id: 3 }, 0.75),
                 row(2.0, normal, 2.0),
@@ -237,6 +239,7 @@ pub mod rows {
         Rows {
             tool: 0,
             held: [0.0; 21],
+            curvature_per_m: 0.0,
             rows: List::of([row]),
             compliance: List::of([compliance]),
         }
@@ -265,6 +268,7 @@ pub mod rows {
         Rows {
             tool: 0,
             held: [0.0; 21],
+            curvature_per_m: 0.0,
             rows: List::of([
                 row(RowKind::Normal { id, friction }, gap_m, push, axis(2)),
                 row(tangent, 0.0, 0.0, axis(0)),
@@ -321,6 +325,7 @@ pub mod rows {
         Rows {
             tool: 0,
             held: core::array::from_fn(|k| 1e7 * entries[k]),
+            curvature_per_m: 1e4 * entries[21].abs(),
             rows,
             compliance,
         }
@@ -370,7 +375,6 @@ pub fn golden() -> Vec<Golden> {
             header(Kind::Thread, session, 13, 123_423_000),
             sample::thread(),
         ),
-        Unchecked::Rows(header(Kind::Rows, session, 14, 123_423_000), sample::rows()),
         command(3, Command::Arm),
         command(4, Command::Disarm),
         command(5, Command::ClearFault),
@@ -386,7 +390,9 @@ pub fn golden() -> Vec<Golden> {
         simulate(11, Simulate::EncoderOffset([-1, i32::MAX, i32::MIN])),
     ];
     let lines = include_str!("../../../tests/golden/frames.hex").lines();
-    let lines: Vec<_> = lines.filter(|line| !line.starts_with('#')).collect();
+    // Rows are read by another way.
+    let lines = lines.filter(|line| !line.starts_with('#') && !line.starts_with("rows "));
+    let lines: Vec<_> = lines.collect();
     assert_eq!(lines.len(), messages.len(), "frames.hex has other frames");
     lines
         .into_iter()
@@ -400,6 +406,24 @@ pub fn golden() -> Vec<Golden> {
             }
         })
         .collect()
+}
+
+/// The golden frame of [`sample::rows`]: sequence 14, console time 123.423 s.
+pub fn golden_rows() -> Vec<u8> {
+    let mut lines = include_str!("../../../tests/golden/frames.hex").lines();
+    bytes_of(lines.find_map(|line| line.strip_prefix("rows ")).unwrap())
+}
+
+/// The rows in `bytes`, frame by frame.
+pub fn rows_in(bytes: &[u8]) -> Vec<Result<ValidRows, Reject>> {
+    let mut accumulator = Accumulator::new();
+    let mut out = Vec::new();
+    for byte in bytes {
+        if let Some(packet) = accumulator.push(*byte) {
+            out.push(packet.and_then(|packet| decode(packet)?.rows(Direction::ToConsole)));
+        }
+    }
+    out
 }
 
 fn bytes_of(hex: &str) -> Vec<u8> {
@@ -439,7 +463,6 @@ pub fn encode_again(message: &Unchecked) -> Vec<u8> {
         Unchecked::Simulate(header, body) => again(header, body),
         Unchecked::Needle(header, body) => again(header, body),
         Unchecked::Thread(header, body) => again(header, body),
-        Unchecked::Rows(header, body) => again(header, body),
     }
 }
 

@@ -9,8 +9,8 @@
 use sutura_shared::control::{Control, Guards, TICK_US, TickInput, TickOutput, Tuning};
 use sutura_shared::device::{DeviceDescription, Joint, Kinematics};
 use sutura_shared::wire::message::{
-    Command, Contact, End, Friction, HandScript, Mode, Needle, Tension, Thread, Tip, WAY_POINTS,
-    WayPoint,
+    Command, Contact, Course, End, Friction, HandScript, Mode, Needle, Tension, Thread, Tip,
+    WAY_POINTS, WayPoint,
 };
 use sutura_shared::wire::{Header, Kind, PROTOCOL_VERSION, ValidContact, ValidNeedle, ValidThread};
 
@@ -151,6 +151,7 @@ pub fn needle() -> Needle {
         hold_n: 0.0,
         puncture_n: 0.3,
         punctured_n: -0.5,
+        course: Course::default(),
         horizon_us: 100_000,
     }
 }
