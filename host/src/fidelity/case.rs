@@ -6,7 +6,7 @@ use super::hand::{Grasp, Motion};
 use super::link::LinkSpec;
 use super::measure::{Errors, Peaks, Recovery, errors, peaks, recovery};
 use super::plant::Mechanics;
-use super::run::{Host, Setup, True, run, truth_along};
+use super::run::{Host, Record, Setup, True, run, truth_along};
 use super::scenes::Scene;
 use super::scenes::palpation::Palpation;
 use super::scenes::point::Point;
@@ -362,8 +362,24 @@ impl Spec {
             case.energy_min_j = found.least_energy_j;
             return Ok(case);
         }
-        let known = (self.grasp == Grasp::Rigid).then(|| self.known(scenes));
-        let record = run(&Setup {
+        let record = self.record(scenes)?;
+        case.energy_min_j = record.least_energy_j;
+        match self.question {
+            Question::Errors => case.errors = Some(errors(&record)),
+            Question::Gap => case.recovery = Some(recovery(&record, GAP_END_S - GAP_S, GAP_END_S)),
+            Question::Peaks => case.peaks = Some(peaks(&record)),
+            Question::Stiffest => {}
+        }
+        Ok(case)
+    }
+
+    /// The run itself, tick by tick.
+    ///
+    /// # Errors
+    /// As [`Spec::measure`].
+    pub fn record(&self, scenes: &Scenes) -> Result<Record, DeviceError> {
+        let known = (self.grasp == Grasp::Rigid).then(|| scenes.known(self));
+        run(&Setup {
             scene: scenes.at(&self.place),
             motion: self.motion,
             grasp: self.grasp,
@@ -378,19 +394,7 @@ impl Spec {
                 .as_ref()
                 .and_then(|known| known.get())
                 .map(Vec::as_slice),
-        })?;
-        case.energy_min_j = record.least_energy_j;
-        match self.question {
-            Question::Errors => case.errors = Some(errors(&record)),
-            Question::Gap => case.recovery = Some(recovery(&record, GAP_END_S - GAP_S, GAP_END_S)),
-            Question::Peaks => case.peaks = Some(peaks(&record)),
-            Question::Stiffest => {}
-        }
-        Ok(case)
-    }
-
-    fn known(&self, scenes: &Scenes) -> Known {
-        scenes.known(self)
+        })
     }
 }
 
