@@ -155,6 +155,7 @@ impl SimulatedConsole {
             LinkEvent::Rows(rows) => self.rows.unpack_from(&rows),
             LinkEvent::Needle(needle) => self.control.needle(&needle),
             LinkEvent::Thread(thread) => self.control.thread(&thread),
+            LinkEvent::Fixture(fixture) => self.control.fix(&fixture),
             LinkEvent::Command(command) => self.control.command(command),
             LinkEvent::Simulate(order) => self.board.simulate(order.body(), &mut self.control),
         }

@@ -175,7 +175,7 @@ fn schema_is_pinned() {
 #[test]
 fn sizes_are_those_counted_by_hand() {
     let joint = 8 * 4 + 5;
-    let device = 16 + (1 + 5 * 4) + 3 * joint + 3 * 4 + 4;
+    let device = 16 + (1 + 5 * 4) + 3 * joint + 3 * 4 + 3 * 4 + 5;
     let hand = 5 * 4 + 1 + WAY_POINTS * 16;
     assert_eq!(Hello::POSTCARD_MAX_SIZE, 10 + 5 + 5 + 3 + 3 + 1 + 16);
     assert_eq!(
@@ -189,6 +189,7 @@ fn sizes_are_those_counted_by_hand() {
     let numbers = 3 + 4 + 6 + 1 + 2 + 2 + 1 + 1 + 1;
     assert_eq!(Needle::POSTCARD_MAX_SIZE, 1 + 1 + numbers * 4 + 1 + 1 + 5);
     assert_eq!(Thread::POSTCARD_MAX_SIZE, 4 + (3 + 3 + 3) * 4 + 5);
+    assert_eq!(Fixture::POSTCARD_MAX_SIZE, 1 + (3 + 3 + 1 + 1) * 4);
     assert_eq!(Command::POSTCARD_MAX_SIZE, 1 + 3);
     assert_eq!(Report::POSTCARD_MAX_SIZE, 7 * 5 + 3 + 3 * 5);
     assert_eq!(Simulate::POSTCARD_MAX_SIZE, 1 + hand);

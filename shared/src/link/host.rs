@@ -186,7 +186,8 @@ impl HostLink {
             | Checked::Simulate(_)
             | Checked::Needle(_)
             | Checked::Thread(_)
-            | Checked::Rows(_) => Err(Reject::Direction),
+            | Checked::Rows(_)
+            | Checked::Fixture(_) => Err(Reject::Direction),
         }
     }
 
