@@ -302,7 +302,7 @@ fn a_fixed_wall_needs_no_host_and_gives_no_energy_away() {
     }));
     control.command(Command::Arm);
     let (mut z, mut v) = press(0.0);
-    let (mut acting, mut commanded, mut energy, mut least) = (0.0, 0.0, 0.0, 0.0_f64);
+    let (mut commanded, mut energy, mut least) = (0.0, 0.0, 0.0_f64);
     let (mut worst, mut deepest) = (0.0_f64, 0.0_f64);
     for ms in 1..=4000_u32 {
         let input = TickInput {
@@ -312,7 +312,7 @@ fn a_fixed_wall_needs_no_host_and_gives_no_energy_away() {
         };
         let state = control.tick(&input, None).state;
         assert!(ms < 3 || state.mode == Mode::Armed);
-        (acting, commanded) = (commanded, f64::from(state.force_n[2]));
+        let acting = core::mem::replace(&mut commanded, f64::from(state.force_n[2]));
         for step in 0..STEPS {
             let t = f64::from(ms - 1) * 1e-3 + f64::from(step) * STEP_S;
             let (target, speed) = press(t);

@@ -192,7 +192,6 @@ fn direction_is_checked() {
             | Unchecked::Simulate(..)
             | Unchecked::Needle(..)
             | Unchecked::Thread(..)
-            | Unchecked::Rows(..)
             | Unchecked::Fixture(..) => true,
             Unchecked::State(..) | Unchecked::Report(..) => false,
         };
@@ -219,7 +218,6 @@ fn any_frame() -> impl Strategy<Value = Vec<u8>> {
             Unchecked::Simulate(_, body) => frame(session, sequence, time, &body),
             Unchecked::Needle(_, body) => frame(session, sequence, time, &body),
             Unchecked::Thread(_, body) => frame(session, sequence, time, &body),
-            Unchecked::Rows(_, body) => frame(session, sequence, time, &body),
             Unchecked::Fixture(_, body) => frame(session, sequence, time, &body),
         },
     )

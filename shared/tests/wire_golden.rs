@@ -4,8 +4,8 @@ mod common;
 
 use common::{encode_again, golden, hex_of, unpack_one, validate_either};
 use sutura_shared::wire::message::{
-    Command, Contact, End, Friction, Hello, Mode, Needle, Report, Rows, Simulate, State, Tension,
-    Thread, Tip, WAY_POINTS,
+    Command, Contact, End, Fixture, Friction, Hello, Mode, Needle, Report, Rows, Simulate, State,
+    Tension, Thread, Tip, WAY_POINTS,
 };
 use sutura_shared::wire::{
     HEADER_SIZE, Kind, MAX_FRAME, MAX_REAL_TIME_FRAME, PROTOCOL_VERSION, Reject, SCHEMA_HASH,
@@ -202,7 +202,7 @@ fn sizes_are_those_counted_by_hand() {
     let entries = 24 * 25 / 2;
     assert_eq!(
         Rows::POSTCARD_MAX_SIZE,
-        1 + 21 * 4 + (1 + 24 * row) + (2 + entries * 4)
+        1 + 21 * 4 + 4 + (1 + 24 * row) + (2 + entries * 4)
     );
     assert_eq!(frame_size(Contact::POSTCARD_MAX_SIZE), 186);
     assert_eq!(frame_size(Needle::POSTCARD_MAX_SIZE), 117);

@@ -54,6 +54,9 @@ pub struct TissueSolver {
     script: Script,
     /// Console time of the first step \[us\], from which scripts count.
     began_us: Option<u64>,
+    /// Whether a needle in the console's grip is looked ahead of. On until somebody who does not send it to a console
+    /// turns it off.
+    pub looks_ahead: bool,
     deepest: Deepest,
     needles: Vec<NeedleTally>,
     wound: Option<Wound>,
@@ -108,6 +111,7 @@ impl TissueSolver {
             work,
             script: Script::new(scene),
             began_us: None,
+            looks_ahead: true,
             last_us: None,
             deepest: Deepest::default(),
             needles: scene.needles.iter().map(NeedleTally::of).collect(),
@@ -247,7 +251,7 @@ impl TissueSolver {
         let touches = self.last.rows as usize;
         let step_us = LOOK_US * (1.0 + (touches as f64 / LOOK_ROWS).powi(2));
         let affordable = (LOOK_SHARE * period_us as f64 / step_us) as usize;
-        if self.tissue.word() != "linear" || affordable < 2 {
+        if !self.looks_ahead || self.tissue.word() != "linear" || affordable < 2 {
             return None;
         }
         let [x, y, z, ..] = needle.slide;

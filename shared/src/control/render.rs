@@ -144,9 +144,8 @@ impl Render {
                 None => self.trust = Trust::FULL,
             }
         }
-        let mut rows = fresh.rows;
-        rows.adopt(&self.rows, &new.moved_to(grip), new.console_time_us);
-        self.rows = rows;
+        let dx = new.moved_to(grip);
+        self.rows.replace(&fresh.rows, &dx, new.console_time_us);
         self.contact = Some(new);
         self.changed = true;
     }
@@ -265,7 +264,12 @@ impl Render {
     /// Makes this tick's force go on from the last one: what that was, and what the new tangent adds to it on the
     /// way since then.
     fn blend(&mut self, contact: &LocalContact, model: &Vec3, tangent: &Vec3, now_us: u64) {
-        if !self.tuning.guards.blend {
+        // The baselines are what they are known as, steps and all.
+        let baseline = matches!(
+            self.tuning.rendering,
+            Rendering::Hold | Rendering::LinearTime
+        );
+        if baseline || !self.tuning.guards.blend {
             return;
         }
         let continued = match &self.last {

@@ -148,11 +148,12 @@ impl HostLink {
         if !self.endpoint.take_in(byte) {
             return None;
         }
-        match self.endpoint.examine()? {
+        match self.endpoint.examine(None)? {
             Received::OtherVersion(console) => {
                 self.asked.take()?;
                 Some(HostEvent::Refused(Mismatch::Version { console }))
             }
+            Received::Rows => None,
             Received::Message(message) => {
                 let verdict = self.judge(message);
                 self.endpoint.settle(verdict)
@@ -186,7 +187,6 @@ impl HostLink {
             | Checked::Simulate(_)
             | Checked::Needle(_)
             | Checked::Thread(_)
-            | Checked::Rows(_)
             | Checked::Fixture(_) => Err(Reject::Direction),
         }
     }

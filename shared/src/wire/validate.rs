@@ -157,7 +157,6 @@ pub enum Unchecked {
     Simulate(Header, Simulate),
     Needle(Header, Needle),
     Thread(Header, Thread),
-    Rows(Header, Rows),
     Fixture(Header, Fixture),
 }
 
@@ -177,15 +176,14 @@ pub enum Checked {
     Simulate(ValidSimulate),
     Needle(ValidNeedle),
     Thread(ValidThread),
-    Rows(ValidRows),
     Fixture(ValidFixture),
 }
 
 impl Decoded<'_> {
-    /// Reads the body.
+    /// Reads the body of any message but [`Rows`]: see [`Self::rows`].
     ///
     /// # Errors
-    /// [`Reject::Body`] if it does not decode, [`Reject::Trailing`] if bytes are left over.
+    /// [`Reject::Kind`] for rows;     /// [`Reject::Body`] if it does not decode, [`Reject::Trailing`] if bytes are left over.
     pub fn unpack(&self) -> Result<Unchecked, Reject> {
         let header = self.header;
         Ok(match header.kind {
@@ -197,10 +195,25 @@ impl Decoded<'_> {
             Kind::Simulate => Unchecked::Simulate(header, self.read()?),
             Kind::Needle => Unchecked::Needle(header, self.read()?),
             Kind::Thread => Unchecked::Thread(header, self.read()?),
-            Kind::Rows => Unchecked::Rows(header, self.read()?),
+            Kind::Rows => return Err(Reject::Kind),
             Kind::Fixture => Unchecked::Fixture(header, self.read()?),
             Kind::Tools => return Err(Reject::ReservedKind),
         })
+    }
+
+    /// Reads and checks rows. They are ten times as large as all else, and would make every message that is handed on
+    /// as large as they are: they are no part of [`Unchecked`] and [`Checked`].
+    ///
+    /// # Errors
+    /// As of [`Self::unpack`] and [`Unchecked::validate`], [`Reject::Kind`] for other kinds.
+    pub fn rows(&self, direction: Direction) -> Result<ValidRows, Reject> {
+        if !self.header.kind.travels(direction) {
+            return Err(Reject::Direction);
+        }
+        if self.header.kind != Kind::Rows {
+            return Err(Reject::Kind);
+        }
+        Valid::new(self.header, self.read()?)
     }
 
     fn read<M: Message>(&self) -> Result<M, Reject> {
@@ -230,7 +243,6 @@ impl Unchecked {
             Unchecked::Simulate(header, body) => Checked::Simulate(Valid::new(header, body)?),
             Unchecked::Needle(header, body) => Checked::Needle(Valid::new(header, body)?),
             Unchecked::Thread(header, body) => Checked::Thread(Valid::new(header, body)?),
-            Unchecked::Rows(header, body) => Checked::Rows(Valid::new(header, body)?),
             Unchecked::Fixture(header, body) => Checked::Fixture(Valid::new(header, body)?),
         })
     }
@@ -257,7 +269,6 @@ impl Unchecked {
             | Unchecked::Simulate(header, _)
             | Unchecked::Needle(header, _)
             | Unchecked::Thread(header, _)
-            | Unchecked::Rows(header, _)
             | Unchecked::Fixture(header, _) => header,
         }
     }
