@@ -187,7 +187,11 @@ fn sizes_are_those_counted_by_hand() {
         1 + (3 + 4 + 6 + 21 + 1 + 3 + 1) * 4 + 5
     );
     let numbers = 3 + 4 + 6 + 1 + 2 + 2 + 1 + 1 + 1;
-    assert_eq!(Needle::POSTCARD_MAX_SIZE, 1 + 1 + numbers * 4 + 1 + 1 + 5);
+    let course = 2 + 12 * 2 * 4;
+    assert_eq!(
+        Needle::POSTCARD_MAX_SIZE,
+        1 + 1 + numbers * 4 + 1 + 1 + course + 5
+    );
     assert_eq!(Thread::POSTCARD_MAX_SIZE, 4 + (3 + 3 + 3) * 4 + 5);
     assert_eq!(Command::POSTCARD_MAX_SIZE, 1 + 3);
     assert_eq!(Report::POSTCARD_MAX_SIZE, 7 * 5 + 3 + 3 * 5);
@@ -204,7 +208,7 @@ fn sizes_are_those_counted_by_hand() {
         1 + 21 * 4 + (1 + 24 * row) + (2 + entries * 4)
     );
     assert_eq!(frame_size(Contact::POSTCARD_MAX_SIZE), 186);
-    assert_eq!(frame_size(Needle::POSTCARD_MAX_SIZE), 117);
+    assert_eq!(frame_size(Needle::POSTCARD_MAX_SIZE), 215);
     assert_eq!(frame_size(Thread::POSTCARD_MAX_SIZE), 69);
     assert_eq!(frame_size(State::POSTCARD_MAX_SIZE), 122);
     assert_eq!(MAX_REAL_TIME_FRAME, 220);
