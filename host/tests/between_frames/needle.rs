@@ -55,7 +55,7 @@ fn figures() {
                     &truth,
                     host_hz,
                     rendering,
-                    |tick, should, is| {
+                    |tick, should: Vector3<f64>, is: Vector3<f64>| {
                         lines += &format!("{tick} {} {}\n", should.z, is.z);
                     },
                 );
