@@ -283,6 +283,7 @@ mod tests {
         Rows {
             tool: 0,
             held: [0.0; 21],
+            curvature_per_m: 0.0,
             rows: List::of([row]),
             compliance: List::of([1.0 / 500.0]),
         }

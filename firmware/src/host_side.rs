@@ -4,7 +4,7 @@
 
 use crate::outbox::Outbox;
 use heapless::spsc::{Consumer, Producer, Queue};
-use sutura_shared::control::{ContactRows, Fresh};
+use sutura_shared::control::Fresh;
 use sutura_shared::link::{ConsoleLink, LinkEvent};
 use sutura_shared::simulated_console::REPORT_EVERY;
 use sutura_shared::wire::message::{Command, Mode, Report, State};
@@ -104,8 +104,6 @@ pub struct HostSide<'a, P> {
     port: P,
     orders: Producer<'a, Order>,
     back: &'a mut Slot,
-    /// The newest rows, unpacked: they wait for the contact of their console time.
-    rows: ContactRows,
     outbox: Outbox<{ 8 * MAX_REAL_TIME_FRAME }>,
     report: Report,
 }
@@ -124,7 +122,6 @@ impl<'a, P: Bytes> HostSide<'a, P> {
             port,
             orders,
             back,
-            rows: ContactRows::NONE,
             outbox: Outbox::new(),
             report: boot,
         }
@@ -150,9 +147,10 @@ impl<'a, P: Bytes> HostSide<'a, P> {
 
     fn apply(&mut self, event: LinkEvent, publish: &mut impl FnMut(&mut &'a mut Slot) -> bool) {
         let order = match event {
-            LinkEvent::Rows(rows) => return self.rows.unpack_from(&rows),
+            // They wait in the link for their contact.
+            LinkEvent::Rows => return,
             LinkEvent::Contact(contact) => {
-                *self.back = Some(Fresh::of(contact, &self.rows));
+                *self.back = Some(Fresh::of(contact, self.link.rows()));
                 // What comes back is what was replaced.
                 if publish(&mut self.back) && self.back.is_some() {
                     self.report.frames_superseded = self.report.frames_superseded.wrapping_add(1);
@@ -162,7 +160,6 @@ impl<'a, P: Bytes> HostSide<'a, P> {
             LinkEvent::SessionOpened => {
                 // Forgotten, not replaced by a newer one.
                 *self.back = None;
-                self.rows = ContactRows::NONE;
                 publish(&mut self.back);
                 Order::OpenSession
             }
@@ -384,6 +381,7 @@ mod tests {
             let rows = Rows {
                 tool: 0,
                 held: [0.0; 21],
+                curvature_per_m: 0.0,
                 rows: List::of([Row::default()]),
                 compliance: List::of([0.01]),
             };

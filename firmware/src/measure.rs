@@ -1,5 +1,6 @@
 //! What the bench image counts, and with what. Entry points: [`Stopwatch::print`], [`all`].
 
+use crate::measure_rows;
 use core::fmt::Write;
 use core::hint::black_box;
 use core::sync::atomic::{Ordering, compiler_fence};
@@ -88,6 +89,7 @@ pub fn all(stopwatch: &Stopwatch) {
         }));
     }
     line("contact_receive_and_validate", most);
+    measure_rows::all(stopwatch, &mut wire);
     let mut frame = [0; MAX_FRAME];
     stopwatch.print("state_encode", || {
         black_box(
@@ -205,9 +207,9 @@ fn touching(position_m: [f32; 3]) -> Contact {
 }
 
 /// Both ends of an open session.
-struct Wire {
-    host: HostLink,
-    console: ConsoleLink,
+pub struct Wire {
+    pub host: HostLink,
+    pub console: ConsoleLink,
 }
 
 impl Wire {

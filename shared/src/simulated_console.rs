@@ -4,7 +4,7 @@
 //! Entry points: [`SimulatedConsole`] where one thread does everything; [`SimulatedBoard`] for firmware
 //! that runs link and control in tasks of its own, as a board has encoders and motors.
 
-use crate::control::{ContactRows, Control, Fresh, TICK_HZ, TICK_US, TickInput, TickOutput};
+use crate::control::{Control, Fresh, TICK_HZ, TICK_US, TickInput, TickOutput};
 use crate::device::{DeviceDescription, DeviceError};
 use crate::link::{ConsoleLink, Identity, LinkEvent};
 use crate::virtual_console::VirtualDevice;
@@ -99,7 +99,6 @@ pub struct SimulatedConsole {
     control: Control,
     board: SimulatedBoard,
     contact: Option<Fresh>,
-    rows: ContactRows,
     report: Report,
     state: Option<State>,
 }
@@ -120,7 +119,6 @@ impl SimulatedConsole {
             control: Control::new(*device)?,
             board: SimulatedBoard::new(device),
             contact: None,
-            rows: ContactRows::NONE,
             report: Report::default(),
             state: None,
         })
@@ -139,20 +137,20 @@ impl SimulatedConsole {
         match event {
             LinkEvent::SessionOpened => {
                 self.contact = None;
-                self.rows = ContactRows::NONE;
                 self.control.open_session();
             }
             LinkEvent::Contact(contact) => {
                 let replaced = self
                     .contact
-                    .replace(Fresh::of(contact, &self.rows))
+                    .replace(Fresh::of(contact, self.link.rows()))
                     .is_some();
                 self.report.frames_superseded = self
                     .report
                     .frames_superseded
                     .wrapping_add(u32::from(replaced));
             }
-            LinkEvent::Rows(rows) => self.rows.unpack_from(&rows),
+            // They wait in the link for their contact.
+            LinkEvent::Rows => {}
             LinkEvent::Needle(needle) => self.control.needle(&needle),
             LinkEvent::Thread(thread) => self.control.thread(&thread),
             LinkEvent::Command(command) => self.control.command(command),

@@ -297,3 +297,51 @@ proptest! {
         }
     }
 }
+
+/// A ball of 10 mm that rolls off a bump, seen from a frame in which it touches: the gap is that of circles.
+#[test]
+fn a_round_tool_opens_its_gaps_as_it_moves_aside() {
+    let mut body = smooth(7, 1.0 / 500.0, -2e-3);
+    body.rows.items_mut()[0].lambda_n = 1.0;
+    body.curvature_per_m = 100.0;
+    let mut rows = ContactRows::unpack(&frame(SOLVED, body));
+    for (x, z) in [
+        (0.0_f32, 0.0_f32),
+        (2e-3, 0.0),
+        (-3e-3, 1e-3),
+        (5e-3, 0.0),
+        (8e-3, -1e-3),
+    ] {
+        let foot = 10e-3 + z;
+        let gap = (foot * foot + x * x).sqrt() - 10e-3;
+        let push = 500.0 * (2e-3 - gap).max(0.0);
+        let found = force(&mut rows, &body, &at(0.0, x, z), SOLVED);
+        assert_near(found, [0.0, 0.0, push], 1e-5, "ball");
+    }
+    // The same vertex, 5 mm away from the ball: 15 mm from its middle.
+    let mut near = smooth(7, 1.0 / 500.0, 5e-3);
+    near.curvature_per_m = 100.0;
+    let mut rows = ContactRows::unpack(&frame(SOLVED, near));
+    let gap = (9e-3_f32.powi(2) + 3e-3_f32.powi(2)).sqrt() - 10e-3;
+    let found = force(&mut rows, &near, &at(3e-3, 0.0, -6e-3), SOLVED);
+    assert_near(found, [0.0, 0.0, -500.0 * gap], 1e-5, "from afar");
+}
+
+/// In place or beside: the same rows.
+#[test]
+fn replaced_rows_are_adopted_ones() {
+    let body = common::rows::wild(&[[0.3; 8]; 24], 4, &[0.2; 300], -2);
+    let mut old = ContactRows::unpack(&frame(SOLVED, body));
+    old.solve(&at(1e-3, 2e-3, -1e-3), SOLVED + 5000);
+    let fresh = ContactRows::unpack(&frame(SOLVED + 2000, body));
+    let here = at(1e-3, 0.0, 0.0);
+    let mut adopting = fresh;
+    adopting.adopt(&old, &here, SOLVED + 2000);
+    assert_ne!(adopting, fresh);
+    old.replace(&fresh, &here, SOLVED + 2000);
+    assert_eq!(old, adopting);
+    old.replace(&ContactRows::NONE, &here, SOLVED);
+    assert!(old.is_empty());
+    let nothing = old.solve(&here, SOLVED);
+    assert_eq!((nothing.change, nothing.residual), ([0.0; 6], 0.0));
+}

@@ -6,6 +6,7 @@ mod common;
 
 use common::{forge, frame, header_bytes, padded, sample};
 use proptest::prelude::*;
+use sutura_shared::control::ContactRows;
 use sutura_shared::link::{
     ConsoleLink, Counters, HostEvent, HostLink, Identity, LinkEvent, Mismatch, SendError,
 };
@@ -121,11 +122,9 @@ fn a_session_carries_every_message_both_ways() {
 
     let bytes = send(&mut host, &sample::rows());
     let events = feed(&mut console, &bytes);
-    let [LinkEvent::Rows(rows)] = &events[..] else {
-        panic!("{events:?}");
-    };
-    assert_eq!(*rows.body(), sample::rows());
-    assert_eq!(rows.console_time_us(), NOW_US);
+    assert_eq!(events, [LinkEvent::Rows]);
+    let sent = common::rows::frame(NOW_US, sample::rows());
+    assert_eq!(*console.rows(), ContactRows::unpack(&sent));
 
     let bytes = send(&mut host, &Command::Arm);
     let events = feed(&mut console, &bytes);

@@ -191,8 +191,7 @@ fn direction_is_checked() {
             | Unchecked::Command(..)
             | Unchecked::Simulate(..)
             | Unchecked::Needle(..)
-            | Unchecked::Thread(..)
-            | Unchecked::Rows(..) => true,
+            | Unchecked::Thread(..) => true,
             Unchecked::State(..) | Unchecked::Report(..) => false,
         };
         if from_host {
@@ -218,7 +217,6 @@ fn any_frame() -> impl Strategy<Value = Vec<u8>> {
             Unchecked::Simulate(_, body) => frame(session, sequence, time, &body),
             Unchecked::Needle(_, body) => frame(session, sequence, time, &body),
             Unchecked::Thread(_, body) => frame(session, sequence, time, &body),
-            Unchecked::Rows(_, body) => frame(session, sequence, time, &body),
         },
     )
 }

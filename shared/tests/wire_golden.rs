@@ -205,7 +205,7 @@ fn sizes_are_those_counted_by_hand() {
     let entries = 24 * 25 / 2;
     assert_eq!(
         Rows::POSTCARD_MAX_SIZE,
-        1 + 21 * 4 + (1 + 24 * row) + (2 + entries * 4)
+        1 + 21 * 4 + 4 + (1 + 24 * row) + (2 + entries * 4)
     );
     assert_eq!(frame_size(Contact::POSTCARD_MAX_SIZE), 186);
     assert_eq!(frame_size(Needle::POSTCARD_MAX_SIZE), 215);

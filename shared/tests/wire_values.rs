@@ -608,7 +608,6 @@ fn holds_promises(message: &Checked) -> bool {
                 && (length(&c.orientation) - 1.0).abs() < 1e-3
                 && c.tool < 8
         }
-        Checked::Rows(rows) => rows.body().check().is_ok(),
         Checked::Needle(needle) => {
             let n = needle.body();
             let bends = length(&n.slide[3..]) > 0.0;

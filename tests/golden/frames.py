@@ -129,6 +129,7 @@ row = lambda kind, k, force: kind + f32(-0.25 * k, force) + f32(0.0, -0.5 * k, -
 rows = (
     u8(0)
     + f32(*[8.0 * (k + 1) for k in range(21)])
+    + f32(125.0)
     + uint(4)
     + row(uint(0) + uint(3), 1, 0.75)  # Smooth
     + row(uint(1) + uint(70000) + f32(0.5), 2, 2.0)  # Normal

@@ -9,6 +9,8 @@
 
 #[path = "../measure.rs"]
 mod measure;
+#[path = "../measure_rows.rs"]
+mod measure_rows;
 
 #[rtic::app(device = stm32f4xx_hal::pac, peripherals = true)]
 mod bench {

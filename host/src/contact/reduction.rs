@@ -46,6 +46,8 @@ pub struct ToolRows {
     pub compliance: [f64; MAX_TOOL_ROWS * (MAX_TOOL_ROWS + 1) / 2],
     /// M: symmetric part of d wrench / d pose with all multipliers held, (6 x 6) \[N/m, N, N m/rad\].
     pub held: [[f64; 6]; 6],
+    /// Curvature of the tool's surface \[1/m\]: of a sphere; 0 of others.
+    pub curvature_per_m: f64,
     /// Of the balance: as the step reports it.
     pub residual: f64,
     /// How fast forces fade at a held pose \[1/s\]: 0, tissue without viscosity.
@@ -63,6 +65,7 @@ impl ToolRows {
         jacobian: [[0.0; 6]; MAX_TOOL_ROWS],
         compliance: [0.0; MAX_TOOL_ROWS * (MAX_TOOL_ROWS + 1) / 2],
         held: [[0.0; 6]; 6],
+        curvature_per_m: 0.0,
         residual: 0.0,
         relaxation_per_s: 0.0,
     };
@@ -177,6 +180,7 @@ impl Reduction {
     ) {
         *out = ToolRows::NONE;
         out.residual = contact.residual;
+        out.curvature_per_m = around.solid.curvature_per_m();
         let kept = self.choose(rows, around, contact);
         for turning in [true, false] {
             if self

@@ -51,6 +51,14 @@ impl Solid {
         self.shape.radius_m()
     }
 
+    /// Curvature where it is the same everywhere \[1/m\], else 0.
+    pub fn curvature_per_m(&self) -> f64 {
+        match self.shape {
+            Shape::Sphere { radius_m } => radius_m.recip(),
+            Shape::FlatPunch { .. } | Shape::Grip => 0.0,
+        }
+    }
+
     /// Longest piece of a path \[m\], short against the curvature that turns the normals: a vertex that
     /// a punch has run over in one piece is not in its core yet, where another side may be nearer.
     pub fn piece(&self) -> f64 {

@@ -10,8 +10,8 @@ use sutura_shared::wire::{MAX_CONTACT_FRAME, MAX_STATE_FRAME, frame_size};
 pub const LINE_BYTES_PER_S: f64 = 600e3;
 /// Bytes of a smooth row whose node's number has up to three bytes (2 million nodes): kind, id, delta_free, lambda, J.
 const ROW: usize = 1 + 3 + 4 + 4 + 6 * 4;
-/// Bytes of a body without rows: tool, M, and the lengths of the two lists.
-const BODY: usize = 1 + 21 * 4 + 1 + 2;
+/// Bytes of a body without rows: tool, M, curvature, and the lengths of the two lists.
+const BODY: usize = 1 + 21 * 4 + 4 + 1 + 2;
 /// Fewer rows than these foresee no more than the tangent, in which all of them are.
 const LEAST_ROWS: usize = 4;
 

@@ -24,6 +24,7 @@ pub fn rows_frame(rows: &ToolRows) -> Option<Rows> {
     let frame = Rows {
         tool: rows.tool,
         held: pack_symmetric(&rows.held),
+        curvature_per_m: rows.curvature_per_m as f32,
         rows: List::of((0..count).map(row)),
         compliance: List::of(entries.iter().map(|entry| *entry as f32)),
     };
@@ -45,6 +46,7 @@ mod tests {
         rows.compliance[..3].copy_from_slice(&[0.02, 0.01, 0.03]);
         rows.jacobian[0] = [0.0, 0.0, 1.0, 0.1, 0.2, 0.0];
         rows.jacobian[1] = [0.0, 0.6, 0.8, 0.0, 0.0, 0.5];
+        rows.curvature_per_m = 80.0;
         rows.held[0][1] = 4.0;
         rows.held[1][0] = 4.0;
         rows
@@ -65,7 +67,7 @@ mod tests {
         assert_eq!((first.delta_free_m, second.delta_free_m), (-0.04, -0.019));
         assert_eq!(second.jacobian, [0.0, 0.6, 0.8, 0.0, 0.0, 0.5]);
         assert_eq!(frame.compliance.items(), [0.02, 0.01, 0.03]);
-        assert_eq!(frame.held[1], 4.0);
+        assert_eq!((frame.held[1], frame.curvature_per_m), (4.0, 80.0));
     }
 
     #[test]

@@ -20,7 +20,6 @@ mod tuning;
 mod velocity;
 mod wall;
 
-pub use encoders::VELOCITY_GAIN;
 pub use needle::LocalNeedle;
 pub use rows::{ContactRows, RowsForce};
 pub use thread::LocalThread;
@@ -216,6 +215,12 @@ impl Control {
     /// The newest state of the thread in the grip; none before the first, and after a fault.
     pub fn thread_in_grip(&self) -> Option<&ValidThread> {
         self.thread.as_ref()
+    }
+
+    /// Energy that the contact force has taken from the hand and not given back, as far as it may still pay for
+    /// something \[J\].
+    pub fn tank_j(&self) -> f32 {
+        self.passivity.energy_j()
     }
 
     fn forget(&mut self) {

@@ -24,9 +24,9 @@ const RESERVE_J: f32 = 3e-3;
 /// Stored by the present contact, at most, over force^2 / (2 stiffness): tissue hardens, and tangents are wrong by
 /// a factor.
 const STORED: f32 = 2.0;
-/// Share per tick of what is beyond that which leaks: a time constant of 0.3 s, longer than a gap in the frames,
-/// shorter than the time between two presses.
-const LEAK: f32 = TICK_S / 0.3;
+/// Share per tick of what is beyond that which leaks: a time constant of 1 s, far longer than a gap in the frames,
+/// for the hand has paid for what it pressed before; no more, for what it rubbed is no store.
+const LEAK: f32 = TICK_S;
 /// Part of the tank that one tick may plan to give: the hand's own acceleration is not known.
 const SHARE: f32 = 0.7;
 /// Stiffness with which a force must be covered by the tank, over that of the local model: what wrong tangents
@@ -112,23 +112,23 @@ impl Passivity {
     }
 
     /// As much of the force that is wanted \[N\] as the tank pays for, and damping while it is overdrawn. `velocity`:
-    /// of the joints; `stiffness`: the largest of the local model \[N/m\].
+    /// of the joints; `stiffness`: the least and the largest that the local model may have \[N/m\].
     pub fn allow(
         &mut self,
         wanted: &Vec3,
         pose: &Pose,
         velocity: &[f32; JOINTS],
-        stiffness: f32,
+        stiffness: (f32, f32),
     ) -> Vec3 {
         let square = dot(wanted, wanted);
-        let stiffness = max(stiffness, SOFTEST);
-        self.leak(STORED * 0.5 * square / stiffness + RESERVE_J);
+        let (least, most) = (max(stiffness.0, SOFTEST), max(stiffness.1, SOFTEST));
+        self.leak(STORED * 0.5 * square / least + RESERVE_J);
         if square <= 0.0 {
             return *wanted;
         }
         let forecast = self.forecast(&pose.effort(wanted), velocity);
         let size = libm::sqrtf(square);
-        let bound = self.covered(&forecast, pose, stiffness);
+        let bound = self.covered(&forecast, pose, most);
         let covered = if size > bound { bound / size } else { 1.0 };
         let share = min(covered, self.paid(&forecast)) * self.shrunk();
         let mut allowed = *wanted;

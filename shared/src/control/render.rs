@@ -97,11 +97,12 @@ impl Render {
         self.contact.as_ref()
     }
 
-    /// Largest stiffness of what is rendered \[N/m\]: the tangent's, or what successive frames say of it if that is
-    /// more.
-    pub fn stiffness(&self) -> f32 {
+    /// Least and largest stiffness that what is rendered may have \[N/m\]: the tangent's largest, and what successive
+    /// frames say of it.
+    pub fn stiffness(&self) -> (f32, f32) {
         let told = self.contact.map_or(0.0, |contact| contact.stiffness());
-        told * max(self.trust.scale(), 1.0)
+        let scale = self.trust.scale();
+        (told * min(scale, 1.0), told * max(scale, 1.0))
     }
 
     /// How old the frame in use is.
@@ -138,9 +139,8 @@ impl Render {
                 None => self.trust = Trust::FULL,
             }
         }
-        let mut rows = fresh.rows;
-        rows.adopt(&self.rows, &new.moved_to(grip), new.console_time_us);
-        self.rows = rows;
+        let dx = new.moved_to(grip);
+        self.rows.replace(&fresh.rows, &dx, new.console_time_us);
         self.contact = Some(new);
         self.changed = true;
     }
@@ -259,7 +259,12 @@ impl Render {
     /// Makes this tick's force go on from the last one: what that was, and what the new tangent adds to it on the
     /// way since then.
     fn blend(&mut self, contact: &LocalContact, model: &Vec3, tangent: &Vec3, now_us: u64) {
-        if !self.tuning.guards.blend {
+        // The baselines are what they are known as, steps and all.
+        let baseline = matches!(
+            self.tuning.rendering,
+            Rendering::Hold | Rendering::LinearTime
+        );
+        if baseline || !self.tuning.guards.blend {
             return;
         }
         let continued = match &self.last {

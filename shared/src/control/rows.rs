@@ -14,7 +14,7 @@ use crate::wire::validate::MAX_WRENCH;
 /// Sweeps of a tick. All in one direction: from multipliers that are a tick old, sweeps to and fro lag ten to a hundred
 /// times as far behind on patches of 24 rows, and nonlinear conjugate gradients (Silcowitz, Niebe and Erleben
 /// 2010) up to ten times.
-const SWEEPS: u32 = 16;
+const SWEEPS: u32 = 14;
 /// Numbers of a row that are worked on at a time; rows are filled up with zeros.
 const LANES: usize = 8;
 /// Largest way and turn \[m, rad\] for which rows are solved: twice the reach of any console, and more than any turn.
@@ -43,8 +43,20 @@ struct Touch {
     friction: f32,
     /// Largest scaled multiplier of the normal.
     limit: f32,
+    /// Direction in which the gap opens, unit vector of J's linear part, (3).
+    opens: [f32; 3],
+    /// From the middle of the tool's curvature to the tissue \[m\]; 0 of a flat tool.
+    reach_m: f32,
     /// Console time at which it last slipped on the console \[us\]; 0: not since the frame.
     slipped_us: u64,
+}
+
+/// What carries over from one frame's rows to the next.
+struct Known {
+    touching: u8,
+    touches: [Touch; MAX_ROWS],
+    lambda: [f32; MAX_ROWS],
+    scale: [f32; MAX_ROWS],
 }
 
 /// The rows of one tool, unpacked; none is the default.
@@ -91,6 +103,8 @@ impl ContactRows {
             row: 0,
             friction: 0.0,
             limit: 0.0,
+            opens: [0.0; 3],
+            reach_m: 0.0,
             slipped_us: 0,
         }; MAX_ROWS],
         held: [0.0; 21],
@@ -132,6 +146,9 @@ impl ContactRows {
             self.name(index, row);
         }
         self.scale_rows(rows);
+        if body.curvature_per_m > 0.0 {
+            self.bend(rows, body.curvature_per_m);
+        }
     }
 
     /// Enters a row into its contact.
@@ -148,6 +165,8 @@ impl ContactRows {
             row: index as u8,
             friction: 0.0,
             limit: MAX_WRENCH / normal,
+            opens: [0.0; 3],
+            reach_m: 0.0,
             slipped_us: 0,
         };
         if friction > 0.0 {
@@ -189,6 +208,29 @@ impl ContactRows {
         self.lambda = self.host;
     }
 
+    /// How the tool's curvature opens gaps.
+    fn bend(&mut self, rows: &[Row], curvature_per_m: f32) {
+        for index in 0..usize::from(self.touching) {
+            let Some(mut touch) = self.touches.get(index).copied() else {
+                return;
+            };
+            let row = usize::from(touch.row);
+            let Some([x, y, z, ..]) = rows.get(row).map(|row| row.jacobian) else {
+                return;
+            };
+            let square = x * x + y * y + z * z;
+            if square > 0.0 {
+                let part = 1.0 / libm::sqrtf(square);
+                touch.opens = [x * part, y * part, z * part];
+                let gap = (at(&self.free, row) + self.by_forces(row)) / at(&self.scale, row);
+                touch.reach_m = 1.0 / curvature_per_m + max(gap, 0.0);
+            }
+            if let Some(place) = self.touches.get_mut(index) {
+                *place = touch;
+            }
+        }
+    }
+
     fn coupling(&self, i: usize, j: usize) -> f32 {
         self.compliance.get(i).map_or(0.0, |row| at(row, j))
     }
@@ -215,14 +257,40 @@ impl ContactRows {
             .map(|(lambda, scale)| lambda * scale)
     }
 
+    /// Takes the rows of a new frame and goes on from the present ones, see [`adopt`](Self::adopt); none in the
+    /// place of none costs nothing.
+    pub fn replace(&mut self, fresh: &ContactRows, dx_now: &[f32; 6], solved_us: u64) {
+        if fresh.is_empty() {
+            (self.count, self.touching) = (0, 0);
+            self.held = [0.0; 21];
+            return;
+        }
+        let known = self.known();
+        *self = *fresh;
+        self.go_on(&known, dx_now, solved_us);
+    }
+
     /// Goes on from the rows that have been rendered so far: the multipliers of contacts that both know carry
     /// over. A contact that has slipped here after `solved_us`, which this frame cannot know, sticks where its force
     /// is in balance now; else the host's anchor counts, which knows all slip. `dx_now`: see [`solve`](Self::solve).
     pub fn adopt(&mut self, old: &ContactRows, dx_now: &[f32; 6], solved_us: u64) {
+        self.go_on(&old.known(), dx_now, solved_us);
+    }
+
+    fn known(&self) -> Known {
+        Known {
+            touching: self.touching,
+            touches: self.touches,
+            lambda: self.lambda,
+            scale: self.scale,
+        }
+    }
+
+    fn go_on(&mut self, old: &Known, dx_now: &[f32; 6], solved_us: u64) {
         let touching = usize::from(self.touching);
         for touch in self.touches.iter_mut().take(touching) {
-            let known = old.touches.iter().take(usize::from(old.touching));
-            let Some(before) = known.into_iter().find(|other| other.id == touch.id) else {
+            let mut known = old.touches.iter().take(usize::from(old.touching));
+            let Some(before) = known.find(|other| other.id == touch.id) else {
                 continue;
             };
             let (to, from) = (usize::from(touch.row), usize::from(before.row));
@@ -284,6 +352,11 @@ impl ContactRows {
         for row in 0..usize::from(self.count) {
             let free = self.without_forces(row, dx);
             put(&mut drive, row, free - at(&self.anchor, row));
+        }
+        for touch in self.touches.iter().take(usize::from(self.touching)) {
+            let row = usize::from(touch.row);
+            let opened = at(&drive, row) + touch.opening(dx) * at(&self.scale, row);
+            put(&mut drive, row, opened);
         }
         for _ in 0..SWEEPS {
             self.sweep(&drive);
@@ -368,6 +441,22 @@ impl ContactRows {
             }
         }
         change
+    }
+}
+
+impl Touch {
+    /// What a round tool's way along the surface adds to the gap, which is not in J \[m\]. A vertex is `reach` from the
+    /// tool's middle; moved by d it is `|reach opens + d|`.
+    #[inline]
+    fn opening(&self, dx: &[f32; 6]) -> f32 {
+        if self.reach_m <= 0.0 {
+            return 0.0;
+        }
+        let ([x, y, z, ..], [a, b, c]) = (dx, self.opens);
+        let along = a * x + b * y + c * z;
+        let across = max(x * x + y * y + z * z - along * along, 0.0);
+        let foot = self.reach_m + along;
+        libm::sqrtf(foot * foot + across) - foot
     }
 }
 

@@ -2,10 +2,11 @@
 //! [`ConsoleLink::take_reply`] and then [`ConsoleLink::encode_state`] for what goes out.
 
 use super::endpoint::{Counters, Endpoint, Received};
+use crate::control::ContactRows;
 use crate::wire::message::{Command, Hello, Report, State};
 use crate::wire::{
     Checked, Direction, MAX_FRAME, Message, Reject, SCHEMA_HASH, ValidContact, ValidNeedle,
-    ValidRows, ValidSimulate, ValidThread,
+    ValidSimulate, ValidThread,
 };
 
 /// What a console says of itself in its `Hello`.
@@ -30,8 +31,8 @@ pub enum LinkEvent {
     SessionOpened,
     /// The newest contact.
     Contact(ValidContact),
-    /// The newest rows; they belong to the contact of the same console time, which is yet to come.
-    Rows(ValidRows),
+    /// Rows: see [`ConsoleLink::rows`].
+    Rows,
     /// The newest state of a needle.
     Needle(ValidNeedle),
     /// The newest state of a thread.
@@ -51,6 +52,7 @@ pub struct ConsoleLink {
     hellos: u32,
     reply: Option<Hello>,
     state_every: u16,
+    rows: ContactRows,
 }
 
 impl ConsoleLink {
@@ -70,6 +72,7 @@ impl ConsoleLink {
             hellos: 0,
             reply: None,
             state_every: 1,
+            rows: ContactRows::NONE,
         }
     }
 
@@ -87,7 +90,8 @@ impl ConsoleLink {
     /// one at its end needs.
     #[inline(never)]
     fn frame(&mut self, now_us: u64) -> Option<LinkEvent> {
-        match self.endpoint.examine()? {
+        match self.endpoint.examine(Some((&mut self.rows, now_us)))? {
+            Received::Rows => Some(LinkEvent::Rows),
             Received::OtherVersion(_) => {
                 // Its nonce may stand anywhere. The answer's first byte says what differs.
                 self.reply = Some(self.hello(0, 0));
@@ -114,14 +118,13 @@ impl ConsoleLink {
                 agreed?;
                 self.endpoint.open(session);
                 self.state_every = 1;
+                self.rows = ContactRows::NONE;
                 Ok(LinkEvent::SessionOpened)
             }
             Checked::Contact(contact) if contact.console_time_us() > now_us => {
                 Err(Reject::FromTheFuture)
             }
             Checked::Contact(contact) => Ok(LinkEvent::Contact(contact)),
-            Checked::Rows(rows) if rows.console_time_us() > now_us => Err(Reject::FromTheFuture),
-            Checked::Rows(rows) => Ok(LinkEvent::Rows(rows)),
             Checked::Needle(needle) if needle.console_time_us() > now_us => {
                 Err(Reject::FromTheFuture)
             }
@@ -182,6 +185,11 @@ impl ConsoleLink {
             simulated: self.identity.simulated,
             device_name: self.identity.device_name,
         }
+    }
+
+    /// The newest rows of this session, unpacked: those of a contact of the same console time, which comes after them.
+    pub fn rows(&self) -> &ContactRows {
+        &self.rows
     }
 
     /// Whether an answer to a `Hello` waits for [`take_reply`](Self::take_reply).

@@ -1,9 +1,10 @@
 //! What both ends of the link have in common: the way from bytes to a checked message of the open
 //! session, and the counting. Entry points: [`Endpoint::take_in`], [`Endpoint::send`].
 
+use crate::control::ContactRows;
 use crate::wire::{
-    Accumulator, Checked, Direction, EncodeError, Header, Kind, MAX_FRAME, Message, Reject, decode,
-    encode, hello_version,
+    Accumulator, Checked, Decoded, Direction, EncodeError, Header, Kind, MAX_FRAME, Message,
+    Reject, decode, encode, hello_version,
 };
 
 /// What happened on one end of the link.
@@ -30,6 +31,8 @@ pub struct Counters {
 pub(super) enum Received {
     /// A message that is right as such; the owner still has to [`Endpoint::settle`] it.
     Message(Checked),
+    /// Rows, which are unpacked; already counted.
+    Rows,
     /// A `Hello` in another version of the protocol; already counted as refused.
     OtherVersion(u8),
 }
@@ -84,8 +87,9 @@ impl Endpoint {
         self.accumulator.take_in(byte)
     }
 
-    /// Looks at the frame that is complete. What is refused is counted here.
-    pub(super) fn examine(&mut self) -> Option<Received> {
+    /// Looks at the frame that is complete. What is refused is counted here. Rows go to where `rows` says, if they are
+    /// not of a later console time than the one given there.
+    pub(super) fn examine(&mut self, rows: Option<(&mut ContactRows, u64)>) -> Option<Received> {
         let outcome = self
             .accumulator
             .packet()
@@ -96,6 +100,10 @@ impl Endpoint {
                     }
                     let lost = self.incoming.admit(&decoded.header)?;
                     count(&mut self.counters.frames_lost, lost);
+                    if decoded.header.kind == Kind::Rows {
+                        take_rows(&decoded, self.receives, rows)?;
+                        return Ok(Received::Rows);
+                    }
                     let checked = decoded.unpack()?.validate(self.receives)?;
                     Ok(Received::Message(checked))
                 }
@@ -106,6 +114,9 @@ impl Endpoint {
             });
         if let Ok(Received::OtherVersion(_)) = outcome {
             self.reject(Reject::Version);
+        }
+        if let Ok(Received::Rows) = outcome {
+            count(&mut self.counters.frames_received, 1);
         }
         outcome.map_err(|reject| self.reject(reject)).ok()
     }
@@ -182,6 +193,22 @@ impl Incoming {
             _ => Err(Reject::Sequence),
         }
     }
+}
+
+/// Apart, so that other messages do not pay for the stack that these need.
+#[inline(never)]
+fn take_rows(
+    decoded: &Decoded<'_>,
+    direction: Direction,
+    rows: Option<(&mut ContactRows, u64)>,
+) -> Result<(), Reject> {
+    let frame = decoded.rows(direction)?;
+    let (rows, now_us) = rows.ok_or(Reject::Direction)?;
+    if frame.console_time_us() > now_us {
+        return Err(Reject::FromTheFuture);
+    }
+    rows.unpack_from(&frame);
+    Ok(())
 }
 
 /// Counters stop at the top instead of starting over.

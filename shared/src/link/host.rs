@@ -148,11 +148,12 @@ impl HostLink {
         if !self.endpoint.take_in(byte) {
             return None;
         }
-        match self.endpoint.examine()? {
+        match self.endpoint.examine(None)? {
             Received::OtherVersion(console) => {
                 self.asked.take()?;
                 Some(HostEvent::Refused(Mismatch::Version { console }))
             }
+            Received::Rows => None,
             Received::Message(message) => {
                 let verdict = self.judge(message);
                 self.endpoint.settle(verdict)
@@ -185,8 +186,7 @@ impl HostLink {
             | Checked::Command(_)
             | Checked::Simulate(_)
             | Checked::Needle(_)
-            | Checked::Thread(_)
-            | Checked::Rows(_) => Err(Reject::Direction),
+            | Checked::Thread(_) => Err(Reject::Direction),
         }
     }
 

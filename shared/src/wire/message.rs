@@ -306,6 +306,8 @@ pub struct Rows {
     /// M: symmetric part of d wrench / d pose with all multipliers held, packed like [`Contact::tangent`],
     /// (21) \[N/m, N, N m/rad\].
     pub held: [f32; 21],
+    /// Curvature of the tool where it touches \[1/m\]; 0 of a flat one, or where it differs from row to row.
+    pub curvature_per_m: f32,
     /// The rows; those of one contact follow each other.
     pub rows: List<Row, MAX_ROWS>,
     /// W with everything else condensed out, packed upper triangle by rows, (n (n + 1) / 2) \[m/N\].

@@ -4,7 +4,8 @@ use super::frame::Kind;
 use super::message::{MAX_ROWS, Row, RowKind, Rows};
 use super::reject::Reject;
 use super::validate::{
-    MAX_POSITION, MAX_TANGENT, MAX_TOOLS, MAX_WRENCH, Message, between, require, within,
+    MAX_CURVATURE, MAX_POSITION, MAX_TANGENT, MAX_TOOLS, MAX_WRENCH, Message, between, require,
+    within,
 };
 
 /// Largest compliance \[m/N\]: softer than any tissue, and a row that hardly bears anything.
@@ -25,6 +26,7 @@ impl Message for Rows {
     fn check(&self) -> Result<(), Reject> {
         require(self.tool < MAX_TOOLS)?;
         within(&self.held, MAX_TANGENT)?;
+        between(self.curvature_per_m, 0.0, MAX_CURVATURE)?;
         let rows = self.rows.items();
         for row in rows {
             within(&[row.delta_free_m], MAX_POSITION)?;

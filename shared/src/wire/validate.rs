@@ -154,7 +154,6 @@ pub enum Unchecked {
     Simulate(Header, Simulate),
     Needle(Header, Needle),
     Thread(Header, Thread),
-    Rows(Header, Rows),
 }
 
 /// A checked message of any kind.
@@ -173,14 +172,13 @@ pub enum Checked {
     Simulate(ValidSimulate),
     Needle(ValidNeedle),
     Thread(ValidThread),
-    Rows(ValidRows),
 }
 
 impl Decoded<'_> {
-    /// Reads the body.
+    /// Reads the body of any message but [`Rows`]: see [`Self::rows`].
     ///
     /// # Errors
-    /// [`Reject::Body`] if it does not decode, [`Reject::Trailing`] if bytes are left over.
+    /// [`Reject::Kind`] for rows;     /// [`Reject::Body`] if it does not decode, [`Reject::Trailing`] if bytes are left over.
     pub fn unpack(&self) -> Result<Unchecked, Reject> {
         let header = self.header;
         Ok(match header.kind {
@@ -192,9 +190,24 @@ impl Decoded<'_> {
             Kind::Simulate => Unchecked::Simulate(header, self.read()?),
             Kind::Needle => Unchecked::Needle(header, self.read()?),
             Kind::Thread => Unchecked::Thread(header, self.read()?),
-            Kind::Rows => Unchecked::Rows(header, self.read()?),
+            Kind::Rows => return Err(Reject::Kind),
             Kind::Tools => return Err(Reject::ReservedKind),
         })
+    }
+
+    /// Reads and checks rows. They are ten times as large as all else, and would make every message that is handed on
+    /// as large as they are: they are no part of [`Unchecked`] and [`Checked`].
+    ///
+    /// # Errors
+    /// As of [`Self::unpack`] and [`Unchecked::validate`], [`Reject::Kind`] for other kinds.
+    pub fn rows(&self, direction: Direction) -> Result<ValidRows, Reject> {
+        if !self.header.kind.travels(direction) {
+            return Err(Reject::Direction);
+        }
+        if self.header.kind != Kind::Rows {
+            return Err(Reject::Kind);
+        }
+        Valid::new(self.header, self.read()?)
     }
 
     fn read<M: Message>(&self) -> Result<M, Reject> {
@@ -224,7 +237,6 @@ impl Unchecked {
             Unchecked::Simulate(header, body) => Checked::Simulate(Valid::new(header, body)?),
             Unchecked::Needle(header, body) => Checked::Needle(Valid::new(header, body)?),
             Unchecked::Thread(header, body) => Checked::Thread(Valid::new(header, body)?),
-            Unchecked::Rows(header, body) => Checked::Rows(Valid::new(header, body)?),
         })
     }
 
@@ -249,8 +261,7 @@ impl Unchecked {
             | Unchecked::Report(header, _)
             | Unchecked::Simulate(header, _)
             | Unchecked::Needle(header, _)
-            | Unchecked::Thread(header, _)
-            | Unchecked::Rows(header, _) => header,
+            | Unchecked::Thread(header, _) => header,
         }
     }
 }
