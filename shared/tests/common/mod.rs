@@ -94,7 +94,17 @@ pub mod sample {
             hold_n: 0.0625,
             puncture_n: 0.125,
             punctured_n: -0.3125,
-            course: Course::default(),
+            course: Course {
+                forward: 3,
+                backward: 1,
+                points: core::array::from_fn(|point| match point {
+                    0 => [0.0009765625, -0.5],
+                    1 => [0.0009765625, -0.3125],
+                    2 => [0.001953125, -0.34375],
+                    3 => [0.0001220703125, 0.25],
+                    _ => [0.0; 2],
+                }),
+            },
             horizon_us: 100_000,
         }
     }
