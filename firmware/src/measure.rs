@@ -184,7 +184,10 @@ fn ticks(
         } else {
             None
         };
-        let slot = fresh.map(|contact| Fresh::of(contact, wire.console.rows()));
+        let slot = fresh.map(|contact| match rows {
+            Some(_) => Fresh::of(contact, wire.console.rows()),
+            None => contact.into(),
+        });
         let mut output = None;
         let cost = stopwatch.once(|| output = Some(control.tick(&input, slot.as_ref())));
         let armed = output.is_some_and(|output| output.state.mode == Mode::Armed);

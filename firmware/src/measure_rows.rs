@@ -82,11 +82,11 @@ pub fn patch(cones: usize) -> Rows {
         rows.push(Row {
             kind,
             delta_free_m: if part == 0 {
-                1e-4 * k as f32 - 2e-3
+                1e-4 * k as f32 - 6e-3
             } else {
                 0.0
             },
-            lambda_n: if part == 0 { 0.1 } else { 0.01 },
+            lambda_n: if part == 0 { 0.02 } else { 0.001 },
             jacobian,
         });
         for j in k..MAX_ROWS {

@@ -10,8 +10,8 @@ use common::{
 use proptest::prelude::*;
 use sutura_shared::device::{DeviceDescription, Kinematics};
 use sutura_shared::wire::message::{
-    Command, Contact, Course, End, Friction, HandScript, Hello, Mode, Needle, Report, Simulate,
-    State, Tension, Thread, Tip, WAY_POINTS, WayPoint,
+    Command, Contact, Course, End, Fixture, Friction, HandScript, Hello, Mode, Needle, Report,
+    Simulate, State, Tension, Thread, Tip, WAY_POINTS, WayPoint,
 };
 use sutura_shared::wire::{Checked, Header, Kind, Message, Reject, Valid, validate};
 
@@ -146,6 +146,30 @@ fn needle_limits() {
     for i in 0..2 {
         check_limits(needle, |n| &mut n.stiffness_n_per_m[i], 0.0, 1e7);
     }
+    // Points that do not count are looked at, too.
+    for i in [1, 3, 11] {
+        check_limits(needle, |n| &mut n.course.points[i][1], -1e4, 1e4);
+    }
+    check_limits(needle, |n| &mut n.course.points[11][0], 0.0, 10.0);
+    let counts = |forward, backward| {
+        verdict(with(needle, |n| {
+            n.course = Course {
+                forward,
+                backward,
+                points: [[0.5; 2]; 12],
+            };
+        }))
+    };
+    assert_eq!(
+        (counts(0, 0), counts(12, 0), counts(7, 5)),
+        (Ok(()), Ok(()), Ok(()))
+    );
+    assert_eq!(counts(7, 6), Err(Reject::Range));
+    assert_eq!(counts(255, 255), Err(Reject::Range));
+    // Ways grow, each way by itself.
+    let way = |i: usize, way_m| verdict(with(needle, |n| n.course.points[i][0] = way_m));
+    assert_eq!(way(1, 0.0009), Err(Reject::Range));
+    assert_eq!(way(3, 0.5), Ok(()));
     let tool = |tool| verdict(with(needle, |n| n.tool = tool));
     assert_eq!(tool(7), Ok(()));
     assert_eq!(tool(8), Err(Reject::Range));
@@ -159,6 +183,41 @@ fn needle_limits() {
     };
     assert_eq!(turned([0.0; 4]), Err(Reject::Range));
     assert_eq!(turned([0.0, f32::NAN, 0.0, 1.0]), Err(Reject::NotFinite));
+}
+
+#[test]
+fn fixture_limits() {
+    let wall = |point_m, normal, stiffness_n_per_m, damping_n_s_per_m| {
+        verdict(Fixture::Wall {
+            point_m,
+            normal,
+            stiffness_n_per_m,
+            damping_n_s_per_m,
+        })
+    };
+    let (origin, up) = ([0.0; 3], [0.0, 0.0, 1.0]);
+    let range = Err(Reject::Range);
+    assert_eq!(verdict(Fixture::None), Ok(()));
+    assert_eq!(wall([10.0, -10.0, 0.0], up, 1e7, 1e4), Ok(()));
+    assert_eq!(wall([10.1, 0.0, 0.0], up, 1.0, 0.0), range);
+    assert_eq!(wall(origin, [0.0, 0.0, 0.9], 1.0, 0.0), range);
+    assert_eq!(wall(origin, up, -1e-9, 0.0), range);
+    assert_eq!(wall(origin, up, 1.1e7, 0.0), range);
+    assert_eq!(wall(origin, up, 1.0, 1.1e4), range);
+    let not_finite = Err(Reject::NotFinite);
+    assert_eq!(wall([f32::NAN, 0.0, 0.0], up, 1.0, 0.0), not_finite);
+    assert_eq!(wall(origin, up, f32::INFINITY, 0.0), not_finite);
+    let coupling = |anchor_m, stiffness_n_per_m, damping_n_s_per_m| {
+        verdict(Fixture::Coupling {
+            anchor_m,
+            stiffness_n_per_m,
+            damping_n_s_per_m,
+        })
+    };
+    assert_eq!(coupling([10.0; 3], 0.0, 0.0), Ok(()));
+    assert_eq!(coupling([0.0, 0.0, -10.1], 0.0, 0.0), range);
+    assert_eq!(coupling(origin, 1.0, f32::NAN), not_finite);
+    assert_eq!(coupling(origin, 1.0, -1.0), range);
 }
 
 #[test]

@@ -8,8 +8,8 @@
 
 use sutura_shared::device::{DeviceDescription, Joint, Kinematics};
 use sutura_shared::wire::message::{
-    Command, Contact, Course, End, Friction, HandScript, Hello, Mode, Needle, Report, Row, RowKind,
-    Rows, Simulate, State, Tension, Thread, Tip, WayPoint,
+    Command, Contact, Course, End, Fixture, Friction, HandScript, Hello, Mode, Needle, Report, Row,
+    RowKind, Rows, Simulate, State, Tension, Thread, Tip, WayPoint,
 };
 use sutura_shared::wire::{
     Accumulator, Checked, Direction, Header, Kind, List, MAX_FRAME, Message, PROTOCOL_VERSION,
@@ -94,7 +94,17 @@ pub mod sample {
             hold_n: 0.0625,
             puncture_n: 0.125,
             punctured_n: -0.3125,
-            course: Course::default(),
+            course: Course {
+                forward: 3,
+                backward: 1,
+                points: core::array::from_fn(|point| match point {
+                    0 => [0.0009765625, -0.5],
+                    1 => [0.0009765625, -0.3125],
+                    2 => [0.001953125, -0.34375],
+                    3 => [0.0001220703125, 0.25],
+                    _ => [0.0; 2],
+                }),
+            },
             horizon_us: 100_000,
         }
     }
@@ -137,6 +147,23 @@ pub mod sample {
                 row(4.0, RowKind::Tangent { anchor_m: 0.0 }, 0.0),
             ]),
             compliance: List::of([0.5, 0.25, -0.125, 0.0, 0.5, 0.0625, -0.0, 1.0, 0.03125, 2.0]),
+        }
+    }
+
+    pub fn fixed_wall() -> Fixture {
+        Fixture::Wall {
+            point_m: [0.0, 0.0, -0.125],
+            normal: [0.0, 0.0, 1.0],
+            stiffness_n_per_m: 800.0,
+            damping_n_s_per_m: 2.0,
+        }
+    }
+
+    pub fn coupling() -> Fixture {
+        Fixture::Coupling {
+            anchor_m: [0.25, -0.5, 0.0],
+            stiffness_n_per_m: 400.0,
+            damping_n_s_per_m: 1.5,
         }
     }
 
@@ -354,6 +381,8 @@ pub fn golden() -> Vec<Golden> {
         |sequence, body| Unchecked::Command(header(Kind::Command, session, sequence, 0), body);
     let simulate =
         |sequence, body| Unchecked::Simulate(header(Kind::Simulate, session, sequence, 0), body);
+    let fixture =
+        |sequence, body| Unchecked::Fixture(header(Kind::Fixture, session, sequence, 0), body);
     let messages = [
         Unchecked::Hello(header(Kind::Hello, 0, 0, 0), sample::hello_host()),
         Unchecked::Hello(
@@ -376,6 +405,9 @@ pub fn golden() -> Vec<Golden> {
             header(Kind::Thread, session, 13, 123_423_000),
             sample::thread(),
         ),
+        fixture(15, Fixture::None),
+        fixture(16, sample::fixed_wall()),
+        fixture(17, sample::coupling()),
         command(3, Command::Arm),
         command(4, Command::Disarm),
         command(5, Command::ClearFault),
@@ -464,6 +496,7 @@ pub fn encode_again(message: &Unchecked) -> Vec<u8> {
         Unchecked::Simulate(header, body) => again(header, body),
         Unchecked::Needle(header, body) => again(header, body),
         Unchecked::Thread(header, body) => again(header, body),
+        Unchecked::Fixture(header, body) => again(header, body),
     }
 }
 

@@ -1,5 +1,6 @@
 //! What the tools touch in the measurements: one file per scene, all behind [`Truth`].
 
+pub mod needle;
 pub mod palpation;
 pub mod point;
 pub mod rogue;
