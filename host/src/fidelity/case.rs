@@ -4,10 +4,11 @@
 
 use super::hand::{Grasp, Motion};
 use super::link::LinkSpec;
-use super::measure::{Errors, Peaks, Recovery, errors, peaks, recovery};
+use super::measure::{Errors, Peaks, Punctures, Recovery, errors, peaks, punctures, recovery};
 use super::plant::Mechanics;
 use super::run::{Host, Record, Setup, True, run, truth_along};
 use super::scenes::Scene;
+use super::scenes::needle::NeedleSlabs;
 use super::scenes::palpation::Palpation;
 use super::scenes::point::Point;
 use super::scenes::rogue::Rogue;
@@ -27,6 +28,8 @@ pub enum Place {
     Point,
     /// [`Palpation`].
     Palpation,
+    /// [`NeedleSlabs`].
+    Needle,
     /// [`Rogue`].
     Rogue(Rogue),
 }
@@ -121,6 +124,9 @@ pub struct Case {
     /// The gap, if asked for.
     #[serde(flatten)]
     pub recovery: Option<Recovery>,
+    /// When punctures were felt, where there were any.
+    #[serde(flatten)]
+    pub punctures: Option<Punctures>,
     /// Extremes, if asked for.
     #[serde(flatten)]
     pub peaks: Option<Peaks>,
@@ -132,6 +138,7 @@ pub struct Case {
 /// Scenes and true forces that cases share.
 pub struct Scenes {
     palpation: Palpation,
+    needle: NeedleSlabs,
     known: Mutex<HashMap<(Place, Motion, u32), Known>>,
 }
 
@@ -146,6 +153,7 @@ impl Scenes {
     pub fn load() -> Result<Self, SceneError> {
         Ok(Scenes {
             palpation: Palpation::load()?,
+            needle: NeedleSlabs::load()?,
             known: Mutex::default(),
         })
     }
@@ -154,6 +162,7 @@ impl Scenes {
         match place {
             Place::Point => &Point::TISSUE,
             Place::Palpation => &self.palpation,
+            Place::Needle => &self.needle,
             Place::Rogue(rogue) => rogue,
         }
     }
@@ -307,6 +316,7 @@ impl Spec {
             scene: match self.place {
                 Place::Point => "point".to_owned(),
                 Place::Palpation => "palpation".to_owned(),
+                Place::Needle => "needle".to_owned(),
                 Place::Rogue(rogue) => rogue.name().to_owned(),
             },
             hand: self.motion.name(),
@@ -365,7 +375,10 @@ impl Spec {
         let record = self.record(scenes)?;
         case.energy_min_j = record.least_energy_j;
         match self.question {
-            Question::Errors => case.errors = Some(errors(&record)),
+            Question::Errors => {
+                case.errors = Some(errors(&record));
+                case.punctures = punctures(&record);
+            }
             Question::Gap => case.recovery = Some(recovery(&record, GAP_END_S - GAP_S, GAP_END_S)),
             Question::Peaks => case.peaks = Some(peaks(&record)),
             Question::Stiffest => {}

@@ -174,6 +174,52 @@ pub fn recovery(record: &Record, from_s: f64, until_s: f64) -> Recovery {
     }
 }
 
+/// When the punctures of a run are felt.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Punctures {
+    /// In truth.
+    pub punctures: usize,
+    /// Between the fall of the true force and that of the command, 19 of 20 are within this \[ms\].
+    pub puncture_p95_ms: f64,
+    /// The worst \[ms\].
+    pub puncture_max_ms: f64,
+}
+
+/// Ticks in which a force falls when a boundary gives way.
+const FALL_TICKS: usize = 3;
+/// Ticks on either side of a true puncture in which the felt one is looked for.
+const LOOK_TICKS: usize = 60;
+
+/// Of a run with any. Felt is a puncture where the force falls most in 3 ms.
+pub fn punctures(record: &Record) -> Option<Punctures> {
+    let ticks = &record.ticks;
+    let mut off_ms: Vec<f64> = Vec::new();
+    for (index, pair) in ticks.windows(2).enumerate() {
+        if pair[0].punctures == pair[1].punctures || pair[1].time_s < FROM_S {
+            continue;
+        }
+        let from = index.saturating_sub(LOOK_TICKS);
+        let until = (index + LOOK_TICKS).min(ticks.len());
+        let window = &ticks[from..until];
+        let fall = |of: fn(&Tick) -> [f64; 3]| {
+            let falls = window.windows(FALL_TICKS + 1).enumerate();
+            let falls = falls.map(|(at, t)| (at, length(of(&t[0])) - length(of(&t[FALL_TICKS]))));
+            falls
+                .max_by(|a, b| a.1.total_cmp(&b.1))
+                .map_or(0.0, |(at, _)| at as f64)
+        };
+        off_ms.push((fall(|t| t.command_n) - fall(|t| t.truth_n)).abs());
+    }
+    off_ms.sort_by(f64::total_cmp);
+    let last = off_ms.last()?;
+    let p95 = (0.95 * off_ms.len() as f64).ceil() as usize;
+    Some(Punctures {
+        punctures: off_ms.len(),
+        puncture_p95_ms: off_ms[p95.saturating_sub(1).min(off_ms.len() - 1)],
+        puncture_max_ms: *last,
+    })
+}
+
 /// The most that the motors did.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Peaks {

@@ -202,6 +202,17 @@ fn print_text(report: &Report) {
         }
     }
     for case in &report.cases {
+        if let Some(p) = case.punctures {
+            say!(
+                "{}: {} punctures, felt within {:.0} ms (p95), {:.0} ms at most",
+                case.case,
+                p.punctures,
+                p.puncture_p95_ms,
+                p.puncture_max_ms
+            );
+        }
+    }
+    for case in &report.cases {
         if let Some(p) = case.peaks {
             say!(
                 "{}: {:.2} N, {:.0} N/s, {:.2} W, {:.2} m/s, faults {:#06x}",
