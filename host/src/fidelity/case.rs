@@ -257,13 +257,16 @@ impl Spec {
         }
     }
 
-    /// A host that sends nonsense.
-    pub fn rogue(rogue: Rogue) -> Self {
+    /// A host that sends nonsense: to a free grip that holds nothing, or to a hand that fills the tank.
+    pub fn rogue(rogue: Rogue, motion: Motion) -> Self {
         Spec {
             question: Question::Peaks,
-            grasp: Grasp::FREE,
+            grasp: match motion {
+                Motion::Hold => Grasp::FREE,
+                _ => Grasp::Rigid,
+            },
             seconds: 1.0,
-            ..Spec::errors(Place::Rogue(rogue), Motion::Hold, Rendering::Rows, 100.0)
+            ..Spec::errors(Place::Rogue(rogue), motion, Rendering::Rows, 100.0)
         }
     }
 
@@ -291,6 +294,11 @@ impl Spec {
             rendering: self.rendering.unwrap_or_default(),
             guards: self.guards,
         }
+    }
+
+    /// Speed limit of the grip \[m/s\].
+    fn fastest(&self) -> f64 {
+        f64::from(self.mechanics.description().max_grip_speed_m_per_s)
     }
 
     /// Rows that a frame may have.
@@ -380,7 +388,7 @@ impl Spec {
                 case.punctures = punctures(&record);
             }
             Question::Gap => case.recovery = Some(recovery(&record, GAP_END_S - GAP_S, GAP_END_S)),
-            Question::Peaks => case.peaks = Some(peaks(&record)),
+            Question::Peaks => case.peaks = Some(peaks(&record, self.fastest())),
             Question::Stiffest => {}
         }
         Ok(case)

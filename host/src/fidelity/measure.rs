@@ -231,20 +231,24 @@ pub struct Peaks {
     pub power_peak_w: f64,
     /// Of the grip while the amplifiers were on \[m/s\].
     pub speed_peak_m_per_s: f64,
+    /// Most ticks in a row in which the amplifiers were on and the grip faster than it may be.
+    pub ticks_too_fast: u32,
     /// Faults that were latched, bits.
     pub faults: u16,
 }
 
-/// The extremes of a run.
-pub fn peaks(record: &Record) -> Peaks {
+/// The extremes of a run, with a grip that may be so fast \[m/s\].
+pub fn peaks(record: &Record, fastest_m_per_s: f64) -> Peaks {
     let mut peaks = Peaks {
         force_peak_n: 0.0,
         slew_peak_n_per_s: 0.0,
         power_peak_w: 0.0,
         speed_peak_m_per_s: 0.0,
+        ticks_too_fast: 0,
         faults: 0,
     };
     let mut before = [0.0; 3];
+    let mut in_a_row = 0;
     for tick in &record.ticks {
         let on = matches!(tick.mode, Mode::Armed | Mode::Decaying);
         let force = length(tick.command_n);
@@ -255,6 +259,12 @@ pub fn peaks(record: &Record) -> Peaks {
             peaks.slew_peak_n_per_s = peaks.slew_peak_n_per_s.max(slew);
             let speed = length(tick.velocity_m_per_s);
             peaks.speed_peak_m_per_s = peaks.speed_peak_m_per_s.max(speed);
+            in_a_row = if speed > fastest_m_per_s {
+                in_a_row + 1
+            } else {
+                0
+            };
+            peaks.ticks_too_fast = peaks.ticks_too_fast.max(in_a_row);
         }
         let pairs = tick.acting_n.iter().zip(&tick.velocity_m_per_s);
         let power: f64 = pairs.map(|(f, v)| f * v).sum();

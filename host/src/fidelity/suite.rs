@@ -137,7 +137,9 @@ pub fn core(extent: Extent, guards: Guards) -> Vec<Spec> {
     }
     specs.push(Spec::gap(30.0));
     specs.push(Spec::gap(60.0));
-    specs.extend(Rogue::ALL.map(Spec::rogue));
+    for rogue in Rogue::ALL {
+        specs.extend([Motion::Hold, Motion::Presses, Motion::Throw].map(|m| Spec::rogue(rogue, m)));
+    }
     for spec in &mut specs {
         spec.guards = guards;
         if spec.question == Question::Errors {
@@ -415,13 +417,6 @@ pub fn bars(cases: &[Case]) -> Vec<Bar> {
         false,
         0.0,
     );
-    rule(
-        "force over true 0.5 s after a gap",
-        &gap,
-        &|c| Some(c.recovery?.restored_ratio),
-        true,
-        0.9,
-    );
     let rogue = |c: &Case| c.question == "rogue";
     let device = Mechanics::LIGHT.description();
     let limit = |value: f32| 1.001 * f64::from(value);
@@ -448,11 +443,12 @@ pub fn bars(cases: &[Case]) -> Vec<Bar> {
         limit(device.max_power_w),
     );
     rule(
-        "rogue host: grip m/s",
+        "rogue host: ticks with torque beyond the speed limit",
         &rogue,
-        &|c| Some(c.peaks?.speed_peak_m_per_s),
+        &|c| Some(f64::from(c.peaks?.ticks_too_fast)),
         false,
-        1.2 * f64::from(device.max_grip_speed_m_per_s),
+        // Five are a fault, and the estimate of the velocity comes after the motion.
+        10.0,
     );
     bars
 }
