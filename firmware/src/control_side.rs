@@ -88,6 +88,7 @@ impl<'a, P: Plant> ControlSide<'a, P> {
                 Order::Command(command) => self.control.command(command),
                 Order::Needle(needle) => self.control.needle(&needle),
                 Order::Thread(thread) => self.control.thread(&thread),
+                Order::Fixture(fixture) => self.control.fix(&fixture),
                 Order::Simulate(order) => self.plant.simulate(order.body(), &mut self.control),
             }
         }

@@ -9,7 +9,7 @@ use sutura_shared::link::{ConsoleLink, LinkEvent};
 use sutura_shared::simulated_console::REPORT_EVERY;
 use sutura_shared::wire::message::{Command, Mode, Report, State};
 use sutura_shared::wire::{
-    MAX_FRAME, MAX_REAL_TIME_FRAME, ValidNeedle, ValidSimulate, ValidThread,
+    MAX_FRAME, MAX_REAL_TIME_FRAME, ValidFixture, ValidNeedle, ValidSimulate, ValidThread,
 };
 
 /// A byte stream that never waits.
@@ -34,6 +34,8 @@ pub enum Order {
     Needle(ValidNeedle),
     /// From the host. The newest counts, as of needles.
     Thread(ValidThread),
+    /// From the host.
+    Fixture(ValidFixture),
     /// From the host, to a simulated console.
     Simulate(ValidSimulate),
 }
@@ -166,6 +168,7 @@ impl<'a, P: Bytes> HostSide<'a, P> {
             LinkEvent::Command(command) => Order::Command(command),
             LinkEvent::Needle(needle) => Order::Needle(needle),
             LinkEvent::Thread(thread) => Order::Thread(thread),
+            LinkEvent::Fixture(fixture) => Order::Fixture(fixture),
             LinkEvent::Simulate(simulate) => Order::Simulate(simulate),
         };
         let refused = self.orders.enqueue(order).is_err();

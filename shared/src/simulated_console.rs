@@ -153,6 +153,7 @@ impl SimulatedConsole {
             LinkEvent::Rows => {}
             LinkEvent::Needle(needle) => self.control.needle(&needle),
             LinkEvent::Thread(thread) => self.control.thread(&thread),
+            LinkEvent::Fixture(fixture) => self.control.fix(&fixture),
             LinkEvent::Command(command) => self.control.command(command),
             LinkEvent::Simulate(order) => self.board.simulate(order.body(), &mut self.control),
         }

@@ -279,3 +279,65 @@ fn a_grip_that_is_too_fast_is_a_fault_under_power_only() {
     // From the first step at tick 21, index 20: five ticks, and two until the estimate is there.
     assert!((24..=27).contains(&found), "{found}");
 }
+
+/// Without any host: a wall that the console renders by itself, pressed and left at 1 Hz.
+#[test]
+fn a_fixed_wall_needs_no_host_and_gives_no_energy_away() {
+    use sutura_shared::wire::message::{Fixture, Mode};
+    use sutura_shared::wire::{Header, Kind, PROTOCOL_VERSION, ValidFixture};
+    let mut control = Control::new(device()).unwrap();
+    let header = Header {
+        version: PROTOCOL_VERSION,
+        kind: Kind::Fixture,
+        session: 1,
+        sequence: 1,
+        console_time_us: 0,
+    };
+    let fixture = |fixture| ValidFixture::new(header, fixture).unwrap();
+    control.fix(&fixture(Fixture::Wall {
+        point_m: [0.0; 3],
+        normal: [0.0, 0.0, 1.0],
+        stiffness_n_per_m: 1000.0,
+        damping_n_s_per_m: 1.0,
+    }));
+    control.command(Command::Arm);
+    let (mut z, mut v) = press(0.0);
+    let (mut commanded, mut energy, mut least) = (0.0, 0.0, 0.0_f64);
+    let (mut worst, mut deepest) = (0.0_f64, 0.0_f64);
+    for ms in 1..=4000_u32 {
+        let input = TickInput {
+            now_us: u64::from(ms) * 1000,
+            encoder_counts: [0, 0, (z * COUNTS_PER_M).floor() as i32],
+            ..TickInput::default()
+        };
+        let state = control.tick(&input, None).state;
+        assert!(ms < 3 || state.mode == Mode::Armed);
+        let acting = core::mem::replace(&mut commanded, f64::from(state.force_n[2]));
+        for step in 0..STEPS {
+            let t = f64::from(ms - 1) * 1e-3 + f64::from(step) * STEP_S;
+            let (target, speed) = press(t);
+            let hand = HAND.0 * (target - z) + HAND.1 * (speed - v);
+            v += STEP_S * (acting + hand - DAMPING * v) / MASS;
+            z += STEP_S * v;
+            energy -= acting * v * STEP_S;
+            least = least.min(energy);
+            let wall = 1000.0 * f64::max(-z, 0.0) - if z < 0.0 { v } else { 0.0 };
+            worst = worst.max((acting - wall.max(0.0)).abs());
+            deepest = deepest.max(-z);
+        }
+    }
+    assert!(least > BAR, "{least}");
+    assert!(
+        deepest > 1e-3 && worst < 0.1 * 1000.0 * deepest,
+        "{worst} N, {deepest} m"
+    );
+    // Taken down, nothing is left.
+    control.fix(&fixture(Fixture::None));
+    let input = TickInput {
+        now_us: 4_001_000,
+        encoder_counts: [0, 0, -400],
+        ..TickInput::default()
+    };
+    control.tick(&input, None);
+    assert_eq!(control.tick(&input, None).state.force_n, [0.0; 3]);
+}

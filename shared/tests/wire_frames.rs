@@ -144,7 +144,7 @@ fn each_part_of_the_packet_has_its_reject() {
     assert_eq!(unpack_one(&content(1, 4, &[0])), Err(Reject::Version));
     // Another version's kinds are its own business.
     assert_eq!(unpack_one(&content(1, 99, &[0])), Err(Reject::Version));
-    for kind in [0, 7, 15, 20, 255] {
+    for kind in [0, 7, 15, 21, 255] {
         assert_eq!(unpack_one(&content(0, kind, &[0])), Err(Reject::Kind));
     }
     assert_eq!(unpack_one(&content(0, 19, &[0])), Err(Reject::ReservedKind));
@@ -191,7 +191,8 @@ fn direction_is_checked() {
             | Unchecked::Command(..)
             | Unchecked::Simulate(..)
             | Unchecked::Needle(..)
-            | Unchecked::Thread(..) => true,
+            | Unchecked::Thread(..)
+            | Unchecked::Fixture(..) => true,
             Unchecked::State(..) | Unchecked::Report(..) => false,
         };
         if from_host {
@@ -217,6 +218,7 @@ fn any_frame() -> impl Strategy<Value = Vec<u8>> {
             Unchecked::Simulate(_, body) => frame(session, sequence, time, &body),
             Unchecked::Needle(_, body) => frame(session, sequence, time, &body),
             Unchecked::Thread(_, body) => frame(session, sequence, time, &body),
+            Unchecked::Fixture(_, body) => frame(session, sequence, time, &body),
         },
     )
 }

@@ -4,8 +4,8 @@ mod common;
 
 use common::{encode_again, golden, hex_of, unpack_one, validate_either};
 use sutura_shared::wire::message::{
-    Command, Contact, End, Friction, Hello, Mode, Needle, Report, Rows, Simulate, State, Tension,
-    Thread, Tip, WAY_POINTS,
+    Command, Contact, End, Fixture, Friction, Hello, Mode, Needle, Report, Rows, Simulate, State,
+    Tension, Thread, Tip, WAY_POINTS,
 };
 use sutura_shared::wire::{
     HEADER_SIZE, Kind, MAX_FRAME, MAX_REAL_TIME_FRAME, PROTOCOL_VERSION, Reject, SCHEMA_HASH,
@@ -175,7 +175,7 @@ fn schema_is_pinned() {
 #[test]
 fn sizes_are_those_counted_by_hand() {
     let joint = 8 * 4 + 5;
-    let device = 16 + (1 + 5 * 4) + 3 * joint + 3 * 4 + 4;
+    let device = 16 + (1 + 5 * 4) + 3 * joint + 3 * 4 + 3 * 4 + 5;
     let hand = 5 * 4 + 1 + WAY_POINTS * 16;
     assert_eq!(Hello::POSTCARD_MAX_SIZE, 10 + 5 + 5 + 3 + 3 + 1 + 16);
     assert_eq!(
@@ -193,6 +193,7 @@ fn sizes_are_those_counted_by_hand() {
         1 + 1 + numbers * 4 + 1 + 1 + course + 5
     );
     assert_eq!(Thread::POSTCARD_MAX_SIZE, 4 + (3 + 3 + 3) * 4 + 5);
+    assert_eq!(Fixture::POSTCARD_MAX_SIZE, 1 + (3 + 3 + 1 + 1) * 4);
     assert_eq!(Command::POSTCARD_MAX_SIZE, 1 + 3);
     assert_eq!(Report::POSTCARD_MAX_SIZE, 7 * 5 + 3 + 3 * 5);
     assert_eq!(Simulate::POSTCARD_MAX_SIZE, 1 + hand);

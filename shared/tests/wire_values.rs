@@ -10,8 +10,8 @@ use common::{
 use proptest::prelude::*;
 use sutura_shared::device::{DeviceDescription, Kinematics};
 use sutura_shared::wire::message::{
-    Command, Contact, Course, End, Friction, HandScript, Hello, Mode, Needle, Report, Simulate,
-    State, Tension, Thread, Tip, WAY_POINTS, WayPoint,
+    Command, Contact, Course, End, Fixture, Friction, HandScript, Hello, Mode, Needle, Report,
+    Simulate, State, Tension, Thread, Tip, WAY_POINTS, WayPoint,
 };
 use sutura_shared::wire::{Checked, Header, Kind, Message, Reject, Valid, validate};
 
@@ -183,6 +183,41 @@ fn needle_limits() {
     };
     assert_eq!(turned([0.0; 4]), Err(Reject::Range));
     assert_eq!(turned([0.0, f32::NAN, 0.0, 1.0]), Err(Reject::NotFinite));
+}
+
+#[test]
+fn fixture_limits() {
+    let wall = |point_m, normal, stiffness_n_per_m, damping_n_s_per_m| {
+        verdict(Fixture::Wall {
+            point_m,
+            normal,
+            stiffness_n_per_m,
+            damping_n_s_per_m,
+        })
+    };
+    let (origin, up) = ([0.0; 3], [0.0, 0.0, 1.0]);
+    let range = Err(Reject::Range);
+    assert_eq!(verdict(Fixture::None), Ok(()));
+    assert_eq!(wall([10.0, -10.0, 0.0], up, 1e7, 1e4), Ok(()));
+    assert_eq!(wall([10.1, 0.0, 0.0], up, 1.0, 0.0), range);
+    assert_eq!(wall(origin, [0.0, 0.0, 0.9], 1.0, 0.0), range);
+    assert_eq!(wall(origin, up, -1e-9, 0.0), range);
+    assert_eq!(wall(origin, up, 1.1e7, 0.0), range);
+    assert_eq!(wall(origin, up, 1.0, 1.1e4), range);
+    let not_finite = Err(Reject::NotFinite);
+    assert_eq!(wall([f32::NAN, 0.0, 0.0], up, 1.0, 0.0), not_finite);
+    assert_eq!(wall(origin, up, f32::INFINITY, 0.0), not_finite);
+    let coupling = |anchor_m, stiffness_n_per_m, damping_n_s_per_m| {
+        verdict(Fixture::Coupling {
+            anchor_m,
+            stiffness_n_per_m,
+            damping_n_s_per_m,
+        })
+    };
+    assert_eq!(coupling([10.0; 3], 0.0, 0.0), Ok(()));
+    assert_eq!(coupling([0.0, 0.0, -10.1], 0.0, 0.0), range);
+    assert_eq!(coupling(origin, 1.0, f32::NAN), not_finite);
+    assert_eq!(coupling(origin, 1.0, -1.0), range);
 }
 
 #[test]

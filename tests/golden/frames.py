@@ -163,6 +163,9 @@ hand = (
     + b"".join(f32(0.5 * k, 0.25, 0.0, -0.125 * k) if k < 3 else f32(0, 0, 0, 0) for k in range(12))
 )
 
+fixture_wall = uint(1) + f32(0.0, 0.0, -0.125) + f32(0.0, 0.0, 1.0) + f32(800.0, 2.0)
+fixture_coupling = uint(2) + f32(0.25, -0.5, 0.0) + f32(400.0, 1.5)
+
 FRAMES = [
     ("hello_host", frame(1, 0, 0, 0, hello_host)),
     ("hello_console", frame(1, 0, 0, 5_000_000_000, hello_console)),
@@ -171,6 +174,9 @@ FRAMES = [
     ("needle", frame(17, 0xC0FFEE, 12, 123_423_000, needle)),
     ("thread", frame(18, 0xC0FFEE, 13, 123_423_000, thread)),
     ("rows", frame(16, 0xC0FFEE, 14, 123_423_000, rows)),
+    ("fixture_none", frame(20, 0xC0FFEE, 15, 0, uint(0))),
+    ("fixture_wall", frame(20, 0xC0FFEE, 16, 0, fixture_wall)),
+    ("fixture_coupling", frame(20, 0xC0FFEE, 17, 0, fixture_coupling)),
     ("command_arm", frame(4, 0xC0FFEE, 3, 0, uint(0))),
     ("command_disarm", frame(4, 0xC0FFEE, 4, 0, uint(1))),
     ("command_clear_fault", frame(4, 0xC0FFEE, 5, 0, uint(2))),

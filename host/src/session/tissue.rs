@@ -164,9 +164,11 @@ impl TissueSolver {
         }
     }
 
-    /// From now on steps reduce the driven tool's contact to so many rows at most; 0: to none.
-    pub fn reduce_to(&mut self, most_rows: usize) {
+    /// From now on steps reduce the driven tool's contact to so many rows at most (0: to none), those that matter
+    /// within `ahead_s` first.
+    pub fn reduce_to(&mut self, most_rows: usize, ahead_s: f64) {
         self.work.most_rows = most_rows;
+        self.work.ahead_s = ahead_s;
     }
 
     /// The driven tool's rows at the last step, if there are any.

@@ -30,9 +30,9 @@ use crate::hash::TraceHash;
 use crate::kinematics::{self, Grip, Pose};
 use crate::math::{Vec3, is_finite};
 use crate::wire::faults;
-use crate::wire::message::{Command, Mode, State};
+use crate::wire::message::{Command, Fixture, Mode, State};
 use crate::wire::validate::{MAX_POSITION, UNIT_TOLERANCE};
-use crate::wire::{Message, Valid, ValidContact, ValidNeedle, ValidThread};
+use crate::wire::{Message, Valid, ValidContact, ValidFixture, ValidNeedle, ValidThread};
 use contact::Freshness;
 use drive::Drive;
 use encoders::{Encoders, Joints};
@@ -40,6 +40,7 @@ use limits::Limits;
 use mode::{Faults, Orders, has_torque, next_mode};
 use passivity::Passivity;
 use render::Render;
+use wall::Fixed;
 
 /// Control rate \[Hz\].
 pub const TICK_HZ: u16 = 1000;
@@ -141,6 +142,9 @@ pub struct Control {
     drive: Drive,
     limits: Limits,
     passivity: Passivity,
+    fixed: Fixed,
+    /// Put up since the last tick.
+    new_fixture: Option<ValidFixture>,
     tuning: Tuning,
     tick: u32,
     trace: TraceHash,
@@ -175,6 +179,8 @@ impl Control {
             drive: Drive::new(&device),
             limits: Limits::new(&device, tuning.guards),
             passivity: Passivity::new(&device, tuning.guards),
+            fixed: Fixed::none(&device),
+            new_fixture: None,
             tuning,
             tick: 0,
             trace: TraceHash::new(),
@@ -189,7 +195,13 @@ impl Control {
         self.forget();
         self.new_needle = None;
         self.new_thread = None;
+        self.new_fixture = None;
         self.trace = TraceHash::new();
+    }
+
+    /// Takes what the console renders by itself from the next tick on.
+    pub fn fix(&mut self, fixture: &ValidFixture) {
+        self.new_fixture = Some(*fixture);
     }
 
     /// Takes an order, for the next tick.
@@ -225,6 +237,7 @@ impl Control {
 
     fn forget(&mut self) {
         self.render.forget();
+        self.fixed.set(&Fixture::None);
         self.needle = None;
         self.thread = None;
     }
@@ -240,6 +253,7 @@ impl Control {
         self.drive = Drive::new(device);
         self.limits = Limits::new(device, self.tuning.guards);
         self.passivity = Passivity::new(device, self.tuning.guards);
+        self.fixed = Fixed::none(device);
         self.render = Render::new(device.max_force_n, delay_s(device), self.tuning);
         self.forget();
         self.mode = Mode::Boot;
@@ -269,6 +283,9 @@ impl Control {
 
         let needle = self.new_needle.take();
         let thread = self.new_thread.take();
+        if let Some(fixture) = self.new_fixture.take() {
+            self.fixed.set(fixture.body());
+        }
         // This console has one grip, which is tool 0.
         take_newer(&mut self.needle, needle.filter(|n| n.body().tool == 0));
         take_newer(&mut self.thread, thread.filter(|t| t.body().tool == 0));
@@ -350,7 +367,9 @@ impl Control {
 
     fn contact_force(&mut self, grip: &Grip, velocity: &Vec3, now_us: u64) -> Vec3 {
         if has_torque(self.mode) {
-            self.render.force(grip, velocity, now_us)
+            let lead_s = self.render.lead_s();
+            let at = grip.position_m + velocity * lead_s;
+            self.render.force(grip, velocity, now_us) + self.fixed.force(&at, velocity)
         } else {
             Vec3::zeros()
         }
@@ -359,7 +378,9 @@ impl Control {
     /// As much of a force as limits and tank let through.
     fn guard(&mut self, force: &Vec3, pose: &Pose, velocity: &Vec3, joints: &Joints) -> Vec3 {
         let bounded = self.limits.bound(force, velocity);
-        let stiffness = self.render.stiffness();
+        let fixed = self.fixed.stiffness();
+        let (least, most) = self.render.stiffness();
+        let stiffness = (least + fixed, most + fixed);
         let allowed = self
             .passivity
             .allow(&bounded, pose, &joints.velocity, stiffness);
@@ -447,6 +468,9 @@ impl Control {
         if let Some(frame) = thread {
             hash_thread(trace, frame);
         }
+        if *self.fixed.fixture() != Fixture::None {
+            hash_fixture(trace, self.fixed.fixture());
+        }
         trace.floats(&joints.velocity);
         if self.render.contact().is_some() {
             trace.vector(self.render.offset());
@@ -508,6 +532,30 @@ fn hash_thread(trace: &mut TraceHash, frame: &ValidThread) {
     trace.floats(&body.direction);
     trace.floats(&[body.tension_n, body.stiffness_n_per_m, body.slack_m]);
     trace.word(body.horizon_us);
+}
+
+fn hash_fixture(trace: &mut TraceHash, fixture: &Fixture) {
+    match fixture {
+        Fixture::None => {}
+        Fixture::Wall {
+            point_m,
+            normal,
+            stiffness_n_per_m,
+            damping_n_s_per_m,
+        } => {
+            trace.floats(point_m);
+            trace.floats(normal);
+            trace.floats(&[*stiffness_n_per_m, *damping_n_s_per_m]);
+        }
+        Fixture::Coupling {
+            anchor_m,
+            stiffness_n_per_m,
+            damping_n_s_per_m,
+        } => {
+            trace.floats(anchor_m);
+            trace.floats(&[*stiffness_n_per_m, *damping_n_s_per_m]);
+        }
+    }
 }
 
 fn hash_needle(trace: &mut TraceHash, frame: &ValidNeedle) {

@@ -92,6 +92,11 @@ impl Render {
         (self.offset_n, self.pull_n) = (Vec3::zeros(), 0.0);
     }
 
+    /// From reading the encoders to the middle of the time in which the motors act on it \[s\].
+    pub fn lead_s(&self) -> f32 {
+        self.lead_s
+    }
+
     /// The frame in use.
     pub fn contact(&self) -> Option<&LocalContact> {
         self.contact.as_ref()

@@ -5,8 +5,8 @@ use super::endpoint::{Counters, Endpoint, Received};
 use crate::control::ContactRows;
 use crate::wire::message::{Command, Hello, Report, State};
 use crate::wire::{
-    Checked, Direction, MAX_FRAME, Message, Reject, SCHEMA_HASH, ValidContact, ValidNeedle,
-    ValidSimulate, ValidThread,
+    Checked, Direction, MAX_FRAME, Message, Reject, SCHEMA_HASH, ValidContact, ValidFixture,
+    ValidNeedle, ValidSimulate, ValidThread,
 };
 
 /// What a console says of itself in its `Hello`.
@@ -37,6 +37,8 @@ pub enum LinkEvent {
     Needle(ValidNeedle),
     /// The newest state of a thread.
     Thread(ValidThread),
+    /// What the console renders by itself from now on.
+    Fixture(ValidFixture),
     /// An order; [`Command::StateEvery`] is already obeyed.
     Command(Command),
     /// An order to the simulation; never on a console with motors.
@@ -133,6 +135,7 @@ impl ConsoleLink {
                 Err(Reject::FromTheFuture)
             }
             Checked::Thread(thread) => Ok(LinkEvent::Thread(thread)),
+            Checked::Fixture(fixture) => Ok(LinkEvent::Fixture(fixture)),
             Checked::Command(command) => {
                 let command = *command.body();
                 if let Command::StateEvery { ticks } = command {

@@ -186,7 +186,8 @@ impl HostLink {
             | Checked::Command(_)
             | Checked::Simulate(_)
             | Checked::Needle(_)
-            | Checked::Thread(_) => Err(Reject::Direction),
+            | Checked::Thread(_)
+            | Checked::Fixture(_) => Err(Reject::Direction),
         }
     }
 

@@ -97,6 +97,8 @@ pub enum Kind {
     Thread = 18,
     /// Reserved: several tools at once.
     Tools = 19,
+    /// [`Fixture`], from the host.
+    Fixture = 20,
 }
 
 impl Kind {
@@ -113,6 +115,7 @@ impl Kind {
             17 => Kind::Needle,
             18 => Kind::Thread,
             19 => return Err(Reject::ReservedKind),
+            20 => Kind::Fixture,
             _ => return Err(Reject::Kind),
         })
     }

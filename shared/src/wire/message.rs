@@ -331,6 +331,36 @@ pub enum Command {
     } = 3,
 }
 
+/// Something fixed in space that the console renders by itself, with or without contacts, until it is told of another
+/// one, a session opens, or a fault comes. Stiffness and damping are capped at what the device can render stably.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, MaxSize, Schema)]
+#[repr(u8)]
+pub enum Fixture {
+    /// Nothing.
+    #[default]
+    None = 0,
+    /// A wall that pushes and never pulls.
+    Wall {
+        /// A point of its surface \[m\], (3).
+        point_m: [f32; 3],
+        /// Unit vector out of it, (3).
+        normal: [f32; 3],
+        /// \[N/m\].
+        stiffness_n_per_m: f32,
+        /// \[N s/m\].
+        damping_n_s_per_m: f32,
+    } = 1,
+    /// A spring and a damper that hold the grip at a point.
+    Coupling {
+        /// The point \[m\], (3).
+        anchor_m: [f32; 3],
+        /// \[N/m\].
+        stiffness_n_per_m: f32,
+        /// \[N s/m\].
+        damping_n_s_per_m: f32,
+    } = 2,
+}
+
 /// Counters of the console since boot, sent about once a second.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, MaxSize, Schema)]
 pub struct Report {

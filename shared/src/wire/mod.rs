@@ -25,8 +25,8 @@ pub use list::List;
 pub use reject::Reject;
 pub use schema::SCHEMA_HASH;
 pub use validate::{
-    Checked, Direction, Message, Unchecked, Valid, ValidContact, ValidNeedle, ValidRows,
-    ValidSimulate, ValidThread,
+    Checked, Direction, Message, Unchecked, Valid, ValidContact, ValidFixture, ValidNeedle,
+    ValidRows, ValidSimulate, ValidThread,
 };
 
 /// Version of the protocol; 0 is a draft that any commit may change.

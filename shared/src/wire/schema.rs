@@ -2,7 +2,9 @@
 
 use super::PROTOCOL_VERSION;
 use super::frame::Kind;
-use super::message::{Command, Contact, Hello, Needle, Report, Rows, Simulate, State, Thread};
+use super::message::{
+    Command, Contact, Fixture, Hello, Needle, Report, Rows, Simulate, State, Thread,
+};
 use super::validate::Message;
 use postcard_schema::{Schema, key::Key};
 
@@ -18,7 +20,8 @@ pub const SCHEMA_HASH: u64 = {
     hash = message::<Simulate>(hash, Simulate::KIND);
     hash = message::<Needle>(hash, Needle::KIND);
     hash = message::<Thread>(hash, Thread::KIND);
-    message::<Rows>(hash, Rows::KIND)
+    hash = message::<Rows>(hash, Rows::KIND);
+    message::<Fixture>(hash, Fixture::KIND)
 };
 
 const fn message<M: Schema>(hash: u64, kind: Kind) -> u64 {

@@ -5,8 +5,8 @@
 
 use super::frame::{Decoded, Header, Kind};
 use super::message::{
-    COURSE_POINTS, Command, Contact, Course, HandScript, Hello, Needle, Report, Rows, Simulate,
-    State, Tension, Thread, WAY_POINTS, WayPoint,
+    COURSE_POINTS, Command, Contact, Course, Fixture, HandScript, Hello, Needle, Report, Rows,
+    Simulate, State, Tension, Thread, WAY_POINTS, WayPoint,
 };
 use super::{PROTOCOL_VERSION, Reject};
 use crate::device::{DeviceDescription, Joint, Kinematics};
@@ -68,7 +68,8 @@ impl Kind {
             | Kind::Simulate
             | Kind::Needle
             | Kind::Thread
-            | Kind::Rows => direction == Direction::ToConsole,
+            | Kind::Rows
+            | Kind::Fixture => direction == Direction::ToConsole,
             Kind::Tools => false,
         }
     }
@@ -101,6 +102,8 @@ pub type ValidNeedle = Valid<Needle>;
 pub type ValidThread = Valid<Thread>;
 /// A checked [`Rows`].
 pub type ValidRows = Valid<Rows>;
+/// A checked [`Fixture`].
+pub type ValidFixture = Valid<Fixture>;
 /// A checked [`Simulate`].
 pub type ValidSimulate = Valid<Simulate>;
 
@@ -154,6 +157,7 @@ pub enum Unchecked {
     Simulate(Header, Simulate),
     Needle(Header, Needle),
     Thread(Header, Thread),
+    Fixture(Header, Fixture),
 }
 
 /// A checked message of any kind.
@@ -172,6 +176,7 @@ pub enum Checked {
     Simulate(ValidSimulate),
     Needle(ValidNeedle),
     Thread(ValidThread),
+    Fixture(ValidFixture),
 }
 
 impl Decoded<'_> {
@@ -191,6 +196,7 @@ impl Decoded<'_> {
             Kind::Needle => Unchecked::Needle(header, self.read()?),
             Kind::Thread => Unchecked::Thread(header, self.read()?),
             Kind::Rows => return Err(Reject::Kind),
+            Kind::Fixture => Unchecked::Fixture(header, self.read()?),
             Kind::Tools => return Err(Reject::ReservedKind),
         })
     }
@@ -237,6 +243,7 @@ impl Unchecked {
             Unchecked::Simulate(header, body) => Checked::Simulate(Valid::new(header, body)?),
             Unchecked::Needle(header, body) => Checked::Needle(Valid::new(header, body)?),
             Unchecked::Thread(header, body) => Checked::Thread(Valid::new(header, body)?),
+            Unchecked::Fixture(header, body) => Checked::Fixture(Valid::new(header, body)?),
         })
     }
 
@@ -261,7 +268,8 @@ impl Unchecked {
             | Unchecked::Report(header, _)
             | Unchecked::Simulate(header, _)
             | Unchecked::Needle(header, _)
-            | Unchecked::Thread(header, _) => header,
+            | Unchecked::Thread(header, _)
+            | Unchecked::Fixture(header, _) => header,
         }
     }
 }
@@ -355,6 +363,33 @@ impl Message for Thread {
         let is_slack = self.state == Tension::Slack;
         between(self.slack_m, 0.0, if is_slack { MAX_POSITION } else { 0.0 })?;
         require(!is_slack || self.tension_n == 0.0)
+    }
+}
+
+impl Message for Fixture {
+    const KIND: Kind = Kind::Fixture;
+
+    fn check(&self) -> Result<(), Reject> {
+        let (place, stiffness, damping) = match self {
+            Fixture::None => return Ok(()),
+            Fixture::Wall {
+                point_m,
+                normal,
+                stiffness_n_per_m,
+                damping_n_s_per_m,
+            } => {
+                unit(normal)?;
+                (point_m, stiffness_n_per_m, damping_n_s_per_m)
+            }
+            Fixture::Coupling {
+                anchor_m,
+                stiffness_n_per_m,
+                damping_n_s_per_m,
+            } => (anchor_m, stiffness_n_per_m, damping_n_s_per_m),
+        };
+        within(place, MAX_POSITION)?;
+        between(*stiffness, 0.0, MAX_TANGENT)?;
+        between(*damping, 0.0, MAX_HAND_DAMPING)
     }
 }
 

@@ -8,8 +8,8 @@
 
 use sutura_shared::device::{DeviceDescription, Joint, Kinematics};
 use sutura_shared::wire::message::{
-    Command, Contact, Course, End, Friction, HandScript, Hello, Mode, Needle, Report, Row, RowKind,
-    Rows, Simulate, State, Tension, Thread, Tip, WayPoint,
+    Command, Contact, Course, End, Fixture, Friction, HandScript, Hello, Mode, Needle, Report, Row,
+    RowKind, Rows, Simulate, State, Tension, Thread, Tip, WayPoint,
 };
 use sutura_shared::wire::{
     Accumulator, Checked, Direction, Header, Kind, List, MAX_FRAME, Message, PROTOCOL_VERSION,
@@ -150,6 +150,23 @@ pub mod sample {
         }
     }
 
+    pub fn fixed_wall() -> Fixture {
+        Fixture::Wall {
+            point_m: [0.0, 0.0, -0.125],
+            normal: [0.0, 0.0, 1.0],
+            stiffness_n_per_m: 800.0,
+            damping_n_s_per_m: 2.0,
+        }
+    }
+
+    pub fn coupling() -> Fixture {
+        Fixture::Coupling {
+            anchor_m: [0.25, -0.5, 0.0],
+            stiffness_n_per_m: 400.0,
+            damping_n_s_per_m: 1.5,
+        }
+    }
+
     pub fn report() -> Report {
         Report {
             ticks: 100_000,
@@ -228,6 +245,7 @@ pub mod sample {
 /// Contacts as rows.
 pub mod rows {
     use super::*;
+    use sutura_shared::math::{clamp, max};
 
     /// A checked frame.
     pub fn frame(console_time_us: u64, body: Rows) -> ValidRows {
@@ -272,7 +290,7 @@ pub mod rows {
             jacobian,
         };
         let friction = contact.friction;
-        let push = contact.normal * (-gap_m).max(0.0);
+        let push = contact.normal * max(-gap_m, 0.0);
         let tangent = RowKind::Tangent { anchor_m: 0.0 };
         let (n, t) = (1.0 / contact.normal, 1.0 / contact.along);
         Rows {
@@ -292,9 +310,9 @@ pub mod rows {
     /// indefinite.
     pub fn wild(numbers: &[[f32; 8]], cones: usize, entries: &[f32], exponent: i32) -> Rows {
         let n = numbers.len();
-        let size = 10f32.powi(exponent);
+        let size = 10f64.powi(exponent) as f32;
         let diagonal: Vec<f32> = (0..n)
-            .map(|k| (size * (1.0 + 4.0 * entries[k].abs())).clamp(1e-7, 1e4))
+            .map(|k| clamp(size * (1.0 + 4.0 * entries[k].abs()), 1e-7, 1e4))
             .collect();
         let mut compliance = List::new();
         for i in 0..n {
@@ -304,7 +322,7 @@ pub mod rows {
                 let entry = if entry.abs() < 0.5 {
                     entry
                 } else {
-                    entry.signum()
+                    if entry < 0.0 { -1.0 } else { 1.0 }
                 };
                 let most = (diagonal[i] * diagonal[j]).sqrt();
                 compliance.push(if i == j { diagonal[i] } else { entry * most });
@@ -317,7 +335,7 @@ pub mod rows {
                 k if k >= 3 * cones => RowKind::Smooth { id },
                 k if k % 3 == 0 => RowKind::Normal {
                     id,
-                    friction: (10.0 * numbers[0].abs()).max(1e-6),
+                    friction: max(10.0 * numbers[0].abs(), 1e-6),
                 },
                 _ => RowKind::Tangent {
                     anchor_m: numbers[1],
@@ -363,6 +381,8 @@ pub fn golden() -> Vec<Golden> {
         |sequence, body| Unchecked::Command(header(Kind::Command, session, sequence, 0), body);
     let simulate =
         |sequence, body| Unchecked::Simulate(header(Kind::Simulate, session, sequence, 0), body);
+    let fixture =
+        |sequence, body| Unchecked::Fixture(header(Kind::Fixture, session, sequence, 0), body);
     let messages = [
         Unchecked::Hello(header(Kind::Hello, 0, 0, 0), sample::hello_host()),
         Unchecked::Hello(
@@ -385,6 +405,9 @@ pub fn golden() -> Vec<Golden> {
             header(Kind::Thread, session, 13, 123_423_000),
             sample::thread(),
         ),
+        fixture(15, Fixture::None),
+        fixture(16, sample::fixed_wall()),
+        fixture(17, sample::coupling()),
         command(3, Command::Arm),
         command(4, Command::Disarm),
         command(5, Command::ClearFault),
@@ -473,6 +496,7 @@ pub fn encode_again(message: &Unchecked) -> Vec<u8> {
         Unchecked::Simulate(header, body) => again(header, body),
         Unchecked::Needle(header, body) => again(header, body),
         Unchecked::Thread(header, body) => again(header, body),
+        Unchecked::Fixture(header, body) => again(header, body),
     }
 }
 

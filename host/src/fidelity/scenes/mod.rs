@@ -3,6 +3,7 @@
 pub mod needle;
 pub mod palpation;
 pub mod point;
+pub mod rogue;
 
 use crate::step::ToolRows;
 use sutura_shared::wire::message::{Needle, Thread};
