@@ -6,6 +6,7 @@ mod common;
 use common::sample;
 use proptest::prelude::*;
 use sutura_shared::control::{LocalNeedle, LocalThread};
+use sutura_shared::math::{max, min};
 use sutura_shared::wire::message::{Course, Friction, Needle, Tension, Thread, Tip};
 use sutura_shared::wire::{Header, Message, PROTOCOL_VERSION, Valid};
 
@@ -84,9 +85,9 @@ fn a_cycle_of_stick_and_slip_is_that_of_an_elastic_plastic_rod() {
         let slide = way(step) as f32 * 1e-5;
         let force = felt(&mut needle, &RUBBING, slide, SOLVED);
         let expected = match step {
-            0..=1000 => (-100.0 * slide).max(-0.5),
-            1001..=3000 => (-0.5 + 100.0 * (0.01 - slide)).min(0.25),
-            _ => (0.25 - 100.0 * (slide + 0.01)).max(-0.5),
+            0..=1000 => max(-100.0 * slide, -0.5),
+            1001..=3000 => min(-0.5 + 100.0 * (0.01 - slide), 0.25),
+            _ => max(0.25 - 100.0 * (slide + 0.01), -0.5),
         };
         assert!(
             (force - expected).abs() < 2e-4,
@@ -330,10 +331,10 @@ fn a_thread_pulls_and_never_pushes_and_is_the_same_from_either_side() {
     for step in -500..500_i16 {
         let way = f32::from(step) * 1e-5;
         let taut = pull(&TAUT, way);
-        let expected = (0.5 + 250.0 * way).max(0.0);
+        let expected = max(0.5 + 250.0 * way, 0.0);
         assert!((taut - expected).abs() < 1e-5, "{way}: {taut}");
         let slack = pull(&SLACK, way);
-        let expected = (250.0 * (way - 3e-3)).max(0.0);
+        let expected = max(250.0 * (way - 3e-3), 0.0);
         assert!((slack - expected).abs() < 1e-5, "{way}: {slack}");
         // A frame that is 3 mm slack, and one that is just taut there.
         let there = Thread {

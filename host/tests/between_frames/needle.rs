@@ -2,16 +2,22 @@
 
 use super::bench::*;
 use nalgebra::Vector3;
+use sutura_host::fidelity::hand::Motion;
+
+/// A named hand, with the tip at the skin where it has 0.
+fn named(motion: Motion) -> impl Fn(f64) -> Vector3<f64> {
+    move |time_s| Vector3::new(0.0011, 0.0007, 0.052) + Vector3::from(motion.at(time_s))
+}
 
 /// Pushed on while it is pressed to and fro by 10 mm at 1 Hz, and back.
-fn presses(time_s: f64) -> Vector3<f64> {
+fn through(time_s: f64) -> Vector3<f64> {
     let drift = 0.012 * (time_s.min(3.5) - (time_s - 3.5).max(0.0));
     let press = 0.005 * (1.0 - (std::f64::consts::TAU * time_s).cos());
     Vector3::new(0.0011, 0.0007, 0.06 - drift - press)
 }
 
 /// 1 mm at 8 Hz on a slow push.
-fn tremor(time_s: f64) -> Vector3<f64> {
+fn shaking(time_s: f64) -> Vector3<f64> {
     let shake = 0.0005 * (std::f64::consts::TAU * 8.0 * time_s).sin();
     Vector3::new(0.0011, 0.0007, 0.055 - 0.006 * time_s + shake)
 }
@@ -34,9 +40,12 @@ fn figures() {
         sticks,
         "static_friction_n_per_m = 25.0",
     );
-    let hands: [Case; 3] = [
-        ("presses", &presses, 0, 6000),
-        ("tremor", &tremor, 0, 5000),
+    let hands: [Case; 6] = [
+        ("presses", &named(Motion::Presses), 0, 4000),
+        ("taps", &named(Motion::Taps), 0, 4000),
+        ("tremor", &named(Motion::Tremor), 0, 3000),
+        ("through", &through, 0, 6000),
+        ("shaking", &shaking, 0, 5000),
         ("stabs", &stabs, 0, 4000),
     ];
     table(&scene, &hands);
