@@ -167,7 +167,7 @@ pub fn recovery(record: &Record, from_s: f64, until_s: f64) -> Recovery {
     let back = in_time(until_s, f64::INFINITY).find(|t| ratio(t) >= 0.9);
     Recovery {
         gap_force_n: in_time(from_s, until_s)
-            .last()
+            .next_back()
             .map_or(0.0, |t| length(t.acting_n)),
         restored_ratio: sum / f64::max(count, 1.0),
         time_to_90_ms: back.map(|t| (t.time_s - until_s) * 1e3),

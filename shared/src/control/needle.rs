@@ -152,7 +152,7 @@ impl LocalNeedle {
         let [_, most_n] = body.friction_n;
         let jump = forward.jump();
         let [jump_m, after_n] = jump.unwrap_or([f32::MAX, body.punctured_n]);
-        LocalNeedle {
+        let mut needle = LocalNeedle {
             needle: body.needle,
             solved_us: frame.console_time_us(),
             horizon_us: body.horizon_us.min(MAX_HORIZON_US),
@@ -173,7 +173,12 @@ impl LocalNeedle {
             past: [Place::default(); PAST],
             known: 0,
             next: 0,
-        }
+        };
+        needle.keep(Place {
+            time_us: frame.console_time_us() as u32,
+            slide_m: 0.0,
+        });
+        needle
     }
 
     /// Console time of the state that was solved for \[us\].
@@ -246,6 +251,10 @@ impl LocalNeedle {
 
     /// The return mapping, from where the grip was last.
     fn go(&mut self, slide_m: f32, now_us: u64) {
+        // Asked again at one place it says the same again.
+        if slide_m == self.at_m {
+            return;
+        }
         let [forward_m, backward_m] = self.slid_m;
         let trial = self.axial_n - self.stick_n_per_m * (slide_m - self.at_m);
         self.at_m = slide_m;
@@ -271,7 +280,7 @@ impl LocalNeedle {
                 (low, max(low, high))
             }
         };
-        self.axial_n = clamp(trial, low, high);
+        self.axial_n = clamp(clamp(trial, low, high), -MAX_WRENCH, MAX_WRENCH);
         if self.stick_n_per_m > 0.0 {
             let slip = clamp(
                 (self.axial_n - trial) / self.stick_n_per_m,
