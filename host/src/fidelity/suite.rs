@@ -420,7 +420,8 @@ pub fn bars(cases: &[Case]) -> Vec<Bar> {
     let rogue = |c: &Case| c.question == "rogue";
     let device = Mechanics::LIGHT.description();
     let limit = |value: f32| 1.001 * f64::from(value);
-    let slew = device.joints[0].max_slew_per_s;
+    // Of three axes at once.
+    let slew = 3f32.sqrt() * device.joints[0].max_slew_per_s;
     rule(
         "rogue host: force N",
         &rogue,
@@ -429,7 +430,7 @@ pub fn bars(cases: &[Case]) -> Vec<Bar> {
         limit(device.max_force_n),
     );
     rule(
-        "rogue host: slew N/s",
+        "rogue host: slew at the grip N/s",
         &rogue,
         &|c| Some(c.peaks?.slew_peak_n_per_s),
         false,
