@@ -62,10 +62,14 @@ pub fn run(args: &FidelityArgs, global: &Global) -> Result<(), Failure> {
     if cfg!(debug_assertions) {
         tracing::warn!("a debug build: this takes many times longer");
     }
-    let extent = if args.full { Extent::Full } else { Extent::Short };
-    let threads = args.threads.unwrap_or_else(|| {
-        std::thread::available_parallelism().map_or(1, std::num::NonZero::get)
-    });
+    let extent = if args.full {
+        Extent::Full
+    } else {
+        Extent::Short
+    };
+    let threads = args
+        .threads
+        .unwrap_or_else(|| std::thread::available_parallelism().map_or(1, std::num::NonZero::get));
     let mut specs = suite::specs(extent);
     if let Some(only) = &args.only {
         let words: Vec<_> = only.split_whitespace().collect();
@@ -147,18 +151,30 @@ fn progress(length: usize) -> ProgressBar {
 fn print_text(report: &Report) {
     let with_errors: Vec<_> = report.cases.iter().filter(|c| c.errors.is_some()).collect();
     if !with_errors.is_empty() {
-        say!("Force error, % of the largest true force: RMS, peak, excess step at an update; least energy");
+        say!(
+            "Force error, % of the largest true force: RMS, peak, excess step at an update; least energy"
+        );
         for case in with_errors {
             let Some(e) = case.errors else { continue };
             say!(
                 "  {:58} {:7.2} {:7.2} {:7.2} {:9.3} mJ",
-                case.case, e.rms_pct, e.peak_pct, e.step_pct, 1e3 * case.energy_min_j
+                case.case,
+                e.rms_pct,
+                e.peak_pct,
+                e.step_pct,
+                1e3 * case.energy_min_j
             );
         }
     }
-    let stiff: Vec<_> = report.cases.iter().filter(|c| c.k_max_n_per_m.is_some()).collect();
+    let stiff: Vec<_> = report
+        .cases
+        .iter()
+        .filter(|c| c.k_max_n_per_m.is_some())
+        .collect();
     if !stiff.is_empty() {
-        say!("Largest stable stiffness, that over the full 1 kHz loop's, least force over true; least energy");
+        say!(
+            "Largest stable stiffness, that over the full 1 kHz loop's, least force over true; least energy"
+        );
         for case in stiff {
             say!(
                 "  {:58} {:6.0} N/m {:6.2} {:6.3} {:9.3} mJ",
@@ -172,10 +188,14 @@ fn print_text(report: &Report) {
     }
     for case in &report.cases {
         if let Some(r) = case.recovery {
-            let time = r.time_to_90_ms.map_or("never".to_owned(), |t| format!("{t:.0} ms"));
+            let time = r
+                .time_to_90_ms
+                .map_or("never".to_owned(), |t| format!("{t:.0} ms"));
             say!(
                 "Gap of 300 ms, {:.0} Hz: {:.2} N at its end, 90 % of the true force after {time}, {:.3} of it after 0.5 s",
-                case.host_hz, r.gap_force_n, r.restored_ratio
+                case.host_hz,
+                r.gap_force_n,
+                r.restored_ratio
             );
         }
     }
@@ -183,7 +203,12 @@ fn print_text(report: &Report) {
         if let Some(p) = case.peaks {
             say!(
                 "{}: {:.2} N, {:.0} N/s, {:.2} W, {:.2} m/s, faults {:#06x}",
-                case.scene, p.force_peak_n, p.slew_peak_n_per_s, p.power_peak_w, p.speed_peak_m_per_s, p.faults
+                case.scene,
+                p.force_peak_n,
+                p.slew_peak_n_per_s,
+                p.power_peak_w,
+                p.speed_peak_m_per_s,
+                p.faults
             );
         }
     }
@@ -191,14 +216,21 @@ fn print_text(report: &Report) {
         say!(
             "{} {:60} {:10.3} expected {:10.3} {}",
             if oracle.ok { "ok    " } else { "MISSED" },
-            oracle.name, oracle.value, oracle.expected, oracle.unit
+            oracle.name,
+            oracle.value,
+            oracle.expected,
+            oracle.unit
         );
     }
     for bar in &report.bars {
         say!(
             "{} {:52} {:9.3} {} {:8.3}   {}",
             if bar.ok { "ok    " } else { "MISSED" },
-            bar.name, bar.value, bar.must_be, bar.bar, bar.worst
+            bar.name,
+            bar.value,
+            bar.must_be,
+            bar.bar,
+            bar.worst
         );
     }
     for mutant in &report.guards {
@@ -248,7 +280,11 @@ fn unwritable(path: &Path, error: &std::io::Error) -> Failure {
 fn csv<T: Serialize>(rows: &[T]) -> String {
     let rows: Vec<_> = rows.iter().map(|row| serde_json::json!(row)).collect();
     let mut columns: Vec<&String> = Vec::new();
-    for key in rows.iter().filter_map(|row| row.as_object()).flat_map(|row| row.keys()) {
+    for key in rows
+        .iter()
+        .filter_map(|row| row.as_object())
+        .flat_map(|row| row.keys())
+    {
         if !columns.contains(&key) {
             columns.push(key);
         }

@@ -124,7 +124,8 @@ impl Wall {
         for pair in places.windows(2) {
             let (x, way) = (pair[0], pair[1] - pair[0]);
             let seen = self.seen(x);
-            waiting.push(-self.stiffness * seen - self.wall_damping * (seen - before) / self.period);
+            waiting
+                .push(-self.stiffness * seen - self.wall_damping * (seen - before) / self.period);
             before = seen;
             let force = waiting.remove(0);
             got += force * way;
@@ -138,7 +139,11 @@ impl Wall {
     fn most_got(&self) -> f64 {
         let mut random = super::random::Random::new(11);
         let mut most = f64::NEG_INFINITY;
-        let cells = if self.quantum > 0.0 { self.quantum } else { 1e-4 };
+        let cells = if self.quantum > 0.0 {
+            self.quantum
+        } else {
+            1e-4
+        };
         for size in [1e-3, 1e-2, 0.1, 1.0, 2.0, 10.0, 100.0, 1000.0] {
             for depth in [0.0, 0.5, 1.0, 5.0, 20.0] {
                 // From the edge of a step of the encoder, and across it.
@@ -229,8 +234,14 @@ pub fn oracles() -> Vec<Oracle> {
         (colgate(0.5, 0.0), "Colgate-Schenkel, b 0.5"),
         (colgate(0.5, 0.3), "Colgate-Schenkel, b 0.5, B 0.3"),
         (colgate(2.0, 0.5), "Colgate-Schenkel, b 2, B 0.5"),
-        (abbott(3e-3), "Abbott-Okamura, friction 3 mN, encoder limits"),
-        (abbott(0.05), "Abbott-Okamura, friction 50 mN, damping limits"),
+        (
+            abbott(3e-3),
+            "Abbott-Okamura, friction 3 mN, encoder limits",
+        ),
+        (
+            abbott(0.05),
+            "Abbott-Okamura, friction 50 mN, damping limits",
+        ),
     ] {
         for share in [0.85, 1.15] {
             let wall = Wall {

@@ -461,7 +461,7 @@ mod tests {
     use super::*;
     use sutura_shared::link::{ConsoleLink, Identity};
     use sutura_shared::wire::Reject;
-    use sutura_shared::wire::message::{End, Friction, Tension, Tip};
+    use sutura_shared::wire::message::{Course, End, Friction, Tension, Tip};
 
     const CONTACT: Contact = Contact {
         tool: 0,
@@ -488,6 +488,11 @@ mod tests {
         hold_n: 0.0,
         puncture_n: 1.0,
         punctured_n: 0.0,
+        course: Course {
+            forward: 0,
+            backward: 0,
+            points: [[0.0; 2]; 12],
+        },
         horizon_us: 50_000,
     };
 
