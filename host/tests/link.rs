@@ -301,8 +301,8 @@ fn rows_needle_and_thread_go_just_before_their_contact() {
     );
     let sent = bench.link.close();
     assert_eq!(sent.contacts_sent, 1);
-    // Hello, needle, thread, contact, disarm.
-    assert_eq!(sent.frames.frames_sent, 5);
+    // Hello, rows, needle, thread, contact, disarm.
+    assert_eq!(sent.frames.frames_sent, 6);
 }
 
 #[test]
