@@ -14,6 +14,7 @@ mod console;
 mod device;
 mod display;
 mod failure;
+mod fixture;
 mod mesh;
 mod run;
 mod scene;
