@@ -1,6 +1,6 @@
 //! What the bench image counts, and with what. Entry points: [`Stopwatch::print`], [`all`].
 
-use crate::measure_rows;
+use crate::measure_rows::{self, patch};
 use core::fmt::Write;
 use core::hint::black_box;
 use core::sync::atomic::{Ordering, compiler_fence};
@@ -8,11 +8,11 @@ use cortex_m::peripheral::SYST;
 use cortex_m_semihosting::hio;
 use sutura_firmware::devices::{CARTESIAN_BENCH, SERIAL_ARM};
 use sutura_firmware::host_side::Sample;
-use sutura_shared::control::{Control, TICK_HZ, TickInput};
+use sutura_shared::control::{Control, Fresh, TICK_HZ, TickInput};
 use sutura_shared::device::{DeviceDescription, JOINTS};
 use sutura_shared::kinematics::forward;
 use sutura_shared::link::{ConsoleLink, HostLink, Identity, LinkEvent};
-use sutura_shared::wire::message::{Command, Contact, Mode};
+use sutura_shared::wire::message::{Command, Contact, MAX_ROWS, Mode, Rows};
 use sutura_shared::wire::{MAX_FRAME, ValidContact};
 
 /// Repetitions of every measurement: the most expensive one counts.
@@ -104,18 +104,30 @@ struct Names {
     kinematics: &'static str,
     tick: &'static str,
     swap: &'static str,
+    rows: [&'static str; 2],
+    cones: [&'static str; 2],
 }
 
 const CARTESIAN_NAMES: Names = Names {
     kinematics: "kinematics_cartesian",
     tick: "tick_tangent_cartesian",
     swap: "tick_tangent_with_swap_cartesian",
+    rows: ["tick_rows24_cartesian", "tick_rows24_with_swap_cartesian"],
+    cones: [
+        "tick_rows24_cones_cartesian",
+        "tick_rows24_cones_with_swap_cartesian",
+    ],
 };
 
 const SERIAL_ARM_NAMES: Names = Names {
     kinematics: "kinematics_serial_arm",
     tick: "tick_tangent_serial_arm",
     swap: "tick_tangent_with_swap_serial_arm",
+    rows: ["tick_rows24_serial_arm", "tick_rows24_with_swap_serial_arm"],
+    cones: [
+        "tick_rows24_cones_serial_arm",
+        "tick_rows24_cones_with_swap_serial_arm",
+    ],
 };
 
 /// Joint coordinates in the middle of the travel, away from the arm's singular poses.
@@ -134,6 +146,21 @@ fn device_costs(stopwatch: &Stopwatch, wire: &mut Wire, device: &DeviceDescripti
     stopwatch.print(names.kinematics, || {
         black_box(forward(black_box(device), black_box(&MIDDLE)));
     });
+    ticks(stopwatch, wire, device, None, [names.tick, names.swap]);
+    for (cones, names) in [(0, names.rows), (MAX_ROWS / 3, names.cones)] {
+        let rows = patch(cones);
+        ticks(stopwatch, wire, device, Some(&rows), names);
+    }
+}
+
+/// Every tenth tick changes the model.
+fn ticks(
+    stopwatch: &Stopwatch,
+    wire: &mut Wire,
+    device: &DeviceDescription,
+    rows: Option<&Rows>,
+    [plain_name, swap_name]: [&str; 2],
+) {
     let Ok(mut control) = Control::new(*device) else {
         return;
     };
@@ -150,18 +177,24 @@ fn device_costs(stopwatch: &Stopwatch, wire: &mut Wire, device: &DeviceDescripti
             control.command(Command::Arm);
         }
         let fresh = if tick % 10 == 5 {
+            if let Some(rows) = rows {
+                wire.send_rows(1000 * tick, rows);
+            }
             wire.valid(1000 * tick, &touching(grip))
         } else {
             None
         };
+        let slot = fresh.map(|contact| match rows {
+            Some(_) => Fresh::of(contact, wire.console.rows()),
+            None => contact.into(),
+        });
         let mut output = None;
-        let cost =
-            stopwatch.once(|| output = Some(control.tick(&input, fresh.map(Into::into).as_ref())));
+        let cost = stopwatch.once(|| output = Some(control.tick(&input, slot.as_ref())));
         let armed = output.is_some_and(|output| output.state.mode == Mode::Armed);
         let force = output.map_or(0.0, |output| output.state.force_n[2]);
         // Only what renders counts.
         if armed && force > 0.0 {
-            let most = if fresh.is_some() {
+            let most = if slot.is_some() {
                 &mut swap
             } else {
                 &mut plain
@@ -169,8 +202,8 @@ fn device_costs(stopwatch: &Stopwatch, wire: &mut Wire, device: &DeviceDescripti
             *most = cost.max(*most);
         }
     }
-    line(names.tick, plain);
-    line(names.swap, swap);
+    line(plain_name, plain);
+    line(swap_name, swap);
 }
 
 fn device_grip(device: &DeviceDescription) -> [f32; 3] {
@@ -250,6 +283,15 @@ impl Wire {
             }
         }
         valid
+    }
+
+    fn send_rows(&mut self, console_time_us: u64, rows: &Rows) {
+        let mut frame = [0; MAX_FRAME];
+        let length = self
+            .host
+            .send(console_time_us, rows, &mut frame)
+            .unwrap_or(0);
+        self.receive(&frame[..length]);
     }
 
     fn valid(&mut self, console_time_us: u64, contact: &Contact) -> Option<ValidContact> {

@@ -28,7 +28,8 @@ pub fn all(stopwatch: &Stopwatch, wire: &mut Wire) {
                         black_box(wire.console.receive(byte, u64::MAX).is_some());
                     }
                 }));
-                replace = replace.max(stopwatch.once(|| rows.replace(wire.console.rows(), &dx, now_us - 500)));
+                replace = replace
+                    .max(stopwatch.once(|| rows.replace(wire.console.rows(), &dx, now_us - 500)));
             }
             solve = solve.max(stopwatch.once(|| {
                 black_box(rows.solve(black_box(&dx), now_us));
@@ -65,7 +66,7 @@ const CONES_NAMES: Names = Names {
 
 /// A patch under a ball, `cones` of its contacts with friction, 24 rows in all: what is pressed at one place
 /// gives way at the others, the less the farther.
-fn patch(cones: usize) -> Rows {
+pub fn patch(cones: usize) -> Rows {
     let mut rows = List::new();
     let mut compliance = List::new();
     for k in 0..MAX_ROWS {
@@ -80,8 +81,12 @@ fn patch(cones: usize) -> Rows {
         jacobian.rotate_right(part);
         rows.push(Row {
             kind,
-            delta_free_m: if part == 0 { 1e-4 * k as f32 - 2e-3 } else { 0.0 },
-            lambda_n: if part == 0 { 0.1 } else { 0.01 },
+            delta_free_m: if part == 0 {
+                1e-4 * k as f32 - 6e-3
+            } else {
+                0.0
+            },
+            lambda_n: if part == 0 { 0.02 } else { 0.001 },
             jacobian,
         });
         for j in k..MAX_ROWS {

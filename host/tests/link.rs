@@ -5,10 +5,10 @@ use std::sync::mpsc::{Receiver, Sender, channel};
 use std::time::{Duration, Instant};
 use sutura_host::link::{Felt, Link, LinkError, LinkOptions, Order, PipeEnd, Port, pipe};
 use sutura_shared::link::{ConsoleLink, HostEvent, Identity, LinkEvent, Mismatch};
-use sutura_shared::wire::MAX_FRAME;
 use sutura_shared::wire::message::{
-    Command, Contact, End, Friction, Mode, Needle, State, Tension, Thread, Tip,
+    Command, Contact, End, Friction, Mode, Needle, Row, Rows, State, Tension, Thread, Tip,
 };
+use sutura_shared::wire::{List, MAX_FRAME};
 
 /// Longer than any machine needs, shorter than anybody waits.
 const LONG: Duration = Duration::from_secs(60);
@@ -81,6 +81,17 @@ fn thread(number: u8) -> Thread {
         stiffness_n_per_m: 50.0,
         slack_m: 0.1,
         horizon_us: 50_000,
+    }
+}
+
+/// One row.
+fn rows() -> Rows {
+    Rows {
+        tool: 3,
+        held: [0.0; 21],
+        curvature_per_m: 0.0,
+        rows: List::of([Row::default()]),
+        compliance: List::of([0.01]),
     }
 }
 
@@ -260,17 +271,19 @@ fn a_contact_that_the_console_would_refuse_is_not_sent() {
 }
 
 #[test]
-fn needle_and_thread_go_just_before_their_contact() {
+fn rows_needle_and_thread_go_just_before_their_contact() {
     let bench = bench();
     let felt = Felt {
+        rows: Some(rows()),
         needle: Some(needle(5)),
         thread: Some(thread(6)),
         ..felt(contact(3))
     };
     bench.link.felt(1000, felt);
     let next = || bench.heard.recv_timeout(LONG).unwrap();
-    let heard = [next(), next(), next()];
+    let heard = [next(), next(), next(), next()];
     let [
+        LinkEvent::Rows,
         LinkEvent::Needle(needle),
         LinkEvent::Thread(thread),
         LinkEvent::Contact(contact),

@@ -5,6 +5,7 @@ mod common;
 use common::rows::{Contact3, cone, frame, smooth};
 use proptest::prelude::*;
 use sutura_shared::control::{ContactRows, Fresh};
+use sutura_shared::math::max;
 use sutura_shared::wire::message::{RowKind, Rows};
 use sutura_shared::wire::{List, Valid, ValidContact};
 
@@ -314,7 +315,7 @@ fn a_round_tool_opens_its_gaps_as_it_moves_aside() {
     ] {
         let foot = 10e-3 + z;
         let gap = (foot * foot + x * x).sqrt() - 10e-3;
-        let push = 500.0 * (2e-3 - gap).max(0.0);
+        let push = 500.0 * max(2e-3 - gap, 0.0);
         let found = force(&mut rows, &body, &at(0.0, x, z), SOLVED);
         assert_near(found, [0.0, 0.0, push], 1e-5, "ball");
     }
@@ -322,7 +323,7 @@ fn a_round_tool_opens_its_gaps_as_it_moves_aside() {
     let mut near = smooth(7, 1.0 / 500.0, 5e-3);
     near.curvature_per_m = 100.0;
     let mut rows = ContactRows::unpack(&frame(SOLVED, near));
-    let gap = (9e-3_f32.powi(2) + 3e-3_f32.powi(2)).sqrt() - 10e-3;
+    let gap = (9e-3_f32 * 9e-3 + 3e-3 * 3e-3).sqrt() - 10e-3;
     let found = force(&mut rows, &near, &at(3e-3, 0.0, -6e-3), SOLVED);
     assert_near(found, [0.0, 0.0, -500.0 * gap], 1e-5, "from afar");
 }

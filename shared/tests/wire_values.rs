@@ -146,6 +146,30 @@ fn needle_limits() {
     for i in 0..2 {
         check_limits(needle, |n| &mut n.stiffness_n_per_m[i], 0.0, 1e7);
     }
+    // Points that do not count are looked at, too.
+    for i in [1, 3, 11] {
+        check_limits(needle, |n| &mut n.course.points[i][1], -1e4, 1e4);
+    }
+    check_limits(needle, |n| &mut n.course.points[11][0], 0.0, 10.0);
+    let counts = |forward, backward| {
+        verdict(with(needle, |n| {
+            n.course = Course {
+                forward,
+                backward,
+                points: [[0.5; 2]; 12],
+            };
+        }))
+    };
+    assert_eq!(
+        (counts(0, 0), counts(12, 0), counts(7, 5)),
+        (Ok(()), Ok(()), Ok(()))
+    );
+    assert_eq!(counts(7, 6), Err(Reject::Range));
+    assert_eq!(counts(255, 255), Err(Reject::Range));
+    // Ways grow, each way by itself.
+    let way = |i: usize, way_m| verdict(with(needle, |n| n.course.points[i][0] = way_m));
+    assert_eq!(way(1, 0.0009), Err(Reject::Range));
+    assert_eq!(way(3, 0.5), Ok(()));
     let tool = |tool| verdict(with(needle, |n| n.tool = tool));
     assert_eq!(tool(7), Ok(()));
     assert_eq!(tool(8), Err(Reject::Range));

@@ -14,6 +14,7 @@ mod console;
 mod device;
 mod display;
 mod failure;
+mod fidelity;
 mod fixture;
 mod mesh;
 mod run;
@@ -45,6 +46,7 @@ Examples:
   sutura run --console /dev/ttyACM0         the same on a console at a serial port
   sutura solve scene.toml --out field.vtu   the tissue at rest under the scene's handles and loads
   sutura bench                              time per step, by stage
+  sutura fidelity                           force error and stability against a 1 kHz solve
   sutura scene explain scene.toml           what a scene builds, why, and what it costs
   sutura mesh info part.msh                 quality of a mesh, and whether scenes take it
 
@@ -77,6 +79,7 @@ enum Command {
     Console(console::ConsoleArgs),
     Solve(solve::SolveArgs),
     Bench(bench::BenchArgs),
+    Fidelity(fidelity::FidelityArgs),
     Scene(scene::command::SceneArgs),
     Mesh(mesh::MeshArgs),
 }
@@ -95,6 +98,7 @@ fn main() -> ExitCode {
         Command::Console(args) => console::run(args, &cli.global),
         Command::Solve(args) => solve::run(args, &cli.global),
         Command::Bench(args) => bench::run(args, &cli.global),
+        Command::Fidelity(args) => fidelity::run(args, &cli.global),
         Command::Scene(args) => scene::command::run(args, &cli.global),
         Command::Mesh(args) => mesh::run(args, &cli.global),
     };

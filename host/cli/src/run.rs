@@ -246,7 +246,8 @@ fn solver(scene: &Scene, plan: &Plan) -> Result<TissueSolver, Failure> {
         TissueSolver::apart_m(scene),
     );
     solver.prepare(&path);
-    solver.reduce_to(plan.most_rows());
+    // The console has them a period later, and uses them for another.
+    solver.reduce_to(plan.most_rows(), 2.0 / plan.host_hz);
     Ok(solver)
 }
 

@@ -106,9 +106,19 @@ struct Candidate {
     arm: Option<Vector3<f64>>,
 }
 
+/// A vertex that does not touch.
+#[derive(Clone, Copy)]
+struct Nearest {
+    vertex: u32,
+    /// Now, and the least of now and ahead \[m\].
+    gap: f64,
+    soonest: f64,
+}
+
 /// Buffers of the reduction.
 pub(crate) struct Reduction {
     candidates: Vec<Candidate>,
+    nearest: Vec<Nearest>,
     /// y, then E^-1 y, (3v x m), and E^-1 Y, (3v x 6).
     loads: Vec<f64>,
     answers: Vec<f64>,
@@ -136,7 +146,9 @@ pub(crate) struct Surroundings<'a> {
     /// Touchable vertices without tools \[m\], (b), and what the tools move them \[m\], (3 b).
     pub resting_m: &'a [Vector3<f64>],
     pub displacement: &'a [f64],
-    /// Rows with a larger gap \[m\] are left out.
+    /// How far the tool will have moved while the rows are in use \[m\].
+    pub ahead_m: Vector3<f64>,
+    /// Vertices with a larger gap \[m\], now and then, are left out; above 0.
     pub most_gap: f64,
     /// Of more rows the least are condensed out, or left out where they do not touch; at most [`MAX_TOOL_ROWS`].
     pub most_rows: usize,
@@ -151,11 +163,12 @@ impl Surroundings<'_> {
 }
 
 impl Reduction {
-    /// For so many rows.
-    pub fn new(most_rows: usize) -> Self {
+    /// For so many rows, and touchable vertices.
+    pub fn new(most_rows: usize, vertices: usize) -> Self {
         let (n, m) = (3 * most_rows, most_rows + MAX_TOOL_ROWS);
         Self {
             candidates: Vec::with_capacity(m),
+            nearest: Vec::with_capacity(vertices),
             loads: vec![0.0; n * m],
             answers: vec![0.0; n * m],
             yields: vec![0.0; 6 * n],
@@ -228,19 +241,21 @@ impl Reduction {
             .iter()
             .take_while(|row| row.arm.is_some())
             .count();
-        let touching = own.min(around.most_rows);
+        self.find_nearest(rows, around);
+        // A third of the room for what comes to touch, if there is so much.
+        let coming = self.nearest.len().min(around.most_rows / 3);
+        let touching = own.min(around.most_rows - coming);
+        self.put_first(touching, own, around);
         let mut kept = touching;
-        // Listed by their gaps, the least first.
-        for near in contact.near.iter().filter(|near| near.tool == around.tool) {
-            if kept >= around.most_rows || near.gap * around.solid.radius() > around.most_gap {
-                break;
-            }
-            let touches = |row: &Row| row.vertex == near.vertex && row.tool == near.tool;
+        self.nearest.truncate(around.most_rows - touching);
+        // The next to touch first.
+        self.nearest.sort_unstable_by(|a, b| {
+            let nearer = a.gap.total_cmp(&b.gap);
+            nearer.then(a.vertex.cmp(&b.vertex))
+        });
+        for near in &self.nearest {
             let at = around.at(near.vertex);
-            if around.columns.has(near.vertex)
-                && !rows.iter().any(touches)
-                && let Some(touch) = around.solid.touch(&at)
-            {
+            if let Some(touch) = around.solid.touch(&at) {
                 let free = Candidate {
                     vertex: near.vertex,
                     row: None,
@@ -254,6 +269,57 @@ impl Reduction {
             }
         }
         kept
+    }
+
+    /// Lists the vertices that do not touch and are near, or soon will be, the soonest first.
+    fn find_nearest(&mut self, rows: &[Row], around: &Surroundings<'_>) {
+        let ahead = around.solid.moved(&around.ahead_m);
+        self.nearest.clear();
+        let vertices = 0..around.resting_m.len() as u32;
+        for vertex in vertices.take_while(|_| around.most_rows > 0) {
+            let at = around.at(vertex);
+            let gap = around.solid.gap(&at);
+            let soonest = gap.min(ahead.gap(&at));
+            let touches = |row: &Row| row.vertex == vertex && row.tool == around.tool;
+            if soonest <= around.most_gap && around.columns.has(vertex) && !rows.iter().any(touches)
+            {
+                let near = Nearest {
+                    vertex,
+                    gap,
+                    soonest,
+                };
+                self.nearest.push(near);
+            }
+        }
+        self.nearest.sort_unstable_by(|a, b| {
+            let sooner = a.soonest.total_cmp(&b.soonest);
+            sooner.then(a.vertex.cmp(&b.vertex))
+        });
+    }
+
+    /// Of `own` rows that touch, puts those first that will let go soonest: the others are deep in contact, where they
+    /// are as good condensed. Both parts stay sorted by force.
+    fn put_first(&mut self, kept: usize, own: usize, around: &Surroundings<'_>) {
+        let strongest = self.candidates.first().map_or(0.0, |row| row.lambda);
+        if kept == own || strongest <= 0.0 {
+            return;
+        }
+        let ahead = around.solid.moved(&around.ahead_m);
+        let firmness = |row: &Candidate| {
+            let left_m = row.arm.map_or(0.0, |arm| ahead.gap(&(around.grip + arm)));
+            row.lambda / strongest - left_m / around.most_gap
+        };
+        let own = &mut self.candidates[..own];
+        own.sort_unstable_by(|a, b| {
+            let looser = firmness(a).total_cmp(&firmness(b));
+            looser.then(a.vertex.cmp(&b.vertex))
+        });
+        let (first, others) = own.split_at_mut(kept);
+        for part in [first, others] {
+            part.sort_unstable_by(|a, b| {
+                b.lambda.total_cmp(&a.lambda).then(a.vertex.cmp(&b.vertex))
+            });
+        }
     }
 
     /// W and J of all listed rows, with normals that turn or with E = K_A; `None` if E is not positive

@@ -3,12 +3,15 @@
 //! Entry points: [`errors`], [`steadiness`].
 
 use super::run::{Record, Tick};
+use serde::Serialize;
+use sutura_shared::control::TICK_S;
+use sutura_shared::wire::message::Mode;
 
 /// Errors of the force on the hand, in percent of the largest true force.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Errors {
     /// Largest true force \[N\]: 100 %.
-    pub largest_n: f64,
+    pub force_max_n: f64,
     /// Mean force acting in each tick against the true mean of that tick: root mean square.
     pub rms_pct: f64,
     /// The largest.
@@ -32,7 +35,7 @@ fn errors_where(record: &Record, counts: &[bool]) -> Errors {
     let largest = ticks.iter().map(|t| length(t.truth_n)).fold(1e-9, f64::max);
     let mut sums = (0.0, 0.0, 0.0);
     let mut errors = Errors {
-        largest_n: largest,
+        force_max_n: largest,
         rms_pct: 0.0,
         peak_pct: 0.0,
         peak_at_s: 0.0,
@@ -139,6 +142,81 @@ pub fn steadiness(record: &Record) -> Steadiness {
         force_ratio: force / truth,
         is_stable: now <= STABLE_SWING && !grows && faultless && now.is_finite(),
     }
+}
+
+/// What a gap in the link does to a held press.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Recovery {
+    /// Force on the hand at the end of the gap \[N\].
+    pub gap_force_n: f64,
+    /// Half a second after the gap, mean force over the true one.
+    pub restored_ratio: f64,
+    /// From the end of the gap until the force is 90 % of the true one \[ms\]; none if it never is.
+    pub time_to_90_ms: Option<f64>,
+}
+
+/// Of a hold with a gap in the link from `from_s` to `until_s`.
+pub fn recovery(record: &Record, from_s: f64, until_s: f64) -> Recovery {
+    let in_time = |from: f64, until: f64| {
+        let ticks = record.ticks.iter();
+        ticks.filter(move |t| t.time_s >= from && t.time_s < until)
+    };
+    let ratio = |t: &Tick| t.acting_n[2] / t.truth_n[2].max(1e-9);
+    let late = in_time(until_s + 0.45, until_s + 0.55);
+    let (sum, count) = late.fold((0.0, 0.0), |(sum, count), t| (sum + ratio(t), count + 1.0));
+    let back = in_time(until_s, f64::INFINITY).find(|t| ratio(t) >= 0.9);
+    Recovery {
+        gap_force_n: in_time(from_s, until_s)
+            .last()
+            .map_or(0.0, |t| length(t.acting_n)),
+        restored_ratio: sum / f64::max(count, 1.0),
+        time_to_90_ms: back.map(|t| (t.time_s - until_s) * 1e3),
+    }
+}
+
+/// The most that the motors did.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Peaks {
+    /// \[N\].
+    pub force_peak_n: f64,
+    /// Of the force at the grip \[N/s\].
+    pub slew_peak_n_per_s: f64,
+    /// Force times velocity, out of or into the console \[W\].
+    pub power_peak_w: f64,
+    /// Of the grip while the amplifiers were on \[m/s\].
+    pub speed_peak_m_per_s: f64,
+    /// Faults that were latched, bits.
+    pub faults: u16,
+}
+
+/// The extremes of a run.
+pub fn peaks(record: &Record) -> Peaks {
+    let mut peaks = Peaks {
+        force_peak_n: 0.0,
+        slew_peak_n_per_s: 0.0,
+        power_peak_w: 0.0,
+        speed_peak_m_per_s: 0.0,
+        faults: 0,
+    };
+    let mut before = [0.0; 3];
+    for tick in &record.ticks {
+        let on = matches!(tick.mode, Mode::Armed | Mode::Decaying);
+        let force = length(tick.command_n);
+        peaks.force_peak_n = peaks.force_peak_n.max(force);
+        // To nothing at once is what a fault is for.
+        if on {
+            let slew = length(minus(tick.command_n, before)) / f64::from(TICK_S);
+            peaks.slew_peak_n_per_s = peaks.slew_peak_n_per_s.max(slew);
+            let speed = length(tick.velocity_m_per_s);
+            peaks.speed_peak_m_per_s = peaks.speed_peak_m_per_s.max(speed);
+        }
+        let pairs = tick.acting_n.iter().zip(&tick.velocity_m_per_s);
+        let power: f64 = pairs.map(|(f, v)| f * v).sum();
+        peaks.power_peak_w = peaks.power_peak_w.max(power.abs());
+        peaks.faults |= tick.faults;
+        before = tick.command_n;
+    }
+    peaks
 }
 
 fn length(v: [f64; 3]) -> f64 {

@@ -4,11 +4,14 @@
 //! Entry points: [`run::run`] for one run, [`measure`] for what it says, [`stiffest`] for the largest stable
 //! stiffness.
 
+pub mod case;
 pub mod hand;
 pub mod link;
 pub mod measure;
+pub mod oracles;
 pub mod plant;
 pub mod random;
 pub mod run;
 pub mod scenes;
 pub mod stiffest;
+pub mod suite;

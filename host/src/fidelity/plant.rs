@@ -59,9 +59,9 @@ impl Mechanics {
             joints: [joint; JOINTS],
             gravity_mass_kg: [0.0; JOINTS],
             max_force_n: 10.0,
-            max_power_w: 20.0,
-            max_grip_speed_m_per_s: 2.0,
-            actuation_delay_us: 1000 * self.actuation_ticks as u32,
+            actuation_delay_us: self.actuation_ticks as u32 * 1000,
+            max_power_w: 10.0,
+            max_grip_speed_m_per_s: 1.5,
         }
     }
 }

@@ -194,8 +194,8 @@ pub(super) fn report_threads(drive: &Drive, report: &mut StepReport) {
             if !is_free {
                 out.tension_n[place] = segment.map_or(0.0, |segment| segment.tension_n);
             }
-            if let Some((force, at, _)) = thread.end(end, part, is_held, 0) {
-                let direction = force.try_normalize(0.0).unwrap_or_else(Vector3::zeros);
+            if let Some((force, at, rows)) = thread.end(end, part, is_held, 0) {
+                let direction = force.try_normalize(0.0).unwrap_or_else(|| rows.pull());
                 out.direction[place] = direction.into();
                 out.end_m[place] = at.into();
             }

@@ -237,6 +237,8 @@ pub fn run_lockstep(
         console: line.console.name().to_owned(),
         device: plan.device_name(&hello),
         wall_s: started.elapsed().as_secs_f64(),
+        rendering: plan.rendering.word(),
+        most_rows: plan.most_rows(),
         scene: solver.scene(),
         ..tally.summary(&counters, plan.tick_hz)
     })

@@ -10,6 +10,11 @@ use crate::tool::ToolSample;
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 use sutura_shared::wire::message::{COURSE_POINTS, Course};
 
+/// Most points of a course that are on the way forward: there is more to come by than on the way back.
+const FORWARD_POINTS: usize = 8;
+/// The nearest is looked at most closely: steps grow with these powers of their number, forward and backward.
+const GROWTH: [f64; 2] = [1.5, 2.0];
+
 /// How far to look, and with how many steps.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Look {
@@ -46,15 +51,11 @@ pub(super) fn course(
             report: *needle,
         }];
         visit(model, state, samples, look, side, sign, &mut visits, work);
-        let mut points = Vec::with_capacity(2 * COURSE_POINTS);
+        let mut points = vec![[0.0, needle.axial_n]];
         points_of(&visits, &mut points);
-        // What is nearest matters most.
-        let most = if side == 0 {
-            free.min(COURSE_POINTS - look.steps[1].min(4))
-        } else {
-            free
-        };
-        points.truncate(most);
+        let kept = if side == 0 { FORWARD_POINTS } else { free };
+        thin(&mut points, kept + 1);
+        points.remove(0);
         for (slot, point) in course.points.iter_mut().skip(next).zip(&points) {
             *slot = point.map(|value| value as f32);
         }
@@ -95,7 +96,7 @@ fn visit(
     let mut trial = state.clone();
     let mut samples = samples.to_vec();
     for index in 1..=steps {
-        let way_m = look.reach_m[side] * index as f64 / steps as f64;
+        let way_m = look.reach_m[side] * (index as f64 / steps as f64).powf(GROWTH[side]);
         samples[0] = slid(start, &needle.slide, sign * way_m);
         let passed_us = 1e6 * way_m / look.speed_m_per_s.max(1e-3);
         for sample in &mut samples {
@@ -161,6 +162,24 @@ fn points_of(visits: &[Visit], points: &mut Vec<[f64; 2]>) {
             points.push([way_m, to.report.axial_n + to.report.hold_n]);
         }
         points.push([to.way_m, to.report.axial_n]);
+    }
+}
+
+/// Takes out what the others come closest to, until `most` are left; jumps and both ends stay.
+fn thin(points: &mut Vec<[f64; 2]>, most: usize) {
+    while points.len() > most {
+        let spared = |index: usize| {
+            let [before, own, after] = [points[index - 1], points[index], points[index + 1]];
+            if before[0] == own[0] || own[0] == after[0] {
+                return f64::MAX;
+            }
+            let part = (own[0] - before[0]) / (after[0] - before[0]);
+            (before[1] + (after[1] - before[1]) * part - own[1]).abs()
+        };
+        let least = (1..points.len() - 1).min_by(|a, b| spared(*a).total_cmp(&spared(*b)));
+        // Without any in between, the farthest goes.
+        let least = least.filter(|index| spared(*index) < f64::MAX);
+        points.remove(least.unwrap_or(points.len() - 1));
     }
 }
 

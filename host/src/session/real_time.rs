@@ -102,6 +102,8 @@ pub fn run_real_time(
         console,
         device,
         wall_s,
+        rendering: plan.rendering.word(),
+        most_rows: plan.most_rows(),
         scene: solver.scene(),
         ..summary
     })

@@ -92,6 +92,10 @@ pub struct Summary {
     pub faults: Vec<String>,
     /// Solver steps a second that the session aimed at \[Hz\].
     pub host_hz: f64,
+    /// What the console was given to render from: `hold`, `tangent` or `rows`.
+    pub rendering: &'static str,
+    /// Most rows that its line has room for at that rate; 0: none were sent.
+    pub most_rows: usize,
     /// Solver steps a second that it reached, by the console's clock \[Hz\].
     pub host_hz_reached: f64,
     /// Solver steps after which nothing was sent, by what was wrong with their result.

@@ -33,16 +33,24 @@ const PREPARED_MARGIN_M: f64 = 0.003;
 const LOOK_SHARE: f64 = 0.2;
 const LOOK_US: f64 = 60.0;
 const LOOK_ROWS: f64 = 60.0;
-/// Most steps of one look.
-const LOOK_STEPS: usize = 12;
+/// And so many times as much where threads bend over tissue, for which all nodes are asked.
+const LOOK_THREADS: f64 = 3.0;
+/// Most steps of one look, forward and backward, and how long they are wanted on average \[m\].
+const LOOK_STEPS: [usize; 2] = [12, 7];
+const LOOK_STEP_M: f64 = 8e-4;
+/// So much slack is looked through to the taut thread \[m\], and so far into that, in turn \[m\].
+const NEARLY_TAUT_M: f64 = 0.01;
+const TIGHTENING_M: [f64; 3] = [2e-4, 5e-4, 1e-3];
+/// With fewer, both ways together, friction and stiffness say as much.
+const LOOK_LEAST: usize = 4;
 /// A frame is in use until it is so many periods old, or for so long \[us\].
 const LOOK_PERIODS: f64 = 3.0;
 const LOOK_MOST_US: f64 = 150e3;
-/// A hand that sets out within that time comes so far \[m\], and faster by this \[m/s^2\].
+/// A hand that rests sets out, and a moving one gets faster, by this \[m/s^2\]; and a little more \[m\].
+const LOOK_HAND_M_PER_S2: f64 = 10.0;
 const LOOK_MARGIN_M: f64 = 5e-4;
-const LOOK_HAND_M_PER_S2: f64 = 0.5;
-/// Farther than this a look is too coarse \[m\].
-const LOOK_MOST_M: f64 = 0.012;
+/// Farther than this a look is too coarse, forward and backward \[m\].
+const LOOK_MOST_M: [f64; 2] = [0.012, 0.008];
 
 /// A model with its state and scratch.
 pub struct TissueSolver {
@@ -54,9 +62,6 @@ pub struct TissueSolver {
     script: Script,
     /// Console time of the first step \[us\], from which scripts count.
     began_us: Option<u64>,
-    /// Whether a needle in the console's grip is looked ahead of. On until somebody who does not send it to a console
-    /// turns it off.
-    pub looks_ahead: bool,
     deepest: Deepest,
     needles: Vec<NeedleTally>,
     wound: Option<Wound>,
@@ -111,7 +116,6 @@ impl TissueSolver {
             work,
             script: Script::new(scene),
             began_us: None,
-            looks_ahead: true,
             last_us: None,
             deepest: Deepest::default(),
             needles: scene.needles.iter().map(NeedleTally::of).collect(),
@@ -160,9 +164,11 @@ impl TissueSolver {
         }
     }
 
-    /// From now on steps reduce the driven tool's contact to so many rows at most; 0: to none.
-    pub fn reduce_to(&mut self, most_rows: usize) {
+    /// From now on steps reduce the driven tool's contact to so many rows at most (0: to none), those that matter
+    /// within `ahead_s` first.
+    pub fn reduce_to(&mut self, most_rows: usize, ahead_s: f64) {
         self.work.most_rows = most_rows;
+        self.work.ahead_s = ahead_s;
     }
 
     /// The driven tool's rows at the last step, if there are any.
@@ -203,6 +209,12 @@ impl TissueSolver {
             self.last_good = self.last;
         }
         self.last
+    }
+
+    /// Boundaries that needles have broken through so far.
+    pub fn punctures(&self) -> u32 {
+        let punctures = self.needles.iter().map(|needle| needle.last.punctures);
+        punctures.sum()
     }
 
     /// The solver's parts, for what looks at them between steps.
@@ -246,12 +258,59 @@ impl TissueSolver {
         )
     }
 
+    /// Steps that may be spent on looking ahead.
+    fn affordable(&self, period_us: u64) -> usize {
+        let rows = f64::from(self.last.rows) / LOOK_ROWS;
+        let of_threads = if self.peak_tension_n.is_empty() {
+            1.0
+        } else {
+            LOOK_THREADS
+        };
+        let step_us = LOOK_US * of_threads * (1.0 + rows * rows);
+        (LOOK_SHARE * period_us as f64 / step_us) as usize
+    }
+
+    /// Where a slack thread becomes taut and how stiff it is then, if that is near: the solver pulls on a copy of its
+    /// state. Not where tissue is linearised anew by a step.
+    fn tighten(&mut self, driven: u8, thread: &mut HeldThread, period_us: u64) {
+        let near = (0.0..=NEARLY_TAUT_M).contains(&thread.slack_m);
+        let known = thread.direction != [0.0; 3];
+        let Some(sample) = self.script.samples().first().copied() else {
+            return;
+        };
+        let linear = self.tissue.word() == "linear";
+        if !(near && known && linear) || self.affordable(period_us) < TIGHTENING_M.len() {
+            return;
+        }
+        let mut samples = self.script.samples().to_vec();
+        let mut state = self.state.clone();
+        // Straight back is not quite the way on which it tightens.
+        for beyond_m in TIGHTENING_M {
+            let way_m = thread.slack_m + beyond_m;
+            for (at, (from, pull)) in samples[0]
+                .position_m
+                .iter_mut()
+                .zip(sample.position_m.iter().zip(thread.direction))
+            {
+                *at = from - pull * way_m;
+            }
+            let report = step::step(&self.model, &mut state, &samples, &mut self.work);
+            let there = at_grip(&report, driven).filter(|_| report.status == Status::Ok);
+            let Some(there) = there else {
+                return;
+            };
+            if there.state == Tension::Taut && there.stiffness_n_per_m > 0.0 {
+                thread.stiffness_n_per_m = there.stiffness_n_per_m;
+                thread.slack_m = (way_m - there.tension_n / there.stiffness_n_per_m).max(0.0);
+                return;
+            }
+        }
+    }
+
     /// How far to look; not at all where tissue is linearised anew by a step, or where it would take too long.
     fn look(&self, needle: &NeedleReport, sample: &ToolSample, period_us: u64) -> Option<Look> {
-        let touches = self.last.rows as usize;
-        let step_us = LOOK_US * (1.0 + (touches as f64 / LOOK_ROWS).powi(2));
-        let affordable = (LOOK_SHARE * period_us as f64 / step_us) as usize;
-        if !self.looks_ahead || self.tissue.word() != "linear" || affordable < 2 {
+        let affordable = self.affordable(period_us);
+        if self.tissue.word() != "linear" || affordable < LOOK_LEAST {
             return None;
         }
         let [x, y, z, ..] = needle.slide;
@@ -259,16 +318,22 @@ impl TissueSolver {
         let square = (x * x + y * y + z * z).max(1e-6);
         let speed_m_per_s = (x * u + y * v + z * w) / square;
         let seconds = 1e-6 * (LOOK_PERIODS * period_us as f64).min(LOOK_MOST_US);
-        let reach = |speed: f64| {
-            let reach_m = LOOK_MARGIN_M
-                + 0.5 * LOOK_HAND_M_PER_S2 * seconds * seconds
-                + speed.max(0.0) * seconds;
-            reach_m.min(LOOK_MOST_M)
+        let reach = |speed: f64, most_m: f64| {
+            let sets_out_m = 0.5 * LOOK_HAND_M_PER_S2 * seconds * seconds;
+            (LOOK_MARGIN_M + sets_out_m + speed.max(0.0) * seconds).min(most_m)
         };
-        let steps = affordable.min(LOOK_STEPS);
+        let reach_m = [
+            reach(speed_m_per_s, LOOK_MOST_M[0]),
+            reach(-speed_m_per_s, LOOK_MOST_M[1]),
+        ];
+        let steps = [0, 1].map(|side: usize| {
+            let wanted = (reach_m[side] / LOOK_STEP_M).ceil() as usize;
+            let share = affordable * (2 - side) / 3;
+            wanted.clamp(2, LOOK_STEPS[side]).min(share.max(1))
+        });
         Some(Look {
-            reach_m: [reach(speed_m_per_s), reach(-speed_m_per_s)],
-            steps: [steps - steps / 3, steps / 3],
+            reach_m,
+            steps,
             speed_m_per_s: speed_m_per_s.abs(),
         })
     }
@@ -403,6 +468,14 @@ impl Solve for TissueSolver {
         if let (Some(needle), Status::Ok) = (&mut needle, report.status) {
             needle.course = self.look_ahead(needle.needle, &report, period_us);
         }
+        let mut thread = self.driven().and_then(|driven| at_grip(&report, driven));
+        if let (Some(thread), Status::Ok) = (&mut thread, report.status)
+            && thread.state == Tension::Slack
+        {
+            // Of what else is in the grip.
+            thread.stiffness_n_per_m = 0.0;
+            self.tighten(thread.tool, thread, period_us);
+        }
         if let Some(contact) = contact {
             let [x, y, z, ..] = contact.wrench;
             let force_n = (x * x + y * y + z * z).sqrt();
@@ -420,7 +493,7 @@ impl Solve for TissueSolver {
             contact,
             rows: self.rows(),
             needle,
-            thread: self.driven().and_then(|driven| at_grip(&report, driven)),
+            thread,
             status: report.status,
             stages: report.stages,
         }
@@ -457,8 +530,7 @@ impl Solve for TissueSolver {
             "held": held,
         });
         if !self.needles.is_empty() {
-            let punctures = self.needles.iter().map(|needle| needle.last.punctures);
-            report["punctures"] = punctures.sum::<u32>().into();
+            report["punctures"] = self.punctures().into();
             let needles = self.needles.iter().map(|needle| needle.to_json());
             report["needles"] = needles.collect();
         }

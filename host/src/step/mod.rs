@@ -377,6 +377,9 @@ pub struct Workspace {
     /// To how many rows at most steps reduce each tool's contact, for [`Workspace::rows`]; 0: they do not. More than
     /// [`MAX_TOOL_ROWS`] are never given.
     pub most_rows: usize,
+    /// For how long after the step its rows will be in use \[s\]: those that will switch by then, if the tool goes on as it
+    /// moves, are chosen first.
+    pub ahead_s: f64,
 }
 
 impl Workspace {
@@ -397,7 +400,7 @@ impl Workspace {
             body: model.body.work(),
             contact: ContactWork::new(vertices, tools),
             pose: PoseWork::new(rows),
-            reduction: Reduction::new(rows),
+            reduction: Reduction::new(rows, vertices),
             rows: Vec::with_capacity(MAX_TOOLS),
             resting_m: model.touchable_m.clone(),
             displacement: vec![0.0; 3 * vertices],
@@ -409,6 +412,7 @@ impl Workspace {
                 .map(|needles| Box::new(NeedlesWork::new(model, needles))),
             vertices_per_step: 8,
             most_rows: 0,
+            ahead_s: 0.0,
         }
     }
 

@@ -44,22 +44,30 @@ pub(super) fn reduce(
                 .differentiate(&state.rows, tool, &grip, &moment, &mut work.contact);
         let mut rows = ToolRows::NONE;
         let most_rows = work.most_rows.min(MAX_TOOL_ROWS);
+        let ahead_m = Vector3::from(sample.velocity_m_per_s) * work.ahead_s;
         if contact.rows > 0 {
             let normal = force.try_normalize(0.0).unwrap_or_else(Vector3::z);
             contact.normal = normal.into();
             if most_rows > 0 {
-                let near = (f64::MAX, most_rows);
+                let near = (ahead_m, NEAR * solid.radius(), most_rows);
                 rows_of(state, tool, &grip, &solid, near, work, &mut rows);
             }
         } else {
             let (gap, normal) = apart(&solid, work);
             contact.gap_m = gap.max(0.0);
             contact.normal = normal.into();
-            // Farther away, no vertex is listed as near.
-            if gap < NEAR * solid.radius() {
+            let reach_m = NEAR * solid.radius();
+            let soon = || {
+                let then = nearest(displaced(work), &solid.moved(&ahead_m));
+                then.is_some_and(|(_, gap)| gap < reach_m)
+            };
+            if gap < reach_m || (most_rows > 0 && soon()) {
                 let at_once = contact.gap_m + AT_ONCE * solid.radius();
-                let most_gap = if most_rows > 0 { f64::MAX } else { at_once };
-                let near = (most_gap, MAX_TOOL_ROWS);
+                let near = if most_rows > 0 {
+                    (ahead_m, reach_m, MAX_TOOL_ROWS)
+                } else {
+                    (Vector3::zeros(), at_once, MAX_TOOL_ROWS)
+                };
                 rows_of(state, tool, &grip, &solid, near, work, &mut rows);
                 let dense = &mut work.contact.newton.dense;
                 tangent = work.reduction.coming(&rows, at_once, dense);
@@ -106,7 +114,7 @@ fn rows_of(
     tool: u32,
     grip: &Vector3<f64>,
     solid: &Solid,
-    (most_gap, most_rows): (f64, usize),
+    (ahead_m, most_gap, most_rows): (Vector3<f64>, f64, usize),
     work: &mut Workspace,
     rows: &mut ToolRows,
 ) {
@@ -117,6 +125,7 @@ fn rows_of(
         columns: &work.columns,
         resting_m: &work.resting_m,
         displacement: &work.displacement,
+        ahead_m,
         most_gap,
         most_rows,
     };

@@ -22,6 +22,11 @@ pub(crate) struct EndRows {
 }
 
 impl EndRows {
+    /// Unit vector along which the end is pulled, or would be.
+    pub fn pull(&self) -> Vector3<f64> {
+        self.along * -self.sign
+    }
+
     /// Rows, and by how much their target falls as the end moves.
     pub fn visit(&self, mut visit: impl FnMut(usize, Vector3<f64>)) {
         for row in self.bounds.0..self.bounds.1 {

@@ -1,9 +1,10 @@
 //! A host that is late, a console that goes on by itself, and the truth: the same scene solved every millisecond.
 
 use nalgebra::Vector3;
+use std::io::Write;
 use std::path::Path;
 use sutura_host::scene::{Scene, load};
-use sutura_host::session::{Solve, Solved, TissueSolver};
+use sutura_host::session::{Rendering as Told, Solve, Solved, TissueSolver};
 use sutura_host::step::Status;
 use sutura_shared::control::{LocalNeedle, LocalThread};
 use sutura_shared::wire::message::{Contact, Mode, State};
@@ -76,14 +77,12 @@ fn state(hand: Hand, tick: u64) -> Valid<State> {
 }
 
 fn punctures(solver: &TissueSolver) -> u64 {
-    solver.scene()["punctures"].as_u64().unwrap_or(0)
+    u64::from(solver.punctures())
 }
 
 /// The truth at every tick: force \[N\], and punctures so far.
 pub fn truth(scene: &Scene, hand: Hand, ticks: u64) -> Vec<(Vector3<f64>, u64)> {
     let mut solver = TissueSolver::new(scene).unwrap();
-    // The truth does not look ahead: nobody reads what it would find.
-    solver.looks_ahead = false;
     let each = (0..ticks).map(|tick| {
         let solved = solver.solve(&state(hand, tick));
         assert_eq!(solved.status, Status::Ok, "tick {tick}");
@@ -162,6 +161,7 @@ pub fn run(
     truth: &[(Vector3<f64>, u64)],
     host_hz: f64,
     rendering: Rendering,
+    mut dump: Option<std::fs::File>,
     mut trace: impl FnMut(u64, Vector3<f64>, Vector3<f64>),
 ) -> Outcome {
     let mut solver = TissueSolver::new(scene).unwrap();
@@ -207,7 +207,14 @@ pub fn run(
         {
             let (_, solved_tick, solved) = frames.remove(0);
             let told = state(hand, solved_tick);
-            let felt = solved.frames(told.body(), 100_000).unwrap();
+            let felt = solved.frames(told.body(), 100_000, Told::Rows).unwrap();
+            if let Some(file) = &mut dump {
+                let line = serde_json::json!({
+                    "now": tick, "solved": solved_tick, "contact": felt.contact, "needle": felt.needle,
+                    "thread": felt.thread, "punctured": solved.status == Status::Behind,
+                });
+                writeln!(file, "{line}").unwrap();
+            }
             let old = console.force(&at, now_us, rendering);
             let solved_us = 1000 * solved_tick;
             let sequence = solved_tick as u32 + 1;

@@ -35,6 +35,17 @@ fn figures() {
     ];
     for (name, hand, ticks) in hands {
         let truth = truth(&scene, hand, ticks);
+        let dir = std::env::var("TRACES").ok();
+        if let Some(dir) = &dir {
+            let lines = truth.iter().enumerate().map(|(tick, (force, punctures))| {
+                let at = hand(1e-3 * tick as f64);
+                format!(
+                    "{tick} {} {} {} {} {} {} {punctures}\n",
+                    at.x, at.y, at.z, force.x, force.y, force.z
+                )
+            });
+            std::fs::write(format!("{dir}/{name}-truth"), lines.collect::<String>()).unwrap();
+        }
         for host_hz in [30.0, 60.0, 100.0, 200.0] {
             for rendering in [Rendering::Hold, Rendering::Tangent, Rendering::Local] {
                 let mut lines = String::new();
@@ -44,11 +55,11 @@ fn figures() {
                     &truth,
                     host_hz,
                     rendering,
-                    |tick, should, is| {
+                    |tick, should: Vector3<f64>, is: Vector3<f64>| {
                         lines += &format!("{tick} {} {}\n", should.z, is.z);
                     },
                 );
-                if let Ok(dir) = std::env::var("TRACES") {
+                if let Some(dir) = &dir {
                     std::fs::write(format!("{dir}/{name}-{host_hz}-{rendering:?}"), lines).unwrap();
                 }
                 println!(

@@ -94,7 +94,17 @@ pub mod sample {
             hold_n: 0.0625,
             puncture_n: 0.125,
             punctured_n: -0.3125,
-            course: Course::default(),
+            course: Course {
+                forward: 3,
+                backward: 1,
+                points: core::array::from_fn(|point| match point {
+                    0 => [0.0009765625, -0.5],
+                    1 => [0.0009765625, -0.3125],
+                    2 => [0.001953125, -0.34375],
+                    3 => [0.0001220703125, 0.25],
+                    _ => [0.0; 2],
+                }),
+            },
             horizon_us: 100_000,
         }
     }
@@ -235,6 +245,7 @@ pub mod sample {
 /// Contacts as rows.
 pub mod rows {
     use super::*;
+    use sutura_shared::math::{clamp, max};
 
     /// A checked frame.
     pub fn frame(console_time_us: u64, body: Rows) -> ValidRows {
@@ -279,7 +290,7 @@ pub mod rows {
             jacobian,
         };
         let friction = contact.friction;
-        let push = contact.normal * (-gap_m).max(0.0);
+        let push = contact.normal * max(-gap_m, 0.0);
         let tangent = RowKind::Tangent { anchor_m: 0.0 };
         let (n, t) = (1.0 / contact.normal, 1.0 / contact.along);
         Rows {
@@ -299,9 +310,9 @@ pub mod rows {
     /// indefinite.
     pub fn wild(numbers: &[[f32; 8]], cones: usize, entries: &[f32], exponent: i32) -> Rows {
         let n = numbers.len();
-        let size = 10f32.powi(exponent);
+        let size = 10f64.powi(exponent) as f32;
         let diagonal: Vec<f32> = (0..n)
-            .map(|k| (size * (1.0 + 4.0 * entries[k].abs())).clamp(1e-7, 1e4))
+            .map(|k| clamp(size * (1.0 + 4.0 * entries[k].abs()), 1e-7, 1e4))
             .collect();
         let mut compliance = List::new();
         for i in 0..n {
@@ -311,7 +322,7 @@ pub mod rows {
                 let entry = if entry.abs() < 0.5 {
                     entry
                 } else {
-                    entry.signum()
+                    if entry < 0.0 { -1.0 } else { 1.0 }
                 };
                 let most = (diagonal[i] * diagonal[j]).sqrt();
                 compliance.push(if i == j { diagonal[i] } else { entry * most });
@@ -324,7 +335,7 @@ pub mod rows {
                 k if k >= 3 * cones => RowKind::Smooth { id },
                 k if k % 3 == 0 => RowKind::Normal {
                     id,
-                    friction: (10.0 * numbers[0].abs()).max(1e-6),
+                    friction: max(10.0 * numbers[0].abs(), 1e-6),
                 },
                 _ => RowKind::Tangent {
                     anchor_m: numbers[1],

@@ -1,7 +1,9 @@
 //! What the tools touch in the measurements: one file per scene, all behind [`Truth`].
 
+pub mod needle;
 pub mod palpation;
 pub mod point;
+pub mod rogue;
 
 use crate::step::ToolRows;
 use sutura_shared::wire::message::{Needle, Thread};

@@ -1,0 +1,283 @@
+//! `sutura fidelity`: how true and how stable the console's force is, by simulation.
+//!
+//! Entry point: [`run`]. The cases and the bars are the library's; here they are chosen, printed and plotted.
+
+use crate::failure::{Cause, Failure};
+use crate::{Format, Global};
+use clap::Args;
+use indicatif::{ProgressBar, ProgressStyle};
+use serde::Serialize;
+use std::fmt::Write as _;
+use std::path::{Path, PathBuf};
+use sutura_host::fidelity::case::{Case, Scenes};
+use sutura_host::fidelity::oracles::{Oracle, oracles};
+use sutura_host::fidelity::suite::{self, Bar, Extent, Mutant};
+use sutura_shared::device::DeviceError;
+
+/// Measures the console's force against a solve every millisecond: errors, stable stiffness, energy.
+#[derive(Args, Debug)]
+#[command(after_help = EXAMPLES)]
+pub struct FidelityArgs {
+    /// All tables, and each guard switched off in turn; without it what the bars need, in a minute.
+    #[arg(long)]
+    pub full: bool,
+    /// Writes tables (CSV, JSON) and plots (SVG) into this directory.
+    #[arg(long, value_name = "DIR")]
+    pub plot: Option<PathBuf>,
+    /// Runs only cases whose name has all these words, as the tables print it: `palpation taps`.
+    #[arg(long, value_name = "WORDS")]
+    pub only: Option<String>,
+    /// Exits with 7 if a bar is missed.
+    #[arg(long)]
+    pub check: bool,
+    /// Cases at the same time; all of the machine's processors if it is left out.
+    #[arg(long, value_name = "N")]
+    pub threads: Option<usize>,
+}
+
+const EXAMPLES: &str = "\
+Examples:
+  sutura fidelity                            what the bars need
+  sutura fidelity --full --plot figures      all tables, CSV, JSON and SVG
+  sutura fidelity --full --only \"palpation taps rows\"
+  sutura fidelity --check --format json      for scripts: exit code 7 if a bar is missed
+
+Everything is simulated, by seeds: the figures do not depend on the machine. Build with --release.";
+
+#[derive(Serialize)]
+struct Report {
+    status: &'static str,
+    extent: &'static str,
+    cases: Vec<Case>,
+    bars: Vec<Bar>,
+    oracles: Vec<Oracle>,
+    guards: Vec<Mutant>,
+}
+
+/// Runs the cases and prints the report.
+///
+/// # Errors
+/// Bad input for words that no case has; the stated budget missed with `--check`.
+pub fn run(args: &FidelityArgs, global: &Global) -> Result<(), Failure> {
+    if cfg!(debug_assertions) {
+        tracing::warn!("a debug build: this takes many times longer");
+    }
+    let extent = if args.full { Extent::Full } else { Extent::Short };
+    let threads = args.threads.unwrap_or_else(|| {
+        std::thread::available_parallelism().map_or(1, std::num::NonZero::get)
+    });
+    let mut specs = suite::specs(extent);
+    if let Some(only) = &args.only {
+        let words: Vec<_> = only.split_whitespace().collect();
+        specs.retain(|spec| {
+            let name = spec.case().case;
+            let own: Vec<_> = name.split(' ').collect();
+            words.iter().all(|word| own.contains(word))
+        });
+        if specs.is_empty() {
+            return Err(Failure::say(
+                Cause::BadInput,
+                format!("no case has all the words `{only}`"),
+                "words are whole: `palpation`, `taps`, `rows`, `60-hz`, `x0.5`; --full has more cases",
+            ));
+        }
+    }
+    let scenes = Scenes::load()?;
+    let bar = progress(specs.len());
+    let told = |done: usize, name: &str| {
+        bar.set_position(done as u64);
+        bar.set_message(name.to_owned());
+    };
+    let cases = suite::measure(&specs, &scenes, threads, &told).map_err(unsound)?;
+    let bars = suite::bars(&cases);
+    let whole = args.only.is_none();
+    let oracles = if whole { oracles() } else { Vec::new() };
+    let guards = if args.full && whole {
+        bar.set_length(11 * suite::core(Extent::Short, Default::default()).len() as u64);
+        suite::mutants(&scenes, threads, &told).map_err(unsound)?
+    } else {
+        Vec::new()
+    };
+    bar.finish_and_clear();
+    let missed = bars.iter().any(|bar| !bar.ok) || oracles.iter().any(|oracle| !oracle.ok);
+    let report = Report {
+        status: if missed { "bars-missed" } else { "ok" },
+        extent: if args.full { "full" } else { "short" },
+        cases,
+        bars,
+        oracles,
+        guards,
+    };
+    if let Some(directory) = &args.plot {
+        write_files(&report, directory)?;
+    }
+    match global.format {
+        Format::Json => say!("{}", serde_json::json!(report)),
+        Format::Text => print_text(&report),
+    }
+    if missed && args.check {
+        let missed = report.bars.iter().filter(|bar| !bar.ok).count();
+        return Err(Failure::say(
+            Cause::Budget,
+            format!("{missed} of {} bars are missed", report.bars.len()),
+            "the table names the worst case of each; run it alone with --full --only",
+        )
+        .after_summary());
+    }
+    Ok(())
+}
+
+fn unsound(error: DeviceError) -> Failure {
+    Failure::say(
+        Cause::Failed,
+        format!("the simulated console is not a valid device: {error}"),
+        "this is a defect of the command",
+    )
+}
+
+fn progress(length: usize) -> ProgressBar {
+    // Hidden by itself where stderr is no terminal.
+    let bar = ProgressBar::new(length as u64);
+    if let Ok(style) = ProgressStyle::with_template("{bar:30} {pos}/{len} {msg}") {
+        bar.set_style(style);
+    }
+    bar
+}
+
+fn print_text(report: &Report) {
+    let with_errors: Vec<_> = report.cases.iter().filter(|c| c.errors.is_some()).collect();
+    if !with_errors.is_empty() {
+        say!("Force error, % of the largest true force: RMS, peak, excess step at an update; least energy");
+        for case in with_errors {
+            let Some(e) = case.errors else { continue };
+            say!(
+                "  {:58} {:7.2} {:7.2} {:7.2} {:9.3} mJ",
+                case.case, e.rms_pct, e.peak_pct, e.step_pct, 1e3 * case.energy_min_j
+            );
+        }
+    }
+    let stiff: Vec<_> = report.cases.iter().filter(|c| c.k_max_n_per_m.is_some()).collect();
+    if !stiff.is_empty() {
+        say!("Largest stable stiffness, that over the full 1 kHz loop's, least force over true; least energy");
+        for case in stiff {
+            say!(
+                "  {:58} {:6.0} N/m {:6.2} {:6.3} {:9.3} mJ",
+                case.case,
+                case.k_max_n_per_m.unwrap_or_default(),
+                case.k_ratio.unwrap_or(f64::NAN),
+                case.force_ratio.unwrap_or(f64::NAN),
+                1e3 * case.energy_min_j
+            );
+        }
+    }
+    for case in &report.cases {
+        if let Some(r) = case.recovery {
+            let time = r.time_to_90_ms.map_or("never".to_owned(), |t| format!("{t:.0} ms"));
+            say!(
+                "Gap of 300 ms, {:.0} Hz: {:.2} N at its end, 90 % of the true force after {time}, {:.3} of it after 0.5 s",
+                case.host_hz, r.gap_force_n, r.restored_ratio
+            );
+        }
+    }
+    for case in &report.cases {
+        if let Some(p) = case.peaks {
+            say!(
+                "{}: {:.2} N, {:.0} N/s, {:.2} W, {:.2} m/s, faults {:#06x}",
+                case.scene, p.force_peak_n, p.slew_peak_n_per_s, p.power_peak_w, p.speed_peak_m_per_s, p.faults
+            );
+        }
+    }
+    for oracle in &report.oracles {
+        say!(
+            "{} {:60} {:10.3} expected {:10.3} {}",
+            if oracle.ok { "ok    " } else { "MISSED" },
+            oracle.name, oracle.value, oracle.expected, oracle.unit
+        );
+    }
+    for bar in &report.bars {
+        say!(
+            "{} {:52} {:9.3} {} {:8.3}   {}",
+            if bar.ok { "ok    " } else { "MISSED" },
+            bar.name, bar.value, bar.must_be, bar.bar, bar.worst
+        );
+    }
+    for mutant in &report.guards {
+        say!("without {}: {}", mutant.guard, failures(mutant));
+    }
+    let met = report.bars.iter().filter(|bar| bar.ok).count();
+    say!("{met} of {} bars met", report.bars.len());
+}
+
+fn failures(mutant: &Mutant) -> String {
+    if mutant.fails.is_empty() {
+        return "no bar fails".to_owned();
+    }
+    let fails: Vec<_> = mutant
+        .fails
+        .iter()
+        .map(|bar| format!("{} {:.3}", bar.name, bar.value))
+        .collect();
+    fails.join("; ")
+}
+
+fn write_files(report: &Report, directory: &Path) -> Result<(), Failure> {
+    let write = |name: &str, text: String| {
+        let path = directory.join(name);
+        std::fs::write(&path, text).map_err(|error| unwritable(&path, &error))
+    };
+    std::fs::create_dir_all(directory).map_err(|error| unwritable(directory, &error))?;
+    write("fidelity.json", serde_json::json!(report).to_string())?;
+    write("cases.csv", csv(&report.cases))?;
+    write("bars.csv", csv(&report.bars))?;
+    write("oracles.csv", csv(&report.oracles))?;
+    for (name, svg) in plots::all(&report.cases) {
+        write(&name, svg)?;
+    }
+    Ok(())
+}
+
+fn unwritable(path: &Path, error: &std::io::Error) -> Failure {
+    Failure::say(
+        Cause::BadInput,
+        format!("cannot write {}: {error}", path.display()),
+        "choose a directory that can be written with --plot",
+    )
+}
+
+/// Rows with all columns that any of them has, in the order of their first mention.
+fn csv<T: Serialize>(rows: &[T]) -> String {
+    let rows: Vec<_> = rows.iter().map(|row| serde_json::json!(row)).collect();
+    let mut columns: Vec<&String> = Vec::new();
+    for key in rows.iter().filter_map(|row| row.as_object()).flat_map(|row| row.keys()) {
+        if !columns.contains(&key) {
+            columns.push(key);
+        }
+    }
+    let mut text = String::new();
+    let names: Vec<_> = columns.iter().map(|name| name.as_str()).collect();
+    let _ = writeln!(text, "{}", names.join(","));
+    for row in &rows {
+        let cells: Vec<_> = columns
+            .iter()
+            .map(|name| match row.get(name.as_str()) {
+                None | Some(serde_json::Value::Null) => String::new(),
+                Some(serde_json::Value::String(word)) => quoted(word),
+                Some(serde_json::Value::Array(words)) => {
+                    let words: Vec<_> = words.iter().filter_map(|w| w.as_str()).collect();
+                    quoted(&words.join(" "))
+                }
+                Some(other) => other.to_string(),
+            })
+            .collect();
+        let _ = writeln!(text, "{}", cells.join(","));
+    }
+    text
+}
+
+fn quoted(word: &str) -> String {
+    if word.contains([',', '"', '\n']) {
+        format!("\"{}\"", word.replace('"', "\"\""))
+    } else {
+        word.to_owned()
+    }
+}

@@ -1,0 +1,436 @@
+//! One line of the tables: what is run, and what came of it.
+//!
+//! Entry point: [`Spec::measure`].
+
+use super::hand::{Grasp, Motion};
+use super::link::LinkSpec;
+use super::measure::{Errors, Peaks, Recovery, errors, peaks, recovery};
+use super::plant::Mechanics;
+use super::run::{Host, Setup, True, run, truth_along};
+use super::scenes::Scene;
+use super::scenes::palpation::Palpation;
+use super::scenes::point::Point;
+use super::scenes::rogue::Rogue;
+use super::stiffest::{Search, stiffest};
+use crate::scene::SceneError;
+use crate::session::{LINE_BYTES_PER_S, most_rows};
+use serde::Serialize;
+use std::collections::HashMap;
+use std::sync::{Arc, Mutex, OnceLock, PoisonError};
+use sutura_shared::control::{Guards, Rendering, Tuning};
+use sutura_shared::device::DeviceError;
+
+/// Which scene.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Place {
+    /// [`Point`].
+    Point,
+    /// [`Palpation`].
+    Palpation,
+    /// [`Rogue`].
+    Rogue(Rogue),
+}
+
+/// What is asked.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Question {
+    /// How far the force is off.
+    Errors,
+    /// How stiff tissue may be.
+    Stiffest,
+    /// What happens when the link dies for 0.3 s, in a hold.
+    Gap,
+    /// What a host that sends nonsense can make the console do.
+    Peaks,
+}
+
+/// One line, before it is run.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Spec {
+    /// What is asked.
+    pub question: Question,
+    /// What is touched.
+    pub place: Place,
+    /// Where the hand goes.
+    pub motion: Motion,
+    /// How it holds.
+    pub grasp: Grasp,
+    /// What is rendered; none for a scene that is solved in every tick.
+    pub rendering: Option<Rendering>,
+    /// The link.
+    pub link: LinkSpec,
+    /// How wrong the tangent is.
+    pub tangent_scale: f64,
+    /// Most rows of a frame; what the line carries if it does not say.
+    pub most_rows: Option<usize>,
+    /// Which guards are on.
+    pub guards: Guards,
+    /// The console.
+    pub mechanics: Mechanics,
+    /// \[s\].
+    pub seconds: f64,
+}
+
+/// One line of the tables. Numbers that were not asked for are left out.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct Case {
+    /// All words below, for people and `--only`.
+    pub case: String,
+    /// `errors`, `stability`, `gap` or `rogue`.
+    pub question: &'static str,
+    /// Which scene.
+    pub scene: String,
+    /// What the hand does.
+    pub hand: &'static str,
+    /// `rigid`, `pen` or `free`.
+    pub grasp: &'static str,
+    /// `full` for the scene solved in every tick.
+    pub rendering: &'static str,
+    /// \[1/s\].
+    pub host_hz: f64,
+    /// From the state to the arrival of its frame, without jitter \[ms\].
+    pub delay_ms: f64,
+    /// \[ms\].
+    pub jitter_ms: f64,
+    /// Part of the frames that is lost.
+    pub loss: f64,
+    /// Length of the bursts in which all is lost \[ms\].
+    pub burst_ms: f64,
+    /// Part of the frames that come after their successors.
+    pub reordered: f64,
+    /// How wrong the tangent is.
+    pub tangent_scale: f64,
+    /// Most rows in a frame.
+    pub most_rows: usize,
+    /// Damping of the console \[N s/m\].
+    pub device_damping_n_s_per_m: f64,
+    /// Guards that are off.
+    pub guards_off: Vec<&'static str>,
+    /// Errors, if asked for.
+    #[serde(flatten)]
+    pub errors: Option<Errors>,
+    /// Largest stable stiffness \[N/m\].
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub k_max_n_per_m: Option<f64>,
+    /// That over the one of the full 1 kHz loop.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub k_ratio: Option<f64>,
+    /// Least mean force in a stable hold, over the true one.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub force_ratio: Option<f64>,
+    /// The gap, if asked for.
+    #[serde(flatten)]
+    pub recovery: Option<Recovery>,
+    /// Extremes, if asked for.
+    #[serde(flatten)]
+    pub peaks: Option<Peaks>,
+    /// Least energy that the motors had taken, less what they had given \[J\]: the integral of F v of the true
+    /// motion.
+    pub energy_min_j: f64,
+}
+
+/// Scenes and true forces that cases share.
+pub struct Scenes {
+    palpation: Palpation,
+    known: Mutex<HashMap<(Place, Motion, u32), Known>>,
+}
+
+/// Solved by whoever needs it first.
+type Known = Arc<OnceLock<Vec<True>>>;
+
+impl Scenes {
+    /// Builds them.
+    ///
+    /// # Errors
+    /// None unless a shipped scene is not sound.
+    pub fn load() -> Result<Self, SceneError> {
+        Ok(Scenes {
+            palpation: Palpation::load()?,
+            known: Mutex::default(),
+        })
+    }
+
+    fn at<'a>(&'a self, place: &'a Place) -> &'a dyn Scene {
+        match place {
+            Place::Point => &Point::TISSUE,
+            Place::Palpation => &self.palpation,
+            Place::Rogue(rogue) => rogue,
+        }
+    }
+
+    fn known(&self, spec: &Spec) -> Known {
+        let key = (spec.place, spec.motion, (spec.seconds * 1e3) as u32);
+        let mut known = self.known.lock().unwrap_or_else(PoisonError::into_inner);
+        let slot = Arc::clone(known.entry(key).or_default());
+        // Others may look up theirs meanwhile.
+        drop(known);
+        slot.get_or_init(|| truth_along(self.at(&spec.place), spec.motion, spec.seconds));
+        slot
+    }
+}
+
+/// Names of guards, and whether each is on.
+pub fn guards_by_name(guards: &Guards) -> [(&'static str, bool); 11] {
+    [
+        ("blend", guards.blend),
+        ("trust", guards.trust),
+        ("lead", guards.lead),
+        ("tank", guards.tank),
+        ("damping", guards.damping),
+        ("horizon", guards.horizon),
+        ("force", guards.force),
+        ("slew", guards.slew),
+        ("power", guards.power),
+        ("overspeed", guards.overspeed),
+        ("residual", guards.residual),
+    ]
+}
+
+/// All guards but one; all for a name that is none.
+pub fn all_but(name: &str) -> Guards {
+    let mut guards = Guards::ALL;
+    match name {
+        "blend" => guards.blend = false,
+        "trust" => guards.trust = false,
+        "lead" => guards.lead = false,
+        "tank" => guards.tank = false,
+        "damping" => guards.damping = false,
+        "horizon" => guards.horizon = false,
+        "force" => guards.force = false,
+        "slew" => guards.slew = false,
+        "power" => guards.power = false,
+        "overspeed" => guards.overspeed = false,
+        "residual" => guards.residual = false,
+        _ => {}
+    }
+    guards
+}
+
+impl Spec {
+    /// Errors of a rigid hand on the point of tissue at the end of an ideal link, with all guards.
+    pub fn errors(place: Place, motion: Motion, rendering: Rendering, host_hz: f64) -> Self {
+        Spec {
+            question: Question::Errors,
+            place,
+            motion,
+            grasp: Grasp::Rigid,
+            rendering: Some(rendering),
+            link: LinkSpec::ideal(host_hz),
+            tangent_scale: 1.0,
+            most_rows: None,
+            guards: Guards::ALL,
+            mechanics: Mechanics::LIGHT,
+            seconds: 4.0,
+        }
+    }
+
+    /// The largest stable stiffness of the point of tissue.
+    pub fn stiffest(rendering: Rendering, host_hz: f64, tangent_scale: f64) -> Self {
+        Spec {
+            question: Question::Stiffest,
+            grasp: Grasp::PEN,
+            tangent_scale,
+            seconds: 3.0,
+            ..Spec::errors(Place::Point, Motion::Hold, rendering, host_hz)
+        }
+    }
+
+    /// A hold through a dead link.
+    pub fn gap(host_hz: f64) -> Self {
+        Spec {
+            question: Question::Gap,
+            link: LinkSpec {
+                burst_every_s: GAP_END_S,
+                burst_s: GAP_S,
+                ..LinkSpec::ideal(host_hz)
+            },
+            ..Spec::stiffest(Rendering::Rows, host_hz, 1.0)
+        }
+    }
+
+    /// A host that sends nonsense.
+    pub fn rogue(rogue: Rogue) -> Self {
+        Spec {
+            question: Question::Peaks,
+            grasp: Grasp::FREE,
+            seconds: 1.0,
+            ..Spec::errors(Place::Rogue(rogue), Motion::Hold, Rendering::Rows, 100.0)
+        }
+    }
+
+    /// The same without late host: solved in every tick.
+    pub fn full(self) -> Self {
+        Spec {
+            rendering: None,
+            link: LinkSpec {
+                delay_s: 0.0,
+                ..LinkSpec::ideal(1000.0)
+            },
+            ..self
+        }
+    }
+
+    fn host(&self) -> Host {
+        match self.rendering {
+            Some(_) => Host::Late(self.link),
+            None => Host::Full,
+        }
+    }
+
+    fn tuning(&self) -> Tuning {
+        Tuning {
+            rendering: self.rendering.unwrap_or_default(),
+            guards: self.guards,
+        }
+    }
+
+    /// Rows that a frame may have.
+    pub fn rows(&self) -> usize {
+        let carried = || most_rows(LINE_BYTES_PER_S, self.link.host_hz, 1000.0);
+        match self.rendering {
+            Some(Rendering::Rows) => self.most_rows.unwrap_or_else(carried),
+            _ => 0,
+        }
+    }
+
+    /// The line without its figures.
+    pub fn case(&self) -> Case {
+        let link = &self.link;
+        let mut case = Case {
+            case: String::new(),
+            question: match self.question {
+                Question::Errors => "errors",
+                Question::Stiffest => "stability",
+                Question::Gap => "gap",
+                Question::Peaks => "rogue",
+            },
+            scene: match self.place {
+                Place::Point => "point".to_owned(),
+                Place::Palpation => "palpation".to_owned(),
+                Place::Rogue(rogue) => rogue.name().to_owned(),
+            },
+            hand: self.motion.name(),
+            grasp: match self.grasp {
+                Grasp::Rigid => "rigid",
+                grasp if grasp == Grasp::FREE => "free",
+                Grasp::Spring { .. } => "pen",
+            },
+            rendering: match self.rendering {
+                None => "full",
+                Some(Rendering::Hold) => "hold",
+                Some(Rendering::LinearTime) => "linear-time",
+                Some(Rendering::Tangent) => "tangent",
+                Some(Rendering::Rows) => "rows",
+            },
+            host_hz: link.host_hz,
+            delay_ms: link.delay_s * 1e3,
+            jitter_ms: link.jitter_s * 1e3,
+            loss: link.loss,
+            burst_ms: link.burst_s * 1e3,
+            reordered: link.reordered,
+            tangent_scale: self.tangent_scale,
+            most_rows: self.rows(),
+            device_damping_n_s_per_m: self.mechanics.damping_n_s_per_m,
+            guards_off: guards_by_name(&self.guards)
+                .into_iter()
+                .filter_map(|(name, on)| (!on).then_some(name))
+                .collect(),
+            ..Case::default()
+        };
+        case.case = case.words(self);
+        case
+    }
+
+    /// Runs it.
+    ///
+    /// # Errors
+    /// Mechanics that make no valid device.
+    pub fn measure(&self, scenes: &Scenes) -> Result<Case, DeviceError> {
+        let mut case = self.case();
+        if self.question == Question::Stiffest {
+            let found = stiffest(&Search {
+                tuning: self.tuning(),
+                host: self.host(),
+                tangent_scale: self.tangent_scale,
+                mechanics: self.mechanics,
+            })?;
+            case.k_max_n_per_m = Some(found.k_max_n_per_m);
+            case.force_ratio = found
+                .least_force_ratio
+                .is_finite()
+                .then_some(found.least_force_ratio);
+            case.energy_min_j = found.least_energy_j;
+            return Ok(case);
+        }
+        let known = (self.grasp == Grasp::Rigid).then(|| self.known(scenes));
+        let record = run(&Setup {
+            scene: scenes.at(&self.place),
+            motion: self.motion,
+            grasp: self.grasp,
+            mechanics: self.mechanics,
+            tuning: self.tuning(),
+            host: self.host(),
+            tangent_scale: self.tangent_scale,
+            most_rows: self.rows(),
+            seconds: self.seconds,
+            knock: None,
+            truth: known
+                .as_ref()
+                .and_then(|known| known.get())
+                .map(Vec::as_slice),
+        })?;
+        case.energy_min_j = record.least_energy_j;
+        match self.question {
+            Question::Errors => case.errors = Some(errors(&record)),
+            Question::Gap => case.recovery = Some(recovery(&record, GAP_END_S - GAP_S, GAP_END_S)),
+            Question::Peaks => case.peaks = Some(peaks(&record)),
+            Question::Stiffest => {}
+        }
+        Ok(case)
+    }
+
+    fn known(&self, scenes: &Scenes) -> Known {
+        scenes.known(self)
+    }
+}
+
+/// When the link comes back \[s\], and for how long it was dead: longer than any horizon and its decay.
+const GAP_END_S: f64 = 1.8;
+const GAP_S: f64 = 0.3;
+
+impl Case {
+    fn words(&self, spec: &Spec) -> String {
+        let mut words = vec![
+            self.question.to_owned(),
+            self.scene.clone(),
+            self.hand.to_owned(),
+            self.grasp.to_owned(),
+            self.rendering.to_owned(),
+        ];
+        if self.rendering != "full" {
+            words.push(format!("{:.0}-hz", self.host_hz));
+            if self.tangent_scale != 1.0 {
+                words.push(format!("x{}", self.tangent_scale));
+            }
+            if spec.most_rows.is_some() {
+                words.push(format!("{}-rows", self.most_rows));
+            }
+        }
+        if self.loss > 0.0 {
+            words.push(format!("loss-{}", self.loss));
+        }
+        if self.burst_ms > 0.0 && self.question != "gap" {
+            words.push(format!("burst-{:.0}-ms", self.burst_ms));
+        }
+        if self.reordered > 0.0 {
+            words.push("reordered".to_owned());
+        }
+        if self.device_damping_n_s_per_m != Mechanics::LIGHT.damping_n_s_per_m {
+            words.push(format!("b-{}", self.device_damping_n_s_per_m));
+        }
+        for name in &self.guards_off {
+            words.push(format!("no-{name}"));
+        }
+        words.join(" ")
+    }
+}

@@ -1,0 +1,111 @@
+//! A straight needle that is pushed into the slabs of the shipped scene, with its real solver.
+//!
+//! Entry point: [`NeedleSlabs::load`]. Presses and taps go along the needle: through the upper slab's top, and out
+//! again, a puncture every time.
+
+use super::{Sample, Scene, Solution, Truth};
+use crate::scene::{Document, Scene as SceneFile, SceneError};
+use crate::session::{Rendering, Solve, TissueSolver};
+use crate::step::Status;
+use std::path::Path;
+use std::sync::Arc;
+use sutura_shared::wire::message::{Mode, State};
+use sutura_shared::wire::{Header, Kind, PROTOCOL_VERSION, Valid};
+
+/// The scene as it is shipped.
+const FILE: &str = include_str!("../../../../scenes/needle-slabs.toml");
+/// Where the grip is when the tip touches the upper slab \[m\].
+const ORIGIN_M: [f64; 3] = [0.0011, 0.0007, 0.052];
+
+/// The scene, read.
+#[derive(Clone)]
+pub struct NeedleSlabs {
+    scene: Arc<SceneFile>,
+}
+
+impl NeedleSlabs {
+    /// Reads it.
+    ///
+    /// # Errors
+    /// None unless the shipped scene is not sound.
+    pub fn load() -> Result<Self, SceneError> {
+        let document = Document::embedded("needle-slabs", Path::new(""), FILE);
+        let scene = SceneFile::read(&document, "needle-slabs")?;
+        scene.build()?;
+        Ok(NeedleSlabs {
+            scene: Arc::new(scene),
+        })
+    }
+}
+
+impl Scene for NeedleSlabs {
+    fn name(&self) -> &'static str {
+        "needle"
+    }
+
+    fn origin_m(&self) -> [f64; 3] {
+        ORIGIN_M
+    }
+
+    fn start(&self, _most_rows: usize) -> Box<dyn Truth> {
+        Box::new(Session {
+            solver: TissueSolver::new(&self.scene).ok(),
+        })
+    }
+}
+
+/// A scene behind the session's own solver, with what that sends of needles and threads.
+pub(super) struct Session {
+    pub(super) solver: Option<TissueSolver>,
+}
+
+impl Truth for Session {
+    fn solve(&mut self, sample: &Sample) -> Option<Solution> {
+        let solver = self.solver.as_mut()?;
+        let state = state(sample)?;
+        let solved = solver.solve(&state);
+        if solved.status != Status::Ok {
+            return None;
+        }
+        let contact = solved.contact?;
+        let sent = solved.frames(state.body(), HORIZON_US, Rendering::Rows)?;
+        Some(Solution {
+            wrench: contact.wrench,
+            tangent: contact.tangent,
+            normal: contact.normal,
+            needle: sent.needle,
+            thread: sent.thread,
+            punctures: solver.punctures(),
+            ..Solution::nothing(contact.gap_m)
+        })
+    }
+}
+
+/// As long as the console uses a frame \[us\]; the contact's own horizon is what counts.
+const HORIZON_US: u32 = 150_000;
+
+/// What a console would have sent.
+fn state(sample: &Sample) -> Option<Valid<State>> {
+    let header = Header {
+        version: PROTOCOL_VERSION,
+        kind: Kind::State,
+        session: 1,
+        sequence: 1,
+        console_time_us: (sample.time_s * 1e6).round() as u64,
+    };
+    let body = State {
+        tick: 0,
+        position_m: sample.position_m.map(|x| x as f32),
+        orientation: sample.orientation.map(|x| x as f32),
+        velocity_m_per_s: sample.velocity_m_per_s.map(|x| x as f32),
+        force_n: [0.0; 3],
+        current_a: [0.0; 3],
+        mode: Mode::Armed,
+        faults: 0,
+        contact_sequence: 0,
+        contact_age_us: 0,
+        applied_age_us: 0,
+        trace_hash: 0,
+    };
+    Valid::new(header, body).ok()
+}
