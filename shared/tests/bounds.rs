@@ -10,8 +10,9 @@ use sutura_shared::control::{
     Control, Guards, MAX_HORIZON_US, STALE_DECAY_US, TICK_S, TickInput, TickOutput, Tuning,
 };
 use sutura_shared::device::DeviceDescription;
-use sutura_shared::wire::Message;
+use sutura_shared::kinematics;
 use sutura_shared::wire::message::{Command, Contact, Mode};
+use sutura_shared::wire::{Message, faults};
 
 /// Rounding of a handful of operations in single precision.
 const ROUNDING: f32 = 1e-5;
@@ -265,6 +266,68 @@ proptest! {
         for ((current_a, weight), joint) in settled.current_a.iter().zip(weight).zip(&run.device.joints) {
             let carried = if settled.amplifiers_on { weight } else { 0.0 };
             prop_assert!((current_a * joint.effort_per_amp - carried).abs() < 1e-5);
+        }
+    }
+}
+
+/// The test's own books of a Cartesian console: what its contact force has taken from the hand, without credit or leak.
+struct Books {
+    energy_j: f64,
+    /// Efforts of the contact at the last two ticks, the newest first.
+    efforts: [[f64; 3]; 2],
+    counts: Option<[i32; 3]>,
+}
+
+impl Books {
+    /// Books the tick before `output` was computed, then what that commands.
+    fn book(&mut self, run: &Run, output: &TickOutput) {
+        let now = run.input.encoder_counts;
+        let before = self.counts.replace(now).unwrap_or(now);
+        let jumped = output.state.faults & faults::ENCODER_JUMP != 0;
+        for axis in 0..3 {
+            let joint = run.device.joints[axis];
+            let way =
+                f64::from(now[axis].wrapping_sub(before[axis])) / f64::from(joint.counts_per_unit);
+            if !jumped {
+                self.energy_j -= self.efforts[1][axis] * way;
+            }
+        }
+        let weight = kinematics::forward(&run.device, &[0.0; 3]).weight_effort;
+        let contact = core::array::from_fn(|axis| {
+            let motor = output.current_a[axis] * run.device.joints[axis].effort_per_amp;
+            let force = f64::from(output.state.force_n[axis]);
+            f64::from(motor - weight[axis]).clamp(force.min(0.0), force.max(0.0))
+        });
+        self.efforts = if output.amplifiers_on {
+            [contact, self.efforts[0]]
+        } else {
+            [[0.0; 3]; 2]
+        };
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 300, failure_persistence: None, ..ProptestConfig::default() })]
+
+    /// Whatever comes in, the console never holds for paid what was not, and what it gives away is bounded by what it
+    /// cannot take back in time: the force until the next command acts and the slew limit has taken it away, along the
+    /// largest way that these events bring (21 counts a tick on each axis), and what an overdrawn tank still lets
+    /// through.
+    #[test]
+    fn anything_in_leaves_the_energy_bounded(events in prop::collection::vec(event(), 1..400)) {
+        let mut run = Run::new(bench(), true);
+        let mut books = Books { energy_j: 0.0, efforts: [[0.0; 3]; 2], counts: None };
+        let device = run.device;
+        let slew_ticks = device.max_force_n / (device.joints[0].max_slew_per_s * TICK_S);
+        let way_m = 21.0 * 3.0_f32.sqrt() / device.joints[0].counts_per_unit;
+        let bar_j = f64::from(device.max_force_n * way_m * (3.0 + 0.5 * slew_ticks)) + 5e-3;
+        for event in &events {
+            let output = run.tick(event);
+            run.check(&output);
+            books.book(&run, &output);
+            let held_j = f64::from(run.control.tank_j());
+            prop_assert!(held_j <= books.energy_j + 0.2e-3 + 1e-6, "{held_j} {}", books.energy_j);
+            prop_assert!(books.energy_j > -bar_j, "{} of {bar_j}", books.energy_j);
         }
     }
 }
