@@ -261,7 +261,7 @@ proptest! {
             let q: [f32; 3] = core::array::from_fn(|i| {
                 run.input.encoder_counts[i] as f32 * (1.0 / run.device.joints[i].counts_per_unit)
             });
-            sutura_shared::kinematics::forward(&run.device, &q).weight_effort
+            kinematics::forward(&run.device, &q).weight_effort
         };
         for ((current_a, weight), joint) in settled.current_a.iter().zip(weight).zip(&run.device.joints) {
             let carried = if settled.amplifiers_on { weight } else { 0.0 };
