@@ -211,6 +211,7 @@ fn sizes_are_those_counted_by_hand() {
     assert_eq!(frame_size(Contact::POSTCARD_MAX_SIZE), 186);
     assert_eq!(frame_size(Needle::POSTCARD_MAX_SIZE), 215);
     assert_eq!(frame_size(Thread::POSTCARD_MAX_SIZE), 69);
+    assert_eq!(frame_size(Fixture::POSTCARD_MAX_SIZE), 57);
     assert_eq!(frame_size(State::POSTCARD_MAX_SIZE), 122);
     assert_eq!(MAX_REAL_TIME_FRAME, 220);
 }

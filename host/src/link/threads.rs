@@ -14,7 +14,7 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 use sutura_shared::link::{Counters, HostEvent, HostLink, SendError};
 use sutura_shared::wire::message::{
-    Command, Contact, Hello, Needle, Rows, Simulate, State, Thread,
+    Command, Contact, Fixture, Hello, Needle, Rows, Simulate, State, Thread,
 };
 use sutura_shared::wire::{MAX_FRAME, Message, Valid};
 
@@ -59,6 +59,8 @@ impl Default for LinkOptions {
 pub enum Order {
     /// To any console.
     Command(Command),
+    /// To any console.
+    Fixture(Fixture),
     /// To a simulated one.
     Simulate(Simulate),
 }
@@ -301,6 +303,9 @@ impl Shared {
             let encoded = match &outgoing {
                 Outgoing::Order(Order::Command(command)) => {
                     append(&mut end, newest, command, &mut frames)
+                }
+                Outgoing::Order(Order::Fixture(fixture)) => {
+                    append(&mut end, newest, fixture, &mut frames)
                 }
                 Outgoing::Order(Order::Simulate(simulate)) => {
                     append(&mut end, newest, simulate, &mut frames)
