@@ -170,7 +170,14 @@ fn points_of(visits: &[Visit], points: &mut Vec<[f64; 2]>) {
             let way_m = (to.way_m - to.report.hold_n / stiffness).clamp(from.way_m, to.way_m);
             points.push([way_m, to.report.axial_n + to.report.hold_n]);
         }
-        let next = [to.way_m, to.report.axial_n];
+        // Friction is that of the depth at which a step begins: the next one has what belongs here.
+        let rubs_on = after.filter(|after| {
+            let same = after.report.punctures == to.report.punctures;
+            let inside = [from, to, *after].map(|visit| visit.report.tip == TipPlace::Inside);
+            same && inside == [true; 3] && to.report.slides && after.report.slides
+        });
+        let axial_n = rubs_on.unwrap_or(to).report.axial_n;
+        let next = [to.way_m, axial_n];
         if points.last() != Some(&next) {
             points.push(next);
         }
