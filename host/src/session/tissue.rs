@@ -369,6 +369,7 @@ impl TissueSolver {
             reach_m,
             steps,
             speed_m_per_s: speed_m_per_s.abs(),
+            goes_back: speed_m_per_s < 0.0,
         })
     }
 
