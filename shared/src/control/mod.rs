@@ -474,6 +474,9 @@ impl Control {
         trace.floats(&joints.velocity);
         if self.render.contact().is_some() {
             trace.vector(self.render.offset());
+            for multiplier in self.render.multipliers_n() {
+                trace.floats(&[multiplier]);
+            }
         }
         trace.floats(&[self.passivity.energy_j()]);
         trace.word(self.faults.overruns());

@@ -294,6 +294,11 @@ impl Render {
         }
     }
 
+    /// Multipliers of the contact rows as they were solved last \[N\]; none without rows.
+    pub fn multipliers_n(&self) -> impl Iterator<Item = f32> {
+        self.rows.multipliers_n()
+    }
+
     /// What is left of the force before the model changed, less this model's \[N\].
     pub fn offset(&self) -> &Vec3 {
         &self.offset_n
