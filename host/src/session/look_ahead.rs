@@ -10,10 +10,13 @@ use crate::tool::ToolSample;
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 use sutura_shared::wire::message::{COURSE_POINTS, Course};
 
-/// Most points of a course that are on the way forward: there is more to come by than on the way back.
-const FORWARD_POINTS: usize = 8;
+/// Most points of a course that are on the way forward, while the needle goes there, and while it goes back.
+const FORWARD_POINTS: [usize; 2] = [8, 5];
 /// The nearest is looked at most closely: steps grow with these powers of their number, forward and backward.
 const GROWTH: [f64; 2] = [1.5, 2.0];
+
+/// Points within this way are as near as they can be \[m\].
+const NEAR_M: f64 = 5e-4;
 
 /// How far to look, and with how many steps.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -24,6 +27,8 @@ pub(super) struct Look {
     pub steps: [usize; 2],
     /// Speed along the slide that friction is to have \[m/s\].
     pub speed_m_per_s: f64,
+    /// Whether it is on its way back.
+    pub goes_back: bool,
 }
 
 /// One of the steps.
@@ -53,7 +58,11 @@ pub(super) fn course(
         visit(model, state, samples, look, side, sign, &mut visits, work);
         let mut points = vec![[0.0, needle.axial_n]];
         points_of(&visits, &mut points);
-        let kept = if side == 0 { FORWARD_POINTS } else { free };
+        let kept = if side == 0 {
+            FORWARD_POINTS[usize::from(look.goes_back)]
+        } else {
+            free
+        };
         thin(&mut points, kept + 1);
         points.remove(0);
         for (slot, point) in course.points.iter_mut().skip(next).zip(&points) {
@@ -139,6 +148,7 @@ fn slid(sample: &ToolSample, slide: &[f64; 6], way_m: f64) -> ToolSample {
 
 /// Straight lines between what was visited; where the tip touches they bend, and where a boundary gives way they jump.
 fn points_of(visits: &[Visit], points: &mut Vec<[f64; 2]>) {
+    let mut gave_way = false;
     for (index, pair) in visits.windows(2).enumerate() {
         let [from, to] = pair else {
             continue;
@@ -150,6 +160,11 @@ fn points_of(visits: &[Visit], points: &mut Vec<[f64; 2]>) {
             to.report.tip == TipPlace::Holding,
         );
         if to.report.punctures > from.report.punctures {
+            // By then the host will have said more.
+            if gave_way {
+                return;
+            }
+            gave_way = true;
             if held {
                 let (way_m, axial_n) = threshold(before, from, to);
                 points.push([way_m, axial_n]);
@@ -161,11 +176,21 @@ fn points_of(visits: &[Visit], points: &mut Vec<[f64; 2]>) {
             let way_m = (to.way_m - to.report.hold_n / stiffness).clamp(from.way_m, to.way_m);
             points.push([way_m, to.report.axial_n + to.report.hold_n]);
         }
-        points.push([to.way_m, to.report.axial_n]);
+        // Friction is that of the depth at which a step begins: the next one has what belongs here.
+        let rubs_on = after.filter(|after| {
+            let same = after.report.punctures == to.report.punctures;
+            let inside = [from, to, *after].map(|visit| visit.report.tip == TipPlace::Inside);
+            same && inside == [true; 3] && to.report.slides && after.report.slides
+        });
+        let axial_n = rubs_on.unwrap_or(to).report.axial_n;
+        let next = [to.way_m, axial_n];
+        if points.last() != Some(&next) {
+            points.push(next);
+        }
     }
 }
 
-/// Takes out what the others come closest to, until `most` are left; jumps and both ends stay.
+/// Takes out what the others come closest to, the farther the sooner, until `most` are left; jumps and both ends stay.
 fn thin(points: &mut Vec<[f64; 2]>, most: usize) {
     while points.len() > most {
         let spared = |index: usize| {
@@ -174,7 +199,8 @@ fn thin(points: &mut Vec<[f64; 2]>, most: usize) {
                 return f64::MAX;
             }
             let part = (own[0] - before[0]) / (after[0] - before[0]);
-            (before[1] + (after[1] - before[1]) * part - own[1]).abs()
+            let off = before[1] + (after[1] - before[1]) * part - own[1];
+            off.abs() / (NEAR_M + own[0])
         };
         let least = (1..points.len() - 1).min_by(|a, b| spared(*a).total_cmp(&spared(*b)));
         // Without any in between, the farthest goes.
@@ -199,13 +225,96 @@ fn threshold(before: Option<&Visit>, from: &Visit, to: &Visit) -> (f64, f64) {
     (from.way_m + way_m, axial_n)
 }
 
-/// The axial force right after a boundary has given way: as straight as it goes on from there.
+/// The axial force right after a boundary has given way: less by the friction that is new where the needle is seen.
 fn past(way_m: f64, to: &Visit, after: Option<&Visit>) -> f64 {
     let goes_on = after.filter(|after| {
-        after.report.tip == to.report.tip && after.report.punctures == to.report.punctures
+        let same = after.report.punctures == to.report.punctures;
+        same && after.report.tip == to.report.tip && to.report.slides && after.report.slides
     });
     let slope = goes_on.map_or(0.0, |after| {
         (after.report.axial_n - to.report.axial_n) / (after.way_m - to.way_m)
     });
     to.report.axial_n - slope * (to.way_m - way_m)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn visit(way_m: f64, tip: TipPlace, axial_n: f64, hold_n: f64, punctures: u32) -> Visit {
+        Visit {
+            way_m,
+            report: NeedleReport {
+                tip,
+                axial_n,
+                hold_n,
+                punctures,
+                puncture_n: if tip == TipPlace::Holding { 0.25 } else { 0.0 },
+                stiffness_n_per_m: [100.0; 2],
+                slides: tip == TipPlace::Inside,
+                ..NeedleReport::default()
+            },
+        }
+    }
+
+    /// Touches after 1.5 mm, gives way 2.5 mm later, and rubs more by 20 N/m from then on.
+    #[test]
+    fn a_touch_is_a_corner_and_a_puncture_a_jump() {
+        let visits = [
+            visit(0.0, TipPlace::Outside, 0.0, 0.0, 0),
+            visit(1e-3, TipPlace::Outside, 0.0, 0.0, 0),
+            visit(2e-3, TipPlace::Holding, -0.05, 0.05, 0),
+            visit(3e-3, TipPlace::Holding, -0.15, 0.15, 0),
+            visit(5e-3, TipPlace::Inside, -0.12, 0.0, 1),
+            visit(6e-3, TipPlace::Inside, -0.14, 0.0, 1),
+        ];
+        let mut points = Vec::new();
+        points_of(&visits, &mut points);
+        let expected = [
+            [1e-3, 0.0],
+            [1.5e-3, 0.0],
+            [2e-3, -0.05],
+            [3e-3, -0.15],
+            [4e-3, -0.25],
+            [4e-3, -0.10],
+            [5e-3, -0.12],
+            [6e-3, -0.14],
+        ];
+        assert_eq!(points.len(), expected.len(), "{points:?}");
+        for (point, expected) in points.iter().zip(&expected) {
+            assert!((point[0] - expected[0]).abs() < 1e-12, "{points:?}");
+            assert!((point[1] - expected[1]).abs() < 1e-12, "{points:?}");
+        }
+        // What is straight goes first, the jump and both ends never.
+        points.insert(0, [0.0, 0.0]);
+        thin(&mut points, 6);
+        let ways = points.iter().map(|point| point[0]);
+        let kept = [0.0, 1.5e-3, 4e-3, 4e-3, 6e-3];
+        for way in kept {
+            assert!(
+                ways.clone().any(|kept| (kept - way).abs() < 1e-12),
+                "{points:?}"
+            );
+        }
+        assert_eq!(points.len(), 6);
+    }
+
+    /// Along a circle the middle stays where it is.
+    #[test]
+    fn a_round_needle_is_slid_about_its_middle() {
+        let sample = ToolSample {
+            id: 0,
+            position_m: [0.01, 0.0, 0.0],
+            orientation: [0.0, 0.0, 0.0, 1.0],
+            velocity_m_per_s: [0.0; 3],
+            console_time_us: 0,
+        };
+        // About z through the origin, radius 10 mm.
+        let slide = [0.0, 1.0, 0.0, 0.0, 0.0, 100.0];
+        let quarter = slid(&sample, &slide, 0.01 * std::f64::consts::FRAC_PI_2);
+        let [x, y, z] = quarter.position_m;
+        assert!(x.abs() < 1e-15 && (y - 0.01).abs() < 1e-15 && z == 0.0);
+        let half = std::f64::consts::FRAC_1_SQRT_2;
+        assert!((quarter.orientation[2] - half).abs() < 1e-15);
+    }
 }

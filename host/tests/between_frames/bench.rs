@@ -3,7 +3,7 @@
 use nalgebra::Vector3;
 use std::io::Write;
 use std::path::Path;
-use sutura_host::scene::{Scene, load};
+use sutura_host::scene::{Document, Scene};
 use sutura_host::session::{Rendering as Told, Solve, Solved, TissueSolver};
 use sutura_host::step::Status;
 use sutura_shared::control::{LocalNeedle, LocalThread};
@@ -34,9 +34,13 @@ pub struct Outcome {
     pub peak_at_s: f64,
 }
 
-pub fn scene(name: &str) -> Scene {
+/// A shipped scene, with `from` in its file replaced.
+pub fn scene(name: &str, from: &str, to: &str) -> Scene {
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap();
-    load(&root.join("scenes").join(name)).unwrap()
+    let text = std::fs::read_to_string(root.join("scenes").join(name)).unwrap();
+    assert!(text.contains(from));
+    let document = Document::embedded("a scene", &root.join("scenes"), &text.replace(from, to));
+    Scene::read(&document, "a scene").unwrap()
 }
 
 fn header(kind: Kind, sequence: u32, console_time_us: u64) -> Header {
@@ -80,10 +84,19 @@ fn punctures(solver: &TissueSolver) -> u64 {
     u64::from(solver.punctures())
 }
 
-/// The truth at every tick: force \[N\], and punctures so far.
-pub fn truth(scene: &Scene, hand: Hand, ticks: u64) -> Vec<(Vector3<f64>, u64)> {
+/// A solver that has come so far, a step every 5 ms.
+fn begin(scene: &Scene, hand: Hand, start: u64) -> TissueSolver {
     let mut solver = TissueSolver::new(scene).unwrap();
-    let each = (0..ticks).map(|tick| {
+    for tick in (0..start).step_by(5) {
+        solver.solve(&state(hand, tick));
+    }
+    solver
+}
+
+/// The truth at every tick: force \[N\], and punctures so far.
+pub fn truth(scene: &Scene, hand: Hand, start: u64, ticks: u64) -> Vec<(Vector3<f64>, u64)> {
+    let mut solver = begin(scene, hand, start);
+    let each = (start..ticks).map(|tick| {
         let solved = solver.solve(&state(hand, tick));
         assert_eq!(solved.status, Status::Ok, "tick {tick}");
         let [x, y, z, ..] = solved.contact.unwrap().wrench;
@@ -159,12 +172,13 @@ pub fn run(
     scene: &Scene,
     hand: Hand,
     truth: &[(Vector3<f64>, u64)],
+    start: u64,
     host_hz: f64,
     rendering: Rendering,
     mut dump: Option<std::fs::File>,
     mut trace: impl FnMut(u64, Vector3<f64>, Vector3<f64>),
 ) -> Outcome {
-    let mut solver = TissueSolver::new(scene).unwrap();
+    let mut solver = begin(scene, hand, start);
     let mut console = Console {
         contact: None,
         needle: None,
@@ -173,7 +187,7 @@ pub fn run(
     };
     let period_ms = 1e3 / host_hz;
     let mut frames: Vec<(f64, u64, Solved)> = Vec::new();
-    let mut next_ms = 0.0;
+    let mut next_ms = start as f64;
     let mut had: Vec<u64> = Vec::new();
     let mut host_knows = 0;
     let (mut errors, mut before) = (Vec::new(), (Vector3::zeros(), Vector3::zeros()));
@@ -186,9 +200,9 @@ pub fn run(
     };
     let when: Vec<u64> = (1..truth.len())
         .filter(|tick| truth[*tick].1 > truth[tick - 1].1)
-        .map(|tick| tick as u64)
+        .map(|tick| tick as u64 + start)
         .collect();
-    for (tick, (should, _)) in (0u64..).zip(truth) {
+    for (tick, (should, _)) in (start..).zip(truth) {
         let (now_us, at) = (1000 * tick, hand(1e-3 * tick as f64));
         if tick as f64 >= next_ms {
             let solved = solver.solve(&state(hand, tick));
@@ -284,4 +298,64 @@ pub fn run(
     outcome.peak /= outcome.largest_n;
     outcome.step /= outcome.largest_n;
     outcome
+}
+
+/// Name, hand, first tick and last one.
+pub type Case<'a> = (&'a str, Hand<'a>, u64, u64);
+
+/// Prints the errors of every rendering and rate, and writes truth, frames and forces into the directory `TRACES`.
+pub fn table(scene: &Scene, hands: &[Case]) {
+    let dir = std::env::var("TRACES").ok();
+    for (name, hand, start, end) in hands {
+        let truth = truth(scene, hand, *start, *end);
+        if let Some(dir) = &dir {
+            let lines = (*start..).zip(&truth).map(|(tick, (force, punctures))| {
+                let at = hand(1e-3 * tick as f64);
+                let numbers = [at.x, at.y, at.z, force.x, force.y, force.z];
+                format!(
+                    "{tick} {} {punctures}\n",
+                    numbers.map(|x| x.to_string()).join(" ")
+                )
+            });
+            std::fs::write(format!("{dir}/{name}-truth"), lines.collect::<String>()).unwrap();
+        }
+        for host_hz in [30.0, 60.0, 100.0, 200.0] {
+            for rendering in [Rendering::Hold, Rendering::Tangent, Rendering::Local] {
+                let file = |what: &str| {
+                    dir.as_ref()
+                        .map(|dir| format!("{dir}/{name}-{host_hz}-{what}"))
+                };
+                let frames = file("frames").filter(|_| rendering == Rendering::Local);
+                let frames = frames.map(|path| std::fs::File::create(path).unwrap());
+                let mut lines = String::new();
+                let found = run(
+                    scene,
+                    hand,
+                    &truth,
+                    *start,
+                    host_hz,
+                    rendering,
+                    frames,
+                    |tick, should, is| {
+                        lines +=
+                            &format!("{tick} {} {} {}\n", should.z, is.z, (is - should).norm());
+                    },
+                );
+                if let Some(path) = file(&format!("{rendering:?}")) {
+                    std::fs::write(path, lines).unwrap();
+                }
+                println!(
+                    "{name:8} {host_hz:5} Hz {rendering:8?} rms {:6.2} % peak {:6.2} % (at {:.3} s) step {:6.2} %  {} punctures late p95 {:.1} max {:.1} ms  of {:.3} N",
+                    100.0 * found.rms,
+                    100.0 * found.peak,
+                    found.peak_at_s,
+                    100.0 * found.step,
+                    found.punctures,
+                    found.late_p95_ms,
+                    found.late_max_ms,
+                    found.largest_n
+                );
+            }
+        }
+    }
 }

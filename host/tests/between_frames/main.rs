@@ -8,3 +8,4 @@
 
 mod bench;
 mod needle;
+mod thread;

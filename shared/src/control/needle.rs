@@ -152,7 +152,7 @@ impl LocalNeedle {
         let [_, most_n] = body.friction_n;
         let jump = forward.jump();
         let [jump_m, after_n] = jump.unwrap_or([f32::MAX, body.punctured_n]);
-        LocalNeedle {
+        let mut needle = LocalNeedle {
             needle: body.needle,
             solved_us: frame.console_time_us(),
             horizon_us: body.horizon_us.min(MAX_HORIZON_US),
@@ -173,7 +173,12 @@ impl LocalNeedle {
             past: [Place::default(); PAST],
             known: 0,
             next: 0,
-        }
+        };
+        needle.keep(Place {
+            time_us: frame.console_time_us() as u32,
+            slide_m: 0.0,
+        });
+        needle
     }
 
     /// Console time of the state that was solved for \[us\].
@@ -246,32 +251,32 @@ impl LocalNeedle {
 
     /// The return mapping, from where the grip was last.
     fn go(&mut self, slide_m: f32, now_us: u64) {
-        let [forward_m, backward_m] = self.slid_m;
-        let trial = self.axial_n - self.stick_n_per_m * (slide_m - self.at_m);
-        self.at_m = slide_m;
-        let ahead = slide_m + backward_m;
-        if ahead > self.jump_m && self.punctured_us.is_none() {
-            self.punctured_us = Some(now_us);
+        // Asked again at one place it says the same again.
+        if slide_m == self.at_m {
+            return;
         }
-        let (low, high) = match self.punctured_us {
-            Some(_) if ahead > self.jump_m => (self.forward.at(ahead), self.most_n),
-            Some(_) => (self.after_n, self.most_n),
-            None => {
-                let behind = forward_m - slide_m;
-                let low = if ahead > 0.0 {
-                    self.forward.at(ahead)
-                } else {
-                    -MAX_WRENCH
-                };
-                let high = if behind > 0.0 {
-                    self.backward.at(behind)
-                } else {
-                    MAX_WRENCH
-                };
-                (low, max(low, high))
+        let before_m = self.at_m;
+        let [forward_m, backward_m] = self.slid_m;
+        let was = self.axial_n;
+        let trial = was - self.stick_n_per_m * (slide_m - before_m);
+        self.at_m = slide_m;
+        // A bound holds against motion towards it. What is not at it yet is not lifted to it, but moves as it does.
+        let next = if slide_m > before_m {
+            let old = self.low(before_m + backward_m);
+            let ahead = slide_m + backward_m;
+            if ahead > self.jump_m && self.punctured_us.is_none() {
+                self.punctured_us = Some(now_us);
             }
+            let low = self.low(ahead);
+            max(trial, min(low, was + max(low - old, 0.0)))
+        } else {
+            let (old, high) = (
+                self.high(forward_m - before_m),
+                self.high(forward_m - slide_m),
+            );
+            min(trial, max(high, was - max(old - high, 0.0)))
         };
-        self.axial_n = clamp(trial, low, high);
+        self.axial_n = clamp(next, -MAX_WRENCH, MAX_WRENCH);
         if self.stick_n_per_m > 0.0 {
             let slip = clamp(
                 (self.axial_n - trial) / self.stick_n_per_m,
@@ -283,6 +288,25 @@ impl LocalNeedle {
                 min(forward_m + max(slip, 0.0), most),
                 min(backward_m + max(-slip, 0.0), most),
             ];
+        }
+    }
+
+    /// The least force on the way forward; without a bound where the frame's way has not begun.
+    fn low(&self, ahead_m: f32) -> f32 {
+        match self.punctured_us {
+            Some(_) if ahead_m > self.jump_m => self.forward.at(ahead_m),
+            Some(_) => self.after_n,
+            None if ahead_m > 0.0 => self.forward.at(ahead_m),
+            None => -MAX_WRENCH,
+        }
+    }
+
+    /// The largest force on the way backward.
+    fn high(&self, behind_m: f32) -> f32 {
+        match self.punctured_us {
+            Some(_) => self.most_n,
+            None if behind_m > 0.0 => self.backward.at(behind_m),
+            None => MAX_WRENCH,
         }
     }
 

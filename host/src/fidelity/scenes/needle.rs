@@ -14,6 +14,12 @@ use sutura_shared::wire::{Header, Kind, PROTOCOL_VERSION, Valid};
 
 /// The scene as it is shipped.
 const FILE: &str = include_str!("../../../../scenes/needle-slabs.toml");
+/// Tissue that sticks better than it slides jerks along the needle, and when it does depends on the steps by which it
+/// came there: host and truth would feel different tissues. Here it sticks as it slides.
+const STICKS: [&str; 2] = [
+    "static_friction_n_per_m = 30.0",
+    "static_friction_n_per_m = 25.0",
+];
 /// Where the grip is when the tip touches the upper slab \[m\].
 const ORIGIN_M: [f64; 3] = [0.0011, 0.0007, 0.052];
 
@@ -29,7 +35,9 @@ impl NeedleSlabs {
     /// # Errors
     /// None unless the shipped scene is not sound.
     pub fn load() -> Result<Self, SceneError> {
-        let document = Document::embedded("needle-slabs", Path::new(""), FILE);
+        let [shipped, here] = STICKS;
+        let text = FILE.replace(shipped, here);
+        let document = Document::embedded("needle-slabs", Path::new(""), &text);
         let scene = SceneFile::read(&document, "needle-slabs")?;
         scene.build()?;
         Ok(NeedleSlabs {
