@@ -55,7 +55,7 @@ impl Scene for NeedleSlabs {
         ORIGIN_M
     }
 
-    fn start(&self, _most_rows: usize) -> Box<dyn Truth> {
+    fn start(&self, _most_rows: usize, _ahead_s: f64) -> Box<dyn Truth> {
         Box::new(Session {
             solver: TissueSolver::new(&self.scene).ok(),
         })
