@@ -183,6 +183,7 @@ fn watch(scene: &Scene, seconds: f64) -> (Watched, Tapped, Summary) {
         state_every: 1,
         horizon_us: scene.host.horizon_us,
         clear_fault: false,
+        fixture: sutura_shared::wire::message::Fixture::None,
         rendering: Rendering::Rows,
         line_bytes_per_s: LINE_BYTES_PER_S,
     };

@@ -198,6 +198,7 @@ fn the_console_is_told_how_the_thread_pulls() {
         state_every: 1,
         horizon_us: scene.host.horizon_us,
         clear_fault: false,
+        fixture: sutura_shared::wire::message::Fixture::None,
         rendering: Rendering::Rows,
         line_bytes_per_s: LINE_BYTES_PER_S,
     };

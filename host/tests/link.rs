@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 use sutura_host::link::{Felt, Link, LinkError, LinkOptions, Order, PipeEnd, Port, pipe};
 use sutura_shared::link::{ConsoleLink, HostEvent, Identity, LinkEvent, Mismatch};
 use sutura_shared::wire::message::{
-    Command, Contact, End, Friction, Mode, Needle, Row, Rows, State, Tension, Thread, Tip,
+    Command, Contact, Course, End, Friction, Mode, Needle, Row, Rows, State, Tension, Thread, Tip,
 };
 use sutura_shared::wire::{List, MAX_FRAME};
 
@@ -65,6 +65,7 @@ fn needle(number: u8) -> Needle {
         hold_n: 0.0,
         puncture_n: 1.0,
         punctured_n: 0.0,
+        course: Course::default(),
         horizon_us: 50_000,
     }
 }
@@ -300,8 +301,8 @@ fn rows_needle_and_thread_go_just_before_their_contact() {
     );
     let sent = bench.link.close();
     assert_eq!(sent.contacts_sent, 1);
-    // Hello, needle, thread, contact, disarm.
-    assert_eq!(sent.frames.frames_sent, 5);
+    // Hello, rows, needle, thread, contact, disarm.
+    assert_eq!(sent.frames.frames_sent, 6);
 }
 
 #[test]

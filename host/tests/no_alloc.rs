@@ -45,7 +45,7 @@ fn a_step_allocates_nothing_after_the_first_touch() {
     let model = Model::new(&mesh, material, &bottom, Loads::default(), &tools).expect("a model");
     let mut state = State::new(&model);
     let mut work = Workspace::new(&model);
-    work.most_rows = MAX_TOOL_ROWS;
+    work.most_rows = sutura_host::step::MAX_TOOL_ROWS;
     work.prepare(&model, |_| true);
     let (mut most_rows, mut most_of_a_tool) = (0, 0);
     let mut statuses = Vec::with_capacity(200);
@@ -114,7 +114,7 @@ fn a_step_on_corotational_tissue_allocates_nothing_once_it_has_columns() {
     let mut state = State::new(&model);
     let mut work = Workspace::new(&model);
     work.vertices_per_step = 1000;
-    work.most_rows = MAX_TOOL_ROWS;
+    work.most_rows = sutura_host::step::MAX_TOOL_ROWS;
     // All buffers for columns, at the first factor; new factors reuse them.
     work.prepare(&model, |_| true);
     let (mut most_rows, mut refactorisations, mut passes) = (0, 0, 0);

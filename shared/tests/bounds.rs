@@ -10,8 +10,9 @@ use sutura_shared::control::{
     Control, Guards, MAX_HORIZON_US, STALE_DECAY_US, TICK_S, TickInput, TickOutput, Tuning,
 };
 use sutura_shared::device::DeviceDescription;
-use sutura_shared::wire::Message;
+use sutura_shared::kinematics;
 use sutura_shared::wire::message::{Command, Contact, Mode};
+use sutura_shared::wire::{Message, faults};
 
 /// Rounding of a handful of operations in single precision.
 const ROUNDING: f32 = 1e-5;
@@ -260,13 +261,124 @@ proptest! {
             let q: [f32; 3] = core::array::from_fn(|i| {
                 run.input.encoder_counts[i] as f32 * (1.0 / run.device.joints[i].counts_per_unit)
             });
-            sutura_shared::kinematics::forward(&run.device, &q).weight_effort
+            kinematics::forward(&run.device, &q).weight_effort
         };
         for ((current_a, weight), joint) in settled.current_a.iter().zip(weight).zip(&run.device.joints) {
             let carried = if settled.amplifiers_on { weight } else { 0.0 };
             prop_assert!((current_a * joint.effort_per_amp - carried).abs() < 1e-5);
         }
     }
+}
+
+/// The test's own books of a Cartesian console: what its contact force has taken from the hand, without credit or leak.
+struct Books {
+    energy_j: f64,
+    /// Efforts of the contact at the last two ticks, the newest first.
+    efforts: [[f64; 3]; 2],
+    counts: Option<[i32; 3]>,
+}
+
+impl Books {
+    /// Books the tick before `output` was computed, then what that commands.
+    fn book(&mut self, run: &Run, output: &TickOutput) {
+        let now = run.input.encoder_counts;
+        let before = self.counts.replace(now).unwrap_or(now);
+        let jumped = output.state.faults & faults::ENCODER_JUMP != 0;
+        for axis in 0..3 {
+            let joint = run.device.joints[axis];
+            let way =
+                f64::from(now[axis].wrapping_sub(before[axis])) / f64::from(joint.counts_per_unit);
+            if !jumped {
+                self.energy_j -= self.efforts[1][axis] * way;
+            }
+        }
+        let weight = kinematics::forward(&run.device, &[0.0; 3]).weight_effort;
+        let contact = core::array::from_fn(|axis| {
+            let motor = output.current_a[axis] * run.device.joints[axis].effort_per_amp;
+            let force = f64::from(output.state.force_n[axis]);
+            f64::from(motor - weight[axis]).clamp(force.min(0.0), force.max(0.0))
+        });
+        self.efforts = if output.amplifiers_on {
+            [contact, self.efforts[0]]
+        } else {
+            [[0.0; 3]; 2]
+        };
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 300, failure_persistence: None, ..ProptestConfig::default() })]
+
+    /// Whatever comes in, the console never holds for paid what was not, and what it gives away is bounded by what it
+    /// cannot take back in time: the force until the next command acts and the slew limit has taken it away, along the
+    /// largest way that these events bring (21 counts a tick on each axis), and what an overdrawn tank still lets
+    /// through. The hand is an adversary: it goes wherever the motors push, or where a broken cable says.
+    #[test]
+    fn anything_in_leaves_the_energy_bounded(
+        events in prop::collection::vec(event(), 1..400),
+        adversary in any::<bool>(),
+    ) {
+        let (least_j, bar_j) = robbed(&events, adversary, true)?;
+        prop_assert!(least_j > -bar_j, "{least_j} of {bar_j}");
+    }
+}
+
+/// Least energy in the books over a sequence of events, and the bound on what may be given away \[J\].
+fn robbed(events: &[Event], adversary: bool, tank: bool) -> Result<(f64, f64), TestCaseError> {
+    let mut run = Run::new(bench(), tank);
+    let mut books = Books {
+        energy_j: 0.0,
+        efforts: [[0.0; 3]; 2],
+        counts: None,
+    };
+    let device = run.device;
+    let slew_ticks = device.max_force_n / (device.joints[0].max_slew_per_s * TICK_S);
+    let way_m = 21.0 * 3.0_f32.sqrt() / device.joints[0].counts_per_unit;
+    let bar_j = f64::from(device.max_force_n * way_m * (3.0 + 0.5 * slew_ticks)) + 5e-3;
+    let mut least_j = 0.0;
+    for event in events {
+        let mut event = event.clone();
+        if let (Counts::Moved(steps), true) = (&mut event.counts, adversary) {
+            for (step, effort) in steps.iter_mut().zip(books.efforts[0]) {
+                let size = (i16::from(*step).abs()).min(127) as i8;
+                *step = if effort < 0.0 { -size } else { size };
+            }
+        }
+        let output = run.tick(&event);
+        run.check(&output);
+        books.book(&run, &output);
+        let held_j = f64::from(run.control.tank_j());
+        prop_assert!(
+            held_j <= books.energy_j + 0.2e-3 + 1e-6,
+            "{held_j} {}",
+            books.energy_j
+        );
+        least_j = f64::min(least_j, books.energy_j);
+    }
+    Ok((least_j, bar_j))
+}
+
+/// The same adversary without the tank takes much more: the bound above is the tank's.
+#[test]
+fn without_the_tank_the_energy_is_not_bounded() {
+    use proptest::strategy::ValueTree;
+    use proptest::test_runner::TestRunner;
+    let mut runner = TestRunner::deterministic();
+    let events = prop::collection::vec(event(), 400);
+    let mut worst = [0.0_f64; 2];
+    let mut bar = 0.0;
+    for _ in 0..40 {
+        let events = events.new_tree(&mut runner).unwrap().current();
+        for (worst, tank) in worst.iter_mut().zip([false, true]) {
+            let (least_j, bar_j) = robbed(&events, true, tank).unwrap();
+            (*worst, bar) = (worst.min(least_j), bar_j);
+        }
+    }
+    println!(
+        "without tank {} J, with it {} J, bound {} J",
+        worst[0], worst[1], -bar
+    );
+    assert!(worst[0] < -3.0 * bar && worst[1] > -bar, "{worst:?} {bar}");
 }
 
 /// The strategies above reach what they are for: a test that never arms proves nothing.

@@ -84,6 +84,7 @@ pub fn plan(seconds: f64) -> Plan {
         state_every: 1,
         horizon_us: None,
         clear_fault: false,
+        fixture: sutura_shared::wire::message::Fixture::None,
         rendering: Rendering::Rows,
         line_bytes_per_s: LINE_BYTES_PER_S,
     }

@@ -39,6 +39,16 @@ impl Board {
 /// Most that a lock shared with the control task may hold, whoever takes it \[instructions\].
 const LOCK_LIMIT: u64 = 200;
 
+/// Most that a tick may take of the 168000 cycles that it has, kinematics included: rendering a tangent, solving the
+/// rows alone, and a whole tick of an arm in which the rows are changed besides \[instructions\].
+const TICK_LIMITS: [(&str, u64); 5] = [
+    ("tick_tangent_with_swap_serial_arm", 8_000),
+    ("rows24_solve", 60_000),
+    ("rows24_cones_solve", 60_000),
+    ("tick_rows24_with_swap_serial_arm", 80_000),
+    ("tick_rows24_cones_with_swap_serial_arm", 80_000),
+];
+
 /// Time after which the emulator is stopped \[s\]; a run takes about one.
 const BENCH_LIMIT_S: u32 = 60;
 
@@ -154,6 +164,9 @@ pub fn gated(bless: bool, format: Format) -> Result<()> {
             instructions.get(name).copied(),
             LOCK_LIMIT,
         ));
+    }
+    for (name, limit) in TICK_LIMITS {
+        gates.push(gates::limit(name, instructions.get(name).copied(), limit));
     }
     for (board, image) in &boards {
         let way = image.panic_in_control.join(" calls ");

@@ -15,6 +15,7 @@ mod device;
 mod display;
 mod failure;
 mod fidelity;
+mod fixture;
 mod mesh;
 mod run;
 mod scene;

@@ -18,6 +18,7 @@ use sutura_host::session::{
     run_lockstep, run_real_time,
 };
 use sutura_shared::control::TICK_HZ;
+use sutura_shared::wire::message::Fixture;
 
 /// Runs a scene on a console: tissue is solved here, its force is felt there.
 #[derive(Args, Debug)]
@@ -50,6 +51,10 @@ pub struct RunArgs {
     /// One JSON object a line on stdout while the session runs.
     #[arg(long)]
     pub stream: bool,
+    /// What the console renders by itself, beside the scene: `wall:z=M,k=N_PER_M[,b=N_S_PER_M]` or
+    /// `coupling:x=M,y=M,z=M,k=N_PER_M[,b=N_S_PER_M]`.
+    #[arg(long, value_name = "FIXTURE", value_parser = crate::fixture::parse)]
+    pub fixture: Option<Fixture>,
     /// Clears a fault that is latched in the console from before.
     #[arg(long)]
     pub clear_fault: bool,
@@ -217,6 +222,7 @@ fn plan(args: &RunArgs, scene: &Scene) -> Result<Plan, Failure> {
         state_every: 1,
         horizon_us: scene.host.horizon_us,
         clear_fault: args.clear_fault,
+        fixture: args.fixture.unwrap_or_default(),
         rendering: args.rendering.into(),
         line_bytes_per_s: LINE_BYTES_PER_S,
     })

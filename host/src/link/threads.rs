@@ -14,7 +14,7 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 use sutura_shared::link::{Counters, HostEvent, HostLink, SendError};
 use sutura_shared::wire::message::{
-    Command, Contact, Hello, Needle, Rows, Simulate, State, Thread,
+    Command, Contact, Fixture, Hello, Needle, Rows, Simulate, State, Thread,
 };
 use sutura_shared::wire::{MAX_FRAME, Message, Valid};
 
@@ -59,6 +59,8 @@ impl Default for LinkOptions {
 pub enum Order {
     /// To any console.
     Command(Command),
+    /// To any console.
+    Fixture(Fixture),
     /// To a simulated one.
     Simulate(Simulate),
 }
@@ -302,6 +304,9 @@ impl Shared {
                 Outgoing::Order(Order::Command(command)) => {
                     append(&mut end, newest, command, &mut frames)
                 }
+                Outgoing::Order(Order::Fixture(fixture)) => {
+                    append(&mut end, newest, fixture, &mut frames)
+                }
                 Outgoing::Order(Order::Simulate(simulate)) => {
                     append(&mut end, newest, simulate, &mut frames)
                 }
@@ -461,7 +466,7 @@ mod tests {
     use super::*;
     use sutura_shared::link::{ConsoleLink, Identity};
     use sutura_shared::wire::Reject;
-    use sutura_shared::wire::message::{End, Friction, Tension, Tip};
+    use sutura_shared::wire::message::{Course, End, Friction, Tension, Tip};
 
     const CONTACT: Contact = Contact {
         tool: 0,
@@ -488,6 +493,11 @@ mod tests {
         hold_n: 0.0,
         puncture_n: 1.0,
         punctured_n: 0.0,
+        course: Course {
+            forward: 0,
+            backward: 0,
+            points: [[0.0; 2]; 12],
+        },
         horizon_us: 50_000,
     };
 

@@ -44,6 +44,7 @@ impl Line<'_> {
     fn order(&mut self, order: &Order) -> Result<(), LinkError> {
         match order {
             Order::Command(command) => self.send(self.newest_us, command),
+            Order::Fixture(fixture) => self.send(self.newest_us, fixture),
             Order::Simulate(simulate) => self.send(self.newest_us, simulate),
         }
     }

@@ -10,8 +10,8 @@ use crate::tool::ToolSample;
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 use sutura_shared::wire::message::{COURSE_POINTS, Course};
 
-/// Most points of a course that are on the way forward: there is more to come by than on the way back.
-const FORWARD_POINTS: usize = 8;
+/// Most points of a course that are on the way forward, while the needle goes there, and while it goes back.
+const FORWARD_POINTS: [usize; 2] = [8, 5];
 /// The nearest is looked at most closely: steps grow with these powers of their number, forward and backward.
 const GROWTH: [f64; 2] = [1.5, 2.0];
 
@@ -27,6 +27,8 @@ pub(super) struct Look {
     pub steps: [usize; 2],
     /// Speed along the slide that friction is to have \[m/s\].
     pub speed_m_per_s: f64,
+    /// Whether it is on its way back.
+    pub goes_back: bool,
 }
 
 /// One of the steps.
@@ -56,7 +58,11 @@ pub(super) fn course(
         visit(model, state, samples, look, side, sign, &mut visits, work);
         let mut points = vec![[0.0, needle.axial_n]];
         points_of(&visits, &mut points);
-        let kept = if side == 0 { FORWARD_POINTS } else { free };
+        let kept = if side == 0 {
+            FORWARD_POINTS[usize::from(look.goes_back)]
+        } else {
+            free
+        };
         thin(&mut points, kept + 1);
         points.remove(0);
         for (slot, point) in course.points.iter_mut().skip(next).zip(&points) {
@@ -170,7 +176,14 @@ fn points_of(visits: &[Visit], points: &mut Vec<[f64; 2]>) {
             let way_m = (to.way_m - to.report.hold_n / stiffness).clamp(from.way_m, to.way_m);
             points.push([way_m, to.report.axial_n + to.report.hold_n]);
         }
-        let next = [to.way_m, to.report.axial_n];
+        // Friction is that of the depth at which a step begins: the next one has what belongs here.
+        let rubs_on = after.filter(|after| {
+            let same = after.report.punctures == to.report.punctures;
+            let inside = [from, to, *after].map(|visit| visit.report.tip == TipPlace::Inside);
+            same && inside == [true; 3] && to.report.slides && after.report.slides
+        });
+        let axial_n = rubs_on.unwrap_or(to).report.axial_n;
+        let next = [to.way_m, axial_n];
         if points.last() != Some(&next) {
             points.push(next);
         }

@@ -7,7 +7,7 @@ use super::budget::{Rendering, most_rows};
 use crate::link::{LinkError, Order};
 use sutura_shared::device::DeviceDescription;
 use sutura_shared::wire::faults;
-use sutura_shared::wire::message::{Command, HandScript, Hello, Mode, Simulate, State};
+use sutura_shared::wire::message::{Command, Fixture, HandScript, Hello, Mode, Simulate, State};
 use sutura_shared::wire::validate::name;
 
 /// How long a console may take to arm \[ms of console time\]: a few ticks, and the orders' way over a slow line.
@@ -39,6 +39,8 @@ pub struct Plan {
     pub horizon_us: Option<u32>,
     /// Clear a fault that is latched from before; its cause must be gone.
     pub clear_fault: bool,
+    /// What the console renders by itself, beside the scene.
+    pub fixture: Fixture,
 }
 
 /// Why a session did not run to its end.
@@ -96,6 +98,9 @@ impl Plan {
         if console.simulated {
             orders.push(Order::Simulate(Simulate::Device(self.device)));
             orders.push(Order::Simulate(Simulate::Hand(self.hand)));
+        }
+        if self.fixture != Fixture::None {
+            orders.push(Order::Fixture(self.fixture));
         }
         orders.push(Order::Command(Command::Arm));
         orders

@@ -41,6 +41,10 @@ const LOOK_STEP_M: f64 = 8e-4;
 /// So much slack is looked through to the taut thread \[m\], and so far into that, in turn \[m\].
 const NEARLY_TAUT_M: f64 = 0.01;
 const TIGHTENING_M: [f64; 3] = [2e-4, 5e-4, 1e-3];
+/// States farther apart than this are far apart \[us\], and a needle's way between them is followed in pieces of this time
+/// \[us\].
+const FAR_US: u64 = 5_500;
+const PIECE_US: u64 = 2_000;
 /// With fewer, both ways together, friction and stiffness say as much.
 const LOOK_LEAST: usize = 4;
 /// A frame is in use until it is so many periods old, or for so long \[us\].
@@ -67,8 +71,8 @@ pub struct TissueSolver {
     wound: Option<Wound>,
     /// Largest tension so far at an end of each thread \[N\].
     peak_tension_n: Vec<f64>,
-    /// Console time of the step before \[us\].
-    last_us: Option<u64>,
+    /// Of the state before.
+    last_sample: Option<ToolSample>,
     last: StepReport,
     /// The newest step that found a balance.
     last_good: StepReport,
@@ -116,7 +120,7 @@ impl TissueSolver {
             work,
             script: Script::new(scene),
             began_us: None,
-            last_us: None,
+            last_sample: None,
             deepest: Deepest::default(),
             needles: scene.needles.iter().map(NeedleTally::of).collect(),
             wound,
@@ -238,6 +242,36 @@ impl TissueSolver {
         map
     }
 
+    /// Follows a needle's way between two states that are far apart in several steps: friction is that of the depth at
+    /// which a step begins, and a boundary gives way at a step's end.
+    fn come_closer(&mut self, before: &ToolSample, sample: &ToolSample) {
+        let period_us = sample
+            .console_time_us
+            .saturating_sub(before.console_time_us);
+        let far = period_us > FAR_US && period_us <= LOOK_MOST_US as u64;
+        if !far || self.needles.is_empty() || self.tissue.word() != "linear" {
+            return;
+        }
+        let pieces = (period_us / PIECE_US).min(self.affordable(period_us) as u64);
+        let blend = |from: f64, to: f64, part: f64| from + (to - from) * part;
+        for piece in 1..pieces {
+            let part = piece as f64 / pieces as f64;
+            let mut between = *sample;
+            for (at, from) in between.position_m.iter_mut().zip(before.position_m) {
+                *at = blend(from, *at, part);
+            }
+            let turned = before.orientation.iter().zip(sample.orientation);
+            // The nearer of the two quaternions that are the same turn; a step makes a unit of it.
+            let product: f64 = turned.map(|(a, b)| a * b).sum();
+            let sign = if product < 0.0 { -1.0 } else { 1.0 };
+            for (at, from) in between.orientation.iter_mut().zip(before.orientation) {
+                *at = blend(sign * from, *at, part);
+            }
+            between.console_time_us = before.console_time_us + period_us * piece / pieces;
+            self.step(between);
+        }
+    }
+
     /// How the axial force of the needle in the grip goes on, as far as it may get before the console hears of it.
     fn look_ahead(&mut self, needle: u8, report: &StepReport, period_us: u64) -> Course {
         let found = report.needles().iter().find(|other| other.id == needle);
@@ -335,6 +369,7 @@ impl TissueSolver {
             reach_m,
             steps,
             speed_m_per_s: speed_m_per_s.abs(),
+            goes_back: speed_m_per_s < 0.0,
         })
     }
 
@@ -460,7 +495,11 @@ impl Solve for TissueSolver {
                 stages: step::Stages::default(),
             };
         };
-        let before_us = self.last_us.replace(sample.console_time_us);
+        let before = self.last_sample.replace(sample);
+        let before_us = before.map(|before| before.console_time_us);
+        if let Some(before) = before {
+            self.come_closer(&before, &sample);
+        }
         let report = self.step(sample);
         let contact = report.contacts().first().copied();
         let mut needle = self.driven().and_then(|driven| in_grip(&report, driven));

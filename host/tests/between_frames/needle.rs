@@ -50,3 +50,34 @@ fn figures() {
     ];
     table(&scene, &hands);
 }
+
+/// Presses at 60 Hz, one period late: what is felt, and when the boundary gives way.
+#[test]
+fn the_console_goes_on_as_the_tissue_does() {
+    let sticks = "static_friction_n_per_m = 30.0";
+    let scene = scene(
+        "needle-slabs.toml",
+        sticks,
+        "static_friction_n_per_m = 25.0",
+    );
+    let hand = named(Motion::Presses);
+    let truth = truth(&scene, &hand, 0, 2000);
+    let of = |rendering| {
+        run(
+            &scene,
+            &hand,
+            &truth,
+            0,
+            60.0,
+            rendering,
+            None,
+            |_, _, _| {},
+        )
+    };
+    let (local, tangent) = (of(Rendering::Local), of(Rendering::Tangent));
+    println!("{local:?} {tangent:?}");
+    assert_eq!(local.punctures, 2);
+    assert!(local.late_max_ms <= 8.0, "{local:?}");
+    assert!(local.rms <= 0.025 && local.peak <= 0.12, "{local:?}");
+    assert!(local.rms < 0.3 * tangent.rms, "{local:?} {tangent:?}");
+}

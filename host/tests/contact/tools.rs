@@ -132,7 +132,7 @@ fn wild_motion_of_three_tools_never_breaks_the_solver() {
         (6, Tool::new(shape, [0.0; 3])),
     ];
     let mut bench = Bench::new(&mesh, &bottom, Loads::default(), &tools);
-    bench.work.most_rows = MAX_TOOL_ROWS;
+    bench.work.most_rows = sutura_host::step::MAX_TOOL_ROWS;
     let mut state = State::new(&bench.model);
     let mut chance = Chance(99);
     let mut seen = std::collections::BTreeMap::new();

@@ -117,3 +117,103 @@ impl Limits {
         self.before = *force;
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::device::{Joint, Kinematics};
+    use crate::kinematics::forward;
+
+    /// 10 N, 5 W, 2 m/s; 2000, 4000 and 8000 N/s.
+    fn device() -> DeviceDescription {
+        let joint = |max_slew_per_s| Joint {
+            counts_per_unit: 1e5,
+            zero_counts: 0,
+            effort_per_amp: 1.0,
+            max_current_a: 100.0,
+            max_slew_per_s,
+            max_speed_per_s: 10.0,
+            inertia: 0.1,
+            damping: 0.0,
+            coulomb: 0.0,
+        };
+        DeviceDescription {
+            name: [0; 16],
+            kinematics: Kinematics::Cartesian { origin_m: [0.0; 3] },
+            joints: [joint(2000.0), joint(4000.0), joint(8000.0)],
+            gravity_mass_kg: [0.0; JOINTS],
+            max_force_n: 10.0,
+            max_power_w: 5.0,
+            max_grip_speed_m_per_s: 2.0,
+            actuation_delay_us: 0,
+        }
+    }
+
+    fn off(switch: fn(&mut Guards)) -> Limits {
+        let mut guards = Guards::ALL;
+        switch(&mut guards);
+        Limits::new(&device(), guards)
+    }
+
+    fn close(a: &Vec3, b: [f32; 3]) -> bool {
+        (a - Vec3::from(b)).iter().all(|x| x.abs() < 1e-5)
+    }
+
+    #[test]
+    fn force_and_power_are_bounded_in_both_directions() {
+        let limits = off(|_| {});
+        let still = Vec3::zeros();
+        let long = Vec3::new(12.0, -16.0, 0.0);
+        assert!(close(&limits.bound(&long, &still), [6.0, -8.0, 0.0]));
+        // 8 N along or against 1 m/s are 8 W.
+        for speed in [1.0, -1.0] {
+            let force = limits.bound(&Vec3::new(0.0, 0.0, 8.0), &Vec3::new(0.5, 0.0, speed));
+            assert!(close(&force, [0.0, 0.0, 5.0]), "{force}");
+        }
+        let across = limits.bound(&Vec3::new(0.0, 0.0, 8.0), &Vec3::new(1.3, 0.0, 0.0));
+        assert!(close(&across, [0.0, 0.0, 8.0]));
+        let strong = off(|guards| guards.force = false).bound(&long, &still);
+        assert!(close(&strong, [12.0, -16.0, 0.0]));
+        let mighty = off(|guards| guards.power = false);
+        let force = mighty.bound(&Vec3::new(0.0, 0.0, 8.0), &Vec3::new(0.0, 0.0, 1.0));
+        assert!(close(&force, [0.0, 0.0, 8.0]));
+    }
+
+    #[test]
+    fn a_change_keeps_its_direction_within_every_joints_slew() {
+        let pose = forward(&device(), &[0.0; JOINTS]);
+        let mut limits = off(|_| {});
+        // 2, 4 and 8 N in a tick: the first joint lets a quarter of this through.
+        let wanted = Vec3::new(8.0, 4.0, 4.0);
+        let force = limits.slewed(&wanted, &pose);
+        assert!(close(&force, [2.0, 1.0, 1.0]), "{force}");
+        limits.commit(&force);
+        assert!(close(&limits.slewed(&wanted, &pose), [4.0, 2.0, 2.0]));
+        // What is within the slew comes as it is.
+        let near = Vec3::new(1.0, 0.5, 0.25);
+        assert_eq!(limits.slewed(&near, &pose), near);
+        let free = off(|guards| guards.slew = false);
+        assert_eq!(free.slewed(&wanted, &pose), wanted);
+    }
+
+    #[test]
+    fn the_force_fades_with_the_grips_speed_and_too_fast_is_told() {
+        let mut limits = off(|_| {});
+        let push = Vec3::new(0.0, 2.0, 0.0);
+        let fast = |speed: f32| Vec3::new(speed, 0.0, 0.0);
+        // A single tick is an encoder's matter.
+        assert!(!limits.too_fast(&fast(1.7), true));
+        assert!(close(&limits.bound(&push, &fast(1.7)), [0.0, 2.0, 0.0]));
+        assert!(!limits.too_fast(&fast(1.7), true));
+        // Half way from 70 to 100 %.
+        assert!(close(&limits.bound(&push, &fast(1.7)), [0.0, 1.0, 0.0]));
+        let told: [bool; 6] = core::array::from_fn(|_| limits.too_fast(&fast(2.1), true));
+        assert_eq!(told, [false, false, false, false, true, true]);
+        assert!(close(&limits.bound(&push, &fast(2.1)), [0.0; 3]));
+        assert!(!limits.too_fast(&fast(2.1), false));
+        let mut careless = off(|guards| guards.overspeed = false);
+        let told: [bool; 6] = core::array::from_fn(|_| careless.too_fast(&fast(9.0), true));
+        assert_eq!(told, [false; 6]);
+        assert!(close(&careless.bound(&push, &fast(9.0)), [0.0, 2.0, 0.0]));
+    }
+}

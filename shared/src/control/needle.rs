@@ -255,32 +255,28 @@ impl LocalNeedle {
         if slide_m == self.at_m {
             return;
         }
+        let before_m = self.at_m;
         let [forward_m, backward_m] = self.slid_m;
-        let trial = self.axial_n - self.stick_n_per_m * (slide_m - self.at_m);
+        let was = self.axial_n;
+        let trial = was - self.stick_n_per_m * (slide_m - before_m);
         self.at_m = slide_m;
-        let ahead = slide_m + backward_m;
-        if ahead > self.jump_m && self.punctured_us.is_none() {
-            self.punctured_us = Some(now_us);
-        }
-        let (low, high) = match self.punctured_us {
-            Some(_) if ahead > self.jump_m => (self.forward.at(ahead), self.most_n),
-            Some(_) => (self.after_n, self.most_n),
-            None => {
-                let behind = forward_m - slide_m;
-                let low = if ahead > 0.0 {
-                    self.forward.at(ahead)
-                } else {
-                    -MAX_WRENCH
-                };
-                let high = if behind > 0.0 {
-                    self.backward.at(behind)
-                } else {
-                    MAX_WRENCH
-                };
-                (low, max(low, high))
+        // A bound holds against motion towards it. What is not at it yet is not lifted to it, but moves as it does.
+        let next = if slide_m > before_m {
+            let old = self.low(before_m + backward_m);
+            let ahead = slide_m + backward_m;
+            if ahead > self.jump_m && self.punctured_us.is_none() {
+                self.punctured_us = Some(now_us);
             }
+            let low = self.low(ahead);
+            max(trial, min(low, was + max(low - old, 0.0)))
+        } else {
+            let (old, high) = (
+                self.high(forward_m - before_m),
+                self.high(forward_m - slide_m),
+            );
+            min(trial, max(high, was - max(old - high, 0.0)))
         };
-        self.axial_n = clamp(clamp(trial, low, high), -MAX_WRENCH, MAX_WRENCH);
+        self.axial_n = clamp(next, -MAX_WRENCH, MAX_WRENCH);
         if self.stick_n_per_m > 0.0 {
             let slip = clamp(
                 (self.axial_n - trial) / self.stick_n_per_m,
@@ -292,6 +288,25 @@ impl LocalNeedle {
                 min(forward_m + max(slip, 0.0), most),
                 min(backward_m + max(-slip, 0.0), most),
             ];
+        }
+    }
+
+    /// The least force on the way forward; without a bound where the frame's way has not begun.
+    fn low(&self, ahead_m: f32) -> f32 {
+        match self.punctured_us {
+            Some(_) if ahead_m > self.jump_m => self.forward.at(ahead_m),
+            Some(_) => self.after_n,
+            None if ahead_m > 0.0 => self.forward.at(ahead_m),
+            None => -MAX_WRENCH,
+        }
+    }
+
+    /// The largest force on the way backward.
+    fn high(&self, behind_m: f32) -> f32 {
+        match self.punctured_us {
+            Some(_) => self.most_n,
+            None if behind_m > 0.0 => self.backward.at(behind_m),
+            None => MAX_WRENCH,
         }
     }
 

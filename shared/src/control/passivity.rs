@@ -268,3 +268,139 @@ impl Passivity {
         speed * (self.damping_per_s * (square / mobility))
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::device::{Joint, Kinematics};
+    use crate::kinematics::forward;
+
+    fn device(actuation_delay_us: u32) -> DeviceDescription {
+        let joint = Joint {
+            counts_per_unit: 1e5,
+            zero_counts: 0,
+            effort_per_amp: 1.0,
+            max_current_a: 100.0,
+            max_slew_per_s: 1e6,
+            max_speed_per_s: 10.0,
+            inertia: 0.1,
+            damping: 0.5,
+            coulomb: 0.0,
+        };
+        DeviceDescription {
+            name: [0; 16],
+            kinematics: Kinematics::Cartesian { origin_m: [0.0; 3] },
+            joints: [joint; JOINTS],
+            gravity_mass_kg: [0.0; JOINTS],
+            max_force_n: 10.0,
+            max_power_w: 5.0,
+            max_grip_speed_m_per_s: 2.0,
+            actuation_delay_us,
+        }
+    }
+
+    /// Efforts of 1, 2, 3 .. N at the ticks, and then 1 mm along them in one tick.
+    fn booked(delay_us: u32) -> f32 {
+        let mut ledger = Passivity::new(&device(delay_us), Guards::ALL);
+        for effort in 1..=9_u8 {
+            let effort = f32::from(effort);
+            ledger.commit(&[effort, 0.0, -effort], &Vec3::new(effort, 0.0, -effort));
+        }
+        ledger.book(&[1e-3, 5.0, 0.0]);
+        (CREDIT_J - ledger.energy_j()) * 1e3
+    }
+
+    #[test]
+    fn the_work_is_that_of_what_acted() {
+        // The last command was 9 N; with a delay of a quarter of a tick 8 N acted for a quarter of it.
+        for (delay_us, acted_n) in [
+            (0, 9.0),
+            (250, 8.75),
+            (1000, 8.0),
+            (1500, 7.5),
+            (4750, 4.25),
+            (5000, 4.0),
+        ] {
+            let found = booked(delay_us);
+            assert!((found - acted_n).abs() < 1e-4, "{delay_us}: {found}");
+        }
+    }
+
+    fn allowed(energy_j: f32, wanted: f32, speed: f32, before: f32) -> f32 {
+        let device = device(0);
+        let mut ledger = Passivity::new(
+            &device,
+            Guards {
+                damping: false,
+                ..Guards::ALL
+            },
+        );
+        let pose = forward(&device, &[0.0; JOINTS]);
+        ledger.commit(&[before, 0.0, 0.0], &Vec3::new(before, 0.0, 0.0));
+        ledger.energy_j = energy_j;
+        let force = ledger.allow(
+            &Vec3::new(wanted, 0.0, 0.0),
+            &pose,
+            &[speed, 0.0, 0.0],
+            (1000.0, 1000.0),
+        );
+        force.x
+    }
+
+    #[test]
+    fn what_is_given_is_what_the_tank_pays_for() {
+        // A press of 5 mm and 5 N has left 12.5 mJ: let go at 0.2 m/s it keeps its force.
+        assert_eq!(allowed(12.5e-3, 5.0, 0.2, 5.0), 5.0);
+        // Nothing in the tank: nothing along the motion, and all against it.
+        assert_eq!(allowed(0.0, 5.0, 0.2, 5.0), 0.0);
+        assert_eq!(allowed(0.0, 5.0, -0.3, 5.0), 5.0);
+        // s A + s^2 B = 0.7 E with A = 5 N 0.2 m/s 1 ms and B = (5 N 1 ms)^2 / (2 0.1 kg), and the slew of 1/200 tick:
+        // 1.1275 s^2 is 0.125 + 0.0025 mJ.
+        let part = allowed(0.5e-3, 5.0, 0.2, 5.0) / 5.0;
+        let (a, b) = (
+            1e-3,
+            0.125e-3 * (1.0 + 0.25 * 0.005 * 0.005) + 0.5 * 0.005 * 1e-3,
+        );
+        assert!(
+            (part * a + part * part * b - 0.35e-3).abs() < 1e-7,
+            "{part}"
+        );
+    }
+
+    #[test]
+    fn what_nobody_built_up_must_be_covered() {
+        // At rest, from nothing: the spring of 1.5 kN/m that 2 mJ load.
+        let force = allowed(2e-3, 9.0, 0.0, 0.0);
+        assert!(
+            (force - libm::sqrtf(2.0 * 1500.0 * 2e-3)).abs() < 1e-3,
+            "{force}"
+        );
+        // What was there before stays.
+        assert_eq!(allowed(2e-3, 5.0, 0.0, 5.0), 5.0);
+    }
+
+    /// Beyond what the contact can have stored the tank forgets; below it never.
+    #[test]
+    fn only_what_is_no_store_leaks() {
+        let after = |energy_j: f32| {
+            let mut ledger = Passivity::new(&device(0), Guards::ALL);
+            ledger.energy_j = energy_j;
+            ledger.leak(5e-3);
+            ledger.energy_j
+        };
+        assert_eq!(after(5e-3), 5e-3);
+        assert_eq!(after(-1e-3), -1e-3);
+        assert!((after(15e-3) - (15e-3 - 10e-3 * TICK_S)).abs() < 1e-8);
+    }
+
+    #[test]
+    fn arming_again_brings_no_credit() {
+        let mut ledger = Passivity::new(&device(0), Guards::ALL);
+        ledger.energy_j = -0.4e-3;
+        ledger.off();
+        assert_eq!(ledger.energy_j(), -0.4e-3);
+        ledger.energy_j = 20e-3;
+        ledger.off();
+        assert_eq!(ledger.energy_j(), CREDIT_J);
+    }
+}
