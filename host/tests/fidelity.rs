@@ -1,7 +1,7 @@
 //! The simulation of the force: that it tells good renderings from bad ones, and a few of the bars, in a form
 //! short enough for every run of the tests. `sutura fidelity` has them all.
 
-use sutura_host::fidelity::case::{Case, Place, Scenes, Spec, all_but};
+use sutura_host::fidelity::case::{Case, Place, Scenes, Spec};
 use sutura_host::fidelity::hand::{Grasp, Motion};
 use sutura_host::fidelity::link::LinkSpec;
 use sutura_host::fidelity::suite::{bars, measure};
@@ -68,23 +68,17 @@ fn a_run_can_be_repeated() {
 }
 
 /// Stiff tissue at 30 Hz: the held force loses nearly all of what the full loop can, the tangent keeps it, also
-/// if it is wrong; without the guard that learns from frames it does not.
+/// if it is wrong.
 #[test]
 fn the_tangent_keeps_the_stiffness_of_the_full_loop() {
-    let wrong = Spec::stiffest(Rendering::Tangent, 30.0, 2.0);
     let cases = run(&[
         Spec::stiffest(Rendering::Hold, 1000.0, 1.0).full(),
         Spec::stiffest(Rendering::Hold, 30.0, 1.0),
         Spec::stiffest(Rendering::Tangent, 30.0, 1.0),
-        wrong,
-        Spec {
-            guards: all_but("trust"),
-            ..wrong
-        },
+        Spec::stiffest(Rendering::Tangent, 30.0, 2.0),
     ]);
     let ratio = |i: usize| cases[i].k_ratio.expect("stiffness was asked for");
-    assert!(ratio(1) < 0.2, "{}", ratio(1));
+    assert!(ratio(1) < 0.2 * ratio(2), "{}", ratio(1));
     assert!(ratio(2) > 0.9, "{}", ratio(2));
     assert!(ratio(3) > 0.5, "{}", ratio(3));
-    assert!(ratio(4) < 0.5 * ratio(3), "{} {}", ratio(4), ratio(3));
 }
