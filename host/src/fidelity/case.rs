@@ -4,10 +4,11 @@
 
 use super::hand::{Grasp, Motion};
 use super::link::LinkSpec;
-use super::measure::{Errors, Peaks, Recovery, errors, peaks, recovery};
+use super::measure::{Errors, Peaks, Punctures, Recovery, errors, peaks, punctures, recovery};
 use super::plant::Mechanics;
-use super::run::{Host, Setup, True, run, truth_along};
+use super::run::{Host, Record, Setup, True, run, truth_along};
 use super::scenes::Scene;
+use super::scenes::needle::NeedleSlabs;
 use super::scenes::palpation::Palpation;
 use super::scenes::point::Point;
 use super::scenes::rogue::Rogue;
@@ -27,6 +28,8 @@ pub enum Place {
     Point,
     /// [`Palpation`].
     Palpation,
+    /// [`NeedleSlabs`].
+    Needle,
     /// [`Rogue`].
     Rogue(Rogue),
 }
@@ -121,6 +124,9 @@ pub struct Case {
     /// The gap, if asked for.
     #[serde(flatten)]
     pub recovery: Option<Recovery>,
+    /// When punctures were felt, where there were any.
+    #[serde(flatten)]
+    pub punctures: Option<Punctures>,
     /// Extremes, if asked for.
     #[serde(flatten)]
     pub peaks: Option<Peaks>,
@@ -132,6 +138,7 @@ pub struct Case {
 /// Scenes and true forces that cases share.
 pub struct Scenes {
     palpation: Palpation,
+    needle: NeedleSlabs,
     known: Mutex<HashMap<(Place, Motion, u32), Known>>,
 }
 
@@ -146,6 +153,7 @@ impl Scenes {
     pub fn load() -> Result<Self, SceneError> {
         Ok(Scenes {
             palpation: Palpation::load()?,
+            needle: NeedleSlabs::load()?,
             known: Mutex::default(),
         })
     }
@@ -154,6 +162,7 @@ impl Scenes {
         match place {
             Place::Point => &Point::TISSUE,
             Place::Palpation => &self.palpation,
+            Place::Needle => &self.needle,
             Place::Rogue(rogue) => rogue,
         }
     }
@@ -248,13 +257,16 @@ impl Spec {
         }
     }
 
-    /// A host that sends nonsense.
-    pub fn rogue(rogue: Rogue) -> Self {
+    /// A host that sends nonsense: to a free grip that holds nothing, or to a hand that fills the tank.
+    pub fn rogue(rogue: Rogue, motion: Motion) -> Self {
         Spec {
             question: Question::Peaks,
-            grasp: Grasp::FREE,
+            grasp: match motion {
+                Motion::Hold => Grasp::FREE,
+                _ => Grasp::Rigid,
+            },
             seconds: 1.0,
-            ..Spec::errors(Place::Rogue(rogue), Motion::Hold, Rendering::Rows, 100.0)
+            ..Spec::errors(Place::Rogue(rogue), motion, Rendering::Rows, 100.0)
         }
     }
 
@@ -284,6 +296,11 @@ impl Spec {
         }
     }
 
+    /// Speed limit of the grip \[m/s\].
+    fn fastest(&self) -> f64 {
+        f64::from(self.mechanics.description().max_grip_speed_m_per_s)
+    }
+
     /// Rows that a frame may have.
     pub fn rows(&self) -> usize {
         let carried = || most_rows(LINE_BYTES_PER_S, self.link.host_hz, 1000.0);
@@ -307,6 +324,7 @@ impl Spec {
             scene: match self.place {
                 Place::Point => "point".to_owned(),
                 Place::Palpation => "palpation".to_owned(),
+                Place::Needle => "needle".to_owned(),
                 Place::Rogue(rogue) => rogue.name().to_owned(),
             },
             hand: self.motion.name(),
@@ -362,8 +380,27 @@ impl Spec {
             case.energy_min_j = found.least_energy_j;
             return Ok(case);
         }
-        let known = (self.grasp == Grasp::Rigid).then(|| self.known(scenes));
-        let record = run(&Setup {
+        let record = self.record(scenes)?;
+        case.energy_min_j = record.least_energy_j;
+        match self.question {
+            Question::Errors => {
+                case.errors = Some(errors(&record));
+                case.punctures = punctures(&record);
+            }
+            Question::Gap => case.recovery = Some(recovery(&record, GAP_END_S - GAP_S, GAP_END_S)),
+            Question::Peaks => case.peaks = Some(peaks(&record, self.fastest())),
+            Question::Stiffest => {}
+        }
+        Ok(case)
+    }
+
+    /// The run itself, tick by tick.
+    ///
+    /// # Errors
+    /// As [`Spec::measure`].
+    pub fn record(&self, scenes: &Scenes) -> Result<Record, DeviceError> {
+        let known = (self.grasp == Grasp::Rigid).then(|| scenes.known(self));
+        run(&Setup {
             scene: scenes.at(&self.place),
             motion: self.motion,
             grasp: self.grasp,
@@ -378,19 +415,7 @@ impl Spec {
                 .as_ref()
                 .and_then(|known| known.get())
                 .map(Vec::as_slice),
-        })?;
-        case.energy_min_j = record.least_energy_j;
-        match self.question {
-            Question::Errors => case.errors = Some(errors(&record)),
-            Question::Gap => case.recovery = Some(recovery(&record, GAP_END_S - GAP_S, GAP_END_S)),
-            Question::Peaks => case.peaks = Some(peaks(&record)),
-            Question::Stiffest => {}
-        }
-        Ok(case)
-    }
-
-    fn known(&self, scenes: &Scenes) -> Known {
-        scenes.known(self)
+        })
     }
 }
 

@@ -17,6 +17,8 @@ pub enum Motion {
     Tremor,
     /// 10 mm deep in half a second, held there.
     Hold,
+    /// 70 mm up and down at 4 Hz: 1.8 m/s, which no console should go along with.
+    Throw,
 }
 
 impl Motion {
@@ -36,6 +38,7 @@ impl Motion {
             Motion::Strokes => "strokes",
             Motion::Tremor => "tremor",
             Motion::Hold => "hold",
+            Motion::Throw => "throw",
         }
     }
 
@@ -61,6 +64,7 @@ impl Motion {
                 [0.0, 0.0, 2e-3 - 7e-3 * ramp(time_s / 0.5) + shake]
             }
             Motion::Hold => [0.0, 0.0, 2e-3 - 12e-3 * ramp(time_s / 0.5)],
+            Motion::Throw => [0.0, 0.0, 70e-3 * (8.0 * PI * time_s).cos()],
         }
     }
 

@@ -167,11 +167,57 @@ pub fn recovery(record: &Record, from_s: f64, until_s: f64) -> Recovery {
     let back = in_time(until_s, f64::INFINITY).find(|t| ratio(t) >= 0.9);
     Recovery {
         gap_force_n: in_time(from_s, until_s)
-            .last()
+            .next_back()
             .map_or(0.0, |t| length(t.acting_n)),
         restored_ratio: sum / f64::max(count, 1.0),
         time_to_90_ms: back.map(|t| (t.time_s - until_s) * 1e3),
     }
+}
+
+/// When the punctures of a run are felt.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Punctures {
+    /// In truth.
+    pub punctures: usize,
+    /// Between the fall of the true force and that of the command, 19 of 20 are within this \[ms\].
+    pub puncture_p95_ms: f64,
+    /// The worst \[ms\].
+    pub puncture_max_ms: f64,
+}
+
+/// Ticks in which a force falls when a boundary gives way.
+const FALL_TICKS: usize = 3;
+/// Ticks on either side of a true puncture in which the felt one is looked for.
+const LOOK_TICKS: usize = 60;
+
+/// Of a run with any. Felt is a puncture where the force falls most in 3 ms.
+pub fn punctures(record: &Record) -> Option<Punctures> {
+    let ticks = &record.ticks;
+    let mut off_ms: Vec<f64> = Vec::new();
+    for (index, pair) in ticks.windows(2).enumerate() {
+        if pair[0].punctures == pair[1].punctures || pair[1].time_s < FROM_S {
+            continue;
+        }
+        let from = index.saturating_sub(LOOK_TICKS);
+        let until = (index + LOOK_TICKS).min(ticks.len());
+        let window = &ticks[from..until];
+        let fall = |of: fn(&Tick) -> [f64; 3]| {
+            let falls = window.windows(FALL_TICKS + 1).enumerate();
+            let falls = falls.map(|(at, t)| (at, length(of(&t[0])) - length(of(&t[FALL_TICKS]))));
+            falls
+                .max_by(|a, b| a.1.total_cmp(&b.1))
+                .map_or(0.0, |(at, _)| at as f64)
+        };
+        off_ms.push((fall(|t| t.command_n) - fall(|t| t.truth_n)).abs());
+    }
+    off_ms.sort_by(f64::total_cmp);
+    let last = off_ms.last()?;
+    let p95 = (0.95 * off_ms.len() as f64).ceil() as usize;
+    Some(Punctures {
+        punctures: off_ms.len(),
+        puncture_p95_ms: off_ms[p95.saturating_sub(1).min(off_ms.len() - 1)],
+        puncture_max_ms: *last,
+    })
 }
 
 /// The most that the motors did.
@@ -185,20 +231,24 @@ pub struct Peaks {
     pub power_peak_w: f64,
     /// Of the grip while the amplifiers were on \[m/s\].
     pub speed_peak_m_per_s: f64,
+    /// Most ticks in a row in which the amplifiers were on and the grip faster than it may be.
+    pub ticks_too_fast: u32,
     /// Faults that were latched, bits.
     pub faults: u16,
 }
 
-/// The extremes of a run.
-pub fn peaks(record: &Record) -> Peaks {
+/// The extremes of a run, with a grip that may be so fast \[m/s\].
+pub fn peaks(record: &Record, fastest_m_per_s: f64) -> Peaks {
     let mut peaks = Peaks {
         force_peak_n: 0.0,
         slew_peak_n_per_s: 0.0,
         power_peak_w: 0.0,
         speed_peak_m_per_s: 0.0,
+        ticks_too_fast: 0,
         faults: 0,
     };
     let mut before = [0.0; 3];
+    let mut in_a_row = 0;
     for tick in &record.ticks {
         let on = matches!(tick.mode, Mode::Armed | Mode::Decaying);
         let force = length(tick.command_n);
@@ -209,6 +259,12 @@ pub fn peaks(record: &Record) -> Peaks {
             peaks.slew_peak_n_per_s = peaks.slew_peak_n_per_s.max(slew);
             let speed = length(tick.velocity_m_per_s);
             peaks.speed_peak_m_per_s = peaks.speed_peak_m_per_s.max(speed);
+            in_a_row = if speed > fastest_m_per_s {
+                in_a_row + 1
+            } else {
+                0
+            };
+            peaks.ticks_too_fast = peaks.ticks_too_fast.max(in_a_row);
         }
         let pairs = tick.acting_n.iter().zip(&tick.velocity_m_per_s);
         let power: f64 = pairs.map(|(f, v)| f * v).sum();

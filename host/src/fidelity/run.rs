@@ -66,6 +66,14 @@ pub struct Setup<'a> {
 }
 
 impl Setup<'_> {
+    /// From a state until its frame has been in use for a period: how far rows have to look ahead \[s\].
+    fn ahead_s(&self) -> f64 {
+        match self.host {
+            Host::Late(spec) => spec.longest_delay_s() + 1.0 / spec.host_hz,
+            Host::Full => 0.0,
+        }
+    }
+
     /// Rows that the host has to reduce to.
     fn most_rows_sent(&self) -> usize {
         match (self.host, self.tuning.rendering) {
@@ -143,7 +151,7 @@ pub fn run(setup: &Setup<'_>) -> Result<Record, DeviceError> {
     let mut control = Control::tuned(description, setup.tuning)?;
     control.command(Command::Arm);
     let mut plant = Plant::new(setup.mechanics, setup.motion, setup.grasp, setup.scene);
-    let mut truth = setup.truth.is_none().then(|| setup.scene.start(0));
+    let mut truth = setup.truth.is_none().then(|| setup.scene.start(0, 0.0));
     let mut host = Remote::new(setup);
     let mut under_way = vec![[0.0; 3]; setup.mechanics.actuation_ticks];
     let mut now = True::default();
@@ -216,7 +224,7 @@ pub fn run(setup: &Setup<'_>) -> Result<Record, DeviceError> {
 
 /// What is true at every tick with a hand that goes where it wants.
 pub fn truth_along(scene: &dyn Scene, motion: Motion, seconds: f64) -> Vec<True> {
-    let mut truth = scene.start(0);
+    let mut truth = scene.start(0, 0.0);
     let mut last = True::default();
     (0..=(seconds * 1e3).round() as u32)
         .map(|number| {
@@ -274,7 +282,7 @@ impl<'a> Remote<'a> {
         };
         Remote {
             setup,
-            tissue: setup.scene.start(setup.most_rows_sent()),
+            tissue: setup.scene.start(setup.most_rows_sent(), setup.ahead_s()),
             rows: Box::new(ContactRows::NONE),
             link,
             solves: 0,

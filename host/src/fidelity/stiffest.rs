@@ -39,6 +39,8 @@ pub struct Stiffest {
     pub least_force_ratio: f64,
 }
 
+/// Least force over the true one in a hold that counts: guards that just switch the force off do not.
+pub const LEAST_RATIO: f64 = 0.5;
 /// Least and largest stiffness tried \[N/m\], and the factor between two.
 const RANGE: (f64, f64, f64) = (40.0, 20_000.0, 1.25);
 
@@ -68,7 +70,7 @@ pub fn hold(search: &Search, k: f64) -> Result<(Steadiness, f64), DeviceError> {
     Ok((steadiness(&record), record.least_energy_j))
 }
 
-/// The largest stable stiffness, to 3 %.
+/// The largest stable stiffness, to 3 %, with at least half of the true force.
 ///
 /// # Errors
 /// None with sound mechanics.
@@ -82,12 +84,13 @@ pub fn stiffest(search: &Search) -> Result<Stiffest, DeviceError> {
     let mut first_bad = highest;
     let mut take = |k: f64| -> Result<bool, DeviceError> {
         let (steady, energy) = hold(search, k)?;
-        if steady.is_stable {
+        let counts = steady.is_stable && steady.force_ratio >= LEAST_RATIO;
+        if counts {
             found.k_max_n_per_m = k;
             found.least_energy_j = found.least_energy_j.min(energy);
             found.least_force_ratio = found.least_force_ratio.min(steady.force_ratio);
         }
-        Ok(steady.is_stable)
+        Ok(counts)
     };
     let mut last_good = 0.0;
     while k <= highest {

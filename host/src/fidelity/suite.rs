@@ -49,6 +49,11 @@ pub fn specs(extent: Extent) -> Vec<Spec> {
             }
         }
     }
+    for motion in [Motion::Presses, Motion::Taps, Motion::Tremor] {
+        for rendering in RENDERINGS {
+            specs.extend(RATES.map(|hz| Spec::errors(Place::Needle, motion, rendering, hz)));
+        }
+    }
     for rendering in RENDERINGS {
         for hz in RATES {
             specs.push(Spec::stiffest(rendering, hz, 1.0));
@@ -101,6 +106,11 @@ pub fn core(extent: Extent, guards: Guards) -> Vec<Spec> {
             specs.push(Spec::errors(Place::Palpation, motion, Rendering::Rows, hz));
         }
     }
+    for hz in [30.0, 60.0] {
+        for motion in [Motion::Presses, Motion::Taps] {
+            specs.push(Spec::errors(Place::Needle, motion, Rendering::Rows, hz));
+        }
+    }
     specs.push(Spec::stiffest(Rendering::Hold, 1000.0, 1.0).full());
     specs.push(Spec::stiffest(Rendering::Tangent, 30.0, 1.0));
     for scale in SCALES {
@@ -127,7 +137,9 @@ pub fn core(extent: Extent, guards: Guards) -> Vec<Spec> {
     }
     specs.push(Spec::gap(30.0));
     specs.push(Spec::gap(60.0));
-    specs.extend(Rogue::ALL.map(Spec::rogue));
+    for rogue in Rogue::ALL {
+        specs.extend([Motion::Hold, Motion::Presses, Motion::Throw].map(|m| Spec::rogue(rogue, m)));
+    }
     for spec in &mut specs {
         spec.guards = guards;
         if spec.question == Question::Errors {
@@ -288,6 +300,9 @@ impl Rule<'_> {
     }
 }
 
+/// A figure of a case, if it has it.
+type Figure = fn(&Case) -> Option<f64>;
+
 /// What the figures must be.
 pub fn bars(cases: &[Case]) -> Vec<Bar> {
     let mut bars = Vec::new();
@@ -306,10 +321,14 @@ pub fn bars(cases: &[Case]) -> Vec<Bar> {
         bars.extend(rule.judge(cases));
     };
     let lossless = |c: &Case| c.loss == 0.0 && c.burst_ms == 0.0 && c.reordered == 0.0;
-    for hand in Motion::NAMED.map(Motion::name) {
+    let hands = Motion::NAMED.map(|motion| ("palpation", motion.name()));
+    for (scene, hand) in hands
+        .into_iter()
+        .chain([("needle", "presses"), ("needle", "taps")])
+    {
         for (hz, rms) in [(60.0, 1.5), (30.0, 3.0)] {
             let counts = |c: &Case| {
-                c.scene == "palpation"
+                c.scene == scene
                     && c.rendering == "rows"
                     && c.hand == hand
                     && c.grasp == "rigid"
@@ -318,30 +337,20 @@ pub fn bars(cases: &[Case]) -> Vec<Bar> {
                     && c.tangent_scale == 1.0
                     && lossless(c)
             };
-            let name = |what: &str| format!("palpation {hand} rows {hz:.0} Hz {what}");
-            rule(
-                &name("rms %"),
-                &counts,
-                &|c| Some(c.errors?.rms_pct),
-                false,
-                rms,
+            let name = |what: &str| format!("{scene} {hand} rows {hz:.0} Hz {what}");
+            let (rms_of, peak, step): (Figure, Figure, Figure) = (
+                |c| Some(c.errors?.rms_pct),
+                |c| Some(c.errors?.peak_pct),
+                |c| Some(c.errors?.step_pct),
             );
+            rule(&name("rms %"), &counts, &rms_of, false, rms);
             if hz == 60.0 {
-                rule(
-                    &name("peak %"),
-                    &counts,
-                    &|c| Some(c.errors?.peak_pct),
-                    false,
-                    7.0,
-                );
-                rule(
-                    &name("step %"),
-                    &counts,
-                    &|c| Some(c.errors?.step_pct),
-                    false,
-                    1.0,
-                );
+                rule(&name("peak %"), &counts, &peak, false, 7.0);
+                rule(&name("step %"), &counts, &step, false, 1.0);
             }
+            let punctured = |c: &Case| counts(c) && c.punctures.is_some();
+            let timing: Figure = |c| Some(c.punctures?.puncture_p95_ms);
+            rule(&name("puncture p95 ms"), &punctured, &timing, false, 8.0);
         }
     }
     let stability = |c: &Case| {
@@ -408,13 +417,6 @@ pub fn bars(cases: &[Case]) -> Vec<Bar> {
         false,
         0.0,
     );
-    rule(
-        "force over true 0.5 s after a gap",
-        &gap,
-        &|c| Some(c.recovery?.restored_ratio),
-        true,
-        0.9,
-    );
     let rogue = |c: &Case| c.question == "rogue";
     let device = Mechanics::LIGHT.description();
     let limit = |value: f32| 1.001 * f64::from(value);
@@ -441,11 +443,12 @@ pub fn bars(cases: &[Case]) -> Vec<Bar> {
         limit(device.max_power_w),
     );
     rule(
-        "rogue host: grip m/s",
+        "rogue host: ticks with torque beyond the speed limit",
         &rogue,
-        &|c| Some(c.peaks?.speed_peak_m_per_s),
+        &|c| Some(f64::from(c.peaks?.ticks_too_fast)),
         false,
-        1.2 * f64::from(device.max_grip_speed_m_per_s),
+        // Five are a fault, and the estimate of the velocity comes after the motion.
+        10.0,
     );
     bars
 }

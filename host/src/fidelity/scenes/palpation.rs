@@ -62,7 +62,7 @@ impl Scene for Palpation {
         [0.0, 0.0, self.shared.radius_m]
     }
 
-    fn start(&self, most_rows: usize) -> Box<dyn Truth> {
+    fn start(&self, most_rows: usize, ahead_s: f64) -> Box<dyn Truth> {
         let shared = Arc::clone(&self.shared);
         let mut spare = shared.spare.lock().unwrap_or_else(PoisonError::into_inner);
         let workspace = spare.pop().unwrap_or_else(|| Workspace::new(&shared.model));
@@ -76,6 +76,7 @@ impl Scene for Palpation {
             // Not in real time: nothing waits for columns.
             work.vertices_per_step = usize::MAX;
             work.most_rows = most_rows;
+            work.ahead_s = ahead_s;
         }
         Box::new(solver)
     }

@@ -2,6 +2,8 @@
 //!
 //! Entry point: [`run`]. The cases and the bars are the library's; here they are chosen, printed and plotted.
 
+mod plots;
+
 use crate::failure::{Cause, Failure};
 use crate::{Format, Global};
 use clap::Args;
@@ -113,7 +115,7 @@ pub fn run(args: &FidelityArgs, global: &Global) -> Result<(), Failure> {
         guards,
     };
     if let Some(directory) = &args.plot {
-        write_files(&report, directory)?;
+        write_files(&report, &scenes, directory)?;
     }
     match global.format {
         Format::Json => say!("{}", serde_json::json!(report)),
@@ -200,14 +202,26 @@ fn print_text(report: &Report) {
         }
     }
     for case in &report.cases {
+        if let Some(p) = case.punctures {
+            say!(
+                "{}: {} punctures, felt within {:.0} ms (p95), {:.0} ms at most",
+                case.case,
+                p.punctures,
+                p.puncture_p95_ms,
+                p.puncture_max_ms
+            );
+        }
+    }
+    for case in &report.cases {
         if let Some(p) = case.peaks {
             say!(
-                "{}: {:.2} N, {:.0} N/s, {:.2} W, {:.2} m/s, faults {:#06x}",
-                case.scene,
+                "{}: {:.2} N, {:.0} N/s, {:.2} W, {:.2} m/s, {} ticks too fast, faults {:#06x}",
+                case.case,
                 p.force_peak_n,
                 p.slew_peak_n_per_s,
                 p.power_peak_w,
                 p.speed_peak_m_per_s,
+                p.ticks_too_fast,
                 p.faults
             );
         }
@@ -252,7 +266,7 @@ fn failures(mutant: &Mutant) -> String {
     fails.join("; ")
 }
 
-fn write_files(report: &Report, directory: &Path) -> Result<(), Failure> {
+fn write_files(report: &Report, scenes: &Scenes, directory: &Path) -> Result<(), Failure> {
     let write = |name: &str, text: String| {
         let path = directory.join(name);
         std::fs::write(&path, text).map_err(|error| unwritable(&path, &error))
@@ -262,7 +276,7 @@ fn write_files(report: &Report, directory: &Path) -> Result<(), Failure> {
     write("cases.csv", csv(&report.cases))?;
     write("bars.csv", csv(&report.bars))?;
     write("oracles.csv", csv(&report.oracles))?;
-    for (name, svg) in plots::all(&report.cases) {
+    for (name, svg) in plots::all(&report.cases, scenes) {
         write(&name, svg)?;
     }
     Ok(())

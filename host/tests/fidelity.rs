@@ -1,0 +1,90 @@
+//! The simulation of the force: that it tells good renderings from bad ones, and a few of the bars, in a form
+//! short enough for every run of the tests. `sutura fidelity` has them all.
+
+use sutura_host::fidelity::case::{Case, Place, Scenes, Spec, all_but};
+use sutura_host::fidelity::hand::{Grasp, Motion};
+use sutura_host::fidelity::link::LinkSpec;
+use sutura_host::fidelity::suite::{bars, measure};
+use sutura_shared::control::Rendering;
+
+fn run(specs: &[Spec]) -> Vec<Case> {
+    let scenes = Scenes::load().expect("the shipped scene");
+    let cases = measure(specs, &scenes, 1, &|_, _| {}).expect("sound mechanics");
+    for case in &cases {
+        println!("{case:?}");
+    }
+    cases
+}
+
+fn rms(case: &Case) -> f64 {
+    case.errors.expect("errors were asked for").rms_pct
+}
+
+/// What every published comparison rests on: a held force is far off, the tangent follows.
+#[test]
+fn the_tangent_is_many_times_truer_than_a_held_force() {
+    let of = |rendering| Spec {
+        seconds: 1.5,
+        ..Spec::errors(Place::Point, Motion::Presses, rendering, 60.0)
+    };
+    let full = of(Rendering::Hold).full();
+    let cases = run(&[of(Rendering::Hold), of(Rendering::Tangent), full]);
+    let [hold, tangent, full] = [0, 1, 2].map(|i: usize| rms(&cases[i]));
+    // A speed of 38 mm/s held for 25 ms on average, over 10 mm.
+    assert!((5.0..15.0).contains(&hold), "{hold}");
+    assert!(tangent < 0.2 * hold && tangent < 1.5, "{tangent}");
+    // A tick and a half of delay at the same speed, but nothing else.
+    assert!(full < 0.7, "{full}");
+}
+
+#[test]
+fn the_real_solver_behind_a_late_link_meets_its_bars_in_presses() {
+    let spec = Spec {
+        seconds: 1.2,
+        ..Spec::errors(Place::Palpation, Motion::Presses, Rendering::Rows, 60.0)
+    };
+    let cases = run(&[spec]);
+    let bars = bars(&cases);
+    assert_eq!(bars.len(), 3, "{bars:?}");
+    assert!(bars.iter().all(|bar| bar.ok), "{bars:?}");
+}
+
+/// The same seeds, the same figures.
+#[test]
+fn a_run_can_be_repeated() {
+    let spec = Spec {
+        seconds: 0.5,
+        grasp: Grasp::PEN,
+        link: LinkSpec {
+            loss: 0.2,
+            jitter_s: 5e-3,
+            reordered: 0.2,
+            ..LinkSpec::ideal(60.0)
+        },
+        ..Spec::errors(Place::Point, Motion::Taps, Rendering::Rows, 60.0)
+    };
+    let cases = run(&[spec, spec]);
+    assert_eq!(cases[0], cases[1]);
+}
+
+/// Stiff tissue at 30 Hz: the held force loses nearly all of what the full loop can, the tangent keeps it, also
+/// if it is wrong; without the guard that learns from frames it does not.
+#[test]
+fn the_tangent_keeps_the_stiffness_of_the_full_loop() {
+    let wrong = Spec::stiffest(Rendering::Tangent, 30.0, 2.0);
+    let cases = run(&[
+        Spec::stiffest(Rendering::Hold, 1000.0, 1.0).full(),
+        Spec::stiffest(Rendering::Hold, 30.0, 1.0),
+        Spec::stiffest(Rendering::Tangent, 30.0, 1.0),
+        wrong,
+        Spec {
+            guards: all_but("trust"),
+            ..wrong
+        },
+    ]);
+    let ratio = |i: usize| cases[i].k_ratio.expect("stiffness was asked for");
+    assert!(ratio(1) < 0.2, "{}", ratio(1));
+    assert!(ratio(2) > 0.9, "{}", ratio(2));
+    assert!(ratio(3) > 0.5, "{}", ratio(3));
+    assert!(ratio(4) < 0.5, "{}", ratio(4));
+}
