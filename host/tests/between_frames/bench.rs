@@ -87,6 +87,10 @@ fn punctures(solver: &TissueSolver) -> u64 {
 /// A solver that has come so far, a step every 5 ms.
 fn begin(scene: &Scene, hand: Hand, start: u64) -> TissueSolver {
     let mut solver = TissueSolver::new(scene).unwrap();
+    // The tool takes a needle where the scene's hand begins.
+    let first = scene.hand.as_ref().unwrap().way_points[0].position_m;
+    let there = Vector3::from(first).map(f64::from);
+    solver.solve(&state(&|_| there, 0));
     for tick in (0..start).step_by(5) {
         solver.solve(&state(hand, tick));
     }

@@ -23,6 +23,9 @@ const STICKS: [&str; 2] = [
 /// Where the grip is when the tip touches the upper slab \[m\].
 const ORIGIN_M: [f64; 3] = [0.0011, 0.0007, 0.052];
 
+/// Where it holds the needle's end before the first step \[m\].
+const HELD_M: [f64; 3] = [0.0011, 0.0007, 0.06];
+
 /// The scene, read.
 #[derive(Clone)]
 pub struct NeedleSlabs {
@@ -56,9 +59,18 @@ impl Scene for NeedleSlabs {
     }
 
     fn start(&self, _most_rows: usize, _ahead_s: f64) -> Box<dyn Truth> {
-        Box::new(Session {
-            solver: TissueSolver::new(&self.scene).ok(),
-        })
+        let mut solver = TissueSolver::new(&self.scene).ok();
+        // The tool takes the needle where both are at first, wherever the hand begins then.
+        let begin = Sample {
+            time_s: 0.0,
+            position_m: HELD_M,
+            orientation: [0.0, 0.0, 0.0, 1.0],
+            velocity_m_per_s: [0.0; 3],
+        };
+        if let (Some(solver), Some(state)) = (&mut solver, state(&begin)) {
+            solver.solve(&state);
+        }
+        Box::new(Session { solver })
     }
 }
 
