@@ -136,7 +136,15 @@ impl Passivity {
             allowed *= share;
         }
         if self.guards.damping && share < 1.0 {
-            allowed -= self.damper(pose, velocity) * (1.0 - share);
+            let damping = self.damper(pose, velocity) * (1.0 - share);
+            // What lets go of the tool must not hold it.
+            let against_n = dot(&damping, wanted) / size;
+            let most_n = 0.25 * share * size;
+            allowed -= if against_n > most_n {
+                damping * (most_n / against_n)
+            } else {
+                damping
+            };
         }
         allowed
     }
