@@ -37,7 +37,7 @@ const LOOK_ROWS: f64 = 60.0;
 const LOOK_THREADS: f64 = 3.0;
 /// Most steps of one look, forward and backward, and how long they are wanted on average \[m\].
 const LOOK_STEPS: [usize; 2] = [12, 7];
-const LOOK_STEP_M: f64 = 8e-4;
+
 /// So much slack is looked through to the taut thread \[m\], and so far into that, in turn \[m\].
 const NEARLY_TAUT_M: f64 = 0.01;
 const TIGHTENING_M: [f64; 3] = [2e-4, 5e-4, 1e-3];
@@ -48,10 +48,10 @@ const PIECE_US: u64 = 2_000;
 /// With fewer, both ways together, friction and stiffness say as much.
 const LOOK_LEAST: usize = 4;
 /// A frame is in use until it is so many periods old, or for so long \[us\].
-const LOOK_PERIODS: f64 = 3.0;
+const LOOK_PERIODS: f64 = 2.2;
 const LOOK_MOST_US: f64 = 150e3;
 /// A hand that rests sets out, and a moving one gets faster, by this \[m/s^2\]; and a little more \[m\].
-const LOOK_HAND_M_PER_S2: f64 = 10.0;
+const LOOK_HAND_M_PER_S2: f64 = 3.0;
 const LOOK_MARGIN_M: f64 = 5e-4;
 /// Farther than this a look is too coarse, forward and backward \[m\].
 const LOOK_MOST_M: [f64; 2] = [0.012, 0.008];
@@ -360,16 +360,16 @@ impl TissueSolver {
             reach(speed_m_per_s, LOOK_MOST_M[0]),
             reach(-speed_m_per_s, LOOK_MOST_M[1]),
         ];
-        let steps = [0, 1].map(|side: usize| {
-            let wanted = (reach_m[side] / LOOK_STEP_M).ceil() as usize;
-            let share = affordable * (2 - side) / 3;
-            wanted.clamp(2, LOOK_STEPS[side]).min(share.max(1))
+        let goes_back = speed_m_per_s < 0.0;
+        let steps = [goes_back, !goes_back].map(|aside| {
+            let side = usize::from(aside);
+            (affordable * (2 - side) / 3).clamp(1, LOOK_STEPS[side])
         });
         Some(Look {
             reach_m,
             steps,
             speed_m_per_s: speed_m_per_s.abs(),
-            goes_back: speed_m_per_s < 0.0,
+            goes_back,
         })
     }
 

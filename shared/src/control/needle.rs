@@ -321,7 +321,8 @@ impl LocalNeedle {
     /// Keeps where the grip is, every so often.
     fn note(&mut self, slide_m: f32, now_us: u64) {
         let time_us = now_us as u32;
-        let newest = self.places().last();
+        let newest = self.past.get((self.next + PAST - 1) % PAST);
+        let newest = newest.filter(|_| self.known > 0);
         let due = newest.is_none_or(|last| time_us.wrapping_sub(last.time_us) >= PAST_US);
         if due {
             self.keep(Place { time_us, slide_m });
@@ -338,7 +339,7 @@ impl LocalNeedle {
 
     /// What is kept, the oldest first.
     fn places(&self) -> impl Iterator<Item = &Place> {
-        let (newer, older) = self.past.split_at(self.next);
+        let (newer, older) = self.past.split_at_checked(self.next).unwrap_or_default();
         let older = older.iter().take(self.known.saturating_sub(self.next));
         older.chain(newer.iter().skip(self.next.saturating_sub(self.known)))
     }
