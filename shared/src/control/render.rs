@@ -197,7 +197,7 @@ impl Render {
         let dx = contact.moved_to(&at);
         let tangent = self.by_tangent(&contact, &dx, now_us);
         let model = if self.tuning.rendering == Rendering::Rows {
-            self.solved(&contact, &dx, tangent, now_us)
+            self.solved(&contact, grip, &dx, tangent, now_us)
         } else {
             tangent
         };
@@ -234,13 +234,16 @@ impl Render {
     fn solved(
         &mut self,
         contact: &LocalContact,
+        grip: &Grip,
         dx: &[f32; 6],
         tangent: Vec3,
         now_us: u64,
     ) -> Vec3 {
         let mut force = tangent;
         if let Some(needle) = &mut self.needle {
-            force += linear_part(&needle.correction(dx, now_us));
+            // Slips where the grip is: where it would get at this speed, it need not.
+            needle.follow(&contact.moved_to(grip), now_us);
+            force += linear_part(&needle.lacking(dx, now_us));
         }
         if let Some(thread) = &self.thread {
             force += linear_part(&thread.correction(dx, now_us));
