@@ -152,7 +152,8 @@ pub fn core(extent: Extent, guards: Guards) -> Vec<Spec> {
     }
     for spec in &mut specs {
         spec.guards = guards;
-        if spec.question == Question::Errors {
+        // The suture is drawn together in four seconds.
+        if spec.question == Question::Errors && spec.place != Place::Thread {
             spec.seconds = seconds;
         }
     }
