@@ -12,6 +12,7 @@ use super::scenes::needle::NeedleSlabs;
 use super::scenes::palpation::Palpation;
 use super::scenes::point::Point;
 use super::scenes::rogue::Rogue;
+use super::scenes::thread::WoundSlabs;
 use super::stiffest::{Search, stiffest};
 use crate::scene::SceneError;
 use crate::session::{LINE_BYTES_PER_S, most_rows};
@@ -30,6 +31,8 @@ pub enum Place {
     Palpation,
     /// [`NeedleSlabs`].
     Needle,
+    /// [`WoundSlabs`].
+    Thread,
     /// [`Rogue`].
     Rogue(Rogue),
 }
@@ -139,6 +142,7 @@ pub struct Case {
 pub struct Scenes {
     palpation: Palpation,
     needle: NeedleSlabs,
+    thread: WoundSlabs,
     known: Mutex<HashMap<(Place, Motion, u32), Known>>,
 }
 
@@ -154,6 +158,7 @@ impl Scenes {
         Ok(Scenes {
             palpation: Palpation::load()?,
             needle: NeedleSlabs::load()?,
+            thread: WoundSlabs::load()?,
             known: Mutex::default(),
         })
     }
@@ -163,6 +168,7 @@ impl Scenes {
             Place::Point => &Point::TISSUE,
             Place::Palpation => &self.palpation,
             Place::Needle => &self.needle,
+            Place::Thread => &self.thread,
             Place::Rogue(rogue) => rogue,
         }
     }
@@ -325,6 +331,7 @@ impl Spec {
                 Place::Point => "point".to_owned(),
                 Place::Palpation => "palpation".to_owned(),
                 Place::Needle => "needle".to_owned(),
+                Place::Thread => "thread".to_owned(),
                 Place::Rogue(rogue) => rogue.name().to_owned(),
             },
             hand: self.motion.name(),

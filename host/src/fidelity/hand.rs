@@ -17,6 +17,8 @@ pub enum Motion {
     Tremor,
     /// 10 mm deep in half a second, held there.
     Hold,
+    /// Drawn out at 7.3 mm/s, and to and fro by 6 mm at 1 Hz: lets go by 2.8 mm and pulls again by 10 mm.
+    Pulls,
     /// 70 mm up and down at 4 Hz: 1.8 m/s, which no console should go along with.
     Throw,
 }
@@ -38,6 +40,7 @@ impl Motion {
             Motion::Strokes => "strokes",
             Motion::Tremor => "tremor",
             Motion::Hold => "hold",
+            Motion::Pulls => "pulls",
             Motion::Throw => "throw",
         }
     }
@@ -64,6 +67,10 @@ impl Motion {
                 [0.0, 0.0, 2e-3 - 7e-3 * ramp(time_s / 0.5) + shake]
             }
             Motion::Hold => [0.0, 0.0, 2e-3 - 12e-3 * ramp(time_s / 0.5)],
+            Motion::Pulls => {
+                let back = 3e-3 * (1.0 - (2.0 * PI * time_s).cos());
+                [0.0, 0.0, 22e-3 / 3.0 * time_s - back]
+            }
             Motion::Throw => [0.0, 0.0, 70e-3 * (8.0 * PI * time_s).cos()],
         }
     }
@@ -183,6 +190,7 @@ mod tests {
             Motion::Strokes,
             Motion::Tremor,
             Motion::Hold,
+            Motion::Pulls,
         ] {
             for i in 0..40_000 {
                 let time = f64::from(i) * 1e-4;

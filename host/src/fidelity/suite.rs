@@ -55,6 +55,10 @@ pub fn specs(extent: Extent) -> Vec<Spec> {
         }
     }
     for rendering in RENDERINGS {
+        let pulled = |hz| Spec::errors(Place::Thread, Motion::Pulls, rendering, hz);
+        specs.extend([30.0, 60.0].map(pulled));
+    }
+    for rendering in RENDERINGS {
         for hz in RATES {
             specs.push(Spec::stiffest(rendering, hz, 1.0));
         }
@@ -110,6 +114,12 @@ pub fn core(extent: Extent, guards: Guards) -> Vec<Spec> {
         for motion in [Motion::Presses, Motion::Taps] {
             specs.push(Spec::errors(Place::Needle, motion, Rendering::Rows, hz));
         }
+        specs.push(Spec::errors(
+            Place::Thread,
+            Motion::Pulls,
+            Rendering::Rows,
+            hz,
+        ));
     }
     specs.push(Spec::stiffest(Rendering::Hold, 1000.0, 1.0).full());
     specs.push(Spec::stiffest(Rendering::Tangent, 30.0, 1.0));
@@ -142,7 +152,8 @@ pub fn core(extent: Extent, guards: Guards) -> Vec<Spec> {
     }
     for spec in &mut specs {
         spec.guards = guards;
-        if spec.question == Question::Errors {
+        // The suture is drawn together in four seconds.
+        if spec.question == Question::Errors && spec.place != Place::Thread {
             spec.seconds = seconds;
         }
     }
@@ -322,10 +333,11 @@ pub fn bars(cases: &[Case]) -> Vec<Bar> {
     };
     let lossless = |c: &Case| c.loss == 0.0 && c.burst_ms == 0.0 && c.reordered == 0.0;
     let hands = Motion::NAMED.map(|motion| ("palpation", motion.name()));
-    for (scene, hand) in hands
-        .into_iter()
-        .chain([("needle", "presses"), ("needle", "taps")])
-    {
+    for (scene, hand) in hands.into_iter().chain([
+        ("needle", "presses"),
+        ("needle", "taps"),
+        ("thread", "pulls"),
+    ]) {
         for (hz, rms) in [(60.0, 1.5), (30.0, 3.0)] {
             let counts = |c: &Case| {
                 c.scene == scene

@@ -30,7 +30,7 @@ pub use setup::{Plan, SessionError};
 pub use summary::{Age, Energy, Force, Frames, Latency, StepTime, Summary};
 pub use tally::{Tally, mode_word};
 pub use thread_frame::{HeldThread, thread_frame};
-pub use tissue::TissueSolver;
+pub use tissue::{Moment, TissueSolver};
 
 use crate::link::Felt;
 use crate::step::{Stages, Status, ToolContact, ToolRows};

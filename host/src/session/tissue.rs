@@ -78,6 +78,20 @@ pub struct TissueSolver {
     last_good: StepReport,
 }
 
+/// A solver's state between two steps, for others of the same scene to go on from.
+pub struct Moment {
+    state: step::State,
+    script: Script,
+    began_us: Option<u64>,
+    deepest: Deepest,
+    needles: Vec<NeedleTally>,
+    wound: Option<Wound>,
+    peak_tension_n: Vec<f64>,
+    last_sample: Option<ToolSample>,
+    last: StepReport,
+    last_good: StepReport,
+}
+
 /// What the session's hardest press looked like.
 #[derive(Clone, Copy, Debug, Default)]
 struct Deepest {
@@ -219,6 +233,36 @@ impl TissueSolver {
     pub fn punctures(&self) -> u32 {
         let punctures = self.needles.iter().map(|needle| needle.last.punctures);
         punctures.sum()
+    }
+
+    /// Where it is now.
+    pub fn moment(&self) -> Moment {
+        Moment {
+            state: self.state.clone(),
+            script: self.script.clone(),
+            began_us: self.began_us,
+            deepest: self.deepest,
+            needles: self.needles.clone(),
+            wound: self.wound.clone(),
+            peak_tension_n: self.peak_tension_n.clone(),
+            last_sample: self.last_sample,
+            last: self.last,
+            last_good: self.last_good,
+        }
+    }
+
+    /// Goes on where another solver of the same scene was.
+    pub fn go_on_from(&mut self, moment: &Moment) {
+        self.state.clone_from(&moment.state);
+        self.script.clone_from(&moment.script);
+        self.began_us = moment.began_us;
+        self.deepest = moment.deepest;
+        self.needles.clone_from(&moment.needles);
+        self.wound.clone_from(&moment.wound);
+        self.peak_tension_n.clone_from(&moment.peak_tension_n);
+        self.last_sample = moment.last_sample;
+        self.last = moment.last;
+        self.last_good = moment.last_good;
     }
 
     /// The solver's parts, for what looks at them between steps.

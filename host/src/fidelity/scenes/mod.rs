@@ -4,6 +4,7 @@ pub mod needle;
 pub mod palpation;
 pub mod point;
 pub mod rogue;
+pub mod thread;
 
 use crate::step::ToolRows;
 use sutura_shared::wire::message::{Needle, Thread};

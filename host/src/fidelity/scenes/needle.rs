@@ -105,7 +105,7 @@ impl Truth for Session {
 const HORIZON_US: u32 = 150_000;
 
 /// What a console would have sent.
-fn state(sample: &Sample) -> Option<Valid<State>> {
+pub(super) fn state(sample: &Sample) -> Option<Valid<State>> {
     let header = Header {
         version: PROTOCOL_VERSION,
         kind: Kind::State,
