@@ -19,6 +19,8 @@ pub enum Motion {
     Hold,
     /// 70 mm up and down at 4 Hz: 1.8 m/s, which no console should go along with.
     Throw,
+    /// 40 mm up and down at 4 Hz: 1 m/s, as fast as a hand goes.
+    Swing,
 }
 
 impl Motion {
@@ -39,6 +41,7 @@ impl Motion {
             Motion::Tremor => "tremor",
             Motion::Hold => "hold",
             Motion::Throw => "throw",
+            Motion::Swing => "swing",
         }
     }
 
@@ -65,6 +68,7 @@ impl Motion {
             }
             Motion::Hold => [0.0, 0.0, 2e-3 - 12e-3 * ramp(time_s / 0.5)],
             Motion::Throw => [0.0, 0.0, 70e-3 * (8.0 * PI * time_s).cos()],
+            Motion::Swing => [0.0, 0.0, 40e-3 * (8.0 * PI * time_s).cos()],
         }
     }
 

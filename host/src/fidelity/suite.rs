@@ -137,7 +137,8 @@ pub fn core(extent: Extent, guards: Guards) -> Vec<Spec> {
     }
     specs.push(Spec::gap(30.0));
     specs.push(Spec::gap(60.0));
-    for rogue in Rogue::ALL {
+    specs.extend(guarded(seconds));
+    for rogue in Rogue::WILD {
         specs.extend([Motion::Hold, Motion::Presses, Motion::Throw].map(|m| Spec::rogue(rogue, m)));
     }
     for spec in &mut specs {
@@ -146,6 +147,36 @@ pub fn core(extent: Extent, guards: Guards) -> Vec<Spec> {
             spec.seconds = seconds;
         }
     }
+    specs
+}
+
+/// What shows what single guards are for.
+pub fn guarded(seconds: f64) -> Vec<Spec> {
+    let mut specs = Vec::new();
+    for (motion, hz) in [(Motion::Presses, 30.0), (Motion::Presses, 60.0)] {
+        specs.extend([0.5, 2.0].map(|tangent_scale| Spec {
+            tangent_scale,
+            seconds,
+            ..Spec::errors(Place::Point, motion, Rendering::Tangent, hz)
+        }));
+    }
+    let [lossy, ..] = bad_links();
+    specs.push(Spec {
+        grasp: Grasp::PEN,
+        link: lossy,
+        seconds,
+        ..Spec::errors(Place::Gristle, Motion::Tremor, Rendering::Tangent, 60.0)
+    });
+    specs.push(Spec {
+        seconds,
+        ..Spec::errors(Place::Rogue(Rogue::Rows), Motion::Presses, Rendering::Rows, 100.0)
+    });
+    specs.push(Spec::rogue(Rogue::Stiff, Motion::Presses));
+    specs.push(Spec::rogue(Rogue::Slope, Motion::Swing));
+    specs.push(Spec {
+        mechanics: Mechanics::WEAK,
+        ..Spec::rogue(Rogue::Stiff, Motion::Swing)
+    });
     specs
 }
 
