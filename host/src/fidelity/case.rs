@@ -331,7 +331,7 @@ impl Spec {
                 Place::Gristle => "gristle".to_owned(),
                 Place::Palpation => "palpation".to_owned(),
                 Place::Needle => "needle".to_owned(),
-                Place::Rogue(rogue) => rogue.name().to_owned(),
+                Place::Rogue(rogue) => rogue.scene_name().to_owned(),
             },
             hand: self.motion.name(),
             grasp: match self.grasp {

@@ -25,10 +25,9 @@ pub enum Rogue {
 impl Rogue {
     /// Those that nothing is known of.
     pub const WILD: [Rogue; 3] = [Rogue::Push, Rogue::Shaker, Rogue::Noise];
-}
 
-impl Scene for Rogue {
-    fn name(&self) -> &'static str {
+    /// As tables print it.
+    pub fn scene_name(self) -> &'static str {
         match self {
             Rogue::Push => "rogue-push",
             Rogue::Shaker => "rogue-shaker",
@@ -37,6 +36,12 @@ impl Scene for Rogue {
             Rogue::Slope => "rogue-slope",
             Rogue::Rows => "rogue-rows",
         }
+    }
+}
+
+impl Scene for Rogue {
+    fn name(&self) -> &'static str {
+        self.scene_name()
     }
 
     fn origin_m(&self) -> [f64; 3] {
@@ -60,7 +65,9 @@ struct Sender {
 
 /// A plane spring \[N/m\] through the origin.
 fn spring(k: f64, normal: [f64; 3], sample: &Sample) -> Solution {
-    let height: f64 = (0..3).map(|i: usize| normal[i] * sample.position_m[i]).sum();
+    let height: f64 = (0..3)
+        .map(|i: usize| normal[i] * sample.position_m[i])
+        .sum();
     let mut solution = Solution::nothing(height);
     solution.normal = normal;
     for i in 0..3 {
