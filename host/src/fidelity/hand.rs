@@ -21,6 +21,8 @@ pub enum Motion {
     Pulls,
     /// 70 mm up and down at 4 Hz: 1.8 m/s, which no console should go along with.
     Throw,
+    /// 40 mm up and down at 4 Hz: 1 m/s, as fast as a hand goes.
+    Swing,
 }
 
 impl Motion {
@@ -42,6 +44,7 @@ impl Motion {
             Motion::Hold => "hold",
             Motion::Pulls => "pulls",
             Motion::Throw => "throw",
+            Motion::Swing => "swing",
         }
     }
 
@@ -72,6 +75,7 @@ impl Motion {
                 [0.0, 0.0, 22e-3 / 3.0 * time_s - back]
             }
             Motion::Throw => [0.0, 0.0, 70e-3 * (8.0 * PI * time_s).cos()],
+            Motion::Swing => [0.0, 0.0, 40e-3 * (8.0 * PI * time_s).cos()],
         }
     }
 

@@ -185,12 +185,23 @@ fn points_of(visits: &[Visit], piece_m: f64, points: &mut Vec<[f64; 2]>) {
                 }
             }
         } else if holds && !held && to.way_m > from.way_m {
-            // The force grows from what it was, nothing or friction and cutting, since the face has been touched.
+            // The force goes on as it did, as nothing or as friction and cutting, until the face is touched.
             let stiffness = to.report.stiffness_n_per_m[1].max(1e-3);
-            let since_m = (from.report.axial_n - to.report.axial_n) / stiffness;
-            let way_m = (to.way_m - since_m).clamp(from.way_m, to.way_m);
+            let slope = before
+                .filter(|before| before.report.slides && from.report.slides)
+                .filter(|before| before.way_m < from.way_m)
+                .map_or(0.0, |before| {
+                    let gained_n = from.report.axial_n - before.report.axial_n;
+                    gained_n / (from.way_m - before.way_m)
+                });
+            let step_m = to.way_m - from.way_m;
+            let meets_n = to.report.axial_n + stiffness * step_m - from.report.axial_n;
+            let rises = (slope + stiffness).max(1e-3);
+            let since_m = (meets_n / rises).clamp(0.0, step_m);
+            let way_m = from.way_m + since_m;
+            let axial_n = from.report.axial_n + slope * since_m;
             if points.last().is_none_or(|last| last[0] < way_m) {
-                points.push([way_m, from.report.axial_n]);
+                points.push([way_m, axial_n]);
             }
         }
         // Friction is that of the depth at which the last piece of a step began: what is found belongs there.

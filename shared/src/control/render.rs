@@ -3,7 +3,7 @@
 //! Entry points: [`Render::take`] when a frame has come, [`Render::force`] every tick. It asks for one evaluation
 //! of the local model a tick, also when the model changes: the old one is continued by the new one's tangent.
 
-use super::contact::{Freshness, LocalContact};
+use super::contact::{Freshness, LocalContact, STRONGEST_N};
 use super::needle::LocalNeedle;
 use super::rows::ContactRows;
 use super::thread::LocalThread;
@@ -56,7 +56,11 @@ impl Render {
     pub fn new(max_force_n: f32, delay_s: f32, tuning: Tuning) -> Self {
         Render {
             tuning,
-            max_force_n,
+            max_force_n: if tuning.guards.force {
+                max_force_n
+            } else {
+                STRONGEST_N
+            },
             lead_s: if tuning.guards.lead {
                 delay_s + 0.5 * TICK_S
             } else {
