@@ -121,7 +121,7 @@ mod tests {
     /// What runs start from is where the sewing ended, and pulling pulls.
     #[test]
     fn a_run_goes_on_from_the_sewn_suture() {
-        let scene = WoundSlabs::load().unwrap();
+        let scene = WoundSlabs::load().expect("the shipped scene");
         let mut one = scene.start(0, 0.0);
         let mut other = scene.start(0, 0.0);
         let mut most_n = 0.0_f64;
@@ -133,7 +133,7 @@ mod tests {
                 orientation: [0.0, 0.0, 0.0, 1.0],
                 velocity_m_per_s: [0.0; 3],
             };
-            let found = one.solve(&sample).unwrap();
+            let found = one.solve(&sample).expect("a balance");
             let [x, y, z, ..] = found.wrench;
             most_n = most_n.max((x * x + y * y + z * z).sqrt());
             assert_eq!(found.punctures, 16);
