@@ -1,10 +1,10 @@
 //! The simulation of the force: that it tells good renderings from bad ones, and a few of the bars, in a form
 //! short enough for every run of the tests. `sutura fidelity` has them all.
 
-use sutura_host::fidelity::case::{Case, Place, Scenes, Spec};
+use sutura_host::fidelity::case::{Case, Place, Question, Scenes, Spec, all_but};
 use sutura_host::fidelity::hand::{Grasp, Motion};
 use sutura_host::fidelity::link::LinkSpec;
-use sutura_host::fidelity::suite::{bars, measure};
+use sutura_host::fidelity::suite::{Bar, bars, guarded, measure};
 use sutura_shared::control::Rendering;
 
 fn run(specs: &[Spec]) -> Vec<Case> {
@@ -112,4 +112,42 @@ fn a_sutures_pull_meets_its_bars() {
     let bars = bars(&cases);
     assert_eq!(bars.len(), 3, "{bars:?}");
     assert!(bars.iter().all(|bar| bar.ok), "{bars:?}");
+}
+
+/// Without one guard the bar that shows what it is for fails, and with all of them it does not.
+#[test]
+fn a_bar_fails_without_its_guard() {
+    let cheap: Vec<Spec> = guarded(1.2)
+        .into_iter()
+        .filter(|spec| spec.question != Question::Stiffest && spec.place != Place::Gristle)
+        .collect();
+    let failing = |bars: &[Bar]| {
+        let failing = bars.iter().filter(|bar| !bar.ok);
+        failing.map(|bar| bar.name.clone()).collect::<Vec<_>>()
+    };
+    let with_all = bars(&run(&cheap));
+    assert_eq!(failing(&with_all), [""; 0], "{with_all:?}");
+    for (guard, bar) in [
+        (
+            "trust",
+            "point presses and tremor, tangent x0.5 and x2, rms %",
+        ),
+        ("force", "rogue host: force N"),
+        ("slew", "hard slope: force across it while it grows N"),
+        ("power", "rogue host: power W, console of 5 W"),
+        ("residual", "rows that nobody can solve: rms %"),
+    ] {
+        let specs: Vec<Spec> = cheap
+            .iter()
+            .map(|spec| Spec {
+                guards: all_but(guard),
+                ..*spec
+            })
+            .collect();
+        let failing = failing(&bars(&run(&specs)));
+        assert!(
+            failing.iter().any(|name| name == bar),
+            "{guard}: {failing:?}"
+        );
+    }
 }

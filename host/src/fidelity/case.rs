@@ -27,6 +27,8 @@ use sutura_shared::device::DeviceError;
 pub enum Place {
     /// [`Point`].
     Point,
+    /// [`Point::GRISTLE`].
+    Gristle,
     /// [`Palpation`].
     Palpation,
     /// [`NeedleSlabs`].
@@ -110,6 +112,8 @@ pub struct Case {
     pub most_rows: usize,
     /// Damping of the console \[N s/m\].
     pub device_damping_n_s_per_m: f64,
+    /// Most power of the console \[W\].
+    pub device_max_power_w: f64,
     /// Guards that are off.
     pub guards_off: Vec<&'static str>,
     /// Errors, if asked for.
@@ -166,6 +170,7 @@ impl Scenes {
     fn at<'a>(&'a self, place: &'a Place) -> &'a dyn Scene {
         match place {
             Place::Point => &Point::TISSUE,
+            Place::Gristle => &Point::GRISTLE,
             Place::Palpation => &self.palpation,
             Place::Needle => &self.needle,
             Place::Thread => &self.thread,
@@ -329,10 +334,11 @@ impl Spec {
             },
             scene: match self.place {
                 Place::Point => "point".to_owned(),
+                Place::Gristle => "gristle".to_owned(),
                 Place::Palpation => "palpation".to_owned(),
                 Place::Needle => "needle".to_owned(),
                 Place::Thread => "thread".to_owned(),
-                Place::Rogue(rogue) => rogue.name().to_owned(),
+                Place::Rogue(rogue) => rogue.scene_name().to_owned(),
             },
             hand: self.motion.name(),
             grasp: match self.grasp {
@@ -356,6 +362,7 @@ impl Spec {
             tangent_scale: self.tangent_scale,
             most_rows: self.rows(),
             device_damping_n_s_per_m: self.mechanics.damping_n_s_per_m,
+            device_max_power_w: self.mechanics.max_power_w,
             guards_off: guards_by_name(&self.guards)
                 .into_iter()
                 .filter_map(|(name, on)| (!on).then_some(name))
@@ -459,6 +466,9 @@ impl Case {
         }
         if self.device_damping_n_s_per_m != Mechanics::LIGHT.damping_n_s_per_m {
             words.push(format!("b-{}", self.device_damping_n_s_per_m));
+        }
+        if self.device_max_power_w != Mechanics::LIGHT.max_power_w {
+            words.push(format!("{}-w", self.device_max_power_w));
         }
         for name in &self.guards_off {
             words.push(format!("no-{name}"));

@@ -227,6 +227,8 @@ pub struct Peaks {
     pub force_peak_n: f64,
     /// Of the force at the grip \[N/s\].
     pub slew_peak_n_per_s: f64,
+    /// Part of the force across the line of the true one, while it grows \[N\].
+    pub across_peak_n: f64,
     /// Force times velocity, out of or into the console \[W\].
     pub power_peak_w: f64,
     /// Of the grip while the amplifiers were on \[m/s\].
@@ -242,6 +244,7 @@ pub fn peaks(record: &Record, fastest_m_per_s: f64) -> Peaks {
     let mut peaks = Peaks {
         force_peak_n: 0.0,
         slew_peak_n_per_s: 0.0,
+        across_peak_n: 0.0,
         power_peak_w: 0.0,
         speed_peak_m_per_s: 0.0,
         ticks_too_fast: 0,
@@ -253,6 +256,9 @@ pub fn peaks(record: &Record, fastest_m_per_s: f64) -> Peaks {
         let on = matches!(tick.mode, Mode::Armed | Mode::Decaying);
         let force = length(tick.command_n);
         peaks.force_peak_n = peaks.force_peak_n.max(force);
+        if force > length(before) {
+            peaks.across_peak_n = peaks.across_peak_n.max(across(tick));
+        }
         // To nothing at once is what a fault is for.
         if on {
             let slew = length(minus(tick.command_n, before)) / f64::from(TICK_S);
@@ -273,6 +279,17 @@ pub fn peaks(record: &Record, fastest_m_per_s: f64) -> Peaks {
         before = tick.command_n;
     }
     peaks
+}
+
+/// Part of the command across the line of the true force \[N\].
+fn across(tick: &Tick) -> f64 {
+    let along = length(tick.truth_n);
+    if along <= 0.0 {
+        return 0.0;
+    }
+    let pairs = tick.command_n.iter().zip(&tick.truth_n);
+    let share = pairs.map(|(f, t)| f * t).sum::<f64>() / (along * along);
+    length(minus(tick.command_n, tick.truth_n.map(|t| t * share)))
 }
 
 fn length(v: [f64; 3]) -> f64 {

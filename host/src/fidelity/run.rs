@@ -13,6 +13,7 @@ use crate::step::ToolRows;
 use sutura_shared::control::{ContactRows, Control, Fresh, Rendering, TickInput, Tuning};
 use sutura_shared::device::DeviceError;
 use sutura_shared::wire::message::{Command, Contact, Mode, State};
+use sutura_shared::wire::validate::MAX_POSITION;
 use sutura_shared::wire::{
     Header, Message, PROTOCOL_VERSION, Valid, ValidContact, ValidNeedle, ValidRows, ValidThread,
 };
@@ -357,7 +358,8 @@ impl<'a> Remote<'a> {
             orientation: sample.orientation.map(|x| x as f32),
             wrench: solution.wrench.map(|x| x as f32),
             tangent: pack_symmetric(&tangent),
-            gap_m: solution.gap_m as f32,
+            // As a session has it: where nothing is near the wire has its longest gap.
+            gap_m: solution.gap_m.clamp(0.0, f64::from(MAX_POSITION)) as f32,
             normal: solution.normal.map(|x| x as f32),
             relaxation_per_s: match rendering {
                 Rendering::Hold => 0.0,

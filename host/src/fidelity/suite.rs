@@ -147,7 +147,8 @@ pub fn core(extent: Extent, guards: Guards) -> Vec<Spec> {
     }
     specs.push(Spec::gap(30.0));
     specs.push(Spec::gap(60.0));
-    for rogue in Rogue::ALL {
+    specs.extend(guarded(seconds));
+    for rogue in Rogue::WILD {
         specs.extend([Motion::Hold, Motion::Presses, Motion::Throw].map(|m| Spec::rogue(rogue, m)));
     }
     for spec in &mut specs {
@@ -159,6 +160,45 @@ pub fn core(extent: Extent, guards: Guards) -> Vec<Spec> {
     }
     specs
 }
+
+/// What shows what single guards are for: wrong tangents (trust), a host that is slow, or sends forces alone
+/// (damping), rows that nobody can solve (residual), and forces that one limit bounds alone (force, slew, power).
+pub fn guarded(seconds: f64) -> Vec<Spec> {
+    let mut specs = Vec::new();
+    for motion in [Motion::Presses, Motion::Tremor] {
+        for (hz, tangent_scale) in [(30.0, 0.5), (30.0, 2.0), (60.0, 0.5), (60.0, 2.0)] {
+            specs.push(Spec {
+                tangent_scale,
+                ..Spec::errors(Place::Point, motion, Rendering::Tangent, hz)
+            });
+        }
+    }
+    specs.extend([0.5, 1.0, 2.0].map(|tangent_scale| Spec {
+        grasp: Grasp::PEN,
+        tangent_scale,
+        link: LinkSpec {
+            loss: 0.2,
+            ..LinkSpec::ideal(SLOW_HZ)
+        },
+        ..Spec::errors(Place::Gristle, Motion::Strokes, Rendering::Tangent, SLOW_HZ)
+    }));
+    let rows = Place::Rogue(Rogue::Rows);
+    specs.push(Spec::errors(rows, Motion::Presses, Rendering::Rows, 100.0));
+    for spec in &mut specs {
+        spec.seconds = seconds;
+    }
+    specs.push(Spec::stiffest(Rendering::Hold, 30.0, 1.0));
+    specs.push(Spec::rogue(Rogue::Stiff, Motion::Presses));
+    specs.push(Spec::rogue(Rogue::Slope, Motion::Swing));
+    specs.push(Spec {
+        mechanics: Mechanics::WEAK,
+        ..Spec::rogue(Rogue::Stiff, Motion::Swing)
+    });
+    specs
+}
+
+/// A host that is too slow for its scene \[1/s\].
+const SLOW_HZ: f64 = 15.0;
 
 /// Links that lose, stop and reorder.
 fn bad_links() -> [LinkSpec; 3] {
@@ -402,6 +442,51 @@ pub fn bars(cases: &[Case]) -> Vec<Bar> {
         true,
         0.5,
     );
+    let off = |c: &Case| {
+        c.question == "errors"
+            && c.rendering == "tangent"
+            && c.scene == "point"
+            && ["presses", "tremor"].contains(&c.hand)
+            && [30.0, 60.0].contains(&c.host_hz)
+            && [0.5, 2.0].contains(&c.tangent_scale)
+    };
+    let rms_of: Figure = |c| Some(c.errors?.rms_pct);
+    rule(
+        "point presses and tremor, tangent x0.5 and x2, rms %",
+        &off,
+        &rms_of,
+        false,
+        10.0,
+    );
+    let slow = |c: &Case| c.question == "errors" && c.scene == "gristle" && c.host_hz == SLOW_HZ;
+    rule(
+        "gristle strokes, pen hand, slow host, rms %",
+        &slow,
+        &rms_of,
+        false,
+        20.0,
+    );
+    let held = |c: &Case| {
+        c.question == "stability"
+            && c.rendering == "hold"
+            && c.host_hz == 30.0
+            && c.device_damping_n_s_per_m == Mechanics::LIGHT.damping_n_s_per_m
+    };
+    rule(
+        "stiffness 30 Hz, held force, of full",
+        &held,
+        &ratio,
+        true,
+        0.5,
+    );
+    let unsolvable = |c: &Case| c.scene == Rogue::Rows.scene_name();
+    rule(
+        "rows that nobody can solve: rms %",
+        &unsolvable,
+        &rms_of,
+        false,
+        5.0,
+    );
     for (grasp, scene) in [
         ("pen", "point"),
         ("pen", "palpation"),
@@ -448,9 +533,28 @@ pub fn bars(cases: &[Case]) -> Vec<Bar> {
         false,
         limit(slew),
     );
+    let slope = |c: &Case| rogue(c) && c.scene == Rogue::Slope.scene_name();
+    rule(
+        "hard slope: force across it while it grows N",
+        &slope,
+        &|c| Some(c.peaks?.across_peak_n),
+        false,
+        0.2,
+    );
+    let weak = Mechanics::WEAK.max_power_w;
+    let braked = |c: &Case| rogue(c) && c.device_max_power_w == weak;
+    rule(
+        "rogue host: power W, console of 5 W",
+        &braked,
+        &|c| Some(c.peaks?.power_peak_w),
+        false,
+        // The hand gains speed until the force acts.
+        1.1 * weak,
+    );
+    let strong = |c: &Case| rogue(c) && c.device_max_power_w > weak;
     rule(
         "rogue host: power W",
-        &rogue,
+        &strong,
         &|c| Some(c.peaks?.power_peak_w),
         false,
         limit(device.max_power_w),

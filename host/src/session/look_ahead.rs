@@ -13,7 +13,7 @@ use sutura_shared::wire::message::{COURSE_POINTS, Course};
 /// Most points of a course that are on the way forward, while the needle goes there, and while it goes back.
 const FORWARD_POINTS: [usize; 2] = [8, 5];
 /// The nearest is looked at most closely: steps grow with these powers of their number, forward and backward.
-const GROWTH: [f64; 2] = [1.5, 2.0];
+const GROWTH: [f64; 2] = [2.2, 2.2];
 
 /// Points within this way are as near as they can be \[m\].
 const NEAR_M: f64 = 5e-4;
@@ -47,6 +47,10 @@ pub(super) fn course(
     look: &Look,
     work: &mut Workspace,
 ) -> Course {
+    let piece_m = model
+        .needles
+        .as_ref()
+        .map_or(f64::MAX, |needles| needles.piece_m);
     let mut course = Course::default();
     let mut free = COURSE_POINTS;
     let mut next = 0;
@@ -57,7 +61,7 @@ pub(super) fn course(
         }];
         visit(model, state, samples, look, side, sign, &mut visits, work);
         let mut points = vec![[0.0, needle.axial_n]];
-        points_of(&visits, &mut points);
+        points_of(&visits, piece_m, &mut points);
         let kept = if side == 0 {
             FORWARD_POINTS[usize::from(look.goes_back)]
         } else {
@@ -147,7 +151,7 @@ fn slid(sample: &ToolSample, slide: &[f64; 6], way_m: f64) -> ToolSample {
 }
 
 /// Straight lines between what was visited; where the tip touches they bend, and where a boundary gives way they jump.
-fn points_of(visits: &[Visit], points: &mut Vec<[f64; 2]>) {
+fn points_of(visits: &[Visit], piece_m: f64, points: &mut Vec<[f64; 2]>) {
     let mut gave_way = false;
     for (index, pair) in visits.windows(2).enumerate() {
         let [from, to] = pair else {
@@ -168,23 +172,52 @@ fn points_of(visits: &[Visit], points: &mut Vec<[f64; 2]>) {
             if held {
                 let (way_m, axial_n) = threshold(before, from, to);
                 points.push([way_m, axial_n]);
-                points.push([way_m, past(way_m, to, after)]);
+                let left_n = past(way_m, to, after);
+                points.push([way_m, left_n]);
+                // What is seen by then sticks again at first, as stiff as all of it.
+                if let Some(after) = after.filter(|after| after.report.slides) {
+                    let stiffness = after.report.stiffness_n_per_m[0].max(1e-3);
+                    let stuck_m = (left_n - after.report.axial_n) / stiffness;
+                    if way_m + stuck_m < after.way_m && stuck_m > 0.0 {
+                        points.push([way_m + stuck_m, after.report.axial_n]);
+                        continue;
+                    }
+                }
             }
         } else if holds && !held && to.way_m > from.way_m {
-            // Without the face, friction alone is felt; of what is touched the force grows from nothing.
+            // The force goes on as it did, as nothing or as friction and cutting, until the face is touched.
             let stiffness = to.report.stiffness_n_per_m[1].max(1e-3);
-            let way_m = (to.way_m - to.report.hold_n / stiffness).clamp(from.way_m, to.way_m);
-            points.push([way_m, to.report.axial_n + to.report.hold_n]);
+            let slope = before
+                .filter(|before| before.report.slides && from.report.slides)
+                .filter(|before| before.way_m < from.way_m)
+                .map_or(0.0, |before| {
+                    let gained_n = from.report.axial_n - before.report.axial_n;
+                    gained_n / (from.way_m - before.way_m)
+                });
+            let step_m = to.way_m - from.way_m;
+            let meets_n = to.report.axial_n + stiffness * step_m - from.report.axial_n;
+            let rises = (slope + stiffness).max(1e-3);
+            let since_m = (meets_n / rises).clamp(0.0, step_m);
+            let way_m = from.way_m + since_m;
+            let axial_n = from.report.axial_n + slope * since_m;
+            if points.last().is_none_or(|last| last[0] < way_m) {
+                points.push([way_m, axial_n]);
+            }
         }
-        // Friction is that of the depth at which a step begins: the next one has what belongs here.
-        let rubs_on = after.filter(|after| {
-            let same = after.report.punctures == to.report.punctures;
-            let inside = [from, to, *after].map(|visit| visit.report.tip == TipPlace::Inside);
-            same && inside == [true; 3] && to.report.slides && after.report.slides
-        });
-        let axial_n = rubs_on.unwrap_or(to).report.axial_n;
-        let next = [to.way_m, axial_n];
-        if points.last() != Some(&next) {
+        // Friction is that of the depth at which the last piece of a step began: what is found belongs there.
+        let same = from.report.punctures == to.report.punctures;
+        let rubs_on = [from, to]
+            .iter()
+            .all(|visit| visit.report.tip == TipPlace::Inside && visit.report.slides);
+        let step_m = to.way_m - from.way_m;
+        let last_m = if same && rubs_on {
+            step_m / (step_m / piece_m).ceil().max(1.0)
+        } else {
+            0.0
+        };
+        let next = [to.way_m - last_m, to.report.axial_n];
+        // What lags behind what is known already says nothing new.
+        if points.last().is_none_or(|last| last[0] < next[0]) {
             points.push(next);
         }
     }
@@ -269,7 +302,7 @@ mod tests {
             visit(6e-3, TipPlace::Inside, -0.14, 0.0, 1),
         ];
         let mut points = Vec::new();
-        points_of(&visits, &mut points);
+        points_of(&visits, 1e-3, &mut points);
         let expected = [
             [1e-3, 0.0],
             [1.5e-3, 0.0],

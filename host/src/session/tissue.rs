@@ -36,7 +36,7 @@ const LOOK_ROWS: f64 = 60.0;
 /// And so many times as much where threads bend over tissue, for which all nodes are asked.
 const LOOK_THREADS: f64 = 3.0;
 /// Most steps of one look, forward and backward, and how long they are wanted on average \[m\].
-const LOOK_STEPS: [usize; 2] = [12, 7];
+const LOOK_STEPS: [usize; 2] = [16, 10];
 
 /// So much slack is looked through to the taut thread \[m\], and so far into that, in turn \[m\].
 const NEARLY_TAUT_M: f64 = 0.01;
@@ -51,7 +51,7 @@ const LOOK_LEAST: usize = 4;
 const LOOK_PERIODS: f64 = 2.2;
 const LOOK_MOST_US: f64 = 150e3;
 /// A hand that rests sets out, and a moving one gets faster, by this \[m/s^2\]; and a little more \[m\].
-const LOOK_HAND_M_PER_S2: f64 = 3.0;
+const LOOK_HAND_M_PER_S: f64 = 0.25;
 const LOOK_MARGIN_M: f64 = 5e-4;
 /// Farther than this a look is too coarse, forward and backward \[m\].
 const LOOK_MOST_M: [f64; 2] = [0.012, 0.008];
@@ -397,8 +397,7 @@ impl TissueSolver {
         let speed_m_per_s = (x * u + y * v + z * w) / square;
         let seconds = 1e-6 * (LOOK_PERIODS * period_us as f64).min(LOOK_MOST_US);
         let reach = |speed: f64, most_m: f64| {
-            let sets_out_m = 0.5 * LOOK_HAND_M_PER_S2 * seconds * seconds;
-            (LOOK_MARGIN_M + sets_out_m + speed.max(0.0) * seconds).min(most_m)
+            (LOOK_MARGIN_M + speed.max(LOOK_HAND_M_PER_S) * seconds).min(most_m)
         };
         let reach_m = [
             reach(speed_m_per_s, LOOK_MOST_M[0]),

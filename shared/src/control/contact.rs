@@ -11,7 +11,7 @@ use crate::math::{Vec3, dot, max, shortened};
 use crate::wire::ValidContact;
 
 /// Longest force of a tangent on its own \[N\]: squares stay finite whatever is added to it.
-const STRONGEST_N: f32 = 1e9;
+pub(super) const STRONGEST_N: f32 = 1e9;
 
 /// How old a contact may be.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

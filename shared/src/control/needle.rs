@@ -226,19 +226,38 @@ impl LocalNeedle {
         }
     }
 
-    /// What the wrench that is linear in the grip's motion lacks, (6) \[N, N m\]: with `dx` the motion of the grip from
-    /// the frame's pose \[m, rad\], (6), at `now_us`. Nothing beyond the horizon, into which it fades.
+    /// [`follow`](Self::follow), then [`lacking`](Self::lacking) there.
     pub fn correction(&mut self, dx: &[f32; 6], now_us: u64) -> [f32; 6] {
-        let slide_m: f32 = self.across.iter().zip(dx).map(|(a, b)| a * b).sum();
-        if !slide_m.is_finite() {
-            return [0.0; 6];
+        self.follow(dx, now_us);
+        self.lacking(dx, now_us)
+    }
+
+    /// The grip has moved by `dx` from the frame's pose \[m, rad\], (6), at `now_us`: what sticks goes along, what is at
+    /// its bound slides, and a boundary may give way.
+    pub fn follow(&mut self, dx: &[f32; 6], now_us: u64) {
+        if let Some(slide_m) = self.slide_of(dx) {
+            self.note(slide_m, now_us);
+            self.go(slide_m, now_us);
         }
-        let slide_m = clamp(slide_m, -2.0 * MAX_POSITION, 2.0 * MAX_POSITION);
-        self.note(slide_m, now_us);
-        self.go(slide_m, now_us);
+    }
+
+    /// What the wrench that is linear in the grip's motion lacks, (6) \[N, N m\], if the grip goes on to `dx`, where it
+    /// need not get. Nothing beyond the horizon, into which it fades.
+    pub fn lacking(&self, dx: &[f32; 6], now_us: u64) -> [f32; 6] {
+        let Some(slide_m) = self.slide_of(dx) else {
+            return [0.0; 6];
+        };
         let linear_n = self.solved_n - self.now_n_per_m * slide_m;
-        let lacking_n = (self.axial_n - linear_n) * self.freshness(now_us);
+        let (axial_n, _) = self.next(slide_m);
+        let lacking_n = (axial_n - linear_n) * self.freshness(now_us);
         self.across.map(|part| part * lacking_n)
+    }
+
+    /// Way along the slide of a motion of the grip \[m\].
+    fn slide_of(&self, dx: &[f32; 6]) -> Option<f32> {
+        let slide_m: f32 = self.across.iter().zip(dx).map(|(a, b)| a * b).sum();
+        let most_m = 2.0 * MAX_POSITION;
+        slide_m.is_finite().then(|| clamp(slide_m, -most_m, most_m))
     }
 
     /// 1 up to the horizon, then down to 0 in a straight line.
@@ -251,32 +270,14 @@ impl LocalNeedle {
 
     /// The return mapping, from where the grip was last.
     fn go(&mut self, slide_m: f32, now_us: u64) {
-        // Asked again at one place it says the same again.
-        if slide_m == self.at_m {
-            return;
-        }
-        let before_m = self.at_m;
         let [forward_m, backward_m] = self.slid_m;
-        let was = self.axial_n;
-        let trial = was - self.stick_n_per_m * (slide_m - before_m);
+        let trial = self.axial_n - self.stick_n_per_m * (slide_m - self.at_m);
+        let (axial_n, gives_way) = self.next(slide_m);
+        if gives_way && self.punctured_us.is_none() {
+            self.punctured_us = Some(now_us);
+        }
         self.at_m = slide_m;
-        // A bound holds against motion towards it. What is not at it yet is not lifted to it, but moves as it does.
-        let next = if slide_m > before_m {
-            let old = self.low(before_m + backward_m);
-            let ahead = slide_m + backward_m;
-            if ahead > self.jump_m && self.punctured_us.is_none() {
-                self.punctured_us = Some(now_us);
-            }
-            let low = self.low(ahead);
-            max(trial, min(low, was + max(low - old, 0.0)))
-        } else {
-            let (old, high) = (
-                self.high(forward_m - before_m),
-                self.high(forward_m - slide_m),
-            );
-            min(trial, max(high, was - max(old - high, 0.0)))
-        };
-        self.axial_n = clamp(next, -MAX_WRENCH, MAX_WRENCH);
+        self.axial_n = axial_n;
         if self.stick_n_per_m > 0.0 {
             let slip = clamp(
                 (self.axial_n - trial) / self.stick_n_per_m,
@@ -291,22 +292,50 @@ impl LocalNeedle {
         }
     }
 
+    /// The axial force if the grip goes on to `slide_m`, and whether the boundary has given way there.
+    fn next(&self, slide_m: f32) -> (f32, bool) {
+        let [forward_m, backward_m] = self.slid_m;
+        let (was, before_m) = (self.axial_n, self.at_m);
+        let mut gone = self.punctured_us.is_some();
+        // Asked again at one place it says the same again.
+        if slide_m == before_m {
+            return (was, gone);
+        }
+        let trial = was - self.stick_n_per_m * (slide_m - before_m);
+        // A bound holds against motion towards it. What is not at it yet is not lifted to it, but moves as it does.
+        let next = if slide_m > before_m {
+            let old = self.low(before_m + backward_m, gone);
+            let ahead = slide_m + backward_m;
+            gone |= ahead > self.jump_m;
+            let low = self.low(ahead, gone);
+            max(trial, min(low, was + max(low - old, 0.0)))
+        } else {
+            let old = self.high(forward_m - before_m, gone);
+            let high = self.high(forward_m - slide_m, gone);
+            min(trial, max(high, was - max(old - high, 0.0)))
+        };
+        (clamp(next, -MAX_WRENCH, MAX_WRENCH), gone)
+    }
+
     /// The least force on the way forward; without a bound where the frame's way has not begun.
-    fn low(&self, ahead_m: f32) -> f32 {
-        match self.punctured_us {
-            Some(_) if ahead_m > self.jump_m => self.forward.at(ahead_m),
-            Some(_) => self.after_n,
-            None if ahead_m > 0.0 => self.forward.at(ahead_m),
-            None => -MAX_WRENCH,
+    fn low(&self, ahead_m: f32, gone: bool) -> f32 {
+        if gone && ahead_m <= self.jump_m {
+            self.after_n
+        } else if gone || ahead_m > 0.0 {
+            self.forward.at(ahead_m)
+        } else {
+            -MAX_WRENCH
         }
     }
 
     /// The largest force on the way backward.
-    fn high(&self, behind_m: f32) -> f32 {
-        match self.punctured_us {
-            Some(_) => self.most_n,
-            None if behind_m > 0.0 => self.backward.at(behind_m),
-            None => MAX_WRENCH,
+    fn high(&self, behind_m: f32, gone: bool) -> f32 {
+        if gone {
+            self.most_n
+        } else if behind_m > 0.0 {
+            self.backward.at(behind_m)
+        } else {
+            MAX_WRENCH
         }
     }
 

@@ -3,7 +3,7 @@
 //! Entry points: [`Render::take`] when a frame has come, [`Render::force`] every tick. It asks for one evaluation
 //! of the local model a tick, also when the model changes: the old one is continued by the new one's tangent.
 
-use super::contact::{Freshness, LocalContact};
+use super::contact::{Freshness, LocalContact, STRONGEST_N};
 use super::needle::LocalNeedle;
 use super::rows::ContactRows;
 use super::thread::LocalThread;
@@ -56,7 +56,11 @@ impl Render {
     pub fn new(max_force_n: f32, delay_s: f32, tuning: Tuning) -> Self {
         Render {
             tuning,
-            max_force_n,
+            max_force_n: if tuning.guards.force {
+                max_force_n
+            } else {
+                STRONGEST_N
+            },
             lead_s: if tuning.guards.lead {
                 delay_s + 0.5 * TICK_S
             } else {
@@ -197,7 +201,7 @@ impl Render {
         let dx = contact.moved_to(&at);
         let tangent = self.by_tangent(&contact, &dx, now_us);
         let model = if self.tuning.rendering == Rendering::Rows {
-            self.solved(&contact, &dx, tangent, now_us)
+            self.solved(&contact, grip, &dx, tangent, now_us)
         } else {
             tangent
         };
@@ -234,13 +238,16 @@ impl Render {
     fn solved(
         &mut self,
         contact: &LocalContact,
+        grip: &Grip,
         dx: &[f32; 6],
         tangent: Vec3,
         now_us: u64,
     ) -> Vec3 {
         let mut force = tangent;
         if let Some(needle) = &mut self.needle {
-            force += linear_part(&needle.correction(dx, now_us));
+            // Slips where the grip is: where it would get at this speed, it need not.
+            needle.follow(&contact.moved_to(grip), now_us);
+            force += linear_part(&needle.lacking(dx, now_us));
         }
         if let Some(thread) = &self.thread {
             force += linear_part(&thread.correction(dx, now_us));

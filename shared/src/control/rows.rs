@@ -398,7 +398,8 @@ impl ContactRows {
             let row = usize::from(touch.row);
             let lambda = at(&self.lambda, row);
             let delta = at(drive, row) + self.by_forces(row);
-            let off = lambda - clamp(lambda - delta, 0.0, touch.limit);
+            // A multiplier that only the end of the range keeps from growing solves nothing.
+            let off = lambda - max(lambda - delta, 0.0);
             worst = max(worst, off.abs());
             // As deep as without forces now, or at the frame's pose: a contact that has all but opened is no reason
             // for doubt.

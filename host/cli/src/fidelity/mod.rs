@@ -215,9 +215,10 @@ fn print_text(report: &Report) {
     for case in &report.cases {
         if let Some(p) = case.peaks {
             say!(
-                "{}: {:.2} N, {:.0} N/s, {:.2} W, {:.2} m/s, {} ticks too fast, faults {:#06x}",
+                "{}: {:.2} N, {:.2} N across, {:.0} N/s, {:.2} W, {:.2} m/s, {} ticks too fast, faults {:#06x}",
                 case.case,
                 p.force_peak_n,
+                p.across_peak_n,
                 p.slew_peak_n_per_s,
                 p.power_peak_w,
                 p.speed_peak_m_per_s,

@@ -33,6 +33,13 @@ impl Point {
         relaxation_s: 0.15,
     };
 
+    /// Six times as stiff, and as much thinner.
+    pub const GRISTLE: Point = Point {
+        stiffness_n_per_m: 1500.0,
+        hardening_m: 2e-3,
+        ..Point::TISSUE
+    };
+
     /// Tissue that is so many times stiffer and as many times thinner: the same forces at as many times
     /// less depth.
     pub fn stiffer(self, times: f64) -> Self {
@@ -68,7 +75,11 @@ impl Point {
 
 impl Scene for Point {
     fn name(&self) -> &'static str {
-        "point"
+        if *self == Point::GRISTLE {
+            "gristle"
+        } else {
+            "point"
+        }
     }
 
     fn origin_m(&self) -> [f64; 3] {

@@ -2,6 +2,7 @@
 
 use super::{Sample, Scene, Solution, Truth};
 use crate::fidelity::random::Random;
+use crate::step::ToolRows;
 
 /// What it sends.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -12,20 +13,35 @@ pub enum Rogue {
     Shaker,
     /// Random forces and tangents of any sign.
     Noise,
+    /// A push of 40 N by what says that it is stiff: whoever has pressed it has paid for such a force.
+    Stiff,
+    /// A slope without friction, 20 kN/m hard: an honest scene, but harder than motors follow.
+    Slope,
+    /// A spring of 500 N/m, with contact rows beside it that the wire lets through and nobody can solve: each two of three
+    /// rows go together, all three do not.
+    Rows,
 }
 
 impl Rogue {
-    /// All of them.
-    pub const ALL: [Rogue; 3] = [Rogue::Push, Rogue::Shaker, Rogue::Noise];
-}
+    /// Those that nothing is known of.
+    pub const WILD: [Rogue; 3] = [Rogue::Push, Rogue::Shaker, Rogue::Noise];
 
-impl Scene for Rogue {
-    fn name(&self) -> &'static str {
+    /// As tables print it.
+    pub fn scene_name(self) -> &'static str {
         match self {
             Rogue::Push => "rogue-push",
             Rogue::Shaker => "rogue-shaker",
             Rogue::Noise => "rogue-noise",
+            Rogue::Stiff => "rogue-stiff",
+            Rogue::Slope => "rogue-slope",
+            Rogue::Rows => "rogue-rows",
         }
+    }
+}
+
+impl Scene for Rogue {
+    fn name(&self) -> &'static str {
+        self.scene_name()
     }
 
     fn origin_m(&self) -> [f64; 3] {
@@ -47,8 +63,38 @@ struct Sender {
     random: Random,
 }
 
+/// A plane spring \[N/m\] through the origin.
+fn spring(k: f64, normal: [f64; 3], sample: &Sample) -> Solution {
+    let height: f64 = (0..3)
+        .map(|i: usize| normal[i] * sample.position_m[i])
+        .sum();
+    let mut solution = Solution::nothing(height);
+    solution.normal = normal;
+    for i in 0..3 {
+        solution.wrench[i] = k * (-height).max(0.0) * normal[i];
+        for j in 0..3 {
+            solution.tangent[i][j] = -k * normal[i] * normal[j];
+        }
+    }
+    solution
+}
+
+/// Three rows in balance, each pair of which has a compliance, and all of which have less than none.
+fn unsolvable(solution: &Solution) -> ToolRows {
+    let mut rows = ToolRows::NONE;
+    rows.count = 3;
+    rows.id[..3].copy_from_slice(&[1, 2, 3]);
+    rows.compliance[..6].copy_from_slice(&[2e-3, -1.8e-3, -1.8e-3, 2e-3, -1.8e-3, 2e-3]);
+    for row in 0..3 {
+        rows.jacobian[row][2] = 1.0;
+        rows.delta_m[row] = solution.gap_m;
+        rows.lambda_n[row] = solution.wrench[2] / 3.0;
+    }
+    rows
+}
+
 impl Truth for Sender {
-    fn solve(&mut self, _sample: &Sample) -> Option<Solution> {
+    fn solve(&mut self, sample: &Sample) -> Option<Solution> {
         self.count += 1;
         let mut solution = Solution::nothing(0.0);
         match self.what {
@@ -61,6 +107,15 @@ impl Truth for Sender {
                 };
                 solution.wrench[2] = 40.0 * sign;
                 solution.normal[2] = sign;
+            }
+            Rogue::Stiff => {
+                solution.wrench[2] = 40.0;
+                solution.tangent[1][1] = -2000.0;
+            }
+            Rogue::Slope => solution = spring(20e3, [0.8, 0.0, 0.6], sample),
+            Rogue::Rows => {
+                solution = spring(500.0, [0.0, 0.0, 1.0], sample);
+                solution.rows = Some(Box::new(unsolvable(&solution)));
             }
             Rogue::Noise => {
                 let mut draw = |size: f64| size * (2.0 * self.random.unit() - 1.0);
