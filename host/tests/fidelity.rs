@@ -83,6 +83,37 @@ fn the_tangent_keeps_the_stiffness_of_the_full_loop() {
     assert!(ratio(3) > 0.5, "{}", ratio(3));
 }
 
+/// A needle that is pressed in and drawn out at 60 Hz: what is felt, and when the boundary gives way.
+#[test]
+fn the_needle_goes_on_as_the_tissue_does() {
+    let of = |rendering| Spec {
+        seconds: 2.0,
+        ..Spec::errors(Place::Needle, Motion::Presses, rendering, 60.0)
+    };
+    let cases = run(&[of(Rendering::Rows), of(Rendering::Tangent)]);
+    let punctures = cases[0].punctures.expect("two punctures");
+    assert_eq!(punctures.punctures, 2);
+    assert!(punctures.puncture_max_ms <= 8.0, "{punctures:?}");
+    // Measured: 2.2 % and 16 %.
+    let errors = cases[0].errors.expect("errors were asked for");
+    assert!(
+        errors.rms_pct <= 3.0 && errors.peak_pct <= 20.0,
+        "{errors:?}"
+    );
+    assert!(errors.rms_pct < 0.3 * rms(&cases[1]));
+}
+
+#[test]
+fn a_sutures_pull_meets_its_bars() {
+    let spec = Spec::errors(Place::Thread, Motion::Pulls, Rendering::Rows, 60.0);
+    let cases = run(&[spec]);
+    // Slack at first: without a pull there is nothing to be wrong about.
+    assert!(cases[0].errors.expect("errors").force_max_n > 0.3);
+    let bars = bars(&cases);
+    assert_eq!(bars.len(), 3, "{bars:?}");
+    assert!(bars.iter().all(|bar| bar.ok), "{bars:?}");
+}
+
 /// Without one guard the bar that shows what it is for fails, and with all of them it does not.
 #[test]
 fn a_bar_fails_without_its_guard() {

@@ -82,7 +82,7 @@ fn a_compliance_is_one() {
     assert_eq!(entry(9, 1e4), Ok(()));
     // Of rows 0 and 2: at most sqrt(0.5 * 1.0).
     for sign in [1.0, -1.0] {
-        assert_eq!(entry(2, sign * 0.707), Ok(()));
+        assert_eq!(entry(2, sign * 0.707_05), Ok(()));
         assert_eq!(entry(2, sign * 0.707_2), Err(Reject::Range));
         // Of rows 2 and 3: sqrt(1 * 2).
         assert_eq!(entry(8, sign * 1.414), Ok(()));

@@ -11,7 +11,7 @@ pub enum Motion {
     Presses,
     /// 0.25 m/s from 10 mm above the skin to 5 mm deep, 80 ms there, and back, 2.5 times a second.
     Taps,
-    /// 5 mm deep, then 20 mm to either side at 0.1 m/s.
+    /// 5 mm deep, then from 0.6 s on, at once, 20 mm to either side at 0.1 m/s.
     Strokes,
     /// 5 mm deep, then 1 mm up and down at 8 Hz.
     Tremor,
@@ -198,6 +198,10 @@ mod tests {
         ] {
             for i in 0..40_000 {
                 let time = f64::from(i) * 1e-4;
+                // Strokes set off at once.
+                if motion == Motion::Strokes && (time - 0.6).abs() < 2e-4 {
+                    continue;
+                }
                 let (a, b) = (motion.velocity(time), motion.velocity(time + 1e-4));
                 for axis in 0..3 {
                     // 0.2 m/s turned around in 40 ms, 0.25 m/s gained in 8 ms: 31 m/s^2.

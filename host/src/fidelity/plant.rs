@@ -236,7 +236,8 @@ mod tests {
             plant.advance(&[0.0, 0.7, 0.0]);
         }
         let speed = plant.velocity_m_per_s[1];
-        assert!((speed - 0.35).abs() < 1e-9, "{speed}");
+        // A tick is a millisecond in single precision.
+        assert!((speed - 0.35).abs() < 1e-7, "{speed}");
         assert!((plant.energy_j + 0.5 * 0.1 * speed * speed).abs() < 1e-9);
         for _ in 0..50 {
             plant.advance(&[0.0, -0.7, 0.0]);
@@ -252,6 +253,6 @@ mod tests {
         plant.advance(&[0.19, 0.0, 0.0]);
         assert_eq!(plant.velocity_m_per_s[0], 0.0);
         plant.advance(&[0.3, 0.0, 0.0]);
-        assert!((plant.velocity_m_per_s[0] - 1e-3).abs() < 1e-12);
+        assert!((plant.velocity_m_per_s[0] - 1e-3).abs() < 1e-9);
     }
 }
