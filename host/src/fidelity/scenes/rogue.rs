@@ -70,10 +70,13 @@ fn spring(k: f64, normal: [f64; 3], sample: &Sample) -> Solution {
         .sum();
     let mut solution = Solution::nothing(height);
     solution.normal = normal;
-    for i in 0..3 {
-        solution.wrench[i] = k * (-height).max(0.0) * normal[i];
-        for j in 0..3 {
-            solution.tangent[i][j] = -k * normal[i] * normal[j];
+    let push_n = k * (-height).max(0.0);
+    for (entry, along) in solution.wrench.iter_mut().zip(normal) {
+        *entry = push_n * along;
+    }
+    for (row, along) in solution.tangent.iter_mut().zip(normal) {
+        for (entry, other) in row.iter_mut().zip(normal) {
+            *entry = -k * along * other;
         }
     }
     solution
