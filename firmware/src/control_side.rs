@@ -225,7 +225,7 @@ mod tests {
         }
         bytes
     }
-
+    #[allow(clippy::large_enum_variant, reason = "a test's script, one at a time")]
     enum Order {
         Command(Command),
         Simulate(Simulate),

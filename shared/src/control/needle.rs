@@ -50,11 +50,9 @@ impl Curve {
         Curve::new(axial_n, [end].into_iter())
     }
 
-    fn legs(&self) -> impl DoubleEndedIterator<Item = [[f32; 2]; 2]> + '_ {
+    fn legs(&self) -> impl Iterator<Item = [[f32; 2]; 2]> + '_ {
         let starts = self.way_m.iter().zip(&self.axial_n);
         let ends = self.way_m.iter().zip(&self.axial_n).skip(1);
-        // Both are of a fixed length, so that this can be walked from its end.
-        let starts = starts.take(COURSE_POINTS);
         starts
             .zip(ends)
             .map(|((from, before), (to, after))| [[*from, *before], [*to, *after]])
@@ -63,15 +61,16 @@ impl Curve {
     /// The force after a way that is not negative; at a jump the one before it, beyond the end the last.
     fn at(&self, way_m: f32) -> f32 {
         let [.., last] = self.axial_n;
-        let mut force = last;
-        for [[from, before], [to, after]] in self.legs().rev() {
-            if way_m <= to {
+        let (mut force, mut found) = (last, false);
+        for [[from, before], [to, after]] in self.legs() {
+            if !found && way_m <= to {
                 let part = if to > from {
                     (way_m - from) / (to - from)
                 } else {
                     0.0
                 };
                 force = before + (after - before) * clamp(part, 0.0, 1.0);
+                found = true;
             }
         }
         force
