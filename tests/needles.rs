@@ -203,7 +203,7 @@ fn watch(scene: &Scene, seconds: f64) -> (Watched, Tapped, Summary) {
 
 /// The tip presses on the upper slab until it gives way. What the console is told of it, and when.
 #[test]
-fn the_drop_of_a_puncture_arrives_within_one_host_period() {
+fn the_drop_of_a_puncture_is_felt_before_its_frame_comes() {
     let scene = load(&root().join(SLABS)).unwrap();
     assert_eq!(1e6 / scene.host.host_hz, PERIOD_US as f64);
     let (watched, tapped, _) = watch(&scene, 2.5);
@@ -251,13 +251,22 @@ fn the_drop_of_a_puncture_arrives_within_one_host_period() {
     assert!(first_us - inside.time_us <= PERIOD_US, "{first_us}");
     assert_eq!(u64::from(first.applied_age_us), first_us - inside.time_us);
 
-    // The force follows with the blend's time constant of 10 ms: most of the drop has come 20 ms later.
-    let force = |time_us: u64| {
-        let state = tapped.states.iter().find(|(t, _)| *t == time_us);
-        f64::from(state.expect("every tick").1.force_n[2])
-    };
-    let felt_n = force(first_us - 1000) - force(first_us + 20_000);
+    // The console has not waited for that: the boundary has given way on it where the host foretold it.
+    let drops = tapped.states.windows(4).map(|four| {
+        let fell = four[0].1.force_n[2] - four[3].1.force_n[2];
+        (f64::from(fell), four[3].0)
+    });
+    let (felt_n, felt_us) = drops.fold(
+        (0.0, 0),
+        |most, drop| if drop.0 > most.0 { drop } else { most },
+    );
     assert!(felt_n > 0.6 * drop_n, "{felt_n} N of {drop_n}");
+    assert!(
+        (holding.time_us..*first_us).contains(&felt_us),
+        "felt at {felt_us} us, host between {} and {}",
+        holding.time_us,
+        inside.time_us
+    );
     let most = tapped.states.iter().flat_map(|(_, state)| state.force_n);
     assert!(most.map(f32::abs).fold(0.0, f32::max) < 1.0);
 }

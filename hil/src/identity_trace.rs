@@ -37,10 +37,6 @@ pub struct Coverage {
     pub subnormals: u32,
     /// Zeros with a minus sign.
     pub negative_zeros: u32,
-    /// Ticks at the largest contact force.
-    pub forces_at_limit: u32,
-    /// Motor currents at their limit.
-    pub currents_at_limit: u32,
     /// Contacts that came into use while there was torque.
     pub swaps: u32,
     /// Ticks on the way down after the horizon.
@@ -299,7 +295,7 @@ impl<'a> Driver<'a> {
 
     fn take(&mut self, state: &State) {
         self.trace.double(state.trace_hash);
-        self.coverage.add(state, self.state.as_ref(), &self.device);
+        self.coverage.add(state, self.state.as_ref());
         self.state = Some(*state);
     }
 
@@ -490,7 +486,7 @@ const NORMALS: [[f32; 3]; 5] = [
 ];
 
 impl Coverage {
-    fn add(&mut self, state: &State, before: Option<&State>, device: &DeviceDescription) {
+    fn add(&mut self, state: &State, before: Option<&State>) {
         self.states += 1;
         self.modes[state.mode as usize] += 1;
         self.faults |= state.faults;
@@ -498,12 +494,6 @@ impl Coverage {
         for x in numbers.as_flattened() {
             self.subnormals += u32::from(x.is_subnormal());
             self.negative_zeros += u32::from(x.to_bits() == (-0.0_f32).to_bits());
-        }
-        let force = Vec3::from(state.force_n);
-        let limit = 0.9999 * device.max_force_n;
-        self.forces_at_limit += u32::from(dot(&force, &force) >= limit * limit);
-        for (current_a, joint) in state.current_a.iter().zip(&device.joints) {
-            self.currents_at_limit += u32::from(current_a.abs() >= 0.9999 * joint.max_current_a);
         }
         let torque = matches!(state.mode, Mode::Armed | Mode::Decaying);
         let pushes = state.force_n != [0.0; 3];

@@ -310,8 +310,9 @@ mod tests {
             [3e-3, -0.15],
             [4e-3, -0.25],
             [4e-3, -0.10],
-            [5e-3, -0.12],
-            [6e-3, -0.14],
+            // It sticks at first, at 100 N/m.
+            [4.4e-3, -0.14],
+            [5e-3, -0.14],
         ];
         assert_eq!(points.len(), expected.len(), "{points:?}");
         for (point, expected) in points.iter().zip(&expected) {
@@ -322,7 +323,7 @@ mod tests {
         points.insert(0, [0.0, 0.0]);
         thin(&mut points, 6);
         let ways = points.iter().map(|point| point[0]);
-        let kept = [0.0, 1.5e-3, 4e-3, 4e-3, 6e-3];
+        let kept = [0.0, 1.5e-3, 4e-3, 4e-3, 5e-3];
         for way in kept {
             assert!(
                 ways.clone().any(|kept| (kept - way).abs() < 1e-12),
