@@ -97,7 +97,7 @@ pub enum Kind {
     Thread = 18,
     /// Reserved: several tools at once.
     Tools = 19,
-    /// [`Fixture`], from the host.
+    /// [`Fixture`](super::message::Fixture), from the host.
     Fixture = 20,
 }
 
