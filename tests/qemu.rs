@@ -65,6 +65,37 @@ fn palpation_gives_the_same_bits_natively_and_on_the_image() {
     assert_eq!(emulated["ticks"], 5000);
 }
 
+/// What was recorded natively comes out the same on the image, and the other way round.
+#[test]
+fn a_recording_comes_out_the_same_natively_and_on_the_image() {
+    let folder = tempfile::TempDir::new().unwrap();
+    let (image, file) = (image(), folder.path().join("session.mcap"));
+    let (image, file) = (image.to_str().unwrap(), file.to_str().unwrap());
+    let json = |arguments: &[&str]| -> Value {
+        let ran = sutura(&[arguments, &["--format", "json"]].concat());
+        assert_eq!(ran.code, 0, "{}", ran.stderr);
+        serde_json::from_str(&ran.stdout).unwrap()
+    };
+    let native = ["--console", "virtual", "--lockstep"];
+    let emulated = ["--console", "qemu", "--image", image];
+    for console in [&native[..], &emulated[..]] {
+        json(&[&["run", "--seconds", "1", "--record", file], console].concat());
+        let natively = json(&["replay", file, "--verify"]);
+        let on_image = json(&[
+            "replay",
+            file,
+            "--verify",
+            "--console",
+            "qemu",
+            "--image",
+            image,
+        ]);
+        assert_eq!(natively["console"], on_image["console"]);
+        assert_eq!(natively["console"]["verified_ticks"], natively["ticks"]);
+        assert!(natively["ticks"].as_u64().unwrap() >= 1000);
+    }
+}
+
 /// Needle frames go down with every contact, and are in the trace.
 #[test]
 fn a_driven_needle_gives_the_same_bits_natively_and_on_the_image() {
@@ -99,6 +130,44 @@ fn the_identity_trace_has_the_committed_hash_natively_and_on_the_image() {
     assert_eq!(native, emulated);
     assert!(native.coverage.states >= 10_000, "{:?}", native.coverage);
     assert_eq!(format!("{:016x}", emulated.hash), committed.trim());
+}
+
+/// What goes wrong, natively and on the image: the same bits over all states, and no mutant gets through.
+#[test]
+fn faults_and_mutants_are_the_same_natively_and_on_the_image() {
+    use sutura_hil::scenario::processes::Emulated;
+    use sutura_hil::scenario::suite::{Bench, Case, Extent, MutantVerdict, Native, Verdict};
+    let some = [
+        "host-killed-100hz",
+        "solver-wedged-repeats",
+        "bit-flips",
+        "cable-pulled-long",
+        "console-reset",
+        "second-host",
+        "clock-future",
+    ];
+    let extent = Extent {
+        mutants: true,
+        twice: false,
+    };
+    let image = Emulated { image: image() };
+    let all = sutura_hil::scenario::built_in().unwrap_or_else(|error| panic!("{error:?}"));
+    let chosen = all.iter().filter(|s| some.contains(&s.name.as_str()));
+    let mut ran = 0;
+    for scenario in chosen {
+        let run = |bench: &dyn Bench| {
+            let case = Case::run(scenario, bench, extent);
+            assert!(case.is_met(), "{case:#?}");
+            assert!(matches!(case.mutant, MutantVerdict::Caught(_)), "{case:#?}");
+            match case.verdict {
+                Verdict::Ran(outcome) => outcome.hash,
+                other => panic!("{}: {other:?}", scenario.name),
+            }
+        };
+        assert_eq!(run(&Native), run(&image), "{}", scenario.name);
+        ran += 1;
+    }
+    assert_eq!(ran, some.len());
 }
 
 #[test]

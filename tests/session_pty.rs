@@ -6,11 +6,12 @@
 mod support;
 
 use std::ops::ControlFlow;
+use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 use support::{DEPTH_M, PLANE_N_PER_M, Plane, force, force_at_rest, plan};
 use sutura_hil::{Meddler, VirtualConsole};
-use sutura_host::link::{Link, LinkOptions, Order};
-use sutura_host::session::{SessionError, run_real_time};
+use sutura_host::link::{Link, LinkError, LinkOptions, Order, open_serial};
+use sutura_host::session::{Attendant, Line, SessionError, Summary, run_real_time};
 use sutura_shared::wire::message::{Mode, Simulate, State};
 
 /// Longer than any machine needs.
@@ -119,7 +120,7 @@ fn a_bad_line_costs_frames_and_never_more_force() {
     });
     let mut largest = 0.0_f32;
     let summary = run_real_time(
-        Box::new(port),
+        Line::Once(Box::new(port)),
         LinkOptions::default(),
         &plan,
         &mut Plane,
@@ -196,4 +197,133 @@ fn an_emergency_stop_ends_the_session_in_a_fault_that_only_the_user_clears() {
     );
     plan.clear_fault = true;
     assert_eq!(run(&plan).unwrap().mode, "armed");
+}
+
+/// Counts what it is told, and arms or not.
+struct Bystander {
+    told: Arc<Mutex<Vec<&'static str>>>,
+    arms: bool,
+}
+
+impl Attendant for Bystander {
+    fn lost(&mut self, _: &LinkError) {
+        self.told.lock().unwrap().push("lost");
+    }
+
+    fn back(&mut self) {
+        self.told.lock().unwrap().push("back");
+    }
+
+    fn arms(&mut self) -> bool {
+        self.arms
+    }
+}
+
+/// A session in the middle of which the console is replaced by one that has just booted.
+fn run_with_a_loss(arms: bool) -> (Summary, Vec<&'static str>, f64) {
+    let plan = plan(1.5);
+    let start = move || VirtualConsole::start(&plan.device).unwrap();
+    let console = Arc::new(Mutex::new(Some(start())));
+    let socket = console.clone();
+    let connect = move || match socket.lock().unwrap().as_mut() {
+        Some(console) => console.host_port(),
+        None => Err(LinkError::NoPort {
+            name: "socket".to_owned(),
+            found: Vec::new().into(),
+        }),
+    };
+    let told = Arc::new(Mutex::new(Vec::new()));
+    let line = Line::Again {
+        connect: Box::new(connect),
+        attendant: Box::new(Bystander {
+            told: told.clone(),
+            arms,
+        }),
+    };
+    let (mut replaced, mut resting) = (false, 0.0_f64);
+    let summary = run_real_time(line, LinkOptions::default(), &plan, &mut Plane, |note| {
+        if !replaced && note.elapsed_s > 0.3 {
+            replaced = true;
+            *console.lock().unwrap() = None;
+            *console.lock().unwrap() = Some(start());
+        }
+        if replaced && note.state.mode == Mode::Idle {
+            resting = resting.max(f64::from(force(note.state)));
+        }
+        ControlFlow::Continue(())
+    })
+    .unwrap();
+    let told = told.lock().unwrap().clone();
+    (summary, told, resting)
+}
+
+#[test]
+fn a_console_that_comes_back_goes_on_in_the_same_session_once_it_is_armed() {
+    let (summary, told, _) = run_with_a_loss(true);
+    assert_eq!(told, ["lost", "back"]);
+    assert_eq!(
+        (summary.status.as_str(), summary.mode.as_str()),
+        ("ok", "armed")
+    );
+    assert_eq!(summary.link.sessions, 2);
+    // The hand starts anew with its console, and is felt again.
+    assert!(
+        summary.ticks > 400 && summary.seconds <= 1.5 + 1e-9,
+        "{}",
+        summary.ticks
+    );
+    let counted = (summary.frames.lost, summary.frames.rejected);
+    assert!(
+        counted.0 < 1000 && counted.1 < 1000,
+        "nothing of the reset is counted: {counted:?}"
+    );
+}
+
+#[test]
+fn a_console_that_nobody_arms_again_stays_without_force() {
+    let (summary, told, resting) = run_with_a_loss(false);
+    assert_eq!(told, ["lost", "back"]);
+    assert_eq!(summary.mode, "idle");
+    assert!(
+        summary.status.contains("nobody armed"),
+        "{}",
+        summary.status
+    );
+    assert_eq!(resting, 0.0);
+    assert!(summary.seconds < 1.5);
+}
+
+#[test]
+fn a_console_that_stays_away_ends_the_session_with_the_reason() {
+    let plan = plan(0.8);
+    let console = Arc::new(Mutex::new(Some(
+        VirtualConsole::start(&plan.device).unwrap(),
+    )));
+    let path = console
+        .lock()
+        .unwrap()
+        .as_ref()
+        .unwrap()
+        .path()
+        .unwrap()
+        .to_owned();
+    let told = Arc::new(Mutex::new(Vec::new()));
+    let line = Line::Again {
+        connect: Box::new(move || open_serial(&path)),
+        attendant: Box::new(Bystander {
+            told: told.clone(),
+            arms: true,
+        }),
+    };
+    let ran = run_real_time(line, LinkOptions::default(), &plan, &mut Plane, |note| {
+        if note.elapsed_s > 0.2 {
+            *console.lock().unwrap() = None;
+        }
+        ControlFlow::Continue(())
+    });
+    assert!(
+        matches!(ran, Err(SessionError::Link(LinkError::Gone { .. }))),
+        "{ran:?}"
+    );
+    assert_eq!(*told.lock().unwrap(), ["lost"]);
 }

@@ -20,6 +20,7 @@ mod sutura {
     use sutura_firmware::watch::{Task, Watch};
     use sutura_shared::control::Control;
     use sutura_shared::link::ConsoleLink;
+    use sutura_shared::simulated_console::Without;
     use sutura_shared::wire::message::Mode;
 
     /// Tasks that have run, for the watchdogs.
@@ -29,7 +30,8 @@ mod sutura {
     struct Shared {
         contacts: Exchange<'static, Slot>,
         samples: Exchange<'static, Sample>,
-        now_us: u64,
+        /// Console time of the last tick \[us\], and the board's cycles then.
+        last_tick: (u64, u32),
         host: HostSide<'static, Port>,
     }
 
@@ -53,13 +55,19 @@ mod sutura {
         let (orders_in, orders_out) = cx.local.orders.split();
         let [back, middle, front] = cx.local.slots;
         let [written, between, newest] = cx.local.samples;
-        let link = ConsoleLink::new(board::IDENTITY, boot.seed);
-        let control = Control::new(board::DEVICE).expect("the board's own description is valid");
+        // With motors everything watches, whatever anybody says.
+        #[cfg(not(feature = "virtual"))]
+        let Without { tuning, checks } = Without::default();
+        #[cfg(feature = "virtual")]
+        let Without { tuning, checks } = boot.without;
+        let link = ConsoleLink::with_checks(board::IDENTITY, boot.seed, checks);
+        let control =
+            Control::tuned(board::DEVICE, tuning).expect("the board's own description is valid");
         (
             Shared {
                 contacts: Exchange::new(middle),
                 samples: Exchange::new(between),
-                now_us: 0,
+                last_tick: (0, board::cycles()),
                 host: HostSide::new(link, port, orders_in, back, boot.report()),
             },
             Local {
@@ -76,13 +84,13 @@ mod sutura {
     }
 
     /// The 1 kHz tick.
-    #[task(binds = TIM7, priority = 12, local = [control], shared = [contacts, samples, now_us])]
+    #[task(binds = TIM7, priority = 12, local = [control], shared = [contacts, samples, last_tick])]
     fn control(mut cx: control::Context) {
         let start = board::cycles();
         let control = cx.local.control;
         cx.shared.contacts.lock(|contacts| control.take(contacts));
         let tick_us = control.tick();
-        cx.shared.now_us.lock(|now_us| *now_us = tick_us);
+        cx.shared.last_tick.lock(|tick| *tick = (tick_us, start));
         control.finish(board::cycles_between(start, board::cycles()));
         cx.shared.samples.lock(|samples| control.give(samples));
         WATCH.tick(Task::Control);
@@ -90,17 +98,18 @@ mod sutura {
     }
 
     /// Frames to the host. No line of any board raises EXTI0; the control task pends it.
-    #[task(binds = EXTI0, priority = 2, local = [newest, logged: (Mode, u16) = (Mode::Boot, 0)], shared = [samples, host])]
+    #[task(binds = EXTI0, priority = 2, local = [newest, logged: (Mode, u16) = (Mode::Boot, 0)], shared = [samples, last_tick, host])]
     fn telemetry(mut cx: telemetry::Context) {
         let newest = cx.local.newest;
         if cx.shared.samples.lock(|samples| samples.take(newest)) {
             let due = cx.shared.host.lock(|host| host.report_is_due(newest));
             let stack_free = if due { board::stack_free() } else { 0 };
+            let clock_us = cx.shared.last_tick.lock(|tick| clock_us(*tick));
             cx.shared.host.lock(|host| {
                 if due {
                     host.report().stack_free_bytes = stack_free;
                 }
-                host.send(newest);
+                host.send(newest, clock_us);
             });
             let state = &newest.state;
             if (state.mode, state.faults) != *cx.local.logged {
@@ -118,24 +127,30 @@ mod sutura {
 
     /// Bytes from the host, over USB.
     #[cfg(feature = "olimex-h405")]
-    #[task(binds = OTG_FS, priority = 4, shared = [contacts, now_us, host])]
+    #[task(binds = OTG_FS, priority = 4, shared = [contacts, last_tick, host])]
     fn usb(cx: usb::Context) {
-        receive(cx.shared.contacts, cx.shared.now_us, cx.shared.host);
+        receive(cx.shared.contacts, cx.shared.last_tick, cx.shared.host);
     }
 
     /// Bytes from the host, over the UART; in lockstep `idle` pends it.
     #[cfg(feature = "virtual")]
-    #[task(binds = USART1, priority = 4, shared = [contacts, now_us, host])]
+    #[task(binds = USART1, priority = 4, shared = [contacts, last_tick, host])]
     fn uart(cx: uart::Context) {
-        receive(cx.shared.contacts, cx.shared.now_us, cx.shared.host);
+        receive(cx.shared.contacts, cx.shared.last_tick, cx.shared.host);
+    }
+
+    /// The console's clock \[us\], from the last tick and the cycles since.
+    fn clock_us((tick_us, cycles): (u64, u32)) -> u64 {
+        let since = board::cycles_between(cycles, board::cycles());
+        tick_us + u64::from(since / board::CYCLES_PER_US)
     }
 
     fn receive(
         mut contacts: impl Mutex<T = Exchange<'static, Slot>>,
-        mut now_us: impl Mutex<T = u64>,
+        mut last_tick: impl Mutex<T = (u64, u32)>,
         mut host: impl Mutex<T = HostSide<'static, Port>>,
     ) {
-        let now_us = now_us.lock(|now_us| *now_us);
+        let now_us = last_tick.lock(|tick| clock_us(*tick));
         host.lock(|host| {
             host.receive(now_us, |back| {
                 contacts.lock(|contacts| contacts.publish(back))

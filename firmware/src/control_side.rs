@@ -85,11 +85,27 @@ impl<'a, P: Plant> ControlSide<'a, P> {
         while let Some(order) = self.orders.dequeue() {
             match order {
                 Order::OpenSession => self.control.open_session(),
-                Order::Command(command) => self.control.command(command),
-                Order::Needle(needle) => self.control.needle(&needle),
-                Order::Thread(thread) => self.control.thread(&thread),
-                Order::Fixture(fixture) => self.control.fix(&fixture),
-                Order::Simulate(order) => self.plant.simulate(order.body(), &mut self.control),
+                Order::CloseSession => self.control.close_session(),
+                Order::Command(command) => {
+                    self.control.command(*command.body());
+                    self.control.hear(command.sequence());
+                }
+                Order::Needle(needle) => {
+                    self.control.needle(&needle);
+                    self.control.hear(needle.sequence());
+                }
+                Order::Thread(thread) => {
+                    self.control.thread(&thread);
+                    self.control.hear(thread.sequence());
+                }
+                Order::Fixture(fixture) => {
+                    self.control.fix(&fixture);
+                    self.control.hear(fixture.sequence());
+                }
+                Order::Simulate(order) => {
+                    self.plant.simulate(order.body(), &mut self.control);
+                    self.control.hear(order.sequence());
+                }
             }
         }
         let input = self.plant.read(self.overrun);
@@ -134,8 +150,8 @@ mod tests {
     use sutura_shared::link::{ConsoleLink, HostEvent, HostLink, Identity};
     use sutura_shared::simulated_console::{Pace, SimulatedConsole};
     use sutura_shared::wire::message::{
-        Command, Contact, Course, End, Friction, HandScript, Mode, Needle, Report, Row, RowKind,
-        Rows, State, Tension, Thread, Tip, WAY_POINTS, WayPoint,
+        Command, Contact, Course, End, Friction, HandScript, Mode, Needle, Ping, Report, Row,
+        RowKind, Rows, State, Tension, Thread, Tip, WAY_POINTS, WayPoint,
     };
     use sutura_shared::wire::{List, MAX_FRAME, Message};
 
@@ -165,16 +181,19 @@ mod tests {
     fn script(host: &mut HostLink, tick: u32, newest: Option<(u64, State)>) -> Vec<u8> {
         let mut bytes = Vec::new();
         let mut frame = [0; MAX_FRAME];
-        if tick == 2500
-            && let Some((time, state)) = newest
-        {
-            // A contact that the new session, in the same tick, forgets.
-            let length = host.send(time, &contact(&state), &mut frame);
-            bytes.extend_from_slice(&frame[..length.expect("a contact fits")]);
-        }
-        if tick == 3 || tick == 2500 {
+        // Another host, which comes too early, when the first one has been quiet, and when that has been forgotten.
+        if matches!(tick, 3 | 2100 | 2500 | 4200) {
+            if tick == 2100 {
+                // The answer is not for this host: it keeps its session.
+                let length = HostLink::new(TICK_HZ).hello(tick, &mut frame);
+                bytes.extend_from_slice(&frame[..length.expect("a hello fits")]);
+                return bytes;
+            }
             let length = host.hello(tick, &mut frame).expect("a hello fits");
             bytes.extend_from_slice(&frame[..length]);
+        }
+        if (2150..2500).contains(&tick) || (3100..4200).contains(&tick) {
+            return bytes;
         }
         let mut send = |time, message: Order| {
             fn one(host: &mut HostLink, time: u64, body: &impl Message, out: &mut Vec<u8>) {
@@ -184,6 +203,7 @@ mod tests {
                 }
             }
             match message {
+                Order::Ping(ping) => one(host, time, &ping, &mut bytes),
                 Order::Command(command) => one(host, time, &command, &mut bytes),
                 Order::Simulate(order) => one(host, time, &order, &mut bytes),
                 Order::Contact(contact) => one(host, time, &contact, &mut bytes),
@@ -202,6 +222,12 @@ mod tests {
             1800 => send(0, Order::Simulate(Simulate::EmergencyStop(true))),
             1810 => send(0, Order::Simulate(Simulate::EmergencyStop(false))),
             1820 => send(0, Order::Command(Command::ClearFault)),
+            _ if tick.is_multiple_of(100) => send(
+                0,
+                Order::Ping(Ping {
+                    host_us: u64::from(tick),
+                }),
+            ),
             _ => {}
         }
         // 60 Hz contacts, twice in some ticks; none for 300 ms.
@@ -213,8 +239,8 @@ mod tests {
             if !tick.is_multiple_of(64) {
                 send(time, Order::Rows(rows(&state)));
             }
-            send(time, Order::Needle(needle(&state)));
-            send(time, Order::Thread(thread(&state)));
+            send(time, Order::Needle(needle()));
+            send(time, Order::Thread(thread()));
             send(time, Order::Contact(contact(&state)));
             if tick.is_multiple_of(48) {
                 send(time, Order::Contact(contact(&state)));
@@ -227,6 +253,7 @@ mod tests {
     }
     #[allow(clippy::large_enum_variant, reason = "a test's script, one at a time")]
     enum Order {
+        Ping(Ping),
         Command(Command),
         Simulate(Simulate),
         Contact(Contact),
@@ -291,12 +318,10 @@ mod tests {
     }
 
     /// A needle that hangs in the grip.
-    fn needle(state: &State) -> Needle {
+    fn needle() -> Needle {
         Needle {
             tool: 0,
             needle: 0,
-            position_m: state.position_m,
-            orientation: state.orientation,
             slide: [0.0, 0.0, -1.0, 0.0, 0.0, 0.0],
             tip: Tip::Outside,
             friction: Friction::Sticks,
@@ -307,23 +332,20 @@ mod tests {
             puncture_n: 0.25,
             punctured_n: 0.0,
             course: Course::default(),
-            horizon_us: 60_000,
         }
     }
 
     /// Its thread, taut.
-    fn thread(state: &State) -> Thread {
+    fn thread() -> Thread {
         Thread {
             tool: 0,
             thread: 0,
             end: End::Head,
             state: Tension::Taut,
-            position_m: state.position_m,
             direction: [0.0, 0.0, 1.0],
             tension_n: 0.5,
             stiffness_n_per_m: 100.0,
             slack_m: 0.0,
-            horizon_us: 60_000,
         }
     }
 
@@ -421,7 +443,8 @@ mod tests {
         let mut modes = Vec::new();
         let mut peak = 0.0_f32;
         let mut now_us = 0;
-        for tick in 1..=4000 {
+        let mut silent = 0;
+        for tick in 1..=4500 {
             let down = script(&mut host, tick, last);
 
             host_side.port().down.extend_from_slice(&down);
@@ -430,7 +453,7 @@ mod tests {
             now_us = control_side.tick();
             control_side.give(&mut samples);
             assert!(samples.take(&mut newest));
-            host_side.send(newest);
+            host_side.send(newest, now_us);
             let up = core::mem::take(&mut host_side.port().up);
 
             reference.feed(&down);
@@ -438,6 +461,7 @@ mod tests {
             let mut expected = Vec::new();
             reference.drain(&mut expected);
             assert_eq!(up, expected, "tick {tick}");
+            silent += u32::from(tick > 3 && up.is_empty());
 
             for byte in up {
                 if let Some(HostEvent::State(state)) = host.receive(byte) {
@@ -454,5 +478,7 @@ mod tests {
             assert!(modes.contains(&mode), "{modes:?}");
         }
         assert!(peak > 1.0, "{peak} N");
+        // From a second after the last frame until the third session; between states of every seventh tick.
+        assert!(silent > 100, "{silent}");
     }
 }

@@ -7,9 +7,10 @@ use heapless::spsc::{Consumer, Producer, Queue};
 use sutura_shared::control::Fresh;
 use sutura_shared::link::{ConsoleLink, LinkEvent};
 use sutura_shared::simulated_console::REPORT_EVERY;
-use sutura_shared::wire::message::{Command, Mode, Report, State};
+use sutura_shared::wire::message::{Mode, Report, State};
 use sutura_shared::wire::{
-    MAX_FRAME, MAX_REAL_TIME_FRAME, ValidFixture, ValidNeedle, ValidSimulate, ValidThread,
+    MAX_FRAME, MAX_REAL_TIME_FRAME, ValidCommand, ValidFixture, ValidNeedle, ValidSimulate,
+    ValidThread,
 };
 
 /// A byte stream that never waits.
@@ -28,8 +29,10 @@ pub type Slot = Option<Fresh>;
 pub enum Order {
     /// A new session.
     OpenSession,
+    /// The session is over.
+    CloseSession,
     /// From the host.
-    Command(Command),
+    Command(ValidCommand),
     /// From the host. The newest counts: the control task finds out which that is.
     Needle(ValidNeedle),
     /// From the host. The newest counts, as of needles.
@@ -91,6 +94,9 @@ impl Sample {
             contact_age_us: u32::MAX,
             applied_age_us: u32::MAX,
             trace_hash: 0,
+            encoder_counts: [0; 3],
+            inputs: 0,
+            heard_sequence: 0,
         },
         costs: Costs {
             overruns: 0,
@@ -129,12 +135,17 @@ impl<'a, P: Bytes> HostSide<'a, P> {
         }
     }
 
-    /// Takes all bytes that have arrived. `publish` swaps a buffer into the exchange of contacts, under its
+    /// Takes all bytes that have arrived by now on the console's clock. `publish` swaps a buffer into the exchange of contacts, under its
     /// lock, and says whether an unread one came back.
     pub fn receive(&mut self, now_us: u64, mut publish: impl FnMut(&mut &'a mut Slot) -> bool) {
         let mut bytes = [0; CHUNK];
+        if self.has_room()
+            && let Some(event) = self.link.expire(now_us)
+        {
+            self.apply(event, &mut publish);
+        }
         // While the control task has not taken its orders, the port keeps the rest.
-        while self.orders.capacity() - self.orders.len() > CHUNK / SMALLEST_FRAME {
+        while self.has_room() {
             let count = self.port.read(&mut bytes);
             if count == 0 {
                 break;
@@ -145,6 +156,14 @@ impl<'a, P: Bytes> HostSide<'a, P> {
                 }
             }
         }
+        // A `State` is longer than what a USB port takes at once: the rest follows when a packet has left.
+        let port = &mut self.port;
+        self.outbox.flush(|bytes| port.write(bytes));
+    }
+
+    /// For all orders that a chunk may bring.
+    fn has_room(&self) -> bool {
+        self.orders.capacity() - self.orders.len() > CHUNK / SMALLEST_FRAME
     }
 
     fn apply(&mut self, event: LinkEvent, publish: &mut impl FnMut(&mut &'a mut Slot) -> bool) {
@@ -159,11 +178,15 @@ impl<'a, P: Bytes> HostSide<'a, P> {
                 }
                 return;
             }
-            LinkEvent::SessionOpened => {
+            LinkEvent::SessionOpened | LinkEvent::SessionClosed => {
                 // Forgotten, not replaced by a newer one.
                 *self.back = None;
                 publish(&mut self.back);
-                Order::OpenSession
+                if matches!(event, LinkEvent::SessionOpened) {
+                    Order::OpenSession
+                } else {
+                    Order::CloseSession
+                }
             }
             LinkEvent::Command(command) => Order::Command(command),
             LinkEvent::Needle(needle) => Order::Needle(needle),
@@ -180,8 +203,9 @@ impl<'a, P: Bytes> HostSide<'a, P> {
         self.link.reply_waits() || sample.state.tick.is_multiple_of(REPORT_EVERY)
     }
 
-    /// Sends what is due after a tick: the answer to a `Hello`, then `State`, then `Report`.
-    pub fn send(&mut self, sample: &Sample) {
+    /// Sends what is due after a tick: the answer to a `Hello`, then `State`, `Pong`, `Report`. `clock_us` is the
+    /// console's clock now.
+    pub fn send(&mut self, sample: &Sample, clock_us: u64) {
         let report_is_due = self.report_is_due(sample);
         let mut frame = [0; MAX_FRAME];
         if let Some(length) = self.link.take_reply(sample.now_us, &mut frame) {
@@ -194,6 +218,8 @@ impl<'a, P: Bytes> HostSide<'a, P> {
                 .encode_state(sample.now_us, &sample.state, &mut frame);
             self.push(&frame, length);
         }
+        let length = self.link.encode_pong(clock_us, &mut frame);
+        self.push(&frame, length);
         if report_is_due {
             let report = Report {
                 ticks: tick,
@@ -229,8 +255,8 @@ mod tests {
     use super::*;
     use crate::exchange::Exchange;
     use std::vec::Vec;
-    use sutura_shared::link::{HostEvent, HostLink, Identity};
-    use sutura_shared::wire::message::{Contact, Row, Rows};
+    use sutura_shared::link::{EXPIRES_AFTER_US, HostEvent, HostLink, Identity, OWNED_FOR_US};
+    use sutura_shared::wire::message::{Command, Contact, Ping, Row, Rows};
     use sutura_shared::wire::{List, Message};
 
     /// Bytes in both directions, a few at a time.
@@ -297,6 +323,7 @@ mod tests {
         front: &'a mut Slot,
         orders: OrdersOut<'a>,
         host: HostLink,
+        now_us: u64,
     }
 
     fn with_session(grain: usize, test: impl FnOnce(&mut Bench)) {
@@ -316,12 +343,13 @@ mod tests {
             front: &mut front,
             orders,
             host: HostLink::new(1000),
+            now_us: 1000,
         };
 
         let mut frame = [0; MAX_FRAME];
         let length = bench.host.hello(3, &mut frame).expect("a hello fits");
         bench.down(&frame[..length]);
-        bench.side.send(&sample(1));
+        bench.side.send(&sample(1), 1000);
         assert!(matches!(
             bench.up()[..],
             [
@@ -337,7 +365,8 @@ mod tests {
     impl Bench<'_> {
         fn down(&mut self, bytes: &[u8]) {
             self.side.port.down.extend_from_slice(bytes);
-            self.side.receive(1000, |back| self.contacts.publish(back));
+            self.side
+                .receive(self.now_us, |back| self.contacts.publish(back));
         }
 
         fn up(&mut self) -> Vec<HostEvent> {
@@ -415,11 +444,30 @@ mod tests {
             bench.down(&frame);
             let mut hello = [0; MAX_FRAME];
             let length = bench.host.hello(4, &mut hello).expect("a hello fits");
+            bench.now_us += OWNED_FOR_US;
             bench.down(&hello[..length]);
             bench.contacts.take(&mut bench.front);
             assert_eq!(*bench.front, None);
             assert_eq!(bench.side.report.frames_superseded, 0, "none was replaced");
             assert_eq!(bench.orders.dequeue(), Some(Order::OpenSession));
+        });
+    }
+
+    #[test]
+    fn a_session_in_which_nothing_comes_is_closed_and_its_contact_forgotten() {
+        with_session(64, |bench| {
+            let frame = bench.frame(&contact(1.0));
+            bench.down(&frame);
+            bench.now_us += EXPIRES_AFTER_US - 1;
+            bench.down(&[]);
+            assert_eq!(bench.orders.dequeue(), None, "not yet");
+            bench.now_us += 1;
+            bench.down(&[]);
+            assert_eq!(bench.orders.dequeue(), Some(Order::CloseSession));
+            bench.contacts.take(&mut bench.front);
+            assert_eq!(*bench.front, None);
+            bench.side.send(&sample(2), bench.now_us);
+            assert_eq!(bench.side.port.up, []);
         });
     }
 
@@ -438,8 +486,11 @@ mod tests {
                     .side
                     .receive(1000, |back| bench.contacts.publish(back));
             }
-            let expected = (1..=40).map(|ticks| Order::Command(Command::StateEvery { ticks }));
-            assert!(received.into_iter().eq(expected));
+            let received = received.iter().map(|order| match order {
+                Order::Command(command) => *command.body(),
+                other => panic!("unexpected {other:?}"),
+            });
+            assert!(received.eq((1..=40).map(|ticks| Command::StateEvery { ticks })));
         });
     }
 
@@ -450,11 +501,18 @@ mod tests {
             bench.down(&frame);
             let (mut states, mut reports) = (0, Vec::new());
             for tick in 2..=2000 {
-                bench.side.send(&sample(tick));
+                if tick % 500 == 0 {
+                    // A live host.
+                    bench.now_us = u64::from(tick) * 1000;
+                    let ping = bench.frame(&Ping { host_us: 0 });
+                    bench.down(&ping);
+                }
+                bench.side.send(&sample(tick), u64::from(tick) * 1000);
                 for event in bench.up() {
                     match event {
                         HostEvent::State(_) => states += 1,
                         HostEvent::Report(report) => reports.push(*report.body()),
+                        HostEvent::Pong(_) => {}
                         other => panic!("unexpected {other:?}"),
                     }
                 }
@@ -462,10 +520,10 @@ mod tests {
             assert_eq!(states, 200);
             assert_eq!(reports.len(), 2);
             assert_eq!(reports[1].ticks, 2000);
-            // The hello and the command.
+            // The hello, the command and four pings.
             assert_eq!(
                 (reports[1].frames_received, reports[1].frames_rejected),
-                (2, 0)
+                (6, 0)
             );
         });
     }

@@ -5,10 +5,10 @@
 //! hash. [`Coverage`] says what really happened, so that a hash of nothing interesting does not pass.
 
 use sutura_host::link::{LinkError, LockstepConsole};
-use sutura_shared::control::TICK_HZ;
+use sutura_shared::control::{TICK_HZ, TICK_US};
 use sutura_shared::device::{DeviceDescription, JOINTS, Joint, Kinematics};
 use sutura_shared::hash::TraceHash;
-use sutura_shared::link::{HostEvent, HostLink};
+use sutura_shared::link::{EXPIRES_AFTER_US, HostEvent, HostLink};
 use sutura_shared::math::{Vec3, dot, max};
 use sutura_shared::wire::message::{
     Command, Contact, HandScript, Mode, Simulate, State, WAY_POINTS, WayPoint,
@@ -71,6 +71,8 @@ pub fn run(console: &mut dyn LockstepConsole) -> Result<IdentityTrace, TraceErro
     driver.open()?;
     driver.simulate(Simulate::Device(stages(FINE)))?;
     driver.ticks(3)?;
+    driver.be_turned_away()?;
+    driver.fall_silent()?;
     driver.open()?;
     driver.trace = TraceHash::new();
 
@@ -241,6 +243,36 @@ impl<'a> Driver<'a> {
         self.ticks(1)
     }
 
+    /// Another host asks for the console while it is in use.
+    fn be_turned_away(&mut self) -> Result<(), TraceError> {
+        let mut frame = [0; MAX_FRAME];
+        let mut other = HostLink::new(TICK_HZ);
+        let hello = other.hello(0x07e7, &mut frame);
+        let len = hello.map_err(|error| self.wrong(error.to_string()))?;
+        self.up.clear();
+        self.console.exchange(&frame[..len], &mut self.up)?;
+        self.exchanges += 1;
+        let mut heard = self.up.iter().filter_map(|byte| other.receive(*byte));
+        match heard.next() {
+            Some(HostEvent::Owned) => Ok(()),
+            event => Err(self.wrong(format!("an answer to another host: {event:?}"))),
+        }
+    }
+
+    /// Nothing goes down until the console closes the session.
+    fn fall_silent(&mut self) -> Result<(), TraceError> {
+        let most = 2 * (EXPIRES_AFTER_US / TICK_US);
+        for _ in 0..most {
+            self.exchanges += 1;
+            self.up.clear();
+            self.console.exchange(&[], &mut self.up)?;
+            if self.up.is_empty() {
+                return Ok(());
+            }
+        }
+        Err(self.wrong("a session in which nothing came goes on".to_owned()))
+    }
+
     fn send<M: Message>(&mut self, time_us: u64, body: &M) -> Result<(), TraceError> {
         let mut frame = [0; MAX_FRAME];
         let sent = self.link.send(time_us, body, &mut frame);
@@ -282,7 +314,9 @@ impl<'a> Driver<'a> {
                     Some(HostEvent::Refused(mismatch)) => {
                         return Err(self.wrong(mismatch.to_string()));
                     }
-                    Some(HostEvent::Opened(_) | HostEvent::Report(_)) | None => {}
+                    Some(HostEvent::Owned) => return Err(self.wrong("owned".to_owned())),
+                    Some(HostEvent::Opened(_) | HostEvent::Report(_) | HostEvent::Pong(_))
+                    | None => {}
                 }
             }
             let counters = self.link.counters();
@@ -295,6 +329,8 @@ impl<'a> Driver<'a> {
 
     fn take(&mut self, state: &State) {
         self.trace.double(state.trace_hash);
+        self.trace.word(state.heard_sequence);
+        self.trace.word(state.inputs.into());
         self.coverage.add(state, self.state.as_ref());
         self.state = Some(*state);
     }

@@ -13,6 +13,7 @@ mod pty;
 pub mod qemu;
 #[cfg(unix)]
 mod qemu_console;
+pub mod scenario;
 mod virtual_console;
 
 pub use meddler::Meddler;

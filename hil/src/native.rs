@@ -4,7 +4,7 @@
 
 use sutura_host::link::{LinkError, LockstepConsole};
 use sutura_shared::device::{DeviceDescription, DeviceError};
-use sutura_shared::simulated_console::{Pace, SimulatedConsole};
+use sutura_shared::simulated_console::{Pace, SimulatedConsole, Without};
 
 /// A console in lockstep, without threads or clocks.
 pub struct NativeConsole {
@@ -18,8 +18,21 @@ impl NativeConsole {
     /// [`DeviceError`] if the description is unusable.
     pub fn new(device: &DeviceDescription) -> Result<NativeConsole, DeviceError> {
         // Nothing here is random: two runs must give the same bits.
+        NativeConsole::tuned(device, 0, Without::default())
+    }
+
+    /// A console with another seed for session numbers, and without some of its guards.
+    ///
+    /// # Errors
+    /// [`DeviceError`] if the description is unusable.
+    pub fn tuned(
+        device: &DeviceDescription,
+        seed: u32,
+        without: Without,
+    ) -> Result<NativeConsole, DeviceError> {
+        let Without { tuning, checks } = without;
         Ok(NativeConsole {
-            console: SimulatedConsole::new(device, 0)?,
+            console: SimulatedConsole::tuned(device, seed, tuning, checks)?,
         })
     }
 

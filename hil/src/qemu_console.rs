@@ -40,20 +40,39 @@ impl QemuConsole {
     /// # Errors
     /// See [`QemuError`].
     pub fn start(image: PathBuf, time_limit: Duration) -> Result<QemuConsole, QemuError> {
+        QemuConsole::tuned(image, time_limit, 0, &[])
+    }
+
+    /// With another seed for session numbers, and without the guards of these names.
+    ///
+    /// # Errors
+    /// See [`QemuError`]; the image itself ends when a name is none.
+    pub fn tuned(
+        image: PathBuf,
+        time_limit: Duration,
+        seed: u32,
+        off: &[String],
+    ) -> Result<QemuConsole, QemuError> {
         let pipes = tempfile::Builder::new()
             .prefix("sutura-lockstep-")
             .tempdir()
             .map_err(system("no temporary directory"))?;
         let (down, up) = (pipes.path().join("down"), pipes.path().join("up"));
         make_pipes(&[&down, &up])?;
-        let args = [
-            "lockstep".into(),
+        let mut args = vec![
+            "lockstep".to_owned(),
             down.to_string_lossy().into(),
             up.to_string_lossy().into(),
         ];
+        if seed != 0 {
+            args.push(format!("seed={seed}"));
+        }
+        if !off.is_empty() {
+            args.push(format!("off={}", off.join(",")));
+        }
         let qemu = Qemu::start(&QemuOptions {
             image,
-            args: args.into(),
+            args,
             icount: true,
             uart: false,
             time_limit,

@@ -12,7 +12,7 @@ use std::time::{Duration, Instant};
 use sutura_host::link::open_serial;
 use sutura_host::link::{LinkError, PipeEnd, Port, nonce};
 use sutura_shared::device::DeviceDescription;
-use sutura_shared::simulated_console::{Pace, SimulatedConsole};
+use sutura_shared::simulated_console::{Pace, SimulatedConsole, Without};
 
 /// Bytes that may wait for a host that does not read; then whole frames are dropped. One second of a
 /// thousand states would be 110 kB: by then the host is gone.
@@ -35,8 +35,20 @@ impl VirtualConsole {
     /// # Errors
     /// [`LinkError::Open`] when the system gives no pseudo-terminal or no thread.
     pub fn start(device: &DeviceDescription) -> Result<VirtualConsole, LinkError> {
+        VirtualConsole::start_without(device, Without::default())
+    }
+
+    /// Starts one without some of its guards and checks, to see whether a test notices.
+    ///
+    /// # Errors
+    /// As [`start`](Self::start).
+    pub fn start_without(
+        device: &DeviceDescription,
+        without: Without,
+    ) -> Result<VirtualConsole, LinkError> {
+        let Without { tuning, checks } = without;
         let (port, host_end) = open_line()?;
-        let console = SimulatedConsole::new(device, nonce())
+        let console = SimulatedConsole::tuned(device, nonce(), tuning, checks)
             .map_err(|error| unusable(&format!("the device is unusable: {error}")))?;
         let stop = Arc::new(AtomicBool::new(false));
         let stopped = stop.clone();
@@ -137,6 +149,8 @@ pub fn serve(mut console: SimulatedConsole, mut port: Box<dyn Port>, stop: &Atom
             std::thread::sleep(early);
         }
         pace.late = due.elapsed() >= period;
+        // Its time before this tick goes on from the last one.
+        console.wait(micros(due.elapsed() + period));
         let began = computing_time();
         // A host that came and went leaves errors behind, and another one may come: nothing to hear.
         while let Ok(count @ 1..) = port.read(&mut chunk, Duration::ZERO) {
@@ -144,6 +158,7 @@ pub fn serve(mut console: SimulatedConsole, mut port: Box<dyn Port>, stop: &Atom
         }
         console.tick(pace);
         fresh.clear();
+        console.wait(micros(due.elapsed()));
         console.drain(&mut fresh);
         if waiting.len() + fresh.len() <= BACKLOG {
             waiting.extend_from_slice(&fresh);
@@ -153,6 +168,10 @@ pub fn serve(mut console: SimulatedConsole, mut port: Box<dyn Port>, stop: &Atom
         pace.overrun = computing_time().saturating_sub(began) > period;
         due += period;
     }
+}
+
+fn micros(time: Duration) -> u64 {
+    u64::try_from(time.as_micros()).unwrap_or(u64::MAX)
 }
 
 /// Time that this thread has computed. Time in which the desktop let others run is lateness, not computation.

@@ -12,6 +12,7 @@ use crate::fem::{
     LinearTissue, Linearisation, Numbering, SolveScratch,
 };
 use nalgebra::Vector3;
+use serde::Serialize;
 use std::sync::Arc;
 
 /// A force on a vertex that columns can reach.
@@ -35,10 +36,10 @@ pub(crate) enum Body {
 }
 
 /// What evolves in tissue: nothing if it is linear, for its displacement follows from the forces.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub(crate) struct Motion(Option<Turning>);
 
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
 struct Turning {
     state: CorotationalState,
     /// Forces of the last pass.

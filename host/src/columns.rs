@@ -11,11 +11,21 @@ mod worker;
 
 use crate::fem::{Factored, HeldPoints, LinearTissue};
 use nalgebra::{Matrix3, Vector3};
+use serde::{Deserialize, Serialize};
 use solver::ColumnSolver;
 use std::sync::Arc;
 use worker::Worker;
 
 const MISSING: u32 = u32::MAX;
+
+/// A vertex's columns came from the worker.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Arrival {
+    /// At the begin of which step, counted from 1 since the workspace was made; looks ahead are steps too.
+    pub step: u64,
+    /// Which vertex, as columns count them.
+    pub vertex: u32,
+}
 
 /// The cache. Vertices are numbered among those that can be reached.
 pub(crate) struct Columns {
@@ -32,6 +42,8 @@ pub(crate) struct Columns {
     now: u64,
     solver: ColumnSolver,
     worker: Option<Worker>,
+    /// What has come from the worker, if somebody wants to know.
+    arrivals: Option<Vec<Arrival>>,
     /// Vertices that the worker has been asked for, (b).
     pending: Vec<bool>,
     /// Groups of vertices and where each begins, for [`Self::largest`].
@@ -72,6 +84,7 @@ impl Columns {
             now: 0,
             solver: ColumnSolver::new(tissue, held, reached),
             worker: None,
+            arrivals: None,
             pending: vec![false; vertices],
             grouped: Vec::new(),
             group_start: vec![0],
@@ -98,6 +111,37 @@ impl Columns {
         Ok(())
     }
 
+    /// As [`Self::start_worker`], but columns come in the steps that [`Self::expect`] says.
+    pub fn replay_worker(
+        &mut self,
+        tissue: Arc<LinearTissue>,
+        held: Arc<HeldPoints>,
+        reached: &[u32],
+    ) {
+        let solver = ColumnSolver::new(&*tissue, &held, reached);
+        self.worker = Some(Worker::recorded(solver, tissue, held));
+    }
+
+    /// What comes from a worker that replays.
+    pub fn expect(&mut self, arrivals: &[Arrival]) {
+        if let Some(worker) = &mut self.worker {
+            worker.expect(arrivals);
+        }
+    }
+
+    /// From now on what comes from the worker is written down.
+    pub fn log_arrivals(&mut self) {
+        self.arrivals.get_or_insert_default();
+    }
+
+    /// What has come since this was asked last, if it is written down.
+    pub fn take_arrivals(&mut self) -> Vec<Arrival> {
+        self.arrivals
+            .as_mut()
+            .map(std::mem::take)
+            .unwrap_or_default()
+    }
+
     pub fn has_worker(&self) -> bool {
         self.worker.is_some()
     }
@@ -108,12 +152,18 @@ impl Columns {
         let Some(worker) = &mut self.worker else {
             return;
         };
-        while let Some((slot, blocks)) = worker.finished() {
+        while let Some((slot, blocks)) = worker.finished(self.now) {
             let home = &mut self.slots[slot as usize];
             largest(&blocks, &self.grouped, &self.group_start, &mut home.largest);
             home.blocks = blocks;
             self.place[home.vertex as usize] = slot;
             self.pending[home.vertex as usize] = false;
+            if let Some(arrivals) = &mut self.arrivals {
+                arrivals.push(Arrival {
+                    step: self.now,
+                    vertex: home.vertex,
+                });
+            }
         }
     }
 

@@ -13,11 +13,12 @@ mod dense;
 pub mod explain;
 pub mod fem;
 pub mod fidelity;
-pub mod link;
+mod hash;
 pub mod mesh;
 pub mod model;
 pub mod needle;
 pub mod output;
+pub mod recording;
 pub mod rows;
 pub mod scene;
 pub mod script;
@@ -28,3 +29,7 @@ pub mod thread;
 pub mod tool;
 pub mod trial;
 pub mod wound;
+
+/// The host's end of the link, which other simulators have too.
+pub use sutura_client::link;
+use sutura_client::times;

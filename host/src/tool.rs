@@ -1,6 +1,7 @@
 //! Tools: what the hand holds, and one sample of where it is.
 
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
+use serde::Serialize;
 
 /// Most tools in one model: two hands, each with a tool and a needle.
 pub const MAX_TOOLS: usize = 4;
@@ -10,7 +11,7 @@ pub const MAX_TOOLS: usize = 4;
 pub const DEFAULT_FILLET: f64 = 0.1;
 
 /// Where a tool is at one instant.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct ToolSample {
     /// Which tool.
     pub id: u8,
@@ -184,7 +185,7 @@ impl Tool {
 }
 
 /// Where a tool's shape is.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub(crate) struct Placement {
     /// Centre of the ball or of the punch's face \[m\], world frame.
     pub centre: Vector3<f64>,

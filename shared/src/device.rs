@@ -106,6 +106,13 @@ impl core::error::Error for DeviceError {}
 /// the name is stable.
 pub const MAX_ACTUATION_DELAY_US: u32 = 5000;
 
+/// Least limit on force \[N\], power \[W\] and speed \[m/s\]: less is no use, and the squares of very small ones vanish in f32.
+const LEAST: f32 = 1e-3;
+
+/// Longest time in which the slew limit takes the largest force away \[s\]: that after which a console disarms when nobody
+/// renews the contact. All joints slew alike, so that the force keeps its direction: one that is slow slows the others.
+const LONGEST_SLEW_S: f32 = 0.5;
+
 /// Fastest grip of any device \[m/s\]: half of what a `State` may report.
 const MAX_GRIP_SPEED: f32 = 50.0;
 
@@ -151,19 +158,27 @@ impl DeviceDescription {
             "0 to 1000 kg",
         )?;
         rule(
-            self.max_force_n > 0.0 && self.max_force_n <= 1e3,
+            (LEAST..=1e3).contains(&self.max_force_n),
             "max_force_n",
-            "positive, at most 1000 N",
+            "0.001 to 1000 N",
         )?;
+        for (joint, index) in self.joints.iter().zip(0..) {
+            require(
+                joint.max_slew_per_s * LONGEST_SLEW_S >= self.max_force_n * reach_m,
+                Some(index),
+                "max_slew_per_s",
+                "such that max_force_n is gone within 0.5 s",
+            )?;
+        }
         rule(
-            self.max_power_w > 0.0 && self.max_power_w <= 1e4,
+            (LEAST..=1e4).contains(&self.max_power_w),
             "max_power_w",
-            "positive, at most 10 kW",
+            "0.001 to 10000 W",
         )?;
         rule(
-            self.max_grip_speed_m_per_s > 0.0 && self.max_grip_speed_m_per_s <= MAX_GRIP_SPEED,
+            (LEAST..=MAX_GRIP_SPEED).contains(&self.max_grip_speed_m_per_s),
             "max_grip_speed_m_per_s",
-            "positive, at most 50 m/s",
+            "0.001 to 50 m/s",
         )?;
         rule(
             self.actuation_delay_us <= MAX_ACTUATION_DELAY_US,

@@ -15,6 +15,11 @@ impl TraceHash {
         TraceHash(0xcbf2_9ce4_8422_2325)
     }
 
+    /// Goes on from a hash that was.
+    pub const fn from_value(value: u64) -> Self {
+        TraceHash(value)
+    }
+
     /// Adds a word.
     #[inline]
     pub fn word(&mut self, word: u32) {

@@ -4,9 +4,9 @@
 //! Entry points: [`SimulatedConsole`] where one thread does everything; [`SimulatedBoard`] for firmware
 //! that runs link and control in tasks of its own, as a board has encoders and motors.
 
-use crate::control::{Control, Fresh, TICK_HZ, TICK_US, TickInput, TickOutput};
+use crate::control::{Control, Fresh, TICK_HZ, TICK_US, TickInput, TickOutput, Tuning};
 use crate::device::{DeviceDescription, DeviceError};
-use crate::link::{ConsoleLink, Identity, LinkEvent};
+use crate::link::{Checks, ConsoleLink, Counters, Identity, LinkEvent};
 use crate::virtual_console::VirtualDevice;
 use crate::wire::MAX_FRAME;
 use crate::wire::message::{Report, Simulate, State};
@@ -30,6 +30,14 @@ impl SimulatedBoard {
             device: VirtualDevice::new(device),
             emergency_stop: false,
             now_us: 0,
+        }
+    }
+
+    /// A board that has been up for so long \[us\].
+    pub fn at(device: &DeviceDescription, now_us: u64) -> Self {
+        SimulatedBoard {
+            now_us,
+            ..SimulatedBoard::new(device)
         }
     }
 
@@ -83,6 +91,23 @@ impl SimulatedBoard {
     }
 }
 
+/// Guards and checks that a simulated console goes without, to see what they are for. No console with motors reads this.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Without {
+    /// Of the control loop.
+    pub tuning: Tuning,
+    /// Of the link.
+    pub checks: Checks,
+}
+
+impl Without {
+    /// Switches off what has this name, see [`Guards::switch_off`](crate::control::Guards::switch_off) and
+    /// [`Checks::switch_off`]; false if nothing has.
+    pub fn switch_off(&mut self, name: &str) -> bool {
+        self.tuning.guards.switch_off(name) || self.checks.switch_off(name)
+    }
+}
+
 /// How punctual the thread that runs a console was with the last tick.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Pace {
@@ -101,6 +126,8 @@ pub struct SimulatedConsole {
     contact: Option<Fresh>,
     report: Report,
     state: Option<State>,
+    /// Time since the last tick \[us\].
+    since_tick_us: u64,
 }
 
 impl SimulatedConsole {
@@ -109,27 +136,62 @@ impl SimulatedConsole {
     /// # Errors
     /// See [`DeviceDescription::validate`].
     pub fn new(device: &DeviceDescription, seed: u32) -> Result<SimulatedConsole, DeviceError> {
+        SimulatedConsole::tuned(device, seed, Tuning::default(), Checks::ALL)
+    }
+
+    /// A console with a rendering, or without some guards and checks: to measure what they are for, and whether a test
+    /// would notice. Nothing on the wire reaches this.
+    ///
+    /// # Errors
+    /// See [`DeviceDescription::validate`].
+    pub fn tuned(
+        device: &DeviceDescription,
+        seed: u32,
+        tuning: Tuning,
+        checks: Checks,
+    ) -> Result<SimulatedConsole, DeviceError> {
         let identity = Identity {
             tick_hz: TICK_HZ,
             simulated: true,
             device_name: device.name,
         };
         Ok(SimulatedConsole {
-            link: ConsoleLink::new(identity, seed),
-            control: Control::new(*device)?,
+            link: ConsoleLink::with_checks(identity, seed, checks),
+            control: Control::tuned(*device, tuning)?,
             board: SimulatedBoard::new(device),
             contact: None,
             report: Report::default(),
             state: None,
+            since_tick_us: 0,
         })
+    }
+
+    /// Says how long ago the last tick was due \[us\], where a clock runs between ticks; else that is 0. What comes
+    /// in and what goes out is stamped with it.
+    pub fn wait(&mut self, since_tick_us: u64) {
+        self.since_tick_us = since_tick_us;
+    }
+
+    /// The console's clock \[us\].
+    fn clock_us(&self) -> u64 {
+        self.board.now_us() + self.since_tick_us
     }
 
     /// Takes bytes from the host.
     pub fn feed(&mut self, bytes: &[u8]) {
+        self.expire();
+        let now_us = self.clock_us();
         for byte in bytes {
-            if let Some(event) = self.link.receive(*byte, self.board.now_us()) {
+            if let Some(event) = self.link.receive(*byte, now_us) {
                 self.apply(event);
             }
+        }
+    }
+
+    /// Closes a session in which nothing comes.
+    fn expire(&mut self) {
+        if let Some(event) = self.link.expire(self.board.now_us()) {
+            self.apply(event);
         }
     }
 
@@ -138,6 +200,10 @@ impl SimulatedConsole {
             LinkEvent::SessionOpened => {
                 self.contact = None;
                 self.control.open_session();
+            }
+            LinkEvent::SessionClosed => {
+                self.contact = None;
+                self.control.close_session();
             }
             LinkEvent::Contact(contact) => {
                 let replaced = self
@@ -151,16 +217,33 @@ impl SimulatedConsole {
             }
             // They wait in the link for their contact.
             LinkEvent::Rows => {}
-            LinkEvent::Needle(needle) => self.control.needle(&needle),
-            LinkEvent::Thread(thread) => self.control.thread(&thread),
-            LinkEvent::Fixture(fixture) => self.control.fix(&fixture),
-            LinkEvent::Command(command) => self.control.command(command),
-            LinkEvent::Simulate(order) => self.board.simulate(order.body(), &mut self.control),
+            LinkEvent::Needle(needle) => {
+                self.control.needle(&needle);
+                self.control.hear(needle.sequence());
+            }
+            LinkEvent::Thread(thread) => {
+                self.control.thread(&thread);
+                self.control.hear(thread.sequence());
+            }
+            LinkEvent::Fixture(fixture) => {
+                self.control.fix(&fixture);
+                self.control.hear(fixture.sequence());
+            }
+            LinkEvent::Command(command) => {
+                self.control.command(*command.body());
+                self.control.hear(command.sequence());
+            }
+            LinkEvent::Simulate(order) => {
+                self.board.simulate(order.body(), &mut self.control);
+                self.control.hear(order.sequence());
+            }
         }
     }
 
     /// Runs one tick. `pace` is that of the tick before.
     pub fn tick(&mut self, pace: Pace) -> TickOutput {
+        self.expire();
+        self.since_tick_us = 0;
         let input = self.board.read(pace.overrun);
         let output = self.control.tick(&input, self.contact.take().as_ref());
         self.board.write(&output);
@@ -171,9 +254,9 @@ impl SimulatedConsole {
         output
     }
 
-    /// Gives what is to be sent after a tick, in order: the answer to a `Hello`, `State`, `Report`.
+    /// Gives what is to be sent after a tick, in order: the answer to a `Hello`, `State`, `Pong`, `Report`.
     pub fn drain(&mut self, out: &mut impl Extend<u8>) {
-        let now_us = self.board.now_us();
+        let (now_us, clock_us) = (self.board.now_us(), self.clock_us());
         let mut frame = [0; MAX_FRAME];
         let mut send = |frame: &[u8; MAX_FRAME], len| out.extend(frame.iter().copied().take(len));
         let greeting = self.link.take_reply(now_us, &mut frame);
@@ -190,6 +273,8 @@ impl SimulatedConsole {
             let len = self.link.encode_state(now_us, &state, &mut frame);
             send(&frame, len);
         }
+        let len = self.link.encode_pong(clock_us, &mut frame);
+        send(&frame, len);
         if greeting.is_some() || state.tick.is_multiple_of(REPORT_EVERY) {
             let len = self.link.encode_report(now_us, &self.report, &mut frame);
             send(&frame, len);
@@ -199,6 +284,16 @@ impl SimulatedConsole {
     /// Control rate \[Hz\].
     pub fn tick_hz(&self) -> u16 {
         TICK_HZ
+    }
+
+    /// What the link has counted.
+    pub fn counters(&self) -> Counters {
+        self.link.counters()
+    }
+
+    /// The control loop, to look at.
+    pub fn control(&self) -> &Control {
+        &self.control
     }
 
     /// The board, to look at.

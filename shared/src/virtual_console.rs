@@ -90,6 +90,11 @@ impl VirtualDevice {
         (self.q, self.dq)
     }
 
+    /// The device that it is.
+    pub fn description(&self) -> &DeviceDescription {
+        &self.device
+    }
+
     /// Grip position \[m\], world frame.
     pub fn position(&self) -> Vec3 {
         forward(&self.device, &self.q).position_m

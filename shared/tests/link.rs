@@ -8,12 +8,15 @@ use common::{forge, frame, header_bytes, padded, sample};
 use proptest::prelude::*;
 use sutura_shared::control::ContactRows;
 use sutura_shared::link::{
-    ConsoleLink, Counters, HostEvent, HostLink, Identity, LinkEvent, Mismatch, SendError,
+    Checks, ConsoleLink, Counters, EXPIRES_AFTER_US, HostEvent, HostLink, Identity, LinkEvent,
+    Mismatch, OWNED_FOR_US, SendError,
 };
-use sutura_shared::wire::message::{Command, Contact, Hello, Report, Simulate};
-use sutura_shared::wire::{MAX_FRAME, PROTOCOL_VERSION, Reject, SCHEMA_HASH};
+use sutura_shared::wire::message::{Command, Contact, Hello, Refusal, Report, Simulate};
+use sutura_shared::wire::{MAX_FRAME, PROTOCOL_VERSION, Reject, SCHEMA_HASH, Unchecked};
 
 const NOW_US: u64 = 10_000_000;
+/// When a session in which something came just now is free for others.
+const LATER_US: u64 = NOW_US + OWNED_FOR_US;
 
 fn identity() -> Identity {
     Identity {
@@ -28,8 +31,21 @@ fn console() -> ConsoleLink {
 }
 
 fn feed(console: &mut ConsoleLink, bytes: &[u8]) -> Vec<LinkEvent> {
-    let events = bytes.iter().filter_map(|b| console.receive(*b, NOW_US));
+    feed_at(console, bytes, NOW_US)
+}
+
+fn feed_at(console: &mut ConsoleLink, bytes: &[u8], now_us: u64) -> Vec<LinkEvent> {
+    let events = bytes.iter().filter_map(|b| console.receive(*b, now_us));
     events.collect()
+}
+
+/// The commands among events that are nothing else.
+fn commands(events: &[LinkEvent]) -> Vec<Command> {
+    let command = |event: &LinkEvent| match event {
+        LinkEvent::Command(command) => *command.body(),
+        other => panic!("{other:?}"),
+    };
+    events.iter().map(command).collect()
 }
 
 fn hear(host: &mut HostLink, bytes: &[u8]) -> Vec<HostEvent> {
@@ -63,7 +79,8 @@ fn state_frame(console: &mut ConsoleLink) -> Vec<u8> {
 /// Runs the handshake; returns the session and the host's `Hello`.
 fn connect(host: &mut HostLink, console: &mut ConsoleLink, nonce: u32) -> (u32, Vec<u8>) {
     let question = hello(host, nonce);
-    assert_eq!(feed(console, &question), [LinkEvent::SessionOpened]);
+    let opened = feed_at(console, &question, LATER_US);
+    assert_eq!(opened, [LinkEvent::SessionOpened]);
     let events = hear(host, &reply(console).unwrap());
     let [HostEvent::Opened(answer)] = events[..] else {
         panic!("not opened: {events:?}");
@@ -128,7 +145,7 @@ fn a_session_carries_every_message_both_ways() {
 
     let bytes = send(&mut host, &Command::Arm);
     let events = feed(&mut console, &bytes);
-    assert_eq!(events, [LinkEvent::Command(Command::Arm)]);
+    assert_eq!(commands(&events), [Command::Arm]);
 
     let order = Simulate::Hand(sample::hand());
     let bytes = send(&mut host, &order);
@@ -328,7 +345,17 @@ fn a_replayed_session_is_refused() {
     let arm = send(&mut host, &Command::Arm);
     assert_eq!(feed(&mut console, &arm).len(), 1, "still open");
 
-    assert_eq!(feed(&mut console, &recording), [LinkEvent::SessionOpened]);
+    // The host that uses the console keeps it; once it is quiet, a session that nobody asked for opens.
+    assert_eq!(feed(&mut console, &recording), []);
+    let answer = common::unpack_one(&reply(&mut console).unwrap()).unwrap();
+    let Unchecked::Hello(_, answer) = answer else {
+        panic!("{answer:?}");
+    };
+    assert_eq!((answer.session, answer.refusal), (0, Refusal::Owned));
+    let arm = send(&mut host, &Command::Arm);
+    assert_eq!(feed(&mut console, &arm).len(), 1, "still open");
+    let events = feed_at(&mut console, &recording, LATER_US);
+    assert_eq!(events, [LinkEvent::SessionOpened]);
     assert_eq!(console.counters().last_reject, Some(Reject::Session));
     // The host did not ask: it does not take the answer for its own.
     assert_eq!(hear(&mut host, &reply(&mut console).unwrap()), []);
@@ -416,7 +443,7 @@ fn a_host_of_another_version_is_answered_in_this_one() {
     assert!(!console.is_open());
     let answer = reply(&mut console).unwrap();
     let answer = common::unpack_one(&answer).unwrap();
-    let sutura_shared::wire::Unchecked::Hello(header, hello) = answer else {
+    let Unchecked::Hello(header, hello) = answer else {
         panic!("{answer:?}");
     };
     assert_eq!(header.version, PROTOCOL_VERSION);
@@ -439,7 +466,7 @@ fn the_host_hears_which_version_the_console_speaks() {
     assert_eq!(events, [HostEvent::Refused(mismatch)]);
     assert_eq!(
         mismatch.to_string(),
-        "the console speaks protocol version 3, this program version 0: use firmware and program of \
+        "the console speaks protocol version 3, this program version 1: use firmware and program of \
          one release"
     );
     assert_eq!(host.counters().last_reject, Some(Reject::Version));
@@ -457,6 +484,7 @@ fn the_host_refuses_a_console_that_does_not_fit() {
         max_frame: MAX_FRAME as u16,
         simulated: false,
         device_name: padded("desk"),
+        refusal: Refusal::None,
     };
     let hear_of = |answer: Hello| {
         let mut host = HostLink::new(1000);
@@ -588,7 +616,7 @@ fn state_every_is_kept_for_one_session() {
     assert_eq!(console.state_every(), 1);
     let command = Command::StateEvery { ticks: 33 };
     let bytes = send(&mut host, &command);
-    assert_eq!(feed(&mut console, &bytes), [LinkEvent::Command(command)]);
+    assert_eq!(commands(&feed(&mut console, &bytes)), [command]);
     assert_eq!(console.state_every(), 33);
     connect(&mut host, &mut console, 8);
     assert_eq!(console.state_every(), 1);
@@ -719,7 +747,7 @@ proptest! {
     ) {
         let (_, mut console, session) = pair();
         for (sequence, (kind, body)) in bodies.into_iter().enumerate() {
-            let head = header_bytes(0, kind, session, sequence as u32 + 1, 0);
+            let head = header_bytes(PROTOCOL_VERSION, kind, session, sequence as u32 + 1, 0);
             for event in feed(&mut console, &forge(&[head, body].concat())) {
                 let finite = match event {
                     LinkEvent::Contact(contact) => {
@@ -739,4 +767,99 @@ proptest! {
 fn session_numbers_are_the_same_everywhere() {
     let (_, _, session) = pair();
     assert_eq!(session, 0x2186_7745);
+}
+
+/// What each check is for: without it alone, what it keeps out gets in.
+#[test]
+fn every_check_keeps_something_out() {
+    type Breach = fn(&mut ConsoleLink, u32) -> bool;
+    fn arms(console: &mut ConsoleLink, bytes: &[u8]) -> bool {
+        !feed(console, bytes).is_empty()
+    }
+    let checksum: Breach = |console, session| {
+        let mut broken = frame(session, 1, 0, &Command::Arm);
+        let last = broken.len() - 2;
+        broken[last] ^= 0x55;
+        arms(console, &broken)
+    };
+    let of_another_session: Breach =
+        |console, session| arms(console, &frame(session ^ 1, 1, 0, &Command::Arm));
+    let doubled: Breach = |console, session| {
+        let arm = frame(session, 1, 0, &Command::Arm);
+        feed(console, &arm);
+        arms(console, &arm)
+    };
+    let future: Breach =
+        |console, session| arms(console, &frame(session, 1, NOW_US + 1, &sample::contact()));
+    let schema: Breach = |console, _| arms(console, &host_hello(|hello| hello.schema_hash ^= 1));
+    let ownership: Breach = |console, session| {
+        feed(console, &frame(session, 1, 0, &Command::Arm));
+        arms(console, &host_hello(|_| {}))
+    };
+    let expiry: Breach = |console, _| {
+        let much_later = LATER_US + EXPIRES_AFTER_US;
+        console.expire(much_later - 1).is_some() || console.expire(much_later).is_none()
+    };
+    let all = Checks::ALL;
+    let without: [(Checks, Breach); 7] = [
+        (
+            Checks {
+                checksum: false,
+                ..all
+            },
+            checksum,
+        ),
+        (
+            Checks {
+                session: false,
+                ..all
+            },
+            of_another_session,
+        ),
+        (
+            Checks {
+                sequence: false,
+                ..all
+            },
+            doubled,
+        ),
+        (
+            Checks {
+                future: false,
+                ..all
+            },
+            future,
+        ),
+        (
+            Checks {
+                schema: false,
+                ..all
+            },
+            schema,
+        ),
+        (
+            Checks {
+                ownership: false,
+                ..all
+            },
+            ownership,
+        ),
+        (
+            Checks {
+                expiry: false,
+                ..all
+            },
+            expiry,
+        ),
+    ];
+    for (off, breach) in without {
+        for (checks, gets_in) in [(off, true), (Checks::ALL, false)] {
+            let (mut host, mut console) = (
+                HostLink::new(1000),
+                ConsoleLink::with_checks(identity(), 0x5eed, checks),
+            );
+            let (session, _) = connect(&mut host, &mut console, 7);
+            assert_eq!(breach(&mut console, session), gets_in, "{checks:?}");
+        }
+    }
 }

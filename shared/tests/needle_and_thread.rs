@@ -28,8 +28,6 @@ fn valid<M: Message>(body: M, console_time_us: u64) -> Valid<M> {
 const RUBBING: Needle = Needle {
     tool: 0,
     needle: 1,
-    position_m: [0.0; 3],
-    orientation: [0.0, 0.0, 0.0, 1.0],
     slide: [0.0, 0.0, -1.0, 0.0, 0.0, 0.0],
     tip: Tip::Inside,
     friction: Friction::Sticks,
@@ -44,7 +42,6 @@ const RUBBING: Needle = Needle {
         backward: 0,
         points: [[0.0; 2]; 12],
     },
-    horizon_us: 100_000,
 };
 
 /// Held by a boundary that bears 0.1 N more, at 50 N/m: 2 mm.
@@ -202,7 +199,6 @@ fn a_puncture_that_the_host_does_not_know_of_stays_had() {
     let late = Needle {
         axial_n: -0.225,
         hold_n: 0.175,
-        position_m: [0.0, 0.0, -slide(34)],
         ..HOLDING
     };
     let frame = valid(late, SOLVED + 34_000);
@@ -249,10 +245,7 @@ fn slips_since_a_frames_time_are_had_again() {
             80.0 - ms as f32
         }
     };
-    let first = Needle {
-        horizon_us: 150_000,
-        ..RUBBING
-    };
+    let first = RUBBING;
     let mut needle = LocalNeedle::new(&valid(first, SOLVED));
     for ms in 0..=46 {
         felt(&mut needle, &first, slide(ms), SOLVED + 1000 * ms);
@@ -281,29 +274,15 @@ fn slips_since_a_frames_time_are_had_again() {
     }
 }
 
-#[test]
-fn beyond_the_horizon_nothing_is_corrected() {
-    let mut needle = LocalNeedle::new(&valid(HOLDING, SOLVED));
-    let mut at = |age_us| needle.correction(&down(3e-3), SOLVED + age_us)[2];
-    let fresh = at(0);
-    assert!(fresh < -0.1);
-    assert_eq!(at(100_000), fresh);
-    assert!((at(115_000) / fresh - 0.5).abs() < 1e-5);
-    assert_eq!(at(130_000), 0.0);
-    assert_eq!(at(u64::MAX - SOLVED), 0.0);
-}
-
 const TAUT: Thread = Thread {
     tool: 0,
     thread: 1,
     end: sutura_shared::wire::message::End::Head,
     state: Tension::Taut,
-    position_m: [0.0; 3],
     direction: [0.6, 0.0, 0.8],
     tension_n: 0.5,
     stiffness_n_per_m: 250.0,
     slack_m: 0.0,
-    horizon_us: 100_000,
 };
 
 const SLACK: Thread = Thread {
@@ -317,7 +296,7 @@ const SLACK: Thread = Thread {
 fn pull(body: &Thread, way_m: f32) -> f32 {
     let local = LocalThread::new(&valid(*body, SOLVED));
     let [a, b, c] = body.direction.map(|part| -part * way_m);
-    let [x, y, z, ..] = local.correction(&[a, b, c, 0.1, 0.2, 0.3], SOLVED);
+    let [x, y, z, ..] = local.correction(&[a, b, c, 0.1, 0.2, 0.3]);
     let [u, v, w] = body.direction;
     let linear = match body.state {
         Tension::Slack => 0.0,
@@ -343,15 +322,6 @@ fn a_thread_pulls_and_never_pushes_and_is_the_same_from_either_side() {
         };
         assert!((pull(&there, way - 3e-3) - slack).abs() < 1e-5);
     }
-}
-
-#[test]
-fn a_thread_has_a_horizon_too() {
-    let local = LocalThread::new(&valid(SLACK, SOLVED));
-    let at = |age_us| local.correction(&[-6e-3, 0.0, -8e-3, 0.0, 0.0, 0.0], SOLVED + age_us)[0];
-    assert!((at(0) - 0.6 * 250.0 * 7e-3).abs() < 1e-5);
-    assert_eq!(at(100_000), at(0));
-    assert_eq!(at(130_000), 0.0);
 }
 
 /// Numbers of any size within the wire's limits, the limits themselves more often than chance would have them.
@@ -464,7 +434,7 @@ proptest! {
             ..TAUT
         };
         let local = LocalThread::new(&valid(body, SOLVED));
-        let wrench = local.correction(&dx, SOLVED);
+        let wrench = local.correction(&dx);
         prop_assert!(wrench.iter().all(|part| part.is_finite()), "{wrench:?}");
     }
 }

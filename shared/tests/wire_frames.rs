@@ -11,7 +11,8 @@ use common::{
 use proptest::prelude::*;
 use sutura_shared::wire::message::{Command, Hello};
 use sutura_shared::wire::{
-    Accumulator, Decoded, Direction, Kind, MAX_FRAME, Reject, SCHEMA_HASH, Unchecked, decode,
+    Accumulator, Decoded, Direction, Kind, MAX_FRAME, PROTOCOL_VERSION, Reject, SCHEMA_HASH,
+    Unchecked, decode,
 };
 
 /// Every single byte of every golden frame, changed to every other value: this includes every
@@ -138,22 +139,49 @@ fn each_part_of_the_packet_has_its_reject() {
         forge(&[&header_bytes(version, kind, 1, 1, 0)[..], body].concat())
     };
     assert_eq!(unpack_one(&[1, 0]), Err(Reject::Short), "nothing");
-    assert_eq!(unpack_one(&forge(&[0; 17])), Err(Reject::Short));
+    assert_eq!(
+        unpack_one(&forge(&[PROTOCOL_VERSION; 17])),
+        Err(Reject::Short)
+    );
     assert_eq!(unpack_one(&[5, 1, 0]), Err(Reject::Cobs), "cut short");
-    assert_eq!(unpack_one(&content(0, 4, &[0])).map(|_| ()), Ok(()));
-    assert_eq!(unpack_one(&content(1, 4, &[0])), Err(Reject::Version));
+    assert_eq!(
+        unpack_one(&content(PROTOCOL_VERSION, 4, &[0])).map(|_| ()),
+        Ok(())
+    );
+    assert_eq!(
+        unpack_one(&content(PROTOCOL_VERSION + 1, 4, &[0])),
+        Err(Reject::Version)
+    );
     // Another version's kinds are its own business.
-    assert_eq!(unpack_one(&content(1, 99, &[0])), Err(Reject::Version));
-    for kind in [0, 7, 15, 21, 255] {
-        assert_eq!(unpack_one(&content(0, kind, &[0])), Err(Reject::Kind));
+    assert_eq!(
+        unpack_one(&content(PROTOCOL_VERSION + 1, 99, &[0])),
+        Err(Reject::Version)
+    );
+    for kind in [0, 9, 15, 21, 255] {
+        assert_eq!(
+            unpack_one(&content(PROTOCOL_VERSION, kind, &[0])),
+            Err(Reject::Kind)
+        );
     }
-    assert_eq!(unpack_one(&content(0, 19, &[0])), Err(Reject::ReservedKind));
-    assert_eq!(unpack_one(&content(0, 4, &[])), Err(Reject::Body));
-    assert_eq!(unpack_one(&content(0, 4, &[4])), Err(Reject::Body));
-    assert_eq!(unpack_one(&content(0, 4, &[0, 0])), Err(Reject::Trailing));
-    let bool_of_two = content(0, 6, &[2, 2]);
+    assert_eq!(
+        unpack_one(&content(PROTOCOL_VERSION, 19, &[0])),
+        Err(Reject::ReservedKind)
+    );
+    assert_eq!(
+        unpack_one(&content(PROTOCOL_VERSION, 4, &[])),
+        Err(Reject::Body)
+    );
+    assert_eq!(
+        unpack_one(&content(PROTOCOL_VERSION, 4, &[4])),
+        Err(Reject::Body)
+    );
+    assert_eq!(
+        unpack_one(&content(PROTOCOL_VERSION, 4, &[0, 0])),
+        Err(Reject::Trailing)
+    );
+    let bool_of_two = content(PROTOCOL_VERSION, 6, &[2, 2]);
     assert_eq!(unpack_one(&bool_of_two), Err(Reject::Body));
-    let endless_varint = content(0, 4, &[3, 0xff, 0xff, 0xff]);
+    let endless_varint = content(PROTOCOL_VERSION, 4, &[3, 0xff, 0xff, 0xff]);
     assert_eq!(unpack_one(&endless_varint), Err(Reject::Body));
 }
 
@@ -186,14 +214,15 @@ fn direction_is_checked() {
         let to_host = message.validate(Direction::ToHost).err();
         let wrong = Some(Reject::Direction);
         let from_host = match message {
-            Unchecked::Hello(_, hello) => hello.session == 0,
+            Unchecked::Hello(_, hello) => hello.device_name == [0; 16],
             Unchecked::Contact(..)
             | Unchecked::Command(..)
             | Unchecked::Simulate(..)
             | Unchecked::Needle(..)
             | Unchecked::Thread(..)
+            | Unchecked::Ping(..)
             | Unchecked::Fixture(..) => true,
-            Unchecked::State(..) | Unchecked::Report(..) => false,
+            Unchecked::State(..) | Unchecked::Report(..) | Unchecked::Pong(..) => false,
         };
         if from_host {
             assert_eq!((to_console, to_host), (None, wrong), "{name}");
@@ -219,6 +248,8 @@ fn any_frame() -> impl Strategy<Value = Vec<u8>> {
             Unchecked::Needle(_, body) => frame(session, sequence, time, &body),
             Unchecked::Thread(_, body) => frame(session, sequence, time, &body),
             Unchecked::Fixture(_, body) => frame(session, sequence, time, &body),
+            Unchecked::Ping(_, body) => frame(session, sequence, time, &body),
+            Unchecked::Pong(_, body) => frame(session, sequence, time, &body),
         },
     )
 }
@@ -247,7 +278,7 @@ proptest! {
         kind in prop_oneof![0u8..8, Just(16), Just(17), any::<u8>()],
         body in any_bytes(230),
     ) {
-        let content = [&header_bytes(0, kind, 1, 1, 0)[..], &body].concat();
+        let content = [&header_bytes(PROTOCOL_VERSION, kind, 1, 1, 0)[..], &body].concat();
         for read in unpack_all(&forge(&content)) {
             let Ok(message) = read else { continue };
             if validate_either(message).is_ok() {

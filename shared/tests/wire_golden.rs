@@ -4,12 +4,12 @@ mod common;
 
 use common::{encode_again, golden, hex_of, unpack_one, validate_either};
 use sutura_shared::wire::message::{
-    Command, Contact, End, Fixture, Friction, Hello, Mode, Needle, Report, Rows, Simulate, State,
-    Tension, Thread, Tip, WAY_POINTS,
+    Command, Contact, End, Fixture, Friction, Hello, Mode, Needle, Ping, Pong, Refusal, Report,
+    Rows, Simulate, State, Tension, Thread, Tip, WAY_POINTS,
 };
 use sutura_shared::wire::{
     HEADER_SIZE, Kind, MAX_FRAME, MAX_REAL_TIME_FRAME, PROTOCOL_VERSION, Reject, SCHEMA_HASH,
-    faults, frame_size,
+    faults, frame_size, inputs,
 };
 
 use postcard::experimental::max_size::MaxSize;
@@ -37,6 +37,8 @@ fn numbers_on_the_wire_are_pinned() {
         (Kind::Command, 4),
         (Kind::Report, 5),
         (Kind::Simulate, 6),
+        (Kind::Ping, 7),
+        (Kind::Pong, 8),
         (Kind::Rows, 16),
         (Kind::Needle, 17),
         (Kind::Thread, 18),
@@ -75,6 +77,29 @@ fn numbers_on_the_wire_are_pinned() {
     for (number, order) in orders.into_iter().enumerate() {
         assert_eq!(first_byte(&order), number as u8, "{order:?}");
     }
+}
+
+#[test]
+fn refusals_and_inputs_are_pinned() {
+    let refusals = [
+        Refusal::None,
+        Refusal::Schema,
+        Refusal::TickRate,
+        Refusal::FrameSize,
+        Refusal::Owned,
+    ];
+    for (number, refusal) in refusals.into_iter().enumerate() {
+        assert_eq!(refusal as usize, number, "{refusal:?}");
+        assert_eq!(first_byte(&refusal), number as u8, "{refusal:?}");
+    }
+    let bits = [
+        inputs::EMERGENCY_STOP,
+        inputs::BOARD_FAULT,
+        inputs::OVERRUN,
+        inputs::ORIENTATION,
+        inputs::NO_ROTATION,
+    ];
+    assert_eq!(bits, [1, 2, 4, 8, 16]);
 }
 
 #[test]
@@ -132,6 +157,7 @@ fn reasons_for_refusal_are_pinned() {
         (Reject::FrameSize, 19),
         (Reject::Name, 20),
         (Reject::Nonce, 21),
+        (Reject::Owned, 22),
     ];
     assert_eq!(Reject::ALL.len(), pinned.len());
     for (reject, number) in pinned {
@@ -140,7 +166,7 @@ fn reasons_for_refusal_are_pinned() {
         assert!(!reject.to_string().is_empty());
     }
     assert_eq!(Reject::from_number(0), None);
-    assert_eq!(Reject::from_number(22), None);
+    assert_eq!(Reject::from_number(23), None);
 }
 
 #[test]
@@ -167,8 +193,8 @@ fn fault_bits_are_pinned() {
 /// with the golden frames, and say so in the changelog.
 #[test]
 fn schema_is_pinned() {
-    assert_eq!(PROTOCOL_VERSION, 0);
-    assert_eq!(SCHEMA_HASH, 0x4736_d353_a62c_91cb, "{SCHEMA_HASH:#018x}");
+    assert_eq!(PROTOCOL_VERSION, 1);
+    assert_eq!(SCHEMA_HASH, 0x994d_e167_f567_5d53, "{SCHEMA_HASH:#018x}");
 }
 
 /// Counted by hand from the layouts: varints of 3 (u16), 5 (u32, i32) and 10 (u64) bytes, f32 of 4.
@@ -177,22 +203,24 @@ fn sizes_are_those_counted_by_hand() {
     let joint = 8 * 4 + 5;
     let device = 16 + (1 + 5 * 4) + 3 * joint + 3 * 4 + 3 * 4 + 5;
     let hand = 5 * 4 + 1 + WAY_POINTS * 16;
-    assert_eq!(Hello::POSTCARD_MAX_SIZE, 10 + 5 + 5 + 3 + 3 + 1 + 16);
+    assert_eq!(Hello::POSTCARD_MAX_SIZE, 10 + 5 + 5 + 3 + 3 + 1 + 16 + 1);
     assert_eq!(
         State::POSTCARD_MAX_SIZE,
-        5 + 16 * 4 + 1 + 3 + 5 + 5 + 5 + 10
+        5 + 16 * 4 + 1 + 3 + 5 + 5 + 5 + 10 + 3 * 5 + 1 + 5
     );
+    assert_eq!(Ping::POSTCARD_MAX_SIZE, 10);
+    assert_eq!(Pong::POSTCARD_MAX_SIZE, 3 * 10);
     assert_eq!(
         Contact::POSTCARD_MAX_SIZE,
         1 + (3 + 4 + 6 + 21 + 1 + 3 + 1) * 4 + 5
     );
-    let numbers = 3 + 4 + 6 + 1 + 2 + 2 + 1 + 1 + 1;
+    let numbers = 6 + 1 + 2 + 2 + 1 + 1 + 1;
     let course = 2 + 12 * 2 * 4;
     assert_eq!(
         Needle::POSTCARD_MAX_SIZE,
-        1 + 1 + numbers * 4 + 1 + 1 + course + 5
+        1 + 1 + numbers * 4 + 1 + 1 + course
     );
-    assert_eq!(Thread::POSTCARD_MAX_SIZE, 4 + (3 + 3 + 3) * 4 + 5);
+    assert_eq!(Thread::POSTCARD_MAX_SIZE, 4 + (3 + 3) * 4);
     assert_eq!(Fixture::POSTCARD_MAX_SIZE, 1 + (3 + 3 + 1 + 1) * 4);
     assert_eq!(Command::POSTCARD_MAX_SIZE, 1 + 3);
     assert_eq!(Report::POSTCARD_MAX_SIZE, 7 * 5 + 3 + 3 * 5);
@@ -209,9 +237,12 @@ fn sizes_are_those_counted_by_hand() {
         1 + 21 * 4 + 4 + (1 + 24 * row) + (2 + entries * 4)
     );
     assert_eq!(frame_size(Contact::POSTCARD_MAX_SIZE), 186);
-    assert_eq!(frame_size(Needle::POSTCARD_MAX_SIZE), 215);
-    assert_eq!(frame_size(Thread::POSTCARD_MAX_SIZE), 69);
+    assert_eq!(frame_size(Needle::POSTCARD_MAX_SIZE), 182);
+    assert_eq!(frame_size(Thread::POSTCARD_MAX_SIZE), 52);
     assert_eq!(frame_size(Fixture::POSTCARD_MAX_SIZE), 57);
-    assert_eq!(frame_size(State::POSTCARD_MAX_SIZE), 122);
+    assert_eq!(frame_size(State::POSTCARD_MAX_SIZE), 143);
+    assert_eq!(frame_size(Hello::POSTCARD_MAX_SIZE), 68);
+    assert_eq!(frame_size(Ping::POSTCARD_MAX_SIZE), 34);
+    assert_eq!(frame_size(Pong::POSTCARD_MAX_SIZE), 54);
     assert_eq!(MAX_REAL_TIME_FRAME, 220);
 }

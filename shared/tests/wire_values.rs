@@ -10,8 +10,8 @@ use common::{
 use proptest::prelude::*;
 use sutura_shared::device::{DeviceDescription, Kinematics};
 use sutura_shared::wire::message::{
-    Command, Contact, Course, End, Fixture, Friction, HandScript, Hello, Mode, Needle, Report,
-    Simulate, State, Tension, Thread, Tip, WAY_POINTS, WayPoint,
+    Command, Contact, Course, End, Fixture, Friction, HandScript, Hello, Mode, Needle, Ping, Pong,
+    Refusal, Report, Simulate, State, Tension, Thread, Tip, WAY_POINTS, WayPoint,
 };
 use sutura_shared::wire::{Checked, Header, Kind, Message, Reject, Valid, validate};
 
@@ -123,7 +123,6 @@ fn directions_and_rotations_have_unit_length() {
 fn needle_limits() {
     let needle = sample::needle();
     for i in 0..3 {
-        check_limits(needle, |n| &mut n.position_m[i], -10.0, 10.0);
         check_limits(needle, |n| &mut n.slide[i], -100.0, 100.0);
     }
     // The first makes the needle round, whatever the others.
@@ -174,15 +173,6 @@ fn needle_limits() {
     assert_eq!(tool(7), Ok(()));
     assert_eq!(tool(8), Err(Reject::Range));
     assert_eq!(verdict(with(needle, |n| n.needle = u8::MAX)), Ok(()));
-    assert_eq!(verdict(with(needle, |n| n.horizon_us = u32::MAX)), Ok(()));
-    let turned = |orientation| {
-        verdict(Needle {
-            orientation,
-            ..needle
-        })
-    };
-    assert_eq!(turned([0.0; 4]), Err(Reject::Range));
-    assert_eq!(turned([0.0, f32::NAN, 0.0, 1.0]), Err(Reject::NotFinite));
 }
 
 #[test]
@@ -223,9 +213,6 @@ fn fixture_limits() {
 #[test]
 fn thread_limits() {
     let taut = sample::thread();
-    for i in 0..3 {
-        check_limits(taut, |t| &mut t.position_m[i], -10.0, 10.0);
-    }
     check_limits(taut, |t| &mut t.tension_n, 0.0, 1e4);
     check_limits(taut, |t| &mut t.stiffness_n_per_m, 0.0, 1e7);
     let slack = Thread {
@@ -250,7 +237,6 @@ fn thread_limits() {
     let tool = |tool| verdict(with(taut, |t| t.tool = tool));
     assert_eq!((tool(7), tool(8)), (Ok(()), Err(Reject::Range)));
     assert_eq!(verdict(with(taut, |t| t.thread = u8::MAX)), Ok(()));
-    assert_eq!(verdict(with(taut, |t| t.horizon_us = u32::MAX)), Ok(()));
     let along = |direction| verdict(Thread { direction, ..taut });
     assert_eq!(along([0.6, 0.0, -0.8]), Ok(()));
     assert_eq!(along([0.6, 0.0, -0.7]), Err(Reject::Range));
@@ -547,7 +533,6 @@ prop_compose! {
 prop_compose! {
     fn any_needle()(
         (tool, needle) in (0u8..9, any::<u8>()),
-        (position_m, orientation) in (numbers(), any_unit()),
         (linear, angular) in (any_unit::<3>(), prop_oneof![Just([0.0; 3]), numbers::<3>()]),
         tip in prop_oneof![Just(Tip::Outside), Just(Tip::Holding), Just(Tip::Inside)],
         friction in
@@ -556,13 +541,11 @@ prop_compose! {
         stiffness_n_per_m in prop_oneof![Just([90.0, 0.0]), numbers()],
         (axial_n, punctured_n) in (any_number(), any_number()),
         (hold_n, puncture_n) in prop_oneof![Just((0.0, 1e4)), (any_number(), any_number())],
-        horizon_us in any::<u32>(),
     ) -> Needle {
         let ([a, b, c], [d, e, f]) = (linear, angular);
         Needle {
-            tool, needle, position_m, orientation, slide: [a, b, c, d, e, f], tip, friction, axial_n,
+            tool, needle, slide: [a, b, c, d, e, f], tip, friction, axial_n,
             friction_n, stiffness_n_per_m, hold_n, puncture_n, punctured_n, course: Course::default(),
-            horizon_us,
         }
     }
 }
@@ -572,13 +555,12 @@ prop_compose! {
         (tool, thread) in (0u8..9, any::<u8>()),
         end in prop_oneof![Just(End::Tail), Just(End::Head)],
         state in prop_oneof![Just(Tension::Slack), Just(Tension::Taut), Just(Tension::Strained)],
-        (position_m, direction) in (numbers(), any_unit()),
+        direction in any_unit(),
         (tension_n, stiffness_n_per_m) in (prop_oneof![Just(0.0), any_number()], any_number()),
         slack_m in prop_oneof![Just(0.0), any_number()],
-        horizon_us in any::<u32>(),
     ) -> Thread {
         Thread {
-            tool, thread, end, state, position_m, direction, tension_n, stiffness_n_per_m, slack_m, horizon_us,
+            tool, thread, end, state, direction, tension_n, stiffness_n_per_m, slack_m,
         }
     }
 }
@@ -593,11 +575,13 @@ prop_compose! {
         current_a in numbers(),
         mode in prop_oneof![Just(Mode::Boot), Just(Mode::Armed), Just(Mode::Fault)],
         (contact_sequence, contact_age_us, applied_age_us) in any::<(u32, u32, u32)>(),
-        trace_hash in any::<u64>(),
+        (trace_hash, heard_sequence, inputs) in any::<(u64, u32, u8)>(),
+        encoder_counts in any::<[i32; 3]>(),
     ) -> State {
         State {
             tick, position_m, orientation, velocity_m_per_s, force_n, current_a, mode, faults,
-            contact_sequence, contact_age_us, applied_age_us, trace_hash,
+            contact_sequence, contact_age_us, applied_age_us, trace_hash, encoder_counts, inputs,
+            heard_sequence,
         }
     }
 }
@@ -647,9 +631,7 @@ fn holds_promises(message: &Checked) -> bool {
             let n = needle.body();
             let bends = length(&n.slide[3..]) > 0.0;
             let magnitudes = [n.friction_n, n.stiffness_n_per_m, [n.hold_n, n.puncture_n]];
-            finite(&n.position_m)
-                && (length(&n.orientation) - 1.0).abs() < 1e-3
-                && finite(&n.slide)
+            finite(&n.slide)
                 && (bends || (length(&n.slide) - 1.0).abs() < 1e-3)
                 && finite(&[n.axial_n, n.punctured_n])
                 && magnitudes
@@ -661,8 +643,7 @@ fn holds_promises(message: &Checked) -> bool {
         Checked::Thread(thread) => {
             let t = thread.body();
             let numbers = [t.tension_n, t.stiffness_n_per_m, t.slack_m];
-            finite(&t.position_m)
-                && (length(&t.direction) - 1.0).abs() < 1e-3
+            (length(&t.direction) - 1.0).abs() < 1e-3
                 && numbers.iter().all(|x| x.is_finite() && *x >= 0.0)
                 && (t.tension_n == 0.0 || t.slack_m == 0.0)
                 && t.tool < 8
@@ -746,6 +727,11 @@ proptest! {
         }))?;
         survives(&frame(0, 0, 3, &Hello {
             schema_hash, nonce: ticks, session: frames_lost, tick_hz, max_frame, simulated, device_name,
+            refusal: Refusal::None,
+        }))?;
+        survives(&frame(1, 2, 3, &Ping { host_us: schema_hash }))?;
+        survives(&frame(1, 2, 3, &Pong {
+            host_us: schema_hash, received_us: schema_hash, sent_us: schema_hash,
         }))?;
     }
 }

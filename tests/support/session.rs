@@ -35,6 +35,7 @@ impl Solve for Plane {
         contact.wrench[2] = PLANE_N_PER_M * (-z).max(0.0);
         contact.tangent[2][2] = -PLANE_N_PER_M;
         Solved {
+            position_m: state.body().position_m,
             contact: Some(contact),
             rows: None,
             needle: None,

@@ -3,7 +3,9 @@
 mod bench;
 mod calls;
 mod firmware;
+mod fuzz;
 mod gates;
+mod hil;
 mod image;
 mod locks;
 mod run;
@@ -59,6 +61,13 @@ Times on this machine: cargo run --release -- bench")]
         #[arg(long, value_enum, default_value = "text")]
         format: Format,
     },
+    /// Runs fault scenarios on a console: simulated, in the firmware's image, in a process, or at a port.
+    #[command(disable_help_flag = true)]
+    Hil {
+        /// See `cargo xtask hil --help`.
+        #[arg(trailing_var_arg = true, allow_hyphen_values = true)]
+        arguments: Vec<String>,
+    },
     /// Writes the scenes that have generated scripts.
     #[command(after_help = "Examples:
   cargo xtask scenes            write scenes/anastomosis-20.toml and others
@@ -67,6 +76,13 @@ Times on this machine: cargo run --release -- bench")]
         /// Write nothing.
         #[arg(long)]
         check: bool,
+    },
+    /// Mutates frames, scenes and meshes and looks what reads them; `cargo xtask fuzz --help` has its arguments.
+    #[command(disable_help_flag = true)]
+    Fuzz {
+        /// Passed on.
+        #[arg(trailing_var_arg = true, allow_hyphen_values = true)]
+        arguments: Vec<String>,
     },
     /// Runs everything that the project checks.
     Test,
@@ -80,6 +96,10 @@ enum Format {
 
 fn main() -> ExitCode {
     let result = match Arguments::parse().command {
+        Command::Hil { arguments } => match hil::run(&arguments) {
+            Ok(code) => return code,
+            Err(error) => Err(error),
+        },
         Command::Setup => setup::all(),
         Command::Firmware {
             board: Some(board),
@@ -93,6 +113,7 @@ fn main() -> ExitCode {
         } => firmware::gated(bless, format),
         Command::Bench { bless, format } => bench::gated(bless, format),
         Command::Scenes { check } => scenes::gated(check),
+        Command::Fuzz { arguments } => fuzz::run(&arguments),
         Command::Test => test::all(),
     };
     match result {

@@ -7,8 +7,8 @@ use crate::{Format, bench, firmware, locks, setup};
 use anyhow::{Context, Result, anyhow};
 use std::time::Instant;
 
-/// Cargo features that only tests need: those that run the firmware's image under QEMU.
-const TEST_FEATURES: &str = "sutura/qemu-tests";
+/// Cargo features that only tests need: those that run the firmware's image under QEMU, and the bench's program.
+const TEST_FEATURES: &str = "sutura/qemu-tests,sutura-hil/bench";
 
 /// Tests counted over all runners.
 #[derive(Default)]

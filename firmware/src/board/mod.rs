@@ -31,6 +31,8 @@ pub use virtual_console::*;
 pub use stm32f4xx_hal::pac;
 
 use crate::epitaph::Epitaph;
+#[cfg(feature = "virtual")]
+use sutura_shared::simulated_console::Without;
 use sutura_shared::wire::message::Report;
 
 /// What the last boot left behind.
@@ -42,6 +44,9 @@ pub struct Boot {
     pub epitaph: Option<Epitaph>,
     /// For session numbers: differs from boot to boot on hardware.
     pub seed: u32,
+    /// Guards that are off. Boards with motors have no such thing.
+    #[cfg(feature = "virtual")]
+    pub without: Without,
 }
 
 impl Boot {

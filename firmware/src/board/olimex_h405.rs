@@ -48,6 +48,8 @@ use usbd_serial::{SerialPort, USB_CLASS_CDC};
 
 /// Core clock \[Hz\].
 const CORE_HZ: u32 = 168_000_000;
+/// Cycles of the core in a microsecond.
+pub const CYCLES_PER_US: u32 = CORE_HZ / 1_000_000;
 /// TIM8 counts per pulse: 20 kHz, above hearing and what usual servo amplifiers sample.
 const PULSE: u32 = CORE_HZ / 20_000;
 /// Current of the amplifiers at 90 % duty \[A\].
@@ -180,7 +182,7 @@ pub fn log(event: Event) {
 
 /// Encoders, motors and the amplifiers' lines.
 pub struct Plant {
-    clock: Clock<{ CORE_HZ / 1_000_000 }>,
+    clock: Clock<CYCLES_PER_US>,
     encoders: (pac::TIM3, pac::TIM4, pac::TIM2),
     counters: [Counter16; 2],
     tick: pac::TIM7,

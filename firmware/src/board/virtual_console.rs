@@ -2,10 +2,11 @@
 //!
 //! The emulator's command line chooses how bytes come and what makes time pass:
 //!
-//! - `lockstep DOWN UP`: two named pipes. One message down, a u16 length and that many bytes, makes one tick;
+//! - `lockstep DOWN UP [seed=N] [off=GUARD,..]`: two named pipes. One message down, a u16 length and that many bytes, makes one tick;
 //!   one message up answers it. The length 0xFFFF ends the emulator with exit code 0. Virtual time is the
 //!   tick count, so that runs are identical to the bit, and to `SimulatedConsole` on any other machine.
-//!   Reports say nothing of cost and stack, which another machine could not repeat.
+//!   Reports say nothing of cost and stack, which another machine could not repeat. `seed` is for session numbers, 0 if it
+//!   is left out; `off` names guards and checks to go without, to see whether a test notices.
 //! - `uart`: USART1, and 1 kHz from SysTick. A smoke test: QEMU moves 8 to 12 kB/s towards the image.
 //!
 //! Nothing is logged here: the emulator's console has no reader that knows defmt, and a fault writes one
@@ -27,7 +28,7 @@ use stm32f4xx_hal::pac::{self, Interrupt};
 use sutura_shared::control::TICK_HZ;
 use sutura_shared::device::DeviceDescription;
 use sutura_shared::link::Identity;
-use sutura_shared::simulated_console::SimulatedBoard;
+use sutura_shared::simulated_console::{SimulatedBoard, Without};
 
 /// The console until the host sends another.
 pub const DEVICE: DeviceDescription = CARTESIAN_BENCH;
@@ -46,6 +47,8 @@ pub const LINK: Interrupt = Interrupt::USART1;
 
 /// Counts of SysTick in a tick.
 const TICK: u32 = 168_000;
+/// ... and in a microsecond.
+pub const CYCLES_PER_US: u32 = TICK / 1000;
 
 /// Bytes that lockstep hands to the link task at a time.
 const DOWN: usize = 1024;
@@ -123,6 +126,17 @@ pub fn start(
         None => fail("what makes time pass? lockstep DOWN UP, or uart"),
     };
     LOCKSTEP.store(pipes.is_some(), Ordering::Relaxed);
+    let (mut seed, mut without) = (0, Without::default());
+    for word in words {
+        let known = match word.split_once('=') {
+            Some(("seed", number)) => number.parse().map(|number| seed = number).is_ok(),
+            Some(("off", names)) => names.split(',').all(|name| without.switch_off(name)),
+            _ => false,
+        };
+        if !known {
+            fail("unknown word behind the pipes: seed=NUMBER, or off=GUARD,..");
+        }
+    }
     let uart = pipes.is_none().then(|| {
         let uart = device.USART1;
         uart.cr1().write(|w| {
@@ -151,7 +165,8 @@ pub fn start(
     let boot = Boot {
         reset_cause: 0,
         epitaph: fault::exhume(),
-        seed: 0,
+        seed,
+        without,
     };
     (SimulatedBoard::new(&DEVICE), port, Guard { pipes }, boot)
 }

@@ -4,6 +4,7 @@ use crate::Global;
 use crate::failure::{Cause, Failure};
 use clap::Args;
 use std::path::PathBuf;
+use sutura_shared::simulated_console::Without;
 
 /// Runs a virtual console behind a pseudo-terminal until it is told to stop.
 ///
@@ -18,6 +19,23 @@ pub struct ConsoleArgs {
     /// A symbolic link to the port, which keeps its name from run to run.
     #[arg(long, value_name = "PATH")]
     pub link: Option<PathBuf>,
+    /// Guards that the console goes without, by name, e.g. `horizon,checksum`: for tests of tests.
+    ///
+    /// Whoever tests a host against this console can see whether the test would notice a console that does not watch.
+    #[arg(long, value_name = "GUARD,..", value_parser = without)]
+    pub without: Option<Without>,
+}
+
+fn without(names: &str) -> Result<Without, String> {
+    let mut without = Without::default();
+    for name in names.split(',').filter(|name| !name.is_empty()) {
+        if !without.switch_off(name) {
+            return Err(format!(
+                "there is no guard `{name}`; their names are in the book, under Hardware in the loop"
+            ));
+        }
+    }
+    Ok(without)
 }
 
 const EXAMPLES: &str = "\
@@ -41,7 +59,8 @@ pub fn run(args: &ConsoleArgs, global: &Global) -> Result<(), Failure> {
 
     let device = crate::device::open(args.device.as_deref())?;
     let stop = stop_on_signals()?;
-    let console = VirtualConsole::start(&device).map_err(link_failure)?;
+    let console = VirtualConsole::start_without(&device, args.without.unwrap_or_default())
+        .map_err(link_failure)?;
     let path = console.path().unwrap_or_default().to_owned();
     let link = args
         .link

@@ -151,6 +151,24 @@ pub fn table(summary: &Summary) -> String {
             s.age_ms.p50, s.age_ms.max, s.decays
         ),
     );
+    let l = &s.link;
+    let clock = l.clock.map_or(String::new(), |clock| {
+        format!(
+            "; console's clock {:+.1} ppm, known to {:.2} ms",
+            clock.drift_ppm,
+            clock.uncertainty_us / 1e3
+        )
+    });
+    row(
+        "link",
+        format!(
+            "{:.1} kB/s down, {:.1} kB/s up; round trip p50 {:.1} ms, p99 {:.1} ms{clock}",
+            l.bytes_per_s.down / 1e3,
+            l.bytes_per_s.up / 1e3,
+            l.rtt_us.p50 / 1e3,
+            l.rtt_us.p99 / 1e3
+        ),
+    );
     row(
         "step",
         format!(

@@ -21,10 +21,6 @@ pub enum Cause {
     /// The console is in a latched fault.
     Fault = 5,
     /// A replay took another course than its recording.
-    #[allow(
-        dead_code,
-        reason = "pinned with the other codes; no command replays yet"
-    )]
     Diverged = 6,
     /// A budget that the user stated was missed.
     Budget = 7,

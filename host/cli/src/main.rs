@@ -9,14 +9,18 @@ macro_rules! say {
     };
 }
 
+mod attendant;
 mod bench;
 mod console;
 mod device;
 mod display;
+mod doctor;
 mod failure;
 mod fidelity;
 mod fixture;
 mod mesh;
+mod recording;
+mod replay;
 mod run;
 mod scene;
 mod signals;
@@ -44,10 +48,12 @@ const EXAMPLES: &str = "\
 Examples:
   sutura                                    5 s palpation with a virtual console
   sutura run --console /dev/ttyACM0         the same on a console at a serial port
+  sutura replay session.mcap                what `sutura run --record` wrote, run again bit by bit
   sutura solve scene.toml --out field.vtu   the tissue at rest under the scene's handles and loads
   sutura bench                              time per step, by stage
   sutura fidelity                           force error and stability against a 1 kHz solve
   sutura scene explain scene.toml           what a scene builds, why, and what it costs
+  sutura doctor /dev/ttyACM0                what is wrong with this machine or that console, and the fix
   sutura mesh info part.msh                 quality of a mesh, and whether scenes take it
 
 Exit codes: 0 ok, 1 failed, 2 bad usage or bad input, 3 no console, 4 protocol mismatch,
@@ -76,12 +82,14 @@ pub enum Format {
 #[derive(Subcommand, Debug)]
 enum Command {
     Run(run::RunArgs),
+    Replay(replay::ReplayArgs),
     Console(console::ConsoleArgs),
     Solve(solve::SolveArgs),
     Bench(bench::BenchArgs),
     Fidelity(fidelity::FidelityArgs),
     Scene(scene::command::SceneArgs),
     Mesh(mesh::MeshArgs),
+    Doctor(doctor::DoctorArgs),
 }
 
 fn main() -> ExitCode {
@@ -95,12 +103,14 @@ fn main() -> ExitCode {
     };
     let done = match command {
         Command::Run(args) => run::run(args, &cli.global),
+        Command::Replay(args) => replay::run(args, &cli.global),
         Command::Console(args) => console::run(args, &cli.global),
         Command::Solve(args) => solve::run(args, &cli.global),
         Command::Bench(args) => bench::run(args, &cli.global),
         Command::Fidelity(args) => fidelity::run(args, &cli.global),
         Command::Scene(args) => scene::command::run(args, &cli.global),
         Command::Mesh(args) => mesh::run(args, &cli.global),
+        Command::Doctor(args) => doctor::run(args, &cli.global),
     };
     match done {
         Ok(()) => ExitCode::SUCCESS,

@@ -1,7 +1,9 @@
 //! `sutura run`: the main job. A scene, a console, a session, a summary.
 
+use crate::attendant::Operator;
 use crate::display::{self, Display};
 use crate::failure::{Cause, Failure};
+use crate::recording::{self, Recording};
 use crate::signals::stop_on_signals;
 use crate::{Format, Global, device};
 use clap::{Args, ValueEnum};
@@ -11,10 +13,10 @@ use std::sync::atomic::Ordering;
 use std::time::Duration;
 use sutura_hil::{NativeConsole, VirtualConsole};
 use sutura_host::link::{LinkError, LinkOptions, LockstepConsole, Port, open_serial};
+use sutura_host::recording::{Tap, TappedConsole, TappedPort, TappedSolver};
 use sutura_host::scene::{self, LONGEST_S, Scene};
-use sutura_host::script::path;
 use sutura_host::session::{
-    self, LINE_BYTES_PER_S, Plan, Progress, SessionError, Solve, Summary, TissueSolver,
+    self, LINE_BYTES_PER_S, Line, Plan, Progress, SessionError, Solve, Summary, TissueSolver,
     run_lockstep, run_real_time,
 };
 use sutura_shared::control::TICK_HZ;
@@ -55,9 +57,19 @@ pub struct RunArgs {
     /// `coupling:x=M,y=M,z=M,k=N_PER_M[,b=N_S_PER_M]`.
     #[arg(long, value_name = "FIXTURE", value_parser = crate::fixture::parse)]
     pub fixture: Option<Fixture>,
+    /// Arms the console again by itself when it was lost and came back; otherwise Enter does, on a terminal.
+    #[arg(long)]
+    pub rearm: bool,
     /// Clears a fault that is latched in the console from before.
     #[arg(long)]
     pub clear_fault: bool,
+    /// Writes the whole session to this file, for `sutura replay` and for other programs: MCAP, 10 to 30 MB a minute.
+    #[arg(long, value_name = "FILE")]
+    pub record: Option<PathBuf>,
+    /// Where the last 30 s go, to be looked at, when the console ends in a fault or is lost; and on SIGUSR1, which without
+    /// this writes sutura-last.mcap here.
+    #[arg(long, value_name = "FILE")]
+    pub save_last: Option<PathBuf>,
     /// Firmware image for `qemu` and `qemu-uart`, in place of the one built from this checkout.
     #[arg(long, value_name = "FILE")]
     pub image: Option<PathBuf>,
@@ -70,7 +82,10 @@ Examples:
   sutura run --console /dev/ttyACM0 --host-hz 500 --budget-ms 2
   sutura run --lockstep                                   the same bits at every run
   sutura run --tissue corotational --host-hz 30           large displacements, at the pace that they take
+  sutura run --console /dev/ttyACM0 --seconds 3600 --rearm  goes on by itself after a loose contact
   sutura run --rendering hold --host-hz 30                how it feels without local models
+  sutura run --record session.mcap                        then: sutura replay session.mcap
+  sutura run --console /dev/ttyACM0 --save-last fault.mcap
 
 A step that is too slow, a lost console or a wrong solve never leaves a force standing: the console lets
 it go to zero by itself.";
@@ -159,7 +174,8 @@ const EMULATOR_SPARE: Duration = Duration::from_secs(120);
 /// # Errors
 /// Everything that keeps the session from running to its end, a latched fault, a missed budget.
 pub fn run(args: &RunArgs, global: &Global) -> Result<(), Failure> {
-    let mut scene = crate::scene::open(args.scene.as_deref())?;
+    let asked = recording::asked();
+    let (mut scene, sources) = crate::scene::open_with_sources(args.scene.as_deref())?;
     if let Some(tissue) = args.tissue {
         scene.tissue = tissue.instead_of(scene.tissue);
     }
@@ -172,24 +188,28 @@ pub fn run(args: &RunArgs, global: &Global) -> Result<(), Failure> {
             "the emulated UART takes 8 to 12 kB/s: at most {UART_HZ} frames a second of at most 220 bytes"
         );
     }
-    let mut solver = solver(&scene, &plan)?;
+    let mut solver = TissueSolver::for_session(&scene, &plan)?;
+    let lockstep = args.lockstep || args.console == "qemu";
     // In lockstep columns are computed in step: when they are there must not depend on this machine's pace.
-    if !args.lockstep && args.console != "qemu" {
+    if !lockstep {
         solver.start_worker();
     }
+    let recording = Recording::start(args, &plan, &scene, sources, lockstep, asked)?;
+    let mut solver = TappedSolver::new(&mut solver, recording.tap());
     let stop = stop_on_signals()?;
     let mut display = Display::new(args.stream, global.format);
     let mut progress = |note: &Progress<'_>| {
         let heard = display.show(note).is_ok();
+        recording.save_if_asked();
         if !heard || stop.load(Ordering::Relaxed) {
             ControlFlow::Break(())
         } else {
             ControlFlow::Continue(())
         }
     };
-    let summary = session(args, &plan, &mut solver, &mut progress);
+    let summary = session(args, &plan, &mut solver, &recording.tap(), &mut progress);
     display.finish();
-    let summary = summary?;
+    let summary = recording.finish(summary)?;
     match global.format {
         Format::Json => say!("{}", display::json(&summary)),
         Format::Text => say!("{}", display::table(&summary).trim_end()),
@@ -198,6 +218,22 @@ pub fn run(args: &RunArgs, global: &Global) -> Result<(), Failure> {
 }
 
 fn plan(args: &RunArgs, scene: &Scene) -> Result<Plan, Failure> {
+    let plan = plan_of(scene)?;
+    Ok(Plan {
+        host_hz: args.host_hz.unwrap_or(plan.host_hz),
+        seconds: args.seconds.unwrap_or(plan.seconds),
+        clear_fault: args.clear_fault,
+        fixture: args.fixture.unwrap_or_default(),
+        rendering: args.rendering.into(),
+        ..plan
+    })
+}
+
+/// The session that a scene asks for.
+///
+/// # Errors
+/// Bad input: a scene without a hand, or a device that is unusable.
+pub fn plan_of(scene: &Scene) -> Result<Plan, Failure> {
     let device = match scene.device {
         Some(device) => device,
         None => device::open(None)?,
@@ -216,39 +252,16 @@ fn plan(args: &RunArgs, scene: &Scene) -> Result<Plan, Failure> {
     Ok(Plan {
         device,
         hand,
-        host_hz: args.host_hz.unwrap_or(scene.host.host_hz),
-        seconds: args.seconds.unwrap_or(scene.seconds),
+        host_hz: scene.host.host_hz,
+        seconds: scene.seconds,
         tick_hz: TICK_HZ,
         state_every: 1,
         horizon_us: scene.host.horizon_us,
-        clear_fault: args.clear_fault,
-        fixture: args.fixture.unwrap_or_default(),
-        rendering: args.rendering.into(),
+        clear_fault: false,
+        fixture: Fixture::None,
+        rendering: session::Rendering::default(),
         line_bytes_per_s: LINE_BYTES_PER_S,
     })
-}
-
-/// Seconds between two places of the hand that the solver is prepared for.
-const PREPARED_EVERY_S: f64 = 0.02;
-
-fn solver(scene: &Scene, plan: &Plan) -> Result<TissueSolver, Failure> {
-    let mut solver = TissueSolver::new(scene)?;
-    let used = &plan.hand.way_points[..usize::from(plan.hand.count)];
-    let hand_s = used.last().map_or(0.0, |point| f64::from(point.time_s));
-    let ways = scene.tools.iter().filter_map(|tool| tool.way.as_ref());
-    let ends = ways.filter_map(|way| way.stops().last());
-    // Afterwards everything rests.
-    let end_s = ends.fold(hand_s, |end, stop| end.max(stop.time_s));
-    let path = path(
-        scene,
-        end_s.min(plan.seconds),
-        PREPARED_EVERY_S,
-        TissueSolver::apart_m(scene),
-    );
-    solver.prepare(&path);
-    // The console has them a period later, and uses them for another.
-    solver.reduce_to(plan.most_rows(), 2.0 / plan.host_hz);
-    Ok(solver)
 }
 
 type Watcher<'a> = dyn FnMut(&Progress<'_>) -> ControlFlow<()> + 'a;
@@ -257,6 +270,7 @@ fn session(
     args: &RunArgs,
     plan: &Plan,
     solver: &mut dyn Solve,
+    tap: &Tap,
     progress: &mut Watcher,
 ) -> Result<Summary, Failure> {
     let named = |summary: Summary| Summary {
@@ -272,26 +286,31 @@ fn session(
                     "correct its device file",
                 )
             })?;
+            let mut console = TappedConsole::new(&mut console, tap.clone());
             in_lockstep(&mut console, plan, solver, progress)
         }
         "virtual" => {
             let mut console = VirtualConsole::start(&plan.device).map_err(link_failure)?;
-            let port = console.host_port().map_err(link_failure)?;
-            in_real_time(port, LinkOptions::default(), plan, solver, progress)
+            let line = match console.path() {
+                Some(path) => line(path, args, tap),
+                None => tapped(console.host_port().map_err(link_failure)?, tap).into(),
+            };
+            in_real_time(line, LinkOptions::default(), plan, solver, progress)
         }
         #[cfg(unix)]
         "qemu" => {
-            let image = emulated::image(args)?;
+            let image = emulated::image(args.image.as_deref())?;
             let limit = EMULATOR_SPARE + Duration::from_secs_f64(plan.seconds);
             let mut console =
                 sutura_hil::QemuConsole::start(image, limit).map_err(emulated::failure)?;
-            let summary = in_lockstep(&mut console, plan, solver, progress)?;
+            let mut tapped = TappedConsole::new(&mut console, tap.clone());
+            let summary = in_lockstep(&mut tapped, plan, solver, progress)?;
             console.quit().map_err(emulated::failure)?;
             Ok(summary)
         }
         #[cfg(unix)]
         "qemu-uart" => {
-            let image = emulated::image(args)?;
+            let image = emulated::image(args.image.as_deref())?;
             let limit = EMULATOR_SPARE + Duration::from_secs_f64(plan.seconds);
             let qemu = sutura_hil::qemu::with_uart(image, limit).map_err(emulated::failure)?;
             let port = open_serial(qemu.uart().unwrap_or_default()).map_err(link_failure)?;
@@ -300,7 +319,7 @@ fn session(
                 contact_spacing,
                 ..LinkOptions::default()
             };
-            let summary = in_real_time(port, options, plan, solver, progress)?;
+            let summary = in_real_time(tapped(port, tap).into(), options, plan, solver, progress)?;
             qemu.check_log(|_| false).map_err(emulated::failure)?;
             Ok(summary)
         }
@@ -311,7 +330,7 @@ fn session(
                 return Err(Failure::say(Cause::BadInput, message, help));
             }
             in_real_time(
-                open_serial(port).map_err(link_failure)?,
+                line(port, args, tap),
                 LinkOptions::default(),
                 plan,
                 solver,
@@ -322,14 +341,27 @@ fn session(
     summary.map(named)
 }
 
+/// The way to the console at `path`, again and again.
+fn line(path: &str, args: &RunArgs, tap: &Tap) -> Line {
+    let (path, tap) = (path.to_owned(), tap.clone());
+    Line::Again {
+        connect: Box::new(move || Ok(tapped(open_serial(&path)?, &tap))),
+        attendant: Box::new(Operator::new(args.rearm)),
+    }
+}
+
+fn tapped(port: Box<dyn Port>, tap: &Tap) -> Box<dyn Port> {
+    Box::new(TappedPort::new(port, tap.clone()))
+}
+
 fn in_real_time(
-    port: Box<dyn Port>,
+    line: Line,
     options: LinkOptions,
     plan: &Plan,
     solver: &mut dyn Solve,
     progress: &mut Watcher,
 ) -> Result<Summary, Failure> {
-    run_real_time(port, options, plan, solver, progress).map_err(session_failure)
+    run_real_time(line, options, plan, solver, progress).map_err(session_failure)
 }
 
 fn in_lockstep(
@@ -383,6 +415,11 @@ fn verdict(args: &RunArgs, summary: &Summary) -> Result<(), Failure> {
         let help = "remove the cause, then run again with --clear-fault";
         return Err(Failure::say(Cause::Fault, message, help).after_summary());
     }
+    if summary.mode == "idle" && summary.link.sessions > 1 {
+        let message = "the console was lost, came back, and was not armed again";
+        let help = "check its cable and its power; --rearm arms a console that came back by itself";
+        return Err(Failure::say(Cause::Failed, message, help).after_summary());
+    }
     if summary.mode == "idle" {
         let message = "the console let go: no contact that it could use came for too long";
         let help = "see which steps were withheld and why: a hand that presses less deep, or a lower --host-hz";
@@ -403,19 +440,18 @@ fn verdict(args: &RunArgs, summary: &Summary) -> Result<(), Failure> {
 }
 
 #[cfg(unix)]
-mod emulated {
+pub mod emulated {
     //! Where the image comes from, and what is wrong when it does not run.
 
-    use super::RunArgs;
     use crate::failure::{Cause, Failure};
     use std::path::{Path, PathBuf};
     use std::process::{Command, Stdio};
     use sutura_hil::{QemuError, qemu};
 
     /// The image that the user named, or the one of this checkout, built anew if anything has changed.
-    pub fn image(args: &RunArgs) -> Result<PathBuf, Failure> {
-        if let Some(image) = &args.image {
-            return Ok(image.clone());
+    pub fn image(named: Option<&Path>) -> Result<PathBuf, Failure> {
+        if let Some(image) = named {
+            return Ok(image.to_owned());
         }
         let checkout = Path::new(env!("CARGO_MANIFEST_DIR"))
             .ancestors()

@@ -6,6 +6,7 @@
 use super::{AnchorRow, SpreadRow, Term};
 use crate::columns::Columns;
 use nalgebra::{Matrix3, Vector3};
+use serde::Serialize;
 
 /// Most vertices of an anchor: a way between two points of cells has eight.
 const MOST_VERTICES: usize = 8;
@@ -14,7 +15,7 @@ const MOST_VERTICES: usize = 8;
 const SKIPPED: usize = 6;
 
 /// An anchor with its free nodes counted as the columns count them; fixed nodes are left out.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub(super) struct Reached {
     vertices: [u32; MOST_VERTICES],
     weights: [f64; MOST_VERTICES],
@@ -40,7 +41,7 @@ impl Reached {
 }
 
 /// Rows on several anchors.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub(super) struct Spread {
     pub rows: Vec<SpreadRow>,
     pub terms: Vec<Term>,

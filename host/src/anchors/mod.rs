@@ -16,9 +16,10 @@ pub use solver::{AnchorSettings, AnchorSolver, AnchorStages, AnchorStatus, Ancho
 pub(crate) use system::{Grasp, System, is_solved};
 
 use crate::rows::RowKind;
+use serde::Serialize;
 
 /// A point of tissue by barycentric coordinates of a face or cell.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct AnchorPoint {
     /// Mesh nodes; any node where the weight is zero.
     pub nodes: [u32; 4],
@@ -28,7 +29,7 @@ pub struct AnchorPoint {
 
 /// A row on several anchors: the sum of `direction . u(anchor)` over its terms, at or below its target or
 /// equal to it, by its kind.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub(crate) struct SpreadRow {
     /// Names the row from step to step, among single rows too.
     pub id: u64,
@@ -43,7 +44,7 @@ pub(crate) struct SpreadRow {
 }
 
 /// A part of a [`SpreadRow`].
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub(crate) struct Term {
     /// Index of the anchor.
     pub anchor: u32,
@@ -52,7 +53,7 @@ pub(crate) struct Term {
 }
 
 /// One row: `direction . u(anchor) <= target` or `=`, by its kind.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct AnchorRow {
     /// Names the row from step to step.
     pub id: u64,

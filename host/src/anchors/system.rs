@@ -13,10 +13,11 @@ use crate::fem::{
 };
 use crate::rows::{self, Problem, Row};
 use nalgebra::{Matrix3, Vector3};
+use serde::Serialize;
 use std::sync::Arc;
 
 /// What evolves: the tissue's motion and the forces of the rows on it.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
 pub(crate) struct Grasp {
     motion: Motion,
     forces: rows::State,
@@ -98,6 +99,13 @@ impl Grasp {
         self.spread.copy_from(&other.spread);
         self.on_anchors.clone_from(&other.on_anchors);
     }
+}
+
+/// All free nodes.
+fn everywhere(tissue: &LinearTissue) -> Vec<u32> {
+    let numbering = tissue.numbering();
+    let nodes = 0..numbering.nodes() as u32;
+    nodes.filter(|node| !numbering.is_fixed(*node)).collect()
 }
 
 /// What [`System::fetch`] did.
@@ -262,10 +270,15 @@ impl System {
 
     /// As [`Self::start_worker`], for a system that reaches all free nodes.
     pub fn start_worker_everywhere(&mut self, tissue: Arc<LinearTissue>) -> std::io::Result<()> {
-        let numbering = tissue.numbering();
-        let nodes = 0..numbering.nodes() as u32;
-        let reached: Vec<u32> = nodes.filter(|node| !numbering.is_fixed(*node)).collect();
+        let reached = everywhere(&tissue);
         self.start_worker(tissue, &reached)
+    }
+
+    /// As [`Self::start_worker_everywhere`], for a replay.
+    pub fn replay_worker_everywhere(&mut self, tissue: Arc<LinearTissue>) {
+        let reached = everywhere(&tissue);
+        self.columns
+            .replay_worker(tissue, self.held.clone(), &reached);
     }
 
     pub fn settings(&self) -> &AnchorSettings {
@@ -274,6 +287,10 @@ impl System {
 
     pub fn columns(&self) -> &Columns {
         &self.columns
+    }
+
+    pub fn columns_mut(&mut self) -> &mut Columns {
+        &mut self.columns
     }
 
     /// Has the worker compute the columns of a node that anchors will soon name.

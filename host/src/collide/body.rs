@@ -6,10 +6,11 @@
 use super::pairs::{Path, edge_edge, vertex_face};
 use super::sweep::{Margin, Sweep};
 use super::tree::{Bounds, Tree};
+use serde::Serialize;
 use std::collections::HashSet;
 
 /// Two features that may meet in a step.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize)]
 pub enum Pair {
     /// A vertex of the first boundary and a face of the second, by their nodes.
     VertexFace(u32, [u32; 3]),

@@ -12,6 +12,7 @@ use super::touch::Touching;
 use crate::anchors::{AnchorPoint, AnchorRow};
 use crate::rows::RowKind;
 use nalgebra::Vector3;
+use serde::Serialize;
 
 /// Bit of a row's id that no other rows have.
 const ID: u64 = 1 << 40;
@@ -22,7 +23,7 @@ pub(super) const BEYOND: f64 = 0.01;
 const WANDERED: usize = 8;
 
 /// A pair that is kept apart.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub(super) struct Kept {
     /// Names it from step to step.
     pub serial: u64,
@@ -58,7 +59,7 @@ pub(super) fn across(normal: &Vector3<f64>, along: &Vector3<f64>) -> Vector3<f64
 }
 
 /// What evolves in bodies that may touch.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct TouchState {
     /// In the order in which they came.
     pub(super) pairs: Vec<Kept>,

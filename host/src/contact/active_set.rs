@@ -8,6 +8,7 @@ use super::shape::Solid;
 use crate::columns::Columns;
 use crate::tool::MAX_TOOLS;
 use nalgebra::Vector3;
+use serde::Serialize;
 
 /// Most rows at once, of all tools: what a punch of eight edges' radius touches.
 pub(crate) const MAX_ROWS: usize = 192;
@@ -22,7 +23,7 @@ const TOLERANCE: f64 = 1e-11;
 pub(crate) const DEPTH: f64 = 1e-10;
 
 /// One vertex touched by one tool.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub(crate) struct Row {
     /// Among the touchable vertices.
     pub vertex: u32,

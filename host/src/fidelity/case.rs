@@ -209,20 +209,7 @@ pub fn guards_by_name(guards: &Guards) -> [(&'static str, bool); 11] {
 /// All guards but one; all for a name that is none.
 pub fn all_but(name: &str) -> Guards {
     let mut guards = Guards::ALL;
-    match name {
-        "blend" => guards.blend = false,
-        "trust" => guards.trust = false,
-        "lead" => guards.lead = false,
-        "tank" => guards.tank = false,
-        "damping" => guards.damping = false,
-        "horizon" => guards.horizon = false,
-        "force" => guards.force = false,
-        "slew" => guards.slew = false,
-        "power" => guards.power = false,
-        "overspeed" => guards.overspeed = false,
-        "residual" => guards.residual = false,
-        _ => {}
-    }
+    guards.switch_off(name);
     guards
 }
 

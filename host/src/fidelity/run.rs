@@ -8,7 +8,7 @@ use super::hand::{Grasp, Motion};
 use super::link::{Link, LinkSpec};
 use super::plant::{Mechanics, Plant, pace};
 use super::scenes::{Sample, Scene, Solution};
-use crate::session::{pack_symmetric, rows_frame};
+use crate::session::{lead_s, pack_symmetric, rows_frame};
 use crate::step::ToolRows;
 use sutura_shared::control::{ContactRows, Control, Fresh, Rendering, TickInput, Tuning};
 use sutura_shared::device::DeviceError;
@@ -167,6 +167,7 @@ pub fn run(setup: &Setup<'_>) -> Result<Record, DeviceError> {
             position_m: plant.position_m,
             orientation: [0.0, 0.0, 0.0, 1.0],
             velocity_m_per_s: plant.velocity_m_per_s,
+            lead_s: 0.0,
         };
         match (setup.truth, &mut truth) {
             (Some(known), _) => now = known.get(number as usize).copied().unwrap_or(now),
@@ -235,6 +236,7 @@ pub fn truth_along(scene: &dyn Scene, motion: Motion, seconds: f64) -> Vec<True>
                 position_m: scene.place(motion.at(time_s)),
                 orientation: [0.0, 0.0, 0.0, 1.0],
                 velocity_m_per_s: pace(scene, motion, time_s),
+                lead_s: 0.0,
             };
             if let Some(solution) = truth.solve(&sample) {
                 last = True::of(&solution);
@@ -333,6 +335,7 @@ impl<'a> Remote<'a> {
             position_m: state.position_m.map(f64::from),
             orientation: state.orientation.map(f64::from),
             velocity_m_per_s: state.velocity_m_per_s.map(f64::from),
+            lead_s: lead_s(state, 1.0 / spec.host_hz),
         };
         let Some(solution) = self.tissue.solve(&sample) else {
             return;
@@ -354,7 +357,9 @@ impl<'a> Remote<'a> {
         let tangent = solution.tangent.map(|row| row.map(|entry| entry * scale));
         let contact = Contact {
             tool: 0,
-            position_m: sample.position_m.map(|x| x as f32),
+            position_m: solution
+                .position_m
+                .unwrap_or(sample.position_m.map(|x| x as f32)),
             orientation: sample.orientation.map(|x| x as f32),
             wrench: solution.wrench.map(|x| x as f32),
             tangent: pack_symmetric(&tangent),

@@ -23,7 +23,7 @@ pub use error::{CellId, MeshError, NodeId};
 pub use half_face::{HalfEdge, HalfFace};
 pub use half_faces::{AroundEdge, HalfFaces};
 pub use msh::{read_msh, read_msh_raw};
-pub use read::{read_mesh, read_raw_mesh};
+pub use read::{read_mesh, read_mesh_with, read_raw_mesh};
 pub use report::{EdgeLengths, MeshReport, Quality, RegionReport, mean_ratio};
 pub use structured::{slab, tube};
 pub use surface::Surface;

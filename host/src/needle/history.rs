@@ -12,9 +12,10 @@
 //! break it.
 
 use crate::mesh::{HalfFace, HalfFaces};
+use serde::Serialize;
 
 /// One passage through one face of the mesh.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Crossing {
     /// Half-face of a cell that exists: of the cell that the tip came from, or of the one that it went
     /// into if it came from outside.
@@ -67,7 +68,7 @@ pub enum Broken {
 }
 
 /// Crossings of one needle, from its end to its tip; nothing is allocated after [`History::new`].
-#[derive(Debug, Default)]
+#[derive(Debug, Default, Serialize)]
 pub struct History {
     /// Cell before the first crossing; `None` outside.
     before: Option<u32>,

@@ -6,12 +6,13 @@ use super::model::{NeedlePart, NeedleSettings};
 use super::{Crossing, Curve, History};
 use crate::anchors::AnchorPoint;
 use nalgebra::{Isometry3, Vector3};
+use serde::Serialize;
 
 /// Poses that are kept while the tip holds a boundary face: more are thinned out.
 pub(super) const LOG: usize = 64;
 
 /// One needle.
-#[derive(Debug, PartialEq)]
+#[derive(Debug, PartialEq, Serialize)]
 pub(crate) struct NeedleState {
     pub pose: Isometry3<f64>,
     pub grip: Option<Grip>,
@@ -36,7 +37,7 @@ pub(crate) struct NeedleState {
 }
 
 /// By which tool a needle is held, and how.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub(crate) struct Grip {
     pub tool: u8,
     /// The needle's frame in the tool's.
@@ -44,7 +45,7 @@ pub(crate) struct Grip {
 }
 
 /// What a crossing needs besides its place.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub(crate) struct Hold {
     /// Names its rows.
     pub id: u32,
@@ -61,7 +62,7 @@ pub(crate) struct Hold {
 }
 
 /// Where a tip is.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub(crate) enum Tip {
     /// Outside the tissue.
     Outside,
@@ -79,7 +80,7 @@ pub(crate) enum Tip {
 }
 
 /// The end of a cut.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub(crate) struct Cut {
     pub at: AnchorPoint,
     pub cell: u32,
@@ -94,7 +95,7 @@ pub(crate) struct Cut {
 }
 
 /// What happened so far.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub(crate) struct Tally {
     pub punctures: u32,
     pub friction_j: f64,

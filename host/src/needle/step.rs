@@ -18,6 +18,7 @@ use crate::step::{Status, StepReport};
 use crate::thread::{MOST_SEGMENTS, ThreadHold, ThreadState};
 use crate::tool::{MAX_TOOLS, ToolSample};
 use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3, Vector6};
+use serde::Serialize;
 
 /// Pieces that one step follows.
 const MAX_PIECES: u32 = 32;
@@ -73,7 +74,7 @@ pub struct NeedleReport {
 }
 
 /// What evolves about the needles of a scene.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
 pub(crate) struct NeedlesState {
     pub grasp: Grasp,
     pub each: Vec<NeedleState>,

@@ -44,13 +44,14 @@ pub use state::{Mode, State};
 pub use workspace::{RowFlag, Workspace};
 
 use scaled::Fault;
+use serde::Serialize;
 
 /// Largest scaled residual of a solved set.
 pub const TOLERANCE: f64 = 1e-8;
 
 /// What a row may do. `lambda` \[N\] acts on the tissue as `-C' lambda`, `delta` \[m\] is what is left
 /// of the target.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub enum RowKind {
     /// `delta = 0`, lambda free.
     Equality,

@@ -1,9 +1,10 @@
 //! What lasts between solves: forces and active set, by row id.
 
 use super::{Row, RowKind};
+use serde::Serialize;
 
 /// Where a row is on its law.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 pub enum Mode {
     /// `delta = 0`: equality, closed, inside the box, sticking.
     Held,
@@ -16,7 +17,7 @@ pub enum Mode {
 }
 
 /// Forces and modes of the rows solved last.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct State {
     largest: usize,
     pub(super) ids: Vec<u64>,

@@ -90,25 +90,25 @@ struct RevoluteSection {
 ///
 /// # Errors
 /// A flaw at `value` for a name nobody knows, or whatever is wrong in the device's own file.
-pub(super) fn find_device(
+pub fn find_device(
     scene: &Document,
     value: &Spanned<String>,
 ) -> Result<DeviceDescription, SceneError> {
     let name = value.get_ref();
     if name.ends_with(".toml") {
         let path = scene.resolve(name);
-        if !path.is_file() {
+        if !scene.has_file(&path) {
             let message = format!("there is no device file {}", path.display());
             let help = "paths are relative to the scene file; a name without `.toml` is looked up in devices/";
             return Err(scene.flaw(value.span(), message, "no such file", Some(help)));
         }
-        return read_device(&Document::read(&path)?);
+        return read_device(&scene.open(&path)?);
     }
     let plain = !name.is_empty() && !name.contains(['/', '\\']);
     for folder in ["devices", "../devices"] {
         let path = scene.resolve(folder).join(format!("{name}.toml"));
-        if plain && path.is_file() {
-            return read_device(&Document::read(&path)?);
+        if plain && scene.has_file(&path) {
+            return read_device(&scene.open(&path)?);
         }
     }
     if let Some((_, text)) = BUILT_IN.iter().find(|(known, _)| known == name) {

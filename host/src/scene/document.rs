@@ -5,8 +5,11 @@
 use crate::model::ModelError;
 use miette::{Diagnostic, NamedSource, Severity, SourceSpan};
 use serde::de::DeserializeOwned;
+use std::collections::BTreeMap;
+use std::io;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex, PoisonError};
 use thiserror::Error;
 use toml::Spanned;
 
@@ -22,7 +25,7 @@ pub enum SceneError {
         /// As asked for.
         path: PathBuf,
         /// What the system said.
-        source: std::io::Error,
+        source: io::Error,
     },
     /// Something in the file is wrong.
     #[error(transparent)]
@@ -84,6 +87,27 @@ pub struct Document {
     name: String,
     directory: PathBuf,
     text: String,
+    files: Files,
+}
+
+/// Files that documents name, by their paths as seen from the document's directory.
+#[derive(Clone, Debug)]
+enum Files {
+    /// On disk; those that have been read so far are kept.
+    Disk(Arc<Mutex<BTreeMap<String, Vec<u8>>>>),
+    /// These and no others.
+    Given(Arc<BTreeMap<String, Vec<u8>>>),
+}
+
+/// A document with all files that were read for it: what it takes to read it again elsewhere.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Sources {
+    /// What the document is known by.
+    pub name: String,
+    /// Its text.
+    pub text: String,
+    /// The files, by their paths as the document sees them.
+    pub files: BTreeMap<String, Vec<u8>>,
 }
 
 impl Document {
@@ -101,7 +125,31 @@ impl Document {
             name: path.display().to_string(),
             directory,
             text,
+            files: Files::Disk(Arc::default()),
         })
+    }
+
+    /// A document from what [`Document::sources`] gave; the disk is not looked at.
+    pub fn from_sources(sources: &Sources) -> Document {
+        Document {
+            name: sources.name.clone(),
+            directory: PathBuf::new(),
+            text: sources.text.clone(),
+            files: Files::Given(Arc::new(sources.files.clone())),
+        }
+    }
+
+    /// The document and every file that has been read through it so far.
+    pub fn sources(&self) -> Sources {
+        let files = match &self.files {
+            Files::Disk(read) => read.lock().unwrap_or_else(PoisonError::into_inner).clone(),
+            Files::Given(files) => (**files).clone(),
+        };
+        Sources {
+            name: self.name.clone(),
+            text: self.text.clone(),
+            files,
+        }
     }
 
     /// A file held in memory; its relative paths start at `directory`.
@@ -110,12 +158,70 @@ impl Document {
             name: name.to_owned(),
             directory: directory.to_owned(),
             text: text.to_owned(),
+            files: Files::Disk(Arc::default()),
         }
+    }
+
+    /// Its name without folders and extension.
+    pub fn stem(&self) -> String {
+        let stem = Path::new(&self.name).file_stem();
+        stem.map(|stem| stem.to_string_lossy().into_owned())
+            .unwrap_or_default()
     }
 
     /// A path written in this file.
     pub fn resolve(&self, path: &str) -> PathBuf {
         self.directory.join(path)
+    }
+
+    /// The bytes of a file at a [resolved](Self::resolve) path.
+    ///
+    /// # Errors
+    /// What the system says of it.
+    pub fn file(&self, path: &Path) -> io::Result<Vec<u8>> {
+        let key = self.key(path);
+        match &self.files {
+            Files::Given(files) => files.get(&key).cloned().ok_or_else(|| {
+                io::Error::new(io::ErrorKind::NotFound, "it did not come with the document")
+            }),
+            Files::Disk(read) => {
+                let bytes = std::fs::read(path)?;
+                let mut read = read.lock().unwrap_or_else(PoisonError::into_inner);
+                read.insert(key, bytes.clone());
+                Ok(bytes)
+            }
+        }
+    }
+
+    /// Whether there is a file at a [resolved](Self::resolve) path.
+    pub fn has_file(&self, path: &Path) -> bool {
+        match &self.files {
+            Files::Given(files) => files.contains_key(&self.key(path)),
+            Files::Disk(_) => path.is_file(),
+        }
+    }
+
+    /// The document at a [resolved](Self::resolve) path.
+    ///
+    /// # Errors
+    /// [`SceneError::Unreadable`], as [`Document::read`].
+    pub fn open(&self, path: &Path) -> Result<Document, SceneError> {
+        let unreadable = |source| SceneError::Unreadable {
+            path: path.to_owned(),
+            source,
+        };
+        let text = String::from_utf8(self.file(path).map_err(unreadable)?)
+            .map_err(|error| unreadable(io::Error::new(io::ErrorKind::InvalidData, error)))?;
+        let directory = path.parent().unwrap_or(Path::new(""));
+        Ok(Document {
+            files: self.files.clone(),
+            ..Document::embedded(&path.display().to_string(), directory, &text)
+        })
+    }
+
+    fn key(&self, path: &Path) -> String {
+        let seen = path.strip_prefix(&self.directory).unwrap_or(path);
+        seen.to_string_lossy().into_owned()
     }
 
     /// Reads the text as `T`; unknown keys are refused where `T` refuses them.

@@ -14,7 +14,7 @@ use toml::Spanned;
 ///
 /// # Errors
 /// A flaw at what is wrong: no way point or too many, times that go back, a point out of reach.
-pub(super) fn hand_script(
+pub fn hand_script(
     document: &Document,
     section: &HandSection,
     device: &DeviceDescription,

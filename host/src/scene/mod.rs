@@ -18,9 +18,10 @@ mod touching;
 mod way;
 mod wound_file;
 
-pub use device::{BUILT_IN as BUILT_IN_DEVICES, read_device};
-pub use document::{Document, Flaw, SceneError};
-pub use hand::position_at;
+pub use device::{BUILT_IN as BUILT_IN_DEVICES, find_device, read_device};
+pub use document::{Document, Flaw, SceneError, Sources, nearest};
+pub use file::{HandSection, WayPointSection};
+pub use hand::{hand_script, position_at};
 pub use needles::{Hold, Needle, NeedleSolver};
 pub use read::LONGEST_S;
 pub use region::Region;
@@ -184,11 +185,15 @@ pub struct HostSettings {
 /// # Errors
 /// The first thing that is wrong, at its place in the file.
 pub fn load(path: &Path) -> Result<Scene, SceneError> {
-    let stem = path
-        .file_stem()
-        .map(|s| s.to_string_lossy().into_owned())
-        .unwrap_or_default();
-    Scene::read(&Document::read(path)?, &stem)
+    read(&Document::read(path)?)
+}
+
+/// As [`load`], of a document that is already in memory.
+///
+/// # Errors
+/// As there.
+pub fn read(document: &Document) -> Result<Scene, SceneError> {
+    Scene::read(document, &document.stem())
 }
 
 impl Scene {

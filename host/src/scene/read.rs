@@ -196,7 +196,7 @@ fn read_mesh(document: &Document, section: &Spanned<MeshSection>) -> Result<TetM
             let help = "metres per unit of the mesh file: 0.001 for a mesh in millimetres";
             let scale = document.number("scale_to_m", scale, "positive", |s| s > 0.0, help)?;
             let path = document.resolve(file.get_ref());
-            mesh::read_mesh(&path, scale).map_err(|error| {
+            mesh::read_mesh_with(&path, scale, |path| document.file(path)).map_err(|error| {
                 let (message, help) = match error {
                     MeshError::Unreadable { file, reason } => (
                         format!("cannot read the mesh {file}: {reason}"),

@@ -97,6 +97,9 @@ mod tests {
             contact_age_us: 0,
             applied_age_us: 0,
             trace_hash: 0,
+            encoder_counts: [0; 3],
+            inputs: 0,
+            heard_sequence: 0,
         };
         let third = 1.0 / 3.0_f64.sqrt();
         let contact = ToolContact {

@@ -3,7 +3,7 @@
 //! Entry point: [`Horizon`]. Three host periods, so that two lost frames in a row do not let the force
 //! sag, and the 99.9th percentile of the delay that the console itself measured.
 
-use super::times::Times;
+use crate::times::Times;
 
 /// Shortest horizon \[us\]: a desktop thread that wakes late now and then must not be felt.
 pub const SHORTEST_US: u64 = 20_000;

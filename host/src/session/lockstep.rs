@@ -3,19 +3,22 @@
 //! Entry point: [`run_lockstep`]. A solve takes one host period of virtual time, whatever it takes on this
 //! machine: the contact for the state of solve k is delivered when solve k + 1 starts. Two runs give one hash.
 
+use super::schedule::Schedule;
 use super::setup::{Arming, ArmingWatch};
-use super::{Plan, Progress, SessionError, Solve, Summary, Tally};
+use super::{LinkSummary, Plan, Progress, SessionError, Solve, Summary, Tally, Throughput};
 use crate::link::{Felt, LinkCounters, LinkError, LockstepConsole, Order};
 use std::ops::ControlFlow;
 use std::time::Instant;
 use sutura_shared::link::{HostEvent, HostLink};
-use sutura_shared::wire::message::{Command, Hello, Mode, State};
+use sutura_shared::wire::message::{Command, Hello, Mode, Ping, State};
 use sutura_shared::wire::{MAX_FRAME, Message, Valid};
 
 /// Exchanges within which the console must answer a `Hello`.
 const ANSWER_WITHIN: u32 = 100;
 /// Exchanges after `Disarm`: long enough for a report to come, which is due once a second.
 const AFTER: u32 = 1100;
+/// Exchanges between two pings, which keep the session this host's.
+const PING_EVERY: u32 = 100;
 /// Ticks between two progress notes.
 const PROGRESS_EVERY: u64 = 100;
 
@@ -27,6 +30,9 @@ struct Line<'a> {
     down: Vec<u8>,
     up: Vec<u8>,
     newest_us: u64,
+    exchanges: u32,
+    /// Down and up.
+    bytes: (u64, u64),
 }
 
 impl Line<'_> {
@@ -51,8 +57,16 @@ impl Line<'_> {
 
     /// One tick: what waits goes down, what comes up is told to the tally.
     fn exchange(&mut self, tally: &mut Tally) -> Result<Heard, LinkError> {
+        if self.exchanges.is_multiple_of(PING_EVERY) && self.end.is_open() {
+            // The host's clock is the console's here, to the tick.
+            let host_us = self.newest_us;
+            self.send(host_us, &Ping { host_us })?;
+        }
+        self.exchanges += 1;
         self.up.clear();
         self.console.exchange(&self.down, &mut self.up)?;
+        self.bytes.0 += self.down.len() as u64;
+        self.bytes.1 += self.up.len() as u64;
         self.down.clear();
         let mut heard = Heard::default();
         for byte in &self.up {
@@ -68,7 +82,13 @@ impl Line<'_> {
                     self.newest_us = state.console_time_us();
                     heard.state = Some(state);
                 }
+                Some(HostEvent::Owned) => {
+                    return Err(LinkError::Owned {
+                        name: self.console.name().to_owned(),
+                    });
+                }
                 Some(HostEvent::Report(report)) => tally.report(report.body()),
+                Some(HostEvent::Pong(_)) => {}
                 None => {}
             }
         }
@@ -100,24 +120,6 @@ struct Heard {
     state: Option<Valid<State>>,
 }
 
-/// Which ticks the solver works on.
-struct Schedule {
-    first_tick: u32,
-    tick_hz: f64,
-    host_hz: f64,
-    next: u64,
-}
-
-impl Schedule {
-    /// Whether a solve starts with the state of this tick.
-    fn is_due(&mut self, tick: u32) -> bool {
-        let since = f64::from(tick.wrapping_sub(self.first_tick));
-        let due = since >= (self.next as f64 * self.tick_hz / self.host_hz).floor();
-        self.next += u64::from(due);
-        due
-    }
-}
-
 /// Runs a session of `plan.seconds` of console time; `progress` may end it early.
 ///
 /// # Errors
@@ -137,6 +139,8 @@ pub fn run_lockstep(
         down: Vec::new(),
         up: Vec::new(),
         newest_us: 0,
+        exchanges: 0,
+        bytes: (0, 0),
     };
     let hello = line.open(&mut tally)?;
     for order in plan.opening_orders(&hello) {
@@ -181,13 +185,8 @@ pub fn run_lockstep(
             match watch.judge(state.body())? {
                 Arming::Armed => {
                     arming = None;
-                    let (tick_hz, host_hz) = (f64::from(plan.tick_hz), plan.host_hz);
-                    schedule = Some(Schedule {
-                        first_tick: state.body().tick,
-                        tick_hz,
-                        host_hz,
-                        next: 1,
-                    });
+                    let first = state.body().tick;
+                    schedule = Some(Schedule::new(first, plan.tick_hz, plan.host_hz));
                 }
                 Arming::Again => line.order(&Order::Command(Command::Arm))?,
                 Arming::NotYet => {}
@@ -233,10 +232,21 @@ pub fn run_lockstep(
         }
     }
     counters.frames = line.end.counters();
+    let per_s =
+        |bytes: u64| bytes as f64 * f64::from(plan.tick_hz) / f64::from(line.exchanges.max(1));
+    let link = LinkSummary {
+        bytes_per_s: Throughput {
+            down: per_s(line.bytes.0),
+            up: per_s(line.bytes.1),
+        },
+        sessions: 1,
+        ..LinkSummary::default()
+    };
     Ok(Summary {
         console: line.console.name().to_owned(),
         device: plan.device_name(&hello),
         wall_s: started.elapsed().as_secs_f64(),
+        link,
         rendering: plan.rendering.word(),
         most_rows: plan.most_rows(),
         scene: solver.scene(),

@@ -12,11 +12,12 @@ mod look_ahead;
 mod needle_frame;
 mod real_time;
 mod rows_frame;
+mod schedule;
 mod setup;
+mod sideways;
 mod summary;
 mod tally;
 mod thread_frame;
-mod times;
 mod tissue;
 
 pub use budget::{LINE_BYTES_PER_S, Rendering, most_rows};
@@ -24,10 +25,14 @@ pub use contact_frame::{contact_frame, pack_symmetric};
 pub use horizon::Horizon;
 pub use lockstep::run_lockstep;
 pub use needle_frame::{HeldNeedle, needle_frame};
-pub use real_time::run_real_time;
+pub use real_time::{Attendant, Line, run_real_time};
 pub use rows_frame::rows_frame;
 pub use setup::{Plan, SessionError};
-pub use summary::{Age, Energy, Force, Frames, Latency, StepTime, Summary};
+pub use sideways::{Goal, lead_s, sideways};
+pub use summary::{
+    Age, ConsoleClock, Energy, Force, Frames, Latency, LinkSummary, RoundTrip, StepTime, Summary,
+    Throughput,
+};
 pub use tally::{Tally, mode_word};
 pub use thread_frame::{HeldThread, thread_frame};
 pub use tissue::{Moment, TissueSolver};
@@ -40,6 +45,8 @@ use sutura_shared::wire::message::{Report, State};
 /// What a solver step gave.
 #[derive(Clone, Copy, Debug)]
 pub struct Solved {
+    /// Grip position that was solved for \[m\], (3): a little ahead of the state's.
+    pub position_m: [f32; 3],
     /// The contact at the state's pose; none when the result is not good enough to be felt.
     pub contact: Option<ToolContact>,
     /// The contact's rows; sent with it, never without.
@@ -59,12 +66,13 @@ impl Solved {
     /// render this way.
     pub fn frames(&self, state: &State, horizon_us: u32, rendering: Rendering) -> Option<Felt> {
         let mut contact = contact_frame(state, self.contact.as_ref()?, horizon_us);
+        contact.position_m = self.position_m;
         let (needle, thread) = (self.needle.as_ref(), self.thread.as_ref());
         let all = Felt {
             contact,
             rows: self.rows.as_ref().and_then(rows_frame),
-            needle: needle.map(|needle| needle_frame(state, needle, horizon_us)),
-            thread: thread.map(|thread| thread_frame(state, thread, horizon_us)),
+            needle: needle.map(needle_frame),
+            thread: thread.map(thread_frame),
         };
         if rendering == Rendering::Rows {
             return Some(all);

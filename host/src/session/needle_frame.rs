@@ -2,7 +2,7 @@
 //!
 //! Entry point: [`needle_frame`].
 
-use sutura_shared::wire::message::{Course, Friction, Needle, State, Tip};
+use sutura_shared::wire::message::{Course, Friction, Needle, Tip};
 use sutura_shared::wire::validate::{MAX_TANGENT, MAX_WRENCH};
 
 /// A needle in the grip of the driven tool, as a step left it.
@@ -34,17 +34,14 @@ pub struct HeldNeedle {
     pub course: Course,
 }
 
-/// The frame for the state that `needle` was solved for, good until `horizon_us` after it.
-pub fn needle_frame(state: &State, needle: &HeldNeedle, horizon_us: u32) -> Needle {
+/// The frame for the state that `needle` was solved for.
+pub fn needle_frame(needle: &HeldNeedle) -> Needle {
     // Round-off below zero, and thresholds that nothing reaches; what is not a number stays that, and is
     // not sent.
     let force = |value: f64| (value as f32).clamp(0.0, MAX_WRENCH);
     Needle {
         tool: needle.tool,
         needle: needle.needle,
-        // As it came: the console goes on from exactly this pose.
-        position_m: state.position_m,
-        orientation: state.orientation,
         slide: needle.slide.map(|value| value as f32),
         tip: needle.tip,
         friction: needle.friction,
@@ -57,30 +54,15 @@ pub fn needle_frame(state: &State, needle: &HeldNeedle, horizon_us: u32) -> Need
         puncture_n: force(needle.puncture_n),
         punctured_n: needle.punctured_n as f32,
         course: needle.course,
-        horizon_us,
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use sutura_shared::wire::message::{COURSE_POINTS, Mode};
+    use sutura_shared::wire::message::COURSE_POINTS;
     use sutura_shared::wire::{Message, Reject};
 
-    const STATE: State = State {
-        tick: 1,
-        position_m: [0.1, -0.2, 0.3],
-        orientation: [0.0, 0.6, 0.0, 0.8],
-        velocity_m_per_s: [0.0; 3],
-        force_n: [0.0; 3],
-        current_a: [0.0; 3],
-        mode: Mode::Armed,
-        faults: 0,
-        contact_sequence: 0,
-        contact_age_us: 0,
-        applied_age_us: 0,
-        trace_hash: 0,
-    };
     const NEEDLE: HeldNeedle = HeldNeedle {
         tool: 0,
         needle: 2,
@@ -102,11 +84,9 @@ mod tests {
 
     #[test]
     fn the_frame_passes_the_consoles_own_check() {
-        let frame = needle_frame(&STATE, &NEEDLE, 50_000);
+        let frame = needle_frame(&NEEDLE);
         assert_eq!(frame.check(), Ok(()));
-        assert_eq!(frame.position_m, STATE.position_m);
-        assert_eq!(frame.orientation, STATE.orientation);
-        assert_eq!((frame.needle, frame.horizon_us), (2, 50_000));
+        assert_eq!(frame.needle, 2);
         assert_eq!((frame.axial_n, frame.punctured_n), (-0.25, -0.125));
         assert_eq!(frame.friction_n, [0.25, 0.125]);
         assert_eq!(frame.course, NEEDLE.course);
@@ -121,13 +101,13 @@ mod tests {
             friction_n: [-1e-17, 0.0],
             ..NEEDLE
         };
-        let frame = needle_frame(&STATE, &below, 50_000);
+        let frame = needle_frame(&below);
         assert_eq!((frame.check(), frame.hold_n), (Ok(()), 0.0));
         let nonsense = HeldNeedle {
             friction_n: [f64::NAN, 0.0],
             ..NEEDLE
         };
-        let frame = needle_frame(&STATE, &nonsense, 50_000);
+        let frame = needle_frame(&nonsense);
         assert_eq!(frame.check(), Err(Reject::NotFinite));
     }
 }

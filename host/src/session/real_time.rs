@@ -1,11 +1,16 @@
 //! A session with a console that runs by itself: the solver has its own thread and its own pace.
 //!
 //! Entry point: [`run_real_time`]. The solver takes the newest state, steps, and puts the contact out, host_hz
-//! times a second; a step whose result is not good sends nothing, and the console lets the force decay.
+//! times a second; a step whose result is not good sends nothing, and the console lets the force decay. A console that
+//! goes away may come back into the same session, at rest until somebody arms it again.
 
+use super::schedule::Schedule;
 use super::setup::{Arming, ArmingWatch};
+use super::summary::{ConsoleClock, LinkSummary, RoundTrip, Throughput};
 use super::{Plan, Progress, SessionError, Solve, Summary, Tally};
-use crate::link::{Link, LinkCounters, LinkOptions, Order, Port};
+use crate::link::{
+    Connector, Heard, Link, LinkCounters, LinkError, LinkOptions, Order, Port, Standing,
+};
 use std::ops::ControlFlow;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -20,11 +25,47 @@ const LOOK_EVERY: Duration = Duration::from_millis(50);
 const TICKS_SOME: Duration = Duration::from_millis(2);
 /// A console from which nothing came for so long is dead, or its line is.
 const SILENT: Duration = Duration::from_secs(2);
+/// By how much a console's clock may differ from the host's over a loss of the link \[s\], and for every second of it: if
+/// it differs by more, the console has started anew.
+const SAME_CLOCK_S: f64 = 0.25;
+/// See [`SAME_CLOCK_S`].
+const SAME_CLOCK: f64 = 0.02;
 /// How long the console may take to report after it was disarmed; it reports once a second by itself.
 const REPORT_WITHIN: Duration = Duration::from_millis(1500);
 
 fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// Who looks after a console that goes away. Force returns only when it is armed again.
+pub trait Attendant {
+    /// The console went away.
+    fn lost(&mut self, why: &LinkError);
+
+    /// It is back, at rest.
+    fn back(&mut self);
+
+    /// Whether to arm it now. Asked again and again while it rests.
+    fn arms(&mut self) -> bool;
+}
+
+/// What leads to a console.
+pub enum Line {
+    /// A port. When the console goes away the session ends.
+    Once(Box<dyn Port>),
+    /// A port that can be opened again.
+    Again {
+        /// Opens it.
+        connect: Connector,
+        /// Looks after the console.
+        attendant: Box<dyn Attendant>,
+    },
+}
+
+impl From<Box<dyn Port>> for Line {
+    fn from(port: Box<dyn Port>) -> Self {
+        Line::Once(port)
+    }
 }
 
 /// What the link's listener writes down and everybody else reads.
@@ -34,19 +75,21 @@ struct Log {
     armed: bool,
     /// Whether the console has gone to rest, by itself or as it was told; what comes then is not counted.
     over: bool,
-    /// The newest state, counted or not.
+    /// The newest state of the open link's session, counted or not.
     newest: Option<(State, Instant)>,
+    /// Why the link was lost, until the console is told what it needs to know again.
+    lost: Option<LinkError>,
     reports: u64,
     /// Ticks that the session is to last.
     ticks: u64,
 }
 
-/// Runs a session of `plan.seconds` of console time on the console behind `port`; `progress` may end it early.
+/// Runs a session of `plan.seconds` of console time on the console that `line` leads to; `progress` may end it early.
 ///
 /// # Errors
 /// See [`SessionError`]. The console is disarmed first, as far as it still listens.
 pub fn run_real_time(
-    port: Box<dyn Port>,
+    line: impl Into<Line>,
     options: LinkOptions,
     plan: &Plan,
     solver: &mut dyn Solve,
@@ -58,12 +101,26 @@ pub fn run_real_time(
         armed: false,
         over: false,
         newest: None,
+        lost: None,
         reports: 0,
         ticks: plan.ticks(),
     }));
     let written = log.clone();
-    let link = Link::open(port, options, move |event| lock(&written).hear(event))?;
-    for order in plan.opening_orders(link.console()) {
+    let (link, attendant) = match line.into() {
+        Line::Once(port) => {
+            let hear = move |event: &HostEvent| lock(&written).hear(event);
+            (Link::open(port, options, hear)?, None)
+        }
+        Line::Again { connect, attendant } => {
+            let hear = move |heard: Heard<'_>| match heard {
+                Heard::Event(event) => lock(&written).hear(event),
+                Heard::Lost(why) => lock(&written).lose(why),
+                Heard::Reopened(_) => {}
+            };
+            (Link::open_with(connect, options, hear)?, Some(attendant))
+        }
+    };
+    for order in plan.opening_orders(&link.console()) {
         link.order(order)?;
     }
     let stop = AtomicBool::new(false);
@@ -74,7 +131,18 @@ pub fn run_real_time(
             .name("sutura-solve".to_owned())
             .spawn_scoped(scope, || solve_until(&stop, &link, plan, &log, solver));
         let ended = match &solving {
-            Ok(solving) => watch(&link, plan, &log, &mut progress, || solving.is_finished()),
+            Ok(solving) => {
+                let watch = Watch {
+                    link: &link,
+                    plan,
+                    log: &log,
+                    attendant,
+                    arming: Some(ArmingWatch::new(plan)),
+                    rest: None,
+                    end: None,
+                };
+                watch.run(&mut progress, || solving.is_finished())
+            }
             Err(_) => Err(SessionError::Solver),
         };
         drop(stopping);
@@ -83,21 +151,26 @@ pub fn run_real_time(
             _ => Err(SessionError::Solver),
         }
     });
-    ended?;
+    let ended = ended?;
     let wall_s = started.elapsed().as_secs_f64();
-    let device = plan.device_name(link.console());
+    let device = plan.device_name(&link.console());
     let console = link.name().to_owned();
     // What nobody takes while the console goes to rest was not superseded by anything.
     let LinkCounters {
         states_superseded, ..
     } = link.counters();
     lock(&log).over = true;
+    let link_summary = link_summary(&link);
     disarm(&link, &log);
     let counters = LinkCounters {
         states_superseded,
         ..link.close()
     };
-    let summary = lock(&log).tally.summary(&counters, plan.tick_hz);
+    let mut summary = lock(&log).tally.summary(&counters, plan.tick_hz);
+    if ended == Ended::AtRest {
+        summary.mode = "idle".to_owned();
+        summary.status = "idle: the link was lost, and nobody armed the console again".to_owned();
+    }
     Ok(Summary {
         console,
         device,
@@ -105,8 +178,33 @@ pub fn run_real_time(
         rendering: plan.rendering.word(),
         most_rows: plan.most_rows(),
         scene: solver.scene(),
+        link: link_summary,
         ..summary
     })
+}
+
+/// The link so far.
+fn link_summary(link: &Link) -> LinkSummary {
+    let (trips, counters) = (link.round_trips(), link.counters());
+    let seconds = 1e-6 * link.host_us().max(1) as f64;
+    LinkSummary {
+        rtt_us: RoundTrip {
+            min: trips.min,
+            p50: trips.p50,
+            p99: trips.p99,
+            max: trips.max,
+        },
+        clock: link.clock().map(|clock| ConsoleClock {
+            offset_us: clock.offset_us,
+            drift_ppm: clock.drift_ppm,
+            uncertainty_us: clock.uncertainty_us,
+        }),
+        bytes_per_s: Throughput {
+            down: counters.bytes_down as f64 / seconds,
+            up: counters.bytes_up as f64 / seconds,
+        },
+        sessions: counters.sessions,
+    }
 }
 
 /// Tells the solver's thread to end when dropped.
@@ -135,8 +233,18 @@ impl Log {
                 self.tally.report(report.body());
                 self.reports += 1;
             }
-            HostEvent::Opened(_) | HostEvent::Refused(_) => {}
+            HostEvent::Opened(_)
+            | HostEvent::Refused(_)
+            | HostEvent::Owned
+            | HostEvent::Pong(_) => {}
         }
+    }
+
+    fn lose(&mut self, why: &LinkError) {
+        self.tally.lose();
+        self.armed = false;
+        self.newest = None;
+        self.lost = Some(why.clone());
     }
 }
 
@@ -148,8 +256,8 @@ fn solve_until(
     log: &Mutex<Log>,
     solver: &mut dyn Solve,
 ) {
-    let period = Duration::from_secs_f64(1.0 / plan.host_hz);
-    let mut next = Instant::now();
+    let tick = Duration::from_secs(1) / u32::from(plan.tick_hz.max(1));
+    let mut schedule: Option<Schedule> = None;
     while !stop.load(Ordering::Relaxed) {
         let state: Valid<State> = match link.state(Instant::now() + LOOK_EVERY) {
             Ok(Some(state)) => state,
@@ -159,94 +267,194 @@ fn solve_until(
         };
         if !matches!(state.body().mode, Mode::Armed | Mode::Decaying) {
             // Nobody feels anything: the pose may be anywhere, even inside the tissue.
+            schedule = None;
             continue;
         }
-        let before = Instant::now();
-        let solved = solver.solve(&state);
-        let time = before.elapsed();
-        let horizon_us = {
-            let mut log = lock(log);
-            if log.armed {
-                log.tally.step(&solved, time);
-            }
-            plan.horizon_us(&log.tally.horizon)
+        let heard = Instant::now();
+        let now = state.body().tick;
+        let due = match &mut schedule {
+            Some(schedule) => schedule.is_due(now),
+            None => true,
         };
-        if let Some(felt) = solved.frames(state.body(), horizon_us, plan.rendering) {
-            link.felt(state.console_time_us(), felt);
+        let schedule =
+            schedule.get_or_insert_with(|| Schedule::new(now, plan.tick_hz, plan.host_hz));
+        if due {
+            let solved = solver.solve(&state);
+            let time = heard.elapsed();
+            let horizon_us = {
+                let mut log = lock(log);
+                if log.armed {
+                    log.tally.step(&solved, time);
+                }
+                plan.horizon_us(&log.tally.horizon)
+            };
+            if let Some(felt) = solved.frames(state.body(), horizon_us, plan.rendering) {
+                link.felt(state.console_time_us(), felt);
+            }
         }
-        next += period;
-        let now = Instant::now();
-        if next > now {
-            std::thread::sleep(next - now);
-        } else {
-            // Too slow for the pace: steps are left out, not made up for.
-            next = now;
-        }
+        // Until just before the state comes that is due; the slot's is then one that may be passed over.
+        let left = schedule.ticks_left(now).saturating_sub(1);
+        let wake = heard + tick * left;
+        std::thread::sleep(wake.saturating_duration_since(Instant::now()));
     }
 }
 
-/// Until the session is over: arms the console, looks after it, and tells how far it is.
-fn watch(
-    link: &Link,
-    plan: &Plan,
-    log: &Mutex<Log>,
-    progress: &mut impl FnMut(&Progress<'_>) -> ControlFlow<()>,
-    solver_ended: impl Fn() -> bool,
-) -> Result<(), SessionError> {
-    let opened = Instant::now();
-    let mut arming = Some(ArmingWatch::new(plan));
-    let mut elapsed_s = 0.0;
-    loop {
-        let left = Duration::try_from_secs_f64(plan.seconds - elapsed_s).unwrap_or_default();
-        std::thread::sleep(left.clamp(TICKS_SOME, LOOK_EVERY));
-        link.check()?;
-        if solver_ended() {
-            // It ends before it is told to only if the link broke, or by a panic.
-            return link
-                .check()
-                .map_err(SessionError::from)
-                .and(Err(SessionError::Solver));
+/// How a session ended that ran as long as it was to.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Ended {
+    /// As it ran.
+    Running,
+    /// With a console that came back and was not armed again.
+    AtRest,
+}
+
+/// Looks after the session: arms the console, tells how far it is, and gets it going again.
+struct Watch<'a> {
+    link: &'a Link,
+    plan: &'a Plan,
+    log: &'a Mutex<Log>,
+    attendant: Option<Box<dyn Attendant>>,
+    /// While the console should arm.
+    arming: Option<ArmingWatch>,
+    /// While the console is away, or back and not armed.
+    rest: Option<Rest>,
+    /// When a session ends whose link was lost: a console that is away has no ticks to count.
+    end: Option<Instant>,
+}
+
+/// A console that went away.
+#[derive(Clone, Debug)]
+enum Rest {
+    /// It is away, for this reason.
+    Away(LinkError),
+    /// It is back, and has been told what it needs to know.
+    Back,
+}
+
+impl Watch<'_> {
+    /// Until the session is over.
+    fn run(
+        mut self,
+        progress: &mut impl FnMut(&Progress<'_>) -> ControlFlow<()>,
+        solver_ended: impl Fn() -> bool,
+    ) -> Result<Ended, SessionError> {
+        let opened = Instant::now();
+        let mut elapsed_s = 0.0;
+        let mut last: Option<(State, Instant)> = None;
+        loop {
+            let left_s = self.plan.seconds - elapsed_s;
+            let left = Duration::try_from_secs_f64(left_s).unwrap_or_default();
+            std::thread::sleep(left.clamp(TICKS_SOME, LOOK_EVERY));
+            self.link.check()?;
+            if solver_ended() {
+                // It ends before it is told to only if the link broke, or by a panic.
+                return self
+                    .link
+                    .check()
+                    .map_err(SessionError::from)
+                    .and(Err(SessionError::Solver));
+            }
+            let (newest, ticks, report, over, lost) = {
+                let mut log = lock(self.log);
+                (
+                    log.newest,
+                    log.tally.ticks(),
+                    log.tally.last_report().copied(),
+                    log.over,
+                    log.lost.take(),
+                )
+            };
+            if let Some(why) = lost {
+                self.end.get_or_insert(Instant::now() + left);
+                self.arming = None;
+                if let Some(attendant) = &mut self.attendant {
+                    attendant.lost(&why);
+                }
+                self.rest = Some(Rest::Away(why));
+            }
+            if self.rest.is_none() {
+                let heard = newest.map_or(opened, |(_, heard)| heard);
+                if heard.elapsed() > SILENT && self.attendant.is_none() {
+                    return Err(SessionError::Silent {
+                        waited_s: SILENT.as_secs_f64(),
+                    });
+                }
+            }
+            self.look_after(newest, last)?;
+            last = newest.or(last);
+            let Some((state, _)) = &last else { continue };
+            elapsed_s = ticks as f64 / f64::from(self.plan.tick_hz);
+            let note = Progress {
+                elapsed_s,
+                seconds: self.plan.seconds,
+                state,
+                report: report.as_ref(),
+            };
+            let stopped = progress(&note).is_break();
+            let in_time = self.end.is_none_or(|end| Instant::now() < end);
+            match (&self.rest, stopped || !in_time) {
+                (None, true) => return Ok(Ended::Running),
+                (Some(Rest::Back), true) => return Ok(Ended::AtRest),
+                (Some(Rest::Away(why)), true) => return Err(why.clone().into()),
+                (Some(_), false) => continue,
+                (None, false) => {}
+            }
+            // At rest, or in a latched fault, nothing more is to be felt.
+            let fault = self.arming.is_none() && state.mode == Mode::Fault;
+            if over || ticks >= self.plan.ticks() || fault {
+                return Ok(Ended::Running);
+            }
         }
-        let (newest, ticks, report, over) = {
-            let log = lock(log);
-            (
-                log.newest,
-                log.tally.ticks(),
-                log.tally.last_report().copied(),
-                log.over,
-            )
+    }
+
+    /// Arms the console, the first time by itself. `before`: the newest state when this was asked last.
+    fn look_after(
+        &mut self,
+        newest: Option<(State, Instant)>,
+        before: Option<(State, Instant)>,
+    ) -> Result<(), SessionError> {
+        let Some((state, heard)) = newest else {
+            return Ok(());
         };
-        let heard = newest.map_or(opened, |(_, heard)| heard);
-        if heard.elapsed() > SILENT {
-            return Err(SessionError::Silent {
-                waited_s: SILENT.as_secs_f64(),
-            });
-        }
-        let Some((state, _)) = newest else { continue };
-        if let Some(watch) = &mut arming {
+        if let Some(watch) = &mut self.arming {
             match watch.judge(&state)? {
-                Arming::Armed => arming = None,
-                Arming::Again => link.order(Order::Command(Command::Arm))?,
+                Arming::Armed => self.arming = None,
+                Arming::Again => self.link.order(Order::Command(Command::Arm))?,
                 Arming::NotYet => {}
             }
         }
-        elapsed_s = ticks as f64 / f64::from(plan.tick_hz);
-        let note = Progress {
-            elapsed_s,
-            seconds: plan.seconds,
-            state: &state,
-            report: report.as_ref(),
-        };
-        // At rest, or in a latched fault, nothing more is to be felt.
-        let over = over || ticks >= plan.ticks() || (arming.is_none() && state.mode == Mode::Fault);
-        if progress(&note).is_break() || over {
+        let (Some(rest), Some(attendant)) = (&self.rest, &mut self.attendant) else {
             return Ok(());
+        };
+        if let Rest::Away(_) = rest
+            && matches!(self.link.standing(), Standing::Open(_))
+        {
+            let anew = before.is_none_or(|(before, then)| {
+                let ticks = state.tick.wrapping_sub(before.tick);
+                let passed_s = heard.saturating_duration_since(then).as_secs_f64();
+                let ticked_s = f64::from(ticks) / f64::from(self.plan.tick_hz);
+                (ticked_s - passed_s).abs() > SAME_CLOCK_S + SAME_CLOCK * passed_s
+            });
+            for order in self.plan.orders_again(&self.link.console(), anew) {
+                self.link.order(order)?;
+            }
+            attendant.back();
+            self.rest = Some(Rest::Back);
         }
+        if matches!(self.rest, Some(Rest::Back)) && attendant.arms() {
+            self.link.order(Order::Command(Command::Arm))?;
+            self.arming = Some(ArmingWatch::new(self.plan));
+            self.rest = None;
+        }
+        Ok(())
     }
 }
 
 /// Sends the console to rest and waits for its counters.
 fn disarm(link: &Link, log: &Mutex<Log>) {
+    if link.standing() == Standing::Lost {
+        return;
+    }
     if link.order(Order::Command(Command::Disarm)).is_err() {
         return;
     }

@@ -5,6 +5,7 @@
 
 use super::budget::{Rendering, most_rows};
 use crate::link::{LinkError, Order};
+use serde::{Deserialize, Serialize};
 use sutura_shared::device::DeviceDescription;
 use sutura_shared::wire::faults;
 use sutura_shared::wire::message::{Command, Fixture, HandScript, Hello, Mode, Simulate, State};
@@ -17,7 +18,7 @@ pub(super) const ARM_WITHIN_MS: u32 = 3000;
 pub(super) const ARM_AGAIN_MS: u32 = 100;
 
 /// What a session is to be.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Plan {
     /// The device that a simulated console becomes.
     pub device: DeviceDescription,
@@ -103,6 +104,18 @@ impl Plan {
             orders.push(Order::Fixture(self.fixture));
         }
         orders.push(Order::Command(Command::Arm));
+        orders
+    }
+
+    /// What a console is told that came back after the link was lost; it is not armed. A simulated one that has not
+    /// started anew is the device already, and its hand goes on.
+    pub(super) fn orders_again(&self, console: &Hello, started_anew: bool) -> Vec<Order> {
+        let mut orders = self.opening_orders(console);
+        orders.retain(|order| match order {
+            Order::Command(command) => matches!(command, Command::StateEvery { .. }),
+            Order::Simulate(_) => started_anew,
+            Order::Fixture(_) => true,
+        });
         orders
     }
 

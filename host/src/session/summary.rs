@@ -69,6 +69,52 @@ pub struct Energy {
     pub min: f64,
 }
 
+/// Round trips of pings.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub struct RoundTrip {
+    /// Fastest.
+    pub min: f64,
+    /// Median.
+    pub p50: f64,
+    /// 99 of 100 are faster.
+    pub p99: f64,
+    /// Slowest.
+    pub max: f64,
+}
+
+/// The console's clock as the host knows it at the end.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub struct ConsoleClock {
+    /// Console clock less host clock, which starts with the link \[us\].
+    pub offset_us: f64,
+    /// How much faster the console's clock runs \[ppm\].
+    pub drift_ppm: f64,
+    /// By how much the offset may be wrong \[us\].
+    pub uncertainty_us: f64,
+}
+
+/// Bytes a second each way.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub struct Throughput {
+    /// To the console.
+    pub down: f64,
+    /// From the console.
+    pub up: f64,
+}
+
+/// The link in numbers.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub struct LinkSummary {
+    /// Round trips without the console's own part \[us\]; 0 in lockstep.
+    pub rtt_us: RoundTrip,
+    /// The clock; none in lockstep.
+    pub clock: Option<ConsoleClock>,
+    /// Bytes a second.
+    pub bytes_per_s: Throughput,
+    /// Sessions, the first one included: one more for every time the console was lost and came back.
+    pub sessions: u32,
+}
+
 /// A session in numbers.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Summary {
@@ -104,6 +150,8 @@ pub struct Summary {
     pub decays: u64,
     /// Frames.
     pub frames: Frames,
+    /// The link.
+    pub link: LinkSummary,
     /// From the state's time stamp to the tick that first applied its contact, by the console's clock \[us\].
     pub latency_us: Latency,
     /// Age of the contact data in use, every tick while armed \[ms\].

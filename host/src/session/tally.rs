@@ -7,9 +7,9 @@
 use super::Solved;
 use super::horizon::Horizon;
 use super::summary::{Age, Energy, Force, Frames, Latency, StepTime, Summary};
-use super::times::Times;
 use crate::link::LinkCounters;
 use crate::step::Stages;
+use crate::times::Times;
 use std::collections::BTreeMap;
 use std::time::Duration;
 use sutura_shared::wire::faults;
@@ -36,6 +36,10 @@ pub struct Tally {
     withheld: BTreeMap<&'static str, u64>,
     first_report: Option<Report>,
     last_report: Option<Report>,
+    /// Ticks, and what the console counted, before the link was last lost.
+    earlier: (u64, ConsoleCounts),
+    /// The next state does not follow the last one.
+    gap: bool,
 }
 
 /// Length of a vector.
@@ -74,7 +78,18 @@ impl Tally {
             withheld: BTreeMap::new(),
             first_report: None,
             last_report: None,
+            earlier: Default::default(),
+            gap: false,
         }
+    }
+
+    /// The link was lost: what comes next is of another session, and maybe of a console that has started anew.
+    pub fn lose(&mut self) {
+        self.earlier = (self.ticks(), self.counted());
+        self.first = None;
+        self.first_report = None;
+        self.last_report = None;
+        self.gap = true;
     }
 
     /// Takes note of a state of the console.
@@ -86,7 +101,7 @@ impl Tally {
         if matches!(state.mode, Mode::Armed | Mode::Decaying) && state.contact_age_us != u32::MAX {
             self.ages_us.record(u64::from(state.contact_age_us));
         }
-        if let Some(before) = self.last {
+        if let Some(before) = self.last.filter(|_| !self.gap) {
             let work = (0..3).map(|i| {
                 f64::from(before.force_n[i]) * f64::from(state.position_m[i] - before.position_m[i])
             });
@@ -99,6 +114,7 @@ impl Tally {
                 self.decays += 1;
             }
         }
+        self.gap = false;
         self.first.get_or_insert(*state);
         self.last = Some(*state);
     }
@@ -147,11 +163,31 @@ impl Tally {
         self.last_report.as_ref()
     }
 
-    /// Ticks from the first state to the newest, both counted.
+    /// Ticks from the first state to the newest, both counted, without those in which the link was lost.
     pub fn ticks(&self) -> u64 {
+        let (earlier, _) = self.earlier;
         match (&self.first, &self.last) {
-            (Some(first), Some(last)) => u64::from(last.tick.wrapping_sub(first.tick)) + 1,
-            _ => 0,
+            (Some(first), Some(last)) => {
+                earlier + u64::from(last.tick.wrapping_sub(first.tick)) + 1
+            }
+            _ => earlier,
+        }
+    }
+
+    /// What the console counted.
+    fn counted(&self) -> ConsoleCounts {
+        let (_, earlier) = self.earlier;
+        // The first report comes with the answer to `Hello` and tells what was counted before the session.
+        let now = since(
+            self.first_report.unwrap_or_default(),
+            self.last_report.unwrap_or_default(),
+        );
+        ConsoleCounts {
+            overruns: earlier.overruns + now.overruns,
+            late: earlier.late + now.late,
+            lost: earlier.lost + now.lost,
+            rejected: earlier.rejected + now.rejected,
+            superseded: earlier.superseded + now.superseded,
         }
     }
 
@@ -165,11 +201,7 @@ impl Tally {
         let faults: Vec<String> = faults::names(self.last.map_or(0, |s| s.faults))
             .map(str::to_owned)
             .collect();
-        // The first report comes with the answer to `Hello` and tells what was counted before the session.
-        let console = since(
-            self.first_report.unwrap_or_default(),
-            self.last_report.unwrap_or_default(),
-        );
+        let console = self.counted();
         let frames = Frames {
             sent: u64::from(link.frames.frames_sent),
             lost: u64::from(link.frames.frames_lost) + console.lost,
@@ -232,6 +264,7 @@ impl Tally {
 }
 
 /// What the console counted during the session.
+#[derive(Clone, Copy, Debug, Default)]
 struct ConsoleCounts {
     overruns: u64,
     late: u64,
@@ -271,6 +304,9 @@ mod tests {
             contact_age_us: 4_000,
             applied_age_us: 3_000,
             trace_hash: 0x0123_4567_89ab_cdef,
+            encoder_counts: [0; 3],
+            inputs: 0,
+            heard_sequence: 0,
         }
     }
 
@@ -318,6 +354,32 @@ mod tests {
         assert_eq!(lost(&[]), (0, 0));
     }
 
+    /// The console starts anew in between: its ticks and its counts begin at 0 again.
+    #[test]
+    fn a_lost_link_adds_nothing_of_its_own() {
+        let mut tally = Tally::new(100.0);
+        let report = |lost| Report {
+            frames_lost: lost,
+            ..Report::default()
+        };
+        for tick in 500..510 {
+            tally.state(&state(tick, 0.0, 1.0));
+        }
+        [report(40), report(43)]
+            .iter()
+            .for_each(|r| tally.report(r));
+        tally.lose();
+        assert_eq!(tally.ticks(), 10);
+        [report(0), report(2)].iter().for_each(|r| tally.report(r));
+        // Ten metres away: that is no work.
+        for tick in 3..8 {
+            tally.state(&state(tick, 10.0, 1.0));
+        }
+        let summary = tally.summary(&LinkCounters::default(), 1000);
+        assert_eq!((summary.ticks, summary.frames.lost), (15, 5));
+        assert_eq!(summary.energy_j.min, 0.0);
+    }
+
     #[test]
     fn latency_is_counted_once_a_contact_and_decay_once_a_fall() {
         let mut tally = Tally::new(100.0);
@@ -343,6 +405,7 @@ mod tests {
     fn steps_that_are_not_sent_are_counted_by_their_reason() {
         let mut tally = Tally::new(100.0);
         let solved = |status, contact| Solved {
+            position_m: [0.0; 3],
             contact,
             rows: None,
             needle: None,

@@ -2,7 +2,7 @@
 //!
 //! Entry point: [`thread_frame`].
 
-use sutura_shared::wire::message::{End, State, Tension, Thread};
+use sutura_shared::wire::message::{End, Tension, Thread};
 use sutura_shared::wire::validate::{MAX_POSITION, MAX_TANGENT, MAX_WRENCH};
 
 /// A thread that the driven tool holds, by itself or by its needle, as a step left it.
@@ -26,8 +26,8 @@ pub struct HeldThread {
     pub slack_m: f64,
 }
 
-/// The frame for the state that `thread` was solved for, good until `horizon_us` after it.
-pub fn thread_frame(state: &State, thread: &HeldThread, horizon_us: u32) -> Thread {
+/// The frame for the state that `thread` was solved for.
+pub fn thread_frame(thread: &HeldThread) -> Thread {
     let limited = |value: f64, most: f32| (value as f32).clamp(0.0, most);
     let direction = thread.direction.map(|value| value as f32);
     let is_slack = thread.state == Tension::Slack;
@@ -36,8 +36,6 @@ pub fn thread_frame(state: &State, thread: &HeldThread, horizon_us: u32) -> Thre
         thread: thread.thread,
         end: thread.end,
         state: thread.state,
-        // As it came: the console goes on from exactly this place.
-        position_m: state.position_m,
         // Nothing to pull along: any direction is as good.
         direction: if direction == [0.0; 3] {
             [0.0, 0.0, 1.0]
@@ -56,30 +54,14 @@ pub fn thread_frame(state: &State, thread: &HeldThread, horizon_us: u32) -> Thre
         } else {
             0.0
         },
-        horizon_us,
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use sutura_shared::wire::message::Mode;
     use sutura_shared::wire::{Message, Reject};
 
-    const STATE: State = State {
-        tick: 1,
-        position_m: [0.1, -0.2, 0.3],
-        orientation: [0.0, 0.6, 0.0, 0.8],
-        velocity_m_per_s: [0.0; 3],
-        force_n: [0.0; 3],
-        current_a: [0.0; 3],
-        mode: Mode::Armed,
-        faults: 0,
-        contact_sequence: 0,
-        contact_age_us: 0,
-        applied_age_us: 0,
-        trace_hash: 0,
-    };
     const TAUT: HeldThread = HeldThread {
         tool: 0,
         thread: 2,
@@ -93,10 +75,9 @@ mod tests {
 
     #[test]
     fn the_frame_passes_the_consoles_own_check() {
-        let frame = thread_frame(&STATE, &TAUT, 50_000);
+        let frame = thread_frame(&TAUT);
         assert_eq!(frame.check(), Ok(()));
-        assert_eq!(frame.position_m, STATE.position_m);
-        assert_eq!((frame.thread, frame.horizon_us), (2, 50_000));
+        assert_eq!(frame.thread, 2);
         assert_eq!((frame.end, frame.state), (End::Head, Tension::Taut));
         assert_eq!(frame.direction, [0.6, 0.0, -0.8]);
         let numbers = [frame.tension_n, frame.stiffness_n_per_m, frame.slack_m];
@@ -112,7 +93,7 @@ mod tests {
             slack_m: 0.25,
             ..TAUT
         };
-        let frame = thread_frame(&STATE, &slack, 50_000);
+        let frame = thread_frame(&slack);
         assert_eq!(frame.check(), Ok(()));
         assert_eq!((frame.tension_n, frame.slack_m), (0.0, 0.25));
     }
@@ -138,7 +119,7 @@ mod tests {
                 ..TAUT
             },
         ] {
-            let frame = thread_frame(&STATE, &bad, 50_000);
+            let frame = thread_frame(&bad);
             assert_eq!(frame.check(), Err(Reject::NotFinite), "{bad:?}");
         }
     }

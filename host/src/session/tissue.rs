@@ -4,14 +4,14 @@
 //! where the scene holds them, or follow their scripts.
 
 use super::look_ahead::{Look, course};
-use super::{HeldNeedle, HeldThread, Solve, Solved};
+use super::{Goal, HeldNeedle, HeldThread, Plan, Solve, Solved, lead_s, sideways};
 use crate::model::Model;
 use crate::needle::{NeedleReport, TipPlace};
 use crate::output::tip_word;
 use crate::scene::{Needle, Scene, Tissue};
-use crate::script::{Path, Script};
+use crate::script::{Path, Script, path};
 use crate::solve::{SolveError, bring_in};
-use crate::step::{self, Status, StepReport, ToolRows, Workspace};
+use crate::step::{self, Arrival, Status, StepReport, ToolRows, Workspace};
 use crate::thread::{ThreadReport, ThreadTension};
 use crate::tool::ToolSample;
 use crate::wound::Wound;
@@ -28,6 +28,9 @@ const PREPARED_EDGES: f64 = 1.5;
 /// And so much further \[m\]: the hand strays from its path, and tissue moves along.
 const PREPARED_MARGIN_M: f64 = 0.003;
 
+/// Seconds between two places of the hand that the solver is prepared for.
+const PREPARED_EVERY_S: f64 = 0.02;
+
 /// Part of a period that may be spent on looking ahead of a needle, and what a step of so many rows takes \[us\]:
 /// measured, and the same everywhere, so that a session does not depend on the machine.
 const LOOK_SHARE: f64 = 0.2;
@@ -36,7 +39,7 @@ const LOOK_ROWS: f64 = 60.0;
 /// And so many times as much where threads bend over tissue, for which all nodes are asked.
 const LOOK_THREADS: f64 = 3.0;
 /// Most steps of one look, forward and backward, and how long they are wanted on average \[m\].
-const LOOK_STEPS: [usize; 2] = [16, 10];
+const LOOK_STEPS: [usize; 2] = [24, 16];
 
 /// So much slack is looked through to the taut thread \[m\], and so far into that, in turn \[m\].
 const NEARLY_TAUT_M: f64 = 0.01;
@@ -44,7 +47,7 @@ const TIGHTENING_M: [f64; 3] = [2e-4, 5e-4, 1e-3];
 /// States farther apart than this are far apart \[us\], and a needle's way between them is followed in pieces of this time
 /// \[us\].
 const FAR_US: u64 = 5_500;
-const PIECE_US: u64 = 2_000;
+const PIECE_US: u64 = 1_000;
 /// With fewer, both ways together, friction and stiffness say as much.
 const LOOK_LEAST: usize = 4;
 /// A frame is in use until it is so many periods old, or for so long \[us\].
@@ -54,7 +57,7 @@ const LOOK_MOST_US: f64 = 150e3;
 const LOOK_HAND_M_PER_S: f64 = 0.25;
 const LOOK_MARGIN_M: f64 = 5e-4;
 /// Farther than this a look is too coarse, forward and backward \[m\].
-const LOOK_MOST_M: [f64; 2] = [0.012, 0.008];
+const LOOK_MOST_M: [f64; 2] = [0.018, 0.012];
 
 /// A model with its state and scratch.
 pub struct TissueSolver {
@@ -63,6 +66,8 @@ pub struct TissueSolver {
     model: Model,
     state: step::State,
     work: Workspace,
+    /// How long a frame is in use at most \[s\], from its state on.
+    ahead_s: f64,
     script: Script,
     /// Console time of the first step \[us\], from which scripts count.
     began_us: Option<u64>,
@@ -132,6 +137,7 @@ impl TissueSolver {
             model,
             state,
             work,
+            ahead_s: 0.0,
             script: Script::new(scene),
             began_us: None,
             last_sample: None,
@@ -142,6 +148,33 @@ impl TissueSolver {
             last,
             last_good: last,
         })
+    }
+
+    /// As [`TissueSolver::new`], prepared for what a session is to be: what the hand will come by is computed, and rows
+    /// are reduced to what its line carries.
+    ///
+    /// # Errors
+    /// As there.
+    pub fn for_session(scene: &Scene, plan: &Plan) -> Result<Self, SolveError> {
+        let mut solver = TissueSolver::new(scene)?;
+        let used = plan.hand.way_points.get(..usize::from(plan.hand.count));
+        let hand_s = used
+            .and_then(<[_]>::last)
+            .map_or(0.0, |point| f64::from(point.time_s));
+        let ways = scene.tools.iter().filter_map(|tool| tool.way.as_ref());
+        let ends = ways.filter_map(|way| way.stops().last());
+        // Afterwards everything rests.
+        let end_s = ends.fold(hand_s, |end, stop| end.max(stop.time_s));
+        let path = path(
+            scene,
+            end_s.min(plan.seconds),
+            PREPARED_EVERY_S,
+            TissueSolver::apart_m(scene),
+        );
+        solver.prepare(&path);
+        // The console has them a period later, and uses them for another.
+        solver.reduce_to(plan.most_rows(), 2.0 / plan.host_hz);
+        Ok(solver)
     }
 
     /// Computes beforehand what steps along `path` will need, so that the first touch costs no more than
@@ -186,7 +219,7 @@ impl TissueSolver {
     /// within `ahead_s` first.
     pub fn reduce_to(&mut self, most_rows: usize, ahead_s: f64) {
         self.work.most_rows = most_rows;
-        self.work.ahead_s = ahead_s;
+        self.ahead_s = ahead_s;
     }
 
     /// The driven tool's rows at the last step, if there are any.
@@ -198,6 +231,32 @@ impl TissueSolver {
     /// Distance between the points of a needle that [`Self::prepare`] needs at most \[m\].
     pub fn apart_m(scene: &Scene) -> f64 {
         0.5 * scene.mesh.surface().mean_edge_m
+    }
+
+    /// Hash of everything that its state holds, to the bit.
+    pub fn hash(&self) -> u64 {
+        self.state.hash()
+    }
+
+    /// From now on it is written down when columns come from their thread, for [`Self::take_arrivals`].
+    pub fn log_arrivals(&mut self) {
+        self.work.log_arrivals();
+    }
+
+    /// What has come from the thread since this was asked last.
+    pub fn take_arrivals(&mut self) -> Vec<Arrival> {
+        self.work.take_arrivals()
+    }
+
+    /// As [`Self::start_worker`] without the thread: columns come in the steps in which [`Self::expect`] says that they
+    /// came.
+    pub fn replay_worker(&mut self) {
+        self.work.replay_worker(&self.model);
+    }
+
+    /// What comes in steps to come.
+    pub fn expect(&mut self, arrivals: &[Arrival]) {
+        self.work.expect(arrivals);
     }
 
     /// Id of the tool that the console's grip carries.
@@ -416,6 +475,19 @@ impl TissueSolver {
         })
     }
 
+    /// What the contact is solved for: ahead of the state where tissue does not remember which way tools came.
+    fn goal(&self, state: &State, period_us: u64) -> Goal {
+        let (position_m, velocity) = (state.position_m, state.velocity_m_per_s);
+        let contact = self.last.contacts().first();
+        let remembers = !self.needles.is_empty() || self.wound.is_some();
+        let lead_s = match contact {
+            Some(_) if !remembers => lead_s(state, period_us as f64 * 1e-6),
+            _ => 0.0,
+        };
+        let normal = contact.map_or([0.0; 3], |contact| contact.normal);
+        sideways(position_m, velocity, &normal, lead_s, self.ahead_s)
+    }
+
     fn sample(&self, state: &Valid<State>) -> Option<ToolSample> {
         let body = state.body();
         Some(ToolSample {
@@ -527,9 +599,10 @@ impl NeedleTally {
 
 impl Solve for TissueSolver {
     fn solve(&mut self, state: &Valid<State>) -> Solved {
-        let Some(sample) = self.sample(state) else {
+        let Some(mut sample) = self.sample(state) else {
             // A scene without a tool is felt as free space, but nothing needs to be sent for that.
             return Solved {
+                position_m: state.body().position_m,
                 contact: None,
                 rows: None,
                 needle: None,
@@ -543,10 +616,13 @@ impl Solve for TissueSolver {
         if let Some(before) = before {
             self.come_closer(&before, &sample);
         }
+        let period_us = before_us.map_or(0, |before| sample.console_time_us.saturating_sub(before));
+        let goal = self.goal(state.body(), period_us);
+        sample.position_m = goal.position_m.map(f64::from);
+        self.work.ahead_m = goal.ahead_m;
         let report = self.step(sample);
         let contact = report.contacts().first().copied();
         let mut needle = self.driven().and_then(|driven| in_grip(&report, driven));
-        let period_us = before_us.map_or(0, |before| sample.console_time_us.saturating_sub(before));
         if let (Some(needle), Status::Ok) = (&mut needle, report.status) {
             needle.course = self.look_ahead(needle.needle, &report, period_us);
         }
@@ -572,6 +648,7 @@ impl Solve for TissueSolver {
             }
         }
         Solved {
+            position_m: goal.position_m,
             contact,
             rows: self.rows(),
             needle,

@@ -9,16 +9,19 @@ mod reduce;
 
 use crate::body::{Body, BodyWork, Motion};
 use crate::clock::Clock;
+pub use crate::columns::Arrival;
 use crate::columns::Columns;
 use crate::contact::active_set::{ContactWork, MAX_ROWS, Row, Solids};
 use crate::contact::reduction::Reduction;
 pub use crate::contact::reduction::{MAX_TOOL_ROWS, ToolRows};
 use crate::contact::tangent::PoseWork;
+use crate::hash::hash_of;
 use crate::model::Model;
 use crate::needle::{self, MAX_NEEDLES, NeedleReport, NeedlesState, NeedlesWork};
 use crate::thread::{Bridge, ThreadEnd, ThreadHold, ThreadPoint, ThreadReport, Tightening};
 use crate::tool::{MAX_TOOLS, Placement, ToolSample};
 use nalgebra::Vector3;
+use serde::Serialize;
 
 /// How a step ended. Anything but `Ok` means: send nothing, let the console's data age.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
@@ -170,7 +173,7 @@ impl StepReport {
 }
 
 /// What evolves: where the tools are and which vertices they push how.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct State {
     /// Where each tool's shape was at the last balance, by the tool's index; `None` before its first
     /// sample.
@@ -183,6 +186,11 @@ pub struct State {
 }
 
 impl State {
+    /// Hash of everything that it holds, to the bit.
+    pub fn hash(&self) -> u64 {
+        hash_of(self)
+    }
+
     /// No tool anywhere yet, tissue at rest under its loads.
     pub fn new(model: &Model) -> Self {
         let most = MAX_ROWS.min(model.touchable.len() * model.tools.len());
@@ -377,9 +385,9 @@ pub struct Workspace {
     /// To how many rows at most steps reduce each tool's contact, for [`Workspace::rows`]; 0: they do not. More than
     /// [`MAX_TOOL_ROWS`] are never given.
     pub most_rows: usize,
-    /// For how long after the step its rows will be in use \[s\]: those that will switch by then, if the tool goes on as it
-    /// moves, are chosen first.
-    pub ahead_s: f64,
+    /// Way that a tool may go from the step's pose while its rows are in use \[m\], (3): those that would switch on it are
+    /// chosen first.
+    pub ahead_m: [f64; 3],
 }
 
 impl Workspace {
@@ -412,14 +420,14 @@ impl Workspace {
                 .map(|needles| Box::new(NeedlesWork::new(model, needles))),
             vertices_per_step: 8,
             most_rows: 0,
-            ahead_s: 0.0,
+            ahead_m: [0.0; 3],
         }
     }
 
     /// From now on a thread of its own computes columns, ahead of the tools where it can; a step that
     /// needs one that is not there says [`Status::Waiting`]. The bits of what a step finds in contact are the
     /// same, but not when it finds it, nor from when on it knows the tangent of a touch to come: for live
-    /// sessions, not for replays. Nothing happens for corotational
+    /// sessions, whose [arrivals](Self::take_arrivals) a replay needs. Nothing happens for corotational
     /// tissue, which does not keep its columns long enough.
     ///
     /// # Errors
@@ -433,6 +441,42 @@ impl Workspace {
             return needles.drive.system.start_worker_everywhere(tissue);
         }
         self.columns.start_worker(tissue, held, &model.touchable)
+    }
+
+    /// As [`Self::start_worker`] without the thread: columns come in the steps in which [`Self::expect`] says that they
+    /// came.
+    pub fn replay_worker(&mut self, model: &Model) {
+        let Body::Linear { tissue, .. } = &model.body else {
+            return;
+        };
+        let (tissue, held) = (tissue.clone(), model.held.clone());
+        match &mut self.needles {
+            Some(needles) => needles.drive.system.replay_worker_everywhere(tissue),
+            None => self.columns.replay_worker(tissue, held, &model.touchable),
+        }
+    }
+
+    /// What comes from the worker of a replay in steps to come.
+    pub fn expect(&mut self, arrivals: &[Arrival]) {
+        self.served().expect(arrivals);
+    }
+
+    /// From now on what comes from the worker is written down, for [`Self::take_arrivals`].
+    pub fn log_arrivals(&mut self) {
+        self.served().log_arrivals();
+    }
+
+    /// What has come from the worker since this was asked last.
+    pub fn take_arrivals(&mut self) -> Vec<Arrival> {
+        self.served().take_arrivals()
+    }
+
+    /// The columns that a worker computes.
+    fn served(&mut self) -> &mut Columns {
+        match &mut self.needles {
+            Some(needles) => needles.drive.system.columns_mut(),
+            None => &mut self.columns,
+        }
     }
 
     /// Computes the columns of all boundary vertices whose resting position \[m\] satisfies `near`, so

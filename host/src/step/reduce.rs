@@ -44,7 +44,7 @@ pub(super) fn reduce(
                 .differentiate(&state.rows, tool, &grip, &moment, &mut work.contact);
         let mut rows = ToolRows::NONE;
         let most_rows = work.most_rows.min(MAX_TOOL_ROWS);
-        let ahead_m = Vector3::from(sample.velocity_m_per_s) * work.ahead_s;
+        let ahead_m = Vector3::from(work.ahead_m);
         if contact.rows > 0 {
             let normal = force.try_normalize(0.0).unwrap_or_else(Vector3::z);
             contact.normal = normal.into();

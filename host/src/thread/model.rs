@@ -4,6 +4,7 @@
 
 use super::segments::Ground;
 use crate::mesh::HalfFaces;
+use serde::Serialize;
 use thiserror::Error;
 
 /// A thread of a model, fastened to the end of a needle.
@@ -23,7 +24,7 @@ pub struct ThreadPart {
 }
 
 /// What holds one of a thread's ends.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub enum ThreadHold {
     /// Nothing: it is drawn into the tissue without effort.
     #[default]
@@ -37,7 +38,7 @@ pub enum ThreadHold {
 }
 
 /// Which end of a thread.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 pub enum ThreadEnd {
     /// The one that follows.
     Tail,
@@ -46,7 +47,7 @@ pub enum ThreadEnd {
 }
 
 /// How far spans that bridge two bodies of tissue are drawn together: to a part of their length in the unloaded mesh.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Tightening {
     /// To which part before, and in the end.
     pub ratio: [f64; 2],
@@ -84,7 +85,7 @@ impl Tightening {
 }
 
 /// How a thread does.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 pub enum ThreadTension {
     /// There is more of it than its path needs: no tension.
     #[default]

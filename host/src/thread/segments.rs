@@ -18,6 +18,7 @@ use crate::mesh::HalfFaces;
 use crate::needle::{Crossing, anchor};
 use crate::rows::RowKind;
 use nalgebra::Vector3;
+use serde::Serialize;
 
 /// A segment's direction is known when forces follow it to this part of the tension.
 const STRAIGHT: f64 = 1e-3;
@@ -27,7 +28,7 @@ const LENGTH_M: f64 = 5e-7;
 pub(super) const NO_TENSION_N: f64 = 1e-9;
 
 /// An end of a segment.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub(crate) enum End {
     /// A point of tissue.
     Tissue(AnchorPoint),
@@ -36,7 +37,7 @@ pub(crate) enum End {
 }
 
 /// A straight piece of the path.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub(crate) struct Segment {
     /// Face that its span begins at (0 for the tail), and which piece of the span it is.
     pub key: (u32, u32),
@@ -60,7 +61,7 @@ pub(crate) struct Segment {
 }
 
 /// What lies between two faces, or a face and an end, outside.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub(crate) struct Span {
     /// Id of the face that it begins at, 0 for the tail.
     pub key: u32,

@@ -10,12 +10,13 @@ use crate::anchors::AnchorPoint;
 use crate::mesh::HalfFaces;
 use crate::needle::Crossing;
 use nalgebra::Vector3;
+use serde::Serialize;
 
 /// Most faces that a thread goes through.
 pub(crate) const MOST_PASSED: usize = 1024;
 
 /// A face that the thread goes through.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub(crate) struct Passed {
     pub crossing: Crossing,
     /// Whether there is tissue on one side only.
@@ -25,7 +26,7 @@ pub(crate) struct Passed {
 }
 
 /// An end.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub(crate) struct Hold {
     pub by: ThreadHold,
     /// Where on the thread it is held \[m\].
@@ -35,7 +36,7 @@ pub(crate) struct Hold {
 }
 
 /// One thread.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub(crate) struct ThreadState {
     /// From tail to head.
     pub passed: Vec<Passed>,

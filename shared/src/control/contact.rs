@@ -172,6 +172,11 @@ impl LocalContact {
         shortened(force, STRONGEST_N)
     }
 
+    /// Packed upper triangle of d wrench / d pose, symmetric part, (21).
+    pub fn tangent(&self) -> &[f32; 21] {
+        &self.tangent
+    }
+
     /// Largest stiffness along an axis \[N/m\].
     pub fn stiffness(&self) -> f32 {
         let [xx, _, _, _, _, _, yy, _, _, _, _, zz, ..] = self.tangent;

@@ -28,11 +28,11 @@ pub use tuning::{Guards, Rendering, Tuning};
 use crate::device::{DeviceDescription, DeviceError, JOINTS};
 use crate::hash::TraceHash;
 use crate::kinematics::{self, Grip, Pose};
-use crate::math::{Vec3, is_finite};
-use crate::wire::faults;
+use crate::math::{Vec3, clamp, is_finite};
 use crate::wire::message::{Command, Fixture, Mode, State};
-use crate::wire::validate::{MAX_POSITION, UNIT_TOLERANCE};
+use crate::wire::validate::{MAX_POSITION, MAX_SPEED, UNIT_TOLERANCE};
 use crate::wire::{Message, Valid, ValidContact, ValidFixture, ValidNeedle, ValidThread};
+use crate::wire::{faults, inputs};
 use contact::Freshness;
 use drive::Drive;
 use encoders::{Encoders, Joints};
@@ -113,6 +113,37 @@ pub struct TickInput {
     pub overrun: bool,
 }
 
+impl TickInput {
+    /// What the board read in the tick that ended in this state: the same input gives the same tick.
+    pub fn of(state: &Valid<State>) -> TickInput {
+        let body = state.body();
+        let has = |bit| body.inputs & bit != 0;
+        TickInput {
+            now_us: state.console_time_us(),
+            encoder_counts: body.encoder_counts,
+            orientation: match (has(inputs::ORIENTATION), has(inputs::NO_ROTATION)) {
+                (false, _) => None,
+                (true, false) => Some(body.orientation),
+                (true, true) => Some([0.0; 4]),
+            },
+            emergency_stop: has(inputs::EMERGENCY_STOP),
+            board_fault: has(inputs::BOARD_FAULT),
+            overrun: has(inputs::OVERRUN),
+        }
+    }
+
+    /// Everything but the encoders, as bits of [`inputs`].
+    fn bits(&self) -> u8 {
+        let bit = |set, bit| if set { bit } else { 0 };
+        let turned = self.orientation.as_ref();
+        bit(self.emergency_stop, inputs::EMERGENCY_STOP)
+            | bit(self.board_fault, inputs::BOARD_FAULT)
+            | bit(self.overrun, inputs::OVERRUN)
+            | bit(turned.is_some(), inputs::ORIENTATION)
+            | bit(turned.is_some_and(|q| !is_unit(q)), inputs::NO_ROTATION)
+    }
+}
+
 /// What a board puts out at the end of a tick.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TickOutput {
@@ -147,6 +178,8 @@ pub struct Control {
     new_fixture: Option<ValidFixture>,
     tuning: Tuning,
     tick: u32,
+    /// Sequence of the newest frame that has been applied; 0 before the first.
+    heard: u32,
     trace: TraceHash,
 }
 
@@ -183,6 +216,7 @@ impl Control {
             new_fixture: None,
             tuning,
             tick: 0,
+            heard: 0,
             trace: TraceHash::new(),
             device,
         })
@@ -190,13 +224,36 @@ impl Control {
 
     /// A host has opened a session: disarms, forgets contact, needle and thread, and starts the trace hash again.
     pub fn open_session(&mut self) {
-        self.orders = Orders::default();
-        self.orders.command(Command::Disarm);
-        self.forget();
+        self.close_session();
+        self.trace = TraceHash::new();
+    }
+
+    /// Goes on as one that has run so many ticks and has this trace: for replays, which know both from a recording.
+    pub fn go_on_from(&mut self, tick: u32, trace: u64) {
+        self.tick = tick;
+        self.trace = TraceHash::from_value(trace);
+    }
+
+    /// The host's session is over: disarms, and forgets contact, needle and thread.
+    pub fn close_session(&mut self) {
+        if self.tuning.guards.disarm {
+            self.orders = Orders::default();
+            self.orders.command(Command::Disarm);
+            self.forget();
+        }
         self.new_needle = None;
         self.new_thread = None;
         self.new_fixture = None;
-        self.trace = TraceHash::new();
+        self.heard = 0;
+    }
+
+    /// Takes note of the sequence of a frame that the next tick will have applied: [`State::heard_sequence`]. A contact's
+    /// is noted by the tick itself.
+    pub fn hear(&mut self, sequence: u32) {
+        // As the link counts: half of the circle is newer.
+        if sequence.wrapping_sub(self.heard) < 1 << 31 {
+            self.heard = sequence;
+        }
     }
 
     /// Takes what the console renders by itself from the next tick on.
@@ -227,6 +284,11 @@ impl Control {
     /// The newest state of the thread in the grip; none before the first, and after a fault.
     pub fn thread_in_grip(&self) -> Option<&ValidThread> {
         self.thread.as_ref()
+    }
+
+    /// What is rendered besides contacts.
+    pub fn fixture(&self) -> &Fixture {
+        self.fixed.fixture()
     }
 
     /// Energy that the contact force has taken from the hand and not given back, as far as it may still pay for
@@ -274,6 +336,9 @@ impl Control {
     /// motors.
     pub fn tick(&mut self, input: &TickInput, fresh: Option<&Fresh>) -> TickOutput {
         self.tick = self.tick.wrapping_add(1);
+        if let Some(fresh) = fresh {
+            self.hear(fresh.contact.sequence());
+        }
         let started = self.encoders.have_started();
         let joints = self.encoders.read(&input.encoder_counts);
         let pose = kinematics::forward(&self.device, &joints.position);
@@ -289,7 +354,6 @@ impl Control {
         // This console has one grip, which is tool 0.
         take_newer(&mut self.needle, needle.filter(|n| n.body().tool == 0));
         take_newer(&mut self.thread, thread.filter(|t| t.body().tool == 0));
-        // This console has one grip, which is tool 0.
         if let Some(fresh) = fresh.filter(|fresh| fresh.contact.body().tool == 0) {
             let (needle, thread) = (self.needle.as_ref(), self.thread.as_ref());
             self.render.take(fresh, needle, thread, &grip, input.now_us);
@@ -302,7 +366,7 @@ impl Control {
         let force = self.guard(&force, &pose, &velocity, &joints);
         let (current_a, force) = self.drive_motors(&pose, &force);
 
-        let state = self.state(input.now_us, &grip, &velocity, &force, current_a);
+        let state = self.state(input, &grip, &velocity, &force, current_a);
         let state = self.hash(
             input,
             (fresh, needle.as_ref(), thread.as_ref()),
@@ -328,9 +392,15 @@ impl Control {
         let beyond = |x: &f32| x.abs() > MAX_POSITION;
         let out_of_reach = joints.position.iter().any(beyond) || pose.position_m.iter().any(beyond);
         let causes = [
-            (input.emergency_stop, faults::E_STOP),
+            (
+                input.emergency_stop && self.tuning.guards.emergency_stop,
+                faults::E_STOP,
+            ),
             (input.board_fault, faults::BOARD),
-            (joints.jumped || !turned, faults::ENCODER_JUMP),
+            (
+                (joints.jumped && self.tuning.guards.encoder_jump) || !turned,
+                faults::ENCODER_JUMP,
+            ),
             (out_of_reach, faults::OUT_OF_REACH),
             (too_fast, faults::OVERSPEED),
         ];
@@ -417,18 +487,20 @@ impl Control {
 
     fn state(
         &self,
-        now_us: u64,
+        input: &TickInput,
         grip: &Grip,
         velocity: &Vec3,
         force: &Vec3,
         current_a: [f32; JOINTS],
     ) -> State {
+        let now_us = input.now_us;
         let contact = self.render.contact();
         State {
             tick: self.tick,
             position_m: grip.position_m.into(),
             orientation: grip.orientation,
-            velocity_m_per_s: (*velocity).into(),
+            // An estimate may overshoot what the encoders are believed.
+            velocity_m_per_s: velocity.map(|v| clamp(v, -MAX_SPEED, MAX_SPEED)).into(),
             force_n: (*force).into(),
             current_a,
             mode: self.mode,
@@ -437,6 +509,9 @@ impl Control {
             contact_age_us: contact.map_or(u32::MAX, |contact| contact.age_us(now_us)),
             applied_age_us: contact.map_or(u32::MAX, |contact| contact.applied_age_us),
             trace_hash: 0,
+            encoder_counts: input.encoder_counts,
+            inputs: input.bits(),
+            heard_sequence: self.heard,
         }
     }
 
@@ -508,6 +583,7 @@ fn hash_contact(trace: &mut TraceHash, frame: &ValidContact) {
     trace.double(frame.console_time_us());
     trace.word(u32::from(body.tool));
     trace.floats(&body.position_m);
+    trace.floats(&body.orientation);
     trace.floats(&body.wrench);
     trace.floats(&body.tangent);
     trace.floats(&body.normal);
@@ -531,10 +607,8 @@ fn hash_thread(trace: &mut TraceHash, frame: &ValidThread) {
     trace.double(frame.console_time_us());
     let words = [body.tool, body.thread, body.end as u8, body.state as u8];
     trace.word(u32::from_le_bytes(words));
-    trace.floats(&body.position_m);
     trace.floats(&body.direction);
     trace.floats(&[body.tension_n, body.stiffness_n_per_m, body.slack_m]);
-    trace.word(body.horizon_us);
 }
 
 fn hash_fixture(trace: &mut TraceHash, fixture: &Fixture) {
@@ -567,8 +641,6 @@ fn hash_needle(trace: &mut TraceHash, frame: &ValidNeedle) {
     trace.double(frame.console_time_us());
     let words = [body.tool, body.needle, body.tip as u8, body.friction as u8];
     trace.word(u32::from_le_bytes(words));
-    trace.floats(&body.position_m);
-    trace.floats(&body.orientation);
     trace.floats(&body.slide);
     trace.floats(&body.friction_n);
     trace.floats(&body.stiffness_n_per_m);
@@ -577,5 +649,4 @@ fn hash_needle(trace: &mut TraceHash, frame: &ValidNeedle) {
     let counts = [body.course.forward, body.course.backward, 0, 0];
     trace.word(u32::from_le_bytes(counts));
     trace.floats(body.course.points.as_flattened());
-    trace.word(body.horizon_us);
 }

@@ -6,7 +6,7 @@
 //! it does once. What the grip has done since the frame's console time is gone through again with the new
 //! frame, so that slips and punctures that the host did not know of are had again.
 
-use super::{MAX_HORIZON_US, STALE_DECAY_US};
+use super::rows::symmetric_times;
 use crate::math::{clamp, max, min};
 use crate::wire::ValidNeedle;
 use crate::wire::message::{COURSE_POINTS, Needle};
@@ -20,6 +20,10 @@ const PAST_US: u32 = 2_000;
 const STRAIGHT: f32 = 1e-3;
 /// Part of a slide along the old frame's direction that is one along the new one's, at least \[1\].
 const SAME_WAY: f32 = 0.9;
+/// Part of its stiffness that a needle must have where it sticks for its tangent to say how it lets go \[1\].
+const HOLDS: f32 = 0.05;
+/// Most of a wrench that comes with an axial force of 1 \[1 or m\].
+const MAX_GIVES: f32 = 4.0;
 /// Ways shorter than this have no slope of their own \[m\].
 const SHORT_M: f32 = 1e-6;
 
@@ -111,11 +115,12 @@ struct Place {
 pub struct LocalNeedle {
     needle: u8,
     solved_us: u64,
-    horizon_us: u32,
     /// Motion of the grip per metre of slide, as in the frame.
     slide: [f32; 6],
     /// What a motion of the grip makes of slide, and an axial force of wrench: `across . slide` = 1.
     across: [f32; 6],
+    /// Wrench that comes with an axial force of 1 as the needle slips: the rest of what holds it gives way, too.
+    gives: [f32; 6],
     /// Axial force at the frame's pose \[N\], and what the frame's tangent takes from it per metre \[N/m\].
     solved_n: f32,
     now_n_per_m: f32,
@@ -154,9 +159,9 @@ impl LocalNeedle {
         let mut needle = LocalNeedle {
             needle: body.needle,
             solved_us: frame.console_time_us(),
-            horizon_us: body.horizon_us.min(MAX_HORIZON_US),
             slide: body.slide,
             across: across(&body.slide),
+            gives: across(&body.slide),
             solved_n: body.axial_n,
             now_n_per_m: now,
             stick_n_per_m: min(max(all, stiffest), MAX_TANGENT),
@@ -178,6 +183,21 @@ impl LocalNeedle {
             slide_m: 0.0,
         });
         needle
+    }
+
+    /// Takes note of the frame's tangent, packed (21): a needle that slips by s has the wrench of one that was moved that much
+    /// less, `-s T slide`, of which the axial force is a part only.
+    pub fn note_tangent(&mut self, tangent: &[f32; 21]) {
+        let yields = symmetric_times(tangent, &self.slide);
+        let axial: f32 = yields.iter().zip(&self.slide).map(|(w, s)| w * s).sum();
+        // Of a needle that slides all along there is nothing to be had from its tangent.
+        if axial < -HOLDS * self.stick_n_per_m && axial.is_finite() {
+            let gives = yields.map(|part| part / axial);
+            let most = gives.iter().fold(0.0, |most, part| max(most, part.abs()));
+            if most <= MAX_GIVES {
+                self.gives = gives;
+            }
+        }
     }
 
     /// Console time of the state that was solved for \[us\].
@@ -228,7 +248,7 @@ impl LocalNeedle {
     /// [`follow`](Self::follow), then [`lacking`](Self::lacking) there.
     pub fn correction(&mut self, dx: &[f32; 6], now_us: u64) -> [f32; 6] {
         self.follow(dx, now_us);
-        self.lacking(dx, now_us)
+        self.lacking(dx)
     }
 
     /// The grip has moved by `dx` from the frame's pose \[m, rad\], (6), at `now_us`: what sticks goes along, what is at
@@ -241,15 +261,15 @@ impl LocalNeedle {
     }
 
     /// What the wrench that is linear in the grip's motion lacks, (6) \[N, N m\], if the grip goes on to `dx`, where it
-    /// need not get. Nothing beyond the horizon, into which it fades.
-    pub fn lacking(&self, dx: &[f32; 6], now_us: u64) -> [f32; 6] {
+    /// need not get.
+    pub fn lacking(&self, dx: &[f32; 6]) -> [f32; 6] {
         let Some(slide_m) = self.slide_of(dx) else {
             return [0.0; 6];
         };
         let linear_n = self.solved_n - self.now_n_per_m * slide_m;
         let (axial_n, _) = self.next(slide_m);
-        let lacking_n = (axial_n - linear_n) * self.freshness(now_us);
-        self.across.map(|part| part * lacking_n)
+        let lacking_n = axial_n - linear_n;
+        self.gives.map(|part| part * lacking_n)
     }
 
     /// Way along the slide of a motion of the grip \[m\].
@@ -257,14 +277,6 @@ impl LocalNeedle {
         let slide_m: f32 = self.across.iter().zip(dx).map(|(a, b)| a * b).sum();
         let most_m = 2.0 * MAX_POSITION;
         slide_m.is_finite().then(|| clamp(slide_m, -most_m, most_m))
-    }
-
-    /// 1 up to the horizon, then down to 0 in a straight line.
-    fn freshness(&self, now_us: u64) -> f32 {
-        let age_us = now_us.saturating_sub(self.solved_us);
-        let over_us = age_us.saturating_sub(u64::from(self.horizon_us));
-        let left_us = u64::from(STALE_DECAY_US).saturating_sub(over_us);
-        left_us as f32 * (1.0 / STALE_DECAY_US as f32)
     }
 
     /// The return mapping, from where the grip was last.

@@ -19,6 +19,8 @@ use crate::wire::{ValidNeedle, ValidThread};
 const BLEND_DECAY: f32 = 0.904_837_4;
 /// Scaled residual above which rows are not solved well enough to be felt: a twentieth of the largest drive.
 const MAX_RESIDUAL: f32 = 0.05;
+/// Way of a tick on which a change of force tells as much as a tangent does \[m\]: less than a step of an encoder.
+const TOLD_M: f32 = 10e-6;
 /// Part by which rows give way to the tangent, or come back, in a tick: all of it in 10 ms.
 const GIVE_WAY: f32 = 0.1;
 
@@ -49,6 +51,10 @@ pub(super) struct Render {
     pull_n: f32,
     /// Of the last tick: force \[N\] before the guards, and the pose that it is for.
     last: Option<(Vec3, Grip)>,
+    /// What the model gave at the last tick, unless it was new then \[N\].
+    model_n: Option<Vec3>,
+    /// Change of the model's force over the last tick in which it was not new \[N\], and the way on which it changed \[m\].
+    course: Option<(Vec3, Vec3)>,
 }
 
 impl Render {
@@ -77,6 +83,8 @@ impl Render {
             offset_n: Vec3::zeros(),
             pull_n: 0.0,
             last: None,
+            model_n: None,
+            course: None,
         }
     }
 
@@ -91,7 +99,7 @@ impl Render {
 
     /// The next force is 0, and grows from there.
     pub fn start_from_nothing(&mut self) {
-        self.last = None;
+        (self.last, self.model_n, self.course) = (None, None, None);
         self.changed = true;
         (self.offset_n, self.pull_n) = (Vec3::zeros(), 0.0);
     }
@@ -140,7 +148,7 @@ impl Render {
         if self.contact.as_ref().is_some_and(outdated) {
             return;
         }
-        self.hold(needle, thread, new.console_time_us);
+        self.hold(needle, thread, &new);
         if let Some(old) = &self.contact {
             new.follow(old);
             match new.change_since(old).filter(|_| !self.holds(now_us)) {
@@ -154,12 +162,19 @@ impl Render {
         self.changed = true;
     }
 
-    /// Takes needle and thread of the frame for `solved_us`.
-    fn hold(&mut self, needle: Option<&ValidNeedle>, thread: Option<&ValidThread>, solved_us: u64) {
+    /// Takes needle and thread of the same console time as a contact.
+    fn hold(
+        &mut self,
+        needle: Option<&ValidNeedle>,
+        thread: Option<&ValidThread>,
+        contact: &LocalContact,
+    ) {
+        let solved_us = contact.console_time_us;
         let old = self.needle.take();
         let needle = needle.filter(|needle| needle.console_time_us() == solved_us);
         self.needle = needle.map(|frame| {
             let mut needle = LocalNeedle::new(frame);
+            needle.note_tangent(contact.tangent());
             if let Some(old) = &old {
                 needle.adopt(old);
             }
@@ -205,11 +220,20 @@ impl Render {
         } else {
             tangent
         };
-        if self.changed {
-            self.changed = false;
+        let is_new = core::mem::take(&mut self.changed);
+        let way = self.last.map(|(_, last)| at.position_m - last.position_m);
+        if is_new {
             let faded = (self.offset_n - before) * share;
-            self.blend(&contact, &model, &(tangent + faded), now_us);
+            // As fast as it goes: a tick's way is of a few steps of an encoder, and swings by them.
+            let onward = velocity * TICK_S;
+            self.blend(&contact, &model, &(tangent + faded), onward, now_us);
         }
+        // A tick on one model says how the force goes on into the next one.
+        self.course = match (self.model_n, way) {
+            (Some(before), Some(way)) if !is_new => Some((model - before, way)),
+            _ => None,
+        };
+        self.model_n = Some(model);
         let mut force = model + self.offset_n;
         if !self.holds(now_us) {
             force = self.without_new_pull(&contact.normal, force);
@@ -247,10 +271,10 @@ impl Render {
         if let Some(needle) = &mut self.needle {
             // Slips where the grip is: where it would get at this speed, it need not.
             needle.follow(&contact.moved_to(grip), now_us);
-            force += linear_part(&needle.lacking(dx, now_us));
+            force += linear_part(&needle.lacking(dx));
         }
         if let Some(thread) = &self.thread {
-            force += linear_part(&thread.correction(dx, now_us));
+            force += linear_part(&thread.correction(dx));
         }
         if self.rows.is_empty() || self.holds(now_us) {
             return shortened(force, self.max_force_n);
@@ -268,9 +292,16 @@ impl Render {
         tangent + (by_rows - tangent) * self.rows_share
     }
 
-    /// Makes this tick's force go on from the last one: what that was, and what the new tangent adds to it on the
-    /// way since then.
-    fn blend(&mut self, contact: &LocalContact, model: &Vec3, tangent: &Vec3, now_us: u64) {
+    /// Makes this tick's force go on from the last one: what that was, and what is added to it on the way since then, by
+    /// the course that the force has taken so far, and across that by the new tangent.
+    fn blend(
+        &mut self,
+        contact: &LocalContact,
+        model: &Vec3,
+        tangent: &Vec3,
+        way: Vec3,
+        now_us: u64,
+    ) {
         // The baselines are what they are known as, steps and all.
         let baseline = matches!(
             self.tuning.rendering,
@@ -282,12 +313,27 @@ impl Render {
         let continued = match &self.last {
             Some((force, at)) => {
                 let before = contact.moved_to(at);
-                force + tangent - self.by_tangent(contact, &before, now_us)
+                let by_tangent = tangent - self.by_tangent(contact, &before, now_us);
+                force + self.onward(by_tangent, way)
             }
             None => Vec3::zeros(),
         };
         self.offset_n = continued - model;
         self.pull_n = min(dot(&contact.normal, &continued), 0.0);
+    }
+
+    /// Change of the force on a way \[m\] of one tick: as on the tick before in as far as the way goes on in its direction,
+    /// else `by_tangent`.
+    fn onward(&self, by_tangent: Vec3, way: Vec3) -> Vec3 {
+        let Some((change, before)) = self.course else {
+            return by_tangent;
+        };
+        let along = dot(&way, &before);
+        let square = dot(&before, &before) + TOLD_M * TOLD_M;
+        let again = clamp(along / square, -1.0, 2.0);
+        // Square of the cosine between the two; little of ways that are short.
+        let told = along * along / (square * (dot(&way, &way) + TOLD_M * TOLD_M));
+        by_tangent + (change * again - by_tangent) * told
     }
 
     /// An offset that holds a push back would pull once the tool leaves the tissue: only what pulled before

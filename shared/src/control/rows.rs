@@ -500,7 +500,7 @@ fn dot6(a: &[f32; 6], b: &[f32; 6]) -> f32 {
 }
 
 /// Product of a packed symmetric matrix (21) and a vector.
-fn symmetric_times(packed: &[f32; 21], x: &[f32; 6]) -> [f32; 6] {
+pub(super) fn symmetric_times(packed: &[f32; 21], x: &[f32; 6]) -> [f32; 6] {
     let mut out = [0.0; 6];
     let mut entries = packed.iter();
     for i in 0..6 {

@@ -4,7 +4,6 @@
 //! the grip against the direction of pull; there is nothing to remember, so that a new frame takes the old one's
 //! place as it is.
 
-use super::{MAX_HORIZON_US, STALE_DECAY_US};
 use crate::math::{clamp, max, min};
 use crate::wire::ValidThread;
 use crate::wire::message::Tension;
@@ -14,7 +13,6 @@ use crate::wire::validate::MAX_WRENCH;
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LocalThread {
     solved_us: u64,
-    horizon_us: u32,
     direction: [f32; 3],
     tension_n: f32,
     stiffness_n_per_m: f32,
@@ -29,7 +27,6 @@ impl LocalThread {
         let body = frame.body();
         LocalThread {
             solved_us: frame.console_time_us(),
-            horizon_us: body.horizon_us.min(MAX_HORIZON_US),
             direction: body.direction,
             tension_n: body.tension_n,
             stiffness_n_per_m: body.stiffness_n_per_m,
@@ -49,14 +46,14 @@ impl LocalThread {
     }
 
     /// What the wrench that is linear in the grip's motion lacks, (6) \[N, N m\]: what would push once the thread is
-    /// slack, and the pull of one that becomes taut. Nothing beyond the horizon, into which it fades.
-    pub fn correction(&self, dx: &[f32; 6], now_us: u64) -> [f32; 6] {
+    /// slack, and the pull of one that becomes taut.
+    pub fn correction(&self, dx: &[f32; 6]) -> [f32; 6] {
         let linear = if self.pulls { self.linear_n(dx) } else { 0.0 };
         let lacking = self.tension_n(dx) - linear;
         if !lacking.is_finite() {
             return [0.0; 6];
         }
-        let lacking = clamp(lacking, -MAX_LACKING, MAX_LACKING) * self.freshness(now_us);
+        let lacking = clamp(lacking, -MAX_LACKING, MAX_LACKING);
         let [x, y, z] = self.direction.map(|part| part * lacking);
         [x, y, z, 0.0, 0.0, 0.0]
     }
@@ -67,14 +64,6 @@ impl LocalThread {
         let [a, b, c] = self.direction;
         let way = -(a * x + b * y + c * z);
         self.tension_n + self.stiffness_n_per_m * (way - self.slack_m)
-    }
-
-    /// 1 up to the horizon, then down to 0 in a straight line.
-    fn freshness(&self, now_us: u64) -> f32 {
-        let age_us = now_us.saturating_sub(self.solved_us);
-        let over_us = age_us.saturating_sub(u64::from(self.horizon_us));
-        let left_us = u64::from(STALE_DECAY_US).saturating_sub(over_us);
-        left_us as f32 * (1.0 / STALE_DECAY_US as f32)
     }
 }
 

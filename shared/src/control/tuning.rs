@@ -42,6 +42,12 @@ pub struct Guards {
     pub overspeed: bool,
     /// Rows whose residual is too large give way to the tangent.
     pub residual: bool,
+    /// A pressed emergency stop is a fault.
+    pub emergency_stop: bool,
+    /// An encoder that moves faster than the device can is a fault.
+    pub encoder_jump: bool,
+    /// A new session disarms and forgets.
+    pub disarm: bool,
 }
 
 impl Guards {
@@ -58,7 +64,33 @@ impl Guards {
         power: true,
         overspeed: true,
         residual: true,
+        emergency_stop: true,
+        encoder_jump: true,
+        disarm: true,
     };
+
+    /// Switches off the guard of this name, that of its field; false if there is none.
+    pub fn switch_off(&mut self, name: &str) -> bool {
+        let guard = match name {
+            "blend" => &mut self.blend,
+            "trust" => &mut self.trust,
+            "lead" => &mut self.lead,
+            "tank" => &mut self.tank,
+            "damping" => &mut self.damping,
+            "horizon" => &mut self.horizon,
+            "force" => &mut self.force,
+            "slew" => &mut self.slew,
+            "power" => &mut self.power,
+            "overspeed" => &mut self.overspeed,
+            "residual" => &mut self.residual,
+            "emergency_stop" => &mut self.emergency_stop,
+            "encoder_jump" => &mut self.encoder_jump,
+            "disarm" => &mut self.disarm,
+            _ => return false,
+        };
+        *guard = false;
+        true
+    }
 }
 
 impl Default for Guards {

@@ -1,13 +1,18 @@
 //! The console's end of the link. Entry points: [`ConsoleLink::receive`] for every byte that comes in,
-//! [`ConsoleLink::take_reply`] and then [`ConsoleLink::encode_state`] for what goes out.
+//! [`ConsoleLink::take_reply`] and then [`ConsoleLink::encode_state`] for what goes out, [`ConsoleLink::expire`] every tick.
 
-use super::endpoint::{Counters, Endpoint, Received};
+use super::endpoint::{Checks, Counters, Endpoint, Received};
 use crate::control::ContactRows;
-use crate::wire::message::{Command, Hello, Report, State};
+use crate::wire::message::{Command, Hello, Ping, Pong, Refusal, Report, State};
 use crate::wire::{
-    Checked, Direction, MAX_FRAME, Message, Reject, SCHEMA_HASH, ValidContact, ValidFixture,
-    ValidNeedle, ValidSimulate, ValidThread,
+    Checked, Direction, MAX_FRAME, Message, Reject, SCHEMA_HASH, ValidCommand, ValidContact,
+    ValidFixture, ValidNeedle, ValidSimulate, ValidThread,
 };
+
+/// How long after a frame of its host a session is out of reach of other hosts \[us\]: three pings.
+pub const OWNED_FOR_US: u64 = 300_000;
+/// How long after the last frame of its host a session is closed \[us\].
+pub const EXPIRES_AFTER_US: u64 = 1_000_000;
 
 /// What a console says of itself in its `Hello`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -29,6 +34,8 @@ pub struct Identity {
 pub enum LinkEvent {
     /// A new session: disarm and forget the contact.
     SessionOpened,
+    /// Nothing came for so long that the session is over: disarm and forget the contact.
+    SessionClosed,
     /// The newest contact.
     Contact(ValidContact),
     /// Rows: see [`ConsoleLink::rows`].
@@ -40,7 +47,7 @@ pub enum LinkEvent {
     /// What the console renders by itself from now on.
     Fixture(ValidFixture),
     /// An order; [`Command::StateEvery`] is already obeyed.
-    Command(Command),
+    Command(ValidCommand),
     /// An order to the simulation; never on a console with motors.
     Simulate(ValidSimulate),
 }
@@ -55,6 +62,12 @@ pub struct ConsoleLink {
     reply: Option<Hello>,
     state_every: u16,
     rows: ContactRows,
+    /// Console time of the last frame of the session, or of its opening \[us\].
+    heard_us: u64,
+    /// Console time until which the session is its host's \[us\].
+    owned_until_us: u64,
+    /// The newest ping, and when it was taken in \[us\].
+    ping: Option<(Ping, u64)>,
 }
 
 impl ConsoleLink {
@@ -62,19 +75,28 @@ impl ConsoleLink {
     ///
     /// `seed` should differ from boot to boot (entropy, or a boot counter); it makes session numbers
     /// that were given before a reset useless after it.
-    pub fn new(mut identity: Identity, seed: u32) -> Self {
+    pub fn new(identity: Identity, seed: u32) -> Self {
+        ConsoleLink::with_checks(identity, seed, Checks::ALL)
+    }
+
+    /// Like [`new`](Self::new), with some checks off: to find out whether a test would notice. Nothing on the wire
+    /// reaches this.
+    pub fn with_checks(mut identity: Identity, seed: u32, checks: Checks) -> Self {
         if identity.device_name == [0; 16] {
             // The name also tells a console's Hello from a host's.
             identity.device_name = *b"console\0\0\0\0\0\0\0\0\0";
         }
         ConsoleLink {
-            endpoint: Endpoint::new(Direction::ToConsole),
+            endpoint: Endpoint::new(Direction::ToConsole, checks),
             identity,
             seed,
             hellos: 0,
             reply: None,
             state_every: 1,
             rows: ContactRows::NONE,
+            heard_us: 0,
+            owned_until_us: 0,
+            ping: None,
         }
     }
 
@@ -93,69 +115,126 @@ impl ConsoleLink {
     #[inline(never)]
     fn frame(&mut self, now_us: u64) -> Option<LinkEvent> {
         match self.endpoint.examine(Some((&mut self.rows, now_us)))? {
-            Received::Rows => Some(LinkEvent::Rows),
+            Received::Rows => {
+                self.hear(now_us);
+                Some(LinkEvent::Rows)
+            }
             Received::OtherVersion(_) => {
                 // Its nonce may stand anywhere. The answer's first byte says what differs.
-                self.reply = Some(self.hello(0, 0));
+                self.reply = Some(self.hello(0, 0, Refusal::None));
                 None
             }
             Received::Message(message) => {
                 let verdict = self.judge(message, now_us);
-                self.endpoint.settle(verdict)
+                self.endpoint.settle(verdict)?
             }
         }
     }
 
-    fn judge(&mut self, message: Checked, now_us: u64) -> Result<LinkEvent, Reject> {
+    /// A frame of the session has been accepted.
+    fn hear(&mut self, now_us: u64) {
+        self.heard_us = now_us;
+        self.owned_until_us = now_us.saturating_add(OWNED_FOR_US);
+    }
+
+    /// Closes a session in which nothing has come for [`EXPIRES_AFTER_US`]. To be asked every tick.
+    pub fn expire(&mut self, now_us: u64) -> Option<LinkEvent> {
+        let quiet_us = now_us.saturating_sub(self.heard_us);
+        if !self.is_open() || quiet_us < EXPIRES_AFTER_US || !self.endpoint.checks.expiry {
+            return None;
+        }
+        self.begin(0, now_us);
+        Some(LinkEvent::SessionClosed)
+    }
+
+    /// Has the session that another console has opened, by its number: for replays of what went over that one's line.
+    pub fn adopt(&mut self, session: u32, now_us: u64) {
+        self.begin(session, now_us);
+    }
+
+    /// From here on, this session; with 0 none.
+    fn begin(&mut self, session: u32, now_us: u64) {
+        self.endpoint.open(session);
+        self.state_every = 1;
+        self.rows = ContactRows::NONE;
+        self.heard_us = now_us;
+        self.owned_until_us = 0;
+        self.ping = None;
+    }
+
+    /// What a frame brought, if it is for others than the link itself.
+    fn judge(&mut self, message: Checked, now_us: u64) -> Result<Option<LinkEvent>, Reject> {
+        let event = self.open_or_use(message, now_us)?;
+        if !matches!(event, Some(LinkEvent::SessionOpened)) {
+            self.hear(now_us);
+        }
+        Ok(event)
+    }
+
+    fn open_or_use(&mut self, message: Checked, now_us: u64) -> Result<Option<LinkEvent>, Reject> {
         match message {
             Checked::Hello(hello) => {
                 let nonce = hello.body().nonce;
-                let agreed = self.agree(hello.body());
+                let agreed = self.agree(hello.body(), now_us);
                 let session = if agreed.is_ok() {
                     self.next_session(nonce)
                 } else {
                     0
                 };
-                self.reply = Some(self.hello(nonce, session));
+                let refusal = agreed.map_or_else(refusal, |()| Refusal::None);
+                self.reply = Some(self.hello(nonce, session, refusal));
                 agreed?;
-                self.endpoint.open(session);
-                self.state_every = 1;
-                self.rows = ContactRows::NONE;
-                Ok(LinkEvent::SessionOpened)
+                self.begin(session, now_us);
+                Ok(Some(LinkEvent::SessionOpened))
             }
-            Checked::Contact(contact) if contact.console_time_us() > now_us => {
-                Err(Reject::FromTheFuture)
+            Checked::Contact(contact) => {
+                self.past(contact.console_time_us(), now_us)?;
+                Ok(Some(LinkEvent::Contact(contact)))
             }
-            Checked::Contact(contact) => Ok(LinkEvent::Contact(contact)),
-            Checked::Needle(needle) if needle.console_time_us() > now_us => {
-                Err(Reject::FromTheFuture)
+            Checked::Needle(needle) => {
+                self.past(needle.console_time_us(), now_us)?;
+                Ok(Some(LinkEvent::Needle(needle)))
             }
-            Checked::Needle(needle) => Ok(LinkEvent::Needle(needle)),
-            Checked::Thread(thread) if thread.console_time_us() > now_us => {
-                Err(Reject::FromTheFuture)
+            Checked::Thread(thread) => {
+                self.past(thread.console_time_us(), now_us)?;
+                Ok(Some(LinkEvent::Thread(thread)))
             }
-            Checked::Thread(thread) => Ok(LinkEvent::Thread(thread)),
-            Checked::Fixture(fixture) => Ok(LinkEvent::Fixture(fixture)),
+            Checked::Fixture(fixture) => Ok(Some(LinkEvent::Fixture(fixture))),
             Checked::Command(command) => {
-                let command = *command.body();
-                if let Command::StateEvery { ticks } = command {
+                if let Command::StateEvery { ticks } = *command.body() {
                     self.state_every = ticks;
                 }
-                Ok(LinkEvent::Command(command))
+                Ok(Some(LinkEvent::Command(command)))
+            }
+            Checked::Ping(ping) => {
+                self.ping = Some((*ping.body(), now_us));
+                Ok(None)
             }
             Checked::Simulate(_) if !self.identity.simulated => Err(Reject::NotSimulated),
-            Checked::Simulate(simulate) => Ok(LinkEvent::Simulate(simulate)),
-            Checked::State(_) | Checked::Report(_) => Err(Reject::Direction),
+            Checked::Simulate(simulate) => Ok(Some(LinkEvent::Simulate(simulate))),
+            Checked::State(_) | Checked::Report(_) | Checked::Pong(_) => Err(Reject::Direction),
         }
     }
 
-    fn agree(&self, host: &Hello) -> Result<(), Reject> {
-        if host.schema_hash != SCHEMA_HASH {
+    /// Whether a state of that console time has been.
+    fn past(&self, console_time_us: u64, now_us: u64) -> Result<(), Reject> {
+        if self.endpoint.checks.future && console_time_us > now_us {
+            Err(Reject::FromTheFuture)
+        } else {
+            Ok(())
+        }
+    }
+
+    fn agree(&self, host: &Hello, now_us: u64) -> Result<(), Reject> {
+        let checks = self.endpoint.checks;
+        if checks.schema && host.schema_hash != SCHEMA_HASH {
             Err(Reject::Schema)
         } else if host.tick_hz != self.identity.tick_hz {
             Err(Reject::TickRate)
         } else if usize::from(host.max_frame) < MAX_FRAME {
             Err(Reject::FrameSize)
+        } else if checks.ownership && self.is_open() && now_us < self.owned_until_us {
+            Err(Reject::Owned)
         } else {
             Ok(())
         }
@@ -178,7 +257,7 @@ impl ConsoleLink {
         }
     }
 
-    fn hello(&self, nonce: u32, session: u32) -> Hello {
+    fn hello(&self, nonce: u32, session: u32, refusal: Refusal) -> Hello {
         Hello {
             schema_hash: SCHEMA_HASH,
             nonce,
@@ -187,6 +266,7 @@ impl ConsoleLink {
             max_frame: MAX_FRAME as u16,
             simulated: self.identity.simulated,
             device_name: self.identity.device_name,
+            refusal,
         }
     }
 
@@ -231,6 +311,20 @@ impl ConsoleLink {
         self.encode(now_us, &report, out)
     }
 
+    /// Writes the answer to the newest ping, if one waits; like [`encode_state`](Self::encode_state). `now_us` is the
+    /// console's clock when the frame leaves.
+    pub fn encode_pong(&mut self, now_us: u64, out: &mut [u8; MAX_FRAME]) -> usize {
+        let Some((ping, received_us)) = self.ping.take() else {
+            return 0;
+        };
+        let pong = Pong {
+            host_us: ping.host_us,
+            received_us,
+            sent_us: now_us,
+        };
+        self.encode(now_us, &pong, out)
+    }
+
     fn encode<M: Message>(&mut self, now_us: u64, body: &M, out: &mut [u8; MAX_FRAME]) -> usize {
         if !self.is_open() || self.reply.is_some() {
             return 0;
@@ -251,5 +345,16 @@ impl ConsoleLink {
     /// Counts since boot.
     pub fn counters(&self) -> Counters {
         self.endpoint.counters
+    }
+}
+
+/// What a host that is turned away is told.
+fn refusal(reject: Reject) -> Refusal {
+    match reject {
+        Reject::Schema => Refusal::Schema,
+        Reject::TickRate => Refusal::TickRate,
+        Reject::FrameSize => Refusal::FrameSize,
+        Reject::Owned => Refusal::Owned,
+        _ => Refusal::None,
     }
 }

@@ -1,8 +1,8 @@
 //! The host's end of the link. Entry points: [`HostLink::hello`], then [`HostLink::receive`] for every
 //! byte that comes in and [`HostLink::send`] for what goes out.
 
-use super::endpoint::{Counters, Endpoint, Received};
-use crate::wire::message::{Hello, Report, State};
+use super::endpoint::{Checks, Counters, Endpoint, Received};
+use crate::wire::message::{Hello, Pong, Refusal, Report, State};
 use crate::wire::{
     Checked, Direction, EncodeError, MAX_FRAME, Message, PROTOCOL_VERSION, Reject, SCHEMA_HASH,
     Valid,
@@ -96,10 +96,14 @@ pub enum HostEvent {
     Opened(Hello),
     /// The console answered, but the two ends do not work together.
     Refused(Mismatch),
+    /// The console answered that another host uses it: it may be asked again.
+    Owned,
     /// A state of the console.
     State(Valid<State>),
     /// The console's counters.
     Report(Valid<Report>),
+    /// The answer to a ping.
+    Pong(Valid<Pong>),
 }
 
 /// The host's end of the link.
@@ -115,7 +119,7 @@ impl HostLink {
     /// A link without a session, to a console that runs at `tick_hz`.
     pub fn new(tick_hz: u16) -> Self {
         HostLink {
-            endpoint: Endpoint::new(Direction::ToHost),
+            endpoint: Endpoint::new(Direction::ToHost, Checks::ALL),
             tick_hz,
             asked: None,
         }
@@ -139,6 +143,7 @@ impl HostLink {
             max_frame: MAX_FRAME as u16,
             simulated: false,
             device_name: [0; 16],
+            refusal: Refusal::None,
         };
         self.endpoint.send(0, &hello, out)
     }
@@ -172,6 +177,12 @@ impl HostLink {
                 if let Err(mismatch) = self.agree(&hello) {
                     return Ok(HostEvent::Refused(mismatch));
                 }
+                if hello.session == 0 {
+                    return Ok(match hello.refusal {
+                        Refusal::Owned => HostEvent::Owned,
+                        _ => HostEvent::Refused(Mismatch::Refused),
+                    });
+                }
                 self.endpoint.open(hello.session);
                 // What came before belonged to somebody else's session.
                 self.endpoint.counters = Counters {
@@ -182,11 +193,13 @@ impl HostLink {
             }
             Checked::State(state) => Ok(HostEvent::State(state)),
             Checked::Report(report) => Ok(HostEvent::Report(report)),
+            Checked::Pong(pong) => Ok(HostEvent::Pong(pong)),
             Checked::Contact(_)
             | Checked::Command(_)
             | Checked::Simulate(_)
             | Checked::Needle(_)
             | Checked::Thread(_)
+            | Checked::Ping(_)
             | Checked::Fixture(_) => Err(Reject::Direction),
         }
     }
@@ -205,8 +218,6 @@ impl HostLink {
             Err(Mismatch::FrameSize {
                 console: console.max_frame,
             })
-        } else if console.session == 0 {
-            Err(Mismatch::Refused)
         } else {
             Ok(())
         }

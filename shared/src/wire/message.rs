@@ -26,6 +26,24 @@ pub struct Hello {
     pub simulated: bool,
     /// Name of the device in UTF-8, zero padded; zeros in the host's `Hello`.
     pub device_name: [u8; 16],
+    /// Why the console gives no session; `None` if it does, and in the host's `Hello`.
+    pub refusal: Refusal,
+}
+
+/// Why a console gives a host no session.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, MaxSize, Schema)]
+#[repr(u8)]
+pub enum Refusal {
+    /// It gives one; or the host is of another version, and all that is sure is the header.
+    None = 0,
+    /// The host's messages have another layout.
+    Schema = 1,
+    /// The host expects another control rate.
+    TickRate = 2,
+    /// The host cannot take the largest frame.
+    FrameSize = 3,
+    /// Another host has a session and uses it.
+    Owned = 4,
 }
 
 /// Control mode of the console. Torque other than gravity compensation only in `Armed` and `Decaying`.
@@ -71,6 +89,31 @@ pub struct State {
     pub applied_age_us: u32,
     /// Running hash over every tick's inputs, outputs and internal state since the session began.
     pub trace_hash: u64,
+    /// Encoder readings of this tick \[counts\], (3), as the board gave them.
+    pub encoder_counts: [i32; JOINTS],
+    /// What else the board read, bits of [`crate::wire::inputs`].
+    pub inputs: u8,
+    /// Sequence of the newest frame of the host, pings and rows apart, that had been applied before this tick; 0 before
+    /// the first. Rows are applied with their contact.
+    pub heard_sequence: u32,
+}
+
+/// Asks the console for its clock, and keeps the session the sender's.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, MaxSize, Schema)]
+pub struct Ping {
+    /// The host's monotonic clock when this was sent \[us\].
+    pub host_us: u64,
+}
+
+/// The console's answer to the newest [`Ping`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, MaxSize, Schema)]
+pub struct Pong {
+    /// The ping's.
+    pub host_us: u64,
+    /// Console clock when the ping was taken in \[us\].
+    pub received_us: u64,
+    /// Console clock when this was sent \[us\].
+    pub sent_us: u64,
 }
 
 /// The host's latest local contact model. The header's console time is that of the `State` it was solved for.
@@ -149,8 +192,8 @@ impl Course {
 }
 
 /// What a needle in a tool's grip does along itself: with it a console can go on by itself between two
-/// frames of the host. The header's console time is that of the `State` it was solved for. A host sends it
-/// before the `Contact` of the same console time.
+/// frames of the host. The header's console time is that of the `State` it was solved for; pose and horizon are those
+/// of the `Contact` of the same console time. A host sends it before that one.
 ///
 /// Axial means along the slide: a wrench w on the tool has the axial force w . `slide` \[N\], positive
 /// when it pulls the needle on, tip first.
@@ -160,10 +203,6 @@ pub struct Needle {
     pub tool: u8,
     /// Which of the scene's needles.
     pub needle: u8,
-    /// Grip position that was solved for \[m\], (3).
-    pub position_m: [f32; 3],
-    /// Grip orientation that was solved for, unit quaternion (x, y, z, w).
-    pub orientation: [f32; 4],
     /// Motion of the grip while the needle slides along itself, tip first, per metre of slide: linear \[1\],
     /// then angular \[1/m\], world frame, (6). Of a straight needle: its direction, and 0.
     pub slide: [f32; 6],
@@ -189,8 +228,6 @@ pub struct Needle {
     pub punctured_n: f32,
     /// The axial force on the way.
     pub course: Course,
-    /// How long after the header's console time this frame may be used \[us\]; the console caps it.
-    pub horizon_us: u32,
 }
 
 /// An end of a thread.
@@ -216,8 +253,8 @@ pub enum Tension {
 }
 
 /// How a thread pulls at a tool's grip, or how much of it is left before it does: with it a console can go on by
-/// itself between two frames of the host. The header's console time is that of the `State` it was solved for. A host
-/// sends it before the `Contact` of the same console time.
+/// itself between two frames of the host. The header's console time is that of the `State` it was solved for; pose and
+/// horizon are those of the `Contact` of the same console time. A host sends it before that one.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, MaxSize, Schema)]
 pub struct Thread {
     /// Tool that holds it, by itself or by its needle.
@@ -228,8 +265,6 @@ pub struct Thread {
     pub end: End,
     /// Whether it pulls.
     pub state: Tension,
-    /// Grip position that was solved for \[m\], (3).
-    pub position_m: [f32; 3],
     /// Unit vector along which it pulls the grip, (3), world frame; any unit vector while it is slack.
     pub direction: [f32; 3],
     /// Force with which it pulls at that pose \[N\].
@@ -239,8 +274,6 @@ pub struct Thread {
     pub stiffness_n_per_m: f32,
     /// Way of the grip against `direction` before it is taut \[m\]; 0 unless it is slack.
     pub slack_m: f32,
-    /// How long after the header's console time this frame may be used \[us\]; the console caps it.
-    pub horizon_us: u32,
 }
 
 /// Most rows of one tool.

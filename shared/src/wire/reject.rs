@@ -48,11 +48,13 @@ pub enum Reject {
     Name = 20,
     /// `Hello`: an answer to a question that was not asked, or no longer is.
     Nonce = 21,
+    /// `Hello`: another host has a session and uses it.
+    Owned = 22,
 }
 
 impl Reject {
     /// All reasons, in the order of their numbers.
-    pub const ALL: [Reject; 21] = [
+    pub const ALL: [Reject; 22] = [
         Reject::Overlong,
         Reject::Cobs,
         Reject::Short,
@@ -74,6 +76,7 @@ impl Reject {
         Reject::FrameSize,
         Reject::Name,
         Reject::Nonce,
+        Reject::Owned,
     ];
 
     /// The reason with this number, as found in [`Report::last_reject`](super::message::Report::last_reject).
@@ -106,6 +109,7 @@ impl fmt::Display for Reject {
             Reject::FrameSize => "peer cannot take the largest frame",
             Reject::Name => "a name is not plain UTF-8 padded with zeros",
             Reject::Nonce => "answer to a handshake that is not under way",
+            Reject::Owned => "the console is in use by another host",
         })
     }
 }

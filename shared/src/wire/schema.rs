@@ -3,7 +3,7 @@
 use super::PROTOCOL_VERSION;
 use super::frame::Kind;
 use super::message::{
-    Command, Contact, Fixture, Hello, Needle, Report, Rows, Simulate, State, Thread,
+    Command, Contact, Fixture, Hello, Needle, Ping, Pong, Report, Rows, Simulate, State, Thread,
 };
 use super::validate::Message;
 use postcard_schema::{Schema, key::Key};
@@ -18,6 +18,8 @@ pub const SCHEMA_HASH: u64 = {
     hash = message::<Command>(hash, Command::KIND);
     hash = message::<Report>(hash, Report::KIND);
     hash = message::<Simulate>(hash, Simulate::KIND);
+    hash = message::<Ping>(hash, Ping::KIND);
+    hash = message::<Pong>(hash, Pong::KIND);
     hash = message::<Needle>(hash, Needle::KIND);
     hash = message::<Thread>(hash, Thread::KIND);
     hash = message::<Rows>(hash, Rows::KIND);

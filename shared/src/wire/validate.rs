@@ -5,8 +5,8 @@
 
 use super::frame::{Decoded, Header, Kind};
 use super::message::{
-    COURSE_POINTS, Command, Contact, Course, Fixture, HandScript, Hello, Needle, Report, Rows,
-    Simulate, State, Tension, Thread, WAY_POINTS, WayPoint,
+    COURSE_POINTS, Command, Contact, Course, Fixture, HandScript, Hello, Needle, Ping, Pong,
+    Report, Rows, Simulate, State, Tension, Thread, WAY_POINTS, WayPoint,
 };
 use super::{PROTOCOL_VERSION, Reject};
 use crate::device::{DeviceDescription, Joint, Kinematics};
@@ -62,13 +62,14 @@ impl Kind {
     pub fn travels(self, direction: Direction) -> bool {
         match self {
             Kind::Hello => true,
-            Kind::State | Kind::Report => direction == Direction::ToHost,
+            Kind::State | Kind::Report | Kind::Pong => direction == Direction::ToHost,
             Kind::Contact
             | Kind::Command
             | Kind::Simulate
             | Kind::Needle
             | Kind::Thread
             | Kind::Rows
+            | Kind::Ping
             | Kind::Fixture => direction == Direction::ToConsole,
             Kind::Tools => false,
         }
@@ -102,6 +103,8 @@ pub type ValidNeedle = Valid<Needle>;
 pub type ValidThread = Valid<Thread>;
 /// A checked [`Rows`].
 pub type ValidRows = Valid<Rows>;
+/// A checked [`Command`].
+pub type ValidCommand = Valid<Command>;
 /// A checked [`Fixture`].
 pub type ValidFixture = Valid<Fixture>;
 /// A checked [`Simulate`].
@@ -158,6 +161,8 @@ pub enum Unchecked {
     Needle(Header, Needle),
     Thread(Header, Thread),
     Fixture(Header, Fixture),
+    Ping(Header, Ping),
+    Pong(Header, Pong),
 }
 
 /// A checked message of any kind.
@@ -171,12 +176,14 @@ pub enum Checked {
     Hello(Valid<Hello>),
     State(Valid<State>),
     Contact(ValidContact),
-    Command(Valid<Command>),
+    Command(ValidCommand),
     Report(Valid<Report>),
     Simulate(ValidSimulate),
     Needle(ValidNeedle),
     Thread(ValidThread),
     Fixture(ValidFixture),
+    Ping(Valid<Ping>),
+    Pong(Valid<Pong>),
 }
 
 impl Decoded<'_> {
@@ -197,6 +204,8 @@ impl Decoded<'_> {
             Kind::Thread => Unchecked::Thread(header, self.read()?),
             Kind::Rows => return Err(Reject::Kind),
             Kind::Fixture => Unchecked::Fixture(header, self.read()?),
+            Kind::Ping => Unchecked::Ping(header, self.read()?),
+            Kind::Pong => Unchecked::Pong(header, self.read()?),
             Kind::Tools => return Err(Reject::ReservedKind),
         })
     }
@@ -244,6 +253,8 @@ impl Unchecked {
             Unchecked::Needle(header, body) => Checked::Needle(Valid::new(header, body)?),
             Unchecked::Thread(header, body) => Checked::Thread(Valid::new(header, body)?),
             Unchecked::Fixture(header, body) => Checked::Fixture(Valid::new(header, body)?),
+            Unchecked::Ping(header, body) => Checked::Ping(Valid::new(header, body)?),
+            Unchecked::Pong(header, body) => Checked::Pong(Valid::new(header, body)?),
         })
     }
 
@@ -269,7 +280,9 @@ impl Unchecked {
             | Unchecked::Simulate(header, _)
             | Unchecked::Needle(header, _)
             | Unchecked::Thread(header, _)
-            | Unchecked::Fixture(header, _) => header,
+            | Unchecked::Fixture(header, _)
+            | Unchecked::Ping(header, _)
+            | Unchecked::Pong(header, _) => header,
         }
     }
 }
@@ -317,8 +330,6 @@ impl Message for Needle {
 
     fn check(&self) -> Result<(), Reject> {
         require(self.tool < MAX_TOOLS)?;
-        within(&self.position_m, MAX_POSITION)?;
-        unit(&self.orientation)?;
         let (linear, angular) = self.slide.split_at(3);
         within(linear, MAX_SLIDE)?;
         within(angular, MAX_CURVATURE)?;
@@ -356,7 +367,6 @@ impl Message for Thread {
 
     fn check(&self) -> Result<(), Reject> {
         require(self.tool < MAX_TOOLS)?;
-        within(&self.position_m, MAX_POSITION)?;
         unit(&self.direction)?;
         between(self.tension_n, 0.0, MAX_WRENCH)?;
         between(self.stiffness_n_per_m, 0.0, MAX_TANGENT)?;
@@ -401,6 +411,22 @@ impl Message for Command {
             Command::StateEvery { ticks } => require((1..=MAX_STATE_EVERY).contains(ticks)),
             Command::Arm | Command::Disarm | Command::ClearFault => Ok(()),
         }
+    }
+}
+
+impl Message for Ping {
+    const KIND: Kind = Kind::Ping;
+
+    fn check(&self) -> Result<(), Reject> {
+        Ok(())
+    }
+}
+
+impl Message for Pong {
+    const KIND: Kind = Kind::Pong;
+
+    fn check(&self) -> Result<(), Reject> {
+        Ok(())
     }
 }
 

@@ -8,8 +8,8 @@
 
 use sutura_shared::device::{DeviceDescription, Joint, Kinematics};
 use sutura_shared::wire::message::{
-    Command, Contact, Course, End, Fixture, Friction, HandScript, Hello, Mode, Needle, Report, Row,
-    RowKind, Rows, Simulate, State, Tension, Thread, Tip, WayPoint,
+    Command, Contact, Course, End, Fixture, Friction, HandScript, Hello, Mode, Needle, Ping, Pong,
+    Refusal, Report, Row, RowKind, Rows, Simulate, State, Tension, Thread, Tip, WayPoint,
 };
 use sutura_shared::wire::{
     Accumulator, Checked, Direction, Header, Kind, List, MAX_FRAME, Message, PROTOCOL_VERSION,
@@ -36,6 +36,7 @@ pub mod sample {
             max_frame: 300,
             simulated: false,
             device_name: [0; 16],
+            refusal: Refusal::None,
         }
     }
 
@@ -62,6 +63,23 @@ pub mod sample {
             contact_age_us: 33_000,
             applied_age_us: u32::MAX,
             trace_hash: 0xfedc_ba98_7654_3210,
+            encoder_counts: [300, -2, i32::MIN],
+            inputs: 0b1001,
+            heard_sequence: 70_000,
+        }
+    }
+
+    pub fn ping() -> Ping {
+        Ping {
+            host_us: 5_000_000_000,
+        }
+    }
+
+    pub fn pong() -> Pong {
+        Pong {
+            host_us: 5_000_000_000,
+            received_us: 123_456_100,
+            sent_us: 123_457_000,
         }
     }
 
@@ -83,8 +101,6 @@ pub mod sample {
         Needle {
             tool: 0,
             needle: 3,
-            position_m: [0.125, -0.25, 0.5],
-            orientation: [0.5, -0.5, 0.5, 0.5],
             slide: [0.0, 0.75, -2.0, 125.0, 0.0, -0.0],
             tip: Tip::Holding,
             friction: Friction::Backward,
@@ -105,7 +121,6 @@ pub mod sample {
                     _ => [0.0; 2],
                 }),
             },
-            horizon_us: 100_000,
         }
     }
 
@@ -115,12 +130,10 @@ pub mod sample {
             thread: 2,
             end: End::Head,
             state: Tension::Taut,
-            position_m: [0.125, -0.25, 0.5],
             direction: [0.0, -1.0, -0.0],
             tension_n: 1.5,
             stiffness_n_per_m: 512.0,
             slack_m: 0.0,
-            horizon_us: 100_000,
         }
     }
 
@@ -370,7 +383,7 @@ pub struct Golden {
 /// The golden frames with the messages that they must hold.
 pub fn golden() -> Vec<Golden> {
     let header = |kind, session, sequence, console_time_us| Header {
-        version: 0,
+        version: PROTOCOL_VERSION,
         kind,
         session,
         sequence,
@@ -408,6 +421,16 @@ pub fn golden() -> Vec<Golden> {
         fixture(15, Fixture::None),
         fixture(16, sample::fixed_wall()),
         fixture(17, sample::coupling()),
+        Unchecked::Ping(header(Kind::Ping, session, 18, 123_423_000), sample::ping()),
+        Unchecked::Pong(header(Kind::Pong, session, 2, 123_457_000), sample::pong()),
+        Unchecked::Hello(
+            header(Kind::Hello, 0, 0, 5_000_000_000),
+            Hello {
+                session: 0,
+                refusal: Refusal::Owned,
+                ..sample::hello_console()
+            },
+        ),
         command(3, Command::Arm),
         command(4, Command::Disarm),
         command(5, Command::ClearFault),
@@ -497,6 +520,8 @@ pub fn encode_again(message: &Unchecked) -> Vec<u8> {
         Unchecked::Needle(header, body) => again(header, body),
         Unchecked::Thread(header, body) => again(header, body),
         Unchecked::Fixture(header, body) => again(header, body),
+        Unchecked::Ping(header, body) => again(header, body),
+        Unchecked::Pong(header, body) => again(header, body),
     }
 }
 

@@ -140,8 +140,6 @@ pub fn needle() -> Needle {
     Needle {
         tool: 0,
         needle: 0,
-        position_m: [0.0; 3],
-        orientation: [0.0, 0.0, 0.0, 1.0],
         slide: [0.0, 0.0, -1.0, 0.0, 0.0, 0.0],
         tip: Tip::Inside,
         friction: Friction::Forward,
@@ -152,7 +150,6 @@ pub fn needle() -> Needle {
         puncture_n: 0.3,
         punctured_n: -0.5,
         course: Course::default(),
-        horizon_us: 100_000,
     }
 }
 
@@ -175,12 +172,10 @@ pub fn thread() -> Thread {
         thread: 0,
         end: End::Head,
         state: Tension::Taut,
-        position_m: [0.0; 3],
         direction: [0.0, 0.0, -1.0],
         tension_n: 0.75,
         stiffness_n_per_m: 120.0,
         slack_m: 0.0,
-        horizon_us: 100_000,
     }
 }
 

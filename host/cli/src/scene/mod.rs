@@ -7,7 +7,7 @@ pub mod command;
 use crate::failure::{Cause, Failure, render};
 use miette::Report;
 use std::path::Path;
-use sutura_host::scene::{self, Document, Scene, SceneError};
+use sutura_host::scene::{self, Document, Scene, SceneError, Sources};
 
 /// Where the default scene is, seen from a checkout's root.
 pub const DEFAULT: &str = "scenes/palpation.toml";
@@ -23,15 +23,33 @@ const DIVISIONS: &str = "divisions = [20, 20, 8]";
 /// # Errors
 /// Bad input: the file, something in it, or a file that it names.
 pub fn open(path: Option<&Path>) -> Result<Scene, Failure> {
-    let loaded = match path {
-        Some(path) => scene::load(path),
-        None if Path::new(DEFAULT).is_file() => scene::load(Path::new(DEFAULT)),
-        None => Scene::read(
-            &Document::embedded("palpation.toml", Path::new(""), EMBEDDED),
-            "palpation",
-        ),
+    open_with_sources(path).map(|(scene, _)| scene)
+}
+
+/// As [`open`], with all that it takes to read the scene again elsewhere.
+///
+/// # Errors
+/// As there.
+pub fn open_with_sources(path: Option<&Path>) -> Result<(Scene, Sources), Failure> {
+    let document = match path {
+        Some(path) => Document::read(path)?,
+        None if Path::new(DEFAULT).is_file() => Document::read(Path::new(DEFAULT))?,
+        None => Document::embedded("palpation.toml", Path::new(""), EMBEDDED),
     };
-    let mut scene = loaded.map_err(Failure::from)?;
+    let scene = show(scene::read(&document)?);
+    Ok((scene, document.sources()))
+}
+
+/// The scene of a recording.
+///
+/// # Errors
+/// As [`open`].
+pub fn from_sources(sources: &Sources) -> Result<Scene, Failure> {
+    Ok(show(scene::read(&Document::from_sources(sources))?))
+}
+
+/// A loaded scene; its warnings are shown.
+fn show(mut scene: Scene) -> Scene {
     for warning in scene.warnings.drain(..) {
         render(&Report::new(warning));
     }
@@ -43,7 +61,7 @@ pub fn open(path: Option<&Path>) -> Result<Scene, Failure> {
         scene.tools.len(),
         scene.loads.handles.len()
     );
-    Ok(scene)
+    scene
 }
 
 /// The palpation scene on a slab of these divisions.

@@ -8,9 +8,10 @@ use super::super::rotation::{Polar, polar};
 use super::cell::{self, add_force, gradient, tangent_blocks, tangent_stress};
 use super::{CorotationalState, CorotationalTissue, CorotationalWorkspace};
 use nalgebra::{Matrix3, Vector3};
+use serde::Serialize;
 
 /// Which tangent a factor is of.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 pub enum TangentKind {
     /// The derivative of the forces, dR/du included.
     Consistent,

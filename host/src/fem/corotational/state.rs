@@ -7,9 +7,10 @@ use super::super::factor::{Factor, RefactorScratch, SolveScratch};
 use super::super::rotation::Polar;
 use super::{CorotationalTissue, TangentKind};
 use nalgebra::{Matrix3, UnitQuaternion};
+use serde::Serialize;
 
 /// Displacements, rotations, and the tangent that was factored last.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Serialize)]
 pub struct CorotationalState {
     /// Displacement of every node \[m\], free nodes first: the unknowns, then what fixed nodes do.
     pub(super) u: Vec<[f64; 3]>,
@@ -26,12 +27,16 @@ pub struct CorotationalState {
     pub(super) age: u32,
 
     // Written by a refactorisation.
+    /// Written nowhere: it follows from what was factored, see `fingerprint`.
+    #[serde(skip)]
     pub(super) factor: Factor,
     pub(super) tangent: TangentKind,
     /// Rotations in the factor, (m).
     pub(super) factored_rotations: Vec<UnitQuaternion<f64>>,
     /// Stretches in the factor, (m).
     pub(super) factored_stretches: Vec<Matrix3<f64>>,
+    /// Counts, and decides nothing.
+    #[serde(skip)]
     pub(super) generation: u64,
     /// Of the tangent's entries; 0 at rest.
     pub(super) fingerprint: u64,

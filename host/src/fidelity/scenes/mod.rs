@@ -20,11 +20,15 @@ pub struct Sample {
     pub orientation: [f64; 4],
     /// \[m/s\], (3).
     pub velocity_m_per_s: [f64; 3],
+    /// From here to the middle of the time in which the solution will be used \[s\].
+    pub lead_s: f64,
 }
 
 /// What a host sends of a solved scene.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Solution {
+    /// Where the grip is in the solution \[m\], (3); none for where it was sampled.
+    pub position_m: Option<[f32; 3]>,
     /// Wrench on the tool: force \[N\], then moment about the grip \[N m\], (6), world frame.
     pub wrench: [f64; 6],
     /// d wrench / d pose, (6 x 6) by rows.
@@ -49,6 +53,7 @@ impl Solution {
     /// Nothing touches yet, in the direction of -z; a gap below 0 is none.
     pub fn nothing(gap_m: f64) -> Self {
         Solution {
+            position_m: None,
             wrench: [0.0; 6],
             tangent: [[0.0; 6]; 6],
             gap_m: gap_m.max(0.0),

@@ -66,6 +66,7 @@ impl Scene for NeedleSlabs {
             position_m: HELD_M,
             orientation: [0.0, 0.0, 0.0, 1.0],
             velocity_m_per_s: [0.0; 3],
+            lead_s: 0.0,
         };
         if let (Some(solver), Some(state)) = (&mut solver, state(&begin)) {
             solver.solve(&state);
@@ -126,6 +127,9 @@ pub(super) fn state(sample: &Sample) -> Option<Valid<State>> {
         contact_age_us: 0,
         applied_age_us: 0,
         trace_hash: 0,
+        encoder_counts: [0; 3],
+        inputs: 0,
+        heard_sequence: 0,
     };
     Valid::new(header, body).ok()
 }

@@ -6,6 +6,7 @@
 use super::{Sample, Scene, Solution, Truth};
 use crate::model::Model;
 use crate::scene::{Document, Scene as SceneFile, SceneError};
+use crate::session::sideways;
 use crate::step::{State, Status, Workspace, step};
 use crate::tool::ToolSample;
 use std::path::Path;
@@ -70,13 +71,14 @@ impl Scene for Palpation {
         let mut solver = Solver {
             state: shared.untouched.clone(),
             workspace: Some(workspace),
+            normal: [0.0, 0.0, 1.0],
+            ahead_s,
             shared,
         };
         if let Some(work) = &mut solver.workspace {
             // Not in real time: nothing waits for columns.
             work.vertices_per_step = usize::MAX;
             work.most_rows = most_rows;
-            work.ahead_s = ahead_s;
         }
         Box::new(solver)
     }
@@ -85,6 +87,10 @@ impl Scene for Palpation {
 struct Solver {
     shared: Arc<Shared>,
     state: State,
+    /// Of the last contact.
+    normal: [f64; 3],
+    /// From a state until the end of its frame's use \[s\]; 0 for who is not late.
+    ahead_s: f64,
     /// Given back at the end.
     workspace: Option<Workspace>,
 }
@@ -103,9 +109,16 @@ impl Drop for Solver {
 impl Truth for Solver {
     fn solve(&mut self, sample: &Sample) -> Option<Solution> {
         let work = self.workspace.as_mut()?;
+        // The truth looks nowhere but where it is.
+        let goal = (self.ahead_s > 0.0).then(|| {
+            let (here, velocity) = (sample.position_m, sample.velocity_m_per_s);
+            let [here, velocity] = [here, velocity].map(|place| place.map(|x| x as f32));
+            sideways(here, velocity, &self.normal, sample.lead_s, self.ahead_s)
+        });
+        work.ahead_m = goal.map_or([0.0; 3], |goal| goal.ahead_m);
         let tool = ToolSample {
             id: self.shared.tool,
-            position_m: sample.position_m,
+            position_m: goal.map_or(sample.position_m, |goal| goal.position_m.map(f64::from)),
             orientation: sample.orientation,
             velocity_m_per_s: sample.velocity_m_per_s,
             console_time_us: (sample.time_s * 1e6).round() as u64,
@@ -116,7 +129,9 @@ impl Truth for Solver {
                 Status::Ok => {
                     let contact = report.contacts().first()?;
                     let rows = work.rows(tool.id).filter(|rows| rows.count > 0);
+                    self.normal = contact.normal;
                     return Some(Solution {
+                        position_m: goal.map(|goal| goal.position_m),
                         wrench: contact.wrench,
                         tangent: contact.tangent,
                         normal: contact.normal,

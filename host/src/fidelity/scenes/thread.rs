@@ -69,6 +69,7 @@ fn held(time_s: f64) -> Sample {
         position_m: ORIGIN_M,
         orientation: [0.0, 0.0, 0.0, 1.0],
         velocity_m_per_s: [0.0; 3],
+        lead_s: 0.0,
     }
 }
 
@@ -131,6 +132,7 @@ mod tests {
                 position_m: scene.place(Motion::Pulls.at(time_s)),
                 orientation: [0.0, 0.0, 0.0, 1.0],
                 velocity_m_per_s: [0.0; 3],
+                lead_s: 0.0,
             };
             let found = one.solve(&sample).expect("a balance");
             assert_eq!(found.punctures, 16);

@@ -1,0 +1,23 @@
+//! The host's end of the link: ports, handshake, I/O threads with latest-value slots, statistics.
+//!
+//! Entry points: [`open_serial`] and [`Link::open`] for a console that runs by itself, [`Link::open_with`] for one that
+//! may go away and come back, [`LockstepConsole`] for one that advances a tick per exchange.
+
+mod clock;
+mod error;
+mod felt;
+mod handshake;
+mod lockstep;
+mod pipe;
+mod port;
+mod slot;
+mod threads;
+
+pub use clock::{Clock, ClockEstimate, Exchange, RoundTrips};
+pub use error::{LinkError, Ports};
+pub use felt::{Felt, Order};
+pub use handshake::nonce;
+pub use lockstep::LockstepConsole;
+pub use pipe::{PipeEnd, pipe};
+pub use port::{Port, open_serial, serial_ports};
+pub use threads::{Connector, Heard, Link, LinkCounters, LinkOptions, Standing};

@@ -1,0 +1,181 @@
+//! `sutura doctor`: finds what is wrong with this PC, its console and the line between them, and says the one fix.
+//!
+//! Entry point: [`run`]. [`system`] reads the machine, [`console`] asks the console.
+
+mod console;
+mod system;
+
+use crate::failure::{Cause, Failure};
+use crate::run::{link_failure, plan_of};
+use crate::{Format, Global};
+use clap::Args;
+use serde::Serialize;
+use std::ops::ControlFlow;
+use std::path::PathBuf;
+use sutura_hil::{NativeConsole, VirtualConsole};
+use sutura_host::link::open_serial;
+use sutura_host::scene::Scene;
+use sutura_host::session::{Plan, TissueSolver, run_lockstep};
+use system::System;
+
+/// Looks at this machine, and at the console on PORT, and says what to do about what it finds.
+#[derive(Args, Debug)]
+#[command(after_help = EXAMPLES)]
+pub struct DoctorArgs {
+    /// A console's port, or `virtual`; the machine alone when left out.
+    pub port: Option<String>,
+    /// Scene whose solver steps are timed; the palpation scene when left out.
+    #[arg(long, value_name = "SCENE")]
+    pub scene: Option<PathBuf>,
+    /// Where the machine's files are: for tests.
+    #[arg(long, value_name = "DIR", default_value = "/", hide = true)]
+    pub root: PathBuf,
+}
+
+const EXAMPLES: &str = "\
+Examples:
+  sutura doctor                                    this machine: ports, scheduling, solver
+  sutura doctor /dev/ttyACM0                       the console on that port too: ticks, round trips
+  sutura doctor virtual --format json
+  sutura doctor --scene scenes/anastomosis-50.toml how many steps a second that scene can have here
+
+Exit codes: 0 all is well, 3 no console answered on PORT, 1 something else is to be mended.";
+
+/// Something that was looked at.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct Check {
+    /// What.
+    pub name: &'static str,
+    /// Whether it is as it should be.
+    pub ok: bool,
+    /// What there is.
+    pub found: String,
+    /// What to do about it; none if it is as it should be.
+    pub fix: Option<String>,
+}
+
+impl Check {
+    /// As it should be.
+    fn good(name: &'static str, found: impl Into<String>) -> Check {
+        Check {
+            name,
+            ok: true,
+            found: found.into(),
+            fix: None,
+        }
+    }
+
+    /// Not as it should be.
+    fn bad(name: &'static str, found: impl Into<String>, fix: impl Into<String>) -> Check {
+        Check {
+            name,
+            ok: false,
+            found: found.into(),
+            fix: Some(fix.into()),
+        }
+    }
+}
+
+/// What was found on a port.
+pub struct Checks {
+    checks: Vec<Check>,
+    /// Whether a console answered.
+    answered: bool,
+}
+
+/// Looks at everything and prints what it finds.
+///
+/// # Errors
+/// A scene that cannot be used; whatever is not as it should be, after it has been printed.
+pub fn run(args: &DoctorArgs, global: &Global) -> Result<(), Failure> {
+    let scene = crate::scene::open(args.scene.as_deref())?;
+    let mut checks = System::at(&args.root).checks();
+    let mut answered = true;
+    match args.port.as_deref() {
+        None => {}
+        Some("virtual") => {
+            let plan = plan_of(&scene)?;
+            let mut console = VirtualConsole::start(&plan.device).map_err(link_failure)?;
+            let found = console::checks("virtual", console.host_port());
+            answered = found.answered;
+            checks.extend(found.checks);
+        }
+        Some(port) => {
+            let found = console::checks(port, open_serial(port));
+            answered = found.answered;
+            checks.extend(found.checks);
+        }
+    }
+    checks.push(host_rate(&scene)?);
+    print(&checks, global.format);
+    let bad = checks.iter().filter(|check| !check.ok).count();
+    if !answered {
+        let port = args.port.as_deref().unwrap_or_default();
+        let message = format!("no console answered on `{port}`");
+        let help = "see the check `console`";
+        return Err(Failure::say(Cause::NoConsole, message, help).after_summary());
+    }
+    if bad > 0 {
+        let message = format!("{bad} of {} checks found something to mend", checks.len());
+        let help = "the fixes stand behind what was found; each is to be run once";
+        return Err(Failure::say(Cause::Failed, message, help).after_summary());
+    }
+    Ok(())
+}
+
+/// How many solver steps a second the scene can have here, measured over a second of its hand's path.
+fn host_rate(scene: &Scene) -> Result<Check, Failure> {
+    const NAME: &str = "host_rate";
+    let plan = Plan {
+        seconds: 1.0,
+        ..plan_of(scene)?
+    };
+    let mut solver = TissueSolver::for_session(scene, &plan)?;
+    let mut steps_us = None;
+    // The second time with every compliance column at hand, as a session has them that has run for a while.
+    for _ in 0..2 {
+        let device = plan.device;
+        let mut console = NativeConsole::new(&device).map_err(|error| {
+            let message = format!("the device is unusable: {error}");
+            Failure::say(Cause::BadInput, message, "correct its device file")
+        })?;
+        let summary = run_lockstep(&mut console, &plan, &mut solver, |_| {
+            ControlFlow::Continue(())
+        });
+        steps_us = summary.ok().map(|summary| summary.step_us);
+    }
+    let Some(step_us) = steps_us else {
+        let help = "run `sutura scene check` on it";
+        return Ok(Check::bad(NAME, "the scene does not run", help));
+    };
+    let rate = 1e6 / step_us.p99.max(1.0);
+    let found = format!(
+        "{}: steps of p50 {:.0} us, p99 {:.0} us: {:.0} a second; it asks for {:.0}",
+        scene.name,
+        step_us.p50,
+        step_us.p99,
+        rate.min(1000.0),
+        plan.host_hz
+    );
+    Ok(if rate < plan.host_hz {
+        let help = format!("run it with --host-hz {:.0}", rate.max(1.0).floor());
+        Check::bad(NAME, found, help)
+    } else {
+        Check::good(NAME, found)
+    })
+}
+
+fn print(checks: &[Check], format: Format) {
+    match format {
+        Format::Json => say!("{}", serde_json::json!({ "checks": checks })),
+        Format::Text => {
+            for check in checks {
+                let mark = if check.ok { "ok " } else { "BAD" };
+                say!("{mark} {:<14} {}", check.name, check.found);
+                if let Some(fix) = &check.fix {
+                    say!("    {:<14} fix: {fix}", "");
+                }
+            }
+        }
+    }
+}

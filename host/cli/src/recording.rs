@@ -1,0 +1,160 @@
+//! What `sutura run` records: the whole session if asked to, and the last seconds always.
+//!
+//! Entry point: [`Recording::start`].
+
+use crate::failure::{Cause, Failure};
+use crate::run::RunArgs;
+use std::io::Read;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use sutura_host::recording::{About, Recorder, RecordingError, Tap};
+use sutura_host::scene::{Scene, Sources};
+use sutura_host::session::{Plan, Summary};
+use sutura_shared::hash::TraceHash;
+
+/// Where the last seconds go if nothing else is said.
+const LAST: &str = "sutura-last.mcap";
+
+/// The recorder of a session.
+pub struct Recording {
+    recorder: Recorder,
+    file: Option<PathBuf>,
+    last: Option<PathBuf>,
+    /// Set by SIGUSR1.
+    asked: Arc<AtomicBool>,
+}
+
+impl Recording {
+    /// Begins to record.
+    ///
+    /// # Errors
+    /// A file that cannot be written.
+    pub fn start(
+        args: &RunArgs,
+        plan: &Plan,
+        scene: &Scene,
+        sources: Sources,
+        lockstep: bool,
+        asked: Arc<AtomicBool>,
+    ) -> Result<Recording, Failure> {
+        // Nobody replays the last seconds.
+        let build = args.record.as_ref().map(|_| build()).unwrap_or_default();
+        let about = About {
+            console: args.console.clone(),
+            lockstep,
+            worker: !lockstep,
+            ..About::here(build, plan, scene.tissue.word())
+        };
+        let recorder = Recorder::start(args.record.as_deref(), about, sources);
+        Ok(Recording {
+            recorder: recorder.map_err(failure)?,
+            file: args.record.clone(),
+            last: args.save_last.clone(),
+            asked,
+        })
+    }
+
+    /// Where what passes is told.
+    pub fn tap(&self) -> Tap {
+        self.recorder.tap()
+    }
+
+    /// Writes the last seconds if SIGUSR1 came.
+    pub fn save_if_asked(&self) {
+        if self.asked.swap(false, Ordering::Relaxed) {
+            self.save(self.last.as_deref().unwrap_or(Path::new(LAST)));
+        }
+    }
+
+    fn save(&self, path: &Path) {
+        match self.recorder.save_last(path) {
+            Ok(bytes) => eprintln!(
+                "the last seconds are in {} ({:.1} MB)",
+                path.display(),
+                1e-6 * bytes as f64
+            ),
+            Err(error) => eprintln!("{error}"),
+        }
+    }
+
+    /// Ends the recording of a session that came out like this, and says what there is to say of it.
+    ///
+    /// # Errors
+    /// The session's; else that of a file that could not be written.
+    pub fn finish(self, session: Result<Summary, Failure>) -> Result<Summary, Failure> {
+        let bad = match &session {
+            Ok(summary) => summary.mode == "fault",
+            Err(failure) => matches!(failure.cause, Cause::Fault | Cause::NoConsole),
+        };
+        if let Some(last) = self.last.as_deref().filter(|_| bad) {
+            self.save(last);
+        }
+        let recorded = self.recorder.finish();
+        let summary = session?;
+        let recorded = recorded.map_err(failure)?;
+        if let Some(file) = &self.file {
+            eprintln!(
+                "recorded {} frames and {} solves in {} ({:.1} MB)",
+                recorded.frames,
+                recorded.solves,
+                file.display(),
+                1e-6 * recorded.bytes as f64
+            );
+        }
+        let lost = recorded.lost;
+        if self.file.is_some() && lost != Default::default() {
+            eprintln!(
+                "the disk was too slow: {} pieces down, {} up and {} solves are missing, and cannot be replayed",
+                lost.down, lost.up, lost.solves
+            );
+        }
+        Ok(summary)
+    }
+}
+
+/// A failure of a recording.
+pub fn failure(error: RecordingError) -> Failure {
+    let cause = match &error {
+        RecordingError::Unwritable { .. } => Cause::Failed,
+        RecordingError::OtherProtocol { .. }
+        | RecordingError::Unreadable { .. }
+        | RecordingError::NotARecording { .. } => Cause::BadInput,
+    };
+    let help = error.help();
+    Failure::say(cause, error.to_string(), help)
+}
+
+/// Which build of the program this is: a hash of its file. Empty where that cannot be read.
+pub fn build() -> String {
+    let hash = || -> std::io::Result<u64> {
+        let mut file = std::fs::File::open(std::env::current_exe()?)?;
+        let mut hash = TraceHash::new();
+        let mut chunk = vec![0; 1 << 20];
+        loop {
+            let count = file.read(&mut chunk)?;
+            if count == 0 {
+                return Ok(hash.value());
+            }
+            for word in chunk[..count].chunks(4) {
+                let mut bytes = [0; 4];
+                bytes[..word.len()].copy_from_slice(word);
+                hash.word(u32::from_le_bytes(bytes));
+            }
+        }
+    };
+    hash().map_or_else(|_| String::new(), |hash| format!("{hash:016x}"))
+}
+
+/// A flag that SIGUSR1 sets, which would end the process otherwise: for the very start.
+pub fn asked() -> Arc<AtomicBool> {
+    let asked = Arc::new(AtomicBool::new(false));
+    #[cfg(unix)]
+    {
+        let flag = asked.clone();
+        if let Err(error) = signal_hook::flag::register(signal_hook::consts::SIGUSR1, flag) {
+            tracing::warn!("SIGUSR1 cannot be heard: {error}");
+        }
+    }
+    asked
+}

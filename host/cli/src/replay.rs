@@ -1,0 +1,248 @@
+//! `sutura replay`: a recorded session, run again through solver and console code.
+
+use crate::failure::{Cause, Failure};
+use crate::recording::{build, failure};
+use crate::run::Tissue;
+use crate::{Format, Global};
+use clap::{Args, ValueEnum};
+use serde_json::{Value, json};
+use std::path::PathBuf;
+use sutura_host::recording::replay::{
+    ConsoleVerdict, HostVerdict, NativeTicks, Replayed, replay_console, replay_host,
+};
+use sutura_host::recording::{About, End, Recording};
+use sutura_host::session::TissueSolver;
+
+/// Runs a recorded session again: the console's ticks and the solver's steps, compared bit by bit.
+///
+/// Ends with code 6 where either takes another course than was recorded, and says at which tick. What cannot be compared,
+/// because it is not in the recording, is said too.
+#[derive(Args, Debug)]
+#[command(after_help = EXAMPLES)]
+pub struct ReplayArgs {
+    /// What `sutura run --record FILE` wrote.
+    pub file: PathBuf,
+    /// Fails with code 1 unless everything in the recording could be compared.
+    #[arg(long)]
+    pub verify: bool,
+    /// Where the console's ticks are run: in this process, or in the firmware image (simulated consoles only).
+    #[arg(long, value_name = "CONSOLE", default_value = "native")]
+    pub console: Console,
+    /// Firmware image for `--console qemu`, in place of the one built from this checkout.
+    #[arg(long, value_name = "FILE")]
+    pub image: Option<PathBuf>,
+}
+
+const EXAMPLES: &str = "\
+Examples:
+  sutura run --record session.mcap                 first
+  sutura replay session.mcap                       the same bits?
+  sutura replay session.mcap --console qemu        the same bits on the ARM image?
+  sutura replay session.mcap --verify --format json
+
+A recording opens in other programs too (MCAP: Foxglove, the mcap command).";
+
+/// What runs the console's ticks.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum Console {
+    /// The same code in this process.
+    Native,
+    /// The firmware image under QEMU.
+    #[cfg(unix)]
+    Qemu,
+}
+
+/// Replays and prints what came of it.
+///
+/// # Errors
+/// A file that is no recording; a divergence; with `--verify` anything that could not be compared.
+pub fn run(args: &ReplayArgs, global: &Global) -> Result<(), Failure> {
+    let recording = Recording::read(&args.file).map_err(failure)?;
+    let console = console(args, &recording)?;
+    let host = host(&recording)?;
+    let (here, there) = (&here(&recording), &recording.about);
+    match global.format {
+        Format::Json => say!("{}", object(args, &recording, &console, &host)),
+        Format::Text => say!("{}", text(&recording, &console, &host, here)),
+    }
+    verdict(args, &recording, &console, &host, there.same_bits(here))
+}
+
+/// What this program would write in the recording's place.
+fn here(recording: &Recording) -> About {
+    About::here(build(), &recording.about.plan, &recording.about.tissue)
+}
+
+fn console(args: &ReplayArgs, recording: &Recording) -> Result<ConsoleVerdict, Failure> {
+    let replay = |console: &mut dyn Replayed| replay_console(recording, console);
+    match args.console {
+        Console::Native => Ok(replay(&mut NativeTicks::new(&recording.about.plan.device))),
+        #[cfg(unix)]
+        Console::Qemu => {
+            use crate::run::emulated;
+            use std::time::Duration;
+            use sutura_host::recording::replay::WholeConsole;
+            let image = emulated::image(args.image.as_deref())?;
+            // It runs faster than that, but must end some time.
+            let states = recording.frames.len() as u64;
+            let limit = Duration::from_secs(120) + Duration::from_millis(2 * states);
+            let mut console =
+                sutura_hil::QemuConsole::start(image, limit).map_err(emulated::failure)?;
+            let verdict = replay(&mut WholeConsole::new(&mut console));
+            console.quit().map_err(emulated::failure)?;
+            Ok(verdict)
+        }
+    }
+}
+
+fn host(recording: &Recording) -> Result<HostVerdict, Failure> {
+    let about = &recording.about;
+    let mut scene = crate::scene::from_sources(&recording.sources)?;
+    if let Ok(tissue) = Tissue::from_str(&about.tissue, true) {
+        scene.tissue = tissue.instead_of(scene.tissue);
+    }
+    let mut solver = TissueSolver::for_session(&scene, &about.plan)?;
+    let same_bits = about.same_bits(&here(recording));
+    Ok(replay_host(recording, &mut solver, same_bits))
+}
+
+/// The console's tick that came out differently first, at either end.
+fn diverged_at(console: &ConsoleVerdict, host: &HostVerdict) -> Option<u32> {
+    let both = [console.diverged_at, host.diverged_at];
+    both.into_iter().flatten().min()
+}
+
+fn object(
+    args: &ReplayArgs,
+    recording: &Recording,
+    console: &ConsoleVerdict,
+    host: &HostVerdict,
+) -> Value {
+    let cut = match &recording.end {
+        End::Whole => None,
+        End::Cut(reason) => Some(reason),
+    };
+    json!({
+        "file": args.file.display().to_string(),
+        "ticks": console.ticks,
+        "diverged_at": diverged_at(console, host),
+        "hash": format!("{:016x}", console.hash),
+        "cut_off": cut,
+        "console": {
+            "verified_ticks": console.verified_ticks,
+            "unverified_ticks": console.unverified_ticks,
+            "lost_frames": console.lost_frames,
+            "diverged_at": console.diverged_at,
+            "unverifiable_from": console.unverifiable_from,
+            "why": console.why,
+            "hash": format!("{:016x}", console.hash),
+        },
+        "host": {
+            "steps": host.steps,
+            "verified_steps": host.verified_steps,
+            "identical": host.identical,
+            "largest_difference": host.largest_difference,
+            "diverged_at": host.diverged_at,
+            "diverged_step": host.diverged_step,
+            "unverifiable_from": host.unverifiable_from,
+            "why": host.why,
+            "hash": format!("{:016x}", host.hash),
+        },
+    })
+}
+
+fn text(
+    recording: &Recording,
+    console: &ConsoleVerdict,
+    host: &HostVerdict,
+    here: &About,
+) -> String {
+    let about = &recording.about;
+    let mut lines = vec![format!(
+        "  recorded   by version {} on {} ({}), console {}",
+        about.program, about.target, about.simd, about.console
+    )];
+    if let End::Cut(reason) = &recording.end {
+        lines.push(format!("  cut off    {reason}: what is there is replayed"));
+    }
+    let mut of_console = format!(
+        "  console    {} of {} ticks the same, hash {:016x}",
+        console.verified_ticks, console.ticks, console.hash
+    );
+    if console.unverified_ticks > 0 {
+        of_console += &format!(
+            "; {} before could not be compared",
+            console.unverified_ticks
+        );
+    }
+    if console.lost_frames > 0 {
+        of_console += &format!("; the line lost {} frames", console.lost_frames);
+    }
+    lines.push(of_console);
+    let of_bits = match (host.identical, about.same_bits(here)) {
+        (true, _) => "to the bit".to_owned(),
+        (false, true) => "but for bits".to_owned(),
+        (false, false) => format!(
+            "to {:.1e} of the largest force, by another build or other instructions ({} there, {} here)",
+            host.largest_difference, about.simd, here.simd
+        ),
+    };
+    lines.push(format!(
+        "  host       {} of {} solves the same, {of_bits}",
+        host.verified_steps, host.steps
+    ));
+    lines.join("\n")
+}
+
+fn verdict(
+    args: &ReplayArgs,
+    recording: &Recording,
+    console: &ConsoleVerdict,
+    host: &HostVerdict,
+    same_bits: bool,
+) -> Result<(), Failure> {
+    let mut diverged = Vec::new();
+    if let Some(tick) = console.diverged_at {
+        let how = console.why.as_deref().unwrap_or_default();
+        diverged.push(format!("the console diverges at tick {tick}: {how}"));
+    }
+    if let (Some(step), Some(tick)) = (host.diverged_step, host.diverged_at) {
+        let how = host.why.as_deref().unwrap_or_default();
+        diverged.push(format!(
+            "the host diverges at solve {step}, for tick {tick}: {how}"
+        ));
+    }
+    if !diverged.is_empty() {
+        let help = if same_bits {
+            "the same build recorded it: the file was changed, or something is not deterministic"
+        } else {
+            "another build recorded it: what changed since, or did the file?"
+        };
+        return Err(Failure::say(Cause::Diverged, diverged.join("; "), help).after_summary());
+    }
+    if let End::Cut(reason) = &recording.end {
+        let message = format!(
+            "the recording is cut off ({reason}): {} ticks and {} solves are there",
+            console.ticks, host.steps
+        );
+        let help = "what is there is as it was recorded, as far as it says above";
+        return Err(Failure::say(Cause::BadInput, message, help).after_summary());
+    }
+    let mut unsure = Vec::new();
+    if let (Some(tick), Some(why)) = (console.unverifiable_from, &console.why) {
+        unsure.push(format!("the console from tick {tick} on: {why}"));
+    }
+    if let (Some(step), Some(why)) = (host.unverifiable_from, &host.why) {
+        unsure.push(format!("the host from solve {step} on: {why}"));
+    }
+    if unsure.is_empty() {
+        return Ok(());
+    }
+    let message = format!("cannot be compared: {}", unsure.join("; "));
+    if args.verify {
+        let help = "record whole sessions, on a disk that keeps up";
+        return Err(Failure::say(Cause::Failed, message, help).after_summary());
+    }
+    eprintln!("{message}");
+    Ok(())
+}

@@ -1,0 +1,214 @@
+//! The solver's steps of a recording, run again.
+//!
+//! Entry point: [`replay_host`]. The same solver takes the recorded states in the recorded order; after every step the hash of
+//! its state must be the recorded one. Another build, or other instructions, round otherwise: then the forces are compared.
+
+use super::super::about::Begins;
+use super::super::read::Recording;
+use super::super::samples::SolveSample;
+use super::sessions::{Session, parse, sessions};
+use crate::link::Felt;
+use crate::session::{Solve, Solved, TissueSolver};
+use std::collections::HashMap;
+use sutura_shared::wire::message::{Contact, State};
+use sutura_shared::wire::{Checked, Valid};
+
+/// Largest difference of a force or moment that other rounding may make, over the largest of the session.
+const WITHIN: f64 = 1e-9;
+
+/// What the replay of a solver came to.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct HostVerdict {
+    /// Solves in the recording.
+    pub steps: u64,
+    /// Those that were run again and came out the same.
+    pub verified_steps: u64,
+    /// Whether all of those have the same bits; otherwise they are the same to `WITHIN`.
+    pub identical: bool,
+    /// Largest difference of an entry of a wrench, over the largest of the session so far.
+    pub largest_difference: f64,
+    /// The first solve that came out differently, from 1.
+    pub diverged_step: Option<u64>,
+    /// The console's tick that it was for.
+    pub diverged_at: Option<u32>,
+    /// The first solve that cannot be run again.
+    pub unverifiable_from: Option<u64>,
+    /// Why, of any of these.
+    pub why: Option<String>,
+    /// Hash of the solver's state after the last solve.
+    pub hash: u64,
+}
+
+/// Runs the solver's steps again, up to the first that differs. `same_bits`: the solver is the same build, on a machine with
+/// the same instructions.
+pub fn replay_host(
+    recording: &Recording,
+    solver: &mut TissueSolver,
+    same_bits: bool,
+) -> HostVerdict {
+    let mut verdict = HostVerdict {
+        steps: recording.solves.len() as u64,
+        identical: true,
+        ..HostVerdict::default()
+    };
+    if recording.about.begins == Begins::Later {
+        verdict.unverifiable_from = Some(1);
+        verdict.why = Some(
+            "it holds the last seconds of a session: what the solver was before is not known"
+                .to_owned(),
+        );
+        return verdict;
+    }
+    if recording.about.worker {
+        solver.replay_worker();
+    }
+    let sessions = sessions(recording);
+    let mut run = Run {
+        states: states(&sessions),
+        contacts: contacts(&sessions),
+        recording,
+        same_bits,
+        largest: 0.0,
+    };
+    for (index, (number, sample)) in (1_u64..).zip(&recording.solves) {
+        if u64::from(*number) != index {
+            verdict.unverifiable_from = Some(index);
+            verdict.why = Some(format!("solve {index} is not in the recording"));
+            break;
+        }
+        let Some(state) = run.states.get(&sample.console_time_us).copied() else {
+            verdict.unverifiable_from = Some(index);
+            verdict.why = Some(format!(
+                "the state of console time {} us, for which solve {index} was made, is not in the recording",
+                sample.console_time_us
+            ));
+            break;
+        };
+        if let Err(how) = run.step(solver, &state, sample, &mut verdict) {
+            verdict.diverged_step = Some(index);
+            verdict.diverged_at = Some(state.body().tick);
+            verdict.why = Some(how);
+            break;
+        }
+        verdict.verified_steps += 1;
+    }
+    verdict
+}
+
+struct Run<'a> {
+    states: HashMap<u64, Valid<State>>,
+    contacts: HashMap<u64, Contact>,
+    recording: &'a Recording,
+    same_bits: bool,
+    /// Largest entry of a wrench so far \[N or N m\].
+    largest: f64,
+}
+
+impl Run<'_> {
+    fn step(
+        &mut self,
+        solver: &mut TissueSolver,
+        state: &Valid<State>,
+        sample: &SolveSample,
+        verdict: &mut HostVerdict,
+    ) -> Result<(), String> {
+        let arrivals: Vec<_> = sample.arrivals().collect();
+        solver.expect(&arrivals);
+        let solved = solver.solve(state);
+        verdict.hash = solver.hash();
+        let here = SolveSample::new(state, &solved, verdict.hash, &arrivals);
+        let same = here.state_hash == sample.state_hash
+            && (here.wrench, &here.status) == (sample.wrench, &sample.status);
+        verdict.identical &= same;
+        if !same && self.same_bits {
+            return Err(difference(&here, sample));
+        }
+        self.within(&here, sample, verdict)?;
+        self.sent(state, &solved, same)
+    }
+
+    /// Whether two solves are the same to what rounding makes of them.
+    fn within(
+        &mut self,
+        here: &SolveSample,
+        there: &SolveSample,
+        verdict: &mut HostVerdict,
+    ) -> Result<(), String> {
+        if here.status != there.status {
+            return Err(difference(here, there));
+        }
+        let (Some(here), Some(there)) = (here.wrench, there.wrench) else {
+            return Ok(());
+        };
+        let size = there.iter().fold(0.0, |size: f64, x| size.max(x.abs()));
+        self.largest = self.largest.max(size);
+        let pairs = here.iter().zip(&there);
+        let apart = pairs.fold(0.0, |most: f64, (a, b)| most.max((a - b).abs()));
+        let relative = if apart == 0.0 {
+            0.0
+        } else {
+            apart / self.largest
+        };
+        verdict.largest_difference = verdict.largest_difference.max(relative);
+        if relative <= WITHIN {
+            return Ok(());
+        }
+        Err(format!(
+            "the wrench differs by {relative:.1e} of the largest, more than the {WITHIN:.0e} that other rounding makes"
+        ))
+    }
+
+    /// Whether the contact that went down is what the solver gave. Some are replaced before they are sent.
+    fn sent(&self, state: &Valid<State>, solved: &Solved, same: bool) -> Result<(), String> {
+        let Some(sent) = self.contacts.get(&state.console_time_us()) else {
+            return Ok(());
+        };
+        let rendering = self.recording.about.plan.rendering;
+        let felt = solved.frames(state.body(), sent.horizon_us, rendering);
+        match felt {
+            Some(Felt { contact, .. }) if !same || contact == *sent => Ok(()),
+            Some(_) => Err("the contact that was sent is not what was solved".to_owned()),
+            None => Err("a contact was sent although nothing was solved".to_owned()),
+        }
+    }
+}
+
+fn difference(here: &SolveSample, there: &SolveSample) -> String {
+    if here.status != there.status {
+        return format!(
+            "the solve ends as {} instead of {}",
+            here.status, there.status
+        );
+    }
+    if here.wrench != there.wrench {
+        return format!(
+            "the wrench is {:?} instead of {:?}",
+            here.wrench, there.wrench
+        );
+    }
+    format!(
+        "the solver's state has hash {} instead of {}",
+        here.state_hash, there.state_hash
+    )
+}
+
+/// States by their console time \[us\].
+fn states(sessions: &[Session]) -> HashMap<u64, Valid<State>> {
+    let states = sessions.iter().flat_map(|session| &session.states);
+    states
+        .map(|(state, _)| (state.console_time_us(), *state))
+        .collect()
+}
+
+/// Contacts by the console time that they were solved for \[us\].
+fn contacts(sessions: &[Session]) -> HashMap<u64, Contact> {
+    let frames = sessions.iter().flat_map(|session| &session.down);
+    frames
+        .filter_map(
+            |frame| match parse(super::super::tap::Direction::Down, &frame.bytes)?.1? {
+                Checked::Contact(contact) => Some((contact.console_time_us(), *contact.body())),
+                _ => None,
+            },
+        )
+        .collect()
+}

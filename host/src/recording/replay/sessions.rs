@@ -1,0 +1,135 @@
+//! Frames of a recording, sorted by the sessions that they belong to.
+//!
+//! Entry point: [`sessions`]. A session begins with the console's answer to a `Hello`; what is damaged, or of no session, is
+//! left out, as either end does.
+
+use super::super::read::Recording;
+use super::super::tap::Direction;
+use std::collections::HashMap;
+use sutura_shared::wire::message::{Hello, State};
+use sutura_shared::wire::{
+    Accumulator, Checked, HEADER_SIZE, Header, Kind, MAX_FRAME, Valid, decode,
+};
+
+/// A frame of the host.
+#[derive(Clone, Debug, PartialEq)]
+pub struct DownFrame {
+    /// Its header.
+    pub header: Header,
+    /// When it went, by the host's clock \[ns\].
+    pub time_ns: u64,
+    /// All of it.
+    pub bytes: Vec<u8>,
+}
+
+/// What went over the line in one session.
+#[derive(Clone, Debug)]
+pub struct Session {
+    /// What the console said of itself.
+    pub console: Hello,
+    /// The host's `Hello`, if it was recorded.
+    pub hello: Option<Vec<u8>>,
+    /// Frames of the host, in the order of their sequence.
+    pub down: Vec<DownFrame>,
+    /// States, with the host's time at which they came \[ns\].
+    pub states: Vec<(Valid<State>, u64)>,
+}
+
+/// The sessions of a recording, in the order in which they were opened.
+pub fn sessions(recording: &Recording) -> Vec<Session> {
+    let mut hellos = HashMap::new();
+    let mut sessions: Vec<Session> = Vec::new();
+    for frame in &recording.frames {
+        let Some((header, message)) = parse(frame.direction, &frame.bytes) else {
+            continue;
+        };
+        match (frame.direction, message) {
+            (Direction::Down, Some(Checked::Hello(hello))) => {
+                hellos.insert(hello.body().nonce, frame.bytes.clone());
+            }
+            (Direction::Up, Some(Checked::Hello(hello))) if hello.body().session != 0 => {
+                sessions.push(Session {
+                    console: *hello.body(),
+                    hello: hellos.remove(&hello.body().nonce),
+                    down: Vec::new(),
+                    states: Vec::new(),
+                });
+            }
+            (direction, message) => {
+                let of = |session: &&mut Session| session.console.session == header.session;
+                let Some(session) = sessions.iter_mut().rev().find(of) else {
+                    continue;
+                };
+                match (direction, message) {
+                    (Direction::Up, Some(Checked::State(state))) => {
+                        session.states.push((state, frame.time_ns));
+                    }
+                    (Direction::Down, _) => session.down.push(DownFrame {
+                        header,
+                        time_ns: frame.time_ns,
+                        bytes: frame.bytes.clone(),
+                    }),
+                    _ => {}
+                }
+            }
+        }
+    }
+    sessions
+}
+
+/// Header and message of a frame; no message for rows, which only a link unpacks.
+pub(super) fn parse(direction: Direction, frame: &[u8]) -> Option<(Header, Option<Checked>)> {
+    let mut accumulator = Accumulator::new();
+    let packet = packet(&mut accumulator, frame)?;
+    let decoded = decode(packet).ok()?;
+    let direction = match direction {
+        Direction::Down => sutura_shared::wire::Direction::ToConsole,
+        Direction::Up => sutura_shared::wire::Direction::ToHost,
+    };
+    if !decoded.header.kind.travels(direction) {
+        return None;
+    }
+    if decoded.header.kind == Kind::Rows {
+        return Some((decoded.header, None));
+    }
+    let message = decoded.unpack().ok()?.validate(direction).ok()?;
+    Some((decoded.header, Some(message)))
+}
+
+fn packet<'a>(accumulator: &'a mut Accumulator, frame: &[u8]) -> Option<&'a [u8]> {
+    let (last, most) = frame.split_last()?;
+    for byte in most {
+        // Something that ends within the frame is none.
+        if accumulator.push(*byte).is_some() {
+            return None;
+        }
+    }
+    accumulator.push(*last)?.ok()
+}
+
+/// The frame as a frame of another session, with a right checksum; what is no frame stays as it is.
+pub fn frame_with_session(frame: &[u8], session: u32) -> Vec<u8> {
+    let mut accumulator = Accumulator::new();
+    let Some(content) = packet(&mut accumulator, frame)
+        .and_then(|packet| packet.split_last_chunk::<4>())
+        .map(|(content, _)| content)
+    else {
+        return frame.to_vec();
+    };
+    let mut content = content.to_vec();
+    // Behind version and kind: see the header's table in the protocol's page.
+    if let Some(place) = content.get_mut(2..6).filter(|_| frame.len() > HEADER_SIZE) {
+        place.copy_from_slice(&session.to_le_bytes());
+    }
+    stuffed(&content)
+}
+
+/// A frame around header and body.
+pub fn stuffed(content: &[u8]) -> Vec<u8> {
+    let crc = crc::Crc::<u32>::new(&crc::CRC_32_ISO_HDLC).checksum(content);
+    let packet = [content, &crc.to_le_bytes()].concat();
+    let mut frame = vec![0; MAX_FRAME + packet.len()];
+    let length = cobs::encode(&packet, &mut frame);
+    frame.truncate(length + 1);
+    frame
+}

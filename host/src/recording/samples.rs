@@ -1,0 +1,121 @@
+//! What is written besides frames: the solver's steps, and grip and force in words that any program plots.
+//!
+//! Entry points: [`SolveSample`], [`ToolSample`]; both are JSON with a JSON Schema in the file.
+
+use crate::session::Solved;
+use crate::step::Arrival;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+use sutura_shared::wire::Valid;
+use sutura_shared::wire::message::State;
+
+/// One solve, in the order in which they were made.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct SolveSample {
+    /// Console time of the state that was solved for \[us\].
+    pub console_time_us: u64,
+    /// How it ended.
+    pub status: String,
+    /// Hash of everything that the solver's state holds afterwards, 16 hexadecimal digits.
+    pub state_hash: String,
+    /// Wrench on the tool [N, N m], (6), world frame; none where nothing was sent.
+    pub wrench: Option<[f64; 6]>,
+    /// Distance to the tissue along the contact's normal \[m\].
+    pub gap_m: Option<f64>,
+    /// Vertices that the tool touches.
+    pub rows: u32,
+    /// Wall-clock time of the solve \[us\]; 0 in lockstep, where two recordings are to be the same.
+    pub step_us: f64,
+    /// Compliance columns that came from their thread since the last solve: step and vertex.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub arrivals: Vec<(u64, u32)>,
+}
+
+impl SolveSample {
+    /// Of a solve for `state`.
+    pub fn new(state: &Valid<State>, solved: &Solved, hash: u64, arrivals: &[Arrival]) -> Self {
+        SolveSample {
+            console_time_us: state.console_time_us(),
+            status: solved.status.name().to_owned(),
+            state_hash: format!("{hash:016x}"),
+            wrench: solved.contact.map(|contact| contact.wrench),
+            gap_m: solved
+                .contact
+                .map(|contact| contact.gap_m)
+                // JSON has no such number for nowhere.
+                .filter(|gap_m| *gap_m < 1e3),
+            rows: solved.contact.map_or(0, |contact| contact.rows),
+            step_us: 0.0,
+            arrivals: arrivals
+                .iter()
+                .map(|arrival| (arrival.step, arrival.vertex))
+                .collect(),
+        }
+    }
+
+    /// What came from the thread.
+    pub fn arrivals(&self) -> impl Iterator<Item = Arrival> {
+        let arrivals = self.arrivals.iter();
+        arrivals.map(|&(step, vertex)| Arrival { step, vertex })
+    }
+}
+
+/// A vector in the words that plots know.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, JsonSchema)]
+pub struct Xyz {
+    /// Along x.
+    pub x: f32,
+    /// Along y.
+    pub y: f32,
+    /// Along z.
+    pub z: f32,
+}
+
+/// A turn in the words that plots know.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, JsonSchema)]
+pub struct Turn {
+    /// Imaginary part along x.
+    pub x: f32,
+    /// Imaginary part along y.
+    pub y: f32,
+    /// Imaginary part along z.
+    pub z: f32,
+    /// Real part.
+    pub w: f32,
+}
+
+/// Grip and force at one tick.
+#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+pub struct ToolSample {
+    /// Ticks since the console booted.
+    pub tick: u32,
+    /// Grip position \[m\], world frame.
+    pub position_m: Xyz,
+    /// Grip orientation, unit quaternion.
+    pub orientation: Turn,
+    /// Grip velocity \[m/s\].
+    pub velocity_m_per_s: Xyz,
+    /// Contact force on the grip \[N\].
+    pub force_n: Xyz,
+    /// Control mode.
+    pub mode: &'static str,
+    /// Age of the contact in use \[ms\]; none before the first.
+    pub contact_age_ms: Option<f64>,
+}
+
+impl From<&State> for ToolSample {
+    fn from(state: &State) -> Self {
+        let xyz = |[x, y, z]: [f32; 3]| Xyz { x, y, z };
+        let [x, y, z, w] = state.orientation;
+        let age = Some(state.contact_age_us).filter(|age| *age != u32::MAX);
+        ToolSample {
+            tick: state.tick,
+            position_m: xyz(state.position_m),
+            orientation: Turn { x, y, z, w },
+            velocity_m_per_s: xyz(state.velocity_m_per_s),
+            force_n: xyz(state.force_n),
+            mode: crate::session::mode_word(state.mode),
+            contact_age_ms: age.map(|age| 1e-3 * f64::from(age)),
+        }
+    }
+}

@@ -1,0 +1,125 @@
+//! Ports, consoles and solvers that tell what passes.
+//!
+//! Entry points: [`TappedPort`], [`TappedConsole`], [`TappedSolver`]. Sessions do not know of them.
+
+use super::SolveSample;
+use super::tap::{Direction, Tap};
+use crate::link::{LinkError, LockstepConsole, Port};
+use crate::session::{Solve, Solved, TissueSolver};
+use std::io;
+use std::time::{Duration, Instant};
+use sutura_shared::control::TICK_US;
+use sutura_shared::wire::Valid;
+use sutura_shared::wire::message::State;
+
+/// A port whose bytes are told both ways.
+pub struct TappedPort {
+    port: Box<dyn Port>,
+    tap: Tap,
+}
+
+impl TappedPort {
+    /// Stands in for `port`.
+    pub fn new(port: Box<dyn Port>, tap: Tap) -> Self {
+        TappedPort { port, tap }
+    }
+}
+
+impl Port for TappedPort {
+    fn name(&self) -> String {
+        self.port.name()
+    }
+
+    fn read(&mut self, into: &mut [u8], wait: Duration) -> io::Result<usize> {
+        let count = self.port.read(into, wait)?;
+        self.tap
+            .bytes(Direction::Up, into.get(..count).unwrap_or_default());
+        Ok(count)
+    }
+
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        let count = self.port.write(bytes)?;
+        self.tap
+            .bytes(Direction::Down, bytes.get(..count).unwrap_or_default());
+        Ok(count)
+    }
+
+    fn try_clone(&self) -> io::Result<Box<dyn Port>> {
+        Ok(Box::new(TappedPort {
+            port: self.port.try_clone()?,
+            tap: self.tap.clone(),
+        }))
+    }
+}
+
+/// A console in lockstep whose frames are told both ways.
+pub struct TappedConsole<'a> {
+    console: &'a mut dyn LockstepConsole,
+    tap: Tap,
+}
+
+impl<'a> TappedConsole<'a> {
+    /// Stands in for `console`.
+    pub fn new(console: &'a mut dyn LockstepConsole, tap: Tap) -> Self {
+        TappedConsole { console, tap }
+    }
+}
+
+impl LockstepConsole for TappedConsole<'_> {
+    fn exchange(&mut self, down: &[u8], up: &mut Vec<u8>) -> Result<(), LinkError> {
+        let before = up.len();
+        self.tap.bytes(Direction::Down, down);
+        self.tap.ticked(1000 * TICK_US);
+        self.console.exchange(down, up)?;
+        self.tap
+            .bytes(Direction::Up, up.get(before..).unwrap_or_default());
+        Ok(())
+    }
+
+    fn name(&self) -> &str {
+        self.console.name()
+    }
+}
+
+/// A solver whose solves are told.
+pub struct TappedSolver<'a> {
+    solver: &'a mut TissueSolver,
+    tap: Tap,
+}
+
+impl<'a> TappedSolver<'a> {
+    /// Stands in for `solver`.
+    pub fn new(solver: &'a mut TissueSolver, tap: Tap) -> Self {
+        if tap.is_for_replay() {
+            solver.log_arrivals();
+        }
+        TappedSolver { solver, tap }
+    }
+}
+
+impl Solve for TappedSolver<'_> {
+    fn solve(&mut self, state: &Valid<State>) -> Solved {
+        if !self.tap.is_heard() {
+            return self.solver.solve(state);
+        }
+        let began = Instant::now();
+        let solved = self.solver.solve(state);
+        let step_us = began.elapsed().as_secs_f64() * 1e6;
+        let replay = self.tap.is_for_replay();
+        let hash = if replay { self.solver.hash() } else { 0 };
+        let sample = SolveSample::new(state, &solved, hash, &self.solver.take_arrivals());
+        self.tap.solve(SolveSample {
+            step_us: if self.tap.keeps_wall_time() {
+                step_us
+            } else {
+                0.0
+            },
+            ..sample
+        });
+        solved
+    }
+
+    fn scene(&self) -> serde_json::Map<String, serde_json::Value> {
+        self.solver.scene()
+    }
+}

@@ -1,0 +1,15 @@
+//! Bits of [`State::inputs`](super::message::State::inputs): what a board read besides its encoders. With them a
+//! recording of the states is enough to run the console's ticks again: see [`TickInput::of`].
+//!
+//! [`TickInput::of`]: crate::control::TickInput::of
+
+/// The emergency stop was pressed.
+pub const EMERGENCY_STOP: u8 = 1 << 0;
+/// The board had found a fault of its own.
+pub const BOARD_FAULT: u8 = 1 << 1;
+/// The computation of the tick before took longer than its period.
+pub const OVERRUN: u8 = 1 << 2;
+/// The console senses its grip's orientation, which is that of the state.
+pub const ORIENTATION: u8 = 1 << 3;
+/// What it sensed was no rotation; the state has the identity in its place.
+pub const NO_ROTATION: u8 = 1 << 4;

@@ -1,0 +1,697 @@
+//! Recordings, and what `sutura replay` makes of them.
+#![cfg(unix)]
+#![allow(clippy::unwrap_used, reason = "tests")]
+
+mod support;
+
+use serde_json::Value;
+use std::ops::ControlFlow;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+use std::time::{Duration, Instant};
+use support::{root, sutura};
+use sutura_hil::{NativeConsole, VirtualConsole};
+use sutura_host::link::{LinkOptions, LockstepConsole};
+use sutura_host::recording::replay::{
+    ConsoleVerdict, HostVerdict, NativeTicks, WholeConsole, replay_console, replay_host, stuffed,
+};
+use sutura_host::recording::{
+    About, Begins, Direction, End, Frame, Recorder, Recording, RecordingError, TappedConsole,
+    TappedPort, TappedSolver,
+};
+use sutura_host::scene::{self, Document, Scene, Sources};
+use sutura_host::session::{
+    LINE_BYTES_PER_S, Line, Plan, Rendering, TissueSolver, contact_frame, run_lockstep,
+    run_real_time,
+};
+use sutura_host::step::ToolContact;
+use sutura_shared::link::{HostEvent, HostLink};
+use sutura_shared::wire::message::{Command as SharedCommand, Fixture, State};
+use sutura_shared::wire::{Accumulator, Checked, HEADER_SIZE, Kind, MAX_FRAME, decode, encode};
+use tempfile::TempDir;
+
+const BUILD: &str = "test";
+
+fn read_scene(name: &str) -> (Scene, Sources) {
+    let document = Document::read(&root().join("scenes").join(name)).unwrap();
+    (scene::read(&document).unwrap(), document.sources())
+}
+
+fn plan(scene: &Scene, seconds: f64) -> Plan {
+    Plan {
+        device: scene.device.unwrap(),
+        hand: scene.hand.unwrap(),
+        host_hz: scene.host.host_hz,
+        seconds,
+        tick_hz: 1000,
+        state_every: 1,
+        rendering: Rendering::Rows,
+        line_bytes_per_s: LINE_BYTES_PER_S,
+        horizon_us: scene.host.horizon_us,
+        clear_fault: false,
+        fixture: Fixture::None,
+    }
+}
+
+/// Records a session in lockstep, in this process.
+fn in_lockstep(name: &str, seconds: f64, file: &Path) -> Recording {
+    let (scene, sources) = read_scene(name);
+    let plan = plan(&scene, seconds);
+    let about = About {
+        lockstep: true,
+        ..About::here(BUILD.to_owned(), &plan, scene.tissue.word())
+    };
+    let recorder = Recorder::start(Some(file), about, sources).unwrap();
+    let mut solver = TissueSolver::for_session(&scene, &plan).unwrap();
+    let mut solver = TappedSolver::new(&mut solver, recorder.tap());
+    let mut console = NativeConsole::new(&plan.device).unwrap();
+    let mut console = TappedConsole::new(&mut console, recorder.tap());
+    run_lockstep(&mut console, &plan, &mut solver, |_| {
+        ControlFlow::Continue(())
+    })
+    .unwrap();
+    let recorded = recorder.finish().unwrap();
+    assert_eq!(recorded.lost, Default::default());
+    let recording = Recording::read(file).unwrap();
+    assert_eq!(recording.end, End::Whole);
+    let (frames, solves) = (recording.frames.len(), recording.solves.len());
+    assert_eq!(
+        (frames as u64, solves as u64),
+        (recorded.frames, recorded.solves)
+    );
+    recording
+}
+
+fn of_console(recording: &Recording) -> ConsoleVerdict {
+    let device = &recording.about.plan.device;
+    replay_console(recording, &mut NativeTicks::new(device))
+}
+
+fn of_host(recording: &Recording) -> HostVerdict {
+    let scene = scene::read(&Document::from_sources(&recording.sources)).unwrap();
+    let mut solver = TissueSolver::for_session(&scene, &recording.about.plan).unwrap();
+    replay_host(recording, &mut solver, true)
+}
+
+fn assert_same(recording: &Recording) {
+    let console = of_console(recording);
+    assert_eq!(console.why, None);
+    assert_eq!(
+        (console.verified_ticks, console.unverified_ticks),
+        (console.ticks, 0)
+    );
+    assert!(console.ticks > 0);
+    let host = of_host(recording);
+    assert_eq!(host.why, None);
+    assert!(host.identical && host.verified_steps == host.steps && host.steps > 0);
+    assert_eq!(host.largest_difference, 0.0);
+}
+
+/// What a frame holds: kind, sequence, console time and state, if it is sound.
+fn look(frame: &Frame) -> Option<(Kind, u32, u64, Option<State>)> {
+    let mut accumulator = Accumulator::new();
+    let (last, most) = frame.bytes.split_last()?;
+    assert!(most.iter().all(|byte| accumulator.push(*byte).is_none()));
+    let decoded = decode(accumulator.push(*last)?.ok()?).ok()?;
+    let header = decoded.header;
+    let to_host = sutura_shared::wire::Direction::ToHost;
+    let state = match decoded.unpack().and_then(|body| body.validate(to_host)) {
+        Ok(Checked::State(state)) => Some(*state.body()),
+        _ => None,
+    };
+    Some((header.kind, header.sequence, header.console_time_us, state))
+}
+
+/// Header and body of a frame.
+fn content(frame: &[u8]) -> Vec<u8> {
+    let mut packet = frame[..frame.len() - 1].to_vec();
+    let length = cobs::decode_in_place(&mut packet).unwrap();
+    packet.truncate(length - 4);
+    packet
+}
+
+/// Changes the recorded state of a tick, checksum and all.
+fn change_state(recording: &mut Recording, tick: u32, change: impl Fn(&mut State)) {
+    for frame in &mut recording.frames {
+        if let Some((_, sequence, time_us, Some(mut state))) = look(frame)
+            && state.tick == tick
+        {
+            let session = u32::from_le_bytes(content(&frame.bytes)[2..6].try_into().unwrap());
+            change(&mut state);
+            let mut bytes = [0; MAX_FRAME];
+            let length = encode(session, sequence, time_us, &state, &mut bytes).unwrap();
+            frame.bytes = bytes[..length].to_vec();
+            return;
+        }
+    }
+    panic!("no state of tick {tick}");
+}
+
+#[test]
+fn a_session_in_lockstep_comes_out_the_same_in_this_process_and_as_a_whole_console() {
+    let folder = TempDir::new().unwrap();
+    let recording = in_lockstep("palpation.toml", 1.0, &folder.path().join("a.mcap"));
+    assert_same(&recording);
+    let device = recording.about.plan.device;
+    let mut console = NativeConsole::new(&device).unwrap();
+    let whole = replay_console(&recording, &mut WholeConsole::new(&mut console));
+    assert_eq!(whole, of_console(&recording));
+    // Two recordings are the same file: nothing in it depends on the machine's pace.
+    let again = in_lockstep("palpation.toml", 1.0, &folder.path().join("b.mcap"));
+    assert_eq!(again, recording);
+}
+
+#[test]
+fn a_driven_needle_comes_out_the_same() {
+    let folder = TempDir::new().unwrap();
+    let recording = in_lockstep("needle-arc.toml", 1.5, &folder.path().join("a.mcap"));
+    assert_same(&recording);
+}
+
+/// One bit anywhere is found, at the tick that it belongs to.
+#[test]
+fn a_changed_state_is_found_at_its_tick() {
+    let folder = TempDir::new().unwrap();
+    let recording = in_lockstep("palpation.toml", 0.6, &folder.path().join("a.mcap"));
+    let changes: [fn(&mut State); 4] = [
+        |state| state.trace_hash ^= 1 << 40,
+        |state| state.force_n[2] += 0.001,
+        |state| state.encoder_counts[1] ^= 1,
+        |state| state.velocity_m_per_s[0] = f32::from_bits(state.velocity_m_per_s[0].to_bits() ^ 1),
+    ];
+    for change in changes {
+        let mut changed = recording.clone();
+        change_state(&mut changed, 333, change);
+        let verdict = of_console(&changed);
+        assert_eq!(verdict.diverged_at, Some(333), "{verdict:?}");
+        // The session's first state is that of tick 1.
+        assert_eq!(verdict.verified_ticks, 332);
+    }
+}
+
+/// A frame of the host with another number in it is found in the tick that heard it.
+#[test]
+fn a_changed_contact_is_found_where_it_was_heard_and_where_it_was_solved() {
+    let folder = TempDir::new().unwrap();
+    let recording = in_lockstep("palpation.toml", 1.2, &folder.path().join("a.mcap"));
+    let of_kind = |kind| {
+        let frames = recording.frames.iter().enumerate();
+        frames.filter_map(move |(index, frame)| {
+            let (found, sequence, time_us, _) = look(frame)?;
+            (found == kind).then_some((index, sequence, time_us))
+        })
+    };
+    let contacts: Vec<_> = of_kind(Kind::Contact).collect();
+    let (index, sequence, time_us) = contacts[contacts.len() / 2];
+    let states = recording.frames.iter().filter_map(|frame| look(frame)?.3);
+    let heard = states
+        .clone()
+        .find(|state| state.heard_sequence >= sequence)
+        .unwrap();
+    let solved = recording
+        .solves
+        .iter()
+        .position(|(_, solve)| solve.console_time_us == time_us);
+
+    let mut changed = recording.clone();
+    let mut bytes = content(&changed.frames[index].bytes);
+    // The lowest bit of the force along z: tool, position and orientation stand before, 4 bytes a number.
+    bytes[HEADER_SIZE + 1 + 7 * 4 + 2 * 4] ^= 1;
+    changed.frames[index].bytes = stuffed(&bytes);
+    assert_ne!(changed, recording);
+    let console = of_console(&changed);
+    assert_eq!(console.diverged_at, Some(heard.tick), "{console:?}");
+    let host = of_host(&changed);
+    assert_eq!(
+        host.diverged_step,
+        Some(solved.unwrap() as u64 + 1),
+        "{host:?}"
+    );
+    assert_eq!(host.diverged_at, Some((time_us / 1000) as u32));
+}
+
+#[test]
+fn a_changed_solve_and_a_changed_pose_are_found_at_their_step() {
+    let folder = TempDir::new().unwrap();
+    let recording = in_lockstep("palpation.toml", 1.0, &folder.path().join("a.mcap"));
+    let (number, solve) = recording.solves[77].clone();
+    let tick = (solve.console_time_us / 1000) as u32;
+
+    let mut changed = recording.clone();
+    changed.solves[77].1.state_hash = format!("{:016x}", 7);
+    let verdict = of_host(&changed);
+    assert_eq!(
+        (verdict.diverged_step, verdict.diverged_at),
+        (Some(78), Some(tick))
+    );
+
+    let mut changed = recording.clone();
+    change_state(&mut changed, tick, |state| state.position_m[2] -= 1e-4);
+    let verdict = of_host(&changed);
+    assert_eq!(
+        (verdict.diverged_step, verdict.diverged_at),
+        (Some(u64::from(number)), Some(tick))
+    );
+    assert_eq!(of_console(&changed).diverged_at, Some(tick));
+
+    // By another build bits may differ, forces may not.
+    let mut changed = recording.clone();
+    changed.solves[77].1.state_hash = format!("{:016x}", 7);
+    let scene = scene::read(&Document::from_sources(&changed.sources)).unwrap();
+    let solver = || TissueSolver::for_session(&scene, &changed.about.plan).unwrap();
+    let verdict = replay_host(&changed, &mut solver(), false);
+    assert_eq!((verdict.diverged_step, verdict.identical), (None, false));
+    let touched = changed
+        .solves
+        .iter()
+        .rposition(|(_, solve)| solve.rows > 0)
+        .unwrap();
+    changed.solves[touched].1.wrench.as_mut().unwrap()[2] *= 1.0 + 1e-6;
+    let verdict = replay_host(&changed, &mut solver(), false);
+    assert_eq!(verdict.diverged_step, Some(touched as u64 + 1));
+}
+
+/// What the line lost is found out; what is not in the recording is said.
+#[test]
+fn missing_frames_and_states_are_said() {
+    let folder = TempDir::new().unwrap();
+    let recording = in_lockstep("palpation.toml", 0.6, &folder.path().join("a.mcap"));
+    let at = |recording: &Recording, which: &dyn Fn(Kind, Option<State>) -> bool| {
+        let frames = recording.frames.iter();
+        let mut found =
+            frames.map(|frame| look(frame).is_some_and(|(kind, _, _, state)| which(kind, state)));
+        found.position(|is| is).unwrap()
+    };
+    // A tick in which nothing new was heard: the simulated mechanics bridge it.
+    let states: Vec<State> = recording
+        .frames
+        .iter()
+        .filter_map(|frame| look(frame)?.3)
+        .collect();
+    let alike = |three: &&[State]| {
+        three
+            .iter()
+            .all(|state| state.heard_sequence == three[0].heard_sequence)
+    };
+    let tick = states[400..].windows(3).find(alike).unwrap()[1].tick;
+    let mut without = recording.clone();
+    let quiet = at(&recording, &|_, state| {
+        state.is_some_and(|state| state.tick == tick)
+    });
+    without.frames.remove(quiet);
+    let verdict = of_console(&without);
+    assert_eq!(
+        (verdict.diverged_at, verdict.unverifiable_from),
+        (None, None),
+        "{verdict:?}"
+    );
+    assert_eq!(verdict.verified_ticks, of_console(&recording).ticks - 1);
+
+    let mut without = recording.clone();
+    let contact = at(&recording, &|kind, _| kind == Kind::Contact);
+    let (_, sequence, _, _) = look(&recording.frames[contact]).unwrap();
+    without.frames.remove(contact);
+    let verdict = of_console(&without);
+    let states = recording.frames.iter().filter_map(|frame| look(frame)?.3);
+    let heard = states
+        .clone()
+        .find(|state| state.heard_sequence >= sequence)
+        .unwrap();
+    assert_eq!(verdict.unverifiable_from, Some(heard.tick), "{verdict:?}");
+    assert_eq!(verdict.diverged_at, None);
+
+    let mut without = recording.clone();
+    without.solves.remove(10);
+    let verdict = of_host(&without);
+    assert_eq!(
+        (verdict.unverifiable_from, verdict.verified_steps),
+        (Some(11), 10)
+    );
+}
+
+/// A console that was up before, and is not told what it is, as one with motors: its past is not in the recording, and is
+/// forgotten by its filters before it is armed.
+#[test]
+fn a_console_with_a_past_is_joined() {
+    let folder = TempDir::new().unwrap();
+    let file = folder.path().join("a.mcap");
+    let (scene, sources) = read_scene("palpation.toml");
+    let plan = plan(&scene, 0.4);
+    let mut console = NativeConsole::new(&plan.device).unwrap();
+    let mut solver = TissueSolver::for_session(&scene, &plan).unwrap();
+    run_lockstep(&mut console, &plan, &mut solver, |_| {
+        ControlFlow::Continue(())
+    })
+    .unwrap();
+
+    // Until it is nobody's any more.
+    for _ in 0..400 {
+        console.exchange(&[], &mut Vec::new()).unwrap();
+    }
+
+    let about = About {
+        lockstep: true,
+        ..About::here(BUILD.to_owned(), &plan, scene.tissue.word())
+    };
+    let recorder = Recorder::start(Some(&file), about, sources).unwrap();
+    let mut console = TappedConsole::new(&mut console, recorder.tap());
+    let mut end = HostLink::new(1000);
+    let (mut frame, mut up) = ([0; MAX_FRAME], Vec::new());
+    let length = end.hello(77, &mut frame).unwrap();
+    let mut down = frame[..length].to_vec();
+    let mut newest: Option<State> = None;
+    for tick in 0..1500 {
+        up.clear();
+        console.exchange(&down, &mut up).unwrap();
+        down.clear();
+        for byte in &up {
+            if let Some(HostEvent::State(state)) = end.receive(*byte) {
+                newest = Some(*state.body());
+            }
+        }
+        let Some(state) = newest else { continue };
+        let now_us = 1000 * u64::from(state.tick);
+        let mut send = |length: usize, frame: &[u8]| down.extend_from_slice(&frame[..length]);
+        if tick == 700 {
+            send(
+                end.send(now_us, &SharedCommand::Arm, &mut frame).unwrap(),
+                &frame,
+            );
+        }
+        if tick % 10 == 0 {
+            let spring = ToolContact {
+                wrench: [0.0, 0.0, 1.0, 0.0, 0.0, 0.0],
+                normal: [0.0, 0.0, 1.0],
+                ..ToolContact::default()
+            };
+            let contact = contact_frame(&state, &spring, 50_000);
+            send(end.send(now_us, &contact, &mut frame).unwrap(), &frame);
+        }
+    }
+    recorder.finish().unwrap();
+    let recording = Recording::read(&file).unwrap();
+    let verdict = of_console(&recording);
+    assert_eq!((verdict.why, verdict.diverged_at), (None, None));
+    assert!(verdict.ticks > 1400, "{}", verdict.ticks);
+    assert!(
+        (1..700).contains(&verdict.unverified_ticks),
+        "{}",
+        verdict.unverified_ticks
+    );
+    assert_eq!(
+        verdict.verified_ticks + verdict.unverified_ticks,
+        verdict.ticks
+    );
+    // It was armed, and felt something.
+    let states = recording.frames.iter().filter_map(|frame| look(frame)?.3);
+    assert!(states.map(|state| state.force_n[2]).fold(0.0, f32::max) > 0.9);
+}
+
+/// A thread computes columns here, and when they come depends on the machine: what the recording says of that is enough.
+#[test]
+fn a_session_in_real_time_comes_out_the_same_whenever_columns_came() {
+    let folder = TempDir::new().unwrap();
+    let file = folder.path().join("a.mcap");
+    let (scene, sources) = read_scene("palpation.toml");
+    let plan = plan(&scene, 2.0);
+    let about = About {
+        worker: true,
+        ..About::here(BUILD.to_owned(), &plan, scene.tissue.word())
+    };
+    let recorder = Recorder::start(Some(&file), about, sources).unwrap();
+    // Nothing is computed beforehand, so that the thread has something to do.
+    let unprepared = || {
+        let mut solver = TissueSolver::new(&scene).unwrap();
+        solver.reduce_to(plan.most_rows(), 2.0 / plan.host_hz);
+        solver
+    };
+    let mut solver = unprepared();
+    solver.start_worker();
+    let mut tapped = TappedSolver::new(&mut solver, recorder.tap());
+    let mut console = VirtualConsole::start(&plan.device).unwrap();
+    let port = TappedPort::new(console.host_port().unwrap(), recorder.tap());
+    let options = LinkOptions::default();
+    let line = Line::Once(Box::new(port));
+    run_real_time(line, options, &plan, &mut tapped, |_| {
+        ControlFlow::Continue(())
+    })
+    .unwrap();
+    recorder.finish().unwrap();
+    let recording = Recording::read(&file).unwrap();
+    assert_eq!(recording.end, End::Whole);
+
+    let console = of_console(&recording);
+    assert_eq!((console.why, console.diverged_at), (None, None));
+    // The console was up for a moment before.
+    assert!(
+        console.unverified_ticks < 10,
+        "{}",
+        console.unverified_ticks
+    );
+    assert_eq!(
+        console.verified_ticks + console.unverified_ticks,
+        console.ticks
+    );
+    let came = recording
+        .solves
+        .iter()
+        .map(|(_, solve)| solve.arrivals.len());
+    assert!(came.sum::<usize>() > 0, "the thread had nothing to do");
+    let host = replay_host(&recording, &mut unprepared(), true);
+    assert_eq!(host.why, None);
+    assert!(host.identical && host.verified_steps == host.steps);
+
+    // Columns that come at other times give another course.
+    let mut otherwise = recording.clone();
+    for (_, solve) in &mut otherwise.solves {
+        for (step, _) in &mut solve.arrivals {
+            *step += 3;
+        }
+    }
+    assert!(
+        replay_host(&otherwise, &mut unprepared(), true)
+            .diverged_step
+            .is_some()
+    );
+}
+
+#[test]
+fn a_file_that_is_cut_off_is_replayed_as_far_as_it_goes() {
+    let folder = TempDir::new().unwrap();
+    let file = folder.path().join("a.mcap");
+    let whole = in_lockstep("palpation.toml", 0.6, &file);
+    let bytes = std::fs::read(&file).unwrap();
+    let cut = folder.path().join("cut.mcap");
+    let mut most = 0;
+    for part in [
+        0,
+        7,
+        100,
+        2000,
+        bytes.len() / 2,
+        bytes.len() - 2000,
+        bytes.len() - 1,
+    ] {
+        std::fs::write(&cut, &bytes[..part]).unwrap();
+        match Recording::read(&cut) {
+            Ok(recording) => {
+                most = most.max(recording.frames.len());
+                assert!(part > 2000 || recording.frames.is_empty());
+                if part < bytes.len() - 1 {
+                    assert!(matches!(recording.end, End::Cut(_)), "{part}");
+                }
+                let verdict = of_console(&recording);
+                assert_eq!(
+                    (verdict.diverged_at, verdict.unverifiable_from),
+                    (None, None)
+                );
+                assert_eq!(verdict.verified_ticks, verdict.ticks);
+            }
+            Err(error) => {
+                assert!(part <= 2000, "{part}: {error}");
+                assert!(
+                    matches!(error, RecordingError::NotARecording { .. }),
+                    "{error}"
+                );
+            }
+        }
+    }
+    assert_eq!(most, whole.frames.len());
+    std::fs::write(&cut, &bytes[..bytes.len() / 2]).unwrap();
+    let ran = sutura(&["replay", cut.to_str().unwrap(), "--format", "json"]);
+    assert_eq!(ran.code, 2, "{}", ran.stderr);
+    assert!(ran.stderr.contains("cut off"), "{}", ran.stderr);
+    let object: Value = serde_json::from_str(&ran.stdout).unwrap();
+    assert!(object["console"]["verified_ticks"].as_u64().unwrap() > 100);
+    // A bit that has tipped over in the file ends what can be read there.
+    let mut damaged = bytes.clone();
+    damaged[bytes.len() / 2] ^= 4;
+    std::fs::write(&cut, &damaged).unwrap();
+    let recording = Recording::read(&cut).unwrap();
+    assert!(matches!(recording.end, End::Cut(_)) && !recording.frames.is_empty());
+}
+
+#[test]
+fn other_files_are_refused_with_what_they_are() {
+    let folder = TempDir::new().unwrap();
+    let path = |name: &str, bytes: &[u8]| -> PathBuf {
+        let path = folder.path().join(name);
+        std::fs::write(&path, bytes).unwrap();
+        path
+    };
+    let empty = mcap_file(&folder.path().join("foreign.mcap"), None);
+    let (scene, _) = read_scene("palpation.toml");
+    let words = |key: &str, word: &str| {
+        let about = About::here(BUILD.to_owned(), &plan(&scene, 1.0), "linear");
+        let mut words = about.words();
+        words.insert(key.to_owned(), word.to_owned());
+        words
+    };
+    let other = mcap_file(
+        &folder.path().join("other.mcap"),
+        Some(words("schema_hash", "0123456789abcdef")),
+    );
+    let layout = mcap_file(
+        &folder.path().join("layout.mcap"),
+        Some(words("layout", "99")),
+    );
+    let plan = mcap_file(&folder.path().join("plan.mcap"), Some(words("plan", "{}")));
+    for (file, says) in [
+        (path("text.mcap", b"no recording at all"), "no MCAP file"),
+        (path("empty.mcap", b""), "no MCAP file"),
+        (folder.path().join("absent.mcap"), "cannot read"),
+        (empty, "without this program's metadata"),
+        (other, "schema 0123456789abcdef"),
+        (layout, "layout is 99"),
+        (plan, "`plan`"),
+    ] {
+        let ran = sutura(&["replay", file.to_str().unwrap()]);
+        assert_eq!(ran.code, 2, "{}: {}", file.display(), ran.stderr);
+        assert!(
+            ran.stderr.contains(says),
+            "{}: {}",
+            file.display(),
+            ran.stderr
+        );
+    }
+}
+
+fn mcap_file(path: &Path, words: Option<std::collections::BTreeMap<String, String>>) -> PathBuf {
+    let mut writer = mcap::Writer::new(std::fs::File::create(path).unwrap()).unwrap();
+    if let Some(metadata) = words {
+        let name = "sutura".to_owned();
+        writer
+            .write_metadata(&mcap::records::Metadata { name, metadata })
+            .unwrap();
+    }
+    writer.finish().unwrap();
+    path.to_owned()
+}
+
+/// Scripts rely on these keys and codes.
+#[test]
+fn the_command_records_and_replays() {
+    let folder = TempDir::new().unwrap();
+    let file = folder.path().join("a.mcap");
+    let file = file.to_str().unwrap();
+    let ran = sutura(&[
+        "run",
+        "--lockstep",
+        "--seconds",
+        "0.5",
+        "--record",
+        file,
+        "--format",
+        "json",
+    ]);
+    assert_eq!(ran.code, 0, "{}", ran.stderr);
+    let ran = sutura(&["replay", file, "--verify", "--format", "json"]);
+    assert_eq!(ran.code, 0, "{}", ran.stderr);
+    let object: Value = serde_json::from_str(&ran.stdout).unwrap();
+    assert_eq!(
+        (&object["diverged_at"], &object["cut_off"]),
+        (&Value::Null, &Value::Null)
+    );
+    assert_eq!(object["console"]["verified_ticks"], object["ticks"]);
+    assert_eq!(object["console"]["hash"], object["hash"]);
+    assert_eq!(object["host"]["identical"], true);
+    assert_eq!(object["host"]["largest_difference"], 0.0);
+    assert_eq!(object["host"]["steps"], object["host"]["verified_steps"]);
+    let ran = sutura(&["replay", file]);
+    assert!(
+        ran.code == 0 && ran.stdout.contains("to the bit"),
+        "{}",
+        ran.stdout
+    );
+    let ran = sutura(&[
+        "run",
+        "--lockstep",
+        "--seconds",
+        "0.5",
+        "--record",
+        "/nowhere/a.mcap",
+    ]);
+    assert_eq!(ran.code, 1, "{}", ran.stderr);
+    assert!(ran.stderr.contains("/nowhere/a.mcap"), "{}", ran.stderr);
+}
+
+/// The console goes away in the middle of a session: the last seconds are there to be looked at, and say that they are
+/// not more.
+#[test]
+fn the_last_seconds_are_saved_when_the_console_is_lost() {
+    let folder = TempDir::new().unwrap();
+    let (link, last) = (
+        folder.path().join("console"),
+        folder.path().join("last.mcap"),
+    );
+    let mut console = Command::new(env!("CARGO_BIN_EXE_sutura"))
+        .args(["console", "--link", link.to_str().unwrap()])
+        .stdout(Stdio::null())
+        .spawn()
+        .unwrap();
+    let began = Instant::now();
+    while !link.exists() {
+        assert!(
+            began.elapsed() < Duration::from_secs(60),
+            "the console does not start"
+        );
+        std::thread::sleep(Duration::from_millis(20));
+    }
+    let host = Command::new(env!("CARGO_BIN_EXE_sutura"))
+        .args([
+            "run",
+            "--seconds",
+            "60",
+            "--console",
+            link.to_str().unwrap(),
+        ])
+        .args(["--stream", "--save-last", last.to_str().unwrap()])
+        .current_dir(root())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::null())
+        .spawn()
+        .unwrap();
+    // The first line says that the session is under way.
+    let mut host = host;
+    let mut line = String::new();
+    let mut said = std::io::BufReader::new(host.stdout.take().unwrap());
+    std::io::BufRead::read_line(&mut said, &mut line).unwrap();
+    std::thread::sleep(Duration::from_millis(300));
+    console.kill().unwrap();
+    console.wait().unwrap();
+    std::io::copy(&mut said, &mut std::io::sink()).unwrap();
+    assert_eq!(host.wait().unwrap().code(), Some(3));
+    let recording = Recording::read(&last).unwrap();
+    assert_eq!(
+        (recording.about.begins, &recording.end),
+        (Begins::Later, &End::Whole)
+    );
+    let up = recording
+        .frames
+        .iter()
+        .filter(|frame| frame.direction == Direction::Up);
+    assert!(up.count() > 100);
+    let ran = sutura(&["replay", last.to_str().unwrap(), "--verify"]);
+    assert_eq!(ran.code, 1, "{}", ran.stderr);
+    assert!(ran.stderr.contains("last seconds"), "{}", ran.stderr);
+}

@@ -1,0 +1,196 @@
+//! Another simulator's session from Rust: no solver, a sphere by its tangent, and what goes wrong.
+#![cfg(unix)]
+#![allow(clippy::unwrap_used, reason = "tests")]
+
+use std::time::{Duration, Instant};
+use sutura_client::message::{Fixture, HandScript, Mode, Simulate, WAY_POINTS, WayPoint};
+use sutura_client::{Console, Contact, Error, Options, Pose};
+use sutura_hil::VirtualConsole;
+
+#[path = "support/session.rs"]
+mod session;
+
+/// Longer than any machine needs.
+const LONG: Duration = Duration::from_secs(60);
+const STIFFNESS: f32 = 400.0;
+/// Of the sphere, whose top is the origin \[m\].
+const RADIUS: f32 = 0.05;
+
+fn length(v: [f32; 3]) -> f32 {
+    v.iter().map(|x| x * x).sum::<f32>().sqrt()
+}
+
+/// Force of the sphere on a grip there \[N\], and its normal.
+fn law([x, y, z]: [f32; 3]) -> ([f32; 3], [f32; 3], f32) {
+    let away = [x, y, z + RADIUS];
+    let distance = length(away);
+    let normal = away.map(|x| x / distance);
+    let push = STIFFNESS * (RADIUS - distance).max(0.0);
+    (normal.map(|n| push * n), normal, distance)
+}
+
+fn sphere(pose: &Pose) -> Contact {
+    let (force, normal, distance) = law(pose.position_m);
+    let stiffness = std::array::from_fn(|i| {
+        std::array::from_fn(|j| {
+            let along = normal[i] * normal[j];
+            let across = if i == j { 1.0 - along } else { -along };
+            length(force) / distance * across - STIFFNESS * along
+        })
+    });
+    let contact = if distance > RADIUS {
+        Contact::apart(distance - RADIUS, normal)
+    } else {
+        Contact::touching(force, normal)
+    };
+    contact.with_stiffness(stiffness)
+}
+
+/// From 10 mm above the sphere to 10 mm below its top and 6 mm aside.
+fn hand() -> Simulate {
+    let mut way_points = [WayPoint::default(); WAY_POINTS];
+    way_points[0].position_m = [0.0, 0.0, 0.01];
+    way_points[1] = WayPoint {
+        time_s: 0.4,
+        position_m: [0.006, 0.0, -0.01],
+    };
+    Simulate::Hand(HandScript {
+        stiffness_n_per_m: 1000.0,
+        damping_n_s_per_m: 10.0,
+        start_joint: [0.0, 0.0, 0.01],
+        count: 2,
+        way_points,
+    })
+}
+
+fn open(console: &mut VirtualConsole, options: Options) -> Console {
+    Console::open(console.path().unwrap(), options).unwrap()
+}
+
+/// Reads poses and answers them, every `period`, until one satisfies `enough`.
+fn render(
+    console: &Console,
+    period: Duration,
+    answer: impl Fn(&Console, &Pose),
+    enough: impl Fn(&Pose) -> bool,
+) -> Pose {
+    let deadline = Instant::now() + LONG;
+    loop {
+        let pose = console.pose(LONG).unwrap().expect("in time");
+        if enough(&pose) {
+            return pose;
+        }
+        assert!(Instant::now() < deadline, "never: {pose:?}");
+        answer(console, &pose);
+        std::thread::sleep(period);
+    }
+}
+
+/// At 30 contacts a second the console's own 1 kHz makes the sphere: at rest its force is the sphere's law to three steps
+/// of the encoders, 15 mN.
+#[test]
+fn a_slow_simulator_renders_its_sphere() {
+    let mut bench = VirtualConsole::start(&session::device()).unwrap();
+    let options = Options {
+        horizon: Duration::from_millis(150),
+        ..Options::default()
+    };
+    let console = open(&mut bench, options);
+    assert!(console.info().simulated);
+    console.simulate(&hand()).unwrap();
+    console.arm().unwrap();
+    let answer = |console: &Console, pose: &Pose| {
+        console.send_contact(pose, &sphere(pose)).unwrap();
+    };
+    let rest = render(&console, Duration::from_millis(33), answer, |pose| {
+        let (force, ..) = law(pose.position_m);
+        let off = [0, 1, 2].map(|i| pose.force_n[i] - force[i]);
+        let still = pose.velocity_m_per_s == [0.0; 3];
+        pose.mode == Mode::Armed && length(force) > 2.0 && still && length(off) < 0.015
+    });
+    println!("{rest:?}");
+    assert!(rest.is_armed() && rest.fault_names().next().is_none());
+    assert!(
+        rest.force_n[0] > 0.1,
+        "the normal of a sphere turns: {rest:?}"
+    );
+    let counters = console.close();
+    assert!(counters.contacts_sent > 5 && counters.frames.frames_rejected == 0);
+}
+
+#[test]
+fn a_plain_force_is_felt_and_fades_when_nobody_renews_it() {
+    let mut bench = VirtualConsole::start(&session::device()).unwrap();
+    let console = open(&mut bench, Options::default());
+    console.simulate(&hand()).unwrap();
+    console.arm().unwrap();
+    let push = |console: &Console, pose: &Pose| {
+        console.send_force(pose, [0.0, 0.0, 1.0]).unwrap();
+    };
+    let held = render(&console, Duration::ZERO, push, |pose| {
+        // What the hand has not put in is not given.
+        pose.force_n[2] > 0.9
+    });
+    assert!(held.force_n[2] < 1.01, "{held:?}");
+    // A simulator that hangs.
+    let nothing = |_: &Console, _: &Pose| {};
+    let faded = render(&console, Duration::ZERO, nothing, |pose| {
+        pose.force_n == [0.0; 3] && pose.mode == Mode::Decaying
+    });
+    assert!(faded.contact_age_us > 60_000, "{faded:?}");
+}
+
+#[test]
+fn what_a_console_would_refuse_is_not_sent() {
+    let mut bench = VirtualConsole::start(&session::device()).unwrap();
+    let console = open(&mut bench, Options::default());
+    let pose = console.pose(LONG).unwrap().unwrap();
+    let slanted = Contact::touching([0.0, 0.0, 1.0], [0.0, 1.0, 1.0]);
+    let strong = Contact::force([0.0, 0.0, f32::MAX]);
+    let empty = Contact::force([f32::NAN, 0.0, 0.0]);
+    for contact in [slanted, strong, empty] {
+        let refused = console.send_contact(&pose, &contact);
+        assert!(
+            matches!(&refused, Err(Error::Unsendable { .. })),
+            "{refused:?}"
+        );
+        assert!(!refused.unwrap_err().help().is_empty());
+    }
+    let wall = Fixture::Wall {
+        point_m: [0.0; 3],
+        normal: [0.0; 3],
+        stiffness_n_per_m: 100.0,
+        damping_n_s_per_m: 0.0,
+    };
+    assert!(matches!(
+        console.fixture(&wall),
+        Err(Error::Unsendable { .. })
+    ));
+    console.send_contact(&pose, &sphere(&pose)).unwrap();
+    let counters = console.close();
+    assert_eq!(
+        (counters.frames.frames_rejected, counters.frames.frames_lost),
+        (0, 0)
+    );
+}
+
+#[test]
+fn a_dropped_console_is_disarmed() {
+    let mut bench = VirtualConsole::start(&session::device()).unwrap();
+    {
+        let console = open(&mut bench, Options::default());
+        console.simulate(&hand()).unwrap();
+        console.arm().unwrap();
+        let answer = |console: &Console, pose: &Pose| {
+            console.send_contact(pose, &sphere(pose)).unwrap();
+        };
+        render(&console, Duration::ZERO, answer, |pose| {
+            pose.mode == Mode::Armed
+        });
+    }
+    let console = open(&mut bench, Options::default());
+    let nothing = |_: &Console, _: &Pose| {};
+    render(&console, Duration::ZERO, nothing, |pose| {
+        pose.mode == Mode::Idle
+    });
+}
