@@ -14,7 +14,7 @@ pub mod explain;
 pub mod fem;
 pub mod fidelity;
 mod hash;
-pub mod mesh;
+
 pub mod model;
 pub mod needle;
 pub mod output;
@@ -33,3 +33,7 @@ pub mod wound;
 /// The host's end of the link, which other simulators have too.
 pub use sutura_client::link;
 use sutura_client::times;
+/// Tetrahedral meshes.
+pub use sutura_mesh as mesh;
+/// Tissue models that need no contact solver, and their laws.
+pub use sutura_models as models;

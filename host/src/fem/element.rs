@@ -3,11 +3,11 @@
 //! Entry point: [`Element::of_mesh`]. Any text on linear finite elements, e.g. Zienkiewicz & Taylor,
 //! ch. 6.
 
-use super::material::Materials;
 use super::numbering::Numbering;
 use super::pattern::ascending;
 use crate::mesh::TetMesh;
 use nalgebra::{Matrix3, Vector3};
+use sutura_models::Materials;
 
 /// One cell's constant data.
 #[derive(Clone, Debug)]

@@ -3,7 +3,7 @@
 //! Entry point: [`TissueError`].
 
 use super::corotational::Policy;
-use super::material::MaterialError;
+use sutura_models::MaterialError;
 use thiserror::Error;
 
 /// Why tissue cannot be built or loaded.

@@ -12,7 +12,6 @@ mod error;
 mod factor;
 mod handles;
 mod loads;
-mod material;
 mod numbering;
 mod pattern;
 mod principal;
@@ -28,8 +27,8 @@ pub use error::TissueError;
 pub use factor::SolveScratch;
 pub use handles::{Anchor, Handle};
 pub use loads::{Equilibrium, Loads, NodeLoad};
-pub use material::{Material, MaterialError, Materials};
 pub use principal::{principal_stress_pa, von_mises_pa};
+pub use sutura_models::{Material, MaterialError, Materials};
 pub use tissue::LinearTissue;
 
 pub(crate) use corotational::Balance;

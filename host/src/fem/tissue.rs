@@ -8,10 +8,10 @@ use super::error::TissueError;
 use super::factor::{Factor, SolveScratch};
 use super::handles::{Factored, HeldPoints};
 use super::loads::{Equilibrium, Loads};
-use super::material::Materials;
 use super::numbering::Numbering;
 use crate::mesh::TetMesh;
 use nalgebra::Vector3;
+use sutura_models::Materials;
 
 /// Linear-elastic tissue with some nodes fixed.
 pub struct LinearTissue {

@@ -21,10 +21,10 @@ use super::element::Element;
 use super::error::TissueError;
 use super::factor::{Factor, SolveScratch};
 use super::handles::Factored;
-use super::material::Materials;
 use super::numbering::Numbering;
 use super::pattern::Pattern;
 use crate::mesh::TetMesh;
+use sutura_models::Materials;
 
 /// How much work goes into following the tangent: speed against accuracy of one step.
 #[derive(Clone, Copy, Debug, PartialEq)]

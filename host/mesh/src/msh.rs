@@ -24,9 +24,9 @@ const VOLUME: u64 = 3;
 /// let text = "$MeshFormat\n2.2 0 8\n$EndMeshFormat\n\
 ///     $Nodes\n4\n1 0 0 0\n2 10 0 0\n3 0 10 0\n4 0 0 10\n$EndNodes\n\
 ///     $Elements\n1\n1 4 2 0 1 1 2 3 4\n$EndElements\n";
-/// let mesh = sutura_host::mesh::read_msh(text, 1e-3)?;
+/// let mesh = sutura_mesh::read_msh(text, 1e-3)?;
 /// assert_eq!(mesh.points_m()[1], [0.01, 0.0, 0.0]);
-/// # Ok::<(), sutura_host::mesh::MeshError>(())
+/// # Ok::<(), sutura_mesh::MeshError>(())
 /// ```
 pub fn read_msh(text: &str, scale_to_m: f64) -> Result<TetMesh, MeshError> {
     read_msh_raw(text)?.scaled(scale_to_m)?.check()

@@ -155,7 +155,7 @@ pub(super) fn check_used(nodes: usize, cells: &[[u32; 4]], tags: &Tags) -> Resul
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::mesh::TetMesh;
+    use crate::TetMesh;
 
     const UNIT: [[f64; 3]; 5] = [
         [0.0, 0.0, 0.0],

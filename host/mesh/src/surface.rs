@@ -73,7 +73,7 @@ impl Surface {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::mesh::slab;
+    use crate::slab;
 
     #[test]
     fn the_boundary_is_closed_and_points_outwards() {

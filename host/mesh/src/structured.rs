@@ -26,9 +26,9 @@ const MOST_CUBES: usize = 10_000_000;
 /// [`MeshError::Slab`] for sizes or divisions that make no cells.
 ///
 /// ```
-/// let mesh = sutura_host::mesh::slab([0.08, 0.08, 0.03], [4, 4, 2])?;
+/// let mesh = sutura_mesh::slab([0.08, 0.08, 0.03], [4, 4, 2])?;
 /// assert_eq!((mesh.points_m().len(), mesh.cells().len()), (75, 192));
-/// # Ok::<(), sutura_host::mesh::MeshError>(())
+/// # Ok::<(), sutura_mesh::MeshError>(())
 /// ```
 pub fn slab(size_m: [f64; 3], divisions: [usize; 3]) -> Result<TetMesh, MeshError> {
     let cubes = divisions
@@ -152,7 +152,7 @@ pub fn tube(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::mesh::signed_volume;
+    use crate::signed_volume;
     use std::collections::HashSet;
 
     #[test]

@@ -111,13 +111,13 @@ impl HalfFaces {
     /// [`MeshError::SameSide`], [`MeshError::SplitEdge`], [`MeshError::PinchedNode`].
     ///
     /// ```
-    /// use sutura_host::mesh::HalfFaces;
+    /// use sutura_mesh::HalfFaces;
     /// let mesh = HalfFaces::new(5, vec![[0, 1, 2, 3], [1, 2, 3, 4]])?;
     /// let shared = mesh.half_face(0, 0).expect("cell 0 is there");
     /// assert_eq!(mesh.vertices(shared), [1, 2, 3]);
     /// let beyond = mesh.opposite(shared).expect("cell 1 is behind it");
     /// assert_eq!((beyond.cell(), mesh.apex(beyond)), (1, 4));
-    /// # Ok::<(), sutura_host::mesh::MeshError>(())
+    /// # Ok::<(), sutura_mesh::MeshError>(())
     /// ```
     pub fn new(nodes: usize, cells: Vec<[u32; 4]>) -> Result<Self, MeshError> {
         let tags = Tags::default();

@@ -72,7 +72,7 @@ impl Material {
 /// What each cell of a mesh is made of.
 ///
 /// ```
-/// use sutura_host::fem::{Material, Materials};
+/// use sutura_models::{Material, Materials};
 /// let fat = Material { youngs_modulus_pa: 3e3, poisson_ratio: 0.45 };
 /// let skin = Material { youngs_modulus_pa: 60e3, poisson_ratio: 0.45 };
 /// let everywhere = Materials::from(fat);
@@ -134,7 +134,7 @@ impl Materials {
     }
 
     /// Material of one cell, after [`Self::check`].
-    pub(super) fn of(&self, cell: usize) -> Material {
+    pub fn of(&self, cell: usize) -> Material {
         let index = self.of_cell.as_ref().map_or(0, |of_cell| of_cell[cell]);
         self.list[index as usize]
     }

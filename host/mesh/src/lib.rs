@@ -179,13 +179,13 @@ impl TetMesh {
     }
 
     /// Corners of one cell \[m\].
-    pub(crate) fn corners(&self, cell: [u32; 4]) -> [Vector3<f64>; 4] {
+    pub fn corners(&self, cell: [u32; 4]) -> [Vector3<f64>; 4] {
         cell.map(|node| Vector3::from(self.points_m[node as usize]))
     }
 }
 
 /// Signed volume of a tetrahedron \[m^3\].
-pub(crate) fn signed_volume(corners: &[Vector3<f64>; 4]) -> f64 {
+pub fn signed_volume(corners: &[Vector3<f64>; 4]) -> f64 {
     let [p0, p1, p2, p3] = corners;
     (p1 - p0).cross(&(p2 - p0)).dot(&(p3 - p0)) / 6.0
 }

@@ -196,7 +196,7 @@ fn size(points: &[[f64; 3]]) -> [f64; 3] {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::mesh::slab;
+    use crate::slab;
 
     #[test]
     fn the_mean_ratio_is_that_of_its_definition() {

@@ -1,0 +1,11 @@
+//! Soft-tissue models behind one interface, from the reference to the fastest approximation.
+//!
+//! Entry points: [`Tissue`], which every model implements, and the models' own modules. A model moves nodes
+//! that are held to where a [`Drive`] wants them, lets the others follow, and says what that took.
+
+pub mod law;
+mod material;
+mod tissue;
+
+pub use material::{Material, MaterialError, Materials};
+pub use tissue::{Diagnostics, Drive, Outcome, Tangent, Tissue};
