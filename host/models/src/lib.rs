@@ -3,9 +3,11 @@
 //! Entry points: [`Tissue`], which every model implements, and the models' own modules. A model moves nodes
 //! that are held to where a [`Drive`] wants them, lets the others follow, and says what that took.
 
+mod error;
 pub mod law;
 mod material;
 mod tissue;
 
+pub use error::BuildError;
 pub use material::{Material, MaterialError, Materials};
 pub use tissue::{Diagnostics, Drive, Outcome, Tangent, Tissue};
