@@ -1,0 +1,180 @@
+#!/usr/bin/env python3
+"""Writes the figures of a report into the tables of `docs/src/fidelity.md`.
+
+    sutura fidelity --full --plot out && docs/tables/fidelity.py out/fidelity.json
+
+Tables keep their place, heading and first column; what is in their other cells comes from the report.
+"""
+
+import json
+import pathlib
+import re
+import sys
+
+PAGE = pathlib.Path(__file__).parent.parent / "src" / "fidelity.md"
+
+
+def pick(cases, **wanted):
+    """The one case with these values; None if there is none."""
+    plain = {"tangent_scale": 1.0, "loss": 0.0, "burst_ms": 0.0, "reordered": 0.0, "guards_off": []}
+    if wanted.get("rendering") == "rows":
+        plain["most_rows"] = 24
+    wanted = plain | wanted
+    found = [case for case in cases if all(case[key] == value for key, value in wanted.items())]
+    # A budget of all rows changes nothing.
+    found = [case for case in found if not case["case"].endswith("24-rows")] or found
+    if len(found) > 1:
+        raise SystemExit(f"{len(found)} cases with {wanted}: {[case['case'] for case in found]}")
+    return found[0] if found else None
+
+
+def three(case):
+    return f"{case['rms_pct']:.2f} / {case['peak_pct']:.2f} / {case['step_pct']:.2f}" if case else ""
+
+
+def two(case):
+    return f"{case['rms_pct']:.2f} / {case['peak_pct']:.2f}" if case else ""
+
+
+class Page:
+    def __init__(self, report):
+        self.cases = report["cases"]
+        self.errors = [case for case in self.cases if case["question"] == "errors"]
+        self.report = report
+        self.lines = PAGE.read_text().splitlines()
+
+    def table(self, heading):
+        """Where the first table after the line that contains `heading` has its body; its columns' names."""
+        at = next(i for i, line in enumerate(self.lines) if heading in line)
+        head = next(i for i in range(at + 1, len(self.lines)) if self.lines[i].startswith("|"))
+        end = head
+        while end < len(self.lines) and self.lines[end].startswith("|"):
+            end += 1
+        names = [cell.strip() for cell in self.lines[head].strip("|").split("|")]
+        return head + 2, end, names
+
+    def fill(self, heading, row_of):
+        """Replaces each row by what `row_of(cells, names)` makes of it."""
+        first, end, names = self.table(heading)
+        for i in range(first, end):
+            cells = [cell.strip() for cell in self.lines[i].strip("|").split("|")]
+            self.lines[i] = "| " + " | ".join(row_of(cells, names)) + " |"
+
+    def replace(self, heading, rows):
+        first, end, _ = self.table(heading)
+        self.lines[first:end] = ["| " + " | ".join(row) + " |" for row in rows]
+
+    def error_tables(self):
+        for i, line in enumerate(self.lines):
+            found = re.match(r"\*\*(\w+), (\w+)\*\*", line)
+            if not found:
+                continue
+            scene, hand = found.groups()
+            cell = lambda rendering, hz: pick(
+                self.errors, scene=scene, hand=hand, grasp="rigid", rendering=rendering, host_hz=hz
+            )
+            largest = cell("rows", 30.0)["force_max_n"]
+            full = cell("full", 1000.0)
+            self.lines[i] = f"**{scene}, {hand}**, largest force {largest:.2f} N" + (
+                f"; `full` {two(full)}" if full else ""
+            )
+            self.fill(self.lines[i], lambda cells, names: [cells[0]] + [
+                three(cell(cells[0], float(name.split()[0]))) for name in names[1:]
+            ])
+
+    def punctures(self):
+        def row(cells, _):
+            case = pick(
+                self.errors, scene="needle", hand=cells[0], grasp="rigid", rendering="rows", host_hz=float(cells[1].split()[0])
+            )
+            return cells[:2] + [
+                str(case["punctures"]), f"{case['puncture_p95_ms']:.0f} ms", f"{case['puncture_max_ms']:.0f} ms"
+            ]
+        self.fill("When punctures are felt", row)
+
+    def wrong_tangents(self):
+        self.fill("### A wrong tangent", lambda cells, names: cells[:2] + [
+            two(pick(self.errors, scene="point", hand=cells[0], grasp="rigid", rendering="tangent",
+                     host_hz=float(cells[1].split()[0]), tangent_scale=float(name[1:])))
+            for name in names[2:]
+        ])
+        self.fill("### Fewer rows", lambda cells, names: cells[:2] + [
+            two(pick(self.errors, scene="palpation", hand=cells[0], grasp="rigid", rendering="rows",
+                     host_hz=float(cells[1].split()[0]), most_rows=int(name)))
+            for name in names[2:]
+        ])
+
+    def stiffness(self):
+        found = [case for case in self.cases if case["question"] == "stability" and not case["guards_off"]]
+        own = [case for case in found if case["device_damping_n_s_per_m"] == 0.5]
+
+        def cell(case):
+            return f"{case['k_max_n_per_m']:.0f} ({case['k_ratio']:.2f}), {case['force_ratio']:.2f}" if case else ""
+        self.fill("`sutura fidelity --full --only stability`", lambda cells, names: cells[:2] + [
+            cell(pick(own, rendering=cells[0], tangent_scale=float(cells[1][1:]), host_hz=float(name.split()[0])))
+            for name in names[2:]
+        ])
+        self.fill("Over the damping of the console", lambda cells, names: cells[:1] + [
+            f"{case['k_max_n_per_m']:.0f}" if case else ""
+            for case in (
+                pick(found, rendering=cells[0], host_hz=1000.0 if cells[0] == "full" else 30.0,
+                     device_damping_n_s_per_m=float(name))
+                for name in names[1:]
+            )
+        ])
+
+    def bad_links(self):
+        kinds = [{"loss": 0.2}, {"burst_ms": 50.0}, {"reordered": 0.2}]
+
+        def row(cells, _):
+            values = []
+            for kind in kinds:
+                case = pick(
+                    self.errors, scene=cells[0], hand=cells[1], grasp=cells[2], rendering="rows", host_hz=60.0, **kind
+                )
+                values.append(f"{1e3 * case['energy_min_j']:.2f}, {case['rms_pct']:.2f}".replace("-0.00,", "0.00,"))
+            return cells[:3] + values
+        self.fill("## Bad links", row)
+
+    def bars(self):
+        bars = self.report["bars"]
+        at = next(i for i, line in enumerate(self.lines) if re.match(r"`sutura fidelity --full`: \d+ of", line))
+        self.lines[at] = f"`sutura fidelity --full`: {sum(bar['ok'] for bar in bars)} of {len(bars)} met."
+        self.replace("## Bars", [
+            [bar["name"], f"{bar['value']:.3g}", f"{bar['must_be']} {bar['bar']:g}", bar["worst"],
+             "met" if bar["ok"] else "**missed**"]
+            for bar in bars
+        ])
+
+    def guards(self):
+        with_all = {bar["name"]: bar["value"] for bar in self.report["bars"]}
+        fails = {mutant["guard"]: mutant["fails"] for mutant in self.report["guards"]}
+
+        def beyond(bar):
+            if bar["bar"] == 0.0:
+                return float("inf")
+            ratio = abs(bar["value"] / bar["bar"])
+            return ratio if bar["must_be"] == "<=" else 1.0 / max(ratio, 1e-9)
+
+        first, end, _ = self.table("## What each guard is for")
+        rows = []
+        for line in self.lines[first:end]:
+            guard, bounds, told = [cell.strip() for cell in line.strip("|").split("|")][:3]
+            # The bar that the page names, as long as it fails; else the worst.
+            bar = next((bar for bar in fails[guard] if bar["name"] == told), None) or max(fails[guard], key=beyond)
+            rows.append([
+                guard, bounds, bar["name"], f"{bar['must_be']} {bar['bar']:g}",
+                f"{with_all[bar['name']]:.3g}" if bar["name"] in with_all else "", f"{bar['value']:.3g}",
+            ])
+        self.replace("## What each guard is for", rows)
+
+
+def main():
+    page = Page(json.loads(pathlib.Path(sys.argv[1]).read_text()))
+    for part in (page.error_tables, page.punctures, page.wrong_tangents, page.stiffness, page.bad_links, page.bars, page.guards):
+        part()
+    PAGE.write_text("\n".join(page.lines) + "\n")
+
+
+if __name__ == "__main__":
+    main()
