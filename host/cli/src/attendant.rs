@@ -46,7 +46,7 @@ impl Operator {
 
 impl Attendant for Operator {
     fn lost(&mut self, why: &LinkError) {
-        eprintln!("{why}; its force goes to zero by itself, and it is looked for");
+        note!("{why}; its force goes to zero by itself, and it is looked for");
     }
 
     fn back(&mut self) {
@@ -59,7 +59,7 @@ impl Attendant for Operator {
             }
             None => "it stays at rest; with --rearm it is armed by itself",
         };
-        eprintln!("the console is back, at rest: {next}");
+        note!("the console is back, at rest: {next}");
     }
 
     fn arms(&mut self) -> bool {

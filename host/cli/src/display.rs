@@ -9,11 +9,16 @@ use std::fmt::{Arguments, Write as _};
 use std::io::{self, IsTerminal, Write as _};
 use sutura_host::session::{Progress, Summary, mode_word};
 
+/// A line on stderr, if anybody reads it.
+pub fn note(text: Arguments<'_>) {
+    let _ = writeln!(io::stderr(), "{text}");
+}
+
 /// A line on stdout. That nobody reads it is not a failure; a full disk ends the command with code 1.
 pub fn say(text: Arguments<'_>) {
     match writeln!(io::stdout(), "{text}") {
         Err(error) if error.kind() != io::ErrorKind::BrokenPipe => {
-            eprintln!("the result cannot be written: {error}");
+            note!("the result cannot be written: {error}");
             std::process::exit(i32::from(Cause::Failed.code()));
         }
         _ => {}

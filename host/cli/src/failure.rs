@@ -99,7 +99,8 @@ pub fn render(report: &Report) {
     if handler.render_report(&mut text, report.as_ref()).is_err() {
         text = format!("{report:?}\n");
     }
-    eprint!("{text}");
+    // Whoever reads may have closed the pipe.
+    let _ = std::io::Write::write_all(&mut std::io::stderr(), text.as_bytes());
 }
 
 /// A failure that has no type of its own.

@@ -9,6 +9,13 @@ macro_rules! say {
     };
 }
 
+/// A line on stderr, as `eprintln!` but without its panic.
+macro_rules! note {
+    ($($text:tt)*) => {
+        $crate::display::note(format_args!($($text)*))
+    };
+}
+
 mod attendant;
 mod bench;
 mod console;

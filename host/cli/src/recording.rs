@@ -69,12 +69,12 @@ impl Recording {
 
     fn save(&self, path: &Path) {
         match self.recorder.save_last(path) {
-            Ok(bytes) => eprintln!(
+            Ok(bytes) => note!(
                 "the last seconds are in {} ({:.1} MB)",
                 path.display(),
                 1e-6 * bytes as f64
             ),
-            Err(error) => eprintln!("{error}"),
+            Err(error) => note!("{error}"),
         }
     }
 
@@ -94,7 +94,7 @@ impl Recording {
         let summary = session?;
         let recorded = recorded.map_err(failure)?;
         if let Some(file) = &self.file {
-            eprintln!(
+            note!(
                 "recorded {} frames and {} solves in {} ({:.1} MB)",
                 recorded.frames,
                 recorded.solves,
@@ -104,9 +104,11 @@ impl Recording {
         }
         let lost = recorded.lost;
         if self.file.is_some() && lost != Default::default() {
-            eprintln!(
+            note!(
                 "the disk was too slow: {} pieces down, {} up and {} solves are missing, and cannot be replayed",
-                lost.down, lost.up, lost.solves
+                lost.down,
+                lost.up,
+                lost.solves
             );
         }
         Ok(summary)

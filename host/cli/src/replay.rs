@@ -243,6 +243,6 @@ fn verdict(
         let help = "record whole sessions, on a disk that keeps up";
         return Err(Failure::say(Cause::Failed, message, help).after_summary());
     }
-    eprintln!("{message}");
+    note!("{message}");
     Ok(())
 }

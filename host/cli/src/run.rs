@@ -184,7 +184,7 @@ pub fn run(args: &RunArgs, global: &Global) -> Result<(), Failure> {
         plan.host_hz = plan.host_hz.min(UART_HZ);
         plan.state_every = UART_STATE_EVERY;
         plan.line_bytes_per_s = UART_BYTES_PER_S;
-        eprintln!(
+        note!(
             "the emulated UART takes 8 to 12 kB/s: at most {UART_HZ} frames a second of at most 220 bytes"
         );
     }
