@@ -12,6 +12,8 @@ mod motion;
 mod newton;
 mod pattern;
 mod settings;
+#[cfg(test)]
+mod tests;
 mod tissue;
 
 pub use motion::{Motion, Scheme};
