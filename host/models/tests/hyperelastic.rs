@@ -327,7 +327,6 @@ fn drives_beyond_reason_fail_honestly() {
             let mut tissue = tissue(law, settings);
             let before = tissue.positions_m().to_vec();
             let done = step(&mut tissue, &bottom_held_top_moved(by));
-            println!("{cells:?} {by:?} {law:?}: {done:?}");
             let finite = tissue.positions_m().iter().flatten().all(|x| x.is_finite());
             assert!(finite && done.energy_j.is_finite(), "{cells:?} {by:?}");
             let neo = !matches!(law, Law::StVenantKirchhoff { .. });

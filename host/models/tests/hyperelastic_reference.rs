@@ -2,7 +2,7 @@
 
 use serde_json::Value;
 use sutura_mesh::{TetMesh, read_msh};
-use sutura_models::hyperelastic::{Hyperelastic, Settings};
+use sutura_models::hyperelastic::{Cells, Hyperelastic, Settings};
 use sutura_models::law::Law;
 use sutura_models::{Drive, Material, Outcome, Tissue};
 
@@ -135,4 +135,64 @@ fn a_compressed_cylinder() {
 #[test]
 fn a_sheared_cube() {
     agrees("neo-cube-sheared.json");
+}
+
+/// zhang-2017's beam on `beam_1000.msh`, nu = 0.49: mean displacement \[m\] of the right face along an axis under
+/// a force along it \[N\].
+fn tip(cells: Cells, axis: usize, force: f64) -> f64 {
+    let Case {
+        mesh, law, held, ..
+    } = case("neo-beam-axial.json");
+    let settings = Settings {
+        cells,
+        ..Settings::default()
+    };
+    let far = |node: &u32| mesh.points_m()[*node as usize][0];
+    let end = (0..mesh.points_m().len() as u32)
+        .map(|node| far(&node))
+        .fold(f64::MIN, f64::max);
+    let mut face = mesh.surface().triangles;
+    face.retain(|triangle| triangle.iter().all(|node| far(node) > end - 1e-9));
+    let mut tissue = Hyperelastic::new(&mesh, &[law], settings).expect("tissue");
+    let mut force_n = [0.0; 3];
+    force_n[axis] = force;
+    tissue.add_traction(&face, force_n).expect("faces");
+    let drive = Drive {
+        held: &held,
+        force_n: &[],
+    };
+    let done = tissue.step(&drive, 0.0);
+    assert_eq!(done.outcome, Outcome::Converged, "{done:?}");
+    let tip = tissue.mean_displacement_m(&face)[axis];
+    println!("{cells:?} axis {axis}: {:.5} mm", 1e3 * tip);
+    tip
+}
+
+/// Origin: felupe 11.3.0 on the same mesh, linear and quadratic cells, to the digits that are known.
+#[test]
+fn a_stretched_beam_of_quadratic_cells() {
+    assert!((tip(Cells::Linear, 0, 0.8) - 13.004_78e-3).abs() < 0.6e-8);
+    assert!((tip(Cells::Quadratic, 0, 0.8) - 13.278e-3).abs() < 0.6e-6);
+}
+
+/// Linear cells lock, averaged ones much less. Origin: -175 mm of linear and -318.8 mm of quadratic cells in felupe
+/// on the same mesh.
+#[test]
+fn averaged_cells_bend_where_linear_ones_lock() {
+    let truth = 318.8e-3;
+    let linear = tip(Cells::Linear, 2, -0.05);
+    assert!((linear + 175e-3).abs() < 0.6e-3);
+    let averaged = tip(Cells::Averaged, 2, -0.05);
+    let missing = |tip: f64| 1.0 + tip / truth;
+    assert!(
+        missing(linear) > 0.44 && missing(averaged) < 0.16,
+        "{averaged}"
+    );
+}
+
+/// The same of quadratic cells: `cargo test --release -p sutura-models --test hyperelastic_reference -- --ignored`.
+#[test]
+#[ignore = "half a minute in the test profile"]
+fn a_bent_beam_of_quadratic_cells() {
+    assert!((tip(Cells::Quadratic, 2, -0.05) + 318.8e-3).abs() < 0.1e-3);
 }
