@@ -35,12 +35,11 @@ fn exact(p: [f64; 3]) -> Exact {
         df: [Matrix3::zeros(); 3],
     };
     let factors = [0, 1, 2].map(|axis| factor(axis, p[axis]));
-    for i in 0..3 {
+    for (i, size) in SIZE.into_iter().enumerate() {
         let derivative = |order: [usize; 3]| {
-            SIZE[i]
-                * (0..3)
-                    .map(|axis| factors[axis][order[axis]])
-                    .product::<f64>()
+            size * (0..3)
+                .map(|axis| factors[axis][order[axis]])
+                .product::<f64>()
         };
         exact.u[i] = derivative([0; 3]);
         for j in 0..3 {

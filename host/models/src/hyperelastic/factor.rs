@@ -73,10 +73,13 @@ impl Factor {
         }
         for column in 0..n {
             let column_held = held[column / 3];
-            for at in pattern.column_start[column]..pattern.column_start[column + 1] {
-                let row = pattern.row[at];
-                self.reduced[at] = match (column_held || held[row / 3], row == column) {
-                    (false, _) => values[at],
+            let range = pattern.column_start[column]..pattern.column_start[column + 1];
+            let entries = pattern.row[range.clone()]
+                .iter()
+                .zip(&values[range.clone()]);
+            for (reduced, (&row, &value)) in self.reduced[range].iter_mut().zip(entries) {
+                *reduced = match (column_held || held[row / 3], row == column) {
+                    (false, _) => value,
                     (true, true) => mean,
                     (true, false) => 0.0,
                 };

@@ -1,7 +1,7 @@
 //! The reference: hyperelastic finite elements in balance by Newton's method.
 //!
 //! Entry point: [`Hyperelastic`]. zhang-2017, chapter 5, without its shortcut: instead of a step towards equal
-//! work and energy, the potential itself is minimised (see [`newton`]).
+//! work and energy, the potential itself is minimised.
 
 mod averaged;
 mod discrete;
@@ -12,6 +12,7 @@ mod motion;
 mod newton;
 mod pattern;
 mod settings;
+mod settle;
 #[cfg(test)]
 mod tests;
 mod tissue;
