@@ -292,8 +292,13 @@ fn work_is_energy() {
             // Steps of the same parts, so that none is doubled.
             for part in 1..=load_steps {
                 let share = f64::from(part) / f64::from(load_steps);
-                let by = [0.01 * share, 0.0, -0.006 * share];
-                let settled = step(&mut tissue, &bottom_held_top_moved(by));
+                let by = [0.005 * share, 0.0, -0.003 * share];
+                let force_n = vec![[0.0, 0.06 * share, 0.0]; tissue.positions_m().len()];
+                let drive = Drive {
+                    held: &bottom_held_top_moved(by),
+                    force_n: &force_n,
+                };
+                let settled = tissue.step(&drive, 0.0);
                 assert_eq!(settled.outcome, Outcome::Converged);
                 last = settled.energy_difference;
             }
@@ -381,6 +386,18 @@ fn drives_that_are_none_change_nothing() {
             assert_eq!(reactions, tissue.reactions_n());
             assert_eq!(tangent, tissue.tangent(&drive, &[3, 20], 0.01));
         }
+        // As well when the drive can be taken, but leads nowhere, in a step of another length.
+        let flat = hold(|p| Some([0.0, 0.0, -p[2]]));
+        let failed = tissue.step(
+            &Drive {
+                held: &flat,
+                force_n: &[],
+            },
+            0.05,
+        );
+        assert!(matches!(failed.outcome, Outcome::Failed(_)), "{failed:?}");
+        assert_eq!(before, tissue.positions_m());
+        assert_eq!(tangent, tissue.tangent(&drive, &[3, 20], 0.01));
         assert!(tissue.tangent(&drive, &[held.len()], 0.01).is_none());
     }
     let mut tissue = tissue(
