@@ -240,7 +240,7 @@ impl Hyperelastic {
     }
 
     /// Mean displacement \[m\] of `faces` of the mesh, by area at rest: what a traction on them works on.
-    /// Faces that the mesh does not have are left out.
+    /// Not a number where a face is not the mesh's.
     pub fn mean_displacement_m(&self, faces: &[[u32; 3]]) -> [f64; 3] {
         let discrete = &self.balance.elastic.discrete;
         let (mut sum, mut weight) = (Vector3::zeros(), 0.0);
