@@ -5,6 +5,7 @@
 
 pub mod energy_balance;
 mod error;
+pub mod hyperelastic;
 pub mod law;
 mod material;
 mod tissue;
