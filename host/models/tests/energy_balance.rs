@@ -3,6 +3,7 @@
 use serde_json::Value;
 use sutura_mesh::{TetMesh, read_msh_raw, slab};
 use sutura_models::energy_balance::{EnergyBalance, Form, Lanes, Prony, Settings};
+use sutura_models::hyperelastic::{self, Hyperelastic};
 use sutura_models::law::Law;
 use sutura_models::{Drive, Material, Outcome, Tissue};
 
@@ -26,7 +27,9 @@ fn sheared_cube() -> (TetMesh, Held, Vec<[f64; 3]>, [f64; 3]) {
     let nodes = |key: &str| -> Vec<u32> { serde_json::from_value(json[key].clone()).expect(key) };
     let triple = |key: &str| -> [f64; 3] { serde_json::from_value(json[key].clone()).expect(key) };
     let by = triple("moved_by_m");
-    let fixed = nodes("fixed_nodes").into_iter().map(|node| (node, [0.0; 3]));
+    let fixed = nodes("fixed_nodes")
+        .into_iter()
+        .map(|node| (node, [0.0; 3]));
     let moved = nodes("moved_nodes").into_iter().map(|node| (node, by));
     let mut held: Held = fixed.chain(moved).collect();
     held.sort_by_key(|(node, _)| *node);
@@ -56,7 +59,10 @@ fn errors(settings: Settings) -> (f64, f64) {
     let mut off = 0.0f64;
     for c in 0..3 {
         let moved = model.reactions_n().iter().zip(&held);
-        let sum: f64 = moved.filter(|(_, (_, u))| u[2] != 0.0).map(|(r, _)| r[c]).sum();
+        let sum: f64 = moved
+            .filter(|(_, (_, u))| u[2] != 0.0)
+            .map(|(r, _)| r[c])
+            .sum();
         off = off.max((sum - reaction[c]).abs());
     }
     (worst, off / reaction[2].abs())
@@ -75,19 +81,63 @@ fn converged_it_is_the_newton_solution() {
 }
 
 #[test]
+fn converged_it_is_where_newton_ends_with_fibres_and_loads() {
+    let mesh = slab([0.06, 0.05, 0.04], [4, 4, 3]).expect("a slab");
+    let held: Held = (0..25).map(|node| (node, [0.0; 3])).collect();
+    let mut force_n = vec![[0.0; 3]; 100];
+    force_n[75..].fill([0.01, 0.004, -0.02]);
+    let drive = Drive {
+        held: &held,
+        force_n: &force_n,
+    };
+    let law = Law::fibred(BRAIN, 2_000.0, [0.0, 0.6, 0.8]);
+    let mut newton =
+        Hyperelastic::new(&mesh, &[law], hyperelastic::Settings::default()).expect("a model");
+    assert_eq!(newton.step(&drive, 0.0).outcome, Outcome::Converged);
+    for (form, iterations) in [(Form::Balanced, 500), (Form::Compliant, 20_000)] {
+        let settings = Settings {
+            form,
+            iterations,
+            lanes: Lanes::Scalar,
+            tolerance: 1e-9,
+            ..Settings::default()
+        };
+        let mut model = EnergyBalance::new(&mesh, &[law], settings).expect("a model");
+        let report = model.step(&drive, 0.0);
+        let ours = model.positions_m().as_flattened().iter();
+        let pairs = ours.zip(newton.positions_m().as_flattened());
+        let off = pairs.map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+        assert!(off < 1e-8, "{form:?}: {off:e} m, {}", report.residual);
+        assert!((report.energy_difference).abs() < 0.1, "{form:?}");
+    }
+}
+
+#[test]
 fn a_step_allocates_nothing_after_the_first() {
     let mesh = slab([0.06, 0.05, 0.04], [4, 4, 3]).expect("a slab");
     let held = |first: u32, by: f64| -> Held {
         let bottom = (first..first + 25).map(|node| (node, [0.0; 3]));
-        bottom.chain((75..100).map(|node| (node, [by, 0.0, 0.0]))).collect()
+        bottom
+            .chain((75..100).map(|node| (node, [by, 0.0, 0.0])))
+            .collect()
     };
-    let drives = [held(0, 0.0), held(0, 1e-3), held(3, 2e-3), held(0, f64::NAN)];
+    let drives = [
+        held(0, 0.0),
+        held(0, 1e-3),
+        held(3, 2e-3),
+        held(0, f64::NAN),
+    ];
     let force_n = vec![[0.0, 0.0, 1e-3]; 100];
     let material = Material {
         youngs_modulus_pa: 3_000.0,
         poisson_ratio: 0.45,
     };
-    for form in [Form::Printed, Form::Averaged, Form::Compliant, Form::Balanced] {
+    for form in [
+        Form::Printed,
+        Form::Averaged,
+        Form::Compliant,
+        Form::Balanced,
+    ] {
         for lanes in [Lanes::Scalar, Lanes::Wide] {
             let mut settings = Settings {
                 form,
@@ -101,8 +151,8 @@ fn a_step_allocates_nothing_after_the_first() {
                     time_s: 0.58,
                 });
             }
-            let mut model =
-                EnergyBalance::new(&mesh, &[Law::neo_hookean(material)], settings).expect("a model");
+            let mut model = EnergyBalance::new(&mesh, &[Law::neo_hookean(material)], settings)
+                .expect("a model");
             let mut failed = 0;
             let mut go = |held: &Held| {
                 let drive = Drive {

@@ -12,6 +12,8 @@ use pulp::Simd;
 /// Limits of a step as a share of the trial's.
 const LEAST: f64 = 0.1;
 const MOST: f64 = 5.0;
+/// Limits of a trial step.
+const TRIAL: (f64, f64) = (1e-3, 10.0);
 
 /// Visits all cells until the share of force out of balance is below the tolerance.
 #[inline(always)]
@@ -33,7 +35,11 @@ pub(super) fn run<S: Simd, T: Float, const L: usize>(simd: S, core: &mut Core<T,
         *d = z.map(|z| -z);
     }
     let mut visits = 1;
-    while visits < core.most_iterations && dot(&core.g, &core.g) > enough {
+    while visits < core.most_iterations {
+        let grain = grain(&core.u, &core.own);
+        if dot(&core.g, &core.g) <= enough.max(grain) {
+            break;
+        }
         visits += 1;
         let slope = dot(&core.d, &core.g);
         add(&mut core.u, core.stride, &core.d);
@@ -58,7 +64,7 @@ pub(super) fn run<S: Simd, T: Float, const L: usize>(simd: S, core: &mut Core<T,
         add(&mut core.u, best - core.stride, &core.d);
         let share = best / core.stride;
         add(&mut core.g, share, &core.trial);
-        core.stride = best.clamp(1e-3, 10.0);
+        core.stride = best.clamp(TRIAL.0, TRIAL.1);
         core.rough.apply(&core.free, &core.g, &mut core.z);
         let turn = (share * dot(&core.z, &core.trial) / rho).max(0.0);
         rho = dot(&core.g, &core.z);
@@ -78,7 +84,7 @@ pub(super) fn run<S: Simd, T: Float, const L: usize>(simd: S, core: &mut Core<T,
 }
 
 /// From the elastic gradient to what free nodes lack to balance; the square of the forces that act
-/// \[N^2\]: loads, and what holds the others.
+/// \[N^2\]: loads, inertia, and what holds the others.
 #[inline(always)]
 fn out_of_balance<T: Float>(
     u: &[[T; 4]],
@@ -94,9 +100,24 @@ fn out_of_balance<T: Float>(
         for c in 0..4 {
             let sum = inertia.fma(u[c] - ahead[c], g[c]);
             let held = (T::of(1.0) - *free) * sum;
-            acting[c] = held.fma(held, force[c].fma(force[c], acting[c]));
+            let slow = *free * *inertia * (u[c] - ahead[c]);
+            acting[c] = slow.fma(slow, held.fma(held, force[c].fma(force[c], acting[c])));
             g[c] = *free * (sum - force[c]);
         }
     }
     acting.iter().map(|a| a.wide()).sum()
+}
+
+/// Square of the force that rounding displacements makes \[N^2\].
+#[inline(always)]
+fn grain<T: Float>(u: &[[T; 4]], own: &[T]) -> f64 {
+    let mut sums = [T::default(); 4];
+    for (u, own) in u.iter().zip(own) {
+        for c in 0..4 {
+            let force = u[c] * *own;
+            sums[c] = force.fma(force, sums[c]);
+        }
+    }
+    let sum: f64 = sums.iter().map(|sum| sum.wide()).sum();
+    sum * (0.5 * T::EPSILON) * (0.5 * T::EPSILON)
 }

@@ -84,7 +84,12 @@ pub(super) fn check(laws: &[Law], cells: usize) -> Result<(), BuildError> {
             Law::StVenantKirchhoff { lambda, mu } => {
                 setting("mu", mu, positive(mu), "finite and above zero")?;
                 let bulk = lambda + 2.0 / 3.0 * mu;
-                setting("bulk modulus", bulk, positive(bulk), "finite and above zero")?;
+                setting(
+                    "bulk modulus",
+                    bulk,
+                    positive(bulk),
+                    "finite and above zero",
+                )?;
             }
             Law::NeoHookean {
                 mu,
@@ -120,8 +125,11 @@ impl<T: Float, const L: usize> Cells<T, L> {
         let runs = [0, 1, 2].map(|run| {
             let begin = batches.len();
             let of_kind = |&cell: &usize| kind(law_of(laws, cell)) == run;
-            for group in disjoint::<L>(mesh, (0..mesh.cells().len()).filter(of_kind)) {
-                batches.push(Batch::new(mesh, laws, &group));
+            // In the same order whatever the precision.
+            for group in disjoint::<8>(mesh, (0..mesh.cells().len()).filter(of_kind)) {
+                for cells in group.chunks(L) {
+                    batches.push(Batch::new(mesh, laws, cells));
+                }
             }
             begin..batches.len()
         });
@@ -146,9 +154,7 @@ fn disjoint<const L: usize>(mesh: &TetMesh, cells: impl Iterator<Item = usize>) 
             group
         } else {
             groups.push(Vec::with_capacity(L));
-            if L > 1 {
-                open.push(groups.len() - 1);
-            }
+            open.push(groups.len() - 1);
             groups.len() - 1
         };
         groups[group].push(cell);

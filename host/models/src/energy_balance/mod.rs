@@ -28,7 +28,7 @@ use sutura_mesh::TetMesh;
 
 /// Tissue by energy balance; see [`Settings`] for its forms.
 ///
-/// In quasi-static motion `step_s` only matters to relaxation; velocities and momenta are zero. Held nodes
+/// In quasi-static motion `step_s` only matters to relaxation and may be zero; velocities and momenta are zero. Held nodes
 /// may change from step to step: [`Form::Balanced`] then inverts its lattice anew, which takes some
 /// milliseconds. In the printed forms loads act as in (5.13), by `step_s^2 / m`.
 pub struct EnergyBalance {
@@ -50,6 +50,8 @@ pub struct EnergyBalance {
     before: Before,
     /// Gradient of the elastic energy, then with inertia \[N\], (n).
     gradient_n: Vec<[f64; 3]>,
+    /// Square of the forces of inertia at free nodes \[N^2\].
+    inertia_n2: f64,
     energy_j: f64,
     work_j: f64,
 }
@@ -116,6 +118,7 @@ impl EnergyBalance {
                 part_gradient_n: none(),
             },
             gradient_n: none(),
+            inertia_n2: 0.0,
             energy_j: 0.0,
             work_j: 0.0,
         })
@@ -142,7 +145,9 @@ impl EnergyBalance {
     fn objection(&self, drive: &Drive<'_>, step_s: f64) -> Option<&'static str> {
         let nodes = self.rest_m.len();
         let finite = |v: &[f64; 3]| v.iter().all(|x| x.is_finite());
-        if !(step_s.is_finite() && step_s > 0.0) {
+        let printed = matches!(self.settings.form, Form::Printed | Form::Averaged);
+        let timeless = self.settings.motion == Motion::QuasiStatic && !printed;
+        if !(step_s.is_finite() && (step_s > 0.0 || timeless && step_s == 0.0)) {
             Some("the step is not above zero")
         } else if !drive.force_n.is_empty() && drive.force_n.len() != nodes {
             Some("loads are not as many as nodes")
@@ -261,6 +266,7 @@ impl EnergyBalance {
     /// Velocities, the forces of inertia, and work, after a load step.
     fn account(&mut self, part_s: f64) {
         let dynamic = self.settings.motion == Motion::Dynamic;
+        self.inertia_n2 = 0.0;
         for node in 0..self.rest_m.len() {
             let now = self.solver.displacement(node);
             let moved = [0, 1, 2].map(|c| now[c] - self.before.part_m[node][c]);
@@ -268,8 +274,11 @@ impl EnergyBalance {
                 let velocity = moved.map(|x| x / part_s);
                 let mass = self.solver.mass()[node];
                 for c in 0..3 {
-                    let change = velocity[c] - self.velocity[node][c];
-                    self.gradient_n[node][c] += mass * change / part_s;
+                    let slow = mass * (velocity[c] - self.velocity[node][c]) / part_s;
+                    self.gradient_n[node][c] += slow;
+                    if self.free[node] {
+                        self.inertia_n2 += slow * slow;
+                    }
                 }
                 self.velocity[node] = velocity;
             }
@@ -304,7 +313,7 @@ impl EnergyBalance {
 
     /// Reactions; the share of force out of balance.
     fn weigh(&mut self) -> f64 {
-        let (mut lack, mut acting) = (0.0, 0.0);
+        let (mut lack, mut acting) = (0.0, self.inertia_n2);
         self.reactions_n.clear();
         for node in 0..self.rest_m.len() {
             let (gradient, load) = (self.gradient_n[node], self.loads_n[node]);

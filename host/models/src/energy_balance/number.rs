@@ -25,6 +25,8 @@ pub(super) trait Float:
 {
     /// What kernels compute with.
     type Number<S: Simd>: Number<S, Float = Self>;
+    /// Distance from 1 to the next.
+    const EPSILON: f64;
     /// Nearest to `value`.
     fn of(value: f64) -> Self;
     /// The same number.
@@ -39,6 +41,7 @@ macro_rules! float {
     ($float:ident, $number:ty) => {
         impl Float for $float {
             type Number<S: Simd> = $number;
+            const EPSILON: f64 = $float::EPSILON as f64;
             #[inline(always)]
             fn of(value: f64) -> Self {
                 value as Self

@@ -70,7 +70,7 @@ pub struct Settings {
     /// for none. 96: its dense inverse stays in a second-level cache and costs a fifth of a visit.
     pub lattice_points: u32,
     /// Stiffness with which a quasi-static [`Form::Compliant`] step holds each node back, as a share of the
-    /// node's own stiffness; 1. Does not move the point of balance, only the way there.
+    /// node's own stiffness; 3. Does not move the point of balance, only the way there.
     pub proximity: f64,
 }
 
@@ -86,7 +86,7 @@ impl Default for Settings {
             motion: Motion::QuasiStatic,
             tolerance: 1e-4,
             lattice_points: 96,
-            proximity: 1.0,
+            proximity: 3.0,
         }
     }
 }

@@ -4,9 +4,9 @@
 
 use super::cells::{Batch, Cells, Form, Found, Memory, Rest, visit};
 use super::lattice::Rough;
+use super::number::Float;
 use super::relaxation::Relaxation;
 use super::settings::{self, Motion, Settings};
-use super::number::Float;
 use crate::law::Law;
 use pulp::{Arch, Simd, WithSimd};
 use sutura_mesh::TetMesh;
@@ -38,6 +38,8 @@ pub(super) struct Core<T: Float, const L: usize> {
     pub trial: Vec<[T; 4]>,
     pub z: Vec<[T; 4]>,
     pub d: Vec<[T; 4]>,
+    /// Each node's own stiffness \[N/m\].
+    pub own: Vec<T>,
     /// Cells at each node.
     pub valence: Vec<T>,
     /// Last step along a direction.
@@ -98,6 +100,7 @@ impl<T: Float, const L: usize> Core<T, L> {
             relaxation: Relaxation::new(&settings.relaxation, &cells),
             multiplier: vec![[T::default(); L]; cells.batches.len()],
             cells,
+            own: rough.own_stiffness().into_iter().map(T::of).collect(),
             own_stiffness: rough.own_stiffness(),
             rough,
             free: vec![T::default(); nodes + 1],
