@@ -141,9 +141,9 @@ fn held_nodes_carry_the_body_along_rigidly() {
         }
         let expected: Vec<[f64; 3]> = mesh.points_m().iter().map(|p| at(1.0, p)).collect();
         let off = greatest_distance(tissue.positions_m(), &expected);
-        // Without springs the inside may lag behind by what the bounds leave it.
+        // Without springs the inside may lag by what the bounds leave it, of the 37 mm it is moved.
         let most = if name.ends_with("printed") {
-            3e-3
+            6e-3
         } else {
             1e-6
         };
@@ -217,6 +217,7 @@ fn both_momenta_last_where_nothing_is_held() {
                 EllipsoidSettings {
                     strain_limit: limit,
                     stiffness,
+                    relaxation_s: 1e-3,
                     ..EllipsoidSettings::default()
                 },
             );
@@ -228,25 +229,26 @@ fn both_momenta_last_where_nothing_is_held() {
                     let p = Vector3::from(*p);
                     let v = Vector3::new(0.3, -0.2, 0.5)
                         + Vector3::new(5.0, -8.0, 3.0).cross(&p)
-                        + Vector3::new(40.0 * p.x, -30.0 * p.y, 2e3 * p.x * p.z);
+                        + Vector3::new(400.0 * p.x, -300.0 * p.y, 2e4 * p.x * p.z);
                     v.into()
                 })
                 .collect();
             tissue.set_velocities(&velocities);
             let first = tissue.step(&Drive::default(), 1e-3);
+            // Round-off of what cancels: all elements' m |v|, at the distance they get to.
+            let fastest = greatest_norm(&velocities);
+            let scale = 1060.0 * 8e-6 * tissue.mass_factor() * fastest;
             let (mut adjusted, mut strained) = (0, 0.0f64);
             for _ in 0..500 {
                 let report = tissue.step(&Drive::default(), 1e-3);
                 adjusted += tissue.adjusted();
                 strained = strained.max(report.energy_j);
-                // Each against what moves and turns: m v and m r v with r the distance to the origin.
-                let scale = Vector3::from(first.momentum).norm();
-                let lever = 0.02 + scale_of_motion(tissue.positions_m());
                 let off = Vector3::from(report.momentum) - Vector3::from(first.momentum);
                 assert!(off.norm() < 1e-13 * scale, "{limit:?} {off}");
+                let lever = 0.02 + greatest_norm(tissue.positions_m());
                 let off =
                     Vector3::from(report.angular_momentum) - Vector3::from(first.angular_momentum);
-                assert!(off.norm() < 1e-12 * scale * lever, "{limit:?} {off}");
+                assert!(off.norm() < 1e-13 * scale * lever, "{limit:?} {off}");
             }
             assert!(
                 adjusted > 1000,
@@ -257,7 +259,7 @@ fn both_momenta_last_where_nothing_is_held() {
     }
 }
 
-fn scale_of_motion(positions: &[[f64; 3]]) -> f64 {
+fn greatest_norm(positions: &[[f64; 3]]) -> f64 {
     let far = positions.iter().map(|p| Vector3::from(*p).norm());
     far.fold(0.0, f64::max)
 }
@@ -388,7 +390,11 @@ fn a_step_allocates_nothing() {
 #[test]
 fn what_is_far_from_a_poke_rests_and_costs_nothing() {
     let mesh = slab([0.2, 0.02, 0.02], [40, 4, 4]).expect("a bar");
-    let mut tissue = ellipsoid(&mesh, EllipsoidSettings::default());
+    let settings = EllipsoidSettings {
+        sleep_m_per_s: 1e-5,
+        ..EllipsoidSettings::default()
+    };
+    let mut tissue = ellipsoid(&mesh, settings);
     let end: Vec<_> = (0..mesh.points_m().len() as u32)
         .filter(|node| mesh.points_m()[*node as usize][0] < -0.0999)
         .collect();
@@ -399,7 +405,7 @@ fn what_is_far_from_a_poke_rests_and_costs_nothing() {
     for step in 0..20_000 {
         let by = 1e-3 * f64::from(step.min(50)) / 50.0;
         tissue.step(&held_only(&drive(by)), 1e-3);
-        if step == 400 {
+        if step == 2000 {
             assert!(
                 tissue.awake() > mesh.points_m().len() / 2,
                 "{}",

@@ -74,6 +74,8 @@ struct State {
     reactions_n: Vec<[f64; 3]>,
     propagation: Propagation,
     energy_j: f64,
+    /// Whether links may be out of bounds from an earlier step.
+    left_over: bool,
 }
 
 impl ClassicalChainMail {
@@ -105,6 +107,7 @@ impl ClassicalChainMail {
                 reactions_n: Vec::new(),
                 propagation: Propagation::new(nodes, DRAGS * nodes),
                 energy_j: 0.0,
+                left_over: false,
             },
             links,
             settings,
@@ -235,6 +238,14 @@ impl Tissue for ClassicalChainMail {
         state.propagation.begin();
         for node in state.held_nodes.drain(..) {
             state.held[node as usize] = false;
+            // Links to it may have been out of bounds at both ends' wish.
+            if drive
+                .held
+                .binary_search_by_key(&node, |held| held.0)
+                .is_err()
+            {
+                state.propagation.push(node);
+            }
         }
         for &(node, displacement) in drive.held {
             let i = node as usize;
@@ -249,18 +260,17 @@ impl Tissue for ClassicalChainMail {
         }
         let slack_m = self.settings.tolerance * links.edge_m;
         let most = u64::from(self.settings.visits) * links.nodes() as u64;
-        let mut within = true;
-        if self.settings.relaxations > 0 {
+        if self.settings.relaxations > 0 || state.left_over {
             for _ in 0..self.settings.relaxations {
                 state.relax(links, drive);
             }
-            // Relaxed elements have moved after the held ones; any of them may be out of bounds.
+            // Any element may be out of bounds now, but what was moved from outside spreads first.
             for &(node, _) in drive.held {
                 state.propagation.push(node);
             }
             (0..links.nodes() as u32).for_each(|node| state.propagation.push(node));
         }
-        within &= state.propagation.spread(
+        let within = state.propagation.spread(
             links,
             &self.region,
             slack_m,
@@ -268,6 +278,7 @@ impl Tissue for ClassicalChainMail {
             &mut state.x,
             most,
         );
+        state.left_over = !within;
         state.springs(links);
         let residual = state.react(drive);
         let moving = |i: usize| difference(&state.previous[i], &state.x[i]).map(|d| d / step_s);
@@ -278,7 +289,9 @@ impl Tissue for ClassicalChainMail {
             state.x.copy_from_slice(&state.previous);
             state.propagation.begin();
             state.springs(links);
-            state.reactions_n.fill([0.0; 3]);
+            state.left_over = true;
+            state.reactions_n.clear();
+            state.reactions_n.resize(drive.held.len(), [0.0; 3]);
             let reason = "the step leads to positions that are not finite";
             return failed(reason, state.energy_j);
         }
@@ -308,9 +321,11 @@ impl Tissue for ClassicalChainMail {
 
     /// A secant of one step over a hundredth of the mean edge and half of that.
     fn tangent(&mut self, drive: &Drive<'_>, moved: &[usize], step_s: f64) -> Option<Tangent> {
-        let before = self.state.clone();
+        // The state itself is put aside, not a copy of it: its buffers have room for a whole step.
+        let mut aside = self.state.clone();
+        std::mem::swap(&mut aside, &mut self.state);
         let tangent = secant(drive, moved, 0.01 * self.links.edge_m, |trial| {
-            self.state = before.clone();
+            self.state = aside.clone();
             if let Outcome::Failed(_) = self.step(trial, step_s).outcome {
                 return None;
             }
@@ -322,7 +337,7 @@ impl Tissue for ClassicalChainMail {
             };
             Some([of(0), of(1), of(2)])
         });
-        self.state = before;
+        self.state = aside;
         tangent
     }
 }

@@ -495,9 +495,11 @@ impl Tissue for EllipsoidChainMail {
     /// A secant of one step over a hundredth of the mean edge and half of that: the answer within `step_s`,
     /// before the tissue beyond has followed; stiffer than the balance it relaxes to.
     fn tangent(&mut self, drive: &Drive<'_>, moved: &[usize], step_s: f64) -> Option<Tangent> {
-        let before = self.state.clone();
+        // The state itself is put aside, not a copy of it: its buffers have room for a whole step.
+        let mut aside = self.state.clone();
+        std::mem::swap(&mut aside, &mut self.state);
         let tangent = secant(drive, moved, 0.01 * self.links.edge_m, |trial| {
-            self.state = before.clone();
+            self.state = aside.clone();
             if let Outcome::Failed(_) = self.step(trial, step_s).outcome {
                 return None;
             }
@@ -509,7 +511,7 @@ impl Tissue for EllipsoidChainMail {
             };
             Some([of(0), of(1), of(2)])
         });
-        self.state = before;
+        self.state = aside;
         tangent
     }
 }

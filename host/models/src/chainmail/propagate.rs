@@ -21,6 +21,7 @@ struct Drag {
 pub(super) struct Propagation {
     queue: Queue,
     drags: Vec<Drag>,
+    most_drags: usize,
     stamp: Vec<u32>,
     now: u32,
     /// Elements dragged in the last step.
@@ -35,6 +36,7 @@ impl Propagation {
         Self {
             queue: Queue::new(nodes),
             drags: Vec::with_capacity(most_drags),
+            most_drags,
             stamp: vec![0; nodes],
             now: 0,
             moved: 0,
@@ -74,14 +76,19 @@ impl Propagation {
             let xi = x[i as usize];
             for link in links.beside(i as usize) {
                 let j = link.to as usize;
-                if held[j] {
+                if held[j] && held[i as usize] {
                     continue;
                 }
                 let offset = difference(&links.rest_m[i as usize], &links.rest_m[j]);
                 let mut axes = [false; 3];
                 for (axis, (least, greatest)) in region.intervals(offset).into_iter().enumerate() {
                     let at = x[j][axis] - xi[axis];
-                    if at < least - slack_m {
+                    if held[j] {
+                        // What is held does not follow: it drags back.
+                        if at < least - slack_m || at > greatest + slack_m {
+                            self.queue.push(link.to);
+                        }
+                    } else if at < least - slack_m {
                         x[j][axis] = xi[axis] + least;
                         axes[axis] = true;
                     } else if at > greatest + slack_m {
@@ -92,7 +99,7 @@ impl Propagation {
                 if axes == [false; 3] {
                     continue;
                 }
-                if self.drags.len() == self.drags.capacity() {
+                if self.drags.len() == self.most_drags {
                     self.queue.clear();
                     return false;
                 }
