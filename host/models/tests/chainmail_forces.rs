@@ -126,10 +126,10 @@ fn reactions_are_what_changes_the_momentum() {
             strain_limit: [limit; 3],
             stiffness,
             visits: 50,
+            sleep_m_per_s: 0.0,
             ..EllipsoidSettings::default()
         };
         let mut tissue = ellipsoid(&mesh, settings);
-        tissue.set_velocities(&velocities);
         let scale = if later { 0.05 } else { 1.0 };
         let slow: Vec<[f64; 3]> = velocities.iter().map(|v| v.map(|v| scale * v)).collect();
         tissue.set_velocities(&slow);
