@@ -166,6 +166,7 @@ fn what_classical_propagation_hands_back_is_the_derivative_of_its_energy() {
     let mesh = cube(6);
     let settings = ClassicalSettings {
         relaxations: 0,
+        tolerance: 1e-9,
         ..ClassicalSettings::default()
     };
     let run = |by: [f64; 3]| {
@@ -185,7 +186,7 @@ fn what_classical_propagation_hands_back_is_the_derivative_of_its_energy() {
         assert!(moved > 50, "{moved}");
         let size = reaction.iter().map(|r| r * r).sum::<f64>().sqrt();
         for axis in 0..3 {
-            let h = 1e-8;
+            let h = 1e-7;
             let mut ends = [0.0; 2];
             for (end, sign) in ends.iter_mut().zip([1.0, -1.0]) {
                 let mut at = by;
@@ -284,7 +285,7 @@ fn at_a_constant_depth_the_force_falls_towards_a_value_above_zero() {
     let (first, end) = (forces[0], forces[forces.len() - 1]);
     assert!(end > 0.0 && first > 1.1 * end, "{first} {end}");
     for pair in forces.windows(2) {
-        assert!(pair[1] <= pair[0] * (1.0 + 1e-9), "{pair:?}");
+        assert!(pair[1] <= pair[0] + 1e-4 * (first - end), "{pair:?}");
     }
     let quarter = forces[forces.len() / 4];
     assert!((quarter - end) < 0.2 * (first - end));

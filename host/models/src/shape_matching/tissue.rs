@@ -222,23 +222,28 @@ impl State {
         }
     }
 
-    /// Line 24, and how far free nodes are from balance \[N^2\].
-    fn velocities(&mut self, step_s: f64, decay: f64) -> f64 {
-        let mut unbalanced_sq = 0.0;
+    /// Line 24.
+    fn velocities(&mut self, step_s: f64) {
         self.moved = 0;
         for i in 0..self.x.len() {
             let (from, to) = (self.previous[i], self.x[i]);
             self.moved += usize::from(from != to);
             for axis in 0..3 {
-                let v = (to[axis] - from[axis]) / step_s;
-                if !self.held[i] {
-                    let change = self.mass[i] * (v - decay * self.v[i][axis]) / step_s;
-                    unbalanced_sq += change * change;
-                }
-                self.v[i][axis] = v;
+                self.v[i][axis] = (to[axis] - from[axis]) / step_s;
             }
         }
-        unbalanced_sq
+    }
+
+    /// Squared norm of what pulls free nodes \[N^2\]: none in balance.
+    fn unbalanced_sq(&self, drive: &Drive<'_>) -> f64 {
+        let mut sum = 0.0;
+        for i in (0..self.x.len()).filter(|i| !self.held[*i]) {
+            let (load, part) = (load(drive, i), 1.0 - self.limited[i]);
+            for axis in 0..3 {
+                sum += (part * self.pull[i][axis] + load[axis]).powi(2);
+            }
+        }
+        sum
     }
 
     fn momenta(&self) -> ([f64; 3], [f64; 3]) {
@@ -296,7 +301,7 @@ impl Tissue for ShapeMatching {
         let decay = if free { 1.0 } else { state.decay };
         state.hold(drive, &self.rest_m, self.settings.recovery_per_s * step_s);
         state.predict(drive, step_s, decay);
-        let unbalanced_sq = state.velocities(step_s, decay);
+        state.velocities(step_s);
         if free {
             state.drag();
         }
@@ -310,7 +315,7 @@ impl Tissue for ShapeMatching {
             .iter()
             .chain(&angular_momentum)
             .all(|m| m.is_finite());
-        let energy_j = if finite && kinetic_j.is_finite() && unbalanced_sq.is_finite() {
+        let energy_j = if finite && kinetic_j.is_finite() {
             pull(&self.clusters, &state.x, &mut state.pull)
         } else {
             None
@@ -326,6 +331,7 @@ impl Tissue for ShapeMatching {
         };
         state.energy_j = energy_j;
         let acting_sq = state.react(drive);
+        let unbalanced_sq = state.unbalanced_sq(drive);
         state.previous.copy_from_slice(&state.x);
         let kept = energy_j + kinetic_j;
         let ratio = |part: f64, whole: f64| if part == 0.0 { 0.0 } else { part / whole };
