@@ -178,9 +178,9 @@ fn what_classical_propagation_hands_back_is_the_derivative_of_its_energy() {
         (report.energy_j, reaction, tissue.moved())
     };
     for by in [
-        [0.0, 0.0, -5e-3],
+        [0.0, 0.0, -4.6e-3],
         [2.3e-3, 0.7e-3, -4.1e-3],
-        [0.0, 0.0, 6.1e-3],
+        [0.0, 0.0, 5.3e-3],
     ] {
         let (_, reaction, moved) = run(by);
         assert!(moved > 50, "{moved}");
@@ -204,38 +204,33 @@ fn what_classical_propagation_hands_back_is_the_derivative_of_its_energy() {
 
 #[test]
 fn pressing_deeper_gets_stiffer_and_tighter_limits_sooner() {
-    let mesh = cube(8);
-    let mut at_the_end = Vec::new();
-    for limit in [0.1, 0.3, 0.5] {
+    let mesh = cube(10);
+    // Force at every half millimetre up to 3.5 mm, at 5 mm/s.
+    let forces = |limit: f64| {
         let settings = EllipsoidSettings {
             strain_limit: [limit; 3],
             visits: 50,
             ..EllipsoidSettings::default()
         };
         let mut tissue = ellipsoid(&mesh, settings);
-        let mut forces = vec![0.0];
-        for depth in 1..=4 {
-            for tick in 0..400 {
-                let now = 1e-3 * (f64::from(depth - 1) + (f64::from(tick + 1) / 200.0).min(1.0));
-                let (held, moved) = poke(&mesh, 0.0026, [0.0, 0.0, -now]);
-                step(&mut tissue, &held, STEP_S);
-                if tick == 399 {
-                    forces.push(-sum(&tissue, &moved, 2));
-                }
+        let mut forces = Vec::new();
+        for tick in 0..=700 {
+            let (held, moved) = poke(&mesh, 0.0041, [0.0, 0.0, -5e-6 * f64::from(tick)]);
+            step(&mut tissue, &held, STEP_S);
+            if tick % 100 == 0 {
+                forces.push(-sum(&tissue, &moved, 2));
             }
         }
-        let slopes: Vec<f64> = forces.windows(2).map(|pair| pair[1] - pair[0]).collect();
-        assert!(
-            slopes.iter().all(|slope| *slope > 0.0),
-            "{limit} {slopes:?}"
-        );
-        if limit < 0.5 {
-            assert!(slopes[3] > 1.3 * slopes[0], "{limit} {slopes:?}");
-        }
-        at_the_end.push(forces[4]);
-    }
-    assert!(at_the_end[0] > 1.2 * at_the_end[1], "{at_the_end:?}");
-    assert!(at_the_end[1] > 1.02 * at_the_end[2], "{at_the_end:?}");
+        forces
+    };
+    let [tight, middle, wide] = [0.1, 0.3, 0.5].map(forces);
+    let slope = |forces: &[f64], at: usize| forces[at] - forces[at - 1];
+    // The springs alone soften, as cells fold; the limits stiffen, the tight ones sooner.
+    assert!(slope(&tight, 4) > 1.5 * slope(&tight, 2), "{tight:?}");
+    assert!(slope(&middle, 7) > 1.2 * slope(&middle, 3), "{middle:?}");
+    assert!(slope(&middle, 4) < 1.2 * slope(&middle, 2), "{middle:?}");
+    assert!(tight[4] > 1.5 * middle[4] && middle[4] > 1.02 * wide[4]);
+    assert!(middle[7] > 1.15 * wide[7], "{middle:?} {wide:?}");
 }
 
 #[test]
@@ -320,10 +315,10 @@ fn a_load_is_borne_by_the_springs_and_the_ground() {
         let depth: f64 = top.iter().map(|node| tissue.positions_m()[*node][2]).sum();
         sunk.push(-depth / top.len() as f64);
     }
-    // F h / (E A), softened by nothing and stiffened by the clamped ground.
+    // F h / (E A); the same load on every node is too much for edges and corners.
     let expected = 0.02 * 0.02 / (3_500.0 * 4e-4);
     for depth in &sunk {
-        assert!((depth / expected - 1.0).abs() < 0.2, "{sunk:?} {expected}");
+        assert!((depth / expected - 1.0).abs() < 0.25, "{sunk:?} {expected}");
     }
     assert!((sunk[0] / sunk[1] - 1.0).abs() < 0.05, "{sunk:?}");
     // Unloaded, it comes back.
