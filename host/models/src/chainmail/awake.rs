@@ -117,19 +117,33 @@ impl Awake {
 }
 
 /// Indices of set bits, ascending.
-#[inline]
-fn bits(words: &[u64]) -> impl Iterator<Item = usize> + '_ {
-    words.iter().enumerate().flat_map(|(word, &bits)| {
-        let mut rest = bits;
-        std::iter::from_fn(move || {
-            if rest == 0 {
-                return None;
-            }
-            let node = word * 64 + rest.trailing_zeros() as usize;
-            rest &= rest - 1;
-            Some(node)
-        })
-    })
+struct Bits<'a> {
+    words: std::slice::Iter<'a, u64>,
+    rest: u64,
+    base: usize,
+}
+
+fn bits(words: &[u64]) -> Bits<'_> {
+    Bits {
+        words: words.iter(),
+        rest: 0,
+        base: 0usize.wrapping_sub(64),
+    }
+}
+
+impl Iterator for Bits<'_> {
+    type Item = usize;
+
+    #[inline]
+    fn next(&mut self) -> Option<usize> {
+        while self.rest == 0 {
+            self.rest = *self.words.next()?;
+            self.base = self.base.wrapping_add(64);
+        }
+        let bit = self.rest.trailing_zeros() as usize;
+        self.rest &= self.rest - 1;
+        Some(self.base.wrapping_add(bit))
+    }
 }
 
 #[cfg(test)]
