@@ -8,6 +8,8 @@ use crate::{Drive, Tangent};
 /// The tangent of `reactions` of `moved` over +-`reach_m` and +-`reach_m / 2`. `reactions` takes the held
 /// nodes of a trial and gives the summed reaction of `moved` \[N\] after one step from where the model
 /// stands, or nothing where that step fails.
+// A column of the tangent for each axis, by rows.
+#[allow(clippy::needless_range_loop)]
 pub(crate) fn secant(
     drive: &Drive<'_>,
     moved: &[usize],

@@ -1,5 +1,8 @@
 //! Both ChainMails: rest, rigid motion, bounds, momenta, determinism, extremes, no allocation.
 
+// An axis indexes several arrays at once.
+#![allow(clippy::needless_range_loop)]
+
 use nalgebra::Vector3;
 use sutura_mesh::{TetMesh, slab};
 use sutura_models::chainmail::{

@@ -1,5 +1,8 @@
 //! Forces of both ChainMails: against the material, against each other's energy, and the curves of soft tissue.
 
+// An axis indexes several arrays at once.
+#![allow(clippy::needless_range_loop)]
+
 use sutura_mesh::{TetMesh, slab};
 use sutura_models::chainmail::{
     ClassicalChainMail, ClassicalSettings, EllipsoidChainMail, EllipsoidSettings,

@@ -1,5 +1,8 @@
 //! Shape matching: rest, rigid motion, momenta, forces, recovery, inversion, extremes, no allocation.
 
+// An axis indexes several arrays at once.
+#![allow(clippy::needless_range_loop)]
+
 use nalgebra::{Rotation3, Vector3};
 use sutura_mesh::{TetMesh, slab};
 use sutura_models::shape_matching::{ShapeMatching, ShapeMatchingSettings};

@@ -242,7 +242,7 @@ impl Tissue for EllipsoidChainMail {
         state.work_j += sums.work_j;
         state.react(drive, step_s);
         state.motion.settle(&state.awake);
-        if !free && state.now % SLEEP_EVERY == 0 {
+        if !free && state.now.is_multiple_of(SLEEP_EVERY) {
             state.fall_asleep(links, settings);
         }
         let acting = sums.load_sq + state.reactions_n.iter().map(|r| square(*r)).sum::<f64>();

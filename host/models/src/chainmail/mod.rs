@@ -3,6 +3,9 @@
 //! Entry points: [`ClassicalChainMail`] (zhang-2017, 3.1) and [`EllipsoidChainMail`] (zhang-2017, 3.3). Elements are
 //! the nodes of a mesh, links its edges. Variants share links, queue and regions, and differ in the rest.
 
+// An axis indexes several arrays at once.
+#![allow(clippy::needless_range_loop)]
+
 mod adjust;
 mod awake;
 mod classical;

@@ -3,6 +3,9 @@
 //! Entry point: [`ShapeMatching`]. After qian-2015, 3.1, with weights from the material instead of a share of the way to
 //! the goal; [`best_rotation`] takes the place of the polar decomposition and is a rotation of any cluster.
 
+// An axis indexes several arrays at once.
+#![allow(clippy::needless_range_loop)]
+
 mod clusters;
 mod goals;
 mod rotation;
