@@ -5,7 +5,7 @@
 use crate::BuildError;
 use crate::setting::within;
 
-/// What an [`EllipsoidChainMail`] can be told.
+/// What an [`super::EllipsoidChainMail`] can be told.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct EllipsoidSettings {
     /// Strain at which a link stops giving, along x, y, z; from 0.001 to 0.9. 0.3, the middle one of
