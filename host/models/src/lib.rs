@@ -4,6 +4,7 @@
 //! that are held to where a [`Drive`] wants them, lets the others follow, and says what that took.
 
 mod error;
+pub mod hyperelastic;
 pub mod law;
 mod material;
 mod tissue;

@@ -1,0 +1,176 @@
+//! Elastic energy of a state, its gradient and its second derivative.
+//!
+//! Entry points: [`Elastic::energy`], [`Elastic::gradient`], [`Elastic::tangent`], all of one energy:
+//! the law's at every quadrature point, or with averaged cells what is left of it without the energy of
+//! pure dilation, which [`super::averaged`] adds node by node.
+
+use super::Cells;
+use super::averaged::{self, Averaged};
+use super::discrete::Discrete;
+use super::pattern::{Groups, Pattern};
+use crate::law::Law;
+use nalgebra::{Matrix3, Vector3};
+
+pub(super) struct Elastic {
+    pub discrete: Discrete,
+    /// One for all cells or one for each.
+    laws: Vec<Law>,
+    pub pattern: Pattern,
+    averaged: Option<Averaged>,
+}
+
+impl Elastic {
+    pub fn new(discrete: Discrete, laws: &[Law]) -> Self {
+        let mut groups = Groups::default();
+        for cell in 0..discrete.volume.len() {
+            groups.push(discrete.cell_nodes(cell).iter().copied());
+        }
+        let averaged =
+            (discrete.cells == Cells::Averaged).then(|| Averaged::new(&discrete, &mut groups));
+        Self {
+            pattern: Pattern::new(discrete.rest.len(), &groups),
+            discrete,
+            laws: laws.to_vec(),
+            averaged,
+        }
+    }
+
+    pub fn law(&self, cell: usize) -> &Law {
+        &self.laws[cell.min(self.laws.len() - 1)]
+    }
+
+    /// Nodes and shape gradients at each point of a cell, and the weight of a point \[m^3\].
+    fn points(&self, cell: usize) -> (&[u32], std::slice::ChunksExact<'_, Vector3<f64>>, f64) {
+        let d = &self.discrete;
+        let per_cell = d.per_cell * d.per_point;
+        (
+            d.cell_nodes(cell),
+            d.gradients[cell * per_cell..(cell + 1) * per_cell].chunks_exact(d.per_cell),
+            d.volume[cell] / d.per_point as f64,
+        )
+    }
+
+    /// Energy \[J\] with nodes at `x` \[m\]; not finite where a law has none.
+    pub fn energy(&mut self, x: &[Vector3<f64>]) -> f64 {
+        let mut sum = match &mut self.averaged {
+            Some(averaged) => averaged.update(&self.discrete, &self.laws, x),
+            None => 0.0,
+        };
+        for cell in 0..self.discrete.volume.len() {
+            let (nodes, points, weight) = self.points(cell);
+            for gradients in points {
+                let f = Discrete::deformation(nodes, gradients, x);
+                sum += weight
+                    * match &self.averaged {
+                        Some(_) => averaged::energy(self.law(cell), &f),
+                        None => self.law(cell).energy(&f),
+                    };
+            }
+        }
+        sum
+    }
+
+    /// Adds dW/dx \[N\] to `out`.
+    pub fn gradient(&mut self, x: &[Vector3<f64>], out: &mut [Vector3<f64>]) {
+        if let Some(averaged) = &mut self.averaged {
+            averaged.update(&self.discrete, &self.laws, x);
+        }
+        for cell in 0..self.discrete.volume.len() {
+            let (nodes, points, weight) = self.points(cell);
+            for gradients in points {
+                let f = Discrete::deformation(nodes, gradients, x);
+                let stress = match &self.averaged {
+                    Some(averaged) => {
+                        averaged::stress(self.law(cell), &f)
+                            + averaged.mean_pressure(nodes) * crate::law::cofactor(&f)
+                    }
+                    None => self.law(cell).stress(&f),
+                };
+                for (&node, gradient) in nodes.iter().zip(gradients) {
+                    out[node as usize] += weight * (stress * gradient);
+                }
+            }
+        }
+    }
+
+    /// Fills `values` with d2W/dx2 \[N/m\], (entries of the pattern).
+    pub fn tangent(&mut self, x: &[Vector3<f64>], values: &mut [f64]) {
+        values.fill(0.0);
+        if let Some(averaged) = &mut self.averaged {
+            averaged.update(&self.discrete, &self.laws, x);
+            averaged.add_tangent(&self.discrete, x, &self.pattern, values);
+        }
+        for cell in 0..self.discrete.volume.len() {
+            match self.discrete.per_cell {
+                4 => self.cell_tangent::<4>(cell, x, values),
+                _ => self.cell_tangent::<10>(cell, x, values),
+            }
+        }
+    }
+
+    fn cell_tangent<const K: usize>(&self, cell: usize, x: &[Vector3<f64>], values: &mut [f64]) {
+        let law = self.law(cell);
+        let (nodes, points, weight) = self.points(cell);
+        let mut blocks = [[Matrix3::<f64>::zeros(); K]; K];
+        for gradients in points {
+            let f = Discrete::deformation(nodes, gradients, x);
+            // moduli[j][l]: change of stress with F_jl.
+            let moduli: [[Matrix3<f64>; 3]; 3] = std::array::from_fn(|j| {
+                std::array::from_fn(|l| {
+                    let mut df = Matrix3::zeros();
+                    df[(j, l)] = weight;
+                    match &self.averaged {
+                        Some(averaged) => {
+                            averaged::stress_change(law, &f, &df)
+                                + averaged.mean_pressure(nodes) * averaged::cofactor_change(&f, &df)
+                        }
+                        None => law.stress_change(&f, &df),
+                    }
+                })
+            });
+            for (b, g) in gradients.iter().enumerate() {
+                for (j, moduli) in moduli.iter().enumerate() {
+                    let change = moduli[0] * g.x + moduli[1] * g.y + moduli[2] * g.z;
+                    for (a, gradient) in gradients.iter().enumerate().skip(b) {
+                        let mut column = blocks[a][b].column_mut(j);
+                        column += change * gradient;
+                    }
+                }
+            }
+        }
+        for (a, row) in blocks.iter().enumerate() {
+            for (b, block) in row[..=a].iter().enumerate() {
+                self.pattern.add(values, cell, (a, b), block);
+            }
+        }
+    }
+
+    /// Size of the round-off in the nodal forces per metre of coordinates \[N/m\], 2-norm.
+    pub fn grain(&self) -> f64 {
+        let mut sum = 0.0;
+        for cell in 0..self.discrete.volume.len() {
+            let modulus = modulus(self.law(cell));
+            let (_, points, weight) = self.points(cell);
+            for gradients in points {
+                let steep = gradients.iter().fold(0.0f64, |most, g| most.max(g.norm()));
+                let share = |g: &Vector3<f64>| (weight * modulus * steep * g.norm()).powi(2);
+                sum += gradients.iter().map(share).sum::<f64>();
+            }
+        }
+        f64::EPSILON * sum.sqrt()
+    }
+
+    /// Modulus times volume, all together \[J\]: the scale of the round-off in the energy.
+    pub fn stiffness_volume(&self) -> f64 {
+        let of = |(cell, volume): (usize, &f64)| modulus(self.law(cell)) * volume;
+        self.discrete.volume.iter().enumerate().map(of).sum()
+    }
+}
+
+/// Largest modulus of a law at rest, about \[Pa\].
+fn modulus(law: &Law) -> f64 {
+    match *law {
+        Law::StVenantKirchhoff { lambda, mu } => lambda.abs() + 2.0 * mu,
+        Law::NeoHookean { mu, kappa, eta, .. } => kappa + 2.0 * mu + 4.0 * eta.abs(),
+    }
+}
