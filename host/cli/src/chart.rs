@@ -12,7 +12,8 @@ const TOP: f64 = 44.0;
 const BOTTOM: f64 = 56.0;
 /// Told apart by colour-blind eyes as well (Okabe and Ito 2008).
 const COLOURS: [&str; 12] = [
-    "#000000", "#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#999999", "#7f3c8d", "#8c564b", "#bcbd22", "#1b5e20",
+    "#000000", "#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#999999",
+    "#7f3c8d", "#8c564b", "#bcbd22", "#1b5e20",
 ];
 
 /// Some points, in order.

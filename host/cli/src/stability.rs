@@ -69,7 +69,13 @@ pub fn run(args: &StabilityArgs, global: &Global) -> Result<(), Failure> {
         if args.stream {
             say!("{}", serde_json::json!(case));
         } else {
-            tracing::info!("{} {} {}: {}", case.tissue, case.what, case.value, case.outcome);
+            tracing::info!(
+                "{} {} {}: {}",
+                case.tissue,
+                case.what,
+                case.value,
+                case.outcome
+            );
         }
     };
     let cases = suite::measure(args.full, &words, &mut told)?;
@@ -80,7 +86,10 @@ pub fn run(args: &StabilityArgs, global: &Global) -> Result<(), Failure> {
             "words are parts of a tissue or of what is extreme: `corotational`, `turn`, `rows`, `console`",
         ));
     }
-    let defects: Vec<_> = cases.iter().filter(|case| case.outcome == "defect").collect();
+    let defects: Vec<_> = cases
+        .iter()
+        .filter(|case| case.outcome == "defect")
+        .collect();
     let output = Output {
         status: if defects.is_empty() { "ok" } else { "failed" },
         extent: if args.full { "full" } else { "short" },
@@ -127,9 +136,9 @@ pub fn run(args: &StabilityArgs, global: &Global) -> Result<(), Failure> {
 
 fn print_text(cases: &[Case]) {
     for case in cases {
-        let largest = case
-            .largest_stable
-            .map_or(String::new(), |largest| format!("  largest stable {largest:.2e}"));
+        let largest = case.largest_stable.map_or(String::new(), |largest| {
+            format!("  largest stable {largest:.2e}")
+        });
         say!(
             "{:9} {:27} {:38} {:9}{largest}  {}",
             case.outcome,

@@ -67,7 +67,10 @@ pub fn run(args: &TradeoffArgs, global: &Global) -> Result<(), Failure> {
     if plan.is_empty() {
         return Err(Failure::say(
             Cause::BadInput,
-            format!("no case and tissue have all the words `{}`", words.join(" ")),
+            format!(
+                "no case and tissue have all the words `{}`",
+                words.join(" ")
+            ),
             "words are parts of a case's or a tissue's name: `beam`, `cylinder-compressed`, `linear`; --full has more cases",
         ));
     }

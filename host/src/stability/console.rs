@@ -16,7 +16,12 @@ const MOST_ERROR_PCT: f64 = 10.0;
 pub fn slow_host(scenes: &Scenes, rendering: Rendering, period_ms: f64) -> Verdict {
     let spec = Spec {
         seconds: 4.0,
-        ..Spec::errors(Place::Palpation, Motion::Presses, rendering, 1e3 / period_ms)
+        ..Spec::errors(
+            Place::Palpation,
+            Motion::Presses,
+            rendering,
+            1e3 / period_ms,
+        )
     };
     let case = match spec.measure(scenes) {
         Ok(case) => case,

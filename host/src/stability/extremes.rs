@@ -44,10 +44,10 @@ impl Trial<'_> {
 }
 
 /// All trials of a model; the short form has one of each kind.
-pub fn trials(entry: &Entry, full: bool) -> Vec<Trial<'_>> {
+pub fn trials<'a>(entry: &'a Entry, full: bool) -> Vec<Trial<'a>> {
     let block = Block::new(entry);
     let mut all = Vec::new();
-    let mut add = |what: &'static str, values: &[f64], run: fn(&Block<'_>, f64) -> Verdict| {
+    let mut add = |what: &'static str, values: &[f64], run: fn(&Block<'a>, f64) -> Verdict| {
         let values = if full {
             values
         } else {
@@ -66,8 +66,16 @@ pub fn trials(entry: &Entry, full: bool) -> Vec<Trial<'_>> {
     add("Young's modulus [Pa]", &[1.0, 1e9], Block::modulus);
     let ratios = [0.0, 0.3, 0.45, 0.49, 0.499, 0.4999, 0.49999];
     add("Poisson's ratio", &ratios, Block::poisson);
-    add("sliver's least angle [deg]", &[10.0, 1.0, 0.1], Block::sliver);
-    add("node pushed through its cell [edges]", &[1.0, 1.5, 3.0], Block::inverted);
+    add(
+        "sliver's least angle [deg]",
+        &[10.0, 1.0, 0.1],
+        Block::sliver,
+    );
+    add(
+        "node pushed through its cell [edges]",
+        &[1.0, 1.5, 3.0],
+        Block::inverted,
+    );
     add("turn [deg]", &[190.0, 360.0], Block::turned);
     add("compression [%]", &[50.0, 90.0], Block::compressed);
     add("jump in a step [body lengths]", &[1.0, 10.0], Block::jump);
@@ -261,7 +269,9 @@ impl<'a> Block<'a> {
                 .fold(0.0, f64::max);
             Ok(if off > super::judge::MOST_DIFFERENCE {
                 let off = 100.0 * off;
-                Verdict::Degraded(format!("{off:.0} % of its size from where it should turn to"))
+                Verdict::Degraded(format!(
+                    "{off:.0} % of its size from where it should turn to"
+                ))
             } else {
                 Verdict::Stable
             })
@@ -401,7 +411,10 @@ mod tests {
         for degrees in [10.0, 1.0, 0.1] {
             let sliver = with_sliver(&mesh, f64::to_radians(degrees)).expect("a sliver");
             let least = least_angle(&sliver).to_degrees();
-            assert!((least - degrees).abs() < 0.01 * degrees, "{least} {degrees}");
+            assert!(
+                (least - degrees).abs() < 0.01 * degrees,
+                "{least} {degrees}"
+            );
         }
     }
 }

@@ -55,8 +55,7 @@ impl Verdict {
 /// Runs `trial`; a panic is a defect.
 pub fn guarded(trial: impl FnOnce() -> Verdict) -> Verdict {
     // What a panic leaves half done is thrown away with the trial.
-    catch_unwind(AssertUnwindSafe(trial))
-        .unwrap_or_else(|_| Verdict::Defect("panicked".to_owned()))
+    catch_unwind(AssertUnwindSafe(trial)).unwrap_or_else(|_| Verdict::Defect("panicked".to_owned()))
 }
 
 /// Where a held node is to be \[m from rest\], by its place at rest and the share of the way; `None`: free.
@@ -130,7 +129,9 @@ impl Course<'_> {
                 seen.verdict = if tissue.positions_m() == before {
                     Verdict::Refused(format!("step {step} of {all}: {why}"))
                 } else {
-                    Verdict::Defect(format!("step {step} of {all} failed and left its place: {why}"))
+                    Verdict::Defect(format!(
+                        "step {step} of {all} failed and left its place: {why}"
+                    ))
                 };
                 return seen;
             }

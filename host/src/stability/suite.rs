@@ -38,7 +38,10 @@ pub fn measure(
     told: &mut dyn FnMut(&Case),
 ) -> Result<Vec<Case>, SceneError> {
     let mut table = Vec::new();
-    let mut add = |tissue: &str, what: &'static str, value: f64, found: &dyn Fn() -> (Verdict, Option<f64>)| {
+    let mut add = |tissue: &str,
+                   what: &'static str,
+                   value: f64,
+                   found: &dyn Fn() -> (Verdict, Option<f64>)| {
         let wanted = |word: &&str| tissue.contains(*word) || what.contains(*word);
         if !words.iter().all(wanted) {
             return;
@@ -78,7 +81,9 @@ pub fn measure(
     } else {
         &[1000.0]
     };
-    let wanted = words.iter().all(|word| "console-tangent console-rows console-hold host period [ms]".contains(*word));
+    let wanted = words
+        .iter()
+        .all(|word| "console-tangent console-rows console-hold host period [ms]".contains(*word));
     if wanted {
         let scenes = Scenes::load()?;
         for (name, rendering) in [
@@ -88,7 +93,10 @@ pub fn measure(
         ] {
             for &period in periods {
                 add(name, "host period [ms]", period, &|| {
-                    (guarded(|| console::slow_host(&scenes, rendering, period)), None)
+                    (
+                        guarded(|| console::slow_host(&scenes, rendering, period)),
+                        None,
+                    )
                 });
             }
         }

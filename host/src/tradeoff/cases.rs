@@ -362,8 +362,7 @@ fn lobe([x, y, z]: [f64; 3]) -> [f64; 3] {
     let [a, b, c] = [x, y, z].map(|s| 2.0 * s - 1.0);
     // Two thirds of the way from the cube to the ball.
     let round = |a: f64, b: f64, c: f64| {
-        let ball =
-            (1.0 - 0.5 * b * b - 0.5 * c * c + b * b * c * c / 3.0).sqrt();
+        let ball = (1.0 - 0.5 * b * b - 0.5 * c * c + b * b * c * c / 3.0).sqrt();
         a * (1.0 / 3.0 + 2.0 / 3.0 * ball)
     };
     let (a, b, c) = (round(a, b, c), round(b, c, a), round(c, a, b));

@@ -60,12 +60,9 @@ pub fn best(rows: &[Row]) -> Vec<Best> {
     for case in cases {
         for budget_us in BUDGETS_US {
             let fast = rows.iter().filter(|row| {
-                row.case == case
-                    && row.step_us <= budget_us
-                    && row.truth_disp_rms_pct.is_finite()
+                row.case == case && row.step_us <= budget_us && row.truth_disp_rms_pct.is_finite()
             });
-            let found =
-                fast.min_by(|a, b| a.truth_disp_rms_pct.total_cmp(&b.truth_disp_rms_pct));
+            let found = fast.min_by(|a, b| a.truth_disp_rms_pct.total_cmp(&b.truth_disp_rms_pct));
             table.push(Best {
                 case,
                 budget_ms: 1e-3 * budget_us,

@@ -98,11 +98,7 @@ impl Entry {
 
 /// All models.
 pub fn entries() -> Vec<Entry> {
-    vec![
-        linear(),
-        corotational(),
-        hyperelastic(),
-    ]
+    vec![linear(), corotational(), hyperelastic()]
 }
 
 /// One model by its name.
@@ -199,18 +195,22 @@ fn hyperelastic() -> Entry {
         has_forces: true,
         has_step: false,
         fits: always,
-        dynamic: Some(setting("backward Euler", false, |body: &Body, mesh: &TetMesh| {
-            let settings = hyperelastic::Settings {
-                motion: Motion::Implicit {
-                    density_kg_per_m3: body.substance.density_kg_per_m3,
-                    drag_per_s: 20.0,
-                    scheme: Scheme::BackwardEuler,
-                },
-                tolerance: 1e-6,
-                ..hyperelastic::Settings::default()
-            };
-            Hyperelastic::new(mesh, &body.laws(Substance::law), settings)
-        })),
+        dynamic: Some(setting(
+            "backward Euler",
+            false,
+            |body: &Body, mesh: &TetMesh| {
+                let settings = hyperelastic::Settings {
+                    motion: Motion::Implicit {
+                        density_kg_per_m3: body.substance.density_kg_per_m3,
+                        drag_per_s: 20.0,
+                        scheme: Scheme::BackwardEuler,
+                    },
+                    tolerance: 1e-6,
+                    ..hyperelastic::Settings::default()
+                };
+                Hyperelastic::new(mesh, &body.laws(Substance::law), settings)
+            },
+        )),
         settings: vec![
             with("linear cells, to 1e-3", true, Cells::Linear, 1e-3),
             with("linear cells, to 1e-9", false, Cells::Linear, 1e-9),
@@ -228,7 +228,11 @@ mod tests {
     fn names_and_settings_are_unique() {
         let entries = entries();
         for (index, entry) in entries.iter().enumerate() {
-            assert!(entries[..index].iter().all(|other| other.tissue != entry.tissue));
+            assert!(
+                entries[..index]
+                    .iter()
+                    .all(|other| other.tissue != entry.tissue)
+            );
             assert!(entry.settings.first().is_some_and(|setting| setting.short));
             for (index, setting) in entry.settings.iter().enumerate() {
                 let others = &entry.settings[..index];
