@@ -1,0 +1,394 @@
+//! Tissue whose nodes move until the energy of its cells balances the loads.
+//!
+//! Entry point: [`EnergyBalance`]. After zhang-2017, chapter 5: cells move their nodes along the gradients of their
+//! strain energy. As printed (5.8) that leads towards W = 0 ([`Form::Printed`]); [`Form::Compliant`] and
+//! [`Form::Balanced`] lead to where the gradients balance the loads.
+
+mod balanced;
+mod cells;
+mod compliant;
+mod density;
+mod lattice;
+mod number;
+mod printed;
+mod relaxation;
+mod settings;
+mod solver;
+mod tangent;
+#[cfg(test)]
+mod tests;
+
+pub use settings::{Form, Lanes, Motion, Prony, Settings};
+
+use crate::law::Law;
+use crate::{BuildError, Diagnostics, Drive, Outcome, Tangent, Tissue};
+use nalgebra::Vector3;
+use solver::{Core, Solve};
+use sutura_mesh::TetMesh;
+
+/// Tissue by energy balance; see [`Settings`] for its forms.
+///
+/// In quasi-static motion `step_s` only matters to relaxation; velocities and momenta are zero. Held nodes
+/// may change from step to step: [`Form::Balanced`] then inverts its lattice anew, which takes some
+/// milliseconds. In the printed forms loads act as in (5.13), by `step_s^2 / m`.
+pub struct EnergyBalance {
+    solver: Box<dyn Solve + Send>,
+    settings: Settings,
+    rest_m: Vec<[f64; 3]>,
+    positions_m: Vec<[f64; 3]>,
+    /// Edge of a typical cell \[m\].
+    edge_m: f64,
+    /// Nodes held in the last step, and which are not (n).
+    held: Vec<u32>,
+    free: Vec<bool>,
+    /// Time step for which the solver is ready \[s\].
+    ready_for_s: Option<f64>,
+    reactions_n: Vec<[f64; 3]>,
+    /// Loads of the last step \[N\], (n).
+    loads_n: Vec<[f64; 3]>,
+    velocity: Vec<[f64; 3]>,
+    before: Before,
+    /// Gradient of the elastic energy, then with inertia \[N\], (n).
+    gradient_n: Vec<[f64; 3]>,
+    energy_j: f64,
+    work_j: f64,
+}
+
+/// What a step began with, and a load step of it.
+struct Before {
+    displacement_m: Vec<[f64; 3]>,
+    loads_n: Vec<[f64; 3]>,
+    velocity: Vec<[f64; 3]>,
+    work_j: f64,
+    part_m: Vec<[f64; 3]>,
+    part_n: Vec<[f64; 3]>,
+    part_gradient_n: Vec<[f64; 3]>,
+}
+
+/// Some held nodes moved by a little more than the drive says.
+#[derive(Clone, Copy)]
+struct Trial<'a> {
+    moved: &'a [usize],
+    by_m: [f64; 3],
+}
+
+impl EnergyBalance {
+    /// Tissue at rest, of one law for all cells or one for each.
+    ///
+    /// # Errors
+    /// A number of laws that does not fit the mesh, a modulus or setting out of range.
+    pub fn new(mesh: &TetMesh, laws: &[Law], settings: Settings) -> Result<Self, BuildError> {
+        settings.check()?;
+        cells::check(laws, mesh.cells().len())?;
+        let solver: Box<dyn Solve + Send> = match settings.lanes {
+            Lanes::Scalar => Box::new(Core::<f64, 1>::new(mesh, laws, &settings)),
+            Lanes::Wide => Box::new(Core::<f32, 8>::new(mesh, laws, &settings)),
+        };
+        let rest_m = mesh.points_m().to_vec();
+        let nodes = rest_m.len();
+        let volume: f64 = mesh
+            .cells()
+            .iter()
+            .map(|cell| sutura_mesh::signed_volume(&mesh.corners(*cell)))
+            .sum();
+        // A regular tetrahedron of the mean volume.
+        let edge_m = (volume / mesh.cells().len() as f64 * 72f64.sqrt()).cbrt();
+        let none = || vec![[0.0; 3]; nodes];
+        Ok(Self {
+            solver,
+            settings,
+            positions_m: rest_m.clone(),
+            rest_m,
+            edge_m,
+            held: Vec::new(),
+            free: vec![true; nodes],
+            ready_for_s: None,
+            reactions_n: Vec::new(),
+            loads_n: none(),
+            velocity: none(),
+            before: Before {
+                displacement_m: none(),
+                loads_n: none(),
+                velocity: none(),
+                work_j: 0.0,
+                part_m: none(),
+                part_n: none(),
+                part_gradient_n: none(),
+            },
+            gradient_n: none(),
+            energy_j: 0.0,
+            work_j: 0.0,
+        })
+    }
+
+    /// Settings it was built with.
+    pub fn settings(&self) -> &Settings {
+        &self.settings
+    }
+
+    /// Work of loads and held nodes since rest \[J\].
+    pub fn work_j(&self) -> f64 {
+        self.work_j
+    }
+
+    /// Gives every node a velocity \[m/s\], (n x 3). Without effect on quasi-static motion.
+    pub fn set_velocities(&mut self, velocities: &[[f64; 3]]) {
+        for (to, from) in self.velocity.iter_mut().zip(velocities) {
+            *to = *from;
+        }
+    }
+
+    /// Why a drive cannot be followed.
+    fn objection(&self, drive: &Drive<'_>, step_s: f64) -> Option<&'static str> {
+        let nodes = self.rest_m.len();
+        let finite = |v: &[f64; 3]| v.iter().all(|x| x.is_finite());
+        if !(step_s.is_finite() && step_s > 0.0) {
+            Some("the step is not above zero")
+        } else if !drive.force_n.is_empty() && drive.force_n.len() != nodes {
+            Some("loads are not as many as nodes")
+        } else if !drive.force_n.iter().all(finite) {
+            Some("a load is not finite")
+        } else if !drive.held.iter().all(|(_, u)| finite(u)) {
+            Some("a held node's displacement is not finite")
+        } else if drive.held.iter().any(|(node, _)| *node as usize >= nodes) {
+            Some("a held node does not exist")
+        } else if drive.held.windows(2).any(|pair| pair[0].0 >= pair[1].0) {
+            Some("held nodes do not ascend")
+        } else {
+            None
+        }
+    }
+
+    /// Makes the solver ready for the drive's held nodes.
+    fn hold(&mut self, drive: &Drive<'_>, part_s: f64) {
+        let step_s = (self.settings.motion == Motion::Dynamic).then_some(part_s);
+        let known = self.held.len() == drive.held.len()
+            && self.held.iter().zip(drive.held).all(|(a, b)| *a == b.0);
+        if known && !self.held.is_empty() && self.ready_for_s == step_s {
+            return;
+        }
+        self.free.fill(true);
+        self.held.clear();
+        for (node, _) in drive.held {
+            self.free[*node as usize] = false;
+            self.held.push(*node);
+        }
+        self.ready_for_s = step_s;
+        self.solver.hold(&self.free, step_s);
+    }
+
+    /// Goes to the drive in load steps; says how many visits that took and whether all numbers are finite.
+    fn advance(&mut self, drive: &Drive<'_>, step_s: f64, trial: Option<Trial<'_>>) -> (u32, bool) {
+        let parts = self.settings.load_steps;
+        let part_s = step_s / f64::from(parts);
+        self.hold(drive, part_s);
+        let mut visits = 0;
+        let mut finite = true;
+        for part in 1..=parts {
+            let share = f64::from(part) / f64::from(parts);
+            for node in 0..self.rest_m.len() {
+                self.before.part_m[node] = self.solver.displacement(node);
+            }
+            self.before.part_n.copy_from_slice(&self.loads_n);
+            self.before
+                .part_gradient_n
+                .copy_from_slice(&self.gradient_n);
+            self.aim(drive, share, part_s, trial);
+            self.solver.begin(part_s);
+            visits += self.solver.iterate();
+            self.energy_j = self.solver.energy(&mut self.gradient_n);
+            self.account(part_s);
+            let numbers = self.gradient_n.as_flattened().iter().sum::<f64>();
+            finite = finite && self.energy_j.is_finite() && numbers.is_finite();
+            if trial.is_none() && finite {
+                self.solver.end();
+            }
+        }
+        (visits, finite)
+    }
+
+    /// Places held nodes, loads, and where inertia leads, for a `share` of the way.
+    fn aim(&mut self, drive: &Drive<'_>, share: f64, part_s: f64, trial: Option<Trial<'_>>) {
+        let way = |from: [f64; 3], to: [f64; 3]| {
+            [0, 1, 2].map(|c| {
+                if share < 1.0 {
+                    from[c] + share * (to[c] - from[c])
+                } else {
+                    to[c]
+                }
+            })
+        };
+        let printed = matches!(self.settings.form, Form::Printed | Form::Averaged);
+        for node in 0..self.rest_m.len() {
+            let load = drive.force_n.get(node).copied().unwrap_or([0.0; 3]);
+            let load = way(self.before.loads_n[node], load);
+            self.loads_n[node] = load;
+            self.solver.load(node, load);
+            if !self.free[node] {
+                continue;
+            }
+            let mut at = self.before.part_m[node];
+            for c in 0..3 {
+                at[c] += part_s * self.velocity[node][c];
+                if printed {
+                    at[c] += part_s * part_s * load[c] / self.solver.mass()[node];
+                }
+            }
+            self.solver.aim(node, at);
+            if printed || self.settings.motion == Motion::Dynamic {
+                self.solver.place(node, at);
+            }
+        }
+        for (index, (node, to)) in drive.held.iter().enumerate() {
+            let node = *node as usize;
+            let mut to = way(self.before.displacement_m[node], *to);
+            if let Some(trial) = trial {
+                if trial.moved.contains(&index) {
+                    for c in 0..3 {
+                        to[c] += trial.by_m[c];
+                    }
+                }
+            }
+            let mut ahead = self.before.part_m[node];
+            for c in 0..3 {
+                ahead[c] += part_s * self.velocity[node][c];
+            }
+            self.solver.aim(node, ahead);
+            self.solver.place(node, to);
+        }
+    }
+
+    /// Velocities, the forces of inertia, and work, after a load step.
+    fn account(&mut self, part_s: f64) {
+        let dynamic = self.settings.motion == Motion::Dynamic;
+        for node in 0..self.rest_m.len() {
+            let now = self.solver.displacement(node);
+            let moved = [0, 1, 2].map(|c| now[c] - self.before.part_m[node][c]);
+            if dynamic {
+                let velocity = moved.map(|x| x / part_s);
+                let mass = self.solver.mass()[node];
+                for c in 0..3 {
+                    let change = velocity[c] - self.velocity[node][c];
+                    self.gradient_n[node][c] += mass * change / part_s;
+                }
+                self.velocity[node] = velocity;
+            }
+            for c in 0..3 {
+                let load = 0.5 * (self.before.part_n[node][c] + self.loads_n[node][c]);
+                self.work_j += load * moved[c];
+                if !self.free[node] {
+                    let gradient =
+                        0.5 * (self.before.part_gradient_n[node][c] + self.gradient_n[node][c]);
+                    self.work_j += (gradient - load) * moved[c];
+                }
+            }
+        }
+    }
+
+    fn remember(&mut self) {
+        for node in 0..self.rest_m.len() {
+            self.before.displacement_m[node] = self.solver.displacement(node);
+        }
+        self.before.loads_n.copy_from_slice(&self.loads_n);
+        self.before.velocity.copy_from_slice(&self.velocity);
+        self.before.work_j = self.work_j;
+        self.solver.save();
+    }
+
+    fn go_back(&mut self) {
+        self.solver.restore();
+        self.loads_n.copy_from_slice(&self.before.loads_n);
+        self.velocity.copy_from_slice(&self.before.velocity);
+        self.work_j = self.before.work_j;
+    }
+
+    /// Reactions; the share of force out of balance.
+    fn weigh(&mut self) -> f64 {
+        let (mut lack, mut acting) = (0.0, 0.0);
+        self.reactions_n.clear();
+        for node in 0..self.rest_m.len() {
+            let (gradient, load) = (self.gradient_n[node], self.loads_n[node]);
+            let sum = Vector3::from(gradient) - Vector3::from(load);
+            acting += Vector3::from(load).norm_squared();
+            if self.free[node] {
+                lack += sum.norm_squared();
+            } else {
+                acting += sum.norm_squared();
+                self.reactions_n.push(sum.into());
+            }
+        }
+        if lack == 0.0 {
+            0.0
+        } else {
+            (lack / acting.max(lack * 1e-30)).sqrt()
+        }
+    }
+
+    fn report(&self, outcome: Outcome, iterations: u32, residual: f64) -> Diagnostics {
+        let mut momentum = Vector3::zeros();
+        let mut angular_momentum = Vector3::zeros();
+        let mut kinetic = 0.0;
+        let nodes = self.velocity.iter().zip(&self.positions_m);
+        for ((velocity, position), mass) in nodes.zip(self.solver.mass()) {
+            let velocity = Vector3::from(*velocity);
+            momentum += *mass * velocity;
+            angular_momentum += *mass * Vector3::from(*position).cross(&velocity);
+            kinetic += 0.5 * mass * velocity.norm_squared();
+        }
+        let elastic = self.settings.relaxation.is_empty();
+        Diagnostics {
+            outcome,
+            iterations,
+            residual,
+            energy_j: self.energy_j,
+            energy_difference: if elastic && self.work_j != 0.0 {
+                (self.work_j - self.energy_j - kinetic) / self.work_j
+            } else {
+                f64::NAN
+            },
+            momentum: momentum.into(),
+            angular_momentum: angular_momentum.into(),
+        }
+    }
+}
+
+impl Tissue for EnergyBalance {
+    fn step(&mut self, drive: &Drive<'_>, step_s: f64) -> Diagnostics {
+        if let Some(objection) = self.objection(drive, step_s) {
+            return self.report(Outcome::Failed(objection), 0, f64::NAN);
+        }
+        self.remember();
+        let energy_j = self.energy_j;
+        let (visits, finite) = self.advance(drive, step_s, None);
+        if !finite {
+            self.go_back();
+            self.energy_j = energy_j;
+            self.gradient_n
+                .copy_from_slice(&self.before.part_gradient_n);
+            return self.report(Outcome::Failed("numbers are not finite"), visits, f64::NAN);
+        }
+        for (node, position) in self.positions_m.iter_mut().enumerate() {
+            let moved = self.solver.displacement(node);
+            *position = [0, 1, 2].map(|c| self.rest_m[node][c] + moved[c]);
+        }
+        let residual = self.weigh();
+        let outcome = if residual <= self.settings.tolerance {
+            Outcome::Converged
+        } else {
+            Outcome::Unfinished
+        };
+        self.report(outcome, visits, residual)
+    }
+
+    fn positions_m(&self) -> &[[f64; 3]] {
+        &self.positions_m
+    }
+
+    fn reactions_n(&self) -> &[[f64; 3]] {
+        &self.reactions_n
+    }
+
+    fn tangent(&mut self, drive: &Drive<'_>, moved: &[usize], step_s: f64) -> Option<Tangent> {
+        tangent::secant(self, drive, moved, step_s)
+    }
+}
