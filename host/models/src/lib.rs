@@ -3,11 +3,16 @@
 //! Entry points: [`Tissue`], which every model implements, and the models' own modules. A model moves nodes
 //! that are held to where a [`Drive`] wants them, lets the others follow, and says what that took.
 
+pub mod chainmail;
+mod drive_check;
 pub mod energy_balance;
 mod error;
 pub mod hyperelastic;
 pub mod law;
 mod material;
+mod rigid;
+mod secant;
+mod setting;
 mod tissue;
 
 pub use error::BuildError;

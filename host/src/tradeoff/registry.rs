@@ -5,6 +5,10 @@
 use super::cases::Substance;
 use crate::fem::{CorotationalModel, LinearModel, ModelSettings, Policy};
 use crate::mesh::TetMesh;
+use sutura_models::chainmail::{
+    ClassicalChainMail, ClassicalSettings, EllipsoidChainMail, EllipsoidSettings,
+};
+use sutura_models::energy_balance::{self, EnergyBalance, Form, Lanes, Prony};
 use sutura_models::hyperelastic::{self, Cells, Hyperelastic, Motion, Scheme};
 use sutura_models::law::Law;
 use sutura_models::{Materials, Tissue};
@@ -98,7 +102,21 @@ impl Entry {
 
 /// All models.
 pub fn entries() -> Vec<Entry> {
-    vec![linear(), corotational(), hyperelastic()]
+    vec![
+        linear(),
+        corotational(),
+        hyperelastic(),
+        energy_balance("energy-balance-neo-hookean", always, |substance| {
+            Law::neo_hookean(substance.material)
+        }),
+        energy_balance("energy-balance-stvk", isotropic, |substance| {
+            Law::st_venant_kirchhoff(substance.material)
+        }),
+        energy_balance("energy-balance-fiber", fibred, Substance::law),
+        energy_balance("energy-balance-prony", relaxing, Substance::law),
+        chainmail_classical(),
+        chainmail_ellipsoid(),
+    ]
 }
 
 /// One model by its name.
@@ -108,6 +126,18 @@ pub fn entry(tissue: &str) -> Option<Entry> {
 
 fn always(_: &Substance) -> bool {
     true
+}
+
+fn isotropic(substance: &Substance) -> bool {
+    substance.fibres.is_none() && substance.relaxation.is_none()
+}
+
+fn fibred(substance: &Substance) -> bool {
+    substance.fibres.is_some()
+}
+
+fn relaxing(substance: &Substance) -> bool {
+    substance.relaxation.is_some()
 }
 
 fn setting<T: Tissue + 'static, E: std::fmt::Display>(
@@ -195,27 +225,124 @@ fn hyperelastic() -> Entry {
         has_forces: true,
         has_step: false,
         fits: always,
-        dynamic: Some(setting(
-            "backward Euler",
-            false,
-            |body: &Body, mesh: &TetMesh| {
-                let settings = hyperelastic::Settings {
-                    motion: Motion::Implicit {
-                        density_kg_per_m3: body.substance.density_kg_per_m3,
-                        drag_per_s: 20.0,
-                        scheme: Scheme::BackwardEuler,
-                    },
-                    tolerance: 1e-6,
-                    ..hyperelastic::Settings::default()
-                };
-                Hyperelastic::new(mesh, &body.laws(Substance::law), settings)
-            },
-        )),
+        dynamic: Some(setting("backward Euler", false, |body: &Body, mesh: &TetMesh| {
+            let settings = hyperelastic::Settings {
+                motion: Motion::Implicit {
+                    density_kg_per_m3: body.substance.density_kg_per_m3,
+                    drag_per_s: 20.0,
+                    scheme: Scheme::BackwardEuler,
+                },
+                tolerance: 1e-6,
+                ..hyperelastic::Settings::default()
+            };
+            Hyperelastic::new(mesh, &body.laws(Substance::law), settings)
+        })),
         settings: vec![
             with("linear cells, to 1e-3", true, Cells::Linear, 1e-3),
             with("linear cells, to 1e-9", false, Cells::Linear, 1e-9),
             with("averaged cells, to 1e-3", true, Cells::Averaged, 1e-3),
             with("quadratic cells, to 1e-3", false, Cells::Quadratic, 1e-3),
+        ],
+    }
+}
+
+fn energy_balance(
+    tissue: &'static str,
+    fits: fn(&Substance) -> bool,
+    law: fn(&Substance) -> Law,
+) -> Entry {
+    let relaxes = tissue.ends_with("prony");
+    let with = |name: &str, short, form, lanes, iterations| {
+        setting(name, short, move |body: &Body, mesh: &TetMesh| {
+            let relaxation = match body.substance.relaxation {
+                Some((share, time_s)) if relaxes => vec![Prony { share, time_s }],
+                _ => Vec::new(),
+            };
+            let settings = energy_balance::Settings {
+                form,
+                iterations,
+                lanes,
+                relaxation,
+                density_kg_per_m3: body.substance.density_kg_per_m3,
+                ..energy_balance::Settings::default()
+            };
+            EnergyBalance::new(mesh, &body.laws(law), settings)
+        })
+    };
+    let mut settings = vec![
+        with("balanced, 20 iterations, wide", true, Form::Balanced, Lanes::Wide, 20),
+        with("balanced, 5 iterations, wide", true, Form::Balanced, Lanes::Wide, 5),
+        with("balanced, 100 iterations, wide", false, Form::Balanced, Lanes::Wide, 100),
+        with("balanced, 20 iterations, scalar", false, Form::Balanced, Lanes::Scalar, 20),
+    ];
+    if !relaxes {
+        settings.extend([
+            with("compliant, 20 iterations, wide", false, Form::Compliant, Lanes::Wide, 20),
+            with("averaged, 20 iterations, wide", false, Form::Averaged, Lanes::Wide, 20),
+            with("printed, 20 iterations, wide", false, Form::Printed, Lanes::Wide, 20),
+        ]);
+    }
+    Entry {
+        tissue,
+        has_forces: true,
+        has_step: relaxes,
+        fits,
+        dynamic: None,
+        settings,
+    }
+}
+
+fn chainmail_classical() -> Entry {
+    let with = |name: &str, short, change: fn(&mut ClassicalSettings)| {
+        setting(name, short, move |body: &Body, mesh: &TetMesh| {
+            let mut settings = ClassicalSettings {
+                density_kg_per_m3: body.substance.density_kg_per_m3,
+                ..ClassicalSettings::default()
+            };
+            change(&mut settings);
+            if !body.stiffer.is_empty() {
+                return Err("a classical ChainMail has one material and one box for all cells".to_owned());
+            }
+            ClassicalChainMail::new(mesh, body.substance.material, settings)
+                .map_err(|error| error.to_string())
+        })
+    };
+    Entry {
+        tissue: "chainmail-classical",
+        has_forces: true,
+        has_step: false,
+        fits: always,
+        dynamic: None,
+        settings: vec![
+            with("4 relaxations", true, |_| {}),
+            with("as printed", true, |settings| settings.relaxations = 0),
+            with("32 relaxations", false, |settings| settings.relaxations = 32),
+        ],
+    }
+}
+
+fn chainmail_ellipsoid() -> Entry {
+    let with = |name: &str, short, change: fn(&mut EllipsoidSettings)| {
+        setting(name, short, move |body: &Body, mesh: &TetMesh| {
+            let mut settings = EllipsoidSettings {
+                density_kg_per_m3: body.substance.density_kg_per_m3,
+                ..EllipsoidSettings::default()
+            };
+            change(&mut settings);
+            EllipsoidChainMail::new(mesh, body.materials(), settings)
+        })
+    };
+    Entry {
+        tissue: "chainmail-ellipsoid",
+        has_forces: true,
+        has_step: true,
+        fits: always,
+        dynamic: None,
+        settings: vec![
+            with("limit 0.3", true, |_| {}),
+            with("limit 0.1", true, |settings| settings.strain_limit = [0.1; 3]),
+            with("limit 0.3, no springs", false, |settings| settings.stiffness = 0.0),
+            with("limit 0.3, 16 visits", false, |settings| settings.visits = 16),
         ],
     }
 }
@@ -228,11 +355,7 @@ mod tests {
     fn names_and_settings_are_unique() {
         let entries = entries();
         for (index, entry) in entries.iter().enumerate() {
-            assert!(
-                entries[..index]
-                    .iter()
-                    .all(|other| other.tissue != entry.tissue)
-            );
+            assert!(entries[..index].iter().all(|other| other.tissue != entry.tissue));
             assert!(entry.settings.first().is_some_and(|setting| setting.short));
             for (index, setting) in entry.settings.iter().enumerate() {
                 let others = &entry.settings[..index];

@@ -1,0 +1,517 @@
+//! The ellipsoid-bounded ChainMail with motion in time.
+//!
+//! Entry point: [`EllipsoidChainMail`]. After zhang-2017, 3.3.2 to 3.3.4; it deviates in the links, which are springs
+//! within their limits, so that forces have a material and loads a balance; `stiffness` 0 is as printed.
+
+use super::adjust::{Adjusted, Enforced, enforce};
+use super::awake::Awake;
+use super::links::{Links, square};
+use super::motion::{Motion, Sums};
+use super::queue::Queue;
+use super::region::{Ball, Ellipsoid};
+use crate::drive_check::{failed, refused};
+use crate::secant::secant;
+use crate::setting::within;
+use crate::{BuildError, Diagnostics, Drive, Materials, Outcome, Tangent, Tissue};
+use sutura_mesh::TetMesh;
+
+/// Steps between looks at what may sleep.
+const SLEEP_EVERY: u32 = 64;
+
+/// What an [`EllipsoidChainMail`] can be told.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct EllipsoidSettings {
+    /// Strain at which a link stops giving, along x, y, z; from 0.001 to 0.9. 0.3, the middle one of
+    /// zhang-2017's three soft tissues.
+    pub strain_limit: [f64; 3],
+    /// Mass density \[kg/m^3\]; 1060, of liver.
+    pub density_kg_per_m3: f64,
+    /// Stiffness of the links as a share of what their material asks for; 1. 0 gives links without springs,
+    /// as printed.
+    pub stiffness: f64,
+    /// Time in which the slowest motion dies away \[s\]; 0.05, so that tissue follows a hand (up to 5 Hz)
+    /// and does not ring.
+    pub relaxation_s: f64,
+    /// How far beyond its limit a link may stay, as a share of its rest length; 0.001, a tenth of what can
+    /// be seen and felt, for a tenth of the visits.
+    pub tolerance: f64,
+    /// Visits of elements in a step, for each one awake; 4, which is what 20,000 elements in 1 ms allow.
+    /// What is then still beyond its limits is left to the next step, and said.
+    pub visits: u32,
+    /// Speed below which elements fall asleep \[m/s\]; 1e-6, a tenth of a millimetre in 100 s.
+    pub sleep_m_per_s: f64,
+}
+
+impl Default for EllipsoidSettings {
+    fn default() -> Self {
+        Self {
+            strain_limit: [0.3; 3],
+            density_kg_per_m3: 1060.0,
+            stiffness: 1.0,
+            relaxation_s: 0.05,
+            tolerance: 1e-3,
+            visits: 4,
+            sleep_m_per_s: 1e-6,
+        }
+    }
+}
+
+/// Tissue as an ellipsoid-bounded ChainMail.
+#[derive(Clone, Debug)]
+pub struct EllipsoidChainMail {
+    links: Links,
+    settings: EllipsoidSettings,
+    /// Strain limits by link where they differ, (m x 3).
+    limits: Option<Vec<[f64; 3]>>,
+    state: State,
+}
+
+/// Everything that a step changes.
+#[derive(Clone, Debug)]
+struct State {
+    motion: Motion,
+    awake: Awake,
+    queue: Queue,
+    /// Held elements of the last step.
+    held: Vec<u32>,
+    reactions_n: Vec<[f64; 3]>,
+    /// Mass times adjustment that links gave to held elements in a step \[kg m\], (n x 3).
+    impulse: Vec<[f64; 3]>,
+    /// Loads of the last step, to see which change.
+    loads: Vec<[f64; 3]>,
+    any_load: bool,
+    stamp: Vec<u32>,
+    now: u32,
+    step_s: f64,
+    moved: usize,
+    adjusted: usize,
+    work_j: f64,
+}
+
+impl EllipsoidChainMail {
+    /// Tissue at rest on the nodes and edges of a mesh. Of a material, Young's modulus sets the links' stiffness;
+    /// Poisson's ratio has no say: a network of springs has about 1/4, and more under its limits.
+    ///
+    /// # Errors
+    /// A material or a setting out of range.
+    pub fn new(
+        mesh: &TetMesh,
+        materials: impl Into<Materials>,
+        settings: EllipsoidSettings,
+    ) -> Result<Self, BuildError> {
+        settings.check()?;
+        let links = Links::new(
+            mesh,
+            &materials.into(),
+            settings.density_kg_per_m3,
+            settings.stiffness,
+        )?;
+        let [x, y, z] = settings.strain_limit;
+        let mut this = Self {
+            state: State::new(&links, x.max(y).max(z)),
+            limits: None,
+            links,
+            settings,
+        };
+        if x != y || y != z {
+            this.limits = Some(vec![settings.strain_limit; this.links.count()]);
+        }
+        Ok(this)
+    }
+
+    /// Gives each link strain limits along x, y, z of its own: `of` is asked with its two nodes, the lower one
+    /// first. For regions and layers; the body goes back to rest.
+    ///
+    /// # Errors
+    /// A limit out of range.
+    pub fn set_limits(
+        &mut self,
+        mut of: impl FnMut(u32, u32) -> [f64; 3],
+    ) -> Result<(), BuildError> {
+        let mut limits = Vec::with_capacity(self.links.count());
+        let mut greatest = 0.0f64;
+        for node in 0..self.links.nodes() {
+            for link in self.links.upper(node).1 {
+                let limit = of(node as u32, link.to);
+                check_limit(limit)?;
+                greatest = limit.iter().fold(greatest, |most, value| most.max(*value));
+                limits.push(limit);
+            }
+        }
+        self.limits = Some(limits);
+        self.state = State::new(&self.links, greatest);
+        Ok(())
+    }
+
+    /// Nodes that changed place in the last step.
+    pub fn moved(&self) -> usize {
+        self.state.moved
+    }
+
+    /// Free nodes that a link at its limit moved in the last step.
+    pub fn adjusted(&self) -> usize {
+        self.state.adjusted
+    }
+
+    /// Nodes that take part in the next step; the others rest.
+    pub fn awake(&self) -> usize {
+        self.state.awake.count()
+    }
+
+    /// Mass of all nodes in steps as long as the last over their true mass: above 1 where the step is too
+    /// long for the links. Balance does not depend on mass; how fast it is reached does.
+    pub fn mass_factor(&self) -> f64 {
+        let sum = |masses: &[f64]| masses.iter().sum::<f64>();
+        sum(&self.state.motion.mass) / sum(&self.links.mass_kg)
+    }
+
+    /// Velocity of every node at the end of the last step \[m/s\], (n x 3).
+    pub fn velocities_m_per_s(&self) -> &[[f64; 3]] {
+        &self.state.motion.v
+    }
+
+    /// Gives every node a velocity \[m/s\], (n x 3); does nothing if they are not as many or not finite.
+    pub fn set_velocities(&mut self, velocities_m_per_s: &[[f64; 3]]) {
+        let finite = velocities_m_per_s.iter().flatten().all(|v| v.is_finite());
+        if finite && velocities_m_per_s.len() == self.links.nodes() {
+            self.state.motion.v.copy_from_slice(velocities_m_per_s);
+            self.state.wake_all(&self.links);
+        }
+    }
+
+    /// Greatest excess of a link over its limits as a share of its rest length; links between two held nodes
+    /// do not count.
+    pub fn greatest_excess(&self) -> f64 {
+        let mut most = 0.0f64;
+        let motion = &self.state.motion;
+        for i in 0..self.links.nodes() {
+            let (first, upper) = self.links.upper(i);
+            for (index, link) in upper.iter().enumerate() {
+                let j = link.to as usize;
+                if motion.inverse_mass[i] + motion.inverse_mass[j] == 0.0 {
+                    continue;
+                }
+                let d = super::links::difference(&motion.x[i], &motion.x[j]);
+                let (least, greatest) = self.lengths(first + index, link.rest_sq, d);
+                let length = square(d).sqrt();
+                let excess = (length - greatest).max(least - length);
+                most = most.max(excess / link.rest_sq.sqrt());
+            }
+        }
+        most
+    }
+
+    fn lengths(&self, link: usize, rest_sq: f64, d: [f64; 3]) -> (f64, f64) {
+        use super::region::Region;
+        match &self.limits {
+            Some(limits) => Ellipsoid { limits }.lengths(link, rest_sq, d),
+            None => Ball {
+                limit: self.settings.strain_limit[0],
+            }
+            .lengths(link, rest_sq, d),
+        }
+    }
+
+    /// Brings links within their limits.
+    fn enforce(&mut self) -> Enforced {
+        let state = &mut self.state;
+        let most = u64::from(self.settings.visits) * state.awake.count().max(64) as u64;
+        let mut adjusted = Adjusted {
+            rest_m: &self.links.rest_m,
+            x: &mut state.motion.x,
+            inverse_mass: &state.motion.inverse_mass,
+            impulse: &mut state.impulse,
+            stamp: &mut state.stamp,
+            now: state.now,
+            adjusted: 0,
+        };
+        let tolerance = self.settings.tolerance;
+        let (links, awake, queue) = (&self.links, &mut state.awake, &mut state.queue);
+        let enforced = match &self.limits {
+            Some(limits) => {
+                let region = Ellipsoid { limits };
+                enforce(links, &region, tolerance, awake, queue, &mut adjusted, most)
+            }
+            None => {
+                let limit = self.settings.strain_limit[0];
+                let region = Ball { limit };
+                enforce(links, &region, tolerance, awake, queue, &mut adjusted, most)
+            }
+        };
+        state.adjusted = adjusted.adjusted;
+        enforced
+    }
+}
+
+impl EllipsoidSettings {
+    fn check(&self) -> Result<(), BuildError> {
+        check_limit(self.strain_limit)?;
+        let density = self.density_kg_per_m3;
+        within("density_kg_per_m3", density, 1.0, 1e5, "from 1 to 1e5")?;
+        within("stiffness", self.stiffness, 0.0, 1e3, "from 0 to 1000")?;
+        within(
+            "relaxation_s",
+            self.relaxation_s,
+            0.0,
+            1e3,
+            "from 0 to 1000",
+        )?;
+        within("tolerance", self.tolerance, 1e-9, 0.1, "from 1e-9 to 0.1")?;
+        within("visits", f64::from(self.visits), 1.0, 1e6, "from 1 to 1e6")?;
+        within("sleep_m_per_s", self.sleep_m_per_s, 0.0, 1.0, "from 0 to 1")
+    }
+}
+
+fn check_limit(limit: [f64; 3]) -> Result<(), BuildError> {
+    limit
+        .into_iter()
+        .try_for_each(|value| within("strain_limit", value, 1e-3, 0.9, "from 0.001 to 0.9"))
+}
+
+impl State {
+    fn new(links: &Links, limit: f64) -> Self {
+        let nodes = links.nodes();
+        Self {
+            motion: Motion::new(links, limit),
+            awake: Awake::new(nodes),
+            queue: Queue::new(nodes),
+            held: Vec::new(),
+            reactions_n: Vec::new(),
+            impulse: vec![[0.0; 3]; nodes],
+            loads: vec![[0.0; 3]; nodes],
+            any_load: false,
+            stamp: vec![0; nodes],
+            now: 0,
+            step_s: 0.0,
+            moved: 0,
+            adjusted: 0,
+            work_j: 0.0,
+        }
+    }
+
+    /// Wakes an element. What slept was in balance: its links' force, not kept up, counts as none.
+    fn wake(&mut self, node: u32, links: &Links) {
+        if self.awake.wake(node, links) {
+            self.motion.f[node as usize] = [0.0; 3];
+        }
+    }
+
+    fn wake_all(&mut self, links: &Links) {
+        for node in 0..links.nodes() as u32 {
+            self.wake(node, links);
+        }
+        self.motion.link_forces(&self.awake, links);
+    }
+
+    /// Holds what the drive holds, lets go of the rest, and queues what is moved.
+    fn hold(&mut self, drive: &Drive<'_>, links: &Links) {
+        for index in 0..self.held.len() {
+            let node = self.held[index];
+            self.motion.inverse_mass[node as usize] = 1.0 / self.motion.mass[node as usize];
+            let still = drive
+                .held
+                .binary_search_by_key(&node, |held| held.0)
+                .is_ok();
+            if !still {
+                self.awake.wake_beside(node, links, |woken| {
+                    self.motion.f[woken as usize] = [0.0; 3];
+                });
+            }
+        }
+        self.held.clear();
+        for &(node, displacement) in drive.held {
+            let i = node as usize;
+            self.held.push(node);
+            self.wake(node, links);
+            self.motion.inverse_mass[i] = 0.0;
+            self.impulse[i] = [0.0; 3];
+            let rest = links.rest_m[i];
+            let target = [0, 1, 2].map(|axis| rest[axis] + displacement[axis]);
+            if self.motion.x[i] != target {
+                self.motion.x[i] = target;
+                self.queue.push(node);
+                self.awake.wake_beside(node, links, |woken| {
+                    self.motion.f[woken as usize] = [0.0; 3];
+                });
+            }
+        }
+    }
+
+    /// Wakes what a load that has changed acts on.
+    fn load(&mut self, drive: &Drive<'_>, links: &Links) {
+        if drive.force_n.is_empty() && !self.any_load {
+            return;
+        }
+        for node in 0..links.nodes() {
+            let load = drive.force_n.get(node).copied().unwrap_or_default();
+            if load != self.loads[node] {
+                self.loads[node] = load;
+                self.wake(node as u32, links);
+            }
+        }
+        self.any_load = !drive.force_n.is_empty();
+    }
+
+    /// Reactions of held elements, and their work over the step.
+    fn react(&mut self, drive: &Drive<'_>, step_s: f64) {
+        let rate_sq = 1.0 / (step_s * step_s);
+        self.reactions_n.clear();
+        for &(node, _) in drive.held {
+            let i = node as usize;
+            let load = drive.force_n.get(i).copied().unwrap_or_default();
+            let (force, impulse) = (self.motion.f[i], self.impulse[i]);
+            let of = |axis: usize| -force[axis] - load[axis] - rate_sq * impulse[axis];
+            let reaction: [f64; 3] = [of(0), of(1), of(2)];
+            for axis in 0..3 {
+                let step_m = self.motion.x[i][axis] - self.motion.previous[i][axis];
+                self.work_j += reaction[axis] * step_m;
+            }
+            self.reactions_n.push(reaction);
+        }
+    }
+
+    /// Wakes what moving elements touch.
+    fn spread(&mut self, links: &Links, settings: &EllipsoidSettings) {
+        if self.awake.all() {
+            return;
+        }
+        let threshold_sq = settings.sleep_m_per_s * settings.sleep_m_per_s;
+        for i in self.awake.iter() {
+            if square(self.motion.v[i]) > threshold_sq {
+                self.queue.push(i as u32);
+            }
+        }
+        while let Some(node) = self.queue.pop() {
+            self.awake.wake_beside(node, links, |_| {});
+        }
+    }
+
+    /// Lets sleep what has come to rest.
+    fn fall_asleep(&mut self, links: &Links, settings: &EllipsoidSettings) {
+        let motion = &self.motion;
+        let threshold_sq = settings.sleep_m_per_s * settings.sleep_m_per_s;
+        let step_s = self.step_s;
+        self.awake.put_to_sleep(links, |i| {
+            let w = motion.inverse_mass[i];
+            let kick = motion.f[i].map(|f| w * step_s * f);
+            w > 0.0 && square(motion.v[i]) < threshold_sq && square(kick) < threshold_sq
+        });
+    }
+}
+
+impl Tissue for EllipsoidChainMail {
+    fn step(&mut self, drive: &Drive<'_>, step_s: f64) -> Diagnostics {
+        if let Some(reason) = refused(drive, self.links.nodes(), step_s) {
+            return failed(reason, self.state.motion.energy_j);
+        }
+        let (links, settings) = (&self.links, &self.settings);
+        let state = &mut self.state;
+        state.now = state.now.wrapping_add(1);
+        if state.step_s != step_s {
+            state.step_s = step_s;
+            state.motion.set_step(links, step_s, settings.relaxation_s);
+            for (w, m) in state.motion.inverse_mass.iter_mut().zip(&state.motion.mass) {
+                *w = 1.0 / m;
+            }
+        }
+        state.hold(drive, links);
+        state.load(drive, links);
+        let free = drive.held.is_empty();
+        let mut angular = [0.0; 3];
+        if free {
+            // Of a body that is free nothing sleeps, or its momentum would not last.
+            if state.awake.count() > 0 && !state.awake.all() {
+                state.wake_all(links);
+            }
+            angular = state.motion.momenta().1;
+            for (x, load) in state.motion.x.iter().zip(drive.force_n) {
+                let torque = nalgebra::Vector3::from(*x).cross(&nalgebra::Vector3::from(*load));
+                for axis in 0..3 {
+                    angular[axis] += step_s * torque[axis];
+                }
+            }
+        }
+        let decay = if free { 1.0 } else { state.motion.decay };
+        state.motion.predict(&state.awake, drive, step_s, decay);
+        let enforced = self.enforce();
+        let (links, settings) = (&self.links, &self.settings);
+        let state = &mut self.state;
+        let mut sums = state.motion.velocities(&state.awake, drive, step_s, decay);
+        let good = |sums: &Sums, energy: f64| {
+            (sums.kinetic_j + square(sums.momentum) + square(sums.angular_momentum) + energy)
+                .is_finite()
+        };
+        if good(&sums, 0.0) {
+            if free && state.awake.all() {
+                state.motion.free(angular, &mut sums);
+            }
+            state.spread(links, settings);
+            state.motion.link_forces(&state.awake, links);
+        }
+        if !good(&sums, state.motion.energy_j) {
+            state.motion.restore(&state.awake);
+            state.motion.link_forces(&state.awake, links);
+            state.motion.sum_energy();
+            state.reactions_n.clear();
+            state.reactions_n.resize(drive.held.len(), [0.0; 3]);
+            return failed(
+                "the step leads to positions that are not finite",
+                state.motion.energy_j,
+            );
+        }
+        state.moved = sums.moved;
+        state.work_j += sums.work_j;
+        state.react(drive, step_s);
+        state.motion.settle(&state.awake);
+        if !free && state.now % SLEEP_EVERY == 0 {
+            state.fall_asleep(links, settings);
+        }
+        let acting = sums.load_sq + state.reactions_n.iter().map(|r| square(*r)).sum::<f64>();
+        let kept = state.motion.energy_j + sums.kinetic_j;
+        let ratio = |part: f64, whole: f64| if part == 0.0 { 0.0 } else { part / whole };
+        Diagnostics {
+            outcome: if enforced.within {
+                Outcome::Converged
+            } else {
+                Outcome::Unfinished
+            },
+            iterations: enforced.visits.div_ceil(state.awake.count().max(1) as u64) as u32,
+            residual: ratio(sums.unbalanced_sq.sqrt(), acting.sqrt()),
+            energy_j: state.motion.energy_j,
+            energy_difference: ratio(state.work_j - kept, state.work_j.abs()),
+            momentum: sums.momentum,
+            angular_momentum: sums.angular_momentum,
+        }
+    }
+
+    fn positions_m(&self) -> &[[f64; 3]] {
+        &self.state.motion.x
+    }
+
+    fn reactions_n(&self) -> &[[f64; 3]] {
+        &self.state.reactions_n
+    }
+
+    /// A secant of one step over a hundredth of the mean edge and half of that: the answer within `step_s`,
+    /// before the tissue beyond has followed; stiffer than the balance it relaxes to.
+    fn tangent(&mut self, drive: &Drive<'_>, moved: &[usize], step_s: f64) -> Option<Tangent> {
+        // The state itself is put aside, not a copy of it: its buffers have room for a whole step.
+        let mut aside = self.state.clone();
+        std::mem::swap(&mut aside, &mut self.state);
+        let tangent = secant(drive, moved, 0.01 * self.links.edge_m, |trial| {
+            self.state = aside.clone();
+            if let Outcome::Failed(_) = self.step(trial, step_s).outcome {
+                return None;
+            }
+            let of = |axis: usize| {
+                moved
+                    .iter()
+                    .map(|at| self.state.reactions_n[*at][axis])
+                    .sum()
+            };
+            Some([of(0), of(1), of(2)])
+        });
+        self.state = aside;
+        tangent
+    }
+}

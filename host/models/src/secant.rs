@@ -1,0 +1,100 @@
+//! Tangent of held nodes as a secant, for models whose reactions have no derivative.
+//!
+//! Entry point: [`secant`]. The step is taken again with the nodes moved both ways along each axis, over one
+//! distance and over half of it; the difference of the two is the stated error.
+
+use crate::{Drive, Tangent};
+
+/// The tangent of `reactions` of `moved` over +-`reach_m` and +-`reach_m / 2`. `reactions` takes the held
+/// nodes of a trial and gives the summed reaction of `moved` \[N\] after one step from where the model
+/// stands, or nothing where that step fails.
+pub(crate) fn secant(
+    drive: &Drive<'_>,
+    moved: &[usize],
+    reach_m: f64,
+    mut reactions: impl FnMut(&Drive<'_>) -> Option<[f64; 3]>,
+) -> Option<Tangent> {
+    if moved.is_empty() || moved.iter().any(|index| *index >= drive.held.len()) {
+        return None;
+    }
+    let mut held = drive.held.to_vec();
+    let mut over = |reach: f64| -> Option<[[f64; 3]; 3]> {
+        let mut stiffness = [[0.0; 3]; 3];
+        for axis in 0..3 {
+            let mut ends = [[0.0; 3]; 2];
+            for (end, sign) in ends.iter_mut().zip([1.0, -1.0]) {
+                held.copy_from_slice(drive.held);
+                for index in moved {
+                    held[*index].1[axis] += sign * reach;
+                }
+                let trial = Drive {
+                    held: &held,
+                    force_n: drive.force_n,
+                };
+                *end = reactions(&trial)?;
+            }
+            for row in 0..3 {
+                stiffness[row][axis] = (ends[0][row] - ends[1][row]) / (2.0 * reach);
+            }
+        }
+        Some(stiffness)
+    };
+    let (far, near) = (over(reach_m)?, over(0.5 * reach_m)?);
+    let norm = |of: &dyn Fn(usize, usize) -> f64| {
+        let entries = (0..9).map(|entry| of(entry / 3, entry % 3).powi(2));
+        entries.sum::<f64>().sqrt()
+    };
+    let size = norm(&|row, column| near[row][column]);
+    let difference = norm(&|row, column| far[row][column] - near[row][column]);
+    Some(Tangent {
+        stiffness_n_per_m: near,
+        error: if difference == 0.0 {
+            0.0
+        } else {
+            difference / size
+        },
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const HELD: [(u32, [f64; 3]); 2] = [(0, [0.0; 3]), (3, [0.1, 0.0, 0.0])];
+
+    #[test]
+    fn a_linear_force_is_exact_and_a_curved_one_says_its_error() {
+        let drive = Drive {
+            held: &HELD,
+            force_n: &[],
+        };
+        let linear = |trial: &Drive<'_>| {
+            let [x, y, z] = trial.held[1].1;
+            Some([3.0 * x + y, 2.0 * y, x - z])
+        };
+        let tangent = secant(&drive, &[1], 1e-3, linear).expect("a tangent");
+        let expected = [[3.0, 1.0, 0.0], [0.0, 2.0, 0.0], [1.0, 0.0, -1.0]];
+        for (row, expected) in tangent.stiffness_n_per_m.iter().zip(expected) {
+            for (value, expected) in row.iter().zip(expected) {
+                assert!((value - expected).abs() < 1e-9);
+            }
+        }
+        assert!(tangent.error < 1e-9);
+        // x^3 at 0.1: the secant over h is 3 x^2 + h^2.
+        let cubic = |trial: &Drive<'_>| Some([trial.held[1].1[0].powi(3), 0.0, 0.0]);
+        let tangent = secant(&drive, &[1], 0.02, cubic).expect("a tangent");
+        assert!((tangent.stiffness_n_per_m[0][0] - 0.0301).abs() < 1e-12);
+        assert!((tangent.error - 0.0003 / 0.0301).abs() < 1e-9);
+    }
+
+    #[test]
+    fn no_nodes_no_tangent() {
+        let drive = Drive {
+            held: &HELD,
+            force_n: &[],
+        };
+        assert_eq!(secant(&drive, &[], 1e-3, |_| Some([0.0; 3])), None);
+        assert_eq!(secant(&drive, &[2], 1e-3, |_| Some([0.0; 3])), None);
+        assert_eq!(secant(&drive, &[0], 1e-3, |_| None), None);
+    }
+}
