@@ -62,7 +62,10 @@ fn case(
     let line = points.filter(|(_, p)| on_line(p)).map(|(k, _)| k).collect();
     Ok(Case {
         name,
-        moved: held.iter().map(|(node, _)| moved_nodes.contains(node)).collect(),
+        moved: held
+            .iter()
+            .map(|(node, _)| moved_nodes.contains(node))
+            .collect(),
         held,
         force_n,
         solution_m: serde_json::from_value(json["displacement_m"].clone())?,
@@ -103,7 +106,12 @@ fn errors(case: &Case, model: &EnergyBalance) -> [f64; 4] {
         (squared([0, 1, 2].map(|c| sum[c] - exact[c])) / squared(exact)).sqrt()
     });
     let rms = (squares / case.line.len() as f64).sqrt();
-    [most / largest, rms / largest, (lack / whole).sqrt(), reaction]
+    [
+        most / largest,
+        rms / largest,
+        (lack / whole).sqrt(),
+        reaction,
+    ]
 }
 
 fn main() -> Result<(), Box<dyn Error>> {
@@ -123,7 +131,18 @@ fn main() -> Result<(), Box<dyn Error>> {
     let chosen: Vec<String> = std::env::args().skip(1).collect();
     println!(
         "{:16} {:24} {:>5} {:>5} {:>8} {:>9} {:>9} {:>9} {:>9} {:>9} {:>10} {:>9}",
-        "case", "form", "parts", "its", "visits", "line max", "line rms", "field", "reaction", "residual", "energy J", "RED"
+        "case",
+        "form",
+        "parts",
+        "its",
+        "visits",
+        "line max",
+        "line rms",
+        "field",
+        "reaction",
+        "residual",
+        "energy J",
+        "RED"
     );
     for case in &cases {
         for (name, form, lanes, points, proximity) in [
@@ -132,7 +151,13 @@ fn main() -> Result<(), Box<dyn Error>> {
             ("compliant", Form::Compliant, Lanes::Scalar, 0, 1.0),
             ("compliant/3", Form::Compliant, Lanes::Scalar, 0, 0.3),
             ("compliant/10", Form::Compliant, Lanes::Scalar, 0, 0.1),
-            ("balanced, no lattice", Form::Balanced, Lanes::Scalar, 0, 1.0),
+            (
+                "balanced, no lattice",
+                Form::Balanced,
+                Lanes::Scalar,
+                0,
+                1.0,
+            ),
             ("balanced", Form::Balanced, Lanes::Scalar, 96, 1.0),
             ("balanced, wide", Form::Balanced, Lanes::Wide, 96, 1.0),
         ] {
@@ -140,8 +165,18 @@ fn main() -> Result<(), Box<dyn Error>> {
                 continue;
             }
             for (load_steps, iterations) in [
-                (1, 5), (1, 10), (1, 16), (1, 20), (1, 50), (1, 100), (1, 300), (1, 1000),
-                (2, 10), (4, 5), (4, 20), (10, 20),
+                (1, 5),
+                (1, 10),
+                (1, 16),
+                (1, 20),
+                (1, 50),
+                (1, 100),
+                (1, 300),
+                (1, 1000),
+                (2, 10),
+                (4, 5),
+                (4, 20),
+                (10, 20),
             ] {
                 let mut model = EnergyBalance::new(
                     &case.mesh,

@@ -14,8 +14,16 @@ const REPEATS: usize = 201;
 /// Seconds of a step, sorted: the bottom held, the top moved a little further every time.
 fn steps(mesh: &TetMesh, law: Law, settings: Settings) -> Result<Vec<f64>, Box<dyn Error>> {
     let mut model = EnergyBalance::new(mesh, &[law], settings)?;
-    let top = mesh.points_m().iter().map(|p| p[2]).fold(f64::MIN, f64::max);
-    let bottom = mesh.points_m().iter().map(|p| p[2]).fold(f64::MAX, f64::min);
+    let top = mesh
+        .points_m()
+        .iter()
+        .map(|p| p[2])
+        .fold(f64::MIN, f64::max);
+    let bottom = mesh
+        .points_m()
+        .iter()
+        .map(|p| p[2])
+        .fold(f64::MAX, f64::min);
     let mut seconds = Vec::with_capacity(REPEATS);
     for repeat in 0..REPEATS + 5 {
         let by = 1e-5 * repeat as f64;
@@ -74,7 +82,10 @@ fn main() -> Result<(), Box<dyn Error>> {
                 for lanes in [Lanes::Scalar, Lanes::Wide] {
                     let iterations = 20;
                     let relaxation = if prony {
-                        vec![Prony { share: 0.5, time_s: 0.58 }]
+                        vec![Prony {
+                            share: 0.5,
+                            time_s: 0.58,
+                        }]
                     } else {
                         Vec::new()
                     };

@@ -26,7 +26,9 @@ fn sheared_cube() -> (TetMesh, Held, Vec<[f64; 3]>, [f64; 3]) {
     let nodes = |key: &str| -> Vec<u32> { serde_json::from_value(json[key].clone()).expect(key) };
     let triple = |key: &str| -> [f64; 3] { serde_json::from_value(json[key].clone()).expect(key) };
     let by = triple("moved_by_m");
-    let fixed = nodes("fixed_nodes").into_iter().map(|node| (node, [0.0; 3]));
+    let fixed = nodes("fixed_nodes")
+        .into_iter()
+        .map(|node| (node, [0.0; 3]));
     let moved = nodes("moved_nodes").into_iter().map(|node| (node, by));
     let mut held: Held = fixed.chain(moved).collect();
     held.sort_by_key(|(node, _)| *node);
@@ -56,7 +58,10 @@ fn errors(settings: Settings) -> (f64, f64) {
     let mut off = 0.0f64;
     for c in 0..3 {
         let moved = model.reactions_n().iter().zip(&held);
-        let sum: f64 = moved.filter(|(_, (_, u))| u[2] != 0.0).map(|(r, _)| r[c]).sum();
+        let sum: f64 = moved
+            .filter(|(_, (_, u))| u[2] != 0.0)
+            .map(|(r, _)| r[c])
+            .sum();
         off = off.max((sum - reaction[c]).abs());
     }
     (worst, off / reaction[2].abs())
@@ -79,15 +84,27 @@ fn a_step_allocates_nothing_after_the_first() {
     let mesh = slab([0.06, 0.05, 0.04], [4, 4, 3]).expect("a slab");
     let held = |first: u32, by: f64| -> Held {
         let bottom = (first..first + 25).map(|node| (node, [0.0; 3]));
-        bottom.chain((75..100).map(|node| (node, [by, 0.0, 0.0]))).collect()
+        bottom
+            .chain((75..100).map(|node| (node, [by, 0.0, 0.0])))
+            .collect()
     };
-    let drives = [held(0, 0.0), held(0, 1e-3), held(3, 2e-3), held(0, f64::NAN)];
+    let drives = [
+        held(0, 0.0),
+        held(0, 1e-3),
+        held(3, 2e-3),
+        held(0, f64::NAN),
+    ];
     let force_n = vec![[0.0, 0.0, 1e-3]; 100];
     let material = Material {
         youngs_modulus_pa: 3_000.0,
         poisson_ratio: 0.45,
     };
-    for form in [Form::Printed, Form::Averaged, Form::Compliant, Form::Balanced] {
+    for form in [
+        Form::Printed,
+        Form::Averaged,
+        Form::Compliant,
+        Form::Balanced,
+    ] {
         for lanes in [Lanes::Scalar, Lanes::Wide] {
             let mut settings = Settings {
                 form,
@@ -101,8 +118,8 @@ fn a_step_allocates_nothing_after_the_first() {
                     time_s: 0.58,
                 });
             }
-            let mut model =
-                EnergyBalance::new(&mesh, &[Law::neo_hookean(material)], settings).expect("a model");
+            let mut model = EnergyBalance::new(&mesh, &[Law::neo_hookean(material)], settings)
+                .expect("a model");
             let mut failed = 0;
             let mut go = |held: &Held| {
                 let drive = Drive {

@@ -79,6 +79,13 @@ pub fn trials<'a>(entry: &'a Entry, full: bool) -> Vec<Trial<'a>> {
     add("turn [deg]", &[190.0, 360.0], Block::turned);
     add("compression [%]", &[50.0, 90.0], Block::compressed);
     add("jump in a step [body lengths]", &[1.0, 10.0], Block::jump);
+    if entry.double.is_some() {
+        add(
+            "single against double precision, compression [%]",
+            &[1.0, 10.0, 50.0],
+            Block::precision,
+        );
+    }
     if entry.has_step || entry.dynamic.is_some() {
         let steps = [1e-6, 1e-5, 1e-4, 1e-3, 1e-2, 1e-1, 1.0];
         add("time step [s]", &steps, Block::time_step);
@@ -287,6 +294,39 @@ impl<'a> Block<'a> {
     /// The top is elsewhere from one step to the next, and back.
     fn jump(&self, lengths: f64) -> Verdict {
         self.along(USUAL, &moved([0.0, 0.0, lengths * SIDE_M]), 1, true)
+    }
+
+    /// The usual setting in single and in double precision, on the same way.
+    fn precision(&self, percent: f64) -> Verdict {
+        let run = || {
+            let mesh = Self::mesh()?;
+            let course = Course {
+                mesh: &mesh,
+                path: &moved([0.0, 0.0, -0.01 * percent * SIDE_M]),
+                steps: 20,
+                rest: 20,
+                back: false,
+                step_s: 0.01,
+            };
+            let mut single = self.build(USUAL, &mesh)?;
+            let Some(double) = &self.entry.double else {
+                return Err(Verdict::Refused("there is one precision only".to_owned()));
+            };
+            let mut double = (double.build)(&Body::of(USUAL), &mesh).map_err(Verdict::Refused)?;
+            let answer = course.run(&mut *double);
+            if answer.verdict != Verdict::Stable {
+                return Ok(answer.verdict);
+            }
+            let seen = course.run(&mut *single);
+            let difference = difference(&seen.u, &answer.u);
+            Ok(match seen.verdict {
+                Verdict::Stable if difference > super::judge::MOST_ROUNDING => {
+                    Verdict::Degraded(format!("{:.2} % from double precision", 100.0 * difference))
+                }
+                verdict => verdict,
+            })
+        };
+        run().unwrap_or_else(|verdict: Verdict| verdict)
     }
 
     /// Against the same way at the usual step.

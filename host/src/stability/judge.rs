@@ -13,6 +13,8 @@ use sutura_models::{Drive, Outcome, Tissue};
 pub const MOST_RESIDUAL: f64 = 0.05;
 /// Largest difference from the answer that is stable, RMS over RMS; 10 %, what a hand can just tell.
 pub const MOST_DIFFERENCE: f64 = 0.1;
+/// Largest difference that single precision may make, RMS over RMS; 0.1 %, below what is measured elsewhere.
+pub const MOST_ROUNDING: f64 = 1e-3;
 /// Farthest that a free node may be from where held ones are, as a multiple of the body's size: beyond, it has
 /// flown off.
 pub const MOST_AWAY: f64 = 10.0;

@@ -81,6 +81,8 @@ pub struct Entry {
     pub has_step: bool,
     /// Substances it is meant for; others it would treat as something else.
     pub fits: fn(&Substance) -> bool,
+    /// The usual one in double precision, where that is not what it has.
+    pub double: Option<Setting>,
     /// With masses and time, where the usual one goes straight to balance.
     pub dynamic: Option<Setting>,
     /// What it is measured with; the first is the usual one.
@@ -161,6 +163,7 @@ fn linear() -> Entry {
         has_forces: true,
         has_step: false,
         fits: always,
+        double: None,
         dynamic: None,
         settings: vec![setting("", true, |body, mesh| {
             LinearModel::new(mesh, body.materials())
@@ -196,6 +199,7 @@ fn corotational() -> Entry {
         has_forces: true,
         has_step: false,
         fits: always,
+        double: None,
         dynamic: None,
         settings: vec![
             with("4 solves, factor at 0.1 rad", true, usual(4)),
@@ -225,18 +229,23 @@ fn hyperelastic() -> Entry {
         has_forces: true,
         has_step: false,
         fits: always,
-        dynamic: Some(setting("backward Euler", false, |body: &Body, mesh: &TetMesh| {
-            let settings = hyperelastic::Settings {
-                motion: Motion::Implicit {
-                    density_kg_per_m3: body.substance.density_kg_per_m3,
-                    drag_per_s: 20.0,
-                    scheme: Scheme::BackwardEuler,
-                },
-                tolerance: 1e-6,
-                ..hyperelastic::Settings::default()
-            };
-            Hyperelastic::new(mesh, &body.laws(Substance::law), settings)
-        })),
+        double: None,
+        dynamic: Some(setting(
+            "backward Euler",
+            false,
+            |body: &Body, mesh: &TetMesh| {
+                let settings = hyperelastic::Settings {
+                    motion: Motion::Implicit {
+                        density_kg_per_m3: body.substance.density_kg_per_m3,
+                        drag_per_s: 20.0,
+                        scheme: Scheme::BackwardEuler,
+                    },
+                    tolerance: 1e-6,
+                    ..hyperelastic::Settings::default()
+                };
+                Hyperelastic::new(mesh, &body.laws(Substance::law), settings)
+            },
+        )),
         settings: vec![
             with("linear cells, to 1e-3", true, Cells::Linear, 1e-3),
             with("linear cells, to 1e-9", false, Cells::Linear, 1e-9),
@@ -270,16 +279,58 @@ fn energy_balance(
         })
     };
     let mut settings = vec![
-        with("balanced, 20 iterations, wide", true, Form::Balanced, Lanes::Wide, 20),
-        with("balanced, 5 iterations, wide", true, Form::Balanced, Lanes::Wide, 5),
-        with("balanced, 100 iterations, wide", false, Form::Balanced, Lanes::Wide, 100),
-        with("balanced, 20 iterations, scalar", false, Form::Balanced, Lanes::Scalar, 20),
+        with(
+            "balanced, 20 iterations, wide",
+            true,
+            Form::Balanced,
+            Lanes::Wide,
+            20,
+        ),
+        with(
+            "balanced, 5 iterations, wide",
+            true,
+            Form::Balanced,
+            Lanes::Wide,
+            5,
+        ),
+        with(
+            "balanced, 100 iterations, wide",
+            false,
+            Form::Balanced,
+            Lanes::Wide,
+            100,
+        ),
+        with(
+            "balanced, 20 iterations, scalar",
+            false,
+            Form::Balanced,
+            Lanes::Scalar,
+            20,
+        ),
     ];
     if !relaxes {
         settings.extend([
-            with("compliant, 20 iterations, wide", false, Form::Compliant, Lanes::Wide, 20),
-            with("averaged, 20 iterations, wide", false, Form::Averaged, Lanes::Wide, 20),
-            with("printed, 20 iterations, wide", false, Form::Printed, Lanes::Wide, 20),
+            with(
+                "compliant, 20 iterations, wide",
+                false,
+                Form::Compliant,
+                Lanes::Wide,
+                20,
+            ),
+            with(
+                "averaged, 20 iterations, wide",
+                false,
+                Form::Averaged,
+                Lanes::Wide,
+                20,
+            ),
+            with(
+                "printed, 20 iterations, wide",
+                false,
+                Form::Printed,
+                Lanes::Wide,
+                20,
+            ),
         ]);
     }
     Entry {
@@ -287,7 +338,23 @@ fn energy_balance(
         has_forces: true,
         has_step: relaxes,
         fits,
-        dynamic: None,
+        double: Some(with(
+            "balanced, 20 iterations, scalar",
+            false,
+            Form::Balanced,
+            Lanes::Scalar,
+            20,
+        )),
+        dynamic: (!relaxes).then(|| {
+            setting("dynamic", false, move |body: &Body, mesh: &TetMesh| {
+                let settings = energy_balance::Settings {
+                    motion: energy_balance::Motion::Dynamic,
+                    density_kg_per_m3: body.substance.density_kg_per_m3,
+                    ..energy_balance::Settings::default()
+                };
+                EnergyBalance::new(mesh, &body.laws(law), settings)
+            })
+        }),
         settings,
     }
 }
@@ -301,7 +368,9 @@ fn chainmail_classical() -> Entry {
             };
             change(&mut settings);
             if !body.stiffer.is_empty() {
-                return Err("a classical ChainMail has one material and one box for all cells".to_owned());
+                return Err(
+                    "a classical ChainMail has one material and one box for all cells".to_owned(),
+                );
             }
             ClassicalChainMail::new(mesh, body.substance.material, settings)
                 .map_err(|error| error.to_string())
@@ -312,11 +381,14 @@ fn chainmail_classical() -> Entry {
         has_forces: true,
         has_step: false,
         fits: always,
+        double: None,
         dynamic: None,
         settings: vec![
             with("4 relaxations", true, |_| {}),
             with("as printed", true, |settings| settings.relaxations = 0),
-            with("32 relaxations", false, |settings| settings.relaxations = 32),
+            with("32 relaxations", false, |settings| {
+                settings.relaxations = 32
+            }),
         ],
     }
 }
@@ -337,12 +409,19 @@ fn chainmail_ellipsoid() -> Entry {
         has_forces: true,
         has_step: true,
         fits: always,
+        double: None,
         dynamic: None,
         settings: vec![
             with("limit 0.3", true, |_| {}),
-            with("limit 0.1", true, |settings| settings.strain_limit = [0.1; 3]),
-            with("limit 0.3, no springs", false, |settings| settings.stiffness = 0.0),
-            with("limit 0.3, 16 visits", false, |settings| settings.visits = 16),
+            with("limit 0.1", true, |settings| {
+                settings.strain_limit = [0.1; 3]
+            }),
+            with("limit 0.3, no springs", false, |settings| {
+                settings.stiffness = 0.0
+            }),
+            with("limit 0.3, 16 visits", false, |settings| {
+                settings.visits = 16
+            }),
         ],
     }
 }
@@ -355,7 +434,11 @@ mod tests {
     fn names_and_settings_are_unique() {
         let entries = entries();
         for (index, entry) in entries.iter().enumerate() {
-            assert!(entries[..index].iter().all(|other| other.tissue != entry.tissue));
+            assert!(
+                entries[..index]
+                    .iter()
+                    .all(|other| other.tissue != entry.tissue)
+            );
             assert!(entry.settings.first().is_some_and(|setting| setting.short));
             for (index, setting) in entry.settings.iter().enumerate() {
                 let others = &entry.settings[..index];

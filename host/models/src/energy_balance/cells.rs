@@ -84,7 +84,12 @@ pub(super) fn check(laws: &[Law], cells: usize) -> Result<(), BuildError> {
             Law::StVenantKirchhoff { lambda, mu } => {
                 setting("mu", mu, positive(mu), "finite and above zero")?;
                 let bulk = lambda + 2.0 / 3.0 * mu;
-                setting("bulk modulus", bulk, positive(bulk), "finite and above zero")?;
+                setting(
+                    "bulk modulus",
+                    bulk,
+                    positive(bulk),
+                    "finite and above zero",
+                )?;
             }
             Law::NeoHookean {
                 mu,

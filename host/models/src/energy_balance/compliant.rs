@@ -52,7 +52,9 @@ impl<T: Float, const L: usize, const BEGIN: bool> Form<T, L> for Constraints<'_,
             }
             return;
         }
-        let ease = batch.nodes.map(|of| of.map(|node| self.ease[node as usize]));
+        let ease = batch
+            .nodes
+            .map(|of| of.map(|node| self.ease[node as usize]));
         for k in 0..4 {
             for c in 0..3 {
                 let g = &found.gradient[3 * k + c];
@@ -64,8 +66,7 @@ impl<T: Float, const L: usize, const BEGIN: bool> Form<T, L> for Constraints<'_,
         let mut by = [T::default(); L];
         for lane in 0..L {
             let c = twice[lane].root();
-            let change =
-                -(c + multipliers[lane]) / (norm[lane] / twice[lane] + T::of(1.0));
+            let change = -(c + multipliers[lane]) / (norm[lane] / twice[lane] + T::of(1.0));
             multipliers[lane] += change;
             by[lane] = change / c;
         }

@@ -155,9 +155,7 @@ pub(super) fn st_venant_kirchhoff<S: Simd, N: Number<S>>(
         }
     }
     let trace = strain[0][0] + strain[1][1] + strain[2][2];
-    let energy = m
-        .mu
-        .fma(squares(&strain), half * m.bulk * trace * trace);
+    let energy = m.mu.fma(squares(&strain), half * m.bulk * trace * trace);
     let mut s = strain;
     for r in 0..3 {
         for c in 0..3 {
@@ -235,7 +233,9 @@ mod tests {
     fn some(seed: u64, size: f64) -> Matrix3<f64> {
         let mut state = seed;
         Matrix3::from_fn(|_, _| {
-            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
+            state = state
+                .wrapping_mul(6_364_136_223_846_793_005)
+                .wrapping_add(1);
             size * ((state >> 40) as f64 / f64::from(1 << 23) - 1.0)
         })
     }

@@ -273,7 +273,9 @@ mod tests {
         let n = 7;
         let mut state = 1u64;
         let b = nalgebra::SMatrix::<f64, 7, 7>::from_fn(|_, _| {
-            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
+            state = state
+                .wrapping_mul(6_364_136_223_846_793_005)
+                .wrapping_add(1);
             (state >> 40) as f64 / f64::from(1 << 24)
         });
         let a = b * b.transpose() + nalgebra::SMatrix::identity();

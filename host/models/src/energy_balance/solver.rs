@@ -4,9 +4,9 @@
 
 use super::cells::{Batch, Cells, Form, Found, Memory, Rest, visit};
 use super::lattice::Rough;
+use super::number::Float;
 use super::relaxation::Relaxation;
 use super::settings::{self, Motion, Settings};
-use super::number::Float;
 use crate::law::Law;
 use pulp::{Arch, Simd, WithSimd};
 use sutura_mesh::TetMesh;

@@ -57,6 +57,10 @@ pub(super) fn secant(
     let error = ((second - first).norm() + (second - second.transpose()).norm()) / size;
     Some(Tangent {
         stiffness_n_per_m: [0, 1, 2].map(|r| [0, 1, 2].map(|c| second[(r, c)])),
-        error: if error.is_finite() { error } else { f64::INFINITY },
+        error: if error.is_finite() {
+            error
+        } else {
+            f64::INFINITY
+        },
     })
 }

@@ -53,10 +53,7 @@ fn between_plates(mesh: &TetMesh, by: [f64; 3]) -> Held {
 }
 
 fn held(held: &Held) -> Drive<'_> {
-    Drive {
-        held,
-        force_n: &[],
-    }
+    Drive { held, force_n: &[] }
 }
 
 /// Force of the cells on every node \[N\], straight from the law.
@@ -86,7 +83,8 @@ fn a_uniform_strain_is_exact() {
     let mesh = block();
     let h = Matrix3::new(0.1, 0.05, 0.0, -0.03, -0.08, 0.06, 0.02, 0.0, 0.07);
     let field = |p: &[f64; 3]| -> [f64; 3] { (h * Vector3::from(*p)).into() };
-    let inside = |p: &[f64; 3]| p[0].abs() < 0.029 && p[1].abs() < 0.024 && p[2] < -1e-9 && p[2] > -0.039;
+    let inside =
+        |p: &[f64; 3]| p[0].abs() < 0.029 && p[1].abs() < 0.024 && p[2] < -1e-9 && p[2] > -0.039;
     let nodes = (0..).zip(mesh.points_m());
     let outer: Held = nodes
         .filter(|(_, p)| !inside(p))
@@ -142,7 +140,12 @@ fn where_it_rests_the_laws_own_forces_balance_the_loads() {
             let mut model = build(&mesh, law, settings);
             let report = model.step(&drive, 0.01);
             let forces = nodal_forces(&mesh, &law, model.positions_m());
-            let acting: f64 = force_n.as_flattened().iter().map(|f| f * f).sum::<f64>().sqrt();
+            let acting: f64 = force_n
+                .as_flattened()
+                .iter()
+                .map(|f| f * f)
+                .sum::<f64>()
+                .sqrt();
             for (node, force) in forces.iter().enumerate() {
                 let sum = force + Vector3::from(force_n[node]);
                 if node >= 16 {
@@ -167,7 +170,12 @@ fn lanes_and_one_by_one_agree_within_single_precision() {
     let mesh = block();
     let plates = between_plates(&mesh, [0.004, 0.002, -0.006]);
     for law in laws() {
-        for form in [Form::Printed, Form::Averaged, Form::Compliant, Form::Balanced] {
+        for form in [
+            Form::Printed,
+            Form::Averaged,
+            Form::Compliant,
+            Form::Balanced,
+        ] {
             let iterations = if form == Form::Printed { 3 } else { 12 };
             let [one, eight] = [Lanes::Scalar, Lanes::Wide].map(|lanes| {
                 let settings = Settings {
@@ -200,7 +208,9 @@ fn one_iteration_free(mesh: &TetMesh, form: Form) -> (EnergyBalance, Vec<Vector3
     let before = model.positions_m().to_vec();
     model.step(&Drive::default(), 0.01);
     let moved = model.positions_m().iter().zip(&before);
-    let increments = moved.map(|(a, b)| Vector3::from(*a) - Vector3::from(*b)).collect();
+    let increments = moved
+        .map(|(a, b)| Vector3::from(*a) - Vector3::from(*b))
+        .collect();
     // Moments are about where the increments were computed.
     model.positions_m.copy_from_slice(&before);
     (model, increments)
@@ -209,7 +219,12 @@ fn one_iteration_free(mesh: &TetMesh, form: Form) -> (EnergyBalance, Vec<Vector3
 #[test]
 fn increments_carry_no_momentum() {
     let one = TetMesh::new(
-        vec![[0.0; 3], [0.02, 0.0, 0.0], [0.0, 0.02, 0.0], [0.0, 0.005, -0.02]],
+        vec![
+            [0.0; 3],
+            [0.02, 0.0, 0.0],
+            [0.0, 0.02, 0.0],
+            [0.0, 0.005, -0.02],
+        ],
         vec![[0, 2, 1, 3]],
     )
     .expect("a cell");
@@ -235,7 +250,10 @@ fn increments_carry_no_momentum() {
         assert!(size > 1e-7 * model.solver.mass().iter().sum::<f64>());
         assert!(linear.norm() < 1e-12 * size, "{form:?}: {linear} of {size}");
         if single || form == Form::Printed {
-            assert!(angular.norm() < 1e-11 * turn, "{form:?}: {angular} of {turn}");
+            assert!(
+                angular.norm() < 1e-11 * turn,
+                "{form:?}: {angular} of {turn}"
+            );
         }
     }
 }
@@ -244,7 +262,12 @@ fn increments_carry_no_momentum() {
 fn as_printed_a_cell_loses_three_quarters_of_its_energy_each_time() {
     // W / |dW|^2 is half of what brings a quadratic to zero: C = sqrt(2 W) halves. Nothing in it knows a load.
     let mesh = TetMesh::new(
-        vec![[0.0; 3], [0.02, 0.0, 0.0], [0.0, 0.02, 0.0], [0.0, 0.0, 0.02]],
+        vec![
+            [0.0; 3],
+            [0.02, 0.0, 0.0],
+            [0.0, 0.02, 0.0],
+            [0.0, 0.0, 0.02],
+        ],
         vec![[0, 1, 2, 3]],
     )
     .expect("a cell");
@@ -272,11 +295,15 @@ fn let_go_in_motion_it_keeps_its_momentum_and_loses_energy() {
     };
     let mut model = build(&mesh, laws()[1], settings);
     let points = mesh.points_m().iter();
-    let spin: Vec<[f64; 3]> = points.map(|p| [0.2 - 3.0 * p[1], 3.0 * p[0], 0.5 * p[2]]).collect();
+    let spin: Vec<[f64; 3]> = points
+        .map(|p| [0.2 - 3.0 * p[1], 3.0 * p[0], 0.5 * p[2]])
+        .collect();
     model.set_velocities(&spin);
     let kinetic = |model: &EnergyBalance| -> f64 {
         let nodes = model.velocity.iter().zip(model.solver.mass());
-        nodes.map(|(v, m)| 0.5 * m * Vector3::from(*v).norm_squared()).sum()
+        nodes
+            .map(|(v, m)| 0.5 * m * Vector3::from(*v).norm_squared())
+            .sum()
     };
     let mut energy = kinetic(&model);
     let mut first: Option<Diagnostics> = None;
@@ -312,7 +339,10 @@ fn a_held_block_relaxes_by_the_prony_series() {
             elastic.step(&held(&plates), step_s);
             let pull = |model: &EnergyBalance| -> f64 {
                 let reactions = model.reactions_n().iter().zip(&plates);
-                reactions.filter(|(_, (_, u))| u[2] != 0.0).map(|(r, _)| r[2]).sum()
+                reactions
+                    .filter(|(_, (_, u))| u[2] != 0.0)
+                    .map(|(r, _)| r[2])
+                    .sum()
             };
             let mut worst = 0.0f64;
             for step in 1..=steps {
@@ -322,7 +352,10 @@ fn a_held_block_relaxes_by_the_prony_series() {
                 // What the update itself makes of the series, and the series.
                 let updated = 1.0 - share * (1.0 - (1.0 + step_s / time_s).powi(-step));
                 let exact = 1.0 - share * (1.0 - (-time / time_s).exp());
-                assert!((left - updated).abs() < 2e-4, "{lanes:?} {step}: {left} {updated}");
+                assert!(
+                    (left - updated).abs() < 2e-4,
+                    "{lanes:?} {step}: {left} {updated}"
+                );
                 worst = worst.max((left - exact).abs());
             }
             off.push(worst);
@@ -362,7 +395,12 @@ fn an_inverted_block_finds_its_way_back() {
 #[test]
 fn numbers_that_are_none_fail_and_change_nothing() {
     let mesh = block();
-    for form in [Form::Printed, Form::Averaged, Form::Compliant, Form::Balanced] {
+    for form in [
+        Form::Printed,
+        Form::Averaged,
+        Form::Compliant,
+        Form::Balanced,
+    ] {
         for lanes in [Lanes::Scalar, Lanes::Wide] {
             let settings = Settings {
                 lanes,
@@ -389,13 +427,19 @@ fn numbers_that_are_none_fail_and_change_nothing() {
                 },
             ] {
                 let report = model.step(&drive, 0.01);
-                assert!(matches!(report.outcome, Outcome::Failed(_)), "{form:?} {report:?}");
+                assert!(
+                    matches!(report.outcome, Outcome::Failed(_)),
+                    "{form:?} {report:?}"
+                );
                 assert_eq!(model.positions_m(), before);
             }
             let plates = between_plates(&mesh, [0.001; 3]);
             let again = model.step(&held(&plates), 0.01);
             assert!(again.energy_j.is_finite() && !matches!(again.outcome, Outcome::Failed(_)));
-            assert!(matches!(model.step(&held(&plates), f64::NAN).outcome, Outcome::Failed(_)));
+            assert!(matches!(
+                model.step(&held(&plates), f64::NAN).outcome,
+                Outcome::Failed(_)
+            ));
         }
     }
 }
@@ -413,12 +457,17 @@ fn the_tangent_is_that_of_whole_steps() {
         let plates = between_plates(&mesh, by);
         let moved: Vec<usize> = (0..plates.len()).filter(|k| plates[*k].1 == by).collect();
         let sum = |model: &EnergyBalance| -> Vector3<f64> {
-            moved.iter().map(|k| Vector3::from(model.reactions_n()[*k])).sum()
+            moved
+                .iter()
+                .map(|k| Vector3::from(model.reactions_n()[*k]))
+                .sum()
         };
         let mut model = build(&mesh, laws()[2], settings);
         model.step(&held(&plates), 0.01);
         let before = model.positions_m().to_vec();
-        let tangent = model.tangent(&held(&plates), &moved, 0.01).expect("a tangent");
+        let tangent = model
+            .tangent(&held(&plates), &moved, 0.01)
+            .expect("a tangent");
         assert!(tangent.error < 0.01, "{lanes:?}: {}", tangent.error);
         assert_eq!(model.positions_m(), before);
         let reference = precise(Form::Balanced, 300);
@@ -444,11 +493,15 @@ fn the_tangent_is_that_of_whole_steps() {
 #[test]
 fn what_is_out_of_range_is_refused() {
     let mesh = block();
-    let refused = |laws: &[Law], settings: Settings| EnergyBalance::new(&mesh, laws, settings).is_err();
+    let refused =
+        |laws: &[Law], settings: Settings| EnergyBalance::new(&mesh, laws, settings).is_err();
     let law = laws()[1];
     assert!(refused(&[], Settings::default()));
     assert!(refused(&[law; 2], Settings::default()));
-    assert!(!refused(&vec![law; mesh.cells().len()], Settings::default()));
+    assert!(!refused(
+        &vec![law; mesh.cells().len()],
+        Settings::default()
+    ));
     let none = |change: fn(&mut Settings)| {
         let mut settings = Settings::default();
         change(&mut settings);
