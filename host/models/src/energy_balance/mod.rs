@@ -41,8 +41,8 @@ pub struct EnergyBalance {
     /// Nodes held in the last step, and which are not (n).
     held: Vec<u32>,
     free: Vec<bool>,
-    /// Time step for which the solver is ready \[s\].
-    ready_for_s: Option<f64>,
+    /// Time step for which the solver is ready \[s\], none without inertia; before the first step not at all.
+    ready_for_s: Option<Option<f64>>,
     reactions_n: Vec<[f64; 3]>,
     /// Loads of the last step \[N\], (n).
     loads_n: Vec<[f64; 3]>,
@@ -164,7 +164,7 @@ impl EnergyBalance {
         let step_s = (self.settings.motion == Motion::Dynamic).then_some(part_s);
         let known = self.held.len() == drive.held.len()
             && self.held.iter().zip(drive.held).all(|(a, b)| *a == b.0);
-        if known && !self.held.is_empty() && self.ready_for_s == step_s {
+        if known && self.ready_for_s == Some(step_s) {
             return;
         }
         self.free.fill(true);
@@ -173,7 +173,7 @@ impl EnergyBalance {
             self.free[*node as usize] = false;
             self.held.push(*node);
         }
-        self.ready_for_s = step_s;
+        self.ready_for_s = Some(step_s);
         self.solver.hold(&self.free, step_s);
     }
 
