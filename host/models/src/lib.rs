@@ -13,6 +13,7 @@ mod material;
 mod rigid;
 mod secant;
 mod setting;
+pub mod shape_matching;
 mod tissue;
 
 pub use error::BuildError;

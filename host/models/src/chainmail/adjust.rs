@@ -75,7 +75,6 @@ impl Adjusted<'_> {
 
 /// Brings every link of what is awake within its limits, beginning with the elements that wait in `queue`.
 /// Takes at most `most_visits` elements from it.
-#[allow(clippy::too_many_arguments)]
 pub(super) fn enforce<R: Region>(
     links: &Links,
     region: &R,

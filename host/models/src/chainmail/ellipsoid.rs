@@ -4,57 +4,15 @@
 //! within their limits, so that forces have a material and loads a balance; `stiffness` 0 is as printed.
 
 use super::adjust::{Adjusted, Enforced, enforce};
-use super::awake::Awake;
-use super::links::{Links, square};
-use super::motion::{Motion, Sums};
-use super::queue::Queue;
-use super::region::{Ball, Ellipsoid};
+use super::links::{Links, difference, square};
+use super::motion::Sums;
+use super::region::{Ball, Ellipsoid, Region};
+use super::settings::{EllipsoidSettings, check_limit};
+use super::state::{SLEEP_EVERY, State};
 use crate::drive_check::{failed, refused};
 use crate::secant::secant;
-use crate::setting::within;
 use crate::{BuildError, Diagnostics, Drive, Materials, Outcome, Tangent, Tissue};
 use sutura_mesh::TetMesh;
-
-/// Steps between looks at what may sleep.
-const SLEEP_EVERY: u32 = 64;
-
-/// What an [`EllipsoidChainMail`] can be told.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct EllipsoidSettings {
-    /// Strain at which a link stops giving, along x, y, z; from 0.001 to 0.9. 0.3, the middle one of
-    /// zhang-2017's three soft tissues.
-    pub strain_limit: [f64; 3],
-    /// Mass density \[kg/m^3\]; 1060, of liver.
-    pub density_kg_per_m3: f64,
-    /// Stiffness of the links as a share of what their material asks for; 1. 0 gives links without springs,
-    /// as printed.
-    pub stiffness: f64,
-    /// Time in which the slowest motion dies away \[s\]; 0.05, so that tissue follows a hand (up to 5 Hz)
-    /// and does not ring.
-    pub relaxation_s: f64,
-    /// How far beyond its limit a link may stay, as a share of its rest length; 0.001, a tenth of what can
-    /// be seen and felt, for a tenth of the visits.
-    pub tolerance: f64,
-    /// Visits of elements in a step, for each one awake; 4, which is what 20,000 elements in 1 ms allow.
-    /// What is then still beyond its limits is left to the next step, and said.
-    pub visits: u32,
-    /// Speed below which elements fall asleep \[m/s\]; 1e-6, a tenth of a millimetre in 100 s.
-    pub sleep_m_per_s: f64,
-}
-
-impl Default for EllipsoidSettings {
-    fn default() -> Self {
-        Self {
-            strain_limit: [0.3; 3],
-            density_kg_per_m3: 1060.0,
-            stiffness: 1.0,
-            relaxation_s: 0.05,
-            tolerance: 1e-3,
-            visits: 4,
-            sleep_m_per_s: 1e-6,
-        }
-    }
-}
 
 /// Tissue as an ellipsoid-bounded ChainMail.
 #[derive(Clone, Debug)]
@@ -64,28 +22,6 @@ pub struct EllipsoidChainMail {
     /// Strain limits by link where they differ, (m x 3).
     limits: Option<Vec<[f64; 3]>>,
     state: State,
-}
-
-/// Everything that a step changes.
-#[derive(Clone, Debug)]
-struct State {
-    motion: Motion,
-    awake: Awake,
-    queue: Queue,
-    /// Held elements of the last step.
-    held: Vec<u32>,
-    reactions_n: Vec<[f64; 3]>,
-    /// Mass times adjustment that links gave to held elements in a step \[kg m\], (n x 3).
-    impulse: Vec<[f64; 3]>,
-    /// Loads of the last step, to see which change.
-    loads: Vec<[f64; 3]>,
-    any_load: bool,
-    stamp: Vec<u32>,
-    now: u32,
-    step_s: f64,
-    moved: usize,
-    adjusted: usize,
-    work_j: f64,
 }
 
 impl EllipsoidChainMail {
@@ -191,7 +127,7 @@ impl EllipsoidChainMail {
                 if motion.inverse_mass[i] + motion.inverse_mass[j] == 0.0 {
                     continue;
                 }
-                let d = super::links::difference(&motion.x[i], &motion.x[j]);
+                let d = difference(&motion.x[i], &motion.x[j]);
                 let (least, greatest) = self.lengths(first + index, link.rest_sq, d);
                 let length = square(d).sqrt();
                 let excess = (length - greatest).max(least - length);
@@ -202,7 +138,6 @@ impl EllipsoidChainMail {
     }
 
     fn lengths(&self, link: usize, rest_sq: f64, d: [f64; 3]) -> (f64, f64) {
-        use super::region::Region;
         match &self.limits {
             Some(limits) => Ellipsoid { limits }.lengths(link, rest_sq, d),
             None => Ball {
@@ -240,162 +175,6 @@ impl EllipsoidChainMail {
         };
         state.adjusted = adjusted.adjusted;
         enforced
-    }
-}
-
-impl EllipsoidSettings {
-    fn check(&self) -> Result<(), BuildError> {
-        check_limit(self.strain_limit)?;
-        let density = self.density_kg_per_m3;
-        within("density_kg_per_m3", density, 1.0, 1e5, "from 1 to 1e5")?;
-        within("stiffness", self.stiffness, 0.0, 1e3, "from 0 to 1000")?;
-        within(
-            "relaxation_s",
-            self.relaxation_s,
-            0.0,
-            1e3,
-            "from 0 to 1000",
-        )?;
-        within("tolerance", self.tolerance, 1e-9, 0.1, "from 1e-9 to 0.1")?;
-        within("visits", f64::from(self.visits), 1.0, 1e6, "from 1 to 1e6")?;
-        within("sleep_m_per_s", self.sleep_m_per_s, 0.0, 1.0, "from 0 to 1")
-    }
-}
-
-fn check_limit(limit: [f64; 3]) -> Result<(), BuildError> {
-    limit
-        .into_iter()
-        .try_for_each(|value| within("strain_limit", value, 1e-3, 0.9, "from 0.001 to 0.9"))
-}
-
-impl State {
-    fn new(links: &Links, limit: f64) -> Self {
-        let nodes = links.nodes();
-        Self {
-            motion: Motion::new(links, limit),
-            awake: Awake::new(nodes),
-            queue: Queue::new(nodes),
-            held: Vec::new(),
-            reactions_n: Vec::new(),
-            impulse: vec![[0.0; 3]; nodes],
-            loads: vec![[0.0; 3]; nodes],
-            any_load: false,
-            stamp: vec![0; nodes],
-            now: 0,
-            step_s: 0.0,
-            moved: 0,
-            adjusted: 0,
-            work_j: 0.0,
-        }
-    }
-
-    /// Wakes an element. What slept was in balance: its links' force, not kept up, counts as none.
-    fn wake(&mut self, node: u32, links: &Links) {
-        if self.awake.wake(node, links) {
-            self.motion.f[node as usize] = [0.0; 3];
-        }
-    }
-
-    fn wake_all(&mut self, links: &Links) {
-        for node in 0..links.nodes() as u32 {
-            self.wake(node, links);
-        }
-        self.motion.link_forces(&self.awake, links);
-    }
-
-    /// Holds what the drive holds, lets go of the rest, and queues what is moved.
-    fn hold(&mut self, drive: &Drive<'_>, links: &Links) {
-        for index in 0..self.held.len() {
-            let node = self.held[index];
-            self.motion.inverse_mass[node as usize] = 1.0 / self.motion.mass[node as usize];
-            let still = drive
-                .held
-                .binary_search_by_key(&node, |held| held.0)
-                .is_ok();
-            if !still {
-                self.awake.wake_beside(node, links, |woken| {
-                    self.motion.f[woken as usize] = [0.0; 3];
-                });
-            }
-        }
-        self.held.clear();
-        for &(node, displacement) in drive.held {
-            let i = node as usize;
-            self.held.push(node);
-            self.wake(node, links);
-            self.motion.inverse_mass[i] = 0.0;
-            self.impulse[i] = [0.0; 3];
-            let rest = links.rest_m[i];
-            let target = [0, 1, 2].map(|axis| rest[axis] + displacement[axis]);
-            if self.motion.x[i] != target {
-                self.motion.x[i] = target;
-                self.queue.push(node);
-                self.awake.wake_beside(node, links, |woken| {
-                    self.motion.f[woken as usize] = [0.0; 3];
-                });
-            }
-        }
-    }
-
-    /// Wakes what a load that has changed acts on.
-    fn load(&mut self, drive: &Drive<'_>, links: &Links) {
-        if drive.force_n.is_empty() && !self.any_load {
-            return;
-        }
-        for node in 0..links.nodes() {
-            let load = drive.force_n.get(node).copied().unwrap_or_default();
-            if load != self.loads[node] {
-                self.loads[node] = load;
-                self.wake(node as u32, links);
-            }
-        }
-        self.any_load = !drive.force_n.is_empty();
-    }
-
-    /// Reactions of held elements, and their work over the step.
-    fn react(&mut self, drive: &Drive<'_>, step_s: f64) {
-        let rate_sq = 1.0 / (step_s * step_s);
-        self.reactions_n.clear();
-        for &(node, _) in drive.held {
-            let i = node as usize;
-            let load = drive.force_n.get(i).copied().unwrap_or_default();
-            let (force, impulse) = (self.motion.f[i], self.impulse[i]);
-            let of = |axis: usize| -force[axis] - load[axis] - rate_sq * impulse[axis];
-            let reaction: [f64; 3] = [of(0), of(1), of(2)];
-            for axis in 0..3 {
-                let step_m = self.motion.x[i][axis] - self.motion.previous[i][axis];
-                self.work_j += reaction[axis] * step_m;
-            }
-            self.reactions_n.push(reaction);
-        }
-    }
-
-    /// Wakes what moving elements touch.
-    fn spread(&mut self, links: &Links, settings: &EllipsoidSettings) {
-        if self.awake.all() {
-            return;
-        }
-        let threshold_sq = settings.sleep_m_per_s * settings.sleep_m_per_s;
-        for i in self.awake.iter() {
-            if square(self.motion.v[i]) > threshold_sq {
-                self.queue.push(i as u32);
-            }
-        }
-        while let Some(node) = self.queue.pop() {
-            self.awake.wake_beside(node, links, |_| {});
-        }
-    }
-
-    /// Lets sleep what has come to rest.
-    fn fall_asleep(&mut self, links: &Links, settings: &EllipsoidSettings) {
-        let motion = &self.motion;
-        let threshold_sq = settings.sleep_m_per_s * settings.sleep_m_per_s;
-        let step_s = self.step_s;
-        self.awake.put_to_sleep(links, |i| {
-            let w = motion.inverse_mass[i];
-            let kick = motion.f[i].map(|f| w * step_s * f);
-            w > 0.0 && square(motion.v[i]) < threshold_sq && square(kick) < threshold_sq
-        });
     }
 }
 

@@ -12,9 +12,12 @@ mod motion;
 mod propagate;
 mod queue;
 mod region;
+mod settings;
+mod state;
 
 pub use classical::{ClassicalChainMail, ClassicalSettings};
-pub use ellipsoid::{EllipsoidChainMail, EllipsoidSettings};
+pub use ellipsoid::EllipsoidChainMail;
+pub use settings::EllipsoidSettings;
 
 /// Why a scene with needles or thread refuses a ChainMail: their rows hold tissue at points inside cells and
 /// need the compliance between any two of them, while a ChainMail has the reaction of held nodes and a secant of
