@@ -11,6 +11,7 @@ use sutura_models::chainmail::{
 use sutura_models::energy_balance::{self, EnergyBalance, Form, Lanes, Prony};
 use sutura_models::hyperelastic::{self, Cells, Hyperelastic, Motion, Scheme};
 use sutura_models::law::Law;
+use sutura_models::shape_matching::{ShapeMatching, ShapeMatchingSettings};
 use sutura_models::{Materials, Tissue};
 
 /// Builds tissue, or says why it refuses.
@@ -118,6 +119,7 @@ pub fn entries() -> Vec<Entry> {
         energy_balance("energy-balance-prony", relaxing, Substance::law),
         chainmail_classical(),
         chainmail_ellipsoid(),
+        shape_matching(),
     ]
 }
 
@@ -422,6 +424,32 @@ fn chainmail_ellipsoid() -> Entry {
             with("limit 0.3, 16 visits", false, |settings| {
                 settings.visits = 16
             }),
+        ],
+    }
+}
+
+fn shape_matching() -> Entry {
+    let with = |name: &str, short, rings| {
+        setting(name, short, move |body: &Body, mesh: &TetMesh| {
+            let settings = ShapeMatchingSettings {
+                rings,
+                density_kg_per_m3: body.substance.density_kg_per_m3,
+                ..ShapeMatchingSettings::default()
+            };
+            ShapeMatching::new(mesh, body.materials(), settings)
+        })
+    };
+    Entry {
+        tissue: "shape-matching",
+        has_forces: true,
+        has_step: true,
+        fits: always,
+        double: None,
+        dynamic: None,
+        settings: vec![
+            with("2 rings", true, 2),
+            with("1 ring", false, 1),
+            with("4 rings", false, 4),
         ],
     }
 }
