@@ -35,7 +35,12 @@ fn main() -> Result<(), Box<dyn Error>> {
         "{:10} {:>5} {:>10} {:>10} {:>12}",
         "form", "its", "mean mm", "most mm", "energy J"
     );
-    for form in [Form::Printed, Form::Averaged, Form::Compliant, Form::Balanced] {
+    for form in [
+        Form::Printed,
+        Form::Averaged,
+        Form::Compliant,
+        Form::Balanced,
+    ] {
         for iterations in [1, 5, 20] {
             let settings = Settings {
                 form,
@@ -58,7 +63,9 @@ fn main() -> Result<(), Box<dyn Error>> {
                     most = f64::INFINITY;
                     break;
                 }
-                let moved = end.iter().map(|n| model.positions_m()[*n][0] - mesh.points_m()[*n][0]);
+                let moved = end
+                    .iter()
+                    .map(|n| model.positions_m()[*n][0] - mesh.points_m()[*n][0]);
                 let mean = moved.sum::<f64>() / end.len() as f64;
                 sum += mean / f64::from(steps);
                 most = most.max(mean);
