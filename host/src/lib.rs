@@ -24,9 +24,11 @@ pub mod scene;
 pub mod script;
 pub mod session;
 pub mod solve;
+pub mod stability;
 pub mod step;
 pub mod thread;
 pub mod tool;
+pub mod tradeoff;
 pub mod trial;
 pub mod wound;
 

@@ -18,6 +18,7 @@ macro_rules! note {
 
 mod attendant;
 mod bench;
+mod chart;
 mod console;
 mod device;
 mod display;
@@ -32,6 +33,9 @@ mod run;
 mod scene;
 mod signals;
 mod solve;
+mod stability;
+mod tables;
+mod tradeoff;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use failure::{Cause, Failure, render};
@@ -59,6 +63,8 @@ Examples:
   sutura solve scene.toml --out field.vtu   the tissue at rest under the scene's handles and loads
   sutura bench                              time per step, by stage
   sutura fidelity                           force error and stability against a 1 kHz solve
+  sutura tradeoff                           error against time of every tissue model
+  sutura stability                          what tissue models do at the extremes
   sutura scene explain scene.toml           what a scene builds, why, and what it costs
   sutura doctor /dev/ttyACM0                what is wrong with this machine or that console, and the fix
   sutura mesh info part.msh                 quality of a mesh, and whether scenes take it
@@ -94,6 +100,8 @@ enum Command {
     Solve(solve::SolveArgs),
     Bench(bench::BenchArgs),
     Fidelity(fidelity::FidelityArgs),
+    Tradeoff(tradeoff::TradeoffArgs),
+    Stability(stability::StabilityArgs),
     Scene(scene::command::SceneArgs),
     Mesh(mesh::MeshArgs),
     Doctor(doctor::DoctorArgs),
@@ -115,6 +123,8 @@ fn main() -> ExitCode {
         Command::Solve(args) => solve::run(args, &cli.global),
         Command::Bench(args) => bench::run(args, &cli.global),
         Command::Fidelity(args) => fidelity::run(args, &cli.global),
+        Command::Tradeoff(args) => tradeoff::run(args, &cli.global),
+        Command::Stability(args) => stability::run(args, &cli.global),
         Command::Scene(args) => scene::command::run(args, &cli.global),
         Command::Mesh(args) => mesh::run(args, &cli.global),
         Command::Doctor(args) => doctor::run(args, &cli.global),

@@ -83,6 +83,16 @@ impl Factor {
         Ok(factor)
     }
 
+    /// For a pattern whose values come later: the factor of the identity; `None` if it is too large.
+    pub fn of_identity(pattern: &Pattern) -> Option<Self> {
+        let mut values = vec![0.0; pattern.entries()];
+        for column in 0..pattern.unknowns {
+            // The diagonal comes first in its column of the lower triangle.
+            values[pattern.column_start[column]] = 1.0;
+        }
+        Self::new(pattern, &values).ok()
+    }
+
     /// As [`Self::new`] for tissue at rest with so many nodes `fixed`, held against rigid motion or
     /// refused.
     pub fn held(pattern: &Pattern, stiffness: &[f64], fixed: usize) -> Result<Self, TissueError> {

@@ -11,6 +11,8 @@ mod element;
 mod error;
 mod factor;
 mod handles;
+mod held;
+mod linear_model;
 mod loads;
 mod numbering;
 mod pattern;
@@ -20,12 +22,13 @@ mod supernodes;
 mod tissue;
 
 pub use corotational::{
-    CorotationalState, CorotationalTissue, CorotationalWorkspace, Linearisation, Policy,
-    TangentKind,
+    CorotationalModel, CorotationalState, CorotationalTissue, CorotationalWorkspace, Linearisation,
+    ModelSettings, Policy, TangentKind,
 };
 pub use error::TissueError;
 pub use factor::SolveScratch;
 pub use handles::{Anchor, Handle};
+pub use linear_model::LinearModel;
 pub use loads::{Equilibrium, Loads, NodeLoad};
 pub use principal::{principal_stress_pa, von_mises_pa};
 pub use sutura_models::{Material, MaterialError, Materials};

@@ -128,7 +128,6 @@ impl Pattern {
     }
 
     /// out = A x with the triangle's values, both halves.
-    #[cfg(test)]
     pub fn multiply(&self, values: &[f64], x: &[f64], out: &mut [f64]) {
         out.fill(0.0);
         for column in 0..self.unknowns {

@@ -5,11 +5,11 @@
 mod plots;
 
 use crate::failure::{Cause, Failure};
+use crate::tables::{csv, unwritable};
 use crate::{Format, Global};
 use clap::Args;
 use indicatif::{ProgressBar, ProgressStyle};
 use serde::Serialize;
-use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 use sutura_host::fidelity::case::{Case, Scenes};
 use sutura_host::fidelity::oracles::{Oracle, oracles};
@@ -281,54 +281,4 @@ fn write_files(report: &Report, scenes: &Scenes, directory: &Path) -> Result<(),
         write(&name, svg)?;
     }
     Ok(())
-}
-
-fn unwritable(path: &Path, error: &std::io::Error) -> Failure {
-    Failure::say(
-        Cause::BadInput,
-        format!("cannot write {}: {error}", path.display()),
-        "choose a directory that can be written with --plot",
-    )
-}
-
-/// Rows with all columns that any of them has, in the order of their first mention.
-fn csv<T: Serialize>(rows: &[T]) -> String {
-    let rows: Vec<_> = rows.iter().map(|row| serde_json::json!(row)).collect();
-    let mut columns: Vec<&String> = Vec::new();
-    for key in rows
-        .iter()
-        .filter_map(|row| row.as_object())
-        .flat_map(|row| row.keys())
-    {
-        if !columns.contains(&key) {
-            columns.push(key);
-        }
-    }
-    let mut text = String::new();
-    let names: Vec<_> = columns.iter().map(|name| name.as_str()).collect();
-    let _ = writeln!(text, "{}", names.join(","));
-    for row in &rows {
-        let cells: Vec<_> = columns
-            .iter()
-            .map(|name| match row.get(name.as_str()) {
-                None | Some(serde_json::Value::Null) => String::new(),
-                Some(serde_json::Value::String(word)) => quoted(word),
-                Some(serde_json::Value::Array(words)) => {
-                    let words: Vec<_> = words.iter().filter_map(|w| w.as_str()).collect();
-                    quoted(&words.join(" "))
-                }
-                Some(other) => other.to_string(),
-            })
-            .collect();
-        let _ = writeln!(text, "{}", cells.join(","));
-    }
-    text
-}
-
-fn quoted(word: &str) -> String {
-    if word.contains([',', '"', '\n']) {
-        format!("\"{}\"", word.replace('"', "\"\""))
-    } else {
-        word.to_owned()
-    }
 }

@@ -162,7 +162,7 @@ impl CorotationalTissue {
         report
     }
 
-    fn is_round_off(&self, residual_n: f64) -> bool {
+    pub(super) fn is_round_off(&self, residual_n: f64) -> bool {
         residual_n <= self.round_off_n * (self.unknowns() as f64).sqrt()
     }
 
@@ -359,7 +359,7 @@ impl CorotationalState {
     }
 
     /// Largest turn of a cell since its tangent was factored \[rad\].
-    fn rotation_since_refactor(&self) -> f64 {
+    pub(super) fn rotation_since_refactor(&self) -> f64 {
         let cosine = self
             .rotations
             .iter()

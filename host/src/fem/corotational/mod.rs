@@ -8,12 +8,14 @@
 mod cell;
 mod equilibrium;
 mod linearise;
+mod model;
 mod state;
 #[cfg(test)]
 mod tests;
 
 pub(crate) use linearise::Balance;
 pub use linearise::{Linearisation, TangentKind};
+pub use model::{CorotationalModel, ModelSettings};
 pub use state::{CorotationalState, CorotationalWorkspace};
 
 use super::assembly::assemble;
@@ -83,19 +85,44 @@ impl CorotationalTissue {
         fixed: &[u32],
         policy: Policy,
     ) -> Result<Self, TissueError> {
+        let factor = |pattern: &Pattern, stiffness: &[f64], numbering: &Numbering| {
+            Factor::held(pattern, stiffness, numbering.fixed())
+        };
+        Self::build(mesh, &materials.into(), fixed, policy, factor)
+    }
+
+    /// As [`Self::new`] for whoever holds nodes in another way: none is fixed, and there is no factor of
+    /// the stiffness yet.
+    pub(super) fn unheld(
+        mesh: &TetMesh,
+        materials: impl Into<Materials>,
+        policy: Policy,
+    ) -> Result<Self, TissueError> {
+        let factor = |pattern: &Pattern, _: &[f64], _: &Numbering| {
+            Factor::of_identity(pattern).ok_or(TissueError::Floating { fixed: 0 })
+        };
+        Self::build(mesh, &materials.into(), &[], policy, factor)
+    }
+
+    fn build(
+        mesh: &TetMesh,
+        materials: &Materials,
+        fixed: &[u32],
+        policy: Policy,
+        factor: impl FnOnce(&Pattern, &[f64], &Numbering) -> Result<Factor, TissueError>,
+    ) -> Result<Self, TissueError> {
         let limits = [policy.refactor_rotation_rad, policy.cg_tolerance];
         if !limits.iter().all(|limit| *limit >= 0.0) {
             return Err(TissueError::Policy(policy));
         }
-        let materials = materials.into();
         materials.check(mesh.cells().len())?;
         let numbering = Numbering::new(mesh.points_m().len(), fixed)?;
-        let elements: Vec<Element> = Element::of_mesh(mesh, &materials)
+        let elements: Vec<Element> = Element::of_mesh(mesh, materials)
             .iter()
             .map(|element| element.placed(&numbering))
             .collect();
         let (pattern, stiffness) = assemble(&elements, numbering.free());
-        let rest_factor = Factor::held(&pattern, &stiffness, numbering.fixed())?;
+        let rest_factor = factor(&pattern, &stiffness, &numbering)?;
         let round_off_n = elements
             .iter()
             .map(Element::force_of_unit_strain)

@@ -1,0 +1,168 @@
+//! `sutura stability`: what tissue models, rows and console do at the extremes.
+//!
+//! Entry point: [`run`]. Trials and criteria are the library's; here they are chosen and printed.
+
+use crate::failure::{Cause, Failure};
+use crate::tables::{csv, unwritable};
+use crate::{Format, Global};
+use clap::Args;
+use serde::Serialize;
+use std::path::PathBuf;
+use sutura_host::stability::judge;
+use sutura_host::stability::suite::{self, Case};
+
+/// Drives every tissue model, the row solver and the console to the extremes, and says what came of it.
+#[derive(Args, Debug)]
+#[command(after_help = EXAMPLES)]
+pub struct StabilityArgs {
+    /// All values, and the largest stable step; without it the worst value of each kind.
+    #[arg(long)]
+    pub full: bool,
+    /// Writes the table (CSV, JSON) into this directory.
+    #[arg(long, value_name = "DIR")]
+    pub plot: Option<PathBuf>,
+    /// Runs only what has all these words in its tissue or in what is extreme: `linear sliver`.
+    #[arg(long, value_name = "WORDS")]
+    pub only: Option<String>,
+    /// One JSON object per line on stdout for every case as it is found.
+    #[arg(long)]
+    pub stream: bool,
+}
+
+const EXAMPLES: &str = "\
+Examples:
+  sutura stability                       the worst value of each kind
+  sutura stability --full --plot tables  all values; CSV and JSON
+  sutura stability --full --only \"corotational turn\"
+
+An outcome is `stable`, `degraded` (the note says how) or `refused` (the note says why).
+Anything else is a defect: it is named, and the exit code is 1.";
+
+#[derive(Serialize)]
+struct Output<'a> {
+    status: &'static str,
+    extent: &'static str,
+    limits: Limits,
+    cases: &'a [Case],
+}
+
+/// What `stable` means.
+#[derive(Serialize)]
+struct Limits {
+    residual: f64,
+    difference: f64,
+    left_after_release: f64,
+    away: f64,
+}
+
+/// Runs the cases and prints the table.
+///
+/// # Errors
+/// Bad input for words that nothing has; failed for a defect.
+pub fn run(args: &StabilityArgs, global: &Global) -> Result<(), Failure> {
+    let words: Vec<_> = args
+        .only
+        .iter()
+        .flat_map(|only| only.split_whitespace())
+        .collect();
+    let mut told = |case: &Case| {
+        if args.stream {
+            say!("{}", serde_json::json!(case));
+        } else {
+            tracing::info!(
+                "{} {} {}: {}",
+                case.tissue,
+                case.what,
+                case.value,
+                case.outcome
+            );
+        }
+    };
+    let cases = suite::measure(args.full, &words, &mut told)?;
+    if cases.is_empty() {
+        return Err(Failure::say(
+            Cause::BadInput,
+            format!("no case has all the words `{}`", words.join(" ")),
+            "words are parts of a tissue or of what is extreme: `corotational`, `turn`, `rows`, `console`",
+        ));
+    }
+    let defects: Vec<_> = cases
+        .iter()
+        .filter(|case| case.outcome == "defect")
+        .collect();
+    let output = Output {
+        status: if defects.is_empty() { "ok" } else { "failed" },
+        extent: if args.full { "full" } else { "short" },
+        limits: Limits {
+            residual: judge::MOST_RESIDUAL,
+            difference: judge::MOST_DIFFERENCE,
+            left_after_release: judge::MOST_LEFT,
+            away: judge::MOST_AWAY,
+        },
+        cases: &cases,
+    };
+    if let Some(directory) = &args.plot {
+        std::fs::create_dir_all(directory).map_err(|error| unwritable(directory, &error))?;
+        for (name, text) in [
+            ("stability.json", serde_json::json!(output).to_string()),
+            ("stability.csv", csv(&cases)),
+        ] {
+            let path = directory.join(name);
+            std::fs::write(&path, text).map_err(|error| unwritable(&path, &error))?;
+        }
+    }
+    match global.format {
+        Format::Json => say!("{}", serde_json::json!(output)),
+        Format::Text => print_text(&cases),
+    }
+    if let Some(first) = defects.first() {
+        return Err(Failure::say(
+            Cause::Failed,
+            format!(
+                "{} of {} cases are defects, the first: {}, {} {}: {}",
+                defects.len(),
+                cases.len(),
+                first.tissue,
+                first.what,
+                first.value,
+                first.note
+            ),
+            "run it alone with --full --only",
+        )
+        .after_summary());
+    }
+    Ok(())
+}
+
+fn print_text(cases: &[Case]) {
+    for case in cases {
+        let largest = case.largest_stable.map_or(String::new(), |largest| {
+            format!("  largest stable {largest:.2e}")
+        });
+        say!(
+            "{:9} {:27} {:38} {:9}{largest}  {}",
+            case.outcome,
+            case.tissue,
+            case.what,
+            short(case.value),
+            case.note
+        );
+    }
+    let count = |word: &str| cases.iter().filter(|case| case.outcome == word).count();
+    say!(
+        "{} cases: {} stable, {} degraded, {} refused, {} defects",
+        cases.len(),
+        count("stable"),
+        count("degraded"),
+        count("refused"),
+        count("defect")
+    );
+}
+
+fn short(value: f64) -> String {
+    if value == 0.0 || (1e-3..1e5).contains(&value.abs()) {
+        format!("{value}")
+    } else {
+        format!("{value:e}")
+    }
+}

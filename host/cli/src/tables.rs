@@ -1,0 +1,59 @@
+//! Tables as files.
+//!
+//! Entry point: [`csv`].
+
+use crate::failure::{Cause, Failure};
+use serde::Serialize;
+use std::fmt::Write as _;
+use std::path::Path;
+
+/// The failure to write one.
+pub fn unwritable(path: &Path, error: &std::io::Error) -> Failure {
+    Failure::say(
+        Cause::BadInput,
+        format!("cannot write {}: {error}", path.display()),
+        "choose a directory that can be written with --plot",
+    )
+}
+
+/// Rows with all columns that any of them has, in the order of their first mention.
+pub fn csv<T: Serialize>(rows: &[T]) -> String {
+    let rows: Vec<_> = rows.iter().map(|row| serde_json::json!(row)).collect();
+    let mut columns: Vec<&String> = Vec::new();
+    for key in rows
+        .iter()
+        .filter_map(|row| row.as_object())
+        .flat_map(|row| row.keys())
+    {
+        if !columns.contains(&key) {
+            columns.push(key);
+        }
+    }
+    let mut text = String::new();
+    let names: Vec<_> = columns.iter().map(|name| name.as_str()).collect();
+    let _ = writeln!(text, "{}", names.join(","));
+    for row in &rows {
+        let cells: Vec<_> = columns
+            .iter()
+            .map(|name| match row.get(name.as_str()) {
+                None | Some(serde_json::Value::Null) => String::new(),
+                Some(serde_json::Value::String(word)) => quoted(word),
+                Some(serde_json::Value::Array(words)) => {
+                    let words: Vec<_> = words.iter().filter_map(|w| w.as_str()).collect();
+                    quoted(&words.join(" "))
+                }
+                Some(other) => other.to_string(),
+            })
+            .collect();
+        let _ = writeln!(text, "{}", cells.join(","));
+    }
+    text
+}
+
+fn quoted(word: &str) -> String {
+    if word.contains([',', '"', '\n']) {
+        format!("\"{}\"", word.replace('"', "\"\""))
+    } else {
+        word.to_owned()
+    }
+}

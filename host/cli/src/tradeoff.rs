@@ -1,0 +1,249 @@
+//! `sutura tradeoff`: error against time of every tissue model.
+//!
+//! Entry point: [`run`]. Cases, models and errors are the library's; here they are chosen, printed and plotted.
+
+use crate::chart::{Chart, Line};
+use crate::failure::{Cause, Failure};
+use crate::tables::{csv, unwritable};
+use crate::{Format, Global};
+use clap::Args;
+use serde::Serialize;
+use std::path::{Path, PathBuf};
+use sutura_host::tradeoff::literature::{FIGURES, Figure};
+use sutura_host::tradeoff::measure::{self, Extent, Row};
+
+/// Measures error against time of every tissue model, over its settings and meshes.
+#[derive(Args, Debug)]
+#[command(after_help = EXAMPLES)]
+pub struct TradeoffArgs {
+    /// All cases, settings and meshes; without it a few on coarse meshes, in seconds.
+    #[arg(long)]
+    pub full: bool,
+    /// Writes tables (CSV, JSON) and plots (SVG) into this directory.
+    #[arg(long, value_name = "DIR")]
+    pub plot: Option<PathBuf>,
+    /// Runs only what has all these words in the name of its case or its tissue: `beam corotational`.
+    #[arg(long, value_name = "WORDS")]
+    pub only: Option<String>,
+    /// One JSON object per line on stdout for every line of the table as it is measured.
+    #[arg(long)]
+    pub stream: bool,
+}
+
+const EXAMPLES: &str = "\
+Examples:
+  sutura tradeoff                              a few cases on coarse meshes
+  sutura tradeoff --full --plot figures        all of them; CSV, JSON, and error against time as SVG
+  sutura tradeoff --full --only beam-bending   one case
+  sutura tradeoff --only \"cube linear\" --format json
+
+Errors are against solutions that the command computes itself: Newton's balance of the same cells and law
+(disp_*, force_pct), and quadratic cells (truth_*). Times are this machine's. Build with --release.";
+
+#[derive(Serialize)]
+struct Output<'a> {
+    status: &'static str,
+    extent: &'static str,
+    #[serde(flatten)]
+    report: &'a measure::Report,
+    literature: [Figure; FIGURES.len()],
+}
+
+/// Measures and prints the report.
+///
+/// # Errors
+/// Bad input for words that nothing has; failed if a case has no answer.
+pub fn run(args: &TradeoffArgs, global: &Global) -> Result<(), Failure> {
+    if cfg!(debug_assertions) {
+        tracing::warn!("a debug build: times mean little");
+    }
+    let extent = Extent { full: args.full };
+    let words: Vec<_> = args
+        .only
+        .iter()
+        .flat_map(|only| only.split_whitespace())
+        .collect();
+    let plan = measure::plan(extent, &words);
+    if plan.is_empty() {
+        return Err(Failure::say(
+            Cause::BadInput,
+            format!(
+                "no case and tissue have all the words `{}`",
+                words.join(" ")
+            ),
+            "words are parts of a case's or a tissue's name: `beam`, `cylinder-compressed`, `linear`; --full has more cases",
+        ));
+    }
+    let mut told = |row: &Row| {
+        if args.stream {
+            say!("{}", serde_json::json!(row));
+        } else {
+            tracing::info!(
+                "{} {} {}: {:.0} us, {:.2} %",
+                row.case,
+                row.tissue,
+                row.settings,
+                row.step_us,
+                row.truth_disp_rms_pct
+            );
+        }
+    };
+    let report = measure::measure(&plan, extent, &mut told).map_err(|why| {
+        Failure::say(
+            Cause::Failed,
+            why,
+            "the other cases can be run by their names with --only",
+        )
+    })?;
+    let output = Output {
+        status: "ok",
+        extent: if args.full { "full" } else { "short" },
+        report: &report,
+        literature: FIGURES,
+    };
+    if let Some(directory) = &args.plot {
+        write_files(&output, directory)?;
+    }
+    match global.format {
+        Format::Json => say!("{}", serde_json::json!(output)),
+        Format::Text => print_text(&report),
+    }
+    Ok(())
+}
+
+fn print_text(report: &measure::Report) {
+    for truth in &report.truths {
+        say!("{}: {}", truth.case, truth.about);
+        say!(
+            "  answer: quadratic cells on {} nodes, {:.2} % from those of half as many a side (force {:.2} %); {:.3} mm in the mean",
+            truth.nodes,
+            truth.change_pct,
+            truth.force_change_pct,
+            1e3 * truth.mean_m
+        );
+        say!(
+            "  {:27} {:32} {:>6} {:>9} {:>6} | {:>7} {:>7} {:>7} | {:>7} {:>7} {:>7}",
+            "% of the answer's",
+            "",
+            "cells",
+            "us/step",
+            "+- %",
+            "rms",
+            "line",
+            "force",
+            "truth",
+            "line",
+            "force"
+        );
+        for row in report.cases.iter().filter(|row| row.case == truth.case) {
+            let mark = if row.pareto { "*" } else { " " };
+            say!(
+                "{mark} {:27} {:32} {:6} {:9.1} {:6.0} | {:7.2} {:7.2} {:7.2} | {:7.2} {:7.2} {:7.2} {}",
+                row.tissue,
+                row.settings,
+                row.cells,
+                row.step_us,
+                row.spread_pct,
+                row.disp_rms_pct,
+                row.red_line_pct,
+                row.force_pct,
+                row.truth_disp_rms_pct,
+                row.truth_red_line_pct,
+                row.truth_force_pct,
+                if row.note.is_empty() {
+                    String::new()
+                } else {
+                    format!("{}: {}", row.outcome, row.note)
+                }
+            );
+        }
+    }
+    say!("* nothing on the case is both faster and nearer to the truth");
+    say!("Most accurate within a time:");
+    for best in &report.best {
+        if best.tissue.is_empty() {
+            say!("  {:24} {:5} ms: nothing", best.case, best.budget_ms);
+            continue;
+        }
+        say!(
+            "  {:24} {:5} ms: {:7.2} %, line {:7.2} %, force {:7.2} %: {}, {}, {} cells",
+            best.case,
+            best.budget_ms,
+            best.truth_disp_rms_pct,
+            best.truth_red_line_pct,
+            best.truth_force_pct,
+            best.tissue,
+            best.settings,
+            best.cells
+        );
+    }
+    say!("Printed by others, on their machines:");
+    for figure in FIGURES {
+        say!(
+            "  {:8} {:8} {} ({}) {}",
+            figure.value,
+            figure.unit,
+            figure.what,
+            figure.source,
+            figure.case
+        );
+    }
+}
+
+fn write_files(output: &Output, directory: &Path) -> Result<(), Failure> {
+    let write = |name: &str, text: String| {
+        let path = directory.join(name);
+        std::fs::write(&path, text).map_err(|error| unwritable(&path, &error))
+    };
+    std::fs::create_dir_all(directory).map_err(|error| unwritable(directory, &error))?;
+    write("tradeoff.json", serde_json::json!(output).to_string())?;
+    write("tradeoff.csv", csv(&output.report.cases))?;
+    write("tradeoff-best.csv", csv(&output.report.best))?;
+    write("tradeoff-truths.csv", csv(&output.report.truths))?;
+    for truth in &output.report.truths {
+        let rows = output.report.cases.iter();
+        let rows: Vec<_> = rows.filter(|row| row.case == truth.case).collect();
+        let chart = chart(truth.case, &rows);
+        write(&format!("tradeoff-{}.svg", truth.case), chart.svg())?;
+    }
+    Ok(())
+}
+
+/// Error over time: a dot for each line of the table, the front as a line.
+fn chart(case: &str, rows: &[&Row]) -> Chart {
+    let point = |row: &&Row| {
+        let point = (1e-3 * row.step_us, row.truth_disp_rms_pct);
+        (point.0.is_finite() && point.1.is_finite()).then_some(point)
+    };
+    let mut front: Vec<_> = rows
+        .iter()
+        .filter(|row| row.pareto)
+        .filter_map(point)
+        .collect();
+    front.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let mut lines = vec![Line {
+        name: "front".to_owned(),
+        points: front,
+        dots: Vec::new(),
+    }];
+    for row in rows {
+        let Some(point) = point(row) else { continue };
+        // Models of a kind share a colour.
+        let kind = row.tissue.replace("-neo-hookean", "");
+        match lines.iter_mut().find(|line| line.name == kind) {
+            Some(line) => line.dots.push(point),
+            None => lines.push(Line {
+                name: kind,
+                points: Vec::new(),
+                dots: vec![point],
+            }),
+        }
+    }
+    Chart {
+        title: format!("{case}: error over time; nothing is better than the front"),
+        x: "time of a step [ms]",
+        y: "RMS displacement error against quadratic cells [%]",
+        logarithmic: (true, true),
+        lines,
+    }
+}

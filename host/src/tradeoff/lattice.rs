@@ -1,0 +1,126 @@
+//! Bodies that are a bent and stretched box of cubes: meshes of any fineness whose nodes are in each other.
+//!
+//! Entry point: [`Lattice::new`]. A node of a mesh is one of every mesh with a multiple of its divisions.
+
+use crate::mesh::{MeshError, TetMesh, slab};
+
+/// From a point of the unit cube to one of the body \[m\].
+pub type Shape = fn([f64; 3]) -> [f64; 3];
+
+/// A mesh and where its nodes were in the unit cube.
+#[derive(Clone, Debug)]
+pub struct Lattice {
+    /// The mesh.
+    pub mesh: TetMesh,
+    /// Cubes along each side.
+    pub divisions: [usize; 3],
+    /// Each node's place in the unit cube, (n x 3).
+    pub unit: Vec<[f64; 3]>,
+}
+
+impl Lattice {
+    /// Six cells for each of the cubes.
+    ///
+    /// # Errors
+    /// A shape that turns cells inside out.
+    pub fn new(shape: Shape, divisions: [usize; 3]) -> Result<Self, MeshError> {
+        let cube = slab([1.0; 3], divisions)?;
+        let [nx, ny, nz] = divisions;
+        let mut unit = Vec::with_capacity(cube.points_m().len());
+        for k in 0..=nz {
+            for j in 0..=ny {
+                for i in 0..=nx {
+                    // Quotients, so that a node has the same place in meshes of any fineness.
+                    unit.push([
+                        i as f64 / nx as f64,
+                        j as f64 / ny as f64,
+                        k as f64 / nz as f64,
+                    ]);
+                }
+            }
+        }
+        let points = unit.iter().map(|at| shape(*at)).collect();
+        Ok(Self {
+            mesh: TetMesh::new(points, cube.cells().to_vec())?,
+            divisions,
+            unit,
+        })
+    }
+
+    /// Node of a finer lattice that is this one's `node`; the finer one has a multiple of the divisions.
+    pub fn node_in(&self, finer: &Self, node: usize) -> usize {
+        let [nx, ny, _] = self.divisions;
+        let own = [
+            node % (nx + 1),
+            node / (nx + 1) % (ny + 1),
+            node / ((nx + 1) * (ny + 1)),
+        ];
+        let [i, j, k] =
+            [0, 1, 2].map(|axis| own[axis] * finer.divisions[axis] / self.divisions[axis]);
+        i + (finer.divisions[0] + 1) * (j + (finer.divisions[1] + 1) * k)
+    }
+
+    /// Triangles of the surface whose corners all are where `is_there` says, by places in the unit cube.
+    pub fn faces(&self, is_there: fn([f64; 3]) -> bool) -> Vec<[u32; 3]> {
+        let surface = self.mesh.surface();
+        let there = |node: &u32| is_there(self.unit[*node as usize]);
+        surface
+            .triangles
+            .iter()
+            .filter(|triangle| triangle.iter().all(there))
+            .copied()
+            .collect()
+    }
+
+    /// A force \[N\] spread evenly over triangles, as forces on nodes \[N\], (n x 3).
+    pub fn spread(&self, faces: &[[u32; 3]], force_n: [f64; 3]) -> Vec<[f64; 3]> {
+        let at = |node: u32| nalgebra::Vector3::from(self.mesh.points_m()[node as usize]);
+        let area = |[a, b, c]: [u32; 3]| (at(b) - at(a)).cross(&(at(c) - at(a))).norm();
+        let whole: f64 = faces.iter().map(|face| area(*face)).sum();
+        let mut forces = vec![[0.0; 3]; self.unit.len()];
+        for face in faces {
+            let share = area(*face) / whole / 3.0;
+            for node in face {
+                for (sum, force) in forces[*node as usize].iter_mut().zip(force_n) {
+                    *sum += share * force;
+                }
+            }
+        }
+        forces
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const BEAM: Shape = |[x, y, z]| [2.0 * x, 0.2 * y, 0.2 * z];
+
+    #[test]
+    fn coarse_nodes_are_fine_nodes() {
+        let coarse = Lattice::new(BEAM, [5, 2, 1]).expect("a lattice");
+        let fine = Lattice::new(BEAM, [15, 6, 3]).expect("a lattice");
+        for (node, at) in coarse.mesh.points_m().iter().enumerate() {
+            let other = fine.mesh.points_m()[coarse.node_in(&fine, node)];
+            for (a, b) in at.iter().zip(other) {
+                assert!((a - b).abs() < 1e-15);
+            }
+        }
+    }
+
+    #[test]
+    fn a_spread_force_is_whole_and_has_its_middle() {
+        let lattice = Lattice::new(BEAM, [4, 2, 2]).expect("a lattice");
+        let end = lattice.faces(|[x, _, _]| x == 1.0);
+        assert_eq!(end.len(), 8);
+        let forces = lattice.spread(&end, [0.8, 0.0, -0.4]);
+        let sum: f64 = forces.iter().map(|force| force[0]).sum();
+        assert!((sum - 0.8).abs() < 1e-14);
+        let moment: f64 = forces
+            .iter()
+            .zip(lattice.mesh.points_m())
+            .map(|(force, at)| force[2] * at[1])
+            .sum();
+        assert!((moment + 0.4 * 0.1).abs() < 1e-14);
+    }
+}

@@ -1,0 +1,477 @@
+//! The tissue models by name, each with the settings over which it is measured.
+//!
+//! Entry points: [`entries`], [`entry`]. A new model is one entry here; trade-off and stability then have it.
+
+use super::cases::Substance;
+use crate::fem::{CorotationalModel, LinearModel, ModelSettings, Policy};
+use crate::mesh::TetMesh;
+use sutura_models::chainmail::{
+    ClassicalChainMail, ClassicalSettings, EllipsoidChainMail, EllipsoidSettings,
+};
+use sutura_models::energy_balance::{self, EnergyBalance, Form, Lanes, Prony};
+use sutura_models::hyperelastic::{self, Cells, Hyperelastic, Motion, Scheme};
+use sutura_models::law::Law;
+use sutura_models::shape_matching::{ShapeMatching, ShapeMatchingSettings};
+use sutura_models::{Materials, Tissue};
+
+/// Builds tissue, or says why it refuses.
+pub type Build = Box<dyn Fn(&Body, &TetMesh) -> Result<Box<dyn Tissue>, String> + Send + Sync>;
+
+/// What tissue is to be made of.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Body {
+    /// All of it, or what each cell is a multiple of.
+    pub substance: Substance,
+    /// Multiple of the moduli in each cell, (m); empty: 1.
+    pub stiffer: Vec<f64>,
+}
+
+impl Body {
+    /// The same everywhere.
+    pub fn of(substance: Substance) -> Self {
+        Self {
+            substance,
+            stiffer: Vec::new(),
+        }
+    }
+
+    fn in_cells(&self) -> Vec<Substance> {
+        let times = |factor: &f64| {
+            let mut substance = self.substance;
+            substance.material.youngs_modulus_pa *= factor;
+            substance
+        };
+        self.stiffer.iter().map(times).collect()
+    }
+
+    /// For models of elasticity at small strain.
+    fn materials(&self) -> Materials {
+        if self.stiffer.is_empty() {
+            return self.substance.material.into();
+        }
+        let list = self.in_cells().iter().map(|own| own.material).collect();
+        Materials::by_cell(list, (0..self.stiffer.len() as u32).collect())
+    }
+
+    /// For hyperelastic models: one law, or one for each cell.
+    fn laws(&self, law: fn(&Substance) -> Law) -> Vec<Law> {
+        if self.stiffer.is_empty() {
+            return vec![law(&self.substance)];
+        }
+        self.in_cells().iter().map(law).collect()
+    }
+}
+
+/// One way to run a model.
+pub struct Setting {
+    /// The knobs in words.
+    pub name: String,
+    /// In the short table as well.
+    pub short: bool,
+    /// Makes it.
+    pub build: Build,
+}
+
+/// One model.
+pub struct Entry {
+    /// Its name for people, scenes and `--only`.
+    pub tissue: &'static str,
+    /// Whether it has forces in newtons.
+    pub has_forces: bool,
+    /// Whether its step has a length: what it does depends on the time that passes.
+    pub has_step: bool,
+    /// Substances it is meant for; others it would treat as something else.
+    pub fits: fn(&Substance) -> bool,
+    /// The usual one in double precision, where that is not what it has.
+    pub double: Option<Setting>,
+    /// With masses and time, where the usual one goes straight to balance.
+    pub dynamic: Option<Setting>,
+    /// What it is measured with; the first is the usual one.
+    pub settings: Vec<Setting>,
+}
+
+impl Entry {
+    /// With the usual settings.
+    ///
+    /// # Errors
+    /// Why the model refuses.
+    pub fn build(&self, body: &Body, mesh: &TetMesh) -> Result<Box<dyn Tissue>, String> {
+        match self.settings.first() {
+            Some(setting) => (setting.build)(body, mesh),
+            None => Err("there are no settings".to_owned()),
+        }
+    }
+}
+
+/// All models.
+pub fn entries() -> Vec<Entry> {
+    vec![
+        linear(),
+        corotational(),
+        hyperelastic(),
+        energy_balance("energy-balance-neo-hookean", always, |substance| {
+            Law::neo_hookean(substance.material)
+        }),
+        energy_balance("energy-balance-stvk", isotropic, |substance| {
+            Law::st_venant_kirchhoff(substance.material)
+        }),
+        energy_balance("energy-balance-fiber", fibred, Substance::law),
+        energy_balance("energy-balance-prony", relaxing, Substance::law),
+        chainmail_classical(),
+        chainmail_ellipsoid(),
+        shape_matching(),
+    ]
+}
+
+/// One model by its name.
+pub fn entry(tissue: &str) -> Option<Entry> {
+    entries().into_iter().find(|entry| entry.tissue == tissue)
+}
+
+fn always(_: &Substance) -> bool {
+    true
+}
+
+fn isotropic(substance: &Substance) -> bool {
+    substance.fibres.is_none() && substance.relaxation.is_none()
+}
+
+fn fibred(substance: &Substance) -> bool {
+    substance.fibres.is_some()
+}
+
+fn relaxing(substance: &Substance) -> bool {
+    substance.relaxation.is_some()
+}
+
+fn setting<T: Tissue + 'static, E: std::fmt::Display>(
+    name: impl Into<String>,
+    short: bool,
+    build: impl Fn(&Body, &TetMesh) -> Result<T, E> + Send + Sync + 'static,
+) -> Setting {
+    Setting {
+        name: name.into(),
+        short,
+        build: Box::new(move |body, mesh| match build(body, mesh) {
+            Ok(tissue) => Ok(Box::new(tissue)),
+            Err(error) => Err(error.to_string()),
+        }),
+    }
+}
+
+fn linear() -> Entry {
+    Entry {
+        tissue: "linear",
+        has_forces: true,
+        has_step: false,
+        fits: always,
+        double: None,
+        dynamic: None,
+        settings: vec![setting("", true, |body, mesh| {
+            LinearModel::new(mesh, body.materials())
+        })],
+    }
+}
+
+fn corotational() -> Entry {
+    let with = |name: &str, short, settings: ModelSettings| {
+        setting(name, short, move |body: &Body, mesh: &TetMesh| {
+            CorotationalModel::new(mesh, body.materials(), settings)
+        })
+    };
+    let usual = |iterations| ModelSettings {
+        iterations,
+        ..ModelSettings::default()
+    };
+    let never = |iterations| ModelSettings {
+        policy: Policy {
+            refactor_rotation_rad: f64::INFINITY,
+            refactor_every: u32::MAX,
+            ..Policy::default()
+        },
+        ..usual(iterations)
+    };
+    let always_anew = |iterations| ModelSettings {
+        iterations,
+        tolerance: 1e-4,
+        ..ModelSettings::CONVERGED
+    };
+    Entry {
+        tissue: "corotational",
+        has_forces: true,
+        has_step: false,
+        fits: always,
+        double: None,
+        dynamic: None,
+        settings: vec![
+            with("4 solves, factor at 0.1 rad", true, usual(4)),
+            with("1 solve, factor at 0.1 rad", true, usual(1)),
+            with("1 solve, factor never", false, never(1)),
+            with("4 solves, factor never", false, never(4)),
+            with("1 solve, factor always", false, always_anew(1)),
+            with("4 solves, factor always", false, always_anew(4)),
+            with("to 1e-10, factor always", true, ModelSettings::CONVERGED),
+        ],
+    }
+}
+
+fn hyperelastic() -> Entry {
+    let with = |name: &str, short, cells: Cells, tolerance: f64| {
+        setting(name, short, move |body: &Body, mesh: &TetMesh| {
+            let settings = hyperelastic::Settings {
+                cells,
+                tolerance,
+                ..hyperelastic::Settings::default()
+            };
+            Hyperelastic::new(mesh, &body.laws(Substance::law), settings)
+        })
+    };
+    Entry {
+        tissue: "hyperelastic",
+        has_forces: true,
+        has_step: false,
+        fits: always,
+        double: None,
+        dynamic: Some(setting(
+            "backward Euler",
+            false,
+            |body: &Body, mesh: &TetMesh| {
+                let settings = hyperelastic::Settings {
+                    motion: Motion::Implicit {
+                        density_kg_per_m3: body.substance.density_kg_per_m3,
+                        drag_per_s: 20.0,
+                        scheme: Scheme::BackwardEuler,
+                    },
+                    tolerance: 1e-6,
+                    ..hyperelastic::Settings::default()
+                };
+                Hyperelastic::new(mesh, &body.laws(Substance::law), settings)
+            },
+        )),
+        settings: vec![
+            with("linear cells, to 1e-3", true, Cells::Linear, 1e-3),
+            with("linear cells, to 1e-9", false, Cells::Linear, 1e-9),
+            with("averaged cells, to 1e-3", true, Cells::Averaged, 1e-3),
+            with("quadratic cells, to 1e-3", false, Cells::Quadratic, 1e-3),
+        ],
+    }
+}
+
+fn energy_balance(
+    tissue: &'static str,
+    fits: fn(&Substance) -> bool,
+    law: fn(&Substance) -> Law,
+) -> Entry {
+    let relaxes = tissue.ends_with("prony");
+    let with = |name: &str, short, form, lanes, iterations| {
+        setting(name, short, move |body: &Body, mesh: &TetMesh| {
+            let relaxation = match body.substance.relaxation {
+                Some((share, time_s)) if relaxes => vec![Prony { share, time_s }],
+                _ => Vec::new(),
+            };
+            let settings = energy_balance::Settings {
+                form,
+                iterations,
+                lanes,
+                relaxation,
+                density_kg_per_m3: body.substance.density_kg_per_m3,
+                ..energy_balance::Settings::default()
+            };
+            EnergyBalance::new(mesh, &body.laws(law), settings)
+        })
+    };
+    let mut settings = vec![
+        with(
+            "balanced, 20 iterations, wide",
+            true,
+            Form::Balanced,
+            Lanes::Wide,
+            20,
+        ),
+        with(
+            "balanced, 5 iterations, wide",
+            true,
+            Form::Balanced,
+            Lanes::Wide,
+            5,
+        ),
+        with(
+            "balanced, 100 iterations, wide",
+            false,
+            Form::Balanced,
+            Lanes::Wide,
+            100,
+        ),
+        with(
+            "balanced, 20 iterations, scalar",
+            false,
+            Form::Balanced,
+            Lanes::Scalar,
+            20,
+        ),
+    ];
+    if !relaxes {
+        settings.extend([
+            with(
+                "compliant, 20 iterations, wide",
+                false,
+                Form::Compliant,
+                Lanes::Wide,
+                20,
+            ),
+            with(
+                "averaged, 20 iterations, wide",
+                false,
+                Form::Averaged,
+                Lanes::Wide,
+                20,
+            ),
+            with(
+                "printed, 20 iterations, wide",
+                false,
+                Form::Printed,
+                Lanes::Wide,
+                20,
+            ),
+        ]);
+    }
+    Entry {
+        tissue,
+        has_forces: true,
+        has_step: relaxes,
+        fits,
+        double: Some(with(
+            "balanced, 20 iterations, scalar",
+            false,
+            Form::Balanced,
+            Lanes::Scalar,
+            20,
+        )),
+        dynamic: (!relaxes).then(|| {
+            setting("dynamic", false, move |body: &Body, mesh: &TetMesh| {
+                let settings = energy_balance::Settings {
+                    motion: energy_balance::Motion::Dynamic,
+                    density_kg_per_m3: body.substance.density_kg_per_m3,
+                    ..energy_balance::Settings::default()
+                };
+                EnergyBalance::new(mesh, &body.laws(law), settings)
+            })
+        }),
+        settings,
+    }
+}
+
+fn chainmail_classical() -> Entry {
+    let with = |name: &str, short, change: fn(&mut ClassicalSettings)| {
+        setting(name, short, move |body: &Body, mesh: &TetMesh| {
+            let mut settings = ClassicalSettings {
+                density_kg_per_m3: body.substance.density_kg_per_m3,
+                ..ClassicalSettings::default()
+            };
+            change(&mut settings);
+            if !body.stiffer.is_empty() {
+                return Err(
+                    "a classical ChainMail has one material and one box for all cells".to_owned(),
+                );
+            }
+            ClassicalChainMail::new(mesh, body.substance.material, settings)
+                .map_err(|error| error.to_string())
+        })
+    };
+    Entry {
+        tissue: "chainmail-classical",
+        has_forces: true,
+        has_step: false,
+        fits: always,
+        double: None,
+        dynamic: None,
+        settings: vec![
+            with("4 relaxations", true, |_| {}),
+            with("as printed", true, |settings| settings.relaxations = 0),
+            with("32 relaxations", false, |settings| {
+                settings.relaxations = 32
+            }),
+        ],
+    }
+}
+
+fn chainmail_ellipsoid() -> Entry {
+    let with = |name: &str, short, change: fn(&mut EllipsoidSettings)| {
+        setting(name, short, move |body: &Body, mesh: &TetMesh| {
+            let mut settings = EllipsoidSettings {
+                density_kg_per_m3: body.substance.density_kg_per_m3,
+                ..EllipsoidSettings::default()
+            };
+            change(&mut settings);
+            EllipsoidChainMail::new(mesh, body.materials(), settings)
+        })
+    };
+    Entry {
+        tissue: "chainmail-ellipsoid",
+        has_forces: true,
+        has_step: true,
+        fits: always,
+        double: None,
+        dynamic: None,
+        settings: vec![
+            with("limit 0.3", true, |_| {}),
+            with("limit 0.1", true, |settings| {
+                settings.strain_limit = [0.1; 3]
+            }),
+            with("limit 0.3, no springs", false, |settings| {
+                settings.stiffness = 0.0
+            }),
+            with("limit 0.3, 16 visits", false, |settings| {
+                settings.visits = 16
+            }),
+        ],
+    }
+}
+
+fn shape_matching() -> Entry {
+    let with = |name: &str, short, rings| {
+        setting(name, short, move |body: &Body, mesh: &TetMesh| {
+            let settings = ShapeMatchingSettings {
+                rings,
+                density_kg_per_m3: body.substance.density_kg_per_m3,
+                ..ShapeMatchingSettings::default()
+            };
+            ShapeMatching::new(mesh, body.materials(), settings)
+        })
+    };
+    Entry {
+        tissue: "shape-matching",
+        has_forces: true,
+        has_step: true,
+        fits: always,
+        double: None,
+        dynamic: None,
+        settings: vec![
+            with("2 rings", true, 2),
+            with("1 ring", false, 1),
+            with("4 rings", false, 4),
+        ],
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_and_settings_are_unique() {
+        let entries = entries();
+        for (index, entry) in entries.iter().enumerate() {
+            assert!(
+                entries[..index]
+                    .iter()
+                    .all(|other| other.tissue != entry.tissue)
+            );
+            assert!(entry.settings.first().is_some_and(|setting| setting.short));
+            for (index, setting) in entry.settings.iter().enumerate() {
+                let others = &entry.settings[..index];
+                assert!(others.iter().all(|other| other.name != setting.name));
+            }
+        }
+    }
+}

@@ -1,0 +1,115 @@
+//! `sutura tradeoff` from end to end, on its cheapest cases.
+
+mod support;
+
+use serde_json::Value;
+use support::sutura;
+
+#[test]
+fn lines_fronts_and_files() {
+    let directory = tempfile::tempdir().expect("a directory");
+    let files = directory.path().to_str().expect("a path");
+    let output = sutura(&[
+        "tradeoff", "--only", "beam", "--plot", files, "--format", "json",
+    ]);
+    assert_eq!(output.code, 0, "{}", output.stderr);
+    let report: Value = serde_json::from_str(&output.stdout).expect("one object");
+    assert_eq!(report["extent"], "short");
+    let cases = report["cases"].as_array().expect("cases");
+    for case in cases {
+        for key in ["case", "tissue", "settings", "nodes", "cells", "pareto"] {
+            assert!(!case[key].is_null(), "{key}: {case}");
+        }
+        for key in [
+            "step_us",
+            "disp_rms_pct",
+            "disp_max_pct",
+            "force_pct",
+            "red_line_pct",
+            "truth_disp_rms_pct",
+        ] {
+            assert!(case.get(key).is_some(), "{key}: {case}");
+        }
+    }
+    let line = |case: &str, tissue: &str, words: &str| {
+        let found = cases.iter().find(|line| {
+            line["case"] == case
+                && line["tissue"] == tissue
+                && line["settings"]
+                    .as_str()
+                    .is_some_and(|own| own.contains(words))
+        });
+        found
+            .unwrap_or_else(|| panic!("{case} {tissue} {words}"))
+            .clone()
+    };
+    let pct = |line: &Value, key: &str| line[key].as_f64().expect("a number");
+
+    // The same balance by another way: Newton's own error is its tolerance.
+    for case in ["beam-tension", "beam-bending"] {
+        let newton = line(case, "hyperelastic", "linear cells");
+        assert!(pct(&newton, "disp_rms_pct") < 0.1, "{newton}");
+    }
+    // In small strain all laws are one; what linear cells lock is the mesh's error, not the law's.
+    let linear = line("beam-tension", "linear", "");
+    assert!(pct(&linear, "disp_rms_pct") < 2.0, "{linear}");
+    assert!(pct(&linear, "truth_disp_rms_pct") > pct(&linear, "disp_rms_pct"));
+    // A load is carried, whoever carries it.
+    for tissue in ["linear", "corotational", "hyperelastic"] {
+        let line = line("beam-tension", tissue, "");
+        assert!(pct(&line, "force_pct") < 1.0, "{line}");
+    }
+    // Large rotations: linear tissue is off, corotational is not.
+    let bent = line("beam-bending", "corotational", "1e-10");
+    assert!(pct(&bent, "disp_rms_pct") < 5.0, "{bent}");
+
+    let truths = report["truths"].as_array().expect("answers");
+    assert_eq!(truths.len(), 2);
+    let fronts = cases.iter().filter(|case| case["pareto"] == true);
+    assert!(fronts.count() >= 2);
+    let best = report["best"].as_array().expect("a table");
+    assert_eq!(best.len(), 8);
+    assert!(report["literature"].as_array().expect("figures").len() > 10);
+
+    let table = std::fs::read_to_string(directory.path().join("tradeoff.csv")).expect("a table");
+    assert_eq!(table.lines().count(), cases.len() + 1);
+    for name in [
+        "tradeoff.json",
+        "tradeoff-best.csv",
+        "tradeoff-truths.csv",
+        "tradeoff-beam-bending.svg",
+    ] {
+        assert!(directory.path().join(name).exists(), "{name}");
+    }
+}
+
+#[test]
+fn lines_stream_as_they_are_measured() {
+    let output = sutura(&[
+        "tradeoff",
+        "--only",
+        "cube-sheared linear",
+        "--stream",
+        "--format",
+        "json",
+    ]);
+    assert_eq!(output.code, 0, "{}", output.stderr);
+    let objects: Vec<Value> = output
+        .stdout
+        .lines()
+        .map(|line| serde_json::from_str(line).expect("an object"))
+        .collect();
+    let last = objects.last().expect("a report");
+    assert_eq!(
+        last["cases"].as_array().expect("cases").len() + 1,
+        objects.len()
+    );
+    assert_eq!(objects[0]["case"], "cube-sheared");
+}
+
+#[test]
+fn words_that_nothing_has_are_refused() {
+    let output = sutura(&["tradeoff", "--only", "beam nonsense"]);
+    assert_eq!(output.code, 2, "{}", output.stderr);
+    assert!(output.stderr.contains("nonsense"), "{}", output.stderr);
+}
