@@ -193,7 +193,10 @@ fn lattice<T: Float>(mesh: &TetMesh, most: usize) -> (Vec<Place<T>>, usize) {
     }
     let extent = high - low;
     let mut edge = extent.max() / 32.0;
-    while most >= 8 {
+    if most < 8 {
+        return (Vec::new(), 0);
+    }
+    loop {
         let counts = extent.map(|e| (e / edge).round().max(1.0));
         let mut numbers: BTreeMap<[u32; 3], u32> = BTreeMap::new();
         let mut places = Vec::with_capacity(mesh.points_m().len());
@@ -230,7 +233,6 @@ fn lattice<T: Float>(mesh: &TetMesh, most: usize) -> (Vec<Place<T>>, usize) {
         }
         edge *= 1.1;
     }
-    (Vec::new(), 0)
 }
 
 /// Inverse of a symmetric matrix without negative eigenvalues, in place, by Gauss-Jordan; directions that nothing
