@@ -190,7 +190,9 @@ fn lanes_and_one_by_one_agree_within_single_precision() {
             let off = largest_difference(&one.0, &eight.0);
             assert!(off < 1e-4 * 0.001, "{form:?} {law:?}: {off:e}");
             let energy = (one.1.energy_j / eight.1.energy_j - 1.0).abs();
-            assert!(energy < 2e-3, "{form:?}: {energy:e}");
+            // Conjugate directions amplify rounding before they converge.
+            let limit = if form == Form::Balanced { 2e-3 } else { 1e-4 };
+            assert!(energy < limit, "{form:?}: {energy:e}");
         }
     }
 }
