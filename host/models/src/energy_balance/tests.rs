@@ -329,7 +329,7 @@ fn a_held_block_relaxes_by_the_prony_series() {
     let mesh = block();
     let plates = between_plates(&mesh, [-0.001, 0.0, -0.002]);
     let (share, time_s) = (0.5, 0.58);
-    for lanes in [Lanes::Scalar] {
+    for lanes in [Lanes::Scalar, Lanes::Wide] {
         let mut off = Vec::new();
         for steps in [40, 80] {
             let step_s = 2.0 * time_s / f64::from(steps);
@@ -450,7 +450,7 @@ fn numbers_that_are_none_fail_and_change_nothing() {
 #[test]
 fn the_tangent_is_that_of_whole_steps() {
     let mesh = block();
-    for lanes in [Lanes::Scalar] {
+    for lanes in [Lanes::Scalar, Lanes::Wide] {
         let settings = Settings {
             lanes,
             tolerance: 1e-5,
