@@ -77,7 +77,6 @@ fn main() -> Result<(), Box<dyn Error>> {
                 ("balanced, no lattice", Form::Balanced, 0, false),
                 ("balanced, Prony term", Form::Balanced, 96, true),
                 ("compliant", Form::Compliant, 0, false),
-                ("printed", Form::Printed, 0, false),
             ] {
                 for lanes in [Lanes::Scalar, Lanes::Wide] {
                     let iterations = 20;

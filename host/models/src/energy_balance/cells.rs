@@ -335,20 +335,20 @@ fn one<S, T, F, const L: usize, const KIND: u8>(
             (_, true) => neo_hookean::<S, _, false, true>(&h, &moduli),
             (_, false) => neo_hookean::<S, _, false, false>(&h, &moduli),
         };
-        if KIND != 1 {
-            if let Some(memory_of) = memory.stress.get(index) {
-                let [xx, yy, zz, yz, xz, xy] = [0, 1, 2, 3, 4, 5].map(|k| load(&memory_of[k]));
-                let less = [[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]];
-                let share = xx.like(memory.share);
-                let off = times(&h, &less);
-                let half = xx.like(0.5);
-                energy = energy * share;
-                for r in 0..3 {
-                    for c in 0..3 {
-                        // E = sym H + H'H / 2, so S : E = S : H + (S H') : H' / 2.
-                        energy = energy - half * (less[r][c] + off[r][c]) * h[r][c];
-                        p[r][c] = p[r][c].fma(share, -off[r][c]);
-                    }
+        if KIND != 1
+            && let Some(memory_of) = memory.stress.get(index)
+        {
+            let [xx, yy, zz, yz, xz, xy] = [0, 1, 2, 3, 4, 5].map(|k| load(&memory_of[k]));
+            let less = [[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]];
+            let share = xx.like(memory.share);
+            let off = times(&h, &less);
+            let half = xx.like(0.5);
+            energy = energy * share;
+            for r in 0..3 {
+                for c in 0..3 {
+                    // E = sym H + H'H / 2, so S : E = S : H + (S H') : H' / 2.
+                    energy = energy - half * (less[r][c] + off[r][c]) * h[r][c];
+                    p[r][c] = p[r][c].fma(share, -off[r][c]);
                 }
             }
         }

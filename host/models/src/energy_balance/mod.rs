@@ -4,6 +4,9 @@
 //! strain energy. As printed (5.8) that leads towards W = 0 ([`Form::Printed`]); [`Form::Compliant`] and
 //! [`Form::Balanced`] lead to where the gradients balance the loads.
 
+// Indices run over nodes, axes and lanes of several fields at once, as in the equations.
+#![allow(clippy::needless_range_loop)]
+
 mod balanced;
 mod cells;
 mod compliant;
@@ -247,11 +250,11 @@ impl EnergyBalance {
         for (index, (node, to)) in drive.held.iter().enumerate() {
             let node = *node as usize;
             let mut to = way(self.before.displacement_m[node], *to);
-            if let Some(trial) = trial {
-                if trial.moved.contains(&index) {
-                    for c in 0..3 {
-                        to[c] += trial.by_m[c];
-                    }
+            if let Some(trial) = trial
+                && trial.moved.contains(&index)
+            {
+                for c in 0..3 {
+                    to[c] += trial.by_m[c];
                 }
             }
             let mut ahead = self.before.part_m[node];

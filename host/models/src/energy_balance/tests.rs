@@ -190,7 +190,9 @@ fn lanes_and_one_by_one_agree_within_single_precision() {
             let off = largest_difference(&one.0, &eight.0);
             assert!(off < 1e-4 * 0.001, "{form:?} {law:?}: {off:e}");
             let energy = (one.1.energy_j / eight.1.energy_j - 1.0).abs();
-            assert!(energy < 2e-3, "{form:?}: {energy:e}");
+            // Conjugate directions amplify rounding before they converge.
+            let limit = if form == Form::Balanced { 2e-3 } else { 1e-4 };
+            assert!(energy < limit, "{form:?}: {energy:e}");
         }
     }
 }
@@ -327,7 +329,7 @@ fn a_held_block_relaxes_by_the_prony_series() {
     let mesh = block();
     let plates = between_plates(&mesh, [-0.001, 0.0, -0.002]);
     let (share, time_s) = (0.5, 0.58);
-    for lanes in [Lanes::Scalar] {
+    for lanes in [Lanes::Scalar, Lanes::Wide] {
         let mut off = Vec::new();
         for steps in [40, 80] {
             let step_s = 2.0 * time_s / f64::from(steps);
@@ -448,7 +450,7 @@ fn numbers_that_are_none_fail_and_change_nothing() {
 #[test]
 fn the_tangent_is_that_of_whole_steps() {
     let mesh = block();
-    for lanes in [Lanes::Scalar] {
+    for lanes in [Lanes::Scalar, Lanes::Wide] {
         let settings = Settings {
             lanes,
             tolerance: 1e-5,
