@@ -77,7 +77,7 @@ pub const FIGURES: [Figure; 18] = [
     ),
     figure(
         "zhang-2017, ChainMail against CATIA",
-        "cube-20-mm",
+        "",
         "mean displacement error of 1.08 mm",
         9.7,
         "%",
