@@ -90,9 +90,9 @@ fn errors(case: &Case, model: &EnergyBalance) -> [f64; 4] {
     }
     let (mut lack, mut whole) = (0.0, 0.0);
     for (node, exact) in case.solution_m.iter().enumerate() {
-        for c in 0..3 {
-            lack += (u(node, c) - exact[c]).powi(2);
-            whole += exact[c].powi(2);
+        for (c, exact) in exact.iter().enumerate() {
+            lack += (u(node, c) - exact).powi(2);
+            whole += exact.powi(2);
         }
     }
     let reaction = case.reaction_n.map_or(f64::NAN, |exact| {

@@ -86,7 +86,7 @@ impl CorotationalModel {
         materials: impl Into<Materials>,
         settings: ModelSettings,
     ) -> Result<Self, TissueError> {
-        if settings.iterations == 0 || !(settings.tolerance >= 0.0) {
+        if settings.iterations == 0 || settings.tolerance.is_nan() || settings.tolerance < 0.0 {
             return Err(TissueError::Policy(settings.policy));
         }
         let tissue = CorotationalTissue::unheld(mesh, materials, settings.policy)?;
@@ -165,14 +165,14 @@ impl CorotationalModel {
         let mut square = first;
         self.start.copy_from_slice(&self.workspace.preconditioned);
         for _ in 0..iterations {
-            if !(square > tolerance * tolerance * first) {
+            if square.is_nan() || square <= tolerance * tolerance * first {
                 break;
             }
             let direction = std::mem::take(&mut self.start);
             self.product(&direction);
             let product = self.workspace.product.as_flattened();
             let curvature = dot(&direction, product);
-            if !(curvature > 0.0) {
+            if curvature.is_nan() || curvature <= 0.0 {
                 if self.du.iter().all(|u| *u == 0.0) {
                     self.du.copy_from_slice(&direction);
                 }
