@@ -4,7 +4,7 @@
 
 use crate::files::{self, Files};
 use crate::traffic::{Tally, Traffic};
-use crate::{host_end, mesh, scene, seeds};
+use crate::{host_end, mesh, recordings, scene, seeds};
 use clap::ValueEnum;
 use std::panic::catch_unwind;
 use std::path::PathBuf;
@@ -28,11 +28,19 @@ pub enum Target {
     Scene,
     /// Mesh files.
     Mesh,
+    /// Recordings, read and replayed.
+    Recording,
 }
 
 impl Target {
     /// All of them.
-    pub const ALL: [Target; 4] = [Target::Stream, Target::Host, Target::Scene, Target::Mesh];
+    pub const ALL: [Target; 5] = [
+        Target::Stream,
+        Target::Host,
+        Target::Scene,
+        Target::Mesh,
+        Target::Recording,
+    ];
 
     /// As the command line has it.
     pub fn name(self) -> &'static str {
@@ -41,6 +49,7 @@ impl Target {
             Target::Host => "host",
             Target::Scene => "scene",
             Target::Mesh => "mesh",
+            Target::Recording => "recording",
         }
     }
 
@@ -50,6 +59,7 @@ impl Target {
             Target::Stream => 1_000_000,
             Target::Host => 300_000,
             Target::Scene | Target::Mesh => 20_000,
+            Target::Recording => 4_000,
         }
     }
 }
@@ -71,7 +81,11 @@ pub enum Counts {
 /// found, which is on stderr then.
 pub fn run(target: Target, seed: u64, count: u64, threads: Option<usize>) -> (Counts, bool) {
     let frames = seeds::frames();
-    let files = seeds::files(target.name());
+    let files = match target {
+        Target::Scene | Target::Mesh => seeds::files(target.name()),
+        Target::Stream | Target::Host | Target::Recording => Vec::new(),
+    };
+    let recordings = seeds::recordings();
     let is_frames = matches!(target, Target::Stream | Target::Host);
     let block = if is_frames { BLOCK } else { FILES_BLOCK };
     let sum = Mutex::new(if is_frames {
@@ -96,6 +110,11 @@ pub fn run(target: Target, seed: u64, count: u64, threads: Option<usize>) -> (Co
                 Target::Scene | Target::Mesh => {
                     let reader = if target == Target::Scene { scene } else { mesh };
                     Counts::Files(files::run(reader, &files, seed, left, |file| {
+                        keep(&last, file)
+                    }))
+                }
+                Target::Recording => {
+                    Counts::Files(recordings::run(&recordings, seed, left, |file| {
                         keep(&last, file)
                     }))
                 }

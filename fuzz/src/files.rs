@@ -24,6 +24,21 @@ pub struct Files {
     pub slowest_us: u64,
 }
 
+impl Files {
+    /// One more.
+    ///
+    /// # Panics
+    /// If it kept its reader busy for a minute.
+    pub(crate) fn count(&mut self, accepted: bool, took: Duration) {
+        assert!(took < SLOWEST, "its reader is busy for {took:?}");
+        self.files += 1;
+        self.accepted += u64::from(accepted);
+        self.slowest_us = self
+            .slowest_us
+            .max(u64::try_from(took.as_micros()).unwrap_or(u64::MAX));
+    }
+}
+
 /// A scene, or a device, from its text; true if it was accepted. A scene's mesh is looked for beside the corpus.
 ///
 /// # Panics
@@ -91,17 +106,7 @@ pub fn run(
         before(text.as_bytes());
         let began = Instant::now();
         let accepted = target(text.as_bytes());
-        let took = began.elapsed();
-        assert!(
-            took < SLOWEST,
-            "{} changed keeps its reader busy for {took:?}",
-            file.name
-        );
-        tally.files += 1;
-        tally.accepted += u64::from(accepted);
-        tally.slowest_us = tally
-            .slowest_us
-            .max(u64::try_from(took.as_micros()).unwrap_or(u64::MAX));
+        tally.count(accepted, began.elapsed());
     }
     tally
 }

@@ -5,7 +5,7 @@ use std::process::ExitCode;
 use std::time::Instant;
 use sutura_fuzz::driver::{Counts, Target, run};
 
-/// Mutates frames, scenes and meshes and looks what reads them.
+/// Mutates frames, scenes, meshes and recordings and looks what reads them.
 #[derive(Parser)]
 #[command(name = "cargo xtask fuzz", bin_name = "cargo xtask fuzz", after_help = EXAMPLES)]
 struct Arguments {

@@ -65,6 +65,15 @@ pub struct File {
     pub text: String,
 }
 
+/// A file that is no text.
+#[derive(Clone, Debug)]
+pub struct Binary {
+    /// Name with extension.
+    pub name: String,
+    /// What is in it.
+    pub bytes: Vec<u8>,
+}
+
 /// Root of the checkout.
 pub fn root() -> PathBuf {
     let here = Path::new(env!("CARGO_MANIFEST_DIR"));
@@ -160,6 +169,18 @@ pub fn files(target: &str) -> Vec<File> {
         Some(File {
             name: path.file_name()?.to_string_lossy().into_owned(),
             text: std::fs::read_to_string(path).ok()?,
+        })
+    };
+    paths.iter().filter_map(read).collect()
+}
+
+/// The recordings of `corpus/recording`, each cut off after its first chunk.
+pub fn recordings() -> Vec<Binary> {
+    let paths = listed("recording");
+    let read = |path: &PathBuf| {
+        Some(Binary {
+            name: path.file_name()?.to_string_lossy().into_owned(),
+            bytes: std::fs::read(path).ok()?,
         })
     };
     paths.iter().filter_map(read).collect()

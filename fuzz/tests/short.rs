@@ -4,6 +4,8 @@ use sutura_fuzz::driver::{Counts, Target, run};
 use sutura_fuzz::files::Files;
 use sutura_fuzz::seeds;
 use sutura_fuzz::traffic::{Tally, Traffic};
+use sutura_host::recording::Recording;
+use sutura_host::recording::replay::{NativeTicks, replay_console};
 use sutura_shared::control::{Guards, Tuning};
 use sutura_shared::wire::Reject;
 
@@ -109,6 +111,28 @@ fn scenes_are_read_or_refused() {
 fn meshes_are_read_or_refused() {
     let files = files(Target::Mesh);
     assert!(20 * files.accepted >= files.files && 10 * files.accepted <= 9 * files.files);
+}
+
+#[test]
+fn recordings_are_replayed_or_refused() {
+    let files = files(Target::Recording);
+    assert!(2 * files.accepted >= files.files && 100 * files.accepted <= 99 * files.files);
+}
+
+/// Of what is left of the seeds every tick comes out as it was recorded.
+#[test]
+fn recordings_are_good_as_they_are() {
+    let seeds = seeds::recordings();
+    assert!(seeds.len() > 1);
+    for seed in seeds {
+        let path = std::path::Path::new(&seed.name);
+        let recording = Recording::from_bytes(path, &seed.bytes).expect("a recording");
+        let mut console = NativeTicks::new(&recording.about.plan.device);
+        let verdict = replay_console(&recording, &mut console);
+        assert!(verdict.ticks > 100, "{}", seed.name);
+        assert_eq!(verdict.verified_ticks, verdict.ticks, "{}", seed.name);
+        assert!(sutura_fuzz::recording(&seed.bytes));
+    }
 }
 
 #[test]

@@ -125,6 +125,14 @@ impl Recording {
             path: path.to_owned(),
             reason: error.to_string(),
         })?;
+        Self::from_bytes(path, &bytes)
+    }
+
+    /// Reads what is in a file; `path` is for messages.
+    ///
+    /// # Errors
+    /// As [`Recording::read`].
+    pub fn from_bytes(path: &Path, bytes: &[u8]) -> Result<Recording, RecordingError> {
         let not = |reason: String| RecordingError::NotARecording {
             path: path.to_owned(),
             reason,
@@ -133,7 +141,7 @@ impl Recording {
             return Err(not("it is no MCAP file".to_owned()));
         }
         let mut parts = Parts::default();
-        let read = parts.take_in(&bytes);
+        let read = parts.take_in(bytes);
         let Some(words) = &parts.about else {
             return Err(not(match read {
                 Ok(()) => "it is an MCAP file without this program's metadata".to_owned(),

@@ -263,7 +263,8 @@ impl<'a> Block<'a> {
             };
             let answer: Vec<_> = mesh.points_m().iter().map(|at| turned(*at, 1.0)).collect();
             let seen = course.run(&mut *tissue);
-            if seen.verdict != Verdict::Stable {
+            // What has only turned has no forces, whose balance is no measure then.
+            if !matches!(seen.verdict, Verdict::Stable | Verdict::Degraded(_)) {
                 return Ok(seen.verdict);
             }
             // After a whole turn the answer is nothing: measured by the size instead.
