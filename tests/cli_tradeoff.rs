@@ -52,7 +52,8 @@ fn lines_fronts_and_files() {
     }
     // In small strain all laws are one; what linear cells lock is the mesh's error, not the law's.
     let linear = line("beam-tension", "linear", "");
-    assert!(pct(&linear, "disp_rms_pct") < 2.0, "{linear}");
+    // Along the edge: across it this mesh, one cube wide, bends as it is pulled, each law by another amount.
+    assert!(pct(&linear, "red_line_pct") < 5.0, "{linear}");
     assert!(pct(&linear, "truth_disp_rms_pct") > pct(&linear, "disp_rms_pct"));
     // A load is carried, whoever carries it.
     for tissue in ["linear", "corotational", "hyperelastic"] {

@@ -61,10 +61,35 @@ pub fn open_serial(path: &str) -> Result<Box<dyn Port>, LinkError> {
     if let Err(error) = port.clear(serialport::ClearBuffer::Input) {
         tracing::debug!("{path}: input not cleared: {error}");
     }
+    #[cfg(target_os = "linux")]
+    shorten_latency(std::path::Path::new("/"), std::path::Path::new(path));
     Ok(Box::new(Serial {
         name: path.to_owned(),
         port,
     }))
+}
+
+/// Has an FTDI bridge pass bytes on after 1 ms, where the system lets us: it keeps them for 16 ms otherwise. `root` is that
+/// of the file system. `sutura doctor` tells whoever may not write there how to.
+#[cfg(target_os = "linux")]
+fn shorten_latency(root: &std::path::Path, port: &std::path::Path) {
+    const LATENCY_MS: u32 = 1;
+    let Ok(device) = std::fs::canonicalize(port) else {
+        return;
+    };
+    let Some(name) = device.file_name() else {
+        return;
+    };
+    let timer = root
+        .join("sys/bus/usb-serial/devices")
+        .join(name)
+        .join("latency_timer");
+    let text = std::fs::read_to_string(&timer).unwrap_or_default();
+    if text.trim().parse().is_ok_and(|ms: u32| ms > LATENCY_MS)
+        && let Err(error) = std::fs::write(&timer, LATENCY_MS.to_string())
+    {
+        tracing::warn!("{} stays {} ms: {error}", timer.display(), text.trim());
+    }
 }
 
 #[cfg(unix)]
@@ -194,5 +219,27 @@ mod tests {
             panic!("opened")
         };
         assert!(matches!(error, LinkError::Open { .. }), "{error:?}");
+    }
+
+    #[cfg(target_os = "linux")]
+    #[test]
+    fn a_bridge_that_holds_bytes_back_is_told_not_to() {
+        let root = std::env::temp_dir().join(format!("sutura-latency-{}", std::process::id()));
+        let port = root.join("ttyUSB3");
+        let folder = root.join("sys/bus/usb-serial/devices/ttyUSB3");
+        std::fs::create_dir_all(&folder).expect("a folder");
+        std::fs::write(&port, "").expect("a port");
+        let timer = folder.join("latency_timer");
+        for (before, after) in [("16\n", "1"), ("1\n", "1\n"), ("no number", "no number")] {
+            std::fs::write(&timer, before).expect("a timer");
+            shorten_latency(&root, &port);
+            assert_eq!(std::fs::read_to_string(&timer).expect("a timer"), after);
+        }
+        // Ports without a bridge, and none at all.
+        std::fs::remove_file(&timer).expect("a timer");
+        shorten_latency(&root, &port);
+        shorten_latency(&root, &root.join("ttyUSB4"));
+        assert!(!timer.exists());
+        std::fs::remove_dir_all(&root).expect("a folder");
     }
 }
