@@ -124,6 +124,8 @@ fn a_missed_budget_has_its_own_exit_code_and_still_a_summary() {
         "--lockstep",
         "--seconds",
         "1",
+        "--tissue",
+        "linear",
         "--budget-ms",
         "1e-6",
         "--format",
@@ -283,7 +285,7 @@ fn what_cannot_be_is_refused_before_anything_runs() {
         (&["run", "--host-hz", "2000"][..], "1 to 1000"),
         (&["run", "--seconds=-1"], "above 0"),
         (&["run", "--seconds", "1e300"], "a day"),
-        (&["run", "--tissue", "jelly"], "linear, corotational"),
+        (&["run", "--tissue", "jelly"], "`linear`, `corotational`"),
         (
             &["run", "--lockstep", "--console", "/dev/ttyACM0"],
             "its own clock",

@@ -21,8 +21,8 @@ use sutura_host::recording::{
 };
 use sutura_host::scene::{self, Document, Scene, Sources};
 use sutura_host::session::{
-    LINE_BYTES_PER_S, Line, Plan, Rendering, TissueSolver, contact_frame, run_lockstep,
-    run_real_time,
+    LINE_BYTES_PER_S, Line, Plan, Rendering, SceneSolver, TissueSolver, contact_frame,
+    run_lockstep, run_real_time,
 };
 use sutura_host::step::ToolContact;
 use sutura_shared::link::{HostEvent, HostLink};

@@ -3,6 +3,7 @@
 //! Entry point: [`explain`]. Every cost is measured by building the scene and following its hand; what is
 //! not measured is left open, never estimated.
 
+mod model;
 mod wound;
 
 use crate::fem::{CorotationalTissue, LinearTissue};
@@ -97,8 +98,11 @@ impl Component {
 /// Builds the scene, follows its hand, and lists its parts.
 ///
 /// # Errors
-/// What [`TissueSolver::new`] refuses.
+/// What [`TissueSolver::new`] refuses, or [`crate::session::ModelSolver::new`] for a model that tools stick to.
 pub fn explain(scene: &Scene) -> Result<Vec<Component>, SolveError> {
+    if let Tissue::Registered(model) = scene.tissue {
+        return model::explain(scene, model);
+    }
     let hand = hand_path(scene);
     let mut solver = TissueSolver::new(scene)?;
     // Held tools have come to touch some already.
@@ -109,7 +113,7 @@ pub fn explain(scene: &Scene) -> Result<Vec<Component>, SolveError> {
     let (there, preparing) = timed(|| solver.prepare(&ahead));
     let prepared = (there - before) as u32;
     // A needle's way cannot be cut into pieces.
-    let whole = scene.tissue == Tissue::Linear || !scene.needles.is_empty();
+    let whole = matches!(scene.tissue, Tissue::Linear | Tissue::Auto) || !scene.needles.is_empty();
     let walk: Vec<(StepReport, Duration)> = match solver.driven() {
         Some(id) if whole => hand
             .iter()
@@ -144,11 +148,11 @@ pub fn explain(scene: &Scene) -> Result<Vec<Component>, SolveError> {
     };
     parts.push(component.takes(Some(field), if is_needed { "solve" } else { "request" }));
     parts.push(match scene.tissue {
-        Tissue::Linear => Component::absent(
+        Tissue::Linear | Tissue::Auto => Component::absent(
             "refactorisation",
             "`[tissue] model = \"linear\"`: the stiffness is constant",
         ),
-        Tissue::Corotational(_) => refactorisation(&walk),
+        Tissue::Corotational(_) | Tissue::Registered(_) => refactorisation(&walk),
     });
     parts.extend(not_here());
     parts.extend(console(scene));
@@ -241,7 +245,8 @@ fn hand_path(scene: &Scene) -> Vec<(f64, [f64; 3])> {
     (0..steps).map(at).collect()
 }
 
-fn tissue(scene: &Scene) -> Result<Vec<Component>, SceneError> {
+/// Mesh and boundary.
+fn geometry(scene: &Scene) -> Vec<Component> {
     let mesh = &scene.mesh;
     let tables =
         size_of_val(mesh.points_m()) + size_of_val(mesh.cells()) + size_of_val(mesh.regions());
@@ -267,15 +272,21 @@ fn tissue(scene: &Scene) -> Result<Vec<Component>, SceneError> {
             .bytes(bytes)
             .takes(Some(took), "once"),
     );
+    parts
+}
 
+fn tissue(scene: &Scene) -> Result<Vec<Component>, SceneError> {
+    let mesh = &scene.mesh;
+    let mut parts = geometry(scene);
     let (materials, fixed) = (scene.materials.clone(), &scene.fixed[..]);
     let (size, took) = timed(|| match scene.tissue {
-        Tissue::Linear => LinearTissue::new(mesh, materials, fixed)
+        Tissue::Linear | Tissue::Auto => LinearTissue::new(mesh, materials, fixed)
             .map(|tissue| (tissue.unknowns(), tissue.factor_entries())),
         Tissue::Corotational(settings) => {
             CorotationalTissue::new(mesh, materials, fixed, settings.policy())
                 .map(|tissue| (tissue.unknowns(), tissue.factor_entries()))
         }
+        Tissue::Registered(_) => Ok((0, 0)),
     });
     let (unknowns, entries) = size.map_err(|error| SceneError::Build(error.into()))?;
     let why = format!(
@@ -288,7 +299,12 @@ fn tissue(scene: &Scene) -> Result<Vec<Component>, SceneError> {
             .bytes(size_of::<f64>() * entries)
             .takes(Some(took), "once"),
     );
-    parts.push(if scene.regions.is_empty() {
+    parts.push(materials_of(scene));
+    Ok(parts)
+}
+
+fn materials_of(scene: &Scene) -> Component {
+    if scene.regions.is_empty() {
         Component::absent(
             "materials of regions",
             "no `[[region]]`: one material everywhere",
@@ -303,8 +319,7 @@ fn tissue(scene: &Scene) -> Result<Vec<Component>, SceneError> {
             "materials of regions",
             format!("`[[region]]`: {}", list.join(", ")),
         )
-    });
-    Ok(parts)
+    }
 }
 
 fn columns(scene: &Scene, bytes: usize, per_vertex: Option<Duration>) -> Component {
@@ -377,7 +392,7 @@ fn contacts(scene: &Scene, walk: &[(StepReport, Duration)]) -> Vec<Component> {
     }
     // As in a session: linear tissue has its columns, corotational tissue computes them again and again, and
     // what is in no balance is not sent.
-    let keeps_columns = scene.tissue == Tissue::Linear;
+    let keeps_columns = matches!(scene.tissue, Tissue::Linear | Tissue::Auto);
     let mut touching: Vec<&(StepReport, Duration)> = walk
         .iter()
         .filter(|(report, _)| {

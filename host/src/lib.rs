@@ -5,6 +5,7 @@
 
 pub mod anchors;
 mod body;
+pub mod choice;
 mod clock;
 pub mod collide;
 mod columns;

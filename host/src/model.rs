@@ -456,7 +456,8 @@ impl Model {
     }
 }
 
-fn check_tools(tools: &[(u8, Tool)]) -> Result<(), ModelError> {
+/// Whether there is room for all tools, each has a shape, and their ids differ.
+pub(crate) fn check_tools(tools: &[(u8, Tool)]) -> Result<(), ModelError> {
     if tools.len() > MAX_TOOLS {
         return Err(ModelError::TooManyTools(tools.len()));
     }

@@ -174,6 +174,13 @@ impl Script {
         &self.samples
     }
 
+    /// [`Self::step_to`] in a scene without needles.
+    pub(crate) fn tools_at(&mut self, time_s: f64, console: ToolSample) -> &[ToolSample] {
+        self.go(time_s, console);
+        self.has_begun = true;
+        &self.samples
+    }
+
     /// [`Self::step_to`] with the driven tool on the hand's path, or held where the scene says without a hand.
     pub fn follow(&mut self, time_s: f64, model: &Model, state: &mut State) -> &[ToolSample] {
         self.step_to(time_s, self.in_hand(time_s), model, state)

@@ -4,6 +4,7 @@
 
 use crate::contact::shape::Solid;
 use crate::fem::TissueError;
+use crate::mesh::Surface;
 use crate::model::Model;
 use crate::output::{DrivenNeedle, HeldTool, Reaction, Solution};
 use crate::scene::{Pose, Scene, SceneError};
@@ -37,6 +38,17 @@ pub enum SolveError {
     /// The tissue does not answer.
     #[error("the tissue cannot be solved: {0}")]
     Tissue(#[from] TissueError),
+    /// A model that this scene does not go with.
+    #[error("{model} tissue does not take this scene: {reason}")]
+    #[diagnostic(help("{help}"))]
+    Refused {
+        /// The model.
+        model: &'static str,
+        /// Why.
+        reason: String,
+        /// What to do.
+        help: &'static str,
+    },
     /// Nobody drives the needles.
     #[error("the scene's needles are held by a tool that nothing moves")]
     #[diagnostic(help(
@@ -133,7 +145,10 @@ pub(crate) fn bring_in(
     }
     let outside: Vec<ToolSample> = held
         .iter()
-        .map(|(id, shape, pose)| at_rest(*id, &outside(model, shape, pose)))
+        .map(|(id, shape, pose)| {
+            let out = outside(model.surface(), model.points_m(), shape, pose);
+            at_rest(*id, &out)
+        })
         .collect();
     let inside: Vec<ToolSample> = held
         .iter()
@@ -232,9 +247,7 @@ fn settle(
 }
 
 /// The pose moved out along the nearest vertex's normal until the shape is clear of the tissue.
-fn outside(model: &Model, shape: &Tool, pose: &Pose) -> Pose {
-    let surface = model.surface();
-    let points = model.points_m();
+pub(crate) fn outside(surface: &Surface, points: &[[f64; 3]], shape: &Tool, pose: &Pose) -> Pose {
     let Some(placement) = shape.place(&at_rest(0, pose)) else {
         return *pose;
     };

@@ -25,6 +25,15 @@ pub fn say(text: Arguments<'_>) {
     }
 }
 
+/// A bar on a terminal for so many parts of a command; nothing where stderr is no terminal.
+pub fn progress(length: usize) -> ProgressBar {
+    let bar = ProgressBar::new(length as u64);
+    match ProgressStyle::with_template("{bar:30} {pos}/{len} {msg}") {
+        Ok(style) => bar.with_style(style),
+        Err(_) => bar,
+    }
+}
+
 /// Shows how far a session is.
 pub struct Display {
     bar: Option<ProgressBar>,

@@ -19,6 +19,7 @@ macro_rules! note {
 mod attendant;
 mod bench;
 mod chart;
+mod choice;
 mod console;
 mod device;
 mod display;

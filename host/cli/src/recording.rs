@@ -44,7 +44,7 @@ impl Recording {
             console: args.console.clone(),
             lockstep,
             worker: !lockstep,
-            ..About::here(build, plan, scene.tissue.word())
+            ..About::here(build, plan, &scene.tissue.to_string())
         };
         let recorder = Recorder::start(args.record.as_deref(), about, sources);
         Ok(Recording {

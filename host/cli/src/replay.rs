@@ -2,7 +2,6 @@
 
 use crate::failure::{Cause, Failure};
 use crate::recording::{build, failure};
-use crate::run::Tissue;
 use crate::{Format, Global};
 use clap::{Args, ValueEnum};
 use serde_json::{Value, json};
@@ -11,7 +10,8 @@ use sutura_host::recording::replay::{
     ConsoleVerdict, HostVerdict, NativeTicks, Replayed, replay_console, replay_host,
 };
 use sutura_host::recording::{About, End, Recording};
-use sutura_host::session::TissueSolver;
+use sutura_host::scene::Tissue;
+use sutura_host::session;
 
 /// Runs a recorded session again: the console's ticks and the solver's steps, compared bit by bit.
 ///
@@ -98,12 +98,12 @@ fn console(args: &ReplayArgs, recording: &Recording) -> Result<ConsoleVerdict, F
 fn host(recording: &Recording) -> Result<HostVerdict, Failure> {
     let about = &recording.about;
     let mut scene = crate::scene::from_sources(&recording.sources)?;
-    if let Ok(tissue) = Tissue::from_str(&about.tissue, true) {
+    if let Ok(tissue) = Tissue::named(&about.tissue) {
         scene.tissue = tissue.instead_of(scene.tissue);
     }
-    let mut solver = TissueSolver::for_session(&scene, &about.plan)?;
+    let mut solver = session::solver(&scene, &about.plan)?;
     let same_bits = about.same_bits(&here(recording));
-    Ok(replay_host(recording, &mut solver, same_bits))
+    Ok(replay_host(recording, &mut *solver, same_bits))
 }
 
 /// The console's tick that came out differently first, at either end.

@@ -1,6 +1,7 @@
 //! `sutura run`: the main job. A scene, a console, a session, a summary.
 
 use crate::attendant::Operator;
+use crate::choice;
 use crate::display::{self, Display};
 use crate::failure::{Cause, Failure};
 use crate::recording::{self, Recording};
@@ -14,10 +15,10 @@ use std::time::Duration;
 use sutura_hil::{NativeConsole, VirtualConsole};
 use sutura_host::link::{LinkError, LinkOptions, LockstepConsole, Port, open_serial};
 use sutura_host::recording::{Tap, TappedConsole, TappedPort, TappedSolver};
-use sutura_host::scene::{self, LONGEST_S, Scene};
+use sutura_host::scene::{LONGEST_S, Scene, Tissue};
 use sutura_host::session::{
-    self, LINE_BYTES_PER_S, Line, Plan, Progress, SessionError, Solve, Summary, TissueSolver,
-    run_lockstep, run_real_time,
+    self, LINE_BYTES_PER_S, Line, Plan, Progress, SessionError, Solve, Summary, run_lockstep,
+    run_real_time,
 };
 use sutura_shared::control::TICK_HZ;
 use sutura_shared::wire::message::Fixture;
@@ -35,16 +36,20 @@ pub struct RunArgs {
     /// Length of the session by the console's clock [s]; the scene's when left out.
     #[arg(long, value_name = "S", value_parser = seconds)]
     pub seconds: Option<f64>,
-    /// Tissue model, in place of the scene's; `[tissue.corotational]` holds where the scene has it.
-    #[arg(long, value_name = "NAME")]
+    /// Tissue model, in place of the scene's: `linear`, `corotational` with the scene's `[tissue.corotational]`, or one that tools
+    /// stick to, such as `hyperelastic` or `shape-matching`, also with a setting: `"shape-matching: 4 rings"`;
+    /// `auto` measures and chooses.
+    #[arg(long, value_name = "NAME", value_parser = Tissue::named)]
     pub tissue: Option<Tissue>,
     /// Solver steps a second, 1 to 1000 [Hz]; the scene's when left out.
     #[arg(long, value_name = "HZ", value_parser = host_rate)]
     pub host_hz: Option<f64>,
-    /// What the console is given to render from, on lines fast enough for it.
-    #[arg(long, value_name = "R", default_value = "rows")]
-    pub rendering: Rendering,
-    /// Ends with code 7 if one solver step in a hundred took longer than this [ms].
+    /// What the console is given to render from, on lines fast enough for it; when left out, rows of linear and
+    /// corotational tissue, else the tangent.
+    #[arg(long, value_name = "R")]
+    pub rendering: Option<Rendering>,
+    /// What a solver step may take [ms]: without --tissue the most accurate model that does so here is taken, by measurement
+    /// before the session. Ends with code 7 if one step in a hundred took longer.
     #[arg(long, value_name = "B", value_parser = positive)]
     pub budget_ms: Option<f64>,
     /// Steps host and virtual console tick by tick instead of in real time: two runs give one trace.
@@ -83,6 +88,9 @@ Examples:
   sutura run --lockstep                                   the same bits at every run
   sutura run --tissue corotational --host-hz 30           large displacements, at the pace that they take
   sutura run --console /dev/ttyACM0 --seconds 3600 --rearm  goes on by itself after a loose contact
+  sutura run --host-hz 50 --budget-ms 15                  the most accurate model that is fast enough here
+  sutura run --tissue auto                                the same, with the host's period as the budget
+  sutura run --tissue hyperelastic --host-hz 5 --lockstep  the reference, at its own pace
   sutura run --rendering hold --host-hz 30                how it feels without local models
   sutura run --record session.mcap                        then: sutura replay session.mcap
   sutura run --console /dev/ttyACM0 --save-last fault.mcap
@@ -107,30 +115,6 @@ impl From<Rendering> for session::Rendering {
             Rendering::Hold => session::Rendering::Hold,
             Rendering::Tangent => session::Rendering::Tangent,
             Rendering::Rows => session::Rendering::Rows,
-        }
-    }
-}
-
-/// Tissue models that a scene can be run with.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub enum Tissue {
-    /// Linear elasticity, small displacements.
-    Linear,
-    /// Linear elasticity that turns with each cell: large displacements, steps that take longer.
-    Corotational,
-}
-
-impl Tissue {
-    /// In place of what the scene says; its settings stay where it has some for this model.
-    pub fn instead_of(self, scenes: scene::Tissue) -> scene::Tissue {
-        match (self, scenes) {
-            (Tissue::Linear, _) => scene::Tissue::Linear,
-            (Tissue::Corotational, scene::Tissue::Corotational(settings)) => {
-                scene::Tissue::Corotational(settings)
-            }
-            (Tissue::Corotational, scene::Tissue::Linear) => {
-                scene::Tissue::Corotational(scene::Corotational::default())
-            }
         }
     }
 }
@@ -179,6 +163,7 @@ pub fn run(args: &RunArgs, global: &Global) -> Result<(), Failure> {
     if let Some(tissue) = args.tissue {
         scene.tissue = tissue.instead_of(scene.tissue);
     }
+    let chosen = choice::settle(args, &mut scene)?;
     let mut plan = plan(args, &scene)?;
     if args.console == "qemu-uart" {
         plan.host_hz = plan.host_hz.min(UART_HZ);
@@ -188,14 +173,14 @@ pub fn run(args: &RunArgs, global: &Global) -> Result<(), Failure> {
             "the emulated UART takes 8 to 12 kB/s: at most {UART_HZ} frames a second of at most 220 bytes"
         );
     }
-    let mut solver = TissueSolver::for_session(&scene, &plan)?;
+    let mut solver = session::solver(&scene, &plan)?;
     let lockstep = args.lockstep || args.console == "qemu";
     // In lockstep columns are computed in step: when they are there must not depend on this machine's pace.
     if !lockstep {
         solver.start_worker();
     }
     let recording = Recording::start(args, &plan, &scene, sources, lockstep, asked)?;
-    let mut solver = TappedSolver::new(&mut solver, recording.tap());
+    let mut solver = TappedSolver::new(&mut *solver, recording.tap());
     let stop = stop_on_signals()?;
     let mut display = Display::new(args.stream, global.format);
     let mut progress = |note: &Progress<'_>| {
@@ -209,7 +194,10 @@ pub fn run(args: &RunArgs, global: &Global) -> Result<(), Failure> {
     };
     let summary = session(args, &plan, &mut solver, &recording.tap(), &mut progress);
     display.finish();
-    let summary = recording.finish(summary)?;
+    let summary = Summary {
+        chosen,
+        ..recording.finish(summary)?
+    };
     match global.format {
         Format::Json => say!("{}", display::json(&summary)),
         Format::Text => say!("{}", display::table(&summary).trim_end()),
@@ -224,7 +212,7 @@ fn plan(args: &RunArgs, scene: &Scene) -> Result<Plan, Failure> {
         seconds: args.seconds.unwrap_or(plan.seconds),
         clear_fault: args.clear_fault,
         fixture: args.fixture.unwrap_or_default(),
-        rendering: args.rendering.into(),
+        rendering: args.rendering.map_or(plan.rendering, Into::into),
         ..plan
     })
 }
@@ -259,7 +247,11 @@ pub fn plan_of(scene: &Scene) -> Result<Plan, Failure> {
         horizon_us: scene.host.horizon_us,
         clear_fault: false,
         fixture: Fixture::None,
-        rendering: session::Rendering::default(),
+        rendering: if scene.tissue.has_rows() {
+            session::Rendering::Rows
+        } else {
+            session::Rendering::Tangent
+        },
         line_bytes_per_s: LINE_BYTES_PER_S,
     })
 }
@@ -432,8 +424,7 @@ fn verdict(args: &RunArgs, summary: &Summary) -> Result<(), Failure> {
             "one step in a hundred took longer than {:.3} ms; the budget is {budget_ms} ms",
             1e-3 * summary.step_us.p99
         );
-        let help =
-            "use a coarser mesh, a lower --host-hz, or `sutura bench` to see where the time goes";
+        let help = "use a coarser mesh, a lower --host-hz, another `--tissue`, or `sutura bench` to see where the time goes";
         return Err(Failure::say(Cause::Budget, message, help).after_summary());
     }
     Ok(())

@@ -90,6 +90,7 @@ impl From<SolveError> for Failure {
             SolveError::NoRest(_) | SolveError::NoWay { .. } => Cause::Failed,
             SolveError::Nothing
             | SolveError::NoHand
+            | SolveError::Refused { .. }
             | SolveError::Scene(_)
             | SolveError::Tissue(_) => Cause::BadInput,
         };

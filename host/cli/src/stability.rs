@@ -6,6 +6,7 @@ use crate::failure::{Cause, Failure};
 use crate::tables::{csv, unwritable};
 use crate::{Format, Global};
 use clap::Args;
+use indicatif::ProgressBar;
 use serde::Serialize;
 use std::path::PathBuf;
 use sutura_host::stability::judge;
@@ -65,7 +66,16 @@ pub fn run(args: &StabilityArgs, global: &Global) -> Result<(), Failure> {
         .iter()
         .flat_map(|only| only.split_whitespace())
         .collect();
+    // How many there are is known only when they have been run.
+    let bar = ProgressBar::new_spinner();
     let mut told = |case: &Case| {
+        bar.inc(1);
+        bar.set_message(format!(
+            "{} cases, {} {}",
+            bar.position(),
+            case.tissue,
+            case.what
+        ));
         if args.stream {
             say!("{}", serde_json::json!(case));
         } else {
@@ -79,6 +89,7 @@ pub fn run(args: &StabilityArgs, global: &Global) -> Result<(), Failure> {
         }
     };
     let cases = suite::measure(args.full, &words, &mut told)?;
+    bar.finish_and_clear();
     if cases.is_empty() {
         return Err(Failure::say(
             Cause::BadInput,
@@ -137,7 +148,12 @@ pub fn run(args: &StabilityArgs, global: &Global) -> Result<(), Failure> {
 fn print_text(cases: &[Case]) {
     for case in cases {
         let largest = case.largest_stable.map_or(String::new(), |largest| {
-            format!("  largest stable {largest:.2e}")
+            let least = if largest >= judge::LONGEST_STEP_S {
+                "at least "
+            } else {
+                ""
+            };
+            format!("  largest stable {least}{largest:.1e}")
         });
         say!(
             "{:9} {:27} {:38} {:9}{largest}  {}",

@@ -1,7 +1,7 @@
 //! Curves of the ellipsoid-bounded ChainMail, as CSV: force by depth, a loading loop, relaxation, and what mass and step
 //! do to the force.
 //!
-//! `cargo run --release -p sutura-models --example chainmail_curves -- [depth|loop|relaxation|bar|mass]`
+//! `cargo run --release -p sutura-models --example chainmail_curves -- [depth|printed|loop|relaxation|bar|mass]`
 
 use sutura_mesh::{TetMesh, slab};
 use sutura_models::chainmail::{
@@ -17,7 +17,12 @@ const LIVER: Material = Material {
     poisson_ratio: 0.47,
 };
 
-/// A cube of 20 mm with its bottom held and a square of its top moved.
+/// Half a square that holds one node only: zhang-2017 moves "the contact point".
+const POINT_M: f64 = 1e-6;
+/// Half a square of 8 mm.
+const SQUARE_M: f64 = 0.0041;
+
+/// A body with its bottom held and a square of its top moved.
 struct Poke {
     mesh: TetMesh,
     held: Vec<(u32, [f64; 3])>,
@@ -56,70 +61,91 @@ impl Poke {
     }
 }
 
+/// 20 mm and 1,331 elements: the cube of fig. 3.20, with the size of 3.3.5.4.
 fn cube() -> Result<TetMesh, Failure> {
     Ok(slab([0.02; 3], [10; 3])?)
 }
 
-fn tissue(mesh: &TetMesh, limit: f64) -> Result<EllipsoidChainMail, Failure> {
+fn tissue(mesh: &TetMesh, limit: f64, stiffness: f64) -> Result<EllipsoidChainMail, Failure> {
     let settings = EllipsoidSettings {
         strain_limit: [limit; 3],
+        stiffness,
         visits: 50,
         ..EllipsoidSettings::default()
     };
     Ok(EllipsoidChainMail::new(mesh, LIVER, settings)?)
 }
 
-/// Force by depth at a constant 5 mm/s (as fig. 3.17).
-fn depth() -> Result<(), Failure> {
+/// Force by depth at a constant 5 mm/s for the limits of fig. 3.17, each the mean since the row before.
+fn limits(stiffness: f64, rows: u32, ticks: u32) -> Result<(), Failure> {
     println!("depth_mm,force_n_limit_0.1,force_n_limit_0.3,force_n_limit_0.5");
-    let mut poke = Poke::new(cube()?, 0.0041);
+    let mut poke = Poke::new(cube()?, POINT_M);
     let mut all = [0.1, 0.3, 0.5]
-        .map(|limit| tissue(&poke.mesh, limit))
+        .map(|limit| tissue(&poke.mesh, limit, stiffness))
         .into_iter()
         .collect::<Result<Vec<_>, _>>()?;
-    for tick in 0..=1000 {
-        let depth_m = 5e-6 * f64::from(tick);
-        let mut row = format!("{:.3}", 1e3 * depth_m);
-        for tissue in &mut all {
-            let (force, _) = poke.press(tissue, depth_m, 1e-3);
-            row += &format!(",{force:.6}");
+    for row in 0..rows {
+        let mut mean = vec![0.0; all.len()];
+        let mut depth_m = 0.0;
+        for tick in 1..=ticks {
+            depth_m = 5e-6 * f64::from(row * ticks + tick);
+            for (mean, tissue) in mean.iter_mut().zip(&mut all) {
+                *mean += poke.press(tissue, depth_m, 1e-3).0 / f64::from(ticks);
+            }
         }
-        if tick % 50 == 0 {
-            println!("{row}");
-        }
+        let [a, b, c] = [mean[0], mean[1], mean[2]];
+        println!("{:.2},{a:.6},{b:.6},{c:.6}", 1e3 * depth_m);
     }
     Ok(())
 }
 
-/// Force by depth going in and coming out within 0.4 s (as fig. 3.18).
+/// Fig. 3.17 with springs.
+fn depth() -> Result<(), Failure> {
+    limits(1.0, 12, 50)
+}
+
+/// Fig. 3.17 as printed, without springs.
+fn printed() -> Result<(), Failure> {
+    limits(0.0, 10, 200)
+}
+
+/// Force by depth going to 2 mm and back, within 0.2, 0.8 and 3.2 s in all (as fig. 3.18), each the mean over the
+/// fifth of a millimetre around its depth.
 fn hysteresis() -> Result<(), Failure> {
-    println!("time_s,depth_mm,force_n");
-    let mut poke = Poke::new(cube()?, 0.0041);
-    let mut tissue = tissue(&poke.mesh, 0.3)?;
-    for tick in 0..=400_i32 {
-        let depth_m = 1e-5 * f64::from(200 - (tick - 200).abs());
-        let (force, _) = poke.press(&mut tissue, depth_m, 1e-3);
-        if tick % 20 == 0 {
-            println!(
-                "{:.3},{:.3},{force:.6}",
-                1e-3 * f64::from(tick),
-                1e3 * depth_m
-            );
+    println!("depth_mm,in_0.1s,out_0.1s,in_0.4s,out_0.4s,in_1.6s,out_1.6s");
+    let mut poke = Poke::new(cube()?, POINT_M);
+    let mut table = vec![[0.0; 6]; 11];
+    for (rate, ticks) in [100, 400, 1600].into_iter().enumerate() {
+        let mut tissue = tissue(&poke.mesh, 0.3, 1.0)?;
+        let mut counts = vec![[0.0; 6]; 11];
+        for tick in 1..=2 * ticks {
+            let share = f64::from(ticks - i32::abs(ticks - tick)) / f64::from(ticks);
+            let (force, _) = poke.press(&mut tissue, 2e-3 * share, 1e-3);
+            let column = 2 * rate + usize::from(tick > ticks);
+            let row = (10.0 * share).round() as usize;
+            counts[row][column] += 1.0;
+            table[row][column] += (force - table[row][column]) / counts[row][column];
         }
+    }
+    for (row, forces) in table.iter().enumerate() {
+        let forces = forces.map(|force| format!("{force:.6}")).join(",");
+        println!("{:.1},{forces}", 0.2 * row as f64);
     }
     Ok(())
 }
 
-/// Force by time at 2 mm reached within 50 ms (as fig. 3.19).
+/// Force by time at 2 mm, reached within 50 ms (as fig. 3.19), with springs and as printed.
 fn relaxation() -> Result<(), Failure> {
-    println!("time_s,force_n");
-    let mut poke = Poke::new(cube()?, 0.0041);
-    let mut tissue = tissue(&poke.mesh, 0.3)?;
-    for tick in 0..=1000 {
+    println!("time_s,force_n,force_n_as_printed");
+    let mut poke = Poke::new(cube()?, POINT_M);
+    let mut both = [tissue(&poke.mesh, 0.3, 1.0)?, tissue(&poke.mesh, 0.3, 0.0)?];
+    for tick in 1..=300 {
         let depth_m = 4e-5 * f64::from(tick.min(50));
-        let (force, _) = poke.press(&mut tissue, depth_m, 1e-3);
+        let [springs, bare] = both
+            .each_mut()
+            .map(|tissue| poke.press(tissue, depth_m, 1e-3).0);
         if tick % 25 == 0 || (50..60).contains(&tick) {
-            println!("{:.3},{force:.6}", 1e-3 * f64::from(tick));
+            println!("{:.3},{springs:.6},{bare:.6}", 1e-3 * f64::from(tick));
         }
     }
     Ok(())
@@ -136,7 +162,7 @@ fn bar() -> Result<(), Failure> {
             ..ClassicalSettings::default()
         };
         let mut all: [Box<dyn Tissue>; 3] = [
-            Box::new(tissue(&poke.mesh, 0.3)?),
+            Box::new(tissue(&poke.mesh, 0.3, 1.0)?),
             Box::new(ClassicalChainMail::new(&poke.mesh, LIVER, boxes)?),
             Box::new(ShapeMatching::new(
                 &poke.mesh,
@@ -164,7 +190,7 @@ fn mass() -> Result<(), Failure> {
     );
     for density_kg_per_m3 in [106.0, 1060.0, 10_600.0] {
         for step_s in [1e-4, 5e-4, 1e-3, 2e-3, 5e-3] {
-            let mut poke = Poke::new(cube()?, 0.0041);
+            let mut poke = Poke::new(cube()?, SQUARE_M);
             let settings = EllipsoidSettings {
                 density_kg_per_m3,
                 visits: 50,
@@ -199,6 +225,7 @@ fn main() -> Result<(), Failure> {
     let which = std::env::args().nth(1);
     let all = [
         ("depth", depth as fn() -> Result<(), Failure>),
+        ("printed", printed),
         ("loop", hysteresis),
         ("relaxation", relaxation),
         ("bar", bar),

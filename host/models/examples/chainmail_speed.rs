@@ -23,7 +23,8 @@ fn run(
     steps: u32,
     at: impl Fn(f64) -> [f64; 3],
 ) -> Result<Vec<Sample>, Box<dyn std::error::Error>> {
-    let low = mesh.points_m()[0][2];
+    let heights = mesh.points_m().iter().map(|p| p[2]);
+    let low = heights.fold(f64::INFINITY, f64::min);
     let mut tissue = EllipsoidChainMail::new(mesh, LIVER, settings)?;
     let (mut held, mut patch) = (Vec::new(), Vec::new());
     for (node, p) in mesh.points_m().iter().enumerate() {
@@ -52,6 +53,25 @@ fn run(
         samples.push((tissue.moved(), tissue.adjusted(), us, within));
     }
     Ok(samples)
+}
+
+/// The same mesh with its nodes numbered at random.
+fn shuffled(mesh: &TetMesh) -> Result<TetMesh, Box<dyn std::error::Error>> {
+    let mut number: Vec<u32> = (0..mesh.points_m().len() as u32).collect();
+    let mut state = 1u64;
+    for last in (1..number.len()).rev() {
+        state = state
+            .wrapping_mul(6_364_136_223_846_793_005)
+            .wrapping_add(1_442_695_040_888_963_407);
+        number.swap(last, (state >> 33) as usize % (last + 1));
+    }
+    let mut points_m = vec![[0.0; 3]; number.len()];
+    for (point, to) in mesh.points_m().iter().zip(&number) {
+        points_m[*to as usize] = *point;
+    }
+    let cells = mesh.cells().iter();
+    let cells = cells.map(|cell| cell.map(|node| number[node as usize]));
+    Ok(TetMesh::new(points_m, cells.collect())?)
 }
 
 /// Median, tenth and ninetieth hundredth.
@@ -111,6 +131,11 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         };
         let samples = run(&mesh, bare, half, 1200, wave(mm, 1.0))?;
         print(&format!("as printed, poke, {nodes} nodes"), &samples[200..]);
+        let samples = run(&shuffled(&mesh)?, default, half, 700, wave(mm, 1.0))?;
+        print(
+            &format!("numbered at random, {nodes} nodes"),
+            &samples[200..],
+        );
     }
     // One large body: its cost follows what moves.
     let mesh = slab([0.075; 3], [60; 3])?;

@@ -148,14 +148,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         for (name, form, lanes, points, proximity) in [
             ("printed", Form::Printed, Lanes::Scalar, 0, 1.0),
             ("averaged", Form::Averaged, Lanes::Scalar, 0, 1.0),
-            (
-                "compliant, proximity 1",
-                Form::Compliant,
-                Lanes::Scalar,
-                0,
-                1.0,
-            ),
-            ("compliant", Form::Compliant, Lanes::Scalar, 0, 3.0),
+            ("compliant", Form::Compliant, Lanes::Scalar, 0, 6.0),
             (
                 "balanced, no lattice",
                 Form::Balanced,
@@ -163,25 +156,21 @@ fn main() -> Result<(), Box<dyn Error>> {
                 0,
                 1.0,
             ),
-            ("balanced", Form::Balanced, Lanes::Scalar, 96, 1.0),
-            ("balanced, wide", Form::Balanced, Lanes::Wide, 96, 1.0),
+            ("balanced", Form::Balanced, Lanes::Scalar, 64, 1.0),
+            ("balanced, wide", Form::Balanced, Lanes::Wide, 64, 1.0),
         ] {
             if !chosen.is_empty() && !chosen.iter().any(|c| c == name) {
                 continue;
             }
             for (load_steps, iterations) in [
-                (1, 5),
                 (1, 10),
-                (1, 16),
                 (1, 20),
                 (1, 50),
                 (1, 100),
-                (1, 300),
+                (1, 200),
+                (1, 500),
                 (1, 1000),
-                (2, 10),
-                (4, 5),
-                (4, 20),
-                (10, 20),
+                (1, 2000),
             ] {
                 let mut model = EnergyBalance::new(
                     &case.mesh,

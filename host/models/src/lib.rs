@@ -7,6 +7,7 @@ pub mod chainmail;
 mod drive_check;
 pub mod energy_balance;
 mod error;
+mod held;
 pub mod hyperelastic;
 pub mod law;
 mod material;

@@ -1,16 +1,41 @@
 //! Tangent of held nodes as a secant, for models whose reactions have no derivative.
 //!
-//! Entry point: [`secant`]. The step is taken again with the nodes moved both ways along each axis, over one
+//! Entry point: [`secant_of_step`]. The step is taken again with the nodes moved both ways along each axis, over one
 //! distance and over half of it; the difference of the two is the stated error.
 
-use crate::{Drive, Tangent};
+use crate::{Drive, Outcome, Tangent, Tissue};
+
+/// The secant of one step of `tissue` over +-`reach_m` and half of it; `state` is everything that a step changes.
+pub(crate) fn secant_of_step<T: Tissue, S: Clone>(
+    tissue: &mut T,
+    state: impl Fn(&mut T) -> &mut S,
+    drive: &Drive<'_>,
+    moved: &[usize],
+    reach_m: f64,
+    step_s: f64,
+) -> Option<Tangent> {
+    // The state itself is put aside, not a copy of it: its buffers have room for a whole step.
+    let mut aside = state(tissue).clone();
+    std::mem::swap(&mut aside, state(tissue));
+    let tangent = secant(drive, moved, reach_m, |trial| {
+        state(tissue).clone_from(&aside);
+        if let Outcome::Failed(_) = tissue.step(trial, step_s).outcome {
+            return None;
+        }
+        let reactions_n = tissue.reactions_n();
+        let of = |axis: usize| moved.iter().map(|at| reactions_n[*at][axis]).sum();
+        Some([of(0), of(1), of(2)])
+    });
+    *state(tissue) = aside;
+    tangent
+}
 
 /// The tangent of `reactions` of `moved` over +-`reach_m` and +-`reach_m / 2`. `reactions` takes the held
 /// nodes of a trial and gives the summed reaction of `moved` \[N\] after one step from where the model
 /// stands, or nothing where that step fails.
 // A column of the tangent for each axis, by rows.
 #[allow(clippy::needless_range_loop)]
-pub(crate) fn secant(
+fn secant(
     drive: &Drive<'_>,
     moved: &[usize],
     reach_m: f64,

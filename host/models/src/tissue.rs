@@ -54,7 +54,7 @@ pub struct Tangent {
 }
 
 /// Tissue of one model.
-pub trait Tissue {
+pub trait Tissue: Send {
     /// Advances by `step_s` \[s\]; quasi-static models only go to balance. Allocates nothing once a drive
     /// with as many held nodes has been seen. Never panics: numbers that are none end in
     /// [`Outcome::Failed`] and leave the positions as they were.

@@ -237,6 +237,39 @@ fn pressing_deeper_gets_stiffer_and_tighter_limits_sooner() {
 }
 
 #[test]
+fn a_point_pressed_in_gets_stiffer_at_every_limit() {
+    let mesh = cube(10);
+    // Mean force over each quarter of a millimetre up to 2.75 mm, at 5 mm/s.
+    let forces = |limit: f64| {
+        let settings = EllipsoidSettings {
+            strain_limit: [limit; 3],
+            visits: 50,
+            ..EllipsoidSettings::default()
+        };
+        let mut tissue = ellipsoid(&mesh, settings);
+        let mut forces = [0.0; 11];
+        for tick in 0..550 {
+            let depth = 5e-6 * f64::from(tick + 1);
+            let (held, moved) = poke(&mesh, 1e-6, [0.0, 0.0, -depth]);
+            assert_eq!(moved.len(), 1);
+            step(&mut tissue, &held, STEP_S);
+            forces[tick as usize / 50] -= sum(&tissue, &moved, 2) / 50.0;
+        }
+        forces
+    };
+    let all = [0.1, 0.3, 0.5].map(forces);
+    for forces in &all {
+        let stiffness = |to: usize| forces[to] - forces[to - 4];
+        assert!(stiffness(10) > 2.0 * stiffness(4), "{forces:?}");
+    }
+    let [tight, middle, wide] = all.map(|forces| forces[7]);
+    assert!(
+        tight > 2.0 * middle && middle > 1.2 * wide,
+        "{tight} {middle} {wide}"
+    );
+}
+
+#[test]
 fn loading_and_unloading_enclose_an_area_that_shrinks_with_speed() {
     let mesh = cube(6);
     let mut areas = Vec::new();

@@ -5,7 +5,7 @@
 use super::SolveSample;
 use super::tap::{Direction, Tap};
 use crate::link::{LinkError, LockstepConsole, Port};
-use crate::session::{Solve, Solved, TissueSolver};
+use crate::session::{SceneSolver, Solve, Solved};
 use std::io;
 use std::time::{Duration, Instant};
 use sutura_shared::control::TICK_US;
@@ -83,13 +83,13 @@ impl LockstepConsole for TappedConsole<'_> {
 
 /// A solver whose solves are told.
 pub struct TappedSolver<'a> {
-    solver: &'a mut TissueSolver,
+    solver: &'a mut dyn SceneSolver,
     tap: Tap,
 }
 
 impl<'a> TappedSolver<'a> {
     /// Stands in for `solver`.
-    pub fn new(solver: &'a mut TissueSolver, tap: Tap) -> Self {
+    pub fn new(solver: &'a mut dyn SceneSolver, tap: Tap) -> Self {
         if tap.is_for_replay() {
             solver.log_arrivals();
         }

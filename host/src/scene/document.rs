@@ -31,6 +31,16 @@ pub enum SceneError {
     #[error(transparent)]
     #[diagnostic(transparent)]
     Flaw(Box<Flaw>),
+    /// A model that has no solver but that of sessions.
+    #[error("{model} tissue runs in sessions only: it has no rows and no solve at rest")]
+    #[diagnostic(help(
+        "`sutura run` takes it; here give `--tissue linear` or `--tissue corotational` where the command has it, or \
+         change `model` in `[tissue]`"
+    ))]
+    OnlySessions {
+        /// The model.
+        model: &'static str,
+    },
     /// The parts are good each by itself, but the solver cannot be built from them.
     #[error("the scene cannot be built: {0}")]
     #[diagnostic(help(

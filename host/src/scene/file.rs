@@ -143,6 +143,37 @@ pub enum TissueModel {
     Linear,
     /// Linear elasticity that turns with each element: large rotations, small strains.
     Corotational,
+    /// Neo-Hookean finite elements in balance by Newton's method; sessions only, as all that follow.
+    Hyperelastic,
+    /// Neo-Hookean cells balanced one after the other.
+    EnergyBalanceNeoHookean,
+    /// St Venant-Kirchhoff cells balanced one after the other.
+    EnergyBalanceStvk,
+    /// Chains of nodes with limits, one material.
+    ChainmailClassical,
+    /// Chains of nodes with limits by cell.
+    ChainmailEllipsoid,
+    /// Clusters of nodes that keep their shape.
+    ShapeMatching,
+    /// What holds the session's budget, by measurement before it begins; linear where there is no session.
+    Auto,
+}
+
+impl TissueModel {
+    /// As the file writes it.
+    pub(super) fn word(self) -> &'static str {
+        match self {
+            TissueModel::Linear => "linear",
+            TissueModel::Corotational => "corotational",
+            TissueModel::Hyperelastic => "hyperelastic",
+            TissueModel::EnergyBalanceNeoHookean => "energy-balance-neo-hookean",
+            TissueModel::EnergyBalanceStvk => "energy-balance-stvk",
+            TissueModel::ChainmailClassical => "chainmail-classical",
+            TissueModel::ChainmailEllipsoid => "chainmail-ellipsoid",
+            TissueModel::ShapeMatching => "shape-matching",
+            TissueModel::Auto => "auto",
+        }
+    }
 }
 
 /// `[tissue]`: model, and the material of every cell that no region names.
@@ -152,12 +183,18 @@ pub struct TissueSection {
     /// Which model.
     #[serde(default)]
     pub model: TissueModel,
+    /// One of the model's settings by name, of models that have such; the usual one when left out.
+    #[schemars(with = "Option<String>")]
+    pub setting: Option<Spanned<String>>,
     /// Young's modulus \[Pa\].
     #[schemars(with = "f64")]
     pub youngs_modulus_pa: Spanned<f64>,
     /// Poisson's ratio.
     #[schemars(with = "f64")]
     pub poisson_ratio: Spanned<f64>,
+    /// Density \[kg/m^3\], for models with masses; 1050 when left out.
+    #[schemars(with = "Option<f64>")]
+    pub density_kg_per_m3: Option<Spanned<f64>>,
     /// How the tissue answers needles; scenes with needles need it.
     #[schemars(with = "Option<NeedleTissueSection>")]
     pub needle: Option<Spanned<NeedleTissueSection>>,

@@ -13,6 +13,7 @@ mod region;
 mod schema;
 mod select;
 mod threads;
+mod tissue;
 mod tools;
 mod touching;
 mod way;
@@ -27,6 +28,7 @@ pub use read::LONGEST_S;
 pub use region::Region;
 pub use schema::schema;
 pub use threads::{Thread, ThreadHeld, Tighten};
+pub use tissue::{DENSITY_KG_PER_M3, Registered, Tissue, models};
 pub use touching::TissueContact;
 pub use way::{OnWay, Way, WayStop};
 
@@ -56,6 +58,8 @@ pub struct Scene {
     pub tissue: Tissue,
     /// What each cell is made of.
     pub materials: Materials,
+    /// Its density \[kg/m^3\], for models with masses.
+    pub density_kg_per_m3: f64,
     /// Cells with a material of their own, in the order of their sections.
     pub regions: Vec<Region>,
     /// Nodes that do not move, ascending.
@@ -84,25 +88,6 @@ pub struct Scene {
     pub host: HostSettings,
     /// What is allowed but probably not meant.
     pub warnings: Vec<Flaw>,
-}
-
-/// How tissue answers.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Tissue {
-    /// Linear elasticity, small displacements.
-    Linear,
-    /// Linear elasticity that turns with each element, and how closely it is followed.
-    Corotational(Corotational),
-}
-
-impl Tissue {
-    /// The name as files and output write it.
-    pub fn word(self) -> &'static str {
-        match self {
-            Tissue::Linear => "linear",
-            Tissue::Corotational(_) => "corotational",
-        }
-    }
 }
 
 /// What a scene says about corotational tissue; the solver's own choice where it says nothing.
@@ -213,7 +198,7 @@ impl Scene {
     /// # Errors
     /// [`SceneError::Build`]: tissue that is not held against rigid motion, handles that conflict, too many
     /// tools; corotational tissue with handles and tools, or without a balance under its loads; handles beside
-    /// needles.
+    /// needles. [`SceneError::OnlySessions`] for a model that tools stick to.
     pub fn build(&self) -> Result<(Model, State, Workspace), SceneError> {
         let tools: Vec<_> = self
             .tools
@@ -223,10 +208,15 @@ impl Scene {
         let (mesh, fixed) = (&self.mesh, &self.fixed[..]);
         let (materials, loads) = (self.materials.clone(), self.loads.clone());
         let model = match self.tissue {
-            Tissue::Linear => Model::new(mesh, materials, fixed, loads, &tools),
+            Tissue::Linear | Tissue::Auto => Model::new(mesh, materials, fixed, loads, &tools),
             Tissue::Corotational(settings) => {
                 let (policy, passes) = (settings.policy(), settings.passes());
                 Model::corotational(mesh, materials, fixed, loads, &tools, policy, passes)
+            }
+            Tissue::Registered(model) => {
+                return Err(SceneError::OnlySessions {
+                    model: model.name(),
+                });
             }
         }
         .map_err(SceneError::Build)?;

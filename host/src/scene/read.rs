@@ -13,7 +13,7 @@ use super::select::{check_nodes, select};
 use super::threads::{idle_grips, read_threads};
 use super::tools::read_tools;
 use super::touching::read_touching;
-use super::{Corotational, HostSettings, Scene, Tissue};
+use super::{Corotational, DENSITY_KG_PER_M3, HostSettings, Registered, Scene, Tissue};
 use crate::fem::{Anchor, Handle, Loads, NodeLoad};
 use crate::mesh::{self, MeshError, TetMesh};
 use toml::Spanned;
@@ -104,6 +104,7 @@ impl Scene {
             mesh,
             tissue: read_tissue(document, &file.tissue)?,
             materials,
+            density_kg_per_m3: read_density(document, &file.tissue)?,
             regions,
             fixed,
             tools,
@@ -230,19 +231,48 @@ fn read_mesh(document: &Document, section: &Spanned<MeshSection>) -> Result<TetM
     }
 }
 
+fn read_density(document: &Document, section: &TissueSection) -> Result<f64, SceneError> {
+    let Some(value) = &section.density_kg_per_m3 else {
+        return Ok(DENSITY_KG_PER_M3);
+    };
+    let help = "water has 1000, muscle 1060, fat 920";
+    document.number("density_kg_per_m3", value, "positive", |d| d > 0.0, help)
+}
+
 fn read_tissue(document: &Document, section: &TissueSection) -> Result<Tissue, SceneError> {
-    let settings = match (section.model, &section.corotational) {
+    let model = section.model;
+    let by_name = !matches!(
+        model,
+        TissueModel::Linear | TissueModel::Corotational | TissueModel::Auto
+    );
+    if let (Some(setting), false) = (&section.setting, by_name) {
+        let message = format!("{} tissue has no settings by name", model.word());
+        let help =
+            "leave `setting` out; `[tissue.corotational]` has the settings of corotational tissue";
+        return Err(document.flaw(setting.span(), message, "no such setting", Some(help)));
+    }
+    let settings = match (model, &section.corotational) {
         (TissueModel::Linear, None) => return Ok(Tissue::Linear),
-        (TissueModel::Linear, Some(settings)) => {
-            let message = "settings for a model that this tissue does not have";
-            let help = "add `model = \"corotational\"` to `[tissue]`, or leave this section out";
-            let label = "the model is linear";
-            return Err(document.flaw(settings.span(), message, label, Some(help)));
-        }
+        (TissueModel::Auto, None) => return Ok(Tissue::Auto),
         (TissueModel::Corotational, None) => {
             return Ok(Tissue::Corotational(Corotational::default()));
         }
         (TissueModel::Corotational, Some(settings)) => settings.get_ref(),
+        (_, Some(settings)) => {
+            let message = "settings for a model that this tissue does not have";
+            let help = "add `model = \"corotational\"` to `[tissue]`, or leave this section out";
+            let label = format!("the model is {}", model.word());
+            return Err(document.flaw(settings.span(), message, label, Some(help)));
+        }
+        (_, None) => {
+            let setting = section.setting.as_ref();
+            let name = setting.map(|setting| setting.get_ref().as_str());
+            let found = Registered::new(model.word(), name);
+            return found.map(Tissue::Registered).map_err(|message| {
+                let span = setting.map_or(0..0, Spanned::span);
+                document.flaw(span, message, "no such setting", None)
+            });
+        }
     };
     let refactor_rotation_deg = match &settings.refactor_rotation_deg {
         Some(value) => Some(document.number(

@@ -9,12 +9,14 @@ mod contact_frame;
 mod horizon;
 mod lockstep;
 mod look_ahead;
+mod model_solver;
 mod needle_frame;
 mod real_time;
 mod rows_frame;
 mod schedule;
 mod setup;
 mod sideways;
+mod sticking;
 mod summary;
 mod tally;
 mod thread_frame;
@@ -24,6 +26,7 @@ pub use budget::{LINE_BYTES_PER_S, Rendering, most_rows};
 pub use contact_frame::{contact_frame, pack_symmetric};
 pub use horizon::Horizon;
 pub use lockstep::run_lockstep;
+pub use model_solver::ModelSolver;
 pub use needle_frame::{HeldNeedle, needle_frame};
 pub use real_time::{Attendant, Line, run_real_time};
 pub use rows_frame::rows_frame;
@@ -38,7 +41,9 @@ pub use thread_frame::{HeldThread, thread_frame};
 pub use tissue::{Moment, TissueSolver};
 
 use crate::link::Felt;
-use crate::step::{Stages, Status, ToolContact, ToolRows};
+use crate::scene::{Scene, Tissue};
+use crate::solve::SolveError;
+use crate::step::{Arrival, Stages, Status, ToolContact, ToolRows};
 use sutura_shared::wire::Valid;
 use sutura_shared::wire::message::{Report, State};
 
@@ -96,6 +101,65 @@ pub trait Solve: Send {
 
     /// What the scene reports when the session is over.
     fn scene(&self) -> serde_json::Map<String, serde_json::Value>;
+}
+
+/// A scene's solver, whose steps can be recorded and run again.
+pub trait SceneSolver: Solve {
+    /// Hash of everything that its state holds, to the bit.
+    fn hash(&self) -> u64;
+
+    /// From now on a thread computes what is newly touched while steps go on with what is there, if the solver has any use
+    /// for one. What a step finds in contact is the same to the bit, but not when it finds it, nor from when on the
+    /// tangent of a touch to come is there: for sessions in real time.
+    fn start_worker(&mut self) {}
+
+    /// From now on it is written down when columns come from their thread, for [`Self::take_arrivals`].
+    fn log_arrivals(&mut self) {}
+
+    /// What has come from the thread since this was asked last.
+    fn take_arrivals(&mut self) -> Vec<Arrival> {
+        Vec::new()
+    }
+
+    /// As [`Self::start_worker`] without the thread: columns come in the steps in which [`Self::expect`] says that they
+    /// came.
+    fn replay_worker(&mut self) {}
+
+    /// What comes in steps to come.
+    fn expect(&mut self, _arrivals: &[Arrival]) {}
+}
+
+/// The solver of a scene's tissue, prepared for what a session is to be.
+///
+/// # Errors
+/// What [`TissueSolver::for_session`] and [`ModelSolver::new`] refuse.
+pub fn solver(scene: &Scene, plan: &Plan) -> Result<Box<dyn SceneSolver>, SolveError> {
+    Ok(match scene.tissue {
+        Tissue::Registered(model) => Box::new(ModelSolver::new(
+            scene,
+            model,
+            plan.rendering,
+            plan.host_hz,
+        )?),
+        Tissue::Linear | Tissue::Corotational(_) | Tissue::Auto => {
+            Box::new(TissueSolver::for_session(scene, plan)?)
+        }
+    })
+}
+
+/// Builds a scene's solver and brings held tools to their places, to see whether it can be.
+///
+/// # Errors
+/// As [`solver`].
+pub fn check(scene: &Scene) -> Result<(), SolveError> {
+    match scene.tissue {
+        Tissue::Registered(model) => {
+            ModelSolver::new(scene, model, Rendering::Tangent, scene.host.host_hz).map(drop)
+        }
+        Tissue::Linear | Tissue::Corotational(_) | Tissue::Auto => {
+            TissueSolver::new(scene).map(drop)
+        }
+    }
 }
 
 /// How far a session is.

@@ -2,6 +2,7 @@
 //!
 //! Entry point: [`Summary`]. Key names carry their units and are a contract with scripts: add, never rename.
 
+use crate::choice::Chosen;
 use serde::Serialize;
 use std::collections::BTreeMap;
 
@@ -170,6 +171,9 @@ pub struct Summary {
     pub seconds: f64,
     /// Wall-clock time of the session \[s\].
     pub wall_s: f64,
+    /// Which model was taken for the budget, from what was measured before the session; none if that was not asked for.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub chosen: Option<Chosen>,
     /// What the scene reports.
     pub scene: serde_json::Map<String, serde_json::Value>,
 }

@@ -4,7 +4,7 @@
 //! where the scene holds them, or follow their scripts.
 
 use super::look_ahead::{Look, course};
-use super::{Goal, HeldNeedle, HeldThread, Plan, Solve, Solved, lead_s, sideways};
+use super::{Goal, HeldNeedle, HeldThread, Plan, SceneSolver, Solve, Solved, lead_s, sideways};
 use crate::model::Model;
 use crate::needle::{NeedleReport, TipPlace};
 use crate::output::tip_word;
@@ -205,16 +205,6 @@ impl TissueSolver {
         count
     }
 
-    /// From now on a thread computes what is newly touched while steps go on with what is there. What a
-    /// step finds in contact is the same to the bit, but not when it finds it, nor from when on the tangent
-    /// of a touch to come is there: for sessions in real time. Only linear tissue keeps its columns long
-    /// enough; without a thread they are computed in the step as before.
-    pub fn start_worker(&mut self) {
-        if let Err(error) = self.work.start_worker(&self.model) {
-            tracing::warn!("no thread for compliance columns, steps compute them: {error}");
-        }
-    }
-
     /// From now on steps reduce the driven tool's contact to so many rows at most (0: to none), those that matter
     /// within `ahead_s` first.
     pub fn reduce_to(&mut self, most_rows: usize, ahead_s: f64) {
@@ -231,32 +221,6 @@ impl TissueSolver {
     /// Distance between the points of a needle that [`Self::prepare`] needs at most \[m\].
     pub fn apart_m(scene: &Scene) -> f64 {
         0.5 * scene.mesh.surface().mean_edge_m
-    }
-
-    /// Hash of everything that its state holds, to the bit.
-    pub fn hash(&self) -> u64 {
-        self.state.hash()
-    }
-
-    /// From now on it is written down when columns come from their thread, for [`Self::take_arrivals`].
-    pub fn log_arrivals(&mut self) {
-        self.work.log_arrivals();
-    }
-
-    /// What has come from the thread since this was asked last.
-    pub fn take_arrivals(&mut self) -> Vec<Arrival> {
-        self.work.take_arrivals()
-    }
-
-    /// As [`Self::start_worker`] without the thread: columns come in the steps in which [`Self::expect`] says that they
-    /// came.
-    pub fn replay_worker(&mut self) {
-        self.work.replay_worker(&self.model);
-    }
-
-    /// What comes in steps to come.
-    pub fn expect(&mut self, arrivals: &[Arrival]) {
-        self.work.expect(arrivals);
     }
 
     /// Id of the tool that the console's grip carries.
@@ -698,5 +662,34 @@ impl Solve for TissueSolver {
         };
         report.extend(self.wound());
         report
+    }
+}
+
+impl SceneSolver for TissueSolver {
+    fn hash(&self) -> u64 {
+        self.state.hash()
+    }
+
+    /// Only linear tissue keeps its columns long enough; without a thread they are computed in the step as before.
+    fn start_worker(&mut self) {
+        if let Err(error) = self.work.start_worker(&self.model) {
+            tracing::warn!("no thread for compliance columns, steps compute them: {error}");
+        }
+    }
+
+    fn log_arrivals(&mut self) {
+        self.work.log_arrivals();
+    }
+
+    fn take_arrivals(&mut self) -> Vec<Arrival> {
+        self.work.take_arrivals()
+    }
+
+    fn replay_worker(&mut self) {
+        self.work.replay_worker(&self.model);
+    }
+
+    fn expect(&mut self, arrivals: &[Arrival]) {
+        self.work.expect(arrivals);
     }
 }

@@ -21,6 +21,9 @@ pub const MOST_AWAY: f64 = 10.0;
 /// How far from rest tissue may stay when it is let go, as a share of the body's size.
 pub const MOST_LEFT: f64 = 0.02;
 
+/// Where the search for the largest stable time step ends \[s\].
+pub const LONGEST_STEP_S: f64 = 10.0;
+
 /// How a case ended.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Verdict {

@@ -28,7 +28,7 @@ pub struct Case {
     pub note: String,
 }
 
-/// Runs everything whose tissue and extreme have all of `words`. `told` is called with every line.
+/// Runs everything whose tissue and extreme have all of `words`. `told` is called with every line as it is found.
 ///
 /// # Errors
 /// None unless a shipped scene is not sound.

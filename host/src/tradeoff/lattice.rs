@@ -1,8 +1,12 @@
-//! Bodies that are a bent and stretched box of cubes: meshes of any fineness whose nodes are in each other.
+//! Bodies that are a bent and stretched box of cubes, as meshes of any fineness.
 //!
-//! Entry point: [`Lattice::new`]. A node of a mesh is one of every mesh with a multiple of its divisions.
+//! Entry points: [`Lattice::new`], [`Lattice::locate`]. Places in the unit cube name points of all of them.
 
 use crate::mesh::{MeshError, TetMesh, slab};
+use nalgebra::{Matrix3, Vector3};
+
+/// Cells that [`slab`] makes of a cube, one cube after the other.
+const CELLS_OF_CUBE: usize = 6;
 
 /// From a point of the unit cube to one of the body \[m\].
 pub type Shape = fn([f64; 3]) -> [f64; 3];
@@ -47,17 +51,29 @@ impl Lattice {
         })
     }
 
-    /// Node of a finer lattice that is this one's `node`; the finer one has a multiple of the divisions.
-    pub fn node_in(&self, finer: &Self, node: usize) -> usize {
-        let [nx, ny, _] = self.divisions;
-        let own = [
-            node % (nx + 1),
-            node / (nx + 1) % (ny + 1),
-            node / ((nx + 1) * (ny + 1)),
-        ];
-        let [i, j, k] =
-            [0, 1, 2].map(|axis| own[axis] * finer.divisions[axis] / self.divisions[axis]);
-        i + (finer.divisions[0] + 1) * (j + (finer.divisions[1] + 1) * k)
+    /// The cell in which a point of the unit cube lies, and its barycentric coordinates there.
+    pub fn locate(&self, at: [f64; 3]) -> (usize, [f64; 4]) {
+        let [i, j, k] = [0, 1, 2].map(|axis| {
+            let divisions = self.divisions[axis];
+            ((at[axis] * divisions as f64).max(0.0) as usize).min(divisions - 1)
+        });
+        let first = CELLS_OF_CUBE * (i + self.divisions[0] * (j + self.divisions[1] * k));
+        let mut found = (first, [f64::NEG_INFINITY; 4]);
+        let least = |shares: &[f64; 4]| shares.iter().copied().fold(f64::INFINITY, f64::min);
+        for cell in first..first + CELLS_OF_CUBE {
+            let [a, b, c, d] =
+                self.mesh.cells()[cell].map(|node| Vector3::from(self.unit[node as usize]));
+            let edges = Matrix3::from_columns(&[b - a, c - a, d - a]);
+            let Some(inverse) = edges.try_inverse() else {
+                continue;
+            };
+            let [x, y, z]: [f64; 3] = (inverse * (Vector3::from(at) - a)).into();
+            let shares = [1.0 - x - y - z, x, y, z];
+            if least(&shares) > least(&found.1) {
+                found = (cell, shares);
+            }
+        }
+        found
     }
 
     /// Triangles of the surface whose corners all are where `is_there` says, by places in the unit cube.
@@ -74,7 +90,7 @@ impl Lattice {
 
     /// A force \[N\] spread evenly over triangles, as forces on nodes \[N\], (n x 3).
     pub fn spread(&self, faces: &[[u32; 3]], force_n: [f64; 3]) -> Vec<[f64; 3]> {
-        let at = |node: u32| nalgebra::Vector3::from(self.mesh.points_m()[node as usize]);
+        let at = |node: u32| Vector3::from(self.mesh.points_m()[node as usize]);
         let area = |[a, b, c]: [u32; 3]| (at(b) - at(a)).cross(&(at(c) - at(a))).norm();
         let whole: f64 = faces.iter().map(|face| area(*face)).sum();
         let mut forces = vec![[0.0; 3]; self.unit.len()];
@@ -97,14 +113,15 @@ mod tests {
     const BEAM: Shape = |[x, y, z]| [2.0 * x, 0.2 * y, 0.2 * z];
 
     #[test]
-    fn coarse_nodes_are_fine_nodes() {
-        let coarse = Lattice::new(BEAM, [5, 2, 1]).expect("a lattice");
-        let fine = Lattice::new(BEAM, [15, 6, 3]).expect("a lattice");
-        for (node, at) in coarse.mesh.points_m().iter().enumerate() {
-            let other = fine.mesh.points_m()[coarse.node_in(&fine, node)];
-            for (a, b) in at.iter().zip(other) {
-                assert!((a - b).abs() < 1e-15);
-            }
+    fn a_point_is_found_where_it_is() {
+        let lattice = Lattice::new(BEAM, [5, 2, 3]).expect("a lattice");
+        let other = Lattice::new(BEAM, [7, 3, 2]).expect("a lattice");
+        for at in &other.unit {
+            let (cell, shares) = lattice.locate(*at);
+            assert!(shares.iter().all(|share| *share > -1e-12), "{at:?}");
+            let corners = lattice.mesh.corners(lattice.mesh.cells()[cell]);
+            let there: Vector3<f64> = corners.iter().zip(shares).map(|(p, s)| s * p).sum();
+            assert!((there - Vector3::from(BEAM(*at))).norm() < 1e-14, "{at:?}");
         }
     }
 

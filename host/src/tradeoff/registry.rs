@@ -12,7 +12,7 @@ use sutura_models::energy_balance::{self, EnergyBalance, Form, Lanes, Prony};
 use sutura_models::hyperelastic::{self, Cells, Hyperelastic, Motion, Scheme};
 use sutura_models::law::Law;
 use sutura_models::shape_matching::{ShapeMatching, ShapeMatchingSettings};
-use sutura_models::{Materials, Tissue};
+use sutura_models::{Material, Materials, Tissue, chainmail, shape_matching as matching};
 
 /// Builds tissue, or says why it refuses.
 pub type Build = Box<dyn Fn(&Body, &TetMesh) -> Result<Box<dyn Tissue>, String> + Send + Sync>;
@@ -20,10 +20,10 @@ pub type Build = Box<dyn Fn(&Body, &TetMesh) -> Result<Box<dyn Tissue>, String> 
 /// What tissue is to be made of.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Body {
-    /// All of it, or what each cell is a multiple of.
+    /// All of it, but for the materials of `cells`.
     pub substance: Substance,
-    /// Multiple of the moduli in each cell, (m); empty: 1.
-    pub stiffer: Vec<f64>,
+    /// Material of each cell in place of the substance's, (m); empty: the same everywhere.
+    pub cells: Vec<Material>,
 }
 
 impl Body {
@@ -31,31 +31,29 @@ impl Body {
     pub fn of(substance: Substance) -> Self {
         Self {
             substance,
-            stiffer: Vec::new(),
+            cells: Vec::new(),
         }
     }
 
     fn in_cells(&self) -> Vec<Substance> {
-        let times = |factor: &f64| {
-            let mut substance = self.substance;
-            substance.material.youngs_modulus_pa *= factor;
-            substance
+        let of = |material: &Material| Substance {
+            material: *material,
+            ..self.substance
         };
-        self.stiffer.iter().map(times).collect()
+        self.cells.iter().map(of).collect()
     }
 
     /// For models of elasticity at small strain.
     fn materials(&self) -> Materials {
-        if self.stiffer.is_empty() {
+        if self.cells.is_empty() {
             return self.substance.material.into();
         }
-        let list = self.in_cells().iter().map(|own| own.material).collect();
-        Materials::by_cell(list, (0..self.stiffer.len() as u32).collect())
+        Materials::by_cell(self.cells.clone(), (0..self.cells.len() as u32).collect())
     }
 
     /// For hyperelastic models: one law, or one for each cell.
     fn laws(&self, law: fn(&Substance) -> Law) -> Vec<Law> {
-        if self.stiffer.is_empty() {
+        if self.cells.is_empty() {
             return vec![law(&self.substance)];
         }
         self.in_cells().iter().map(law).collect()
@@ -68,6 +66,8 @@ pub struct Setting {
     pub name: String,
     /// In the short table as well.
     pub short: bool,
+    /// Whether these are the cells of the truth, which would only be compared with itself on its own mesh.
+    pub of_truth: bool,
     /// Makes it.
     pub build: Build,
 }
@@ -80,6 +80,8 @@ pub struct Entry {
     pub has_forces: bool,
     /// Whether its step has a length: what it does depends on the time that passes.
     pub has_step: bool,
+    /// Why scenes with needles or threads cannot have it, if so.
+    pub refuses_needles: Option<&'static str>,
     /// Substances it is meant for; others it would treat as something else.
     pub fits: fn(&Substance) -> bool,
     /// The usual one in double precision, where that is not what it has.
@@ -102,6 +104,10 @@ impl Entry {
         }
     }
 }
+
+/// Why needles and threads do not go with models that balance all nodes at once.
+const NO_COLUMNS: &str = "it balances all nodes at once; needles and thread need the compliance between points inside \
+     cells: use linear or corotational tissue";
 
 /// All models.
 pub fn entries() -> Vec<Entry> {
@@ -152,6 +158,7 @@ fn setting<T: Tissue + 'static, E: std::fmt::Display>(
     Setting {
         name: name.into(),
         short,
+        of_truth: false,
         build: Box::new(move |body, mesh| match build(body, mesh) {
             Ok(tissue) => Ok(Box::new(tissue)),
             Err(error) => Err(error.to_string()),
@@ -164,6 +171,7 @@ fn linear() -> Entry {
         tissue: "linear",
         has_forces: true,
         has_step: false,
+        refuses_needles: None,
         fits: always,
         double: None,
         dynamic: None,
@@ -200,6 +208,7 @@ fn corotational() -> Entry {
         tissue: "corotational",
         has_forces: true,
         has_step: false,
+        refuses_needles: None,
         fits: always,
         double: None,
         dynamic: None,
@@ -230,6 +239,7 @@ fn hyperelastic() -> Entry {
         tissue: "hyperelastic",
         has_forces: true,
         has_step: false,
+        refuses_needles: Some(NO_COLUMNS),
         fits: always,
         double: None,
         dynamic: Some(setting(
@@ -252,7 +262,10 @@ fn hyperelastic() -> Entry {
             with("linear cells, to 1e-3", true, Cells::Linear, 1e-3),
             with("linear cells, to 1e-9", false, Cells::Linear, 1e-9),
             with("averaged cells, to 1e-3", true, Cells::Averaged, 1e-3),
-            with("quadratic cells, to 1e-3", false, Cells::Quadratic, 1e-3),
+            Setting {
+                of_truth: true,
+                ..with("quadratic cells, to 1e-3", false, Cells::Quadratic, 1e-3)
+            },
         ],
     }
 }
@@ -339,6 +352,7 @@ fn energy_balance(
         tissue,
         has_forces: true,
         has_step: relaxes,
+        refuses_needles: Some(NO_COLUMNS),
         fits,
         double: Some(with(
             "balanced, 20 iterations, scalar",
@@ -369,7 +383,7 @@ fn chainmail_classical() -> Entry {
                 ..ClassicalSettings::default()
             };
             change(&mut settings);
-            if !body.stiffer.is_empty() {
+            if !body.cells.is_empty() {
                 return Err(
                     "a classical ChainMail has one material and one box for all cells".to_owned(),
                 );
@@ -382,6 +396,7 @@ fn chainmail_classical() -> Entry {
         tissue: "chainmail-classical",
         has_forces: true,
         has_step: false,
+        refuses_needles: Some(chainmail::REFUSAL),
         fits: always,
         double: None,
         dynamic: None,
@@ -410,6 +425,7 @@ fn chainmail_ellipsoid() -> Entry {
         tissue: "chainmail-ellipsoid",
         has_forces: true,
         has_step: true,
+        refuses_needles: Some(chainmail::REFUSAL),
         fits: always,
         double: None,
         dynamic: None,
@@ -443,6 +459,7 @@ fn shape_matching() -> Entry {
         tissue: "shape-matching",
         has_forces: true,
         has_step: true,
+        refuses_needles: Some(matching::REFUSAL),
         fits: always,
         double: None,
         dynamic: None,

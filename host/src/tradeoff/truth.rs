@@ -82,11 +82,16 @@ pub struct Error {
     pub force_pct: f64,
 }
 
-/// The answer with some cells.
+/// The answer with some cells on a mesh, at the nodes of each of `on`.
 ///
 /// # Errors
 /// Why there is none.
-pub fn solve(case: &Case, lattice: &Lattice, cells: Cells) -> Result<Answer, String> {
+pub fn solve(
+    case: &Case,
+    lattice: &Lattice,
+    cells: Cells,
+    on: &[&Lattice],
+) -> Result<Vec<Answer>, String> {
     let settings = Settings {
         cells,
         ..Settings::default()
@@ -134,10 +139,18 @@ pub fn solve(case: &Case, lattice: &Lattice, cells: Cells) -> Result<Answer, Str
     if case.substance.relaxation.is_some() {
         force = faded;
     }
-    Ok(Answer {
-        u: displacements(&tissue, lattice),
-        force_n: force,
-    })
+    let there = |at: &[f64; 3]| {
+        let (cell, shares) = lattice.locate(*at);
+        let found = tissue.deformation(cell, shares);
+        found.map_or(Vector3::repeat(f64::NAN), |(u, _)| u.into())
+    };
+    Ok(on
+        .iter()
+        .map(|lattice| Answer {
+            u: lattice.unit.iter().map(there).collect(),
+            force_n: force,
+        })
+        .collect())
 }
 
 /// Summed reaction of some rows of the last drive \[N\].
@@ -161,16 +174,6 @@ pub fn displacements(tissue: &dyn Tissue, lattice: &Lattice) -> Vec<Vector3<f64>
 }
 
 impl Answer {
-    /// The answer at the nodes of a coarser mesh.
-    pub fn on(&self, own: &Lattice, coarse: &Lattice) -> Self {
-        Self {
-            u: (0..coarse.unit.len())
-                .map(|node| self.u[coarse.node_in(own, node)])
-                .collect(),
-            force_n: self.force_n,
-        }
-    }
-
     /// How far off `other` is, on the mesh of both.
     pub fn error(&self, other: &Self, case: &Case, lattice: &Lattice) -> Error {
         let (mut square, mut scale) = (0.0, 0.0);

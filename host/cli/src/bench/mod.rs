@@ -7,15 +7,14 @@ mod sliding;
 mod suite;
 
 use crate::failure::{Cause, Failure};
-use crate::run::Tissue;
 use crate::{Format, Global, scene};
 use clap::Args;
-use indicatif::{ProgressBar, ProgressStyle};
+use indicatif::ProgressBar;
 use serde::Serialize;
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 use sutura_host::model::Model;
-use sutura_host::scene::Scene;
+use sutura_host::scene::{Scene, Tissue};
 use sutura_host::script::Script;
 use sutura_host::step::{State, Status, StepReport, Workspace, step};
 use sutura_host::thread::ThreadTension;
@@ -32,8 +31,8 @@ pub struct BenchArgs {
     /// Scenes with a `[hand]` whose path the driven tool follows; the palpation scene when left out.
     #[arg(conflicts_with = "suite")]
     pub scenes: Vec<PathBuf>,
-    /// Tissue model, in place of the scenes'.
-    #[arg(long, value_name = "NAME", conflicts_with = "suite")]
+    /// Tissue model, in place of the scenes': `linear` or `corotational`; `sutura tradeoff` measures the others.
+    #[arg(long, value_name = "NAME", conflicts_with = "suite", value_parser = Tissue::named)]
     pub tissue: Option<Tissue>,
     /// Rows on circling anchors: two tubes, a cylinder, growth to 20,000 nodes; palpation of three slabs.
     #[arg(long)]
@@ -173,10 +172,7 @@ pub fn run(args: &BenchArgs, global: &Global) -> Result<(), Failure> {
         }
     }
     // Hidden by itself where stderr is no terminal.
-    let progress = ProgressBar::new((scenes.len() * (1 + PASSES)) as u64);
-    if let Ok(style) = ProgressStyle::with_template("{bar:30} {pos}/{len} {msg}") {
-        progress.set_style(style);
-    }
+    let progress = crate::display::progress(scenes.len() * (1 + PASSES));
     let mut cases = Vec::new();
     let mut slides = Vec::new();
     if args.suite {

@@ -4,11 +4,11 @@
 
 mod plots;
 
+use crate::display::progress;
 use crate::failure::{Cause, Failure};
 use crate::tables::{csv, unwritable};
 use crate::{Format, Global};
 use clap::Args;
-use indicatif::{ProgressBar, ProgressStyle};
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 use sutura_host::fidelity::case::{Case, Scenes};
@@ -139,15 +139,6 @@ fn unsound(error: DeviceError) -> Failure {
         format!("the simulated console is not a valid device: {error}"),
         "this is a defect of the command",
     )
-}
-
-fn progress(length: usize) -> ProgressBar {
-    // Hidden by itself where stderr is no terminal.
-    let bar = ProgressBar::new(length as u64);
-    if let Ok(style) = ProgressStyle::with_template("{bar:30} {pos}/{len} {msg}") {
-        bar.set_style(style);
-    }
-    bar
 }
 
 fn print_text(report: &Report) {

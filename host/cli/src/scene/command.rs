@@ -7,7 +7,7 @@ use miette::{Diagnostic, Report};
 use std::path::{Path, PathBuf};
 use sutura_host::explain::{Component, explain};
 use sutura_host::scene::{self, Flaw, Scene};
-use sutura_host::session::TissueSolver;
+use sutura_host::session;
 
 /// Looks at scene files: checks them, explains what they build, describes their keys.
 #[derive(Args, Debug)]
@@ -94,7 +94,7 @@ fn check(path: &Path, global: &Global) -> Result<(), Failure> {
     for warning in warnings {
         render(&Report::new(warning));
     }
-    TissueSolver::new(&scene)?;
+    session::check(&scene)?;
     match global.format {
         Format::Json => {
             let mut object = summary(&scene);

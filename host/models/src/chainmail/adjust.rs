@@ -4,7 +4,9 @@
 //! along itself, by the inverse of their masses, to the limit.
 
 use super::awake::Awake;
+use super::forces::{Element, between};
 use super::links::{Links, difference, square};
+use super::quad::Quad;
 use super::queue::Queue;
 use super::region::Region;
 
@@ -12,8 +14,8 @@ use super::region::Region;
 pub(super) struct Adjusted<'a> {
     /// Rest positions \[m\], (n x 3).
     pub rest_m: &'a [[f64; 3]],
-    /// Positions \[m\], (n x 3).
-    pub x: &'a mut [[f64; 3]],
+    /// Positions, (n).
+    pub at: &'a mut [Element],
     /// Inverse masses \[1/kg\], 0 where held, (n).
     pub inverse_mass: &'a [f64],
     /// Mass times adjustment that links gave to held elements \[kg m\], (n x 3).
@@ -24,6 +26,8 @@ pub(super) struct Adjusted<'a> {
     pub now: u32,
     /// Elements adjusted in it.
     pub adjusted: usize,
+    /// Elements adjusted or woken in it: their forces are out of date.
+    pub stale: &'a mut Vec<u32>,
 }
 
 /// How it went.
@@ -54,11 +58,9 @@ impl Adjusted<'_> {
             along = square(d).sqrt();
         }
         let share = (length - target) / (along * (wi + wj));
-        for axis in 0..3 {
-            let push = share * d[axis];
-            self.x[a][axis] += wi * push;
-            self.x[b][axis] -= wj * push;
-        }
+        let push = share * Quad::of(d);
+        self.at[a].x = self.at[a].x + wi * push;
+        self.at[b].x = self.at[b].x - wj * push;
         for (node, w, sign) in [(a, wi, 1.0), (b, wj, -1.0)] {
             if w == 0.0 {
                 for axis in 0..3 {
@@ -67,54 +69,55 @@ impl Adjusted<'_> {
             } else if self.stamp[node] != self.now {
                 self.stamp[node] = self.now;
                 self.adjusted += 1;
+                self.stale.push(node as u32);
             }
         }
         true
     }
+
+    fn wake(&mut self, node: u32, awake: &mut Awake, links: &Links) {
+        if awake.wake(node, links) {
+            self.stale.push(node);
+        }
+    }
 }
 
-/// Brings every link of what is awake within its limits, beginning with the elements that wait in `queue`.
-/// Takes at most `most_visits` elements from it.
+/// Brings links within their limits: first what the elements that wait in `queue` drag along, then the links of
+/// those in `beyond`, which nothing has brought back yet. Takes at most `most_visits` elements from the queue.
+#[allow(clippy::too_many_arguments)]
 pub(super) fn enforce<R: Region>(
     links: &Links,
     region: &R,
     tolerance: f64,
+    beyond: &[u32],
     awake: &mut Awake,
     queue: &mut Queue,
     state: &mut Adjusted<'_>,
     most_visits: u64,
 ) -> Enforced {
     let mut visits = 0;
-    // What was moved from outside spreads first; what is then still beyond is found link by link.
-    for sweep in [false, true] {
-        if sweep {
-            for i in awake.near() {
-                let (first, upper) = links.upper(i);
-                let mut xi = state.x[i];
-                for (index, link) in upper.iter().enumerate() {
-                    let d = difference(&xi, &state.x[link.to as usize]);
-                    if region.violated(first + index, link.rest_sq, d, tolerance) {
-                        let (least, greatest) = region.lengths(first + index, link.rest_sq, d);
-                        if state.adjust(i as u32, link.to, d, least, greatest) {
-                            xi = state.x[i];
-                            queue.push(i as u32);
-                            queue.push(link.to);
-                        }
-                    }
-                }
+    for found in [&[], beyond] {
+        for &i in found {
+            let still = links.owned.of(i as usize).any(|link| {
+                let j = link.to as usize;
+                let d = between(&state.at[i as usize], &state.at[j]);
+                state.inverse_mass[i as usize] + state.inverse_mass[j] > 0.0
+                    && region.violated(link.place, link.rest_sq, d, tolerance)
+            });
+            if still {
+                queue.push(i);
             }
         }
         while visits < most_visits {
             let Some(i) = queue.pop() else { break };
             visits += 1;
-            awake.wake(i, links);
-            let mut xi = state.x[i as usize];
+            state.wake(i, awake, links);
             for link in links.beside(i as usize) {
-                let d = difference(&xi, &state.x[link.to as usize]);
-                if region.violated(link.link as usize, link.rest_sq, d, tolerance) {
-                    let (least, greatest) = region.lengths(link.link as usize, link.rest_sq, d);
+                let d = between(&state.at[i as usize], &state.at[link.to as usize]);
+                let place = link.place as usize;
+                if region.violated(place, link.rest_sq, d, tolerance) {
+                    let (least, greatest) = region.lengths(place, link.rest_sq, d);
                     if state.adjust(i, link.to, d, least, greatest) {
-                        xi = state.x[i as usize];
                         queue.push(link.to);
                         if state.inverse_mass[i as usize] > 0.0 {
                             queue.push(i);
@@ -126,7 +129,7 @@ pub(super) fn enforce<R: Region>(
     }
     let mut within = true;
     while let Some(i) = queue.pop() {
-        awake.wake(i, links);
+        state.wake(i, awake, links);
         within = false;
     }
     Enforced { visits, within }

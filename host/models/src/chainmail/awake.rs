@@ -13,7 +13,7 @@ pub(super) struct Awake {
     count: usize,
     nodes: usize,
     /// Elements all of whose neighbours are awake: they need not look.
-    inside: Vec<bool>,
+    inside: Vec<u64>,
 }
 
 impl Awake {
@@ -25,7 +25,7 @@ impl Awake {
             near: vec![0; words],
             count: 0,
             nodes,
-            inside: vec![false; nodes],
+            inside: vec![0; words],
         }
     }
 
@@ -57,10 +57,11 @@ impl Awake {
 
     /// Wakes the neighbours of an element and calls `woken` with each that was asleep.
     pub fn wake_beside(&mut self, node: u32, links: &Links, mut woken: impl FnMut(u32)) {
-        if self.inside[node as usize] {
+        let (word, bit) = (node as usize / 64, 1 << (node % 64));
+        if self.inside[word] & bit != 0 {
             return;
         }
-        self.inside[node as usize] = true;
+        self.inside[word] |= bit;
         for beside in links.beside(node as usize) {
             if self.wake(beside.to, links) {
                 woken(beside.to);
@@ -88,7 +89,7 @@ impl Awake {
             return;
         }
         self.near.fill(0);
-        self.inside.fill(false);
+        self.inside.fill(0);
         for word in 0..self.awake.len() {
             let mut rest = self.awake[word];
             self.near[word] |= rest;
@@ -105,39 +106,45 @@ impl Awake {
     /// Elements that are awake, ascending.
     #[inline]
     pub fn iter(&self) -> impl Iterator<Item = usize> + '_ {
-        bits(&self.awake)
+        bits(self.awake.iter().copied())
+    }
+
+    /// Elements that are awake and may have a neighbour that is not, ascending.
+    pub fn rim(&self) -> impl Iterator<Item = usize> + '_ {
+        let words = self.awake.iter().zip(&self.inside);
+        bits(words.map(|(awake, inside)| awake & !inside))
     }
 
     /// Elements that are awake or next to one that is, ascending: together they own every link of an
     /// element that is awake.
     #[inline]
     pub fn near(&self) -> impl Iterator<Item = usize> + '_ {
-        bits(&self.near)
+        bits(self.near.iter().copied())
     }
 }
 
 /// Indices of set bits, ascending.
-struct Bits<'a> {
-    words: std::slice::Iter<'a, u64>,
+struct Bits<I> {
+    words: I,
     rest: u64,
     base: usize,
 }
 
-fn bits(words: &[u64]) -> Bits<'_> {
+fn bits<I: Iterator<Item = u64>>(words: I) -> Bits<I> {
     Bits {
-        words: words.iter(),
+        words,
         rest: 0,
         base: 0usize.wrapping_sub(64),
     }
 }
 
-impl Iterator for Bits<'_> {
+impl<I: Iterator<Item = u64>> Iterator for Bits<I> {
     type Item = usize;
 
     #[inline]
     fn next(&mut self) -> Option<usize> {
         while self.rest == 0 {
-            self.rest = *self.words.next()?;
+            self.rest = self.words.next()?;
             self.base = self.base.wrapping_add(64);
         }
         let bit = self.rest.trailing_zeros() as usize;

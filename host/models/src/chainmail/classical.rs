@@ -7,8 +7,9 @@ use super::links::{Links, difference, square};
 use super::propagate::Propagation;
 use super::region::Box3;
 use crate::drive_check::{failed, refused};
+use crate::held::{Held, load, ratio};
 use crate::rigid::momenta;
-use crate::secant::secant;
+use crate::secant::secant_of_step;
 use crate::setting::within;
 use crate::{BuildError, Diagnostics, Drive, Material, Outcome, Tangent, Tissue};
 use sutura_mesh::TetMesh;
@@ -69,9 +70,8 @@ struct State {
     x: Vec<[f64; 3]>,
     previous: Vec<[f64; 3]>,
     force: Vec<[f64; 3]>,
-    held: Vec<bool>,
-    held_nodes: Vec<u32>,
-    reactions_n: Vec<[f64; 3]>,
+    is_held: Vec<bool>,
+    held: Held,
     propagation: Propagation,
     energy_j: f64,
     /// Whether links may be out of bounds from an earlier step.
@@ -102,9 +102,8 @@ impl ClassicalChainMail {
                 x: links.rest_m.clone(),
                 previous: links.rest_m.clone(),
                 force: vec![[0.0; 3]; nodes],
-                held: vec![false; nodes],
-                held_nodes: Vec::new(),
-                reactions_n: Vec::new(),
+                is_held: vec![false; nodes],
+                held: Held::default(),
                 propagation: Propagation::new(nodes, DRAGS * nodes),
                 energy_j: 0.0,
                 left_over: false,
@@ -125,9 +124,9 @@ impl ClassicalChainMail {
         let (state, links) = (&self.state, &self.links);
         let mut most = 0.0f64;
         for i in 0..links.nodes() {
-            for link in links.upper(i).1 {
+            for link in links.owned.of(i) {
                 let j = link.to as usize;
-                if state.held[i] && state.held[j] {
+                if state.is_held[i] && state.is_held[j] {
                     continue;
                 }
                 let d = difference(&state.x[i], &state.x[j]);
@@ -161,13 +160,13 @@ impl State {
         self.force.fill([0.0; 3]);
         self.energy_j = 0.0;
         for i in 0..links.nodes() {
-            for link in links.upper(i).1 {
+            for link in links.owned.of(i) {
                 let j = link.to as usize;
                 let d = difference(&self.x[i], &self.x[j]);
                 let length = square(d).sqrt();
                 let rest = link.rest_sq.sqrt();
                 // Straight in the length: it may shrink to nothing, where Green's strain gives way.
-                let k = 2.0 * f64::from(link.spring) * link.rest_sq;
+                let k = 2.0 * link.spring * link.rest_sq;
                 let pull = if length > 0.0 {
                     k * (length - rest) / length
                 } else {
@@ -186,10 +185,10 @@ impl State {
     fn relax(&mut self, links: &Links, drive: &Drive<'_>) {
         self.springs(links);
         for i in 0..links.nodes() {
-            if self.held[i] {
+            if self.is_held[i] {
                 continue;
             }
-            let load = drive.force_n.get(i).copied().unwrap_or_default();
+            let load = load(drive, i);
             for axis in 0..3 {
                 let pull = self.force[i][axis] + load[axis];
                 self.x[i][axis] += RELAXATION * pull / links.stiffness[i];
@@ -205,24 +204,17 @@ impl State {
             }
         }
         self.propagation.hand_back(&mut self.force);
-        self.reactions_n.clear();
-        let (mut unbalanced, mut acting) = (0.0, 0.0);
-        for &(node, _) in drive.held {
-            let reaction = self.force[node as usize].map(|force| -force);
-            acting += square(reaction);
-            self.reactions_n.push(reaction);
-        }
-        for (i, force) in self.force.iter().enumerate() {
-            if !self.held[i] {
+        let (force, is_held) = (&self.force, &self.is_held);
+        let reaction = |i: usize| force[i].map(|force| -force);
+        let (mut acting, _) = self.held.react(drive, reaction, |_| [0.0; 3]);
+        let mut unbalanced = 0.0;
+        for (i, force) in force.iter().enumerate() {
+            if !is_held[i] {
                 unbalanced += square(*force);
-                acting += square(drive.force_n.get(i).copied().unwrap_or_default());
+                acting += square(load(drive, i));
             }
         }
-        if unbalanced == 0.0 {
-            0.0
-        } else {
-            (unbalanced / acting).sqrt()
-        }
+        ratio(unbalanced, acting).sqrt()
     }
 }
 
@@ -236,26 +228,26 @@ impl Tissue for ClassicalChainMail {
         }
         state.previous.copy_from_slice(&state.x);
         state.propagation.begin();
-        for node in state.held_nodes.drain(..) {
-            state.held[node as usize] = false;
+        let State {
+            held,
+            is_held,
+            propagation,
+            x,
+            ..
+        } = state;
+        held.hold(drive, |i| {
+            is_held[i] = false;
             // Links to it may have been out of bounds at both ends' wish.
-            if drive
-                .held
-                .binary_search_by_key(&node, |held| held.0)
-                .is_err()
-            {
-                state.propagation.push(node);
-            }
-        }
+            propagation.push(i as u32);
+        });
         for &(node, displacement) in drive.held {
             let i = node as usize;
-            state.held[i] = true;
-            state.held_nodes.push(node);
+            is_held[i] = true;
             let rest = links.rest_m[i];
             let target = [0, 1, 2].map(|axis| rest[axis] + displacement[axis]);
-            if state.x[i] != target {
-                state.x[i] = target;
-                state.propagation.push(node);
+            if x[i] != target {
+                x[i] = target;
+                propagation.push(node);
             }
         }
         let slack_m = self.settings.tolerance * links.edge_m;
@@ -274,7 +266,7 @@ impl Tissue for ClassicalChainMail {
             links,
             &self.region,
             slack_m,
-            &state.held,
+            &state.is_held,
             &mut state.x,
             most,
         );
@@ -290,10 +282,7 @@ impl Tissue for ClassicalChainMail {
             state.propagation.begin();
             state.springs(links);
             state.left_over = true;
-            state.reactions_n.clear();
-            state.reactions_n.resize(drive.held.len(), [0.0; 3]);
-            let reason = "the step leads to positions that are not finite";
-            return failed(reason, state.energy_j);
+            return state.held.give_up(drive, state.energy_j);
         }
         Diagnostics {
             outcome: if within {
@@ -316,28 +305,12 @@ impl Tissue for ClassicalChainMail {
     }
 
     fn reactions_n(&self) -> &[[f64; 3]] {
-        &self.state.reactions_n
+        &self.state.held.reactions_n
     }
 
     /// A secant of one step over a hundredth of the mean edge and half of that.
     fn tangent(&mut self, drive: &Drive<'_>, moved: &[usize], step_s: f64) -> Option<Tangent> {
-        // The state itself is put aside, not a copy of it: its buffers have room for a whole step.
-        let mut aside = self.state.clone();
-        std::mem::swap(&mut aside, &mut self.state);
-        let tangent = secant(drive, moved, 0.01 * self.links.edge_m, |trial| {
-            self.state = aside.clone();
-            if let Outcome::Failed(_) = self.step(trial, step_s).outcome {
-                return None;
-            }
-            let of = |axis: usize| {
-                moved
-                    .iter()
-                    .map(|at| self.state.reactions_n[*at][axis])
-                    .sum()
-            };
-            Some([of(0), of(1), of(2)])
-        });
-        self.state = aside;
-        tangent
+        let reach_m = 0.01 * self.links.edge_m;
+        secant_of_step(self, |this| &mut this.state, drive, moved, reach_m, step_s)
     }
 }

@@ -4,14 +4,18 @@
 //! within their limits, so that forces have a material and loads a balance; `stiffness` 0 is as printed.
 
 use super::adjust::{Adjusted, Enforced, enforce};
-use super::links::{Links, difference, square};
+use super::forces::{Springs, between};
+use super::links::{Links, square};
 use super::motion::Sums;
+use super::quad::Quad;
 use super::region::{Ball, Ellipsoid, Region};
 use super::settings::{EllipsoidSettings, check_limit};
 use super::state::{SLEEP_EVERY, State};
 use crate::drive_check::{failed, refused};
-use crate::secant::secant;
+use crate::held::ratio;
+use crate::secant::secant_of_step;
 use crate::{BuildError, Diagnostics, Drive, Materials, Outcome, Tangent, Tissue};
+use nalgebra::Vector3;
 use sutura_mesh::TetMesh;
 
 /// Tissue as an ellipsoid-bounded ChainMail.
@@ -42,17 +46,14 @@ impl EllipsoidChainMail {
             settings.density_kg_per_m3,
             settings.stiffness,
         )?;
-        let [x, y, z] = settings.strain_limit;
-        let mut this = Self {
-            state: State::new(&links, x.max(y).max(z)),
-            limits: None,
+        let limit = settings.strain_limit;
+        let ball = limit == [limit[0]; 3];
+        Ok(Self {
+            state: State::new(&links, springs(&[limit], settings.tolerance)),
+            limits: (!ball).then(|| vec![limit; links.owned.places()]),
             links,
             settings,
-        };
-        if x != y || y != z {
-            this.limits = Some(vec![settings.strain_limit; this.links.count()]);
-        }
-        Ok(this)
+        })
     }
 
     /// Gives each link strain limits along x, y, z of its own: `of` is asked with its two nodes, the lower one
@@ -64,18 +65,19 @@ impl EllipsoidChainMail {
         &mut self,
         mut of: impl FnMut(u32, u32) -> [f64; 3],
     ) -> Result<(), BuildError> {
-        let mut limits = Vec::with_capacity(self.links.count());
-        let mut greatest = 0.0f64;
-        for node in 0..self.links.nodes() {
-            for link in self.links.upper(node).1 {
-                let limit = of(node as u32, link.to);
+        // Places without a link have the ellipsoid of the settings, which nothing asks for.
+        let mut limits = vec![self.settings.strain_limit; self.links.owned.places()];
+        let mut asked = Vec::with_capacity(limits.len());
+        for node in 0..self.links.nodes() as u32 {
+            for link in self.links.owned.of(node as usize) {
+                let limit = of(node.min(link.to), node.max(link.to));
                 check_limit(limit)?;
-                greatest = limit.iter().fold(greatest, |most, value| most.max(*value));
-                limits.push(limit);
+                limits[link.place] = limit;
+                asked.push(limit);
             }
         }
+        self.state = State::new(&self.links, springs(&asked, self.settings.tolerance));
         self.limits = Some(limits);
-        self.state = State::new(&self.links, greatest);
         Ok(())
     }
 
@@ -101,16 +103,13 @@ impl EllipsoidChainMail {
         sum(&self.state.motion.mass) / sum(&self.links.mass_kg)
     }
 
-    /// Velocity of every node at the end of the last step \[m/s\], (n x 3).
-    pub fn velocities_m_per_s(&self) -> &[[f64; 3]] {
-        &self.state.motion.v
-    }
-
     /// Gives every node a velocity \[m/s\], (n x 3); does nothing if they are not as many or not finite.
     pub fn set_velocities(&mut self, velocities_m_per_s: &[[f64; 3]]) {
         let finite = velocities_m_per_s.iter().flatten().all(|v| v.is_finite());
         if finite && velocities_m_per_s.len() == self.links.nodes() {
-            self.state.motion.v.copy_from_slice(velocities_m_per_s);
+            for (v, given) in self.state.motion.v.iter_mut().zip(velocities_m_per_s) {
+                *v = Quad::of(*given);
+            }
             self.state.wake_all(&self.links);
         }
     }
@@ -121,14 +120,13 @@ impl EllipsoidChainMail {
         let mut most = 0.0f64;
         let motion = &self.state.motion;
         for i in 0..self.links.nodes() {
-            let (first, upper) = self.links.upper(i);
-            for (index, link) in upper.iter().enumerate() {
+            for link in self.links.owned.of(i) {
                 let j = link.to as usize;
                 if motion.inverse_mass[i] + motion.inverse_mass[j] == 0.0 {
                     continue;
                 }
-                let d = difference(&motion.x[i], &motion.x[j]);
-                let (least, greatest) = self.lengths(first + index, link.rest_sq, d);
+                let d = between(&motion.at[i], &motion.at[j]);
+                let (least, greatest) = self.lengths(link.place, link.rest_sq, d);
                 let length = square(d).sqrt();
                 let excess = (length - greatest).max(least - length);
                 most = most.max(excess / link.rest_sq.sqrt());
@@ -137,13 +135,13 @@ impl EllipsoidChainMail {
         most
     }
 
-    fn lengths(&self, link: usize, rest_sq: f64, d: [f64; 3]) -> (f64, f64) {
+    fn lengths(&self, place: usize, rest_sq: f64, d: [f64; 3]) -> (f64, f64) {
         match &self.limits {
-            Some(limits) => Ellipsoid { limits }.lengths(link, rest_sq, d),
+            Some(limits) => Ellipsoid { limits }.lengths(place, rest_sq, d),
             None => Ball {
                 limit: self.settings.strain_limit[0],
             }
-            .lengths(link, rest_sq, d),
+            .lengths(place, rest_sq, d),
         }
     }
 
@@ -153,24 +151,44 @@ impl EllipsoidChainMail {
         let most = u64::from(self.settings.visits) * state.awake.count().max(64) as u64;
         let mut adjusted = Adjusted {
             rest_m: &self.links.rest_m,
-            x: &mut state.motion.x,
+            at: &mut state.motion.at,
             inverse_mass: &state.motion.inverse_mass,
             impulse: &mut state.impulse,
             stamp: &mut state.stamp,
             now: state.now,
             adjusted: 0,
+            stale: &mut state.stale,
         };
         let tolerance = self.settings.tolerance;
-        let (links, awake, queue) = (&self.links, &mut state.awake, &mut state.queue);
+        let (links, beyond) = (&self.links, &state.motion.beyond[..]);
+        let (awake, queue) = (&mut state.awake, &mut state.queue);
         let enforced = match &self.limits {
             Some(limits) => {
                 let region = Ellipsoid { limits };
-                enforce(links, &region, tolerance, awake, queue, &mut adjusted, most)
+                enforce(
+                    links,
+                    &region,
+                    tolerance,
+                    beyond,
+                    awake,
+                    queue,
+                    &mut adjusted,
+                    most,
+                )
             }
             None => {
                 let limit = self.settings.strain_limit[0];
                 let region = Ball { limit };
-                enforce(links, &region, tolerance, awake, queue, &mut adjusted, most)
+                enforce(
+                    links,
+                    &region,
+                    tolerance,
+                    beyond,
+                    awake,
+                    queue,
+                    &mut adjusted,
+                    most,
+                )
             }
         };
         state.adjusted = adjusted.adjusted;
@@ -203,8 +221,8 @@ impl Tissue for EllipsoidChainMail {
                 state.wake_all(links);
             }
             angular = state.motion.momenta().1;
-            for (x, load) in state.motion.x.iter().zip(drive.force_n) {
-                let torque = nalgebra::Vector3::from(*x).cross(&nalgebra::Vector3::from(*load));
+            for (at, load) in state.motion.at.iter().zip(drive.force_n) {
+                let torque = Vector3::from(at.x.xyz()).cross(&Vector3::from(*load));
                 for axis in 0..3 {
                     angular[axis] += step_s * torque[axis];
                 }
@@ -212,42 +230,31 @@ impl Tissue for EllipsoidChainMail {
         }
         let decay = if free { 1.0 } else { state.motion.decay };
         state.motion.predict(&state.awake, drive, step_s, decay);
+        state.motion.link_forces(&state.awake, links);
         let enforced = self.enforce();
         let (links, settings) = (&self.links, &self.settings);
         let state = &mut self.state;
-        let mut sums = state.motion.velocities(&state.awake, drive, step_s, decay);
-        let good = |sums: &Sums, energy: f64| {
-            (sums.kinetic_j + square(sums.momentum) + square(sums.angular_momentum) + energy)
-                .is_finite()
-        };
-        if good(&sums, 0.0) {
-            if free && state.awake.all() {
-                state.motion.free(angular, &mut sums);
-            }
-            state.spread(links, settings);
-            state.motion.link_forces(&state.awake, links);
-        }
+        state.renew(links);
+        let mut sums = state.motion.velocities(&state.awake, step_s, decay);
         if !good(&sums, state.motion.energy_j) {
             state.motion.restore(&state.awake);
             state.motion.link_forces(&state.awake, links);
             state.motion.sum_energy();
-            state.reactions_n.clear();
-            state.reactions_n.resize(drive.held.len(), [0.0; 3]);
-            return failed(
-                "the step leads to positions that are not finite",
-                state.motion.energy_j,
-            );
+            return state.held.give_up(drive, state.motion.energy_j);
+        }
+        if free && state.awake.all() {
+            state.motion.free(angular, &mut sums);
         }
         state.moved = sums.moved;
-        state.work_j += sums.work_j;
-        state.react(drive, step_s);
+        let acting_sq = state.react(drive, step_s);
         state.motion.settle(&state.awake);
-        if !free && state.now.is_multiple_of(SLEEP_EVERY) {
-            state.fall_asleep(links, settings);
+        if !free {
+            state.spread(links, settings);
+            if state.now.is_multiple_of(SLEEP_EVERY) {
+                state.fall_asleep(links, settings);
+            }
         }
-        let acting = sums.load_sq + state.reactions_n.iter().map(|r| square(*r)).sum::<f64>();
         let kept = state.motion.energy_j + sums.kinetic_j;
-        let ratio = |part: f64, whole: f64| if part == 0.0 { 0.0 } else { part / whole };
         Diagnostics {
             outcome: if enforced.within {
                 Outcome::Converged
@@ -255,7 +262,7 @@ impl Tissue for EllipsoidChainMail {
                 Outcome::Unfinished
             },
             iterations: enforced.visits.div_ceil(state.awake.count().max(1) as u64) as u32,
-            residual: ratio(sums.unbalanced_sq.sqrt(), acting.sqrt()),
+            residual: ratio(sums.unbalanced_sq.sqrt(), acting_sq.sqrt()),
             energy_j: state.motion.energy_j,
             energy_difference: ratio(state.work_j - kept, state.work_j.abs()),
             momentum: sums.momentum,
@@ -264,33 +271,31 @@ impl Tissue for EllipsoidChainMail {
     }
 
     fn positions_m(&self) -> &[[f64; 3]] {
-        &self.state.motion.x
+        &self.state.motion.previous
     }
 
     fn reactions_n(&self) -> &[[f64; 3]] {
-        &self.state.reactions_n
+        &self.state.held.reactions_n
     }
 
     /// A secant of one step over a hundredth of the mean edge and half of that: the answer within `step_s`,
     /// before the tissue beyond has followed; stiffer than the balance it relaxes to.
     fn tangent(&mut self, drive: &Drive<'_>, moved: &[usize], step_s: f64) -> Option<Tangent> {
-        // The state itself is put aside, not a copy of it: its buffers have room for a whole step.
-        let mut aside = self.state.clone();
-        std::mem::swap(&mut aside, &mut self.state);
-        let tangent = secant(drive, moved, 0.01 * self.links.edge_m, |trial| {
-            self.state = aside.clone();
-            if let Outcome::Failed(_) = self.step(trial, step_s).outcome {
-                return None;
-            }
-            let of = |axis: usize| {
-                moved
-                    .iter()
-                    .map(|at| self.state.reactions_n[*at][axis])
-                    .sum()
-            };
-            Some([of(0), of(1), of(2)])
-        });
-        self.state = aside;
-        tangent
+        let reach_m = 0.01 * self.links.edge_m;
+        secant_of_step(self, |this| &mut this.state, drive, moved, reach_m, step_s)
     }
+}
+
+/// Springs of links with such limits.
+fn springs(limits: &[[f64; 3]], tolerance: f64) -> Springs {
+    let each = limits.iter().flatten().copied();
+    let (least, greatest) = each.fold((f64::INFINITY, 0.0f64), |(least, greatest), limit| {
+        (least.min(limit), greatest.max(limit))
+    });
+    Springs::new(least, greatest, tolerance)
+}
+
+/// Whether a step led to finite positions.
+fn good(sums: &Sums, energy_j: f64) -> bool {
+    (sums.kinetic_j + square(sums.momentum) + square(sums.angular_momentum) + energy_j).is_finite()
 }

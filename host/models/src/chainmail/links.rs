@@ -3,20 +3,10 @@
 //! Entry point: [`Links::new`]. A link's stiffness is the sum of E V / l^2 over its cells (van Gelder 1998), times one
 //! factor for the mesh: with it a small stretch along x, y and z costs, on average, what Young's modulus asks for.
 
+use super::fours::{End, Fours};
 use crate::{BuildError, Materials};
 use nalgebra::{Matrix6, Vector3, Vector6};
 use sutura_mesh::{TetMesh, signed_volume};
-
-/// A link as the lower of its two elements sees it.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Upper {
-    /// Square of the rest length \[m^2\].
-    pub rest_sq: f64,
-    /// The other element, the higher one.
-    pub to: u32,
-    /// k / (2 l0^2) \[N/m^3\]; single precision keeps a link in 16 bytes, and both ends use the same.
-    pub spring: f32,
-}
 
 /// A link as either of its elements sees it.
 #[derive(Clone, Copy, Debug)]
@@ -25,8 +15,8 @@ pub(super) struct Beside {
     pub rest_sq: f64,
     /// The other element.
     pub to: u32,
-    /// Index among all links, in the order of [`Links::upper`].
-    pub link: u32,
+    /// Its place in [`Links::owned`].
+    pub place: u32,
 }
 
 /// Elements and links; constant.
@@ -44,8 +34,8 @@ pub(super) struct Links {
     pub extent_m: f64,
     /// Mean rest length \[m\].
     pub edge_m: f64,
-    upper_start: Vec<u32>,
-    upper: Vec<Upper>,
+    /// Links by the elements that own them.
+    pub owned: Fours,
     beside_start: Vec<u32>,
     beside: Vec<Beside>,
 }
@@ -81,7 +71,6 @@ impl Links {
         edges.sort_by_key(|edge| (edge.0, edge.1));
         let share = share * calibration(mesh);
         let mut stiffness = vec![0.0; nodes];
-        let (mut upper_start, mut upper) = (vec![0; nodes + 1], Vec::new());
         let mut ends = Vec::new();
         let mut edge_m = 0.0;
         for shared in edges.chunk_by(|a, b| (a.0, a.1) == (b.0, b.1)) {
@@ -92,36 +81,28 @@ impl Links {
             let k = share * weight / rest_sq;
             stiffness[a as usize] += k;
             stiffness[b as usize] += k;
-            upper_start[a as usize + 1] += 1;
             edge_m += rest_sq.sqrt();
-            ends.push((a, b, rest_sq));
-            upper.push(Upper {
-                rest_sq,
+            ends.push(End {
+                owner: a,
                 to: b,
+                rest_sq,
                 spring: (0.5 * k / rest_sq) as f32,
             });
         }
-        edge_m /= upper.len() as f64;
-        accumulate(&mut upper_start);
-        let mut both: Vec<(u32, Beside)> = Vec::with_capacity(2 * upper.len());
-        for (link, &(a, b, rest_sq)) in ends.iter().enumerate() {
-            let link = link as u32;
-            both.push((
-                a,
-                Beside {
-                    rest_sq,
-                    to: b,
-                    link,
-                },
-            ));
-            both.push((
-                b,
-                Beside {
-                    rest_sq,
-                    to: a,
-                    link,
-                },
-            ));
+        edge_m /= ends.len() as f64;
+        let by_owner = Fours::new(ends, nodes);
+        let mut both: Vec<(u32, Beside)> = Vec::with_capacity(2 * by_owner.places());
+        for node in 0..nodes {
+            for link in by_owner.of(node) {
+                for (of, to) in [(node as u32, link.to), (link.to, node as u32)] {
+                    let beside = Beside {
+                        rest_sq: link.rest_sq,
+                        to,
+                        place: link.place as u32,
+                    };
+                    both.push((of, beside));
+                }
+            }
         }
         both.sort_by_key(|(node, beside)| (*node, beside.to));
         let mut beside_start = vec![0; nodes + 1];
@@ -144,8 +125,7 @@ impl Links {
             modulus_volume,
             extent_m: (high - low).max(),
             edge_m,
-            upper_start,
-            upper,
+            owned: by_owner,
             beside_start,
             beside: both.into_iter().map(|(_, beside)| beside).collect(),
             rest_m,
@@ -155,18 +135,6 @@ impl Links {
     /// Number of elements.
     pub fn nodes(&self) -> usize {
         self.rest_m.len()
-    }
-
-    /// Number of links.
-    pub fn count(&self) -> usize {
-        self.upper.len()
-    }
-
-    /// Links of one element to higher ones, and the index of the first of them.
-    #[inline]
-    pub fn upper(&self, node: usize) -> (usize, &[Upper]) {
-        let range = self.upper_start[node] as usize..self.upper_start[node + 1] as usize;
-        (range.start, &self.upper[range])
     }
 
     /// All links of one element, ascending by the other.
@@ -209,7 +177,7 @@ fn calibration(mesh: &TetMesh) -> f64 {
 }
 
 /// Counts to starts.
-fn accumulate(starts: &mut [u32]) {
+pub(super) fn accumulate(starts: &mut [u32]) {
     let mut sum = 0;
     for start in starts {
         sum += *start;
@@ -258,16 +226,26 @@ mod tests {
                 }
             }
         }
-        assert_eq!(links.count(), seen.len());
+        let mut once = std::collections::BTreeMap::new();
+        for node in 0..links.nodes() {
+            for link in links.owned.of(node) {
+                let pair = ((node as u32).min(link.to), (node as u32).max(link.to));
+                assert!(once.insert(pair, link).is_none() && link.place < links.owned.places());
+            }
+        }
+        assert!(once.keys().eq(&seen));
         let mut directed = 0;
         for node in 0..links.nodes() {
+            assert!(links.beside(node).is_sorted_by_key(|beside| beside.to));
             for beside in links.beside(node) {
                 directed += 1;
-                let pair = (node as u32).min(beside.to);
-                let (first, upper) = links.upper(pair as usize);
-                let own = &upper[beside.link as usize - first];
-                assert_eq!(own.to, (node as u32).max(beside.to));
-                assert_eq!(own.rest_sq, beside.rest_sq);
+                let pair = ((node as u32).min(beside.to), (node as u32).max(beside.to));
+                let own = once[&pair];
+                assert_eq!(
+                    (own.place, own.rest_sq),
+                    (beside.place as usize, beside.rest_sq)
+                );
+                assert_eq!(own.spring, links.owned.spring(beside.place));
             }
         }
         assert_eq!(directed, 2 * seen.len());
@@ -284,10 +262,10 @@ mod tests {
             let half = Matrix3::new(x, xy, zx, xy, y, yz, zx, yz, z);
             let mut sum = 0.0;
             for node in 0..links.nodes() {
-                for link in links.upper(node).1 {
+                for link in links.owned.of(node) {
                     let (a, b) = (&links.rest_m[node], &links.rest_m[link.to as usize]);
                     let d = Vector3::from(difference(a, b));
-                    let k = 2.0 * f64::from(link.spring) * link.rest_sq;
+                    let k = 2.0 * link.spring * link.rest_sq;
                     sum += 0.5 * k * d.dot(&(half * d)).powi(2) / link.rest_sq;
                 }
             }

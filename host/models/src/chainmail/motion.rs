@@ -4,22 +4,24 @@
 //! and with links as springs within their limits; masses grow where the step is too long for their springs.
 
 use super::awake::Awake;
-use super::links::{Links, difference, square};
+use super::forces::{Element, Pass, Springs};
+use super::links::Links;
+use super::quad::Quad;
 use crate::Drive;
+use crate::held::load;
 use crate::rigid::{Rigid, momenta};
 use nalgebra::Vector3;
+use pulp::{Arch, Simd, WithSimd};
 
 /// Where elements are and how they move.
 #[derive(Clone, Debug)]
 pub(super) struct Motion {
-    /// Positions \[m\], (n x 3).
-    pub x: Vec<[f64; 3]>,
-    /// Positions at the end of the last step \[m\], (n x 3); of what sleeps, the same as `x`.
+    /// Positions and the links' forces, (n).
+    pub at: Vec<Element>,
+    /// Positions at the end of the last step \[m\], (n x 3); of what sleeps, the same as in `at`.
     pub previous: Vec<[f64; 3]>,
-    /// Velocities \[m/s\], (n x 3).
-    pub v: Vec<[f64; 3]>,
-    /// Force of the links at `x` \[N\], (n x 3); of what sleeps, meaningless.
-    pub f: Vec<[f64; 3]>,
+    /// Velocities \[m/s\], (n).
+    pub v: Vec<Quad>,
     /// Masses of this step \[kg\], (n).
     pub mass: Vec<f64>,
     /// Inverses of them, 0 where held \[1/kg\], (n).
@@ -28,10 +30,12 @@ pub(super) struct Motion {
     pub decay: f64,
     /// Elastic energy of all links \[J\].
     pub energy_j: f64,
-    /// Energy of the links to higher elements \[J\], (n).
+    /// Elements with a link that was beyond its limits when forces were last computed.
+    pub beyond: Vec<u32>,
+    /// Energy of the links that an element owns \[J\], (n).
     energy_of: Vec<f64>,
-    /// Least and greatest of (l / l0)^2 - 1 that a spring feels.
-    strain: (f64, f64),
+    springs: Springs,
+    arch: Arch,
 }
 
 /// Sums over what is awake after a step.
@@ -47,30 +51,28 @@ pub(super) struct Sums {
     pub angular_momentum: [f64; 3],
     /// Squared norm of m a at free elements \[N^2\].
     pub unbalanced_sq: f64,
-    /// Work of the loads \[J\].
-    pub work_j: f64,
-    /// Squared norm of the loads \[N^2\].
-    pub load_sq: f64,
 }
 
 impl Motion {
-    /// At rest; springs feel strain up to `limit` in both directions.
-    pub fn new(links: &Links, limit: f64) -> Self {
+    /// At rest.
+    pub fn new(links: &Links, springs: Springs) -> Self {
         let nodes = links.nodes();
+        let at_rest = |x: &[f64; 3]| Element {
+            x: Quad::of(*x),
+            f: Quad::ZERO,
+        };
         Self {
-            x: links.rest_m.clone(),
+            at: links.rest_m.iter().map(at_rest).collect(),
             previous: links.rest_m.clone(),
-            v: vec![[0.0; 3]; nodes],
-            f: vec![[0.0; 3]; nodes],
+            v: vec![Quad::ZERO; nodes],
             mass: links.mass_kg.clone(),
             inverse_mass: links.mass_kg.iter().map(|m| 1.0 / m).collect(),
             decay: 1.0,
             energy_j: 0.0,
+            beyond: Vec::with_capacity(nodes),
             energy_of: vec![0.0; nodes],
-            strain: (
-                (1.0 - limit) * (1.0 - limit) - 1.0,
-                (1.0 + limit) * (1.0 + limit) - 1.0,
-            ),
+            springs,
+            arch: Arch::new(),
         }
     }
 
@@ -78,7 +80,7 @@ impl Motion {
     /// constant `relaxation_s`. No element may be so light that a step overshoots: the stiffest motion has
     /// at most `omega^2 = 2 s sum(k) / m` with `s` the steepest spring's slope over k.
     pub fn set_step(&mut self, links: &Links, step_s: f64, relaxation_s: f64) {
-        let slope = 1.0 + 1.5 * self.strain.1;
+        let slope = self.springs.slope();
         let mut total = 0.0;
         for (node, mass) in self.mass.iter_mut().enumerate() {
             *mass = links.mass_kg[node].max(step_s * step_s * slope * links.stiffness[node]);
@@ -96,57 +98,30 @@ impl Motion {
             if w == 0.0 {
                 continue;
             }
-            let load = drive.force_n.get(i).copied().unwrap_or_default();
-            for axis in 0..3 {
-                let v = decay * self.v[i][axis] + step_s * w * (self.f[i][axis] + load[axis]);
-                self.x[i][axis] += step_s * v;
-            }
+            let Element { x, f } = self.at[i];
+            let load = Quad::of(load(drive, i));
+            let v = decay * self.v[i] + (step_s * w) * (f + load);
+            self.at[i].x = x + step_s * v;
         }
     }
 
     /// Velocities from what has moved, (3.47), and the sums over it. Positions that are not finite show in
     /// [`Sums::kinetic_j`].
-    pub fn velocities(
-        &mut self,
-        awake: &Awake,
-        drive: &Drive<'_>,
-        step_s: f64,
-        decay: f64,
-    ) -> Sums {
-        let mut sums = Sums::default();
-        let (mut linear, mut angular) = (Vector3::zeros(), Vector3::zeros());
-        let rate = 1.0 / step_s;
-        for i in awake.iter() {
-            let (from, to, old) = (self.previous[i], self.x[i], self.v[i]);
-            let load = drive.force_n.get(i).copied().unwrap_or_default();
-            let free = self.inverse_mass[i] > 0.0;
-            let v = difference(&from, &to).map(|d| d * rate);
-            let mass = self.mass[i];
-            if free {
-                // Drag counts as inertia here: both vanish at rest.
-                let change = [0, 1, 2].map(|axis| mass * rate * (v[axis] - decay * old[axis]));
-                sums.unbalanced_sq += square(change);
-                sums.kinetic_j += 0.5 * mass * square(v);
-                sums.load_sq += square(load);
-            }
-            for axis in 0..3 {
-                sums.work_j += load[axis] * (to[axis] - from[axis]);
-            }
-            let push = mass * Vector3::from(v);
-            linear += push;
-            angular += Vector3::from(to).cross(&push);
-            sums.moved += usize::from(from != to);
-            self.v[i] = v;
-        }
-        (sums.momentum, sums.angular_momentum) = (linear.into(), angular.into());
-        sums
+    pub fn velocities(&mut self, awake: &Awake, step_s: f64, decay: f64) -> Sums {
+        self.arch.dispatch(Velocities {
+            motion: self,
+            awake,
+            step_s,
+            decay,
+        })
     }
 
     /// Where nothing is held: drag acts on what is not rigid motion, and the angular momentum is set to
     /// `angular`. Adjustments conserve it about the places where they happen, (3.29), but (3.47) gives the
     /// velocity to the places before them; a rigid turn makes up for the difference.
     pub fn free(&mut self, angular: [f64; 3], sums: &mut Sums) {
-        let points = self.mass.iter().copied().zip(self.x.iter().copied());
+        let places = self.at.iter().map(|at| at.x.xyz());
+        let points = self.mass.iter().copied().zip(places);
         let target = Vector3::from(angular);
         let missing = target - Vector3::from(sums.angular_momentum);
         let Some(rigid) = Rigid::of(points, sums.momentum, angular) else {
@@ -155,32 +130,33 @@ impl Motion {
         let turning = rigid.turning(missing);
         sums.kinetic_j = 0.0;
         for (i, v) in self.v.iter_mut().enumerate() {
-            let carried = rigid.at(self.x[i]);
-            let own = Vector3::from(*v) + turning.at(self.x[i]) - carried;
-            *v = (carried + self.decay * own).into();
-            sums.kinetic_j += 0.5 * self.mass[i] * square(*v);
+            let x = self.at[i].x.xyz();
+            let carried = rigid.at(x);
+            let own = Vector3::from(v.xyz()) + turning.at(x) - carried;
+            *v = Quad::of((carried + self.decay * own).into());
+            sums.kinetic_j += 0.5 * self.mass[i] * v.square();
         }
         (sums.momentum, sums.angular_momentum) = self.momenta();
     }
 
     /// Momenta of all elements.
     pub fn momenta(&self) -> ([f64; 3], [f64; 3]) {
-        let all = self.mass.iter().zip(&self.x).zip(&self.v);
-        momenta(all.map(|((m, x), v)| (*m, *x, *v)))
+        let all = self.mass.iter().zip(&self.at).zip(&self.v);
+        momenta(all.map(|((m, at), v)| (*m, at.x.xyz(), v.xyz())))
     }
 
     /// Ends a step: `previous` becomes where elements are.
     pub fn settle(&mut self, awake: &Awake) {
         for i in awake.iter() {
-            self.previous[i] = self.x[i];
+            self.previous[i] = self.at[i].x.xyz();
         }
     }
 
     /// Undoes a step that led nowhere: back to `previous`, at rest.
     pub fn restore(&mut self, awake: &Awake) {
         for i in awake.iter() {
-            self.x[i] = self.previous[i];
-            self.v[i] = [0.0; 3];
+            self.at[i].x = Quad::of(self.previous[i]);
+            self.v[i] = Quad::ZERO;
         }
     }
 
@@ -189,38 +165,70 @@ impl Motion {
         self.energy_j = self.energy_of.iter().sum();
     }
 
-    /// Forces and energy of every link of what is awake. A spring's energy is k l0^2 e^2 / 2 with Green's
-    /// strain e = (l^2 / l0^2 - 1) / 2, which needs no root; beyond the limits its e stays, so that a link
-    /// on its way back does not explode.
+    /// Forces and energy of every link of what is awake; finds what is `beyond` limits.
     pub fn link_forces(&mut self, awake: &Awake, links: &Links) {
-        for i in awake.near() {
-            self.f[i] = [0.0; 3];
-        }
-        let (low, high) = self.strain;
-        let mut gained = 0.0;
-        for i in awake.near() {
-            let xi = self.x[i];
-            let (mut own, mut energy) = ([0.0; 3], 0.0);
-            for link in links.upper(i).1 {
-                let d = difference(&xi, &self.x[link.to as usize]);
-                let change = square(d) - link.rest_sq;
-                let felt = change.min(high * link.rest_sq).max(low * link.rest_sq);
-                let spring = f64::from(link.spring);
-                let pull = spring * felt;
-                let other = &mut self.f[link.to as usize];
-                for axis in 0..3 {
-                    let force = pull * d[axis];
-                    own[axis] += force;
-                    other[axis] -= force;
-                }
-                energy += pull * (2.0 * change - felt);
+        self.energy_j += self.arch.dispatch(Pass {
+            springs: self.springs,
+            links,
+            awake,
+            at: &mut self.at,
+            energy_of: &mut self.energy_of,
+            beyond: &mut self.beyond,
+        });
+    }
+
+    /// Force and energy of one element's links, after a few have moved.
+    pub fn renew(&mut self, node: usize, links: &Links) {
+        let (at, energy_of) = (&mut self.at[..], &mut self.energy_of[..]);
+        self.energy_j += self.springs.renew(links, node, at, energy_of);
+    }
+}
+
+/// [`Motion::velocities`] in the registers that the processor has.
+struct Velocities<'a> {
+    motion: &'a mut Motion,
+    awake: &'a Awake,
+    step_s: f64,
+    decay: f64,
+}
+
+impl WithSimd for Velocities<'_> {
+    type Output = Sums;
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) -> Sums {
+        let Self {
+            motion,
+            awake,
+            step_s,
+            decay,
+        } = self;
+        let mut moved = 0;
+        let [mut kinetic, mut unbalanced, mut linear, mut turned] = [Quad::ZERO; 4];
+        let rate = 1.0 / step_s;
+        for i in awake.iter() {
+            let (to, mass) = (motion.at[i].x, motion.mass[i]);
+            let gone = to - Quad::of(motion.previous[i]);
+            let v = rate * gone;
+            let push = mass * v;
+            if motion.inverse_mass[i] > 0.0 {
+                // Drag counts as inertia here: both vanish at rest.
+                let change = rate * (push - (mass * decay) * motion.v[i]);
+                unbalanced = unbalanced + change * change;
+                kinetic = kinetic + push * v;
             }
-            for axis in 0..3 {
-                self.f[i][axis] += own[axis];
-            }
-            gained += 0.25 * energy - self.energy_of[i];
-            self.energy_of[i] = 0.25 * energy;
+            linear = linear + push;
+            // The vector product, its components one place on.
+            turned = turned + (to * push.turn() - to.turn() * push);
+            moved += usize::from(gone.any());
+            motion.v[i] = v;
         }
-        self.energy_j += gained;
+        Sums {
+            moved,
+            kinetic_j: 0.5 * kinetic.sum(),
+            momentum: linear.xyz(),
+            angular_momentum: turned.turn().xyz(),
+            unbalanced_sq: unbalanced.sum(),
+        }
     }
 }

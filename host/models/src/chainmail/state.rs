@@ -3,11 +3,14 @@
 //! Entry point: [`State`].
 
 use super::awake::Awake;
-use super::links::{Links, square};
+use super::forces::Springs;
+use super::links::{Links, difference, square};
 use super::motion::Motion;
+use super::quad::Quad;
 use super::queue::Queue;
 use super::settings::EllipsoidSettings;
 use crate::Drive;
+use crate::held::{Held, load};
 
 /// Steps between looks at what may sleep.
 pub(super) const SLEEP_EVERY: u32 = 64;
@@ -18,15 +21,15 @@ pub(super) struct State {
     pub motion: Motion,
     pub awake: Awake,
     pub queue: Queue,
-    /// Held elements of the last step.
-    pub held: Vec<u32>,
-    pub reactions_n: Vec<[f64; 3]>,
+    pub held: Held,
     /// Mass times adjustment that links gave to held elements in a step \[kg m\], (n x 3).
     pub impulse: Vec<[f64; 3]>,
     /// Loads of the last step, to see which change.
     pub loads: Vec<[f64; 3]>,
     pub any_load: bool,
     pub stamp: Vec<u32>,
+    /// Elements whose forces are out of date.
+    pub stale: Vec<u32>,
     pub now: u32,
     pub step_s: f64,
     pub moved: usize,
@@ -35,19 +38,20 @@ pub(super) struct State {
 }
 
 impl State {
-    /// At rest; springs feel strain up to `limit` in both directions.
-    pub fn new(links: &Links, limit: f64) -> Self {
+    /// At rest.
+    pub fn new(links: &Links, springs: Springs) -> Self {
         let nodes = links.nodes();
         Self {
-            motion: Motion::new(links, limit),
+            motion: Motion::new(links, springs),
             awake: Awake::new(nodes),
             queue: Queue::new(nodes),
-            held: Vec::new(),
-            reactions_n: Vec::new(),
+            held: Held::default(),
             impulse: vec![[0.0; 3]; nodes],
             loads: vec![[0.0; 3]; nodes],
             any_load: false,
             stamp: vec![0; nodes],
+            // Each may be adjusted and, once, woken.
+            stale: Vec::with_capacity(2 * nodes),
             now: 0,
             step_s: 0.0,
             moved: 0,
@@ -59,8 +63,16 @@ impl State {
     /// Wakes an element. What slept was in balance: its links' force, not kept up, counts as none.
     pub fn wake(&mut self, node: u32, links: &Links) {
         if self.awake.wake(node, links) {
-            self.motion.f[node as usize] = [0.0; 3];
+            self.motion.at[node as usize].f = Quad::ZERO;
         }
+    }
+
+    /// Wakes the neighbours of an element.
+    fn wake_beside(&mut self, node: u32, links: &Links) {
+        let at = &mut self.motion.at;
+        self.awake.wake_beside(node, links, |woken| {
+            at[woken as usize].f = Quad::ZERO;
+        });
     }
 
     /// Wakes every element.
@@ -73,34 +85,28 @@ impl State {
 
     /// Holds what the drive holds, lets go of the rest, and queues what is moved.
     pub fn hold(&mut self, drive: &Drive<'_>, links: &Links) {
-        for index in 0..self.held.len() {
-            let node = self.held[index];
-            self.motion.inverse_mass[node as usize] = 1.0 / self.motion.mass[node as usize];
-            let still = drive
-                .held
-                .binary_search_by_key(&node, |held| held.0)
-                .is_ok();
-            if !still {
-                self.awake.wake_beside(node, links, |woken| {
-                    self.motion.f[woken as usize] = [0.0; 3];
-                });
-            }
-        }
-        self.held.clear();
+        let Motion {
+            inverse_mass,
+            mass,
+            at,
+            ..
+        } = &mut self.motion;
+        self.held.hold(drive, |i| {
+            inverse_mass[i] = 1.0 / mass[i];
+            self.awake.wake_beside(i as u32, links, |woken| {
+                at[woken as usize].f = Quad::ZERO;
+            });
+        });
         for &(node, displacement) in drive.held {
             let i = node as usize;
-            self.held.push(node);
             self.wake(node, links);
             self.motion.inverse_mass[i] = 0.0;
             self.impulse[i] = [0.0; 3];
-            let rest = links.rest_m[i];
-            let target = [0, 1, 2].map(|axis| rest[axis] + displacement[axis]);
-            if self.motion.x[i] != target {
-                self.motion.x[i] = target;
+            let target = Quad::of(links.rest_m[i]) + Quad::of(displacement);
+            if self.motion.at[i].x != target {
+                self.motion.at[i].x = target;
                 self.queue.push(node);
-                self.awake.wake_beside(node, links, |woken| {
-                    self.motion.f[woken as usize] = [0.0; 3];
-                });
+                self.wake_beside(node, links);
             }
         }
     }
@@ -120,37 +126,57 @@ impl State {
         self.any_load = !drive.force_n.is_empty();
     }
 
-    /// Reactions of held elements, and their work over the step.
-    pub fn react(&mut self, drive: &Drive<'_>, step_s: f64) {
-        let rate_sq = 1.0 / (step_s * step_s);
-        self.reactions_n.clear();
-        for &(node, _) in drive.held {
-            let i = node as usize;
-            let load = drive.force_n.get(i).copied().unwrap_or_default();
-            let (force, impulse) = (self.motion.f[i], self.impulse[i]);
-            let of = |axis: usize| -force[axis] - load[axis] - rate_sq * impulse[axis];
-            let reaction: [f64; 3] = [of(0), of(1), of(2)];
-            for axis in 0..3 {
-                let step_m = self.motion.x[i][axis] - self.motion.previous[i][axis];
-                self.work_j += reaction[axis] * step_m;
+    /// Brings forces up to date with the elements that were moved or woken since they were computed.
+    pub fn renew(&mut self, links: &Links) {
+        // One element has some 14 neighbours and each of them 14 links: beyond a few, all at once is less.
+        if 32 * self.stale.len() > self.awake.count() {
+            self.motion.link_forces(&self.awake, links);
+        } else {
+            for &node in &self.stale {
+                self.queue.push(node);
+                for beside in links.beside(node as usize) {
+                    self.queue.push(beside.to);
+                }
             }
-            self.reactions_n.push(reaction);
+            while let Some(node) = self.queue.pop() {
+                self.motion.renew(node as usize, links);
+            }
         }
+        self.stale.clear();
+    }
+
+    /// Reactions of held elements, and the work of reactions and loads over the step; returns the sum of the
+    /// squares of reactions and of the loads on the rest \[N^2\].
+    pub fn react(&mut self, drive: &Drive<'_>, step_s: f64) -> f64 {
+        let rate_sq = 1.0 / (step_s * step_s);
+        let (motion, impulse) = (&self.motion, &self.impulse);
+        let gone = |i: usize| difference(&motion.previous[i], &motion.at[i].x.xyz());
+        let reaction = |i: usize| {
+            let load = Quad::of(load(drive, i));
+            (-motion.at[i].f - load - rate_sq * Quad::of(impulse[i])).xyz()
+        };
+        let (mut acting_sq, work_j) = self.held.react(drive, reaction, gone);
+        self.work_j += work_j;
+        for (i, load) in drive.force_n.iter().enumerate() {
+            let gone = gone(i);
+            self.work_j += load[0] * gone[0] + load[1] * gone[1] + load[2] * gone[2];
+            if motion.inverse_mass[i] > 0.0 {
+                acting_sq += square(*load);
+            }
+        }
+        acting_sq
     }
 
     /// Wakes what moving elements touch.
     pub fn spread(&mut self, links: &Links, settings: &EllipsoidSettings) {
-        if self.awake.all() {
-            return;
-        }
         let threshold_sq = settings.sleep_m_per_s * settings.sleep_m_per_s;
-        for i in self.awake.iter() {
-            if square(self.motion.v[i]) > threshold_sq {
+        for i in self.awake.rim() {
+            if self.motion.v[i].square() > threshold_sq {
                 self.queue.push(i as u32);
             }
         }
         while let Some(node) = self.queue.pop() {
-            self.awake.wake_beside(node, links, |_| {});
+            self.wake_beside(node, links);
         }
     }
 
@@ -161,8 +187,8 @@ impl State {
         let step_s = self.step_s;
         self.awake.put_to_sleep(links, |i| {
             let w = motion.inverse_mass[i];
-            let kick = motion.f[i].map(|f| w * step_s * f);
-            w > 0.0 && square(motion.v[i]) < threshold_sq && square(kick) < threshold_sq
+            let kick = (w * step_s) * motion.at[i].f;
+            w > 0.0 && motion.v[i].square() < threshold_sq && kick.square() < threshold_sq
         });
     }
 }

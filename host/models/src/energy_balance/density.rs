@@ -25,21 +25,23 @@ pub(super) type Square<N> = [[N; 3]; 3];
 
 #[inline(always)]
 fn cofactor<S: Simd, N: Number<S>>(h: &Square<N>) -> Square<N> {
-    let minor = |a: usize, b: usize, c: usize, d: usize| {
-        (-(h[a % 3][d % 3])).fma(h[c % 3][b % 3], h[a % 3][b % 3] * h[c % 3][d % 3])
-    };
-    let entry = |r: usize, c: usize| minor(r + 1, c + 1, r + 2, c + 2);
-    [
-        [entry(0, 0), entry(0, 1), entry(0, 2)],
-        [entry(1, 0), entry(1, 1), entry(1, 2)],
-        [entry(2, 0), entry(2, 1), entry(2, 2)],
-    ]
+    let mut cofactor = *h;
+    for r in 0..3 {
+        for c in 0..3 {
+            let (a, b, d, e) = ((r + 1) % 3, (r + 2) % 3, (c + 1) % 3, (c + 2) % 3);
+            cofactor[r][c] = h[a][e].fnma(h[b][d], h[a][d] * h[b][e]);
+        }
+    }
+    cofactor
 }
 
 #[inline(always)]
 fn squares<S: Simd, N: Number<S>>(h: &Square<N>) -> N {
-    let row = |a: &[N; 3]| a[2].fma(a[2], a[1].fma(a[1], a[0] * a[0]));
-    row(&h[0]) + row(&h[1]) + row(&h[2])
+    let mut sums = h[0];
+    for c in 0..3 {
+        sums[c] = h[2][c].fma(h[2][c], h[1][c].fma(h[1][c], h[0][c] * h[0][c]));
+    }
+    sums[0] + sums[1] + sums[2]
 }
 
 /// Volume ratio less one, cofactors of F less the identity, of H.
@@ -73,30 +75,34 @@ where
     S: Simd,
     N: Number<S>,
 {
-    let c = |value: f64| m.mu.like(value);
+    let one = m.mu.like(1.0);
+    let half = m.mu.like(0.5);
+    let two = m.mu.like(2.0);
+    let two_thirds = m.mu.like(-2.0 / 3.0);
+    let five_ninths = m.mu.like(5.0 / 9.0);
     let trace = h[0][0] + h[1][1] + h[2][2];
-    let stretch = trace.fma(c(2.0), squares(h));
+    let stretch = trace.fma(two, squares(h));
     let (e, cofactors) = volume(h);
-    let inside = e.least(c(HIGH - 1.0)).most(c(LOW - 1.0));
-    let r = (inside + c(1.0)).inverse_cube_root();
+    let inside = e.least(m.mu.like(HIGH - 1.0)).most(m.mu.like(LOW - 1.0));
+    let r = (inside + one).inverse_cube_root();
     let r2 = r * r;
     let r3 = r2 * r;
     // Zero unless the volume is out of range.
     let beyond = (e - inside) * r3;
-    let tail = beyond.fma(c(5.0 / 9.0), c(-2.0 / 3.0));
+    let tail = beyond.fma(five_ninths, two_thirds);
     let shape = (r2 * beyond).fma(tail, r2);
-    let d_shape = r2 * r3 * beyond.fma(c(10.0 / 9.0), c(-2.0 / 3.0));
+    let d_shape = r2 * r3 * beyond.fma(m.mu.like(10.0 / 9.0), two_thirds);
     // shape + 3/2 d_shape, which is small near rest.
-    let slope = r3.fma(c(5.0 / 3.0), beyond.fma(c(5.0 / 9.0), c(-2.0 / 3.0)));
+    let slope = r3.fma(m.mu.like(5.0 / 3.0), beyond.fma(five_ninths, two_thirds));
     let even = r2 * beyond.fma(slope, r3 * inside);
-    let mut of_cofactors = (m.mu * c(0.5) * stretch).fma(d_shape, m.bulk * e);
+    let mut of_cofactors = (m.mu * half * stretch).fma(d_shape, m.bulk * e);
     let mut energy = m.mu;
     let mut pull = m.eta;
     let mut turned = m.fibre;
     let (mut along, mut shape_1) = (m.mu, m.mu);
     if FIBRES || ENERGY {
-        let one_less = inside * r3 / (r2 + r + c(1.0));
-        shape_1 = (r2 * beyond).fma(tail, -(one_less * (r + c(1.0))));
+        let one_less = inside * r3 / (r2 + r + one);
+        shape_1 = (r2 * beyond).fma(tail, -(one_less * (r + one)));
     }
     if FIBRES {
         let a = &m.fibre;
@@ -105,17 +111,17 @@ where
         }
         let mut i4 = turned[2].fma(turned[2], turned[1].fma(turned[1], turned[0] * turned[0]));
         let projected = turned[2].fma(a[2], turned[1].fma(a[1], turned[0] * a[0]));
-        i4 = projected.fma(c(2.0), i4);
+        i4 = projected.fma(two, i4);
         along = shape.fma(i4, shape_1);
         for k in 0..3 {
             turned[k] = turned[k] + a[k];
         }
-        pull = m.eta * along * c(2.0);
-        of_cofactors = (pull * c(0.5) * d_shape).fma(i4 + c(1.0), of_cofactors);
+        pull = m.eta * along * two;
+        of_cofactors = (pull * half * d_shape).fma(i4 + one, of_cofactors);
         pull = pull * shape;
     }
     let of_identity = m.mu.fma(even, of_cofactors);
-    let of_first = (m.mu * c(1.5)).fma(d_shape, of_cofactors);
+    let of_first = (m.mu * m.mu.like(1.5)).fma(d_shape, of_cofactors);
     let of_h = m.mu * shape;
     let mut p = cofactors;
     for row in 0..3 {
@@ -131,10 +137,10 @@ where
         }
     }
     if ENERGY {
-        let isochoric = shape.fma(stretch, shape_1 * c(3.0));
-        energy = (m.mu * c(0.5)).fma(isochoric, m.bulk * c(0.5) * e * e);
+        let isochoric = shape.fma(stretch, shape_1 * m.mu.like(3.0));
+        energy = (m.mu * half).fma(isochoric, m.bulk * half * e * e);
         if FIBRES {
-            energy = (m.eta * c(0.5) * along).fma(along, energy);
+            energy = (m.eta * half * along).fma(along, energy);
         }
     }
     (energy, p)

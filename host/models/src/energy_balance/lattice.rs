@@ -1,10 +1,11 @@
 //! A rough inverse of the stiffness at rest: each node by itself, and a lattice for what is smooth.
 //!
-//! Entry points: [`Rough::new`], [`Rough::hold`], [`Rough::apply`]. Steps from cell to cell carry a load one
+//! Entry points: [`Rough::new`], [`Rough::hold`], [`Rough::own`], [`Rough::add_smooth`]. Steps from cell to cell carry a load one
 //! cell further each; the lattice, coarse enough for a dense inverse, carries it everywhere at once
 //! (additive two-level Schwarz). It only speeds up the way: the point of balance does not depend on it.
 
 use super::cells::{Rest, law_of};
+use super::nodes::{Field, Rows, rows_for};
 use super::number::Float;
 use crate::law::Law;
 use nalgebra::{Matrix3, Vector3};
@@ -18,6 +19,22 @@ struct Place<T> {
     weights: [T; 8],
 }
 
+/// A box of the lattice and the nodes in it.
+#[derive(Clone, Debug)]
+struct Cuboid<T> {
+    /// Points at which its four edges along x begin.
+    edges: [usize; 4],
+    members: Vec<Member<T>>,
+}
+
+/// A node in a box: its weights of the sides x = 0 and x = 1, zero where it is held, and of the four edges.
+#[derive(Clone, Debug)]
+struct Member<T> {
+    node: u16,
+    sides: [T; 2],
+    edges: [T; 4],
+}
+
 /// The rough inverse.
 #[derive(Clone, Debug)]
 pub(super) struct Rough<T> {
@@ -26,35 +43,42 @@ pub(super) struct Rough<T> {
     /// Inverse block of each node, by columns; zero where held and after the last, (n + 1).
     own: Vec<[[T; 4]; 3]>,
     places: Vec<Place<T>>,
+    cuboids: Vec<Cuboid<T>>,
     points: usize,
-    /// Dense inverse on the lattice, (4 points x 4 points): the fourth number of a point is not used.
+    /// Dense inverse on the lattice, (3 points x 3 points).
     inverse: Vec<T>,
     dense: Vec<f64>,
     row: Vec<f64>,
-    load: Vec<[T; 4]>,
-    answer: Vec<[T; 4]>,
+    /// At the points: (points), and packed, (3 points).
+    smooth: Vec<[T; 4]>,
+    load: Vec<T>,
+    answer: Vec<T>,
 }
 
 impl<T: Float> Rough<T> {
     pub fn new(mesh: &TetMesh, laws: &[Law], most_points: usize) -> Self {
-        let (places, points) = lattice(mesh, most_points);
+        let (places, cuboids) = lattice(mesh, most_points);
+        let used = places.iter().flat_map(|place| place.points);
+        let points = used.max().map_or(0, |last| last as usize + 1);
         let zero = [T::default(); 4];
         Self {
             blocks: stiffness(mesh, laws),
-            own: vec![[zero; 3]; mesh.points_m().len() + 1],
+            own: vec![[zero; 3]; rows_for(mesh.points_m().len())],
             places,
+            cuboids,
             points,
-            inverse: vec![T::default(); 16 * points * points],
+            inverse: vec![T::default(); 9 * points * points],
             dense: vec![0.0; 9 * points * points],
             row: vec![0.0; 3 * points],
-            load: vec![zero; points],
-            answer: vec![zero; points],
+            smooth: vec![zero; points],
+            load: vec![T::default(); 3 * points],
+            answer: vec![T::default(); 3 * points],
         }
     }
 
     /// Mean diagonal of each node's own block \[N/m\], (n).
     pub fn own_stiffness(&self) -> Vec<f64> {
-        let mut own = vec![0.0; self.own.len() - 1];
+        let mut own = vec![0.0; self.own.len()];
         for (i, j, block) in &self.blocks {
             if i == j {
                 own[*i as usize] = block.trace() / 3.0;
@@ -65,8 +89,8 @@ impl<T: Float> Rough<T> {
 
     /// Makes ready for nodes of which some are `free` (1, the others 0; n + 1), each with a further
     /// `inertia` \[N/m\].
-    pub fn hold(&mut self, free: &[T], inertia: &[T]) {
-        let is_free = |node: u32| free[node as usize].wide() > 0.0;
+    pub fn hold(&mut self, free: &[[T; 4]], inertia: &[[T; 4]]) {
+        let is_free = |node: u32| free[node as usize][0].wide() > 0.0;
         for own in &mut self.own {
             *own = [[T::default(); 4]; 3];
         }
@@ -78,7 +102,7 @@ impl<T: Float> Rough<T> {
             }
             let mut block = *block;
             if i == j {
-                block += Matrix3::from_diagonal_element(inertia[*i as usize].wide());
+                block += Matrix3::from_diagonal_element(inertia[*i as usize][0].wide());
                 if let Some(inverse) = block.try_inverse() {
                     for c in 0..3 {
                         for r in 0..3 {
@@ -107,54 +131,105 @@ impl<T: Float> Rough<T> {
             }
         }
         invert(&mut self.dense, &mut self.row);
-        for (k, value) in self.dense.iter().enumerate() {
-            let (row, column) = (k / size, k % size);
-            let at = (4 * (row / 3) + row % 3) * 4 * self.points + 4 * (column / 3) + column % 3;
-            self.inverse[at] = T::of(*value);
+        for (to, from) in self.inverse.iter_mut().zip(&self.dense) {
+            *to = T::of(*from);
+        }
+        for cuboid in &mut self.cuboids {
+            for member in &mut cuboid.members {
+                let node = member.node as usize;
+                let free = free[node][0];
+                member.sides = self.places[node].sides().map(|side| side * free);
+            }
         }
     }
 
-    /// The correction `z` that answers residual `g`, both (n + 1); zero at nodes that are not `free`.
+    /// Inverse block of each node, by columns; zero where held, (n + 1).
     #[inline(always)]
-    pub fn apply(&mut self, free: &[T], g: &[[T; 4]], z: &mut [[T; 4]]) {
-        for ((z, g), own) in z.iter_mut().zip(g).zip(&self.own) {
-            for c in 0..4 {
-                z[c] = own[2][c].fma(g[2], own[1][c].fma(g[1], own[0][c] * g[0]));
-            }
+    pub fn own(&self) -> &[[[T; 4]; 3]] {
+        &self.own
+    }
+
+    /// Adds the smooth part of the answer to residual `g` to `z`, both (n + 1); none at held nodes.
+    #[inline(always)]
+    pub fn add_smooth(&mut self, g: &Field<T>, z: &mut Field<T>) {
+        if self.points > 0 {
+            self.restrict(g.rows());
+            self.answer();
+            self.interpolate(z.rows_mut());
         }
-        if self.points == 0 {
-            return;
-        }
-        self.load.fill([T::default(); 4]);
-        for (place, g) in self.places.iter().zip(g) {
-            for k in 0..8 {
-                let load = &mut self.load[place.points[k] as usize];
+    }
+
+    /// Residual of the nodes to the points.
+    #[inline(always)]
+    fn restrict(&mut self, g: &Rows<T>) {
+        self.smooth.fill([T::default(); 4]);
+        for cuboid in &self.cuboids {
+            // Both ends of an edge side by side.
+            let mut sums = [[T::default(); 8]; 4];
+            for member in &cuboid.members {
+                let g = &g[member.node as usize];
+                let mut ends = [T::default(); 8];
                 for c in 0..4 {
-                    load[c] = place.weights[k].fma(g[c], load[c]);
+                    ends[c] = member.sides[0] * g[c];
+                    ends[4 + c] = member.sides[1] * g[c];
+                }
+                for (sum, weight) in sums.iter_mut().zip(member.edges) {
+                    for c in 0..8 {
+                        sum[c] = weight.fma(ends[c], sum[c]);
+                    }
+                }
+            }
+            for (edge, sum) in cuboid.edges.iter().zip(sums) {
+                let points = &mut self.smooth.as_flattened_mut()[4 * edge..4 * edge + 8];
+                for (point, sum) in points.iter_mut().zip(sum) {
+                    *point += sum;
                 }
             }
         }
-        self.answer.fill([T::default(); 4]);
-        let answer = self.answer.as_flattened_mut();
-        let width = answer.len();
-        for (load, rows) in self.load.iter().zip(self.inverse.chunks_exact(4 * width)) {
+    }
+
+    /// Answer of the points to their load.
+    #[inline(always)]
+    fn answer(&mut self) {
+        for (load, smooth) in self.load.chunks_exact_mut(3).zip(&self.smooth) {
+            load.copy_from_slice(&smooth[..3]);
+        }
+        self.answer.fill(T::default());
+        let width = self.answer.len();
+        let rows = self.inverse.chunks_exact(3 * width);
+        for (load, rows) in self.load.chunks_exact(3).zip(rows) {
             let (first, rest) = rows.split_at(width);
-            let (second, rest) = rest.split_at(width);
-            let third = &rest[..width];
-            for (((a, x), y), w) in answer.iter_mut().zip(first).zip(second).zip(third) {
-                *a = x.fma(load[0], y.fma(load[1], w.fma(load[2], *a)));
+            let (second, third) = rest.split_at(width);
+            let rows = first.iter().zip(second).zip(third);
+            for (a, ((x, y), z)) in self.answer.iter_mut().zip(rows) {
+                *a = x.fma(load[0], y.fma(load[1], z.fma(load[2], *a)));
             }
         }
-        for ((place, z), free) in self.places.iter().zip(z).zip(free) {
-            let mut sum = [T::default(); 4];
-            for k in 0..8 {
-                let answer = &self.answer[place.points[k] as usize];
-                for c in 0..4 {
-                    sum[c] = place.weights[k].fma(answer[c], sum[c]);
-                }
+        for (smooth, answer) in self.smooth.iter_mut().zip(self.answer.chunks_exact(3)) {
+            smooth[..3].copy_from_slice(answer);
+        }
+    }
+
+    /// Answer of the points to the nodes.
+    #[inline(always)]
+    fn interpolate(&self, z: &mut Rows<T>) {
+        for cuboid in &self.cuboids {
+            let mut edges = [[T::default(); 8]; 4];
+            for (points, edge) in edges.iter_mut().zip(cuboid.edges) {
+                points.copy_from_slice(&self.smooth.as_flattened()[4 * edge..4 * edge + 8]);
             }
-            for c in 0..4 {
-                z[c] = free.fma(sum[c], z[c]);
+            for member in &cuboid.members {
+                let mut ends = [T::default(); 8];
+                for (edge, weight) in edges.iter().zip(member.edges) {
+                    for c in 0..8 {
+                        ends[c] = weight.fma(edge[c], ends[c]);
+                    }
+                }
+                let z = &mut z[member.node as usize];
+                for c in 0..4 {
+                    let sum = member.sides[0].fma(ends[c], z[c]);
+                    z[c] = member.sides[1].fma(ends[4 + c], sum);
+                }
             }
         }
     }
@@ -183,8 +258,25 @@ fn stiffness(mesh: &TetMesh, laws: &[Law]) -> Vec<(u32, u32, Matrix3<f64>)> {
     blocks.into_iter().map(|((i, j), k)| (i, j, k)).collect()
 }
 
-/// Trilinear places of all nodes on the finest box lattice with at most `most` points in use.
-fn lattice<T: Float>(mesh: &TetMesh, most: usize) -> (Vec<Place<T>>, usize) {
+impl<T: Float> Place<T> {
+    /// Weights of the sides x = 0 and x = 1.
+    fn sides(&self) -> [T; 2] {
+        let sum = |first: usize| {
+            let weights = [0, 2, 4, 6].map(|k| self.weights[first + k].wide());
+            T::of(weights.iter().sum())
+        };
+        [sum(0), sum(1)]
+    }
+
+    /// Weights of the edges along x.
+    fn edges(&self) -> [T; 4] {
+        let w = &self.weights;
+        [0, 2, 4, 6].map(|k| T::of(w[k].wide() + w[k + 1].wide()))
+    }
+}
+
+/// Trilinear places of all nodes on the finest box lattice with at most `most` points, and its boxes.
+fn lattice<T: Float>(mesh: &TetMesh, most: usize) -> (Vec<Place<T>>, Vec<Cuboid<T>>) {
     let mut low = Vector3::repeat(f64::INFINITY);
     let mut high = Vector3::repeat(f64::NEG_INFINITY);
     for point in mesh.points_m() {
@@ -192,49 +284,59 @@ fn lattice<T: Float>(mesh: &TetMesh, most: usize) -> (Vec<Place<T>>, usize) {
         high = high.sup(&Vector3::from(*point));
     }
     let extent = high - low;
-    let mut edge = extent.max() / 32.0;
     // A lattice as fine as the mesh has motions that no node feels: its inverse would be all rounding.
     let most = most.min(mesh.points_m().len() / 8);
     if most < 8 {
-        return (Vec::new(), 0);
+        return (Vec::new(), Vec::new());
     }
-    loop {
-        let counts = extent.map(|e| (e / edge).round().max(1.0));
-        let mut numbers: BTreeMap<[u32; 3], u32> = BTreeMap::new();
-        let mut places = Vec::with_capacity(mesh.points_m().len());
-        for point in mesh.points_m() {
-            let at = (Vector3::from(*point) - low)
-                .component_div(&extent)
-                .component_mul(&counts);
-            let corner = at.zip_map(&counts, |x, n| x.floor().min(n - 1.0).max(0.0));
-            let within = at - corner;
-            let mut place = Place {
-                points: [0; 8],
-                weights: [T::default(); 8],
-            };
-            for k in 0..8 {
-                let upper = [k & 1, k >> 1 & 1, k >> 2];
-                let mut weight = 1.0;
-                let mut key = [0; 3];
-                for c in 0..3 {
-                    key[c] = corner[c] as u32 + upper[c] as u32;
-                    weight *= if upper[c] == 1 {
-                        within[c]
-                    } else {
-                        1.0 - within[c]
-                    };
+    let mut edge = extent.max() / 32.0;
+    let boxes = loop {
+        let boxes = extent.map(|e| (e / edge).round().max(1.0));
+        if boxes.map(|n| n + 1.0).product() <= most as f64 {
+            break boxes;
+        }
+        edge *= 1.02;
+    };
+    let [nx, ny, _] = [0, 1, 2].map(|c| boxes[c] as usize + 1);
+    let mut cuboids: BTreeMap<usize, Cuboid<T>> = BTreeMap::new();
+    let mut places = Vec::with_capacity(mesh.points_m().len());
+    for (node, point) in mesh.points_m().iter().enumerate() {
+        let at = (Vector3::from(*point) - low)
+            .component_div(&extent)
+            .component_mul(&boxes);
+        let corner = at.zip_map(&boxes, |x, n| x.floor().min(n - 1.0).max(0.0));
+        let within = at - corner;
+        let [x, y, z] = [0, 1, 2].map(|c| corner[c] as usize);
+        let first = x + nx * (y + ny * z);
+        let edges = [first, first + nx, first + nx * ny, first + nx * ny + nx];
+        let mut place = Place {
+            points: [0; 8],
+            weights: [T::default(); 8],
+        };
+        for k in 0..8 {
+            let upper = [k & 1, k >> 1 & 1, k >> 2];
+            let weights = [0, 1, 2].map(|c| {
+                if upper[c] == 1 {
+                    within[c]
+                } else {
+                    1.0 - within[c]
                 }
-                let next = numbers.len() as u32;
-                place.points[k] = *numbers.entry(key).or_insert(next);
-                place.weights[k] = T::of(weight);
-            }
-            places.push(place);
+            });
+            place.points[k] = (edges[k / 2] + upper[0]) as u32;
+            place.weights[k] = T::of(weights.iter().product());
         }
-        if numbers.len() <= most {
-            return (places, numbers.len());
-        }
-        edge *= 1.1;
+        let cuboid = cuboids.entry(first).or_insert_with(|| Cuboid {
+            edges,
+            members: Vec::new(),
+        });
+        cuboid.members.push(Member {
+            node: node as u16,
+            sides: place.sides(),
+            edges: place.edges(),
+        });
+        places.push(place);
     }
+    (places, cuboids.into_values().collect())
 }
 
 /// Inverse of a symmetric matrix without negative eigenvalues, in place, by Gauss-Jordan; directions that nothing

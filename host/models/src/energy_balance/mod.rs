@@ -12,6 +12,7 @@ mod cells;
 mod compliant;
 mod density;
 mod lattice;
+mod nodes;
 mod number;
 mod printed;
 mod relaxation;
@@ -20,6 +21,7 @@ mod solver;
 mod tangent;
 #[cfg(test)]
 mod tests;
+mod visit;
 
 pub use settings::{Form, Lanes, Motion, Prony, Settings};
 
@@ -28,6 +30,11 @@ use crate::{BuildError, Diagnostics, Drive, Outcome, Tangent, Tissue};
 use nalgebra::Vector3;
 use solver::{Core, Solve};
 use sutura_mesh::TetMesh;
+
+/// Way of a held node in one load step, as a share of a cell's edge.
+const BEARABLE: f64 = 1.0 / 3.0;
+/// Most load steps that a step is divided into for that.
+const MOST_PARTS: u32 = 64;
 
 /// Tissue by energy balance; see [`Settings`] for its forms.
 ///
@@ -86,25 +93,18 @@ impl EnergyBalance {
         settings.check()?;
         cells::check(laws, mesh.cells().len())?;
         let solver: Box<dyn Solve + Send> = match settings.lanes {
-            Lanes::Scalar => Box::new(Core::<f64, 1>::new(mesh, laws, &settings)),
-            Lanes::Wide => Box::new(Core::<f32, 8>::new(mesh, laws, &settings)),
+            Lanes::Scalar => Box::new(Core::<f64, 1>::new(mesh, laws, &settings)?),
+            Lanes::Wide => Box::new(Core::<f32, 16>::new(mesh, laws, &settings)?),
         };
         let rest_m = mesh.points_m().to_vec();
         let nodes = rest_m.len();
-        let volume: f64 = mesh
-            .cells()
-            .iter()
-            .map(|cell| sutura_mesh::signed_volume(&mesh.corners(*cell)))
-            .sum();
-        // A regular tetrahedron of the mean volume.
-        let edge_m = (volume / mesh.cells().len() as f64 * 72f64.sqrt()).cbrt();
         let none = || vec![[0.0; 3]; nodes];
         Ok(Self {
             solver,
             settings,
             positions_m: rest_m.clone(),
             rest_m,
-            edge_m,
+            edge_m: cells::edge_m(mesh),
             held: Vec::new(),
             free: vec![true; nodes],
             ready_for_s: None,
@@ -185,9 +185,27 @@ impl EnergyBalance {
         self.solver.hold(&self.free, step_s);
     }
 
+    /// Load steps of the way to the drive: as many as are set, and more where held nodes go further than cells
+    /// between them bear.
+    fn parts(&self, drive: &Drive<'_>) -> u32 {
+        let printed = matches!(self.settings.form, Form::Printed | Form::Averaged);
+        if printed || self.settings.motion == Motion::Dynamic {
+            return self.settings.load_steps;
+        }
+        let way = |(node, to): &(u32, [f64; 3])| {
+            let from = self.before.displacement_m[*node as usize];
+            (Vector3::from(*to) - Vector3::from(from)).norm()
+        };
+        let most = drive.held.iter().map(way).fold(0.0, f64::max);
+        let needed = (most / (BEARABLE * self.edge_m)).ceil();
+        self.settings
+            .load_steps
+            .max(needed.min(f64::from(MOST_PARTS)) as u32)
+    }
+
     /// Goes to the drive in load steps; says how many visits that took and whether all numbers are finite.
     fn advance(&mut self, drive: &Drive<'_>, step_s: f64, trial: Option<Trial<'_>>) -> (u32, bool) {
-        let parts = self.settings.load_steps;
+        let parts = self.parts(drive);
         let part_s = step_s / f64::from(parts);
         self.hold(drive, part_s);
         let mut visits = 0;

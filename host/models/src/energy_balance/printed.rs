@@ -3,45 +3,43 @@
 //! Entry point: [`run`]. Cell k moves its nodes by `-w_i W_k / (sum_j w_j |dW_k/dx_j|^2) dW_k/dx_i`; a node takes the
 //! sum, or the mean, over its cells. All cells look at the same positions.
 
-use super::cells::{Batch, Form, Found, Memory, visit};
-use super::number::Float;
-use super::solver::{Core, add};
+use super::nodes::Rows;
+use super::number::{Float, Number};
+use super::solver::Core;
+use super::visit::{Form, Found, Group, Memory, add_to_nodes, visit};
 use pulp::Simd;
 
+/// Least square of a gradient, by the nodes' weights, that has a direction \[J\].
+const NOTHING: f64 = 1e-37;
+
 struct Increments<'a, T> {
-    u: &'a [[T; 4]],
-    ease: &'a [T],
-    sum: &'a mut [[T; 4]],
+    u: &'a Rows<T>,
+    sum: &'a mut Rows<T>,
 }
 
-impl<T: Float, const L: usize> Form<T, L> for Increments<'_, T> {
+impl<S: Simd, T: Float> Form<S, T> for Increments<'_, T> {
     const ENERGY: bool = true;
     #[inline(always)]
-    fn displacement(&self) -> &[[T; 4]] {
+    fn field(&self) -> &Rows<T> {
         self.u
     }
     #[inline(always)]
-    fn take(&mut self, _: usize, batch: &Batch<T, L>, found: &Found<T, L>) {
-        for lane in 0..L {
-            let nodes = [0, 1, 2, 3].map(|k| batch.nodes[k][lane] as usize);
-            let mut norm = T::default();
-            for (k, node) in nodes.iter().enumerate() {
-                for c in 0..3 {
-                    let g = found.gradient[3 * k + c][lane];
-                    norm = (self.ease[*node] * g).fma(g, norm);
-                }
-            }
-            if norm.wide() <= 0.0 {
-                continue;
-            }
-            let lambda = found.energy[lane] / norm;
-            for (k, node) in nodes.into_iter().enumerate() {
-                for c in 0..3 {
-                    let by = -(self.ease[node] * lambda * found.gradient[3 * k + c][lane]);
-                    self.sum[node][c] += by;
-                }
+    fn take(&mut self, group: Group<'_>, found: Found<T::Number<S>>) {
+        let mut norm = found.energy.like(NOTHING);
+        for k in 0..4 {
+            let [x, y, z] = found.gradient[k];
+            let square = z.fma(z, y.fma(y, x * x));
+            norm = square.fma(found.corners[k][3], norm);
+        }
+        let lambda = found.energy / norm;
+        let mut by = found.gradient;
+        for k in 0..4 {
+            let factor = -(found.corners[k][3] * lambda);
+            for c in 0..3 {
+                by[k][c] = factor * by[k][c];
             }
         }
+        add_to_nodes(by, self.sum, group);
     }
 }
 
@@ -59,9 +57,8 @@ pub(super) fn run<S: Simd, T: Float, const L: usize>(
     for _ in 0..core.most_iterations {
         core.g.fill([T::default(); 4]);
         let mut increments = Increments {
-            u: &core.u,
-            ease: &core.ease,
-            sum: &mut core.g,
+            u: core.u.rows(),
+            sum: core.g.rows_mut(),
         };
         visit(simd, &core.cells, elastic, &mut increments);
         if mean {
@@ -71,7 +68,11 @@ pub(super) fn run<S: Simd, T: Float, const L: usize>(
                 }
             }
         }
-        add(&mut core.u, 1.0, &core.g);
+        for (u, g) in core.u.iter_mut().zip(core.g.iter()) {
+            for c in 0..3 {
+                u[c] += g[c];
+            }
+        }
     }
     core.most_iterations
 }

@@ -4,9 +4,12 @@
 //! with A = dt alpha / (dt + tau) and B = tau / (dt + tau), gamma = A S + B gamma_before, so that during a step the
 //! stress is (1 - sum A) S - sum B gamma_before, the first part from the law and the second known.
 
-use super::cells::{Cells, Memory, gather, second_stress};
-use super::number::Float;
+use super::cells::Cells;
+use super::nodes::Rows;
+use super::number::{Float, Number};
 use super::settings::Prony;
+use super::visit::{Memory, second_stress};
+use pulp::Simd;
 
 /// Stress terms of every cell.
 #[derive(Clone, Debug)]
@@ -60,22 +63,29 @@ impl<T: Float, const L: usize> Relaxation<T, L> {
     }
 
     /// Ends it at displacements `u` (n + 1).
-    pub fn end(&mut self, cells: &Cells<T, L>, u: &[[T; 4]]) {
-        if self.terms.is_empty() {
-            return;
+    #[inline(always)]
+    pub fn end<S: Simd>(&mut self, simd: S, cells: &Cells<T, L>, u: &Rows<T>) {
+        if !self.terms.is_empty() {
+            self.end_of::<S, 0>(simd, cells, u);
+            self.end_of::<S, 1>(simd, cells, u);
+            self.end_of::<S, 2>(simd, cells, u);
         }
-        for (law, run) in cells.runs.iter().enumerate() {
-            for index in run.clone() {
+    }
+
+    #[inline(always)]
+    fn end_of<S: Simd, const LAW: u8>(&mut self, simd: S, cells: &Cells<T, L>, u: &Rows<T>) {
+        let lanes = <T::Number<S> as Number<S>>::LANES;
+        for index in cells.runs[LAW as usize].clone() {
+            for from in (0..L).step_by(lanes) {
                 let batch = &cells.batches[index];
-                let corners = gather(&batch.nodes, u);
-                for lane in 0..L {
-                    let stress = second_stress(batch, lane, &corners, law);
-                    for (term, gamma) in self.terms.iter().zip(&mut self.gamma) {
-                        let takes = self.step_s * term.share / (self.step_s + term.time_s);
-                        let keeps = term.time_s / (self.step_s + term.time_s);
-                        for (gamma, stress) in gamma[index].iter_mut().zip(stress) {
-                            gamma[lane] = T::of(takes * stress + keeps * gamma[lane].wide());
-                        }
+                let stress = second_stress::<S, T, L, LAW>(simd, batch, from, u);
+                for (term, gamma) in self.terms.iter().zip(&mut self.gamma) {
+                    let takes = self.step_s * term.share / (self.step_s + term.time_s);
+                    let keeps = term.time_s / (self.step_s + term.time_s);
+                    for (gamma, stress) in gamma[index].iter_mut().zip(stress) {
+                        let before = T::Number::load(simd, &gamma[from..]);
+                        let now = stress.fma(stress.like(takes), before * stress.like(keeps));
+                        now.store(&mut gamma[from..]);
                     }
                 }
             }

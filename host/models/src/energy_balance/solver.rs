@@ -2,11 +2,14 @@
 //!
 //! Entry points: [`Core`], [`Solve`], which hides its precision.
 
-use super::cells::{Batch, Cells, Form, Found, Memory, Rest, visit};
+use super::cells::{Cells, Rest, edge_m};
 use super::lattice::Rough;
-use super::number::Float;
+use super::nodes::{Field, Rows, rows_for};
+use super::number::{Float, Number};
 use super::relaxation::Relaxation;
 use super::settings::{self, Motion, Settings};
+use super::visit::{Form, Found, Group, Memory, add_to_nodes, visit};
+use crate::BuildError;
 use crate::law::Law;
 use pulp::{Arch, Simd, WithSimd};
 use sutura_mesh::TetMesh;
@@ -17,31 +20,31 @@ pub(super) struct Core<T: Float, const L: usize> {
     pub cells: Cells<T, L>,
     pub rough: Rough<T>,
     pub relaxation: Relaxation<T, L>,
-    /// 1 for free nodes, 0 for held ones.
-    pub free: Vec<T>,
+    /// 1 for free nodes, 0 for held ones; 0 for the fourth number, which therefore counts nowhere.
+    pub free: Vec<[T; 4]>,
     /// Lumped masses \[kg\].
     pub mass: Vec<f64>,
-    /// Displacement from rest \[m\].
-    pub u: Vec<[T; 4]>,
+    /// Displacement from rest \[m\]. The fourth number is how far a newton moves a node in
+    /// [`super::Form::Compliant`], its inverse mass in the printed forms; zero where held.
+    pub u: Field<T>,
     /// Loads \[N\].
     pub force: Vec<[T; 4]>,
     /// Where inertia alone would lead \[m\], and mass over the square of the time step \[N/m\].
     pub ahead: Vec<[T; 4]>,
-    pub inertia: Vec<T>,
-    /// How far a newton moves a node in [`super::Form::Compliant`], or any multiple of its inverse mass in
-    /// the printed forms; zero where held.
-    pub ease: Vec<T>,
+    pub inertia: Vec<[T; 4]>,
     /// Multiplier of each cell \[sqrt J\].
     pub multiplier: Vec<[T; L]>,
     /// Out of balance \[N\], trial's, correction, direction.
-    pub g: Vec<[T; 4]>,
-    pub trial: Vec<[T; 4]>,
-    pub z: Vec<[T; 4]>,
+    pub g: Field<T>,
+    pub trial: Field<T>,
+    pub z: Field<T>,
     pub d: Vec<[T; 4]>,
     /// Each node's own stiffness \[N/m\].
-    pub own: Vec<T>,
+    pub own: Vec<[T; 4]>,
     /// Cells at each node.
     pub valence: Vec<T>,
+    /// Edge of a typical cell \[m\].
+    pub edge_m: f64,
     /// Last step along a direction.
     pub stride: f64,
     pub most_iterations: u32,
@@ -76,11 +79,13 @@ pub(super) trait Solve {
 }
 
 impl<T: Float, const L: usize> Core<T, L> {
-    pub fn new(mesh: &TetMesh, laws: &[Law], settings: &Settings) -> Self {
+    /// # Errors
+    /// Too many nodes.
+    pub fn new(mesh: &TetMesh, laws: &[Law], settings: &Settings) -> Result<Self, BuildError> {
         let nodes = mesh.points_m().len();
         let cells = Cells::new(mesh, laws);
         let mut mass = vec![0.0; nodes];
-        let mut valence = vec![T::default(); nodes + 1];
+        let mut valence = vec![T::default(); rows_for(nodes)];
         for cell in mesh.cells() {
             let share = settings.density_kg_per_m3 * Rest::of(mesh, *cell).volume / 4.0;
             for node in cell {
@@ -94,27 +99,29 @@ impl<T: Float, const L: usize> Core<T, L> {
             0
         };
         let rough = Rough::new(mesh, laws, points);
-        let zero = || vec![[T::default(); 4]; nodes + 1];
-        Self {
+        let own = rough.own_stiffness();
+        let field = || Field::new(nodes);
+        let zero = || vec![[T::default(); 4]; rows_for(nodes)];
+        Ok(Self {
             arch: Arch::new(),
             relaxation: Relaxation::new(&settings.relaxation, &cells),
             multiplier: vec![[T::default(); L]; cells.batches.len()],
             cells,
-            own: rough.own_stiffness().into_iter().map(T::of).collect(),
-            own_stiffness: rough.own_stiffness(),
+            own: own.iter().map(|own| [T::of(*own); 4]).collect(),
+            own_stiffness: own,
             rough,
-            free: vec![T::default(); nodes + 1],
+            free: zero(),
             mass,
-            u: zero(),
+            u: field()?,
             force: zero(),
             ahead: zero(),
-            inertia: vec![T::default(); nodes + 1],
-            ease: vec![T::default(); nodes + 1],
-            g: zero(),
-            trial: zero(),
-            z: zero(),
+            inertia: zero(),
+            g: field()?,
+            trial: field()?,
+            z: field()?,
             d: zero(),
             valence,
+            edge_m: edge_m(mesh),
             stride: 0.5,
             most_iterations: settings.iterations,
             tolerance: settings.tolerance,
@@ -122,7 +129,7 @@ impl<T: Float, const L: usize> Core<T, L> {
             motion: settings.motion,
             proximity: settings.proximity,
             saved: zero(),
-        }
+        })
     }
 }
 
@@ -144,29 +151,24 @@ impl<T: Float, const L: usize> WithSimd for Iterate<'_, T, L> {
 
 /// Sums gradients over cells.
 pub(super) struct Gather<'a, T, const ENERGY: bool> {
-    pub u: &'a [[T; 4]],
-    pub sum: &'a mut [[T; 4]],
+    pub u: &'a Rows<T>,
+    pub sum: &'a mut Rows<T>,
     pub energy: f64,
 }
 
-impl<T: Float, const L: usize, const ENERGY: bool> Form<T, L> for Gather<'_, T, ENERGY> {
+impl<S: Simd, T: Float, const ENERGY: bool> Form<S, T> for Gather<'_, T, ENERGY> {
     const ENERGY: bool = ENERGY;
     #[inline(always)]
-    fn displacement(&self) -> &[[T; 4]] {
+    fn field(&self) -> &Rows<T> {
         self.u
     }
     #[inline(always)]
-    fn take(&mut self, _: usize, batch: &Batch<T, L>, found: &Found<T, L>) {
-        for k in 0..4 {
-            for lane in 0..L {
-                let sum = &mut self.sum[batch.nodes[k][lane] as usize];
-                for c in 0..3 {
-                    sum[c] += found.gradient[3 * k + c][lane];
-                }
-            }
-        }
+    fn take(&mut self, group: Group<'_>, found: Found<T::Number<S>>) {
+        add_to_nodes(found.gradient, self.sum, group);
         if ENERGY {
-            for energy in found.energy {
+            let mut lanes = [T::default(); 16];
+            found.energy.store(&mut lanes);
+            for energy in lanes {
                 self.energy += energy.wide();
             }
         }
@@ -179,13 +181,13 @@ pub(super) fn gradient<S: Simd, T: Float, const L: usize, const ENERGY: bool>(
     simd: S,
     cells: &Cells<T, L>,
     memory: Memory<'_, T, L>,
-    u: &[[T; 4]],
-    sum: &mut [[T; 4]],
+    u: &Field<T>,
+    sum: &mut Field<T>,
 ) -> f64 {
     sum.fill([T::default(); 4]);
     let mut gather = Gather::<T, ENERGY> {
-        u,
-        sum,
+        u: u.rows(),
+        sum: sum.rows_mut(),
         energy: 0.0,
     };
     visit(simd, cells, memory, &mut gather);
@@ -204,22 +206,34 @@ impl<T: Float, const L: usize> WithSimd for Energy<'_, T, L> {
     }
 }
 
+struct End<'a, T: Float, const L: usize>(&'a mut Core<T, L>);
+
+impl<T: Float, const L: usize> WithSimd for End<'_, T, L> {
+    type Output = ();
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        self.0.relaxation.end(simd, &self.0.cells, self.0.u.rows());
+    }
+}
+
 impl<T: Float, const L: usize> Solve for Core<T, L> {
     fn hold(&mut self, free: &[bool], step_s: Option<f64>) {
         for (node, is_free) in free.iter().enumerate() {
             let mass = self.mass[node];
             let inertia = step_s.map_or(0.0, |step| mass / (step * step));
-            self.free[node] = T::of(f64::from(u8::from(*is_free)));
-            self.inertia[node] = T::of(inertia);
-            let ease = match (self.form, step_s) {
+            let counts = T::of(f64::from(u8::from(*is_free)));
+            self.free[node] = [counts, counts, counts, T::default()];
+            self.inertia[node] = [T::of(inertia); 4];
+            let weight = match (self.form, step_s) {
                 _ if !is_free => 0.0,
+                (settings::Form::Balanced, _) => 0.0,
                 (settings::Form::Compliant, Some(_)) => 1.0 / inertia,
                 (settings::Form::Compliant, None) => {
                     1.0 / (self.proximity * self.own_stiffness[node])
                 }
                 _ => 1.0 / mass,
             };
-            self.ease[node] = T::of(ease);
+            self.u[node][3] = T::of(weight);
         }
         if self.form == settings::Form::Balanced {
             self.rough.hold(&self.free, &self.inertia);
@@ -247,7 +261,9 @@ impl<T: Float, const L: usize> Solve for Core<T, L> {
     }
 
     fn restore(&mut self) {
-        self.u.copy_from_slice(&self.saved);
+        for (u, saved) in self.u.iter_mut().zip(&self.saved) {
+            u[..3].copy_from_slice(&saved[..3]);
+        }
     }
 
     fn iterate(&mut self) -> u32 {
@@ -256,7 +272,7 @@ impl<T: Float, const L: usize> Solve for Core<T, L> {
 
     fn energy(&mut self, gradient: &mut [[f64; 3]]) -> f64 {
         let energy = self.arch.dispatch(Energy(self));
-        for (to, from) in gradient.iter_mut().zip(&self.trial) {
+        for (to, from) in gradient.iter_mut().zip(self.trial.iter()) {
             *to = [0, 1, 2].map(|c| from[c].wide());
         }
         energy
@@ -267,7 +283,7 @@ impl<T: Float, const L: usize> Solve for Core<T, L> {
     }
 
     fn end(&mut self) {
-        self.relaxation.end(&self.cells, &self.u);
+        self.arch.dispatch(End(self));
     }
 
     fn mass(&self) -> &[f64] {
@@ -279,22 +295,6 @@ fn set<T: Float>(to: &mut [T; 4], value: [f64; 3]) {
     for c in 0..3 {
         to[c] = T::of(value[c]);
     }
-}
-
-/// Sum of products of two fields, in eight partial sums.
-#[inline(always)]
-pub(super) fn dot<T: Float>(a: &[[T; 4]], b: &[[T; 4]]) -> f64 {
-    let mut sums = [T::default(); 16];
-    let (a, b) = (a.as_flattened(), b.as_flattened());
-    let (mut pairs, mut others) = (a.chunks_exact(16), b.chunks_exact(16));
-    for (x, y) in (&mut pairs).zip(&mut others) {
-        for k in 0..16 {
-            sums[k] = x[k].fma(y[k], sums[k]);
-        }
-    }
-    let rest = pairs.remainder().iter().zip(others.remainder());
-    let rest: f64 = rest.map(|(x, y)| (*x * *y).wide()).sum();
-    sums.iter().map(|sum| sum.wide()).sum::<f64>() + rest
 }
 
 /// `y += factor x`.

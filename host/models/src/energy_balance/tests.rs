@@ -98,9 +98,10 @@ fn a_uniform_strain_is_exact() {
     for law in laws() {
         for (form, lanes, limit) in [
             (Form::Balanced, Lanes::Scalar, 1e-9),
-            (Form::Balanced, Lanes::Wide, 2e-5),
-            (Form::Compliant, Lanes::Scalar, 1e-7),
-            (Form::Compliant, Lanes::Wide, 2e-5),
+            // Single precision: a few units in the last place of 5 mm.
+            (Form::Balanced, Lanes::Wide, 2e-9),
+            (Form::Compliant, Lanes::Scalar, 1e-9),
+            (Form::Compliant, Lanes::Wide, 2e-9),
         ] {
             let settings = Settings {
                 lanes,
@@ -188,11 +189,10 @@ fn lanes_and_one_by_one_agree_within_single_precision() {
                 (model.positions_m().to_vec(), report)
             });
             let off = largest_difference(&one.0, &eight.0);
-            assert!(off < 1e-4 * 0.001, "{form:?} {law:?}: {off:e}");
+            // Rounding of 1 mm to single precision, some ten times over.
+            assert!(off < 5e-9, "{form:?} {law:?}: {off:e}");
             let energy = (one.1.energy_j / eight.1.energy_j - 1.0).abs();
-            // Conjugate directions amplify rounding before they converge.
-            let limit = if form == Form::Balanced { 2e-3 } else { 1e-4 };
-            assert!(energy < limit, "{form:?}: {energy:e}");
+            assert!(energy < 5e-6, "{form:?}: {energy:e}");
         }
     }
 }
@@ -371,8 +371,14 @@ fn a_held_block_relaxes_by_the_prony_series() {
 }
 
 #[test]
-fn an_inverted_block_finds_its_way_back() {
+fn inverted_cells_find_their_way_back() {
     let mesh = block();
+    let plates = between_plates(&mesh, [0.0; 3]);
+    let inside = |p: &[f64; 3]| p[0].abs() < 0.029 && p[1].abs() < 0.024 && p[2] > -0.02;
+    let mut nodes = (0..).zip(mesh.points_m());
+    let (node, _) = nodes
+        .find(|(_, p)| inside(p) && p[2] < -1e-9)
+        .expect("a node inside");
     for law in &laws()[1..] {
         for lanes in [Lanes::Scalar, Lanes::Wide] {
             let settings = Settings {
@@ -380,17 +386,55 @@ fn an_inverted_block_finds_its_way_back() {
                 ..precise(Form::Balanced, 60)
             };
             let mut model = build(&mesh, *law, settings);
-            // The top through the bottom, then back.
-            for z in [-0.03, -0.05, 0.0] {
-                let report = model.step(&held(&between_plates(&mesh, [0.0, 0.0, z])), 0.01);
-                assert!(report.energy_j.is_finite());
-            }
-            let plates = between_plates(&mesh, [0.0; 3]);
-            for _ in 0..10 {
+            model.step(&held(&plates), 0.01);
+            // One node through the opposite faces of its cells.
+            model.solver.place(node as usize, [0.02, 0.015, -0.01]);
+            for _ in 0..5 {
                 model.step(&held(&plates), 0.01);
             }
             let off = largest_difference(model.positions_m(), mesh.points_m());
             assert!(off < 1e-5, "{lanes:?}: {off:e}");
+        }
+    }
+}
+
+#[test]
+fn held_nodes_that_go_far_go_in_parts() {
+    let mesh = block();
+    let mut once = build(&mesh, laws()[1], precise(Form::Balanced, 200));
+    let report = once.step(&held(&between_plates(&mesh, [0.0, 0.0, -0.02])), 0.01);
+    assert!(report.iterations > 200, "{report:?}");
+    let mut slowly = build(&mesh, laws()[1], precise(Form::Balanced, 200));
+    for k in 1..=20 {
+        let by = [0.0, 0.0, -0.001 * f64::from(k)];
+        slowly.step(&held(&between_plates(&mesh, by)), 0.01);
+    }
+    let off = largest_difference(once.positions_m(), slowly.positions_m());
+    assert!(off < 1e-8, "{off:e}");
+}
+
+#[test]
+fn a_block_turned_inside_out_stays_finite() {
+    let mesh = block();
+    for law in laws() {
+        for lanes in [Lanes::Scalar, Lanes::Wide] {
+            let settings = Settings {
+                lanes,
+                ..precise(Form::Balanced, 20)
+            };
+            let mut model = build(&mesh, law, settings);
+            // The top through the bottom, ten body lengths away, and back.
+            for z in [-0.03, -0.05, -0.4, 0.0] {
+                let report = model.step(&held(&between_plates(&mesh, [0.0, 0.0, z])), 0.01);
+                assert!(report.energy_j.is_finite() && report.residual.is_finite());
+                assert!(
+                    model
+                        .positions_m()
+                        .as_flattened()
+                        .iter()
+                        .all(|x| x.is_finite())
+                );
+            }
         }
     }
 }
@@ -471,7 +515,7 @@ fn the_tangent_is_that_of_whole_steps() {
         let tangent = model
             .tangent(&held(&plates), &moved, 0.01)
             .expect("a tangent");
-        assert!(tangent.error < 0.03, "{lanes:?}: {}", tangent.error);
+        assert!(tangent.error < 3e-4, "{lanes:?}: {}", tangent.error);
         assert_eq!(model.positions_m(), before);
         let reference = precise(Form::Balanced, 300);
         for axis in 0..3 {
@@ -485,7 +529,7 @@ fn the_tangent_is_that_of_whole_steps() {
             let exact = (ahead - behind) / 2e-4;
             for row in 0..3 {
                 let stiffness = tangent.stiffness_n_per_m[row][axis];
-                assert!((stiffness - exact[row]).abs() < 0.01 * exact.norm());
+                assert!((stiffness - exact[row]).abs() < 2e-3 * exact.norm());
             }
         }
         let next = model.step(&held(&plates), 0.01);

@@ -6,8 +6,9 @@
 use super::clusters::Clusters;
 use super::goals::pull;
 use crate::drive_check::{failed, refused};
+use crate::held::{Held, load, ratio};
 use crate::rigid::{Rigid, momenta};
-use crate::secant::secant;
+use crate::secant::secant_of_step;
 use crate::setting::within;
 use crate::{BuildError, Diagnostics, Drive, Materials, Outcome, Tangent, Tissue};
 use nalgebra::Vector3;
@@ -61,9 +62,8 @@ struct State {
     /// Share of the pull that is held back, eta of qian-2015, (n).
     limited: Vec<f64>,
     mass: Vec<f64>,
-    held: Vec<bool>,
-    held_nodes: Vec<u32>,
-    reactions_n: Vec<[f64; 3]>,
+    is_held: Vec<bool>,
+    held: Held,
     energy_j: f64,
     work_j: f64,
     step_s: f64,
@@ -104,9 +104,8 @@ impl ShapeMatching {
                 pull: zero,
                 limited: vec![0.0; rest_m.len()],
                 mass: vec![0.0; rest_m.len()],
-                held: vec![false; rest_m.len()],
-                held_nodes: Vec::new(),
-                reactions_n: Vec::new(),
+                is_held: vec![false; rest_m.len()],
+                held: Held::default(),
                 energy_j: 0.0,
                 work_j: 0.0,
                 step_s: 0.0,
@@ -184,24 +183,16 @@ impl ShapeMatchingSettings {
     }
 }
 
-/// The load on one node.
-fn load(drive: &Drive<'_>, node: usize) -> [f64; 3] {
-    drive.force_n.get(node).copied().unwrap_or_default()
-}
-
 impl State {
     /// Holds what the drive holds, and lets the limit of the rest recover.
     fn hold(&mut self, drive: &Drive<'_>, rest_m: &[[f64; 3]], recovered: f64) {
-        for node in self.held_nodes.drain(..) {
-            self.held[node as usize] = false;
-        }
+        self.held.hold(drive, |i| self.is_held[i] = false);
         for limited in &mut self.limited {
             *limited = (*limited - recovered).max(0.0);
         }
         for &(node, displacement) in drive.held {
             let i = node as usize;
-            self.held[i] = true;
-            self.held_nodes.push(node);
+            self.is_held[i] = true;
             self.limited[i] = 1.0;
             self.x[i] = [0, 1, 2].map(|axis| rest_m[i][axis] + displacement[axis]);
         }
@@ -210,7 +201,7 @@ impl State {
     /// Lines 3 to 6: free nodes go where velocity, limited pull and loads take them.
     fn predict(&mut self, drive: &Drive<'_>, step_s: f64, decay: f64) {
         for i in 0..self.x.len() {
-            if self.held[i] {
+            if self.is_held[i] {
                 continue;
             }
             let (load, part) = (load(drive, i), 1.0 - self.limited[i]);
@@ -237,7 +228,7 @@ impl State {
     /// Squared norm of what pulls free nodes \[N^2\]: none in balance.
     fn unbalanced_sq(&self, drive: &Drive<'_>) -> f64 {
         let mut sum = 0.0;
-        for i in (0..self.x.len()).filter(|i| !self.held[*i]) {
+        for i in (0..self.x.len()).filter(|i| !self.is_held[*i]) {
             let (load, part) = (load(drive, i), 1.0 - self.limited[i]);
             for axis in 0..3 {
                 sum += (part * self.pull[i][axis] + load[axis]).powi(2);
@@ -273,18 +264,17 @@ impl State {
                 acting_sq += force[axis] * force[axis];
             }
         }
-        self.reactions_n.clear();
-        for &(node, _) in drive.held {
-            let i = node as usize;
-            let load = load(drive, i);
-            let reaction = [0, 1, 2].map(|axis| -self.pull[i][axis] - load[axis]);
-            for axis in 0..3 {
-                self.work_j += reaction[axis] * (self.x[i][axis] - self.previous[i][axis]);
-                acting_sq += reaction[axis] * reaction[axis];
-            }
-            self.reactions_n.push(reaction);
-        }
-        acting_sq
+        let (x, previous) = (&self.x, &self.previous);
+        let (reactions_sq, work_j) = self.held.react(
+            drive,
+            |i| {
+                let load = load(drive, i);
+                [0, 1, 2].map(|axis| -self.pull[i][axis] - load[axis])
+            },
+            |i| [0, 1, 2].map(|axis| x[i][axis] - previous[i][axis]),
+        );
+        self.work_j += work_j;
+        acting_sq + reactions_sq
     }
 }
 
@@ -306,7 +296,7 @@ impl Tissue for ShapeMatching {
             state.drag();
         }
         let (momentum, angular_momentum) = state.momenta();
-        let energies = state.mass.iter().zip(&state.v).zip(&state.held);
+        let energies = state.mass.iter().zip(&state.v).zip(&state.is_held);
         let kinetic_j: f64 = energies
             .filter(|(_, held)| !**held)
             .map(|((m, v), _)| 0.5 * m * Vector3::from(*v).norm_squared())
@@ -323,18 +313,14 @@ impl Tissue for ShapeMatching {
         let Some(energy_j) = energy_j else {
             state.x.copy_from_slice(&state.previous);
             state.v.fill([0.0; 3]);
-            state.reactions_n.clear();
-            state.reactions_n.resize(drive.held.len(), [0.0; 3]);
             pull(&self.clusters, &state.x, &mut state.pull);
-            let reason = "the step leads to positions that are not finite";
-            return failed(reason, state.energy_j);
+            return state.held.give_up(drive, state.energy_j);
         };
         state.energy_j = energy_j;
         let acting_sq = state.react(drive);
         let unbalanced_sq = state.unbalanced_sq(drive);
         state.previous.copy_from_slice(&state.x);
         let kept = energy_j + kinetic_j;
-        let ratio = |part: f64, whole: f64| if part == 0.0 { 0.0 } else { part / whole };
         Diagnostics {
             outcome: Outcome::Converged,
             iterations: 1,
@@ -352,29 +338,13 @@ impl Tissue for ShapeMatching {
 
     /// Minus the pull of the goals, not limited, and the load.
     fn reactions_n(&self) -> &[[f64; 3]] {
-        &self.state.reactions_n
+        &self.state.held.reactions_n
     }
 
     /// A secant of one step over 0.1 % of the body's extent and half of that: the answer within `step_s`,
     /// before the tissue beyond has followed; stiffer than the balance it relaxes to.
     fn tangent(&mut self, drive: &Drive<'_>, moved: &[usize], step_s: f64) -> Option<Tangent> {
-        // The state itself is put aside, not a copy of it: its buffers have room for a whole step.
-        let mut aside = self.state.clone();
-        std::mem::swap(&mut aside, &mut self.state);
-        let tangent = secant(drive, moved, 1e-3 * self.extent_m, |trial| {
-            self.state = aside.clone();
-            if let Outcome::Failed(_) = self.step(trial, step_s).outcome {
-                return None;
-            }
-            let of = |axis: usize| {
-                moved
-                    .iter()
-                    .map(|at| self.state.reactions_n[*at][axis])
-                    .sum()
-            };
-            Some([of(0), of(1), of(2)])
-        });
-        self.state = aside;
-        tangent
+        let reach_m = 1e-3 * self.extent_m;
+        secant_of_step(self, |this| &mut this.state, drive, moved, reach_m, step_s)
     }
 }

@@ -1,0 +1,118 @@
+//! `--budget-ms` and `tissue = "auto"`: measures, chooses, and says what and why.
+//!
+//! Entry point: [`settle`].
+
+use crate::failure::{Cause, Failure};
+use crate::run::{Rendering, RunArgs, plan_of};
+use indicatif::ProgressBar;
+use std::time::{Duration, Instant};
+use sutura_host::choice::{Asked, Candidate, Chosen, SAFE_SHARE, choose, measure};
+use sutura_host::scene::{Scene, Tissue};
+
+/// Settles which tissue the session has, where the scene or the budget leaves that open.
+///
+/// # Errors
+/// Bad input: no hand.
+pub fn settle(args: &RunArgs, scene: &mut Scene) -> Result<Option<Chosen>, Failure> {
+    let is_auto = scene.tissue == Tissue::Auto;
+    let for_budget = args.budget_ms.is_some() && args.tissue.is_none() && scene.needles.is_empty();
+    if !is_auto && !for_budget {
+        return Ok(None);
+    }
+    let mut plan = plan_of(scene)?;
+    plan.host_hz = args.host_hz.unwrap_or(plan.host_hz);
+    let budget_ms = args.budget_ms.unwrap_or(1e3 / plan.host_hz);
+    let asked = Asked {
+        plan: &plan,
+        budget_us: 1e3 * budget_ms,
+        rows: args.rendering == Some(Rendering::Rows),
+    };
+    let began = Instant::now();
+    // Hidden by itself where stderr is no terminal.
+    let progress = ProgressBar::new_spinner();
+    progress.enable_steady_tick(Duration::from_millis(100));
+    let found = measure(scene, &asked, &mut |what| {
+        progress.set_message(format!("measuring {what}"));
+    });
+    progress.finish_and_clear();
+    let calibration_s = began.elapsed().as_secs_f64();
+    let candidates = match found {
+        Ok(candidates) => candidates,
+        Err(why) => {
+            if is_auto {
+                scene.tissue = Tissue::Linear;
+            }
+            note!(
+                "{} tissue is taken without a measurement: the scene cannot be measured on: {why}",
+                scene.tissue.word()
+            );
+            return Ok(None);
+        }
+    };
+    let Some((taken, holds_budget)) = choose(&candidates, asked.budget_us) else {
+        let message = "no tissue model can be run on this scene";
+        return Err(Failure::say(
+            Cause::Failed,
+            message,
+            "see what `--tissue linear` says",
+        ));
+    };
+    let Some(best) = candidates.get(taken).cloned() else {
+        return Ok(None);
+    };
+    let tissue = Tissue::named(&best.tissue).map_err(|message| {
+        Failure::say(Cause::Failed, message, "this is a defect: please report it")
+    })?;
+    scene.tissue = tissue.instead_of(scene.tissue);
+    note!(
+        "a step may take {budget_ms} ms; {} models and settings were measured in {calibration_s:.1} s:",
+        candidates.len()
+    );
+    table(&candidates, taken);
+    if holds_budget {
+        note!("taken: --tissue \"{}\"", best.tissue);
+    } else {
+        note!(
+            "taken: --tissue \"{}\", the fastest: none was compared and kept its slowest steps within {:.0} % of the budget",
+            best.tissue,
+            100.0 * SAFE_SHARE
+        );
+    }
+    Ok(Some(Chosen {
+        model: best.model,
+        setting: best.setting,
+        step_us: best.step_us,
+        error: best.error,
+        budget_ms,
+        holds_budget,
+        calibration_s,
+        candidates,
+    }))
+}
+
+fn table(candidates: &[Candidate], taken: usize) {
+    note!(
+        "  {:<58} {:>10} {:>10} {:>8} {:>8}",
+        "",
+        "p50 us",
+        "p99 us",
+        "force",
+        "places"
+    );
+    for (index, candidate) in candidates.iter().enumerate() {
+        let time = |us: Option<f64>| us.map_or_else(|| "-".to_owned(), |us| format!("{us:.0}"));
+        let share = |error: Option<f64>| {
+            error.map_or_else(|| "-".to_owned(), |error| format!("{:.2} %", 100.0 * error))
+        };
+        let mark = if index == taken { ">" } else { " " };
+        note!(
+            "{mark} {:<58} {:>10} {:>10} {:>8} {:>8}  {}",
+            candidate.tissue,
+            time(candidate.step_us.map(|us| us.p50)),
+            time(candidate.step_us.map(|us| us.p99)),
+            share(candidate.error),
+            share(candidate.displacement_error),
+            candidate.note
+        );
+    }
+}

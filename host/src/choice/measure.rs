@@ -1,0 +1,356 @@
+//! What each model costs on this machine, and how far off it is, on the scene's own mesh under its own tool.
+//!
+//! Entry point: [`measure`]. Time is that of the session's solver with its tangent. For the error every model is given what
+//! the reference's tool holds: then what differs is the model, not who sticks where.
+
+use super::way::press;
+use super::{Candidate, SAFE_SHARE, StepUs};
+use crate::scene::{Corotational, Pose, Registered, Scene, Tissue, models};
+use crate::script::Path;
+use crate::session::{ModelSolver, Plan, Rendering, TissueSolver};
+use crate::step::Status;
+use crate::tool::ToolSample;
+use crate::tradeoff::registry::entry;
+use nalgebra::Vector3;
+use std::time::{Duration, Instant};
+use sutura_models::{Drive, Outcome};
+
+/// Steps of the press that are timed, and how many of them lie between two places at which forces are compared.
+const STEPS: usize = 24;
+const STEPS_A_PLACE: usize = 6;
+/// Repetitions of the timed press, and how long one candidate may take for them; three times as long for the first.
+const REPEATS: usize = 3;
+const TIMED: Duration = Duration::from_millis(500);
+/// After this no other model is timed, and none compared: whoever asks is waiting.
+const LONGEST_TIMED: Duration = Duration::from_secs(7);
+const LONGEST: Duration = Duration::from_secs(9);
+/// Slower than this share of the budget is too slow even on a machine that is busy with other things; known from three steps of
+/// models that prepare nothing in their first ones, else after so much time.
+const TOO_SLOW: f64 = 2.0 * SAFE_SHARE;
+const SURE: Duration = Duration::from_millis(400);
+const SLOW: &str = "too slow";
+/// The reference: neo-Hookean, balanced by Newton's method. It is a candidate itself, timed where forces are compared.
+const REFERENCE: (&str, &str) = ("hyperelastic", "linear cells, to 1e-3");
+/// Passes of a corotational step in a session, and the registry's setting that goes as far.
+const COROTATIONAL: [(u32, &str); 2] = [
+    (1, "1 solve, factor at 0.1 rad"),
+    (4, "4 solves, factor at 0.1 rad"),
+];
+
+const NO_TIME: &str = "not measured: no time left";
+
+/// What a session is to be.
+#[derive(Clone, Copy, Debug)]
+pub struct Asked<'a> {
+    /// Its plan.
+    pub plan: &'a Plan,
+    /// What a step may take \[us\].
+    pub budget_us: f64,
+    /// Whether it must have rows, which only linear and corotational tissue give.
+    pub rows: bool,
+}
+
+/// What the reference's tool holds at a place, and what comes of it.
+struct Place {
+    held: Vec<(u32, [f64; 3])>,
+    rows: Vec<usize>,
+    force: Vector3<f64>,
+    positions_m: Vec<[f64; 3]>,
+}
+
+/// Measures every model and setting that suits the scene; `told` hears of each before it begins and after. The scene's tissue is
+/// as before at the end.
+///
+/// # Errors
+/// Why nothing can be measured on this scene.
+pub fn measure(
+    scene: &mut Scene,
+    asked: &Asked<'_>,
+    told: &mut dyn FnMut(&str),
+) -> Result<Vec<Candidate>, String> {
+    let began = Instant::now();
+    if !scene.needles.is_empty() {
+        return Err(
+            "it has needles, which only linear and corotational tissue take, and for which there is no reference"
+                .to_owned(),
+        );
+    }
+    let (Some(timed), Some(compared)) = (press(scene, STEPS), press(scene, STEPS / STEPS_A_PLACE))
+    else {
+        return Err("no tool is driven that touches".to_owned());
+    };
+    told("the reference");
+    let (reference, reference_us) = reference(scene, asked, &compared)?;
+    let before = scene.tissue;
+    let mut candidates = Vec::new();
+    for (tissue, compared_by) in all(before) {
+        let mut candidate = Candidate::of(tissue);
+        told(&format!("time of {tissue}"));
+        if is_reference(compared_by) && !asked.rows {
+            candidate.step_us = reference_us;
+            candidate.error = Some(0.0);
+            candidate.displacement_error = Some(0.0);
+        } else if began.elapsed() > LONGEST_TIMED {
+            candidate.note = NO_TIME.to_owned();
+        } else if asked.rows && !tissue.has_rows() {
+            candidate.note = "gives no rows".to_owned();
+        } else {
+            scene.tissue = tissue;
+            let found = run(scene, asked, &timed, &mut candidate);
+            candidate.note = found.err().unwrap_or_default();
+        }
+        let slow = candidate
+            .step_us
+            .is_some_and(|step_us| step_us.p50 > TOO_SLOW * asked.budget_us);
+        if candidate.note.is_empty() && slow {
+            candidate.note = SLOW.to_owned();
+        }
+        candidates.push((candidate, compared_by));
+    }
+    scene.tissue = before;
+    for (candidate, model) in &mut candidates {
+        if !candidate.note.is_empty() || candidate.error.is_some() {
+            continue;
+        }
+        told(&format!("error of {}", candidate.tissue));
+        if began.elapsed() > LONGEST {
+            candidate.note = NO_TIME.to_owned();
+        } else if let Err(why) = compare(scene, asked, *model, &reference, candidate) {
+            candidate.note = why;
+        }
+    }
+    Ok(candidates
+        .into_iter()
+        .map(|(candidate, _)| candidate)
+        .collect())
+}
+
+/// Models as sessions have them, each with what it is compared by: first those that are quick on most meshes, so that what
+/// there is no time for would hardly hold a budget. Corotational tissue keeps the scene's own settings.
+fn all(scenes: Tissue) -> Vec<(Tissue, Registered)> {
+    let registered = |name: &str, setting: &str| Registered::new(name, Some(setting)).ok();
+    let mut all: Vec<(Tissue, Registered)> = Vec::new();
+    if let Some(linear) = registered("linear", "") {
+        all.push((Tissue::Linear, linear));
+    }
+    for (passes, setting) in COROTATIONAL {
+        let tissue = Tissue::Corotational(Corotational {
+            passes: Some(passes),
+            ..Corotational::default()
+        });
+        let model = registered("corotational", setting);
+        all.extend(model.map(|model| (tissue.instead_of(scenes), model)));
+    }
+    for entry in models().into_iter().rev() {
+        if matches!(entry.tissue, "linear" | "corotational") {
+            continue;
+        }
+        for setting in entry.settings.iter().filter(|setting| setting.short) {
+            let model = registered(entry.tissue, &setting.name);
+            all.extend(model.map(|model| (Tissue::Registered(model), model)));
+        }
+    }
+    all
+}
+
+fn sample(scene: &Scene, at: &[f64; 3], step: usize, asked: &Asked<'_>) -> ToolSample {
+    ToolSample {
+        id: scene.driven().map_or(0, |tool| tool.id),
+        position_m: *at,
+        orientation: [0.0, 0.0, 0.0, 1.0],
+        velocity_m_per_s: [0.0; 3],
+        console_time_us: (1e6 * (step + 1) as f64 / asked.plan.host_hz) as u64,
+    }
+}
+
+fn is_reference(model: Registered) -> bool {
+    let (name, setting) = REFERENCE;
+    Registered::new(name, Some(setting)) == Ok(model)
+}
+
+/// The reference's answers along the way, and how long its steps in contact take.
+fn reference(
+    scene: &Scene,
+    asked: &Asked<'_>,
+    way: &[[f64; 3]],
+) -> Result<(Vec<Place>, Option<StepUs>), String> {
+    let (name, setting) = REFERENCE;
+    let model = Registered::new(name, Some(setting))?;
+    let mut solver = ModelSolver::new(scene, model, Rendering::Tangent, asked.plan.host_hz)
+        .map_err(|error| error.to_string())?;
+    let (mut places, mut us) = (Vec::new(), Vec::new());
+    for (step, at) in way.iter().enumerate() {
+        let began = Instant::now();
+        let (status, contacts, _) = solver.step(sample(scene, at, step, asked));
+        let contact = contacts.first().copied().unwrap_or_default();
+        if status != Status::Ok {
+            // As far as there is an answer.
+            break;
+        }
+        if contact.rows > 0 {
+            us.push(1e6 * began.elapsed().as_secs_f64());
+            let (held, rows) = solver.held();
+            places.push(Place {
+                held: held.to_vec(),
+                rows: rows.to_vec(),
+                force: -Vector3::from_column_slice(&contact.wrench[..3]),
+                positions_m: solver.positions_m().to_vec(),
+            });
+        }
+    }
+    if places.is_empty() {
+        return Err("the reference finds no balance on it".to_owned());
+    }
+    Ok((places, percentiles(us)))
+}
+
+/// A session's solver that only has to be quick.
+enum Timed {
+    Rows(Box<TissueSolver>),
+    Model(Box<ModelSolver>),
+}
+
+impl Timed {
+    fn new(scene: &Scene, asked: &Asked<'_>, way: &[[f64; 3]]) -> Result<Self, String> {
+        let plan = asked.plan;
+        if let Tissue::Registered(model) = scene.tissue {
+            let solver = ModelSolver::new(scene, model, Rendering::Tangent, plan.host_hz);
+            let solver = solver.map_err(|error| error.to_string())?;
+            return Ok(Timed::Model(Box::new(solver)));
+        }
+        let mut solver = TissueSolver::new(scene).map_err(|error| error.to_string())?;
+        // As a session is prepared for its hand.
+        let grips = way.iter().map(|position_m| Pose {
+            position_m: *position_m,
+            orientation: [0.0, 0.0, 0.0, 1.0],
+        });
+        solver.prepare(&Path {
+            grips: grips.collect(),
+            needles: Vec::new(),
+        });
+        solver.reduce_to(plan.most_rows(), 2.0 / plan.host_hz);
+        Ok(Timed::Rows(Box::new(solver)))
+    }
+
+    /// How a step ended, and whether it touched.
+    fn step(&mut self, sample: ToolSample) -> (Status, bool) {
+        match self {
+            Timed::Rows(solver) => {
+                let report = solver.step(sample);
+                let driven = report.contacts().first();
+                (
+                    report.status,
+                    driven.is_some_and(|contact| contact.rows > 0),
+                )
+            }
+            Timed::Model(solver) => {
+                let (status, contacts, _) = solver.step(sample);
+                (
+                    status,
+                    contacts.first().is_some_and(|contact| contact.rows > 0),
+                )
+            }
+        }
+    }
+}
+
+/// Times the press; a candidate that is far too slow only as far as to know that.
+fn run(
+    scene: &Scene,
+    asked: &Asked<'_>,
+    way: &[[f64; 3]],
+    candidate: &mut Candidate,
+) -> Result<(), String> {
+    let mut fastest_us: Vec<Option<f64>> = vec![None; way.len()];
+    let mut solver = Timed::new(scene, asked, way)?;
+    let started = Instant::now();
+    // The same solver again, which is back outside with the first step: what it does once is not what a step takes.
+    for repeat in 0..REPEATS {
+        for (step, at) in way.iter().enumerate() {
+            let sample = sample(scene, at, repeat * way.len() + step, asked);
+            let began = Instant::now();
+            let (status, touches) = solver.step(sample);
+            let us = 1e6 * began.elapsed().as_secs_f64();
+            if !matches!(status, Status::Ok | Status::Behind | Status::Waiting) {
+                return Err(format!("a step ends as {}", status.name()));
+            }
+            if !touches {
+                continue;
+            }
+            let fastest = &mut fastest_us[step];
+            *fastest = Some(fastest.map_or(us, |before| before.min(us)));
+            let known: Vec<f64> = fastest_us.iter().flatten().copied().collect();
+            let least_us = known.iter().copied().fold(f64::INFINITY, f64::min);
+            let is_plain = matches!(solver, Timed::Model(_)) && known.len() >= 3;
+            let is_sure = is_plain || started.elapsed() > SURE;
+            candidate.step_us = percentiles(known);
+            if is_sure && least_us > TOO_SLOW * asked.budget_us {
+                return Err(SLOW.to_owned());
+            }
+            if is_sure && started.elapsed() > 3 * TIMED {
+                return Ok(());
+            }
+        }
+        if started.elapsed() > TIMED {
+            break;
+        }
+    }
+    match candidate.step_us {
+        Some(_) => Ok(()),
+        None => Err("no step in contact found a balance".to_owned()),
+    }
+}
+
+fn percentiles(mut us: Vec<f64>) -> Option<StepUs> {
+    us.sort_by(f64::total_cmp);
+    let at = |share: f64| us.get(((us.len() - 1) as f64 * share).ceil() as usize);
+    if us.is_empty() {
+        return None;
+    }
+    Some(StepUs {
+        p50: *at(0.5)?,
+        p99: *at(0.99)?,
+    })
+}
+
+/// Force and displacement where the reference's tool holds what it holds.
+fn compare(
+    scene: &Scene,
+    asked: &Asked<'_>,
+    model: Registered,
+    reference: &[Place],
+    candidate: &mut Candidate,
+) -> Result<(), String> {
+    let mut tissue = model.build(&scene.body(), &scene.mesh)?;
+    let force_n = scene.node_forces();
+    let moves = entry(model.name()).is_some_and(|entry| entry.has_step);
+    let (mut off, mut largest) = (0.0, 0.0_f64);
+    let (mut apart, mut moved) = (0.0, 0.0);
+    for place in reference {
+        let drive = Drive {
+            held: &place.held,
+            force_n: &force_n,
+        };
+        // As many steps as a session has on the way there, unless there is nothing left to do.
+        for _ in 0..STEPS_A_PLACE {
+            match tissue.step(&drive, 1.0 / asked.plan.host_hz).outcome {
+                Outcome::Converged if !moves => break,
+                Outcome::Converged | Outcome::Unfinished => {}
+                Outcome::Failed(why) => return Err(why.to_owned()),
+            }
+        }
+        let reactions = tissue.reactions_n();
+        let rows = place.rows.iter().filter_map(|row| reactions.get(*row));
+        let force: Vector3<f64> = rows.map(|force| Vector3::from(*force)).sum();
+        off += (force - place.force).norm_squared();
+        largest = largest.max(place.force.norm());
+        let nodes = tissue.positions_m().iter().zip(&place.positions_m);
+        for ((here, there), rest) in nodes.zip(scene.mesh.points_m()) {
+            apart += (Vector3::from(*here) - Vector3::from(*there)).norm_squared();
+            moved += (Vector3::from(*there) - Vector3::from(*rest)).norm_squared();
+        }
+    }
+    candidate.error = Some((off / reference.len() as f64).sqrt() / largest);
+    candidate.displacement_error = Some(f64::sqrt(apart / moved));
+    Ok(())
+}

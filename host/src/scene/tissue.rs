@@ -1,0 +1,276 @@
+//! Tissue models by name, as scenes, command lines and recordings write them.
+//!
+//! Entry point: [`Tissue::named`]: `linear`, or `shape-matching: 4 rings` with one of the model's settings.
+
+use super::{Corotational, Scene, nearest};
+use crate::mesh::TetMesh;
+use crate::tradeoff::cases::Substance;
+use crate::tradeoff::registry::{Body, Entry, entries, entry};
+use std::fmt;
+
+/// Density of soft tissue where a scene does not say \[kg/m^3\].
+pub const DENSITY_KG_PER_M3: f64 = 1050.0;
+
+/// How tissue answers.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Tissue {
+    /// Linear elasticity, small displacements.
+    Linear,
+    /// Linear elasticity that turns with each element, and how closely it is followed.
+    Corotational(Corotational),
+    /// One of the models that tools stick to: sessions only.
+    Registered(Registered),
+    /// What holds the session's budget, by measurement before it begins; linear where there is no session.
+    Auto,
+}
+
+/// A model of the [registry](crate::tradeoff::registry) with one of its settings.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Registered {
+    name: &'static str,
+    setting: usize,
+}
+
+impl Tissue {
+    /// A model by its name, with its usual setting, or as `name: setting`.
+    ///
+    /// # Errors
+    /// What is wrong with it, and what there is.
+    pub fn named(text: &str) -> Result<Tissue, String> {
+        let (name, setting) = match text.split_once(':') {
+            Some((name, setting)) => (name.trim(), Some(setting.trim())),
+            None => (text.trim(), None),
+        };
+        match (name, setting) {
+            ("linear", None) => Ok(Tissue::Linear),
+            ("auto", None) => Ok(Tissue::Auto),
+            ("corotational", Some(setting)) => Corotational::named(setting)
+                .map(Tissue::Corotational)
+                .ok_or_else(|| format!("no setting of corotational `{setting}`: give `1 pass`, `2 passes` and so on")),
+            ("corotational", None) => Ok(Tissue::Corotational(Corotational::default())),
+            ("linear" | "auto", Some(_)) => Err(format!("{name} has no settings")),
+            _ => Registered::new(name, setting).map(Tissue::Registered),
+        }
+    }
+
+    /// The name as files and output write it.
+    pub fn word(self) -> &'static str {
+        match self {
+            Tissue::Linear => "linear",
+            Tissue::Corotational(_) => "corotational",
+            Tissue::Registered(model) => model.name,
+            Tissue::Auto => "auto",
+        }
+    }
+
+    /// In place of what a scene says; its settings stay where it has some for this model.
+    pub fn instead_of(self, scenes: Tissue) -> Tissue {
+        match (self, scenes) {
+            (Tissue::Corotational(own), Tissue::Corotational(scenes)) => {
+                Tissue::Corotational(Corotational {
+                    passes: own.passes.or(scenes.passes),
+                    ..scenes
+                })
+            }
+            _ => self,
+        }
+    }
+
+    /// Whether contacts on it can be reduced to rows, which need its compliance.
+    pub fn has_rows(self) -> bool {
+        !matches!(self, Tissue::Registered(_))
+    }
+}
+
+/// The name, with the setting where the model has any by name: [`Tissue::named`] reads it.
+impl fmt::Display for Tissue {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.word())?;
+        match self {
+            Tissue::Registered(model) => write!(f, ": {}", model.setting()),
+            Tissue::Corotational(Corotational {
+                passes: Some(passes),
+                ..
+            }) => match passes {
+                1 => f.write_str(": 1 pass"),
+                _ => write!(f, ": {passes} passes"),
+            },
+            Tissue::Linear | Tissue::Corotational(_) | Tissue::Auto => Ok(()),
+        }
+    }
+}
+
+impl Corotational {
+    /// By its number of passes, all else the solver's choice.
+    fn named(setting: &str) -> Option<Self> {
+        let passes: u32 = setting
+            .strip_suffix(" passes")
+            .or(setting.strip_suffix(" pass"))?
+            .trim()
+            .parse()
+            .ok()?;
+        (passes > 0).then_some(Corotational {
+            passes: Some(passes),
+            ..Corotational::default()
+        })
+    }
+}
+
+/// What a scene's tissue can be made of: no fibres, nothing that fades.
+const PLAIN: Substance = Substance {
+    material: crate::fem::Material {
+        youngs_modulus_pa: 1e4,
+        poisson_ratio: 0.45,
+    },
+    fibres: None,
+    relaxation: None,
+    density_kg_per_m3: DENSITY_KG_PER_M3,
+};
+
+/// Models whose material a scene can describe.
+pub fn models() -> Vec<Entry> {
+    let mut all = entries();
+    all.retain(|entry| (entry.fits)(&PLAIN));
+    all
+}
+
+impl Registered {
+    /// A model and a setting by their names; the usual setting if none is named.
+    ///
+    /// # Errors
+    /// What is wrong with them, and what there is.
+    pub fn new(name: &str, setting: Option<&str>) -> Result<Self, String> {
+        let models = models();
+        let Some(entry) = models.iter().find(|entry| entry.tissue == name) else {
+            let mut known: Vec<_> = models.iter().map(|entry| entry.tissue).collect();
+            known.push("auto");
+            return Err(unknown("tissue model", name, &known));
+        };
+        let names: Vec<_> = entry.settings.iter().map(|s| s.name.as_str()).collect();
+        let index = match setting {
+            None => Some(0),
+            Some(setting) => names.iter().position(|name| *name == setting),
+        };
+        match index {
+            Some(setting) => Ok(Registered {
+                name: entry.tissue,
+                setting,
+            }),
+            None => Err(unknown(
+                &format!("setting of {name}"),
+                setting.unwrap_or_default(),
+                &names,
+            )),
+        }
+    }
+
+    /// Its name.
+    pub fn name(self) -> &'static str {
+        self.name
+    }
+
+    /// Tissue of this model and setting, made of what `body` says.
+    ///
+    /// # Errors
+    /// Why the model refuses.
+    pub fn build(
+        self,
+        body: &Body,
+        mesh: &TetMesh,
+    ) -> Result<Box<dyn sutura_models::Tissue>, String> {
+        let settings = entry(self.name).map(|entry| entry.settings);
+        let found = settings.and_then(|list| list.into_iter().nth(self.setting));
+        let setting = found.ok_or_else(|| format!("{} has no such setting", self.name))?;
+        (setting.build)(body, mesh)
+    }
+
+    /// Its setting in words.
+    pub fn setting(self) -> String {
+        let settings = entry(self.name).map(|entry| entry.settings);
+        let found = settings.and_then(|list| list.into_iter().nth(self.setting));
+        found.map_or_else(String::new, |setting| setting.name)
+    }
+}
+
+/// That there is no such thing, with what there is.
+fn unknown(what: &str, word: &str, known: &[&str]) -> String {
+    let all: Vec<_> = known.iter().map(|name| format!("`{name}`")).collect();
+    let meant =
+        nearest(word, known).map_or_else(String::new, |near| format!("did you mean `{near}`? "));
+    format!("no {what} `{word}`: {meant}there are {}", all.join(", "))
+}
+
+impl Scene {
+    /// Force of its loads on every node \[N\], (n x 3); empty without loads.
+    pub(crate) fn node_forces(&self) -> Vec<[f64; 3]> {
+        if self.loads.forces.is_empty() {
+            return Vec::new();
+        }
+        let mut forces = vec![[0.0; 3]; self.mesh.points_m().len()];
+        for load in &self.loads.forces {
+            for (sum, force) in forces[load.node as usize].iter_mut().zip(load.force_n) {
+                *sum += force;
+            }
+        }
+        forces
+    }
+
+    /// What its tissue is made of, for models of the registry.
+    pub fn body(&self) -> Body {
+        let cells = self.mesh.cells().len();
+        let substance = Substance {
+            material: self.materials.of(0),
+            density_kg_per_m3: self.density_kg_per_m3,
+            ..PLAIN
+        };
+        Body {
+            cells: if self.regions.is_empty() {
+                Vec::new()
+            } else {
+                (0..cells).map(|cell| self.materials.of(cell)).collect()
+            },
+            ..Body::of(substance)
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_name_is_read_back_with_its_setting() {
+        for entry in models() {
+            let usual = Tissue::named(entry.tissue).expect(entry.tissue);
+            assert_eq!(usual.word(), entry.tissue);
+            if !usual.has_rows() {
+                for setting in &entry.settings {
+                    let text = format!("{}: {}", entry.tissue, setting.name);
+                    let tissue = Tissue::named(&text).expect(&text);
+                    assert_eq!(tissue.to_string(), text);
+                }
+            }
+            assert_eq!(Tissue::named(&usual.to_string()), Ok(usual));
+        }
+    }
+
+    #[test]
+    fn what_is_misspelt_is_answered_with_what_there_is() {
+        let wrong = Tissue::named("hyperelastc").expect_err("no such model");
+        assert!(wrong.contains("did you mean `hyperelastic`?"), "{wrong}");
+        assert!(wrong.contains("`shape-matching`"), "{wrong}");
+        let wrong = Tissue::named("shape-matching: 3 rings").expect_err("no such setting");
+        assert!(
+            wrong.contains("no setting of shape-matching `3 rings`"),
+            "{wrong}"
+        );
+        assert!(wrong.contains("`4 rings`"), "{wrong}");
+        assert!(Tissue::named("linear: fast").is_err());
+        assert!(Tissue::named("corotational: 0 passes").is_err());
+        let four = Tissue::named("corotational: 4 passes").expect("a setting");
+        assert_eq!(four.to_string(), "corotational: 4 passes");
+        assert_eq!(Tissue::named("auto"), Ok(Tissue::Auto));
+        // Its fibres have no key in a scene.
+        assert!(Tissue::named("energy-balance-fiber").is_err());
+    }
+}

@@ -1,0 +1,523 @@
+//! Any tissue model behind [`Solve`]: tools stick to it, and what holds it back is what they feel.
+//!
+//! Entry point: [`ModelSolver::new`]. For models that are neither linear nor corotational: those have rows, and
+//! [`TissueSolver`](super::TissueSolver).
+
+use super::sticking::{Sticking, Tools};
+use super::{Rendering, SceneSolver, Solve, Solved};
+use crate::clock::Clock;
+use crate::contact::shape::Solid;
+use crate::hash::hash_of;
+use crate::mesh::Surface;
+use crate::model::check_tools;
+use crate::scene::{Registered, Scene, SceneError};
+use crate::script::{Script, at_rest};
+use crate::solve::{SolveError, outside};
+use crate::step::{Stages, Status, ToolContact};
+use crate::tool::{MAX_TOOLS, Placement, Shape, Tool, ToolSample};
+use crate::tradeoff::registry;
+use nalgebra::Vector3;
+use serde_json::{Map, Value, json};
+use sutura_models::{Outcome, Tissue};
+use sutura_shared::wire::Valid;
+use sutura_shared::wire::message::State;
+
+/// Most balances of a step: with the nodes found at first, and twice with others. What is left then the next step does. Models
+/// with time have one: a second would be another step.
+const MOST_PASSES: usize = 3;
+/// Most pieces of a tool's way in a step.
+const MOST_PIECES: f64 = 8.0;
+/// Most steps that bring held tools to their places and tissue to rest.
+const MOST_STEPS: usize = 1000;
+/// Longest time of one step of a model \[s\]: a console that was silent for longer has not moved all that time.
+const LONGEST_STEP_S: f64 = 0.1;
+
+/// A model with its tools.
+pub struct ModelSolver {
+    name: String,
+    model: Registered,
+    tissue: Box<dyn Tissue>,
+    passes: usize,
+    has_tangent: bool,
+    surface: Surface,
+    sticking: Sticking,
+    shapes: Vec<(u8, Tool)>,
+    tools: Tools,
+    /// Rows of the drive whose nodes press, of the tool at hand.
+    pressing: Vec<usize>,
+    force_n: Vec<[f64; 3]>,
+    script: Script,
+    period_s: f64,
+    began_us: Option<u64>,
+    last_us: u64,
+    contacts: Vec<ToolContact>,
+    /// Of the last balance: elastic energy \[J\], and force out of balance as a share.
+    energy_j: f64,
+    residual: f64,
+    tally: Tally,
+}
+
+/// What a session will say of its steps.
+#[derive(Clone, Copy, Debug, Default)]
+struct Tally {
+    peak_force_n: f64,
+    peak_position_m: [f64; 3],
+    peak_nodes: u32,
+    peak_energy_j: f64,
+    most_nodes: u32,
+    converged: u64,
+    unfinished: u64,
+    failed: u64,
+    why_failed: Option<&'static str>,
+    residual: f64,
+    tangents: u64,
+    tangent_error: f64,
+}
+
+impl ModelSolver {
+    /// Builds a scene's tissue, brings held tools to their places, and lets all come to rest. Steps come `host_hz` times a
+    /// second, and have a tangent if the console renders from that.
+    ///
+    /// # Errors
+    /// [`SolveError::Refused`] for scenes with needles or handles, and for what the model itself refuses; tools that are too
+    /// many, have no shape, or are held too deep.
+    pub fn new(
+        scene: &Scene,
+        model: Registered,
+        rendering: Rendering,
+        host_hz: f64,
+    ) -> Result<Self, SolveError> {
+        let refuse = |reason: String, help| SolveError::Refused {
+            model: model.name(),
+            reason,
+            help,
+        };
+        let entry = registry::entry(model.name());
+        let entry = entry.ok_or_else(|| refuse("there is no such model".to_owned(), ""))?;
+        refused(scene, &entry).map_or(Ok(()), |(reason, help)| Err(refuse(reason, help)))?;
+        if rendering == Rendering::Rows {
+            let reason = "rows need the compliance between the places that are touched, which it does not have";
+            let help = "give `--rendering tangent` or `--rendering hold`, or `--tissue linear`";
+            return Err(refuse(reason.to_owned(), help));
+        }
+        let shapes: Vec<_> = scene
+            .tools
+            .iter()
+            .map(|tool| (tool.id, tool.shape))
+            .collect();
+        check_tools(&shapes).map_err(SceneError::Build)?;
+        let tissue = model
+            .build(&scene.body(), &scene.mesh)
+            .map_err(|reason| refuse(reason, "change the scene, or take another `--tissue`"))?;
+        let script = Script::new(scene);
+        let mut solver = ModelSolver {
+            name: scene.name.clone(),
+            model,
+            tissue,
+            passes: if entry.has_step { 1 } else { MOST_PASSES },
+            has_tangent: rendering == Rendering::Tangent,
+            surface: scene.mesh.surface(),
+            sticking: Sticking::new(&scene.mesh, &scene.fixed),
+            shapes,
+            tools: [None; MAX_TOOLS],
+            pressing: Vec::with_capacity(scene.mesh.points_m().len()),
+            force_n: scene.node_forces(),
+            period_s: 1.0 / host_hz,
+            began_us: None,
+            last_us: 0,
+            contacts: vec![ToolContact::default(); script.samples().len()],
+            script,
+            energy_j: 0.0,
+            residual: 0.0,
+            tally: Tally::default(),
+        };
+        solver.bring_in(scene)?;
+        solver.tally = Tally::default();
+        Ok(solver)
+    }
+
+    /// Held tools come from outside, and what acts already acts until all rests.
+    fn bring_in(&mut self, scene: &Scene) -> Result<(), SolveError> {
+        let held: Vec<_> = scene.held().collect();
+        if held.is_empty() && self.force_n.is_empty() {
+            return Ok(());
+        }
+        let points = scene.mesh.points_m();
+        let at = |from_outside: bool| -> Vec<ToolSample> {
+            let samples = held.iter().map(|(tool, pose)| {
+                let pose = if from_outside {
+                    outside(&self.surface, points, &tool.shape, pose)
+                } else {
+                    *pose
+                };
+                at_rest(tool.id, &pose)
+            });
+            samples.collect()
+        };
+        let (from, to) = (at(true), at(false));
+        let mut status = self.go(&from, self.period_s);
+        let mut rests = false;
+        for _ in 0..MOST_STEPS {
+            let before = self.tally.converged;
+            status = self.go(&to, self.period_s);
+            match status {
+                // Models that never are in balance rest after as many steps.
+                Status::Ok if self.tally.converged > before => {
+                    rests = true;
+                    break;
+                }
+                Status::Ok | Status::Behind => {}
+                _ => return Err(SolveError::NoRest(status)),
+            }
+        }
+        if rests || status == Status::Ok {
+            return Ok(());
+        }
+        Err(SolveError::NoRest(status))
+    }
+
+    /// Id of the tool that the console's grip carries.
+    pub fn driven(&self) -> Option<u8> {
+        self.script.driven()
+    }
+
+    /// Where every node is \[m\], (n x 3).
+    pub fn positions_m(&self) -> &[[f64; 3]] {
+        self.tissue.positions_m()
+    }
+
+    /// What the last balance held, as a drive has it, and which of these the driven tool holds and presses.
+    pub(crate) fn held(&mut self) -> (&[(u32, [f64; 3])], &[usize]) {
+        let driven = self.driven();
+        let index = self.shapes.iter().position(|(id, _)| Some(*id) == driven);
+        self.pressing.clear();
+        if let Some(index) = index {
+            self.sticking.pressing(index, &mut self.pressing);
+        }
+        (self.sticking.drive(&[]).held, &self.pressing)
+    }
+
+    /// Steps with the driven tool where `sample` is, and all else where the scripts have it at its time. Where the status is
+    /// `Ok` there is a contact for each tool, the driven one's first.
+    pub fn step(&mut self, sample: ToolSample) -> (Status, &[ToolContact], Stages) {
+        let now_us = sample.console_time_us;
+        let began_us = *self.began_us.get_or_insert(now_us);
+        let step_s = match now_us.saturating_sub(self.last_us) {
+            _ if now_us == began_us => self.period_s,
+            0 => self.period_s,
+            us => (1e-6 * us as f64).min(LONGEST_STEP_S),
+        };
+        self.last_us = now_us;
+        let mut stages = Stages::default();
+        let mut clock = Clock::start();
+        self.script
+            .tools_at(1e-6 * now_us.saturating_sub(began_us) as f64, sample);
+        // No more than there are tools.
+        let mut samples = [sample; MAX_TOOLS];
+        let count = self.script.samples().len().min(MAX_TOOLS);
+        samples[..count].copy_from_slice(&self.script.samples()[..count]);
+        let status = self.go(&samples[..count], step_s);
+        clock.lap(&mut stages.tissue_ns);
+        if status == Status::Ok {
+            self.reduce(&samples[..count], step_s);
+        }
+        clock.lap(&mut stages.reduce_ns);
+        (status, &self.contacts, stages)
+    }
+
+    /// Moves the tools there, in pieces that are short against their shapes.
+    fn go(&mut self, samples: &[ToolSample], step_s: f64) -> Status {
+        let mut way = [None; MAX_TOOLS];
+        let mut pieces = 1.0_f64;
+        for sample in samples {
+            let Some(index) = self.shapes.iter().position(|(id, _)| *id == sample.id) else {
+                return Status::UnknownTool;
+            };
+            let shape = &self.shapes[index].1;
+            if shape.shape == Shape::Grip {
+                continue;
+            }
+            let Some(target) = shape.place(sample) else {
+                return Status::NotFinite;
+            };
+            if self.tools[index].is_none() && !self.appears(index, &target) {
+                return Status::Inside;
+            }
+            let Some((from, solid)) = &self.tools[index] else {
+                continue;
+            };
+            let length =
+                (target.centre - from.centre).norm() + from.angle_to(&target) * solid.reach();
+            pieces = pieces.max((length / solid.piece()).ceil());
+            way[index] = Some((*from, target));
+        }
+        let count = pieces.min(MOST_PIECES);
+        for piece in 1..=count as u32 {
+            let before = self.tools;
+            for (index, way) in way.iter().enumerate() {
+                if let Some((from, target)) = way {
+                    let there = from.towards(target, f64::from(piece) / pieces);
+                    self.tools[index] = Some((there, self.solid(index, &there)));
+                }
+            }
+            self.sticking.keep();
+            if !self.balance(step_s / count) {
+                self.tools = before;
+                self.sticking.go_back();
+                return Status::NotConverged;
+            }
+        }
+        if pieces > count {
+            return Status::Behind;
+        }
+        self.all_outside()
+    }
+
+    fn solid(&self, index: usize, placement: &Placement) -> Solid {
+        Solid::new(&self.shapes[index].1, self.surface.mean_edge_m, placement)
+    }
+
+    /// A tool that was nowhere is there; not if that is inside the tissue.
+    fn appears(&mut self, index: usize, placement: &Placement) -> bool {
+        let solid = self.solid(index, placement);
+        let middle = solid.middle().into();
+        if self.surface.contains(self.tissue.positions_m(), middle) {
+            return false;
+        }
+        self.tools[index] = Some((*placement, solid));
+        true
+    }
+
+    /// Finds what the tools hold, and has the model follow. Says whether it did.
+    fn balance(&mut self, step_s: f64) -> bool {
+        self.sticking.take(&self.tools, self.tissue.positions_m());
+        for pass in 1..=self.passes {
+            self.sticking.lay_out(&self.tools);
+            let drive = self.sticking.drive(&self.force_n);
+            let done = self.tissue.step(&drive, step_s);
+            match done.outcome {
+                Outcome::Converged => self.tally.converged += 1,
+                Outcome::Unfinished => self.tally.unfinished += 1,
+                Outcome::Failed(why) => {
+                    self.tally.failed += 1;
+                    self.tally.why_failed = Some(why);
+                    return false;
+                }
+            }
+            self.energy_j = done.energy_j;
+            self.residual = done.residual;
+            let gone = self.sticking.let_go(&self.tools, self.tissue.reactions_n());
+            // What the last pass would take, the next step takes.
+            if pass == self.passes
+                || gone + self.sticking.take(&self.tools, self.tissue.positions_m()) == 0
+            {
+                break;
+            }
+        }
+        self.tally.residual = self.tally.residual.max(self.residual);
+        true
+    }
+
+    /// A tool that holds nothing must be outside; one that has slipped in between nodes is forgotten.
+    fn all_outside(&mut self) -> Status {
+        for index in 0..MAX_TOOLS {
+            let Some((_, solid)) = self.tools[index] else {
+                continue;
+            };
+            self.sticking.pressing(index, &mut self.pressing);
+            if !self.pressing.is_empty() {
+                continue;
+            }
+            let positions = self.tissue.positions_m();
+            let Some((_, _, node)) = self.sticking.apart(&solid, positions) else {
+                continue;
+            };
+            let middle = solid.middle();
+            // The cheap suspicion first, then the proof.
+            let vertex = self.surface.vertices.binary_search(&node);
+            let behind = vertex.is_ok_and(|vertex| {
+                let normal = Vector3::from(self.surface.normals[vertex]);
+                (middle - Vector3::from(positions[node as usize])).dot(&normal) < 0.0
+            });
+            if behind && self.surface.contains(positions, middle.into()) {
+                self.tools[index] = None;
+                return Status::Inside;
+            }
+        }
+        Status::Ok
+    }
+
+    /// What each tool feels.
+    fn reduce(&mut self, samples: &[ToolSample], step_s: f64) {
+        for (slot, sample) in samples.iter().enumerate() {
+            let mut contact = ToolContact {
+                id: sample.id,
+                gap_m: f64::MAX,
+                normal: [0.0, 0.0, 1.0],
+                ..ToolContact::default()
+            };
+            let index = self.shapes.iter().position(|(id, _)| *id == sample.id);
+            let solid = index.and_then(|index| Some((index, self.tools[index]?.1)));
+            if let Some((index, solid)) = solid {
+                self.sticking.pressing(index, &mut self.pressing);
+                let drives = slot == 0 && self.script.driven().is_some();
+                self.feel(&mut contact, sample, &solid, drives.then_some(step_s));
+            }
+            if let Some(place) = self.contacts.get_mut(slot) {
+                *place = contact;
+            }
+        }
+    }
+
+    /// Contact of the tool whose rows are at hand, with the tangent of a step of that length if one is wanted.
+    fn feel(
+        &mut self,
+        contact: &mut ToolContact,
+        sample: &ToolSample,
+        solid: &Solid,
+        step_s: Option<f64>,
+    ) {
+        if self.pressing.is_empty() {
+            if let Some((gap, normal, _)) = self.sticking.apart(solid, self.tissue.positions_m()) {
+                contact.gap_m = gap.max(0.0);
+                contact.normal = normal.into();
+            }
+            return;
+        }
+        let grip = Vector3::from(sample.position_m);
+        let touched = self
+            .sticking
+            .touched(&self.pressing, self.tissue.reactions_n(), &grip);
+        contact.gap_m = 0.0;
+        contact.rows = touched.nodes;
+        contact.normal = touched
+            .force
+            .try_normalize(0.0)
+            .unwrap_or_else(Vector3::z)
+            .into();
+        contact.wrench[..3].copy_from_slice(touched.force.as_slice());
+        contact.wrench[3..].copy_from_slice(touched.moment.as_slice());
+        let Some(step_s) = step_s else {
+            return;
+        };
+        let tally = &mut self.tally;
+        tally.most_nodes = tally.most_nodes.max(touched.nodes);
+        if touched.force.norm() > tally.peak_force_n {
+            tally.peak_force_n = touched.force.norm();
+            tally.peak_position_m = sample.position_m;
+            tally.peak_nodes = touched.nodes;
+            tally.peak_energy_j = self.energy_j;
+        }
+        if !self.has_tangent {
+            return;
+        }
+        let drive = self.sticking.drive(&self.force_n);
+        if let Some(tangent) = self.tissue.tangent(&drive, &self.pressing, step_s) {
+            tally.tangents += 1;
+            tally.tangent_error = tally.tangent_error.max(tangent.error);
+            contact.tangent = touched.tangent(&tangent);
+        }
+    }
+
+    fn sample(&self, state: &Valid<State>) -> Option<ToolSample> {
+        let body = state.body();
+        Some(ToolSample {
+            id: self.driven()?,
+            position_m: body.position_m.map(f64::from),
+            orientation: body.orientation.map(f64::from),
+            velocity_m_per_s: body.velocity_m_per_s.map(f64::from),
+            console_time_us: state.console_time_us(),
+        })
+    }
+}
+
+impl Solve for ModelSolver {
+    fn solve(&mut self, state: &Valid<State>) -> Solved {
+        let sample = self.sample(state);
+        let (status, contact, stages) = match sample {
+            Some(sample) => {
+                let (status, contacts, stages) = self.step(sample);
+                (status, contacts.first().copied(), stages)
+            }
+            // Nothing touches: as linear tissue, which sends nothing either.
+            None => (Status::UnknownTool, None, Stages::default()),
+        };
+        Solved {
+            position_m: state.body().position_m,
+            contact: contact.filter(|_| status == Status::Ok),
+            rows: None,
+            needle: None,
+            thread: None,
+            status,
+            stages,
+        }
+    }
+
+    fn scene(&self) -> Map<String, Value> {
+        let tally = &self.tally;
+        let others = self
+            .contacts
+            .iter()
+            .skip(usize::from(self.driven().is_some()));
+        let held: Vec<Value> = others
+            .map(|contact| {
+                let [x, y, z, ..] = contact.wrench;
+                json!({ "tool": contact.id, "force_n": [-x, -y, -z], "rows": contact.rows })
+            })
+            .collect();
+        let tangent = self.has_tangent && tally.tangents > 0;
+        let report = json!({
+            "name": self.name,
+            "tissue": self.model.name(),
+            "nodes": self.tissue.positions_m().len(),
+            "peak": {
+                "force_n": tally.peak_force_n,
+                "position_m": tally.peak_position_m,
+                "rows": tally.peak_nodes,
+                "stored_energy_j": tally.peak_energy_j,
+            },
+            "held": held,
+            "model": {
+                "setting": self.model.setting(),
+                "contact": "sticking",
+                "contact_nodes": tally.most_nodes,
+                "residual": tally.residual,
+                "outcomes": {
+                    "converged": tally.converged,
+                    "unfinished": tally.unfinished,
+                    "failed": tally.failed,
+                },
+                "why_failed": tally.why_failed,
+                "tangent_error": tangent.then_some(tally.tangent_error),
+            },
+        });
+        match report {
+            Value::Object(report) => report,
+            _ => Map::new(),
+        }
+    }
+}
+
+impl SceneSolver for ModelSolver {
+    fn hash(&self) -> u64 {
+        let tools = self.tools.map(|tool| tool.map(|(placement, _)| placement));
+        hash_of(&(self.tissue.positions_m(), self.sticking.state(), tools))
+    }
+}
+
+/// Why a model does not take a scene, and what to do, if so.
+fn refused(scene: &Scene, entry: &registry::Entry) -> Option<(String, &'static str)> {
+    if let (false, Some(why)) = (scene.needles.is_empty(), entry.refuses_needles) {
+        let help =
+            "give `--tissue linear` or `--tissue corotational`, or change `model` in `[tissue]`";
+        return Some((format!("it has needles, and {why}"), help));
+    }
+    if !scene.loads.handles.is_empty() {
+        let help = "leave the handles out, or take `linear` tissue";
+        return Some((
+            "it has handles, which only linear and corotational tissue take".to_owned(),
+            help,
+        ));
+    }
+    None
+}

@@ -1,0 +1,288 @@
+//! Sessions on every tissue model: tools that stick, press, and let go.
+
+use nalgebra::{Matrix3, Vector3};
+use sutura_host::scene::{Document, Registered, Scene, models};
+use sutura_host::session::{ModelSolver, Rendering, SceneSolver, Solve};
+use sutura_host::solve::SolveError;
+use sutura_host::step::{Status, ToolContact};
+use sutura_host::tool::ToolSample;
+
+const HZ: f64 = 100.0;
+/// Radius of the ball \[m\].
+const RADIUS_M: f64 = 0.02;
+
+const SLAB: &str = r#"
+[mesh.slab]
+size_m = [0.06, 0.06, 0.03]
+divisions = [8, 8, 4]
+
+[tissue]
+youngs_modulus_pa = 10e3
+poisson_ratio = 0.4
+
+[[fixed]]
+plane = { axis = "z", at_m = -0.03 }
+
+[[tool]]
+radius_m = 0.02
+"#;
+
+fn scene(more: &str) -> Scene {
+    let document = Document::embedded("test.toml", "".as_ref(), &format!("{SLAB}{more}"));
+    Scene::read(&document, "test").expect("good")
+}
+
+/// A solver, and the hand that brings its tool along.
+struct Hand {
+    solver: ModelSolver,
+    time_us: u64,
+}
+
+impl Hand {
+    fn new(scene: &Scene, model: &str, setting: Option<&str>) -> Self {
+        Hand::rendered(scene, model, setting, Rendering::Tangent)
+    }
+
+    /// Without tangents, which are most of the time of some models.
+    fn without_tangent(scene: &Scene, model: &str) -> Self {
+        Hand::rendered(scene, model, None, Rendering::Hold)
+    }
+
+    fn rendered(scene: &Scene, model: &str, setting: Option<&str>, rendering: Rendering) -> Self {
+        let model = Registered::new(model, setting).expect("it is there");
+        let solver = ModelSolver::new(scene, model, rendering, HZ).expect("a solver");
+        Hand { solver, time_us: 0 }
+    }
+
+    /// One step with the ball's centre there; the contacts of all tools.
+    fn all_to(&mut self, at: Vector3<f64>) -> Vec<ToolContact> {
+        self.time_us += (1e6 / HZ) as u64;
+        let sample = ToolSample {
+            id: 0,
+            position_m: at.into(),
+            orientation: [0.0, 0.0, 0.0, 1.0],
+            velocity_m_per_s: [0.0; 3],
+            console_time_us: self.time_us,
+        };
+        let (status, contacts, _) = self.solver.step(sample);
+        assert_eq!(status, Status::Ok, "at {at}");
+        contacts.to_vec()
+    }
+
+    fn to(&mut self, at: Vector3<f64>) -> ToolContact {
+        self.all_to(at)[0]
+    }
+
+    /// Down to this depth, in quarters of a millimetre, and a rest there.
+    fn press(&mut self, depth_m: f64) -> ToolContact {
+        let steps = (depth_m / 0.25e-3).round() as usize;
+        for step in 0..=steps {
+            self.to(over(depth_m * step as f64 / steps as f64));
+        }
+        for _ in 0..3 {
+            self.to(over(depth_m));
+        }
+        self.to(over(depth_m))
+    }
+}
+
+/// Centre of a ball that is pressed in by this much; a bit off the middle, so that nothing is symmetric.
+fn over(depth_m: f64) -> Vector3<f64> {
+    Vector3::new(0.001, 0.0007, RADIUS_M - depth_m)
+}
+
+fn force(contact: &ToolContact) -> Vector3<f64> {
+    Vector3::from_column_slice(&contact.wrench[..3])
+}
+
+/// Models with a material law, in balance or close to it.
+fn has_law(model: &str) -> bool {
+    ["linear", "corotational", "hyperelastic"].contains(&model)
+        || model.starts_with("energy-balance")
+}
+
+/// Pressed in by 1 mm of 30, laws differ by their strain, so do their forces from the linear one's: by no more than 15 %.
+/// Models without a law are within a factor of 4. All push the tool out, all say numbers.
+#[test]
+fn every_model_pushes_the_tool_out_as_hard_as_linear_tissue_does() {
+    let scene = scene("");
+    let linear = force(&Hand::new(&scene, "linear", None).press(1e-3)).z;
+    assert!(linear > 0.02, "{linear} N");
+    for entry in models() {
+        let model = entry.tissue;
+        let mut hand = Hand::new(&scene, model, None);
+        let apart = hand.to(over(-2e-3));
+        assert_eq!((apart.wrench, apart.rows), ([0.0; 6], 0), "{model}");
+        assert!(
+            (1.5e-3..2.5e-3).contains(&apart.gap_m),
+            "{model}: {}",
+            apart.gap_m
+        );
+        assert!(apart.normal[2] > 0.9, "{model}: {:?}", apart.normal);
+        let contact = hand.press(1e-3);
+        let numbers = contact.wrench.iter().chain(contact.tangent.as_flattened());
+        assert!(
+            numbers.chain(&contact.normal).all(|x| x.is_finite()),
+            "{model}"
+        );
+        let factor = force(&contact).z / linear;
+        let (least, most) = if has_law(model) {
+            (0.85, 1.15)
+        } else {
+            (0.25, 4.0)
+        };
+        assert!(
+            (least..most).contains(&factor),
+            "{model}: {factor} of {linear} N"
+        );
+        assert!(contact.rows > 0 && contact.gap_m == 0.0, "{model}");
+        // Deeper is harder.
+        assert!(
+            contact.tangent[2][2] < 0.0,
+            "{model}: {:?}",
+            contact.tangent[2]
+        );
+    }
+}
+
+/// On the way back no tool is ever pulled, and in the end it is free.
+#[test]
+fn every_model_lets_go_without_pulling() {
+    let scene = scene("");
+    for entry in models() {
+        let model = entry.tissue;
+        let mut hand = Hand::without_tangent(&scene, model);
+        hand.press(3e-3);
+        for step in 0..=20 {
+            let contact = hand.to(over(3e-3 - 4e-4 * f64::from(step)));
+            assert!(
+                force(&contact).z >= 0.0,
+                "{model}, step {step}: {}",
+                force(&contact)
+            );
+        }
+        let last = hand.to(over(-5e-3));
+        assert_eq!((last.wrench, last.rows), ([0.0; 6], 0), "{model}");
+        assert!(last.gap_m > 4e-3, "{model}: {}", last.gap_m);
+    }
+}
+
+#[test]
+fn two_runs_of_every_model_have_the_same_bits() {
+    let scene = scene("");
+    for entry in models() {
+        let run = || {
+            let mut hand = Hand::without_tangent(&scene, entry.tissue);
+            let contact = hand.press(2e-3);
+            (hand.solver.hash(), contact.wrench.map(f64::to_bits))
+        };
+        assert_eq!(run(), run(), "{}", entry.tissue);
+    }
+}
+
+/// Where the model has a derivative, the frame's tangent is that of its force: against moving the tool.
+#[test]
+fn tangents_are_derivatives_of_the_force() {
+    let scene = scene("");
+    for (model, setting) in [
+        ("linear", ""),
+        ("corotational", "to 1e-10, factor always"),
+        ("hyperelastic", "linear cells, to 1e-9"),
+    ] {
+        let at = |offset: Vector3<f64>| {
+            let mut hand = Hand::new(&scene, model, Some(setting));
+            let contact = hand.press(3e-3);
+            (contact, hand.to(over(3e-3) + offset))
+        };
+        let (contact, _) = at(Vector3::zeros());
+        let tangent = Matrix3::from_fn(|row, column| contact.tangent[row][column]);
+        let step_m = 1e-6;
+        let by_difference = Matrix3::from_columns(&[0, 1, 2].map(|axis| {
+            let mut offset = Vector3::zeros();
+            offset[axis] = step_m;
+            let ends = [at(offset).1, at(-offset).1].map(|end| force(&end));
+            (ends[0] - ends[1]) / (2.0 * step_m)
+        }));
+        let off = (tangent - by_difference).norm() / by_difference.norm();
+        assert!(off < 1e-4, "{model}: {off}, {tangent} {by_difference}");
+    }
+}
+
+/// As the console takes it: the skew part of the tangent is -1/2 \[moment\]x in the rotations.
+#[test]
+fn the_skew_part_of_the_tangent_is_the_moments() {
+    let scene = scene("");
+    let mut hand = Hand::new(&scene, "linear", None);
+    let contact = hand.press(3e-3);
+    let moment = Vector3::from_column_slice(&contact.wrench[3..]);
+    let skew = Matrix3::from_fn(|row, column| {
+        let (row, column) = (row + 3, column + 3);
+        0.5 * (contact.tangent[row][column] - contact.tangent[column][row])
+    });
+    assert!(moment.norm() > 1e-6, "{moment}");
+    let off = (skew + 0.5 * moment.cross_matrix()).norm();
+    assert!(off < 1e-9 * moment.norm().max(1e-3), "{skew} {moment}");
+}
+
+/// The held tool is brought in before the session, and feels the driven one through the tissue.
+#[test]
+fn a_held_tool_presses_from_the_start() {
+    let held =
+        "[[tool]]\nid = 3\nradius_m = 0.02\nposition_m = [0.018, 0.0, 0.018]\ndriven = false\n";
+    let scene = scene(held);
+    for model in ["linear", "hyperelastic", "shape-matching"] {
+        let mut hand = Hand::without_tangent(&scene, model);
+        let far = Vector3::new(-0.02, 0.0, 0.05);
+        let contacts = hand.all_to(far);
+        assert_eq!((contacts[0].rows, contacts[1].id), (0, 3), "{model}");
+        assert!(
+            force(&contacts[1]).z > 0.02,
+            "{model}: {:?}",
+            contacts[1].wrench
+        );
+    }
+}
+
+/// A stiff half under the tool pushes harder; the classical ChainMail has one material and says so.
+#[test]
+fn regions_count_where_the_model_has_them() {
+    let soft = scene("");
+    let region = "[[region]]\nbox = { min_m = [-1.0, -1.0, -0.016], max_m = [1.0, 1.0, 1.0] }\n\
+                  youngs_modulus_pa = 40e3\npoisson_ratio = 0.3\n";
+    let layered = scene(region);
+    for model in [
+        "linear",
+        "hyperelastic",
+        "energy-balance-stvk",
+        "shape-matching",
+    ] {
+        let [soft, stiff] = [&soft, &layered]
+            .map(|scene| force(&Hand::without_tangent(scene, model).press(1e-3)).z);
+        assert!(stiff > 1.3 * soft, "{model}: {soft} N, {stiff} N");
+    }
+    let classical = Registered::new("chainmail-classical", None).expect("it is there");
+    let refused = ModelSolver::new(&layered, classical, Rendering::Tangent, HZ);
+    match refused.map(|_| ()) {
+        Err(SolveError::Refused { reason, .. }) => {
+            assert!(reason.contains("one material"), "{reason}")
+        }
+        other => panic!("not refused: {other:?}"),
+    }
+}
+
+#[test]
+fn the_summary_says_model_setting_and_how_steps_ended() {
+    let scene = scene("");
+    let mut hand = Hand::new(&scene, "shape-matching", Some("1 ring"));
+    hand.press(2e-3);
+    let said = hand.solver.scene();
+    assert_eq!(said["tissue"], "shape-matching");
+    let model = &said["model"];
+    assert_eq!(model["setting"], "1 ring");
+    assert!(model["contact_nodes"].as_u64() > Some(0), "{model}");
+    let outcomes = &model["outcomes"];
+    let steps = ["converged", "unfinished", "failed"].map(|key| outcomes[key].as_u64().expect(key));
+    // One balance a step: its step has a length.
+    assert_eq!(steps.iter().sum::<u64>(), 9 + 4, "{outcomes}");
+    assert!(model["tangent_error"].is_number(), "{model}");
+}

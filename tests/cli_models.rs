@@ -1,0 +1,223 @@
+//! `sutura run` on other tissue models, and the choice among them, from the command line.
+#![allow(clippy::unwrap_used, reason = "tests")]
+
+mod support;
+
+use serde_json::Value;
+use std::path::{Path, PathBuf};
+use support::{Ran, sutura};
+use tempfile::TempDir;
+
+/// A coarse slab that a hand presses once.
+const SCENE: &str = r#"
+name = "Coarse"
+seconds = 0.6
+device = "cartesian-bench"
+
+[mesh.slab]
+size_m = [0.06, 0.06, 0.03]
+divisions = [6, 6, 3]
+
+[tissue]
+MODEL
+youngs_modulus_pa = 10e3
+poisson_ratio = 0.4
+
+[[fixed]]
+plane = { axis = "z", at_m = -0.03 }
+
+[[tool]]
+radius_m = 0.035
+# For a solve.
+position_m = [0.0, 0.0, 0.033]
+
+[hand]
+stiffness_n_per_m = 1000.0
+damping_n_s_per_m = 10.0
+way_point = [
+    { time_s = 0.0, position_m = [0.0, 0.0, 0.037] },
+    { time_s = 0.4, position_m = [0.001, 0.0, 0.031] },
+]
+
+[host]
+host_hz = 50.0
+"#;
+
+fn scene(folder: &TempDir, model: &str) -> PathBuf {
+    let path = folder.path().join("scene.toml");
+    std::fs::write(&path, SCENE.replace("MODEL", model)).unwrap();
+    path
+}
+
+fn run(scene: &Path, more: &[&str]) -> Ran {
+    let scene = scene.to_str().unwrap();
+    sutura(&[&["run", scene, "--lockstep", "--format", "json"], more].concat())
+}
+
+fn summary(ran: &Ran) -> Value {
+    serde_json::from_str(&ran.stdout).unwrap_or_else(|_| panic!("{}", ran.stderr))
+}
+
+#[test]
+fn a_model_of_the_scene_and_of_the_line_are_one_and_replay_has_its_bits() {
+    let folder = TempDir::new().unwrap();
+    let by_line = scene(&folder, "");
+    let file = folder.path().join("a.mcap");
+    let file = file.to_str().unwrap();
+    let tissue = "shape-matching: 1 ring";
+    let ran = run(&by_line, &["--tissue", tissue, "--record", file]);
+    assert_eq!(ran.code, 0, "{}", ran.stderr);
+    let first = summary(&ran);
+    assert_eq!(first["scene"]["tissue"], "shape-matching");
+    assert_eq!(first["scene"]["model"]["setting"], "1 ring");
+    assert_eq!(first["rendering"], "tangent");
+    assert!(first["force_n"]["peak"].as_f64().unwrap() > 0.05, "{first}");
+    let by_scene = scene(&folder, "model = \"shape-matching\"\nsetting = \"1 ring\"");
+    let again = summary(&run(&by_scene, &[]));
+    assert_eq!(first["trace_hash"], again["trace_hash"]);
+    // The recorded scene says linear; the recording says what was run.
+    let ran = sutura(&["replay", file, "--verify", "--format", "json"]);
+    assert_eq!(ran.code, 0, "{}", ran.stderr);
+    assert_eq!(summary(&ran)["host"]["identical"], true);
+}
+
+#[test]
+fn what_a_model_does_not_take_is_refused_with_the_reason() {
+    let folder = TempDir::new().unwrap();
+    let own = scene(&folder, "");
+    let needles = Path::new("scenes/needle-slabs.toml");
+    for (ran, said) in [
+        (
+            run(needles, &["--tissue", "chainmail-ellipsoid"]),
+            [
+                "chainmail-ellipsoid tissue does not take this scene: it has needles",
+                "compliance",
+                "--tissue linear",
+            ],
+        ),
+        (
+            run(needles, &["--tissue", "hyperelastic"]),
+            [
+                "hyperelastic tissue does not take this scene: it has needles",
+                "compliance",
+                "--tissue linear",
+            ],
+        ),
+        (
+            run(&own, &["--tissue", "shape-matching", "--rendering", "rows"]),
+            ["rows need the compliance", "--rendering tangent", ""],
+        ),
+        (
+            run(&own, &["--tissue", "shape-maching"]),
+            ["did you mean `shape-matching`?", "`hyperelastic`", "`auto`"],
+        ),
+        (
+            run(
+                &scene(&folder, "model = \"shape-matching\"\nsetting = \"3 rings\""),
+                &[],
+            ),
+            [
+                "no setting of shape-matching `3 rings`",
+                "`4 rings`",
+                "scene.toml",
+            ],
+        ),
+        (
+            sutura(&[
+                "solve",
+                scene(&folder, "model = \"hyperelastic\"").to_str().unwrap(),
+                "--out",
+                folder.path().join("a.vtu").to_str().unwrap(),
+            ]),
+            ["runs in sessions only", "sutura run", ""],
+        ),
+    ] {
+        assert_eq!(ran.code, 2, "{}{}", ran.stdout, ran.stderr);
+        for words in said {
+            assert!(
+                ran.stderr.contains(words),
+                "no \"{words}\" in:\n{}",
+                ran.stderr
+            );
+        }
+    }
+}
+
+#[test]
+fn scene_check_and_explain_know_the_model() {
+    let folder = TempDir::new().unwrap();
+    let path = scene(&folder, "model = \"shape-matching\"");
+    let path = path.to_str().unwrap();
+    let ran = sutura(&["scene", "check", path]);
+    assert_eq!(ran.code, 0, "{}", ran.stderr);
+    let ran = sutura(&["scene", "explain", path]);
+    for words in ["shape-matching tissue", "2 rings", "us / step", "not built"] {
+        assert!(ran.stdout.contains(words), "no {words} in:\n{}", ran.stdout);
+    }
+}
+
+/// With time for everything the least error is taken, with time for nothing the fastest, and then the budget is missed.
+#[test]
+fn a_budget_takes_the_best_that_holds_it_or_the_fastest() {
+    let folder = TempDir::new().unwrap();
+    let auto = scene(&folder, "model = \"auto\"");
+    let ran = run(&auto, &["--budget-ms", "100000", "--seconds", "0.2"]);
+    assert_eq!(ran.code, 0, "{}", ran.stderr);
+    let chosen = &summary(&ran)["chosen"];
+    let candidates = chosen["candidates"].as_array().unwrap();
+    let errors = candidates.iter().filter_map(|row| row["error"].as_f64());
+    let least = errors.fold(f64::INFINITY, f64::min);
+    assert!(candidates.len() > 8, "{chosen}");
+    assert_eq!(
+        (chosen["error"].as_f64(), &chosen["holds_budget"]),
+        (Some(least), &true.into())
+    );
+    assert!(
+        least < 1e-3,
+        "the reference's own law is among them: {chosen}"
+    );
+    assert!(ran.stderr.contains("taken: --tissue"), "{}", ran.stderr);
+
+    // Also without `auto`, as the model is not fixed on the line.
+    let linear = scene(&folder, "");
+    let ran = run(&linear, &["--budget-ms", "0.001", "--seconds", "0.2"]);
+    assert_eq!(ran.code, 7, "{}", ran.stderr);
+    let chosen = &summary(&ran)["chosen"];
+    let time = |row: &Value| row["step_us"]["p99"].as_f64();
+    let candidates = chosen["candidates"].as_array().unwrap();
+    let fastest = candidates
+        .iter()
+        .filter_map(time)
+        .fold(f64::INFINITY, f64::min);
+    assert_eq!(
+        (time(chosen), &chosen["holds_budget"]),
+        (Some(fastest), &false.into())
+    );
+    assert!(ran.stderr.contains("the fastest"), "{}", ran.stderr);
+
+    let ran = run(
+        &linear,
+        &[
+            "--budget-ms",
+            "0.001",
+            "--seconds",
+            "0.2",
+            "--tissue",
+            "linear",
+        ],
+    );
+    assert_eq!(ran.code, 7, "{}", ran.stderr);
+    assert!(summary(&ran)["chosen"].is_null());
+}
+
+/// No reference has needles: linear tissue is taken, and the reason said.
+#[test]
+fn auto_with_needles_is_linear_and_says_why() {
+    let needles = Path::new("scenes/needle-slabs.toml");
+    let ran = run(needles, &["--tissue", "auto", "--seconds", "0.1"]);
+    assert_eq!(ran.code, 0, "{}", ran.stderr);
+    assert_eq!(summary(&ran)["scene"]["tissue"], "linear");
+    for words in ["linear tissue is taken without a measurement", "needles"] {
+        assert!(ran.stderr.contains(words), "no {words} in:\n{}", ran.stderr);
+    }
+}
