@@ -143,10 +143,10 @@ fn check(path: &str, said: &Said) {
     let stderr = String::from_utf8_lossy(&next.stderr);
     assert_eq!(next.status.code(), Some(0), "{stderr}");
     let summary: serde_json::Value = serde_json::from_slice(&next.stdout).unwrap();
-    assert_eq!(
-        (&summary["mode"], &summary["ticks"]),
-        (&"armed".into(), &300.into())
-    );
+    assert_eq!(summary["ticks"], 300);
+    // A machine that is late with the last frames finds the force decaying.
+    let late = summary["mode"] == "decaying" && summary["decays"].as_u64() > Some(0);
+    assert!(summary["mode"] == "armed" || late, "{summary}");
     // A busy machine may lose some of the session's own frames, one a tick; what the dead host never read
     // does not count.
     let lost = summary["frames"]["lost"].as_u64().unwrap();
