@@ -210,6 +210,60 @@ fn a_budget_takes_the_best_that_holds_it_or_the_fastest() {
     assert!(summary(&ran)["chosen"].is_null());
 }
 
+/// What is taken has the scene's own settings, and a replay of the recording has them too.
+#[test]
+fn auto_keeps_the_scenes_settings_of_what_it_takes() {
+    let folder = TempDir::new().unwrap();
+    let own = scene(&folder, "model = \"corotational\"");
+    // A tongue, held at one end and pressed down at the other: it turns, and linear tissue grows as it does.
+    let mut text = std::fs::read_to_string(&own).unwrap();
+    for (slab, tongue) in [
+        ("[0.06, 0.06, 0.03]", "[0.06, 0.02, 0.006]"),
+        ("[6, 6, 3]", "[12, 4, 2]"),
+        ("axis = \"z\"", "axis = \"x\""),
+        ("radius_m = 0.035", "radius_m = 0.01"),
+        ("[0.0, 0.0, 0.037]", "[0.022, 0.0, 0.012]"),
+        ("[0.001, 0.0, 0.031]", "[0.022, 0.0, -0.01]"),
+    ] {
+        assert!(text.contains(slab), "{slab}");
+        text = text.replace(slab, tongue);
+    }
+    text.push_str("\n[tissue.corotational]\nrefactor_rotation_deg = 0.01\n");
+    std::fs::write(&own, text).unwrap();
+    let file = folder.path().join("a.mcap");
+    let file = file.to_str().unwrap();
+    let line = [
+        "--tissue",
+        "auto",
+        "--rendering",
+        "rows",
+        "--seconds",
+        "0.3",
+    ];
+    let more = ["--budget-ms", "100000", "--record", file];
+    let ran = run(&own, &[&line[..], &more].concat());
+    assert_eq!(ran.code, 0, "{}", ran.stderr);
+    let taken = summary(&ran);
+    assert_eq!(taken["chosen"]["model"], "corotational", "{taken}");
+    let tissue = taken["chosen"]["setting"].as_str().unwrap();
+    let named = format!("corotational: {tissue}");
+    let ran = run(
+        &own,
+        &[
+            "--tissue",
+            &named,
+            "--rendering",
+            "rows",
+            "--seconds",
+            "0.3",
+        ],
+    );
+    assert_eq!(summary(&ran)["trace_hash"], taken["trace_hash"]);
+    let ran = sutura(&["replay", file, "--verify", "--format", "json"]);
+    assert_eq!(ran.code, 0, "{}", ran.stderr);
+    assert_eq!(summary(&ran)["host"]["identical"], true);
+}
+
 /// No reference has needles: linear tissue is taken, and the reason said.
 #[test]
 fn auto_with_needles_is_linear_and_says_why() {
@@ -217,6 +271,7 @@ fn auto_with_needles_is_linear_and_says_why() {
     let ran = run(needles, &["--tissue", "auto", "--seconds", "0.1"]);
     assert_eq!(ran.code, 0, "{}", ran.stderr);
     assert_eq!(summary(&ran)["scene"]["tissue"], "linear");
+    assert_eq!(summary(&ran)["rendering"], "rows");
     for words in ["linear tissue is taken without a measurement", "needles"] {
         assert!(ran.stderr.contains(words), "no {words} in:\n{}", ran.stderr);
     }

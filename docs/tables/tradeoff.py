@@ -18,7 +18,7 @@ BUDGETS_MS = [0.5, 1.0, 5.0, 30.0]
 def what(row):
     name = row["tissue"].replace("energy-balance", "EB").replace("chainmail", "CM")
     settings = f", {row['settings']}" if row["settings"] else ""
-    return f"{name}{settings}".replace(", wide", "")
+    return f"{name}{settings}"
 
 
 def truths(report):
@@ -81,7 +81,7 @@ def printed(report):
         own = [
             row for row in report["cases"]
             if row["case"] == figure["case"] and row["tissue"] == "energy-balance-neo-hookean"
-            and f", {iterations} iterations, wide" in row["settings"]
+            and row["settings"].endswith(f", {iterations} iterations")
         ]
         # The finest on which all forms were measured.
         finest = max(row["level"] for row in own if "compliant" in row["settings"] or iterations == "100")

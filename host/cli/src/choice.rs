@@ -3,29 +3,28 @@
 //! Entry point: [`settle`].
 
 use crate::failure::{Cause, Failure};
-use crate::run::{Rendering, RunArgs, plan_of};
+use crate::run::RunArgs;
 use indicatif::ProgressBar;
 use std::time::{Duration, Instant};
 use sutura_host::choice::{Asked, Candidate, Chosen, SAFE_SHARE, choose, measure};
 use sutura_host::scene::{Scene, Tissue};
+use sutura_host::session::Plan;
 
-/// Settles which tissue the session has, where the scene or the budget leaves that open.
+/// Settles which tissue the session of a plan has, where the scene or the budget leaves that open.
 ///
 /// # Errors
-/// Bad input: no hand.
-pub fn settle(args: &RunArgs, scene: &mut Scene) -> Result<Option<Chosen>, Failure> {
-    let is_auto = scene.tissue == Tissue::Auto;
+/// No tissue model runs on the scene.
+pub fn settle(args: &RunArgs, scene: &mut Scene, plan: &Plan) -> Result<Option<Chosen>, Failure> {
+    let is_auto = args.tissue.unwrap_or(scene.tissue) == Tissue::Auto;
     let for_budget = args.budget_ms.is_some() && args.tissue.is_none() && scene.needles.is_empty();
     if !is_auto && !for_budget {
         return Ok(None);
     }
-    let mut plan = plan_of(scene)?;
-    plan.host_hz = args.host_hz.unwrap_or(plan.host_hz);
     let budget_ms = args.budget_ms.unwrap_or(1e3 / plan.host_hz);
     let asked = Asked {
-        plan: &plan,
+        plan,
         budget_us: 1e3 * budget_ms,
-        rows: args.rendering == Some(Rendering::Rows),
+        rendering: args.rendering.map(Into::into),
     };
     let began = Instant::now();
     // Hidden by itself where stderr is no terminal.
@@ -39,7 +38,7 @@ pub fn settle(args: &RunArgs, scene: &mut Scene) -> Result<Option<Chosen>, Failu
     let candidates = match found {
         Ok(candidates) => candidates,
         Err(why) => {
-            if is_auto {
+            if scene.tissue == Tissue::Auto {
                 scene.tissue = Tissue::Linear;
             }
             note!(
@@ -49,16 +48,18 @@ pub fn settle(args: &RunArgs, scene: &mut Scene) -> Result<Option<Chosen>, Failu
             return Ok(None);
         }
     };
-    let Some((taken, holds_budget)) = choose(&candidates, asked.budget_us) else {
-        let message = "no tissue model can be run on this scene";
-        return Err(Failure::say(
-            Cause::Failed,
-            message,
-            "see what `--tissue linear` says",
-        ));
-    };
-    let Some(best) = candidates.get(taken).cloned() else {
-        return Ok(None);
+    let chosen = choose(&candidates, asked.budget_us);
+    let Some((best, taken, holds_budget)) =
+        chosen.and_then(|(taken, holds)| Some((candidates.get(taken)?.clone(), taken, holds)))
+    else {
+        let why = |candidate: &Candidate| format!("{}: {}", candidate.tissue, candidate.note);
+        let whys: Vec<_> = candidates.iter().map(why).collect();
+        let message = format!(
+            "no tissue model can be run on this scene: {}",
+            whys.join("; ")
+        );
+        let help = "see what `sutura scene check` says of it, or fix a model with --tissue";
+        return Err(Failure::say(Cause::Failed, message, help));
     };
     let tissue = Tissue::named(&best.tissue).map_err(|message| {
         Failure::say(Cause::Failed, message, "this is a defect: please report it")

@@ -9,7 +9,7 @@ use crate::signals::stop_on_signals;
 use crate::{Format, Global, device};
 use clap::{Args, ValueEnum};
 use std::ops::ControlFlow;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::atomic::Ordering;
 use std::time::Duration;
 use sutura_hil::{NativeConsole, VirtualConsole};
@@ -142,6 +142,8 @@ fn host_rate(text: &str) -> Result<f64, String> {
     }
 }
 
+/// The firmware image over its emulated serial port.
+const UART: &str = "qemu-uart";
 /// Most frames a second over the emulated UART, which takes 8 to 12 kB/s.
 const UART_HZ: f64 = 30.0;
 /// Ticks between two states over the emulated UART: every byte is an interrupt of the emulated chip.
@@ -160,15 +162,17 @@ const EMULATOR_SPARE: Duration = Duration::from_secs(120);
 pub fn run(args: &RunArgs, global: &Global) -> Result<(), Failure> {
     let asked = recording::asked();
     let (mut scene, sources) = crate::scene::open_with_sources(args.scene.as_deref())?;
-    if let Some(tissue) = args.tissue {
+    // The scene's own settings stay for what `auto` takes.
+    if let Some(tissue) = args.tissue.filter(|tissue| *tissue != Tissue::Auto) {
         scene.tissue = tissue.instead_of(scene.tissue);
     }
-    let chosen = choice::settle(args, &mut scene)?;
+    check_console(args)?;
     let mut plan = plan(args, &scene)?;
-    if args.console == "qemu-uart" {
-        plan.host_hz = plan.host_hz.min(UART_HZ);
-        plan.state_every = UART_STATE_EVERY;
-        plan.line_bytes_per_s = UART_BYTES_PER_S;
+    let chosen = choice::settle(args, &mut scene, &plan)?;
+    if args.rendering.is_none() {
+        plan.rendering = scene.tissue.usual_rendering();
+    }
+    if args.console == UART {
         note!(
             "the emulated UART takes 8 to 12 kB/s: at most {UART_HZ} frames a second of at most 220 bytes"
         );
@@ -207,14 +211,45 @@ pub fn run(args: &RunArgs, global: &Global) -> Result<(), Failure> {
 
 fn plan(args: &RunArgs, scene: &Scene) -> Result<Plan, Failure> {
     let plan = plan_of(scene)?;
-    Ok(Plan {
+    let plan = Plan {
         host_hz: args.host_hz.unwrap_or(plan.host_hz),
         seconds: args.seconds.unwrap_or(plan.seconds),
         clear_fault: args.clear_fault,
         fixture: args.fixture.unwrap_or_default(),
         rendering: args.rendering.map_or(plan.rendering, Into::into),
         ..plan
+    };
+    if args.console != UART {
+        return Ok(plan);
+    }
+    Ok(Plan {
+        host_hz: plan.host_hz.min(UART_HZ),
+        state_every: UART_STATE_EVERY,
+        line_bytes_per_s: UART_BYTES_PER_S,
+        ..plan
     })
+}
+
+/// That a console at a port is there and can be run as asked.
+///
+/// # Errors
+/// It is not, or cannot.
+fn check_console(args: &RunArgs) -> Result<(), Failure> {
+    let port = args.console.as_str();
+    if matches!(port, "virtual" | "qemu" | UART) {
+        return Ok(());
+    }
+    if args.lockstep {
+        let message = format!("`{port}` runs by its own clock");
+        let help =
+            "--lockstep goes with `--console virtual`; `--console qemu` is always in lockstep";
+        return Err(Failure::say(Cause::BadInput, message, help));
+    }
+    // What is there is opened only once: some boards start anew with that.
+    if !Path::new(port).exists() {
+        open_serial(port).map_err(link_failure)?;
+    }
+    Ok(())
 }
 
 /// The session that a scene asks for.
@@ -247,11 +282,7 @@ pub fn plan_of(scene: &Scene) -> Result<Plan, Failure> {
         horizon_us: scene.host.horizon_us,
         clear_fault: false,
         fixture: Fixture::None,
-        rendering: if scene.tissue.has_rows() {
-            session::Rendering::Rows
-        } else {
-            session::Rendering::Tangent
-        },
+        rendering: scene.tissue.usual_rendering(),
         line_bytes_per_s: LINE_BYTES_PER_S,
     })
 }
@@ -301,7 +332,7 @@ fn session(
             Ok(summary)
         }
         #[cfg(unix)]
-        "qemu-uart" => {
+        UART => {
             let image = emulated::image(args.image.as_deref())?;
             let limit = EMULATOR_SPARE + Duration::from_secs_f64(plan.seconds);
             let qemu = sutura_hil::qemu::with_uart(image, limit).map_err(emulated::failure)?;
@@ -315,20 +346,13 @@ fn session(
             qemu.check_log(|_| false).map_err(emulated::failure)?;
             Ok(summary)
         }
-        port => {
-            if args.lockstep {
-                let message = format!("`{port}` runs by its own clock");
-                let help = "--lockstep goes with `--console virtual`; `--console qemu` is always in lockstep";
-                return Err(Failure::say(Cause::BadInput, message, help));
-            }
-            in_real_time(
-                line(port, args, tap),
-                LinkOptions::default(),
-                plan,
-                solver,
-                progress,
-            )
-        }
+        port => in_real_time(
+            line(port, args, tap),
+            LinkOptions::default(),
+            plan,
+            solver,
+            progress,
+        ),
     };
     summary.map(named)
 }
@@ -424,7 +448,7 @@ fn verdict(args: &RunArgs, summary: &Summary) -> Result<(), Failure> {
             "one step in a hundred took longer than {:.3} ms; the budget is {budget_ms} ms",
             1e-3 * summary.step_us.p99
         );
-        let help = "use a coarser mesh, a lower --host-hz, another `--tissue`, or `sutura bench` to see where the time goes";
+        let help = "use a coarser mesh, a lower --host-hz, another `--tissue`; `sutura scene explain` says what takes how long";
         return Err(Failure::say(Cause::Budget, message, help).after_summary());
     }
     Ok(())

@@ -48,6 +48,7 @@ pub fn run(args: &SolveArgs, global: &Global) -> Result<(), Failure> {
         ));
     };
     let mut scene = scene::open(Some(&args.scene))?;
+    scene::without_session(&mut scene);
     if let Some(at_s) = args.at {
         scene.solve_at_s = Some(solve_at(at_s, &scene)?);
     }

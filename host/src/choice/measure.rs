@@ -3,7 +3,7 @@
 //! Entry point: [`measure`]. Time is that of the session's solver with its tangent. For the error every model is given what
 //! the reference's tool holds: then what differs is the model, not who sticks where.
 
-use super::way::press;
+use super::way::Press;
 use super::{Candidate, SAFE_SHARE, StepUs};
 use crate::scene::{Corotational, Pose, Registered, Scene, Tissue, models};
 use crate::script::Path;
@@ -21,9 +21,11 @@ const STEPS_A_PLACE: usize = 6;
 /// Repetitions of the timed press, and how long one candidate may take for them; three times as long for the first.
 const REPEATS: usize = 3;
 const TIMED: Duration = Duration::from_millis(500);
-/// After this no other model is timed, and none compared: whoever asks is waiting.
-const LONGEST_TIMED: Duration = Duration::from_secs(7);
-const LONGEST: Duration = Duration::from_secs(9);
+/// After this the reference goes no deeper.
+const LONGEST_REFERENCE: Duration = Duration::from_secs(3);
+/// So long after the reference no other model is timed, and none compared: whoever asks is waiting.
+const LONGEST_TIMED: Duration = Duration::from_secs(5);
+const LONGEST: Duration = Duration::from_secs(7);
 /// Slower than this share of the budget is too slow even on a machine that is busy with other things; known from three steps of
 /// models that prepare nothing in their first ones, else after so much time.
 const TOO_SLOW: f64 = 2.0 * SAFE_SHARE;
@@ -46,8 +48,26 @@ pub struct Asked<'a> {
     pub plan: &'a Plan,
     /// What a step may take \[us\].
     pub budget_us: f64,
-    /// Whether it must have rows, which only linear and corotational tissue give.
-    pub rows: bool,
+    /// What the console is to render from; if that is open, what each model gives at best.
+    pub rendering: Option<Rendering>,
+}
+
+impl Asked<'_> {
+    /// The plan with a tissue.
+    fn plan(&self, tissue: Tissue) -> Plan {
+        Plan {
+            rendering: self.rendering.unwrap_or(tissue.usual_rendering()),
+            ..*self.plan
+        }
+    }
+
+    /// What the reference is timed with.
+    fn without_rows(&self) -> Rendering {
+        match self.rendering {
+            Some(Rendering::Hold) => Rendering::Hold,
+            _ => Rendering::Tangent,
+        }
+    }
 }
 
 /// What the reference's tool holds at a place, and what comes of it.
@@ -68,46 +88,64 @@ pub fn measure(
     asked: &Asked<'_>,
     told: &mut dyn FnMut(&str),
 ) -> Result<Vec<Candidate>, String> {
-    let began = Instant::now();
     if !scene.needles.is_empty() {
         return Err(
             "it has needles, which only linear and corotational tissue take, and for which there is no reference"
                 .to_owned(),
         );
     }
-    let (Some(timed), Some(compared)) = (press(scene, STEPS), press(scene, STEPS / STEPS_A_PLACE))
-    else {
+    let Some(press) = Press::of(scene) else {
         return Err("no tool is driven that touches".to_owned());
     };
-    told("the reference");
-    let (reference, reference_us) = reference(scene, asked, &compared)?;
     let before = scene.tissue;
-    let mut candidates = Vec::new();
-    for (tissue, compared_by) in all(before) {
-        let mut candidate = Candidate::of(tissue);
-        told(&format!("time of {tissue}"));
-        if is_reference(compared_by) && !asked.rows {
-            candidate.step_us = reference_us;
-            candidate.error = Some(0.0);
-            candidate.displacement_error = Some(0.0);
-        } else if began.elapsed() > LONGEST_TIMED {
-            candidate.note = NO_TIME.to_owned();
-        } else if asked.rows && !tissue.has_rows() {
-            candidate.note = "gives no rows".to_owned();
-        } else {
-            scene.tissue = tissue;
-            let found = run(scene, asked, &timed, &mut candidate);
-            candidate.note = found.err().unwrap_or_default();
-        }
-        let slow = candidate
-            .step_us
-            .is_some_and(|step_us| step_us.p50 > TOO_SLOW * asked.budget_us);
-        if candidate.note.is_empty() && slow {
-            candidate.note = SLOW.to_owned();
-        }
-        candidates.push((candidate, compared_by));
-    }
+    let found = compare_all(scene, asked, &press, told);
     scene.tissue = before;
+    found
+}
+
+/// As [`measure`], with the scene's tissue as the last one timed.
+fn compare_all(
+    scene: &mut Scene,
+    asked: &Asked<'_>,
+    press: &Press,
+    told: &mut dyn FnMut(&str),
+) -> Result<Vec<Candidate>, String> {
+    let way = press.places(STEPS);
+    let (with_rows, others): (Vec<_>, Vec<_>) = all(scene.tissue)
+        .into_iter()
+        .partition(|(tissue, _)| tissue.has_rows());
+    // These are there for any scene, so that something is known whatever the reference takes.
+    let mut candidates: Vec<_> = with_rows
+        .into_iter()
+        .map(|own| (timed(scene, asked, &way, own.0, told), own.1))
+        .collect();
+    told("the reference");
+    let (reference, reference_us) = reference(scene, asked, &press.places(STEPS / STEPS_A_PLACE))?;
+    let began = Instant::now();
+    for (tissue, model) in others {
+        let candidate = if asked.rendering == Some(Rendering::Rows) {
+            Candidate {
+                note: "gives no rows".to_owned(),
+                ..Candidate::of(tissue)
+            }
+        } else if is_reference(model) {
+            let candidate = Candidate {
+                step_us: reference_us,
+                error: Some(0.0),
+                displacement_error: Some(0.0),
+                ..Candidate::of(tissue)
+            };
+            candidate.judged(asked.budget_us)
+        } else if began.elapsed() > LONGEST_TIMED {
+            Candidate {
+                note: NO_TIME.to_owned(),
+                ..Candidate::of(tissue)
+            }
+        } else {
+            timed(scene, asked, &way, tissue, told)
+        };
+        candidates.push((candidate, model));
+    }
     for (candidate, model) in &mut candidates {
         if !candidate.note.is_empty() || candidate.error.is_some() {
             continue;
@@ -116,13 +154,53 @@ pub fn measure(
         if began.elapsed() > LONGEST {
             candidate.note = NO_TIME.to_owned();
         } else if let Err(why) = compare(scene, asked, *model, &reference, candidate) {
-            candidate.note = why;
+            candidate.fail(why);
         }
     }
     Ok(candidates
         .into_iter()
         .map(|(candidate, _)| candidate)
         .collect())
+}
+
+/// A candidate with its time, and whether that is far too much; or why it has none.
+fn timed(
+    scene: &mut Scene,
+    asked: &Asked<'_>,
+    way: &[[f64; 3]],
+    tissue: Tissue,
+    told: &mut dyn FnMut(&str),
+) -> Candidate {
+    told(&format!("time of {tissue}"));
+    scene.tissue = tissue;
+    let mut candidate = Candidate::of(tissue);
+    match run(scene, asked, way) {
+        Ok(step_us) => {
+            candidate.step_us = Some(step_us);
+            candidate.judged(asked.budget_us)
+        }
+        Err(why) => {
+            candidate.fail(why);
+            candidate
+        }
+    }
+}
+
+impl Candidate {
+    /// Says so where it is too slow to be compared.
+    fn judged(mut self, budget_us: f64) -> Self {
+        let least = TOO_SLOW * budget_us;
+        if self.step_us.is_some_and(|step_us| step_us.p50 > least) {
+            self.note = SLOW.to_owned();
+        }
+        self
+    }
+
+    /// It cannot be taken.
+    fn fail(&mut self, why: String) {
+        self.step_us = None;
+        self.note = why;
+    }
 }
 
 /// Models as sessions have them, each with what it is compared by: first those that are quick on most meshes, so that what
@@ -176,8 +254,9 @@ fn reference(
 ) -> Result<(Vec<Place>, Option<StepUs>), String> {
     let (name, setting) = REFERENCE;
     let model = Registered::new(name, Some(setting))?;
-    let mut solver = ModelSolver::new(scene, model, Rendering::Tangent, asked.plan.host_hz)
+    let mut solver = ModelSolver::new(scene, model, asked.without_rows(), asked.plan.host_hz)
         .map_err(|error| error.to_string())?;
+    let started = Instant::now();
     let (mut places, mut us) = (Vec::new(), Vec::new());
     for (step, at) in way.iter().enumerate() {
         let began = Instant::now();
@@ -196,6 +275,9 @@ fn reference(
                 force: -Vector3::from_column_slice(&contact.wrench[..3]),
                 positions_m: solver.positions_m().to_vec(),
             });
+            if started.elapsed() > LONGEST_REFERENCE {
+                break;
+            }
         }
     }
     if places.is_empty() {
@@ -212,9 +294,9 @@ enum Timed {
 
 impl Timed {
     fn new(scene: &Scene, asked: &Asked<'_>, way: &[[f64; 3]]) -> Result<Self, String> {
-        let plan = asked.plan;
+        let plan = asked.plan(scene.tissue);
         if let Tissue::Registered(model) = scene.tissue {
-            let solver = ModelSolver::new(scene, model, Rendering::Tangent, plan.host_hz);
+            let solver = ModelSolver::new(scene, model, plan.rendering, plan.host_hz);
             let solver = solver.map_err(|error| error.to_string())?;
             return Ok(Timed::Model(Box::new(solver)));
         }
@@ -254,18 +336,15 @@ impl Timed {
     }
 }
 
-/// Times the press; a candidate that is far too slow only as far as to know that.
-fn run(
-    scene: &Scene,
-    asked: &Asked<'_>,
-    way: &[[f64; 3]],
-    candidate: &mut Candidate,
-) -> Result<(), String> {
+/// Times the press; what is far too slow only as far as to know that.
+fn run(scene: &Scene, asked: &Asked<'_>, way: &[[f64; 3]]) -> Result<StepUs, String> {
     let mut fastest_us: Vec<Option<f64>> = vec![None; way.len()];
     let mut solver = Timed::new(scene, asked, way)?;
     let started = Instant::now();
+    let known =
+        |fastest_us: &[Option<f64>]| -> Vec<f64> { fastest_us.iter().flatten().copied().collect() };
     // The same solver again, which is back outside with the first step: what it does once is not what a step takes.
-    for repeat in 0..REPEATS {
+    'presses: for repeat in 0..REPEATS {
         for (step, at) in way.iter().enumerate() {
             let sample = sample(scene, at, repeat * way.len() + step, asked);
             let began = Instant::now();
@@ -279,26 +358,20 @@ fn run(
             }
             let fastest = &mut fastest_us[step];
             *fastest = Some(fastest.map_or(us, |before| before.min(us)));
-            let known: Vec<f64> = fastest_us.iter().flatten().copied().collect();
+            let known = known(&fastest_us);
             let least_us = known.iter().copied().fold(f64::INFINITY, f64::min);
             let is_plain = matches!(solver, Timed::Model(_)) && known.len() >= 3;
             let is_sure = is_plain || started.elapsed() > SURE;
-            candidate.step_us = percentiles(known);
-            if is_sure && least_us > TOO_SLOW * asked.budget_us {
-                return Err(SLOW.to_owned());
-            }
-            if is_sure && started.elapsed() > 3 * TIMED {
-                return Ok(());
+            let is_slow = least_us > TOO_SLOW * asked.budget_us;
+            if is_sure && (is_slow || started.elapsed() > 3 * TIMED) {
+                break 'presses;
             }
         }
         if started.elapsed() > TIMED {
             break;
         }
     }
-    match candidate.step_us {
-        Some(_) => Ok(()),
-        None => Err("no step in contact found a balance".to_owned()),
-    }
+    percentiles(known(&fastest_us)).ok_or_else(|| "no step in contact found a balance".to_owned())
 }
 
 fn percentiles(mut us: Vec<f64>) -> Option<StepUs> {

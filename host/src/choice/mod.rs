@@ -23,7 +23,8 @@ pub struct Candidate {
     pub setting: String,
     /// What `--tissue` takes it by.
     pub tissue: String,
-    /// Median and slowest hundredth of the steps in contact \[us\], each the fastest of the repetitions; none if it was not run.
+    /// Median and slowest hundredth of the steps in contact \[us\], each the fastest of the repetitions; none if it was not run,
+    /// or fails.
     pub step_us: Option<StepUs>,
     /// Force on the tool against the reference: root of the mean square over the press, over the largest; none if it was not
     /// compared.

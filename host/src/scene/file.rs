@@ -145,9 +145,9 @@ pub enum TissueModel {
     Corotational,
     /// Neo-Hookean finite elements in balance by Newton's method; sessions only, as all that follow.
     Hyperelastic,
-    /// Neo-Hookean cells balanced one after the other.
+    /// Neo-Hookean cells whose energies balance at the nodes, without a matrix.
     EnergyBalanceNeoHookean,
-    /// St Venant-Kirchhoff cells balanced one after the other.
+    /// St Venant-Kirchhoff cells whose energies balance at the nodes, without a matrix.
     EnergyBalanceStvk,
     /// Chains of nodes with limits, one material.
     ChainmailClassical,

@@ -4,8 +4,9 @@
 
 use super::{Corotational, Scene, nearest};
 use crate::mesh::TetMesh;
+use crate::session::Rendering;
 use crate::tradeoff::cases::Substance;
-use crate::tradeoff::registry::{Body, Entry, entries, entry};
+use crate::tradeoff::registry::{Body, Entry, Setting, entries, entry};
 use std::fmt;
 
 /// Density of soft tissue where a scene does not say \[kg/m^3\].
@@ -28,7 +29,8 @@ pub enum Tissue {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Registered {
     name: &'static str,
-    setting: usize,
+    /// None: the usual one, because none was named.
+    setting: Option<usize>,
 }
 
 impl Tissue {
@@ -72,6 +74,12 @@ impl Tissue {
                     ..scenes
                 })
             }
+            (Tissue::Registered(own), Tissue::Registered(scenes)) if own.name == scenes.name => {
+                Tissue::Registered(Registered {
+                    setting: own.setting.or(scenes.setting),
+                    ..own
+                })
+            }
             _ => self,
         }
     }
@@ -79,6 +87,15 @@ impl Tissue {
     /// Whether contacts on it can be reduced to rows, which need its compliance.
     pub fn has_rows(self) -> bool {
         !matches!(self, Tissue::Registered(_))
+    }
+
+    /// What a session renders from if nobody says.
+    pub fn usual_rendering(self) -> Rendering {
+        if self.has_rows() {
+            Rendering::Rows
+        } else {
+            Rendering::Tangent
+        }
     }
 }
 
@@ -148,20 +165,21 @@ impl Registered {
         };
         let names: Vec<_> = entry.settings.iter().map(|s| s.name.as_str()).collect();
         let index = match setting {
-            None => Some(0),
-            Some(setting) => names.iter().position(|name| *name == setting),
+            None => None,
+            Some(setting) => match names.iter().position(|name| *name == setting) {
+                Some(index) => Some(index),
+                None => return Err(unknown(&format!("setting of {name}"), setting, &names)),
+            },
         };
-        match index {
-            Some(setting) => Ok(Registered {
-                name: entry.tissue,
-                setting,
-            }),
-            None => Err(unknown(
-                &format!("setting of {name}"),
-                setting.unwrap_or_default(),
-                &names,
-            )),
-        }
+        Ok(Registered {
+            name: entry.tissue,
+            setting: index,
+        })
+    }
+
+    fn find(self) -> Option<Setting> {
+        let settings = entry(self.name)?.settings;
+        settings.into_iter().nth(self.setting.unwrap_or(0))
     }
 
     /// Its name.
@@ -178,17 +196,15 @@ impl Registered {
         body: &Body,
         mesh: &TetMesh,
     ) -> Result<Box<dyn sutura_models::Tissue>, String> {
-        let settings = entry(self.name).map(|entry| entry.settings);
-        let found = settings.and_then(|list| list.into_iter().nth(self.setting));
-        let setting = found.ok_or_else(|| format!("{} has no such setting", self.name))?;
+        let setting = self
+            .find()
+            .ok_or_else(|| format!("{} has no such setting", self.name))?;
         (setting.build)(body, mesh)
     }
 
     /// Its setting in words.
     pub fn setting(self) -> String {
-        let settings = entry(self.name).map(|entry| entry.settings);
-        let found = settings.and_then(|list| list.into_iter().nth(self.setting));
-        found.map_or_else(String::new, |setting| setting.name)
+        self.find().map_or_else(String::new, |setting| setting.name)
     }
 }
 
@@ -250,8 +266,57 @@ mod tests {
                     assert_eq!(tissue.to_string(), text);
                 }
             }
-            assert_eq!(Tissue::named(&usual.to_string()), Ok(usual));
+            let again = Tissue::named(&usual.to_string()).expect("its own text");
+            assert_eq!(again.to_string(), usual.to_string());
         }
+    }
+
+    #[test]
+    fn a_scenes_settings_stay_where_none_are_named() {
+        let named = |text| Tissue::named(text).expect(text);
+        for (given, scenes, taken) in [
+            (
+                "shape-matching",
+                "shape-matching: 4 rings",
+                "shape-matching: 4 rings",
+            ),
+            (
+                "shape-matching: 2 rings",
+                "shape-matching: 4 rings",
+                "shape-matching: 2 rings",
+            ),
+            ("shape-matching", "corotational", "shape-matching: 2 rings"),
+            (
+                "corotational",
+                "corotational: 3 passes",
+                "corotational: 3 passes",
+            ),
+            (
+                "corotational: 1 pass",
+                "corotational: 3 passes",
+                "corotational: 1 pass",
+            ),
+            ("linear", "shape-matching: 4 rings", "linear"),
+        ] {
+            let tissue = named(given).instead_of(named(scenes));
+            assert_eq!(tissue.to_string(), taken, "{given} in place of {scenes}");
+        }
+    }
+
+    #[test]
+    fn scenes_have_a_word_for_every_model_and_none_besides() {
+        let schema = crate::scene::schema();
+        let words = schema["$defs"]["TissueModel"]["oneOf"].as_array();
+        let words = words.expect("the words").iter();
+        let words: Vec<_> = words.filter_map(|word| word["const"].as_str()).collect();
+        for word in &words {
+            assert_eq!(Tissue::named(word).expect(word).word(), *word);
+        }
+        let own = models().into_iter().map(|entry| entry.tissue);
+        let mut all: Vec<_> = own.chain(["auto"]).collect();
+        assert!(all.len() > 5);
+        all.retain(|model| !words.contains(model));
+        assert!(all.is_empty(), "{all:?}");
     }
 
     #[test]

@@ -295,21 +295,21 @@ fn energy_balance(
     };
     let mut settings = vec![
         with(
-            "balanced, 20 iterations, wide",
+            "balanced, 20 iterations",
             true,
             Form::Balanced,
             Lanes::Wide,
             20,
         ),
         with(
-            "balanced, 5 iterations, wide",
+            "balanced, 5 iterations",
             true,
             Form::Balanced,
             Lanes::Wide,
             5,
         ),
         with(
-            "balanced, 100 iterations, wide",
+            "balanced, 100 iterations",
             false,
             Form::Balanced,
             Lanes::Wide,
@@ -326,21 +326,21 @@ fn energy_balance(
     if !relaxes {
         settings.extend([
             with(
-                "compliant, 20 iterations, wide",
+                "compliant, 20 iterations",
                 false,
                 Form::Compliant,
                 Lanes::Wide,
                 20,
             ),
             with(
-                "averaged, 20 iterations, wide",
+                "averaged, 20 iterations",
                 false,
                 Form::Averaged,
                 Lanes::Wide,
                 20,
             ),
             with(
-                "printed, 20 iterations, wide",
+                "printed, 20 iterations",
                 false,
                 Form::Printed,
                 Lanes::Wide,

@@ -166,10 +166,11 @@ pub fn run(args: &BenchArgs, global: &Global) -> Result<(), Failure> {
     for path in &args.scenes {
         scenes.push(scene::open(Some(path))?);
     }
-    if let Some(tissue) = args.tissue {
-        for scene in &mut scenes {
+    for scene in &mut scenes {
+        if let Some(tissue) = args.tissue {
             scene.tissue = tissue.instead_of(scene.tissue);
         }
+        scene::without_session(scene);
     }
     // Hidden by itself where stderr is no terminal.
     let progress = crate::display::progress(scenes.len() * (1 + PASSES));

@@ -148,7 +148,8 @@ fn print_components(path: &Path, global: &Global) -> Result<(), Failure> {
     if cfg!(debug_assertions) {
         tracing::warn!("a debug build: the times are many times too large");
     }
-    let scene = super::open(Some(path))?;
+    let mut scene = super::open(Some(path))?;
+    super::without_session(&mut scene);
     let components = explain(&scene)?;
     if global.format == Format::Json {
         let mut object = summary(&scene);

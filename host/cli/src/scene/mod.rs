@@ -7,7 +7,7 @@ pub mod command;
 use crate::failure::{Cause, Failure, render};
 use miette::Report;
 use std::path::Path;
-use sutura_host::scene::{self, Document, Scene, SceneError, Sources};
+use sutura_host::scene::{self, Document, Scene, SceneError, Sources, Tissue};
 
 /// Where the default scene is, seen from a checkout's root.
 pub const DEFAULT: &str = "scenes/palpation.toml";
@@ -46,6 +46,14 @@ pub fn open_with_sources(path: Option<&Path>) -> Result<(Scene, Sources), Failur
 /// As [`open`].
 pub fn from_sources(sources: &Sources) -> Result<Scene, Failure> {
     Ok(show(scene::read(&Document::from_sources(sources))?))
+}
+
+/// A tissue instead of `auto`, which only sessions choose.
+pub fn without_session(scene: &mut Scene) {
+    if scene.tissue == Tissue::Auto {
+        note!("`auto` tissue is chosen when a session begins: linear tissue stands in for it here");
+        scene.tissue = Tissue::Linear;
+    }
 }
 
 /// A loaded scene; its warnings are shown.
