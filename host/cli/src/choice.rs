@@ -66,7 +66,7 @@ pub fn settle(args: &RunArgs, scene: &mut Scene, plan: &Plan) -> Result<Option<C
     })?;
     scene.tissue = tissue.instead_of(scene.tissue);
     note!(
-        "a step may take {budget_ms} ms; {} models and settings were measured in {calibration_s:.1} s:",
+        "a step may take {budget_ms:.3} ms; {} models and settings were measured in {calibration_s:.1} s:",
         candidates.len()
     );
     table(&candidates, taken);
