@@ -71,6 +71,8 @@ struct Before {
     displacement_m: Vec<[f64; 3]>,
     loads_n: Vec<[f64; 3]>,
     velocity: Vec<[f64; 3]>,
+    gradient_n: Vec<[f64; 3]>,
+    energy_j: f64,
     work_j: f64,
     part_m: Vec<[f64; 3]>,
     part_n: Vec<[f64; 3]>,
@@ -115,6 +117,8 @@ impl EnergyBalance {
                 displacement_m: none(),
                 loads_n: none(),
                 velocity: none(),
+                gradient_n: none(),
+                energy_j: 0.0,
                 work_j: 0.0,
                 part_m: none(),
                 part_n: none(),
@@ -203,13 +207,13 @@ impl EnergyBalance {
             .max(needed.min(f64::from(MOST_PARTS)) as u32)
     }
 
-    /// Goes to the drive in load steps; says how many visits that took and whether all numbers are finite.
+    /// Goes to the drive in load steps, as long as all numbers are finite; says how many visits that took and whether they
+    /// still are.
     fn advance(&mut self, drive: &Drive<'_>, step_s: f64, trial: Option<Trial<'_>>) -> (u32, bool) {
         let parts = self.parts(drive);
         let part_s = step_s / f64::from(parts);
         self.hold(drive, part_s);
         let mut visits = 0;
-        let mut finite = true;
         for part in 1..=parts {
             let share = f64::from(part) / f64::from(parts);
             for node in 0..self.rest_m.len() {
@@ -225,12 +229,14 @@ impl EnergyBalance {
             self.energy_j = self.solver.energy(&mut self.gradient_n);
             self.account(part_s);
             let numbers = self.gradient_n.as_flattened().iter().sum::<f64>();
-            finite = finite && self.energy_j.is_finite() && numbers.is_finite();
-            if trial.is_none() && finite {
+            if !(self.energy_j.is_finite() && numbers.is_finite()) {
+                return (visits, false);
+            }
+            if trial.is_none() {
                 self.solver.end();
             }
         }
-        (visits, finite)
+        (visits, true)
     }
 
     /// Places held nodes, loads, and where inertia leads, for a `share` of the way.
@@ -315,20 +321,26 @@ impl EnergyBalance {
         }
     }
 
+    /// Keeps what the next steps depend on.
     fn remember(&mut self) {
         for node in 0..self.rest_m.len() {
             self.before.displacement_m[node] = self.solver.displacement(node);
         }
         self.before.loads_n.copy_from_slice(&self.loads_n);
         self.before.velocity.copy_from_slice(&self.velocity);
+        self.before.gradient_n.copy_from_slice(&self.gradient_n);
+        self.before.energy_j = self.energy_j;
         self.before.work_j = self.work_j;
         self.solver.save();
     }
 
+    /// As it was when it last remembered.
     fn go_back(&mut self) {
         self.solver.restore();
         self.loads_n.copy_from_slice(&self.before.loads_n);
         self.velocity.copy_from_slice(&self.before.velocity);
+        self.gradient_n.copy_from_slice(&self.before.gradient_n);
+        self.energy_j = self.before.energy_j;
         self.work_j = self.before.work_j;
     }
 
@@ -388,13 +400,9 @@ impl Tissue for EnergyBalance {
             return self.report(Outcome::Failed(objection), 0, f64::NAN);
         }
         self.remember();
-        let energy_j = self.energy_j;
         let (visits, finite) = self.advance(drive, step_s, None);
         if !finite {
             self.go_back();
-            self.energy_j = energy_j;
-            self.gradient_n
-                .copy_from_slice(&self.before.part_gradient_n);
             return self.report(Outcome::Failed("numbers are not finite"), visits, f64::NAN);
         }
         for (node, position) in self.positions_m.iter_mut().enumerate() {

@@ -17,6 +17,7 @@ pub(super) struct Relaxation<T, const L: usize> {
     terms: Vec<Prony>,
     /// gamma of each term and batch, times volume \[J\].
     gamma: Vec<Vec<[[T; L]; 6]>>,
+    saved: Vec<Vec<[[T; L]; 6]>>,
     /// Sum of B gamma.
     known: Vec<[[T; L]; 6]>,
     share: f64,
@@ -28,6 +29,7 @@ impl<T: Float, const L: usize> Relaxation<T, L> {
         let none = || vec![[[T::default(); L]; 6]; cells.batches.len()];
         Self {
             gamma: terms.iter().map(|_| none()).collect(),
+            saved: terms.iter().map(|_| none()).collect(),
             known: if terms.is_empty() { Vec::new() } else { none() },
             terms: terms.to_vec(),
             share: 1.0,
@@ -41,6 +43,20 @@ impl<T: Float, const L: usize> Relaxation<T, L> {
         Memory {
             share: self.share,
             stress: &self.known,
+        }
+    }
+
+    /// Remembers the terms.
+    pub fn save(&mut self) {
+        for (saved, gamma) in self.saved.iter_mut().zip(&self.gamma) {
+            saved.copy_from_slice(gamma);
+        }
+    }
+
+    /// Goes back to them.
+    pub fn restore(&mut self) {
+        for (gamma, saved) in self.gamma.iter_mut().zip(&self.saved) {
+            gamma.copy_from_slice(saved);
         }
     }
 

@@ -53,7 +53,8 @@ pub(super) struct Core<T: Float, const L: usize> {
     pub motion: Motion,
     proximity: f64,
     own_stiffness: Vec<f64>,
-    saved: Vec<[T; 4]>,
+    saved_u: Vec<[T; 4]>,
+    saved_stride: f64,
 }
 
 /// A [`Core`] of either precision.
@@ -65,7 +66,7 @@ pub(super) trait Solve {
     fn displacement(&self, node: usize) -> [f64; 3];
     fn load(&mut self, node: usize, force_n: [f64; 3]);
     fn aim(&mut self, node: usize, displacement_m: [f64; 3]);
-    /// Remembers displacements, or goes back to them.
+    /// Remembers all that time steps change, or goes back to it.
     fn save(&mut self);
     fn restore(&mut self);
     /// Runs the form; says how many visits it made.
@@ -128,7 +129,8 @@ impl<T: Float, const L: usize> Core<T, L> {
             form: settings.form,
             motion: settings.motion,
             proximity: settings.proximity,
-            saved: zero(),
+            saved_u: zero(),
+            saved_stride: 0.5,
         })
     }
 }
@@ -257,13 +259,17 @@ impl<T: Float, const L: usize> Solve for Core<T, L> {
     }
 
     fn save(&mut self) {
-        self.saved.copy_from_slice(&self.u);
+        self.saved_u.copy_from_slice(&self.u);
+        self.saved_stride = self.stride;
+        self.relaxation.save();
     }
 
     fn restore(&mut self) {
-        for (u, saved) in self.u.iter_mut().zip(&self.saved) {
+        for (u, saved) in self.u.iter_mut().zip(&self.saved_u) {
             u[..3].copy_from_slice(&saved[..3]);
         }
+        self.stride = self.saved_stride;
+        self.relaxation.restore();
     }
 
     fn iterate(&mut self) -> u32 {

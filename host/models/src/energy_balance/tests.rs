@@ -492,6 +492,55 @@ fn numbers_that_are_none_fail_and_change_nothing() {
 }
 
 #[test]
+fn after_a_step_that_failed_all_goes_on_as_if_it_had_not_been() {
+    let mesh = block();
+    let by = |z| between_plates(&mesh, [0.001, 0.0, z]);
+    let prony = vec![Prony {
+        share: 0.5,
+        time_s: 0.58,
+    }];
+    for (law, lanes, relaxation, nearest) in [
+        (laws()[0], Lanes::Wide, prony.clone(), 5),
+        (laws()[1], Lanes::Wide, Vec::new(), 5),
+        (laws()[2], Lanes::Wide, prony, 3),
+        (laws()[0], Lanes::Scalar, Vec::new(), 40),
+    ] {
+        let settings = Settings {
+            lanes,
+            relaxation,
+            ..precise(Form::Balanced, 5)
+        };
+        // The further, the sooner forces pass the greatest number there is: at first in the last part of the way, in the end in
+        // the first.
+        let mut parts = Vec::new();
+        for far in (nearest..).map(|exponent| 10f64.powi(exponent)) {
+            let [mut spared, mut struck] = [0, 1].map(|_| build(&mesh, law, settings.clone()));
+            spared.step(&held(&by(-0.001)), 0.01);
+            struck.step(&held(&by(-0.001)), 0.01);
+            let report = struck.step(&held(&by(far)), 0.01);
+            if !matches!(report.outcome, Outcome::Failed(_)) {
+                continue;
+            }
+            for z in [-0.001, -0.002] {
+                // As words: what is not kept account of is no number, which is not equal to itself.
+                let reports = [&mut spared, &mut struck]
+                    .map(|model| format!("{:?}", model.step(&held(&by(z)), 0.01)));
+                assert_eq!(reports[0], reports[1], "{law:?} {lanes:?}, {far:e} m");
+                assert_eq!(spared.positions_m(), struck.positions_m());
+                assert_eq!(spared.reactions_n(), struck.reactions_n());
+                assert_eq!(spared.work_j(), struck.work_j());
+                assert!(struck.work_j().is_finite());
+            }
+            parts.push(report.iterations.div_ceil(settings.iterations));
+            if parts.ends_with(&[1]) {
+                break;
+            }
+        }
+        assert!(parts[0] > 1, "{law:?} {lanes:?}: {parts:?}");
+    }
+}
+
+#[test]
 fn the_tangent_is_that_of_whole_steps() {
     let mesh = block();
     for lanes in [Lanes::Scalar, Lanes::Wide] {
