@@ -587,6 +587,27 @@ fn the_tangent_is_that_of_whole_steps() {
 }
 
 #[test]
+fn there_is_no_tangent_where_a_trial_does_not_stay_finite() {
+    let mesh = block();
+    for lanes in [Lanes::Scalar, Lanes::Wide] {
+        let settings = Settings {
+            lanes,
+            ..precise(Form::Balanced, 20)
+        };
+        let mut model = build(&mesh, laws()[1], settings);
+        let (near, far) = ([0.001; 3], [1e200, 0.0, 0.0]);
+        let plates = between_plates(&mesh, near);
+        let moved: Vec<usize> = (0..plates.len()).filter(|k| plates[*k].1 == near).collect();
+        model.step(&held(&plates), 0.01);
+        let before = model.tangent(&held(&plates), &moved, 0.01);
+        assert!(before.is_some_and(|tangent| tangent.error.is_finite()));
+        let gone = model.tangent(&held(&between_plates(&mesh, far)), &moved, 0.01);
+        assert_eq!(gone, None, "{lanes:?}");
+        assert_eq!(model.tangent(&held(&plates), &moved, 0.01), before);
+    }
+}
+
+#[test]
 fn what_is_out_of_range_is_refused() {
     let mesh = block();
     let refused =
