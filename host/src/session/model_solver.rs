@@ -27,8 +27,16 @@ use sutura_shared::wire::message::State;
 const MOST_PASSES: usize = 3;
 /// Most pieces of a tool's way in a step.
 const MOST_PIECES: f64 = 8.0;
-/// Most steps that bring held tools to their places and tissue to rest.
+/// Most steps that bring held tools to their places and tissue to rest, of models that go to balance.
 const MOST_STEPS: usize = 1000;
+/// Longest that models with time are given to come to rest \[s\].
+const SETTLE_S: f64 = 20.0;
+/// A node that is slower than this rests \[mean edges a second\]: in a fifth of a second, in which bodies follow a hand, it
+/// goes a five-thousandth of an edge.
+const STILL_EDGES_PER_S: f64 = 1e-3;
+/// Time for which all nodes must be that slow \[s\]: not only where they turn back, and twice the time in which models let
+/// their slowest motion die away.
+const STILL_S: f64 = 0.1;
 /// Longest time of one step of a model \[s\]: a console that was silent for longer has not moved all that time.
 const LONGEST_STEP_S: f64 = 0.1;
 
@@ -37,7 +45,8 @@ pub struct ModelSolver {
     name: String,
     model: Registered,
     tissue: Box<dyn Tissue>,
-    passes: usize,
+    /// Whether its steps have a length.
+    has_time: bool,
     has_tangent: bool,
     surface: Surface,
     sticking: Sticking,
@@ -75,8 +84,8 @@ struct Tally {
 }
 
 impl ModelSolver {
-    /// Builds a scene's tissue, brings held tools to their places, and lets all come to rest. Steps come `host_hz` times a
-    /// second, and have a tangent if the console renders from that.
+    /// Builds a scene's tissue, brings held tools to their places, and lets all come to rest; what still moves after 20 s of
+    /// its own time is left moving. Steps come `host_hz` times a second, and have a tangent if the console renders from that.
     ///
     /// # Errors
     /// [`SolveError::Refused`] for scenes with needles or handles, and for what the model itself refuses; tools that are too
@@ -114,7 +123,7 @@ impl ModelSolver {
             name: scene.name.clone(),
             model,
             tissue,
-            passes: if entry.has_step { 1 } else { MOST_PASSES },
+            has_time: entry.has_step,
             has_tangent: rendering == Rendering::Tangent,
             surface: scene.mesh.surface(),
             sticking: Sticking::new(&scene.mesh, &scene.fixed),
@@ -156,24 +165,46 @@ impl ModelSolver {
         };
         let (from, to) = (at(true), at(false));
         let mut status = self.go(&from, self.period_s);
-        let mut rests = false;
-        for _ in 0..MOST_STEPS {
+        let most_steps = if self.has_time {
+            (SETTLE_S / self.period_s).ceil() as usize
+        } else {
+            MOST_STEPS
+        };
+        let mut last_m = points.to_vec();
+        let mut still_s = 0.0;
+        for _ in 0..most_steps {
             let before = self.tally.converged;
+            last_m.copy_from_slice(self.tissue.positions_m());
             status = self.go(&to, self.period_s);
-            match status {
-                // Models that never are in balance rest after as many steps.
-                Status::Ok if self.tally.converged > before => {
-                    rests = true;
-                    break;
+            let rests = match status {
+                Status::Ok if self.has_time => {
+                    still_s = if self.is_still(&last_m) {
+                        still_s + self.period_s
+                    } else {
+                        0.0
+                    };
+                    still_s >= STILL_S
                 }
-                Status::Ok | Status::Behind => {}
+                Status::Ok => self.tally.converged > before,
+                Status::Behind => false,
                 _ => return Err(SolveError::NoRest(status)),
+            };
+            if rests {
+                return Ok(());
             }
         }
-        if rests || status == Status::Ok {
-            return Ok(());
+        // Models that never are in balance rest after as many steps.
+        match status {
+            Status::Ok => Ok(()),
+            _ => Err(SolveError::NoRest(status)),
         }
-        Err(SolveError::NoRest(status))
+    }
+
+    /// Whether no node is faster than [`STILL_EDGES_PER_S`], given where all were a step ago \[m\], (n x 3).
+    fn is_still(&self, last_m: &[[f64; 3]]) -> bool {
+        let least_m = STILL_EDGES_PER_S * self.surface.mean_edge_m * self.period_s;
+        let mut nodes = self.tissue.positions_m().iter().zip(last_m);
+        nodes.all(|(now, last)| (Vector3::from(*now) - Vector3::from(*last)).norm() <= least_m)
     }
 
     /// Id of the tool that the console's grip carries.
@@ -291,7 +322,8 @@ impl ModelSolver {
     /// Finds what the tools hold, and has the model follow. Says whether it did.
     fn balance(&mut self, step_s: f64) -> bool {
         self.sticking.take(&self.tools, self.tissue.positions_m());
-        for pass in 1..=self.passes {
+        let passes = if self.has_time { 1 } else { MOST_PASSES };
+        for pass in 1..=passes {
             self.sticking.lay_out(&self.tools);
             let drive = self.sticking.drive(&self.force_n);
             let done = self.tissue.step(&drive, step_s);
@@ -308,7 +340,7 @@ impl ModelSolver {
             self.residual = done.residual;
             let gone = self.sticking.let_go(&self.tools, self.tissue.reactions_n());
             // What the last pass would take, the next step takes.
-            if pass == self.passes
+            if pass == passes
                 || gone + self.sticking.take(&self.tools, self.tissue.positions_m()) == 0
             {
                 break;
