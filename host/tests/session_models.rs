@@ -279,6 +279,31 @@ fn a_session_begins_at_rest() {
     }
 }
 
+/// Once as many nodes have been held.
+#[test]
+fn a_step_of_any_model_allocates_nothing() {
+    let scene = scene("");
+    for entry in models() {
+        let mut hand = match entry.tissue {
+            // Its tangent compares a copy of what is held.
+            "corotational" => Hand::without_tangent(&scene, entry.tissue),
+            _ => Hand::new(&scene, entry.tissue, None),
+        };
+        let there_and_back = [-1.0, 0.5, 1.0, 1.5, 1.0, 0.0, -2.0].map(|mm| over(1e-3 * mm));
+        for at in there_and_back {
+            hand.to(at);
+        }
+        let samples = there_and_back.map(|at| hand.sample(at));
+        let counted = allocation_counter::measure(|| {
+            for sample in samples {
+                let (status, _, _) = hand.solver.step(sample);
+                assert_eq!(status, Status::Ok, "{}", entry.tissue);
+            }
+        });
+        assert_eq!(counted.count_total, 0, "{}", entry.tissue);
+    }
+}
+
 /// A stiff half under the tool pushes harder; the classical ChainMail has one material and says so.
 #[test]
 fn regions_count_where_the_model_has_them() {

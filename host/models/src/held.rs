@@ -3,10 +3,11 @@
 //! Entry point: [`Held`].
 
 use crate::drive_check::failed;
+use crate::in_place::clone_in_place;
 use crate::{Diagnostics, Drive};
 
 /// Held nodes of a step and what holds them.
-#[derive(Clone, Debug, Default)]
+#[derive(Debug)]
 pub(crate) struct Held {
     /// Ascending.
     nodes: Vec<u32>,
@@ -14,7 +15,17 @@ pub(crate) struct Held {
     pub reactions_n: Vec<[f64; 3]>,
 }
 
+clone_in_place!(Held { nodes, reactions_n });
+
 impl Held {
+    /// None, with room for all of `nodes`.
+    pub fn new(nodes: usize) -> Self {
+        Self {
+            nodes: Vec::with_capacity(nodes),
+            reactions_n: Vec::with_capacity(nodes),
+        }
+    }
+
     /// Takes over the nodes that the drive holds; calls `let_go` with each that is no longer held.
     pub fn hold(&mut self, drive: &Drive<'_>, mut let_go: impl FnMut(usize)) {
         let mut now = drive.held.iter().map(|held| held.0).peekable();
@@ -74,7 +85,7 @@ mod tests {
 
     #[test]
     fn who_is_no_longer_held_is_let_go_once() {
-        let mut held = Held::default();
+        let mut held = Held::new(13);
         let mut hold = |nodes: &[u32]| {
             let nodes: Vec<_> = nodes.iter().map(|node| (*node, [0.0; 3])).collect();
             let drive = Drive {
@@ -99,7 +110,7 @@ mod tests {
             held: &nodes,
             force_n: &[],
         };
-        let mut held = Held::default();
+        let mut held = Held::new(13);
         let of = |i: usize| [i as f64, 0.0, -1.0];
         let (square_n2, work_j) = held.react(&drive, of, |i| [1.0, 5.0, 2.0 * i as f64]);
         assert_eq!(held.reactions_n, [[2.0, 0.0, -1.0], [3.0, 0.0, -1.0]]);

@@ -9,6 +9,7 @@ pub mod energy_balance;
 mod error;
 mod held;
 pub mod hyperelastic;
+mod in_place;
 pub mod law;
 mod material;
 mod rigid;

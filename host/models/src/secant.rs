@@ -1,42 +1,68 @@
 //! Tangent of held nodes as a secant, for models whose reactions have no derivative.
 //!
 //! Entry point: [`secant_of_step`]. The step is taken again with the nodes moved both ways along each axis, over one
-//! distance and over half of it; the difference of the two is the stated error.
+//! distance and over half of it; the difference of the two is the stated error. Nothing is allocated: [`Trials`] has the
+//! memory.
 
 use crate::{Drive, Outcome, Tangent, Tissue};
 
-/// The secant of one step of `tissue` over +-`reach_m` and half of it; `state` is everything that a step changes.
+/// What trial steps are made with.
+#[derive(Clone, Debug)]
+pub(crate) struct Trials<S> {
+    /// Everything that a step changes, as it is before them.
+    before: S,
+    /// Held nodes of a trial, and their displacement from rest \[m\].
+    held: Vec<(u32, [f64; 3])>,
+}
+
+impl<S> Trials<S> {
+    /// Of tissue with so many nodes, whose state this is at rest.
+    pub fn new(rest: S, nodes: usize) -> Self {
+        Self {
+            before: rest,
+            held: Vec::with_capacity(nodes),
+        }
+    }
+}
+
+/// The secant of one step of `tissue` over +-`reach_m` and half of it; `parts` are everything that a step changes, and what
+/// trials are made with.
 pub(crate) fn secant_of_step<T: Tissue, S: Clone>(
     tissue: &mut T,
-    state: impl Fn(&mut T) -> &mut S,
+    parts: impl Fn(&mut T) -> (&mut S, &mut Trials<S>),
     drive: &Drive<'_>,
     moved: &[usize],
     reach_m: f64,
     step_s: f64,
 ) -> Option<Tangent> {
-    // The state itself is put aside, not a copy of it: its buffers have room for a whole step.
-    let mut aside = state(tissue).clone();
-    std::mem::swap(&mut aside, state(tissue));
-    let tangent = secant(drive, moved, reach_m, |trial| {
-        state(tissue).clone_from(&aside);
-        if let Outcome::Failed(_) = tissue.step(trial, step_s).outcome {
-            return None;
-        }
-        let reactions_n = tissue.reactions_n();
-        let of = |axis: usize| moved.iter().map(|at| reactions_n[*at][axis]).sum();
-        Some([of(0), of(1), of(2)])
+    let (state, trials) = parts(tissue);
+    trials.before.clone_from(state);
+    let mut held = std::mem::take(&mut trials.held);
+    let tangent = secant(drive, &mut held, moved, reach_m, |trial| {
+        let summed = match tissue.step(trial, step_s).outcome {
+            Outcome::Failed(_) => None,
+            _ => {
+                let reactions_n = tissue.reactions_n();
+                let of = |axis: usize| moved.iter().map(|at| reactions_n[*at][axis]).sum();
+                Some([of(0), of(1), of(2)])
+            }
+        };
+        let (state, trials) = parts(tissue);
+        state.clone_from(&trials.before);
+        summed
     });
-    *state(tissue) = aside;
+    parts(tissue).1.held = held;
     tangent
 }
 
 /// The tangent of `reactions` of `moved` over +-`reach_m` and +-`reach_m / 2`. `reactions` takes the held
-/// nodes of a trial and gives the summed reaction of `moved` \[N\] after one step from where the model
-/// stands, or nothing where that step fails.
+/// nodes of a trial, which are written to `held`, and gives the summed reaction of `moved` \[N\] after one step from where
+/// the model stands, or nothing where that step fails.
 // A column of the tangent for each axis, by rows.
 #[allow(clippy::needless_range_loop)]
 fn secant(
     drive: &Drive<'_>,
+    held: &mut Vec<(u32, [f64; 3])>,
     moved: &[usize],
     reach_m: f64,
     mut reactions: impl FnMut(&Drive<'_>) -> Option<[f64; 3]>,
@@ -44,18 +70,18 @@ fn secant(
     if moved.is_empty() || moved.iter().any(|index| *index >= drive.held.len()) {
         return None;
     }
-    let mut held = drive.held.to_vec();
     let mut over = |reach: f64| -> Option<[[f64; 3]; 3]> {
         let mut stiffness = [[0.0; 3]; 3];
         for axis in 0..3 {
             let mut ends = [[0.0; 3]; 2];
             for (end, sign) in ends.iter_mut().zip([1.0, -1.0]) {
-                held.copy_from_slice(drive.held);
+                held.clear();
+                held.extend_from_slice(drive.held);
                 for index in moved {
                     held[*index].1[axis] += sign * reach;
                 }
                 let trial = Drive {
-                    held: &held,
+                    held,
                     force_n: drive.force_n,
                 };
                 *end = reactions(&trial)?;
@@ -99,7 +125,7 @@ mod tests {
             let [x, y, z] = trial.held[1].1;
             Some([3.0 * x + y, 2.0 * y, x - z])
         };
-        let tangent = secant(&drive, &[1], 1e-3, linear).expect("a tangent");
+        let tangent = secant(&drive, &mut Vec::new(), &[1], 1e-3, linear).expect("a tangent");
         let expected = [[3.0, 1.0, 0.0], [0.0, 2.0, 0.0], [1.0, 0.0, -1.0]];
         for (row, expected) in tangent.stiffness_n_per_m.iter().zip(expected) {
             for (value, expected) in row.iter().zip(expected) {
@@ -109,7 +135,7 @@ mod tests {
         assert!(tangent.error < 1e-9);
         // x^3 at 0.1: the secant over h is 3 x^2 + h^2.
         let cubic = |trial: &Drive<'_>| Some([trial.held[1].1[0].powi(3), 0.0, 0.0]);
-        let tangent = secant(&drive, &[1], 0.02, cubic).expect("a tangent");
+        let tangent = secant(&drive, &mut Vec::new(), &[1], 0.02, cubic).expect("a tangent");
         assert!((tangent.stiffness_n_per_m[0][0] - 0.0301).abs() < 1e-12);
         assert!((tangent.error - 0.0003 / 0.0301).abs() < 1e-9);
     }
@@ -120,8 +146,14 @@ mod tests {
             held: &HELD,
             force_n: &[],
         };
-        assert_eq!(secant(&drive, &[], 1e-3, |_| Some([0.0; 3])), None);
-        assert_eq!(secant(&drive, &[2], 1e-3, |_| Some([0.0; 3])), None);
-        assert_eq!(secant(&drive, &[0], 1e-3, |_| None), None);
+        assert_eq!(
+            secant(&drive, &mut Vec::new(), &[], 1e-3, |_| Some([0.0; 3])),
+            None
+        );
+        assert_eq!(
+            secant(&drive, &mut Vec::new(), &[2], 1e-3, |_| Some([0.0; 3])),
+            None
+        );
+        assert_eq!(secant(&drive, &mut Vec::new(), &[0], 1e-3, |_| None), None);
     }
 }

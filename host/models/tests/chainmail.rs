@@ -369,7 +369,7 @@ fn extremes_end_in_a_word_and_finite_positions() {
 }
 
 #[test]
-fn a_step_allocates_nothing() {
+fn a_step_and_its_tangent_allocate_nothing() {
     let mesh = cube(5);
     for (name, mut tissue) in all(&mesh) {
         let drives: Vec<_> = (0..60)
@@ -382,6 +382,9 @@ fn a_step_allocates_nothing() {
         let counted = allocation_counter::measure(|| {
             for held in &drives {
                 tissue.step(&held_only(held), 1e-3);
+                let last = held.len() - 1;
+                let tangent = tissue.tangent(&held_only(held), &[last], 1e-3);
+                assert!(tangent.is_some(), "{name}");
             }
             tissue.step(&Drive::default(), 1e-4);
             tissue.step(&held_only(&drives[7]), 1e-3);

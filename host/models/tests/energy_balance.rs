@@ -128,7 +128,7 @@ fn converged_it_is_where_newton_ends_with_fibres_and_loads() {
 }
 
 #[test]
-fn a_step_allocates_nothing_after_the_first() {
+fn a_step_and_its_tangent_allocate_nothing_after_the_first() {
     let mesh = slab([0.06, 0.05, 0.04], [4, 4, 3]).expect("a slab");
     let held = |first: u32, by: f64| -> Held {
         let bottom = (first..first + 25).map(|node| (node, [0.0; 3]));
@@ -175,7 +175,11 @@ fn a_step_allocates_nothing_after_the_first() {
                     force_n: &force_n,
                 };
                 let report = model.step(&drive, 0.001);
-                failed += u32::from(matches!(report.outcome, Outcome::Failed(_)));
+                let tangent = model.tangent(&drive, &[30, 31], 0.001);
+                let fails = matches!(report.outcome, Outcome::Failed(_));
+                let printed = matches!(form, Form::Printed | Form::Averaged);
+                assert_eq!(tangent.is_some(), !(fails || printed));
+                failed += u32::from(fails);
             };
             go(&drives[0]);
             let allocated = allocation_counter::measure(|| drives.iter().for_each(&mut go));

@@ -260,11 +260,11 @@ fn the_same_inputs_give_the_same_bits_and_nothing_is_allocated() {
     let run = || {
         let mut body = tissue(&mesh, ShapeMatchingSettings::default());
         body.step(&held_only(&drives[0]), STEP_S);
-        body.tangent(&held_only(&drives[0]), &[0], STEP_S)
-            .expect("a tangent");
         let counted = allocation_counter::measure(|| {
             for held in &drives {
                 body.step(&held_only(held), STEP_S);
+                body.tangent(&held_only(held), &[0], STEP_S)
+                    .expect("a tangent");
             }
             body.step(&Drive::default(), 1e-4);
         });

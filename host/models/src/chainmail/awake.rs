@@ -4,9 +4,10 @@
 //! not the size of the mesh.
 
 use super::links::Links;
+use crate::in_place::clone_in_place;
 
 /// Bits of elements that are awake, and of those with a link to one.
-#[derive(Clone, Debug)]
+#[derive(Debug)]
 pub(super) struct Awake {
     awake: Vec<u64>,
     near: Vec<u64>,
@@ -15,6 +16,14 @@ pub(super) struct Awake {
     /// Elements all of whose neighbours are awake: they need not look.
     inside: Vec<u64>,
 }
+
+clone_in_place!(Awake {
+    awake,
+    near,
+    count,
+    nodes,
+    inside,
+});
 
 impl Awake {
     /// All asleep.

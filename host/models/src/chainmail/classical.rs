@@ -8,8 +8,9 @@ use super::propagate::Propagation;
 use super::region::Box3;
 use crate::drive_check::{failed, refused};
 use crate::held::{Held, load, ratio};
+use crate::in_place::clone_in_place;
 use crate::rigid::momenta;
-use crate::secant::secant_of_step;
+use crate::secant::{Trials, secant_of_step};
 use crate::setting::within;
 use crate::{BuildError, Diagnostics, Drive, Material, Outcome, Tangent, Tissue};
 use sutura_mesh::TetMesh;
@@ -62,10 +63,11 @@ pub struct ClassicalChainMail {
     settings: ClassicalSettings,
     region: Box3,
     state: State,
+    trials: Trials<State>,
 }
 
 /// Everything that a step changes.
-#[derive(Clone, Debug)]
+#[derive(Debug)]
 struct State {
     x: Vec<[f64; 3]>,
     previous: Vec<[f64; 3]>,
@@ -77,6 +79,17 @@ struct State {
     /// Whether links may be out of bounds from an earlier step.
     left_over: bool,
 }
+
+clone_in_place!(State {
+    x,
+    previous,
+    force,
+    is_held,
+    held,
+    propagation,
+    energy_j,
+    left_over,
+});
 
 impl ClassicalChainMail {
     /// Tissue at rest on the nodes and edges of a mesh, of one material and one box for all. Of the material,
@@ -91,23 +104,14 @@ impl ClassicalChainMail {
     ) -> Result<Self, BuildError> {
         settings.check()?;
         let links = Links::new(mesh, &material.into(), settings.density_kg_per_m3, 1.0)?;
-        let nodes = links.nodes();
         Ok(Self {
             region: Box3 {
                 least: settings.least,
                 greatest: settings.greatest,
                 shear: settings.shear,
             },
-            state: State {
-                x: links.rest_m.clone(),
-                previous: links.rest_m.clone(),
-                force: vec![[0.0; 3]; nodes],
-                is_held: vec![false; nodes],
-                held: Held::default(),
-                propagation: Propagation::new(nodes, DRAGS * nodes),
-                energy_j: 0.0,
-                left_over: false,
-            },
+            state: State::new(&links),
+            trials: Trials::new(State::new(&links), links.nodes()),
             links,
             settings,
         })
@@ -155,6 +159,21 @@ impl ClassicalSettings {
 }
 
 impl State {
+    /// At rest.
+    fn new(links: &Links) -> Self {
+        let nodes = links.nodes();
+        Self {
+            x: links.rest_m.clone(),
+            previous: links.rest_m.clone(),
+            force: vec![[0.0; 3]; nodes],
+            is_held: vec![false; nodes],
+            held: Held::new(nodes),
+            propagation: Propagation::new(nodes, DRAGS * nodes),
+            energy_j: 0.0,
+            left_over: false,
+        }
+    }
+
     /// Forces \[N\] and energy \[J\] of the springs where elements are.
     fn springs(&mut self, links: &Links) {
         self.force.fill([0.0; 3]);
@@ -311,6 +330,13 @@ impl Tissue for ClassicalChainMail {
     /// A secant of one step over a hundredth of the mean edge and half of that.
     fn tangent(&mut self, drive: &Drive<'_>, moved: &[usize], step_s: f64) -> Option<Tangent> {
         let reach_m = 0.01 * self.links.edge_m;
-        secant_of_step(self, |this| &mut this.state, drive, moved, reach_m, step_s)
+        secant_of_step(
+            self,
+            |this| (&mut this.state, &mut this.trials),
+            drive,
+            moved,
+            reach_m,
+            step_s,
+        )
     }
 }

@@ -13,7 +13,7 @@ use super::settings::{EllipsoidSettings, check_limit};
 use super::state::{SLEEP_EVERY, State};
 use crate::drive_check::{failed, refused};
 use crate::held::ratio;
-use crate::secant::secant_of_step;
+use crate::secant::{Trials, secant_of_step};
 use crate::{BuildError, Diagnostics, Drive, Materials, Outcome, Tangent, Tissue};
 use nalgebra::Vector3;
 use sutura_mesh::TetMesh;
@@ -26,6 +26,7 @@ pub struct EllipsoidChainMail {
     /// Strain limits by link where they differ, (m x 3).
     limits: Option<Vec<[f64; 3]>>,
     state: State,
+    trials: Trials<State>,
 }
 
 impl EllipsoidChainMail {
@@ -48,8 +49,10 @@ impl EllipsoidChainMail {
         )?;
         let limit = settings.strain_limit;
         let ball = limit == [limit[0]; 3];
+        let rest = || State::new(&links, springs(&[limit], settings.tolerance));
         Ok(Self {
-            state: State::new(&links, springs(&[limit], settings.tolerance)),
+            state: rest(),
+            trials: Trials::new(rest(), links.nodes()),
             limits: (!ball).then(|| vec![limit; links.owned.places()]),
             links,
             settings,
@@ -282,7 +285,14 @@ impl Tissue for EllipsoidChainMail {
     /// before the tissue beyond has followed; stiffer than the balance it relaxes to.
     fn tangent(&mut self, drive: &Drive<'_>, moved: &[usize], step_s: f64) -> Option<Tangent> {
         let reach_m = 0.01 * self.links.edge_m;
-        secant_of_step(self, |this| &mut this.state, drive, moved, reach_m, step_s)
+        secant_of_step(
+            self,
+            |this| (&mut this.state, &mut this.trials),
+            drive,
+            moved,
+            reach_m,
+            step_s,
+        )
     }
 }
 

@@ -9,12 +9,13 @@ use super::links::Links;
 use super::quad::Quad;
 use crate::Drive;
 use crate::held::load;
+use crate::in_place::clone_in_place;
 use crate::rigid::{Rigid, momenta};
 use nalgebra::Vector3;
 use pulp::{Arch, Simd, WithSimd};
 
 /// Where elements are and how they move.
-#[derive(Clone, Debug)]
+#[derive(Debug)]
 pub(super) struct Motion {
     /// Positions and the links' forces, (n).
     pub at: Vec<Element>,
@@ -37,6 +38,20 @@ pub(super) struct Motion {
     springs: Springs,
     arch: Arch,
 }
+
+clone_in_place!(Motion {
+    at,
+    previous,
+    v,
+    mass,
+    inverse_mass,
+    decay,
+    energy_j,
+    beyond,
+    energy_of,
+    springs,
+    arch,
+});
 
 /// Sums over what is awake after a step.
 #[derive(Clone, Copy, Debug, Default)]

@@ -6,6 +6,7 @@
 use super::links::{Links, difference};
 use super::queue::Queue;
 use super::region::Box3;
+use crate::in_place::clone_in_place;
 
 /// One element dragged by another.
 #[derive(Clone, Copy, Debug)]
@@ -17,7 +18,7 @@ struct Drag {
 }
 
 /// Who dragged whom in a step.
-#[derive(Clone, Debug)]
+#[derive(Debug)]
 pub(super) struct Propagation {
     queue: Queue,
     drags: Vec<Drag>,
@@ -29,6 +30,16 @@ pub(super) struct Propagation {
     /// Elements taken from the queue in the last step.
     pub visits: u64,
 }
+
+clone_in_place!(Propagation {
+    queue,
+    drags,
+    most_drags,
+    stamp,
+    now,
+    moved,
+    visits,
+});
 
 impl Propagation {
     /// For `nodes` elements; remembers at most `most_drags` of a step.

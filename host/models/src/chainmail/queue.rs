@@ -2,8 +2,10 @@
 //!
 //! Entry point: [`Queue`]. It never allocates after [`Queue::new`].
 
+use crate::in_place::clone_in_place;
+
 /// Elements that wait, first moved first.
-#[derive(Clone, Debug)]
+#[derive(Debug)]
 pub(super) struct Queue {
     ring: Vec<u32>,
     mask: usize,
@@ -11,6 +13,14 @@ pub(super) struct Queue {
     length: usize,
     waiting: Vec<bool>,
 }
+
+clone_in_place!(Queue {
+    ring,
+    mask,
+    head,
+    length,
+    waiting,
+});
 
 impl Queue {
     /// An empty queue for `nodes` elements.

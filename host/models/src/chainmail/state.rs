@@ -11,12 +11,13 @@ use super::queue::Queue;
 use super::settings::EllipsoidSettings;
 use crate::Drive;
 use crate::held::{Held, load};
+use crate::in_place::clone_in_place;
 
 /// Steps between looks at what may sleep.
 pub(super) const SLEEP_EVERY: u32 = 64;
 
 /// Everything that a step changes.
-#[derive(Clone, Debug)]
+#[derive(Debug)]
 pub(super) struct State {
     pub motion: Motion,
     pub awake: Awake,
@@ -37,6 +38,23 @@ pub(super) struct State {
     pub work_j: f64,
 }
 
+clone_in_place!(State {
+    motion,
+    awake,
+    queue,
+    held,
+    impulse,
+    loads,
+    any_load,
+    stamp,
+    stale,
+    now,
+    step_s,
+    moved,
+    adjusted,
+    work_j,
+});
+
 impl State {
     /// At rest.
     pub fn new(links: &Links, springs: Springs) -> Self {
@@ -45,7 +63,7 @@ impl State {
             motion: Motion::new(links, springs),
             awake: Awake::new(nodes),
             queue: Queue::new(nodes),
-            held: Held::default(),
+            held: Held::new(nodes),
             impulse: vec![[0.0; 3]; nodes],
             loads: vec![[0.0; 3]; nodes],
             any_load: false,

@@ -107,10 +107,10 @@ impl EnergyBalance {
             positions_m: rest_m.clone(),
             rest_m,
             edge_m: cells::edge_m(mesh),
-            held: Vec::new(),
+            held: Vec::with_capacity(nodes),
             free: vec![true; nodes],
             ready_for_s: None,
-            reactions_n: Vec::new(),
+            reactions_n: Vec::with_capacity(nodes),
             loads_n: none(),
             velocity: none(),
             before: Before {

@@ -7,8 +7,9 @@ use super::clusters::Clusters;
 use super::goals::pull;
 use crate::drive_check::{failed, refused};
 use crate::held::{Held, load, ratio};
+use crate::in_place::clone_in_place;
 use crate::rigid::{Rigid, momenta};
-use crate::secant::secant_of_step;
+use crate::secant::{Trials, secant_of_step};
 use crate::setting::within;
 use crate::{BuildError, Diagnostics, Drive, Materials, Outcome, Tangent, Tissue};
 use nalgebra::Vector3;
@@ -49,10 +50,11 @@ pub struct ShapeMatching {
     rest_m: Vec<[f64; 3]>,
     extent_m: f64,
     state: State,
+    trials: Trials<State>,
 }
 
 /// Everything that a step changes.
-#[derive(Clone, Debug)]
+#[derive(Debug)]
 struct State {
     x: Vec<[f64; 3]>,
     previous: Vec<[f64; 3]>,
@@ -71,6 +73,22 @@ struct State {
     moved: usize,
 }
 
+clone_in_place!(State {
+    x,
+    previous,
+    v,
+    pull,
+    limited,
+    mass,
+    is_held,
+    held,
+    energy_j,
+    work_j,
+    step_s,
+    decay,
+    moved,
+});
+
 impl ShapeMatching {
     /// Tissue at rest on the nodes of a mesh. Of a material, Young's modulus sets the weights; Poisson's ratio has
     /// no say: clusters resist each strain on its own, as if it were 0.
@@ -87,7 +105,6 @@ impl ShapeMatching {
         materials.check(mesh.cells().len())?;
         let clusters = Clusters::new(mesh, &materials, settings.rings);
         let rest_m = mesh.points_m().to_vec();
-        let zero = vec![[0.0; 3]; rest_m.len()];
         let extent = |axis: usize| {
             let along = rest_m.iter().map(|p| p[axis]);
             let (low, high) = along.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), x| {
@@ -97,21 +114,8 @@ impl ShapeMatching {
         };
         Ok(Self {
             extent_m: extent(0).max(extent(1)).max(extent(2)),
-            state: State {
-                x: rest_m.clone(),
-                previous: rest_m.clone(),
-                v: zero.clone(),
-                pull: zero,
-                limited: vec![0.0; rest_m.len()],
-                mass: vec![0.0; rest_m.len()],
-                is_held: vec![false; rest_m.len()],
-                held: Held::default(),
-                energy_j: 0.0,
-                work_j: 0.0,
-                step_s: 0.0,
-                decay: 1.0,
-                moved: 0,
-            },
+            state: State::new(&rest_m),
+            trials: Trials::new(State::new(&rest_m), rest_m.len()),
             clusters,
             settings,
             rest_m,
@@ -184,6 +188,26 @@ impl ShapeMatchingSettings {
 }
 
 impl State {
+    /// At rest.
+    fn new(rest_m: &[[f64; 3]]) -> Self {
+        let nodes = rest_m.len();
+        Self {
+            x: rest_m.to_vec(),
+            previous: rest_m.to_vec(),
+            v: vec![[0.0; 3]; nodes],
+            pull: vec![[0.0; 3]; nodes],
+            limited: vec![0.0; nodes],
+            mass: vec![0.0; nodes],
+            is_held: vec![false; nodes],
+            held: Held::new(nodes),
+            energy_j: 0.0,
+            work_j: 0.0,
+            step_s: 0.0,
+            decay: 1.0,
+            moved: 0,
+        }
+    }
+
     /// Holds what the drive holds, and lets the limit of the rest recover.
     fn hold(&mut self, drive: &Drive<'_>, rest_m: &[[f64; 3]], recovered: f64) {
         self.held.hold(drive, |i| self.is_held[i] = false);
@@ -345,6 +369,13 @@ impl Tissue for ShapeMatching {
     /// before the tissue beyond has followed; stiffer than the balance it relaxes to.
     fn tangent(&mut self, drive: &Drive<'_>, moved: &[usize], step_s: f64) -> Option<Tangent> {
         let reach_m = 1e-3 * self.extent_m;
-        secant_of_step(self, |this| &mut this.state, drive, moved, reach_m, step_s)
+        secant_of_step(
+            self,
+            |this| (&mut this.state, &mut this.trials),
+            drive,
+            moved,
+            reach_m,
+            step_s,
+        )
     }
 }
