@@ -58,13 +58,13 @@ impl Quad {
         of(0) + of(1) + of(2)
     }
 
-    /// Smaller of each pair; of what is not a number, the other.
+    /// Smaller of each pair; `other`'s where one is not a number.
     #[inline(always)]
     pub fn least(self, other: Self) -> Self {
         self.each(other, |a, b| if a < b { a } else { b })
     }
 
-    /// Larger of each pair; of what is not a number, the other.
+    /// Larger of each pair; `other`'s where one is not a number.
     #[inline(always)]
     pub fn most(self, other: Self) -> Self {
         self.each(other, |a, b| if a > b { a } else { b })
