@@ -4,7 +4,7 @@
 //! explicit fused multiply-adds are used, so a kernel gives one set of bits on every processor.
 
 use super::nodes::Rows;
-use pulp::Simd;
+use pulp::{Arch, Simd};
 use std::fmt::Debug;
 use std::ops::{Add, AddAssign, Div, Mul, Neg, Sub};
 
@@ -184,8 +184,20 @@ pub(super) struct Wide<S: Simd> {
     values: [S::f32s; 2],
 }
 
-/// Most lanes of f32 a register has.
+/// Most lanes of f32 a register has: two registers are a batch.
 const MOST_LANES: usize = 8;
+
+/// The widest registers of up to [`MOST_LANES`]; not AVX-512, also where another crate asks `pulp` for it.
+#[cfg(any(target_arch = "x86", target_arch = "x86_64"))]
+pub(super) fn arch() -> Arch {
+    pulp::x86::V3::try_new().map_or(Arch::Scalar, Arch::V3)
+}
+
+/// The widest registers there are.
+#[cfg(not(any(target_arch = "x86", target_arch = "x86_64")))]
+pub(super) fn arch() -> Arch {
+    Arch::new()
+}
 
 /// Lane to which pulp's transposition brings the row in a `slot`: the rows in a quarter of a register are
 /// transposed among themselves.
@@ -371,7 +383,21 @@ impl<S: Simd> Number<S> for Wide<S> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use pulp::{Arch, WithSimd};
+    use pulp::WithSimd;
+
+    struct Lanes;
+    impl WithSimd for Lanes {
+        type Output = [usize; 2];
+        fn with_simd<S: Simd>(self, _: S) -> [usize; 2] {
+            [<f32 as Float>::Number::<S>::LANES, S::F32_LANES]
+        }
+    }
+
+    #[test]
+    fn two_registers_are_no_more_than_a_batch() {
+        let [both, one] = arch().dispatch(Lanes);
+        assert!(one <= MOST_LANES && 16 % both == 0, "{both} {one}");
+    }
 
     struct Roots;
     impl WithSimd for Roots {
@@ -393,7 +419,7 @@ mod tests {
 
     #[test]
     fn cube_roots_are_exact_to_rounding() {
-        Arch::new().dispatch(Roots);
+        arch().dispatch(Roots);
     }
 
     struct Transposed;
@@ -429,7 +455,7 @@ mod tests {
 
     #[test]
     fn lanes_are_the_nodes_in_order() {
-        Arch::new().dispatch(Transposed);
+        arch().dispatch(Transposed);
         Arch::Scalar.dispatch(Transposed);
     }
 }

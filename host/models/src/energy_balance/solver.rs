@@ -5,7 +5,7 @@
 use super::cells::{Cells, Rest, edge_m};
 use super::lattice::Rough;
 use super::nodes::{Field, Rows, rows_for};
-use super::number::{Float, Number};
+use super::number::{Float, Number, arch};
 use super::relaxation::Relaxation;
 use super::settings::{self, Motion, Settings};
 use super::visit::{Form, Found, Group, Memory, add_to_nodes, visit};
@@ -104,7 +104,7 @@ impl<T: Float, const L: usize> Core<T, L> {
         let field = || Field::new(nodes);
         let zero = || vec![[T::default(); 4]; rows_for(nodes)];
         Ok(Self {
-            arch: Arch::new(),
+            arch: arch(),
             relaxation: Relaxation::new(&settings.relaxation, &cells),
             multiplier: vec![[T::default(); L]; cells.batches.len()],
             cells,
