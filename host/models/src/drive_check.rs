@@ -1,15 +1,22 @@
 //! What every model asks of a drive before it moves anything.
 //!
-//! Entry point: [`refused`].
+//! Entry points: [`refused`], and [`wrong`] for models whose steps need no length.
 
 use crate::{Diagnostics, Drive, Outcome};
 
 /// Why a step cannot be taken, if it cannot.
 pub(crate) fn refused(drive: &Drive<'_>, nodes: usize, step_s: f64) -> Option<&'static str> {
-    let finite = |values: &[f64; 3]| values.iter().all(|value| value.is_finite());
-    if !(step_s.is_finite() && step_s > 0.0) {
+    if step_s.is_finite() && step_s > 0.0 {
+        wrong(drive, nodes)
+    } else {
         Some("the time step is not a finite number above zero")
-    } else if !drive.force_n.is_empty() && drive.force_n.len() != nodes {
+    }
+}
+
+/// Why a drive cannot be followed, however long the step, if it cannot.
+pub(crate) fn wrong(drive: &Drive<'_>, nodes: usize) -> Option<&'static str> {
+    let finite = |values: &[f64; 3]| values.iter().all(|value| value.is_finite());
+    if !drive.force_n.is_empty() && drive.force_n.len() != nodes {
         Some("the loads are neither none nor one for each node")
     } else if !drive.held.is_sorted_by(|a, b| a.0 < b.0) {
         Some("held nodes do not ascend")

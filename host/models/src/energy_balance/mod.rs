@@ -25,6 +25,7 @@ mod visit;
 
 pub use settings::{Form, Lanes, Motion, Prony, Settings};
 
+use crate::drive_check::{refused, wrong};
 use crate::law::Law;
 use crate::{BuildError, Diagnostics, Drive, Outcome, Tangent, Tissue};
 use nalgebra::Vector3;
@@ -151,23 +152,12 @@ impl EnergyBalance {
     /// Why a drive cannot be followed.
     fn objection(&self, drive: &Drive<'_>, step_s: f64) -> Option<&'static str> {
         let nodes = self.rest_m.len();
-        let finite = |v: &[f64; 3]| v.iter().all(|x| x.is_finite());
         let printed = matches!(self.settings.form, Form::Printed | Form::Averaged);
         let timeless = self.settings.motion == Motion::QuasiStatic && !printed;
-        if !(step_s.is_finite() && (step_s > 0.0 || timeless && step_s == 0.0)) {
-            Some("the step is not above zero")
-        } else if !drive.force_n.is_empty() && drive.force_n.len() != nodes {
-            Some("loads are not as many as nodes")
-        } else if !drive.force_n.iter().all(finite) {
-            Some("a load is not finite")
-        } else if !drive.held.iter().all(|(_, u)| finite(u)) {
-            Some("a held node's displacement is not finite")
-        } else if drive.held.iter().any(|(node, _)| *node as usize >= nodes) {
-            Some("a held node does not exist")
-        } else if drive.held.windows(2).any(|pair| pair[0].0 >= pair[1].0) {
-            Some("held nodes do not ascend")
+        if timeless && step_s == 0.0 {
+            wrong(drive, nodes)
         } else {
-            None
+            refused(drive, nodes, step_s)
         }
     }
 

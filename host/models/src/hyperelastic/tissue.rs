@@ -7,6 +7,7 @@ use super::motion::{Course, Motion};
 use super::newton::{End, Imbalance};
 use super::settle::{held_part, trapezoid};
 use super::{Hyperelastic, State};
+use crate::drive_check::wrong;
 use crate::{Diagnostics, Drive, Outcome, Tangent, Tissue};
 use nalgebra::Vector3;
 
@@ -105,20 +106,15 @@ impl Hyperelastic {
     /// Takes held nodes, targets and loads from a drive.
     fn take(&mut self, drive: &Drive<'_>) -> Result<(), &'static str> {
         let discrete = &self.balance.elastic.discrete;
+        if let Some(reason) = wrong(drive, discrete.corners) {
+            return Err(reason);
+        }
         let (held, work) = (&mut self.balance.held, &mut self.work);
         held.fill(false);
-        let mut last = None;
         for &(node, moved) in drive.held {
-            if node as usize >= discrete.corners || last.is_some_and(|last| last >= node) {
-                return Err("held nodes do not ascend, or are not the mesh's");
-            }
-            last = Some(node);
             let node = node as usize;
             held[node] = true;
             work.target[node] = discrete.rest[node] + Vector3::from(moved);
-            if !work.target[node].iter().all(|x| x.is_finite()) {
-                return Err("a held node is to go nowhere");
-            }
         }
         for &edge in &discrete.boundary_ends {
             let [a, b] = discrete.ends[edge as usize].map(|node| node as usize);
@@ -129,13 +125,8 @@ impl Hyperelastic {
             }
         }
         work.load.copy_from_slice(&work.own_load);
-        if !drive.force_n.is_empty() {
-            if drive.force_n.len() != discrete.corners {
-                return Err("there is not one force for each node");
-            }
-            for (load, force) in work.load.iter_mut().zip(drive.force_n) {
-                *load += Vector3::from(*force);
-            }
+        for (load, force) in work.load.iter_mut().zip(drive.force_n) {
+            *load += Vector3::from(*force);
         }
         if work.load.iter().flatten().all(|force| force.is_finite()) {
             Ok(())
