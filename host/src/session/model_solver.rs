@@ -531,6 +531,8 @@ impl Solve for ModelSolver {
 }
 
 impl SceneSolver for ModelSolver {
+    /// Of where every node is, what sticks to which tool and where, and where the tools are, to the bit. What else a model
+    /// keeps from step to step, such as velocities, is not in it: two runs that differ there differ in positions later.
     fn hash(&self) -> u64 {
         let tools = self.tools.map(|tool| tool.map(|(placement, _)| placement));
         hash_of(&(self.tissue.positions_m(), self.sticking.state(), tools))
