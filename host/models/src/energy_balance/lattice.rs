@@ -9,6 +9,7 @@ use super::nodes::{Field, Rows, rows_for};
 use super::number::Float;
 use crate::law::Law;
 use nalgebra::{Matrix3, Vector3};
+use pulp::{Arch, Simd, WithSimd};
 use std::collections::BTreeMap;
 use sutura_mesh::TetMesh;
 
@@ -40,14 +41,20 @@ struct Member<T> {
 pub(super) struct Rough<T> {
     /// Blocks of the stiffness at rest \[N/m\]: (i, j) with i <= j.
     blocks: Vec<(u32, u32, Matrix3<f64>)>,
+    /// Blocks that a node is in, node by node, and where each node's begin, (n + 1).
+    blocks_of: Vec<u32>,
+    begin: Vec<u32>,
+    /// What the inverse is for: inertia of each free node \[N/m\], none where held, (n).
+    free: Vec<Option<f64>>,
     /// Inverse block of each node, by columns; zero where held and after the last, (n + 1).
     own: Vec<[[T; 4]; 3]>,
     places: Vec<Place<T>>,
     cuboids: Vec<Cuboid<T>>,
     points: usize,
-    /// Dense inverse on the lattice, (3 points x 3 points).
-    inverse: Vec<T>,
+    /// Stiffness of the free nodes between points \[N/m\], its inverse, and that as visits read it, (3 points x 3 points).
+    stiffness: Vec<f64>,
     dense: Vec<f64>,
+    inverse: Vec<T>,
     row: Vec<f64>,
     /// At the points: (points), and packed, (3 points).
     smooth: Vec<[T; 4]>,
@@ -61,9 +68,17 @@ impl<T: Float> Rough<T> {
         let used = places.iter().flat_map(|place| place.points);
         let points = used.max().map_or(0, |last| last as usize + 1);
         let zero = [T::default(); 4];
+        let nodes = mesh.points_m().len();
+        let blocks = stiffness(mesh, laws);
+        let (begin, blocks_of) = by_node(&blocks, nodes);
         Self {
-            blocks: stiffness(mesh, laws),
-            own: vec![[zero; 3]; rows_for(mesh.points_m().len())],
+            blocks,
+            blocks_of,
+            begin,
+            // Nothing is in the stiffness yet.
+            free: vec![None; nodes],
+            stiffness: vec![0.0; 9 * points * points],
+            own: vec![[zero; 3]; rows_for(nodes)],
             places,
             cuboids,
             points,
@@ -88,49 +103,35 @@ impl<T: Float> Rough<T> {
     }
 
     /// Makes ready for nodes of which some are `free` (1, the others 0; n + 1), each with a further
-    /// `inertia` \[N/m\].
-    pub fn hold(&mut self, free: &[[T; 4]], inertia: &[[T; 4]]) {
-        let is_free = |node: u32| free[node as usize][0].wide() > 0.0;
-        for own in &mut self.own {
-            *own = [[T::default(); 4]; 3];
-        }
-        let size = 3 * self.points;
-        self.dense.fill(0.0);
-        for (i, j, block) in &self.blocks {
-            if !(is_free(*i) && is_free(*j)) {
+    /// `inertia` \[N/m\]. Costs what has changed, and the inverse: tools take and leave a few nodes at a time.
+    pub fn hold(&mut self, arch: Arch, free: &[[T; 4]], inertia: &[[T; 4]]) {
+        let mut has_changed = false;
+        for node in 0..self.free.len() {
+            let before = self.free[node];
+            let is_free = free[node][0].wide() > 0.0;
+            let now = is_free.then(|| inertia[node][0].wide());
+            if now == before {
                 continue;
             }
-            let mut block = *block;
-            if i == j {
-                block += Matrix3::from_diagonal_element(inertia[*i as usize][0].wide());
-                if let Some(inverse) = block.try_inverse() {
-                    for c in 0..3 {
-                        for r in 0..3 {
-                            self.own[*i as usize][c][r] = T::of(inverse[(r, c)]);
-                        }
-                    }
-                }
+            has_changed = true;
+            if now.is_none() {
+                self.weigh(node, -1.0);
             }
-            if self.points == 0 {
-                continue;
+            self.free[node] = now;
+            if before.is_none() {
+                self.weigh(node, 1.0);
             }
-            let (a, b) = (&self.places[*i as usize], &self.places[*j as usize]);
-            for (p, wp) in a.points.iter().zip(a.weights) {
-                for (q, wq) in b.points.iter().zip(b.weights) {
-                    let weight = wp.wide() * wq.wide();
-                    for r in 0..3 {
-                        for c in 0..3 {
-                            let (row, column) = (3 * *p as usize + r, 3 * *q as usize + c);
-                            self.dense[row * size + column] += weight * block[(r, c)];
-                            if i != j {
-                                self.dense[column * size + row] += weight * block[(r, c)];
-                            }
-                        }
-                    }
-                }
-            }
+            self.weigh_inertia(node, now.unwrap_or(0.0) - before.unwrap_or(0.0));
+            self.own[node] = self.own_inverse(node);
         }
-        invert(&mut self.dense, &mut self.row);
+        if !has_changed {
+            return;
+        }
+        self.dense.copy_from_slice(&self.stiffness);
+        arch.dispatch(Invert {
+            matrix: &mut self.dense,
+            row: &mut self.row,
+        });
         for (to, from) in self.inverse.iter_mut().zip(&self.dense) {
             *to = T::of(*from);
         }
@@ -141,6 +142,77 @@ impl<T: Float> Rough<T> {
                 member.sides = self.places[node].sides().map(|side| side * free);
             }
         }
+    }
+
+    fn blocks_of(&self, node: usize) -> &[u32] {
+        &self.blocks_of[self.begin[node] as usize..self.begin[node + 1] as usize]
+    }
+
+    /// Adds the stiffness of a free node and between it and its free neighbours to that of the points, `sign` times.
+    fn weigh(&mut self, node: usize, sign: f64) {
+        let size = 3 * self.points;
+        if size == 0 {
+            return;
+        }
+        for index in self.begin[node]..self.begin[node + 1] {
+            let (i, j, block) = self.blocks[self.blocks_of[index as usize] as usize];
+            let (i, j) = (i as usize, j as usize);
+            if self.free[i].is_none() || self.free[j].is_none() {
+                continue;
+            }
+            let (a, b) = (&self.places[i], &self.places[j]);
+            for (p, wp) in a.points.iter().zip(a.weights) {
+                for (q, wq) in b.points.iter().zip(b.weights) {
+                    let weight = sign * wp.wide() * wq.wide();
+                    for r in 0..3 {
+                        for c in 0..3 {
+                            let (row, column) = (3 * *p as usize + r, 3 * *q as usize + c);
+                            self.stiffness[row * size + column] += weight * block[(r, c)];
+                            if i != j {
+                                self.stiffness[column * size + row] += weight * block[(r, c)];
+                            }
+                        }
+                    }
+                }
+            }
+        }
+    }
+
+    /// Adds a node's inertia \[N/m\] to the stiffness of the points.
+    fn weigh_inertia(&mut self, node: usize, inertia: f64) {
+        let size = 3 * self.points;
+        if size == 0 || inertia == 0.0 {
+            return;
+        }
+        let place = &self.places[node];
+        for (p, wp) in place.points.iter().zip(place.weights) {
+            for (q, wq) in place.points.iter().zip(place.weights) {
+                for c in 0..3 {
+                    let (row, column) = (3 * *p as usize + c, 3 * *q as usize + c);
+                    self.stiffness[row * size + column] += wp.wide() * wq.wide() * inertia;
+                }
+            }
+        }
+    }
+
+    /// Inverse of a node's own stiffness and inertia \[m/N\], by columns; zero where it is held.
+    fn own_inverse(&self, node: usize) -> [[T; 4]; 3] {
+        let mut own = [[T::default(); 4]; 3];
+        let Some(inertia) = self.free[node] else {
+            return own;
+        };
+        let blocks = self.blocks_of(node).iter();
+        let mut blocks = blocks.map(|index| &self.blocks[*index as usize]);
+        let block = blocks.find(|(i, j, _)| i == j).map(|(_, _, block)| block);
+        let whole = block.map(|block| block + Matrix3::from_diagonal_element(inertia));
+        if let Some(inverse) = whole.and_then(|whole| whole.try_inverse()) {
+            for c in 0..3 {
+                for r in 0..3 {
+                    own[c][r] = T::of(inverse[(r, c)]);
+                }
+            }
+        }
+        own
     }
 
     /// Inverse block of each node, by columns; zero where held, (n + 1).
@@ -339,8 +411,40 @@ fn lattice<T: Float>(mesh: &TetMesh, most: usize) -> (Vec<Place<T>>, Vec<Cuboid<
     (places, cuboids.into_values().collect())
 }
 
+/// Blocks that each node is in: where a node's begin, (n + 1), and their places.
+fn by_node(blocks: &[(u32, u32, Matrix3<f64>)], nodes: usize) -> (Vec<u32>, Vec<u32>) {
+    let mut of = vec![Vec::new(); nodes];
+    for (place, (i, j, _)) in (0u32..).zip(blocks) {
+        of[*i as usize].push(place);
+        if i != j {
+            of[*j as usize].push(place);
+        }
+    }
+    let mut begin = vec![0];
+    begin.extend(of.iter().scan(0, |sum, own| {
+        *sum += own.len() as u32;
+        Some(*sum)
+    }));
+    (begin, of.concat())
+}
+
+/// [`invert`] in the registers that there are; without fused operations, so that its bits are those of any.
+struct Invert<'a> {
+    matrix: &'a mut [f64],
+    row: &'a mut [f64],
+}
+
+impl WithSimd for Invert<'_> {
+    type Output = ();
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) {
+        invert(self.matrix, self.row);
+    }
+}
+
 /// Inverse of a symmetric matrix without negative eigenvalues, in place, by Gauss-Jordan; directions that nothing
 /// holds get none. `pivot_row` is as long as a row.
+#[inline(always)]
 fn invert(a: &mut [f64], pivot_row: &mut [f64]) {
     let n = pivot_row.len();
     let largest = (0..n).fold(0.0, |most: f64, k| most.max(a[k * n + k]));
@@ -373,6 +477,85 @@ fn invert(a: &mut [f64], pivot_row: &mut [f64]) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::Material;
+    use sutura_mesh::slab;
+
+    /// Nodes that come and go leave the inverse that all at once would have had, whatever has changed before.
+    #[test]
+    fn what_is_held_in_turn_is_as_if_held_at_once() {
+        let mesh = slab([0.06, 0.05, 0.04], [6, 5, 4]).expect("a slab");
+        let law = Law::neo_hookean(Material {
+            youngs_modulus_pa: 3e3,
+            poisson_ratio: 0.45,
+        });
+        let nodes = mesh.points_m().len();
+        let new = || Rough::<f64>::new(&mesh, &[law], 20);
+        let mut walked = new();
+        let state = |step: usize| {
+            let mut free = vec![[0.0; 4]; rows_for(nodes)];
+            let mut inertia = free.clone();
+            for node in 0..nodes {
+                // Ever other pieces of the slab, and another inertia for some.
+                let is_free = node > 20 && (node / 7 + step) % 5 != 0;
+                free[node] = [f64::from(u8::from(is_free)); 4];
+                inertia[node] = [if node % 3 == 0 { step as f64 } else { 0.5 }; 4];
+            }
+            (free, inertia)
+        };
+        for step in 0..12 {
+            let (free, inertia) = state(step);
+            walked.hold(Arch::Scalar, &free, &inertia);
+            let mut fresh = new();
+            fresh.hold(Arch::new(), &free, &inertia);
+            assert_eq!(walked.own, fresh.own);
+            let largest = fresh
+                .inverse
+                .iter()
+                .fold(0.0f64, |most, x| most.max(x.abs()));
+            assert!(largest > 0.0);
+            for (a, b) in walked.inverse.iter().zip(&fresh.inverse) {
+                assert!((a - b).abs() < 1e-9 * largest, "step {step}: {a} {b}");
+            }
+        }
+        // Against P' K P of the free nodes, point by point.
+        let (free, inertia) = state(11);
+        let size = 3 * walked.points;
+        let mut expected = vec![0.0; size * size];
+        for (i, j, block) in &walked.blocks {
+            let pairs = if i == j {
+                vec![(*i, *j)]
+            } else {
+                vec![(*i, *j), (*j, *i)]
+            };
+            for (from, to) in pairs {
+                let [from, to] = [from as usize, to as usize];
+                if free[from][0] == 0.0 || free[to][0] == 0.0 {
+                    continue;
+                }
+                let mut block = if from == *i as usize {
+                    *block
+                } else {
+                    block.transpose()
+                };
+                if from == to {
+                    block += Matrix3::identity() * inertia[from][0];
+                }
+                let (a, b) = (&walked.places[from], &walked.places[to]);
+                for k in 0..64 {
+                    let (p, q) = (a.points[k / 8] as usize, b.points[k % 8] as usize);
+                    let weight = a.weights[k / 8] * b.weights[k % 8];
+                    for r in 0..9 {
+                        expected[(3 * p + r / 3) * size + 3 * q + r % 3] +=
+                            weight * block[(r / 3, r % 3)];
+                    }
+                }
+            }
+        }
+        let largest = expected.iter().fold(0.0f64, |most, x| most.max(x.abs()));
+        for (a, b) in walked.stiffness.iter().zip(&expected) {
+            assert!((a - b).abs() < 1e-12 * largest, "{a} {b}");
+        }
+    }
 
     #[test]
     fn the_inverse_is_one() {

@@ -238,7 +238,7 @@ impl<T: Float, const L: usize> Solve for Core<T, L> {
             self.u[node][3] = T::of(weight);
         }
         if self.form == settings::Form::Balanced {
-            self.rough.hold(&self.free, &self.inertia);
+            self.rough.hold(self.arch, &self.free, &self.inertia);
         }
     }
 
