@@ -427,3 +427,94 @@ fn compare(
     candidate.displacement_error = Some(f64::sqrt(apart / moved));
     Ok(())
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::choice::choose;
+    use crate::scene::Document;
+    use sutura_shared::wire::message::Fixture;
+
+    const SCENE: &str = r#"
+device = "cartesian-bench"
+[mesh.slab]
+size_m = [0.06, 0.06, 0.03]
+divisions = [4, 4, 2]
+[tissue]
+model = "corotational"
+youngs_modulus_pa = 10e3
+poisson_ratio = 0.4
+[[fixed]]
+plane = { axis = "z", at_m = -0.03 }
+[[tool]]
+radius_m = 0.035
+[hand]
+stiffness_n_per_m = 1000.0
+damping_n_s_per_m = 10.0
+way_point = [
+    { time_s = 0.0, position_m = [0.0, 0.0, 0.037] },
+    { time_s = 0.4, position_m = [0.001, 0.0, 0.033] },
+]
+"#;
+
+    /// A session with rows is offered what has them, compared as ever; and the scene is none the worse.
+    #[test]
+    fn with_rows_only_what_has_them_is_a_candidate() {
+        let document = Document::embedded("test.toml", "".as_ref(), SCENE);
+        let mut scene = Scene::read(&document, "test").expect("good");
+        let before = scene.tissue;
+        let plan = Plan {
+            device: scene.device.expect("a device"),
+            hand: scene.hand.expect("a hand"),
+            host_hz: 100.0,
+            seconds: 0.4,
+            tick_hz: 1000,
+            state_every: 1,
+            rendering: Rendering::Rows,
+            line_bytes_per_s: 1e6,
+            horizon_us: None,
+            clear_fault: false,
+            fixture: Fixture::None,
+        };
+        let asked = Asked {
+            plan: &plan,
+            budget_us: 1e9,
+            rendering: Some(Rendering::Rows),
+        };
+        let candidates = measure(&mut scene, &asked, &mut |_| {}).expect("candidates");
+        assert_eq!(scene.tissue, before);
+        for candidate in &candidates {
+            let tissue = Tissue::named(&candidate.tissue).expect("its name");
+            assert_eq!(
+                tissue.has_rows(),
+                candidate.step_us.is_some(),
+                "{candidate:?}"
+            );
+            // Where little is strained, laws are one.
+            let errors = [candidate.error, candidate.displacement_error];
+            for error in errors.into_iter().flatten() {
+                assert!(
+                    tissue.has_rows() && 0.0 < error && error < 0.2,
+                    "{candidate:?}"
+                );
+            }
+        }
+        let (taken, holds) = choose(&candidates, asked.budget_us).expect("one");
+        assert!(holds && candidates[taken].error.is_some(), "{candidates:?}");
+    }
+
+    #[test]
+    fn half_of_the_steps_are_faster_and_a_hundredth_slower() {
+        let us = |count: u32| percentiles((0..count).rev().map(f64::from).collect());
+        assert_eq!(
+            us(201),
+            Some(StepUs {
+                p50: 100.0,
+                p99: 198.0
+            })
+        );
+        // Of few the slowest counts.
+        assert_eq!(us(24).map(|us| us.p99), Some(23.0));
+        assert_eq!(us(0), None);
+    }
+}

@@ -253,6 +253,7 @@ impl Scene {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::scene::Document;
 
     #[test]
     fn every_name_is_read_back_with_its_setting() {
@@ -337,5 +338,40 @@ mod tests {
         assert_eq!(Tissue::named("auto"), Ok(Tissue::Auto));
         // Its fibres have no key in a scene.
         assert!(Tissue::named("energy-balance-fiber").is_err());
+    }
+
+    /// What is asked for wins; all else of corotational tissue is the scene's.
+    #[test]
+    fn another_setting_leaves_the_scenes_others() {
+        let of = |passes, tolerance| {
+            Tissue::Corotational(Corotational {
+                passes,
+                tolerance,
+                ..Corotational::default()
+            })
+        };
+        let scenes = of(Some(2), Some(1e-4));
+        let four = Tissue::named("corotational: 4 passes").expect("a setting");
+        assert_eq!(four.instead_of(scenes), of(Some(4), Some(1e-4)));
+        let usual = Tissue::named("corotational").expect("a name");
+        assert_eq!(usual.instead_of(scenes), scenes);
+        assert_eq!(four.instead_of(Tissue::Linear), four);
+        assert_eq!(Tissue::Linear.instead_of(scenes), Tissue::Linear);
+    }
+
+    #[test]
+    fn a_body_has_the_mass_that_the_scene_says() {
+        let of = |more: &str| {
+            let text = format!(
+                "[mesh.slab]\nsize_m = [0.06, 0.06, 0.03]\ndivisions = [2, 2, 1]\n\
+                 [tissue]\nyoungs_modulus_pa = 10e3\npoisson_ratio = 0.4\n{more}\
+                 [[fixed]]\nplane = {{ axis = \"z\", at_m = -0.03 }}\n[[tool]]\nradius_m = 0.035\n"
+            );
+            let document = Document::embedded("test.toml", "".as_ref(), &text);
+            let scene = Scene::read(&document, "test").expect("good");
+            scene.body().substance.density_kg_per_m3
+        };
+        assert_eq!(of("density_kg_per_m3 = 916.0\n"), 916.0);
+        assert_eq!(of(""), DENSITY_KG_PER_M3);
     }
 }
