@@ -54,7 +54,7 @@ impl Hand {
         Hand { solver, time_us: 0 }
     }
 
-    /// The ball with its centre there, a step later.
+    /// The grip there, a step later.
     fn sample(&mut self, at: Vector3<f64>) -> ToolSample {
         self.time_us += (1e6 / HZ) as u64;
         ToolSample {
@@ -66,12 +66,18 @@ impl Hand {
         }
     }
 
-    /// One step with the ball's centre there; the contacts of all tools.
-    fn all_to(&mut self, at: Vector3<f64>) -> Vec<ToolContact> {
+    /// One step with the grip there: how it ends, and the contacts of all tools.
+    fn step(&mut self, at: Vector3<f64>) -> (Status, Vec<ToolContact>) {
         let sample = self.sample(at);
         let (status, contacts, _) = self.solver.step(sample);
+        (status, contacts.to_vec())
+    }
+
+    /// One step with the ball's centre there; the contacts of all tools.
+    fn all_to(&mut self, at: Vector3<f64>) -> Vec<ToolContact> {
+        let (status, contacts) = self.step(at);
         assert_eq!(status, Status::Ok, "at {at}");
-        contacts.to_vec()
+        contacts
     }
 
     fn to(&mut self, at: Vector3<f64>) -> ToolContact {
@@ -240,10 +246,153 @@ fn a_held_tool_presses_from_the_start() {
         let far = Vector3::new(-0.02, 0.0, 0.05);
         let contacts = hand.all_to(far);
         assert_eq!((contacts[0].rows, contacts[1].id), (0, 3), "{model}");
+        let held = force(&contacts[1]);
+        assert!(held.z > 0.02, "{model}: {held}");
+        // What is said of it is its force on the tissue.
+        let said = &hand.solver.scene()["held"][0]["force_n"];
+        assert_eq!(said[2].as_f64(), Some(-held.z), "{model}");
+    }
+}
+
+/// A script runs from the session's first state on, whatever the console's clock says there.
+#[test]
+fn scripts_begin_with_the_session() {
+    let moved = "[[tool]]\nid = 3\nradius_m = 0.02\ndriven = false\n\
+                 way_point = [{ time_s = 0.0, position_m = [0.018, 0.0, 0.022] }, \
+                 { time_s = 0.1, position_m = [0.018, 0.0, 0.018] }]\n";
+    let scene = scene(moved);
+    let run = |time_us: u64| {
+        let mut hand = Hand::without_tangent(&scene, "linear");
+        hand.time_us = time_us;
+        let far = Vector3::new(-0.02, 0.0, 0.05);
+        [0; 12].map(|_| force(&hand.all_to(far)[1]).z)
+    };
+    let forces = run(0);
+    assert_eq!(forces[0], 0.0, "{forces:?}");
+    assert!(forces[11] > 0.02, "{forces:?}");
+    assert_eq!(run(7_000_000), forces);
+}
+
+/// Under a load alone the tissue is pressed by about F h / (E A), a bar's; less, as its bottom cannot widen.
+#[test]
+fn loads_press_the_tissue() {
+    let scene = scene(
+        "[[load]]\non = { plane = { axis = \"z\", at_m = 0.0 } }\ntotal_force_n = [0.0, 0.0, -0.2]\n",
+    );
+    let bar_m = 0.2 * 0.03 / (10e3 * 0.06 * 0.06);
+    let top: Vec<usize> = (0..scene.mesh.points_m().len())
+        .filter(|node| scene.mesh.points_m()[*node][2] > -1e-9)
+        .collect();
+    for model in ["linear", "hyperelastic", "energy-balance-stvk"] {
+        let hand = Hand::without_tangent(&scene, model);
+        let sunk = top.iter().map(|node| -hand.solver.positions_m()[*node][2]);
+        let share = sunk.sum::<f64>() / top.len() as f64 / bar_m;
+        assert!((0.7..1.1).contains(&share), "{model}: {share}");
+    }
+}
+
+/// The same tool by another grip, 10 cm above: the same force, and moment and tangent of the same contact there.
+#[test]
+fn a_grip_elsewhere_on_the_tool_feels_the_same_contact() {
+    let arm = Vector3::new(0.01, -0.02, -0.1);
+    let [at_centre, above] = [
+        SLAB.to_owned(),
+        format!("{SLAB}offset_m = [0.01, -0.02, -0.1]\n"),
+    ]
+    .map(|text| {
+        let document = Document::embedded("test.toml", "".as_ref(), &text);
+        Scene::read(&document, "test").expect("good")
+    });
+    for model in ["linear", "hyperelastic"] {
+        let mut near = Hand::new(&at_centre, model, None);
+        let mut far = Hand::new(&above, model, None);
+        for depth_m in [-1e-3, 1e-3, 2e-3] {
+            near.to(over(depth_m));
+            far.to(over(depth_m) - arm);
+        }
+        let (near, far) = (near.to(over(3e-3)), far.to(over(3e-3) - arm));
+        let block = |contact: &ToolContact, row: usize, column: usize| {
+            Matrix3::from_fn(|r, c| contact.tangent[row + r][column + c])
+        };
+        let moment = |contact: &ToolContact| Vector3::from_column_slice(&contact.wrench[3..]);
+        let cross = arm.cross_matrix();
+        let pull = force(&near);
+        assert!((force(&far) - pull).norm() < 1e-9, "{model}");
+        let moved = moment(&near) + arm.cross(&pull);
+        assert!((moment(&far) - moved).norm() < 1e-9, "{model}: {moved}");
+        // The grip's turn by dtheta moves the ball by dtheta x arm, and turns the arm.
+        let push = block(&near, 0, 3) - block(&near, 0, 0) * cross;
+        let off = (block(&far, 0, 3) - push).norm();
+        assert!(off < 1e-6 * push.norm(), "{model}: {off} {push}");
+        let turned = arm * pull.transpose() - Matrix3::from_diagonal_element(arm.dot(&pull));
+        let turn = block(&near, 3, 3) - block(&near, 3, 0) * cross + turned + cross * push;
+        let off = (block(&far, 3, 3) - turn).norm();
+        assert!(off < 1e-6 * turn.norm(), "{model}: {off} {turn}");
+    }
+}
+
+/// A jump is made up for in steps of a few pieces each, and said: nothing is passed through.
+#[test]
+fn a_tool_that_jumps_comes_behind() {
+    let scene = scene("");
+    let mut hand = Hand::without_tangent(&scene, "linear");
+    hand.to(over(-0.1));
+    // 8 quarters of the radius a step: 4 cm of these 10.1.
+    let steps = [(); 3].map(|()| hand.step(over(1e-3)).0);
+    assert_eq!(steps, [Status::Behind, Status::Behind, Status::Ok]);
+    let slow = Hand::without_tangent(&scene, "linear").press(1e-3);
+    let there = hand.to(over(1e-3));
+    assert!(
+        (force(&there).z / force(&slow).z - 1.0).abs() < 0.05,
+        "{there:?}"
+    );
+}
+
+#[test]
+fn a_tool_that_begins_inside_is_not_taken() {
+    let scene = scene("");
+    let mut hand = Hand::without_tangent(&scene, "hyperelastic");
+    assert_eq!(hand.step(Vector3::new(0.0, 0.0, -0.01)).0, Status::Inside);
+    // Nothing has come of it.
+    let contact = hand.press(1e-3);
+    assert_eq!(
+        contact,
+        Hand::without_tangent(&scene, "hyperelastic").press(1e-3)
+    );
+}
+
+/// Pressed almost through, tissue by Newton's method has no balance: nothing comes of such a step, and there is a way back.
+#[test]
+fn a_step_without_a_balance_leaves_all_as_it_was() {
+    let scene = scene("");
+    let mut hand = Hand::without_tangent(&scene, "hyperelastic");
+    let way = (0..8).map(|step| Vector3::new(0.0, 0.0, 0.021 - 4.5e-3 * f64::from(step)));
+    for at in way {
+        let before = hand.solver.hash();
+        let (status, _) = hand.step(at);
+        if status != Status::Ok {
+            assert_eq!(status, Status::NotConverged, "{at}");
+            assert_eq!(hand.solver.hash(), before, "{at}");
+            // A step back.
+            hand.to(at + Vector3::new(0.0, 0.0, 9e-3));
+            return;
+        }
+    }
+    panic!("all steps found a balance");
+}
+
+/// Models that go straight to balance are there after one step, with the nodes that are touched then.
+#[test]
+fn balance_is_found_in_the_step() {
+    let scene = scene("");
+    for model in ["linear", "hyperelastic"] {
+        let mut hand = Hand::without_tangent(&scene, model);
+        hand.to(over(-1e-3));
+        let forces = [(); 5].map(|()| force(&hand.to(over(2e-3))).z);
+        let rests = forces[4];
         assert!(
-            force(&contacts[1]).z > 0.02,
-            "{model}: {:?}",
-            contacts[1].wrench
+            (forces[0] / rests - 1.0).abs() < 1e-3,
+            "{model}: {forces:?}"
         );
     }
 }
@@ -304,6 +453,19 @@ fn a_step_of_any_model_allocates_nothing() {
     }
 }
 
+#[test]
+fn handles_are_refused() {
+    let handle = "[[handle]]\nvertices = [404]\nbarycentric = [1.0]\ntarget_displacement_m = [0.0, 0.0, 0.001]\n";
+    let model = Registered::new("hyperelastic", None).expect("it is there");
+    let text = SLAB.replace("[[tool]]\nradius_m = 0.02\n", handle);
+    let document = Document::embedded("test.toml", "".as_ref(), &text);
+    let scene = Scene::read(&document, "test").expect("good");
+    match ModelSolver::new(&scene, model, Rendering::Tangent, HZ).map(|_| ()) {
+        Err(SolveError::Refused { reason, .. }) => assert!(reason.contains("handles"), "{reason}"),
+        other => panic!("not refused: {other:?}"),
+    }
+}
+
 /// A stiff half under the tool pushes harder; the classical ChainMail has one material and says so.
 #[test]
 fn regions_count_where_the_model_has_them() {
@@ -335,8 +497,14 @@ fn regions_count_where_the_model_has_them() {
 fn the_summary_says_model_setting_and_how_steps_ended() {
     let scene = scene("");
     let mut hand = Hand::new(&scene, "shape-matching", Some("1 ring"));
-    hand.press(2e-3);
+    let pressed = force(&hand.press(2e-3)).norm();
+    hand.to(over(1e-3));
     let said = hand.solver.scene();
+    let peak = &said["peak"];
+    assert!(peak["force_n"].as_f64() >= Some(pressed), "{peak}");
+    let deepest: Vec<_> = over(2e-3).iter().map(|x| Some(*x)).collect();
+    let place = [0, 1, 2].map(|axis| peak["position_m"][axis].as_f64());
+    assert_eq!(place.as_slice(), deepest);
     assert_eq!(said["tissue"], "shape-matching");
     let model = &said["model"];
     assert_eq!(model["setting"], "1 ring");
@@ -344,6 +512,6 @@ fn the_summary_says_model_setting_and_how_steps_ended() {
     let outcomes = &model["outcomes"];
     let steps = ["converged", "unfinished", "failed"].map(|key| outcomes[key].as_u64().expect(key));
     // One balance a step: its step has a length.
-    assert_eq!(steps.iter().sum::<u64>(), 9 + 4, "{outcomes}");
+    assert_eq!(steps.iter().sum::<u64>(), 9 + 4 + 1, "{outcomes}");
     assert!(model["tangent_error"].is_number(), "{model}");
 }
