@@ -257,4 +257,22 @@ mod tests {
             assert!(off.square().sqrt() < 1e-13 * plain[node].f.square().sqrt());
         }
     }
+
+    /// The tightest limit says what is to be looked at, not what is felt.
+    #[test]
+    fn springs_feel_up_to_the_widest_limit() {
+        let (links, awake, at) = shaken();
+        let forces = |least: f64| {
+            let (mut at, mut energy_of, mut beyond) =
+                (at.clone(), vec![0.0; links.nodes()], Vec::new());
+            let mut pass = pass(&links, &awake, &mut at, &mut energy_of, &mut beyond);
+            pass.springs = Springs::new(least, 0.9, 1e-3);
+            let energy = Scalar.vectorize(pass);
+            let forces: Vec<Quad> = at.iter().map(|at| at.f).collect();
+            (energy, forces, beyond.len())
+        };
+        let (tight, wide) = (forces(0.1), forces(0.9));
+        assert!(tight.2 > 0 && wide.2 == 0);
+        assert_eq!((tight.0, tight.1), (wide.0, wide.1));
+    }
 }
