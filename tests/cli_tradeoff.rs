@@ -45,6 +45,22 @@ fn lines_fronts_and_files() {
     };
     let pct = |line: &Value, key: &str| line[key].as_f64().expect("a number");
 
+    // The worst of what a hand meets: late, elsewhere, or with another force.
+    for case in cases {
+        let parts = ["arrival_rms_pct", "truth_disp_rms_pct", "truth_force_pct"];
+        let worst = parts
+            .map(|key| pct(case, key))
+            .into_iter()
+            .fold(0.0, f64::max);
+        assert_eq!(pct(case, "error_pct"), worst, "{case}");
+    }
+    // What moves in time has gone nowhere yet when the load has come, and comes to rest later.
+    for case in ["beam-tension", "beam-bending"] {
+        let late = line(case, "chainmail-ellipsoid", "");
+        assert!(pct(&late, "arrival_rms_pct") > 90.0, "{late}");
+        assert!(pct(&late, "truth_disp_rms_pct") < 50.0, "{late}");
+    }
+
     // The same balance by another way: Newton's own error is its tolerance.
     for case in ["beam-tension", "beam-bending"] {
         let newton = line(case, "hyperelastic", "linear cells");

@@ -480,4 +480,15 @@ mod tests {
             );
         }
     }
+
+    /// What moves in time goes another way in steps of a second than in short ones, and that is seen.
+    #[test]
+    fn a_step_that_is_too_long_is_degraded() {
+        let entry = crate::tradeoff::registry::entry("shape-matching").expect("a model");
+        let verdicts = [0.01, 1.0].map(|step_s| Block::new(&entry).time_step(step_s));
+        assert_eq!(
+            verdicts.map(|verdict| verdict.word()),
+            ["stable", "degraded"]
+        );
+    }
 }

@@ -297,4 +297,91 @@ mod tests {
         let panics = guarded(|| std::panic::panic_any("for the test"));
         assert_eq!(panics.word(), "defect");
     }
+
+    /// Tissue that is only what is held, and rests or not.
+    struct Follower {
+        mesh: TetMesh,
+        at: Vec<[f64; 3]>,
+        reactions: Vec<[f64; 3]>,
+        comes_back: bool,
+    }
+
+    impl Tissue for Follower {
+        fn step(&mut self, drive: &Drive<'_>, _: f64) -> Diagnostics {
+            for (node, u) in drive.held {
+                let rest = Vector3::from(self.mesh.points_m()[*node as usize]);
+                let there: [f64; 3] = (rest + Vector3::from(*u)).into();
+                let at = &mut self.at[*node as usize];
+                if self.comes_back || there[2].abs() > at[2].abs() {
+                    *at = there;
+                }
+            }
+            Diagnostics {
+                outcome: Outcome::Converged,
+                iterations: 0,
+                residual: 0.0,
+                energy_j: 0.0,
+                energy_difference: 0.0,
+                momentum: [0.0; 3],
+                angular_momentum: [0.0; 3],
+            }
+        }
+
+        fn positions_m(&self) -> &[[f64; 3]] {
+            &self.at
+        }
+
+        fn reactions_n(&self) -> &[[f64; 3]] {
+            &self.reactions
+        }
+
+        fn tangent(&mut self, _: &Drive<'_>, _: &[usize], _: f64) -> Option<Tangent> {
+            None
+        }
+    }
+
+    /// A body of 0.1 m goes up and down again; the verdict, and against `answer` if there is one.
+    fn lifted(by_m: f64, change: fn(&mut Follower), answer_m: Option<f64>) -> &'static str {
+        let mesh = slab([0.1; 3], [1, 1, 1]).expect("a slab");
+        let path = |_, share: f64| Some([0.0, 0.0, share * by_m]);
+        let course = Course {
+            mesh: &mesh,
+            path: &path,
+            steps: 5,
+            rest: 1,
+            back: true,
+            step_s: 0.01,
+        };
+        let mut tissue = Follower {
+            mesh: mesh.clone(),
+            at: mesh.points_m().to_vec(),
+            reactions: Vec::new(),
+            comes_back: true,
+        };
+        change(&mut tissue);
+        match answer_m {
+            None => course.run(&mut tissue).verdict.word(),
+            Some(z) => {
+                let answer = vec![Vector3::new(0.0, 0.0, z); mesh.points_m().len()];
+                course.run_near(&mut tissue, &answer).word()
+            }
+        }
+    }
+
+    #[test]
+    fn what_is_held_goes_all_the_way_and_comes_back() {
+        assert_eq!(lifted(0.05, |_| (), None), "stable");
+        assert_eq!(
+            lifted(0.05, |tissue| tissue.comes_back = false, None),
+            "degraded"
+        );
+        // As far as that only because it is held there.
+        assert_eq!(lifted(50.0, |_| (), None), "stable");
+        let no_number = |tissue: &mut Follower| tissue.reactions = vec![[f64::NAN; 3]];
+        assert_eq!(lifted(0.05, no_number, None), "defect");
+        // Judged where the way there ends: a tenth off is the limit.
+        assert_eq!(lifted(0.05, |_| (), Some(0.05)), "stable");
+        assert_eq!(lifted(0.05, |_| (), Some(0.052)), "stable");
+        assert_eq!(lifted(0.05, |_| (), Some(0.06)), "degraded");
+    }
 }

@@ -204,3 +204,81 @@ impl Answer {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::tradeoff::cases;
+
+    fn case(name: &str) -> (Case, Lattice) {
+        let all = cases::all();
+        let case = *all.iter().find(|case| case.name == name).expect(name);
+        (case, case.lattice(1).expect("a lattice"))
+    }
+
+    #[test]
+    fn errors_are_shares_of_the_answer() {
+        let (case, lattice) = case("beam-bending");
+        let line = |node: usize| (case.red_line.there)(lattice.unit[node]);
+        let nodes = lattice.unit.len();
+        // Twice as far on the line as elsewhere.
+        let far = |node: usize| if line(node) { 2.0 } else { 1.0 };
+        let answer = |by: f64| Answer {
+            u: (0..nodes)
+                .map(|node| Vector3::repeat(by * far(node)))
+                .collect(),
+            force_n: Vector3::new(0.0, 0.0, 3.0 * by),
+        };
+        let truth = answer(1.0);
+        let Error {
+            rms_pct,
+            max_pct,
+            line_pct,
+            force_pct,
+        } = truth.error(&answer(0.9), &case, &lattice);
+        for pct in [rms_pct, max_pct, line_pct, force_pct] {
+            assert!((pct - 10.0).abs() < 1e-9, "{pct}");
+        }
+        // One node that is off by a tenth of the largest displacement, not on the line.
+        let node = (0..nodes).find(|node| !line(*node)).expect("a node");
+        let mut other = truth.clone();
+        other.u[node] += Vector3::repeat(0.2);
+        let error = truth.error(&other, &case, &lattice);
+        assert!((error.max_pct - 10.0).abs() < 1e-9, "{error:?}");
+        assert!(error.rms_pct < 10.0 && error.line_pct == 0.0, "{error:?}");
+        other.u[node].x = f64::NAN;
+        let error = truth.error(&other, &case, &lattice);
+        assert!(
+            error.rms_pct.is_nan() && error.max_pct.is_nan(),
+            "{error:?}"
+        );
+    }
+
+    #[test]
+    fn what_holds_a_loaded_body_bears_the_load() {
+        let (case, lattice) = case("beam-bending");
+        let load = Vector3::from(case.traction.expect("a load").force_n);
+        for cells in [Cells::Linear, Cells::Quadratic] {
+            let answers = solve(&case, &lattice, cells, &[&lattice]).expect("an answer");
+            let off = (answers[0].force_n + load).norm();
+            assert!(off < 1e-3 * load.norm(), "{cells:?}: {off}");
+        }
+    }
+
+    /// Eight times as long as it takes, of the stress that fades nothing is left; the places are as they were.
+    #[test]
+    fn half_of_the_force_fades() {
+        let (case, lattice) = case("cube-relaxation");
+        let mut elastic = case;
+        elastic.substance.relaxation = None;
+        let [faded, elastic] = [case, elastic].map(|case| {
+            let answers = solve(&case, &lattice, Cells::Linear, &[&lattice]);
+            answers.expect("an answer").remove(0)
+        });
+        let left = faded.force_n.norm() / elastic.force_n.norm();
+        assert!((0.5..0.51).contains(&left), "{left}");
+        let pairs = faded.u.iter().zip(&elastic.u);
+        let off = pairs.map(|(a, b)| (a - b).norm()).fold(0.0, f64::max);
+        assert!(off < 1e-6, "{off}");
+    }
+}
