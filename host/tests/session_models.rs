@@ -433,11 +433,7 @@ fn a_session_begins_at_rest() {
 fn a_step_of_any_model_allocates_nothing() {
     let scene = scene("");
     for entry in models() {
-        let mut hand = match entry.tissue {
-            // Its tangent compares a copy of what is held.
-            "corotational" => Hand::without_tangent(&scene, entry.tissue),
-            _ => Hand::new(&scene, entry.tissue, None),
-        };
+        let mut hand = Hand::new(&scene, entry.tissue, None);
         let there_and_back = [-1.0, 0.5, 1.0, 1.5, 1.0, 0.0, -2.0].map(|mm| over(1e-3 * mm));
         for at in there_and_back {
             hand.to(at);

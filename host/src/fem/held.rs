@@ -27,10 +27,7 @@ impl Held {
 
     /// Takes the held nodes of a checked drive; whether they are others than before.
     pub fn take(&mut self, drive: &Drive<'_>) -> bool {
-        let same = self.known
-            && self.held == drive.held.len()
-            && drive.held.iter().all(|(node, _)| self.is(*node));
-        if same {
+        if self.are_of(drive) {
             return false;
         }
         self.is_held.fill(false);
@@ -39,6 +36,13 @@ impl Held {
         }
         (self.held, self.known) = (drive.held.len(), true);
         true
+    }
+
+    /// Whether these are the held nodes of a checked drive.
+    pub fn are_of(&self, drive: &Drive<'_>) -> bool {
+        self.known
+            && self.held == drive.held.len()
+            && drive.held.iter().all(|(node, _)| self.is(*node))
     }
 
     /// The next [`Self::take`] finds others in any case.

@@ -105,7 +105,7 @@ pub trait Solve: Send {
 
 /// A scene's solver, whose steps can be recorded and run again.
 pub trait SceneSolver: Solve {
-    /// Hash of everything that its state holds, to the bit.
+    /// Hash of its state, to the bit; what that leaves out shows in a later step's.
     fn hash(&self) -> u64;
 
     /// From now on a thread computes what is newly touched while steps go on with what is there, if the solver has any use

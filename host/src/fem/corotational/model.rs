@@ -379,7 +379,7 @@ impl Tissue for CorotationalModel {
     fn tangent(&mut self, drive: &Drive<'_>, moved: &[usize], _step_s: f64) -> Option<Tangent> {
         let known = fault_of(drive, self.rest_m.len()).is_none()
             && moved.iter().all(|index| *index < drive.held.len());
-        if !known || self.held.clone().take(drive) {
+        if !known || !self.held.are_of(drive) {
             return None;
         }
         self.tissue.update(&mut self.state, &mut self.workspace);
