@@ -1,7 +1,7 @@
 //! What each model costs on this machine, and how far off it is, on the scene's own mesh under its own tool.
 //!
-//! Entry point: [`measure`]. Time is that of the session's solver with its tangent. For the error every model is given what
-//! the reference's tool holds: then what differs is the model, not who sticks where.
+//! Entry point: [`measure`]. Time is that of the session's solver with what the console is to render from. For the error
+//! every model is given what the reference's tool holds: then what differs is the model, not who sticks where.
 
 use super::way::Press;
 use super::{Candidate, SAFE_SHARE, StepUs};
@@ -23,7 +23,7 @@ const REPEATS: usize = 3;
 const TIMED: Duration = Duration::from_millis(500);
 /// After this the reference goes no deeper.
 const LONGEST_REFERENCE: Duration = Duration::from_secs(3);
-/// So long after the reference no other model is timed, and none compared: whoever asks is waiting.
+/// So long after the reference no other model is timed, or none compared: whoever asks is waiting.
 const LONGEST_TIMED: Duration = Duration::from_secs(5);
 const LONGEST: Duration = Duration::from_secs(7);
 /// Slower than this share of the budget is too slow even on a machine that is busy with other things; known from three steps of
@@ -189,8 +189,8 @@ fn timed(
 impl Candidate {
     /// Says so where it is too slow to be compared.
     fn judged(mut self, budget_us: f64) -> Self {
-        let least = TOO_SLOW * budget_us;
-        if self.step_us.is_some_and(|step_us| step_us.p50 > least) {
+        let most = TOO_SLOW * budget_us;
+        if self.step_us.is_some_and(|step_us| step_us.p50 > most) {
             self.note = SLOW.to_owned();
         }
         self
