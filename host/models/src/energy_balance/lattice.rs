@@ -496,7 +496,7 @@ mod tests {
             let mut inertia = free.clone();
             for node in 0..nodes {
                 // Ever other pieces of the slab, and another inertia for some.
-                let is_free = node > 20 && (node / 7 + step) % 5 != 0;
+                let is_free = node > 20 && !(node / 7 + step).is_multiple_of(5);
                 free[node] = [f64::from(u8::from(is_free)); 4];
                 inertia[node] = [if node % 3 == 0 { step as f64 } else { 0.5 }; 4];
             }
