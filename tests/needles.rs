@@ -84,7 +84,14 @@ fn an_arc_goes_through_both_tube_walls_and_changes_hands() {
 /// In real time a thread computes what the needle comes to, and frames go through a pseudo-terminal.
 #[test]
 fn a_session_in_real_time_punctures_the_first_boundary() {
-    let ran = sutura(&["run", SLABS, "--seconds", "2.5", "--format", "json"]);
+    let line = ["run", SLABS, "--seconds", "2.5", "--format", "json"];
+    let mut ran = sutura(&line);
+    for _ in 0..4 {
+        // On a busy machine the pseudo-terminal may keep its bytes for so long that the console counts as gone.
+        if ran.code != 0 && ran.stderr.contains("nothing came for") {
+            ran = sutura(&line);
+        }
+    }
     assert_eq!(ran.code, 0, "{}", ran.stderr);
     let summary: Value = serde_json::from_str(&ran.stdout).unwrap();
     assert_eq!(summary["ticks"], 2500);
