@@ -4,7 +4,7 @@
 
 use super::World;
 use sutura_host::session::{Solve, Solved};
-use sutura_host::step::{Stages, Status, ToolContact};
+use sutura_host::step::{Status, ToolContact};
 use sutura_shared::wire::Valid;
 use sutura_shared::wire::message::State;
 
@@ -63,11 +63,8 @@ impl Solve for Analytic {
         Solved {
             position_m: state.body().position_m,
             contact: Some(self.contact(state.body().position_m.map(f64::from))),
-            rows: None,
-            needle: None,
-            thread: None,
             status: Status::Ok,
-            stages: Stages::default(),
+            ..Solved::default()
         }
     }
 

@@ -9,6 +9,7 @@ mod contact_frame;
 mod horizon;
 mod lockstep;
 mod look_ahead;
+mod look_budget;
 mod model_solver;
 mod needle_frame;
 mod real_time;
@@ -26,6 +27,7 @@ pub use budget::{LINE_BYTES_PER_S, Rendering, most_rows};
 pub use contact_frame::{contact_frame, pack_symmetric};
 pub use horizon::Horizon;
 pub use lockstep::run_lockstep;
+pub use look_budget::Looked;
 pub use model_solver::ModelSolver;
 pub use needle_frame::{HeldNeedle, needle_frame};
 pub use real_time::{Attendant, Line, run_real_time};
@@ -48,7 +50,7 @@ use sutura_shared::wire::Valid;
 use sutura_shared::wire::message::{Report, State};
 
 /// What a solver step gave.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Default)]
 pub struct Solved {
     /// Grip position that was solved for \[m\], (3): a little ahead of the state's.
     pub position_m: [f32; 3],
@@ -64,6 +66,8 @@ pub struct Solved {
     pub status: Status,
     /// Time per stage.
     pub stages: Stages,
+    /// Steps made besides the solve's own.
+    pub looked: Looked,
 }
 
 impl Solved {
@@ -125,8 +129,8 @@ pub trait SceneSolver: Solve {
     /// came.
     fn replay_worker(&mut self) {}
 
-    /// What comes in steps to come.
-    fn expect(&mut self, _arrivals: &[Arrival]) {}
+    /// What comes in steps to come, and how far the next solve looks ahead.
+    fn expect(&mut self, _arrivals: &[Arrival], _looked: Looked) {}
 }
 
 /// The solver of a scene's tissue, prepared for what a session is to be.

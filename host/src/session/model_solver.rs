@@ -4,7 +4,7 @@
 //! [`TissueSolver`](super::TissueSolver).
 
 use super::sticking::{Sticking, Tools};
-use super::{Rendering, SceneSolver, Solve, Solved};
+use super::{Looked, Rendering, SceneSolver, Solve, Solved};
 use crate::clock::Clock;
 use crate::contact::shape::Solid;
 use crate::hash::hash_of;
@@ -482,6 +482,7 @@ impl Solve for ModelSolver {
             thread: None,
             status,
             stages,
+            looked: Looked::default(),
         }
     }
 

@@ -8,7 +8,6 @@ use super::Solved;
 use super::horizon::Horizon;
 use super::summary::{Age, Energy, Force, Frames, Latency, StepTime, Summary};
 use crate::link::LinkCounters;
-use crate::step::Stages;
 use crate::times::Times;
 use std::collections::BTreeMap;
 use std::time::Duration;
@@ -129,23 +128,7 @@ impl Tally {
     pub fn step(&mut self, solved: &Solved, time: Duration) {
         self.steps_ns
             .record(u64::try_from(time.as_nanos()).unwrap_or(u64::MAX));
-        let Stages {
-            tissue_ns,
-            detect_ns,
-            columns_ns,
-            solve_ns,
-            field_ns,
-            reduce_ns,
-        } = solved.stages;
-        let stages = [
-            ("tissue", tissue_ns),
-            ("detect", detect_ns),
-            ("columns", columns_ns),
-            ("solve", solve_ns),
-            ("field", field_ns),
-            ("reduce", reduce_ns),
-        ];
-        for (stage, ns) in stages {
+        for (stage, ns) in solved.stages.named() {
             *self.stages_ns.entry(stage).or_default() += ns;
         }
         if solved.contact.is_none() {
@@ -407,11 +390,8 @@ mod tests {
         let solved = |status, contact| Solved {
             position_m: [0.0; 3],
             contact,
-            rows: None,
-            needle: None,
-            thread: None,
             status,
-            stages: Stages::default(),
+            ..Solved::default()
         };
         tally.step(
             &solved(Status::Ok, Some(ToolContact::default())),
