@@ -166,9 +166,11 @@ impl LookBudget {
 
     /// Whether the next step of this kind may be made; `side`: of a course's.
     pub fn allows(&mut self, kind: Ahead, side: usize) -> bool {
+        // What turns out dearer than it was priced may cost as much again, no more.
+        let is_paid = self.left_us > -SHARE * self.planned_us;
         let is_allowed = match &self.pace {
-            Pace::Counted => true,
-            Pace::Measured(watch) => watch.wall_us() < self.planned_us,
+            Pace::Counted => is_paid,
+            Pace::Measured(watch) => is_paid && watch.wall_us() < self.planned_us,
             Pace::Recorded(expected) => match kind {
                 Ahead::Approach => self.looked.approach < expected.approach,
                 Ahead::Course => self.looked.made[side] < expected.made[side],

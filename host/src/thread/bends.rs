@@ -2,7 +2,7 @@
 //!
 //! Entry point: [`ThreadState::bend`].
 
-use super::model::ThreadTension;
+use super::model::{MOST_SEGMENTS, ThreadTension};
 use super::segments::End;
 use super::state::ThreadState;
 use crate::anchors::AnchorPoint;
@@ -63,6 +63,8 @@ impl ThreadState {
         };
         std::mem::swap(&mut self.bends, &mut work.former);
         self.bends.clear();
+        // A copy of a state has only the room that it needed.
+        self.bends.reserve(MOST_SEGMENTS);
         for (index, span) in self.spans.iter().enumerate() {
             let mut own = self.segments.iter().filter(|segment| segment.span == index);
             let (Some(first), last) = (own.next(), own.next_back()) else {
@@ -104,7 +106,7 @@ impl ThreadState {
             over(&from, &to, &up, &mut work.new);
             let key = span.key;
             for bend in &work.new {
-                if self.bends.len() + self.spans.len() >= self.bends.capacity() {
+                if self.bends.len() + self.spans.len() >= MOST_SEGMENTS {
                     break;
                 }
                 // What has hardly moved stays, so that what is known of it does.
