@@ -7,6 +7,7 @@
 use super::clock::{Clock, ClockEstimate, Exchange, RoundTrips};
 use super::felt::{Felt, Order, append, append_all, append_order};
 use super::handshake::{READ_WAIT, gone, lock, shake_hands, write_all};
+use super::sent::{SentContact, SentContacts};
 use super::slot::{Outbox, Outgoing, Slot};
 use super::{LinkError, Port};
 use std::fmt;
@@ -85,6 +86,8 @@ pub type Connector = Box<dyn FnMut() -> Result<Box<dyn Port>, LinkError> + Send>
 /// What a link's listener hears, on the reader's thread: it must return at once.
 #[derive(Clone, Copy, Debug)]
 pub enum Heard<'a> {
+    /// A contact that went out; before any state that could know of it.
+    Sent(SentContact),
     /// A state, a report, the answer to a ping.
     Event(&'a HostEvent),
     /// The console went away, or its session is over. The link tries to get it back.
@@ -129,6 +132,8 @@ struct Shared {
     states: Slot<Valid<State>>,
     /// What was solved for the newest state, and its console time \[us\].
     outbox: Outbox<Order, (u64, Felt)>,
+    /// Contacts that went out and that the listener has not heard of.
+    sent: Mutex<SentContacts>,
     /// Where the writer writes; none while the console is away.
     line: Mutex<Option<Box<dyn Port>>>,
     /// Why the writer could not.
@@ -167,11 +172,23 @@ impl Link {
         options: LinkOptions,
         mut listener: impl FnMut(&HostEvent) + Send + 'static,
     ) -> Result<Link, LinkError> {
-        Link::start(port, None, options, move |heard| {
+        Link::open_heard(port, options, move |heard| {
             if let Heard::Event(event) = heard {
                 listener(event);
             }
         })
+    }
+
+    /// Like [`open`](Self::open), with a listener that hears of contacts that went out, too.
+    ///
+    /// # Errors
+    /// Those of [`open`](Self::open).
+    pub fn open_heard(
+        port: Box<dyn Port>,
+        options: LinkOptions,
+        listener: impl FnMut(Heard<'_>) + Send + 'static,
+    ) -> Result<Link, LinkError> {
+        Link::start(port, None, options, listener)
     }
 
     /// Like [`open`](Self::open), with a console that may go away, start anew or close the session: its port is then opened
@@ -206,6 +223,7 @@ impl Link {
             before: Mutex::default(),
             states: Slot::default(),
             outbox: Outbox::new(ORDERS),
+            sent: Mutex::default(),
             line: Mutex::new(Some(writer_port)),
             unwritten: Mutex::new(None),
             status: Mutex::new(Status {
@@ -440,6 +458,13 @@ impl<L: FnMut(Heard<'_>)> Reader<L> {
             };
             let Some(event) = event else { return any };
             any = true;
+            if matches!(event, HostEvent::State(_)) {
+                // Not over the listener either.
+                let next = || lock(&shared.sent).next();
+                while let Some(sent) = next() {
+                    (self.listener)(Heard::Sent(sent));
+                }
+            }
             (self.listener)(Heard::Event(&event));
             match event {
                 HostEvent::State(state) => {
@@ -521,6 +546,8 @@ impl Shared {
         let mut end = lock(&self.end);
         *before = sum(*before, end.counters());
         *end = HostLink::new(self.tick_hz);
+        // Within the end's lock, as they are written down.
+        lock(&self.sent).clear();
     }
 
     /// Another session is open.
@@ -596,7 +623,16 @@ impl Shared {
         }
         match outgoing {
             Outgoing::Order(order) => append_order(&mut end, newest, order, frames),
-            Outgoing::Latest((time_us, felt)) => append_all(&mut end, *time_us, felt, frames),
+            Outgoing::Latest((time_us, felt)) => {
+                append_all(&mut end, *time_us, felt, frames)?;
+                // The contact is the last of them.
+                lock(&self.sent).put(SentContact {
+                    sequence: end.sent_sequence(),
+                    console_time_us: *time_us,
+                    horizon_us: felt.contact.horizon_us,
+                });
+                Ok(())
+            }
             Outgoing::Nothing => Ok(()),
         }
     }

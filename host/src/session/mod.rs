@@ -6,6 +6,7 @@
 
 mod budget;
 mod contact_frame;
+mod heard;
 mod horizon;
 mod lockstep;
 mod look_ahead;
@@ -25,6 +26,7 @@ mod tissue;
 
 pub use budget::{LINE_BYTES_PER_S, Rendering, most_rows};
 pub use contact_frame::{contact_frame, pack_symmetric};
+pub use heard::{Fate, Underway};
 pub use horizon::Horizon;
 pub use lockstep::run_lockstep;
 pub use look_budget::Looked;

@@ -115,7 +115,7 @@ pub fn run_real_time(
             let hear = move |heard: Heard<'_>| match heard {
                 Heard::Event(event) => lock(&written).hear(event),
                 Heard::Lost(why) => lock(&written).lose(why),
-                Heard::Reopened(_) => {}
+                Heard::Sent(_) | Heard::Reopened(_) => {}
             };
             (Link::open_with(connect, options, hear)?, Some(attendant))
         }
