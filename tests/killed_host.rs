@@ -2,14 +2,11 @@
 #![cfg(unix)]
 #![allow(clippy::unwrap_used, reason = "tests")]
 
-#[path = "support/session.rs"]
-mod support;
-
+use crate::support::session::{Said, Tap, device, force};
 use std::io::{BufRead, BufReader};
 use std::process::{Child, Command, Stdio};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
-use support::{Said, Tap, device, force};
 use sutura_hil::{Pty, serve};
 use sutura_shared::control::STALE_DECAY_US;
 use sutura_shared::simulated_console::SimulatedConsole;

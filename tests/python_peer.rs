@@ -2,15 +2,13 @@
 #![cfg(unix)]
 #![allow(clippy::unwrap_used, reason = "tests")]
 
+use crate::support::session;
 use std::path::Path;
 use std::process::Command;
 use sutura_hil::VirtualConsole;
 use sutura_shared::wire::{MAX_FRAME, PROTOCOL_VERSION, SCHEMA_HASH};
 
-#[path = "support/session.rs"]
-mod session;
-
-use session::{DEPTH_M, HAND_N_PER_M, PLANE_N_PER_M, force_at_rest};
+use crate::support::session::{DEPTH_M, HAND_N_PER_M, PLANE_N_PER_M, force_at_rest};
 
 const FOLDER: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../hil/python");
 const GOLDEN: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../tests/golden");

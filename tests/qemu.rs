@@ -3,15 +3,12 @@
 #![cfg(unix)]
 #![allow(clippy::unwrap_used, reason = "tests")]
 
-#[path = "support/session.rs"]
-mod session;
-mod support;
-
+use crate::support::session;
+use crate::support::{root, sutura};
 use serde_json::Value;
 use std::ops::ControlFlow;
 use std::path::PathBuf;
 use std::time::Duration;
-use support::{root, sutura};
 use sutura_hil::identity_trace::{self, IdentityTrace};
 use sutura_hil::{NativeConsole, QemuConsole, qemu};
 use sutura_host::link::{LinkOptions, LockstepConsole, open_serial};

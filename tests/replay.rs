@@ -2,14 +2,12 @@
 #![cfg(unix)]
 #![allow(clippy::unwrap_used, reason = "tests")]
 
-mod support;
-
+use crate::support::{root, sutura};
 use serde_json::Value;
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
-use support::{root, sutura};
 use sutura_hil::{NativeConsole, VirtualConsole};
 use sutura_host::link::{LinkOptions, LockstepConsole};
 use sutura_host::recording::replay::{

@@ -2,13 +2,11 @@
 #![cfg(unix)]
 #![allow(clippy::unwrap_used, reason = "tests")]
 
+use crate::support::session;
 use std::time::{Duration, Instant};
 use sutura_client::message::{Fixture, HandScript, Mode, Simulate, WAY_POINTS, WayPoint};
 use sutura_client::{Console, Contact, Error, Options, Pose};
 use sutura_hil::VirtualConsole;
-
-#[path = "support/session.rs"]
-mod session;
 
 /// Longer than any machine needs.
 const LONG: Duration = Duration::from_secs(60);

@@ -2,13 +2,10 @@
 #![cfg(unix)]
 #![allow(clippy::unwrap_used, reason = "tests")]
 
-#[path = "support/session.rs"]
-mod support;
-
+use crate::support::session::{DEPTH_M, PLANE_N_PER_M, Plane, force, force_at_rest, plan};
 use std::ops::ControlFlow;
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
-use support::{DEPTH_M, PLANE_N_PER_M, Plane, force, force_at_rest, plan};
 use sutura_hil::{Meddler, VirtualConsole};
 use sutura_host::link::{Link, LinkError, LinkOptions, Order, open_serial};
 use sutura_host::session::{Attendant, Line, Plan, SessionError, Summary, run_real_time};

@@ -2,13 +2,10 @@
 #![cfg(unix)]
 #![allow(clippy::unwrap_used, reason = "tests")]
 
-#[path = "support/session.rs"]
-mod session;
-mod support;
-
+use crate::support::session;
+use crate::support::{Ran, sutura};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
-use support::{Ran, sutura};
 use sutura_hil::{Pty, VirtualConsole};
 use sutura_host::link::{Link, LinkOptions, Order, Port};
 use sutura_shared::link::{ConsoleLink, Identity};

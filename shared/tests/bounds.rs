@@ -2,10 +2,8 @@
 
 #![allow(clippy::unwrap_used, reason = "a test")]
 
-mod rig;
-
+use crate::rig::{arm, bench, frame};
 use proptest::prelude::*;
-use rig::{arm, bench, frame};
 use sutura_shared::control::{
     Control, Guards, MAX_HORIZON_US, STALE_DECAY_US, TICK_S, TickInput, TickOutput, Tuning,
 };

@@ -1,5 +1,8 @@
 //! Runs the `sutura` command as a user would and looks at all that it says.
 
+#[cfg(unix)]
+pub mod session;
+
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
