@@ -41,3 +41,28 @@ pub fn root() -> PathBuf {
         .canonicalize()
         .expect("the checkout is there")
 }
+
+impl Ran {
+    /// What `--format json` printed.
+    pub fn json(&self) -> serde_json::Value {
+        let object = serde_json::from_str(&self.stdout);
+        object.unwrap_or_else(|_| panic!("no JSON object: {}{}", self.stdout, self.stderr))
+    }
+
+    /// Whether a session in real time, run with `--format json`, ended in one of the ways that it may on a machine that is
+    /// late: at its time, at rest because no contact came for half a second, with too little of its contact felt, or with a
+    /// line that stood still. What it was to feel is for sessions in lockstep.
+    pub fn ended_well(&self) -> bool {
+        let status = self.json()["status"]
+            .as_str()
+            .unwrap_or_default()
+            .to_owned();
+        let late = status.starts_with("idle: no usable contact") || status == "not-rendered";
+        let silent = self.stderr.contains("nothing came for") || self.stderr.contains("silent");
+        match self.code {
+            0 => status == "ok",
+            8 => late,
+            _ => late || silent,
+        }
+    }
+}
