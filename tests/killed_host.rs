@@ -3,6 +3,7 @@
 #![allow(clippy::unwrap_used, reason = "tests")]
 
 use crate::support::session::{Said, Tap, device, force};
+use crate::support::session_of;
 use std::io::{BufRead, BufReader};
 use std::process::{Child, Command, Stdio};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -124,16 +125,7 @@ fn check(path: &str, said: &Said) {
         "{decaying} ticks"
     );
 
-    let again = [
-        "run",
-        "--console",
-        path,
-        "--seconds",
-        "0.3",
-        "--format",
-        "json",
-    ];
-    let next = crate::support::sutura(&again);
+    let next = session_of(&["run", "--console", path, "--seconds", "0.3"]);
     assert!(next.ended_well(), "{}", next.stderr);
     let summary = next.json();
     let ticks = summary["ticks"].as_u64().unwrap();
@@ -163,16 +155,7 @@ fn a_console_of_its_own_serves_one_host_after_the_other_and_ends_when_told() {
         .unwrap();
     assert_eq!(line.trim(), link);
     for _ in 0..2 {
-        let run = [
-            "run",
-            "--console",
-            link,
-            "--seconds",
-            "0.2",
-            "--format",
-            "json",
-        ];
-        let ran = crate::support::sutura(&run);
+        let ran = session_of(&["run", "--console", link, "--seconds", "0.2"]);
         assert!(ran.ended_well(), "{}", ran.stderr);
         assert!(ran.json()["ticks"].as_u64() > Some(0), "{}", ran.stdout);
     }

@@ -1,6 +1,8 @@
 //! Needles from scene file to console: what is felt, when it arrives, and what is refused.
 #![allow(clippy::unwrap_used, reason = "tests")]
 
+#[cfg(unix)]
+use crate::support::session_of;
 use crate::support::{root, sutura, sutura_in};
 use serde_json::Value;
 use std::ops::ControlFlow;
@@ -81,18 +83,16 @@ fn an_arc_goes_through_both_tube_walls_and_changes_hands() {
 
 /// In real time a thread computes what the needle comes to, and frames go through a pseudo-terminal. What is felt is above, in
 /// simulated time.
+#[cfg(unix)]
 #[test]
 fn a_session_in_real_time_ends_as_it_may() {
-    let line = ["run", SLABS, "--seconds", "2.5", "--format", "json"];
-    let ran = sutura(&line);
+    let ran = session_of(&["run", SLABS, "--seconds", "2.5"]);
     assert!(ran.ended_well(), "{}", ran.stderr);
     let summary = ran.json();
     if ran.code == 0 {
         assert_eq!(summary["ticks"], 2500);
     }
-    if let Some(rejected) = summary["frames"]["rejected"].as_u64() {
-        assert_eq!(rejected, 0);
-    }
+    assert_eq!(summary["frames"]["rejected"], 0);
 }
 
 /// What a solver step gave, and for which console time \[us\].

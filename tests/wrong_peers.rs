@@ -3,7 +3,7 @@
 #![allow(clippy::unwrap_used, reason = "tests")]
 
 use crate::support::session;
-use crate::support::{Ran, sutura};
+use crate::support::{Ran, session_of, sutura};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 use sutura_hil::{Pty, VirtualConsole};
@@ -180,16 +180,15 @@ fn a_latched_fault_has_its_own_exit_code_until_it_is_cleared() {
         ran.stderr
     );
     press(false);
-    let ran = sutura(&[
+    let run = [
         "run",
         "--console",
         &path,
         "--seconds",
         "0.2",
         "--clear-fault",
-        "--format",
-        "json",
-    ]);
+    ];
+    let ran = session_of(&run);
     assert!(ran.ended_well(), "{}", ran.stderr);
     assert!(ran.json()["ticks"].as_u64() > Some(0), "{}", ran.stdout);
 }

@@ -35,7 +35,7 @@ pub fn went_idle(summary: &Summary) -> bool {
     summary.status.starts_with("idle: no usable contact")
 }
 
-/// Once more until the machine let a session come as far as it is about: none means that it did not.
+/// Once more until the machine let a session come as far as what is asserted of it: none means that it did not.
 pub fn undisturbed<T>(mut session: impl FnMut() -> Option<T>) -> T {
     let deadline = Instant::now() + LONG;
     loop {
@@ -44,7 +44,7 @@ pub fn undisturbed<T>(mut session: impl FnMut() -> Option<T>) -> T {
         }
         assert!(
             Instant::now() < deadline,
-            "each time the console went to rest before"
+            "this machine, or a defect, ended every attempt before it came to what is asserted"
         );
     }
 }

@@ -145,6 +145,10 @@ mod tests {
             rms_n: Some(1.0),
             punctures: Some(4.0),
             solves_ratio: Some(1.0),
+            overload: Some(0.0),
+            session_p99_us: Some(1000.0),
+            session_second_us: Some(500.0),
+            horizon_ms: Some(40.0),
             ..Measured::default()
         }
     }
@@ -201,7 +205,13 @@ mod tests {
 
     #[test]
     fn what_no_summary_has_is_neither_met_nor_missed() {
-        let all = bars("palpation", Load::Idle, &good(), &[good()]);
+        let run = Measured {
+            overload: None,
+            session_p99_us: None,
+            horizon_ms: None,
+            ..good()
+        };
+        let all = bars("palpation", Load::Idle, &good(), &[run]);
         let verdict = |name: &str| {
             all.iter()
                 .find(|bar| bar.name.starts_with(name))

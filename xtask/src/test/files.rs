@@ -12,12 +12,12 @@ fn forgotten(folder: &Path) -> Vec<PathBuf> {
     for path in entries.map(|entry| entry.path()) {
         let stem = path.file_stem().unwrap_or_default().to_string_lossy();
         let named = text.contains(&format!("mod {stem};"));
-        let is_file = path.extension().is_some_and(|end| end == "rs");
+        let is_source = path.extension().is_some_and(|end| end == "rs");
+        let is_file = is_source && stem != "main" && stem != "mod";
         let is_module = path.join("mod.rs").is_file();
-        if path.join("main.rs").is_file() || (is_file && stem != "main" && stem != "mod" && !named)
-        {
-            found.push(path.clone());
-        } else if is_module && !named {
+        // A folder with a `main.rs` would be a binary of its own.
+        let alone = path.join("main.rs").is_file();
+        if alone || ((is_file || is_module) && !named) {
             found.push(path.clone());
         }
         if is_module {
