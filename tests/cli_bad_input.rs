@@ -1,9 +1,7 @@
 //! Every kind of bad input: the right exit code, and a message that names the thing and the way out.
 
-mod support;
-
+use crate::support::{Ran, sutura, sutura_in};
 use std::path::Path;
-use support::{Ran, sutura, sutura_in};
 
 /// A scene on `mesh.msh` in the same directory.
 const SCENE: &str = "\

@@ -1,9 +1,7 @@
 //! `sutura bench` from end to end, on a scene small enough for a test.
 
-mod support;
-
+use crate::support::{sutura, sutura_in};
 use serde_json::Value;
-use support::{sutura, sutura_in};
 
 /// A coarse slab, pressed 2 mm deep and left again within a fifth of a second.
 const SCENE: &str = r#"

@@ -2,10 +2,8 @@
 #![cfg(unix)]
 #![allow(clippy::unwrap_used, reason = "tests")]
 
-mod support;
-
+use crate::support::{Ran, sutura};
 use std::path::Path;
-use support::{Ran, sutura};
 
 fn checks(stdout: &str) -> Vec<serde_json::Value> {
     let object: serde_json::Value = serde_json::from_str(stdout).unwrap();

@@ -5,12 +5,9 @@
 
 #![allow(clippy::unwrap_used, reason = "a test")]
 
-mod events;
-mod rig;
-
-use events::{Counts, Dice, Event, SILENCE, from_text, shrink, to_text};
+use crate::events::{Counts, Dice, Event, SILENCE, from_text, shrink, to_text};
+use crate::rig::{arm, bench, frame};
 use proptest::test_runner::{Config, RngSeed};
-use rig::{arm, bench, frame};
 use std::path::Path;
 use sutura_shared::control::{
     Control, Guards, MAX_HORIZON_US, STALE_DECAY_US, TICK_S, TickInput, TickOutput, Tuning,

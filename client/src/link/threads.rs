@@ -27,7 +27,7 @@ const ORDERS: usize = 16;
 /// Time between two pings. Not a whole number of ticks (golden section), so that pings meet the console at every moment
 /// of its tick.
 const PING_EVERY: Duration = Duration::from_micros(99_382);
-/// A console from which nothing came for so long is taken for gone. It answers every ping; and one that starts anew without
+/// See [`LinkOptions::silent_after`]. A console answers every ping; and one that starts anew without
 /// its port going away is to be found again within a second.
 const SILENT: Duration = Duration::from_millis(600);
 /// Time between two attempts to open the port of a console that went away.
@@ -42,6 +42,8 @@ pub struct LinkOptions {
     pub tick_hz: u16,
     /// How long the console may take to answer.
     pub answer_within: Duration,
+    /// A console from which nothing came for so long is taken for gone, where it can be looked for again.
+    pub silent_after: Duration,
     /// Shortest time between two contact frames; newer ones replace the one that waits.
     pub contact_spacing: Duration,
     /// Time between two pings: at most a third of the time for which a console is its host's.
@@ -53,6 +55,7 @@ impl Default for LinkOptions {
         LinkOptions {
             tick_hz: 1000,
             answer_within: Duration::from_secs(3),
+            silent_after: SILENT,
             contact_spacing: Duration::ZERO,
             ping_every: PING_EVERY,
         }
@@ -425,8 +428,9 @@ impl<L: FnMut(Heard<'_>)> Reader<L> {
                 return Some(error);
             }
             match port.read(&mut chunk, READ_WAIT) {
-                Ok(0) if self.connect.is_some() && heard.elapsed() > SILENT => {
-                    let reason = format!("nothing came for {:.1} s", SILENT.as_secs_f64());
+                Ok(0) if self.connect.is_some() && heard.elapsed() > self.options.silent_after => {
+                    let silent = self.options.silent_after.as_secs_f64();
+                    let reason = format!("nothing came for {silent:.1} s");
                     let name = port.name();
                     return Some(LinkError::Gone { name, reason });
                 }

@@ -23,7 +23,7 @@ use sutura_shared::wire::message::{Command, Mode, State};
 const LOOK_EVERY: Duration = Duration::from_millis(50);
 /// Shortest of these times: a few ticks.
 const TICKS_SOME: Duration = Duration::from_millis(2);
-/// A console from which nothing came for so long is dead, or its line is.
+/// A console from which nothing came for so long is dead, or its line is; longer if the link waits longer.
 const SILENT: Duration = Duration::from_secs(2);
 /// By how much a console's clock may differ from the host's over a loss of the link \[s\], and for every second of it: if
 /// it differs by more, the console has started anew.
@@ -96,6 +96,7 @@ pub fn run_real_time(
     mut progress: impl FnMut(&Progress<'_>) -> ControlFlow<()>,
 ) -> Result<Summary, SessionError> {
     let started = Instant::now();
+    let silent = SILENT.max(options.silent_after);
     let log = Arc::new(Mutex::new(Log {
         tally: Tally::new(plan.host_hz),
         armed: false,
@@ -140,6 +141,7 @@ pub fn run_real_time(
                     arming: Some(ArmingWatch::new(plan)),
                     rest: None,
                     end: None,
+                    silent,
                 };
                 watch.run(&mut progress, || solving.is_finished())
             }
@@ -320,6 +322,8 @@ struct Watch<'a> {
     rest: Option<Rest>,
     /// When a session ends whose link was lost: a console that is away has no ticks to count.
     end: Option<Instant>,
+    /// See [`SILENT`].
+    silent: Duration,
 }
 
 /// A console that went away.
@@ -374,9 +378,9 @@ impl Watch<'_> {
             }
             if self.rest.is_none() {
                 let heard = newest.map_or(opened, |(_, heard)| heard);
-                if heard.elapsed() > SILENT && self.attendant.is_none() {
+                if heard.elapsed() > self.silent && self.attendant.is_none() {
                     return Err(SessionError::Silent {
-                        waited_s: SILENT.as_secs_f64(),
+                        waited_s: self.silent.as_secs_f64(),
                     });
                 }
             }
