@@ -136,7 +136,10 @@ impl Duty {
         match change {
             Change::None => {}
             Change::GiveWay => {
-                tracing::debug!("{:?} does not rest: it gives way to other programs", self.role);
+                tracing::debug!(
+                    "{:?} does not rest: it gives way to other programs",
+                    self.role
+                );
                 system::ordinary();
             }
             Change::Return => {
