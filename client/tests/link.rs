@@ -157,6 +157,10 @@ struct Bench {
 }
 
 fn bench() -> Bench {
+    bench_over(|host| Box::new(host), LinkOptions::default())
+}
+
+fn bench_over(port: impl FnOnce(PipeEnd) -> Box<dyn Port>, options: LinkOptions) -> Bench {
     let (host, far) = pipe();
     let (tell, orders) = channel();
     let (say, heard) = channel();
@@ -165,7 +169,7 @@ fn bench() -> Bench {
     let listener = move |event: &HostEvent| {
         let _ = listen.send(*event);
     };
-    let link = Link::open(Box::new(host), LinkOptions::default(), listener).unwrap();
+    let link = Link::open(port(host), options, listener).unwrap();
     assert_eq!(heard.recv_timeout(LONG), Ok(LinkEvent::SessionOpened));
     Bench {
         link,
@@ -307,6 +311,94 @@ fn rows_needle_and_thread_go_just_before_their_contact() {
     // Hello, rows, needle, thread, contact, and a disarm for which it may not have waited.
     let frames = u64::from(sent.frames.frames_sent) - sent.pings_sent;
     assert!((5..=6).contains(&frames), "{sent:?}");
+}
+
+/// A port that takes this many bytes at a time.
+struct Narrow(PipeEnd, usize);
+
+impl Port for Narrow {
+    fn name(&self) -> String {
+        self.0.name()
+    }
+
+    fn read(&mut self, into: &mut [u8], wait: Duration) -> std::io::Result<usize> {
+        self.0.read(into, wait)
+    }
+
+    fn write(&mut self, bytes: &[u8]) -> std::io::Result<usize> {
+        self.0.write(&bytes[..bytes.len().min(self.1)])
+    }
+
+    fn try_clone(&self) -> std::io::Result<Box<dyn Port>> {
+        // The handle that the link writes with; it opens the session with this one.
+        let narrow = Narrow(PipeEnd::clone(&self.0), self.1);
+        Ok(Box::new(narrow))
+    }
+}
+
+#[test]
+fn what_is_written_at_once_is_whole_and_in_order_on_a_narrow_line_too() {
+    for width in [usize::MAX, 10] {
+        let options = LinkOptions {
+            at_once: true,
+            ..LinkOptions::default()
+        };
+        let bench = bench_over(move |host| Box::new(Narrow(host, width)), options);
+        for tool in 0..8 {
+            bench.link.felt(1000, felt(contact(tool)));
+            // Nothing is replaced: the next one waits for this one.
+            let heard = bench.heard.recv_timeout(LONG).unwrap();
+            assert!(
+                matches!(&heard, LinkEvent::Contact(contact) if contact.body().tool == tool),
+                "{heard:?}"
+            );
+        }
+        let mut bad = contact(0);
+        bad.wrench[2] = f32::NAN;
+        bench.link.felt(1000, felt(bad));
+        bench.link.order(Order::Command(Command::Arm)).unwrap();
+        let heard = bench.heard.recv_timeout(LONG).unwrap();
+        assert!(
+            matches!(&heard, LinkEvent::Command(command) if *command.body() == Command::Arm),
+            "{heard:?}"
+        );
+        let sent = bench.link.close();
+        assert_eq!((sent.contacts_sent, sent.contacts_superseded), (8, 0));
+        // Hello, arm, disarm.
+        let frames = u64::from(sent.frames.frames_sent);
+        assert_eq!(frames - sent.pings_sent, 8 + 3);
+    }
+}
+
+#[test]
+fn a_state_of_a_tick_is_waited_for() {
+    let bench = bench();
+    bench.tell.send(Do::States(40)).unwrap();
+    let state = bench.link.state_from(Some(30), Instant::now() + LONG);
+    assert!(state.unwrap().unwrap().body().tick >= 30);
+    bench.tell.send(Do::States(1)).unwrap();
+    let HostEvent::State(_) = bench.events.recv_timeout(LONG).unwrap() else {
+        panic!()
+    };
+    let soon = Instant::now() + Duration::from_millis(50);
+    let state = bench.link.state_from(Some(1000), soon).unwrap();
+    assert!(
+        state.is_some_and(|state| state.body().tick >= 40),
+        "the newest, in the end"
+    );
+}
+
+#[test]
+fn a_link_that_did_not_ask_got_nothing() {
+    use sutura_client::scheduling::Granted;
+    assert_eq!(bench().link.granted(), Granted::NotAsked);
+    let options = LinkOptions {
+        real_time: true,
+        ..LinkOptions::default()
+    };
+    let bench = bench_over(|host| Box::new(host), options);
+    // Whatever this user may have.
+    assert_ne!(bench.link.granted(), Granted::NotAsked);
 }
 
 #[test]

@@ -17,8 +17,8 @@ use sutura_host::link::{LinkError, LinkOptions, LockstepConsole, Port, open_seri
 use sutura_host::recording::{Tap, TappedConsole, TappedPort, TappedSolver};
 use sutura_host::scene::{LONGEST_S, Scene, Tissue};
 use sutura_host::session::{
-    self, LINE_BYTES_PER_S, Line, Plan, Progress, SessionError, Solve, Summary, run_lockstep,
-    run_real_time,
+    self, LINE_BYTES_PER_S, Line, Plan, Progress, Scheduling, SessionError, Solve, Summary,
+    run_lockstep, run_real_time,
 };
 use sutura_shared::control::TICK_HZ;
 use sutura_shared::wire::message::Fixture;
@@ -29,7 +29,7 @@ use sutura_shared::wire::message::Fixture;
 pub struct RunArgs {
     /// Scene file; scenes/palpation.toml (or its copy inside this program) when left out.
     pub scene: Option<PathBuf>,
-    /// `virtual` (in this process, behind a pseudo-terminal), `qemu` (the firmware image, in lockstep),
+    /// `virtual` (in this process), `qemu` (the firmware image, in lockstep),
     /// `qemu-uart` (the firmware image over its emulated serial port), or a serial port.
     #[arg(long, value_name = "CONSOLE", default_value = "virtual")]
     pub console: String,
@@ -313,12 +313,19 @@ fn session(
             in_lockstep(&mut console, plan, solver, progress)
         }
         "virtual" => {
-            let mut console = VirtualConsole::start(&plan.device).map_err(link_failure)?;
-            let line = match console.path() {
-                Some(path) => line(path, args, tap),
-                None => tapped(console.host_port().map_err(link_failure)?, tap).into(),
-            };
-            in_real_time(line, LinkOptions::default(), plan, solver, progress)
+            let mut console =
+                VirtualConsole::start_in_memory(&plan.device).map_err(link_failure)?;
+            let line = tapped(console.host_port().map_err(link_failure)?, tap).into();
+            let summary = in_real_time(line, LinkOptions::default(), plan, solver, progress)?;
+            let got = console.granted().word();
+            let scheduling = summary.scheduling.map(|rest| Scheduling {
+                console: Some(got),
+                ..rest
+            });
+            Ok(Summary {
+                scheduling,
+                ..summary
+            })
         }
         #[cfg(unix)]
         "qemu" => {
@@ -377,6 +384,11 @@ fn in_real_time(
     solver: &mut dyn Solve,
     progress: &mut Watcher,
 ) -> Result<Summary, Failure> {
+    let options = LinkOptions {
+        real_time: true,
+        at_once: true,
+        ..options
+    };
     run_real_time(line, options, plan, solver, progress).map_err(session_failure)
 }
 

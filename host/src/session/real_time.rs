@@ -7,10 +7,11 @@
 use super::schedule::Schedule;
 use super::setup::{Arming, ArmingWatch};
 use super::summary::{ConsoleClock, LinkSummary, RoundTrip, Throughput};
-use super::{Plan, Progress, SessionError, Solve, Summary, Tally};
+use super::{LatenessProbe, Plan, Progress, Scheduling, SessionError, Solve, Summary, Tally};
 use crate::link::{
     Connector, Heard, Link, LinkCounters, LinkError, LinkOptions, Order, Port, Standing,
 };
+use crate::scheduling::{Duty, Granted, LockedMemory, Role};
 use std::ops::ControlFlow;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -82,6 +83,8 @@ struct Log {
     reports: u64,
     /// Ticks that the session is to last.
     ticks: u64,
+    /// What the solver's thread got of the system, and how often it gave way.
+    solver: (Granted, u64),
 }
 
 /// Runs a session of `plan.seconds` of console time on the console that `line` leads to; `progress` may end it early.
@@ -105,7 +108,9 @@ pub fn run_real_time(
         lost: None,
         reports: 0,
         ticks: plan.ticks(),
+        solver: (Granted::NotAsked, 0),
     }));
+    let memory = options.real_time.then(LockedMemory::ask).flatten();
     let written = log.clone();
     let (link, attendant) = match line.into() {
         Line::Once(port) => {
@@ -124,13 +129,17 @@ pub fn run_real_time(
     for order in plan.opening_orders(&link.console()) {
         link.order(order)?;
     }
+    let probe = LatenessProbe::start(options.real_time);
+    let duty = options.real_time.then_some(Role::Solver);
     let stop = AtomicBool::new(false);
     let ended = std::thread::scope(|scope| {
         // However this ends, by a panic too: the scope waits for the solver.
         let stopping = Stopping(&stop);
         let solving = std::thread::Builder::new()
             .name("sutura-solve".to_owned())
-            .spawn_scoped(scope, || solve_until(&stop, &link, plan, &log, solver));
+            .spawn_scoped(scope, || {
+                solve_until(&stop, &link, plan, &log, solver, duty)
+            });
         let ended = match &solving {
             Ok(solving) => {
                 let watch = Watch {
@@ -153,6 +162,7 @@ pub fn run_real_time(
             _ => Err(SessionError::Solver),
         }
     });
+    let lateness = probe.ok().map(LatenessProbe::end);
     let ended = ended?;
     let wall_s = started.elapsed().as_secs_f64();
     let device = plan.device_name(&link.console());
@@ -163,6 +173,8 @@ pub fn run_real_time(
     } = link.counters();
     lock(&log).over = true;
     let link_summary = link_summary(&link);
+    let (solving, gave_way) = lock(&log).solver;
+    let scheduling = Scheduling::new(solving, gave_way, link.granted(), memory.is_some());
     disarm(&link, &log);
     let counters = LinkCounters {
         states_superseded,
@@ -181,6 +193,9 @@ pub fn run_real_time(
         most_rows: plan.most_rows(),
         scene: solver.scene(),
         link: link_summary,
+        scheduling: Some(scheduling),
+        machine_late_us: lateness.as_ref().map(|lateness| lateness.late_us()),
+        machine_late_over_5ms: lateness.as_ref().map(|lateness| lateness.over_5ms()),
         ..summary
     })
 }
@@ -257,16 +272,27 @@ fn solve_until(
     plan: &Plan,
     log: &Mutex<Log>,
     solver: &mut dyn Solve,
+    asks: Option<Role>,
 ) {
+    let mut duty = asks.map(Duty::begin);
+    // The tick that is due, and how long until it comes.
+    let mut next: (Option<u32>, Duration) = (None, Duration::ZERO);
     let tick = Duration::from_secs(1) / u32::from(plan.tick_hz.max(1));
     let mut schedule: Option<Schedule> = None;
     while !stop.load(Ordering::Relaxed) {
-        let state: Valid<State> = match link.state(Instant::now() + LOOK_EVERY) {
-            Ok(Some(state)) => state,
-            Ok(None) => continue,
-            // The watching thread sees the same and says so.
-            Err(_) => return,
-        };
+        if let Some(duty) = &mut duty {
+            duty.look();
+            lock(log).solver = (duty.granted(), duty.gave_way());
+        }
+        // Only the state that is due wakes this thread: whoever sleeps until just before it may be woken late twice.
+        let (tick_due, wait) = std::mem::take(&mut next);
+        let state: Valid<State> =
+            match link.state_from(tick_due, Instant::now() + wait + LOOK_EVERY) {
+                Ok(Some(state)) => state,
+                Ok(None) => continue,
+                // The watching thread sees the same and says so.
+                Err(_) => return,
+            };
         if !matches!(state.body().mode, Mode::Armed | Mode::Decaying) {
             // Nobody feels anything: the pose may be anywhere, even inside the tissue.
             schedule = None;
@@ -294,10 +320,8 @@ fn solve_until(
                 link.felt(state.console_time_us(), felt);
             }
         }
-        // Until just before the state comes that is due; the slot's is then one that may be passed over.
-        let left = schedule.ticks_left(now).saturating_sub(1);
-        let wake = heard + tick * left;
-        std::thread::sleep(wake.saturating_duration_since(Instant::now()));
+        let left = schedule.ticks_left(now);
+        next = (Some(now.wrapping_add(left)), tick * left);
     }
 }
 

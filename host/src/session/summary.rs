@@ -2,6 +2,7 @@
 //!
 //! Entry point: [`Summary`]. Key names carry their units and are a contract with scripts: add, never rename.
 
+use super::{MachineLate, Scheduling};
 use crate::choice::Chosen;
 use serde::Serialize;
 use std::collections::BTreeMap;
@@ -174,6 +175,15 @@ pub struct Summary {
     /// Which model was taken for the budget, from what was measured before the session; none if that was not asked for.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub chosen: Option<Chosen>,
+    /// What the session's threads got of the system; none in lockstep.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub scheduling: Option<Scheduling>,
+    /// How late a thread was woken that only slept, beside the session \[us\]; none in lockstep.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub machine_late_us: Option<MachineLate>,
+    /// Wake-ups of that thread that were more than 5 ms late.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub machine_late_over_5ms: Option<u64>,
     /// What the scene reports.
     pub scene: serde_json::Map<String, serde_json::Value>,
 }
