@@ -41,6 +41,8 @@ impl Solve for Plane {
             needle: None,
             thread: None,
             status: Status::Ok,
+            touched: z < 0.0,
+            unfinished: false,
             stages: Stages::default(),
         }
     }

@@ -411,6 +411,8 @@ mod tests {
             needle: None,
             thread: None,
             status,
+            touched: false,
+            unfinished: false,
             stages: Stages::default(),
         };
         tally.step(
