@@ -75,6 +75,7 @@ impl Solve for Plane {
             position_m: state.body().position_m,
             contact: Some(contact),
             status: Status::Ok,
+            touched: z < 0.0,
             ..Solved::default()
         }
     }

@@ -60,10 +60,12 @@ impl Analytic {
 
 impl Solve for Analytic {
     fn solve(&mut self, state: &Valid<State>) -> Solved {
+        let contact = self.contact(state.body().position_m.map(f64::from));
         Solved {
             position_m: state.body().position_m,
-            contact: Some(self.contact(state.body().position_m.map(f64::from))),
+            contact: Some(contact),
             status: Status::Ok,
+            touched: contact.wrench != [0.0; 6],
             ..Solved::default()
         }
     }

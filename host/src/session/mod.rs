@@ -70,6 +70,10 @@ pub struct Solved {
     pub thread: Option<HeldThread>,
     /// How the step ended.
     pub status: Status,
+    /// Whether the driven tool was in contact, also where the result is withheld.
+    pub touched: bool,
+    /// Withheld because the model did not come near enough to balance for its force to mean anything.
+    pub unfinished: bool,
     /// Time per stage.
     pub stages: Stages,
     /// Steps made besides the solve's own.

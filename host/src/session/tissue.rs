@@ -578,6 +578,8 @@ impl Solve for TissueSolver {
                 needle: None,
                 thread: None,
                 status: Status::UnknownTool,
+                touched: false,
+                unfinished: false,
                 stages: step::Stages::default(),
                 looked: Looked::default(),
             };
@@ -627,6 +629,16 @@ impl Solve for TissueSolver {
                 };
             }
         }
+        let touched = match report.status {
+            Status::Ok => {
+                contact.is_some_and(|contact| contact.rows > 0)
+                    || needle.is_some_and(|needle| needle.tip != Tip::Outside)
+                    || thread.is_some_and(|thread| thread.state != Tension::Slack)
+            }
+            Status::Behind => report.rows > 0,
+            Status::Waiting | Status::NotConverged | Status::TooManyRows | Status::Inside => true,
+            Status::NotFinite | Status::UnknownTool => false,
+        };
         Solved {
             position_m: goal.position_m,
             contact,
@@ -634,6 +646,8 @@ impl Solve for TissueSolver {
             needle,
             thread,
             status: report.status,
+            touched,
+            unfinished: false,
             stages: step::Stages {
                 approach_ns: stages.approach_ns,
                 look_ns: stages.look_ns,
