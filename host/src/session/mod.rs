@@ -14,6 +14,7 @@ mod look_budget;
 mod machine_lateness;
 mod model_solver;
 mod needle_frame;
+mod overload;
 mod real_time;
 mod rows_frame;
 mod schedule;
@@ -35,6 +36,7 @@ pub use look_budget::Looked;
 pub use machine_lateness::{LatenessProbe, MachineLate, MachineLateness};
 pub use model_solver::ModelSolver;
 pub use needle_frame::{HeldNeedle, needle_frame};
+pub use overload::{Effort, GivenUp};
 pub use real_time::{Attendant, Line, run_real_time};
 pub use rows_frame::rows_frame;
 pub use scheduling::Scheduling;
@@ -44,7 +46,7 @@ pub use summary::{
     Age, ConsoleClock, Energy, Force, Frames, Latency, LinkSummary, RoundTrip, StepTime, Summary,
     Throughput,
 };
-pub use tally::{Tally, mode_word};
+pub use tally::{NOT_RENDERED, Tally, mode_word};
 pub use thread_frame::{HeldThread, thread_frame};
 pub use tissue::{Moment, TissueSolver};
 
@@ -112,6 +114,9 @@ impl Solved {
 pub trait Solve: Send {
     /// Steps the scene to the state's pose.
     fn solve(&mut self, state: &Valid<State>) -> Solved;
+
+    /// What solves from now on are to do: less than all where the host cannot keep its pace.
+    fn spare(&mut self, _effort: Effort) {}
 
     /// What the scene reports when the session is over.
     fn scene(&self) -> serde_json::Map<String, serde_json::Value>;

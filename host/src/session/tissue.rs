@@ -6,7 +6,8 @@
 use super::look_ahead::{Look, course};
 use super::look_budget::{Ahead, LookBudget, Looked};
 use super::{
-    Goal, HeldNeedle, HeldThread, Plan, Rendering, SceneSolver, Solve, Solved, lead_s, sideways,
+    Effort, Goal, HeldNeedle, HeldThread, Plan, Rendering, SceneSolver, Solve, Solved, lead_s,
+    sideways,
 };
 use crate::clock::Clock;
 use crate::model::Model;
@@ -68,6 +69,9 @@ pub struct TissueSolver {
     /// Whether frames carry the states of needle and thread, which are what is looked ahead for.
     looks_ahead: bool,
     budget: LookBudget,
+    effort: Effort,
+    /// Rows that a contact is reduced to while nothing is given up.
+    most_rows: usize,
     script: Script,
     /// Console time of the first step \[us\], from which scripts count.
     began_us: Option<u64>,
@@ -136,6 +140,8 @@ impl TissueSolver {
             tissue: scene.tissue,
             budget: LookBudget::new(1e6 / scene.host.host_hz, model.points_m().len()),
             looks_ahead: true,
+            effort: Effort::Full,
+            most_rows: 0,
             model,
             state,
             work,
@@ -212,6 +218,7 @@ impl TissueSolver {
     /// From now on steps reduce the driven tool's contact to so many rows at most (0: to none), those that matter
     /// within `ahead_s` first.
     pub fn reduce_to(&mut self, most_rows: usize, ahead_s: f64) {
+        self.most_rows = most_rows;
         self.work.most_rows = most_rows;
         self.ahead_s = ahead_s;
     }
@@ -568,6 +575,15 @@ impl NeedleTally {
 }
 
 impl Solve for TissueSolver {
+    fn spare(&mut self, effort: Effort) {
+        self.effort = effort;
+        self.work.most_rows = if effort < Effort::NoRows {
+            self.most_rows
+        } else {
+            0
+        };
+    }
+
     fn solve(&mut self, state: &Valid<State>) -> Solved {
         let Some(mut sample) = self.sample(state) else {
             // A scene without a tool is felt as free space, but nothing needs to be sent for that.
@@ -585,6 +601,7 @@ impl Solve for TissueSolver {
             };
         };
         self.budget.begin();
+        let looks_ahead = self.looks_ahead && self.effort == Effort::Full;
         let mut clock = Clock::start();
         let before = self.last_sample.replace(sample);
         let before_us = before.map(|before| before.console_time_us);
@@ -602,7 +619,7 @@ impl Solve for TissueSolver {
         let mut needle = self.driven().and_then(|driven| in_grip(&report, driven));
         clock.lap(&mut 0);
         self.budget.lap();
-        if let (Some(needle), Status::Ok, true) = (&mut needle, report.status, self.looks_ahead) {
+        if let (Some(needle), Status::Ok, true) = (&mut needle, report.status, looks_ahead) {
             needle.course = self.look_ahead(needle.needle, &report, period_us);
         }
         let mut thread = self.driven().and_then(|driven| at_grip(&report, driven));
@@ -611,7 +628,7 @@ impl Solve for TissueSolver {
         {
             // Of what else is in the grip.
             thread.stiffness_n_per_m = 0.0;
-            if self.looks_ahead {
+            if looks_ahead {
                 self.tighten(thread.tool, thread, &report);
             }
         }
