@@ -3,7 +3,9 @@
 
 use std::sync::mpsc::{Receiver, Sender, channel};
 use std::time::{Duration, Instant};
-use sutura_client::link::{Felt, Link, LinkError, LinkOptions, Order, PipeEnd, Port, pipe};
+use sutura_client::link::{
+    Felt, Heard, Link, LinkError, LinkOptions, Order, PipeEnd, Port, SentContact, pipe,
+};
 use sutura_shared::link::{ConsoleLink, HostEvent, Identity, LinkEvent, Mismatch};
 use sutura_shared::wire::message::{
     Command, Contact, Course, End, Friction, Mode, Needle, Row, Rows, State, Tension, Thread, Tip,
@@ -399,6 +401,63 @@ fn a_link_that_did_not_ask_got_nothing() {
     let bench = bench_over(|host| Box::new(host), options);
     // Whatever this user may have.
     assert_ne!(bench.link.granted(), Granted::NotAsked);
+}
+
+/// With the number that it has on the line, and before a state that could know of it; what was not sent is not told.
+#[test]
+fn the_listener_hears_what_went_out_before_the_console_can_tell() {
+    /// What the listener hears.
+    #[derive(Debug, PartialEq)]
+    enum News {
+        Sent(SentContact),
+        State(u32),
+    }
+    let (host, far) = pipe();
+    let (tell, orders) = channel();
+    let (say, heard) = channel();
+    std::thread::spawn(move || console(far, &orders, &say));
+    let (listen, news) = channel();
+    let listener = move |heard: Heard<'_>| {
+        let news = match heard {
+            Heard::Sent(sent) => News::Sent(sent),
+            Heard::Event(HostEvent::State(state)) => News::State(state.body().tick),
+            _ => return,
+        };
+        let _ = listen.send(news);
+    };
+    let link = Link::open_heard(Box::new(host), LinkOptions::default(), listener).unwrap();
+    assert_eq!(heard.recv_timeout(LONG), Ok(LinkEvent::SessionOpened));
+    let mut expected = Vec::new();
+    for round in 1..=3 {
+        let mut bad = contact(0);
+        bad.gap_m = f32::NAN;
+        link.felt(9000, felt(bad));
+        link.order(Order::Command(Command::Arm)).unwrap();
+        while !matches!(heard.recv_timeout(LONG).unwrap(), LinkEvent::Command(_)) {}
+        let console_time_us = 1000 * u64::from(round);
+        let felt = Felt {
+            needle: Some(needle(5)),
+            ..felt(contact(0))
+        };
+        link.felt(console_time_us, felt);
+        let sequence = loop {
+            if let LinkEvent::Contact(contact) = heard.recv_timeout(LONG).unwrap() {
+                assert_eq!(contact.console_time_us(), console_time_us);
+                break contact.sequence();
+            }
+        };
+        tell.send(Do::States(1)).unwrap();
+        expected.push(News::Sent(SentContact {
+            sequence,
+            console_time_us,
+            horizon_us: 50_000,
+        }));
+        expected.push(News::State(round));
+        while heard.try_recv().is_ok() {}
+        // So that the next round's contact does not come before this state.
+        let told: Vec<_> = (0..2).map(|_| news.recv_timeout(LONG).unwrap()).collect();
+        assert_eq!(told, expected[expected.len() - 2..]);
+    }
 }
 
 #[test]

@@ -178,7 +178,7 @@ pub struct Control {
     new_fixture: Option<ValidFixture>,
     tuning: Tuning,
     tick: u32,
-    /// Sequence of the newest frame that has been applied; 0 before the first.
+    /// Sequence of the newest frame that has been applied, or refused as too late; 0 before the first.
     heard: u32,
     trace: TraceHash,
 }
