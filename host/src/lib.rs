@@ -31,6 +31,7 @@ pub mod thread;
 pub mod tool;
 pub mod tradeoff;
 pub mod trial;
+pub mod work;
 pub mod wound;
 
 /// The host's end of the link, which other simulators have too.
