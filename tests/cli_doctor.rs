@@ -86,7 +86,7 @@ fn a_machine_is_looked_at_below_its_root() {
         named(&found, "host_rate")["found"]
             .as_str()
             .unwrap()
-            .contains("us")
+            .contains("in the worst second, at ")
     );
 
     write(

@@ -3,12 +3,15 @@
 #![allow(clippy::unwrap_used, reason = "tests")]
 
 use crate::support::session;
+use crate::support::session::{DEPTH_M, HAND_N_PER_M, PLANE_N_PER_M, force_at_rest};
+use std::io::{BufRead, BufReader};
 use std::path::Path;
-use std::process::Command;
+use std::process::{Command, Stdio};
 use sutura_hil::VirtualConsole;
 use sutura_shared::wire::{MAX_FRAME, PROTOCOL_VERSION, SCHEMA_HASH};
 
-use crate::support::session::{DEPTH_M, HAND_N_PER_M, PLANE_N_PER_M, force_at_rest};
+use sutura_hil::Pty;
+use sutura_host::link::{Link, LinkError, LinkOptions, open_serial};
 
 const FOLDER: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../hil/python");
 const GOLDEN: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../tests/golden");
@@ -113,4 +116,103 @@ fn a_host_in_python_renders_its_plane() {
         }
     }
     panic!("{peak} N where {HAND_N_PER_M} N/m press on {PLANE_N_PER_M} N/m");
+}
+
+/// Somebody else's session is left alone: not a byte of it is taken, and whoever tries is told who has the port.
+#[test]
+fn python_keeps_off_a_port_in_use() {
+    let mut console = VirtualConsole::start(&session::device()).unwrap();
+    let path = console.path().unwrap().to_owned();
+    let link = Link::open(console.host_port().unwrap(), LinkOptions::default(), |_| {}).unwrap();
+    let program = "import sys; sys.path.insert(0, sys.argv[1]); import sutura_peer as peer
+try:
+    peer.Host(sys.argv[2])
+except peer.Busy as busy:
+    print(busy)";
+    let Some(said) = python(&["-c", program, FOLDER, &path]) else {
+        return;
+    };
+    let mine = format!("process {}", std::process::id());
+    assert!(said.contains("in use"), "{said:?}");
+    assert!(
+        cfg!(not(target_os = "linux")) || said.contains(&mine),
+        "{said:?}"
+    );
+    // A byte that another reader took would be a frame refused or lost here.
+    let frames = link.close().frames;
+    assert_eq!((frames.frames_lost, frames.frames_rejected), (0, 0));
+}
+
+/// And the other way round: what Python has open is busy for a host of ours, until it is closed.
+#[test]
+fn a_port_that_python_has_is_busy() {
+    let pty = Pty::open().unwrap();
+    let program = "import sys; sys.path.insert(0, sys.argv[1]); import sutura_peer as peer
+host = peer.Host(sys.argv[2])
+print('open', flush=True)
+sys.stdin.read()";
+    let child = Command::new("python3")
+        .args(["-B", "-c", program, FOLDER, pty.path()])
+        .stdin(Stdio::piped())
+        .stdout(Stdio::piped())
+        .spawn();
+    let Ok(mut child) = child else {
+        eprintln!("skipped: no python3");
+        return;
+    };
+    let mut line = String::new();
+    let mut stdout = BufReader::new(child.stdout.take().unwrap());
+    stdout.read_line(&mut line).unwrap();
+    assert_eq!(line, "open\n");
+    let Err(error) = open_serial(pty.path()) else {
+        panic!("opened")
+    };
+    assert!(matches!(error, LinkError::Busy { .. }), "{error:?}");
+    let holder = format!("process {}", child.id());
+    let said = error.to_string();
+    assert!(
+        cfg!(not(target_os = "linux")) || said.contains(&holder),
+        "{said}"
+    );
+    drop(child.stdin.take());
+    assert!(child.wait().unwrap().success());
+    open_serial(pty.path()).unwrap();
+}
+
+/// A terminal may say that bytes wait and then have none: nothing has come, and nothing is wrong. One whose other end is
+/// closed is a console that is gone, in words.
+#[test]
+fn python_takes_no_bytes_for_no_bytes() {
+    let program = "import os, sys; sys.path.insert(0, sys.argv[1]); import sutura_peer as peer
+console, terminal = os.openpty()
+host = peer.Host(os.ttyname(terminal))
+os.close(terminal)
+really = peer.select.select
+peer.select.select = lambda reads, writes, errors, timeout=None: (reads, writes, errors)
+assert list(host.frames(0.01)) == []
+os.write(console, b'x' * 10)
+assert host.read(0.01) == b'x' * 10
+room = 0
+try:
+    while room < 1 << 24:
+        room += os.write(host.port, b'x' * 4096)
+except BlockingIOError:
+    peer.select.select = lambda *them: really(*them[:3], 0.01)
+try:
+    host.write(b'x' * 65536, within=0.05)
+    raise SystemExit('a full line took everything')
+except ConnectionError as error:
+    assert 'takes no bytes' in str(error), error
+peer.select.select = really
+os.close(console)
+try:
+    host.read(1.0)
+    raise SystemExit('nobody is there')
+except ConnectionError as error:
+    assert 'is gone' in str(error), error
+print('all said')";
+    let Some(said) = python(&["-c", program, FOLDER]) else {
+        return;
+    };
+    assert_eq!(said.trim(), "all said");
 }

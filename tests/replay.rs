@@ -419,7 +419,7 @@ fn with_a_thread(file: &Path, mut solver: TissueSolver) -> Recording {
     let mut tapped = TappedSolver::new(&mut solver, recorder.tap());
     let mut console = VirtualConsole::start(&plan.device).unwrap();
     let port = TappedPort::new(console.host_port().unwrap(), recorder.tap());
-    let line = Line::Once(Box::new(port));
+    let line = Line::from(Box::new(port) as Box<dyn Port>);
     run_real_time(line, patient(), &plan, &mut tapped, |_| {
         ControlFlow::Continue(())
     })

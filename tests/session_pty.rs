@@ -186,7 +186,7 @@ fn a_bad_line_in_real_time_never_gives_more_force() {
         }
         bytes.to_vec()
     });
-    let line = Line::Once(Box::new(port));
+    let line = Line::from(Box::new(port) as Box<dyn Port>);
     let summary = run_real_time(line, patient(), &plan, &mut Plane, |note| {
         largest = largest.max(force(note.state));
         ControlFlow::Continue(())

@@ -57,6 +57,47 @@ fn a_port_where_nobody_answers_is_no_console() {
     );
 }
 
+/// A pseudo-terminal has no cable, no power and no reset; its PC may be busy.
+#[test]
+fn a_virtual_console_is_not_looked_for_at_its_cable() {
+    let pty = Pty::open().unwrap();
+    let Ran { code, stderr, .. } = sutura(&["run", "--console", pty.path()]);
+    assert_eq!(code, 3, "{stderr}");
+    assert!(stderr.contains("busy"), "{stderr}");
+    for word in ["cable", "power", "reset"] {
+        assert!(!stderr.contains(word), "{word}: {stderr}");
+    }
+}
+
+/// Who has a port is told, where the system knows.
+#[cfg(target_os = "linux")]
+#[test]
+fn a_busy_port_names_its_holder() {
+    let pty = Pty::open().unwrap();
+    let _first = sutura_host::link::open_serial(pty.path()).unwrap();
+    let Ran { code, stderr, .. } = sutura(&["run", "--console", pty.path()]);
+    assert_eq!(code, 3, "{stderr}");
+    let holder = format!("process {}", std::process::id());
+    assert!(stderr.contains(&holder), "{stderr}");
+}
+
+/// A console that is not there is said before a mesh is made and factored: this one would be refused for its size.
+#[test]
+fn a_port_is_opened_before_the_long_work() {
+    let pty = Pty::open().unwrap();
+    let folder = tempfile::tempdir().unwrap();
+    let scene = std::fs::read_to_string(support::root().join("scenes/palpation.toml")).unwrap();
+    let large = scene.replace("divisions = [20, 20, 8]", "divisions = [900, 900, 900]");
+    assert_ne!(large, scene);
+    std::fs::write(folder.path().join("large.toml"), large).unwrap();
+    let file = folder.path().join("large.toml");
+    let run = |console: &str| sutura(&["run", file.to_str().unwrap(), "--console", console]);
+    let Ran { code, stderr, .. } = run(pty.path());
+    assert_eq!(code, 3, "{stderr}");
+    assert!(stderr.contains("no console answered"), "{stderr}");
+    assert_eq!(run("virtual").code, 2);
+}
+
 /// Answers every hello with what `forge` makes of a good console's answer.
 fn impostor(pty: &mut Pty, stop: &AtomicBool, forge: impl Fn(&[u8]) -> Vec<u8>) {
     let device_name = *b"impostor\0\0\0\0\0\0\0\0";

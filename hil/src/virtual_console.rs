@@ -120,6 +120,7 @@ impl VirtualConsole {
                 Some(end) => Ok(Box::new(end)),
                 None => Err(LinkError::Busy {
                     name: "the in-memory pipe".to_owned(),
+                    by: None,
                 }),
             },
         }

@@ -10,13 +10,17 @@ mod solver;
 mod worker;
 
 use crate::fem::{Factored, HeldPoints, LinearTissue};
+use crate::work;
 use nalgebra::{Matrix3, Vector3};
 use serde::{Deserialize, Serialize};
 use solver::ColumnSolver;
 use std::sync::Arc;
+use sutura_models::memory;
 use worker::Worker;
 
 const MISSING: u32 = u32::MAX;
+/// More vertices than these at once are told as work: a step computes a few batches at most.
+const LONG: usize = 64;
 
 /// A vertex's columns came from the worker.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -201,6 +205,14 @@ impl Columns {
         let mut batch = [MISSING; ColumnSolver::BATCH];
         let mut count = 0;
         let mut room = true;
+        // What is computed in a step is not worth a word.
+        let is_long = vertices.len() > LONG;
+        if is_long {
+            let bytes = vertices.len() as f64 * self.bytes_per_vertex() as f64;
+            work::begin("computing how the tissue gives way", || {
+                format!("{} places, {:.2} GB", vertices.len(), 1e-9 * bytes)
+            });
+        }
         for (index, &vertex) in vertices.iter().enumerate() {
             if !self.has(vertex)
                 && !self.pending[vertex as usize]
@@ -222,6 +234,9 @@ impl Columns {
                     let (grouped, start) = (&self.grouped, &self.group_start);
                     largest(&home.blocks, grouped, start, &mut home.largest);
                     self.place[vertex as usize] = slot;
+                }
+                if is_long {
+                    work::part(index + 1, vertices.len());
                 }
                 count = 0;
             }
@@ -262,20 +277,32 @@ impl Columns {
         }
     }
 
+    /// One more slot, below the limit; none where the system has no memory for it, which then is the limit.
+    fn new_slot(&mut self, vertex: u32) -> Option<usize> {
+        if self.slots.len() >= self.most_slots {
+            return None;
+        }
+        let Ok(blocks) = memory::zeros("a column", 9 * self.place.len()) else {
+            self.most_slots = self.slots.len();
+            return None;
+        };
+        // Room to forget them all.
+        self.empty.reserve(self.slots.len() + 1);
+        self.slots.push(Slot {
+            vertex,
+            used: 0,
+            blocks,
+            largest: vec![0.0; self.group_start.len() - 1],
+        });
+        Some(self.slots.len() - 1)
+    }
+
     /// A slot for `vertex`: a new one below the limit, else the one used longest ago.
     fn slot_for(&mut self, vertex: u32) -> Option<u32> {
         let slot = if let Some(empty) = self.empty.pop() {
             empty as usize
-        } else if self.slots.len() < self.most_slots {
-            // Room to forget them all.
-            self.empty.reserve(self.slots.len() + 1);
-            self.slots.push(Slot {
-                vertex,
-                used: 0,
-                blocks: vec![0.0; 9 * self.place.len()],
-                largest: vec![0.0; self.group_start.len() - 1],
-            });
-            self.slots.len() - 1
+        } else if let Some(new) = self.new_slot(vertex) {
+            new
         } else {
             let idle = |slot: &Slot| slot.used < self.now && !slot.blocks.is_empty();
             let (oldest, _) = self

@@ -31,6 +31,7 @@ pub mod thread;
 pub mod tool;
 pub mod tradeoff;
 pub mod trial;
+pub mod work;
 pub mod wound;
 
 use sutura_client::times;

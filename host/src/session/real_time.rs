@@ -63,7 +63,12 @@ pub trait Attendant {
 /// What leads to a console.
 pub enum Line {
     /// A port. When the console goes away the session ends.
-    Once(Box<dyn Port>),
+    Once {
+        /// Open.
+        port: Box<dyn Port>,
+        /// Looks after a console that lets go; without, it rests until the end.
+        attendant: Option<Box<dyn Attendant>>,
+    },
     /// A port that can be opened again.
     Again {
         /// Opens it.
@@ -75,7 +80,10 @@ pub enum Line {
 
 impl From<Box<dyn Port>> for Line {
     fn from(port: Box<dyn Port>) -> Self {
-        Line::Once(port)
+        Line::Once {
+            port,
+            attendant: None,
+        }
     }
 }
 
@@ -114,6 +122,7 @@ pub fn run_real_time(
     let silent = SILENT.max(options.silent_after);
     let mut tally = Tally::new(plan.host_hz);
     tally.horizon.at_least(plan.horizon_us);
+    tally.hear_of_fates();
     let log = Arc::new(Mutex::new(Log {
         tally,
         underway: Underway::default(),
@@ -127,20 +136,19 @@ pub fn run_real_time(
     }));
     let memory = options.real_time.then(LockedMemory::ask).flatten();
     let written = log.clone();
-    let (link, attendant) = match line.into() {
-        Line::Once(port) => {
-            let hear = move |event: &HostEvent| lock(&written).hear(event);
-            (Link::open(port, options, hear)?, None)
+    let hear = move |heard: Heard<'_>| match heard {
+        Heard::Event(event) => lock(&written).hear(event),
+        Heard::Lost(why) => lock(&written).lose(why),
+        Heard::Sent(contact) => lock(&written).sent(contact),
+        Heard::Reopened(_) => {}
+    };
+    let (link, attendant, returns) = match line.into() {
+        Line::Once { port, attendant } => {
+            (Link::open_heard(port, options, hear)?, attendant, false)
         }
         Line::Again { connect, attendant } => {
-            lock(&log).tally.hear_of_fates();
-            let hear = move |heard: Heard<'_>| match heard {
-                Heard::Event(event) => lock(&written).hear(event),
-                Heard::Lost(why) => lock(&written).lose(why),
-                Heard::Sent(contact) => lock(&written).sent(contact),
-                Heard::Reopened(_) => {}
-            };
-            (Link::open_with(connect, options, hear)?, Some(attendant))
+            let link = Link::open_with(connect, options, hear)?;
+            (link, Some(attendant), true)
         }
     };
     for order in plan.opening_orders(&link.console()) {
@@ -164,6 +172,7 @@ pub fn run_real_time(
                     plan,
                     log: &log,
                     attendant,
+                    returns,
                     arming: Some(ArmingWatch::new(plan)),
                     rest: None,
                     has_let_go: false,
@@ -384,6 +393,8 @@ struct Watch<'a> {
     plan: &'a Plan,
     log: &'a Mutex<Log>,
     attendant: Option<Box<dyn Attendant>>,
+    /// Whether a console that goes away may come back.
+    returns: bool,
     /// While the console should arm.
     arming: Option<ArmingWatch>,
     /// While the console is away, or back and not armed.
@@ -450,7 +461,7 @@ impl Watch<'_> {
             }
             if self.rest.is_none() {
                 let heard = newest.map_or(opened, |(_, heard)| heard);
-                if heard.elapsed() > self.silent && self.attendant.is_none() {
+                if heard.elapsed() > self.silent && !self.returns {
                     return Err(SessionError::Silent {
                         waited_s: self.silent.as_secs_f64(),
                     });

@@ -384,7 +384,7 @@ impl State {
 }
 
 /// Memory for columns if nothing else is said \[bytes\].
-const DEFAULT_CACHE_BYTES: usize = 512 << 20;
+pub(crate) const DEFAULT_CACHE_BYTES: usize = 512 << 20;
 
 /// Scratch and the cache of compliance columns.
 pub struct Workspace {
