@@ -316,7 +316,7 @@ fn rows_needle_and_thread_go_just_before_their_contact() {
 }
 
 /// A port that takes this many bytes at a time.
-struct Narrow(PipeEnd, usize);
+struct Narrow(Box<dyn Port>, usize);
 
 impl Port for Narrow {
     fn name(&self) -> String {
@@ -332,9 +332,7 @@ impl Port for Narrow {
     }
 
     fn try_clone(&self) -> std::io::Result<Box<dyn Port>> {
-        // The handle that the link writes with; it opens the session with this one.
-        let narrow = Narrow(PipeEnd::clone(&self.0), self.1);
-        Ok(Box::new(narrow))
+        Ok(Box::new(Narrow(self.0.try_clone()?, self.1)))
     }
 }
 
@@ -345,7 +343,7 @@ fn what_is_written_at_once_is_whole_and_in_order_on_a_narrow_line_too() {
             at_once: true,
             ..LinkOptions::default()
         };
-        let bench = bench_over(move |host| Box::new(Narrow(host, width)), options);
+        let bench = bench_over(move |host| Box::new(Narrow(Box::new(host), width)), options);
         for tool in 0..8 {
             bench.link.felt(1000, felt(contact(tool)));
             // Nothing is replaced: the next one waits for this one.
@@ -375,19 +373,23 @@ fn what_is_written_at_once_is_whole_and_in_order_on_a_narrow_line_too() {
 #[test]
 fn a_state_of_a_tick_is_waited_for() {
     let bench = bench();
-    bench.tell.send(Do::States(40)).unwrap();
-    let state = bench.link.state_from(Some(30), Instant::now() + LONG);
-    assert!(state.unwrap().unwrap().body().tick >= 30);
+    bench.tell.send(Do::States(20)).unwrap();
+    let state = bench
+        .link
+        .state_from(Some(15), Instant::now() + LONG)
+        .unwrap();
+    assert!(state.unwrap().body().tick >= 15);
     bench.tell.send(Do::States(1)).unwrap();
-    let HostEvent::State(_) = bench.events.recv_timeout(LONG).unwrap() else {
-        panic!()
+    // One that does not come: in the end the newest that there is.
+    let newest = loop {
+        let soon = Instant::now() + Duration::from_millis(1);
+        if let Some(state) = bench.link.state_from(Some(1000), soon).unwrap()
+            && state.body().tick > 20
+        {
+            break state.body().tick;
+        }
     };
-    let soon = Instant::now() + Duration::from_millis(50);
-    let state = bench.link.state_from(Some(1000), soon).unwrap();
-    assert!(
-        state.is_some_and(|state| state.body().tick >= 40),
-        "the newest, in the end"
-    );
+    assert_eq!(newest, 21);
 }
 
 #[test]

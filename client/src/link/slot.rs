@@ -51,7 +51,9 @@ fn is_from(tick: u32, wanted: Option<u32>) -> bool {
 impl<T> Slot<T> {
     /// Puts the value of a tick in, in place of one that nobody took. Wakes nobody who waits for a later tick: a wake-up
     /// on a busy machine may be late, and then so is the one that counts.
-    pub fn put(&self, tick: u32, value: T) {
+    ///
+    /// Whether it wakes whoever waits.
+    pub fn put(&self, tick: u32, value: T) -> bool {
         let mut inner = lock(&self.inner);
         if inner.value.replace((tick, value)).is_some() {
             inner.superseded += 1;
@@ -61,6 +63,7 @@ impl<T> Slot<T> {
         if wakes {
             self.changed.notify_one();
         }
+        wakes
     }
 
     /// Takes the value of that tick or a later one (any if none is given), waiting for it until `deadline`. When time is up
@@ -71,6 +74,7 @@ impl<T> Slot<T> {
             let there = inner.value.as_ref();
             let left = deadline.saturating_duration_since(Instant::now());
             if there.is_some_and(|(of, _)| is_from(*of, tick)) || inner.closed || left.is_zero() {
+                inner.wanted = None;
                 return inner.value.take().map(|(_, value)| value);
             }
             inner.wanted = tick;
@@ -273,24 +277,34 @@ mod tests {
     }
 
     #[test]
-    fn who_waits_for_a_tick_is_not_given_an_earlier_one_before_time_is_up() {
+    fn only_the_tick_that_is_waited_for_wakes() {
         let slot = Slot::default();
+        // Around the end of the ticks' numbers.
         let wanted = 3_u32.wrapping_sub(5);
+        let deadline = Instant::now() + Duration::from_secs(60);
         std::thread::scope(|scope| {
-            let waiting = scope
-                .spawn(|| slot.wait_for(Some(wanted), Instant::now() + Duration::from_secs(600)));
-            // Around the end of the ticks' numbers; the last one is the first that will do.
-            for back in (0..6).rev() {
-                slot.put(wanted.wrapping_sub(back), back);
+            let waiting = scope.spawn(|| slot.wait_for(Some(wanted), deadline));
+            // From then on it sleeps, or holds the lock.
+            while lock(&slot.inner).wanted.is_none() {
+                std::thread::yield_now();
             }
+            for back in (1..6).rev() {
+                assert!(!slot.put(wanted.wrapping_sub(back), back));
+            }
+            assert!(slot.put(wanted.wrapping_add(6), 0), "one after it will do");
             assert_eq!(waiting.join().ok(), Some(Some(0)));
         });
+        assert!(Instant::now() < deadline);
+        assert!(slot.put(1, 7), "whoever waits next may want any");
+    }
+
+    #[test]
+    fn an_earlier_tick_is_given_only_when_time_is_up() {
+        let slot = Slot::default();
         slot.put(1, 8);
-        assert_eq!(
-            slot.wait_for(Some(2), Instant::now()),
-            Some(8),
-            "in the end what there is"
-        );
+        let deadline = Instant::now() + Duration::from_millis(20);
+        assert_eq!(slot.wait_for(Some(2), deadline), Some(8));
+        assert!(Instant::now() >= deadline);
     }
 
     #[test]
