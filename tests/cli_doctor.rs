@@ -49,7 +49,7 @@ fn machine() -> tempfile::TempDir {
     write(
         root.path(),
         "proc/self/limits",
-        "Max realtime priority 80 80\n",
+        "Max realtime priority 80 80\nMax locked memory unlimited unlimited bytes\n",
     );
     root
 }
@@ -73,6 +73,7 @@ fn a_machine_is_looked_at_below_its_root() {
         "latency_timer",
         "modem_manager",
         "real_time",
+        "locked_memory",
         "preemption",
         "governor",
     ];

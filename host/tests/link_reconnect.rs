@@ -131,7 +131,7 @@ impl Socket {
         };
         let listener = move |heard: Heard<'_>| {
             let _ = match heard {
-                Heard::Event(_) => Ok(()),
+                Heard::Event(_) | Heard::Sent(_) => Ok(()),
                 Heard::Lost(_) => say.send(News::Lost),
                 Heard::Reopened(_) => say.send(News::Reopened),
             };

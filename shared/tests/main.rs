@@ -5,6 +5,7 @@ mod closed_loop;
 mod common;
 mod contact_rows;
 mod control;
+mod events;
 mod kinematics;
 mod link;
 mod needle_and_thread;

@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 use sutura_host::link::{LinkOptions, Port};
 use sutura_host::scene::{BUILT_IN_DEVICES, Document, read_device};
 use sutura_host::session::{LINE_BYTES_PER_S, Plan, Rendering, Solve, Solved, Summary};
-use sutura_host::step::{Stages, Status, ToolContact};
+use sutura_host::step::{Status, ToolContact};
 use sutura_shared::device::DeviceDescription;
 use sutura_shared::wire::message::{HandScript, State, WAY_POINTS, WayPoint};
 use sutura_shared::wire::{Accumulator, Unchecked, Valid, decode};
@@ -74,11 +74,9 @@ impl Solve for Plane {
         Solved {
             position_m: state.body().position_m,
             contact: Some(contact),
-            rows: None,
-            needle: None,
-            thread: None,
             status: Status::Ok,
-            stages: Stages::default(),
+            touched: z < 0.0,
+            ..Solved::default()
         }
     }
 

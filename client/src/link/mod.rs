@@ -10,6 +10,7 @@ mod handshake;
 mod lockstep;
 mod pipe;
 mod port;
+mod sent;
 mod slot;
 mod threads;
 
@@ -20,4 +21,5 @@ pub use handshake::nonce;
 pub use lockstep::LockstepConsole;
 pub use pipe::{PipeEnd, pipe};
 pub use port::{Port, open_serial, serial_ports};
+pub use sent::SentContact;
 pub use threads::{Connector, Heard, Link, LinkCounters, LinkOptions, Standing};

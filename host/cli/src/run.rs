@@ -17,8 +17,8 @@ use sutura_host::link::{LinkError, LinkOptions, LockstepConsole, Port, open_seri
 use sutura_host::recording::{Tap, TappedConsole, TappedPort, TappedSolver};
 use sutura_host::scene::{LONGEST_S, Scene, Tissue};
 use sutura_host::session::{
-    self, LINE_BYTES_PER_S, Line, Plan, Progress, SessionError, Solve, Summary, run_lockstep,
-    run_real_time,
+    self, LINE_BYTES_PER_S, Line, NOT_RENDERED, Plan, Progress, Scheduling, SessionError, Solve,
+    Summary, run_lockstep, run_real_time,
 };
 use sutura_shared::control::TICK_HZ;
 use sutura_shared::wire::message::Fixture;
@@ -29,7 +29,7 @@ use sutura_shared::wire::message::Fixture;
 pub struct RunArgs {
     /// Scene file; scenes/palpation.toml (or its copy inside this program) when left out.
     pub scene: Option<PathBuf>,
-    /// `virtual` (in this process, behind a pseudo-terminal), `qemu` (the firmware image, in lockstep),
+    /// `virtual` (in this process), `qemu` (the firmware image, in lockstep),
     /// `qemu-uart` (the firmware image over its emulated serial port), or a serial port.
     #[arg(long, value_name = "CONSOLE", default_value = "virtual")]
     pub console: String,
@@ -90,7 +90,7 @@ Examples:
   sutura run --console /dev/ttyACM0 --seconds 3600 --rearm  goes on by itself after a loose contact
   sutura run --host-hz 50 --budget-ms 15                  the most accurate model that is fast enough here
   sutura run --tissue auto                                the same, with the host's period as the budget
-  sutura run --tissue hyperelastic --host-hz 5 --lockstep  the reference, at its own pace
+  sutura run --tissue hyperelastic --host-hz 20 --lockstep  the reference, in time that is not the clock's
   sutura run --rendering hold --host-hz 30                how it feels without local models
   sutura run --record session.mcap                        then: sutura replay session.mcap
   sutura run --console /dev/ttyACM0 --save-last fault.mcap
@@ -219,6 +219,7 @@ fn plan(args: &RunArgs, scene: &Scene) -> Result<Plan, Failure> {
         rendering: args.rendering.map_or(plan.rendering, Into::into),
         ..plan
     };
+    plan.check_rate().map_err(session_failure)?;
     if args.console != UART {
         return Ok(plan);
     }
@@ -313,12 +314,19 @@ fn session(
             in_lockstep(&mut console, plan, solver, progress)
         }
         "virtual" => {
-            let mut console = VirtualConsole::start(&plan.device).map_err(link_failure)?;
-            let line = match console.path() {
-                Some(path) => line(path, args, tap),
-                None => tapped(console.host_port().map_err(link_failure)?, tap).into(),
-            };
-            in_real_time(line, LinkOptions::default(), plan, solver, progress)
+            let mut console =
+                VirtualConsole::start_in_memory(&plan.device).map_err(link_failure)?;
+            let line = tapped(console.host_port().map_err(link_failure)?, tap).into();
+            let summary = in_real_time(line, LinkOptions::default(), plan, solver, progress)?;
+            let got = console.granted().word();
+            let scheduling = summary.scheduling.map(|rest| Scheduling {
+                console: Some(got),
+                ..rest
+            });
+            Ok(Summary {
+                scheduling,
+                ..summary
+            })
         }
         #[cfg(unix)]
         "qemu" => {
@@ -377,6 +385,11 @@ fn in_real_time(
     solver: &mut dyn Solve,
     progress: &mut Watcher,
 ) -> Result<Summary, Failure> {
+    let options = LinkOptions {
+        real_time: true,
+        at_once: true,
+        ..options
+    };
     run_real_time(line, options, plan, solver, progress).map_err(session_failure)
 }
 
@@ -413,6 +426,13 @@ fn session_failure(error: SessionError) -> Failure {
             message,
             "press the console's reset and run again",
         ),
+        SessionError::TooSlow { least_hz, .. } => Failure::say(
+            Cause::BadInput,
+            message,
+            format!(
+                "give `--host-hz {least_hz}` or more; a model that is slower than that can be looked at with `sutura solve`"
+            ),
+        ),
         SessionError::Solver => Failure::say(
             Cause::Failed,
             message,
@@ -437,9 +457,32 @@ fn verdict(args: &RunArgs, summary: &Summary) -> Result<(), Failure> {
         return Err(Failure::say(Cause::Failed, message, help).after_summary());
     }
     if summary.mode == "idle" {
-        let message = "the console let go: no contact that it could use came for too long";
-        let help = "see which steps were withheld and why: a hand that presses less deep, or a lower --host-hz";
+        let message = "the console let go: no contact that it could use came for half a second";
+        let help = match summary.steps_withheld.iter().max_by_key(|(_, steps)| **steps) {
+            Some((why, steps)) => format!(
+                "{steps} steps were withheld ({why}); {}",
+                help_for_withheld(why)
+            ),
+            None => {
+                "the host was late for that long: see `session_us` and `machine_late_us`, `sutura doctor` says what this machine can do; --rearm arms the console again".to_owned()
+            }
+        };
         return Err(Failure::say(Cause::Failed, message, help).after_summary());
+    }
+    if let Some(why) = summary.status.strip_prefix(NOT_RENDERED) {
+        let message = format!("what was touched was not felt{why}");
+        let most = summary
+            .steps_withheld
+            .iter()
+            .max_by_key(|(_, steps)| **steps);
+        let help = match most {
+            Some((why, _)) => help_for_withheld(why),
+            None => "contacts came too late to be used: a higher --host-hz, or a faster `--tissue`",
+        };
+        return Err(Failure::say(Cause::NotRendered, message, help).after_summary());
+    }
+    if summary.contact_steps == 0 {
+        note!("nothing was touched");
     }
     if let Some(budget_ms) = args.budget_ms
         && summary.step_us.p99 > 1e3 * budget_ms
@@ -452,6 +495,19 @@ fn verdict(args: &RunArgs, summary: &Summary) -> Result<(), Failure> {
         return Err(Failure::say(Cause::Budget, message, help).after_summary());
     }
     Ok(())
+}
+
+/// What to do about steps that were withheld for this reason.
+fn help_for_withheld(why: &str) -> &'static str {
+    match why {
+        "inside" => "a tool began inside the tissue: begin outside",
+        "not-converged" => {
+            "the model did not find a balance: a finer mesh, another `--tissue`, or a hand that presses less deep"
+        }
+        "behind" => "the hand was faster than a step follows: a higher --host-hz",
+        "waiting" => "compliance columns came too late: a coarser mesh, or a lower --host-hz",
+        _ => "see `steps_withheld`",
+    }
 }
 
 #[cfg(unix)]

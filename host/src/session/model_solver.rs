@@ -4,7 +4,7 @@
 //! [`TissueSolver`](super::TissueSolver).
 
 use super::sticking::{Sticking, Tools};
-use super::{Rendering, SceneSolver, Solve, Solved};
+use super::{Looked, Rendering, SceneSolver, Solve, Solved};
 use crate::clock::Clock;
 use crate::contact::shape::Solid;
 use crate::hash::hash_of;
@@ -63,6 +63,9 @@ pub struct ModelSolver {
     /// Of the last balance: elastic energy \[J\], and force out of balance as a share.
     energy_j: f64,
     residual: f64,
+    /// Whether the driven tool held nodes in the last step, and whether what that gave means nothing.
+    touched: bool,
+    unfinished: bool,
     tally: Tally,
 }
 
@@ -138,6 +141,8 @@ impl ModelSolver {
             script,
             energy_j: 0.0,
             residual: 0.0,
+            touched: false,
+            unfinished: false,
             tally: Tally::default(),
         };
         solver.bring_in(scene)?;
@@ -248,6 +253,8 @@ impl ModelSolver {
         let count = self.script.samples().len().min(MAX_TOOLS);
         samples[..count].copy_from_slice(&self.script.samples()[..count]);
         let status = self.go(&samples[..count], step_s);
+        self.touched = self.is_touching(status);
+        self.unfinished = false;
         clock.lap(&mut stages.tissue_ns);
         if status == Status::Ok {
             self.reduce(&samples[..count], step_s);
@@ -302,6 +309,25 @@ impl ModelSolver {
             return Status::Behind;
         }
         self.all_outside()
+    }
+
+    /// Whether the driven tool was in contact in a step that ended like this.
+    fn is_touching(&mut self, status: Status) -> bool {
+        let driven = self.driven();
+        let Some(index) = self.shapes.iter().position(|(id, _)| Some(*id) == driven) else {
+            return false;
+        };
+        match status {
+            Status::Ok | Status::Behind => {
+                self.sticking.pressing(index, &mut self.pressing);
+                !self.pressing.is_empty()
+            }
+            // What the step began to hold is no longer there.
+            Status::NotConverged => self.sticking.held(index),
+            // It was inside, or another tool is.
+            Status::Inside => self.tools[index].is_none() || self.sticking.held(index),
+            _ => false,
+        }
     }
 
     fn solid(&self, index: usize, placement: &Placement) -> Solid {
@@ -472,7 +498,10 @@ impl Solve for ModelSolver {
                 (status, contacts.first().copied(), stages)
             }
             // Nothing touches: as linear tissue, which sends nothing either.
-            None => (Status::UnknownTool, None, Stages::default()),
+            None => {
+                (self.touched, self.unfinished) = (false, false);
+                (Status::UnknownTool, None, Stages::default())
+            }
         };
         Solved {
             position_m: state.body().position_m,
@@ -481,7 +510,10 @@ impl Solve for ModelSolver {
             needle: None,
             thread: None,
             status,
+            touched: self.touched,
+            unfinished: self.unfinished,
             stages,
+            looked: Looked::default(),
         }
     }
 

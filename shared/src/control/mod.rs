@@ -178,7 +178,7 @@ pub struct Control {
     new_fixture: Option<ValidFixture>,
     tuning: Tuning,
     tick: u32,
-    /// Sequence of the newest frame that has been applied; 0 before the first.
+    /// Sequence of the newest frame that has been applied, or refused as too late; 0 before the first.
     heard: u32,
     trace: TraceHash,
 }
@@ -363,7 +363,7 @@ impl Control {
         self.change_mode(started, input.now_us);
 
         let force = self.contact_force(&grip, &velocity, input.now_us);
-        let force = self.guard(&force, &pose, &velocity, &joints);
+        let force = self.guard(&force, &pose, &velocity, &joints, input.now_us);
         let (current_a, force) = self.drive_motors(&pose, &force);
 
         let state = self.state(input, &grip, &velocity, &force, current_a);
@@ -446,7 +446,14 @@ impl Control {
     }
 
     /// As much of a force as limits and tank let through.
-    fn guard(&mut self, force: &Vec3, pose: &Pose, velocity: &Vec3, joints: &Joints) -> Vec3 {
+    fn guard(
+        &mut self,
+        force: &Vec3,
+        pose: &Pose,
+        velocity: &Vec3,
+        joints: &Joints,
+        now_us: u64,
+    ) -> Vec3 {
         let bounded = self.limits.bound(force, velocity);
         let fixed = self.fixed.stiffness();
         let (least, most) = self.render.stiffness();
@@ -454,7 +461,12 @@ impl Control {
         let allowed = self
             .passivity
             .allow(&bounded, pose, &joints.velocity, stiffness);
-        self.limits.slewed(&allowed, pose)
+        // A fixture has no age.
+        let left = match self.fixed.fixture() {
+            Fixture::None => self.render.left(now_us),
+            _ => 1.0,
+        };
+        self.limits.slewed(&allowed, pose, left)
     }
 
     /// Currents, and the contact force that they make. A number that is not finite ends in a fault.

@@ -130,6 +130,17 @@ impl Render {
         }
     }
 
+    /// Part of the largest force that the age of the frame in use still allows, 0 to 1.
+    pub fn left(&self, now_us: u64) -> f32 {
+        if self.tuning.guards.horizon {
+            self.contact
+                .as_ref()
+                .map_or(0.0, |contact| contact.staleness(now_us))
+        } else {
+            1.0
+        }
+    }
+
     /// Puts a frame in the place of the one in use, with the needle and the thread of the same console time. Frames
     /// that come too late to be used, or are older than the one in use, change nothing: that one goes on ageing.
     pub fn take(
@@ -204,11 +215,7 @@ impl Render {
             position_m: grip.position_m + velocity * self.lead_s,
             ..*grip
         };
-        let share = if self.tuning.guards.horizon {
-            contact.staleness(now_us)
-        } else {
-            1.0
-        };
+        let share = self.left(now_us);
         if share <= 0.0 {
             self.start_from_nothing();
             return Vec3::zeros();
