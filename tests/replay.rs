@@ -660,31 +660,31 @@ fn the_last_seconds_are_saved_when_the_console_is_lost() {
         );
         std::thread::sleep(Duration::from_millis(20));
     }
-    let host = Command::new(env!("CARGO_BIN_EXE_sutura"))
-        .args([
-            "run",
-            "--seconds",
-            "60",
-            "--console",
-            link.to_str().unwrap(),
-        ])
-        .args(["--stream", "--save-last", last.to_str().unwrap()])
-        .current_dir(root())
-        .stdout(Stdio::piped())
-        .stderr(Stdio::null())
-        .spawn()
-        .unwrap();
-    // Until it has felt the console for a while.
-    let mut host = host;
-    let mut said = std::io::BufReader::new(host.stdout.take().unwrap());
-    loop {
-        let mut line = String::new();
-        std::io::BufRead::read_line(&mut said, &mut line).unwrap();
-        let note: Value = serde_json::from_str(&line).unwrap();
-        if note["elapsed_s"].as_f64() > Some(0.2) {
-            break;
+    // Until it has felt the console for a while; anew where this machine was so late that the console went to rest before.
+    let (mut host, mut said) = undisturbed(|| {
+        let words = ["run", "--seconds", "60", "--stream"];
+        let mut host = Command::new(env!("CARGO_BIN_EXE_sutura"))
+            .args(words)
+            .args(["--console", link.to_str().unwrap()])
+            .args(["--save-last", last.to_str().unwrap()])
+            .current_dir(root())
+            .stdout(Stdio::piped())
+            .stderr(Stdio::null())
+            .spawn()
+            .unwrap();
+        let mut said = std::io::BufReader::new(host.stdout.take().unwrap());
+        loop {
+            let mut line = String::new();
+            if std::io::BufRead::read_line(&mut said, &mut line).unwrap() == 0 {
+                host.wait().unwrap();
+                return None;
+            }
+            let note: Value = serde_json::from_str(&line).unwrap();
+            if note["elapsed_s"].as_f64() > Some(0.2) {
+                return Some((host, said));
+            }
         }
-    }
+    });
     console.kill().unwrap();
     console.wait().unwrap();
     std::io::copy(&mut said, &mut std::io::sink()).unwrap();

@@ -10,6 +10,8 @@ use sutura_hil::VirtualConsole;
 
 /// Longer than any machine needs.
 const LONG: Duration = Duration::from_secs(60);
+/// Poses at rest after which a console is armed again.
+const ARM_AGAIN: u32 = 50;
 const STIFFNESS: f32 = 400.0;
 /// Of the sphere, whose top is the origin \[m\].
 const RADIUS: f32 = 0.05;
@@ -74,14 +76,21 @@ fn render(
     enough: impl Fn(&Pose) -> bool,
 ) -> Pose {
     let deadline = Instant::now() + LONG;
+    let mut resting = 0;
     loop {
         let pose = console.pose(LONG).unwrap().expect("in time");
         if enough(&pose) {
             return pose;
         }
         assert!(Instant::now() < deadline, "never: {pose:?}");
-        if pose.mode == Mode::Idle {
+        resting = if pose.mode == Mode::Idle {
+            resting + 1
+        } else {
+            0
+        };
+        if resting == ARM_AGAIN {
             console.arm().unwrap();
+            resting = 0;
         }
         answer(console, &pose);
         std::thread::sleep(period);

@@ -366,7 +366,7 @@ fn a_console_that_stays_away_ends_the_session_with_the_reason() {
         };
         let ran = run_real_time(line, patient(), &plan, &mut Plane, |note| {
             if note.elapsed_s > 0.2 {
-                console = None;
+                drop(console.take());
             }
             ControlFlow::Continue(())
         });

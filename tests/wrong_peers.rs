@@ -221,15 +221,14 @@ fn a_latched_fault_has_its_own_exit_code_until_it_is_cleared() {
         ran.stderr
     );
     press(false);
-    let run = [
+    let ran = session_of(&[
         "run",
         "--console",
         &path,
         "--seconds",
         "0.2",
         "--clear-fault",
-    ];
-    let ran = session_of(&run);
+    ]);
     assert!(ran.ended_well(), "{}", ran.stderr);
     assert!(ran.json()["ticks"].as_u64() > Some(0), "{}", ran.stdout);
 }

@@ -91,7 +91,9 @@ pub fn bars(scene: &str, load: Load, lockstep: &Measured, runs: &[Measured]) -> 
     let at_most = |name: &str, most: f64, figure: &dyn Fn(&Measured) -> Option<f64>| {
         bar(name, runs, |run| Some(figure(run)? <= most))
     };
+    let reference = std::slice::from_ref(lockstep);
     let mut bars = vec![
+        bar("ends ok in lockstep", reference, |run| Some(run.is_ok())),
         bar("ends ok", runs, |run| Some(run.is_ok())),
         bar("never idle", runs, |run| Some(!run.went_idle())),
     ];
@@ -201,6 +203,16 @@ mod tests {
         // Two in 24 s are not more than one in ten.
         let long = change(&|r| (r.seconds, r.decays) = (Some(24.0), Some(2.0)));
         assert!(missed(busy, long).is_empty());
+    }
+
+    #[test]
+    fn a_scene_that_fails_in_lockstep_misses_a_bar() {
+        let mut lockstep = good();
+        (lockstep.code, lockstep.status) = (Some(1), "failed".into());
+        let all = bars("palpation", Load::Idle, &lockstep, &[good()]);
+        let missed: Vec<_> = all.iter().filter(|bar| bar.is_missed()).collect();
+        assert_eq!(missed.len(), 1, "{missed:?}");
+        assert_eq!(missed[0].name, "ends ok in lockstep");
     }
 
     #[test]
