@@ -265,8 +265,8 @@ fn bad_usage_is_one_object_when_json_is_asked_for() {
 #[test]
 fn a_mesh_beyond_the_free_memory_is_refused() {
     let folder = tempfile::tempdir().expect("a folder");
-    let scene =
-        std::fs::read_to_string(support::root().join("scenes/palpation.toml")).expect("a scene");
+    let scene = std::fs::read_to_string(crate::support::root().join("scenes/palpation.toml"))
+        .expect("a scene");
     let large = scene.replace("divisions = [20, 20, 8]", "divisions = [36, 36, 18]");
     assert_ne!(large, scene);
     let file = folder.path().join("large.toml");

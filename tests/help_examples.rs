@@ -6,14 +6,12 @@
 #![cfg(unix)]
 #![allow(clippy::unwrap_used, reason = "tests")]
 
-
-
+use crate::support::{Ran, root, sutura_in};
 use serde_json::Value;
 use std::collections::BTreeSet;
 use std::io::{BufRead, BufReader};
 use std::path::Path;
 use std::process::{Command, Stdio};
-use crate::support::{Ran, root, sutura_in};
 
 /// How an example is run, and what must come of it.
 #[derive(Clone, Copy, Debug)]

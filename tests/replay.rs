@@ -419,7 +419,7 @@ fn with_a_thread(file: &Path, mut solver: TissueSolver) -> Recording {
     let mut tapped = TappedSolver::new(&mut solver, recorder.tap());
     let mut console = VirtualConsole::start(&plan.device).unwrap();
     let port = TappedPort::new(console.host_port().unwrap(), recorder.tap());
-    let line = Line::from(Box::new(port) as Box<dyn Port>);
+    let line = Line::from(Box::new(port) as Box<dyn sutura_host::link::Port>);
     run_real_time(line, patient(), &plan, &mut tapped, |_| {
         ControlFlow::Continue(())
     })
@@ -641,6 +641,7 @@ fn the_command_records_and_replays() {
 /// The console goes away in the middle of a session: the last seconds are there to be looked at, and say that they are
 /// not more.
 #[test]
+#[expect(clippy::zombie_processes, reason = "both are waited for in the end")]
 fn the_last_seconds_are_saved_when_the_console_is_lost() {
     let folder = TempDir::new().unwrap();
     let (link, last) = (

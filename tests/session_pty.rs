@@ -7,7 +7,6 @@ use crate::support::session::{
     DEPTH_M, LONG, PLANE_N_PER_M, Plane, ended_well, force, force_at_rest, patient, plan,
     undisturbed, went_idle,
 };
-use crate::support::session::{DEPTH_M, PLANE_N_PER_M, Plane, force, force_at_rest, plan};
 use std::ops::ControlFlow;
 use std::sync::{Arc, Mutex};
 use std::time::Instant;
@@ -186,7 +185,7 @@ fn a_bad_line_in_real_time_never_gives_more_force() {
         }
         bytes.to_vec()
     });
-    let line = Line::from(Box::new(port) as Box<dyn Port>);
+    let line = Line::from(Box::new(port) as Box<dyn sutura_host::link::Port>);
     let summary = run_real_time(line, patient(), &plan, &mut Plane, |note| {
         largest = largest.max(force(note.state));
         ControlFlow::Continue(())

@@ -86,7 +86,8 @@ fn a_busy_port_names_its_holder() {
 fn a_port_is_opened_before_the_long_work() {
     let pty = Pty::open().unwrap();
     let folder = tempfile::tempdir().unwrap();
-    let scene = std::fs::read_to_string(support::root().join("scenes/palpation.toml")).unwrap();
+    let scene =
+        std::fs::read_to_string(crate::support::root().join("scenes/palpation.toml")).unwrap();
     let large = scene.replace("divisions = [20, 20, 8]", "divisions = [900, 900, 900]");
     assert_ne!(large, scene);
     std::fs::write(folder.path().join("large.toml"), large).unwrap();

@@ -113,7 +113,7 @@ pub fn group(group: &Group) -> String {
 
 /// The tables of all groups, then each bar over all scenes of a load.
 pub fn verdicts(groups: &[Group], unmeasured: &[String]) -> String {
-    let mut text: String = groups.iter().map(|one| group(one)).collect();
+    let mut text: String = groups.iter().map(group).collect();
     for load in super::Load::ALL {
         let of_load = || groups.iter().filter(move |group| group.load == load);
         let mut names: Vec<&str> = Vec::new();
