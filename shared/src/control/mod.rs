@@ -363,7 +363,7 @@ impl Control {
         self.change_mode(started, input.now_us);
 
         let force = self.contact_force(&grip, &velocity, input.now_us);
-        let force = self.guard(&force, &pose, &velocity, &joints, input.now_us);
+        let force = self.guard(&force, &pose, &velocity, &joints);
         let (current_a, force) = self.drive_motors(&pose, &force);
 
         let state = self.state(input, &grip, &velocity, &force, current_a);
@@ -446,14 +446,7 @@ impl Control {
     }
 
     /// As much of a force as limits and tank let through.
-    fn guard(
-        &mut self,
-        force: &Vec3,
-        pose: &Pose,
-        velocity: &Vec3,
-        joints: &Joints,
-        now_us: u64,
-    ) -> Vec3 {
+    fn guard(&mut self, force: &Vec3, pose: &Pose, velocity: &Vec3, joints: &Joints) -> Vec3 {
         let bounded = self.limits.bound(force, velocity);
         let fixed = self.fixed.stiffness();
         let (least, most) = self.render.stiffness();
@@ -463,7 +456,7 @@ impl Control {
             .allow(&bounded, pose, &joints.velocity, stiffness);
         // A fixture has no age.
         let left = match self.fixed.fixture() {
-            Fixture::None => self.render.left(now_us),
+            Fixture::None => self.render.left(),
             _ => 1.0,
         };
         self.limits.slewed(&allowed, pose, left)

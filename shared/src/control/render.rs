@@ -42,6 +42,8 @@ pub(super) struct Render {
     /// contact may pull as well as push until then.
     held_until_us: u64,
     trust: Trust,
+    /// See [`left`](Self::left).
+    left: f32,
     /// The model is new since the last tick.
     changed: bool,
     /// What is left of the force before the model changed, less this model's \[N\].
@@ -79,6 +81,7 @@ impl Render {
             thread: None,
             held_until_us: 0,
             trust: Trust::FULL,
+            left: 0.0,
             changed: false,
             offset_n: Vec3::zeros(),
             pull_n: 0.0,
@@ -130,15 +133,10 @@ impl Render {
         }
     }
 
-    /// Part of the largest force that the age of the frame in use still allows, 0 to 1.
-    pub fn left(&self, now_us: u64) -> f32 {
-        if self.tuning.guards.horizon {
-            self.contact
-                .as_ref()
-                .map_or(0.0, |contact| contact.staleness(now_us))
-        } else {
-            1.0
-        }
+    /// Part of the largest force that the age of the frame in use still allows, 0 to 1: of the tick whose
+    /// [`force`](Self::force) was asked for last.
+    pub fn left(&self) -> f32 {
+        self.left
     }
 
     /// Puts a frame in the place of the one in use, with the needle and the thread of the same console time. Frames
@@ -215,7 +213,12 @@ impl Render {
             position_m: grip.position_m + velocity * self.lead_s,
             ..*grip
         };
-        let share = self.left(now_us);
+        let share = if self.tuning.guards.horizon {
+            contact.staleness(now_us)
+        } else {
+            1.0
+        };
+        self.left = share;
         if share <= 0.0 {
             self.start_from_nothing();
             return Vec3::zeros();
