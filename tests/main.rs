@@ -16,6 +16,7 @@ mod fault_scenarios;
 mod help_examples;
 mod killed_host;
 mod lockstep;
+mod model_forces;
 mod needles;
 mod python_peer;
 #[cfg(feature = "qemu-tests")]

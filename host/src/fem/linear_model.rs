@@ -104,6 +104,7 @@ impl LinearModel {
             outcome,
             iterations: 1,
             residual,
+            force_error: outcome.force_error(residual),
             energy_j: self.energy_j,
             energy_difference: f64::NAN,
             momentum: [0.0; 3],
