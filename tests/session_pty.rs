@@ -7,7 +7,6 @@ use crate::support::session::{
     DEPTH_M, LONG, PLANE_N_PER_M, Plane, ended_well, force, force_at_rest, patient, plan,
     undisturbed, went_idle,
 };
-use crate::support::session::{DEPTH_M, PLANE_N_PER_M, Plane, force, force_at_rest, plan};
 use std::ops::ControlFlow;
 use std::sync::{Arc, Mutex};
 use std::time::Instant;
