@@ -4,10 +4,9 @@
 //! table; without, a coarse slab and the hand's way down.
 #![allow(clippy::unwrap_used, reason = "tests")]
 
-
+use crate::support::root;
 use std::ops::ControlFlow;
 use std::path::Path;
-use crate::support::root;
 use sutura_hil::NativeConsole;
 use sutura_host::scene::{Document, Scene, Tissue, models};
 use sutura_host::session::{
