@@ -8,6 +8,7 @@ use crate::support::session::{
     undisturbed, went_idle,
 };
 use std::ops::ControlFlow;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
 use std::time::Instant;
 use sutura_hil::{Meddler, NativeConsole, VirtualConsole};
@@ -355,9 +356,18 @@ fn a_console_that_stays_away_ends_the_session_with_the_reason() {
         let console = VirtualConsole::start(&plan.device).unwrap();
         let path = console.path().unwrap().to_owned();
         let mut console = Some(console);
+        let unplugged = Arc::new(AtomicBool::new(false));
+        let gone = unplugged.clone();
         let told = Arc::new(Mutex::new(Vec::new()));
         let line = Line::Again {
-            connect: Box::new(move || open_serial(&path)),
+            // Unplugged, its terminal's number is another test's next.
+            connect: Box::new(move || match gone.load(Ordering::Relaxed) {
+                true => Err(LinkError::NoPort {
+                    name: path.clone(),
+                    found: Vec::new().into(),
+                }),
+                false => open_serial(&path),
+            }),
             attendant: Box::new(Bystander {
                 told: told.clone(),
                 arms: true,
@@ -365,6 +375,7 @@ fn a_console_that_stays_away_ends_the_session_with_the_reason() {
         };
         let ran = run_real_time(line, patient(), &plan, &mut Plane, |note| {
             if note.elapsed_s > 0.2 {
+                unplugged.store(true, Ordering::Relaxed);
                 drop(console.take());
             }
             ControlFlow::Continue(())

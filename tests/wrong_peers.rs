@@ -214,7 +214,7 @@ fn a_latched_fault_has_its_own_exit_code_until_it_is_cleared() {
         link.close();
     };
     press(true);
-    let ran = sutura(&["run", "--console", &path, "--seconds", "0.2"]);
+    let ran = session_of(&["run", "--console", &path, "--seconds", "0.2"]);
     assert_eq!(ran.code, 5, "{}", ran.stderr);
     assert!(
         ran.stderr.contains("e_stop") && ran.stderr.contains("--clear-fault"),

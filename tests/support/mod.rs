@@ -65,12 +65,12 @@ impl Ran {
 }
 
 /// Runs a session in real time, once more where this machine let its line stand still for so long that the console
-/// counted as gone.
+/// counted as gone, or has not yet let the threads of the link before it close the port.
 #[cfg(unix)]
 pub fn session_of(arguments: &[&str]) -> Ran {
     session::undisturbed(|| {
         let ran = sutura(&[arguments, &["--format", "json"]].concat());
-        let still = ["nothing came for", "no state came"];
+        let still = ["nothing came for", "no state came", "in use by"];
         let stood = ran.code == 3 && still.iter().any(|words| ran.stderr.contains(words));
         (!stood).then_some(ran)
     })
