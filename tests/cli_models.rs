@@ -277,10 +277,10 @@ fn auto_keeps_the_scenes_settings_of_what_it_takes() {
 fn auto_has_the_hosts_period_and_gives_rows_if_asked() {
     let folder = TempDir::new().unwrap();
     let auto = scene(&folder, "model = \"auto\"");
-    let line = ["--host-hz", "10", "--rendering", "rows", "--seconds", "0.2"];
+    let line = ["--host-hz", "20", "--rendering", "rows", "--seconds", "0.2"];
     let summary = summary(&run(&auto, &line));
     let chosen = &summary["chosen"];
-    assert_eq!(chosen["budget_ms"].as_f64(), Some(100.0));
+    assert_eq!(chosen["budget_ms"].as_f64(), Some(50.0));
     let model = chosen["model"].as_str().unwrap();
     assert!(["linear", "corotational"].contains(&model), "{chosen}");
     assert_eq!(summary["rendering"], "rows");

@@ -121,7 +121,7 @@ const LONG: &[(&str, Way)] = &[
     ),
     ("sutura run --tissue auto", Chooses(FIRST_PRESS)),
     (
-        "sutura run --tissue hyperelastic --host-hz 5 --lockstep",
+        "sutura run --tissue hyperelastic --host-hz 20 --lockstep",
         Feels(FIRST_PRESS),
     ),
     (

@@ -150,10 +150,10 @@ fn the_peak_agrees_with_an_independent_solve() {
     );
 }
 
-/// A hand that presses so deep that no balance is found: the console decays, lets go, and that ends the session,
-/// which does not pass for a success.
+/// A hand that presses so deep that no balance is found: the console decays and lets go, the session lasts as long as it was to, and
+/// does not pass for a success.
 #[test]
-fn a_console_that_lets_go_ends_the_session() {
+fn a_console_that_lets_go_rests_until_the_session_is_over() {
     let text = std::fs::read_to_string(support::root().join("scenes/palpation.toml")).unwrap();
     let deep = text
         .replace(
@@ -166,11 +166,13 @@ fn a_console_that_lets_go_ends_the_session() {
     let scene = file.to_str().unwrap();
     for mode in [&["--lockstep"][..], &[]] {
         let ran = sutura(&[&["run", scene, "--format", "json"], mode].concat());
-        assert_eq!(ran.code, 1, "{mode:?}: {}", ran.stderr);
+        // What was withheld and that it let go are both said; a machine that was late says the latter.
+        assert!([1, 8].contains(&ran.code), "{mode:?}: {}", ran.stderr);
         let summary: Value = serde_json::from_str(&ran.stdout).unwrap();
         assert_eq!(summary["mode"], "idle", "{mode:?}");
-        assert!(summary["ticks"].as_u64().unwrap() < 5000, "{mode:?}");
-        assert!(ran.stderr.contains("let go"), "{}", ran.stderr);
+        assert!(summary["ticks"].as_u64().unwrap() >= 5000, "{mode:?}");
+        assert!(summary["steps_withheld"]["not-converged"].as_u64() > Some(0));
+        assert!(summary["status"] != "ok", "{mode:?}");
     }
     let _ = std::fs::remove_file(&file);
 }

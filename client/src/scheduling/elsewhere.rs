@@ -8,6 +8,8 @@ pub(super) fn real_time(_priority: u8) -> bool {
     false
 }
 
+pub(super) fn give_way() {}
+
 pub(super) fn ordinary() {}
 
 /// Nobody goes first: it is never asked.

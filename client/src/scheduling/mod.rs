@@ -15,8 +15,12 @@
 //! between two seconds in which it shares; in one solve that never ends it holds one core, and the kernel keeps a
 //! twentieth of that free for others (`sched_rt_runtime_us`, the fair server). Nothing is pinned to a core: on two, what is pinned waits for
 //! whatever else is there while the other core is free.
+//!
+//! A thread that may not have this, or that gave it up, asks for short turns (`slice`), which is everybody's right.
 
 mod share;
+#[cfg(target_os = "linux")]
+mod slice;
 #[cfg(target_os = "linux")]
 mod system;
 #[cfg(not(target_os = "linux"))]
@@ -140,7 +144,7 @@ impl Duty {
                     "{:?} does not rest: it gives way to other programs",
                     self.role
                 );
-                system::ordinary();
+                system::give_way();
             }
             Change::Return => {
                 system::real_time(self.role.priority());

@@ -42,8 +42,15 @@ pub(super) fn real_time(priority: u8) -> bool {
         });
     if let Err(reason) = &asked {
         tracing::debug!("no real-time scheduling at priority {priority}: {reason}");
+        super::slice::shorten();
     }
     asked.is_ok()
+}
+
+/// Makes the calling thread an ordinary one with short turns.
+pub(super) fn give_way() {
+    ordinary();
+    super::slice::shorten();
 }
 
 /// Makes the calling thread an ordinary one, as nice as it was.

@@ -8,6 +8,8 @@ mod budget;
 mod contact_frame;
 mod heard;
 mod horizon;
+#[cfg(test)]
+mod late_tests;
 mod lockstep;
 mod look_ahead;
 mod look_budget;

@@ -165,6 +165,8 @@ pub struct Summary {
     pub horizon_ms: Age,
     /// All that the solver's thread did for a solve, on the wall \[us\].
     pub session_us: StepTime,
+    /// Largest mean of `session_us` in a second of the session \[us\].
+    pub worst_second_us: f64,
     /// Solver steps in which the driven tool touched.
     pub contact_steps: u64,
     /// What was given up because solves took too long.

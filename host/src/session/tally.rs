@@ -13,6 +13,7 @@ use crate::link::LinkCounters;
 use crate::times::Times;
 use std::collections::BTreeMap;
 use std::time::Duration;
+use sutura_shared::control::TICK_HZ;
 use sutura_shared::wire::faults;
 use sutura_shared::wire::message::{Mode, Report, State};
 
@@ -39,6 +40,9 @@ pub struct Tally {
     sessions_ns: Times,
     all_ns: u64,
     sent_ns: u64,
+    /// Second of the session that is under way, solves in it and what they took \[ns\]; the largest mean of one so far \[ns\].
+    second: (u64, u64, u64),
+    worst_second_ns: f64,
     contact_steps: u64,
     /// Of these: whose force was worth a console's while; those that were withheld, or not balanced.
     forceful_steps: u64,
@@ -61,6 +65,8 @@ pub struct Tally {
 pub const NOT_RENDERED: &str = "not-rendered";
 /// A force below this nobody notices \[N\].
 const NOTICED_N: f64 = 1e-3;
+/// Steps at the end of a session whose contacts may not have come yet.
+const UNDERWAY: u64 = 4;
 /// Part of the steps in contact that may be withheld or out of balance.
 const MOST_SPOILT: f64 = 0.2;
 
@@ -98,6 +104,8 @@ impl Tally {
             late: 0,
             sessions_ns: Times::new(100_000_000_000),
             all_ns: 0,
+            second: (0, 0, 0),
+            worst_second_ns: 0.0,
             sent_ns: 0,
             contact_steps: 0,
             forceful_steps: 0,
@@ -175,6 +183,17 @@ impl Tally {
         let ns = |time: Duration| u64::try_from(time.as_nanos()).unwrap_or(u64::MAX);
         self.sessions_ns.record(ns(time));
         self.all_ns += ns(time);
+        let now = (self.ticks() as f64 / f64::from(TICK_HZ)) as u64;
+        let (second, count, sum_ns) = &mut self.second;
+        if *second != now {
+            // Of few solves a mean says little.
+            if *count as f64 >= 0.5 * self.host_hz {
+                self.worst_second_ns = self.worst_second_ns.max(*sum_ns as f64 / *count as f64);
+            }
+            (*second, *count, *sum_ns) = (now, 0, 0);
+        }
+        *count += 1;
+        *sum_ns += ns(time);
         self.sent_ns += ns(sending);
     }
 
@@ -267,7 +286,7 @@ impl Tally {
 
     /// Why what the solver found was not felt, if it was not.
     fn not_rendered(&self) -> Option<String> {
-        if self.forceful_steps > 0 && self.peak_n < NOTICED_N {
+        if self.forceful_steps > UNDERWAY && self.peak_n < NOTICED_N {
             return Some(format!(
                 "{} steps found a force, and the console rendered none",
                 self.forceful_steps
@@ -314,6 +333,7 @@ impl Tally {
                 p50: us(self.horizon.given_us(), 0.5, 1e3),
                 max: self.horizon.given_us().max() as f64 / 1e3,
             },
+            worst_second_us: self.worst_second_ns / 1e3,
             session_us: StepTime {
                 p50: us(&self.sessions_ns, 0.5, 1e3),
                 p99: us(&self.sessions_ns, 0.99, 1e3),

@@ -88,8 +88,7 @@ impl Measured {
             horizon_ms: number("/horizon_ms/max"),
             session_p99_us: number("/session_us/p99"),
             session_max_us: number("/session_us/max"),
-            session_second_us: number("/session_us/second")
-                .or_else(|| number("/session_us/second_max")),
+            session_second_us: number("/worst_second_us"),
             contact_steps: number("/contact_steps"),
             machine_late_us: late.unwrap_or(late_us),
         }
