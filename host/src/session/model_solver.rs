@@ -355,7 +355,9 @@ impl ModelSolver {
         match status {
             Status::Ok | Status::Behind => {
                 self.sticking.pressing(index, &mut self.pressing);
+                // What was let go by a force that means nothing may well be there.
                 !self.pressing.is_empty()
+                    || (!self.stands_by_its_force() && self.sticking.held(index))
             }
             // What the step began to hold is no longer there.
             Status::NotConverged => self.sticking.held(index),
@@ -405,12 +407,8 @@ impl ModelSolver {
             self.energy_j = done.energy_j;
             self.residual = done.residual;
             self.force_error = done.force_error;
-            // Which way a force goes that nobody stands by says nothing of who pulls.
-            let gone = if self.stands_by_its_force() {
-                self.sticking.let_go(&self.tools, self.tissue.reactions_n())
-            } else {
-                0
-            };
+            // Also by a force that nobody stands by: tissue that jams must not hang from a tool that leaves.
+            let gone = self.sticking.let_go(&self.tools, self.tissue.reactions_n());
             // What the last pass would take, the next step takes.
             if pass == passes
                 || gone + self.sticking.take(&self.tools, self.tissue.positions_m()) == 0
