@@ -29,7 +29,9 @@ type Held = Result<(), String>;
 
 macro_rules! hold {
     ($condition:expr, $($what:tt)*) => {
-        if !$condition {
+        // What is no number breaks a promise, too.
+        let is_held: bool = $condition;
+        if !is_held {
             return Err(format!("{}: {}", stringify!($condition), format!($($what)*)));
         }
     };

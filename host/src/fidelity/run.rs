@@ -75,6 +75,14 @@ impl Setup<'_> {
         }
     }
 
+    /// Time between two solves as it is planned \[s\].
+    fn period_s(&self) -> f64 {
+        match self.host {
+            Host::Late(spec) => 1.0 / spec.host_hz,
+            Host::Full => 1e-3,
+        }
+    }
+
     /// Rows that the host has to reduce to.
     fn most_rows_sent(&self) -> usize {
         match (self.host, self.tuning.rendering) {
@@ -152,7 +160,10 @@ pub fn run(setup: &Setup<'_>) -> Result<Record, DeviceError> {
     let mut control = Control::tuned(description, setup.tuning)?;
     control.command(Command::Arm);
     let mut plant = Plant::new(setup.mechanics, setup.motion, setup.grasp, setup.scene);
-    let mut truth = setup.truth.is_none().then(|| setup.scene.start(0, 0.0));
+    let mut truth = setup
+        .truth
+        .is_none()
+        .then(|| setup.scene.start(0, 0.0, 1e-3));
     let mut host = Remote::new(setup);
     let mut under_way = vec![[0.0; 3]; setup.mechanics.actuation_ticks];
     let mut now = True::default();
@@ -226,7 +237,7 @@ pub fn run(setup: &Setup<'_>) -> Result<Record, DeviceError> {
 
 /// What is true at every tick with a hand that goes where it wants.
 pub fn truth_along(scene: &dyn Scene, motion: Motion, seconds: f64) -> Vec<True> {
-    let mut truth = scene.start(0, 0.0);
+    let mut truth = scene.start(0, 0.0, 1e-3);
     let mut last = True::default();
     (0..=(seconds * 1e3).round() as u32)
         .map(|number| {
@@ -285,7 +296,9 @@ impl<'a> Remote<'a> {
         };
         Remote {
             setup,
-            tissue: setup.scene.start(setup.most_rows_sent(), setup.ahead_s()),
+            tissue: setup
+                .scene
+                .start(setup.most_rows_sent(), setup.ahead_s(), setup.period_s()),
             rows: Box::new(ContactRows::NONE),
             link,
             solves: 0,

@@ -126,7 +126,7 @@ mod tests {
 
         /// A contact solved for a state of `age_us` ago goes out.
         fn send(&mut self, age_us: u64) -> ValidContact {
-            self.sequence += 1;
+            self.sequence = self.sequence.wrapping_add(1);
             let sent = SentContact {
                 sequence: self.sequence,
                 console_time_us: self.now_us - age_us,

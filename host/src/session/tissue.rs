@@ -182,7 +182,7 @@ impl TissueSolver {
         solver.prepare(&path);
         // The console has them a period later, and uses them for another.
         solver.reduce_to(plan.most_rows(), 2.0 / plan.host_hz);
-        solver.budget.plan(1e6 / plan.host_hz);
+        solver.plan_every(1.0 / plan.host_hz);
         solver.looks_ahead = plan.rendering == Rendering::Rows;
         Ok(solver)
     }
@@ -221,6 +221,11 @@ impl TissueSolver {
         self.most_rows = most_rows;
         self.work.most_rows = most_rows;
         self.ahead_s = ahead_s;
+    }
+
+    /// Solves are planned every `period_s` from now on: what is looked at ahead is paid from that.
+    pub fn plan_every(&mut self, period_s: f64) {
+        self.budget.plan(1e6 * period_s);
     }
 
     /// The driven tool's rows at the last step, if there are any.

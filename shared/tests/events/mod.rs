@@ -2,6 +2,8 @@
 //!
 //! Entry points: [`Dice`], [`shrink`], [`to_text`], [`from_text`].
 
+#![allow(clippy::unwrap_used, reason = "tests")]
+
 use std::fmt::Write;
 use std::str::FromStr;
 use sutura_shared::wire::message::{Command, Contact};
@@ -68,7 +70,7 @@ impl Dice {
 
     /// 0 to `end`, without it.
     pub fn below(&mut self, end: u64) -> u64 {
-        (u128::from(self.bits()) * u128::from(end) >> 64) as u64
+        ((u128::from(self.bits()) * u128::from(end)) >> 64) as u64
     }
 
     /// 0 to 1, without it.
@@ -97,7 +99,7 @@ impl Dice {
             1 => f32::from_bits(sign | mantissa),
             _ => f32::from_bits(sign | exponent << 23 | mantissa),
         };
-        any.clamp(-limit, limit)
+        sutura_shared::math::clamp(any, -limit, limit)
     }
 
     fn unit(&mut self) -> [f32; 3] {

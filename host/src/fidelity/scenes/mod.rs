@@ -88,6 +88,7 @@ pub trait Scene: Sync {
         [0, 1, 2].map(|axis: usize| origin_m[axis] + way_m[axis])
     }
 
-    /// The scene, untouched, that gives so many contact rows at most, for use over so long a time \[s\].
-    fn start(&self, most_rows: usize, ahead_s: f64) -> Box<dyn Truth>;
+    /// The scene, untouched, that gives so many contact rows at most, for use over so long a time \[s\], by solves that are
+    /// planned every `period_s`.
+    fn start(&self, most_rows: usize, ahead_s: f64, period_s: f64) -> Box<dyn Truth>;
 }

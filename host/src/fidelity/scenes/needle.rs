@@ -58,7 +58,7 @@ impl Scene for NeedleSlabs {
         ORIGIN_M
     }
 
-    fn start(&self, _most_rows: usize, _ahead_s: f64) -> Box<dyn Truth> {
+    fn start(&self, _most_rows: usize, _ahead_s: f64, period_s: f64) -> Box<dyn Truth> {
         let mut solver = TissueSolver::new(&self.scene).ok();
         // The tool takes the needle where both are at first, wherever the hand begins then.
         let begin = Sample {
@@ -69,6 +69,7 @@ impl Scene for NeedleSlabs {
             lead_s: 0.0,
         };
         if let (Some(solver), Some(state)) = (&mut solver, state(&begin)) {
+            solver.plan_every(period_s);
             solver.solve(&state);
         }
         Box::new(Session { solver })

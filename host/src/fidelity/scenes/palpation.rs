@@ -63,7 +63,7 @@ impl Scene for Palpation {
         [0.0, 0.0, self.shared.radius_m]
     }
 
-    fn start(&self, most_rows: usize, ahead_s: f64) -> Box<dyn Truth> {
+    fn start(&self, most_rows: usize, ahead_s: f64, _period_s: f64) -> Box<dyn Truth> {
         let shared = Arc::clone(&self.shared);
         let mut spare = shared.spare.lock().unwrap_or_else(PoisonError::into_inner);
         let workspace = spare.pop().unwrap_or_else(|| Workspace::new(&shared.model));

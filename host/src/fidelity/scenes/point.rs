@@ -86,7 +86,7 @@ impl Scene for Point {
         [0.0; 3]
     }
 
-    fn start(&self, _most_rows: usize, _ahead_s: f64) -> Box<dyn Truth> {
+    fn start(&self, _most_rows: usize, _ahead_s: f64, _period_s: f64) -> Box<dyn Truth> {
         Box::new(Touched {
             point: *self,
             before: None,
@@ -211,7 +211,7 @@ mod tests {
     #[test]
     fn the_tangent_is_the_derivative() {
         let start = |path: &[[f64; 3]]| {
-            let mut tissue = Point::TISSUE.start(0, 0.0);
+            let mut tissue = Point::TISSUE.start(0, 0.0, 1e-3);
             let mut last = None;
             for (position, tick) in path.iter().zip(0..) {
                 last = tissue.solve(&at(f64::from(tick) * 1e-3, *position));
@@ -240,7 +240,7 @@ mod tests {
     /// After a step the force fades to that of the spring, at first at the rate that is sent.
     #[test]
     fn a_held_point_relaxes() {
-        let mut tissue = Point::TISSUE.start(0, 0.0);
+        let mut tissue = Point::TISSUE.start(0, 0.0, 1e-3);
         tissue.solve(&at(0.0, [0.0; 3]));
         let first = tissue.solve(&at(1e-3, [0.0, 0.0, -5e-3])).expect("solved");
         let next = tissue.solve(&at(2e-3, [0.0, 0.0, -5e-3])).expect("solved");
@@ -256,7 +256,7 @@ mod tests {
     fn the_tissue_is_passive() {
         let mut random = crate::fidelity::random::Random::new(3);
         for _ in 0..50 {
-            let mut tissue = Point::TISSUE.start(0, 0.0);
+            let mut tissue = Point::TISSUE.start(0, 0.0, 1e-3);
             let (mut energy, mut z, mut pace) = (0.0, 0.0, 0.0);
             for tick in 0..3000 {
                 let before = tissue.solve(&at(f64::from(tick) * 1e-3, [0.0, 0.0, z]));

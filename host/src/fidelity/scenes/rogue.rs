@@ -48,7 +48,7 @@ impl Scene for Rogue {
         [0.0; 3]
     }
 
-    fn start(&self, _most_rows: usize, _ahead_s: f64) -> Box<dyn Truth> {
+    fn start(&self, _most_rows: usize, _ahead_s: f64, _period_s: f64) -> Box<dyn Truth> {
         Box::new(Sender {
             what: *self,
             count: 0,

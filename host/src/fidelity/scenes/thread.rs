@@ -96,8 +96,11 @@ impl Scene for WoundSlabs {
         [a + 0.8 * x + 0.6 * z, b + y, c + 0.8 * z - 0.6 * x]
     }
 
-    fn start(&self, _most_rows: usize, _ahead_s: f64) -> Box<dyn Truth> {
-        let solver = self.solver();
+    fn start(&self, _most_rows: usize, _ahead_s: f64, period_s: f64) -> Box<dyn Truth> {
+        let mut solver = self.solver();
+        if let Some(solver) = &mut solver {
+            solver.plan_every(period_s);
+        }
         Box::new(Late(Session { solver }))
     }
 }
@@ -123,8 +126,8 @@ mod tests {
     #[test]
     fn a_run_goes_on_from_the_sewn_suture() {
         let scene = WoundSlabs::load().expect("the shipped scene");
-        let mut one = scene.start(0, 0.0);
-        let mut other = scene.start(0, 0.0);
+        let mut one = scene.start(0, 0.0, 1e-3);
+        let mut other = scene.start(0, 0.0, 1e-3);
         for tick in 0..8 {
             let time_s = 0.025 * f64::from(tick);
             let sample = Sample {
