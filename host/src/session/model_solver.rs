@@ -598,7 +598,6 @@ impl Solve for ModelSolver {
                 "contact_steps_withheld": tally.withheld,
                 "contact_steps_unfinished": tally.unbelieved,
                 "force_error": tally.force_error,
-                "last": {"residual": self.residual, "force_error": self.force_error},
                 "outcomes": {
                     "converged": tally.converged,
                     "unfinished": tally.unfinished,
