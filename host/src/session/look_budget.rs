@@ -5,7 +5,7 @@
 //! that it took; and a replay makes as many as were made then.
 
 use crate::clock::Stopwatch;
-use crate::step::StepReport;
+use crate::step::{Status, StepReport};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -13,13 +13,15 @@ use serde::{Deserialize, Serialize};
 const SHARE: f64 = 0.2;
 
 /// Price of a step \[us\], and of each of its solves of so many rows: measured once, and the same everywhere.
-const STEP_US: f64 = 25.0;
-const SOLVE_US: f64 = 12.0;
+const STEP_US: f64 = 30.0;
+const SOLVE_US: f64 = 5.5;
 const SOLVE_ROWS: f64 = 60.0;
 /// Price of a displacement of all nodes, and of the boundary brought there \[us a node\].
 const FIELD_US: f64 = 0.2;
-/// A measured price follows what was measured by this part: one step that was dear says little.
+/// A price follows what a step took by this part: one that was dear says little.
 const FOLLOWS: f64 = 0.25;
+/// And is forgotten by this part from solve to solve: where nothing can be paid for, nothing would ever be learnt again.
+const FORGETS: f64 = 0.03;
 
 /// What a step ahead is for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -124,6 +126,9 @@ impl LookBudget {
     pub fn begin(&mut self) {
         self.left_us = SHARE * self.planned_us;
         self.looked = Looked::default();
+        for price_us in self.price_us.iter_mut().flatten() {
+            *price_us *= 1.0 - FORGETS;
+        }
         if let Pace::Measured(watch) = &mut self.pace {
             *watch = Stopwatch::start();
         }
@@ -193,11 +198,12 @@ impl LookBudget {
             _ => counted_us(report, self.nodes),
         };
         self.left_us -= price_us;
-        let known = &mut self.price_us[kind as usize];
-        *known = Some(match (&self.pace, *known) {
-            (Pace::Measured(_), Some(before)) => before + FOLLOWS * (price_us - before),
-            _ => price_us,
-        });
+        // A step without a balance has tried everything; the next one is of another kind.
+        if report.status == Status::Ok {
+            let known = &mut self.price_us[kind as usize];
+            let before_us = known.unwrap_or(price_us);
+            *known = Some(before_us + FOLLOWS * (price_us - before_us));
+        }
     }
 
     /// What follows is charged from here on: the solve's own step is not.
@@ -218,13 +224,13 @@ mod tests {
         report
     }
 
-    /// 1 ms of 5: steps of 25 + 12 * 3 * 2 us.
+    /// 1 ms of 5, in steps of three solves of 60 rows.
     #[test]
     fn a_count_buys_the_same_steps_however_late_the_host_is() {
         let mut budget = LookBudget::new(5000.0, 1000);
         let like = report(60, 3, 0);
         budget.begin();
-        let price_us = 25.0 + 12.0 * 3.0 * 2.0;
+        let price_us = STEP_US + SOLVE_US * 3.0 * 2.0;
         let most = (1000.0 / price_us) as usize;
         assert_eq!(budget.affords(Ahead::Course, &like), most);
         assert_eq!(budget.approach(40, &like), most);
@@ -237,6 +243,28 @@ mod tests {
         // A displacement of all nodes is another thing.
         budget.made(Ahead::Pull, 0, &report(60, 3, 2));
         assert!(budget.affords(Ahead::Pull, &like) < 2);
+    }
+
+    /// Steps that were too dear are tried again some time, and one that found no balance says nothing.
+    #[test]
+    fn what_was_dear_once_is_not_given_up_for_good() {
+        let mut budget = LookBudget::new(5000.0, 1000);
+        let like = report(60, 3, 0);
+        budget.begin();
+        let most = budget.affords(Ahead::Course, &like);
+        let mut failed = report(60, 2000, 0);
+        failed.status = Status::NotConverged;
+        budget.made(Ahead::Course, 0, &failed);
+        budget.begin();
+        assert_eq!(budget.affords(Ahead::Course, &like), most);
+        budget.made(Ahead::Course, 0, &report(60, 200, 0));
+        budget.begin();
+        assert_eq!(budget.affords(Ahead::Course, &like), 0);
+        let tried = (0..200).any(|_| {
+            budget.begin();
+            budget.affords(Ahead::Course, &like) >= 4
+        });
+        assert!(tried);
     }
 
     #[test]
