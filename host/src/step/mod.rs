@@ -440,7 +440,9 @@ impl Workspace {
                 .needles
                 .as_ref()
                 .map(|needles| Box::new(NeedlesWork::new(model, needles))),
-            vertices_per_step: 8,
+            // Where a new factor makes all columns void, a step that computes a few of them and waits is withheld again
+            // and again: what a contact touches is computed at once.
+            vertices_per_step: if model.body.is_linear() { 8 } else { 64 },
             most_rows: 0,
             ahead_m: [0.0; 3],
         }
