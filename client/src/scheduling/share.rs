@@ -6,7 +6,7 @@ use std::time::Duration;
 pub const WINDOW: Duration = Duration::from_millis(100);
 /// Largest part of a window that a thread may compute before others: what is left is theirs.
 pub const MOST: f64 = 0.8;
-/// How long a thread that gave way must stay below [`CALM`] before it goes first again.
+/// How long a thread that gave way must stay below `CALM` before it goes first again.
 pub const REST: Duration = Duration::from_secs(1);
 /// Largest part of a window that counts as rest. Less than [`MOST`]: a thread at the edge does not change back and forth.
 const CALM: f64 = 0.5;
