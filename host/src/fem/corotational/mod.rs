@@ -9,6 +9,7 @@ mod cell;
 mod equilibrium;
 mod linearise;
 mod model;
+mod renewed;
 mod state;
 #[cfg(test)]
 mod tests;
@@ -16,6 +17,7 @@ mod tests;
 pub(crate) use linearise::Balance;
 pub use linearise::{Linearisation, TangentKind};
 pub use model::{CorotationalModel, ModelSettings};
+pub(crate) use renewed::{RenewScratch, Renewed};
 pub use state::{CorotationalState, CorotationalWorkspace};
 
 use super::assembly::assemble;
@@ -31,7 +33,8 @@ use sutura_models::Materials;
 /// How much work goes into following the tangent: speed against accuracy of one step.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Policy {
-    /// The tangent is factored anew once a cell has turned by more than this since the last time \[rad\].
+    /// The tangent is factored anew once a cell has turned by more than this since the last time \[rad\]. Beside the
+    /// steps it is asked for at half of that, and in the step factored only at twice that.
     pub refactor_rotation_rad: f64,
     /// ... and after this many steps, for what changes without turning.
     pub refactor_every: u32,
