@@ -2,12 +2,10 @@
 #![cfg(unix)]
 #![allow(clippy::unwrap_used, reason = "tests")]
 
+use crate::support::session;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 use sutura_hil::VirtualConsole;
-
-#[path = "support/session.rs"]
-mod session;
 
 /// Stiffness of the sphere in sphere.c \[N/m\].
 const STIFFNESS: f64 = 400.0;

@@ -1,9 +1,7 @@
 //! Every kind of bad input: the right exit code, and a message that names the thing and the way out.
 
-mod support;
-
+use crate::support::{Ran, sutura, sutura_in};
 use std::path::Path;
-use support::{Ran, sutura, sutura_in};
 
 /// A scene on `mesh.msh` in the same directory.
 const SCENE: &str = "\
@@ -260,4 +258,36 @@ fn bad_usage_is_one_object_when_json_is_asked_for() {
     let ran = sutura(&["solve", "--help", "--format", "json"]);
     assert_eq!(ran.code, 0);
     assert!(ran.stdout.contains("Usage:"), "{}", ran.stdout);
+}
+
+/// More than there is memory for is refused in words, before it is begun; it used to end in an abort of the allocator.
+#[cfg(target_os = "linux")]
+#[test]
+fn a_mesh_beyond_the_free_memory_is_refused() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let scene = std::fs::read_to_string(crate::support::root().join("scenes/palpation.toml"))
+        .expect("a scene");
+    let large = scene.replace("divisions = [20, 20, 8]", "divisions = [36, 36, 18]");
+    assert_ne!(large, scene);
+    let file = folder.path().join("large.toml");
+    std::fs::write(&file, large).expect("a file");
+    for tissue in ["linear", "corotational", "hyperelastic"] {
+        let line = format!(
+            "ulimit -v 600000; exec {} run {} --lockstep --seconds 0.01 --tissue {tissue} --format json",
+            env!("CARGO_BIN_EXE_sutura"),
+            file.display()
+        );
+        let output = std::process::Command::new("sh")
+            .args(["-c", &line])
+            .output()
+            .expect("a shell");
+        let stderr = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(2), "{tissue}: {stderr}");
+        for part in ["GB of memory", "is free"] {
+            assert!(stderr.contains(part), "{tissue}: {stderr}");
+        }
+        let object: serde_json::Value =
+            serde_json::from_slice(&output.stdout).expect("one JSON object");
+        assert_eq!(object["status"], "bad-input", "{tissue}");
+    }
 }

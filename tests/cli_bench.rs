@@ -1,9 +1,7 @@
 //! `sutura bench` from end to end, on a scene small enough for a test.
 
-mod support;
-
+use crate::support::{sutura, sutura_in};
 use serde_json::Value;
-use support::{sutura, sutura_in};
 
 /// A coarse slab, pressed 2 mm deep and left again within a fifth of a second.
 const SCENE: &str = r#"
@@ -61,6 +59,12 @@ fn a_case_counts_what_it_did_and_its_times_are_consistent() {
     let step = &case["step_us"];
     assert!(number(&step["p50"]) <= number(&step["p99"]));
     assert!(number(&step["p99"]) <= number(&step["max"]));
+    // All that a session's solver does, over all phases: the second of which the mean is largest is among them.
+    let session = &case["session_us"];
+    assert!(number(&session["p50"]) <= number(&session["p99"]));
+    assert!(number(&session["p99"]) <= number(&session["max"]));
+    let worst = number(&case["worst_second_us"]);
+    assert!(worst > 0.0 && worst <= number(&session["max"]), "{case}");
     for key in ["field_us", "factor_ms", "first_touch_us", "memory_mb"] {
         assert!(number(&case[key]) > 0.0, "{key}");
     }

@@ -1,9 +1,7 @@
 //! The scene that the command has by itself, where there is no checkout.
 
-mod support;
-
+use crate::support::{Ran, sutura, sutura_in};
 use serde_json::Value;
-use support::{Ran, sutura, sutura_in};
 
 const SHORT: [&str; 6] = ["run", "--lockstep", "--seconds", "0.05", "--format", "json"];
 

@@ -2,10 +2,8 @@
 #![cfg(unix)]
 #![allow(clippy::unwrap_used, reason = "tests")]
 
-mod support;
-
+use crate::support::{Ran, sutura};
 use std::path::Path;
-use support::{Ran, sutura};
 
 fn checks(stdout: &str) -> Vec<serde_json::Value> {
     let object: serde_json::Value = serde_json::from_str(stdout).unwrap();
@@ -51,7 +49,7 @@ fn machine() -> tempfile::TempDir {
     write(
         root.path(),
         "proc/self/limits",
-        "Max realtime priority 80 80\n",
+        "Max realtime priority 80 80\nMax locked memory unlimited unlimited bytes\n",
     );
     root
 }
@@ -75,6 +73,7 @@ fn a_machine_is_looked_at_below_its_root() {
         "latency_timer",
         "modem_manager",
         "real_time",
+        "locked_memory",
         "preemption",
         "governor",
     ];
@@ -87,7 +86,7 @@ fn a_machine_is_looked_at_below_its_root() {
         named(&found, "host_rate")["found"]
             .as_str()
             .unwrap()
-            .contains("us")
+            .contains("in the worst second, at ")
     );
 
     write(

@@ -1,9 +1,7 @@
 //! `sutura fidelity` from end to end, on its cheapest cases.
 
-mod support;
-
+use crate::support::sutura;
 use serde_json::Value;
-use support::sutura;
 
 #[test]
 fn cases_bars_and_files() {

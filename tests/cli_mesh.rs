@@ -1,10 +1,8 @@
 //! `sutura mesh` from the command line: figures of good and bad meshes, conversion there and back.
 
-mod support;
-
+use crate::support::{Ran, sutura, sutura_in};
 use serde_json::Value;
 use std::path::Path;
-use support::{Ran, sutura, sutura_in};
 
 /// Two tetrahedra of 1 mm on the face 2 3 4, the second with `last`, in regions 5 and 6.
 fn two_cells(second: &str) -> String {

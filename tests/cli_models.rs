@@ -1,11 +1,9 @@
 //! `sutura run` on other tissue models, and the choice among them, from the command line.
 #![allow(clippy::unwrap_used, reason = "tests")]
 
-mod support;
-
+use crate::support::{Ran, sutura};
 use serde_json::Value;
 use std::path::{Path, PathBuf};
-use support::{Ran, sutura};
 use tempfile::TempDir;
 
 /// A coarse slab that a hand presses once.

@@ -1,10 +1,8 @@
 //! `sutura scene` from the command line: good and bad scenes, their parts, and the schema of their files.
 
-mod support;
-
+use crate::support::{Ran, root, sutura, sutura_in};
 use serde_json::Value;
 use std::path::Path;
-use support::{Ran, root, sutura, sutura_in};
 
 fn json(ran: &Ran) -> Value {
     serde_json::from_str(&ran.stdout).unwrap_or_else(|_| panic!("{}{}", ran.stdout, ran.stderr))

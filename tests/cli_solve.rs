@@ -1,9 +1,7 @@
 //! `sutura solve` from end to end: against an independent solution, and files that others can read.
 
-mod support;
-
+use crate::support::{root, sutura};
 use serde_json::Value;
-use support::{root, sutura};
 
 fn json(text: &str) -> Value {
     serde_json::from_str(text).expect("JSON")

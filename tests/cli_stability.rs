@@ -1,9 +1,7 @@
 //! `sutura stability` from end to end, in its short form.
 
-mod support;
-
+use crate::support::sutura;
 use serde_json::Value;
-use support::sutura;
 
 fn report(only: &str) -> Vec<Value> {
     let output = sutura(&["stability", "--only", only, "--format", "json"]);

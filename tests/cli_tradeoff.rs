@@ -1,9 +1,7 @@
 //! `sutura tradeoff` from end to end, on its cheapest cases.
 
-mod support;
-
+use crate::support::sutura;
 use serde_json::Value;
-use support::sutura;
 
 #[test]
 fn lines_fronts_and_files() {

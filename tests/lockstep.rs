@@ -1,10 +1,9 @@
 //! `sutura run` in lockstep: the same bits at every run, and the contract of its output.
 #![allow(clippy::unwrap_used, reason = "tests")]
 
-mod support;
-
+use crate::support;
+use crate::support::sutura;
 use serde_json::Value;
-use support::sutura;
 
 fn run(arguments: &[&str]) -> Value {
     let ran = sutura(&[&["run", "--lockstep", "--format", "json"], arguments].concat());

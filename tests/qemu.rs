@@ -3,15 +3,12 @@
 #![cfg(unix)]
 #![allow(clippy::unwrap_used, reason = "tests")]
 
-#[path = "support/session.rs"]
-mod session;
-mod support;
-
+use crate::support::session;
+use crate::support::{root, sutura};
 use serde_json::Value;
 use std::ops::ControlFlow;
 use std::path::PathBuf;
 use std::time::Duration;
-use support::{root, sutura};
 use sutura_hil::identity_trace::{self, IdentityTrace};
 use sutura_hil::{NativeConsole, QemuConsole, qemu};
 use sutura_host::link::{LinkOptions, LockstepConsole, open_serial};
@@ -208,9 +205,10 @@ fn an_image_that_takes_too_long_is_killed() {
     assert!(error.to_string().contains("time limit"), "{error}");
 }
 
-/// Framing and interrupts at the rate that the emulated UART manages; nothing is asserted about time.
+/// Framing and interrupts at the rate that the emulated UART manages; nothing is asserted about time. What is felt is above, in
+/// lockstep.
 #[test]
-fn the_uart_loses_and_rejects_nothing_at_its_own_pace() {
+fn the_uart_rejects_nothing_at_its_own_pace() {
     let qemu = qemu::with_uart(image(), TIME_LIMIT).unwrap_or_else(|error| panic!("{error}"));
     let mut plan = session::plan(2.0);
     plan.host_hz = 30.0;
@@ -222,19 +220,19 @@ fn the_uart_loses_and_rejects_nothing_at_its_own_pace() {
     let port = open_serial(qemu.uart().unwrap()).unwrap();
     let options = LinkOptions {
         contact_spacing: Duration::from_secs_f64(1.0 / 30.0),
-        ..LinkOptions::default()
+        ..session::patient()
     };
     let summary = run_real_time(port, options, &plan, &mut session::Plane, |_| {
         ControlFlow::Continue(())
     });
     let summary = summary.unwrap_or_else(|error| panic!("{error}"));
     println!("{summary:#?}");
-    assert_eq!((summary.frames.lost, summary.frames.rejected), (0, 0));
-    assert!(
-        summary.force_n.peak > 0.5 * session::force_at_rest(),
-        "{:?}",
-        summary.force_n
-    );
+    // Frames that a late host does not take are dropped as a whole, by the console.
+    assert_eq!(summary.frames.rejected, 0);
+    assert!(session::ended_well(&summary), "{}", summary.status);
+    assert!(summary.ticks > 0);
+    let deepest = 1.3 * session::DEPTH_M * session::PLANE_N_PER_M;
+    assert!(summary.force_n.peak < deepest, "{:?}", summary.force_n);
     qemu.check_log(|_| false)
         .unwrap_or_else(|error| panic!("{error}"));
 }

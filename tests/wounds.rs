@@ -1,12 +1,10 @@
 //! Threads and contact from scene file to console: a wound is sewn and drawn together.
 #![allow(clippy::unwrap_used, reason = "tests")]
 
-mod support;
-
+use crate::support::{root, sutura, sutura_in};
 use serde_json::Value;
 use std::ops::ControlFlow;
 use std::path::Path;
-use support::{root, sutura, sutura_in};
 use sutura_hil::NativeConsole;
 use sutura_host::link::{LinkError, LockstepConsole};
 use sutura_host::scene::{Document, Scene};

@@ -30,6 +30,7 @@ mod console;
 mod contact;
 pub mod link;
 mod pose;
+pub mod scheduling;
 pub mod times;
 
 pub use console::{Console, Options};

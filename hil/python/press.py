@@ -57,4 +57,7 @@ def press(path, seconds):
 if __name__ == "__main__":
     if len(sys.argv) not in (2, 3):
         sys.exit(__doc__)
-    print(json.dumps(press(sys.argv[1], float(sys.argv[2]) if sys.argv[2:] else 3.0)))
+    try:
+        print(json.dumps(press(sys.argv[1], float(sys.argv[2]) if sys.argv[2:] else 3.0)))
+    except OSError as error:
+        sys.exit(f"press.py: {error}")

@@ -5,6 +5,8 @@ Written from the protocol's page (docs/src/protocol.md) and nothing else; standa
 with it. `python3 sutura_peer.py < frames.hex` shows frames, one of hex per line, as JSON.
 """
 
+import contextlib
+import errno
 import json
 import os
 import select
@@ -219,22 +221,76 @@ def decode(frame):
     return NAME[kind], body, session, sequence, console_time_us
 
 
+class Busy(ConnectionError):
+    """Another program has the port."""
+
+
+def holder(port):
+    """Who has the lock of an open port, as ` (name, process 123)`; empty where the system does not say."""
+    try:
+        status = os.fstat(port)
+        key = f"{os.major(status.st_dev):02x}:{os.minor(status.st_dev):02x}:{status.st_ino}"
+        with open("/proc/locks") as locks:
+            process = next(line.split()[4] for line in locks if line.split()[1] == "FLOCK" and line.split()[5] == key)
+        with open(f"/proc/{process}/comm") as name:
+            return f" ({name.read().strip()}, process {process})"
+    except (OSError, StopIteration, IndexError):
+        return ""
+
+
 class Host:
-    """The host's end of a session. What is refused is only counted."""
+    """The host's end of a session. What is refused is only counted. A console has one host: the port is locked against
+    others, as `sutura run` locks it (`flock`), before a byte is read."""
 
     def __init__(self, path):
-        import termios, tty  # noqa: E401 (not everywhere)
+        import fcntl, termios, tty  # noqa: E401 (not everywhere)
 
-        self.port = os.open(path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
-        tty.setraw(self.port, termios.TCSANOW)
-        termios.tcflush(self.port, termios.TCIFLUSH)
+        try:
+            self.port = os.open(path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
+        except OSError as error:
+            if error.errno == errno.EBUSY:
+                raise Busy(f"{path} is in use by another program") from error
+            raise
+        try:
+            fcntl.flock(self.port, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            # Keeps out programs that know nothing of the lock, too. On a pseudo-terminal it would outlive this process.
+            if not os.path.realpath(path).startswith("/dev/pts/"):
+                fcntl.ioctl(self.port, termios.TIOCEXCL)
+            tty.setraw(self.port, termios.TCSANOW)
+            termios.tcflush(self.port, termios.TCIFLUSH)
+        except BlockingIOError as error:
+            held = holder(self.port)
+            os.close(self.port)
+            raise Busy(f"{path} is in use by another program{held}") from error
+        except BaseException:
+            os.close(self.port)
+            raise
+        self.path = path
         self.session = self.sent = self.heard = self.lost = self.refused = 0
         self.console_time_us, self.line, self.ping_due = 0, bytearray(), 0.0
 
-    def write(self, data):
+    def write(self, data, within=1.0):
+        """All of it; a console that takes nothing for so long [s] is gone."""
         while data:
-            select.select([], [self.port], [])
-            data = data[os.write(self.port, data):]
+            if not select.select([], [self.port], [], within)[1]:
+                raise ConnectionError(f"{self.path} takes no bytes")
+            # A terminal may say that there is room and then have none.
+            with contextlib.suppress(BlockingIOError):
+                data = data[os.write(self.port, data):]
+
+    def read(self, timeout):
+        """What has come; waits at most `timeout` [s] for a first byte."""
+        if not select.select([self.port], [], [], timeout)[0]:
+            return b""
+        try:
+            data = os.read(self.port, 65536)
+        except BlockingIOError:  # As in `write`.
+            return b""
+        except OSError as error:
+            raise ConnectionError(f"the console on {self.path} is gone: {error.strerror}") from error
+        if not data:
+            raise ConnectionError(f"the console on {self.path} is gone: it closed its end of the line")
+        return data
 
     def send(self, name, body, console_time_us=None):
         """One frame of the open session; for a contact with the console time of the state that it was computed for."""
@@ -248,8 +304,7 @@ class Host:
         if self.session and time.monotonic() >= self.ping_due:
             self.send("Ping", {"host_us": time.monotonic_ns() // 1000})
             self.ping_due = time.monotonic() + 0.1
-        if select.select([self.port], [], [], timeout)[0]:
-            self.line += os.read(self.port, 65536)
+        self.line += self.read(timeout)
         while b"\0" in self.line:
             frame, _, self.line = self.line.partition(b"\0")
             if not frame:
@@ -287,8 +342,10 @@ class Host:
         raise ConnectionError(f"no session within {within} s ({said})")
 
     def close(self):
-        self.send("Command", "Disarm")
-        os.close(self.port)
+        try:
+            self.send("Command", "Disarm")
+        finally:
+            os.close(self.port)
 
 
 if __name__ == "__main__":

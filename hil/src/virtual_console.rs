@@ -1,16 +1,17 @@
 //! A console in a thread: the shared simulation at its tick rate by the wall clock, behind a port.
 //!
-//! Entry points: [`VirtualConsole::start`] for one behind a pseudo-terminal of its own, [`serve`] for the
-//! loop itself. A tick that the desktop wakes late is run and counted, never skipped, so that console
+//! Entry points: [`VirtualConsole::start`] for one behind a pseudo-terminal of its own,
+//! [`VirtualConsole::start_in_memory`] for this process alone, [`serve`] for the loop itself. A tick that the desktop wakes late is run and counted, never skipped, so that console
 //! time keeps step with the wall clock.
 
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, OnceLock};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 #[cfg(unix)]
 use sutura_host::link::open_serial;
 use sutura_host::link::{LinkError, PipeEnd, Port, nonce};
+use sutura_host::scheduling::{Duty, Granted, Role};
 use sutura_shared::device::DeviceDescription;
 use sutura_shared::simulated_console::{Pace, SimulatedConsole, Without};
 
@@ -26,6 +27,7 @@ const CHUNK: usize = 4096;
 pub struct VirtualConsole {
     host_end: HostEnd,
     stop: Arc<AtomicBool>,
+    granted: Arc<OnceLock<Granted>>,
     thread: Option<JoinHandle<()>>,
 }
 
@@ -46,21 +48,55 @@ impl VirtualConsole {
         device: &DeviceDescription,
         without: Without,
     ) -> Result<VirtualConsole, LinkError> {
-        let Without { tuning, checks } = without;
         let (port, host_end) = open_line()?;
+        VirtualConsole::behind(port, host_end, device, without)
+    }
+
+    /// Starts one behind a pipe in this process's memory: bytes wake whoever waits for them. A pseudo-terminal hands them
+    /// to a thread of the kernel first, which on a busy machine keeps them for milliseconds, whatever the priority of the
+    /// threads at its ends.
+    ///
+    /// # Errors
+    /// [`LinkError::Open`] when the system gives no thread.
+    pub fn start_in_memory(device: &DeviceDescription) -> Result<VirtualConsole, LinkError> {
+        let (console, host) = sutura_host::link::pipe();
+        let host_end = HostEnd::Pipe(Some(host));
+        VirtualConsole::behind(Box::new(console), host_end, device, Without::default())
+    }
+
+    fn behind(
+        port: Box<dyn Port>,
+        host_end: HostEnd,
+        device: &DeviceDescription,
+        without: Without,
+    ) -> Result<VirtualConsole, LinkError> {
+        let Without { tuning, checks } = without;
         let console = SimulatedConsole::tuned(device, nonce(), tuning, checks)
             .map_err(|error| unusable(&format!("the device is unusable: {error}")))?;
         let stop = Arc::new(AtomicBool::new(false));
         let stopped = stop.clone();
+        let granted = Arc::new(OnceLock::new());
+        let asked = granted.clone();
         let thread = std::thread::Builder::new()
             .name("sutura-console".to_owned())
-            .spawn(move || serve(console, port, &stopped))
+            .spawn(move || {
+                let duty = Duty::begin(Role::Console);
+                // Nobody else sets it.
+                let _ = asked.set(duty.granted());
+                run(console, port, &stopped, Some(duty));
+            })
             .map_err(|error| unusable(&error.to_string()))?;
         Ok(VirtualConsole {
             host_end,
             stop,
+            granted,
             thread: Some(thread),
         })
+    }
+
+    /// What its thread got of the system.
+    pub fn granted(&self) -> Granted {
+        self.granted.get().copied().unwrap_or_default()
     }
 
     /// The path that a host opens; none on systems without pseudo-terminals.
@@ -84,6 +120,7 @@ impl VirtualConsole {
                 Some(end) => Ok(Box::new(end)),
                 None => Err(LinkError::Busy {
                     name: "the in-memory pipe".to_owned(),
+                    by: None,
                 }),
             },
         }
@@ -108,10 +145,6 @@ enum HostEnd {
     #[cfg(unix)]
     Terminal(String),
     /// In this process alone.
-    #[cfg_attr(
-        unix,
-        allow(dead_code, reason = "for systems without pseudo-terminals")
-    )]
     Pipe(Option<PipeEnd>),
 }
 
@@ -137,13 +170,23 @@ fn unusable(reason: &str) -> LinkError {
 }
 
 /// Runs `console` at its tick rate behind `port` until `stop` is set.
-pub fn serve(mut console: SimulatedConsole, mut port: Box<dyn Port>, stop: &AtomicBool) {
+pub fn serve(console: SimulatedConsole, port: Box<dyn Port>, stop: &AtomicBool) {
+    run(console, port, stop, None);
+}
+
+fn run(
+    mut console: SimulatedConsole,
+    mut port: Box<dyn Port>,
+    stop: &AtomicBool,
+    mut duty: Option<Duty>,
+) {
     let period = Duration::from_secs(1) / u32::from(console.tick_hz());
     let mut chunk = [0; CHUNK];
     let (mut fresh, mut waiting) = (Vec::new(), Vec::new());
     let mut pace = Pace::default();
     let mut due = Instant::now() + period;
     while !stop.load(Ordering::Relaxed) {
+        duty.as_mut().map(Duty::look);
         let now = Instant::now();
         if let Some(early) = due.checked_duration_since(now) {
             std::thread::sleep(early);

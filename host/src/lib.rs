@@ -32,11 +32,12 @@ pub mod thread;
 pub mod tool;
 pub mod tradeoff;
 pub mod trial;
+pub mod work;
 pub mod wound;
 
-/// The host's end of the link, which other simulators have too.
-pub use sutura_client::link;
 use sutura_client::times;
+/// The host's end of the link, which other simulators have too.
+pub use sutura_client::{link, scheduling};
 /// Tetrahedral meshes.
 pub use sutura_mesh as mesh;
 /// Tissue models that need no contact solver, and their laws.

@@ -11,7 +11,7 @@ use crate::fem::{
 };
 use crate::mesh::{Surface, TetMesh};
 use crate::needle::{NeedleError, NeedlePart, NeedleSettings, NeedleTissue, Needles};
-use crate::step::State;
+use crate::step::{DEFAULT_CACHE_BYTES, State};
 use crate::thread::{ThreadError, ThreadPart, Threads};
 use crate::tool::{MAX_TOOLS, Placement, Shape, Tool};
 use nalgebra::Vector3;
@@ -173,7 +173,8 @@ impl Model {
         tools: &[(u8, Tool)],
     ) -> Result<Self, ModelError> {
         check_tools(tools)?;
-        let tissue = LinearTissue::new(mesh, materials, fixed)?;
+        let beside_bytes = cache_bytes(mesh, tools);
+        let tissue = LinearTissue::beside(mesh, &materials.into(), fixed, beside_bytes)?;
         let anchors = loads
             .handles
             .iter()
@@ -215,7 +216,8 @@ impl Model {
         if !tools.is_empty() && !loads.handles.is_empty() {
             return Err(ModelError::HandlesAndTools);
         }
-        let tissue = CorotationalTissue::new(mesh, materials, fixed, policy)?;
+        let (materials, beside_bytes) = (materials.into(), cache_bytes(mesh, tools));
+        let tissue = CorotationalTissue::beside(mesh, &materials, fixed, policy, beside_bytes)?;
         let mut state = tissue.state();
         let displacement = tissue.settle(&mut state, &loads)?.displacement_m;
         let mut work = tissue.workspace();
@@ -454,6 +456,16 @@ impl Model {
         };
         stress.iter().map(principal_stress_pa).collect()
     }
+}
+
+/// What columns of the compliance may take beside the factor \[bytes\]: those of the whole boundary, as far as the cache
+/// holds them.
+fn cache_bytes(mesh: &TetMesh, tools: &[(u8, Tool)]) -> u64 {
+    if tools.is_empty() {
+        return 0;
+    }
+    let vertices = mesh.surface().vertices.len() as u64;
+    (size_of::<[f64; 9]>() as u64 * vertices * vertices).min(DEFAULT_CACHE_BYTES as u64)
 }
 
 /// Whether there is room for all tools, each has a shape, and their ids differ.

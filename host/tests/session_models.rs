@@ -507,7 +507,7 @@ fn the_summary_says_model_setting_and_how_steps_ended() {
     assert!(model["contact_nodes"].as_u64() > Some(0), "{model}");
     let outcomes = &model["outcomes"];
     let steps = ["converged", "unfinished", "failed"].map(|key| outcomes[key].as_u64().expect(key));
-    // One balance a step: its step has a length.
-    assert_eq!(steps.iter().sum::<u64>(), 9 + 4 + 1, "{outcomes}");
+    // Its step has a length: one balance every 5 ms.
+    assert_eq!(steps.iter().sum::<u64>(), 2 * (9 + 4 + 1), "{outcomes}");
     assert!(model["tangent_error"].is_number(), "{model}");
 }

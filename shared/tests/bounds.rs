@@ -1,128 +1,105 @@
 //! Bounded by construction: whatever the encoders and the host send, the motors get little, and slowly.
+//!
+//! Some thousand cases, always the same; more, and others, by `PROPTEST_CASES` and `PROPTEST_RNG_SEED`. What was once found is
+//! in `kept/`.
 
 #![allow(clippy::unwrap_used, reason = "a test")]
 
-mod rig;
-
-use proptest::prelude::*;
-use rig::{arm, bench, frame};
+use crate::events::{Counts, Dice, Event, SILENCE, from_text, shrink, to_text};
+use crate::rig::{arm, bench, frame};
+use proptest::test_runner::{Config, RngSeed};
+use std::path::Path;
 use sutura_shared::control::{
     Control, Guards, MAX_HORIZON_US, STALE_DECAY_US, TICK_S, TickInput, TickOutput, Tuning,
 };
 use sutura_shared::device::DeviceDescription;
 use sutura_shared::kinematics;
-use sutura_shared::wire::message::{Command, Contact, Mode};
+use sutura_shared::wire::message::Mode;
 use sutura_shared::wire::{Message, faults};
 
 /// Rounding of a handful of operations in single precision.
 const ROUNDING: f32 = 1e-5;
+/// Cases unless more are asked for.
+const CASES: u32 = 3000;
+/// Most events of a case.
+const EVENTS: u64 = 400;
 
-/// What happens before one tick.
-#[derive(Clone, Debug)]
-struct Event {
-    counts: Counts,
-    contact: Option<(u64, Contact)>,
-    command: Option<Command>,
-    /// Emergency stop, board fault, overrun.
-    flags: [bool; 3],
-}
+/// What was promised, or why that is broken.
+type Held = Result<(), String>;
 
-#[derive(Clone, Debug)]
-enum Counts {
-    /// As a hand would move them.
-    Moved([i8; 3]),
-    /// As a broken cable would.
-    Anything([i32; 3]),
-}
-
-/// Up to `limit` in magnitude: any size, zeros of both signs and subnormals often.
-fn number(limit: f32) -> impl Strategy<Value = f32> {
-    let any = prop::num::f32::POSITIVE
-        | prop::num::f32::NEGATIVE
-        | prop::num::f32::SUBNORMAL
-        | prop::num::f32::ZERO;
-    let shrunk = any.prop_map(move |x| {
-        if x.abs() > limit {
-            limit.copysign(x)
-        } else {
-            x
+macro_rules! hold {
+    ($condition:expr, $($what:tt)*) => {
+        if !$condition {
+            return Err(format!("{}: {}", stringify!($condition), format!($($what)*)));
         }
-    });
-    prop_oneof![-limit..=limit, shrunk]
+    };
 }
 
-fn unit() -> impl Strategy<Value = [f32; 3]> {
-    let direction = prop::array::uniform3(-1.0_f64..1.0);
-    let long = direction.prop_filter("too short", |v| v.iter().map(|x| x * x).sum::<f64>() > 0.01);
-    long.prop_map(|v| {
-        let length = v.iter().map(|x| x * x).sum::<f64>().sqrt();
-        v.map(|x| (x / length) as f32)
-    })
+/// What the switches of a case turn on, and its events.
+struct Case {
+    switches: [bool; 2],
+    events: Vec<Event>,
 }
 
-fn contact() -> impl Strategy<Value = Contact> {
-    let place = prop_oneof![
-        prop::array::uniform3(-0.1_f32..0.1),
-        prop::array::uniform3(number(10.0))
-    ];
-    let wrench = prop::array::uniform6(prop_oneof![number(20.0), number(1e4)]);
-    let tangent = prop::collection::vec(prop_oneof![number(5000.0), number(1e7)], 21);
-    let gap = prop_oneof![
-        Just(0.0),
-        Just(-0.0),
-        0.0_f32..0.01,
-        number(10.0).prop_map(f32::abs)
-    ];
-    let horizon = prop_oneof![0..200_000_u32, any::<u32>()];
-    (
-        0..2_u8,
-        place,
-        wrench,
-        tangent,
-        gap,
-        unit(),
-        number(1000.0),
-        horizon,
-    )
-        .prop_map(
-            |(tool, position_m, wrench, tangent, gap_m, normal, relaxation, horizon_us)| Contact {
-                tool,
-                position_m,
-                orientation: [0.0, 0.0, 0.0, 1.0],
-                wrench,
-                tangent: tangent.try_into().unwrap(),
-                gap_m,
-                normal,
-                relaxation_per_s: relaxation.abs(),
-                horizon_us,
-            },
-        )
+/// Holds over the cases that are kept of this name, and over all that are drawn.
+fn holds_over_all(name: &str, promise: impl Fn([bool; 2], &[Event]) -> Held) {
+    for (path, case) in kept(name) {
+        if let Err(broken) = promise(case.switches, &case.events) {
+            panic!("{path}: {broken}");
+        }
+    }
+    let config = Config::default();
+    let cases = match config.cases {
+        256 => CASES,
+        chosen => chosen,
+    };
+    let first = match config.rng_seed {
+        RngSeed::Fixed(seed) => seed,
+        RngSeed::Random => 1,
+    };
+    for number in 0..u64::from(cases) {
+        let mut dice = Dice(Dice(first).bits() ^ number);
+        let switches = [dice.chance(0.5), dice.chance(0.5)];
+        let count = 1 + dice.below(EVENTS - 1) as usize;
+        let events = dice.events(count);
+        if promise(switches, &events).is_err() {
+            let events = shrink(&events, |events| promise(switches, events).is_err());
+            let broken = promise(switches, &events).unwrap_err();
+            let [a, b] = switches.map(u8::from);
+            panic!(
+                "case {number} of seed {first}: {broken}\n# {a} {b}\n{}",
+                to_text(&events)
+            );
+        }
+    }
 }
 
-fn event() -> impl Strategy<Value = Event> {
-    let counts = prop_oneof![
-        200 => any::<[i8; 3]>().prop_map(Counts::Moved),
-        1 => any::<[i32; 3]>().prop_map(Counts::Anything),
-    ];
-    let age = prop_oneof![0..20_000_u64, 0..400_000_u64, any::<u64>()];
-    let command = prop_oneof![
-        5 => Just(Command::Arm),
-        1 => Just(Command::Disarm),
-        5 => Just(Command::ClearFault),
-    ];
-    let rarely = || prop::bool::weighted(0.005);
-    (
-        counts,
-        prop::option::weighted(0.2, (age, contact())),
-        prop::option::weighted(0.3, command),
-        (rarely(), rarely(), prop::bool::weighted(0.1)),
-    )
-        .prop_map(|(counts, contact, command, (stop, board, overrun))| Event {
-            counts,
-            contact,
-            command,
-            flags: [stop, board, overrun],
+/// Cases in `kept/NAME-*.txt`: two switches in the first line, then events.
+fn kept(name: &str) -> Vec<(String, Case)> {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/kept");
+    let files = std::fs::read_dir(folder)
+        .unwrap()
+        .map(|file| file.unwrap().path());
+    let of_name = |path: &std::path::PathBuf| {
+        let stem = path.file_stem().unwrap().to_string_lossy().into_owned();
+        stem.rsplit_once('-')
+            .is_some_and(|(start, _)| start == name)
+    };
+    let cases: Vec<_> = files
+        .filter(of_name)
+        .map(|path| {
+            let text = std::fs::read_to_string(&path).unwrap();
+            let first = text.lines().next().unwrap();
+            let mut switches = first.split_whitespace().skip(1).map(|word| word == "1");
+            let case = Case {
+                switches: [switches.next().unwrap(), switches.next().unwrap()],
+                events: from_text(&text),
+            };
+            (path.display().to_string(), case)
         })
+        .collect();
+    assert!(!cases.is_empty(), "no case of {name} is kept");
+    cases
 }
 
 /// A control loop, and what has been asked of it.
@@ -188,86 +165,85 @@ impl Run {
     }
 
     /// What must hold after every tick.
-    fn check(&mut self, output: &TickOutput) {
+    fn check(&mut self, output: &TickOutput) -> Held {
         let state = &output.state;
         // The host accepts it: finite, in range.
-        assert_eq!(state.check(), Ok(()), "{state:?}");
+        hold!(state.check() == Ok(()), "{state:?}");
         let square: f64 = state.force_n.iter().map(|f| f64::from(*f).powi(2)).sum();
         let limit = self.device.max_force_n * (1.0 + ROUNDING);
-        assert!(square <= f64::from(limit).powi(2), "{state:?}");
+        hold!(square <= f64::from(limit).powi(2), "{state:?}");
 
         let before = self.before.map_or([0.0; 3], |before| before.current_a);
         for ((now, before), joint) in output.current_a.iter().zip(before).zip(&self.device.joints) {
-            assert!(now.abs() <= joint.max_current_a, "{state:?}");
+            hold!(now.abs() <= joint.max_current_a, "{state:?}");
             let step_effort = (now - before) * joint.effort_per_amp;
             let limit = joint.max_slew_per_s * TICK_S * (1.0 + ROUNDING) + ROUNDING;
             let off = !output.amplifiers_on && *now == 0.0;
-            assert!(
+            hold!(
                 off || step_effort.abs() <= limit,
                 "{before} {now} {state:?}"
             );
         }
 
         let torque = matches!(state.mode, Mode::Armed | Mode::Decaying);
-        assert_eq!(output.amplifiers_on, torque);
-        assert_eq!(state.faults != 0, state.mode == Mode::Fault);
-        assert!(torque || (output.current_a == [0.0; 3] && state.force_n == [0.0; 3]));
+        hold!(output.amplifiers_on == torque, "{state:?}");
+        hold!(
+            (state.faults != 0) == (state.mode == Mode::Fault),
+            "{state:?}"
+        );
+        let rest = output.current_a == [0.0; 3] && state.force_n == [0.0; 3];
+        hold!(torque || rest, "{state:?}");
         let longest_us = MAX_HORIZON_US + STALE_DECAY_US;
-        assert!(
+        hold!(
             state.contact_age_us < longest_us || state.force_n.map(f32::to_bits) == [0; 3],
             "{state:?}"
         );
-        assert_eq!(state.current_a, output.current_a);
+        hold!(state.current_a == output.current_a, "{state:?}");
         self.before = Some(*output);
+        Ok(())
     }
 }
 
-/// Stands still and hears nothing.
-const SILENCE: Event = Event {
-    counts: Counts::Moved([0; 3]),
-    contact: None,
-    command: None,
-    flags: [false; 3],
-};
-
-proptest! {
-    #![proptest_config(ProptestConfig { cases: 300, failure_persistence: None, ..ProptestConfig::default() })]
-
-    #[test]
-    fn anything_in_leaves_the_motors_bounded(
-        events in prop::collection::vec(event(), 1..400),
-        jointed in any::<bool>(),
-        tank in any::<bool>(),
-    ) {
-        let mut run = Run::new(if jointed { arm() } else { bench() }, tank);
-        for event in &events {
-            let output = run.tick(event);
-            run.check(&output);
-        }
-        // Silence: within the longest horizon and 30 ms there is no contact force left, whatever was
-        // there; and if there is torque, it only carries the weight.
-        for _ in 0..(MAX_HORIZON_US + STALE_DECAY_US) / 1000 {
-            let output = run.tick(&SILENCE);
-            run.check(&output);
-        }
-        let last = run.tick(&SILENCE);
-        prop_assert_eq!(last.state.force_n.map(f32::to_bits), [0; 3]);
-        for _ in 0..60 {
-            let output = run.tick(&SILENCE);
-            run.check(&output);
-        }
-        let settled = run.tick(&SILENCE);
-        let weight = {
-            let q: [f32; 3] = core::array::from_fn(|i| {
-                run.input.encoder_counts[i] as f32 * (1.0 / run.device.joints[i].counts_per_unit)
-            });
-            kinematics::forward(&run.device, &q).weight_effort
-        };
-        for ((current_a, weight), joint) in settled.current_a.iter().zip(weight).zip(&run.device.joints) {
-            let carried = if settled.amplifiers_on { weight } else { 0.0 };
-            prop_assert!((current_a * joint.effort_per_amp - carried).abs() < 1e-5);
-        }
+/// Switches: the jointed device, and the tank.
+fn motors_bounded([jointed, tank]: [bool; 2], events: &[Event]) -> Held {
+    let mut run = Run::new(if jointed { arm() } else { bench() }, tank);
+    for event in events {
+        let output = run.tick(event);
+        run.check(&output)?;
     }
+    // Silence: within the longest horizon and 30 ms there is no contact force left, whatever was
+    // there; and if there is torque, it only carries the weight.
+    for _ in 0..(MAX_HORIZON_US + STALE_DECAY_US) / 1000 {
+        let output = run.tick(&SILENCE);
+        run.check(&output)?;
+    }
+    let last = run.tick(&SILENCE);
+    hold!(last.state.force_n.map(f32::to_bits) == [0; 3], "{last:?}");
+    for _ in 0..60 {
+        let output = run.tick(&SILENCE);
+        run.check(&output)?;
+    }
+    let settled = run.tick(&SILENCE);
+    let weight = {
+        let q: [f32; 3] = core::array::from_fn(|i| {
+            run.input.encoder_counts[i] as f32 * (1.0 / run.device.joints[i].counts_per_unit)
+        });
+        kinematics::forward(&run.device, &q).weight_effort
+    };
+    for ((current_a, weight), joint) in settled.current_a.iter().zip(weight).zip(&run.device.joints)
+    {
+        let carried = if settled.amplifiers_on { weight } else { 0.0 };
+        hold!(
+            (current_a * joint.effort_per_amp - carried).abs() < 1e-5,
+            "{settled:?}"
+        );
+    }
+    Ok(())
+}
+
+#[test]
+fn anything_in_leaves_the_motors_bounded() {
+    holds_over_all("motors", motors_bounded);
 }
 
 /// The test's own books of a Cartesian console: what its contact force has taken from the hand, without credit or leak.
@@ -306,25 +282,23 @@ impl Books {
     }
 }
 
-proptest! {
-    #![proptest_config(ProptestConfig { cases: 300, failure_persistence: None, ..ProptestConfig::default() })]
+/// Whatever comes in, the console never holds for paid what was not, and what it gives away is bounded by what it
+/// cannot take back in time: the force until the next command acts and the slew limit has taken it away, along the
+/// largest way that these events bring (21 counts a tick on each axis), and what an overdrawn tank still lets
+/// through. The hand may be an adversary (first switch): it goes wherever the motors push, or where a broken cable says.
+fn energy_bounded([adversary, _]: [bool; 2], events: &[Event]) -> Held {
+    let (least_j, bar_j) = robbed(events, adversary, true)?;
+    hold!(least_j > -bar_j, "{least_j} of {bar_j}");
+    Ok(())
+}
 
-    /// Whatever comes in, the console never holds for paid what was not, and what it gives away is bounded by what it
-    /// cannot take back in time: the force until the next command acts and the slew limit has taken it away, along the
-    /// largest way that these events bring (21 counts a tick on each axis), and what an overdrawn tank still lets
-    /// through. The hand is an adversary: it goes wherever the motors push, or where a broken cable says.
-    #[test]
-    fn anything_in_leaves_the_energy_bounded(
-        events in prop::collection::vec(event(), 1..400),
-        adversary in any::<bool>(),
-    ) {
-        let (least_j, bar_j) = robbed(&events, adversary, true)?;
-        prop_assert!(least_j > -bar_j, "{least_j} of {bar_j}");
-    }
+#[test]
+fn anything_in_leaves_the_energy_bounded() {
+    holds_over_all("energy", energy_bounded);
 }
 
 /// Least energy in the books over a sequence of events, and the bound on what may be given away \[J\].
-fn robbed(events: &[Event], adversary: bool, tank: bool) -> Result<(f64, f64), TestCaseError> {
+fn robbed(events: &[Event], adversary: bool, tank: bool) -> Result<(f64, f64), String> {
     let mut run = Run::new(bench(), tank);
     let mut books = Books {
         energy_j: 0.0,
@@ -345,10 +319,10 @@ fn robbed(events: &[Event], adversary: bool, tank: bool) -> Result<(f64, f64), T
             }
         }
         let output = run.tick(&event);
-        run.check(&output);
+        run.check(&output)?;
         books.book(&run, &output);
         let held_j = f64::from(run.control.tank_j());
-        prop_assert!(
+        hold!(
             held_j <= books.energy_j + 0.2e-3 + 1e-6,
             "{held_j} {}",
             books.energy_j
@@ -361,14 +335,11 @@ fn robbed(events: &[Event], adversary: bool, tank: bool) -> Result<(f64, f64), T
 /// The same adversary without the tank takes much more: the bound above is the tank's.
 #[test]
 fn without_the_tank_the_energy_is_not_bounded() {
-    use proptest::strategy::ValueTree;
-    use proptest::test_runner::TestRunner;
-    let mut runner = TestRunner::deterministic();
-    let events = prop::collection::vec(event(), 400);
+    let mut dice = Dice(1);
     let mut worst = [0.0_f64; 2];
     let mut bar = 0.0;
     for _ in 0..40 {
-        let events = events.new_tree(&mut runner).unwrap().current();
+        let events = dice.events(EVENTS as usize);
         for (worst, tank) in worst.iter_mut().zip([false, true]) {
             let (least_j, bar_j) = robbed(&events, true, tank).unwrap();
             (*worst, bar) = (worst.min(least_j), bar_j);
@@ -384,16 +355,13 @@ fn without_the_tank_the_energy_is_not_bounded() {
 /// The strategies above reach what they are for: a test that never arms proves nothing.
 #[test]
 fn the_events_reach_torque_faults_and_limits() {
-    use proptest::strategy::ValueTree;
-    use proptest::test_runner::TestRunner;
-    let mut runner = TestRunner::deterministic();
-    let events = prop::collection::vec(event(), 400);
+    let mut dice = Dice(1);
     let (mut modes, mut limited, mut stepped) = ([0_u32; 5], 0, 0);
     for _ in 0..40 {
         let mut run = Run::new(bench(), false);
-        for event in events.new_tree(&mut runner).unwrap().current() {
+        for event in dice.events(EVENTS as usize) {
             let output = run.tick(&event);
-            run.check(&output);
+            run.check(&output).unwrap();
             modes[output.state.mode as usize] += 1;
             let square: f32 = output.state.force_n.iter().map(|f| f * f).sum();
             limited += u32::from(square > 80.0);

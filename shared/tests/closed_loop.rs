@@ -2,9 +2,7 @@
 
 #![allow(clippy::unwrap_used, reason = "a test")]
 
-mod rig;
-
-use rig::{bench, frame, hand, wall};
+use crate::rig::{bench, frame, hand, wall};
 use sutura_shared::control::{Control, Guards, TickOutput, Tuning};
 use sutura_shared::simulated_console::SimulatedBoard;
 use sutura_shared::wire::message::{Command, Contact, Mode, Simulate};

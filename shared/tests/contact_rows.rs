@@ -1,8 +1,7 @@
 //! Contact rows on the console against contacts whose forces are known.
 
-mod common;
-
-use common::rows::{Contact3, cone, frame, smooth};
+use crate::common;
+use crate::common::rows::{Contact3, cone, frame, smooth};
 use proptest::prelude::*;
 use sutura_shared::control::{ContactRows, Fresh};
 use sutura_shared::math::max;

@@ -2,9 +2,9 @@
 
 #![allow(clippy::unwrap_used, reason = "a test")]
 
-mod rig;
-
-use rig::{Loop, arm, bench, frame, needle, needle_frame, no_contact, thread, thread_frame, wall};
+use crate::rig::{
+    Loop, arm, bench, frame, needle, needle_frame, no_contact, thread, thread_frame, wall,
+};
 use sutura_shared::control::{Control, TickInput, TickOutput};
 use sutura_shared::kinematics::GRAVITY;
 use sutura_shared::wire::faults;

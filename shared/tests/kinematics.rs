@@ -1,9 +1,7 @@
 //! Kinematics against formulas in double precision and their central differences.
 
-mod rig;
-
+use crate::rig::{arm, bench};
 use proptest::prelude::*;
-use rig::{arm, bench};
 use sutura_shared::device::{DeviceDescription, Kinematics};
 use sutura_shared::kinematics::{GRAVITY, forward};
 use sutura_shared::math::Vec3;

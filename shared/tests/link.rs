@@ -2,9 +2,8 @@
 
 #![allow(clippy::unwrap_used)]
 
-mod common;
-
-use common::{forge, frame, header_bytes, padded, sample};
+use crate::common;
+use crate::common::{forge, frame, header_bytes, padded, sample};
 use proptest::prelude::*;
 use sutura_shared::control::ContactRows;
 use sutura_shared::link::{

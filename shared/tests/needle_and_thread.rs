@@ -1,9 +1,7 @@
 //! Needle and thread between two frames, against what can be computed by hand.
 #![allow(clippy::expect_used, clippy::indexing_slicing, reason = "tests")]
 
-mod common;
-
-use common::sample;
+use crate::common::sample;
 use proptest::prelude::*;
 use sutura_shared::control::{LocalNeedle, LocalThread};
 use sutura_shared::math::{max, min};

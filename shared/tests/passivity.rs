@@ -2,9 +2,7 @@
 
 #![allow(clippy::unwrap_used, reason = "a test")]
 
-mod rig;
-
-use rig::{frame, wall};
+use crate::rig::{frame, wall};
 use sutura_shared::control::{Control, Guards, Rendering, TickInput, Tuning};
 use sutura_shared::device::{DeviceDescription, Joint, Kinematics};
 use sutura_shared::wire::faults;

@@ -1,8 +1,7 @@
 //! Contact rows that a console takes, and rows that it refuses.
 
-mod common;
-
-use common::{frame, golden_rows, rows::wild, rows_in, sample, verdict};
+use crate::common;
+use crate::common::{frame, golden_rows, rows::wild, rows_in, sample, verdict};
 use proptest::prelude::*;
 use sutura_shared::wire::message::{Row, RowKind, Rows};
 use sutura_shared::wire::{List, MAX_FRAME, Reject};

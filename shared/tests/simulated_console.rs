@@ -2,9 +2,7 @@
 
 #![allow(clippy::unwrap_used, reason = "a test")]
 
-mod rig;
-
-use rig::{arm, bench, hand, wall};
+use crate::rig::{arm, bench, hand, wall};
 use sutura_shared::control::TICK_US;
 use sutura_shared::link::{EXPIRES_AFTER_US, HostEvent, HostLink, OWNED_FOR_US};
 use sutura_shared::simulated_console::{Pace, SimulatedConsole};

@@ -2,9 +2,7 @@
 
 #![allow(clippy::unwrap_used, reason = "a test")]
 
-mod rig;
-
-use rig::{arm, bench, hand};
+use crate::rig::{arm, bench, hand};
 use sutura_shared::device::DeviceDescription;
 use sutura_shared::kinematics::{GRAVITY, forward};
 use sutura_shared::math::Vec3;

@@ -2,9 +2,7 @@
 
 #![allow(clippy::unwrap_used)]
 
-mod common;
-
-use common::{
+use crate::common::{
     Golden, encode_again, forge, frame, golden, header_bytes, sample, unpack_all, unpack_one,
     validate_either,
 };

@@ -1,8 +1,7 @@
 //! What is on the wire, bit by bit: a change here is a change of the protocol.
 
-mod common;
-
-use common::{encode_again, golden, hex_of, unpack_one, validate_either};
+use crate::common;
+use crate::common::{encode_again, golden, hex_of, unpack_one, validate_either};
 use sutura_shared::wire::message::{
     Command, Contact, End, Fixture, Friction, Hello, Mode, Needle, Ping, Pong, Refusal, Report,
     Rows, Simulate, State, Tension, Thread, Tip, WAY_POINTS,

@@ -2,9 +2,7 @@
 
 #![allow(clippy::unwrap_used)]
 
-mod common;
-
-use common::{
+use crate::common::{
     encode_again, frame, header_for, padded, sample, unpack_one, validate_either, verdict,
 };
 use proptest::prelude::*;

@@ -1,5 +1,8 @@
 //! Runs the `sutura` command as a user would and looks at all that it says.
 
+#[cfg(unix)]
+pub mod session;
+
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
@@ -37,4 +40,38 @@ pub fn root() -> PathBuf {
         .join("../..")
         .canonicalize()
         .expect("the checkout is there")
+}
+
+impl Ran {
+    /// What `--format json` printed.
+    pub fn json(&self) -> serde_json::Value {
+        let object = serde_json::from_str(&self.stdout);
+        object.unwrap_or_else(|_| panic!("no JSON object: {}{}", self.stdout, self.stderr))
+    }
+
+    /// Whether a session in real time, run with `--format json`, ended in one of the ways that it may on a machine that is
+    /// late: at its time, at rest because no contact came for half a second, or with too little of its contact felt. What it
+    /// was to feel is for sessions in lockstep.
+    pub fn ended_well(&self) -> bool {
+        let object = self.json();
+        let status = object["status"].as_str().unwrap_or_default();
+        match self.code {
+            0 => status == "ok",
+            1 => status.starts_with("idle: no usable contact"),
+            8 => status == "not-rendered",
+            _ => false,
+        }
+    }
+}
+
+/// Runs a session in real time, once more where this machine let its line stand still for so long that the console
+/// counted as gone, or has not yet let the threads of the link before it close the port.
+#[cfg(unix)]
+pub fn session_of(arguments: &[&str]) -> Ran {
+    session::undisturbed(|| {
+        let ran = sutura(&[arguments, &["--format", "json"]].concat());
+        let still = ["nothing came for", "no state came", "in use by"];
+        let stood = ran.code == 3 && still.iter().any(|words| ran.stderr.contains(words));
+        (!stood).then_some(ran)
+    })
 }

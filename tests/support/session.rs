@@ -3,14 +3,51 @@
 
 use std::io;
 use std::sync::{Arc, Mutex};
-use std::time::Duration;
-use sutura_host::link::Port;
+use std::time::{Duration, Instant};
+use sutura_host::link::{LinkOptions, Port};
 use sutura_host::scene::{BUILT_IN_DEVICES, Document, read_device};
-use sutura_host::session::{LINE_BYTES_PER_S, Plan, Rendering, Solve, Solved};
-use sutura_host::step::{Stages, Status, ToolContact};
+use sutura_host::session::{LINE_BYTES_PER_S, Plan, Rendering, Solve, Solved, Summary};
+use sutura_host::step::{Status, ToolContact};
 use sutura_shared::device::DeviceDescription;
 use sutura_shared::wire::message::{HandScript, State, WAY_POINTS, WayPoint};
 use sutura_shared::wire::{Accumulator, Unchecked, Valid, decode};
+
+/// Longer than any machine needs, shorter than anybody waits.
+pub const LONG: Duration = Duration::from_secs(60);
+
+/// A link that waits for a machine that stands still.
+pub fn patient() -> LinkOptions {
+    LinkOptions {
+        answer_within: LONG,
+        silent_after: LONG,
+        ..LinkOptions::default()
+    }
+}
+
+/// Whether a session in real time ended in one of the ways that it may: where the machine let the host wait for half a
+/// second, the console has gone to rest.
+pub fn ended_well(summary: &Summary) -> bool {
+    summary.status == "ok" || went_idle(summary)
+}
+
+/// Whether the console has gone to rest by itself.
+pub fn went_idle(summary: &Summary) -> bool {
+    summary.status.starts_with("idle: no usable contact")
+}
+
+/// Once more until the machine let a session come as far as what is asserted of it: none means that it did not.
+pub fn undisturbed<T>(mut session: impl FnMut() -> Option<T>) -> T {
+    let deadline = Instant::now() + LONG;
+    loop {
+        if let Some(result) = session() {
+            return result;
+        }
+        assert!(
+            Instant::now() < deadline,
+            "this machine, or a defect, ended every attempt before it came to what is asserted"
+        );
+    }
+}
 
 /// Stiffness of the plane \[N/m\].
 pub const PLANE_N_PER_M: f64 = 300.0;
@@ -37,11 +74,9 @@ impl Solve for Plane {
         Solved {
             position_m: state.body().position_m,
             contact: Some(contact),
-            rows: None,
-            needle: None,
-            thread: None,
             status: Status::Ok,
-            stages: Stages::default(),
+            touched: z < 0.0,
+            ..Solved::default()
         }
     }
 

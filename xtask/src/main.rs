@@ -1,5 +1,6 @@
 //! What the project needs besides `cargo build`: tools, firmware images with their gates, all checks.
 
+mod bars;
 mod bench;
 mod calls;
 mod firmware;
@@ -27,7 +28,7 @@ struct Arguments {
 
 #[derive(Subcommand)]
 enum Command {
-    /// Installs what is missing: the chip's Rust target, QEMU, valgrind, gungraun-runner, cargo-deny.
+    /// Installs what is missing: the chip's Rust target, QEMU, valgrind, gungraun-runner, cargo-deny, cargo-nextest.
     Setup,
     /// Builds the firmware, prints sizes and instruction counts, and compares them with the snapshots.
     #[command(after_help = "Examples:
@@ -84,8 +85,34 @@ Times on this machine: cargo run --release -- bench")]
         #[arg(trailing_var_arg = true, allow_hyphen_values = true)]
         arguments: Vec<String>,
     },
-    /// Runs everything that the project checks.
-    Test,
+    /// Measures in seconds what sessions in real time must hold: idle and beside busy loops, against lockstep.
+    #[command(after_help = "Examples:
+  cargo xtask bars                                     all scenes, five runs each: idle, busy without and with rights
+  cargo xtask bars --idle --runs 1                     a first look
+  cargo xtask bars --busy --scene palpation            one scene beside busy loops
+  cargo xtask bars --format json > bars.json           all figures of all runs
+
+Builds the release first. An idle machine is needed, and root for both kinds of rights: without real-time rights a session
+runs as nobody (prlimit and setpriv of util-linux); a user who is not root gets the limit with
+  sudo prlimit --pid $$ --rtprio=80
+Runs during which a thread that only sleeps 1 ms was late by over 5 ms are marked. The exit code is 1 if a bar is missed.")]
+    Bars(bars::Arguments),
+    /// Runs everything that the project checks, goes on after a failure, and lists all that failed at the end.
+    #[command(after_help = "Examples:
+  cargo xtask test                    all checks; property tests draw the same cases every time
+  cargo xtask test --full             fresh cases, and the long forms of tests (SUTURA_FULL=1)
+  cargo xtask test --full --seed 7    what a run that printed this seed drew
+
+What went into tools, builds and suites, and the slowest tests, is printed at the end; the last line on stdout is
+\"N passed, M failed\". Bars in seconds, on an idle machine: cargo xtask bars")]
+    Test {
+        /// Fresh cases for the property tests, and tests in their long forms.
+        #[arg(long)]
+        full: bool,
+        /// Of the property tests' generator.
+        #[arg(long)]
+        seed: Option<u64>,
+    },
 }
 
 #[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
@@ -114,7 +141,8 @@ fn main() -> ExitCode {
         Command::Bench { bless, format } => bench::gated(bless, format),
         Command::Scenes { check } => scenes::gated(check),
         Command::Fuzz { arguments } => fuzz::run(&arguments),
-        Command::Test => test::all(),
+        Command::Bars(arguments) => bars::all(&arguments),
+        Command::Test { full, seed } => test::all(test::Cases::new(full, seed)),
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,

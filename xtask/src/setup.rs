@@ -25,7 +25,8 @@ pub fn all() -> Result<()> {
     rustup_components()?;
     qemu()?;
     instruction_counter()?;
-    cargo_deny()
+    cargo_command("deny", "dependency checks")?;
+    cargo_command("nextest", "test runner")
 }
 
 /// Valgrind, and the runner of the instruction counts.
@@ -76,18 +77,23 @@ pub fn qemu() -> Result<()> {
     Ok(())
 }
 
-fn cargo_deny() -> Result<()> {
-    if Tool::new("cargo deny --version").output().is_err() {
-        eprintln!(
-            "installing cargo-deny from source, which takes minutes: cargo install cargo-deny --locked"
-        );
-        Tool::new("cargo install cargo-deny --locked")
+/// Subcommands of cargo, from source.
+fn cargo_command(name: &str, what: &str) -> Result<()> {
+    let version = || Tool::new(&format!("cargo {name} --version")).output();
+    if version().is_err() {
+        let install = format!("cargo install cargo-{name} --locked");
+        eprintln!("installing cargo-{name} from source, which takes minutes: {install}");
+        Tool::new(&install)
             .run()
-            .context("cargo-deny is missing")?;
+            .with_context(|| format!("cargo-{name} is missing"))?;
     }
-    eprintln!(
-        "dependency checks: {}",
-        Tool::new("cargo deny --version").output()?.trim()
-    );
+    let version = version()?;
+    let line = version.lines().next().unwrap_or_default();
+    eprintln!("{what}: {line}");
     Ok(())
+}
+
+/// Whether the runner that times every test can be started.
+pub fn has_test_runner() -> bool {
+    Tool::new("cargo nextest --version").output().is_ok()
 }

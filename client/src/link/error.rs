@@ -3,6 +3,7 @@
 //! Entry point: [`LinkError`]; its text says what happened, [`LinkError::help`] the next step.
 
 use std::fmt;
+use std::path::Path;
 use std::time::Duration;
 use sutura_shared::link::{Mismatch, SendError};
 
@@ -44,10 +45,12 @@ pub enum LinkError {
         name: String,
     },
     /// Another program has the port.
-    #[error("`{name}` is in use by another program")]
+    #[error("`{name}` is in use by another program{}", in_brackets(by.as_deref()))]
     Busy {
         /// The port asked for.
         name: String,
+        /// Which program, if the system says so.
+        by: Option<String>,
     },
     /// The system refused for another reason.
     #[error("`{name}` cannot be opened as a console's port: {reason}")]
@@ -115,19 +118,48 @@ pub enum LinkError {
     },
 }
 
+/// ` (what)`, or nothing.
+fn in_brackets(what: Option<&str>) -> String {
+    what.map_or_else(String::new, |what| format!(" ({what})"))
+}
+
+/// Whether a port is that of a virtual console: a pseudo-terminal, or a link to one, which stands outside of /dev. It has no
+/// cable and no reset, and is late where its PC is.
+pub fn is_virtual(name: &str) -> bool {
+    let path = Path::new(name);
+    if !cfg!(unix) || name == "virtual" {
+        return name == "virtual";
+    }
+    // The terminal goes with its console; a link to it may stay.
+    let real = std::fs::canonicalize(path).or_else(|_| std::fs::read_link(path));
+    let real = real.unwrap_or_else(|_| path.to_owned());
+    ["/dev/pts", "/dev/ttys"]
+        .iter()
+        .any(|of| real.to_string_lossy().starts_with(of))
+        || !real.starts_with("/dev")
+}
+
+/// What helps where a virtual console does not do as it should.
+pub const VIRTUAL_HELP: &str = "a virtual console is as late as its PC is busy: close other programs (`sutura doctor` says what else helps); one in a process of its own, `sutura console`, must still run";
+
 impl LinkError {
     /// What the user can do next.
     pub fn help(&self) -> String {
         match self {
+            LinkError::Mismatch { .. } if self.is_of_virtual() => {
+                "start the virtual console from the same build as this program: `sutura console`".to_owned()
+            }
+            _ if self.is_of_virtual() => VIRTUAL_HELP.to_owned(),
             LinkError::NoPort { .. } => {
                 "plug the console in and name one of its ports, or use `--console virtual`".to_owned()
             }
             LinkError::Permission { name } => format!(
                 "let your user open serial ports (Linux: `sudo usermod -aG dialout $USER`, then log in again), or check `ls -l {name}`"
             ),
-            LinkError::Busy { name } => format!(
+            LinkError::Busy { name, by: None } => format!(
                 "close the other program (`fuser {name}` names it); ModemManager lets go of a new port after about 10 s"
             ),
+            LinkError::Busy { .. } => "close that program, or name another port".to_owned(),
             LinkError::Open { .. } => "name a serial port or a pseudo-terminal, or use `--console virtual`".to_owned(),
             LinkError::NoAnswer { .. } => {
                 "check that this port is a Sutura console, that it has power and that its firmware runs; press its reset and try again".to_owned()
@@ -141,6 +173,63 @@ impl LinkError {
             LinkError::Gone { .. } => "check the cable and the console's power, then start again; the console lets its force decay by itself".to_owned(),
             LinkError::Unsendable { .. } => "correct the value: the console checks every number before it uses it".to_owned(),
             LinkError::Stuck { .. } | LinkError::Console { .. } => "press the console's reset and start again".to_owned(),
+        }
+    }
+
+    /// Whether it is about a virtual console, and that makes a difference to what helps.
+    fn is_of_virtual(&self) -> bool {
+        match self {
+            LinkError::NoAnswer { name, .. }
+            | LinkError::Mismatch { name, .. }
+            | LinkError::Gone { name, .. }
+            | LinkError::Stuck { name, .. }
+            | LinkError::Console { name, .. } => is_virtual(name),
+            _ => false,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A pseudo-terminal has neither a cable nor a reset.
+    #[cfg(unix)]
+    #[test]
+    fn a_virtual_console_is_not_told_of_cables() {
+        let errors = |name: &str| {
+            let (name, reason) = (name.to_owned(), "nothing came for 0.6 s".to_owned());
+            [
+                LinkError::Gone {
+                    name: name.clone(),
+                    reason: reason.clone(),
+                },
+                LinkError::NoAnswer {
+                    name: name.clone(),
+                    waited: Duration::from_secs(3),
+                    heard: reason.clone(),
+                },
+                LinkError::Stuck {
+                    name: name.clone(),
+                    waiting: 16,
+                },
+                LinkError::Console { name, what: reason },
+            ]
+        };
+        let speaks_of_hardware = |error: &LinkError| {
+            let help = error.help();
+            ["cable", "power", "reset"]
+                .iter()
+                .any(|word| help.contains(word))
+        };
+        for name in ["/dev/pts/63", "virtual", "/tmp/no-such-bench"] {
+            for error in errors(name) {
+                assert!(!speaks_of_hardware(&error), "{name}: {}", error.help());
+                assert!(error.help().contains("PC"), "{name}: {}", error.help());
+            }
+        }
+        for error in errors("/dev/ttyACM0") {
+            assert!(speaks_of_hardware(&error), "{}", error.help());
         }
     }
 }

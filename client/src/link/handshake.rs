@@ -2,7 +2,7 @@
 //!
 //! Entry point: [`shake_hands`].
 
-use super::{LinkError, Port};
+use super::{LinkError, LinkOptions, Port};
 use std::hash::{BuildHasher, Hasher, RandomState};
 use std::io;
 use std::sync::{Mutex, MutexGuard, PoisonError};
@@ -58,6 +58,40 @@ pub(super) fn write_all(
             }
             // A full line drains within a tick or two of the console.
             std::thread::sleep(Duration::from_millis(1));
+        }
+    }
+    Ok(())
+}
+
+/// Asks whether a console of this protocol is at the other end of `port`; what it says of itself. The session that this
+/// opens is nobody's: the next host's `Hello` takes its place, and a session that has a host is left alone.
+///
+/// # Errors
+/// [`LinkError::NoAnswer`], [`LinkError::Owned`], [`LinkError::Mismatch`], or [`LinkError::Gone`].
+pub fn knock(port: &mut dyn Port, options: &LinkOptions) -> Result<Hello, LinkError> {
+    let end = Mutex::new(HostLink::new(options.tick_hz));
+    let (console, _) = shake_hands(port, &end, options.answer_within, || false)?;
+    Ok(console)
+}
+
+/// A console says nothing for so long once a session that nobody uses has expired: many ticks.
+const QUIET: Duration = Duration::from_millis(20);
+/// That takes a second after a [`knock`]; one that talks on is left to the handshake.
+const QUIET_WITHIN: Duration = Duration::from_millis(1500);
+
+/// Reads what comes over `port` and is of no use any more, such as the states of the session that [`knock`] opened, until
+/// nothing comes.
+///
+/// # Errors
+/// [`LinkError::Gone`].
+pub fn drain(port: &mut dyn Port) -> Result<(), LinkError> {
+    let mut chunk = [0; 4096];
+    let began = Instant::now();
+    while began.elapsed() < QUIET_WITHIN {
+        match port.read(&mut chunk, QUIET) {
+            Ok(0) => break,
+            Ok(_) => {}
+            Err(error) => return Err(gone(&port.name(), &error)),
         }
     }
     Ok(())

@@ -4,6 +4,7 @@
 //! USB console ignores the line rate, the emulator's UART has none.
 
 use super::LinkError;
+use super::holder::holder;
 use serialport::SerialPort;
 use std::io;
 use std::time::Duration;
@@ -126,7 +127,10 @@ fn explain(path: &str, error: &serialport::Error) -> LinkError {
         },
         Kind::Io(io::ErrorKind::PermissionDenied) => LinkError::Permission { name },
         // `serialport` reports a locked port as a missing device.
-        Kind::NoDevice if std::path::Path::new(path).exists() => LinkError::Busy { name },
+        Kind::NoDevice if std::path::Path::new(path).exists() => LinkError::Busy {
+            by: holder(path),
+            name,
+        },
         Kind::NoDevice => LinkError::NoPort {
             name,
             found: serial_ports().into(),

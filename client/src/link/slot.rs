@@ -12,7 +12,7 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// Holds at most one value; a newer one replaces it.
+/// Holds at most one value, of some tick; a newer one replaces it. One thread waits at a time.
 #[derive(Debug)]
 pub struct Slot<T> {
     inner: Mutex<Inner<T>>,
@@ -21,7 +21,9 @@ pub struct Slot<T> {
 
 #[derive(Debug)]
 struct Inner<T> {
-    value: Option<T>,
+    value: Option<(u32, T)>,
+    /// The tick that is waited for; any if none is.
+    wanted: Option<u32>,
     closed: bool,
     superseded: u64,
 }
@@ -30,6 +32,7 @@ impl<T> Default for Slot<T> {
     fn default() -> Self {
         let inner = Inner {
             value: None,
+            wanted: None,
             closed: false,
             superseded: 0,
         };
@@ -40,28 +43,41 @@ impl<T> Default for Slot<T> {
     }
 }
 
+/// Whether `tick` is `wanted` or after it. Ticks wrap around.
+fn is_from(tick: u32, wanted: Option<u32>) -> bool {
+    wanted.is_none_or(|wanted| tick.wrapping_sub(wanted) <= u32::MAX / 2)
+}
+
 impl<T> Slot<T> {
-    /// Puts a value in, in place of one that nobody took.
-    pub fn put(&self, value: T) {
+    /// Puts the value of a tick in, in place of one that nobody took. Wakes nobody who waits for a later tick: a wake-up
+    /// on a busy machine may be late, and then so is the one that counts.
+    ///
+    /// Whether it wakes whoever waits.
+    pub fn put(&self, tick: u32, value: T) -> bool {
         let mut inner = lock(&self.inner);
-        if inner.value.replace(value).is_some() {
+        if inner.value.replace((tick, value)).is_some() {
             inner.superseded += 1;
         }
+        let wakes = is_from(tick, inner.wanted);
         drop(inner);
-        self.changed.notify_one();
+        if wakes {
+            self.changed.notify_one();
+        }
+        wakes
     }
 
-    /// Takes the value, waiting for one until `deadline`; `None` when time is up or the slot is closed.
-    pub fn wait_until(&self, deadline: Instant) -> Option<T> {
+    /// Takes the value of that tick or a later one (any if none is given), waiting for it until `deadline`. When time is up
+    /// or the slot is closed: what there is, whatever its tick.
+    pub fn wait_for(&self, tick: Option<u32>, deadline: Instant) -> Option<T> {
         let mut inner = lock(&self.inner);
         loop {
-            if let Some(value) = inner.value.take() {
-                return Some(value);
-            }
+            let there = inner.value.as_ref();
             let left = deadline.saturating_duration_since(Instant::now());
-            if inner.closed || left.is_zero() {
-                return None;
+            if there.is_some_and(|(of, _)| is_from(*of, tick)) || inner.closed || left.is_zero() {
+                inner.wanted = None;
+                return inner.value.take().map(|(_, value)| value);
             }
+            inner.wanted = tick;
             inner = self
                 .changed
                 .wait_timeout(inner, left)
@@ -113,6 +129,8 @@ struct OutboxInner<O, T> {
     orders: VecDeque<O>,
     latest: Option<T>,
     closed: bool,
+    /// Whether the writer is to look at the line.
+    called: bool,
     superseded: u64,
 }
 
@@ -123,6 +141,7 @@ impl<O, T> Outbox<O, T> {
             orders: VecDeque::with_capacity(capacity),
             latest: None,
             closed: false,
+            called: false,
             superseded: 0,
         };
         Outbox {
@@ -157,6 +176,18 @@ impl<O, T> Outbox<O, T> {
         self.changed.notify_one();
     }
 
+    /// Whether nothing waits, so that whoever has something may write it past the writer.
+    pub fn is_idle(&self) -> bool {
+        let inner = lock(&self.inner);
+        inner.orders.is_empty() && inner.latest.is_none() && !inner.closed
+    }
+
+    /// Has [`next`](Self::next) return once, with nothing if need be.
+    pub fn call(&self) {
+        lock(&self.inner).called = true;
+        self.changed.notify_one();
+    }
+
     /// Waits for the next thing to write, at most until `until`; `None` once closed and all orders are out.
     ///
     /// Real-time data stay where they can still be replaced until `not_before`; orders do not wait.
@@ -175,7 +206,7 @@ impl<O, T> Outbox<O, T> {
             {
                 return Some(Outgoing::Latest(latest));
             }
-            if now >= until {
+            if now >= until || std::mem::take(&mut inner.called) {
                 return Some(Outgoing::Nothing);
             }
             let wake = if inner.latest.is_some() {
@@ -220,13 +251,13 @@ mod tests {
     fn slot_keeps_the_newest_and_counts_the_rest() {
         let slot = Slot::default();
         for i in 0..5 {
-            slot.put(i);
+            slot.put(i, i);
         }
-        assert_eq!(slot.wait_until(Instant::now()), Some(4));
-        assert_eq!(slot.wait_until(Instant::now()), None);
+        assert_eq!(slot.wait_for(None, Instant::now()), Some(4));
+        assert_eq!(slot.wait_for(None, Instant::now()), None);
         assert_eq!(slot.superseded(), 4);
-        slot.put(5);
-        assert_eq!(slot.wait_until(Instant::now()), Some(5));
+        slot.put(5, 5);
+        assert_eq!(slot.wait_for(Some(5), Instant::now()), Some(5));
         assert_eq!(
             slot.superseded(),
             4,
@@ -239,10 +270,41 @@ mod tests {
         let slot = Slot::<u8>::default();
         std::thread::scope(|scope| {
             let waiting =
-                scope.spawn(|| slot.wait_until(Instant::now() + Duration::from_secs(600)));
+                scope.spawn(|| slot.wait_for(Some(7), Instant::now() + Duration::from_secs(600)));
             slot.close();
             assert_eq!(waiting.join().ok(), Some(None));
         });
+    }
+
+    #[test]
+    fn only_the_tick_that_is_waited_for_wakes() {
+        let slot = Slot::default();
+        // Around the end of the ticks' numbers.
+        let wanted = 3_u32.wrapping_sub(5);
+        let deadline = Instant::now() + Duration::from_secs(60);
+        std::thread::scope(|scope| {
+            let waiting = scope.spawn(|| slot.wait_for(Some(wanted), deadline));
+            // From then on it sleeps, or holds the lock.
+            while lock(&slot.inner).wanted.is_none() {
+                std::thread::yield_now();
+            }
+            for back in (1..6).rev() {
+                assert!(!slot.put(wanted.wrapping_sub(back), back));
+            }
+            assert!(slot.put(wanted.wrapping_add(6), 0), "one after it will do");
+            assert_eq!(waiting.join().ok(), Some(Some(0)));
+        });
+        assert!(Instant::now() < deadline);
+        assert!(slot.put(1, 7), "whoever waits next may want any");
+    }
+
+    #[test]
+    fn an_earlier_tick_is_given_only_when_time_is_up() {
+        let slot = Slot::default();
+        slot.put(1, 8);
+        let deadline = Instant::now() + Duration::from_millis(20);
+        assert_eq!(slot.wait_for(Some(2), deadline), Some(8));
+        assert!(Instant::now() >= deadline);
     }
 
     #[test]
@@ -275,5 +337,28 @@ mod tests {
         assert_eq!(outbox.order(3), Ok(()));
         outbox.clear();
         assert_eq!(outbox.next(now, now), Some(Outgoing::Nothing));
+    }
+
+    #[test]
+    fn the_writer_is_called_once_and_nothing_goes_past_what_waits() {
+        let outbox = Outbox::<u8, u8>::new(2);
+        let later = Instant::now() + Duration::from_secs(600);
+        assert!(outbox.is_idle());
+        outbox.call();
+        assert_eq!(outbox.next(later, later), Some(Outgoing::Nothing));
+        outbox.call();
+        outbox.put(1);
+        assert!(!outbox.is_idle());
+        assert_eq!(
+            outbox.next(Instant::now(), later),
+            Some(Outgoing::Latest(1))
+        );
+        assert_eq!(outbox.next(later, later), Some(Outgoing::Nothing));
+        assert_eq!(outbox.order(2), Ok(()));
+        assert!(!outbox.is_idle());
+        outbox.clear();
+        assert!(outbox.is_idle());
+        outbox.close();
+        assert!(!outbox.is_idle(), "no force goes out behind the last order");
     }
 }

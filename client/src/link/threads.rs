@@ -7,8 +7,10 @@
 use super::clock::{Clock, ClockEstimate, Exchange, RoundTrips};
 use super::felt::{Felt, Order, append, append_all, append_order};
 use super::handshake::{READ_WAIT, gone, lock, shake_hands, write_all};
+use super::sent::{SentContact, SentContacts};
 use super::slot::{Outbox, Outgoing, Slot};
 use super::{LinkError, Port};
+use crate::scheduling::{Duty, Granted, Role};
 use std::fmt;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
@@ -26,7 +28,7 @@ const ORDERS: usize = 16;
 /// Time between two pings. Not a whole number of ticks (golden section), so that pings meet the console at every moment
 /// of its tick.
 const PING_EVERY: Duration = Duration::from_micros(99_382);
-/// A console from which nothing came for so long is taken for gone. It answers every ping; and one that starts anew without
+/// See [`LinkOptions::silent_after`]. A console answers every ping; and one that starts anew without
 /// its port going away is to be found again within a second.
 const SILENT: Duration = Duration::from_millis(600);
 /// Time between two attempts to open the port of a console that went away.
@@ -41,10 +43,17 @@ pub struct LinkOptions {
     pub tick_hz: u16,
     /// How long the console may take to answer.
     pub answer_within: Duration,
+    /// A console from which nothing came for so long is taken for gone, where it can be looked for again.
+    pub silent_after: Duration,
     /// Shortest time between two contact frames; newer ones replace the one that waits.
     pub contact_spacing: Duration,
     /// Time between two pings: at most a third of the time for which a console is its host's.
     pub ping_every: Duration,
+    /// Whether the link's threads ask for [real-time scheduling](crate::scheduling). [`Link::granted`] says what they got.
+    pub real_time: bool,
+    /// Whether [`Link::felt`] writes itself where the line is free, which saves the writer's wake-up. It then waits for a line
+    /// that is full, for 20 ms at most. Not with a `contact_spacing`.
+    pub at_once: bool,
 }
 
 impl Default for LinkOptions {
@@ -52,8 +61,11 @@ impl Default for LinkOptions {
         LinkOptions {
             tick_hz: 1000,
             answer_within: Duration::from_secs(3),
+            silent_after: SILENT,
             contact_spacing: Duration::ZERO,
             ping_every: PING_EVERY,
+            real_time: false,
+            at_once: false,
         }
     }
 }
@@ -85,6 +97,8 @@ pub type Connector = Box<dyn FnMut() -> Result<Box<dyn Port>, LinkError> + Send>
 /// What a link's listener hears, on the reader's thread: it must return at once.
 #[derive(Clone, Copy, Debug)]
 pub enum Heard<'a> {
+    /// A contact that went out; before any state that could know of it.
+    Sent(SentContact),
     /// A state, a report, the answer to a ping.
     Event(&'a HostEvent),
     /// The console went away, or its session is over. The link tries to get it back.
@@ -109,6 +123,8 @@ pub struct Link {
     shared: Arc<Shared>,
     threads: Vec<JoinHandle<()>>,
     name: String,
+    /// Whether its threads ask for real-time scheduling.
+    asked: bool,
 }
 
 impl fmt::Debug for Link {
@@ -129,8 +145,14 @@ struct Shared {
     states: Slot<Valid<State>>,
     /// What was solved for the newest state, and its console time \[us\].
     outbox: Outbox<Order, (u64, Felt)>,
+    /// Contacts that went out and that the listener has not heard of.
+    sent: Mutex<SentContacts>,
+    /// Whether what is felt is written at once.
+    at_once: bool,
+    /// Threads that go before ordinary ones, of those that asked.
+    granted: AtomicU64,
     /// Where the writer writes; none while the console is away.
-    line: Mutex<Option<Box<dyn Port>>>,
+    line: Mutex<Option<Written>>,
     /// Why the writer could not.
     unwritten: Mutex<Option<LinkError>>,
     status: Mutex<Status>,
@@ -144,6 +166,25 @@ struct Shared {
     /// Console time of the newest state \[us\].
     console_time_us: AtomicU64,
     closing: AtomicBool,
+}
+
+/// The line as those who write see it.
+struct Written {
+    port: Box<dyn Port>,
+    /// Bytes of a frame that has begun.
+    rest: Vec<u8>,
+    /// For what is written next.
+    frames: Vec<u8>,
+}
+
+impl Written {
+    fn new(port: Box<dyn Port>) -> Self {
+        Written {
+            port,
+            rest: Vec::with_capacity(3 * MAX_FRAME),
+            frames: Vec::with_capacity(3 * MAX_FRAME),
+        }
+    }
 }
 
 struct Status {
@@ -167,11 +208,23 @@ impl Link {
         options: LinkOptions,
         mut listener: impl FnMut(&HostEvent) + Send + 'static,
     ) -> Result<Link, LinkError> {
-        Link::start(port, None, options, move |heard| {
+        Link::open_heard(port, options, move |heard| {
             if let Heard::Event(event) = heard {
                 listener(event);
             }
         })
+    }
+
+    /// Like [`open`](Self::open), with a listener that hears of contacts that went out, too.
+    ///
+    /// # Errors
+    /// Those of [`open`](Self::open).
+    pub fn open_heard(
+        port: Box<dyn Port>,
+        options: LinkOptions,
+        listener: impl FnMut(Heard<'_>) + Send + 'static,
+    ) -> Result<Link, LinkError> {
+        Link::start(port, None, options, listener)
     }
 
     /// Like [`open`](Self::open), with a console that may go away, start anew or close the session: its port is then opened
@@ -206,7 +259,10 @@ impl Link {
             before: Mutex::default(),
             states: Slot::default(),
             outbox: Outbox::new(ORDERS),
-            line: Mutex::new(Some(writer_port)),
+            sent: Mutex::default(),
+            at_once: options.at_once && options.contact_spacing.is_zero(),
+            granted: AtomicU64::new(0),
+            line: Mutex::new(Some(Written::new(writer_port))),
             unwritten: Mutex::new(None),
             status: Mutex::new(Status {
                 standing: Standing::Open(1),
@@ -227,6 +283,7 @@ impl Link {
             shared,
             threads: Vec::new(),
             name,
+            asked: options.real_time,
         };
         let reader = Reader {
             shared: link.shared.clone(),
@@ -269,7 +326,20 @@ impl Link {
     /// # Errors
     /// As [`check`](Self::check), when all that came before has been taken.
     pub fn state(&self, deadline: Instant) -> Result<Option<Valid<State>>, LinkError> {
-        match self.shared.states.wait_until(deadline) {
+        self.state_from(None, deadline)
+    }
+
+    /// As [`state`](Self::state), waiting for one of that tick or later; at the deadline the newest, whatever its tick.
+    /// Only one thread may wait in this way.
+    ///
+    /// # Errors
+    /// As [`state`](Self::state).
+    pub fn state_from(
+        &self,
+        tick: Option<u32>,
+        deadline: Instant,
+    ) -> Result<Option<Valid<State>>, LinkError> {
+        match self.shared.states.wait_for(tick, deadline) {
             Some(state) => Ok(Some(state)),
             None => self.check().map(|()| None),
         }
@@ -277,7 +347,18 @@ impl Link {
 
     /// Puts out what was solved for the state of `console_time_us`, in place of what still waits.
     pub fn felt(&self, console_time_us: u64, felt: Felt) {
-        self.shared.outbox.put((console_time_us, felt));
+        if !self.shared.write_at_once(console_time_us, &felt) {
+            self.shared.outbox.put((console_time_us, felt));
+        }
+    }
+
+    /// What the link's threads got of the system, if they [asked](LinkOptions::real_time).
+    pub fn granted(&self) -> Granted {
+        match self.shared.granted.load(Ordering::Relaxed) {
+            _ if !self.asked => Granted::NotAsked,
+            0 | 1 => Granted::Ordinary,
+            _ => Granted::RealTime,
+        }
     }
 
     /// Queues an order; while the console is away it is dropped.
@@ -375,8 +456,9 @@ struct Reader<L> {
 impl<L: FnMut(Heard<'_>)> Reader<L> {
     /// Until the link closes or is over.
     fn run(mut self, mut port: Box<dyn Port>, mut rest: Vec<u8>) {
+        let mut duty = self.shared.begin(&self.options);
         loop {
-            let Some(lost) = self.read(port.as_mut(), &rest) else {
+            let Some(lost) = self.read(port.as_mut(), &rest, &mut duty) else {
                 return;
             };
             // Some ports can be opened once only: let go of this one first.
@@ -398,17 +480,24 @@ impl<L: FnMut(Heard<'_>)> Reader<L> {
     }
 
     /// Bytes to events, events to the slot and the listener; why the session is lost, none if the link closes.
-    fn read(&mut self, port: &mut dyn Port, rest: &[u8]) -> Option<LinkError> {
+    fn read(
+        &mut self,
+        port: &mut dyn Port,
+        rest: &[u8],
+        duty: &mut Option<Duty>,
+    ) -> Option<LinkError> {
         let mut heard = Instant::now();
         self.hear(rest, heard);
         let mut chunk = [0; 4096];
         while !self.shared.is_closing() {
+            duty.as_mut().map(Duty::look);
             if let Some(error) = lock(&self.shared.unwritten).take() {
                 return Some(error);
             }
             match port.read(&mut chunk, READ_WAIT) {
-                Ok(0) if self.connect.is_some() && heard.elapsed() > SILENT => {
-                    let reason = format!("nothing came for {:.1} s", SILENT.as_secs_f64());
+                Ok(0) if self.connect.is_some() && heard.elapsed() > self.options.silent_after => {
+                    let silent = self.options.silent_after.as_secs_f64();
+                    let reason = format!("nothing came for {silent:.1} s");
                     let name = port.name();
                     return Some(LinkError::Gone { name, reason });
                 }
@@ -440,12 +529,19 @@ impl<L: FnMut(Heard<'_>)> Reader<L> {
             };
             let Some(event) = event else { return any };
             any = true;
+            if matches!(event, HostEvent::State(_)) {
+                // Not over the listener either.
+                let next = || lock(&shared.sent).next();
+                while let Some(sent) = next() {
+                    (self.listener)(Heard::Sent(sent));
+                }
+            }
             (self.listener)(Heard::Event(&event));
             match event {
                 HostEvent::State(state) => {
                     let time_us = state.console_time_us();
                     shared.console_time_us.store(time_us, Ordering::Relaxed);
-                    shared.states.put(state);
+                    shared.states.put(state.body().tick, state);
                 }
                 HostEvent::Pong(pong) => {
                     let pong = pong.body();
@@ -521,6 +617,8 @@ impl Shared {
         let mut end = lock(&self.end);
         *before = sum(*before, end.counters());
         *end = HostLink::new(self.tick_hz);
+        // Within the end's lock, as they are written down.
+        lock(&self.sent).clear();
     }
 
     /// Another session is open.
@@ -528,7 +626,7 @@ impl Shared {
         // Nothing of the old session may go out in the new one.
         self.outbox.clear();
         lock(&self.unwritten).take();
-        *lock(&self.line) = Some(writer);
+        *lock(&self.line) = Some(Written::new(writer));
         let mut status = lock(&self.status);
         status.sessions += 1;
         status.console = console;
@@ -545,26 +643,39 @@ impl Shared {
         self.outbox.close();
     }
 
+    /// What the calling thread asks of the system, if it is to.
+    fn begin(&self, options: &LinkOptions) -> Option<Duty> {
+        let duty = options.real_time.then(|| Duty::begin(Role::Link))?;
+        if duty.granted() == Granted::RealTime {
+            self.granted.fetch_add(1, Ordering::Relaxed);
+        }
+        Some(duty)
+    }
+
     /// Until the outbox is closed: orders, contacts and pings to bytes, all that goes together in one write.
     fn write(&self, options: &LinkOptions) {
-        let mut frames = Vec::with_capacity(3 * MAX_FRAME);
+        let mut duty = self.begin(options);
         let mut next_contact = Instant::now();
         let mut next_ping = Instant::now();
         while let Some(outgoing) = self.outbox.next(next_contact, next_ping) {
+            duty.as_mut().map(Duty::look);
             let mut line = lock(&self.line);
             let pings = Instant::now() >= next_ping;
             if pings {
                 next_ping = Instant::now() + options.ping_every;
             }
             // The console is away.
-            let Some(port) = line.as_mut() else { continue };
+            let Some(Written { port, rest, frames }) = line.as_mut() else {
+                continue;
+            };
             frames.clear();
-            if let Err(error) = self.encode(&outgoing, pings, &mut frames) {
+            frames.append(rest);
+            if let Err(error) = self.encode(&outgoing, pings, frames) {
                 // Nothing is sent that the console would refuse: it ages out what it has.
                 tracing::warn!("a message to the console was not sent: {error}");
             }
             let give_up = || self.is_closing() || lock(&self.status).standing == Standing::Lost;
-            if let Err(error) = write_all(port.as_mut(), &frames, give_up) {
+            if let Err(error) = write_all(port.as_mut(), frames, give_up) {
                 let error = gone(&port.name(), &error);
                 *line = None;
                 drop(line);
@@ -582,6 +693,47 @@ impl Shared {
         }
     }
 
+    /// Writes what was solved past the writer, if that is what is wanted, nothing waits and nobody else writes. What the
+    /// line does not take at once is the writer's.
+    fn write_at_once(&self, console_time_us: u64, felt: &Felt) -> bool {
+        if !self.at_once || !self.outbox.is_idle() {
+            return false;
+        }
+        let Ok(mut line) = self.line.try_lock() else {
+            return false;
+        };
+        let Some(Written { port, rest, frames }) = line.as_mut() else {
+            return false;
+        };
+        if !rest.is_empty() {
+            return false;
+        }
+        frames.clear();
+        let encoded = append_all(&mut lock(&self.end), console_time_us, felt, frames);
+        if let Err(error) = encoded {
+            // Nothing is sent that the console would refuse: it ages out what it has.
+            tracing::warn!("a message to the console was not sent: {error}");
+            return true;
+        }
+        match port.write(frames) {
+            Ok(count) => {
+                rest.extend_from_slice(frames.get(count..).unwrap_or_default());
+                self.bytes_down.fetch_add(count as u64, Ordering::Relaxed);
+                self.contacts_sent.fetch_add(1, Ordering::Relaxed);
+                if !rest.is_empty() {
+                    self.outbox.call();
+                }
+            }
+            Err(error) => {
+                let error = gone(&port.name(), &error);
+                *line = None;
+                drop(line);
+                lock(&self.unwritten).get_or_insert(error);
+            }
+        }
+        true
+    }
+
     fn encode(
         &self,
         outgoing: &Outgoing<Order, (u64, Felt)>,
@@ -596,7 +748,16 @@ impl Shared {
         }
         match outgoing {
             Outgoing::Order(order) => append_order(&mut end, newest, order, frames),
-            Outgoing::Latest((time_us, felt)) => append_all(&mut end, *time_us, felt, frames),
+            Outgoing::Latest((time_us, felt)) => {
+                append_all(&mut end, *time_us, felt, frames)?;
+                // The contact is the last of them.
+                lock(&self.sent).put(SentContact {
+                    sequence: end.sent_sequence(),
+                    console_time_us: *time_us,
+                    horizon_us: felt.contact.horizon_us,
+                });
+                Ok(())
+            }
             Outgoing::Nothing => Ok(()),
         }
     }

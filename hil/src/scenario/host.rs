@@ -170,6 +170,7 @@ impl ModelHost {
 
     fn take(&mut self, state: Valid<State>) {
         let body = state.body();
+        self.horizon.tick(body.tick);
         if let Some(before) = &self.newest
             && body.contact_sequence != 0
             && body.contact_sequence != before.body().contact_sequence
@@ -195,7 +196,10 @@ impl ModelHost {
         let count = ((now - began) as f64 * self.spec.hz / 1e3).floor() as u64 + 1;
         self.began = Some((began, count));
         let solved = self.solver.solve(state);
-        let horizon_us = self.spec.horizon_us.unwrap_or_else(|| self.horizon.us());
+        let horizon_us = self
+            .spec
+            .horizon_us
+            .unwrap_or_else(|| self.horizon.next_us());
         if let Some(felt) = solved.frames(state.body(), horizon_us, Rendering::Rows) {
             let when = now + self.spec.delay;
             self.pending

@@ -4,7 +4,7 @@
 
 use super::World;
 use sutura_host::session::{Solve, Solved};
-use sutura_host::step::{Stages, Status, ToolContact};
+use sutura_host::step::{Status, ToolContact};
 use sutura_shared::wire::Valid;
 use sutura_shared::wire::message::State;
 
@@ -60,14 +60,13 @@ impl Analytic {
 
 impl Solve for Analytic {
     fn solve(&mut self, state: &Valid<State>) -> Solved {
+        let contact = self.contact(state.body().position_m.map(f64::from));
         Solved {
             position_m: state.body().position_m,
-            contact: Some(self.contact(state.body().position_m.map(f64::from))),
-            rows: None,
-            needle: None,
-            thread: None,
+            contact: Some(contact),
             status: Status::Ok,
-            stages: Stages::default(),
+            touched: contact.wrench != [0.0; 6],
+            ..Solved::default()
         }
     }
 

@@ -44,22 +44,34 @@ impl Operator {
     }
 }
 
-impl Attendant for Operator {
-    fn lost(&mut self, why: &LinkError) {
-        note!("{why}; its force goes to zero by itself, and it is looked for");
-    }
-
-    fn back(&mut self) {
+impl Operator {
+    /// What arms the console next, in words.
+    fn ready(&mut self) -> &'static str {
         self.listen();
-        let next = match &self.enter {
+        match &self.enter {
             _ if self.rearms => "it is armed again",
             Some(pressed) => {
                 pressed.store(false, Ordering::Relaxed);
                 "press Enter to arm it"
             }
             None => "it stays at rest; with --rearm it is armed by itself",
-        };
+        }
+    }
+}
+
+impl Attendant for Operator {
+    fn lost(&mut self, why: &LinkError) {
+        note!("{why}; its force goes to zero by itself, and it is looked for");
+    }
+
+    fn back(&mut self) {
+        let next = self.ready();
         note!("the console is back, at rest: {next}");
+    }
+
+    fn let_go(&mut self) {
+        let next = self.ready();
+        note!("the console has let go, since no contact came in time for half a second: {next}");
     }
 
     fn arms(&mut self) -> bool {

@@ -7,7 +7,7 @@ use crate::failure::Cause;
 use indicatif::{ProgressBar, ProgressStyle};
 use std::fmt::{Arguments, Write as _};
 use std::io::{self, IsTerminal, Write as _};
-use sutura_host::session::{Progress, Summary, mode_word};
+use sutura_host::session::{GivenUp, Progress, Summary, mode_word};
 
 /// A line on stderr, if anybody reads it.
 pub fn note(text: Arguments<'_>) {
@@ -161,8 +161,8 @@ pub fn table(summary: &Summary) -> String {
     row(
         "age",
         format!(
-            "p50 {:.1} ms, max {:.1} ms; {} decays",
-            s.age_ms.p50, s.age_ms.max, s.decays
+            "p50 {:.1} ms, max {:.1} ms; {} decays; horizon p50 {:.0} ms, max {:.0} ms",
+            s.age_ms.p50, s.age_ms.max, s.decays, s.horizon_ms.p50, s.horizon_ms.max
         ),
     );
     let l = &s.link;
@@ -186,10 +186,21 @@ pub fn table(summary: &Summary) -> String {
     row(
         "step",
         format!(
-            "p50 {:.0} us, p99 {:.0} us, max {:.0} us",
-            s.step_us.p50, s.step_us.p99, s.step_us.max
+            "p50 {:.0} us, p99 {:.0} us, max {:.0} us; with all else p99 {:.0} us, max {:.0} us",
+            s.step_us.p50, s.step_us.p99, s.step_us.max, s.session_us.p99, s.session_us.max
         ),
     );
+    let GivenUp {
+        looks,
+        rows,
+        solves,
+    } = s.overload;
+    if s.overload != GivenUp::default() {
+        row(
+            "overload",
+            format!("{looks} solves without looking ahead, {rows} without rows, {solves} not made"),
+        );
+    }
     let stages: Vec<String> = s
         .stages_us
         .iter()

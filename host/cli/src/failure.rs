@@ -24,6 +24,8 @@ pub enum Cause {
     Diverged = 6,
     /// A budget that the user stated was missed.
     Budget = 7,
+    /// A session whose contact was not felt.
+    NotRendered = 8,
 }
 
 impl Cause {
@@ -42,6 +44,7 @@ impl Cause {
             Cause::Fault => "console-fault",
             Cause::Diverged => "diverged",
             Cause::Budget => "budget-missed",
+            Cause::NotRendered => "not-rendered",
         }
     }
 }

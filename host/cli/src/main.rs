@@ -37,12 +37,17 @@ mod solve;
 mod stability;
 mod tables;
 mod tradeoff;
+mod work;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use failure::{Cause, Failure, render};
 use std::io::IsTerminal;
 use std::process::ExitCode;
-use tracing_subscriber::EnvFilter;
+use sutura_host::work::TARGET;
+use tracing_subscriber::filter::Targets;
+use tracing_subscriber::layer::SubscriberExt;
+use tracing_subscriber::util::SubscriberInitExt;
+use tracing_subscriber::{EnvFilter, Layer};
 
 /// Feel soft tissue through a haptic console.
 ///
@@ -185,12 +190,17 @@ fn start_logging(verbose: u8) {
         _ => "trace",
     };
     let filter = EnvFilter::try_from_default_env().unwrap_or_else(|_| EnvFilter::new(level));
-    tracing_subscriber::fmt()
-        .with_env_filter(filter)
+    let logs = tracing_subscriber::fmt::layer()
         .with_writer(std::io::stderr)
         .with_ansi(std::io::stderr().is_terminal())
         .with_target(false)
         .without_time()
+        .with_filter(filter);
+    // Long work is heard of whatever is logged.
+    let of_work = Targets::new().with_target(TARGET, tracing::Level::DEBUG);
+    tracing_subscriber::registry()
+        .with(logs)
+        .with(work::Layer.with_filter(of_work))
         .init();
 }
 

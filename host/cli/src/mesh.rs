@@ -38,7 +38,7 @@ Inverted and flat cells are counted here; scenes refuse a mesh that has any, wit
 const CONVERT_EXAMPLES: &str = "\
 Examples:
   sutura mesh convert part.node --out part.msh              tetgen to gmsh 2.2, regions kept
-  sutura mesh convert part.vtk --out part.msh --scale 0.001 millimetres to metres
+  sutura mesh convert part.vtk --out part.msh --scale 0.001  millimetres to metres
   sutura mesh convert part.msh --out part.vtu               ParaView: colour by mean_ratio or region";
 
 #[derive(Subcommand, Debug)]

@@ -97,11 +97,13 @@ fn console(args: &ReplayArgs, recording: &Recording) -> Result<ConsoleVerdict, F
 
 fn host(recording: &Recording) -> Result<HostVerdict, Failure> {
     let about = &recording.about;
+    let shown = crate::work::watch();
     let mut scene = crate::scene::from_sources(&recording.sources)?;
     if let Ok(tissue) = Tissue::named(&about.tissue) {
         scene.tissue = tissue.instead_of(scene.tissue);
     }
     let mut solver = session::solver(&scene, &about.plan)?;
+    drop(shown);
     let same_bits = about.same_bits(&here(recording));
     Ok(replay_host(recording, &mut *solver, same_bits))
 }

@@ -9,16 +9,21 @@ use crate::signals::stop_on_signals;
 use crate::{Format, Global, device};
 use clap::{Args, ValueEnum};
 use std::ops::ControlFlow;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::sync::atomic::Ordering;
 use std::time::Duration;
+#[cfg(unix)]
+use sutura_hil::QemuError;
 use sutura_hil::{NativeConsole, VirtualConsole};
-use sutura_host::link::{LinkError, LinkOptions, LockstepConsole, Port, open_serial};
+use sutura_host::link::{
+    LinkError, LinkOptions, LockstepConsole, Port, VIRTUAL_HELP, drain, is_virtual, knock,
+    open_serial,
+};
 use sutura_host::recording::{Tap, TappedConsole, TappedPort, TappedSolver};
 use sutura_host::scene::{LONGEST_S, Scene, Tissue};
 use sutura_host::session::{
-    self, LINE_BYTES_PER_S, Line, Plan, Progress, SessionError, Solve, Summary, run_lockstep,
-    run_real_time,
+    self, LINE_BYTES_PER_S, Line, NOT_RENDERED, Plan, Progress, Scheduling, SessionError, Solve,
+    Summary, run_lockstep, run_real_time,
 };
 use sutura_shared::control::TICK_HZ;
 use sutura_shared::wire::message::Fixture;
@@ -29,7 +34,7 @@ use sutura_shared::wire::message::Fixture;
 pub struct RunArgs {
     /// Scene file; scenes/palpation.toml (or its copy inside this program) when left out.
     pub scene: Option<PathBuf>,
-    /// `virtual` (in this process, behind a pseudo-terminal), `qemu` (the firmware image, in lockstep),
+    /// `virtual` (in this process), `qemu` (the firmware image, in lockstep),
     /// `qemu-uart` (the firmware image over its emulated serial port), or a serial port.
     #[arg(long, value_name = "CONSOLE", default_value = "virtual")]
     pub console: String,
@@ -90,7 +95,7 @@ Examples:
   sutura run --console /dev/ttyACM0 --seconds 3600 --rearm  goes on by itself after a loose contact
   sutura run --host-hz 50 --budget-ms 15                  the most accurate model that is fast enough here
   sutura run --tissue auto                                the same, with the host's period as the budget
-  sutura run --tissue hyperelastic --host-hz 5 --lockstep  the reference, at its own pace
+  sutura run --tissue hyperelastic --host-hz 20 --lockstep  the reference, in time that is not the clock's
   sutura run --rendering hold --host-hz 30                how it feels without local models
   sutura run --record session.mcap                        then: sutura replay session.mcap
   sutura run --console /dev/ttyACM0 --save-last fault.mcap
@@ -161,12 +166,15 @@ const EMULATOR_SPARE: Duration = Duration::from_secs(120);
 /// Everything that keeps the session from running to its end, a latched fault, a missed budget.
 pub fn run(args: &RunArgs, global: &Global) -> Result<(), Failure> {
     let asked = recording::asked();
+    // Before a mesh is made, measured or factored: a console that cannot be had is said at once.
+    let mut door = Door::open(args)?;
+    let shown = crate::work::watch();
     let (mut scene, sources) = crate::scene::open_with_sources(args.scene.as_deref())?;
     // The scene's own settings stay for what `auto` takes.
     if let Some(tissue) = args.tissue.filter(|tissue| *tissue != Tissue::Auto) {
         scene.tissue = tissue.instead_of(scene.tissue);
     }
-    check_console(args)?;
+    drop(shown);
     let mut plan = plan(args, &scene)?;
     let chosen = choice::settle(args, &mut scene, &plan)?;
     if args.rendering.is_none() {
@@ -177,7 +185,10 @@ pub fn run(args: &RunArgs, global: &Global) -> Result<(), Failure> {
             "the emulated UART takes 8 to 12 kB/s: at most {UART_HZ} frames a second of at most 220 bytes"
         );
     }
-    let mut solver = session::solver(&scene, &plan)?;
+    let mut solver = {
+        let _shown = crate::work::watch();
+        session::solver(&scene, &plan)?
+    };
     let lockstep = args.lockstep || args.console == "qemu";
     // In lockstep columns are computed in step: when they are there must not depend on this machine's pace.
     if !lockstep {
@@ -196,7 +207,8 @@ pub fn run(args: &RunArgs, global: &Global) -> Result<(), Failure> {
             ControlFlow::Continue(())
         }
     };
-    let summary = session(args, &plan, &mut solver, &recording.tap(), &mut progress);
+    let tap = recording.tap();
+    let summary = session(args, &mut door, &plan, &mut solver, &tap, &mut progress);
     display.finish();
     let summary = Summary {
         chosen,
@@ -219,6 +231,8 @@ fn plan(args: &RunArgs, scene: &Scene) -> Result<Plan, Failure> {
         rendering: args.rendering.map_or(plan.rendering, Into::into),
         ..plan
     };
+    plan.check_rate()
+        .map_err(|error| session_failure(error, &args.console))?;
     if args.console != UART {
         return Ok(plan);
     }
@@ -230,26 +244,51 @@ fn plan(args: &RunArgs, scene: &Scene) -> Result<Plan, Failure> {
     })
 }
 
-/// That a console at a port is there and can be run as asked.
-///
-/// # Errors
-/// It is not, or cannot.
-fn check_console(args: &RunArgs) -> Result<(), Failure> {
-    let port = args.console.as_str();
-    if matches!(port, "virtual" | "qemu" | UART) {
-        return Ok(());
+/// The way to the console, found before the session's solver is built.
+struct Door {
+    /// A port is opened only once: some boards start anew with that.
+    port: Option<Box<dyn Port>>,
+    /// Of an emulated console.
+    #[cfg_attr(not(unix), allow(dead_code, reason = "there is no emulator"))]
+    image: Option<PathBuf>,
+}
+
+impl Door {
+    /// Opens a port and asks whether a console is behind it; has an emulator's image built.
+    ///
+    /// # Errors
+    /// There is no console, or it cannot be run as asked.
+    fn open(args: &RunArgs) -> Result<Door, Failure> {
+        let name = args.console.as_str();
+        let mut door = Door {
+            port: None,
+            image: None,
+        };
+        match name {
+            "virtual" => {}
+            #[cfg(unix)]
+            "qemu" | UART => {
+                emulated::check().map_err(emulated::failure)?;
+                let image = emulated::image(args.image.as_deref())?;
+                if !image.is_file() {
+                    return Err(emulated::failure(QemuError::NoImage { path: image }));
+                }
+                door.image = Some(image);
+            }
+            _ if args.lockstep => {
+                let message = format!("`{name}` runs by its own clock");
+                let help = "--lockstep goes with `--console virtual`; `--console qemu` is always in lockstep";
+                return Err(Failure::say(Cause::BadInput, message, help));
+            }
+            _ => {
+                let mut port = open_serial(name).map_err(link_failure)?;
+                // A session that nobody uses is nobody's: the next one is opened as if this had not been.
+                knock(port.as_mut(), &LinkOptions::default()).map_err(link_failure)?;
+                door.port = Some(port);
+            }
+        }
+        Ok(door)
     }
-    if args.lockstep {
-        let message = format!("`{port}` runs by its own clock");
-        let help =
-            "--lockstep goes with `--console virtual`; `--console qemu` is always in lockstep";
-        return Err(Failure::say(Cause::BadInput, message, help));
-    }
-    // What is there is opened only once: some boards start anew with that.
-    if !Path::new(port).exists() {
-        open_serial(port).map_err(link_failure)?;
-    }
-    Ok(())
 }
 
 /// The session that a scene asks for.
@@ -291,6 +330,7 @@ type Watcher<'a> = dyn FnMut(&Progress<'_>) -> ControlFlow<()> + 'a;
 
 fn session(
     args: &RunArgs,
+    door: &mut Door,
     plan: &Plan,
     solver: &mut dyn Solve,
     tap: &Tap,
@@ -313,16 +353,27 @@ fn session(
             in_lockstep(&mut console, plan, solver, progress)
         }
         "virtual" => {
-            let mut console = VirtualConsole::start(&plan.device).map_err(link_failure)?;
-            let line = match console.path() {
-                Some(path) => line(path, args, tap),
-                None => tapped(console.host_port().map_err(link_failure)?, tap).into(),
+            let mut console =
+                VirtualConsole::start_in_memory(&plan.device).map_err(link_failure)?;
+            let line = Line::Once {
+                port: tapped(console.host_port().map_err(link_failure)?, tap),
+                attendant: Some(Box::new(Operator::new(args.rearm))),
             };
-            in_real_time(line, LinkOptions::default(), plan, solver, progress)
+            let options = LinkOptions::default();
+            let summary = in_real_time(line, "virtual", options, plan, solver, progress)?;
+            let got = console.granted().word();
+            let scheduling = summary.scheduling.map(|rest| Scheduling {
+                console: Some(got),
+                ..rest
+            });
+            Ok(Summary {
+                scheduling,
+                ..summary
+            })
         }
         #[cfg(unix)]
         "qemu" => {
-            let image = emulated::image(args.image.as_deref())?;
+            let image = door.image.take().unwrap_or_default();
             let limit = EMULATOR_SPARE + Duration::from_secs_f64(plan.seconds);
             let mut console =
                 sutura_hil::QemuConsole::start(image, limit).map_err(emulated::failure)?;
@@ -333,7 +384,7 @@ fn session(
         }
         #[cfg(unix)]
         UART => {
-            let image = emulated::image(args.image.as_deref())?;
+            let image = door.image.take().unwrap_or_default();
             let limit = EMULATOR_SPARE + Duration::from_secs_f64(plan.seconds);
             let qemu = sutura_hil::qemu::with_uart(image, limit).map_err(emulated::failure)?;
             let port = open_serial(qemu.uart().unwrap_or_default()).map_err(link_failure)?;
@@ -342,12 +393,14 @@ fn session(
                 contact_spacing,
                 ..LinkOptions::default()
             };
-            let summary = in_real_time(tapped(port, tap).into(), options, plan, solver, progress)?;
+            let line = tapped(port, tap).into();
+            let summary = in_real_time(line, UART, options, plan, solver, progress)?;
             qemu.check_log(|_| false).map_err(emulated::failure)?;
             Ok(summary)
         }
         port => in_real_time(
-            line(port, args, tap),
+            line(port, door.port.take(), args, tap),
+            port,
             LinkOptions::default(),
             plan,
             solver,
@@ -357,11 +410,15 @@ fn session(
     summary.map(named)
 }
 
-/// The way to the console at `path`, again and again.
-fn line(path: &str, args: &RunArgs, tap: &Tap) -> Line {
+/// The way to the console at `path`, again and again; `port` if it is open already.
+fn line(path: &str, mut port: Option<Box<dyn Port>>, args: &RunArgs, tap: &Tap) -> Line {
     let (path, tap) = (path.to_owned(), tap.clone());
+    let mut open = move || match port.take() {
+        Some(mut port) => drain(port.as_mut()).map(|()| port),
+        None => open_serial(&path),
+    };
     Line::Again {
-        connect: Box::new(move || Ok(tapped(open_serial(&path)?, &tap))),
+        connect: Box::new(move || Ok(tapped(open()?, &tap))),
         attendant: Box::new(Operator::new(args.rearm)),
     }
 }
@@ -372,12 +429,19 @@ fn tapped(port: Box<dyn Port>, tap: &Tap) -> Box<dyn Port> {
 
 fn in_real_time(
     line: Line,
+    name: &str,
     options: LinkOptions,
     plan: &Plan,
     solver: &mut dyn Solve,
     progress: &mut Watcher,
 ) -> Result<Summary, Failure> {
-    run_real_time(line, options, plan, solver, progress).map_err(session_failure)
+    let options = LinkOptions {
+        real_time: true,
+        at_once: true,
+        ..options
+    };
+    run_real_time(line, options, plan, solver, progress)
+        .map_err(|error| session_failure(error, name))
 }
 
 fn in_lockstep(
@@ -386,7 +450,7 @@ fn in_lockstep(
     solver: &mut dyn Solve,
     progress: &mut Watcher,
 ) -> Result<Summary, Failure> {
-    run_lockstep(console, plan, solver, progress).map_err(session_failure)
+    run_lockstep(console, plan, solver, progress).map_err(|error| session_failure(error, "virtual"))
 }
 
 /// A failed link with its exit code and the next step.
@@ -399,7 +463,7 @@ pub fn link_failure(error: LinkError) -> Failure {
     Failure::say(cause, error.to_string(), error.help())
 }
 
-fn session_failure(error: SessionError) -> Failure {
+fn session_failure(error: SessionError, console: &str) -> Failure {
     let message = error.to_string();
     match error {
         SessionError::Link(error) => link_failure(error),
@@ -408,10 +472,20 @@ fn session_failure(error: SessionError) -> Failure {
             message,
             "remove the cause (is the emergency stop pressed?), then run again with --clear-fault",
         ),
-        SessionError::NotArmed { .. } | SessionError::Silent { .. } => Failure::say(
-            Cause::NoConsole,
+        SessionError::NotArmed { .. } | SessionError::Silent { .. } => {
+            let help = if is_virtual(console) {
+                VIRTUAL_HELP
+            } else {
+                "press the console's reset and run again"
+            };
+            Failure::say(Cause::NoConsole, message, help)
+        }
+        SessionError::TooSlow { least_hz, .. } => Failure::say(
+            Cause::BadInput,
             message,
-            "press the console's reset and run again",
+            format!(
+                "give `--host-hz {least_hz}` or more; a model that is slower than that can be looked at with `sutura solve`"
+            ),
         ),
         SessionError::Solver => Failure::say(
             Cause::Failed,
@@ -433,13 +507,41 @@ fn verdict(args: &RunArgs, summary: &Summary) -> Result<(), Failure> {
     }
     if summary.mode == "idle" && summary.link.sessions > 1 {
         let message = "the console was lost, came back, and was not armed again";
-        let help = "check its cable and its power; --rearm arms a console that came back by itself";
+        let help = match is_virtual(&args.console) {
+            true => VIRTUAL_HELP,
+            false => {
+                "check its cable and its power; --rearm arms a console that came back by itself"
+            }
+        };
         return Err(Failure::say(Cause::Failed, message, help).after_summary());
     }
     if summary.mode == "idle" {
-        let message = "the console let go: no contact that it could use came for too long";
-        let help = "see which steps were withheld and why: a hand that presses less deep, or a lower --host-hz";
+        let message = "the console let go: no contact that it could use came for half a second";
+        let help = match summary.steps_withheld.iter().max_by_key(|(_, steps)| **steps) {
+            Some((why, steps)) => format!(
+                "{steps} steps were withheld ({why}); {}",
+                help_for_withheld(why)
+            ),
+            None => {
+                "the host was late for that long: see `session_us` and `machine_late_us`, `sutura doctor` says what this machine can do; --rearm arms the console again".to_owned()
+            }
+        };
         return Err(Failure::say(Cause::Failed, message, help).after_summary());
+    }
+    if let Some(why) = summary.status.strip_prefix(NOT_RENDERED) {
+        let message = format!("what was touched was not felt{why}");
+        let most = summary
+            .steps_withheld
+            .iter()
+            .max_by_key(|(_, steps)| **steps);
+        let help = match most {
+            Some((why, _)) => help_for_withheld(why),
+            None => "contacts came too late to be used: a higher --host-hz, or a faster `--tissue`",
+        };
+        return Err(Failure::say(Cause::NotRendered, message, help).after_summary());
+    }
+    if summary.contact_steps == 0 {
+        note!("nothing was touched");
     }
     if let Some(budget_ms) = args.budget_ms
         && summary.step_us.p99 > 1e3 * budget_ms
@@ -454,6 +556,19 @@ fn verdict(args: &RunArgs, summary: &Summary) -> Result<(), Failure> {
     Ok(())
 }
 
+/// What to do about steps that were withheld for this reason.
+fn help_for_withheld(why: &str) -> &'static str {
+    match why {
+        "inside" => "a tool began inside the tissue: begin outside",
+        "not-converged" => {
+            "the model did not find a balance: a finer mesh, another `--tissue`, or a hand that presses less deep"
+        }
+        "behind" => "the hand was faster than a step follows: a higher --host-hz",
+        "waiting" => "compliance columns came too late: a coarser mesh, or a lower --host-hz",
+        _ => "see `steps_withheld`",
+    }
+}
+
 #[cfg(unix)]
 pub mod emulated {
     //! Where the image comes from, and what is wrong when it does not run.
@@ -462,6 +577,23 @@ pub mod emulated {
     use std::path::{Path, PathBuf};
     use std::process::{Command, Stdio};
     use sutura_hil::{QemuError, qemu};
+
+    /// Whether there is an emulator to run.
+    ///
+    /// # Errors
+    /// [`QemuError::NoQemu`].
+    pub fn check() -> Result<(), QemuError> {
+        let found = Command::new(qemu::PROGRAM)
+            .arg("--version")
+            .stdin(Stdio::null())
+            .stdout(Stdio::null())
+            .stderr(Stdio::null())
+            .status();
+        match found {
+            Err(error) if error.kind() == std::io::ErrorKind::NotFound => Err(QemuError::NoQemu),
+            _ => Ok(()),
+        }
+    }
 
     /// The image that the user named, or the one of this checkout, built anew if anything has changed.
     pub fn image(named: Option<&Path>) -> Result<PathBuf, Failure> {

@@ -47,12 +47,14 @@ pub fn run(args: &SolveArgs, global: &Global) -> Result<(), Failure> {
             "end the name in .json or .vtu",
         ));
     };
+    let shown = crate::work::watch();
     let mut scene = scene::open(Some(&args.scene))?;
     scene::without_session(&mut scene);
     if let Some(at_s) = args.at {
         scene.solve_at_s = Some(solve_at(at_s, &scene)?);
     }
     let solution = solve(&scene)?;
+    drop(shown);
     solution.write(&args.out, format).map_err(|error| {
         let message = format!("cannot write {}: {error}", args.out.display());
         Failure::say(

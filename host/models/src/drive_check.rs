@@ -41,6 +41,7 @@ pub(crate) fn failed(reason: &'static str, energy_j: f64) -> Diagnostics {
         outcome: Outcome::Failed(reason),
         iterations: 0,
         residual: f64::NAN,
+        force_error: f64::INFINITY,
         energy_j,
         energy_difference: f64::NAN,
         momentum: [0.0; 3],

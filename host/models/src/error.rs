@@ -1,6 +1,7 @@
 //! Why a model cannot be built.
 
 use crate::MaterialError;
+use crate::memory::Shortage;
 use thiserror::Error;
 
 /// Why a model cannot be built.
@@ -20,6 +21,9 @@ pub enum BuildError {
         /// Cells of the mesh.
         cells: usize,
     },
+    /// A mesh that is too large.
+    #[error("the mesh is too large for this machine: {0}")]
+    Memory(#[from] Shortage),
     /// A setting out of range.
     #[error("{name} is {value}; it must be {limit}")]
     Setting {

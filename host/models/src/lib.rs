@@ -12,6 +12,7 @@ pub mod hyperelastic;
 mod in_place;
 pub mod law;
 mod material;
+pub mod memory;
 mod rigid;
 mod secant;
 mod setting;

@@ -23,6 +23,17 @@ pub enum Outcome {
     Failed(&'static str),
 }
 
+impl Outcome {
+    /// The [`Diagnostics::force_error`] of a balance that ended so with a `residual` of forces.
+    pub fn force_error(self, residual: f64) -> f64 {
+        match self {
+            Self::Converged => 0.0,
+            Self::Unfinished if !residual.is_nan() => residual,
+            _ => f64::INFINITY,
+        }
+    }
+}
+
 /// What a step took and left behind.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Diagnostics {
@@ -33,6 +44,9 @@ pub struct Diagnostics {
     /// Force out of balance at free nodes as a share of the forces that act, 2-norms; NaN where a model has
     /// no forces.
     pub residual: f64,
+    /// Estimated relative error of the held nodes' summed reaction: 0 where balance was found to the model's tolerance, the
+    /// residual where it was not and that is a ratio of forces, infinite where reactions mean nothing.
+    pub force_error: f64,
     /// Elastic energy \[J\]; of the model's own springs where it has no material law.
     pub energy_j: f64,
     /// Work of the loads and of held nodes since rest less elastic and kinetic energy, as a share of that

@@ -462,3 +462,30 @@ fn limits_by_axis_and_by_region_have_their_way() {
         lifted(-1.0)
     );
 }
+
+/// Pressed beyond what its links allow, mail has no force any more, and says so; before that it has, and says how far from
+/// balance.
+#[test]
+fn mail_that_jams_does_not_stand_by_its_forces() {
+    let mesh = cube(8);
+    let settings = EllipsoidSettings {
+        strain_limit: [0.1; 3],
+        ..EllipsoidSettings::default()
+    };
+    let mut tissue = ellipsoid(&mesh, settings);
+    let mut first_jam_m = None;
+    for tick in 1..=1000 {
+        let depth_m = 5e-6 * f64::from(tick);
+        let (held, _) = poke(&mesh, 1e-6, [0.0, 0.0, -depth_m]);
+        let report = step(&mut tissue, &held, STEP_S);
+        let far = tissue.greatest_excess() > 10.0 * settings.tolerance;
+        if report.outcome == Outcome::Unfinished && far {
+            assert_eq!(report.force_error, f64::INFINITY, "{depth_m}");
+            first_jam_m = first_jam_m.or(Some(depth_m));
+        } else {
+            assert_eq!(report.force_error, report.residual, "{depth_m}");
+        }
+    }
+    let first_jam_m = first_jam_m.expect("5 mm under a point are too much");
+    assert!(first_jam_m > 1e-3, "{first_jam_m}");
+}

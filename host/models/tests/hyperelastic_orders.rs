@@ -167,7 +167,7 @@ fn quadratic_cells_converge_at_orders_three_and_two() {
     orders(Cells::Quadratic, neo_hookean(), 4, 6, [3.0, 2.0], 0.35);
 }
 
-/// `cargo test --release -p sutura-models --test hyperelastic_orders -- --ignored --nocapture`, the figures of
+/// `cargo test --release -p sutura-models --test all hyperelastic_orders:: -- --ignored --nocapture`, the figures of
 /// the book.
 #[test]
 #[ignore = "minutes in the test profile"]

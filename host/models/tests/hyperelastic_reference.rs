@@ -196,7 +196,7 @@ fn averaged_cells_bend_where_linear_ones_lock() {
 }
 
 /// All cells at several Poisson's ratios. Origin at 0.45 and 0.49: felupe, linear and quadratic cells.
-/// `cargo test --release -p sutura-models --test hyperelastic_reference -- --ignored --nocapture`.
+/// `cargo test --release -p sutura-models --test all hyperelastic_reference:: -- --ignored --nocapture`.
 #[test]
 #[ignore = "a minute in the test profile"]
 fn bent_beams_of_all_cells() {

@@ -4,8 +4,12 @@
 
 use super::ColumnSolver;
 use crate::fem::{Factored, HeldPoints};
+use crate::work;
+use sutura_models::memory;
 
 const MISSING: u32 = u32::MAX;
+/// More vertices than these at once are told as work: a step computes a few batches at most.
+const LONG: usize = 64;
 
 /// Groups of vertices and where each begins, for [`Bank::largest`].
 #[derive(Clone, Debug)]
@@ -162,6 +166,14 @@ impl Bank {
         let mut batch = [MISSING; ColumnSolver::BATCH];
         let mut count = 0;
         let mut room = true;
+        // What is computed in a step is not worth a word.
+        let is_long = vertices.len() > LONG;
+        if is_long {
+            let bytes = vertices.len() as f64 * self.bytes_per_vertex() as f64;
+            work::begin("computing how the tissue gives way", || {
+                format!("{} places, {:.2} GB", vertices.len(), 1e-9 * bytes)
+            });
+        }
         for (index, &vertex) in vertices.iter().enumerate() {
             if !self.has(vertex) && !on_its_way(vertex) && !batch[..count].contains(&vertex) {
                 match self.slot_for(vertex, groups.count(), now) {
@@ -180,6 +192,9 @@ impl Bank {
                     groups.largest(&home.blocks, &mut home.largest);
                     self.place[vertex as usize] = slot;
                 }
+                if is_long {
+                    work::part(index + 1, vertices.len());
+                }
                 count = 0;
             }
         }
@@ -188,8 +203,10 @@ impl Bank {
 
     /// Makes slots until so many are empty, if the memory limit allows them.
     pub fn spare(&mut self, empty: usize, groups: usize) {
-        while self.empty.len() < empty && self.slots.len() < self.most_slots {
-            let slot = self.make_slot(0, groups);
+        while self.empty.len() < empty {
+            let Some(slot) = self.new_slot(0, groups) else {
+                return;
+            };
             self.empty.push(slot);
         }
     }
@@ -214,8 +231,8 @@ impl Bank {
     fn slot_for(&mut self, vertex: u32, groups: usize, now: u64) -> Option<u32> {
         let slot = if let Some(empty) = self.empty.pop() {
             empty as usize
-        } else if self.slots.len() < self.most_slots {
-            self.make_slot(vertex, groups) as usize
+        } else if let Some(new) = self.new_slot(vertex, groups) {
+            new as usize
         } else {
             let idle = |slot: &Slot| slot.used < now && !slot.blocks.is_empty();
             let (oldest, _) = self
@@ -235,17 +252,25 @@ impl Bank {
         Some(slot as u32)
     }
 
-    fn make_slot(&mut self, vertex: u32, groups: usize) -> u32 {
+    /// One more slot, below the limit; none where the system has no memory for it, which then is the limit.
+    fn new_slot(&mut self, vertex: u32, groups: usize) -> Option<u32> {
+        if self.slots.len() >= self.most_slots {
+            return None;
+        }
+        let Ok(blocks) = memory::zeros("a column", 9 * self.place.len()) else {
+            self.most_slots = self.slots.len();
+            return None;
+        };
         // Room to forget them all.
         self.empty
             .reserve(self.slots.len() + 1 - self.empty.len().min(self.slots.len()));
         self.slots.push(Slot {
             vertex,
             used: 0,
-            blocks: vec![0.0; 9 * self.place.len()],
+            blocks,
             largest: vec![0.0; groups],
         });
-        self.slots.len() as u32 - 1
+        Some(self.slots.len() as u32 - 1)
     }
 
     /// Blocks of a vertex whose columns are there, (b x 3 x 3), each column-major.

@@ -55,6 +55,8 @@ impl Worker {
         let thread = std::thread::Builder::new()
             .name("columns".to_owned())
             .spawn(move || {
+                // Whoever started it may go before other programs; this one computes for long.
+                crate::scheduling::ordinary();
                 let mut batch = Vec::with_capacity(ColumnSolver::BATCH);
                 let mut vertices = Vec::with_capacity(ColumnSolver::BATCH);
                 while let Ok(job) = asked.recv() {

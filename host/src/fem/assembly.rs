@@ -3,7 +3,24 @@
 //! Entry point: [`assemble`].
 
 use super::element::Element;
+use super::error::TissueError;
 use super::pattern::{PAIRS, Pattern};
+use crate::work;
+use sutura_models::memory;
+
+/// What assembly takes for a cell at most, elements, pattern and its analysis included \[bytes\]; counted on slabs, whose
+/// nodes have 14 neighbours.
+const BYTES_PER_CELL: u64 = 800;
+
+/// Whether there is memory to assemble so many cells; says that it is begun.
+///
+/// # Errors
+/// [`TissueError::TooLarge`].
+pub(super) fn begin(cells: usize) -> Result<(), TissueError> {
+    memory::require("its stiffness", BYTES_PER_CELL * cells as u64)?;
+    work::begin("assembling the stiffness", || format!("{cells} cells"));
+    Ok(())
+}
 
 /// Sums the stiffness of [placed](Element::placed) elements over the `free` first places: where, and how
 /// much \[N/m\].

@@ -4,6 +4,7 @@
 
 use super::corotational::Policy;
 use sutura_models::MaterialError;
+use sutura_models::memory::Shortage;
 use thiserror::Error;
 
 /// Why tissue cannot be built or loaded.
@@ -13,6 +14,9 @@ pub enum TissueError {
     /// The material.
     #[error(transparent)]
     Material(#[from] MaterialError),
+    /// More than there is memory for.
+    #[error("the mesh is too large for this machine: {0}")]
+    TooLarge(#[from] Shortage),
     /// A node number beyond the mesh.
     #[error("{what} names node {node}, but the mesh has {nodes} nodes, 0 to {last}", last = nodes.saturating_sub(1))]
     NoSuchNode {

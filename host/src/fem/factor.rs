@@ -8,6 +8,7 @@
 use super::error::TissueError;
 use super::pattern::Pattern;
 use super::supernodes::{Supernodes, SweepScratch};
+use crate::work;
 use faer::dyn_stack::{MemBuffer, MemStack, StackReq};
 use faer::linalg::cholesky::llt::factor::LltRegularization;
 use faer::sparse::linalg::SupernodalThreshold;
@@ -18,6 +19,7 @@ use faer::sparse::linalg::cholesky::{
 use faer::sparse::{SparseColMatRef, SymbolicSparseColMatRef};
 use faer::{Conj, MatMut, Par, Side};
 use std::sync::Arc;
+use sutura_models::memory::{self, Shortage};
 
 /// `L L' = P K P'`. Copies share what depends on the pattern only.
 #[derive(Clone, Debug)]
@@ -33,9 +35,26 @@ struct Symbolic {
     supernodes: Supernodes,
 }
 
-/// The matrix is not positive definite, or too large for memory.
+/// Why there is no factor.
 #[derive(Debug)]
-pub(crate) struct NotFactored;
+pub(crate) enum NotFactored {
+    /// The matrix is not positive definite.
+    Indefinite,
+    /// It is too large for the memory that is free.
+    TooLarge(Shortage),
+}
+
+/// What a factor is for, as far as that takes memory.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Need {
+    /// Copies of its values that there will be.
+    pub copies: usize,
+    /// What else will be there beside it \[bytes\].
+    pub beside_bytes: u64,
+}
+
+/// Said of a mesh that is too large.
+const FACTOR: &str = "the factor of its stiffness";
 
 /// Memory for solves of up to a given number of right-hand sides.
 pub struct SolveScratch {
@@ -55,8 +74,13 @@ pub(crate) struct RefactorScratch {
 }
 
 impl Factor {
-    /// Analyses the pattern and factors `values`, (entries of the pattern).
-    pub fn new(pattern: &Pattern, values: &[f64]) -> Result<Self, NotFactored> {
+    /// Analyses the pattern and factors `values`, (entries of the pattern). What that takes is known from the analysis:
+    /// more than is free is refused before it is begun.
+    pub fn new(pattern: &Pattern, values: &[f64], need: Need) -> Result<Self, NotFactored> {
+        let nodes = pattern.unknowns / 3;
+        work::begin("finding an order of elimination", || {
+            format!("{nodes} free nodes")
+        });
         let cholesky = factorize_symbolic_cholesky(
             symbolic_matrix(pattern),
             Side::Lower,
@@ -66,38 +90,53 @@ impl Factor {
                 ..Default::default()
             },
         )
-        .map_err(|_| NotFactored)?;
-        let supernodes = Supernodes::new(&cholesky).ok_or(NotFactored)?;
-        let mut factor = Self {
-            values: vec![0.0; cholesky.len_val()],
-            symbolic: Arc::new(Symbolic {
-                cholesky,
-                supernodes,
-            }),
+        .map_err(|_| short(4 * size_of::<usize>() * pattern.entries()))?;
+        let supernodes = Supernodes::new(&cholesky).ok_or(NotFactored::Indefinite)?;
+        let symbolic = Symbolic {
+            cholesky,
+            supernodes,
         };
-        let mut scratch = RefactorScratch {
-            memory: MemBuffer::try_new(factor.refactor_need()).map_err(|_| NotFactored)?,
-            values: vec![0.0; factor.values.len()],
-        };
-        factor.refactor(pattern, values, &mut scratch)?;
-        Ok(factor)
+        let entries = symbolic.cholesky.len_val();
+        let scratch = symbolic.refactor_need();
+        let bytes = size_of::<f64>() * entries;
+        let all = bytes * need.copies.max(1) + scratch.unaligned_bytes_required();
+        memory::require(FACTOR, all as u64 + need.beside_bytes)?;
+        work::begin("factoring the stiffness", || {
+            format!(
+                "{nodes} free nodes, {:.1} million entries, {:.2} GB",
+                1e-6 * entries as f64,
+                1e-9 * bytes as f64
+            )
+        });
+        let mut values_of_factor = memory::zeros(FACTOR, entries)?;
+        let mut memory = MemBuffer::try_new(scratch).map_err(|_| short(all))?;
+        symbolic.factor(pattern, values, &mut values_of_factor, &mut memory)?;
+        Ok(Self {
+            values: values_of_factor,
+            symbolic: Arc::new(symbolic),
+        })
     }
 
-    /// For a pattern whose values come later: the factor of the identity; `None` if it is too large.
-    pub fn of_identity(pattern: &Pattern) -> Option<Self> {
+    /// For a pattern whose values come later: the factor of the identity.
+    pub fn of_identity(pattern: &Pattern, need: Need) -> Result<Self, TissueError> {
         let mut values = vec![0.0; pattern.entries()];
         for column in 0..pattern.unknowns {
             // The diagonal comes first in its column of the lower triangle.
             values[pattern.column_start[column]] = 1.0;
         }
-        Self::new(pattern, &values).ok()
+        Self::new(pattern, &values, need).map_err(|error| error.of_tissue(0))
     }
 
     /// As [`Self::new`] for tissue at rest with so many nodes `fixed`, held against rigid motion or
     /// refused.
-    pub fn held(pattern: &Pattern, stiffness: &[f64], fixed: usize) -> Result<Self, TissueError> {
+    pub fn held(
+        pattern: &Pattern,
+        stiffness: &[f64],
+        fixed: usize,
+        need: Need,
+    ) -> Result<Self, TissueError> {
         let floating = TissueError::Floating { fixed };
-        let factor = Self::new(pattern, stiffness).map_err(|_| floating.clone())?;
+        let factor = Self::new(pattern, stiffness, need).map_err(|error| error.of_tissue(fixed))?;
         // Round-off can hide a rigid motion from the factorisation. A solve cannot hide it: forces
         // without symmetry move it by many orders more than the stiffness explains.
         let mut u: Vec<f64> = (0..pattern.unknowns)
@@ -113,15 +152,9 @@ impl Factor {
     /// As much memory as [`Self::new`] has found once already.
     pub fn refactor_scratch(&self) -> RefactorScratch {
         RefactorScratch {
-            memory: MemBuffer::new(self.refactor_need()),
+            memory: MemBuffer::new(self.symbolic.refactor_need()),
             values: vec![0.0; self.values.len()],
         }
-    }
-
-    fn refactor_need(&self) -> StackReq {
-        self.symbolic
-            .cholesky
-            .factorize_numeric_llt_scratch::<f64>(Par::Seq, Default::default())
     }
 
     /// Factors other values on the same pattern. Allocates nothing; on failure the factor is as before.
@@ -131,18 +164,11 @@ impl Factor {
         values: &[f64],
         scratch: &mut RefactorScratch,
     ) -> Result<(), NotFactored> {
-        self.symbolic
-            .cholesky
-            .factorize_numeric_llt(
-                &mut scratch.values,
-                SparseColMatRef::new(symbolic_matrix(pattern), values),
-                Side::Lower,
-                LltRegularization::default(),
-                Par::Seq,
-                MemStack::new(&mut scratch.memory),
-                Default::default(),
-            )
-            .map_err(|_| NotFactored)?;
+        let RefactorScratch {
+            memory,
+            values: next,
+        } = scratch;
+        self.symbolic.factor(pattern, values, next, memory)?;
         std::mem::swap(&mut self.values, &mut scratch.values);
         Ok(())
     }
@@ -213,6 +239,60 @@ impl Factor {
     }
 }
 
+impl Symbolic {
+    fn refactor_need(&self) -> StackReq {
+        self.cholesky
+            .factorize_numeric_llt_scratch::<f64>(Par::Seq, Default::default())
+    }
+
+    /// The factor of `values` into `out`.
+    fn factor(
+        &self,
+        pattern: &Pattern,
+        values: &[f64],
+        out: &mut [f64],
+        memory: &mut MemBuffer,
+    ) -> Result<(), NotFactored> {
+        self.cholesky
+            .factorize_numeric_llt(
+                out,
+                SparseColMatRef::new(symbolic_matrix(pattern), values),
+                Side::Lower,
+                LltRegularization::default(),
+                Par::Seq,
+                MemStack::new(memory),
+                Default::default(),
+            )
+            .map(|_| ())
+            .map_err(|_| NotFactored::Indefinite)
+    }
+}
+
+impl NotFactored {
+    /// The same of tissue with so many nodes fixed.
+    fn of_tissue(self, fixed: usize) -> TissueError {
+        match self {
+            NotFactored::Indefinite => TissueError::Floating { fixed },
+            NotFactored::TooLarge(shortage) => shortage.into(),
+        }
+    }
+}
+
+impl From<Shortage> for NotFactored {
+    fn from(shortage: Shortage) -> Self {
+        NotFactored::TooLarge(shortage)
+    }
+}
+
+/// The allocator had no such piece.
+fn short(bytes: usize) -> NotFactored {
+    NotFactored::TooLarge(Shortage {
+        what: FACTOR,
+        needed_bytes: bytes as u64,
+        available_bytes: memory::available_bytes().unwrap_or_default(),
+    })
+}
+
 fn symbolic_matrix(pattern: &Pattern) -> SymbolicSparseColMatRef<'_, usize> {
     let n = pattern.unknowns;
     SymbolicSparseColMatRef::new_checked(n, n, &pattern.column_start, None, &pattern.row)
@@ -220,8 +300,32 @@ fn symbolic_matrix(pattern: &Pattern) -> SymbolicSparseColMatRef<'_, usize> {
 
 #[cfg(test)]
 mod tests {
-    use crate::fem::{Factored, LinearTissue, Material};
+    use crate::fem::{Factored, LinearTissue, Material, Materials, TissueError};
     use crate::mesh::slab;
+
+    /// What is needed beside the factor counts before anything of it is computed.
+    #[test]
+    fn more_than_the_free_memory_is_refused_with_both_figures() {
+        let mesh = slab([0.06, 0.05, 0.03], [6, 5, 4]).expect("a slab");
+        let soft = Material {
+            youngs_modulus_pa: 1e4,
+            poisson_ratio: 0.45,
+        };
+        let bottom: Vec<u32> = (0..42).collect();
+        let beside = |bytes| LinearTissue::beside(&mesh, &Materials::from(soft), &bottom, bytes);
+        assert!(beside(0).is_ok());
+        if sutura_models::memory::available_bytes().is_none() {
+            return;
+        }
+        let most = u64::MAX / 2;
+        match beside(most) {
+            Err(TissueError::TooLarge(shortage)) => {
+                assert!(shortage.needed_bytes > most, "{shortage:?}");
+                assert!(shortage.available_bytes < most, "{shortage:?}");
+            }
+            other => panic!("{other:?}"),
+        }
+    }
 
     fn tissue() -> LinearTissue {
         let mesh = slab([0.06, 0.05, 0.03], [6, 5, 4]).expect("a slab");

@@ -3,10 +3,10 @@
 //! Entry point: [`LinearModel::new`]. One solve a step while the held nodes stay the same; a factorisation
 //! when they change. Reactions and tangent are exact.
 
-use super::assembly::assemble;
+use super::assembly::{self, assemble};
 use super::element::Element;
 use super::error::TissueError;
-use super::factor::{Factor, RefactorScratch, SolveScratch};
+use super::factor::{Factor, Need, RefactorScratch, SolveScratch};
 use super::held::{Held, fault_of, largest};
 use super::numbering::Numbering;
 use super::pattern::Pattern;
@@ -50,12 +50,18 @@ impl LinearModel {
         materials.check(mesh.cells().len())?;
         let nodes = mesh.points_m().len();
         let numbering = Numbering::new(nodes, &[])?;
+        assembly::begin(mesh.cells().len())?;
         let elements: Vec<Element> = Element::of_mesh(mesh, &materials)
             .iter()
             .map(|element| element.placed(&numbering))
             .collect();
         let (pattern, stiffness) = assemble(&elements, numbering.free());
-        let factor = Factor::of_identity(&pattern).ok_or(TissueError::Floating { fixed: 0 })?;
+        // The factor, and the next one while it is made.
+        let need = Need {
+            copies: 2,
+            beside_bytes: 0,
+        };
+        let factor = Factor::of_identity(&pattern, need)?;
         Ok(Self {
             rest_m: mesh.points_m().to_vec(),
             held: Held::none(nodes),
@@ -98,6 +104,7 @@ impl LinearModel {
             outcome,
             iterations: 1,
             residual,
+            force_error: outcome.force_error(residual),
             energy_j: self.energy_j,
             energy_difference: f64::NAN,
             momentum: [0.0; 3],

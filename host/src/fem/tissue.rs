@@ -2,10 +2,10 @@
 //!
 //! Entry points: [`LinearTissue::new`], [`LinearTissue::solve`].
 
-use super::assembly::assemble;
+use super::assembly::{self, assemble};
 use super::element::Element;
 use super::error::TissueError;
-use super::factor::{Factor, SolveScratch};
+use super::factor::{Factor, Need, SolveScratch};
 use super::handles::{Factored, HeldPoints};
 use super::loads::{Equilibrium, Loads};
 use super::numbering::Numbering;
@@ -25,22 +25,37 @@ impl LinearTissue {
     /// is one [`Material`](super::Material) for all cells, or [`Materials`].
     ///
     /// # Errors
-    /// A material or a node out of range; a mesh that is not held against rigid motion.
+    /// A material or a node out of range; a mesh that is not held against rigid motion, or too large for the memory
+    /// that is free.
     pub fn new(
         mesh: &TetMesh,
         materials: impl Into<Materials>,
         fixed: &[u32],
     ) -> Result<Self, TissueError> {
-        let materials = materials.into();
+        Self::beside(mesh, &materials.into(), fixed, 0)
+    }
+
+    /// As [`Self::new`], where so much memory will be taken besides \[bytes\].
+    pub(crate) fn beside(
+        mesh: &TetMesh,
+        materials: &Materials,
+        fixed: &[u32],
+        beside_bytes: u64,
+    ) -> Result<Self, TissueError> {
         materials.check(mesh.cells().len())?;
         let numbering = Numbering::new(mesh.points_m().len(), fixed)?;
-        let elements = Element::of_mesh(mesh, &materials);
+        assembly::begin(mesh.cells().len())?;
+        let elements = Element::of_mesh(mesh, materials);
         let placed: Vec<Element> = elements
             .iter()
             .map(|element| element.placed(&numbering))
             .collect();
         let (pattern, stiffness) = assemble(&placed, numbering.free());
-        let factor = Factor::held(&pattern, &stiffness, numbering.fixed())?;
+        let need = Need {
+            copies: 1,
+            beside_bytes,
+        };
+        let factor = Factor::held(&pattern, &stiffness, numbering.fixed(), need)?;
         Ok(Self {
             elements,
             numbering,

@@ -88,6 +88,9 @@ pub(crate) struct NeedleWork {
     /// Where all nodes are \[m\], (n), by which solve.
     pub(super) at: Vec<Vector3<f64>>,
     pub(super) at_solve: u64,
+    /// Whether that is where they rest without forces, and whether the skin was brought there last.
+    pub(super) at_rest: bool,
+    pub(super) skin_at_rest: bool,
     pub(super) bends: BendWork,
     pub(super) wraps: Vec<Wrap>,
     pub(super) pushes: Vec<Push>,
@@ -147,6 +150,8 @@ impl NeedleWork {
             at: needles.resting_m.clone(),
             bends: BendWork::new(MOST_SEGMENTS),
             at_solve: u64::MAX,
+            at_rest: false,
+            skin_at_rest: false,
             wraps: Vec::with_capacity(MOST_SEGMENTS),
             points: Vec::with_capacity(anchors),
             pushes: Vec::with_capacity(4 * anchors),

@@ -140,6 +140,16 @@ impl Drive<'_> {
         if self.work.at_solve == self.work.solves {
             return;
         }
+        self.work.at_solve = self.work.solves;
+        if self.work.pushes.is_empty() && self.body.is_linear() {
+            // Nothing acts: all nodes rest.
+            if !self.work.at_rest {
+                self.work.at.copy_from_slice(&self.needles.resting_m);
+                self.work.at_rest = true;
+            }
+            return;
+        }
+        self.work.at_rest = false;
         self.clock.lap(&mut self.report.stages.solve_ns);
         let numbering = self.body.numbering();
         let NeedleWork { system, at, .. } = &mut *self.work;
@@ -147,7 +157,7 @@ impl Drive<'_> {
         for ((node, at), from) in (0u32..).zip(at.iter_mut()).zip(self.points_m) {
             *at = Vector3::from(*from) + Vector3::from(numbering.at_node(u, node));
         }
-        self.work.at_solve = self.work.solves;
+        self.report.fields += 1;
         self.clock.lap(&mut self.report.stages.field_ns);
     }
 
@@ -203,13 +213,18 @@ impl Drive<'_> {
 
     /// A balance is found: where taut threads bend over tissue.
     fn bend_threads(&mut self) {
-        if self.threads.iter().all(|thread| thread.segments.is_empty()) {
+        if self.threads.iter().all(|thread| !thread.may_bend()) {
+            self.threads
+                .iter_mut()
+                .for_each(|thread| thread.bends.clear());
             return;
         }
         self.look_at_all();
         let NeedleWork {
             skin,
             at,
+            at_rest,
+            skin_at_rest,
             wraps: found,
             bends,
             ..
@@ -217,7 +232,10 @@ impl Drive<'_> {
         let Some(skin) = skin else {
             return;
         };
-        skin.refit(at);
+        if !(*at_rest && *skin_at_rest) {
+            skin.refit(at);
+            *skin_at_rest = *at_rest;
+        }
         let mesh = &self.needles.mesh;
         for thread in self.threads.iter_mut() {
             thread.bend(mesh, at, bends, |from, to, up, out| {

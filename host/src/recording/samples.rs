@@ -2,7 +2,7 @@
 //!
 //! Entry points: [`SolveSample`], [`ToolSample`]; both are JSON with a JSON Schema in the file.
 
-use crate::session::Solved;
+use crate::session::{Looked, Solved};
 use crate::step::Arrival;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -29,6 +29,9 @@ pub struct SolveSample {
     /// Compliance columns that came from their thread since the last solve: step and vertex.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub arrivals: Vec<(u64, u32)>,
+    /// Steps that it made besides its own.
+    #[serde(default, skip_serializing_if = "Looked::is_nothing")]
+    pub looked: Looked,
 }
 
 impl SolveSample {
@@ -50,6 +53,7 @@ impl SolveSample {
                 .iter()
                 .map(|arrival| (arrival.step, arrival.vertex))
                 .collect(),
+            looked: solved.looked,
         }
     }
 

@@ -94,6 +94,8 @@ impl Thread {
         let spawned = std::thread::Builder::new()
             .name("renewal".to_owned())
             .spawn(move || {
+                // Whoever started it may go before other programs; this one computes for long.
+                crate::scheduling::ordinary();
                 let Ok(mut maker) = over.recv() else {
                     return;
                 };

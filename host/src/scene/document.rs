@@ -10,6 +10,7 @@ use std::io;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
+use sutura_models::memory::Shortage;
 use thiserror::Error;
 use toml::Spanned;
 
@@ -40,6 +41,17 @@ pub enum SceneError {
     OnlySessions {
         /// The model.
         model: &'static str,
+    },
+    /// More than there is memory for.
+    #[error("a mesh of {nodes} nodes is too large for this machine: {shortage}")]
+    #[diagnostic(help(
+        "take a coarser mesh: with half the `divisions` along each axis the factor takes about a sixteenth; or close other programs"
+    ))]
+    TooLarge {
+        /// Nodes of the mesh.
+        nodes: usize,
+        /// What is missing.
+        shortage: Shortage,
     },
     /// The parts are good each by itself, but the solver cannot be built from them.
     #[error("the scene cannot be built: {0}")]

@@ -33,12 +33,13 @@ pub use touching::TissueContact;
 pub use way::{OnWay, Way, WayStop};
 
 use crate::collide::{TouchPart, TouchSettings};
-use crate::fem::{Loads, Materials, Policy};
+use crate::fem::{Loads, Materials, Policy, TissueError};
 use crate::mesh::TetMesh;
 use crate::model::{Model, ModelError, Passes};
 use crate::needle::{NeedlePart, NeedleSettings, NeedleTissue};
 use crate::step::{State, Workspace};
 use crate::tool;
+use crate::work;
 use std::path::Path;
 use sutura_shared::device::DeviceDescription;
 use sutura_shared::wire::message::HandScript;
@@ -178,6 +179,7 @@ pub fn load(path: &Path) -> Result<Scene, SceneError> {
 /// # Errors
 /// As there.
 pub fn read(document: &Document) -> Result<Scene, SceneError> {
+    work::begin("reading the scene and its mesh", || document.stem());
     Scene::read(document, &document.stem())
 }
 
@@ -219,7 +221,13 @@ impl Scene {
                 });
             }
         }
-        .map_err(SceneError::Build)?;
+        .map_err(|error| match error {
+            ModelError::Tissue(TissueError::TooLarge(shortage)) => SceneError::TooLarge {
+                nodes: mesh.points_m().len(),
+                shortage,
+            },
+            error => SceneError::Build(error),
+        })?;
         let model = self.add_needles(model).map_err(SceneError::Build)?;
         let (state, workspace) = (State::new(&model), Workspace::new(&model));
         Ok((model, state, workspace))

@@ -1,21 +1,38 @@
-//! How long the console may use a frame: long enough for the link as it is, short enough to be safe.
+//! How long the console may use a frame: long enough for the link and the solver as they are, short enough to be safe.
 //!
-//! Entry point: [`Horizon`]. Three host periods, so that two lost frames in a row do not let the force
-//! sag, and the 99.9th percentile of the delay that the console itself measured.
+//! Entry points: [`Horizon::applied`] for every frame that came, [`Horizon::took`] for every solve, [`Horizon::next_us`]. Three
+//! host periods, so that two lost frames in a row do not let the force sag, and what a frame needs to get there: the
+//! longest delay of the last seconds, frames that came too late included, and the solve's own time, which is known before
+//! the frame goes out. A stall that is over is forgotten after these seconds: a dead host pushes no longer for it.
 
 use crate::times::Times;
+use sutura_shared::control::{MAX_HORIZON_US, TICK_HZ};
 
 /// Shortest horizon \[us\]: a desktop thread that wakes late now and then must not be felt.
 pub const SHORTEST_US: u64 = 20_000;
 /// Longest horizon \[us\]; the console caps at the same.
-pub const LONGEST_US: u64 = 150_000;
+pub const LONGEST_US: u64 = MAX_HORIZON_US as u64;
+
+/// Ticks whose longest delay is kept in one number, and how many such numbers: 5 s.
+const SPAN: u32 = TICK_HZ as u32 / 4;
+const SPANS: usize = 20;
+/// No span of ticks has this number yet.
+const NEVER: u32 = u32::MAX;
 
 /// Keeps the delays that the console reports.
 #[derive(Debug)]
 pub struct Horizon {
     period_us: u64,
-    /// Age of contact data when they were first applied \[us\].
+    least_us: u64,
+    /// Time that the last solve took \[us\].
+    own_us: u64,
+    /// Age of contact data when they came \[us\].
     delays_us: Times,
+    /// Number of a span of ticks, and the longest delay in it \[us\], (20).
+    recent: [(u32, u32); SPANS],
+    /// Span of the newest tick.
+    now: u32,
+    given_us: Times,
 }
 
 impl Horizon {
@@ -23,24 +40,57 @@ impl Horizon {
     pub fn new(host_hz: f64) -> Self {
         Horizon {
             period_us: (1e6 / host_hz).ceil() as u64,
+            least_us: SHORTEST_US,
+            own_us: 0,
             delays_us: Times::new(10_000_000),
+            recent: [(NEVER, 0); SPANS],
+            now: 0,
+            given_us: Times::new(LONGEST_US),
         }
     }
 
-    /// Takes note of one applied frame's age \[us\].
+    /// It is never shorter than this \[us\].
+    pub fn at_least(&mut self, least_us: Option<u32>) {
+        self.least_us = least_us.map_or(SHORTEST_US, u64::from);
+    }
+
+    /// Takes note of a tick of the console.
+    pub fn tick(&mut self, tick: u32) {
+        self.now = tick / SPAN;
+    }
+
+    /// Takes note of one frame's age when it came \[us\], whether it was used or was too old.
     pub fn applied(&mut self, age_us: u32) {
         self.delays_us.record(u64::from(age_us));
+        let place = &mut self.recent[self.now as usize % SPANS];
+        let before_us = if place.0 == self.now { place.1 } else { 0 };
+        *place = (self.now, before_us.max(age_us));
+    }
+
+    /// Takes note of the time that the solve took whose frame goes out next \[us\].
+    pub fn took(&mut self, own_us: u64) {
+        self.own_us = own_us;
     }
 
     /// The horizon for the next frame \[us\].
-    pub fn us(&self) -> u32 {
-        let slowest = self.delays_us.quantile(0.999);
-        (3 * self.period_us + slowest).clamp(SHORTEST_US, LONGEST_US) as u32
+    pub fn next_us(&mut self) -> u32 {
+        let is_recent = |span: u32| self.now.wrapping_sub(span) < SPANS as u32;
+        let recent = self.recent.iter().filter(|(span, _)| is_recent(*span));
+        let slowest_us = recent.map(|(_, us)| u64::from(*us)).max().unwrap_or(0);
+        let needed_us = 3 * self.period_us + slowest_us.max(self.own_us);
+        let us = needed_us.max(self.least_us).min(LONGEST_US);
+        self.given_us.record(us);
+        us as u32
     }
 
     /// The delays seen so far \[us\].
     pub(super) fn delays_us(&self) -> &Times {
         &self.delays_us
+    }
+
+    /// The horizons given so far \[us\].
+    pub(super) fn given_us(&self) -> &Times {
+        &self.given_us
     }
 }
 
@@ -49,21 +99,50 @@ mod tests {
     use super::*;
 
     #[test]
-    fn three_periods_and_the_slowest_thousandth_within_bounds() {
+    fn three_periods_and_the_longest_delay_within_bounds() {
         let mut horizon = Horizon::new(100.0);
-        assert_eq!(horizon.us(), 30_000);
-        for _ in 0..998 {
+        assert_eq!(horizon.next_us(), 30_000);
+        for tick in 0..1000 {
+            horizon.tick(tick);
             horizon.applied(2_000);
         }
         horizon.applied(12_000);
-        horizon.applied(12_000);
-        // 30 ms + 12 ms, to three digits.
-        assert!(
-            (42_000..=42_012).contains(&horizon.us()),
-            "{}",
-            horizon.us()
-        );
-        assert_eq!(Horizon::new(1000.0).us(), SHORTEST_US as u32);
-        assert_eq!(Horizon::new(10.0).us(), LONGEST_US as u32);
+        assert_eq!(horizon.next_us(), 42_000);
+        assert_eq!(Horizon::new(1000.0).next_us(), SHORTEST_US as u32);
+        assert_eq!(Horizon::new(10.0).next_us(), LONGEST_US as u32);
+        horizon.at_least(Some(60_000));
+        assert_eq!(horizon.next_us(), 60_000);
+    }
+
+    /// A solve of 61 ms: its own frame already has the room, and so have those of the next 5 s.
+    #[test]
+    fn a_stall_is_learnt_from_its_own_frame_on_and_forgotten_after_five_seconds() {
+        let mut horizon = Horizon::new(200.0);
+        horizon.tick(100);
+        horizon.applied(2_000);
+        horizon.took(61_000);
+        assert_eq!(horizon.next_us(), 76_000);
+        // It came when it was 64 ms old, in time or not.
+        horizon.applied(64_000);
+        horizon.took(300);
+        for tick in 101..=4_900 {
+            horizon.tick(tick);
+            horizon.applied(2_000);
+            assert_eq!(horizon.next_us(), 79_000, "tick {tick}");
+        }
+        for tick in 4_901..=5_400 {
+            horizon.tick(tick);
+            horizon.applied(2_000);
+        }
+        assert_eq!(horizon.next_us(), SHORTEST_US as u32);
+    }
+
+    #[test]
+    fn a_console_that_starts_anew_has_no_past() {
+        let mut horizon = Horizon::new(200.0);
+        horizon.tick(1_000_000);
+        horizon.applied(100_000);
+        horizon.tick(3);
+        assert_eq!(horizon.next_us(), SHORTEST_US as u32);
     }
 }

@@ -132,6 +132,7 @@ pub fn run_lockstep(
 ) -> Result<Summary, SessionError> {
     let started = Instant::now();
     let mut tally = Tally::new(plan.host_hz);
+    tally.horizon.at_least(plan.horizon_us);
     let end = HostLink::new(plan.tick_hz);
     let mut line = Line {
         console,
@@ -197,17 +198,17 @@ pub fn run_lockstep(
         }
         let first = tally.last().is_none();
         tally.state(state.body());
-        if state.body().mode == Mode::Idle {
-            // Contacts stayed away for so long that the console disarmed itself.
-            break;
-        }
-        if starts || first {
+        // One that disarmed itself, because contacts stayed away for so long, feels nothing until the end.
+        if (starts || first) && state.body().mode != Mode::Idle {
             let before = Instant::now();
             let solved = solver.solve(&state);
-            tally.step(&solved, before.elapsed());
-            let horizon_us = plan.horizon_us(&tally.horizon);
+            let solve_time = before.elapsed();
+            tally.step(&solved, solve_time);
+            let horizon_us = tally.horizon.next_us();
             let frames = solved.frames(state.body(), horizon_us, plan.rendering);
             pending = frames.map(|felt| (state.console_time_us(), felt));
+            let time = before.elapsed();
+            tally.session(time, time.saturating_sub(solve_time));
         }
         if tally.ticks().is_multiple_of(PROGRESS_EVERY) {
             let elapsed_s = tally.ticks() as f64 / f64::from(plan.tick_hz);

@@ -3,6 +3,7 @@
 //! Entry point: [`course`]. From the solved pose a few steps forward along the slide and a few backward say what slides
 //! next, where the tip touches, and where a boundary gives way; the console has it between two frames.
 
+use super::look_budget::{Ahead, LookBudget};
 use crate::model::Model;
 use crate::needle::{NeedleReport, TipPlace};
 use crate::step::{State, Status, Workspace, step};
@@ -45,7 +46,7 @@ pub(super) fn course(
     samples: &[ToolSample],
     needle: &NeedleReport,
     look: &Look,
-    work: &mut Workspace,
+    (work, budget): (&mut Workspace, &mut LookBudget),
 ) -> Course {
     let piece_m = model
         .needles
@@ -59,7 +60,15 @@ pub(super) fn course(
             way_m: 0.0,
             report: *needle,
         }];
-        visit(model, state, samples, look, side, sign, &mut visits, work);
+        visit(
+            model,
+            state,
+            samples,
+            look,
+            (side, sign),
+            &mut visits,
+            (&mut *work, &mut *budget),
+        );
         let mut points = vec![[0.0, needle.axial_n]];
         points_of(&visits, piece_m, &mut points);
         let kept = if side == 0 {
@@ -85,16 +94,14 @@ pub(super) fn course(
 }
 
 /// Steps one way.
-#[expect(clippy::too_many_arguments, reason = "they are the solver")]
 fn visit(
     model: &Model,
     state: &State,
     samples: &[ToolSample],
     look: &Look,
-    side: usize,
-    sign: f64,
+    (side, sign): (usize, f64),
     visits: &mut Vec<Visit>,
-    work: &mut Workspace,
+    (work, budget): (&mut Workspace, &mut LookBudget),
 ) {
     let steps = look.steps[side];
     let Some((start, needle)) = samples
@@ -115,7 +122,11 @@ fn visit(
         for sample in &mut samples {
             sample.console_time_us = start.console_time_us + passed_us as u64;
         }
+        if !budget.allows(Ahead::Course, side) {
+            return;
+        }
         let report = step(model, &mut trial, &samples, work);
+        budget.made(Ahead::Course, side, &report);
         let found = report.needles().iter().find(|other| other.id == needle.id);
         match found {
             Some(found) if report.status == Status::Ok => visits.push(Visit {

@@ -6,14 +6,19 @@
 
 mod budget;
 mod contact_frame;
+mod heard;
 mod horizon;
 mod lockstep;
 mod look_ahead;
+mod look_budget;
+mod machine_lateness;
 mod model_solver;
 mod needle_frame;
+mod overload;
 mod real_time;
 mod rows_frame;
 mod schedule;
+mod scheduling;
 mod setup;
 mod sideways;
 mod sticking;
@@ -24,19 +29,24 @@ mod tissue;
 
 pub use budget::{LINE_BYTES_PER_S, Rendering, most_rows};
 pub use contact_frame::{contact_frame, pack_symmetric};
+pub use heard::{Fate, Underway};
 pub use horizon::Horizon;
 pub use lockstep::run_lockstep;
+pub use look_budget::Looked;
+pub use machine_lateness::{LatenessProbe, MachineLate, MachineLateness};
 pub use model_solver::ModelSolver;
 pub use needle_frame::{HeldNeedle, needle_frame};
+pub use overload::{Effort, GivenUp};
 pub use real_time::{Attendant, Line, run_real_time};
 pub use rows_frame::rows_frame;
+pub use scheduling::Scheduling;
 pub use setup::{Plan, SessionError};
 pub use sideways::{Goal, lead_s, sideways};
 pub use summary::{
     Age, ConsoleClock, Energy, Force, Frames, Latency, LinkSummary, RoundTrip, StepTime, Summary,
     Throughput,
 };
-pub use tally::{Tally, mode_word};
+pub use tally::{NOT_RENDERED, Tally, mode_word};
 pub use thread_frame::{HeldThread, thread_frame};
 pub use tissue::{Moment, TissueSolver};
 
@@ -48,7 +58,7 @@ use sutura_shared::wire::Valid;
 use sutura_shared::wire::message::{Report, State};
 
 /// What a solver step gave.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Default)]
 pub struct Solved {
     /// Grip position that was solved for \[m\], (3): a little ahead of the state's.
     pub position_m: [f32; 3],
@@ -62,8 +72,14 @@ pub struct Solved {
     pub thread: Option<HeldThread>,
     /// How the step ended.
     pub status: Status,
+    /// Whether the driven tool was in contact, also where the result is withheld.
+    pub touched: bool,
+    /// Withheld because the model did not come near enough to balance for its force to mean anything.
+    pub unfinished: bool,
     /// Time per stage.
     pub stages: Stages,
+    /// Steps made besides the solve's own.
+    pub looked: Looked,
 }
 
 impl Solved {
@@ -99,6 +115,9 @@ pub trait Solve: Send {
     /// Steps the scene to the state's pose.
     fn solve(&mut self, state: &Valid<State>) -> Solved;
 
+    /// What solves from now on are to do: less than all where the host cannot keep its pace.
+    fn spare(&mut self, _effort: Effort) {}
+
     /// What the scene reports when the session is over.
     fn scene(&self) -> serde_json::Map<String, serde_json::Value>;
 }
@@ -125,8 +144,8 @@ pub trait SceneSolver: Solve {
     /// came.
     fn replay_worker(&mut self) {}
 
-    /// What comes in steps to come.
-    fn expect(&mut self, _arrivals: &[Arrival]) {}
+    /// What comes in steps to come, and how far the next solve looks ahead.
+    fn expect(&mut self, _arrivals: &[Arrival], _looked: Looked) {}
 
     /// From now on no long work is done beside the steps but columns: as it was when recordings did not say when a
     /// factor came.

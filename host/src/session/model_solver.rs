@@ -4,7 +4,7 @@
 //! [`TissueSolver`](super::TissueSolver).
 
 use super::sticking::{Sticking, Tools};
-use super::{Rendering, SceneSolver, Solve, Solved};
+use super::{Looked, Rendering, SceneSolver, Solve, Solved};
 use crate::clock::Clock;
 use crate::contact::shape::Solid;
 use crate::hash::hash_of;
@@ -27,6 +27,9 @@ use sutura_shared::wire::message::State;
 const MOST_PASSES: usize = 3;
 /// Most pieces of a tool's way in a step.
 const MOST_PIECES: f64 = 8.0;
+/// Longest piece of a step of models with time \[s\]: nodes that are held are where they shall be at once, and the longer the
+/// piece, the heavier is what they run into.
+const LONGEST_PIECE_S: f64 = 5e-3;
 /// Most steps that bring held tools to their places and tissue to rest, of models that go to balance.
 const MOST_STEPS: usize = 1000;
 /// Longest that models with time are given to come to rest \[s\].
@@ -39,6 +42,9 @@ const STILL_EDGES_PER_S: f64 = 1e-3;
 const STILL_S: f64 = 0.1;
 /// Longest time of one step of a model \[s\]: a console that was silent for longer has not moved all that time.
 const LONGEST_STEP_S: f64 = 0.1;
+
+/// Beyond this relative error a model does not stand by its force: nobody gets it.
+const MOST_FORCE_ERROR: f64 = 0.5;
 
 /// A model with its tools.
 pub struct ModelSolver {
@@ -57,12 +63,18 @@ pub struct ModelSolver {
     force_n: Vec<[f64; 3]>,
     script: Script,
     period_s: f64,
+    /// Length of the pieces of the last step \[s\].
+    piece_s: f64,
     began_us: Option<u64>,
     last_us: u64,
     contacts: Vec<ToolContact>,
-    /// Of the last balance: elastic energy \[J\], and force out of balance as a share.
+    /// Of the last balance: elastic energy \[J\], force out of balance as a share, and the error of what holds the nodes.
     energy_j: f64,
     residual: f64,
+    force_error: f64,
+    /// Whether the driven tool held nodes in the last step, and whether what that gave means nothing.
+    touched: bool,
+    unfinished: bool,
     tally: Tally,
 }
 
@@ -79,6 +91,12 @@ struct Tally {
     failed: u64,
     why_failed: Option<&'static str>,
     residual: f64,
+    /// Steps in which the driven tool touched, how many of these gave no contact, and how many of those because of the force's
+    /// error; its largest that was sent.
+    contact_steps: u64,
+    withheld: u64,
+    unbelieved: u64,
+    force_error: f64,
     tangents: u64,
     tangent_error: f64,
 }
@@ -132,12 +150,16 @@ impl ModelSolver {
             pressing: Vec::with_capacity(scene.mesh.points_m().len()),
             force_n: scene.node_forces(),
             period_s: 1.0 / host_hz,
+            piece_s: 1.0 / host_hz,
             began_us: None,
             last_us: 0,
             contacts: vec![ToolContact::default(); script.samples().len()],
             script,
             energy_j: 0.0,
             residual: 0.0,
+            force_error: 0.0,
+            touched: false,
+            unfinished: false,
             tally: Tally::default(),
         };
         solver.bring_in(scene)?;
@@ -247,10 +269,23 @@ impl ModelSolver {
         let mut samples = [sample; MAX_TOOLS];
         let count = self.script.samples().len().min(MAX_TOOLS);
         samples[..count].copy_from_slice(&self.script.samples()[..count]);
-        let status = self.go(&samples[..count], step_s);
+        let mut status = self.go(&samples[..count], step_s);
+        self.touched = self.is_touching(status);
+        self.unfinished = status == Status::Ok && self.touched && !self.stands_by_its_force();
+        if self.unfinished {
+            // Tissue goes on from where it is, towards balance.
+            status = Status::NotConverged;
+        }
+        self.tally.contact_steps += u64::from(self.touched);
+        self.tally.withheld += u64::from(self.touched && status != Status::Ok);
+        self.tally.unbelieved += u64::from(self.unfinished);
+        self.tally.force_error = match status {
+            Status::Ok if self.touched => self.tally.force_error.max(self.force_error),
+            _ => self.tally.force_error,
+        };
         clock.lap(&mut stages.tissue_ns);
         if status == Status::Ok {
-            self.reduce(&samples[..count], step_s);
+            self.reduce(&samples[..count]);
         }
         clock.lap(&mut stages.reduce_ns);
         (status, &self.contacts, stages)
@@ -282,7 +317,14 @@ impl ModelSolver {
             pieces = pieces.max((length / solid.piece()).ceil());
             way[index] = Some((*from, target));
         }
-        let count = pieces.min(MOST_PIECES);
+        let timed = if self.has_time {
+            (step_s / LONGEST_PIECE_S - 1e-9).ceil().max(1.0)
+        } else {
+            1.0
+        };
+        let pieces = pieces.max(timed);
+        let count = pieces.min(MOST_PIECES.max(timed));
+        self.piece_s = step_s / count;
         for piece in 1..=count as u32 {
             let before = self.tools;
             for (index, way) in way.iter().enumerate() {
@@ -292,7 +334,7 @@ impl ModelSolver {
                 }
             }
             self.sticking.keep();
-            if !self.balance(step_s / count) {
+            if !self.balance(self.piece_s) {
                 self.tools = before;
                 self.sticking.go_back();
                 return Status::NotConverged;
@@ -302,6 +344,30 @@ impl ModelSolver {
             return Status::Behind;
         }
         self.all_outside()
+    }
+
+    /// Whether the driven tool was in contact in a step that ended like this.
+    fn is_touching(&mut self, status: Status) -> bool {
+        let driven = self.driven();
+        let Some(index) = self.shapes.iter().position(|(id, _)| Some(*id) == driven) else {
+            return false;
+        };
+        match status {
+            Status::Ok | Status::Behind => {
+                self.sticking.pressing(index, &mut self.pressing);
+                !self.pressing.is_empty()
+            }
+            // What the step began to hold is no longer there.
+            Status::NotConverged => self.sticking.held(index),
+            // It was inside, or another tool is.
+            Status::Inside => self.tools[index].is_none() || self.sticking.held(index),
+            _ => false,
+        }
+    }
+
+    /// Whether the last balance came near enough for its reactions to mean anything.
+    fn stands_by_its_force(&self) -> bool {
+        self.force_error <= MOST_FORCE_ERROR
     }
 
     fn solid(&self, index: usize, placement: &Placement) -> Solid {
@@ -338,7 +404,13 @@ impl ModelSolver {
             }
             self.energy_j = done.energy_j;
             self.residual = done.residual;
-            let gone = self.sticking.let_go(&self.tools, self.tissue.reactions_n());
+            self.force_error = done.force_error;
+            // Which way a force goes that nobody stands by says nothing of who pulls.
+            let gone = if self.stands_by_its_force() {
+                self.sticking.let_go(&self.tools, self.tissue.reactions_n())
+            } else {
+                0
+            };
             // What the last pass would take, the next step takes.
             if pass == passes
                 || gone + self.sticking.take(&self.tools, self.tissue.positions_m()) == 0
@@ -380,7 +452,7 @@ impl ModelSolver {
     }
 
     /// What each tool feels.
-    fn reduce(&mut self, samples: &[ToolSample], step_s: f64) {
+    fn reduce(&mut self, samples: &[ToolSample]) {
         for (slot, sample) in samples.iter().enumerate() {
             let mut contact = ToolContact {
                 id: sample.id,
@@ -393,7 +465,7 @@ impl ModelSolver {
             if let Some((index, solid)) = solid {
                 self.sticking.pressing(index, &mut self.pressing);
                 let drives = slot == 0 && self.script.driven().is_some();
-                self.feel(&mut contact, sample, &solid, drives.then_some(step_s));
+                self.feel(&mut contact, sample, &solid, drives.then_some(self.piece_s));
             }
             if let Some(place) = self.contacts.get_mut(slot) {
                 *place = contact;
@@ -401,7 +473,7 @@ impl ModelSolver {
         }
     }
 
-    /// Contact of the tool whose rows are at hand, with the tangent of a step of that length if one is wanted.
+    /// Contact of the tool whose rows are at hand, with the tangent of a piece of that length if one is wanted.
     fn feel(
         &mut self,
         contact: &mut ToolContact,
@@ -447,7 +519,11 @@ impl ModelSolver {
         if let Some(tangent) = self.tissue.tangent(&drive, &self.pressing, step_s) {
             tally.tangents += 1;
             tally.tangent_error = tally.tangent_error.max(tangent.error);
-            contact.tangent = touched.tangent(&tangent);
+            // What is less sure of its force is less sure of how that changes.
+            let confidence = (1.0 - self.force_error).max(0.0);
+            contact.tangent = touched
+                .tangent(&tangent)
+                .map(|row| row.map(|entry| confidence * entry));
         }
     }
 
@@ -472,7 +548,10 @@ impl Solve for ModelSolver {
                 (status, contacts.first().copied(), stages)
             }
             // Nothing touches: as linear tissue, which sends nothing either.
-            None => (Status::UnknownTool, None, Stages::default()),
+            None => {
+                (self.touched, self.unfinished) = (false, false);
+                (Status::UnknownTool, None, Stages::default())
+            }
         };
         Solved {
             position_m: state.body().position_m,
@@ -481,7 +560,10 @@ impl Solve for ModelSolver {
             needle: None,
             thread: None,
             status,
+            touched: self.touched,
+            unfinished: self.unfinished,
             stages,
+            looked: Looked::default(),
         }
     }
 
@@ -514,6 +596,11 @@ impl Solve for ModelSolver {
                 "contact": "sticking",
                 "contact_nodes": tally.most_nodes,
                 "residual": tally.residual,
+                "contact_steps": tally.contact_steps,
+                "contact_steps_withheld": tally.withheld,
+                "contact_steps_unfinished": tally.unbelieved,
+                "force_error": tally.force_error,
+                "last": {"residual": self.residual, "force_error": self.force_error},
                 "outcomes": {
                     "converged": tally.converged,
                     "unfinished": tally.unfinished,

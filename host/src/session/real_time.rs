@@ -4,13 +4,17 @@
 //! times a second; a step whose result is not good sends nothing, and the console lets the force decay. A console that
 //! goes away may come back into the same session, at rest until somebody arms it again.
 
+use super::heard::Underway;
+use super::overload::Overload;
 use super::schedule::Schedule;
 use super::setup::{Arming, ArmingWatch};
 use super::summary::{ConsoleClock, LinkSummary, RoundTrip, Throughput};
-use super::{Plan, Progress, SessionError, Solve, Summary, Tally};
+use super::{LatenessProbe, Plan, Progress, Scheduling, SessionError, Solve, Summary, Tally};
 use crate::link::{
-    Connector, Heard, Link, LinkCounters, LinkError, LinkOptions, Order, Port, Standing,
+    Connector, Heard, Link, LinkCounters, LinkError, LinkOptions, Order, Port, SentContact,
+    Standing,
 };
+use crate::scheduling::{Duty, Granted, LockedMemory, Role};
 use std::ops::ControlFlow;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -23,13 +27,17 @@ use sutura_shared::wire::message::{Command, Mode, State};
 const LOOK_EVERY: Duration = Duration::from_millis(50);
 /// Shortest of these times: a few ticks.
 const TICKS_SOME: Duration = Duration::from_millis(2);
-/// A console from which nothing came for so long is dead, or its line is.
+/// A console from which nothing came for so long is dead, or its line is; longer if the link waits longer.
 const SILENT: Duration = Duration::from_secs(2);
 /// By how much a console's clock may differ from the host's over a loss of the link \[s\], and for every second of it: if
 /// it differs by more, the console has started anew.
 const SAME_CLOCK_S: f64 = 0.25;
 /// See [`SAME_CLOCK_S`].
 const SAME_CLOCK: f64 = 0.02;
+/// So often may a console be armed again in [`REARMS_IN`] that let go by itself.
+const REARMS: usize = 3;
+/// See [`REARMS`].
+const REARMS_IN: Duration = Duration::from_secs(60);
 /// How long the console may take to report after it was disarmed; it reports once a second by itself.
 const REPORT_WITHIN: Duration = Duration::from_millis(1500);
 
@@ -45,6 +53,9 @@ pub trait Attendant {
     /// It is back, at rest.
     fn back(&mut self);
 
+    /// It has let go by itself, since no contact that it could use came for too long.
+    fn let_go(&mut self) {}
+
     /// Whether to arm it now. Asked again and again while it rests.
     fn arms(&mut self) -> bool;
 }
@@ -52,7 +63,12 @@ pub trait Attendant {
 /// What leads to a console.
 pub enum Line {
     /// A port. When the console goes away the session ends.
-    Once(Box<dyn Port>),
+    Once {
+        /// Open.
+        port: Box<dyn Port>,
+        /// Looks after a console that lets go; without, it rests until the end.
+        attendant: Option<Box<dyn Attendant>>,
+    },
     /// A port that can be opened again.
     Again {
         /// Opens it.
@@ -64,7 +80,10 @@ pub enum Line {
 
 impl From<Box<dyn Port>> for Line {
     fn from(port: Box<dyn Port>) -> Self {
-        Line::Once(port)
+        Line::Once {
+            port,
+            attendant: None,
+        }
     }
 }
 
@@ -73,8 +92,10 @@ struct Log {
     tally: Tally,
     /// Whether the console has been armed in this session; what was before is not counted.
     armed: bool,
-    /// Whether the console has gone to rest, by itself or as it was told; what comes then is not counted.
+    /// Whether the console has gone to rest as it was told; what comes then is not counted.
     over: bool,
+    /// What became of the contacts that were sent.
+    underway: Underway,
     /// The newest state of the open link's session, counted or not.
     newest: Option<(State, Instant)>,
     /// Why the link was lost, until the console is told what it needs to know again.
@@ -82,6 +103,8 @@ struct Log {
     reports: u64,
     /// Ticks that the session is to last.
     ticks: u64,
+    /// What the solver's thread got of the system, and how often it gave way.
+    solver: (Granted, u64),
 }
 
 /// Runs a session of `plan.seconds` of console time on the console that `line` leads to; `progress` may end it early.
@@ -96,40 +119,52 @@ pub fn run_real_time(
     mut progress: impl FnMut(&Progress<'_>) -> ControlFlow<()>,
 ) -> Result<Summary, SessionError> {
     let started = Instant::now();
+    let silent = SILENT.max(options.silent_after);
+    let mut tally = Tally::new(plan.host_hz);
+    tally.horizon.at_least(plan.horizon_us);
+    tally.hear_of_fates();
     let log = Arc::new(Mutex::new(Log {
-        tally: Tally::new(plan.host_hz),
+        tally,
+        underway: Underway::default(),
         armed: false,
         over: false,
         newest: None,
         lost: None,
         reports: 0,
         ticks: plan.ticks(),
+        solver: (Granted::NotAsked, 0),
     }));
+    let memory = options.real_time.then(LockedMemory::ask).flatten();
     let written = log.clone();
-    let (link, attendant) = match line.into() {
-        Line::Once(port) => {
-            let hear = move |event: &HostEvent| lock(&written).hear(event);
-            (Link::open(port, options, hear)?, None)
+    let hear = move |heard: Heard<'_>| match heard {
+        Heard::Event(event) => lock(&written).hear(event),
+        Heard::Lost(why) => lock(&written).lose(why),
+        Heard::Sent(contact) => lock(&written).sent(contact),
+        Heard::Reopened(_) => {}
+    };
+    let (link, attendant, returns) = match line.into() {
+        Line::Once { port, attendant } => {
+            (Link::open_heard(port, options, hear)?, attendant, false)
         }
         Line::Again { connect, attendant } => {
-            let hear = move |heard: Heard<'_>| match heard {
-                Heard::Event(event) => lock(&written).hear(event),
-                Heard::Lost(why) => lock(&written).lose(why),
-                Heard::Reopened(_) => {}
-            };
-            (Link::open_with(connect, options, hear)?, Some(attendant))
+            let link = Link::open_with(connect, options, hear)?;
+            (link, Some(attendant), true)
         }
     };
     for order in plan.opening_orders(&link.console()) {
         link.order(order)?;
     }
+    let probe = LatenessProbe::start(options.real_time);
+    let duty = options.real_time.then_some(Role::Solver);
     let stop = AtomicBool::new(false);
     let ended = std::thread::scope(|scope| {
         // However this ends, by a panic too: the scope waits for the solver.
         let stopping = Stopping(&stop);
         let solving = std::thread::Builder::new()
             .name("sutura-solve".to_owned())
-            .spawn_scoped(scope, || solve_until(&stop, &link, plan, &log, solver));
+            .spawn_scoped(scope, || {
+                solve_until(&stop, &link, plan, &log, solver, duty)
+            });
         let ended = match &solving {
             Ok(solving) => {
                 let watch = Watch {
@@ -137,9 +172,13 @@ pub fn run_real_time(
                     plan,
                     log: &log,
                     attendant,
+                    returns,
                     arming: Some(ArmingWatch::new(plan)),
                     rest: None,
+                    has_let_go: false,
+                    rearmed: [None; REARMS],
                     end: None,
+                    silent,
                 };
                 watch.run(&mut progress, || solving.is_finished())
             }
@@ -151,6 +190,7 @@ pub fn run_real_time(
             _ => Err(SessionError::Solver),
         }
     });
+    let lateness = probe.ok().map(LatenessProbe::end);
     let ended = ended?;
     let wall_s = started.elapsed().as_secs_f64();
     let device = plan.device_name(&link.console());
@@ -161,6 +201,8 @@ pub fn run_real_time(
     } = link.counters();
     lock(&log).over = true;
     let link_summary = link_summary(&link);
+    let (solving, gave_way) = lock(&log).solver;
+    let scheduling = Scheduling::new(solving, gave_way, link.granted(), memory.is_some());
     disarm(&link, &log);
     let counters = LinkCounters {
         states_superseded,
@@ -179,6 +221,9 @@ pub fn run_real_time(
         most_rows: plan.most_rows(),
         scene: solver.scene(),
         link: link_summary,
+        scheduling: Some(scheduling),
+        machine_late_us: lateness.as_ref().map(|lateness| lateness.late_us()),
+        machine_late_over_5ms: lateness.as_ref().map(|lateness| lateness.over_5ms()),
         ..summary
     })
 }
@@ -220,13 +265,15 @@ impl Log {
     fn hear(&mut self, event: &HostEvent) {
         match event {
             HostEvent::State(state) => {
+                let console_time_us = state.console_time_us();
                 let state = state.body();
                 self.newest = Some((*state, Instant::now()));
                 self.armed |= matches!(state.mode, Mode::Armed | Mode::Decaying);
                 if self.armed && !self.over && self.tally.ticks() < self.ticks {
                     self.tally.state(state);
-                    // Data stayed away for so long that it disarmed itself; only a person arms it again.
-                    self.over = state.mode == Mode::Idle;
+                    let tally = &mut self.tally;
+                    self.underway
+                        .state(console_time_us, state, |_, fate| tally.fate(fate));
                 }
             }
             HostEvent::Report(report) => {
@@ -240,8 +287,14 @@ impl Log {
         }
     }
 
+    fn sent(&mut self, contact: SentContact) {
+        let tally = &mut self.tally;
+        self.underway.sent(contact, |_, fate| tally.fate(fate));
+    }
+
     fn lose(&mut self, why: &LinkError) {
         self.tally.lose();
+        self.underway.lose(|_, _| {});
         self.armed = false;
         self.newest = None;
         self.lost = Some(why.clone());
@@ -255,16 +308,31 @@ fn solve_until(
     plan: &Plan,
     log: &Mutex<Log>,
     solver: &mut dyn Solve,
+    asks: Option<Role>,
 ) {
+    let mut duty = asks.map(Duty::begin);
+    // The tick that is due, and how long until it comes.
+    let mut next: (Option<u32>, Duration) = (None, Duration::ZERO);
     let tick = Duration::from_secs(1) / u32::from(plan.tick_hz.max(1));
+    let period = Duration::from_secs_f64(1.0 / plan.host_hz);
     let mut schedule: Option<Schedule> = None;
+    let mut overload = Overload::new(plan.host_hz);
+    // Whether the solve before took longer than it had.
+    let mut was_late = false;
     while !stop.load(Ordering::Relaxed) {
-        let state: Valid<State> = match link.state(Instant::now() + LOOK_EVERY) {
-            Ok(Some(state)) => state,
-            Ok(None) => continue,
-            // The watching thread sees the same and says so.
-            Err(_) => return,
-        };
+        if let Some(duty) = &mut duty {
+            duty.look();
+            lock(log).solver = (duty.granted(), duty.gave_way());
+        }
+        // Only the state that is due wakes this thread: whoever sleeps until just before it may be woken late twice.
+        let (tick_due, wait) = std::mem::take(&mut next);
+        let state: Valid<State> =
+            match link.state_from(tick_due, Instant::now() + wait + LOOK_EVERY) {
+                Ok(Some(state)) => state,
+                Ok(None) => continue,
+                // The watching thread sees the same and says so.
+                Err(_) => return,
+            };
         if !matches!(state.body().mode, Mode::Armed | Mode::Decaying) {
             // Nobody feels anything: the pose may be anywhere, even inside the tissue.
             schedule = None;
@@ -279,23 +347,34 @@ fn solve_until(
         let schedule =
             schedule.get_or_insert_with(|| Schedule::new(now, plan.tick_hz, plan.host_hz));
         if due {
+            let missed = if was_late { schedule.left_out() } else { 0 };
+            solver.spare(overload.effort());
             let solved = solver.solve(&state);
-            let time = heard.elapsed();
+            let solve_time = heard.elapsed();
             let horizon_us = {
                 let mut log = lock(log);
                 if log.armed {
-                    log.tally.step(&solved, time);
+                    log.tally.step(&solved, solve_time);
                 }
-                plan.horizon_us(&log.tally.horizon)
+                log.tally.horizon.took(solve_time.as_micros() as u64);
+                log.tally.horizon.next_us()
             };
             if let Some(felt) = solved.frames(state.body(), horizon_us, plan.rendering) {
                 link.felt(state.console_time_us(), felt);
             }
+            let time = heard.elapsed();
+            was_late = time > period;
+            if let Some(words) = overload.note(time, missed) {
+                tracing::warn!("{words}");
+            }
+            let mut log = lock(log);
+            if log.armed {
+                log.tally.session(time, time.saturating_sub(solve_time));
+                log.tally.give_up(overload.given_up());
+            }
         }
-        // Until just before the state comes that is due; the slot's is then one that may be passed over.
-        let left = schedule.ticks_left(now).saturating_sub(1);
-        let wake = heard + tick * left;
-        std::thread::sleep(wake.saturating_duration_since(Instant::now()));
+        let left = schedule.ticks_left(now);
+        next = (Some(now.wrapping_add(left)), tick * left);
     }
 }
 
@@ -314,12 +393,20 @@ struct Watch<'a> {
     plan: &'a Plan,
     log: &'a Mutex<Log>,
     attendant: Option<Box<dyn Attendant>>,
+    /// Whether a console that goes away may come back.
+    returns: bool,
     /// While the console should arm.
     arming: Option<ArmingWatch>,
     /// While the console is away, or back and not armed.
     rest: Option<Rest>,
+    /// While the console rests because it has let go.
+    has_let_go: bool,
+    /// When it was armed again after it had, (3), the newest last.
+    rearmed: [Option<Instant>; REARMS],
     /// When a session ends whose link was lost: a console that is away has no ticks to count.
     end: Option<Instant>,
+    /// See [`SILENT`].
+    silent: Duration,
 }
 
 /// A console that went away.
@@ -374,9 +461,9 @@ impl Watch<'_> {
             }
             if self.rest.is_none() {
                 let heard = newest.map_or(opened, |(_, heard)| heard);
-                if heard.elapsed() > SILENT && self.attendant.is_none() {
+                if heard.elapsed() > self.silent && !self.returns {
                     return Err(SessionError::Silent {
-                        waited_s: SILENT.as_secs_f64(),
+                        waited_s: self.silent.as_secs_f64(),
                     });
                 }
             }
@@ -423,7 +510,25 @@ impl Watch<'_> {
                 Arming::NotYet => {}
             }
         }
-        let (Some(rest), Some(attendant)) = (&self.rest, &mut self.attendant) else {
+        let Some(attendant) = &mut self.attendant else {
+            return Ok(());
+        };
+        let Some(rest) = &self.rest else {
+            let rests = state.mode == Mode::Idle && self.arming.is_none();
+            if rests && !self.has_let_go {
+                self.has_let_go = true;
+                attendant.let_go();
+            }
+            let oldest = self.rearmed[0];
+            let may = oldest.is_none_or(|oldest| oldest.elapsed() >= REARMS_IN);
+            if rests && may && attendant.arms() {
+                self.link.order(Order::Command(Command::Arm))?;
+                self.arming = Some(ArmingWatch::new(self.plan));
+                self.has_let_go = false;
+                self.rearmed.rotate_left(1);
+                self.rearmed[REARMS - 1] = Some(Instant::now());
+                lock(self.log).tally.rearm();
+            }
             return Ok(());
         };
         if let Rest::Away(_) = rest

@@ -11,6 +11,8 @@ pub(super) struct Schedule {
     host_hz: f64,
     /// Number of the next step.
     next: u64,
+    /// Steps left out before the one that was due last.
+    left_out: u64,
 }
 
 impl Schedule {
@@ -21,6 +23,7 @@ impl Schedule {
             tick_hz: f64::from(tick_hz),
             host_hz,
             next: 1,
+            left_out: 0,
         }
     }
 
@@ -30,9 +33,15 @@ impl Schedule {
         if due {
             let since = f64::from(tick.wrapping_sub(self.first_tick));
             let passed = ((since + 1.0) * self.host_hz / self.tick_hz).ceil() as u64;
+            self.left_out = passed.saturating_sub(self.next + 1);
             self.next = passed.max(self.next + 1);
         }
         due
+    }
+
+    /// Steps that were left out just before the one that was due last.
+    pub(super) fn left_out(&self) -> u64 {
+        self.left_out
     }
 
     /// Ticks from this one until the next step is due.
@@ -69,6 +78,9 @@ mod tests {
     fn steps_that_were_missed_are_left_out() {
         let late = (1..=12).chain(31..=45);
         assert_eq!(due(200.0, late), [5, 10, 31, 35, 40, 45]);
+        let mut schedule = Schedule::new(0, 1000, 200.0);
+        assert!(schedule.is_due(5) && schedule.left_out() == 0);
+        assert!(schedule.is_due(26) && schedule.left_out() == 3);
         let schedule = Schedule::new(0, 1000, 200.0);
         assert_eq!(
             [1, 4, 5, 9].map(|tick| schedule.ticks_left(tick)),

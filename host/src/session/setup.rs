@@ -4,6 +4,7 @@
 //! one is also told which device it is and what its hand does.
 
 use super::budget::{Rendering, most_rows};
+use super::horizon::LONGEST_US;
 use crate::link::{LinkError, Order};
 use serde::{Deserialize, Serialize};
 use sutura_shared::device::DeviceDescription;
@@ -36,7 +37,7 @@ pub struct Plan {
     pub rendering: Rendering,
     /// What the line carries, both ways together \[bytes/s\].
     pub line_bytes_per_s: f64,
-    /// A fixed horizon for every frame \[us\]; otherwise it follows from the measured delay.
+    /// Shortest horizon of a frame \[us\]; measured delays make it longer, up to what consoles cap it at.
     pub horizon_us: Option<u32>,
     /// Clear a fault that is latched from before; its cause must be gone.
     pub clear_fault: bool,
@@ -65,6 +66,18 @@ pub enum SessionError {
     /// The solver's thread ended by a panic; the console lets its force decay.
     #[error("the solver failed; the console lets its force decay by itself")]
     Solver,
+    /// Contacts would come when the console may not use the last one any more.
+    #[error(
+        "{host_hz} solves a second: a contact is used for {longest_ms:.0} ms at most, and the next one would come later"
+    )]
+    TooSlow {
+        /// Solver steps a second \[Hz\].
+        host_hz: f64,
+        /// What every console caps the horizon at \[ms\].
+        longest_ms: f64,
+        /// The slowest that does \[Hz\].
+        least_hz: f64,
+    },
     /// No state came for so long that the console must be taken for dead.
     #[error("no state came from the console for {waited_s} s")]
     Silent {
@@ -135,9 +148,22 @@ impl Plan {
         name(bytes).unwrap_or_default().to_owned()
     }
 
-    /// The horizon of the next frame \[us\].
-    pub(super) fn horizon_us(&self, measured: &super::Horizon) -> u32 {
-        self.horizon_us.unwrap_or_else(|| measured.us())
+    /// Whether contacts at this rate are there before the last one may not be used any more.
+    ///
+    /// # Errors
+    /// [`SessionError::TooSlow`].
+    pub fn check_rate(&self) -> Result<(), SessionError> {
+        // One that is solved for a state is there a period later, and is used for another.
+        let longest_s = 1e-6 * LONGEST_US as f64;
+        let least_hz = (2.0 / (longest_s - 2.0 / f64::from(self.tick_hz))).ceil();
+        if self.host_hz >= least_hz {
+            return Ok(());
+        }
+        Err(SessionError::TooSlow {
+            host_hz: self.host_hz,
+            longest_ms: 1e3 * longest_s,
+            least_hz,
+        })
     }
 }
 

@@ -173,6 +173,11 @@ impl Sticking {
         into.extend(rows.filter(|row| self.stuck[self.held[*row].0 as usize].is_some()));
     }
 
+    /// Whether a tool holds any node in what was laid out last.
+    pub fn held(&self, tool: usize) -> bool {
+        self.rows.get(tool).is_some_and(|rows| !rows.is_empty())
+    }
+
     /// What a tool with its grip there feels of these rows of the drive.
     pub fn touched(
         &self,

@@ -2,6 +2,8 @@
 //!
 //! Entry point: [`Summary`]. Key names carry their units and are a contract with scripts: add, never rename.
 
+use super::overload::GivenUp;
+use super::{MachineLate, Scheduling};
 use crate::choice::Chosen;
 use serde::Serialize;
 use std::collections::BTreeMap;
@@ -48,6 +50,8 @@ pub struct Frames {
     pub lost: u64,
     /// Frames refused, at either end.
     pub rejected: u64,
+    /// Contacts that came to the console when they were too old to be used.
+    pub late: u64,
     /// Values replaced by newer ones before they were used: states at the host, contacts at either end.
     /// By design, not a loss.
     pub superseded: u64,
@@ -157,9 +161,19 @@ pub struct Summary {
     pub latency_us: Latency,
     /// Age of the contact data in use, every tick while armed \[ms\].
     pub age_ms: Age,
+    /// Horizon of the frames that were sent \[ms\].
+    pub horizon_ms: Age,
+    /// All that the solver's thread did for a solve, on the wall \[us\].
+    pub session_us: StepTime,
+    /// Solver steps in which the driven tool touched.
+    pub contact_steps: u64,
+    /// What was given up because solves took too long.
+    pub overload: GivenUp,
+    /// Times that the console was armed again after it had let go.
+    pub rearmed: u64,
     /// Wall-clock time of a solver step \[us\].
     pub step_us: StepTime,
-    /// Mean time of each stage of a step \[us\].
+    /// Mean time of each stage of a step, of sending it, and of the rest that no stage names \[us\].
     pub stages_us: BTreeMap<&'static str, f64>,
     /// Contact force.
     pub force_n: Force,
@@ -174,6 +188,15 @@ pub struct Summary {
     /// Which model was taken for the budget, from what was measured before the session; none if that was not asked for.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub chosen: Option<Chosen>,
+    /// What the session's threads got of the system; none in lockstep.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub scheduling: Option<Scheduling>,
+    /// How late a thread was woken that only slept, beside the session \[us\]; none in lockstep.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub machine_late_us: Option<MachineLate>,
+    /// Wake-ups of that thread that were more than 5 ms late.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub machine_late_over_5ms: Option<u64>,
     /// What the scene reports.
     pub scene: serde_json::Map<String, serde_json::Value>,
 }

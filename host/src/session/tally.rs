@@ -5,10 +5,11 @@
 //! on the hand held over one tick and dx the grip's motion in it; positive when the hand did the work.
 
 use super::Solved;
+use super::heard::Fate;
 use super::horizon::Horizon;
+use super::overload::GivenUp;
 use super::summary::{Age, Energy, Force, Frames, Latency, StepTime, Summary};
 use crate::link::LinkCounters;
-use crate::step::Stages;
 use crate::times::Times;
 use std::collections::BTreeMap;
 use std::time::Duration;
@@ -30,6 +31,20 @@ pub struct Tally {
     energy_min_j: f64,
     /// Delay of the whole loop, and the horizon that follows from it.
     pub horizon: Horizon,
+    /// Whether somebody else says what became of each contact, those that came too late included.
+    is_told: bool,
+    /// Contacts that came when they were too old to be used.
+    late: u64,
+    /// All that the solver's thread does for a solve \[ns\].
+    sessions_ns: Times,
+    all_ns: u64,
+    sent_ns: u64,
+    contact_steps: u64,
+    /// Of these: whose force was worth a console's while; those that were withheld, or not balanced.
+    forceful_steps: u64,
+    spoilt_steps: u64,
+    rearmed: u64,
+    given_up: GivenUp,
     ages_us: Times,
     steps_ns: Times,
     stages_ns: BTreeMap<&'static str, u64>,
@@ -41,6 +56,13 @@ pub struct Tally {
     /// The next state does not follow the last one.
     gap: bool,
 }
+
+/// Word of a session's status whose contact was not felt.
+pub const NOT_RENDERED: &str = "not-rendered";
+/// A force below this nobody notices \[N\].
+const NOTICED_N: f64 = 1e-3;
+/// Part of the steps in contact that may be withheld or out of balance.
+const MOST_SPOILT: f64 = 0.2;
 
 /// Length of a vector.
 fn norm(v: [f32; 3]) -> f64 {
@@ -72,6 +94,16 @@ impl Tally {
             energy_j: 0.0,
             energy_min_j: 0.0,
             horizon: Horizon::new(host_hz),
+            is_told: false,
+            late: 0,
+            sessions_ns: Times::new(100_000_000_000),
+            all_ns: 0,
+            sent_ns: 0,
+            contact_steps: 0,
+            forceful_steps: 0,
+            spoilt_steps: 0,
+            rearmed: 0,
+            given_up: GivenUp::default(),
             ages_us: Times::new(u64::from(u32::MAX)),
             steps_ns: Times::new(100_000_000_000),
             stages_ns: BTreeMap::new(),
@@ -94,6 +126,7 @@ impl Tally {
 
     /// Takes note of a state of the console.
     pub fn state(&mut self, state: &State) {
+        self.horizon.tick(state.tick);
         let force = norm(state.force_n);
         self.peak_n = self.peak_n.max(force);
         self.square_n2 += force * force;
@@ -107,7 +140,8 @@ impl Tally {
             });
             self.energy_j -= work.sum::<f64>();
             self.energy_min_j = self.energy_min_j.min(self.energy_j);
-            if state.contact_sequence != before.contact_sequence && state.contact_sequence != 0 {
+            let is_new = state.contact_sequence != before.contact_sequence;
+            if is_new && state.contact_sequence != 0 && !self.is_told {
                 self.horizon.applied(state.applied_age_us);
             }
             if state.mode == Mode::Decaying && before.mode == Mode::Armed {
@@ -117,6 +151,41 @@ impl Tally {
         self.gap = false;
         self.first.get_or_insert(*state);
         self.last = Some(*state);
+    }
+
+    /// From now on [`Self::fate`] says what became of contacts, and not the states alone.
+    pub fn hear_of_fates(&mut self) {
+        self.is_told = true;
+    }
+
+    /// Takes note of what became of a contact.
+    pub fn fate(&mut self, fate: Fate) {
+        match fate {
+            Fate::Used { age_us } => self.horizon.applied(age_us),
+            Fate::TooLate { age_us } => {
+                self.late += 1;
+                self.horizon.applied(age_us);
+            }
+            Fate::Lost => {}
+        }
+    }
+
+    /// Takes note of all that a solve took, sending included.
+    pub fn session(&mut self, time: Duration, sending: Duration) {
+        let ns = |time: Duration| u64::try_from(time.as_nanos()).unwrap_or(u64::MAX);
+        self.sessions_ns.record(ns(time));
+        self.all_ns += ns(time);
+        self.sent_ns += ns(sending);
+    }
+
+    /// The console was armed again after it had let go.
+    pub fn rearm(&mut self) {
+        self.rearmed += 1;
+    }
+
+    /// What was given up so far.
+    pub fn give_up(&mut self, given_up: GivenUp) {
+        self.given_up = given_up;
     }
 
     /// Takes note of the console's counters.
@@ -129,25 +198,15 @@ impl Tally {
     pub fn step(&mut self, solved: &Solved, time: Duration) {
         self.steps_ns
             .record(u64::try_from(time.as_nanos()).unwrap_or(u64::MAX));
-        let Stages {
-            tissue_ns,
-            detect_ns,
-            columns_ns,
-            solve_ns,
-            field_ns,
-            reduce_ns,
-        } = solved.stages;
-        let stages = [
-            ("tissue", tissue_ns),
-            ("detect", detect_ns),
-            ("columns", columns_ns),
-            ("solve", solve_ns),
-            ("field", field_ns),
-            ("reduce", reduce_ns),
-        ];
-        for (stage, ns) in stages {
+        for (stage, ns) in solved.stages.named() {
             *self.stages_ns.entry(stage).or_default() += ns;
         }
+        let wrench = solved.contact.map_or([0.0; 6], |contact| contact.wrench);
+        let [x, y, z, ..] = wrench;
+        self.contact_steps += u64::from(solved.touched);
+        self.forceful_steps += u64::from((x * x + y * y + z * z).sqrt() > NOTICED_N);
+        let is_spoilt = solved.contact.is_none() || solved.unfinished;
+        self.spoilt_steps += u64::from(solved.touched && is_spoilt);
         if solved.contact.is_none() {
             *self.withheld.entry(solved.status.name()).or_default() += 1;
         }
@@ -191,6 +250,38 @@ impl Tally {
         }
     }
 
+    /// Mean time of each stage of a solve, of sending it, and of what no stage names \[us\].
+    fn stages_us(&self, steps: u64) -> BTreeMap<&'static str, f64> {
+        let named_ns: u64 = self.stages_ns.values().sum::<u64>() + self.sent_ns;
+        let mean_us = |ns: u64| ns as f64 / 1e3 / steps.max(1) as f64;
+        let stages = self.stages_ns.iter().map(|(name, ns)| (*name, *ns));
+        let others = [
+            ("send", self.sent_ns),
+            ("rest", self.all_ns.saturating_sub(named_ns)),
+        ];
+        stages
+            .chain(others)
+            .map(|(name, ns)| (name, mean_us(ns)))
+            .collect()
+    }
+
+    /// Why what the solver found was not felt, if it was not.
+    fn not_rendered(&self) -> Option<String> {
+        if self.forceful_steps > 0 && self.peak_n < NOTICED_N {
+            return Some(format!(
+                "{} steps found a force, and the console rendered none",
+                self.forceful_steps
+            ));
+        }
+        let share = self.spoilt_steps as f64 / self.contact_steps.max(1) as f64;
+        (share > MOST_SPOILT).then(|| {
+            format!(
+                "{:.0} % of the steps in contact were withheld or not balanced",
+                1e2 * share
+            )
+        })
+    }
+
     /// The session in numbers; the caller fills in what only it knows.
     pub fn summary(&self, link: &LinkCounters, tick_hz: u16) -> Summary {
         let us = |times: &Times, share, unit: f64| times.quantile(share) as f64 / unit;
@@ -206,13 +297,27 @@ impl Tally {
             sent: u64::from(link.frames.frames_sent),
             lost: u64::from(link.frames.frames_lost) + console.lost,
             rejected: u64::from(link.frames.frames_rejected) + console.rejected,
+            late: self.late,
             superseded: link.states_superseded + link.contacts_superseded + console.superseded,
         };
         Summary {
-            status: match mode {
-                Mode::Fault => format!("fault: {}", faults.join(", ")),
-                Mode::Idle => "idle: no usable contact for too long".to_owned(),
+            status: match (mode, self.not_rendered()) {
+                (Mode::Fault, _) => format!("fault: {}", faults.join(", ")),
+                (_, Some(why)) => format!("{NOT_RENDERED}: {why}"),
+                (Mode::Idle, _) => "idle: no usable contact for too long".to_owned(),
                 _ => "ok".to_owned(),
+            },
+            contact_steps: self.contact_steps,
+            rearmed: self.rearmed,
+            overload: self.given_up,
+            horizon_ms: Age {
+                p50: us(self.horizon.given_us(), 0.5, 1e3),
+                max: self.horizon.given_us().max() as f64 / 1e3,
+            },
+            session_us: StepTime {
+                p50: us(&self.sessions_ns, 0.5, 1e3),
+                p99: us(&self.sessions_ns, 0.99, 1e3),
+                max: self.sessions_ns.max() as f64 / 1e3,
             },
             tick_hz: u32::from(tick_hz),
             ticks: self.ticks(),
@@ -244,11 +349,7 @@ impl Tally {
                 p99: us(&self.steps_ns, 0.99, 1e3),
                 max: self.steps_ns.max() as f64 / 1e3,
             },
-            stages_us: self
-                .stages_ns
-                .iter()
-                .map(|(stage, ns)| (*stage, *ns as f64 / 1e3 / steps.max(1) as f64))
-                .collect(),
+            stages_us: self.stages_us(steps),
             force_n: Force {
                 peak: self.peak_n,
                 rms: (self.square_n2 / self.states.max(1) as f64).sqrt(),
@@ -407,11 +508,8 @@ mod tests {
         let solved = |status, contact| Solved {
             position_m: [0.0; 3],
             contact,
-            rows: None,
-            needle: None,
-            thread: None,
             status,
-            stages: Stages::default(),
+            ..Solved::default()
         };
         tally.step(
             &solved(Status::Ok, Some(ToolContact::default())),

@@ -4,7 +4,12 @@
 //! where the scene holds them, or follow their scripts.
 
 use super::look_ahead::{Look, course};
-use super::{Goal, HeldNeedle, HeldThread, Plan, SceneSolver, Solve, Solved, lead_s, sideways};
+use super::look_budget::{Ahead, LookBudget, Looked};
+use super::{
+    Effort, Goal, HeldNeedle, HeldThread, Plan, Rendering, SceneSolver, Solve, Solved, lead_s,
+    sideways,
+};
+use crate::clock::Clock;
 use crate::model::Model;
 use crate::needle::{NeedleReport, TipPlace};
 use crate::output::tip_word;
@@ -31,13 +36,6 @@ const PREPARED_MARGIN_M: f64 = 0.003;
 /// Seconds between two places of the hand that the solver is prepared for.
 const PREPARED_EVERY_S: f64 = 0.02;
 
-/// Part of a period that may be spent on looking ahead of a needle, and what a step of so many rows takes \[us\]:
-/// measured, and the same everywhere, so that a session does not depend on the machine.
-const LOOK_SHARE: f64 = 0.2;
-const LOOK_US: f64 = 60.0;
-const LOOK_ROWS: f64 = 60.0;
-/// And so many times as much where threads bend over tissue, for which all nodes are asked.
-const LOOK_THREADS: f64 = 3.0;
 /// Most steps of one look, forward and backward, and how long they are wanted on average \[m\].
 const LOOK_STEPS: [usize; 2] = [24, 16];
 
@@ -68,6 +66,12 @@ pub struct TissueSolver {
     work: Workspace,
     /// How long a frame is in use at most \[s\], from its state on.
     ahead_s: f64,
+    /// Whether frames carry the states of needle and thread, which are what is looked ahead for.
+    looks_ahead: bool,
+    budget: LookBudget,
+    effort: Effort,
+    /// Rows that a contact is reduced to while nothing is given up.
+    most_rows: usize,
     script: Script,
     /// Console time of the first step \[us\], from which scripts count.
     began_us: Option<u64>,
@@ -134,6 +138,10 @@ impl TissueSolver {
         Ok(TissueSolver {
             name: scene.name.clone(),
             tissue: scene.tissue,
+            budget: LookBudget::new(1e6 / scene.host.host_hz, model.points_m().len()),
+            looks_ahead: true,
+            effort: Effort::Full,
+            most_rows: 0,
             model,
             state,
             work,
@@ -177,6 +185,8 @@ impl TissueSolver {
         solver.prepare(&path);
         // The console has them a period later, and uses them for another.
         solver.reduce_to(plan.most_rows(), 2.0 / plan.host_hz);
+        solver.budget.plan(1e6 / plan.host_hz);
+        solver.looks_ahead = plan.rendering == Rendering::Rows;
         Ok(solver)
     }
 
@@ -211,6 +221,7 @@ impl TissueSolver {
     /// From now on steps reduce the driven tool's contact to so many rows at most (0: to none), those that matter
     /// within `ahead_s` first.
     pub fn reduce_to(&mut self, most_rows: usize, ahead_s: f64) {
+        self.most_rows = most_rows;
         self.work.most_rows = most_rows;
         self.ahead_s = ahead_s;
     }
@@ -322,7 +333,8 @@ impl TissueSolver {
         if !far || self.needles.is_empty() || self.tissue.word() != "linear" {
             return;
         }
-        let pieces = (period_us / PIECE_US).min(self.affordable(period_us) as u64);
+        let wanted = (period_us / PIECE_US).saturating_sub(1) as usize;
+        let pieces = self.budget.approach(wanted, &self.last) as u64 + 1;
         let blend = |from: f64, to: f64, part: f64| from + (to - from) * part;
         for piece in 1..pieces {
             let part = piece as f64 / pieces as f64;
@@ -338,7 +350,8 @@ impl TissueSolver {
                 *at = blend(sign * from, *at, part);
             }
             between.console_time_us = before.console_time_us + period_us * piece / pieces;
-            self.step(between);
+            let report = self.step(between);
+            self.budget.made(Ahead::Approach, 0, &report);
         }
     }
 
@@ -349,47 +362,40 @@ impl TissueSolver {
         let (Some(found), Some(sample)) = (found, samples.first()) else {
             return Course::default();
         };
-        let Some(look) = self.look(found, sample, period_us) else {
+        let Some(mut look) = self.look(found, sample, period_us, report) else {
             return Course::default();
         };
+        look.steps = self.budget.course(look.steps);
         course(
             &self.model,
             &self.state,
             samples,
             found,
             &look,
-            &mut self.work,
+            (&mut self.work, &mut self.budget),
         )
-    }
-
-    /// Steps that may be spent on looking ahead.
-    fn affordable(&self, period_us: u64) -> usize {
-        let rows = f64::from(self.last.rows) / LOOK_ROWS;
-        let of_threads = if self.peak_tension_n.is_empty() {
-            1.0
-        } else {
-            LOOK_THREADS
-        };
-        let step_us = LOOK_US * of_threads * (1.0 + rows * rows);
-        (LOOK_SHARE * period_us as f64 / step_us) as usize
     }
 
     /// Where a slack thread becomes taut and how stiff it is then, if that is near: the solver pulls on a copy of its
     /// state. Not where tissue is linearised anew by a step.
-    fn tighten(&mut self, driven: u8, thread: &mut HeldThread, period_us: u64) {
+    fn tighten(&mut self, driven: u8, thread: &mut HeldThread, like: &StepReport) {
         let near = (0.0..=NEARLY_TAUT_M).contains(&thread.slack_m);
         let known = thread.direction != [0.0; 3];
         let Some(sample) = self.script.samples().first().copied() else {
             return;
         };
         let linear = self.tissue.word() == "linear";
-        if !(near && known && linear) || self.affordable(period_us) < TIGHTENING_M.len() {
+        let is_paid = self.budget.affords(Ahead::Pull, like) >= 1;
+        if !(near && known && linear && is_paid) {
             return;
         }
         let mut samples = self.script.samples().to_vec();
         let mut state = self.state.clone();
         // Straight back is not quite the way on which it tightens.
         for beyond_m in TIGHTENING_M {
+            if !self.budget.allows(Ahead::Pull, 0) {
+                return;
+            }
             let way_m = thread.slack_m + beyond_m;
             for (at, (from, pull)) in samples[0]
                 .position_m
@@ -399,6 +405,7 @@ impl TissueSolver {
                 *at = from - pull * way_m;
             }
             let report = step::step(&self.model, &mut state, &samples, &mut self.work);
+            self.budget.made(Ahead::Pull, 0, &report);
             let there = at_grip(&report, driven).filter(|_| report.status == Status::Ok);
             let Some(there) = there else {
                 return;
@@ -412,8 +419,14 @@ impl TissueSolver {
     }
 
     /// How far to look; not at all where tissue is linearised anew by a step, or where it would take too long.
-    fn look(&self, needle: &NeedleReport, sample: &ToolSample, period_us: u64) -> Option<Look> {
-        let affordable = self.affordable(period_us);
+    fn look(
+        &self,
+        needle: &NeedleReport,
+        sample: &ToolSample,
+        period_us: u64,
+        like: &StepReport,
+    ) -> Option<Look> {
+        let affordable = self.budget.affords(Ahead::Course, like);
         if self.tissue.word() != "linear" || affordable < LOOK_LEAST {
             return None;
         }
@@ -565,6 +578,15 @@ impl NeedleTally {
 }
 
 impl Solve for TissueSolver {
+    fn spare(&mut self, effort: Effort) {
+        self.effort = effort;
+        self.work.most_rows = if effort < Effort::NoRows {
+            self.most_rows
+        } else {
+            0
+        };
+    }
+
     fn solve(&mut self, state: &Valid<State>) -> Solved {
         let Some(mut sample) = self.sample(state) else {
             // A scene without a tool is felt as free space, but nothing needs to be sent for that.
@@ -575,14 +597,22 @@ impl Solve for TissueSolver {
                 needle: None,
                 thread: None,
                 status: Status::UnknownTool,
+                touched: false,
+                unfinished: false,
                 stages: step::Stages::default(),
+                looked: Looked::default(),
             };
         };
+        self.budget.begin();
+        let looks_ahead = self.looks_ahead && self.effort == Effort::Full;
+        let mut clock = Clock::start();
         let before = self.last_sample.replace(sample);
         let before_us = before.map(|before| before.console_time_us);
         if let Some(before) = before {
             self.come_closer(&before, &sample);
         }
+        let mut stages = step::Stages::default();
+        clock.lap(&mut stages.approach_ns);
         let period_us = before_us.map_or(0, |before| sample.console_time_us.saturating_sub(before));
         let goal = self.goal(state.body(), period_us);
         sample.position_m = goal.position_m.map(f64::from);
@@ -590,7 +620,9 @@ impl Solve for TissueSolver {
         let report = self.step(sample);
         let contact = report.contacts().first().copied();
         let mut needle = self.driven().and_then(|driven| in_grip(&report, driven));
-        if let (Some(needle), Status::Ok) = (&mut needle, report.status) {
+        clock.lap(&mut 0);
+        self.budget.lap();
+        if let (Some(needle), Status::Ok, true) = (&mut needle, report.status, looks_ahead) {
             needle.course = self.look_ahead(needle.needle, &report, period_us);
         }
         let mut thread = self.driven().and_then(|driven| at_grip(&report, driven));
@@ -599,8 +631,11 @@ impl Solve for TissueSolver {
         {
             // Of what else is in the grip.
             thread.stiffness_n_per_m = 0.0;
-            self.tighten(thread.tool, thread, period_us);
+            if looks_ahead {
+                self.tighten(thread.tool, thread, &report);
+            }
         }
+        clock.lap(&mut stages.look_ns);
         if let Some(contact) = contact {
             let [x, y, z, ..] = contact.wrench;
             let force_n = (x * x + y * y + z * z).sqrt();
@@ -614,6 +649,16 @@ impl Solve for TissueSolver {
                 };
             }
         }
+        let touched = match report.status {
+            Status::Ok => {
+                contact.is_some_and(|contact| contact.rows > 0)
+                    || needle.is_some_and(|needle| needle.tip != Tip::Outside)
+                    || thread.is_some_and(|thread| thread.state != Tension::Slack)
+            }
+            Status::Behind => report.rows > 0,
+            Status::Waiting | Status::NotConverged | Status::TooManyRows | Status::Inside => true,
+            Status::NotFinite | Status::UnknownTool => false,
+        };
         Solved {
             position_m: goal.position_m,
             contact,
@@ -621,7 +666,14 @@ impl Solve for TissueSolver {
             needle,
             thread,
             status: report.status,
-            stages: report.stages,
+            touched,
+            unfinished: false,
+            stages: step::Stages {
+                approach_ns: stages.approach_ns,
+                look_ns: stages.look_ns,
+                ..report.stages
+            },
+            looked: self.budget.looked(),
         }
     }
 
@@ -675,6 +727,7 @@ impl SceneSolver for TissueSolver {
 
     /// Without a thread columns and factors are computed in the step.
     fn start_worker(&mut self) {
+        self.budget.measure();
         if let Err(error) = self.work.start_worker(&self.model) {
             tracing::warn!("no thread for compliance columns, steps compute them: {error}");
         }
@@ -689,11 +742,13 @@ impl SceneSolver for TissueSolver {
     }
 
     fn replay_worker(&mut self) {
+        self.budget.replay();
         self.work.replay_worker(&self.model);
     }
 
-    fn expect(&mut self, arrivals: &[Arrival]) {
+    fn expect(&mut self, arrivals: &[Arrival], looked: Looked) {
         self.work.expect(arrivals);
+        self.budget.expect(looked);
     }
 
     fn renew_in_step(&mut self) {

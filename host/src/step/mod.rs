@@ -100,6 +100,26 @@ pub struct Stages {
     pub field_ns: u64,
     /// Wrenches and tangents.
     pub reduce_ns: u64,
+    /// Steps between two samples that are far apart, all their stages together; by a session's solver.
+    pub approach_ns: u64,
+    /// Steps ahead on a copy of the state, all their stages together; by a session's solver.
+    pub look_ns: u64,
+}
+
+impl Stages {
+    /// The stages' names and times \[ns\], in the order in which a step passes them.
+    pub fn named(&self) -> [(&'static str, u64); 8] {
+        [
+            ("approach", self.approach_ns),
+            ("tissue", self.tissue_ns),
+            ("detect", self.detect_ns),
+            ("columns", self.columns_ns),
+            ("solve", self.solve_ns),
+            ("field", self.field_ns),
+            ("reduce", self.reduce_ns),
+            ("look", self.look_ns),
+        ]
+    }
 }
 
 /// What a step did.
@@ -117,6 +137,8 @@ pub struct StepReport {
     pub solves: u32,
     /// Pieces into which the tools' path was cut.
     pub substeps: u32,
+    /// Solves for the displacement of all nodes, all sub-steps together.
+    pub fields: u32,
     /// Columns of the compliance computed, three per vertex.
     pub columns_computed: u32,
     /// Largest of gap over radius and of tangential force over largest force.
@@ -366,7 +388,7 @@ impl State {
 }
 
 /// Memory for columns if nothing else is said \[bytes\].
-const DEFAULT_CACHE_BYTES: usize = 512 << 20;
+pub(crate) const DEFAULT_CACHE_BYTES: usize = 512 << 20;
 
 /// Scratch and the cache of compliance columns.
 pub struct Workspace {

@@ -2,6 +2,7 @@
 //!
 //! Entry point: [`ThreadState::bend`].
 
+use super::model::{MOST_SEGMENTS, ThreadTension};
 use super::segments::End;
 use super::state::ThreadState;
 use crate::anchors::AnchorPoint;
@@ -12,6 +13,10 @@ use nalgebra::Vector3;
 const WANDER: f64 = 0.05;
 /// Normals of both ends that add up to less leave no plane to bend in.
 const LEAST_UP: f64 = 0.5;
+
+/// Around a convex body a path is at most so many times as long as its chord: half a circle over its diameter. A thread
+/// with more than that to spare is slack wherever it bends.
+const LONGEST_WAY: f64 = std::f64::consts::FRAC_PI_2;
 
 /// Scratch.
 pub(crate) struct BendWork {
@@ -30,6 +35,14 @@ impl BendWork {
 }
 
 impl ThreadState {
+    /// Whether where it bends over tissue can matter: it has a path, and not so much to spare that it stays slack with any.
+    pub fn may_bend(&self) -> bool {
+        let ways = self.segments.iter().map(|segment| segment.way.norm());
+        !self.segments.is_empty()
+            && (self.state != ThreadTension::Slack
+                || self.available_m() < LONGEST_WAY * ways.sum::<f64>())
+    }
+
     /// Where spans bend over tissue whose nodes are at `at` \[m\]; `over` finds bends of a chord, with the way out of
     /// the tissue.
     pub fn bend(
@@ -39,7 +52,8 @@ impl ThreadState {
         work: &mut BendWork,
         mut over: impl FnMut(&Vector3<f64>, &Vector3<f64>, &Vector3<f64>, &mut Vec<AnchorPoint>),
     ) {
-        if self.segments.is_empty() {
+        if !self.may_bend() {
+            self.bends.clear();
             return;
         }
         let place = |anchor: &AnchorPoint| {
@@ -49,6 +63,8 @@ impl ThreadState {
         };
         std::mem::swap(&mut self.bends, &mut work.former);
         self.bends.clear();
+        // A copy of a state has only the room that it needed.
+        self.bends.reserve(MOST_SEGMENTS);
         for (index, span) in self.spans.iter().enumerate() {
             let mut own = self.segments.iter().filter(|segment| segment.span == index);
             let (Some(first), last) = (own.next(), own.next_back()) else {
@@ -90,7 +106,7 @@ impl ThreadState {
             over(&from, &to, &up, &mut work.new);
             let key = span.key;
             for bend in &work.new {
-                if self.bends.len() + self.spans.len() >= self.bends.capacity() {
+                if self.bends.len() + self.spans.len() >= MOST_SEGMENTS {
                     break;
                 }
                 // What has hardly moved stays, so that what is known of it does.

@@ -1,6 +1,6 @@
 //! No swept test misses what exact arithmetic finds.
 //!
-//! A million queries take minutes: `cargo test --release -p sutura-host --test collide -- --ignored
+//! A million queries take minutes: `cargo test --release -p sutura-host --test all collide:: -- --ignored
 //! --nocapture`. In every other run it is a hundredth of them.
 
 use super::exact::{Exact, Kind, LARGEST, Query};

@@ -1,6 +1,6 @@
 //! Balances: forces, energy, loads that stay, tools that are apart.
 
-use crate::bench::{Bench, Chance, RADIUS, at, ball, contact, force, pose, slab_mesh};
+use super::bench::{Bench, Chance, RADIUS, at, ball, contact, force, pose, slab_mesh};
 use nalgebra::{UnitQuaternion, Vector3};
 use sutura_host::fem::{Anchor, Handle, Loads, NodeLoad};
 use sutura_host::step::State;

@@ -1,6 +1,6 @@
 //! Tools on corotational tissue: against whole Newton solves, the linear limit, and itself.
 
-use crate::bench::{Bench, Chance, RADIUS, SOFT, at, ball, distance, force, pose};
+use super::bench::{Bench, Chance, RADIUS, SOFT, at, ball, distance, force, pose};
 use nalgebra::{Matrix3, Matrix6, UnitQuaternion, Vector3, Vector6};
 use sutura_host::fem::{CorotationalTissue, Loads, NodeLoad, Policy};
 use sutura_host::mesh::{TetMesh, slab, tube};

@@ -1,6 +1,6 @@
 //! The tangent against perturbed full solves, each detecting contact afresh.
 
-use crate::bench::{ARCH, Bench, Chance, RADIUS, at, ball, contact, force, pose};
+use super::bench::{ARCH, Bench, Chance, RADIUS, at, ball, contact, force, pose};
 use nalgebra::{Matrix3, Matrix3x6, Matrix6, UnitQuaternion, Vector3};
 use sutura_host::tool::{Tool, ToolSample};
 

@@ -1,6 +1,6 @@
 //! Bad poses, jumps, missing columns, tools that cannot be, same bits.
 
-use crate::bench::{
+use super::bench::{
     Bench, Chance, RADIUS, SOFT, all_finite, at, ball, contact, force, pose, slab_mesh,
 };
 use nalgebra::{UnitQuaternion, Vector3};

@@ -1,9 +1,9 @@
 //! Flat punches: exact tangents, paths that turn, and the force on a block against an independent value.
 
-use crate::bench::{
+use super::bench::{
     ARCH, Bench, Chance, RADIUS, SOFT, all_finite, at, contact, force, pose, slab_mesh,
 };
-use crate::jacobian::compare_jacobians;
+use super::jacobian::compare_jacobians;
 use nalgebra::{UnitQuaternion, Vector3};
 use serde_json::Value;
 use std::path::PathBuf;

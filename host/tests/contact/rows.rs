@@ -1,6 +1,6 @@
 //! Rows for the console: they reproduce the tangent, and predict where rows switch.
 
-use crate::bench::{Bench, Chance, RADIUS, at, ball, contact, pose, slab_mesh};
+use super::bench::{Bench, Chance, RADIUS, at, ball, contact, pose, slab_mesh};
 use nalgebra::{Matrix6, SMatrix, SVector, UnitQuaternion, Vector3, Vector6};
 use sutura_host::fem::Loads;
 use sutura_host::step::{MAX_TOOL_ROWS, State, ToolContact, ToolRows, step};

@@ -1,7 +1,7 @@
 //! Several tools on one tissue.
 
-use crate::bench::{Bench, Chance, RADIUS, all_finite, at, ball, contact, force, pose, slab_mesh};
-use crate::rows::assert_reproduced;
+use super::bench::{Bench, Chance, RADIUS, all_finite, at, ball, contact, force, pose, slab_mesh};
+use super::rows::assert_reproduced;
 use nalgebra::{UnitQuaternion, Vector3};
 use sutura_host::fem::Loads;
 use sutura_host::step::{State, Status, step};

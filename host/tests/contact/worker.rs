@@ -1,6 +1,6 @@
 //! A thread that computes columns: what a step finds is what it finds by itself.
 
-use crate::bench::{Bench, RADIUS, at, ball};
+use super::bench::{Bench, RADIUS, at, ball};
 use std::time::Duration;
 use sutura_host::step::{State, Status};
 use sutura_host::tool::ToolSample;

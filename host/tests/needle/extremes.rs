@@ -1,9 +1,9 @@
 //! What must not happen, and what may be asked all the same: an answer or a stop that is reported, never a panic,
 //! and a list that keeps its promises.
 
-use crate::oracle::{NOT, Oracle};
-use crate::support::{Body, Random, Way, jittered};
-use crate::{AXES, Slides, Tally, follow, lines_along_axes};
+use super::oracle::{NOT, Oracle};
+use super::support::{Body, Random, Way, jittered};
+use super::{AXES, Slides, Tally, follow, lines_along_axes};
 use nalgebra::Vector3;
 use sutura_host::mesh::{TetMesh, slab};
 use sutura_host::needle::{Curve, Geometry, History, Slack, SlideStatus, Stop, entry, slide, walk};

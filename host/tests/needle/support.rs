@@ -1,6 +1,6 @@
 //! Meshes to drive needles through, and ways through them.
 
-use crate::oracle::{NOT, Oracle};
+use super::oracle::{NOT, Oracle};
 use nalgebra::Vector3;
 use sutura_host::mesh::{HalfFaces, TetMesh, read_msh};
 use sutura_host::needle::{Curve, Geometry, Hierarchy, Slack};

@@ -1,6 +1,6 @@
 //! Tissue, a needle with a thread, and two tools.
 
-pub use super::bench::*;
+pub use crate::driving::bench::*;
 use nalgebra::Vector3;
 use sutura_host::collide::{TouchPart, TouchSettings};
 use sutura_host::needle::{NeedleSettings, NeedleTissue};

@@ -1,6 +1,6 @@
-//! What a look costs: `cargo test --release --test touch -- --ignored --nocapture rims`.
+//! What a look costs: `cargo test --release -p sutura-host --test all rims -- --ignored --nocapture`.
 
-use crate::rig::{Blocks, Rig, SOFT, moved};
+use super::rig::{Blocks, Rig, SOFT, moved};
 use nalgebra::{Isometry3, Vector3};
 use std::time::Instant;
 use sutura_host::collide::{TouchSettings, TouchState, TouchWork};

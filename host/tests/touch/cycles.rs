@@ -1,6 +1,6 @@
 //! Pressed, slid and let go of: nothing gets inside, and nothing is gained.
 
-use crate::rig::{Blocks, Rig, moved};
+use super::rig::{Blocks, Rig, moved};
 use nalgebra::{Isometry3, Vector3};
 use sutura_host::collide::{
     TouchPart, TouchSettings, TouchState, TouchWork, Touching, penetration_m,

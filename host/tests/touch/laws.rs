@@ -1,7 +1,7 @@
 //! What contact must do whatever presses: pass pressure on, stick and slip, start where it is told to, let out what is
 //! inside.
 
-use crate::rig::{Blocks, Rig, moved};
+use super::rig::{Blocks, Rig, moved};
 use nalgebra::{Isometry3, Vector3};
 use sutura_host::collide::{TouchSettings, TouchState, TouchWork, penetration_m};
 use sutura_host::fem::Material;
@@ -68,7 +68,7 @@ fn pressure_goes_through_an_interface_that_does_not_match() {
 
 #[test]
 fn friction_sticks_and_then_slips_at_its_limit() {
-    let soft = crate::rig::SOFT;
+    let soft = super::rig::SOFT;
     for (friction, way) in [(0.2, [1.0, 0.0]), (0.6, [-0.6, 0.8])] {
         let (mut rig, top) = column(0.0005, friction, soft);
         let along = Vector3::new(way[0], way[1], 0.0);
@@ -119,7 +119,7 @@ fn friction_sticks_and_then_slips_at_its_limit() {
 /// in again.
 #[test]
 fn bodies_may_start_in_contact() {
-    let soft = crate::rig::SOFT;
+    let soft = super::rig::SOFT;
     for above in [0.0, 1e-5, -1e-5, -4e-4] {
         let (mut rig, top) = column(above, 0.0, soft);
         let faces = rig.faces();

@@ -1,6 +1,6 @@
 //! How far apart bodies are said to be, and whom that lets off looking.
 
-use crate::rig::{Blocks, Rig, moved};
+use super::rig::{Blocks, Rig, moved};
 use nalgebra::{Isometry3, Vector3};
 use sutura_host::collide::{Body, Margin, Path, TouchPart, TouchSettings, Touching};
 use sutura_host::mesh::tube;

@@ -1,6 +1,6 @@
 //! Pressed and let go of.
 
-use crate::rig::{Blocks, Rig, moved};
+use super::rig::{Blocks, Rig, moved};
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use std::f64::consts::FRAC_PI_4;
 

@@ -1,6 +1,6 @@
 //! Random ways: whatever is pressed, turned, slid over a rim and pulled off, nothing gets inside.
 
-use crate::rig::{Blocks, Rig};
+use super::rig::{Blocks, Rig};
 use nalgebra::{Isometry3, Point3, Vector3};
 use sutura_host::collide::penetration_m;
 
@@ -119,7 +119,7 @@ fn nothing_gets_inside_on_random_ways() {
     }
 }
 
-/// `cargo test --release -p sutura-host --test touch -- --ignored --nocapture many_random_ways`
+/// `cargo test --release -p sutura-host --test all many_random_ways -- --ignored --nocapture`
 #[test]
 #[ignore = "minutes"]
 fn many_random_ways() {

@@ -60,7 +60,7 @@ impl Limits {
 
     /// A force \[N\] within force and power, faded where the grip is too fast.
     pub fn bound(&self, force: &Vec3, velocity: &Vec3) -> Vec3 {
-        let mut bounded = self.shortened(force);
+        let mut bounded = self.shortened(force, 1.0);
         if self.guards.power {
             let power = dot(&bounded, velocity).abs();
             if power > self.max_power_w {
@@ -75,19 +75,22 @@ impl Limits {
         bounded
     }
 
-    fn shortened(&self, force: &Vec3) -> Vec3 {
+    fn shortened(&self, force: &Vec3, part: f32) -> Vec3 {
         if self.guards.force {
-            shortened(*force, self.max_force_n)
+            shortened(*force, self.max_force_n * part)
         } else {
             *force
         }
     }
 
     /// The force of the last tick, changed towards `force` as fast as all joints can: it keeps the direction of
-    /// the change.
-    pub fn slewed(&self, force: &Vec3, pose: &Pose) -> Vec3 {
-        // Damping has been added since it was bounded.
-        let force = &self.shortened(force);
+    /// the change. `left`: part of the largest force that may still be wanted, 0 to 1.
+    ///
+    /// Where the slew limit takes the largest force away within 8 ticks, a `left` that falls to 0 in 30 ticks, and a
+    /// `force` of 0 then, leave nothing at that tick, whatever was wanted before.
+    pub fn slewed(&self, force: &Vec3, pose: &Pose, left: f32) -> Vec3 {
+        // Damping has been added since it was bounded, and goes with what it damps.
+        let force = &self.shortened(force, left);
         if !self.guards.slew {
             return *force;
         }
@@ -185,15 +188,15 @@ mod tests {
         let mut limits = off(|_| {});
         // 2, 4 and 8 N in a tick: the first joint lets a quarter of this through.
         let wanted = Vec3::new(8.0, 4.0, 4.0);
-        let force = limits.slewed(&wanted, &pose);
+        let force = limits.slewed(&wanted, &pose, 1.0);
         assert!(close(&force, [2.0, 1.0, 1.0]), "{force}");
         limits.commit(&force);
-        assert!(close(&limits.slewed(&wanted, &pose), [4.0, 2.0, 2.0]));
+        assert!(close(&limits.slewed(&wanted, &pose, 1.0), [4.0, 2.0, 2.0]));
         // What is within the slew comes as it is.
         let near = Vec3::new(1.0, 0.5, 0.25);
-        assert_eq!(limits.slewed(&near, &pose), near);
+        assert_eq!(limits.slewed(&near, &pose, 1.0), near);
         let free = off(|guards| guards.slew = false);
-        assert_eq!(free.slewed(&wanted, &pose), wanted);
+        assert_eq!(free.slewed(&wanted, &pose, 1.0), wanted);
     }
 
     #[test]
@@ -215,5 +218,33 @@ mod tests {
         let told: [bool; 6] = core::array::from_fn(|_| careless.too_fast(&fast(9.0), true));
         assert_eq!(told, [false; 6]);
         assert!(close(&careless.bound(&push, &fast(9.0)), [0.0, 2.0, 0.0]));
+    }
+
+    /// 10 N in 8 ticks, the slowest slew for which it is promised, and forces that are as wild as they may be.
+    #[test]
+    fn what_is_stale_is_gone_in_time_whatever_was_wanted() {
+        let mut slow = device();
+        slow.joints
+            .iter_mut()
+            .for_each(|joint| joint.max_slew_per_s = 1250.0);
+        let pose = forward(&slow, &[0.0; JOINTS]);
+        let mut seed = 1_u32;
+        let mut any = || {
+            let mut part = || {
+                seed = seed.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+                (seed >> 8) as f32 * (1.0 / (1 << 23) as f32) - 1.0
+            };
+            Vec3::new(part(), part(), part()) * 100.0
+        };
+        for _ in 0..20_000 {
+            let mut limits = Limits::new(&slow, Guards::ALL);
+            limits.commit(&shortened(any(), 10.0));
+            for left in (1..30_u8).rev() {
+                let left = f32::from(left) / 30.0;
+                limits.commit(&limits.slewed(&any(), &pose, left));
+            }
+            let last = limits.slewed(&Vec3::zeros(), &pose, 0.0);
+            assert_eq!(last, Vec3::zeros());
+        }
     }
 }

@@ -178,7 +178,7 @@ pub struct Control {
     new_fixture: Option<ValidFixture>,
     tuning: Tuning,
     tick: u32,
-    /// Sequence of the newest frame that has been applied; 0 before the first.
+    /// Sequence of the newest frame that has been applied, or refused as too late; 0 before the first.
     heard: u32,
     trace: TraceHash,
 }
@@ -454,7 +454,12 @@ impl Control {
         let allowed = self
             .passivity
             .allow(&bounded, pose, &joints.velocity, stiffness);
-        self.limits.slewed(&allowed, pose)
+        // A fixture has no age.
+        let left = match self.fixed.fixture() {
+            Fixture::None => self.render.left(),
+            _ => 1.0,
+        };
+        self.limits.slewed(&allowed, pose, left)
     }
 
     /// Currents, and the contact force that they make. A number that is not finite ends in a fault.

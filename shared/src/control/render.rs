@@ -42,6 +42,8 @@ pub(super) struct Render {
     /// contact may pull as well as push until then.
     held_until_us: u64,
     trust: Trust,
+    /// See [`left`](Self::left).
+    left: f32,
     /// The model is new since the last tick.
     changed: bool,
     /// What is left of the force before the model changed, less this model's \[N\].
@@ -79,6 +81,7 @@ impl Render {
             thread: None,
             held_until_us: 0,
             trust: Trust::FULL,
+            left: 0.0,
             changed: false,
             offset_n: Vec3::zeros(),
             pull_n: 0.0,
@@ -128,6 +131,12 @@ impl Render {
             Some(contact) => contact.freshness(now_us),
             None => Freshness::Missing,
         }
+    }
+
+    /// Part of the largest force that the age of the frame in use still allows, 0 to 1: of the tick whose
+    /// [`force`](Self::force) was asked for last.
+    pub fn left(&self) -> f32 {
+        self.left
     }
 
     /// Puts a frame in the place of the one in use, with the needle and the thread of the same console time. Frames
@@ -209,6 +218,7 @@ impl Render {
         } else {
             1.0
         };
+        self.left = share;
         if share <= 0.0 {
             self.start_from_nothing();
             return Vec3::zeros();

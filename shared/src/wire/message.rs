@@ -93,8 +93,8 @@ pub struct State {
     pub encoder_counts: [i32; JOINTS],
     /// What else the board read, bits of [`crate::wire::inputs`].
     pub inputs: u8,
-    /// Sequence of the newest frame of the host, pings and rows apart, that had been applied before this tick; 0 before
-    /// the first. Rows are applied with their contact.
+    /// Sequence of the newest frame of the host, pings and rows apart, that had been applied before this tick, or refused as
+    /// too late; 0 before the first. Rows are applied with their contact.
     pub heard_sequence: u32,
 }
 

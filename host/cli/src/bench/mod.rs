@@ -1,8 +1,10 @@
 //! `sutura bench`: time per step, by stage, on this machine.
 //!
 //! Each scene's case walks its hand path through the solver, without a console: once with nothing
-//! cached, then several times with every compliance column at hand. The suite is in `suite`.
+//! cached, then several times with every compliance column at hand. Its session is run in lockstep, for what
+//! all that a session's solver does takes: see `session`. The suite is in `suite`.
 
+pub mod session;
 mod sliding;
 mod suite;
 
@@ -11,6 +13,7 @@ use crate::{Format, Global, scene};
 use clap::Args;
 use indicatif::ProgressBar;
 use serde::Serialize;
+use session::{SessionUs, Solves, WorstSecond};
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 use sutura_host::model::Model;
@@ -23,6 +26,8 @@ use sutura_host::thread::ThreadTension;
 const SLABS: [[usize; 3]; 3] = [[20, 20, 8], [26, 26, 10], [32, 32, 12]];
 /// Warm passes: their medians' spread says how far to trust a figure.
 const PASSES: usize = 5;
+/// Sessions of which each solve's fastest counts.
+const SESSION_PASSES: usize = 2;
 
 /// Measures the time that a solver step takes, by stage.
 #[derive(Args, Debug)]
@@ -60,7 +65,8 @@ Examples:
   sutura bench --suite --only sliding      what a needle's speed costs where nothing is computed yet
 
 Figures of scenes are medians over all steps in contact (and once more over those in which a thread pulls), after every compliance column was computed; first_touch_us is
-the slowest step while they were not. Build with --release: a debug build is many times slower.";
+the slowest step while they were not. session_us is all that a session's solver does in a period, over the whole script, and
+worst_second_us the largest mean of a second of it. Build with --release: a debug build is many times slower.";
 
 #[derive(Serialize)]
 struct Report {
@@ -93,6 +99,8 @@ struct Case {
     /// Steps of one pass that did not end in balance.
     steps_not_ok: usize,
     step_us: Spread,
+    #[serde(flatten)]
+    of_session: Option<OfSession>,
     /// Displacement of all nodes, for viewers and files; in steps of which it is a part, its stage.
     #[serde(skip_serializing_if = "Option::is_none")]
     field_us: Option<f64>,
@@ -106,6 +114,16 @@ struct Case {
     of_rows: Option<Rows>,
     #[serde(flatten)]
     turning: Option<Turning>,
+}
+
+/// What a session's solver takes in a period, over all phases of the scene.
+#[derive(Serialize)]
+struct OfSession {
+    session_us: SessionUs,
+    /// Largest mean of the solves of a second of scene time.
+    worst_second_us: f64,
+    #[serde(skip)]
+    worst: Option<WorstSecond>,
 }
 
 /// What rows on anchors cost.
@@ -192,14 +210,14 @@ pub fn run(args: &BenchArgs, global: &Global) -> Result<(), Failure> {
         scene::without_session(scene);
     }
     // Hidden by itself where stderr is no terminal.
-    let progress = crate::display::progress(scenes.len() * (1 + PASSES));
+    let progress = crate::display::progress(scenes.len() * (2 + PASSES));
     let mut cases = Vec::new();
     let mut slides = Vec::new();
     if args.suite {
         let steps = args.steps as usize;
         (cases, slides) = suite::run(steps, args.paced, args.only.as_deref(), &progress)?;
         progress.reset();
-        progress.set_length((scenes.len() * (1 + PASSES)) as u64);
+        progress.set_length((scenes.len() * (2 + PASSES)) as u64);
     }
     for scene in &scenes {
         cases.extend(measure(scene, &progress)?);
@@ -277,6 +295,8 @@ fn measure(scene: &Scene, progress: &ProgressBar) -> Result<Vec<Case>, Failure> 
         })
         .collect();
     let field_us = quantile(&mut field_us, 0.5);
+    let solves = Solves::of(scene, SESSION_PASSES)?;
+    progress.inc(1);
     let first_touch_us = first_touch.map_or(0.0, |t| 1e6 * t.as_secs_f64());
     let memory_mb = 1e-6 * (8 * model.factor_entries() + work.cache_bytes()) as f64;
     let case = |name: String, of: fn(&StepReport) -> bool| {
@@ -314,6 +334,7 @@ fn measure(scene: &Scene, progress: &ProgressBar) -> Result<Vec<Case>, Failure> 
                 max: quantile(&mut took, 1.0),
                 p50_range: [medians[0], medians[PASSES - 1]],
             },
+            of_session: None,
             field_us: Some(field_us),
             stages_us: StagesUs(vec![
                 ("tissue", stage(|r| r.stages.tissue_ns)),
@@ -330,7 +351,15 @@ fn measure(scene: &Scene, progress: &ProgressBar) -> Result<Vec<Case>, Failure> 
             turning: None,
         }
     };
-    let mut cases = vec![case(scene.name.clone(), |report| report.rows > 0)];
+    let worst = solves.worst_second();
+    let mut cases = vec![Case {
+        of_session: Some(OfSession {
+            session_us: solves.distribution(),
+            worst_second_us: worst.map_or(0.0, |worst| worst.mean_us),
+            worst,
+        }),
+        ..case(scene.name.clone(), |report| report.rows > 0)
+    }];
     if !scene.threads.is_empty() {
         let pulls = |report: &StepReport| {
             let mut threads = report.threads().iter();
@@ -433,6 +462,18 @@ fn print_text(report: &Report) {
             case.memory_mb,
             stages.join(", ")
         );
+        if let Some(of) = &case.of_session {
+            let SessionUs { p50, p99, max } = of.session_us;
+            let worst = of.worst.map_or(String::new(), |worst| {
+                format!(
+                    "; {:.0} on average in the worst second, at {:.1} s",
+                    worst.mean_us, worst.from_s
+                )
+            });
+            say!(
+                "  in a session, looking ahead and all: p50 {p50:.0}, p99 {p99:.0}, max {max:.0}{worst}"
+            );
+        }
         if let Some(turning) = &case.turning {
             say!(
                 "  {:.3} refactorisations in a step, cells turn by up to {:.0} degrees, displacement within {:.2} % of the converged one",

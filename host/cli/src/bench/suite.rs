@@ -261,6 +261,7 @@ fn measure(bench: &Bench, task: Task, steps: usize) -> Result<Case, Failure> {
             p50_range: [medians[0], medians[PASSES - 1]],
         },
         field_us: task.field.then(|| stage(|report| report.stages.field_ns)),
+        of_session: None,
         stages_us: StagesUs(vec![
             ("tissue", stage(|report| report.stages.tissue_ns)),
             ("columns", stage(|report| report.stages.columns_ns)),

@@ -140,7 +140,7 @@ fn jitter(states: &States) -> Check {
     let found = format!("states late by p50 {p50:.2} ms, p99 {p99:.2} ms");
     if p99 > JITTER_MS {
         let help =
-            "close other programs, or give this one real-time scheduling: chrt -f 50 sutura run ..";
+            "close other programs, or let this user have real-time scheduling: see `real_time`";
         Check::bad(NAME, found, help)
     } else {
         Check::good(NAME, found)

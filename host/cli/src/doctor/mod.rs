@@ -5,17 +5,16 @@
 mod console;
 mod system;
 
+use crate::bench::session::{SessionUs, Solves};
 use crate::failure::{Cause, Failure};
 use crate::run::{link_failure, plan_of};
 use crate::{Format, Global};
 use clap::Args;
 use serde::Serialize;
-use std::ops::ControlFlow;
 use std::path::PathBuf;
-use sutura_hil::{NativeConsole, VirtualConsole};
+use sutura_hil::VirtualConsole;
 use sutura_host::link::open_serial;
 use sutura_host::scene::Scene;
-use sutura_host::session::{Plan, TissueSolver, run_lockstep};
 use system::System;
 
 /// Looks at this machine, and at the console on PORT, and says what to do about what it finds.
@@ -24,7 +23,7 @@ use system::System;
 pub struct DoctorArgs {
     /// A console's port, or `virtual`; the machine alone when left out.
     pub port: Option<String>,
-    /// Scene whose solver steps are timed; the palpation scene when left out.
+    /// Scene whose solves are timed over its whole script; the palpation scene when left out.
     #[arg(long, value_name = "SCENE")]
     pub scene: Option<PathBuf>,
     /// Where the machine's files are: for tests.
@@ -37,7 +36,7 @@ Examples:
   sutura doctor                                    this machine: ports, scheduling, solver
   sutura doctor /dev/ttyACM0                       the console on that port too: ticks, round trips
   sutura doctor virtual --format json
-  sutura doctor --scene scenes/anastomosis-50.toml how many steps a second that scene can have here
+  sutura doctor --scene scenes/anastomosis-50.toml  how many steps a second that scene can have here
 
 Exit codes: 0 all is well, 3 no console answered on PORT, 1 something else is to be mended.";
 
@@ -123,37 +122,28 @@ pub fn run(args: &DoctorArgs, global: &Global) -> Result<(), Failure> {
     Ok(())
 }
 
-/// How many solver steps a second the scene can have here, measured over a second of its hand's path.
+/// How many solves a second the scene can have here where they take longest, measured over its whole script.
 fn host_rate(scene: &Scene) -> Result<Check, Failure> {
     const NAME: &str = "host_rate";
-    let plan = Plan {
-        seconds: 1.0,
-        ..plan_of(scene)?
+    let plan = plan_of(scene)?;
+    let shown = crate::work::watch();
+    let solves = match Solves::of(scene, 1) {
+        Err(failure) if failure.cause != Cause::BadInput => None,
+        solves => Some(solves?),
     };
-    let mut solver = TissueSolver::for_session(scene, &plan)?;
-    let mut steps_us = None;
-    // The second time with every compliance column at hand, as a session has them that has run for a while.
-    for _ in 0..2 {
-        let device = plan.device;
-        let mut console = NativeConsole::new(&device).map_err(|error| {
-            let message = format!("the device is unusable: {error}");
-            Failure::say(Cause::BadInput, message, "correct its device file")
-        })?;
-        let summary = run_lockstep(&mut console, &plan, &mut solver, |_| {
-            ControlFlow::Continue(())
-        });
-        steps_us = summary.ok().map(|summary| summary.step_us);
-    }
-    let Some(step_us) = steps_us else {
+    drop(shown);
+    let worst = solves.and_then(|solves| Some((solves.worst_second()?, solves.distribution())));
+    let Some((worst, SessionUs { p50, p99, .. })) = worst else {
         let help = "run `sutura scene check` on it";
         return Ok(Check::bad(NAME, "the scene does not run", help));
     };
-    let rate = 1e6 / step_us.p99.max(1.0);
+    let rate = 1e6 / worst.p99_us.max(p99).max(1.0);
     let found = format!(
-        "{}: steps of p50 {:.0} us, p99 {:.0} us: {:.0} a second; it asks for {:.0}",
+        "{}: solves of p50 {p50:.0} us, p99 {p99:.0} us; in the worst second, at {:.1} s, {:.0} us on average and p99 {:.0} us: {:.0} a second; it asks for {:.0}",
         scene.name,
-        step_us.p50,
-        step_us.p99,
+        worst.from_s,
+        worst.mean_us,
+        worst.p99_us,
         rate.min(1000.0),
         plan.host_hz
     );

@@ -5,6 +5,7 @@
 use super::Check;
 use std::fs;
 use std::path::{Path, PathBuf};
+use sutura_host::scheduling::Role;
 
 /// Longest time for which a bridge may hold bytes back \[ms\]: a tick.
 const LATENCY_MS: u32 = 1;
@@ -12,6 +13,20 @@ const LATENCY_MS: u32 = 1;
 const UDEV: &str = r#"echo 'SUBSYSTEM=="tty", ATTRS{idVendor}=="16c0", ATTRS{idProduct}=="27dd", TAG+="uaccess", ENV{ID_MM_DEVICE_IGNORE}="1"' | sudo tee /etc/udev/rules.d/70-sutura.rules && sudo udevadm control --reload && sudo udevadm trigger"#;
 /// Bit of CAP_SYS_NICE, with which every scheduling class is allowed.
 const CAP_SYS_NICE: u32 = 23;
+
+/// Bit of CAP_IPC_LOCK, with which all memory may be locked.
+const CAP_IPC_LOCK: u32 = 14;
+/// Lets this user's sessions go before ordinary programs and stay in memory.
+const PERMIT: &str = r#"printf '%s - rtprio 20\n%s - memlock unlimited\n' "$USER" "$USER" | sudo tee /etc/security/limits.d/70-sutura.conf, then log in again (or, for one program: sudo setcap cap_sys_nice,cap_ipc_lock+ep "$(command -v sutura)")"#;
+
+/// What a process may have at most.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Limit {
+    /// As much as there is.
+    None,
+    /// So much.
+    At(u64),
+}
 
 /// A machine, as its file systems show it.
 #[derive(Debug)]
@@ -34,6 +49,7 @@ impl System {
             self.latency_timers(),
             self.modem_manager(),
             self.real_time(),
+            self.locked_memory(),
             self.preemption(),
             self.governor(),
         ]
@@ -114,28 +130,53 @@ impl System {
 
     fn real_time(&self) -> Check {
         const NAME: &str = "real_time";
+        let highest = Role::Console.priority();
         let me = Me::of(&self.read("proc/self/status").unwrap_or_default());
-        let limits = self.read("proc/self/limits").unwrap_or_default();
-        let limit = limits
-            .lines()
-            .find_map(|line| line.strip_prefix("Max realtime priority"))
-            .and_then(|rest| rest.split_whitespace().next());
-        match limit {
-            _ if me.has(CAP_SYS_NICE) => {
-                Check::good(NAME, "allowed: `chrt -f 50 sutura run ..` uses it")
-            }
-            Some("unlimited") => Check::good(NAME, "allowed: `chrt -f 50 sutura run ..` uses it"),
-            Some(priority) if priority.parse::<u32>().is_ok_and(|priority| priority > 0) => {
-                let found = format!(
-                    "allowed up to priority {priority}: `chrt -f {priority} sutura run ..` uses it"
-                );
+        match self.limit("Max realtime priority") {
+            _ if me.has(CAP_SYS_NICE) => Check::good(NAME, "allowed: `sutura run` asks for it"),
+            Some(Limit::None) => Check::good(NAME, "allowed: `sutura run` asks for it"),
+            Some(Limit::At(limit)) if limit >= u64::from(highest) => {
+                let found = format!("allowed up to priority {limit}: `sutura run` asks for it");
                 Check::good(NAME, found)
+            }
+            Some(Limit::At(limit @ 1..)) => {
+                let found = format!("allowed up to priority {limit}; a session asks for {highest}");
+                Check::bad(NAME, found, PERMIT)
             }
             _ => Check::bad(
                 NAME,
                 "this user may not use real-time scheduling: any busy program delays host and link",
-                "echo \"$USER - rtprio 80\" | sudo tee /etc/security/limits.d/70-sutura.conf, then log in again",
+                PERMIT,
             ),
+        }
+    }
+
+    fn locked_memory(&self) -> Check {
+        const NAME: &str = "locked_memory";
+        let me = Me::of(&self.read("proc/self/status").unwrap_or_default());
+        match self.limit("Max locked memory") {
+            _ if me.has(CAP_IPC_LOCK) => Check::good(NAME, "allowed: `sutura run` asks for it"),
+            Some(Limit::None) => Check::good(NAME, "allowed: `sutura run` asks for it"),
+            limit => {
+                let mb = match limit {
+                    Some(Limit::At(bytes)) => bytes >> 20,
+                    _ => 0,
+                };
+                let found = format!(
+                    "this user may keep {mb} MB in memory: a step may wait for a page that was put out to disk"
+                );
+                Check::bad(NAME, found, PERMIT)
+            }
+        }
+    }
+
+    /// What this process may have at most.
+    fn limit(&self, name: &str) -> Option<Limit> {
+        let limits = self.read("proc/self/limits")?;
+        let rest = limits.lines().find_map(|line| line.strip_prefix(name))?;
+        match rest.split_whitespace().next()? {
+            "unlimited" => Some(Limit::None),
+            number => number.parse().ok().map(Limit::At),
         }
     }
 
@@ -273,7 +314,7 @@ mod tests {
             let check = check(&system, name);
             assert!(check.ok && check.fix.is_none(), "{check:?}");
         }
-        for name in ["real_time", "preemption"] {
+        for name in ["real_time", "locked_memory", "preemption"] {
             let check = check(&system, name);
             assert!(!check.ok && check.fix.is_some(), "{check:?}");
         }
@@ -336,6 +377,9 @@ mod tests {
         for (status, priority, ok) in [
             (STRANGER, "0", false),
             (STRANGER, "80", true),
+            // Not enough for the console's thread.
+            (STRANGER, "11", false),
+            (STRANGER, "12", true),
             (STRANGER, "unlimited", true),
             ("CapEff:\t0000000000800000\n", "0", true),
             ("CapEff:\t0000000000400000\n", "0", false),
@@ -345,6 +389,26 @@ mod tests {
                 machine(&[("proc/self/status", status), ("proc/self/limits", &limits)]);
             let found = check(&system, "real_time");
             assert_eq!(found.ok, ok, "{priority}: {found:?}");
+        }
+    }
+
+    #[test]
+    fn locked_memory_follows_limits_and_capabilities() {
+        for (status, limit, ok) in [
+            (STRANGER, "8388608", false),
+            (STRANGER, "unlimited", true),
+            ("CapEff:\t0000000000004000\n", "8388608", true),
+            ("CapEff:\t0000000000800000\n", "8388608", false),
+        ] {
+            let limits = format!("Max locked memory         {limit}  {limit}  bytes\n");
+            let (_root, system) =
+                machine(&[("proc/self/status", status), ("proc/self/limits", &limits)]);
+            let found = check(&system, "locked_memory");
+            assert_eq!(found.ok, ok, "{limit}: {found:?}");
+            if !ok {
+                assert!(found.found.contains("8 MB"), "{found:?}");
+                assert!(found.fix.is_some_and(|fix| fix.contains("memlock")));
+            }
         }
     }
 

@@ -88,6 +88,7 @@ pub fn run(args: &SceneArgs, global: &Global) -> Result<(), Failure> {
 }
 
 fn check(path: &Path, global: &Global) -> Result<(), Failure> {
+    let shown = crate::work::watch();
     let mut scene = scene::load(path)?;
     let warnings = std::mem::take(&mut scene.warnings);
     let places: Vec<_> = warnings.iter().map(placed).collect();
@@ -95,6 +96,7 @@ fn check(path: &Path, global: &Global) -> Result<(), Failure> {
         render(&Report::new(warning));
     }
     session::check(&scene)?;
+    drop(shown);
     match global.format {
         Format::Json => {
             let mut object = summary(&scene);
@@ -148,9 +150,11 @@ fn print_components(path: &Path, global: &Global) -> Result<(), Failure> {
     if cfg!(debug_assertions) {
         tracing::warn!("a debug build: the times are many times too large");
     }
+    let shown = crate::work::watch();
     let mut scene = super::open(Some(path))?;
     super::without_session(&mut scene);
     let components = explain(&scene)?;
+    drop(shown);
     if global.format == Format::Json {
         let mut object = summary(&scene);
         object["status"] = "ok".into();

@@ -6,6 +6,7 @@
 use super::links::{Links, difference, square};
 use super::propagate::Propagation;
 use super::region::Box3;
+use super::settings::JAMMED;
 use crate::drive_check::{failed, refused};
 use crate::held::{Held, load, ratio};
 use crate::in_place::clone_in_place;
@@ -303,6 +304,10 @@ impl Tissue for ClassicalChainMail {
             state.left_over = true;
             return state.held.give_up(drive, state.energy_j);
         }
+        // Far out of bounds nothing says which way a force would have gone.
+        let jammed = !within && self.greatest_excess_m() > JAMMED * slack_m;
+        let force_error = if jammed { f64::INFINITY } else { residual };
+        let state = &self.state;
         Diagnostics {
             outcome: if within {
                 Outcome::Converged
@@ -312,6 +317,7 @@ impl Tissue for ClassicalChainMail {
             iterations: state.propagation.visits.div_ceil(links.nodes() as u64) as u32
                 + self.settings.relaxations,
             residual,
+            force_error,
             energy_j: state.energy_j,
             energy_difference: f64::NAN,
             momentum,

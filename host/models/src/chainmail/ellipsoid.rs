@@ -9,7 +9,7 @@ use super::links::{Links, square};
 use super::motion::Sums;
 use super::quad::Quad;
 use super::region::{Ball, Ellipsoid, Region};
-use super::settings::{EllipsoidSettings, check_limit};
+use super::settings::{EllipsoidSettings, JAMMED, check_limit};
 use super::state::{SLEEP_EVERY, State};
 use crate::drive_check::{failed, refused};
 use crate::held::ratio;
@@ -258,6 +258,9 @@ impl Tissue for EllipsoidChainMail {
             }
         }
         let kept = state.motion.energy_j + sums.kinetic_j;
+        let residual = ratio(sums.unbalanced_sq.sqrt(), acting_sq.sqrt());
+        let jammed = !enforced.within && self.greatest_excess() > JAMMED * self.settings.tolerance;
+        let state = &self.state;
         Diagnostics {
             outcome: if enforced.within {
                 Outcome::Converged
@@ -265,7 +268,8 @@ impl Tissue for EllipsoidChainMail {
                 Outcome::Unfinished
             },
             iterations: enforced.visits.div_ceil(state.awake.count().max(1) as u64) as u32,
-            residual: ratio(sums.unbalanced_sq.sqrt(), acting_sq.sqrt()),
+            residual,
+            force_error: if jammed { f64::INFINITY } else { residual },
             energy_j: state.motion.energy_j,
             energy_difference: ratio(state.work_j - kept, state.work_j.abs()),
             momentum: sums.momentum,

@@ -5,6 +5,10 @@
 use crate::BuildError;
 use crate::setting::within;
 
+/// Where links stay this many times the tolerance beyond their limits, the mail is jammed: what brings them back is no
+/// force, it only shows how far there is to go.
+pub(super) const JAMMED: f64 = 10.0;
+
 /// What an [`super::EllipsoidChainMail`] can be told.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct EllipsoidSettings {

@@ -372,6 +372,7 @@ impl EnergyBalance {
             outcome,
             iterations,
             residual,
+            force_error: outcome.force_error(residual),
             energy_j: self.energy_j,
             energy_difference: if elastic && self.work_j != 0.0 {
                 (self.work_j - self.energy_j - kinetic) / self.work_j

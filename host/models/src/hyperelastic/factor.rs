@@ -6,6 +6,7 @@
 
 use super::pattern::Pattern;
 use crate::BuildError;
+use crate::memory::{self, Shortage};
 use faer::dyn_stack::{MemBuffer, MemStack};
 use faer::linalg::cholesky::llt::factor::LltRegularization;
 use faer::sparse::linalg::SupernodalThreshold;
@@ -23,6 +24,9 @@ const COLUMNS: usize = 3;
 const FIRST_SHIFT: f64 = 1e-5;
 const MOST_SHIFTS: i32 = 10;
 
+/// Said of a mesh that is too large.
+const FACTOR: &str = "the factor of its tangent";
+
 pub(super) struct Factor {
     symbolic: SymbolicCholesky<usize>,
     values: Vec<f64>,
@@ -33,10 +37,10 @@ pub(super) struct Factor {
 
 impl Factor {
     pub fn new(pattern: &Pattern) -> Result<Self, BuildError> {
-        let too_large = || BuildError::Setting {
-            name: "unknowns of the mesh",
-            value: pattern.unknowns as f64,
-            limit: "few enough for the factor to fit in memory",
+        let too_large = |bytes: usize| Shortage {
+            what: FACTOR,
+            needed_bytes: bytes as u64,
+            available_bytes: memory::available_bytes().unwrap_or_default(),
         };
         let symbolic = factorize_symbolic_cholesky(
             symbolic_matrix(pattern),
@@ -47,14 +51,17 @@ impl Factor {
                 ..Default::default()
             },
         )
-        .map_err(|_| too_large())?;
+        .map_err(|_| too_large(4 * size_of::<usize>() * pattern.entries()))?;
         let need = symbolic
             .factorize_numeric_llt_scratch::<f64>(Par::Seq, Default::default())
             .or(symbolic.solve_in_place_scratch::<f64>(COLUMNS, Par::Seq));
+        let bytes = size_of::<f64>() * (symbolic.len_val() + pattern.entries())
+            + need.unaligned_bytes_required();
+        memory::require(FACTOR, bytes as u64)?;
         Ok(Self {
-            values: vec![0.0; symbolic.len_val()],
-            reduced: vec![0.0; pattern.entries()],
-            scratch: MemBuffer::try_new(need).map_err(|_| too_large())?,
+            values: memory::zeros(FACTOR, symbolic.len_val())?,
+            reduced: memory::zeros(FACTOR, pattern.entries())?,
+            scratch: MemBuffer::try_new(need).map_err(|_| too_large(bytes))?,
             symbolic,
         })
     }

@@ -108,6 +108,7 @@ impl Hyperelastic {
             outcome,
             iterations,
             residual,
+            force_error: outcome.force_error(residual),
             energy_j,
             energy_difference: if missing.abs() <= self.balance.energy_grain() {
                 0.0

@@ -20,10 +20,10 @@ pub use model::{CorotationalModel, ModelSettings};
 pub(crate) use renewed::{RenewScratch, Renewed};
 pub use state::{CorotationalState, CorotationalWorkspace};
 
-use super::assembly::assemble;
+use super::assembly::{self, assemble};
 use super::element::Element;
 use super::error::TissueError;
-use super::factor::{Factor, SolveScratch};
+use super::factor::{Factor, Need, SolveScratch};
 use super::handles::Factored;
 use super::numbering::Numbering;
 use super::pattern::Pattern;
@@ -44,6 +44,9 @@ pub struct Policy {
     /// The iteration ends when the residual has fallen to this share, in the energy norm.
     pub cg_tolerance: f64,
 }
+
+/// Copies of a factor: at rest, of the state and of one that was kept of it, and the one being made.
+const COPIES: usize = 4;
 
 impl Default for Policy {
     /// 0.1 rad, because a stale solve then leaves a third of the energy norm in a bent block (nu = 0.45:
@@ -88,10 +91,25 @@ impl CorotationalTissue {
         fixed: &[u32],
         policy: Policy,
     ) -> Result<Self, TissueError> {
-        let factor = |pattern: &Pattern, stiffness: &[f64], numbering: &Numbering| {
-            Factor::held(pattern, stiffness, numbering.fixed())
+        Self::beside(mesh, &materials.into(), fixed, policy, 0)
+    }
+
+    /// As [`Self::new`], where so much memory will be taken besides \[bytes\].
+    pub(crate) fn beside(
+        mesh: &TetMesh,
+        materials: &Materials,
+        fixed: &[u32],
+        policy: Policy,
+        beside_bytes: u64,
+    ) -> Result<Self, TissueError> {
+        let need = Need {
+            copies: COPIES,
+            beside_bytes,
         };
-        Self::build(mesh, &materials.into(), fixed, policy, factor)
+        let factor = |pattern: &Pattern, stiffness: &[f64], numbering: &Numbering| {
+            Factor::held(pattern, stiffness, numbering.fixed(), need)
+        };
+        Self::build(mesh, materials, fixed, policy, factor)
     }
 
     /// As [`Self::new`] for whoever holds nodes in another way: none is fixed, and there is no factor of
@@ -101,9 +119,12 @@ impl CorotationalTissue {
         materials: impl Into<Materials>,
         policy: Policy,
     ) -> Result<Self, TissueError> {
-        let factor = |pattern: &Pattern, _: &[f64], _: &Numbering| {
-            Factor::of_identity(pattern).ok_or(TissueError::Floating { fixed: 0 })
+        let need = Need {
+            copies: COPIES,
+            beside_bytes: 0,
         };
+        let factor =
+            |pattern: &Pattern, _: &[f64], _: &Numbering| Factor::of_identity(pattern, need);
         Self::build(mesh, &materials.into(), &[], policy, factor)
     }
 
@@ -120,6 +141,7 @@ impl CorotationalTissue {
         }
         materials.check(mesh.cells().len())?;
         let numbering = Numbering::new(mesh.points_m().len(), fixed)?;
+        assembly::begin(mesh.cells().len())?;
         let elements: Vec<Element> = Element::of_mesh(mesh, materials)
             .iter()
             .map(|element| element.placed(&numbering))

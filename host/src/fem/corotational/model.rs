@@ -318,6 +318,7 @@ impl CorotationalModel {
             outcome,
             iterations,
             residual,
+            force_error: outcome.force_error(residual),
             energy_j: self.tissue.energy_j(&self.workspace),
             energy_difference: f64::NAN,
             momentum: [0.0; 3],

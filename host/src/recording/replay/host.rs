@@ -116,7 +116,7 @@ impl Run<'_> {
         verdict: &mut HostVerdict,
     ) -> Result<(), String> {
         let arrivals: Vec<_> = sample.arrivals().collect();
-        solver.expect(&arrivals);
+        solver.expect(&arrivals, sample.looked);
         let solved = solver.solve(state);
         verdict.hash = solver.hash();
         let here = SolveSample::new(state, &solved, verdict.hash, &arrivals);

@@ -7,9 +7,7 @@ use super::super::read::Recording;
 use super::super::tap::Direction;
 use std::collections::HashMap;
 use sutura_shared::wire::message::{Hello, State};
-use sutura_shared::wire::{
-    Accumulator, Checked, HEADER_SIZE, Header, Kind, MAX_FRAME, Valid, decode,
-};
+use sutura_shared::wire::{Accumulator, Checked, HEADER_SIZE, Header, Kind, Valid, decode};
 
 /// A frame of the host.
 #[derive(Clone, Debug, PartialEq)]
@@ -128,8 +126,86 @@ pub fn frame_with_session(frame: &[u8], session: u32) -> Vec<u8> {
 pub fn stuffed(content: &[u8]) -> Vec<u8> {
     let crc = crc::Crc::<u32>::new(&crc::CRC_32_ISO_HDLC).checksum(content);
     let packet = [content, &crc.to_le_bytes()].concat();
-    let mut frame = vec![0; MAX_FRAME + packet.len()];
+    let mut frame = vec![0; cobs::max_encoding_length(packet.len())];
     let length = cobs::encode(&packet, &mut frame);
-    frame.truncate(length + 1);
+    // Where a block of the greatest length ends the packet the encoder has begun another one behind it.
+    frame.truncate(length);
+    frame.push(0);
     frame
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use sutura_shared::wire::MAX_FRAME;
+
+    /// Fills a part of the content so that neither it nor the checksum has zeros.
+    fn without_zeros(content: &mut [u8], run: core::ops::Range<usize>) {
+        if run.is_empty() {
+            return;
+        }
+        for filling in 1..=u8::MAX {
+            content[run.clone()].fill(filling);
+            let sum = crc::Crc::<u32>::new(&crc::CRC_32_ISO_HDLC).checksum(content);
+            if !sum.to_le_bytes().contains(&0) {
+                return;
+            }
+        }
+        panic!("a checksum without zeros is common");
+    }
+
+    /// The frame ends at its only zero, and the codec and the `cobs` crate read the same from it.
+    fn comes_back(content: &[u8]) {
+        let frame = stuffed(content);
+        let (last, most) = frame.split_last().expect("a frame is not empty");
+        assert!(*last == 0 && !most.contains(&0), "{frame:?}");
+        let sum = crc::Crc::<u32>::new(&crc::CRC_32_ISO_HDLC).checksum(content);
+        let packet = [content, &sum.to_le_bytes()].concat();
+        let mut unstuffed = vec![0; most.len()];
+        let length = cobs::decode(most, &mut unstuffed).map(|report| report.frame_size());
+        assert_eq!(length.map(|length| &unstuffed[..length]), Ok(&packet[..]));
+        let mut accumulator = Accumulator::new();
+        assert_eq!(super::packet(&mut accumulator, &frame), Some(&packet[..]));
+    }
+
+    /// Content that fits into a frame whatever it is.
+    const LONGEST: usize = MAX_FRAME - MAX_FRAME / 254 - 8;
+
+    #[test]
+    fn content_of_every_length_comes_back() {
+        for length in 0..LONGEST {
+            comes_back(&vec![0; length]);
+            let mut content = vec![0; length];
+            without_zeros(&mut content, 0..length);
+            comes_back(&content);
+        }
+    }
+
+    /// Blocks of 253 to 255 bytes at every place, the packet's end included, where they take the checksum in.
+    #[test]
+    fn longest_blocks_at_every_place_come_back() {
+        for length in [250, 251, 300, 504, 505, 700] {
+            for run in 249..=255 {
+                for from in 0..=length {
+                    let to = (from + run).min(length);
+                    let mut content = vec![0; length];
+                    without_zeros(&mut content, from..to);
+                    comes_back(&content);
+                }
+            }
+        }
+    }
+
+    /// A session's number changes nothing but itself and the checksum.
+    #[test]
+    fn a_frame_of_another_session_is_a_whole_frame() {
+        for length in HEADER_SIZE..LONGEST {
+            let mut content = vec![0; length];
+            without_zeros(&mut content, 0..length);
+            let mut expected = content.clone();
+            expected[2..6].copy_from_slice(&0x0102_0304_u32.to_le_bytes());
+            let found = frame_with_session(&stuffed(&content), 0x0102_0304);
+            assert_eq!(found, stuffed(&expected), "{length}");
+        }
+    }
 }

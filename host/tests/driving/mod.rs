@@ -1,7 +1,7 @@
 //! Needles driven through tissue: forces, energy, derivatives, extremes.
 
 mod allocations;
-mod bench;
+pub mod bench;
 mod energy;
 mod extremes;
 mod force;

@@ -1,0 +1,293 @@
+//! How much a solve may spend on steps ahead of it: a share of the planned period, whatever the last period was.
+//!
+//! Entry point: [`LookBudget`]. A host that is late must not look farther ahead for that. In lockstep and in simulated time a
+//! step is priced by a count of what it did, so that nothing depends on the machine; in real time by the processor's time
+//! that it took; and a replay makes as many as were made then.
+
+use crate::clock::Stopwatch;
+use crate::step::StepReport;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+/// Part of the planned period that may be spent.
+const SHARE: f64 = 0.2;
+
+/// Price of a step \[us\], and of each of its solves of so many rows: measured once, and the same everywhere.
+const STEP_US: f64 = 25.0;
+const SOLVE_US: f64 = 12.0;
+const SOLVE_ROWS: f64 = 60.0;
+/// Price of a displacement of all nodes, and of the boundary brought there \[us a node\].
+const FIELD_US: f64 = 0.2;
+/// A measured price follows what was measured by this part: one step that was dear says little.
+const FOLLOWS: f64 = 0.25;
+
+/// What a step ahead is for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Ahead {
+    /// The way between two samples that are far apart.
+    Approach,
+    /// A needle's way along its slide.
+    Course,
+    /// A pull on a thread that is slack.
+    Pull,
+}
+
+/// Steps that a solve made besides its own.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+pub struct Looked {
+    /// On the way between two samples that are far apart.
+    pub approach: u32,
+    /// Along a needle's slide, forward and backward: planned, (2).
+    pub planned: [u32; 2],
+    /// Made, (2).
+    pub made: [u32; 2],
+    /// Pulls on a thread that is slack.
+    pub pulls: u32,
+    /// Whether there was no time for more.
+    pub short: bool,
+}
+
+impl Looked {
+    /// Whether nothing was looked at and nothing given up.
+    pub fn is_nothing(&self) -> bool {
+        *self == Looked::default()
+    }
+}
+
+/// What decides.
+#[derive(Clone, Copy, Debug)]
+enum Pace {
+    /// Counts times committed prices.
+    Counted,
+    /// The processor's time, and the clock on the wall.
+    Measured(Stopwatch),
+    /// What was made then.
+    Recorded(Looked),
+}
+
+/// The budget of one solver.
+#[derive(Clone, Debug)]
+pub(super) struct LookBudget {
+    planned_us: f64,
+    /// Nodes of the mesh.
+    nodes: f64,
+    pace: Pace,
+    /// Price of a step for each [`Ahead`] \[us\], (3); none before the first.
+    price_us: [Option<f64>; 3],
+    left_us: f64,
+    looked: Looked,
+}
+
+/// Price of a step by its count \[us\].
+fn counted_us(report: &StepReport, nodes: f64) -> f64 {
+    let rows = f64::from(report.rows) / SOLVE_ROWS;
+    let solves = f64::from(report.solves.max(1));
+    STEP_US + SOLVE_US * solves * (1.0 + rows * rows) + FIELD_US * f64::from(report.fields) * nodes
+}
+
+impl LookBudget {
+    /// For solves that are planned every `planned_us`, on a mesh of so many nodes.
+    pub fn new(planned_us: f64, nodes: usize) -> Self {
+        LookBudget {
+            planned_us,
+            nodes: nodes as f64,
+            pace: Pace::Counted,
+            price_us: [None; 3],
+            left_us: 0.0,
+            looked: Looked::default(),
+        }
+    }
+
+    /// Solves are planned every `planned_us` from now on.
+    pub fn plan(&mut self, planned_us: f64) {
+        self.planned_us = planned_us;
+    }
+
+    /// From now on the processor's time decides: for real time.
+    pub fn measure(&mut self) {
+        self.pace = Pace::Measured(Stopwatch::start());
+    }
+
+    /// From now on it is as [`Self::expect`] says: for replays.
+    pub fn replay(&mut self) {
+        self.pace = Pace::Recorded(Looked::default());
+    }
+
+    /// What the next solve of a replay made then.
+    pub fn expect(&mut self, looked: Looked) {
+        if let Pace::Recorded(expected) = &mut self.pace {
+            *expected = looked;
+        }
+    }
+
+    /// Begins a solve.
+    pub fn begin(&mut self) {
+        self.left_us = SHARE * self.planned_us;
+        self.looked = Looked::default();
+        if let Pace::Measured(watch) = &mut self.pace {
+            *watch = Stopwatch::start();
+        }
+    }
+
+    /// What this solve has made so far.
+    pub fn looked(&self) -> Looked {
+        self.looked
+    }
+
+    /// Steps of this kind that what is left pays for; `like`: what one is like before the first has been made.
+    pub fn affords(&self, kind: Ahead, like: &StepReport) -> usize {
+        if let Pace::Recorded(expected) = &self.pace {
+            return match kind {
+                Ahead::Approach => expected.approach as usize,
+                // As many as are wanted, where any were: how many there were says the plan.
+                Ahead::Course if expected.planned == [0; 2] => 0,
+                Ahead::Course => usize::MAX / 4,
+                Ahead::Pull => expected.pulls as usize,
+            };
+        }
+        let price_us = self.price_us[kind as usize].unwrap_or(counted_us(like, self.nodes));
+        (self.left_us / price_us).max(0.0) as usize
+    }
+
+    /// Steps between two samples: `wanted`, or fewer.
+    pub fn approach(&self, wanted: usize, like: &StepReport) -> usize {
+        wanted.min(self.affords(Ahead::Approach, like))
+    }
+
+    /// Steps along a slide, forward and backward, as they are planned.
+    pub fn course(&mut self, wanted: [usize; 2]) -> [usize; 2] {
+        let planned = match &self.pace {
+            Pace::Recorded(expected) => expected.planned,
+            _ => wanted.map(|steps| steps as u32),
+        };
+        self.looked.planned = planned;
+        planned.map(|steps| steps as usize)
+    }
+
+    /// Whether the next step of this kind may be made; `side`: of a course's.
+    pub fn allows(&mut self, kind: Ahead, side: usize) -> bool {
+        // What turns out dearer than it was priced may cost as much again, no more.
+        let is_paid = self.left_us > -SHARE * self.planned_us;
+        let is_allowed = match &self.pace {
+            Pace::Counted => is_paid,
+            Pace::Measured(watch) => is_paid && watch.wall_us() < self.planned_us,
+            Pace::Recorded(expected) => match kind {
+                Ahead::Approach => self.looked.approach < expected.approach,
+                Ahead::Course => self.looked.made[side] < expected.made[side],
+                Ahead::Pull => self.looked.pulls < expected.pulls,
+            },
+        };
+        self.looked.short |= !is_allowed;
+        is_allowed
+    }
+
+    /// A step of this kind has been made.
+    pub fn made(&mut self, kind: Ahead, side: usize, report: &StepReport) {
+        match kind {
+            Ahead::Approach => self.looked.approach += 1,
+            Ahead::Course => self.looked.made[side] += 1,
+            Ahead::Pull => self.looked.pulls += 1,
+        }
+        let price_us = match &mut self.pace {
+            Pace::Measured(watch) => watch.cpu_lap_us(),
+            _ => counted_us(report, self.nodes),
+        };
+        self.left_us -= price_us;
+        let known = &mut self.price_us[kind as usize];
+        *known = Some(match (&self.pace, *known) {
+            (Pace::Measured(_), Some(before)) => before + FOLLOWS * (price_us - before),
+            _ => price_us,
+        });
+    }
+
+    /// What follows is charged from here on: the solve's own step is not.
+    pub fn lap(&mut self) {
+        if let Pace::Measured(watch) = &mut self.pace {
+            watch.cpu_lap_us();
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn report(rows: u32, solves: u32, fields: u32) -> StepReport {
+        let mut report = StepReport::default();
+        (report.rows, report.solves, report.fields) = (rows, solves, fields);
+        report
+    }
+
+    /// 1 ms of 5: steps of 25 + 12 * 3 * 2 us.
+    #[test]
+    fn a_count_buys_the_same_steps_however_late_the_host_is() {
+        let mut budget = LookBudget::new(5000.0, 1000);
+        let like = report(60, 3, 0);
+        budget.begin();
+        let price_us = 25.0 + 12.0 * 3.0 * 2.0;
+        let most = (1000.0 / price_us) as usize;
+        assert_eq!(budget.affords(Ahead::Course, &like), most);
+        assert_eq!(budget.approach(40, &like), most);
+        for _ in 0..4 {
+            assert!(budget.allows(Ahead::Approach, 0));
+            budget.made(Ahead::Approach, 0, &like);
+        }
+        let left = ((1000.0 - 4.0 * price_us) / price_us) as usize;
+        assert_eq!(budget.affords(Ahead::Course, &like), left);
+        // A displacement of all nodes is another thing.
+        budget.made(Ahead::Pull, 0, &report(60, 3, 2));
+        assert!(budget.affords(Ahead::Pull, &like) < 2);
+    }
+
+    #[test]
+    fn a_replay_makes_what_was_made() {
+        let then = Looked {
+            approach: 2,
+            planned: [7, 3],
+            made: [7, 1],
+            pulls: 1,
+            short: true,
+        };
+        let mut budget = LookBudget::new(5000.0, 1000);
+        budget.replay();
+        budget.expect(then);
+        budget.begin();
+        let like = report(3, 1, 0);
+        let count = |budget: &mut LookBudget, kind, side, most| {
+            for _ in 0..most {
+                if budget.allows(kind, side) {
+                    budget.made(kind, side, &like);
+                }
+            }
+        };
+        assert_eq!(budget.approach(40, &like), 2);
+        count(&mut budget, Ahead::Approach, 0, 2);
+        assert_eq!(budget.course([24, 16]), [7, 3]);
+        count(&mut budget, Ahead::Course, 0, 7);
+        count(&mut budget, Ahead::Course, 1, 3);
+        count(&mut budget, Ahead::Pull, 0, 3);
+        assert_eq!(budget.looked(), then);
+    }
+
+    /// A price that was measured once moves with what comes, and not at once.
+    #[test]
+    fn a_measured_price_follows() {
+        let mut budget = LookBudget::new(1e9, 1000);
+        budget.measure();
+        budget.begin();
+        assert!(budget.allows(Ahead::Pull, 0));
+        let like = report(3, 1, 0);
+        let by_count = budget.affords(Ahead::Pull, &like);
+        budget.made(Ahead::Pull, 0, &like);
+        assert_ne!(budget.affords(Ahead::Pull, &like), by_count);
+    }
+
+    #[test]
+    fn nothing_is_begun_that_the_period_has_no_time_for() {
+        let mut budget = LookBudget::new(0.0, 1000);
+        budget.measure();
+        budget.begin();
+        assert!(!budget.allows(Ahead::Course, 0));
+        assert!(budget.looked().short);
+    }
+}

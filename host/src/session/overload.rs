@@ -1,0 +1,165 @@
+//! What a host gives up that cannot keep its pace, in this order: looking ahead, contact rows, solves.
+//!
+//! Entry points: [`Overload::note`] after every solve, [`Overload::effort`] before the next. In real time only: in lockstep a
+//! solve takes what it takes. What is given up comes back once solves are in time again.
+
+use serde::Serialize;
+use std::time::Duration;
+
+/// Solves in a row that are longer than their period before something is given up: one that was interrupted says little.
+const LATE: u32 = 3;
+/// Seconds in which every solve was in time before something comes back.
+const CALM_S: f64 = 1.0;
+/// Part of the period within which a solve must be for that.
+const IN_TIME: f64 = 0.8;
+
+/// What solves are to do.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Effort {
+    /// All of it.
+    #[default]
+    Full,
+    /// Nothing is looked at ahead of the hand.
+    NoLooks,
+    /// Nor is the contact reduced to rows: the console renders from the tangent.
+    NoRows,
+}
+
+/// `overload` in a session's summary: solves that gave something up.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+pub struct GivenUp {
+    /// That did not look ahead.
+    pub looks: u64,
+    /// That had no rows either.
+    pub rows: u64,
+    /// That were not made because one before was still under way.
+    pub solves: u64,
+}
+
+/// Watches solves.
+#[derive(Clone, Debug)]
+pub(super) struct Overload {
+    period: Duration,
+    effort: Effort,
+    most: Effort,
+    late: u32,
+    in_time: u32,
+    calm: u32,
+    given_up: GivenUp,
+}
+
+impl Overload {
+    /// Of solves that are planned `host_hz` times a second.
+    pub fn new(host_hz: f64) -> Self {
+        Overload {
+            period: Duration::try_from_secs_f64(1.0 / host_hz).unwrap_or(Duration::MAX),
+            effort: Effort::Full,
+            most: Effort::Full,
+            late: 0,
+            in_time: 0,
+            calm: (CALM_S * host_hz).ceil().max(1.0) as u32,
+            given_up: GivenUp::default(),
+        }
+    }
+
+    /// What the next solve is to do.
+    pub fn effort(&self) -> Effort {
+        self.effort
+    }
+
+    /// Takes note of a solve and all that belongs to it, which took `time`, and of the solves that were due in it. Words for
+    /// what is given up, the first time that it is.
+    pub fn note(&mut self, time: Duration, missed: u64) -> Option<&'static str> {
+        self.given_up.looks += u64::from(self.effort >= Effort::NoLooks);
+        self.given_up.rows += u64::from(self.effort >= Effort::NoRows);
+        self.given_up.solves += missed;
+        let is_late = time > self.period;
+        self.late = if is_late { self.late + 1 } else { 0 };
+        self.in_time = if time <= self.period.mul_f64(IN_TIME) {
+            self.in_time + 1
+        } else {
+            0
+        };
+        if self.in_time >= self.calm && self.effort > Effort::Full {
+            self.in_time = 0;
+            self.effort = match self.effort {
+                Effort::NoRows => Effort::NoLooks,
+                _ => Effort::Full,
+            };
+        }
+        if self.late < LATE || self.effort == Effort::NoRows {
+            return None;
+        }
+        self.late = 0;
+        self.effort = match self.effort {
+            Effort::Full => Effort::NoLooks,
+            _ => Effort::NoRows,
+        };
+        if self.effort <= self.most {
+            return None;
+        }
+        self.most = self.effort;
+        Some(match self.effort {
+            Effort::NoLooks => {
+                "solves take longer than their period: looking ahead is given up first, then contact rows, then the rate"
+            }
+            _ => {
+                "solves still take longer than their period: contact rows are given up, the console renders from tangents; next the rate falls"
+            }
+        })
+    }
+
+    /// What was given up so far.
+    pub fn given_up(&self) -> GivenUp {
+        self.given_up
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const MS: fn(u64) -> Duration = Duration::from_millis;
+
+    #[test]
+    fn things_are_given_up_in_order_and_come_back_in_the_other() {
+        let mut overload = Overload::new(100.0);
+        let mut words = 0;
+        let mut solves = |overload: &mut Overload, count: u32, time| {
+            for _ in 0..count {
+                words += u32::from(overload.note(time, 0).is_some());
+            }
+            words
+        };
+        // One late solve now and then is none.
+        for _ in 0..50 {
+            solves(&mut overload, 2, MS(30));
+            assert_eq!(solves(&mut overload, 1, MS(2)), 0);
+        }
+        assert_eq!(overload.effort(), Effort::Full);
+        assert_eq!(solves(&mut overload, 3, MS(11)), 1);
+        assert_eq!(overload.effort(), Effort::NoLooks);
+        assert_eq!(solves(&mut overload, 3, MS(11)), 2);
+        assert_eq!(overload.effort(), Effort::NoRows);
+        solves(&mut overload, 50, MS(11));
+        solves(&mut overload, 99, MS(2));
+        assert_eq!(overload.effort(), Effort::NoRows);
+        solves(&mut overload, 1, MS(2));
+        assert_eq!(overload.effort(), Effort::NoLooks);
+        solves(&mut overload, 100, MS(2));
+        assert_eq!(overload.effort(), Effort::Full);
+        // It is said once.
+        assert_eq!(solves(&mut overload, 6, MS(11)), 2);
+        let given_up = overload.given_up();
+        assert_eq!((given_up.looks, given_up.rows), (3 + 150 + 100 + 3, 150));
+    }
+
+    #[test]
+    fn solves_that_were_due_in_a_longer_one_are_counted() {
+        let mut overload = Overload::new(200.0);
+        overload.note(MS(61), 12);
+        overload.note(MS(1), 0);
+        assert_eq!(overload.given_up().solves, 12);
+        assert_eq!(overload.effort(), Effort::Full);
+    }
+}

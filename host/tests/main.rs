@@ -1,0 +1,20 @@
+//! All tests of the solver and its sessions, in one binary. What counts allocations counts those of its own thread.
+
+mod anchors;
+mod collide;
+mod console_rows;
+mod contact;
+mod corotational;
+mod driving;
+mod fem_models;
+mod fidelity;
+mod half_faces;
+mod link_reconnect;
+mod needle;
+mod no_alloc;
+mod palpation;
+mod rows;
+mod session_models;
+mod suture;
+mod tissue;
+mod touch;

@@ -1,0 +1,6 @@
+//! Threads drawn through tissue by needles, and pulled.
+
+mod extremes;
+mod hanging;
+mod pull;
+mod rig;

@@ -1,0 +1,19 @@
+//! All tests of what console and host share, in one binary.
+
+mod bounds;
+mod closed_loop;
+mod common;
+mod contact_rows;
+mod control;
+mod events;
+mod kinematics;
+mod link;
+mod needle_and_thread;
+mod passivity;
+mod rig;
+mod rows_values;
+mod simulated_console;
+mod virtual_device;
+mod wire_frames;
+mod wire_golden;
+mod wire_values;

@@ -1,0 +1,392 @@
+//! Every example that a `--help` shows: it is run here, and what it feels or writes is looked at. An example without an entry
+//! below fails, and so does an entry without an example.
+//!
+//! Sessions run in lockstep, so that nothing depends on the machine; where the first second shows what the example shows, it is
+//! that second. What takes long, or needs an emulator, runs with `SUTURA_FULL=1`.
+#![cfg(unix)]
+#![allow(clippy::unwrap_used, reason = "tests")]
+
+use crate::support::{Ran, root, sutura_in};
+use serde_json::Value;
+use std::collections::BTreeSet;
+use std::io::{BufRead, BufReader};
+use std::path::Path;
+use std::process::{Command, Stdio};
+
+/// How an example is run, and what must come of it.
+#[derive(Clone, Copy, Debug)]
+enum Way {
+    /// As it stands: exit code 0, and these files are written.
+    Ends(&'static [&'static str]),
+    /// The same with one of these exit codes: they depend on the machine.
+    EndsWith(&'static [i32]),
+    /// As a session in lockstep, so many seconds of it \[s\]: force is felt, and nothing decays on the way.
+    Feels(&'static str),
+    /// The same with a tissue that is chosen by measurement, which may miss its budget here.
+    Chooses(&'static str),
+    /// With a console that is not there in place of a board's: exit code 3, and the port is named.
+    Port,
+    /// A console that runs until it is told to stop.
+    Serves,
+}
+use Way::{Chooses, Ends, EndsWith, Feels, Port, Serves};
+
+/// Seconds of palpation after which the first press has been held for a while.
+const FIRST_PRESS: &str = "1";
+/// Peak force of that press \[N\]: the hand's spring of 1000 N/m pulls 10 mm deep at most; soft tissue gives half a newton and more.
+const PEAK_N: std::ops::Range<f64> = 0.3..10.0;
+
+/// In the order in which they run: some need what others wrote.
+const EXAMPLES: &[(&str, Way)] = &[
+    ("sutura", Feels(FIRST_PRESS)),
+    ("sutura run", Feels(FIRST_PRESS)),
+    ("sutura run --lockstep", Feels(FIRST_PRESS)),
+    (
+        "sutura run --tissue corotational --host-hz 30",
+        Feels(FIRST_PRESS),
+    ),
+    (
+        "sutura run --rendering hold --host-hz 30",
+        Feels(FIRST_PRESS),
+    ),
+    ("sutura run --record session.mcap", Feels(FIRST_PRESS)),
+    ("sutura replay session.mcap", Ends(&[])),
+    (
+        "sutura replay session.mcap --verify --format json",
+        Ends(&[]),
+    ),
+    ("sutura run --console /dev/ttyACM0", Port),
+    (
+        "sutura run --console /dev/ttyACM0 --host-hz 500 --budget-ms 2",
+        Port,
+    ),
+    (
+        "sutura run --console /dev/ttyACM0 --seconds 3600 --rearm",
+        Port,
+    ),
+    (
+        "sutura run --console /dev/ttyACM0 --save-last fault.mcap",
+        Port,
+    ),
+    ("sutura console", Serves),
+    ("sutura console --link /tmp/bench", Serves),
+    ("sutura console --device devices/serial-arm.toml", Serves),
+    (
+        "sutura solve scenes/cube-handle.toml --out cube.vtu",
+        Ends(&["cube.vtu"]),
+    ),
+    (
+        "sutura solve scenes/cube-handle.toml --out cube.json",
+        Ends(&["cube.json"]),
+    ),
+    (
+        "sutura solve scenes/palpation.toml --out pressed.json",
+        Ends(&["pressed.json"]),
+    ),
+    (
+        "sutura solve scene.toml --out field.vtu",
+        Ends(&["field.vtu"]),
+    ),
+    ("sutura scene check scenes/palpation.toml", Ends(&[])),
+    ("sutura scene check mine.toml", Ends(&[])),
+    ("sutura scene check mine.toml --format json", Ends(&[])),
+    ("sutura scene explain scenes/palpation.toml", Ends(&[])),
+    ("sutura scene explain scene.toml", Ends(&[])),
+    ("sutura scene explain mine.toml --format json", Ends(&[])),
+    ("sutura scene schema", Ends(&[])),
+    ("sutura mesh info tests/data/cube_1650.msh", Ends(&[])),
+    ("sutura mesh info part.vtk --scale 0.001", Ends(&[])),
+    ("sutura mesh info part.ele --format json", Ends(&[])),
+    ("sutura mesh info part.msh", Ends(&[])),
+    ("sutura mesh info large.msh --time --rows 100", Ends(&[])),
+    (
+        "sutura mesh convert part.node --out part.msh",
+        Ends(&["part.msh"]),
+    ),
+    (
+        "sutura mesh convert part.vtk --out part.msh --scale 0.001",
+        Ends(&["part.msh"]),
+    ),
+    (
+        "sutura mesh convert part.msh --out part.vtu",
+        Ends(&["part.vtu"]),
+    ),
+];
+
+/// The same for those that take long.
+const LONG: &[(&str, Way)] = &[
+    (
+        "sutura run --host-hz 50 --budget-ms 15",
+        Chooses(FIRST_PRESS),
+    ),
+    ("sutura run --tissue auto", Chooses(FIRST_PRESS)),
+    (
+        "sutura run --tissue hyperelastic --host-hz 5 --lockstep",
+        Feels(FIRST_PRESS),
+    ),
+    (
+        "sutura run scenes/palpation.toml --console qemu --format json",
+        EndsWith(&[0]),
+    ),
+    ("sutura replay session.mcap --console qemu", EndsWith(&[0])),
+    (
+        "sutura solve scenes/needle-slabs.toml --at 3 --out in.vtu",
+        Ends(&["in.vtu"]),
+    ),
+    ("sutura bench", Ends(&[])),
+    (
+        "sutura bench scenes/palpation.toml my.toml --format json",
+        Ends(&[]),
+    ),
+    (
+        "sutura bench scenes/anastomosis-50.toml --tissue corotational",
+        Ends(&[]),
+    ),
+    ("sutura bench --suite", Ends(&[])),
+    ("sutura bench --suite --steps 100", Ends(&[])),
+    ("sutura bench --suite --only sliding", Ends(&[])),
+    ("sutura doctor", EndsWith(&[0, 1])),
+    ("sutura doctor virtual --format json", EndsWith(&[0, 1])),
+    (
+        "sutura doctor --scene scenes/anastomosis-50.toml",
+        EndsWith(&[0, 1]),
+    ),
+    ("sutura doctor /dev/ttyACM0", Port),
+    ("sutura fidelity", Ends(&[])),
+    ("sutura fidelity --full --plot figures", Ends(&["figures"])),
+    (
+        "sutura fidelity --full --only \"palpation taps rows\"",
+        Ends(&[]),
+    ),
+    ("sutura fidelity --check --format json", Ends(&[])),
+    ("sutura tradeoff", Ends(&[])),
+    ("sutura tradeoff --full --plot figures", Ends(&["figures"])),
+    ("sutura tradeoff --full --only beam-bending", Ends(&[])),
+    (
+        "sutura tradeoff --only \"cube linear\" --format json",
+        Ends(&[]),
+    ),
+    ("sutura stability", Ends(&[])),
+    ("sutura stability --full --plot tables", Ends(&["tables"])),
+    (
+        "sutura stability --full --only \"corotational turn\"",
+        Ends(&[]),
+    ),
+];
+
+fn help(of: &[&str]) -> String {
+    let ran = sutura_in(&root(), &[of, &["--help"]].concat());
+    assert_eq!(ran.code, 0, "{of:?}: {}", ran.stderr);
+    ran.stdout
+}
+
+/// All commands, by the words that name them.
+fn commands(of: &[String]) -> Vec<Vec<String>> {
+    let words: Vec<&str> = of.iter().map(String::as_str).collect();
+    let text = help(&words);
+    let mut all = vec![of.to_vec()];
+    let listed = text.lines().skip_while(|line| *line != "Commands:").skip(1);
+    for line in listed.take_while(|line| !line.is_empty()) {
+        // A name stands two spaces in; what it does may go on below.
+        let name = line
+            .strip_prefix("  ")
+            .filter(|rest| !rest.starts_with(' '));
+        let name = name.and_then(|rest| rest.split_whitespace().next());
+        if let Some(name) = name.filter(|name| *name != "help") {
+            all.extend(commands(&[of, &[name.to_owned()]].concat()));
+        }
+    }
+    all
+}
+
+/// The command lines that helps show: up to two spaces, a pipe, or a file that takes the output.
+fn shown() -> BTreeSet<String> {
+    let mut lines = BTreeSet::new();
+    for command in commands(&[]) {
+        let words: Vec<&str> = command.iter().map(String::as_str).collect();
+        let text = help(&words);
+        let examples = text.lines().skip_while(|line| *line != "Examples:").skip(1);
+        for line in examples.take_while(|line| !line.is_empty()) {
+            let Some(line) = line
+                .strip_prefix("  ")
+                .filter(|line| line.starts_with("sutura"))
+            else {
+                continue;
+            };
+            let ends = ["  ", " | ", " > "].iter().filter_map(|end| line.find(end));
+            let line = &line[..ends.min().unwrap_or(line.len())];
+            lines.insert(line.trim_end().to_owned());
+        }
+    }
+    lines
+}
+
+#[test]
+fn every_example_has_an_entry() {
+    let shown = shown();
+    let entries: BTreeSet<String> = EXAMPLES
+        .iter()
+        .chain(LONG)
+        .map(|(line, _)| (*line).to_owned())
+        .collect();
+    let missing: Vec<_> = shown.difference(&entries).collect();
+    assert!(
+        missing.is_empty(),
+        "examples that nobody runs: {missing:#?}"
+    );
+    let stale: Vec<_> = entries.difference(&shown).collect();
+    assert!(stale.is_empty(), "entries that no help shows: {stale:#?}");
+}
+
+/// A folder in which the files are that examples name.
+fn folder() -> tempfile::TempDir {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    for name in ["scenes", "devices", "tests"] {
+        std::os::unix::fs::symlink(root().join(name), at.join(name)).unwrap();
+    }
+    for name in ["mine.toml", "my.toml", "scene.toml"] {
+        std::fs::copy(root().join("scenes/palpation.toml"), at.join(name)).unwrap();
+    }
+    std::fs::copy(
+        root().join("tests/data/cube_1650.msh"),
+        at.join("large.msh"),
+    )
+    .unwrap();
+    for name in ["part.vtk", "part.node", "part.msh"] {
+        let ran = sutura_in(
+            at,
+            &["mesh", "convert", "tests/data/cube_350.msh", "--out", name],
+        );
+        assert_eq!(ran.code, 0, "{}", ran.stderr);
+    }
+    folder
+}
+
+/// The words after `sutura`; quotes hold some together.
+fn words(line: &str) -> Vec<String> {
+    let mut words = Vec::new();
+    for (index, part) in line.split('"').enumerate() {
+        if index % 2 == 1 {
+            words.push(part.to_owned());
+        } else {
+            words.extend(part.split_whitespace().map(str::to_owned));
+        }
+    }
+    words.remove(0);
+    words
+}
+
+fn run(at: &Path, words: &[String]) -> Ran {
+    let words: Vec<&str> = words.iter().map(String::as_str).collect();
+    sutura_in(at, &words)
+}
+
+/// A session of so many seconds in lockstep, and what is wrong with it.
+fn feel(at: &Path, mut words: Vec<String>, seconds: &str, codes: &[i32]) -> Result<(), String> {
+    if words.is_empty() {
+        words.push("run".to_owned());
+    }
+    words.extend(["--seconds", seconds, "--format", "json"].map(str::to_owned));
+    if !words.iter().any(|word| word == "--lockstep") {
+        words.push("--lockstep".to_owned());
+    }
+    let ran = run(at, &words);
+    if !codes.contains(&ran.code) {
+        return Err(format!("exit code {}: {}", ran.code, ran.stderr));
+    }
+    let summary: Value = serde_json::from_str(&ran.stdout).map_err(|error| error.to_string())?;
+    let peak = summary["force_n"]["peak"].as_f64().unwrap_or_default();
+    match summary["decays"].as_u64() {
+        _ if !PEAK_N.contains(&peak) => Err(format!("a peak of {peak} N")),
+        Some(0) => Ok(()),
+        decays => Err(format!("{decays:?} decays, a peak of {peak} N")),
+    }
+}
+
+/// Runs an example; what is wrong, if anything.
+fn look(at: &Path, line: &str, way: Way) -> Result<(), String> {
+    let words = words(line);
+    let ended = |codes: &[i32]| {
+        let ran = run(at, &words);
+        match codes.contains(&ran.code) {
+            true => Ok(()),
+            false => Err(format!("exit code {}: {}", ran.code, ran.stderr)),
+        }
+    };
+    match way {
+        Feels(seconds) => feel(at, words, seconds, &[0]),
+        Chooses(seconds) => feel(at, words, seconds, &[0, 7]),
+        EndsWith(codes) => ended(codes),
+        Ends(files) => {
+            ended(&[0])?;
+            let missing = files.iter().find(|file| !at.join(file).exists());
+            missing.map_or(Ok(()), |file| Err(format!("there is no {file}")))
+        }
+        Port => {
+            const NOBODY: &str = "/dev/no-such-console";
+            let words: Vec<String> = words
+                .iter()
+                .map(|word| word.replace("/dev/ttyACM0", NOBODY))
+                .collect();
+            let ran = run(at, &words);
+            let said = format!("{}{}", ran.stdout, ran.stderr);
+            match (ran.code, said.contains(NOBODY)) {
+                (3, true) => Ok(()),
+                _ => Err(format!("exit code {}: {said}", ran.code)),
+            }
+        }
+        Serves => serve(at, &words),
+    }
+}
+
+/// Starts a console, reads its port, and tells it to stop.
+fn serve(at: &Path, words: &[String]) -> Result<(), String> {
+    // Not where another run of this test puts its own.
+    let link = at.join("bench").display().to_string();
+    let words = words.iter().map(|word| word.replace("/tmp/bench", &link));
+    let mut console = Command::new(env!("CARGO_BIN_EXE_sutura"))
+        .args(words)
+        .current_dir(at)
+        .stdout(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let mut port = String::new();
+    let mut stdout = BufReader::new(console.stdout.take().unwrap());
+    stdout.read_line(&mut port).unwrap();
+    let is_there = Path::new(port.trim()).exists();
+    let told = Command::new("kill").arg(console.id().to_string()).status();
+    let ended = console.wait().unwrap();
+    match (
+        is_there,
+        told.is_ok_and(|told| told.success()),
+        ended.code(),
+    ) {
+        (true, true, Some(0)) => Ok(()),
+        other => Err(format!("port {port:?}: {other:?}")),
+    }
+}
+
+#[test]
+fn every_example_does_what_it_shows() {
+    let folder = folder();
+    let full = std::env::var_os("SUTURA_FULL").is_some_and(|value| value == "1");
+    let emulated = Command::new("qemu-system-arm")
+        .arg("--version")
+        .stdout(Stdio::null())
+        .status()
+        .is_ok();
+    let long = LONG
+        .iter()
+        .filter(|(line, _)| full && (emulated || !line.contains("qemu")));
+    let mut wrong = Vec::new();
+    for (line, way) in EXAMPLES.iter().chain(long) {
+        let began = std::time::Instant::now();
+        let looked = look(folder.path(), line, *way);
+        println!("{:6.1} s  {line}", began.elapsed().as_secs_f64());
+        if let Err(why) = looked {
+            wrong.push(format!("{line}: {why}"));
+        }
+    }
+    assert!(wrong.is_empty(), "{}", wrong.join("\n"));
+}

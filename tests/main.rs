@@ -1,0 +1,30 @@
+//! All tests of the command, in one binary: each one more would link the whole solver once more.
+
+mod c_client;
+mod cli_bad_input;
+mod cli_bench;
+mod cli_default;
+mod cli_doctor;
+mod cli_fidelity;
+mod cli_mesh;
+mod cli_models;
+mod cli_scene;
+mod cli_solve;
+mod cli_stability;
+mod cli_tradeoff;
+mod fault_scenarios;
+mod help_examples;
+mod killed_host;
+mod lockstep;
+mod model_forces;
+mod needles;
+mod python_peer;
+#[cfg(feature = "qemu-tests")]
+mod qemu;
+mod replay;
+mod rust_client;
+mod session_pty;
+mod shipped_files;
+mod support;
+mod wounds;
+mod wrong_peers;

@@ -1,0 +1,168 @@
+//! What sessions on any tissue model send: no force beyond what the reference has, and hardly a step in contact left out.
+//!
+//! `SUTURA_FULL=1 cargo test --release -p sutura --test model_forces -- --nocapture` has the shipped scene, all of it, and prints a
+//! table; without, a coarse slab and the hand's way down.
+#![allow(clippy::unwrap_used, reason = "tests")]
+
+use crate::support::root;
+use std::ops::ControlFlow;
+use std::path::Path;
+use sutura_hil::NativeConsole;
+use sutura_host::scene::{Document, Scene, Tissue, models};
+use sutura_host::session::{
+    self, LINE_BYTES_PER_S, Plan, SceneSolver, Solve, Solved, run_lockstep,
+};
+use sutura_shared::wire::Valid;
+use sutura_shared::wire::message::{Fixture, State};
+
+/// Most that any frame may have, in peaks of the reference.
+const MOST_PEAKS: f64 = 3.0;
+/// Least share of the steps in contact that usual settings render.
+const LEAST_RENDERED: f64 = 0.95;
+
+/// A solver whose results are counted on their way to the console.
+struct Watched {
+    solver: Box<dyn SceneSolver>,
+    felt: Felt,
+}
+
+/// What a session sent.
+#[derive(Clone, Copy, Debug, Default)]
+struct Felt {
+    contact_steps: u32,
+    rendered: u32,
+    unfinished: u32,
+    /// Of any frame \[N\].
+    peak_n: f64,
+    /// Of the console \[N\].
+    rendered_peak_n: f64,
+}
+
+impl Felt {
+    fn share(&self) -> f64 {
+        f64::from(self.rendered) / f64::from(self.contact_steps.max(1))
+    }
+}
+
+impl Solve for Watched {
+    fn solve(&mut self, state: &Valid<State>) -> Solved {
+        let solved = self.solver.solve(state);
+        let felt = &mut self.felt;
+        felt.contact_steps += u32::from(solved.touched);
+        felt.rendered += u32::from(solved.touched && solved.contact.is_some());
+        felt.unfinished += u32::from(solved.unfinished);
+        assert!(!(solved.unfinished && solved.contact.is_some()));
+        if let Some(contact) = &solved.contact {
+            let [x, y, z, ..] = contact.wrench;
+            felt.peak_n = felt.peak_n.max((x * x + y * y + z * z).sqrt());
+        }
+        solved
+    }
+
+    fn scene(&self) -> serde_json::Map<String, serde_json::Value> {
+        self.solver.scene()
+    }
+}
+
+/// Whether the whole scene is wanted.
+fn full() -> bool {
+    std::env::var_os("SUTURA_FULL").is_some()
+}
+
+fn palpation() -> Scene {
+    let text = std::fs::read_to_string(root().join("scenes/palpation.toml")).unwrap();
+    let text = if full() {
+        text
+    } else {
+        // The hand is deepest at 3.3 s.
+        text.replace("divisions = [20, 20, 8]", "divisions = [8, 8, 4]")
+            .replace("seconds = 5.0", "seconds = 3.6")
+            .replace("host_hz = 200.0", "host_hz = 50.0")
+    };
+    let document = Document::embedded("palpation.toml", Path::new(""), &text);
+    Scene::read(&document, "palpation").unwrap()
+}
+
+fn session(scene: &mut Scene, tissue: Tissue, host_hz: f64) -> Felt {
+    scene.tissue = tissue;
+    // As long as a console takes at this rate.
+    let horizon_us = (3e6 / host_hz).clamp(60e3, 150e3) as u32;
+    let plan = Plan {
+        device: scene.device.unwrap(),
+        hand: scene.hand.unwrap(),
+        host_hz,
+        seconds: scene.seconds,
+        tick_hz: 1000,
+        state_every: 1,
+        horizon_us: Some(horizon_us),
+        clear_fault: false,
+        fixture: Fixture::None,
+        rendering: tissue.usual_rendering(),
+        line_bytes_per_s: LINE_BYTES_PER_S,
+    };
+    let mut watched = Watched {
+        solver: session::solver(scene, &plan).unwrap(),
+        felt: Felt::default(),
+    };
+    let mut console = NativeConsole::new(&plan.device).unwrap();
+    let summary = run_lockstep(&mut console, &plan, &mut watched, |_| {
+        ControlFlow::Continue(())
+    });
+    Felt {
+        rendered_peak_n: summary.unwrap().force_n.peak,
+        ..watched.felt
+    }
+}
+
+/// The peak of Newton's balance with the same contact law, on the same hand \[N\].
+fn reference_n(scene: &mut Scene) -> f64 {
+    let tissue = Tissue::named("hyperelastic: linear cells, to 1e-3").unwrap();
+    let host_hz = scene.host.host_hz;
+    let felt = session(scene, tissue, host_hz);
+    assert_eq!(felt.rendered, felt.contact_steps, "{felt:?}");
+    assert!(felt.peak_n > 1.0, "{felt:?}");
+    felt.peak_n
+}
+
+/// Every tissue that `--tissue` takes, the usual settings first: no name after the colon.
+fn tissues() -> Vec<(String, Tissue)> {
+    let mut names: Vec<String> = ["linear", "corotational"].map(str::to_owned).into();
+    names.extend(["1 pass", "4 passes"].map(|passes| format!("corotational: {passes}")));
+    for entry in models() {
+        if names.iter().any(|name| name == entry.tissue) {
+            continue;
+        }
+        names.push(entry.tissue.to_owned());
+        let settings = entry.settings.iter().skip(1);
+        names.extend(settings.map(|setting| format!("{}: {}", entry.tissue, setting.name)));
+    }
+    let named = names.into_iter().map(|name| {
+        let tissue = Tissue::named(&name).unwrap();
+        (name, tissue)
+    });
+    named.collect()
+}
+
+/// What no model stands by does not leave the host, and usual settings stand by what they have.
+#[test]
+fn no_frame_has_a_force_that_the_tissue_cannot_have() {
+    let mut scene = palpation();
+    let host_hz = scene.host.host_hz;
+    let most_n = MOST_PEAKS * reference_n(&mut scene);
+    let mut wrong = Vec::new();
+    for (name, tissue) in tissues() {
+        let felt = session(&mut scene, tissue, host_hz);
+        println!(
+            "{name:50} frame {:8.3} N, console {:6.3} N, {:4} of {:4} steps in contact rendered, {:4} unfinished",
+            felt.peak_n, felt.rendered_peak_n, felt.rendered, felt.contact_steps, felt.unfinished
+        );
+        if felt.peak_n > most_n {
+            wrong.push(format!("{name}: {} N of {most_n} N", felt.peak_n));
+        }
+        let usual = !name.contains(':');
+        if usual && (felt.contact_steps == 0 || felt.share() < LEAST_RENDERED) {
+            wrong.push(format!("{name}: {felt:?}"));
+        }
+    }
+    assert!(wrong.is_empty(), "{wrong:#?}");
+}

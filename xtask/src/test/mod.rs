@@ -1,0 +1,200 @@
+//! `cargo xtask test`: everything that the project checks, in steps that name themselves, cheap ones first. A failed step
+//! does not keep the others from running; all failures are listed at the end. Entry point: [`all`].
+
+#[cfg(test)]
+mod files;
+mod junit;
+mod report;
+mod seeds;
+
+pub use seeds::Cases;
+
+use crate::run::{Tool, root};
+use crate::toolchain::{Toolchain, host};
+use crate::{Format, bench, firmware, locks, setup};
+use anyhow::{Context, Result, bail};
+use report::{Kind, Report};
+
+/// Cargo features that only tests need: those that run the firmware's image under QEMU, and the bench's program.
+const TEST_FEATURES: &str = "sutura/qemu-tests,sutura-hil/bench";
+
+/// Where the test runner leaves its report: see `.config/nextest.toml`.
+const TEST_REPORT: &str = "target/nextest/default/junit.xml";
+
+/// Runs all checks, whatever fails, and lists the failures.
+///
+/// # Errors
+/// If anything failed.
+pub fn all(cases: Cases) -> Result<()> {
+    eprintln!("{}", cases.describe());
+    let mut report = Report::default();
+    steps(&mut report, cases)?;
+    eprintln!("\n{}", report.print());
+    let (passed, failed) = report.counts();
+    println!("{passed} passed, {failed} failed");
+    if !report.is_good() {
+        bail!("see the list above");
+    }
+    if passed == 0 {
+        bail!("no test ran");
+    }
+    Ok(())
+}
+
+fn steps(report: &mut Report, cases: Cases) -> Result<()> {
+    let host = host()?;
+    report.step(Kind::Tools, "setup", "cargo xtask setup", |_| setup::all());
+    // Where it cannot be had, `setup` has said so.
+    let toolchain = Toolchain::ensure().ok();
+
+    report.tools(
+        Kind::Checks,
+        "format",
+        [
+            Tool::new("cargo fmt --all --check"),
+            Tool::new("cargo fmt --check").within("firmware"),
+        ],
+    );
+    report.step(Kind::Checks, "lock files", "cargo xtask test", |_| {
+        locks::check()
+    });
+    let deny = |manifest: &str| {
+        // Advisories need a database from the network and change by the day: not part of this.
+        Tool::new("cargo deny --workspace --config deny.toml --manifest-path")
+            .arg(manifest)
+            .arg("check")
+            .arg("bans")
+            .arg("licenses")
+            .arg("sources")
+    };
+    report.tools(
+        Kind::Checks,
+        "dependencies",
+        [deny("Cargo.toml"), deny("firmware/Cargo.toml")],
+    );
+
+    let native = |words: &str| {
+        Tool::new(&format!(
+            "cargo {words} --lib --locked --target {host} --target-dir target"
+        ))
+        .within("firmware")
+    };
+    let boards = |words: &str| {
+        // Debian's compiler has neither lints nor documents of the same version.
+        let words = format!("{words} --release --locked --target-dir target --features");
+        let tool = |board: &firmware::Board| {
+            let toolchain = toolchain.as_ref().unwrap_or(&Toolchain::Target);
+            toolchain.cargo(&words).arg(board.name()).within("firmware")
+        };
+        match toolchain {
+            Some(Toolchain::Target) => firmware::Board::ALL.iter().map(tool).collect(),
+            _ => Vec::new(),
+        }
+    };
+    // As arguments, because flags in the environment would compile every dependency once more.
+    let deny_warnings = |tool: Tool| tool.arg("--").arg("-D").arg("warnings");
+    report.tools(
+        Kind::Build,
+        "lints",
+        [
+            Tool::new("cargo clippy --workspace --all-targets --locked --features")
+                .arg(TEST_FEATURES),
+            native("clippy --all-targets"),
+        ]
+        .into_iter()
+        .chain(boards("clippy --lib --bins"))
+        .map(deny_warnings),
+    );
+    report.step(
+        Kind::Build,
+        "firmware images",
+        "cargo xtask firmware",
+        |_| firmware::gated(false, Format::Text),
+    );
+    report.tools(
+        Kind::Build,
+        "firmware parts, built",
+        [native("test --no-run")],
+    );
+    report.tools(Kind::Tests, "firmware parts", [cases.of(native("test"))]);
+    tests(report, cases);
+    report.step(
+        Kind::Tests,
+        "solver instructions",
+        "cargo xtask bench",
+        |_| bench::gated(false, Format::Text),
+    );
+    let documents = |tool: Tool| tool.env("RUSTDOCFLAGS", "-D warnings");
+    report.tools(
+        Kind::Build,
+        "documents",
+        [documents(Tool::new(
+            "cargo doc --workspace --lib --no-deps --locked",
+        ))]
+        .into_iter()
+        .chain(boards("doc --no-deps --lib").into_iter().map(documents)),
+    );
+    Ok(())
+}
+
+/// The workspace's tests: built, run, and the examples in its documents.
+fn tests(report: &mut Report, cases: Cases) {
+    let workspace = |words: &str| {
+        Tool::new(&format!("cargo {words} --workspace --locked --features")).arg(TEST_FEATURES)
+    };
+    if !setup::has_test_runner() {
+        // Names and verdicts, but no times.
+        let test = workspace("test --no-fail-fast");
+        report.tools(Kind::Tests, "tests", [cases.of(test)]);
+        return;
+    }
+    report.tools(Kind::Build, "tests, built", [workspace("test --no-run")]);
+    let run = cases.of(workspace("nextest run --no-fail-fast"));
+    let again = run.shown();
+    report.step(Kind::Tests, "tests", &again, |report| {
+        let path = root().join(TEST_REPORT);
+        // That of an earlier run, if there is one.
+        let _ = std::fs::remove_file(&path);
+        let ran = run.run();
+        // If nothing compiled there is no report: then that is what is wrong.
+        match (junit::read(&path), ran) {
+            (Ok(cases), ran) => {
+                report.take(cases);
+                ran
+            }
+            (Err(_), Err(error)) => Err(error),
+            (Err(error), Ok(())) => Err(error).context("the tests ran without a report"),
+        }
+    });
+    let examples = workspace("test --no-fail-fast --doc");
+    report.tools(
+        Kind::Tests,
+        "examples in the documents",
+        [cases.of(examples)],
+    );
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_command_line_is_shown_as_it_is_typed() {
+        let tool = Tool::new("cargo clippy")
+            .within("firmware")
+            .env("A", "b c")
+            .arg("--")
+            .arg("-D");
+        assert_eq!(tool.shown(), "(cd firmware && A='b c' cargo clippy -- -D)");
+    }
+
+    #[test]
+    fn the_runner_writes_its_report_where_it_is_read() {
+        let path = root().join(".config/nextest.toml");
+        let text = std::fs::read_to_string(path).expect("readable");
+        let config: toml::Table = toml::from_str(&text).expect("TOML");
+        let file = config["profile"]["default"]["junit"]["path"].as_str();
+        let file = file.expect("a path");
+        assert_eq!(TEST_REPORT, format!("target/nextest/default/{file}"));
+    }
+}
