@@ -1,7 +1,7 @@
 //! Factors that are renewed beside the steps: the forces are those of one renewed in every step, and a step that takes
 //! one over computes no columns.
 
-use crate::bench::{Bench, RADIUS, SOFT, at, ball, force};
+use super::bench::{Bench, RADIUS, SOFT, at, ball, force};
 use sutura_host::fem::{Loads, Policy};
 use sutura_host::mesh::slab;
 use sutura_host::model::{Model, Passes};
