@@ -463,20 +463,6 @@ fn a_session_in_real_time_comes_out_the_same_whenever_columns_came() {
     let host = replay_host(&recording, &mut unprepared(), true);
     assert_eq!(host.why, None);
     assert!(host.identical && host.verified_steps == host.steps);
-
-    // Columns that do not come give another course.
-    let mut otherwise = recording.clone();
-    for (_, solve) in &mut otherwise.solves {
-        for (step, _) in &mut solve.arrivals {
-            // Never: what is touched meanwhile waits for them.
-            *step += 1_000_000;
-        }
-    }
-    assert!(
-        replay_host(&otherwise, &mut unprepared(), true)
-            .diverged_step
-            .is_some()
-    );
 }
 
 #[test]
