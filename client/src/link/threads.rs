@@ -709,7 +709,7 @@ impl Shared {
             return false;
         }
         frames.clear();
-        let encoded = append_all(&mut lock(&self.end), console_time_us, felt, frames);
+        let encoded = self.append_felt(&mut lock(&self.end), console_time_us, felt, frames);
         if let Err(error) = encoded {
             // Nothing is sent that the console would refuse: it ages out what it has.
             tracing::warn!("a message to the console was not sent: {error}");
@@ -734,6 +734,24 @@ impl Shared {
         true
     }
 
+    /// Appends what was solved, and notes its contact for the listener.
+    fn append_felt(
+        &self,
+        end: &mut HostLink,
+        console_time_us: u64,
+        felt: &Felt,
+        frames: &mut Vec<u8>,
+    ) -> Result<(), SendError> {
+        append_all(end, console_time_us, felt, frames)?;
+        // The contact is the last of them.
+        lock(&self.sent).put(SentContact {
+            sequence: end.sent_sequence(),
+            console_time_us,
+            horizon_us: felt.contact.horizon_us,
+        });
+        Ok(())
+    }
+
     fn encode(
         &self,
         outgoing: &Outgoing<Order, (u64, Felt)>,
@@ -748,16 +766,7 @@ impl Shared {
         }
         match outgoing {
             Outgoing::Order(order) => append_order(&mut end, newest, order, frames),
-            Outgoing::Latest((time_us, felt)) => {
-                append_all(&mut end, *time_us, felt, frames)?;
-                // The contact is the last of them.
-                lock(&self.sent).put(SentContact {
-                    sequence: end.sent_sequence(),
-                    console_time_us: *time_us,
-                    horizon_us: felt.contact.horizon_us,
-                });
-                Ok(())
-            }
+            Outgoing::Latest((time_us, felt)) => self.append_felt(&mut end, *time_us, felt, frames),
             Outgoing::Nothing => Ok(()),
         }
     }
