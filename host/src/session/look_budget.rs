@@ -206,10 +206,12 @@ impl LookBudget {
         }
     }
 
-    /// What follows is charged from here on: the solve's own step is not.
-    pub fn lap(&mut self) {
+    /// The solve's own step has been made; it is not charged, and says what a step on the way to it costs at least.
+    pub fn stepped(&mut self) {
         if let Pace::Measured(watch) = &mut self.pace {
-            watch.cpu_lap_us();
+            let own_us = watch.cpu_lap_us();
+            let known = &mut self.price_us[Ahead::Approach as usize];
+            *known = Some(known.map_or(own_us, |price_us| price_us.max(own_us)));
         }
     }
 }

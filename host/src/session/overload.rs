@@ -19,7 +19,7 @@ pub enum Effort {
     /// All of it.
     #[default]
     Full,
-    /// Nothing is looked at ahead of the hand.
+    /// Nothing is looked at ahead of the hand, and its way between two states that are far apart is not followed closer.
     NoLooks,
     /// Nor is the contact reduced to rows: the console renders from the tangent.
     NoRows,

@@ -610,7 +610,7 @@ impl Solve for TissueSolver {
         let mut clock = Clock::start();
         let before = self.last_sample.replace(sample);
         let before_us = before.map(|before| before.console_time_us);
-        if let Some(before) = before {
+        if let Some(before) = before.filter(|_| self.effort == Effort::Full) {
             self.come_closer(&before, &sample);
         }
         let mut stages = step::Stages::default();
@@ -623,7 +623,7 @@ impl Solve for TissueSolver {
         let contact = report.contacts().first().copied();
         let mut needle = self.driven().and_then(|driven| in_grip(&report, driven));
         clock.lap(&mut 0);
-        self.budget.lap();
+        self.budget.stepped();
         if let (Some(needle), Status::Ok, true) = (&mut needle, report.status, looks_ahead) {
             needle.course = self.look_ahead(needle.needle, &report, period_us);
         }
