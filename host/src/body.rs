@@ -9,8 +9,9 @@
 use crate::columns::Columns;
 use crate::fem::{
     Balance, CorotationalState, CorotationalTissue, CorotationalWorkspace, Factor, Factored,
-    LinearTissue, Linearisation, Numbering, SolveScratch,
+    HeldPoints, LinearTissue, Linearisation, Numbering, SolveScratch,
 };
+use crate::renewal::{Renewals, Rule};
 use nalgebra::Vector3;
 use serde::Serialize;
 use std::sync::Arc;
@@ -62,6 +63,12 @@ struct Scratch {
 pub(crate) struct View<'a> {
     numbering: &'a Numbering,
     factor: &'a Factor,
+}
+
+impl<'a> View<'a> {
+    pub fn new(numbering: &'a Numbering, factor: &'a Factor) -> Self {
+        Self { numbering, factor }
+    }
 }
 
 impl Factored for View<'_> {
@@ -153,6 +160,39 @@ impl Body {
         }
     }
 
+    /// A step begins: a factor that was renewed beside the steps is taken over if its time has come.
+    pub fn begin_step(
+        &self,
+        motion: &mut Motion,
+        columns: &mut Columns,
+        held: &HeldPoints,
+    ) -> Renewals {
+        match (self, &mut motion.0) {
+            (Self::Corotational { tissue, .. }, Some(turning)) => {
+                columns.take_over(tissue, &mut turning.state, held)
+            }
+            _ => Renewals::default(),
+        }
+    }
+
+    /// From now on factors of turning tissue are renewed beside the steps and taken over by `rule`, unless its policy
+    /// wants them fresh; `reached` are the vertices of `columns`. Whether they are.
+    pub fn renew_beside(
+        &self,
+        columns: &mut Columns,
+        held: &Arc<HeldPoints>,
+        reached: &[u32],
+        rule: Rule,
+    ) -> bool {
+        match self {
+            Self::Corotational { tissue, .. } if tissue.has_time() => {
+                columns.renew(tissue, held, reached, rule);
+                true
+            }
+            _ => false,
+        }
+    }
+
     /// How far from balance the tissue is under the forces of the last pass; `None` for linear tissue.
     pub fn look(
         &self,
@@ -173,8 +213,8 @@ impl Body {
         Some(balance)
     }
 
-    /// After [`Self::look`]: linearises there; columns of another factor are forgotten. `None` for linear
-    /// tissue.
+    /// After [`Self::look`]: linearises there; columns of another factor are forgotten, and the next factor is asked for
+    /// when this one gets old. `None` for linear tissue.
     pub fn linearise(
         &self,
         motion: &mut Motion,
@@ -182,8 +222,16 @@ impl Body {
         columns: &mut Columns,
     ) -> Option<Linearisation> {
         let (tissue, _, turning, scratch) = self.turning(motion, work)?;
-        let report = tissue.answer(&mut turning.state, &mut scratch.tissue, &scratch.external);
+        let Scratch {
+            tissue: workspace,
+            external,
+            ..
+        } = scratch;
+        let report = tissue.answer(&mut turning.state, workspace, external, columns.renews());
         columns.belong_to(turning.state.fingerprint());
+        if report.asked {
+            columns.ask(&turning.state);
+        }
         Some(report)
     }
 

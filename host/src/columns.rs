@@ -6,40 +6,37 @@
 //! limit: the columns that were used longest ago make room. A column's bits do not depend on who
 //! computes it, when, or together with which others.
 
+mod bank;
 mod solver;
 mod worker;
 
-use crate::fem::{Factored, HeldPoints, LinearTissue};
-use crate::work;
+pub(crate) use bank::{Bank, Groups};
+pub(crate) use solver::ColumnSolver;
+
+use crate::fem::{CorotationalState, CorotationalTissue, Factored, HeldPoints, LinearTissue};
+use crate::renewal::{Renewals, Renewer, Rule};
 use nalgebra::{Matrix3, Vector3};
 use serde::{Deserialize, Serialize};
-use solver::ColumnSolver;
 use std::sync::Arc;
-use sutura_models::memory;
 use worker::Worker;
 
-const MISSING: u32 = u32::MAX;
-/// More vertices than these at once are told as work: a step computes a few batches at most.
-const LONG: usize = 64;
-
-/// A vertex's columns came from the worker.
+/// A vertex's columns came from the worker, or a factor that was renewed beside the steps.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Arrival {
     /// At the begin of which step, counted from 1 since the workspace was made; looks ahead are steps too.
     pub step: u64,
-    /// Which vertex, as columns count them.
+    /// Which vertex, as columns count them, or [`Arrival::FACTOR`].
     pub vertex: u32,
+}
+
+impl Arrival {
+    /// Instead of a vertex: a renewed factor, with its columns.
+    pub const FACTOR: u32 = u32::MAX;
 }
 
 /// The cache. Vertices are numbered among those that can be reached.
 pub(crate) struct Columns {
-    /// Slot of each vertex's columns, or [`MISSING`], (b).
-    place: Vec<u32>,
-    slots: Vec<Slot>,
-    /// Slots that the memory limit allows.
-    most_slots: usize,
-    /// Slots that no vertex has.
-    empty: Vec<u32>,
+    bank: Bank,
     /// Which factor the columns are of.
     factor: u64,
     /// Counts steps.
@@ -50,21 +47,9 @@ pub(crate) struct Columns {
     arrivals: Option<Vec<Arrival>>,
     /// Vertices that the worker has been asked for, (b).
     pending: Vec<bool>,
-    /// Groups of vertices and where each begins, for [`Self::largest`].
-    grouped: Vec<u32>,
-    group_start: Vec<usize>,
-}
-
-/// Columns of one vertex.
-struct Slot {
-    vertex: u32,
-    /// Step that used it last.
-    used: u64,
-    /// For each vertex that can be reached the block that maps a force on this slot's vertex to its
-    /// displacement \[m/N\], column-major, (b x 3 x 3). Empty while the worker has it.
-    blocks: Vec<f64>,
-    /// Largest Frobenius norm of a block in each group \[m/N\].
-    largest: Vec<f64>,
+    groups: Groups,
+    /// Renews factor and columns beside the steps.
+    renewer: Option<Box<Renewer>>,
 }
 
 impl Columns {
@@ -78,28 +63,113 @@ impl Columns {
         least: usize,
     ) -> Self {
         let vertices = reached.len();
-        let bytes = size_of::<f64>() * 9 * vertices;
         Self {
-            place: vec![MISSING; vertices],
-            slots: Vec::new(),
-            most_slots: (limit_bytes / bytes.max(1)).max(least).min(vertices),
-            empty: Vec::new(),
+            bank: Bank::new(vertices, limit_bytes, least),
             factor: 0,
             now: 0,
             solver: ColumnSolver::new(tissue, held, reached),
             worker: None,
             arrivals: None,
             pending: vec![false; vertices],
-            grouped: Vec::new(),
-            group_start: vec![0],
+            groups: Groups::default(),
+            renewer: None,
         }
     }
 
     /// Groups of vertices whose largest displacements are to be known, before any column is computed.
     pub fn group(&mut self, groups: &[Vec<u32>]) {
-        for group in groups {
-            self.grouped.extend(group);
-            self.group_start.push(self.grouped.len());
+        self.groups.extend(groups);
+    }
+
+    /// From now on factors of `tissue` are renewed beside the steps, by a thread of its own where the system has one
+    /// to give, and taken over by `rule`; `reached` as in [`Self::new`]. Half of the memory is for the next columns.
+    pub fn renew(
+        &mut self,
+        tissue: &Arc<CorotationalTissue>,
+        held: &Arc<HeldPoints>,
+        reached: &[u32],
+        rule: Rule,
+    ) {
+        if let Some(renewer) = &mut self.renewer {
+            renewer.set_rule(rule);
+            return;
+        }
+        let next = self.bank.halve();
+        let solver = ColumnSolver::new(
+            &crate::body::View::new(tissue.numbering(), tissue.rest_factor()),
+            held,
+            reached,
+        );
+        let groups = self.groups.clone();
+        let (tissue, held) = (tissue.clone(), held.clone());
+        self.renewer = Some(Box::new(Renewer::new(
+            tissue, held, solver, groups, next, rule,
+        )));
+    }
+
+    /// From now on factors are made in the step that needs them.
+    pub fn renew_in_step(&mut self) {
+        self.renewer = None;
+    }
+
+    /// Whether factors are renewed beside the steps.
+    pub fn renews(&self) -> bool {
+        self.renewer.as_ref().is_some_and(|renewer| renewer.works())
+    }
+
+    #[cfg(test)]
+    pub fn renewer_mut(&mut self) -> Option<&mut Renewer> {
+        self.renewer.as_deref_mut()
+    }
+
+    /// After [`Self::begin_step`]: takes over a renewed factor with its columns if its step has come.
+    pub fn take_over(
+        &mut self,
+        tissue: &CorotationalTissue,
+        state: &mut CorotationalState,
+        held: &HeldPoints,
+    ) -> Renewals {
+        let mut report = Renewals::default();
+        let Some(renewer) = &mut self.renewer else {
+            return report;
+        };
+        if !state.count_step() {
+            return report;
+        }
+        renewer.go_on(state, &self.bank, self.now);
+        if !renewer.is_due(tissue, state, self.now) {
+            return report;
+        }
+        if !renewer.take(state, &mut self.bank, self.now, &mut report) {
+            return report;
+        }
+        self.factor = state.fingerprint();
+        if let Some(arrivals) = &mut self.arrivals {
+            arrivals.push(Arrival {
+                step: self.now,
+                vertex: Arrival::FACTOR,
+            });
+        }
+        // What was touched since the thread had time for it.
+        let late = renewer.late();
+        let view = crate::body::View::new(tissue.numbering(), state.factor());
+        let (bank, solver) = (&mut self.bank, &mut self.solver);
+        bank.compute(solver, &view, held, &self.groups, late, |_| false, self.now);
+        report.columns_late += late.len() as u32;
+        report
+    }
+
+    /// Asks for a new factor of the tangent that `state` has asked for.
+    pub fn ask(&mut self, state: &CorotationalState) {
+        if let Some(renewer) = &mut self.renewer {
+            renewer.ask(state, &self.bank, self.now);
+        }
+    }
+
+    /// Has the columns of a vertex that will soon be in use computed for the next factor, too.
+    pub fn wish(&mut self, vertex: u32) {
+        if let Some(renewer) = &mut self.renewer {
+            renewer.wish(vertex, self.now);
         }
     }
 
@@ -131,6 +201,10 @@ impl Columns {
         if let Some(worker) = &mut self.worker {
             worker.expect(arrivals);
         }
+        if let Some(renewer) = &mut self.renewer {
+            let factors = arrivals.iter().filter(|a| a.vertex == Arrival::FACTOR);
+            factors.for_each(|arrival| renewer.expect(arrival.step));
+        }
     }
 
     /// From now on what comes from the worker is written down.
@@ -157,15 +231,12 @@ impl Columns {
             return;
         };
         while let Some((slot, blocks)) = worker.finished(self.now) {
-            let home = &mut self.slots[slot as usize];
-            largest(&blocks, &self.grouped, &self.group_start, &mut home.largest);
-            home.blocks = blocks;
-            self.place[home.vertex as usize] = slot;
-            self.pending[home.vertex as usize] = false;
+            let vertex = self.bank.put_back(slot, blocks, &self.groups);
+            self.pending[vertex as usize] = false;
             if let Some(arrivals) = &mut self.arrivals {
                 arrivals.push(Arrival {
                     step: self.now,
-                    vertex: home.vertex,
+                    vertex,
                 });
             }
         }
@@ -173,75 +244,41 @@ impl Columns {
 
     /// Keeps a vertex's columns through this step.
     pub fn keep(&mut self, vertex: u32) {
-        let slot = self.place[vertex as usize];
-        if slot != MISSING {
-            self.slots[slot as usize].used = self.now;
-        }
+        self.bank.keep(vertex, self.now);
     }
 
     pub fn has(&self, vertex: u32) -> bool {
-        self.place[vertex as usize] != MISSING
+        self.bank.has(vertex)
     }
 
     /// Vertices whose columns are there.
     pub fn count(&self) -> usize {
-        self.place.iter().filter(|slot| **slot != MISSING).count()
+        self.bank.count()
     }
 
     /// Memory for one vertex \[bytes\].
     pub fn bytes_per_vertex(&self) -> usize {
-        size_of::<f64>() * 9 * self.place.len()
+        self.bank.bytes_per_vertex()
     }
 
     pub fn bytes(&self) -> usize {
-        self.slots.len() * self.bytes_per_vertex()
+        self.bank.bytes()
     }
 
     /// Computes the columns of those `vertices` that have none yet. Allocates until the memory limit is
     /// reached; then the columns used longest ago make room, but none that this step uses: whether all
     /// found room.
     pub fn compute(&mut self, tissue: &impl Factored, held: &HeldPoints, vertices: &[u32]) -> bool {
-        let mut slots = [MISSING; ColumnSolver::BATCH];
-        let mut batch = [MISSING; ColumnSolver::BATCH];
-        let mut count = 0;
-        let mut room = true;
-        // What is computed in a step is not worth a word.
-        let is_long = vertices.len() > LONG;
-        if is_long {
-            let bytes = vertices.len() as f64 * self.bytes_per_vertex() as f64;
-            work::begin("computing how the tissue gives way", || {
-                format!("{} places, {:.2} GB", vertices.len(), 1e-9 * bytes)
-            });
-        }
-        for (index, &vertex) in vertices.iter().enumerate() {
-            if !self.has(vertex)
-                && !self.pending[vertex as usize]
-                && !batch[..count].contains(&vertex)
-            {
-                match self.slot_for(vertex) {
-                    Some(slot) => {
-                        (slots[count], batch[count]) = (slot, vertex);
-                        count += 1;
-                    }
-                    None => room = false,
-                }
-            }
-            if count == batch.len() || (index + 1 == vertices.len() && count > 0) {
-                self.solver.solve(tissue, &batch[..count]);
-                for (which, (&slot, &vertex)) in slots.iter().zip(&batch[..count]).enumerate() {
-                    let home = &mut self.slots[slot as usize];
-                    self.solver.read(tissue, held, which, &mut home.blocks);
-                    let (grouped, start) = (&self.grouped, &self.group_start);
-                    largest(&home.blocks, grouped, start, &mut home.largest);
-                    self.place[vertex as usize] = slot;
-                }
-                if is_long {
-                    work::part(index + 1, vertices.len());
-                }
-                count = 0;
-            }
-        }
-        room
+        let Self {
+            bank,
+            solver,
+            groups,
+            pending,
+            now,
+            ..
+        } = self;
+        let on_its_way = |vertex: u32| pending[vertex as usize];
+        bank.compute(solver, tissue, held, groups, vertices, on_its_way, *now)
     }
 
     /// Asks the worker for a vertex's columns, unless they are there or on their way. They come with the
@@ -253,12 +290,11 @@ impl Columns {
         if !self.worker.as_ref().is_some_and(Worker::has_room) {
             return;
         }
-        if let Some(slot) = self.slot_for(vertex) {
-            let blocks = std::mem::take(&mut self.slots[slot as usize].blocks);
-            if let Some(worker) = &mut self.worker {
-                worker.ask(slot, vertex, blocks);
-                self.pending[vertex as usize] = true;
-            }
+        if let Some((slot, blocks)) = self.bank.take_out(vertex, self.groups.count(), self.now)
+            && let Some(worker) = &mut self.worker
+        {
+            worker.ask(slot, vertex, blocks);
+            self.pending[vertex as usize] = true;
         }
     }
 
@@ -271,65 +307,18 @@ impl Columns {
     pub fn belong_to(&mut self, factor: u64) {
         if self.factor != factor {
             self.factor = factor;
-            self.place.fill(MISSING);
-            self.empty.clear();
-            self.empty.extend((0..self.slots.len() as u32).rev());
+            self.bank.forget();
         }
-    }
-
-    /// One more slot, below the limit; none where the system has no memory for it, which then is the limit.
-    fn new_slot(&mut self, vertex: u32) -> Option<usize> {
-        if self.slots.len() >= self.most_slots {
-            return None;
-        }
-        let Ok(blocks) = memory::zeros("a column", 9 * self.place.len()) else {
-            self.most_slots = self.slots.len();
-            return None;
-        };
-        // Room to forget them all.
-        self.empty.reserve(self.slots.len() + 1);
-        self.slots.push(Slot {
-            vertex,
-            used: 0,
-            blocks,
-            largest: vec![0.0; self.group_start.len() - 1],
-        });
-        Some(self.slots.len() - 1)
-    }
-
-    /// A slot for `vertex`: a new one below the limit, else the one used longest ago.
-    fn slot_for(&mut self, vertex: u32) -> Option<u32> {
-        let slot = if let Some(empty) = self.empty.pop() {
-            empty as usize
-        } else if let Some(new) = self.new_slot(vertex) {
-            new
-        } else {
-            let idle = |slot: &Slot| slot.used < self.now && !slot.blocks.is_empty();
-            let (oldest, _) = self
-                .slots
-                .iter()
-                .enumerate()
-                .filter(|(_, slot)| idle(slot))
-                .min_by_key(|(index, slot)| (slot.used, *index))?;
-            oldest
-        };
-        let home = &mut self.slots[slot];
-        if self.place[home.vertex as usize] == slot as u32 {
-            self.place[home.vertex as usize] = MISSING;
-        }
-        home.vertex = vertex;
-        home.used = self.now;
-        Some(slot as u32)
     }
 
     /// Blocks of a vertex whose columns are there, (b x 3 x 3), each column-major.
     pub fn of(&self, vertex: u32) -> &[f64] {
-        &self.slots[self.place[vertex as usize] as usize].blocks
+        self.bank.of(vertex)
     }
 
     /// A force on `pushed` displaces no vertex of each group by more than this \[m/N\].
     pub fn largest(&self, pushed: u32) -> &[f64] {
-        &self.slots[self.place[pushed as usize] as usize].largest
+        self.bank.largest(pushed)
     }
 
     /// Displacement of `at` per force on `pushed`, whose columns must be there \[m/N\].
@@ -347,16 +336,5 @@ impl Columns {
                     block[axis] * force.x + block[3 + axis] * force.y + block[6 + axis] * force.z;
             }
         }
-    }
-}
-
-/// Largest Frobenius norm of the blocks of each group's vertices.
-fn largest(blocks: &[f64], grouped: &[u32], start: &[usize], out: &mut [f64]) {
-    for (out, ends) in out.iter_mut().zip(start.windows(2)) {
-        let squares = grouped[ends[0]..ends[1]].iter().map(|vertex| {
-            let block = &blocks[9 * *vertex as usize..9 * *vertex as usize + 9];
-            block.iter().map(|entry| entry * entry).sum::<f64>()
-        });
-        *out = squares.fold(0.0, f64::max).sqrt();
     }
 }

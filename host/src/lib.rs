@@ -20,6 +20,7 @@ pub mod model;
 pub mod needle;
 pub mod output;
 pub mod recording;
+mod renewal;
 pub mod rows;
 pub mod scene;
 pub mod script;

@@ -306,6 +306,9 @@ impl Model {
         if !self.held.is_empty() {
             return Err(ModelError::NeedlesAndHandles);
         }
+        if let Body::Corotational { tissue, .. } = &self.body {
+            tissue.has_room_for_needles()?;
+        }
         self.needles = Some(Needles::new(
             needles,
             tissue,

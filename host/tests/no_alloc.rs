@@ -6,7 +6,7 @@ use sutura_host::fem::{CorotationalTissue, Loads, Material, Policy};
 use sutura_host::mesh::slab;
 use sutura_host::model::{Model, Passes};
 use sutura_host::needle::{Curve, Geometry, Hierarchy, History, Slack, SlideStatus, slide};
-use sutura_host::step::{State, Status, Workspace, step};
+use sutura_host::step::{Rule, State, Status, Workspace, step};
 use sutura_host::tool::{Shape, Tool, ToolSample};
 
 /// Down, sideways through the tissue, up, and away, with two poses that are none.
@@ -137,6 +137,47 @@ fn a_step_on_corotational_tissue_allocates_nothing_once_it_has_columns() {
         most_rows >= 3 && refactorisations >= 5 && passes > 60,
         "{most_rows} {refactorisations} {passes}"
     );
+    assert_eq!(allocated.count_total, 0, "{allocated:?}");
+}
+
+/// The thread has memory of its own, and what it makes changes places with what is there.
+#[test]
+fn a_step_that_takes_over_a_factor_allocates_nothing() {
+    let mesh = slab([0.08, 0.08, 0.03], [8, 8, 4]).expect("a slab");
+    let bottom: Vec<u32> = (0..9 * 9).collect();
+    let material = Material {
+        youngs_modulus_pa: 15e3,
+        poisson_ratio: 0.45,
+    };
+    let tools = [(0, Tool::sphere(0.02, [0.0; 3]))];
+    let (policy, passes) = (Policy::default(), Passes::default());
+    let loads = Loads::default();
+    let model = Model::corotational(&mesh, material, &bottom, loads, &tools, policy, passes);
+    let model = model.expect("a model");
+    let mut state = State::new(&model);
+    let mut work = Workspace::new(&model);
+    work.vertices_per_step = 1000;
+    work.renew_beside(&model, Rule::SAME_EVERYWHERE);
+    let mut press = |ticks: std::ops::Range<u32>, work: &mut Workspace| {
+        let (mut adopted, mut asked, mut ok) = (0, 0, 0);
+        for tick in ticks {
+            let mut sample = path(0);
+            let wave = (std::f64::consts::TAU * f64::from(tick) / 60.0).cos();
+            sample.position_m = [0.0, 0.002 * wave, 0.016 + 0.005 * wave];
+            let report = step(&model, &mut state, &[sample], work);
+            adopted += report.renewals.adopted;
+            asked += report.renewals.asked;
+            ok += u32::from(report.status == Status::Ok);
+        }
+        (adopted, asked, ok)
+    };
+    // Once down and up, so that both sets of columns have grown.
+    press(0..120, &mut work);
+    let mut found = (0, 0, 0);
+    let allocated = allocation_counter::measure(|| found = press(120..240, &mut work));
+    let (adopted, asked, ok) = found;
+    assert!(adopted >= 3 && asked >= 3, "{adopted} {asked}");
+    assert_eq!(ok, 120);
     assert_eq!(allocated.count_total, 0, "{allocated:?}");
 }
 

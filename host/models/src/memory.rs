@@ -44,22 +44,16 @@ pub fn require(what: &'static str, needed_bytes: u64) -> Result<(), Shortage> {
     }
 }
 
-/// So many zeros, or the shortage.
+/// So many zeros, or the shortage. As `vec![0.0; count]` they cost nothing before they are touched.
 ///
 /// # Errors
 /// [`Shortage`], where the allocator has no such piece.
 pub fn zeros(what: &'static str, count: usize) -> Result<Vec<f64>, Shortage> {
-    let mut values: Vec<f64> = Vec::new();
-    let refused = values.try_reserve_exact(count).is_err();
-    if refused {
-        return Err(Shortage {
-            what,
-            needed_bytes: (count as u64).saturating_mul(size_of::<f64>() as u64),
-            available_bytes: available_bytes().unwrap_or_default(),
-        });
-    }
-    values.resize(count, 0.0);
-    Ok(values)
+    bytemuck::try_zeroed_vec(count).map_err(|()| Shortage {
+        what,
+        needed_bytes: (count as u64).saturating_mul(size_of::<f64>() as u64),
+        available_bytes: available_bytes().unwrap_or_default(),
+    })
 }
 
 /// What this process may still take \[bytes\]; `None` where the system does not say.

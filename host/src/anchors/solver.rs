@@ -9,6 +9,7 @@ use crate::clock::Clock;
 use crate::fem::{
     CorotationalTissue, Factored, LinearTissue, Linearisation, SolveScratch, TissueError,
 };
+use crate::renewal::{Renewals, Rule};
 use crate::rows::{self, Method};
 use std::sync::Arc;
 
@@ -71,7 +72,8 @@ pub enum AnchorStatus {
 /// Time spent in each stage \[ns\].
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct AnchorStages {
-    /// Rotations, internal forces, refactorisation; nothing for linear tissue.
+    /// Rotations, internal forces, refactorisation; taking over a renewed factor, and waiting for it. Nothing for
+    /// linear tissue.
     pub tissue_ns: u64,
     /// New columns.
     pub columns_ns: u64,
@@ -96,6 +98,8 @@ pub struct AnchorStep {
     pub passes: u32,
     /// The last linearisation of corotational tissue.
     pub linearisation: Option<Linearisation>,
+    /// Factors made beside the steps.
+    pub renewals: Renewals,
     /// Time per stage.
     pub stages: AnchorStages,
 }
@@ -152,16 +156,29 @@ impl AnchorSolver {
         })
     }
 
-    /// From now on a thread of its own computes columns: a step that needs one that is not there waits.
-    /// Only linear tissue keeps its columns long enough for that; nothing happens for other tissue.
+    /// From now on a thread of its own works while steps go on. For linear tissue it computes columns: a step that
+    /// needs one that is not there waits. For corotational tissue it renews the factor and the columns in use, which
+    /// the first step that finds them there takes over; steps compute new columns of the factor that they have.
     ///
     /// # Errors
     /// What the system says when it has no thread to give.
     pub fn start_worker(&mut self) -> std::io::Result<()> {
-        if let Body::Linear { tissue, .. } = &self.body {
-            self.system.start_worker(tissue.clone(), &self.reached)?;
+        match &self.body {
+            Body::Linear { tissue, .. } => {
+                self.system.start_worker(tissue.clone(), &self.reached)?;
+            }
+            Body::Corotational { .. } => {
+                let rule = Rule::WhenThere;
+                self.system.renew_beside(&self.body, &self.reached, rule);
+            }
         }
         Ok(())
+    }
+
+    /// From now on factors of corotational tissue are renewed beside the steps and taken over by `rule`, unless its
+    /// policy wants them fresh; nothing happens for linear tissue.
+    pub fn renew_beside(&mut self, rule: Rule) {
+        self.system.renew_beside(&self.body, &self.reached, rule);
     }
 
     /// Has the worker compute the columns of a node that anchors will soon name.
@@ -185,6 +202,8 @@ impl AnchorSolver {
             return report;
         }
         system.begin_step();
+        report.renewals = system.take_over(body, grasp);
+        clock.lap(&mut report.stages.tissue_ns);
         let settings = *system.settings();
         loop {
             let balance = system.look(body, grasp);
@@ -196,6 +215,7 @@ impl AnchorSolver {
             }
             let linearisation = system.linearise(body, grasp);
             report.linearisation = linearisation.or(report.linearisation);
+            report.renewals.asked += u32::from(linearisation.is_some_and(|l| l.asked));
             clock.lap(&mut report.stages.tissue_ns);
             let budget = settings
                 .vertices_per_step

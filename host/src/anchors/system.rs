@@ -9,8 +9,10 @@ use super::{AnchorPoint, AnchorRow, AnchorSettings, SpreadRow, Term};
 use crate::body::{Body, BodyWork, Motion, Push};
 use crate::columns::Columns;
 use crate::fem::{
-    Balance, Factored, HeldPoints, LinearTissue, Linearisation, SolveScratch, TissueError,
+    Balance, Factored, HeldPoints, LinearTissue, Linearisation, Numbering, SolveScratch,
+    TissueError,
 };
+use crate::renewal::{Renewals, Rule};
 use crate::rows::{self, Problem, Row};
 use nalgebra::{Matrix3, Vector3};
 use serde::Serialize;
@@ -102,8 +104,7 @@ impl Grasp {
 }
 
 /// All free nodes.
-fn everywhere(tissue: &LinearTissue) -> Vec<u32> {
-    let numbering = tissue.numbering();
+fn everywhere(numbering: &Numbering) -> Vec<u32> {
     let nodes = 0..numbering.nodes() as u32;
     nodes.filter(|node| !numbering.is_fixed(*node)).collect()
 }
@@ -194,8 +195,7 @@ impl System {
         groups: &[Vec<u32>],
     ) -> Self {
         let numbering = body.numbering();
-        let nodes = 0..numbering.nodes() as u32;
-        let reached: Vec<u32> = nodes.filter(|node| !numbering.is_fixed(*node)).collect();
+        let reached = everywhere(numbering);
         let mut reached_of_node = vec![UNREACHED; numbering.nodes()];
         for (place, &node) in (0u32..).zip(&reached) {
             reached_of_node[node as usize] = place;
@@ -270,13 +270,13 @@ impl System {
 
     /// As [`Self::start_worker`], for a system that reaches all free nodes.
     pub fn start_worker_everywhere(&mut self, tissue: Arc<LinearTissue>) -> std::io::Result<()> {
-        let reached = everywhere(&tissue);
+        let reached = everywhere(tissue.numbering());
         self.start_worker(tissue, &reached)
     }
 
     /// As [`Self::start_worker_everywhere`], for a replay.
     pub fn replay_worker_everywhere(&mut self, tissue: Arc<LinearTissue>) {
-        let reached = everywhere(&tissue);
+        let reached = everywhere(tissue.numbering());
         self.columns
             .replay_worker(tissue, self.held.clone(), &reached);
     }
@@ -445,6 +445,23 @@ impl System {
 
     pub fn begin_step(&mut self) {
         self.columns.begin_step();
+    }
+
+    /// After [`Self::begin_step`]: takes over a factor that was renewed beside the steps if its time has come.
+    pub fn take_over(&mut self, body: &Body, grasp: &mut Grasp) -> Renewals {
+        body.begin_step(&mut grasp.motion, &mut self.columns, &self.held)
+    }
+
+    /// From now on factors of turning tissue are renewed beside the steps and taken over by `rule`, unless its policy
+    /// wants them fresh; whether they are.
+    pub fn renew_beside(&mut self, body: &Body, reached: &[u32], rule: Rule) -> bool {
+        body.renew_beside(&mut self.columns, &self.held, reached, rule)
+    }
+
+    /// As [`Self::renew_beside`], for a system that reaches all free nodes.
+    pub fn renew_everywhere(&mut self, body: &Body, rule: Rule) -> bool {
+        let reached = everywhere(body.numbering());
+        self.renew_beside(body, &reached, rule)
     }
 
     /// Reads anchors and rows; whether they make sense: no more than the settings allow, rows in the

@@ -5,6 +5,7 @@
 use crate::fem::{ColumnScratch, Factored, HeldPoints};
 
 /// Where columns are read, and buffers.
+#[derive(Clone)]
 pub(crate) struct ColumnSolver {
     /// First unknown of every vertex that can be reached, (b).
     first_unknown: Vec<usize>,

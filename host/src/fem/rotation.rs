@@ -102,7 +102,7 @@ fn symmetric(a: &Matrix3<f64>) -> Matrix3<f64> {
     Matrix3::new(a[(0, 0)], xy, zx, xy, a[(1, 1)], yz, zx, yz, a[(2, 2)])
 }
 
-fn matrix(rotation: &UnitQuaternion<f64>) -> Matrix3<f64> {
+pub(super) fn matrix(rotation: &UnitQuaternion<f64>) -> Matrix3<f64> {
     rotation.to_rotation_matrix().into_inner()
 }
 

@@ -37,6 +37,7 @@ pub(super) struct Supernodes {
 }
 
 /// Buffers of a solve.
+#[derive(Clone)]
 pub(crate) struct SweepScratch<const K: usize> {
     /// Right-hand sides in the factor's order, one after the other, (K x n).
     x: Vec<f64>,

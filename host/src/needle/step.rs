@@ -169,6 +169,8 @@ pub(crate) fn step(
     clock: &mut Clock,
 ) -> Status {
     work.drive.system.begin_step();
+    report.renewals = work.drive.system.take_over(&model.body, &mut state.grasp);
+    clock.lap(&mut report.stages.tissue_ns);
     let count = state.each.len();
     let mut speeds = [0.0; MAX_NEEDLES];
     for (speed, each) in speeds.iter_mut().zip(&state.each) {
@@ -222,6 +224,7 @@ pub(crate) fn step(
             if !linearised.sound {
                 break Status::NotConverged;
             }
+            report.renewals.asked += u32::from(linearised.asked);
             if linearised.refactored {
                 report.refactorisations += 1;
                 report.tangent_error = 0.0;

@@ -47,6 +47,8 @@ pub struct About {
     pub lockstep: bool,
     /// Whether a thread computed the solver's columns, which come when they come.
     pub worker: bool,
+    /// Whether factors of turning tissue were renewed beside the steps; older programs made them in the step.
+    pub renews: bool,
     /// Tissue model that the scene was run with.
     pub tissue: String,
     /// The session.
@@ -75,6 +77,7 @@ impl About {
             console: String::new(),
             lockstep: false,
             worker: false,
+            renews: true,
             tissue: tissue.to_owned(),
             plan: *plan,
         }
@@ -103,6 +106,7 @@ impl About {
             ("console", self.console.clone()),
             ("lockstep", self.lockstep.to_string()),
             ("worker", self.worker.to_string()),
+            ("renews", self.renews.to_string()),
             ("tissue", self.tissue.clone()),
             // Numbers are written so that they are read back to the bit.
             (
@@ -147,6 +151,8 @@ impl About {
             console: word("console")?,
             lockstep: truth("lockstep")?,
             worker: truth("worker")?,
+            // Older programs do not say.
+            renews: words.contains_key("renews") && truth("renews")?,
             tissue: word("tissue")?,
             plan: read_plan(&word("plan")?)?,
         })

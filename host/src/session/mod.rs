@@ -148,6 +148,10 @@ pub trait SceneSolver: Solve {
 
     /// What comes in steps to come, and how far the next solve looks ahead.
     fn expect(&mut self, _arrivals: &[Arrival], _looked: Looked) {}
+
+    /// From now on no long work is done beside the steps but columns: as it was when recordings did not say when a
+    /// factor came.
+    fn renew_in_step(&mut self) {}
 }
 
 /// The solver of a scene's tissue, prepared for what a session is to be.

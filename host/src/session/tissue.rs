@@ -16,7 +16,7 @@ use crate::output::tip_word;
 use crate::scene::{Needle, Scene, Tissue};
 use crate::script::{Path, Script, path};
 use crate::solve::{SolveError, bring_in};
-use crate::step::{self, Arrival, Status, StepReport, ToolRows, Workspace};
+use crate::step::{self, Arrival, Rule, Status, StepReport, ToolRows, Workspace};
 use crate::thread::{ThreadReport, ThreadTension};
 use crate::tool::ToolSample;
 use crate::wound::Wound;
@@ -165,6 +165,9 @@ impl TissueSolver {
     /// As there.
     pub fn for_session(scene: &Scene, plan: &Plan) -> Result<Self, SolveError> {
         let mut solver = TissueSolver::new(scene)?;
+        // The same on every machine; a session in real time has them when they are there.
+        let rule = Rule::SAME_EVERYWHERE;
+        solver.work.renew_beside(&solver.model, rule);
         let used = plan.hand.way_points.get(..usize::from(plan.hand.count));
         let hand_s = used
             .and_then(<[_]>::last)
@@ -727,7 +730,7 @@ impl SceneSolver for TissueSolver {
         self.state.hash()
     }
 
-    /// Only linear tissue keeps its columns long enough; without a thread they are computed in the step as before.
+    /// Without a thread columns and factors are computed in the step.
     fn start_worker(&mut self) {
         self.budget.measure();
         if let Err(error) = self.work.start_worker(&self.model) {
@@ -751,5 +754,9 @@ impl SceneSolver for TissueSolver {
     fn expect(&mut self, arrivals: &[Arrival], looked: Looked) {
         self.work.expect(arrivals);
         self.budget.expect(looked);
+    }
+
+    fn renew_in_step(&mut self) {
+        self.work.renew_in_step();
     }
 }

@@ -18,6 +18,7 @@ use crate::contact::tangent::PoseWork;
 use crate::hash::hash_of;
 use crate::model::Model;
 use crate::needle::{self, MAX_NEEDLES, NeedleReport, NeedlesState, NeedlesWork};
+pub use crate::renewal::{Renewals, Rule};
 use crate::thread::{Bridge, ThreadEnd, ThreadHold, ThreadPoint, ThreadReport, Tightening};
 use crate::tool::{MAX_TOOLS, Placement, ToolSample};
 use nalgebra::Vector3;
@@ -86,7 +87,8 @@ pub struct ToolContact {
 /// Time spent in each stage \[ns\].
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
 pub struct Stages {
-    /// Rotations, internal forces and factorisation of corotational tissue.
+    /// Rotations, internal forces and factorisation of corotational tissue; taking over a renewed factor, and
+    /// waiting for it.
     pub tissue_ns: u64,
     /// Where the boundary is and which vertices are near a tool.
     pub detect_ns: u64,
@@ -148,8 +150,10 @@ pub struct StepReport {
     pub imbalance: f64,
     /// Estimate of the tangents' relative error. 0 for linear tissue.
     pub tangent_error: f64,
-    /// Times the stiffness was factored.
+    /// Times the stiffness was factored in the step.
     pub refactorisations: u32,
+    /// Factors made beside the steps.
+    pub renewals: Renewals,
     /// Elastic energy that the tools have put into the tissue \[J\].
     pub stored_energy_j: f64,
     /// Time per stage.
@@ -451,13 +455,15 @@ impl Workspace {
     /// From now on a thread of its own computes columns, ahead of the tools where it can; a step that
     /// needs one that is not there says [`Status::Waiting`]. The bits of what a step finds in contact are the
     /// same, but not when it finds it, nor from when on it knows the tangent of a touch to come: for live
-    /// sessions, whose [arrivals](Self::take_arrivals) a replay needs. Nothing happens for corotational
-    /// tissue, which does not keep its columns long enough.
+    /// sessions, whose [arrivals](Self::take_arrivals) a replay needs. For corotational tissue as
+    /// [`Self::renew_beside`] in the steps in which factors are there; columns of newly touched vertices are
+    /// computed in the step.
     ///
     /// # Errors
     /// What the system says when it has no thread to give.
     pub fn start_worker(&mut self, model: &Model) -> std::io::Result<()> {
         let Body::Linear { tissue, .. } = &model.body else {
+            self.renew_beside(model, Rule::WhenThere);
             return Ok(());
         };
         let (tissue, held) = (tissue.clone(), model.held.clone());
@@ -471,6 +477,7 @@ impl Workspace {
     /// came.
     pub fn replay_worker(&mut self, model: &Model) {
         let Body::Linear { tissue, .. } = &model.body else {
+            self.renew_beside(model, Rule::AsRecorded);
             return;
         };
         let (tissue, held) = (tissue.clone(), model.held.clone());
@@ -478,6 +485,27 @@ impl Workspace {
             Some(needles) => needles.drive.system.replay_worker_everywhere(tissue),
             None => self.columns.replay_worker(tissue, held, &model.touchable),
         }
+    }
+
+    /// From now on factors of corotational tissue are renewed, with the columns in use, by a thread beside the steps,
+    /// and taken over by `rule`. A state's bits depend on the steps in which that happens and on nothing else. Nothing
+    /// happens for linear tissue, nor for a policy that wants factors fresh.
+    pub fn renew_beside(&mut self, model: &Model, rule: Rule) {
+        let Self {
+            needles, columns, ..
+        } = self;
+        match needles {
+            Some(needles) => needles.drive.system.renew_everywhere(&model.body, rule),
+            None => {
+                let (body, held) = (&model.body, &model.held);
+                body.renew_beside(columns, held, &model.touchable, rule)
+            }
+        };
+    }
+
+    /// From now on factors of corotational tissue are made in the step that needs them, as they are at first.
+    pub fn renew_in_step(&mut self) {
+        self.served().renew_in_step();
     }
 
     /// What comes from the worker of a replay in steps to come.
@@ -496,7 +524,7 @@ impl Workspace {
     }
 
     /// The columns that a worker computes.
-    fn served(&mut self) -> &mut Columns {
+    pub(crate) fn served(&mut self) -> &mut Columns {
         match &mut self.needles {
             Some(needles) => needles.drive.system.columns_mut(),
             None => &mut self.columns,

@@ -19,6 +19,10 @@ pub(super) fn pass(
     if model.body.is_linear() || model.tools.is_empty() {
         return path::follow(model, state, targets, work, report, clock);
     }
+    report.renewals = model
+        .body
+        .begin_step(&mut state.motion, &mut work.columns, &model.held);
+    clock.lap(&mut report.stages.tissue_ns);
     loop {
         let body = &model.body;
         if let Some(balance) = body.look(&mut state.motion, &mut work.body, &work.columns) {
@@ -35,6 +39,7 @@ pub(super) fn pass(
             if !linearised.sound {
                 return Status::NotConverged;
             }
+            report.renewals.asked += u32::from(linearised.asked);
             if linearised.refactored {
                 report.refactorisations += 1;
                 report.tangent_error = 0.0;

@@ -331,14 +331,22 @@ pub(super) fn budget(work: &Workspace, report: &StepReport) -> usize {
 /// there soon.
 fn look_ahead(model: &Model, state: &State, work: &mut Workspace, report: &mut StepReport) {
     // The next factor would make them void.
-    if !model.body.is_linear() {
+    let linear = model.body.is_linear();
+    if !linear && !work.columns.renews() {
         return;
     }
-    let columns = &work.columns;
     work.contact.near.sort_unstable_by(|a, b| {
         let nearer = a.gap.total_cmp(&b.gap);
         nearer.then((a.vertex, a.tool).cmp(&(b.vertex, b.tool)))
     });
+    if !linear {
+        // It can have them from the start.
+        for near in &work.contact.near {
+            work.columns.wish(near.vertex);
+        }
+        return;
+    }
+    let columns = &work.columns;
     if columns.has_worker() {
         for near in &work.contact.near {
             work.columns.request(near.vertex);

@@ -6,6 +6,7 @@ mod corotational;
 mod jacobian;
 mod poses;
 mod punch;
+mod renewal;
 mod rows;
 mod tools;
 mod worker;

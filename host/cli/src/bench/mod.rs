@@ -45,6 +45,10 @@ pub struct BenchArgs {
     /// Steps of a pass of the suite.
     #[arg(long, default_value_t = 1000, value_parser = clap::value_parser!(u32).range(1..=100_000), requires = "suite")]
     pub steps: u32,
+    /// Steps of the suite on corotational tissue begin this often a second, and factors are renewed by a thread beside
+    /// them, as in a session; otherwise one step begins when the last ends and makes what it needs itself.
+    #[arg(long, value_name = "HZ", requires = "suite", value_parser = rate)]
+    pub paced: Option<f64>,
     /// Runs only what has NAME in its name, as the suite prints it: `sliding`, `tubes 5 k`, `palpation`.
     #[arg(long, value_name = "NAME", requires = "suite")]
     pub only: Option<String>,
@@ -57,6 +61,7 @@ Examples:
   sutura bench scenes/anastomosis-50.toml --tissue corotational
   sutura bench --suite                     60 and 150 rows on tubes and a cylinder, up to 20,000 nodes
   sutura bench --suite --steps 100         the same, shorter
+  sutura bench --suite --steps 250 --paced 60 --only 1,650
   sutura bench --suite --only sliding      what a needle's speed costs where nothing is computed yet
 
 Figures of scenes are medians over all steps in contact (and once more over those in which a thread pulls), after every compliance column was computed; first_touch_us is
@@ -136,7 +141,14 @@ struct Rows {
 /// What corotational tissue did.
 #[derive(Serialize)]
 struct Turning {
+    /// Made in the step.
     refactors_per_step: f64,
+    /// Made beside the steps and taken over, and those of them that the step waited for.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    renewals_per_step: Option<[f64; 2]>,
+    /// CPU time of all threads.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    cpu_us_per_step: Option<f64>,
     /// Of any cell.
     largest_rotation_deg: f64,
     /// Largest difference from the fully converged displacement, over its largest entry.
@@ -159,6 +171,13 @@ struct StagesUs(Vec<(&'static str, f64)>);
 impl Serialize for StagesUs {
     fn serialize<S: serde::Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
         serializer.collect_map(self.0.iter().copied())
+    }
+}
+
+fn rate(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(rate) if (1.0..=1000.0).contains(&rate) => Ok(rate),
+        _ => Err("must be 1 to 1000".to_owned()),
     }
 }
 
@@ -195,7 +214,8 @@ pub fn run(args: &BenchArgs, global: &Global) -> Result<(), Failure> {
     let mut cases = Vec::new();
     let mut slides = Vec::new();
     if args.suite {
-        (cases, slides) = suite::run(args.steps as usize, args.only.as_deref(), &progress)?;
+        let steps = args.steps as usize;
+        (cases, slides) = suite::run(steps, args.paced, args.only.as_deref(), &progress)?;
         progress.reset();
         progress.set_length((scenes.len() * (2 + PASSES)) as u64);
     }
@@ -456,11 +476,17 @@ fn print_text(report: &Report) {
         }
         if let Some(turning) = &case.turning {
             say!(
-                "  {:.3} refactorisations a step, cells turn by up to {:.0} degrees, displacement within {:.2} % of the converged one",
+                "  {:.3} refactorisations in a step, cells turn by up to {:.0} degrees, displacement within {:.2} % of the converged one",
                 turning.refactors_per_step,
                 turning.largest_rotation_deg,
                 turning.displacement_difference_pct
             );
+            if let Some([adopted, waited]) = turning.renewals_per_step {
+                say!("  {adopted:.3} factors a step made beside it, {waited:.3} waited for");
+            }
+            if let Some(cpu_us) = turning.cpu_us_per_step {
+                say!("  {cpu_us:.0} us of CPU time a step, all threads together");
+            }
         }
         if case.steps_not_ok > 0 {
             say!(

@@ -17,6 +17,7 @@ use sutura_host::fem::{
     Anchor, CorotationalTissue, Handle, LinearTissue, Loads, Material, Policy, TissueError,
 };
 use sutura_host::mesh::{MeshError, TetMesh, read_msh, tube};
+use sutura_host::step::Renewals;
 
 /// Steps a second: the host keeps up with the console.
 pub const RATE_HZ: f64 = 1000.0;
@@ -46,14 +47,17 @@ struct Task {
     corotational: bool,
     /// Displacement of all nodes in every step.
     field: bool,
+    /// Steps a second, with long work beside them.
+    paced: Option<f64>,
 }
 
-/// Runs the suite with so many steps a pass, or that of it whose name contains `only`.
+/// Runs the suite with so many steps a pass, on corotational tissue `paced` \[Hz\], or that of it whose name contains `only`.
 ///
 /// # Errors
 /// None that the shipped meshes could cause.
 pub fn run(
     steps: usize,
+    paced: Option<f64>,
     only: Option<&str>,
     progress: &ProgressBar,
 ) -> Result<(Vec<Case>, Vec<Slide>), Failure> {
@@ -67,6 +71,7 @@ pub fn run(
                     rows,
                     corotational,
                     field,
+                    paced: paced.filter(|_| corotational),
                 });
             }
         }
@@ -78,6 +83,7 @@ pub fn run(
                 rows: 60,
                 corotational: false,
                 field,
+                paced: None,
             });
         }
     }
@@ -200,9 +206,13 @@ fn measure(bench: &Bench, task: Task, steps: usize) -> Result<Case, Failure> {
             None => AnchorSolver::linear(linear.clone(), &bench.reached, settings),
         }
         .map_err(tissue_error)?;
+        if task.paced.is_some() {
+            let started = solver.start_worker();
+            started.map_err(|error| unexpected(error.to_string()))?;
+        }
         let truth = turning.as_deref().filter(|_| pass == 0);
         let before = walk.took.len();
-        walk.pass(&mut solver, circling.clone(), task.field, steps, truth);
+        walk.pass(&mut solver, circling.clone(), task, steps, truth);
         medians.push(quantile(&mut walk.took[before..].to_vec(), 0.5));
         cached = solver.cached_vertices();
         bytes = solver.column_bytes().1;
@@ -272,7 +282,7 @@ fn measure(bench: &Bench, task: Task, steps: usize) -> Result<Case, Failure> {
             vertex_kb: 1e-3 * bytes as f64 / cached.max(1) as f64,
             cached_vertices: cached,
         }),
-        turning: turning.map(|_| walk.turning(steps)),
+        turning: turning.map(|_| walk.turning(steps, task)),
     })
 }
 
@@ -288,6 +298,8 @@ struct Walk {
     /// largest entry.
     largest_rotation: f64,
     difference: f64,
+    /// CPU time of all threads during warm steps \[us\], without comparisons.
+    cpu_us: f64,
 }
 
 impl Walk {
@@ -295,22 +307,27 @@ impl Walk {
         &mut self,
         solver: &mut AnchorSolver,
         mut circling: Circling,
-        field: bool,
+        task: Task,
         steps: usize,
         truth: Option<&CorotationalTissue>,
     ) {
         let mut converged = truth.map(CorotationalTissue::state);
+        let every = Duration::from_secs_f64(task.paced.map_or(0.0, f64::recip));
         for step in 0..GROWING + steps as u64 {
             let (points, rows) = circling.at(step, RATE_HZ);
+            let cpu_us = cpu_time_us();
             let started = Instant::now();
-            let report = solver.step(points, rows, field);
+            let report = solver.step(points, rows, task.field);
             let took = started.elapsed();
+            std::thread::sleep(every.saturating_sub(took));
+            let spent_us = cpu_time_us() - cpu_us;
             if step < GROWING {
                 self.cold.push(report);
                 continue;
             }
             self.took.push(1e6 * took.as_secs_f64());
             self.reports.push(report);
+            self.cpu_us += spent_us;
             if let (Some(tissue), Some(state)) = (truth, &mut converged)
                 && ((step - GROWING) as usize).is_multiple_of(COMPARED_EVERY)
             {
@@ -328,18 +345,38 @@ impl Walk {
         }
     }
 
-    fn turning(&self, steps: usize) -> Turning {
+    fn turning(&self, steps: usize, task: Task) -> Turning {
         let of_tissue = |report: &AnchorStep| report.linearisation;
         let refactored = self
             .reports
             .iter()
             .filter_map(of_tissue)
             .filter(|l| l.refactored);
+        let per_step = |count: f64| count / (PASSES * steps.max(1)) as f64;
+        let renewals = self.reports.iter().map(|report| report.renewals);
+        let renewals = renewals.fold(Renewals::default(), Renewals::plus);
+        let renewals = [renewals.adopted, renewals.waited].map(|count| per_step(f64::from(count)));
+        let paced = |_: &f64| task.paced.is_some();
         Turning {
-            refactors_per_step: refactored.count() as f64 / (PASSES * steps.max(1)) as f64,
+            refactors_per_step: per_step(refactored.count() as f64),
+            renewals_per_step: task.paced.map(|_| renewals),
+            cpu_us_per_step: Some(per_step(self.cpu_us)).filter(paced),
             largest_rotation_deg: self.largest_rotation.to_degrees(),
             displacement_difference_pct: 100.0 * self.difference,
         }
+    }
+}
+
+/// CPU time of all threads of this process so far \[us\]; 0 where the system does not say.
+fn cpu_time_us() -> f64 {
+    #[cfg(unix)]
+    {
+        let time = rustix::time::clock_gettime(rustix::time::ClockId::ProcessCPUTime);
+        1e6 * time.tv_sec as f64 + 1e-3 * time.tv_nsec as f64
+    }
+    #[cfg(not(unix))]
+    {
+        0.0
     }
 }
 

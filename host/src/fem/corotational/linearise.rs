@@ -7,7 +7,7 @@ use super::super::element::Element;
 use super::super::rotation::{Polar, polar};
 use super::cell::{self, add_force, gradient, tangent_blocks, tangent_stress};
 use super::{CorotationalState, CorotationalTissue, CorotationalWorkspace};
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 use serde::Serialize;
 
 /// Which tangent a factor is of.
@@ -48,6 +48,8 @@ pub struct Linearisation {
     pub rotation_since_refactor_rad: f64,
     /// Whether the factor is new: columns computed with the last one are void.
     pub refactored: bool,
+    /// Whether a factor of this tangent was asked for, to be made beside the steps.
+    pub asked: bool,
     /// Which tangent the factor is of.
     pub tangent: TangentKind,
     /// Iterations of conjugate gradients; 0 where the factor alone was used.
@@ -71,7 +73,7 @@ impl CorotationalTissue {
         external: &[f64],
     ) -> Linearisation {
         self.look(state, workspace, external);
-        self.answer(state, workspace, external)
+        self.answer(state, workspace, external, false)
     }
 
     /// The first half of [`Self::linearise`]: rotations at `state.u` and the out-of-balance force.
@@ -103,12 +105,14 @@ impl CorotationalTissue {
         }
     }
 
-    /// The second half: what the tangent answers to the last [`Self::look`].
+    /// The second half: what the tangent answers to the last [`Self::look`]. With `beside` a factor that gets old is
+    /// asked for, and made here only where the old one is of no help any more.
     pub(crate) fn answer(
         &self,
         state: &mut CorotationalState,
         workspace: &mut CorotationalWorkspace,
         external: &[f64],
+        beside: bool,
     ) -> Linearisation {
         workspace.predicted.copy_from_slice(state.unknowns());
         let internal = workspace.force.as_flattened();
@@ -119,6 +123,7 @@ impl CorotationalTissue {
             contraction: 0.0,
             rotation_since_refactor_rad: state.rotation_since_refactor(),
             refactored: false,
+            asked: false,
             tangent: state.tangent,
             cg_iterations: 0,
             cg_residual: 0.0,
@@ -135,8 +140,15 @@ impl CorotationalTissue {
         state.linearised = true;
 
         state.age = state.age.saturating_add(1);
-        let is_old = report.rotation_since_refactor_rad > self.policy.refactor_rotation_rad
-            || state.age > self.policy.refactor_every;
+        let turn_rad = report.rotation_since_refactor_rad;
+        let is_old = if beside {
+            self.is_helpless(turn_rad)
+        } else {
+            turn_rad > self.policy.refactor_rotation_rad || state.age > self.policy.refactor_every
+        };
+        if beside && !is_old && state.moved && self.is_ageing(state, turn_rad) {
+            report.asked = state.ask(workspace);
+        }
         if is_old && state.moved {
             report.sound = self.refactor(state, workspace);
             report.refactored = report.sound;
@@ -247,6 +259,7 @@ impl CorotationalTissue {
                 state.fingerprint = fingerprint(values);
                 state.age = 0;
                 state.moved = false;
+                state.asked.forgo();
                 return true;
             }
         }
@@ -255,9 +268,19 @@ impl CorotationalTissue {
 
     /// Lower triangle of the tangent at the last update.
     pub(super) fn assemble(&self, workspace: &mut CorotationalWorkspace, kind: TangentKind) {
-        let values = &mut workspace.stiffness[..];
+        let cells = workspace.polar.iter().copied();
+        self.assemble_of(cells, &mut workspace.stiffness, kind);
+    }
+
+    /// Lower triangle of the tangent of cells that are turned and stretched so.
+    pub(super) fn assemble_of(
+        &self,
+        cells: impl Iterator<Item = Polar>,
+        values: &mut [f64],
+        kind: TangentKind,
+    ) {
         values.fill(0.0);
-        for (index, (element, polar)) in self.elements.iter().zip(&workspace.polar).enumerate() {
+        for (index, (element, polar)) in self.elements.iter().zip(cells).enumerate() {
             let twist = cell::twist(element, &polar.stretch, kind);
             let blocks = tangent_blocks(element, &polar.rotation, &twist);
             self.pattern.add_cell(values, index, &blocks);
@@ -360,10 +383,15 @@ impl CorotationalState {
 
     /// Largest turn of a cell since its tangent was factored \[rad\].
     pub(super) fn rotation_since_refactor(&self) -> f64 {
+        self.rotation_since(&self.factored_rotations)
+    }
+
+    /// Largest turn of a cell from `then`, (m) \[rad\].
+    pub(super) fn rotation_since(&self, then: &[UnitQuaternion<f64>]) -> f64 {
         let cosine = self
             .rotations
             .iter()
-            .zip(&self.factored_rotations)
+            .zip(then)
             .map(|(now, then)| now.coords.dot(&then.coords).abs())
             .fold(1.0, f64::min);
         2.0 * cosine.acos()
@@ -372,7 +400,7 @@ impl CorotationalState {
 
 /// FNV-1a over the bits (Fowler, Noll & Vo 1991): equal for equal tangents, and as good as never
 /// otherwise. Odd, because 0 stands for the factor at rest.
-fn fingerprint(values: &[f64]) -> u64 {
+pub(super) fn fingerprint(values: &[f64]) -> u64 {
     let mix = |hash: u64, value: &f64| (hash ^ value.to_bits()).wrapping_mul(0x0100_0000_01b3);
     values.iter().fold(0xcbf2_9ce4_8422_2325, mix) | 1
 }

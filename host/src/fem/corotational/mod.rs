@@ -9,6 +9,7 @@ mod cell;
 mod equilibrium;
 mod linearise;
 mod model;
+mod renewed;
 mod state;
 #[cfg(test)]
 mod tests;
@@ -16,6 +17,7 @@ mod tests;
 pub(crate) use linearise::Balance;
 pub use linearise::{Linearisation, TangentKind};
 pub use model::{CorotationalModel, ModelSettings};
+pub(crate) use renewed::{RenewScratch, Renewed};
 pub use state::{CorotationalState, CorotationalWorkspace};
 
 use super::assembly::{self, assemble};
@@ -26,12 +28,13 @@ use super::handles::Factored;
 use super::numbering::Numbering;
 use super::pattern::Pattern;
 use crate::mesh::TetMesh;
-use sutura_models::Materials;
+use sutura_models::{Materials, memory};
 
 /// How much work goes into following the tangent: speed against accuracy of one step.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Policy {
-    /// The tangent is factored anew once a cell has turned by more than this since the last time \[rad\].
+    /// The tangent is factored anew once a cell has turned by more than this since the last time \[rad\]. Beside the
+    /// steps it is asked for at half of that, and in the step factored only at twice that.
     pub refactor_rotation_rad: f64,
     /// ... and after this many steps, for what changes without turning.
     pub refactor_every: u32,
@@ -42,8 +45,11 @@ pub struct Policy {
     pub cg_tolerance: f64,
 }
 
-/// Copies of a factor: at rest, of the state and of one that was kept of it, and the one being made.
-const COPIES: usize = 4;
+/// Copies of a factor: at rest, of the model and of a state, the one being made in a step, and two for the one being made
+/// beside it.
+const COPIES: usize = 6;
+/// And with needles: of their own state and of the one that was kept of it, and the one being made in their steps.
+const COPIES_FOR_NEEDLES: usize = 3;
 
 impl Default for Policy {
     /// 0.1 rad, because a stale solve then leaves a third of the energy norm in a bent block (nu = 0.45:
@@ -162,6 +168,18 @@ impl CorotationalTissue {
             round_off_n,
             stiffness_ratio,
         })
+    }
+
+    /// Whether there is memory for needles, too.
+    ///
+    /// # Errors
+    /// [`TissueError::TooLarge`].
+    pub(crate) fn has_room_for_needles(&self) -> Result<(), TissueError> {
+        let bytes = size_of::<f64>() * self.factor_entries() * COPIES_FOR_NEEDLES;
+        Ok(memory::require(
+            "the factor of its stiffness",
+            bytes as u64,
+        )?)
     }
 
     /// Number of nodes, fixed ones included.

@@ -5,6 +5,7 @@
 use super::super::error::TissueError;
 use super::super::factor::{Factor, RefactorScratch, SolveScratch};
 use super::super::rotation::Polar;
+use super::renewed::Asked;
 use super::{CorotationalTissue, TangentKind};
 use nalgebra::{Matrix3, UnitQuaternion};
 use serde::Serialize;
@@ -42,6 +43,9 @@ pub struct CorotationalState {
     pub(super) fingerprint: u64,
     /// Whether the displacement may have changed since.
     pub(super) moved: bool,
+    /// The next factor: what it is of follows from the states before, as the factor does.
+    #[serde(skip)]
+    pub(super) asked: Asked,
 }
 
 impl CorotationalState {
@@ -62,6 +66,7 @@ impl CorotationalState {
             generation: 0,
             fingerprint: 0,
             moved: false,
+            asked: Asked::nothing(tissue.cells()),
         }
     }
 
@@ -145,6 +150,7 @@ impl PartialEq for CorotationalState {
             && (self.linearised, self.age, self.moved, self.tangent)
                 == (other.linearised, other.age, other.moved, other.tangent)
             && self.fingerprint == other.fingerprint
+            && self.asked == other.asked
     }
 }
 

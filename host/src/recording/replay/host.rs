@@ -62,6 +62,9 @@ pub fn replay_host(
     if recording.about.worker {
         solver.replay_worker();
     }
+    if !recording.about.renews {
+        solver.renew_in_step();
+    }
     let sessions = sessions(recording);
     let mut run = Run {
         states: states(&sessions),
