@@ -15,15 +15,15 @@ use sutura_host::recording::replay::{
     ConsoleVerdict, HostVerdict, NativeTicks, WholeConsole, replay_console, replay_host, stuffed,
 };
 use sutura_host::recording::{
-    About, Begins, Direction, End, Frame, Recorder, Recording, RecordingError, TappedConsole,
-    TappedPort, TappedSolver,
+    About, Begins, Direction, End, Frame, Recorder, Recording, RecordingError, SolveSample,
+    TappedConsole, TappedPort, TappedSolver,
 };
-use sutura_host::scene::{self, Document, Scene, Sources};
+use sutura_host::scene::{self, Document, Scene, Sources, Tissue};
 use sutura_host::session::{
     LINE_BYTES_PER_S, Line, Plan, Rendering, SceneSolver, TissueSolver, contact_frame,
     run_lockstep, run_real_time,
 };
-use sutura_host::step::ToolContact;
+use sutura_host::step::{Arrival, ToolContact};
 use sutura_shared::link::{HostEvent, HostLink};
 use sutura_shared::wire::message::{Command as SharedCommand, Fixture, State};
 use sutura_shared::wire::{Accumulator, Checked, HEADER_SIZE, Kind, MAX_FRAME, decode, encode};
@@ -463,6 +463,31 @@ fn a_session_in_real_time_comes_out_the_same_whenever_columns_came() {
     let host = replay_host(&recording, &mut unprepared(), true);
     assert_eq!(host.why, None);
     assert!(host.identical && host.verified_steps == host.steps);
+}
+
+/// As above for the factors of tissue that turns: a replay that takes them over in other steps is another session.
+#[test]
+fn a_session_on_corotational_tissue_comes_out_the_same_whenever_factors_came() {
+    let folder = TempDir::new().unwrap();
+    let file = folder.path().join("a.mcap");
+    let (mut scene, _) = read_scene("palpation.toml");
+    scene.tissue = Tissue::named("corotational").unwrap();
+    let solver = || TissueSolver::new(&scene).unwrap();
+    let came = |solve: &SolveSample| solve.arrivals.iter().any(|a| a.vertex == Arrival::FACTOR);
+    let mut recording = undisturbed(|| {
+        let recording = with_a_thread(&file, solver());
+        let any = recording.solves.iter().any(|(_, solve)| came(solve));
+        any.then_some(recording)
+    });
+    let host = replay_host(&recording, &mut solver(), true);
+    assert_eq!(host.why, None);
+    assert!(host.identical && host.verified_steps == host.steps);
+
+    for (_, solve) in &mut recording.solves {
+        solve.arrivals.clear();
+    }
+    let host = replay_host(&recording, &mut solver(), true);
+    assert!(host.diverged_step.is_some() && !host.identical);
 }
 
 #[test]
