@@ -283,7 +283,7 @@ fn the_tissue_on_the_command_line_stands_in_for_the_scenes() {
 #[test]
 fn what_cannot_be_is_refused_before_anything_runs() {
     for (arguments, part) in [
-        (&["run", "--host-hz", "2000"][..], "1 to 1000"),
+        (&["run", "--host-hz", "2000"][..], "at most 1000"),
         (&["run", "--seconds=-1"], "above 0"),
         (&["run", "--seconds", "1e300"], "a day"),
         (&["run", "--tissue", "jelly"], "`linear`, `corotational`"),

@@ -20,10 +20,10 @@ use sutura_host::link::{
     open_serial,
 };
 use sutura_host::recording::{Tap, TappedConsole, TappedPort, TappedSolver};
-use sutura_host::scene::{LONGEST_S, Scene, Tissue};
+use sutura_host::scene::{LONGEST_S, Scene, Tissue, host_hz};
 use sutura_host::session::{
     self, LINE_BYTES_PER_S, Line, NOT_RENDERED, Plan, Progress, Scheduling, SessionError, Solve,
-    Summary, run_lockstep, run_real_time,
+    Summary, check_rate, run_lockstep, run_real_time,
 };
 use sutura_shared::control::TICK_HZ;
 use sutura_shared::wire::message::Fixture;
@@ -46,7 +46,7 @@ pub struct RunArgs {
     /// `auto` measures and chooses.
     #[arg(long, value_name = "NAME", value_parser = Tissue::named)]
     pub tissue: Option<Tissue>,
-    /// Solver steps a second, 1 to 1000 [Hz]; the scene's when left out.
+    /// Solver steps a second, 14 to 1000 [Hz]; the scene's when left out.
     #[arg(long, value_name = "HZ", value_parser = host_rate)]
     pub host_hz: Option<f64>,
     /// What the console is given to render from, on lines fast enough for it; when left out, rows of linear and
@@ -140,9 +140,9 @@ fn seconds(text: &str) -> Result<f64, String> {
 
 fn host_rate(text: &str) -> Result<f64, String> {
     match text.parse::<f64>() {
-        Ok(value) if (1.0..=f64::from(TICK_HZ)).contains(&value) => Ok(value),
+        Ok(value) if value > 0.0 && value <= f64::from(TICK_HZ) => Ok(value),
         _ => Err(format!(
-            "must be 1 to {TICK_HZ}: the console asks for nothing faster than its own tick"
+            "must be above 0 and at most {TICK_HZ}: the console asks for nothing faster than its own tick"
         )),
     }
 }
@@ -167,9 +167,14 @@ const EMULATOR_SPARE: Duration = Duration::from_secs(120);
 pub fn run(args: &RunArgs, global: &Global) -> Result<(), Failure> {
     let asked = recording::asked();
     // Before a mesh is made, measured or factored: a console that cannot be had is said at once.
+    // Before a port is opened: some boards start anew with that.
+    let document = crate::scene::document(args.scene.as_deref())?;
+    if let Some(host_hz) = args.host_hz.or_else(|| host_hz(&document)) {
+        check_rate(host_hz, TICK_HZ).map_err(|error| session_failure(error, &args.console))?;
+    }
     let mut door = Door::open(args)?;
     let shown = crate::work::watch();
-    let (mut scene, sources) = crate::scene::open_with_sources(args.scene.as_deref())?;
+    let (mut scene, sources) = crate::scene::open_with_sources(&document)?;
     // The scene's own settings stay for what `auto` takes.
     if let Some(tissue) = args.tissue.filter(|tissue| *tissue != Tissue::Auto) {
         scene.tissue = tissue.instead_of(scene.tissue);
@@ -231,8 +236,6 @@ fn plan(args: &RunArgs, scene: &Scene) -> Result<Plan, Failure> {
         rendering: args.rendering.map_or(plan.rendering, Into::into),
         ..plan
     };
-    plan.check_rate()
-        .map_err(|error| session_failure(error, &args.console))?;
     if args.console != UART {
         return Ok(plan);
     }
@@ -463,7 +466,8 @@ pub fn link_failure(error: LinkError) -> Failure {
     Failure::say(cause, error.to_string(), error.help())
 }
 
-fn session_failure(error: SessionError, console: &str) -> Failure {
+/// A failed session with its exit code and the next step.
+pub fn session_failure(error: SessionError, console: &str) -> Failure {
     let message = error.to_string();
     match error {
         SessionError::Link(error) => link_failure(error),

@@ -183,6 +183,11 @@ pub fn read(document: &Document) -> Result<Scene, SceneError> {
     Scene::read(document, &document.stem())
 }
 
+/// Solver steps a second that a scene asks for \[Hz\], without its mesh; none if its file is wrong, as [`read`] says.
+pub fn host_hz(document: &Document) -> Option<f64> {
+    read::read_host_hz(document).ok()
+}
+
 impl Scene {
     /// The tool that the console's grip carries.
     pub fn driven(&self) -> Option<&Tool> {
