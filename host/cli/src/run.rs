@@ -510,6 +510,11 @@ fn verdict(args: &RunArgs, summary: &Summary) -> Result<(), Failure> {
         return Err(Failure::say(Cause::Fault, message, help).after_summary());
     }
     if summary.mode == "idle" && summary.link.sessions > 1 {
+    if let Some(why) = summary.status.strip_prefix(NOT_RENDERED) {
+        let message = format!("what was touched was not felt{why}");
+        let help = help_for_withheld(summary.mostly_withheld());
+        return Err(Failure::say(Cause::NotRendered, message, help).after_summary());
+    }
         let message = "the console was lost, came back, and was not armed again";
         let help = match is_virtual(&args.console) {
             true => VIRTUAL_HELP,
@@ -521,28 +526,16 @@ fn verdict(args: &RunArgs, summary: &Summary) -> Result<(), Failure> {
     }
     if summary.mode == "idle" {
         let message = "the console let go: no contact that it could use came for half a second";
-        let help = match summary.steps_withheld.iter().max_by_key(|(_, steps)| **steps) {
+        let help = match withheld_for_long(summary) {
             Some((why, steps)) => format!(
-                "{steps} steps were withheld ({why}); {}",
-                help_for_withheld(why)
+                "the last {steps} steps were withheld ({why}): {}",
+                help_for_withheld(Some(why))
             ),
             None => {
                 "the host was late for that long: see `session_us` and `machine_late_us`, `sutura doctor` says what this machine can do; --rearm arms the console again".to_owned()
             }
         };
         return Err(Failure::say(Cause::Failed, message, help).after_summary());
-    }
-    if let Some(why) = summary.status.strip_prefix(NOT_RENDERED) {
-        let message = format!("what was touched was not felt{why}");
-        let most = summary
-            .steps_withheld
-            .iter()
-            .max_by_key(|(_, steps)| **steps);
-        let help = match most {
-            Some((why, _)) => help_for_withheld(why),
-            None => "contacts came too late to be used: a higher --host-hz, or a faster `--tissue`",
-        };
-        return Err(Failure::say(Cause::NotRendered, message, help).after_summary());
     }
     if summary.contact_steps == 0 {
         note!("nothing was touched");
@@ -560,16 +553,25 @@ fn verdict(args: &RunArgs, summary: &Summary) -> Result<(), Failure> {
     Ok(())
 }
 
-/// What to do about steps that were withheld for this reason.
-fn help_for_withheld(why: &str) -> &'static str {
+/// Why the newest steps were withheld, where that alone made the console let go: half of the time that it waits.
+fn withheld_for_long(summary: &Summary) -> Option<(&'static str, u64)> {
+    let last = summary.withheld_last;
+    last.filter(|(_, steps)| *steps as f64 >= 0.25 * summary.host_hz)
+}
+
+/// What to do about steps that were withheld for this reason; without one, contacts came too late.
+fn help_for_withheld(why: Option<&str>) -> &'static str {
     match why {
-        "inside" => "a tool began inside the tissue: begin outside",
-        "not-converged" => {
+        Some("inside") => {
+            "a tool was inside the tissue: it began there, or came in between the nodes; begin outside, or take a finer mesh"
+        }
+        Some("not-converged") => {
             "the model did not find a balance: a finer mesh, another `--tissue`, or a hand that presses less deep"
         }
-        "behind" => "the hand was faster than a step follows: a higher --host-hz",
-        "waiting" => "compliance columns came too late: a coarser mesh, or a lower --host-hz",
-        _ => "see `steps_withheld`",
+        Some("behind") => "the hand was faster than a step follows: a higher --host-hz",
+        Some("waiting") => "compliance columns came too late: a coarser mesh, or a lower --host-hz",
+        Some(_) => "see `steps_withheld`",
+        None => "contacts came too late to be used: a higher --host-hz, or a faster `--tissue`",
     }
 }
 

@@ -21,7 +21,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 use sutura_shared::link::HostEvent;
 use sutura_shared::wire::Valid;
-use sutura_shared::wire::message::{Command, Mode, State};
+use sutura_shared::wire::message::{Command, Mode, Report, State};
 
 /// Time between two progress notes, and between two looks at how far the session is.
 const LOOK_EVERY: Duration = Duration::from_millis(50);
@@ -98,8 +98,6 @@ struct Log {
     underway: Underway,
     /// The newest state of the open link's session, counted or not.
     newest: Option<(State, Instant)>,
-    /// Why the link was lost, until the console is told what it needs to know again.
-    lost: Option<LinkError>,
     reports: u64,
     /// Ticks that the session is to last.
     ticks: u64,
@@ -119,26 +117,45 @@ pub fn run_real_time(
     mut progress: impl FnMut(&Progress<'_>) -> ControlFlow<()>,
 ) -> Result<Summary, SessionError> {
     let started = Instant::now();
+/// What the watching thread needs of the log. It is an ordinary one, and whoever waited for it would wait for all other
+/// programs: the others write here only while it does not read.
+#[derive(Default)]
+struct View {
+    newest: Option<(State, Instant)>,
+    ticks: u64,
+    report: Option<Report>,
+    /// Why the link was lost, until the console is told what it needs to know again.
+    lost: Option<LinkError>,
+}
+
     let silent = SILENT.max(options.silent_after);
     let mut tally = Tally::new(plan.host_hz);
     tally.horizon.at_least(plan.horizon_us);
-    tally.hear_of_fates();
     let log = Arc::new(Mutex::new(Log {
         tally,
         underway: Underway::default(),
         armed: false,
         over: false,
         newest: None,
-        lost: None,
         reports: 0,
         ticks: plan.ticks(),
         solver: (Granted::NotAsked, 0),
     }));
     let memory = options.real_time.then(LockedMemory::ask).flatten();
-    let written = log.clone();
+    let view = Arc::new(Mutex::new(View::default()));
+    let (written, shown) = (log.clone(), view.clone());
     let hear = move |heard: Heard<'_>| match heard {
-        Heard::Event(event) => lock(&written).hear(event),
-        Heard::Lost(why) => lock(&written).lose(why),
+        Heard::Event(event) => {
+            let mut log = lock(&written);
+            log.hear(event);
+            log.show(&shown);
+        }
+        Heard::Lost(why) => {
+            lock(&written).lose();
+            // A loss must not be missed; there is nobody now who would wait.
+            let mut view = lock(&shown);
+            (view.newest, view.lost) = (None, Some(why.clone()));
+        }
         Heard::Sent(contact) => lock(&written).sent(contact),
         Heard::Reopened(_) => {}
     };
@@ -183,6 +200,7 @@ pub fn run_real_time(
                 watch.run(&mut progress, || solving.is_finished())
             }
             Err(_) => Err(SessionError::Solver),
+                    view: &view,
         };
         drop(stopping);
         match solving.map(std::thread::ScopedJoinHandle::join) {
@@ -273,7 +291,9 @@ impl Log {
                     self.tally.state(state);
                     let tally = &mut self.tally;
                     self.underway
-                        .state(console_time_us, state, |_, fate| tally.fate(fate));
+                        .state(console_time_us, state, |contact, fate| {
+                            tally.fate(contact, fate)
+                        });
                 }
             }
             HostEvent::Report(report) => {
@@ -289,15 +309,24 @@ impl Log {
 
     fn sent(&mut self, contact: SentContact) {
         let tally = &mut self.tally;
-        self.underway.sent(contact, |_, fate| tally.fate(fate));
+        self.underway
+            .sent(contact, |contact, fate| tally.fate(contact, fate));
     }
 
-    fn lose(&mut self, why: &LinkError) {
+    /// For the watching thread; if it reads just now, the next state comes in time.
+    fn show(&self, view: &Mutex<View>) {
+        if let Ok(mut view) = view.try_lock() {
+            view.newest = self.newest;
+            view.ticks = self.tally.ticks();
+            view.report = self.tally.last_report().copied();
+        }
+    }
+
+    fn lose(&mut self) {
         self.tally.lose();
         self.underway.lose(|_, _| {});
         self.armed = false;
         self.newest = None;
-        self.lost = Some(why.clone());
     }
 }
 
@@ -351,15 +380,22 @@ fn solve_until(
             solver.spare(overload.effort());
             let solved = solver.solve(&state);
             let solve_time = heard.elapsed();
-            let horizon_us = {
+            let felt = {
                 let mut log = lock(log);
-                if log.armed {
-                    log.tally.step(&solved, solve_time);
+                let armed = log.armed;
+                let tally = &mut log.tally;
+                if armed {
+                    tally.step(&solved, solve_time);
                 }
-                log.tally.horizon.took(solve_time.as_micros() as u64);
-                log.tally.horizon.next_us()
+                tally.horizon.took(solve_time.as_micros() as u64);
+                let horizon_us = tally.horizon.next_us();
+                let felt = solved.frames(state.body(), horizon_us, plan.rendering);
+                if let Some(felt) = felt.as_ref().filter(|_| armed) {
+                    tally.frame(state.console_time_us(), &felt.contact);
+                }
+                felt
             };
-            if let Some(felt) = solved.frames(state.body(), horizon_us, plan.rendering) {
+            if let Some(felt) = felt {
                 link.felt(state.console_time_us(), felt);
             }
             let time = heard.elapsed();
@@ -404,6 +440,7 @@ struct Watch<'a> {
     /// When it was armed again after it had, (3), the newest last.
     rearmed: [Option<Instant>; REARMS],
     /// When a session ends whose link was lost: a console that is away has no ticks to count.
+    view: &'a Mutex<View>,
     end: Option<Instant>,
     /// See [`SILENT`].
     silent: Duration,
@@ -441,15 +478,15 @@ impl Watch<'_> {
                     .map_err(SessionError::from)
                     .and(Err(SessionError::Solver));
             }
-            let (newest, ticks, report, over, lost) = {
-                let mut log = lock(self.log);
-                (
-                    log.newest,
-                    log.tally.ticks(),
-                    log.tally.last_report().copied(),
-                    log.over,
-                    log.lost.take(),
-                )
+            let View {
+                newest,
+                ticks,
+                report,
+                lost,
+            } = {
+                let mut view = lock(self.view);
+                let lost = view.lost.take();
+                View { lost, ..*view }
             };
             if let Some(why) = lost {
                 self.end.get_or_insert(Instant::now() + left);
@@ -488,7 +525,7 @@ impl Watch<'_> {
             }
             // At rest, or in a latched fault, nothing more is to be felt.
             let fault = self.arming.is_none() && state.mode == Mode::Fault;
-            if over || ticks >= self.plan.ticks() || fault {
+            if ticks >= self.plan.ticks() || fault {
                 return Ok(Ended::Running);
             }
         }
