@@ -377,7 +377,7 @@ fn solve_until(
             schedule.get_or_insert_with(|| Schedule::new(now, plan.tick_hz, plan.host_hz));
         if due {
             let missed = if was_late { schedule.left_out() } else { 0 };
-            solver.spare(overload.effort());
+            let spared = solver.spare(overload.effort());
             let solved = solver.solve(&state);
             let solve_time = heard.elapsed();
             let felt = {
@@ -400,7 +400,7 @@ fn solve_until(
             }
             let time = heard.elapsed();
             was_late = time > period;
-            if let Some(words) = overload.note(time, missed) {
+            if let Some(words) = overload.note(time, missed, spared) {
                 tracing::warn!("{words}");
             }
             let mut log = lock(log);
