@@ -348,6 +348,9 @@ impl TissueSolver {
                 *at = blend(sign * from, *at, part);
             }
             between.console_time_us = before.console_time_us + period_us * piece / pieces;
+            if !self.budget.allows(Ahead::Approach, 0) {
+                return;
+            }
             let report = self.step(between);
             self.budget.made(Ahead::Approach, 0, &report);
         }
@@ -603,7 +606,7 @@ impl Solve for TissueSolver {
                 looked: Looked::default(),
             };
         };
-        self.budget.begin();
+        self.budget.begin(&self.last);
         let looks_ahead = self.looks_ahead && self.effort == Effort::Full;
         let mut clock = Clock::start();
         let before = self.last_sample.replace(sample);
