@@ -67,7 +67,8 @@ pub struct RunArgs {
     /// `coupling:x=M,y=M,z=M,k=N_PER_M[,b=N_S_PER_M]`.
     #[arg(long, value_name = "FIXTURE", value_parser = crate::fixture::parse)]
     pub fixture: Option<Fixture>,
-    /// Arms the console again by itself when it was lost and came back; otherwise Enter does, on a terminal.
+    /// Arms the console again by itself when it was lost and came back, and when it has let go, since no contact came in
+    /// time for half a second: that three times a minute at most. Otherwise Enter does, or a line on standard input.
     #[arg(long)]
     pub rearm: bool,
     /// Clears a fault that is latched in the console from before.
@@ -166,12 +167,12 @@ const EMULATOR_SPARE: Duration = Duration::from_secs(120);
 /// Everything that keeps the session from running to its end, a latched fault, a missed budget.
 pub fn run(args: &RunArgs, global: &Global) -> Result<(), Failure> {
     let asked = recording::asked();
-    // Before a mesh is made, measured or factored: a console that cannot be had is said at once.
     // Before a port is opened: some boards start anew with that.
     let document = crate::scene::document(args.scene.as_deref())?;
     if let Some(host_hz) = args.host_hz.or_else(|| host_hz(&document)) {
         check_rate(host_hz, TICK_HZ).map_err(|error| session_failure(error, &args.console))?;
     }
+    // Before a mesh is made, measured or factored: a console that cannot be had is said at once.
     let mut door = Door::open(args)?;
     let shown = crate::work::watch();
     let (mut scene, sources) = crate::scene::open_with_sources(&document)?;
@@ -509,12 +510,12 @@ fn verdict(args: &RunArgs, summary: &Summary) -> Result<(), Failure> {
         let help = "remove the cause, then run again with --clear-fault";
         return Err(Failure::say(Cause::Fault, message, help).after_summary());
     }
-    if summary.mode == "idle" && summary.link.sessions > 1 {
     if let Some(why) = summary.status.strip_prefix(NOT_RENDERED) {
         let message = format!("what was touched was not felt{why}");
         let help = help_for_withheld(summary.mostly_withheld());
         return Err(Failure::say(Cause::NotRendered, message, help).after_summary());
     }
+    if summary.mode == "idle" && summary.link.sessions > 1 {
         let message = "the console was lost, came back, and was not armed again";
         let help = match is_virtual(&args.console) {
             true => VIRTUAL_HELP,

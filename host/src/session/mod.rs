@@ -39,7 +39,7 @@ pub use machine_lateness::{LatenessProbe, MachineLate, MachineLateness};
 pub use model_solver::ModelSolver;
 pub use needle_frame::{HeldNeedle, needle_frame};
 pub use overload::{Effort, GivenUp, Spared};
-pub use real_time::{Attendant, Line, run_real_time};
+pub use real_time::{Arms, Attendant, Line, run_real_time};
 pub use rows_frame::rows_frame;
 pub use scheduling::Scheduling;
 pub use setup::{Plan, SessionError, check_rate, least_hz};
