@@ -161,8 +161,8 @@ pub struct Pose {
 pub struct HostSettings {
     /// Solver steps a second \[Hz\].
     pub host_hz: f64,
-    /// How long the console may use a contact frame \[us\], from its console time; a session measures
-    /// what is needed if the scene does not say.
+    /// How long the console may use a contact frame at least \[us\], from its console time; what a session measures makes it
+    /// longer.
     pub horizon_us: Option<u32>,
 }
 
