@@ -291,3 +291,24 @@ fn a_mesh_beyond_the_free_memory_is_refused() {
         assert_eq!(object["status"], "bad-input", "{tissue}");
     }
 }
+
+/// A rate that no session can have is said before a port is opened: some boards start anew with that.
+#[test]
+fn a_rate_that_is_too_low_is_refused_before_the_console_is_looked_for() {
+    const NOWHERE: [&str; 3] = ["run", "--console", "/dev/does-not-exist"];
+    let refused = |ran: &Ran| {
+        assert_eq!(ran.code, 2, "{}", ran.stderr);
+        assert!(ran.stderr.contains("--host-hz 14"), "{}", ran.stderr);
+    };
+    refused(&sutura(&[&NOWHERE[..], &["--host-hz", "5"]].concat()));
+    let directory = tempfile::tempdir().expect("a directory");
+    let scene = directory.path().join("slow.toml");
+    // The mesh that it names is not there: that it is slow is known before.
+    let text = format!("{SCENE}\n[host]\nhost_hz = 5.0\n");
+    std::fs::write(&scene, text).expect("writable");
+    let scene = scene.to_str().expect("a path in letters");
+    refused(&sutura(&[&NOWHERE[..], &[scene]].concat()));
+    // With another rate it is the port.
+    let ran = sutura(&[&NOWHERE[..], &[scene, "--host-hz", "20"]].concat());
+    assert_eq!(ran.code, 3, "{}", ran.stderr);
+}

@@ -154,27 +154,30 @@ fn the_peak_agrees_with_an_independent_solve() {
 /// does not pass for a success.
 #[test]
 fn a_console_that_lets_go_rests_until_the_session_is_over() {
-    let text = std::fs::read_to_string(support::root().join("scenes/palpation.toml")).unwrap();
-    let deep = text
-        .replace(
-            "position_m = [0.0, 0.0, 0.0]",
-            "position_m = [0.0, 0.0, -0.025]",
-        )
-        .replace("stiffness_n_per_m = 1000.0", "stiffness_n_per_m = 2000.0");
-    let file = std::env::temp_dir().join(format!("sutura-deep-{}.toml", std::process::id()));
-    std::fs::write(&file, deep).unwrap();
+    let directory = tempfile::tempdir().unwrap();
+    let file = support::too_deep(directory.path());
     let scene = file.to_str().unwrap();
     for mode in [&["--lockstep"][..], &[]] {
         let ran = sutura(&[&["run", scene, "--format", "json"], mode].concat());
-        // What was withheld and that it let go are both said; a machine that was late says the latter.
-        assert!([1, 8].contains(&ran.code), "{mode:?}: {}", ran.stderr);
         let summary: Value = serde_json::from_str(&ran.stdout).unwrap();
+        let status = summary["status"].as_str().unwrap();
+        // It let go, and before that more than a fifth of the steps in contact were withheld; a machine that is late may
+        // have it let go before the latter.
+        if mode.is_empty() {
+            assert!(ran.ended_well() && ran.code != 0, "{}", ran.stderr);
+            // Nobody is at the other end of standard input.
+            assert_eq!(summary["rearmed"], 0);
+            let words = ran.stderr.contains("it stays at rest");
+            assert_eq!(words, ran.stderr.contains("has let go"), "{}", ran.stderr);
+        } else {
+            assert_eq!(ran.code, 8, "{}", ran.stderr);
+            assert!(status.starts_with("not-rendered: "), "{status}");
+            assert!(ran.stderr.contains("did not find a balance"));
+        }
         assert_eq!(summary["mode"], "idle", "{mode:?}");
         assert!(summary["ticks"].as_u64().unwrap() >= 5000, "{mode:?}");
         assert!(summary["steps_withheld"]["not-converged"].as_u64() > Some(0));
-        assert!(summary["status"] != "ok", "{mode:?}");
     }
-    let _ = std::fs::remove_file(&file);
 }
 
 /// `sutura run --stream | head -1`: the session ends in order instead of by a panic.
@@ -283,7 +286,7 @@ fn the_tissue_on_the_command_line_stands_in_for_the_scenes() {
 #[test]
 fn what_cannot_be_is_refused_before_anything_runs() {
     for (arguments, part) in [
-        (&["run", "--host-hz", "2000"][..], "1 to 1000"),
+        (&["run", "--host-hz", "2000"][..], "at most 1000"),
         (&["run", "--seconds=-1"], "above 0"),
         (&["run", "--seconds", "1e300"], "a day"),
         (&["run", "--tissue", "jelly"], "`linear`, `corotational`"),

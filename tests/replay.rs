@@ -20,13 +20,15 @@ use sutura_host::recording::{
 };
 use sutura_host::scene::{self, Document, Scene, Sources, Tissue};
 use sutura_host::session::{
-    LINE_BYTES_PER_S, Line, Plan, Rendering, SceneSolver, TissueSolver, contact_frame,
-    run_lockstep, run_real_time,
+    Effort, LINE_BYTES_PER_S, Line, Plan, Rendering, SceneSolver, Solve, Solved, TissueSolver,
+    contact_frame, run_lockstep, run_real_time,
 };
 use sutura_host::step::{Arrival, ToolContact};
 use sutura_shared::link::{HostEvent, HostLink};
 use sutura_shared::wire::message::{Command as SharedCommand, Fixture, State};
-use sutura_shared::wire::{Accumulator, Checked, HEADER_SIZE, Kind, MAX_FRAME, decode, encode};
+use sutura_shared::wire::{
+    Accumulator, Checked, HEADER_SIZE, Kind, MAX_FRAME, Valid, decode, encode,
+};
 use tempfile::TempDir;
 
 const BUILD: &str = "test";
@@ -52,8 +54,32 @@ fn plan(scene: &Scene, seconds: f64) -> Plan {
     }
 }
 
+/// A solver that gives up what is asked of it, as in real time on a machine that is late: the number of a solve says what.
+struct Tiring<'a> {
+    solver: TappedSolver<'a>,
+    solves: usize,
+    effort: fn(usize) -> Effort,
+}
+
+impl Solve for Tiring<'_> {
+    fn solve(&mut self, state: &Valid<State>) -> Solved {
+        self.solver.spare((self.effort)(self.solves));
+        self.solves += 1;
+        self.solver.solve(state)
+    }
+
+    fn scene(&self) -> serde_json::Map<String, Value> {
+        self.solver.scene()
+    }
+}
+
 /// Records a session in lockstep, in this process.
 fn in_lockstep(name: &str, seconds: f64, file: &Path) -> Recording {
+    with_effort(name, seconds, file, |_| Effort::Full)
+}
+
+/// As [`in_lockstep`], with a solver that gives something up.
+fn with_effort(name: &str, seconds: f64, file: &Path, effort: fn(usize) -> Effort) -> Recording {
     let (scene, sources) = read_scene(name);
     let plan = plan(&scene, seconds);
     let about = About {
@@ -62,7 +88,11 @@ fn in_lockstep(name: &str, seconds: f64, file: &Path) -> Recording {
     };
     let recorder = Recorder::start(Some(file), about, sources).unwrap();
     let mut solver = TissueSolver::for_session(&scene, &plan).unwrap();
-    let mut solver = TappedSolver::new(&mut solver, recorder.tap());
+    let mut solver = Tiring {
+        solver: TappedSolver::new(&mut solver, recorder.tap()),
+        solves: 0,
+        effort,
+    };
     let mut console = NativeConsole::new(&plan.device).unwrap();
     let mut console = TappedConsole::new(&mut console, recorder.tap());
     run_lockstep(&mut console, &plan, &mut solver, |_| {
@@ -488,6 +518,22 @@ fn a_session_on_corotational_tissue_comes_out_the_same_whenever_factors_came() {
     }
     let host = replay_host(&recording, &mut solver(), true);
     assert!(host.diverged_step.is_some() && !host.identical);
+}
+
+/// What a late host gave up is not in the recording: neither what is felt nor what comes of it depends on that.
+#[test]
+fn a_session_that_gave_something_up_comes_out_the_same() {
+    let folder = TempDir::new().unwrap();
+    let file = folder.path().join("a.mcap");
+    let effort = |solve: usize| match (solve / 9) % 3 {
+        0 => Effort::NoRows,
+        1 => Effort::NoLooks,
+        _ => Effort::Full,
+    };
+    for (scene, seconds) in [("palpation.toml", 1.0), ("needle-slabs.toml", 1.0)] {
+        let recording = with_effort(scene, seconds, &file, effort);
+        assert_same(&recording);
+    }
 }
 
 #[test]

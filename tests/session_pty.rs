@@ -10,12 +10,14 @@ use crate::support::session::{
 use std::ops::ControlFlow;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
-use std::time::Instant;
+use std::time::{Duration, Instant};
 use sutura_hil::{Meddler, NativeConsole, VirtualConsole};
 use sutura_host::link::{Link, LinkError, LockstepConsole, Order, open_serial};
 use sutura_host::session::{
-    Attendant, Line, Plan, SessionError, Summary, run_lockstep, run_real_time,
+    Arms, Attendant, Line, Plan, SessionError, Solve, Solved, Summary, run_lockstep, run_real_time,
 };
+use sutura_host::step::Status;
+use sutura_shared::wire::Valid;
 use sutura_shared::wire::message::{Mode, Simulate, State};
 
 /// What the plane gives at most \[N\]: where the hand wants to be, and a third more for its swing.
@@ -264,8 +266,11 @@ impl Attendant for Bystander {
         self.told.lock().unwrap().push("back");
     }
 
-    fn arms(&mut self) -> bool {
-        self.arms
+    fn arms(&mut self) -> Arms {
+        match self.arms {
+            true => Arms::ByItself,
+            false => Arms::No,
+        }
     }
 }
 
@@ -390,4 +395,125 @@ fn a_console_that_stays_away_ends_the_session_with_the_reason() {
         "{ran:?}"
     );
     assert_eq!(told, ["lost"]);
+}
+
+/// Finds a few contacts in a row, and then nothing that may be felt for longer than the console waits.
+#[derive(Default)]
+struct Withheld {
+    solves: u32,
+}
+
+impl Solve for Withheld {
+    fn solve(&mut self, state: &Valid<State>) -> Solved {
+        self.solves += 1;
+        if self.solves % 100 < 10 {
+            return Plane.solve(state);
+        }
+        Solved {
+            status: Status::Inside,
+            ..Solved::default()
+        }
+    }
+
+    fn scene(&self) -> serde_json::Map<String, serde_json::Value> {
+        serde_json::Map::new()
+    }
+}
+
+/// Arms by itself as long as it may, then by hand.
+struct Keeper(Arc<Mutex<Vec<Duration>>>);
+
+impl Attendant for Keeper {
+    fn lost(&mut self, _: &LinkError) {}
+
+    fn back(&mut self) {}
+
+    fn let_go(&mut self, wait: Duration) {
+        self.0.lock().unwrap().push(wait);
+    }
+
+    fn arms(&mut self) -> Arms {
+        match self.0.lock().unwrap().last() {
+            Some(wait) if wait.is_zero() => Arms::ByItself,
+            Some(_) => Arms::ByHand,
+            None => Arms::No,
+        }
+    }
+}
+
+/// Three times by itself; then it waits, and somebody who asks need not.
+#[test]
+fn a_console_that_let_go_is_armed_again() {
+    let plan = plan(3600.0);
+    let (summary, waits) = undisturbed(|| {
+        let mut console = VirtualConsole::start_in_memory(&plan.device).unwrap();
+        let waits = Arc::new(Mutex::new(Vec::new()));
+        let line = Line::Once {
+            port: console.host_port().unwrap(),
+            attendant: Some(Box::new(Keeper(waits.clone()))),
+        };
+        let told = waits.clone();
+        let ran = run_real_time(line, patient(), &plan, &mut Withheld::default(), |_| {
+            if told.lock().unwrap().len() >= 6 {
+                ControlFlow::Break(())
+            } else {
+                ControlFlow::Continue(())
+            }
+        });
+        let waits = waits.lock().unwrap().clone();
+        let ran = ran.ok()?;
+        // Where all this takes longer than a minute, nobody has to wait.
+        (waits.len() == 6 && !waits[3].is_zero()).then_some((ran, waits))
+    });
+    assert_eq!(waits[..3], [Duration::ZERO; 3]);
+    assert!(waits[3] <= Duration::from_secs(60), "{waits:?}");
+    // Once more may have been ordered before the end.
+    assert!((5..=6).contains(&summary.rearmed), "{}", summary.rearmed);
+}
+
+/// A line on standard input arms the console, one that was there before does not.
+#[test]
+fn a_script_arms_a_console_that_let_go() {
+    use std::io::{BufRead, BufReader, Write};
+    use std::process::{Command, Stdio};
+    let directory = tempfile::tempdir().unwrap();
+    let scene = crate::support::too_deep(directory.path());
+    let mut child = Command::new(env!("CARGO_BIN_EXE_sutura"))
+        .args(["run", "--stream", "--seconds", "3600"])
+        .arg(&scene)
+        .stdin(Stdio::piped())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let mut stdin = child.stdin.take().unwrap();
+    stdin.write_all(b"\n").unwrap();
+    let stdout = BufReader::new(child.stdout.take().unwrap());
+    let (tell, modes) = std::sync::mpsc::channel();
+    let reading = std::thread::spawn(move || {
+        for line in stdout.lines() {
+            let note: serde_json::Value = serde_json::from_str(&line.unwrap()).unwrap();
+            if tell
+                .send(note["mode"].as_str().unwrap().to_owned())
+                .is_err()
+            {
+                return;
+            }
+        }
+    });
+    let said = BufReader::new(child.stderr.take().unwrap()).lines();
+    let mut said = said.map(Result::unwrap);
+    let lets_go = said.find(|line| line.contains("has let go")).unwrap();
+    assert!(lets_go.contains("a line on standard input"), "{lets_go}");
+    // The line of before arms nothing.
+    let session = modes.iter().skip_while(|mode| mode != "armed");
+    let rests = session.skip_while(|mode| mode != "idle").take(20);
+    let rests: Vec<_> = rests.collect();
+    assert!(rests.iter().all(|mode| mode == "idle"), "{rests:?}");
+    stdin.write_all(b"\n").unwrap();
+    assert!(modes.iter().any(|mode| mode != "idle"));
+    // Who goes away ends the session.
+    drop(modes);
+    reading.join().unwrap();
+    child.wait().unwrap();
 }

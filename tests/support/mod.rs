@@ -42,6 +42,21 @@ pub fn root() -> PathBuf {
         .expect("the checkout is there")
 }
 
+/// The palpation scene in `directory`, with a hand that presses so deep that no balance is found.
+pub fn too_deep(directory: &Path) -> PathBuf {
+    let text = std::fs::read_to_string(root().join("scenes/palpation.toml")).expect("it ships");
+    let (rest, deep) = ("[0.0, 0.0, 0.0]", "[0.0, 0.0, -0.025]");
+    let deep = text
+        .replace(
+            &format!("position_m = {rest}"),
+            &format!("position_m = {deep}"),
+        )
+        .replace("stiffness_n_per_m = 1000.0", "stiffness_n_per_m = 2000.0");
+    let file = directory.join("deep.toml");
+    std::fs::write(&file, deep).expect("writable");
+    file
+}
+
 impl Ran {
     /// What `--format json` printed.
     pub fn json(&self) -> serde_json::Value {
@@ -57,8 +72,9 @@ impl Ran {
         let status = object["status"].as_str().unwrap_or_default();
         match self.code {
             0 => status == "ok",
+            // A machine that stands still for half a second is enough for that.
             1 => status.starts_with("idle: no usable contact"),
-            8 => status == "not-rendered",
+            8 => status.starts_with("not-rendered: "),
             _ => false,
         }
     }

@@ -1,7 +1,7 @@
 //! A byte pipe in memory, with the same behaviour as a serial port.
 //!
-//! Entry point: [`pipe`]. It is the default console's link on systems without pseudo-terminals, and
-//! the bench for tests of the link.
+//! Entry point: [`pipe`]. It is the link to a virtual console in the same process, `sutura run`'s by default, and the bench for
+//! tests of the link.
 
 use super::port::Port;
 use std::collections::VecDeque;

@@ -29,6 +29,7 @@ mod system;
 
 use share::{Change, Share};
 pub use share::{MOST, REST, WINDOW};
+use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::Instant;
 
 /// What a thread does in a session; the one with the shortest time to wait goes first.
@@ -173,13 +174,26 @@ impl LockedMemory {
     ///
     /// With a limit only what is there now is locked: otherwise a later allocation could meet the limit and fail.
     pub fn ask() -> Option<LockedMemory> {
-        system::lock_memory().then_some(LockedMemory(()))
+        let mut holders = holders();
+        let locked = system::lock_memory();
+        *holders += usize::from(locked);
+        locked.then_some(LockedMemory(()))
     }
+}
+
+/// How many hold the process's memory: the last one lets it go.
+fn holders() -> MutexGuard<'static, usize> {
+    static HOLDERS: Mutex<usize> = Mutex::new(0);
+    HOLDERS.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 impl Drop for LockedMemory {
     fn drop(&mut self) {
-        system::unlock_memory();
+        let mut holders = holders();
+        *holders -= 1;
+        if *holders == 0 {
+            system::unlock_memory();
+        }
     }
 }
 
@@ -211,5 +225,22 @@ mod tests {
         assert_eq!(held, got == Granted::RealTime);
         assert_eq!(gave_way, 0);
         drop(LockedMemory::ask());
+    }
+
+    /// A session that ends takes nothing from another in the same process.
+    #[cfg(target_os = "linux")]
+    #[test]
+    fn memory_stays_locked_until_the_last_one_lets_go() {
+        let is_locked = || {
+            let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
+            let kb = status.lines().find_map(|line| line.strip_prefix("VmLck:"));
+            kb.is_some_and(|kb| kb.trim() != "0 kB")
+        };
+        let (Some(first), Some(second)) = (LockedMemory::ask(), LockedMemory::ask()) else {
+            return;
+        };
+        drop(first);
+        assert!(is_locked());
+        drop(second);
     }
 }

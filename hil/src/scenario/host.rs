@@ -5,9 +5,9 @@
 
 use super::{HostSpec, Scenario, Ticks, World, world};
 use std::collections::VecDeque;
-use sutura_host::link::Felt;
+use sutura_host::link::{Felt, SentContact};
 use sutura_host::scene::{self, SceneError};
-use sutura_host::session::{Horizon, Rendering, Solve, TissueSolver};
+use sutura_host::session::{Fate, Horizon, Rendering, Solve, TissueSolver, Underway};
 use sutura_host::solve::SolveError;
 use sutura_shared::control::TICK_HZ;
 use sutura_shared::link::{HostEvent, HostLink, SendError};
@@ -75,6 +75,7 @@ pub struct ModelHost {
     /// Whether nobody was there before in this scenario.
     first: bool,
     horizon: Horizon,
+    underway: Underway,
     nonce: u32,
     asked: Option<Ticks>,
     heard: Ticks,
@@ -108,6 +109,7 @@ impl ModelHost {
         Ok(ModelHost {
             link: HostLink::new(TICK_HZ),
             horizon: Horizon::new(spec.hz),
+            underway: Underway::default(),
             solver,
             device: Simulate::Device(device),
             // The hand goes on whoever comes.
@@ -131,6 +133,7 @@ impl ModelHost {
         self.asked = Some(now);
         self.newest = None;
         self.pending.clear();
+        self.underway.lose(|_, _| {});
         let mut frame = [0; MAX_FRAME];
         // A delimiter first: it ends whatever half a frame an earlier host left on the line.
         said.push(0);
@@ -171,12 +174,12 @@ impl ModelHost {
     fn take(&mut self, state: Valid<State>) {
         let body = state.body();
         self.horizon.tick(body.tick);
-        if let Some(before) = &self.newest
-            && body.contact_sequence != 0
-            && body.contact_sequence != before.body().contact_sequence
-        {
-            self.horizon.applied(body.applied_age_us);
-        }
+        let horizon = &mut self.horizon;
+        self.underway
+            .state(state.console_time_us(), body, |_, fate| match fate {
+                Fate::Used { age_us } | Fate::TooLate { age_us } => horizon.applied(age_us),
+                Fate::Lost => {}
+            });
         self.newest = Some(state);
     }
 
@@ -196,6 +199,8 @@ impl ModelHost {
         let count = ((now - began) as f64 * self.spec.hz / 1e3).floor() as u64 + 1;
         self.began = Some((began, count));
         let solved = self.solver.solve(state);
+        // A solve takes as long as its contact is held back.
+        self.horizon.took(1000 * self.spec.delay);
         let horizon_us = self
             .spec
             .horizon_us
@@ -222,6 +227,14 @@ impl ModelHost {
                 self.send(time_us, thread, said);
             }
             self.send(time_us, &felt.contact, said);
+            let sent = SentContact {
+                sequence: self.link.sent_sequence(),
+                console_time_us: time_us,
+                horizon_us: felt.contact.horizon_us,
+            };
+            if self.link.is_open() {
+                self.underway.sent(sent, |_, _| {});
+            }
         }
     }
 }

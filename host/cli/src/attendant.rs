@@ -1,19 +1,27 @@
-//! What happens when a console goes away during a session: the user is told, and arms it again.
+//! What happens when a console goes away or lets go during a session: the user is told, and arms it again.
 //!
-//! Entry point: [`Operator`].
+//! Entry point: [`Operator`]. Enter arms it, or a line that a script writes to standard input.
 
 use std::io::IsTerminal;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
 use sutura_host::link::LinkError;
-use sutura_host::session::Attendant;
+use sutura_host::session::{Arms, Attendant};
 
-/// Tells on stderr what happens; arms again by itself if it is to, else when Enter is pressed on a terminal.
+/// Tells on stderr what happens; arms again by itself if it is to, else when a line comes on standard input.
 #[derive(Debug)]
 pub struct Operator {
     rearms: bool,
-    /// Whether Enter has been pressed; none while nobody listens.
-    enter: Option<Arc<AtomicBool>>,
+    /// None while nobody listens.
+    lines: Option<Arc<Lines>>,
+}
+
+/// What came on standard input.
+#[derive(Debug, Default)]
+struct Lines {
+    came: AtomicBool,
+    over: AtomicBool,
 }
 
 impl Operator {
@@ -21,41 +29,52 @@ impl Operator {
     pub fn new(rearms: bool) -> Self {
         Operator {
             rearms,
-            enter: None,
+            lines: None,
         }
     }
 
-    /// Listens to the terminal, if there is one, until the program ends.
+    /// Listens until standard input or the program ends. Lines that wait there already were not written for this.
     fn listen(&mut self) {
-        if self.rearms || self.enter.is_some() || !std::io::stdin().is_terminal() {
+        if self.rearms || self.lines.is_some() || !stdin::drain() {
             return;
         }
-        let pressed = Arc::new(AtomicBool::new(false));
-        let press = pressed.clone();
+        let lines = Arc::new(Lines::default());
+        let heard = lines.clone();
         let listening = std::thread::Builder::new()
             .name("sutura-enter".to_owned())
             .spawn(move || {
                 let mut line = String::new();
                 while std::io::stdin().read_line(&mut line).is_ok_and(|n| n > 0) {
-                    press.store(true, Ordering::Relaxed);
+                    line.clear();
+                    heard.came.store(true, Ordering::Relaxed);
                 }
+                heard.over.store(true, Ordering::Relaxed);
             });
-        self.enter = listening.is_ok().then_some(pressed);
+        self.lines = listening.is_ok().then_some(lines);
     }
-}
 
-impl Operator {
-    /// What arms the console next, in words.
-    fn ready(&mut self) -> &'static str {
+    /// What arms the console next, in words; by itself not before `wait` is over.
+    fn ready(&mut self, wait: Duration) -> String {
         self.listen();
-        match &self.enter {
-            _ if self.rearms => "it is armed again",
-            Some(pressed) => {
-                pressed.store(false, Ordering::Relaxed);
-                "press Enter to arm it"
-            }
-            None => "it stays at rest; with --rearm it is armed by itself",
+        if self.rearms && !wait.is_zero() {
+            return format!(
+                "it is armed again in {:.0} s, three times a minute at most",
+                wait.as_secs_f64().ceil()
+            );
         }
+        let words = match &self.lines {
+            _ if self.rearms => "it is armed again",
+            Some(lines) if !lines.over.load(Ordering::Relaxed) => {
+                lines.came.store(false, Ordering::Relaxed);
+                if std::io::stdin().is_terminal() {
+                    "press Enter to arm it"
+                } else {
+                    "a line on standard input arms it"
+                }
+            }
+            _ => "it stays at rest; with --rearm it is armed by itself",
+        };
+        words.to_owned()
     }
 }
 
@@ -65,17 +84,80 @@ impl Attendant for Operator {
     }
 
     fn back(&mut self) {
-        let next = self.ready();
+        let next = self.ready(Duration::ZERO);
         note!("the console is back, at rest: {next}");
     }
 
-    fn let_go(&mut self) {
-        let next = self.ready();
+    fn let_go(&mut self, wait: Duration) {
+        let next = self.ready(wait);
         note!("the console has let go, since no contact came in time for half a second: {next}");
     }
 
-    fn arms(&mut self) -> bool {
-        let pressed = |enter: &Arc<AtomicBool>| enter.swap(false, Ordering::Relaxed);
-        self.rearms || self.enter.as_ref().is_some_and(pressed)
+    fn arms(&mut self) -> Arms {
+        let came = |lines: &Arc<Lines>| lines.came.swap(false, Ordering::Relaxed);
+        match &self.lines {
+            _ if self.rearms => Arms::ByItself,
+            Some(lines) if came(lines) => Arms::ByHand,
+            _ => Arms::No,
+        }
+    }
+}
+
+#[cfg(unix)]
+mod stdin {
+    //! What waits on standard input.
+
+    use rustix::event::{PollFd, PollFlags, Timespec, poll};
+    use rustix::io::{Errno, read};
+
+    /// Most that is read away; who writes without end is heard all the same \[pieces of 4 kB\].
+    const MOST: usize = 16;
+
+    /// Reads away what waits; says whether more may come.
+    pub fn drain() -> bool {
+        let stdin = std::io::stdin();
+        let mut waste = [0; 4096];
+        for _ in 0..MOST {
+            let mut waits = [PollFd::new(&stdin, PollFlags::IN)];
+            match poll(&mut waits, Some(&Timespec::default())) {
+                Ok(0) => return true,
+                Ok(_) => {}
+                Err(Errno::INTR) => continue,
+                Err(_) => return false,
+            }
+            match read(&stdin, &mut waste) {
+                Ok(0) => return false,
+                Ok(_) | Err(Errno::INTR) => {}
+                Err(_) => return false,
+            }
+        }
+        true
+    }
+}
+
+#[cfg(not(unix))]
+mod stdin {
+    //! Whether somebody sits at standard input.
+
+    use std::io::IsTerminal;
+
+    /// Whether lines may come.
+    pub fn drain() -> bool {
+        std::io::stdin().is_terminal()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// It is not said to be armed while it is not.
+    #[test]
+    fn a_limit_that_holds_is_said() {
+        let mut operator = Operator::new(true);
+        assert_eq!(operator.ready(Duration::ZERO), "it is armed again");
+        let words = operator.ready(Duration::from_millis(34_200));
+        assert!(words.starts_with("it is armed again in 35 s"), "{words}");
+        assert_eq!(operator.arms(), Arms::ByItself);
     }
 }

@@ -130,6 +130,7 @@ mod tests {
             (Cause::Fault, 5),
             (Cause::Diverged, 6),
             (Cause::Budget, 7),
+            (Cause::NotRendered, 8),
         ];
         for (cause, code) in pinned {
             assert_eq!(cause.code(), code, "{cause:?}");

@@ -20,10 +20,10 @@ use sutura_host::link::{
     open_serial,
 };
 use sutura_host::recording::{Tap, TappedConsole, TappedPort, TappedSolver};
-use sutura_host::scene::{LONGEST_S, Scene, Tissue};
+use sutura_host::scene::{LONGEST_S, Scene, Tissue, host_hz};
 use sutura_host::session::{
     self, LINE_BYTES_PER_S, Line, NOT_RENDERED, Plan, Progress, Scheduling, SessionError, Solve,
-    Summary, run_lockstep, run_real_time,
+    Summary, check_rate, run_lockstep, run_real_time,
 };
 use sutura_shared::control::TICK_HZ;
 use sutura_shared::wire::message::Fixture;
@@ -46,7 +46,7 @@ pub struct RunArgs {
     /// `auto` measures and chooses.
     #[arg(long, value_name = "NAME", value_parser = Tissue::named)]
     pub tissue: Option<Tissue>,
-    /// Solver steps a second, 1 to 1000 [Hz]; the scene's when left out.
+    /// Solver steps a second, 14 to 1000 [Hz]; the scene's when left out.
     #[arg(long, value_name = "HZ", value_parser = host_rate)]
     pub host_hz: Option<f64>,
     /// What the console is given to render from, on lines fast enough for it; when left out, rows of linear and
@@ -67,7 +67,8 @@ pub struct RunArgs {
     /// `coupling:x=M,y=M,z=M,k=N_PER_M[,b=N_S_PER_M]`.
     #[arg(long, value_name = "FIXTURE", value_parser = crate::fixture::parse)]
     pub fixture: Option<Fixture>,
-    /// Arms the console again by itself when it was lost and came back; otherwise Enter does, on a terminal.
+    /// Arms the console again by itself when it was lost and came back, and when it has let go, since no contact came in
+    /// time for half a second: that three times a minute at most. Otherwise Enter does, or a line on standard input.
     #[arg(long)]
     pub rearm: bool,
     /// Clears a fault that is latched in the console from before.
@@ -140,9 +141,9 @@ fn seconds(text: &str) -> Result<f64, String> {
 
 fn host_rate(text: &str) -> Result<f64, String> {
     match text.parse::<f64>() {
-        Ok(value) if (1.0..=f64::from(TICK_HZ)).contains(&value) => Ok(value),
+        Ok(value) if value > 0.0 && value <= f64::from(TICK_HZ) => Ok(value),
         _ => Err(format!(
-            "must be 1 to {TICK_HZ}: the console asks for nothing faster than its own tick"
+            "must be above 0 and at most {TICK_HZ}: the console asks for nothing faster than its own tick"
         )),
     }
 }
@@ -166,10 +167,15 @@ const EMULATOR_SPARE: Duration = Duration::from_secs(120);
 /// Everything that keeps the session from running to its end, a latched fault, a missed budget.
 pub fn run(args: &RunArgs, global: &Global) -> Result<(), Failure> {
     let asked = recording::asked();
+    // Before a port is opened: some boards start anew with that.
+    let document = crate::scene::document(args.scene.as_deref())?;
+    if let Some(host_hz) = args.host_hz.or_else(|| host_hz(&document)) {
+        check_rate(host_hz, TICK_HZ).map_err(|error| session_failure(error, &args.console))?;
+    }
     // Before a mesh is made, measured or factored: a console that cannot be had is said at once.
     let mut door = Door::open(args)?;
     let shown = crate::work::watch();
-    let (mut scene, sources) = crate::scene::open_with_sources(args.scene.as_deref())?;
+    let (mut scene, sources) = crate::scene::open_with_sources(&document)?;
     // The scene's own settings stay for what `auto` takes.
     if let Some(tissue) = args.tissue.filter(|tissue| *tissue != Tissue::Auto) {
         scene.tissue = tissue.instead_of(scene.tissue);
@@ -231,8 +237,6 @@ fn plan(args: &RunArgs, scene: &Scene) -> Result<Plan, Failure> {
         rendering: args.rendering.map_or(plan.rendering, Into::into),
         ..plan
     };
-    plan.check_rate()
-        .map_err(|error| session_failure(error, &args.console))?;
     if args.console != UART {
         return Ok(plan);
     }
@@ -463,7 +467,8 @@ pub fn link_failure(error: LinkError) -> Failure {
     Failure::say(cause, error.to_string(), error.help())
 }
 
-fn session_failure(error: SessionError, console: &str) -> Failure {
+/// A failed session with its exit code and the next step.
+pub fn session_failure(error: SessionError, console: &str) -> Failure {
     let message = error.to_string();
     match error {
         SessionError::Link(error) => link_failure(error),
@@ -505,6 +510,11 @@ fn verdict(args: &RunArgs, summary: &Summary) -> Result<(), Failure> {
         let help = "remove the cause, then run again with --clear-fault";
         return Err(Failure::say(Cause::Fault, message, help).after_summary());
     }
+    if let Some(why) = summary.status.strip_prefix(NOT_RENDERED) {
+        let message = format!("what was touched was not felt{why}");
+        let help = help_for_withheld(summary.mostly_withheld());
+        return Err(Failure::say(Cause::NotRendered, message, help).after_summary());
+    }
     if summary.mode == "idle" && summary.link.sessions > 1 {
         let message = "the console was lost, came back, and was not armed again";
         let help = match is_virtual(&args.console) {
@@ -517,28 +527,16 @@ fn verdict(args: &RunArgs, summary: &Summary) -> Result<(), Failure> {
     }
     if summary.mode == "idle" {
         let message = "the console let go: no contact that it could use came for half a second";
-        let help = match summary.steps_withheld.iter().max_by_key(|(_, steps)| **steps) {
+        let help = match withheld_for_long(summary) {
             Some((why, steps)) => format!(
-                "{steps} steps were withheld ({why}); {}",
-                help_for_withheld(why)
+                "the last {steps} steps were withheld ({why}): {}",
+                help_for_withheld(Some(why))
             ),
             None => {
                 "the host was late for that long: see `session_us` and `machine_late_us`, `sutura doctor` says what this machine can do; --rearm arms the console again".to_owned()
             }
         };
         return Err(Failure::say(Cause::Failed, message, help).after_summary());
-    }
-    if let Some(why) = summary.status.strip_prefix(NOT_RENDERED) {
-        let message = format!("what was touched was not felt{why}");
-        let most = summary
-            .steps_withheld
-            .iter()
-            .max_by_key(|(_, steps)| **steps);
-        let help = match most {
-            Some((why, _)) => help_for_withheld(why),
-            None => "contacts came too late to be used: a higher --host-hz, or a faster `--tissue`",
-        };
-        return Err(Failure::say(Cause::NotRendered, message, help).after_summary());
     }
     if summary.contact_steps == 0 {
         note!("nothing was touched");
@@ -556,16 +554,25 @@ fn verdict(args: &RunArgs, summary: &Summary) -> Result<(), Failure> {
     Ok(())
 }
 
-/// What to do about steps that were withheld for this reason.
-fn help_for_withheld(why: &str) -> &'static str {
+/// Why the newest steps were withheld, where that alone made the console let go: half of the time that it waits.
+fn withheld_for_long(summary: &Summary) -> Option<(&'static str, u64)> {
+    let last = summary.withheld_last;
+    last.filter(|(_, steps)| *steps as f64 >= 0.25 * summary.host_hz)
+}
+
+/// What to do about steps that were withheld for this reason; without one, contacts came too late.
+fn help_for_withheld(why: Option<&str>) -> &'static str {
     match why {
-        "inside" => "a tool began inside the tissue: begin outside",
-        "not-converged" => {
+        Some("inside") => {
+            "a tool was inside the tissue: it began there, or came in between the nodes; begin outside, or take a finer mesh"
+        }
+        Some("not-converged") => {
             "the model did not find a balance: a finer mesh, another `--tissue`, or a hand that presses less deep"
         }
-        "behind" => "the hand was faster than a step follows: a higher --host-hz",
-        "waiting" => "compliance columns came too late: a coarser mesh, or a lower --host-hz",
-        _ => "see `steps_withheld`",
+        Some("behind") => "the hand was faster than a step follows: a higher --host-hz",
+        Some("waiting") => "compliance columns came too late: a coarser mesh, or a lower --host-hz",
+        Some(_) => "see `steps_withheld`",
+        None => "contacts came too late to be used: a higher --host-hz, or a faster `--tissue`",
     }
 }
 

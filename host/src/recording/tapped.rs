@@ -5,7 +5,7 @@
 use super::SolveSample;
 use super::tap::{Direction, Tap};
 use crate::link::{LinkError, LockstepConsole, Port};
-use crate::session::{Effort, SceneSolver, Solve, Solved};
+use crate::session::{Effort, SceneSolver, Solve, Solved, Spared};
 use std::io;
 use std::time::{Duration, Instant};
 use sutura_shared::control::TICK_US;
@@ -98,8 +98,8 @@ impl<'a> TappedSolver<'a> {
 }
 
 impl Solve for TappedSolver<'_> {
-    fn spare(&mut self, effort: Effort) {
-        self.solver.spare(effort);
+    fn spare(&mut self, effort: Effort) -> Spared {
+        self.solver.spare(effort)
     }
 
     fn solve(&mut self, state: &Valid<State>) -> Solved {

@@ -558,7 +558,8 @@ pub struct HostSection {
     /// Solver steps a second \[Hz\].
     #[schemars(with = "Option<f64>")]
     pub host_hz: Option<Spanned<f64>>,
-    /// How long the console may use a contact frame \[ms\], from its console time.
+    /// How long the console may use a contact frame at least \[ms\], from its console time; measured delays and solves make
+    /// it longer.
     #[schemars(with = "Option<f64>")]
     pub horizon_ms: Option<Spanned<f64>>,
 }

@@ -161,8 +161,8 @@ pub struct Pose {
 pub struct HostSettings {
     /// Solver steps a second \[Hz\].
     pub host_hz: f64,
-    /// How long the console may use a contact frame \[us\], from its console time; a session measures
-    /// what is needed if the scene does not say.
+    /// How long the console may use a contact frame at least \[us\], from its console time; what a session measures makes it
+    /// longer.
     pub horizon_us: Option<u32>,
 }
 
@@ -181,6 +181,11 @@ pub fn load(path: &Path) -> Result<Scene, SceneError> {
 pub fn read(document: &Document) -> Result<Scene, SceneError> {
     work::begin("reading the scene and its mesh", || document.stem());
     Scene::read(document, &document.stem())
+}
+
+/// Solver steps a second that a scene asks for \[Hz\], without its mesh; none if its file is wrong, as [`read`] says.
+pub fn host_hz(document: &Document) -> Option<f64> {
+    read::read_host_hz(document).ok()
 }
 
 impl Scene {

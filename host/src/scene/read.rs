@@ -158,6 +158,12 @@ fn read_solve_at(document: &Document, file: &SceneFile) -> Result<Option<f64>, S
         .map(Some)
 }
 
+/// What `[host]` says of the rate \[Hz\].
+pub(super) fn read_host_hz(document: &Document) -> Result<f64, SceneError> {
+    let host = read_host(document, &document.parse()?)?;
+    Ok(host.host_hz)
+}
+
 fn read_host(document: &Document, file: &SceneFile) -> Result<HostSettings, SceneError> {
     let host_hz = match &file.host.host_hz {
         Some(value) => document.number(

@@ -1,6 +1,7 @@
 //! How long the console may use a frame: long enough for the link and the solver as they are, short enough to be safe.
 //!
-//! Entry points: [`Horizon::applied`] for every frame that came, [`Horizon::took`] for every solve, [`Horizon::next_us`]. Three
+//! Entry points: [`Horizon::applied`] for every frame that came, [`Horizon::took`] for every solve, [`Horizon::next_us`],
+//! [`Horizon::gave`] for every frame that goes out. Three
 //! host periods, so that two lost frames in a row do not let the force sag, and what a frame needs to get there: the
 //! longest delay of the last seconds, frames that came too late included, and the solve's own time, which is known before
 //! the frame goes out. A stall that is over is forgotten after these seconds: a dead host pushes no longer for it.
@@ -73,14 +74,17 @@ impl Horizon {
     }
 
     /// The horizon for the next frame \[us\].
-    pub fn next_us(&mut self) -> u32 {
+    pub fn next_us(&self) -> u32 {
         let is_recent = |span: u32| self.now.wrapping_sub(span) < SPANS as u32;
         let recent = self.recent.iter().filter(|(span, _)| is_recent(*span));
         let slowest_us = recent.map(|(_, us)| u64::from(*us)).max().unwrap_or(0);
         let needed_us = 3 * self.period_us + slowest_us.max(self.own_us);
-        let us = needed_us.max(self.least_us).min(LONGEST_US);
-        self.given_us.record(us);
-        us as u32
+        needed_us.max(self.least_us).min(LONGEST_US) as u32
+    }
+
+    /// Takes note of a frame that goes out with this horizon \[us\].
+    pub fn gave(&mut self, horizon_us: u32) {
+        self.given_us.record(u64::from(horizon_us));
     }
 
     /// The delays seen so far \[us\].
@@ -88,7 +92,7 @@ impl Horizon {
         &self.delays_us
     }
 
-    /// The horizons given so far \[us\].
+    /// The horizons of the frames that went out so far \[us\].
     pub(super) fn given_us(&self) -> &Times {
         &self.given_us
     }

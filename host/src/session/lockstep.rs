@@ -5,8 +5,10 @@
 
 use super::schedule::Schedule;
 use super::setup::{Arming, ArmingWatch};
-use super::{LinkSummary, Plan, Progress, SessionError, Solve, Summary, Tally, Throughput};
-use crate::link::{Felt, LinkCounters, LinkError, LockstepConsole, Order};
+use super::{
+    LinkSummary, Plan, Progress, SessionError, Solve, Summary, Tally, Throughput, Underway,
+};
+use crate::link::{Felt, LinkCounters, LinkError, LockstepConsole, Order, SentContact};
 use std::ops::ControlFlow;
 use std::time::Instant;
 use sutura_shared::link::{HostEvent, HostLink};
@@ -150,6 +152,7 @@ pub fn run_lockstep(
     let mut arming = Some(ArmingWatch::new(plan));
     let mut schedule: Option<Schedule> = None;
     let mut pending: Option<(u64, Felt)> = None;
+    let mut underway = Underway::default();
     let mut counters = LinkCounters::default();
     let mut silent = 0;
     while tally.ticks() < plan.ticks() {
@@ -170,6 +173,13 @@ pub fn run_lockstep(
                 line.send(time_us, &thread)?;
             }
             line.send(time_us, &felt.contact)?;
+            tally.frame(time_us, &felt.contact);
+            let sent = SentContact {
+                sequence: line.end.sent_sequence(),
+                console_time_us: time_us,
+                horizon_us: felt.contact.horizon_us,
+            };
+            underway.sent(sent, |contact, fate| tally.fate(contact, fate));
             counters.contacts_sent += 1;
         }
         let Some(state) = line.exchange(&mut tally)?.state else {
@@ -198,6 +208,9 @@ pub fn run_lockstep(
         }
         let first = tally.last().is_none();
         tally.state(state.body());
+        underway.state(state.console_time_us(), state.body(), |contact, fate| {
+            tally.fate(contact, fate);
+        });
         // One that disarmed itself, because contacts stayed away for so long, feels nothing until the end.
         if (starts || first) && state.body().mode != Mode::Idle {
             let before = Instant::now();

@@ -22,6 +22,10 @@ const FIELD_US: f64 = 0.2;
 const FOLLOWS: f64 = 0.25;
 /// And is forgotten by this part from solve to solve: where nothing can be paid for, nothing would ever be learnt again.
 const FORGETS: f64 = 0.03;
+/// Down to this part of the price by the solve's own count: steps ahead may be cheaper, but never for nothing.
+const LEAST: f64 = 0.25;
+/// More steps of a kind than any solve wants.
+const BOUNDLESS: usize = usize::MAX / 4;
 
 /// What a step ahead is for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -37,8 +41,11 @@ pub(super) enum Ahead {
 /// Steps that a solve made besides its own.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub struct Looked {
-    /// On the way between two samples that are far apart.
+    /// On the way between two samples that are far apart: made.
     pub approach: u32,
+    /// Those that were planned and not made.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub approach_left: u32,
     /// Along a needle's slide, forward and backward: planned, (2).
     pub planned: [u32; 2],
     /// Made, (2).
@@ -47,6 +54,10 @@ pub struct Looked {
     pub pulls: u32,
     /// Whether there was no time for more.
     pub short: bool,
+}
+
+fn is_zero(count: &u32) -> bool {
+    *count == 0
 }
 
 impl Looked {
@@ -122,12 +133,15 @@ impl LookBudget {
         }
     }
 
-    /// Begins a solve.
-    pub fn begin(&mut self) {
+    /// Begins a solve; `like`: what a step is like now.
+    pub fn begin(&mut self, like: &StepReport) {
         self.left_us = SHARE * self.planned_us;
         self.looked = Looked::default();
+        let least_us = LEAST * counted_us(like, self.nodes);
         for price_us in self.price_us.iter_mut().flatten() {
-            *price_us *= 1.0 - FORGETS;
+            if *price_us > least_us {
+                *price_us = (*price_us * (1.0 - FORGETS)).max(least_us);
+            }
         }
         if let Pace::Measured(watch) = &mut self.pace {
             *watch = Stopwatch::start();
@@ -143,20 +157,22 @@ impl LookBudget {
     pub fn affords(&self, kind: Ahead, like: &StepReport) -> usize {
         if let Pace::Recorded(expected) = &self.pace {
             return match kind {
-                Ahead::Approach => expected.approach as usize,
+                Ahead::Approach => (expected.approach + expected.approach_left) as usize,
                 // As many as are wanted, where any were: how many there were says the plan.
                 Ahead::Course if expected.planned == [0; 2] => 0,
-                Ahead::Course => usize::MAX / 4,
+                Ahead::Course => BOUNDLESS,
                 Ahead::Pull => expected.pulls as usize,
             };
         }
         let price_us = self.price_us[kind as usize].unwrap_or(counted_us(like, self.nodes));
-        (self.left_us / price_us).max(0.0) as usize
+        ((self.left_us / price_us).max(0.0) as usize).min(BOUNDLESS)
     }
 
     /// Steps between two samples: `wanted`, or fewer.
-    pub fn approach(&self, wanted: usize, like: &StepReport) -> usize {
-        wanted.min(self.affords(Ahead::Approach, like))
+    pub fn approach(&mut self, wanted: usize, like: &StepReport) -> usize {
+        let planned = wanted.min(self.affords(Ahead::Approach, like));
+        self.looked.approach_left = planned as u32;
+        planned
     }
 
     /// Steps along a slide, forward and backward, as they are planned.
@@ -189,7 +205,10 @@ impl LookBudget {
     /// A step of this kind has been made.
     pub fn made(&mut self, kind: Ahead, side: usize, report: &StepReport) {
         match kind {
-            Ahead::Approach => self.looked.approach += 1,
+            Ahead::Approach => {
+                self.looked.approach += 1;
+                self.looked.approach_left = self.looked.approach_left.saturating_sub(1);
+            }
             Ahead::Course => self.looked.made[side] += 1,
             Ahead::Pull => self.looked.pulls += 1,
         }
@@ -231,7 +250,7 @@ mod tests {
     fn a_count_buys_the_same_steps_however_late_the_host_is() {
         let mut budget = LookBudget::new(5000.0, 1000);
         let like = report(60, 3, 0);
-        budget.begin();
+        budget.begin(&like);
         let price_us = STEP_US + SOLVE_US * 3.0 * 2.0;
         let most = (1000.0 / price_us) as usize;
         assert_eq!(budget.affords(Ahead::Course, &like), most);
@@ -252,27 +271,45 @@ mod tests {
     fn what_was_dear_once_is_not_given_up_for_good() {
         let mut budget = LookBudget::new(5000.0, 1000);
         let like = report(60, 3, 0);
-        budget.begin();
+        budget.begin(&like);
         let most = budget.affords(Ahead::Course, &like);
         let mut failed = report(60, 2000, 0);
         failed.status = Status::NotConverged;
         budget.made(Ahead::Course, 0, &failed);
-        budget.begin();
+        budget.begin(&like);
         assert_eq!(budget.affords(Ahead::Course, &like), most);
         budget.made(Ahead::Course, 0, &report(60, 200, 0));
-        budget.begin();
+        budget.begin(&like);
         assert_eq!(budget.affords(Ahead::Course, &like), 0);
         let tried = (0..200).any(|_| {
-            budget.begin();
+            budget.begin(&like);
             budget.affords(Ahead::Course, &like) >= 4
         });
         assert!(tried);
+    }
+
+    /// A needle that is nowhere near for ten seconds.
+    #[test]
+    fn a_price_that_nobody_pays_stays_one() {
+        let mut budget = LookBudget::new(5000.0, 1000);
+        let like = report(60, 3, 0);
+        budget.begin(&like);
+        let most = budget.affords(Ahead::Course, &like);
+        budget.made(Ahead::Course, 0, &report(60, 200, 0));
+        for _ in 0..100_000 {
+            budget.begin(&like);
+        }
+        assert!((most..=5 * most).contains(&budget.affords(Ahead::Course, &like)));
+        // A clock that stood still.
+        budget.price_us = [Some(0.0); 3];
+        assert!(budget.affords(Ahead::Course, &like) <= usize::MAX / 4);
     }
 
     #[test]
     fn a_replay_makes_what_was_made() {
         let then = Looked {
             approach: 2,
+            approach_left: 3,
             planned: [7, 3],
             made: [7, 1],
             pulls: 1,
@@ -281,7 +318,7 @@ mod tests {
         let mut budget = LookBudget::new(5000.0, 1000);
         budget.replay();
         budget.expect(then);
-        budget.begin();
+        budget.begin(&report(60, 3, 0));
         let like = report(3, 1, 0);
         let count = |budget: &mut LookBudget, kind, side, most| {
             for _ in 0..most {
@@ -290,8 +327,8 @@ mod tests {
                 }
             }
         };
-        assert_eq!(budget.approach(40, &like), 2);
-        count(&mut budget, Ahead::Approach, 0, 2);
+        assert_eq!(budget.approach(40, &like), 5);
+        count(&mut budget, Ahead::Approach, 0, 5);
         assert_eq!(budget.course([24, 16]), [7, 3]);
         count(&mut budget, Ahead::Course, 0, 7);
         count(&mut budget, Ahead::Course, 1, 3);
@@ -304,7 +341,7 @@ mod tests {
     fn a_measured_price_follows() {
         let mut budget = LookBudget::new(1e9, 1000);
         budget.measure();
-        budget.begin();
+        budget.begin(&report(60, 3, 0));
         assert!(budget.allows(Ahead::Pull, 0));
         let like = report(3, 1, 0);
         let by_count = budget.affords(Ahead::Pull, &like);
@@ -316,7 +353,7 @@ mod tests {
     fn nothing_is_begun_that_the_period_has_no_time_for() {
         let mut budget = LookBudget::new(0.0, 1000);
         budget.measure();
-        budget.begin();
+        budget.begin(&report(60, 3, 0));
         assert!(!budget.allows(Ahead::Course, 0));
         assert!(budget.looked().short);
     }

@@ -92,13 +92,16 @@ impl LatenessProbe {
         let body = move || {
             let mut duty = real_time.then(|| Duty::begin(Role::Console));
             let mut lateness = MachineLateness::default();
-            while !stopped.load(Ordering::Relaxed) {
+            // One at least: a thread that comes into being too late for any says so, too.
+            loop {
                 let began = Instant::now();
                 std::thread::sleep(SLEEP);
                 lateness.note(SLEEP, began.elapsed());
                 duty.as_mut().map(Duty::look);
+                if stopped.load(Ordering::Relaxed) {
+                    return lateness;
+                }
             }
-            lateness
         };
         let thread = std::thread::Builder::new()
             .name("sutura-late".to_owned())
@@ -160,7 +163,6 @@ mod tests {
     #[test]
     fn a_probe_counts_its_sleeps_until_it_is_ended() {
         let probe = LatenessProbe::start(false).expect("a thread");
-        std::thread::sleep(Duration::from_millis(20));
         let lateness = probe.end();
         assert!(lateness.count() > 0);
         drop(LatenessProbe::start(true).expect("a thread"));

@@ -38,11 +38,11 @@ pub use look_budget::Looked;
 pub use machine_lateness::{LatenessProbe, MachineLate, MachineLateness};
 pub use model_solver::ModelSolver;
 pub use needle_frame::{HeldNeedle, needle_frame};
-pub use overload::{Effort, GivenUp};
-pub use real_time::{Attendant, Line, run_real_time};
+pub use overload::{Effort, GivenUp, Spared};
+pub use real_time::{Arms, Attendant, Line, run_real_time};
 pub use rows_frame::rows_frame;
 pub use scheduling::Scheduling;
-pub use setup::{Plan, SessionError};
+pub use setup::{Plan, SessionError, check_rate, least_hz};
 pub use sideways::{Goal, lead_s, sideways};
 pub use summary::{
     Age, ConsoleClock, Energy, Force, Frames, Latency, LinkSummary, RoundTrip, StepTime, Summary,
@@ -117,8 +117,10 @@ pub trait Solve: Send {
     /// Steps the scene to the state's pose.
     fn solve(&mut self, state: &Valid<State>) -> Solved;
 
-    /// What solves from now on are to do: less than all where the host cannot keep its pace.
-    fn spare(&mut self, _effort: Effort) {}
+    /// What solves from now on are to do: less than all where the host cannot keep its pace. Says what they do without.
+    fn spare(&mut self, _effort: Effort) -> Spared {
+        Spared::default()
+    }
 
     /// What the scene reports when the session is over.
     fn scene(&self) -> serde_json::Map<String, serde_json::Value>;

@@ -2,7 +2,7 @@
 //!
 //! Entry point: [`run_real_time`]. The solver takes the newest state, steps, and puts the contact out, host_hz
 //! times a second; a step whose result is not good sends nothing, and the console lets the force decay. A console that
-//! goes away may come back into the same session, at rest until somebody arms it again.
+//! goes away may come back into the same session, at rest until somebody arms it again; so may one that has let go.
 
 use super::heard::Underway;
 use super::overload::Overload;
@@ -21,7 +21,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 use sutura_shared::link::HostEvent;
 use sutura_shared::wire::Valid;
-use sutura_shared::wire::message::{Command, Mode, State};
+use sutura_shared::wire::message::{Command, Mode, Report, State};
 
 /// Time between two progress notes, and between two looks at how far the session is.
 const LOOK_EVERY: Duration = Duration::from_millis(50);
@@ -34,7 +34,7 @@ const SILENT: Duration = Duration::from_secs(2);
 const SAME_CLOCK_S: f64 = 0.25;
 /// See [`SAME_CLOCK_S`].
 const SAME_CLOCK: f64 = 0.02;
-/// So often may a console be armed again in [`REARMS_IN`] that let go by itself.
+/// So often in [`REARMS_IN`] is a console that let go armed again by itself.
 const REARMS: usize = 3;
 /// See [`REARMS`].
 const REARMS_IN: Duration = Duration::from_secs(60);
@@ -53,11 +53,23 @@ pub trait Attendant {
     /// It is back, at rest.
     fn back(&mut self);
 
-    /// It has let go by itself, since no contact that it could use came for too long.
-    fn let_go(&mut self) {}
+    /// It has let go by itself, since no contact that it could use came for too long. It is not armed by itself within
+    /// `wait`.
+    fn let_go(&mut self, _wait: Duration) {}
 
     /// Whether to arm it now. Asked again and again while it rests.
-    fn arms(&mut self) -> bool;
+    fn arms(&mut self) -> Arms;
+}
+
+/// Whether an [`Attendant`] arms the console.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Arms {
+    /// Not now.
+    No,
+    /// By itself; one that let go no more than three times a minute.
+    ByItself,
+    /// Somebody has asked for it.
+    ByHand,
 }
 
 /// What leads to a console.
@@ -98,13 +110,22 @@ struct Log {
     underway: Underway,
     /// The newest state of the open link's session, counted or not.
     newest: Option<(State, Instant)>,
-    /// Why the link was lost, until the console is told what it needs to know again.
-    lost: Option<LinkError>,
     reports: u64,
     /// Ticks that the session is to last.
     ticks: u64,
     /// What the solver's thread got of the system, and how often it gave way.
     solver: (Granted, u64),
+}
+
+/// What the watching thread needs of the log. It is an ordinary one, and whoever waited for it would wait for all other
+/// programs: the others write here only while it does not read.
+#[derive(Default)]
+struct View {
+    newest: Option<(State, Instant)>,
+    ticks: u64,
+    report: Option<Report>,
+    /// Why the link was lost, until the console is told what it needs to know again.
+    lost: Option<LinkError>,
 }
 
 /// Runs a session of `plan.seconds` of console time on the console that `line` leads to; `progress` may end it early.
@@ -122,23 +143,31 @@ pub fn run_real_time(
     let silent = SILENT.max(options.silent_after);
     let mut tally = Tally::new(plan.host_hz);
     tally.horizon.at_least(plan.horizon_us);
-    tally.hear_of_fates();
     let log = Arc::new(Mutex::new(Log {
         tally,
         underway: Underway::default(),
         armed: false,
         over: false,
         newest: None,
-        lost: None,
         reports: 0,
         ticks: plan.ticks(),
         solver: (Granted::NotAsked, 0),
     }));
     let memory = options.real_time.then(LockedMemory::ask).flatten();
-    let written = log.clone();
+    let view = Arc::new(Mutex::new(View::default()));
+    let (written, shown) = (log.clone(), view.clone());
     let hear = move |heard: Heard<'_>| match heard {
-        Heard::Event(event) => lock(&written).hear(event),
-        Heard::Lost(why) => lock(&written).lose(why),
+        Heard::Event(event) => {
+            let mut log = lock(&written);
+            log.hear(event);
+            log.show(&shown);
+        }
+        Heard::Lost(why) => {
+            lock(&written).lose();
+            // A loss must not be missed; there is nobody now who would wait.
+            let mut view = lock(&shown);
+            (view.newest, view.lost) = (None, Some(why.clone()));
+        }
         Heard::Sent(contact) => lock(&written).sent(contact),
         Heard::Reopened(_) => {}
     };
@@ -171,12 +200,13 @@ pub fn run_real_time(
                     link: &link,
                     plan,
                     log: &log,
+                    view: &view,
                     attendant,
                     returns,
                     arming: Some(ArmingWatch::new(plan)),
                     rest: None,
                     has_let_go: false,
-                    rearmed: [None; REARMS],
+                    rearms: Rearms::default(),
                     end: None,
                     silent,
                 };
@@ -273,7 +303,9 @@ impl Log {
                     self.tally.state(state);
                     let tally = &mut self.tally;
                     self.underway
-                        .state(console_time_us, state, |_, fate| tally.fate(fate));
+                        .state(console_time_us, state, |contact, fate| {
+                            tally.fate(contact, fate)
+                        });
                 }
             }
             HostEvent::Report(report) => {
@@ -289,15 +321,24 @@ impl Log {
 
     fn sent(&mut self, contact: SentContact) {
         let tally = &mut self.tally;
-        self.underway.sent(contact, |_, fate| tally.fate(fate));
+        self.underway
+            .sent(contact, |contact, fate| tally.fate(contact, fate));
     }
 
-    fn lose(&mut self, why: &LinkError) {
+    /// For the watching thread; if it reads just now, the next state comes in time.
+    fn show(&self, view: &Mutex<View>) {
+        if let Ok(mut view) = view.try_lock() {
+            view.newest = self.newest;
+            view.ticks = self.tally.ticks();
+            view.report = self.tally.last_report().copied();
+        }
+    }
+
+    fn lose(&mut self) {
         self.tally.lose();
         self.underway.lose(|_, _| {});
         self.armed = false;
         self.newest = None;
-        self.lost = Some(why.clone());
     }
 }
 
@@ -348,23 +389,30 @@ fn solve_until(
             schedule.get_or_insert_with(|| Schedule::new(now, plan.tick_hz, plan.host_hz));
         if due {
             let missed = if was_late { schedule.left_out() } else { 0 };
-            solver.spare(overload.effort());
+            let spared = solver.spare(overload.effort());
             let solved = solver.solve(&state);
             let solve_time = heard.elapsed();
-            let horizon_us = {
+            let felt = {
                 let mut log = lock(log);
-                if log.armed {
-                    log.tally.step(&solved, solve_time);
+                let armed = log.armed;
+                let tally = &mut log.tally;
+                if armed {
+                    tally.step(&solved, solve_time);
                 }
-                log.tally.horizon.took(solve_time.as_micros() as u64);
-                log.tally.horizon.next_us()
+                tally.horizon.took(solve_time.as_micros() as u64);
+                let horizon_us = tally.horizon.next_us();
+                let felt = solved.frames(state.body(), horizon_us, plan.rendering);
+                if let Some(felt) = felt.as_ref().filter(|_| armed) {
+                    tally.frame(state.console_time_us(), &felt.contact);
+                }
+                felt
             };
-            if let Some(felt) = solved.frames(state.body(), horizon_us, plan.rendering) {
+            if let Some(felt) = felt {
                 link.felt(state.console_time_us(), felt);
             }
             let time = heard.elapsed();
             was_late = time > period;
-            if let Some(words) = overload.note(time, missed) {
+            if let Some(words) = overload.note(time, missed, spared) {
                 tracing::warn!("{words}");
             }
             let mut log = lock(log);
@@ -392,6 +440,7 @@ struct Watch<'a> {
     link: &'a Link,
     plan: &'a Plan,
     log: &'a Mutex<Log>,
+    view: &'a Mutex<View>,
     attendant: Option<Box<dyn Attendant>>,
     /// Whether a console that goes away may come back.
     returns: bool,
@@ -401,12 +450,29 @@ struct Watch<'a> {
     rest: Option<Rest>,
     /// While the console rests because it has let go.
     has_let_go: bool,
-    /// When it was armed again after it had, (3), the newest last.
-    rearmed: [Option<Instant>; REARMS],
+    rearms: Rearms,
     /// When a session ends whose link was lost: a console that is away has no ticks to count.
     end: Option<Instant>,
     /// See [`SILENT`].
     silent: Duration,
+}
+
+/// When a console that let go was armed by itself, the newest last.
+#[derive(Clone, Copy, Debug, Default)]
+struct Rearms([Option<Instant>; REARMS]);
+
+impl Rearms {
+    /// How long it is not armed by itself again.
+    fn wait(&self, now: Instant) -> Duration {
+        let oldest = self.0[0].map(|oldest| now.saturating_duration_since(oldest));
+        oldest.map_or(Duration::ZERO, |since| REARMS_IN.saturating_sub(since))
+    }
+
+    /// It has been.
+    fn note(&mut self, now: Instant) {
+        self.0.rotate_left(1);
+        self.0[REARMS - 1] = Some(now);
+    }
 }
 
 /// A console that went away.
@@ -441,15 +507,15 @@ impl Watch<'_> {
                     .map_err(SessionError::from)
                     .and(Err(SessionError::Solver));
             }
-            let (newest, ticks, report, over, lost) = {
-                let mut log = lock(self.log);
-                (
-                    log.newest,
-                    log.tally.ticks(),
-                    log.tally.last_report().copied(),
-                    log.over,
-                    log.lost.take(),
-                )
+            let View {
+                newest,
+                ticks,
+                report,
+                lost,
+            } = {
+                let mut view = lock(self.view);
+                let lost = view.lost.take();
+                View { lost, ..*view }
             };
             if let Some(why) = lost {
                 self.end.get_or_insert(Instant::now() + left);
@@ -488,7 +554,7 @@ impl Watch<'_> {
             }
             // At rest, or in a latched fault, nothing more is to be felt.
             let fault = self.arming.is_none() && state.mode == Mode::Fault;
-            if over || ticks >= self.plan.ticks() || fault {
+            if ticks >= self.plan.ticks() || fault {
                 return Ok(Ended::Running);
             }
         }
@@ -510,25 +576,31 @@ impl Watch<'_> {
                 Arming::NotYet => {}
             }
         }
+        if state.mode != Mode::Idle {
+            self.has_let_go = false;
+        }
         let Some(attendant) = &mut self.attendant else {
             return Ok(());
         };
         let Some(rest) = &self.rest else {
             let rests = state.mode == Mode::Idle && self.arming.is_none();
-            if rests && !self.has_let_go {
+            if !rests {
+                return Ok(());
+            }
+            let now = Instant::now();
+            let wait = self.rearms.wait(now);
+            if !self.has_let_go {
                 self.has_let_go = true;
-                attendant.let_go();
+                attendant.let_go(wait);
             }
-            let oldest = self.rearmed[0];
-            let may = oldest.is_none_or(|oldest| oldest.elapsed() >= REARMS_IN);
-            if rests && may && attendant.arms() {
-                self.link.order(Order::Command(Command::Arm))?;
-                self.arming = Some(ArmingWatch::new(self.plan));
-                self.has_let_go = false;
-                self.rearmed.rotate_left(1);
-                self.rearmed[REARMS - 1] = Some(Instant::now());
-                lock(self.log).tally.rearm();
+            match attendant.arms() {
+                Arms::ByHand => {}
+                Arms::ByItself if wait.is_zero() => self.rearms.note(now),
+                Arms::ByItself | Arms::No => return Ok(()),
             }
+            self.link.order(Order::Command(Command::Arm))?;
+            self.arming = Some(ArmingWatch::new(self.plan));
+            lock(self.log).tally.rearm();
             return Ok(());
         };
         if let Rest::Away(_) = rest
@@ -546,7 +618,7 @@ impl Watch<'_> {
             attendant.back();
             self.rest = Some(Rest::Back);
         }
-        if matches!(self.rest, Some(Rest::Back)) && attendant.arms() {
+        if matches!(self.rest, Some(Rest::Back)) && attendant.arms() != Arms::No {
             self.link.order(Order::Command(Command::Arm))?;
             self.arming = Some(ArmingWatch::new(self.plan));
             self.rest = None;
@@ -567,5 +639,25 @@ fn disarm(link: &Link, log: &Mutex<Log>) {
     let deadline = Instant::now() + REPORT_WITHIN;
     while lock(log).reports == before && link.check().is_ok() && Instant::now() < deadline {
         std::thread::sleep(Duration::from_millis(5));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_console_is_armed_by_itself_three_times_a_minute() {
+        let begin = Instant::now();
+        let at = |s: u64| begin + Duration::from_secs(s);
+        let mut rearms = Rearms::default();
+        for s in [0, 10, 20] {
+            assert_eq!(rearms.wait(at(s)), Duration::ZERO);
+            rearms.note(at(s));
+        }
+        assert_eq!(rearms.wait(at(25)), Duration::from_secs(35));
+        assert_eq!(rearms.wait(at(60)), Duration::ZERO);
+        rearms.note(at(60));
+        assert_eq!(rearms.wait(at(61)), Duration::from_secs(9));
     }
 }

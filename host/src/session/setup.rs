@@ -147,24 +147,29 @@ impl Plan {
         // Both have been checked: the scene's when it was loaded, the console's when it was received.
         name(bytes).unwrap_or_default().to_owned()
     }
+}
 
-    /// Whether contacts at this rate are there before the last one may not be used any more.
-    ///
-    /// # Errors
-    /// [`SessionError::TooSlow`].
-    pub fn check_rate(&self) -> Result<(), SessionError> {
-        // One that is solved for a state is there a period later, and is used for another.
-        let longest_s = 1e-6 * LONGEST_US as f64;
-        let least_hz = (2.0 / (longest_s - 2.0 / f64::from(self.tick_hz))).ceil();
-        if self.host_hz >= least_hz {
-            return Ok(());
-        }
-        Err(SessionError::TooSlow {
-            host_hz: self.host_hz,
-            longest_ms: 1e3 * longest_s,
-            least_hz,
-        })
+/// Fewest solves a second of which each contact is there before the last one may not be used any more \[Hz\].
+pub fn least_hz(tick_hz: u16) -> f64 {
+    // One that is solved for a state is there a period later, and is used for another.
+    let longest_s = 1e-6 * LONGEST_US as f64;
+    (2.0 / (longest_s - 2.0 / f64::from(tick_hz))).ceil()
+}
+
+/// Whether contacts at this rate are there before the last one may not be used any more.
+///
+/// # Errors
+/// [`SessionError::TooSlow`].
+pub fn check_rate(host_hz: f64, tick_hz: u16) -> Result<(), SessionError> {
+    let least_hz = least_hz(tick_hz);
+    if host_hz >= least_hz {
+        return Ok(());
     }
+    Err(SessionError::TooSlow {
+        host_hz,
+        longest_ms: 1e-3 * LONGEST_US as f64,
+        least_hz,
+    })
 }
 
 /// Whether the console is armed by now, or never will be.

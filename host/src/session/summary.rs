@@ -3,6 +3,7 @@
 //! Entry point: [`Summary`]. Key names carry their units and are a contract with scripts: add, never rename.
 
 use super::overload::GivenUp;
+use super::tally::MOST_SPOILT;
 use super::{MachineLate, Scheduling};
 use crate::choice::Chosen;
 use serde::Serialize;
@@ -123,7 +124,7 @@ pub struct LinkSummary {
 /// A session in numbers.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Summary {
-    /// `ok`, or what was latched.
+    /// `ok`; else what was latched, why what was touched was not felt, or that the console is at rest: the first of these.
     pub status: String,
     /// How the console was reached: `virtual`, `qemu`, or a port.
     pub console: String,
@@ -151,17 +152,20 @@ pub struct Summary {
     pub host_hz_reached: f64,
     /// Solver steps after which nothing was sent, by what was wrong with their result.
     pub steps_withheld: BTreeMap<&'static str, u64>,
+    /// Why the newest steps were withheld, and how many in a row; none if the newest one was sent.
+    #[serde(skip)]
+    pub withheld_last: Option<(&'static str, u64)>,
     /// Times that the console found its contact data too old and let the force decay.
     pub decays: u64,
     /// Frames.
     pub frames: Frames,
     /// The link.
     pub link: LinkSummary,
-    /// From the state's time stamp to the tick that first applied its contact, by the console's clock \[us\].
+    /// From the state's time stamp to the tick that was given its contact, in time or too late, by the console's clock \[us\].
     pub latency_us: Latency,
     /// Age of the contact data in use, every tick while armed \[ms\].
     pub age_ms: Age,
-    /// Horizon of the frames that were sent \[ms\].
+    /// Horizon of the contacts that were sent \[ms\].
     pub horizon_ms: Age,
     /// All that the solver's thread did for a solve, on the wall \[us\].
     pub session_us: StepTime,
@@ -201,4 +205,15 @@ pub struct Summary {
     pub machine_late_over_5ms: Option<u64>,
     /// What the scene reports.
     pub scene: serde_json::Map<String, serde_json::Value>,
+}
+
+impl Summary {
+    /// Why most of the steps were withheld that were; none if those were no more than a session may have of its steps in
+    /// contact.
+    pub fn mostly_withheld(&self) -> Option<&'static str> {
+        let withheld: u64 = self.steps_withheld.values().sum();
+        let most = self.steps_withheld.iter().max_by_key(|(_, steps)| **steps);
+        most.map(|(why, _)| *why)
+            .filter(|_| withheld as f64 > MOST_SPOILT * self.contact_steps as f64)
+    }
 }

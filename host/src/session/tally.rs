@@ -1,6 +1,7 @@
 //! Counts and sums over a session, from every state and report of the console and every solver step.
 //!
-//! Entry points: [`Tally::state`], [`Tally::report`], [`Tally::step`], then [`Tally::summary`].
+//! Entry points: [`Tally::state`], [`Tally::report`], [`Tally::step`], [`Tally::frame`], [`Tally::fate`], then
+//! [`Tally::summary`].
 //! Energy is the passivity observer's of Hannaford & Ryu 2002: E = -sum F . dx, with F the contact force
 //! on the hand held over one tick and dx the grip's motion in it; positive when the hand did the work.
 
@@ -9,13 +10,13 @@ use super::heard::Fate;
 use super::horizon::Horizon;
 use super::overload::GivenUp;
 use super::summary::{Age, Energy, Force, Frames, Latency, StepTime, Summary};
-use crate::link::LinkCounters;
+use crate::link::{LinkCounters, SentContact};
 use crate::times::Times;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, VecDeque};
 use std::time::Duration;
 use sutura_shared::control::TICK_HZ;
 use sutura_shared::wire::faults;
-use sutura_shared::wire::message::{Mode, Report, State};
+use sutura_shared::wire::message::{Contact, Mode, Report, State};
 
 /// Everything that a session remembers of itself.
 #[derive(Debug)]
@@ -32,21 +33,25 @@ pub struct Tally {
     energy_min_j: f64,
     /// Delay of the whole loop, and the horizon that follows from it.
     pub horizon: Horizon,
-    /// Whether somebody else says what became of each contact, those that came too late included.
-    is_told: bool,
     /// Contacts that came when they were too old to be used.
     late: u64,
     /// All that the solver's thread does for a solve \[ns\].
     sessions_ns: Times,
     all_ns: u64,
     sent_ns: u64,
-    /// Second of the session that is under way, solves in it and what they took \[ns\]; the largest mean of one so far \[ns\].
-    second: (u64, u64, u64),
+    /// Second of the session that is under way; the largest mean of one so far \[ns\].
+    second: Second,
     worst_second_ns: f64,
     contact_steps: u64,
     /// Of these: whose force was worth a console's while; those that were withheld, or not balanced.
     forceful_steps: u64,
     spoilt_steps: u64,
+    /// Console time of the states for which contacts with such a force went out \[us\], the newest last.
+    forceful_us: VecDeque<u64>,
+    /// Of these: that the console used.
+    forceful_used: u64,
+    /// Why the newest steps were withheld, and how many in a row.
+    withheld_last: Option<(&'static str, u64)>,
     rearmed: u64,
     given_up: GivenUp,
     ages_us: Times,
@@ -68,7 +73,39 @@ const NOTICED_N: f64 = 1e-3;
 /// Steps at the end of a session whose contacts may not have come yet.
 const UNDERWAY: u64 = 4;
 /// Part of the steps in contact that may be withheld or out of balance.
-const MOST_SPOILT: f64 = 0.2;
+pub(super) const MOST_SPOILT: f64 = 0.2;
+/// Steps in contact of which that part says something \[s of planned steps\].
+const LEAST_CONTACT_S: f64 = 0.25;
+/// Contacts that may be on their way, see [`super::Underway`].
+const MOST_UNDERWAY: usize = 128;
+/// Part of a second that solves must fill for their mean to be that of a second \[ns\].
+const LEAST_FILLED_NS: u64 = 500_000_000;
+
+/// Solves of a second of the session.
+#[derive(Clone, Copy, Debug, Default)]
+struct Second {
+    number: u64,
+    solves: u64,
+    sum_ns: u64,
+    /// Their periods, or what they took where that is longer \[ns\]: late solves are few.
+    filled_ns: u64,
+}
+
+impl Second {
+    /// Mean of a solve \[ns\].
+    fn mean_ns(&self) -> f64 {
+        self.sum_ns as f64 / self.solves.max(1) as f64
+    }
+
+    /// Mean of a solve \[ns\]; 0 if too little of the second was planned for one.
+    fn full_mean_ns(&self) -> f64 {
+        if self.filled_ns >= LEAST_FILLED_NS {
+            self.mean_ns()
+        } else {
+            0.0
+        }
+    }
+}
 
 /// Length of a vector.
 fn norm(v: [f32; 3]) -> f64 {
@@ -100,16 +137,18 @@ impl Tally {
             energy_j: 0.0,
             energy_min_j: 0.0,
             horizon: Horizon::new(host_hz),
-            is_told: false,
             late: 0,
             sessions_ns: Times::new(100_000_000_000),
             all_ns: 0,
-            second: (0, 0, 0),
+            second: Second::default(),
             worst_second_ns: 0.0,
             sent_ns: 0,
             contact_steps: 0,
             forceful_steps: 0,
             spoilt_steps: 0,
+            forceful_us: VecDeque::with_capacity(MOST_UNDERWAY),
+            forceful_used: 0,
+            withheld_last: None,
             rearmed: 0,
             given_up: GivenUp::default(),
             ages_us: Times::new(u64::from(u32::MAX)),
@@ -148,10 +187,6 @@ impl Tally {
             });
             self.energy_j -= work.sum::<f64>();
             self.energy_min_j = self.energy_min_j.min(self.energy_j);
-            let is_new = state.contact_sequence != before.contact_sequence;
-            if is_new && state.contact_sequence != 0 && !self.is_told {
-                self.horizon.applied(state.applied_age_us);
-            }
             if state.mode == Mode::Decaying && before.mode == Mode::Armed {
                 self.decays += 1;
             }
@@ -161,15 +196,28 @@ impl Tally {
         self.last = Some(*state);
     }
 
-    /// From now on [`Self::fate`] says what became of contacts, and not the states alone.
-    pub fn hear_of_fates(&mut self) {
-        self.is_told = true;
+    /// Takes note of a contact that goes out for the state of `console_time_us`.
+    pub fn frame(&mut self, console_time_us: u64, contact: &Contact) {
+        self.horizon.gave(contact.horizon_us);
+        let [x, y, z, ..] = contact.wrench;
+        if norm([x, y, z]) <= NOTICED_N {
+            return;
+        }
+        if self.forceful_us.len() >= MOST_UNDERWAY {
+            self.forceful_us.pop_front();
+        }
+        self.forceful_us.push_back(console_time_us);
     }
 
     /// Takes note of what became of a contact.
-    pub fn fate(&mut self, fate: Fate) {
+    pub fn fate(&mut self, contact: &SentContact, fate: Fate) {
+        let us = contact.console_time_us;
+        let is_forceful = self.forceful_us.contains(&us);
         match fate {
-            Fate::Used { age_us } => self.horizon.applied(age_us),
+            Fate::Used { age_us } => {
+                self.horizon.applied(age_us);
+                self.forceful_used += u64::from(is_forceful);
+            }
             Fate::TooLate { age_us } => {
                 self.late += 1;
                 self.horizon.applied(age_us);
@@ -184,16 +232,17 @@ impl Tally {
         self.sessions_ns.record(ns(time));
         self.all_ns += ns(time);
         let now = (self.ticks() as f64 / f64::from(TICK_HZ)) as u64;
-        let (second, count, sum_ns) = &mut self.second;
-        if *second != now {
-            // Of few solves a mean says little.
-            if *count as f64 >= 0.5 * self.host_hz {
-                self.worst_second_ns = self.worst_second_ns.max(*sum_ns as f64 / *count as f64);
-            }
-            (*second, *count, *sum_ns) = (now, 0, 0);
+        if self.second.number != now {
+            self.worst_second_ns = self.worst_second_ns.max(self.second.full_mean_ns());
+            self.second = Second {
+                number: now,
+                ..Second::default()
+            };
         }
-        *count += 1;
-        *sum_ns += ns(time);
+        let second = &mut self.second;
+        second.solves += 1;
+        second.sum_ns += ns(time);
+        second.filled_ns += ns(time).max((1e9 / self.host_hz) as u64);
         self.sent_ns += ns(sending);
     }
 
@@ -226,9 +275,14 @@ impl Tally {
         self.forceful_steps += u64::from((x * x + y * y + z * z).sqrt() > NOTICED_N);
         let is_spoilt = solved.contact.is_none() || solved.unfinished;
         self.spoilt_steps += u64::from(solved.touched && is_spoilt);
-        if solved.contact.is_none() {
-            *self.withheld.entry(solved.status.name()).or_default() += 1;
+        if solved.contact.is_some() {
+            self.withheld_last = None;
+            return;
         }
+        let why = solved.status.name();
+        *self.withheld.entry(why).or_default() += 1;
+        let before = self.withheld_last.map_or(0, |(_, steps)| steps);
+        self.withheld_last = Some((why, before + 1));
     }
 
     /// The newest state.
@@ -286,19 +340,30 @@ impl Tally {
 
     /// Why what the solver found was not felt, if it was not.
     fn not_rendered(&self) -> Option<String> {
-        if self.forceful_steps > UNDERWAY && self.peak_n < NOTICED_N {
+        // The console's own force says nothing of it: a fixture has one, too.
+        if self.forceful_steps > UNDERWAY && self.forceful_used == 0 {
             return Some(format!(
                 "{} steps found a force, and the console rendered none",
                 self.forceful_steps
             ));
         }
-        let share = self.spoilt_steps as f64 / self.contact_steps.max(1) as f64;
-        (share > MOST_SPOILT).then(|| {
+        let steps = self.contact_steps as f64;
+        let share = self.spoilt_steps as f64 / steps.max(1.0);
+        (share > MOST_SPOILT && steps >= LEAST_CONTACT_S * self.host_hz).then(|| {
             format!(
                 "{:.0} % of the steps in contact were withheld or not balanced",
                 1e2 * share
             )
         })
+    }
+
+    /// The largest mean of a second \[ns\], the one under way included; a shorter session is one.
+    fn worst_second_ns(&self) -> f64 {
+        let last_ns = match self.ticks() < u64::from(TICK_HZ) {
+            true => self.second.mean_ns(),
+            false => self.second.full_mean_ns(),
+        };
+        self.worst_second_ns.max(last_ns)
     }
 
     /// The session in numbers; the caller fills in what only it knows.
@@ -333,7 +398,7 @@ impl Tally {
                 p50: us(self.horizon.given_us(), 0.5, 1e3),
                 max: self.horizon.given_us().max() as f64 / 1e3,
             },
-            worst_second_us: self.worst_second_ns / 1e3,
+            worst_second_us: self.worst_second_ns() / 1e3,
             session_us: StepTime {
                 p50: us(&self.sessions_ns, 0.5, 1e3),
                 p99: us(&self.sessions_ns, 0.99, 1e3),
@@ -352,6 +417,7 @@ impl Tally {
                 0.0
             },
             steps_withheld: self.withheld.clone(),
+            withheld_last: self.withheld_last,
             decays: self.decays,
             frames,
             latency_us: Latency {
@@ -501,8 +567,22 @@ mod tests {
         assert_eq!(summary.energy_j.min, 0.0);
     }
 
+    fn sent(console_time_us: u64) -> SentContact {
+        SentContact {
+            sequence: 1,
+            console_time_us,
+            horizon_us: 40_000,
+        }
+    }
+
+    /// Ticks of a session up to this one.
+    fn go_on(tally: &mut Tally, until: u32) {
+        let from = tally.last().map_or(0, |state| state.tick + 1);
+        (from..until).for_each(|tick| tally.state(&state(tick, 0.0, 0.0)));
+    }
+
     #[test]
-    fn latency_is_counted_once_a_contact_and_decay_once_a_fall() {
+    fn decay_is_counted_once_a_fall() {
         let mut tally = Tally::new(100.0);
         for (tick, contact, mode) in [
             (0, 1, Mode::Armed),
@@ -518,8 +598,122 @@ mod tests {
                 ..state(tick, 0.0, 0.0)
             });
         }
-        assert_eq!(tally.horizon.delays_us().count(), 2);
         assert_eq!(tally.summary(&LinkCounters::default(), 1000).decays, 1);
+    }
+
+    /// Three quarters of the solves of the middle second are missing because each took 20 ms.
+    #[test]
+    fn the_worst_second_is_the_one_in_which_solves_were_late() {
+        let mut tally = Tally::new(200.0);
+        let solves = |tally: &mut Tally, second: u32, count: u32, us: u64| {
+            for solve in 0..count {
+                go_on(tally, 1000 * second + 1 + 999 * solve / count);
+                tally.session(Duration::from_micros(us), Duration::ZERO);
+            }
+        };
+        let worst = |tally: &Tally| {
+            tally
+                .summary(&LinkCounters::default(), 1000)
+                .worst_second_us
+        };
+        solves(&mut tally, 0, 200, 300);
+        solves(&mut tally, 1, 50, 20_000);
+        solves(&mut tally, 2, 200, 400);
+        assert_eq!(worst(&tally), 20_000.0);
+        // The last one counts, too, once half of it was planned.
+        solves(&mut tally, 3, 20, 50_000);
+        assert_eq!(worst(&tally), 50_000.0);
+        solves(&mut tally, 4, 3, 90_000);
+        assert_eq!(worst(&tally), 50_000.0);
+    }
+
+    #[test]
+    fn a_session_of_less_than_a_second_has_a_worst_one() {
+        let mut tally = Tally::new(200.0);
+        go_on(&mut tally, 100);
+        for _ in 0..20 {
+            tally.session(Duration::from_micros(700), Duration::ZERO);
+        }
+        let summary = tally.summary(&LinkCounters::default(), 1000);
+        assert_eq!(summary.worst_second_us, 700.0);
+    }
+
+    fn in_contact(force_n: f64) -> Solved {
+        let mut contact = ToolContact::default();
+        contact.wrench[2] = force_n;
+        Solved {
+            contact: Some(contact),
+            status: Status::Ok,
+            touched: true,
+            ..Solved::default()
+        }
+    }
+
+    fn status(tally: &Tally) -> String {
+        tally.summary(&LinkCounters::default(), 1000).status
+    }
+
+    /// A wall of the console's own is felt all the time.
+    #[test]
+    fn a_fixtures_force_is_not_that_of_the_scene() {
+        let mut tally = Tally::new(200.0);
+        let frame = |force_n: f64| {
+            let solved = in_contact(force_n);
+            let state = state(0, 0.0, 0.0);
+            solved
+                .frames(&state, 40_000, super::super::Rendering::Hold)
+                .expect("a contact")
+                .contact
+        };
+        tally.state(&state(0, 0.0, 3.0));
+        for us in 1..=50 {
+            tally.step(&in_contact(1.0), Duration::ZERO);
+            tally.frame(us, &frame(1.0));
+            tally.fate(&sent(us), Fate::TooLate { age_us: 90_000 });
+        }
+        assert!(status(&tally).starts_with(NOT_RENDERED));
+        // One without a force, in time, is none that was felt.
+        tally.frame(51, &frame(0.0));
+        tally.fate(&sent(51), Fate::Used { age_us: 5_000 });
+        assert!(status(&tally).starts_with(NOT_RENDERED));
+        tally.frame(52, &frame(1.0));
+        tally.fate(&sent(52), Fate::Used { age_us: 5_000 });
+        assert_eq!(status(&tally), "ok");
+    }
+
+    #[test]
+    fn a_share_of_a_few_steps_says_nothing() {
+        let mut tally = Tally::new(200.0);
+        tally.state(&state(0, 0.0, 0.0));
+        let waiting = Solved {
+            touched: true,
+            status: Status::Waiting,
+            ..Solved::default()
+        };
+        let one_of_three = |tally: &mut Tally| {
+            tally.step(&waiting, Duration::ZERO);
+            tally.step(&in_contact(0.0), Duration::ZERO);
+            tally.step(&in_contact(0.0), Duration::ZERO);
+        };
+        (0..16).for_each(|_| one_of_three(&mut tally));
+        assert_eq!(status(&tally), "ok");
+        one_of_three(&mut tally);
+        assert!(status(&tally).starts_with("not-rendered: 33 %"));
+    }
+
+    #[test]
+    fn why_the_newest_steps_were_withheld_is_known() {
+        let mut tally = Tally::new(200.0);
+        let last = |tally: &Tally| tally.summary(&LinkCounters::default(), 1000).withheld_last;
+        let withheld = Solved {
+            status: Status::Inside,
+            ..Solved::default()
+        };
+        tally.step(&withheld, Duration::ZERO);
+        tally.step(&withheld, Duration::ZERO);
+        assert_eq!(last(&tally), Some(("inside", 2)));
+        tally.step(&in_contact(1.0), Duration::ZERO);
+        assert_eq!(last(&tally), None);
     }
 
     #[test]

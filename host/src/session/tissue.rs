@@ -6,8 +6,8 @@
 use super::look_ahead::{Look, course};
 use super::look_budget::{Ahead, LookBudget, Looked};
 use super::{
-    Effort, Goal, HeldNeedle, HeldThread, Plan, Rendering, SceneSolver, Solve, Solved, lead_s,
-    sideways,
+    Effort, Goal, HeldNeedle, HeldThread, Plan, Rendering, SceneSolver, Solve, Solved, Spared,
+    lead_s, sideways,
 };
 use crate::clock::Clock;
 use crate::model::Model;
@@ -70,8 +70,6 @@ pub struct TissueSolver {
     looks_ahead: bool,
     budget: LookBudget,
     effort: Effort,
-    /// Rows that a contact is reduced to while nothing is given up.
-    most_rows: usize,
     script: Script,
     /// Console time of the first step \[us\], from which scripts count.
     began_us: Option<u64>,
@@ -141,7 +139,6 @@ impl TissueSolver {
             budget: LookBudget::new(1e6 / scene.host.host_hz, model.points_m().len()),
             looks_ahead: true,
             effort: Effort::Full,
-            most_rows: 0,
             model,
             state,
             work,
@@ -221,7 +218,6 @@ impl TissueSolver {
     /// From now on steps reduce the driven tool's contact to so many rows at most (0: to none), those that matter
     /// within `ahead_s` first.
     pub fn reduce_to(&mut self, most_rows: usize, ahead_s: f64) {
-        self.most_rows = most_rows;
         self.work.most_rows = most_rows;
         self.ahead_s = ahead_s;
     }
@@ -355,6 +351,9 @@ impl TissueSolver {
                 *at = blend(sign * from, *at, part);
             }
             between.console_time_us = before.console_time_us + period_us * piece / pieces;
+            if !self.budget.allows(Ahead::Approach, 0) {
+                return;
+            }
             let report = self.step(between);
             self.budget.made(Ahead::Approach, 0, &report);
         }
@@ -583,13 +582,15 @@ impl NeedleTally {
 }
 
 impl Solve for TissueSolver {
-    fn spare(&mut self, effort: Effort) {
+    fn spare(&mut self, effort: Effort) -> Spared {
         self.effort = effort;
-        self.work.most_rows = if effort < Effort::NoRows {
-            self.most_rows
-        } else {
-            0
-        };
+        self.work.spares_rows = effort >= Effort::NoRows;
+        let (needles, threads) = (&self.needles, &self.peak_tension_n);
+        let looks = !needles.is_empty() || (self.looks_ahead && !threads.is_empty());
+        Spared {
+            looks: effort >= Effort::NoLooks && looks && self.tissue.word() == "linear",
+            rows: effort >= Effort::NoRows && self.work.most_rows > 0,
+        }
     }
 
     fn solve(&mut self, state: &Valid<State>) -> Solved {
@@ -608,7 +609,7 @@ impl Solve for TissueSolver {
                 looked: Looked::default(),
             };
         };
-        self.budget.begin();
+        self.budget.begin(&self.last);
         let looks_ahead = self.looks_ahead && self.effort == Effort::Full;
         let mut clock = Clock::start();
         let before = self.last_sample.replace(sample);

@@ -411,6 +411,8 @@ pub struct Workspace {
     /// To how many rows at most steps reduce each tool's contact, for [`Workspace::rows`]; 0: they do not. More than
     /// [`MAX_TOOL_ROWS`] are never given.
     pub most_rows: usize,
+    /// Whether these rows are not made after all, for want of time. Nothing else of a step is another for that.
+    pub spares_rows: bool,
     /// Way that a tool may go from the step's pose while its rows are in use \[m\], (3): those that would switch on it are
     /// chosen first.
     pub ahead_m: [f64; 3],
@@ -448,6 +450,7 @@ impl Workspace {
             // and again: what a contact touches is computed at once.
             vertices_per_step: if model.body.is_linear() { 8 } else { 64 },
             most_rows: 0,
+            spares_rows: false,
             ahead_m: [0.0; 3],
         }
     }

@@ -48,7 +48,7 @@ pub(super) fn reduce(
         if contact.rows > 0 {
             let normal = force.try_normalize(0.0).unwrap_or_else(Vector3::z);
             contact.normal = normal.into();
-            if most_rows > 0 {
+            if most_rows > 0 && !work.spares_rows {
                 let near = (ahead_m, NEAR * solid.radius(), most_rows);
                 rows_of(state, tool, &grip, &solid, near, work, &mut rows);
             }
@@ -61,6 +61,7 @@ pub(super) fn reduce(
                 let then = nearest(displaced(work), &solid.moved(&ahead_m));
                 then.is_some_and(|(_, gap)| gap < reach_m)
             };
+            // Rows that are spared say how it will be when it touches, as those that are sent would.
             if gap < reach_m || (most_rows > 0 && soon()) {
                 let at_once = contact.gap_m + AT_ONCE * solid.radius();
                 let near = if most_rows > 0 {
@@ -74,7 +75,7 @@ pub(super) fn reduce(
                 rows.truncate(most_rows);
             }
         }
-        if most_rows > 0 {
+        if most_rows > 0 && !work.spares_rows {
             rows.tool = sample.id;
             for id in &mut rows.id[..rows.count] {
                 *id = model.touchable[*id as usize];

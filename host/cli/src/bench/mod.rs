@@ -19,8 +19,10 @@ use std::time::{Duration, Instant};
 use sutura_host::model::Model;
 use sutura_host::scene::{Scene, Tissue};
 use sutura_host::script::Script;
+use sutura_host::session::{check_rate, least_hz};
 use sutura_host::step::{State, Status, StepReport, Workspace, step};
 use sutura_host::thread::ThreadTension;
+use sutura_shared::control::TICK_HZ;
 
 /// Slabs of `--suite`, in cubes along x, y, z.
 const SLABS: [[usize; 3]; 3] = [[20, 20, 8], [26, 26, 10], [32, 32, 12]];
@@ -252,6 +254,12 @@ struct Sample {
 
 fn measure(scene: &Scene, progress: &ProgressBar) -> Result<Vec<Case>, Failure> {
     progress.set_message(scene.name.clone());
+    if let Err(error) = check_rate(scene.host.host_hz, TICK_HZ) {
+        let least_hz = least_hz(TICK_HZ);
+        let help = format!("have its `[host]` say `host_hz = {least_hz}` or more");
+        let message = format!("the scene \"{}\": {error}", scene.name);
+        return Err(Failure::say(Cause::BadInput, message, help));
+    }
     if scene.hand.is_none() || scene.driven().is_none() {
         let message = format!(
             "the scene \"{}\" has no hand or no tool to follow",

@@ -15,6 +15,7 @@ use std::path::PathBuf;
 use sutura_hil::VirtualConsole;
 use sutura_host::link::open_serial;
 use sutura_host::scene::Scene;
+use sutura_host::session::{check_rate, least_hz};
 use system::System;
 
 /// Looks at this machine, and at the console on PORT, and says what to do about what it finds.
@@ -126,6 +127,11 @@ pub fn run(args: &DoctorArgs, global: &Global) -> Result<(), Failure> {
 fn host_rate(scene: &Scene) -> Result<Check, Failure> {
     const NAME: &str = "host_rate";
     let plan = plan_of(scene)?;
+    if let Err(error) = check_rate(plan.host_hz, plan.tick_hz) {
+        let least_hz = least_hz(plan.tick_hz);
+        let help = format!("have its `[host]` say `host_hz = {least_hz}` or more");
+        return Ok(Check::bad(NAME, format!("{}: {error}", scene.name), help));
+    }
     let shown = crate::work::watch();
     let solves = match Solves::of(scene, 1) {
         Err(failure) if failure.cause != Cause::BadInput => None,
@@ -148,11 +154,21 @@ fn host_rate(scene: &Scene) -> Result<Check, Failure> {
         plan.host_hz
     );
     Ok(if rate < plan.host_hz {
-        let help = format!("run it with --host-hz {:.0}", rate.max(1.0).floor());
-        Check::bad(NAME, found, help)
+        Check::bad(NAME, found, slower(rate, least_hz(plan.tick_hz)))
     } else {
         Check::good(NAME, found)
     })
+}
+
+/// What to do where so many solves a second are what a scene can have; with fewer than `least_hz` there is no session.
+fn slower(rate: f64, least_hz: f64) -> String {
+    if rate >= least_hz {
+        format!("run it with --host-hz {:.0}", rate.floor())
+    } else {
+        format!(
+            "no rate will do, {least_hz} a second are the least: take a coarser mesh, or another `--tissue`"
+        )
+    }
 }
 
 fn print(checks: &[Check], format: Format) {
@@ -166,6 +182,23 @@ fn print(checks: &[Check], format: Format) {
                     say!("    {:<14} fix: {fix}", "");
                 }
             }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// What is proposed is a rate that `sutura run` takes.
+    #[test]
+    fn no_rate_is_proposed_that_sessions_refuse() {
+        let least_hz = least_hz(1000);
+        assert_eq!(slower(150.7, least_hz), "run it with --host-hz 150");
+        assert!(slower(least_hz, least_hz).ends_with("--host-hz 14"));
+        for rate in [5.0, 13.9] {
+            let help = slower(rate, least_hz);
+            assert!(help.starts_with("no rate will do"), "{help}");
         }
     }
 }

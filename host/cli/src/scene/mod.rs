@@ -23,21 +23,33 @@ const DIVISIONS: &str = "divisions = [20, 20, 8]";
 /// # Errors
 /// Bad input: the file, something in it, or a file that it names.
 pub fn open(path: Option<&Path>) -> Result<Scene, Failure> {
-    open_with_sources(path).map(|(scene, _)| scene)
+    let document = document(path)?;
+    Ok(show(scene::read(&document)?))
 }
 
-/// As [`open`], with all that it takes to read the scene again elsewhere.
+/// As [`open`], of a document that has been read, with all that it takes to read the scene again elsewhere.
 ///
 /// # Errors
 /// As there.
-pub fn open_with_sources(path: Option<&Path>) -> Result<(Scene, Sources), Failure> {
-    let document = match path {
-        Some(path) => Document::read(path)?,
-        None if Path::new(DEFAULT).is_file() => Document::read(Path::new(DEFAULT))?,
-        None => Document::embedded("palpation.toml", Path::new(""), EMBEDDED),
-    };
-    let scene = show(scene::read(&document)?);
+pub fn open_with_sources(document: &Document) -> Result<(Scene, Sources), Failure> {
+    let scene = show(scene::read(document)?);
     Ok((scene, document.sources()))
+}
+
+/// The scene's file, before its mesh is made.
+///
+/// # Errors
+/// Bad input: the file.
+pub fn document(path: Option<&Path>) -> Result<Document, SceneError> {
+    match path {
+        Some(path) => Document::read(path),
+        None if Path::new(DEFAULT).is_file() => Document::read(Path::new(DEFAULT)),
+        None => Ok(Document::embedded(
+            "palpation.toml",
+            Path::new(""),
+            EMBEDDED,
+        )),
+    }
 }
 
 /// The scene of a recording.
