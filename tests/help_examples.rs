@@ -6,6 +6,7 @@
 #![cfg(unix)]
 #![allow(clippy::unwrap_used, reason = "tests")]
 
+use crate::full::full;
 use crate::support::{Ran, root, sutura_in};
 use serde_json::Value;
 use std::collections::BTreeSet;
@@ -370,7 +371,6 @@ fn serve(at: &Path, words: &[String]) -> Result<(), String> {
 #[test]
 fn every_example_does_what_it_shows() {
     let folder = folder();
-    let full = std::env::var_os("SUTURA_FULL").is_some_and(|value| value == "1");
     let emulated = Command::new("qemu-system-arm")
         .arg("--version")
         .stdout(Stdio::null())
@@ -378,7 +378,7 @@ fn every_example_does_what_it_shows() {
         .is_ok();
     let long = LONG
         .iter()
-        .filter(|(line, _)| full && (emulated || !line.contains("qemu")));
+        .filter(|(line, _)| full() && (emulated || !line.contains("qemu")));
     let mut wrong = Vec::new();
     for (line, way) in EXAMPLES.iter().chain(long) {
         let began = std::time::Instant::now();

@@ -13,6 +13,7 @@ mod cli_solve;
 mod cli_stability;
 mod cli_tradeoff;
 mod fault_scenarios;
+mod full;
 mod help_examples;
 mod killed_host;
 mod lockstep;

@@ -2,11 +2,15 @@
 #![cfg(unix)]
 #![allow(clippy::unwrap_used, reason = "tests")]
 
-use crate::support::session;
+use crate::support::session::{self, Said, Tap, undisturbed};
+use std::panic::AssertUnwindSafe;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 use sutura_client::message::{Fixture, HandScript, Mode, Simulate, WAY_POINTS, WayPoint};
 use sutura_client::{Console, Contact, Error, Options, Pose};
-use sutura_hil::VirtualConsole;
+use sutura_hil::{Pty, VirtualConsole, serve};
+use sutura_shared::control::LOST_AFTER_US;
+use sutura_shared::simulated_console::SimulatedConsole;
 
 /// Longer than any machine needs.
 const LONG: Duration = Duration::from_secs(60);
@@ -144,11 +148,13 @@ fn a_plain_force_is_felt_and_fades_when_nobody_renews_it() {
     });
     assert!(held.force_n[2] < 1.01, "{held:?}");
     // A simulator that hangs.
+    let deadline = Instant::now() + LONG;
     let faded = loop {
         let pose = console.pose(LONG).unwrap().expect("in time");
         if pose.force_n == [0.0; 3] {
             break pose;
         }
+        assert!(Instant::now() < deadline, "never: {pose:?}");
     };
     assert!(faded.contact_age_us > 60_000, "{faded:?}");
 }
@@ -187,21 +193,50 @@ fn what_a_console_would_refuse_is_not_sent() {
     );
 }
 
+/// By an order, not because nothing comes any more: the console is at rest before it would have been of itself.
 #[test]
 fn a_dropped_console_is_disarmed() {
-    let mut bench = VirtualConsole::start(&session::device()).unwrap();
-    {
-        let console = open(&mut bench, Options::default());
-        console.simulate(&hand()).unwrap();
-        console.arm().unwrap();
-        let answer = |console: &Console, pose: &Pose| {
-            console.send_contact(pose, &sphere(pose)).unwrap();
-        };
-        render(&console, Duration::ZERO, answer, |pose| {
-            pose.mode == Mode::Armed
-        });
+    let age_at_rest_us = undisturbed(|| {
+        let pty = Pty::open().unwrap();
+        let path = pty.path().to_owned();
+        let (tap, said) = Tap::new(Box::new(pty));
+        let bench = SimulatedConsole::new(&session::device(), 7).unwrap();
+        let stop = AtomicBool::new(false);
+        std::thread::scope(|scope| {
+            scope.spawn(|| serve(bench, Box::new(tap), &stop));
+            // Whatever fails, the console must end for the test to end.
+            let age = std::panic::catch_unwind(AssertUnwindSafe(|| dropped(&path, &said)));
+            stop.store(true, Ordering::Relaxed);
+            age.unwrap_or_else(|panic| std::panic::resume_unwind(panic))
+        })
+    });
+    assert!(age_at_rest_us < LOST_AFTER_US, "{age_at_rest_us}");
+}
+
+/// Renders, drops the console, and waits until it rests: the age of its contact then \[us\]. None where this machine was
+/// late for so long that it went to rest by itself.
+fn dropped(path: &str, said: &Said) -> Option<u32> {
+    let console = Console::open(path, Options::default()).unwrap();
+    console.simulate(&hand()).unwrap();
+    console.arm().unwrap();
+    let answer = |console: &Console, pose: &Pose| {
+        console.send_contact(pose, &sphere(pose)).unwrap();
+    };
+    render(&console, Duration::ZERO, answer, |pose| {
+        pose.mode == Mode::Armed && pose.contact_age_us < LOST_AFTER_US
+    });
+    drop(console);
+    let deadline = Instant::now() + LONG;
+    loop {
+        let states = said.states();
+        let armed = states.iter().rposition(|state| state.mode == Mode::Armed)?;
+        let rest = states[armed..]
+            .iter()
+            .find(|state| state.mode == Mode::Idle);
+        if let Some(rest) = rest {
+            return (rest.contact_age_us < LOST_AFTER_US).then_some(rest.contact_age_us);
+        }
+        assert!(Instant::now() < deadline, "it never rests");
+        std::thread::sleep(Duration::from_millis(50));
     }
-    let console = open(&mut bench, Options::default());
-    let pose = console.pose(LONG).unwrap().expect("in time");
-    assert!(!pose.is_armed(), "{pose:?}");
 }

@@ -7,7 +7,7 @@ use crate::support::{Ran, session_of, sutura};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 use sutura_hil::{Pty, VirtualConsole};
-use sutura_host::link::{Link, LinkOptions, Order, Port};
+use sutura_host::link::{Link, Order, Port};
 use sutura_shared::link::{ConsoleLink, Identity};
 use sutura_shared::wire::message::{Hello, Mode, Simulate};
 use sutura_shared::wire::{MAX_FRAME, PROTOCOL_VERSION, SCHEMA_HASH, Unchecked, decode, encode};
@@ -206,8 +206,8 @@ fn a_latched_fault_has_its_own_exit_code_until_it_is_cleared() {
     let mut console = VirtualConsole::start(&session::device()).unwrap();
     let path = console.path().unwrap().to_owned();
     let mut press = |pressed| {
-        let link =
-            Link::open(console.host_port().unwrap(), LinkOptions::default(), |_| {}).unwrap();
+        let port = console.host_port().unwrap();
+        let link = Link::open(port, session::patient(), |_| {}).unwrap();
         link.order(Order::Simulate(Simulate::EmergencyStop(pressed)))
             .unwrap();
         let deadline = std::time::Instant::now() + Duration::from_secs(60);

@@ -1,12 +1,13 @@
 //! Bounded by construction: whatever the encoders and the host send, the motors get little, and slowly.
 //!
-//! Some thousand cases, always the same; more, and others, by `PROPTEST_CASES` and `PROPTEST_RNG_SEED`. What was once found is
-//! in `kept/`.
+//! Some thousand cases, always the same; a million with `SUTURA_FULL=1`, as many and such as `PROPTEST_CASES` and
+//! `PROPTEST_RNG_SEED` say. What was once found is in `kept/`.
 
 #![allow(clippy::unwrap_used, reason = "a test")]
 
 use crate::events::{Counts, Dice, Event, SILENCE, from_text, shrink, to_text};
-use crate::rig::{arm, bench, frame};
+use crate::full::full;
+use crate::rig::{arm, bench, fixture_frame, frame};
 use proptest::test_runner::{Config, RngSeed};
 use std::path::Path;
 use sutura_shared::control::{
@@ -14,15 +15,18 @@ use sutura_shared::control::{
 };
 use sutura_shared::device::DeviceDescription;
 use sutura_shared::kinematics;
-use sutura_shared::wire::message::Mode;
+use sutura_shared::wire::message::{Fixture, Mode, State};
 use sutura_shared::wire::{Message, faults};
 
 /// Rounding of a handful of operations in single precision.
 const ROUNDING: f32 = 1e-5;
-/// Cases unless more are asked for.
+/// Cases unless another number is asked for, and those of the long form.
 const CASES: u32 = 3000;
+const FULL_CASES: u32 = 1_000_000;
 /// Most events of a case.
 const EVENTS: u64 = 400;
+/// Ticks without a fixture's push after which none of it is left: the slew limits take 8 at most.
+const FADED_TICKS: u32 = 10;
 
 /// What was promised, or why that is broken.
 type Held = Result<(), String>;
@@ -52,6 +56,7 @@ fn holds_over_all(name: &str, promise: impl Fn([bool; 2], &[Event]) -> Held) {
     }
     let config = Config::default();
     let cases = match config.cases {
+        256 if full() => FULL_CASES,
         256 => CASES,
         chosen => chosen,
     };
@@ -111,6 +116,22 @@ struct Run {
     input: TickInput,
     sequence: u32,
     before: Option<TickOutput>,
+    /// Ticks since a fixture may have pushed.
+    open_ticks: u32,
+}
+
+/// Whether a fixture may push at this tick; a wall is felt some time ahead of the motion.
+fn may_push(fixture: &Fixture, state: &State) -> bool {
+    let Fixture::Wall {
+        point_m, normal, ..
+    } = fixture
+    else {
+        return *fixture != Fixture::None;
+    };
+    let speed: f32 = state.velocity_m_per_s.iter().map(|v| v.abs()).sum();
+    let axes = normal.iter().zip(point_m).zip(&state.position_m);
+    let deep_m: f32 = axes.map(|((n, wall), grip)| n * (wall - grip)).sum();
+    deep_m + 5e-3 * speed + 1e-3 > 0.0
 }
 
 impl Run {
@@ -130,6 +151,7 @@ impl Run {
             input: TickInput::default(),
             sequence: 0,
             before: None,
+            open_ticks: 0,
         }
     }
 
@@ -153,6 +175,10 @@ impl Run {
         };
         if let Some(command) = event.command {
             self.control.command(command);
+        }
+        if let Some(fixture) = event.fixture {
+            self.sequence += 1;
+            self.control.fix(&fixture_frame(self.sequence, fixture));
         }
         let fresh = event.contact.as_ref().map(|(age_us, body)| {
             self.sequence += 1;
@@ -195,9 +221,14 @@ impl Run {
         );
         let rest = output.current_a == [0.0; 3] && state.force_n == [0.0; 3];
         hold!(torque || rest, "{state:?}");
-        let longest_us = MAX_HORIZON_US + STALE_DECAY_US;
+        self.open_ticks = match may_push(self.control.fixture(), state) {
+            true => 0,
+            false => self.open_ticks + 1,
+        };
+        let may_have_force =
+            state.contact_age_us < MAX_HORIZON_US + STALE_DECAY_US || self.open_ticks < FADED_TICKS;
         hold!(
-            state.contact_age_us < longest_us || state.force_n.map(f32::to_bits) == [0; 3],
+            may_have_force || state.force_n.map(f32::to_bits) == [0; 3],
             "{state:?}"
         );
         hold!(state.current_a == output.current_a, "{state:?}");
@@ -214,15 +245,19 @@ fn motors_bounded([jointed, tank]: [bool; 2], events: &[Event]) -> Held {
         run.check(&output)?;
     }
     // Silence: within the longest horizon and 30 ms there is no contact force left, whatever was
-    // there; and if there is torque, it only carries the weight.
+    // there; and if there is torque, it only carries the weight, and what a fixture pushes until it is taken down.
     for _ in 0..(MAX_HORIZON_US + STALE_DECAY_US) / 1000 {
         let output = run.tick(&SILENCE);
         run.check(&output)?;
     }
     let last = run.tick(&SILENCE);
-    hold!(last.state.force_n.map(f32::to_bits) == [0; 3], "{last:?}");
-    for _ in 0..60 {
-        let output = run.tick(&SILENCE);
+    run.check(&last)?;
+    let opened = Event {
+        fixture: Some(Fixture::None),
+        ..SILENCE
+    };
+    for event in std::iter::once(&opened).chain([&SILENCE; 59]) {
+        let output = run.tick(event);
         run.check(&output)?;
     }
     let settled = run.tick(&SILENCE);

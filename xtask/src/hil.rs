@@ -1,6 +1,6 @@
 //! `cargo xtask hil`: builds what a kind of console needs and runs the bench. Entry point: [`run`].
 
-use crate::run::{Tool, root};
+use crate::run::{Tool, target};
 use crate::{Format, firmware, setup};
 use anyhow::{Context, Result};
 use std::process::{Command, ExitCode};
@@ -64,14 +64,6 @@ fn value<'a>(arguments: &'a [String], flag: &str) -> Option<&'a str> {
         }
     }
     None
-}
-
-/// Where cargo builds.
-fn target() -> Result<std::path::PathBuf> {
-    let metadata = Tool::new("cargo metadata --format-version 1 --no-deps --offline").output()?;
-    let metadata: serde_json::Value = serde_json::from_str(&metadata)?;
-    let folder = metadata["target_directory"].as_str();
-    Ok(folder.map_or_else(|| root().join("target"), Into::into))
 }
 
 #[cfg(test)]

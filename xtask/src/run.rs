@@ -106,6 +106,17 @@ impl Tool {
     }
 }
 
+/// Where cargo builds: `target`, or where `CARGO_TARGET_DIR` and its like say.
+///
+/// # Errors
+/// If cargo does not say.
+pub fn target() -> Result<PathBuf> {
+    let metadata = Tool::new("cargo metadata --format-version 1 --no-deps --offline").output()?;
+    let metadata: serde_json::Value = serde_json::from_str(&metadata)?;
+    let folder = metadata["target_directory"].as_str();
+    Ok(folder.map_or_else(|| root().join("target"), Into::into))
+}
+
 /// Whether a program of this name can be started.
 pub fn is_there(program: &str) -> bool {
     let mut command = Command::new(program);

@@ -211,22 +211,13 @@ impl Drive<'_> {
         self.clock.lap(&mut self.report.stages.detect_ns);
     }
 
-    /// A balance is found: where taut threads bend over tissue.
-    fn bend_threads(&mut self) {
-        if self.threads.iter().all(|thread| !thread.may_bend()) {
-            self.threads
-                .iter_mut()
-                .for_each(|thread| thread.bends.clear());
-            return;
-        }
-        self.look_at_all();
+    /// Brings the skin to where all nodes are.
+    fn fit_skin(&mut self) {
         let NeedleWork {
             skin,
             at,
             at_rest,
             skin_at_rest,
-            wraps: found,
-            bends,
             ..
         } = &mut *self.work;
         let Some(skin) = skin else {
@@ -236,6 +227,28 @@ impl Drive<'_> {
             skin.refit(at);
             *skin_at_rest = *at_rest;
         }
+    }
+
+    /// A balance is found: where taut threads bend over tissue.
+    fn bend_threads(&mut self) {
+        if self.threads.iter().all(|thread| !thread.may_bend()) {
+            self.threads
+                .iter_mut()
+                .for_each(|thread| thread.bends.clear());
+            return;
+        }
+        self.look_at_all();
+        self.fit_skin();
+        let NeedleWork {
+            skin,
+            at,
+            wraps: found,
+            bends,
+            ..
+        } = &mut *self.work;
+        let Some(skin) = skin else {
+            return;
+        };
         let mesh = &self.needles.mesh;
         for thread in self.threads.iter_mut() {
             thread.bend(mesh, at, bends, |from, to, up, out| {
@@ -272,5 +285,76 @@ pub(super) fn head_at(
             let part = &needles.parts[needles.threads.needles[index]].needle;
             Some(part.at(&needle.pose).start)
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::clock::Clock;
+    use crate::needle::{NeedlesState, NeedlesWork};
+    use crate::scene::{Document, Scene};
+    use crate::step::StepReport;
+
+    /// Two slabs with a thread, and a load, so that they do not rest where the mesh has them.
+    fn wound() -> Scene {
+        let text = include_str!("../../../scenes/wound-slabs.toml");
+        let coarse = text.replace("divisions = [8, 12, 4]", "divisions = [3, 4, 2]");
+        let load = "[[load]]\non = { box = { min_m = [-0.01, -1.0, -0.001], max_m = [0.01, 1.0, 1.0] } }\n\
+                    total_force_n = [0.0, 0.02, -0.05]\n";
+        let text = [&coarse, "\n", load].concat();
+        let document = Document::embedded("wound.toml", "".as_ref(), &text);
+        Scene::read(&document, "wound").expect("a good scene")
+    }
+
+    /// Where nothing acts, what takes no solve is what a solve finds; and the skin comes back with it.
+    #[test]
+    fn tissue_on_which_nothing_acts_is_where_a_field_of_all_nodes_has_it() {
+        let (model, ..) = wound().build().expect("a good model");
+        let needles = model.needles.as_ref().expect("a needle");
+        let mut state = NeedlesState::new(needles, model.motion.clone());
+        let mut work = NeedlesWork::new(&model, needles);
+        let (mut report, mut clock) = (StepReport::default(), Clock::start());
+        let mut drive = Drive {
+            body: &model.body,
+            needles,
+            points_m: model.points_m(),
+            states: &mut state.each,
+            threads: &mut state.threads,
+            touch: state.touch.as_mut(),
+            grasp: &mut state.grasp,
+            work: &mut work.drive,
+            report: &mut report,
+            clock: &mut clock,
+        };
+        let skin = |drive: &Drive| format!("{:?}", drive.work.skin);
+        drive.look_at_all();
+        drive.fit_skin();
+        assert_eq!((drive.work.at_rest, drive.report.fields), (true, 0));
+        let (at, skin_at_rest) = (drive.work.at.clone(), skin(&drive));
+
+        let numbering = drive.body.numbering();
+        let u = drive.work.system.field(drive.body, drive.grasp);
+        let way = |node: u32| Vector3::from(numbering.at_node(u, node));
+        let points = || (0..).zip(drive.points_m);
+        let moved_m = points()
+            .map(|(node, _)| way(node).norm())
+            .fold(0.0, f64::max);
+        assert!(moved_m > 1e-5, "{moved_m} m");
+        for ((node, from), at) in points().zip(&at) {
+            let found = Vector3::from(*from) + way(node);
+            assert!((found - at).norm() < 1e-9 * moved_m, "{found} {at}");
+        }
+
+        // Tissue that has been elsewhere.
+        drive.work.at.iter_mut().for_each(|at| at.z += 1e-3);
+        drive.work.at_rest = false;
+        drive.fit_skin();
+        assert_ne!(skin(&drive), skin_at_rest);
+        drive.work.solves += 1;
+        drive.look_at_all();
+        drive.fit_skin();
+        assert_eq!(drive.work.at, at);
+        assert_eq!(skin(&drive), skin_at_rest);
     }
 }

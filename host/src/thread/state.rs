@@ -36,7 +36,7 @@ pub(crate) struct Hold {
 }
 
 /// One thread.
-#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+#[derive(Debug, Default, PartialEq, Serialize)]
 pub(crate) struct ThreadState {
     /// From tail to head.
     pub passed: Vec<Passed>,
@@ -62,6 +62,22 @@ pub(crate) struct ThreadState {
     pub pulled_m: [f64; 2],
     pub friction_j: f64,
     next_id: u32,
+}
+
+/// With the same room, so that a step on a copy does not allocate either.
+impl Clone for ThreadState {
+    fn clone(&self) -> Self {
+        let mut copy = Self {
+            passed: Vec::with_capacity(self.passed.capacity()),
+            segments: Vec::with_capacity(self.segments.capacity()),
+            spans: Vec::with_capacity(self.spans.capacity()),
+            former: Vec::with_capacity(self.former.capacity()),
+            bends: Vec::with_capacity(self.bends.capacity()),
+            ..Self::default()
+        };
+        copy.copy_from(self);
+        copy
+    }
 }
 
 impl ThreadState {
@@ -219,6 +235,39 @@ impl ThreadState {
         match end {
             ThreadEnd::Tail => self.tail = hold,
             ThreadEnd::Head => self.head = hold,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::thread::MOST_SEGMENTS;
+
+    #[test]
+    fn a_copy_has_the_room_of_what_it_copies() {
+        let part = ThreadPart {
+            id: 0,
+            needle: 0,
+            length_m: 0.1,
+            friction: 0.0,
+            strength_n: 1.0,
+        };
+        let state = ThreadState::new(&part, MOST_SEGMENTS);
+        // Also in the place of one without.
+        let mut other = ThreadState::default();
+        other.clone_from(&state);
+        for copy in [state.clone(), other] {
+            assert_eq!(copy, state);
+            assert!(copy.passed.capacity() >= MOST_PASSED);
+            for room in [
+                copy.segments.capacity(),
+                copy.spans.capacity(),
+                copy.former.capacity(),
+                copy.bends.capacity(),
+            ] {
+                assert!(room >= MOST_SEGMENTS, "{room}");
+            }
         }
     }
 }

@@ -58,6 +58,17 @@ impl Limits {
         self.fast_ticks >= TOO_FAST_TICKS
     }
 
+    /// A force \[N\] as a part of the largest.
+    pub fn part_of(&self, force: &Vec3) -> f32 {
+        let square = dot(force, force);
+        // Most ticks have none, and a root in software costs.
+        if square > 0.0 {
+            libm::sqrtf(square) / self.max_force_n
+        } else {
+            0.0
+        }
+    }
+
     /// A force \[N\] within force and power, faded where the grip is too fast.
     pub fn bound(&self, force: &Vec3, velocity: &Vec3) -> Vec3 {
         let mut bounded = self.shortened(force, 1.0);
@@ -84,13 +95,13 @@ impl Limits {
     }
 
     /// The force of the last tick, changed towards `force` as fast as all joints can: it keeps the direction of
-    /// the change. `left`: part of the largest force that may still be wanted, 0 to 1.
+    /// the change. `left`: part of the largest force that may still be wanted; 1 and more: all of it.
     ///
     /// Where the slew limit takes the largest force away within 8 ticks, a `left` that falls to 0 in 30 ticks, and a
     /// `force` of 0 then, leave nothing at that tick, whatever was wanted before.
     pub fn slewed(&self, force: &Vec3, pose: &Pose, left: f32) -> Vec3 {
         // Damping has been added since it was bounded, and goes with what it damps.
-        let force = &self.shortened(force, left);
+        let force = &self.shortened(force, min(left, 1.0));
         if !self.guards.slew {
             return *force;
         }

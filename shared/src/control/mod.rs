@@ -362,8 +362,8 @@ impl Control {
         self.latch_faults(input, &joints, &pose, too_fast);
         self.change_mode(started, input.now_us);
 
-        let force = self.contact_force(&grip, &velocity, input.now_us);
-        let force = self.guard(&force, &pose, &velocity, &joints);
+        let (force, left) = self.wanted_force(&grip, &velocity, input.now_us);
+        let force = self.guard(&force, left, &pose, &velocity, &joints);
         let (current_a, force) = self.drive_motors(&pose, &force);
 
         let state = self.state(input, &grip, &velocity, &force, current_a);
@@ -435,18 +435,28 @@ impl Control {
         }
     }
 
-    fn contact_force(&mut self, grip: &Grip, velocity: &Vec3, now_us: u64) -> Vec3 {
-        if has_torque(self.mode) {
-            let lead_s = self.render.lead_s();
-            let at = grip.position_m + velocity * lead_s;
-            self.render.force(grip, velocity, now_us) + self.fixed.force(&at, velocity)
-        } else {
-            Vec3::zeros()
+    /// Force that is wanted of contact and fixture \[N\], and the part of the largest force that they may have together:
+    /// what the contact's age leaves, and what the fixture, which has no age, pushes by itself.
+    fn wanted_force(&mut self, grip: &Grip, velocity: &Vec3, now_us: u64) -> (Vec3, f32) {
+        if !has_torque(self.mode) {
+            return (Vec3::zeros(), 0.0);
         }
+        let at = grip.position_m + velocity * self.render.lead_s();
+        let contact = self.render.force(grip, velocity, now_us);
+        let fixed = self.fixed.force(&at, velocity);
+        let left = self.render.left() + self.limits.part_of(&fixed);
+        (contact + fixed, left)
     }
 
-    /// As much of a force as limits and tank let through.
-    fn guard(&mut self, force: &Vec3, pose: &Pose, velocity: &Vec3, joints: &Joints) -> Vec3 {
+    /// As much of a force as limits and tank let through. `left`: the part of the largest force that it may have.
+    fn guard(
+        &mut self,
+        force: &Vec3,
+        left: f32,
+        pose: &Pose,
+        velocity: &Vec3,
+        joints: &Joints,
+    ) -> Vec3 {
         let bounded = self.limits.bound(force, velocity);
         let fixed = self.fixed.stiffness();
         let (least, most) = self.render.stiffness();
@@ -454,11 +464,6 @@ impl Control {
         let allowed = self
             .passivity
             .allow(&bounded, pose, &joints.velocity, stiffness);
-        // A fixture has no age.
-        let left = match self.fixed.fixture() {
-            Fixture::None => self.render.left(),
-            _ => 1.0,
-        };
         self.limits.slewed(&allowed, pose, left)
     }
 

@@ -133,8 +133,8 @@ impl Render {
         }
     }
 
-    /// Part of the largest force that the age of the frame in use still allows, 0 to 1: of the tick whose
-    /// [`force`](Self::force) was asked for last.
+    /// Part of the largest force that the age of the frame in use still allows, 0 to 1, and 0 without one: of the tick
+    /// whose [`force`](Self::force) was asked for last.
     pub fn left(&self) -> f32 {
         self.left
     }
@@ -207,6 +207,7 @@ impl Render {
         self.offset_n *= BLEND_DECAY;
         self.pull_n *= BLEND_DECAY;
         let Some(contact) = self.contact else {
+            self.left = 0.0;
             return Vec3::zeros();
         };
         let at = Grip {

@@ -6,7 +6,7 @@
 
 use std::fmt::Write;
 use std::str::FromStr;
-use sutura_shared::wire::message::{Command, Contact};
+use sutura_shared::wire::message::{Command, Contact, Fixture};
 
 /// What happens before one tick.
 #[derive(Clone, Debug, PartialEq)]
@@ -15,6 +15,8 @@ pub struct Event {
     /// Age \[us\] and contact.
     pub contact: Option<(u64, Contact)>,
     pub command: Option<Command>,
+    /// Put up in the place of the one before.
+    pub fixture: Option<Fixture>,
     /// Emergency stop, board fault, overrun.
     pub flags: [bool; 3],
 }
@@ -32,6 +34,7 @@ pub const SILENCE: Event = Event {
     counts: Counts::Moved([0; 3]),
     contact: None,
     command: None,
+    fixture: None,
     flags: [false; 3],
 };
 
@@ -170,11 +173,36 @@ impl Dice {
             counts,
             contact,
             command,
+            fixture: None,
             flags: course.flags.map(|part| self.chance(part)),
         }
     }
 
-    /// So many of them, of one course.
+    /// Out of reach, where it is only there, or where the hand is.
+    fn fixture(&mut self) -> Fixture {
+        let normal = self.unit();
+        let stiffness_n_per_m = self.number(20_000.0).abs();
+        let damping_n_s_per_m = self.number(50.0).abs();
+        match self.below(4) {
+            0 => Fixture::None,
+            1 => Fixture::Coupling {
+                anchor_m: std::array::from_fn(|_| self.within(0.05)),
+                stiffness_n_per_m,
+                damping_n_s_per_m,
+            },
+            kind => Fixture::Wall {
+                point_m: match kind {
+                    2 => std::array::from_fn(|_| self.within(0.05)),
+                    _ => normal.map(|n| -2.0 * n),
+                },
+                normal,
+                stiffness_n_per_m,
+                damping_n_s_per_m,
+            },
+        }
+    }
+
+    /// So many of them, of one course; half of the courses with up to three fixtures on the way.
     pub fn events(&mut self, count: usize) -> Vec<Event> {
         let course = if self.chance(0.5) {
             Course::ROUGH
@@ -184,7 +212,13 @@ impl Dice {
                 ..Course::CALM
             }
         };
-        (0..count).map(|_| self.event(&course)).collect()
+        let mut events: Vec<_> = (0..count).map(|_| self.event(&course)).collect();
+        let fixtures = if self.chance(0.5) { self.below(4) } else { 0 };
+        for _ in 0..fixtures {
+            let at = self.below(count as u64) as usize;
+            events[at].fixture = Some(self.fixture());
+        }
+        events
     }
 }
 
@@ -209,9 +243,10 @@ pub fn shrink(events: &[Event], fails: impl Fn(&[Event]) -> bool) -> Vec<Event> 
             chunk /= 2;
         }
         for index in 0..events.len() {
-            let plain: [fn(&mut Event); 4] = [
+            let plain: [fn(&mut Event); 5] = [
                 |event| event.contact = None,
                 |event| event.command = None,
+                |event| event.fixture = None,
                 |event| event.flags = [false; 3],
                 |event| event.counts = SILENCE.counts,
             ];
@@ -227,7 +262,7 @@ pub fn shrink(events: &[Event], fails: impl Fn(&[Event]) -> bool) -> Vec<Event> 
     events
 }
 
-/// A line each: counts, command, flags, and the contact's age and fields in their order.
+/// A line each: counts, command, flags, a fixture by its name and fields, and the contact's age and fields, in their order.
 pub fn to_text(events: &[Event]) -> String {
     let mut text = String::new();
     for event in events {
@@ -248,6 +283,32 @@ pub fn to_text(events: &[Event]) -> String {
             flags[0], flags[1], flags[2]
         )
         .unwrap();
+        if let Some(fixture) = &event.fixture {
+            let (name, fields) = match fixture {
+                Fixture::None => ("open", Vec::new()),
+                Fixture::Wall {
+                    point_m,
+                    normal,
+                    stiffness_n_per_m: stiffness,
+                    damping_n_s_per_m: damping,
+                } => (
+                    "wall",
+                    [&point_m[..], normal, &[*stiffness, *damping]].concat(),
+                ),
+                Fixture::Coupling {
+                    anchor_m,
+                    stiffness_n_per_m: stiffness,
+                    damping_n_s_per_m: damping,
+                } => (
+                    "coupling",
+                    [&anchor_m[..], &[*stiffness, *damping]].concat(),
+                ),
+            };
+            write!(text, " {name}").unwrap();
+            for number in fields {
+                write!(text, " {number:?}").unwrap();
+            }
+        }
         if let Some((age_us, contact)) = &event.contact {
             write!(text, " {age_us} {}", contact.tool).unwrap();
             let numbers = [
@@ -285,7 +346,12 @@ fn event_of(line: &str) -> Event {
         _ => None,
     };
     let flags: [u8; 3] = numbers(&mut words);
-    let contact = words.next().map(|age| {
+    let mut next = words.next();
+    let fixture = next.and_then(|name| fixture_of(name, &mut words));
+    if fixture.is_some() {
+        next = words.next();
+    }
+    let contact = next.map(|age| {
         let [tool] = numbers(&mut words);
         let position_m = numbers(&mut words);
         let wrench = numbers(&mut words);
@@ -315,7 +381,34 @@ fn event_of(line: &str) -> Event {
         },
         contact,
         command,
+        fixture,
         flags: flags.map(|flag| flag != 0),
+    }
+}
+
+fn fixture_of<'a>(name: &str, words: &mut impl Iterator<Item = &'a str>) -> Option<Fixture> {
+    match name {
+        "open" => Some(Fixture::None),
+        "wall" => {
+            let (point_m, normal) = (numbers(words), numbers(words));
+            let [stiffness_n_per_m, damping_n_s_per_m] = numbers(words);
+            Some(Fixture::Wall {
+                point_m,
+                normal,
+                stiffness_n_per_m,
+                damping_n_s_per_m,
+            })
+        }
+        "coupling" => {
+            let anchor_m = numbers(words);
+            let [stiffness_n_per_m, damping_n_s_per_m] = numbers(words);
+            Some(Fixture::Coupling {
+                anchor_m,
+                stiffness_n_per_m,
+                damping_n_s_per_m,
+            })
+        }
+        _ => None,
     }
 }
 

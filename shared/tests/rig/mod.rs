@@ -9,10 +9,12 @@
 use sutura_shared::control::{Control, Guards, TICK_US, TickInput, TickOutput, Tuning};
 use sutura_shared::device::{DeviceDescription, Joint, Kinematics};
 use sutura_shared::wire::message::{
-    Command, Contact, Course, End, Friction, HandScript, Mode, Needle, Tension, Thread, Tip,
-    WAY_POINTS, WayPoint,
+    Command, Contact, Course, End, Fixture, Friction, HandScript, Mode, Needle, Tension, Thread,
+    Tip, WAY_POINTS, WayPoint,
 };
-use sutura_shared::wire::{Header, Kind, PROTOCOL_VERSION, ValidContact, ValidNeedle, ValidThread};
+use sutura_shared::wire::{
+    Header, Kind, PROTOCOL_VERSION, ValidContact, ValidFixture, ValidNeedle, ValidThread,
+};
 
 /// The numbers of `devices/cartesian-bench.toml`.
 pub fn bench() -> DeviceDescription {
@@ -189,6 +191,18 @@ pub fn thread_frame(sequence: u32, console_time_us: u64, body: Thread) -> ValidT
         console_time_us,
     };
     ValidThread::new(header, body).unwrap()
+}
+
+/// A checked frame of a fixture.
+pub fn fixture_frame(sequence: u32, body: Fixture) -> ValidFixture {
+    let header = Header {
+        version: PROTOCOL_VERSION,
+        kind: Kind::Fixture,
+        session: 1,
+        sequence,
+        console_time_us: 0,
+    };
+    ValidFixture::new(header, body).unwrap()
 }
 
 /// A control loop whose encoders stand where the test puts them.

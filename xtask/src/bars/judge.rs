@@ -25,8 +25,6 @@ pub const LATE_US: f64 = 5000.0;
 pub enum Verdict {
     Met,
     Missed,
-    /// The summaries have no such figure.
-    NotReported,
 }
 
 /// One bar over all runs of a scene under a load.
@@ -48,57 +46,55 @@ impl Bar {
     }
 }
 
-/// One bar; `holds` gives none where a run does not report what it needs.
-fn bar(name: &str, runs: &[Measured], holds: impl Fn(&Measured) -> Option<bool>) -> Bar {
-    let verdicts: Vec<Option<bool>> = runs.iter().map(holds).collect();
-    let held = verdicts.iter().filter(|held| **held == Some(true)).count();
-    let missed =
-        |(index, held): (usize, &Option<bool>)| (*held == Some(false)).then_some(index + 1);
-    let missed_in: Vec<usize> = verdicts.iter().enumerate().filter_map(missed).collect();
-    let verdict = if !missed_in.is_empty() {
-        Verdict::Missed
-    } else if held < runs.len() {
-        Verdict::NotReported
-    } else {
-        Verdict::Met
+/// One bar.
+fn bar(name: &str, runs: &[Measured], holds: impl Fn(&Measured) -> bool) -> Bar {
+    let numbered = runs.iter().enumerate();
+    let missed_in: Vec<usize> = numbered
+        .filter_map(|(index, run)| (!holds(run)).then_some(index + 1))
+        .collect();
+    let verdict = match missed_in.is_empty() {
+        true => Verdict::Met,
+        false => Verdict::Missed,
     };
     Bar {
         name: name.to_owned(),
         verdict,
-        held,
+        held: runs.len() - missed_in.len(),
         of: runs.len(),
         missed_in,
     }
 }
 
-/// Within 5 % of lockstep. A run without what lockstep has misses it.
+/// Within 5 % of lockstep.
 fn near(
     name: &str,
     runs: &[Measured],
     lockstep: &Measured,
     figure: impl Fn(&Measured) -> Option<f64>,
-) -> Option<Bar> {
-    let wanted = figure(lockstep)?;
+) -> Bar {
+    let wanted = figure(lockstep);
     let name = format!("{name} within 5 % of lockstep");
-    Some(bar(&name, runs, |run| {
-        let off = figure(run).map(|found| (found - wanted).abs());
-        Some(off.is_some_and(|off| off <= NEAR * wanted.abs()))
-    }))
+    bar(&name, runs, |run| {
+        let both = figure(run).zip(wanted);
+        both.is_some_and(|(found, wanted)| (found - wanted).abs() <= NEAR * wanted.abs())
+    })
 }
 
-/// All bars of a scene's runs.
+/// All bars of a scene's runs. A figure that every summary has, and this one lacks, misses its bar.
 pub fn bars(scene: &str, load: Load, lockstep: &Measured, runs: &[Measured]) -> Vec<Bar> {
     let at_most = |name: &str, most: f64, figure: &dyn Fn(&Measured) -> Option<f64>| {
-        bar(name, runs, |run| Some(figure(run)? <= most))
+        bar(name, runs, |run| {
+            figure(run).is_some_and(|found| found <= most)
+        })
     };
     let reference = std::slice::from_ref(lockstep);
     let mut bars = vec![
-        bar("ends ok in lockstep", reference, |run| Some(run.is_ok())),
-        bar("ends ok", runs, |run| Some(run.is_ok())),
-        bar("never idle", runs, |run| Some(!run.went_idle())),
+        bar("ends ok in lockstep", reference, Measured::is_ok),
+        bar("ends ok", runs, Measured::is_ok),
+        bar("never idle", runs, |run| !run.went_idle()),
     ];
     if load == Load::Idle {
-        bars.push(bar("no decay", runs, |run| Some(run.decays == Some(0.0))));
+        bars.push(bar("no decay", runs, |run| run.decays == Some(0.0)));
         bars.push(at_most("overload all zero", 0.0, &|run| run.overload));
         bars.push(at_most("session_us p99 <= 5 ms", SESSION_P99_US, &|run| {
             run.session_p99_us
@@ -117,18 +113,23 @@ pub fn bars(scene: &str, load: Load, lockstep: &Measured, runs: &[Measured]) -> 
             let most = (run.seconds.unwrap_or(0.0) / DECAY_EVERY_S)
                 .floor()
                 .max(1.0);
-            Some(run.decays.is_some_and(|decays| decays <= most))
+            run.decays.is_some_and(|decays| decays <= most)
         }));
     }
     bars.push(bar("solves >= 90 % of those planned", runs, |run| {
-        Some(run.solves_ratio.is_some_and(|ratio| ratio >= LEAST_SOLVES))
+        run.solves_ratio.is_some_and(|ratio| ratio >= LEAST_SOLVES)
     }));
     let near =
         |name: &str, figure: fn(&Measured) -> Option<f64>| near(name, runs, lockstep, figure);
-    bars.extend(near("peak force", |run| run.peak_n));
-    bars.extend(near("RMS force", |run| run.rms_n));
-    bars.extend(near("punctures", |run| run.punctures));
-    bars.extend(near("final gap", |run| run.gap_ratio));
+    bars.push(near("peak force", |run| run.peak_n));
+    bars.push(near("RMS force", |run| run.rms_n));
+    // Only scenes with a needle, and with a wound, have these.
+    if lockstep.punctures.is_some() {
+        bars.push(near("punctures", |run| run.punctures));
+    }
+    if lockstep.gap_ratio.is_some() {
+        bars.push(near("final gap", |run| run.gap_ratio));
+    }
     bars
 }
 
@@ -216,11 +217,13 @@ mod tests {
     }
 
     #[test]
-    fn what_no_summary_has_is_neither_met_nor_missed() {
+    fn a_figure_that_every_summary_has_is_missed_where_it_is_not() {
         let run = Measured {
             overload: None,
             session_p99_us: None,
+            session_second_us: None,
             horizon_ms: None,
+            peak_n: None,
             ..good()
         };
         let all = bars("palpation", Load::Idle, &good(), &[run]);
@@ -229,8 +232,15 @@ mod tests {
                 .find(|bar| bar.name.starts_with(name))
                 .map(|bar| bar.verdict)
         };
-        for name in ["overload", "session_us p99", "horizon_ms"] {
-            assert_eq!(verdict(name), Some(Verdict::NotReported), "{name}");
+        let lacking = [
+            "overload",
+            "session_us p99",
+            "session_us <= 2 ms",
+            "horizon_ms",
+            "peak",
+        ];
+        for name in lacking {
+            assert_eq!(verdict(name), Some(Verdict::Missed), "{name}");
         }
         assert_eq!(verdict("ends ok"), Some(Verdict::Met));
         // Nothing is sewn there.

@@ -102,9 +102,8 @@ pub fn group(group: &Group) -> String {
     );
     for bar in &group.bars {
         let word = match bar.verdict {
-            Verdict::Met => "met         ",
-            Verdict::Missed => "MISSED      ",
-            Verdict::NotReported => "not reported",
+            Verdict::Met => "met   ",
+            Verdict::Missed => "MISSED",
         };
         let _ = writeln!(text, "  {word}  {} of {}  {}", bar.held, bar.of, bar.name);
     }
@@ -133,13 +132,7 @@ pub fn verdicts(groups: &[Group], unmeasured: &[String]) -> String {
                     .filter(|bar| bar.name == name)
             };
             let (held, of) = bars().fold((0, 0), |sum, bar| (sum.0 + bar.held, sum.1 + bar.of));
-            let word = if bars().any(|bar| bar.is_missed()) {
-                "MISSED      "
-            } else if held < of {
-                "not reported"
-            } else {
-                "met         "
-            };
+            let word = if held < of { "MISSED" } else { "met   " };
             let _ = writeln!(text, "  {word}  {held} of {of}  {name}");
         }
     }
@@ -184,7 +177,7 @@ mod tests {
         assert!(!row("run 3").contains("late"));
         assert!(row("median").contains("4.000"));
         assert!(row("worst").contains("3.000") && row("worst").contains("9000"));
-        assert!(text.contains("MISSED        2 of 3  ends ok"), "{text}");
+        assert!(text.contains("MISSED  2 of 3  ends ok"), "{text}");
         let all = verdicts(&[one], &["busy: no rights".to_owned()]);
         assert!(all.contains("all scenes, busy") && all.contains("not measured: busy: no rights"));
     }

@@ -14,7 +14,7 @@ const FULL: &str = "SUTURA_FULL";
 pub struct Cases {
     /// Whether tests take their long forms.
     pub full: bool,
-    /// Of the generator, where it is not the usual one.
+    /// Of the generator, where it is chosen here.
     pub seed: Option<u64>,
 }
 
@@ -29,10 +29,23 @@ impl Cases {
         Self { full, seed }
     }
 
+    /// The test runner's profile, in `.config/nextest.toml`.
+    pub fn profile(self) -> &'static str {
+        if self.full { "full" } else { "default" }
+    }
+
     /// Says what is drawn, and how to draw it again.
     pub fn describe(self) -> String {
+        // Cargo's, for all that it runs, unless the user has set another one.
+        self.describe_beside(std::env::var(SEED).ok())
+    }
+
+    fn describe_beside(self, environment: Option<String>) -> String {
         match (self.full, self.seed) {
-            (false, None) => "property tests draw the same cases every time".to_owned(),
+            (false, None) => match environment {
+                Some(seed) => format!("property tests draw the cases of {SEED}={seed}"),
+                None => "property tests draw the same cases every time".to_owned(),
+            },
             (false, Some(seed)) => format!("property tests draw the cases of seed {seed}"),
             (true, seed) => {
                 let seed = seed.unwrap_or_default();
@@ -72,6 +85,18 @@ mod tests {
         );
         let usual = Cases::new(false, None).of(Tool::new("cargo test")).shown();
         assert_eq!(usual, "cargo test");
+    }
+
+    #[test]
+    fn the_words_name_the_seed_that_is_drawn() {
+        let words = |full, seed, set: Option<&str>| {
+            Cases::new(full, seed).describe_beside(set.map(str::to_owned))
+        };
+        assert!(words(false, None, Some("5")).ends_with("PROPTEST_RNG_SEED=5"));
+        assert!(words(false, None, None).ends_with("every time"));
+        // What is given here is given to the tests, too, over what is set.
+        assert!(words(false, Some(7), Some("5")).ends_with("seed 7"));
+        assert!(words(true, Some(7), Some("5")).ends_with("--full --seed 7"));
     }
 
     /// A plain `cargo test` draws the same cases, too.
