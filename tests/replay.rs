@@ -534,15 +534,21 @@ fn a_session_on_corotational_tissue_comes_out_the_same_whenever_factors_came() {
 fn a_session_that_gave_something_up_comes_out_the_same() {
     let folder = TempDir::new().unwrap();
     let file = folder.path().join("a.mcap");
-    let effort = |solve: usize| match (solve / 9) % 3 {
+    let falls_and_rises = |solve: usize| match (solve / 9) % 3 {
         0 => Effort::NoRows,
         1 => Effort::NoLooks,
         _ => Effort::Full,
     };
-    for (scene, seconds) in [("palpation.toml", 1.0), ("needle-slabs.toml", 1.0)] {
-        let recording = with_effort(scene, seconds, &file, effort);
-        assert_same(&recording);
-    }
+    // The tangent of a touch to come is there for two solves before each touch only.
+    assert_same(&with_effort("palpation.toml", 1.0, &file, |_| {
+        Effort::NoRows
+    }));
+    assert_same(&with_effort(
+        "needle-slabs.toml",
+        1.0,
+        &file,
+        falls_and_rises,
+    ));
 }
 
 #[test]

@@ -468,7 +468,7 @@ pub fn link_failure(error: LinkError) -> Failure {
 }
 
 /// A failed session with its exit code and the next step.
-pub fn session_failure(error: SessionError, console: &str) -> Failure {
+fn session_failure(error: SessionError, console: &str) -> Failure {
     let message = error.to_string();
     match error {
         SessionError::Link(error) => link_failure(error),
