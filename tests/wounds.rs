@@ -8,9 +8,13 @@ use std::path::Path;
 use sutura_hil::NativeConsole;
 use sutura_host::link::{LinkError, LockstepConsole};
 use sutura_host::scene::{Document, Scene};
-use sutura_host::session::{LINE_BYTES_PER_S, Plan, Rendering, TissueSolver, run_lockstep};
-use sutura_shared::wire::message::{Contact, End, Tension, Thread};
-use sutura_shared::wire::{Accumulator, Unchecked, decode};
+use sutura_host::session::{
+    LINE_BYTES_PER_S, Plan, Rendering, SceneSolver, Solve, Solved, TissueSolver, run_lockstep,
+};
+use sutura_host::step::ToolContact;
+use sutura_host::thread::ThreadPlace;
+use sutura_shared::wire::message::{Contact, End, State, Tension, Thread};
+use sutura_shared::wire::{Accumulator, Unchecked, Valid, decode};
 
 /// `scenes/wound-slabs.toml` with fewer cells, and without what comes after the gap has closed.
 fn coarse() -> String {
@@ -181,13 +185,8 @@ impl LockstepConsole for Tapped {
     }
 }
 
-/// What the console is told of the thread at its needle: first how much of it is left, then how it pulls.
-#[test]
-fn the_console_is_told_how_the_thread_pulls() {
-    let document = Document::embedded("wound.toml", Path::new(""), &coarse());
-    let scene = Scene::read(&document, "wound").unwrap();
-    let mut solver = TissueSolver::new(&scene).unwrap();
-    let plan = Plan {
+fn plan(scene: &Scene) -> Plan {
+    Plan {
         device: scene.device.unwrap(),
         hand: scene.hand.unwrap(),
         host_hz: scene.host.host_hz,
@@ -199,7 +198,16 @@ fn the_console_is_told_how_the_thread_pulls() {
         fixture: sutura_shared::wire::message::Fixture::None,
         rendering: Rendering::Rows,
         line_bytes_per_s: LINE_BYTES_PER_S,
-    };
+    }
+}
+
+/// What the console is told of the thread at its needle: first how much of it is left, then how it pulls.
+#[test]
+fn the_console_is_told_how_the_thread_pulls() {
+    let document = Document::embedded("wound.toml", Path::new(""), &coarse());
+    let scene = Scene::read(&document, "wound").unwrap();
+    let mut solver = TissueSolver::new(&scene).unwrap();
+    let plan = plan(&scene);
     let mut tapped = Tapped {
         console: NativeConsole::new(&plan.device).unwrap(),
         down: Accumulator::new(),
@@ -238,6 +246,77 @@ fn the_console_is_told_how_the_thread_pulls() {
     }
     assert!(taut > 100, "{taut} of {}", tapped.threads.len());
     assert!(tapped.contacts.len() > tapped.threads.len() + 500);
+}
+
+/// A solver that keeps what it was asked, and from when on its thread bent over tissue.
+struct Asked {
+    solver: TissueSolver,
+    states: Vec<Valid<State>>,
+    bent: Option<usize>,
+}
+
+impl Solve for Asked {
+    fn solve(&mut self, state: &Valid<State>) -> Solved {
+        self.states.push(*state);
+        let solved = self.solver.solve(state);
+        // A look at all of the thread takes longer than a solve.
+        if self.bent.is_none() && self.states.len().is_multiple_of(20) {
+            let (model, state, _) = self.solver.parts();
+            let path = state.thread_path(model, 0);
+            let bends = path.iter().any(|point| point.what == ThreadPlace::Wraps);
+            self.bent = bends.then_some(self.states.len());
+        }
+        solved
+    }
+
+    fn scene(&self) -> serde_json::Map<String, Value> {
+        self.solver.scene()
+    }
+}
+
+/// From a copy of its state all goes on as from the state itself, what is looked at ahead included.
+#[test]
+fn a_copy_of_a_bent_thread_goes_on_with_the_same_bits() {
+    let document = Document::embedded("wound.toml", Path::new(""), &coarse());
+    let scene = Scene::read(&document, "wound").unwrap();
+    let plan = plan(&scene);
+    let mut asked = Asked {
+        solver: TissueSolver::for_session(&scene, &plan).unwrap(),
+        states: Vec::new(),
+        bent: None,
+    };
+    let mut console = NativeConsole::new(&plan.device).unwrap();
+    run_lockstep(&mut console, &plan, &mut asked, |_| {
+        ControlFlow::Continue(())
+    })
+    .unwrap();
+    let (before, rest) = asked
+        .states
+        .split_at(asked.bent.expect("a thread that bends"));
+    assert!(rest.len() > 100, "{}", rest.len());
+    // The bits of a step also depend on what was solved before: two solvers that have solved the same.
+    let mut two = [(); 2].map(|()| TissueSolver::for_session(&scene, &plan).unwrap());
+    for state in before {
+        for solver in &mut two {
+            solver.solve(state);
+        }
+    }
+    let [original, copy] = &mut two;
+    copy.go_on_from(&original.moment());
+    for (step, state) in rest[..100].iter().enumerate() {
+        let [first, second] = [&mut *original, &mut *copy].map(|solver| {
+            let solved = solver.solve(state);
+            let bits = |contact: ToolContact| contact.wrench.map(f64::to_bits);
+            let thread = solved.thread.map(|thread| thread.tension_n.to_bits());
+            (
+                solver.hash(),
+                solved.contact.map(bits),
+                thread,
+                solved.looked,
+            )
+        });
+        assert_eq!(first, second, "step {step}");
+    }
 }
 
 #[test]

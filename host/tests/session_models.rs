@@ -112,6 +112,9 @@ fn has_law(model: &str) -> bool {
         || model.starts_with("energy-balance")
 }
 
+/// Models that do not stand by their force in some of the steps in which they let go, or jump: those are withheld.
+const WITHHOLDS: [&str; 1] = ["chainmail-ellipsoid"];
+
 /// Pressed in by 1 mm of 30, laws differ by their strain, so do their forces from the linear one's: by no more than 15 %.
 /// Models without a law are within a factor of 4. All push the tool out, all say numbers.
 #[test]
@@ -164,10 +167,14 @@ fn every_model_lets_go_without_pulling() {
         let model = entry.tissue;
         let mut hand = Hand::without_tangent(&scene, model);
         hand.press(3e-3);
+        let mut withheld = 0;
         for step in 0..=20 {
             let (status, contacts) = hand.step(over(3e-3 - 4e-4 * f64::from(step)));
-            // What a model does not stand by while it lets go is withheld.
-            assert!(matches!(status, Status::Ok | Status::NotConverged));
+            if status == Status::NotConverged && WITHHOLDS.contains(&model) {
+                withheld += 1;
+            } else {
+                assert_eq!(status, Status::Ok, "{model}, step {step}");
+            }
             let pull = force(&contacts[0]).z < 0.0;
             assert!(
                 !(status == Status::Ok && pull),
@@ -175,6 +182,7 @@ fn every_model_lets_go_without_pulling() {
                 force(&contacts[0])
             );
         }
+        assert!(withheld <= 5, "{model}: {withheld}");
         let last = hand.to(over(-5e-3));
         assert_eq!((last.wrench, last.rows), ([0.0; 6], 0), "{model}");
         assert!(last.gap_m > 4e-3, "{model}: {}", last.gap_m);
@@ -442,15 +450,20 @@ fn a_step_of_any_model_allocates_nothing() {
             hand.step(at);
         }
         let samples = there_and_back.map(|at| hand.sample(at));
+        let mut reduced = 0;
         let counted = allocation_counter::measure(|| {
             for sample in samples {
-                // A step whose force the model does not stand by is withheld.
-                let (status, _, _) = hand.solver.step(sample);
-                let is_known = matches!(status, Status::Ok | Status::NotConverged);
-                assert!(is_known, "{}: {status:?}", entry.tissue);
+                let (status, contacts, _) = hand.solver.step(sample);
+                if status == Status::NotConverged && WITHHOLDS.contains(&entry.tissue) {
+                    continue;
+                }
+                assert_eq!(status, Status::Ok, "{}", entry.tissue);
+                reduced += u32::from(contacts[0].tangent[2][2] < 0.0);
             }
         });
         assert_eq!(counted.count_total, 0, "{}", entry.tissue);
+        // The tool is in the tissue in four of them.
+        assert!(reduced >= 3, "{}: {reduced}", entry.tissue);
     }
 }
 

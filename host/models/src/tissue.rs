@@ -24,7 +24,7 @@ pub enum Outcome {
 }
 
 impl Outcome {
-    /// The [`Diagnostics::force_error`] of a balance that ended so with a `residual` of forces.
+    /// The [`Diagnostics::force_error`] of a step that ended so with a `residual` of forces.
     pub fn force_error(self, residual: f64) -> f64 {
         match self {
             Self::Converged => 0.0,
@@ -44,8 +44,9 @@ pub struct Diagnostics {
     /// Force out of balance at free nodes as a share of the forces that act, 2-norms; NaN where a model has
     /// no forces.
     pub residual: f64,
-    /// Estimated relative error of the held nodes' summed reaction: 0 where balance was found to the model's tolerance, the
-    /// residual where it was not and that is a ratio of forces, infinite where reactions mean nothing.
+    /// Estimated relative error of the held nodes' summed reaction as the model's own equations have it: 0 where these were
+    /// met to its tolerance, whatever else `residual` counts, such as inertia; where they were not, the share that is lacking: the
+    /// residual, if that is what it counts; infinite where reactions mean nothing.
     pub force_error: f64,
     /// Elastic energy \[J\]; of the model's own springs where it has no material law.
     pub energy_j: f64,

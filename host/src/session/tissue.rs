@@ -90,6 +90,7 @@ pub struct Moment {
     state: step::State,
     script: Script,
     began_us: Option<u64>,
+    budget: LookBudget,
     deepest: Deepest,
     needles: Vec<NeedleTally>,
     wound: Option<Wound>,
@@ -279,6 +280,7 @@ impl TissueSolver {
             state: self.state.clone(),
             script: self.script.clone(),
             began_us: self.began_us,
+            budget: self.budget.clone(),
             deepest: self.deepest,
             needles: self.needles.clone(),
             wound: self.wound.clone(),
@@ -294,6 +296,7 @@ impl TissueSolver {
         self.state.clone_from(&moment.state);
         self.script.clone_from(&moment.script);
         self.began_us = moment.began_us;
+        self.budget = moment.budget.clone();
         self.deepest = moment.deepest;
         self.needles.clone_from(&moment.needles);
         self.wound.clone_from(&moment.wound);

@@ -14,8 +14,12 @@ const WANDER: f64 = 0.05;
 /// Normals of both ends that add up to less leave no plane to bend in.
 const LEAST_UP: f64 = 0.5;
 
-/// Around a convex body a path is at most so many times as long as its chord: half a circle over its diameter. A thread
-/// with more than that to spare is slack wherever it bends.
+/// Between two faces of a convex body a path is at most so many times as long as its chord: it stays within the wedge of the
+/// faces' planes, whose sides are together 2 / |sum of the normals| chords.
+const LONGEST_BRIDGE: f64 = 2.0 / LEAST_UP;
+/// To an end that is held the path may lead around an edge, however far that is. Assumed is half a circle over its diameter: a
+/// thread with more than that to spare is taken for slack, which is wrong of one that is held behind a body that is thin
+/// against its width.
 const LONGEST_WAY: f64 = std::f64::consts::FRAC_PI_2;
 
 /// Scratch.
@@ -37,10 +41,14 @@ impl BendWork {
 impl ThreadState {
     /// Whether where it bends over tissue can matter: it has a path, and not so much to spare that it stays slack with any.
     pub fn may_bend(&self) -> bool {
-        let ways = self.segments.iter().map(|segment| segment.way.norm());
+        let longest = self.segments.iter().map(|segment| {
+            let span = self.spans.get(segment.span);
+            let is_held = span.is_none_or(|span| span.from.is_none() || span.to.is_none());
+            let times = if is_held { LONGEST_WAY } else { LONGEST_BRIDGE };
+            times * segment.way.norm()
+        });
         !self.segments.is_empty()
-            && (self.state != ThreadTension::Slack
-                || self.available_m() < LONGEST_WAY * ways.sum::<f64>())
+            && (self.state != ThreadTension::Slack || self.available_m() < longest.sum::<f64>())
     }
 
     /// Where spans bend over tissue whose nodes are at `at` \[m\]; `over` finds bends of a chord, with the way out of
@@ -63,8 +71,6 @@ impl ThreadState {
         };
         std::mem::swap(&mut self.bends, &mut work.former);
         self.bends.clear();
-        // A copy of a state has only the room that it needed.
-        self.bends.reserve(MOST_SEGMENTS);
         for (index, span) in self.spans.iter().enumerate() {
             let mut own = self.segments.iter().filter(|segment| segment.span == index);
             let (Some(first), last) = (own.next(), own.next_back()) else {

@@ -6,7 +6,6 @@
 use super::links::{Links, difference, square};
 use super::propagate::Propagation;
 use super::region::Box3;
-use super::settings::JAMMED;
 use crate::drive_check::{failed, refused};
 use crate::held::{Held, load, ratio};
 use crate::in_place::clone_in_place;
@@ -304,20 +303,19 @@ impl Tissue for ClassicalChainMail {
             state.left_over = true;
             return state.held.give_up(drive, state.energy_j);
         }
-        // Far out of bounds nothing says which way a force would have gone.
-        let jammed = !within && self.greatest_excess_m() > JAMMED * slack_m;
-        let force_error = if jammed { f64::INFINITY } else { residual };
-        let state = &self.state;
+        let outcome = if within {
+            Outcome::Converged
+        } else {
+            Outcome::Unfinished
+        };
         Diagnostics {
-            outcome: if within {
-                Outcome::Converged
-            } else {
-                Outcome::Unfinished
-            },
+            outcome,
             iterations: state.propagation.visits.div_ceil(links.nodes() as u64) as u32
                 + self.settings.relaxations,
             residual,
-            force_error,
+            // Within the limits what is out of balance is what relaxation has not reached yet: it is asked for some, not for
+            // balance. Beyond them springs pull as they do anywhere: nothing is jammed.
+            force_error: outcome.force_error(residual),
             energy_j: state.energy_j,
             energy_difference: f64::NAN,
             momentum,

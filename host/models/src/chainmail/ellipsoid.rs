@@ -259,7 +259,14 @@ impl Tissue for EllipsoidChainMail {
         }
         let kept = state.motion.energy_j + sums.kinetic_j;
         let residual = ratio(sums.unbalanced_sq.sqrt(), acting_sq.sqrt());
-        let jammed = !enforced.within && self.greatest_excess() > JAMMED * self.settings.tolerance;
+        let excess = if enforced.within {
+            0.0
+        } else {
+            self.greatest_excess()
+        };
+        let before = std::mem::replace(&mut self.state.excess, excess);
+        // What links lack, and what they lacked before and have been brought back by: a mass over a step squared.
+        let lacking = excess.max(before) / (JAMMED * self.settings.tolerance);
         let state = &self.state;
         Diagnostics {
             outcome: if enforced.within {
@@ -269,8 +276,12 @@ impl Tissue for EllipsoidChainMail {
             },
             iterations: enforced.visits.div_ceil(state.awake.count().max(1) as u64) as u32,
             residual,
-            // What is out of balance is inertia, and the equations of motion hold.
-            force_error: if jammed { f64::INFINITY } else { 0.0 },
+            // What is out of balance besides is inertia, and the equations of motion hold.
+            force_error: if lacking > 1.0 {
+                f64::INFINITY
+            } else {
+                lacking
+            },
             energy_j: state.motion.energy_j,
             energy_difference: ratio(state.work_j - kept, state.work_j.abs()),
             momentum: sums.momentum,

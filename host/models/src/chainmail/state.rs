@@ -35,6 +35,9 @@ pub(super) struct State {
     pub step_s: f64,
     pub moved: usize,
     pub adjusted: usize,
+    /// Greatest excess of a link over its limits that the last step left, as a share of its rest length; 0 where it left none
+    /// beyond the tolerance.
+    pub excess: f64,
     pub work_j: f64,
 }
 
@@ -52,6 +55,7 @@ clone_in_place!(State {
     step_s,
     moved,
     adjusted,
+    excess,
     work_j,
 });
 
@@ -74,6 +78,7 @@ impl State {
             step_s: 0.0,
             moved: 0,
             adjusted: 0,
+            excess: 0.0,
             work_j: 0.0,
         }
     }
