@@ -9,7 +9,7 @@ mod seeds;
 
 pub use seeds::Cases;
 
-use crate::run::{Tool, root, target};
+use crate::run::{Tool, target};
 use crate::toolchain::{Toolchain, host};
 use crate::{Format, bench, firmware, locks, setup};
 use anyhow::{Context, Result, bail};
@@ -199,7 +199,7 @@ mod tests {
 
     #[test]
     fn the_runner_writes_its_report_where_it_is_read() {
-        let path = root().join(".config/nextest.toml");
+        let path = crate::run::root().join(".config/nextest.toml");
         let text = std::fs::read_to_string(path).expect("readable");
         let config: toml::Table = toml::from_str(&text).expect("TOML");
         for full in [false, true] {
