@@ -9,7 +9,7 @@ mod seeds;
 
 pub use seeds::Cases;
 
-use crate::run::{Tool, root, target};
+use crate::run::{Tool, target};
 use crate::toolchain::{Toolchain, host};
 use crate::{Format, bench, firmware, locks, setup};
 use anyhow::{Context, Result, bail};
@@ -186,6 +186,7 @@ fn tests(report: &mut Report, cases: Cases) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::run::root;
 
     #[test]
     fn a_command_line_is_shown_as_it_is_typed() {
