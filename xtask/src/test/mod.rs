@@ -186,6 +186,7 @@ fn tests(report: &mut Report, cases: Cases) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::run::root;
 
     #[test]
     fn a_command_line_is_shown_as_it_is_typed() {
