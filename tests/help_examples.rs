@@ -146,6 +146,10 @@ const LONG: &[(&str, Way)] = &[
     ("sutura bench --suite", Ends(&[])),
     ("sutura bench --suite --steps 100", Ends(&[])),
     ("sutura bench --suite --only sliding", Ends(&[])),
+    (
+        "sutura bench --suite --steps 250 --paced 60 --only 1,650",
+        Ends(&[]),
+    ),
     ("sutura doctor", EndsWith(&[0, 1])),
     ("sutura doctor virtual --format json", EndsWith(&[0, 1])),
     (

@@ -167,11 +167,18 @@ impl Bank {
         let mut count = 0;
         let mut room = true;
         // What is computed in a step is not worth a word.
-        let is_long = vertices.len() > LONG;
+        let missing = if vertices.len() > LONG {
+            let new = vertices.iter().filter(|vertex| !self.has(**vertex));
+            new.count().min(self.most_slots)
+        } else {
+            0
+        };
+        let is_long = missing > LONG;
+        let mut made = 0;
         if is_long {
-            let bytes = vertices.len() as f64 * self.bytes_per_vertex() as f64;
+            let bytes = missing as f64 * self.bytes_per_vertex() as f64;
             work::begin("computing how the tissue gives way", || {
-                format!("{} places, {:.2} GB", vertices.len(), 1e-9 * bytes)
+                format!("{missing} boundary nodes, {:.2} GB", 1e-9 * bytes)
             });
         }
         for (index, &vertex) in vertices.iter().enumerate() {
@@ -192,8 +199,9 @@ impl Bank {
                     groups.largest(&home.blocks, &mut home.largest);
                     self.place[vertex as usize] = slot;
                 }
+                made += count;
                 if is_long {
-                    work::part(index + 1, vertices.len());
+                    work::part(made, missing);
                 }
                 count = 0;
             }

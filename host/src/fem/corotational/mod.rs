@@ -48,8 +48,9 @@ pub struct Policy {
 /// Copies of a factor: at rest, of the model and of a state, the one being made in a step, and two for the one being made
 /// beside it.
 const COPIES: usize = 6;
-/// And with needles: of their own state and of the one that was kept of it, and the one being made in their steps.
-const COPIES_FOR_NEEDLES: usize = 3;
+/// And with needles: of their own state, of the one that was kept of it and while it is built, and the one being made in their
+/// steps.
+const COPIES_FOR_NEEDLES: usize = 4;
 
 impl Default for Policy {
     /// 0.1 rad, because a stale solve then leaves a third of the energy norm in a bent block (nu = 0.45:
