@@ -200,7 +200,7 @@ mod tests {
 
     #[test]
     fn the_runner_writes_its_report_where_it_is_read() {
-        let path = crate::run::root().join(".config/nextest.toml");
+        let path = root().join(".config/nextest.toml");
         let text = std::fs::read_to_string(path).expect("readable");
         let config: toml::Table = toml::from_str(&text).expect("TOML");
         for full in [false, true] {
