@@ -227,7 +227,7 @@ impl Body {
             external,
             ..
         } = scratch;
-        let report = tissue.answer(&mut turning.state, workspace, external, columns.renews());
+        let report = tissue.answer(&mut turning.state, workspace, external, columns.helpless());
         columns.belong_to(turning.state.fingerprint());
         if report.asked {
             columns.ask(&turning.state);
@@ -320,7 +320,10 @@ impl Body {
         for (external, change) in external.iter_mut().zip(change.iter()) {
             *external += change;
         }
-        turning.state.factor().solve(change, 1, solve);
+        // Where no force has changed, nothing is displaced.
+        if change.iter().any(|force| *force != 0.0) {
+            turning.state.factor().solve(change, 1, solve);
+        }
         // The elastic force goes from internal to external on the way: a trapezoid.
         let forces = external.iter().zip(tissue.internal_force());
         let ends = tissue.predicted().iter().zip(change.iter());

@@ -114,7 +114,13 @@ impl Columns {
 
     /// Whether factors are renewed beside the steps.
     pub fn renews(&self) -> bool {
-        self.renewer.as_ref().is_some_and(|renewer| renewer.works())
+        self.helpless().is_some()
+    }
+
+    /// Where they are, at how many times the turn that makes a factor old a step makes one itself.
+    pub fn helpless(&self) -> Option<f64> {
+        let renewer = self.renewer.as_ref().filter(|renewer| renewer.works());
+        renewer.map(|renewer| renewer.helpless())
     }
 
     #[cfg(test)]

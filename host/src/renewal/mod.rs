@@ -32,6 +32,16 @@ impl Rule {
     const STEPS: u32 = 2;
     /// For sessions that are the same on every machine.
     pub const SAME_EVERYWHERE: Self = Self::After(Self::STEPS);
+
+    /// At so many times the turn that makes a factor old it is of no help any more, and a step makes one itself. Where
+    /// steps wait for factors anyway that is where a stale solve does harm; a step in real time that is late by a whole
+    /// factor does more: conjugate gradients go on with the old one.
+    pub(crate) fn helpless(self) -> f64 {
+        match self {
+            Self::After(_) => 2.0,
+            Self::WhenThere | Self::AsRecorded => 16.0,
+        }
+    }
 }
 
 /// What a step had to do with factors that are made beside it.

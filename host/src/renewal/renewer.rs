@@ -107,6 +107,11 @@ impl Renewer {
         !matches!(self.by, By::Nobody)
     }
 
+    /// As [`Rule::helpless`].
+    pub fn helpless(&self) -> f64 {
+        self.rule.helpless()
+    }
+
     /// A recorded factor came in this step.
     pub fn expect(&mut self, step: u64) {
         self.due.push_back(step);
@@ -199,7 +204,7 @@ impl Renewer {
                 self.due.len() < before
             }
         };
-        due || tissue.is_in_need(state)
+        due || tissue.is_in_need(state, self.rule.helpless())
     }
 
     fn is_made(&self, state: &CorotationalState) -> bool {

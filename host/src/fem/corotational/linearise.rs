@@ -73,7 +73,7 @@ impl CorotationalTissue {
         external: &[f64],
     ) -> Linearisation {
         self.look(state, workspace, external);
-        self.answer(state, workspace, external, false)
+        self.answer(state, workspace, external, None)
     }
 
     /// The first half of [`Self::linearise`]: rotations at `state.u` and the out-of-balance force.
@@ -106,13 +106,13 @@ impl CorotationalTissue {
     }
 
     /// The second half: what the tangent answers to the last [`Self::look`]. With `beside` a factor that gets old is
-    /// asked for, and made here only where the old one is of no help any more.
+    /// asked for, and made here only at so many times the turn that makes it old.
     pub(crate) fn answer(
         &self,
         state: &mut CorotationalState,
         workspace: &mut CorotationalWorkspace,
         external: &[f64],
-        beside: bool,
+        beside: Option<f64>,
     ) -> Linearisation {
         workspace.predicted.copy_from_slice(state.unknowns());
         let internal = workspace.force.as_flattened();
@@ -141,12 +141,14 @@ impl CorotationalTissue {
 
         state.age = state.age.saturating_add(1);
         let turn_rad = report.rotation_since_refactor_rad;
-        let is_old = if beside {
-            self.is_helpless(turn_rad)
-        } else {
-            turn_rad > self.policy.refactor_rotation_rad || state.age > self.policy.refactor_every
+        let is_old = match beside {
+            Some(times) => self.is_helpless(turn_rad, times),
+            None => {
+                turn_rad > self.policy.refactor_rotation_rad
+                    || state.age > self.policy.refactor_every
+            }
         };
-        if beside && !is_old && state.moved && self.is_ageing(state, turn_rad) {
+        if beside.is_some() && !is_old && state.moved && self.is_ageing(state, turn_rad) {
             report.asked = state.ask(workspace);
         }
         if is_old && state.moved {
@@ -157,13 +159,15 @@ impl CorotationalTissue {
                 return report;
             }
         }
+        if self.is_round_off(residual_n) {
+            return report;
+        }
         precondition(state, workspace);
         report.residual_j = dot(&workspace.residual, &workspace.preconditioned);
-        let balanced = self.is_round_off(residual_n);
         report.contraction = match step_j {
-            Some(step) if !balanced && step > 0.0 => (report.residual_j / step).max(0.0).sqrt(),
-            Some(_) if !balanced => 1.0,
-            _ => 0.0,
+            Some(step) if step > 0.0 => (report.residual_j / step).max(0.0).sqrt(),
+            Some(_) => 1.0,
+            None => 0.0,
         };
         if report.refactored || self.policy.cg_iterations == 0 {
             add(1.0, &workspace.preconditioned, &mut workspace.predicted);

@@ -34,7 +34,7 @@ use sutura_models::{Materials, memory};
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Policy {
     /// The tangent is factored anew once a cell has turned by more than this since the last time \[rad\]. Beside the
-    /// steps it is asked for at half of that, and in the step factored only at twice that.
+    /// steps it is asked for at half of that, and in the step factored only at a multiple of it.
     pub refactor_rotation_rad: f64,
     /// ... and after this many steps, for what changes without turning.
     pub refactor_every: u32,

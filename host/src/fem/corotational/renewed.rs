@@ -13,8 +13,6 @@ use std::sync::atomic::{AtomicU64, Ordering};
 
 /// A tangent is asked for at this part of the turn that would have it factored in the step, so that it is there in time.
 const EARLY: f64 = 0.5;
-/// At so many times that turn a factor is of no help any more.
-const HELPLESS: f64 = 2.0;
 /// Who wants factors younger than so many linearisations wants them of the step itself.
 const LEAST_EVERY: u32 = 16;
 /// Steps until the next is asked for after one that could not be factored.
@@ -176,15 +174,15 @@ impl CorotationalTissue {
             || state.age > self.policy.refactor_every
     }
 
-    /// Whether the factor is of no help any more.
-    pub(super) fn is_helpless(&self, turn_rad: f64) -> bool {
-        turn_rad > HELPLESS * self.policy.refactor_rotation_rad
+    /// Whether the factor is of no help any more: at so many `times` the turn that makes it old.
+    pub(super) fn is_helpless(&self, turn_rad: f64, times: f64) -> bool {
+        turn_rad > times * self.policy.refactor_rotation_rad
     }
 
     /// Whether the factor of a state was of no help any more at the last linearisation, and what it has asked for was.
-    pub(crate) fn is_in_need(&self, state: &CorotationalState) -> bool {
-        self.is_helpless(state.rotation_since_refactor())
-            && !self.is_helpless(state.rotation_since(&state.asked.at.rotations))
+    pub(crate) fn is_in_need(&self, state: &CorotationalState, times: f64) -> bool {
+        self.is_helpless(state.rotation_since_refactor(), times)
+            && !self.is_helpless(state.rotation_since(&state.asked.at.rotations), times)
     }
 }
 
