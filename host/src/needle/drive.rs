@@ -453,7 +453,12 @@ impl Drive<'_> {
         clock.lap(&mut report.stages.solve_ns);
         work.solves += 1;
         work.pushes.clear();
-        work.pushes.extend(grasp.pushes());
+        // A slack thread has anchors that nothing acts on.
+        work.pushes.extend(
+            grasp
+                .pushes()
+                .filter(|(_, force)| *force != Vector3::zeros()),
+        );
         // Crossings share vertices.
         work.pushes.sort_unstable_by_key(|(vertex, _)| *vertex);
         work.pushes.dedup_by(|(vertex, force), (kept, sum)| {

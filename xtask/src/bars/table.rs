@@ -8,7 +8,7 @@ use std::fmt::Write;
 /// A column: its head, its figure, and how many decimals it has.
 type Column = (&'static str, fn(&Measured) -> Option<f64>, usize);
 
-const COLUMNS: [Column; 14] = [
+const COLUMNS: [Column; 15] = [
     ("seconds", |run| run.seconds, 2),
     ("decays", |run| run.decays, 0),
     ("overload", |run| run.overload, 0),
@@ -22,6 +22,7 @@ const COLUMNS: [Column; 14] = [
     ("horizon", |run| run.horizon_ms, 0),
     ("ses_p99", |run| run.session_p99_us, 0),
     ("ses_max", |run| run.session_max_us, 0),
+    ("ses_sec", |run| run.session_second_us, 0),
     ("late_us", |run| Some(run.machine_late_us), 0),
 ];
 
@@ -71,7 +72,7 @@ pub fn group(group: &Group) -> String {
         .collect();
     let mut text = format!("\n{}, {}\n{:<9}{heads}\n", group.scene, group.load, "");
     let lockstep = line("lockstep", |column| match column.0 {
-        "late_us" | "ses_p99" | "ses_max" => None,
+        "late_us" | "ses_p99" | "ses_max" | "ses_sec" => None,
         _ => column.1(&group.lockstep),
     });
     // Writing into a string cannot fail.
