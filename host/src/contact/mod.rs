@@ -7,6 +7,7 @@
 //! `u = S p`, S the columns of K^-1 at touched vertices.
 
 pub(crate) mod active_set;
+pub(crate) mod entry;
 pub(crate) mod newton;
 pub(crate) mod reduction;
 pub(crate) mod shape;

@@ -6,6 +6,7 @@
 use super::sticking::{Sticking, Tools};
 use super::{Looked, Rendering, SceneSolver, Solve, Solved};
 use crate::clock::Clock;
+use crate::contact::entry::{Nearest, way_in};
 use crate::contact::shape::Solid;
 use crate::hash::hash_of;
 use crate::mesh::Surface;
@@ -376,14 +377,27 @@ impl ModelSolver {
         Solid::new(&self.shapes[index].1, self.surface.mean_edge_m, placement)
     }
 
-    /// A tool that was nowhere is there; not if that is inside the tissue.
+    /// A tool that was nowhere begins its way there, free of the tissue; whether there is such a way.
     fn appears(&mut self, index: usize, placement: &Placement) -> bool {
-        let solid = self.solid(index, placement);
-        let middle = solid.middle().into();
-        if self.surface.contains(self.tissue.positions_m(), middle) {
+        let positions = self.tissue.positions_m();
+        let near = |solid: &Solid| {
+            let (gap_m, _, node) = self.sticking.apart(solid, positions)?;
+            let vertex = self.surface.vertices.binary_search(&node).ok()?;
+            Some(Nearest {
+                at: positions[node as usize].into(),
+                normal: self.surface.normals[vertex].into(),
+                gap_m,
+            })
+        };
+        let is_inside = |point: &Vector3<f64>| self.surface.contains(positions, (*point).into());
+        let Some(out) = way_in(&self.solid(index, placement), near, is_inside) else {
             return false;
-        }
-        self.tools[index] = Some((*placement, solid));
+        };
+        let from = Placement {
+            centre: placement.centre + out,
+            ..*placement
+        };
+        self.tools[index] = Some((from, self.solid(index, &from)));
         true
     }
 

@@ -45,7 +45,7 @@ pub enum Status {
     NotConverged,
     /// More vertices touched than a step has room for; as `NotConverged`.
     TooManyRows,
-    /// A tool's middle is inside the tissue and did not come in through the surface.
+    /// A tool has slipped into the tissue between its vertices, or no way in from outside is found for one that appears inside.
     Inside,
 }
 

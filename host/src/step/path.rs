@@ -5,6 +5,7 @@
 use super::{Clock, State, Status, StepReport, Workspace};
 use crate::body::View;
 use crate::contact::active_set::{self, Failure, Near};
+use crate::contact::entry::{Nearest, way_in};
 use crate::contact::shape::Solid;
 use crate::model::Model;
 use crate::tool::{MAX_TOOLS, Placement, ToolSample};
@@ -120,7 +121,8 @@ fn place(
             continue;
         };
         if state.placements[index].is_none() {
-            let out = way_in(model, &model.solid(index, target)).ok_or(Status::Inside)?;
+            let solid = model.solid(index, target);
+            let out = from_outside(model, &solid).ok_or(Status::Inside)?;
             state.placements[index] = Some(Placement {
                 centre: target.centre + out,
                 ..*target
@@ -137,28 +139,17 @@ fn put(model: &Model, placements: &Targets, work: &mut Workspace) {
     }
 }
 
-/// How far off lies a free place from which a tool can come straight to where `solid` is: back along
-/// the normal of the nearest vertex. `None` if its middle lies inside the tissue.
-fn way_in(model: &Model, solid: &Solid) -> Option<Vector3<f64>> {
-    let resting_m = &model.touchable_m;
-    let Some((vertex, gap)) = nearest(resting_m.iter().copied(), solid) else {
-        return Some(Vector3::zeros());
+/// How far off the tool's way to where `solid` is begins, in tissue without tools.
+fn from_outside(model: &Model, solid: &Solid) -> Option<Vector3<f64>> {
+    let near = |solid: &Solid| {
+        let (vertex, gap_m) = nearest(model.touchable_m.iter().copied(), solid)?;
+        Some(Nearest {
+            at: model.touchable_m[vertex],
+            normal: model.touchable_normal[vertex],
+            gap_m,
+        })
     };
-    if model.contains(&solid.middle()) {
-        return None;
-    }
-    let normal = model.touchable_normal[vertex];
-    let mut back = (-gap).max(0.0);
-    // Twice as far each time: after 40 times any mesh is left behind.
-    for _ in 0..40 {
-        let start = solid.moved(&(normal * back));
-        let free = nearest(resting_m.iter().copied(), &start).is_none_or(|near| near.1 >= 0.0);
-        if free && !model.contains(&start.middle()) {
-            return Some(normal * back);
-        }
-        back = 2.0 * back.max(0.1 * solid.radius());
-    }
-    None
+    way_in(solid, near, |point| model.contains(point))
 }
 
 /// The point with the least gap, and that gap \[m\].
