@@ -3,7 +3,7 @@
 #![cfg(unix)]
 #![allow(clippy::unwrap_used, reason = "tests")]
 
-use crate::support::session;
+use crate::support::session::{self, Overrunning};
 use crate::support::{root, sutura};
 use serde_json::Value;
 use std::ops::ControlFlow;
@@ -127,6 +127,20 @@ fn the_identity_trace_has_the_committed_hash_natively_and_on_the_image() {
     assert_eq!(native, emulated);
     assert!(native.coverage.states >= 10_000, "{:?}", native.coverage);
     assert_eq!(format!("{:016x}", emulated.hash), committed.trim());
+}
+
+/// Ticks that overran, as recordings of consoles that keep time have them.
+#[test]
+fn ticks_that_overran_give_the_same_bits_natively_and_on_the_image() {
+    fn trace(console: impl LockstepConsole, overran: &'static [u32]) -> IdentityTrace {
+        let mut console = Overrunning::new(console, overran);
+        identity_trace::run(&mut console).unwrap_or_else(|error| panic!("{error}"))
+    }
+    let native = || NativeConsole::new(&session::device()).unwrap();
+    let overran = &[2000, 2001, 7000];
+    let late = trace(native(), overran);
+    assert_eq!(late, trace(start(), overran));
+    assert_ne!(late.hash, trace(native(), &[]).hash);
 }
 
 /// What goes wrong, natively and on the image: the same bits over all states, and no mutant gets through.

@@ -2,7 +2,7 @@
 #![cfg(unix)]
 #![allow(clippy::unwrap_used, reason = "tests")]
 
-use crate::support::session::{patient, undisturbed};
+use crate::support::session::{Overrunning, patient, undisturbed};
 use crate::support::{root, sutura};
 use serde_json::Value;
 use std::ops::ControlFlow;
@@ -27,7 +27,7 @@ use sutura_host::step::{Arrival, ToolContact};
 use sutura_shared::link::{HostEvent, HostLink};
 use sutura_shared::wire::message::{Command as SharedCommand, Fixture, State};
 use sutura_shared::wire::{
-    Accumulator, Checked, HEADER_SIZE, Kind, MAX_FRAME, Valid, decode, encode,
+    Accumulator, Checked, HEADER_SIZE, Kind, MAX_FRAME, Valid, decode, encode, inputs,
 };
 use tempfile::TempDir;
 
@@ -80,6 +80,17 @@ fn in_lockstep(name: &str, seconds: f64, file: &Path) -> Recording {
 
 /// As [`in_lockstep`], with a solver that gives something up.
 fn with_effort(name: &str, seconds: f64, file: &Path, effort: fn(usize) -> Effort) -> Recording {
+    recorded(name, seconds, file, effort, &[])
+}
+
+/// As [`with_effort`], by a console that finds in these ticks that the one before overran.
+fn recorded(
+    name: &str,
+    seconds: f64,
+    file: &Path,
+    effort: fn(usize) -> Effort,
+    overran: &'static [u32],
+) -> Recording {
     let (scene, sources) = read_scene(name);
     let plan = plan(&scene, seconds);
     let about = About {
@@ -93,7 +104,8 @@ fn with_effort(name: &str, seconds: f64, file: &Path, effort: fn(usize) -> Effor
         solves: 0,
         effort,
     };
-    let mut console = NativeConsole::new(&plan.device).unwrap();
+    let console = NativeConsole::new(&plan.device).unwrap();
+    let mut console = Overrunning::new(console, overran);
     let mut console = TappedConsole::new(&mut console, recorder.tap());
     run_lockstep(&mut console, &plan, &mut solver, |_| {
         ControlFlow::Continue(())
@@ -188,6 +200,23 @@ fn a_session_in_lockstep_comes_out_the_same_in_this_process_and_as_a_whole_conso
     // Two recordings are the same file: nothing in it depends on the machine's pace.
     let again = in_lockstep("palpation.toml", 1.0, &folder.path().join("b.mcap"));
     assert_eq!(again, recording);
+}
+
+/// Ticks that a console which keeps time found late are found late again, in this process and as a whole console.
+#[test]
+fn ticks_that_overran_come_out_the_same() {
+    let folder = TempDir::new().unwrap();
+    let file = folder.path().join("a.mcap");
+    let full = |_| Effort::Full;
+    let recording = recorded("palpation.toml", 0.7, &file, full, &[300, 301, 555]);
+    let states = recording.frames.iter().filter_map(|frame| look(frame)?.3);
+    let overran = states.filter(|state| state.inputs & inputs::OVERRUN != 0);
+    let overran: Vec<_> = overran.map(|state| state.tick).collect();
+    assert_eq!(overran, [300, 301, 555]);
+    assert_same(&recording);
+    let mut console = NativeConsole::new(&recording.about.plan.device).unwrap();
+    let whole = replay_console(&recording, &mut WholeConsole::new(&mut console));
+    assert_eq!(whole, of_console(&recording));
 }
 
 #[test]

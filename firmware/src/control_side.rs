@@ -5,7 +5,6 @@
 use crate::exchange::Exchange;
 use crate::host_side::{Costs, Order, OrdersOut, Sample, Slot};
 use sutura_shared::control::{Control, TICK_US, TickInput, TickOutput};
-use sutura_shared::simulated_console::SimulatedBoard;
 use sutura_shared::wire::message::Simulate;
 
 /// Encoders, motors and switches of a console, real or simulated.
@@ -18,25 +17,6 @@ pub trait Plant {
     fn overrun(&self) -> bool;
     /// An order to a simulated console; a real one never gets any.
     fn simulate(&mut self, order: &Simulate, control: &mut Control);
-}
-
-/// Its time is made by the ticks themselves: none can be late.
-impl Plant for SimulatedBoard {
-    fn read(&mut self, overrun: bool) -> TickInput {
-        self.read(overrun)
-    }
-
-    fn write(&mut self, output: &TickOutput) {
-        self.write(output);
-    }
-
-    fn overrun(&self) -> bool {
-        false
-    }
-
-    fn simulate(&mut self, order: &Simulate, control: &mut Control) {
-        self.simulate(order, control);
-    }
 }
 
 /// The control loop and the ends of what leads to it.
@@ -148,7 +128,7 @@ mod tests {
     use std::vec::Vec;
     use sutura_shared::control::TICK_HZ;
     use sutura_shared::link::{ConsoleLink, HostEvent, HostLink, Identity};
-    use sutura_shared::simulated_console::{Pace, SimulatedConsole};
+    use sutura_shared::simulated_console::{Pace, SimulatedBoard, SimulatedConsole};
     use sutura_shared::wire::message::{
         Command, Contact, Course, End, Friction, HandScript, Mode, Needle, Ping, Report, Row,
         RowKind, Rows, State, Tension, Thread, Tip, WAY_POINTS, WayPoint,
@@ -357,6 +337,25 @@ mod tests {
         told: Vec<bool>,
         /// Durations of the ticks to come \[us\], from the end on.
         durations_us: Vec<u64>,
+    }
+
+    /// Its time is made by the ticks themselves.
+    impl Plant for SimulatedBoard {
+        fn read(&mut self, overrun: bool) -> TickInput {
+            self.read(overrun)
+        }
+
+        fn write(&mut self, output: &TickOutput) {
+            self.write(output);
+        }
+
+        fn overrun(&self) -> bool {
+            false
+        }
+
+        fn simulate(&mut self, order: &Simulate, control: &mut Control) {
+            self.simulate(order, control);
+        }
     }
 
     impl Plant for Slow {

@@ -9,6 +9,8 @@ use sutura_shared::simulated_console::{Pace, SimulatedConsole, Without};
 /// A console in lockstep, without threads or clocks.
 pub struct NativeConsole {
     console: SimulatedConsole,
+    /// Of the next tick.
+    pace: Pace,
 }
 
 impl NativeConsole {
@@ -33,6 +35,7 @@ impl NativeConsole {
         let Without { tuning, checks } = without;
         Ok(NativeConsole {
             console: SimulatedConsole::tuned(device, seed, tuning, checks)?,
+            pace: Pace::default(),
         })
     }
 
@@ -45,9 +48,13 @@ impl NativeConsole {
 impl LockstepConsole for NativeConsole {
     fn exchange(&mut self, down: &[u8], up: &mut Vec<u8>) -> Result<(), LinkError> {
         self.console.feed(down);
-        self.console.tick(Pace::default());
+        self.console.tick(std::mem::take(&mut self.pace));
         self.console.drain(up);
         Ok(())
+    }
+
+    fn overran(&mut self) {
+        self.pace.overrun = true;
     }
 
     fn name(&self) -> &str {

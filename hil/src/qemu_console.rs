@@ -1,8 +1,8 @@
 //! The firmware image under QEMU, one control tick per exchange over two named pipes.
 //!
 //! Entry point: [`QemuConsole::start`]. The image opens the pipes through semihosting, in the order
-//! down, up. One exchange: down a u16 length and that many bytes, up the same; all little endian. The
-//! length 0xFFFF tells the image to end.
+//! down, up. One exchange: down a u16 length and that many bytes, up the same; all little endian. The highest bit of
+//! the length down says that the tick before overran; 0xFFFF tells the image to end.
 
 use crate::qemu::{Qemu, QemuError, QemuOptions};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
@@ -16,6 +16,8 @@ use sutura_host::link::{LinkError, LockstepConsole};
 
 /// Tells the image to end.
 const QUIT: u16 = 0xFFFF;
+/// Beside the length of a message down: the tick before took longer than its period.
+const OVERRAN: u16 = 0x8000;
 
 /// How often is looked whether the image has opened its end, or has ended.
 const LOOK_EVERY: Duration = Duration::from_millis(5);
@@ -28,6 +30,8 @@ pub struct QemuConsole {
     up: File,
     /// One message down, length first.
     message: Vec<u8>,
+    /// Whether the next message says that the tick before overran.
+    overran: bool,
     /// Whether the image has answered yet.
     answered: bool,
     /// Where the pipes are; the image opens the second one only after the first.
@@ -90,6 +94,7 @@ impl QemuConsole {
             down,
             up,
             message: Vec::new(),
+            overran: false,
             answered: false,
             _pipes: pipes,
         })
@@ -112,11 +117,17 @@ impl QemuConsole {
     fn try_exchange(&mut self, down: &[u8], up: &mut Vec<u8>) -> io::Result<()> {
         let length = u16::try_from(down.len())
             .ok()
-            .filter(|length| *length != QUIT);
+            .filter(|length| *length < OVERRAN);
         let length =
             length.ok_or_else(|| io::Error::other("more bytes than one exchange carries"))?;
+        let overran = if std::mem::take(&mut self.overran) {
+            OVERRAN
+        } else {
+            0
+        };
         self.message.clear();
-        self.message.extend_from_slice(&length.to_le_bytes());
+        self.message
+            .extend_from_slice(&(length | overran).to_le_bytes());
         self.message.extend_from_slice(down);
         self.down.write_all(&self.message)?;
         if !self.answered {
@@ -146,6 +157,10 @@ impl LockstepConsole for QemuConsole {
                 reason,
             }
         })
+    }
+
+    fn overran(&mut self) {
+        self.overran = true;
     }
 
     fn name(&self) -> &str {

@@ -4,7 +4,7 @@
 use std::io;
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
-use sutura_host::link::{LinkOptions, Port};
+use sutura_host::link::{LinkError, LinkOptions, LockstepConsole, Port};
 use sutura_host::scene::{BUILT_IN_DEVICES, Document, read_device};
 use sutura_host::session::{LINE_BYTES_PER_S, Plan, Rendering, Solve, Solved, Summary};
 use sutura_host::step::{Status, ToolContact};
@@ -198,5 +198,37 @@ impl Said {
             }
         }
         states
+    }
+}
+
+/// A console in lockstep that finds in these of its ticks that the one before took longer than its period.
+pub struct Overrunning<C> {
+    console: C,
+    ticks: u32,
+    overran: &'static [u32],
+}
+
+impl<C: LockstepConsole> Overrunning<C> {
+    /// Ticks are counted from 1.
+    pub fn new(console: C, overran: &'static [u32]) -> Self {
+        Overrunning {
+            console,
+            ticks: 0,
+            overran,
+        }
+    }
+}
+
+impl<C: LockstepConsole> LockstepConsole for Overrunning<C> {
+    fn exchange(&mut self, down: &[u8], up: &mut Vec<u8>) -> Result<(), LinkError> {
+        self.ticks += 1;
+        if self.overran.contains(&self.ticks) {
+            self.console.overran();
+        }
+        self.console.exchange(down, up)
+    }
+
+    fn name(&self) -> &str {
+        self.console.name()
     }
 }

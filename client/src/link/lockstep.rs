@@ -14,6 +14,10 @@ pub trait LockstepConsole {
     /// [`LinkError::Gone`] when the console ended or passed its time limit.
     fn exchange(&mut self, down: &[u8], up: &mut Vec<u8>) -> Result<(), LinkError>;
 
+    /// Has the next tick find that the one before took longer than its period, as a console that keeps time may: for replays.
+    /// Does nothing where that cannot be said.
+    fn overran(&mut self) {}
+
     /// What the user calls it.
     fn name(&self) -> &str;
 }

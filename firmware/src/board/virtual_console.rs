@@ -3,8 +3,8 @@
 //! The emulator's command line chooses how bytes come and what makes time pass:
 //!
 //! - `lockstep DOWN UP [seed=N] [off=GUARD,..]`: two named pipes. One message down, a u16 length and that many bytes, makes one tick;
-//!   one message up answers it. The length 0xFFFF ends the emulator with exit code 0. Virtual time is the
-//!   tick count, so that runs are identical to the bit, and to `SimulatedConsole` on any other machine.
+//!   one message up answers it. The highest bit of the length down says that the tick before overran, as recordings of
+//!   consoles that keep time do; 0xFFFF ends the emulator with exit code 0. Virtual time is the tick count, so that runs are identical to the bit, and to `SimulatedConsole` on any other machine.
 //!   Reports say nothing of cost and stack, which another machine could not repeat. `seed` is for session numbers, 0 if it
 //!   is left out; `off` names guards and checks to go without, to see whether a test notices.
 //! - `uart`: USART1, and 1 kHz from SysTick. A smoke test: QEMU moves 8 to 12 kB/s towards the image.
@@ -25,10 +25,11 @@ use cortex_m::peripheral::syst::SystClkSource;
 use heapless::{Deque, Vec};
 use rtic::Mutex;
 use stm32f4xx_hal::pac::{self, Interrupt};
-use sutura_shared::control::TICK_HZ;
+use sutura_shared::control::{Control, TICK_HZ, TickInput, TickOutput};
 use sutura_shared::device::DeviceDescription;
 use sutura_shared::link::Identity;
 use sutura_shared::simulated_console::{SimulatedBoard, Without};
+use sutura_shared::wire::message::Simulate;
 
 /// The console until the host sends another.
 pub const DEVICE: DeviceDescription = CARTESIAN_BENCH;
@@ -56,6 +57,8 @@ const DOWN: usize = 1024;
 const UP: usize = 4096;
 /// Length of the message that ends the emulator.
 const QUIT: u16 = 0xFFFF;
+/// Beside the length of a message down: the tick before took longer than its period.
+const OVERRAN: u16 = 0x8000;
 
 /// Nothing here can hurt anybody.
 pub fn safe_state() {}
@@ -104,8 +107,32 @@ pub fn stack_free() -> u32 {
 /// Nobody reads a log here.
 pub fn log(_: Event) {}
 
-/// The simulated console.
-pub type Plant = SimulatedBoard;
+/// Whether the next tick is to find that the one before overran.
+static OVERRUN: AtomicBool = AtomicBool::new(false);
+
+/// The simulated console, whose ticks are late when lockstep says so.
+pub struct Plant(SimulatedBoard);
+
+impl crate::control_side::Plant for Plant {
+    fn read(&mut self, _: bool) -> TickInput {
+        let overrun = OVERRUN.load(Ordering::Relaxed);
+        OVERRUN.store(false, Ordering::Relaxed);
+        self.0.read(overrun)
+    }
+
+    fn write(&mut self, output: &TickOutput) {
+        self.0.write(output);
+    }
+
+    /// Its time is made by the ticks themselves.
+    fn overrun(&self) -> bool {
+        false
+    }
+
+    fn simulate(&mut self, order: &Simulate, control: &mut Control) {
+        self.0.simulate(order, control);
+    }
+}
 
 /// Sets the board up. Called once, with interrupts off.
 pub fn start(
@@ -168,7 +195,8 @@ pub fn start(
         seed,
         without,
     };
-    (SimulatedBoard::new(&DEVICE), port, Guard { pipes }, boot)
+    let plant = Plant(SimulatedBoard::new(&DEVICE));
+    (plant, port, Guard { pipes }, boot)
 }
 
 /// The UART, or the bytes of lockstep.
@@ -228,7 +256,8 @@ pub fn idle(mut host: impl Mutex<T = HostSide<'static, Port>>, guard: &mut Guard
         if length == QUIT {
             semihosting::exit(true);
         }
-        let mut left = usize::from(length);
+        OVERRUN.store(length & OVERRAN != 0, Ordering::Relaxed);
+        let mut left = usize::from(length & !OVERRAN);
         while left > 0 {
             let mut bytes = [0; DOWN];
             let bytes = &mut bytes[..left.min(DOWN)];

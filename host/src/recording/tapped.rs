@@ -76,6 +76,10 @@ impl LockstepConsole for TappedConsole<'_> {
         Ok(())
     }
 
+    fn overran(&mut self) {
+        self.console.overran();
+    }
+
     fn name(&self) -> &str {
         self.console.name()
     }

@@ -1,6 +1,6 @@
 //! A whole simulated console, run again tick by tick: the firmware's image under an emulator, or the same natively.
 //!
-//! Entry point: [`WholeConsole`]. It reads its own encoders; only frames are given to it.
+//! Entry point: [`WholeConsole`]. It reads its own encoders; only frames are given to it, and which ticks overran.
 
 use super::super::tap::Direction;
 use super::console::{Ran, Replayed};
@@ -8,7 +8,7 @@ use super::native::difference;
 use super::sessions::{DownFrame, Session, frame_with_session, parse};
 use crate::link::LockstepConsole;
 use sutura_shared::wire::message::State;
-use sutura_shared::wire::{Checked, Valid};
+use sutura_shared::wire::{Checked, Valid, inputs};
 
 /// Ticks that a console may have been up before the recorded session: five minutes, which an emulator runs in some.
 const MOST_BEFORE: u32 = 300_000;
@@ -81,6 +81,9 @@ impl Replayed for WholeConsole<'_> {
             } else {
                 down.extend(frame_with_session(&frame.bytes, here));
             }
+        }
+        if state.body().inputs & inputs::OVERRUN != 0 {
+            self.console.overran();
         }
         self.exchange(&down)?;
         let mut answer = None;
