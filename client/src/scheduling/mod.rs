@@ -174,10 +174,16 @@ impl LockedMemory {
     ///
     /// With a limit only what is there now is locked: otherwise a later allocation could meet the limit and fail.
     pub fn ask() -> Option<LockedMemory> {
+        Self::ask_of(system::lock_memory)
+    }
+
+    fn ask_of(lock: impl FnOnce() -> bool) -> Option<LockedMemory> {
         let mut holders = holders();
-        let locked = system::lock_memory();
-        *holders += usize::from(locked);
-        locked.then_some(LockedMemory(()))
+        if !lock() {
+            return None;
+        }
+        *holders += 1;
+        Some(LockedMemory(()))
     }
 }
 
@@ -225,6 +231,19 @@ mod tests {
         assert_eq!(held, got == Granted::RealTime);
         assert_eq!(gave_way, 0);
         drop(LockedMemory::ask());
+    }
+
+    /// Who may not lock memory is told so, however often, and is in nobody's way.
+    #[test]
+    fn memory_that_may_not_be_locked_is_not_waited_for() {
+        let (told, answer) = std::sync::mpsc::channel();
+        std::thread::spawn(move || {
+            let refused = [(); 2].map(|()| LockedMemory::ask_of(|| false));
+            drop(LockedMemory::ask());
+            told.send(refused.iter().all(Option::is_none))
+        });
+        let minute = std::time::Duration::from_secs(60);
+        assert_eq!(answer.recv_timeout(minute), Ok(true));
     }
 
     /// A session that ends takes nothing from another in the same process.
