@@ -20,12 +20,14 @@ pub fn sutura(arguments: &[&str]) -> Ran {
 
 /// Runs `sutura` with these arguments in `directory`.
 pub fn sutura_in(directory: &Path, arguments: &[&str]) -> Ran {
-    let output = Command::new(env!("CARGO_BIN_EXE_sutura"))
-        .args(arguments)
-        .current_dir(directory)
-        .env_remove("RUST_LOG")
-        .output()
-        .expect("the command starts");
+    let mut command = Command::new(env!("CARGO_BIN_EXE_sutura"));
+    ran(command.args(arguments).current_dir(directory))
+}
+
+/// Runs a command to its end.
+pub fn ran(command: &mut Command) -> Ran {
+    let output = command.env_remove("RUST_LOG").output();
+    let output = output.expect("the command starts");
     let text = |bytes| String::from_utf8(bytes).expect("output is text");
     Ran {
         code: output.status.code().expect("the command ends by itself"),
@@ -84,8 +86,14 @@ impl Ran {
 /// counted as gone, or has not yet let the threads of the link before it close the port.
 #[cfg(unix)]
 pub fn session_of(arguments: &[&str]) -> Ran {
+    patiently(|| sutura(&[arguments, &["--format", "json"]].concat()))
+}
+
+/// As [`session_of`], for a session that is begun in another way.
+#[cfg(unix)]
+pub fn patiently(mut session: impl FnMut() -> Ran) -> Ran {
     session::undisturbed(|| {
-        let ran = sutura(&[arguments, &["--format", "json"]].concat());
+        let ran = session();
         let still = ["nothing came for", "no state came", "in use by"];
         let stood = ran.code == 3 && still.iter().any(|words| ran.stderr.contains(words));
         (!stood).then_some(ran)

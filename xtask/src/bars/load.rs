@@ -13,6 +13,9 @@ use std::time::{Duration, Instant};
 /// The user that root becomes for a session without rights: `nobody`.
 const NOBODY: &str = "65534";
 
+/// A session that takes longer hangs \[s\].
+const MOST_S: &str = "300";
+
 /// A machine with more running processes than that is not idle.
 const IDLE: f64 = 0.5;
 
@@ -114,6 +117,15 @@ impl Load {
         Ok(busy)
     }
 
+    /// `program` as this load's user, ended after [`MOST_S`].
+    fn limited(self, program: &Path) -> Command {
+        let command = self.command(program);
+        let mut limited = Command::new("timeout");
+        limited.args(["--kill-after=5", MOST_S]);
+        limited.arg(command.get_program()).args(command.get_args());
+        limited
+    }
+
     /// `program` as this load's user.
     fn command(self, program: &Path) -> Command {
         if self != Self::BusyPlain {
@@ -134,7 +146,7 @@ impl Load {
     /// # Errors
     /// If the program cannot be started.
     pub fn run(self, program: &Path, arguments: &[&str]) -> Result<Measured> {
-        let mut command = self.command(program);
+        let mut command = self.limited(program);
         command
             .arg("run")
             .args(arguments)
