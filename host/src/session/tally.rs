@@ -15,8 +15,8 @@ use crate::times::Times;
 use std::collections::{BTreeMap, VecDeque};
 use std::time::Duration;
 use sutura_shared::control::TICK_HZ;
-use sutura_shared::wire::{faults, inputs};
 use sutura_shared::wire::message::{Contact, Mode, Report, State};
+use sutura_shared::wire::{faults, inputs};
 
 /// Everything that a session remembers of itself.
 #[derive(Debug)]
