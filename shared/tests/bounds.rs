@@ -320,7 +320,7 @@ impl Books {
 }
 
 /// Whatever comes in, the console never holds for paid what was not, and what it gives away is bounded by what it
-/// cannot take back in time: the force until the next command acts and the slew limit has taken it away, along the
+/// lends after an outage and cannot take back in time: the force until the next command acts and the slew limit has taken it away, along the
 /// largest way that these events bring (21 counts a tick on each axis), and what an overdrawn tank still lets
 /// through. The hand may be an adversary (first switch): it goes wherever the motors push, or where a broken cable says.
 fn energy_bounded([adversary, _]: [bool; 2], events: &[Event]) -> Held {
@@ -345,7 +345,8 @@ fn robbed(events: &[Event], adversary: bool, tank: bool) -> Result<(f64, f64), S
     let device = run.device;
     let slew_ticks = device.max_force_n / (device.joints[0].max_slew_per_s * TICK_S);
     let way_m = 21.0 * 3.0_f32.sqrt() / device.joints[0].counts_per_unit;
-    let bar_j = f64::from(device.max_force_n * way_m * (3.0 + 0.5 * slew_ticks)) + 5e-3;
+    let lent_j = 15e-3;
+    let bar_j = f64::from(device.max_force_n * way_m * (3.0 + 0.5 * slew_ticks)) + 5e-3 + lent_j;
     let mut least_j = 0.0;
     for event in events {
         let mut event = event.clone();

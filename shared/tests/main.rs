@@ -2,6 +2,7 @@
 
 mod bounds;
 mod closed_loop;
+mod comeback;
 mod common;
 mod contact_rows;
 mod control;
@@ -15,6 +16,7 @@ mod passivity;
 mod rig;
 mod rows_values;
 mod simulated_console;
+mod turned;
 mod virtual_device;
 mod wire_frames;
 mod wire_golden;

@@ -97,8 +97,9 @@ fn refusals_and_inputs_are_pinned() {
         inputs::OVERRUN,
         inputs::ORIENTATION,
         inputs::NO_ROTATION,
+        inputs::WITHHELD,
     ];
-    assert_eq!(bits, [1, 2, 4, 8, 16]);
+    assert_eq!(bits, [1, 2, 4, 8, 16, 128]);
 }
 
 #[test]

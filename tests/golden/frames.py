@@ -32,7 +32,7 @@ state = {
     "applied_age_us": 0xFFFFFFFF,
     "trace_hash": 0xFEDCBA9876543210,
     "encoder_counts": [300, -2, -(2**31)],
-    "inputs": 0b1001,  # emergency stop, orientation
+    "inputs": 0b1000_1001,  # emergency stop, orientation, force withheld
     "heard_sequence": 70000,
 }
 contact = {

@@ -1,6 +1,6 @@
 //! What happens when a console goes away or lets go during a session: the user is told, and arms it again.
 //!
-//! Entry point: [`Operator`]. Enter arms it, or a line that a script writes to standard input.
+//! Entry points: [`Operator`]; [`Withholding`] for force that the console keeps back. Enter arms it, or a line that a script writes to standard input.
 
 use std::io::IsTerminal;
 use std::sync::Arc;
@@ -8,6 +8,8 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 use sutura_host::link::LinkError;
 use sutura_host::session::{Arms, Attendant};
+use sutura_shared::wire::inputs;
+use sutura_shared::wire::message::State;
 
 /// Tells on stderr what happens; arms again by itself if it is to, else when a line comes on standard input.
 #[derive(Debug)]
@@ -75,6 +77,34 @@ impl Operator {
             _ => "it stays at rest; with --rearm it is armed by itself",
         };
         words.to_owned()
+    }
+}
+
+/// Tells the user when force is withheld for longer than it takes to come back.
+#[derive(Debug, Default)]
+pub struct Withholding {
+    /// Session time since which it is \[s\], and whether that was told.
+    since_s: Option<f64>,
+    told: bool,
+}
+
+/// A force of 5 N is back by then \[s\].
+const RETURN_S: f64 = 1.25;
+
+impl Withholding {
+    /// Takes note of the console's newest state.
+    pub fn watch(&mut self, elapsed_s: f64, state: &State) {
+        if state.inputs & inputs::WITHHELD == 0 {
+            *self = Withholding::default();
+            return;
+        }
+        let since_s = *self.since_s.get_or_insert(elapsed_s);
+        if !self.told && elapsed_s - since_s > RETURN_S {
+            self.told = true;
+            note!(
+                "the console withholds force that no motion has paid for: move the tool out of the tissue, and in again"
+            );
+        }
     }
 }
 

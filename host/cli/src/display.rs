@@ -161,8 +161,13 @@ pub fn table(summary: &Summary) -> String {
     row(
         "age",
         format!(
-            "p50 {:.1} ms, max {:.1} ms; {} decays; horizon p50 {:.0} ms, max {:.0} ms",
-            s.age_ms.p50, s.age_ms.max, s.decays, s.horizon_ms.p50, s.horizon_ms.max
+            "p50 {:.1} ms, max {:.1} ms; {} decays, force withheld in {} ticks; horizon p50 {:.0} ms, max {:.0} ms",
+            s.age_ms.p50,
+            s.age_ms.max,
+            s.decays,
+            s.ticks_withheld,
+            s.horizon_ms.p50,
+            s.horizon_ms.max
         ),
     );
     let l = &s.link;

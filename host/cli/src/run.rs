@@ -1,6 +1,6 @@
 //! `sutura run`: the main job. A scene, a console, a session, a summary.
 
-use crate::attendant::Operator;
+use crate::attendant::{Operator, Withholding};
 use crate::choice;
 use crate::display::{self, Display};
 use crate::failure::{Cause, Failure};
@@ -204,8 +204,10 @@ pub fn run(args: &RunArgs, global: &Global) -> Result<(), Failure> {
     let mut solver = TappedSolver::new(&mut *solver, recording.tap());
     let stop = stop_on_signals()?;
     let mut display = Display::new(args.stream, global.format);
+    let mut withholding = Withholding::default();
     let mut progress = |note: &Progress<'_>| {
         let heard = display.show(note).is_ok();
+        withholding.watch(note.elapsed_s, note.state);
         recording.save_if_asked();
         if !heard || stop.load(Ordering::Relaxed) {
             ControlFlow::Break(())

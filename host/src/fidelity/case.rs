@@ -190,12 +190,14 @@ impl Scenes {
 }
 
 /// Names of guards, and whether each is on.
-pub fn guards_by_name(guards: &Guards) -> [(&'static str, bool); 11] {
+pub fn guards_by_name(guards: &Guards) -> [(&'static str, bool); 13] {
     [
         ("blend", guards.blend),
         ("trust", guards.trust),
         ("lead", guards.lead),
         ("tank", guards.tank),
+        ("along", guards.along),
+        ("credit", guards.credit),
         ("damping", guards.damping),
         ("horizon", guards.horizon),
         ("force", guards.force),

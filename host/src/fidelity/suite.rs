@@ -508,6 +508,13 @@ pub fn bars(cases: &[Case]) -> Vec<Bar> {
         -1.0,
     );
     rule(
+        "ms until 90 % of the force is back, gap of 300 ms",
+        &gap,
+        &|c| c.recovery?.time_to_90_ms,
+        false,
+        1000.0,
+    );
+    rule(
         "force N at the end of a gap",
         &gap,
         &|c| Some(c.recovery?.gap_force_n),

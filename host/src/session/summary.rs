@@ -157,6 +157,9 @@ pub struct Summary {
     pub withheld_last: Option<(&'static str, u64)>,
     /// Times that the console found its contact data too old and let the force decay.
     pub decays: u64,
+    /// Ticks in which the console let through so much less force than the contact asks for that a finger notices it: what an
+    /// outage has taken away comes back slowly, and what nobody has paid for only once the tool has left the tissue.
+    pub ticks_withheld: u64,
     /// Frames.
     pub frames: Frames,
     /// The link.

@@ -15,8 +15,8 @@ use crate::times::Times;
 use std::collections::{BTreeMap, VecDeque};
 use std::time::Duration;
 use sutura_shared::control::TICK_HZ;
-use sutura_shared::wire::faults;
 use sutura_shared::wire::message::{Contact, Mode, Report, State};
+use sutura_shared::wire::{faults, inputs};
 
 /// Everything that a session remembers of itself.
 #[derive(Debug)]
@@ -26,6 +26,7 @@ pub struct Tally {
     last: Option<State>,
     states: u64,
     decays: u64,
+    ticks_withheld: u64,
     peak_n: f64,
     /// Sum of squares \[N^2\].
     square_n2: f64,
@@ -132,6 +133,7 @@ impl Tally {
             last: None,
             states: 0,
             decays: 0,
+            ticks_withheld: 0,
             peak_n: 0.0,
             square_n2: 0.0,
             energy_j: 0.0,
@@ -178,6 +180,7 @@ impl Tally {
         self.peak_n = self.peak_n.max(force);
         self.square_n2 += force * force;
         self.states += 1;
+        self.ticks_withheld += u64::from(state.inputs & inputs::WITHHELD != 0);
         if matches!(state.mode, Mode::Armed | Mode::Decaying) && state.contact_age_us != u32::MAX {
             self.ages_us.record(u64::from(state.contact_age_us));
         }
@@ -419,6 +422,7 @@ impl Tally {
             steps_withheld: self.withheld.clone(),
             withheld_last: self.withheld_last,
             decays: self.decays,
+            ticks_withheld: self.ticks_withheld,
             frames,
             latency_us: Latency {
                 p50: us(delays, 0.5, 1.0),
@@ -521,6 +525,20 @@ mod tests {
         );
         assert_eq!((summary.ticks, summary.seconds), (21, 0.021));
         assert_eq!(summary.trace_hash, "0123456789abcdef");
+    }
+
+    #[test]
+    fn ticks_in_which_force_is_withheld_are_counted() {
+        let mut tally = Tally::new(100.0);
+        for tick in 0..10 {
+            let inputs = inputs::OVERRUN | if tick < 4 { inputs::WITHHELD } else { 0 };
+            tally.state(&State {
+                inputs,
+                ..state(tick, 0.0, 1.0)
+            });
+        }
+        let summary = tally.summary(&LinkCounters::default(), 1000);
+        assert_eq!(summary.ticks_withheld, 4);
     }
 
     #[test]

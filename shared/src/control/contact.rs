@@ -7,7 +7,7 @@
 use super::tuning::Rendering;
 use super::{MAX_HORIZON_US, STALE_DECAY_US};
 use crate::kinematics::Grip;
-use crate::math::{Vec3, dot, max, shortened};
+use crate::math::{Vec3, clamp, dot, max, shortened};
 use crate::wire::ValidContact;
 
 /// Longest force of a tangent on its own \[N\]: squares stay finite whatever is added to it.
@@ -50,6 +50,8 @@ pub(super) struct LocalContact {
     rate: Vec3,
     /// Largest force \[N\].
     max_force_n: f32,
+    /// Spectral norm of d force / d position \[N/m\].
+    stiffness: f32,
 }
 
 impl LocalContact {
@@ -72,6 +74,7 @@ impl LocalContact {
             applied_age_us: 0,
             rate: Vec3::zeros(),
             max_force_n,
+            stiffness: spectral_norm(&translational(&body.tangent)),
         };
         contact.applied_age_us = contact.age_us(now_us);
         contact
@@ -82,6 +85,11 @@ impl LocalContact {
         let age = now_us.saturating_sub(self.console_time_us);
         // The largest value means "none" on the wire.
         u32::try_from(age).map_or(u32::MAX - 1, |age| age.min(u32::MAX - 1))
+    }
+
+    /// For how long it is good \[s\].
+    pub fn horizon_s(&self) -> f32 {
+        self.horizon_us as f32 * 1e-6
     }
 
     /// How old the data is, in what it means.
@@ -177,9 +185,28 @@ impl LocalContact {
         &self.tangent
     }
 
-    /// Largest stiffness along an axis \[N/m\].
+    /// Largest stiffness along any direction \[N/m\]: the same wherever the axes point and whichever point of the grip is
+    /// its reference, for moments and turns have no part in it.
     pub fn stiffness(&self) -> f32 {
-        let [xx, _, _, _, _, _, yy, _, _, _, _, zz, ..] = self.tangent;
+        self.stiffness
+    }
+
+    /// Stiffness along a direction of any length, n'Kn with n of length 1 \[N/m\]; 0 for none.
+    pub fn stiffness_along(&self, direction: &Vec3) -> f32 {
+        let square = dot(direction, direction);
+        if square > 0.0 {
+            let [x, y, z]: [f32; 3] = (*direction).into();
+            let change = force_of(&self.tangent, &[x, y, z, 0.0, 0.0, 0.0]);
+            (dot(direction, &change) / square).abs()
+        } else {
+            0.0
+        }
+    }
+
+    /// The largest entry of the tangent's diagonal \[N/m\]: other axes, another stiffness. What
+    /// [`Guards::along`](super::Guards::along) is measured against.
+    pub fn stiffness_of_axes(&self) -> f32 {
+        let [xx, _, _, yy, _, zz] = translational(&self.tangent);
         max(xx.abs(), max(yy.abs(), zz.abs()))
     }
 
@@ -236,6 +263,51 @@ fn force_of(packed: &[f32; 21], v: &[f32; 6]) -> Vec3 {
         xy * x + yy * y + yz * z + (ya * a + yb * b + yc * c),
         xz * x + yz * y + zz * z + (za * a + zb * b + zc * c),
     )
+}
+
+/// d force / d position of a packed tangent: xx, xy, xz, yy, yz, zz.
+fn translational(packed: &[f32; 21]) -> [f32; 6] {
+    let [xx, xy, xz, _, _, _, yy, yz, _, _, _, zz, ..] = *packed;
+    [xx, xy, xz, yy, yz, zz]
+}
+
+/// Largest magnitude of an eigenvalue of a symmetric 3 x 3 matrix, packed upper triangle by rows: to 1e-3 of itself, and
+/// 1e-6 where no two of its eigenvalues are about equal.
+///
+/// With its mean eigenvalue q and its deviation p = (tr(B^2) / 6)^(1/2) of B = A - q I the largest eigenvalue is
+/// q + 2 p c, where c is the largest root of 4 c^3 - 3 c = det(B / p) / 2 (Smith 1961); Newton's method comes to it from
+/// above.
+fn spectral_norm(packed: &[f32; 6]) -> f32 {
+    let [xx, xy, xz, yy, yz, zz] = *packed;
+    let mean = (xx + yy + zz) * (1.0 / 3.0);
+    let (x, y, z) = (xx - mean, yy - mean, zz - mean);
+    let squares = x * x + y * y + z * z + 2.0 * (xy * xy + xz * xz + yz * yz);
+    let deviation = libm::sqrtf(squares * (1.0 / 6.0));
+    if deviation <= 0.0 {
+        return mean.abs();
+    }
+    let part = 1.0 / deviation;
+    let [x, y, z, xy, xz, yz] = [x, y, z, xy, xz, yz].map(|entry| entry * part);
+    let det = x * (y * z - yz * yz) - xy * (xy * z - yz * xz) + xz * (xy * yz - y * xz);
+    let half = clamp(0.5 * det, -1.0, 1.0);
+    let highest = mean + 2.0 * deviation * largest_root(half);
+    let lowest = mean - 2.0 * deviation * largest_root(-half);
+    max(highest.abs(), lowest.abs())
+}
+
+/// Largest c with 4 c^3 - 3 c = r, from 1/2 to 1, for r from -1 to 1.
+fn largest_root(r: f32) -> f32 {
+    // In e = c - 1/2 it is 6 e^2 + 4 e^3 = 1 + r: without the cube e is too large.
+    let right = 1.0 + r;
+    let mut e = libm::sqrtf(right * (1.0 / 6.0));
+    for _ in 0..3 {
+        let over = e * e * (6.0 + 4.0 * e) - right;
+        let slope = 12.0 * e * (1.0 + e);
+        if slope > 0.0 {
+            e -= over / slope;
+        }
+    }
+    0.5 + e
 }
 
 #[cfg(test)]
@@ -311,6 +383,44 @@ mod tests {
                 assert!(
                     dot(&error, &error) < 2e-5 * 2e-5,
                     "{solved} {height}: {force} {expected}"
+                );
+            }
+        }
+    }
+
+    /// Against the eigenvalues that nalgebra finds in double precision; and whatever the axes, the same.
+    #[test]
+    fn the_stiffness_is_the_largest_along_any_direction() {
+        use nalgebra::{Matrix3, Rotation3, Vector3};
+        let mut seed = 1_u32;
+        let mut any = || {
+            seed = seed.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            f64::from(seed >> 8) / f64::from(1 << 23) - 1.0
+        };
+        let kinds: [[f64; 3]; 9] = [
+            [0.0, 0.0, 0.0],
+            [0.0, 0.0, -1500.0],
+            [-300.0, -300.0, -1500.0],
+            [-1500.0, -1500.0, -300.0],
+            [-800.0, -800.0, -800.0],
+            [-1e7, -1.0, 0.0],
+            [900.0, -1000.0, 50.0],
+            [1e-20, -1e-20, 0.0],
+            [-500.0, -499.9, -499.8],
+        ];
+        for own in kinds {
+            let largest = own.iter().fold(0.0, |most: f64, x| most.max(x.abs()));
+            for _ in 0..200 {
+                let turn = Rotation3::new(Vector3::new(any(), any(), any()) * 3.0);
+                let turned = turn.matrix()
+                    * Matrix3::from_diagonal(&Vector3::from(own))
+                    * turn.matrix().transpose();
+                let places = [(0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)];
+                let packed = places.map(|place| turned[place] as f32);
+                let found = f64::from(spectral_norm(&packed));
+                assert!(
+                    (found - largest).abs() <= 1e-3 * largest,
+                    "{own:?}: {found}"
                 );
             }
         }

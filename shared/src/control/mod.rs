@@ -6,6 +6,7 @@
 //! contact force goes to 0.
 
 mod contact;
+mod credit;
 mod drive;
 mod encoders;
 mod limits;
@@ -33,12 +34,12 @@ use crate::wire::message::{Command, Fixture, Mode, State};
 use crate::wire::validate::{MAX_POSITION, MAX_SPEED, UNIT_TOLERANCE};
 use crate::wire::{Message, Valid, ValidContact, ValidFixture, ValidNeedle, ValidThread};
 use crate::wire::{faults, inputs};
-use contact::Freshness;
+use contact::{Freshness, LocalContact};
 use drive::Drive;
 use encoders::{Encoders, Joints};
 use limits::Limits;
 use mode::{Faults, Orders, has_torque, next_mode};
-use passivity::Passivity;
+use passivity::{Local, Passivity};
 use render::Render;
 use wall::Fixed;
 
@@ -458,12 +459,17 @@ impl Control {
         joints: &Joints,
     ) -> Vec3 {
         let bounded = self.limits.bound(force, velocity);
-        let fixed = self.fixed.stiffness();
-        let (least, most) = self.render.stiffness();
-        let stiffness = (least + fixed, most + fixed);
+        let (along, most) = self.render.stiffness(&bounded);
+        let local = Local {
+            along: along + self.fixed.stiffness_along(&bounded),
+            most: most + self.fixed.stiffness(),
+            is_there: self.render.left() > 0.0,
+            horizon_s: self.render.contact().map_or(0.0, LocalContact::horizon_s),
+            is_apart: self.render.is_apart(),
+        };
         let allowed = self
             .passivity
-            .allow(&bounded, pose, &joints.velocity, stiffness);
+            .allow(&bounded, pose, &joints.velocity, &local);
         self.limits.slewed(&allowed, pose, left)
     }
 
@@ -520,8 +526,17 @@ impl Control {
             applied_age_us: contact.map_or(u32::MAX, |contact| contact.applied_age_us),
             trace_hash: 0,
             encoder_counts: input.encoder_counts,
-            inputs: input.bits(),
+            inputs: input.bits() | self.notice(),
             heard_sequence: self.heard,
+        }
+    }
+
+    /// What is to be said besides what was read, as a bit of [`inputs`].
+    fn notice(&self) -> u8 {
+        if self.passivity.withholds() {
+            inputs::WITHHELD
+        } else {
+            0
         }
     }
 
@@ -563,7 +578,7 @@ impl Control {
                 trace.floats(&[multiplier]);
             }
         }
-        trace.floats(&[self.passivity.energy_j()]);
+        trace.floats(&[self.passivity.energy_j(), self.passivity.owed_j()]);
         trace.word(self.faults.overruns());
         trace.word(state.tick);
         trace.floats(&state.position_m);

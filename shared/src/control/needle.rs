@@ -22,7 +22,7 @@ const STRAIGHT: f32 = 1e-3;
 const SAME_WAY: f32 = 0.9;
 /// Part of its stiffness that a needle must have where it sticks for its tangent to say how it lets go \[1\].
 const HOLDS: f32 = 0.05;
-/// Most of a wrench that comes with an axial force of 1 \[1 or m\].
+/// Most of a force and of a moment that come with an axial force of 1 \[1 or m\].
 const MAX_GIVES: f32 = 4.0;
 /// Ways shorter than this have no slope of their own \[m\].
 const SHORT_M: f32 = 1e-6;
@@ -193,8 +193,8 @@ impl LocalNeedle {
         // Of a needle that slides all along there is nothing to be had from its tangent.
         if axial < -HOLDS * self.stick_n_per_m && axial.is_finite() {
             let gives = yields.map(|part| part / axial);
-            let most = gives.iter().fold(0.0, |most, part| max(most, part.abs()));
-            if most <= MAX_GIVES {
+            let [x, y, z, a, b, c] = gives.map(|part| part * part);
+            if max(x + y + z, a + b + c) <= MAX_GIVES * MAX_GIVES {
                 self.gives = gives;
             }
         }

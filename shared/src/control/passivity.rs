@@ -5,9 +5,11 @@
 //! balance is a tank (Lee and Huang 2010, passive set-position modulation), in joint space, where the work between two
 //! samples is exact: the effort that acted, known from the device's delay, times the way. Two bounds hang on it. What
 //! a force can give back before the next tick could change it must be in the tank; and a force that no motion has
-//! built up (energy bounding, Kim and Ryu 2010) must be one whose spring the tank could have loaded.
+//! built up (energy bounding, Kim and Ryu 2010) must be one whose spring the tank could have loaded. What an outage takes
+//! away comes back on credit, see [`super::credit`]. All of it is in terms of work and of what is the same in all axes.
 
 use super::TICK_S;
+use super::credit::Credit;
 use super::tuning::Guards;
 use crate::device::{DeviceDescription, JOINTS, MAX_ACTUATION_DELAY_US};
 use crate::kinematics::Pose;
@@ -27,6 +29,10 @@ const STORED: f32 = 2.0;
 /// Share per tick of what is beyond that which leaks: a time constant of 1 s, far longer than a gap in the frames,
 /// for the hand has paid for what it pressed before; no more, for what it rubbed is no store.
 const LEAK: f32 = TICK_S;
+/// The same of what pays back what is owed: a tenth of a second out of contact does.
+const PAID: f32 = 10.0 * TICK_S;
+/// Part of a force, and size \[N\], that a finger notices when they are missing.
+const NOTICED: (f32, f32) = (0.1, 0.03);
 /// Part of the tank that one tick may plan to give: the hand's own acceleration is not known.
 const SHARE: f32 = 0.7;
 /// Stiffness with which a force must be covered by the tank, over that of the local model: what wrong tangents
@@ -45,8 +51,11 @@ const DAMPING: f32 = 0.1;
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Passivity {
     guards: Guards,
-    /// Energy taken from the hand and not given back, with the credit, less the leak \[J\].
+    /// Energy taken from the hand and not given back, with what is lent, less the leak \[J\].
     energy_j: f32,
+    credit: Credit,
+    /// See [`withholds`](Self::withholds).
+    withholds: bool,
     /// Efforts of the contact force at the last ticks, the newest first.
     efforts: [[f32; JOINTS]; DELAYED],
     /// Ticks from a command until it acts: whole ones, and the part of one after them.
@@ -64,6 +73,20 @@ pub(super) struct Passivity {
     before_n: f32,
 }
 
+/// What the local model says of the force that is wanted.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Local {
+    /// Least stiffness that the model may have along the force \[N/m\].
+    pub along: f32,
+    /// Largest stiffness that it may have along any direction \[N/m\].
+    pub most: f32,
+    /// There is one that is not too old to be used, and for how long it is good \[s\].
+    pub is_there: bool,
+    pub horizon_s: f32,
+    /// It has no force at this place, whatever of another model still fades.
+    pub is_apart: bool,
+}
+
 /// What a force would do until it can be changed.
 struct Forecast {
     /// Work of what is under way \[J\].
@@ -77,9 +100,16 @@ impl Passivity {
     pub fn new(device: &DeviceDescription, guards: Guards) -> Self {
         let ticks = device.actuation_delay_us as f32 * 1e-3;
         let whole = (device.actuation_delay_us / 1000) as usize;
+        // What nothing bounds needs no credit.
+        let guards = Guards {
+            credit: guards.credit && guards.tank,
+            ..guards
+        };
         Passivity {
             guards,
             energy_j: CREDIT_J,
+            credit: Credit::NEW,
+            withholds: false,
             efforts: [[0.0; JOINTS]; DELAYED],
             whole,
             part: ticks - whole as f32,
@@ -94,9 +124,19 @@ impl Passivity {
         }
     }
 
-    /// Energy in the tank \[J\].
+    /// Energy in the tank, less what is lent of it \[J\].
     pub fn energy_j(&self) -> f32 {
-        self.energy_j
+        self.energy_j - self.credit.owed_j()
+    }
+
+    /// Lent of it, and not paid back \[J\].
+    pub fn owed_j(&self) -> f32 {
+        self.credit.owed_j()
+    }
+
+    /// Whether so much less was allowed at this tick than was wanted that a finger notices it.
+    pub fn withholds(&self) -> bool {
+        self.withholds
     }
 
     /// Books the work since the last tick, in which the joints moved by `moved`: what went against the force was
@@ -111,31 +151,41 @@ impl Passivity {
         self.moved = *moved;
     }
 
-    /// As much of the force that is wanted \[N\] as the tank pays for, and damping while it is overdrawn. `velocity`:
-    /// of the joints; `stiffness`: the least and the largest that the local model may have \[N/m\].
+    /// As much of the force that is wanted \[N\] as the tank pays for, damping while a part of it is missing, and drag while
+    /// anything is owed. `velocity`: of the joints.
     pub fn allow(
         &mut self,
         wanted: &Vec3,
         pose: &Pose,
         velocity: &[f32; JOINTS],
-        stiffness: (f32, f32),
+        local: &Local,
     ) -> Vec3 {
         let square = dot(wanted, wanted);
-        let (least, most) = (max(stiffness.0, SOFTEST), max(stiffness.1, SOFTEST));
-        self.leak(STORED * 0.5 * square / least + RESERVE_J);
-        if square <= 0.0 {
-            return *wanted;
-        }
-        let forecast = self.forecast(&pose.effort(wanted), velocity);
-        let size = libm::sqrtf(square);
-        let bound = self.covered(&forecast, pose, most);
-        let covered = if size > bound { bound / size } else { 1.0 };
-        let share = min(covered, self.paid(&forecast)) * self.shrunk();
+        let along = max(local.along, SOFTEST);
+        self.credit
+            .watch(local.is_there, local.horizon_s, self.before_n);
+        self.leak(STORED * 0.5 * square / along);
+        let size = if square > 0.0 {
+            libm::sqrtf(square)
+        } else {
+            0.0
+        };
+        let share = if size > 0.0 {
+            let most = max(local.most, SOFTEST);
+            self.share(&(wanted * (1.0 / size)), size, pose, velocity, most)
+        } else {
+            if local.is_apart {
+                self.credit.end();
+            }
+            1.0
+        };
         let mut allowed = *wanted;
         if self.guards.tank {
             allowed *= share;
         }
-        if self.guards.damping && share < 1.0 {
+        let missing = size * (1.0 - share);
+        self.withholds = self.guards.tank && missing > NOTICED.0 * size + NOTICED.1;
+        if self.guards.damping && share < 1.0 && !self.is_returning() {
             let damping = self.damper(pose, velocity) * (1.0 - share);
             // What lets go of the tool must not hold it.
             let against_n = dot(&damping, wanted) / size;
@@ -146,7 +196,48 @@ impl Passivity {
                 damping
             };
         }
+        if self.credit.owed_j() > 0.0 {
+            let speed = pose.velocity(velocity);
+            allowed -= speed * self.credit.drag(libm::sqrtf(dot(&speed, &speed)));
+        }
         allowed
+    }
+
+    /// Part of a force that is wanted, `size` \[N\] in `direction`, that is let through.
+    fn share(
+        &mut self,
+        direction: &Vec3,
+        size: f32,
+        pose: &Pose,
+        velocity: &[f32; JOINTS],
+        stiffness: f32,
+    ) -> f32 {
+        let forecast = self.forecast(&pose.effort(&(direction * size)), velocity);
+        let mut spring_n = self.covered(&forecast, stiffness);
+        let speed = dot(direction, &pose.velocity(velocity));
+        let returned = if self.is_returning() {
+            self.credit.raise(size, speed, stiffness, spring_n)
+        } else {
+            None
+        };
+        let bound = match returned {
+            Some(level) => {
+                let stored_j = 0.5 * level * level / stiffness + CREDIT_J;
+                self.energy_j += self.credit.draw(stored_j - self.energy_j);
+                spring_n = self.covered(&forecast, stiffness);
+                level
+            }
+            None => max(spring_n, self.built(&forecast, pose, direction, stiffness)),
+        };
+        let covered = if size > bound { bound / size } else { 1.0 };
+        let share = min(covered, self.paid(&forecast)) * self.shrunk();
+        self.credit
+            .note(size, size * (1.0 - share), spring_n >= size);
+        share
+    }
+
+    fn is_returning(&self) -> bool {
+        self.guards.credit && self.credit.is_open()
     }
 
     /// Takes note of what went to the motors: efforts of the contact force, and that force \[N\].
@@ -162,14 +253,25 @@ impl Passivity {
     pub fn off(&mut self) {
         self.efforts = [[0.0; JOINTS]; DELAYED];
         self.before_n = 0.0;
+        self.withholds = false;
+        self.credit.lose(0.0);
+        self.credit.pay(max(self.energy_j - CREDIT_J, 0.0));
         self.energy_j = min(self.energy_j, CREDIT_J);
     }
 
-    /// Old dissipation does not pay for a swing of now.
-    fn leak(&mut self, most_j: f32) {
-        let over_j = self.energy_j - most_j;
+    /// Old dissipation, beyond what the present contact can have stored, does not pay for a swing of now, but pays back
+    /// what is owed.
+    fn leak(&mut self, stored_j: f32) {
+        let owes = self.credit.owed_j() > 0.0;
+        let (reserve_j, part) = if owes {
+            (CREDIT_J, PAID)
+        } else {
+            (RESERVE_J, LEAK)
+        };
+        let over_j = self.energy_j - stored_j - reserve_j;
         if over_j > 0.0 {
-            self.energy_j -= over_j * LEAK;
+            self.energy_j -= over_j * part;
+            self.credit.pay(over_j * part);
         }
     }
 
@@ -191,14 +293,15 @@ impl Passivity {
                 *speed += gained;
             }
         }
-        let (mut linear_j, mut quadratic_j, mut steps) = (0.0, 0.0, 0.0);
+        let (mut linear_j, mut quadratic_j, mut squares) = (0.0, 0.0, 0.0);
         let constants = self.inertia.iter().zip(&self.per_step);
         for ((effort, speed), (inertia, per_step)) in effort.iter().zip(&speed).zip(constants) {
             linear_j += effort * TICK_S * speed;
             quadratic_j += 0.5 * effort * TICK_S * (effort * TICK_S / inertia);
-            steps = max(effort.abs() * per_step, steps);
+            squares += effort * per_step * (effort * per_step);
         }
-        // The slew limit takes so many more ticks to take the force away, along what it pushes meanwhile.
+        // The slew limits take so many more ticks to take the force away, at most, along what it pushes meanwhile.
+        let steps = libm::sqrtf(squares);
         quadratic_j += 0.5 * steps * max(linear_j, 0.0) + 0.25 * steps * (steps * quadratic_j);
         Forecast {
             under_way_j,
@@ -223,21 +326,34 @@ impl Passivity {
         clamp((libm::sqrtf(square) - a) / (2.0 * b), 0.0, 1.0)
     }
 
-    /// Largest force \[N\] that what the tank will hold can have loaded a spring with; beyond it, what was there
-    /// before and the motion since then built up. On the way out the part that is not covered goes at the slope of a
-    /// stiff spring, not at once.
-    fn covered(&self, forecast: &Forecast, pose: &Pose, stiffness: f32) -> f32 {
+    /// Largest force \[N\] that what the tank will hold can have loaded a spring with.
+    ///
+    /// A contact of stiffness K, symmetric and nowhere softer than it says, that holds a force F stores F'K^-1 F / 2, which is at least F^2 / (2 k)
+    /// with the largest eigenvalue k of K: a force beyond (2 k E)^(1/2) has not been paid for, whatever its direction, and
+    /// no elastic one that was is ever cut. Of a way dx the force does the work F n . dx: only the part of the way along
+    /// it is a way out, or builds it up, and none of a slide across it.
+    fn covered(&self, forecast: &Forecast, stiffness: f32) -> f32 {
         let own_j = 0.5 * min(forecast.linear_j, 0.0);
         let tank_j = max(self.energy_j - forecast.under_way_j - own_j, 0.0);
-        let spring_n = libm::sqrtf(2.0 * COVER * stiffness * tank_j);
+        libm::sqrtf(2.0 * COVER * stiffness * tank_j)
+    }
+
+    /// Force \[N\] that was there before, and what the motion since then built up. On the way out what is not covered goes
+    /// at the slope of a stiff spring, not at once.
+    fn built(&self, forecast: &Forecast, pose: &Pose, direction: &Vec3, stiffness: f32) -> f32 {
         let moved = pose.velocity(&self.moved);
-        let way_m = libm::sqrtf(dot(&moved, &moved));
-        let built_n = if forecast.linear_j > 0.0 {
-            self.before_n - 4.0 * stiffness * way_m
+        let (out_m, in_m) = if self.guards.along {
+            let along_m = dot(direction, &moved);
+            (max(along_m, 0.0), max(-along_m, 0.0))
         } else {
-            self.before_n + (stiffness + 2.0 * self.grip_damping(pose) / TICK_S) * way_m
+            let way_m = libm::sqrtf(dot(&moved, &moved));
+            (way_m, way_m)
         };
-        max(spring_n, built_n)
+        if forecast.linear_j > 0.0 {
+            self.before_n - 4.0 * stiffness * out_m
+        } else {
+            self.before_n + (stiffness + 2.0 * self.grip_damping(pose) / TICK_S) * in_m
+        }
     }
 
     /// Smallest damping of the device along the joints' directions at the grip \[N s/m\].
@@ -340,6 +456,7 @@ mod tests {
             &device,
             Guards {
                 damping: false,
+                credit: false,
                 ..Guards::ALL
             },
         );
@@ -350,7 +467,13 @@ mod tests {
             &Vec3::new(wanted, 0.0, 0.0),
             &pose,
             &[speed, 0.0, 0.0],
-            (1000.0, 1000.0),
+            &Local {
+                along: 1000.0,
+                most: 1000.0,
+                is_there: true,
+                horizon_s: 0.1,
+                is_apart: false,
+            },
         );
         force.x
     }
@@ -393,7 +516,7 @@ mod tests {
         let after = |energy_j: f32| {
             let mut ledger = Passivity::new(&device(0), Guards::ALL);
             ledger.energy_j = energy_j;
-            ledger.leak(5e-3);
+            ledger.leak(5e-3 - RESERVE_J);
             ledger.energy_j
         };
         assert_eq!(after(5e-3), 5e-3);

@@ -38,6 +38,8 @@ pub(super) struct Render {
     /// Of the frame in use.
     needle: Option<LocalNeedle>,
     thread: Option<LocalThread>,
+    /// Largest stiffness of the model along any direction \[N/m\].
+    stiffness: f32,
     /// Console time until which a needle or a thread is in the grip, whether or not its next frame comes \[us\]: a
     /// contact may pull as well as push until then.
     held_until_us: u64,
@@ -79,6 +81,7 @@ impl Render {
             rows_share: 1.0,
             needle: None,
             thread: None,
+            stiffness: 0.0,
             held_until_us: 0,
             trust: Trust::FULL,
             left: 0.0,
@@ -117,12 +120,20 @@ impl Render {
         self.contact.as_ref()
     }
 
-    /// Least and largest stiffness that what is rendered may have \[N/m\]: the tangent's largest, and what successive
-    /// frames say of it.
-    pub fn stiffness(&self) -> (f32, f32) {
-        let told = self.contact.map_or(0.0, |contact| contact.stiffness());
+    /// Least stiffness that what is rendered may have along a force, and the largest along any direction \[N/m\]: the
+    /// tangent's with a thread's that is slack, and what successive frames say of it.
+    pub fn stiffness(&self, force: &Vec3) -> (f32, f32) {
+        let Some(contact) = &self.contact else {
+            return (0.0, 0.0);
+        };
+        let (along, most) = if self.tuning.guards.along {
+            (contact.stiffness_along(force), self.stiffness)
+        } else {
+            let most = contact.stiffness_of_axes();
+            (most, most)
+        };
         let scale = self.trust.scale();
-        (told * min(scale, 1.0), told * max(scale, 1.0))
+        (along * min(scale, 1.0), most * max(scale, 1.0))
     }
 
     /// How old the frame in use is.
@@ -137,6 +148,11 @@ impl Render {
     /// whose [`force`](Self::force) was asked for last.
     pub fn left(&self) -> f32 {
         self.left
+    }
+
+    /// Whether the model of the last tick has no force where the grip is; there is none without a contact in use.
+    pub fn is_apart(&self) -> bool {
+        self.model_n.is_none_or(|force| force == Vec3::zeros())
     }
 
     /// Puts a frame in the place of the one in use, with the needle and the thread of the same console time. Frames
@@ -191,6 +207,12 @@ impl Render {
         });
         let thread = thread.filter(|thread| thread.console_time_us() == solved_us);
         self.thread = thread.map(LocalThread::new);
+        // No eigenvalue of a sum is beyond the sum of the largest.
+        let lacking = self
+            .thread
+            .as_ref()
+            .map_or(0.0, LocalThread::lacking_n_per_m);
+        self.stiffness = contact.stiffness() + lacking;
         if self.needle.is_some() || self.thread.is_some() {
             self.held_until_us = solved_us.saturating_add(u64::from(MAX_HORIZON_US));
         }

@@ -35,6 +35,15 @@ impl LocalThread {
         }
     }
 
+    /// Stiffness along its pull that a thread that becomes taut has, and the frame's tangent has not \[N/m\].
+    pub(super) fn lacking_n_per_m(&self) -> f32 {
+        if self.pulls {
+            0.0
+        } else {
+            self.stiffness_n_per_m
+        }
+    }
+
     /// Console time of the state that was solved for \[us\].
     pub fn solved_us(&self) -> u64 {
         self.solved_us

@@ -28,6 +28,10 @@ pub struct Guards {
     pub lead: bool,
     /// The passivity observer's tank bounds what is given back.
     pub tank: bool,
+    /// The tank goes by way and stiffness along the force; without, by those of the axes.
+    pub along: bool,
+    /// A force that an outage has taken away comes back at a bounded rate, on credit.
+    pub credit: bool,
     /// The passivity controller adds damping.
     pub damping: bool,
     /// Contact data beyond its horizon decays.
@@ -57,6 +61,8 @@ impl Guards {
         trust: true,
         lead: true,
         tank: true,
+        along: true,
+        credit: true,
         damping: true,
         horizon: true,
         force: true,
@@ -76,6 +82,8 @@ impl Guards {
             "trust" => &mut self.trust,
             "lead" => &mut self.lead,
             "tank" => &mut self.tank,
+            "along" => &mut self.along,
+            "credit" => &mut self.credit,
             "damping" => &mut self.damping,
             "horizon" => &mut self.horizon,
             "force" => &mut self.force,

@@ -61,6 +61,25 @@ impl Fixed {
         stiffness
     }
 
+    /// Stiffness that it can have along a direction of any length \[N/m\]; 0 for none.
+    pub fn stiffness_along(&self, direction: &Vec3) -> f32 {
+        let (stiffness, _) = self.spring();
+        match self.fixture {
+            Fixture::Wall { normal, .. } => {
+                let (along, square) = (
+                    dot(&Vec3::from(normal), direction),
+                    dot(direction, direction),
+                );
+                if square > 0.0 {
+                    stiffness * (along * along / square)
+                } else {
+                    0.0
+                }
+            }
+            Fixture::None | Fixture::Coupling { .. } => stiffness,
+        }
+    }
+
     /// Stiffness \[N/m\] and damping \[N s/m\], as far as the device renders them.
     fn spring(&self) -> (f32, f32) {
         match self.fixture {

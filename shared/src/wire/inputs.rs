@@ -1,5 +1,5 @@
-//! Bits of [`State::inputs`](super::message::State::inputs): what a board read besides its encoders. With them a
-//! recording of the states is enough to run the console's ticks again: see [`TickInput::of`].
+//! Bits of [`State::inputs`](super::message::State::inputs): what a board read besides its encoders, and one that the tick
+//! itself has set. With them a recording of the states is enough to run the console's ticks again: see [`TickInput::of`].
 //!
 //! [`TickInput::of`]: crate::control::TickInput::of
 
@@ -13,3 +13,6 @@ pub const OVERRUN: u8 = 1 << 2;
 pub const ORIENTATION: u8 = 1 << 3;
 /// What it sensed was no rotation; the state has the identity in its place.
 pub const NO_ROTATION: u8 = 1 << 4;
+/// Force is withheld: the tank, or a return after an outage, lets through so much less than the contact asks for that a finger
+/// notices it (10 % and 30 mN). A notice, not an input: a tick that is run again finds it anew.
+pub const WITHHELD: u8 = 1 << 7;

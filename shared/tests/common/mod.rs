@@ -64,7 +64,7 @@ pub mod sample {
             applied_age_us: u32::MAX,
             trace_hash: 0xfedc_ba98_7654_3210,
             encoder_counts: [300, -2, i32::MIN],
-            inputs: 0b1001,
+            inputs: 0b1000_1001,
             heard_sequence: 70_000,
         }
     }

@@ -1,0 +1,207 @@
+//! How a force comes back that an outage has taken away: at a bounded rate, against a bounded credit.
+//!
+//! Entry points: [`Credit::watch`] every tick, [`Credit::lose`] while nothing is under power, [`Credit::raise`] for the
+//! force that may be had, [`Credit::draw`] and [`Credit::pay`] for what it costs. While the force is gone the hand sinks
+//! in and pays nothing; a tank alone never lets such a force come back before the hand has left. What is lent is the
+//! work of pushing the hand out to where it would have rested, and what the contact stores there. It stays owed until
+//! energy that was taken from the hand has paid it back.
+
+use super::TICK_S;
+use crate::math::{clamp, max, min};
+
+/// Rate at which a force comes back \[N/s\], below the 5 N/s that it may by what encoders' steps add.
+const RATE_N_PER_S: f32 = 4.5;
+/// Speeds of a grip on its way out from which on it comes back slower, and no further \[m/s\]: a light hand is not thrown past
+/// where it rests.
+const PUSHED_OUT: (f32, f32) = (0.02, 0.04);
+/// Most that is lent \[J\]: 6 to 13 mJ are at stake in a press of 1 to 3 N.
+const LIMIT_J: f32 = 15e-3;
+/// Part of the horizon for which the force may be gone without being lost: the hand has hardly moved, and where frames come so
+/// seldom that one of them makes this gap the force would never be there.
+const DIP: f32 = 0.2;
+/// Longer than any dip \[s\].
+const NEVER_S: f32 = 1.0;
+/// A force that is not covered goes on the way out at so many times the slope of its spring.
+const GOES: f32 = 4.0;
+/// Slower motion is none \[m/s\]: an encoder's step looks like that.
+const SLOWEST: f32 = 2e-3;
+/// Ticks in a row with all of the force after which it is back: a blend from nothing hides what is wanted for two.
+const CALM_TICKS: u8 = 10;
+/// Force that may be missing of one that is back: a part of it, and what encoders' steps make \[N\].
+const MISSING: (f32, f32) = (0.005, 0.03);
+/// Drag while anything is owed: damping \[N s/m\], and the most of it \[N\], which nobody notices.
+const DRAG: (f32, f32) = (0.5, 0.02);
+
+/// The line of credit of one console, and how far a force has come back.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Credit {
+    /// Lent and not paid back \[J\].
+    owed_j: f32,
+    /// What may be had of a force that is coming back \[N\]; none once it is back.
+    level_n: Option<f32>,
+    calm_ticks: u8,
+    /// Time for which contact data has been too old, or not there \[s\].
+    gone_s: f32,
+}
+
+impl Credit {
+    /// Nothing is owed. The first force comes back like one after an outage: the tool may be inside tissue.
+    pub const NEW: Credit = Credit {
+        owed_j: 0.0,
+        level_n: Some(0.0),
+        calm_ticks: 0,
+        gone_s: NEVER_S,
+    };
+
+    /// Lent and not paid back \[J\].
+    pub fn owed_j(&self) -> f32 {
+        self.owed_j
+    }
+
+    /// Whether a force is coming back.
+    pub fn is_open(&self) -> bool {
+        self.level_n.is_some()
+    }
+
+    /// Whatever is wanted comes back from a force that is there \[N\].
+    pub fn lose(&mut self, left_n: f32) {
+        self.level_n = Some(left_n);
+        self.calm_ticks = 0;
+    }
+
+    /// Takes note of whether there is contact data that may be used, and for how long it is good \[s\]: the first after
+    /// nothing, and after an outage, may find the tool inside. `before_n`: the force of the last tick \[N\], a fixture's.
+    pub fn watch(&mut self, is_there: bool, horizon_s: f32, before_n: f32) {
+        if !is_there {
+            self.gone_s = min(self.gone_s + TICK_S, NEVER_S);
+        } else {
+            if self.gone_s > DIP * horizon_s {
+                self.lose(before_n);
+            }
+            self.gone_s = 0.0;
+        }
+    }
+
+    /// What may be had now of a force of `size` \[N\] that is coming back, and ends at `size`; none if none is coming back.
+    /// `speed`: of the grip along the force \[m/s\]; `covered_n`: what the tank pays for.
+    pub fn raise(&mut self, size: f32, speed: f32, stiffness: f32, covered_n: f32) -> Option<f32> {
+        let level = self.level_n.as_mut()?;
+        let (slow, fast) = PUSHED_OUT;
+        let mut rate = RATE_N_PER_S * clamp((fast - speed) * (1.0 / (fast - slow)), 0.0, 1.0);
+        if *level > covered_n {
+            rate -= GOES * stiffness * max(speed - SLOWEST, 0.0);
+        }
+        *level = clamp(*level + rate * TICK_S, 0.0, size);
+        Some(*level)
+    }
+
+    /// Energy for a force that is coming back, as much of it as the line still has \[J\].
+    pub fn draw(&mut self, missing_j: f32) -> f32 {
+        let drawn = clamp(missing_j, 0.0, LIMIT_J - self.owed_j);
+        self.owed_j += drawn;
+        drawn
+    }
+
+    /// Pays back what was taken from the hand and is not needed for the present contact \[J\].
+    pub fn pay(&mut self, energy_j: f32) {
+        self.owed_j = max(self.owed_j - energy_j, 0.0);
+    }
+
+    /// Takes note of what was missing of a force of `size` \[N\], and whether the tank pays for all of it: a force that has
+    /// been all there for a while is back.
+    pub fn note(&mut self, size: f32, missing: f32, is_covered: bool) {
+        let (part, least) = MISSING;
+        self.calm_ticks = if is_covered && missing <= part * size + least {
+            self.calm_ticks.saturating_add(1)
+        } else {
+            0
+        };
+        if self.calm_ticks >= CALM_TICKS {
+            self.end();
+        }
+    }
+
+    /// Nothing is left to come back.
+    pub fn end(&mut self) {
+        self.level_n = None;
+    }
+
+    /// Damping to be taken off at a speed of the grip \[N s/m\]: pays back what is owed.
+    pub fn drag(&self, speed: f32) -> f32 {
+        let (damping, most_n) = DRAG;
+        if self.owed_j > 0.0 && self.level_n.is_none() && self.gone_s <= 0.0 && speed > SLOWEST {
+            min(damping, most_n / speed)
+        } else {
+            0.0
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const STIFFNESS: f32 = 500.0;
+
+    /// What may be had after some ticks of a force of 3 N, with the grip at a speed along it \[m/s\].
+    fn after(ticks: u32, speed: f32, covered_n: f32) -> f32 {
+        let mut credit = Credit::NEW;
+        let levels = (0..ticks).map(|_| {
+            let level = credit.raise(3.0, speed, STIFFNESS, covered_n);
+            level.expect("it is not back yet")
+        });
+        levels.last().unwrap_or(0.0)
+    }
+
+    #[test]
+    fn a_force_comes_back_at_its_rate_and_slower_where_it_pushes_the_hand_out() {
+        assert!((after(100, 0.0, 10.0) - 0.45).abs() < 1e-4);
+        assert!((after(100, 0.03, 10.0) - 0.225).abs() < 1e-4);
+        assert_eq!(after(100, 0.05, 10.0), 0.0);
+        assert_eq!(after(2000, 0.0, 10.0), 3.0);
+        // Uncovered it goes on the way out, 4 times as fast as its spring.
+        assert!(after(100, 0.01, 0.0) < 0.005);
+    }
+
+    #[test]
+    fn the_line_of_credit_is_one() {
+        let mut credit = Credit::NEW;
+        let lent: f32 = (0..10).map(|_| credit.draw(2e-3)).sum();
+        assert!((lent - LIMIT_J).abs() < 1e-7 && credit.draw(1e-3) < 1e-7);
+        // An outage brings no new one.
+        credit.watch(false, 0.1, 0.0);
+        credit.lose(0.0);
+        assert!(credit.draw(1e-3) < 1e-7);
+        credit.pay(4e-3);
+        assert!((credit.draw(1.0) - 4e-3).abs() < 1e-7);
+        credit.pay(1.0);
+        assert_eq!(credit.owed_j(), 0.0);
+    }
+
+    #[test]
+    fn only_a_long_gap_is_an_outage() {
+        let open_after = |ticks: u32| {
+            let mut credit = Credit::NEW;
+            credit.watch(true, 0.1, 0.0);
+            credit.end();
+            (0..ticks).for_each(|_| credit.watch(false, 0.1, 0.0));
+            credit.watch(true, 0.1, 0.0);
+            credit.is_open()
+        };
+        assert!(!open_after(0) && !open_after(19) && open_after(22));
+    }
+
+    #[test]
+    fn a_force_is_back_when_all_of_it_was_there_for_a_while() {
+        let mut credit = Credit::NEW;
+        for _ in 0..3 {
+            (1..CALM_TICKS).for_each(|_| credit.note(2.0, 0.03, true));
+            credit.note(2.0, 0.1, true);
+            (1..CALM_TICKS).for_each(|_| credit.note(2.0, 0.0, true));
+            credit.note(2.0, 0.0, false);
+        }
+        assert!(credit.is_open());
+        (0..CALM_TICKS).for_each(|_| credit.note(2.0, 0.0, true));
+        assert!(!credit.is_open());
+    }
+}
