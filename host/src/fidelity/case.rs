@@ -5,7 +5,7 @@
 use super::hand::{Grasp, Motion};
 use super::link::LinkSpec;
 use super::measure::{Errors, Peaks, Punctures, Recovery, errors, peaks, punctures, recovery};
-use super::plant::Mechanics;
+use super::plant::{Mechanics, Off};
 use super::run::{Host, Record, Setup, True, run, truth_along};
 use super::scenes::Scene;
 use super::scenes::needle::NeedleSlabs;
@@ -46,6 +46,8 @@ pub enum Question {
     Errors,
     /// How stiff tissue may be.
     Stiffest,
+    /// How stiff it may be on a console that is not as described, and with a host that is not late.
+    Corner,
     /// What happens when the link dies for 0.3 s, in a hold.
     Gap,
     /// What a host that sends nonsense can make the console do.
@@ -84,14 +86,14 @@ pub struct Spec {
 pub struct Case {
     /// All words below, for people and `--only`.
     pub case: String,
-    /// `errors`, `stability`, `gap` or `rogue`.
+    /// `errors`, `stability`, `corner`, `gap` or `rogue`.
     pub question: &'static str,
     /// Which scene.
     pub scene: String,
     /// What the hand does.
     pub hand: &'static str,
-    /// `rigid`, `pen` or `free`.
-    pub grasp: &'static str,
+    /// `rigid`, `pen`, `free`, `hand-50` (N/m), `weight-10-g`.
+    pub grasp: String,
     /// `full` for the scene solved in every tick.
     pub rendering: &'static str,
     /// \[1/s\].
@@ -114,6 +116,8 @@ pub struct Case {
     pub device_damping_n_s_per_m: f64,
     /// Most power of the console \[W\].
     pub device_max_power_w: f64,
+    /// How it differs from its description: `nominal`, `+1-tick`, `lag-1-ms`, `mass-x2`, `torque-x0.8`.
+    pub device: String,
     /// Guards that are off.
     pub guards_off: Vec<&'static str>,
     /// Errors, if asked for.
@@ -128,6 +132,9 @@ pub struct Case {
     /// Least mean force in a stable hold, over the true one.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub force_ratio: Option<f64>,
+    /// The corner, if asked for.
+    #[serde(flatten)]
+    pub corner: Option<Corner>,
     /// The gap, if asked for.
     #[serde(flatten)]
     pub recovery: Option<Recovery>,
@@ -140,6 +147,22 @@ pub struct Case {
     /// Least energy that the motors had taken, less what they had given \[J\]: the integral of F v of the true
     /// motion.
     pub energy_min_j: f64,
+}
+
+/// What a corner of the device has beside its largest stable stiffness.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Corner {
+    /// Largest stable stiffness of the same console, hand and device with a host that solves every millisecond, without
+    /// delay \[N/m\].
+    pub k_reference_n_per_m: f64,
+    /// The case's own over that.
+    pub k_of_reference: f64,
+    /// Most that the motors gave back in 100 ms beyond the true tissue, in any stable hold \[mJ\].
+    pub given_back_mj: f64,
+    /// The same of the reference \[mJ\].
+    pub reference_given_back_mj: f64,
+    /// What makes stiffer tissue unstable: `swing`, `growth`, `force` below half, `fault`.
+    pub ends_by: &'static str,
 }
 
 /// Scenes and true forces that cases share.
@@ -316,6 +339,7 @@ impl Spec {
             question: match self.question {
                 Question::Errors => "errors",
                 Question::Stiffest => "stability",
+                Question::Corner => "corner",
                 Question::Gap => "gap",
                 Question::Peaks => "rogue",
             },
@@ -328,11 +352,8 @@ impl Spec {
                 Place::Rogue(rogue) => rogue.scene_name().to_owned(),
             },
             hand: self.motion.name(),
-            grasp: match self.grasp {
-                Grasp::Rigid => "rigid",
-                grasp if grasp == Grasp::FREE => "free",
-                Grasp::Spring { .. } => "pen",
-            },
+            grasp: self.grasp.word(),
+            device: self.mechanics.off.word(),
             rendering: match self.rendering {
                 None => "full",
                 Some(Rendering::Hold) => "hold",
@@ -366,13 +387,28 @@ impl Spec {
     /// Mechanics that make no valid device.
     pub fn measure(&self, scenes: &Scenes) -> Result<Case, DeviceError> {
         let mut case = self.case();
-        if self.question == Question::Stiffest {
-            let found = stiffest(&Search {
+        if matches!(self.question, Question::Stiffest | Question::Corner) {
+            let search = Search {
                 tuning: self.tuning(),
                 host: self.host(),
                 tangent_scale: self.tangent_scale,
                 mechanics: self.mechanics,
-            })?;
+                grasp: self.grasp,
+            };
+            let found = stiffest(&search)?;
+            if self.question == Question::Corner {
+                let own = stiffest(&Search {
+                    host: Host::Late(LinkSpec::IMMEDIATE),
+                    ..search
+                })?;
+                case.corner = Some(Corner {
+                    k_reference_n_per_m: own.k_max_n_per_m,
+                    k_of_reference: found.k_max_n_per_m / own.k_max_n_per_m,
+                    given_back_mj: 1e3 * found.most_given_back_j,
+                    reference_given_back_mj: 1e3 * own.most_given_back_j,
+                    ends_by: found.ends_by.word(),
+                });
+            }
             case.k_max_n_per_m = Some(found.k_max_n_per_m);
             case.force_ratio = found
                 .least_force_ratio
@@ -390,7 +426,7 @@ impl Spec {
             }
             Question::Gap => case.recovery = Some(recovery(&record, GAP_END_S - GAP_S, GAP_END_S)),
             Question::Peaks => case.peaks = Some(peaks(&record, self.fastest())),
-            Question::Stiffest => {}
+            Question::Stiffest | Question::Corner => {}
         }
         Ok(case)
     }
@@ -430,7 +466,7 @@ impl Case {
             self.question.to_owned(),
             self.scene.clone(),
             self.hand.to_owned(),
-            self.grasp.to_owned(),
+            self.grasp.clone(),
             self.rendering.to_owned(),
         ];
         if self.rendering != "full" {
@@ -456,6 +492,9 @@ impl Case {
         }
         if self.device_max_power_w != Mechanics::LIGHT.max_power_w {
             words.push(format!("{}-w", self.device_max_power_w));
+        }
+        if spec.question == Question::Corner || spec.mechanics.off != Off::NONE {
+            words.push(self.device.clone());
         }
         for name in &self.guards_off {
             words.push(format!("no-{name}"));

@@ -88,7 +88,7 @@ impl Motion {
 }
 
 /// 0 to 1 for 0 to 1, with the least jerk.
-fn ramp(s: f64) -> f64 {
+pub(super) fn ramp(s: f64) -> f64 {
     let s = s.clamp(0.0, 1.0);
     s * s * s * (10.0 - 15.0 * s + 6.0 * s * s)
 }
@@ -141,6 +141,13 @@ pub enum Grasp {
         /// \[N s/m\].
         damping_n_s_per_m: f64,
     },
+    /// A mass that moves with the grip and is pushed into the scene, whatever the motion: no spring holds it back.
+    Weight {
+        /// \[kg\].
+        mass_kg: f64,
+        /// Reached in half a second \[N\].
+        force_n: f64,
+    },
 }
 
 impl Grasp {
@@ -149,6 +156,19 @@ impl Grasp {
         stiffness_n_per_m: 200.0,
         damping_n_s_per_m: 2.0,
     };
+    /// As tables print it.
+    pub fn word(self) -> String {
+        match self {
+            Grasp::Rigid => "rigid".to_owned(),
+            grasp if grasp == Grasp::FREE => "free".to_owned(),
+            grasp if grasp == Grasp::PEN => "pen".to_owned(),
+            Grasp::Spring {
+                stiffness_n_per_m, ..
+            } => format!("hand-{stiffness_n_per_m:.0}"),
+            Grasp::Weight { mass_kg, .. } => format!("weight-{:.0}-g", 1e3 * mass_kg),
+        }
+    }
+
     /// No hand.
     pub const FREE: Grasp = Grasp::Spring {
         stiffness_n_per_m: 0.0,

@@ -103,6 +103,8 @@ pub struct Steadiness {
     pub growth: f64,
     /// Mean force on the hand over the true mean.
     pub force_ratio: f64,
+    /// Whether no fault was latched.
+    pub is_faultless: bool,
     /// Whether it counts as stable.
     pub is_stable: bool,
 }
@@ -140,6 +142,7 @@ pub fn steadiness(record: &Record) -> Steadiness {
         swing: now,
         growth,
         force_ratio: force / truth,
+        is_faultless: faultless,
         is_stable: now <= STABLE_SWING && !grows && faultless && now.is_finite(),
     }
 }

@@ -5,9 +5,11 @@
 //! stiffness.
 
 pub mod case;
+pub mod corners;
 pub mod hand;
 pub mod link;
 pub mod measure;
+pub mod notice;
 pub mod oracles;
 pub mod plant;
 pub mod random;

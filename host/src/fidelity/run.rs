@@ -165,7 +165,7 @@ pub fn run(setup: &Setup<'_>) -> Result<Record, DeviceError> {
         .is_none()
         .then(|| setup.scene.start(0, 0.0, 1e-3));
     let mut host = Remote::new(setup);
-    let mut under_way = vec![[0.0; 3]; setup.mechanics.actuation_ticks];
+    let mut under_way = vec![[0.0; 3]; setup.mechanics.ticks_late()];
     let mut now = True::default();
     let count = (setup.seconds * 1e3).round() as u32;
     let mut ticks = Vec::with_capacity(count as usize);
@@ -207,12 +207,12 @@ pub fn run(setup: &Setup<'_>) -> Result<Record, DeviceError> {
             }),
         };
         under_way.push(command_n);
-        let acting_n = under_way.remove(0);
-        ticks.push(Tick {
+        let asked_n = under_way.remove(0);
+        let mut tick = Tick {
             time_s,
             position_m: plant.position_m,
             velocity_m_per_s: plant.velocity_m_per_s,
-            acting_n,
+            acting_n: asked_n,
             command_n,
             truth_n: now.force_n,
             punctures: now.punctures,
@@ -220,13 +220,14 @@ pub fn run(setup: &Setup<'_>) -> Result<Record, DeviceError> {
             energy_j: plant.energy_j,
             mode: output.state.mode,
             faults: output.state.faults,
-        });
+        };
         before_sequence = output.state.contact_sequence;
         let knock = setup
             .knock
             .filter(|k| (k.from_s..k.until_s).contains(&time_s));
         plant.knock_n = knock.map_or([0.0; 3], |knock| knock.force_n);
-        plant.advance(&acting_n);
+        tick.acting_n = plant.advance(&asked_n);
+        ticks.push(tick);
     }
     Ok(Record {
         ticks,

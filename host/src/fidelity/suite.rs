@@ -3,6 +3,7 @@
 //! Entry points: [`specs`], [`measure`], [`bars`].
 
 use super::case::{Case, Place, Question, Scenes, Spec, all_but, guards_by_name};
+use super::corners;
 use super::hand::{Grasp, Motion};
 use super::link::LinkSpec;
 use super::plant::Mechanics;
@@ -98,6 +99,7 @@ pub fn specs(extent: Extent) -> Vec<Spec> {
             ..Spec::stiffest(Rendering::Hold, 1000.0, 1.0).full()
         });
     }
+    specs.extend(corners::specs());
     without_repeats(specs)
 }
 

@@ -12,6 +12,7 @@ use clap::Args;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 use sutura_host::fidelity::case::{Case, Scenes};
+use sutura_host::fidelity::corners;
 use sutura_host::fidelity::oracles::{Oracle, oracles};
 use sutura_host::fidelity::suite::{self, Bar, Extent, Mutant};
 use sutura_shared::device::DeviceError;
@@ -162,7 +163,7 @@ fn print_text(report: &Report) {
     let stiff: Vec<_> = report
         .cases
         .iter()
-        .filter(|c| c.k_max_n_per_m.is_some())
+        .filter(|c| c.k_max_n_per_m.is_some() && c.corner.is_none())
         .collect();
     if !stiff.is_empty() {
         say!(
@@ -178,6 +179,25 @@ fn print_text(report: &Report) {
                 1e3 * case.energy_min_j
             );
         }
+    }
+    let corners = corners::table(&report.cases);
+    if !corners.is_empty() {
+        say!(
+            "Corners of the device: largest stable stiffness, its own reference (1 kHz, no delay), the first over the second; most given back in 100 ms, of both; what ends it"
+        );
+    }
+    for line in &corners {
+        say!(
+            "  {:12} {:13} {:6.0} N/m {:6.0} N/m {:6.2} {:9.3} mJ {:9.3} mJ  {}",
+            line.hand,
+            line.device,
+            line.k_max_n_per_m,
+            line.k_reference_n_per_m,
+            line.k_of_reference,
+            line.given_back_mj,
+            line.reference_given_back_mj,
+            line.ends_by
+        );
     }
     for case in &report.cases {
         if let Some(r) = case.recovery {
@@ -266,6 +286,10 @@ fn write_files(report: &Report, scenes: &Scenes, directory: &Path) -> Result<(),
     std::fs::create_dir_all(directory).map_err(|error| unwritable(directory, &error))?;
     write("fidelity.json", serde_json::json!(report).to_string())?;
     write("cases.csv", csv(&report.cases))?;
+    let corners = corners::table(&report.cases);
+    if !corners.is_empty() {
+        write("corners.csv", csv(&corners))?;
+    }
     write("bars.csv", csv(&report.bars))?;
     write("oracles.csv", csv(&report.oracles))?;
     for (name, svg) in plots::all(&report.cases, scenes) {
