@@ -95,6 +95,16 @@ pub fn specs() -> Vec<Spec> {
         .collect()
 }
 
+/// The nominal corner and the worst of each kind, for the short form.
+pub fn known_worst() -> Vec<Spec> {
+    let [.., light] = HANDS;
+    vec![
+        spec(Off::NONE, Grasp::PEN),
+        spec(DEVICES[1], light),
+        spec(DEVICES[3], light),
+    ]
+}
+
 /// A line of the table of corners, with fewer digits than were found: a search ends within 3 %.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Line {

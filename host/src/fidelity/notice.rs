@@ -24,34 +24,49 @@ const FROM_S: f64 = 0.1;
 pub struct Noticed {
     /// Time in contact \[s\]: where there is a true force, or one that is felt.
     pub contact_s: f64,
-    /// Part of it in which the command is off by more than 10 % of the true force and 30 mN, in percent.
+    /// Part of it in which what was commanded is off by more than 10 % of the true force and 30 mN, in percent.
     pub beyond_pct: f64,
-    /// How often the command is below half of the true force for more than 10 ms.
+    /// How often it is below half of the true force for more than 10 ms.
     pub dropouts: u32,
     /// That in a minute of contact.
     pub dropouts_per_min: f64,
+    /// In 19 of 20 ticks in which both forces are more than a finger feels at least, the angle between them is at most
+    /// this \[degree\].
+    pub direction_p95_deg: f64,
 }
 
-/// Of the commands of a run against the truth at their poses, from 0.1 s on.
+/// Of what was commanded for each tick of a run against the true mean of that tick, from 0.1 s on.
 pub fn noticed(record: &Record) -> Noticed {
     let mut found = Noticed::default();
     let (mut contact, mut beyond, mut low) = (0_usize, 0_usize, 0_usize);
-    for tick in record.ticks.iter().filter(|tick| tick.time_s >= FROM_S) {
-        let (truth, command) = (length(tick.truth_n), length(tick.command_n));
-        let off = length([0, 1, 2].map(|i: usize| tick.command_n[i] - tick.truth_n[i]));
+    let mut angles = Vec::new();
+    for pair in record.ticks.windows(2) {
+        let [tick, after] = pair else { continue };
+        if tick.time_s < FROM_S {
+            continue;
+        }
+        let truth_n = [0, 1, 2].map(|i: usize| 0.5 * (tick.truth_n[i] + after.truth_n[i]));
+        let (truth, command) = (length(truth_n), length(tick.meant_n));
+        let off = length([0, 1, 2].map(|i: usize| tick.meant_n[i] - truth_n[i]));
         contact += usize::from(truth > 0.0 || command > NOTICE_N);
         beyond += usize::from(off > NOTICE * truth + NOTICE_N);
         // Along the true force: what pushes elsewhere does not hold up.
-        let along: f64 = tick
-            .command_n
-            .iter()
-            .zip(&tick.truth_n)
-            .map(|(f, t)| f * t)
-            .sum();
+        let along: f64 = tick.meant_n.iter().zip(&truth_n).map(|(f, t)| f * t).sum();
+        if truth > NOTICE_N && command > NOTICE_N {
+            angles.push(
+                (along / (truth * command))
+                    .clamp(-1.0, 1.0)
+                    .acos()
+                    .to_degrees(),
+            );
+        }
         let is_low = truth > NOTICE_N / DROPPED && along < DROPPED * truth * truth;
         low = if is_low { low + 1 } else { 0 };
         found.dropouts += u32::from(low == DROPPED_TICKS + 1);
     }
+    angles.sort_by(f64::total_cmp);
+    let p95 = (0.95 * angles.len() as f64).ceil() as usize;
+    found.direction_p95_deg = angles.get(p95.saturating_sub(1)).copied().unwrap_or(0.0);
     let tick_s = f64::from(TICK_S);
     found.contact_s = contact as f64 * tick_s;
     found.beyond_pct = 100.0 * beyond as f64 / contact.max(1) as f64;
@@ -107,6 +122,7 @@ mod tests {
                 velocity_m_per_s: [0.0; 3],
                 acting_n: [0.0, 0.0, command],
                 command_n: [0.0, 0.0, command],
+                meant_n: [0.0, 0.0, command],
                 truth_n: [0.0, 0.0, truth],
                 punctures: 0,
                 swapped: false,
@@ -116,7 +132,7 @@ mod tests {
             }
         };
         Record {
-            ticks: (0..1100).map(tick).collect(),
+            ticks: (0..=1100).map(tick).collect(),
             least_energy_j: 0.0,
             sent: 0,
         }
@@ -171,6 +187,23 @@ mod tests {
         assert_eq!(noticed(&record(|_| (1.0, -1.0))).dropouts, 1);
         // Below what a finger notices at all.
         assert_eq!(noticed(&record(|_| (0.05, 0.0))).dropouts, 0);
+    }
+
+    /// Nine in ten at 30 degrees, and one in ten the other way.
+    #[test]
+    fn directions_count_by_their_angle() {
+        let mut turned = record(|_| (1.0, 1.0));
+        for (number, tick) in turned.ticks.iter_mut().enumerate() {
+            tick.meant_n = [1.0, 0.0, 3.0_f64.sqrt()];
+            if number % 10 == 0 {
+                tick.meant_n = [0.0, 0.0, -1.0];
+            }
+        }
+        assert!((noticed(&turned).direction_p95_deg - 180.0).abs() < 1e-9);
+        for tick in turned.ticks.iter_mut().step_by(10).skip(1).step_by(2) {
+            tick.meant_n = [1.0, 0.0, 3.0_f64.sqrt()];
+        }
+        assert!((noticed(&turned).direction_p95_deg - 30.0).abs() < 1e-6);
     }
 
     /// A tick moves by a tenth of a millimetre, out where `out`, under these forces.

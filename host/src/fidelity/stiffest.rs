@@ -16,7 +16,7 @@ const PRESSED_M: f64 = 10e-3;
 /// Farther than any weight sinks \[m\].
 const SUNK_M: f64 = 10.0;
 /// How long a hold by a hand's spring lasts, and one by a weight, which nothing damps but tissue and console \[s\].
-const HELD_S: [f64; 2] = [3.0, 5.0];
+const HELD_S: [f64; 2] = [3.0, 10.0];
 
 /// What is searched for.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -31,6 +31,8 @@ pub struct Search {
     pub mechanics: Mechanics,
     /// Who holds it: a spring or a weight.
     pub grasp: Grasp,
+    /// What is made stiffer and stiffer.
+    pub tissue: Point,
 }
 
 /// What was found.
@@ -98,7 +100,7 @@ const RANGE: (f64, f64, f64) = (40.0, 20_000.0, 1.25);
 /// # Errors
 /// None with sound mechanics.
 pub fn hold(search: &Search, k: f64) -> Result<(Steadiness, Record), DeviceError> {
-    let scene = tissue(k, search.grasp);
+    let scene = tissue(k, search);
     let record = run(&Setup {
         scene: &scene,
         motion: Motion::Hold,
@@ -118,6 +120,9 @@ pub fn hold(search: &Search, k: f64) -> Result<(Steadiness, Record), DeviceError
             force_n: [0.0, 0.0, -1.0],
         }),
         truth: None,
+        phase: 0.0,
+        cold: false,
+        blocking: None,
     })?;
     Ok((steadiness(&record), record))
 }
@@ -170,8 +175,8 @@ pub fn stiffest(search: &Search) -> Result<Stiffest, DeviceError> {
 }
 
 /// The point of tissue that has stiffness `k` where the hand rests.
-fn tissue(k: f64, grasp: Grasp) -> Point {
-    let held = |tissue: Point| match grasp {
+fn tissue(k: f64, search: &Search) -> Point {
+    let held = |tissue: Point| match search.grasp {
         // Nothing pushes a rigid hand anywhere; it is where it wants to be.
         Grasp::Rigid => tissue.stiffness_held_by(|_| f64::INFINITY, PRESSED_M),
         Grasp::Spring {
@@ -182,11 +187,11 @@ fn tissue(k: f64, grasp: Grasp) -> Point {
     let (mut low, mut high) = (1e-3, 1e3);
     for _ in 0..60 {
         let times: f64 = f64::sqrt(low * high);
-        if held(Point::TISSUE.stiffer(times)) < k {
+        if held(search.tissue.stiffer(times)) < k {
             low = times;
         } else {
             high = times;
         }
     }
-    Point::TISSUE.stiffer(low)
+    search.tissue.stiffer(low)
 }
