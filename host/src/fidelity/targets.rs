@@ -98,6 +98,9 @@ pub fn is_on_bad_link(case: &Case) -> bool {
     case.question == "errors" && case.is_lossy() && case.scene != "gristle"
 }
 
+/// Whether some trials count.
+type Is<'a> = &'a dyn Fn(&Spread) -> bool;
+
 fn of_spreads(spreads: &[Spread]) -> Vec<Bar> {
     let mut bars = Vec::new();
     let mut most =
@@ -125,7 +128,7 @@ fn of_spreads(spreads: &[Spread]) -> Vec<Bar> {
         &|s| s.dropouts_per_min,
         0.0,
     );
-    let rms: [(&str, &dyn Fn(&Spread) -> bool, f64, f64); 3] = [
+    let rms: [(&str, Is<'_>, f64, f64); 3] = [
         ("linear", &is_linear, 3.0, 6.0),
         ("corotational", &|s| s.scene == "corotational", 5.0, 10.0),
         ("hyperelastic", &|s| s.scene == "hyperelastic", 5.0, 10.0),

@@ -223,8 +223,8 @@ mod tests {
                 let turned = truth_along(&Turned { scene, turn }, motion, 0.7);
                 for (now, then) in straight.iter().zip(&turned) {
                     let back = turn.back(then.force_n);
-                    for axis in 0..3 {
-                        let off = (back[axis] - now.force_n[axis]).abs();
+                    for (turned, straight) in back.iter().zip(now.force_n) {
+                        let off = (turned - straight).abs();
                         assert!(off < 1e-9, "{} {off}", scene.name());
                     }
                 }
