@@ -139,11 +139,51 @@ class Page:
     def bars(self):
         bars = self.report["bars"]
         at = next(i for i, line in enumerate(self.lines) if re.match(r"`sutura fidelity --full`: \d+ of", line))
-        self.lines[at] = f"`sutura fidelity --full`: {sum(bar['ok'] for bar in bars)} of {len(bars)} met."
+        count = len(bars) - sum(bar["open"] for bar in bars)
+        self.lines[at] = f"`sutura fidelity --full`: {sum(bar['ok'] for bar in bars)} of {count} met, {len(bars) - count} open."
         self.replace("## Bars", [
             [bar["name"], f"{bar['value']:.3g}", f"{bar['must_be']} {bar['bar']:g}", bar["worst"],
-             "met" if bar["ok"] else "**missed**"]
+             "met" if bar["ok"] else "open" if bar["open"] else "**missed**"]
             for bar in bars
+        ])
+
+    def trials(self):
+        def of(spread, key, digits=1):
+            three = spread[key]
+            return " / ".join(f"{three[part]:.{digits}f}" for part in ("median", "p95", "worst"))
+        self.replace("`sutura fidelity --full --only trial`", [
+            [f"{spread['scene']}, {spread['hand']}, {spread['host_hz']:.0f} Hz", spread["factor"], str(spread["runs"]),
+             of(spread, "rms_pct", 2), of(spread, "beyond_pct"), f"{spread['dropouts_per_min']:.0f}",
+             of(spread, "given_back_mj", 2)]
+            for spread in self.report["spreads"]
+        ])
+        self.replace("What becomes of punctures", [
+            [f"{spread['scene']}, {spread['hand']}, {spread['host_hz']:.0f} Hz", spread["factor"], str(spread["punctures"]),
+             f"{spread['missed_pct']:.1f} %", f"{spread['stalled_pct']:.1f} %", of(spread, "fall_off_pct", 0),
+             of(spread, "fall_late_ms", 0)]
+            for spread in self.report["spreads"] if spread["punctures"] > 0 and spread["scene"] == "needle"
+        ])
+
+    def corners(self):
+        corners = [case for case in self.cases if case["question"] == "corner"]
+        hands = list(dict.fromkeys(case["grasp"] for case in corners))
+        hands = [hand for hand in ["hand-50", "pen", "hand-800", "weight-10-g", "weight-100-g", "weight-0-g"] if hand in hands]
+        devices = sorted({case["device"] for case in corners}, key=[
+            "nominal", "+1-tick", "-1-tick", "lag-1-ms", "lag-2-ms", "mass-x0.5", "mass-x2", "torque-x0.8", "torque-x1.2"
+        ].index)
+        of = {(case["device"], case["grasp"]): case for case in corners}
+        cell = lambda case: f"{case['k_max_n_per_m']:.0f} ({case['k_of_reference']:.2f})"
+        self.replace("`sutura fidelity --full --only corner`", [
+            [device] + [cell(of[device, hand]) for hand in hands] for device in devices
+        ])
+
+    def baselines(self):
+        guarded = lambda rendering, hz, off: pick(
+            self.errors, scene="palpation", hand="presses", grasp="rigid", rendering=rendering, host_hz=hz, guards_off=off
+        )
+        self.fill("What others are measured by", lambda cells, names: cells[:2] + [
+            three(guarded(cells[0], float(name.split()[0]), [] if cells[1] == "with" else ["tank", "damping"]))
+            for name in names[2:]
         ])
 
     def guards(self):
@@ -171,7 +211,7 @@ class Page:
 
 def main():
     page = Page(json.loads(pathlib.Path(sys.argv[1]).read_text()))
-    for part in (page.error_tables, page.punctures, page.wrong_tangents, page.stiffness, page.bad_links, page.bars, page.guards):
+    for part in (page.error_tables, page.punctures, page.wrong_tangents, page.stiffness, page.bad_links, page.trials, page.corners, page.baselines, page.bars, page.guards):
         part()
     PAGE.write_text("\n".join(page.lines) + "\n")
 

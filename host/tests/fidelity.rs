@@ -1,10 +1,12 @@
 //! The simulation of the force: that it tells good renderings from bad ones, and a few of the bars, in a form
 //! short enough for every run of the tests. `sutura fidelity` has them all.
 
+use sutura_host::fidelity::around::Around;
 use sutura_host::fidelity::case::{Case, Place, Question, Scenes, Spec, all_but};
 use sutura_host::fidelity::hand::{Grasp, Motion};
 use sutura_host::fidelity::link::LinkSpec;
 use sutura_host::fidelity::suite::{Bar, bars, guarded, measure};
+use sutura_host::fidelity::trials::{Factor, one_at_a_time};
 use sutura_shared::control::Rendering;
 
 fn run(specs: &[Spec]) -> Vec<Case> {
@@ -150,4 +152,60 @@ fn a_bar_fails_without_its_guard() {
             "{guard}: {failing:?}"
         );
     }
+}
+
+/// What ran before changes no bit of a case: nothing is handed on from run to run that a run can feel.
+#[test]
+fn the_order_of_cases_changes_no_bit() {
+    let of = |motion, hz| Spec {
+        seconds: 0.8,
+        ..Spec::errors(Place::Palpation, motion, Rendering::Rows, hz)
+    };
+    let (taps, strokes) = (of(Motion::Taps, 30.0), of(Motion::Strokes, 60.0));
+    let first = run(&[taps, strokes]);
+    let last = run(&[strokes, taps]);
+    assert_eq!([&first[0], &first[1]], [&last[1], &last[0]]);
+    assert!(rms(&first[0]) > 0.0 && rms(&first[1]) > 0.0);
+}
+
+/// A host that blocks is late by its recorded solves; the same seed, the same run.
+#[test]
+fn a_blocking_host_stalls_by_its_seed() {
+    let stalled = one_at_a_time().into_iter().find(|spec| {
+        matches!(spec.question, Question::Trial(Factor::Stalls)) && spec.place == Place::RoundThin
+    });
+    let stalled = stalled.expect("there are some");
+    let planned = Spec {
+        around: Around::planned(),
+        ..stalled
+    };
+    let cases = run(&[stalled, planned, stalled]);
+    assert_eq!(cases[0], cases[2]);
+    assert_ne!(cases[0].errors, cases[1].errors);
+    let trial = |i: usize| cases[i].trial.expect("a trial");
+    // At least two stalls of more than a period in two seconds.
+    assert!(trial(0).stalled_pct > 1.5, "{:?}", trial(0));
+    assert_eq!(trial(1).stalled_pct, 0.0);
+}
+
+/// The host's phase is no factor where the hand rests, and is one where it taps.
+#[test]
+fn a_phase_shifts_the_hosts_turns() {
+    let of = |motion, phase| Spec {
+        seconds: 1.0,
+        around: Around {
+            phase,
+            ..Around::planned()
+        },
+        ..Spec::errors(Place::Point, motion, Rendering::Tangent, 30.0)
+    };
+    let cases = run(&[
+        of(Motion::Taps, 0.0),
+        of(Motion::Taps, 0.5),
+        of(Motion::Taps, 1.0),
+    ]);
+    assert_ne!(rms(&cases[0]), rms(&cases[1]));
+    // A whole period later the same turns are there but for the first.
+    let errors = |i: usize| cases[i].errors.expect("errors");
+    assert!((errors(0).rms_pct - errors(2).rms_pct).abs() < 0.05 * errors(0).rms_pct);
 }

@@ -39,7 +39,10 @@ pub fn csv<T: Serialize>(rows: &[T]) -> String {
                 None | Some(serde_json::Value::Null) => String::new(),
                 Some(serde_json::Value::String(word)) => quoted(word),
                 Some(serde_json::Value::Array(words)) => {
-                    let words: Vec<_> = words.iter().filter_map(|w| w.as_str()).collect();
+                    let word = |w: &serde_json::Value| {
+                        w.as_str().map_or_else(|| w.to_string(), str::to_owned)
+                    };
+                    let words: Vec<_> = words.iter().map(word).collect();
                     quoted(&words.join(" "))
                 }
                 Some(other) => other.to_string(),

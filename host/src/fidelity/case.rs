@@ -2,18 +2,25 @@
 //!
 //! Entry point: [`Spec::measure`].
 
+use super::around::{Around, Blocking};
+use super::draws::Draw;
 use super::hand::{Grasp, Motion};
 use super::link::LinkSpec;
 use super::measure::{Errors, Peaks, Punctures, Recovery, errors, peaks, punctures, recovery};
-use super::plant::Mechanics;
+use super::notice::{Noticed, given_back_j, noticed};
+use super::plant::{Mechanics, Off};
 use super::run::{Host, Record, Setup, True, run, truth_along};
 use super::scenes::Scene;
 use super::scenes::needle::NeedleSlabs;
 use super::scenes::palpation::Palpation;
 use super::scenes::point::Point;
 use super::scenes::rogue::Rogue;
+use super::scenes::round::Round;
+use super::scenes::slab::{Law, Slab};
 use super::scenes::thread::WoundSlabs;
+use super::scenes::turned::Turned;
 use super::stiffest::{Search, stiffest};
+use super::trials::{Factor, stalled_pct};
 use crate::scene::SceneError;
 use crate::session::{LINE_BYTES_PER_S, most_rows};
 use serde::Serialize;
@@ -37,15 +44,25 @@ pub enum Place {
     Thread,
     /// [`Rogue`].
     Rogue(Rogue),
+    /// [`Round::THIN`].
+    RoundThin,
+    /// [`Round::THICK`].
+    RoundThick,
+    /// [`Slab`].
+    Slab(Law),
 }
 
 /// What is asked.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Question {
     /// How far the force is off.
     Errors,
     /// How stiff tissue may be.
     Stiffest,
+    /// How far the force is off, and what is noticed of it, where something is not as planned.
+    Trial(Factor),
+    /// How stiff it may be on a console that is not as described, and with a host that is not late.
+    Corner,
     /// What happens when the link dies for 0.3 s, in a hold.
     Gap,
     /// What a host that sends nonsense can make the console do.
@@ -75,6 +92,8 @@ pub struct Spec {
     pub guards: Guards,
     /// The console.
     pub mechanics: Mechanics,
+    /// What is around it.
+    pub around: Around,
     /// \[s\].
     pub seconds: f64,
 }
@@ -84,14 +103,14 @@ pub struct Spec {
 pub struct Case {
     /// All words below, for people and `--only`.
     pub case: String,
-    /// `errors`, `stability`, `gap` or `rogue`.
+    /// `errors`, `trial`, `stability`, `corner`, `gap` or `rogue`.
     pub question: &'static str,
     /// Which scene.
     pub scene: String,
     /// What the hand does.
     pub hand: &'static str,
-    /// `rigid`, `pen` or `free`.
-    pub grasp: &'static str,
+    /// `rigid`, `pen`, `free`, `hand-50` (N/m), `weight-10-g`.
+    pub grasp: String,
     /// `full` for the scene solved in every tick.
     pub rendering: &'static str,
     /// \[1/s\].
@@ -114,6 +133,8 @@ pub struct Case {
     pub device_damping_n_s_per_m: f64,
     /// Most power of the console \[W\].
     pub device_max_power_w: f64,
+    /// How it differs from its description: `nominal`, `+1-tick`, `lag-1-ms`, `mass-x2`, `torque-x0.8`.
+    pub device: String,
     /// Guards that are off.
     pub guards_off: Vec<&'static str>,
     /// Errors, if asked for.
@@ -128,6 +149,9 @@ pub struct Case {
     /// Least mean force in a stable hold, over the true one.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub force_ratio: Option<f64>,
+    /// The corner, if asked for.
+    #[serde(flatten)]
+    pub corner: Option<Corner>,
     /// The gap, if asked for.
     #[serde(flatten)]
     pub recovery: Option<Recovery>,
@@ -137,9 +161,46 @@ pub struct Case {
     /// Extremes, if asked for.
     #[serde(flatten)]
     pub peaks: Option<Peaks>,
+    /// Most that the motors gave back in 100 ms beyond the true tissue \[mJ\], with errors.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub given_back_mj: Option<f64>,
+    /// What a hand would notice, if it was a trial.
+    #[serde(flatten)]
+    pub noticed: Option<Noticed>,
+    /// The trial, if it was one.
+    #[serde(flatten)]
+    pub trial: Option<Trial>,
     /// Least energy that the motors had taken, less what they had given \[J\]: the integral of F v of the true
     /// motion.
     pub energy_min_j: f64,
+}
+
+/// What makes a trial.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Trial {
+    /// What is not as planned.
+    pub factor: &'static str,
+    /// Part of the time in which the host stalls, %.
+    pub stalled_pct: f64,
+    /// All that was drawn, of a draw.
+    #[serde(flatten)]
+    pub draw: Option<Draw>,
+}
+
+/// What a corner of the device has beside its largest stable stiffness.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Corner {
+    /// Largest stable stiffness of the same console, hand and device with a host that solves every millisecond, without
+    /// delay \[N/m\].
+    pub k_reference_n_per_m: f64,
+    /// The case's own over that.
+    pub k_of_reference: f64,
+    /// Most that the motors gave back in 100 ms beyond the true tissue, in any stable hold \[mJ\].
+    pub given_back_mj: f64,
+    /// The same of the reference \[mJ\].
+    pub reference_given_back_mj: f64,
+    /// What makes stiffer tissue unstable: `swing`, `growth`, `force` below half, `fault`.
+    pub ends_by: &'static str,
 }
 
 /// Scenes and true forces that cases share.
@@ -147,6 +208,8 @@ pub struct Scenes {
     palpation: Palpation,
     needle: NeedleSlabs,
     thread: WoundSlabs,
+    corotational: Slab,
+    hyperelastic: Slab,
     known: Mutex<HashMap<(Place, Motion, u32), Known>>,
 }
 
@@ -163,6 +226,8 @@ impl Scenes {
             palpation: Palpation::load()?,
             needle: NeedleSlabs::load()?,
             thread: WoundSlabs::load()?,
+            corotational: Slab::load(Law::Corotational)?,
+            hyperelastic: Slab::load(Law::Hyperelastic)?,
             known: Mutex::default(),
         })
     }
@@ -175,6 +240,10 @@ impl Scenes {
             Place::Needle => &self.needle,
             Place::Thread => &self.thread,
             Place::Rogue(rogue) => rogue,
+            Place::RoundThin => &Round::THIN,
+            Place::RoundThick => &Round::THICK,
+            Place::Slab(Law::Corotational) => &self.corotational,
+            Place::Slab(Law::Hyperelastic) => &self.hyperelastic,
         }
     }
 
@@ -229,6 +298,7 @@ impl Spec {
             most_rows: None,
             guards: Guards::ALL,
             mechanics: Mechanics::LIGHT,
+            around: Around::planned(),
             seconds: 4.0,
         }
     }
@@ -318,6 +388,8 @@ impl Spec {
             question: match self.question {
                 Question::Errors => "errors",
                 Question::Stiffest => "stability",
+                Question::Corner => "corner",
+                Question::Trial(_) => "trial",
                 Question::Gap => "gap",
                 Question::Peaks => "rogue",
             },
@@ -328,13 +400,13 @@ impl Spec {
                 Place::Needle => "needle".to_owned(),
                 Place::Thread => "thread".to_owned(),
                 Place::Rogue(rogue) => rogue.scene_name().to_owned(),
+                Place::RoundThin => Round::THIN.name().to_owned(),
+                Place::RoundThick => Round::THICK.name().to_owned(),
+                Place::Slab(law) => law.word().to_owned(),
             },
             hand: self.motion.name(),
-            grasp: match self.grasp {
-                Grasp::Rigid => "rigid",
-                grasp if grasp == Grasp::FREE => "free",
-                Grasp::Spring { .. } => "pen",
-            },
+            grasp: self.grasp.word(),
+            device: self.mechanics.off.word(),
             rendering: match self.rendering {
                 None => "full",
                 Some(Rendering::Hold) => "hold",
@@ -368,13 +440,29 @@ impl Spec {
     /// Mechanics that make no valid device.
     pub fn measure(&self, scenes: &Scenes) -> Result<Case, DeviceError> {
         let mut case = self.case();
-        if self.question == Question::Stiffest {
-            let found = stiffest(&Search {
+        if matches!(self.question, Question::Stiffest | Question::Corner) {
+            let search = Search {
                 tuning: self.tuning(),
                 host: self.host(),
                 tangent_scale: self.tangent_scale,
                 mechanics: self.mechanics,
-            })?;
+                grasp: self.grasp,
+                tissue: Point::TISSUE,
+            };
+            let found = stiffest(&search)?;
+            if self.question == Question::Corner {
+                let own = stiffest(&Search {
+                    host: Host::Late(LinkSpec::IMMEDIATE),
+                    ..search
+                })?;
+                case.corner = Some(Corner {
+                    k_reference_n_per_m: own.k_max_n_per_m,
+                    k_of_reference: found.k_max_n_per_m / own.k_max_n_per_m,
+                    given_back_mj: 1e3 * found.most_given_back_j,
+                    reference_given_back_mj: 1e3 * own.most_given_back_j,
+                    ends_by: found.ends_by.word(),
+                });
+            }
             case.k_max_n_per_m = Some(found.k_max_n_per_m);
             case.force_ratio = found
                 .least_force_ratio
@@ -383,16 +471,28 @@ impl Spec {
             case.energy_min_j = found.least_energy_j;
             return Ok(case);
         }
-        let record = self.record(scenes)?;
+        let (record, stalled_pct) = self.run(scenes)?;
         case.energy_min_j = record.least_energy_j;
+        if matches!(self.question, Question::Errors | Question::Trial(_)) {
+            case.errors = Some(errors(&record));
+            case.punctures = punctures(&record);
+            case.given_back_mj = Some(1e3 * given_back_j(&record));
+        }
         match self.question {
-            Question::Errors => {
-                case.errors = Some(errors(&record));
-                case.punctures = punctures(&record);
+            Question::Trial(factor) => {
+                case.noticed = Some(noticed(&record));
+                case.trial = Some(Trial {
+                    factor: factor.word(),
+                    stalled_pct,
+                    draw: match factor {
+                        Factor::Draw(draw) => Some(draw),
+                        _ => None,
+                    },
+                });
             }
             Question::Gap => case.recovery = Some(recovery(&record, GAP_END_S - GAP_S, GAP_END_S)),
             Question::Peaks => case.peaks = Some(peaks(&record, self.fastest())),
-            Question::Stiffest => {}
+            Question::Errors | Question::Stiffest | Question::Corner => {}
         }
         Ok(case)
     }
@@ -402,9 +502,34 @@ impl Spec {
     /// # Errors
     /// As [`Spec::measure`].
     pub fn record(&self, scenes: &Scenes) -> Result<Record, DeviceError> {
-        let known = (self.grasp == Grasp::Rigid).then(|| scenes.known(self));
-        run(&Setup {
-            scene: scenes.at(&self.place),
+        self.run(scenes).map(|(record, _)| record)
+    }
+
+    /// The run, and the part of it in which the host stalls, %.
+    fn run(&self, scenes: &Scenes) -> Result<(Record, f64), DeviceError> {
+        let turn = self.around.turn;
+        let is_rigid = self.grasp == Grasp::Rigid;
+        // Where a hand gives way, it touches about as often.
+        let known = (is_rigid || self.around.blocks.is_some()).then(|| {
+            let known = scenes.known(self);
+            let straight = known.get().map(Vec::as_slice).unwrap_or_default();
+            let turned = |now: &True| True {
+                force_n: turn.turned(now.force_n),
+                ..*now
+            };
+            straight.iter().map(turned).collect::<Vec<_>>()
+        });
+        let blocking = self.around.blocks.zip(known.as_ref());
+        let hz = self.link.host_hz;
+        let blocking = blocking.map(|(seed, known)| Blocking::new(seed, known, hz));
+        let stalled_pct = stalled_pct(blocking.as_ref(), self.seconds);
+        let straight = scenes.at(&self.place);
+        let turned = Turned {
+            scene: straight,
+            turn,
+        };
+        let record = run(&Setup {
+            scene: if turn.is_none() { straight } else { &turned },
             motion: self.motion,
             grasp: self.grasp,
             mechanics: self.mechanics,
@@ -414,11 +539,12 @@ impl Spec {
             most_rows: self.rows(),
             seconds: self.seconds,
             knock: None,
-            truth: known
-                .as_ref()
-                .and_then(|known| known.get())
-                .map(Vec::as_slice),
-        })
+            truth: known.as_deref().filter(|_| is_rigid),
+            phase: self.around.phase,
+            cold: self.around.cold,
+            blocking: blocking.as_ref(),
+        })?;
+        Ok((record, stalled_pct))
     }
 }
 
@@ -427,12 +553,24 @@ const GAP_END_S: f64 = 1.8;
 const GAP_S: f64 = 0.3;
 
 impl Case {
+    /// Whether some frames did not come when they should.
+    pub fn is_lossy(&self) -> bool {
+        self.loss > 0.0 || self.burst_ms > 0.0 || self.reordered > 0.0
+    }
+
+    /// Whether neither tank nor damping watches over energy.
+    pub fn is_unguarded(&self) -> bool {
+        ["tank", "damping"]
+            .iter()
+            .all(|name| self.guards_off.contains(name))
+    }
+
     fn words(&self, spec: &Spec) -> String {
         let mut words = vec![
             self.question.to_owned(),
             self.scene.clone(),
             self.hand.to_owned(),
-            self.grasp.to_owned(),
+            self.grasp.clone(),
             self.rendering.to_owned(),
         ];
         if self.rendering != "full" {
@@ -458,6 +596,18 @@ impl Case {
         }
         if self.device_max_power_w != Mechanics::LIGHT.max_power_w {
             words.push(format!("{}-w", self.device_max_power_w));
+        }
+        if let Question::Trial(factor) = spec.question {
+            words.push(factor.name(&spec.around));
+            if matches!(factor, Factor::Draw(_)) {
+                return words.join(" ");
+            }
+            if factor == Factor::Cold {
+                words.push(format!("phase-{:.2}", spec.around.phase));
+            }
+        }
+        if spec.question == Question::Corner || spec.mechanics.off != Off::NONE {
+            words.push(self.device.clone());
         }
         for name in &self.guards_off {
             words.push(format!("no-{name}"));

@@ -23,6 +23,17 @@ pub enum Motion {
     Throw,
     /// 40 mm up and down at 4 Hz: 1 m/s, as fast as a hand goes.
     Swing,
+    /// 2 mm deep in a round body of 8 mm, then from 0.6 s on around it, all the way, at 0.1 m/s.
+    RoundThin,
+    /// The same around one of 20 mm.
+    RoundThick,
+    /// That deep, then for 0.2 s down by `size_nm` and back in every two milliseconds, straight in between.
+    Rattle {
+        /// \[nm\].
+        depth_nm: u32,
+        /// \[nm\].
+        size_nm: u32,
+    },
 }
 
 impl Motion {
@@ -33,6 +44,9 @@ impl Motion {
         Motion::Strokes,
         Motion::Tremor,
     ];
+
+    /// When [`Motion::Rattle`] begins and ends to rattle \[ms\].
+    pub const RATTLES_MS: [usize; 2] = [250, 450];
 
     /// As tables print it.
     pub fn name(self) -> &'static str {
@@ -45,6 +59,8 @@ impl Motion {
             Motion::Pulls => "pulls",
             Motion::Throw => "throw",
             Motion::Swing => "swing",
+            Motion::RoundThin | Motion::RoundThick => "round",
+            Motion::Rattle { .. } => "rattle",
         }
     }
 
@@ -76,6 +92,15 @@ impl Motion {
             }
             Motion::Throw => [0.0, 0.0, 70e-3 * (8.0 * PI * time_s).cos()],
             Motion::Swing => [0.0, 0.0, 40e-3 * (8.0 * PI * time_s).cos()],
+            Motion::RoundThin => around(time_s, 8e-3),
+            Motion::RoundThick => around(time_s, 20e-3),
+            Motion::Rattle { depth_nm, size_nm } => {
+                let [from_ms, until_ms] = Motion::RATTLES_MS.map(|ms| ms as f64);
+                let since_ms = (1e3 * time_s).clamp(from_ms, until_ms) - from_ms;
+                let down = 1.0 - (since_ms.rem_euclid(2.0) - 1.0).abs();
+                let deep_m = 1e-9 * (f64::from(depth_nm) + f64::from(size_nm) * down);
+                [0.0, 0.0, 2e-3 - (deep_m + 2e-3) * ramp(5.0 * time_s)]
+            }
         }
     }
 
@@ -87,8 +112,15 @@ impl Motion {
     }
 }
 
+/// Around a body of that radius \[m\], in a plane across its axis.
+fn around(time_s: f64, radius_m: f64) -> [f64; 3] {
+    let away = radius_m + 2e-3 - 4e-3 * ramp(time_s / 0.5);
+    let angle = 0.1 * way(time_s - 0.6, f64::INFINITY) / (radius_m - 2e-3);
+    [away * angle.sin(), 0.0, away * angle.cos() - radius_m]
+}
+
 /// 0 to 1 for 0 to 1, with the least jerk.
-fn ramp(s: f64) -> f64 {
+pub(super) fn ramp(s: f64) -> f64 {
     let s = s.clamp(0.0, 1.0);
     s * s * s * (10.0 - 15.0 * s + 6.0 * s * s)
 }
@@ -141,6 +173,13 @@ pub enum Grasp {
         /// \[N s/m\].
         damping_n_s_per_m: f64,
     },
+    /// A mass that moves with the grip and is pushed into the scene, whatever the motion: no spring holds it back.
+    Weight {
+        /// \[kg\].
+        mass_kg: f64,
+        /// Reached in half a second \[N\].
+        force_n: f64,
+    },
 }
 
 impl Grasp {
@@ -149,6 +188,19 @@ impl Grasp {
         stiffness_n_per_m: 200.0,
         damping_n_s_per_m: 2.0,
     };
+    /// As tables print it.
+    pub fn word(self) -> String {
+        match self {
+            Grasp::Rigid => "rigid".to_owned(),
+            grasp if grasp == Grasp::FREE => "free".to_owned(),
+            grasp if grasp == Grasp::PEN => "pen".to_owned(),
+            Grasp::Spring {
+                stiffness_n_per_m, ..
+            } => format!("hand-{stiffness_n_per_m:.0}"),
+            Grasp::Weight { mass_kg, .. } => format!("weight-{:.0}-g", 1e3 * mass_kg),
+        }
+    }
+
     /// No hand.
     pub const FREE: Grasp = Grasp::Spring {
         stiffness_n_per_m: 0.0,

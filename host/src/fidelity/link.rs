@@ -44,6 +44,19 @@ impl LinkSpec {
         }
     }
 
+    /// A host that solves every millisecond and whose frames are there at once: what a late one is measured against on
+    /// the same console.
+    pub const IMMEDIATE: LinkSpec = LinkSpec {
+        host_hz: 1000.0,
+        delay_s: 0.0,
+        jitter_s: 0.0,
+        loss: 0.0,
+        burst_every_s: 0.0,
+        burst_s: 0.0,
+        reordered: 0.0,
+        seed: 1,
+    };
+
     /// Longest delay that is not a loss \[s\].
     pub fn longest_delay_s(&self) -> f64 {
         let late = if self.reordered > 0.0 {

@@ -18,6 +18,8 @@ pub struct Errors {
     pub peak_pct: f64,
     /// When that was \[s\].
     pub peak_at_s: f64,
+    /// As `rms_pct`, of the force that was commanded for that tick: on a console that is as described it is the same.
+    pub rms_pct_meant: f64,
     /// Command of each tick against the truth at its pose, without the motors' delay: root mean square.
     pub rms_pct_sampled: f64,
     /// Largest jump of the command, beyond the truth's own, in ticks that took a new frame.
@@ -33,12 +35,13 @@ const FROM_S: f64 = 0.1;
 fn errors_where(record: &Record, counts: &[bool]) -> Errors {
     let ticks = &record.ticks;
     let largest = ticks.iter().map(|t| length(t.truth_n)).fold(1e-9, f64::max);
-    let mut sums = (0.0, 0.0, 0.0);
+    let mut sums = (0.0, 0.0, 0.0, 0.0);
     let mut errors = Errors {
         force_max_n: largest,
         rms_pct: 0.0,
         peak_pct: 0.0,
         peak_at_s: 0.0,
+        rms_pct_meant: 0.0,
         rms_pct_sampled: 0.0,
         step_pct: 0.0,
         other_step_pct: 0.0,
@@ -56,6 +59,7 @@ fn errors_where(record: &Record, counts: &[bool]) -> Errors {
         sums.0 += 1.0;
         sums.1 += error * error;
         sums.2 += length(minus(now.command_n, now.truth_n)).powi(2);
+        sums.3 += length(minus(now.meant_n, mean)).powi(2);
         if error * percent > errors.peak_pct {
             errors.peak_pct = error * percent;
             errors.peak_at_s = now.time_s;
@@ -72,6 +76,7 @@ fn errors_where(record: &Record, counts: &[bool]) -> Errors {
     }
     let count: f64 = f64::max(sums.0, 1.0);
     errors.rms_pct = percent * (sums.1 / count).sqrt();
+    errors.rms_pct_meant = percent * (sums.3 / count).sqrt();
     errors.rms_pct_sampled = percent * (sums.2 / count).sqrt();
     errors
 }
@@ -103,6 +108,8 @@ pub struct Steadiness {
     pub growth: f64,
     /// Mean force on the hand over the true mean.
     pub force_ratio: f64,
+    /// Whether no fault was latched.
+    pub is_faultless: bool,
     /// Whether it counts as stable.
     pub is_stable: bool,
 }
@@ -140,6 +147,7 @@ pub fn steadiness(record: &Record) -> Steadiness {
         swing: now,
         growth,
         force_ratio: force / truth,
+        is_faultless: faultless,
         is_stable: now <= STABLE_SWING && !grows && faultless && now.is_finite(),
     }
 }
@@ -183,6 +191,10 @@ pub struct Punctures {
     pub puncture_p95_ms: f64,
     /// The worst \[ms\].
     pub puncture_max_ms: f64,
+    /// How far the fall of the command is off that of the true force, at worst, %.
+    pub puncture_fall_off_pct: f64,
+    /// Punctures at which the command falls by less than half as much.
+    pub punctures_missed: usize,
 }
 
 /// Ticks in which a force falls when a boundary gives way.
@@ -190,10 +202,14 @@ const FALL_TICKS: usize = 3;
 /// Ticks on either side of a true puncture in which the felt one is looked for.
 const LOOK_TICKS: usize = 60;
 
+/// A fall that is less than this part of the true one is no puncture.
+const FELT: f64 = 0.5;
+
 /// Of a run with any. Felt is a puncture where the force falls most in 3 ms.
 pub fn punctures(record: &Record) -> Option<Punctures> {
     let ticks = &record.ticks;
     let mut off_ms: Vec<f64> = Vec::new();
+    let (mut most_off, mut missed) = (0.0_f64, 0);
     for (index, pair) in ticks.windows(2).enumerate() {
         if pair[0].punctures == pair[1].punctures || pair[1].time_s < FROM_S {
             continue;
@@ -206,9 +222,13 @@ pub fn punctures(record: &Record) -> Option<Punctures> {
             let falls = falls.map(|(at, t)| (at, length(of(&t[0])) - length(of(&t[FALL_TICKS]))));
             falls
                 .max_by(|a, b| a.1.total_cmp(&b.1))
-                .map_or(0.0, |(at, _)| at as f64)
+                .map_or((0.0, 0.0), |(at, fall)| (at as f64, fall))
         };
-        off_ms.push((fall(|t| t.command_n) - fall(|t| t.truth_n)).abs());
+        let (felt, truth) = (fall(|t| t.command_n), fall(|t| t.truth_n));
+        off_ms.push((felt.0 - truth.0).abs());
+        let part = felt.1 / truth.1.max(1e-9);
+        most_off = most_off.max((part - 1.0).abs());
+        missed += usize::from(part < FELT);
     }
     off_ms.sort_by(f64::total_cmp);
     let last = off_ms.last()?;
@@ -217,6 +237,8 @@ pub fn punctures(record: &Record) -> Option<Punctures> {
         punctures: off_ms.len(),
         puncture_p95_ms: off_ms[p95.saturating_sub(1).min(off_ms.len() - 1)],
         puncture_max_ms: *last,
+        puncture_fall_off_pct: 100.0 * most_off,
+        punctures_missed: missed,
     })
 }
 

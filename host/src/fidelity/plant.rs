@@ -5,13 +5,56 @@
 //! those of continuous time; motors hold their force for a whole tick, so the work of each step is the
 //! force times the way, without any error of quadrature.
 
-use super::hand::{Grasp, Motion};
+use super::hand::{Grasp, Motion, ramp};
 use super::scenes::Scene;
 use sutura_shared::control::TICK_S;
 use sutura_shared::device::{DeviceDescription, JOINTS, Joint, Kinematics};
 
 /// Steps in a tick.
 pub const STEPS: u32 = 20;
+
+/// How a console differs from its description: what its control cannot know.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Off {
+    /// Ticks that a command acts later than described.
+    pub ticks: i8,
+    /// Time constant of a first-order lag between command and force, as of a current loop \[s\].
+    pub lag_s: f64,
+    /// Mass in the described one.
+    pub mass: f64,
+    /// Force of the motors in the described one.
+    pub torque: f64,
+}
+
+impl Off {
+    /// As it is described.
+    pub const NONE: Off = Off {
+        ticks: 0,
+        lag_s: 0.0,
+        mass: 1.0,
+        torque: 1.0,
+    };
+
+    /// As tables print it.
+    pub fn word(&self) -> String {
+        let mut words = Vec::new();
+        if self.ticks != 0 {
+            words.push(format!("{:+}-tick", self.ticks));
+        }
+        if self.lag_s > 0.0 {
+            words.push(format!("lag-{}-ms", 1e3 * self.lag_s));
+        }
+        for (name, times) in [("mass", self.mass), ("torque", self.torque)] {
+            if times != 1.0 {
+                words.push(format!("{name}-x{times}"));
+            }
+        }
+        if words.is_empty() {
+            return "nominal".to_owned();
+        }
+        words.join(" ")
+    }
+}
 
 /// Mechanics of every axis of the console.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -28,6 +71,8 @@ pub struct Mechanics {
     pub actuation_ticks: usize,
     /// Most mechanical power that it may give or take \[W\].
     pub max_power_w: f64,
+    /// What of all this is not so.
+    pub off: Off,
 }
 
 impl Mechanics {
@@ -40,12 +85,19 @@ impl Mechanics {
         counts_per_m: 81_487.0,
         actuation_ticks: 1,
         max_power_w: 10.0,
+        off: Off::NONE,
     };
     /// The same with an amplifier that takes back less.
     pub const WEAK: Mechanics = Mechanics {
         max_power_w: 5.0,
         ..Mechanics::LIGHT
     };
+
+    /// Whole ticks from a command until it does act.
+    pub fn ticks_late(&self) -> usize {
+        self.actuation_ticks
+            .saturating_add_signed(isize::from(self.off.ticks))
+    }
 
     /// The description that the console's control gets. Motors of 15 N; forces, slew and speed limited as on
     /// the bench consoles.
@@ -90,6 +142,8 @@ pub struct Plant<'a> {
     pub velocity_m_per_s: [f64; 3],
     /// Force on the grip besides hand and motors \[N\], (3): a knock.
     pub knock_n: [f64; 3],
+    /// Force that the motors make now \[N\], (3).
+    motors_n: [f64; 3],
     /// What the motors have taken from the motion so far, less what they have given \[J\].
     pub energy_j: f64,
     /// The least of it so far \[J\].
@@ -108,6 +162,7 @@ impl<'a> Plant<'a> {
             position_m: scene.place(motion.at(0.0)),
             velocity_m_per_s: pace(scene, motion, 0.0),
             knock_n: [0.0; 3],
+            motors_n: [0.0; 3],
             energy_j: 0.0,
             least_energy_j: 0.0,
         }
@@ -119,11 +174,27 @@ impl<'a> Plant<'a> {
             .map(|x| (x * self.mechanics.counts_per_m).floor() as i32)
     }
 
-    /// One tick under a force of the motors on the grip \[N\], (3).
-    pub fn advance(&mut self, motors_n: &[f64; 3]) {
+    /// One tick under a force that is asked of the motors \[N\], (3). Gives the mean of what they made of it \[N\], (3).
+    pub fn advance(&mut self, asked_n: &[f64; 3]) -> [f64; 3] {
         let step_s = f64::from(TICK_S) / f64::from(STEPS);
         let start_s = self.time_s;
+        let goal_n = asked_n.map(|force| force * self.mechanics.off.torque);
+        let lag_s = self.mechanics.off.lag_s;
+        let kept = (-step_s / lag_s.max(1e-9)).exp();
+        let mut mean_n = [0.0; 3];
+        if lag_s == 0.0 {
+            self.motors_n = goal_n;
+            mean_n = goal_n;
+        }
         for step in 1..=STEPS {
+            if lag_s > 0.0 {
+                for axis in 0..3 {
+                    self.motors_n[axis] =
+                        goal_n[axis] + (self.motors_n[axis] - goal_n[axis]) * kept;
+                    mean_n[axis] += self.motors_n[axis] / f64::from(STEPS);
+                }
+            }
+            let motors_n = self.motors_n;
             let end_s = start_s + step_s * f64::from(step);
             let before = self.position_m;
             match self.grasp {
@@ -147,6 +218,14 @@ impl<'a> Plant<'a> {
                         self.move_axis(axis, push, stiffness_n_per_m, damping_n_s_per_m, step_s);
                     }
                 }
+                Grasp::Weight { force_n, .. } => {
+                    let down = direction(self.scene, [0.0, 0.0, -1.0]);
+                    let weight_n = force_n * ramp(end_s / 0.5);
+                    for axis in 0..3 {
+                        let push = motors_n[axis] + self.knock_n[axis] + weight_n * down[axis];
+                        self.move_axis(axis, push, 0.0, 0.0, step_s);
+                    }
+                }
             }
             for axis in 0..3 {
                 self.energy_j -= motors_n[axis] * (self.position_m[axis] - before[axis]);
@@ -154,16 +233,23 @@ impl<'a> Plant<'a> {
             self.least_energy_j = self.least_energy_j.min(self.energy_j);
             self.time_s = end_s;
         }
+        mean_n
     }
 
     /// Implicit in the hand's spring and all damping, by the trapezoidal rule: neither adds nor takes energy.
     fn move_axis(&mut self, axis: usize, push: f64, k: f64, b: f64, h: f64) {
         let Mechanics {
-            mass_kg: m,
+            mass_kg,
             damping_n_s_per_m,
             coulomb_n,
+            off,
             ..
         } = self.mechanics;
+        let carried_kg = match self.grasp {
+            Grasp::Weight { mass_kg, .. } => mass_kg,
+            Grasp::Rigid | Grasp::Spring { .. } => 0.0,
+        };
+        let m = mass_kg * off.mass + carried_kg;
         let v0 = self.velocity_m_per_s[axis];
         let b = b + damping_n_s_per_m;
         // m (v1 - v0) = h (push - b (v0 + v1) / 2 - k h (v0 + v1) / 4)
@@ -179,6 +265,12 @@ impl<'a> Plant<'a> {
         self.position_m[axis] += 0.5 * h * (v0 + v1);
         self.velocity_m_per_s[axis] = v1;
     }
+}
+
+/// A direction of the hands' frame in the world's, (3).
+fn direction(scene: &dyn Scene, way: [f64; 3]) -> [f64; 3] {
+    let (from, to) = (scene.place([0.0; 3]), scene.place(way));
+    [0, 1, 2].map(|axis: usize| to[axis] - from[axis])
 }
 
 /// Velocity of a hand \[m/s\], (3), world frame.
@@ -244,6 +336,45 @@ mod tests {
         }
         assert!(plant.energy_j.abs() < 1e-9, "{}", plant.energy_j);
         assert!((plant.least_energy_j + 0.5 * 0.1 * 0.35 * 0.35).abs() < 1e-9);
+    }
+
+    /// A lag of 2 ms makes 1 - 1/e of the force in that time, and takes nothing of its impulse but what is still to come.
+    #[test]
+    fn motors_lag() {
+        let mut plant = held(0.0, 0.0);
+        plant.mechanics.off = Off {
+            lag_s: 2e-3,
+            torque: 0.5,
+            mass: 2.0,
+            ticks: 0,
+        };
+        let means = [(); 2].map(|()| plant.advance(&[2.0, 0.0, 0.0])[0]);
+        let part = 1.0 - (-1.0_f64).exp();
+        assert!((plant.motors_n[0] - part).abs() < 1e-4);
+        // Impulse: t - tau (1 - exp(-t / tau)), to the length of a step.
+        let impulse = 2e-3 - 2e-3 * part;
+        assert!((1e-3 * (means[0] + means[1]) - impulse).abs() < 2.5e-5);
+        let speed = plant.velocity_m_per_s[0];
+        assert!((speed - 1e-3 * (means[0] + means[1]) / 0.2).abs() < 1e-8);
+    }
+
+    #[test]
+    fn a_weight_falls_with_what_it_carries() {
+        let mechanics = Mechanics {
+            damping_n_s_per_m: 0.0,
+            ..Mechanics::LIGHT
+        };
+        let grasp = Grasp::Weight {
+            mass_kg: 0.1,
+            force_n: 1.0,
+        };
+        let mut plant = Plant::new(mechanics, Motion::Taps, grasp, &SCENE);
+        for _ in 0..500 {
+            plant.advance(&[0.0; 3]);
+        }
+        // The ramp's mean is a half.
+        let speed = plant.velocity_m_per_s[2];
+        assert!((speed + 0.5 * 0.5 * 1.0 / 0.2).abs() < 1e-3, "{speed}");
     }
 
     #[test]

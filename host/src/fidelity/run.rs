@@ -4,11 +4,12 @@
 //! arrived goes in, encoders are read, the command of the tick before begins to act; the host solves for the
 //! newest state when its time has come.
 
+use super::around::Blocking;
 use super::hand::{Grasp, Motion};
 use super::link::{Link, LinkSpec};
 use super::plant::{Mechanics, Plant, pace};
 use super::scenes::{Sample, Scene, Solution};
-use crate::session::{lead_s, pack_symmetric, rows_frame};
+use crate::session::{Horizon, lead_s, pack_symmetric, rows_frame};
 use crate::step::ToolRows;
 use sutura_shared::control::{ContactRows, Control, Fresh, Rendering, TickInput, Tuning};
 use sutura_shared::device::DeviceError;
@@ -64,12 +65,21 @@ pub struct Setup<'a> {
     pub knock: Option<Knock>,
     /// What is true at every tick, if it is known: open loop, where the path is.
     pub truth: Option<&'a [True]>,
+    /// By what part of its period the host's turns come later, 0 to 1.
+    pub phase: f64,
+    /// Whether the host starts with nothing computed beforehand.
+    pub cold: bool,
+    /// How long solves take that block the host; none if its frames always come after the link's delay. Such a host learns
+    /// its horizon as sessions do.
+    pub blocking: Option<&'a Blocking>,
 }
 
 impl Setup<'_> {
     /// From a state until its frame has been in use for a period: how far rows have to look ahead \[s\].
     fn ahead_s(&self) -> f64 {
         match self.host {
+            // As sessions have it.
+            Host::Late(spec) if self.blocking.is_some() => 2.0 / spec.host_hz,
             Host::Late(spec) => spec.longest_delay_s() + 1.0 / spec.host_hz,
             Host::Full => 0.0,
         }
@@ -123,6 +133,8 @@ pub struct Tick {
     pub acting_n: [f64; 3],
     /// Force commanded now \[N\], (3).
     pub command_n: [f64; 3],
+    /// Force that was commanded for the time from this tick to the next, by a console that is as it is described \[N\], (3).
+    pub meant_n: [f64; 3],
     /// True force here and now \[N\], (3).
     pub truth_n: [f64; 3],
     /// Boundaries punctured by now, in truth.
@@ -165,7 +177,9 @@ pub fn run(setup: &Setup<'_>) -> Result<Record, DeviceError> {
         .is_none()
         .then(|| setup.scene.start(0, 0.0, 1e-3));
     let mut host = Remote::new(setup);
-    let mut under_way = vec![[0.0; 3]; setup.mechanics.actuation_ticks];
+    let mut under_way = vec![[0.0; 3]; setup.mechanics.ticks_late()];
+    // All that was commanded, as many ticks later as the description says.
+    let mut meant = vec![[0.0; 3]; setup.mechanics.actuation_ticks];
     let mut now = True::default();
     let count = (setup.seconds * 1e3).round() as u32;
     let mut ticks = Vec::with_capacity(count as usize);
@@ -207,26 +221,29 @@ pub fn run(setup: &Setup<'_>) -> Result<Record, DeviceError> {
             }),
         };
         under_way.push(command_n);
-        let acting_n = under_way.remove(0);
-        ticks.push(Tick {
+        meant.push(command_n);
+        let asked_n = under_way.remove(0);
+        let mut tick = Tick {
             time_s,
             position_m: plant.position_m,
             velocity_m_per_s: plant.velocity_m_per_s,
-            acting_n,
+            acting_n: asked_n,
             command_n,
+            meant_n: meant.get(number as usize).copied().unwrap_or_default(),
             truth_n: now.force_n,
             punctures: now.punctures,
             swapped: output.state.contact_sequence != before_sequence,
             energy_j: plant.energy_j,
             mode: output.state.mode,
             faults: output.state.faults,
-        });
+        };
         before_sequence = output.state.contact_sequence;
         let knock = setup
             .knock
             .filter(|k| (k.from_s..k.until_s).contains(&time_s));
         plant.knock_n = knock.map_or([0.0; 3], |knock| knock.force_n);
-        plant.advance(&acting_n);
+        tick.acting_n = plant.advance(&asked_n);
+        ticks.push(tick);
     }
     Ok(Record {
         ticks,
@@ -277,10 +294,15 @@ struct Remote<'a> {
     link: Option<(LinkSpec, Link<Frame>)>,
     /// The last rows that came.
     rows: Box<ContactRows>,
-    /// Solves so far, and frames.
+    /// The next turn, solves so far, and frames.
+    turn: u32,
     solves: u32,
     sequence: u32,
     horizon_us: u32,
+    /// Of a host that blocks: when it is done \[s\], how many stalls are over, and what it has learnt.
+    done_s: f64,
+    stalls_over: usize,
+    learnt: Horizon,
     /// The last force of a full solve \[N\], (3).
     last_n: [f64; 3],
 }
@@ -294,13 +316,20 @@ impl<'a> Remote<'a> {
             }
             Host::Full => (None, 0.0),
         };
+        let (rows, ahead_s, period_s) = (setup.most_rows_sent(), setup.ahead_s(), setup.period_s());
         Remote {
             setup,
-            tissue: setup
-                .scene
-                .start(setup.most_rows_sent(), setup.ahead_s(), setup.period_s()),
+            tissue: if setup.cold {
+                setup.scene.start_cold(rows, ahead_s, period_s)
+            } else {
+                setup.scene.start(rows, ahead_s, period_s)
+            },
             rows: Box::new(ContactRows::NONE),
             link,
+            turn: 0,
+            done_s: 0.0,
+            stalls_over: 0,
+            learnt: Horizon::new(1.0 / period_s),
             solves: 0,
             sequence: 0,
             last_n: [0.0; 3],
@@ -317,7 +346,13 @@ impl<'a> Remote<'a> {
                 Frame::Rows(rows) => self.rows = rows,
                 Frame::Needle(needle) => control.needle(&needle),
                 Frame::Thread(thread) => control.thread(&thread),
-                Frame::Contact(contact) => newest = Some(contact),
+                Frame::Contact(contact) => {
+                    // The console reports it; a tick later the host knows.
+                    let age_us = (1e6 * time_s) as u64;
+                    let age_us = age_us.saturating_sub(contact.console_time_us());
+                    self.learnt.applied(age_us as u32);
+                    newest = Some(contact);
+                }
             }
         }
         newest.map(|contact| Fresh::of(contact, &self.rows))
@@ -337,25 +372,42 @@ impl<'a> Remote<'a> {
         let Some((spec, _)) = &self.link else {
             return;
         };
-        let due_s = f64::from(self.solves) / spec.host_hz;
+        self.learnt.tick((time_s * 1e3).round() as u32);
+        let hz = spec.host_hz;
+        let due_s = (f64::from(self.turn) + self.setup.phase) / hz;
         // As if at `due_s`, between this tick and the next.
-        if due_s >= time_s + 1e-3 - 1e-9 {
+        if due_s >= time_s + 1e-3 - 1e-9 || time_s < self.done_s {
             return;
         }
+        self.turn += 1;
+        let sent_s = match self.setup.blocking {
+            Some(blocking) => {
+                let (own_s, over) = blocking.takes_s(self.solves, self.stalls_over, time_s);
+                self.stalls_over = over;
+                self.done_s = time_s + own_s;
+                // Turns that have passed are left out; the first one is made up for at once.
+                let passed = ((time_s + 1e-3) * hz - self.setup.phase).ceil().max(0.0);
+                self.turn = self.turn.max(passed as u32);
+                self.learnt.took((1e6 * own_s) as u64);
+                self.horizon_us = self.learnt.next_us();
+                self.done_s
+            }
+            None => due_s,
+        };
         self.solves += 1;
         let sample = Sample {
             time_s,
             position_m: state.position_m.map(f64::from),
             orientation: state.orientation.map(f64::from),
             velocity_m_per_s: state.velocity_m_per_s.map(f64::from),
-            lead_s: lead_s(state, 1.0 / spec.host_hz),
+            lead_s: lead_s(state, 1.0 / hz),
         };
         let Some(solution) = self.tissue.solve(&sample) else {
             return;
         };
         let frames = self.frames(&sample, now_us, solution);
         if let Some((_, link)) = &mut self.link {
-            link.send(due_s, frames);
+            link.send(sent_s, frames);
         }
     }
 

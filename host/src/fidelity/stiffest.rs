@@ -3,17 +3,20 @@
 //! Entry point: [`stiffest`].
 
 use super::hand::{Grasp, Motion};
-use super::measure::{Steadiness, steadiness};
+use super::measure::{STABLE_SWING, Steadiness, steadiness};
+use super::notice::given_back_j;
 use super::plant::Mechanics;
-use super::run::{Host, Knock, Setup, run};
+use super::run::{Host, Knock, Record, Setup, run};
 use super::scenes::point::Point;
 use sutura_shared::control::Tuning;
 use sutura_shared::device::DeviceError;
 
-/// Stiffness of the hand \[N/m\] and how far it presses without the tissue \[m\], as [`Grasp::PEN`] and
-/// [`Motion::Hold`] have them.
-const HAND_N_PER_M: f64 = 200.0;
+/// How far the hand presses without the tissue \[m\], as [`Motion::Hold`] has it.
 const PRESSED_M: f64 = 10e-3;
+/// Farther than any weight sinks \[m\].
+const SUNK_M: f64 = 10.0;
+/// How long a hold by a hand's spring lasts, and one by a weight, which nothing damps but tissue and console \[s\].
+const HELD_S: [f64; 2] = [3.0, 10.0];
 
 /// What is searched for.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -26,6 +29,10 @@ pub struct Search {
     pub tangent_scale: f64,
     /// The console's mechanics.
     pub mechanics: Mechanics,
+    /// Who holds it: a spring or a weight.
+    pub grasp: Grasp,
+    /// What is made stiffer and stiffer.
+    pub tissue: Point,
 }
 
 /// What was found.
@@ -37,6 +44,50 @@ pub struct Stiffest {
     pub least_energy_j: f64,
     /// Least mean force over the true one in any of the stable runs.
     pub least_force_ratio: f64,
+    /// Most that the motors gave back in 100 ms beyond the true tissue in any of the stable runs \[J\].
+    pub most_given_back_j: f64,
+    /// What ended the search.
+    pub ends_by: Ends,
+}
+
+/// Why the next stiffer tissue is not stable.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Ends {
+    /// The force swings.
+    Swing,
+    /// It swings little, but ever more.
+    Growth,
+    /// Less than half of the true force is left.
+    Force,
+    /// A fault is latched.
+    Fault,
+    /// All that was tried is stable.
+    Nothing,
+}
+
+impl Ends {
+    fn of(steady: &Steadiness) -> Self {
+        if !steady.is_faultless {
+            Ends::Fault
+        } else if steady.is_stable {
+            Ends::Force
+        } else if steady.swing <= STABLE_SWING {
+            Ends::Growth
+        } else {
+            Ends::Swing
+        }
+    }
+
+    /// As tables print it.
+    pub fn word(self) -> &'static str {
+        match self {
+            Ends::Swing => "swing",
+            Ends::Growth => "growth",
+            Ends::Force => "force",
+            Ends::Fault => "fault",
+            Ends::Nothing => "nothing",
+        }
+    }
 }
 
 /// Least force over the true one in a hold that counts: guards that just switch the force off do not.
@@ -48,26 +99,32 @@ const RANGE: (f64, f64, f64) = (40.0, 20_000.0, 1.25);
 ///
 /// # Errors
 /// None with sound mechanics.
-pub fn hold(search: &Search, k: f64) -> Result<(Steadiness, f64), DeviceError> {
-    let scene = tissue(k);
+pub fn hold(search: &Search, k: f64) -> Result<(Steadiness, Record), DeviceError> {
+    let scene = tissue(k, search);
     let record = run(&Setup {
         scene: &scene,
         motion: Motion::Hold,
-        grasp: Grasp::PEN,
+        grasp: search.grasp,
         mechanics: search.mechanics,
         tuning: search.tuning,
         host: search.host,
         tangent_scale: search.tangent_scale,
         most_rows: 24,
-        seconds: 3.0,
+        seconds: match search.grasp {
+            Grasp::Weight { .. } => HELD_S[1],
+            Grasp::Spring { .. } | Grasp::Rigid => HELD_S[0],
+        },
         knock: Some(Knock {
             from_s: 1.5,
             until_s: 1.52,
             force_n: [0.0, 0.0, -1.0],
         }),
         truth: None,
+        phase: 0.0,
+        cold: false,
+        blocking: None,
     })?;
-    Ok((steadiness(&record), record.least_energy_j))
+    Ok((steadiness(&record), record))
 }
 
 /// The largest stable stiffness, to 3 %, with at least half of the true force.
@@ -80,15 +137,20 @@ pub fn stiffest(search: &Search) -> Result<Stiffest, DeviceError> {
         k_max_n_per_m: 0.0,
         least_energy_j: 0.0,
         least_force_ratio: f64::INFINITY,
+        most_given_back_j: 0.0,
+        ends_by: Ends::Nothing,
     };
     let mut first_bad = highest;
     let mut take = |k: f64| -> Result<bool, DeviceError> {
-        let (steady, energy) = hold(search, k)?;
+        let (steady, record) = hold(search, k)?;
         let counts = steady.is_stable && steady.force_ratio >= LEAST_RATIO;
         if counts {
             found.k_max_n_per_m = k;
-            found.least_energy_j = found.least_energy_j.min(energy);
+            found.least_energy_j = found.least_energy_j.min(record.least_energy_j);
+            found.most_given_back_j = found.most_given_back_j.max(given_back_j(&record));
             found.least_force_ratio = found.least_force_ratio.min(steady.force_ratio);
+        } else {
+            found.ends_by = Ends::of(&steady);
         }
         Ok(counts)
     };
@@ -113,18 +175,23 @@ pub fn stiffest(search: &Search) -> Result<Stiffest, DeviceError> {
 }
 
 /// The point of tissue that has stiffness `k` where the hand rests.
-fn tissue(k: f64) -> Point {
+fn tissue(k: f64, search: &Search) -> Point {
+    let held = |tissue: Point| match search.grasp {
+        // Nothing pushes a rigid hand anywhere; it is where it wants to be.
+        Grasp::Rigid => tissue.stiffness_held_by(|_| f64::INFINITY, PRESSED_M),
+        Grasp::Spring {
+            stiffness_n_per_m, ..
+        } => tissue.stiffness_held_by(|deep| stiffness_n_per_m * (PRESSED_M - deep), PRESSED_M),
+        Grasp::Weight { force_n, .. } => tissue.stiffness_held_by(|_| force_n, SUNK_M),
+    };
     let (mut low, mut high) = (1e-3, 1e3);
     for _ in 0..60 {
         let times: f64 = f64::sqrt(low * high);
-        let found = Point::TISSUE
-            .stiffer(times)
-            .stiffness_held_by(HAND_N_PER_M, PRESSED_M);
-        if found < k {
+        if held(search.tissue.stiffer(times)) < k {
             low = times;
         } else {
             high = times;
         }
     }
-    Point::TISSUE.stiffer(low)
+    search.tissue.stiffer(low)
 }

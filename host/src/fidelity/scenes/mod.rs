@@ -4,7 +4,10 @@ pub mod needle;
 pub mod palpation;
 pub mod point;
 pub mod rogue;
+pub mod round;
+pub mod slab;
 pub mod thread;
+pub mod turned;
 
 use crate::step::ToolRows;
 use sutura_shared::wire::message::{Needle, Thread};
@@ -91,4 +94,9 @@ pub trait Scene: Sync {
     /// The scene, untouched, that gives so many contact rows at most, for use over so long a time \[s\], by solves that are
     /// planned every `period_s`.
     fn start(&self, most_rows: usize, ahead_s: f64, period_s: f64) -> Box<dyn Truth>;
+
+    /// The same for a host that has computed nothing beforehand; where nothing can be, it is the same.
+    fn start_cold(&self, most_rows: usize, ahead_s: f64, period_s: f64) -> Box<dyn Truth> {
+        self.start(most_rows, ahead_s, period_s)
+    }
 }

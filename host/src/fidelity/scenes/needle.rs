@@ -108,6 +108,12 @@ const HORIZON_US: u32 = 150_000;
 
 /// What a console would have sent.
 pub(super) fn state(sample: &Sample) -> Option<Valid<State>> {
+    state_late(sample, f64::INFINITY)
+}
+
+/// What a console would have sent to a host that solves every `period_s`, with the delay that the sample's lead says.
+pub(super) fn state_late(sample: &Sample, period_s: f64) -> Option<Valid<State>> {
+    let delay_s = (sample.lead_s - 0.5 * period_s).max(0.0);
     let header = Header {
         version: PROTOCOL_VERSION,
         kind: Kind::State,
@@ -124,9 +130,9 @@ pub(super) fn state(sample: &Sample) -> Option<Valid<State>> {
         current_a: [0.0; 3],
         mode: Mode::Armed,
         faults: 0,
-        contact_sequence: 0,
+        contact_sequence: u32::from(delay_s > 0.0),
         contact_age_us: 0,
-        applied_age_us: 0,
+        applied_age_us: (1e6 * delay_s).round() as u32,
         trace_hash: 0,
         encoder_counts: [0; 3],
         inputs: 0,

@@ -1,7 +1,8 @@
 //! The palpation scene with its real solver: a sphere on a slab, a contact whose nodes come and go.
 //!
-//! Entry point: [`Palpation::load`]. Host and truth each solve for themselves; compliance columns, which are the
-//! same for all, are handed on from one run to the next.
+//! Entry point: [`Palpation::load`]. Host and truth each solve for themselves. Compliance columns are the same for all:
+//! those of every vertex that a hand comes near are computed before any run, as sessions do, so that no run finds others
+//! than the next; a workspace that has them is handed on.
 
 use super::{Sample, Scene, Solution, Truth};
 use crate::model::Model;
@@ -14,6 +15,12 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 /// The scene as it is shipped.
 const FILE: &str = include_str!("../../../../scenes/palpation.toml");
+/// How far from the way of a hand vertices are prepared: in radii, and \[m\]. As far as sessions do.
+const PREPARED_RADII: f64 = 1.5;
+const PREPARED_MARGIN_M: f64 = 0.003;
+/// The hands are at most so far to the side of where they begin, and so deep \[m\].
+const STROKE_M: f64 = 0.02;
+const DEEPEST_M: f64 = 0.01;
 /// Solves towards one sample, where the tool has gone farther than one follows.
 const SOLVES: u32 = 8;
 
@@ -28,8 +35,22 @@ struct Shared {
     untouched: State,
     tool: u8,
     radius_m: f64,
-    /// Of runs that are over.
+    /// Of runs that are over, prepared.
     spare: Mutex<Vec<Workspace>>,
+}
+
+impl Shared {
+    /// A workspace with the columns of all vertices that a hand comes near.
+    fn prepared(&self) -> Workspace {
+        let mut work = Workspace::new(&self.model);
+        let reach_m = PREPARED_RADII * self.radius_m + PREPARED_MARGIN_M;
+        work.prepare(&self.model, |[x, y, z]| {
+            let aside = (x.abs() - STROKE_M).max(0.0);
+            let below = (self.radius_m - DEEPEST_M - z).max(0.0);
+            aside * aside + y * y + below * below <= reach_m * reach_m
+        });
+        work
+    }
 }
 
 impl Palpation {
@@ -40,7 +61,7 @@ impl Palpation {
     pub fn load() -> Result<Self, SceneError> {
         let document = Document::embedded("palpation", Path::new(""), FILE);
         let scene = SceneFile::read(&document, "palpation")?;
-        let (model, untouched, workspace) = scene.build()?;
+        let (model, untouched, _) = scene.build()?;
         let tool = scene.tools.first();
         Ok(Palpation {
             shared: Arc::new(Shared {
@@ -48,7 +69,7 @@ impl Palpation {
                 radius_m: tool.map_or(0.0, |tool| tool.shape.radius_m()),
                 model,
                 untouched,
-                spare: Mutex::new(vec![workspace]),
+                spare: Mutex::default(),
             }),
         })
     }
@@ -64,23 +85,43 @@ impl Scene for Palpation {
     }
 
     fn start(&self, most_rows: usize, ahead_s: f64, _period_s: f64) -> Box<dyn Truth> {
-        let shared = Arc::clone(&self.shared);
-        let mut spare = shared.spare.lock().unwrap_or_else(PoisonError::into_inner);
-        let workspace = spare.pop().unwrap_or_else(|| Workspace::new(&shared.model));
+        let mut spare = self
+            .shared
+            .spare
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner);
+        let spare_one = spare.pop();
         drop(spare);
-        let mut solver = Solver {
-            state: shared.untouched.clone(),
-            workspace: Some(workspace),
+        let mut work = spare_one.unwrap_or_else(|| self.shared.prepared());
+        // Nothing is left to wait for.
+        work.vertices_per_step = usize::MAX;
+        Box::new(self.solver(work, most_rows, ahead_s, true))
+    }
+
+    /// Columns are computed in the steps that need them, a few in each; a step that needs more gives nothing.
+    fn start_cold(&self, most_rows: usize, ahead_s: f64, _period_s: f64) -> Box<dyn Truth> {
+        let work = Workspace::new(&self.shared.model);
+        Box::new(self.solver(work, most_rows, ahead_s, false))
+    }
+}
+
+impl Palpation {
+    fn solver(
+        &self,
+        mut work: Workspace,
+        most_rows: usize,
+        ahead_s: f64,
+        is_prepared: bool,
+    ) -> Solver {
+        work.most_rows = most_rows;
+        Solver {
+            shared: Arc::clone(&self.shared),
+            state: self.shared.untouched.clone(),
             normal: [0.0, 0.0, 1.0],
             ahead_s,
-            shared,
-        };
-        if let Some(work) = &mut solver.workspace {
-            // Not in real time: nothing waits for columns.
-            work.vertices_per_step = usize::MAX;
-            work.most_rows = most_rows;
+            workspace: Some(work),
+            is_prepared,
         }
-        Box::new(solver)
     }
 }
 
@@ -91,18 +132,16 @@ struct Solver {
     normal: [f64; 3],
     /// From a state until the end of its frame's use \[s\]; 0 for who is not late.
     ahead_s: f64,
-    /// Given back at the end.
+    /// Given back at the end if it was prepared.
     workspace: Option<Workspace>,
+    is_prepared: bool,
 }
 
 impl Drop for Solver {
     fn drop(&mut self) {
-        let mut spare = self
-            .shared
-            .spare
-            .lock()
-            .unwrap_or_else(PoisonError::into_inner);
-        spare.extend(self.workspace.take());
+        let spare = self.shared.spare.lock();
+        let mut spare = spare.unwrap_or_else(PoisonError::into_inner);
+        spare.extend(self.workspace.take().filter(|_| self.is_prepared));
     }
 }
 

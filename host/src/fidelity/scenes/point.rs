@@ -57,13 +57,13 @@ impl Point {
         (k * depth_m * (1.0 + ratio), k * (1.0 + 3.0 * ratio))
     }
 
-    /// Stiffness that a fast motion feels \[N/m\] where a hand's spring of `hand_n_per_m`, `pressed_m` deep
-    /// without the tissue, rests.
-    pub fn stiffness_held_by(&self, hand_n_per_m: f64, pressed_m: f64) -> f64 {
+    /// Stiffness that a fast motion feels \[N/m\] where a hand's push \[N\] by depth \[m\] rests, which is none any more
+    /// at `pressed_m`.
+    pub fn stiffness_held_by(&self, push_n: impl Fn(f64) -> f64, pressed_m: f64) -> f64 {
         let (mut low, mut high) = (0.0, pressed_m.max(0.0));
         for _ in 0..60 {
             let middle = 0.5 * (low + high);
-            if self.spring(middle).0 < hand_n_per_m * (pressed_m - middle) {
+            if self.spring(middle).0 < push_n(middle) {
                 low = middle;
             } else {
                 high = middle;

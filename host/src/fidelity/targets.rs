@@ -1,0 +1,304 @@
+//! Bars on what trials and corners show. Some are missed by the console as it is: those are kept here, by name and with the
+//! figure when they were written down, are told as open, and fail nothing until they are met.
+//!
+//! Entry point: [`bars`].
+
+use super::case::Case;
+use super::corners::{self, Line};
+use super::suite::Bar;
+use super::trials::{Spread, spreads};
+
+/// Bars that are open, and what the full form measured when they were written down.
+const OPEN: &[(&str, f64)] = &[
+    ("stalls, contact beyond notice %", 82.1),
+    ("stalls, dropouts a minute", 799.0),
+    ("stalls, linear, rms p95 %", 18.5),
+    ("stalls, linear, rms worst %", 18.5),
+    ("stalls, corotational, rms p95 %", 41.5),
+    ("stalls, corotational, rms worst %", 41.5),
+    ("stalls, hyperelastic, rms p95 %", 43.4),
+    ("stalls, hyperelastic, rms worst %", 43.4),
+    ("taps at 30 Hz, every phase, rms p95 %", 41.1),
+    (
+        "punctures missed with stalls, beyond their share of time, points",
+        6.7,
+    ),
+    ("turned scene, change of rms, points", 9.3),
+    ("round body of 8 mm, rms %", 6.9),
+    ("given back in 100 ms, trials, mJ", 4.0),
+    ("stiffness 30 Hz, a tick or 1 ms later, of what it was", 1.0),
+];
+
+/// Most that may be given back in 100 ms beyond the true tissue \[mJ\].
+pub const GIVEN_BACK_MJ: f64 = 2.0;
+
+/// The corners as they were before anything was done about them: `sutura fidelity --full --only corner --plot DIR`.
+const BEFORE: &str = include_str!("corners-before.csv");
+
+/// Largest stable stiffness of a corner before \[N/m\].
+fn before(device: &str, hand: &str) -> Option<f64> {
+    let lines = BEFORE.lines().filter(|line| !line.starts_with('#'));
+    let mut lines = lines.map(|line| line.split(',').collect::<Vec<_>>());
+    let head = lines.next()?;
+    let column = |name: &str| head.iter().position(|word| *word == name);
+    let (of_device, of_hand, k) = (column("device")?, column("hand")?, column("k_max_n_per_m")?);
+    let line =
+        lines.find(|l| l.get(of_device) == Some(&device) && l.get(of_hand) == Some(&hand))?;
+    line.get(k)?.parse().ok()
+}
+
+/// A figure of something with a name: the worst one counts.
+struct Bound<'a> {
+    name: &'a str,
+    at_least: bool,
+    bar: f64,
+}
+
+impl Bound<'_> {
+    fn judge(&self, figures: impl Iterator<Item = (f64, String)>) -> Option<Bar> {
+        let sign = if self.at_least { -1.0 } else { 1.0 };
+        let (value, worst) = figures.max_by(|a, b| (sign * a.0).total_cmp(&(sign * b.0)))?;
+        let ok = sign * value <= sign * self.bar;
+        Some(Bar {
+            name: self.name.to_owned(),
+            value,
+            must_be: if self.at_least { ">=" } else { "<=" },
+            bar: self.bar,
+            ok,
+            open: !ok && OPEN.iter().any(|(name, _)| *name == self.name),
+            worst,
+        })
+    }
+}
+
+/// What trials and corners must be.
+pub fn bars(cases: &[Case]) -> Vec<Bar> {
+    let spreads = spreads(cases);
+    let mut bars = of_spreads(&spreads);
+    let lossy = cases
+        .iter()
+        .filter(|case| is_on_bad_link(case) && !case.is_unguarded());
+    let given_back = Bound {
+        name: "given back in 100 ms, bad links, mJ",
+        at_least: false,
+        bar: GIVEN_BACK_MJ,
+    };
+    bars.extend(given_back.judge(lossy.map(|case| {
+        (
+            case.given_back_mj.unwrap_or(f64::INFINITY),
+            case.case.clone(),
+        )
+    })));
+    bars.extend(of_corners(&corners::table(cases)));
+    bars
+}
+
+/// Whether it is one of the cases of links that lose, stop and reorder, on hosts that are fast enough.
+pub fn is_on_bad_link(case: &Case) -> bool {
+    case.question == "errors" && case.is_lossy() && case.scene != "gristle"
+}
+
+/// Whether some trials count.
+type Is<'a> = &'a dyn Fn(&Spread) -> bool;
+
+fn of_spreads(spreads: &[Spread]) -> Vec<Bar> {
+    let mut bars = Vec::new();
+    let mut most =
+        |name: &str, counts: &dyn Fn(&Spread) -> bool, figure: &dyn Fn(&Spread) -> f64, bar| {
+            let bound = Bound {
+                name,
+                at_least: false,
+                bar,
+            };
+            let of = spreads.iter().filter(|spread| counts(spread));
+            bars.extend(bound.judge(of.map(|spread| (figure(spread), spread.worst.clone()))));
+        };
+    let is_linear = |s: &Spread| ["palpation", "needle"].contains(&s.scene.as_str());
+    let is_slab = |s: &Spread| ["corotational", "hyperelastic"].contains(&s.scene.as_str());
+    let stalls = |s: &Spread| s.factor == "stalls" && (is_linear(s) || is_slab(s));
+    most(
+        "stalls, contact beyond notice %",
+        &stalls,
+        &|s| s.beyond_of_all_pct,
+        2.0,
+    );
+    most(
+        "stalls, dropouts a minute",
+        &stalls,
+        &|s| s.dropouts_per_min,
+        0.0,
+    );
+    let rms: [(&str, Is<'_>, f64, f64); 3] = [
+        ("linear", &is_linear, 3.0, 6.0),
+        ("corotational", &|s| s.scene == "corotational", 5.0, 10.0),
+        ("hyperelastic", &|s| s.scene == "hyperelastic", 5.0, 10.0),
+    ];
+    for (tissue, is, p95, worst) in rms {
+        let counts = |s: &Spread| s.factor == "stalls" && is(s);
+        most(
+            &format!("stalls, {tissue}, rms p95 %"),
+            &counts,
+            &|s| s.rms_pct.p95,
+            p95,
+        );
+        most(
+            &format!("stalls, {tissue}, rms worst %"),
+            &counts,
+            &|s| s.rms_pct.worst,
+            worst,
+        );
+    }
+    let slow = |s: &Spread| s.factor == "phase" && s.host_hz == 30.0 && s.hand == "taps";
+    most(
+        "taps at 30 Hz, every phase, rms p95 %",
+        &slow,
+        &|s| s.rms_pct.p95,
+        4.0,
+    );
+    let punctured = |s: &Spread| s.factor == "phase" && s.punctures > 0 && s.host_hz == 60.0;
+    most(
+        "punctures, every phase, fall off %",
+        &punctured,
+        &|s| s.fall_off_pct.worst,
+        10.0,
+    );
+    most(
+        "punctures, every phase, ms",
+        &punctured,
+        &|s| s.fall_late_ms.worst,
+        5.0,
+    );
+    let stalled = |s: &Spread| s.factor == "stalls" && s.punctures > 0;
+    most(
+        "punctures missed with stalls, beyond their share of time, points",
+        &stalled,
+        &|s| s.missed_pct - s.stalled_pct,
+        2.0,
+    );
+    // Beside the same scene as it stands.
+    let change = |s: &Spread| {
+        let same = |other: &&Spread| {
+            other.factor == "planned" && other.scene == s.scene && other.hand == s.hand
+        };
+        let planned = spreads.iter().find(same)?;
+        Some((s.rms_pct.worst - planned.rms_pct.worst).abs())
+    };
+    most(
+        "turned scene, change of rms, points",
+        &|s| s.factor == "turn" && change(s).is_some(),
+        &|s| change(s).unwrap_or(0.0),
+        0.1,
+    );
+    let round = |s: &Spread| ["planned", "phase"].contains(&s.factor) && s.scene == "round-8-mm";
+    most(
+        "round body of 8 mm, direction p95 degrees",
+        &round,
+        &|s| s.direction_p95_deg.worst,
+        10.0,
+    );
+    most(
+        "round body of 8 mm, rms %",
+        &round,
+        &|s| s.rms_pct.worst,
+        5.0,
+    );
+    let all = |s: &Spread| s.factor != "draw";
+    most(
+        "given back in 100 ms, trials, mJ",
+        &all,
+        &|s| s.given_back_mj.worst,
+        GIVEN_BACK_MJ,
+    );
+    bars
+}
+
+fn of_corners(lines: &[Line]) -> Vec<Bar> {
+    let mut bars = Vec::new();
+    let named = |line: &Line| format!("corner {} {}", line.hand, line.device);
+    let mut bound = |name: &str,
+                     counts: &dyn Fn(&Line) -> bool,
+                     figure: &dyn Fn(&Line) -> f64,
+                     at_least,
+                     bar| {
+        let bound = Bound {
+            name,
+            at_least,
+            bar,
+        };
+        let of = lines.iter().filter(|line| counts(line));
+        bars.extend(bound.judge(of.map(|line| (figure(line), named(line)))));
+    };
+    let of_reference = |l: &Line| l.k_of_reference;
+    let is_pen = |l: &Line| l.hand == "pen";
+    bound(
+        "stiffness 30 Hz as described, of its own reference",
+        &|l| is_pen(l) && l.device == "nominal",
+        &of_reference,
+        true,
+        0.9,
+    );
+    bound(
+        "stiffness 30 Hz, corners, of their own references",
+        &|_| true,
+        &of_reference,
+        true,
+        0.5,
+    );
+    let of_before = |l: &Line| before(&l.device, &l.hand).map_or(0.0, |k| l.k_max_n_per_m / k);
+    bound(
+        "stiffness 30 Hz, corners, of what it was",
+        &|_| true,
+        &of_before,
+        true,
+        1.0,
+    );
+    let late = |l: &Line| ["+1-tick", "lag-1-ms"].contains(&l.device.as_str());
+    bound(
+        "stiffness 30 Hz, a tick or 1 ms later, of what it was",
+        &late,
+        &of_before,
+        true,
+        1.5,
+    );
+    bound(
+        "given back in 100 ms, corners, mJ",
+        &|_| true,
+        &|l| l.given_back_mj,
+        false,
+        GIVEN_BACK_MJ,
+    );
+    bars
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_corners_before_are_all_there() {
+        for spec in corners::specs() {
+            let case = spec.case();
+            let k = before(&case.device, &case.grasp);
+            assert!(k.is_some_and(|k| k > 40.0), "{}", case.case);
+        }
+        assert_eq!(before("nominal", "none"), None);
+    }
+
+    /// The worst counts, a missed bar is open only if it is known to be, and none that is not there is judged.
+    #[test]
+    fn the_worst_is_judged() {
+        let bound = |at_least| Bound {
+            name: "of a test",
+            at_least,
+            bar: 2.0,
+        };
+        let figures = || [1.0, 3.0, 2.0].map(|x| (x, format!("{x}"))).into_iter();
+        let most = bound(false).judge(figures()).expect("judged");
+        assert!(!most.ok && !most.open && most.value == 3.0 && most.worst == "3");
+        let least = bound(true).judge(figures()).expect("judged");
+        assert!(!least.ok && least.value == 1.0);
+        let met = bound(false).judge([(2.0, String::new())].into_iter());
+        assert!(met.expect("judged").ok);
+        assert_eq!(bound(false).judge(std::iter::empty()), None);
+    }
+}
