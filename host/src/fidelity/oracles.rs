@@ -54,6 +54,8 @@ const PLAIN: Tuning = Tuning {
         trust: false,
         lead: false,
         tank: false,
+        along: false,
+        credit: false,
         damping: false,
         horizon: false,
         force: false,
