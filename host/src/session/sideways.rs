@@ -7,6 +7,9 @@
 
 use sutura_shared::wire::message::State;
 
+/// As fast as a hand sets out \[m/s^2\]: one that goes 30 cm in half a second, as smoothly as hands do, reaches 7 (Flash and
+/// Hogan 1985).
+const SETS_OUT_M_PER_S2: f64 = 10.0;
 /// Longest time to look ahead \[s\]: beyond that a hand has turned.
 const LONGEST_S: f64 = 0.1;
 
@@ -18,6 +21,13 @@ pub fn lead_s(state: &State, period_s: f64) -> f64 {
     }
     let delay_s = f64::from(state.applied_age_us) * 1e-6;
     (delay_s + 0.5 * period_s).clamp(0.0, LONGEST_S)
+}
+
+/// Way that a hand may go in any direction, besides what its velocity takes it, while a frame is in use that was solved
+/// `ahead_s` before \[m\].
+pub fn reach_m(ahead_s: f64) -> f64 {
+    let ahead_s = ahead_s.clamp(0.0, LONGEST_S);
+    0.5 * SETS_OUT_M_PER_S2 * ahead_s * ahead_s
 }
 
 /// What a contact is solved for.

@@ -7,7 +7,7 @@ use super::look_ahead::{Look, course};
 use super::look_budget::{Ahead, LookBudget, Looked};
 use super::{
     Effort, Goal, HeldNeedle, HeldThread, Plan, Rendering, SceneSolver, Solve, Solved, Spared,
-    lead_s, sideways,
+    lead_s, reach_m, sideways,
 };
 use crate::clock::Clock;
 use crate::model::Model;
@@ -220,6 +220,7 @@ impl TissueSolver {
     /// within `ahead_s` first.
     pub fn reduce_to(&mut self, most_rows: usize, ahead_s: f64) {
         self.work.most_rows = most_rows;
+        self.work.reach_m = reach_m(ahead_s);
         self.ahead_s = ahead_s;
     }
 

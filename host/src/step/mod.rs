@@ -416,6 +416,9 @@ pub struct Workspace {
     /// Way that a tool may go from the step's pose while its rows are in use \[m\], (3): those that would switch on it are
     /// chosen first.
     pub ahead_m: [f64; 3],
+    /// Way in any direction that it may go besides \[m\]: what is so near is said while the tool is apart, and its columns
+    /// are asked for.
+    pub reach_m: f64,
 }
 
 impl Workspace {
@@ -452,6 +455,7 @@ impl Workspace {
             most_rows: 0,
             spares_rows: false,
             ahead_m: [0.0; 3],
+            reach_m: 0.0,
         }
     }
 

@@ -81,7 +81,7 @@ pub(super) fn follow(
         state.placements = *targets;
         put(model, &state.placements, work);
         locate(model, state, work);
-        find_near(state, work);
+        find_near(state, work, 0.0);
         look_ahead(model, state, work, report);
         work.contact.newton.clear();
         work.contact.residual = 0.0;
@@ -218,9 +218,9 @@ fn advance(
     (part, placements)
 }
 
-/// Lists the vertices that a tool might come to touch in this piece of the path; whether one that no
-/// row of it holds is inside it.
-fn find_near(state: &State, work: &mut Workspace) -> bool {
+/// Lists the vertices that a tool might come to touch in this piece of the path, and `reach_m` farther; whether one that
+/// no row of it holds is inside it.
+fn find_near(state: &State, work: &mut Workspace, reach_m: f64) -> bool {
     work.contact.near.clear();
     let mut inside = false;
     let places = work.resting_m.iter().zip(work.displacement.chunks_exact(3));
@@ -231,7 +231,7 @@ fn find_near(state: &State, work: &mut Workspace) -> bool {
                 continue;
             };
             let gap = solid.gap(&at) / solid.radius();
-            if gap < NEAR {
+            if gap < NEAR + reach_m / solid.radius() {
                 work.contact.near.push(Near { vertex, tool, gap });
                 let held = |row: &active_set::Row| row.vertex == vertex && row.tool == tool;
                 inside |= gap < -2.0 * active_set::DEPTH && !state.rows.iter().any(held);
@@ -249,12 +249,12 @@ fn balance(
     report: &mut StepReport,
     clock: &mut Clock,
 ) -> Result<(), Status> {
-    find_near(state, work);
+    find_near(state, work, 0.0);
     clock.lap(&mut report.stages.detect_ns);
     for _ in 0..4 {
         solve_with_columns(model, state, work, report, clock)?;
         locate(model, state, work);
-        let inside = find_near(state, work);
+        let inside = find_near(state, work, 0.0);
         clock.lap(&mut report.stages.detect_ns);
         if !inside {
             return Ok(());
@@ -325,6 +325,9 @@ fn look_ahead(model: &Model, state: &State, work: &mut Workspace, report: &mut S
     let linear = model.body.is_linear();
     if !linear && !work.columns.renews() {
         return;
+    }
+    if work.reach_m > 0.0 {
+        find_near(state, work, work.reach_m);
     }
     work.contact.near.sort_unstable_by(|a, b| {
         let nearer = a.gap.total_cmp(&b.gap);

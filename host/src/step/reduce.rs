@@ -56,7 +56,7 @@ pub(super) fn reduce(
             let (gap, normal) = apart(&solid, work);
             contact.gap_m = gap.max(0.0);
             contact.normal = normal.into();
-            let reach_m = NEAR * solid.radius();
+            let reach_m = NEAR * solid.radius() + work.reach_m;
             let soon = || {
                 let then = nearest(displaced(work), &solid.moved(&ahead_m));
                 then.is_some_and(|(_, gap)| gap < reach_m)
