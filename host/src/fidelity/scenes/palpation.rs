@@ -7,7 +7,7 @@
 use super::{Sample, Scene, Solution, Truth};
 use crate::model::Model;
 use crate::scene::{Document, Scene as SceneFile, SceneError};
-use crate::session::sideways;
+use crate::session::{reach_m, sideways};
 use crate::step::{State, Status, Workspace, step};
 use crate::tool::ToolSample;
 use std::path::Path;
@@ -155,6 +155,7 @@ impl Truth for Solver {
             sideways(here, velocity, &self.normal, sample.lead_s, self.ahead_s)
         });
         work.ahead_m = goal.map_or([0.0; 3], |goal| goal.ahead_m);
+        work.reach_m = reach_m(self.ahead_s);
         let tool = ToolSample {
             id: self.shared.tool,
             position_m: goal.map_or(sample.position_m, |goal| goal.position_m.map(f64::from)),
