@@ -18,12 +18,10 @@ const OPEN: &[(&str, f64)] = &[
     ("stalls, corotational, rms worst %", 41.5),
     ("stalls, hyperelastic, rms p95 %", 43.4),
     ("stalls, hyperelastic, rms worst %", 43.4),
-    ("taps at 30 Hz, every phase, rms p95 %", 41.1),
     (
         "punctures missed with stalls, beyond their share of time, points",
         6.7,
     ),
-    ("turned scene, change of rms, points", 9.3),
     ("round body of 8 mm, rms %", 6.9),
     ("given back in 100 ms, trials, mJ", 4.0),
     ("stiffness 30 Hz, a tick or 1 ms later, of what it was", 1.0),

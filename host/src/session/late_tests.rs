@@ -214,3 +214,32 @@ fn a_host_in_time_needs_no_longer_frames() {
     assert!(outcome.longest_ms <= 20.0, "{}", outcome.longest_ms);
     assert!(outcome.rms <= 0.02, "{}", outcome.rms);
 }
+
+/// A hand that rests 15 mm above the tissue may be there before the next frame of a slow host, not of a fast one.
+#[test]
+fn a_hand_that_may_set_out_is_told_of_what_it_may_reach() {
+    let scene = scene();
+    let told = |host_hz: f64| {
+        let plan = plan(&scene, host_hz);
+        let mut solver = TissueSolver::for_session(&scene, &plan).expect("a solver");
+        let mut control = Control::new(plan.device).expect("a device");
+        let mut state = state_at(&mut control, &scene, 0, None);
+        state.velocity_m_per_s = [0.0; 3];
+        let mut solve = |state: &State, time_us: u64| {
+            let solved = solver.solve(&valid(1, time_us, *state));
+            let contact = solved.contact.expect("a contact");
+            (contact, solved.rows.map_or(0, |rows| rows.count))
+        };
+        let (far, _) = solve(&state, 1000);
+        let down_m = far.gap_m - 15e-3;
+        for (at, n) in state.position_m.iter_mut().zip(far.normal) {
+            *at -= (n * down_m) as f32;
+        }
+        let (near, rows) = solve(&state, 6000);
+        assert!((near.gap_m - 15e-3).abs() < 1e-3, "{}", near.gap_m);
+        (-near.tangent[2][2], rows)
+    };
+    let (slope, rows) = told(30.0);
+    assert!(slope > 10.0 && rows > 0, "{slope} {rows}");
+    assert_eq!(told(200.0), (0.0, 0));
+}
