@@ -1,7 +1,11 @@
 //! What an outage has taken away comes back, and so does what a console is armed inside of: at a bounded rate, for a bounded
 //! energy, and once only until it is paid back.
 
-#![allow(clippy::unwrap_used, reason = "a test")]
+#![allow(
+    clippy::unwrap_used,
+    clippy::single_range_in_vec_init,
+    reason = "a test, with one outage or several"
+)]
 
 use crate::rig::{frame, wall};
 use core::ops::Range;

@@ -4,7 +4,7 @@
 #![allow(clippy::unwrap_used, reason = "a test")]
 
 use crate::rig::{arm, frame, no_contact};
-use nalgebra::{Rotation3, Unit, Vector3};
+use nalgebra::{Rotation3, Vector3};
 use sutura_shared::control::{Control, Guards, TickInput, Tuning};
 use sutura_shared::device::{DeviceDescription, JOINTS, Joint, Kinematics};
 use sutura_shared::wire::message::{Command, Contact};
@@ -130,11 +130,15 @@ fn forces(scene: &Scene, turn: &Turn) -> std::vec::Vec<Vec> {
     felt.collect()
 }
 
+fn length(v: &Vec) -> f64 {
+    v.dot(v).sqrt()
+}
+
 /// Largest difference of two courses of the force, and the largest force of the first \[N\].
 fn apart(first: &[Vec], second: &[Vec]) -> (f64, f64) {
     let pairs = first.iter().zip(second);
-    let off = pairs.map(|(a, b)| (a - b).norm()).fold(0.0, f64::max);
-    (off, first.iter().map(|f| f.norm()).fold(0.0, f64::max))
+    let off = pairs.map(|(a, b)| length(&(a - b))).fold(0.0, f64::max);
+    (off, first.iter().map(length).fold(0.0, f64::max))
 }
 
 /// 45 degrees, z to (1, 1, 1), and seeded ones.
@@ -147,10 +151,7 @@ fn turns() -> std::vec::Vec<Turn> {
         f64::from(seed >> 8) / f64::from(1 << 23) - 1.0
     };
     let mut turns = vec![onto(0.0, 1.0, 1.0), onto(1.0, 1.0, 1.0)];
-    turns.extend((0..8).map(|_| {
-        let axis = Unit::new_normalize(Vec::new(any(), any(), any()));
-        Turn::from_axis_angle(&axis, 3.0 * any())
-    }));
+    turns.extend((0..8).map(|_| Turn::from_scaled_axis(Vec::new(any(), any(), any()) * 3.0)));
     turns
 }
 
