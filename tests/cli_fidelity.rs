@@ -30,7 +30,7 @@ fn cases_bars_and_files() {
         assert_eq!(case["question"], "gap");
     }
     let bars = report["bars"].as_array().expect("bars");
-    assert_eq!(bars.len(), 2, "{bars:?}");
+    assert_eq!(bars.len(), 3, "{bars:?}");
     let table = std::fs::read_to_string(directory.path().join("cases.csv")).expect("a table");
     let lines: Vec<_> = table.lines().collect();
     assert_eq!(lines.len(), 3, "{table}");

@@ -163,6 +163,12 @@ const LONG: &[(&str, Way)] = &[
         "sutura fidelity --full --only \"palpation taps rows\"",
         Ends(&[]),
     ),
+    ("sutura fidelity --full --only corner", Ends(&[])),
+    (
+        "sutura fidelity --full --only \"trial needle phase\"",
+        Ends(&[]),
+    ),
+    ("sutura fidelity --full --only \"trial draw-17\"", Ends(&[])),
     ("sutura fidelity --check --format json", Ends(&[])),
     ("sutura tradeoff", Ends(&[])),
     ("sutura tradeoff --full --plot figures", Ends(&["figures"])),
