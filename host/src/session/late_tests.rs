@@ -38,7 +38,7 @@ fn grip(scene: &Scene, tick: u64) -> [f64; 3] {
     [x, y, z + 0.25 * (0.014 - z).max(0.0)]
 }
 
-fn valid<M: Message>(sequence: u32, console_time_us: u64, body: M) -> Valid<M> {
+pub(super) fn valid<M: Message>(sequence: u32, console_time_us: u64, body: M) -> Valid<M> {
     let header = Header {
         version: PROTOCOL_VERSION,
         kind: M::KIND,
@@ -49,7 +49,7 @@ fn valid<M: Message>(sequence: u32, console_time_us: u64, body: M) -> Valid<M> {
     Valid::new(header, body).expect("within the wire's limits")
 }
 
-fn plan(scene: &Scene, host_hz: f64) -> Plan {
+pub(super) fn plan(scene: &Scene, host_hz: f64) -> Plan {
     Plan {
         device: Mechanics::LIGHT.description(),
         hand: scene.hand.expect("a hand"),

@@ -17,6 +17,8 @@ mod machine_lateness;
 mod model_solver;
 mod needle_frame;
 mod overload;
+#[cfg(test)]
+mod puncture_tests;
 mod real_time;
 mod rows_frame;
 mod schedule;

@@ -180,6 +180,11 @@ impl LocalContact {
         shortened(force, STRONGEST_N)
     }
 
+    /// Wrench at the pose that was solved for, (6) \[N, N m\].
+    pub fn wrench(&self) -> &[f32; 6] {
+        &self.wrench
+    }
+
     /// Packed upper triangle of d wrench / d pose, symmetric part, (21).
     pub fn tangent(&self) -> &[f32; 21] {
         &self.tangent

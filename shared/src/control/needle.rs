@@ -7,7 +7,7 @@
 //! frame, so that slips and punctures that the host did not know of are had again.
 
 use super::rows::symmetric_times;
-use crate::math::{clamp, max, min};
+use crate::math::{Vec3, clamp, max, min};
 use crate::wire::ValidNeedle;
 use crate::wire::message::{COURSE_POINTS, Needle};
 use crate::wire::validate::{MAX_POSITION, MAX_TANGENT, MAX_WRENCH};
@@ -185,14 +185,26 @@ impl LocalNeedle {
         needle
     }
 
-    /// Takes note of the frame's tangent, packed (21): a needle that slips by s has the wrench of one that was moved that much
-    /// less, `-s T slide`, of which the axial force is a part only.
-    pub fn note_tangent(&mut self, tangent: &[f32; 21]) {
+    /// Takes note of the frame's tangent, packed (21), and wrench: a needle that slips by s has the wrench of one that was moved
+    /// that much less, `-s T slide`, of which the axial force is a part only. The tangent turns what rubs on a round needle with
+    /// it, but where it slips its course through the tissue stays.
+    pub fn note_contact(&mut self, tangent: &[f32; 21], wrench: &[f32; 6]) {
         let yields = symmetric_times(tangent, &self.slide);
         let axial: f32 = yields.iter().zip(&self.slide).map(|(w, s)| w * s).sum();
         // Of a needle that slides all along there is nothing to be had from its tangent.
         if axial < -HOLDS * self.stick_n_per_m && axial.is_finite() {
-            let gives = yields.map(|part| part / axial);
+            let [.., a, b, c] = self.slide;
+            let [x, y, z, u, v, w] = *wrench;
+            let turn = Vec3::new(a, b, c);
+            let (force, moment) = (
+                turn.cross(&Vec3::new(x, y, z)),
+                turn.cross(&Vec3::new(u, v, w)),
+            );
+            let turned = force.iter().chain(&moment);
+            let mut gives = yields;
+            for (part, turned) in gives.iter_mut().zip(turned) {
+                *part = (*part - turned) / axial;
+            }
             let [x, y, z, a, b, c] = gives.map(|part| part * part);
             if max(x + y + z, a + b + c) <= MAX_GIVES * MAX_GIVES {
                 self.gives = gives;

@@ -199,7 +199,7 @@ impl Render {
         let needle = needle.filter(|needle| needle.console_time_us() == solved_us);
         self.needle = needle.map(|frame| {
             let mut needle = LocalNeedle::new(frame);
-            needle.note_tangent(contact.tangent());
+            needle.note_contact(contact.tangent(), contact.wrench());
             if let Some(old) = &old {
                 needle.adopt(old);
             }
