@@ -211,7 +211,8 @@ fn a_host_in_time_needs_no_longer_frames() {
     let truth = truth(&scene);
     let outcome = run(&scene, &truth, 200.0, 1);
     assert!(outcome.decays.is_empty() && outcome.late == 0);
-    assert!(outcome.longest_ms <= 20.0, "{}", outcome.longest_ms);
+    // Eight periods, as long as nothing is known.
+    assert!(outcome.longest_ms <= 40.0, "{}", outcome.longest_ms);
     assert!(outcome.rms <= 0.02, "{}", outcome.rms);
 }
 
