@@ -212,6 +212,64 @@ fn tangents_agree_with_perturbed_solves() {
     }
 }
 
+/// The tangent of nodes that nothing holds is what solves that hold them say; nothing is held afterwards.
+#[test]
+fn tangents_to_come_agree_with_solves_that_hold() {
+    for (cells, law) in CELLS.into_iter().zip(laws()) {
+        let rest = hold(|p| bottom(p).then_some([0.0; 3]));
+        // All of the top, by less the further along x.
+        let share = |p: [f64; 3]| top(p).then(|| 1.0 - 5.0 * p[0].min(0.1));
+        let points = block().points_m().to_vec();
+        let touched: Vec<(u32, f64)> = (0u32..)
+            .zip(&points)
+            .filter_map(|(node, p)| Some((node, share(*p)?)))
+            .collect();
+        let held_by = |by: [f64; 3]| {
+            hold(|p| {
+                let part = share(p).or(bottom(p).then_some(0.0))?;
+                Some(by.map(|x| part * x))
+            })
+        };
+        let mut apart = tissue(law, with(cells));
+        assert_eq!(apart.tangent_to_come(&touched), None, "before any step");
+        assert_eq!(step(&mut apart, &rest).outcome, Outcome::Converged);
+        let tangent = apart.tangent_to_come(&touched).expect("a tangent");
+        let h = 1e-6;
+        let size = tangent.stiffness_n_per_m[2][2];
+        assert!(size > 10.0, "{size}");
+        for axis in 0..3 {
+            let [ahead, behind] = [h, -h].map(|h| {
+                let mut by = [0.0; 3];
+                by[axis] = h;
+                let mut tissue = tissue(law, with(cells));
+                let held = held_by(by);
+                assert_eq!(step(&mut tissue, &held).outcome, Outcome::Converged);
+                let mut sum = [0.0; 3];
+                for ((node, _), force) in held.iter().zip(tissue.reactions_n()) {
+                    let part = share(points[*node as usize]).unwrap_or(0.0);
+                    (0..3).for_each(|i| sum[i] += part * force[i]);
+                }
+                sum
+            });
+            for row in 0..3 {
+                let by_difference = (ahead[row] - behind[row]) / (2.0 * h);
+                let exact = tangent.stiffness_n_per_m[row][axis];
+                assert!(
+                    (exact - by_difference).abs() < 1e-5 * size,
+                    "{cells:?} {row} {axis}: {exact} {by_difference}"
+                );
+            }
+        }
+        // As if nobody had asked.
+        let mut other = tissue(law, with(cells));
+        step(&mut other, &rest);
+        let goes_on = held_by([0.0, 0.0, -0.004]);
+        step(&mut apart, &goes_on);
+        step(&mut other, &goes_on);
+        assert_eq!(apart.positions_m(), other.positions_m());
+    }
+}
+
 /// In dynamics the tangent knows of masses and of the time there is.
 #[test]
 fn tangents_of_dynamics_agree_with_perturbed_steps() {

@@ -3,8 +3,8 @@
 //! Entry point: [`ModelSolver::new`]. For models that are neither linear nor corotational: those have rows, and
 //! [`TissueSolver`](super::TissueSolver).
 
-use super::sticking::{Sticking, Tools};
-use super::{Looked, Rendering, SceneSolver, Solve, Solved};
+use super::sticking::{Sticking, Tools, Touched};
+use super::{Looked, Rendering, SceneSolver, Solve, Solved, reach_m};
 use crate::clock::Clock;
 use crate::contact::entry::{Nearest, way_in};
 use crate::contact::shape::Solid;
@@ -44,6 +44,8 @@ const STILL_S: f64 = 0.1;
 /// Longest time of one step of a model \[s\]: a console that was silent for longer has not moved all that time.
 const LONGEST_STEP_S: f64 = 0.1;
 
+/// From a state until its frame has been in use for a period, in periods.
+const AHEAD_PERIODS: f64 = 2.0;
 /// Beyond this relative error a model does not stand by its force: nobody gets it.
 const MOST_FORCE_ERROR: f64 = 0.5;
 
@@ -61,6 +63,8 @@ pub struct ModelSolver {
     tools: Tools,
     /// Rows of the drive whose nodes press, of the tool at hand.
     pressing: Vec<usize>,
+    /// Nodes that it will meet.
+    to_come: Vec<(u32, f64)>,
     force_n: Vec<[f64; 3]>,
     script: Script,
     period_s: f64,
@@ -149,6 +153,7 @@ impl ModelSolver {
             shapes,
             tools: [None; MAX_TOOLS],
             pressing: Vec::with_capacity(scene.mesh.points_m().len()),
+            to_come: Vec::with_capacity(scene.mesh.points_m().len()),
             force_n: scene.node_forces(),
             period_s: 1.0 / host_hz,
             piece_s: 1.0 / host_hz,
@@ -497,6 +502,9 @@ impl ModelSolver {
             if let Some((gap, normal, _)) = self.sticking.apart(solid, self.tissue.positions_m()) {
                 contact.gap_m = gap.max(0.0);
                 contact.normal = normal.into();
+                if self.has_tangent && step_s.is_some() {
+                    self.foretell(contact, sample, solid, &normal);
+                }
             }
             return;
         }
@@ -537,6 +545,33 @@ impl ModelSolver {
                 .tangent(&tangent)
                 .map(|row| row.map(|entry| confidence * entry));
         }
+    }
+
+    /// The tangent of the touch to come, if the tool may be there before the next but one frame: of all that it would meet
+    /// by then.
+    fn foretell(
+        &mut self,
+        contact: &mut ToolContact,
+        sample: &ToolSample,
+        solid: &Solid,
+        normal: &Vector3<f64>,
+    ) {
+        let ahead_s = AHEAD_PERIODS * self.period_s;
+        let closing = -Vector3::from(sample.velocity_m_per_s).dot(normal);
+        let way_m = closing.max(0.0) * ahead_s + reach_m(ahead_s);
+        let depth_m = (way_m - contact.gap_m).min(solid.radius());
+        if depth_m <= 0.0 {
+            return;
+        }
+        let positions = self.tissue.positions_m();
+        let way = (contact.gap_m, depth_m);
+        self.sticking
+            .to_come(solid, positions, way, &mut self.to_come);
+        let Some(tangent) = self.tissue.tangent_to_come(&self.to_come) else {
+            return;
+        };
+        let at = solid.middle() - normal * solid.radius() - Vector3::from(sample.position_m);
+        contact.tangent = Touched::to_come(&at).tangent(&tangent);
     }
 
     fn sample(&self, state: &Valid<State>) -> Option<ToolSample> {

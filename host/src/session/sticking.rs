@@ -229,6 +229,24 @@ impl Sticking {
         Some((gap, -touch.normal, node))
     }
 
+    /// Nodes that a tool would meet if it went `depth_m` deeper than where it first touches, at `gap_m`, in `into`: each with
+    /// the part of that way on which it is met.
+    pub fn to_come(
+        &self,
+        solid: &Solid,
+        positions_m: &[[f64; 3]],
+        (gap_m, depth_m): (f64, f64),
+        into: &mut Vec<(u32, f64)>,
+    ) {
+        into.clear();
+        let met = self.touchable.iter().filter_map(|node| {
+            let gap = solid.gap(&positions_m[*node as usize].into());
+            let part = 1.0 - (gap - gap_m) / depth_m;
+            (part > 0.0).then_some((*node, part.min(1.0)))
+        });
+        into.extend(met);
+    }
+
     /// All that evolves, by node.
     pub fn state(&self) -> &[Option<Stuck>] {
         &self.stuck
@@ -242,6 +260,17 @@ pub(super) fn present(tools: &Tools) -> impl Iterator<Item = (usize, &(Placement
 }
 
 impl Touched {
+    /// Of a touch to come at a place from the grip \[m\]: nothing yet.
+    pub fn to_come(at: &Vector3<f64>) -> Self {
+        Touched {
+            force: Vector3::zeros(),
+            moment: Vector3::zeros(),
+            nodes: 0,
+            arm: *at,
+            spread: Matrix3::zeros(),
+        }
+    }
+
     /// d wrench / d pose of the grip by rows, for left increments: the nodes' summed stiffness at the place where the force
     /// acts. Its skew part is -1/2 \[moment\]x in the rotations.
     pub fn tangent(&self, stiffness: &Tangent) -> [[f64; 6]; 6] {

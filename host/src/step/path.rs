@@ -17,6 +17,8 @@ const MAX_SUBSTEPS: u32 = 32;
 const MAX_HALVINGS: i32 = 3;
 /// Vertices within this many radii of a tool may come to be touched within a piece.
 pub(super) const NEAR: f64 = 0.5;
+/// Vertices whose columns a step computes for a touch to come, where a renewed factor makes them void.
+const MOST_AHEAD: usize = 8;
 
 /// Where each tool's shape has to go.
 pub(super) type Targets = [Option<Placement>; MAX_TOOLS];
@@ -321,7 +323,7 @@ pub(super) fn budget(work: &Workspace, report: &StepReport) -> usize {
 /// Uses what is left of the budget, or the worker, on the columns of the nearest vertices: the tip will be
 /// there soon.
 fn look_ahead(model: &Model, state: &State, work: &mut Workspace, report: &mut StepReport) {
-    // The next factor would make them void.
+    // The next factor would make them void, and where none is renewed beside the steps it comes at once.
     let linear = model.body.is_linear();
     if !linear && !work.columns.renews() {
         return;
@@ -338,7 +340,10 @@ fn look_ahead(model: &Model, state: &State, work: &mut Workspace, report: &mut S
         for near in &work.contact.near {
             work.columns.wish(near.vertex);
         }
-        return;
+        // Until then the first touch is foretold by this one.
+        if !state.rows.is_empty() {
+            return;
+        }
     }
     let columns = &work.columns;
     if columns.has_worker() {
@@ -348,7 +353,8 @@ fn look_ahead(model: &Model, state: &State, work: &mut Workspace, report: &mut S
         return;
     }
     work.contact.missing.clear();
-    let now = budget(work, report);
+    let most = if linear { usize::MAX } else { MOST_AHEAD };
+    let now = budget(work, report).min(most);
     for near in &work.contact.near {
         if work.contact.missing.len() >= now {
             break;

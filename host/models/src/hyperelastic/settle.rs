@@ -74,7 +74,7 @@ impl Hyperelastic {
         state.reactions_n.extend(reactions);
     }
 
-    /// After a step that failed: what is held and how masses count is as in the last one.
+    /// What is held and how masses count is as in the last good step.
     pub(super) fn restore(&mut self) {
         let (balance, state) = (&mut self.balance, &self.state);
         balance.inertia = state.course.inertia;

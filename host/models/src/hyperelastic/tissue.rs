@@ -50,6 +50,39 @@ impl Tissue for Hyperelastic {
         for &index in moved {
             share[*self.state.held.get(index)? as usize] = 1.0;
         }
+        self.condensed()
+    }
+
+    /// Exact, as [`tangent`](Self::tangent) is.
+    fn tangent_to_come(&mut self, touched: &[(u32, f64)]) -> Option<Tangent> {
+        if self.state.held.is_empty() {
+            return None;
+        }
+        let (held, share) = (&mut self.balance.held, &mut self.work.share);
+        share.fill(0.0);
+        let corners = self.balance.elastic.discrete.corners;
+        for &(node, part) in touched {
+            let node = node as usize;
+            if node < corners && !held[node] {
+                held[node] = true;
+                share[node] = part;
+            }
+        }
+        let discrete = &self.balance.elastic.discrete;
+        for &edge in &discrete.boundary_ends {
+            let [a, b] = discrete.ends[edge as usize].map(|node| node as usize);
+            held[discrete.corners + edge as usize] = held[a] && held[b];
+        }
+        let found = self.condensed();
+        self.restore();
+        found
+    }
+}
+
+impl Hyperelastic {
+    /// The tangent of what is held, each corner by the share that is in the workspace.
+    fn condensed(&mut self) -> Option<Tangent> {
+        let share = &mut self.work.share;
         let discrete = &self.balance.elastic.discrete;
         for &edge in &discrete.boundary_ends {
             let mid = discrete.corners + edge as usize;
@@ -65,9 +98,7 @@ impl Tissue for Hyperelastic {
             error: 0.0,
         })
     }
-}
 
-impl Hyperelastic {
     fn advance(
         &mut self,
         drive: &Drive<'_>,
