@@ -160,6 +160,57 @@ fn every_model_pushes_the_tool_out_as_hard_as_linear_tissue_does() {
 }
 
 /// On the way back no tool is ever pulled, and in the end it is free.
+/// Nodes stick where the tool met them, and a host that sees fewer places of one way finds the same force at its end.
+#[test]
+fn the_force_of_a_way_is_that_of_its_end_however_often_it_is_looked_at() {
+    let scene = scene("");
+    let at_end = |steps: u32| {
+        let mut hand = Hand::without_tangent(&scene, "hyperelastic");
+        let (high, deep) = (-1e-3, 5e-3);
+        for step in 0..=steps {
+            let part = f64::from(step) / f64::from(steps);
+            hand.to(over(high + (deep - high) * part));
+        }
+        hand.to(over(deep));
+        force(&hand.to(over(deep))).z
+    };
+    let slow = at_end(60);
+    for steps in [1, 2, 5, 12] {
+        let fast = at_end(steps);
+        println!("{steps}: {fast} N of {slow} N");
+        assert!((fast / slow - 1.0).abs() < 0.04, "{steps}: {fast} {slow}");
+    }
+}
+
+/// Before it touches, a tool that comes near is told what it will find.
+#[test]
+fn the_touch_to_come_has_a_slope() {
+    let scene = scene("");
+    let mut hand = Hand::new(&scene, "hyperelastic", None);
+    let mut at = |depth_m: f64, speed: f64| {
+        let mut sample = hand.sample(over(depth_m));
+        sample.velocity_m_per_s = [0.0, 0.0, -speed];
+        let (status, contacts, _) = hand.solver.step(sample);
+        assert_eq!(status, Status::Ok);
+        contacts[0]
+    };
+    let far = at(-0.02, 0.0);
+    assert_eq!((far.rows, far.tangent), (0, [[0.0; 6]; 6]));
+    let near = at(-1e-3, 0.2);
+    assert!(
+        near.rows == 0 && (near.gap_m - 1e-3).abs() < 1e-4,
+        "{near:?}"
+    );
+    // 20 ms later, over 15 ms of that way: 2 mm deep.
+    let there = force(&at(2e-3, 0.2)).z;
+    let foretold = -near.tangent[2][2] * 2e-3;
+    println!("{foretold} N of {there} N");
+    assert!(
+        (0.6..1.6).contains(&(foretold / there)),
+        "{foretold} {there}"
+    );
+}
+
 #[test]
 fn every_model_lets_go_without_pulling() {
     let scene = scene("");

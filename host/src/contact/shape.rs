@@ -46,6 +46,19 @@ impl Solid {
         }
     }
 
+    /// On the way from here to where `other` is the same shape, at this part of it, 0 to 1; turns on it are short.
+    pub fn towards(&self, other: &Self, part: f64) -> Self {
+        Self {
+            centre: self.centre.lerp(&other.centre, part),
+            axis: self
+                .axis
+                .lerp(&other.axis, part)
+                .try_normalize(0.0)
+                .unwrap_or(other.axis),
+            ..*other
+        }
+    }
+
     /// Size against which gaps are judged \[m\].
     pub fn radius(&self) -> f64 {
         self.shape.radius_m()

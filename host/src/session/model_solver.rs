@@ -46,6 +46,10 @@ const LONGEST_STEP_S: f64 = 0.1;
 
 /// From a state until its frame has been in use for a period, in periods.
 const AHEAD_PERIODS: f64 = 2.0;
+/// The middle of its use, as a part of that.
+const USED: f64 = 0.75;
+/// Least depth of a touch to come, in radii.
+const LEAST_DEPTH: f64 = 0.05;
 /// Beyond this relative error a model does not stand by its force: nobody gets it.
 const MOST_FORCE_ERROR: f64 = 0.5;
 
@@ -340,7 +344,7 @@ impl ModelSolver {
                 }
             }
             self.sticking.keep();
-            if !self.balance(self.piece_s) {
+            if !self.balance(&before, self.piece_s) {
                 self.tools = before;
                 self.sticking.go_back();
                 return Status::NotConverged;
@@ -406,9 +410,10 @@ impl ModelSolver {
         true
     }
 
-    /// Finds what the tools hold, and has the model follow. Says whether it did.
-    fn balance(&mut self, step_s: f64) -> bool {
-        self.sticking.take(&self.tools, self.tissue.positions_m());
+    /// Finds what the tools, which came from `before`, hold, and has the model follow. Says whether it did.
+    fn balance(&mut self, before: &Tools, step_s: f64) -> bool {
+        let positions_m = self.tissue.positions_m();
+        self.sticking.take(before, &self.tools, positions_m);
         let passes = if self.has_time { 1 } else { MOST_PASSES };
         for pass in 1..=passes {
             self.sticking.lay_out(&self.tools);
@@ -429,14 +434,18 @@ impl ModelSolver {
             // Also by a force that nobody stands by: tissue that jams must not hang from a tool that leaves.
             let gone = self.sticking.let_go(&self.tools, self.tissue.reactions_n());
             // What the last pass would take, the next step takes.
-            if pass == passes
-                || gone + self.sticking.take(&self.tools, self.tissue.positions_m()) == 0
-            {
+            if pass == passes || gone + self.take_risen() == 0 {
                 break;
             }
         }
         self.tally.residual = self.tally.residual.max(self.residual);
         true
+    }
+
+    /// Tissue that balance has brought into tools, which do not move for that. Says how many nodes.
+    fn take_risen(&mut self) -> usize {
+        let (tools, positions_m) = (&self.tools, self.tissue.positions_m());
+        self.sticking.take(tools, tools, positions_m)
     }
 
     /// A tool that holds nothing must be outside; one that has slipped in between nodes is forgotten.
@@ -558,11 +567,13 @@ impl ModelSolver {
     ) {
         let ahead_s = AHEAD_PERIODS * self.period_s;
         let closing = -Vector3::from(sample.velocity_m_per_s).dot(normal);
-        let way_m = closing.max(0.0) * ahead_s + reach_m(ahead_s);
-        let depth_m = (way_m - contact.gap_m).min(solid.radius());
-        if depth_m <= 0.0 {
+        let way_m = closing.max(0.0) * ahead_s;
+        if contact.gap_m >= way_m + reach_m(ahead_s) {
             return;
         }
+        // In the middle of its use; as a hand that sets out meets it, at least.
+        let depth_m = way_m * USED - contact.gap_m;
+        let depth_m = depth_m.clamp(LEAST_DEPTH * solid.radius(), solid.radius());
         let positions = self.tissue.positions_m();
         let way = (contact.gap_m, depth_m);
         self.sticking
