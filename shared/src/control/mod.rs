@@ -15,6 +15,7 @@ mod needle;
 mod passivity;
 mod render;
 mod rows;
+mod swing;
 mod thread;
 mod trust;
 mod tuning;
@@ -26,7 +27,7 @@ pub use rows::{ContactRows, RowsForce};
 pub use thread::LocalThread;
 pub use tuning::{Guards, Rendering, Tuning};
 
-use crate::device::{DeviceDescription, DeviceError, JOINTS};
+use crate::device::{DeviceDescription, DeviceError, JOINTS, Joint};
 use crate::hash::TraceHash;
 use crate::kinematics::{self, Grip, Pose};
 use crate::math::{Vec3, clamp, is_finite};
@@ -41,6 +42,7 @@ use limits::Limits;
 use mode::{Faults, Orders, has_torque, next_mode};
 use passivity::{Local, Passivity};
 use render::Render;
+use swing::{Along, Swing};
 use wall::Fixed;
 
 /// Control rate \[Hz\].
@@ -174,6 +176,7 @@ pub struct Control {
     drive: Drive,
     limits: Limits,
     passivity: Passivity,
+    swing: Swing,
     fixed: Fixed,
     /// Put up since the last tick.
     new_fixture: Option<ValidFixture>,
@@ -213,6 +216,7 @@ impl Control {
             drive: Drive::new(&device),
             limits: Limits::new(&device, tuning.guards),
             passivity: Passivity::new(&device, tuning.guards),
+            swing: Swing::NONE,
             fixed: Fixed::none(&device),
             new_fixture: None,
             tuning,
@@ -316,6 +320,7 @@ impl Control {
         self.drive = Drive::new(device);
         self.limits = Limits::new(device, self.tuning.guards);
         self.passivity = Passivity::new(device, self.tuning.guards);
+        self.swing = Swing::NONE;
         self.fixed = Fixed::none(device);
         self.render = Render::new(device.max_force_n, delay_s(device), self.tuning);
         self.forget();
@@ -467,6 +472,22 @@ impl Control {
             horizon_s: self.render.contact().map_or(0.0, LocalContact::horizon_s),
             is_apart: self.render.is_apart(),
         };
+        if self.tuning.guards.swing && self.tuning.guards.lead {
+            let joints = &self.device.joints;
+            self.swing.watch(&bounded, velocity, |direction| {
+                // Ways of the joints' coordinates along it, by the principle of virtual work.
+                let ways = pose.effort(direction);
+                let sum = |of: &dyn Fn(f32, &Joint) -> f32| {
+                    let ways = ways.iter().zip(joints);
+                    ways.fold(0.0, |sum, (way, joint)| sum + of(*way, joint))
+                };
+                Along {
+                    square_per_s2: local.most * sum(&|way, joint| way * way / joint.inertia),
+                    step_m: sum(&|way, joint| (way / joint.counts_per_unit).abs()),
+                }
+            });
+            self.render.lead_more(self.swing.lead_s());
+        }
         let allowed = self
             .passivity
             .allow(&bounded, pose, &joints.velocity, &local);

@@ -31,6 +31,8 @@ pub(super) struct Render {
     max_force_n: f32,
     /// From reading the encoders to the middle of the time in which the motors act on it \[s\].
     lead_s: f32,
+    /// What is added to it \[s\].
+    more_s: f32,
     contact: Option<LocalContact>,
     rows: ContactRows,
     /// Part of the force that the rows have, 0 to 1; the tangent has the rest.
@@ -76,6 +78,7 @@ impl Render {
             } else {
                 0.0
             },
+            more_s: 0.0,
             contact: None,
             rows: ContactRows::NONE,
             rows_share: 1.0,
@@ -112,7 +115,12 @@ impl Render {
 
     /// From reading the encoders to the middle of the time in which the motors act on it \[s\].
     pub fn lead_s(&self) -> f32 {
-        self.lead_s
+        self.lead_s + self.more_s
+    }
+
+    /// Adds so much to the lead \[s\].
+    pub fn lead_more(&mut self, more_s: f32) {
+        self.more_s = more_s;
     }
 
     /// The frame in use.
@@ -233,7 +241,7 @@ impl Render {
             return Vec3::zeros();
         };
         let at = Grip {
-            position_m: grip.position_m + velocity * self.lead_s,
+            position_m: grip.position_m + velocity * self.lead_s(),
             ..*grip
         };
         let share = if self.tuning.guards.horizon {

@@ -26,6 +26,8 @@ pub struct Guards {
     pub trust: bool,
     /// The force is evaluated where the grip will be when the motors act.
     pub lead: bool,
+    /// The lead grows while a grip in contact swings.
+    pub swing: bool,
     /// The passivity observer's tank bounds what is given back.
     pub tank: bool,
     /// The tank goes by way and stiffness along the force; without, by those of the axes.
@@ -60,6 +62,7 @@ impl Guards {
         blend: true,
         trust: true,
         lead: true,
+        swing: true,
         tank: true,
         along: true,
         credit: true,
@@ -81,6 +84,7 @@ impl Guards {
             "blend" => &mut self.blend,
             "trust" => &mut self.trust,
             "lead" => &mut self.lead,
+            "swing" => &mut self.swing,
             "tank" => &mut self.tank,
             "along" => &mut self.along,
             "credit" => &mut self.credit,
