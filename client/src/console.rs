@@ -1,7 +1,8 @@
 //! A session with a console. Entry point: [`Console::open`].
 
 use crate::link::{Felt, Link, LinkCounters, LinkOptions, Order, Port, Standing, open_serial};
-use crate::{Contact, Error, Pose};
+use crate::{Contact, Error, Lead, Pose};
+use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
 use sutura_shared::link::SendError;
 use sutura_shared::wire::Message;
@@ -49,6 +50,7 @@ impl Options {
 pub struct Console {
     link: Link,
     horizon_us: u32,
+    lead: Mutex<Lead>,
 }
 
 impl Console {
@@ -63,6 +65,7 @@ impl Console {
         Ok(Console {
             link: Link::open_with(connect, options.of_link(), |_| {})?,
             horizon_us: options.horizon_us(),
+            lead: Mutex::default(),
         })
     }
 
@@ -74,6 +77,7 @@ impl Console {
         Ok(Console {
             link: Link::open(port, options.of_link(), |_| {})?,
             horizon_us: options.horizon_us(),
+            lead: Mutex::default(),
         })
     }
 
@@ -118,6 +122,14 @@ impl Console {
     pub fn pose(&self, timeout: Duration) -> Result<Option<Pose>, Error> {
         let state = self.link.state(Instant::now() + timeout)?;
         Ok(state.as_ref().map(Pose::from))
+    }
+
+    /// Where the grip will be, across the contact's `normal`, while what is solved for `pose` is in use, with a contact every
+    /// `period`: solve for this pose and send it with the contact, and strokes over round bodies are rendered from both sides. Without a
+    /// contact, (0, 0, 0), it is `pose`. See [`Lead`].
+    pub fn ahead(&self, pose: &Pose, normal: [f32; 3], period: Duration) -> Pose {
+        let mut lead = self.lead.lock().unwrap_or_else(PoisonError::into_inner);
+        lead.pose(pose, normal, period)
     }
 
     /// Sends the contact that was computed for `pose`, in the place of one that still waits to be sent.

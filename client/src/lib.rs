@@ -27,6 +27,7 @@
 // One system call has its proof beside it: scheduling/slice.rs.
 #![deny(unsafe_code)]
 
+pub mod ahead;
 mod console;
 mod contact;
 pub mod link;
@@ -34,6 +35,7 @@ mod pose;
 pub mod scheduling;
 pub mod times;
 
+pub use ahead::Lead;
 pub use console::{Console, Options};
 pub use contact::Contact;
 pub use link::LinkError as Error;

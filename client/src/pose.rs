@@ -25,6 +25,10 @@ pub struct Pose {
     pub faults: u16,
     /// Age of the contact in use \[us\]; `u32::MAX` before the first.
     pub contact_age_us: u32,
+    /// Its age when it came into use \[us\]; `u32::MAX` before the first.
+    pub applied_age_us: u32,
+    /// Sequence of the frame that brought it; 0 before the first.
+    pub contact_sequence: u32,
 }
 
 impl Pose {
@@ -53,6 +57,8 @@ impl From<&Valid<State>> for Pose {
             mode: state.mode,
             faults: state.faults,
             contact_age_us: state.contact_age_us,
+            applied_age_us: state.applied_age_us,
+            contact_sequence: state.contact_sequence,
         }
     }
 }

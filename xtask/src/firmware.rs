@@ -45,8 +45,8 @@ const TICK_LIMITS: [(&str, u64); 5] = [
     ("tick_tangent_with_swap_serial_arm", 8_000),
     ("rows24_solve", 60_000),
     ("rows24_cones_solve", 60_000),
-    ("tick_rows24_with_swap_serial_arm", 80_000),
-    ("tick_rows24_cones_with_swap_serial_arm", 80_000),
+    ("tick_rows24_with_swap_serial_arm", 76_000),
+    ("tick_rows24_cones_with_swap_serial_arm", 76_000),
 ];
 
 /// Time after which the emulator is stopped \[s\]; a run takes about one.

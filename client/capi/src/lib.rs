@@ -157,6 +157,38 @@ pub unsafe extern "C" fn sutura_read_pose(
     })
 }
 
+/// Where the grip will be, across the contact's `normal`, while what is solved for `pose` is in use, with a contact every `period_us`:
+/// solve for this pose and send it with the contact, and strokes over round bodies are rendered from both sides. Without a contact, a normal of
+/// (0, 0, 0), it is `pose`. `ahead` may be `pose`.
+///
+/// # Safety
+/// `console` is an open handle; `pose` points to a pose, `normal` to 3 numbers, `ahead` to a place for the answer.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn sutura_ahead(
+    console: *const SuturaConsole,
+    pose: *const SuturaPose,
+    normal: *const f32,
+    period_us: u32,
+    ahead: *mut SuturaPose,
+) -> i32 {
+    // SAFETY: the caller promises an open handle, a pose and 3 numbers; an array is aligned as its items are.
+    let (console, pose, normal) = unsafe {
+        (
+            console.as_ref(),
+            pose.as_ref(),
+            normal.cast::<[f32; 3]>().as_ref(),
+        )
+    };
+    with(console, |console| {
+        let pose = Pose::from(pose.ok_or_else(|| Refusal::null("pose"))?);
+        let normal = *normal.ok_or_else(|| Refusal::null("normal"))?;
+        let period = Duration::from_micros(u64::from(period_us));
+        let there = console.ahead(&pose, normal, period);
+        // SAFETY: NULL, or a place for the answer as the caller promises.
+        unsafe { give(ahead, SuturaPose::from(&there)) }
+    })
+}
+
 /// Sends the contact that was computed for `pose`, in the place of one that still waits to be sent.
 ///
 /// # Safety

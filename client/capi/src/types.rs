@@ -86,6 +86,10 @@ pub struct SuturaPose {
     pub faults: u32,
     /// Age of the contact in use [us]; 4294967295 before the first.
     pub contact_age_us: u32,
+    /// Its age when it came into use [us]; 4294967295 before the first.
+    pub applied_age_us: u32,
+    /// Sequence of the frame that brought it; 0 before the first.
+    pub contact_sequence: u32,
 }
 
 impl From<&Pose> for SuturaPose {
@@ -100,6 +104,8 @@ impl From<&Pose> for SuturaPose {
             mode: pose.mode as u32,
             faults: u32::from(pose.faults),
             contact_age_us: pose.contact_age_us,
+            applied_age_us: pose.applied_age_us,
+            contact_sequence: pose.contact_sequence,
         }
     }
 }
@@ -122,6 +128,8 @@ impl From<&SuturaPose> for Pose {
             },
             faults: pose.faults as u16,
             contact_age_us: pose.contact_age_us,
+            applied_age_us: pose.applied_age_us,
+            contact_sequence: pose.contact_sequence,
         }
     }
 }

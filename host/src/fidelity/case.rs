@@ -259,11 +259,12 @@ impl Scenes {
 }
 
 /// Names of guards, and whether each is on.
-pub fn guards_by_name(guards: &Guards) -> [(&'static str, bool); 14] {
+pub fn guards_by_name(guards: &Guards) -> [(&'static str, bool); 15] {
     [
         ("blend", guards.blend),
         ("trust", guards.trust),
         ("lead", guards.lead),
+        ("bend", guards.bend),
         ("swing", guards.swing),
         ("tank", guards.tank),
         ("along", guards.along),

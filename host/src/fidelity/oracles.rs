@@ -53,6 +53,7 @@ const PLAIN: Tuning = Tuning {
         blend: false,
         trust: false,
         lead: false,
+        bend: false,
         swing: false,
         tank: false,
         along: false,

@@ -9,8 +9,9 @@ use super::hand::{Grasp, Motion};
 use super::link::{Link, LinkSpec};
 use super::plant::{Mechanics, Plant, pace};
 use super::scenes::{Sample, Scene, Solution};
-use crate::session::{Horizon, lead_s, pack_symmetric, rows_frame};
+use crate::session::{Horizon, pack_symmetric, rows_frame};
 use crate::step::ToolRows;
+use sutura_client::Lead;
 use sutura_shared::control::{ContactRows, Control, Fresh, Rendering, TickInput, Tuning};
 use sutura_shared::device::DeviceError;
 use sutura_shared::wire::message::{Command, Contact, Mode, State};
@@ -303,6 +304,9 @@ struct Remote<'a> {
     done_s: f64,
     stalls_over: usize,
     learnt: Horizon,
+    /// When its frames usually are in use, and the time of the state before \[s\].
+    lead: Lead,
+    before_s: Option<f64>,
     /// The last force of a full solve \[N\], (3).
     last_n: [f64; 3],
 }
@@ -330,6 +334,8 @@ impl<'a> Remote<'a> {
             done_s: 0.0,
             stalls_over: 0,
             learnt: Horizon::new(1.0 / period_s),
+            lead: Lead::new(),
+            before_s: None,
             solves: 0,
             sequence: 0,
             last_n: [0.0; 3],
@@ -395,12 +401,18 @@ impl<'a> Remote<'a> {
             None => due_s,
         };
         self.solves += 1;
+        let before_s = self.before_s.replace(time_s).unwrap_or(time_s);
+        let lead_s = self.lead.lead_s(
+            state.contact_sequence,
+            state.applied_age_us,
+            time_s - before_s,
+        );
         let sample = Sample {
             time_s,
             position_m: state.position_m.map(f64::from),
             orientation: state.orientation.map(f64::from),
             velocity_m_per_s: state.velocity_m_per_s.map(f64::from),
-            lead_s: lead_s(state, 1.0 / hz),
+            lead_s,
         };
         let Some(solution) = self.tissue.solve(&sample) else {
             return;

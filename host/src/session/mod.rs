@@ -45,7 +45,7 @@ pub use real_time::{Arms, Attendant, Line, run_real_time};
 pub use rows_frame::rows_frame;
 pub use scheduling::Scheduling;
 pub use setup::{Plan, SessionError, check_rate, least_hz};
-pub use sideways::{Goal, lead_s, reach_m, sideways};
+pub use sideways::{Goal, reach_m, sideways};
 pub use summary::{
     Age, ConsoleClock, Energy, Force, Frames, Latency, LinkSummary, RoundTrip, StepTime, Summary,
     Throughput,

@@ -1,27 +1,13 @@
-//! Where a contact is solved for: across its normal where the grip will be while the console uses the frame, along it
-//! where the grip was.
+//! What a contact is solved for: a place ahead across its normal ([`sutura_client::ahead`]), and how far a hand may get from there while
+//! the frame is in use.
 //!
-//! Entry points: [`lead_s`], [`sideways`]. A tool that moves along the surface turns its normals and meets other vertices,
-//! which rows and tangents have to first order only: an error that grows with the square of the way from the
-//! pose that was solved for. Along the normal rows go as far as the tissue is linear, and a hand turns back at once.
+//! Entry points: [`sideways`], [`reach_m`].
 
-use sutura_shared::wire::message::State;
+use sutura_client::ahead::{self, LONGEST_S};
 
 /// As fast as a hand sets out \[m/s^2\]: one that goes 30 cm in half a second, as smoothly as hands do, reaches 7 (Flash and
 /// Hogan 1985).
 const SETS_OUT_M_PER_S2: f64 = 10.0;
-/// Longest time to look ahead \[s\]: beyond that a hand has turned.
-const LONGEST_S: f64 = 0.1;
-
-/// From a state to the middle of the time in which the console will use what is solved for it \[s\], with frames every
-/// `period_s`: as late as the frame in use was when it came, and half a period. 0 before the first.
-pub fn lead_s(state: &State, period_s: f64) -> f64 {
-    if state.contact_sequence == 0 {
-        return 0.0;
-    }
-    let delay_s = f64::from(state.applied_age_us) * 1e-6;
-    (delay_s + 0.5 * period_s).clamp(0.0, LONGEST_S)
-}
 
 /// Way that a hand may go in any direction, besides what its velocity takes it, while a frame is in use that was solved
 /// `ahead_s` before \[m\].
@@ -48,19 +34,15 @@ pub fn sideways(
     lead_s: f64,
     ahead_s: f64,
 ) -> Goal {
-    let velocity = velocity_m_per_s.map(f64::from);
-    let pairs = velocity.iter().zip(normal);
-    let along: f64 = pairs.map(|(v, n)| v * n).sum();
+    let place_m = ahead::sideways(position_m, velocity_m_per_s, normal, lead_s);
     let mut goal = Goal {
-        position_m,
+        position_m: place_m,
         ahead_m: [0.0; 3],
     };
-    let places = goal.position_m.iter_mut().zip(&mut goal.ahead_m);
-    for ((at, ahead), (v, n)) in places.zip(velocity.iter().zip(normal)) {
-        let across = (v - along * n) * lead_s;
-        let way = v * ahead_s - across;
+    for (i, ahead) in goal.ahead_m.iter_mut().enumerate() {
+        let across = f64::from(place_m[i]) - f64::from(position_m[i]);
+        let way = f64::from(velocity_m_per_s[i]) * ahead_s - across;
         if way.is_finite() {
-            *at += across as f32;
             *ahead = way;
         }
     }

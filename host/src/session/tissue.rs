@@ -7,7 +7,7 @@ use super::look_ahead::{Look, course};
 use super::look_budget::{Ahead, LookBudget, Looked};
 use super::{
     Effort, Goal, HeldNeedle, HeldThread, Plan, Rendering, SceneSolver, Solve, Solved, Spared,
-    lead_s, reach_m, sideways,
+    reach_m, sideways,
 };
 use crate::clock::Clock;
 use crate::model::Model;
@@ -22,6 +22,7 @@ use crate::tool::ToolSample;
 use crate::wound::Wound;
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 use serde_json::{Map, Value, json};
+use sutura_client::Lead;
 use sutura_shared::wire::Valid;
 use sutura_shared::wire::message::{Course, End, Friction, State, Tension, Tip};
 
@@ -66,6 +67,8 @@ pub struct TissueSolver {
     work: Workspace,
     /// How long a frame is in use at most \[s\], from its state on.
     ahead_s: f64,
+    /// When frames usually are in use.
+    lead: Lead,
     /// Whether frames carry the states of needle and thread, which are what is looked ahead for.
     looks_ahead: bool,
     budget: LookBudget,
@@ -144,6 +147,7 @@ impl TissueSolver {
             state,
             work,
             ahead_s: 0.0,
+            lead: Lead::new(),
             script: Script::new(scene),
             began_us: None,
             last_sample: None,
@@ -464,12 +468,17 @@ impl TissueSolver {
     }
 
     /// What the contact is solved for: ahead of the state where tissue does not remember which way tools came.
-    fn goal(&self, state: &State, period_us: u64) -> Goal {
+    fn goal(&mut self, state: &State, period_us: u64) -> Goal {
         let (position_m, velocity) = (state.position_m, state.velocity_m_per_s);
         let contact = self.last.contacts().first();
         let remembers = !self.needles.is_empty() || self.wound.is_some();
+        let usual_s = self.lead.lead_s(
+            state.contact_sequence,
+            state.applied_age_us,
+            period_us as f64 * 1e-6,
+        );
         let lead_s = match contact {
-            Some(_) if !remembers => lead_s(state, period_us as f64 * 1e-6),
+            Some(_) if !remembers => usual_s,
             _ => 0.0,
         };
         let normal = contact.map_or([0.0; 3], |contact| contact.normal);

@@ -131,6 +131,23 @@ impl LocalContact {
         Some((told, came, span_us as f32 * 1e-6))
     }
 
+    /// What a bend is learnt from, from `before` to this frame: both tangents \[N/m\], the way \[m\], and the change of force that the
+    /// tangent before did not foretell \[N\].
+    pub fn bend_since(
+        &self,
+        before: &LocalContact,
+        came: &Vec3,
+    ) -> ([f32; 6], [f32; 6], Vec3, Vec3) {
+        let moved = self.grip.moved_from(&before.grip);
+        let [x, y, z, ..] = moved;
+        (
+            translational(&self.tangent),
+            translational(&before.tangent),
+            Vec3::new(x, y, z),
+            came - force_of(&before.tangent, &moved),
+        )
+    }
+
     /// Motion of the grip since the pose that was solved for.
     pub fn moved_to(&self, grip: &Grip) -> [f32; 6] {
         grip.moved_from(&self.grip)
@@ -143,15 +160,22 @@ impl LocalContact {
         left_us as f32 * (1.0 / STALE_DECAY_US as f32)
     }
 
-    /// Force after the grip has moved by `dx`, with the tangent times `scale` \[N\].
-    pub fn force(&self, rendering: Rendering, dx: &[f32; 6], scale: f32, now_us: u64) -> Vec3 {
+    /// Force after the grip has moved by `dx`, with the tangent times `scale`, and `more` than it foretells \[N\].
+    pub fn force(
+        &self,
+        rendering: Rendering,
+        dx: &[f32; 6],
+        scale: f32,
+        more: Vec3,
+        now_us: u64,
+    ) -> Vec3 {
         let age_us = self.age_us(now_us);
         let force = match rendering {
             Rendering::Hold => self.own_force(),
             Rendering::LinearTime => self.own_force() + self.rate * (age_us as f32 * 1e-6),
             Rendering::Tangent | Rendering::Rows if self.gap_m > 0.0 => self.force_across_gap(dx),
             Rendering::Tangent | Rendering::Rows => {
-                self.own_force() * self.relaxed(age_us) + force_of(&self.tangent, dx) * scale
+                self.own_force() * self.relaxed(age_us) + force_of(&self.tangent, dx) * scale + more
             }
         };
         self.pushing(force)

@@ -5,6 +5,7 @@
 //! the currents are finite and within the limits of the device, and without fresh contact data the
 //! contact force goes to 0.
 
+mod bend;
 mod contact;
 mod credit;
 mod drive;

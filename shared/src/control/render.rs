@@ -3,6 +3,7 @@
 //! Entry points: [`Render::take`] when a frame has come, [`Render::force`] every tick. It asks for one evaluation
 //! of the local model a tick, also when the model changes: the old one is continued by the new one's tangent.
 
+use super::bend::Bend;
 use super::contact::{Freshness, LocalContact, STRONGEST_N};
 use super::needle::LocalNeedle;
 use super::rows::ContactRows;
@@ -46,6 +47,7 @@ pub(super) struct Render {
     /// contact may pull as well as push until then.
     held_until_us: u64,
     trust: Trust,
+    bend: Bend,
     /// See [`left`](Self::left).
     left: f32,
     /// The model is new since the last tick.
@@ -87,6 +89,7 @@ impl Render {
             stiffness: 0.0,
             held_until_us: 0,
             trust: Trust::FULL,
+            bend: Bend::NONE,
             left: 0.0,
             changed: false,
             offset_n: Vec3::zeros(),
@@ -102,7 +105,7 @@ impl Render {
         self.contact = None;
         self.rows = ContactRows::NONE;
         (self.needle, self.thread, self.held_until_us) = (None, None, 0);
-        self.trust = Trust::FULL;
+        (self.trust, self.bend) = (Trust::FULL, Bend::NONE);
         self.start_from_nothing();
     }
 
@@ -185,8 +188,14 @@ impl Render {
         if let Some(old) = &self.contact {
             new.follow(old);
             match new.change_since(old).filter(|_| !self.holds(now_us)) {
-                Some((foretold, came, span_s)) => self.trust.learn(&foretold, &came, span_s),
-                None => self.trust = Trust::FULL,
+                Some((foretold, came, span_s)) => {
+                    self.trust.learn(&foretold, &came, span_s);
+                    if self.tuning.guards.bend {
+                        let (tangent, before, way, unforetold) = new.bend_since(old, &came);
+                        self.bend.learn(&tangent, &before, &way, &unforetold);
+                    }
+                }
+                None => (self.trust, self.bend) = (Trust::FULL, Bend::NONE),
             }
         }
         let dx = new.moved_to(grip);
@@ -296,7 +305,12 @@ impl Render {
         } else {
             1.0
         };
-        contact.force(rendering, dx, scale, now_us)
+        let [x, y, z, ..] = *dx;
+        let way = Vec3::new(x, y, z);
+        let reach = self.bend.reach(&way);
+        let dx = &dx.map(|d| d * reach);
+        let more = self.bend.force(&(way * reach));
+        contact.force(rendering, dx, scale, more, now_us)
     }
 
     /// The force with all that the console solves by itself: the needle's and the thread's state, or contact rows.

@@ -26,6 +26,8 @@ pub struct Guards {
     pub trust: bool,
     /// The force is evaluated where the grip will be when the motors act.
     pub lead: bool,
+    /// The tangent changes along the way as it has changed.
+    pub bend: bool,
     /// The lead grows while a grip in contact swings.
     pub swing: bool,
     /// The passivity observer's tank bounds what is given back.
@@ -62,6 +64,7 @@ impl Guards {
         blend: true,
         trust: true,
         lead: true,
+        bend: true,
         swing: true,
         tank: true,
         along: true,
@@ -84,6 +87,7 @@ impl Guards {
             "blend" => &mut self.blend,
             "trust" => &mut self.trust,
             "lead" => &mut self.lead,
+            "bend" => &mut self.bend,
             "swing" => &mut self.swing,
             "tank" => &mut self.tank,
             "along" => &mut self.along,
