@@ -131,6 +131,16 @@ impl LocalContact {
         Some((told, came, span_us as f32 * 1e-6))
     }
 
+    /// Way of the grip from `before` to this frame \[m\].
+    pub fn way_since(&self, before: &LocalContact) -> Vec3 {
+        self.grip.position_m - before.grip.position_m
+    }
+
+    /// The part of a way that is across the normal.
+    pub fn across(&self, way: &Vec3) -> Vec3 {
+        way - self.normal * dot(&self.normal, way)
+    }
+
     /// What a bend is learnt from, from `before` to this frame: both tangents \[N/m\], the way \[m\], and the change of force that the
     /// tangent before did not foretell \[N\].
     pub fn bend_since(

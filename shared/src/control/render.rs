@@ -22,6 +22,10 @@ const BLEND_DECAY: f32 = 0.904_837_4;
 const MAX_RESIDUAL: f32 = 0.05;
 /// Way of a tick on which a change of force tells as much as a tangent does \[m\]: less than a step of an encoder.
 const TOLD_M: f32 = 10e-6;
+/// Way across the normal for which rows are taken to know what is there \[m\], and the same in ways between frames: beyond that the tool is on
+/// other parts of the surface, which are as likely more of the same.
+const SIDEWAYS_M: f32 = 4e-3;
+const SIDEWAYS: f32 = 2.5;
 /// Part by which rows give way to the tangent, or come back, in a tick: all of it in 10 ms.
 const GIVE_WAY: f32 = 0.1;
 
@@ -38,6 +42,8 @@ pub(super) struct Render {
     rows: ContactRows,
     /// Part of the force that the rows have, 0 to 1; the tangent has the rest.
     rows_share: f32,
+    /// How far across the normal they go \[m\].
+    sideways_m: f32,
     /// Of the frame in use.
     needle: Option<LocalNeedle>,
     thread: Option<LocalThread>,
@@ -84,6 +90,7 @@ impl Render {
             contact: None,
             rows: ContactRows::NONE,
             rows_share: 1.0,
+            sideways_m: SIDEWAYS_M,
             needle: None,
             thread: None,
             stiffness: 0.0,
@@ -185,8 +192,11 @@ impl Render {
             return;
         }
         self.hold(needle, thread, &new);
+        self.sideways_m = SIDEWAYS_M;
         if let Some(old) = &self.contact {
             new.follow(old);
+            let way_m = length(&new.across(&new.way_since(old)));
+            self.sideways_m = max(SIDEWAYS_M, SIDEWAYS * way_m);
             match new.change_since(old).filter(|_| !self.holds(now_us)) {
                 Some((foretold, came, span_s)) => {
                     self.trust.learn(&foretold, &came, span_s);
@@ -334,6 +344,7 @@ impl Render {
         if self.rows.is_empty() || self.holds(now_us) {
             return shortened(force, self.max_force_n);
         }
+        let dx = &self.not_too_far(contact, dx);
         let solved = self.rows.solve(dx, now_us);
         let lost = self.tuning.guards.residual && solved.residual > MAX_RESIDUAL;
         let step = if lost { -GIVE_WAY } else { GIVE_WAY };
@@ -345,6 +356,18 @@ impl Render {
             Vec3::zeros()
         };
         tangent + (by_rows - tangent) * self.rows_share
+    }
+
+    /// A motion, in as far as rows know what is there.
+    fn not_too_far(&self, contact: &LocalContact, dx: &[f32; 6]) -> [f32; 6] {
+        let [x, y, z, a, b, c] = *dx;
+        let across = contact.across(&Vec3::new(x, y, z));
+        let way_m = length(&across);
+        if way_m <= self.sideways_m {
+            return *dx;
+        }
+        let [u, v, w]: [f32; 3] = (across * (1.0 - self.sideways_m / way_m)).into();
+        [x - u, y - v, z - w, a, b, c]
     }
 
     /// Makes this tick's force go on from the last one: what that was, and what is added to it on the way since then, by
@@ -411,6 +434,11 @@ impl Render {
     pub fn offset(&self) -> &Vec3 {
         &self.offset_n
     }
+}
+
+/// Length of a vector.
+fn length(v: &Vec3) -> f32 {
+    libm::sqrtf(dot(v, v))
 }
 
 /// Force of a wrench \[N\]: consoles with three motors have no moments to give.
