@@ -24,8 +24,8 @@ const MAX_RESIDUAL: f32 = 0.05;
 const TOLD_M: f32 = 10e-6;
 /// Way across the normal for which rows are taken to know what is there \[m\], and the same in ways between frames: beyond that the tool is on
 /// other parts of the surface, which are as likely more of the same.
-const SIDEWAYS_M: f32 = 4e-3;
-const SIDEWAYS: f32 = 2.5;
+const SIDEWAYS_M: f32 = 3e-3;
+const SIDEWAYS: f32 = 1.5;
 /// Part by which rows give way to the tangent, or come back, in a tick: all of it in 10 ms.
 const GIVE_WAY: f32 = 0.1;
 
