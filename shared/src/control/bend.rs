@@ -4,7 +4,7 @@
 //! (x . d) / (d . d) dK x / 2 to the force, the second term of its Taylor series (on the way back it is the trapezoidal rule). How much of it is
 //! true is learnt from what came: the regression of what the last tangent did not foretell on what this term would have.
 
-use crate::math::{Vec3, clamp, dot, max};
+use crate::math::{Vec3, clamp, dot};
 
 /// Share of what was learnt that is kept when as much new comes.
 const KEPT: f32 = 0.5;
@@ -17,9 +17,19 @@ const HOLDS: (f32, f32) = (-1.0, 6.0);
 /// Change of the tangent, in tangents, beyond which it says nothing: a normal that has turned by about a right angle.
 const TURNED: f32 = 1.0;
 
+/// A frame, as what comes next is compared with it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Known {
+    place_m: Vec3,
+    tangent: [f32; 6],
+    force_n: Vec3,
+}
+
 /// Of the frame in use.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Bend {
+    /// The last one that was somewhere else.
+    last: Option<Known>,
     /// Change of d force / d position \[N/m\], packed upper triangle by rows: xx, xy, xz, yy, yz, zz.
     change: [f32; 6],
     /// The way on which it changed over its square \[1/m\].
@@ -36,6 +46,7 @@ pub(super) struct Bend {
 impl Bend {
     /// Nothing is known: a plane.
     pub const NONE: Bend = Bend {
+        last: None,
         change: [0.0; 6],
         per_way: Vec3::new(0.0, 0.0, 0.0),
         foretold: 0.0,
@@ -44,22 +55,33 @@ impl Bend {
         farthest: f32::INFINITY,
     };
 
-    /// Takes note of a new frame: its tangent and the one before \[N/m\], the way between them \[m\], and the change of force that the
-    /// one before did not foretell \[N\].
-    pub fn learn(&mut self, tangent: &[f32; 6], before: &[f32; 6], way: &Vec3, unforetold: &Vec3) {
-        let told = self.whole(way);
-        let square = dot(&told, &told);
-        let kept = 1.0 - (1.0 - KEPT) * square / (square + self.foretold + PRIOR);
-        self.foretold = self.foretold * kept + square;
-        self.came = self.came * kept + dot(&told, unforetold);
-        self.worth = clamp((self.came + PRIOR) / (self.foretold + PRIOR), 0.0, 1.0);
-        let square = dot(way, way);
-        self.per_way = if square > TOLD {
-            way * (1.0 / square)
-        } else {
-            Vec3::zeros()
+    /// Takes note of a new frame: its place \[m\], tangent \[N/m\] and force \[N\]. What is as good as where the last one was tells nothing:
+    /// a tool that rests goes back on the way on which it came.
+    pub fn learn(&mut self, place_m: &Vec3, tangent: &[f32; 6], force: &Vec3) {
+        let new = Known {
+            place_m: *place_m,
+            tangent: *tangent,
+            force_n: *force,
         };
-        self.change = core::array::from_fn(|i| tangent[i] - before[i]);
+        let Some(last) = self.last else {
+            self.last = Some(new);
+            return;
+        };
+        let way = place_m - last.place_m;
+        let square = dot(&way, &way);
+        if square < TOLD {
+            return;
+        }
+        self.last = Some(new);
+        let told = self.whole(&way, dot(&way, &self.per_way));
+        let unforetold = force - last.force_n - product(&last.tangent, &way);
+        let told_square = dot(&told, &told);
+        let kept = 1.0 - (1.0 - KEPT) * told_square / (told_square + self.foretold + PRIOR);
+        self.foretold = self.foretold * kept + told_square;
+        self.came = self.came * kept + dot(&told, &unforetold);
+        self.worth = clamp((self.came + PRIOR) / (self.foretold + PRIOR), 0.0, 1.0);
+        self.per_way = way * (1.0 / square);
+        self.change = core::array::from_fn(|i| tangent[i] - last.tangent[i]);
         let most = TURNED * TURNED * square_of(tangent);
         let turned = square_of(&self.change);
         self.farthest = if turned > 0.0 {
@@ -79,26 +101,144 @@ impl Bend {
         }
     }
 
-    /// What it adds to the force after a way \[m\] from the pose that was solved for \[N\].
+    /// What it adds to the force after a way \[m\] from the pose that was solved for \[N\]: on the way back all of it, for that way is known,
+    /// onward what has been true of it so far.
     pub fn force(&self, way: &Vec3) -> Vec3 {
-        self.whole(way) * self.worth
+        let ways = dot(way, &self.per_way);
+        let worth = if ways < 0.0 { 1.0 } else { self.worth };
+        self.whole(way, ways) * worth
     }
 
-    fn whole(&self, way: &Vec3) -> Vec3 {
-        let [xx, xy, xz, yy, yz, zz] = self.change;
+    fn whole(&self, way: &Vec3, ways: f32) -> Vec3 {
         let (back, onward) = HOLDS;
-        let ways = max(back, dot(way, &self.per_way)).min(onward);
-        let [x, y, z]: [f32; 3] = (*way).into();
-        Vec3::new(
-            xx * x + xy * y + xz * z,
-            xy * x + yy * y + yz * z,
-            xz * x + yz * y + zz * z,
-        ) * (0.5 * ways)
+        product(&self.change, way) * (0.5 * clamp(ways, back, onward))
     }
+}
+
+/// A symmetric 3 x 3 matrix, packed upper triangle by rows, times a vector.
+fn product(packed: &[f32; 6], v: &Vec3) -> Vec3 {
+    let [xx, xy, xz, yy, yz, zz] = *packed;
+    let [x, y, z]: [f32; 3] = (*v).into();
+    Vec3::new(
+        xx * x + xy * y + xz * z,
+        xy * x + yy * y + yz * z,
+        xz * x + yz * y + zz * z,
+    )
 }
 
 /// Square of the Frobenius norm of a symmetric 3 x 3 matrix, packed.
 fn square_of(packed: &[f32; 6]) -> f32 {
     let [xx, xy, xz, yy, yz, zz] = *packed;
     xx * xx + yy * yy + zz * zz + 2.0 * (xy * xy + xz * xz + yz * yz)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Tissue that stiffens along z and turns along x: force \[N\] and slope \[N/m\] of the potential -(a z^2 / 2 + b z^3 / 6 + c x z^2 / 2).
+    fn tissue(at: &Vec3) -> (Vec3, [f32; 6]) {
+        let (a, b, c) = (300.0, 40e3, 20e3);
+        let [x, _, z]: [f32; 3] = (*at).into();
+        let force = Vec3::new(
+            -0.5 * c * z * z,
+            0.0,
+            -(a * z + 0.5 * b * z * z + c * x * z),
+        );
+        (force, [0.0, 0.0, -c * z, 0.0, 0.0, -(a + b * z + c * x)])
+    }
+
+    fn along(way: &Vec3, frames: u8) -> (Bend, Vec3) {
+        let mut bend = Bend::NONE;
+        let mut at = Vec3::new(0.0, 0.0, 2e-3);
+        for frame in 0..frames {
+            if frame > 0 {
+                at += way;
+            }
+            let (force, slope) = tissue(&at);
+            bend.learn(&at, &slope, &force);
+        }
+        (bend, at)
+    }
+
+    fn off(bend: &Bend, at: &Vec3, way: &Vec3) -> (f32, f32) {
+        let (force, slope) = tissue(at);
+        let (true_n, _) = tissue(&(at + way));
+        let plane = force + product(&slope, way);
+        let size = |v: Vec3| libm::sqrtf(dot(&v, &v));
+        (size(plane - true_n), size(plane + bend.force(way) - true_n))
+    }
+
+    #[test]
+    fn a_force_of_second_degree_is_foretold() {
+        let step = Vec3::new(0.7e-3, 0.0, 0.4e-3);
+        let (bend, at) = along(&step, 5);
+        for ways in [-1.0, -0.5, 0.5, 2.0, 4.0] {
+            let (plane, bent) = off(&bend, &at, &(step * ways));
+            assert!(
+                plane > 4e-3 && bent < 0.01 * plane,
+                "{ways}: {plane} {bent}"
+            );
+        }
+        // Nothing is known before the second frame, and nothing across the way.
+        let (first, at) = along(&step, 1);
+        assert_eq!(first.force(&step), Vec3::zeros());
+        let across = Vec3::new(0.4e-3, 0.0, -0.7e-3);
+        assert!(off(&bend, &at, &across).1 <= off(&bend, &at, &across).0 + 1e-6);
+    }
+
+    #[test]
+    fn a_tool_that_rests_keeps_what_is_known_of_the_way_back() {
+        let step = Vec3::new(0.0, 0.0, 1e-3);
+        let (mut bend, at) = along(&step, 3);
+        let (force, slope) = tissue(&at);
+        for _ in 0..10 {
+            bend.learn(&at, &slope, &force);
+        }
+        let (plane, bent) = off(&bend, &at, &-step);
+        assert!(bent < 0.01 * plane, "{plane} {bent}");
+    }
+
+    #[test]
+    fn what_does_not_come_true_is_not_believed_onward() {
+        let mut bend = Bend::NONE;
+        let step = Vec3::new(1e-3, 0.0, 0.0);
+        // The slope jumps to and fro, the force goes straight on.
+        for frame in 0..8_u8 {
+            let slope = -300.0 - if frame % 2 == 0 { 200.0 } else { 0.0 };
+            let x = f32::from(frame) * 1e-3;
+            let force = Vec3::new(-400.0 * x, 0.0, 0.0);
+            bend.learn(
+                &(step * f32::from(frame)),
+                &[slope, 0.0, 0.0, 0.0, 0.0, 0.0],
+                &force,
+            );
+        }
+        let believed = bend.force(&(step * 2.0));
+        assert!(libm::sqrtf(dot(&believed, &believed)) < 0.1, "{believed:?}");
+    }
+
+    #[test]
+    fn a_normal_that_turns_ends_the_plane_and_a_wall_does_not() {
+        let mut bend = Bend::NONE;
+        for turn in [0.0_f32, 0.3] {
+            let (s, c) = (libm::sinf(turn), libm::cosf(turn));
+            let slope = [s * s, 0.0, s * c, 0.0, 0.0, c * c].map(|x| -500.0 * x);
+            bend.learn(
+                &(Vec3::new(s, 0.0, c) * 8e-3),
+                &slope,
+                &Vec3::new(s, 0.0, c),
+            );
+        }
+        let onward = Vec3::new(1.0, 0.0, -0.15) * 2.4e-3;
+        assert_eq!(bend.reach(&onward), 1.0);
+        let far = bend.reach(&(onward * 4.0));
+        assert!((0.2..0.9).contains(&far), "{far}");
+        let mut wall = Bend::NONE;
+        for x in [0.0_f32, 1e-3] {
+            let slope = [0.0, 0.0, 0.0, 0.0, 0.0, -2000.0];
+            wall.learn(&Vec3::new(x, 0.0, -1e-3), &slope, &Vec3::new(0.0, 0.0, 2.0));
+        }
+        assert_eq!(wall.reach(&Vec3::new(0.1, 0.0, -0.1)), 1.0);
+    }
 }

@@ -141,21 +141,22 @@ impl LocalContact {
         way - self.normal * dot(&self.normal, way)
     }
 
-    /// What a bend is learnt from, from `before` to this frame: both tangents \[N/m\], the way \[m\], and the change of force that the
-    /// tangent before did not foretell \[N\].
-    pub fn bend_since(
-        &self,
-        before: &LocalContact,
-        came: &Vec3,
-    ) -> ([f32; 6], [f32; 6], Vec3, Vec3) {
-        let moved = self.grip.moved_from(&before.grip);
-        let [x, y, z, ..] = moved;
-        (
-            translational(&self.tangent),
-            translational(&before.tangent),
-            Vec3::new(x, y, z),
-            came - force_of(&before.tangent, &moved),
-        )
+    /// Where the tool of this frame began to touch \[m\], by the frame before, in which it did not yet.
+    pub fn touched_at(&self, before: &LocalContact) -> Option<Vec3> {
+        let way = before.grip.position_m - self.grip.position_m;
+        let deep_m = dot(&self.normal, &way) - before.gap_m;
+        let touches = before.gap_m > 0.0 && self.gap_m <= 0.0 && deep_m > 0.0;
+        touches.then(|| self.grip.position_m + self.normal * deep_m)
+    }
+
+    /// Where it was solved for \[m\].
+    pub fn place_m(&self) -> &Vec3 {
+        &self.grip.position_m
+    }
+
+    /// d force / d position \[N/m\], packed upper triangle by rows.
+    pub fn slope(&self) -> [f32; 6] {
+        translational(&self.tangent)
     }
 
     /// Motion of the grip since the pose that was solved for.

@@ -201,11 +201,18 @@ impl Render {
                 Some((foretold, came, span_s)) => {
                     self.trust.learn(&foretold, &came, span_s);
                     if self.tuning.guards.bend {
-                        let (tangent, before, way, unforetold) = new.bend_since(old, &came);
-                        self.bend.learn(&tangent, &before, &way, &unforetold);
+                        let force = new.own_force();
+                        self.bend.learn(new.place_m(), &new.slope(), &force);
                     }
                 }
-                None => (self.trust, self.bend) = (Trust::FULL, Bend::NONE),
+                None => {
+                    (self.trust, self.bend) = (Trust::FULL, Bend::NONE);
+                    if let Some(place_m) = new.touched_at(old).filter(|_| self.tuning.guards.bend) {
+                        self.bend.learn(&place_m, &old.slope(), &Vec3::zeros());
+                        self.bend
+                            .learn(new.place_m(), &new.slope(), &new.own_force());
+                    }
+                }
             }
         }
         let dx = new.moved_to(grip);
