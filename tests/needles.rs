@@ -33,6 +33,7 @@ fn check_session(summary: &Value) {
     assert_eq!(summary["status"], "ok");
     assert_eq!(summary["steps_withheld"], serde_json::json!({}));
     assert_eq!(summary["decays"], 0);
+    assert_eq!(summary["needle_waited_steps"], 0);
     assert_eq!(
         (&summary["frames"]["lost"], &summary["frames"]["rejected"]),
         (&0.into(), &0.into())
@@ -169,6 +170,11 @@ impl LockstepConsole for Tapped {
 fn watch(scene: &Scene, seconds: f64) -> (Watched, Tapped, Summary) {
     let mut solver = TissueSolver::new(scene).unwrap();
     solver.prepare(&path(scene, seconds, 0.02, TissueSolver::apart_m(scene)));
+    watch_with(solver, scene, seconds)
+}
+
+/// The same by a solver that may have a past.
+fn watch_with(solver: TissueSolver, scene: &Scene, seconds: f64) -> (Watched, Tapped, Summary) {
     let mut watched = Watched {
         solver,
         steps: Vec::new(),
@@ -312,6 +318,89 @@ fn needles_go_with_the_contacts_of_the_tool_that_holds_them() {
         (&scene["held_by"], &scene["tip"]),
         (&Value::Null, &"inside".into())
     );
+}
+
+/// The slabs with a hand that takes this way \[s, m\], straight up and down. The needle's tip is 40 mm below the grip where
+/// the scene has both, at 60 mm.
+fn with_way(points: &[(f64, f64)]) -> Scene {
+    let text = std::fs::read_to_string(root().join(SLABS)).unwrap();
+    let (before, _) = text.split_once("# The tip begins 8 mm above").unwrap();
+    let (_, host) = text.split_once("[host]").unwrap();
+    let points = points.iter().map(|(time_s, z_m)| {
+        format!("[[hand.way_point]]\ntime_s = {time_s}\nposition_m = [0.0011, 0.0007, {z_m}]\n")
+    });
+    let text = format!("{before}{}[host]{host}", points.collect::<String>());
+    let document = sutura_host::scene::Document::embedded("slabs.toml", Path::new(""), &text);
+    Scene::read(&document, "slabs").unwrap()
+}
+
+/// A console that has started anew while nobody looked, with the hand where the needle is in the upper slab: nothing is felt of
+/// that until the hand has drawn it out; then it goes in as always.
+#[test]
+fn a_needle_that_is_in_tissue_when_the_console_is_armed_waits_outside() {
+    let (before, ..) = watch(&with_way(&[(0.0, 0.06)]), 0.3);
+    assert!(before.steps.iter().all(|step| !waits(step)));
+    // The tip is 6 mm in, for a second; out, 8 mm above; and 6 mm in again.
+    let again = with_way(&[
+        (0.0, 0.046),
+        (1.0, 0.046),
+        (2.0, 0.06),
+        (2.5, 0.06),
+        (4.5, 0.046),
+    ]);
+    let (watched, tapped, summary) = watch_with(before.solver, &again, 5.0);
+    assert_eq!(summary.status, "ok");
+    let began_us = watched.steps[0].time_us;
+    let waited = watched.steps.iter().take_while(|step| waits(step)).count();
+    let out_us = watched.steps[waited].time_us - began_us;
+    assert!((1_200_000..2_000_000).contains(&out_us), "{out_us}");
+    assert!(!watched.steps[waited..].iter().any(waits), "once is enough");
+    assert_eq!(summary.needle_waited_steps, waited as u64);
+    for step in &watched.steps[..waited] {
+        let contact = step.solved.contact.expect("sent");
+        assert_eq!((contact.wrench, contact.rows), ([0.0; 6], 0));
+        let needle = step.solved.needle.expect("in the grip");
+        assert_eq!((needle.tip, needle.friction_n), (Tip::Outside, [0.0; 2]));
+        assert!(!step.solved.touched);
+    }
+    let forces = |from_us: u64, to_us: u64| {
+        let times = began_us + from_us..began_us + to_us;
+        let states = tapped.states.iter().filter(move |(t, _)| times.contains(t));
+        let forces = states.map(|(_, state)| state.force_n.map(f32::abs));
+        forces.flatten().fold(0.0, f32::max)
+    };
+    // Nothing is felt before it goes in, 8 mm down from 2.5 s on; then what a needle makes felt.
+    assert_eq!(forces(0, 3_000_000), 0.0);
+    let peak = forces(3_000_000, 5_000_000);
+    assert!((0.15..1.0).contains(&peak), "{peak} N");
+    assert_eq!(summary.ticks_withheld, 0);
+    let needle = &summary.scene["needles"][0];
+    assert_eq!(
+        (&needle["punctures"], &needle["tip"]),
+        (&1.into(), &"inside".into()),
+        "{needle}"
+    );
+}
+
+fn waits(step: &Step) -> bool {
+    step.solved.needle.expect("in the grip").waits
+}
+
+/// A needle is taken where the scene has it, wherever the console's grip is then: a hand that begins lower does not put it into
+/// the tissue.
+#[test]
+fn a_hand_that_begins_elsewhere_takes_the_needle_where_it_is() {
+    let scene = with_way(&[(0.0, 0.046), (1.0, 0.046), (2.0, 0.034)]);
+    let (watched, _, summary) = watch(&scene, 2.5);
+    assert_eq!(
+        (summary.status.as_str(), summary.needle_waited_steps),
+        ("ok", 0)
+    );
+    let first = watched.steps[0].solved;
+    assert_eq!(first.needle.expect("in the grip").tip, Tip::Outside);
+    assert_eq!(first.contact.expect("sent").wrench, [0.0; 6]);
+    // From 8 mm above by 12 mm down: as from where the scene would have the hand.
+    assert_eq!(summary.scene["punctures"], 1);
 }
 
 #[test]

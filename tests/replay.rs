@@ -24,6 +24,7 @@ use sutura_host::session::{
     contact_frame, run_lockstep, run_real_time,
 };
 use sutura_host::step::{Arrival, ToolContact};
+use sutura_shared::control::CODE;
 use sutura_shared::link::{HostEvent, HostLink};
 use sutura_shared::wire::message::{Command as SharedCommand, Fixture, State};
 use sutura_shared::wire::{
@@ -656,6 +657,10 @@ fn other_files_are_refused_with_what_they_are() {
         &folder.path().join("other.mcap"),
         Some(words("schema_hash", "0123456789abcdef")),
     );
+    let code = mcap_file(
+        &folder.path().join("code.mcap"),
+        Some(words("console_code", "0")),
+    );
     let layout = mcap_file(
         &folder.path().join("layout.mcap"),
         Some(words("layout", "99")),
@@ -667,6 +672,7 @@ fn other_files_are_refused_with_what_they_are() {
         (folder.path().join("absent.mcap"), "cannot read"),
         (empty, "without this program's metadata"),
         (other, "schema 0123456789abcdef"),
+        (code, "with console code 0"),
         (layout, "layout is 99"),
         (plan, "`plan`"),
     ] {
@@ -679,6 +685,68 @@ fn other_files_are_refused_with_what_they_are() {
             ran.stderr
         );
     }
+}
+
+/// A good recording whose metadata say another code of the console, or none, is not replayed; as it was, it is.
+#[test]
+fn a_recording_by_other_console_code_is_refused_before_anything_is_replayed() {
+    let folder = TempDir::new().unwrap();
+    let file = folder.path().join("a.mcap");
+    let recording = in_lockstep("palpation.toml", 0.2, &file);
+    assert_eq!(recording.about.console_code, CODE);
+    let whole = std::fs::read(&file).unwrap();
+    let other = folder.path().join("other.mcap");
+    let told = format!("this program has console code {CODE}");
+    for (code, says) in [
+        (Some("99"), "with console code 99, by version 0."),
+        (Some("x"), "with console code x"),
+        (None, "with a console code that had no number yet"),
+    ] {
+        let mut words = recording.about.words();
+        words.remove("console_code");
+        words.extend(code.map(|code| ("console_code".to_owned(), code.to_owned())));
+        std::fs::write(&other, with_words(&whole, &words)).unwrap();
+        assert!(matches!(
+            Recording::read(&other),
+            Err(RecordingError::OtherConsole { .. })
+        ));
+        let name = other.to_str().unwrap();
+        let ran = sutura(&["replay", name, "--format", "json"]);
+        assert_eq!(ran.code, 2, "{}", ran.stderr);
+        let object: Value = serde_json::from_str(&ran.stdout).unwrap();
+        assert_eq!(object["status"], "bad-input");
+        assert_eq!(object.get("console"), None, "{object}");
+        let message = object["message"].as_str().unwrap();
+        for word in [name, says, &told] {
+            assert!(message.contains(word), "`{word}` is not in: {message}");
+        }
+        let help = object["help"].as_str().unwrap();
+        assert!(help.contains("the release that recorded it"), "{help}");
+    }
+    std::fs::write(&other, with_words(&whole, &recording.about.words())).unwrap();
+    let again = Recording::read(&other).unwrap();
+    assert_eq!(again.about, recording.about);
+    assert_same(&again);
+}
+
+/// The bytes of a recording with other words about it: the record is the file's second.
+fn with_words(bytes: &[u8], words: &std::collections::BTreeMap<String, String>) -> Vec<u8> {
+    let record = |at: usize| {
+        let length = u64::from_le_bytes(bytes[at + 1..at + 9].try_into().unwrap());
+        at + 9 + length as usize
+    };
+    let begins = record(mcap::MAGIC.len());
+    let ends = record(begins);
+    let text = |text: &str| [&(text.len() as u32).to_le_bytes(), text.as_bytes()].concat();
+    let map: Vec<u8> = words
+        .iter()
+        .flat_map(|(key, word)| [text(key), text(word)].concat())
+        .collect();
+    let map_length = (map.len() as u32).to_le_bytes();
+    let body = [text("sutura"), map_length.to_vec(), map].concat();
+    let length = (body.len() as u64).to_le_bytes();
+    let head = &bytes[..=begins];
+    [head, &length, &body, &bytes[ends..]].concat()
 }
 
 fn mcap_file(path: &Path, words: Option<std::collections::BTreeMap<String, String>>) -> PathBuf {

@@ -1,6 +1,6 @@
 //! Twelve thousand ticks that every console must answer with the same bits.
 //!
-//! Entry point: [`run`]. The script drives a simulated console in lockstep through every mode, with two
+//! Entry points: [`run`], and [`committed`] for what it must come to. The script drives a simulated console in lockstep through every mode, with two
 //! devices, with contact data that is ordinary, wild, stale or wrong, and folds what comes back into one
 //! hash. [`Coverage`] says what really happened, so that a hash of nothing interesting does not pass.
 
@@ -23,6 +23,30 @@ pub struct IdentityTrace {
     /// What the states showed.
     pub coverage: Coverage,
 }
+
+/// A console's code, and what its trace came to.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Committed {
+    /// As [`sutura_shared::control::CODE`] was.
+    pub code: u32,
+    /// [`IdentityTrace::hash`].
+    pub hash: u64,
+}
+
+/// Of every code that there was, the newest last: `tests/golden/identity-trace.txt`. Lines that cannot be read are left
+/// out; a test sees to it that there are none.
+pub fn committed() -> impl Iterator<Item = Committed> {
+    let lines = COMMITTED.lines().filter(|line| !line.starts_with('#'));
+    lines.filter_map(|line| {
+        let (code, hash) = line.split_once(' ')?;
+        Some(Committed {
+            code: code.parse().ok()?,
+            hash: u64::from_str_radix(hash, 16).ok()?,
+        })
+    })
+}
+
+const COMMITTED: &str = include_str!("../../tests/golden/identity-trace.txt");
 
 /// How often something showed in the states.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

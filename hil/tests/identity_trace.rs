@@ -3,16 +3,10 @@
 #![allow(clippy::unwrap_used, reason = "a test")]
 
 use sutura_hil::NativeConsole;
-use sutura_hil::identity_trace::{Coverage, IdentityTrace, run};
+use sutura_hil::identity_trace::{Committed, Coverage, IdentityTrace, committed, run};
+use sutura_shared::control::CODE;
 use sutura_shared::device::{DeviceDescription, Joint, Kinematics};
 use sutura_shared::wire::faults;
-
-/// The hash that every console must come to; see the file for how it came about.
-fn golden() -> u64 {
-    let text = include_str!("../../tests/golden/identity-trace.txt");
-    let mut lines = text.lines().filter(|line| !line.starts_with('#'));
-    u64::from_str_radix(lines.next().unwrap(), 16).unwrap()
-}
 
 /// Any device to boot with: the script brings its own.
 fn boot_device(max_force_n: f32) -> DeviceDescription {
@@ -49,11 +43,33 @@ fn native(max_force_n: f32) -> IdentityTrace {
 fn the_native_console_comes_to_the_committed_hash() {
     let trace = native(1.0);
     println!("{:016x} {:?}", trace.hash, trace.coverage);
+    let known = committed().last().unwrap();
     assert_eq!(
-        trace.hash,
-        golden(),
-        "{:016x}: a change of what the console computes; if it is meant, change the golden file",
+        trace.hash, known.hash,
+        "{:016x}: a change of what the console computes; if it is meant, raise `sutura_shared::control::CODE` and add \
+         a line to tests/golden/identity-trace.txt",
         trace.hash
+    );
+}
+
+/// What recordings say of the code that they were made by is worth as much as this: a new hash has a new number.
+#[test]
+fn every_committed_hash_has_a_code_of_its_own() {
+    let text = include_str!("../../tests/golden/identity-trace.txt");
+    let lines = text.lines().filter(|line| !line.starts_with('#')).count();
+    let known: Vec<Committed> = committed().collect();
+    assert_eq!(known.len(), lines, "a line that cannot be read");
+    for (place, one) in (1u32..).zip(&known) {
+        assert_eq!(one.code, place, "codes count from 1, one by one");
+    }
+    for (place, one) in known.iter().enumerate() {
+        let again = known[..place].iter().find(|other| other.hash == one.hash);
+        assert_eq!(again, None, "the same bits as code {}", one.code);
+    }
+    assert_eq!(
+        known.last().map(|one| one.code),
+        Some(CODE),
+        "`sutura_shared::control::CODE` is the newest line's"
     );
 }
 

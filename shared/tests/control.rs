@@ -2,13 +2,14 @@
 
 #![allow(clippy::unwrap_used, reason = "a test")]
 
+use crate::common::{header_for, sample};
 use crate::rig::{
     Loop, arm, bench, frame, needle, needle_frame, no_contact, thread, thread_frame, wall,
 };
 use sutura_shared::control::{Control, TickInput, TickOutput};
 use sutura_shared::kinematics::GRAVITY;
-use sutura_shared::wire::faults;
-use sutura_shared::wire::message::{Command, Contact, End, Mode, Needle, Tension, Thread};
+use sutura_shared::wire::message::{Command, Contact, End, Mode, Needle, State, Tension, Thread};
+use sutura_shared::wire::{Valid, faults, inputs};
 
 /// 1 N upwards at 1 mm behind the wall.
 const WALL: f32 = 1000.0;
@@ -644,4 +645,31 @@ fn unusable_devices_are_refused_by_name() {
     })
     .unwrap_err();
     assert_eq!(error.to_string(), "fore_m must be positive, at most 10 m");
+}
+
+/// That force is withheld is found anew by a tick that is run again: as an input it would be two things.
+#[test]
+fn what_a_board_read_is_the_same_with_and_without_the_notice_that_force_is_withheld() {
+    let others = inputs::EMERGENCY_STOP
+        | inputs::BOARD_FAULT
+        | inputs::OVERRUN
+        | inputs::ORIENTATION
+        | inputs::NO_ROTATION;
+    let read = |bits: u8| {
+        let state = State {
+            inputs: bits,
+            ..sample::state()
+        };
+        Valid::new(header_for::<State>(), state).map(|state| TickInput::of(&state))
+    };
+    let mut looked_at = 0;
+    for bits in (0..=others).filter(|bits| bits & !others == 0) {
+        // Some bits go with others only.
+        let Ok(without) = read(bits) else {
+            continue;
+        };
+        assert_eq!(read(bits | inputs::WITHHELD), Ok(without), "{bits:#b}");
+        looked_at += 1;
+    }
+    assert!(looked_at >= 16, "{looked_at}");
 }

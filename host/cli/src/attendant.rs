@@ -1,6 +1,6 @@
 //! What happens when a console goes away or lets go during a session: the user is told, and arms it again.
 //!
-//! Entry points: [`Operator`]; [`Withholding`] for force that the console keeps back. Enter arms it, or a line that a script writes to standard input.
+//! Entry points: [`Operator`]; [`Lasting`] for force that is kept back, and for a needle that waits. Enter arms it, or a line that a script writes to standard input.
 
 use std::io::IsTerminal;
 use std::sync::Arc;
@@ -8,8 +8,6 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 use sutura_host::link::LinkError;
 use sutura_host::session::{Arms, Attendant};
-use sutura_shared::wire::inputs;
-use sutura_shared::wire::message::State;
 
 /// Tells on stderr what happens; arms again by itself if it is to, else when a line comes on standard input.
 #[derive(Debug)]
@@ -80,9 +78,9 @@ impl Operator {
     }
 }
 
-/// Tells the user when force is withheld for longer than it takes to come back.
+/// Tells the user when something lasts that keeps a contact from being felt: longer than force takes to come back.
 #[derive(Debug, Default)]
-pub struct Withholding {
+pub struct Lasting {
     /// Session time since which it is \[s\], and whether that was told.
     since_s: Option<f64>,
     told: bool,
@@ -91,20 +89,23 @@ pub struct Withholding {
 /// A force of 5 N is back by then \[s\].
 const RETURN_S: f64 = 1.25;
 
-impl Withholding {
-    /// Takes note of the console's newest state.
-    pub fn watch(&mut self, elapsed_s: f64, state: &State) {
-        if state.inputs & inputs::WITHHELD == 0 {
-            *self = Withholding::default();
-            return;
+/// What is said of force that the console withholds.
+pub const WITHHELD: &str = "the console withholds force that no motion has paid for: move the tool out of the tissue, and in again";
+/// What is said of a needle that was in tissue when the console was armed.
+pub const WAITS: &str = "the console was armed with the needle in the tissue, which feels nothing of it: move all of it out, and in again \
+     by its tip";
+
+impl Lasting {
+    /// Takes note of whether it is so; true when that is to be told.
+    pub fn lasts(&mut self, elapsed_s: f64, is_so: bool) -> bool {
+        if !is_so {
+            *self = Lasting::default();
+            return false;
         }
         let since_s = *self.since_s.get_or_insert(elapsed_s);
-        if !self.told && elapsed_s - since_s > RETURN_S {
-            self.told = true;
-            note!(
-                "the console withholds force that no motion has paid for: move the tool out of the tissue, and in again"
-            );
-        }
+        let tells = !self.told && elapsed_s - since_s > RETURN_S;
+        self.told |= tells;
+        tells
     }
 }
 
@@ -189,5 +190,23 @@ mod tests {
         let words = operator.ready(Duration::from_millis(34_200));
         assert!(words.starts_with("it is armed again in 35 s"), "{words}");
         assert_eq!(operator.arms(), Arms::ByItself);
+    }
+
+    /// Once each time, however long it lasts.
+    #[test]
+    fn what_lasts_is_told_once() {
+        let mut lasting = Lasting::default();
+        let told = |lasting: &mut Lasting, from_s: f64, is_so: bool| {
+            let times = (0..40).map(|tenth| from_s + 0.1 * f64::from(tenth));
+            let told: Vec<f64> = times.filter(|at| lasting.lasts(*at, is_so)).collect();
+            told
+        };
+        let first = told(&mut lasting, 0.0, true);
+        assert!(
+            first.len() == 1 && (first[0] - 1.3).abs() < 1e-9,
+            "{first:?}"
+        );
+        assert!(told(&mut lasting, 4.0, false).is_empty());
+        assert_eq!(told(&mut lasting, 8.0, true).len(), 1);
     }
 }

@@ -170,6 +170,15 @@ pub fn table(summary: &Summary) -> String {
             s.horizon_ms.max
         ),
     );
+    if s.needle_waited_steps > 0 {
+        row(
+            "needle",
+            format!(
+                "armed in the tissue: in {} steps it touched nothing, as it had not been outside",
+                s.needle_waited_steps
+            ),
+        );
+    }
     let l = &s.link;
     let clock = l.clock.map_or(String::new(), |clock| {
         format!(

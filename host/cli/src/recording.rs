@@ -120,6 +120,7 @@ pub fn failure(error: RecordingError) -> Failure {
     let cause = match &error {
         RecordingError::Unwritable { .. } => Cause::Failed,
         RecordingError::OtherProtocol { .. }
+        | RecordingError::OtherConsole { .. }
         | RecordingError::Unreadable { .. }
         | RecordingError::NotARecording { .. } => Cause::BadInput,
     };

@@ -16,7 +16,8 @@ use sutura_host::session;
 /// Runs a recorded session again: the console's ticks and the solver's steps, compared bit by bit.
 ///
 /// Ends with code 6 where either takes another course than was recorded, and says at which tick. What cannot be compared,
-/// because it is not in the recording, is said too.
+/// because it is not in the recording, is said too. A recording that was made with another console code, or before codes
+/// had numbers, is not replayed and ends with code 2: the release that made it replays it.
 #[derive(Args, Debug)]
 #[command(after_help = EXAMPLES)]
 pub struct ReplayArgs {

@@ -1,6 +1,6 @@
 //! `sutura run`: the main job. A scene, a console, a session, a summary.
 
-use crate::attendant::{Operator, Withholding};
+use crate::attendant::{Lasting, Operator, WAITS, WITHHELD};
 use crate::choice;
 use crate::display::{self, Display};
 use crate::failure::{Cause, Failure};
@@ -26,6 +26,7 @@ use sutura_host::session::{
     Summary, check_rate, run_lockstep, run_real_time,
 };
 use sutura_shared::control::TICK_HZ;
+use sutura_shared::wire::inputs;
 use sutura_shared::wire::message::Fixture;
 
 /// Runs a scene on a console: tissue is solved here, its force is felt there.
@@ -204,10 +205,16 @@ pub fn run(args: &RunArgs, global: &Global) -> Result<(), Failure> {
     let mut solver = TappedSolver::new(&mut *solver, recording.tap());
     let stop = stop_on_signals()?;
     let mut display = Display::new(args.stream, global.format);
-    let mut withholding = Withholding::default();
+    let (mut withholding, mut waiting) = (Lasting::default(), Lasting::default());
     let mut progress = |note: &Progress<'_>| {
         let heard = display.show(note).is_ok();
-        withholding.watch(note.elapsed_s, note.state);
+        let is_withheld = note.state.inputs & inputs::WITHHELD != 0;
+        if withholding.lasts(note.elapsed_s, is_withheld) {
+            note!("{WITHHELD}");
+        }
+        if waiting.lasts(note.elapsed_s, note.needle_waits) {
+            note!("{WAITS}");
+        }
         recording.save_if_asked();
         if !heard || stop.load(Ordering::Relaxed) {
             ControlFlow::Break(())

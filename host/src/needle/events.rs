@@ -3,7 +3,7 @@
 //! Entry point: [`Drive::follow`]. Source: Younes 2021, 3.2.2 and 3.2.3.
 
 use super::drive::{Drive, NeedleWork, What, anchor, position};
-use super::model::{MAX_NEEDLES, Playback};
+use super::model::{MAX_NEEDLES, Playback, contains};
 use super::state::{Cut, Tip};
 use super::{Crossing, Curve, Geometry, MOST_GROUPS, Slack, Stop, entry, walk};
 use crate::anchors::AnchorPoint;
@@ -140,7 +140,21 @@ impl Drive<'_> {
             _ if self.work.let_go[needle] => Ok(false),
             Tip::Inside { .. } => self.advance_inside(needle, &curve),
             Tip::Outside => Ok(self.advance_outside(needle, &curve)),
+            Tip::Waiting => {
+                if self.is_clear(&curve) {
+                    self.states[needle].tip = Tip::Outside;
+                    self.work.tips[needle] = curve.at(curve.length);
+                }
+                Ok(false)
+            }
         }
+    }
+
+    /// Whether no part of a needle is in tissue.
+    fn is_clear(&self, curve: &Curve) -> bool {
+        let around =
+            |cell: &[u32; 4]| contains(&cell.map(|node| self.position(node)), &curve.start);
+        self.first_face(curve).is_none() && !self.needles.mesh.cells().iter().any(around)
     }
 
     pub(super) fn advance_inside(&mut self, needle: usize, curve: &Curve) -> Result<bool, Status> {

@@ -268,7 +268,7 @@ impl Needles {
 }
 
 /// Whether a point lies in a cell, which has its corners in the mesh's order.
-fn contains(corners: &[Vector3<f64>; 4], at: &Vector3<f64>) -> bool {
+pub(super) fn contains(corners: &[Vector3<f64>; 4], at: &Vector3<f64>) -> bool {
     let volume = |[a, b, c, d]: [Vector3<f64>; 4]| (b - a).cross(&(c - a)).dot(&(d - a));
     let whole = volume(*corners);
     (0..4).all(|corner| {

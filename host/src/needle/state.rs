@@ -77,6 +77,9 @@ pub(crate) enum Tip {
         /// How far the tissue is cut, if that takes force.
         cut: Option<Cut>,
     },
+    /// Nobody has seen how it came where it is, and some of the needle may be in tissue: it is in no hole, and touches nothing
+    /// until all of it has been outside once.
+    Waiting,
 }
 
 /// The end of a cut.
@@ -183,6 +186,22 @@ impl NeedleState {
         *tip_force = other.tip_force;
         *tally = other.tally;
         *speed = other.speed;
+    }
+
+    /// Puts a needle that is in no tissue elsewhere, whatever lies in between; one that is in tissue stays in its holes.
+    /// Whether it was put.
+    pub fn put(&mut self, pose: Isometry3<f64>) -> bool {
+        let holes = !self.history.crossings().is_empty() || self.history.before().is_some();
+        if holes || matches!(self.tip, Tip::Inside { .. }) {
+            return false;
+        }
+        self.pose = pose;
+        self.booked = pose;
+        self.tip = Tip::Waiting;
+        self.tip_force = Vector3::zeros();
+        self.left = None;
+        self.log.clear();
+        true
     }
 
     /// A number that no row of this needle had before.

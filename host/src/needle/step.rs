@@ -37,6 +37,9 @@ pub enum TipPlace {
     Holding,
     /// Inside.
     Inside,
+    /// The needle was put here, into the tissue, without a way that led in: it touches nothing until all of it has been
+    /// outside once. See [`crate::step::State::put`].
+    Waiting,
 }
 
 /// What a step found about one needle.
@@ -354,7 +357,7 @@ fn follow(
 /// Which part of its way a needle may go at once.
 fn piece(needles: &Needles, each: &NeedleState, target: &Isometry3<f64>, own: &NeedlePart) -> f64 {
     let (from, to) = (own.needle.at(&each.pose), own.needle.at(target));
-    let touches = !each.holds.is_empty() || each.tip != Tip::Outside;
+    let touches = !each.holds.is_empty() || !matches!(each.tip, Tip::Outside | Tip::Waiting);
     let turn = (target.rotation * each.pose.rotation.inverse()).angle();
     let mut part = MOST_TURN / turn;
     if touches {
@@ -552,6 +555,7 @@ fn reduce(
                 Tip::Outside => TipPlace::Outside,
                 Tip::Holding { .. } => TipPlace::Holding,
                 Tip::Inside { .. } => TipPlace::Inside,
+                Tip::Waiting => TipPlace::Waiting,
             },
             crossings: each.holds.len() as u32,
             punctures: each.tally.punctures,

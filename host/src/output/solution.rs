@@ -108,6 +108,7 @@ pub(crate) fn tip_word(tip: TipPlace) -> &'static str {
         TipPlace::Outside => "outside",
         TipPlace::Holding => "holding",
         TipPlace::Inside => "inside",
+        TipPlace::Waiting => "waiting",
     }
 }
 

@@ -5,7 +5,7 @@
 use crate::scene::LONGEST_S;
 use crate::session::Plan;
 use std::collections::BTreeMap;
-use sutura_shared::control::TICK_HZ;
+use sutura_shared::control::{CODE, TICK_HZ};
 use sutura_shared::wire::Message;
 use sutura_shared::wire::message::Simulate;
 use sutura_shared::wire::{PROTOCOL_VERSION, SCHEMA_HASH};
@@ -14,6 +14,8 @@ use sutura_shared::wire::{PROTOCOL_VERSION, SCHEMA_HASH};
 const LAYOUT: &str = "1";
 /// Name of the metadata record.
 pub(super) const ABOUT: &str = "sutura";
+/// Its word for the console's code; recordings of programs before it do not have it.
+pub(super) const CONSOLE_CODE: &str = "console_code";
 
 /// Where in a session a recording begins.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -39,6 +41,8 @@ pub struct About {
     pub protocol: u8,
     /// Hash of the messages' layouts.
     pub schema_hash: u64,
+    /// Code of the console, as far as this program knows it: see [`CODE`].
+    pub console_code: u32,
     /// Where it begins.
     pub begins: Begins,
     /// How the console was reached.
@@ -73,6 +77,7 @@ impl About {
             target: format!("{}-{}", std::env::consts::ARCH, std::env::consts::OS),
             protocol: PROTOCOL_VERSION,
             schema_hash: SCHEMA_HASH,
+            console_code: CODE,
             begins: Begins::Session,
             console: String::new(),
             lockstep: false,
@@ -102,6 +107,7 @@ impl About {
             ("target", self.target.clone()),
             ("protocol", self.protocol.to_string()),
             ("schema_hash", format!("{:016x}", self.schema_hash)),
+            (CONSOLE_CODE, self.console_code.to_string()),
             ("begins", begins.to_owned()),
             ("console", self.console.clone()),
             ("lockstep", self.lockstep.to_string()),
@@ -147,6 +153,9 @@ impl About {
             protocol: word("protocol")?.parse().map_err(|_| wrong("protocol"))?,
             schema_hash: u64::from_str_radix(&word("schema_hash")?, 16)
                 .map_err(|_| wrong("schema_hash"))?,
+            console_code: word(CONSOLE_CODE)?
+                .parse()
+                .map_err(|_| wrong(CONSOLE_CODE))?,
             begins,
             console: word("console")?,
             lockstep: truth("lockstep")?,

@@ -2,7 +2,7 @@
 //!
 //! Entry point: [`Recording::read`]. A file that was cut off, as by a killed process, is read as far as it goes.
 
-use super::about::{ABOUT, About};
+use super::about::{ABOUT, About, CONSOLE_CODE};
 use super::file::{ENDED, FILE, SCENE};
 use super::samples::SolveSample;
 use super::tap::Direction;
@@ -12,6 +12,7 @@ use mcap::read::{ChunkFlattener, Options};
 use mcap::records::Record;
 use std::collections::{BTreeMap, HashMap};
 use std::path::{Path, PathBuf};
+use sutura_shared::control::CODE;
 use sutura_shared::wire::{PROTOCOL_VERSION, SCHEMA_HASH};
 use thiserror::Error;
 
@@ -58,6 +59,27 @@ pub enum RecordingError {
         /// The program that wrote it.
         program: String,
     },
+    /// It was made with a console that computes other bits.
+    #[error(
+        "{} was recorded with {}, by version {program}; this program has console code {CODE}",
+        path.display(),
+        code_in_words(code.as_deref())
+    )]
+    OtherConsole {
+        /// Which file.
+        path: PathBuf,
+        /// Its console's code, as it says; none in recordings of programs that did not say.
+        code: Option<String>,
+        /// The program that wrote it.
+        program: String,
+    },
+}
+
+fn code_in_words(code: Option<&str>) -> String {
+    code.map_or_else(
+        || "a console code that had no number yet".to_owned(),
+        |code| format!("console code {code}"),
+    )
 }
 
 impl RecordingError {
@@ -71,7 +93,7 @@ impl RecordingError {
             RecordingError::NotARecording { .. } => {
                 "give a file that `sutura run --record FILE` has written"
             }
-            RecordingError::OtherProtocol { .. } => {
+            RecordingError::OtherProtocol { .. } | RecordingError::OtherConsole { .. } => {
                 "replay it with the release that recorded it; other programs still show its channels"
             }
         }
@@ -160,6 +182,14 @@ impl Recording {
                 path: path.to_owned(),
                 protocol,
                 schema_hash,
+                program: words.get("program").cloned().unwrap_or_default(),
+            });
+        }
+        let code = words.get(CONSOLE_CODE);
+        if code.and_then(|code| code.parse().ok()) != Some(CODE) {
+            return Err(RecordingError::OtherConsole {
+                path: path.to_owned(),
+                code: code.cloned(),
                 program: words.get("program").cloned().unwrap_or_default(),
             });
         }

@@ -230,6 +230,7 @@ pub fn run_lockstep(
                 seconds: plan.seconds,
                 state: state.body(),
                 report: tally.last_report(),
+                needle_waits: tally.waits(),
             };
             if progress(&note).is_break() {
                 break;

@@ -202,4 +202,6 @@ pub struct Progress<'a> {
     pub state: &'a State,
     /// The console's newest report.
     pub report: Option<&'a Report>,
+    /// Whether the needle in the grip is in tissue that it was not seen to go into, and waits to be outside.
+    pub needle_waits: bool,
 }

@@ -16,6 +16,9 @@ pub struct HeldNeedle {
     pub slide: [f64; 6],
     /// Where the tip is.
     pub tip: Tip,
+    /// Whether it is in tissue that it was not seen to go into, and touches nothing until it has been outside: for the
+    /// console its tip is outside.
+    pub waits: bool,
     /// Whether it sticks.
     pub friction: Friction,
     /// Axial force on the tool \[N\], positive when it pulls the needle on.
@@ -68,6 +71,7 @@ mod tests {
         needle: 2,
         slide: [0.0, 0.0, -1.0, 0.0, 0.0, 0.0],
         tip: Tip::Holding,
+        waits: false,
         friction: Friction::Forward,
         axial_n: -0.25,
         friction_n: [0.25, 0.125],

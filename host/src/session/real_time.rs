@@ -124,6 +124,7 @@ struct View {
     newest: Option<(State, Instant)>,
     ticks: u64,
     report: Option<Report>,
+    needle_waits: bool,
     /// Why the link was lost, until the console is told what it needs to know again.
     lost: Option<LinkError>,
 }
@@ -331,6 +332,7 @@ impl Log {
             view.newest = self.newest;
             view.ticks = self.tally.ticks();
             view.report = self.tally.last_report().copied();
+            view.needle_waits = self.tally.waits();
         }
     }
 
@@ -511,6 +513,7 @@ impl Watch<'_> {
                 newest,
                 ticks,
                 report,
+                needle_waits,
                 lost,
             } = {
                 let mut view = lock(self.view);
@@ -542,6 +545,7 @@ impl Watch<'_> {
                 seconds: self.plan.seconds,
                 state,
                 report: report.as_ref(),
+                needle_waits,
             };
             let stopped = progress(&note).is_break();
             let in_time = self.end.is_none_or(|end| Instant::now() < end);

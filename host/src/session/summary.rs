@@ -160,6 +160,9 @@ pub struct Summary {
     /// Ticks in which the console let through so much less force than the contact asks for that a finger notices it: what an
     /// outage has taken away comes back slowly, and what nobody has paid for only once the tool has left the tissue.
     pub ticks_withheld: u64,
+    /// Solver steps in which the needle in the grip touched nothing, since the console was armed with it in the tissue and it
+    /// had not been outside since.
+    pub needle_waited_steps: u64,
     /// Frames.
     pub frames: Frames,
     /// The link.

@@ -53,6 +53,9 @@ pub struct Tally {
     forceful_used: u64,
     /// Why the newest steps were withheld, and how many in a row.
     withheld_last: Option<(&'static str, u64)>,
+    /// Whether the needle waited in the newest step, and in how many it did.
+    waits: bool,
+    steps_waited: u64,
     rearmed: u64,
     given_up: GivenUp,
     ages_us: Times,
@@ -151,6 +154,8 @@ impl Tally {
             forceful_us: VecDeque::with_capacity(MOST_UNDERWAY),
             forceful_used: 0,
             withheld_last: None,
+            waits: false,
+            steps_waited: 0,
             rearmed: 0,
             given_up: GivenUp::default(),
             ages_us: Times::new(u64::from(u32::MAX)),
@@ -278,6 +283,8 @@ impl Tally {
         self.forceful_steps += u64::from((x * x + y * y + z * z).sqrt() > NOTICED_N);
         let is_spoilt = solved.contact.is_none() || solved.unfinished;
         self.spoilt_steps += u64::from(solved.touched && is_spoilt);
+        self.waits = solved.needle.is_some_and(|needle| needle.waits);
+        self.steps_waited += u64::from(self.waits);
         if solved.contact.is_some() {
             self.withheld_last = None;
             return;
@@ -286,6 +293,11 @@ impl Tally {
         *self.withheld.entry(why).or_default() += 1;
         let before = self.withheld_last.map_or(0, |(_, steps)| steps);
         self.withheld_last = Some((why, before + 1));
+    }
+
+    /// Whether the needle in the grip waits to be outside, as the newest step found.
+    pub fn waits(&self) -> bool {
+        self.waits
     }
 
     /// The newest state.
@@ -423,6 +435,7 @@ impl Tally {
             withheld_last: self.withheld_last,
             decays: self.decays,
             ticks_withheld: self.ticks_withheld,
+            needle_waited_steps: self.steps_waited,
             frames,
             latency_us: Latency {
                 p50: us(delays, 0.5, 1.0),

@@ -23,6 +23,7 @@ use crate::wound::Wound;
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 use serde_json::{Map, Value, json};
 use sutura_client::Lead;
+use sutura_shared::control::LOST_AFTER_US;
 use sutura_shared::wire::Valid;
 use sutura_shared::wire::message::{Course, End, Friction, State, Tension, Tip};
 
@@ -252,12 +253,20 @@ impl TissueSolver {
     /// Steps with the driven tool where `sample` is, and all else where the scripts have it at its time, counted from
     /// the first step's.
     pub fn step(&mut self, sample: ToolSample) -> StepReport {
+        self.step_with(sample, false)
+    }
+
+    /// As [`Self::step`]; of a console that is `armed_anew` nobody knows by which way its grip came where it is.
+    fn step_with(&mut self, sample: ToolSample, armed_anew: bool) -> StepReport {
         let now_us = sample.console_time_us;
         let began_us = *self.began_us.get_or_insert(now_us);
         let time_s = 1e-6 * now_us.saturating_sub(began_us) as f64;
         let samples = self
             .script
             .step_to(time_s, sample, &self.model, &mut self.state);
+        if let Some(driven) = samples.first().filter(|_| armed_anew) {
+            self.state.put(driven);
+        }
         self.last = step::step(&self.model, &mut self.state, samples, &mut self.work);
         for (tally, report) in self.needles.iter_mut().zip(self.last.needles()) {
             tally.last = *report;
@@ -439,7 +448,8 @@ impl TissueSolver {
         like: &StepReport,
     ) -> Option<Look> {
         let affordable = self.budget.affords(Ahead::Course, like);
-        if self.tissue.word() != "linear" || affordable < LOOK_LEAST {
+        let waits = needle.tip == TipPlace::Waiting;
+        if waits || self.tissue.word() != "linear" || affordable < LOOK_LEAST {
             return None;
         }
         let [x, y, z, ..] = needle.slide;
@@ -497,6 +507,13 @@ impl TissueSolver {
     }
 }
 
+/// Whether a console has let go between two states, by when they are: an armed one is not without contacts for so long. One that
+/// has started anew may have an earlier time.
+fn is_armed_anew(before_us: u64, sample: &ToolSample) -> bool {
+    let passed_us = sample.console_time_us.checked_sub(before_us);
+    passed_us.is_none_or(|passed_us| passed_us > u64::from(LOST_AFTER_US))
+}
+
 /// The needle in the grip of `driven`, for the wire.
 fn in_grip(report: &StepReport, driven: u8) -> Option<HeldNeedle> {
     let needles = report.needles().iter();
@@ -514,10 +531,11 @@ fn in_grip(report: &StepReport, driven: u8) -> Option<HeldNeedle> {
         needle: needle.id,
         slide: needle.slide,
         tip: match needle.tip {
-            TipPlace::Outside => Tip::Outside,
+            TipPlace::Outside | TipPlace::Waiting => Tip::Outside,
             TipPlace::Holding => Tip::Holding,
             TipPlace::Inside => Tip::Inside,
         },
+        waits: needle.tip == TipPlace::Waiting,
         friction,
         axial_n: needle.axial_n,
         friction_n: needle.limit_n,
@@ -636,7 +654,8 @@ impl Solve for TissueSolver {
         let goal = self.goal(state.body(), period_us);
         sample.position_m = goal.position_m.map(f64::from);
         self.work.ahead_m = goal.ahead_m;
-        let report = self.step(sample);
+        let armed_anew = before_us.is_some_and(|before| is_armed_anew(before, &sample));
+        let report = self.step_with(sample, armed_anew);
         let contact = report.contacts().first().copied();
         let mut needle = self.driven().and_then(|driven| in_grip(&report, driven));
         clock.lap(&mut 0);

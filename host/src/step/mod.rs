@@ -260,6 +260,26 @@ impl State {
         }
     }
 
+    /// Puts the needles that a tool holds to where they are with it at `sample`, without the way there: for a tool that was
+    /// moved while nobody looked. One that is then in tissue is in no hole and touches nothing until all of it has been
+    /// outside once ([`needle::TipPlace::Waiting`]). One that was in tissue before stays in its holes, and follows in the next
+    /// step as always. Says how many were put.
+    pub fn put(&mut self, sample: &ToolSample) -> usize {
+        let Some(pose) = needle::pose_of(sample) else {
+            return 0;
+        };
+        let needles = self
+            .needles
+            .iter_mut()
+            .flat_map(|needles| &mut needles.each);
+        let mut put = 0;
+        for each in needles {
+            let grip = each.grip.filter(|grip| grip.tool == sample.id);
+            put += usize::from(grip.is_some_and(|grip| each.put(pose * grip.needle)));
+        }
+        put
+    }
+
     /// Where a needle is: its frame, as [`crate::needle::NeedleShape`] has it.
     pub fn needle_pose(&self, model: &Model, needle: u8) -> Option<nalgebra::Isometry3<f64>> {
         let parts = &model.needles.as_ref()?.parts;

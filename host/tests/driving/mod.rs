@@ -8,4 +8,5 @@ mod force;
 mod grips;
 mod playback;
 mod tangent;
+mod waiting;
 mod walks;

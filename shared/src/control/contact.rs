@@ -379,7 +379,13 @@ mod tests {
             position_m: *position,
             orientation: [0.0, 0.0, 0.0, 1.0],
         };
-        model.force(Rendering::Tangent, &model.moved_to(&grip), 1.0, now_us)
+        model.force(
+            Rendering::Tangent,
+            &model.moved_to(&grip),
+            1.0,
+            Vec3::zeros(),
+            now_us,
+        )
     }
 
     /// A spring of `stiffness` \[N/m\] behind the plane through the origin, as solved at `position`.

@@ -61,6 +61,12 @@ pub const STALE_DECAY_US: u32 = 30_000;
 /// Time from the horizon until the console disarms \[us\].
 pub const LOST_AFTER_US: u32 = 500_000;
 
+/// Which code computes a tick. Recordings have it, so that one is replayed by the code that it was made by.
+///
+/// Raised by one with every change of the bits that a console computes, that is with every hash that is added to
+/// `tests/golden/identity-trace.txt`; a test compares the two. Changes that no bit shows, as of speed or size, leave it.
+pub const CODE: u32 = 1;
+
 /// From reading the encoders until the motors act on it \[s\].
 fn delay_s(device: &DeviceDescription) -> f32 {
     device.actuation_delay_us as f32 * 1e-6
