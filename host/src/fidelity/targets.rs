@@ -27,13 +27,13 @@ const OPEN: &[(&str, f64)] = &[
     ("round body of 8 mm, rms %", 6.9),
     ("given back in 100 ms, trials, mJ", 4.0),
     ("stiffness 30 Hz, a tick or 1 ms later, of what it was", 1.0),
-    // Never for good: a light hand swings after an outage of 200 ms at 30 Hz.
+    // Never for good: a hand of 50 N/m after an outage of 200 ms at 30 Hz, and no other.
     (
         "return elastic: 90 % of the force, of the time allowed",
         f64::INFINITY,
     ),
     ("return elastic: rise N/s", 28.8),
-    // Never for good: the tissue's own relaxation takes a part away again, and gives it back unasked.
+    // Never for good, with light hands on tissue that relaxes; on the same tissue that does not, but for the case above.
     (
         "return point: 90 % of the force, of the time allowed",
         f64::INFINITY,
