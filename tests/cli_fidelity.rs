@@ -8,7 +8,13 @@ fn cases_bars_and_files() {
     let directory = tempfile::tempdir().expect("a directory");
     let files = directory.path().to_str().expect("a path");
     let output = sutura(&[
-        "fidelity", "--only", "gap", "--plot", files, "--format", "json",
+        "fidelity",
+        "--only",
+        "return elastic outage-300-ms pen",
+        "--plot",
+        files,
+        "--format",
+        "json",
     ]);
     assert_eq!(output.code, 0, "{}", output.stderr);
     let report: Value = serde_json::from_str(&output.stdout).expect("one object");
@@ -23,14 +29,14 @@ fn cases_bars_and_files() {
             "loss",
             "tangent_scale",
             "energy_min_j",
-            "restored_ratio",
+            "past_rest_mm",
         ] {
             assert!(!case[key].is_null(), "{key}: {case}");
         }
-        assert_eq!(case["question"], "gap");
+        assert_eq!(case["question"], "return");
     }
     let bars = report["bars"].as_array().expect("bars");
-    assert_eq!(bars.len(), 3, "{bars:?}");
+    assert_eq!(bars.len(), 7, "{bars:?}");
     let table = std::fs::read_to_string(directory.path().join("cases.csv")).expect("a table");
     let lines: Vec<_> = table.lines().collect();
     assert_eq!(lines.len(), 3, "{table}");

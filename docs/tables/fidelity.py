@@ -28,6 +28,11 @@ def pick(cases, **wanted):
     return found[0] if found else None
 
 
+def number(value):
+    """What is not finite, as what never comes, is null in JSON."""
+    return "never" if value is None else f"{value:.3g}"
+
+
 def three(case):
     return f"{case['rms_pct']:.2f} / {case['peak_pct']:.2f} / {case['step_pct']:.2f}" if case else ""
 
@@ -136,13 +141,41 @@ class Page:
             return cells[:3] + values
         self.fill("## Bad links", row)
 
+    def returns(self):
+        aways = {"outage-100-ms": "100 ms", "outage-200-ms": "200 ms", "outage-300-ms": "300 ms",
+                    "outage-500-ms": "500 ms", "armed-inside": "armed inside"}
+        found = {}
+        for case in (case for case in self.cases if case["question"] == "return"):
+            away = next(word for name, word in aways.items() if case["case"].endswith(name))
+            found.setdefault((case["scene"], case["grasp"], away), {})[case["host_hz"]] = case
+
+        def row(key, hosts):
+            both = [hosts[hz] for hz in (30.0, 60.0)]
+            each = lambda cell: " / ".join(cell(case) for case in both)
+            time = lambda case: "never" if case.get("time_to_90_ms") is None else f"{case['time_to_90_ms']:.0f}"
+            part = lambda case: "" if case.get("time_of_allowed") is None else f"{case['time_of_allowed']:.2f}"
+            figure = lambda name: each(lambda case: f"{case[name]:.2f}")
+            return [
+                *key, each(lambda case: f"{case['gone_force_n']:.2f} of {case['returning_n']:.2f}"), each(time), each(part),
+                figure("rise_n_per_s"), figure("beyond_true_mj"), figure("handed_out_mj"), figure("past_rest_mm"),
+            ]
+        self.replace("`sutura fidelity --full --only return`", [row(key, hosts) for key, hosts in found.items()])
+
+    def unguarded(self):
+        both = {links["is_unguarded"]: links for links in self.report["bad_links"]}
+        self.replace("How many of the bad links", [
+            [name, str(both[off]["cases"]), str(both[off]["over"]), str(both[off]["failing"]), f"{both[off]['most_mj']:.2f} mJ",
+             f"{both[off]['most_beyond_taken_mj']:.2f} mJ"]
+            for name, off in [("all guards", False), ("tank and damping off", True)]
+        ])
+
     def bars(self):
         bars = self.report["bars"]
         at = next(i for i, line in enumerate(self.lines) if re.match(r"`sutura fidelity --full`: \d+ of", line))
         count = len(bars) - sum(bar["open"] for bar in bars)
         self.lines[at] = f"`sutura fidelity --full`: {sum(bar['ok'] for bar in bars)} of {count} met, {len(bars) - count} open."
         self.replace("## Bars", [
-            [bar["name"], f"{bar['value']:.3g}", f"{bar['must_be']} {bar['bar']:g}", bar["worst"],
+            [bar["name"], number(bar["value"]), f"{bar['must_be']} {bar['bar']:g}", bar["worst"],
              "met" if bar["ok"] else "open" if bar["open"] else "**missed**"]
             for bar in bars
         ])
@@ -191,7 +224,7 @@ class Page:
         fails = {mutant["guard"]: mutant["fails"] for mutant in self.report["guards"]}
 
         def beyond(bar):
-            if bar["bar"] == 0.0:
+            if bar["value"] is None or bar["bar"] == 0.0:
                 return float("inf")
             ratio = abs(bar["value"] / bar["bar"])
             return ratio if bar["must_be"] == "<=" else 1.0 / max(ratio, 1e-9)
@@ -204,14 +237,14 @@ class Page:
             bar = next((bar for bar in fails[guard] if bar["name"] == told), None) or max(fails[guard], key=beyond)
             rows.append([
                 guard, bounds, bar["name"], f"{bar['must_be']} {bar['bar']:g}",
-                f"{with_all[bar['name']]:.3g}" if bar["name"] in with_all else "", f"{bar['value']:.3g}",
+                number(with_all[bar["name"]]) if bar["name"] in with_all else "", number(bar["value"]),
             ])
         self.replace("## What each guard is for", rows)
 
 
 def main():
     page = Page(json.loads(pathlib.Path(sys.argv[1]).read_text()))
-    for part in (page.error_tables, page.punctures, page.wrong_tangents, page.stiffness, page.bad_links, page.trials, page.corners, page.baselines, page.bars, page.guards):
+    for part in (page.error_tables, page.punctures, page.wrong_tangents, page.stiffness, page.bad_links, page.unguarded, page.returns, page.trials, page.corners, page.baselines, page.bars, page.guards):
         part()
     PAGE.write_text("\n".join(page.lines) + "\n")
 

@@ -2,10 +2,14 @@
 //! short enough for every run of the tests. `sutura fidelity` has them all.
 
 use sutura_host::fidelity::around::Around;
-use sutura_host::fidelity::case::{Case, Place, Question, Scenes, Spec, all_but};
+use sutura_host::fidelity::bars::{Bar, bars};
+use sutura_host::fidelity::case::{Case, Place, Question, Scenes, Spec};
 use sutura_host::fidelity::hand::{Grasp, Motion};
 use sutura_host::fidelity::link::LinkSpec;
-use sutura_host::fidelity::suite::{Bar, bars, guarded, measure};
+use sutura_host::fidelity::returns::{self, Away};
+use sutura_host::fidelity::stops::{STOPS, Stop};
+use sutura_host::fidelity::suite::{guarded, measure};
+use sutura_host::fidelity::switches::all_but;
 use sutura_host::fidelity::trials::{Factor, one_at_a_time};
 use sutura_shared::control::Rendering;
 
@@ -119,10 +123,13 @@ fn a_sutures_pull_meets_its_bars() {
 /// Without one guard the bar that shows what it is for fails, and with all of them it does not.
 #[test]
 fn a_bar_fails_without_its_guard() {
-    let cheap: Vec<Spec> = guarded(1.2)
+    let mut cheap: Vec<Spec> = guarded(1.2)
         .into_iter()
         .filter(|spec| spec.question != Question::Stiffest && spec.place != Place::Gristle)
         .collect();
+    cheap.extend(STOPS.map(Stop::spec));
+    let outage = Away::Outage(300);
+    cheap.push(returns::spec(Place::Elastic, Grasp::PEN, outage, 60.0));
     let failing = |bars: &[Bar]| {
         let failing = bars.iter().filter(|bar| !bar.ok);
         failing.map(|bar| bar.name.clone()).collect::<Vec<_>>()
@@ -138,6 +145,14 @@ fn a_bar_fails_without_its_guard() {
         ("slew", "hard slope: force across it while it grows N"),
         ("power", "rogue host: power W, console of 5 W"),
         ("residual", "rows that nobody can solve: rms %"),
+        (
+            "credit",
+            "return elastic: 90 % of the force, of the time allowed",
+        ),
+        ("horizon", "force N at the end of an outage"),
+        ("emergency_stop", "force N after a stop"),
+        ("encoder_jump", "force N after a stop"),
+        ("disarm", "force N after a stop"),
     ] {
         let specs: Vec<Spec> = cheap
             .iter()

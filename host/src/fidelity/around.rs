@@ -105,6 +105,12 @@ impl Blocking {
         }
     }
 
+    /// The longest stall \[s\].
+    pub fn longest_s(&self) -> f64 {
+        let lengths = self.stalls.iter().map(|(_, length_s)| *length_s);
+        lengths.fold(0.0, f64::max)
+    }
+
     /// Part of a time \[s\] that is spent in stalls.
     pub fn stalled_part(&self, seconds: f64) -> f64 {
         self.stalls

@@ -17,6 +17,8 @@ pub enum Motion {
     Tremor,
     /// 10 mm deep in half a second, held there.
     Hold,
+    /// 6 mm deep in half a second, held there.
+    Inside,
     /// Drawn out at 7.3 mm/s, and to and fro by 6 mm at 1 Hz: lets go by 2.8 mm and pulls again by 10 mm.
     Pulls,
     /// 70 mm up and down at 4 Hz: 1.8 m/s, which no console should go along with.
@@ -56,6 +58,7 @@ impl Motion {
             Motion::Strokes => "strokes",
             Motion::Tremor => "tremor",
             Motion::Hold => "hold",
+            Motion::Inside => "inside",
             Motion::Pulls => "pulls",
             Motion::Throw => "throw",
             Motion::Swing => "swing",
@@ -86,6 +89,7 @@ impl Motion {
                 [0.0, 0.0, 2e-3 - 7e-3 * ramp(time_s / 0.5) + shake]
             }
             Motion::Hold => [0.0, 0.0, 2e-3 - 12e-3 * ramp(time_s / 0.5)],
+            Motion::Inside => [0.0, 0.0, 2e-3 - 8e-3 * ramp(time_s / 0.5)],
             Motion::Pulls => {
                 let back = 3e-3 * (1.0 - (2.0 * PI * time_s).cos());
                 [0.0, 0.0, 22e-3 / 3.0 * time_s - back]

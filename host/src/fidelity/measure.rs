@@ -152,36 +152,6 @@ pub fn steadiness(record: &Record) -> Steadiness {
     }
 }
 
-/// What a gap in the link does to a held press.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub struct Recovery {
-    /// Force on the hand at the end of the gap \[N\].
-    pub gap_force_n: f64,
-    /// Half a second after the gap, mean force over the true one.
-    pub restored_ratio: f64,
-    /// From the end of the gap until the force is 90 % of the true one \[ms\]; none if it never is.
-    pub time_to_90_ms: Option<f64>,
-}
-
-/// Of a hold with a gap in the link from `from_s` to `until_s`.
-pub fn recovery(record: &Record, from_s: f64, until_s: f64) -> Recovery {
-    let in_time = |from: f64, until: f64| {
-        let ticks = record.ticks.iter();
-        ticks.filter(move |t| t.time_s >= from && t.time_s < until)
-    };
-    let ratio = |t: &Tick| t.acting_n[2] / t.truth_n[2].max(1e-9);
-    let late = in_time(until_s + 0.45, until_s + 0.55);
-    let (sum, count) = late.fold((0.0, 0.0), |(sum, count), t| (sum + ratio(t), count + 1.0));
-    let back = in_time(until_s, f64::INFINITY).find(|t| ratio(t) >= 0.9);
-    Recovery {
-        gap_force_n: in_time(from_s, until_s)
-            .next_back()
-            .map_or(0.0, |t| length(t.acting_n)),
-        restored_ratio: sum / f64::max(count, 1.0),
-        time_to_90_ms: back.map(|t| (t.time_s - until_s) * 1e3),
-    }
-}
-
 /// When the punctures of a run are felt.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Punctures {
@@ -314,7 +284,7 @@ fn across(tick: &Tick) -> f64 {
     length(minus(tick.command_n, tick.truth_n.map(|t| t * share)))
 }
 
-fn length(v: [f64; 3]) -> f64 {
+pub(super) fn length(v: [f64; 3]) -> f64 {
     v.iter().map(|x| x * x).sum::<f64>().sqrt()
 }
 

@@ -80,7 +80,16 @@ pub fn noticed(record: &Record) -> Noticed {
 /// Each tick's work counts by itself: what motors or tissue take in, by friction, damping or springs, is spent and no
 /// credit for another tick.
 pub fn given_back_j(record: &Record) -> f64 {
-    let works: Vec<f64> = record.ticks.windows(2).map(excess_j).collect();
+    given_back_where_j(record, &|_| true)
+}
+
+/// The same of the ticks that count.
+pub fn given_back_where_j(record: &Record, counts: &dyn Fn(&Tick) -> bool) -> f64 {
+    let work = |pair: &[Tick]| match pair {
+        [now, _] if counts(now) => excess_j(pair),
+        _ => 0.0,
+    };
+    let works: Vec<f64> = record.ticks.windows(2).map(work).collect();
     let mut sum = works.iter().take(WINDOW_TICKS).sum::<f64>();
     let mut most = sum.max(0.0);
     for (leaves, comes) in works.iter().zip(works.iter().skip(WINDOW_TICKS)) {
@@ -91,7 +100,7 @@ pub fn given_back_j(record: &Record) -> f64 {
 }
 
 /// What the motors gave in the first of two ticks, less what the true tissue gave \[J\].
-fn excess_j(pair: &[Tick]) -> f64 {
+pub(super) fn excess_j(pair: &[Tick]) -> f64 {
     let [now, after] = pair else { return 0.0 };
     let true_j: f64 = (0..3)
         .map(|i| {

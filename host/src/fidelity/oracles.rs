@@ -12,6 +12,7 @@ use super::plant::Mechanics;
 use super::run::{Host, Record, Setup, run};
 use super::scenes::point::Point;
 use super::stiffest::{Search, stiffest};
+use super::switches::Mendings;
 use serde::Serialize;
 use sutura_shared::control::{Guards, Rendering, TICK_S, Tuning};
 use sutura_shared::device::DeviceError;
@@ -108,6 +109,9 @@ fn got_j(stiffness_n_per_m: f64, mechanics: Mechanics, rattle: Motion) -> Result
         phase: 0.0,
         cold: false,
         blocking: None,
+        arms_s: 0.0,
+        stop: None,
+        mendings: Mendings::ALL,
     })?;
     Ok(got_of(&record, mechanics))
 }

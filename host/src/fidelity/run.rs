@@ -9,6 +9,8 @@ use super::hand::{Grasp, Motion};
 use super::link::{Link, LinkSpec};
 use super::plant::{Mechanics, Plant, pace};
 use super::scenes::{Sample, Scene, Solution};
+use super::stops::Stop;
+use super::switches::Mendings;
 use crate::session::{Horizon, pack_symmetric, rows_frame};
 use crate::step::ToolRows;
 use sutura_client::Lead;
@@ -73,6 +75,12 @@ pub struct Setup<'a> {
     /// How long solves take that block the host; none if its frames always come after the link's delay. Such a host learns
     /// its horizon as sessions do.
     pub blocking: Option<&'a Blocking>,
+    /// When the console is told to arm \[s\].
+    pub arms_s: f64,
+    /// What stops it, and when \[s\].
+    pub stop: Option<(f64, Stop)>,
+    /// What the host does about its being late.
+    pub mendings: Mendings,
 }
 
 impl Setup<'_> {
@@ -171,7 +179,6 @@ const HORIZON_S: (f64, f64) = (0.020, 0.150);
 pub fn run(setup: &Setup<'_>) -> Result<Record, DeviceError> {
     let description = setup.mechanics.description();
     let mut control = Control::tuned(description, setup.tuning)?;
-    control.command(Command::Arm);
     let mut plant = Plant::new(setup.mechanics, setup.motion, setup.grasp, setup.scene);
     let mut truth = setup
         .truth
@@ -204,12 +211,25 @@ pub fn run(setup: &Setup<'_>) -> Result<Record, DeviceError> {
             }
             (None, None) => {}
         }
+        let is_now = |at_s: f64| number == (at_s * 1e3).round() as u32;
+        if is_now(setup.arms_s) {
+            control.command(Command::Arm);
+        }
+        let stop = setup.stop.filter(|(at_s, _)| time_s >= *at_s);
+        if setup
+            .stop
+            .is_some_and(|(at_s, stop)| is_now(at_s) && stop == Stop::Session)
+        {
+            control.open_session();
+        }
+        let stop = stop.map(|(_, stop)| stop);
         let counts = plant.counts();
         let read_m = counts.map(|count| f64::from(count) / setup.mechanics.counts_per_m);
         let fresh = host.arrives(time_s, &mut control);
         let input = TickInput {
             now_us,
-            encoder_counts: counts,
+            encoder_counts: Stop::counts(stop, counts),
+            emergency_stop: stop == Some(Stop::Pressed),
             ..TickInput::default()
         };
         let output = control.tick(&input, fresh.as_ref());
@@ -333,7 +353,7 @@ impl<'a> Remote<'a> {
             turn: 0,
             done_s: 0.0,
             stalls_over: 0,
-            learnt: Horizon::new(1.0 / period_s),
+            learnt: setup.mendings.horizon(1.0 / period_s),
             lead: Lead::new(),
             before_s: None,
             solves: 0,
@@ -378,7 +398,11 @@ impl<'a> Remote<'a> {
         let Some((spec, _)) = &self.link else {
             return;
         };
-        self.learnt.tick((time_s * 1e3).round() as u32);
+        self.learnt.tick(
+            self.setup
+                .mendings
+                .console_tick((time_s * 1e3).round() as u32),
+        );
         let hz = spec.host_hz;
         let due_s = (f64::from(self.turn) + self.setup.phase) / hz;
         // As if at `due_s`, between this tick and the next.
@@ -417,6 +441,10 @@ impl<'a> Remote<'a> {
         let Some(solution) = self.tissue.solve(&sample) else {
             return;
         };
+        let solution = self
+            .setup
+            .mendings
+            .of(solution, &sample, self.setup.ahead_s());
         let frames = self.frames(&sample, now_us, solution);
         if let Some((_, link)) = &mut self.link {
             link.send(sent_s, frames);

@@ -8,6 +8,7 @@ use super::notice::given_back_j;
 use super::plant::Mechanics;
 use super::run::{Host, Knock, Record, Setup, run};
 use super::scenes::point::Point;
+use super::switches::Mendings;
 use sutura_shared::control::Tuning;
 use sutura_shared::device::DeviceError;
 
@@ -123,6 +124,9 @@ pub fn hold(search: &Search, k: f64) -> Result<(Steadiness, Record), DeviceError
         phase: 0.0,
         cold: false,
         blocking: None,
+        arms_s: 0.0,
+        stop: None,
+        mendings: Mendings::ALL,
     })?;
     Ok((steadiness(&record), record))
 }

@@ -3,10 +3,12 @@
 //!
 //! Entry point: [`bars`].
 
+use super::bars::Bar;
 use super::case::Case;
 use super::corners::{self, Line};
-use super::suite::Bar;
+use super::returns::{self, Returned};
 use super::trials::{Spread, spreads};
+use serde::Serialize;
 
 /// Bars that are open, and what the full form measured when they were written down.
 const OPEN: &[(&str, f64)] = &[
@@ -25,10 +27,32 @@ const OPEN: &[(&str, f64)] = &[
     ("round body of 8 mm, rms %", 6.9),
     ("given back in 100 ms, trials, mJ", 4.0),
     ("stiffness 30 Hz, a tick or 1 ms later, of what it was", 1.0),
+    // Never for good: a hand of 50 N/m after an outage of 200 ms at 30 Hz, and no other.
+    (
+        "return elastic: 90 % of the force, of the time allowed",
+        f64::INFINITY,
+    ),
+    ("return elastic: rise N/s", 28.8),
+    // Never for good, with light hands on tissue that relaxes; on the same tissue that does not, but for the case above.
+    (
+        "return point: 90 % of the force, of the time allowed",
+        f64::INFINITY,
+    ),
+    ("return point: rise N/s", 32.6),
 ];
 
 /// Most that may be given back in 100 ms beyond the true tissue \[mJ\].
 pub const GIVEN_BACK_MJ: f64 = 2.0;
+
+/// Stalls that a host's first horizon is long enough for \[ms\].
+const SHORT_MS: f64 = 80.0;
+
+/// Most that may be given to the hand by a force that comes back \[mJ\].
+const GIVEN_MJ: f64 = 15.0;
+/// Farthest that such a force may throw a hand past where it rests \[mm\].
+const PAST_MM: f64 = 2.0;
+/// Least that motors may have taken, less what they had given \[mJ\].
+pub const LEAST_ENERGY_MJ: f64 = -1.0;
 
 /// The corners as they were before anything was done about them: `sutura fidelity --full --only corner --plot DIR`.
 const BEFORE: &str = include_str!("corners-before.csv");
@@ -76,24 +100,149 @@ pub fn bars(cases: &[Case]) -> Vec<Bar> {
     let lossy = cases
         .iter()
         .filter(|case| is_on_bad_link(case) && !case.is_unguarded());
-    let given_back = Bound {
-        name: "given back in 100 ms, bad links, mJ",
-        at_least: false,
-        bar: GIVEN_BACK_MJ,
+    bars.extend(given_back_on_bad_links(lossy));
+    // Longer than these no horizon of a host of 60 Hz that knows nothing is.
+    let short = |case: &&Case| {
+        let trial = case.trial.as_ref();
+        trial.is_some_and(|trial| trial.factor == "stalls" && trial.longest_stall_ms <= SHORT_MS)
+            && case.scene == "palpation"
+            && case.hand != "taps"
     };
-    bars.extend(given_back.judge(lossy.map(|case| {
-        (
-            case.given_back_mj.unwrap_or(f64::INFINITY),
-            case.case.clone(),
-        )
+    let dropouts = Bound {
+        name: "first stalls of up to 80 ms, dropouts a minute",
+        at_least: false,
+        bar: 0.0,
+    };
+    let stalled = cases.iter().filter(short);
+    bars.extend(dropouts.judge(stalled.map(|case| {
+        let dropouts = case.noticed.map_or(f64::INFINITY, |n| n.dropouts_per_min);
+        (dropouts, case.case.clone())
     })));
     bars.extend(of_corners(&corners::table(cases)));
+    bars.extend(of_returns(cases));
+    bars
+}
+
+/// A figure of a force that has come back.
+type Figure = fn(&Returned) -> f64;
+
+/// What forces that come back must be, on each tissue.
+const RETURNS: [(&str, f64, Figure); 6] = [
+    ("90 % of the force, of the time allowed", 1.0, |r| {
+        r.time_of_allowed.unwrap_or(f64::INFINITY)
+    }),
+    ("rise N/s", returns::RISE_N_PER_S, |r| r.rise_n_per_s),
+    ("given beyond the true tissue mJ", GIVEN_MJ, |r| {
+        r.beyond_true_mj
+    }),
+    ("given at all mJ", GIVEN_MJ, |r| r.handed_out_mj),
+    ("hand past its rest mm", PAST_MM, |r| r.past_rest_mm),
+    ("given back in 100 ms else, mJ", GIVEN_BACK_MJ, |r| {
+        r.given_back_else_mj
+    }),
+];
+
+fn of_returns(cases: &[Case]) -> Vec<Bar> {
+    let mut bars = Vec::new();
+    for scene in ["elastic", "palpation", "point"] {
+        for (what, bar, figure) in RETURNS {
+            let bound = Bound {
+                name: &format!("return {scene}: {what}"),
+                at_least: false,
+                bar,
+            };
+            let own = cases.iter().filter(|case| case.scene == scene);
+            let of = own.filter_map(|case| Some((figure(case.returned.as_ref()?), case)));
+            bars.extend(bound.judge(of.map(|(value, case)| (value, case.case.clone()))));
+        }
+    }
+    // Longer than any horizon and its decay.
+    let gone = Bound {
+        name: "force N at the end of an outage",
+        at_least: false,
+        bar: 0.0,
+    };
+    let long = cases.iter().filter(|case| case.burst_ms >= 200.0);
+    let left = long.filter_map(|case| Some((case.returned.as_ref()?.gone_force_n, case)));
+    bars.extend(gone.judge(left.map(|(value, case)| (value, case.case.clone()))));
+    let energy = Bound {
+        name: "energy mJ, outage of 300 ms",
+        at_least: true,
+        bar: LEAST_ENERGY_MJ,
+    };
+    let pen = |case: &&Case| {
+        case.returned.is_some()
+            && (case.scene.as_str(), case.grasp.as_str()) == ("point", "pen")
+            && case.burst_ms == 300.0
+    };
+    let own = cases.iter().filter(pen);
+    bars.extend(energy.judge(own.map(|case| (1e3 * case.energy_min_j, case.case.clone()))));
     bars
 }
 
 /// Whether it is one of the cases of links that lose, stop and reorder, on hosts that are fast enough.
 pub fn is_on_bad_link(case: &Case) -> bool {
     case.question == "errors" && case.is_lossy() && case.scene != "gristle"
+}
+
+fn given_back_on_bad_links<'a>(cases: impl Iterator<Item = &'a Case>) -> Option<Bar> {
+    let bound = Bound {
+        name: "given back in 100 ms, bad links, mJ",
+        at_least: false,
+        bar: GIVEN_BACK_MJ,
+    };
+    bound.judge(cases.map(|case| {
+        (
+            case.given_back_mj.unwrap_or(f64::INFINITY),
+            case.case.clone(),
+        )
+    }))
+}
+
+/// What bad links give back, with all guards or without tank and damping.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct BadLinks {
+    /// Without tank and damping.
+    pub is_unguarded: bool,
+    /// How many cases there are.
+    pub cases: usize,
+    /// In how many more than [`GIVEN_BACK_MJ`] is given back: in 100 ms beyond the true tissue, or beyond all that had been
+    /// taken.
+    pub over: usize,
+    /// In how many of these a bar on energy fails: all, or they are not worth their name.
+    pub failing: usize,
+    /// The most that is given back in 100 ms beyond the true tissue \[mJ\].
+    pub most_mj: f64,
+    /// The most that is given beyond all that had been taken \[mJ\].
+    pub most_beyond_taken_mj: f64,
+}
+
+/// Of both, where there are cases.
+pub fn bad_links(cases: &[Case]) -> Vec<BadLinks> {
+    let of = |is_unguarded: bool| {
+        let own: Vec<_> = cases
+            .iter()
+            .filter(|case| is_on_bad_link(case) && case.is_unguarded() == is_unguarded)
+            .collect();
+        let mj = |case: &Case| case.given_back_mj.unwrap_or(0.0);
+        let beyond_mj = |case: &Case| (-1e3 * case.energy_min_j).max(0.0);
+        let is_over = |case: &&Case| mj(case).max(beyond_mj(case)) > GIVEN_BACK_MJ;
+        let fails = |case: &&Case| {
+            let bar = given_back_on_bad_links(std::iter::once(*case));
+            bar.is_some_and(|bar| !bar.ok) || -beyond_mj(case) < LEAST_ENERGY_MJ
+        };
+        let over = || own.iter().copied().filter(is_over);
+        BadLinks {
+            is_unguarded,
+            cases: own.len(),
+            over: over().count(),
+            failing: over().filter(fails).count(),
+            most_mj: own.iter().map(|case| mj(case)).fold(0.0, f64::max),
+            most_beyond_taken_mj: own.iter().map(|case| beyond_mj(case)).fold(0.0, f64::max),
+        }
+    };
+    let both = [false, true].map(of).into_iter();
+    both.filter(|found| found.cases > 0).collect()
 }
 
 /// Whether some trials count.

@@ -370,7 +370,7 @@ impl Render {
         let [x, y, z, a, b, c] = *dx;
         let across = contact.across(&Vec3::new(x, y, z));
         let way_m = length(&across);
-        if way_m <= self.sideways_m {
+        if way_m <= self.sideways_m || !self.tuning.guards.bend {
             return *dx;
         }
         let [u, v, w]: [f32; 3] = (across * (1.0 - self.sideways_m / way_m)).into();

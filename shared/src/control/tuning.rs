@@ -26,7 +26,7 @@ pub struct Guards {
     pub trust: bool,
     /// The force is evaluated where the grip will be when the motors act.
     pub lead: bool,
-    /// The tangent changes along the way as it has changed.
+    /// Surfaces are curved: the tangent changes along the way as it has changed, and rows end sideways.
     pub bend: bool,
     /// The lead grows while a grip in contact swings.
     pub swing: bool,

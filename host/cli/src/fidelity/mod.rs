@@ -11,11 +11,14 @@ use crate::{Format, Global};
 use clap::Args;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
+use sutura_host::fidelity::bars::{Bar, bars};
 use sutura_host::fidelity::case::{Case, Scenes};
 use sutura_host::fidelity::corners;
+use sutura_host::fidelity::mutants::{self, Mutant};
 use sutura_host::fidelity::oracles::{Oracle, oracles};
-use sutura_host::fidelity::suite::{self, Bar, Extent, Mutant};
-use sutura_host::fidelity::targets;
+use sutura_host::fidelity::suite::{self, Extent};
+use sutura_host::fidelity::switches::Switch;
+use sutura_host::fidelity::targets::{self, BadLinks};
 use sutura_host::fidelity::trials::{Spread, Three, spreads};
 use sutura_shared::device::DeviceError;
 
@@ -26,6 +29,9 @@ pub struct FidelityArgs {
     /// All tables, and each guard switched off in turn; without it what the bars need, in a minute.
     #[arg(long)]
     pub full: bool,
+    /// Only each guard switched off in turn, in the short form: which bars fail without it.
+    #[arg(long, conflicts_with_all = ["full", "only"])]
+    pub guards: bool,
     /// Writes tables (CSV, JSON) and plots (SVG) into this directory.
     #[arg(long, value_name = "DIR")]
     pub plot: Option<PathBuf>,
@@ -44,6 +50,7 @@ const EXAMPLES: &str = "\
 Examples:
   sutura fidelity                            what the bars need
   sutura fidelity --full --plot figures      all tables, CSV, JSON and SVG
+  sutura fidelity --guards --check           exit code 7 if a guard's absence fails no bar
   sutura fidelity --full --only \"palpation taps rows\"
   sutura fidelity --full --only corner       consoles that are not as described
   sutura fidelity --full --only \"trial needle phase\"
@@ -59,6 +66,7 @@ struct Report {
     cases: Vec<Case>,
     spreads: Vec<Spread>,
     bars: Vec<Bar>,
+    bad_links: Vec<BadLinks>,
     oracles: Vec<Oracle>,
     guards: Vec<Mutant>,
 }
@@ -79,7 +87,11 @@ pub fn run(args: &FidelityArgs, global: &Global) -> Result<(), Failure> {
     let threads = args
         .threads
         .unwrap_or_else(|| std::thread::available_parallelism().map_or(1, std::num::NonZero::get));
-    let mut specs = suite::specs(extent);
+    let mut specs = if args.guards {
+        mutants::specs()
+    } else {
+        suite::specs(extent)
+    };
     if let Some(only) = &args.only {
         let words: Vec<_> = only.split_whitespace().collect();
         specs.retain(|spec| {
@@ -102,26 +114,30 @@ pub fn run(args: &FidelityArgs, global: &Global) -> Result<(), Failure> {
         bar.set_message(name.to_owned());
     };
     let cases = suite::measure(&specs, &scenes, threads, &told).map_err(unsound)?;
-    let bars = suite::bars(&cases);
+    let bars = bars(&cases);
     let whole = args.only.is_none();
-    let oracles = if whole {
+    let oracles = if whole && !args.guards {
         oracles().map_err(unsound)?
     } else {
         Vec::new()
     };
-    let guards = if args.full && whole {
-        bar.set_length(11 * suite::core(Extent::Short, Default::default()).len() as u64);
-        suite::mutants(&scenes, threads, &told).map_err(unsound)?
+    let guards = if args.guards || args.full && whole {
+        let runs = (1 + Switch::all().len()) * mutants::specs().len();
+        bar.set_length(runs as u64);
+        mutants::mutants(&scenes, threads, &told).map_err(unsound)?
     } else {
         Vec::new()
     };
     bar.finish_and_clear();
-    let missed =
-        bars.iter().any(|bar| !bar.ok && !bar.open) || oracles.iter().any(|oracle| !oracle.ok);
+    // Something that no bar shows the use of is a bar that is missing.
+    let missed = bars.iter().any(|bar| !bar.ok && !bar.open)
+        || oracles.iter().any(|oracle| !oracle.ok)
+        || guards.iter().any(|guard| guard.fails.is_empty());
     let report = Report {
         status: if missed { "bars-missed" } else { "ok" },
         extent: if args.full { "full" } else { "short" },
         spreads: spreads(&cases),
+        bad_links: targets::bad_links(&cases),
         cases,
         bars,
         oracles,
@@ -137,9 +153,15 @@ pub fn run(args: &FidelityArgs, global: &Global) -> Result<(), Failure> {
     if missed && args.check {
         let missed = report.bars.iter().filter(|bar| !bar.ok && !bar.open);
         let missed = missed.count();
+        let useless = report.guards.iter().filter(|guard| guard.fails.is_empty());
+        let useless: Vec<_> = useless.map(|guard| guard.guard).collect();
         return Err(Failure::say(
             Cause::Budget,
-            format!("{missed} of {} bars are missed", report.bars.len()),
+            if useless.is_empty() {
+                format!("{missed} of {} bars are missed", report.bars.len())
+            } else {
+                format!("no bar fails without {}", useless.join(", "))
+            },
             "the table names the worst case of each; run it alone with --full --only",
         )
         .after_summary());
@@ -218,19 +240,7 @@ fn print_text(report: &Report) {
             line.ends_by
         );
     }
-    for case in &report.cases {
-        if let Some(r) = case.recovery {
-            let time = r
-                .time_to_90_ms
-                .map_or("never".to_owned(), |t| format!("{t:.0} ms"));
-            say!(
-                "Gap of 300 ms, {:.0} Hz: {:.2} N at its end, 90 % of the true force after {time}, {:.3} of it after 0.5 s",
-                case.host_hz,
-                r.gap_force_n,
-                r.restored_ratio
-            );
-        }
-    }
+    print_returns(&report.cases);
     for case in &report.cases {
         if let Some(p) = case.punctures.filter(|_| is_listed(&case)) {
             say!(
@@ -259,26 +269,21 @@ fn print_text(report: &Report) {
             );
         }
     }
-    for (what, unguarded) in [
-        ("with all guards", false),
-        ("without tank and damping", true),
-    ] {
-        let on_bad_links = report
-            .cases
-            .iter()
-            .filter(|case| targets::is_on_bad_link(case) && case.is_unguarded() == unguarded);
-        let given: Vec<f64> = on_bad_links.filter_map(|case| case.given_back_mj).collect();
-        let over = given
-            .iter()
-            .filter(|mj| **mj > targets::GIVEN_BACK_MJ)
-            .count();
-        if !given.is_empty() {
-            say!(
-                "Bad links, {what}: {over} of {} cases give back more than {} mJ in 100 ms",
-                given.len(),
-                targets::GIVEN_BACK_MJ
-            );
-        }
+    for links in &report.bad_links {
+        say!(
+            "Bad links, {}: {} of {} cases give back more than {} mJ, {:.2} mJ at most in 100 ms, {:.2} mJ beyond all that was taken; a bar on energy fails for {} of these",
+            if links.is_unguarded {
+                "without tank and damping"
+            } else {
+                "with all guards"
+            },
+            links.over,
+            links.cases,
+            targets::GIVEN_BACK_MJ,
+            links.most_mj,
+            links.most_beyond_taken_mj,
+            links.failing
+        );
     }
     for oracle in &report.oracles {
         say!(
@@ -306,7 +311,12 @@ fn print_text(report: &Report) {
         );
     }
     for mutant in &report.guards {
-        say!("without {}: {}", mutant.guard, failures(mutant));
+        let sign = if mutant.fails.is_empty() {
+            "MISSED"
+        } else {
+            "ok    "
+        };
+        say!("{sign} without {}: {}", mutant.guard, failures(mutant));
     }
     let met = report.bars.iter().filter(|bar| bar.ok).count();
     let open = report.bars.iter().filter(|bar| bar.open).count();
@@ -338,9 +348,40 @@ fn print_spreads(spreads: &[Spread]) {
     }
 }
 
+fn print_returns(cases: &[Case]) {
+    if cases.iter().any(|case| case.returned.is_some()) {
+        say!(
+            "Forces that come back: left of them before, 90 % of the true force after, of the time allowed, rise, given beyond the true tissue, given at all, hand past its rest"
+        );
+    }
+    for case in cases {
+        let Some(r) = case.returned else { continue };
+        let time = |ms: f64| format!("{ms:.0} ms");
+        let part = |part: f64| format!("{part:.2}");
+        let never = || "never".to_owned();
+        say!(
+            "  {:52} {:5.2} N of {:5.2} N {:>8} {:>5} {:6.2} N/s {:7.3} mJ {:7.3} mJ {:6.2} mm",
+            case.case,
+            r.gone_force_n,
+            r.returning_n,
+            r.time_to_90_ms.map_or_else(never, time),
+            r.time_of_allowed.map_or_else(never, part),
+            r.rise_n_per_s,
+            r.beyond_true_mj,
+            r.handed_out_mj,
+            r.past_rest_mm
+        );
+    }
+    for case in cases {
+        if let Some(force_n) = case.force_after_stop_n {
+            say!("{}: {force_n:.2} N after it", case.case);
+        }
+    }
+}
+
 fn failures(mutant: &Mutant) -> String {
     if mutant.fails.is_empty() {
-        return "no bar fails".to_owned();
+        return "NO BAR FAILS: nothing shows what it is for".to_owned();
     }
     let fails: Vec<_> = mutant
         .fails

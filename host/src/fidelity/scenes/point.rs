@@ -33,6 +33,12 @@ impl Point {
         relaxation_s: 0.15,
     };
 
+    /// The same without the Maxwell branch: what sessions have, whose tissue does not relax.
+    pub const ELASTIC: Point = Point {
+        branch: 0.0,
+        ..Point::TISSUE
+    };
+
     /// Six times as stiff, and as much thinner.
     pub const GRISTLE: Point = Point {
         stiffness_n_per_m: 1500.0,
@@ -77,6 +83,8 @@ impl Scene for Point {
     fn name(&self) -> &'static str {
         if *self == Point::GRISTLE {
             "gristle"
+        } else if *self == Point::ELASTIC {
+            "elastic"
         } else {
             "point"
         }

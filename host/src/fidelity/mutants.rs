@@ -1,0 +1,61 @@
+//! What each guard of the console, and each of the host's mendings, is for: the bars that fail without it.
+//!
+//! Entry point: [`mutants`].
+
+use super::bars::{Bar, bars};
+use super::case::{Question, Scenes, Spec};
+use super::suite::{Extent, core, first_stalls, measure};
+use super::switches::Switch;
+use super::trials::{self, Factor};
+use serde::Serialize;
+use sutura_shared::control::Guards;
+use sutura_shared::device::DeviceError;
+
+/// What a switch is for: the bars that fail without it and not with it.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Mutant {
+    /// What is off.
+    pub guard: &'static str,
+    /// What fails then, with its value; should be some.
+    pub fails: Vec<Bar>,
+}
+
+/// What is run with each of them off: the short form, without trials that show nothing but open bars.
+pub fn specs() -> Vec<Spec> {
+    let mut specs = core(Extent::Short, Guards::ALL);
+    let shows = |spec: &Spec| {
+        matches!(
+            spec.question,
+            Question::Trial(Factor::Planned | Factor::Turn(_) | Factor::Phase)
+        )
+    };
+    specs.extend(trials::known_worst().into_iter().filter(shows));
+    specs.extend(first_stalls());
+    specs
+}
+
+/// Each switch off in turn.
+///
+/// # Errors
+/// Mechanics that make no valid device.
+pub fn mutants(
+    scenes: &Scenes,
+    threads: usize,
+    done: &(dyn Fn(usize, &str) + Sync),
+) -> Result<Vec<Mutant>, DeviceError> {
+    let all = specs();
+    let with_all = bars(&measure(&all, scenes, threads, done)?);
+    let mut mutants = Vec::new();
+    for (index, switch) in Switch::all().into_iter().enumerate() {
+        let specs: Vec<Spec> = all.iter().map(|spec| spec.without(switch)).collect();
+        let told = |n: usize, name: &str| done((index + 1) * all.len() + n, name);
+        let found = bars(&measure(&specs, scenes, threads, &told)?);
+        let met = |bar: &&Bar| with_all.iter().any(|with| with.name == bar.name && with.ok);
+        let fails = found.iter().filter(|bar| !bar.ok).filter(met);
+        mutants.push(Mutant {
+            guard: switch.name(),
+            fails: fails.cloned().collect(),
+        });
+    }
+    Ok(mutants)
+}
