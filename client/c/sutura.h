@@ -101,6 +101,10 @@ typedef struct {
   uint32_t faults;
   // Age of the contact in use [us]; 4294967295 before the first.
   uint32_t contact_age_us;
+  // Its age when it came into use [us]; 4294967295 before the first.
+  uint32_t applied_age_us;
+  // Sequence of the frame that brought it; 0 before the first.
+  uint32_t contact_sequence;
 } sutura_pose;
 
 // Contact of the grip at one pose. The console goes on from it by itself until the next one.
@@ -192,6 +196,18 @@ int32_t sutura_clear_fault(const sutura_console *console);
 // # Safety
 // `console` is an open handle; `pose` points to a place for the answer.
 int32_t sutura_read_pose(const sutura_console *console, uint32_t timeout_ms, sutura_pose *pose);
+
+// Where the grip will be, across the contact's `normal`, while what is solved for `pose` is in use, with a contact every `period_us`:
+// solve for this pose and send it with the contact, and strokes over round bodies are rendered from both sides. Without a contact, a normal of
+// (0, 0, 0), it is `pose`. `ahead` may be `pose`.
+//
+// # Safety
+// `console` is an open handle; `pose` points to a pose, `normal` to 3 numbers, `ahead` to a place for the answer.
+int32_t sutura_ahead(const sutura_console *console,
+                     const sutura_pose *pose,
+                     const float *normal,
+                     uint32_t period_us,
+                     sutura_pose *ahead);
 
 // Sends the contact that was computed for `pose`, in the place of one that still waits to be sent.
 //

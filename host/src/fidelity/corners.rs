@@ -102,6 +102,7 @@ pub fn known_worst() -> Vec<Spec> {
         spec(Off::NONE, Grasp::PEN),
         spec(DEVICES[1], light),
         spec(DEVICES[3], light),
+        spec(DEVICES[8], HANDS[3]),
     ]
 }
 

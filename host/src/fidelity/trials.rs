@@ -244,12 +244,13 @@ pub fn known_worst() -> Vec<Spec> {
         turned(presses, HOST_HZ, 0),
         phased(taps, 30.0, 0.9),
         phased(needle, HOST_HZ, 0.8),
-        phased(round, HOST_HZ, 0.9),
-        stalled(taps, HOST_HZ, 6),
+        phased(round, HOST_HZ, 0.8),
+        stalled((Place::Palpation, Motion::Strokes), HOST_HZ, 8),
         stalled(needle, HOST_HZ, 6),
-        stalled(corotational, HOST_HZ, 7),
-        stalled(hyperelastic(Motion::Taps), HOST_HZ, 7),
-        phased(hyperelastic(Motion::Strokes), HOST_HZ, 0.7),
+        stalled((Place::Slab(Law::Corotational), Motion::Strokes), HOST_HZ, 6),
+        stalled(corotational, HOST_HZ, 5),
+        stalled(hyperelastic(Motion::Taps), HOST_HZ, 6),
+        stalled(hyperelastic(Motion::Strokes), HOST_HZ, 4),
     ]
 }
 
