@@ -159,6 +159,7 @@ const LONG: &[(&str, Way)] = &[
     ("sutura doctor /dev/ttyACM0", Port),
     ("sutura fidelity", Ends(&[])),
     ("sutura fidelity --full --plot figures", Ends(&["figures"])),
+    ("sutura fidelity --guards --check", Ends(&[])),
     (
         "sutura fidelity --full --only \"palpation taps rows\"",
         Ends(&[]),
