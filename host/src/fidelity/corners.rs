@@ -102,7 +102,8 @@ pub fn known_worst() -> Vec<Spec> {
         spec(Off::NONE, Grasp::PEN),
         spec(DEVICES[1], light),
         spec(DEVICES[3], light),
-        spec(DEVICES[8], HANDS[3]),
+        spec(DEVICES[2], HANDS[0]),
+        spec(DEVICES[3], HANDS[3]),
     ]
 }
 

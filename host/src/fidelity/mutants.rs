@@ -4,6 +4,7 @@
 
 use super::bars::{Bar, bars};
 use super::case::{Question, Scenes, Spec};
+use super::corners;
 use super::suite::{Extent, core, first_stalls, measure};
 use super::switches::Switch;
 use super::trials::{self, Factor};
@@ -31,6 +32,8 @@ pub fn specs() -> Vec<Spec> {
     };
     specs.extend(trials::known_worst().into_iter().filter(shows));
     specs.extend(first_stalls());
+    // What a description that is wrong costs.
+    specs.extend(corners::known_worst());
     specs
 }
 

@@ -247,7 +247,11 @@ pub fn known_worst() -> Vec<Spec> {
         phased(round, HOST_HZ, 0.8),
         stalled((Place::Palpation, Motion::Strokes), HOST_HZ, 8),
         stalled(needle, HOST_HZ, 6),
-        stalled((Place::Slab(Law::Corotational), Motion::Strokes), HOST_HZ, 6),
+        stalled(
+            (Place::Slab(Law::Corotational), Motion::Strokes),
+            HOST_HZ,
+            6,
+        ),
         stalled(corotational, HOST_HZ, 5),
         stalled(hyperelastic(Motion::Taps), HOST_HZ, 6),
         stalled(hyperelastic(Motion::Strokes), HOST_HZ, 4),

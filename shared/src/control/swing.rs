@@ -21,15 +21,17 @@ const HEAVIER: f32 = 2.6;
 /// Half-waves of at most so many ticks are those of too long a lead, and of at least so many those of too short a one.
 const QUICK: u16 = 8;
 const LATE: u16 = 11;
-/// Smallest swing that counts, and the smallest that is nothing that encoders make, in their steps.
+/// Smallest swing that counts, the smallest that is nothing that encoders make, and one that a hand cannot but feel, in their steps.
 const SMALLEST: f32 = 1.2;
 const PLAIN: f32 = 3.0;
+const LARGE: f32 = 10.0;
 /// Part of what it was one wave before that a swing must have to be the same.
 const KEPT: f32 = 0.9;
-/// Half-waves in a row until a plain swing is one, and a small one.
+/// Half-waves in a row until a large swing is one, a plain one, and a small one.
+const LARGE_SAME: u16 = 3;
 const SAME: u16 = 4;
 const SMALL_SAME: u16 = 12;
-/// What a half-wave changes of the lead, and the most that is added to it \[s\].
+/// What a half-wave changes of the lead, twice as much if it is large, and the most that is added to it \[s\].
 const STEP_S: f32 = 0.2e-3;
 const MOST_S: f32 = 2.5e-3;
 /// Half-waves with all the lead that there is, after which it did not help.
@@ -138,6 +140,13 @@ impl Swing {
         let radian_s = f32::from(ticks) * (TICK_S / PI);
         let is_own = ticks <= LONGEST && radian_s * radian_s * along.square_per_s2 < HEAVIER;
         let steps = peak * radian_s / along.step_m;
+        let same = if steps > LARGE {
+            LARGE_SAME
+        } else if steps > PLAIN {
+            SAME
+        } else {
+            SMALL_SAME
+        };
         // One that leaves the tissue loses little, delay or none: only what grows is a swing then.
         let kept = if self.wave.held { KEPT } else { 1.0 };
         let touches = self.wave.touched || self.touched;
@@ -146,15 +155,16 @@ impl Swing {
             return;
         }
         self.same = self.same.saturating_add(1);
-        if self.same < if steps > PLAIN { SAME } else { SMALL_SAME } {
+        if self.same < same {
             return;
         }
+        let step_s = if steps > LARGE { 2.0 * STEP_S } else { STEP_S };
         if self.in_vain >= IN_VAIN {
             self.lead_s = 0.0;
         } else if ticks <= QUICK {
-            self.lead_s = max(self.lead_s - STEP_S, 0.0);
+            self.lead_s = max(self.lead_s - step_s, 0.0);
         } else if ticks >= LATE {
-            self.lead_s = min(self.lead_s + STEP_S, MOST_S);
+            self.lead_s = min(self.lead_s + step_s, MOST_S);
             self.in_vain += u16::from(self.lead_s >= MOST_S);
         }
     }
