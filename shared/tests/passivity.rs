@@ -241,9 +241,11 @@ fn wrong_tangents_give_no_energy_away() {
             );
         }
     }
-    // Where nothing is learnt of the tangent either, the swing would go on; with the tank alone it cannot be fed.
+    // Where nothing is learnt of the tangent either, nor of the swing, that would go on; with the tank alone it cannot be fed.
     let untrusting = |tank| Guards {
         trust: false,
+        bend: false,
+        swing: false,
         tank,
         damping: tank,
         ..Guards::ALL

@@ -436,7 +436,11 @@ impl<'a> Remote<'a> {
             position_m: state.position_m.map(f64::from),
             orientation: state.orientation.map(f64::from),
             velocity_m_per_s: state.velocity_m_per_s.map(f64::from),
-            lead_s,
+            lead_s: if self.setup.mendings.ahead {
+                lead_s
+            } else {
+                0.0
+            },
         };
         let Some(solution) = self.tissue.solve(&sample) else {
             return;

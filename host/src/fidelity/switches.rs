@@ -46,6 +46,8 @@ pub struct Mendings {
     pub foretold: bool,
     /// Hands that set out from rest are foreseen: so is what lies beyond the way that their velocity takes them.
     pub sets_out: bool,
+    /// Contacts are solved for where the grip will be across their normal.
+    pub ahead: bool,
     /// As long as nothing is known of a link, a solve may take five periods.
     pub longer_start: bool,
 }
@@ -59,14 +61,16 @@ impl Mendings {
     pub const ALL: Mendings = Mendings {
         foretold: true,
         sets_out: true,
+        ahead: true,
         longer_start: true,
     };
 
     /// Their names, and whether each is on.
-    pub fn by_name(&self) -> [(&'static str, bool); 3] {
+    pub fn by_name(&self) -> [(&'static str, bool); 4] {
         [
             ("foretold", self.foretold),
             ("sets-out", self.sets_out),
+            ("ahead", self.ahead),
             ("longer-start", self.longer_start),
         ]
     }
@@ -142,6 +146,7 @@ impl Switch {
             }
             Switch::Mending("foretold") => mendings.foretold = false,
             Switch::Mending("sets-out") => mendings.sets_out = false,
+            Switch::Mending("ahead") => mendings.ahead = false,
             Switch::Mending(_) => mendings.longer_start = false,
         }
         (guards, mendings)
