@@ -185,7 +185,7 @@ mod tests {
             );
         }
         // Nothing is known before the second frame, and nothing across the way.
-        let (first, at) = along(&step, 1);
+        let (first, _) = along(&step, 1);
         assert_eq!(first.force(&step), Vec3::zeros());
         let across = Vec3::new(0.4e-3, 0.0, -0.7e-3);
         assert!(length(&bend.force(&across)) < 1e-6);
