@@ -246,7 +246,7 @@ pub fn known_worst() -> Vec<Spec> {
         phased(needle, HOST_HZ, 0.8),
         phased(round, HOST_HZ, 0.8),
         stalled((Place::Palpation, Motion::Strokes), HOST_HZ, 8),
-        stalled(needle, HOST_HZ, 6),
+        stalled(needle, HOST_HZ, 0),
         stalled(
             (Place::Slab(Law::Corotational), Motion::Strokes),
             HOST_HZ,

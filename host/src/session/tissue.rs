@@ -50,8 +50,8 @@ const FAR_US: u64 = 5_500;
 const PIECE_US: u64 = 1_000;
 /// With fewer, both ways together, friction and stiffness say as much.
 const LOOK_LEAST: usize = 4;
-/// A frame is in use until it is so many periods old, or for so long \[us\].
-const LOOK_PERIODS: f64 = 2.2;
+/// A frame is in use until it is so many periods old where the host stalls, or for so long \[us\].
+const LOOK_PERIODS: f64 = 4.0;
 const LOOK_MOST_US: f64 = 150e3;
 /// A hand that rests sets out, and a moving one gets faster, by this \[m/s^2\]; and a little more \[m\].
 const LOOK_HAND_M_PER_S: f64 = 0.25;
