@@ -14,7 +14,7 @@ const PRIOR: f32 = 0.02 * 0.02;
 const TOLD: f32 = 0.3e-3 * 0.3e-3;
 /// Ways back and onward, in ways between frames, for which it holds.
 const HOLDS: (f32, f32) = (-1.0, 6.0);
-/// Change of the tangent, in tangents, beyond which it says nothing: a normal that has turned by about a right angle.
+/// Change of the tangent, in tangents, beyond which it says nothing: a normal that has turned by some 45 degrees.
 const TURNED: f32 = 1.0;
 
 /// A frame, as what comes next is compared with it.

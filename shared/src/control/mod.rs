@@ -435,6 +435,9 @@ impl Control {
             self.forget();
         }
         if has_torque(self.mode) && !has_torque(before) {
+            // As a replay knows it, which begins with a session, or where nothing was rendered.
+            self.swing = Swing::NONE;
+            self.render.lead_more(0.0);
             self.begin_rendering(freshness);
         }
     }

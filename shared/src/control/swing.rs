@@ -5,7 +5,7 @@
 //! contact of stiffness K (Colgate and Schenkel 1997), whether an amplifier's filter, a tick of a bus or a strong motor is to
 //! blame: the grip swings at its own frequency, and goes on. A longer lead is a damper of the other sign. It is learnt half-wave
 //! by half-wave, taken back where it is too long, which makes quick swings, and forgotten if it does not help: then a hand swings on
-//! purpose, or trembles.
+//! purpose, or trembles. What was learnt lasts as long as the console is armed.
 
 use super::TICK_S;
 use crate::math::{Vec3, dot, max, min};
