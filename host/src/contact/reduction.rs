@@ -50,8 +50,6 @@ pub struct ToolRows {
     pub curvature_per_m: f64,
     /// Of the balance: as the step reports it.
     pub residual: f64,
-    /// How fast forces fade at a held pose \[1/s\]: 0, tissue without viscosity.
-    pub relaxation_per_s: f64,
 }
 
 impl ToolRows {
@@ -67,7 +65,6 @@ impl ToolRows {
         held: [[0.0; 6]; 6],
         curvature_per_m: 0.0,
         residual: 0.0,
-        relaxation_per_s: 0.0,
     };
 
     /// W\[i\]\[j\] \[m/N\]; 0 for rows that are not there.

@@ -126,7 +126,7 @@ pub struct Line {
     pub given_back_mj: f64,
     /// The same of the reference \[mJ\].
     pub reference_given_back_mj: f64,
-    /// What makes stiffer tissue unstable: `swing`, `growth`, `force` below half of the true one, `fault`.
+    /// What makes stiffer tissue unstable: `swing`, `growth`, `force` below half of the true one, `energy` given back, `fault`.
     pub ends_by: String,
 }
 

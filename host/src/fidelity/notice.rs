@@ -80,16 +80,24 @@ pub fn noticed(record: &Record) -> Noticed {
 /// Each tick's work counts by itself: what motors or tissue take in, by friction, damping or springs, is spent and no
 /// credit for another tick.
 pub fn given_back_j(record: &Record) -> f64 {
-    given_back_where_j(record, &|_| true)
+    most_in_a_window(record, &excess_j)
 }
 
 /// The same of the ticks that count.
 pub fn given_back_where_j(record: &Record, counts: &dyn Fn(&Tick) -> bool) -> f64 {
-    let work = |pair: &[Tick]| match pair {
+    most_in_a_window(record, &|pair| match pair {
         [now, _] if counts(now) => excess_j(pair),
         _ => 0.0,
-    };
-    let works: Vec<f64> = record.ticks.windows(2).map(work).collect();
+    })
+}
+
+/// The same, if motors that are so many times as strong as described were as described: what the console could know of.
+pub fn given_back_as_described_j(record: &Record, torque: f64) -> f64 {
+    most_in_a_window(record, &|pair| given_j(pair) / torque - true_j(pair))
+}
+
+fn most_in_a_window(record: &Record, work_j: &dyn Fn(&[Tick]) -> f64) -> f64 {
+    let works: Vec<f64> = record.ticks.windows(2).map(work_j).collect();
     let mut sum = works.iter().take(WINDOW_TICKS).sum::<f64>();
     let mut most = sum.max(0.0);
     for (leaves, comes) in works.iter().zip(works.iter().skip(WINDOW_TICKS)) {
@@ -101,14 +109,23 @@ pub fn given_back_where_j(record: &Record, counts: &dyn Fn(&Tick) -> bool) -> f6
 
 /// What the motors gave in the first of two ticks, less what the true tissue gave \[J\].
 pub(super) fn excess_j(pair: &[Tick]) -> f64 {
+    given_j(pair) - true_j(pair)
+}
+
+/// What the motors gave in the first of two ticks \[J\]; what they took is none.
+fn given_j(pair: &[Tick]) -> f64 {
     let [now, after] = pair else { return 0.0 };
-    let true_j: f64 = (0..3)
-        .map(|i| {
-            let way = after.position_m[i] - now.position_m[i];
-            0.5 * (now.truth_n[i] + after.truth_n[i]) * way
-        })
-        .sum();
-    (now.energy_j - after.energy_j).max(0.0) - true_j.max(0.0)
+    (now.energy_j - after.energy_j).max(0.0)
+}
+
+/// The same of the true tissue on the same way.
+fn true_j(pair: &[Tick]) -> f64 {
+    let [now, after] = pair else { return 0.0 };
+    let work = |i: usize| {
+        let way = after.position_m[i] - now.position_m[i];
+        0.5 * (now.truth_n[i] + after.truth_n[i]) * way
+    };
+    (0..3).map(work).sum::<f64>().max(0.0)
 }
 
 fn length(v: [f64; 3]) -> f64 {
@@ -237,7 +254,10 @@ mod tests {
             assert!((found - expected).abs() < 1e-9, "{found} {expected}");
         };
         // 100 ticks of 0.1 mm at 2 N more than the truth.
-        near(given_back_j(&moved(|_| (true, 1.0, 3.0))), 100.0 * 2e-4);
+        let strong = moved(|_| (true, 1.0, 3.0));
+        near(given_back_j(&strong), 100.0 * 2e-4);
+        near(given_back_as_described_j(&strong, 3.0), 0.0);
+        near(given_back_as_described_j(&strong, 1.5), 100.0 * 1e-4);
         near(given_back_j(&moved(|_| (true, 1.0, 1.0))), 0.0);
         // Only 30 of them.
         let short = |n: usize| (true, 0.0, f64::from(u8::from((500..530).contains(&n))));

@@ -36,8 +36,6 @@ pub struct Oracle {
 const WALL: Point = Point {
     stiffness_n_per_m: 100.0,
     hardening_m: 1e9,
-    branch: 0.0,
-    relaxation_s: 1.0,
 };
 /// Encoders too fine to matter \[1/m\].
 const FINE: f64 = 1e8;

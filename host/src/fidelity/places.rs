@@ -24,8 +24,6 @@ use sutura_shared::device::DeviceError;
 pub enum Place {
     /// [`Point`].
     Point,
-    /// [`Point::ELASTIC`].
-    Elastic,
     /// [`Point::GRISTLE`].
     Gristle,
     /// [`Palpation`].
@@ -80,7 +78,6 @@ impl Scenes {
     pub(super) fn at<'a>(&'a self, place: &'a Place) -> &'a dyn Scene {
         match place {
             Place::Point => &Point::TISSUE,
-            Place::Elastic => &Point::ELASTIC,
             Place::Gristle => &Point::GRISTLE,
             Place::Palpation => &self.palpation,
             Place::Needle => &self.needle,

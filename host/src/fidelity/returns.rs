@@ -102,8 +102,8 @@ pub fn spec(place: Place, grasp: Grasp, away: Away, host_hz: f64) -> Spec {
     }
 }
 
-/// The tissues: elastic ones, as sessions have them, and the point that relaxes.
-const PLACES: [Place; 3] = [Place::Elastic, Place::Palpation, Place::Point];
+/// The tissues: a point of it and a body.
+const PLACES: [Place; 2] = [Place::Point, Place::Palpation];
 
 fn on(place: Place) -> Vec<Spec> {
     let [light, pen, firm, ..] = HANDS;
@@ -124,17 +124,13 @@ pub fn specs() -> Vec<Spec> {
 /// The worst of each kind that is known, for the short form; what is solved by a formula costs nothing.
 pub fn known_worst() -> Vec<Spec> {
     let [light, pen, firm, ..] = HANDS;
-    let mut specs = on(Place::Elastic);
+    let mut specs = on(Place::Point);
     let outage = Away::Outage;
     specs.extend([
         spec(Place::Palpation, Grasp::Rigid, outage(500), 60.0),
         spec(Place::Palpation, light, outage(100), 60.0),
         spec(Place::Palpation, pen, outage(100), 60.0),
         spec(Place::Palpation, firm, outage(300), 30.0),
-        spec(Place::Point, pen, outage(300), 30.0),
-        spec(Place::Point, pen, outage(300), 60.0),
-        spec(Place::Point, light, outage(300), 30.0),
-        spec(Place::Point, light, Away::Unarmed, 60.0),
     ]);
     specs
 }

@@ -475,10 +475,7 @@ impl<'a> Remote<'a> {
             // As a session has it: where nothing is near the wire has its longest gap.
             gap_m: solution.gap_m.clamp(0.0, f64::from(MAX_POSITION)) as f32,
             normal: solution.normal.map(|x| x as f32),
-            relaxation_per_s: match rendering {
-                Rendering::Hold => 0.0,
-                _ => solution.relaxation_per_s as f32,
-            },
+            relaxation_per_s: 0.0,
             horizon_us: self.horizon_us,
         };
         let mut frames = Vec::with_capacity(4);

@@ -185,7 +185,6 @@ impl Spec {
             },
             scene: match self.place {
                 Place::Point => "point".to_owned(),
-                Place::Elastic => Point::ELASTIC.name().to_owned(),
                 Place::Gristle => "gristle".to_owned(),
                 Place::Palpation => "palpation".to_owned(),
                 Place::Needle => "needle".to_owned(),

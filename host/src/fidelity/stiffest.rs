@@ -4,11 +4,12 @@
 
 use super::hand::{Grasp, Motion};
 use super::measure::{STABLE_SWING, Steadiness, steadiness};
-use super::notice::given_back_j;
+use super::notice::{given_back_as_described_j, given_back_j};
 use super::plant::Mechanics;
 use super::run::{Host, Knock, Record, Setup, run};
 use super::scenes::point::Point;
 use super::switches::Mendings;
+use super::targets::GIVEN_BACK_MJ;
 use sutura_shared::control::Tuning;
 use sutura_shared::device::DeviceError;
 
@@ -60,6 +61,8 @@ pub enum Ends {
     Growth,
     /// Less than half of the true force is left.
     Force,
+    /// It comes to rest, but gave back too much energy until then.
+    Energy,
     /// A fault is latched.
     Fault,
     /// All that was tried is stable.
@@ -70,8 +73,10 @@ impl Ends {
     fn of(steady: &Steadiness) -> Self {
         if !steady.is_faultless {
             Ends::Fault
-        } else if steady.is_stable {
+        } else if steady.is_stable && steady.force_ratio < LEAST_RATIO {
             Ends::Force
+        } else if steady.is_stable {
+            Ends::Energy
         } else if steady.swing <= STABLE_SWING {
             Ends::Growth
         } else {
@@ -85,6 +90,7 @@ impl Ends {
             Ends::Swing => "swing",
             Ends::Growth => "growth",
             Ends::Force => "force",
+            Ends::Energy => "energy",
             Ends::Fault => "fault",
             Ends::Nothing => "nothing",
         }
@@ -93,6 +99,9 @@ impl Ends {
 
 /// Least force over the true one in a hold that counts: guards that just switch the force off do not.
 pub const LEAST_RATIO: f64 = 0.5;
+/// Most that a hold that counts may give back in 100 ms beyond the true tissue \[J\], by motors as described: swings that end do not
+/// count where they first throw the hand about.
+const MOST_GIVEN_BACK_J: f64 = 1e-3 * GIVEN_BACK_MJ;
 /// Least and largest stiffness tried \[N/m\], and the factor between two.
 const RANGE: (f64, f64, f64) = (40.0, 20_000.0, 1.25);
 
@@ -131,7 +140,7 @@ pub fn hold(search: &Search, k: f64) -> Result<(Steadiness, Record), DeviceError
     Ok((steadiness(&record), record))
 }
 
-/// The largest stable stiffness, to 3 %, with at least half of the true force.
+/// The largest stable stiffness, to 3 %, with at least half of the true force and without giving back what the tissue did not.
 ///
 /// # Errors
 /// None with sound mechanics.
@@ -147,7 +156,10 @@ pub fn stiffest(search: &Search) -> Result<Stiffest, DeviceError> {
     let mut first_bad = highest;
     let mut take = |k: f64| -> Result<bool, DeviceError> {
         let (steady, record) = hold(search, k)?;
-        let counts = steady.is_stable && steady.force_ratio >= LEAST_RATIO;
+        let of_described_j = given_back_as_described_j(&record, search.mechanics.off.torque);
+        let counts = steady.is_stable
+            && steady.force_ratio >= LEAST_RATIO
+            && of_described_j <= MOST_GIVEN_BACK_J;
         if counts {
             found.k_max_n_per_m = k;
             found.least_energy_j = found.least_energy_j.min(record.least_energy_j);

@@ -39,6 +39,8 @@ pub(super) struct Bend {
     came: f32,
     /// Part of it that is believed, 0 to 1.
     worth: f32,
+    /// What the tangents are to be multiplied by.
+    scale: f32,
     /// Ways onward, in ways between frames, until the tangent says nothing any more.
     farthest: f32,
 }
@@ -52,12 +54,14 @@ impl Bend {
         foretold: 0.0,
         came: 0.0,
         worth: 0.0,
+        scale: 1.0,
         farthest: f32::INFINITY,
     };
 
-    /// Takes note of a new frame: its place \[m\], tangent \[N/m\] and force \[N\]. What is as good as where the last one was tells nothing:
-    /// a tool that rests goes back on the way on which it came.
-    pub fn learn(&mut self, place_m: &Vec3, tangent: &[f32; 6], force: &Vec3) {
+    /// Takes note of a new frame: its place \[m\], tangent \[N/m\] and force \[N\], and of what the tangents have turned out to be wrong by.
+    /// What is as good as where the last one was tells nothing: a tool that rests goes back on the way on which it came.
+    pub fn learn(&mut self, place_m: &Vec3, tangent: &[f32; 6], force: &Vec3, scale: f32) {
+        self.scale = scale;
         let new = Known {
             place_m: *place_m,
             tangent: *tangent,
@@ -74,7 +78,7 @@ impl Bend {
         }
         self.last = Some(new);
         let told = self.whole(&way, dot(&way, &self.per_way));
-        let unforetold = force - last.force_n - product(&last.tangent, &way);
+        let unforetold = force - last.force_n - product(&last.tangent, &way) * scale;
         let told_square = dot(&told, &told);
         let kept = 1.0 - (1.0 - KEPT) * told_square / (told_square + self.foretold + PRIOR);
         self.foretold = self.foretold * kept + told_square;
@@ -111,7 +115,7 @@ impl Bend {
 
     fn whole(&self, way: &Vec3, ways: f32) -> Vec3 {
         let (back, onward) = HOLDS;
-        product(&self.change, way) * (0.5 * clamp(ways, back, onward))
+        product(&self.change, way) * (0.5 * self.scale * clamp(ways, back, onward))
     }
 }
 
@@ -160,7 +164,7 @@ mod tests {
                 at += way;
             }
             let (force, slope) = tissue(&at);
-            bend.learn(&at, &slope, &force);
+            bend.learn(&at, &slope, &force, 1.0);
         }
         (bend, at)
     }
@@ -197,7 +201,7 @@ mod tests {
         let (mut bend, at) = along(&step, 3);
         let (force, slope) = tissue(&at);
         for _ in 0..10 {
-            bend.learn(&at, &slope, &force);
+            bend.learn(&at, &slope, &force, 1.0);
         }
         let (plane, bent) = off(&bend, &at, &-step);
         assert!(bent < 0.01 * plane, "{plane} {bent}");
@@ -216,6 +220,7 @@ mod tests {
                 &(step * f32::from(frame)),
                 &[slope, 0.0, 0.0, 0.0, 0.0, 0.0],
                 &force,
+                1.0,
             );
         }
         let believed = bend.force(&(step * 2.0));
@@ -232,6 +237,7 @@ mod tests {
                 &(Vec3::new(s, 0.0, c) * 8e-3),
                 &slope,
                 &Vec3::new(s, 0.0, c),
+                1.0,
             );
         }
         let onward = Vec3::new(1.0, 0.0, -0.15) * 2.4e-3;
@@ -241,7 +247,7 @@ mod tests {
         let mut wall = Bend::NONE;
         for x in [0.0_f32, 1e-3] {
             let slope = [0.0, 0.0, 0.0, 0.0, 0.0, -2000.0];
-            wall.learn(&Vec3::new(x, 0.0, -1e-3), &slope, &Vec3::new(0.0, 0.0, 2.0));
+            wall.learn(&Vec3::new(x, 0.0, -1e-3), &slope, &Vec3::new(0.0, 0.0, 2.0), 1.0);
         }
         assert_eq!(wall.reach(&Vec3::new(0.1, 0.0, -0.1)), 1.0);
     }

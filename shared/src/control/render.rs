@@ -202,15 +202,17 @@ impl Render {
                     self.trust.learn(&foretold, &came, span_s);
                     if self.tuning.guards.bend {
                         let force = new.own_force();
-                        self.bend.learn(new.place_m(), &new.slope(), &force);
+                        let scale = self.trust.scale();
+                        self.bend.learn(new.place_m(), &new.slope(), &force, scale);
                     }
                 }
                 None => {
                     (self.trust, self.bend) = (Trust::FULL, Bend::NONE);
                     if let Some(place_m) = new.touched_at(old).filter(|_| self.tuning.guards.bend) {
-                        self.bend.learn(&place_m, &old.slope(), &Vec3::zeros());
-                        self.bend
-                            .learn(new.place_m(), &new.slope(), &new.own_force());
+                        let none = Vec3::zeros();
+                        self.bend.learn(&place_m, &old.slope(), &none, 1.0);
+                        let force = new.own_force();
+                        self.bend.learn(new.place_m(), &new.slope(), &force, 1.0);
                     }
                 }
             }

@@ -22,7 +22,7 @@ const HEAVIER: f32 = 2.6;
 const QUICK: u16 = 8;
 const LATE: u16 = 11;
 /// Smallest swing that counts, the smallest that is nothing that encoders make, and one that a hand cannot but feel, in their steps.
-const SMALLEST: f32 = 1.2;
+const SMALLEST: f32 = 2.0;
 const PLAIN: f32 = 3.0;
 const LARGE: f32 = 10.0;
 /// Part of what it was one wave before that a swing must have to be the same.
@@ -32,7 +32,7 @@ const LARGE_SAME: u16 = 3;
 const SAME: u16 = 4;
 const SMALL_SAME: u16 = 12;
 /// What a half-wave changes of the lead, twice as much if it is large, and the most that is added to it \[s\].
-const STEP_S: f32 = 0.2e-3;
+const STEP_S: f32 = 0.05e-3;
 const MOST_S: f32 = 2.5e-3;
 /// Half-waves with all the lead that there is, after which it did not help.
 const IN_VAIN: u16 = 4;
@@ -220,8 +220,8 @@ mod tests {
         let hz = own_hz(2000.0);
         assert_eq!(after(3.0, 2000.0, 8e-6, hz, 0.0).lead_s(), 0.0);
         // Small ones count if they last.
-        assert_eq!(after(0.2, 2000.0, 20e-6, hz, 0.0).lead_s(), 0.0);
-        assert!(after(0.5, 2000.0, 20e-6, hz, 0.0).lead_s() > 0.0);
+        assert_eq!(after(0.2, 2000.0, 25e-6, hz, 0.0).lead_s(), 0.0);
+        assert!(after(0.5, 2000.0, 25e-6, hz, 0.0).lead_s() > 0.0);
         // It was no delay: all of it is taken back for as long as that swing lasts.
         assert_eq!(after(3.0, 2000.0, 50e-6, hz, 0.0).lead_s(), 0.0);
     }

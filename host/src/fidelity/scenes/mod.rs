@@ -40,8 +40,6 @@ pub struct Solution {
     pub gap_m: f64,
     /// Out of the tissue, (3).
     pub normal: [f64; 3],
-    /// Rate at which the force fades at a held pose \[1/s\].
-    pub relaxation_per_s: f64,
     /// Contact rows, where the scene has them.
     pub rows: Option<Box<ToolRows>>,
     /// State of a needle in the grip.
@@ -61,7 +59,6 @@ impl Solution {
             tangent: [[0.0; 6]; 6],
             gap_m: gap_m.max(0.0),
             normal: [0.0, 0.0, 1.0],
-            relaxation_per_s: 0.0,
             rows: None,
             needle: None,
             thread: None,

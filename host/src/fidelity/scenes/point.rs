@@ -1,22 +1,17 @@
-//! A point of tissue that stiffens and relaxes: the scene of the stability literature, with what real tissue adds.
+//! A point of tissue that stiffens: the scene of the stability literature, with what real tissue adds.
 //!
-//! F = k d (1 + (d / h)^2) + r k (d - q) along the skin's normal, with d the depth and q that of the Maxwell
-//! branch, dq/dt = (d - q) / tau; the skin comes back late. Along the skin the point sticks to where it
-//! touched, with a fifth of the spring, up to a friction of 0.5.
+//! F = k d (1 + (d / h)^2) along the skin's normal, with d the depth. Along the skin the point sticks to where it touched, with a fifth of
+//! the spring, up to a friction of 0.5. It does not relax, since no tissue of a session does.
 
 use super::{Sample, Scene, Solution, Truth};
 
 /// Parameters.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Point {
-    /// Stiffness just after touching, without the Maxwell branch \[N/m\].
+    /// Stiffness just after touching \[N/m\].
     pub stiffness_n_per_m: f64,
     /// Depth at which the force is twice that of a spring \[m\].
     pub hardening_m: f64,
-    /// Stiffness of the Maxwell branch in that of the spring.
-    pub branch: f64,
-    /// Its time constant \[s\].
-    pub relaxation_s: f64,
 }
 
 /// Stiffness along the skin in that of the spring.
@@ -29,21 +24,12 @@ impl Point {
     pub const TISSUE: Point = Point {
         stiffness_n_per_m: 250.0,
         hardening_m: 12e-3,
-        branch: 0.5,
-        relaxation_s: 0.15,
-    };
-
-    /// The same without the Maxwell branch: what sessions have, whose tissue does not relax.
-    pub const ELASTIC: Point = Point {
-        branch: 0.0,
-        ..Point::TISSUE
     };
 
     /// Six times as stiff, and as much thinner.
     pub const GRISTLE: Point = Point {
         stiffness_n_per_m: 1500.0,
         hardening_m: 2e-3,
-        ..Point::TISSUE
     };
 
     /// Tissue that is so many times stiffer and as many times thinner: the same forces at as many times
@@ -52,12 +38,11 @@ impl Point {
         Point {
             stiffness_n_per_m: self.stiffness_n_per_m * times,
             hardening_m: self.hardening_m / times,
-            ..self
         }
     }
 
-    /// Force without the branch \[N\], and its derivative \[N/m\], at a depth \[m\].
-    fn spring(&self, depth_m: f64) -> (f64, f64) {
+    /// Force \[N\], and its derivative \[N/m\], at a depth \[m\].
+    fn push(&self, depth_m: f64) -> (f64, f64) {
         let ratio = (depth_m / self.hardening_m).powi(2);
         let k = self.stiffness_n_per_m;
         (k * depth_m * (1.0 + ratio), k * (1.0 + 3.0 * ratio))
@@ -69,13 +54,13 @@ impl Point {
         let (mut low, mut high) = (0.0, pressed_m.max(0.0));
         for _ in 0..60 {
             let middle = 0.5 * (low + high);
-            if self.spring(middle).0 < push_n(middle) {
+            if self.push(middle).0 < push_n(middle) {
                 low = middle;
             } else {
                 high = middle;
             }
         }
-        self.spring(low).1 + self.branch * self.stiffness_n_per_m
+        self.push(low).1
     }
 }
 
@@ -83,8 +68,6 @@ impl Scene for Point {
     fn name(&self) -> &'static str {
         if *self == Point::GRISTLE {
             "gristle"
-        } else if *self == Point::ELASTIC {
-            "elastic"
         } else {
             "point"
         }
@@ -97,8 +80,6 @@ impl Scene for Point {
     fn start(&self, _most_rows: usize, _ahead_s: f64, _period_s: f64) -> Box<dyn Truth> {
         Box::new(Touched {
             point: *self,
-            before: None,
-            crept_m: 0.0,
             anchor_m: None,
         })
     }
@@ -107,50 +88,11 @@ impl Scene for Point {
 /// The tissue at work.
 struct Touched {
     point: Point,
-    /// Time \[s\] and depth of the tool \[m\], below 0 in the air, at the last solve.
-    before: Option<(f64, f64)>,
-    /// Depth at which the Maxwell branch would be at rest \[m\].
-    crept_m: f64,
     /// Where the point sticks \[m\], (2).
     anchor_m: Option<[f64; 2]>,
 }
 
-/// Longest step of the Maxwell branch \[s\].
-const STEP_S: f64 = 1e-3;
-
 impl Touched {
-    /// Force at a depth of the skin \[N\], and its derivative \[N/m\].
-    fn push(&self, depth_m: f64) -> (f64, f64) {
-        let branch = self.point.branch * self.point.stiffness_n_per_m;
-        let (force, slope) = self.point.spring(depth_m);
-        (force + branch * (depth_m - self.crept_m), slope + branch)
-    }
-
-    /// Depth of the skin while nothing touches it \[m\]: it comes back late.
-    fn free_m(&self) -> f64 {
-        let mut depth = self.crept_m;
-        // Newton on a convex rising function, from above.
-        for _ in 0..20 {
-            let (force, slope) = self.push(depth);
-            depth -= force / slope;
-        }
-        depth.max(0.0)
-    }
-
-    /// Lets the time between two solves pass; the tool goes evenly.
-    fn creep(&mut self, time_s: f64, depth_m: f64) {
-        let (then_s, then_m) = self.before.unwrap_or((time_s, depth_m));
-        self.before = Some((time_s, depth_m));
-        let steps = ((time_s - then_s) / STEP_S - 1e-6).ceil().max(0.0);
-        for step in 0..steps as u32 {
-            let part = (f64::from(step) + 0.5) / steps;
-            let tool_m = then_m + (depth_m - then_m) * part;
-            let skin_m = tool_m.max(self.free_m());
-            let fade = (-(time_s - then_s) / steps / self.point.relaxation_s).exp();
-            self.crept_m = skin_m + (self.crept_m - skin_m) * fade;
-        }
-    }
-
     /// Friction along the skin \[N\], (2), and its tangent \[N/m\], (2 x 2), under a push \[N\].
     fn drag(&mut self, at: [f64; 2], push_n: f64) -> ([f64; 2], [[f64; 2]; 2]) {
         let stiffness = ALONG * self.point.stiffness_n_per_m;
@@ -176,24 +118,17 @@ impl Touched {
 impl Truth for Touched {
     fn solve(&mut self, sample: &Sample) -> Option<Solution> {
         let [x, y, z] = sample.position_m;
-        self.creep(sample.time_s, -z);
-        let free_m = self.free_m();
-        let touches = -z > free_m;
-        let depth_m = (-z).max(free_m);
-        let (push_n, slope) = self.push(depth_m);
-        let mut solution = Solution::nothing(free_m + z);
+        let depth_m = (-z).max(0.0);
+        let (push_n, slope) = self.point.push(depth_m);
+        let mut solution = Solution::nothing(z);
         solution.tangent[2][2] = -slope;
-        if touches {
+        if depth_m > 0.0 {
             let (drag_n, along) = self.drag([x, y], push_n);
             for i in 0..2 {
                 solution.wrench[i] = drag_n[i];
                 solution.tangent[i][..2].copy_from_slice(&along[i]);
             }
             solution.wrench[2] = push_n;
-            let branch = self.point.branch * self.point.stiffness_n_per_m;
-            let fades = branch * (depth_m - self.crept_m) / self.point.relaxation_s;
-            // The wire knows no force that grows.
-            solution.relaxation_per_s = (fades / push_n.max(1e-9)).clamp(0.0, 100.0);
         } else {
             self.anchor_m = None;
         }
@@ -243,20 +178,6 @@ mod tests {
                 }
             }
         }
-    }
-
-    /// After a step the force fades to that of the spring, at first at the rate that is sent.
-    #[test]
-    fn a_held_point_relaxes() {
-        let mut tissue = Point::TISSUE.start(0, 0.0, 1e-3);
-        tissue.solve(&at(0.0, [0.0; 3]));
-        let first = tissue.solve(&at(1e-3, [0.0, 0.0, -5e-3])).expect("solved");
-        let next = tissue.solve(&at(2e-3, [0.0, 0.0, -5e-3])).expect("solved");
-        let rate = (1.0 - next.wrench[2] / first.wrench[2]) / 1e-3;
-        assert!((rate / first.relaxation_per_s - 1.0).abs() < 0.01);
-        let last = tissue.solve(&at(3.0, [0.0, 0.0, -5e-3])).expect("solved");
-        let spring = Point::TISSUE.spring(5e-3).0;
-        assert!((last.wrench[2] - spring).abs() < 1e-6);
     }
 
     /// Nothing that the tool does gets energy out of the tissue.
