@@ -129,7 +129,7 @@ fn a_bar_fails_without_its_guard() {
         .collect();
     cheap.extend(STOPS.map(Stop::spec));
     let outage = Away::Outage(300);
-    cheap.push(returns::spec(Place::Elastic, Grasp::PEN, outage, 60.0));
+    cheap.push(returns::spec(Place::Point, Grasp::PEN, outage, 60.0));
     let failing = |bars: &[Bar]| {
         let failing = bars.iter().filter(|bar| !bar.ok);
         failing.map(|bar| bar.name.clone()).collect::<Vec<_>>()
@@ -147,7 +147,7 @@ fn a_bar_fails_without_its_guard() {
         ("residual", "rows that nobody can solve: rms %"),
         (
             "credit",
-            "return elastic: 90 % of the force, of the time allowed",
+            "return point: 90 % of the force, of the time allowed",
         ),
         ("horizon", "force N at the end of an outage"),
         ("emergency_stop", "force N after a stop"),

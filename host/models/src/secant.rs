@@ -1,18 +1,24 @@
 //! Tangent of held nodes as a secant, for models whose reactions have no derivative.
 //!
-//! Entry point: [`secant_of_step`]. The step is taken again with the nodes moved both ways along each axis, over one
+//! Entry points: [`secant_of_step`], [`secant_to_come`]. The step is taken again with the nodes moved both ways along each axis, over one
 //! distance and over half of it; the difference of the two is the stated error. Nothing is allocated: [`Trials`] has the
 //! memory.
 
 use crate::{Drive, Outcome, Tangent, Tissue};
+
+/// Held nodes, ascending, and their displacements from rest \[m\].
+type Holds = Vec<(u32, [f64; 3])>;
 
 /// What trial steps are made with.
 #[derive(Clone, Debug)]
 pub(crate) struct Trials<S> {
     /// Everything that a step changes, as it is before them.
     before: S,
-    /// Held nodes of a trial, and their displacement from rest \[m\].
-    held: Vec<(u32, [f64; 3])>,
+    /// Of a trial, and of what its nodes are moved from.
+    held: Holds,
+    from: Holds,
+    /// Which of these are moved, by index, and by what part of the common displacement.
+    moved: Vec<(usize, f64)>,
 }
 
 impl<S> Trials<S> {
@@ -21,29 +27,99 @@ impl<S> Trials<S> {
         Self {
             before: rest,
             held: Vec::with_capacity(nodes),
+            from: Vec::with_capacity(nodes),
+            moved: Vec::with_capacity(nodes),
         }
     }
 }
 
-/// The secant of one step of `tissue` over +-`reach_m` and half of it; `parts` are everything that a step changes, and what
-/// trials are made with.
+/// Everything of a tissue that a step changes, and what trials are made with.
+pub(crate) type Parts<T, S> = fn(&mut T) -> (&mut S, &mut Trials<S>);
+
+/// The secant of one step of `tissue` over +-`reach_m` and half of it, of held nodes that are moved alike.
 pub(crate) fn secant_of_step<T: Tissue, S: Clone>(
     tissue: &mut T,
-    parts: impl Fn(&mut T) -> (&mut S, &mut Trials<S>),
+    parts: Parts<T, S>,
     drive: &Drive<'_>,
     moved: &[usize],
+    reach_m: f64,
+    step_s: f64,
+) -> Option<Tangent> {
+    let trials = parts(tissue).1;
+    trials.from.clear();
+    trials.from.extend_from_slice(drive.held);
+    trials.moved.clear();
+    trials.moved.extend(moved.iter().map(|index| (*index, 1.0)));
+    around(tissue, parts, drive.force_n, reach_m, step_s)
+}
+
+/// The same of nodes that nothing holds yet, from where they are, each moved by its part of the displacement.
+pub(crate) fn secant_to_come<T: Tissue, S: Clone>(
+    tissue: &mut T,
+    parts: Parts<T, S>,
+    rest_m: fn(&T, usize) -> Option<[f64; 3]>,
+    drive: &Drive<'_>,
+    touched: &[(u32, f64)],
+    reach_m: f64,
+    step_s: f64,
+) -> Option<Tangent> {
+    let trials = parts(tissue).1;
+    let mut from = std::mem::take(&mut trials.from);
+    let mut moved = std::mem::take(&mut trials.moved);
+    from.clear();
+    from.extend_from_slice(drive.held);
+    moved.clear();
+    for (node, _) in touched {
+        let place = *node as usize;
+        let (now, rest) = (tissue.positions_m().get(place), rest_m(tissue, place));
+        let (Some(now), Some(rest)) = (now, rest) else {
+            continue;
+        };
+        if drive
+            .held
+            .binary_search_by_key(node, |held| held.0)
+            .is_err()
+        {
+            from.push((*node, [0, 1, 2].map(|axis| now[axis] - rest[axis])));
+        }
+    }
+    from.sort_unstable_by_key(|held| held.0);
+    for (index, (node, _)) in from.iter().enumerate() {
+        let part = touched.iter().find(|(touched, _)| touched == node);
+        let is_held = drive.held.binary_search_by_key(node, |held| held.0).is_ok();
+        moved.extend(part.filter(|_| !is_held).map(|(_, part)| (index, *part)));
+    }
+    let trials = parts(tissue).1;
+    (trials.from, trials.moved) = (from, moved);
+    around(tissue, parts, drive.force_n, reach_m, step_s)
+}
+
+/// Of what the trials say is moved.
+fn around<T: Tissue, S: Clone>(
+    tissue: &mut T,
+    parts: Parts<T, S>,
+    force_n: &[[f64; 3]],
     reach_m: f64,
     step_s: f64,
 ) -> Option<Tangent> {
     let (state, trials) = parts(tissue);
     trials.before.clone_from(state);
     let mut held = std::mem::take(&mut trials.held);
-    let tangent = secant(drive, &mut held, moved, reach_m, |trial| {
+    let from = std::mem::take(&mut trials.from);
+    let moved = std::mem::take(&mut trials.moved);
+    let drive = Drive {
+        held: &from,
+        force_n,
+    };
+    let tangent = secant(&drive, &mut held, &moved, reach_m, |trial| {
         let summed = match tissue.step(trial, step_s).outcome {
             Outcome::Failed(_) => None,
             _ => {
                 let reactions_n = tissue.reactions_n();
-                let of = |axis: usize| moved.iter().map(|at| reactions_n[*at][axis]).sum();
+                let of = |axis: usize| {
+                    let parts = moved.iter().map(|(at, part)| part * reactions_n[*at][axis]);
+                    parts.sum()
+                };
                 Some([of(0), of(1), of(2)])
             }
         };
@@ -51,7 +127,8 @@ pub(crate) fn secant_of_step<T: Tissue, S: Clone>(
         state.clone_from(&trials.before);
         summed
     });
-    parts(tissue).1.held = held;
+    let trials = parts(tissue).1;
+    (trials.held, trials.from, trials.moved) = (held, from, moved);
     tangent
 }
 
@@ -62,12 +139,12 @@ pub(crate) fn secant_of_step<T: Tissue, S: Clone>(
 #[allow(clippy::needless_range_loop)]
 fn secant(
     drive: &Drive<'_>,
-    held: &mut Vec<(u32, [f64; 3])>,
-    moved: &[usize],
+    held: &mut Holds,
+    moved: &[(usize, f64)],
     reach_m: f64,
     mut reactions: impl FnMut(&Drive<'_>) -> Option<[f64; 3]>,
 ) -> Option<Tangent> {
-    if moved.is_empty() || moved.iter().any(|index| *index >= drive.held.len()) {
+    if moved.is_empty() || moved.iter().any(|(index, _)| *index >= drive.held.len()) {
         return None;
     }
     let mut over = |reach: f64| -> Option<[[f64; 3]; 3]> {
@@ -77,8 +154,8 @@ fn secant(
             for (end, sign) in ends.iter_mut().zip([1.0, -1.0]) {
                 held.clear();
                 held.extend_from_slice(drive.held);
-                for index in moved {
-                    held[*index].1[axis] += sign * reach;
+                for (index, part) in moved {
+                    held[*index].1[axis] += sign * reach * part;
                 }
                 let trial = Drive {
                     held,
@@ -125,7 +202,8 @@ mod tests {
             let [x, y, z] = trial.held[1].1;
             Some([3.0 * x + y, 2.0 * y, x - z])
         };
-        let tangent = secant(&drive, &mut Vec::new(), &[1], 1e-3, linear).expect("a tangent");
+        let tangent =
+            secant(&drive, &mut Vec::new(), &[(1, 1.0)], 1e-3, linear).expect("a tangent");
         let expected = [[3.0, 1.0, 0.0], [0.0, 2.0, 0.0], [1.0, 0.0, -1.0]];
         for (row, expected) in tangent.stiffness_n_per_m.iter().zip(expected) {
             for (value, expected) in row.iter().zip(expected) {
@@ -135,7 +213,7 @@ mod tests {
         assert!(tangent.error < 1e-9);
         // x^3 at 0.1: the secant over h is 3 x^2 + h^2.
         let cubic = |trial: &Drive<'_>| Some([trial.held[1].1[0].powi(3), 0.0, 0.0]);
-        let tangent = secant(&drive, &mut Vec::new(), &[1], 0.02, cubic).expect("a tangent");
+        let tangent = secant(&drive, &mut Vec::new(), &[(1, 1.0)], 0.02, cubic).expect("a tangent");
         assert!((tangent.stiffness_n_per_m[0][0] - 0.0301).abs() < 1e-12);
         assert!((tangent.error - 0.0003 / 0.0301).abs() < 1e-9);
     }
@@ -151,9 +229,14 @@ mod tests {
             None
         );
         assert_eq!(
-            secant(&drive, &mut Vec::new(), &[2], 1e-3, |_| Some([0.0; 3])),
+            secant(&drive, &mut Vec::new(), &[(2, 1.0)], 1e-3, |_| Some(
+                [0.0; 3]
+            )),
             None
         );
-        assert_eq!(secant(&drive, &mut Vec::new(), &[0], 1e-3, |_| None), None);
+        assert_eq!(
+            secant(&drive, &mut Vec::new(), &[(0, 1.0)], 1e-3, |_| None),
+            None
+        );
     }
 }

@@ -85,10 +85,15 @@ pub trait Tissue: Send {
     /// the state as it was. `None`: the model has no forces to speak of.
     fn tangent(&mut self, drive: &Drive<'_>, moved: &[usize], step_s: f64) -> Option<Tangent>;
 
-    /// Tangent of a touch to come, after a step: of nodes that nothing holds, each moved by its share, 0 to 1, of a common
-    /// displacement; twice the energy of a unit of it \[N/m\]. Leaves the state as it was. `None`: the model cannot say.
-    fn tangent_to_come(&mut self, touched: &[(u32, f64)]) -> Option<Tangent> {
-        let _ = touched;
+    /// Tangent of a touch to come, after a step of this drive: of nodes that nothing holds yet, each moved by its share, 0 to 1, of a
+    /// common displacement; twice the energy of a unit of it \[N/m\]. Leaves the state as it was. `None`: the model cannot say.
+    fn tangent_to_come(
+        &mut self,
+        drive: &Drive<'_>,
+        touched: &[(u32, f64)],
+        step_s: f64,
+    ) -> Option<Tangent> {
+        let _ = (drive, touched, step_s);
         None
     }
 }

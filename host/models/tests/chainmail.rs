@@ -385,6 +385,9 @@ fn a_step_and_its_tangent_allocate_nothing() {
                 let last = held.len() - 1;
                 let tangent = tissue.tangent(&held_only(held), &[last], 1e-3);
                 assert!(tangent.is_some(), "{name}");
+                let ground = held_only(&held[..last]);
+                let to_come = tissue.tangent_to_come(&ground, &[(held[last].0, 1.0)], 1e-3);
+                assert!(to_come.is_some(), "{name}");
             }
             tissue.step(&Drive::default(), 1e-4);
             tissue.step(&held_only(&drives[7]), 1e-3);

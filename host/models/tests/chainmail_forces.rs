@@ -7,6 +7,7 @@ use sutura_mesh::{TetMesh, slab};
 use sutura_models::chainmail::{
     ClassicalChainMail, ClassicalSettings, EllipsoidChainMail, EllipsoidSettings,
 };
+use sutura_models::shape_matching::{ShapeMatching, ShapeMatchingSettings};
 use sutura_models::{Diagnostics, Drive, Material, Outcome, Tissue};
 
 const LIVER: Material = Material {
@@ -402,6 +403,80 @@ fn the_tangent_is_the_change_of_the_reaction_in_a_step() {
             "{change} {said}"
         );
         assert!(tissue.tangent(&drive, &[], STEP_S).is_none());
+    }
+}
+
+/// The tangent of nodes that nothing holds is what steps say that hold and move them; nothing is held afterwards.
+#[test]
+fn tangents_to_come_are_those_of_steps_that_hold() {
+    let mesh = cube(5);
+    let (ground, _) = poke(&mesh, -1.0, [0.0; 3]);
+    let (poked, moved) = poke(&mesh, 0.006, [0.0; 3]);
+    // By less and less of the common displacement; what is held already does not move with them.
+    let part = |place: usize| 1.0 / (1.0 + place as f64);
+    let mut touched: Vec<(u32, f64)> = (0..)
+        .map(part)
+        .zip(&moved)
+        .map(|(part, at)| (poked[*at].0, part))
+        .collect();
+    let own = touched.len();
+    touched.push((ground[0].0, 1.0));
+    let models = || -> Vec<Box<dyn Tissue>> {
+        let classical = ClassicalSettings {
+            relaxations: 20,
+            ..ClassicalSettings::default()
+        };
+        vec![
+            Box::new(ellipsoid(&mesh, EllipsoidSettings::default())),
+            Box::new(ClassicalChainMail::new(&mesh, LIVER, classical).expect("a model")),
+            Box::new(
+                ShapeMatching::new(&mesh, LIVER, ShapeMatchingSettings::default())
+                    .expect("a model"),
+            ),
+        ]
+    };
+    let drive = Drive {
+        held: &ground,
+        force_n: &[],
+    };
+    for (mut apart, (mut other, mut held)) in
+        models().into_iter().zip(models().into_iter().zip(models()))
+    {
+        for tissue in [&mut apart, &mut other, &mut held] {
+            step(&mut **tissue, &ground, STEP_S);
+        }
+        let tangent = apart
+            .tangent_to_come(&drive, &touched, STEP_S)
+            .expect("a tangent");
+        let further = 1e-5;
+        let mut deeper = poked.clone();
+        for (at, (_, part)) in moved.iter().zip(&touched) {
+            deeper[*at].1[2] = -further * part;
+        }
+        step(&mut *held, &deeper, STEP_S);
+        let pushed: f64 = moved
+            .iter()
+            .zip(&touched)
+            .map(|(at, (_, part))| part * held.reactions_n()[*at][2])
+            .sum();
+        let (said, change) = (tangent.stiffness_n_per_m[2][2], pushed / -further);
+        assert!(
+            said > 0.0 && (change / said - 1.0).abs() < 0.05,
+            "{change} {said}"
+        );
+        // One that is held says nothing more.
+        let without = apart.tangent_to_come(&drive, &touched[..own], STEP_S);
+        assert_eq!(without, Some(tangent));
+        assert!(
+            apart
+                .tangent_to_come(&drive, &touched[own..], STEP_S)
+                .is_none()
+        );
+        // As if nobody had asked.
+        for tissue in [&mut apart, &mut other] {
+            step(&mut **tissue, &deeper, STEP_S);
+        }
+        assert_eq!(apart.positions_m(), other.positions_m());
     }
 }
 

@@ -231,9 +231,16 @@ fn tangents_to_come_agree_with_solves_that_hold() {
             })
         };
         let mut apart = tissue(law, with(cells));
-        assert_eq!(apart.tangent_to_come(&touched), None, "before any step");
+        let drive = Drive {
+            held: &rest,
+            force_n: &[],
+        };
+        let before = apart.tangent_to_come(&drive, &touched, 0.0);
+        assert_eq!(before, None, "before any step");
         assert_eq!(step(&mut apart, &rest).outcome, Outcome::Converged);
-        let tangent = apart.tangent_to_come(&touched).expect("a tangent");
+        let tangent = apart
+            .tangent_to_come(&drive, &touched, 0.0)
+            .expect("a tangent");
         let h = 1e-6;
         let size = tangent.stiffness_n_per_m[2][2];
         assert!(size > 10.0, "{size}");

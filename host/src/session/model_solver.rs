@@ -511,8 +511,8 @@ impl ModelSolver {
             if let Some((gap, normal, _)) = self.sticking.apart(solid, self.tissue.positions_m()) {
                 contact.gap_m = gap.max(0.0);
                 contact.normal = normal.into();
-                if self.has_tangent && step_s.is_some() {
-                    self.foretell(contact, sample, solid, &normal);
+                if let Some(step_s) = step_s.filter(|_| self.has_tangent) {
+                    self.foretell(contact, sample, (solid, &normal), step_s);
                 }
             }
             return;
@@ -562,8 +562,8 @@ impl ModelSolver {
         &mut self,
         contact: &mut ToolContact,
         sample: &ToolSample,
-        solid: &Solid,
-        normal: &Vector3<f64>,
+        (solid, normal): (&Solid, &Vector3<f64>),
+        step_s: f64,
     ) {
         let ahead_s = AHEAD_PERIODS * self.period_s;
         let closing = -Vector3::from(sample.velocity_m_per_s).dot(normal);
@@ -578,7 +578,9 @@ impl ModelSolver {
         let way = (contact.gap_m, depth_m);
         self.sticking
             .to_come(solid, positions, way, &mut self.to_come);
-        let Some(tangent) = self.tissue.tangent_to_come(&self.to_come) else {
+        let drive = self.sticking.drive(&self.force_n);
+        let to_come = self.tissue.tangent_to_come(&drive, &self.to_come, step_s);
+        let Some(tangent) = to_come else {
             return;
         };
         let at = solid.middle() - normal * solid.radius() - Vector3::from(sample.position_m);

@@ -247,7 +247,12 @@ mod tests {
         let mut wall = Bend::NONE;
         for x in [0.0_f32, 1e-3] {
             let slope = [0.0, 0.0, 0.0, 0.0, 0.0, -2000.0];
-            wall.learn(&Vec3::new(x, 0.0, -1e-3), &slope, &Vec3::new(0.0, 0.0, 2.0), 1.0);
+            wall.learn(
+                &Vec3::new(x, 0.0, -1e-3),
+                &slope,
+                &Vec3::new(0.0, 0.0, 2.0),
+                1.0,
+            );
         }
         assert_eq!(wall.reach(&Vec3::new(0.1, 0.0, -0.1)), 1.0);
     }

@@ -10,7 +10,7 @@ use crate::drive_check::{failed, refused};
 use crate::held::{Held, load, ratio};
 use crate::in_place::clone_in_place;
 use crate::rigid::momenta;
-use crate::secant::{Trials, secant_of_step};
+use crate::secant::{Trials, secant_of_step, secant_to_come};
 use crate::setting::within;
 use crate::{BuildError, Diagnostics, Drive, Material, Outcome, Tangent, Tissue};
 use sutura_mesh::TetMesh;
@@ -339,6 +339,25 @@ impl Tissue for ClassicalChainMail {
             |this| (&mut this.state, &mut this.trials),
             drive,
             moved,
+            reach_m,
+            step_s,
+        )
+    }
+
+    /// As [`tangent`](Self::tangent) is.
+    fn tangent_to_come(
+        &mut self,
+        drive: &Drive<'_>,
+        touched: &[(u32, f64)],
+        step_s: f64,
+    ) -> Option<Tangent> {
+        let reach_m = 0.01 * self.links.edge_m;
+        secant_to_come(
+            self,
+            |this| (&mut this.state, &mut this.trials),
+            |this, node| this.links.rest_m.get(node).copied(),
+            drive,
+            touched,
             reach_m,
             step_s,
         )

@@ -13,7 +13,7 @@ use super::settings::{EllipsoidSettings, JAMMED, check_limit};
 use super::state::{SLEEP_EVERY, State};
 use crate::drive_check::{failed, refused};
 use crate::held::ratio;
-use crate::secant::{Trials, secant_of_step};
+use crate::secant::{Trials, secant_of_step, secant_to_come};
 use crate::{BuildError, Diagnostics, Drive, Materials, Outcome, Tangent, Tissue};
 use nalgebra::Vector3;
 use sutura_mesh::TetMesh;
@@ -306,6 +306,25 @@ impl Tissue for EllipsoidChainMail {
             |this| (&mut this.state, &mut this.trials),
             drive,
             moved,
+            reach_m,
+            step_s,
+        )
+    }
+
+    /// As [`tangent`](Self::tangent) is.
+    fn tangent_to_come(
+        &mut self,
+        drive: &Drive<'_>,
+        touched: &[(u32, f64)],
+        step_s: f64,
+    ) -> Option<Tangent> {
+        let reach_m = 0.01 * self.links.edge_m;
+        secant_to_come(
+            self,
+            |this| (&mut this.state, &mut this.trials),
+            |this, node| this.links.rest_m.get(node).copied(),
+            drive,
+            touched,
             reach_m,
             step_s,
         )

@@ -54,7 +54,12 @@ impl Tissue for Hyperelastic {
     }
 
     /// Exact, as [`tangent`](Self::tangent) is.
-    fn tangent_to_come(&mut self, touched: &[(u32, f64)]) -> Option<Tangent> {
+    fn tangent_to_come(
+        &mut self,
+        _drive: &Drive<'_>,
+        touched: &[(u32, f64)],
+        _step_s: f64,
+    ) -> Option<Tangent> {
         if self.state.held.is_empty() {
             return None;
         }

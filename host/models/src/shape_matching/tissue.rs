@@ -9,7 +9,7 @@ use crate::drive_check::{failed, refused};
 use crate::held::{Held, load, ratio};
 use crate::in_place::clone_in_place;
 use crate::rigid::{Rigid, momenta};
-use crate::secant::{Trials, secant_of_step};
+use crate::secant::{Trials, secant_of_step, secant_to_come};
 use crate::setting::within;
 use crate::{BuildError, Diagnostics, Drive, Materials, Outcome, Tangent, Tissue};
 use nalgebra::Vector3;
@@ -376,6 +376,25 @@ impl Tissue for ShapeMatching {
             |this| (&mut this.state, &mut this.trials),
             drive,
             moved,
+            reach_m,
+            step_s,
+        )
+    }
+
+    /// As [`tangent`](Self::tangent) is.
+    fn tangent_to_come(
+        &mut self,
+        drive: &Drive<'_>,
+        touched: &[(u32, f64)],
+        step_s: f64,
+    ) -> Option<Tangent> {
+        let reach_m = 1e-3 * self.extent_m;
+        secant_to_come(
+            self,
+            |this| (&mut this.state, &mut this.trials),
+            |this, node| this.rest_m.get(node).copied(),
+            drive,
+            touched,
             reach_m,
             step_s,
         )
