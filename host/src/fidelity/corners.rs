@@ -97,13 +97,15 @@ pub fn specs() -> Vec<Spec> {
 
 /// The nominal corner and the worst of each kind, for the short form.
 pub fn known_worst() -> Vec<Spec> {
-    let [.., light] = HANDS;
+    let [soft, _, firm, _, heavy, light] = HANDS;
+    let [_, late, _, lagging, _, _, massive, _, strong] = DEVICES;
     vec![
         spec(Off::NONE, Grasp::PEN),
-        spec(DEVICES[1], light),
-        spec(DEVICES[3], light),
-        spec(DEVICES[2], HANDS[0]),
-        spec(DEVICES[3], HANDS[3]),
+        spec(late, light),
+        spec(lagging, firm),
+        spec(massive, heavy),
+        spec(strong, soft),
+        spec(strong, light),
     ]
 }
 
