@@ -10,7 +10,7 @@ fn cases_bars_and_files() {
     let output = sutura(&[
         "fidelity",
         "--only",
-        "return elastic outage-300-ms pen",
+        "return point outage-300-ms pen",
         "--plot",
         files,
         "--format",
