@@ -27,7 +27,7 @@ pub fn specs() -> Vec<Spec> {
     let shows = |spec: &Spec| {
         matches!(
             spec.question,
-            Question::Trial(Factor::Planned | Factor::Turn(_) | Factor::Phase)
+            Question::Trial(Factor::Planned | Factor::Isotropic(_) | Factor::Phase)
         )
     };
     specs.extend(trials::known_worst().into_iter().filter(shows));

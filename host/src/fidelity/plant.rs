@@ -87,6 +87,11 @@ impl Mechanics {
         max_power_w: 10.0,
         off: Off::NONE,
     };
+    /// The same with encoders of 0.2 um.
+    pub const ISOTROPIC: Mechanics = Mechanics {
+        counts_per_m: 64.0 * Mechanics::LIGHT.counts_per_m,
+        ..Mechanics::LIGHT
+    };
     /// The same with an amplifier that takes back less.
     pub const WEAK: Mechanics = Mechanics {
         max_power_w: 5.0,

@@ -301,17 +301,17 @@ fn of_spreads(spreads: &[Spread]) -> Vec<Bar> {
         &|s| s.missed_pct - s.stalled_pct,
         2.0,
     );
-    // Beside the same scene as it stands.
+    // Beside the same scene as it stands, on a console that has no axes: else the steps of its encoders turn, too.
     let change = |s: &Spread| {
         let same = |other: &&Spread| {
-            other.factor == "planned" && other.scene == s.scene && other.hand == s.hand
+            other.factor == "isotropic" && other.scene == s.scene && other.hand == s.hand
         };
-        let planned = spreads.iter().find(same)?;
-        Some((s.rms_pct.worst - planned.rms_pct.worst).abs())
+        let straight = spreads.iter().find(same)?;
+        Some((s.rms_pct.worst - straight.rms_pct.worst).abs())
     };
     most(
         "turned scene, change of rms, points",
-        &|s| s.factor == "turn" && change(s).is_some(),
+        &|s| s.factor == "isotropic-turn" && change(s).is_some(),
         &|s| change(s).unwrap_or(0.0),
         0.1,
     );

@@ -26,6 +26,8 @@ pub enum Factor {
     Phase,
     /// The scene's orientation: to (1, 1, 1) for 0, by a seed for others.
     Turn(u8),
+    /// The same, or as it stands, on a console of which nothing has axes: its encoders' steps are too small to tell.
+    Isotropic(Option<u8>),
     /// Nothing is computed beforehand.
     Cold,
     /// The host blocks.
@@ -43,6 +45,8 @@ impl Factor {
             Factor::Planned => "planned",
             Factor::Phase => "phase",
             Factor::Turn(_) => "turn",
+            Factor::Isotropic(Some(_)) => "isotropic-turn",
+            Factor::Isotropic(None) => "isotropic",
             Factor::Cold => "cold",
             Factor::Stalls => "stalls",
             Factor::Device => "device",
@@ -53,9 +57,12 @@ impl Factor {
     /// As a case is named.
     pub fn name(&self, around: &Around) -> String {
         match self {
-            Factor::Planned | Factor::Cold | Factor::Device => self.word().to_owned(),
+            Factor::Planned | Factor::Cold | Factor::Device | Factor::Isotropic(None) => {
+                self.word().to_owned()
+            }
             Factor::Phase => format!("phase phase-{:.2}", around.phase),
             Factor::Turn(number) => format!("turn turn-{number}"),
+            Factor::Isotropic(Some(number)) => format!("isotropic-turn turn-{number}"),
             Factor::Stalls => format!("stalls stalls-{}", around.blocks.unwrap_or_default()),
             Factor::Draw(draw) => format!("draw draw-{}", draw.draw),
         }
@@ -136,8 +143,8 @@ fn stalled(ground: (Place, Motion), hz: f64, seed: u64) -> Spec {
     blocking(Spec { around, ..spec }, seed)
 }
 
-fn turned(ground: (Place, Motion), hz: f64, number: u8) -> Spec {
-    let spec = trial(ground, hz, Factor::Turn(number));
+/// To (1, 1, 1) for 0, by a seed for others.
+fn turned(spec: Spec, number: u8) -> Spec {
     let mut random = Random::new(TURNS_SEED);
     let mut turn = Turn::diagonal();
     for _ in 0..number {
@@ -149,6 +156,17 @@ fn turned(ground: (Place, Motion), hz: f64, number: u8) -> Spec {
             ..spec.around
         },
         ..spec
+    }
+}
+
+fn isotropic(ground: (Place, Motion), number: Option<u8>) -> Spec {
+    let spec = Spec {
+        mechanics: Mechanics::ISOTROPIC,
+        ..trial(ground, HOST_HZ, Factor::Isotropic(number))
+    };
+    match number {
+        Some(number) => turned(spec, number),
+        None => spec,
     }
 }
 
@@ -182,7 +200,12 @@ pub fn one_at_a_time() -> Vec<Spec> {
     specs.push(trial(point, HOST_HZ, Factor::Planned));
     let linear = GROUNDS.into_iter().take(6);
     for ground in linear.chain([point]) {
-        specs.extend((0..=TURNS).map(|number| turned(ground, HOST_HZ, number)));
+        specs.push(isotropic(ground, None));
+        for number in 0..=TURNS {
+            let turn = trial(ground, HOST_HZ, Factor::Turn(number));
+            specs.push(turned(turn, number));
+            specs.push(isotropic(ground, Some(number)));
+        }
     }
     for ground in GROUNDS.into_iter().take(3) {
         specs.extend(phases().map(|phase| cold(ground, phase)));
@@ -241,7 +264,10 @@ pub fn known_worst() -> Vec<Spec> {
     let round = (Place::RoundThin, Motion::RoundThin);
     vec![
         trial(presses, HOST_HZ, Factor::Planned),
-        turned(presses, HOST_HZ, 0),
+        isotropic(presses, None),
+        isotropic(presses, Some(0)),
+        isotropic(needle, None),
+        isotropic(needle, Some(0)),
         phased(taps, 30.0, 0.9),
         phased(needle, HOST_HZ, 0.8),
         phased(round, HOST_HZ, 0.8),
