@@ -57,17 +57,18 @@ impl Rule<'_> {
             }
         }
         let (value, case) = worst?;
+        let ok = if self.at_least {
+            value >= self.bar
+        } else {
+            value <= self.bar
+        };
         Some(Bar {
             name: self.name.clone(),
             value,
             must_be: if self.at_least { ">=" } else { "<=" },
             bar: self.bar,
-            ok: if self.at_least {
-                value >= self.bar
-            } else {
-                value <= self.bar
-            },
-            open: false,
+            ok,
+            open: !ok && targets::is_open(&self.name, self.at_least, value),
             worst: case.case.clone(),
         })
     }

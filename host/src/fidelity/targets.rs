@@ -1,7 +1,7 @@
 //! Bars on what trials and corners show. Some are missed by the console as it is: those are kept here, by name and with the
-//! figure when they were written down, are told as open, and fail nothing until they are met.
+//! worst figure that is known, are told as open, and fail nothing unless they get worse.
 //!
-//! Entry point: [`bars`].
+//! Entry points: [`bars`], [`is_open`].
 
 use super::bars::Bar;
 use super::case::Case;
@@ -10,27 +10,42 @@ use super::returns::{self, Returned};
 use super::trials::{Spread, spreads};
 use serde::Serialize;
 
-/// Bars that are open, and what the full form measured when they were written down.
+/// Bars that are open, and the worst that is known of them, in the short form or in the full one.
 const OPEN: &[(&str, f64)] = &[
-    ("stalls, contact beyond notice %", 31.4),
-    ("stalls, dropouts a minute", 104.8),
+    // 15 Hz and a fifth of the frames lost; 20.1 with the code of 1e64281 on the same tissue.
+    ("gristle strokes, pen hand, slow host, rms %", 21.22),
+    ("stalls, contact beyond notice %", 41.7),
+    ("stalls, dropouts a minute", 108.4),
     // Needles that go farther in a stall than was looked ahead.
-    ("stalls, linear, rms p95 %", 3.4),
-    ("stalls, corotational, rms p95 %", 6.4),
+    ("stalls, linear, rms p95 %", 3.39),
+    ("stalls, corotational, rms p95 %", 6.41),
     ("stalls, hyperelastic, rms p95 %", 22.0),
     ("stalls, hyperelastic, rms worst %", 22.0),
     (
         "punctures missed with stalls, beyond their share of time, points",
-        4.7,
+        4.69,
     ),
     // A hand that sets out around the body in 10 ms: nothing tells the console how round it is until the first frame in motion.
-    ("round body of 8 mm, rms %", 5.7),
+    ("round body of 8 mm, rms %", 5.77),
     ("given back in 100 ms, trials, mJ", 7.5),
     // Light hands whose console learns a lead that it does not need, at the limit of what is stable without.
     ("stiffness 30 Hz, corners, of what it was", 0.89),
     // Motors a fifth stronger than described give back a fifth more than the tissue, whatever a console does.
     ("given back in 100 ms, corners, mJ", 2.06),
 ];
+
+/// Whether a missed bar is known to be, and not missed by more than that.
+pub fn is_open(name: &str, at_least: bool, value: f64) -> bool {
+    let is_no_worse = |known: f64| {
+        if at_least {
+            value >= known
+        } else {
+            value <= known
+        }
+    };
+    OPEN.iter()
+        .any(|(open, known)| *open == name && is_no_worse(*known))
+}
 
 /// Most that may be given back in 100 ms beyond the true tissue \[mJ\].
 pub const GIVEN_BACK_MJ: f64 = 2.0;
@@ -78,7 +93,7 @@ impl Bound<'_> {
             must_be: if self.at_least { ">=" } else { "<=" },
             bar: self.bar,
             ok,
-            open: !ok && OPEN.iter().any(|(name, _)| *name == self.name),
+            open: !ok && is_open(self.name, self.at_least, value),
             worst,
         })
     }
@@ -426,5 +441,11 @@ mod tests {
         let met = bound(false).judge([(2.0, String::new())].into_iter());
         assert!(met.expect("judged").ok);
         assert_eq!(bound(false).judge(std::iter::empty()), None);
+        for (name, known) in OPEN {
+            let at_least = *name == "stiffness 30 Hz, corners, of what it was";
+            let worse = if at_least { 0.99 * known } else { 1.01 * known };
+            assert!(is_open(name, at_least, *known) && !is_open(name, at_least, worse));
+        }
+        assert!(!is_open("another", false, 0.0));
     }
 }
