@@ -4,7 +4,7 @@
 #![allow(clippy::unwrap_used, reason = "tests")]
 
 use crate::support::session::{
-    DEPTH_M, LONG, PLANE_N_PER_M, Plane, ended_well, force, force_at_rest, patient, plan,
+    DEPTH_M, LONG, NoNumber, PLANE_N_PER_M, Plane, ended_well, force, force_at_rest, patient, plan,
     undisturbed, went_idle,
 };
 use std::ops::ControlFlow;
@@ -395,6 +395,41 @@ fn a_console_that_stays_away_ends_the_session_with_the_reason() {
         "{ran:?}"
     );
     assert_eq!(told, ["lost"]);
+}
+
+/// What the console would refuse is not sent, in real time and in lockstep, and the session goes on and says how often.
+#[test]
+fn a_solve_that_cannot_be_sent_is_withheld_and_counted() {
+    let plan = plan(1.0);
+    let mut console = NativeConsole::new(&plan.device).unwrap();
+    let mut solver = NoNumber::default();
+    let lockstep = run_lockstep(&mut console, &plan, &mut solver, |_| {
+        ControlFlow::Continue(())
+    });
+    let lockstep = lockstep.unwrap();
+    assert_eq!(lockstep.status, "ok");
+    let counted = |summary: &Summary| summary.steps_withheld.get("unsendable").copied();
+    // The last solve is not waited for.
+    assert!(solver.without >= 9 && counted(&lockstep) >= Some(solver.without - 1));
+    assert_eq!((lockstep.frames.lost, lockstep.frames.rejected), (0, 0));
+
+    let (summary, without) = undisturbed(|| {
+        let mut console = VirtualConsole::start_in_memory(&plan.device).unwrap();
+        let line = Line::Once {
+            port: console.host_port().unwrap(),
+            attendant: None,
+        };
+        let mut solver = NoNumber::default();
+        let ran = run_real_time(line, patient(), &plan, &mut solver, |_| {
+            ControlFlow::Continue(())
+        });
+        let summary = ran.ok()?;
+        (summary.status == "ok" && solver.without > 1).then_some((summary, solver.without))
+    });
+    // A newer one may have taken its place before it was written.
+    let counted = counted(&summary).unwrap_or_default();
+    assert!((1..=without).contains(&counted), "{counted} of {without}");
+    assert_eq!((summary.frames.lost, summary.frames.rejected), (0, 0));
 }
 
 /// Finds a few contacts in a row, and then nothing that may be felt for longer than the console waits.

@@ -85,6 +85,31 @@ impl Solve for Plane {
     }
 }
 
+/// The same, but every tenth force is no number.
+#[derive(Default)]
+pub struct NoNumber {
+    solves: u64,
+    pub without: u64,
+}
+
+impl Solve for NoNumber {
+    fn solve(&mut self, state: &Valid<State>) -> Solved {
+        let mut solved = Plane.solve(state);
+        self.solves += 1;
+        if self.solves.is_multiple_of(10)
+            && let Some(contact) = &mut solved.contact
+        {
+            contact.wrench[0] = f64::NAN;
+            self.without += 1;
+        }
+        solved
+    }
+
+    fn scene(&self) -> serde_json::Map<String, serde_json::Value> {
+        serde_json::Map::new()
+    }
+}
+
 /// Force at rest where plane and hand hold each other, both springs in series \[N\].
 pub fn force_at_rest() -> f64 {
     DEPTH_M * PLANE_N_PER_M * HAND_N_PER_M / (PLANE_N_PER_M + HAND_N_PER_M)

@@ -1,7 +1,8 @@
 //! What a console is told, and how it becomes frames.
 //!
-//! Entry points: [`Order`], [`Felt`], [`append`], [`append_all`].
+//! Entry points: [`Order::append`], [`Felt::append`], [`append`].
 
+use super::sent::SentContact;
 use sutura_shared::link::{HostLink, SendError};
 use sutura_shared::wire::message::{Command, Contact, Fixture, Needle, Rows, Simulate, Thread};
 use sutura_shared::wire::{MAX_FRAME, Message};
@@ -32,7 +33,10 @@ pub struct Felt {
 }
 
 /// Writes one frame of whatever kind behind what is there.
-pub(super) fn append<M: Message>(
+///
+/// # Errors
+/// Numbers that are not finite or out of range; nothing was written then.
+pub fn append<M: Message>(
     end: &mut HostLink,
     console_time_us: u64,
     body: &M,
@@ -44,50 +48,66 @@ pub(super) fn append<M: Message>(
     Ok(())
 }
 
-/// Rows, needle, thread and contact, or none of them.
-pub(super) fn append_all(
-    end: &mut HostLink,
-    console_time_us: u64,
-    felt: &Felt,
-    frames: &mut Vec<u8>,
-) -> Result<(), SendError> {
-    let Felt {
-        contact,
-        rows,
-        needle,
-        thread,
-    } = felt;
-    // Before another frame takes its number in the sequence.
-    contact.check().map_err(SendError::Invalid)?;
-    if let Some(thread) = thread {
-        thread.check().map_err(SendError::Invalid)?;
+impl Felt {
+    /// Writes rows, needle, thread and contact behind what is there, or none of them: what the console would refuse takes no
+    /// number in the sequence, so that it does not miss it.
+    ///
+    /// # Errors
+    /// Numbers that are not finite or out of range; nothing was written then, and the console ages out what it has.
+    pub fn append(
+        &self,
+        end: &mut HostLink,
+        console_time_us: u64,
+        frames: &mut Vec<u8>,
+    ) -> Result<SentContact, SendError> {
+        let Felt {
+            contact,
+            rows,
+            needle,
+            thread,
+        } = self;
+        // Before another frame takes its number in the sequence; rows are the first.
+        contact.check().map_err(SendError::Invalid)?;
+        if let Some(thread) = thread {
+            thread.check().map_err(SendError::Invalid)?;
+        }
+        if let Some(needle) = needle {
+            needle.check().map_err(SendError::Invalid)?;
+        }
+        if let Some(rows) = rows {
+            append(end, console_time_us, rows, frames)?;
+        }
+        if let Some(needle) = needle {
+            append(end, console_time_us, needle, frames)?;
+        }
+        if let Some(thread) = thread {
+            append(end, console_time_us, thread, frames)?;
+        }
+        append(end, console_time_us, contact, frames)?;
+        Ok(SentContact {
+            sequence: end.sent_sequence(),
+            console_time_us,
+            horizon_us: contact.horizon_us,
+        })
     }
-    if let Some(needle) = needle {
-        needle.check().map_err(SendError::Invalid)?;
-    }
-    if let Some(rows) = rows {
-        append(end, console_time_us, rows, frames)?;
-    }
-    if let Some(needle) = needle {
-        append(end, console_time_us, needle, frames)?;
-    }
-    if let Some(thread) = thread {
-        append(end, console_time_us, thread, frames)?;
-    }
-    append(end, console_time_us, contact, frames)
 }
 
-/// Writes an order behind what is there.
-pub(super) fn append_order(
-    end: &mut HostLink,
-    console_time_us: u64,
-    order: &Order,
-    frames: &mut Vec<u8>,
-) -> Result<(), SendError> {
-    match order {
-        Order::Command(command) => append(end, console_time_us, command, frames),
-        Order::Fixture(fixture) => append(end, console_time_us, fixture, frames),
-        Order::Simulate(simulate) => append(end, console_time_us, simulate, frames),
+impl Order {
+    /// Writes its frame behind what is there.
+    ///
+    /// # Errors
+    /// Numbers that are not finite or out of range; nothing was written then.
+    pub fn append(
+        &self,
+        end: &mut HostLink,
+        console_time_us: u64,
+        frames: &mut Vec<u8>,
+    ) -> Result<(), SendError> {
+        match self {
+            Order::Command(command) => append(end, console_time_us, command, frames),
+            Order::Fixture(fixture) => append(end, console_time_us, fixture, frames),
+            Order::Simulate(simulate) => append(end, console_time_us, simulate, frames),
+        }
     }
 }
 
@@ -179,14 +199,16 @@ mod tests {
                 needle: Some(needle),
                 thread: Some(thread),
             };
-            append_all(&mut host, 0, &felt, &mut frames)
+            felt.append(&mut host, 0, &mut frames)
+                .map(|sent| sent.sequence)
         };
         let not_finite = Err(SendError::Invalid(Reject::NotFinite));
         assert_eq!(append(bad_contact, NEEDLE, THREAD), not_finite);
         let range = Err(SendError::Invalid(Reject::Range));
         assert_eq!(append(CONTACT, bad_needle, THREAD), range);
         assert_eq!(append(CONTACT, NEEDLE, bad_thread), range);
-        assert_eq!(append(CONTACT, NEEDLE, THREAD), Ok(()));
+        let sequence = append(CONTACT, NEEDLE, THREAD);
+        assert_eq!(sequence, Ok(host.sent_sequence()));
         let heard: Vec<_> = frames
             .iter()
             .filter_map(|byte| console.receive(*byte, 0))

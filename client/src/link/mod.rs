@@ -17,7 +17,7 @@ mod threads;
 
 pub use clock::{Clock, ClockEstimate, Exchange, RoundTrips};
 pub use error::{LinkError, Ports, VIRTUAL_HELP, is_virtual};
-pub use felt::{Felt, Order};
+pub use felt::{Felt, Order, append};
 pub use handshake::{drain, knock, nonce};
 pub use lockstep::LockstepConsole;
 pub use pipe::{PipeEnd, pipe};

@@ -5,7 +5,7 @@
 //! the console first. Nothing here is global: a process may have any number of links.
 
 use super::clock::{Clock, ClockEstimate, Exchange, RoundTrips};
-use super::felt::{Felt, Order, append, append_all, append_order};
+use super::felt::{Felt, Order, append};
 use super::handshake::{READ_WAIT, gone, lock, shake_hands, write_all};
 use super::sent::{SentContact, SentContacts};
 use super::slot::{Outbox, Outgoing, Slot};
@@ -77,6 +77,8 @@ pub struct LinkCounters {
     pub frames: Counters,
     /// Contact frames written.
     pub contacts_sent: u64,
+    /// Solves of which nothing was written, since the console would have refused it.
+    pub contacts_unsendable: u64,
     /// States replaced by a newer one before the solver took them.
     pub states_superseded: u64,
     /// Contacts replaced by a newer one before they were written.
@@ -160,6 +162,7 @@ struct Shared {
     /// The host's clock starts here.
     started: Instant,
     contacts_sent: AtomicU64,
+    contacts_unsendable: AtomicU64,
     pings_sent: AtomicU64,
     bytes_down: AtomicU64,
     bytes_up: AtomicU64,
@@ -273,6 +276,7 @@ impl Link {
             clock: Mutex::default(),
             started: Instant::now(),
             contacts_sent: AtomicU64::new(0),
+            contacts_unsendable: AtomicU64::new(0),
             pings_sent: AtomicU64::new(0),
             bytes_down: AtomicU64::new(0),
             bytes_up: AtomicU64::new(0),
@@ -391,6 +395,7 @@ impl Link {
         LinkCounters {
             frames: sum(*lock(&shared.before), lock(&shared.end).counters()),
             contacts_sent: shared.contacts_sent.load(Ordering::Relaxed),
+            contacts_unsendable: shared.contacts_unsendable.load(Ordering::Relaxed),
             states_superseded: shared.states.superseded(),
             contacts_superseded: shared.outbox.superseded(),
             pings_sent: shared.pings_sent.load(Ordering::Relaxed),
@@ -670,7 +675,8 @@ impl Shared {
             };
             frames.clear();
             frames.append(rest);
-            if let Err(error) = self.encode(&outgoing, pings, frames) {
+            let encoded = self.encode(&outgoing, pings, frames);
+            if let Err(error) = &encoded {
                 // Nothing is sent that the console would refuse: it ages out what it has.
                 tracing::warn!("a message to the console was not sent: {error}");
             }
@@ -686,7 +692,7 @@ impl Shared {
                 .fetch_add(frames.len() as u64, Ordering::Relaxed);
             self.pings_sent
                 .fetch_add(u64::from(pings), Ordering::Relaxed);
-            if matches!(outgoing, Outgoing::Latest(_)) {
+            if matches!(outgoing, Outgoing::Latest(_)) && encoded.is_ok() {
                 self.contacts_sent.fetch_add(1, Ordering::Relaxed);
                 next_contact = Instant::now() + options.contact_spacing;
             }
@@ -742,14 +748,16 @@ impl Shared {
         felt: &Felt,
         frames: &mut Vec<u8>,
     ) -> Result<(), SendError> {
-        append_all(end, console_time_us, felt, frames)?;
-        // The contact is the last of them.
-        lock(&self.sent).put(SentContact {
-            sequence: end.sent_sequence(),
-            console_time_us,
-            horizon_us: felt.contact.horizon_us,
-        });
-        Ok(())
+        match felt.append(end, console_time_us, frames) {
+            Ok(sent) => {
+                lock(&self.sent).put(sent);
+                Ok(())
+            }
+            Err(error) => {
+                self.contacts_unsendable.fetch_add(1, Ordering::Relaxed);
+                Err(error)
+            }
+        }
     }
 
     fn encode(
@@ -765,7 +773,7 @@ impl Shared {
             append(&mut end, newest, &Ping { host_us }, frames)?;
         }
         match outgoing {
-            Outgoing::Order(order) => append_order(&mut end, newest, order, frames),
+            Outgoing::Order(order) => order.append(&mut end, newest, frames),
             Outgoing::Latest((time_us, felt)) => self.append_felt(&mut end, *time_us, felt, frames),
             Outgoing::Nothing => Ok(()),
         }

@@ -8,12 +8,12 @@ use super::setup::{Arming, ArmingWatch};
 use super::{
     LinkSummary, Plan, Progress, SessionError, Solve, Summary, Tally, Throughput, Underway,
 };
-use crate::link::{Felt, LinkCounters, LinkError, LockstepConsole, Order, SentContact};
+use crate::link::{Felt, LinkCounters, LinkError, LockstepConsole, Order, append};
 use std::ops::ControlFlow;
 use std::time::Instant;
-use sutura_shared::link::{HostEvent, HostLink};
+use sutura_shared::link::{HostEvent, HostLink, SendError};
 use sutura_shared::wire::message::{Command, Hello, Mode, Ping, State};
-use sutura_shared::wire::{MAX_FRAME, Message, Valid};
+use sutura_shared::wire::{MAX_FRAME, Valid};
 
 /// Exchanges within which the console must answer a `Hello`.
 const ANSWER_WITHIN: u32 = 100;
@@ -38,22 +38,15 @@ struct Line<'a> {
 }
 
 impl Line<'_> {
-    fn send<M: Message>(&mut self, console_time_us: u64, body: &M) -> Result<(), LinkError> {
-        let mut frame = [0; MAX_FRAME];
-        let sent = self.end.send(console_time_us, body, &mut frame);
-        let length = sent.map_err(|source| LinkError::Unsendable {
-            name: self.console.name().to_owned(),
-            source,
-        })?;
-        self.down.extend_from_slice(&frame[..length]);
-        Ok(())
+    fn order(&mut self, order: &Order) -> Result<(), LinkError> {
+        let sent = order.append(&mut self.end, self.newest_us, &mut self.down);
+        sent.map_err(|source| self.unsendable(source))
     }
 
-    fn order(&mut self, order: &Order) -> Result<(), LinkError> {
-        match order {
-            Order::Command(command) => self.send(self.newest_us, command),
-            Order::Fixture(fixture) => self.send(self.newest_us, fixture),
-            Order::Simulate(simulate) => self.send(self.newest_us, simulate),
+    fn unsendable(&self, source: SendError) -> LinkError {
+        LinkError::Unsendable {
+            name: self.console.name().to_owned(),
+            source,
         }
     }
 
@@ -62,7 +55,8 @@ impl Line<'_> {
         if self.exchanges.is_multiple_of(PING_EVERY) && self.end.is_open() {
             // The host's clock is the console's here, to the tick.
             let host_us = self.newest_us;
-            self.send(host_us, &Ping { host_us })?;
+            let sent = append(&mut self.end, host_us, &Ping { host_us }, &mut self.down);
+            sent.map_err(|source| self.unsendable(source))?;
         }
         self.exchanges += 1;
         self.up.clear();
@@ -163,24 +157,18 @@ pub fn run_lockstep(
             _ => false,
         };
         if let Some((time_us, felt)) = pending.take_if(|_| starts) {
-            if let Some(rows) = felt.rows {
-                line.send(time_us, &rows)?;
+            match felt.append(&mut line.end, time_us, &mut line.down) {
+                Ok(sent) => {
+                    tally.frame(time_us, &felt.contact);
+                    underway.sent(sent, |contact, fate| tally.fate(contact, fate));
+                    counters.contacts_sent += 1;
+                }
+                Err(error) => {
+                    // Nothing is sent that the console would refuse: it ages out what it has.
+                    tracing::warn!("a message to the console was not sent: {error}");
+                    counters.contacts_unsendable += 1;
+                }
             }
-            if let Some(needle) = felt.needle {
-                line.send(time_us, &needle)?;
-            }
-            if let Some(thread) = felt.thread {
-                line.send(time_us, &thread)?;
-            }
-            line.send(time_us, &felt.contact)?;
-            tally.frame(time_us, &felt.contact);
-            let sent = SentContact {
-                sequence: line.end.sent_sequence(),
-                console_time_us: time_us,
-                horizon_us: felt.contact.horizon_us,
-            };
-            underway.sent(sent, |contact, fate| tally.fate(contact, fate));
-            counters.contacts_sent += 1;
         }
         let Some(state) = line.exchange(&mut tally)?.state else {
             silent += 1;

@@ -84,6 +84,8 @@ const LEAST_CONTACT_S: f64 = 0.25;
 const MOST_UNDERWAY: usize = 128;
 /// Part of a second that solves must fill for their mean to be that of a second \[ns\].
 const LEAST_FILLED_NS: u64 = 500_000_000;
+/// Why a step is withheld that was solved well and whose numbers the console would refuse.
+const UNSENDABLE: &str = "unsendable";
 
 /// Solves of a second of the session.
 #[derive(Clone, Copy, Debug, Default)]
@@ -381,6 +383,15 @@ impl Tally {
         self.worst_second_ns.max(last_ns)
     }
 
+    /// Steps of which nothing was sent, by their reason.
+    fn withheld(&self, link: &LinkCounters) -> BTreeMap<&'static str, u64> {
+        let mut withheld = self.withheld.clone();
+        if link.contacts_unsendable > 0 {
+            withheld.insert(UNSENDABLE, link.contacts_unsendable);
+        }
+        withheld
+    }
+
     /// The session in numbers; the caller fills in what only it knows.
     pub fn summary(&self, link: &LinkCounters, tick_hz: u16) -> Summary {
         let us = |times: &Times, share, unit: f64| times.quantile(share) as f64 / unit;
@@ -431,7 +442,7 @@ impl Tally {
             } else {
                 0.0
             },
-            steps_withheld: self.withheld.clone(),
+            steps_withheld: self.withheld(link),
             withheld_last: self.withheld_last,
             decays: self.decays,
             ticks_withheld: self.ticks_withheld,
@@ -763,6 +774,12 @@ mod tests {
         tally.step(&solved(Status::Waiting, None), Duration::from_micros(900));
         let summary = tally.summary(&LinkCounters::default(), 1000);
         assert_eq!(summary.steps_withheld, BTreeMap::from([("waiting", 1)]));
+        let link = LinkCounters {
+            contacts_unsendable: 2,
+            ..LinkCounters::default()
+        };
+        let both = BTreeMap::from([("unsendable", 2), ("waiting", 1)]);
+        assert_eq!(tally.summary(&link, 1000).steps_withheld, both);
         assert_eq!(summary.step_us.max, 900.0);
     }
 }
