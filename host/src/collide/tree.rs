@@ -1,7 +1,7 @@
 //! Boxes around things that move, in boxes around boxes: which of them may come near which.
 //!
-//! Entry points: [`Tree::new`], [`Tree::refit`], [`Tree::near`], [`Tree::along`], [`Tree::pairs`],
-//! [`Tree::own_pairs`]. The tree stays as it was built, by halving at the median, and its boxes follow. Our own: of the crates bvh and rstar
+//! Entry points: [`Tree::new`], [`Tree::refit`], [`Tree::near`], [`Tree::along`], [`Tree::where_near`], [`Tree::pairs`],
+//! [`Tree::own_pairs`], [`Tree::groups`]. The tree stays as it was built, by halving at the median, and its boxes follow. Our own: of the crates bvh and rstar
 //! know no pairs and no refit, and parry3d-f64 brings a second linear algebra and 40 crates for what is here.
 
 use nalgebra::Vector3;
@@ -190,22 +190,29 @@ impl Tree {
 
     /// Visits all things whose boxes meet `bounds`. Allocates nothing.
     pub fn near(&self, bounds: &Bounds, visit: impl FnMut(u32)) {
-        self.visit(|around| around.meets(bounds), visit);
+        self.where_near(|_, around| around.meets(bounds), visit);
     }
 
     /// Visits all things whose boxes a straight line may meet. Allocates nothing.
     pub fn along(&self, from: &Vector3<f64>, to: &Vector3<f64>, visit: impl FnMut(u32)) {
-        self.visit(|around| around.cut_by(from, to), visit);
+        self.where_near(|_, around| around.cut_by(from, to), visit);
     }
 
-    fn visit(&self, wanted: impl Fn(&Bounds) -> bool, mut visit: impl FnMut(u32)) {
+    /// Visits all things whose boxes, and those around them, `wanted` takes; it is given the number of the node that a box is in.
+    /// Allocates nothing.
+    pub fn where_near(
+        &self,
+        mut wanted: impl FnMut(u32, &Bounds) -> bool,
+        mut visit: impl FnMut(u32),
+    ) {
         let mut waiting = [0; DEPTH + 2];
         // The root over nothing has no children.
         let mut count = usize::from(!self.things.is_empty());
         while count > 0 {
             count -= 1;
-            let node = &self.nodes[waiting[count] as usize];
-            if !wanted(&node.bounds) {
+            let number = waiting[count];
+            let node = &self.nodes[number as usize];
+            if !wanted(number, &node.bounds) {
                 continue;
             }
             if node.things == 0 {
@@ -214,11 +221,35 @@ impl Tree {
                 continue;
             }
             for (thing, around) in self.of_leaf(node) {
-                if wanted(&around) {
+                if wanted(number, &around) {
                     visit(thing);
                 }
             }
         }
+    }
+
+    /// The group of each node by its number, none above them, and the groups' things: all that is below one node at that
+    /// depth, or a leaf above it.
+    pub fn groups(&self, depth: u32) -> (Vec<Option<u32>>, Vec<Vec<u32>>) {
+        let mut by_node = vec![None; self.nodes.len()];
+        let mut depths = vec![0; self.nodes.len()];
+        let mut things: Vec<Vec<u32>> = Vec::new();
+        for (place, node) in self.nodes.iter().enumerate() {
+            if by_node[place].is_none() && (depths[place] == depth || node.things > 0) {
+                by_node[place] = Some(things.len() as u32);
+                things.push(Vec::new());
+            }
+            if node.things > 0 {
+                let group = by_node[place].and_then(|group| things.get_mut(group as usize));
+                group.map(|own| own.extend(self.of_leaf(node).map(|(thing, _)| thing)));
+            } else if !self.things.is_empty() {
+                for child in [node.first, node.first + 1] {
+                    by_node[child as usize] = by_node[place];
+                    depths[child as usize] = depths[place] + 1;
+                }
+            }
+        }
+        (by_node, things)
     }
 
     /// Visits all pairs of a thing here and one there whose boxes meet, each once, in an order that depends on

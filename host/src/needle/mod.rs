@@ -21,7 +21,7 @@ mod threads;
 mod walk;
 
 pub(crate) use drive::anchor;
-pub use hierarchy::{Bounds, Capsule, Hierarchy, MOST_GROUPS, Slack};
+pub use hierarchy::{Capsule, Hierarchy, MOST_GROUPS, Slack};
 pub use history::{Broken, Crossing, History};
 pub(crate) use model::Needles;
 pub use model::{MAX_NEEDLES, NeedleError, NeedlePart, NeedleSettings, Playback};
