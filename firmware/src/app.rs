@@ -16,8 +16,9 @@ mod sutura {
     use sutura_firmware::board::{self, Guard, Plant, Port};
     use sutura_firmware::control_side::ControlSide;
     use sutura_firmware::exchange::Exchange;
-    use sutura_firmware::host_side::{HostSide, Orders, Sample, Slot};
+    use sutura_firmware::host_side::{HostSide, Orders, Slot};
     use sutura_firmware::watch::{Task, Watch};
+    use sutura_shared::console_endpoint::Sample;
     use sutura_shared::control::Control;
     use sutura_shared::link::ConsoleLink;
     use sutura_shared::simulated_console::Without;

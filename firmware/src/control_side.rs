@@ -3,7 +3,8 @@
 //! Entry point: [`ControlSide::tick`]. Nothing here waits, allocates or logs.
 
 use crate::exchange::Exchange;
-use crate::host_side::{Costs, Order, OrdersOut, Sample, Slot};
+use crate::host_side::{OrdersOut, Slot};
+use sutura_shared::console_endpoint::{Costs, Sample};
 use sutura_shared::control::{Control, TICK_US, TickInput, TickOutput};
 use sutura_shared::wire::message::Simulate;
 
@@ -63,30 +64,10 @@ impl<'a, P: Plant> ControlSide<'a, P> {
     /// Runs one tick and returns its console time \[us\].
     pub fn tick(&mut self) -> u64 {
         while let Some(order) = self.orders.dequeue() {
-            match order {
-                Order::OpenSession => self.control.open_session(),
-                Order::CloseSession => self.control.close_session(),
-                Order::Command(command) => {
-                    self.control.command(*command.body());
-                    self.control.hear(command.sequence());
-                }
-                Order::Needle(needle) => {
-                    self.control.needle(&needle);
-                    self.control.hear(needle.sequence());
-                }
-                Order::Thread(thread) => {
-                    self.control.thread(&thread);
-                    self.control.hear(thread.sequence());
-                }
-                Order::Fixture(fixture) => {
-                    self.control.fix(&fixture);
-                    self.control.hear(fixture.sequence());
-                }
-                Order::Simulate(order) => {
-                    self.plant.simulate(order.body(), &mut self.control);
-                    self.control.hear(order.sequence());
-                }
-            }
+            let plant = &mut self.plant;
+            order.obey(&mut self.control, |order, control| {
+                plant.simulate(order, control);
+            });
         }
         let input = self.plant.read(self.overrun);
         let fresh = if self.fresh {

@@ -4,14 +4,11 @@
 
 use crate::outbox::Outbox;
 use heapless::spsc::{Consumer, Producer, Queue};
+use sutura_shared::console_endpoint::{ConsoleEndpoint, Delivery, Order, Sample};
 use sutura_shared::control::Fresh;
-use sutura_shared::link::{ConsoleLink, LinkEvent};
-use sutura_shared::simulated_console::REPORT_EVERY;
-use sutura_shared::wire::message::{Mode, Report, State};
-use sutura_shared::wire::{
-    MAX_FRAME, MAX_REAL_TIME_FRAME, ValidCommand, ValidFixture, ValidNeedle, ValidSimulate,
-    ValidThread,
-};
+use sutura_shared::link::ConsoleLink;
+use sutura_shared::wire::MAX_REAL_TIME_FRAME;
+use sutura_shared::wire::message::Report;
 
 /// A byte stream that never waits.
 pub trait Bytes {
@@ -23,25 +20,6 @@ pub trait Bytes {
 
 /// A buffer for the newest contact; `None` forgets an older one.
 pub type Slot = Option<Fresh>;
-
-/// What the control task does before its next tick, in the order of arrival.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Order {
-    /// A new session.
-    OpenSession,
-    /// The session is over.
-    CloseSession,
-    /// From the host.
-    Command(ValidCommand),
-    /// From the host. The newest counts: the control task finds out which that is.
-    Needle(ValidNeedle),
-    /// From the host. The newest counts, as of needles.
-    Thread(ValidThread),
-    /// From the host.
-    Fixture(ValidFixture),
-    /// From the host, to a simulated console.
-    Simulate(ValidSimulate),
-}
 
 /// Room for orders of one tick.
 const ORDERS: usize = 16;
@@ -55,65 +33,13 @@ pub type Orders = Queue<Order, ORDERS>;
 /// The control task's end of [`Orders`].
 pub type OrdersOut<'a> = Consumer<'a, Order>;
 
-/// What the ticks have cost so far.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Costs {
-    /// Ticks that took longer than their period.
-    pub overruns: u32,
-    /// Ticks that began more than a period late.
-    pub late: u32,
-    /// Most that one took, in the board's unit.
-    pub cost_max: u32,
-}
-
-/// One tick as the telemetry task gets it.
-#[derive(Clone, Copy, Debug)]
-pub struct Sample {
-    /// Console time of the tick \[us\].
-    pub now_us: u64,
-    /// Its outcome.
-    pub state: State,
-    /// Of the ticks before it.
-    pub costs: Costs,
-}
-
-impl Sample {
-    /// What the buffers hold before the first tick; never sent.
-    pub const BEFORE_THE_FIRST: Sample = Sample {
-        now_us: 0,
-        state: State {
-            tick: 0,
-            position_m: [0.0; 3],
-            orientation: [0.0, 0.0, 0.0, 1.0],
-            velocity_m_per_s: [0.0; 3],
-            force_n: [0.0; 3],
-            current_a: [0.0; 3],
-            mode: Mode::Boot,
-            faults: 0,
-            contact_sequence: 0,
-            contact_age_us: u32::MAX,
-            applied_age_us: u32::MAX,
-            trace_hash: 0,
-            encoder_counts: [0; 3],
-            inputs: 0,
-            heard_sequence: 0,
-        },
-        costs: Costs {
-            overruns: 0,
-            late: 0,
-            cost_max: 0,
-        },
-    };
-}
-
 /// The link, its port, and the ends of what leads to the control task.
 pub struct HostSide<'a, P> {
-    link: ConsoleLink,
+    endpoint: ConsoleEndpoint,
     port: P,
     orders: Producer<'a, Order>,
     back: &'a mut Slot,
     outbox: Outbox<{ 8 * MAX_REAL_TIME_FRAME }>,
-    report: Report,
 }
 
 impl<'a, P: Bytes> HostSide<'a, P> {
@@ -126,12 +52,11 @@ impl<'a, P: Bytes> HostSide<'a, P> {
         boot: Report,
     ) -> Self {
         Self {
-            link,
+            endpoint: ConsoleEndpoint::new(link, boot),
             port,
             orders,
             back,
             outbox: Outbox::new(),
-            report: boot,
         }
     }
 
@@ -140,9 +65,9 @@ impl<'a, P: Bytes> HostSide<'a, P> {
     pub fn receive(&mut self, now_us: u64, mut publish: impl FnMut(&mut &'a mut Slot) -> bool) {
         let mut bytes = [0; CHUNK];
         if self.has_room()
-            && let Some(event) = self.link.expire(now_us)
+            && let Some(delivery) = self.endpoint.expire(now_us)
         {
-            self.apply(event, &mut publish);
+            self.apply(delivery, &mut publish);
         }
         // While the control task has not taken its orders, the port keeps the rest.
         while self.has_room() {
@@ -151,8 +76,8 @@ impl<'a, P: Bytes> HostSide<'a, P> {
                 break;
             }
             for &byte in bytes.iter().take(count) {
-                if let Some(event) = self.link.receive(byte, now_us) {
-                    self.apply(event, &mut publish);
+                if let Some(delivery) = self.endpoint.receive(byte, now_us) {
+                    self.apply(delivery, &mut publish);
                 }
             }
         }
@@ -166,77 +91,40 @@ impl<'a, P: Bytes> HostSide<'a, P> {
         self.orders.capacity() - self.orders.len() > CHUNK / SMALLEST_FRAME
     }
 
-    fn apply(&mut self, event: LinkEvent, publish: &mut impl FnMut(&mut &'a mut Slot) -> bool) {
-        let order = match event {
-            // They wait in the link for their contact.
-            LinkEvent::Rows => return,
-            LinkEvent::Contact(contact) => {
-                *self.back = Some(Fresh::of(contact, self.link.rows()));
+    fn apply(&mut self, delivery: Delivery, publish: &mut impl FnMut(&mut &'a mut Slot) -> bool) {
+        match delivery {
+            Delivery::Contact(contact) => {
+                *self.back = Some(self.endpoint.fresh(contact));
                 // What comes back is what was replaced.
                 if publish(&mut self.back) && self.back.is_some() {
-                    self.report.frames_superseded = self.report.frames_superseded.wrapping_add(1);
-                }
-                return;
-            }
-            LinkEvent::SessionOpened | LinkEvent::SessionClosed => {
-                // Forgotten, not replaced by a newer one.
-                *self.back = None;
-                publish(&mut self.back);
-                if matches!(event, LinkEvent::SessionOpened) {
-                    Order::OpenSession
-                } else {
-                    Order::CloseSession
+                    self.endpoint.count_superseded();
                 }
             }
-            LinkEvent::Command(command) => Order::Command(command),
-            LinkEvent::Needle(needle) => Order::Needle(needle),
-            LinkEvent::Thread(thread) => Order::Thread(thread),
-            LinkEvent::Fixture(fixture) => Order::Fixture(fixture),
-            LinkEvent::Simulate(simulate) => Order::Simulate(simulate),
-        };
-        let refused = self.orders.enqueue(order).is_err();
-        debug_assert!(!refused, "room was checked before the bytes were taken");
+            Delivery::Order(order) => {
+                if order.voids_contacts() {
+                    // Forgotten, not replaced by a newer one.
+                    *self.back = None;
+                    publish(&mut self.back);
+                }
+                let refused = self.orders.enqueue(order).is_err();
+                debug_assert!(!refused, "room was checked before the bytes were taken");
+            }
+        }
     }
 
-    /// Whether a report follows this tick: every [`REPORT_EVERY`] ticks, and with the answer to a `Hello`.
+    /// Whether a report follows this tick.
     pub fn report_is_due(&self, sample: &Sample) -> bool {
-        self.link.reply_waits() || sample.state.tick.is_multiple_of(REPORT_EVERY)
+        self.endpoint.report_is_due(sample)
     }
 
     /// Sends what is due after a tick: the answer to a `Hello`, then `State`, `Pong`, `Report`. `clock_us` is the
     /// console's clock now.
     pub fn send(&mut self, sample: &Sample, clock_us: u64) {
-        let report_is_due = self.report_is_due(sample);
-        let mut frame = [0; MAX_FRAME];
-        if let Some(length) = self.link.take_reply(sample.now_us, &mut frame) {
-            self.push(&frame, length);
-        }
-        let tick = sample.state.tick;
-        if tick.is_multiple_of(u32::from(self.link.state_every())) {
-            let length = self
-                .link
-                .encode_state(sample.now_us, &sample.state, &mut frame);
-            self.push(&frame, length);
-        }
-        let length = self.link.encode_pong(clock_us, &mut frame);
-        self.push(&frame, length);
-        if report_is_due {
-            let report = Report {
-                ticks: tick,
-                tick_overruns: sample.costs.overruns,
-                ticks_late: sample.costs.late,
-                tick_cost_max: sample.costs.cost_max,
-                ..self.report
-            };
-            let length = self.link.encode_report(sample.now_us, &report, &mut frame);
-            self.push(&frame, length);
-        }
+        let outbox = &mut self.outbox;
+        self.endpoint
+            .send(sample, clock_us, |frame| outbox.push(frame));
         let port = &mut self.port;
         self.outbox.flush(|bytes| port.write(bytes));
-    }
-
-    fn push(&mut self, frame: &[u8], length: usize) {
-        self.outbox.push(frame.get(..length).unwrap_or_default());
     }
 
     /// The port, for a board whose bytes come by other ways than interrupts.
@@ -246,7 +134,7 @@ impl<'a, P: Bytes> HostSide<'a, P> {
 
     /// Changes what every report says about this board.
     pub fn report(&mut self) -> &mut Report {
-        &mut self.report
+        self.endpoint.report()
     }
 }
 
@@ -256,8 +144,8 @@ mod tests {
     use crate::exchange::Exchange;
     use std::vec::Vec;
     use sutura_shared::link::{EXPIRES_AFTER_US, HostEvent, HostLink, Identity, OWNED_FOR_US};
-    use sutura_shared::wire::message::{Command, Contact, Ping, Row, Rows};
-    use sutura_shared::wire::{List, Message};
+    use sutura_shared::wire::message::{Command, Contact, Ping, Row, Rows, State};
+    use sutura_shared::wire::{List, MAX_FRAME, Message};
 
     /// Bytes in both directions, a few at a time.
     #[derive(Default)]
@@ -402,7 +290,7 @@ mod tests {
                     .as_ref()
                     .map(|fresh| fresh.contact.body().wrench[2]);
                 assert_eq!(wrench, Some(3.0));
-                assert_eq!(bench.side.report.frames_superseded, 2);
+                assert_eq!(bench.side.report().frames_superseded, 2);
             });
         }
     }
@@ -448,7 +336,11 @@ mod tests {
             bench.down(&hello[..length]);
             bench.contacts.take(&mut bench.front);
             assert_eq!(*bench.front, None);
-            assert_eq!(bench.side.report.frames_superseded, 0, "none was replaced");
+            assert_eq!(
+                bench.side.report().frames_superseded,
+                0,
+                "none was replaced"
+            );
             assert_eq!(bench.orders.dequeue(), Some(Order::OpenSession));
         });
     }

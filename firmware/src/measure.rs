@@ -7,7 +7,7 @@ use core::sync::atomic::{Ordering, compiler_fence};
 use cortex_m::peripheral::SYST;
 use cortex_m_semihosting::hio;
 use sutura_firmware::devices::{CARTESIAN_BENCH, SERIAL_ARM};
-use sutura_firmware::host_side::Sample;
+use sutura_shared::console_endpoint::Sample;
 use sutura_shared::control::{Control, Fresh, TICK_HZ, TickInput};
 use sutura_shared::device::{DeviceDescription, JOINTS};
 use sutura_shared::kinematics::forward;

@@ -37,6 +37,7 @@
 #[cfg(test)]
 extern crate std;
 
+pub mod console_endpoint;
 pub mod control;
 pub mod device;
 pub mod hash;

@@ -4,16 +4,12 @@
 //! Entry points: [`SimulatedConsole`] where one thread does everything; [`SimulatedBoard`] for firmware
 //! that runs link and control in tasks of its own, as a board has encoders and motors.
 
+use crate::console_endpoint::{ConsoleEndpoint, Costs, Delivery, Sample};
 use crate::control::{Control, Fresh, TICK_HZ, TICK_US, TickInput, TickOutput, Tuning};
 use crate::device::{DeviceDescription, DeviceError};
-use crate::link::{Checks, ConsoleLink, Counters, Identity, LinkEvent};
+use crate::link::{Checks, ConsoleLink, Counters, Identity};
 use crate::virtual_console::VirtualDevice;
-use crate::wire::MAX_FRAME;
-use crate::wire::message::{Report, Simulate, State};
-
-/// Ticks between two reports. One more comes with the answer to a `Hello`, so that a session knows what
-/// had been counted before it.
-pub const REPORT_EVERY: u32 = 1000;
+use crate::wire::message::{Report, Simulate};
 
 /// What a simulated console has in the place of a board: encoders, motors, and an emergency stop.
 #[derive(Clone, Copy, Debug)]
@@ -120,12 +116,13 @@ pub struct Pace {
 /// A console in one thread.
 #[derive(Clone, Debug)]
 pub struct SimulatedConsole {
-    link: ConsoleLink,
+    endpoint: ConsoleEndpoint,
     control: Control,
     board: SimulatedBoard,
     contact: Option<Fresh>,
-    report: Report,
-    state: Option<State>,
+    costs: Costs,
+    /// Of a tick that has not been sent yet.
+    sample: Option<Sample>,
     /// Time since the last tick \[us\].
     since_tick_us: u64,
 }
@@ -155,13 +152,14 @@ impl SimulatedConsole {
             simulated: true,
             device_name: device.name,
         };
+        let link = ConsoleLink::with_checks(identity, seed, checks);
         Ok(SimulatedConsole {
-            link: ConsoleLink::with_checks(identity, seed, checks),
+            endpoint: ConsoleEndpoint::new(link, Report::default()),
             control: Control::tuned(*device, tuning)?,
             board: SimulatedBoard::new(device),
             contact: None,
-            report: Report::default(),
-            state: None,
+            costs: Costs::default(),
+            sample: None,
             since_tick_us: 0,
         })
     }
@@ -182,60 +180,35 @@ impl SimulatedConsole {
         self.expire();
         let now_us = self.clock_us();
         for byte in bytes {
-            if let Some(event) = self.link.receive(*byte, now_us) {
-                self.apply(event);
+            if let Some(delivery) = self.endpoint.receive(*byte, now_us) {
+                self.apply(delivery);
             }
         }
     }
 
     /// Closes a session in which nothing comes.
     fn expire(&mut self) {
-        if let Some(event) = self.link.expire(self.board.now_us()) {
-            self.apply(event);
+        if let Some(delivery) = self.endpoint.expire(self.board.now_us()) {
+            self.apply(delivery);
         }
     }
 
-    fn apply(&mut self, event: LinkEvent) {
-        match event {
-            LinkEvent::SessionOpened => {
-                self.contact = None;
-                self.control.open_session();
+    fn apply(&mut self, delivery: Delivery) {
+        match delivery {
+            Delivery::Contact(contact) => {
+                let fresh = self.endpoint.fresh(contact);
+                if self.contact.replace(fresh).is_some() {
+                    self.endpoint.count_superseded();
+                }
             }
-            LinkEvent::SessionClosed => {
-                self.contact = None;
-                self.control.close_session();
-            }
-            LinkEvent::Contact(contact) => {
-                let replaced = self
-                    .contact
-                    .replace(Fresh::of(contact, self.link.rows()))
-                    .is_some();
-                self.report.frames_superseded = self
-                    .report
-                    .frames_superseded
-                    .wrapping_add(u32::from(replaced));
-            }
-            // They wait in the link for their contact.
-            LinkEvent::Rows => {}
-            LinkEvent::Needle(needle) => {
-                self.control.needle(&needle);
-                self.control.hear(needle.sequence());
-            }
-            LinkEvent::Thread(thread) => {
-                self.control.thread(&thread);
-                self.control.hear(thread.sequence());
-            }
-            LinkEvent::Fixture(fixture) => {
-                self.control.fix(&fixture);
-                self.control.hear(fixture.sequence());
-            }
-            LinkEvent::Command(command) => {
-                self.control.command(*command.body());
-                self.control.hear(command.sequence());
-            }
-            LinkEvent::Simulate(order) => {
-                self.board.simulate(order.body(), &mut self.control);
-                self.control.hear(order.sequence());
+            Delivery::Order(order) => {
+                if order.voids_contacts() {
+                    self.contact = None;
+                }
+                let board = &mut self.board;
+                order.obey(&mut self.control, |order, control| {
+                    board.simulate(order, control);
+                });
             }
         }
     }
@@ -247,37 +220,23 @@ impl SimulatedConsole {
         let input = self.board.read(pace.overrun);
         let output = self.control.tick(&input, self.contact.take().as_ref());
         self.board.write(&output);
-        self.state = Some(output.state);
-        self.report.ticks = output.state.tick;
-        count(&mut self.report.tick_overruns, pace.overrun);
-        count(&mut self.report.ticks_late, pace.late);
+        count(&mut self.costs.overruns, pace.overrun);
+        count(&mut self.costs.late, pace.late);
+        self.sample = Some(Sample {
+            now_us: input.now_us,
+            state: output.state,
+            costs: self.costs,
+        });
         output
     }
 
     /// Gives what is to be sent after a tick, in order: the answer to a `Hello`, `State`, `Pong`, `Report`.
     pub fn drain(&mut self, out: &mut impl Extend<u8>) {
-        let (now_us, clock_us) = (self.board.now_us(), self.clock_us());
-        let mut frame = [0; MAX_FRAME];
-        let mut send = |frame: &[u8; MAX_FRAME], len| out.extend(frame.iter().copied().take(len));
-        let greeting = self.link.take_reply(now_us, &mut frame);
-        if let Some(len) = greeting {
-            send(&frame, len);
-        }
-        let Some(state) = self.state.take() else {
-            return;
-        };
-        if state
-            .tick
-            .is_multiple_of(u32::from(self.link.state_every()))
-        {
-            let len = self.link.encode_state(now_us, &state, &mut frame);
-            send(&frame, len);
-        }
-        let len = self.link.encode_pong(clock_us, &mut frame);
-        send(&frame, len);
-        if greeting.is_some() || state.tick.is_multiple_of(REPORT_EVERY) {
-            let len = self.link.encode_report(now_us, &self.report, &mut frame);
-            send(&frame, len);
+        let clock_us = self.clock_us();
+        let mut push = |frame: &[u8]| out.extend(frame.iter().copied());
+        match self.sample.take() {
+            Some(sample) => self.endpoint.send(&sample, clock_us, push),
+            None => self.endpoint.reply(self.board.now_us(), &mut push),
         }
     }
 
@@ -288,7 +247,7 @@ impl SimulatedConsole {
 
     /// What the link has counted.
     pub fn counters(&self) -> Counters {
-        self.link.counters()
+        self.endpoint.link().counters()
     }
 
     /// The control loop, to look at.

@@ -21,7 +21,8 @@ mod bench {
     use cortex_m_semihosting::debug;
     use sutura_firmware::board;
     use sutura_firmware::exchange::Exchange;
-    use sutura_firmware::host_side::{Sample, Slot};
+    use sutura_firmware::host_side::Slot;
+    use sutura_shared::console_endpoint::Sample;
 
     #[shared]
     struct Shared {

@@ -5,13 +5,14 @@
 
 use super::console::{Ran, Replayed};
 use super::sessions::{DownFrame, Session};
+use sutura_shared::console_endpoint::{ConsoleEndpoint, Delivery};
 use sutura_shared::control::{Control, Fresh, TICK_US, TickInput};
 use sutura_shared::device::DeviceDescription;
 use sutura_shared::hash::TraceHash;
-use sutura_shared::link::{ConsoleLink, Identity, LinkEvent};
+use sutura_shared::link::{ConsoleLink, Identity};
 use sutura_shared::simulated_console::SimulatedBoard;
 use sutura_shared::wire::Valid;
-use sutura_shared::wire::message::{Simulate, State};
+use sutura_shared::wire::message::{Report, Simulate, State};
 
 /// Ticks within which a console whose past is unknown must come to the recorded bits: its filters have forgotten it by then,
 /// and amplifiers that are off have nothing to remember.
@@ -25,7 +26,7 @@ pub struct NativeTicks {
 
 #[derive(Clone)]
 struct Run {
-    link: ConsoleLink,
+    endpoint: ConsoleEndpoint,
     control: Control,
     board: Option<SimulatedBoard>,
     contact: Option<Fresh>,
@@ -64,7 +65,7 @@ impl Replayed for NativeTicks {
         control.open_session();
         let before = TraceHash::new().value();
         self.run = Some(Box::new(Run {
-            link,
+            endpoint: ConsoleEndpoint::new(link, Report::default()),
             control,
             board: None,
             contact: None,
@@ -102,8 +103,8 @@ impl Run {
         let body = state.body();
         let before_us = state.console_time_us().saturating_sub(TICK_US);
         for byte in frames.iter().flat_map(|frame| &frame.bytes) {
-            if let Some(event) = self.link.receive(*byte, before_us) {
-                self.apply(event, before_us);
+            if let Some(delivery) = self.endpoint.receive(*byte, before_us) {
+                self.apply(delivery, before_us);
             }
         }
         let recorded = TickInput::of(state);
@@ -163,45 +164,31 @@ impl Run {
     }
 
     /// As a console does, but for the simulated board, which is known only once the host has said what it is.
-    fn apply(&mut self, event: LinkEvent, now_us: u64) {
-        match event {
-            LinkEvent::SessionOpened | LinkEvent::SessionClosed | LinkEvent::Rows => {}
-            LinkEvent::Contact(contact) => {
-                self.contact = Some(Fresh::of(contact, self.link.rows()));
+    fn apply(&mut self, delivery: Delivery, now_us: u64) {
+        let order = match delivery {
+            Delivery::Contact(contact) => {
+                self.contact = Some(self.endpoint.fresh(contact));
+                return;
             }
-            LinkEvent::Needle(needle) => {
-                self.control.needle(&needle);
-                self.control.hear(needle.sequence());
-            }
-            LinkEvent::Thread(thread) => {
-                self.control.thread(&thread);
-                self.control.hear(thread.sequence());
-            }
-            LinkEvent::Fixture(fixture) => {
-                self.control.fix(&fixture);
-                self.control.hear(fixture.sequence());
-            }
-            LinkEvent::Command(command) => {
-                self.control.command(*command.body());
-                self.control.hear(command.sequence());
-            }
-            LinkEvent::Simulate(order) => {
-                match (order.body(), &mut self.board) {
-                    (Simulate::Device(device), _) => {
-                        if self.control.change_device(device) {
-                            self.board = Some(SimulatedBoard::at(device, now_us));
-                            self.known_since = Some(self.ticks);
-                        }
+            // Sessions are opened by what is recorded of them.
+            Delivery::Order(order) if order.voids_contacts() => return,
+            Delivery::Order(order) => order,
+        };
+        order.obey(&mut self.control, |order, control| {
+            match (order, &mut self.board) {
+                (Simulate::Device(device), _) => {
+                    if control.change_device(device) {
+                        self.board = Some(SimulatedBoard::at(device, now_us));
+                        self.known_since = Some(self.ticks);
                     }
-                    (order, Some(board)) => board.simulate(order, &mut self.control),
-                    (Simulate::Hand(_), None) => {
-                        self.control.restart_encoders();
-                    }
-                    (_, None) => {}
                 }
-                self.control.hear(order.sequence());
+                (order, Some(board)) => board.simulate(order, control),
+                (Simulate::Hand(_), None) => {
+                    control.restart_encoders();
+                }
+                (_, None) => {}
             }
-        }
+        });
     }
 }
 
