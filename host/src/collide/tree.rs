@@ -240,8 +240,9 @@ impl Tree {
                 things.push(Vec::new());
             }
             if node.things > 0 {
-                let group = by_node[place].and_then(|group| things.get_mut(group as usize));
-                group.map(|own| own.extend(self.of_leaf(node).map(|(thing, _)| thing)));
+                if let Some(own) = by_node[place].and_then(|group| things.get_mut(group as usize)) {
+                    own.extend(self.of_leaf(node).map(|(thing, _)| thing));
+                }
             } else if !self.things.is_empty() {
                 for child in [node.first, node.first + 1] {
                     by_node[child as usize] = by_node[place];
