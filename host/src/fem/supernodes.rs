@@ -8,6 +8,7 @@
 //! processor, whatever else is solved beside it.
 
 use faer::sparse::linalg::cholesky::{SymbolicCholesky, SymbolicCholeskyRaw};
+use pulp::bytemuck::cast;
 use pulp::{Arch, Simd, WithSimd};
 
 /// Partial sums of a dot product that run side by side.
@@ -173,7 +174,13 @@ impl Supernodes {
 
     /// Eliminates the columns of one supernode from those after it.
     #[inline(always)]
-    fn forward<const K: usize>(&self, s: usize, values: &[f64], scratch: &mut SweepScratch<K>) {
+    fn forward<S: Simd, const K: usize>(
+        &self,
+        simd: S,
+        s: usize,
+        values: &[f64],
+        scratch: &mut SweepScratch<K>,
+    ) {
         let Block {
             first,
             width,
@@ -211,7 +218,7 @@ impl Supernodes {
                 None => &mut [],
             });
             if some == QUAD {
-                subtract([rest(0), rest(1), rest(2), rest(3)], &x, t);
+                subtract(simd, [rest(0), rest(1), rest(2), rest(3)], &x, t);
             } else {
                 for (k, t) in t.into_iter().enumerate() {
                     for (c, x) in x.iter().enumerate().take(some) {
@@ -235,7 +242,13 @@ impl Supernodes {
 
     /// Solves for the columns of one supernode, those after it being known.
     #[inline(always)]
-    fn backward<const K: usize>(&self, s: usize, values: &[f64], scratch: &mut SweepScratch<K>) {
+    fn backward<S: Simd, const K: usize>(
+        &self,
+        simd: S,
+        s: usize,
+        values: &[f64],
+        scratch: &mut SweepScratch<K>,
+    ) {
         let Block {
             first,
             width,
@@ -266,10 +279,10 @@ impl Supernodes {
                 std::array::from_fn(|k| &scratch.t[k * most + end..k * most + height]);
             let mut sums = [[0.0; K]; QUAD];
             if some == QUAD {
-                sums = dots([rest(0), rest(1), rest(2), rest(3)], t);
+                sums = dots(simd, [rest(0), rest(1), rest(2), rest(3)], t);
             } else {
                 for (c, sums) in sums.iter_mut().enumerate().take(some) {
-                    [*sums] = dots([rest(c)], t);
+                    [*sums] = dots(simd, [rest(c)], t);
                 }
             }
             for c in (0..some).rev() {
@@ -317,21 +330,36 @@ struct Block<'a> {
     values: &'a [f64],
 }
 
+/// `a b + c`, lane by lane. Where the processor has registers of so many lanes they are named: what a compiler makes of a loop over them
+/// may change with anything else in the crate.
+#[inline(always)]
+fn mul_add<S: Simd>(simd: S, a: [f64; LANES], b: [f64; LANES], c: [f64; LANES]) -> [f64; LANES] {
+    if S::F64_LANES == LANES {
+        return cast(simd.mul_add_f64s(cast(a), cast(b), cast(c)));
+    }
+    let mut sum = c;
+    for lane in 0..LANES {
+        sum[lane] = a[lane].mul_add(b[lane], c[lane]);
+    }
+    sum
+}
+
 /// `t[k] -= sum of columns[c] x[c][k]`.
 #[inline(always)]
-fn subtract<const K: usize>(columns: [&[f64]; QUAD], x: &[[f64; K]; QUAD], mut t: [&mut [f64]; K]) {
-    let wholes: [&[[f64; LANES]]; QUAD] = std::array::from_fn(|c| columns[c].as_chunks().0);
-    let count = wholes[0].len();
-    for at in 0..count {
-        for (k, t) in t.iter_mut().enumerate() {
-            let t = &mut t[at * LANES..(at + 1) * LANES];
-            let mut sums: [f64; LANES] = std::array::from_fn(|lane| t[lane]);
-            for (column, x) in wholes.iter().zip(x) {
-                for (sum, l) in sums.iter_mut().zip(&column[at]) {
-                    *sum = l.mul_add(-x[k], *sum);
-                }
+fn subtract<S: Simd, const K: usize>(
+    simd: S,
+    columns: [&[f64]; QUAD],
+    x: &[[f64; K]; QUAD],
+    mut t: [&mut [f64]; K],
+) {
+    let count = columns[0].len() / LANES;
+    let wholes: [&[[f64; LANES]]; QUAD] = columns.map(|column| &column.as_chunks().0[..count]);
+    for (k, t) in t.iter_mut().enumerate() {
+        let factors = x.map(|x| [-x[k]; LANES]);
+        for (at, t) in t.as_chunks_mut().0[..count].iter_mut().enumerate() {
+            for (column, factor) in wholes.iter().zip(&factors) {
+                *t = mul_add(simd, column[at], *factor, *t);
             }
-            t.copy_from_slice(&sums);
         }
     }
     for (k, t) in t.iter_mut().enumerate() {
@@ -345,18 +373,19 @@ fn subtract<const K: usize>(columns: [&[f64]; QUAD], x: &[[f64; K]; QUAD], mut t
 
 /// Dot products of C columns with K vectors.
 #[inline(always)]
-fn dots<const C: usize, const K: usize>(columns: [&[f64]; C], t: [&[f64]; K]) -> [[f64; K]; C] {
-    let column_chunks: [&[[f64; LANES]]; C] = std::array::from_fn(|c| columns[c].as_chunks().0);
-    let t_chunks: [&[[f64; LANES]]; K] = std::array::from_fn(|k| t[k].as_chunks().0);
-    let count = if C == 0 { 0 } else { column_chunks[0].len() };
+fn dots<S: Simd, const C: usize, const K: usize>(
+    simd: S,
+    columns: [&[f64]; C],
+    t: [&[f64]; K],
+) -> [[f64; K]; C] {
+    let count = columns.first().map_or(0, |column| column.len() / LANES);
+    let column_chunks: [&[[f64; LANES]]; C] = columns.map(|column| &column.as_chunks().0[..count]);
+    let t_chunks: [&[[f64; LANES]]; K] = t.map(|t| &t.as_chunks().0[..count]);
     let mut lanes = [[[0.0f64; LANES]; K]; C];
     for at in 0..count {
         for (lanes, column) in lanes.iter_mut().zip(&column_chunks) {
-            let column = &column[at];
             for (lanes, t) in lanes.iter_mut().zip(&t_chunks) {
-                for ((sum, l), t) in lanes.iter_mut().zip(column).zip(&t[at]) {
-                    *sum = l.mul_add(*t, *sum);
-                }
+                *lanes = mul_add(simd, column[at], t[at], *lanes);
             }
         }
     }
@@ -385,12 +414,12 @@ impl WithSimd for Field<'_> {
     type Output = ();
 
     #[inline(always)]
-    fn with_simd<S: Simd>(self, _: S) {
+    fn with_simd<S: Simd>(self, simd: S) {
         for s in 0..self.supernodes.count() {
-            self.supernodes.forward(s, self.values, self.scratch);
+            self.supernodes.forward(simd, s, self.values, self.scratch);
         }
         for s in (0..self.supernodes.count()).rev() {
-            self.supernodes.backward(s, self.values, self.scratch);
+            self.supernodes.backward(simd, s, self.values, self.scratch);
         }
     }
 }
@@ -407,7 +436,7 @@ impl<const K: usize> WithSimd for Columns<'_, K> {
     type Output = ();
 
     #[inline(always)]
-    fn with_simd<S: Simd>(self, _: S) {
+    fn with_simd<S: Simd>(self, simd: S) {
         let count = self.supernodes.count() as u32;
         loop {
             let mut s = count;
@@ -421,7 +450,8 @@ impl<const K: usize> WithSimd for Columns<'_, K> {
             }
             for group in self.scratch.iter_mut() {
                 if group.heads.contains(&s) {
-                    self.supernodes.forward(s as usize, self.values, group);
+                    self.supernodes
+                        .forward(simd, s as usize, self.values, group);
                     for head in &mut group.heads {
                         if *head == s {
                             *head = self.supernodes.parent[s as usize];
@@ -432,7 +462,8 @@ impl<const K: usize> WithSimd for Columns<'_, K> {
         }
         for &s in self.needed {
             for group in self.scratch.iter_mut() {
-                self.supernodes.backward(s as usize, self.values, group);
+                self.supernodes
+                    .backward(simd, s as usize, self.values, group);
             }
         }
     }
