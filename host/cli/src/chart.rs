@@ -81,8 +81,14 @@ impl Axis {
         let mut ticks = Vec::new();
         if self.logarithmic {
             let mut decade = 10f64.powf(self.low.log10().floor());
+            // Within one decade three would leave a reader to guess.
+            let steps: &[f64] = if self.high / self.low < 12.0 {
+                &[1.0, 2.0, 3.0, 4.0, 6.0, 8.0]
+            } else {
+                &[1.0, 2.0, 5.0]
+            };
             while decade < self.high {
-                ticks.extend([1.0, 2.0, 5.0].map(|step| step * decade));
+                ticks.extend(steps.iter().map(|step| step * decade));
                 decade *= 10.0;
             }
         } else {

@@ -8,7 +8,7 @@ use sutura_shared::control::TICK_S;
 use sutura_shared::wire::message::Mode;
 
 /// Errors of the force on the hand, in percent of the largest true force.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct Errors {
     /// Largest true force \[N\]: 100 %.
     pub force_max_n: f64,

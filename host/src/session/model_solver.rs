@@ -46,6 +46,8 @@ const LONGEST_STEP_S: f64 = 0.1;
 
 /// From a state until its frame has been in use for a period, in periods.
 const AHEAD_PERIODS: f64 = 2.0;
+/// The same where the host stalls: for so long a touch to come is foretold.
+const LATE_PERIODS: f64 = 6.0;
 /// The middle of its use, as a part of that.
 const USED: f64 = 0.75;
 /// Least depth of a touch to come, in radii.
@@ -568,7 +570,8 @@ impl ModelSolver {
         let ahead_s = AHEAD_PERIODS * self.period_s;
         let closing = -Vector3::from(sample.velocity_m_per_s).dot(normal);
         let way_m = closing.max(0.0) * ahead_s;
-        if contact.gap_m >= way_m + reach_m(ahead_s) {
+        let longest_s = LATE_PERIODS * self.period_s;
+        if contact.gap_m >= closing.max(0.0) * longest_s + reach_m(longest_s) {
             return;
         }
         // In the middle of its use; as a hand that sets out meets it, at least.

@@ -40,8 +40,11 @@ pub fn all(cases: &[Case], scenes: &Scenes) -> Vec<(String, String)> {
 
 /// The largest stable stiffness over the device's damping.
 fn stability(cases: &[Case]) -> Chart {
+    // Corners have a stiffness, too.
     let ideal = |case: &&Case| {
-        case.tangent_scale == 1.0 && (case.host_hz == 30.0 || case.rendering == "full")
+        case.question == "stability"
+            && case.tangent_scale == 1.0
+            && (case.host_hz == 30.0 || case.rendering == "full")
     };
     Chart {
         title: "Stable below the line: stiffness over the console's damping, host at 30 Hz, 33 ms"
@@ -58,7 +61,11 @@ fn stability(cases: &[Case]) -> Chart {
 }
 
 fn wrong_tangents(cases: &[Case]) -> Chart {
-    let own = |case: &&Case| case.rendering == "tangent" && case.device_damping_n_s_per_m == 0.5;
+    let own = |case: &&Case| {
+        case.question == "stability"
+            && case.rendering == "tangent"
+            && case.device_damping_n_s_per_m == 0.5
+    };
     Chart {
         title: "Stable below the line: stiffness over the error of the tangent".to_owned(),
         x: "tangent sent / true tangent",
@@ -76,7 +83,9 @@ fn rates(cases: &[Case], scene: &str, hand: &str) -> Chart {
     let own = |case: &&Case| {
         let ideal = case.loss == 0.0 && case.burst_ms == 0.0 && case.reordered == 0.0;
         let is_budget = case.case.contains("-rows");
-        case.scene == scene
+        // Trials have errors, too.
+        case.question == "errors"
+            && case.scene == scene
             && case.hand == hand
             && case.grasp == "rigid"
             && case.rendering != "full"
@@ -163,4 +172,36 @@ fn by<'a>(
         line.points.sort_by(|a, b| a.0.total_cmp(&b.0));
     }
     lines
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// What was asked for something else has no place in a line, however alike it is.
+    #[test]
+    fn lines_are_of_the_cases_that_they_are_about() {
+        let case = |question| Case {
+            question,
+            scene: "point".to_owned(),
+            hand: "taps",
+            grasp: "rigid".to_owned(),
+            rendering: "tangent",
+            host_hz: 30.0,
+            tangent_scale: 1.0,
+            device_damping_n_s_per_m: 0.5,
+            k_max_n_per_m: Some(1e3),
+            errors: Some(Default::default()),
+            ..Case::default()
+        };
+        let all = ["errors", "stability", "corner", "trial", "return"].map(case);
+        for chart in [
+            stability(&all),
+            wrong_tangents(&all),
+            rates(&all, "point", "taps"),
+        ] {
+            let points: usize = chart.lines.iter().map(|line| line.points.len()).sum();
+            assert_eq!(points, 1, "{}", chart.title);
+        }
+    }
 }
