@@ -279,7 +279,7 @@ pub fn known_worst() -> Vec<Spec> {
             6,
         ),
         stalled(corotational, HOST_HZ, 5),
-        stalled(hyperelastic(Motion::Taps), HOST_HZ, 6),
+        stalled(hyperelastic(Motion::Taps), HOST_HZ, 0),
         stalled(hyperelastic(Motion::Strokes), HOST_HZ, 4),
     ]
 }

@@ -156,7 +156,7 @@ mod tests {
                 let rows = found.rows.map_or(0, |rows| rows.count);
                 (-found.tangent[2][2], rows)
             };
-            assert_eq!(at(0.03, 0.0), (0.0, 0), "{law:?}");
+            assert_eq!(at(0.1, 0.0), (0.0, 0), "{law:?}");
             let (slope, rows) = at(2e-3, 1.0 / 60.0);
             assert!(slope > 20.0, "{law:?}: {slope} N/m");
             assert_eq!(rows > 0, law == Law::Corotational, "{rows}");
