@@ -7,11 +7,13 @@
 
 pub mod circling;
 mod compliance;
+mod set;
 mod solver;
 mod system;
 #[cfg(test)]
 mod tests;
 
+pub(crate) use set::ConstraintSet;
 pub use solver::{AnchorSettings, AnchorSolver, AnchorStages, AnchorStatus, AnchorStep};
 pub(crate) use system::{Grasp, System, is_solved};
 

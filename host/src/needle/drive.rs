@@ -12,14 +12,14 @@ use super::model::{MAX_NEEDLES, Needles};
 use super::sewing::head_at;
 use super::state::{NeedleState, Tip};
 use super::{Crossing, History, NeedleTissue};
-use crate::anchors::{AnchorPoint, AnchorRow, Grasp, SpreadRow, System, Term, is_solved};
+use crate::anchors::{AnchorPoint, AnchorRow, ConstraintSet, Grasp, System, is_solved};
 use crate::body::{Body, Push};
 use crate::clock::Clock;
 use crate::collide::{TouchState, TouchWork};
 use crate::mesh::HalfFaces;
 use crate::rows::RowKind;
 use crate::step::{Status, StepReport};
-use crate::thread::{BendWork, MOST_SEGMENTS, Out, Segment, Skin, ThreadState, Wrap};
+use crate::thread::{BendWork, MOST_SEGMENTS, Segment, Skin, ThreadState, Wrap};
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3, Vector6};
 use std::cell::Cell;
 
@@ -70,15 +70,8 @@ pub(super) struct Release {
 /// Rows of the present balance and scratch.
 pub(crate) struct NeedleWork {
     pub system: System,
-    pub(super) anchors: Vec<AnchorPoint>,
-    /// Segments of threads.
-    pub(super) ways: Vec<[Option<AnchorPoint>; 2]>,
-    /// Three for every point, then others.
-    pub(super) rows: Vec<AnchorRow>,
-    pub(super) spread: Vec<SpreadRow>,
-    pub(super) terms: Vec<Term>,
-    /// Rows that give way by themselves, and by how much \[m/N\].
-    pub(super) soft: Vec<(u32, f64)>,
+    /// Three rows for every point of a needle, then others.
+    pub(super) set: ConstraintSet,
     pub(super) points: Vec<Point>,
     pub(super) known_segments: Vec<Segment>,
     pub(super) saved_threads: Vec<ThreadState>,
@@ -128,16 +121,11 @@ impl NeedleWork {
     ) -> Self {
         let nodes = needles.mesh.nodes();
         let settings = needles.anchor_settings();
-        let (rows, anchors) = (settings.most_rows, settings.most_anchors);
+        let anchors = settings.most_anchors;
         let count = states.len();
         Self {
             system,
-            anchors: Vec::with_capacity(anchors),
-            ways: Vec::with_capacity(anchors),
-            rows: Vec::with_capacity(rows),
-            spread: Vec::with_capacity(settings.most_spread),
-            terms: Vec::with_capacity(settings.most_terms),
-            soft: Vec::with_capacity(rows),
+            set: ConstraintSet::new(&settings),
             known_segments: Vec::with_capacity(anchors),
             saved_threads: threads.to_vec(),
             saved_touch: touch.cloned(),
@@ -173,7 +161,7 @@ impl NeedleWork {
 
     /// Rows of the present balance, those on several anchors included.
     pub(super) fn count(&self) -> usize {
-        self.rows.len() + self.spread.len()
+        self.set.count()
     }
 }
 
@@ -411,16 +399,15 @@ impl Drive<'_> {
             clock,
             ..
         } = self;
-        let NeedleWork {
-            system,
+        let NeedleWork { system, set, .. } = &mut **work;
+        let ConstraintSet {
             anchors,
             ways,
             rows,
-            spread,
-            terms,
             ..
-        } = &mut **work;
-        if !(system.read(body, anchors, ways, rows) && system.read_spread(spread, terms)) {
+        } = &*set;
+        let singles = system.read(body, anchors, ways, rows);
+        if !(singles && system.read_spread(&set.spread, &set.terms)) {
             return Err(Status::TooManyRows);
         }
         let most = system.settings().vertices_per_step;
@@ -434,7 +421,7 @@ impl Drive<'_> {
         if !fetched.all {
             return Err(Status::Waiting);
         }
-        system.assemble(body, grasp, rows);
+        system.assemble(body, grasp, &set.rows);
         self.soften();
         if solve <= LOOSE_SOLVES {
             self.loosen();
@@ -446,7 +433,7 @@ impl Drive<'_> {
             clock,
             ..
         } = self;
-        let outcome = work.system.solve(&work.rows, grasp);
+        let outcome = work.system.solve(&work.set.rows, grasp);
         report.iterations += outcome.iterations;
         report.solves += 1;
         report.residual = outcome.residual;
@@ -480,11 +467,11 @@ impl Drive<'_> {
         let NeedleWork {
             system,
             points,
-            soft,
+            set,
             ..
         } = &mut *self.work;
         let w = system.compliance_mut(n);
-        for (row, by) in soft {
+        for (row, by) in &set.soft {
             w[*row as usize * (n + 1)] += *by;
         }
         for point in points.iter() {
@@ -502,22 +489,8 @@ impl Drive<'_> {
 
     /// Rows of every needle at its pose and present alphas.
     pub(super) fn make_rows(&mut self) {
-        let NeedleWork {
-            anchors,
-            ways,
-            rows,
-            spread,
-            terms,
-            soft,
-            points,
-            ..
-        } = &mut *self.work;
-        anchors.clear();
-        ways.clear();
-        rows.clear();
-        spread.clear();
-        terms.clear();
-        soft.clear();
+        let NeedleWork { set, points, .. } = &mut *self.work;
+        set.clear();
         points.clear();
         for (index, state) in self.states.iter().enumerate() {
             let curve = self.needles.parts[index].needle.at(&state.pose);
@@ -533,16 +506,15 @@ impl Drive<'_> {
                     points.push(Point {
                         needle: index,
                         what,
-                        first_row: rows.len(),
+                        first_row: set.rows.len(),
                         alpha,
                     });
-                    let anchor = anchors.len() as u32;
-                    anchors.push(at);
+                    let anchor = set.add(at);
                     for (axis, (direction, kind)) in
                         (0u64..).zip(curve.frame_at(alpha).into_iter().zip(kinds))
                     {
                         let slid = if axis == 0 { slid } else { 0.0 };
-                        rows.push(AnchorRow {
+                        set.rows.push(AnchorRow {
                             id: (index as u64) << 34 | u64::from(id) << 2 | axis,
                             anchor,
                             kind,
@@ -589,23 +561,15 @@ impl Drive<'_> {
             }
         }
         if let (Some(touching), Some(touch)) = (&self.needles.touching, &self.touch) {
-            touch.rows(touching, self.points_m, anchors, rows);
+            touch.rows(touching, self.points_m, &mut set.anchors, &mut set.rows);
         }
-        let mut out = Out {
-            anchors: anchors.len() as u32,
-            ways,
-            rows,
-            spread,
-            terms,
-            soft,
-        };
         let held = &self.needles.threads;
         let ground = held.ground(&self.needles.mesh, self.points_m);
         for (index, thread) in self.threads.iter_mut().enumerate() {
             let needle = &self.states[held.needles[index]];
             let is_held =
                 thread.is_tail_held() && head_at(self.needles, needle, thread, index).is_some();
-            thread.make_rows(index, &held.parts[index], is_held, &ground, &mut out);
+            thread.make_rows(index, &held.parts[index], is_held, &ground, set);
         }
     }
 

@@ -58,7 +58,7 @@ impl Drive<'_> {
         };
         let force = self.grasp.force_on(index);
         if force != Vector3::zeros() && self.work.releases.len() < self.work.releases.capacity() {
-            let at = self.work.anchors[index];
+            let at = self.work.set.anchors[index];
             let from = self.position_of(&at);
             self.work.releases.push(Release {
                 needle,
@@ -100,7 +100,7 @@ impl Drive<'_> {
                 continue;
             }
             let force = -self.grasp.force_on(index);
-            let arm = self.position_of(&self.work.anchors[index]) - centre;
+            let arm = self.position_of(&self.work.set.anchors[index]) - centre;
             let moment = arm.cross(&force);
             wrench += Vector6::new(force.x, force.y, force.z, moment.x, moment.y, moment.z);
         }

@@ -83,7 +83,7 @@ impl Drive<'_> {
             self.work
                 .points
                 .iter()
-                .zip(&self.work.anchors)
+                .zip(&self.work.set.anchors)
                 .map(|(point, at)| {
                     if point.what == What::Cut {
                         // It holds along the needle only, and may lie beside it.
@@ -109,12 +109,12 @@ impl Drive<'_> {
             let NeedleWork {
                 system,
                 points,
-                rows,
+                set,
                 arms,
                 ..
             } = &mut *self.work;
             let jacobian = |row: usize| {
-                let along = Vector3::from(rows[row].direction);
+                let along = Vector3::from(set.rows[row].direction);
                 let turn = (arms[row / 3] - centre).cross(&along);
                 Vector6::new(along.x, along.y, along.z, turn.x, turn.y, turn.z)
             };

@@ -72,7 +72,7 @@ impl Drive<'_> {
             let needle = &self.states[held.needles[index]];
             let is_held =
                 thread.is_tail_held() && head_at(self.needles, needle, thread, index).is_some();
-            let rows = (self.work.rows.len(), first);
+            let rows = (self.work.set.rows.len(), first);
             settled &= thread.settle(
                 &held.parts[index],
                 is_held,

@@ -443,7 +443,7 @@ fn reduce(
     };
     ahead.clear();
     tangent.factor(needles, drive.states, drive.grasp, drive.work);
-    let in_tissue = |index: usize| drive.position_of(&drive.work.anchors[index]);
+    let in_tissue = |index: usize| drive.position_of(&drive.work.set.anchors[index]);
     let mut grips = [None; MAX_TOOLS];
     for ((contact, sample), grip_at) in report
         .contacts_mut(samples.len())

@@ -140,7 +140,7 @@ pub(super) type Felt = (usize, u8, Vector3<f64>, Vector3<f64>, EndRows);
 /// Tail and head of every thread that pulls, if a tool holds it.
 pub(super) fn thread_ends(drive: &Drive) -> [Option<Felt>; 2 * MAX_NEEDLES] {
     let mut ends = [None; 2 * MAX_NEEDLES];
-    let mut first = drive.work.rows.len();
+    let mut first = drive.work.set.rows.len();
     let parts = &drive.needles.threads;
     for (index, thread) in drive.threads.iter().enumerate() {
         let part = &parts.parts[index];

@@ -18,7 +18,7 @@ mod wrap;
 pub(crate) use bends::BendWork;
 pub(crate) use ends::EndRows;
 pub(crate) use model::{MOST_SEGMENTS, Threads};
-pub(crate) use segments::{Out, Segment};
+pub(crate) use segments::Segment;
 pub(crate) use skin::Skin;
 pub(crate) use state::ThreadState;
 pub(crate) use wrap::{Wrap, wraps};

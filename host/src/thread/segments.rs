@@ -13,7 +13,7 @@
 
 use super::model::{ThreadHold, ThreadPart, ThreadTension};
 use super::state::ThreadState;
-use crate::anchors::{AnchorPoint, AnchorRow, Grasp, SpreadRow, System, Term};
+use crate::anchors::{AnchorPoint, AnchorRow, ConstraintSet, Grasp, SpreadRow, System, Term};
 use crate::mesh::HalfFaces;
 use crate::needle::{Crossing, anchor};
 use crate::rows::RowKind;
@@ -82,18 +82,6 @@ pub(crate) struct Span {
     pub inside: Vector3<f64>,
     /// Multiplier of a bound of its own \[N\].
     pub own_n: f64,
-}
-
-/// Where rows go.
-pub(crate) struct Out<'a> {
-    /// How many anchors come before the ways.
-    pub anchors: u32,
-    pub ways: &'a mut Vec<[Option<AnchorPoint>; 2]>,
-    pub rows: &'a mut Vec<AnchorRow>,
-    pub spread: &'a mut Vec<SpreadRow>,
-    pub terms: &'a mut Vec<Term>,
-    /// Rows that give way by themselves, and by how much \[m/N\].
-    pub soft: &'a mut Vec<(u32, f64)>,
 }
 
 /// What threads go through.
@@ -276,7 +264,7 @@ impl ThreadState {
         part: &ThreadPart,
         is_held: bool,
         ground: &Ground,
-        out: &mut Out,
+        set: &mut ConstraintSet,
     ) {
         let rest = |end: &End| ground.unloaded(end);
         for segment in &mut self.segments {
@@ -285,15 +273,14 @@ impl ThreadState {
                 End::Held(_) => None,
             };
             let [a, b] = &segment.ends;
-            segment.place = out.anchors + out.ways.len() as u32;
-            out.ways.push([tissue(a), tissue(b)]);
+            segment.place = set.add_way([tissue(a), tissue(b)]);
             segment.first_row = None;
             segment.was_weld = segment.is_weld;
             segment.solved_along = segment.along;
             let from = rest(b) - rest(a);
-            let first = out.rows.len() as u32;
+            let first = set.rows.len() as u32;
             let mut add = |axis: u64, direction: Vector3<f64>| {
-                out.rows.push(AnchorRow {
+                set.rows.push(AnchorRow {
                     id: row_id(index, PIECE, segment.key, axis),
                     anchor: segment.place,
                     kind: RowKind::Equality,
@@ -310,7 +297,7 @@ impl ThreadState {
                 add(1, v);
                 segment.first_row = Some(first);
                 let soft = segment.length_m / segment.tension_n;
-                out.soft.extend([(first, soft), (first + 1, soft)]);
+                set.soft.extend([(first, soft), (first + 1, soft)]);
             }
         }
         if self.segments.is_empty() {
@@ -334,8 +321,8 @@ impl ThreadState {
         let count = self.spans.len();
         let mut add =
             |class: u64, key: u32, kind: RowKind, (from, to): (usize, usize), length: f64| {
-                let (terms, straight) = along(from, to, out.terms);
-                out.spread.push(SpreadRow {
+                let (terms, straight) = along(from, to, &mut set.terms);
+                set.spread.push(SpreadRow {
                     id: row_id(index, class, (key, 0), 0),
                     kind,
                     target_m: length - straight,
