@@ -94,12 +94,6 @@ pub enum ModelError {
          tissue a scene has either handles or tools; pull with a `[[load]]` instead"
     )]
     HandlesAndTools,
-    /// Tools that touch next to needles.
-    #[error(
-        "tool {0} touches tissue, and the scene has needles: its tools may only hold them; give it \
-         `shape = \"grip\"`"
-    )]
-    NeedlesAndTools(u8),
     /// Handles next to needles.
     #[error("a scene has either needles or `[[handle]]`: pull with a `[[load]]` instead")]
     NeedlesAndHandles,
@@ -284,8 +278,7 @@ impl Model {
         }
     }
 
-    /// Adds needles to a model of `mesh`; `tissue` says how each cell answers them. Its tools hold needles
-    /// then and touch nothing.
+    /// Adds needles to a model of `mesh`; `tissue` says how each cell answers them.
     ///
     /// # Errors
     /// Needles without a shape, tissue of another mesh or with properties that are none; tools that touch.
@@ -296,26 +289,16 @@ impl Model {
         tissue: &[NeedleTissue],
         settings: NeedleSettings,
     ) -> Result<Self, ModelError> {
-        if let Some((id, _)) = self
-            .tools
-            .iter()
-            .find(|(_, tool)| tool.shape != Shape::Grip)
-        {
-            return Err(ModelError::NeedlesAndTools(*id));
-        }
         if !self.held.is_empty() {
             return Err(ModelError::NeedlesAndHandles);
         }
         if let Body::Corotational { tissue, .. } = &self.body {
             tissue.has_room_for_needles()?;
         }
-        self.needles = Some(Needles::new(
-            needles,
-            tissue,
-            settings,
-            mesh,
-            &self.resting_m,
-        )?);
+        let at_rest = (&self.touchable_m[..], &self.touchable_normal[..]);
+        let needles = Needles::new(needles, tissue, settings, mesh, &self.resting_m)?;
+        let least_m = self.surface.mean_edge_m;
+        self.needles = Some(needles.with_tools(&self.tools, least_m, &self.touchable, at_rest));
         Ok(self)
     }
 

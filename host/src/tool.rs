@@ -10,6 +10,9 @@ pub const MAX_TOOLS: usize = 4;
 /// and has no normal.
 pub const DEFAULT_FILLET: f64 = 0.1;
 
+/// Largest coefficient of friction: nothing has more.
+pub const MOST_FRICTION: f64 = 10.0;
+
 /// Where a tool is at one instant.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct ToolSample {
@@ -25,7 +28,7 @@ pub struct ToolSample {
     pub console_time_us: u64,
 }
 
-/// What a rigid, frictionless tool touches with; convex.
+/// What a rigid tool touches with; convex.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Shape {
     /// A ball.
@@ -125,6 +128,10 @@ pub struct Tool {
     pub offset_m: [f64; 3],
     /// Where a punch's face looks, unit vector in the frame of the grip, (3). A ball ignores it.
     pub axis: [f64; 3],
+    /// Coulomb's coefficient while it slides over tissue; 0 for none.
+    pub friction: f64,
+    /// The same while it sticks; not above `friction`: as that.
+    pub static_friction: f64,
 }
 
 impl Tool {
@@ -137,7 +144,23 @@ impl Tool {
             shape,
             offset_m,
             axis: Self::DEFAULT_AXIS,
+            friction: 0.0,
+            static_friction: 0.0,
         }
+    }
+
+    /// The same with Coulomb friction, sliding and sticking.
+    pub fn with_friction(self, friction: f64, static_friction: f64) -> Self {
+        Self {
+            friction,
+            static_friction,
+            ..self
+        }
+    }
+
+    /// Whether it touches nothing.
+    pub fn is_grip(&self) -> bool {
+        self.shape == Shape::Grip
     }
 
     /// A ball at `offset_m` from the grip.
@@ -172,6 +195,16 @@ impl Tool {
                 "the offset is {:?} m; it must be finite",
                 self.offset_m
             ));
+        }
+        for (what, value) in [
+            ("friction", self.friction),
+            ("static friction", self.static_friction),
+        ] {
+            if !(0.0..=MOST_FRICTION).contains(&value) {
+                return Some(format!(
+                    "the {what} is {value}; it must be between 0 and {MOST_FRICTION}"
+                ));
+            }
         }
         let length = Vector3::from(self.axis).norm();
         if length.is_nan() || (length - 1.0).abs() > 1e-6 {

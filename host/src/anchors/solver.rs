@@ -229,7 +229,7 @@ impl AnchorSolver {
             }
             system.assemble(body, grasp, rows);
             clock.lap(&mut report.stages.assemble_ns);
-            let outcome = system.solve(rows, grasp);
+            let outcome = system.solve(rows, None, grasp);
             report.outcome = Some(outcome);
             clock.lap(&mut report.stages.solve_ns);
             if !is_solved(&outcome) {

@@ -14,6 +14,7 @@ use crate::fem::{
 };
 use crate::renewal::{Renewals, Rule};
 use crate::rows::{self, Problem, Row};
+use crate::source::tool::Turning;
 use nalgebra::{Matrix3, Vector3};
 use serde::Serialize;
 use std::sync::Arc;
@@ -397,7 +398,6 @@ impl System {
     }
 
     /// delta at no forces of the rows of the last [`Self::assemble`] \[m\], (n).
-    #[cfg(test)]
     pub fn delta_free_m(&self, rows: usize) -> &[f64] {
         &self.delta_free[..rows]
     }
@@ -644,13 +644,22 @@ impl System {
         self.free[anchor] + moved.sum::<Vector3<f64>>()
     }
 
-    /// Finds the forces.
-    pub fn solve(&mut self, rows: &[AnchorRow], grasp: &mut Grasp) -> rows::Outcome {
+    /// Finds the forces, with the compliance in which normals turn if some do.
+    pub fn solve(
+        &mut self,
+        rows: &[AnchorRow],
+        turning: Option<&Turning>,
+        grasp: &mut Grasp,
+    ) -> rows::Outcome {
         let n = rows.len() + self.spread.rows.len();
+        let (w, delta_free) = match turning {
+            Some(turning) => (&turning.compliance, &turning.delta_free),
+            None => (&self.w, &self.delta_free),
+        };
         let problem = Problem {
             rows: &self.kinds,
-            compliance: &self.w[..n * n],
-            delta_free: &self.delta_free[..n],
+            compliance: &w[..n * n],
+            delta_free: &delta_free[..n],
         };
         let outcome = rows::solve(
             &problem,
@@ -662,6 +671,9 @@ impl System {
         grasp.acting.clear();
         grasp.acting.extend_from_slice(rows);
         grasp.spread.copy_from(&self.spread);
+        if let Some(turning) = turning {
+            grasp.forces.add(|delta| turning.forces(rows, delta));
+        }
         grasp.gather();
         outcome
     }

@@ -25,4 +25,5 @@ pub use pairs::{Path, edge_edge, vertex_face};
 pub use sweep::{Impact, Margin, Sweep, Verdict};
 pub use touch::{TouchError, TouchPart, TouchSettings, Touching};
 pub use touch_state::TouchState;
+pub(crate) use touch_state::across;
 pub use tree::{Bounds, Tree};

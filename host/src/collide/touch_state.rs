@@ -50,7 +50,7 @@ impl Kept {
 }
 
 /// Unit vector across `normal` that is as near as possible to `along`.
-pub(super) fn across(normal: &Vector3<f64>, along: &Vector3<f64>) -> Vector3<f64> {
+pub(crate) fn across(normal: &Vector3<f64>, along: &Vector3<f64>) -> Vector3<f64> {
     let flat = along - normal * normal.dot(along);
     flat.try_normalize(0.1).unwrap_or_else(|| {
         let axis = Vector3::ith(normal.iamin(), 1.0);

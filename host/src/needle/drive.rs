@@ -8,9 +8,11 @@
 //! alpha_0. Between balances nothing of this is kept but alpha, which makes friction's law implicit:
 //! it is plastic flow, integrated backwards (Simo & Hughes 1998, 1.4).
 
+use super::hierarchy::MOST_GROUPS;
 use super::model::{MAX_NEEDLES, Needles};
 use super::sewing::head_at;
 use super::state::{NeedleState, Tip};
+use super::touching::turn;
 use super::{Crossing, History, NeedleTissue};
 use crate::anchors::{AnchorPoint, AnchorRow, ConstraintSet, Grasp, System, is_solved};
 use crate::body::{Body, Push};
@@ -18,10 +20,12 @@ use crate::clock::Clock;
 use crate::collide::{TouchState, TouchWork};
 use crate::mesh::HalfFaces;
 use crate::rows::RowKind;
+use crate::source::tool::{Placements, ToolContacts, Turning};
 use crate::step::{Status, StepReport};
 use crate::thread::{BendWork, MOST_SEGMENTS, Segment, Skin, ThreadState, Wrap};
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3, Vector6};
 use std::cell::Cell;
+use std::ops::Range;
 
 /// Most solves of one balance.
 const MOST_SOLVES: u32 = 64;
@@ -73,6 +77,13 @@ pub(crate) struct NeedleWork {
     /// Three rows for every point of a needle, then others.
     pub(super) set: ConstraintSet,
     pub(super) points: Vec<Point>,
+    /// Rows of tools that touch, three for each contact.
+    pub(super) tool_rows: Range<usize>,
+    /// Vertices near these, and how far those of each group are from where they rest at most \[m\].
+    pub(super) near_tools: Vec<(u32, u32)>,
+    pub(super) slack_m: [f64; MOST_GROUPS],
+    pub(super) turning: Option<Turning>,
+    pub(super) saved_tools: ToolContacts,
     pub(super) known_segments: Vec<Segment>,
     pub(super) saved_threads: Vec<ThreadState>,
     pub(super) saved_touch: Option<TouchState>,
@@ -126,6 +137,13 @@ impl NeedleWork {
         Self {
             system,
             set: ConstraintSet::new(&settings),
+            tool_rows: 0..0,
+            near_tools: Vec::with_capacity(needles.tools.most_pairs()),
+            slack_m: [0.0; MOST_GROUPS],
+            turning: needles
+                .tools
+                .turning(settings.most_rows + settings.most_spread),
+            saved_tools: ToolContacts::new(&needles.tools),
             known_segments: Vec::with_capacity(anchors),
             saved_threads: threads.to_vec(),
             saved_touch: touch.cloned(),
@@ -174,6 +192,7 @@ pub(super) struct Drive<'a> {
     pub states: &'a mut [NeedleState],
     pub threads: &'a mut [ThreadState],
     pub touch: Option<&'a mut TouchState>,
+    pub tools: &'a mut ToolContacts,
     pub grasp: &'a mut Grasp,
     pub work: &'a mut NeedleWork,
     pub report: &'a mut StepReport,
@@ -186,7 +205,10 @@ impl Drive<'_> {
         &mut self,
         poses: &[Isometry3<f64>],
         ends: &[[Vector3<f64>; 2]],
+        tools: &Placements,
     ) -> Result<(), Status> {
+        self.work.saved_tools.copy_from(self.tools);
+        self.tools.place(&self.needles.tools, tools);
         for (saved, state) in self.work.saved.iter_mut().zip(self.states.iter()) {
             saved.copy_from(state);
         }
@@ -216,6 +238,7 @@ impl Drive<'_> {
             if let (Some(saved), Some(touch)) = (&self.work.saved_touch, &mut self.touch) {
                 touch.copy_from(saved);
             }
+            self.tools.copy_from(&self.work.saved_tools);
             self.grasp.copy_rows(&self.work.saved_grasp);
         }
         done
@@ -339,6 +362,7 @@ impl Drive<'_> {
             }
             self.lead_followers();
             settled &= self.settle_threads();
+            settled &= self.settle_tools()?;
             // One that is not at rest by then lies still, and goes on in the next balance.
             settled &= *solves > LOOSE_SOLVES || self.settle_loose();
             if settled && !self.meets() {
@@ -427,13 +451,24 @@ impl Drive<'_> {
             self.loosen();
         }
         let Self {
+            needles,
+            points_m,
+            tools,
             grasp,
             work,
             report,
             clock,
             ..
         } = self;
-        let outcome = work.system.solve(&work.set.rows, grasp);
+        let turns = turn(needles, tools, work, points_m);
+        let NeedleWork {
+            system,
+            set,
+            turning,
+            ..
+        } = &mut **work;
+        let turning = turning.as_ref().filter(|_| turns);
+        let outcome = system.solve(&set.rows, turning, grasp);
         report.iterations += outcome.iterations;
         report.solves += 1;
         report.residual = outcome.residual;
@@ -489,7 +524,12 @@ impl Drive<'_> {
 
     /// Rows of every needle at its pose and present alphas.
     pub(super) fn make_rows(&mut self) {
-        let NeedleWork { set, points, .. } = &mut *self.work;
+        let NeedleWork {
+            set,
+            points,
+            tool_rows,
+            ..
+        } = &mut *self.work;
         set.clear();
         points.clear();
         for (index, state) in self.states.iter().enumerate() {
@@ -563,6 +603,9 @@ impl Drive<'_> {
         if let (Some(touching), Some(touch)) = (&self.needles.touching, &self.touch) {
             touch.rows(touching, self.points_m, &mut set.anchors, &mut set.rows);
         }
+        let first = set.rows.len();
+        self.tools.append(&self.needles.tools, self.points_m, set);
+        *tool_rows = first..set.rows.len();
         let held = &self.needles.threads;
         let ground = held.ground(&self.needles.mesh, self.points_m);
         for (index, thread) in self.threads.iter_mut().enumerate() {
@@ -604,6 +647,7 @@ impl Drive<'_> {
     pub(super) fn finish(&mut self) {
         self.book();
         self.finish_sewing();
+        self.finish_tools();
         for needle in 0..self.states.len() {
             if matches!(self.states[needle].tip, Tip::Holding { .. }) {
                 self.states[needle].log_pose();

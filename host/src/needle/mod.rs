@@ -18,6 +18,7 @@ mod state;
 mod step;
 mod tangent;
 mod threads;
+mod touching;
 mod walk;
 
 pub(crate) use drive::anchor;

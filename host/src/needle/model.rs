@@ -6,7 +6,9 @@ use super::{Geometry, Hierarchy, History, Needle, NeedleTissue, Slack, entry};
 use crate::anchors::AnchorSettings;
 use crate::collide::Touching;
 use crate::mesh::{HalfFaces, TetMesh};
+use crate::source::tool::TouchingTools;
 use crate::thread::{MOST_SEGMENTS, Threads};
+use crate::tool::Tool;
 use nalgebra::{Isometry3, Vector3};
 use thiserror::Error;
 
@@ -122,6 +124,8 @@ pub(crate) struct Needles {
     pub mesh: HalfFaces,
     pub hierarchy: Hierarchy,
     pub threads: Threads,
+    /// Tools that touch.
+    pub tools: TouchingTools,
     /// Bodies of tissue that may touch, if there are any.
     pub touching: Option<Touching>,
     /// Displacement under the loads alone, where the hierarchy is \[m\], (n x 3).
@@ -165,7 +169,7 @@ impl Needles {
             }
         }
         let (given, cells) = (tissue.len(), mesh.cells().len());
-        if given != cells {
+        if given != cells && !parts.is_empty() {
             return Err(NeedleError::Cells { given, cells });
         }
         for (what, value) in [
@@ -218,6 +222,7 @@ impl Needles {
             mesh: half_faces,
             hierarchy,
             threads: Threads::none(),
+            tools: TouchingTools::none(),
             touching: None,
             resting_m: resting_m.iter().map(|at| Vector3::from(*at)).collect(),
             resting: resting_m
@@ -230,6 +235,26 @@ impl Needles {
             apart_m: APART * mesh.surface().mean_edge_m,
             piece_m: 0.25 * mesh.surface().mean_edge_m,
         })
+    }
+
+    /// Adds tools that touch the boundary nodes `nodes`, which are `at_rest` (b) \[m\] with outward normals (b); none is
+    /// thinner than `least_m`.
+    pub fn with_tools(
+        mut self,
+        tools: &[(u8, Tool)],
+        least_m: f64,
+        nodes: &[u32],
+        at_rest: (&[Vector3<f64>], &[Vector3<f64>]),
+    ) -> Self {
+        let mut group_of = vec![0; self.mesh.nodes()];
+        for (group, face) in self.hierarchy.grouped_faces() {
+            for node in self.mesh.vertices(face) {
+                group_of[node as usize] = group as u32;
+            }
+        }
+        let group = nodes.iter().map(|node| group_of[*node as usize]).collect();
+        self.tools = TouchingTools::new(tools, least_m, nodes, at_rest, group);
+        self
     }
 
     /// How a cell answers needles.
@@ -251,7 +276,8 @@ impl Needles {
         let threads = self.threads.parts.len();
         let touching = self.touching.as_ref();
         let (pairs, rows) = touching.map_or((0, 0), |own| (own.most_pairs(), own.most_rows()));
-        let most_anchors = of_needles + threads * MOST_SEGMENTS + pairs;
+        let contacts = self.tools.most_contacts();
+        let most_anchors = of_needles + threads * MOST_SEGMENTS + pairs + contacts;
         let rubbing = self.threads.parts.iter().any(|part| part.friction > 0.0);
         // A row for every span, and of all that lies beyond it.
         let most_terms = threads * MOST_SEGMENTS * if rubbing { MOST_SEGMENTS } else { 3 };

@@ -322,6 +322,7 @@ mod tests {
             states: &mut state.each,
             threads: &mut state.threads,
             touch: state.touch.as_mut(),
+            tools: &mut state.tools,
             grasp: &mut state.grasp,
             work: &mut work.drive,
             report: &mut report,

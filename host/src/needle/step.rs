@@ -6,7 +6,7 @@
 use super::drive::{Drive, NeedleWork, about};
 use super::model::{MAX_NEEDLES, Needles};
 use super::state::{Grip, NeedleState, Tip};
-use super::tangent::{Pull, TangentWork, slide_twist};
+use super::tangent::{Moves, Pull, TangentWork, slide_twist};
 use super::threads::{report_threads, thread_ends};
 use super::{Curve, NeedlePart};
 use crate::anchors::{Grasp, System};
@@ -14,6 +14,7 @@ use crate::body::Motion;
 use crate::clock::Clock;
 use crate::collide::TouchState;
 use crate::model::Model;
+use crate::source::tool::{Placements, ToolContacts};
 use crate::step::{Status, StepReport};
 use crate::thread::{MOST_SEGMENTS, ThreadHold, ThreadState};
 use crate::tool::{MAX_TOOLS, ToolSample};
@@ -22,6 +23,8 @@ use serde::Serialize;
 
 /// Pieces that one step follows.
 const MAX_PIECES: u32 = 32;
+/// Times that a piece without balance is halved before the step gives up.
+const MAX_HALVINGS: i32 = 3;
 /// Largest turn of a piece \[rad\]: the tip's path is taken as straight within one.
 const MOST_TURN: f64 = 0.1;
 /// As far ahead of a tip outside the next boundary is looked for \[m\].
@@ -83,6 +86,8 @@ pub(crate) struct NeedlesState {
     pub each: Vec<NeedleState>,
     pub threads: Vec<ThreadState>,
     pub touch: Option<TouchState>,
+    #[serde(skip_serializing_if = "ToolContacts::touch_nothing")]
+    pub tools: ToolContacts,
     time_us: u64,
 }
 
@@ -113,6 +118,7 @@ impl NeedlesState {
                 .touching
                 .as_ref()
                 .map(|touching| TouchState::new(touching, &needles.resting_m)),
+            tools: ToolContacts::new(&needles.tools),
             time_us: 0,
         }
     }
@@ -140,7 +146,10 @@ impl NeedlesWork {
                 state.touch.as_ref(),
                 &state.grasp,
             ),
-            tangent: TangentWork::new(settings.most_rows + settings.most_spread),
+            tangent: TangentWork::new(
+                settings.most_rows + settings.most_spread,
+                needles.tools.most_contacts(),
+            ),
             // A cell and its neighbours around each tip, and one that lies ahead.
             ahead: Vec::with_capacity(24 * MAX_NEEDLES),
         }
@@ -166,11 +175,18 @@ pub(crate) fn step(
     model: &Model,
     needles: &Needles,
     state: &mut NeedlesState,
-    samples: &[ToolSample],
+    (samples, tools): (&[ToolSample], &Placements),
     work: &mut NeedlesWork,
     report: &mut StepReport,
     clock: &mut Clock,
 ) -> Status {
+    let tools = needles.tools.targets(tools);
+    if !state
+        .tools
+        .bring_in(&needles.tools, &tools, |at| model.contains(at))
+    {
+        return Status::Inside;
+    }
     work.drive.system.begin_step();
     report.renewals = work.drive.system.take_over(&model.body, &mut state.grasp);
     clock.lap(&mut report.stages.tissue_ns);
@@ -237,7 +253,7 @@ pub(crate) fn step(
             model,
             needles,
             state,
-            (&targets[..count], &ends[..state.threads.len()]),
+            (&targets[..count], &ends[..state.threads.len()], &tools),
             work,
             report,
             clock,
@@ -274,11 +290,12 @@ fn follow(
     model: &Model,
     needles: &Needles,
     state: &mut NeedlesState,
-    (targets, threads): (&[Isometry3<f64>], &[[Vector3<f64>; 2]]),
+    (targets, threads, tools): (&[Isometry3<f64>], &[[Vector3<f64>; 2]], &Placements),
     work: &mut NeedlesWork,
     report: &mut StepReport,
     clock: &mut Clock,
 ) -> Status {
+    let mut halvings = 0;
     loop {
         // What nobody holds is where the tissue took it.
         let mut ends = [Isometry3::identity(); MAX_NEEDLES];
@@ -301,9 +318,11 @@ fn follow(
                 part = part.min(needles.piece_m / far);
             }
         }
+        part = part.min(state.tools.part(&needles.tools, tools));
         if !part.is_finite() {
             return Status::NotFinite;
         }
+        part *= 0.5f64.powi(halvings);
         for ((hold, thread), target) in holds.iter_mut().zip(&state.threads).zip(threads) {
             let between = |from: Vector3<f64>, to: Vector3<f64>| {
                 if part >= 1.0 {
@@ -321,6 +340,7 @@ fn follow(
         for ((pose, each), target) in poses.iter_mut().zip(&state.each).zip(&ends) {
             *pose = towards(&each.pose, target, part);
         }
+        let placements = state.tools.towards(tools, part);
         report.substeps += 1;
         let count = state.each.len();
         let mut drive = Drive {
@@ -330,18 +350,23 @@ fn follow(
             states: &mut state.each,
             threads: &mut state.threads,
             touch: state.touch.as_mut(),
+            tools: &mut state.tools,
             grasp: &mut state.grasp,
             work: &mut work.drive,
             report,
             clock,
         };
         let threads_count = threads.len();
-        match drive.to(&poses[..count], &holds[..threads_count]) {
+        match drive.to(&poses[..count], &holds[..threads_count], &placements) {
             Ok(()) if part >= 1.0 => return Status::Ok,
-            Ok(()) => {}
+            Ok(()) => halvings = 0,
+            // Between tools the way counts: its end may be on their other side.
+            Err(Status::NotConverged) if !needles.tools.is_empty() && halvings < MAX_HALVINGS => {
+                halvings += 1;
+            }
             // Where the way leads through what has no balance, its end may have one: that it can be left again.
             Err(Status::NotConverged | Status::TooManyRows) if part < 1.0 => {
-                return match drive.to(&ends[..count], threads) {
+                return match drive.to(&ends[..count], threads, tools) {
                     Ok(()) => Status::Ok,
                     Err(status) => status,
                 };
@@ -421,6 +446,7 @@ fn reduce(
         each,
         threads,
         touch,
+        tools,
         ..
     } = state;
     let NeedlesWork {
@@ -436,13 +462,14 @@ fn reduce(
         states: each,
         threads,
         touch: touch.as_mut(),
+        tools,
         grasp,
         work: scratch,
         report: &mut stages_report,
         clock,
     };
     ahead.clear();
-    tangent.factor(needles, drive.states, drive.grasp, drive.work);
+    tangent.factor(needles, drive.states, drive.tools, drive.grasp, drive.work);
     let in_tissue = |index: usize| drive.position_of(&drive.work.set.anchors[index]);
     let mut grips = [None; MAX_TOOLS];
     for ((contact, sample), grip_at) in report
@@ -499,6 +526,15 @@ fn reduce(
             gap_m = 0.0;
             *pull = Some(Pull { arm, force, rows });
         }
+        let touching = needles
+            .tools
+            .place_of(model.tool(sample.id).map(|(index, _)| index));
+        if let Some(tool) = touching {
+            wrench += drive.tools.wrench(tool, &grip);
+            let (apart_m, out) = drive.tool_apart(tool);
+            contact.rows += drive.tools.count(tool);
+            (gap_m, normal) = (apart_m, out);
+        }
         contact.gap_m = gap_m;
         let force: Vector3<f64> = wrench.fixed_rows::<3>(0).into();
         contact.normal = force.try_normalize(1e-12).unwrap_or(normal).into();
@@ -510,7 +546,10 @@ fn reduce(
             drive.work,
             &in_tissue,
             &grip,
-            holds,
+            Moves {
+                needle: &holds,
+                tool: touching,
+            },
             &pulls,
         );
         contact.tangent = derivative.transpose().into();
@@ -598,7 +637,10 @@ fn reduce(
             drive.work,
             &in_tissue,
             &at_grip,
-            |other| other == needle,
+            Moves {
+                needle: &|other| other == needle,
+                tool: None,
+            },
             &[],
         );
         out.stiffness_n_per_m[1] = -twist.dot(&(derivative * twist));

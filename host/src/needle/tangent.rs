@@ -12,6 +12,7 @@ use super::state::{NeedleState, Tip};
 use crate::anchors::Grasp;
 use crate::dense::Lu;
 use crate::rows::Mode;
+use crate::source::tool::{ToolContacts, Touched};
 use crate::thread::EndRows;
 use nalgebra::{Matrix6, Vector3, Vector6};
 
@@ -21,6 +22,15 @@ pub(super) struct TangentWork {
     matrix: Vec<f64>,
     /// Right-hand sides, then dLambda, (n x 6).
     change: Vec<f64>,
+    /// What tools touch, with the place of each among these.
+    touched: Vec<(u32, Touched)>,
+}
+
+/// What moves with a tool's grip.
+pub(super) struct Moves<'a> {
+    pub needle: &'a dyn Fn(usize) -> bool,
+    /// Place among the tools that touch.
+    pub tool: Option<u32>,
 }
 
 /// An end of a thread that a tool holds, or the needle that it holds.
@@ -57,11 +67,12 @@ enum Law {
 }
 
 impl TangentWork {
-    pub fn new(most_rows: usize) -> Self {
+    pub fn new(most_rows: usize, most_contacts: usize) -> Self {
         Self {
             lu: Lu::new(most_rows),
             matrix: vec![0.0; most_rows * most_rows],
             change: vec![0.0; 6 * most_rows],
+            touched: Vec::with_capacity(most_contacts),
         }
     }
 
@@ -70,10 +81,12 @@ impl TangentWork {
         &mut self,
         needles: &Needles,
         states: &[NeedleState],
+        tools: &ToolContacts,
         grasp: &Grasp,
         work: &NeedleWork,
     ) {
         let n = work.count();
+        self.touched.clear();
         if n == 0 {
             return;
         }
@@ -81,8 +94,9 @@ impl TangentWork {
         let matrix = &mut self.matrix[..n * n];
         matrix.copy_from_slice(w);
         // Rows of threads and of tissues that touch act or do not; a bound that follows other forces comes after.
+        let singles = work.tool_rows.clone();
         for (row, mode) in grasp.modes().iter().enumerate().skip(3 * work.points.len()) {
-            if *mode != Mode::Held {
+            if *mode != Mode::Held && !singles.contains(&row) {
                 free(matrix, n, row);
             }
         }
@@ -107,11 +121,23 @@ impl TangentWork {
                 }
             }
         }
+        // What is open has been let go of.
+        for row in work.tool_rows.clone().step_by(3) {
+            if grasp.lambda()[row] <= 0.0 {
+                (row..row + 3).for_each(|row| free(matrix, n, row));
+            }
+        }
+        for contact in &tools.contacts {
+            if let Some(touched) = Touched::new(&needles.tools, tools, contact) {
+                touched.replace(matrix, w, n);
+                self.touched.push((contact.tool, touched));
+            }
+        }
         regularise(matrix, n);
         self.lu.factor(matrix, n);
     }
 
-    /// d wrench / d pose of the needles for which `moves`, for left increments about `grip`, (6 x 6).
+    /// d wrench / d pose of what `moves`, for left increments about `grip`, (6 x 6).
     #[expect(clippy::too_many_arguments, reason = "they are the balance")]
     pub fn differentiate(
         &mut self,
@@ -121,11 +147,13 @@ impl TangentWork {
         work: &NeedleWork,
         position: &impl Fn(usize) -> Vector3<f64>,
         grip: &Vector3<f64>,
-        moves: impl Fn(usize) -> bool,
+        moves: Moves,
         pulls: &[Option<Pull>],
     ) -> Matrix6<f64> {
         let n = work.count();
-        let nothing = !work.points.iter().any(|point| moves(point.needle));
+        let tool = |of: &(u32, Touched)| Some(of.0) == moves.tool;
+        let nothing = !work.points.iter().any(|point| (moves.needle)(point.needle))
+            && !self.touched.iter().any(tool);
         if nothing && pulls.iter().all(Option::is_none) {
             return Matrix6::zeros();
         }
@@ -134,7 +162,7 @@ impl TangentWork {
             work.points
                 .iter()
                 .enumerate()
-                .filter(|(_, point)| moves(point.needle))
+                .filter(|(_, point)| (moves.needle)(point.needle))
         };
         let change = &mut self.change[..6 * n];
         change.fill(0.0);
@@ -174,23 +202,35 @@ impl TangentWork {
                 });
             }
         }
+        for (_, touched) in self.touched.iter().filter(|of| tool(of)) {
+            for pose in 0..6 {
+                let (shift, turn) = unit(pose);
+                let load = touched.load(grip, &shift, &turn);
+                change[n * pose + touched.row..][..3].copy_from_slice(&load);
+            }
+        }
         self.lu.solve(&self.matrix[..n * n], n, change, 6);
         let mut tangent = Matrix6::zeros();
-        for (index, point) in points() {
+        let of_needles = points().map(|(index, point)| {
             let held = held(needles, states, grasp, index, point, position(index));
-            let arm = held.in_tissue - grip;
+            (held.row, held.frame, held.in_tissue, held.force)
+        });
+        let of_tools = self.touched.iter().filter(|of| tool(of));
+        let of_tools = of_tools.map(|(_, at)| (at.row, at.frame, at.at_m, at.force_n));
+        for (first, frame, in_tissue, held_n) in of_needles.chain(of_tools) {
+            let arm = in_tissue - grip;
             for pose in 0..6 {
                 let (shift, _) = unit(pose);
                 let own = &change[n * pose..n * (pose + 1)];
                 let (mut force, mut moved) = (Vector3::zeros(), Vector3::zeros());
                 for axis in 0..3 {
-                    let row = held.row + axis;
-                    force += held.frame[axis] * own[row];
+                    let row = first + axis;
+                    force += frame[axis] * own[row];
                     let column = &w[n * row..n * (row + 1)];
                     let along: f64 = column.iter().zip(own).map(|(w, own)| w * own).sum();
-                    moved -= held.frame[axis] * along;
+                    moved -= frame[axis] * along;
                 }
-                let moment = arm.cross(&force) - (moved - shift).cross(&held.force);
+                let moment = arm.cross(&force) - (moved - shift).cross(&held_n);
                 for axis in 0..3 {
                     tangent[(axis, pose)] += force[axis];
                     tangent[(3 + axis, pose)] += moment[axis];

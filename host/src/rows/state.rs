@@ -60,6 +60,17 @@ impl State {
         &self.modes
     }
 
+    /// Adds to multipliers what `forces` makes of delta, by row \[N\].
+    pub(crate) fn add<'a, F: Iterator<Item = (usize, f64)> + 'a>(
+        &'a mut self,
+        forces: impl FnOnce(&'a [f64]) -> F,
+    ) {
+        let Self { lambda, delta, .. } = self;
+        for (row, by) in forces(delta) {
+            lambda[row] += by;
+        }
+    }
+
     /// As a copy of `other`, without new memory.
     pub fn copy_from(&mut self, other: &Self) {
         self.ids.clone_from(&other.ids);

@@ -386,6 +386,12 @@ pub struct ToolSection {
     /// Centre of the sphere, or of the punch's face, in the grip's frame \[m\], (3).
     #[schemars(with = "Option<[f64; 3]>")]
     pub offset_m: Option<Spanned<[f64; 3]>>,
+    /// Coulomb's coefficient of the tool on tissue while it slides; 0 when left out.
+    #[schemars(with = "Option<f64>")]
+    pub friction: Option<Spanned<f64>>,
+    /// The same while it sticks, at least `friction`; the same when left out.
+    #[schemars(with = "Option<f64>")]
+    pub static_friction: Option<Spanned<f64>>,
     /// Whether the console's grip carries this tool, as one tool in a scene; the first when no tool says so.
     #[schemars(with = "Option<bool>")]
     pub driven: Option<Spanned<bool>>,

@@ -239,7 +239,8 @@ impl Scene {
     }
 
     fn add_needles(&self, model: Model) -> Result<Model, ModelError> {
-        if self.needles.is_empty() {
+        let rubs = self.tools.iter().any(|tool| tool.shape.friction > 0.0);
+        if self.needles.is_empty() && !rubs {
             return Ok(model);
         }
         let parts: Vec<_> = self

@@ -132,7 +132,8 @@ fn a_flat_punch_arrives_with_its_own_choices_where_nothing_is_said() {
         );
         read(&text).expect("good").tools[0].shape
     };
-    let said = "radius_m = 0.05\nfillet_m = 0.004\nlength_m = 0.02\naxis = [0.0, -2.0, 0.0]";
+    let said = "radius_m = 0.05\nfillet_m = 0.004\nlength_m = 0.02\naxis = [0.0, -2.0, 0.0]\n\
+                friction = 0.3\nstatic_friction = 0.5";
     let expected = tool::Tool {
         shape: Shape::FlatPunch {
             radius_m: 0.05,
@@ -141,6 +142,8 @@ fn a_flat_punch_arrives_with_its_own_choices_where_nothing_is_said() {
         },
         offset_m: [0.0, 0.0, -0.01],
         axis: [0.0, -1.0, 0.0],
+        friction: 0.3,
+        static_friction: 0.5,
     };
     assert_eq!(shape(said), expected);
     let unsaid = tool::Tool::new(Shape::flat_punch(0.05, 0.2), [0.0, 0.0, -0.01]);

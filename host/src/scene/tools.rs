@@ -74,7 +74,29 @@ pub(super) fn read_tools(
     Ok(tools)
 }
 
+/// The shape, and how it rubs.
 fn read_shape(
+    document: &Document,
+    spanned: &Spanned<ToolSection>,
+) -> Result<tool::Tool, SceneError> {
+    let tool = read_solid(document, spanned)?;
+    let section = spanned.get_ref();
+    let help = "Coulomb's coefficient on tissue: wet metal has 0.1, dry rubber 1";
+    let read = |name, key: &Option<Spanned<f64>>, rule: &str, least: f64| match key {
+        None => Ok(least),
+        Some(key) => {
+            let is_sound = |value| (least..=tool::MOST_FRICTION).contains(&value);
+            document.number(name, key, rule, is_sound, help)
+        }
+    };
+    let rule = format!("between 0 and {}", tool::MOST_FRICTION);
+    let friction = read("friction", &section.friction, &rule, 0.0)?;
+    let rule = format!("between `friction` and {}", tool::MOST_FRICTION);
+    let static_friction = read("static_friction", &section.static_friction, &rule, friction)?;
+    Ok(tool.with_friction(friction, static_friction))
+}
+
+fn read_solid(
     document: &Document,
     spanned: &Spanned<ToolSection>,
 ) -> Result<tool::Tool, SceneError> {
@@ -84,12 +106,17 @@ fn read_shape(
         None => [0.0; 3],
     };
     if section.shape == ToolShape::Grip {
-        let lengths = [&section.radius_m, &section.fillet_m, &section.length_m]
-            .map(|key| key.as_ref().map(Spanned::span));
+        let lengths = [
+            &section.radius_m,
+            &section.fillet_m,
+            &section.length_m,
+            &section.friction,
+            &section.static_friction,
+        ]
+        .map(|key| key.as_ref().map(Spanned::span));
         let vectors = [&section.axis, &section.offset_m].map(|key| key.as_ref().map(Spanned::span));
         if let Some(span) = lengths.into_iter().chain(vectors).flatten().next() {
-            let message =
-                "a grip touches nothing: it has no radius, fillet, length, axis or offset";
+            let message = "a grip touches nothing: it has no radius, fillet, length, axis, offset or friction";
             let help =
                 "leave this key out, or name a shape that touches: `\"sphere\"`, `\"flat-punch\"`";
             return Err(document.flaw(span, message, "the shape is a grip", Some(help)));
@@ -152,14 +179,14 @@ fn read_shape(
         }
         None => tool::Tool::DEFAULT_AXIS,
     };
+    let shape = Shape::FlatPunch {
+        radius_m,
+        fillet_m,
+        length_m,
+    };
     Ok(tool::Tool {
-        shape: Shape::FlatPunch {
-            radius_m,
-            fillet_m,
-            length_m,
-        },
-        offset_m,
         axis,
+        ..tool::Tool::new(shape, offset_m)
     })
 }
 

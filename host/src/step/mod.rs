@@ -617,7 +617,7 @@ pub fn step(
             model,
             needles,
             needles_state,
-            samples,
+            (samples, &targets),
             needles_work,
             &mut report,
             &mut clock,

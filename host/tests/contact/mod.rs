@@ -3,6 +3,7 @@
 mod balance;
 mod bench;
 mod corotational;
+mod friction;
 mod jacobian;
 mod poses;
 mod punch;

@@ -1,0 +1,51 @@
+//! A balance is found: what slipped sticks where it is now, and what is open is let go of.
+
+use super::{ToolContacts, TouchingTools};
+use nalgebra::Vector3;
+
+impl ToolContacts {
+    /// Takes over the balance in which nodes are `at` \[m\]; `near` are the vertices that may be touched next, `slack_m` how far
+    /// those of each group are from where they rest at most.
+    pub fn accept(
+        &mut self,
+        tools: &TouchingTools,
+        (near, slack_m): (&[(u32, u32)], &[f64]),
+        at: impl Fn(u32) -> Vector3<f64>,
+    ) {
+        let Self {
+            placements,
+            contacts,
+            friction_j,
+            ..
+        } = self;
+        contacts.retain_mut(|contact| {
+            let Some(placement) = &placements[contact.tool as usize] else {
+                return false;
+            };
+            let force_n = contact.force_n();
+            contact.ahead_m = placement.world(&contact.local_m) - contact.at_m;
+            let along = contact.normal * contact.normal.dot(&contact.ahead_m);
+            let slid_m = contact.ahead_m - along;
+            if contact.slips {
+                *friction_j += 0.5 * (contact.before_n + force_n).dot(&slid_m);
+            }
+            if contact.slips || tools.each[contact.tool as usize].tool.friction == 0.0 {
+                contact.local_m = placement.local(&contact.at_m);
+            }
+            contact.sticks = !contact.slips;
+            contact.before_n = force_n;
+            contact.lambda_n[0] > 0.0
+        });
+        self.before = self.placements;
+        let count = self.slack_m.len();
+        self.slack_m.copy_from_slice(&slack_m[..count]);
+        self.near.clear();
+        self.near
+            .extend(near.iter().map(|(_, node)| (*node, Vector3::zeros())));
+        self.near.sort_unstable_by_key(|(node, _)| *node);
+        self.near.dedup_by_key(|(node, _)| *node);
+        for (node, place) in &mut self.near {
+            *place = at(*node);
+        }
+    }
+}

@@ -1,0 +1,252 @@
+//! Tools that touch: boundary vertices against convex shapes, with Coulomb friction.
+//!
+//! Entry points, in the order of a balance: [`ToolContacts::place`], [`ToolContacts::append`] before a solve,
+//! [`ToolContacts::settle`] after it until nothing is left to do, [`ToolContacts::accept`] once the balance is found.
+//! A touched vertex has one cone: its normal row keeps it outside the shape, by the distance linearised where the last
+//! solve left it, and two tangent rows keep it where it sticks on the tool. Friction is plastic flow, integrated
+//! backwards (Simo & Hughes 1998, 1.4): what slides sticks from then on where it has come to.
+
+mod accept;
+mod reach;
+mod rows;
+mod tangent;
+mod turning;
+
+pub(crate) use tangent::Touched;
+pub(crate) use turning::Turning;
+
+use crate::contact::shape::Solid;
+use crate::tool::{MAX_TOOLS, Placement, Tool};
+use nalgebra::{Vector3, Vector6};
+use serde::Serialize;
+
+/// Most contacts at once, of all tools.
+pub(crate) const MOST_CONTACTS: usize = 192;
+
+/// Where tools are, by their places among those that touch.
+pub(crate) type Placements = [Option<Placement>; MAX_TOOLS];
+
+/// A tool of the model that touches.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct TouchingTool {
+    /// Among the model's tools.
+    pub index: usize,
+    pub tool: Tool,
+    /// It counts as no thinner than this \[m\]: it would slip in between vertices.
+    least_m: f64,
+}
+
+/// What is constant: the tools, and the vertices that they can touch.
+#[derive(Debug)]
+pub(crate) struct TouchingTools {
+    each: Vec<TouchingTool>,
+    /// Boundary nodes that can move, ascending, (b).
+    nodes: Vec<u32>,
+    /// Where they rest under the loads \[m\], (b).
+    resting_m: Vec<Vector3<f64>>,
+    /// Their outward normals there, (b).
+    normals: Vec<Vector3<f64>>,
+    /// In which group of the hierarchy each is, (b).
+    group: Vec<u32>,
+}
+
+/// A vertex that a tool touches.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub(crate) struct Contact {
+    /// Among the tools that touch.
+    pub tool: u32,
+    pub node: u32,
+    /// Where on the tool it sticks \[m\], (3), in the frame of its [`Placement`].
+    pub local_m: Vector3<f64>,
+    /// Whether it stuck at the last balance and has not slipped since: then the static coefficient holds.
+    pub sticks: bool,
+    /// Where the last solve left it \[m\], (3).
+    pub at_m: Vector3<f64>,
+    /// Distance from the tool there \[m\].
+    pub gap_m: f64,
+    /// Out of the tool, unit vector, (3), and one across it, (3): the frame of its rows.
+    pub normal: Vector3<f64>,
+    pub tangent: Vector3<f64>,
+    /// Multipliers of the last solve \[N\]: along the normal, and across it.
+    pub lambda_n: [f64; 3],
+    /// Whether it slips.
+    pub slips: bool,
+    /// At the last balance: by how far the place where it stuck on the tool had run ahead of it \[m\], (3).
+    ahead_m: Vector3<f64>,
+    /// Force on the tissue at the last balance \[N\], (3).
+    before_n: Vector3<f64>,
+    /// The first of its three rows in the last solve.
+    pub row: u32,
+}
+
+impl Contact {
+    /// Directions of its rows: into the tool, and two across.
+    pub fn frame(&self) -> [Vector3<f64>; 3] {
+        [-self.normal, self.tangent, self.normal.cross(&self.tangent)]
+    }
+
+    /// Force of the tool on the tissue \[N\], (3).
+    pub fn force_n(&self) -> Vector3<f64> {
+        let rows = self.frame().into_iter().zip(self.lambda_n);
+        -rows
+            .map(|(direction, lambda)| direction * lambda)
+            .sum::<Vector3<f64>>()
+    }
+}
+
+/// What evolves: where the tools are, and what they touch.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub(crate) struct ToolContacts {
+    /// Where each tool shall be, by its place among those that touch; `None` for one that is nowhere.
+    pub placements: Placements,
+    /// Where each was at the last balance.
+    before: Placements,
+    pub contacts: Vec<Contact>,
+    /// Vertices near a tool at the last balance, and where they were \[m\].
+    near: Vec<(u32, Vector3<f64>)>,
+    /// As far as nodes were from where they rest, by their groups \[m\].
+    slack_m: Vec<f64>,
+    /// Dissipated by friction so far \[J\].
+    pub friction_j: f64,
+}
+
+impl TouchingTools {
+    /// The tools that have a shape, for a boundary with the nodes `nodes`, at `resting_m` (b) \[m\] with the outward
+    /// `normals` (b), in `group` (b).
+    pub fn new(
+        tools: &[(u8, Tool)],
+        least_m: f64,
+        nodes: &[u32],
+        (resting_m, normals): (&[Vector3<f64>], &[Vector3<f64>]),
+        group: Vec<u32>,
+    ) -> Self {
+        let touching = tools
+            .iter()
+            .enumerate()
+            .filter(|(_, (_, tool))| !tool.is_grip());
+        let each = touching.map(|(index, (_, tool))| TouchingTool {
+            index,
+            tool: *tool,
+            least_m,
+        });
+        Self {
+            each: each.collect(),
+            nodes: nodes.to_vec(),
+            resting_m: resting_m.to_vec(),
+            normals: normals.to_vec(),
+            group,
+        }
+    }
+
+    /// No tools.
+    pub fn none() -> Self {
+        Self::new(&[], 0.0, &[], (&[], &[]), Vec::new())
+    }
+
+    /// Place among these of the model's tool `index`.
+    pub fn place_of(&self, index: Option<usize>) -> Option<u32> {
+        let place = self.each.iter().position(|each| Some(each.index) == index);
+        place.map(|place| place as u32)
+    }
+
+    /// Where these are, of all the model's tools.
+    pub fn targets(&self, all: &Placements) -> Placements {
+        let mut own = [None; MAX_TOOLS];
+        for (own, each) in own.iter_mut().zip(&self.each) {
+            *own = all[each.index];
+        }
+        own
+    }
+
+    pub fn is_empty(&self) -> bool {
+        self.each.is_empty()
+    }
+
+    /// Most contacts at once.
+    pub fn most_contacts(&self) -> usize {
+        MOST_CONTACTS.min(self.nodes.len() * self.each.len())
+    }
+
+    /// A tool's shape where it is.
+    pub fn solid(&self, tool: usize, placement: &Placement) -> Solid {
+        let TouchingTool { tool, least_m, .. } = &self.each[tool];
+        Solid::new(tool, *least_m, placement)
+    }
+
+    /// Groups that its vertices are in.
+    fn groups(&self) -> usize {
+        let last = self.group.iter().max();
+        last.map_or(0, |last| *last as usize + 1)
+    }
+
+    /// Vertices near a tool, each with each.
+    pub fn most_pairs(&self) -> usize {
+        self.nodes.len() * self.each.len()
+    }
+
+    /// Scratch for how normals turn among so many rows, if there are tools.
+    pub fn turning(&self, most_rows: usize) -> Option<Turning> {
+        (!self.is_empty()).then(|| Turning::new(most_rows, self.most_contacts()))
+    }
+}
+
+impl ToolContacts {
+    /// No tool anywhere.
+    pub fn new(tools: &TouchingTools) -> Self {
+        let most = tools.most_contacts();
+        Self {
+            placements: [None; MAX_TOOLS],
+            before: [None; MAX_TOOLS],
+            contacts: Vec::with_capacity(most),
+            near: Vec::with_capacity(if most > 0 { tools.nodes.len() } else { 0 }),
+            slack_m: vec![0.0; tools.groups()],
+            friction_j: 0.0,
+        }
+    }
+
+    /// Whether there is no tool that touches, for traces that are older than these.
+    pub fn touch_nothing(&self) -> bool {
+        self.contacts.is_empty() && self.placements.iter().all(Option::is_none)
+    }
+
+    /// How many vertices a tool touches.
+    pub fn count(&self, tool: u32) -> u32 {
+        self.contacts
+            .iter()
+            .filter(|contact| contact.tool == tool)
+            .count() as u32
+    }
+
+    /// Force on a tool \[N\], and its moment about `grip` \[N m\].
+    pub fn wrench(&self, tool: u32, grip: &Vector3<f64>) -> Vector6<f64> {
+        let own = self.contacts.iter().filter(|contact| contact.tool == tool);
+        let each = own.map(|contact| {
+            let force = -contact.force_n();
+            let moment = (contact.at_m - grip).cross(&force);
+            Vector6::new(force.x, force.y, force.z, moment.x, moment.y, moment.z)
+        });
+        each.sum()
+    }
+
+    /// As a copy of `other`, without new memory.
+    pub fn copy_from(&mut self, other: &Self) {
+        self.placements = other.placements;
+        self.before = other.before;
+        self.contacts.clone_from(&other.contacts);
+        self.near.clone_from(&other.near);
+        self.slack_m.clone_from(&other.slack_m);
+        self.friction_j = other.friction_j;
+    }
+
+    /// Puts the tools where they shall be; one that goes nowhere lets go.
+    pub fn place(&mut self, tools: &TouchingTools, placements: &Placements) {
+        self.placements = *placements;
+        self.contacts.retain_mut(|contact| {
+            let placement = placements[contact.tool as usize].as_ref();
+            placement.is_some_and(|placement| {
+                let solid = tools.solid(contact.tool as usize, placement);
+                contact.look(&solid, contact.at_m)
+            })
+        });
+    }
+}

@@ -1,0 +1,226 @@
+//! Rows of what is touched, and what a solve says of them.
+
+use super::{Contact, ToolContacts, TouchingTools};
+use crate::anchors::{AnchorPoint, AnchorRow, ConstraintSet};
+use crate::collide::across;
+use crate::contact::shape::Solid;
+use crate::rows::{Mode, RowKind};
+use crate::tool::Placement;
+use nalgebra::Vector3;
+
+/// Bit of a row's id that no other rows have.
+const ID: u64 = 1 << 56;
+/// Balance: largest gap over radius, and largest change of a normal since it was linearised \[rad\].
+const TOLERANCE: f64 = 1e-10;
+/// A vertex counts as inside a tool when it is deeper than this part of its radius.
+const DEPTH: f64 = 1e-9;
+
+/// What [`ToolContacts::settle`] found.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Settled {
+    /// Whether the solve was a balance.
+    pub is: bool,
+    /// Largest gap over radius and change of a normal, of what presses.
+    pub residual: f64,
+    /// Whether there was room for all that is touched.
+    pub has_room: bool,
+}
+
+impl Placement {
+    /// A place in the frame of the shape \[m\] as it is in the world.
+    pub(super) fn world(&self, local: &Vector3<f64>) -> Vector3<f64> {
+        self.centre + self.rotation * local
+    }
+
+    pub(super) fn local(&self, world: &Vector3<f64>) -> Vector3<f64> {
+        self.rotation.inverse() * (world - self.centre)
+    }
+}
+
+impl ToolContacts {
+    /// Appends three rows for each contact; `points_m` (n x 3) are the unloaded nodes.
+    pub fn append(
+        &mut self,
+        tools: &TouchingTools,
+        points_m: &[[f64; 3]],
+        set: &mut ConstraintSet,
+    ) {
+        for contact in &mut self.contacts {
+            contact.row = set.rows.len() as u32;
+            let tool = &tools.each[contact.tool as usize].tool;
+            let Some(placement) = &self.placements[contact.tool as usize] else {
+                continue;
+            };
+            let node = contact.node;
+            let anchor = set.add(AnchorPoint {
+                nodes: [node; 4],
+                weights: [1.0, 0.0, 0.0, 0.0],
+            });
+            let friction = if contact.sticks {
+                tool.static_friction.max(tool.friction)
+            } else {
+                tool.friction
+            };
+            let rest = Vector3::from(points_m[node as usize]);
+            let way = contact.at_m - rest;
+            let sticks_at = placement.world(&contact.local_m) - rest;
+            let frame = contact.frame();
+            let targets = [
+                frame[0].dot(&way) + contact.gap_m,
+                frame[1].dot(&sticks_at),
+                frame[2].dot(&sticks_at),
+            ];
+            let id = ID | u64::from(contact.tool) << 40 | u64::from(node) << 2;
+            for (axis, (direction, target_m)) in (0u64..).zip(frame.into_iter().zip(targets)) {
+                set.rows.push(AnchorRow {
+                    id: id | axis,
+                    anchor,
+                    kind: match axis {
+                        0 => RowKind::Normal { friction },
+                        _ => RowKind::Tangent,
+                    },
+                    direction: direction.into(),
+                    target_m,
+                });
+            }
+        }
+    }
+
+    /// After a solve with the multipliers `lambda` and `modes` of all rows: linearises anew where it has the vertices, `at` a node \[m\], and takes up those of `near` that are inside a tool now.
+    pub fn settle(
+        &mut self,
+        tools: &TouchingTools,
+        (lambda, modes): (&[f64], &[Mode]),
+        near: &[(u32, u32)],
+        at: impl Fn(u32) -> Vector3<f64>,
+    ) -> Settled {
+        let mut settled = Settled {
+            is: true,
+            residual: 0.0,
+            has_room: true,
+        };
+        for contact in &mut self.contacts {
+            let row = contact.row as usize;
+            let (Some(lambda), Some(modes)) = (lambda.get(row..row + 3), modes.get(row..row + 3))
+            else {
+                continue;
+            };
+            let Some(placement) = &self.placements[contact.tool as usize] else {
+                continue;
+            };
+            let solid = tools.solid(contact.tool as usize, placement);
+            let before = contact.normal;
+            contact.lambda_n = [lambda[0], lambda[1], lambda[2]];
+            contact.slips = modes[1] == Mode::Slipping;
+            if !contact.look(&solid, at(contact.node)) {
+                settled.residual = f64::INFINITY;
+                continue;
+            }
+            let gap = contact.gap_m / solid.radius();
+            let off = if lambda[0] > 0.0 {
+                gap.abs().max((contact.normal - before).norm())
+            } else {
+                (-gap).max(0.0)
+            };
+            settled.residual = settled.residual.max(off);
+            let tool = &tools.each[contact.tool as usize].tool;
+            if contact.sticks && contact.slips && tool.static_friction > tool.friction {
+                contact.sticks = false;
+                settled.is = false;
+            }
+        }
+        settled.is &= settled.residual <= TOLERANCE;
+        for &(tool, node) in near {
+            let is = |contact: &Contact| (contact.tool, contact.node) == (tool, node);
+            let Some(placement) = &self.placements[tool as usize] else {
+                continue;
+            };
+            let solid = tools.solid(tool as usize, placement);
+            let place = at(node);
+            if solid.gap(&place) >= -DEPTH * solid.radius() || self.contacts.iter().any(is) {
+                continue;
+            }
+            settled.is = false;
+            settled.has_room &= self.contacts.len() < tools.most_contacts();
+            if !settled.has_room {
+                break;
+            }
+            let mut contact = self.touch(tool, node, placement, &solid, place);
+            contact.look(&solid, place);
+            self.contacts.push(contact);
+        }
+        settled
+    }
+
+    /// A vertex that has come to be inside a tool: it touched on the way from where both were at the last balance, and
+    /// sticks there.
+    fn touch(
+        &self,
+        tool: u32,
+        node: u32,
+        placement: &Placement,
+        solid: &Solid,
+        at_m: Vector3<f64>,
+    ) -> Contact {
+        let now = placement.local(&at_m);
+        let known = self.near.binary_search_by_key(&node, |(node, _)| *node);
+        let was = known.ok().and_then(|found| {
+            let before = self.before[tool as usize].as_ref()?;
+            Some(before.local(&self.near[found].1))
+        });
+        let local_m = was.map_or(now, |was| first_inside(placement, solid, was, now));
+        Contact {
+            tool,
+            node,
+            local_m,
+            sticks: true,
+            at_m,
+            gap_m: 0.0,
+            normal: Vector3::zeros(),
+            tangent: Vector3::x(),
+            lambda_n: [0.0; 3],
+            slips: false,
+            ahead_m: Vector3::zeros(),
+            before_n: Vector3::zeros(),
+            row: 0,
+        }
+    }
+}
+
+/// Where on the straight way of a vertex from `was` to `now`, both in the tool's frame \[m\], it is first inside.
+fn first_inside(
+    placement: &Placement,
+    solid: &Solid,
+    was: Vector3<f64>,
+    now: Vector3<f64>,
+) -> Vector3<f64> {
+    let inside = |part: f64| solid.gap(&placement.world(&was.lerp(&now, part))) < 0.0;
+    if inside(0.0) {
+        return now;
+    }
+    // Shapes are convex: outside, then inside.
+    let (mut out, mut r#in) = (0.0, 1.0);
+    for _ in 0..52 {
+        let middle = 0.5 * (out + r#in);
+        if inside(middle) {
+            r#in = middle;
+        } else {
+            out = middle;
+        }
+    }
+    was.lerp(&now, out)
+}
+
+impl Contact {
+    /// Distance and normal where the vertex is; whether there is a normal.
+    pub(super) fn look(&mut self, solid: &Solid, at_m: Vector3<f64>) -> bool {
+        self.at_m = at_m;
+        let Some(touch) = solid.touch(&at_m) else {
+            return false;
+        };
+        self.gap_m = touch.gap;
+        self.normal = touch.normal;
+        self.tangent = across(&touch.normal, &self.tangent);
+        true
+    }
+}

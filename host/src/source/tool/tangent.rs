@@ -1,0 +1,134 @@
+//! How the forces of what is touched follow the tools.
+//!
+//! Entry points: [`Touched::replace`] for the derivative of the balance, [`Touched::load`] for a motion of the tool. With p the
+//! force on the tissue, x the vertex, n the normal, H the Hessian of the distance, s the way by which the tool has run
+//! ahead, and a motion `dX` of the tool there that turns by theta: what sticks has `dx = dX`; what slides has `n.dx = n.dX`
+//! and keeps `p = lambda (n + mu s/|s|)` while `dn = H (dx - dX) + theta x n` turns both. Unknown is
+//! `dp = -(frame) dLambda`, and `dx = W dp`.
+
+use super::{Contact, ToolContacts, TouchingTools};
+use nalgebra::{Matrix2, Vector2, Vector3};
+
+/// Below this way a slip has no other direction than it had \[m\].
+const NO_WAY_M: f64 = 1e-12;
+
+/// A contact in a derivative.
+pub(crate) struct Touched {
+    /// The first of its three rows.
+    pub row: usize,
+    pub at_m: Vector3<f64>,
+    /// Where it sticks on the tool \[m\].
+    sticks_at_m: Vector3<f64>,
+    pub frame: [Vector3<f64>; 3],
+    normal: Vector3<f64>,
+    /// On the tissue \[N\].
+    pub force_n: Vector3<f64>,
+    law: Law,
+}
+
+enum Law {
+    Sticks,
+    Slides(Slide),
+}
+
+/// `-dLambda_i - mu s_i dLambda_0 = B (theta x n - h dX) + D m + (B h - D) dx`, across the normal; m is the motion of the place
+/// where it sticks.
+struct Slide {
+    /// mu s/|s|.
+    along: Vector2<f64>,
+    turns: Matrix2<f64>,
+    bends: Matrix2<f64>,
+    swings: Matrix2<f64>,
+}
+
+impl Slide {
+    fn follows(&self) -> Matrix2<f64> {
+        self.turns * self.bends - self.swings
+    }
+}
+
+impl Touched {
+    /// A contact that presses.
+    pub fn new(tools: &TouchingTools, state: &ToolContacts, contact: &Contact) -> Option<Self> {
+        let placement = state.placements[contact.tool as usize].as_ref()?;
+        let solid = tools.solid(contact.tool as usize, placement);
+        let touch = solid.touch(&contact.at_m)?;
+        let tool = &tools.each[contact.tool as usize].tool;
+        let frame = contact.frame();
+        let pressing = contact.lambda_n[0];
+        let law = if tool.friction > 0.0 && !contact.slips {
+            Law::Sticks
+        } else {
+            let across = |v: &Vector3<f64>| Vector2::new(frame[1].dot(v), frame[2].dot(v));
+            let flat = across(&contact.ahead_m);
+            let way = flat.norm().max(NO_WAY_M);
+            let direction = flat / way;
+            let aside = Vector2::new(-direction.y, direction.x);
+            let mu = tool.friction;
+            let swing = aside * aside.transpose() * (pressing * mu / way);
+            let mut bends = Matrix2::zeros();
+            for (i, j) in [(0, 0), (0, 1), (1, 0), (1, 1)] {
+                bends[(i, j)] = frame[1 + i].dot(&(touch.curvature * frame[1 + j]));
+            }
+            let turns = (Matrix2::identity() + direction * direction.transpose() * (mu * mu))
+                * pressing
+                - swing * contact.normal.dot(&contact.ahead_m);
+            Law::Slides(Slide {
+                along: direction * mu,
+                turns,
+                bends,
+                swings: swing,
+            })
+        };
+        Some(Self {
+            row: contact.row as usize,
+            at_m: contact.at_m,
+            sticks_at_m: contact.at_m + contact.ahead_m,
+            frame,
+            normal: contact.normal,
+            force_n: contact.force_n(),
+            law,
+        })
+    }
+
+    /// Puts the law of what slides in place of its rows of the compliance `w`, in `matrix` (n x n).
+    pub fn replace(&self, matrix: &mut [f64], w: &[f64], n: usize) {
+        let Law::Slides(slide) = &self.law else {
+            return;
+        };
+        let follows = slide.follows();
+        for (column, (own, w)) in matrix
+            .chunks_exact_mut(n)
+            .zip(w.chunks_exact(n))
+            .enumerate()
+        {
+            let moved = Vector2::new(w[self.row + 1], w[self.row + 2]);
+            let law = follows * moved;
+            for axis in 0..2 {
+                let row = self.row + 1 + axis;
+                let force = f64::from(u8::from(column == row));
+                let normal = f64::from(u8::from(column == self.row));
+                own[row] = force + slide.along[axis] * normal - law[axis];
+            }
+        }
+    }
+
+    /// Right-hand sides of its rows for a motion of its tool, whose grip shifts and turns.
+    pub fn load(&self, grip: &Vector3<f64>, shift: &Vector3<f64>, turn: &Vector3<f64>) -> [f64; 3] {
+        let motion = |at: &Vector3<f64>| shift + turn.cross(&(at - grip));
+        let moved = motion(&self.at_m);
+        let normal = -self.frame[0].dot(&moved);
+        let across = |v: &Vector3<f64>| Vector2::new(self.frame[1].dot(v), self.frame[2].dot(v));
+        match &self.law {
+            Law::Sticks => {
+                let flat = across(&motion(&self.sticks_at_m));
+                [normal, -flat.x, -flat.y]
+            }
+            Law::Slides(slide) => {
+                let turned = across(&turn.cross(&self.normal)) - slide.bends * across(&moved);
+                let load = slide.turns * turned + slide.swings * across(&motion(&self.sticks_at_m));
+                [normal, -load.x, -load.y]
+            }
+        }
+    }
+}

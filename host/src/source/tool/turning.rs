@@ -1,0 +1,181 @@
+//! How normals turn as vertices slide: what makes the solves Newton's.
+//!
+//! Entry points: [`Turning::prepare`], and [`Turning::forces`] after the solve. Where a vertex slides by `dx` across
+//! the normal of its contact, the force on it turns by `G dx`, `G = lambda H`, H the Hessian of the tool's distance. With
+//! T the rows across the normals, the rows' compliance W becomes `W + Q M^-1 Q'`, `Q = W_T L`, `M = 1 - L' W_TT L`, `L L' = T G T'`
+//! (Woodbury): `C (K - G)^-1 C'`. M is positive definite where the balance is stable.
+
+use super::{Contact, ToolContacts, TouchingTools};
+use crate::anchors::AnchorRow;
+use crate::dense::Dense;
+use nalgebra::{Matrix2, Vector2};
+
+/// A contact whose normal turns.
+#[derive(Clone, Copy, Debug)]
+struct Turn {
+    /// Of the first of its two rows across the normal.
+    row: usize,
+    /// G there \[N/m\], and its Cholesky factor.
+    stiffness: Matrix2<f64>,
+    factor: Matrix2<f64>,
+    /// Where the vertex was across the normal \[m\].
+    was_m: Vector2<f64>,
+}
+
+/// Scratch, and the compliance in which normals turn.
+pub(crate) struct Turning {
+    turns: Vec<Turn>,
+    /// W_T L, then `M^-1` of its transpose, (n x m) each.
+    q: Vec<f64>,
+    answers: Vec<f64>,
+    m: Vec<f64>,
+    v: Vec<f64>,
+    pub compliance: Vec<f64>,
+    pub delta_free: Vec<f64>,
+    dense: Dense,
+}
+
+impl Turning {
+    /// For so many rows and contacts.
+    pub fn new(most_rows: usize, most_contacts: usize) -> Self {
+        let most = 2 * most_contacts;
+        Self {
+            turns: Vec::with_capacity(most_contacts),
+            q: vec![0.0; most * most_rows],
+            answers: vec![0.0; most * most_rows],
+            m: vec![0.0; most * most],
+            v: vec![0.0; most],
+            compliance: vec![0.0; most_rows * most_rows],
+            delta_free: vec![0.0; most_rows],
+            dense: Dense::new(most.max(1)),
+        }
+    }
+
+    /// Makes [`Self::compliance`] and [`Self::delta_free`] of the rows `rows` from `w` (n x n) and `delta_free` (n) for the
+    /// contacts of `state`. Whether anything turns, in a stable way.
+    pub fn prepare(
+        &mut self,
+        tools: &TouchingTools,
+        state: &ToolContacts,
+        rows: &[AnchorRow],
+        (w, delta_free): (&[f64], &[f64]),
+        points_m: &[[f64; 3]],
+    ) -> bool {
+        let n = delta_free.len();
+        self.turns.clear();
+        for contact in &state.contacts {
+            self.turns.extend(turn_of(tools, state, contact, points_m));
+        }
+        let m = 2 * self.turns.len();
+        if m == 0 {
+            return false;
+        }
+        for (place, turn) in self.turns.iter().enumerate() {
+            let across = [turn.row, turn.row + 1].map(|row| &w[n * row..n * (row + 1)]);
+            for axis in 0..2 {
+                let share = turn.factor.column(axis);
+                let q = &mut self.q[n * (2 * place + axis)..][..n];
+                for (q, (a, b)) in q.iter_mut().zip(across[0].iter().zip(across[1])) {
+                    *q = share[0] * a + share[1] * b;
+                }
+            }
+            let free = [turn.row, turn.row + 1].map(|row| rows[row].target_m - delta_free[row]);
+            let v = turn.factor.transpose() * (Vector2::from(free) - turn.was_m);
+            self.v[2 * place..2 * place + 2].copy_from_slice(v.as_slice());
+        }
+        for (place, turn) in self.turns.iter().enumerate() {
+            for column in 0..m {
+                let q = &self.q[n * column + turn.row..][..2];
+                let of = turn.factor.transpose() * Vector2::new(q[0], q[1]);
+                for axis in 0..2 {
+                    let row = 2 * place + axis;
+                    self.m[m * column + row] = f64::from(u8::from(row == column)) - of[axis];
+                }
+            }
+        }
+        if self.dense.factor(&mut self.m[..m * m], m).is_err() {
+            self.turns.clear();
+            return false;
+        }
+        self.compliance[..n * n].copy_from_slice(w);
+        self.delta_free[..n].copy_from_slice(delta_free);
+        self.add(n, m);
+        true
+    }
+
+    /// Adds `Q M^-1 Q'` and takes `Q M^-1 v` off.
+    fn add(&mut self, n: usize, m: usize) {
+        let factor = &self.m[..m * m];
+        self.dense.solve(factor, m, &mut self.v[..m], 1);
+        for row in 0..n {
+            for place in 0..m {
+                self.answers[m * row + place] = self.q[n * place + row];
+            }
+        }
+        self.dense.solve(factor, m, &mut self.answers[..m * n], n);
+        for (column, answer) in self.answers[..m * n].chunks_exact(m).enumerate() {
+            let out = &mut self.compliance[n * column..n * (column + 1)];
+            for (q, by) in self.q.chunks_exact(n).zip(answer) {
+                for (out, q) in out.iter_mut().zip(q) {
+                    *out += by * q;
+                }
+            }
+        }
+        for (q, by) in self.q.chunks_exact(n).zip(&self.v[..m]) {
+            for (delta, q) in self.delta_free.iter_mut().zip(q) {
+                *delta -= by * q;
+            }
+        }
+    }
+
+    /// Rows of the turned forces and what these add to the multipliers \[N\], after a solve that left `delta_m`.
+    pub fn forces<'a>(
+        &'a self,
+        rows: &'a [AnchorRow],
+        delta_m: &'a [f64],
+    ) -> impl Iterator<Item = (usize, f64)> + 'a {
+        self.turns.iter().flat_map(move |turn| {
+            let at = [turn.row, turn.row + 1].map(|row| rows[row].target_m - delta_m[row]);
+            let turned = turn.stiffness * (Vector2::from(at) - turn.was_m);
+            [(turn.row, -turned[0]), (turn.row + 1, -turned[1])]
+        })
+    }
+}
+
+/// What turns at a contact; nothing where it sticks, is open, or the shape is flat.
+fn turn_of(
+    tools: &TouchingTools,
+    state: &ToolContacts,
+    contact: &Contact,
+    points_m: &[[f64; 3]],
+) -> Option<Turn> {
+    let rubs = tools.each[contact.tool as usize].tool.friction > 0.0;
+    if contact.lambda_n[0] <= 0.0 || (rubs && !contact.slips) {
+        return None;
+    }
+    let placement = state.placements[contact.tool as usize].as_ref()?;
+    let solid = tools.solid(contact.tool as usize, placement);
+    let touch = solid.touch(&contact.at_m)?;
+    let [_, a, b] = contact.frame();
+    let bend = |i: &nalgebra::Vector3<f64>, j: &nalgebra::Vector3<f64>| {
+        contact.lambda_n[0] * i.dot(&(touch.curvature * j))
+    };
+    let stiffness = Matrix2::new(bend(&a, &a), bend(&a, &b), bend(&b, &a), bend(&b, &b));
+    let first = stiffness[(0, 0)].max(0.0).sqrt();
+    let across = if first > 0.0 {
+        stiffness[(1, 0)] / first
+    } else {
+        0.0
+    };
+    let second = (stiffness[(1, 1)] - across * across).max(0.0).sqrt();
+    if first + second == 0.0 {
+        return None;
+    }
+    let was = contact.at_m - nalgebra::Vector3::from(points_m[contact.node as usize]);
+    Some(Turn {
+        row: contact.row as usize + 1,
+        stiffness,
+        factor: Matrix2::new(first, 0.0, across, second),
+        was_m: Vector2::new(a.dot(&was), b.dot(&was)),
+    })
+}
