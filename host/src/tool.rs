@@ -158,6 +158,11 @@ impl Tool {
         }
     }
 
+    /// Whether it rubs nothing.
+    pub fn is_smooth(&self) -> bool {
+        self.friction.max(self.static_friction) == 0.0
+    }
+
     /// Whether it touches nothing.
     pub fn is_grip(&self) -> bool {
         self.shape == Shape::Grip

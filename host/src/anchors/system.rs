@@ -13,8 +13,8 @@ use crate::fem::{
     TissueError,
 };
 use crate::renewal::{Renewals, Rule};
-use crate::rows::{self, Problem, Row};
-use crate::source::tool::Turning;
+use crate::rows::{self, Condensed, Problem, Row};
+use crate::source::tool::{Cones, Turning};
 use nalgebra::{Matrix3, Vector3};
 use serde::Serialize;
 use std::sync::Arc;
@@ -140,6 +140,8 @@ pub(crate) struct System {
     delta_free: Vec<f64>,
     kinds: Vec<Row>,
     rows_work: rows::Workspace,
+    /// Forces of the last solve among rows of which some are new.
+    open: rows::State,
     field: Vec<f64>,
     field_work: SolveScratch,
 }
@@ -254,6 +256,7 @@ impl System {
             delta_free: vec![0.0; most_rows],
             kinds: Vec::with_capacity(most_rows),
             rows_work: rows::Workspace::new(most_rows),
+            open: rows::State::new(most_rows),
             field: vec![0.0; body.numbering().unknowns()],
             field_work: body.view(motion).factor().scratch(1),
             settings,
@@ -299,6 +302,12 @@ impl System {
         if let Some(vertex) = self.vertex(node) {
             self.columns.request(vertex);
         }
+    }
+
+    /// Whether the columns of a node are there.
+    pub fn has(&self, node: u32) -> bool {
+        self.vertex(node)
+            .is_some_and(|vertex| self.columns.has(vertex))
     }
 
     /// Displacement of a node by the linearisation \[m\] under `pushes`, whose columns must be there.
@@ -642,6 +651,27 @@ impl System {
             .filter(|(_, force)| **force != Vector3::zeros())
             .map(|(pushed, force)| self.pairs.block(anchor, pushed) * force);
         self.free[anchor] + moved.sum::<Vector3<f64>>()
+    }
+
+    /// After [`Self::read`] and [`Self::assemble`] of the rows of the last solve and others that are open: the rows of `cones`
+    /// with all others that act condensed out. Whether that could be done.
+    pub fn condense(&mut self, rows: usize, grasp: &Grasp, cones: &mut Cones) -> bool {
+        let n = rows + self.spread.rows.len();
+        grasp.forces.put_into(&self.kinds, &mut self.open);
+        let problem = Problem {
+            rows: &self.kinds,
+            compliance: &self.w[..n * n],
+            delta_free: &self.delta_free[..n],
+        };
+        let k = cones.keep.len();
+        let mut out = Condensed {
+            compliance: &mut cones.compliance[..k * k],
+            delta_free: &mut cones.delta_free[..k],
+            jacobian: &mut cones.kept_jacobian[..6 * k],
+        };
+        let jacobian = &cones.jacobian[..6 * n];
+        let (keep, work) = (&cones.keep, &mut self.rows_work);
+        rows::condense(&problem, &self.open, keep, jacobian, work, &mut out).is_some()
     }
 
     /// Finds the forces, with the compliance in which normals turn if some do.

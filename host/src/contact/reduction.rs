@@ -33,6 +33,8 @@ pub struct ToolRows {
     /// the tool would slip, deep in it: there W would not be positive definite. M makes up for it as
     /// long as no row switches.
     pub turning: bool,
+    /// What each row may do. The tangents of a cone follow its normal.
+    pub kind: [ToolRowKind; MAX_TOOL_ROWS],
     /// The node each row acts on: the same row from step to step.
     pub id: [u32; MAX_TOOL_ROWS],
     /// Gap \[m\]; 0 where it touches.
@@ -52,11 +54,27 @@ pub struct ToolRows {
     pub residual: f64,
 }
 
+/// What a row of a tool may do.
+#[derive(Clone, Copy, Debug, PartialEq, Default)]
+pub enum ToolRowKind {
+    /// Along a normal, without friction.
+    #[default]
+    Smooth,
+    /// Along a normal with friction; its two tangents follow.
+    Normal {
+        /// Coulomb's coefficient.
+        friction: f64,
+    },
+    /// Across the normal before: it sticks where delta is 0.
+    Tangent,
+}
+
 impl ToolRows {
     pub(crate) const NONE: Self = Self {
         tool: 0,
         count: 0,
         turning: false,
+        kind: [ToolRowKind::Smooth; MAX_TOOL_ROWS],
         id: [0; MAX_TOOL_ROWS],
         delta_m: [0.0; MAX_TOOL_ROWS],
         lambda_n: [0.0; MAX_TOOL_ROWS],

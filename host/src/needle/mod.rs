@@ -18,6 +18,7 @@ mod state;
 mod step;
 mod tangent;
 mod threads;
+mod tool_rows;
 mod touching;
 mod walk;
 
@@ -32,6 +33,7 @@ pub(crate) use state::NeedleState;
 pub use state::Rubbing;
 pub use step::{NeedleReport, TipPlace};
 pub(crate) use step::{NeedlesState, NeedlesWork, grip, pose_of, step};
+pub(crate) use tool_rows::Wanted;
 pub use walk::{Stop, Walked, walk};
 
 /// Places on a curve that are nearer than this to each other \[m\] may be in either order by rounding alone:

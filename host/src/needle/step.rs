@@ -8,17 +8,18 @@ use super::model::{MAX_NEEDLES, Needles};
 use super::state::{Grip, NeedleState, Tip};
 use super::tangent::{Moves, Pull, TangentWork, slide_twist};
 use super::threads::{report_threads, thread_ends};
-use super::{Curve, NeedlePart};
+use super::{Curve, NeedlePart, Wanted};
 use crate::anchors::{Grasp, System};
 use crate::body::Motion;
 use crate::clock::Clock;
 use crate::collide::TouchState;
+use crate::contact::reduction::{MAX_TOOL_ROWS, ToolRows};
 use crate::model::Model;
-use crate::source::tool::{Placements, ToolContacts};
+use crate::source::tool::{Cones, Placements, ToolContacts};
 use crate::step::{Status, StepReport};
 use crate::thread::{MOST_SEGMENTS, ThreadHold, ThreadState};
 use crate::tool::{MAX_TOOLS, ToolSample};
-use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3, Vector6};
+use nalgebra::{Isometry3, Matrix6, Quaternion, Translation3, UnitQuaternion, Vector3, Vector6};
 use serde::Serialize;
 
 /// Pieces that one step follows.
@@ -96,6 +97,9 @@ pub(crate) struct NeedlesWork {
     pub drive: NeedleWork,
     tangent: TangentWork,
     ahead: Vec<u32>,
+    cones: Option<Cones>,
+    /// Of tools that touch, at the last step's balance.
+    pub rows: Vec<ToolRows>,
 }
 
 impl NeedlesState {
@@ -150,6 +154,10 @@ impl NeedlesWork {
                 settings.most_rows + settings.most_spread,
                 needles.tools.most_contacts(),
             ),
+            cones: needles
+                .tools
+                .cones(settings.most_rows + settings.most_spread),
+            rows: Vec::with_capacity(MAX_TOOLS),
             // A cell and its neighbours around each tip, and one that lies ahead.
             ahead: Vec::with_capacity(24 * MAX_NEEDLES),
         }
@@ -176,6 +184,7 @@ pub(crate) fn step(
     needles: &Needles,
     state: &mut NeedlesState,
     (samples, tools): (&[ToolSample], &Placements),
+    wanted: &Wanted,
     work: &mut NeedlesWork,
     report: &mut StepReport,
     clock: &mut Clock,
@@ -280,7 +289,7 @@ pub(crate) fn step(
     }
     report.rows = work.drive.count() as u32;
     if status == Status::Ok {
-        reduce(model, needles, state, samples, work, report, clock);
+        reduce(model, needles, state, samples, wanted, work, report, clock);
     }
     status
 }
@@ -432,11 +441,13 @@ pub(crate) fn grip(tool: u8, pose: &Isometry3<f64>, needle: &Isometry3<f64>) -> 
 }
 
 /// Wrenches and tangents of tools, reports of needles, columns that will soon be needed.
+#[expect(clippy::too_many_arguments, reason = "they are the step")]
 fn reduce(
     model: &Model,
     needles: &Needles,
     state: &mut NeedlesState,
     samples: &[ToolSample],
+    wanted: &Wanted,
     work: &mut NeedlesWork,
     report: &mut StepReport,
     clock: &mut Clock,
@@ -453,9 +464,12 @@ fn reduce(
         drive: scratch,
         tangent,
         ahead,
+        cones,
+        rows,
     } = work;
+    rows.clear();
     let mut stages_report = *report;
-    let drive = Drive {
+    let mut drive = Drive {
         body: &model.body,
         needles,
         points_m: model.points_m(),
@@ -653,6 +667,9 @@ fn reduce(
         out.stiffness_n_per_m[0] = tangent.sticking(drive.work, needle);
     }
     report_threads(&drive, report);
+    if let Some(cones) = cones {
+        reduce_tools(&mut drive, model, samples, wanted, cones, rows, report);
+    }
     let potential_j = model
         .body
         .potential_j(drive.grasp.motion(), drive.work.system.body_work());
@@ -673,6 +690,57 @@ fn reduce(
         clock.lap(&mut report.stages.columns_ns);
     }
 }
+
+/// What the console solves by itself of the tools that touch; of those that are apart, the tangent of the touch to come.
+fn reduce_tools(
+    drive: &mut Drive,
+    model: &Model,
+    samples: &[ToolSample],
+    wanted: &Wanted,
+    cones: &mut Cones,
+    out: &mut Vec<ToolRows>,
+    report: &mut StepReport,
+) {
+    let contacts = report.contacts_mut(samples.len()).iter_mut();
+    for (contact, sample) in contacts.zip(samples) {
+        let Some((index, tool)) = model.tool(sample.id) else {
+            continue;
+        };
+        let Some(touching) = drive.needles.tools.place_of(Some(index)) else {
+            continue;
+        };
+        let apart = contact.rows == 0;
+        if wanted.most_rows == 0 && !apart {
+            continue;
+        }
+        let grip = Vector3::from(sample.position_m);
+        let tangent = Matrix6::from_fn(|i, j| contact.tangent[i][j]);
+        let of = (touching, sample.id);
+        let most = Wanted {
+            most_rows: if apart {
+                MAX_TOOL_ROWS
+            } else {
+                wanted.most_rows
+            },
+            ..*wanted
+        };
+        let Some(mut rows) = drive.tool_rows(of, &grip, &tangent, &most, cones) else {
+            continue;
+        };
+        if apart {
+            let radius_m = tool.radius_m().max(model.surface().mean_edge_m);
+            let at_once_m = contact.gap_m + AT_ONCE * radius_m;
+            contact.tangent = cones.coming(&rows, at_once_m).transpose().into();
+            rows.truncate(wanted.most_rows);
+        }
+        if rows.count > 0 {
+            out.push(rows);
+        }
+    }
+}
+
+/// Vertices that will be touched at once, in radii: as far as one is nearer than another.
+const AT_ONCE: f64 = 1e-3;
 
 /// Vertices whose columns a step computes ahead of need.
 const PREFETCHED: usize = 2;

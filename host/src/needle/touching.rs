@@ -14,7 +14,7 @@ impl Drive<'_> {
         if tools.is_empty() {
             return Ok(true);
         }
-        self.find_near_tools();
+        self.find_near_tools(0.0);
         let Self {
             body,
             points_m,
@@ -34,7 +34,8 @@ impl Drive<'_> {
         }
     }
 
-    fn find_near_tools(&mut self) {
+    /// Lists the vertices that tools may come to touch, or that are `more_m` farther.
+    pub(super) fn find_near_tools(&mut self, more_m: f64) {
         let Needles {
             tools,
             resting,
@@ -50,7 +51,7 @@ impl Drive<'_> {
         } = &mut *self.work;
         let slack_m = &mut slack_m[..hierarchy.groups()];
         system.slack(self.body, self.grasp, pushes, resting, slack_m);
-        tools.near(&self.tools.placements, slack_m, near_tools);
+        tools.near(&self.tools.placements, slack_m, more_m, near_tools);
     }
 
     /// How far a tool that touches is from the nearest vertex \[m\], and the normal there, out of the tissue.

@@ -79,6 +79,22 @@ impl State {
         self.modes.clone_from(&other.modes);
     }
 
+    /// What is known of `rows`; the others are open.
+    pub(crate) fn put_into(&self, rows: &[Row], out: &mut Self) {
+        out.clear();
+        let mut next = 0;
+        for row in rows {
+            let known = (next..self.ids.len()).chain(0..next);
+            let found = known.into_iter().find(|at| self.ids[*at] == row.id);
+            next = found.map_or(next, |at| at + 1);
+            out.ids.push(row.id);
+            out.lambda.push(found.map_or(0.0, |at| self.lambda[at]));
+            out.delta.push(found.map_or(0.0, |at| self.delta[at]));
+            out.modes
+                .push(found.map_or(Mode::AtLower, |at| self.modes[at]));
+        }
+    }
+
     /// Forgets everything.
     pub fn clear(&mut self) {
         self.ids.clear();

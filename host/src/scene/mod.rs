@@ -239,7 +239,7 @@ impl Scene {
     }
 
     fn add_needles(&self, model: Model) -> Result<Model, ModelError> {
-        let rubs = self.tools.iter().any(|tool| tool.shape.friction > 0.0);
+        let rubs = self.tools.iter().any(|tool| !tool.shape.is_smooth());
         if self.needles.is_empty() && !rubs {
             return Ok(model);
         }

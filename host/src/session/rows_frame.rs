@@ -3,7 +3,7 @@
 //! Entry point: [`rows_frame`].
 
 use super::pack_symmetric;
-use crate::step::ToolRows;
+use crate::step::{ToolRowKind, ToolRows};
 use sutura_shared::wire::message::{Row, RowKind, Rows};
 use sutura_shared::wire::{List, Message};
 
@@ -14,7 +14,14 @@ pub fn rows_frame(rows: &ToolRows) -> Option<Rows> {
     let row = |i: usize| {
         let by_forces = (0..count).map(|j| rows.compliance_between(i, j) * rows.lambda_n[j]);
         Row {
-            kind: RowKind::Smooth { id: rows.id[i] },
+            kind: match rows.kind[i] {
+                ToolRowKind::Smooth => RowKind::Smooth { id: rows.id[i] },
+                ToolRowKind::Normal { friction } => RowKind::Normal {
+                    id: rows.id[i],
+                    friction: friction as f32,
+                },
+                ToolRowKind::Tangent => RowKind::Tangent { anchor_m: 0.0 },
+            },
             delta_free_m: (rows.delta_m[i] - by_forces.sum::<f64>()) as f32,
             lambda_n: rows.lambda_n[i] as f32,
             jacobian: rows.jacobian[i].map(|entry| entry as f32),

@@ -128,15 +128,13 @@ impl TissueSolver {
     /// What [`Scene::build`] refuses; tools that are held too deep.
     pub fn new(scene: &Scene) -> Result<Self, SolveError> {
         let (model, mut state, mut work) = scene.build()?;
-        let mut last = StepReport::default();
         // Grips touch nothing on their way.
-        if scene.needles.is_empty() {
-            let held: Vec<_> = scene
-                .held()
-                .map(|(tool, pose)| (tool.id, tool.shape, pose))
-                .collect();
-            last = bring_in(&model, &mut state, &held, &mut work)?;
-        }
+        let held: Vec<_> = scene
+            .held()
+            .filter(|(tool, _)| scene.needles.is_empty() || !tool.shape.is_grip())
+            .map(|(tool, pose)| (tool.id, tool.shape, pose))
+            .collect();
+        let last = bring_in(&model, &mut state, &held, &mut work)?;
         let wound = Wound::new(scene, &model);
         Ok(TissueSolver {
             name: scene.name.clone(),
@@ -197,24 +195,24 @@ impl TissueSolver {
     /// any other. Returns how many vertices are prepared.
     pub fn prepare(&mut self, path: &Path) -> usize {
         let edge_m = self.model.surface().mean_edge_m;
-        let (mut places, mut reach_m) = (path.needles.clone(), 0.0);
-        if !places.is_empty() {
-            reach_m = PREPARED_EDGES * edge_m + PREPARED_MARGIN_M;
-        } else if let Some((_, tool)) = self.driven().and_then(|id| self.model.tool(id)) {
-            reach_m = PREPARED_RADII * tool.radius_m().max(edge_m) + PREPARED_MARGIN_M;
+        let needles_m = PREPARED_EDGES * edge_m + PREPARED_MARGIN_M;
+        let mut places: Vec<_> = path.needles.iter().map(|at| (*at, needles_m)).collect();
+        let driven = self.driven().and_then(|id| self.model.tool(id));
+        if let Some((_, tool)) = driven.filter(|(_, tool)| !tool.is_grip()) {
+            let reach_m = PREPARED_RADII * tool.radius_m().max(edge_m) + PREPARED_MARGIN_M;
             let offset = Vector3::from(tool.offset_m);
             places.extend(path.grips.iter().map(|grip| {
                 let [x, y, z, w] = grip.orientation;
                 let turn = UnitQuaternion::new_unchecked(Quaternion::new(w, x, y, z));
-                Vector3::from(grip.position_m) + turn * offset
+                (Vector3::from(grip.position_m) + turn * offset, reach_m)
             }));
         }
         let near = |vertex: [f64; 3]| {
             let vertex = Vector3::from(vertex);
-            let square = reach_m * reach_m;
-            places
-                .iter()
-                .any(|place| (place - vertex).norm_squared() <= square)
+            let reached = |(place, reach_m): &(Vector3<f64>, f64)| {
+                (place - vertex).norm_squared() <= reach_m * reach_m
+            };
+            places.iter().any(reached)
         };
         let count = self.work.prepare(&self.model, near);
         tracing::info!("compliance of {count} vertices computed beforehand");
@@ -481,7 +479,8 @@ impl TissueSolver {
     fn goal(&mut self, state: &State, period_us: u64) -> Goal {
         let (position_m, velocity) = (state.position_m, state.velocity_m_per_s);
         let contact = self.last.contacts().first();
-        let remembers = !self.needles.is_empty() || self.wound.is_some();
+        let rubs = self.model.tools().iter().any(|(_, tool)| !tool.is_smooth());
+        let remembers = !self.needles.is_empty() || self.wound.is_some() || rubs;
         let usual_s = self.lead.lead_s(
             state.contact_sequence,
             state.applied_age_us,

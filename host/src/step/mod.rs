@@ -13,7 +13,7 @@ pub use crate::columns::Arrival;
 use crate::columns::Columns;
 use crate::contact::active_set::{ContactWork, MAX_ROWS, Row, Solids};
 use crate::contact::reduction::Reduction;
-pub use crate::contact::reduction::{MAX_TOOL_ROWS, ToolRows};
+pub use crate::contact::reduction::{MAX_TOOL_ROWS, ToolRowKind, ToolRows};
 use crate::contact::tangent::PoseWork;
 use crate::hash::hash_of;
 use crate::model::Model;
@@ -577,7 +577,9 @@ impl Workspace {
 
     /// The rows of a tool at the last step's balance, if [`Workspace::most_rows`] asked for any.
     pub fn rows(&self, tool: u8) -> Option<&ToolRows> {
-        self.rows.iter().find(|rows| rows.tool == tool)
+        let of_needles = self.needles.iter().flat_map(|needles| &needles.rows);
+        let mut rows = self.rows.iter().chain(of_needles);
+        rows.find(|rows| rows.tool == tool)
     }
 
     /// Memory held by the cache \[bytes\].
@@ -613,11 +615,17 @@ pub fn step(
     if let (Some(needles), Some(needles_state), Some(needles_work)) =
         (&model.needles, &mut state.needles, &mut work.needles)
     {
+        let wanted = needle::Wanted {
+            most_rows: if work.spares_rows { 0 } else { work.most_rows },
+            ahead_m: Vector3::from(work.ahead_m),
+            reach_m: work.reach_m,
+        };
         report.status = needle::step(
             model,
             needles,
             needles_state,
             (samples, &targets),
+            &wanted,
             needles_work,
             &mut report,
             &mut clock,

@@ -29,7 +29,7 @@ impl ToolContacts {
             if contact.slips {
                 *friction_j += 0.5 * (contact.before_n + force_n).dot(&slid_m);
             }
-            if contact.slips || tools.each[contact.tool as usize].tool.friction == 0.0 {
+            if contact.slips || tools.each[contact.tool as usize].tool.is_smooth() {
                 contact.local_m = placement.local(&contact.at_m);
             }
             contact.sticks = !contact.slips;

@@ -7,11 +7,14 @@
 //! backwards (Simo & Hughes 1998, 1.4): what slides sticks from then on where it has come to.
 
 mod accept;
+mod cones;
 mod reach;
 mod rows;
 mod tangent;
 mod turning;
 
+pub(crate) use cones::Cones;
+pub(crate) use reach::NEAR;
 pub(crate) use tangent::Touched;
 pub(crate) use turning::Turning;
 
@@ -143,6 +146,10 @@ impl TouchingTools {
         Self::new(&[], 0.0, &[], (&[], &[]), Vec::new())
     }
 
+    pub fn each(&self) -> &[TouchingTool] {
+        &self.each
+    }
+
     /// Place among these of the model's tool `index`.
     pub fn place_of(&self, index: Option<usize>) -> Option<u32> {
         let place = self.each.iter().position(|each| Some(each.index) == index);
@@ -182,6 +189,11 @@ impl TouchingTools {
     /// Vertices near a tool, each with each.
     pub fn most_pairs(&self) -> usize {
         self.nodes.len() * self.each.len()
+    }
+
+    /// Scratch for what consoles solve by themselves, among so many rows, if there are tools.
+    pub fn cones(&self, most_rows: usize) -> Option<Cones> {
+        (!self.is_empty()).then(|| Cones::new(most_rows, self.most_contacts()))
     }
 
     /// Scratch for how normals turn among so many rows, if there are tools.

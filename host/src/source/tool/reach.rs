@@ -7,19 +7,25 @@ use crate::tool::Placement;
 use nalgebra::Vector3;
 
 /// Vertices within so many radii of a tool may come to be touched in a piece of its way, or follow each other there.
-const NEAR: f64 = 0.5;
+pub(crate) const NEAR: f64 = 0.5;
 
 impl TouchingTools {
-    /// Lists the vertices that may be near a tool, with its place among those that touch: where they rest, give or take
-    /// the `slack_m` of their groups \[m\].
-    pub fn near(&self, placements: &Placements, slack_m: &[f64], out: &mut Vec<(u32, u32)>) {
+    /// Lists the vertices that may be near a tool, or `more_m` farther, with its place among those that touch: where they
+    /// rest, give or take the `slack_m` of their groups \[m\].
+    pub fn near(
+        &self,
+        placements: &Placements,
+        slack_m: &[f64],
+        more_m: f64,
+        out: &mut Vec<(u32, u32)>,
+    ) {
         out.clear();
         for (tool, placement) in (0u32..).zip(placements.iter().take(self.each.len())) {
             let Some(placement) = placement else {
                 continue;
             };
             let solid = self.solid(tool as usize, placement);
-            let reach_m = NEAR * solid.radius();
+            let reach_m = NEAR * solid.radius() + more_m;
             for (place, node) in self.nodes.iter().enumerate() {
                 if self.least_gap_m(&solid, place, slack_m) < reach_m {
                     out.push((tool, *node));

@@ -170,19 +170,8 @@ impl ToolContacts {
         });
         let local_m = was.map_or(now, |was| first_inside(placement, solid, was, now));
         Contact {
-            tool,
-            node,
             local_m,
-            sticks: true,
-            at_m,
-            gap_m: 0.0,
-            normal: Vector3::zeros(),
-            tangent: Vector3::x(),
-            lambda_n: [0.0; 3],
-            slips: false,
-            ahead_m: Vector3::zeros(),
-            before_n: Vector3::zeros(),
-            row: 0,
+            ..Contact::new(tool, node, at_m)
         }
     }
 }
@@ -212,6 +201,31 @@ fn first_inside(
 }
 
 impl Contact {
+    /// At a vertex, without force.
+    fn new(tool: u32, node: u32, at_m: Vector3<f64>) -> Self {
+        Self {
+            tool,
+            node,
+            local_m: Vector3::zeros(),
+            sticks: true,
+            at_m,
+            gap_m: 0.0,
+            normal: Vector3::zeros(),
+            tangent: Vector3::x(),
+            lambda_n: [0.0; 3],
+            slips: false,
+            ahead_m: Vector3::zeros(),
+            before_n: Vector3::zeros(),
+            row: 0,
+        }
+    }
+
+    /// At a vertex that a tool may come to touch, with the tool's shape as it is now.
+    pub fn coming(tool: u32, node: u32, solid: &Solid, at_m: Vector3<f64>) -> Option<Self> {
+        let mut contact = Self::new(tool, node, at_m);
+        contact.look(solid, at_m).then_some(contact)
+    }
+
     /// Distance and normal where the vertex is; whether there is a normal.
     pub(super) fn look(&mut self, solid: &Solid, at_m: Vector3<f64>) -> bool {
         self.at_m = at_m;

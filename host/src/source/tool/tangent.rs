@@ -56,7 +56,7 @@ impl Touched {
         let tool = &tools.each[contact.tool as usize].tool;
         let frame = contact.frame();
         let pressing = contact.lambda_n[0];
-        let law = if tool.friction > 0.0 && !contact.slips {
+        let law = if !tool.is_smooth() && !contact.slips {
             Law::Sticks
         } else {
             let across = |v: &Vector3<f64>| Vector2::new(frame[1].dot(v), frame[2].dot(v));

@@ -149,7 +149,7 @@ fn turn_of(
     contact: &Contact,
     points_m: &[[f64; 3]],
 ) -> Option<Turn> {
-    let rubs = tools.each[contact.tool as usize].tool.friction > 0.0;
+    let rubs = !tools.each[contact.tool as usize].tool.is_smooth();
     if contact.lambda_n[0] <= 0.0 || (rubs && !contact.slips) {
         return None;
     }

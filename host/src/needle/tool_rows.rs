@@ -1,0 +1,134 @@
+//! What the console is sent of a tool that touches, or will.
+//!
+//! Entry point: [`Drive::tool_rows`].
+
+use super::drive::{Drive, NeedleWork};
+use crate::anchors::ConstraintSet;
+use crate::contact::reduction::{MAX_TOOL_ROWS, ToolRows};
+use crate::source::tool::{Cones, Contact, NEAR};
+use nalgebra::{Matrix6, Vector3};
+
+/// Rows of a cone.
+const CONE: usize = 3;
+
+/// What a console wants to know of a tool.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Wanted {
+    /// Most rows; 0 for none.
+    pub most_rows: usize,
+    /// The way that it may go while they are in use, and any way besides \[m\].
+    pub ahead_m: Vector3<f64>,
+    pub reach_m: f64,
+}
+
+impl Drive<'_> {
+    /// The rows of a tool whose wrench about `grip` follows its pose by `tangent`: those of what it touches, and of what it
+    /// may come to touch. Nothing if there are none. The rows of the balance are not those of the last solve any more.
+    pub(super) fn tool_rows(
+        &mut self,
+        (tool, id): (u32, u8),
+        grip: &Vector3<f64>,
+        tangent: &Matrix6<f64>,
+        wanted: &Wanted,
+        cones: &mut Cones,
+    ) -> Option<ToolRows> {
+        let each = self.needles.tools.each();
+        let smooth = each.get(tool as usize)?.tool.is_smooth();
+        let most_rows = wanted.most_rows.min(MAX_TOOL_ROWS);
+        let most = if smooth {
+            most_rows.min(MAX_TOOL_ROWS / CONE)
+        } else {
+            most_rows / CONE
+        };
+        if most == 0 {
+            return None;
+        }
+        let touched = self.tools.contacts.len();
+        self.find_near_tools(wanted.reach_m + wanted.ahead_m.norm());
+        self.add_coming(tool, most, wanted);
+        let rows = self.write_rows((tool, id), grip, tangent, most, cones);
+        self.tools.contacts.truncate(touched);
+        rows
+    }
+
+    fn write_rows(
+        &mut self,
+        (tool, id): (u32, u8),
+        grip: &Vector3<f64>,
+        tangent: &Matrix6<f64>,
+        most: usize,
+        cones: &mut Cones,
+    ) -> Option<ToolRows> {
+        self.make_rows();
+        if !cones.gather(self.tools, tool, most) {
+            return None;
+        }
+        let NeedleWork { system, set, .. } = &mut *self.work;
+        let ConstraintSet {
+            anchors,
+            ways,
+            rows,
+            ..
+        } = &*set;
+        let sound = system.read(self.body, anchors, ways, rows)
+            && system.read_spread(&set.spread, &set.terms);
+        if !sound {
+            return None;
+        }
+        system.assemble(self.body, self.grasp, rows);
+        self.soften();
+        let n = self.work.count();
+        cones.load(n, grip);
+        let NeedleWork { system, set, .. } = &mut *self.work;
+        if !system.condense(set.rows.len(), self.grasp, cones) {
+            return None;
+        }
+        let mut out = ToolRows::NONE;
+        cones.write(&self.needles.tools, self.tools, tool, tangent, &mut out);
+        out.tool = id;
+        (out.count > 0).then_some(out)
+    }
+
+    /// Takes up the vertices that a tool is nearest to, here or where it may go, as open contacts: as far as their columns
+    /// are there.
+    fn add_coming(&mut self, tool: u32, most: usize, wanted: &Wanted) {
+        let tools = &self.needles.tools;
+        let Some(placement) = &self.tools.placements[tool as usize] else {
+            return;
+        };
+        let solid = tools.solid(tool as usize, placement);
+        let then = solid.moved(&wanted.ahead_m);
+        let reach_m = NEAR * solid.radius() + wanted.reach_m;
+        let room = tools.most_contacts() - self.tools.contacts.len();
+        let mut nearest: [Option<(f64, Contact)>; MAX_TOOL_ROWS] = [None; MAX_TOOL_ROWS];
+        let count = most.min(room);
+        for (_, node) in self.work.near_tools.iter().filter(|(of, _)| *of == tool) {
+            let is = |contact: &Contact| (contact.tool, contact.node) == (tool, *node);
+            if self.tools.contacts.iter().any(is) || !self.work.system.has(*node) {
+                continue;
+            }
+            let at = self.position(*node);
+            let soonest = solid.gap(&at).min(then.gap(&at));
+            let Some(contact) = Contact::coming(tool, *node, &solid, at) else {
+                continue;
+            };
+            if soonest >= reach_m {
+                continue;
+            }
+            // Into its place among the nearest.
+            let mut new = Some((soonest, contact));
+            for place in nearest[..count].iter_mut() {
+                let nearer = |(gap, contact): &(f64, Contact)| (*gap, contact.node);
+                let before = place.as_ref().map(nearer);
+                if before.is_none_or(|before| new.as_ref().map(nearer) < Some(before)) {
+                    std::mem::swap(place, &mut new);
+                }
+                if new.is_none() {
+                    break;
+                }
+            }
+        }
+        let coming = nearest.into_iter().flatten().map(|(_, contact)| contact);
+        self.tools.contacts.extend(coming);
+    }
+}

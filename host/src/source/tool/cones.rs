@@ -1,0 +1,356 @@
+//! What a console solves of a tool's contact by itself: few cones in place of many.
+//!
+//! Entry points: [`Cones::gather`], [`Cones::load`], then [`Cones::write`]. Where more vertices touch than there is room
+//! for, neighbours share one cone: each bears the part of its force that it bears now, so that the normal force and the
+//! limit of friction stay what they are, and W, J become `B'WB`, `B'J`. What that takes from the tangent, and what turns, is in M.
+
+use super::{Contact, ToolContacts, TouchingTools};
+use crate::contact::reduction::{MAX_TOOL_ROWS, ToolRowKind, ToolRows};
+use crate::contact::tangent::rigid;
+use crate::dense::Lu;
+use nalgebra::{Matrix6, Vector2, Vector3};
+
+/// Rows of a cone.
+const AXES: usize = 3;
+
+/// A contact, and its part of a cone.
+#[derive(Clone, Copy, Debug)]
+struct Member {
+    contact: Contact,
+    cone: usize,
+    weight: f64,
+    /// The cone's first tangent in the frame of the contact's: cosine and sine.
+    turn: Vector2<f64>,
+}
+
+/// Scratch.
+pub(crate) struct Cones {
+    members: Vec<Member>,
+    /// Rows of the members, three each.
+    pub keep: Vec<usize>,
+    /// J of all rows, (n x 6).
+    pub jacobian: Vec<f64>,
+    /// Of the kept rows: W, (k x k), delta without their forces, (k), and J, (k x 6).
+    pub compliance: Vec<f64>,
+    pub delta_free: Vec<f64>,
+    pub kept_jacobian: Vec<f64>,
+    /// W B, (k x m).
+    shared: Vec<f64>,
+    /// Of the cones: W, (m x m), J, (m x 6), and forces, (m).
+    w: Vec<f64>,
+    j: Vec<f64>,
+    lambda: Vec<f64>,
+    matrix: Vec<f64>,
+    rhs: Vec<f64>,
+    lu: Lu,
+}
+
+impl Cones {
+    /// For so many rows in all, and contacts of a tool.
+    pub fn new(most_rows: usize, most_contacts: usize) -> Self {
+        let (k, m) = (AXES * most_contacts, MAX_TOOL_ROWS);
+        Self {
+            members: Vec::with_capacity(most_contacts),
+            keep: Vec::with_capacity(k),
+            jacobian: vec![0.0; 6 * most_rows],
+            compliance: vec![0.0; k * k],
+            delta_free: vec![0.0; k],
+            kept_jacobian: vec![0.0; 6 * k],
+            shared: vec![0.0; k * m],
+            w: vec![0.0; m * m],
+            j: vec![0.0; 6 * m],
+            lambda: vec![0.0; m],
+            matrix: vec![0.0; m * m],
+            rhs: vec![0.0; 6 * m],
+            lu: Lu::new(m),
+        }
+    }
+
+    /// Takes the contacts of `tool`, those that press first, into at most `most` cones. Whether there are any.
+    pub fn gather(&mut self, state: &ToolContacts, tool: u32, most: usize) -> bool {
+        self.members.clear();
+        self.keep.clear();
+        let own = state.contacts.iter().filter(|contact| contact.tool == tool);
+        self.members.extend(own.map(|contact| Member {
+            contact: *contact,
+            cone: 0,
+            weight: 1.0,
+            turn: Vector2::x(),
+        }));
+        self.members.sort_by(|a, b| {
+            let (a, b) = (&a.contact, &b.contact);
+            let firmer = b.lambda_n[0].total_cmp(&a.lambda_n[0]);
+            firmer
+                .then(a.gap_m.total_cmp(&b.gap_m))
+                .then(a.node.cmp(&b.node))
+        });
+        let pressing = self
+            .members
+            .iter()
+            .take_while(|member| member.presses())
+            .count();
+        let coming = self.members.len() - pressing;
+        // Those that come have a cone each, but what presses goes first.
+        let spared = most.saturating_sub(coming.min(most / 4)).max(1);
+        let cones = self.share(pressing, spared.min(pressing));
+        let coming = coming.min(most.saturating_sub(cones));
+        self.members.truncate(pressing + coming);
+        for (place, member) in self.members[pressing..].iter_mut().enumerate() {
+            member.cone = cones + place;
+        }
+        for member in &self.members {
+            let row = member.contact.row as usize;
+            self.keep.extend(row..row + AXES);
+        }
+        !self.members.is_empty()
+    }
+
+    /// Gives the first `count` members to so many cones: each to the nearest of those that are farthest apart.
+    fn share(&mut self, count: usize, cones: usize) -> usize {
+        let pressing = &mut self.members[..count];
+        let mut seeds = [0; MAX_TOOL_ROWS];
+        for cone in 1..cones {
+            let apart = |member: &Member| {
+                let ways = seeds[..cone].iter().map(|seed| {
+                    (pressing[*seed].contact.at_m - member.contact.at_m).norm_squared()
+                });
+                ways.fold(f64::MAX, f64::min)
+            };
+            let farthest = (0..count).max_by(|a, b| {
+                let (a, b) = (apart(&pressing[*a]), apart(&pressing[*b]));
+                a.total_cmp(&b)
+            });
+            seeds[cone] = farthest.unwrap_or(0);
+        }
+        let leads = seeds.map(|seed| pressing.get(seed).map(|member| member.contact));
+        let mut whole = [0.0; MAX_TOOL_ROWS];
+        for member in pressing.iter_mut() {
+            let near = leads[..cones].iter().flatten().enumerate();
+            let nearest = near.min_by(|(_, a), (_, b)| {
+                let way = |lead: &Contact| (lead.at_m - member.contact.at_m).norm_squared();
+                way(a).total_cmp(&way(b))
+            });
+            let Some((cone, lead)) = nearest else {
+                continue;
+            };
+            member.cone = cone;
+            whole[cone] += member.contact.lambda_n[0];
+            let [_, a, b] = member.contact.frame();
+            let flat = Vector2::new(a.dot(&lead.tangent), b.dot(&lead.tangent));
+            member.turn = flat.try_normalize(1e-6).unwrap_or_else(Vector2::x);
+        }
+        for member in pressing {
+            member.weight = member.contact.lambda_n[0] / whole[member.cone];
+        }
+        cones
+    }
+
+    /// J of all `n` rows for a motion of the tool about `grip`.
+    pub fn load(&mut self, n: usize, grip: &Vector3<f64>) {
+        let jacobian = &mut self.jacobian[..6 * n];
+        jacobian.fill(0.0);
+        for member in &self.members {
+            let moves = rigid(&(member.contact.at_m - grip));
+            for (axis, direction) in member.contact.frame().iter().enumerate() {
+                let row = member.contact.row as usize + axis;
+                for (pose, by) in (direction.transpose() * moves).iter().enumerate() {
+                    jacobian[n * pose + row] = *by;
+                }
+            }
+        }
+    }
+
+    /// The cones, from what is known of the kept rows, for a tool whose wrench follows its pose by `tangent`.
+    pub fn write(
+        &mut self,
+        tools: &TouchingTools,
+        state: &ToolContacts,
+        tool: u32,
+        tangent: &Matrix6<f64>,
+        out: &mut ToolRows,
+    ) {
+        let m = AXES * self.count();
+        self.merge(m);
+        let each = &tools.each[tool as usize];
+        let smooth = each.tool.is_smooth();
+        let held = tangent - self.follows(m, smooth);
+        *out = ToolRows::NONE;
+        // Rows of tools without friction are those along the normals.
+        let every = if smooth { AXES } else { 1 };
+        out.count = m / every;
+        for i in 0..out.count {
+            let row = every * i;
+            let lead = self.members.iter().find(|member| member.cone == row / AXES);
+            let Some(lead) = lead.map(|member| &member.contact) else {
+                continue;
+            };
+            out.id[i] = lead.node;
+            out.kind[i] = match (smooth, row % AXES) {
+                (true, _) => ToolRowKind::Smooth,
+                (false, 0) => ToolRowKind::Normal {
+                    friction: if lead.sticks {
+                        each.tool.static_friction.max(each.tool.friction)
+                    } else {
+                        each.tool.friction
+                    },
+                },
+                (false, _) => ToolRowKind::Tangent,
+            };
+            if row % AXES == 0 && lead.lambda_n[0] <= 0.0 {
+                out.delta_m[i] = lead.gap_m;
+            }
+            out.lambda_n[i] = self.lambda[row];
+            for pose in 0..6 {
+                out.jacobian[i][pose] = self.j[m * pose + row];
+            }
+        }
+        let pairs = (0..out.count).flat_map(|i| (i..out.count).map(move |j| (i, j)));
+        for (entry, (i, j)) in out.compliance.iter_mut().zip(pairs) {
+            *entry = self.w[m * every * j + every * i];
+        }
+        out.held = ((held + held.transpose()) * 0.5).into();
+        if let Some(placement) = &state.placements[tool as usize] {
+            out.curvature_per_m = tools.solid(tool as usize, placement).curvature_per_m();
+        }
+    }
+
+    /// How the wrench of a tool that touches nothing will follow its pose once the vertices with gaps up to `most_gap_m` touch.
+    pub fn coming(&mut self, rows: &ToolRows, most_gap_m: f64) -> Matrix6<f64> {
+        let normals =
+            |i: &usize| rows.kind[*i] != ToolRowKind::Tangent && rows.delta_m[*i] <= most_gap_m;
+        let mut tangent = Matrix6::zeros();
+        let m = (0..rows.count).filter(normals).count();
+        if m == 0 {
+            return tangent;
+        }
+        for (place, i) in (0..rows.count).filter(normals).enumerate() {
+            for (other, j) in (0..rows.count).filter(normals).enumerate() {
+                self.matrix[m * other + place] = rows.compliance_between(i, j);
+            }
+            for pose in 0..6 {
+                self.j[m * pose + place] = rows.jacobian[i][pose];
+            }
+        }
+        self.rhs[..6 * m].copy_from_slice(&self.j[..6 * m]);
+        self.lu.factor(&mut self.matrix[..m * m], m);
+        self.lu
+            .solve(&self.matrix[..m * m], m, &mut self.rhs[..6 * m], 6);
+        for (i, j) in (0..36).map(|entry| (entry / 6, entry % 6)) {
+            let forces = self.rhs[m * j..m * (j + 1)].iter();
+            let by: f64 = forces
+                .zip(&self.j[m * i..m * (i + 1)])
+                .map(|(f, j)| f * j)
+                .sum();
+            tangent[(i, j)] = -by;
+        }
+        tangent
+    }
+
+    fn count(&self) -> usize {
+        self.members
+            .iter()
+            .map(|member| member.cone + 1)
+            .max()
+            .unwrap_or(0)
+    }
+
+    /// W, J and forces of the cones.
+    fn merge(&mut self, m: usize) {
+        let k = self.keep.len();
+        self.shared[..k * m].fill(0.0);
+        self.j[..6 * m].fill(0.0);
+        self.w[..m * m].fill(0.0);
+        self.lambda[..m].fill(0.0);
+        for (place, member) in self.members.iter().enumerate() {
+            for (own, cone, part) in member.parts(place) {
+                let column = &self.compliance[k * own..k * (own + 1)];
+                let out = &mut self.shared[k * cone..k * (cone + 1)];
+                for (out, w) in out.iter_mut().zip(column) {
+                    *out += part * w;
+                }
+                for pose in 0..6 {
+                    self.j[m * pose + cone] += part * self.kept_jacobian[k * pose + own];
+                }
+                // All of the force: its share of the way is what it has of it.
+                let whole = part / member.weight;
+                self.lambda[cone] += whole * member.contact.lambda_n[own % AXES];
+            }
+        }
+        for (place, member) in self.members.iter().enumerate() {
+            for (own, cone, part) in member.parts(place) {
+                for column in 0..m {
+                    self.w[m * column + cone] += part * self.shared[k * column + own];
+                }
+            }
+        }
+    }
+
+    /// How the wrench follows the pose by these cones as they stick, slip or are open now.
+    fn follows(&mut self, m: usize, smooth: bool) -> Matrix6<f64> {
+        let mut tangent = Matrix6::zeros();
+        if m == 0 {
+            return tangent;
+        }
+        let matrix = &mut self.matrix[..m * m];
+        matrix.copy_from_slice(&self.w[..m * m]);
+        self.rhs[..6 * m].copy_from_slice(&self.j[..6 * m]);
+        let mut done = 0u32;
+        for member in &self.members {
+            // Of each its first is its firmest.
+            if done & 1 << member.cone != 0 {
+                continue;
+            }
+            done |= 1 << member.cone;
+            let first = AXES * member.cone;
+            let open = !member.presses();
+            let normal = self.lambda[first];
+            for axis in 0..AXES {
+                let row = first + axis;
+                if !(open || (axis > 0 && (smooth || member.contact.slips))) {
+                    continue;
+                }
+                for column in 0..m {
+                    matrix[m * column + row] = f64::from(u8::from(column == row));
+                }
+                for pose in 0..6 {
+                    self.rhs[m * pose + row] = 0.0;
+                }
+                if !open {
+                    // What slips keeps its direction.
+                    matrix[m * first + row] = -self.lambda[row] / normal;
+                }
+            }
+        }
+        self.lu.factor(matrix, m);
+        self.lu.solve(matrix, m, &mut self.rhs[..6 * m], 6);
+        for (i, j) in (0..36).map(|entry| (entry / 6, entry % 6)) {
+            let forces = self.rhs[m * j..m * (j + 1)].iter();
+            let by: f64 = forces
+                .zip(&self.j[m * i..m * (i + 1)])
+                .map(|(f, j)| f * j)
+                .sum();
+            tangent[(i, j)] = -by;
+        }
+        tangent
+    }
+}
+
+impl Member {
+    fn presses(&self) -> bool {
+        self.contact.lambda_n[0] > 0.0
+    }
+
+    /// Its row among the kept, the cone's, and its part in that; `place` is its own among the members.
+    fn parts(&self, place: usize) -> impl Iterator<Item = (usize, usize, f64)> + use<> {
+        let (own, cone) = (AXES * place, AXES * self.cone);
+        let (c, s) = (self.weight * self.turn.x, self.weight * self.turn.y);
+        [
+            (own, cone, self.weight),
+            (own + 1, cone + 1, c),
+            (own + 2, cone + 1, s),
+            (own + 1, cone + 2, -s),
+            (own + 2, cone + 2, c),
+        ]
+        .into_iter()
+    }
+}
