@@ -72,7 +72,8 @@ impl Drive<'_> {
         } = &*set;
         let sound = system.read(self.body, anchors, ways, rows)
             && system.read_spread(&set.spread, &set.terms);
-        if !sound {
+        // The balance may have left crossings on faces that it had none on before.
+        if !sound || !system.fetch(self.body, self.grasp, 0).all {
             return None;
         }
         system.assemble(self.body, self.grasp, rows);

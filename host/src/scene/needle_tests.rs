@@ -304,13 +304,6 @@ const SLIPS: &[Slip] = &[
     },
     Slip {
         from: "shape = \"grip\"\n\n[[tool.way_point]]\ntime_s = 1.0",
-        to: "radius_m = 0.02\n\n[[tool.way_point]]\ntime_s = 1.0",
-        message: "a tool that touches tissue in a scene with needles",
-        under: "0.02",
-        help: "not solved together yet",
-    },
-    Slip {
-        from: "shape = \"grip\"\n\n[[tool.way_point]]\ntime_s = 1.0",
         to: "\n\n[[tool.way_point]]\ntime_s = 1.0",
         message: "missing key `radius_m`",
         under: "[[tool]]",

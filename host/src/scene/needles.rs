@@ -2,12 +2,12 @@
 //!
 //! Entry points: [`read_needles`], [`read_needle_tissue`], [`read_needle_solver`].
 
+use super::Tool;
 use super::document::{Document, Flaw, SceneError};
 use super::file::{
     NeedleHoldSection, NeedleSection, NeedleShapeName, NeedleSolverSection, NeedleTissueSection,
-    PlaybackName, RegionSection, SceneFile, TissueSection, ToolSection, ToolShape,
+    PlaybackName, RegionSection, SceneFile, TissueSection,
 };
-use super::{Tool, way};
 use crate::mesh::TetMesh;
 use crate::needle::{self, Curve, NeedleShape, NeedleTissue, Playback};
 use nalgebra::{Isometry3, Vector3};
@@ -51,24 +51,13 @@ pub struct NeedleSolver {
 ///
 /// # Errors
 /// A flaw at a length, angle or direction that is none, at a start inside the tissue, at a hold by a tool
-/// that is no grip; at tools that touch tissue.
+/// that is no grip.
 pub(super) fn read_needles(
     document: &Document,
     sections: &[Spanned<NeedleSection>],
-    (tools, tool_sections): (&[Tool], &[Spanned<ToolSection>]),
+    tools: &[Tool],
     mesh: &TetMesh,
 ) -> Result<Vec<Needle>, SceneError> {
-    let touching = |section: &&Spanned<ToolSection>| section.get_ref().shape != ToolShape::Grip;
-    if let Some(tool) = tool_sections
-        .iter()
-        .find(touching)
-        .filter(|_| !sections.is_empty())
-    {
-        let message = "a tool that touches tissue in a scene with needles";
-        let help = "make it `shape = \"grip\"`, which holds a needle and touches nothing: contact of tools and rows of \
-                    needles are not solved together yet";
-        return Err(document.flaw(way::place(tool), message, "it would touch", Some(help)));
-    }
     let surface = mesh.surface();
     let mut needles: Vec<Needle> = Vec::with_capacity(sections.len());
     for (place, section) in sections.iter().enumerate() {

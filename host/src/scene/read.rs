@@ -76,7 +76,7 @@ impl Scene {
         };
         let tools = read_tools(document, &file.tool, &mesh, &mut warnings)?;
         let hands = (&tools[..], &file.tool[..]);
-        let needles = read_needles(document, &file.needle, hands, &mesh)?;
+        let needles = read_needles(document, &file.needle, &tools, &mesh)?;
         let threads = read_threads(document, &file.thread, &needles, &tools)?;
         warnings.extend(idle_grips(document, hands, &needles, &threads));
         let touching = read_touching(document, &file.tissue_contact, &mesh)?;
