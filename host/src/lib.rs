@@ -26,6 +26,7 @@ pub mod scene;
 pub mod script;
 pub mod session;
 pub mod solve;
+mod source;
 pub mod stability;
 pub mod step;
 pub mod thread;

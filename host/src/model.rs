@@ -10,8 +10,9 @@ use crate::fem::{
     NodeLoad, Policy, TissueError, principal_stress_pa,
 };
 use crate::mesh::{Surface, TetMesh};
-use crate::needle::{NeedleError, NeedlePart, NeedleSettings, NeedleTissue, Needles};
-use crate::step::{DEFAULT_CACHE_BYTES, State};
+use crate::needle::{self, NeedleError, NeedlePart, NeedleSettings, NeedleTissue, Needles};
+use crate::source::{Handles, MOST_NODES};
+use crate::step::{DEFAULT_CACHE_BYTES, State, Status};
 use crate::thread::{ThreadError, ThreadPart, Threads};
 use crate::tool::{MAX_TOOLS, Placement, Shape, Tool};
 use nalgebra::Vector3;
@@ -36,6 +37,8 @@ pub struct Model {
     pub(crate) tools: Vec<(u8, Tool)>,
     pub(crate) held: Arc<HeldPoints>,
     loads: Loads,
+    /// Forces of the handles at rest \[N\], (h x 3).
+    handle_force_n: Vec<[f64; 3]>,
     /// Nodes of the mesh as given \[m\], (n x 3).
     unloaded_m: Vec<[f64; 3]>,
     /// Every node under the loads, without tools \[m\], (n x 3).
@@ -88,21 +91,24 @@ pub enum ModelError {
     /// One id for two tools.
     #[error("two tools have the id {0}")]
     SameTool(u8),
-    /// Handles next to tools, on corotational tissue.
+    /// Handles next to tools that touch, on corotational tissue.
     #[error(
         "`[[handle]]` and `[[tool]]` together need `[tissue] model = \"linear\"`: on corotational \
-         tissue a scene has either handles or tools; pull with a `[[load]]` instead"
+         tissue a scene has either handles or tools that touch; pull with a `[[load]]` instead"
     )]
     HandlesAndTools,
-    /// Tools that touch next to needles.
+    /// Tools that touch next to needles, or to tissues that touch.
     #[error(
-        "tool {0} touches tissue, and the scene has needles: its tools may only hold them; give it \
-         `shape = \"grip\"`"
+        "tool {0} touches tissue, and the scene has needles or a `[[tissue_contact]]`: its tools may \
+         only be grips; give it `shape = \"grip\"`"
     )]
     NeedlesAndTools(u8),
-    /// Handles next to needles.
-    #[error("a scene has either needles or `[[handle]]`: pull with a `[[load]]` instead")]
-    NeedlesAndHandles,
+    /// A handle on more nodes than a row's point may have.
+    #[error(
+        "handle {0} is on more than {MOST_NODES} nodes: beside needles and tissues that touch it is a \
+         point of one face or cell"
+    )]
+    WideHandle(usize),
     /// A needle.
     #[error(transparent)]
     Needle(#[from] NeedleError),
@@ -112,9 +118,19 @@ pub enum ModelError {
     /// Tissues that touch.
     #[error(transparent)]
     Touch(#[from] TouchError),
-    /// Tissues that touch in a scene that does not need to solve for that.
-    #[error("`[[tissue_contact]]` needs a `[[needle]]`: nothing else brings tissues together yet")]
-    TouchingWithoutNeedles,
+    /// Tissues that are pressed together and find no balance.
+    #[error(
+        "the loads and handles press tissues together, which find no rest beyond {:.1} % of these: {}; \
+         make the loads smaller, the tissue stiffer, or the mesh finer where it touches",
+        100.0 * share,
+        status.name()
+    )]
+    NoRest {
+        /// The part of loads and handles' ways that has a balance.
+        share: f64,
+        /// How the next one ended.
+        status: Status,
+    },
     /// More tools than a step has room for.
     #[error("{0} tools; at most {MAX_TOOLS} are possible")]
     TooManyTools(usize),
@@ -181,7 +197,8 @@ impl Model {
             .map(|handle| handle.anchor.clone())
             .collect();
         let held = HeldPoints::new(&tissue, anchors)?;
-        let displacement = tissue.solve_held(&loads, &held)?.displacement_m;
+        let rest = tissue.solve_held(&loads, &held)?;
+        let displacement = rest.displacement_m;
         let mut resting = vec![0.0; tissue.unknowns()];
         for (node, u) in (0u32..).zip(&displacement) {
             if let Some(first) = tissue.first_unknown(node) {
@@ -194,11 +211,12 @@ impl Model {
         };
         Ok(Self {
             held: Arc::new(held),
+            handle_force_n: rest.handle_force_n,
             ..Self::around(mesh, body, Motion::default(), loads, tools, &displacement)
         })
     }
 
-    /// As [`Self::new`], for tissue whose stiffness turns with its cells. It has handles or tools, not
+    /// As [`Self::new`], for tissue whose stiffness turns with its cells. It has handles or tools that touch, not
     /// both.
     ///
     /// # Errors
@@ -213,16 +231,20 @@ impl Model {
         passes: Passes,
     ) -> Result<Self, ModelError> {
         check_tools(tools)?;
-        if !tools.is_empty() && !loads.handles.is_empty() {
+        let touches = tools.iter().any(|(_, tool)| tool.shape != Shape::Grip);
+        if touches && !loads.handles.is_empty() {
             return Err(ModelError::HandlesAndTools);
         }
         let (materials, beside_bytes) = (materials.into(), cache_bytes(mesh, tools));
         let tissue = CorotationalTissue::beside(mesh, &materials, fixed, policy, beside_bytes)?;
         let mut state = tissue.state();
-        let displacement = tissue.settle(&mut state, &loads)?.displacement_m;
+        let rest = tissue.settle(&mut state, &loads)?;
+        let displacement = rest.displacement_m;
         let mut work = tissue.workspace();
         tissue.update(&mut state, &mut work);
-        let on_unknowns = loads.on_unknowns(tissue.numbering())?;
+        let on_unknowns = loads
+            .held_by(&rest.handle_force_n)
+            .on_unknowns(tissue.numbering())?;
         let done = on_unknowns.iter().zip(state.unknowns()).map(|(f, u)| f * u);
         let resting_potential_j = tissue.energy_j(&work) - done.sum::<f64>();
         let motion = Motion::turning(state);
@@ -233,6 +255,7 @@ impl Model {
         Ok(Self {
             passes,
             resting_potential_j,
+            handle_force_n: rest.handle_force_n,
             ..Self::around(mesh, body, motion, loads, tools, &displacement)
         })
     }
@@ -275,6 +298,7 @@ impl Model {
             tools: tools.to_vec(),
             held: Arc::new(HeldPoints::none()),
             loads,
+            handle_force_n: Vec::new(),
             unloaded_m: mesh.points_m().to_vec(),
             resting_m,
             touchable,
@@ -284,11 +308,12 @@ impl Model {
         }
     }
 
-    /// Adds needles to a model of `mesh`; `tissue` says how each cell answers them. Its tools hold needles
-    /// then and touch nothing.
+    /// Adds needles to a model of `mesh`; `tissue` says how each cell answers them, or nothing if there are no needles.
+    /// Its tools hold needles then and touch nothing, and its handles are rows beside theirs.
     ///
     /// # Errors
-    /// Needles without a shape, tissue of another mesh or with properties that are none; tools that touch.
+    /// Needles without a shape, tissue of another mesh or with properties that are none; tools that touch; handles on
+    /// more than four nodes.
     pub fn with_needles(
         mut self,
         mesh: &TetMesh,
@@ -303,19 +328,18 @@ impl Model {
         {
             return Err(ModelError::NeedlesAndTools(*id));
         }
-        if !self.held.is_empty() {
-            return Err(ModelError::NeedlesAndHandles);
-        }
+        let handles = Handles::new(&self.loads.handles, &self.handle_force_n)
+            .map_err(ModelError::WideHandle)?;
         if let Body::Corotational { tissue, .. } = &self.body {
             tissue.has_room_for_needles()?;
         }
-        self.needles = Some(Needles::new(
-            needles,
-            tissue,
-            settings,
-            mesh,
-            &self.resting_m,
-        )?);
+        let mut needles = Needles::new(needles, tissue, settings, mesh, &self.resting_m)?;
+        // From now on rows hold these points, and columns are of tissue that nobody holds there.
+        self.loads.forces.extend(handles.loads());
+        self.loads.handles.clear();
+        self.held = Arc::new(HeldPoints::none());
+        needles.handles = handles;
+        self.needles = Some(needles);
         Ok(self)
     }
 
@@ -340,19 +364,26 @@ impl Model {
         Ok(self)
     }
 
-    /// Has bodies of tissue touch each other, in a model with needles.
+    /// Has bodies of tissue touch each other, in a model of `mesh` with needles or without. Where loads or handles would
+    /// have them overlap they are pressed together instead before the first step.
     ///
     /// # Errors
-    /// Bodies without faces, numbers out of range; a model without needles.
+    /// Bodies without faces, numbers out of range; what [`Self::with_needles`] refuses; bodies that find no balance.
     pub fn with_touching(
         mut self,
+        mesh: &TetMesh,
         parts: &[TouchPart],
         settings: TouchSettings,
     ) -> Result<Self, ModelError> {
-        let Some(needles) = &mut self.needles else {
-            return Err(ModelError::TouchingWithoutNeedles);
-        };
-        needles.touching = Some(Touching::new(parts, &needles.resting_m, settings)?);
+        if self.needles.is_none() {
+            self = self.with_needles(mesh, &[], &[], NeedleSettings::default())?;
+        }
+        if let Some(needles) = &mut self.needles {
+            let at: Vec<_> = mesh.points_m().iter().map(|x| Vector3::from(*x)).collect();
+            needles.touching = Some(Touching::new(parts, &at, settings)?);
+        }
+        needle::settle(&mut self)
+            .map_err(|needle::NoRest { share, status }| ModelError::NoRest { share, status })?;
         Ok(self)
     }
 
@@ -437,13 +468,17 @@ impl Model {
         loads
             .forces
             .extend(pushed.map(|(node, force_n)| NodeLoad { node, force_n }));
-        match (&self.body, state.motion().state()) {
+        let mut found = match (&self.body, state.motion().state()) {
             (Body::Linear { tissue, .. }, _) => tissue.solve_held(&loads, &self.held),
             (Body::Corotational { tissue, .. }, Some(turning)) if loads.handles.is_empty() => {
                 tissue.book(turning, &loads)
             }
             (Body::Corotational { tissue, .. }, _) => tissue.solve(&loads),
+        }?;
+        if let (Some(needles), Some(grasp)) = (&self.needles, state.grasp()) {
+            found.handle_force_n = needles.handles.forces_n(grasp);
         }
+        Ok(found)
     }
 
     /// Principal stresses of each cell \[Pa\], descending, tension positive, (m x 3), for a displacement of every

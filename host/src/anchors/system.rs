@@ -51,6 +51,11 @@ impl Grasp {
         &self.motion
     }
 
+    /// Rows of the last solve, but those on several anchors; their multipliers come first.
+    pub fn acting(&self) -> &[AnchorRow] {
+        &self.acting
+    }
+
     /// Multipliers of the last solve's rows \[N\].
     pub fn lambda(&self) -> &[f64] {
         self.forces.lambda()

@@ -563,6 +563,7 @@ impl Drive<'_> {
         if let (Some(touching), Some(touch)) = (&self.needles.touching, &self.touch) {
             touch.rows(touching, self.points_m, &mut set.anchors, &mut set.rows);
         }
+        self.needles.handles.append(set);
         let held = &self.needles.threads;
         let ground = held.ground(&self.needles.mesh, self.points_m);
         for (index, thread) in self.threads.iter_mut().enumerate() {

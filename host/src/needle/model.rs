@@ -2,10 +2,12 @@
 //!
 //! Entry point: [`Needles::new`].
 
+use super::rest::Rest;
 use super::{Geometry, Hierarchy, History, Needle, NeedleTissue, Slack, entry};
 use crate::anchors::AnchorSettings;
 use crate::collide::Touching;
 use crate::mesh::{HalfFaces, TetMesh};
+use crate::source::Handles;
 use crate::thread::{MOST_SEGMENTS, Threads};
 use nalgebra::{Isometry3, Vector3};
 use thiserror::Error;
@@ -124,6 +126,10 @@ pub(crate) struct Needles {
     pub threads: Threads,
     /// Bodies of tissue that may touch, if there are any.
     pub touching: Option<Touching>,
+    /// Points of tissue that are held.
+    pub handles: Handles,
+    /// What evolves, before the first step, where tissues touch already.
+    pub rest: Option<Box<Rest>>,
     /// Displacement under the loads alone, where the hierarchy is \[m\], (n x 3).
     pub resting: Vec<[f64; 3]>,
     /// Where nodes rest under the loads \[m\], (n).
@@ -139,7 +145,7 @@ pub(crate) struct Needles {
 }
 
 impl Needles {
-    /// For `mesh`, whose nodes rest at `resting_m`; `tissue` by cell.
+    /// For `mesh`, whose nodes rest at `resting_m`; `tissue` by cell, or nothing where there are no needles.
     pub fn new(
         parts: &[NeedlePart],
         tissue: &[NeedleTissue],
@@ -165,7 +171,7 @@ impl Needles {
             }
         }
         let (given, cells) = (tissue.len(), mesh.cells().len());
-        if given != cells {
+        if given != cells && !(parts.is_empty() && given == 0) {
             return Err(NeedleError::Cells { given, cells });
         }
         for (what, value) in [
@@ -219,6 +225,8 @@ impl Needles {
             hierarchy,
             threads: Threads::none(),
             touching: None,
+            handles: Handles::default(),
+            rest: None,
             resting_m: resting_m.iter().map(|at| Vector3::from(*at)).collect(),
             resting: resting_m
                 .iter()
@@ -251,7 +259,7 @@ impl Needles {
         let threads = self.threads.parts.len();
         let touching = self.touching.as_ref();
         let (pairs, rows) = touching.map_or((0, 0), |own| (own.most_pairs(), own.most_rows()));
-        let most_anchors = of_needles + threads * MOST_SEGMENTS + pairs;
+        let most_anchors = of_needles + threads * MOST_SEGMENTS + pairs + self.handles.count();
         let rubbing = self.threads.parts.iter().any(|part| part.friction > 0.0);
         // A row for every span, and of all that lies beyond it.
         let most_terms = threads * MOST_SEGMENTS * if rubbing { MOST_SEGMENTS } else { 3 };

@@ -96,8 +96,17 @@ pub(crate) struct NeedlesWork {
 impl NeedlesState {
     pub fn new(needles: &Needles, motion: Motion) -> Self {
         let settings = needles.anchor_settings();
+        let mut grasp = Grasp::new(motion, &settings);
+        let mut touch = needles
+            .touching
+            .as_ref()
+            .map(|touching| TouchState::new(touching, &needles.resting_m));
+        if let (Some(rest), Some(touch)) = (&needles.rest, &mut touch) {
+            grasp.copy_rows(&rest.grasp);
+            touch.copy_from(&rest.touch);
+        }
         Self {
-            grasp: Grasp::new(motion, &settings),
+            grasp,
             each: needles
                 .parts
                 .iter()
@@ -109,10 +118,7 @@ impl NeedlesState {
                 .iter()
                 .map(|part| ThreadState::new(part, MOST_SEGMENTS))
                 .collect(),
-            touch: needles
-                .touching
-                .as_ref()
-                .map(|touching| TouchState::new(touching, &needles.resting_m)),
+            touch,
             time_us: 0,
         }
     }
@@ -150,11 +156,17 @@ impl NeedlesWork {
 impl NeedlesWork {
     /// Computes the columns of all nodes whose resting position \[m\] satisfies `near`; how many are there.
     pub fn prepare(&mut self, model: &Model, near: impl Fn([f64; 3]) -> bool) -> usize {
-        let nodes: Vec<u32> = (0u32..)
-            .zip(&model.resting_m)
-            .filter(|(_, at)| near(**at))
-            .map(|(node, _)| node)
-            .collect();
+        let near = |(node, at): (u32, &[f64; 3])| near(*at).then_some(node);
+        let mut nodes: Vec<u32> = (0u32..).zip(&model.resting_m).filter_map(near).collect();
+        // What acts before the first step acts in it.
+        let rest = model
+            .needles
+            .iter()
+            .filter_map(|needles| needles.rest.as_ref());
+        let acting = rest.flat_map(|rest| rest.grasp.pushes());
+        nodes.extend(acting.filter_map(|(vertex, _)| model.body.numbering().node_at(vertex)));
+        let handles = model.needles.iter().map(|needles| &needles.handles);
+        nodes.extend(handles.flat_map(|handles| handles.loads().map(|load| load.node)));
         self.drive
             .system
             .prepare(&model.body, &model.motion, &nodes)
@@ -614,6 +626,7 @@ fn reduce(
     let potential_j = model
         .body
         .potential_j(drive.grasp.motion(), drive.work.system.body_work());
+    let stored = stored - needles.rest.as_ref().map_or(0.0, |rest| rest.stored_j);
     report.stored_energy_j = potential_j.map_or(stored, |potential_j| {
         potential_j - model.resting_potential_j
     });

@@ -130,7 +130,7 @@ impl TissueSolver {
         let (model, mut state, mut work) = scene.build()?;
         let mut last = StepReport::default();
         // Grips touch nothing on their way.
-        if scene.needles.is_empty() {
+        if !scene.depends_on_way() {
             let held: Vec<_> = scene
                 .held()
                 .map(|(tool, pose)| (tool.id, tool.shape, pose))

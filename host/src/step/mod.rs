@@ -7,6 +7,7 @@ mod passes;
 mod path;
 mod reduce;
 
+use crate::anchors::Grasp;
 use crate::body::{Body, BodyWork, Motion};
 use crate::clock::Clock;
 pub use crate::columns::Arrival;
@@ -229,6 +230,11 @@ impl State {
                 .as_ref()
                 .map(|needles| Box::new(NeedlesState::new(needles, model.motion.clone()))),
         }
+    }
+
+    /// Rows of needles, threads, handles and tissues that touch, and their forces.
+    pub(crate) fn grasp(&self) -> Option<&Grasp> {
+        self.needles.as_ref().map(|needles| &needles.grasp)
     }
 
     pub(crate) fn motion(&self) -> &Motion {
