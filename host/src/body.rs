@@ -125,6 +125,21 @@ impl Body {
         matches!(self, Self::Linear { .. })
     }
 
+    /// This tissue under so much of its loads \[1\].
+    pub fn at_share(&self, share: f64) -> Self {
+        let scaled = |values: &[f64]| values.iter().map(|value| share * value).collect();
+        match self {
+            Self::Linear { tissue, resting } => Self::Linear {
+                tissue: tissue.clone(),
+                resting: scaled(resting),
+            },
+            Self::Corotational { tissue, loads } => Self::Corotational {
+                tissue: tissue.clone(),
+                loads: scaled(loads),
+            },
+        }
+    }
+
     /// Tissue at rest without loads.
     pub fn at_rest(&self) -> Motion {
         match self {

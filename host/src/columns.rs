@@ -333,14 +333,4 @@ impl Columns {
         let start = 9 * at as usize;
         Matrix3::from_column_slice(&self.of(pushed)[start..start + 9])
     }
-
-    /// Adds the displacement of every vertex for a force on `pushed` to `u` (3 b).
-    pub fn add(&self, pushed: u32, force: &Vector3<f64>, u: &mut [f64]) {
-        for (u, block) in u.chunks_exact_mut(3).zip(self.of(pushed).chunks_exact(9)) {
-            for axis in 0..3 {
-                u[axis] +=
-                    block[axis] * force.x + block[3 + axis] * force.y + block[6 + axis] * force.z;
-            }
-        }
-    }
 }

@@ -4,7 +4,7 @@
 //! scratch of faer's factorisation, so that nothing allocates.
 
 use faer::dyn_stack::{MemBuffer, MemStack, StackReq};
-use faer::linalg::cholesky::llt::{factor, inverse, solve};
+use faer::linalg::cholesky::llt::{factor, solve};
 use faer::linalg::lu::partial_pivoting as lu;
 use faer::linalg::{matmul::matmul, triangular_solve};
 use faer::perm::PermRef;
@@ -22,7 +22,6 @@ impl Dense {
     pub fn new(largest: usize) -> Self {
         let need = StackReq::any_of(&[
             factor::cholesky_in_place_scratch::<f64>(largest, Par::Seq, Default::default()),
-            inverse::inverse_scratch::<f64>(largest, Par::Seq),
             solve::solve_in_place_scratch::<f64>(largest, largest, Par::Seq),
         ]);
         Self {
@@ -38,21 +37,6 @@ impl Dense {
         factor::cholesky_in_place(a, regularization, Par::Seq, stack, Default::default())
             .map(|_| ())
             .map_err(|_| Indefinite)
-    }
-
-    /// Inverse (n x n), both triangles, of the matrix whose factor is `factor`.
-    pub fn invert(&mut self, factor: &[f64], out: &mut [f64], n: usize) {
-        inverse::inverse(
-            MatMut::from_column_major_slice_mut(out, n, n),
-            MatRef::from_column_major_slice(factor, n, n),
-            Par::Seq,
-            MemStack::new(&mut self.memory),
-        );
-        for column in 0..n {
-            for row in 0..column {
-                out[row + n * column] = out[column + n * row];
-            }
-        }
     }
 
     /// Solves in place for `columns` right-hand sides (n x columns).

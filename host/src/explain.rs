@@ -113,7 +113,7 @@ pub fn explain(scene: &Scene) -> Result<Vec<Component>, SolveError> {
     let (there, preparing) = timed(|| solver.prepare(&ahead));
     let prepared = (there - before) as u32;
     // A needle's way cannot be cut into pieces.
-    let whole = matches!(scene.tissue, Tissue::Linear | Tissue::Auto) || !scene.needles.is_empty();
+    let whole = matches!(scene.tissue, Tissue::Linear | Tissue::Auto) || scene.depends_on_way();
     let walk: Vec<(StepReport, Duration)> = match solver.driven() {
         Some(id) if whole => hand
             .iter()
@@ -464,7 +464,12 @@ fn handles(scene: &Scene) -> Component {
     if count == 0 {
         return Component::absent("handles", "no `[[handle]]`");
     }
-    let why = format!("`[[handle]]`: {count} points with three rows each, solved once");
+    let when = if scene.depends_on_way() {
+        "in every step, beside what else acts"
+    } else {
+        "once"
+    };
+    let why = format!("`[[handle]]`: {count} points with three rows each, solved {when}");
     Component::built("handles", why).rows(3 * count as u32)
 }
 

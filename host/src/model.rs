@@ -4,16 +4,16 @@
 
 use crate::body::{Body, Motion};
 use crate::collide::{TouchError, TouchPart, TouchSettings, Touching};
-use crate::contact::shape::Solid;
 use crate::fem::{
     CorotationalTissue, Equilibrium, Factored, HeldPoints, LinearTissue, Loads, Materials,
     NodeLoad, Policy, TissueError, principal_stress_pa,
 };
 use crate::mesh::{Surface, TetMesh};
-use crate::needle::{NeedleError, NeedlePart, NeedleSettings, NeedleTissue, Needles};
-use crate::step::{DEFAULT_CACHE_BYTES, State};
+use crate::needle::{self, NeedleError, NeedlePart, NeedleSettings, NeedleTissue, Needles};
+use crate::source::{Handles, MOST_NODES};
+use crate::step::{DEFAULT_CACHE_BYTES, State, Status};
 use crate::thread::{ThreadError, ThreadPart, Threads};
-use crate::tool::{MAX_TOOLS, Placement, Shape, Tool};
+use crate::tool::{MAX_TOOLS, Shape, Tool};
 use nalgebra::Vector3;
 use std::fmt;
 use std::sync::Arc;
@@ -36,6 +36,8 @@ pub struct Model {
     pub(crate) tools: Vec<(u8, Tool)>,
     pub(crate) held: Arc<HeldPoints>,
     loads: Loads,
+    /// Forces of the handles at rest \[N\], (h x 3).
+    handle_force_n: Vec<[f64; 3]>,
     /// Nodes of the mesh as given \[m\], (n x 3).
     unloaded_m: Vec<[f64; 3]>,
     /// Every node under the loads, without tools \[m\], (n x 3).
@@ -88,15 +90,12 @@ pub enum ModelError {
     /// One id for two tools.
     #[error("two tools have the id {0}")]
     SameTool(u8),
-    /// Handles next to tools, on corotational tissue.
+    /// A handle on more nodes than a row's point may have.
     #[error(
-        "`[[handle]]` and `[[tool]]` together need `[tissue] model = \"linear\"`: on corotational \
-         tissue a scene has either handles or tools; pull with a `[[load]]` instead"
+        "handle {0} is on more than {MOST_NODES} nodes: beside needles and tissues that touch it is a \
+         point of one face or cell"
     )]
-    HandlesAndTools,
-    /// Handles next to needles.
-    #[error("a scene has either needles or `[[handle]]`: pull with a `[[load]]` instead")]
-    NeedlesAndHandles,
+    WideHandle(usize),
     /// A needle.
     #[error(transparent)]
     Needle(#[from] NeedleError),
@@ -106,9 +105,19 @@ pub enum ModelError {
     /// Tissues that touch.
     #[error(transparent)]
     Touch(#[from] TouchError),
-    /// Tissues that touch in a scene that does not need to solve for that.
-    #[error("`[[tissue_contact]]` needs a `[[needle]]`: nothing else brings tissues together yet")]
-    TouchingWithoutNeedles,
+    /// Tissues that are pressed together and find no balance.
+    #[error(
+        "the loads and handles press tissues together, which find no rest beyond {:.1} % of these: {}; \
+         make the loads smaller, the tissue stiffer, or the mesh finer where it touches",
+        100.0 * share,
+        status.name()
+    )]
+    NoRest {
+        /// The part of loads and handles' ways that has a balance.
+        share: f64,
+        /// How the next one ended.
+        status: Status,
+    },
     /// More tools than a step has room for.
     #[error("{0} tools; at most {MAX_TOOLS} are possible")]
     TooManyTools(usize),
@@ -175,7 +184,8 @@ impl Model {
             .map(|handle| handle.anchor.clone())
             .collect();
         let held = HeldPoints::new(&tissue, anchors)?;
-        let displacement = tissue.solve_held(&loads, &held)?.displacement_m;
+        let rest = tissue.solve_held(&loads, &held)?;
+        let displacement = rest.displacement_m;
         let mut resting = vec![0.0; tissue.unknowns()];
         for (node, u) in (0u32..).zip(&displacement) {
             if let Some(first) = tissue.first_unknown(node) {
@@ -186,14 +196,15 @@ impl Model {
             tissue: Arc::new(tissue),
             resting,
         };
-        Ok(Self {
+        Self {
             held: Arc::new(held),
+            handle_force_n: rest.handle_force_n,
             ..Self::around(mesh, body, Motion::default(), loads, tools, &displacement)
-        })
+        }
+        .with_tools(mesh)
     }
 
-    /// As [`Self::new`], for tissue whose stiffness turns with its cells. It has handles or tools, not
-    /// both.
+    /// As [`Self::new`], for tissue whose stiffness turns with its cells.
     ///
     /// # Errors
     /// As [`Self::new`]; a policy out of range; loads under which there is no balance.
@@ -207,16 +218,16 @@ impl Model {
         passes: Passes,
     ) -> Result<Self, ModelError> {
         check_tools(tools)?;
-        if !tools.is_empty() && !loads.handles.is_empty() {
-            return Err(ModelError::HandlesAndTools);
-        }
         let (materials, beside_bytes) = (materials.into(), cache_bytes(mesh, tools));
         let tissue = CorotationalTissue::beside(mesh, &materials, fixed, policy, beside_bytes)?;
         let mut state = tissue.state();
-        let displacement = tissue.settle(&mut state, &loads)?.displacement_m;
+        let rest = tissue.settle(&mut state, &loads)?;
+        let displacement = rest.displacement_m;
         let mut work = tissue.workspace();
         tissue.update(&mut state, &mut work);
-        let on_unknowns = loads.on_unknowns(tissue.numbering())?;
+        let on_unknowns = loads
+            .held_by(&rest.handle_force_n)
+            .on_unknowns(tissue.numbering())?;
         let done = on_unknowns.iter().zip(state.unknowns()).map(|(f, u)| f * u);
         let resting_potential_j = tissue.energy_j(&work) - done.sum::<f64>();
         let motion = Motion::turning(state);
@@ -224,11 +235,45 @@ impl Model {
             loads: on_unknowns,
             tissue: Arc::new(tissue),
         };
-        Ok(Self {
+        Self {
             passes,
             resting_potential_j,
+            handle_force_n: rest.handle_force_n,
             ..Self::around(mesh, body, motion, loads, tools, &displacement)
-        })
+        }
+        .with_tools(mesh)
+    }
+
+    /// Has the tools that touch find their balance. Handles of linear tissue stay in its compliance.
+    fn with_tools(mut self, mesh: &TetMesh) -> Result<Self, ModelError> {
+        if self.tools.iter().all(|(_, tool)| tool.is_grip()) {
+            return Ok(self);
+        }
+        let settings = NeedleSettings {
+            // Where a new factor makes all columns void, a step that computes a few of them and waits is withheld again
+            // and again: what a contact touches is computed at once.
+            vertices_per_step: if self.body.is_linear() { 8 } else { 64 },
+            ..NeedleSettings::default()
+        };
+        if !self.body.is_linear() {
+            return self.with_needles(mesh, &[], &[], settings);
+        }
+        self.needles = Some(self.interactions(mesh, &[], &[], settings)?);
+        Ok(self)
+    }
+
+    /// Needles and tools that touch.
+    fn interactions(
+        &self,
+        mesh: &TetMesh,
+        needles: &[NeedlePart],
+        tissue: &[NeedleTissue],
+        settings: NeedleSettings,
+    ) -> Result<Needles, NeedleError> {
+        let at_rest = (&self.touchable_m[..], &self.touchable_normal[..]);
+        let needles = Needles::new(needles, tissue, settings, mesh, &self.resting_m)?;
+        let least_m = self.surface.mean_edge_m;
+        Ok(needles.with_tools(&self.tools, least_m, &self.touchable, at_rest))
     }
 
     /// What follows from the tissue, moved by its loads as `displacement` says.
@@ -269,6 +314,7 @@ impl Model {
             tools: tools.to_vec(),
             held: Arc::new(HeldPoints::none()),
             loads,
+            handle_force_n: Vec::new(),
             unloaded_m: mesh.points_m().to_vec(),
             resting_m,
             touchable,
@@ -278,10 +324,12 @@ impl Model {
         }
     }
 
-    /// Adds needles to a model of `mesh`; `tissue` says how each cell answers them.
+    /// Adds needles to a model of `mesh`; `tissue` says how each cell answers them, or nothing if there are no needles.
+    /// Its handles are rows beside theirs then.
     ///
     /// # Errors
-    /// Needles without a shape, tissue of another mesh or with properties that are none; tools that touch.
+    /// Needles without a shape, tissue of another mesh or with properties that are none; tools that touch; handles on
+    /// more than four nodes.
     pub fn with_needles(
         mut self,
         mesh: &TetMesh,
@@ -289,16 +337,20 @@ impl Model {
         tissue: &[NeedleTissue],
         settings: NeedleSettings,
     ) -> Result<Self, ModelError> {
-        if !self.held.is_empty() {
-            return Err(ModelError::NeedlesAndHandles);
-        }
-        if let Body::Corotational { tissue, .. } = &self.body {
+        let handles = Handles::new(&self.loads.handles, &self.handle_force_n)
+            .map_err(ModelError::WideHandle)?;
+        if let Body::Corotational { tissue, .. } = &self.body
+            && !needles.is_empty()
+        {
             tissue.has_room_for_needles()?;
         }
-        let at_rest = (&self.touchable_m[..], &self.touchable_normal[..]);
-        let needles = Needles::new(needles, tissue, settings, mesh, &self.resting_m)?;
-        let least_m = self.surface.mean_edge_m;
-        self.needles = Some(needles.with_tools(&self.tools, least_m, &self.touchable, at_rest));
+        let mut needles = self.interactions(mesh, needles, tissue, settings)?;
+        // From now on rows hold these points, and columns are of tissue that nobody holds there.
+        self.loads.forces.extend(handles.loads());
+        self.loads.handles.clear();
+        self.held = Arc::new(HeldPoints::none());
+        needles.handles = handles;
+        self.needles = Some(needles);
         Ok(self)
     }
 
@@ -323,20 +375,46 @@ impl Model {
         Ok(self)
     }
 
-    /// Has bodies of tissue touch each other, in a model with needles.
+    /// Has bodies of tissue touch each other, in a model of `mesh` with needles or without. Where loads or handles would
+    /// have them overlap they are pressed together instead before the first step.
     ///
     /// # Errors
-    /// Bodies without faces, numbers out of range; a model without needles.
+    /// Bodies without faces, numbers out of range; what [`Self::with_needles`] refuses; bodies that find no balance.
     pub fn with_touching(
         mut self,
+        mesh: &TetMesh,
         parts: &[TouchPart],
         settings: TouchSettings,
     ) -> Result<Self, ModelError> {
-        let Some(needles) = &mut self.needles else {
-            return Err(ModelError::TouchingWithoutNeedles);
-        };
-        needles.touching = Some(Touching::new(parts, &needles.resting_m, settings)?);
+        let reaches = self.needles.as_ref().is_some_and(Needles::reach_inside);
+        if !reaches {
+            self = self.with_needles(mesh, &[], &[], NeedleSettings::default())?;
+        }
+        if let Some(needles) = &mut self.needles {
+            let at: Vec<_> = mesh.points_m().iter().map(|x| Vector3::from(*x)).collect();
+            needles.touching = Some(Touching::new(parts, &at, settings)?);
+        }
+        needle::settle(&mut self)
+            .map_err(|needle::NoRest { share, status }| ModelError::NoRest { share, status })?;
         Ok(self)
+    }
+
+    /// Nodes that rows of `needles` may act on, as the columns of the compliance count them: of tools alone, the boundary's.
+    pub(crate) fn reached(&self, needles: &Needles) -> Vec<u32> {
+        if needles.reach_inside() {
+            let numbering = self.body.numbering();
+            let nodes = 0..numbering.nodes() as u32;
+            return nodes.filter(|node| !numbering.is_fixed(*node)).collect();
+        }
+        self.touchable.clone()
+    }
+
+    /// The node that is such a vertex.
+    pub(crate) fn node_of(&self, needles: &Needles, vertex: u32) -> Option<u32> {
+        if needles.reach_inside() {
+            return self.body.numbering().node_at(vertex);
+        }
+        self.touchable.get(vertex as usize).copied()
     }
 
     /// Index of a thread.
@@ -382,12 +460,6 @@ impl Model {
         Some((index, &self.tools[index].1))
     }
 
-    /// The shape with which a tool touches, at `placement`: a tool smaller than a mean edge would slip
-    /// in between the vertices, so it counts as one mean edge in radius.
-    pub(crate) fn solid(&self, index: usize, placement: &Placement) -> Solid {
-        Solid::new(&self.tools[index].1, self.surface.mean_edge_m, placement)
-    }
-
     /// Whether a point lies inside the tissue as it rests under its loads.
     pub(crate) fn contains(&self, point: &Vector3<f64>) -> bool {
         self.surface.contains(&self.resting_m, (*point).into())
@@ -420,13 +492,17 @@ impl Model {
         loads
             .forces
             .extend(pushed.map(|(node, force_n)| NodeLoad { node, force_n }));
-        match (&self.body, state.motion().state()) {
+        let mut found = match (&self.body, state.motion().state()) {
             (Body::Linear { tissue, .. }, _) => tissue.solve_held(&loads, &self.held),
             (Body::Corotational { tissue, .. }, Some(turning)) if loads.handles.is_empty() => {
                 tissue.book(turning, &loads)
             }
             (Body::Corotational { tissue, .. }, _) => tissue.solve(&loads),
+        }?;
+        if let (Some(needles), Some(grasp)) = (&self.needles, state.grasp()) {
+            found.handle_force_n = needles.handles.forces_n(grasp);
         }
+        Ok(found)
     }
 
     /// Principal stresses of each cell \[Pa\], descending, tension positive, (m x 3), for a displacement of every

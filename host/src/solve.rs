@@ -84,7 +84,7 @@ pub fn solve(scene: &Scene) -> Result<Solution, SolveError> {
         .iter()
         .filter_map(|tool| Some((tool.id, tool.shape, tool.pose?)))
         .collect();
-    let without = scene.needles.is_empty();
+    let without = !scene.depends_on_way();
     if scene.loads.forces.is_empty() && scene.loads.handles.is_empty() && held.is_empty() && without
     {
         return Err(SolveError::Nothing);
@@ -183,9 +183,10 @@ fn follow_scripts(
     state: &mut State,
     work: &mut Workspace,
 ) -> Result<StepReport, SolveError> {
-    let stays = scene
-        .driven()
-        .is_some_and(|tool| tool.pose.is_none() && scene.hand.is_none());
+    let stays = !scene.needles.is_empty()
+        && scene
+            .driven()
+            .is_some_and(|tool| tool.pose.is_none() && scene.hand.is_none());
     if stays {
         return Err(SolveError::NoHand);
     }

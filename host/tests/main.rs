@@ -13,6 +13,7 @@ mod link_reconnect;
 mod needle;
 mod no_alloc;
 mod palpation;
+mod pressed;
 mod rows;
 mod session_models;
 mod suture;

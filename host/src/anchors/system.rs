@@ -9,8 +9,7 @@ use super::{AnchorPoint, AnchorRow, AnchorSettings, SpreadRow, Term};
 use crate::body::{Body, BodyWork, Motion, Push};
 use crate::columns::Columns;
 use crate::fem::{
-    Balance, Factored, HeldPoints, LinearTissue, Linearisation, Numbering, SolveScratch,
-    TissueError,
+    Balance, Factored, HeldPoints, LinearTissue, Linearisation, SolveScratch, TissueError,
 };
 use crate::renewal::{Renewals, Rule};
 use crate::rows::{self, Condensed, Problem, Row};
@@ -50,6 +49,11 @@ impl Grasp {
 
     pub fn motion(&self) -> &Motion {
         &self.motion
+    }
+
+    /// Rows of the last solve, but those on several anchors; their multipliers come first.
+    pub fn acting(&self) -> &[AnchorRow] {
+        &self.acting
     }
 
     /// Multipliers of the last solve's rows \[N\].
@@ -102,12 +106,6 @@ impl Grasp {
         self.spread.copy_from(&other.spread);
         self.on_anchors.clone_from(&other.on_anchors);
     }
-}
-
-/// All free nodes.
-fn everywhere(numbering: &Numbering) -> Vec<u32> {
-    let nodes = 0..numbering.nodes() as u32;
-    nodes.filter(|node| !numbering.is_fixed(*node)).collect()
 }
 
 /// What [`System::fetch`] did.
@@ -165,6 +163,7 @@ impl System {
         reached: &[u32],
         settings: AnchorSettings,
     ) -> Result<Self, TissueError> {
+        let held = Arc::new(HeldPoints::none());
         let numbering = body.numbering();
         let nodes = numbering.nodes();
         let mut reached_of_node = vec![UNREACHED; nodes];
@@ -184,34 +183,33 @@ impl System {
         Ok(Self::reaching(
             body,
             motion,
-            reached,
-            reached_of_node,
+            &held,
+            (reached, reached_of_node),
             settings,
         ))
     }
 
-    /// For anchors on all free nodes; `groups` of nodes are those of [`Self::slack`].
-    pub fn everywhere(
+    /// For anchors on the nodes `reached`, of which all are free, where `held` points do not move; `groups` of nodes are
+    /// those of [`Self::slack`].
+    pub fn grouped(
         body: &Body,
         motion: &Motion,
+        held: &Arc<HeldPoints>,
+        reached: &[u32],
         settings: AnchorSettings,
         groups: &[Vec<u32>],
     ) -> Self {
-        let numbering = body.numbering();
-        let reached = everywhere(numbering);
-        let mut reached_of_node = vec![UNREACHED; numbering.nodes()];
-        for (place, &node) in (0u32..).zip(&reached) {
+        let mut reached_of_node = vec![UNREACHED; body.numbering().nodes()];
+        for (place, &node) in (0u32..).zip(reached) {
             reached_of_node[node as usize] = place;
         }
-        let free = |node: &u32| {
-            let vertex = reached_of_node.get(*node as usize).copied();
-            vertex.filter(|vertex| *vertex != UNREACHED)
-        };
+        let reached = (reached, reached_of_node);
+        let mut system = Self::reaching(body, motion, held, reached, settings);
+        let free = |node: &u32| system.vertex(*node);
         let groups: Vec<Vec<u32>> = groups
             .iter()
             .map(|group| group.iter().filter_map(free).collect())
             .collect();
-        let mut system = Self::reaching(body, motion, &reached, reached_of_node, settings);
         system.columns.group(&groups);
         system
     }
@@ -219,11 +217,10 @@ impl System {
     fn reaching(
         body: &Body,
         motion: &Motion,
-        reached: &[u32],
-        reached_of_node: Vec<u32>,
+        held: &Arc<HeldPoints>,
+        (reached, reached_of_node): (&[u32], Vec<u32>),
         settings: AnchorSettings,
     ) -> Self {
-        let held = Arc::new(HeldPoints::none());
         let AnchorSettings {
             most_rows,
             most_anchors,
@@ -234,10 +231,10 @@ impl System {
         let most_rows = most_rows + settings.most_spread;
         // Corotational tissue reads the anchors of the step before, too.
         let least = 8 * most_anchors;
-        let mut columns = Columns::new(&body.view(motion), &held, reached, memory_bytes, least);
+        let mut columns = Columns::new(&body.view(motion), held, reached, memory_bytes, least);
         columns.belong_to(motion.factor());
         Self {
-            held,
+            held: held.clone(),
             columns,
             body_work: body.work(),
             accepted: false,
@@ -272,17 +269,15 @@ impl System {
             .start_worker(tissue, self.held.clone(), reached)
     }
 
-    /// As [`Self::start_worker`], for a system that reaches all free nodes.
-    pub fn start_worker_everywhere(&mut self, tissue: Arc<LinearTissue>) -> std::io::Result<()> {
-        let reached = everywhere(tissue.numbering());
-        self.start_worker(tissue, &reached)
+    /// As [`Self::start_worker`], for a replay.
+    pub fn replay_worker(&mut self, tissue: Arc<LinearTissue>, reached: &[u32]) {
+        self.columns
+            .replay_worker(tissue, self.held.clone(), reached);
     }
 
-    /// As [`Self::start_worker_everywhere`], for a replay.
-    pub fn replay_worker_everywhere(&mut self, tissue: Arc<LinearTissue>) {
-        let reached = everywhere(tissue.numbering());
-        self.columns
-            .replay_worker(tissue, self.held.clone(), &reached);
+    /// Most vertices whose columns a step computes before it waits.
+    pub fn set_budget(&mut self, vertices_per_step: usize) {
+        self.settings.vertices_per_step = vertices_per_step;
     }
 
     pub fn settings(&self) -> &AnchorSettings {
@@ -392,6 +387,15 @@ impl System {
         self.missing.len() as u32
     }
 
+    /// Has the columns of nodes that will soon be named computed for the next factor, too.
+    pub fn wish(&mut self, nodes: &[u32]) {
+        for node in nodes {
+            if let Some(vertex) = self.vertex(*node) {
+                self.columns.wish(vertex);
+            }
+        }
+    }
+
     /// Computes the columns of all `nodes`; how many are there then.
     pub fn prepare(&mut self, body: &Body, motion: &Motion, nodes: &[u32]) -> usize {
         let vertices: Vec<u32> = nodes.iter().filter_map(|node| self.vertex(*node)).collect();
@@ -465,12 +469,6 @@ impl System {
     /// wants them fresh; whether they are.
     pub fn renew_beside(&mut self, body: &Body, reached: &[u32], rule: Rule) -> bool {
         body.renew_beside(&mut self.columns, &self.held, reached, rule)
-    }
-
-    /// As [`Self::renew_beside`], for a system that reaches all free nodes.
-    pub fn renew_everywhere(&mut self, body: &Body, rule: Rule) -> bool {
-        let reached = everywhere(body.numbering());
-        self.renew_beside(body, &reached, rule)
     }
 
     /// Reads anchors and rows; whether they make sense: no more than the settings allow, rows in the
@@ -655,12 +653,19 @@ impl System {
 
     /// After [`Self::read`] and [`Self::assemble`] of the rows of the last solve and others that are open: the rows of `cones`
     /// with all others that act condensed out. Whether that could be done.
-    pub fn condense(&mut self, rows: usize, grasp: &Grasp, cones: &mut Cones) -> bool {
+    pub fn condense(
+        &mut self,
+        rows: usize,
+        turning: Option<&Turning>,
+        grasp: &Grasp,
+        cones: &mut Cones,
+    ) -> bool {
         let n = rows + self.spread.rows.len();
         grasp.forces.put_into(&self.kinds, &mut self.open);
+        let w = turning.map_or(&self.w, |turning| &turning.compliance);
         let problem = Problem {
             rows: &self.kinds,
-            compliance: &self.w[..n * n],
+            compliance: &w[..n * n],
             delta_free: &self.delta_free[..n],
         };
         let k = cones.keep.len();

@@ -73,7 +73,13 @@ fn spread_rows_give_way_as_products_with_the_inverse_say() {
         resting,
     };
     let grasp = Grasp::new(body.at_rest(), &settings);
-    let mut system = System::everywhere(&body, grasp.motion(), settings, &[]);
+    let mut system = {
+        let nodes = 0..body.numbering().nodes() as u32;
+        let reached: Vec<u32> = nodes
+            .filter(|node| !body.numbering().is_fixed(*node))
+            .collect();
+        System::new(&body, grasp.motion(), &reached, settings).expect("free nodes")
+    };
     let rows = single.map(|(anchor, direction)| AnchorRow {
         id: anchor,
         anchor: anchor as u32,

@@ -110,6 +110,11 @@ impl TouchState {
         self.pairs.len()
     }
 
+    /// Where nodes were at the last balance \[m\], (n x 3).
+    pub fn at_m(&self) -> &[Vector3<f64>] {
+        &self.at
+    }
+
     /// Pairs that pressed at the last balance.
     pub fn pressing(&self) -> usize {
         let pressing = self.pairs.iter().filter(|pair| pair.force_n > 0.0);

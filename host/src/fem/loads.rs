@@ -114,6 +114,24 @@ impl Loads {
         Ok(forces)
     }
 
+    /// These loads with the handles' forces `force_n` (h x 3) \[N\] in place of the handles.
+    pub(crate) fn held_by(&self, force_n: &[[f64; 3]]) -> Self {
+        let held = self.handles.iter().zip(force_n);
+        let on_nodes = held.flat_map(|(handle, force)| {
+            let parts = handle.anchor.vertices.iter().zip(&handle.anchor.weights);
+            parts.map(move |(&node, &weight)| NodeLoad {
+                node,
+                force_n: force.map(|f| f * weight),
+            })
+        });
+        let given = self.forces.iter().copied();
+        Self {
+            forces: given.chain(on_nodes).collect(),
+            handles: Vec::new(),
+            fixed_displacement_m: self.fixed_displacement_m.clone(),
+        }
+    }
+
     pub(super) fn anchors(&self) -> Vec<Anchor> {
         let anchors = self.handles.iter().map(|handle| handle.anchor.clone());
         anchors.collect()

@@ -81,6 +81,8 @@ pub(crate) struct NeedleWork {
     pub(super) tool_rows: Range<usize>,
     /// Vertices near these, and how far those of each group are from where they rest at most \[m\].
     pub(super) near_tools: Vec<(u32, u32)>,
+    /// Their nodes, the nearest first.
+    pub(super) next_nodes: Vec<u32>,
     pub(super) slack_m: [f64; MOST_GROUPS],
     pub(super) turning: Option<Turning>,
     pub(super) saved_tools: ToolContacts,
@@ -139,6 +141,7 @@ impl NeedleWork {
             set: ConstraintSet::new(&settings),
             tool_rows: 0..0,
             near_tools: Vec::with_capacity(needles.tools.most_pairs()),
+            next_nodes: Vec::with_capacity(needles.tools.most_pairs()),
             slack_m: [0.0; MOST_GROUPS],
             turning: needles
                 .tools
@@ -242,6 +245,19 @@ impl Drive<'_> {
             self.grasp.copy_rows(&self.work.saved_grasp);
         }
         done
+    }
+
+    /// As [`Self::to`], at the end of a way that was not followed.
+    pub fn jump(
+        &mut self,
+        poses: &[Isometry3<f64>],
+        ends: &[[Vector3<f64>; 2]],
+        tools: &Placements,
+    ) -> Status {
+        match self.to(poses, ends, tools) {
+            Ok(()) => Status::Ok,
+            Err(status) => status,
+        }
     }
 
     /// Balances; a tip that is `free` goes through faces without effort.
@@ -606,6 +622,7 @@ impl Drive<'_> {
         let first = set.rows.len();
         self.tools.append(&self.needles.tools, self.points_m, set);
         *tool_rows = first..set.rows.len();
+        self.needles.handles.append(set);
         let held = &self.needles.threads;
         let ground = held.ground(&self.needles.mesh, self.points_m);
         for (index, thread) in self.threads.iter_mut().enumerate() {

@@ -2,10 +2,12 @@
 //!
 //! Entry point: [`Needles::new`].
 
+use super::rest::Rest;
 use super::{Geometry, Hierarchy, History, Needle, NeedleTissue, Slack, entry};
 use crate::anchors::AnchorSettings;
 use crate::collide::Touching;
 use crate::mesh::{HalfFaces, TetMesh};
+use crate::source::Handles;
 use crate::source::tool::TouchingTools;
 use crate::thread::{MOST_SEGMENTS, Threads};
 use crate::tool::Tool;
@@ -128,6 +130,10 @@ pub(crate) struct Needles {
     pub tools: TouchingTools,
     /// Bodies of tissue that may touch, if there are any.
     pub touching: Option<Touching>,
+    /// Points of tissue that are held.
+    pub handles: Handles,
+    /// What evolves, before the first step, where tissues touch already.
+    pub rest: Option<Box<Rest>>,
     /// Displacement under the loads alone, where the hierarchy is \[m\], (n x 3).
     pub resting: Vec<[f64; 3]>,
     /// Where nodes rest under the loads \[m\], (n).
@@ -143,7 +149,7 @@ pub(crate) struct Needles {
 }
 
 impl Needles {
-    /// For `mesh`, whose nodes rest at `resting_m`; `tissue` by cell.
+    /// For `mesh`, whose nodes rest at `resting_m`; `tissue` by cell, or nothing where there are no needles.
     pub fn new(
         parts: &[NeedlePart],
         tissue: &[NeedleTissue],
@@ -169,7 +175,7 @@ impl Needles {
             }
         }
         let (given, cells) = (tissue.len(), mesh.cells().len());
-        if given != cells && !parts.is_empty() {
+        if given != cells && !(parts.is_empty() && given == 0) {
             return Err(NeedleError::Cells { given, cells });
         }
         for (what, value) in [
@@ -224,6 +230,8 @@ impl Needles {
             threads: Threads::none(),
             tools: TouchingTools::none(),
             touching: None,
+            handles: Handles::default(),
+            rest: None,
             resting_m: resting_m.iter().map(|at| Vector3::from(*at)).collect(),
             resting: resting_m
                 .iter()
@@ -257,6 +265,12 @@ impl Needles {
         self
     }
 
+    /// Whether rows may act inside the tissue: not by tools alone.
+    pub fn reach_inside(&self) -> bool {
+        let tools_only = self.parts.is_empty() && self.handles.count() == 0;
+        !tools_only || self.touching.is_some() || !self.threads.parts.is_empty()
+    }
+
     /// How a cell answers needles.
     pub fn tissue(&self, cell: u32) -> &NeedleTissue {
         const NONE: NeedleTissue = NeedleTissue {
@@ -277,7 +291,8 @@ impl Needles {
         let touching = self.touching.as_ref();
         let (pairs, rows) = touching.map_or((0, 0), |own| (own.most_pairs(), own.most_rows()));
         let contacts = self.tools.most_contacts();
-        let most_anchors = of_needles + threads * MOST_SEGMENTS + pairs + contacts;
+        let points = contacts + self.handles.count();
+        let most_anchors = of_needles + threads * MOST_SEGMENTS + pairs + points;
         let rubbing = self.threads.parts.iter().any(|part| part.friction > 0.0);
         // A row for every span, and of all that lies beyond it.
         let most_terms = threads * MOST_SEGMENTS * if rubbing { MOST_SEGMENTS } else { 3 };

@@ -13,9 +13,9 @@ use crate::anchors::{Grasp, System};
 use crate::body::Motion;
 use crate::clock::Clock;
 use crate::collide::TouchState;
-use crate::contact::reduction::{MAX_TOOL_ROWS, ToolRows};
 use crate::model::Model;
 use crate::source::tool::{Cones, Placements, ToolContacts};
+use crate::step::{MAX_TOOL_ROWS, ToolRows};
 use crate::step::{Status, StepReport};
 use crate::thread::{MOST_SEGMENTS, ThreadHold, ThreadState};
 use crate::tool::{MAX_TOOLS, ToolSample};
@@ -105,8 +105,17 @@ pub(crate) struct NeedlesWork {
 impl NeedlesState {
     pub fn new(needles: &Needles, motion: Motion) -> Self {
         let settings = needles.anchor_settings();
+        let mut grasp = Grasp::new(motion, &settings);
+        let mut touch = needles
+            .touching
+            .as_ref()
+            .map(|touching| TouchState::new(touching, &needles.resting_m));
+        if let (Some(rest), Some(touch)) = (&needles.rest, &mut touch) {
+            grasp.copy_rows(&rest.grasp);
+            touch.copy_from(&rest.touch);
+        }
         Self {
-            grasp: Grasp::new(motion, &settings),
+            grasp,
             each: needles
                 .parts
                 .iter()
@@ -118,10 +127,7 @@ impl NeedlesState {
                 .iter()
                 .map(|part| ThreadState::new(part, MOST_SEGMENTS))
                 .collect(),
-            touch: needles
-                .touching
-                .as_ref()
-                .map(|touching| TouchState::new(touching, &needles.resting_m)),
+            touch,
             tools: ToolContacts::new(&needles.tools),
             time_us: 0,
         }
@@ -140,7 +146,9 @@ impl NeedlesWork {
             group.sort_unstable();
             group.dedup();
         }
-        let system = System::everywhere(&model.body, &model.motion, settings, &groups);
+        let (body, reached) = (&model.body, model.reached(needles));
+        let held = &model.held;
+        let system = System::grouped(body, &model.motion, held, &reached, settings, &groups);
         Self {
             drive: NeedleWork::new(
                 needles,
@@ -166,12 +174,19 @@ impl NeedlesWork {
 
 impl NeedlesWork {
     /// Computes the columns of all nodes whose resting position \[m\] satisfies `near`; how many are there.
-    pub fn prepare(&mut self, model: &Model, near: impl Fn([f64; 3]) -> bool) -> usize {
-        let nodes: Vec<u32> = (0u32..)
-            .zip(&model.resting_m)
-            .filter(|(_, at)| near(**at))
-            .map(|(node, _)| node)
-            .collect();
+    pub fn prepare(
+        &mut self,
+        model: &Model,
+        needles: &Needles,
+        near: impl Fn([f64; 3]) -> bool,
+    ) -> usize {
+        let near = |(node, at): (u32, &[f64; 3])| near(*at).then_some(node);
+        let mut nodes: Vec<u32> = (0u32..).zip(&model.resting_m).filter_map(near).collect();
+        // What acts before the first step acts in it.
+        let rest = needles.rest.as_ref().into_iter();
+        let acting = rest.flat_map(|rest| rest.grasp.pushes());
+        nodes.extend(acting.filter_map(|(vertex, _)| model.node_of(needles, vertex)));
+        nodes.extend(needles.handles.loads().map(|load| load.node));
         self.drive
             .system
             .prepare(&model.body, &model.motion, &nodes)
@@ -287,7 +302,19 @@ pub(crate) fn step(
             each.speed = *speed;
         }
     }
-    report.rows = work.drive.count() as u32;
+    let status = match status {
+        Status::Ok
+            if state
+                .tools
+                .forget_inside(&needles.tools, |at| model.contains(at)) =>
+        {
+            Status::Inside
+        }
+        status => status,
+    };
+    // Of a touch of a tool one counts for all.
+    let rows = work.drive.count() - work.drive.tool_rows.len();
+    report.rows = (rows + state.tools.contacts.len()) as u32;
     if status == Status::Ok {
         reduce(model, needles, state, samples, wanted, work, report, clock);
     }
@@ -374,15 +401,25 @@ fn follow(
                 halvings += 1;
             }
             // Where the way leads through what has no balance, its end may have one: that it can be left again.
-            Err(Status::NotConverged | Status::TooManyRows) if part < 1.0 => {
-                return match drive.to(&ends[..count], threads, tools) {
-                    Ok(()) => Status::Ok,
-                    Err(status) => status,
-                };
+            Err(Status::NotConverged | Status::TooManyRows)
+                if part < 1.0 && needles.tools.is_empty() =>
+            {
+                return drive.jump(&ends[..count], threads, tools);
+            }
+            // The way there could not be followed, but nothing is touched at its end: let go.
+            Err(Status::NotConverged | Status::TooManyRows)
+                if needles.tools.are_free(tools, |at| model.contains(at)) =>
+            {
+                drive.tools.let_go();
+                return drive.jump(&ends[..count], threads, tools);
             }
             Err(status) => return status,
         }
-        if report.substeps >= MAX_PIECES {
+        if drive.report.substeps >= MAX_PIECES {
+            if needles.tools.are_free(tools, |at| model.contains(at)) {
+                drive.tools.let_go();
+                return drive.jump(&ends[..count], threads, tools);
+            }
             return Status::Behind;
         }
     }
@@ -673,15 +710,20 @@ fn reduce(
     let potential_j = model
         .body
         .potential_j(drive.grasp.motion(), drive.work.system.body_work());
+    let stored = stored - needles.rest.as_ref().map_or(0.0, |rest| rest.stored_j);
     report.stored_energy_j = potential_j.map_or(stored, |potential_j| {
         potential_j - model.resting_potential_j
     });
     clock.lap(&mut report.stages.reduce_ns);
+    let most = work.drive.system.settings().vertices_per_step;
+    let left = most.saturating_sub(report.columns_computed as usize / 3);
+    if !needles.tools.is_empty() {
+        report.columns_computed +=
+            3 * look_ahead(model, needles, state, wanted, &mut work.drive, left);
+        clock.lap(&mut report.stages.columns_ns);
+    }
     if model.body.is_linear() {
-        let most = needles.settings.vertices_per_step;
-        let left = most
-            .saturating_sub(report.columns_computed as usize / 3)
-            .min(PREFETCHED);
+        let left = left.min(PREFETCHED);
         let computed =
             work.drive
                 .system
@@ -738,6 +780,49 @@ fn reduce_tools(
         }
     }
 }
+
+/// Columns of the vertices that tools are nearest to: the tip will be there soon. Says how many were computed, of at most
+/// `left`.
+fn look_ahead(
+    model: &Model,
+    needles: &Needles,
+    state: &NeedlesState,
+    wanted: &Wanted,
+    work: &mut NeedleWork,
+    left: usize,
+) -> u32 {
+    let (body, linear) = (&model.body, model.body.is_linear());
+    // The next factor would make them void, and where none is renewed beside the steps it comes at once.
+    if !linear && !work.system.columns().renews() {
+        return 0;
+    }
+    let NeedleWork {
+        system,
+        slack_m,
+        near_tools,
+        next_nodes,
+        ..
+    } = work;
+    let more_m = wanted.reach_m;
+    let placements = &state.tools.placements;
+    needles.tools.near(placements, slack_m, more_m, near_tools);
+    needles
+        .tools
+        .by_distance(placements, near_tools, next_nodes);
+    if linear {
+        return system.compute_ahead(body, &state.grasp, next_nodes, left);
+    }
+    // It can have them from the start.
+    system.wish(next_nodes);
+    // Until then the first touch is foretold by this one.
+    if state.tools.contacts.is_empty() {
+        return system.compute_ahead(body, &state.grasp, next_nodes, left.min(MOST_AHEAD));
+    }
+    0
+}
+
+/// Vertices whose columns a step computes for a touch to come, where a renewed factor makes them void.
+const MOST_AHEAD: usize = 8;
 
 /// Vertices that will be touched at once, in radii: as far as one is nearer than another.
 const AT_ONCE: f64 = 1e-3;

@@ -3,9 +3,10 @@
 //! Entry point: [`Drive::tool_rows`].
 
 use super::drive::{Drive, NeedleWork};
+use super::touching::turn;
 use crate::anchors::ConstraintSet;
-use crate::contact::reduction::{MAX_TOOL_ROWS, ToolRows};
 use crate::source::tool::{Cones, Contact, NEAR};
+use crate::step::{MAX_TOOL_ROWS, ToolRows};
 use nalgebra::{Matrix6, Vector3};
 
 /// Rows of a cone.
@@ -19,6 +20,8 @@ pub(crate) struct Wanted {
     /// The way that it may go while they are in use, and any way besides \[m\].
     pub ahead_m: Vector3<f64>,
     pub reach_m: f64,
+    /// Whether tools that are apart say how it will be when they touch by what they will touch on their way.
+    pub foresees: bool,
 }
 
 impl Drive<'_> {
@@ -35,11 +38,7 @@ impl Drive<'_> {
         let each = self.needles.tools.each();
         let smooth = each.get(tool as usize)?.tool.is_smooth();
         let most_rows = wanted.most_rows.min(MAX_TOOL_ROWS);
-        let most = if smooth {
-            most_rows.min(MAX_TOOL_ROWS / CONE)
-        } else {
-            most_rows / CONE
-        };
+        let most = most_rows / if smooth { 1 } else { CONE };
         if most == 0 {
             return None;
         }
@@ -80,8 +79,18 @@ impl Drive<'_> {
         self.soften();
         let n = self.work.count();
         cones.load(n, grip);
-        let NeedleWork { system, set, .. } = &mut *self.work;
-        if !system.condense(set.rows.len(), self.grasp, cones) {
+        let turns = turn(self.needles, self.tools, self.work, self.points_m);
+        let NeedleWork {
+            system,
+            set,
+            turning,
+            ..
+        } = &mut *self.work;
+        let turning = turning.as_ref().filter(|_| turns);
+        if let Some(turning) = turning {
+            turning.load(self.tools, tool, grip, n, &mut cones.jacobian);
+        }
+        if !system.condense(set.rows.len(), turning, self.grasp, cones) {
             return None;
         }
         let mut out = ToolRows::NONE;

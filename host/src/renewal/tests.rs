@@ -1,6 +1,7 @@
 //! Whoever makes a factor, however slowly, and from whichever state: the same bits.
 
 use super::{Handicap, Rule};
+use crate::columns::Columns;
 use crate::fem::{Loads, Material, Policy};
 use crate::mesh::slab;
 use crate::model::{Model, Passes};
@@ -41,7 +42,10 @@ fn workspace(model: &Model, rule: Rule, handicap: Handicap) -> Workspace {
     let mut work = Workspace::new(model);
     work.vertices_per_step = 1000;
     work.renew_beside(model, rule);
-    let renewer = work.served().renewer_mut().expect("it renews");
+    let renewer = work
+        .served()
+        .and_then(Columns::renewer_mut)
+        .expect("it renews");
     renewer.handicap = handicap;
     work
 }
@@ -92,7 +96,7 @@ fn a_slow_thread_and_none_give_the_bits_of_a_fast_one() {
     let mut alone = workspace(&model, rule, Handicap::default());
     alone
         .served()
-        .renewer_mut()
+        .and_then(Columns::renewer_mut)
         .expect("it renews")
         .lose_thread();
     let mut states = [(); 3].map(|()| State::new(&model));
@@ -191,7 +195,10 @@ fn a_tangent_that_cannot_be_factored_leaves_the_last_good_one() {
     let in_step: u32 = said.iter().map(|said| said.4[2]).sum();
     assert!(in_step >= 1, "{in_step}");
     // It goes on as soon as it can.
-    work.served().renewer_mut().expect("it renews").handicap = Handicap::default();
+    work.served()
+        .and_then(Columns::renewer_mut)
+        .expect("it renews")
+        .handicap = Handicap::default();
     let mut adopted = 0;
     for tick in (0..TICKS).rev() {
         let report = step(&model, &mut state, &[path(tick)], &mut work);

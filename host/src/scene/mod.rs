@@ -194,6 +194,12 @@ impl Scene {
         self.tools.iter().find(|tool| tool.driven)
     }
 
+    /// Whether what is at rest depends on the way there: there are needles, or tissues that touch. Both are balanced
+    /// together, and tools are grips.
+    pub fn depends_on_way(&self) -> bool {
+        !(self.needles.is_empty() && self.touching.is_empty())
+    }
+
     /// Tools that are held while another is driven, with their poses.
     pub fn held(&self) -> impl Iterator<Item = (&Tool, Pose)> {
         let others = self.tools.iter().filter(|tool| !tool.driven);
@@ -204,8 +210,8 @@ impl Scene {
     ///
     /// # Errors
     /// [`SceneError::Build`]: tissue that is not held against rigid motion, handles that conflict, too many
-    /// tools; corotational tissue with handles and tools, or without a balance under its loads; handles beside
-    /// needles. [`SceneError::OnlySessions`] for a model that tools stick to.
+    /// tools; corotational tissue with handles and tools that touch, or without a balance under its loads; tools that
+    /// touch beside needles or tissues that touch, which may also find no rest. [`SceneError::OnlySessions`] for a model that tools stick to.
     pub fn build(&self) -> Result<(Model, State, Workspace), SceneError> {
         let tools: Vec<_> = self
             .tools
@@ -239,8 +245,7 @@ impl Scene {
     }
 
     fn add_needles(&self, model: Model) -> Result<Model, ModelError> {
-        let rubs = self.tools.iter().any(|tool| !tool.shape.is_smooth());
-        if self.needles.is_empty() && !rubs {
+        if !self.depends_on_way() {
             return Ok(model);
         }
         let parts: Vec<_> = self
@@ -266,7 +271,8 @@ impl Scene {
             faces: contact.faces.clone(),
             friction: contact.friction,
         });
-        model.with_touching(&parts.collect::<Vec<_>>(), TouchSettings::default())
+        let parts: Vec<_> = parts.collect();
+        model.with_touching(&self.mesh, &parts, TouchSettings::default())
     }
 }
 

@@ -81,13 +81,6 @@ impl Scene {
         warnings.extend(idle_grips(document, hands, &needles, &threads));
         let touching = read_touching(document, &file.tissue_contact, &mesh)?;
         let needle_tissue = read_needle_tissue(document, &file, &of_cell, &mut warnings)?;
-        if let Some(handle) = file.handle.first().filter(|_| !needles.is_empty()) {
-            let message = "a handle in a scene with needles";
-            let help =
-                "pull with a `[[load]]` instead: handles and needles are not solved together yet";
-            let span = handle.vertices.span();
-            return Err(document.flaw(span, message, "it would pull", Some(help)));
-        }
         let handles = file
             .handle
             .iter()
@@ -145,9 +138,9 @@ fn read_solve_at(document: &Document, file: &SceneFile) -> Result<Option<f64>, S
     let Some(value) = &file.solve_at_s else {
         return Ok(None);
     };
-    if file.needle.is_empty() {
+    if file.needle.is_empty() && file.tissue_contact.is_empty() {
         let message = "a time to solve at in a scene where nothing depends on the way there";
-        let help = "`sutura solve` follows scripts for needles only: add a `[[needle]]`, or leave this key out";
+        let help = "`sutura solve` follows scripts for needles and touching tissues only: add a `[[needle]]`, or leave this key out";
         return Err(document.flaw(value.span(), message, "no needle", Some(help)));
     }
     let help = "seconds since the session begins";

@@ -695,6 +695,13 @@ fn refused(scene: &Scene, entry: &registry::Entry) -> Option<(String, &'static s
             "give `--tissue linear` or `--tissue corotational`, or change `model` in `[tissue]`";
         return Some((format!("it has needles, and {why}"), help));
     }
+    if !scene.touching.is_empty() && scene.needles.is_empty() {
+        let help = "leave `[[tissue_contact]]` out, or take `linear` tissue";
+        return Some((
+            "it has tissues that touch, which only linear and corotational tissue take".to_owned(),
+            help,
+        ));
+    }
     if !scene.loads.handles.is_empty() {
         let help = "leave the handles out, or take `linear` tissue";
         return Some((

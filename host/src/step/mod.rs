@@ -3,26 +3,23 @@
 //! Entry point: [`step`]. Three lifetimes: [`Model`] is constant, [`State`] evolves and can be kept
 //! and compared, [`Workspace`] is scratch and a cache that could be dropped between any two steps.
 
-mod passes;
-mod path;
-mod reduce;
+mod tool_rows;
 
-use crate::body::{Body, BodyWork, Motion};
+use crate::anchors::{Grasp, System};
+use crate::body::{Body, Motion};
 use crate::clock::Clock;
 pub use crate::columns::Arrival;
 use crate::columns::Columns;
-use crate::contact::active_set::{ContactWork, MAX_ROWS, Row, Solids};
-use crate::contact::reduction::Reduction;
-pub use crate::contact::reduction::{MAX_TOOL_ROWS, ToolRowKind, ToolRows};
-use crate::contact::tangent::PoseWork;
 use crate::hash::hash_of;
 use crate::model::Model;
 use crate::needle::{self, MAX_NEEDLES, NeedleReport, NeedlesState, NeedlesWork};
 pub use crate::renewal::{Renewals, Rule};
+use crate::source::tool::Placements;
 use crate::thread::{Bridge, ThreadEnd, ThreadHold, ThreadPoint, ThreadReport, Tightening};
-use crate::tool::{MAX_TOOLS, Placement, ToolSample};
+use crate::tool::{MAX_TOOLS, ToolSample};
 use nalgebra::Vector3;
 use serde::Serialize;
+pub use tool_rows::{MAX_TOOL_ROWS, ToolRowKind, ToolRows};
 
 /// How a step ended. Anything but `Ok` means: send nothing, let the console's data age.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
@@ -82,6 +79,18 @@ pub struct ToolContact {
     pub normal: [f64; 3],
     /// Vertices that it touches.
     pub rows: u32,
+}
+
+impl ToolContact {
+    /// Of a tool that touches nothing, and is near nothing.
+    fn nowhere(id: u8) -> Self {
+        Self {
+            id,
+            gap_m: f64::MAX,
+            normal: [0.0, 0.0, 1.0],
+            ..Self::default()
+        }
+    }
 }
 
 /// Time spent in each stage \[ns\].
@@ -198,15 +207,10 @@ impl StepReport {
     }
 }
 
-/// What evolves: where the tools are and which vertices they push how.
+/// What evolves.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct State {
-    /// Where each tool's shape was at the last balance, by the tool's index; `None` before its first
-    /// sample.
-    placements: [Option<Placement>; MAX_TOOLS],
-    /// Touched vertices and their forces at that balance: the next solve's warm start.
-    rows: Vec<Row>,
-    /// What evolves in the tissue itself, if there are no needles in it.
+    /// What evolves in the tissue itself, if nothing acts on it but loads and handles.
     motion: Motion,
     needles: Option<Box<NeedlesState>>,
 }
@@ -219,16 +223,18 @@ impl State {
 
     /// No tool anywhere yet, tissue at rest under its loads.
     pub fn new(model: &Model) -> Self {
-        let most = MAX_ROWS.min(model.touchable.len() * model.tools.len());
         Self {
-            placements: [None; MAX_TOOLS],
-            rows: Vec::with_capacity(most),
-            motion: model.motion.clone().with_room(most),
+            motion: model.motion.clone(),
             needles: model
                 .needles
                 .as_ref()
                 .map(|needles| Box::new(NeedlesState::new(needles, model.motion.clone()))),
         }
+    }
+
+    /// Rows of needles, threads, handles and tissues that touch, and their forces.
+    pub(crate) fn grasp(&self) -> Option<&Grasp> {
+        self.needles.as_ref().map(|needles| &needles.grasp)
     }
 
     pub(crate) fn motion(&self) -> &Motion {
@@ -392,18 +398,12 @@ impl State {
     /// Nodes that are touched and the force on the tissue there \[N\]; a node touched by two tools comes
     /// twice.
     pub fn contact_forces(&self, model: &Model) -> impl Iterator<Item = (u32, [f64; 3])> {
-        let touches = self
-            .rows
-            .iter()
-            .map(|row| (model.touchable[row.vertex as usize], row.force.into()));
-        let by_needles = self
-            .needles
-            .iter()
-            .flat_map(|needles| needles.grasp.pushes());
-        touches.chain(by_needles.filter_map(|(vertex, force)| {
-            let node = model.body.numbering().node_at(vertex)?;
-            Some((node, force.into()))
-        }))
+        let found = self.needles.iter().zip(&model.needles);
+        found.flat_map(|(state, needles)| {
+            let pushes = state.grasp.pushes();
+            pushes
+                .filter_map(|(vertex, force)| Some((model.node_of(needles, vertex)?, force.into())))
+        })
     }
 }
 
@@ -412,19 +412,6 @@ pub(crate) const DEFAULT_CACHE_BYTES: usize = 512 << 20;
 
 /// Scratch and the cache of compliance columns.
 pub struct Workspace {
-    columns: Columns,
-    body: BodyWork,
-    contact: ContactWork,
-    pose: PoseWork,
-    reduction: Reduction,
-    rows: Vec<ToolRows>,
-    /// Where the touchable vertices are without tools \[m\], (b), corotational tissue by its
-    /// linearisation: what displacements are added to.
-    resting_m: Vec<Vector3<f64>>,
-    /// Displacement of the touchable vertices \[m\], (3 b).
-    displacement: Vec<f64>,
-    saved: Vec<Row>,
-    solids: Solids,
     needles: Option<Box<NeedlesWork>>,
     /// Vertices whose columns one step may compute before it says [`Status::Waiting`].
     pub vertices_per_step: usize,
@@ -444,34 +431,15 @@ pub struct Workspace {
 impl Workspace {
     /// Empty cache; all other buffers at their largest size.
     pub fn new(model: &Model) -> Self {
-        let (vertices, tools) = (model.touchable.len(), model.tools.len());
-        let rows = MAX_ROWS.min(vertices * tools);
-        let mut columns = Columns::new(
-            &model.body.view(&model.motion),
-            &model.held,
-            &model.touchable,
-            DEFAULT_CACHE_BYTES,
-            4 * MAX_ROWS,
-        );
-        columns.belong_to(model.motion.factor());
         Self {
-            columns,
-            body: model.body.work(),
-            contact: ContactWork::new(vertices, tools),
-            pose: PoseWork::new(rows),
-            reduction: Reduction::new(rows, vertices),
-            rows: Vec::with_capacity(MAX_TOOLS),
-            resting_m: model.touchable_m.clone(),
-            displacement: vec![0.0; 3 * vertices],
-            saved: Vec::with_capacity(rows),
-            solids: [None; MAX_TOOLS],
             needles: model
                 .needles
                 .as_ref()
                 .map(|needles| Box::new(NeedlesWork::new(model, needles))),
-            // Where a new factor makes all columns void, a step that computes a few of them and waits is withheld again
-            // and again: what a contact touches is computed at once.
-            vertices_per_step: if model.body.is_linear() { 8 } else { 64 },
+            vertices_per_step: model
+                .needles
+                .as_ref()
+                .map_or(0, |needles| needles.settings.vertices_per_step),
             most_rows: 0,
             spares_rows: false,
             ahead_m: [0.0; 3],
@@ -493,11 +461,11 @@ impl Workspace {
             self.renew_beside(model, Rule::WhenThere);
             return Ok(());
         };
-        let (tissue, held) = (tissue.clone(), model.held.clone());
-        if let Some(needles) = &mut self.needles {
-            return needles.drive.system.start_worker_everywhere(tissue);
+        let tissue = tissue.clone();
+        match self.system(model) {
+            Some((system, reached)) => system.start_worker(tissue, &reached),
+            None => Ok(()),
         }
-        self.columns.start_worker(tissue, held, &model.touchable)
     }
 
     /// As [`Self::start_worker`] without the thread: columns come in the steps in which [`Self::expect`] says that they
@@ -507,10 +475,9 @@ impl Workspace {
             self.renew_beside(model, Rule::AsRecorded);
             return;
         };
-        let (tissue, held) = (tissue.clone(), model.held.clone());
-        match &mut self.needles {
-            Some(needles) => needles.drive.system.replay_worker_everywhere(tissue),
-            None => self.columns.replay_worker(tissue, held, &model.touchable),
+        let tissue = tissue.clone();
+        if let Some((system, reached)) = self.system(model) {
+            system.replay_worker(tissue, &reached);
         }
     }
 
@@ -518,75 +485,66 @@ impl Workspace {
     /// and taken over by `rule`. A state's bits depend on the steps in which that happens and on nothing else. Nothing
     /// happens for linear tissue, nor for a policy that wants factors fresh.
     pub fn renew_beside(&mut self, model: &Model, rule: Rule) {
-        let Self {
-            needles, columns, ..
-        } = self;
-        match needles {
-            Some(needles) => needles.drive.system.renew_everywhere(&model.body, rule),
-            None => {
-                let (body, held) = (&model.body, &model.held);
-                body.renew_beside(columns, held, &model.touchable, rule)
-            }
-        };
+        if let Some((system, reached)) = self.system(model) {
+            system.renew_beside(&model.body, &reached, rule);
+        }
+    }
+
+    /// What finds forces on the tissue, and the nodes that it reaches; nothing if nothing touches it.
+    fn system(&mut self, model: &Model) -> Option<(&mut System, Vec<u32>)> {
+        let reached = model.reached(model.needles.as_ref()?);
+        let needles = self.needles.as_mut()?;
+        Some((&mut needles.drive.system, reached))
     }
 
     /// From now on factors of corotational tissue are made in the step that needs them, as they are at first.
     pub fn renew_in_step(&mut self) {
-        self.served().renew_in_step();
+        self.served().into_iter().for_each(Columns::renew_in_step);
     }
 
     /// What comes from the worker of a replay in steps to come.
     pub fn expect(&mut self, arrivals: &[Arrival]) {
-        self.served().expect(arrivals);
+        if let Some(columns) = self.served() {
+            columns.expect(arrivals);
+        }
     }
 
     /// From now on what comes from the worker is written down, for [`Self::take_arrivals`].
     pub fn log_arrivals(&mut self) {
-        self.served().log_arrivals();
+        self.served().into_iter().for_each(Columns::log_arrivals);
     }
 
     /// What has come from the worker since this was asked last.
     pub fn take_arrivals(&mut self) -> Vec<Arrival> {
-        self.served().take_arrivals()
+        let columns = self.served();
+        columns.map(Columns::take_arrivals).unwrap_or_default()
     }
 
     /// The columns that a worker computes.
-    pub(crate) fn served(&mut self) -> &mut Columns {
-        match &mut self.needles {
-            Some(needles) => needles.drive.system.columns_mut(),
-            None => &mut self.columns,
-        }
+    pub(crate) fn served(&mut self) -> Option<&mut Columns> {
+        let needles = self.needles.as_mut()?;
+        Some(needles.drive.system.columns_mut())
     }
 
-    /// Computes the columns of all boundary vertices whose resting position \[m\] satisfies `near`, so
+    /// Computes the columns of all nodes that can be acted on whose resting position \[m\] satisfies `near`, so
     /// that touching them later costs nothing. Returns how many are there now.
     pub fn prepare(&mut self, model: &Model, near: impl Fn([f64; 3]) -> bool) -> usize {
-        if let Some(needles) = &mut self.needles {
-            return needles.prepare(model, near);
+        match (&mut self.needles, &model.needles) {
+            (Some(work), Some(needles)) => work.prepare(model, needles, near),
+            _ => 0,
         }
-        self.columns.belong_to(model.motion.factor());
-        let missing: Vec<u32> = (0u32..)
-            .zip(&model.touchable_m)
-            .filter(|(vertex, at)| near((**at).into()) && !self.columns.has(*vertex))
-            .map(|(vertex, _)| vertex)
-            .collect();
-        let view = model.body.view(&model.motion);
-        self.columns.compute(&view, &model.held, &missing);
-        self.columns.count()
     }
 
     /// The rows of a tool at the last step's balance, if [`Workspace::most_rows`] asked for any.
     pub fn rows(&self, tool: u8) -> Option<&ToolRows> {
-        let of_needles = self.needles.iter().flat_map(|needles| &needles.rows);
-        let mut rows = self.rows.iter().chain(of_needles);
-        rows.find(|rows| rows.tool == tool)
+        let rows = self.needles.iter().flat_map(|needles| &needles.rows);
+        rows.into_iter().find(|rows| rows.tool == tool)
     }
 
     /// Memory held by the cache \[bytes\].
     pub fn cache_bytes(&self) -> usize {
         let needles = self.needles.as_ref();
-        let columns = needles.map_or(&self.columns, |needles| needles.drive.system.columns());
-        columns.bytes()
+        needles.map_or(0, |needles| needles.drive.system.columns().bytes())
     }
 }
 
@@ -602,43 +560,47 @@ pub fn step(
 ) -> StepReport {
     let mut report = StepReport::default();
     let mut clock = Clock::start();
-    work.contact.iterations = 0;
-    work.rows.clear();
-    work.columns.begin_step();
-    for row in &state.rows {
-        work.columns.keep(row.vertex);
-    }
-    let targets = match path::read_samples(model, samples) {
+    let targets = match read_samples(model, samples) {
         Ok(targets) => targets,
         Err(status) => return StepReport { status, ..report },
     };
-    if let (Some(needles), Some(needles_state), Some(needles_work)) =
+    let (Some(needles), Some(needles_state), Some(needles_work)) =
         (&model.needles, &mut state.needles, &mut work.needles)
-    {
-        let wanted = needle::Wanted {
-            most_rows: if work.spares_rows { 0 } else { work.most_rows },
-            ahead_m: Vector3::from(work.ahead_m),
-            reach_m: work.reach_m,
-        };
-        report.status = needle::step(
-            model,
-            needles,
-            needles_state,
-            (samples, &targets),
-            &wanted,
-            needles_work,
-            &mut report,
-            &mut clock,
-        );
+    else {
+        for (contact, sample) in report.contacts_mut(samples.len()).iter_mut().zip(samples) {
+            *contact = ToolContact::nowhere(sample.id);
+        }
         return report;
-    }
-    report.status = passes::pass(model, state, &targets, work, &mut report, &mut clock);
-    report.iterations = work.contact.iterations;
-    report.rows = state.rows.len() as u32;
-    report.residual = work.contact.residual;
-    if report.status == Status::Ok {
-        reduce::reduce(model, state, samples, &targets, work, &mut report);
-    }
-    clock.lap(&mut report.stages.reduce_ns);
+    };
+    let wanted = needle::Wanted {
+        most_rows: if work.spares_rows { 0 } else { work.most_rows },
+        ahead_m: Vector3::from(work.ahead_m),
+        reach_m: work.reach_m,
+        foresees: work.most_rows > 0,
+    };
+    needles_work.drive.system.set_budget(work.vertices_per_step);
+    report.status = needle::step(
+        model,
+        needles,
+        needles_state,
+        (samples, &targets),
+        &wanted,
+        needles_work,
+        &mut report,
+        &mut clock,
+    );
     report
+}
+
+/// Where each tool has to go.
+fn read_samples(model: &Model, samples: &[ToolSample]) -> Result<Placements, Status> {
+    let mut targets = [None; MAX_TOOLS];
+    for sample in samples {
+        let (index, tool) = model.tool(sample.id).ok_or(Status::UnknownTool)?;
+        let placement = tool.place(sample).ok_or(Status::NotFinite)?;
+        if targets[index].replace(placement).is_some() {
+            return Err(Status::UnknownTool);
+        }
+    }
+    Ok(targets)
 }

@@ -65,7 +65,7 @@ pub fn bench(setup: Setup) -> Bench {
     if setup.touches {
         bench.model = bench
             .model
-            .with_touching(&[touching], TouchSettings::default())
+            .with_touching(&bench.mesh, &[touching], TouchSettings::default())
             .expect("bodies");
     }
     bench.state = State::new(&bench.model);

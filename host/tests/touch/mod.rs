@@ -5,5 +5,5 @@ mod cycles;
 mod laws;
 mod near;
 mod press;
-mod rig;
+pub(crate) mod rig;
 mod walks;

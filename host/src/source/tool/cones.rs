@@ -5,9 +5,8 @@
 //! limit of friction stay what they are, and W, J become `B'WB`, `B'J`. What that takes from the tangent, and what turns, is in M.
 
 use super::{Contact, ToolContacts, TouchingTools};
-use crate::contact::reduction::{MAX_TOOL_ROWS, ToolRowKind, ToolRows};
-use crate::contact::tangent::rigid;
 use crate::dense::Lu;
+use crate::step::{MAX_TOOL_ROWS, ToolRowKind, ToolRows};
 use nalgebra::{Matrix6, Vector2, Vector3};
 
 /// Rows of a cone.
@@ -48,7 +47,8 @@ pub(crate) struct Cones {
 impl Cones {
     /// For so many rows in all, and contacts of a tool.
     pub fn new(most_rows: usize, most_contacts: usize) -> Self {
-        let (k, m) = (AXES * most_contacts, MAX_TOOL_ROWS);
+        // Tools without friction have a row for each.
+        let (k, m) = (AXES * most_contacts, AXES * MAX_TOOL_ROWS);
         Self {
             members: Vec::with_capacity(most_contacts),
             keep: Vec::with_capacity(k),
@@ -145,16 +145,18 @@ impl Cones {
         cones
     }
 
-    /// J of all `n` rows for a motion of the tool about `grip`.
+    /// J of all `n` rows for a motion of the tool about `grip`, what turns by that left out.
     pub fn load(&mut self, n: usize, grip: &Vector3<f64>) {
         let jacobian = &mut self.jacobian[..6 * n];
         jacobian.fill(0.0);
         for member in &self.members {
-            let moves = rigid(&(member.contact.at_m - grip));
+            let arm = member.contact.at_m - grip;
             for (axis, direction) in member.contact.frame().iter().enumerate() {
                 let row = member.contact.row as usize + axis;
-                for (pose, by) in (direction.transpose() * moves).iter().enumerate() {
-                    jacobian[n * pose + row] = *by;
+                let turn = arm.cross(direction);
+                for pose in 0..3 {
+                    jacobian[n * pose + row] = direction[pose];
+                    jacobian[n * (3 + pose) + row] = turn[pose];
                 }
             }
         }

@@ -34,6 +34,39 @@ impl TouchingTools {
         }
     }
 
+    /// Nodes of `near`, those that rest nearest to their tool first.
+    pub fn by_distance(
+        &self,
+        placements: &Placements,
+        near: &mut [(u32, u32)],
+        out: &mut Vec<u32>,
+    ) {
+        let gap = |&(tool, node): &(u32, u32)| {
+            let placement = placements[tool as usize].as_ref();
+            let place = self.nodes.binary_search(&node).ok();
+            let gap = placement.zip(place).map(|(placement, place)| {
+                self.solid(tool as usize, placement)
+                    .gap(&self.resting_m[place])
+            });
+            gap.unwrap_or(f64::MAX)
+        };
+        near.sort_unstable_by(|a, b| gap(a).total_cmp(&gap(b)).then(a.cmp(b)));
+        out.clear();
+        out.extend(near.iter().map(|(_, node)| *node));
+    }
+
+    /// Whether every tool, at its target, is clear of the tissue at rest.
+    pub fn are_free(&self, targets: &Placements, contains: impl Fn(&Vector3<f64>) -> bool) -> bool {
+        !self.is_empty()
+            && targets.iter().enumerate().all(|(tool, target)| {
+                target.is_none_or(|target| {
+                    let solid = self.solid(tool, &target);
+                    let near = self.nearest_at_rest(&solid);
+                    near.is_none_or(|near| near.gap_m > 0.0) && !contains(&solid.middle())
+                })
+            })
+    }
+
     /// No vertex is nearer to a tool than this \[m\].
     pub fn clearance_m(&self, solid: &Solid, slack_m: &[f64]) -> f64 {
         let gaps = (0..self.nodes.len()).map(|place| self.least_gap_m(solid, place, slack_m));
@@ -58,6 +91,40 @@ impl TouchingTools {
 }
 
 impl ToolContacts {
+    /// Tools touch nothing any more.
+    pub fn let_go(&mut self) {
+        self.contacts.clear();
+    }
+
+    /// Forgets tools that touch nothing though they are inside: they have slipped in between vertices, and start afresh
+    /// outside. Whether there were any.
+    pub fn forget_inside(
+        &mut self,
+        tools: &TouchingTools,
+        contains: impl Fn(&Vector3<f64>) -> bool,
+    ) -> bool {
+        for tool in 0..tools.each.len() {
+            let Some(placement) = &self.placements[tool] else {
+                continue;
+            };
+            if self.count(tool as u32) > 0 {
+                continue;
+            }
+            let solid = tools.solid(tool, placement);
+            let middle = solid.middle();
+            // The surface is closed: behind the nearest vertex's tangent plane is the cheap suspicion, the solid angle
+            // the proof.
+            let suspect = tools
+                .nearest_at_rest(&solid)
+                .is_some_and(|near| (middle - near.at).dot(&near.normal) < 0.0);
+            if suspect && contains(&middle) {
+                self.placements[tool] = None;
+                return true;
+            }
+        }
+        false
+    }
+
     /// Brings tools that were nowhere before to where their ways to `targets` begin: outside tissue at rest. Whether there
     /// is such a place for all of them.
     pub fn bring_in(

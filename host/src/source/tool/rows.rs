@@ -11,7 +11,7 @@ use nalgebra::Vector3;
 /// Bit of a row's id that no other rows have.
 const ID: u64 = 1 << 56;
 /// Balance: largest gap over radius, and largest change of a normal since it was linearised \[rad\].
-const TOLERANCE: f64 = 1e-10;
+const TOLERANCE: f64 = 1e-11;
 /// A vertex counts as inside a tool when it is deeper than this part of its radius.
 const DEPTH: f64 = 1e-9;
 

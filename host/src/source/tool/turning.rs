@@ -8,11 +8,13 @@
 use super::{Contact, ToolContacts, TouchingTools};
 use crate::anchors::AnchorRow;
 use crate::dense::Dense;
-use nalgebra::{Matrix2, Vector2};
+use nalgebra::{Matrix2, Vector2, Vector3};
 
 /// A contact whose normal turns.
 #[derive(Clone, Copy, Debug)]
 struct Turn {
+    /// Of its contact among all.
+    place: usize,
     /// Of the first of its two rows across the normal.
     row: usize,
     /// G there \[N/m\], and its Cholesky factor.
@@ -63,8 +65,9 @@ impl Turning {
     ) -> bool {
         let n = delta_free.len();
         self.turns.clear();
-        for contact in &state.contacts {
-            self.turns.extend(turn_of(tools, state, contact, points_m));
+        for (place, contact) in state.contacts.iter().enumerate() {
+            let turn = turn_of(tools, state, contact, points_m);
+            self.turns.extend(turn.map(|turn| Turn { place, ..turn }));
         }
         let m = 2 * self.turns.len();
         if m == 0 {
@@ -128,6 +131,45 @@ impl Turning {
         }
     }
 
+    /// What a motion of `tool` about `grip` changes of all rows' delta by the forces that turn with it, into their J, (n x 6).
+    pub fn load(
+        &self,
+        state: &ToolContacts,
+        tool: u32,
+        grip: &Vector3<f64>,
+        n: usize,
+        jacobian: &mut [f64],
+    ) {
+        for turn in &self.turns {
+            let contact = &state.contacts[turn.place];
+            if contact.tool != tool {
+                continue;
+            }
+            let [_, a, b] = contact.frame();
+            let arm = contact.at_m - grip;
+            for pose in 0..6 {
+                let axis = Vector3::ith(pose % 3, 1.0);
+                let (moved, turned) = if pose < 3 {
+                    (axis, Vector3::zeros())
+                } else {
+                    (
+                        axis.cross(&arm),
+                        axis.cross(&contact.normal) * contact.lambda_n[0],
+                    )
+                };
+                let across = |v: &Vector3<f64>| Vector2::new(a.dot(v), b.dot(v));
+                let force = across(&turned) - turn.stiffness * across(&moved);
+                for (axis, force) in force.iter().enumerate() {
+                    let column = &self.compliance[n * (turn.row + axis)..][..n];
+                    let own = &mut jacobian[n * pose..n * (pose + 1)];
+                    for (own, w) in own.iter_mut().zip(column) {
+                        *own -= w * force;
+                    }
+                }
+            }
+        }
+    }
+
     /// Rows of the turned forces and what these add to the multipliers \[N\], after a solve that left `delta_m`.
     pub fn forces<'a>(
         &'a self,
@@ -157,9 +199,8 @@ fn turn_of(
     let solid = tools.solid(contact.tool as usize, placement);
     let touch = solid.touch(&contact.at_m)?;
     let [_, a, b] = contact.frame();
-    let bend = |i: &nalgebra::Vector3<f64>, j: &nalgebra::Vector3<f64>| {
-        contact.lambda_n[0] * i.dot(&(touch.curvature * j))
-    };
+    let bend =
+        |i: &Vector3<f64>, j: &Vector3<f64>| contact.lambda_n[0] * i.dot(&(touch.curvature * j));
     let stiffness = Matrix2::new(bend(&a, &a), bend(&a, &b), bend(&b, &a), bend(&b, &b));
     let first = stiffness[(0, 0)].max(0.0).sqrt();
     let across = if first > 0.0 {
@@ -171,8 +212,9 @@ fn turn_of(
     if first + second == 0.0 {
         return None;
     }
-    let was = contact.at_m - nalgebra::Vector3::from(points_m[contact.node as usize]);
+    let was = contact.at_m - Vector3::from(points_m[contact.node as usize]);
     Some(Turn {
+        place: 0,
         row: contact.row as usize + 1,
         stiffness,
         factor: Matrix2::new(first, 0.0, across, second),
