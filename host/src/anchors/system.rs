@@ -702,6 +702,10 @@ impl System {
             &mut grasp.forces,
             &mut self.rows_work,
         );
+        if turning.is_some() && !is_solved(&outcome) {
+            // Far from balance there may be none with normals that turn: slower without, but downhill.
+            return self.solve(rows, None, grasp);
+        }
         grasp.anchors.clone_from(&self.next_anchors);
         grasp.acting.clear();
         grasp.acting.extend_from_slice(rows);

@@ -271,6 +271,12 @@ impl Needles {
         !tools_only || self.touching.is_some() || !self.threads.parts.is_empty()
     }
 
+    /// Whether forces follow from an energy alone: there are but tools without friction.
+    pub fn are_conservative(&self) -> bool {
+        let smooth = self.tools.each().iter().all(|each| each.tool.is_smooth());
+        smooth && !self.reach_inside()
+    }
+
     /// How a cell answers needles.
     pub fn tissue(&self, cell: u32) -> &NeedleTissue {
         const NONE: NeedleTissue = NeedleTissue {

@@ -315,6 +315,13 @@ pub(crate) fn step(
     // Of a touch of a tool one counts for all.
     let rows = work.drive.count() - work.drive.tool_rows.len();
     report.rows = (rows + state.tools.contacts.len()) as u32;
+    if status == Status::Ok && !needles.tools.is_empty() {
+        let most = work.drive.system.settings().vertices_per_step;
+        let left = most.saturating_sub(report.columns_computed as usize / 3);
+        let computed = look_ahead(model, needles, state, wanted, &mut work.drive, left);
+        report.columns_computed += 3 * computed;
+        clock.lap(&mut report.stages.columns_ns);
+    }
     if status == Status::Ok {
         reduce(model, needles, state, samples, wanted, work, report, clock);
     }
@@ -590,7 +597,7 @@ fn reduce(
         let force: Vector3<f64> = wrench.fixed_rows::<3>(0).into();
         contact.normal = force.try_normalize(1e-12).unwrap_or(normal).into();
         contact.wrench = wrench.into();
-        let derivative = tangent.differentiate(
+        let mut derivative = tangent.differentiate(
             needles,
             drive.states,
             drive.grasp,
@@ -603,6 +610,13 @@ fn reduce(
             },
             &pulls,
         );
+        // Without friction what tools feel comes from an energy: symmetric to the last bit, but for what the moment makes.
+        if touching.is_some() && needles.are_conservative() {
+            let moment: Vector3<f64> = wrench.fixed_rows::<3>(3).into();
+            derivative = (derivative + derivative.transpose()) * 0.5;
+            let mut corner = derivative.fixed_view_mut::<3, 3>(3, 3);
+            corner -= moment.cross_matrix() * 0.5;
+        }
         contact.tangent = derivative.transpose().into();
     }
     let lambda = drive.grasp.lambda();
@@ -717,11 +731,6 @@ fn reduce(
     clock.lap(&mut report.stages.reduce_ns);
     let most = work.drive.system.settings().vertices_per_step;
     let left = most.saturating_sub(report.columns_computed as usize / 3);
-    if !needles.tools.is_empty() {
-        report.columns_computed +=
-            3 * look_ahead(model, needles, state, wanted, &mut work.drive, left);
-        clock.lap(&mut report.stages.columns_ns);
-    }
     if model.body.is_linear() {
         let left = left.min(PREFETCHED);
         let computed =

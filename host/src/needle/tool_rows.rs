@@ -5,7 +5,7 @@
 use super::drive::{Drive, NeedleWork};
 use super::touching::turn;
 use crate::anchors::ConstraintSet;
-use crate::source::tool::{Cones, Contact, NEAR};
+use crate::source::tool::{Cones, Contact, NEAR, Turning};
 use crate::step::{MAX_TOOL_ROWS, ToolRows};
 use nalgebra::{Matrix6, Vector3};
 
@@ -20,8 +20,6 @@ pub(crate) struct Wanted {
     /// The way that it may go while they are in use, and any way besides \[m\].
     pub ahead_m: Vector3<f64>,
     pub reach_m: f64,
-    /// Whether tools that are apart say how it will be when they touch by what they will touch on their way.
-    pub foresees: bool,
 }
 
 impl Drive<'_> {
@@ -87,6 +85,8 @@ impl Drive<'_> {
             ..
         } = &mut *self.work;
         let turning = turning.as_ref().filter(|_| turns);
+        let is_known = turning.is_none_or(Turning::is_plain);
+        let turning = turning.filter(|turning| turning.is_plain());
         if let Some(turning) = turning {
             turning.load(self.tools, tool, grip, n, &mut cones.jacobian);
         }
@@ -96,6 +96,7 @@ impl Drive<'_> {
         let mut out = ToolRows::NONE;
         cones.write(&self.needles.tools, self.tools, tool, tangent, &mut out);
         out.tool = id;
+        out.turning = is_known;
         (out.count > 0).then_some(out)
     }
 

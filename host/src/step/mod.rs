@@ -401,6 +401,7 @@ impl State {
         let found = self.needles.iter().zip(&model.needles);
         found.flat_map(|(state, needles)| {
             let pushes = state.grasp.pushes();
+            let pushes = pushes.filter(|(_, force)| *force != Vector3::zeros());
             pushes
                 .filter_map(|(vertex, force)| Some((model.node_of(needles, vertex)?, force.into())))
         })
@@ -576,7 +577,6 @@ pub fn step(
         most_rows: if work.spares_rows { 0 } else { work.most_rows },
         ahead_m: Vector3::from(work.ahead_m),
         reach_m: work.reach_m,
-        foresees: work.most_rows > 0,
     };
     needles_work.drive.system.set_budget(work.vertices_per_step);
     report.status = needle::step(

@@ -95,9 +95,9 @@ fn two_tools_may_touch_the_same_vertex() {
     assert!(worst < 1e-6);
 }
 
-/// Two tools in one place leave open which of them pushes: a status, and the way back.
+/// Two tools in one place leave open which of them pushes: they bear as little as they can, half each.
 #[test]
-fn two_tools_in_one_place_say_so() {
+fn two_tools_in_one_place_share_the_force() {
     let (mesh, bottom) = slab_mesh();
     let tools = [(0, ball([0.0; 3])), (5, ball([0.0; 3]))];
     let mut bench = Bench::new(&mesh, &bottom, Loads::default(), &tools);
@@ -108,12 +108,22 @@ fn two_tools_in_one_place_say_so() {
         step(&bench.model, state, &samples, &mut bench.work)
     };
     assert_eq!(both(&mut state, 0.05).status, Status::Ok);
-    assert_eq!(
-        both(&mut state, RADIUS - 0.004).status,
-        Status::NotConverged
+    let pressed = both(&mut state, RADIUS - 0.004);
+    assert_eq!(pressed.status, Status::Ok);
+    let [one, other] = pressed.contacts() else {
+        panic!("two contacts")
+    };
+    let (one, other) = (force(one), force(other));
+    assert!(
+        (one - other).norm() < 1e-6 * one.norm(),
+        "{one} and {other}"
     );
     let air = both(&mut state, 0.05);
     assert_eq!((air.status, air.rows), (Status::Ok, 0));
+    let mut alone = Bench::slab(ball([0.0; 3]));
+    let (_, whole) = alone.afresh(at(0.001, 0.0, 0.05), at(0.001, 0.0, RADIUS - 0.004));
+    let whole = force(&contact(&whole));
+    assert!((one + other - whole).norm() < 1e-6 * whole.norm());
 }
 
 /// Three tools anywhere, at once, one or two of them gone again: every balance is one, every vertex that two

@@ -77,7 +77,7 @@ impl Cones {
             weight: 1.0,
             turn: Vector2::x(),
         }));
-        self.members.sort_by(|a, b| {
+        self.members.sort_unstable_by(|a, b| {
             let (a, b) = (&a.contact, &b.contact);
             let firmer = b.lambda_n[0].total_cmp(&a.lambda_n[0]);
             firmer

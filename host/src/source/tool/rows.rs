@@ -12,6 +12,8 @@ use nalgebra::Vector3;
 const ID: u64 = 1 << 56;
 /// Balance: largest gap over radius, and largest change of a normal since it was linearised \[rad\].
 const TOLERANCE: f64 = 1e-11;
+/// Longest way of a vertex from one linearisation to the next, in radii of the tool.
+const LONGEST: f64 = 0.5;
 /// A vertex counts as inside a tool when it is deeper than this part of its radius.
 const DEPTH: f64 = 1e-9;
 
@@ -110,9 +112,13 @@ impl ToolContacts {
             };
             let solid = tools.solid(contact.tool as usize, placement);
             let before = contact.normal;
+            // What would be thrown across its tool is no guide: not so far at once.
+            let way = at(contact.node) - contact.at_m;
+            let part = (LONGEST * solid.radius() / way.norm()).min(1.0);
+            let there = contact.at_m + way * part;
             contact.lambda_n = [lambda[0], lambda[1], lambda[2]];
             contact.slips = modes[1] == Mode::Slipping;
-            if !contact.look(&solid, at(contact.node)) {
+            if !contact.look(&solid, if part < 1.0 { there } else { at(contact.node) }) {
                 settled.residual = f64::INFINITY;
                 continue;
             }
@@ -123,6 +129,7 @@ impl ToolContacts {
                 (-gap).max(0.0)
             };
             settled.residual = settled.residual.max(off);
+            settled.is &= part >= 1.0;
             let tool = &tools.each[contact.tool as usize].tool;
             if contact.sticks && contact.slips && tool.static_friction > tool.friction {
                 contact.sticks = false;

@@ -3,12 +3,17 @@
 //! Entry points: [`Turning::prepare`], and [`Turning::forces`] after the solve. Where a vertex slides by `dx` across
 //! the normal of its contact, the force on it turns by `G dx`, `G = lambda H`, H the Hessian of the tool's distance. With
 //! T the rows across the normals, the rows' compliance W becomes `W + Q M^-1 Q'`, `Q = W_T L`, `M = 1 - L' W_TT L`, `L L' = T G T'`
-//! (Woodbury): `C (K - G)^-1 C'`. M is positive definite where the balance is stable.
+//! (Woodbury): `C (K - G)^-1 C'`. Deep in tissue `K - G` is not positive definite though the balance is stable, for what presses
+//! keeps the normals from giving way. There these get springs to where they are closed, which bear nothing at the balance
+//! (augmented Lagrangian; Hestenes 1969).
 
 use super::{Contact, ToolContacts, TouchingTools};
 use crate::anchors::AnchorRow;
-use crate::dense::Dense;
+use crate::dense::{Dense, Lu};
 use nalgebra::{Matrix2, Vector2, Vector3};
+
+/// Springs at normals, in stiffnesses of their rows.
+const SPRING: f64 = 10.0;
 
 /// A contact whose normal turns.
 #[derive(Clone, Copy, Debug)]
@@ -35,12 +40,15 @@ pub(crate) struct Turning {
     pub compliance: Vec<f64>,
     pub delta_free: Vec<f64>,
     dense: Dense,
+    lu: Lu,
+    /// Whether normals have springs.
+    augmented: bool,
 }
 
 impl Turning {
     /// For so many rows and contacts.
     pub fn new(most_rows: usize, most_contacts: usize) -> Self {
-        let most = 2 * most_contacts;
+        let most = 3 * most_contacts;
         Self {
             turns: Vec::with_capacity(most_contacts),
             q: vec![0.0; most * most_rows],
@@ -50,11 +58,13 @@ impl Turning {
             compliance: vec![0.0; most_rows * most_rows],
             delta_free: vec![0.0; most_rows],
             dense: Dense::new(most.max(1)),
+            lu: Lu::new(most.max(1)),
+            augmented: false,
         }
     }
 
     /// Makes [`Self::compliance`] and [`Self::delta_free`] of the rows `rows` from `w` (n x n) and `delta_free` (n) for the
-    /// contacts of `state`. Whether anything turns, in a stable way.
+    /// contacts of `state`. Whether anything turns.
     pub fn prepare(
         &mut self,
         tools: &TouchingTools,
@@ -96,14 +106,82 @@ impl Turning {
                 }
             }
         }
-        if self.dense.factor(&mut self.m[..m * m], m).is_err() {
-            self.turns.clear();
-            return false;
-        }
         self.compliance[..n * n].copy_from_slice(w);
         self.delta_free[..n].copy_from_slice(delta_free);
-        self.add(n, m);
+        self.augmented = self.dense.factor(&mut self.m[..m * m], m).is_err();
+        if self.augmented {
+            self.augment(rows, w, delta_free);
+        } else {
+            self.add(n, m);
+        }
         true
+    }
+
+    /// Whether it is `C (K - G)^-1 C'` itself, for derivatives.
+    pub fn is_plain(&self) -> bool {
+        !self.augmented
+    }
+
+    /// With springs at the normals: `W - W_c D M^-1 W_c'`, `M = 1 + W_cc D`, D the springs and -G.
+    fn augment(&mut self, rows: &[AnchorRow], w: &[f64], delta_free: &[f64]) {
+        let n = delta_free.len();
+        let m = 3 * self.turns.len();
+        for (place, turn) in self.turns.iter().enumerate() {
+            let first = turn.row - 1;
+            let spring = SPRING / w[first * (n + 1)].max(f64::MIN_POSITIVE);
+            let columns = [0, 1, 2].map(|axis| &w[n * (first + axis)..n * (first + axis + 1)]);
+            // W_c D, (n x m).
+            let out = &mut self.q[3 * n * place..3 * n * (place + 1)];
+            let (normal, across) = out.split_at_mut(n);
+            let (a, b) = across.split_at_mut(n);
+            let g = turn.stiffness;
+            for row in 0..n {
+                let [c, t, u] = columns.map(|column| column[row]);
+                normal[row] = spring * c;
+                a[row] = -(t * g[(0, 0)] + u * g[(1, 0)]);
+                b[row] = -(t * g[(0, 1)] + u * g[(1, 1)]);
+            }
+            let free = |axis: usize| rows[first + axis].target_m - delta_free[first + axis];
+            self.v[3 * place] = -delta_free[first];
+            self.v[3 * place + 1] = free(1) - turn.was_m.x;
+            self.v[3 * place + 2] = free(2) - turn.was_m.y;
+        }
+        let row_of = |place: usize| self.turns[place / 3].row - 1 + place % 3;
+        for column in 0..m {
+            for row in 0..m {
+                let one = f64::from(u8::from(row == column));
+                self.m[m * column + row] = one + self.q[n * column + row_of(row)];
+            }
+        }
+        for column in 0..n {
+            for row in 0..m {
+                self.answers[m * column + row] = w[n * column + row_of(row)];
+            }
+        }
+        self.lu.factor(&mut self.m[..m * m], m);
+        self.lu
+            .solve(&self.m[..m * m], m, &mut self.answers[..m * n], n);
+        self.lu.solve(&self.m[..m * m], m, &mut self.v[..m], 1);
+        for (column, answer) in self.answers[..m * n].chunks_exact(m).enumerate() {
+            let out = &mut self.compliance[n * column..n * (column + 1)];
+            for (q, by) in self.q.chunks_exact(n).zip(answer) {
+                for (out, q) in out.iter_mut().zip(q) {
+                    *out -= by * q;
+                }
+            }
+        }
+        for column in 0..n {
+            for row in 0..column {
+                let (i, j) = (n * column + row, n * row + column);
+                let both = 0.5 * (self.compliance[i] + self.compliance[j]);
+                (self.compliance[i], self.compliance[j]) = (both, both);
+            }
+        }
+        for (q, by) in self.q.chunks_exact(n).zip(&self.v[..m]) {
+            for (delta, q) in self.delta_free.iter_mut().zip(q) {
+                *delta += by * q;
+            }
+        }
     }
 
     /// Adds `Q M^-1 Q'` and takes `Q M^-1 v` off.
