@@ -123,9 +123,9 @@ fn two_columns_share_a_pressure_by_their_stiffness() {
     }
 }
 
-/// Patch test of contact (Taylor & Papadopoulos 1991): a uniform pressure passes through meshes that do not match. Its
-/// sum does exactly; rows at points share it out among the nodes only about as a pressure would, which is gone half a
-/// width from there.
+/// Patch test of contact (Taylor & Papadopoulos 1991): a uniform pressure passes through meshes that do not match. Rows at
+/// points share it out among the nodes only about as a pressure would, which is hardly seen half a width from there, and
+/// the less the more the pressure moves tissue by than the separation.
 #[test]
 fn a_uniform_pressure_passes_through_meshes_that_do_not_match() {
     for (upper, lower) in [
@@ -133,11 +133,30 @@ fn a_uniform_pressure_passes_through_meshes_that_do_not_match() {
         ([3, 4, 4], [7, 5, 5]),
         ([2, 2, 3], [6, 6, 4]),
     ] {
-        let pressed = columns(upper, lower, 200.0, false);
-        assert_balanced(&pressed);
-        let off = deviation(&pressed, 200.0);
-        let mean_pa = pressed.contact_n().z / (SIDE_M * SIDE_M);
-        println!("{upper:?} {lower:?}: {mean_pa} {off:?}");
+        for traction_pa in [200.0, 2000.0] {
+            let pressed = columns(upper, lower, traction_pa, false);
+            assert_balanced(&pressed);
+            let off = deviation(&pressed, traction_pa);
+            let mean_pa = pressed.contact_n().z / (SIDE_M * SIDE_M);
+            // Nodes that lie between a half of the separation and all of it are not held yet.
+            let bars = if traction_pa > 1000.0 {
+                [0.001, 0.05, 0.005]
+            } else {
+                [0.01, 0.2, 0.02]
+            };
+            let off_pa = [
+                (mean_pa - off.pressure_pa).abs(),
+                off.stress_pa[0],
+                off.stress_pa[1],
+            ];
+            for (off_pa, bar) in off_pa.iter().zip(bars) {
+                assert!(
+                    *off_pa < bar * off.pressure_pa,
+                    "{upper:?} {lower:?}: {mean_pa} {off:?}"
+                );
+            }
+            assert!(off.node_m < 1.5 * pressed.separation_m, "{off:?}");
+        }
     }
 }
 
@@ -216,7 +235,7 @@ fn a_block_slips_beyond_the_cone_and_not_within_it() {
     assert!((0.985..0.9999).contains(&within), "{within}");
     // The cones stand on faces that are bent a little.
     assert!((beyond - 1.0).abs() < 5e-3, "{beyond}");
-    assert!(within_m < 4.0 * half_m && beyond_m > 10.0 * within_m);
+    assert!(within_m < 3.0 * half_m && beyond_m > 2.5 * within_m);
 }
 
 #[test]
