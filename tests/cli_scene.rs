@@ -168,6 +168,30 @@ fn a_session_steps_the_tools_that_are_held_too() {
     assert_eq!(scene["held"].as_array().map(Vec::len), Some(1));
 }
 
+/// Loads press one slab on the other before the first step, and nothing moves after it.
+#[test]
+fn slabs_touch_without_a_needle() {
+    let slabs = "scenes/touching-slabs.toml";
+    let ran = sutura(&["run", slabs, "--lockstep", "--format", "json"]);
+    assert_eq!(ran.code, 0, "{}", ran.stderr);
+    let object = json(&ran);
+    assert_eq!(object["steps_withheld"], serde_json::json!({}), "{object}");
+    let scene = &object["scene"];
+    assert!(scene["touching"].as_u64() > Some(10), "{scene}");
+    assert!(scene["penetration_ratio"].as_f64() < Some(1e-3), "{scene}");
+    let folder = tempfile::tempdir().expect("a folder");
+    let out = folder.path().join("slabs.json").display().to_string();
+    let ran = sutura(&["solve", slabs, "--out", &out, "--format", "json"]);
+    assert_eq!(ran.code, 0, "{}", ran.stderr);
+    let solved = json(&ran);
+    assert_eq!(solved["wound"]["touching"], scene["touching"], "{solved}");
+    assert!(solved["residual"].as_f64() < Some(1e-9), "{solved}");
+    for command in ["check", "explain"] {
+        let ran = sutura(&["scene", command, slabs, "--format", "json"]);
+        assert_eq!(ran.code, 0, "{}", ran.stderr);
+    }
+}
+
 /// Paths of all scenes that ship.
 fn scenes() -> Vec<String> {
     let list = std::fs::read_dir(root().join("scenes")).expect("the folder is there");

@@ -396,6 +396,11 @@ impl Model {
         }
         needle::settle(&mut self)
             .map_err(|needle::NoRest { share, status }| ModelError::NoRest { share, status })?;
+        if let Some(needles) = &self.needles
+            && let Some(rest) = &needles.rest
+        {
+            needles.start_outside(rest.touch.at_m())?;
+        }
         Ok(self)
     }
 

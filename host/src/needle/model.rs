@@ -203,26 +203,7 @@ impl Needles {
                 .get(node as usize)
                 .map_or_else(Vector3::zeros, |at| Vector3::from(*at))
         });
-        let at = |node: u32| {
-            resting_m
-                .get(node as usize)
-                .map_or_else(Vector3::zeros, |at| Vector3::from(*at))
-        };
-        let geometry = Geometry {
-            mesh: &half_faces,
-            hierarchy: &hierarchy,
-            slack: Slack::Everywhere(0.0),
-            at,
-        };
-        for part in parts {
-            let curve = part.needle.at(&part.start);
-            let found = entry(&geometry, &curve, &History::new(0), 0.0, curve.length);
-            let inside = |cell: &[u32; 4]| contains(&cell.map(at), &curve.start);
-            if found.crossing.is_some() || mesh.cells().iter().any(inside) {
-                return Err(NeedleError::Inside { id: part.id });
-            }
-        }
-        Ok(Self {
+        let needles = Self {
             parts: parts.to_vec(),
             settings,
             mesh: half_faces,
@@ -242,7 +223,34 @@ impl Needles {
             kind_of_cell,
             apart_m: APART * mesh.surface().mean_edge_m,
             piece_m: 0.25 * mesh.surface().mean_edge_m,
-        })
+        };
+        needles.start_outside(&needles.resting_m)?;
+        Ok(needles)
+    }
+
+    /// Looks whether the needles start outside tissue whose nodes are `at_m` \[m\], (n x 3).
+    ///
+    /// # Errors
+    /// The first one that does not.
+    pub fn start_outside(&self, at_m: &[Vector3<f64>]) -> Result<(), NeedleError> {
+        let at = |node: u32| at_m.get(node as usize).copied().unwrap_or_default();
+        let ways = at_m.iter().zip(&self.resting_m);
+        let moved_m = ways.fold(0.0f64, |most, (at, from)| most.max((at - from).norm()));
+        let geometry = Geometry {
+            mesh: &self.mesh,
+            hierarchy: &self.hierarchy,
+            slack: Slack::Everywhere(moved_m),
+            at,
+        };
+        for part in &self.parts {
+            let curve = part.needle.at(&part.start);
+            let found = entry(&geometry, &curve, &History::new(0), 0.0, curve.length);
+            let inside = |cell: &[u32; 4]| contains(&cell.map(at), &curve.start);
+            if found.crossing.is_some() || self.mesh.cells().iter().any(inside) {
+                return Err(NeedleError::Inside { id: part.id });
+            }
+        }
+        Ok(())
     }
 
     /// Adds tools that touch the boundary nodes `nodes`, which are `at_rest` (b) \[m\] with outward normals (b); none is

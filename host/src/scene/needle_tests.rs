@@ -464,13 +464,6 @@ const SLIPS: &[Slip] = &[
         help: "let one needle go",
     },
     Slip {
-        from: "[needle_solver]",
-        to: "[[handle]]\nvertices = [40]\nbarycentric = [1.0]\ntarget_displacement_m = [0.0, 0.0, 0.001]\n[needle_solver]",
-        message: "a handle in a scene with needles",
-        under: "[40]",
-        help: "`[[load]]`",
-    },
-    Slip {
         from: "playback = \"every-pose\"",
         to: "playback = \"every-posse\"",
         message: "unknown value `every-posse`",

@@ -78,7 +78,10 @@ impl Scene {
         let hands = (&tools[..], &file.tool[..]);
         let needles = read_needles(document, &file.needle, &tools, &mesh)?;
         let threads = read_threads(document, &file.thread, &needles, &tools)?;
-        warnings.extend(idle_grips(document, hands, &needles, &threads));
+        // Where tissues touch and there are no needles, nothing else may be in the console's grip.
+        if file.tissue_contact.is_empty() || !needles.is_empty() {
+            warnings.extend(idle_grips(document, hands, &needles, &threads));
+        }
         let touching = read_touching(document, &file.tissue_contact, &mesh)?;
         let needle_tissue = read_needle_tissue(document, &file, &of_cell, &mut warnings)?;
         let handles = file

@@ -350,3 +350,46 @@ fn a_grip_that_holds_a_thread_is_not_idle() {
         "{said}"
     );
 }
+
+/// The scene without its needles and threads, but with what may touch.
+fn without_needles() -> String {
+    let (head, tail) = GOOD.split_once("[[needle]]").expect("needles");
+    let (_, touching) = tail.split_once("[[tissue_contact]]").expect("contact");
+    let head = head.replace("needle = {", "# needle = {");
+    [&head, "[[tissue_contact]]", touching].concat()
+}
+
+#[test]
+fn tissues_touch_without_a_needle() {
+    let scene = read(&without_needles()).expect("a good scene");
+    assert!(scene.warnings.is_empty(), "{:?}", scene.warnings);
+    assert!(scene.needles.is_empty() && scene.depends_on_way());
+    let (model, ..) = scene.build().expect("a good model");
+    let needles = model.needles.as_ref().expect("a balance of all");
+    assert!(needles.parts.is_empty() && needles.touching.is_some());
+
+    let pressing = without_needles().replacen("shape = \"grip\"", "radius_m = 0.01", 1);
+    let error = read(&pressing).expect("a good scene").build();
+    let message = error.map(|_| ()).expect_err("it touches").to_string();
+    assert!(message.contains("or a `[[tissue_contact]]`"), "{message}");
+}
+
+#[test]
+fn handles_hold_tissue_beside_needles() {
+    let handle = "[[handle]]\nvertices = [40]\nbarycentric = [1.0]\ntarget_displacement_m = [0.0, 0.0, 0.001]\n";
+    for model in ["linear", "corotational"] {
+        let text = [GOOD, handle].concat();
+        let text = text.replace("[tissue]\n", &format!("[tissue]\nmodel = \"{model}\"\n"));
+        let scene = read(&text).expect("a good scene");
+        let (model, state, _) = scene.build().expect("a good model");
+        let rest = model.equilibrium(&state).expect("a balance");
+        assert!((rest.displacement_m[40][2] - 0.001).abs() < 1e-9);
+        assert_eq!(rest.handle_force_n.len(), 1);
+        assert!(
+            rest.handle_force_n[0][2] > 0.01,
+            "{:?}",
+            rest.handle_force_n
+        );
+        assert!(rest.residual < 1e-8, "{}", rest.residual);
+    }
+}

@@ -136,15 +136,27 @@ impl Bench {
 
     /// Tool 0 holds the first needle, tool 1 the second, both at their frames.
     pub fn many(
-        (mesh, fixed): (TetMesh, Vec<u32>),
+        mesh: (TetMesh, Vec<u32>),
         kind: Kind,
         needles: &[(Needle, Isometry3<f64>)],
         material: Material,
         tissue: &[NeedleTissue],
         settings: NeedleSettings,
     ) -> Self {
-        let tools = [0, 1].map(|id| (id, Tool::new(Shape::Grip, [0.0; 3])));
         let loads = Loads::default();
+        Self::loaded(mesh, kind, needles, (material, loads), tissue, settings)
+    }
+
+    /// The same under loads and handles.
+    pub fn loaded(
+        (mesh, fixed): (TetMesh, Vec<u32>),
+        kind: Kind,
+        needles: &[(Needle, Isometry3<f64>)],
+        (material, loads): (Material, Loads),
+        tissue: &[NeedleTissue],
+        settings: NeedleSettings,
+    ) -> Self {
+        let tools = [0, 1].map(|id| (id, Tool::new(Shape::Grip, [0.0; 3])));
         let model = match kind {
             Kind::Linear => Model::new(&mesh, material, &fixed, loads, &tools),
             Kind::Corotational(passes) => {

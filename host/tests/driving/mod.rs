@@ -6,6 +6,7 @@ mod energy;
 mod extremes;
 mod force;
 mod grips;
+mod handles;
 mod playback;
 mod tangent;
 mod waiting;
