@@ -60,14 +60,16 @@ impl State {
         &self.modes
     }
 
-    /// Adds to multipliers what `forces` makes of delta, by row \[N\].
-    pub(crate) fn add<'a, F: Iterator<Item = (usize, f64)> + 'a>(
+    /// Adds to multipliers what `forces` makes of delta: for a row that presses another one, and how much \[N\].
+    pub(crate) fn add<'a, F: Iterator<Item = (usize, usize, f64)> + 'a>(
         &'a mut self,
         forces: impl FnOnce(&'a [f64]) -> F,
     ) {
         let Self { lambda, delta, .. } = self;
-        for (row, by) in forces(delta) {
-            lambda[row] += by;
+        for (pressing, row, by) in forces(delta) {
+            if lambda[pressing] > 0.0 {
+                lambda[row] += by;
+            }
         }
     }
 

@@ -75,7 +75,8 @@ fn by_differences(
         let (forward, back) = slopes.fold((0.0, 0.0), |(a, b): (f64, f64), (c, d)| {
             (a.max(c), b.max(d))
         });
-        if (forward - back).abs() > 0.03 * forward.max(back) {
+        let largest = forward.max(back);
+        if largest > 1e-12 && (forward - back).abs() > 0.03 * largest {
             return None;
         }
         for row in 0..6 {

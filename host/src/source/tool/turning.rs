@@ -248,16 +248,17 @@ impl Turning {
         }
     }
 
-    /// Rows of the turned forces and what these add to the multipliers \[N\], after a solve that left `delta_m`.
+    /// After a solve that left `delta_m`: normal rows, rows across them, and what the turned forces add to the multipliers of
+    /// the latter as long as the former press \[N\].
     pub fn forces<'a>(
         &'a self,
         rows: &'a [AnchorRow],
         delta_m: &'a [f64],
-    ) -> impl Iterator<Item = (usize, f64)> + 'a {
+    ) -> impl Iterator<Item = (usize, usize, f64)> + 'a {
         self.turns.iter().flat_map(move |turn| {
             let at = [turn.row, turn.row + 1].map(|row| rows[row].target_m - delta_m[row]);
             let turned = turn.stiffness * (Vector2::from(at) - turn.was_m);
-            [(turn.row, -turned[0]), (turn.row + 1, -turned[1])]
+            [0, 1].map(|axis| (turn.row - 1, turn.row + axis, -turned[axis]))
         })
     }
 }
