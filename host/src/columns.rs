@@ -15,7 +15,7 @@ pub(crate) use solver::ColumnSolver;
 
 use crate::fem::{CorotationalState, CorotationalTissue, Factored, HeldPoints, LinearTissue};
 use crate::renewal::{Renewals, Renewer, Rule};
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::Matrix3;
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 use worker::Worker;

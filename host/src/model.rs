@@ -504,7 +504,9 @@ impl Model {
             }
             (Body::Corotational { tissue, .. }, _) => tissue.solve(&loads),
         }?;
-        if let (Some(needles), Some(grasp)) = (&self.needles, state.grasp()) {
+        if let (Some(needles), Some(grasp)) = (&self.needles, state.grasp())
+            && needles.handles.count() > 0
+        {
             found.handle_force_n = needles.handles.forces_n(grasp);
         }
         Ok(found)

@@ -281,8 +281,7 @@ impl Needles {
 
     /// Whether forces follow from an energy alone: there are but tools without friction.
     pub fn are_conservative(&self) -> bool {
-        let smooth = self.tools.each().iter().all(|each| each.tool.is_smooth());
-        smooth && !self.reach_inside()
+        self.tools.are_smooth() && !self.reach_inside()
     }
 
     /// How a cell answers needles.

@@ -2,7 +2,7 @@
 
 use super::drive::{Drive, NeedleWork, position};
 use super::model::Needles;
-use crate::source::tool::ToolContacts;
+use crate::source::tool::{Settled, ToolContacts, Turning};
 use crate::step::Status;
 use nalgebra::Vector3;
 
@@ -27,10 +27,15 @@ impl Drive<'_> {
         let settled = self.tools.settle(tools, of_tools, &work.near_tools, at);
         self.report.residual = settled.residual;
         self.clock.lap(&mut self.report.stages.detect_ns);
-        if settled.has_room {
-            Ok(settled.is)
-        } else {
-            Err(Status::TooManyRows)
+        // Friction may hold what the normals alone do not.
+        let turning = self.work.turning.as_ref();
+        let unstable = turning.is_some_and(Turning::is_unstable) && tools.are_smooth();
+        match settled {
+            Settled {
+                has_room: false, ..
+            } => Err(Status::TooManyRows),
+            Settled { is: true, .. } if unstable => Err(Status::NotConverged),
+            Settled { is, .. } => Ok(is),
         }
     }
 

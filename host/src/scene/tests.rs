@@ -275,9 +275,7 @@ fn corotational_settings_arrive_at_their_solver() {
     assert_eq!((policy.refactor_every, policy.cg_iterations), (19, 3));
     let passes = settings.passes();
     assert_eq!((passes.most, passes.tolerance), (4, 1e-4));
-    let refused = scene.build().map(|_| ()).expect_err("a handle and a tool");
-    let message = refused.to_string();
-    assert!(message.contains("`[[handle]]` and `[[tool]]`"), "{message}");
+    assert!(scene.build().is_ok(), "a handle and a tool");
 }
 
 #[test]

@@ -369,9 +369,12 @@ fn tissues_touch_without_a_needle() {
     assert!(needles.parts.is_empty() && needles.touching.is_some());
 
     let pressing = without_needles().replacen("shape = \"grip\"", "radius_m = 0.01", 1);
-    let error = read(&pressing).expect("a good scene").build();
-    let message = error.map(|_| ()).expect_err("it touches").to_string();
-    assert!(message.contains("or a `[[tissue_contact]]`"), "{message}");
+    let (model, ..) = read(&pressing)
+        .expect("a good scene")
+        .build()
+        .expect("a good model");
+    let needles = model.needles.as_ref().expect("a balance of all");
+    assert!(!needles.tools.is_empty() && needles.touching.is_some());
 }
 
 #[test]

@@ -15,6 +15,7 @@ mod turning;
 
 pub(crate) use cones::Cones;
 pub(crate) use reach::NEAR;
+pub(crate) use rows::Settled;
 pub(crate) use tangent::Touched;
 pub(crate) use turning::Turning;
 
@@ -163,6 +164,11 @@ impl TouchingTools {
             *own = all[each.index];
         }
         own
+    }
+
+    /// Whether none of them rubs.
+    pub fn are_smooth(&self) -> bool {
+        self.each.iter().all(|each| each.tool.is_smooth())
     }
 
     pub fn is_empty(&self) -> bool {

@@ -12,8 +12,15 @@ use crate::anchors::AnchorRow;
 use crate::dense::{Dense, Lu};
 use nalgebra::{Matrix2, Vector2, Vector3};
 
+impl Turn {
+    /// Not on a flat face.
+    fn turns(&self) -> bool {
+        self.factor != Matrix2::zeros()
+    }
+}
+
 /// Springs at normals, in stiffnesses of their rows.
-const SPRING: f64 = 10.0;
+const SPRING: f64 = 100.0;
 
 /// A contact whose normal turns.
 #[derive(Clone, Copy, Debug)]
@@ -41,8 +48,9 @@ pub(crate) struct Turning {
     pub delta_free: Vec<f64>,
     dense: Dense,
     lu: Lu,
-    /// Whether normals have springs.
+    /// Whether normals have springs, and whether not even these make it positive definite.
     augmented: bool,
+    unstable: bool,
 }
 
 impl Turning {
@@ -60,6 +68,7 @@ impl Turning {
             dense: Dense::new(most.max(1)),
             lu: Lu::new(most.max(1)),
             augmented: false,
+            unstable: false,
         }
     }
 
@@ -75,10 +84,8 @@ impl Turning {
     ) -> bool {
         let n = delta_free.len();
         self.turns.clear();
-        for (place, contact) in state.contacts.iter().enumerate() {
-            let turn = turn_of(tools, state, contact, points_m);
-            self.turns.extend(turn.map(|turn| Turn { place, ..turn }));
-        }
+        self.unstable = false;
+        self.gather(tools, state, points_m, Turn::turns);
         let m = 2 * self.turns.len();
         if m == 0 {
             return false;
@@ -110,11 +117,51 @@ impl Turning {
         self.delta_free[..n].copy_from_slice(delta_free);
         self.augmented = self.dense.factor(&mut self.m[..m * m], m).is_err();
         if self.augmented {
+            self.gather(tools, state, points_m, |_| true);
             self.augment(rows, w, delta_free);
+            self.unstable = !self.is_positive(n);
+            if self.unstable {
+                self.turns.clear();
+                return false;
+            }
         } else {
             self.add(n, m);
         }
         true
+    }
+
+    /// Lists the contacts that press and may slide, as far as they are `wanted`.
+    fn gather(
+        &mut self,
+        tools: &TouchingTools,
+        state: &ToolContacts,
+        points_m: &[[f64; 3]],
+        wanted: impl Fn(&Turn) -> bool,
+    ) {
+        self.turns.clear();
+        for (place, contact) in state.contacts.iter().enumerate() {
+            let turn = turn_of(tools, state, contact, points_m).filter(&wanted);
+            self.turns.extend(turn.map(|turn| Turn { place, ..turn }));
+        }
+    }
+
+    /// Whether what the contacts give way by is positive definite.
+    fn is_positive(&mut self, n: usize) -> bool {
+        let m = 3 * self.turns.len();
+        let row_of = |place: usize| self.turns[place / 3].row - 1 + place % 3;
+        for column in 0..m {
+            for row in 0..m {
+                let entry = self.compliance[n * row_of(column) + row_of(row)];
+                self.m[m * column + row] = entry;
+            }
+        }
+        self.dense.factor(&mut self.m[..m * m], m).is_ok()
+    }
+
+    /// Whether the normals of the last [`Self::prepare`] turn faster than tissue holds against it: no balance there is
+    /// stable.
+    pub fn is_unstable(&self) -> bool {
+        self.unstable
     }
 
     /// Whether it is `C (K - G)^-1 C'` itself, for derivatives.
@@ -263,7 +310,7 @@ impl Turning {
     }
 }
 
-/// What turns at a contact; nothing where it sticks, is open, or the shape is flat.
+/// What turns at a contact; nothing where it sticks or is open.
 fn turn_of(
     tools: &TouchingTools,
     state: &ToolContacts,
@@ -288,9 +335,6 @@ fn turn_of(
         0.0
     };
     let second = (stiffness[(1, 1)] - across * across).max(0.0).sqrt();
-    if first + second == 0.0 {
-        return None;
-    }
     let was = contact.at_m - Vector3::from(points_m[contact.node as usize]);
     Some(Turn {
         place: 0,
