@@ -83,6 +83,7 @@ pub(crate) struct NeedleWork {
     pub(super) near_tools: Vec<(u32, u32)>,
     /// Their nodes, the nearest first.
     pub(super) next_nodes: Vec<u32>,
+    pub(super) next_gaps: Vec<(f64, u32)>,
     pub(super) slack_m: [f64; MOST_GROUPS],
     pub(super) turning: Option<Turning>,
     pub(super) saved_tools: ToolContacts,
@@ -142,6 +143,7 @@ impl NeedleWork {
             tool_rows: 0..0,
             near_tools: Vec::with_capacity(needles.tools.most_pairs()),
             next_nodes: Vec::with_capacity(needles.tools.most_pairs()),
+            next_gaps: Vec::with_capacity(needles.tools.most_pairs()),
             slack_m: [0.0; MOST_GROUPS],
             turning: needles
                 .tools

@@ -3,7 +3,7 @@
 //! Entry point: [`step`]. A tool's way is followed in pieces, a balance at the end of each; then
 //! every tool gets its wrench and tangent, every needle its report.
 
-use super::drive::{Drive, NeedleWork, about};
+use super::drive::{Drive, NeedleWork, about, position};
 use super::model::{MAX_NEEDLES, Needles};
 use super::state::{Grip, NeedleState, Tip};
 use super::tangent::{Moves, Pull, TangentWork, slide_twist};
@@ -14,7 +14,7 @@ use crate::body::Motion;
 use crate::clock::Clock;
 use crate::collide::TouchState;
 use crate::model::Model;
-use crate::source::tool::{Cones, Placements, ToolContacts};
+use crate::source::tool::{Cones, NEAR, Placements, ToolContacts};
 use crate::step::{MAX_TOOL_ROWS, ToolRows};
 use crate::step::{Status, StepReport};
 use crate::thread::{MOST_SEGMENTS, ThreadHold, ThreadState};
@@ -805,19 +805,30 @@ fn look_ahead(
     if !linear && !work.system.columns().renews() {
         return 0;
     }
-    let NeedleWork {
-        system,
-        slack_m,
-        near_tools,
-        next_nodes,
-        ..
-    } = work;
-    let more_m = wanted.reach_m;
+    let tools = &needles.tools;
     let placements = &state.tools.placements;
-    needles.tools.near(placements, slack_m, more_m, near_tools);
-    needles
-        .tools
-        .by_distance(placements, near_tools, next_nodes);
+    let mut near = std::mem::take(&mut work.near_tools);
+    let mut gaps = std::mem::take(&mut work.next_gaps);
+    tools.near(placements, &work.slack_m, wanted.reach_m, &mut near);
+    gaps.clear();
+    for &(tool, node) in &near {
+        let Some(placement) = &placements[tool as usize] else {
+            continue;
+        };
+        let solid = tools.solid(tool as usize, placement);
+        let at = position(body, model.points_m(), &state.grasp, work, node);
+        let gap_m = solid.gap(&at);
+        if gap_m < NEAR * solid.radius() + wanted.reach_m {
+            gaps.push((gap_m / solid.radius(), node));
+        }
+    }
+    gaps.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+    work.next_nodes.clear();
+    work.next_nodes.extend(gaps.iter().map(|(_, node)| *node));
+    (work.near_tools, work.next_gaps) = (near, gaps);
+    let NeedleWork {
+        system, next_nodes, ..
+    } = work;
     if linear {
         return system.compute_ahead(body, &state.grasp, next_nodes, left);
     }

@@ -42,7 +42,7 @@ impl Drive<'_> {
         }
         let touched = self.tools.contacts.len();
         self.find_near_tools(wanted.reach_m + wanted.ahead_m.norm());
-        self.add_coming(tool, most, wanted);
+        self.add_coming((tool, smooth), most, wanted);
         let rows = self.write_rows((tool, id), grip, tangent, most, cones);
         self.tools.contacts.truncate(touched);
         rows
@@ -57,7 +57,8 @@ impl Drive<'_> {
         cones: &mut Cones,
     ) -> Option<ToolRows> {
         self.make_rows();
-        if !cones.gather(self.tools, tool, most) {
+        let smooth = self.needles.tools.each()[tool as usize].tool.is_smooth();
+        if !cones.gather(self.tools, (tool, smooth), most) {
             return None;
         }
         let NeedleWork { system, set, .. } = &mut *self.work;
@@ -102,7 +103,7 @@ impl Drive<'_> {
 
     /// Takes up the vertices that a tool is nearest to, here or where it may go, as open contacts: as far as their columns
     /// are there.
-    fn add_coming(&mut self, tool: u32, most: usize, wanted: &Wanted) {
+    fn add_coming(&mut self, (tool, smooth): (u32, bool), most: usize, wanted: &Wanted) {
         let tools = &self.needles.tools;
         let Some(placement) = &self.tools.placements[tool as usize] else {
             return;
@@ -120,7 +121,7 @@ impl Drive<'_> {
             }
             let at = self.position(*node);
             let soonest = solid.gap(&at).min(then.gap(&at));
-            let Some(contact) = Contact::coming(tool, *node, &solid, at) else {
+            let Some(contact) = Contact::coming((tool, smooth), *node, &solid, at) else {
                 continue;
             };
             if soonest >= reach_m {

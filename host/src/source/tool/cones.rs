@@ -25,7 +25,9 @@ struct Member {
 /// Scratch.
 pub(crate) struct Cones {
     members: Vec<Member>,
-    /// Rows of the members, three each.
+    /// Rows of a cone: three, or its normal where the tool does not rub.
+    axes: usize,
+    /// Rows of the members.
     pub keep: Vec<usize>,
     /// J of all rows, (n x 6).
     pub jacobian: Vec<f64>,
@@ -47,10 +49,10 @@ pub(crate) struct Cones {
 impl Cones {
     /// For so many rows in all, and contacts of a tool.
     pub fn new(most_rows: usize, most_contacts: usize) -> Self {
-        // Tools without friction have a row for each.
-        let (k, m) = (AXES * most_contacts, AXES * MAX_TOOL_ROWS);
+        let (k, m) = (AXES * most_contacts, MAX_TOOL_ROWS);
         Self {
             members: Vec::with_capacity(most_contacts),
+            axes: AXES,
             keep: Vec::with_capacity(k),
             jacobian: vec![0.0; 6 * most_rows],
             compliance: vec![0.0; k * k],
@@ -67,7 +69,13 @@ impl Cones {
     }
 
     /// Takes the contacts of `tool`, those that press first, into at most `most` cones. Whether there are any.
-    pub fn gather(&mut self, state: &ToolContacts, tool: u32, most: usize) -> bool {
+    pub fn gather(
+        &mut self,
+        state: &ToolContacts,
+        (tool, smooth): (u32, bool),
+        most: usize,
+    ) -> bool {
+        self.axes = if smooth { 1 } else { AXES };
         self.members.clear();
         self.keep.clear();
         let own = state.contacts.iter().filter(|contact| contact.tool == tool);
@@ -100,7 +108,7 @@ impl Cones {
         }
         for member in &self.members {
             let row = member.contact.row as usize;
-            self.keep.extend(row..row + AXES);
+            self.keep.extend(row..row + self.axes);
         }
         !self.members.is_empty()
     }
@@ -151,7 +159,8 @@ impl Cones {
         jacobian.fill(0.0);
         for member in &self.members {
             let arm = member.contact.at_m - grip;
-            for (axis, direction) in member.contact.frame().iter().enumerate() {
+            let frame = member.contact.frame();
+            for (axis, direction) in frame.iter().enumerate().take(self.axes) {
                 let row = member.contact.row as usize + axis;
                 let turn = arm.cross(direction);
                 for pose in 0..3 {
@@ -171,23 +180,21 @@ impl Cones {
         tangent: &Matrix6<f64>,
         out: &mut ToolRows,
     ) {
-        let m = AXES * self.count();
+        let m = self.axes * self.count();
         self.merge(m);
         let each = &tools.each[tool as usize];
-        let smooth = each.tool.is_smooth();
-        let held = tangent - self.follows(m, smooth);
+        let held = tangent - self.follows(m);
         *out = ToolRows::NONE;
-        // Rows of tools without friction are those along the normals.
-        let every = if smooth { AXES } else { 1 };
-        out.count = m / every;
-        for i in 0..out.count {
-            let row = every * i;
-            let lead = self.members.iter().find(|member| member.cone == row / AXES);
+        out.count = m;
+        let (axes, smooth) = (self.axes, self.axes == 1);
+        for row in 0..m {
+            let i = row;
+            let lead = self.members.iter().find(|member| member.cone == row / axes);
             let Some(lead) = lead.map(|member| &member.contact) else {
                 continue;
             };
             out.id[i] = lead.node;
-            out.kind[i] = match (smooth, row % AXES) {
+            out.kind[i] = match (smooth, row % axes) {
                 (true, _) => ToolRowKind::Smooth,
                 (false, 0) => ToolRowKind::Normal {
                     friction: if lead.sticks {
@@ -198,7 +205,7 @@ impl Cones {
                 },
                 (false, _) => ToolRowKind::Tangent,
             };
-            if row % AXES == 0 && lead.lambda_n[0] <= 0.0 {
+            if row % axes == 0 && lead.lambda_n[0] <= 0.0 {
                 out.delta_m[i] = lead.gap_m;
             }
             out.lambda_n[i] = self.lambda[row];
@@ -208,7 +215,7 @@ impl Cones {
         }
         let pairs = (0..out.count).flat_map(|i| (i..out.count).map(move |j| (i, j)));
         for (entry, (i, j)) in out.compliance.iter_mut().zip(pairs) {
-            *entry = self.w[m * every * j + every * i];
+            *entry = self.w[m * j + i];
         }
         out.held = ((held + held.transpose()) * 0.5).into();
         if let Some(placement) = &state.placements[tool as usize] {
@@ -258,13 +265,13 @@ impl Cones {
 
     /// W, J and forces of the cones.
     fn merge(&mut self, m: usize) {
-        let k = self.keep.len();
+        let (k, axes) = (self.keep.len(), self.axes);
         self.shared[..k * m].fill(0.0);
         self.j[..6 * m].fill(0.0);
         self.w[..m * m].fill(0.0);
         self.lambda[..m].fill(0.0);
         for (place, member) in self.members.iter().enumerate() {
-            for (own, cone, part) in member.parts(place) {
+            for (own, cone, part) in member.parts(place, axes) {
                 let column = &self.compliance[k * own..k * (own + 1)];
                 let out = &mut self.shared[k * cone..k * (cone + 1)];
                 for (out, w) in out.iter_mut().zip(column) {
@@ -275,11 +282,11 @@ impl Cones {
                 }
                 // All of the force: its share of the way is what it has of it.
                 let whole = part / member.weight;
-                self.lambda[cone] += whole * member.contact.lambda_n[own % AXES];
+                self.lambda[cone] += whole * member.contact.lambda_n[own % axes];
             }
         }
         for (place, member) in self.members.iter().enumerate() {
-            for (own, cone, part) in member.parts(place) {
+            for (own, cone, part) in member.parts(place, axes) {
                 for column in 0..m {
                     self.w[m * column + cone] += part * self.shared[k * column + own];
                 }
@@ -288,7 +295,7 @@ impl Cones {
     }
 
     /// How the wrench follows the pose by these cones as they stick, slip or are open now.
-    fn follows(&mut self, m: usize, smooth: bool) -> Matrix6<f64> {
+    fn follows(&mut self, m: usize) -> Matrix6<f64> {
         let mut tangent = Matrix6::zeros();
         if m == 0 {
             return tangent;
@@ -303,12 +310,12 @@ impl Cones {
                 continue;
             }
             done |= 1 << member.cone;
-            let first = AXES * member.cone;
+            let first = self.axes * member.cone;
             let open = !member.presses();
             let normal = self.lambda[first];
-            for axis in 0..AXES {
+            for axis in 0..self.axes {
                 let row = first + axis;
-                if !(open || (axis > 0 && (smooth || member.contact.slips))) {
+                if !(open || (axis > 0 && member.contact.slips)) {
                     continue;
                 }
                 for column in 0..m {
@@ -343,8 +350,12 @@ impl Member {
     }
 
     /// Its row among the kept, the cone's, and its part in that; `place` is its own among the members.
-    fn parts(&self, place: usize) -> impl Iterator<Item = (usize, usize, f64)> + use<> {
-        let (own, cone) = (AXES * place, AXES * self.cone);
+    fn parts(
+        &self,
+        place: usize,
+        axes: usize,
+    ) -> impl Iterator<Item = (usize, usize, f64)> + use<> {
+        let (own, cone) = (axes * place, axes * self.cone);
         let (c, s) = (self.weight * self.turn.x, self.weight * self.turn.y);
         [
             (own, cone, self.weight),
@@ -354,5 +365,6 @@ impl Member {
             (own + 2, cone + 2, c),
         ]
         .into_iter()
+        .take(if axes == 1 { 1 } else { 5 })
     }
 }

@@ -81,6 +81,8 @@ pub(crate) struct Contact {
     before_n: Vector3<f64>,
     /// The first of its three rows in the last solve.
     pub row: u32,
+    /// Whether it has but the first of these: it is open, and the tool does not rub.
+    normal_only: bool,
 }
 
 impl Contact {

@@ -34,27 +34,6 @@ impl TouchingTools {
         }
     }
 
-    /// Nodes of `near`, those that rest nearest to their tool first.
-    pub fn by_distance(
-        &self,
-        placements: &Placements,
-        near: &mut [(u32, u32)],
-        out: &mut Vec<u32>,
-    ) {
-        let gap = |&(tool, node): &(u32, u32)| {
-            let placement = placements[tool as usize].as_ref();
-            let place = self.nodes.binary_search(&node).ok();
-            let gap = placement.zip(place).map(|(placement, place)| {
-                self.solid(tool as usize, placement)
-                    .gap(&self.resting_m[place])
-            });
-            gap.unwrap_or(f64::MAX)
-        };
-        near.sort_unstable_by(|a, b| gap(a).total_cmp(&gap(b)).then(a.cmp(b)));
-        out.clear();
-        out.extend(near.iter().map(|(_, node)| *node));
-    }
-
     /// Whether every tool, at its target, is clear of the tissue at rest.
     pub fn are_free(&self, targets: &Placements, contains: impl Fn(&Vector3<f64>) -> bool) -> bool {
         !self.is_empty()

@@ -73,11 +73,14 @@ impl ToolContacts {
                 frame[2].dot(&sticks_at),
             ];
             let id = ID | u64::from(contact.tool) << 40 | u64::from(node) << 2;
-            for (axis, (direction, target_m)) in (0u64..).zip(frame.into_iter().zip(targets)) {
+            let rows = frame.into_iter().zip(targets);
+            let count = if contact.normal_only { 1 } else { 3 };
+            for (axis, (direction, target_m)) in (0u64..).zip(rows.take(count)) {
                 set.rows.push(AnchorRow {
                     id: id | axis,
                     anchor,
                     kind: match axis {
+                        0 if contact.normal_only => RowKind::Inequality,
                         0 => RowKind::Normal { friction },
                         _ => RowKind::Tangent,
                     },
@@ -224,12 +227,21 @@ impl Contact {
             ahead_m: Vector3::zeros(),
             before_n: Vector3::zeros(),
             row: 0,
+            normal_only: false,
         }
     }
 
     /// At a vertex that a tool may come to touch, with the tool's shape as it is now.
-    pub fn coming(tool: u32, node: u32, solid: &Solid, at_m: Vector3<f64>) -> Option<Self> {
-        let mut contact = Self::new(tool, node, at_m);
+    pub fn coming(
+        (tool, smooth): (u32, bool),
+        node: u32,
+        solid: &Solid,
+        at_m: Vector3<f64>,
+    ) -> Option<Self> {
+        let mut contact = Self {
+            normal_only: smooth,
+            ..Self::new(tool, node, at_m)
+        };
         contact.look(solid, at_m).then_some(contact)
     }
 
