@@ -75,12 +75,23 @@ pub(crate) fn subtract_product(
     c: &mut [f64],
     (k, m, n): (usize, usize, usize),
 ) {
+    add_product(-1.0, a, b, c, (k, m, n));
+}
+
+/// `c += scale a' b` for a (k x m), b (k x n) and c (m x n).
+pub(crate) fn add_product(
+    scale: f64,
+    a: &[f64],
+    b: &[f64],
+    c: &mut [f64],
+    (k, m, n): (usize, usize, usize),
+) {
     matmul(
         MatMut::from_column_major_slice_mut(c, m, n),
         Accum::Add,
         MatRef::from_column_major_slice(a, k, m).transpose(),
         MatRef::from_column_major_slice(b, k, n),
-        -1.0,
+        scale,
         Par::Seq,
     );
 }

@@ -9,7 +9,7 @@
 
 use super::{Contact, ToolContacts, TouchingTools};
 use crate::anchors::AnchorRow;
-use crate::dense::{Dense, Lu};
+use crate::dense::{Dense, Lu, add_product, solve_lower};
 use nalgebra::{Matrix2, Vector2, Vector3};
 
 impl Turn {
@@ -233,26 +233,27 @@ impl Turning {
 
     /// Adds `Q M^-1 Q'` and takes `Q M^-1 v` off.
     fn add(&mut self, n: usize, m: usize) {
-        let factor = &self.m[..m * m];
-        self.dense.solve(factor, m, &mut self.v[..m], 1);
-        for row in 0..n {
-            for place in 0..m {
-                self.answers[m * row + place] = self.q[n * place + row];
+        let Self {
+            q,
+            answers,
+            m: factor,
+            v,
+            compliance,
+            delta_free,
+            ..
+        } = self;
+        let (factor, answers) = (&factor[..m * m], &mut answers[..m * n]);
+        for (row, answers) in answers.chunks_exact_mut(m).enumerate() {
+            for (answer, q) in answers.iter_mut().zip(q.chunks_exact(n)) {
+                *answer = q[row];
             }
         }
-        self.dense.solve(factor, m, &mut self.answers[..m * n], n);
-        for (column, answer) in self.answers[..m * n].chunks_exact(m).enumerate() {
-            let out = &mut self.compliance[n * column..n * (column + 1)];
-            for (q, by) in self.q.chunks_exact(n).zip(answer) {
-                for (out, q) in out.iter_mut().zip(q) {
-                    *out += by * q;
-                }
-            }
-        }
-        for (q, by) in self.q.chunks_exact(n).zip(&self.v[..m]) {
-            for (delta, q) in self.delta_free.iter_mut().zip(q) {
-                *delta -= by * q;
-            }
+        // M = L L', so that what is added is the square of L^-1 Q'.
+        solve_lower(factor, m, answers, n);
+        solve_lower(factor, m, &mut v[..m], 1);
+        add_product(1.0, answers, answers, &mut compliance[..n * n], (m, n, n));
+        for (delta, answer) in delta_free.iter_mut().zip(answers.chunks_exact(m)) {
+            *delta -= answer.iter().zip(&v[..m]).map(|(q, v)| q * v).sum::<f64>();
         }
     }
 
