@@ -4,15 +4,17 @@
 //! every tool gets its wrench and tangent, every needle its report.
 
 use super::drive::{Drive, NeedleWork, about};
+use super::kept::Kept;
 use super::model::{MAX_NEEDLES, Needles};
 use super::state::{Grip, NeedleState, Tip};
 use super::tangent::{Pull, TangentWork, slide_twist};
 use super::threads::{report_threads, thread_ends};
 use super::{Curve, NeedlePart};
 use crate::anchors::{Grasp, System};
-use crate::body::Motion;
+use crate::body::{Body, Motion};
 use crate::clock::Clock;
 use crate::collide::TouchState;
+use crate::fem::Moved;
 use crate::model::Model;
 use crate::step::{Status, StepReport};
 use crate::thread::{MOST_SEGMENTS, ThreadHold, ThreadState};
@@ -91,6 +93,8 @@ pub(crate) struct NeedlesWork {
     pub drive: NeedleWork,
     tangent: TangentWork,
     ahead: Vec<u32>,
+    /// Of hyperelastic tissue.
+    kept: Option<Box<Kept>>,
 }
 
 impl NeedlesState {
@@ -143,11 +147,20 @@ impl NeedlesWork {
             tangent: TangentWork::new(settings.most_rows + settings.most_spread),
             // A cell and its neighbours around each tip, and one that lies ahead.
             ahead: Vec::with_capacity(24 * MAX_NEEDLES),
+            kept: matches!(model.body, Body::Hyperelastic { .. })
+                .then(|| Box::new(Kept::new(needles, &state))),
         }
     }
 }
 
 impl NeedlesWork {
+    /// Where tissue cannot go the state is as before the step.
+    fn put_back(&self, state: &mut NeedlesState) {
+        if let Some(kept) = &self.kept {
+            kept.put_back(state);
+        }
+    }
+
     /// Computes the columns of all nodes whose resting position \[m\] satisfies `near`; how many are there.
     pub fn prepare(&mut self, model: &Model, near: impl Fn([f64; 3]) -> bool) -> usize {
         let nodes: Vec<u32> = (0u32..)
@@ -212,6 +225,9 @@ pub(crate) fn step(
             0.0
         };
     }
+    if let Some(kept) = &mut work.kept {
+        kept.keep(state);
+    }
     let status = loop {
         let body = &model.body;
         if let Some(balance) = work.drive.system.look(body, &mut state.grasp) {
@@ -225,6 +241,7 @@ pub(crate) fn step(
         clock.lap(&mut report.stages.tissue_ns);
         if let Some(linearised) = linearised {
             if !linearised.sound {
+                work.put_back(state);
                 break Status::NotConverged;
             }
             report.renewals.asked += u32::from(linearised.asked);
@@ -232,6 +249,10 @@ pub(crate) fn step(
                 report.refactorisations += 1;
                 report.tangent_error = 0.0;
             }
+        }
+        if let Some(kept) = work.kept.as_ref().filter(|_| report.passes > 0) {
+            kept.begin_again(state);
+            report.substeps = 0;
         }
         let status = follow(
             model,
@@ -245,14 +266,22 @@ pub(crate) fn step(
         if !matches!(status, Status::Ok | Status::Behind) || body.is_linear() {
             break status;
         }
-        work.drive.system.accept(body, &mut state.grasp);
+        let moved = work.drive.system.accept(body, &mut state.grasp);
         clock.lap(&mut report.stages.tissue_ns);
+        if moved == Moved::Not {
+            work.put_back(state);
+            break Status::NotConverged;
+        }
         report.passes += 1;
         if report.passes >= model.passes.most {
             report.tangent_error += body.tangent_error_of_pass(state.grasp.motion());
         }
         if status == Status::Behind || report.passes >= model.passes.most {
-            break status;
+            // Half way there is a place to go on from, but no balance.
+            break match moved {
+                Moved::Part => Status::NotConverged,
+                _ => status,
+            };
         }
     };
     if matches!(status, Status::Ok | Status::Behind) {
@@ -427,6 +456,7 @@ fn reduce(
         drive: scratch,
         tangent,
         ahead,
+        ..
     } = work;
     let mut stages_report = *report;
     let drive = Drive {

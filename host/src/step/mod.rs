@@ -7,7 +7,7 @@ mod passes;
 mod path;
 mod reduce;
 
-use crate::body::{Body, BodyWork, Motion};
+use crate::body::{Body, BodyWork, Motion, Place};
 use crate::clock::Clock;
 pub use crate::columns::Arrival;
 use crate::columns::Columns;
@@ -424,6 +424,9 @@ pub struct Workspace {
     /// Displacement of the touchable vertices \[m\], (3 b).
     displacement: Vec<f64>,
     saved: Vec<Row>,
+    /// Before the step, for hyperelastic tissue that lets it go nowhere.
+    before: Vec<Row>,
+    place: Place,
     solids: Solids,
     needles: Option<Box<NeedlesWork>>,
     /// Vertices whose columns one step may compute before it says [`Status::Waiting`].
@@ -464,6 +467,8 @@ impl Workspace {
             resting_m: model.touchable_m.clone(),
             displacement: vec![0.0; 3 * vertices],
             saved: Vec::with_capacity(rows),
+            before: Vec::with_capacity(rows),
+            place: Place::default(),
             solids: [None; MAX_TOOLS],
             needles: model
                 .needles

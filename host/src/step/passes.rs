@@ -1,10 +1,12 @@
-//! Passes over corotational tissue: linearise, find the contact forces, move the tissue.
+//! Passes over corotational or hyperelastic tissue: linearise, find the contact forces, move the tissue.
 //!
 //! Entry point: [`pass`]. The first pass follows the tools along their paths, later ones balance the tissue
 //! with the tools where they are. Linear tissue is followed once, as it is.
 
 use super::path::{self, Targets};
 use super::{Clock, State, Status, StepReport, Workspace};
+use crate::body::Body;
+use crate::fem::Moved;
 use crate::model::Model;
 
 pub(super) fn pass(
@@ -22,6 +24,9 @@ pub(super) fn pass(
     report.renewals = model
         .body
         .begin_step(&mut state.motion, &mut work.columns, &model.held);
+    let placements = state.placements;
+    work.before.clone_from(&state.rows);
+    state.motion.keep(&mut work.place);
     clock.lap(&mut report.stages.tissue_ns);
     loop {
         let body = &model.body;
@@ -37,6 +42,7 @@ pub(super) fn pass(
         clock.lap(&mut report.stages.tissue_ns);
         if let Some(linearised) = linearised {
             if !linearised.sound {
+                put_back(model, state, work, placements);
                 return Status::NotConverged;
             }
             report.renewals.asked += u32::from(linearised.asked);
@@ -60,15 +66,32 @@ pub(super) fn pass(
             return status;
         }
         let pushes = state.rows.iter().map(|row| (row.vertex, row.force));
-        body.accept(&mut state.motion, &mut work.body, &work.columns, pushes);
+        let moved = body.accept(&mut state.motion, &mut work.body, &work.columns, pushes);
         clock.lap(&mut report.stages.tissue_ns);
+        if moved == Moved::Not {
+            put_back(model, state, work, placements);
+            return Status::NotConverged;
+        }
         report.passes += 1;
         if report.passes >= model.passes.most {
             report.tangent_error += body.tangent_error_of_pass(&state.motion);
         }
         if status == Status::Behind || report.passes >= model.passes.most {
-            return status;
+            // Half way there is a place to go on from, but no balance.
+            return match moved {
+                Moved::Part => Status::NotConverged,
+                _ => status,
+            };
         }
+    }
+}
+
+/// Where hyperelastic tissue cannot go the state is as before the step.
+fn put_back(model: &Model, state: &mut State, work: &Workspace, placements: Targets) {
+    if let Body::Hyperelastic { .. } = &model.body {
+        state.motion.go_back(&work.place);
+        state.rows.clone_from(&work.before);
+        state.placements = placements;
     }
 }
 
