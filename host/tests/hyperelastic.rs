@@ -76,13 +76,13 @@ fn pulls(share: f64, turn: &Rotation3<f64>) -> (Vec<AnchorPoint>, Vec<AnchorRow>
     });
     let mut rows = Vec::new();
     for (anchor, (_, way)) in (0u32..).zip(PULLED) {
-        for axis in 0..3 {
+        for (axis, target) in way.into_iter().enumerate() {
             rows.push(AnchorRow {
                 id: rows.len() as u64,
                 anchor,
                 kind: RowKind::Equality,
                 direction: (turn * Vector3::ith(axis, 1.0)).into(),
-                target_m: share * way[axis],
+                target_m: share * target,
             });
         }
     }
@@ -261,12 +261,12 @@ fn a_pull_that_would_invert_cells_is_followed_in_parts() {
         ..converged()
     };
     let mut solver = solver(&mesh, Cells::Linear, Policy::default(), settings);
-    // One node of the top, two and a half cells along it.
-    let way = 0.025;
+    // One node of the top, pressed through most of the slab.
+    let way = std::env::var("WAY").ok().and_then(|w| w.parse().ok()).unwrap_or(-0.024);
     let (points, mut rows) = pulls(1.0, &Rotation3::identity());
     let points = &points[..1];
     rows.truncate(3);
-    for (row, target) in rows.iter_mut().zip([way, 0.0, 0.0]) {
+    for (row, target) in rows.iter_mut().zip([0.0, 0.0, way]) {
         row.target_m = target;
     }
     let mut statuses = Vec::new();
@@ -286,7 +286,7 @@ fn a_pull_that_would_invert_cells_is_followed_in_parts() {
     assert!(statuses.contains(&AnchorStatus::NotSolved), "{statuses:?}");
     assert_eq!(statuses.last(), Some(&AnchorStatus::Ok), "{statuses:?}");
     let reached = solver.displacement_m(PULLED[0].0);
-    assert!((reached[0] - way).abs() < 1e-6, "{reached:?}");
+    assert!((reached[2] - way).abs() < 1e-6, "{reached:?}");
 }
 
 /// Loads that are there from the beginning: the model rests where the reference does, and knows its energy.
