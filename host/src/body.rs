@@ -362,7 +362,7 @@ impl Body {
     /// Estimate of the relative error of a tangent whose factor is as old as `balance` says: a cell that
     /// has turned by theta shears where its factored stiffness expects pressure, which differs in the energy
     /// norm by theta sqrt((lambda + 2 mu) / mu); a change of stretch counts like a turn. The cell that
-    /// changed most stands for all. Of hyperelastic tissue it is the change of the deformation gradient.
+    /// changed most stands for all. Of hyperelastic tissue strain and turn are those of the deformation gradient.
     pub fn tangent_error(&self, balance: &Balance) -> f64 {
         self.error_of(balance.change_since_refactor)
     }

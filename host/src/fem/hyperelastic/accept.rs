@@ -55,6 +55,8 @@ impl HyperelasticTissue {
             let is_down = slope_j >= 0.0 || fall_j <= FALL * share * slope_j + self.round_off_j;
             if after_j.is_finite() && is_down {
                 self.go(state, workspace, share, after_j);
+                // A fresh factor leads nowhere else, an old one might.
+                state.is_poor |= halvings > 0;
                 return if halvings == 0 {
                     Moved::Whole
                 } else {
@@ -64,6 +66,7 @@ impl HyperelasticTissue {
             share *= 0.5;
         }
         workspace.energy_j = before_j;
+        state.is_poor = true;
         Moved::Not
     }
 
@@ -79,9 +82,11 @@ impl HyperelasticTissue {
             *u += share * way;
         }
         let slopes = workspace.elasticity.deformations(&workspace.direction);
-        let zero = Matrix3::zeros();
-        let steepest = Self::largest_change(slopes, std::iter::repeat(&zero));
-        state.change_of_move = share * steepest;
+        let changes = slopes.zip(&workspace.deformed).map(|(slope, f)| {
+            let inverse = f.try_inverse().unwrap_or_default();
+            (slope * inverse).norm()
+        });
+        state.change_of_move = share * changes.fold(0.0, f64::max);
         workspace.energy_j = energy_j;
     }
 }

@@ -8,12 +8,14 @@ use super::super::{Balance, Linearisation};
 use super::{
     CHANGE_OF_TURN, HyperelasticState, HyperelasticTissue, HyperelasticWorkspace, TangentKind,
 };
-use nalgebra::Vector3;
+use nalgebra::{Matrix3, Vector3};
 
 /// First shift of a tangent that is not positive definite, as a share of its mean diagonal entry; each further one is
 /// ten times as large.
 const FIRST_SHIFT: f64 = 1e-5;
 const MOST_SHIFTS: u32 = 6;
+/// A factor with which an iteration of conjugate gradients leaves more than this in the energy norm is not worth keeping.
+const POOR: f64 = 0.5;
 
 impl HyperelasticTissue {
     /// The out-of-balance force `external - internal` \[N\] (unknowns) at the state's displacement, and the u + du that
@@ -80,8 +82,9 @@ impl HyperelasticTissue {
             return report;
         }
         state.age = state.age.saturating_add(1);
-        let is_old =
-            turn_rad > self.policy.refactor_rotation_rad || state.age > self.policy.refactor_every;
+        let is_old = turn_rad > self.policy.refactor_rotation_rad
+            || state.age > self.policy.refactor_every
+            || state.is_poor;
         if is_old && state.moved {
             report.sound = self.refactor(state, workspace);
             report.refactored = report.sound;
@@ -97,6 +100,7 @@ impl HyperelasticTissue {
         } else {
             (report.cg_iterations, report.cg_residual) =
                 self.iterate(state, workspace, report.residual_j);
+            state.is_poor = report.cg_residual > POOR;
         }
         report
     }
@@ -161,9 +165,13 @@ impl HyperelasticTissue {
                     0 => TangentKind::Consistent,
                     _ => TangentKind::Projected,
                 };
-                state.factored.copy_from_slice(deformed);
+                for (inverse, f) in state.factored.iter_mut().zip(deformed.iter()) {
+                    // Only of a flat cell there is none, which has no energy.
+                    *inverse = f.try_inverse().unwrap_or_default();
+                }
                 state.fingerprint = fingerprint(stiffness);
                 state.age = 0;
+                state.is_poor = false;
                 state.moved = false;
                 return true;
             }
@@ -248,10 +256,12 @@ impl HyperelasticTissue {
     }
 }
 
-/// Largest change of a deformation gradient (Frobenius norm) between the factor and the last look.
+/// Largest strain and turn of a cell between the factor and the last look: F F_0^-1 - I (Frobenius norm), which counts from
+/// how the cell was then, however flat.
 fn change_since_refactor(state: &HyperelasticState, workspace: &HyperelasticWorkspace) -> f64 {
-    let now = workspace.deformed.iter().copied();
-    HyperelasticTissue::largest_change(now, state.factored.iter())
+    let cells = workspace.deformed.iter().zip(&state.factored);
+    let changes = cells.map(|(now, inverse)| (now * inverse - Matrix3::identity()).norm());
+    changes.fold(0.0, f64::max)
 }
 
 fn precondition(state: &HyperelasticState, workspace: &mut HyperelasticWorkspace) {

@@ -22,7 +22,7 @@ use super::numbering::Numbering;
 use super::pattern::Pattern;
 use super::{Policy, TangentKind};
 use crate::mesh::TetMesh;
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::Vector3;
 use sutura_models::BuildError;
 use sutura_models::hyperelastic::{Cells, Elasticity};
 use sutura_models::law::Law;
@@ -32,7 +32,7 @@ use sutura_models::memory;
 const COPIES: usize = 4;
 /// And with needles: of their own state, and of the one that was kept of it.
 const COPIES_FOR_NEEDLES: usize = 2;
-/// Norm of the change of a deformation gradient over the turn that it is, for small ones.
+/// Frobenius norm of what a small turn adds to the identity, over the turn.
 const CHANGE_OF_TURN: f64 = std::f64::consts::SQRT_2;
 
 /// What hyperelastic tissue is made of.
@@ -195,15 +195,6 @@ impl HyperelasticTissue {
         let moved = rest.zip(displacement_m);
         let x: Vec<_> = moved.map(|(x, u)| x + Vector3::from(*u)).collect();
         self.elasticity.clone().cauchy_stress(&x)
-    }
-
-    /// Largest change of a deformation gradient (Frobenius norm) between two lists of them.
-    fn largest_change<'a>(
-        now: impl Iterator<Item = Matrix3<f64>>,
-        then: impl Iterator<Item = &'a Matrix3<f64>>,
-    ) -> f64 {
-        let changes = now.zip(then).map(|(now, then)| (now - then).norm());
-        changes.fold(0.0, f64::max)
     }
 }
 

@@ -16,15 +16,17 @@ pub struct HyperelasticState {
     unknowns: usize,
     /// Linearisations since the factor was made.
     pub(super) age: u32,
-    /// Largest change of a deformation gradient in the last move.
+    /// Largest strain and turn of a cell in the last move (Frobenius norm).
     pub(super) change_of_move: f64,
+    /// Whether the factor has turned out to be of no help: the next linearisation makes another.
+    pub(super) is_poor: bool,
 
     // Written by a refactorisation.
     /// Written nowhere: it follows from what was factored, see `fingerprint`.
     #[serde(skip)]
     pub(super) factor: Factor,
     pub(super) tangent: TangentKind,
-    /// Deformation gradients in the factor, (m).
+    /// Inverse deformation gradients in the factor, (m).
     pub(super) factored: Vec<Matrix3<f64>>,
     /// Of the tangent's entries; 0 at rest.
     pub(super) fingerprint: u64,
@@ -39,6 +41,7 @@ impl HyperelasticState {
             unknowns: tissue.unknowns(),
             age: 0,
             change_of_move: 0.0,
+            is_poor: false,
             factor: tissue.rest_factor.clone(),
             tangent: TangentKind::Consistent,
             factored: vec![Matrix3::identity(); tissue.cells()],
@@ -73,7 +76,7 @@ impl HyperelasticState {
         self.fingerprint
     }
 
-    /// Largest change of a deformation gradient (Frobenius norm) in the last move.
+    /// Largest strain and turn of a cell in the last move (Frobenius norm).
     pub(crate) fn change_of_move(&self) -> f64 {
         self.change_of_move
     }
@@ -85,8 +88,8 @@ impl PartialEq for HyperelasticState {
         self.u == other.u
             && self.factored == other.factored
             && self.change_of_move == other.change_of_move
-            && (self.age, self.moved, self.tangent, self.fingerprint)
-                == (other.age, other.moved, other.tangent, other.fingerprint)
+            && (self.age, self.moved, self.is_poor) == (other.age, other.moved, other.is_poor)
+            && (self.tangent, self.fingerprint) == (other.tangent, other.fingerprint)
     }
 }
 
