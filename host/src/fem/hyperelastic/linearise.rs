@@ -16,6 +16,8 @@ const FIRST_SHIFT: f64 = 1e-5;
 const MOST_SHIFTS: u32 = 6;
 /// A factor with which an iteration of conjugate gradients leaves more than this in the energy norm is not worth keeping.
 const POOR: f64 = 0.5;
+/// Share of the forces out of balance below which that is not asked.
+const LEAST_JUDGED: f64 = 1e-6;
 
 impl HyperelasticTissue {
     /// The out-of-balance force `external - internal` \[N\] (unknowns) at the state's displacement, and the u + du that
@@ -41,6 +43,7 @@ impl HyperelasticTissue {
         self.update(state, workspace);
         let internal = &workspace.internal;
         let scale_n = dot(external, external).max(dot(internal, internal)).sqrt();
+        workspace.scale_n = scale_n;
         for ((residual, external), internal) in
             workspace.residual.iter_mut().zip(external).zip(internal)
         {
@@ -100,7 +103,9 @@ impl HyperelasticTissue {
         } else {
             (report.cg_iterations, report.cg_residual) =
                 self.iterate(state, workspace, report.residual_j);
-            state.is_poor = report.cg_residual > POOR;
+            // Of what is next to nothing round-off would judge; and one iteration says nothing.
+            let is_judged = residual_n > LEAST_JUDGED * workspace.scale_n;
+            state.is_poor = is_judged && report.cg_iterations > 1 && report.cg_residual > POOR;
         }
         report
     }

@@ -107,6 +107,8 @@ pub struct HyperelasticWorkspace {
     pub(super) deformed: Vec<Matrix3<f64>>,
     /// Elastic energy \[J\] at the last look or move.
     pub(super) energy_j: f64,
+    /// Norm of external or internal forces at the last look, whichever is larger \[N\].
+    pub(super) scale_n: f64,
     /// What round-off leaves of the out-of-balance force \[N\].
     pub(super) round_off_n: f64,
     /// Internal force \[N\] and u + du \[m\], (unknowns).
@@ -137,6 +139,7 @@ impl HyperelasticWorkspace {
             nodal: zeros,
             deformed: vec![Matrix3::identity(); tissue.cells()],
             energy_j: 0.0,
+            scale_n: 0.0,
             round_off_n: 0.0,
             internal: empty.clone(),
             predicted: empty.clone(),
