@@ -1,4 +1,4 @@
-//! How a step on hyperelastic tissue began, for its later passes, and for one that tissue lets go nowhere.
+//! How a step on hyperelastic tissue began, for its later passes, and for one that finds no balance.
 //!
 //! Entry points: [`Kept::keep`], [`Kept::begin_again`], [`Kept::put_back`]. Every pass follows the whole way of the step on
 //! its own linearisation: what rubs slides by how far it has come since the step began (an implicit Euler step), which a

@@ -154,10 +154,15 @@ impl NeedlesWork {
 }
 
 impl NeedlesWork {
-    /// Where tissue cannot go the state is as before the step.
-    fn put_back(&self, state: &mut NeedlesState) {
+    /// Where hyperelastic tissue cannot go the state is as before the step.
+    fn put_back(&mut self, state: &mut NeedlesState) {
         if let Some(kept) = &self.kept {
             kept.put_back(state);
+            // What is asked for places under these needs their columns, and no others are fetched.
+            self.drive.pushes.clear();
+            self.drive
+                .pushes
+                .extend_from_slice(state.grasp.motion().pushed());
         }
     }
 
@@ -241,7 +246,6 @@ pub(crate) fn step(
         clock.lap(&mut report.stages.tissue_ns);
         if let Some(linearised) = linearised {
             if !linearised.sound {
-                work.put_back(state);
                 break Status::NotConverged;
             }
             report.renewals.asked += u32::from(linearised.asked);
@@ -269,7 +273,6 @@ pub(crate) fn step(
         let moved = work.drive.system.accept(body, &mut state.grasp);
         clock.lap(&mut report.stages.tissue_ns);
         if moved == Moved::Not {
-            work.put_back(state);
             break Status::NotConverged;
         }
         report.passes += 1;
@@ -277,7 +280,7 @@ pub(crate) fn step(
             report.tangent_error += body.tangent_error_of_pass(state.grasp.motion());
         }
         if status == Status::Behind || report.passes >= model.passes.most {
-            // Half way there is a place to go on from, but no balance.
+            // Half way there is no balance.
             break match moved {
                 Moved::Part => Status::NotConverged,
                 _ => status,
@@ -287,6 +290,10 @@ pub(crate) fn step(
     if matches!(status, Status::Ok | Status::Behind) {
         state.time_us = time_us.unwrap_or(state.time_us);
     } else {
+        // While columns are awaited the tissue stays where their factor is of.
+        if status != Status::Waiting {
+            work.put_back(state);
+        }
         for (each, speed) in state.each.iter_mut().zip(&speeds) {
             each.speed = *speed;
         }

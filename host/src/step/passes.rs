@@ -77,11 +77,12 @@ pub(super) fn pass(
             report.tangent_error += body.tangent_error_of_pass(&state.motion);
         }
         if status == Status::Behind || report.passes >= model.passes.most {
-            // Half way there is a place to go on from, but no balance.
-            return match moved {
-                Moved::Part => Status::NotConverged,
-                _ => status,
-            };
+            // Half way there is no balance.
+            if moved == Moved::Part {
+                put_back(model, state, work, placements);
+                return Status::NotConverged;
+            }
+            return status;
         }
     }
 }
