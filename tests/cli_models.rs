@@ -94,12 +94,19 @@ fn what_a_model_does_not_take_is_refused_with_the_reason() {
             ],
         ),
         (
-            run(needles, &["--tissue", "hyperelastic"]),
+            run(needles, &["--tissue", "energy-balance-neo-hookean"]),
             [
-                "hyperelastic tissue does not take this scene: it has needles",
+                "energy-balance-neo-hookean tissue does not take this scene: it has needles",
                 "compliance",
-                "--tissue linear",
+                "--tissue hyperelastic",
             ],
+        ),
+        (
+            run(
+                needles,
+                &["--tissue", "hyperelastic: quadratic cells, to 1e-3"],
+            ),
+            ["hyperelastic tissue", "linear or averaged cells", ""],
         ),
         (
             run(&own, &["--tissue", "shape-matching", "--rendering", "rows"]),

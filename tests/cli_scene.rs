@@ -223,7 +223,7 @@ fn the_schema_takes_what_is_shipped_and_not_a_misspelt_key() {
             ("youngs_modulus_pa", "yungs_modulus_pa"),
             ("poisson_ratio = 0", "poisson_ratio = \"soft\" # 0"),
             ("[tissue]", "[tisue]"),
-            ("\"linear\"", "\"liner\""),
+            ("model = \"", "model = \"w"),
             ("axis = \"", "axis = \"w"),
         ] {
             let slip = as_json(&path, |text| {

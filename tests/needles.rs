@@ -19,17 +19,23 @@ use sutura_shared::wire::{Accumulator, Unchecked, Valid, decode};
 
 const SLABS: &str = "scenes/needle-slabs.toml";
 const ARC: &str = "scenes/needle-arc.toml";
+const HYPERELASTIC: &str = "scenes/needle-hyperelastic.toml";
 /// Period of the host in both scenes \[us\].
 const PERIOD_US: u64 = 5000;
 
 fn run(scene: &str) -> Value {
-    let ran = sutura(&["run", scene, "--lockstep", "--format", "json"]);
+    run_on(scene, &[])
+}
+
+fn run_on(scene: &str, tissue: &[&str]) -> Value {
+    let line = ["run", scene, "--lockstep", "--format", "json"];
+    let ran = sutura(&[&line, tissue].concat());
     assert_eq!(ran.code, 0, "{}", ran.stderr);
     serde_json::from_str(&ran.stdout).unwrap()
 }
 
 /// Every step is sent, the force stays below the device's limit, and at the end the tissue is alone again.
-fn check_session(summary: &Value) {
+fn check_session(summary: &Value, punctures: u32) {
     assert_eq!(summary["status"], "ok");
     assert_eq!(summary["steps_withheld"], serde_json::json!({}));
     assert_eq!(summary["decays"], 0);
@@ -43,7 +49,7 @@ fn check_session(summary: &Value) {
     let peak = summary["force_n"]["peak"].as_f64().unwrap();
     assert!((0.2..3.0).contains(&peak), "{peak} N");
     let scene = &summary["scene"];
-    assert_eq!(scene["punctures"], 4, "{scene}");
+    assert_eq!(scene["punctures"], punctures, "{scene}");
     let needle = &scene["needles"][0];
     assert_eq!(
         (&needle["tip"], &needle["crossings"], &needle["guessed"]),
@@ -60,7 +66,7 @@ fn check_session(summary: &Value) {
 #[test]
 fn a_straight_needle_goes_through_both_slabs_and_comes_back() {
     let summary = run(SLABS);
-    check_session(&summary);
+    check_session(&summary, 4);
     let again = run(SLABS);
     assert_eq!(summary["trace_hash"], again["trace_hash"]);
     assert_eq!(summary["scene"], again["scene"]);
@@ -78,8 +84,36 @@ fn a_straight_needle_goes_through_both_slabs_and_comes_back() {
 #[test]
 fn an_arc_goes_through_both_tube_walls_and_changes_hands() {
     let summary = run(ARC);
-    check_session(&summary);
+    check_session(&summary, 4);
     assert_eq!(summary["scene"]["needles"][0]["held_by"], 1);
+}
+
+/// The force of corotational tissue to some hundredths, as nothing is strained far but what the tip presses on, and its
+/// own bits again.
+#[test]
+fn a_needle_goes_through_hyperelastic_tissue() {
+    let summary = run(HYPERELASTIC);
+    check_session(&summary, 2);
+    assert_eq!(summary["scene"]["tissue"], "hyperelastic");
+    assert_eq!(summary["rendering"], "rows");
+    assert_eq!(summary["trace_hash"], run(HYPERELASTIC)["trace_hash"]);
+    let corotational = run_on(HYPERELASTIC, &["--tissue", "corotational"]);
+    check_session(&corotational, 2);
+    let figures = |summary: &Value| {
+        let needle = &summary["scene"]["needles"][0];
+        let spent = needle["dissipated_j"]["friction"].as_f64().unwrap();
+        [
+            needle["peak_axial_n"].as_f64().unwrap(),
+            spent,
+            summary["force_n"]["rms"].as_f64().unwrap(),
+        ]
+    };
+    let (own, other) = (figures(&summary), figures(&corotational));
+    println!("hyperelastic {own:?}, corotational {other:?}");
+    for (own, other) in own.iter().zip(other) {
+        let off = (own / other - 1.0).abs();
+        assert!(off > 1e-6 && off < 0.1, "{own} {other}");
+    }
 }
 
 /// In real time a thread computes what the needle comes to, and frames go through a pseudo-terminal. What is felt is above, in

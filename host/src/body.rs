@@ -1,20 +1,25 @@
-//! Tissue of either model as rows see it: where it is without their forces, and how it gives way.
+//! Tissue of any model as rows see it: where it is without their forces, and how it gives way.
 //!
 //! Entry points: [`Body::look`], [`Body::linearise`], [`Body::free`], [`Body::accept`]. Rows find forces
 //! p on the linearised tissue `u = u_free + K^-1 p`. Linear tissue is that and needs one pass.
-//! Corotational tissue is linearised about its present u under the forces p_0 of the last pass,
+//! Corotational and hyperelastic tissue is linearised about its present u under the forces p_0 of the last pass,
 //! `u_free = u + du - K_0^-1 p_0`, where du answers the out-of-balance force with the present tangent
 //! and K_0 is the factored one: a fixed point is in balance and fulfils the rows whatever K_0 is.
+//! Hyperelastic tissue goes that way only as far as no cell inverts.
+
+mod straining;
 
 use crate::columns::Columns;
 use crate::fem::{
     Balance, CorotationalState, CorotationalTissue, CorotationalWorkspace, Factor, Factored,
-    HeldPoints, LinearTissue, Linearisation, Numbering, SolveScratch,
+    HeldPoints, HyperelasticState, HyperelasticTissue, LinearTissue, Linearisation, Moved,
+    Numbering, SolveScratch,
 };
 use crate::renewal::{Renewals, Rule};
 use nalgebra::Vector3;
 use serde::Serialize;
 use std::sync::Arc;
+use straining::Straining;
 
 /// A force on a vertex that columns can reach.
 pub(crate) type Push = (u32, Vector3<f64>);
@@ -34,22 +39,52 @@ pub(crate) enum Body {
         /// Forces that do not come from rows \[N\], (unknowns).
         loads: Vec<f64>,
     },
+    /// Stiffness that follows from strains of any size.
+    Hyperelastic {
+        tissue: Arc<HyperelasticTissue>,
+        /// Forces that do not come from rows \[N\], (unknowns).
+        loads: Vec<f64>,
+    },
 }
 
-/// What evolves in tissue: nothing if it is linear, for its displacement follows from the forces.
+/// What evolves in tissue.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
-pub(crate) struct Motion(Option<Turning>);
+pub(crate) enum Motion {
+    /// Nothing in linear tissue: its displacement follows from the forces.
+    #[default]
+    Still,
+    /// Of corotational tissue.
+    Turning(Evolving<CorotationalState>),
+    /// Of hyperelastic tissue.
+    Straining(Evolving<HyperelasticState>),
+}
 
 #[derive(Clone, Debug, PartialEq, Serialize)]
-struct Turning {
-    state: CorotationalState,
+pub(crate) struct Evolving<S> {
+    state: S,
     /// Forces of the last pass.
     pushes: Vec<Push>,
 }
 
-/// Scratch of corotational tissue.
-pub(crate) struct BodyWork(Option<Box<Scratch>>);
+type Turning = Evolving<CorotationalState>;
 
+/// Where hyperelastic tissue is and the forces on it, to go back to; nothing of other tissue.
+#[derive(Default)]
+pub(crate) struct Place {
+    u: Vec<f64>,
+    pushes: Vec<Push>,
+}
+
+/// Scratch of tissue that needs more than one pass.
+pub(crate) struct BodyWork(Works);
+
+enum Works {
+    None,
+    Turning(Box<Scratch>),
+    Straining(Box<straining::Scratch>),
+}
+
+/// Scratch of corotational tissue.
 struct Scratch {
     tissue: CorotationalWorkspace,
     external: Vec<f64>,
@@ -85,30 +120,85 @@ impl Motion {
     /// Corotational tissue that starts in `state`.
     pub fn turning(state: CorotationalState) -> Self {
         let pushes = Vec::new();
-        Self(Some(Turning { state, pushes }))
+        Self::Turning(Evolving { state, pushes })
+    }
+
+    /// Hyperelastic tissue that starts in `state`.
+    pub fn straining(state: HyperelasticState) -> Self {
+        let pushes = Vec::new();
+        Self::Straining(Evolving { state, pushes })
     }
 
     /// Room for so many forces, which a copy does not have.
     pub fn with_room(mut self, pushes: usize) -> Self {
-        if let Some(turning) = &mut self.0 {
-            turning.pushes.reserve(pushes);
+        match &mut self {
+            Self::Still => {}
+            Self::Turning(turning) => turning.pushes.reserve(pushes),
+            Self::Straining(straining) => straining.pushes.reserve(pushes),
         }
         self
     }
 
     /// Vertices whose columns [`Body::free`] will read, and the forces on them.
     pub fn pushed(&self) -> &[Push] {
-        self.0.as_ref().map_or(&[], |turning| &turning.pushes)
+        match self {
+            Self::Still => &[],
+            Self::Turning(turning) => &turning.pushes,
+            Self::Straining(straining) => &straining.pushes,
+        }
     }
 
     /// Number of the present factor, for [`Columns::belong_to`].
     pub fn factor(&self) -> u64 {
-        self.state().map_or(0, CorotationalState::fingerprint)
+        match self {
+            Self::Still => 0,
+            Self::Turning(turning) => turning.state.fingerprint(),
+            Self::Straining(straining) => straining.state.fingerprint(),
+        }
     }
 
     /// The state of corotational tissue.
     pub fn state(&self) -> Option<&CorotationalState> {
-        self.0.as_ref().map(|turning| &turning.state)
+        match self {
+            Self::Turning(turning) => Some(&turning.state),
+            _ => None,
+        }
+    }
+
+    /// The state of hyperelastic tissue.
+    pub fn strained(&self) -> Option<&HyperelasticState> {
+        match self {
+            Self::Straining(straining) => Some(&straining.state),
+            _ => None,
+        }
+    }
+
+    /// Writes down where hyperelastic tissue is. Allocates the first time.
+    pub fn keep(&self, place: &mut Place) {
+        if let Self::Straining(own) = self {
+            place.u.clear();
+            place.u.extend_from_slice(own.state.unknowns());
+            place.pushes.clear();
+            place.pushes.reserve(own.pushes.capacity());
+            place.pushes.extend_from_slice(&own.pushes);
+        }
+    }
+
+    /// Takes hyperelastic tissue back to where it was; the factor stays.
+    pub fn go_back(&mut self, place: &Place) {
+        if let Self::Straining(own) = self {
+            own.state.unknowns_mut().copy_from_slice(&place.u);
+            own.pushes.clone_from(&place.pushes);
+        }
+    }
+
+    /// Displacement of free nodes \[m\], (unknowns), where it does not follow from the forces alone.
+    pub fn unknowns(&self) -> Option<&[f64]> {
+        match self {
+            Self::Still => None,
+            Self::Turning(turning) => Some(turning.state.unknowns()),
+            Self::Straining(straining) => Some(straining.state.unknowns()),
+        }
     }
 }
 
@@ -117,6 +207,7 @@ impl Body {
         match self {
             Self::Linear { tissue, .. } => tissue.numbering(),
             Self::Corotational { tissue, .. } => tissue.numbering(),
+            Self::Hyperelastic { tissue, .. } => tissue.numbering(),
         }
     }
 
@@ -137,6 +228,10 @@ impl Body {
                 tissue: tissue.clone(),
                 loads: scaled(loads),
             },
+            Self::Hyperelastic { tissue, loads } => Self::Hyperelastic {
+                tissue: tissue.clone(),
+                loads: scaled(loads),
+            },
         }
     }
 
@@ -145,19 +240,23 @@ impl Body {
         match self {
             Self::Linear { .. } => Motion::default(),
             Self::Corotational { tissue, .. } => Motion::turning(tissue.state()),
+            Self::Hyperelastic { tissue, .. } => Motion::straining(tissue.state()),
         }
     }
 
     pub fn work(&self) -> BodyWork {
         BodyWork(match self {
-            Self::Linear { .. } => None,
-            Self::Corotational { tissue, .. } => Some(Box::new(Scratch {
+            Self::Linear { .. } => Works::None,
+            Self::Corotational { tissue, .. } => Works::Turning(Box::new(Scratch {
                 tissue: tissue.workspace(),
                 external: vec![0.0; tissue.unknowns()],
                 change: vec![0.0; tissue.unknowns()],
                 solve: tissue.scratch(1),
                 energy_j: 0.0,
             })),
+            Self::Hyperelastic { tissue, .. } => {
+                Works::Straining(Box::new(straining::Scratch::new(tissue)))
+            }
         })
     }
 
@@ -168,6 +267,9 @@ impl Body {
             Self::Corotational { tissue, .. } => motion
                 .state()
                 .map_or(tissue.rest_factor(), CorotationalState::factor),
+            Self::Hyperelastic { tissue, .. } => motion
+                .strained()
+                .map_or(tissue.rest_factor(), HyperelasticState::factor),
         };
         View {
             numbering: self.numbering(),
@@ -182,8 +284,8 @@ impl Body {
         columns: &mut Columns,
         held: &HeldPoints,
     ) -> Renewals {
-        match (self, &mut motion.0) {
-            (Self::Corotational { tissue, .. }, Some(turning)) => {
+        match (self, motion) {
+            (Self::Corotational { tissue, .. }, Motion::Turning(turning)) => {
                 columns.take_over(tissue, &mut turning.state, held)
             }
             _ => Renewals::default(),
@@ -215,14 +317,11 @@ impl Body {
         work: &mut BodyWork,
         columns: &Columns,
     ) -> Option<Balance> {
-        let (tissue, loads, turning, scratch) = self.turning(motion, work)?;
-        scratch.external.copy_from_slice(loads);
-        for &(vertex, force) in &turning.pushes {
-            let first = columns.first_unknown(vertex);
-            for axis in 0..3 {
-                scratch.external[first + axis] += force[axis];
-            }
+        if let Some(mut straining) = self.straining(motion, work) {
+            return Some(straining.look(columns));
         }
+        let (tissue, loads, turning, scratch) = self.turning(motion, work)?;
+        outside(loads, &turning.pushes, columns, &mut scratch.external);
         let balance = tissue.look(&mut turning.state, &mut scratch.tissue, &scratch.external);
         scratch.energy_j = tissue.energy_j(&scratch.tissue);
         Some(balance)
@@ -236,6 +335,9 @@ impl Body {
         work: &mut BodyWork,
         columns: &mut Columns,
     ) -> Option<Linearisation> {
+        if let Some(mut straining) = self.straining(motion, work) {
+            return Some(straining.linearise(columns));
+        }
         let (tissue, _, turning, scratch) = self.turning(motion, work)?;
         let Scratch {
             tissue: workspace,
@@ -254,8 +356,9 @@ impl Body {
     pub fn predicted<'a>(&'a self, work: &'a BodyWork) -> &'a [f64] {
         match (self, &work.0) {
             (Self::Linear { resting, .. }, _) => resting,
-            (_, Some(scratch)) => scratch.tissue.predicted(),
-            (_, None) => &[],
+            (_, Works::Turning(scratch)) => scratch.tissue.predicted(),
+            (_, Works::Straining(scratch)) => scratch.predicted(),
+            (_, Works::None) => &[],
         }
     }
 
@@ -278,16 +381,19 @@ impl Body {
     /// Estimate of the relative error of a tangent whose factor is as old as `balance` says: a cell that
     /// has turned by theta shears where its factored stiffness expects pressure, which differs in the energy
     /// norm by theta sqrt((lambda + 2 mu) / mu); a change of stretch counts like a turn. The cell that
-    /// changed most stands for all.
+    /// changed most stands for all. Of hyperelastic tissue strain and turn are those of the deformation gradient.
     pub fn tangent_error(&self, balance: &Balance) -> f64 {
         self.error_of(balance.change_since_refactor)
     }
 
     /// What a pass that has not been looked at adds to the estimate.
     pub fn tangent_error_of_pass(&self, motion: &Motion) -> f64 {
-        match (self, motion.state()) {
-            (Self::Corotational { tissue, .. }, Some(state)) => {
-                self.error_of(tissue.change_since_linearised(state))
+        match (self, motion) {
+            (Self::Corotational { tissue, .. }, Motion::Turning(turning)) => {
+                self.error_of(tissue.change_since_linearised(&turning.state))
+            }
+            (Self::Hyperelastic { .. }, Motion::Straining(straining)) => {
+                self.error_of(straining.state.change_of_move())
             }
             _ => 0.0,
         }
@@ -297,19 +403,24 @@ impl Body {
         match self {
             Self::Linear { .. } => 0.0,
             Self::Corotational { tissue, .. } => change * tissue.stiffness_ratio(),
+            Self::Hyperelastic { tissue, .. } => change * tissue.stiffness_ratio(),
         }
     }
 
-    /// Takes over the forces of a pass and moves the tissue accordingly.
+    /// Takes over the forces of a pass and moves the tissue accordingly, as far as it can go; if it cannot, forces stay
+    /// as they were, too.
     pub fn accept(
         &self,
         motion: &mut Motion,
         work: &mut BodyWork,
         columns: &Columns,
         pushes: impl Iterator<Item = Push>,
-    ) {
+    ) -> Moved {
+        if let Some(mut straining) = self.straining(motion, work) {
+            return straining.accept(columns, pushes);
+        }
         let Some((_, _, turning, scratch)) = self.turning(motion, work) else {
-            return;
+            return Moved::Whole;
         };
         let Scratch {
             tissue,
@@ -353,17 +464,22 @@ impl Body {
             *energy_j += 0.5 * (external + internal) * (next - *u);
             *u = next;
         }
+        Moved::Whole
     }
 
-    /// Elastic energy \[J\] of corotational tissue less the work of its loads, as it was accepted last.
+    /// Elastic energy \[J\] of corotational or hyperelastic tissue less the work of its loads, as it was accepted last.
     pub fn potential_j(&self, motion: &Motion, work: &BodyWork) -> Option<f64> {
-        match (self, motion.state(), &work.0) {
-            (Self::Corotational { loads, .. }, Some(state), Some(scratch)) => {
-                let done = loads.iter().zip(state.unknowns()).map(|(f, u)| f * u);
-                Some(scratch.energy_j - done.sum::<f64>())
+        let (loads, energy_j) = match (self, &work.0) {
+            (Self::Corotational { loads, .. }, Works::Turning(scratch)) => {
+                (loads, scratch.energy_j)
             }
-            _ => None,
-        }
+            (Self::Hyperelastic { loads, .. }, Works::Straining(scratch)) => {
+                (loads, scratch.energy_j())
+            }
+            _ => return None,
+        };
+        let done = loads.iter().zip(motion.unknowns()?).map(|(f, u)| f * u);
+        Some(energy_j - done.sum::<f64>())
     }
 
     /// Displacement of free nodes \[m\] (unknowns) with `pushes` acting, into `u`.
@@ -375,10 +491,10 @@ impl Body {
         u: &mut [f64],
         scratch: &mut SolveScratch,
     ) {
-        if let Some(state) = motion.state() {
-            u.copy_from_slice(state.unknowns());
+        if let Some(unknowns) = motion.unknowns() {
+            u.copy_from_slice(unknowns);
         } else {
-            self.displaced(motion, &BodyWork(None), columns, pushes, u, scratch);
+            self.displaced(motion, &BodyWork(Works::None), columns, pushes, u, scratch);
         }
     }
 
@@ -420,11 +536,45 @@ impl Body {
         &'a mut Turning,
         &'a mut Scratch,
     )> {
-        match (self, &mut motion.0, &mut work.0) {
-            (Self::Corotational { tissue, loads }, Some(turning), Some(scratch)) => {
-                Some((tissue, loads, turning, scratch))
-            }
+        match (self, motion, &mut work.0) {
+            (
+                Self::Corotational { tissue, loads },
+                Motion::Turning(turning),
+                Works::Turning(scratch),
+            ) => Some((tissue, loads, turning, scratch)),
             _ => None,
+        }
+    }
+
+    /// The parts of hyperelastic tissue.
+    fn straining<'a>(
+        &'a self,
+        motion: &'a mut Motion,
+        work: &'a mut BodyWork,
+    ) -> Option<Straining<'a>> {
+        match (self, motion, &mut work.0) {
+            (
+                Self::Hyperelastic { tissue, loads },
+                Motion::Straining(own),
+                Works::Straining(scratch),
+            ) => Some(Straining {
+                tissue,
+                loads,
+                own,
+                scratch,
+            }),
+            _ => None,
+        }
+    }
+}
+
+/// Forces on the unknowns \[N\]: loads and those of rows, into `external`.
+fn outside(loads: &[f64], pushes: &[Push], columns: &Columns, external: &mut [f64]) {
+    external.copy_from_slice(loads);
+    for &(vertex, force) in pushes {
+        let first = columns.first_unknown(vertex);
+        for axis in 0..3 {
+            external[first + axis] += force[axis];
         }
     }
 }

@@ -7,6 +7,7 @@ mod model;
 mod wound;
 
 use crate::fem::{CorotationalTissue, LinearTissue};
+use crate::model::ModelError;
 use crate::needle::{Hierarchy, NeedleShape};
 use crate::scene::{HostSettings, Pose, Scene, SceneError, Tissue, position_at};
 use crate::script::{Path, at_rest, path};
@@ -100,7 +101,9 @@ impl Component {
 /// # Errors
 /// What [`TissueSolver::new`] refuses, or [`crate::session::ModelSolver::new`] for a model that tools stick to.
 pub fn explain(scene: &Scene) -> Result<Vec<Component>, SolveError> {
-    if let Tissue::Registered(model) = scene.tissue {
+    if let Tissue::Registered(model) = scene.tissue
+        && !scene.has_rows()
+    {
         return model::explain(scene, model);
     }
     let hand = hand_path(scene);
@@ -152,7 +155,9 @@ pub fn explain(scene: &Scene) -> Result<Vec<Component>, SolveError> {
             "refactorisation",
             "`[tissue] model = \"linear\"`: the stiffness is constant",
         ),
-        Tissue::Corotational(_) | Tissue::Registered(_) => refactorisation(&walk),
+        Tissue::Corotational(_) | Tissue::Registered(_) => {
+            refactorisation(scene.tissue.word(), &walk)
+        }
     });
     parts.extend(not_here());
     parts.extend(console(scene));
@@ -203,7 +208,7 @@ fn on_path(id: u8, (time_s, position_m): &(f64, [f64; 3])) -> ToolSample {
 }
 
 /// Median time of the tissue's part of those steps that factored.
-fn refactorisation(walk: &[(StepReport, Duration)]) -> Component {
+fn refactorisation(tissue: &str, walk: &[(StepReport, Duration)]) -> Component {
     let mut factored: Vec<Duration> = walk
         .iter()
         .filter(|(report, _)| report.refactorisations > 0)
@@ -211,8 +216,13 @@ fn refactorisation(walk: &[(StepReport, Duration)]) -> Component {
         .collect();
     factored.sort();
     let why = format!(
-        "`[tissue] model = \"corotational\"`: the stiffness turns with the elements; in {} of {} steps that \
+        "`[tissue] model = \"{tissue}\"`: the stiffness {} with the elements; in {} of {} steps that \
          were followed",
+        if tissue == "corotational" {
+            "turns"
+        } else {
+            "turns and strains"
+        },
         factored.len(),
         walk.len()
     );
@@ -281,14 +291,18 @@ fn tissue(scene: &Scene) -> Result<Vec<Component>, SceneError> {
     let (materials, fixed) = (scene.materials.clone(), &scene.fixed[..]);
     let (size, took) = timed(|| match scene.tissue {
         Tissue::Linear | Tissue::Auto => LinearTissue::new(mesh, materials, fixed)
-            .map(|tissue| (tissue.unknowns(), tissue.factor_entries())),
+            .map(|tissue| (tissue.unknowns(), tissue.factor_entries()))
+            .map_err(ModelError::from),
         Tissue::Corotational(settings) => {
             CorotationalTissue::new(mesh, materials, fixed, settings.policy())
                 .map(|tissue| (tissue.unknowns(), tissue.factor_entries()))
+                .map_err(ModelError::from)
         }
-        Tissue::Registered(_) => Ok((0, 0)),
+        Tissue::Registered(model) => scene
+            .hyperelastic(model, &[])
+            .map(|model| (model.unknowns(), model.factor_entries())),
     });
-    let (unknowns, entries) = size.map_err(|error| SceneError::Build(error.into()))?;
+    let (unknowns, entries) = size.map_err(SceneError::Build)?;
     let why = format!(
         "`[tissue]`, {} nodes held by `[[fixed]]`: {unknowns} unknowns, {entries} entries in the factor",
         scene.fixed.len(),

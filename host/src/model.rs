@@ -5,8 +5,8 @@
 use crate::body::{Body, Motion};
 use crate::collide::{TouchError, TouchPart, TouchSettings, Touching};
 use crate::fem::{
-    CorotationalTissue, Equilibrium, Factored, HeldPoints, LinearTissue, Loads, Materials,
-    NodeLoad, Policy, TissueError, principal_stress_pa,
+    CorotationalTissue, Equilibrium, Factored, HeldPoints, HyperelasticTissue, Hyperelasticity,
+    LinearTissue, Loads, Materials, NodeLoad, Policy, TissueError, principal_stress_pa,
 };
 use crate::mesh::{Surface, TetMesh};
 use crate::needle::{self, NeedleError, NeedlePart, NeedleSettings, NeedleTissue, Needles};
@@ -28,9 +28,9 @@ pub struct Model {
     pub(crate) body: Body,
     /// How the tissue is before the first step.
     pub(crate) motion: Motion,
-    /// Passes over corotational tissue.
+    /// Passes over corotational or hyperelastic tissue.
     pub(crate) passes: Passes,
-    /// Elastic energy without tools less the work of the loads \[J\]; of corotational tissue.
+    /// Elastic energy without tools less the work of the loads \[J\]; of corotational or hyperelastic tissue.
     pub(crate) resting_potential_j: f64,
     pub(crate) surface: Surface,
     pub(crate) tools: Vec<(u8, Tool)>,
@@ -52,7 +52,7 @@ pub struct Model {
     pub(crate) needles: Option<Needles>,
 }
 
-/// When a step over corotational tissue ends: each pass linearises it anew.
+/// When a step over corotational or hyperelastic tissue ends: each pass linearises it anew.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Passes {
     /// Most passes of one step, at least 1.
@@ -276,6 +276,42 @@ impl Model {
         Ok(needles.with_tools(&self.tools, least_m, &self.touchable, at_rest))
     }
 
+    /// As [`Self::corotational`], for tissue that is hyperelastic: it has no handles.
+    ///
+    /// # Errors
+    /// As there; [`TissueError::Elasticity`] for laws out of range or not as many as cells, and for quadratic cells.
+    pub fn hyperelastic(
+        mesh: &TetMesh,
+        substance: &Hyperelasticity<'_>,
+        fixed: &[u32],
+        loads: Loads,
+        tools: &[(u8, Tool)],
+        policy: Policy,
+        passes: Passes,
+    ) -> Result<Self, ModelError> {
+        check_tools(tools)?;
+        let beside_bytes = cache_bytes(mesh, tools);
+        let tissue = HyperelasticTissue::beside(mesh, substance, fixed, policy, beside_bytes)?;
+        let mut state = tissue.state();
+        tissue.settle(&mut state, mesh, substance, &loads)?;
+        let displacement = tissue.displacement_m(&state);
+        let on_unknowns = loads.on_unknowns(tissue.numbering())?;
+        let done = on_unknowns.iter().zip(state.unknowns()).map(|(f, u)| f * u);
+        let energy_j = tissue.energy_j(&state, &mut tissue.workspace());
+        let resting_potential_j = energy_j - done.sum::<f64>();
+        let motion = Motion::straining(state);
+        let body = Body::Hyperelastic {
+            loads: on_unknowns,
+            tissue: Arc::new(tissue),
+        };
+        Self {
+            passes,
+            resting_potential_j,
+            ..Self::around(mesh, body, motion, loads, tools, &displacement)
+        }
+        .with_tools(mesh)
+    }
+
     /// What follows from the tissue, moved by its loads as `displacement` says.
     fn around(
         mesh: &TetMesh,
@@ -339,10 +375,11 @@ impl Model {
     ) -> Result<Self, ModelError> {
         let handles = Handles::new(&self.loads.handles, &self.handle_force_n)
             .map_err(ModelError::WideHandle)?;
-        if let Body::Corotational { tissue, .. } = &self.body
-            && !needles.is_empty()
-        {
-            tissue.has_room_for_needles()?;
+        match &self.body {
+            _ if needles.is_empty() => {}
+            Body::Linear { .. } => {}
+            Body::Corotational { tissue, .. } => tissue.has_room_for_needles()?,
+            Body::Hyperelastic { tissue, .. } => tissue.has_room_for_needles()?,
         }
         let mut needles = self.interactions(mesh, needles, tissue, settings)?;
         // From now on rows hold these points, and columns are of tissue that nobody holds there.
@@ -439,6 +476,11 @@ impl Model {
         self.body.numbering().is_fixed(node)
     }
 
+    /// Number of scalar unknowns: three per free node.
+    pub(crate) fn unknowns(&self) -> usize {
+        self.body.numbering().unknowns()
+    }
+
     /// Entries of the stiffness's factor, zeros that pad its dense blocks included.
     pub fn factor_entries(&self) -> usize {
         Factored::factor(&self.body.view(&self.motion)).len()
@@ -486,7 +528,7 @@ impl Model {
     }
 
     /// The whole tissue under its loads and the contact forces of `state`: in balance if it is linear;
-    /// corotational tissue as the last step left it, how far from balance the residual says. Allocates:
+    /// other tissue as the last step left it, how far from balance the residual says. Allocates:
     /// for files and viewers, not for the loop.
     ///
     /// # Errors
@@ -497,12 +539,16 @@ impl Model {
         loads
             .forces
             .extend(pushed.map(|(node, force_n)| NodeLoad { node, force_n }));
-        let mut found = match (&self.body, state.motion().state()) {
+        let mut found = match (&self.body, state.motion()) {
             (Body::Linear { tissue, .. }, _) => tissue.solve_held(&loads, &self.held),
-            (Body::Corotational { tissue, .. }, Some(turning)) if loads.handles.is_empty() => {
-                tissue.book(turning, &loads)
-            }
-            (Body::Corotational { tissue, .. }, _) => tissue.solve(&loads),
+            (Body::Corotational { tissue, .. }, motion) => match motion.state() {
+                Some(turning) if loads.handles.is_empty() => tissue.book(turning, &loads),
+                _ => tissue.solve(&loads),
+            },
+            (Body::Hyperelastic { tissue, .. }, motion) => match motion.strained() {
+                Some(strained) => tissue.book(strained, &loads),
+                None => tissue.book(&tissue.state(), &loads),
+            },
         }?;
         if let (Some(needles), Some(grasp)) = (&self.needles, state.grasp())
             && needles.handles.count() > 0
@@ -514,7 +560,7 @@ impl Model {
 
     /// Principal stresses of each cell \[Pa\], descending, tension positive, (m x 3), for a displacement of every
     /// node \[m\]: from small strain on linear tissue, from strain in the frame that turns with the cell on
-    /// corotational tissue. None for a displacement of another mesh.
+    /// corotational tissue, Cauchy's on hyperelastic tissue. None for a displacement of another mesh.
     pub fn principal_stress_pa(&self, displacement_m: &[[f64; 3]]) -> Vec<[f64; 3]> {
         if displacement_m.len() != self.unloaded_m.len() {
             return Vec::new();
@@ -522,6 +568,7 @@ impl Model {
         let stress = match &self.body {
             Body::Linear { tissue, .. } => tissue.stress(displacement_m),
             Body::Corotational { tissue, .. } => tissue.stress(displacement_m),
+            Body::Hyperelastic { tissue, .. } => tissue.stress(displacement_m),
         };
         stress.iter().map(principal_stress_pa).collect()
     }

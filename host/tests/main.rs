@@ -9,6 +9,7 @@ mod driving;
 mod fem_models;
 mod fidelity;
 mod half_faces;
+mod hyperelastic;
 mod link_reconnect;
 mod needle;
 mod no_alloc;

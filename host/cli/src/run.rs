@@ -43,8 +43,8 @@ pub struct RunArgs {
     #[arg(long, value_name = "S", value_parser = seconds)]
     pub seconds: Option<f64>,
     /// Tissue model, in place of the scene's: `linear`, `corotational` with the scene's `[tissue.corotational]`, or one that tools
-    /// stick to, such as `hyperelastic` or `shape-matching`, also with a setting: `"shape-matching: 4 rings"`;
-    /// `auto` measures and chooses.
+    /// stick to, such as `hyperelastic` (which takes needles, too) or `shape-matching`, also with a setting:
+    /// `"shape-matching: 4 rings"`; `auto` measures and chooses.
     #[arg(long, value_name = "NAME", value_parser = Tissue::named)]
     pub tissue: Option<Tissue>,
     /// Solver steps a second, 14 to 1000 [Hz]; the scene's when left out.
@@ -185,7 +185,7 @@ pub fn run(args: &RunArgs, global: &Global) -> Result<(), Failure> {
     let mut plan = plan(args, &scene)?;
     let chosen = choice::settle(args, &mut scene, &plan)?;
     if args.rendering.is_none() {
-        plan.rendering = scene.tissue.usual_rendering();
+        plan.rendering = scene.usual_rendering();
     }
     if args.console == UART {
         note!(
@@ -334,7 +334,7 @@ pub fn plan_of(scene: &Scene) -> Result<Plan, Failure> {
         horizon_us: scene.host.horizon_us,
         clear_fault: false,
         fixture: Fixture::None,
-        rendering: scene.tissue.usual_rendering(),
+        rendering: scene.usual_rendering(),
         line_bytes_per_s: LINE_BYTES_PER_S,
     })
 }

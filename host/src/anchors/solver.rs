@@ -7,7 +7,8 @@ use super::{AnchorPoint, AnchorRow};
 use crate::body::Body;
 use crate::clock::Clock;
 use crate::fem::{
-    CorotationalTissue, Factored, LinearTissue, Linearisation, SolveScratch, TissueError,
+    CorotationalTissue, Factored, HyperelasticTissue, LinearTissue, Linearisation, Moved,
+    SolveScratch, TissueError,
 };
 use crate::renewal::{Renewals, Rule};
 use crate::rows::{self, Method};
@@ -26,7 +27,7 @@ pub struct AnchorSettings {
     pub most_terms: usize,
     /// Vertices whose columns one step may compute.
     pub vertices_per_step: usize,
-    /// Most passes over corotational tissue in one step; linear tissue needs one.
+    /// Most passes over corotational or hyperelastic tissue in one step; linear tissue needs one.
     pub passes: u32,
     /// Passes end when the out-of-balance force has fallen below this share of the forces.
     pub tolerance: f64,
@@ -65,7 +66,8 @@ pub enum AnchorStatus {
     /// Rows out of the order of their anchors, an anchor or node that does not exist or cannot be
     /// reached, or more of them than the settings allow. The last forces stay.
     Malformed,
-    /// The rows' solve failed; its outcome says how.
+    /// The rows' solve failed; its outcome says how. Or cells of hyperelastic tissue let it go no more than a part of its
+    /// way in the last pass, and none is inverted.
     NotSolved,
 }
 
@@ -94,9 +96,9 @@ pub struct AnchorStep {
     pub outcome: Option<rows::Outcome>,
     /// Vertices whose columns were computed in this step.
     pub vertices_computed: u32,
-    /// Passes over corotational tissue.
+    /// Passes over corotational or hyperelastic tissue.
     pub passes: u32,
-    /// The last linearisation of corotational tissue.
+    /// The last linearisation of corotational or hyperelastic tissue.
     pub linearisation: Option<Linearisation>,
     /// Factors made beside the steps.
     pub renewals: Renewals,
@@ -142,6 +144,19 @@ impl AnchorSolver {
         Self::new(Body::Corotational { tissue, loads }, reached, settings)
     }
 
+    /// As [`Self::linear`], for hyperelastic tissue.
+    ///
+    /// # Errors
+    /// As [`Self::linear`]; no memory.
+    pub fn hyperelastic(
+        tissue: Arc<HyperelasticTissue>,
+        reached: &[u32],
+        settings: AnchorSettings,
+    ) -> Result<Self, TissueError> {
+        let loads = vec![0.0; tissue.unknowns()];
+        Self::new(Body::Hyperelastic { tissue, loads }, reached, settings)
+    }
+
     fn new(body: Body, reached: &[u32], settings: AnchorSettings) -> Result<Self, TissueError> {
         let grasp = Grasp::new(body.at_rest(), &settings);
         let system = System::new(&body, grasp.motion(), reached, settings)?;
@@ -167,7 +182,7 @@ impl AnchorSolver {
             Body::Linear { tissue, .. } => {
                 self.system.start_worker(tissue.clone(), &self.reached)?;
             }
-            Body::Corotational { .. } => {
+            Body::Corotational { .. } | Body::Hyperelastic { .. } => {
                 let rule = Rule::WhenThere;
                 self.system.renew_beside(&self.body, &self.reached, rule);
             }
@@ -236,10 +251,15 @@ impl AnchorSolver {
                 report.status = AnchorStatus::NotSolved;
                 return report;
             }
-            system.accept(body, grasp);
+            let moved = system.accept(body, grasp);
             report.passes += 1;
             clock.lap(&mut report.stages.tissue_ns);
-            if body.is_linear() || report.passes >= settings.passes {
+            let is_last = body.is_linear() || report.passes >= settings.passes;
+            if moved == Moved::Not || (is_last && moved == Moved::Part) {
+                report.status = AnchorStatus::NotSolved;
+                break;
+            }
+            if is_last {
                 break;
             }
         }

@@ -6,10 +6,10 @@
 
 use super::compliance::{Pairs, Reached, Spread};
 use super::{AnchorPoint, AnchorRow, AnchorSettings, SpreadRow, Term};
-use crate::body::{Body, BodyWork, Motion, Push};
+use crate::body::{Body, BodyWork, Motion, Place, Push};
 use crate::columns::Columns;
 use crate::fem::{
-    Balance, Factored, HeldPoints, LinearTissue, Linearisation, SolveScratch, TissueError,
+    Balance, Factored, HeldPoints, LinearTissue, Linearisation, Moved, SolveScratch, TissueError,
 };
 use crate::renewal::{Renewals, Rule};
 use crate::rows::{self, Condensed, Problem, Row};
@@ -96,6 +96,11 @@ impl Grasp {
                 self.on_anchors[term.anchor as usize] -= Vector3::from(term.direction) * *lambda;
             }
         }
+    }
+
+    /// Takes hyperelastic tissue back to where it was.
+    pub fn go_back(&mut self, place: &Place) {
+        self.motion.go_back(place);
     }
 
     /// The rows and forces of `other`, without new memory; the tissue's motion stays.
@@ -316,8 +321,8 @@ impl System {
         let Some(vertex) = self.vertex(node) else {
             return Vector3::zeros();
         };
-        if let Some(state) = grasp.motion.state().filter(|_| self.accepted) {
-            return body.numbering().at_node(state.unknowns(), node).into();
+        if let Some(unknowns) = grasp.motion.unknowns().filter(|_| self.accepted) {
+            return body.numbering().at_node(unknowns, node).into();
         }
         let free = body.free(&grasp.motion, &self.body_work, &self.columns, vertex);
         let moved = pushes
@@ -354,12 +359,12 @@ impl System {
         };
         pushes.iter().for_each(&mut add);
         // Of corotational tissue the displacement of the last pass is at hand, at the cost of a look at all of it.
-        let Some(state) = grasp.motion.state() else {
+        let Some(unknowns) = grasp.motion.unknowns() else {
             return;
         };
         grasp.motion.pushed().iter().for_each(&mut add);
         let moved = (0u32..).zip(resting).map(|(node, from)| {
-            let now = body.numbering().at_node(state.unknowns(), node);
+            let now = body.numbering().at_node(unknowns, node);
             (Vector3::from(now) - Vector3::from(*from)).norm()
         });
         let last = moved.fold(0.0, f64::max);
@@ -717,8 +722,8 @@ impl System {
         outcome
     }
 
-    /// Moves the tissue under the forces found.
-    pub fn accept(&mut self, body: &Body, grasp: &mut Grasp) {
+    /// Moves the tissue under the forces found, as far as it can go.
+    pub fn accept(&mut self, body: &Body, grasp: &mut Grasp) -> Moved {
         let Grasp {
             motion,
             anchors,
@@ -726,8 +731,9 @@ impl System {
             ..
         } = grasp;
         let pushes = pushes(anchors, on_anchors);
-        body.accept(motion, &mut self.body_work, &self.columns, pushes);
+        let moved = body.accept(motion, &mut self.body_work, &self.columns, pushes);
         self.accepted = true;
+        moved
     }
 }
 

@@ -90,7 +90,7 @@ pub fn measure(
 ) -> Result<Vec<Candidate>, String> {
     if !scene.needles.is_empty() {
         return Err(
-            "it has needles, which only linear and corotational tissue take, and for which there is no reference"
+            "it has needles, which only linear, corotational and hyperelastic tissue take, and for which there is no reference"
                 .to_owned(),
         );
     }

@@ -3,8 +3,8 @@
 //! Entry point: [`TissueError`].
 
 use super::corotational::Policy;
-use sutura_models::MaterialError;
 use sutura_models::memory::Shortage;
+use sutura_models::{BuildError, MaterialError};
 use thiserror::Error;
 
 /// Why tissue cannot be built or loaded.
@@ -71,6 +71,12 @@ pub enum TissueError {
         /// What is left there at the next attempt, relative to the largest force.
         residual: f64,
     },
+    /// Laws and cells of hyperelastic tissue.
+    #[error("hyperelastic tissue: {0}")]
+    Elasticity(BuildError),
+    /// Handles on tissue that has none.
+    #[error("hyperelastic tissue has no `[[handle]]`: pull with a `[[load]]` instead")]
+    Handles,
     /// A load or target that is not a number.
     #[error("{0} is not finite")]
     NotFinite(&'static str),

@@ -1,7 +1,7 @@
-//! Finite elements on four-node tetrahedra, quasi-static: linear-elastic and corotational.
+//! Finite elements on four-node tetrahedra, quasi-static: linear-elastic, corotational and hyperelastic.
 //!
 //! Entry points: [`LinearTissue::new`] assembles and factors once, [`LinearTissue::solve`] answers
-//! loads and moved points; [`CorotationalTissue`] does so for large rotations. Rows follow one
+//! loads and moved points; [`CorotationalTissue`] does so for large rotations, [`HyperelasticTissue`] for rows at finite strain. Rows follow one
 //! convention (younes-2021, 2.2): `K u + C' lambda = f`, `C u = b`; the force of a row on the tissue is
 //! `-C' lambda`.
 
@@ -12,6 +12,7 @@ mod error;
 mod factor;
 mod handles;
 mod held;
+mod hyperelastic;
 mod linear_model;
 mod loads;
 mod numbering;
@@ -28,6 +29,9 @@ pub use corotational::{
 pub use error::TissueError;
 pub use factor::SolveScratch;
 pub use handles::{Anchor, Handle};
+pub use hyperelastic::{
+    HyperelasticState, HyperelasticTissue, HyperelasticWorkspace, Hyperelasticity,
+};
 pub use linear_model::LinearModel;
 pub use loads::{Equilibrium, Loads, NodeLoad};
 pub use principal::{principal_stress_pa, von_mises_pa};
@@ -37,4 +41,5 @@ pub use tissue::LinearTissue;
 pub(crate) use corotational::{Balance, RenewScratch, Renewed};
 pub(crate) use factor::{ColumnScratch, Factor};
 pub(crate) use handles::{Factored, HeldPoints};
+pub(crate) use hyperelastic::Moved;
 pub(crate) use numbering::Numbering;

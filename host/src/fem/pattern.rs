@@ -103,6 +103,16 @@ impl Pattern {
         }
     }
 
+    /// Of columns that are known already, for values that come from elsewhere.
+    pub fn of_columns(column_start: Vec<usize>, row: Vec<usize>) -> Self {
+        Self {
+            unknowns: column_start.len() - 1,
+            column_start,
+            row,
+            blocks: Vec::new(),
+        }
+    }
+
     /// Entries of the triangle.
     pub fn entries(&self) -> usize {
         self.row.len()

@@ -7,6 +7,7 @@ mod drive;
 mod events;
 mod hierarchy;
 mod history;
+mod kept;
 mod ledger;
 mod loose;
 mod model;

@@ -4,15 +4,17 @@
 //! every tool gets its wrench and tangent, every needle its report.
 
 use super::drive::{Drive, NeedleWork, about, position};
+use super::kept::Kept;
 use super::model::{MAX_NEEDLES, Needles};
 use super::state::{Grip, NeedleState, Tip};
 use super::tangent::{Moves, Pull, TangentWork, slide_twist};
 use super::threads::{report_threads, thread_ends};
 use super::{Curve, NeedlePart, Wanted};
 use crate::anchors::{Grasp, System};
-use crate::body::Motion;
+use crate::body::{Body, Motion};
 use crate::clock::Clock;
 use crate::collide::TouchState;
+use crate::fem::Moved;
 use crate::model::Model;
 use crate::source::tool::{Cones, NEAR, Placements, ToolContacts};
 use crate::step::{MAX_TOOL_ROWS, ToolRows};
@@ -100,6 +102,8 @@ pub(crate) struct NeedlesWork {
     cones: Option<Cones>,
     /// Of tools that touch, at the last step's balance.
     pub rows: Vec<ToolRows>,
+    /// Of hyperelastic tissue.
+    kept: Option<Box<Kept>>,
 }
 
 impl NeedlesState {
@@ -168,11 +172,25 @@ impl NeedlesWork {
             rows: Vec::with_capacity(MAX_TOOLS),
             // A cell and its neighbours around each tip, and one that lies ahead.
             ahead: Vec::with_capacity(24 * MAX_NEEDLES),
+            kept: matches!(model.body, Body::Hyperelastic { .. })
+                .then(|| Box::new(Kept::new(needles, &state))),
         }
     }
 }
 
 impl NeedlesWork {
+    /// Where hyperelastic tissue cannot go the state is as before the step.
+    fn put_back(&mut self, state: &mut NeedlesState) {
+        if let Some(kept) = &self.kept {
+            kept.put_back(state);
+            // What is asked for places under these needs their columns, and no others are fetched.
+            self.drive.pushes.clear();
+            self.drive
+                .pushes
+                .extend_from_slice(state.grasp.motion().pushed());
+        }
+    }
+
     /// Computes the columns of all nodes whose resting position \[m\] satisfies `near`; how many are there.
     pub fn prepare(
         &mut self,
@@ -252,6 +270,9 @@ pub(crate) fn step(
             0.0
         };
     }
+    if let Some(kept) = &mut work.kept {
+        kept.keep(state);
+    }
     let status = loop {
         let body = &model.body;
         if let Some(balance) = work.drive.system.look(body, &mut state.grasp) {
@@ -273,6 +294,10 @@ pub(crate) fn step(
                 report.tangent_error = 0.0;
             }
         }
+        if let Some(kept) = work.kept.as_ref().filter(|_| report.passes > 0) {
+            kept.begin_again(state);
+            report.substeps = 0;
+        }
         let status = follow(
             model,
             needles,
@@ -285,19 +310,30 @@ pub(crate) fn step(
         if !matches!(status, Status::Ok | Status::Behind) || body.is_linear() {
             break status;
         }
-        work.drive.system.accept(body, &mut state.grasp);
+        let moved = work.drive.system.accept(body, &mut state.grasp);
         clock.lap(&mut report.stages.tissue_ns);
+        if moved == Moved::Not {
+            break Status::NotConverged;
+        }
         report.passes += 1;
         if report.passes >= model.passes.most {
             report.tangent_error += body.tangent_error_of_pass(state.grasp.motion());
         }
         if status == Status::Behind || report.passes >= model.passes.most {
-            break status;
+            // Half way there is no balance.
+            break match moved {
+                Moved::Part => Status::NotConverged,
+                _ => status,
+            };
         }
     };
     if matches!(status, Status::Ok | Status::Behind) {
         state.time_us = time_us.unwrap_or(state.time_us);
     } else {
+        // While columns are awaited the tissue stays where their factor is of.
+        if status != Status::Waiting {
+            work.put_back(state);
+        }
         for (each, speed) in state.each.iter_mut().zip(&speeds) {
             each.speed = *speed;
         }
@@ -510,6 +546,7 @@ fn reduce(
         ahead,
         cones,
         rows,
+        ..
     } = work;
     rows.clear();
     let mut stages_report = *report;

@@ -143,7 +143,8 @@ pub enum TissueModel {
     Linear,
     /// Linear elasticity that turns with each element: large rotations, small strains.
     Corotational,
-    /// Neo-Hookean finite elements in balance by Newton's method; sessions only, as all that follow.
+    /// Neo-Hookean finite elements in balance by Newton's method; sessions only, as all that follow, but for scenes with
+    /// needles.
     Hyperelastic,
     /// Neo-Hookean cells whose energies balance at the nodes, without a matrix.
     EnergyBalanceNeoHookean,

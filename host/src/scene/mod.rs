@@ -33,16 +33,22 @@ pub use touching::TissueContact;
 pub use way::{OnWay, Way, WayStop};
 
 use crate::collide::{TouchPart, TouchSettings};
-use crate::fem::{Loads, Materials, Policy, TissueError};
+use crate::fem::{Hyperelasticity, Loads, Materials, Policy, TissueError};
 use crate::mesh::TetMesh;
 use crate::model::{Model, ModelError, Passes};
 use crate::needle::{NeedlePart, NeedleSettings, NeedleTissue};
 use crate::step::{State, Workspace};
 use crate::tool;
+use crate::tradeoff::cases::Substance;
 use crate::work;
 use std::path::Path;
+use sutura_models::hyperelastic::Cells;
 use sutura_shared::device::DeviceDescription;
 use sutura_shared::wire::message::HandScript;
+
+/// Passes of a step on hyperelastic tissue: as a rule two or three bring it below its setting's tolerance, and a way
+/// that was cut short because cells would have inverted takes one or two more.
+const MOST_HYPERELASTIC_PASSES: u32 = 4;
 
 /// A checked scene.
 #[derive(Debug)]
@@ -210,8 +216,9 @@ impl Scene {
     ///
     /// # Errors
     /// [`SceneError::Build`]: tissue that is not held against rigid motion, handles that conflict, too many
-    /// tools; corotational tissue with handles and tools that touch, or without a balance under its loads; tools that
-    /// touch beside needles or tissues that touch, which may also find no rest. [`SceneError::OnlySessions`] for a model that tools stick to.
+    /// tools; corotational tissue without a balance under its loads; quadratic cells with needles; tissues that touch and find
+    /// no rest. [`SceneError::OnlySessions`] for a model that tools stick to: any of the registry's but `hyperelastic` with
+    /// needles.
     pub fn build(&self) -> Result<(Model, State, Workspace), SceneError> {
         let tools: Vec<_> = self
             .tools
@@ -226,6 +233,7 @@ impl Scene {
                 let (policy, passes) = (settings.policy(), settings.passes());
                 Model::corotational(mesh, materials, fixed, loads, &tools, policy, passes)
             }
+            Tissue::Registered(model) if self.has_rows() => self.hyperelastic(model, &tools),
             Tissue::Registered(model) => {
                 return Err(SceneError::OnlySessions {
                     model: model.name(),
@@ -242,6 +250,33 @@ impl Scene {
         let model = self.add_needles(model).map_err(SceneError::Build)?;
         let (state, workspace) = (State::new(&model), Workspace::new(&model));
         Ok((model, state, workspace))
+    }
+
+    /// Hyperelastic tissue as its setting has it, without needles yet.
+    pub(crate) fn hyperelastic(
+        &self,
+        model: Registered,
+        tools: &[(u8, tool::Tool)],
+    ) -> Result<Model, ModelError> {
+        let (cells, tolerance) = model
+            .hyperelastic()
+            .unwrap_or((Cells::Linear, Passes::default().tolerance));
+        let laws = self.body().laws(Substance::law);
+        let substance = Hyperelasticity { laws: &laws, cells };
+        let passes = Passes {
+            most: MOST_HYPERELASTIC_PASSES,
+            tolerance,
+        };
+        let (loads, policy) = (self.loads.clone(), Policy::default());
+        Model::hyperelastic(
+            &self.mesh,
+            &substance,
+            &self.fixed,
+            loads,
+            tools,
+            policy,
+            passes,
+        )
     }
 
     fn add_needles(&self, model: Model) -> Result<Model, ModelError> {

@@ -6,8 +6,9 @@ use super::{Corotational, Scene, nearest};
 use crate::mesh::TetMesh;
 use crate::session::Rendering;
 use crate::tradeoff::cases::Substance;
-use crate::tradeoff::registry::{Body, Entry, Setting, entries, entry};
+use crate::tradeoff::registry::{Body, Entry, Setting, entries, entry, hyperelastic_setting};
 use std::fmt;
+use sutura_models::hyperelastic::Cells;
 
 /// Density of soft tissue where a scene does not say \[kg/m^3\].
 pub const DENSITY_KG_PER_M3: f64 = 1050.0;
@@ -19,7 +20,7 @@ pub enum Tissue {
     Linear,
     /// Linear elasticity that turns with each element, and how closely it is followed.
     Corotational(Corotational),
-    /// One of the models that tools stick to: sessions only.
+    /// One of the models that tools stick to: sessions only. But hyperelastic tissue has rows for needles.
     Registered(Registered),
     /// What holds the session's budget, by measurement before it begins; linear where there is no session.
     Auto,
@@ -84,7 +85,8 @@ impl Tissue {
         }
     }
 
-    /// Whether contacts on it can be reduced to rows, which need its compliance.
+    /// Whether contacts on it can be reduced to rows, which need its compliance. A scene with needles has them on
+    /// hyperelastic tissue, too: [`Scene::has_rows`].
     pub fn has_rows(self) -> bool {
         !matches!(self, Tissue::Registered(_))
     }
@@ -202,6 +204,11 @@ impl Registered {
         (setting.build)(body, mesh)
     }
 
+    /// Cells, and the share of the forces that may be left out of balance, of hyperelastic tissue.
+    pub(crate) fn hyperelastic(self) -> Option<(Cells, f64)> {
+        (self.name == "hyperelastic").then(|| hyperelastic_setting(&self.setting()))?
+    }
+
     /// Its setting in words.
     pub fn setting(self) -> String {
         self.find().map_or_else(String::new, |setting| setting.name)
@@ -229,6 +236,25 @@ impl Scene {
             }
         }
         forces
+    }
+
+    /// Whether contacts can be reduced to rows. Needles always have them: [`crate::session::TissueSolver`] steps what
+    /// has, [`crate::session::ModelSolver`] all else.
+    pub fn has_rows(&self) -> bool {
+        let with_needles = match self.tissue {
+            Tissue::Registered(model) if !self.needles.is_empty() => model.hyperelastic(),
+            _ => None,
+        };
+        self.tissue.has_rows() || with_needles.is_some()
+    }
+
+    /// What a session renders from if nobody says.
+    pub fn usual_rendering(&self) -> Rendering {
+        if self.has_rows() {
+            Rendering::Rows
+        } else {
+            Rendering::Tangent
+        }
     }
 
     /// What its tissue is made of, for models of the registry.

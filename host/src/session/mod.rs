@@ -164,15 +164,13 @@ pub trait SceneSolver: Solve {
 /// What [`TissueSolver::for_session`] and [`ModelSolver::new`] refuse.
 pub fn solver(scene: &Scene, plan: &Plan) -> Result<Box<dyn SceneSolver>, SolveError> {
     Ok(match scene.tissue {
-        Tissue::Registered(model) => Box::new(ModelSolver::new(
+        Tissue::Registered(model) if !scene.has_rows() => Box::new(ModelSolver::new(
             scene,
             model,
             plan.rendering,
             plan.host_hz,
         )?),
-        Tissue::Linear | Tissue::Corotational(_) | Tissue::Auto => {
-            Box::new(TissueSolver::for_session(scene, plan)?)
-        }
+        _ => Box::new(TissueSolver::for_session(scene, plan)?),
     })
 }
 
@@ -182,12 +180,10 @@ pub fn solver(scene: &Scene, plan: &Plan) -> Result<Box<dyn SceneSolver>, SolveE
 /// As [`solver`].
 pub fn check(scene: &Scene) -> Result<(), SolveError> {
     match scene.tissue {
-        Tissue::Registered(model) => {
+        Tissue::Registered(model) if !scene.has_rows() => {
             ModelSolver::new(scene, model, Rendering::Tangent, scene.host.host_hz).map(drop)
         }
-        Tissue::Linear | Tissue::Corotational(_) | Tissue::Auto => {
-            TissueSolver::new(scene).map(drop)
-        }
+        _ => TissueSolver::new(scene).map(drop),
     }
 }
 

@@ -690,9 +690,12 @@ impl SceneSolver for ModelSolver {
 
 /// Why a model does not take a scene, and what to do, if so.
 fn refused(scene: &Scene, entry: &registry::Entry) -> Option<(String, &'static str)> {
-    if let (false, Some(why)) = (scene.needles.is_empty(), entry.refuses_needles) {
-        let help =
-            "give `--tissue linear` or `--tissue corotational`, or change `model` in `[tissue]`";
+    if !scene.needles.is_empty() {
+        let why = entry
+            .refuses_needles
+            .unwrap_or("tools stick to tissue here: needles have rows, in another solver");
+        let help = "give `--tissue linear`, `--tissue corotational` or `--tissue hyperelastic`, or change `model` in \
+                    `[tissue]`";
         return Some((format!("it has needles, and {why}"), help));
     }
     if !scene.touching.is_empty() && scene.needles.is_empty() {

@@ -484,7 +484,7 @@ impl Workspace {
 
     /// From now on factors of corotational tissue are renewed, with the columns in use, by a thread beside the steps,
     /// and taken over by `rule`. A state's bits depend on the steps in which that happens and on nothing else. Nothing
-    /// happens for linear tissue, nor for a policy that wants factors fresh.
+    /// happens for linear or hyperelastic tissue, nor for a policy that wants factors fresh.
     pub fn renew_beside(&mut self, model: &Model, rule: Rule) {
         if let Some((system, reached)) = self.system(model) {
             system.renew_beside(&model.body, &reached, rule);

@@ -52,7 +52,7 @@ impl Body {
     }
 
     /// For hyperelastic models: one law, or one for each cell.
-    fn laws(&self, law: fn(&Substance) -> Law) -> Vec<Law> {
+    pub(crate) fn laws(&self, law: fn(&Substance) -> Law) -> Vec<Law> {
         if self.cells.is_empty() {
             return vec![law(&self.substance)];
         }
@@ -105,9 +105,9 @@ impl Entry {
     }
 }
 
-/// Why needles and threads do not go with models that balance all nodes at once.
+/// Why needles and threads do not go with models that balance all nodes at once and have no factored tangent besides.
 const NO_COLUMNS: &str = "it balances all nodes at once; needles and thread need the compliance between points inside \
-     cells: use linear or corotational tissue";
+     cells: use linear, corotational or hyperelastic tissue";
 
 /// All models.
 pub fn entries() -> Vec<Entry> {
@@ -224,6 +224,21 @@ fn corotational() -> Entry {
     }
 }
 
+/// Settings of hyperelastic tissue: in words, in the short table as well, cells, and the share of the forces that is left
+/// out of balance.
+const HYPERELASTIC: [(&str, bool, Cells, f64); 4] = [
+    ("linear cells, to 1e-3", true, Cells::Linear, 1e-3),
+    ("linear cells, to 1e-9", false, Cells::Linear, 1e-9),
+    ("averaged cells, to 1e-3", true, Cells::Averaged, 1e-3),
+    ("quadratic cells, to 1e-3", false, Cells::Quadratic, 1e-3),
+];
+
+/// Cells and tolerance of a setting of hyperelastic tissue by its name.
+pub(crate) fn hyperelastic_setting(name: &str) -> Option<(Cells, f64)> {
+    let found = HYPERELASTIC.into_iter().find(|(own, ..)| *own == name);
+    found.map(|(_, _, cells, tolerance)| (cells, tolerance))
+}
+
 fn hyperelastic() -> Entry {
     let with = |name: &str, short, cells: Cells, tolerance: f64| {
         setting(name, short, move |body: &Body, mesh: &TetMesh| {
@@ -239,7 +254,7 @@ fn hyperelastic() -> Entry {
         tissue: "hyperelastic",
         has_forces: true,
         has_step: false,
-        refuses_needles: Some(NO_COLUMNS),
+        refuses_needles: None,
         fits: always,
         double: None,
         dynamic: Some(setting(
@@ -258,15 +273,13 @@ fn hyperelastic() -> Entry {
                 Hyperelastic::new(mesh, &body.laws(Substance::law), settings)
             },
         )),
-        settings: vec![
-            with("linear cells, to 1e-3", true, Cells::Linear, 1e-3),
-            with("linear cells, to 1e-9", false, Cells::Linear, 1e-9),
-            with("averaged cells, to 1e-3", true, Cells::Averaged, 1e-3),
-            Setting {
-                of_truth: true,
-                ..with("quadratic cells, to 1e-3", false, Cells::Quadratic, 1e-3)
-            },
-        ],
+        settings: HYPERELASTIC
+            .into_iter()
+            .map(|(name, short, cells, tolerance)| Setting {
+                of_truth: cells == Cells::Quadratic,
+                ..with(name, short, cells, tolerance)
+            })
+            .collect(),
     }
 }
 

@@ -2,6 +2,7 @@
 
 use super::bench::*;
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
+use sutura_host::fem::Policy;
 use sutura_host::model::Passes;
 use sutura_host::needle::{Needle, NeedleSettings, NeedleTissue, Playback};
 use sutura_host::step::{Status, step};
@@ -117,6 +118,21 @@ fn needles_in_corotational_tissue() {
             most: 2,
             tolerance: 1e-6,
         })
+    };
+    let (bench, needle) = line(kind(), Playback::OneSolve);
+    check(bench, &needle, 0.027, false);
+    let (bench, needle) = bent(kind());
+    check(bench, &needle, 0.016, false);
+}
+
+#[test]
+fn needles_in_hyperelastic_tissue() {
+    let kind = || {
+        let passes = Passes {
+            most: 3,
+            tolerance: 1e-6,
+        };
+        Kind::Hyperelastic(passes, Policy::default())
     };
     let (bench, needle) = line(kind(), Playback::OneSolve);
     check(bench, &needle, 0.027, false);

@@ -1,7 +1,7 @@
 //! Tissue, a needle, and a tool that holds it.
 
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
-use sutura_host::fem::{Loads, Material, Policy};
+use sutura_host::fem::{Hyperelasticity, Loads, Material, Policy};
 use sutura_host::mesh::{TetMesh, slab, tube};
 use sutura_host::model::{Model, Passes};
 use sutura_host::needle::{
@@ -9,6 +9,8 @@ use sutura_host::needle::{
 };
 use sutura_host::step::{State, Status, StepReport, Workspace, step};
 use sutura_host::tool::{Shape, Tool, ToolSample};
+use sutura_models::hyperelastic::Cells;
+use sutura_models::law::Law;
 
 pub const MATERIAL: Material = Material {
     youngs_modulus_pa: 20e3,
@@ -108,6 +110,7 @@ pub fn frame(end: [f64; 3], direction: [f64; 3], towards: [f64; 3]) -> Isometry3
 pub enum Kind {
     Linear,
     Corotational(Passes),
+    Hyperelastic(Passes, Policy),
 }
 
 impl Bench {
@@ -162,6 +165,13 @@ impl Bench {
             Kind::Corotational(passes) => {
                 let policy = Policy::default();
                 Model::corotational(&mesh, material, &fixed, loads, &tools, policy, passes)
+            }
+            Kind::Hyperelastic(passes, policy) => {
+                let substance = Hyperelasticity {
+                    laws: &[Law::neo_hookean(material)],
+                    cells: Cells::Linear,
+                };
+                Model::hyperelastic(&mesh, &substance, &fixed, loads, &tools, policy, passes)
             }
         }
         .expect("tissue");

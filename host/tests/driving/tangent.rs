@@ -2,6 +2,8 @@
 
 use super::bench::*;
 use nalgebra::{Isometry3, Matrix6, Translation3, UnitQuaternion, Vector3, Vector6};
+use sutura_host::fem::Policy;
+use sutura_host::model::Passes;
 use sutura_host::needle::{NeedleSettings, NeedleTissue, TipPlace};
 use sutura_host::step::{StepReport, step};
 
@@ -187,6 +189,64 @@ fn an_arc() {
                 if report.status != sutura_host::step::Status::Ok {
                     println!("{step} {:?}", report.status);
                 }
+            }
+        }
+    }
+}
+
+/// Every neighbour is a whole balance of hyperelastic tissue. With a factor that is always fresh the tangent is its
+/// derivative; with one that lasts it is off by what the report says at most.
+#[test]
+fn a_straight_needle_in_hyperelastic_tissue() {
+    let start = frame(
+        [0.0013, 0.0007, 0.0605],
+        [0.05, 0.02, -1.0],
+        [1.0, 0.0, 0.0],
+    );
+    let fresh = Policy {
+        refactor_rotation_rad: 0.0,
+        refactor_every: 0,
+        cg_iterations: 0,
+        cg_tolerance: 0.0,
+    };
+    let passes = Passes {
+        most: 60,
+        tolerance: 1e-12,
+    };
+    for policy in [fresh, Policy::default()] {
+        let kind = Kind::Hyperelastic(passes, policy);
+        let settings = NeedleSettings::default();
+        let mut bench = Bench::new(slabs(), kind, straight(0.04), start, tissue(), settings);
+        for (way, tip) in [
+            (0.0095, TipPlace::Holding),
+            (0.004, TipPlace::Inside),
+            (0.006, TipPlace::Holding),
+            (0.003, TipPlace::Outside),
+        ] {
+            drive_down(&mut bench, way);
+            for by in [
+                Vector6::new(3e-5, -2e-5, -5e-5, 2e-3, 1e-3, 3e-3),
+                Vector6::new(1e-5, 2e-5, 3e-5, 1e-3, -2e-3, 1e-3),
+            ] {
+                let to = moved(&bench.grip, &by);
+                let (worst, report) = check(&mut bench, to);
+                let needle = report.needles()[0];
+                println!(
+                    "{:?} ({tip:?} expected), {} crossings, slides {}, {} passes, out of balance {:.0e}: {worst:.1e}, \
+                     said {:.1e}",
+                    needle.tip,
+                    needle.crossings,
+                    needle.slides,
+                    report.passes,
+                    report.imbalance,
+                    report.tangent_error
+                );
+                let most = if policy == fresh {
+                    1e-4
+                } else {
+                    report.tangent_error.max(1e-4)
+                };
+                assert!(worst < most, "off by {worst:e}, said {most:e}");
             }
         }
     }

@@ -9,7 +9,7 @@ use serde::Serialize;
 use std::ops::ControlFlow;
 use std::time::{Duration, Instant};
 use sutura_hil::NativeConsole;
-use sutura_host::scene::{Scene, Tissue};
+use sutura_host::scene::Scene;
 use sutura_host::session::{self, Plan, Solve, Solved, TissueSolver, run_lockstep};
 use sutura_shared::wire::Valid;
 use sutura_shared::wire::message::State;
@@ -67,7 +67,7 @@ impl Solves {
     /// A scene that has no session, or no solver.
     pub fn of(scene: &Scene, passes: usize) -> Result<Solves, Failure> {
         let plan = plan_of(scene)?;
-        if let Tissue::Registered(_) = scene.tissue {
+        if !scene.has_rows() {
             // It keeps nothing from which a second pass could begin, nor columns for which it would.
             let mut solver = session::solver(scene, &plan)?;
             return Solves::run(&plan, &mut *solver);

@@ -11,6 +11,7 @@ use crate::law::{Law, cofactor};
 use nalgebra::{Matrix3, Vector3};
 
 /// What there is per node, and buffers.
+#[derive(Clone)]
 pub(super) struct Averaged {
     /// Cells about each node.
     around: Vec<Vec<u32>>,
@@ -23,6 +24,8 @@ pub(super) struct Averaged {
     /// dU/dJ \[Pa\], mean over the node's cells, and dU2/dJ2.
     pressure: Vec<f64>,
     stiffening: Vec<f64>,
+    /// Change of the pressure with a displacement \[Pa\].
+    change: Vec<f64>,
     /// Place of a node in the patch at hand.
     place: Vec<u32>,
     /// Gradient of a patch's volume \[m^2\].
@@ -64,6 +67,7 @@ impl Averaged {
             first_group,
             pressure: vec![0.0; nodes],
             stiffening: vec![0.0; nodes],
+            change: vec![0.0; nodes],
             place: vec![0; nodes],
             slope: vec![Vector3::zeros(); longest],
         }
@@ -98,6 +102,28 @@ impl Averaged {
         0.25 * nodes
             .iter()
             .map(|&node| self.pressure[node as usize])
+            .sum::<f64>()
+    }
+
+    /// After [`Self::update`]: changes of all pressures with a displacement of the nodes, for [`Self::mean_change`].
+    pub fn differentiate(&mut self, discrete: &Discrete, x: &[Vector3<f64>], u: &[Vector3<f64>]) {
+        for node in 0..self.around.len() {
+            let cells = self.around[node].iter().map(|&cell| {
+                let (nodes, gradients) = corner_gradients(discrete, cell);
+                let turn = cofactor(&Discrete::deformation(nodes, gradients, x));
+                let df = Discrete::deformation(nodes, gradients, u);
+                0.25 * discrete.volume[cell as usize] * turn.dot(&df)
+            });
+            let swelling = cells.sum::<f64>() / self.volume[node];
+            self.change[node] = self.stiffening[node] * swelling;
+        }
+    }
+
+    /// Mean change of the pressure of a cell's nodes \[Pa\].
+    pub fn mean_change(&self, nodes: &[u32]) -> f64 {
+        0.25 * nodes
+            .iter()
+            .map(|&node| self.change[node as usize])
             .sum::<f64>()
     }
 

@@ -15,6 +15,7 @@ pub(super) const EDGES: [(usize, usize); 6] = [(0, 1), (1, 2), (0, 2), (0, 3), (
 const MANY: f64 = 0.585_410_196_624_968_5;
 const FEW: f64 = 0.138_196_601_125_010_5;
 
+#[derive(Clone)]
 pub(super) struct Discrete {
     pub cells: Cells,
     /// Rest position of every node \[m\], corners first.

@@ -11,6 +11,7 @@ use super::pattern::{Groups, Pattern};
 use crate::law::Law;
 use nalgebra::{Matrix3, Vector3};
 
+#[derive(Clone)]
 pub(super) struct Elastic {
     pub discrete: Discrete,
     /// One for all cells or one for each.
@@ -70,24 +71,62 @@ impl Elastic {
         sum
     }
 
-    /// Adds dW/dx \[N\] to `out`.
-    pub fn gradient(&mut self, x: &[Vector3<f64>], out: &mut [Vector3<f64>]) {
+    /// What [`Self::stress`] takes from other cells.
+    pub fn update(&mut self, x: &[Vector3<f64>]) {
         if let Some(averaged) = &mut self.averaged {
             averaged.update(&self.discrete, &self.laws, x);
         }
+    }
+
+    /// First Piola-Kirchhoff stress of a cell \[Pa\], after [`Self::update`].
+    pub fn stress(&self, cell: usize, f: &Matrix3<f64>) -> Matrix3<f64> {
+        match &self.averaged {
+            Some(averaged) => {
+                averaged::stress(self.law(cell), f)
+                    + averaged.mean_pressure(self.discrete.cell_nodes(cell))
+                        * crate::law::cofactor(f)
+            }
+            None => self.law(cell).stress(f),
+        }
+    }
+
+    /// Adds dW/dx \[N\] to `out`.
+    pub fn gradient(&mut self, x: &[Vector3<f64>], out: &mut [Vector3<f64>]) {
+        self.update(x);
         for cell in 0..self.discrete.volume.len() {
             let (nodes, points, weight) = self.points(cell);
             for gradients in points {
                 let f = Discrete::deformation(nodes, gradients, x);
-                let stress = match &self.averaged {
-                    Some(averaged) => {
-                        averaged::stress(self.law(cell), &f)
-                            + averaged.mean_pressure(nodes) * crate::law::cofactor(&f)
-                    }
-                    None => self.law(cell).stress(&f),
-                };
+                let stress = self.stress(cell, &f);
                 for (&node, gradient) in nodes.iter().zip(gradients) {
                     out[node as usize] += weight * (stress * gradient);
+                }
+            }
+        }
+    }
+
+    /// Adds d2W/dx2 u \[N\] for a displacement `u` \[m\] of the nodes to `out`.
+    pub fn product(&mut self, x: &[Vector3<f64>], u: &[Vector3<f64>], out: &mut [Vector3<f64>]) {
+        self.update(x);
+        if let Some(averaged) = &mut self.averaged {
+            averaged.differentiate(&self.discrete, x, u);
+        }
+        for cell in 0..self.discrete.volume.len() {
+            let (nodes, points, weight) = self.points(cell);
+            let law = self.law(cell);
+            for gradients in points {
+                let f = Discrete::deformation(nodes, gradients, x);
+                let df = Discrete::deformation(nodes, gradients, u);
+                let change = match &self.averaged {
+                    Some(averaged) => {
+                        averaged::stress_change(law, &f, &df)
+                            + averaged.mean_pressure(nodes) * averaged::cofactor_change(&f, &df)
+                            + averaged.mean_change(nodes) * crate::law::cofactor(&f)
+                    }
+                    None => law.stress_change(&f, &df),
+                };
+                for (&node, gradient) in nodes.iter().zip(gradients) {
+                    out[node as usize] += weight * (change * gradient);
                 }
             }
         }
@@ -172,5 +211,13 @@ fn modulus(law: &Law) -> f64 {
     match *law {
         Law::StVenantKirchhoff { lambda, mu } => lambda.abs() + 2.0 * mu,
         Law::NeoHookean { mu, kappa, eta, .. } => kappa + 2.0 * mu + 4.0 * eta.abs(),
+    }
+}
+
+/// sqrt((lambda + 2 mu) / mu) of a law at rest.
+pub(super) fn stiffness_ratio(law: &Law) -> f64 {
+    match *law {
+        Law::StVenantKirchhoff { lambda, mu } => (lambda / mu + 2.0).sqrt(),
+        Law::NeoHookean { mu, kappa, eta, .. } => ((kappa + 4.0 * eta) / mu + 4.0 / 3.0).sqrt(),
     }
 }

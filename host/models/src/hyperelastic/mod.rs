@@ -6,6 +6,7 @@
 mod averaged;
 mod discrete;
 mod elastic;
+mod elasticity;
 mod factor;
 mod loads;
 mod motion;
@@ -17,6 +18,7 @@ mod settle;
 mod tests;
 mod tissue;
 
+pub use elasticity::Elasticity;
 pub use motion::{Motion, Scheme};
 pub use settings::{Cells, Settings};
 
@@ -106,14 +108,7 @@ impl Hyperelastic {
     /// [`BuildError::Count`] of laws, [`BuildError::Setting`] for a modulus or a setting out of range or a mesh
     /// too large for memory.
     pub fn new(mesh: &TetMesh, laws: &[Law], settings: Settings) -> Result<Self, BuildError> {
-        let cells = mesh.cells().len();
-        if laws.len() != 1 && laws.len() != cells {
-            return Err(BuildError::Count {
-                what: "laws",
-                given: laws.len(),
-                cells,
-            });
-        }
+        check_count(mesh, laws)?;
         laws.iter().try_for_each(settings::check_law)?;
         settings.check()?;
         let mut balance = Balance::new(Elastic::new(Discrete::new(mesh, settings.cells), laws))?;
@@ -263,4 +258,17 @@ impl Hyperelastic {
         let masses = self.balance.masses.iter().zip(&self.state.velocity);
         masses.map(|(mass, v)| 0.5 * mass * v.norm_squared()).sum()
     }
+}
+
+/// Whether there is one law for all cells, or one for each.
+fn check_count(mesh: &TetMesh, laws: &[Law]) -> Result<(), BuildError> {
+    let cells = mesh.cells().len();
+    if laws.len() == 1 || laws.len() == cells {
+        return Ok(());
+    }
+    Err(BuildError::Count {
+        what: "laws",
+        given: laws.len(),
+        cells,
+    })
 }

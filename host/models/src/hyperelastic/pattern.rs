@@ -31,7 +31,7 @@ impl Groups {
 }
 
 /// Compressed columns of the lower triangle, rows ascending; where each group's blocks go.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub(super) struct Pattern {
     pub unknowns: usize,
     pub column_start: Vec<usize>,

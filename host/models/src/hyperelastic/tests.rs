@@ -90,6 +90,13 @@ fn forces_and_tangent_are_derivatives_of_one_energy() {
         let off = plus(&change, -0.5 / h, &difference);
         let relative = (dot(&off, &off) / dot(&change, &change)).sqrt();
         assert!(relative < 1e-6, "{what}: {relative}");
+
+        // Cell by cell, without the matrix.
+        let mut product = vec![Vector3::zeros(); x.len()];
+        elastic.product(&x, &way, &mut product);
+        let off = plus(&product, -1.0, &change);
+        let relative = (dot(&off, &off) / dot(&change, &change)).sqrt();
+        assert!(relative < 1e-13, "{what}: {relative}");
     }
 }
 

@@ -42,9 +42,11 @@ pub struct Linearisation {
     /// the old internal force under the present external one. 0 for a tangent without error, before the
     /// first step and in balance; 1 for a step that did nothing; above 1 it did harm. Meant for steps
     /// between which only the rows' forces change, with the step: loads that changed since and
-    /// fixed nodes that were moved count as left (steady motion by loads alone reads 0.71).
+    /// fixed nodes that were moved count as left (steady motion by loads alone reads 0.71). Of hyperelastic tissue it
+    /// is not kept: 0.
     pub contraction: f64,
-    /// Largest turn of a cell since the last refactorisation, before this one \[rad\].
+    /// Largest turn of a cell since the last refactorisation, before this one \[rad\]; of hyperelastic tissue a change
+    /// of stretch counts, too.
     pub rotation_since_refactor_rad: f64,
     /// Whether the factor is new: columns computed with the last one are void.
     pub refactored: bool,
@@ -404,7 +406,7 @@ impl CorotationalState {
 
 /// FNV-1a over the bits (Fowler, Noll & Vo 1991): equal for equal tangents, and as good as never
 /// otherwise. Odd, because 0 stands for the factor at rest.
-pub(super) fn fingerprint(values: &[f64]) -> u64 {
+pub(in super::super) fn fingerprint(values: &[f64]) -> u64 {
     let mix = |hash: u64, value: &f64| (hash ^ value.to_bits()).wrapping_mul(0x0100_0000_01b3);
     values.iter().fold(0xcbf2_9ce4_8422_2325, mix) | 1
 }
@@ -415,12 +417,12 @@ fn precondition(state: &CorotationalState, workspace: &mut CorotationalWorkspace
     state.factor.solve(z, 1, &mut workspace.solve);
 }
 
-pub(super) fn dot(a: &[f64], b: &[f64]) -> f64 {
+pub(in super::super) fn dot(a: &[f64], b: &[f64]) -> f64 {
     a.iter().zip(b).map(|(a, b)| a * b).sum()
 }
 
 /// to += factor x
-pub(super) fn add(factor: f64, x: &[f64], to: &mut [f64]) {
+pub(in super::super) fn add(factor: f64, x: &[f64], to: &mut [f64]) {
     for (to, x) in to.iter_mut().zip(x) {
         *to += factor * x;
     }

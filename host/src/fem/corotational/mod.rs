@@ -16,6 +16,7 @@ mod tests;
 
 pub(crate) use linearise::Balance;
 pub use linearise::{Linearisation, TangentKind};
+pub(super) use linearise::{add, dot, fingerprint};
 pub use model::{CorotationalModel, ModelSettings};
 pub(crate) use renewed::{RenewScratch, Renewed};
 pub use state::{CorotationalState, CorotationalWorkspace};
@@ -63,6 +64,18 @@ impl Default for Policy {
             refactor_every: 256,
             cg_iterations: 2,
             cg_tolerance: 1e-3,
+        }
+    }
+}
+
+impl Policy {
+    /// Whether its limits are numbers, and not below zero.
+    pub(super) fn check(self) -> Result<(), TissueError> {
+        let limits = [self.refactor_rotation_rad, self.cg_tolerance];
+        if limits.iter().all(|limit| *limit >= 0.0) {
+            Ok(())
+        } else {
+            Err(TissueError::Policy(self))
         }
     }
 }
@@ -139,10 +152,7 @@ impl CorotationalTissue {
         policy: Policy,
         factor: impl FnOnce(&Pattern, &[f64], &Numbering) -> Result<Factor, TissueError>,
     ) -> Result<Self, TissueError> {
-        let limits = [policy.refactor_rotation_rad, policy.cg_tolerance];
-        if !limits.iter().all(|limit| *limit >= 0.0) {
-            return Err(TissueError::Policy(policy));
-        }
+        policy.check()?;
         materials.check(mesh.cells().len())?;
         let numbering = Numbering::new(mesh.points_m().len(), fixed)?;
         assembly::begin(mesh.cells().len())?;

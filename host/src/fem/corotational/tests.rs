@@ -37,7 +37,7 @@ fn the_assembled_tangent_is_the_product_cell_by_cell() {
         workspace.direction.as_flattened_mut()[..unknowns].copy_from_slice(&v);
         tissue.multiply(&mut workspace);
         let product = &workspace.product.as_flattened()[..unknowns];
-        let scale = linearise::dot(product, product).sqrt();
+        let scale = dot(product, product).sqrt();
         for (row, (a, b)) in assembled.iter().zip(product).enumerate() {
             assert!(
                 (a - b).abs() < 1e-13 * scale,
