@@ -380,7 +380,7 @@ impl Drive<'_> {
             }
             self.lead_followers();
             settled &= self.settle_threads();
-            settled &= self.settle_tools()?;
+            settled &= self.settle_tools(*solves)?;
             // One that is not at rest by then lies still, and goes on in the next balance.
             settled &= *solves > LOOSE_SOLVES || self.settle_loose();
             if settled && !self.meets() {

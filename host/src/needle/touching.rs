@@ -9,7 +9,7 @@ use nalgebra::Vector3;
 impl Drive<'_> {
     /// After a solve: linearises the contacts of tools anew and takes up what has come to be inside one; whether that
     /// was not needed.
-    pub(super) fn settle_tools(&mut self) -> Result<bool, Status> {
+    pub(super) fn settle_tools(&mut self, solves: u32) -> Result<bool, Status> {
         let tools = &self.needles.tools;
         if tools.is_empty() {
             return Ok(true);
@@ -24,7 +24,9 @@ impl Drive<'_> {
         } = self;
         let at = |node: u32| position(body, points_m, grasp, work, node);
         let of_tools = (grasp.lambda(), grasp.modes());
-        let settled = self.tools.settle(tools, of_tools, &work.near_tools, at);
+        let settled = self
+            .tools
+            .settle(tools, of_tools, (&work.near_tools, solves), at);
         self.report.residual = settled.residual;
         self.clock.lap(&mut self.report.stages.detect_ns);
         // Friction may hold what the normals alone do not.
@@ -102,6 +104,7 @@ impl Drive<'_> {
         let at = |node: u32| position(body, points_m, grasp, work, node);
         let near = (&work.near_tools[..], &work.slack_m[..]);
         self.tools.accept(tools, near, at);
+        self.report.friction_j = self.tools.friction_j;
     }
 }
 

@@ -173,6 +173,8 @@ pub struct StepReport {
     thread_count: usize,
     /// Pairs of features of touching tissues that press against each other.
     pub touching: u32,
+    /// Dissipated by the friction of tools so far \[J\].
+    pub friction_j: f64,
 }
 
 impl StepReport {

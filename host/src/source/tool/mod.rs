@@ -66,6 +66,8 @@ pub(crate) struct Contact {
     pub sticks: bool,
     /// Where the last solve left it \[m\], (3).
     pub at_m: Vector3<f64>,
+    /// Its way there from where the solve before had left it \[m\], (3).
+    way_m: Vector3<f64>,
     /// Distance from the tool there \[m\].
     pub gap_m: f64,
     /// Out of the tool, unit vector, (3), and one across it, (3): the frame of its rows.

@@ -12,6 +12,11 @@ use nalgebra::Vector3;
 const ID: u64 = 1 << 56;
 /// Balance: largest gap over radius, and largest change of a normal since it was linearised \[rad\].
 const TOLERANCE: f64 = 1e-11;
+/// What slips under friction turns by more than its normal's own force, which no solve foresees: after so many this is good
+/// enough.
+const ENOUGH: (u32, f64) = (16, 1e-8);
+/// Every so many solves the next linearisation is where the last ones lead to.
+const EXTRAPOLATED: u32 = 5;
 /// Longest way of a vertex from one linearisation to the next, in radii of the tool.
 const LONGEST: f64 = 0.5;
 /// A vertex counts as inside a tool when it is deeper than this part of its radius.
@@ -91,12 +96,14 @@ impl ToolContacts {
         }
     }
 
-    /// After a solve with the multipliers `lambda` and `modes` of all rows: linearises anew where it has the vertices, `at` a node \[m\], and takes up those of `near` that are inside a tool now.
+    /// After a solve with the multipliers `lambda` and `modes` of all rows: linearises anew where it has the vertices,
+    /// `at` a node \[m\], and takes up those of `near` that are inside a tool now; it was the balance's
+    /// `solves`th.
     pub fn settle(
         &mut self,
         tools: &TouchingTools,
         (lambda, modes): (&[f64], &[Mode]),
-        near: &[(u32, u32)],
+        (near, solves): (&[(u32, u32)], u32),
         at: impl Fn(u32) -> Vector3<f64>,
     ) -> Settled {
         let mut settled = Settled {
@@ -104,42 +111,73 @@ impl ToolContacts {
             residual: 0.0,
             has_room: true,
         };
-        for contact in &mut self.contacts {
+        let farther = self.farther(tools, solves, &at);
+        let Self {
+            placements,
+            contacts,
+            ..
+        } = self;
+        for contact in contacts {
             let row = contact.row as usize;
-            let (Some(lambda), Some(modes)) = (lambda.get(row..row + 3), modes.get(row..row + 3))
-            else {
+            let rows = row..row + 3;
+            let (Some(lambda), Some(modes)) = (lambda.get(rows.clone()), modes.get(rows)) else {
                 continue;
             };
-            let Some(placement) = &self.placements[contact.tool as usize] else {
+            let Some(placement) = &placements[contact.tool as usize] else {
                 continue;
             };
             let solid = tools.solid(contact.tool as usize, placement);
-            let before = contact.normal;
-            // What would be thrown across its tool is no guide: not so far at once.
-            let way = at(contact.node) - contact.at_m;
-            let part = (LONGEST * solid.radius() / way.norm()).min(1.0);
-            let there = contact.at_m + way * part;
             contact.lambda_n = [lambda[0], lambda[1], lambda[2]];
             contact.slips = modes[1] == Mode::Slipping;
-            if !contact.look(&solid, if part < 1.0 { there } else { at(contact.node) }) {
-                settled.residual = f64::INFINITY;
-                continue;
-            }
-            let gap = contact.gap_m / solid.radius();
-            let off = if lambda[0] > 0.0 {
-                gap.abs().max((contact.normal - before).norm())
-            } else {
-                (-gap).max(0.0)
-            };
-            settled.residual = settled.residual.max(off);
-            settled.is &= part >= 1.0;
+            contact.go_on(&solid, at(contact.node), farther, &mut settled);
             let tool = &tools.each[contact.tool as usize].tool;
             if contact.sticks && contact.slips && tool.static_friction > tool.friction {
                 contact.sticks = false;
                 settled.is = false;
             }
         }
-        settled.is &= settled.residual <= TOLERANCE;
+        let (many, enough) = ENOUGH;
+        let tolerance = if solves > many { enough } else { TOLERANCE };
+        settled.is &= settled.residual <= tolerance;
+        self.take_up(tools, near, at, &mut settled);
+        settled
+    }
+
+    /// How much farther than a solve the next linearisation is: what slips under friction turns by more than a solve
+    /// foresees, and the ways from one linearisation to the next shrink by the same factor, whose series ends there
+    /// (Aitken 1926).
+    fn farther(
+        &mut self,
+        tools: &TouchingTools,
+        solves: u32,
+        at: impl Fn(u32) -> Vector3<f64>,
+    ) -> f64 {
+        if tools.are_smooth() {
+            return 1.0;
+        }
+        let (mut along, mut square) = (0.0, 0.0);
+        for contact in &mut self.contacts {
+            let way = at(contact.node) - contact.at_m;
+            along += way.dot(&contact.way_m);
+            square += contact.way_m.norm_squared();
+            contact.way_m = way;
+        }
+        let factor = along / square;
+        if solves % EXTRAPOLATED == 0 && (0.2..0.98).contains(&factor) {
+            1.0 / (1.0 - factor)
+        } else {
+            1.0
+        }
+    }
+
+    /// Takes up the vertices of `near` that are inside a tool.
+    fn take_up(
+        &mut self,
+        tools: &TouchingTools,
+        near: &[(u32, u32)],
+        at: impl Fn(u32) -> Vector3<f64>,
+        settled: &mut Settled,
+    ) {
         for &(tool, node) in near {
             let is = |contact: &Contact| (contact.tool, contact.node) == (tool, node);
             let Some(placement) = &self.placements[tool as usize] else {
@@ -159,7 +197,6 @@ impl ToolContacts {
             contact.look(&solid, place);
             self.contacts.push(contact);
         }
-        settled
     }
 
     /// A vertex that has come to be inside a tool: it touched on the way from where both were at the last balance, and
@@ -224,6 +261,7 @@ impl Contact {
             tangent: Vector3::x(),
             lambda_n: [0.0; 3],
             slips: false,
+            way_m: Vector3::zeros(),
             ahead_m: Vector3::zeros(),
             before_n: Vector3::zeros(),
             row: 0,
@@ -243,6 +281,31 @@ impl Contact {
             ..Self::new(tool, node, at_m)
         };
         contact.look(solid, at_m).then_some(contact)
+    }
+
+    /// Linearises where a solve has the vertex, or so much `farther`.
+    fn go_on(&mut self, solid: &Solid, at_m: Vector3<f64>, farther: f64, settled: &mut Settled) {
+        let before = self.normal;
+        // What would be thrown across its tool is no guide: not so far at once.
+        let way = at_m - self.at_m;
+        let part = farther.min(LONGEST * solid.radius() / way.norm());
+        let there = if part == 1.0 {
+            at_m
+        } else {
+            self.at_m + way * part
+        };
+        if !self.look(solid, there) {
+            settled.residual = f64::INFINITY;
+            return;
+        }
+        let gap = self.gap_m / solid.radius();
+        let off = if self.lambda_n[0] > 0.0 {
+            gap.abs().max((self.normal - before).norm())
+        } else {
+            (-gap).max(0.0)
+        };
+        settled.residual = settled.residual.max(off);
+        settled.is &= part == 1.0;
     }
 
     /// Distance and normal where the vertex is; whether there is a normal.
