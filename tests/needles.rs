@@ -552,12 +552,6 @@ fn slips_are_told_at_their_place() {
     let directory = tempfile::tempdir().unwrap();
     for (from, to, message, help) in [
         (
-            "shape = \"grip\"",
-            "radius_m = 0.01",
-            "a tool that touches tissue in a scene with needles",
-            "shape = \"grip\"",
-        ),
-        (
             "tool = 0",
             "tool = 3",
             "there is no tool 3",

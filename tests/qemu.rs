@@ -102,6 +102,21 @@ fn a_driven_needle_gives_the_same_bits_natively_and_on_the_image() {
     }
 }
 
+/// Cones of tools that rub, beside needles and threads, on every tissue that has a compliance.
+#[test]
+fn scenes_in_which_all_is_solved_at_once_give_the_same_bits_natively_and_on_the_image() {
+    for scene in [
+        "scenes/drag.toml",
+        "scenes/suture-and-probe.toml",
+        "scenes/needle-held-slab.toml",
+        "scenes/needle-hyperelastic.toml",
+        "scenes/touching-slabs.toml",
+    ] {
+        let emulated = same_bits_natively_and_on_the_image(scene);
+        assert!(emulated["decays"] == 0, "{scene}");
+    }
+}
+
 /// Thread frames, too.
 #[test]
 fn a_sewn_wound_gives_the_same_bits_natively_and_on_the_image() {

@@ -137,7 +137,8 @@ impl ToolContacts {
             }
         }
         let (many, enough) = ENOUGH;
-        let tolerance = if solves > many { enough } else { TOLERANCE };
+        let is_enough = solves > many && !tools.are_smooth();
+        let tolerance = if is_enough { enough } else { TOLERANCE };
         settled.is &= settled.residual <= tolerance;
         self.take_up(tools, near, at, &mut settled);
         settled
