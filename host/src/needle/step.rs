@@ -212,6 +212,7 @@ impl NeedlesWork {
 }
 
 /// Follows the tools with the needles that they hold. `samples` have been looked at: known, finite, once each.
+#[expect(clippy::too_many_arguments, reason = "they are the step")]
 pub(crate) fn step(
     model: &Model,
     needles: &Needles,
@@ -302,7 +303,11 @@ pub(crate) fn step(
             model,
             needles,
             state,
-            (&targets[..count], &ends[..state.threads.len()], &tools),
+            &Targets {
+                needles: &targets[..count],
+                threads: &ends[..state.threads.len()],
+                tools: &tools,
+            },
             work,
             report,
             clock,
@@ -364,16 +369,28 @@ pub(crate) fn step(
     status
 }
 
+/// Where needles, the ends of threads and tools have to go.
+struct Targets<'a> {
+    needles: &'a [Isometry3<f64>],
+    threads: &'a [[Vector3<f64>; 2]],
+    tools: &'a Placements,
+}
+
 /// Takes the needles to their targets in pieces.
 fn follow(
     model: &Model,
     needles: &Needles,
     state: &mut NeedlesState,
-    (targets, threads, tools): (&[Isometry3<f64>], &[[Vector3<f64>; 2]], &Placements),
+    to: &Targets,
     work: &mut NeedlesWork,
     report: &mut StepReport,
     clock: &mut Clock,
 ) -> Status {
+    let Targets {
+        needles: targets,
+        threads,
+        tools,
+    } = *to;
     let mut halvings = 0;
     loop {
         // What nobody holds is where the tissue took it.

@@ -223,12 +223,12 @@ impl TangentWork {
                 let (shift, _) = unit(pose);
                 let own = &change[n * pose..n * (pose + 1)];
                 let (mut force, mut moved) = (Vector3::zeros(), Vector3::zeros());
-                for axis in 0..3 {
+                for (axis, direction) in frame.iter().enumerate() {
                     let row = first + axis;
-                    force += frame[axis] * own[row];
+                    force += direction * own[row];
                     let column = &w[n * row..n * (row + 1)];
                     let along: f64 = column.iter().zip(own).map(|(w, own)| w * own).sum();
-                    moved -= frame[axis] * along;
+                    moved -= direction * along;
                 }
                 let moment = arm.cross(&force) - (moved - shift).cross(&held_n);
                 for axis in 0..3 {

@@ -164,7 +164,7 @@ impl ToolContacts {
             contact.way_m = way;
         }
         let factor = along / square;
-        if solves % EXTRAPOLATED == 0 && (0.2..0.98).contains(&factor) {
+        if solves.is_multiple_of(EXTRAPOLATED) && (0.2..0.98).contains(&factor) {
             1.0 / (1.0 - factor)
         } else {
             1.0
