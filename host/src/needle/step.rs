@@ -223,6 +223,7 @@ pub(crate) fn step(
     report: &mut StepReport,
     clock: &mut Clock,
 ) -> Status {
+    work.rows.clear();
     let tools = needles.tools.targets(tools);
     if !state
         .tools
@@ -565,7 +566,6 @@ fn reduce(
         rows,
         ..
     } = work;
-    rows.clear();
     let mut stages_report = *report;
     let mut drive = Drive {
         body: &model.body,

@@ -200,8 +200,7 @@ impl Scene {
         self.tools.iter().find(|tool| tool.driven)
     }
 
-    /// Whether what is at rest depends on the way there: there are needles, or tissues that touch. Both are balanced
-    /// together, and tools are grips.
+    /// Whether what is at rest depends on the way there: there are needles, or tissues that touch.
     pub fn depends_on_way(&self) -> bool {
         !(self.needles.is_empty() && self.touching.is_empty())
     }

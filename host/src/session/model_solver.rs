@@ -705,6 +705,11 @@ fn refused(scene: &Scene, entry: &registry::Entry) -> Option<(String, &'static s
             help,
         ));
     }
+    if let Some(tool) = scene.tools.iter().find(|tool| !tool.shape.is_smooth()) {
+        let help = "leave `friction` out, or take `linear` or `corotational` tissue";
+        let reason = format!("tool {} rubs, and to this model tools stick", tool.id);
+        return Some((reason, help));
+    }
     if !scene.loads.handles.is_empty() {
         let help = "leave the handles out, or take `linear` tissue";
         return Some((

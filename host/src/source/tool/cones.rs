@@ -187,14 +187,13 @@ impl Cones {
         *out = ToolRows::NONE;
         out.count = m;
         let (axes, smooth) = (self.axes, self.axes == 1);
-        for row in 0..m {
-            let i = row;
-            let lead = self.members.iter().find(|member| member.cone == row / axes);
+        for i in 0..m {
+            let lead = self.members.iter().find(|member| member.cone == i / axes);
             let Some(lead) = lead.map(|member| &member.contact) else {
                 continue;
             };
             out.id[i] = lead.node;
-            out.kind[i] = match (smooth, row % axes) {
+            out.kind[i] = match (smooth, i % axes) {
                 (true, _) => ToolRowKind::Smooth,
                 (false, 0) => ToolRowKind::Normal {
                     friction: if lead.sticks {
@@ -205,12 +204,12 @@ impl Cones {
                 },
                 (false, _) => ToolRowKind::Tangent,
             };
-            if row % axes == 0 && lead.lambda_n[0] <= 0.0 {
+            if i % axes == 0 && lead.lambda_n[0] <= 0.0 {
                 out.delta_m[i] = lead.gap_m;
             }
-            out.lambda_n[i] = self.lambda[row];
+            out.lambda_n[i] = self.lambda[i];
             for pose in 0..6 {
-                out.jacobian[i][pose] = self.j[m * pose + row];
+                out.jacobian[i][pose] = self.j[m * pose + i];
             }
         }
         let pairs = (0..out.count).flat_map(|i| (i..out.count).map(move |j| (i, j)));
@@ -227,10 +226,9 @@ impl Cones {
     pub fn coming(&mut self, rows: &ToolRows, most_gap_m: f64) -> Matrix6<f64> {
         let normals =
             |i: &usize| rows.kind[*i] != ToolRowKind::Tangent && rows.delta_m[*i] <= most_gap_m;
-        let mut tangent = Matrix6::zeros();
         let m = (0..rows.count).filter(normals).count();
         if m == 0 {
-            return tangent;
+            return Matrix6::zeros();
         }
         for (place, i) in (0..rows.count).filter(normals).enumerate() {
             for (other, j) in (0..rows.count).filter(normals).enumerate() {
@@ -241,18 +239,7 @@ impl Cones {
             }
         }
         self.rhs[..6 * m].copy_from_slice(&self.j[..6 * m]);
-        self.lu.factor(&mut self.matrix[..m * m], m);
-        self.lu
-            .solve(&self.matrix[..m * m], m, &mut self.rhs[..6 * m], 6);
-        for (i, j) in (0..36).map(|entry| (entry / 6, entry % 6)) {
-            let forces = self.rhs[m * j..m * (j + 1)].iter();
-            let by: f64 = forces
-                .zip(&self.j[m * i..m * (i + 1)])
-                .map(|(f, j)| f * j)
-                .sum();
-            tangent[(i, j)] = -by;
-        }
-        tangent
+        self.solve(m)
     }
 
     fn count(&self) -> usize {
@@ -271,7 +258,8 @@ impl Cones {
         self.w[..m * m].fill(0.0);
         self.lambda[..m].fill(0.0);
         for (place, member) in self.members.iter().enumerate() {
-            for (own, cone, part) in member.parts(place, axes) {
+            for (own, cone, turned) in member.parts(place, axes) {
+                let part = turned * member.weight;
                 let column = &self.compliance[k * own..k * (own + 1)];
                 let out = &mut self.shared[k * cone..k * (cone + 1)];
                 for (out, w) in out.iter_mut().zip(column) {
@@ -280,13 +268,13 @@ impl Cones {
                 for pose in 0..6 {
                     self.j[m * pose + cone] += part * self.kept_jacobian[k * pose + own];
                 }
-                // All of the force: its share of the way is what it has of it.
-                let whole = part / member.weight;
-                self.lambda[cone] += whole * member.contact.lambda_n[own % axes];
+                // All of the force, and its share of the way.
+                self.lambda[cone] += turned * member.contact.lambda_n[own % axes];
             }
         }
         for (place, member) in self.members.iter().enumerate() {
-            for (own, cone, part) in member.parts(place, axes) {
+            for (own, cone, turned) in member.parts(place, axes) {
+                let part = turned * member.weight;
                 for column in 0..m {
                     self.w[m * column + cone] += part * self.shared[k * column + own];
                 }
@@ -296,9 +284,8 @@ impl Cones {
 
     /// How the wrench follows the pose by these cones as they stick, slip or are open now.
     fn follows(&mut self, m: usize) -> Matrix6<f64> {
-        let mut tangent = Matrix6::zeros();
         if m == 0 {
-            return tangent;
+            return Matrix6::zeros();
         }
         let matrix = &mut self.matrix[..m * m];
         matrix.copy_from_slice(&self.w[..m * m]);
@@ -330,17 +317,19 @@ impl Cones {
                 }
             }
         }
+        self.solve(m)
+    }
+
+    /// `-J' A^-1 B` for the matrix A (m x m) and the right-hand sides B (m x 6).
+    fn solve(&mut self, m: usize) -> Matrix6<f64> {
+        let (matrix, rhs) = (&mut self.matrix[..m * m], &mut self.rhs[..6 * m]);
         self.lu.factor(matrix, m);
-        self.lu.solve(matrix, m, &mut self.rhs[..6 * m], 6);
-        for (i, j) in (0..36).map(|entry| (entry / 6, entry % 6)) {
-            let forces = self.rhs[m * j..m * (j + 1)].iter();
-            let by: f64 = forces
-                .zip(&self.j[m * i..m * (i + 1)])
-                .map(|(f, j)| f * j)
-                .sum();
-            tangent[(i, j)] = -by;
-        }
-        tangent
+        self.lu.solve(matrix, m, rhs, 6);
+        Matrix6::from_fn(|i, j| {
+            let forces = rhs[m * j..m * (j + 1)].iter();
+            let products = forces.zip(&self.j[m * i..m * (i + 1)]).map(|(f, j)| f * j);
+            -products.sum::<f64>()
+        })
     }
 }
 
@@ -349,16 +338,16 @@ impl Member {
         self.contact.lambda_n[0] > 0.0
     }
 
-    /// Its row among the kept, the cone's, and its part in that; `place` is its own among the members.
+    /// Its row among the kept, the cone's, and that one's direction in its own; `place` is its own among the members.
     fn parts(
         &self,
         place: usize,
         axes: usize,
     ) -> impl Iterator<Item = (usize, usize, f64)> + use<> {
         let (own, cone) = (axes * place, axes * self.cone);
-        let (c, s) = (self.weight * self.turn.x, self.weight * self.turn.y);
+        let (c, s) = (self.turn.x, self.turn.y);
         [
-            (own, cone, self.weight),
+            (own, cone, 1.0),
             (own + 1, cone + 1, c),
             (own + 2, cone + 1, s),
             (own + 1, cone + 2, -s),

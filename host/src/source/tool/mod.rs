@@ -81,7 +81,8 @@ pub(crate) struct Contact {
     ahead_m: Vector3<f64>,
     /// Force on the tissue at the last balance \[N\], (3).
     before_n: Vector3<f64>,
-    /// The first of its three rows in the last solve.
+    /// The first of its three rows in the last solve: which solve that was is of no consequence.
+    #[serde(skip)]
     pub row: u32,
     /// Whether it has but the first of these: it is open, and the tool does not rub.
     normal_only: bool,
@@ -220,7 +221,7 @@ impl ToolContacts {
             placements: [None; MAX_TOOLS],
             before: [None; MAX_TOOLS],
             contacts: Vec::with_capacity(most),
-            near: Vec::with_capacity(if most > 0 { tools.nodes.len() } else { 0 }),
+            near: Vec::with_capacity(tools.most_pairs()),
             slack_m: vec![0.0; tools.groups()],
             friction_j: 0.0,
         }

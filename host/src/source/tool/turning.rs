@@ -12,13 +12,6 @@ use crate::anchors::AnchorRow;
 use crate::dense::{Dense, Lu, add_product, solve_lower};
 use nalgebra::{Matrix2, Vector2, Vector3};
 
-impl Turn {
-    /// Not on a flat face.
-    fn turns(&self) -> bool {
-        self.factor != Matrix2::zeros()
-    }
-}
-
 /// Springs at normals, in stiffnesses of their rows.
 const SPRING: f64 = 100.0;
 
@@ -34,6 +27,13 @@ struct Turn {
     factor: Matrix2<f64>,
     /// Where the vertex was across the normal \[m\].
     was_m: Vector2<f64>,
+}
+
+impl Turn {
+    /// Not on a flat face.
+    fn turns(&self) -> bool {
+        self.factor != Matrix2::zeros()
+    }
 }
 
 /// Scratch, and the compliance in which normals turn.
