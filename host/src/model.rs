@@ -9,9 +9,9 @@ use crate::fem::{
     LinearTissue, Loads, Materials, NodeLoad, Policy, TissueError, principal_stress_pa,
 };
 use crate::mesh::{Surface, TetMesh};
-use crate::needle::{self, NeedleError, NeedlePart, NeedleSettings, NeedleTissue, Needles};
+use crate::needle::{NeedleError, NeedlePart, NeedleSettings, NeedleTissue};
 use crate::source::{Handles, MOST_NODES};
-use crate::step::{DEFAULT_CACHE_BYTES, State, Status};
+use crate::step::{self, DEFAULT_CACHE_BYTES, NoRest, Sources, State, Status};
 use crate::thread::{ThreadError, ThreadPart, Threads};
 use crate::tool::{MAX_TOOLS, Shape, Tool};
 use nalgebra::Vector3;
@@ -48,8 +48,8 @@ pub struct Model {
     pub(crate) touchable_m: Vec<Vector3<f64>>,
     /// Their outward normals, (b).
     pub(crate) touchable_normal: Vec<Vector3<f64>>,
-    /// Needles, if there are any.
-    pub(crate) needles: Option<Needles>,
+    /// Sources, if there are any.
+    pub(crate) sources: Option<Sources>,
 }
 
 /// When a step over corotational or hyperelastic tissue ends: each pass linearises it anew.
@@ -258,22 +258,22 @@ impl Model {
         if !self.body.is_linear() {
             return self.with_needles(mesh, &[], &[], settings);
         }
-        self.needles = Some(self.interactions(mesh, &[], &[], settings)?);
+        self.sources = Some(self.sources_of(mesh, &[], &[], settings)?);
         Ok(self)
     }
 
-    /// Needles and tools that touch.
-    fn interactions(
+    /// Sources and tools that touch.
+    fn sources_of(
         &self,
         mesh: &TetMesh,
         needles: &[NeedlePart],
         tissue: &[NeedleTissue],
         settings: NeedleSettings,
-    ) -> Result<Needles, NeedleError> {
+    ) -> Result<Sources, NeedleError> {
         let at_rest = (&self.touchable_m[..], &self.touchable_normal[..]);
-        let needles = Needles::new(needles, tissue, settings, mesh, &self.resting_m)?;
+        let sources = Sources::new(needles, tissue, settings, mesh, &self.resting_m)?;
         let least_m = self.surface.mean_edge_m;
-        Ok(needles.with_tools(&self.tools, least_m, &self.touchable, at_rest))
+        Ok(sources.with_tools(&self.tools, least_m, &self.touchable, at_rest))
     }
 
     /// As [`Self::corotational`], for tissue that is hyperelastic: it has no handles.
@@ -356,7 +356,7 @@ impl Model {
             touchable,
             touchable_m,
             touchable_normal,
-            needles: None,
+            sources: None,
         }
     }
 
@@ -381,13 +381,13 @@ impl Model {
             Body::Corotational { tissue, .. } => tissue.has_room_for_needles()?,
             Body::Hyperelastic { tissue, .. } => tissue.has_room_for_needles()?,
         }
-        let mut needles = self.interactions(mesh, needles, tissue, settings)?;
+        let mut sources = self.sources_of(mesh, needles, tissue, settings)?;
         // From now on rows hold these points, and columns are of tissue that nobody holds there.
         self.loads.forces.extend(handles.loads());
         self.loads.handles.clear();
         self.held = Arc::new(HeldPoints::none());
-        needles.handles = handles;
-        self.needles = Some(needles);
+        sources.handles = handles;
+        self.sources = Some(sources);
         Ok(self)
     }
 
@@ -396,7 +396,7 @@ impl Model {
     /// # Errors
     /// Threads on needles that are not there, or with numbers that make none.
     pub fn with_threads(mut self, threads: &[ThreadPart]) -> Result<Self, ModelError> {
-        let Some(needles) = &mut self.needles else {
+        let Some(sources) = &mut self.sources else {
             return threads.first().map_or(Ok(self), |part| {
                 let flaw = "does not exist";
                 Err(ThreadError::Needle {
@@ -407,8 +407,8 @@ impl Model {
                 .into())
             });
         };
-        let ids: Vec<u8> = needles.parts.iter().map(|part| part.id).collect();
-        needles.threads = Threads::new(threads, &ids, &needles.mesh)?;
+        let ids: Vec<u8> = sources.needles.iter().map(|part| part.id).collect();
+        sources.threads = Threads::new(threads, &ids, &sources.mesh)?;
         Ok(self)
     }
 
@@ -423,27 +423,27 @@ impl Model {
         parts: &[TouchPart],
         settings: TouchSettings,
     ) -> Result<Self, ModelError> {
-        let reaches = self.needles.as_ref().is_some_and(Needles::reach_inside);
+        let reaches = self.sources.as_ref().is_some_and(Sources::reach_inside);
         if !reaches {
             self = self.with_needles(mesh, &[], &[], NeedleSettings::default())?;
         }
-        if let Some(needles) = &mut self.needles {
+        if let Some(sources) = &mut self.sources {
             let at: Vec<_> = mesh.points_m().iter().map(|x| Vector3::from(*x)).collect();
-            needles.touching = Some(Touching::new(parts, &at, settings)?);
+            sources.touching = Some(Touching::new(parts, &at, settings)?);
         }
-        needle::settle(&mut self)
-            .map_err(|needle::NoRest { share, status }| ModelError::NoRest { share, status })?;
-        if let Some(needles) = &self.needles
-            && let Some(rest) = &needles.rest
+        step::settle(&mut self)
+            .map_err(|NoRest { share, status }| ModelError::NoRest { share, status })?;
+        if let Some(sources) = &self.sources
+            && let Some(rest) = &sources.rest
         {
-            needles.start_outside(rest.touch.at_m())?;
+            sources.start_outside(rest.touch.at_m())?;
         }
         Ok(self)
     }
 
     /// Nodes that rows of `needles` may act on, as the columns of the compliance count them: of tools alone, the boundary's.
-    pub(crate) fn reached(&self, needles: &Needles) -> Vec<u32> {
-        if needles.reach_inside() {
+    pub(crate) fn reached(&self, sources: &Sources) -> Vec<u32> {
+        if sources.reach_inside() {
             let numbering = self.body.numbering();
             let nodes = 0..numbering.nodes() as u32;
             return nodes.filter(|node| !numbering.is_fixed(*node)).collect();
@@ -452,8 +452,8 @@ impl Model {
     }
 
     /// The node that is such a vertex.
-    pub(crate) fn node_of(&self, needles: &Needles, vertex: u32) -> Option<u32> {
-        if needles.reach_inside() {
+    pub(crate) fn node_of(&self, sources: &Sources, vertex: u32) -> Option<u32> {
+        if sources.reach_inside() {
             return self.body.numbering().node_at(vertex);
         }
         self.touchable.get(vertex as usize).copied()
@@ -461,13 +461,13 @@ impl Model {
 
     /// Index of a thread.
     pub(crate) fn thread(&self, id: u8) -> Option<usize> {
-        let parts = &self.needles.as_ref()?.threads.parts;
+        let parts = &self.sources.as_ref()?.threads.parts;
         parts.iter().position(|part| part.id == id)
     }
 
     /// Length of a thread \[m\].
     pub(crate) fn thread_length_m(&self, id: u8) -> Option<f64> {
-        let parts = &self.needles.as_ref()?.threads.parts;
+        let parts = &self.sources.as_ref()?.threads.parts;
         Some(parts[self.thread(id)?].length_m)
     }
 
@@ -550,10 +550,10 @@ impl Model {
                 None => tissue.book(&tissue.state(), &loads),
             },
         }?;
-        if let (Some(needles), Some(grasp)) = (&self.needles, state.grasp())
-            && needles.handles.count() > 0
+        if let (Some(sources), Some(grasp)) = (&self.sources, state.grasp())
+            && sources.handles.count() > 0
         {
-            found.handle_force_n = needles.handles.forces_n(grasp);
+            found.handle_force_n = sources.handles.forces_n(grasp);
         }
         Ok(found)
     }

@@ -1,13 +1,13 @@
 //! What happens to tips and crossings once a balance is found: faces held, gone through and left.
 //!
-//! Entry point: [`Drive::follow`]. Source: Younes 2021, 3.2.2 and 3.2.3.
+//! Entry point: [`Balance::follow_tips`]. Source: Younes 2021, 3.2.2 and 3.2.3.
 
-use super::drive::{Drive, NeedleWork, What, anchor, position};
 use super::model::{MAX_NEEDLES, Playback, contains};
+use super::source::{What, anchor};
 use super::state::{Cut, Tip};
 use super::{Crossing, Curve, Geometry, MOST_GROUPS, Slack, Stop, entry, walk};
 use crate::anchors::AnchorPoint;
-use crate::step::Status;
+use crate::step::{Balance, Status};
 use nalgebra::{Isometry3, Matrix3, Vector3, Vector6};
 
 /// Where a tip comes from is looked for from this part of the needle behind it \[1\]: it may have come to
@@ -16,16 +16,15 @@ const BACK: f64 = 1e-6;
 /// Poses that are played back after a puncture.
 const PLAYED: usize = 16;
 
-impl Drive<'_> {
+impl Balance<'_> {
     /// Moves tips and histories to the solved tissue; whether rows came or went that change the balance.
-    pub(super) fn follow(&mut self, free: Option<usize>) -> Result<bool, Status> {
+    pub(crate) fn follow_tips(&mut self, played: Option<usize>) -> Result<bool, Status> {
         let mut changed = false;
-        for needle in 0..self.states.len() {
-            changed |= self.follow_hold(needle, free)?;
+        for needle in 0..self.state.each.len() {
+            changed |= self.follow_hold(needle, played)?;
             changed |= self.withdraw(needle);
             changed |= self.advance(needle)?;
         }
-        self.clock.lap(&mut self.report.stages.detect_ns);
         Ok(changed)
     }
 
@@ -33,34 +32,35 @@ impl Drive<'_> {
     pub(super) fn follow_hold(
         &mut self,
         needle: usize,
-        free: Option<usize>,
+        played: Option<usize>,
     ) -> Result<bool, Status> {
-        let Tip::Holding { face, .. } = self.states[needle].tip else {
+        let Tip::Holding { face, .. } = self.state.each[needle].tip else {
             return Ok(false);
         };
         let found = self
             .work
+            .needles
             .points
             .iter()
             .find(|point| point.needle == needle && point.what == What::Holding);
         let Some(point) = found else {
             return Ok(false);
         };
-        let push = -self.grasp.lambda()[point.first_row];
+        let push = -self.state.grasp.lambda()[point.first_row];
         // A face that cannot give way holds nothing back.
-        let rigid = self.grasp.delta_m()[point.first_row] > 0.0
+        let rigid = self.state.grasp.delta_m()[point.first_row] > 0.0
             && self.work.system.compliance(self.work.count())
                 [point.first_row * (self.work.count() + 1)]
                 == 0.0;
-        let area = self.needles.parts[needle].needle.tip_area_m2();
-        let limit = self.needles.tissue(face.face.cell()).puncture_pa * area;
+        let area = self.sources.needles[needle].needle.tip_area_m2();
+        let limit = self.sources.tissue(face.face.cell()).puncture_pa * area;
         if push < 0.0 {
             // Nobody has done work on what was taken only now.
-            if !self.work.took[needle] {
+            if !self.work.needles.took[needle] {
                 self.release(needle, What::Holding);
             }
-            self.work.let_go[needle] = true;
-            let state = &mut self.states[needle];
+            self.work.needles.let_go[needle] = true;
+            let state = &mut self.state.each[needle];
             state.log.clear();
             state.tip = if face.enters {
                 state.left = Some(face);
@@ -70,7 +70,7 @@ impl Drive<'_> {
             };
             return Ok(true);
         }
-        let free = free == Some(needle);
+        let free = played == Some(needle);
         if push > limit || free || (rigid && limit.is_finite()) {
             self.puncture(needle, face, free)?;
             return Ok(true);
@@ -80,47 +80,47 @@ impl Drive<'_> {
 
     /// Crossings that have slid off the tip, and off the end.
     pub(super) fn withdraw(&mut self, needle: usize) -> bool {
-        let length = self.needles.parts[needle].needle.shape.length_m();
+        let length = self.sources.needles[needle].needle.shape.length_m();
         let mut changed = false;
-        while let Some(last) = self.states[needle].history.crossings().last().copied() {
+        while let Some(last) = self.state.each[needle].history.crossings().last().copied() {
             if last.alpha <= length {
                 break;
             }
-            let index = self.states[needle].holds.len() - 1;
+            let index = self.state.each[needle].holds.len() - 1;
             self.release(needle, What::Crossing(index));
             self.release(needle, What::Cut);
             self.release(needle, What::Holding);
-            self.work.let_go[needle] = true;
-            let state = &mut self.states[needle];
+            self.work.needles.let_go[needle] = true;
+            let state = &mut self.state.each[needle];
             state.history.pop();
             state.holds.truncate(index);
             // What it held lay beyond this face.
             state.log.clear();
-            state.tip = match state.history.tip_cell(&self.needles.mesh) {
+            state.tip = match state.history.tip_cell(&self.sources.mesh) {
                 Some(_) => Tip::Inside { cut: None },
                 None => Tip::Outside,
             };
             changed = true;
         }
-        let crossings = self.states[needle].history.crossings();
+        let crossings = self.state.each[needle].history.crossings();
         let behind = crossings
             .iter()
             .take_while(|first| first.alpha < 0.0)
             .count();
-        let thread = self.needles.threads.of_needle(needle);
+        let thread = self.sources.threads.of_needle(needle);
         for index in 0..behind {
             self.release(needle, What::Crossing(index));
             // The thread follows.
-            let crossing = self.states[needle].history.crossings()[index];
+            let crossing = self.state.each[needle].history.crossings()[index];
             let apart = thread.map_or(0.0, |thread| self.apart(thread, &crossing));
-            if let Some(thread) = thread.and_then(|thread| self.threads.get_mut(thread)) {
-                let has_room = thread.pass(&self.needles.mesh, crossing, apart);
-                self.states[needle].tally.lost += u32::from(!has_room);
+            if let Some(thread) = thread.and_then(|thread| self.state.threads.get_mut(thread)) {
+                let has_room = thread.pass(&self.sources.mesh, crossing, apart);
+                self.state.each[needle].tally.lost += u32::from(!has_room);
             }
         }
         if behind > 0 {
-            let state = &mut self.states[needle];
-            state.history.drop_behind(&self.needles.mesh, 0.0);
+            let state = &mut self.state.each[needle];
+            state.history.drop_behind(&self.sources.mesh, 0.0);
             state.holds.drain(..behind);
             if let Some(first) = state.holds.first_mut() {
                 first.follows = false;
@@ -132,18 +132,18 @@ impl Drive<'_> {
 
     /// The tip goes on through the cells, or from outside to the boundary.
     pub(super) fn advance(&mut self, needle: usize) -> Result<bool, Status> {
-        let curve = self.needles.parts[needle]
+        let curve = self.sources.needles[needle]
             .needle
-            .at(&self.states[needle].pose);
-        match self.states[needle].tip {
+            .at(&self.state.each[needle].pose);
+        match self.state.each[needle].tip {
             Tip::Holding { .. } => Ok(false),
-            _ if self.work.let_go[needle] => Ok(false),
+            _ if self.work.needles.let_go[needle] => Ok(false),
             Tip::Inside { .. } => self.advance_inside(needle, &curve),
             Tip::Outside => Ok(self.advance_outside(needle, &curve)),
             Tip::Waiting => {
                 if self.is_clear(&curve) {
-                    self.states[needle].tip = Tip::Outside;
-                    self.work.tips[needle] = curve.at(curve.length);
+                    self.state.each[needle].tip = Tip::Outside;
+                    self.work.needles.tips[needle] = curve.at(curve.length);
                 }
                 Ok(false)
             }
@@ -154,22 +154,30 @@ impl Drive<'_> {
     fn is_clear(&self, curve: &Curve) -> bool {
         let around =
             |cell: &[u32; 4]| contains(&cell.map(|node| self.position(node)), &curve.start);
-        self.first_face(curve).is_none() && !self.needles.mesh.cells().iter().any(around)
+        self.first_face(curve).is_none() && !self.sources.mesh.cells().iter().any(around)
     }
 
     pub(super) fn advance_inside(&mut self, needle: usize, curve: &Curve) -> Result<bool, Status> {
         let geometry = Geometry {
-            mesh: &self.needles.mesh,
-            hierarchy: &self.needles.hierarchy,
+            mesh: &self.sources.mesh,
+            hierarchy: &self.sources.hierarchy,
             slack: Slack::Everywhere(0.0),
-            at: |node| position(self.body, self.points_m, self.grasp, self.work, node),
+            at: |node| {
+                self.work.nodes.position(
+                    node,
+                    self.body,
+                    self.points_m,
+                    &self.state.grasp,
+                    &self.work.system,
+                )
+            },
         };
-        let history = &mut self.states[needle].history;
+        let history = &mut self.state.each[needle].history;
         let walked = walk(&geometry, curve, history, curve.length);
         let stop = walked.stop;
-        let state = &mut self.states[needle];
+        let state = &mut self.state.each[needle];
         state.tally.guessed += walked.guessed;
-        state.hold_new(self.needles.apart_m);
+        state.hold_new(self.sources.apart_m);
         if state.holds.is_empty() && matches!(stop, Stop::Reached | Stop::Lost) {
             return Ok(self.find_again(needle, curve));
         }
@@ -190,8 +198,8 @@ impl Drive<'_> {
     /// A needle that goes through no face, as it is shorter than a cell: its tip is where a straight way
     /// from the middle of the cell that it was in leads. Whether it is out.
     pub(super) fn find_again(&mut self, needle: usize, curve: &Curve) -> bool {
-        let mesh = &self.needles.mesh;
-        let before = self.states[needle].history.tip_cell(mesh);
+        let mesh = &self.sources.mesh;
+        let before = self.state.each[needle].history.tip_cell(mesh);
         let nodes = before.and_then(|cell| mesh.cells().get(cell as usize));
         let Some(nodes) = nodes.copied() else {
             return false;
@@ -201,31 +209,39 @@ impl Drive<'_> {
         let Some(path) = Curve::segment(&middle, &curve.at(curve.length)) else {
             return false;
         };
-        let mut walked = std::mem::take(&mut self.work.path);
+        let mut walked = std::mem::take(&mut self.work.needles.path);
         walked.restart(before, None);
         let geometry = Geometry {
             mesh,
-            hierarchy: &self.needles.hierarchy,
+            hierarchy: &self.sources.hierarchy,
             slack: Slack::Everywhere(0.0),
-            at: |node| position(self.body, self.points_m, self.grasp, self.work, node),
+            at: |node| {
+                self.work.nodes.position(
+                    node,
+                    self.body,
+                    self.points_m,
+                    &self.state.grasp,
+                    &self.work.system,
+                )
+            },
         };
         let stop = walk(&geometry, &path, &mut walked, path.length).stop;
         let now = walked.tip_cell(mesh);
-        self.work.path = walked;
+        self.work.needles.path = walked;
         match stop {
             Stop::Reached => {
-                self.states[needle].history.restart(now, None);
+                self.state.each[needle].history.restart(now, None);
                 false
             }
             Stop::Boundary(_) => {
                 self.release(needle, What::Cut);
-                let state = &mut self.states[needle];
+                let state = &mut self.state.each[needle];
                 state.history.clear();
                 state.tip = Tip::Outside;
                 true
             }
             Stop::Full | Stop::Lost => {
-                self.states[needle].tally.lost += 1;
+                self.state.each[needle].tally.lost += 1;
                 false
             }
         }
@@ -234,12 +250,12 @@ impl Drive<'_> {
     pub(super) fn advance_outside(&mut self, needle: usize, curve: &Curve) -> bool {
         let tip = curve.at(curve.length);
         let back = BACK * curve.length;
-        let left = self.states[needle].left.take();
+        let left = self.state.each[needle].left.take();
         let hit = left
             .and_then(|face| self.above(&face, &tip, back))
             .and_then(|from| self.covers(&from, &tip))
             .or_else(|| {
-                let from = self.work.tips[needle] - curve.tangent_at(curve.length) * back;
+                let from = self.work.needles.tips[needle] - curve.tangent_at(curve.length) * back;
                 self.first_face(&Curve::segment(&from, &tip)?)
             });
         let Some(hit) = hit else {
@@ -258,7 +274,7 @@ impl Drive<'_> {
         by: f64,
     ) -> Option<Vector3<f64>> {
         let [a, b, c] = self
-            .needles
+            .sources
             .mesh
             .vertices(face.face)
             .map(|node| self.position(node));
@@ -272,41 +288,61 @@ impl Drive<'_> {
     pub(super) fn covers(&mut self, from: &Vector3<f64>, at: &Vector3<f64>) -> Option<Crossing> {
         let path = Curve::segment(from, at)?;
         let face = self.first_face(&path)?;
-        let mut walked = std::mem::take(&mut self.work.path);
+        let mut walked = std::mem::take(&mut self.work.needles.path);
         walked.restart(None, Some(face));
         let geometry = Geometry {
-            mesh: &self.needles.mesh,
-            hierarchy: &self.needles.hierarchy,
+            mesh: &self.sources.mesh,
+            hierarchy: &self.sources.hierarchy,
             slack: Slack::Everywhere(0.0),
-            at: |node| position(self.body, self.points_m, self.grasp, self.work, node),
+            at: |node| {
+                self.work.nodes.position(
+                    node,
+                    self.body,
+                    self.points_m,
+                    &self.state.grasp,
+                    &self.work.system,
+                )
+            },
         };
         let stop = walk(&geometry, &path, &mut walked, path.length).stop;
-        self.work.path = walked;
+        self.work.needles.path = walked;
         (stop == Stop::Reached).then_some(face)
     }
 
     /// The first boundary face that a path from outside goes in through.
     pub(super) fn first_face(&self, path: &Curve) -> Option<Crossing> {
-        let NeedleWork { system, pushes, .. } = &*self.work;
-        let groups = self.needles.hierarchy.groups();
         let mut slack = [0.0; MOST_GROUPS];
-        let resting = &self.needles.resting;
-        system.slack(self.body, self.grasp, pushes, resting, &mut slack[..groups]);
+        let slack = self.slack(&mut slack);
         let geometry = Geometry {
-            mesh: &self.needles.mesh,
-            hierarchy: &self.needles.hierarchy,
-            slack: Slack::ByGroup(&slack[..groups]),
-            at: |node| position(self.body, self.points_m, self.grasp, self.work, node),
+            mesh: &self.sources.mesh,
+            hierarchy: &self.sources.hierarchy,
+            slack: Slack::ByGroup(slack),
+            at: |node| {
+                self.work.nodes.position(
+                    node,
+                    self.body,
+                    self.points_m,
+                    &self.state.grasp,
+                    &self.work.system,
+                )
+            },
         };
-        entry(&geometry, path, &self.work.no_history, 0.0, path.length).crossing
+        entry(
+            &geometry,
+            path,
+            &self.work.needles.no_history,
+            0.0,
+            path.length,
+        )
+        .crossing
     }
 
     /// The tip comes to hold a boundary face; a free one goes on through it.
     pub(super) fn take(&mut self, needle: usize, face: Crossing) {
         self.release(needle, What::Cut);
-        let state = &mut self.states[needle];
+        let state = &mut self.state.each[needle];
         state.tip_force = Vector3::zeros();
-        self.work.took[needle] = true;
+        self.work.needles.took[needle] = true;
         let id = state.new_id();
         state.tip = Tip::Holding { face, id };
         let pose = state.pose;
@@ -322,8 +358,8 @@ impl Drive<'_> {
         free: bool,
     ) -> Result<(), Status> {
         self.release(needle, What::Holding);
-        let length = self.needles.parts[needle].needle.shape.length_m();
-        let state = &mut self.states[needle];
+        let length = self.sources.needles[needle].needle.shape.length_m();
+        let state = &mut self.state.each[needle];
         state.tally.punctures += 1;
         state.tip = if face.enters {
             Tip::Inside { cut: None }
@@ -332,41 +368,41 @@ impl Drive<'_> {
         };
         // Without the tip's force; the face itself is not yet held either.
         let mut solves = 0;
-        self.slide(&mut solves)?;
+        self.settle(&mut solves)?;
         self.unfold();
         self.settle_releases();
         // Tissue has slid far, and what rubs changes now: that slide is over.
         self.book();
         self.stick();
-        let pose = self.states[needle].pose;
-        let curve = self.needles.parts[needle].needle.at(&pose);
-        let point = self.position_of(&anchor(&self.needles.mesh, &face));
-        let last = self.states[needle].history.crossings().last();
+        let pose = self.state.each[needle].pose;
+        let curve = self.sources.needles[needle].needle.at(&pose);
+        let point = self.position_of(&anchor(&self.sources.mesh, &face));
+        let last = self.state.each[needle].history.crossings().last();
         let least = last.map_or(f64::NEG_INFINITY, |crossing| crossing.alpha);
         let alpha = curve
             .project(&point, length)
             .clamp(least.min(length), length);
         self.take_hold(needle, Crossing { alpha, ..face })?;
         // What lies close behind is met from here.
-        self.work.tips[needle] = point;
-        if self.needles.settings.playback == Playback::EveryPose && !free {
+        self.work.needles.tips[needle] = point;
+        if self.sources.settings.playback == Playback::EveryPose && !free {
             self.replay(needle)?;
         } else {
             self.play_back(needle, &face, &point, &curve)?;
         }
-        self.states[needle].log.clear();
+        self.state.each[needle].log.clear();
         Ok(())
     }
 
     /// The way since the tip touched, a balance at each of its poses.
     pub(super) fn replay(&mut self, needle: usize) -> Result<(), Status> {
         let mut poses = [Isometry3::identity(); MAX_NEEDLES];
-        for (pose, state) in poses.iter_mut().zip(self.states.iter()) {
+        for (pose, state) in poses.iter_mut().zip(self.state.each.iter()) {
             *pose = state.pose;
         }
-        let count = self.states.len();
+        let count = self.state.each.len();
         // What is met on the way begins a log of its own.
-        let log = &self.states[needle].log;
+        let log = &self.state.each[needle].log;
         let logged = log.len();
         let played = PLAYED.min(logged.max(1));
         let mut way = [poses[needle]; PLAYED];
@@ -376,17 +412,17 @@ impl Drive<'_> {
         for pose in &way[..played] {
             poses[needle] = *pose;
             // Nobody's hand does this work.
-            let from = self.states[needle].pose;
+            let from = self.state.each[needle].pose;
             let centre = from.translation.vector;
             let before = self.wrench_on(needle, &centre);
-            self.balance(&poses[..count], Some(needle))?;
-            let curve = self.needles.parts[needle].needle.at(&poses[needle]);
-            self.work.tips[needle] = curve.at(curve.length);
+            self.round_by_round(&poses[..count], Some(needle))?;
+            let curve = self.sources.needles[needle].needle.at(&poses[needle]);
+            self.work.needles.tips[needle] = curve.at(curve.length);
             let way = poses[needle].translation.vector - centre;
             let turn = (poses[needle].rotation * from.rotation.inverse()).scaled_axis();
             let after = self.wrench_on(needle, &poses[needle].translation.vector);
             let twist = Vector6::new(way.x, way.y, way.z, turn.x, turn.y, turn.z);
-            self.states[needle].tally.release_j += 0.5 * (before + after).dot(&twist);
+            self.state.each[needle].tally.release_j += 0.5 * (before + after).dot(&twist);
         }
         Ok(())
     }
@@ -399,10 +435,10 @@ impl Drive<'_> {
         from: &Vector3<f64>,
         curve: &Curve,
     ) -> Result<(), Status> {
-        let part = &self.needles.parts[needle].needle;
+        let part = &self.sources.needles[needle].needle;
         let mut first = Some(*face);
         let length = curve.length;
-        let logged = self.states[needle].log.len();
+        let logged = self.state.each[needle].log.len();
         let mut here = *from;
         let tip = curve.at(length);
         let forward = curve.tangent_at(length);
@@ -411,7 +447,7 @@ impl Drive<'_> {
             let next = if index == played {
                 tip
             } else {
-                let pose = &self.states[needle].log[(index * logged / played).min(logged - 1)];
+                let pose = &self.state.each[needle].log[(index * logged / played).min(logged - 1)];
                 let then = part.at(pose);
                 then.at(length)
             };
@@ -422,42 +458,50 @@ impl Drive<'_> {
             let Some(path) = Curve::segment(&here, &next) else {
                 continue;
             };
-            let inside = self.states[needle].history.tip_cell(&self.needles.mesh);
+            let inside = self.state.each[needle].history.tip_cell(&self.sources.mesh);
             if inside.is_none() {
                 // Out on the other side: what lies beyond is met like anything else.
                 break;
             }
-            let mut walked = std::mem::take(&mut self.work.path);
+            let mut walked = std::mem::take(&mut self.work.needles.path);
             match first.take() {
                 Some(face) => walked.restart(face.from(), Some(Crossing { alpha: 0.0, ..face })),
                 None => walked.restart(inside, None),
             }
             let known = walked.crossings().len();
             let geometry = Geometry {
-                mesh: &self.needles.mesh,
-                hierarchy: &self.needles.hierarchy,
+                mesh: &self.sources.mesh,
+                hierarchy: &self.sources.hierarchy,
                 slack: Slack::Everywhere(0.0),
-                at: |node| position(self.body, self.points_m, self.grasp, self.work, node),
+                at: |node| {
+                    self.work.nodes.position(
+                        node,
+                        self.body,
+                        self.points_m,
+                        &self.state.grasp,
+                        &self.work.system,
+                    )
+                },
             };
             let stop = walk(&geometry, &path, &mut walked, path.length).stop;
-            self.work.path = walked;
+            self.work.needles.path = walked;
             let out = match stop {
                 Stop::Boundary(face) => Some(face),
                 Stop::Full => return Err(Status::TooManyRows),
                 Stop::Lost => {
-                    self.states[needle].tally.lost += 1;
+                    self.state.each[needle].tally.lost += 1;
                     None
                 }
                 Stop::Reached => None,
             };
-            let found = self.work.path.crossings().len();
+            let found = self.work.needles.path.crossings().len();
             for index in known..found + usize::from(out.is_some()) {
                 let crossing = match out {
                     Some(out) if index == found => out,
-                    _ => self.work.path.crossings()[index],
+                    _ => self.work.needles.path.crossings()[index],
                 };
-                let point = self.position_of(&anchor(&self.needles.mesh, &crossing));
-                let last = self.states[needle].history.crossings().last();
+                let point = self.position_of(&anchor(&self.sources.mesh, &crossing));
+                let last = self.state.each[needle].history.crossings().last();
                 let least = last.map_or(0.0, |last| last.alpha);
                 let alpha = curve
                     .project(&point, length)
@@ -465,10 +509,11 @@ impl Drive<'_> {
                 self.take_hold(needle, Crossing { alpha, ..crossing })?;
             }
             if let Some(out) = out {
-                let state = &mut self.states[needle];
+                let state = &mut self.state.each[needle];
                 state.tip = Tip::Outside;
                 state.tally.punctures += 1;
-                self.work.tips[needle] = self.position_of(&anchor(&self.needles.mesh, &out));
+                self.work.needles.tips[needle] =
+                    self.position_of(&anchor(&self.sources.mesh, &out));
                 break;
             }
             here = next;
@@ -478,28 +523,28 @@ impl Drive<'_> {
 
     /// Brings the end of the cut to where the tip is now, if it went further.
     pub(super) fn cut(&mut self, needle: usize) {
-        let Tip::Inside { cut } = self.states[needle].tip else {
+        let Tip::Inside { cut } = self.state.each[needle].tip else {
             return;
         };
-        let Some(cell) = self.states[needle].history.tip_cell(&self.needles.mesh) else {
+        let Some(cell) = self.state.each[needle].history.tip_cell(&self.sources.mesh) else {
             return;
         };
-        let part = &self.needles.parts[needle].needle;
-        let limit_n = self.needles.tissue(cell).cutting_pa * part.tip_area_m2();
+        let part = &self.sources.needles[needle].needle;
+        let limit_n = self.sources.tissue(cell).cutting_pa * part.tip_area_m2();
         if limit_n == 0.0 {
-            self.states[needle].tip = Tip::Inside { cut: None };
+            self.state.each[needle].tip = Tip::Inside { cut: None };
             return;
         }
         if cut.is_some_and(|cut| cut.cell == cell && !cut.cuts) {
             return;
         }
-        let curve = part.at(&self.states[needle].pose);
-        let Some(nodes) = self.needles.mesh.cells().get(cell as usize).copied() else {
+        let curve = part.at(&self.state.each[needle].pose);
+        let Some(nodes) = self.sources.mesh.cells().get(cell as usize).copied() else {
             return;
         };
         let corners = nodes.map(|node| self.position(node));
         let weights = barycentric(&corners, &curve.at(curve.length));
-        self.states[needle].tip = Tip::Inside {
+        self.state.each[needle].tip = Tip::Inside {
             cut: Some(Cut {
                 at: AnchorPoint { nodes, weights },
                 cell,

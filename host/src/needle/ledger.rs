@@ -1,47 +1,47 @@
 //! Where the energy goes: what slides, cuts, is let go and taken hold of.
 //!
-//! Entry points: [`Drive::book`], [`Drive::settle_releases`]. Between two balances of linear tissue its energy changes by the sum of
+//! Entry points: [`Balance::book`], [`Balance::settle_releases`]. Between two balances of linear tissue its energy changes by the sum of
 //! `(f + f').(x' - x) / 2` over all anchors; each share is booked where it belongs.
 
 use super::Crossing;
-use super::drive::{Drive, Point, Release, What, anchor};
+use super::source::{Point, Release, What, anchor};
 use super::state::Tip;
 use crate::rows::Mode;
-use crate::step::Status;
+use crate::step::{Balance, Status};
 use nalgebra::{Vector3, Vector6};
 
-impl Drive<'_> {
+impl Balance<'_> {
     /// The energy that went, or came, with what was let go and taken hold of before the last solve. Between
     /// two balances of linear tissue it changes by the sum of (f + f').(x' - x) / 2 over all anchors; the
     /// others' share is the hand's work and their slides.
     pub(super) fn settle_releases(&mut self) {
-        for index in 0..self.work.releases.len() {
-            let release = self.work.releases[index];
+        for index in 0..self.work.needles.releases.len() {
+            let release = self.work.needles.releases[index];
             let moved = self.position_of(&release.at) - release.from;
             let point = release.taken.and_then(|taken| {
                 let what = What::Crossing(taken);
                 let is = |point: &Point| point.needle == release.needle && point.what == what;
-                self.work.points.iter().position(is)
+                self.work.needles.points.iter().position(is)
             });
-            let now = point.map_or_else(Vector3::zeros, |point| self.grasp.force_on(point));
+            let now = point.map_or_else(Vector3::zeros, |point| self.state.grasp.force_on(point));
             // Its slide is booked with the others'.
             let slid = release
                 .taken
                 .map_or_else(Vector3::zeros, |taken| self.slid(release.needle, taken));
             let done = 0.5 * (release.force + now).dot(&(moved - slid));
-            self.states[release.needle].tally.release_j -= done;
+            self.state.each[release.needle].tally.release_j -= done;
         }
-        self.work.releases.clear();
+        self.work.needles.releases.clear();
     }
 
     /// By how much a crossing has slid in this balance \[m\].
     pub(super) fn slid(&self, needle: usize, crossing: usize) -> Vector3<f64> {
-        let state = &self.states[needle];
+        let state = &self.state.each[needle];
         let crossings = state.history.crossings();
         let (Some(now), Some(hold)) = (crossings.get(crossing), state.holds.get(crossing)) else {
             return Vector3::zeros();
         };
-        let curve = self.needles.parts[needle].needle.at(&state.pose);
+        let curve = self.sources.needles[needle].needle.at(&state.pose);
         curve.at(now.alpha) - curve.at(hold.alpha)
     }
 
@@ -49,6 +49,7 @@ impl Drive<'_> {
     pub(super) fn release(&mut self, needle: usize, what: What) {
         let found = self
             .work
+            .needles
             .points
             .iter()
             .position(|point| point.needle == needle && point.what == what);
@@ -56,11 +57,13 @@ impl Drive<'_> {
         let Some(index) = found else {
             return;
         };
-        let force = self.grasp.force_on(index);
-        if force != Vector3::zeros() && self.work.releases.len() < self.work.releases.capacity() {
+        let force = self.state.grasp.force_on(index);
+        if force != Vector3::zeros()
+            && self.work.needles.releases.len() < self.work.needles.releases.capacity()
+        {
             let at = self.work.set.anchors[index];
             let from = self.position_of(&at);
-            self.work.releases.push(Release {
+            self.work.needles.releases.push(Release {
                 needle,
                 at,
                 force,
@@ -72,16 +75,16 @@ impl Drive<'_> {
 
     /// The needle takes hold of a crossing that may be beside it.
     pub(super) fn take_hold(&mut self, needle: usize, crossing: Crossing) -> Result<(), Status> {
-        let at = anchor(&self.needles.mesh, &crossing);
+        let at = anchor(&self.sources.mesh, &crossing);
         let from = self.position_of(&at);
-        let state = &mut self.states[needle];
+        let state = &mut self.state.each[needle];
         let taken = state.holds.len();
         if !state.history.push(crossing) {
             return Err(Status::TooManyRows);
         }
-        state.hold_new(self.needles.apart_m);
-        if self.work.releases.len() < self.work.releases.capacity() {
-            self.work.releases.push(Release {
+        state.hold_new(self.sources.apart_m);
+        if self.work.needles.releases.len() < self.work.needles.releases.capacity() {
+            self.work.needles.releases.push(Release {
                 needle,
                 at,
                 force: Vector3::zeros(),
@@ -95,11 +98,11 @@ impl Drive<'_> {
     /// Wrench on a needle: force, then moment about `centre`.
     pub(super) fn wrench_on(&self, needle: usize, centre: &Vector3<f64>) -> Vector6<f64> {
         let mut wrench = Vector6::zeros();
-        for (index, point) in self.work.points.iter().enumerate() {
+        for (index, point) in self.work.needles.points.iter().enumerate() {
             if point.needle != needle {
                 continue;
             }
-            let force = -self.grasp.force_on(index);
+            let force = -self.state.grasp.force_on(index);
             let arm = self.position_of(&self.work.set.anchors[index]) - centre;
             let moment = arm.cross(&force);
             wrench += Vector6::new(force.x, force.y, force.z, moment.x, moment.y, moment.z);
@@ -109,18 +112,18 @@ impl Drive<'_> {
 
     /// Books slides and cuts under the mean of the forces before and after, as [`Self::settle_releases`] says.
     pub(super) fn book(&mut self) {
-        let lambda = self.grasp.lambda();
-        let (delta, modes) = (self.grasp.delta_m(), self.grasp.modes());
-        for (index_of_point, point) in self.work.points.iter().enumerate() {
+        let lambda = self.state.grasp.lambda();
+        let (delta, modes) = (self.state.grasp.delta_m(), self.state.grasp.modes());
+        for (index_of_point, point) in self.work.needles.points.iter().enumerate() {
             let slid = match point.what {
                 What::Crossing(index) => self.slid(point.needle, index),
                 _ => Vector3::zeros(),
             };
-            let state = &mut self.states[point.needle];
+            let state = &mut self.state.each[point.needle];
             let (force, slide) = (lambda[point.first_row], delta[point.first_row]);
             if state.grip.is_none() {
                 // Where nobody holds the needle nobody gets the work that its way is worth.
-                let needle = &self.needles.parts[point.needle].needle;
+                let needle = &self.sources.needles[point.needle].needle;
                 let [from, to] = [&state.booked, &state.pose].map(|pose| needle.at(pose));
                 let (alpha, before) = match point.what {
                     What::Crossing(index) => match state.holds.get(index) {
@@ -129,11 +132,11 @@ impl Drive<'_> {
                     },
                     What::Cut | What::Holding => (to.length, state.tip_force),
                 };
-                let mean = 0.5 * (before + self.grasp.force_on(index_of_point));
+                let mean = 0.5 * (before + self.state.grasp.force_on(index_of_point));
                 state.tally.release_j -= mean.dot(&(to.at(alpha) - from.at(alpha)));
             }
             if !matches!(point.what, What::Crossing(_)) {
-                state.tip_force = self.grasp.force_on(index_of_point);
+                state.tip_force = self.state.grasp.force_on(index_of_point);
             }
             let bound = modes[point.first_row] != Mode::Held;
             match point.what {
@@ -141,7 +144,7 @@ impl Drive<'_> {
                     let Some(hold) = state.holds.get_mut(index) else {
                         continue;
                     };
-                    let force = self.grasp.force_on(index_of_point);
+                    let force = self.state.grasp.force_on(index_of_point);
                     state.tally.friction_j -= 0.5 * (hold.force + force).dot(&slid);
                     hold.slides = bound && hold.limit_n > 0.0;
                     hold.force = force;
@@ -160,11 +163,11 @@ impl Drive<'_> {
                 What::Holding => {}
             }
         }
-        for (needle, state) in self.states.iter_mut().enumerate() {
+        for (needle, state) in self.state.each.iter_mut().enumerate() {
             state.booked = state.pose;
             let at_tip =
                 |point: &Point| point.needle == needle && !matches!(point.what, What::Crossing(_));
-            if !self.work.points.iter().any(at_tip) {
+            if !self.work.needles.points.iter().any(at_tip) {
                 state.tip_force = Vector3::zeros();
             }
         }

@@ -1,9 +1,15 @@
-//! Needles that nobody holds: six unknowns of their own, which the tissue settles.
+//! Sources that nobody holds: six unknowns of their own, which the tissue settles.
 //!
-//! Entry points: [`Drive::loosen`] before a solve, [`Drive::settle_loose`] after it.
+//! Entry point: [`FreeNeedleSource`].
 
-use super::drive::{Drive, NeedleWork, What, about};
+use super::source::What;
+use crate::source::Source;
+use crate::step::{Balance, BalanceWork, Status, about};
 use nalgebra::{Vector3, Vector6};
+
+/// Solves of one balance in which they settle: one that is not at rest by then lies still, and goes on in the next
+/// balance.
+const SOLVES: u32 = 4;
 
 /// Stiffness with which a needle that nobody holds is held back in each solve, in parts of the
 /// tissue's: it settles by a factor of about this in every one.
@@ -11,37 +17,54 @@ const DRAG: f64 = 1e-5;
 /// As far a needle that nobody holds turns between two solves \[rad\].
 const MOST_LOOSE_TURN: f64 = 0.1;
 
-impl Drive<'_> {
-    /// Needles that nobody holds move as far as their wrench takes them against [`DRAG`]: whether all
+/// Needles that nobody holds: they have no rows but those of [`NeedleSource`](super::NeedleSource).
+pub(crate) struct FreeNeedleSource;
+
+impl Source for FreeNeedleSource {
+    fn append(&self, _balance: &mut Balance) {}
+
+    fn soften(&self, balance: &mut Balance, solve: u32) {
+        if solve <= SOLVES {
+            balance.loosen();
+        }
+    }
+
+    fn settle(&self, balance: &mut Balance, solve: u32) -> Result<bool, Status> {
+        Ok(solve > SOLVES || balance.settle_loose())
+    }
+}
+
+impl Balance<'_> {
+    /// Sources that nobody holds move as far as their wrench takes them against [`DRAG`]: whether all
     /// are at rest.
-    pub(super) fn settle_loose(&mut self) -> bool {
+    fn settle_loose(&mut self) -> bool {
         let mut settled = true;
-        for needle in 0..self.states.len() {
-            if self.states[needle].grip.is_some() {
+        for needle in 0..self.state.each.len() {
+            if self.state.each[needle].grip.is_some() {
                 continue;
             }
             // The compliance has it in it by now.
-            let Some((centre, drag)) = self.work.drags[needle] else {
+            let Some((centre, drag)) = self.work.needles.drags[needle] else {
                 continue;
             };
-            let part = &self.needles.parts[needle].needle;
+            let part = &self.sources.needles[needle].needle;
             let length = part.shape.length_m();
             // Where the solve has it: with the arms that the compliance has.
             let mut wrench = Vector6::zeros();
-            for (index, point) in self.work.points.iter().enumerate() {
+            for (index, point) in self.work.needles.points.iter().enumerate() {
                 if point.needle == needle {
-                    let force = -self.grasp.force_on(index);
-                    let moment = (self.work.arms[index] - centre).cross(&force);
+                    let force = -self.state.grasp.force_on(index);
+                    let moment = (self.work.needles.arms[index] - centre).cross(&force);
                     wrench += Vector6::new(force.x, force.y, force.z, moment.x, moment.y, moment.z);
                 }
             }
             let step = wrench.component_div(&drag);
             let shift: Vector3<f64> = step.fixed_rows::<3>(0).into();
             let turn: Vector3<f64> = step.fixed_rows::<3>(3).into();
-            let size = shift.norm() / self.needles.piece_m + turn.norm() / MOST_LOOSE_TURN;
+            let size = shift.norm() / self.sources.piece_m + turn.norm() / MOST_LOOSE_TURN;
             let part = size.max(1.0).recip();
             let (shift, turn) = (shift * part, turn * part);
-            let state = &mut self.states[needle];
+            let state = &mut self.state.each[needle];
             state.pose = about(&centre, &shift, &turn) * state.pose;
             // Products of rotations drift.
             state.pose.rotation.renormalize();
@@ -51,14 +74,20 @@ impl Drive<'_> {
     }
 
     /// Where a loose needle turns about, and its drag \[N/m, N m/rad\]; `None` if no row holds it.
-    pub(super) fn drag(&self, needle: usize) -> Option<(Vector3<f64>, Vector6<f64>)> {
+    fn drag(&self, needle: usize) -> Option<(Vector3<f64>, Vector6<f64>)> {
         let n = self.work.count();
         let w = self.work.system.compliance(n);
-        let curve = self.needles.parts[needle]
+        let curve = self.sources.needles[needle]
             .needle
-            .at(&self.states[needle].pose);
+            .at(&self.state.each[needle].pose);
         let (mut sum, mut count, mut centre) = (0.0, 0, Vector3::zeros());
-        for point in self.work.points.iter().filter(|at| at.needle == needle) {
+        for point in self
+            .work
+            .needles
+            .points
+            .iter()
+            .filter(|at| at.needle == needle)
+        {
             sum += (0..3)
                 .map(|axis| w[(point.first_row + axis) * (n + 1)])
                 .sum::<f64>()
@@ -76,11 +105,12 @@ impl Drive<'_> {
     }
 
     /// Lets loose needles give way in the compliance.
-    pub(super) fn loosen(&mut self) {
-        let mut arms = std::mem::take(&mut self.work.arms);
+    fn loosen(&mut self) {
+        let mut arms = std::mem::take(&mut self.work.needles.arms);
         arms.clear();
         arms.extend(
             self.work
+                .needles
                 .points
                 .iter()
                 .zip(&self.work.set.anchors)
@@ -89,30 +119,30 @@ impl Drive<'_> {
                         // It holds along the needle only, and may lie beside it.
                         return self.position_of(at);
                     }
-                    let pose = &self.states[point.needle].pose;
-                    self.needles.parts[point.needle]
+                    let pose = &self.state.each[point.needle].pose;
+                    self.sources.needles[point.needle]
                         .needle
                         .at(pose)
                         .at(point.alpha)
                 }),
         );
-        self.work.arms = arms;
-        for needle in 0..self.states.len() {
-            if self.states[needle].grip.is_some() {
+        self.work.needles.arms = arms;
+        for needle in 0..self.state.each.len() {
+            if self.state.each[needle].grip.is_some() {
                 continue;
             }
-            self.work.drags[needle] = self.drag(needle);
-            let Some((centre, drag)) = self.work.drags[needle] else {
+            self.work.needles.drags[needle] = self.drag(needle);
+            let Some((centre, drag)) = self.work.needles.drags[needle] else {
                 continue;
             };
             let n = self.work.count();
-            let NeedleWork {
+            let BalanceWork {
                 system,
-                points,
                 set,
-                arms,
+                needles,
                 ..
             } = &mut *self.work;
+            let (points, arms) = (&needles.points, &needles.arms);
             let jacobian = |row: usize| {
                 let along = Vector3::from(set.rows[row].direction);
                 let turn = (arms[row / 3] - centre).cross(&along);

@@ -3,40 +3,31 @@
 //! Entry points: [`Needle`], [`Curve`], [`slide`]. Source: Younes 2021, sections 3.1 and 3.2, with friction-bounded
 //! axial rows in place of its sticking rows (3.28), which are their limit for infinite friction.
 
-mod drive;
 mod events;
 mod hierarchy;
 mod history;
-mod kept;
 mod ledger;
 mod loose;
 mod model;
-mod rest;
+mod report;
 mod section;
-mod sewing;
 mod shape;
 mod slide;
+mod source;
 mod state;
-mod step;
-mod tangent;
-mod threads;
-mod tool_rows;
-mod touching;
 mod walk;
 
-pub(crate) use drive::anchor;
 pub use hierarchy::{Capsule, Hierarchy, MOST_GROUPS, Slack};
 pub use history::{Broken, Crossing, History};
-pub(crate) use model::Needles;
+pub(crate) use loose::FreeNeedleSource;
 pub use model::{MAX_NEEDLES, NeedleError, NeedlePart, NeedleSettings, Playback};
-pub(crate) use rest::{NoRest, settle};
+pub(crate) use model::{check, contains};
+pub use report::{NeedleReport, TipPlace};
 pub use shape::{Curve, Needle, NeedleShape, NeedleTissue};
 pub use slide::{Entry, Geometry, SlideReport, SlideStatus, entry, slide};
-pub(crate) use state::NeedleState;
+pub(crate) use source::{NeedleSource, NeedleWork, Point, What, anchor};
 pub use state::Rubbing;
-pub use step::{NeedleReport, TipPlace};
-pub(crate) use step::{NeedlesState, NeedlesWork, grip, pose_of, step};
-pub(crate) use tool_rows::Wanted;
+pub(crate) use state::{Grip, NeedleState, Tip};
 pub use walk::{Stop, Walked, walk};
 
 /// Places on a curve that are nearer than this to each other \[m\] may be in either order by rounding alone:

@@ -124,6 +124,16 @@ pub struct Rubbing {
     pub slid_m: f64,
 }
 
+impl Grip {
+    /// A tool at `pose` takes a needle where that is.
+    pub fn new(tool: u8, pose: &Isometry3<f64>, needle: &Isometry3<f64>) -> Self {
+        Self {
+            tool,
+            needle: pose.inverse() * needle,
+        }
+    }
+}
+
 impl NeedleState {
     /// Friction at each crossing of the needle, which is at `curve`.
     pub fn rubbing(&self, curve: Curve) -> impl Iterator<Item = Rubbing> {

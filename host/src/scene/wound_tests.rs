@@ -365,16 +365,16 @@ fn tissues_touch_without_a_needle() {
     assert!(scene.warnings.is_empty(), "{:?}", scene.warnings);
     assert!(scene.needles.is_empty() && scene.depends_on_way());
     let (model, ..) = scene.build().expect("a good model");
-    let needles = model.needles.as_ref().expect("a balance of all");
-    assert!(needles.parts.is_empty() && needles.touching.is_some());
+    let sources = model.sources.as_ref().expect("a balance of all");
+    assert!(sources.needles.is_empty() && sources.touching.is_some());
 
     let pressing = without_needles().replacen("shape = \"grip\"", "radius_m = 0.01", 1);
     let (model, ..) = read(&pressing)
         .expect("a good scene")
         .build()
         .expect("a good model");
-    let needles = model.needles.as_ref().expect("a balance of all");
-    assert!(!needles.tools.is_empty() && needles.touching.is_some());
+    let sources = model.sources.as_ref().expect("a balance of all");
+    assert!(!sources.tools.is_empty() && sources.touching.is_some());
 }
 
 #[test]

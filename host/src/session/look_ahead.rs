@@ -49,9 +49,9 @@ pub(super) fn course(
     (work, budget): (&mut Workspace, &mut LookBudget),
 ) -> Course {
     let piece_m = model
-        .needles
+        .sources
         .as_ref()
-        .map_or(f64::MAX, |needles| needles.piece_m);
+        .map_or(f64::MAX, |sources| sources.piece_m);
     let mut course = Course::default();
     let mut free = COURSE_POINTS;
     let mut next = 0;

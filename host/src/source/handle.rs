@@ -4,9 +4,11 @@
 //! else acts are loads; rows find what comes on top of them (younes-2021, 2.2.2), which is nothing in the
 //! beginning.
 
+use super::Source;
 use crate::anchors::{AnchorPoint, AnchorRow, ConstraintSet, Grasp};
 use crate::fem::{Anchor, Handle, NodeLoad};
 use crate::rows::RowKind;
+use crate::step::Balance;
 use nalgebra::Vector3;
 
 /// Bit of a row's id that no other rows have.
@@ -22,6 +24,15 @@ struct Held {
     target_m: Vector3<f64>,
     /// Force on the tissue when nothing else acts \[N\], (3).
     resting_n: Vector3<f64>,
+}
+
+/// Handles beside what else acts by rows.
+pub(super) struct HandleSource;
+
+impl Source for HandleSource {
+    fn append(&self, balance: &mut Balance) {
+        balance.sources.handles.append(&mut balance.work.set);
+    }
 }
 
 /// Points of tissue that are held; what is constant about them.
@@ -79,7 +90,7 @@ impl Handles {
     }
 
     /// Appends an anchor and three rows for each. Allocates nothing if there is room.
-    pub fn append(&self, set: &mut ConstraintSet) {
+    fn append(&self, set: &mut ConstraintSet) {
         for (place, held) in (0u64..).zip(&self.0) {
             let anchor = set.add(held.point);
             for axis in 0..3 {

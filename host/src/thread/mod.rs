@@ -10,8 +10,10 @@ mod free;
 mod friction;
 mod model;
 mod nearest;
+mod report;
 mod segments;
 mod skin;
+mod source;
 mod state;
 mod wrap;
 
@@ -20,6 +22,7 @@ pub(crate) use ends::EndRows;
 pub(crate) use model::{MOST_SEGMENTS, Threads};
 pub(crate) use segments::Segment;
 pub(crate) use skin::Skin;
+pub(crate) use source::{ThreadSource, ThreadWork};
 pub(crate) use state::ThreadState;
 pub(crate) use wrap::{Wrap, wraps};
 

@@ -10,12 +10,14 @@ mod accept;
 mod cones;
 mod reach;
 mod rows;
+mod source;
 mod tangent;
 mod turning;
 
 pub(crate) use cones::Cones;
 pub(crate) use reach::NEAR;
-pub(crate) use rows::Settled;
+use rows::Settled;
+pub(crate) use source::{ToolSource, ToolWork};
 pub(crate) use tangent::Touched;
 pub(crate) use turning::Turning;
 

@@ -6,18 +6,17 @@
 //! turns with the pose and, on an arc of curvature kappa, with alpha. Unknown is `df = -(t n b) dLambda`,
 //! and `dx = W df`; dalpha is eliminated.
 
-use super::drive::{NeedleWork, Point, What};
-use super::model::Needles;
-use super::state::{NeedleState, Tip};
-use crate::anchors::Grasp;
+use super::balance::{Balance, BalanceWork};
 use crate::dense::Lu;
+use crate::needle::{Curve, Point, Tip, What};
 use crate::rows::Mode;
-use crate::source::tool::{ToolContacts, Touched};
+use crate::source::tool::Touched;
 use crate::thread::EndRows;
+use crate::tool::ToolSample;
 use nalgebra::{Matrix6, Vector3, Vector6};
 
 /// Scratch for so many rows.
-pub(super) struct TangentWork {
+pub(crate) struct TangentWork {
     lu: Lu,
     matrix: Vec<f64>,
     /// Right-hand sides, then dLambda, (n x 6).
@@ -27,7 +26,7 @@ pub(super) struct TangentWork {
 }
 
 /// What moves with a tool's grip.
-pub(super) struct Moves<'a> {
+pub(crate) struct Moves<'a> {
     pub needle: &'a dyn Fn(usize) -> bool,
     /// Place among the tools that touch.
     pub tool: Option<u32>,
@@ -35,7 +34,7 @@ pub(super) struct Moves<'a> {
 
 /// An end of a thread that a tool holds, or the needle that it holds.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Pull {
+pub(crate) struct Pull {
     /// From the grip to the end \[m\].
     pub arm: Vector3<f64>,
     /// On the end \[N\].
@@ -76,15 +75,15 @@ impl TangentWork {
         }
     }
 
-    /// Factors the derivative of the balance in `work`.
-    pub fn factor(
-        &mut self,
-        needles: &Needles,
-        states: &[NeedleState],
-        tools: &ToolContacts,
-        grasp: &Grasp,
-        work: &NeedleWork,
-    ) {
+    /// Factors the derivative of a balance.
+    pub fn factor(&mut self, balance: &Balance) {
+        let Balance {
+            sources,
+            state,
+            work,
+            ..
+        } = balance;
+        let (grasp, tools) = (&state.grasp, &state.tools);
         let n = work.count();
         self.touched.clear();
         if n == 0 {
@@ -94,14 +93,19 @@ impl TangentWork {
         let matrix = &mut self.matrix[..n * n];
         matrix.copy_from_slice(w);
         // Rows of threads and of tissues that touch act or do not; a bound that follows other forces comes after.
-        let singles = work.tool_rows.clone();
-        for (row, mode) in grasp.modes().iter().enumerate().skip(3 * work.points.len()) {
+        let singles = work.tools.rows.clone();
+        for (row, mode) in grasp
+            .modes()
+            .iter()
+            .enumerate()
+            .skip(3 * work.needles.points.len())
+        {
             if *mode != Mode::Held && !singles.contains(&row) {
                 free(matrix, n, row);
             }
         }
-        for (index, point) in work.points.iter().enumerate() {
-            let held = held(needles, states, grasp, index, point, Vector3::zeros());
+        for (index, point) in work.needles.points.iter().enumerate() {
+            let held = held(balance, index, point, Vector3::zeros());
             let mut replace = |row: usize, scale: f64| {
                 for column in 0..n {
                     let entry = scale * w[n * column + row];
@@ -122,13 +126,13 @@ impl TangentWork {
             }
         }
         // What is open has been let go of.
-        for row in work.tool_rows.clone().step_by(3) {
+        for row in work.tools.rows.clone().step_by(3) {
             if grasp.lambda()[row] <= 0.0 {
                 (row..row + 3).for_each(|row| free(matrix, n, row));
             }
         }
         for contact in &tools.contacts {
-            if let Some(touched) = Touched::new(&needles.tools, tools, contact) {
+            if let Some(touched) = Touched::new(&sources.tools, tools, contact) {
                 touched.replace(matrix, w, n);
                 self.touched.push((contact.tool, touched));
             }
@@ -138,28 +142,30 @@ impl TangentWork {
     }
 
     /// d wrench / d pose of what `moves`, for left increments about `grip`, (6 x 6).
-    #[expect(clippy::too_many_arguments, reason = "they are the balance")]
     pub fn differentiate(
         &mut self,
-        needles: &Needles,
-        states: &[NeedleState],
-        grasp: &Grasp,
-        work: &NeedleWork,
-        position: &impl Fn(usize) -> Vector3<f64>,
+        balance: &Balance,
         grip: &Vector3<f64>,
         moves: Moves,
         pulls: &[Option<Pull>],
     ) -> Matrix6<f64> {
+        let (work, grasp) = (&*balance.work, &balance.state.grasp);
+        let position = |index: usize| balance.position_of(&work.set.anchors[index]);
         let n = work.count();
         let tool = |of: &(u32, Touched)| Some(of.0) == moves.tool;
-        let nothing = !work.points.iter().any(|point| (moves.needle)(point.needle))
+        let nothing = !work
+            .needles
+            .points
+            .iter()
+            .any(|point| (moves.needle)(point.needle))
             && !self.touched.iter().any(tool);
         if nothing && pulls.iter().all(Option::is_none) {
             return Matrix6::zeros();
         }
         let w = work.system.compliance(n);
         let points = || {
-            work.points
+            work.needles
+                .points
                 .iter()
                 .enumerate()
                 .filter(|(_, point)| (moves.needle)(point.needle))
@@ -167,7 +173,7 @@ impl TangentWork {
         let change = &mut self.change[..6 * n];
         change.fill(0.0);
         for (index, point) in points() {
-            let held = held(needles, states, grasp, index, point, position(index));
+            let held = held(balance, index, point, position(index));
             for pose in 0..6 {
                 let (shift, turn) = unit(pose);
                 let moved = shift + turn.cross(&(held.on_needle - grip));
@@ -212,7 +218,7 @@ impl TangentWork {
         self.lu.solve(&self.matrix[..n * n], n, change, 6);
         let mut tangent = Matrix6::zeros();
         let of_needles = points().map(|(index, point)| {
-            let held = held(needles, states, grasp, index, point, position(index));
+            let held = held(balance, index, point, position(index));
             (held.row, held.frame, held.in_tissue, held.force)
         });
         let of_tools = self.touched.iter().filter(|of| tool(of));
@@ -254,10 +260,30 @@ impl TangentWork {
         tangent
     }
 
+    /// Stiffness of every needle against its slide \[N/m\]: if all stuck, and as it is.
+    pub fn report_needles(&mut self, balance: &mut Balance, samples: &[ToolSample]) {
+        let count = balance.state.each.len();
+        for needle in 0..count {
+            let grip = balance.grip_of(needle, samples);
+            let twist = slide_twist(&balance.curve(needle), &grip);
+            let moves = Moves {
+                needle: &|other| other == needle,
+                tool: None,
+            };
+            let derivative = self.differentiate(balance, &grip, moves, &[]);
+            let out = &mut balance.report.needles_mut(count)[needle];
+            out.stiffness_n_per_m[1] = -twist.dot(&(derivative * twist));
+        }
+        for needle in 0..count {
+            let sticking = self.sticking(balance.work, needle);
+            balance.report.needles_mut(count)[needle].stiffness_n_per_m[0] = sticking;
+        }
+    }
+
     /// Stiffness against the uniform slide of a needle if nothing slid \[N/m\].
-    pub fn sticking(&mut self, work: &NeedleWork, needle: usize) -> f64 {
+    fn sticking(&mut self, work: &BalanceWork, needle: usize) -> f64 {
         // Of the needle's own rows; others do not matter much.
-        let n = 3 * work.points.len();
+        let n = 3 * work.needles.points.len();
         if n == 0 {
             return 0.0;
         }
@@ -273,7 +299,12 @@ impl TangentWork {
         let rhs = &mut self.change[..n];
         rhs.fill(0.0);
         let mut any = false;
-        for point in work.points.iter().filter(|point| point.needle == needle) {
+        for point in work
+            .needles
+            .points
+            .iter()
+            .filter(|point| point.needle == needle)
+        {
             rhs[point.first_row] = f64::from(u8::from(w[point.first_row * (all + 1)] > 0.0));
             any = true;
             if point.what == What::Cut {
@@ -288,7 +319,11 @@ impl TangentWork {
         regularise(&mut self.matrix[..n * n], n);
         self.lu.factor(&mut self.matrix[..n * n], n);
         self.lu.solve(&self.matrix[..n * n], n, rhs, 1);
-        let along = work.points.iter().filter(|point| point.needle == needle);
+        let along = work
+            .needles
+            .points
+            .iter()
+            .filter(|point| point.needle == needle);
         along.map(|point| self.change[point.first_row]).sum()
     }
 }
@@ -325,16 +360,10 @@ fn unit(pose: usize) -> (Vector3<f64>, Vector3<f64>) {
     }
 }
 
-fn held(
-    needles: &Needles,
-    states: &[NeedleState],
-    grasp: &Grasp,
-    index: usize,
-    point: &Point,
-    in_tissue: Vector3<f64>,
-) -> Held {
-    let state = &states[point.needle];
-    let curve = needles.parts[point.needle].needle.at(&state.pose);
+fn held(balance: &Balance, index: usize, point: &Point, in_tissue: Vector3<f64>) -> Held {
+    let (sources, grasp) = (balance.sources, &balance.state.grasp);
+    let state = &balance.state.each[point.needle];
+    let curve = sources.needles[point.needle].needle.at(&state.pose);
     let bound = grasp.modes()[point.first_row] != Mode::Held;
     let law = match (point.what, state.tip) {
         (What::Holding, _) => Law::Sticks,
@@ -375,7 +404,7 @@ fn held(
 }
 
 /// The uniform slide of a needle as a twist of its grip per metre: linear, then angular.
-pub(super) fn slide_twist(curve: &super::Curve, grip: &Vector3<f64>) -> Vector6<f64> {
+pub(crate) fn slide_twist(curve: &Curve, grip: &Vector3<f64>) -> Vector6<f64> {
     let turn = curve.binormal() * curve.curvature;
     let shift = curve.tangent + turn.cross(&(grip - curve.start));
     Vector6::new(shift.x, shift.y, shift.z, turn.x, turn.y, turn.z)

@@ -1,23 +1,19 @@
 //! What is asked of threads between steps, and said of them after one.
 //!
-//! Entry points: [`NeedlesState::hold_thread`], [`thread_ends`], [`report_threads`].
+//! Entry points: [`SourcesState::hold_thread`], [`Balance::feel_threads`].
 
-use super::drive::{Drive, anchor};
-use super::model::{MAX_NEEDLES, Needles};
-use super::step::NeedlesState;
+use super::{Bridge, ThreadEnd, ThreadHold, ThreadPlace, ThreadPoint, ThreadReport};
 use crate::anchors::AnchorPoint;
 use crate::model::Model;
-use crate::step::StepReport;
-use crate::thread::{
-    Bridge, EndRows, ThreadEnd, ThreadHold, ThreadPlace, ThreadPoint, ThreadReport,
-};
-use nalgebra::Vector3;
+use crate::needle::anchor;
+use crate::step::{Balance, Felt, Pull, Sources, SourcesState};
+use nalgebra::{Vector3, Vector6};
 
-impl NeedlesState {
+impl SourcesState {
     /// See [`crate::step::State::hold_thread`]; `at` is where it is held, if it has a place.
     pub fn hold_thread(
         &mut self,
-        needles: &Needles,
+        sources: &Sources,
         nodes_m: &[[f64; 3]],
         thread: usize,
         end: ThreadEnd,
@@ -33,10 +29,10 @@ impl NeedlesState {
         };
         let at = at.map_or_else(Vector3::zeros, Vector3::from);
         let near = nearest.map_or(at, |near| {
-            let near = anchor(&needles.mesh, &near.crossing);
+            let near = anchor(&sources.mesh, &near.crossing);
             place_of(nodes_m, &near)
         });
-        let part = &needles.threads.parts[thread];
+        let part = &sources.threads.parts[thread];
         self.threads[thread].hold(end, hold, at, near, part);
         true
     }
@@ -44,7 +40,7 @@ impl NeedlesState {
     /// See [`crate::step::State::bridges`].
     pub fn bridges(
         &self,
-        needles: &Needles,
+        sources: &Sources,
         model: &Model,
         nodes_m: &[[f64; 3]],
         thread: usize,
@@ -53,7 +49,7 @@ impl NeedlesState {
             return Vec::new();
         };
         let mut each = each.clone();
-        let ground = needles.threads.ground(&needles.mesh, model.points_m());
+        let ground = sources.threads.ground(&sources.mesh, model.points_m());
         each.segments.clear();
         let place = |at: &AnchorPoint| place_of(nodes_m, at);
         each.lay(&ground, None, &mut Vec::new(), place);
@@ -71,15 +67,15 @@ impl NeedlesState {
     /// See [`crate::step::State::thread_path`].
     pub fn thread_path(
         &self,
-        needles: &Needles,
+        sources: &Sources,
         nodes_m: &[[f64; 3]],
         thread: usize,
     ) -> Vec<ThreadPoint> {
         let Some(each) = self.threads.get(thread) else {
             return Vec::new();
         };
-        let part = &needles.parts[needles.threads.needles[thread]];
-        let needle = &self.each[needles.threads.needles[thread]];
+        let part = &sources.needles[sources.threads.needles[thread]];
+        let needle = &self.each[sources.threads.needles[thread]];
         let mut path = Vec::with_capacity(each.passed.len() + 2);
         let end = |at: Vector3<f64>, along_m| ThreadPoint {
             at_m: at.into(),
@@ -105,7 +101,7 @@ impl NeedlesState {
         };
         bends(&mut path, 0);
         for passed in &each.passed {
-            let at = anchor(&needles.mesh, &passed.crossing);
+            let at = anchor(&sources.mesh, &passed.crossing);
             path.push(ThreadPoint {
                 at_m: place_of(nodes_m, &at).into(),
                 along_m: passed.crossing.alpha,
@@ -134,53 +130,58 @@ fn place_of(nodes_m: &[[f64; 3]], at: &AnchorPoint) -> Vector3<f64> {
     places.sum()
 }
 
-/// What a tool feels of the end of a thread: which thread, which tool, where \[m\], its pull \[N\], its rows.
-pub(super) type Felt = (usize, u8, Vector3<f64>, Vector3<f64>, EndRows);
-
-/// Tail and head of every thread that pulls, if a tool holds it.
-pub(super) fn thread_ends(drive: &Drive) -> [Option<Felt>; 2 * MAX_NEEDLES] {
-    let mut ends = [None; 2 * MAX_NEEDLES];
-    let mut first = drive.work.set.rows.len();
-    let parts = &drive.needles.threads;
-    for (index, thread) in drive.threads.iter().enumerate() {
-        let part = &parts.parts[index];
-        let is_held = drive.is_held(index);
-        for (place, end) in [ThreadEnd::Tail, ThreadEnd::Head].into_iter().enumerate() {
-            let by = drive.held_by(index)[place];
-            let felt = thread.end(end, part, is_held, first);
-            if let (Some(by), Some((force, at, rows))) = (by, felt) {
-                ends[2 * index + place] = Some((index, by, at, force, rows));
+impl Balance<'_> {
+    /// What a tool feels of the ends of threads that it holds, or the needle before them.
+    pub(super) fn feel_threads(&self, felt: &mut Felt) {
+        let mut first = self.work.set.rows.len();
+        let parts = &self.sources.threads.parts;
+        for (index, (thread, part)) in self.state.threads.iter().zip(parts).enumerate() {
+            let is_held = self.is_held(index);
+            let ends = [ThreadEnd::Tail, ThreadEnd::Head].into_iter();
+            for (place, (end, by)) in ends.zip(self.held_by(index)).enumerate() {
+                let Some((force, at, rows)) = thread.end(end, part, is_held, first) else {
+                    continue;
+                };
+                if by != Some(felt.tool) {
+                    continue;
+                }
+                let arm = at - felt.grip;
+                let moment = arm.cross(&force);
+                felt.wrench +=
+                    Vector6::new(force.x, force.y, force.z, moment.x, moment.y, moment.z);
+                felt.rows += 1;
+                if felt.touching.is_none() {
+                    felt.gap_m = 0.0;
+                }
+                felt.pulls[2 * index + place] = Some(Pull { arm, force, rows });
             }
+            first += thread.spread_rows(part, is_held);
         }
-        first += thread.spread_rows(part, is_held);
     }
-    ends
-}
 
-pub(super) fn report_threads(drive: &Drive, report: &mut StepReport) {
-    for (index, out) in report
-        .threads_mut(drive.threads.len())
-        .iter_mut()
-        .enumerate()
-    {
-        let thread = &drive.threads[index];
-        let part = &drive.needles.threads.parts[index];
-        let is_held = drive.is_held(index);
-        *out = ThreadReport {
+    /// What a step found about each thread.
+    pub(super) fn report_threads(&mut self) {
+        let count = self.state.threads.len();
+        for index in 0..count {
+            self.report.threads_mut(count)[index] = self.thread_report(index);
+        }
+    }
+
+    fn thread_report(&self, index: usize) -> ThreadReport {
+        let thread = &self.state.threads[index];
+        let part = &self.sources.threads.parts[index];
+        let is_held = self.is_held(index);
+        let spans = 0..thread.spans.len();
+        let welds = thread.segments.iter().filter(|segment| segment.is_weld);
+        let mut out = ThreadReport {
             id: part.id,
             state: thread.state,
-            held_by: drive.held_by(index),
+            held_by: self.held_by(index),
             punctures: thread.punctures(),
-            length_m: (0..thread.spans.len())
-                .map(|span| thread.lengths_of(span))
-                .sum(),
+            length_m: spans.map(|span| thread.lengths_of(span)).sum(),
             available_m: thread.available_m(),
             pulled_m: thread.pulled_m,
-            welds: thread
-                .segments
-                .iter()
-                .filter(|segment| segment.is_weld)
-                .count() as u32,
+            welds: welds.count() as u32,
             wraps: thread.bends.len() as u32,
             dissipated_j: thread.friction_j,
             ..ThreadReport::default()
@@ -200,5 +201,6 @@ pub(super) fn report_threads(drive: &Drive, report: &mut StepReport) {
                 out.end_m[place] = at.into();
             }
         }
+        out
     }
 }

@@ -4,18 +4,18 @@
 //! Entry point: [`settle`]. Where the loads alone would have the tissues says nothing of which side of each other they
 //! rest on, so the way there is followed from the unloaded mesh, as a step follows that of a needle.
 
-use super::drive::Drive;
-use super::model::{NeedlePart, Needles};
-use super::step::{NeedlesState, NeedlesWork};
+use super::balance::Balance;
+use super::report::{Status, StepReport};
+use super::sources::{Sources, SourcesState, SourcesWork};
+use super::targets::Targets;
 use crate::anchors::Grasp;
 use crate::body::{Body, Motion};
 use crate::clock::Clock;
 use crate::collide::TouchState;
 use crate::model::Model;
+use crate::needle::NeedlePart;
 use crate::source::Handles;
-use crate::step::{Status, StepReport};
 use crate::thread::Threads;
-use crate::tool::MAX_TOOLS;
 use nalgebra::Vector3;
 
 /// Smallest part of the loads that is tried by itself.
@@ -58,72 +58,72 @@ struct Whole {
 }
 
 /// Brings tissues that may touch to rest under the loads and handles of a model, which remembers that as
-/// [`Needles::rest`] and in its motion. Needles and threads are left out: they begin apart from the tissue. Nothing changes
+/// [`Sources::rest`] and in its motion. Sources and threads are left out: they begin apart from the tissue. Nothing changes
 /// where nothing touches.
 ///
 /// # Errors
 /// The part of the loads that has a balance, and what the next one ended with.
 pub(crate) fn settle(model: &mut Model) -> Result<(), NoRest> {
-    let Some(mut needles) = model.needles.take() else {
+    let Some(mut sources) = model.sources.take() else {
         return Ok(());
     };
-    let far_m = way_m(&needles);
+    let far_m = way_m(&sources);
     let settled = if far_m > 0.0 {
-        let whole = Whole::take_from(&mut needles);
-        let settled = follow(model, &mut needles, &whole, far_m);
-        whole.give_back(&mut needles);
+        let whole = Whole::take_from(&mut sources);
+        let settled = follow(model, &mut sources, &whole, far_m);
+        whole.give_back(&mut sources);
         settled
     } else {
         Ok(None)
     };
     if let Ok(Some((rest, motion, potential_j))) = &settled {
-        needles.rest = Some(Box::new(rest.clone()));
+        sources.rest = Some(Box::new(rest.clone()));
         model.motion = motion.clone();
         model.resting_potential_j = potential_j.unwrap_or(model.resting_potential_j);
     }
-    model.needles = Some(needles);
+    model.sources = Some(sources);
     settled.map(|_| ())
 }
 
 /// Farthest way of a node that may touch, from the unloaded mesh \[m\].
-fn way_m(needles: &Needles) -> f64 {
-    let touching = needles.touching.iter();
+fn way_m(sources: &Sources) -> f64 {
+    let touching = sources.touching.iter();
     let nodes = touching.flat_map(|touching| touching.nodes());
-    let ways = nodes.filter_map(|node| needles.resting.get(*node as usize));
+    let ways = nodes.filter_map(|node| sources.resting.get(*node as usize));
     ways.fold(0.0, |most, way| most.max(Vector3::from(*way).norm()))
 }
 
 impl Whole {
-    fn take_from(needles: &mut Needles) -> Self {
-        let most = &mut needles.settings.vertices_per_step;
+    fn take_from(sources: &mut Sources) -> Self {
+        let most = &mut sources.settings.vertices_per_step;
         Self {
-            resting: needles.resting.clone(),
-            resting_m: needles.resting_m.clone(),
-            handles: std::mem::take(&mut needles.handles),
-            parts: std::mem::take(&mut needles.parts),
-            threads: std::mem::replace(&mut needles.threads, Threads::none()),
+            resting: sources.resting.clone(),
+            resting_m: sources.resting_m.clone(),
+            handles: std::mem::take(&mut sources.handles),
+            parts: std::mem::take(&mut sources.needles),
+            threads: std::mem::replace(&mut sources.threads, Threads::none()),
             vertices_per_step: std::mem::replace(most, usize::MAX),
         }
     }
 
-    fn give_back(self, needles: &mut Needles) {
-        needles.resting = self.resting;
-        needles.resting_m = self.resting_m;
-        needles.handles = self.handles;
-        needles.parts = self.parts;
-        needles.threads = self.threads;
-        needles.settings.vertices_per_step = self.vertices_per_step;
+    fn give_back(self, sources: &mut Sources) {
+        sources.resting = self.resting;
+        sources.resting_m = self.resting_m;
+        sources.handles = self.handles;
+        sources.needles = self.parts;
+        sources.threads = self.threads;
+        sources.settings.vertices_per_step = self.vertices_per_step;
     }
 
     /// Has so much of the loads act.
-    fn load(&self, needles: &mut Needles, points_m: &[[f64; 3]], share: f64) {
+    fn load(&self, sources: &mut Sources, points_m: &[[f64; 3]], share: f64) {
         let whole = self.resting.iter().zip(points_m);
-        let scaled = needles.resting.iter_mut().zip(&mut needles.resting_m);
+        let scaled = sources.resting.iter_mut().zip(&mut sources.resting_m);
         for ((way, at), (whole, from)) in scaled.zip(whole) {
             *way = whole.map(|u| share * u);
             *at = Vector3::from(*from) + Vector3::from(*way);
         }
-        needles.handles = self.handles.at_share(share);
+        sources.handles = self.handles.at_share(share);
     }
 }
 
@@ -133,27 +133,27 @@ type Settled = (Rest, Motion, Option<f64>);
 /// Takes the loads on; nothing if tissues do not touch in the end.
 fn follow(
     model: &Model,
-    needles: &mut Needles,
+    sources: &mut Sources,
     whole: &Whole,
     far_m: f64,
 ) -> Result<Option<Settled>, NoRest> {
     let points_m = model.points_m();
-    whole.load(needles, points_m, 0.0);
+    whole.load(sources, points_m, 0.0);
     // There are as many rows at any share.
-    let mut work = NeedlesWork::new(model, needles);
-    let mut state = NeedlesState::new(needles, model.body.at_rest());
-    let (mut share, mut stride) = (0.0, (needles.piece_m / far_m).min(1.0));
+    let mut work = SourcesWork::new(model, sources);
+    let mut state = SourcesState::new(sources, model.body.at_rest());
+    let (mut share, mut stride) = (0.0, (sources.piece_m / far_m).min(1.0));
     while share < 1.0 {
         let next = if share + stride < 1.0 {
             share + stride
         } else {
             1.0
         };
-        whole.load(needles, points_m, next);
+        whole.load(sources, points_m, next);
         let before = state.clone();
         let body = model.body.at_share(next);
         let exact = IN_BALANCE[usize::from(next < 1.0)];
-        match balance(&body, needles, points_m, &mut state, &mut work, exact) {
+        match balance(&body, sources, points_m, &mut state, &mut work, exact) {
             Ok(()) => share = next,
             Err(status) => {
                 state = before;
@@ -164,13 +164,13 @@ fn follow(
             }
         }
     }
-    come_to_rest(model, needles, &mut state, &mut work)
+    come_to_rest(model, sources, &mut state, &mut work)
         .map_err(|status| NoRest { share, status })?;
-    let NeedlesState { grasp, touch, .. } = state;
+    let SourcesState { grasp, touch, .. } = state;
     let touch = touch.filter(|touch| touch.pairs() > 0);
     Ok(touch.map(|touch| {
         let motion = grasp.motion().clone();
-        let system = &work.drive.system;
+        let system = &work.balance.system;
         let potential_j = model.body.potential_j(&motion, system.body_work());
         let stored_j = potential_j.map_or_else(|| system.stored_j(&grasp), |_| 0.0);
         let rest = Rest {
@@ -185,15 +185,15 @@ fn follow(
 /// Balances under the whole loads until nothing moves.
 fn come_to_rest(
     model: &Model,
-    needles: &Needles,
-    state: &mut NeedlesState,
-    work: &mut NeedlesWork,
+    sources: &Sources,
+    state: &mut SourcesState,
+    work: &mut SourcesWork,
 ) -> Result<(), Status> {
     let mean_edge_m = model.surface().mean_edge_m;
     for _ in 0..MOST_BALANCES {
         let before = state.touch.as_ref().map(|touch| touch.at_m().to_vec());
         let (body, points_m) = (&model.body, model.points_m());
-        balance(body, needles, points_m, state, work, IN_BALANCE[0])?;
+        balance(body, sources, points_m, state, work, IN_BALANCE[0])?;
         let now = state.touch.iter().flat_map(TouchState::at_m);
         let ways = before.iter().flatten().zip(now);
         let moved_m = ways.fold(0.0f64, |most, (from, to)| most.max((to - from).norm()));
@@ -208,42 +208,38 @@ fn come_to_rest(
 /// the forces.
 fn balance(
     body: &Body,
-    needles: &Needles,
+    sources: &Sources,
     points_m: &[[f64; 3]],
-    state: &mut NeedlesState,
-    work: &mut NeedlesWork,
+    state: &mut SourcesState,
+    work: &mut SourcesWork,
     exact: f64,
 ) -> Result<(), Status> {
-    work.drive.system.begin_step();
+    work.balance.system.begin_step();
     for pass in 0..MOST_PASSES {
-        if let Some(balance) = work.drive.system.look(body, &mut state.grasp)
+        if let Some(balance) = work.balance.system.look(body, &mut state.grasp)
             && pass > 0
             && balance.imbalance <= exact
         {
             return Ok(());
         }
-        let linearised = work.drive.system.linearise(body, &mut state.grasp);
+        let linearised = work.balance.system.linearise(body, &mut state.grasp);
         if linearised.is_some_and(|linearised| !linearised.sound) {
             return Err(Status::NotConverged);
         }
-        let mut drive = Drive {
+        let mut balance = Balance {
             body,
-            needles,
+            sources,
             points_m,
-            states: &mut state.each,
-            threads: &mut state.threads,
-            touch: state.touch.as_mut(),
-            tools: &mut state.tools,
-            grasp: &mut state.grasp,
-            work: &mut work.drive,
+            state,
+            work: &mut work.balance,
             report: &mut StepReport::default(),
             clock: &mut Clock::start(),
         };
-        drive.to(&[], &[], &[None; MAX_TOOLS])?;
+        balance.to(&Targets::none())?;
         if body.is_linear() {
             return Ok(());
         }
-        work.drive.system.accept(body, &mut state.grasp);
+        work.balance.system.accept(body, &mut state.grasp);
     }
     Err(Status::NotConverged)
 }

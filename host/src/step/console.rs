@@ -1,12 +1,12 @@
 //! What the console is sent of a tool that touches, or will.
 //!
-//! Entry point: [`Drive::tool_rows`].
+//! Entry point: [`reduce_tools`].
 
-use super::drive::{Drive, NeedleWork};
-use super::touching::turn;
-use crate::anchors::ConstraintSet;
+use super::balance::{Balance, BalanceWork};
+use super::tool_rows::{MAX_TOOL_ROWS, ToolRows};
+use crate::model::Model;
 use crate::source::tool::{Cones, Contact, NEAR, Turning};
-use crate::step::{MAX_TOOL_ROWS, ToolRows};
+use crate::tool::ToolSample;
 use nalgebra::{Matrix6, Vector3};
 
 /// Rows of a cone.
@@ -22,10 +22,10 @@ pub(crate) struct Wanted {
     pub reach_m: f64,
 }
 
-impl Drive<'_> {
+impl Balance<'_> {
     /// The rows of a tool whose wrench about `grip` follows its pose by `tangent`: those of what it touches, and of what it
     /// may come to touch. Nothing if there are none. The rows of the balance are not those of the last solve any more.
-    pub(super) fn tool_rows(
+    fn tool_rows(
         &mut self,
         (tool, id): (u32, u8),
         grip: &Vector3<f64>,
@@ -33,18 +33,18 @@ impl Drive<'_> {
         wanted: &Wanted,
         cones: &mut Cones,
     ) -> Option<ToolRows> {
-        let each = self.needles.tools.each();
+        let each = self.sources.tools.each();
         let smooth = each.get(tool as usize)?.tool.is_smooth();
         let most_rows = wanted.most_rows.min(MAX_TOOL_ROWS);
         let most = most_rows / if smooth { 1 } else { CONE };
         if most == 0 {
             return None;
         }
-        let touched = self.tools.contacts.len();
+        let touched = self.state.tools.contacts.len();
         self.find_near_tools(wanted.reach_m + wanted.ahead_m.norm());
         self.add_coming((tool, smooth), most, wanted);
         let rows = self.write_rows((tool, id), grip, tangent, most, cones);
-        self.tools.contacts.truncate(touched);
+        self.state.tools.contacts.truncate(touched);
         rows
     }
 
@@ -56,46 +56,34 @@ impl Drive<'_> {
         most: usize,
         cones: &mut Cones,
     ) -> Option<ToolRows> {
-        self.make_rows();
-        let smooth = self.needles.tools.each()[tool as usize].tool.is_smooth();
-        if !cones.gather(self.tools, (tool, smooth), most) {
+        self.append();
+        let smooth = self.sources.tools.each()[tool as usize].tool.is_smooth();
+        if !cones.gather(&self.state.tools, (tool, smooth), most) {
             return None;
         }
-        let NeedleWork { system, set, .. } = &mut *self.work;
-        let ConstraintSet {
-            anchors,
-            ways,
-            rows,
-            ..
-        } = &*set;
-        let sound = system.read(self.body, anchors, ways, rows)
-            && system.read_spread(&set.spread, &set.terms);
-        // The balance may have left crossings on faces that it had none on before.
-        if !sound || !system.fetch(self.body, self.grasp, 0).all {
-            return None;
-        }
-        system.assemble(self.body, self.grasp, rows);
-        self.soften();
+        // The balance may have left crossings on faces that it had none on before: they have no columns then.
+        self.assemble(u32::MAX, 0).ok()?;
         let n = self.work.count();
         cones.load(n, grip);
-        let turns = turn(self.needles, self.tools, self.work, self.points_m);
-        let NeedleWork {
-            system,
-            set,
-            turning,
-            ..
+        let BalanceWork {
+            system, set, tools, ..
         } = &mut *self.work;
-        let turning = turning.as_ref().filter(|_| turns);
-        let is_known = turning.is_none_or(Turning::is_plain);
-        let turning = turning.filter(|turning| turning.is_plain());
+        let is_known = tools.turning().is_none_or(Turning::is_plain);
+        let turning = tools.turning().filter(|turning| turning.is_plain());
         if let Some(turning) = turning {
-            turning.load(self.tools, tool, grip, n, &mut cones.jacobian);
+            turning.load(&self.state.tools, tool, grip, n, &mut cones.jacobian);
         }
-        if !system.condense(set.rows.len(), turning, self.grasp, cones) {
+        if !system.condense(set.rows.len(), turning, &self.state.grasp, cones) {
             return None;
         }
         let mut out = ToolRows::NONE;
-        cones.write(&self.needles.tools, self.tools, tool, tangent, &mut out);
+        cones.write(
+            &self.sources.tools,
+            &self.state.tools,
+            tool,
+            tangent,
+            &mut out,
+        );
         out.tool = id;
         out.turning = is_known;
         (out.count > 0).then_some(out)
@@ -104,19 +92,19 @@ impl Drive<'_> {
     /// Takes up the vertices that a tool is nearest to, here or where it may go, as open contacts: as far as their columns
     /// are there.
     fn add_coming(&mut self, (tool, smooth): (u32, bool), most: usize, wanted: &Wanted) {
-        let tools = &self.needles.tools;
-        let Some(placement) = &self.tools.placements[tool as usize] else {
+        let tools = &self.sources.tools;
+        let Some(placement) = &self.state.tools.placements[tool as usize] else {
             return;
         };
         let solid = tools.solid(tool as usize, placement);
         let then = solid.moved(&wanted.ahead_m);
         let reach_m = NEAR * solid.radius() + wanted.reach_m;
-        let room = tools.most_contacts() - self.tools.contacts.len();
+        let room = tools.most_contacts() - self.state.tools.contacts.len();
         let mut nearest: [Option<(f64, Contact)>; MAX_TOOL_ROWS] = [None; MAX_TOOL_ROWS];
         let count = most.min(room);
-        for (_, node) in self.work.near_tools.iter().filter(|(of, _)| *of == tool) {
+        for (_, node) in self.work.tools.near.iter().filter(|(of, _)| *of == tool) {
             let is = |contact: &Contact| (contact.tool, contact.node) == (tool, *node);
-            if self.tools.contacts.iter().any(is) || !self.work.system.has(*node) {
+            if self.state.tools.contacts.iter().any(is) || !self.work.system.has(*node) {
                 continue;
             }
             let at = self.position(*node);
@@ -141,6 +129,57 @@ impl Drive<'_> {
             }
         }
         let coming = nearest.into_iter().flatten().map(|(_, contact)| contact);
-        self.tools.contacts.extend(coming);
+        self.state.tools.contacts.extend(coming);
+    }
+}
+
+/// Vertices that will be touched at once, in radii: as far as one is nearer than another.
+const AT_ONCE: f64 = 1e-3;
+
+/// What the console solves by itself of the tools that touch; of those that are apart, the tangent of the touch to come.
+pub(super) fn reduce_tools(
+    model: &Model,
+    balance: &mut Balance,
+    samples: &[ToolSample],
+    wanted: &Wanted,
+    cones: &mut Cones,
+    out: &mut Vec<ToolRows>,
+) {
+    for (place, sample) in samples.iter().enumerate() {
+        let Some((index, tool)) = model.tool(sample.id) else {
+            continue;
+        };
+        let Some(touching) = balance.sources.tools.place_of(Some(index)) else {
+            continue;
+        };
+        let contact = balance.report.contacts()[place];
+        let apart = contact.rows == 0;
+        if wanted.most_rows == 0 && !apart {
+            continue;
+        }
+        let grip = Vector3::from(sample.position_m);
+        let tangent = Matrix6::from_fn(|i, j| contact.tangent[i][j]);
+        let most = Wanted {
+            most_rows: if apart {
+                MAX_TOOL_ROWS
+            } else {
+                wanted.most_rows
+            },
+            ..*wanted
+        };
+        let of = (touching, sample.id);
+        let Some(mut rows) = balance.tool_rows(of, &grip, &tangent, &most, cones) else {
+            continue;
+        };
+        if apart {
+            let radius_m = tool.radius_m().max(model.surface().mean_edge_m);
+            let at_once_m = contact.gap_m + AT_ONCE * radius_m;
+            let coming = cones.coming(&rows, at_once_m).transpose().into();
+            balance.report.contacts_mut(samples.len())[place].tangent = coming;
+            rows.truncate(wanted.most_rows);
+        }
+        if rows.count > 0 {
+            out.push(rows);
+        }
     }
 }

@@ -1,0 +1,363 @@
+//! One balance of tissue with all that acts on it: rounds of solves, and what happens between them.
+//!
+//! Entry point: [`Balance::to`]. In each solve every source appends its rows at where the last one left the tissue, and takes
+//! the solve over: directions of needles turn with their slides, normals of tools with the vertices, hence Newton's
+//! method. Between balances nothing of this is kept but where things have slid to, which makes friction's law implicit:
+//! it is plastic flow, integrated backwards (Simo & Hughes 1998, 1.4).
+
+use super::kept::Kept;
+use super::report::{Status, StepReport};
+use super::sources::{Sources, SourcesState};
+use super::targets::Targets;
+use crate::anchors::{AnchorPoint, ConstraintSet, System, is_solved};
+use crate::body::{Body, Push};
+use crate::clock::Clock;
+use crate::collide::TouchWork;
+use crate::model::Model;
+use crate::needle::{MOST_GROUPS, NeedleWork};
+use crate::source::SOURCES;
+use crate::source::tool::ToolWork;
+use crate::thread::ThreadWork;
+use nalgebra::Vector3;
+use std::cell::Cell;
+
+/// Most solves of one balance.
+const MOST_SOLVES: u32 = 64;
+/// Where more vertices than this are pushed, one solve for all nodes costs less than a sum for each that is asked for.
+const MANY_PUSHES: usize = 150;
+
+/// The present constraints, where they have the tissue, and scratch of each source.
+pub(crate) struct BalanceWork {
+    pub system: System,
+    /// Three rows for every point of a needle, then others.
+    pub set: ConstraintSet,
+    pub nodes: Nodes,
+    pub needles: NeedleWork,
+    pub threads: ThreadWork,
+    pub tools: ToolWork,
+    pub touch: Option<TouchWork>,
+    saved: Kept,
+}
+
+/// Where the last solve left the tissue.
+pub(crate) struct Nodes {
+    /// Forces on vertices, ascending.
+    pub pushes: Vec<Push>,
+    /// Solves so far, and where each node was found to be in which of them \[m\], (n).
+    pub solves: u64,
+    known: Vec<Cell<(u64, Vector3<f64>)>>,
+    /// Where all nodes are \[m\], (n), by which solve, and whether that is where they rest without forces.
+    pub at: Vec<Vector3<f64>>,
+    pub at_solve: u64,
+    pub at_rest: bool,
+}
+
+impl BalanceWork {
+    /// Room for `state`.
+    pub fn new(sources: &Sources, system: System, state: &SourcesState) -> Self {
+        let settings = sources.anchor_settings();
+        Self {
+            system,
+            set: ConstraintSet::new(&settings),
+            nodes: Nodes {
+                pushes: Vec::with_capacity(4 * settings.most_anchors),
+                solves: 0,
+                known: vec![Cell::new((0, Vector3::zeros())); sources.mesh.nodes()],
+                at: sources.resting_m.clone(),
+                at_solve: u64::MAX,
+                at_rest: false,
+            },
+            needles: NeedleWork::new(state.each.len(), sources),
+            threads: ThreadWork::new(sources),
+            tools: ToolWork::new(&sources.tools, settings.most_rows + settings.most_spread),
+            touch: sources
+                .touching
+                .as_ref()
+                .map(|touching| TouchWork::new(touching, sources.mesh.nodes())),
+            saved: Kept::new(sources, state, state.grasp.motion().clone()),
+        }
+    }
+
+    /// Rows of the present balance, those on several anchors included.
+    pub fn count(&self) -> usize {
+        self.set.count()
+    }
+}
+
+/// Everything that a balance works on.
+pub(crate) struct Balance<'a> {
+    pub body: &'a Body,
+    /// Unloaded nodes \[m\], (n x 3).
+    pub points_m: &'a [[f64; 3]],
+    pub sources: &'a Sources,
+    pub state: &'a mut SourcesState,
+    pub work: &'a mut BalanceWork,
+    pub report: &'a mut StepReport,
+    pub clock: &'a mut Clock,
+}
+
+impl<'a> Balance<'a> {
+    /// Of a model's tissue.
+    pub fn new(
+        model: &'a Model,
+        sources: &'a Sources,
+        state: &'a mut SourcesState,
+        work: &'a mut BalanceWork,
+        report: &'a mut StepReport,
+        clock: &'a mut Clock,
+    ) -> Self {
+        Self {
+            body: &model.body,
+            points_m: model.points_m(),
+            sources,
+            state,
+            work,
+            report,
+            clock,
+        }
+    }
+
+    /// Balances the tissue with everything at `targets`; if that fails all is as before.
+    ///
+    /// # Errors
+    /// Why there is no balance.
+    pub fn to(&mut self, targets: &Targets) -> Result<(), Status> {
+        self.work.saved.keep(self.state);
+        self.state.tools.place(&self.sources.tools, &targets.tools);
+        for (thread, [tail, head]) in self.state.threads.iter_mut().zip(&targets.threads) {
+            thread.tail.at = *tail;
+            thread.head.at = *head;
+        }
+        self.work.needles.releases.clear();
+        let done = self.round_by_round(&targets.needles, None);
+        if done.is_err() {
+            self.work.saved.put_back(self.state);
+        }
+        done
+    }
+
+    /// Balances with the needles at `poses`, while the way of the needle `played` is played back, if there is one.
+    ///
+    /// # Errors
+    /// Why there is no balance.
+    pub fn round_by_round(
+        &mut self,
+        poses: &[nalgebra::Isometry3<f64>],
+        played: Option<usize>,
+    ) -> Result<(), Status> {
+        self.begin_needles(poses, played);
+        let mut solves = 0;
+        loop {
+            self.settle(&mut solves)?;
+            if self.work.nodes.pushes.len() > MANY_PUSHES {
+                self.find_all_nodes();
+            }
+            let mut changed = false;
+            for source in SOURCES {
+                changed |= source.advance(self, played)?;
+            }
+            self.clock.lap(&mut self.report.stages.detect_ns);
+            if !changed {
+                break;
+            }
+        }
+        for source in SOURCES.iter().rev() {
+            source.accept(self);
+        }
+        Ok(())
+    }
+
+    /// Solves until every source has settled and nothing is met any more.
+    pub fn settle(&mut self, solves: &mut u32) -> Result<(), Status> {
+        for source in SOURCES {
+            source.prepare(self);
+        }
+        loop {
+            *solves += 1;
+            if *solves > MOST_SOLVES {
+                return Err(Status::NotConverged);
+            }
+            self.solve(*solves)?;
+            let mut settled = true;
+            for source in SOURCES {
+                settled &= source.settle(self, *solves)?;
+            }
+            if settled && !SOURCES.iter().any(|source| source.meets(self)) {
+                return Ok(());
+            }
+        }
+    }
+
+    /// Every source's rows, where the last solve left the tissue.
+    pub fn append(&mut self) {
+        self.work.set.clear();
+        for source in SOURCES {
+            source.append(self);
+        }
+    }
+
+    /// The compliance of these rows, for which at most `vertices` may have their columns computed.
+    ///
+    /// # Errors
+    /// Too many rows, or columns that are awaited.
+    pub fn assemble(&mut self, solve: u32, vertices: usize) -> Result<(), Status> {
+        let BalanceWork { system, set, .. } = &mut *self.work;
+        let singles = system.read(self.body, &set.anchors, &set.ways, &set.rows);
+        if !(singles && system.read_spread(&set.spread, &set.terms)) {
+            return Err(Status::TooManyRows);
+        }
+        let fetched = system.fetch(self.body, &self.state.grasp, vertices);
+        self.report.columns_computed += 3 * fetched.computed;
+        self.clock.lap(&mut self.report.stages.columns_ns);
+        if !fetched.all {
+            return Err(Status::Waiting);
+        }
+        system.assemble(self.body, &self.state.grasp, &set.rows);
+        let n = set.count();
+        for (row, by) in &set.soft {
+            system.compliance_mut(n)[*row as usize * (n + 1)] += *by;
+        }
+        for source in SOURCES {
+            source.soften(self, solve);
+        }
+        Ok(())
+    }
+
+    /// The `solve`th solve of a balance.
+    fn solve(&mut self, solve: u32) -> Result<(), Status> {
+        self.append();
+        self.assemble(solve, self.vertices_left())?;
+        let BalanceWork {
+            system,
+            set,
+            tools,
+            nodes,
+            ..
+        } = &mut *self.work;
+        let outcome = system.solve(&set.rows, tools.turning(), &mut self.state.grasp);
+        self.report.iterations += outcome.iterations;
+        self.report.solves += 1;
+        self.report.residual = outcome.residual;
+        self.clock.lap(&mut self.report.stages.solve_ns);
+        nodes.solved(self.state.grasp.pushes());
+        if is_solved(&outcome) {
+            Ok(())
+        } else {
+            Err(Status::NotConverged)
+        }
+    }
+
+    /// Where a node is under the forces of the last solve \[m\].
+    pub fn position(&self, node: u32) -> Vector3<f64> {
+        self.work.nodes.position(
+            node,
+            self.body,
+            self.points_m,
+            &self.state.grasp,
+            &self.work.system,
+        )
+    }
+
+    /// Where a point of the tissue is under the forces of the last solve \[m\].
+    pub fn position_of(&self, at: &AnchorPoint) -> Vector3<f64> {
+        let parts = at.nodes.iter().zip(at.weights);
+        parts
+            .filter(|(_, weight)| *weight != 0.0)
+            .map(|(node, weight)| self.position(*node) * weight)
+            .sum()
+    }
+
+    /// Vertices whose columns this step may still compute.
+    pub fn vertices_left(&self) -> usize {
+        let most = self.work.system.settings().vertices_per_step;
+        most.saturating_sub(self.report.columns_computed as usize / 3)
+    }
+
+    /// Finds where all nodes are after the last solve.
+    pub fn find_all_nodes(&mut self) {
+        let BalanceWork { system, nodes, .. } = &mut *self.work;
+        if nodes.at_solve == nodes.solves {
+            return;
+        }
+        nodes.at_solve = nodes.solves;
+        if nodes.pushes.is_empty() && self.body.is_linear() {
+            // Nothing acts: all nodes rest.
+            if !nodes.at_rest {
+                nodes.at.copy_from_slice(&self.sources.resting_m);
+                nodes.at_rest = true;
+            }
+            return;
+        }
+        nodes.at_rest = false;
+        self.clock.lap(&mut self.report.stages.solve_ns);
+        let numbering = self.body.numbering();
+        let u = system.field(self.body, &self.state.grasp);
+        for ((node, at), from) in (0u32..).zip(&mut nodes.at).zip(self.points_m) {
+            *at = Vector3::from(*from) + Vector3::from(numbering.at_node(u, node));
+        }
+        self.report.fields += 1;
+        self.clock.lap(&mut self.report.stages.field_ns);
+    }
+
+    /// As far as nodes of each group may be from where they rest \[m\], (groups).
+    pub fn slack<'s>(&self, out: &'s mut [f64; MOST_GROUPS]) -> &'s [f64] {
+        let out = &mut out[..self.sources.hierarchy.groups()];
+        let BalanceWork { system, nodes, .. } = &*self.work;
+        let resting = &self.sources.resting;
+        system.slack(self.body, &self.state.grasp, &nodes.pushes, resting, out);
+        out
+    }
+}
+
+impl Nodes {
+    /// Takes over the forces of a solve.
+    fn solved(&mut self, pushes: impl Iterator<Item = Push>) {
+        self.solves += 1;
+        self.pushes.clear();
+        // A slack thread has anchors that nothing acts on.
+        self.pushes
+            .extend(pushes.filter(|(_, force)| *force != Vector3::zeros()));
+        // Crossings share vertices.
+        self.pushes.sort_unstable_by_key(|(vertex, _)| *vertex);
+        self.pushes.dedup_by(|(vertex, force), (kept, sum)| {
+            let same = vertex == kept;
+            if same {
+                *sum += *force;
+            }
+            same
+        });
+    }
+
+    /// See [`Balance::position`].
+    pub fn position(
+        &self,
+        node: u32,
+        body: &Body,
+        points_m: &[[f64; 3]],
+        grasp: &crate::anchors::Grasp,
+        system: &System,
+    ) -> Vector3<f64> {
+        if self.at_solve == self.solves {
+            return self.at.get(node as usize).copied().unwrap_or_default();
+        }
+        let find =
+            || unloaded(points_m, node) + system.displacement(body, grasp, &self.pushes, node);
+        let Some(known) = self.known.get(node as usize) else {
+            return find();
+        };
+        let (solve, at) = known.get();
+        if solve == self.solves {
+            return at;
+        }
+        let at = find();
+        known.set((self.solves, at));
+        at
+    }
+}
+
+/// Where an unloaded node is \[m\].
+pub(crate) fn unloaded(points_m: &[[f64; 3]], node: u32) -> Vector3<f64> {
+    points_m
+        .get(node as usize)
+        .map_or_else(Vector3::zeros, |at| Vector3::from(*at))
+}

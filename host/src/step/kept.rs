@@ -1,0 +1,83 @@
+//! What evolves as it was: before a balance that fails, before a step on hyperelastic tissue.
+//!
+//! Entry points: [`Kept::keep`], [`Kept::put_back`]; [`Kept::keep_place`], [`Kept::put_back_place`]. Every pass of a step
+//! on hyperelastic tissue follows the whole way of the step on its own linearisation: what rubs slides by how far it has
+//! come since the step began (an implicit Euler step), which a pass that went on from the one before would not know.
+
+use super::sources::{Sources, SourcesState};
+use crate::anchors::Grasp;
+use crate::body::{Motion, Place};
+use crate::collide::TouchState;
+use crate::needle::NeedleState;
+use crate::source::tool::ToolContacts;
+use crate::thread::ThreadState;
+
+/// All that evolves but the tissue's factor, in memory of its own.
+pub(super) struct Kept {
+    place: Place,
+    rows: Grasp,
+    each: Vec<NeedleState>,
+    threads: Vec<ThreadState>,
+    touch: Option<TouchState>,
+    tools: ToolContacts,
+    memory: Vec<f64>,
+}
+
+impl Kept {
+    /// Room for a state of these sources, on tissue that moves like `motion`.
+    pub fn new(sources: &Sources, state: &SourcesState, motion: Motion) -> Self {
+        Self {
+            place: Place::default(),
+            rows: Grasp::new(motion, &sources.anchor_settings()),
+            each: state.each.clone(),
+            threads: state.threads.clone(),
+            touch: state.touch.clone(),
+            tools: ToolContacts::new(&sources.tools),
+            memory: state.memory.clone(),
+        }
+    }
+
+    /// Keeps all but where the tissue is.
+    pub fn keep(&mut self, state: &SourcesState) {
+        self.rows.copy_rows(&state.grasp);
+        for (kept, each) in self.each.iter_mut().zip(&state.each) {
+            kept.copy_from(each);
+        }
+        for (kept, thread) in self.threads.iter_mut().zip(&state.threads) {
+            kept.copy_from(thread);
+        }
+        if let (Some(kept), Some(touch)) = (&mut self.touch, &state.touch) {
+            kept.copy_from(touch);
+        }
+        self.tools.copy_from(&state.tools);
+        self.memory.copy_from_slice(&state.memory);
+    }
+
+    /// Keeps where hyperelastic tissue is, too. Allocates the first time.
+    pub fn keep_place(&mut self, state: &SourcesState) {
+        state.grasp.motion().keep(&mut self.place);
+        self.keep(state);
+    }
+
+    /// The state is as it was kept, but for the tissue.
+    pub fn put_back(&self, state: &mut SourcesState) {
+        state.grasp.copy_rows(&self.rows);
+        for (each, kept) in state.each.iter_mut().zip(&self.each) {
+            each.copy_from(kept);
+        }
+        for (thread, kept) in state.threads.iter_mut().zip(&self.threads) {
+            thread.copy_from(kept);
+        }
+        if let (Some(touch), Some(kept)) = (&mut state.touch, &self.touch) {
+            touch.copy_from(kept);
+        }
+        state.tools.copy_from(&self.tools);
+        state.memory.copy_from_slice(&self.memory);
+    }
+
+    /// As [`Self::put_back`], with hyperelastic tissue where it was kept.
+    pub fn put_back_place(&self, state: &mut SourcesState) {
+        state.grasp.go_back(&self.place);
+        self.put_back(state);
+    }
+}

@@ -1,0 +1,247 @@
+//! One step, from the samples of tools to what the console is sent.
+//!
+//! Entry point: [`step`].
+
+use super::balance::Balance;
+use super::console::{Wanted, reduce_tools};
+use super::prefetch;
+use super::reduce::reduce;
+use super::report::{Status, StepReport, ToolContact};
+use super::sources::{Moment, Sources, SourcesState, SourcesWork};
+use super::state::State;
+use super::substeps::follow;
+use super::targets::Targets;
+use super::workspace::Workspace;
+use crate::clock::Clock;
+use crate::fem::Moved;
+use crate::model::Model;
+use crate::source::tool::Placements;
+use crate::tool::{MAX_TOOLS, ToolSample};
+use nalgebra::Vector3;
+
+/// Follows the tools from where they were to where `samples` says, balances the tissue, and reduces
+/// the balance to one contact per sample. A tool that is not sampled is lifted off.
+///
+/// Deterministic for one binary and one SIMD level. Allocates only for new columns.
+pub fn step(
+    model: &Model,
+    state: &mut State,
+    samples: &[ToolSample],
+    work: &mut Workspace,
+) -> StepReport {
+    let mut report = StepReport::default();
+    let placements = match read_samples(model, samples) {
+        Ok(placements) => placements,
+        Err(status) => {
+            report.status = status;
+            return report;
+        }
+    };
+    let wanted = Wanted {
+        most_rows: if work.spares_rows { 0 } else { work.most_rows },
+        ahead_m: Vector3::from(work.ahead_m),
+        reach_m: work.reach_m,
+    };
+    let (Some(sources), Some(state), Some(own)) =
+        (&model.sources, &mut state.sources, &mut work.sources)
+    else {
+        for (contact, sample) in report.contacts_mut(samples.len()).iter_mut().zip(samples) {
+            *contact = ToolContact::nowhere(sample.id);
+        }
+        return report;
+    };
+    own.balance.system.set_budget(work.vertices_per_step);
+    let mut step = Step {
+        model,
+        sources,
+        state,
+        work: own,
+        report: &mut report,
+        clock: &mut Clock::start(),
+    };
+    report.status = step.take(samples, &placements, &wanted);
+    report
+}
+
+/// Where each tool has to go.
+fn read_samples(model: &Model, samples: &[ToolSample]) -> Result<Placements, Status> {
+    let mut targets = [None; MAX_TOOLS];
+    for sample in samples {
+        let (index, tool) = model.tool(sample.id).ok_or(Status::UnknownTool)?;
+        let placement = tool.place(sample).ok_or(Status::NotFinite)?;
+        if targets[index].replace(placement).is_some() {
+            return Err(Status::UnknownTool);
+        }
+    }
+    Ok(targets)
+}
+
+/// All that a step works on.
+struct Step<'a> {
+    model: &'a Model,
+    sources: &'a Sources,
+    state: &'a mut SourcesState,
+    work: &'a mut SourcesWork,
+    report: &'a mut StepReport,
+    clock: &'a mut Clock,
+}
+
+impl Step<'_> {
+    /// The whole of it. `samples` are known, finite, once each, and have the tools at `placements`.
+    fn take(&mut self, samples: &[ToolSample], placements: &Placements, wanted: &Wanted) -> Status {
+        let (model, sources) = (self.model, self.sources);
+        self.work.rows.clear();
+        let targets = Targets::read(sources, self.state, samples, placements);
+        let contains = |at: &Vector3<f64>| model.contains(at);
+        let tools = &mut self.state.tools;
+        if !tools.bring_in(&sources.tools, &targets.tools, contains) {
+            return Status::Inside;
+        }
+        self.take_over_tissue();
+        let moment = self.state.begin_way(sources, &targets, samples);
+        self.work.keep(self.state);
+        let status = self.take_passes(&targets);
+        self.end_way(status, &moment);
+        let tools = &mut self.state.tools;
+        if status == Status::Ok && tools.forget_inside(&sources.tools, contains) {
+            return Status::Inside;
+        }
+        self.count_rows();
+        if status == Status::Ok {
+            self.say(samples, wanted);
+        }
+        status
+    }
+
+    /// Columns and factors that came from beside the steps.
+    fn take_over_tissue(&mut self) {
+        let system = &mut self.work.balance.system;
+        system.begin_step();
+        self.report.renewals = system.take_over(&self.model.body, &mut self.state.grasp);
+        self.clock.lap(&mut self.report.stages.tissue_ns);
+    }
+
+    /// Newton's passes: each linearises the tissue where it is and follows the way, until little is left out of balance.
+    /// Linear tissue is done after one.
+    fn take_passes(&mut self, targets: &Targets) -> Status {
+        loop {
+            if self.is_balanced() {
+                return Status::Ok;
+            }
+            if !self.linearise() {
+                return Status::NotConverged;
+            }
+            if self.report.passes > 0 && self.work.begin_again(self.state) {
+                self.report.substeps = 0;
+            }
+            let status = follow(self.model, &mut self.balance(), targets);
+            let has_come = matches!(status, Status::Ok | Status::Behind);
+            if !has_come || self.model.body.is_linear() {
+                return status;
+            }
+            let moved = self.move_tissue();
+            let is_last = self.report.passes >= self.model.passes.most;
+            if is_last {
+                let motion = self.state.grasp.motion();
+                self.report.tangent_error += self.model.body.tangent_error_of_pass(motion);
+            }
+            match moved {
+                Moved::Not => return Status::NotConverged,
+                // Half way there is no balance.
+                Moved::Part if is_last || status == Status::Behind => return Status::NotConverged,
+                _ if is_last || status == Status::Behind => return status,
+                _ => {}
+            }
+        }
+    }
+
+    /// Whether tissue that is not linear is in balance after a pass.
+    fn is_balanced(&mut self) -> bool {
+        let body = &self.model.body;
+        let Some(balance) = self.work.balance.system.look(body, &mut self.state.grasp) else {
+            return false;
+        };
+        self.report.imbalance = balance.imbalance;
+        self.report.tangent_error = body.tangent_error(&balance);
+        self.report.passes > 0 && balance.imbalance <= self.model.passes.tolerance
+    }
+
+    /// Linearises tissue that is not linear; whether that could be done.
+    fn linearise(&mut self) -> bool {
+        let system = &mut self.work.balance.system;
+        let linearised = system.linearise(&self.model.body, &mut self.state.grasp);
+        self.clock.lap(&mut self.report.stages.tissue_ns);
+        let Some(linearised) = linearised else {
+            return true;
+        };
+        self.report.renewals.asked += u32::from(linearised.asked);
+        if linearised.refactored {
+            self.report.refactorisations += 1;
+            self.report.tangent_error = 0.0;
+        }
+        linearised.sound
+    }
+
+    /// Moves tissue that is not linear by what a pass found.
+    fn move_tissue(&mut self) -> Moved {
+        let system = &mut self.work.balance.system;
+        let moved = system.accept(&self.model.body, &mut self.state.grasp);
+        self.clock.lap(&mut self.report.stages.tissue_ns);
+        self.report.passes += u32::from(moved != Moved::Not);
+        moved
+    }
+
+    /// What failed is taken back.
+    fn end_way(&mut self, status: Status, moment: &Moment) {
+        if matches!(status, Status::Ok | Status::Behind) {
+            self.state.time_us = moment.time_us.unwrap_or(self.state.time_us);
+            return;
+        }
+        // While columns are awaited the tissue stays where their factor is of.
+        if status != Status::Waiting {
+            self.work.put_back(self.state);
+        }
+        self.state.take_back_speeds(moment);
+    }
+
+    /// Of a touch of a tool one row counts for all.
+    fn count_rows(&mut self) {
+        let work = &self.work.balance;
+        let rows = work.count() - work.tools.rows.len();
+        self.report.rows = (rows + self.state.tools.contacts.len()) as u32;
+    }
+
+    /// Columns for what comes, and what tools, needles and threads feel.
+    fn say(&mut self, samples: &[ToolSample], wanted: &Wanted) {
+        let model = self.model;
+        let SourcesWork {
+            balance,
+            tangent,
+            cones,
+            rows,
+            ..
+        } = &mut *self.work;
+        let (report, clock) = (&mut *self.report, &mut *self.clock);
+        let balance = &mut Balance::new(model, self.sources, self.state, balance, report, clock);
+        prefetch::near_tools(balance, wanted.reach_m);
+        reduce(model, balance, samples, tangent);
+        if let Some(cones) = cones {
+            reduce_tools(model, balance, samples, wanted, cones, rows);
+        }
+        balance.clock.lap(&mut balance.report.stages.reduce_ns);
+        prefetch::near_tips(balance);
+    }
+
+    /// Its tissue and all that acts on it.
+    fn balance(&mut self) -> Balance<'_> {
+        let work = &mut self.work.balance;
+        Balance::new(
+            self.model,
+            self.sources,
+            self.state,
+            work,
+            self.report,
+            self.clock,
+        )
+    }
+}

@@ -1,0 +1,110 @@
+//! What tools feel at a balance: their wrenches, and how these follow their poses.
+//!
+//! Entry point: [`reduce`].
+
+use super::balance::Balance;
+use super::report::ToolContact;
+use super::tangent::{Moves, Pull, TangentWork};
+use crate::model::Model;
+use crate::needle::MAX_NEEDLES;
+use crate::source::SOURCES;
+use crate::tool::ToolSample;
+use nalgebra::{Matrix6, Vector3, Vector6};
+
+/// What a tool feels of all sources.
+pub(crate) struct Felt {
+    /// Which tool, and where its grip is \[m\].
+    pub tool: u8,
+    pub grip: Vector3<f64>,
+    /// Place among the tools that touch, for one that has a shape.
+    pub touching: Option<u32>,
+    /// Force \[N\] and moment about the grip \[N m\] on it.
+    pub wrench: Vector6<f64>,
+    /// Rows that it feels.
+    pub rows: u32,
+    /// How far it is from touching \[m\], and the normal there.
+    pub gap_m: f64,
+    pub normal: Vector3<f64>,
+    /// Ends of threads that it holds.
+    pub pulls: [Option<Pull>; 2 * MAX_NEEDLES],
+}
+
+impl Felt {
+    fn new(model: &Model, balance: &Balance, sample: &ToolSample) -> Self {
+        let tool = model.tool(sample.id);
+        Self {
+            tool: sample.id,
+            grip: Vector3::from(sample.position_m),
+            touching: balance.sources.tools.place_of(tool.map(|(index, _)| index)),
+            wrench: Vector6::zeros(),
+            rows: 0,
+            gap_m: f64::MAX,
+            normal: Vector3::z(),
+            pulls: [None; 2 * MAX_NEEDLES],
+        }
+    }
+
+    /// With d wrench / d pose, (6 x 6).
+    fn contact(&self, tangent: &Matrix6<f64>) -> ToolContact {
+        let force: Vector3<f64> = self.wrench.fixed_rows::<3>(0).into();
+        ToolContact {
+            id: self.tool,
+            wrench: self.wrench.into(),
+            tangent: tangent.transpose().into(),
+            gap_m: self.gap_m,
+            normal: force.try_normalize(1e-12).unwrap_or(self.normal).into(),
+            rows: self.rows,
+        }
+    }
+}
+
+/// One contact for each sample, and a report of each source.
+pub(super) fn reduce(
+    model: &Model,
+    balance: &mut Balance,
+    samples: &[ToolSample],
+    tangent: &mut TangentWork,
+) {
+    balance.work.needles.ahead.clear();
+    tangent.factor(balance);
+    for (place, sample) in samples.iter().enumerate() {
+        let mut felt = Felt::new(model, balance, sample);
+        for source in SOURCES {
+            source.feel(balance, &mut felt);
+        }
+        let derivative = tool_tangent(balance, tangent, &felt);
+        balance.report.contacts_mut(samples.len())[place] = felt.contact(&derivative);
+    }
+    for source in SOURCES {
+        source.report(balance, samples);
+    }
+    tangent.report_needles(balance, samples);
+    let stored = balance.work.system.stored_j(&balance.state.grasp);
+    let system = &balance.work.system;
+    let potential_j = model
+        .body
+        .potential_j(balance.state.grasp.motion(), system.body_work());
+    let rest = balance.sources.rest.as_ref();
+    let stored = stored - rest.map_or(0.0, |rest| rest.stored_j);
+    balance.report.stored_energy_j = potential_j.map_or(stored, |potential_j| {
+        potential_j - model.resting_potential_j
+    });
+}
+
+/// d wrench / d pose of a tool, (6 x 6).
+fn tool_tangent(balance: &Balance, tangent: &mut TangentWork, felt: &Felt) -> Matrix6<f64> {
+    let held = |needle: usize| balance.is_held_by(needle, felt.tool);
+    let moves = Moves {
+        needle: &held,
+        tool: felt.touching,
+    };
+    let mut derivative = tangent.differentiate(balance, &felt.grip, moves, &felt.pulls);
+    // Without friction what tools feel comes from an energy: symmetric to the last bit, but for what the moment makes.
+    if felt.touching.is_some() && balance.sources.are_conservative() {
+        let moment: Vector3<f64> = felt.wrench.fixed_rows::<3>(3).into();
+        derivative = (derivative + derivative.transpose()) * 0.5;
+        let mut corner = derivative.fixed_view_mut::<3, 3>(3, 3);
+        corner -= moment.cross_matrix() * 0.5;
+    }
+    derivative
+}

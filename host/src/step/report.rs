@@ -1,0 +1,196 @@
+//! What a step reports.
+//!
+//! Entry points: [`StepReport`], [`Status`].
+
+use crate::needle::{MAX_NEEDLES, NeedleReport};
+use crate::renewal::Renewals;
+use crate::thread::ThreadReport;
+use crate::tool::MAX_TOOLS;
+
+/// How a step ended. Anything but `Ok` means: send nothing, let the console's data age.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
+#[non_exhaustive]
+pub enum Status {
+    /// Balance found at the sampled poses.
+    #[default]
+    Ok,
+    /// A pose is not finite, or a quaternion has no length. The state is as before.
+    NotFinite,
+    /// A sample's id is not in the model, or is there twice. The state is as before.
+    UnknownTool,
+    /// Columns of the compliance are still missing for newly touched vertices; the next step goes on.
+    Waiting,
+    /// The tool moved farther than one step follows; the next step goes on from where this one ended.
+    Behind,
+    /// No stable balance found: about a radius deep, where symmetry leaves open to which side the tissue
+    /// slips around a sphere, or two tools that press one vertex the same way. The state stays at the last
+    /// pose that had a balance.
+    NotConverged,
+    /// More vertices touched than a step has room for; as `NotConverged`.
+    TooManyRows,
+    /// A tool has slipped into the tissue between its vertices, or no way in from outside is found for one that appears inside.
+    Inside,
+}
+
+impl Status {
+    /// As reports print it.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Ok => "ok",
+            Self::NotFinite => "not-finite",
+            Self::UnknownTool => "unknown-tool",
+            Self::Waiting => "waiting",
+            Self::Behind => "behind",
+            Self::NotConverged => "not-converged",
+            Self::TooManyRows => "too-many-rows",
+            Self::Inside => "inside",
+        }
+    }
+}
+
+/// One tool's contact, ready for the console.
+#[derive(Clone, Copy, Debug, PartialEq, Default)]
+pub struct ToolContact {
+    /// Which tool.
+    pub id: u8,
+    /// Wrench on the tool: force \[N\], then moment about the grip \[N m\], (6), world frame.
+    pub wrench: [f64; 6],
+    /// d wrench / d pose for left (world-frame) increments, (6 x 6) by rows \[N/m, N, N m/rad\]. Its skew
+    /// part is -1/2 \[moment\]x in the rotations. Apart: as it will be just after touching, zero while
+    /// that is too far to matter.
+    pub tangent: [[f64; 6]; 6],
+    /// Distance along `normal` to the nearest vertex \[m\]; 0 in contact.
+    pub gap_m: f64,
+    /// Unit vector out of the tissue, (3).
+    pub normal: [f64; 3],
+    /// Vertices that it touches.
+    pub rows: u32,
+}
+
+impl ToolContact {
+    /// Of a tool that touches nothing, and is near nothing.
+    pub(super) fn nowhere(id: u8) -> Self {
+        Self {
+            id,
+            gap_m: f64::MAX,
+            normal: [0.0, 0.0, 1.0],
+            ..Self::default()
+        }
+    }
+}
+
+/// Time spent in each stage \[ns\].
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
+pub struct Stages {
+    /// Rotations, internal forces and factorisation of corotational tissue; taking over a renewed factor, and
+    /// waiting for it.
+    pub tissue_ns: u64,
+    /// Where the boundary is and which vertices are near a tool.
+    pub detect_ns: u64,
+    /// New columns of the compliance.
+    pub columns_ns: u64,
+    /// Active set and Newton.
+    pub solve_ns: u64,
+    /// Displacement of all nodes, where tissues may touch or threads bend.
+    pub field_ns: u64,
+    /// Wrenches and tangents.
+    pub reduce_ns: u64,
+    /// Steps between two samples that are far apart, all their stages together; by a session's solver.
+    pub approach_ns: u64,
+    /// Steps ahead on a copy of the state, all their stages together; by a session's solver.
+    pub look_ns: u64,
+}
+
+impl Stages {
+    /// The stages' names and times \[ns\], in the order in which a step passes them.
+    pub fn named(&self) -> [(&'static str, u64); 8] {
+        [
+            ("approach", self.approach_ns),
+            ("tissue", self.tissue_ns),
+            ("detect", self.detect_ns),
+            ("columns", self.columns_ns),
+            ("solve", self.solve_ns),
+            ("field", self.field_ns),
+            ("reduce", self.reduce_ns),
+            ("look", self.look_ns),
+        ]
+    }
+}
+
+/// What a step did.
+#[derive(Clone, Copy, Debug, PartialEq, Default)]
+pub struct StepReport {
+    /// How it ended.
+    pub status: Status,
+    contacts: [ToolContact; MAX_TOOLS],
+    tools: usize,
+    /// Touches: one for every vertex and tool.
+    pub rows: u32,
+    /// Newton iterations, all sub-steps together.
+    pub iterations: u32,
+    /// Solves of the rows in a scene with needles, all sub-steps together.
+    pub solves: u32,
+    /// Pieces into which the tools' path was cut.
+    pub substeps: u32,
+    /// Solves for the displacement of all nodes, all sub-steps together.
+    pub fields: u32,
+    /// Columns of the compliance computed, three per vertex.
+    pub columns_computed: u32,
+    /// Largest of gap over radius and of tangential force over largest force.
+    pub residual: f64,
+    /// Passes over corotational tissue; 0 for linear tissue, which is solved exactly.
+    pub passes: u32,
+    /// Out-of-balance force of corotational tissue over the forces on it, when it was looked at last:
+    /// before the last pass, or after it if that was enough. 0 for linear tissue.
+    pub imbalance: f64,
+    /// Estimate of the tangents' relative error. 0 for linear tissue.
+    pub tangent_error: f64,
+    /// Times the stiffness was factored in the step.
+    pub refactorisations: u32,
+    /// Factors made beside the steps.
+    pub renewals: Renewals,
+    /// Elastic energy that the tools have put into the tissue \[J\].
+    pub stored_energy_j: f64,
+    /// Time per stage.
+    pub stages: Stages,
+    needles: [NeedleReport; MAX_NEEDLES],
+    needle_count: usize,
+    threads: [ThreadReport; MAX_NEEDLES],
+    thread_count: usize,
+    /// Pairs of features of touching tissues that press against each other.
+    pub touching: u32,
+    /// Dissipated by the friction of tools so far \[J\].
+    pub friction_j: f64,
+}
+
+impl StepReport {
+    /// One per needle, in the model's order; empty unless the status is `Ok`.
+    pub fn needles(&self) -> &[NeedleReport] {
+        &self.needles[..self.needle_count]
+    }
+
+    pub(crate) fn needles_mut(&mut self, count: usize) -> &mut [NeedleReport] {
+        self.needle_count = count.min(MAX_NEEDLES);
+        &mut self.needles[..self.needle_count]
+    }
+
+    /// One per thread, in the model's order; empty unless the status is `Ok`.
+    pub fn threads(&self) -> &[ThreadReport] {
+        &self.threads[..self.thread_count]
+    }
+
+    pub(crate) fn threads_mut(&mut self, count: usize) -> &mut [ThreadReport] {
+        self.thread_count = count.min(MAX_NEEDLES);
+        &mut self.threads[..self.thread_count]
+    }
+
+    pub(crate) fn contacts_mut(&mut self, count: usize) -> &mut [ToolContact] {
+        self.tools = count.min(MAX_TOOLS);
+        &mut self.contacts[..self.tools]
+    }
+
+    /// One per sample, in the samples' order; empty unless the status is `Ok`.
+    pub fn contacts(&self) -> &[ToolContact] {
+        &self.contacts[..self.tools]
+    }
+}

@@ -1,0 +1,402 @@
+//! All that acts on the tissue of a scene: what is constant about it, what evolves, and scratch.
+//!
+//! Entry points: [`Sources`], [`SourcesState`], [`SourcesWork`].
+
+use super::balance::BalanceWork;
+use super::kept::Kept;
+use super::rest::Rest;
+use super::tangent::TangentWork;
+use super::targets::Targets;
+use super::tool_rows::ToolRows;
+use crate::anchors::{AnchorSettings, Grasp, System};
+use crate::body::{Body, Motion};
+use crate::collide::{TouchState, Touching};
+use crate::mesh::{HalfFaces, TetMesh};
+use crate::model::Model;
+use crate::needle::{
+    Geometry, Hierarchy, History, MAX_NEEDLES, NeedleError, NeedlePart, NeedleSettings,
+    NeedleState, NeedleTissue, Slack, check, contains, entry,
+};
+use crate::source::Handles;
+use crate::source::tool::{Cones, ToolContacts, TouchingTools};
+use crate::thread::{MOST_SEGMENTS, ThreadState, Threads};
+use crate::tool::{MAX_TOOLS, Tool, ToolSample};
+use nalgebra::Vector3;
+use serde::Serialize;
+
+/// Longest piece of a way between two solves, in mean boundary edges.
+const PIECE: f64 = 0.25;
+/// Least distance between crossings with rows, in mean boundary edges.
+const APART: f64 = 0.15;
+
+/// What acts on the tissue, and how that answers it.
+#[derive(Debug)]
+pub(crate) struct Sources {
+    pub needles: Vec<NeedlePart>,
+    pub settings: NeedleSettings,
+    pub mesh: HalfFaces,
+    pub hierarchy: Hierarchy,
+    pub threads: Threads,
+    /// Tools that touch.
+    pub tools: TouchingTools,
+    /// Bodies of tissue that may touch, if there are any.
+    pub touching: Option<Touching>,
+    /// Points of tissue that are held.
+    pub handles: Handles,
+    /// What evolves, before the first step, where tissues touch already.
+    pub rest: Option<Box<Rest>>,
+    /// Displacement under the loads alone, where the hierarchy is \[m\], (n x 3).
+    pub resting: Vec<[f64; 3]>,
+    /// Where nodes rest under the loads \[m\], (n).
+    pub resting_m: Vec<Vector3<f64>>,
+    /// Kinds of tissue, and each cell's among them, (m).
+    kinds: Vec<NeedleTissue>,
+    kind_of_cell: Vec<u32>,
+    /// Least distance between crossings that both have rows \[m\]: at vertices and edges they coincide, and what
+    /// is nearer than this says the same thing twice, with large forces against each other.
+    pub apart_m: f64,
+    /// Longest piece of a needle's way between two solves \[m\].
+    pub piece_m: f64,
+}
+
+impl Sources {
+    /// For `mesh`, whose nodes rest at `resting_m`; `tissue` by cell, or nothing where there are no needles.
+    pub fn new(
+        parts: &[NeedlePart],
+        tissue: &[NeedleTissue],
+        settings: NeedleSettings,
+        mesh: &TetMesh,
+        resting_m: &[[f64; 3]],
+    ) -> Result<Self, NeedleError> {
+        if parts.len() > MAX_NEEDLES {
+            return Err(NeedleError::TooMany(parts.len()));
+        }
+        for (index, part) in parts.iter().enumerate() {
+            let coords = part.start.to_homogeneous();
+            let flaw = part.needle.flaw().or_else(|| {
+                let finite = coords.iter().all(|x| x.is_finite());
+                (!finite).then(|| "its start is not finite".to_owned())
+            });
+            if let Some(flaw) = flaw {
+                let id = part.id;
+                return Err(NeedleError::Flaw { id, flaw });
+            }
+            if parts[..index].iter().any(|other| other.id == part.id) {
+                return Err(NeedleError::SameNeedle(part.id));
+            }
+        }
+        let (given, cells) = (tissue.len(), mesh.cells().len());
+        if given != cells && !(parts.is_empty() && given == 0) {
+            return Err(NeedleError::Cells { given, cells });
+        }
+        for (what, value) in [
+            ("most_crossings", settings.most_crossings),
+            ("vertices_per_step", settings.vertices_per_step),
+        ] {
+            let least = 1;
+            if value < least {
+                return Err(NeedleError::Setting { what, value, least });
+            }
+        }
+        let mut kinds: Vec<NeedleTissue> = Vec::new();
+        let mut kind_of_cell = Vec::with_capacity(cells);
+        for of_cell in tissue {
+            let known = kinds.iter().position(|kind| kind == of_cell);
+            if known.is_none() {
+                check(of_cell)?;
+                kinds.push(*of_cell);
+            }
+            kind_of_cell.push(known.unwrap_or(kinds.len() - 1) as u32);
+        }
+        let half_faces = mesh.half_faces().clone();
+        let hierarchy = Hierarchy::new(&half_faces, |node| {
+            resting_m
+                .get(node as usize)
+                .map_or_else(Vector3::zeros, |at| Vector3::from(*at))
+        });
+        let sources = Self {
+            needles: parts.to_vec(),
+            settings,
+            mesh: half_faces,
+            hierarchy,
+            threads: Threads::none(),
+            tools: TouchingTools::none(),
+            touching: None,
+            handles: Handles::default(),
+            rest: None,
+            resting_m: resting_m.iter().map(|at| Vector3::from(*at)).collect(),
+            resting: resting_m
+                .iter()
+                .zip(mesh.points_m())
+                .map(|(at, from)| [at[0] - from[0], at[1] - from[1], at[2] - from[2]])
+                .collect(),
+            kinds,
+            kind_of_cell,
+            apart_m: APART * mesh.surface().mean_edge_m,
+            piece_m: PIECE * mesh.surface().mean_edge_m,
+        };
+        sources.start_outside(&sources.resting_m)?;
+        Ok(sources)
+    }
+
+    /// Looks whether the needles start outside tissue whose nodes are `at_m` \[m\], (n x 3).
+    ///
+    /// # Errors
+    /// The first one that does not.
+    pub fn start_outside(&self, at_m: &[Vector3<f64>]) -> Result<(), NeedleError> {
+        let at = |node: u32| at_m.get(node as usize).copied().unwrap_or_default();
+        let ways = at_m.iter().zip(&self.resting_m);
+        let moved_m = ways.fold(0.0f64, |most, (at, from)| most.max((at - from).norm()));
+        let geometry = Geometry {
+            mesh: &self.mesh,
+            hierarchy: &self.hierarchy,
+            slack: Slack::Everywhere(moved_m),
+            at,
+        };
+        for part in &self.needles {
+            let curve = part.needle.at(&part.start);
+            let found = entry(&geometry, &curve, &History::new(0), 0.0, curve.length);
+            let inside = |cell: &[u32; 4]| contains(&cell.map(at), &curve.start);
+            if found.crossing.is_some() || self.mesh.cells().iter().any(inside) {
+                return Err(NeedleError::Inside { id: part.id });
+            }
+        }
+        Ok(())
+    }
+
+    /// Adds tools that touch the boundary nodes `nodes`, which are `at_rest` (b) \[m\] with outward normals (b); none is
+    /// thinner than `least_m`.
+    pub fn with_tools(
+        mut self,
+        tools: &[(u8, Tool)],
+        least_m: f64,
+        nodes: &[u32],
+        at_rest: (&[Vector3<f64>], &[Vector3<f64>]),
+    ) -> Self {
+        let mut group_of = vec![0; self.mesh.nodes()];
+        for (group, face) in self.hierarchy.grouped_faces() {
+            for node in self.mesh.vertices(face) {
+                group_of[node as usize] = group as u32;
+            }
+        }
+        let group = nodes.iter().map(|node| group_of[*node as usize]).collect();
+        self.tools = TouchingTools::new(tools, least_m, nodes, at_rest, group);
+        self
+    }
+
+    /// Whether rows may act inside the tissue: not by tools alone.
+    pub fn reach_inside(&self) -> bool {
+        let tools_only = self.needles.is_empty() && self.handles.count() == 0;
+        !tools_only || self.touching.is_some() || !self.threads.parts.is_empty()
+    }
+
+    /// Whether forces follow from an energy alone: there are but tools without friction.
+    pub fn are_conservative(&self) -> bool {
+        self.tools.are_smooth() && !self.reach_inside()
+    }
+
+    /// How a cell answers needles.
+    pub fn tissue(&self, cell: u32) -> &NeedleTissue {
+        const NONE: NeedleTissue = NeedleTissue {
+            friction_n_per_m: 0.0,
+            static_friction_n_per_m: 0.0,
+            viscous_n_s_per_m2: 0.0,
+            cutting_pa: 0.0,
+            puncture_pa: 0.0,
+        };
+        let kind = self.kind_of_cell.get(cell as usize);
+        kind.map_or(&NONE, |kind| &self.kinds[*kind as usize])
+    }
+
+    /// What rows of these needles need at most: at each crossing three, and at each tip.
+    pub fn anchor_settings(&self) -> AnchorSettings {
+        let of_needles = self.needles.len() * (self.settings.most_crossings + 1);
+        let threads = self.threads.parts.len();
+        let touching = self.touching.as_ref();
+        let (pairs, rows) = touching.map_or((0, 0), |own| (own.most_pairs(), own.most_rows()));
+        let contacts = self.tools.most_contacts();
+        let points = contacts + self.handles.count();
+        let most_anchors = of_needles + threads * MOST_SEGMENTS + pairs + points;
+        let rubbing = self.threads.parts.iter().any(|part| part.friction > 0.0);
+        // A row for every span, and of all that lies beyond it.
+        let most_terms = threads * MOST_SEGMENTS * if rubbing { MOST_SEGMENTS } else { 3 };
+        AnchorSettings {
+            most_rows: 3 * (most_anchors - pairs) + rows,
+            most_anchors,
+            most_spread: threads * 2 * MOST_SEGMENTS,
+            most_terms,
+            vertices_per_step: self.settings.vertices_per_step,
+            memory_bytes: self.settings.memory_bytes,
+            ..AnchorSettings::default()
+        }
+    }
+}
+
+/// What evolves.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub(crate) struct SourcesState {
+    pub grasp: Grasp,
+    pub each: Vec<NeedleState>,
+    pub threads: Vec<ThreadState>,
+    pub touch: Option<TouchState>,
+    #[serde(skip_serializing_if = "ToolContacts::touch_nothing")]
+    pub tools: ToolContacts,
+    /// When the last balance was sampled, by the console's clock.
+    pub time_us: u64,
+    /// Numbers that sources without a type of their own keep.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub memory: Vec<f64>,
+}
+
+/// When a step's way begins, and how fast needles slid before it.
+pub(crate) struct Moment {
+    /// Of its samples, by the console's clock; nothing without samples.
+    pub time_us: Option<u64>,
+    speeds: [f64; MAX_NEEDLES],
+}
+
+/// Scratch.
+pub(crate) struct SourcesWork {
+    pub balance: BalanceWork,
+    pub tangent: TangentWork,
+    pub cones: Option<Cones>,
+    /// Of tools that touch, at the last step's balance.
+    pub rows: Vec<ToolRows>,
+    /// How a step on hyperelastic tissue began.
+    kept: Option<Box<Kept>>,
+}
+
+impl SourcesState {
+    pub fn new(sources: &Sources, motion: Motion) -> Self {
+        let settings = sources.anchor_settings();
+        let mut grasp = Grasp::new(motion, &settings);
+        let mut touch = sources
+            .touching
+            .as_ref()
+            .map(|touching| TouchState::new(touching, &sources.resting_m));
+        if let (Some(rest), Some(touch)) = (&sources.rest, &mut touch) {
+            grasp.copy_rows(&rest.grasp);
+            touch.copy_from(&rest.touch);
+        }
+        Self {
+            grasp,
+            each: sources
+                .needles
+                .iter()
+                .map(|part| NeedleState::new(part, &sources.settings))
+                .collect(),
+            threads: sources
+                .threads
+                .parts
+                .iter()
+                .map(|part| ThreadState::new(part, MOST_SEGMENTS))
+                .collect(),
+            touch,
+            tools: ToolContacts::new(&sources.tools),
+            time_us: 0,
+            memory: Vec::new(),
+        }
+    }
+
+    /// Finds how fast needles slide on their way to `targets`.
+    pub fn begin_way(
+        &mut self,
+        sources: &Sources,
+        targets: &Targets,
+        samples: &[ToolSample],
+    ) -> Moment {
+        let time_us = samples.iter().map(|sample| sample.console_time_us).max();
+        let passed_s = time_us.map_or(0.0, |now| 1e-6 * now.saturating_sub(self.time_us) as f64);
+        let mut speeds = [0.0; MAX_NEEDLES];
+        let ways = targets.needles.iter().zip(&sources.needles);
+        for ((each, before), (target, part)) in self.each.iter_mut().zip(&mut speeds).zip(ways) {
+            *before = each.speed;
+            let (from, to) = (part.needle.at(&each.pose), part.needle.at(target));
+            let middle = 0.5 * from.length;
+            let slide = from.project(&to.at(middle), middle) - middle;
+            each.speed = if passed_s > 0.0 {
+                slide / passed_s
+            } else {
+                0.0
+            };
+        }
+        Moment { time_us, speeds }
+    }
+
+    /// Needles slide as before the way.
+    pub fn take_back_speeds(&mut self, moment: &Moment) {
+        for (each, speed) in self.each.iter_mut().zip(&moment.speeds) {
+            each.speed = *speed;
+        }
+    }
+}
+
+impl SourcesWork {
+    /// Room for all that may act at once.
+    pub fn new(model: &Model, sources: &Sources) -> Self {
+        let settings = sources.anchor_settings();
+        let state = SourcesState::new(sources, model.motion.clone());
+        let mut groups = vec![Vec::new(); sources.hierarchy.groups()];
+        for (group, face) in sources.hierarchy.grouped_faces() {
+            groups[group].extend(sources.mesh.vertices(face));
+        }
+        for group in &mut groups {
+            group.sort_unstable();
+            group.dedup();
+        }
+        let (body, held) = (&model.body, &model.held);
+        let reached = model.reached(sources);
+        let system = System::grouped(body, &model.motion, held, &reached, settings, &groups);
+        let most_rows = settings.most_rows + settings.most_spread;
+        let kept = || Box::new(Kept::new(sources, &state, Motion::default()));
+        Self {
+            kept: matches!(body, Body::Hyperelastic { .. }).then(kept),
+            balance: BalanceWork::new(sources, system, &state),
+            tangent: TangentWork::new(most_rows, sources.tools.most_contacts()),
+            cones: sources.tools.cones(most_rows),
+            rows: Vec::with_capacity(MAX_TOOLS),
+        }
+    }
+
+    /// Remembers how a step on hyperelastic tissue begins.
+    pub fn keep(&mut self, state: &SourcesState) {
+        if let Some(kept) = &mut self.kept {
+            kept.keep_place(state);
+        }
+    }
+
+    /// Has the next pass over hyperelastic tissue follow the whole way; whether it does.
+    pub fn begin_again(&self, state: &mut SourcesState) -> bool {
+        let kept = self.kept.as_ref();
+        kept.map(|kept| kept.put_back(state)).is_some()
+    }
+
+    /// Where hyperelastic tissue cannot go the state is as before the step.
+    pub fn put_back(&mut self, state: &mut SourcesState) {
+        if let Some(kept) = &self.kept {
+            kept.put_back_place(state);
+            // What is asked for places under these needs their columns, and no others are fetched.
+            let pushes = &mut self.balance.nodes.pushes;
+            pushes.clear();
+            pushes.extend_from_slice(state.grasp.motion().pushed());
+        }
+    }
+
+    /// Computes the columns of all nodes whose resting position \[m\] satisfies `near`; how many are there.
+    pub fn prepare(
+        &mut self,
+        model: &Model,
+        sources: &Sources,
+        near: impl Fn([f64; 3]) -> bool,
+    ) -> usize {
+        let near = |(node, at): (u32, &[f64; 3])| near(*at).then_some(node);
+        let mut nodes: Vec<u32> = (0u32..).zip(&model.resting_m).filter_map(near).collect();
+        // What acts before the first step acts in it.
+        let rest = sources.rest.as_ref().into_iter();
+        let acting = rest.flat_map(|rest| rest.grasp.pushes());
+        nodes.extend(acting.filter_map(|(vertex, _)| model.node_of(sources, vertex)));
+        nodes.extend(sources.handles.loads().map(|load| load.node));
+        let system = &mut self.balance.system;
+        system.prepare(&model.body, &model.motion, &nodes)
+    }
+}

@@ -1,0 +1,216 @@
+//! What evolves from step to step.
+//!
+//! Entry point: [`State`].
+
+use super::sources::SourcesState;
+use super::targets::pose_of;
+use crate::anchors::Grasp;
+use crate::body::Motion;
+use crate::hash::hash_of;
+use crate::model::Model;
+use crate::needle::{self, Grip};
+use crate::thread::{Bridge, ThreadEnd, ThreadHold, ThreadPoint, Tightening};
+use crate::tool::ToolSample;
+use nalgebra::Vector3;
+use serde::Serialize;
+
+/// What evolves.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct State {
+    /// What evolves in the tissue itself, if nothing acts on it but loads and handles.
+    motion: Motion,
+    pub(crate) sources: Option<Box<SourcesState>>,
+}
+
+impl State {
+    /// Hash of everything that it holds, to the bit.
+    pub fn hash(&self) -> u64 {
+        hash_of(self)
+    }
+
+    /// No tool anywhere yet, tissue at rest under its loads.
+    pub fn new(model: &Model) -> Self {
+        Self {
+            motion: model.motion.clone(),
+            sources: model
+                .sources
+                .as_ref()
+                .map(|sources| Box::new(SourcesState::new(sources, model.motion.clone()))),
+        }
+    }
+
+    /// Rows of needles, threads, handles and tissues that touch, and their forces.
+    pub(crate) fn grasp(&self) -> Option<&Grasp> {
+        self.sources.as_ref().map(|needles| &needles.grasp)
+    }
+
+    pub(crate) fn motion(&self) -> &Motion {
+        let sources = self.sources.as_ref();
+        sources.map_or(&self.motion, |sources| sources.grasp.motion())
+    }
+
+    /// Has a tool take a needle where it is, with the tool at `sample`; or nobody. Nothing moves and no force
+    /// changes by that; a needle that nobody holds goes where the tissue takes it in later steps. Says
+    /// whether there are such a needle and tool, and the sample is a pose.
+    pub fn hold(&mut self, model: &Model, needle: u8, sample: Option<&ToolSample>) -> bool {
+        let (Some(sources), Some(state)) = (&model.sources, &mut self.sources) else {
+            return false;
+        };
+        let index = sources.needles.iter().position(|part| part.id == needle);
+        let Some(each) = index.and_then(|index| state.each.get_mut(index)) else {
+            return false;
+        };
+        let Some(sample) = sample else {
+            each.grip = None;
+            return true;
+        };
+        match pose_of(sample).filter(|_| model.tool(sample.id).is_some()) {
+            Some(pose) => {
+                each.grip = Some(Grip::new(sample.id, &pose, &each.pose));
+                true
+            }
+            None => false,
+        }
+    }
+
+    /// Puts the needles that a tool holds to where they are with it at `sample`, without the way there: for a tool that was
+    /// moved while nobody looked. One that is then in tissue is in no hole and touches nothing until all of it has been
+    /// outside once ([`needle::TipPlace::Waiting`]). One that was in tissue before stays in its holes, and follows in the next
+    /// step as always. Says how many were put.
+    pub fn put(&mut self, sample: &ToolSample) -> usize {
+        let Some(pose) = pose_of(sample) else {
+            return 0;
+        };
+        let needles = self
+            .sources
+            .iter_mut()
+            .flat_map(|sources| &mut sources.each);
+        let mut put = 0;
+        for each in needles {
+            let grip = each.grip.filter(|grip| grip.tool == sample.id);
+            put += usize::from(grip.is_some_and(|grip| each.put(pose * grip.needle)));
+        }
+        put
+    }
+
+    /// Where a needle is: its frame, as [`crate::needle::NeedleShape`] has it.
+    pub fn needle_pose(&self, model: &Model, needle: u8) -> Option<nalgebra::Isometry3<f64>> {
+        let parts = &model.sources.as_ref()?.needles;
+        let index = parts.iter().position(|part| part.id == needle)?;
+        Some(self.sources.as_ref()?.each.get(index)?.pose)
+    }
+
+    /// The faces that a needle goes through, from its end to its tip.
+    pub fn crossings(&self, model: &Model, needle: u8) -> &[needle::Crossing] {
+        let history = self.needle_history(model, needle);
+        history.map_or(&[], needle::History::crossings)
+    }
+
+    /// The way of a needle through the mesh.
+    pub fn needle_history(&self, model: &Model, needle: u8) -> Option<&needle::History> {
+        let parts = &model.sources.as_ref()?.needles;
+        let index = parts.iter().position(|part| part.id == needle)?;
+        Some(&self.sources.as_ref()?.each.get(index)?.history)
+    }
+
+    /// Has an end of a thread held by something else from now on, where it is. Says whether there is such a thread
+    /// and such a tool among `samples`.
+    pub fn hold_thread(
+        &mut self,
+        model: &Model,
+        thread: u8,
+        end: ThreadEnd,
+        hold: ThreadHold,
+        samples: &[ToolSample],
+    ) -> bool {
+        let nodes_m = self.positions(model);
+        let (Some(sources), Some(state)) = (&model.sources, &mut self.sources) else {
+            return false;
+        };
+        let Some(thread) = model.thread(thread) else {
+            return false;
+        };
+        let tool = |id: u8| samples.iter().find(|sample| sample.id == id);
+        let at = match hold {
+            ThreadHold::Free | ThreadHold::Knot => None,
+            ThreadHold::Place(at) => Some(at),
+            ThreadHold::Tool(id) => match tool(id) {
+                Some(sample) => Some(sample.position_m),
+                None => return false,
+            },
+        };
+        let is_sound = at.is_none_or(|at| at.iter().all(|x| x.is_finite()));
+        is_sound && state.hold_thread(sources, &nodes_m, thread, end, hold, at)
+    }
+
+    /// Bounds every span of a thread that bridges two bodies of tissue (every one between punctures, if there is only one
+    /// body) to a part of its length in the unloaded mesh (younes-2021, 3.37), whatever its ends do; `None` gives them
+    /// free again. Says whether there is such a thread and the numbers make sense.
+    pub fn tighten(&mut self, model: &Model, thread: u8, to: Option<Tightening>) -> bool {
+        let index = model.thread(thread);
+        let each = self.sources.as_mut().zip(index);
+        let each = each.and_then(|(state, index)| state.threads.get_mut(index));
+        let is_sound = to.is_none_or(|to| to.is_sound());
+        match each.filter(|_| is_sound) {
+            Some(each) => {
+                each.tightened = to;
+                true
+            }
+            None => false,
+        }
+    }
+
+    /// The path of a thread, from tail to head; for viewers and files.
+    pub fn thread_path(&self, model: &Model, thread: u8) -> Vec<ThreadPoint> {
+        let index = model.thread(thread);
+        let found = self.sources.as_ref().zip(model.sources.as_ref()).zip(index);
+        found.map_or_else(Vec::new, |((state, sources), index)| {
+            state.thread_path(sources, &self.positions(model), index)
+        })
+    }
+
+    /// What a thread closes, or not: its spans between two bodies of tissue.
+    pub fn bridges(&self, model: &Model, thread: u8) -> Vec<Bridge> {
+        let index = model.thread(thread);
+        let found = self.sources.as_ref().zip(model.sources.as_ref()).zip(index);
+        found.map_or_else(Vec::new, |((state, sources), index)| {
+            state.bridges(sources, model, &self.positions(model), index)
+        })
+    }
+
+    /// Where all nodes are \[m\], (n x 3): allocates, for files and viewers.
+    pub fn positions(&self, model: &Model) -> Vec<[f64; 3]> {
+        let moved = model.equilibrium(self).map(|found| found.displacement_m);
+        let moved = moved.unwrap_or_else(|_| vec![[0.0; 3]; model.points_m().len()]);
+        let nodes = model.points_m().iter().zip(&moved);
+        nodes
+            .map(|(x, u)| [x[0] + u[0], x[1] + u[1], x[2] + u[2]])
+            .collect()
+    }
+
+    /// What rubs at each of [`State::crossings`], in their order.
+    pub fn rubbing(&self, model: &Model, needle: u8) -> impl Iterator<Item = needle::Rubbing> {
+        let found = || {
+            let parts = &model.sources.as_ref()?.needles;
+            let index = parts.iter().position(|part| part.id == needle)?;
+            let curve = |each: &needle::NeedleState| parts[index].needle.at(&each.pose);
+            let each = self.sources.as_ref()?.each.get(index)?;
+            Some((each, curve(each)))
+        };
+        found()
+            .into_iter()
+            .flat_map(|(each, curve)| each.rubbing(curve))
+    }
+
+    /// Nodes that are touched and the force on the tissue there \[N\]; a node touched by two tools comes
+    /// twice.
+    pub fn contact_forces(&self, model: &Model) -> impl Iterator<Item = (u32, [f64; 3])> {
+        let found = self.sources.iter().zip(&model.sources);
+        found.flat_map(|(state, sources)| {
+            let pushes = state.grasp.pushes();
+            let pushes = pushes.filter(|(_, force)| *force != Vector3::zeros());
+            pushes
+                .filter_map(|(vertex, force)| Some((model.node_of(sources, vertex)?, force.into())))
+        })
+    }
+}

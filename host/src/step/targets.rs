@@ -1,0 +1,168 @@
+//! Where a step has needles, the ends of threads and tools go, and the way there.
+//!
+//! Entry points: [`Targets::read`], [`Targets::share`], [`Targets::part_way`].
+
+use super::sources::{Sources, SourcesState};
+use crate::needle::{MAX_NEEDLES, NeedlePart, NeedleState, Tip};
+use crate::source::tool::Placements;
+use crate::thread::ThreadHold;
+use crate::tool::{MAX_TOOLS, ToolSample};
+use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3};
+
+/// Largest turn of a piece of the way \[rad\]: the tip's path is taken as straight within one.
+const MOST_TURN: f64 = 0.1;
+
+/// Where everything goes that somebody holds; what nobody holds is where the tissue took it.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Targets {
+    /// The needles' frames.
+    pub needles: [Isometry3<f64>; MAX_NEEDLES],
+    /// Tails and heads of threads \[m\].
+    pub threads: [[Vector3<f64>; 2]; MAX_NEEDLES],
+    /// By their places among those that touch.
+    pub tools: Placements,
+}
+
+impl Targets {
+    /// Nothing goes anywhere.
+    pub fn none() -> Self {
+        Self {
+            needles: [Isometry3::identity(); MAX_NEEDLES],
+            threads: [[Vector3::zeros(); 2]; MAX_NEEDLES],
+            tools: [None; MAX_TOOLS],
+        }
+    }
+
+    /// Where `samples` take what the tools hold, and the tools themselves, of which all are at `placements`.
+    pub fn read(
+        sources: &Sources,
+        state: &SourcesState,
+        samples: &[ToolSample],
+        placements: &Placements,
+    ) -> Self {
+        let of = |tool: u8| samples.iter().find(|sample| sample.id == tool);
+        let mut targets = Self {
+            tools: sources.tools.targets(placements),
+            ..Self::none()
+        };
+        for (target, each) in targets.needles.iter_mut().zip(&state.each) {
+            let held = each
+                .grip
+                .and_then(|grip| Some(pose_of(of(grip.tool)?)? * grip.needle));
+            *target = held.unwrap_or(each.pose);
+        }
+        for (ends, thread) in targets.threads.iter_mut().zip(&state.threads) {
+            *ends = [thread.tail, thread.head].map(|hold| match hold.by {
+                ThreadHold::Tool(tool) => {
+                    of(tool).map_or(hold.at, |sample| Vector3::from(sample.position_m))
+                }
+                _ => hold.at,
+            });
+        }
+        targets
+    }
+
+    /// As these are now: what nobody holds is where the tissue took it.
+    pub fn with_free(mut self, state: &SourcesState) -> Self {
+        for (target, each) in self.needles.iter_mut().zip(&state.each) {
+            if each.grip.is_none() {
+                *target = each.pose;
+            }
+        }
+        self
+    }
+
+    /// Which share of the way can be followed at once, at most 1; not finite for a way that is not.
+    pub fn share(&self, sources: &Sources, state: &SourcesState) -> f64 {
+        let mut share = 1.0f64;
+        let needles = state.each.iter().zip(&self.needles).zip(&sources.needles);
+        for ((each, target), own) in needles {
+            share = share.min(needle_share(sources.piece_m, each, target, own));
+        }
+        for (thread, target) in state.threads.iter().zip(&self.threads) {
+            let way = [target[0] - thread.tail.at, target[1] - thread.head.at];
+            let far = way[0].norm().max(way[1].norm());
+            if !thread.segments.is_empty() && far > 0.0 {
+                share = share.min(sources.piece_m / far);
+            }
+        }
+        share.min(state.tools.part(&sources.tools, &self.tools))
+    }
+
+    /// Where everything is after a share of the way from `state`; all of it leads exactly here.
+    pub fn part_way(&self, state: &SourcesState, share: f64) -> Self {
+        let mut next = *self;
+        for (pose, each) in next.needles.iter_mut().zip(&state.each) {
+            *pose = towards(&each.pose, pose, share);
+        }
+        for (ends, thread) in next.threads.iter_mut().zip(&state.threads) {
+            for (end, from) in ends.iter_mut().zip([thread.tail.at, thread.head.at]) {
+                if share < 1.0 {
+                    *end = from + (*end - from) * share;
+                }
+            }
+        }
+        next.tools = state.tools.towards(&self.tools, share);
+        next
+    }
+}
+
+/// Which share of its way a needle may go at once.
+fn needle_share(
+    piece_m: f64,
+    each: &NeedleState,
+    target: &Isometry3<f64>,
+    own: &NeedlePart,
+) -> f64 {
+    let (from, to) = (own.needle.at(&each.pose), own.needle.at(target));
+    let touches = !each.holds.is_empty() || !matches!(each.tip, Tip::Outside | Tip::Waiting);
+    let turn = (target.rotation * each.pose.rotation.inverse()).angle();
+    let mut share = MOST_TURN / turn;
+    if touches {
+        let way = [0.0, 0.5, 1.0]
+            .map(|along| (to.at(along * to.length) - from.at(along * from.length)).norm());
+        share = share.min(piece_m / way.into_iter().fold(0.0, f64::max));
+    }
+    // A way without end is none.
+    if share.is_nan() {
+        f64::NAN
+    } else {
+        share.min(1.0)
+    }
+}
+
+/// A part of the way: straight for the origin of the frame, about one axis; all of it is exactly `to`.
+fn towards(from: &Isometry3<f64>, to: &Isometry3<f64>, part: f64) -> Isometry3<f64> {
+    if part >= 1.0 {
+        return *to;
+    }
+    let shift = (to.translation.vector - from.translation.vector) * part;
+    let turn = (to.rotation * from.rotation.inverse()).scaled_axis() * part;
+    about(&from.translation.vector, &shift, &turn) * from
+}
+
+/// A shift and a turn about a point.
+pub(crate) fn about(
+    centre: &Vector3<f64>,
+    shift: &Vector3<f64>,
+    turn: &Vector3<f64>,
+) -> Isometry3<f64> {
+    let rotation = UnitQuaternion::from_scaled_axis(*turn);
+    let to = centre + shift - rotation * centre;
+    Isometry3::from_parts(Translation3::from(to), rotation)
+}
+
+/// The pose of a sample's grip; `None` for a number that is not finite, even squared, or a quaternion without
+/// length.
+pub(crate) fn pose_of(sample: &ToolSample) -> Option<Isometry3<f64>> {
+    let [x, y, z, w] = sample.orientation;
+    let far = Vector3::from(sample.position_m).norm_squared();
+    if !(far.is_finite() && sample.orientation.iter().all(|x| x.is_finite())) {
+        return None;
+    }
+    let rotation = UnitQuaternion::try_new(Quaternion::new(w, x, y, z), 1e-6)?;
+    Some(Isometry3::from_parts(
+        Translation3::from(sample.position_m),
+        rotation,
+    ))
+}

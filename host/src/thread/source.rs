@@ -1,0 +1,336 @@
+//! Threads as a source of constraints: laid before a round, linearised after each solve, drawn at the end.
+//!
+//! Entry point: [`ThreadSource`].
+
+use super::{BendWork, MOST_SEGMENTS, Segment, Skin, ThreadHold, ThreadState, Wrap, wraps};
+use crate::anchors::AnchorPoint;
+use crate::needle::{NeedleState, anchor};
+use crate::source::Source;
+use crate::step::{Balance, BalanceWork, Felt, Sources, Status};
+use crate::tool::ToolSample;
+use nalgebra::Vector3;
+
+/// A thread that would bend by less over tissue cuts into it \[rad\].
+const LEAST_TURN: f64 = 0.05;
+
+/// Threads.
+pub(crate) struct ThreadSource;
+
+/// Scratch of all threads.
+pub(crate) struct ThreadWork {
+    known_segments: Vec<Segment>,
+    skin: Option<Skin>,
+    /// Whether the skin was brought last to where the tissue rests.
+    skin_at_rest: bool,
+    bends: BendWork,
+    wraps: Vec<Wrap>,
+}
+
+impl ThreadWork {
+    /// Nothing for a scene without threads.
+    pub fn new(sources: &Sources) -> Self {
+        let count = sources.threads.parts.len();
+        let most = if count == 0 { 0 } else { MOST_SEGMENTS };
+        let boundary = || sources.mesh.boundary().triangles();
+        Self {
+            known_segments: Vec::with_capacity(most),
+            skin: (count > 0).then(|| Skin::new(boundary(), &sources.resting_m)),
+            skin_at_rest: false,
+            bends: BendWork::new(most),
+            wraps: Vec::with_capacity(most),
+        }
+    }
+}
+
+impl Source for ThreadSource {
+    fn prepare(&self, balance: &mut Balance) {
+        balance.lay_threads();
+    }
+
+    fn append(&self, balance: &mut Balance) {
+        let held = &balance.sources.threads;
+        let ground = held.ground(&balance.sources.mesh, balance.points_m);
+        for (index, thread) in balance.state.threads.iter_mut().enumerate() {
+            let needle = &balance.state.each[held.needles[index]];
+            let head = head_at(balance.sources, needle, thread, index);
+            let is_held = thread.is_tail_held() && head.is_some();
+            let set = &mut balance.work.set;
+            thread.make_rows(index, &held.parts[index], is_held, &ground, set);
+        }
+    }
+
+    fn settle(&self, balance: &mut Balance, _solve: u32) -> Result<bool, Status> {
+        Ok(balance.settle_threads())
+    }
+
+    fn accept(&self, balance: &mut Balance) {
+        balance.finish_threads();
+        balance.bend_threads();
+    }
+
+    fn feel(&self, balance: &mut Balance, felt: &mut Felt) {
+        balance.feel_threads(felt);
+    }
+
+    fn report(&self, balance: &mut Balance, _samples: &[ToolSample]) {
+        balance.report_threads();
+    }
+}
+
+impl Balance<'_> {
+    /// Whether both ends of a thread withstand a pull.
+    pub(super) fn is_held(&self, thread: usize) -> bool {
+        let needle = &self.state.each[self.sources.threads.needles[thread]];
+        let state = &self.state.threads[thread];
+        state.is_tail_held() && head_at(self.sources, needle, state, thread).is_some()
+    }
+
+    /// The tools that hold the tail and the head of a thread.
+    pub(super) fn held_by(&self, thread: usize) -> [Option<u8>; 2] {
+        let state = &self.state.threads[thread];
+        let by = |hold: &ThreadHold| match hold {
+            ThreadHold::Tool(tool) => Some(*tool),
+            _ => None,
+        };
+        let needle = &self.state.each[self.sources.threads.needles[thread]];
+        let head = match state.head.by {
+            ThreadHold::Free | ThreadHold::Knot => needle.grip.map(|grip| grip.tool),
+            hold => by(&hold),
+        };
+        [by(&state.tail.by), head]
+    }
+
+    /// The paths of threads that pull, and where they are linearised first.
+    fn lay_threads(&mut self) {
+        let held = &self.sources.threads;
+        let ground = held.ground(&self.sources.mesh, self.points_m);
+        let mut known = std::mem::take(&mut self.work.threads.known_segments);
+        for index in 0..self.state.threads.len() {
+            let needle = &self.state.each[held.needles[index]];
+            let head = head_at(self.sources, needle, &self.state.threads[index], index);
+            let mut thread = std::mem::take(&mut self.state.threads[index]);
+            if thread.pulls(head.is_some()) {
+                thread.lay(&ground, head, &mut known, |at| self.position_of(at));
+                if self.sources.threads.parts[index].friction > 0.0 {
+                    thread.pass_through(&self.sources.mesh, |at| self.position_of(at));
+                }
+            } else {
+                thread.segments.clear();
+                thread.spans.clear();
+            }
+            self.state.threads[index] = thread;
+        }
+        self.work.threads.known_segments = known;
+    }
+
+    /// Takes the threads' tensions from a solve and linearises their paths anew; whether that was not needed.
+    fn settle_threads(&mut self) -> bool {
+        let held = &self.sources.threads;
+        let ground = held.ground(&self.sources.mesh, self.points_m);
+        let mut settled = true;
+        let mut first = 0;
+        for (index, thread) in self.state.threads.iter_mut().enumerate() {
+            if thread.segments.is_empty() {
+                continue;
+            }
+            let needle = &self.state.each[held.needles[index]];
+            let is_held =
+                thread.is_tail_held() && head_at(self.sources, needle, thread, index).is_some();
+            let rows = (self.work.set.rows.len(), first);
+            settled &= thread.settle(
+                &held.parts[index],
+                is_held,
+                rows,
+                &ground,
+                &self.work.system,
+                &self.state.grasp,
+            );
+            first += thread.spread_rows(&held.parts[index], is_held);
+        }
+        settled
+    }
+
+    /// Threads have slid: those that pull as the solve says, others follow their needle.
+    fn finish_threads(&mut self) {
+        for index in 0..self.state.threads.len() {
+            let needle = self.sources.threads.needles[index];
+            let head = head_at(
+                self.sources,
+                &self.state.each[needle],
+                &self.state.threads[index],
+                index,
+            );
+            let is_held = self.state.threads[index].is_tail_held() && head.is_some();
+            self.state.threads[index].finish(is_held);
+            if is_held {
+                continue;
+            }
+            let Some(head) = head else {
+                self.draw_back(index);
+                continue;
+            };
+            let Some(last) = self.state.threads[index]
+                .passed
+                .last()
+                .map(|last| last.crossing)
+            else {
+                continue;
+            };
+            let way = head - self.position_of(&anchor(&self.sources.mesh, &last));
+            let thread = &mut self.state.threads[index];
+            let short = way.norm() - (thread.head.alpha - last.alpha);
+            if short > 0.0 {
+                thread.draw(short);
+                thread.drop_behind();
+            }
+        }
+    }
+
+    /// What a tail that is pulled draws out of the tissue of a thread whose head nobody holds.
+    fn draw_back(&mut self, index: usize) {
+        let thread = &self.state.threads[index];
+        let tail = thread.tail;
+        let has_place = matches!(tail.by, ThreadHold::Place(_) | ThreadHold::Tool(_));
+        let Some(first) = thread.passed.first().filter(|_| has_place) else {
+            return;
+        };
+        let way = tail.at - self.position_of(&anchor(&self.sources.mesh, &first.crossing));
+        let short = way.norm() - (first.crossing.alpha - tail.alpha);
+        if short > 0.0 {
+            let thread = &mut self.state.threads[index];
+            thread.draw(-short);
+            thread.drop_ahead();
+        }
+    }
+
+    /// Brings the skin to where all nodes are.
+    fn fit_skin(&mut self) {
+        let BalanceWork { nodes, threads, .. } = &mut *self.work;
+        let Some(skin) = &mut threads.skin else {
+            return;
+        };
+        if !(nodes.at_rest && threads.skin_at_rest) {
+            skin.refit(&nodes.at);
+            threads.skin_at_rest = nodes.at_rest;
+        }
+    }
+
+    /// A balance is found: where taut threads bend over tissue.
+    fn bend_threads(&mut self) {
+        if self.state.threads.iter().all(|thread| !thread.may_bend()) {
+            self.state
+                .threads
+                .iter_mut()
+                .for_each(|thread| thread.bends.clear());
+            return;
+        }
+        self.find_all_nodes();
+        self.fit_skin();
+        let BalanceWork { nodes, threads, .. } = &mut *self.work;
+        let ThreadWork {
+            skin,
+            wraps: found,
+            bends,
+            ..
+        } = threads;
+        let (Some(skin), at) = (skin, &nodes.at) else {
+            return;
+        };
+        let mesh = &self.sources.mesh;
+        for thread in self.state.threads.iter_mut() {
+            thread.bend(mesh, at, bends, |from, to, up, out| {
+                found.clear();
+                wraps(skin, at, from, to, up, LEAST_TURN, found);
+                out.extend(found.iter().map(|wrap| AnchorPoint {
+                    nodes: [wrap.nodes[0], wrap.nodes[1], wrap.nodes[0], wrap.nodes[0]],
+                    weights: [wrap.weights[0], wrap.weights[1], 0.0, 0.0],
+                }));
+            });
+        }
+        self.clock.lap(&mut self.report.stages.detect_ns);
+    }
+}
+
+/// Where the head of a thread is held \[m\]: at its needle's end, if somebody holds that, or apart from it.
+pub(super) fn head_at(
+    sources: &Sources,
+    needle: &NeedleState,
+    thread: &ThreadState,
+    index: usize,
+) -> Option<Vector3<f64>> {
+    match thread.head.by {
+        ThreadHold::Place(_) | ThreadHold::Tool(_) => Some(thread.head.at),
+        _ => {
+            needle.grip?;
+            let part = &sources.needles[sources.threads.needles[index]].needle;
+            Some(part.at(&needle.pose).start)
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::clock::Clock;
+    use crate::scene::{Document, Scene};
+    use crate::step::StepReport;
+    use crate::step::{SourcesState, SourcesWork};
+
+    /// Two slabs with a thread, and a load, so that they do not rest where the mesh has them.
+    fn wound() -> Scene {
+        let text = include_str!("../../../scenes/wound-slabs.toml");
+        let coarse = text.replace("divisions = [8, 12, 4]", "divisions = [3, 4, 2]");
+        let load = "[[load]]\non = { box = { min_m = [-0.01, -1.0, -0.001], max_m = [0.01, 1.0, 1.0] } }\n\
+                    total_force_n = [0.0, 0.02, -0.05]\n";
+        let text = [&coarse, "\n", load].concat();
+        let document = Document::embedded("wound.toml", "".as_ref(), &text);
+        Scene::read(&document, "wound").expect("a good scene")
+    }
+
+    /// Where nothing acts, what takes no solve is what a solve finds; and the skin comes back with it.
+    #[test]
+    fn tissue_on_which_nothing_acts_is_where_a_field_of_all_nodes_has_it() {
+        let (model, ..) = wound().build().expect("a good model");
+        let sources = model.sources.as_ref().expect("a needle");
+        let mut state = SourcesState::new(sources, model.motion.clone());
+        let mut work = SourcesWork::new(&model, sources);
+        let (mut report, mut clock) = (StepReport::default(), Clock::start());
+        let (state, work) = (&mut state, &mut work.balance);
+        let mut balance = Balance::new(&model, sources, state, work, &mut report, &mut clock);
+        let skin = |balance: &Balance| format!("{:?}", balance.work.threads.skin);
+        balance.find_all_nodes();
+        balance.fit_skin();
+        assert_eq!(
+            (balance.work.nodes.at_rest, balance.report.fields),
+            (true, 0)
+        );
+        let (at, skin_at_rest) = (balance.work.nodes.at.clone(), skin(&balance));
+
+        let numbering = balance.body.numbering();
+        let u = balance
+            .work
+            .system
+            .field(balance.body, &balance.state.grasp);
+        let way = |node: u32| Vector3::from(numbering.at_node(u, node));
+        let points = || (0..).zip(balance.points_m);
+        let moved_m = points()
+            .map(|(node, _)| way(node).norm())
+            .fold(0.0, f64::max);
+        assert!(moved_m > 1e-5, "{moved_m} m");
+        for ((node, from), at) in points().zip(&at) {
+            let found = Vector3::from(*from) + way(node);
+            assert!((found - at).norm() < 1e-9 * moved_m, "{found} {at}");
+        }
+
+        // Tissue that has been elsewhere.
+        balance.work.nodes.at.iter_mut().for_each(|at| at.z += 1e-3);
+        balance.work.nodes.at_rest = false;
+        balance.fit_skin();
+        assert_ne!(skin(&balance), skin_at_rest);
+        balance.work.nodes.solves += 1;
+        balance.find_all_nodes();
+        balance.fit_skin();
+        assert_eq!(balance.work.nodes.at, at);
+        assert_eq!(skin(&balance), skin_at_rest);
+    }
+}
