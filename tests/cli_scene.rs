@@ -168,6 +168,32 @@ fn a_session_steps_the_tools_that_are_held_too() {
     assert_eq!(scene["held"].as_array().map(Vec::len), Some(1));
 }
 
+/// What a scene adds by a key of its own is said by a session, and by an explanation of the scene; what is wrong with it at
+/// its place.
+#[test]
+fn springs_are_explained_checked_and_reported() {
+    let slab = "scenes/tied-slab.toml";
+    let ran = sutura(&["run", slab, "--lockstep", "--format", "json"]);
+    assert_eq!(ran.code, 0, "{}", ran.stderr);
+    let object = json(&ran);
+    let tension = &object["scene"]["added"]["spring 1"]["tension_n"];
+    assert!(tension.as_f64() > Some(0.05), "{object}");
+    let explained = sutura(&["scene", "explain", slab]);
+    assert!(
+        explained.stdout.contains("`[[spring]]`: 60 N/m"),
+        "{}",
+        explained.stdout
+    );
+    let folder = tempfile::tempdir().expect("a folder");
+    let file = folder.path().join("wrong.toml");
+    let text = std::fs::read_to_string(root().join(slab)).expect("a scene");
+    std::fs::write(&file, text.replace("60.0", "-60.0")).expect("a file");
+    let refused = sutura(&["scene", "check", &file.display().to_string()]);
+    assert_ne!(refused.code, 0);
+    let said = "`stiffness_n_per_m` is -60; it must be above 0";
+    assert!(refused.stderr.contains(said), "{}", refused.stderr);
+}
+
 /// Loads press one slab on the other before the first step, and nothing moves after it.
 #[test]
 fn slabs_touch_without_a_needle() {

@@ -9,7 +9,7 @@ mod wound;
 use crate::fem::{CorotationalTissue, LinearTissue};
 use crate::model::ModelError;
 use crate::needle::{Hierarchy, NeedleShape};
-use crate::scene::{HostSettings, Pose, Scene, SceneError, Tissue, position_at};
+use crate::scene::{ADDED_KEYS, HostSettings, Pose, Scene, SceneError, Tissue, position_at};
 use crate::script::{Path, at_rest, path};
 use crate::session::TissueSolver;
 use crate::solve::SolveError;
@@ -135,6 +135,7 @@ pub fn explain(scene: &Scene) -> Result<Vec<Component>, SolveError> {
     parts.extend(wound::threads(scene, &walk));
     parts.extend(wound::touching(scene, &walk));
     parts.push(handles(scene));
+    parts.extend(added(scene));
     parts.push(loads(scene));
     let ((), field) = timed(|| {
         std::hint::black_box(model.equilibrium(state).is_ok());
@@ -485,6 +486,19 @@ fn handles(scene: &Scene) -> Component {
     };
     let why = format!("`[[handle]]`: {count} points with three rows each, solved {when}");
     Component::built("handles", why).rows(3 * count as u32)
+}
+
+/// Sources that scenes add by keys of their own.
+fn added(scene: &Scene) -> Vec<Component> {
+    if scene.added.is_empty() {
+        let keys = ADDED_KEYS.iter();
+        return keys
+            .map(|key| Component::absent(format!("{key}s"), format!("no `[[{key}]]`")))
+            .collect();
+    }
+    let each = scene.added.iter().map(|added| added.explain());
+    each.map(|(name, why)| Component::built(name, why))
+        .collect()
 }
 
 fn loads(scene: &Scene) -> Component {

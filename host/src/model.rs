@@ -10,7 +10,7 @@ use crate::fem::{
 };
 use crate::mesh::{Surface, TetMesh};
 use crate::needle::{NeedleError, NeedlePart, NeedleSettings, NeedleTissue};
-use crate::source::{Handles, MOST_NODES};
+use crate::source::{Added, Handles, MOST_NODES};
 use crate::step::{self, DEFAULT_CACHE_BYTES, NoRest, Sources, State, Status};
 use crate::thread::{ThreadError, ThreadPart, Threads};
 use crate::tool::{MAX_TOOLS, Shape, Tool};
@@ -437,6 +437,28 @@ impl Model {
             && let Some(rest) = &sources.rest
         {
             sources.start_outside(rest.touch.at_m())?;
+        }
+        Ok(self)
+    }
+
+    /// Adds sources that a scene names by keys of their own.
+    ///
+    /// # Errors
+    /// Handles beside them on more than four nodes.
+    pub(crate) fn with_added(
+        mut self,
+        mesh: &TetMesh,
+        added: &[Arc<dyn Added>],
+    ) -> Result<Self, ModelError> {
+        if added.is_empty() {
+            return Ok(self);
+        }
+        let reaches = self.sources.as_ref().is_some_and(Sources::reach_inside);
+        if !reaches {
+            self = self.with_needles(mesh, &[], &[], NeedleSettings::default())?;
+        }
+        if let Some(sources) = &mut self.sources {
+            sources.added = added.to_vec();
         }
         Ok(self)
     }

@@ -17,6 +17,7 @@ mod palpation;
 mod pressed;
 mod rows;
 mod session_models;
+mod springs;
 mod suture;
 mod tissue;
 mod touch;

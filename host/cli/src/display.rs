@@ -255,6 +255,9 @@ pub fn table(summary: &Summary) -> String {
             ),
         );
     }
+    for (name, values) in added(s) {
+        row(name, values);
+    }
     if let Some(wound) = wound(s) {
         row("wound", wound);
     }
@@ -297,6 +300,19 @@ fn wound(summary: &Summary) -> Option<String> {
         ));
     }
     (!said.is_empty()).then(|| said.join("; "))
+}
+
+/// What sources say that the scene adds by keys of their own: their names, and their values.
+fn added(summary: &Summary) -> Vec<(&str, String)> {
+    let all = summary.scene.get("added").and_then(|all| all.as_object());
+    let each = all.into_iter().flatten();
+    let said = each.map(|(name, values)| {
+        let values = values.as_object().into_iter().flatten();
+        let values =
+            values.map(|(key, value)| format!("{key} {:.4}", value.as_f64().unwrap_or(0.0)));
+        (name.as_str(), values.collect::<Vec<_>>().join(", "))
+    });
+    said.collect()
 }
 
 fn withheld(summary: &Summary) -> String {

@@ -3,13 +3,20 @@
 //! Entry point: [`TissueContactSource`].
 
 use crate::needle::MOST_GROUPS;
-use crate::source::Source;
-use crate::step::{Balance, BalanceWork};
+use crate::source::{Room, Source};
+use crate::step::{Balance, BalanceWork, Sources};
 
 /// Bodies of tissue that may touch.
 pub(crate) struct TissueContactSource;
 
 impl Source for TissueContactSource {
+    fn room(&self, sources: &Sources) -> Room {
+        let touching = sources.touching.as_ref();
+        touching.map_or_else(Room::default, |touching| {
+            Room::new(touching.most_pairs(), touching.most_rows())
+        })
+    }
+
     fn append(&self, balance: &mut Balance) {
         if let (Some(touching), Some(touch)) = (&balance.sources.touching, &balance.state.touch) {
             let set = &mut balance.work.set;

@@ -3,8 +3,8 @@
 //! Entry point: [`FreeNeedleSource`].
 
 use super::source::What;
-use crate::source::Source;
-use crate::step::{Balance, BalanceWork, Status, about};
+use crate::source::{Room, Source};
+use crate::step::{Balance, BalanceWork, Sources, Status, about};
 use nalgebra::{Vector3, Vector6};
 
 /// Solves of one balance in which they settle: one that is not at rest by then lies still, and goes on in the next
@@ -21,6 +21,10 @@ const MOST_LOOSE_TURN: f64 = 0.1;
 pub(crate) struct FreeNeedleSource;
 
 impl Source for FreeNeedleSource {
+    fn room(&self, _sources: &Sources) -> Room {
+        Room::default()
+    }
+
     fn append(&self, _balance: &mut Balance) {}
 
     fn soften(&self, balance: &mut Balance, solve: u32) {

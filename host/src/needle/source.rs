@@ -12,7 +12,7 @@ use super::{Crossing, History, NeedleTissue};
 use crate::anchors::{AnchorPoint, AnchorRow, ConstraintSet};
 use crate::mesh::HalfFaces;
 use crate::rows::RowKind;
-use crate::source::Source;
+use crate::source::{Room, Source};
 use crate::step::{Balance, BalanceWork, Felt, Sources, Status, unloaded};
 use crate::tool::ToolSample;
 use nalgebra::{Isometry3, Vector3, Vector6};
@@ -105,6 +105,12 @@ impl NeedleWork {
 }
 
 impl Source for NeedleSource {
+    /// At each crossing three rows, and at each tip.
+    fn room(&self, sources: &Sources) -> Room {
+        let points = sources.needles.len() * (sources.settings.most_crossings + 1);
+        Room::new(points, 3 * points)
+    }
+
     fn prepare(&self, balance: &mut Balance) {
         let sources = balance.sources;
         for (state, part) in balance.state.each.iter_mut().zip(&sources.needles) {

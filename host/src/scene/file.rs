@@ -3,71 +3,111 @@
 //! Entry point: [`SceneFile`]. Values are checked where they are used, in the files next to this one.
 
 use super::wound_file::{ThreadSection, TissueContactSection};
+use crate::source::{Section, scene_keys};
 use schemars::JsonSchema;
 use serde::Deserialize;
 use toml::Spanned;
 
-/// A whole scene file.
-#[derive(Debug, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
-pub struct SceneFile {
-    /// For people; the file's stem when left out.
-    pub name: Option<String>,
-    /// How long a session lasts \[s\].
-    #[schemars(with = "Option<f64>")]
-    pub seconds: Option<Spanned<f64>>,
-    /// Name of a device, or path of a device file ending in `.toml`.
-    #[schemars(with = "Option<String>")]
-    pub device: Option<Spanned<String>>,
-    /// Until when `sutura solve` follows the scripts of hands and tools \[s\], in scenes with needles; to the end
-    /// when left out.
-    #[schemars(with = "Option<f64>")]
-    pub solve_at_s: Option<Spanned<f64>>,
-    /// Where the tissue is.
-    #[schemars(with = "MeshSection")]
-    pub mesh: Spanned<MeshSection>,
-    /// What the tissue is made of.
-    pub tissue: TissueSection,
-    /// Parts of the tissue that are made of something else.
-    #[serde(default)]
-    #[schemars(with = "Vec<RegionSection>")]
-    pub region: Vec<Spanned<RegionSection>>,
-    /// Nodes that do not move.
-    #[serde(default)]
-    #[schemars(with = "Vec<Selection>")]
-    pub fixed: Vec<Spanned<Selection>>,
-    /// Tools that can touch the tissue, or hold needles.
-    #[serde(default)]
-    #[schemars(with = "Vec<ToolSection>")]
-    pub tool: Vec<Spanned<ToolSection>>,
-    /// Needles.
-    #[serde(default)]
-    #[schemars(with = "Vec<NeedleSection>")]
-    pub needle: Vec<Spanned<NeedleSection>>,
-    /// Threads.
-    #[serde(default)]
-    #[schemars(with = "Vec<ThreadSection>")]
-    pub thread: Vec<Spanned<ThreadSection>>,
-    /// Parts of the tissue that may touch.
-    #[serde(default)]
-    #[schemars(with = "Vec<TissueContactSection>")]
-    pub tissue_contact: Vec<Spanned<TissueContactSection>>,
-    /// Speed against accuracy of needles.
-    #[schemars(with = "Option<NeedleSolverSection>")]
-    pub needle_solver: Option<Spanned<NeedleSolverSection>>,
-    /// Points of tissue that are moved to a target.
-    #[serde(default)]
-    pub handle: Vec<HandleSection>,
-    /// Forces on nodes.
-    #[serde(default)]
-    pub load: Vec<LoadSection>,
-    /// The hand on a simulated console's grip.
-    #[schemars(with = "Option<HandSection>")]
-    pub hand: Option<Spanned<HandSection>>,
-    /// How the host works.
-    #[serde(default)]
-    pub host: HostSection,
+/// A section with its place in the file.
+#[derive(Debug, Deserialize)]
+#[serde(transparent)]
+pub(super) struct Placed<T>(Spanned<T>);
+
+impl<T: JsonSchema> JsonSchema for Placed<T> {
+    fn schema_name() -> std::borrow::Cow<'static, str> {
+        T::schema_name()
+    }
+
+    fn json_schema(generator: &mut schemars::SchemaGenerator) -> schemars::Schema {
+        T::json_schema(generator)
+    }
 }
+
+/// A section by which a scene adds a source: where it is, and what it says.
+pub(super) type AddedSection<'a> = (std::ops::Range<usize>, &'a dyn Section);
+
+/// The file's own keys, and those of [`scene_keys`].
+macro_rules! scene_file {
+    ($($(#[$about:meta])* $key:ident: $section:ty;)*) => {
+        /// A whole scene file.
+        #[derive(Debug, Deserialize, JsonSchema)]
+        #[serde(deny_unknown_fields)]
+        pub struct SceneFile {
+            /// For people; the file's stem when left out.
+            pub name: Option<String>,
+            /// How long a session lasts \[s\].
+            #[schemars(with = "Option<f64>")]
+            pub seconds: Option<Spanned<f64>>,
+            /// Name of a device, or path of a device file ending in `.toml`.
+            #[schemars(with = "Option<String>")]
+            pub device: Option<Spanned<String>>,
+            /// Until when `sutura solve` follows the scripts of hands and tools \[s\], in scenes with needles; to the end
+            /// when left out.
+            #[schemars(with = "Option<f64>")]
+            pub solve_at_s: Option<Spanned<f64>>,
+            /// Where the tissue is.
+            #[schemars(with = "MeshSection")]
+            pub mesh: Spanned<MeshSection>,
+            /// What the tissue is made of.
+            pub tissue: TissueSection,
+            /// Parts of the tissue that are made of something else.
+            #[serde(default)]
+            #[schemars(with = "Vec<RegionSection>")]
+            pub region: Vec<Spanned<RegionSection>>,
+            /// Nodes that do not move.
+            #[serde(default)]
+            #[schemars(with = "Vec<Selection>")]
+            pub fixed: Vec<Spanned<Selection>>,
+            /// Tools that can touch the tissue, or hold needles.
+            #[serde(default)]
+            #[schemars(with = "Vec<ToolSection>")]
+            pub tool: Vec<Spanned<ToolSection>>,
+            /// Needles.
+            #[serde(default)]
+            #[schemars(with = "Vec<NeedleSection>")]
+            pub needle: Vec<Spanned<NeedleSection>>,
+            /// Threads.
+            #[serde(default)]
+            #[schemars(with = "Vec<ThreadSection>")]
+            pub thread: Vec<Spanned<ThreadSection>>,
+            /// Parts of the tissue that may touch.
+            #[serde(default)]
+            #[schemars(with = "Vec<TissueContactSection>")]
+            pub tissue_contact: Vec<Spanned<TissueContactSection>>,
+            /// Speed against accuracy of needles.
+            #[schemars(with = "Option<NeedleSolverSection>")]
+            pub needle_solver: Option<Spanned<NeedleSolverSection>>,
+            /// Points of tissue that are moved to a target.
+            #[serde(default)]
+            pub handle: Vec<HandleSection>,
+            /// Forces on nodes.
+            #[serde(default)]
+            pub load: Vec<LoadSection>,
+            /// The hand on a simulated console's grip.
+            #[schemars(with = "Option<HandSection>")]
+            pub hand: Option<Spanned<HandSection>>,
+            /// How the host works.
+            #[serde(default)]
+            pub host: HostSection,
+            $($(#[$about])* #[serde(default)] $key: Vec<Placed<$section>>,)*
+        }
+
+        /// Keys by which scenes add sources.
+        pub(crate) const ADDED_KEYS: &[&str] = &[$(stringify!($key)),*];
+
+        impl SceneFile {
+            /// Sections of these keys.
+            pub(super) fn added(&self) -> Vec<AddedSection<'_>> {
+                let mut all: Vec<AddedSection<'_>> = Vec::new();
+                $(for Placed(section) in &self.$key {
+                    all.push((section.span(), section.get_ref()));
+                })*
+                all
+            }
+        }
+    };
+}
+scene_keys!(scene_file);
 
 /// `[mesh]`: a file with its scale, a structured slab, or several parts.
 #[derive(Debug, Deserialize, JsonSchema)]

@@ -21,6 +21,7 @@ mod wound_file;
 
 pub use device::{BUILT_IN as BUILT_IN_DEVICES, find_device, read_device};
 pub use document::{Document, Flaw, SceneError, Sources, nearest};
+pub(crate) use file::ADDED_KEYS;
 pub use file::{HandSection, WayPointSection};
 pub use hand::{hand_script, position_at};
 pub use needles::{Hold, Needle, NeedleSolver};
@@ -37,11 +38,13 @@ use crate::fem::{Hyperelasticity, Loads, Materials, Policy, TissueError};
 use crate::mesh::TetMesh;
 use crate::model::{Model, ModelError, Passes};
 use crate::needle::{NeedlePart, NeedleSettings, NeedleTissue};
+use crate::source::Added;
 use crate::step::{State, Workspace};
 use crate::tool;
 use crate::tradeoff::cases::Substance;
 use crate::work;
 use std::path::Path;
+use std::sync::Arc;
 use sutura_models::hyperelastic::Cells;
 use sutura_shared::device::DeviceDescription;
 use sutura_shared::wire::message::HandScript;
@@ -81,6 +84,8 @@ pub struct Scene {
     pub threads: Vec<Thread>,
     /// Parts of the tissue that may touch.
     pub touching: Vec<TissueContact>,
+    /// Sources of constraints that it adds by keys of their own.
+    pub(crate) added: Vec<Arc<dyn Added>>,
     /// Speed against accuracy of needles.
     pub needle_solver: NeedleSolver,
     /// Forces on nodes, and points of tissue that are moved to a target.
@@ -246,7 +251,9 @@ impl Scene {
             },
             error => SceneError::Build(error),
         })?;
-        let model = self.add_needles(model).map_err(SceneError::Build)?;
+        let model = self.add_needles(model);
+        let model = model.and_then(|model| model.with_added(mesh, &self.added));
+        let model = model.map_err(SceneError::Build)?;
         let (state, workspace) = (State::new(&model), Workspace::new(&model));
         Ok((model, state, workspace))
     }

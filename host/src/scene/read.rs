@@ -84,6 +84,14 @@ impl Scene {
         }
         let touching = read_touching(document, &file.tissue_contact, &mesh)?;
         let needle_tissue = read_needle_tissue(document, &file, &of_cell, &mut warnings)?;
+        let added = file.added().into_iter().enumerate();
+        let added = added.map(|(index, (span, section))| {
+            let label = "in this section";
+            section
+                .build(index, &mesh)
+                .map_err(|message| document.flaw(span, message, label, None))
+        });
+        let added = added.collect::<Result<_, _>>()?;
         let handles = file
             .handle
             .iter()
@@ -108,6 +116,7 @@ impl Scene {
             needle_tissue,
             threads,
             touching,
+            added,
             needle_solver: read_needle_solver(document, &file)?,
             loads: Loads {
                 forces,

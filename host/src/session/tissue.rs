@@ -749,6 +749,12 @@ impl Solve for TissueSolver {
             let needles = self.needles.iter().map(|needle| needle.to_json());
             report["needles"] = needles.collect();
         }
+        for (name, values) in self.state.added(&self.model) {
+            let values = values
+                .into_iter()
+                .map(|(key, value)| (key.to_owned(), value.into()));
+            report["added"][name] = Value::Object(values.collect());
+        }
         let Value::Object(mut report) = report else {
             return Map::new();
         };

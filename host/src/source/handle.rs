@@ -4,11 +4,11 @@
 //! else acts are loads; rows find what comes on top of them (younes-2021, 2.2.2), which is nothing in the
 //! beginning.
 
-use super::Source;
+use super::{Room, Source};
 use crate::anchors::{AnchorPoint, AnchorRow, ConstraintSet, Grasp};
 use crate::fem::{Anchor, Handle, NodeLoad};
 use crate::rows::RowKind;
-use crate::step::Balance;
+use crate::step::{Balance, Sources};
 use nalgebra::Vector3;
 
 /// Bit of a row's id that no other rows have.
@@ -30,6 +30,11 @@ struct Held {
 pub(super) struct HandleSource;
 
 impl Source for HandleSource {
+    fn room(&self, sources: &Sources) -> Room {
+        let count = sources.handles.count();
+        Room::new(count, 3 * count)
+    }
+
     fn append(&self, balance: &mut Balance) {
         balance.sources.handles.append(&mut balance.work.set);
     }

@@ -1,23 +1,34 @@
 //! Sources of constraints: what acts on tissue. Each finds where it acts, appends its constraints to the set, takes over
 //! what a solve found, and reports.
 //!
-//! Entry point: [`Source`]. A balance asks the sources of [`SOURCES`] one after another; what they keep from step to step
-//! is in [`SourcesState`](crate::step::SourcesState).
+//! Entry point: [`Source`]. A balance asks all sources of a scene ([`Sources::each`]) one after another; what they keep from
+//! step to step is in [`SourcesState`](crate::step::SourcesState). `spring.rs` is an example of one that a scene adds by a
+//! key of its own.
 
+mod added;
 mod handle;
+mod spring;
+#[cfg(test)]
+pub(crate) mod testing;
 pub(crate) mod tool;
+
+pub(crate) use added::{Added, Kept, Section, scene_keys};
 
 use crate::collide::TissueContactSource;
 use crate::needle::{FreeNeedleSource, NeedleSource};
-use crate::step::{Balance, Felt, Status};
+use crate::step::{Balance, Felt, Sources, Status};
 use crate::thread::ThreadSource;
 use crate::tool::ToolSample;
 use handle::HandleSource;
 pub(crate) use handle::{Handles, MOST_NODES};
+pub use spring::SpringSection;
 use tool::ToolSource;
 
-/// What a balance asks of a source, in the order of the methods. Only rows are a must.
+/// What a balance asks of a source, in the order of the methods.
 pub(crate) trait Source: Sync {
+    /// What it needs at most in a scene.
+    fn room(&self, sources: &Sources) -> Room;
+
     /// Before the solves of a round: bounds of friction, paths of threads.
     fn prepare(&self, _balance: &mut Balance) {}
 
@@ -59,12 +70,50 @@ pub(crate) trait Source: Sync {
     fn report(&self, _balance: &mut Balance, _samples: &[ToolSample]) {}
 }
 
-/// All sources. Their order is that of their rows in the set.
-pub(crate) const SOURCES: [&dyn Source; 6] = [
+/// What a source needs at most.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Room {
+    /// Points, and ways between two.
+    pub anchors: usize,
+    /// Rows on one of these.
+    pub rows: usize,
+    /// Rows on several, and the terms of all of them.
+    pub spread: usize,
+    pub terms: usize,
+}
+
+impl Room {
+    /// For so many points or ways, and rows on one of these each.
+    pub fn new(anchors: usize, rows: usize) -> Self {
+        Self {
+            anchors,
+            rows,
+            spread: 0,
+            terms: 0,
+        }
+    }
+}
+
+impl std::ops::Add for Room {
+    type Output = Self;
+
+    fn add(self, other: Self) -> Self {
+        Self {
+            anchors: self.anchors + other.anchors,
+            rows: self.rows + other.rows,
+            spread: self.spread + other.spread,
+            terms: self.terms + other.terms,
+        }
+    }
+}
+
+/// Sources whose rows are on points; those that a scene adds come after them.
+pub(crate) const ON_POINTS: [&dyn Source; 4] = [
     &NeedleSource,
     &TissueContactSource,
     &ToolSource,
     &HandleSource,
-    &ThreadSource,
-    &FreeNeedleSource,
 ];
+
+/// Sources whose rows are on ways, or that have none.
+pub(crate) const ON_WAYS: [&dyn Source; 2] = [&ThreadSource, &FreeNeedleSource];

@@ -15,7 +15,6 @@ use crate::clock::Clock;
 use crate::collide::TouchWork;
 use crate::model::Model;
 use crate::needle::{MOST_GROUPS, NeedleWork};
-use crate::source::SOURCES;
 use crate::source::tool::ToolWork;
 use crate::thread::ThreadWork;
 use nalgebra::Vector3;
@@ -145,6 +144,7 @@ impl<'a> Balance<'a> {
         poses: &[nalgebra::Isometry3<f64>],
         played: Option<usize>,
     ) -> Result<(), Status> {
+        let sources = self.sources;
         self.begin_needles(poses, played);
         let mut solves = 0;
         loop {
@@ -153,7 +153,7 @@ impl<'a> Balance<'a> {
                 self.find_all_nodes();
             }
             let mut changed = false;
-            for source in SOURCES {
+            for source in sources.each() {
                 changed |= source.advance(self, played)?;
             }
             self.clock.lap(&mut self.report.stages.detect_ns);
@@ -161,7 +161,7 @@ impl<'a> Balance<'a> {
                 break;
             }
         }
-        for source in SOURCES.iter().rev() {
+        for source in sources.each().rev() {
             source.accept(self);
         }
         Ok(())
@@ -169,7 +169,8 @@ impl<'a> Balance<'a> {
 
     /// Solves until every source has settled and nothing is met any more.
     pub fn settle(&mut self, solves: &mut u32) -> Result<(), Status> {
-        for source in SOURCES {
+        let sources = self.sources;
+        for source in sources.each() {
             source.prepare(self);
         }
         loop {
@@ -179,10 +180,10 @@ impl<'a> Balance<'a> {
             }
             self.solve(*solves)?;
             let mut settled = true;
-            for source in SOURCES {
+            for source in sources.each() {
                 settled &= source.settle(self, *solves)?;
             }
-            if settled && !SOURCES.iter().any(|source| source.meets(self)) {
+            if settled && !sources.each().any(|source| source.meets(self)) {
                 return Ok(());
             }
         }
@@ -190,8 +191,9 @@ impl<'a> Balance<'a> {
 
     /// Every source's rows, where the last solve left the tissue.
     pub fn append(&mut self) {
+        let sources = self.sources;
         self.work.set.clear();
-        for source in SOURCES {
+        for source in sources.each() {
             source.append(self);
         }
     }
@@ -213,11 +215,11 @@ impl<'a> Balance<'a> {
             return Err(Status::Waiting);
         }
         system.assemble(self.body, &self.state.grasp, &set.rows);
-        let n = set.count();
+        let (n, sources) = (set.count(), self.sources);
         for (row, by) in &set.soft {
             system.compliance_mut(n)[*row as usize * (n + 1)] += *by;
         }
-        for source in SOURCES {
+        for source in sources.each() {
             source.soften(self, solve);
         }
         Ok(())
@@ -264,6 +266,14 @@ impl<'a> Balance<'a> {
         parts
             .filter(|(_, weight)| *weight != 0.0)
             .map(|(node, weight)| self.position(*node) * weight)
+            .sum()
+    }
+
+    /// Where a point of the tissue is without loads \[m\].
+    pub fn unloaded(&self, at: &AnchorPoint) -> Vector3<f64> {
+        let parts = at.nodes.iter().zip(at.weights);
+        parts
+            .map(|(node, weight)| unloaded(self.points_m, *node) * weight)
             .sum()
     }
 

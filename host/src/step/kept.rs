@@ -9,6 +9,7 @@ use crate::anchors::Grasp;
 use crate::body::{Motion, Place};
 use crate::collide::TouchState;
 use crate::needle::NeedleState;
+use crate::source::Kept as Memory;
 use crate::source::tool::ToolContacts;
 use crate::thread::ThreadState;
 
@@ -20,7 +21,7 @@ pub(super) struct Kept {
     threads: Vec<ThreadState>,
     touch: Option<TouchState>,
     tools: ToolContacts,
-    memory: Vec<f64>,
+    memory: Vec<Memory>,
 }
 
 impl Kept {

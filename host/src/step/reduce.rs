@@ -7,7 +7,6 @@ use super::report::ToolContact;
 use super::tangent::{Moves, Pull, TangentWork};
 use crate::model::Model;
 use crate::needle::MAX_NEEDLES;
-use crate::source::SOURCES;
 use crate::tool::ToolSample;
 use nalgebra::{Matrix6, Vector3, Vector6};
 
@@ -69,13 +68,13 @@ pub(super) fn reduce(
     tangent.factor(balance);
     for (place, sample) in samples.iter().enumerate() {
         let mut felt = Felt::new(model, balance, sample);
-        for source in SOURCES {
+        for source in balance.sources.each() {
             source.feel(balance, &mut felt);
         }
         let derivative = tool_tangent(balance, tangent, &felt);
         balance.report.contacts_mut(samples.len())[place] = felt.contact(&derivative);
     }
-    for source in SOURCES {
+    for source in balance.sources.each() {
         source.report(balance, samples);
     }
     tangent.report_needles(balance, samples);

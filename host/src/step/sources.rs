@@ -8,7 +8,7 @@ use super::rest::Rest;
 use super::tangent::TangentWork;
 use super::targets::Targets;
 use super::tool_rows::ToolRows;
-use crate::anchors::{AnchorSettings, Grasp, System};
+use crate::anchors::{AnchorPoint, AnchorSettings, Grasp, System};
 use crate::body::{Body, Motion};
 use crate::collide::{TouchState, Touching};
 use crate::mesh::{HalfFaces, TetMesh};
@@ -17,12 +17,13 @@ use crate::needle::{
     Geometry, Hierarchy, History, MAX_NEEDLES, NeedleError, NeedlePart, NeedleSettings,
     NeedleState, NeedleTissue, Slack, check, contains, entry,
 };
-use crate::source::Handles;
 use crate::source::tool::{Cones, ToolContacts, TouchingTools};
+use crate::source::{Added, Handles, Kept as Memory, ON_POINTS, ON_WAYS, Room, Source};
 use crate::thread::{MOST_SEGMENTS, ThreadState, Threads};
 use crate::tool::{MAX_TOOLS, Tool, ToolSample};
 use nalgebra::Vector3;
 use serde::Serialize;
+use std::sync::Arc;
 
 /// Longest piece of a way between two solves, in mean boundary edges.
 const PIECE: f64 = 0.25;
@@ -43,6 +44,8 @@ pub(crate) struct Sources {
     pub touching: Option<Touching>,
     /// Points of tissue that are held.
     pub handles: Handles,
+    /// What the scene adds by keys of their own.
+    pub added: Vec<Arc<dyn Added>>,
     /// What evolves, before the first step, where tissues touch already.
     pub rest: Option<Box<Rest>>,
     /// Displacement under the loads alone, where the hierarchy is \[m\], (n x 3).
@@ -123,6 +126,7 @@ impl Sources {
             tools: TouchingTools::none(),
             touching: None,
             handles: Handles::default(),
+            added: Vec::new(),
             rest: None,
             resting_m: resting_m.iter().map(|at| Vector3::from(*at)).collect(),
             resting: resting_m
@@ -187,7 +191,10 @@ impl Sources {
     /// Whether rows may act inside the tissue: not by tools alone.
     pub fn reach_inside(&self) -> bool {
         let tools_only = self.needles.is_empty() && self.handles.count() == 0;
-        !tools_only || self.touching.is_some() || !self.threads.parts.is_empty()
+        !tools_only
+            || self.touching.is_some()
+            || !self.threads.parts.is_empty()
+            || !self.added.is_empty()
     }
 
     /// Whether forces follow from an energy alone: there are but tools without friction.
@@ -208,23 +215,41 @@ impl Sources {
         kind.map_or(&NONE, |kind| &self.kinds[*kind as usize])
     }
 
-    /// What rows of these needles need at most: at each crossing three, and at each tip.
+    /// What added sources keep before the first step.
+    fn begin_added(&self) -> Vec<Memory> {
+        let at = |node: u32| {
+            self.resting_m
+                .get(node as usize)
+                .copied()
+                .unwrap_or_default()
+        };
+        let rest = |point: &AnchorPoint| {
+            let parts = point.nodes.iter().zip(point.weights);
+            parts.map(|(node, weight)| at(*node) * weight).sum()
+        };
+        let begin = |added: &Arc<dyn Added>| {
+            let mut kept = Memory::default();
+            added.begin(&rest, &mut kept);
+            kept
+        };
+        self.added.iter().map(begin).collect()
+    }
+
+    /// All sources of the scene, in the order of their rows.
+    pub fn each(&self) -> impl DoubleEndedIterator<Item = &dyn Source> {
+        let added = self.added.iter().map(|added| &**added as &dyn Source);
+        ON_POINTS.into_iter().chain(added).chain(ON_WAYS)
+    }
+
+    /// What their rows need at most.
     pub fn anchor_settings(&self) -> AnchorSettings {
-        let of_needles = self.needles.len() * (self.settings.most_crossings + 1);
-        let threads = self.threads.parts.len();
-        let touching = self.touching.as_ref();
-        let (pairs, rows) = touching.map_or((0, 0), |own| (own.most_pairs(), own.most_rows()));
-        let contacts = self.tools.most_contacts();
-        let points = contacts + self.handles.count();
-        let most_anchors = of_needles + threads * MOST_SEGMENTS + pairs + points;
-        let rubbing = self.threads.parts.iter().any(|part| part.friction > 0.0);
-        // A row for every span, and of all that lies beyond it.
-        let most_terms = threads * MOST_SEGMENTS * if rubbing { MOST_SEGMENTS } else { 3 };
+        let rooms = self.each().map(|source| source.room(self));
+        let room = rooms.fold(Room::default(), |sum, room| sum + room);
         AnchorSettings {
-            most_rows: 3 * (most_anchors - pairs) + rows,
-            most_anchors,
-            most_spread: threads * 2 * MOST_SEGMENTS,
-            most_terms,
+            most_rows: room.rows,
+            most_anchors: room.anchors,
+            most_spread: room.spread,
+            most_terms: room.terms,
             vertices_per_step: self.settings.vertices_per_step,
             memory_bytes: self.settings.memory_bytes,
             ..AnchorSettings::default()
@@ -243,9 +268,9 @@ pub(crate) struct SourcesState {
     pub tools: ToolContacts,
     /// When the last balance was sampled, by the console's clock.
     pub time_us: u64,
-    /// Numbers that sources without a type of their own keep.
+    /// What added sources keep.
     #[serde(skip_serializing_if = "Vec::is_empty")]
-    pub memory: Vec<f64>,
+    pub memory: Vec<Memory>,
 }
 
 /// When a step's way begins, and how fast needles slid before it.
@@ -294,7 +319,7 @@ impl SourcesState {
             touch,
             tools: ToolContacts::new(&sources.tools),
             time_us: 0,
-            memory: Vec::new(),
+            memory: sources.begin_added(),
         }
     }
 

@@ -202,6 +202,15 @@ impl State {
             .flat_map(|(each, curve)| each.rubbing(curve))
     }
 
+    /// What sources that the scene adds by keys of their own report: the name of each, and values with units in their
+    /// names.
+    pub fn added(&self, model: &Model) -> Vec<(String, Vec<(&'static str, f64)>)> {
+        let found = self.sources.iter().zip(&model.sources);
+        let each = found.flat_map(|(state, sources)| sources.added.iter().zip(&state.memory));
+        each.map(|(added, kept)| (added.explain().0, added.values(kept)))
+            .collect()
+    }
+
     /// Nodes that are touched and the force on the tissue there \[N\]; a node touched by two tools comes
     /// twice.
     pub fn contact_forces(&self, model: &Model) -> impl Iterator<Item = (u32, [f64; 3])> {

@@ -5,7 +5,7 @@
 use super::{BendWork, MOST_SEGMENTS, Segment, Skin, ThreadHold, ThreadState, Wrap, wraps};
 use crate::anchors::AnchorPoint;
 use crate::needle::{NeedleState, anchor};
-use crate::source::Source;
+use crate::source::{Room, Source};
 use crate::step::{Balance, BalanceWork, Felt, Sources, Status};
 use crate::tool::ToolSample;
 use nalgebra::Vector3;
@@ -43,6 +43,19 @@ impl ThreadWork {
 }
 
 impl Source for ThreadSource {
+    /// A row for every span, and of all that lies beyond it.
+    fn room(&self, sources: &Sources) -> Room {
+        let parts = &sources.threads.parts;
+        let most = parts.len() * MOST_SEGMENTS;
+        let rubbing = parts.iter().any(|part| part.friction > 0.0);
+        Room {
+            anchors: most,
+            rows: 3 * most,
+            spread: 2 * most,
+            terms: most * if rubbing { MOST_SEGMENTS } else { 3 },
+        }
+    }
+
     fn prepare(&self, balance: &mut Balance) {
         balance.lay_threads();
     }

@@ -4,8 +4,8 @@
 
 use super::{Settled, TouchingTools, Turning};
 use crate::needle::MOST_GROUPS;
-use crate::source::Source;
-use crate::step::{Balance, BalanceWork, Felt, Status};
+use crate::source::{Room, Source};
+use crate::step::{Balance, BalanceWork, Felt, Sources, Status};
 use nalgebra::Vector3;
 use std::ops::Range;
 
@@ -49,6 +49,11 @@ impl ToolWork {
 }
 
 impl Source for ToolSource {
+    fn room(&self, sources: &Sources) -> Room {
+        let contacts = sources.tools.most_contacts();
+        Room::new(contacts, 3 * contacts)
+    }
+
     fn append(&self, balance: &mut Balance) {
         let BalanceWork { set, tools, .. } = &mut *balance.work;
         let first = set.rows.len();

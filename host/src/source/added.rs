@@ -1,0 +1,113 @@
+//! Sources that scenes add by a key of their own, and what these build on.
+//!
+//! Entry points: [`Section`] for the key, [`Added`] for the source, `scene_keys` for its registration.
+
+use super::Source;
+use crate::anchors::{AnchorPoint, AnchorRow, ConstraintSet};
+use crate::mesh::TetMesh;
+use crate::rows::RowKind;
+use nalgebra::Vector3;
+use std::fmt;
+use std::sync::Arc;
+
+/// What an added source keeps from step to step.
+pub(crate) type Kept = [f64; 8];
+
+/// A source that a scene adds.
+pub(crate) trait Added: Source + fmt::Debug + Send {
+    /// What it keeps before the first step, with points of the tissue where `rest` says \[m\].
+    fn begin(&self, rest: &dyn Fn(&AnchorPoint) -> Vector3<f64>, kept: &mut Kept);
+
+    /// Its name, and why a scene has it: for `scene explain`.
+    fn explain(&self) -> (String, String);
+
+    /// What it reports, with units in the names.
+    fn values(&self, kept: &Kept) -> Vec<(&'static str, f64)>;
+}
+
+/// What a scene says of an added source: the type of its key.
+pub(crate) trait Section {
+    /// Builds it as the `index`th of all added sources of a scene.
+    ///
+    /// # Errors
+    /// What is wrong with it, with the key, the value and the limit.
+    fn build(&self, index: usize, mesh: &TetMesh) -> Result<Arc<dyn Added>, String>;
+}
+
+// ANCHOR: keys
+/// Keys by which scenes add sources, one line each: `/// What it is. key: its section;`.
+macro_rules! scene_keys {
+    ($with:ident) => {
+        $with! {
+            /// Springs between two points.
+            spring: crate::source::SpringSection;
+        }
+    };
+}
+// ANCHOR_END: keys
+pub(crate) use scene_keys;
+
+/// Bit of a row's id that no other source's rows have.
+const ID: u64 = 1 << 51;
+
+/// Appends rows of the `index`th added source on the way between two points, or from one to a fixed place: for each its
+/// direction, what it is to come to \[m\], and its stiffness \[N/m\]; those without stiffness are left out.
+pub(super) fn append_way(
+    set: &mut ConstraintSet,
+    index: usize,
+    ends: [Option<AnchorPoint>; 2],
+    rows: [(Vector3<f64>, f64, f64); 3],
+) {
+    let anchor = set.add_way(ends);
+    for (row, (direction, target_m, stiffness_n_per_m)) in (0u64..).zip(rows) {
+        if stiffness_n_per_m > 0.0 {
+            let place = set.rows.len() as u32;
+            set.soft.push((place, stiffness_n_per_m.recip()));
+            set.rows.push(AnchorRow {
+                id: ID | (index as u64) << 16 | row,
+                anchor,
+                kind: RowKind::Equality,
+                direction: direction.into(),
+                target_m,
+            });
+        }
+    }
+}
+
+/// The node nearest to a place of the unloaded mesh \[m\].
+pub(super) fn nearest_node(mesh: &TetMesh, place_m: [f64; 3]) -> AnchorPoint {
+    let place = Vector3::from(place_m);
+    let far = |at: &[f64; 3]| (Vector3::from(*at) - place).norm_squared();
+    let nodes = (0u32..).zip(mesh.points_m());
+    let nearest = nodes.min_by(|a, b| far(a.1).total_cmp(&far(b.1)));
+    let node = nearest.map_or(0, |(node, _)| node);
+    AnchorPoint {
+        nodes: [node; 4],
+        weights: [1.0, 0.0, 0.0, 0.0],
+    }
+}
+
+/// Unit vectors along a way and across it, right-handed.
+pub(super) fn frame_along(way: &Vector3<f64>) -> [Vector3<f64>; 3] {
+    let along = way.try_normalize(0.0).unwrap_or_else(Vector3::z);
+    let other = Vector3::ith(along.iamin(), 1.0);
+    let across = along.cross(&other).normalize();
+    [along, across, along.cross(&across)]
+}
+
+/// Refuses a number outside of `(above, below)`.
+///
+/// # Errors
+/// The key, its value and the limits.
+pub(super) fn check_between(
+    key: &str,
+    value: f64,
+    (above, below): (f64, f64),
+) -> Result<(), String> {
+    if value > above && value < below {
+        return Ok(());
+    }
+    Err(format!(
+        "`{key}` is {value}; it must be above {above} and below {below}"
+    ))
+}
