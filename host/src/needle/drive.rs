@@ -20,7 +20,7 @@ use crate::clock::Clock;
 use crate::collide::{TouchState, TouchWork};
 use crate::mesh::HalfFaces;
 use crate::rows::RowKind;
-use crate::source::tool::{Placements, ToolContacts, Turning};
+use crate::source::tool::{Placements, ToolContacts, Turning, Turns};
 use crate::step::{Status, StepReport};
 use crate::thread::{BendWork, MOST_SEGMENTS, Segment, Skin, ThreadState, Wrap};
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3, Vector6};
@@ -478,14 +478,17 @@ impl Drive<'_> {
             clock,
             ..
         } = self;
-        let turns = turn(needles, tools, work, points_m);
+        let turns = turn(needles, tools, work, Turns::Sliding);
         let NeedleWork {
             system,
             set,
             turning,
             ..
         } = &mut **work;
-        let turning = turning.as_ref().filter(|_| turns);
+        let mut turning = turning.as_mut().filter(|_| turns);
+        if let Some(turning) = &mut turning {
+            turning.aim(tools, system, set.count(), points_m);
+        }
         let outcome = system.solve(&set.rows, turning, grasp);
         report.iterations += outcome.iterations;
         report.solves += 1;

@@ -5,7 +5,7 @@
 use super::drive::{Drive, NeedleWork};
 use super::touching::turn;
 use crate::anchors::ConstraintSet;
-use crate::source::tool::{Cones, Contact, NEAR, Turning};
+use crate::source::tool::{Cones, Contact, NEAR, Turning, Turns};
 use crate::step::{MAX_TOOL_ROWS, ToolRows};
 use nalgebra::{Matrix6, Vector3};
 
@@ -78,7 +78,7 @@ impl Drive<'_> {
         self.soften();
         let n = self.work.count();
         cones.load(n, grip);
-        let turns = turn(self.needles, self.tools, self.work, self.points_m);
+        let turns = turn(self.needles, self.tools, self.work, Turns::Sliding);
         let NeedleWork {
             system,
             set,
@@ -89,7 +89,7 @@ impl Drive<'_> {
         let is_known = turning.is_none_or(Turning::is_plain);
         let turning = turning.filter(|turning| turning.is_plain());
         if let Some(turning) = turning {
-            turning.load(self.tools, tool, grip, n, &mut cones.jacobian);
+            cones.turn(turning, (&self.tools.contacts, tool), grip, (system, set));
         }
         if !system.condense(set.rows.len(), turning, self.grasp, cones) {
             return None;

@@ -2,7 +2,7 @@
 
 use super::drive::{Drive, NeedleWork, position};
 use super::model::Needles;
-use crate::source::tool::{Settled, ToolContacts, Turning};
+use crate::source::tool::{Settled, ToolContacts, Turning, Turns};
 use crate::step::Status;
 use nalgebra::Vector3;
 
@@ -108,22 +108,20 @@ impl Drive<'_> {
     }
 }
 
-/// Has normals turn in the next solve; whether any does.
+/// Has normals turn; whether any does.
 pub(super) fn turn(
     needles: &Needles,
     tools: &ToolContacts,
     work: &mut NeedleWork,
-    points_m: &[[f64; 3]],
+    turns: Turns,
 ) -> bool {
-    let n = work.count();
     let NeedleWork {
         system,
         set,
         turning,
         ..
     } = work;
-    turning.as_mut().is_some_and(|turning| {
-        let balance = (system.compliance(n), system.delta_free_m(n));
-        turning.prepare(&needles.tools, tools, &set.rows, balance, points_m)
-    })
+    turning
+        .as_mut()
+        .is_some_and(|turning| turning.prepare(&needles.tools, tools, turns, system, set))
 }

@@ -4,7 +4,8 @@
 //! for, neighbours share one cone: each bears the part of its force that it bears now, so that the normal force and the
 //! limit of friction stay what they are, and W, J become `B'WB`, `B'J`. What that takes from the tangent, and what turns, is in M.
 
-use super::{Contact, ToolContacts, TouchingTools};
+use super::{Contact, Load, ToolContacts, TouchingTools, Turning};
+use crate::anchors::{ConstraintSet, System};
 use crate::dense::Lu;
 use crate::step::{MAX_TOOL_ROWS, ToolRowKind, ToolRows};
 use nalgebra::{Matrix6, Vector2, Vector3};
@@ -44,6 +45,7 @@ pub(crate) struct Cones {
     matrix: Vec<f64>,
     rhs: Vec<f64>,
     lu: Lu,
+    turned: Load,
 }
 
 impl Cones {
@@ -65,6 +67,7 @@ impl Cones {
             matrix: vec![0.0; m * m],
             rhs: vec![0.0; 6 * m],
             lu: Lu::new(m),
+            turned: Load::new(most_rows, most_contacts),
         }
     }
 
@@ -169,6 +172,20 @@ impl Cones {
                 }
             }
         }
+    }
+
+    /// Takes what turns by a motion of `tool` about `grip` off J.
+    pub fn turn(
+        &mut self,
+        turning: &Turning,
+        of: (&[Contact], u32),
+        grip: &Vector3<f64>,
+        (system, set): (&System, &ConstraintSet),
+    ) {
+        let jacobian = &mut self.jacobian[..6 * set.count()];
+        let curved = |ways: usize| ways > 0;
+        self.turned
+            .add(turning, of, grip, curved, (system, set), jacobian);
     }
 
     /// The cones, from what is known of the kept rows, for a tool whose wrench follows its pose by `tangent`.
