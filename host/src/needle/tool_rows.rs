@@ -112,27 +112,25 @@ impl Drive<'_> {
         let then = solid.moved(&wanted.ahead_m);
         let reach_m = NEAR * solid.radius() + wanted.reach_m;
         let room = tools.most_contacts() - self.tools.contacts.len();
-        let mut nearest: [Option<(f64, Contact)>; MAX_TOOL_ROWS] = [None; MAX_TOOL_ROWS];
+        let mut nearest: [Option<(f64, u32)>; MAX_TOOL_ROWS] = [None; MAX_TOOL_ROWS];
         let count = most.min(room);
         for (_, node) in self.work.near_tools.iter().filter(|(of, _)| *of == tool) {
             let is = |contact: &Contact| (contact.tool, contact.node) == (tool, *node);
-            if self.tools.contacts.iter().any(is) || !self.work.system.has(*node) {
+            if !self.work.system.has(*node) {
                 continue;
             }
             let at = self.position(*node);
             let soonest = solid.gap(&at).min(then.gap(&at));
-            let Some(contact) = Contact::coming((tool, smooth), *node, &solid, at) else {
+            if soonest >= reach_m || solid.touch(&at).is_none() {
                 continue;
-            };
-            if soonest >= reach_m {
+            }
+            if self.tools.contacts.iter().any(is) {
                 continue;
             }
             // Into its place among the nearest.
-            let mut new = Some((soonest, contact));
+            let mut new = Some((soonest, *node));
             for place in nearest[..count].iter_mut() {
-                let nearer = |(gap, contact): &(f64, Contact)| (*gap, contact.node);
-                let before = place.as_ref().map(nearer);
-                if before.is_none_or(|before| new.as_ref().map(nearer) < Some(before)) {
+                if place.is_none_or(|before| new < Some(before)) {
                     std::mem::swap(place, &mut new);
                 }
                 if new.is_none() {
@@ -140,7 +138,9 @@ impl Drive<'_> {
                 }
             }
         }
-        let coming = nearest.into_iter().flatten().map(|(_, contact)| contact);
-        self.tools.contacts.extend(coming);
+        for (_, node) in nearest.into_iter().flatten() {
+            let contact = Contact::coming((tool, smooth), node, &solid, self.position(node));
+            self.tools.contacts.extend(contact);
+        }
     }
 }

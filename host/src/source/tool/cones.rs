@@ -19,6 +19,8 @@ struct Member {
     contact: Contact,
     cone: usize,
     weight: f64,
+    /// From the nearest of the cones' first ones, squared \[m^2\].
+    apart: f64,
     /// The cone's first tangent in the frame of the contact's: cosine and sine.
     turn: Vector2<f64>,
 }
@@ -86,6 +88,7 @@ impl Cones {
             contact: *contact,
             cone: 0,
             weight: 1.0,
+            apart: f64::MAX,
             turn: Vector2::x(),
         }));
         self.members.sort_unstable_by(|a, b| {
@@ -121,16 +124,13 @@ impl Cones {
         let pressing = &mut self.members[..count];
         let mut seeds = [0; MAX_TOOL_ROWS];
         for cone in 1..cones {
-            let apart = |member: &Member| {
-                let ways = seeds[..cone].iter().map(|seed| {
-                    (pressing[*seed].contact.at_m - member.contact.at_m).norm_squared()
-                });
-                ways.fold(f64::MAX, f64::min)
-            };
-            let farthest = (0..count).max_by(|a, b| {
-                let (a, b) = (apart(&pressing[*a]), apart(&pressing[*b]));
-                a.total_cmp(&b)
-            });
+            let last = pressing[seeds[cone - 1]].contact.at_m;
+            for member in pressing.iter_mut() {
+                let way = (last - member.contact.at_m).norm_squared();
+                member.apart = member.apart.min(way);
+            }
+            let farthest =
+                (0..count).max_by(|a, b| pressing[*a].apart.total_cmp(&pressing[*b].apart));
             seeds[cone] = farthest.unwrap_or(0);
         }
         let leads = seeds.map(|seed| pressing.get(seed).map(|member| member.contact));
