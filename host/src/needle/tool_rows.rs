@@ -5,7 +5,7 @@
 use super::drive::{Drive, NeedleWork};
 use super::touching::turn;
 use crate::anchors::ConstraintSet;
-use crate::source::tool::{Cones, Contact, NEAR, Turning, Turns};
+use crate::source::tool::{ALIKE_M, Cones, Contact, NEAR, Turning, Turns, in_units};
 use crate::step::{MAX_TOOL_ROWS, ToolRows};
 use nalgebra::{Matrix6, Vector3};
 
@@ -128,7 +128,7 @@ impl Drive<'_> {
                 continue;
             }
             // Into its place among the nearest.
-            let mut new = Some((soonest, *node));
+            let mut new = Some((in_units(soonest, ALIKE_M), *node));
             for place in nearest[..count].iter_mut() {
                 if place.is_none_or(|before| new < Some(before)) {
                     std::mem::swap(place, &mut new);

@@ -13,13 +13,25 @@ use nalgebra::{Matrix6, Vector2, Vector3};
 /// Rows of a cone.
 const AXES: usize = 3;
 
+/// Forces as part of the largest one, and squares of ways \[m^2\], that differ by less are the same: where a scene is
+/// symmetric what is first is not for a rounding to say.
+const ALIKE_FORCE: f64 = 1e-6;
+const ALIKE_SQUARE_M2: f64 = 1e-12;
+/// The same for gaps \[m\].
+pub(crate) const ALIKE_M: f64 = 1e-9;
+
+/// A number counted in a unit, so that what is alike is mostly the same.
+pub(crate) fn in_units(x: f64, unit: f64) -> f64 {
+    (x / unit).round()
+}
+
 /// A contact, and its part of a cone.
 #[derive(Clone, Copy, Debug)]
 struct Member {
     contact: Contact,
     cone: usize,
     weight: f64,
-    /// From the nearest of the cones' first ones, squared \[m^2\].
+    /// From the nearest of the cones' first ones, squared \[1e-12 m^2\].
     apart: f64,
     /// The cone's first tangent in the frame of the contact's: cosine and sine.
     turn: Vector2<f64>,
@@ -91,12 +103,25 @@ impl Cones {
             apart: f64::MAX,
             turn: Vector2::x(),
         }));
+        let forces = self.members.iter().map(|member| member.contact.lambda_n[0]);
+        let unit_n = ALIKE_FORCE * forces.fold(f64::MIN_POSITIVE, f64::max);
+        let key = |member: &Member| {
+            let Contact {
+                lambda_n, gap_m, ..
+            } = member.contact;
+            // What presses has no gap but a rounding.
+            if member.presses() {
+                (-in_units(lambda_n[0], unit_n).max(1.0), 0.0)
+            } else {
+                (0.0, in_units(gap_m, ALIKE_M))
+            }
+        };
         self.members.sort_unstable_by(|a, b| {
-            let (a, b) = (&a.contact, &b.contact);
-            let firmer = b.lambda_n[0].total_cmp(&a.lambda_n[0]);
+            let ((firm, gap), (other_firm, other_gap)) = (key(a), key(b));
+            let firmer = firm.total_cmp(&other_firm);
             firmer
-                .then(a.gap_m.total_cmp(&b.gap_m))
-                .then(a.node.cmp(&b.node))
+                .then(gap.total_cmp(&other_gap))
+                .then(a.contact.node.cmp(&b.contact.node))
         });
         let pressing = self
             .members
@@ -126,7 +151,8 @@ impl Cones {
         for cone in 1..cones {
             let last = pressing[seeds[cone - 1]].contact.at_m;
             for member in pressing.iter_mut() {
-                let way = (last - member.contact.at_m).norm_squared();
+                let square = (last - member.contact.at_m).norm_squared();
+                let way = in_units(square, ALIKE_SQUARE_M2);
                 member.apart = member.apart.min(way);
             }
             let farthest =
@@ -138,7 +164,10 @@ impl Cones {
         for member in pressing.iter_mut() {
             let near = leads[..cones].iter().flatten().enumerate();
             let nearest = near.min_by(|(_, a), (_, b)| {
-                let way = |lead: &Contact| (lead.at_m - member.contact.at_m).norm_squared();
+                let way = |lead: &Contact| {
+                    let square = (lead.at_m - member.contact.at_m).norm_squared();
+                    in_units(square, ALIKE_SQUARE_M2)
+                };
                 way(a).total_cmp(&way(b))
             });
             let Some((cone, lead)) = nearest else {

@@ -14,7 +14,7 @@ mod rows;
 mod tangent;
 mod turning;
 
-pub(crate) use cones::Cones;
+pub(crate) use cones::{ALIKE_M, Cones, in_units};
 pub(crate) use load::Load;
 pub(crate) use reach::NEAR;
 pub(crate) use rows::Settled;
