@@ -14,7 +14,7 @@ const MOST_VERTICES: usize = 8;
 /// Anchors in a row that may have gone since the last time before one is looked for among all.
 const SKIPPED: usize = 6;
 
-/// Looks through which blocks of an anchor are kept that is not among the present ones.
+/// Looks through which [`Pairs::keep_others`] keeps blocks of an anchor that is not among the present ones.
 const KEPT: u8 = 16;
 
 /// An anchor with its free nodes counted as the columns count them; fixed nodes are left out.
@@ -82,6 +82,8 @@ pub(super) struct Pairs {
     /// Slots that are held by others, and for how many looks.
     others: Vec<u32>,
     idle: Vec<u8>,
+    /// Looks through which these are held.
+    kept: u8,
     /// What unit forces of rows on several anchors move each anchor by, (anchors).
     moved: Vec<Vector3<f64>>,
 }
@@ -100,8 +102,15 @@ impl Pairs {
             before: Vec::with_capacity(most),
             others: Vec::with_capacity(most),
             idle: vec![0; most],
+            kept: 0,
             moved: vec![Vector3::zeros(); most],
         }
+    }
+
+    /// From now on keeps blocks of anchors that come and go, such as those of vertices that may soon be touched. Which of two
+    /// anchors a block is of first then depends on all looks, and on the room for anchors.
+    pub fn keep_others(&mut self) {
+        self.kept = KEPT;
     }
 
     /// Finds the blocks between `anchors`, at most as many as there is room for, whose columns are there if the
@@ -202,7 +211,7 @@ impl Pairs {
                 *idle = 0;
             } else if held.is_some() {
                 *idle += 1;
-                if *idle > KEPT {
+                if *idle > self.kept {
                     *held = None;
                 } else {
                     self.others.push(slot as u32);

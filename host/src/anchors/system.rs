@@ -238,6 +238,7 @@ impl System {
             .map(|group| group.iter().filter_map(free).collect())
             .collect();
         system.columns.group(&groups);
+        system.pairs.keep_others();
         system
     }
 
