@@ -14,6 +14,9 @@ const MOST_VERTICES: usize = 8;
 /// Anchors in a row that may have gone since the last time before one is looked for among all.
 const SKIPPED: usize = 6;
 
+/// Looks through which [`Pairs::keep_others`] keeps blocks of an anchor that is not among the present ones.
+const KEPT: u8 = 16;
+
 /// An anchor with its free nodes counted as the columns count them; fixed nodes are left out.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub(super) struct Reached {
@@ -76,6 +79,11 @@ pub(super) struct Pairs {
     new: Vec<u32>,
     /// Slots of the anchors of the last time, in their order.
     before: Vec<u32>,
+    /// Slots that are held by others, and for how many looks.
+    others: Vec<u32>,
+    idle: Vec<u8>,
+    /// Looks through which these are held.
+    kept: u8,
     /// What unit forces of rows on several anchors move each anchor by, (anchors).
     moved: Vec<Vector3<f64>>,
 }
@@ -92,8 +100,17 @@ impl Pairs {
             slots: Vec::with_capacity(most),
             new: Vec::with_capacity(most),
             before: Vec::with_capacity(most),
+            others: Vec::with_capacity(most),
+            idle: vec![0; most],
+            kept: 0,
             moved: vec![Vector3::zeros(); most],
         }
+    }
+
+    /// From now on keeps blocks of anchors that come and go, such as those of vertices that may soon be touched. Which of two
+    /// anchors a block is of first then depends on all looks, and on the room for anchors.
+    pub fn keep_others(&mut self) {
+        self.kept = KEPT;
     }
 
     /// Finds the blocks between `anchors`, at most as many as there is room for, whose columns are there if the
@@ -102,6 +119,7 @@ impl Pairs {
         if self.factor != factor {
             self.factor = factor;
             self.held.fill(None);
+            self.others.clear();
         }
         std::mem::swap(&mut self.slots, &mut self.before);
         self.slots.clear();
@@ -117,7 +135,10 @@ impl Pairs {
                     next = place + 1;
                     Some(*slot)
                 }
-                None => self.before.iter().copied().find(|slot| is(*slot)),
+                None => {
+                    let mut all = self.before.iter().chain(&self.others).copied();
+                    all.find(|slot| is(*slot))
+                }
             };
             if let Some(slot) = known {
                 self.present[slot as usize] = true;
@@ -138,20 +159,20 @@ impl Pairs {
                 self.slots[place] = *twin;
                 continue;
             }
-            while self.present.get(free).copied().unwrap_or(false) {
+            while self.held.get(free).is_some_and(Option::is_some) {
                 free += 1;
             }
-            self.slots[place] = free as u32;
-            self.held[free] = Some(*anchor);
-            self.present[free] = true;
-            self.new.push(free as u32);
+            let slot = if free < self.most {
+                free
+            } else {
+                self.vacate()
+            };
+            self.slots[place] = slot as u32;
+            self.held[slot] = Some(*anchor);
+            self.present[slot] = true;
+            self.new.push(slot as u32);
         }
-        // Blocks of what is gone would not be made anew for what comes.
-        for (held, present) in self.held.iter_mut().zip(&self.present) {
-            if !present {
-                *held = None;
-            }
-        }
+        self.age();
         for &new in &self.new {
             let Some(pushed) = &self.held[new as usize] else {
                 continue;
@@ -171,6 +192,30 @@ impl Pairs {
                 }
                 self.blocks[slot * self.most + new as usize] = sum;
                 self.blocks[new as usize * self.most + slot] = sum.transpose();
+            }
+        }
+    }
+
+    /// A slot that no present anchor holds, where all are held: there are no more anchors than slots.
+    fn vacate(&self) -> usize {
+        let mut slots = self.present.iter();
+        slots.position(|present| !present).unwrap_or(0)
+    }
+
+    /// Forgets what has not been among the present ones for long.
+    fn age(&mut self) {
+        self.others.clear();
+        for (slot, held) in self.held.iter_mut().enumerate() {
+            let idle = &mut self.idle[slot];
+            if self.present[slot] {
+                *idle = 0;
+            } else if held.is_some() {
+                *idle += 1;
+                if *idle > self.kept {
+                    *held = None;
+                } else {
+                    self.others.push(slot as u32);
+                }
             }
         }
     }

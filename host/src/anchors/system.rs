@@ -12,7 +12,7 @@ use crate::fem::{
     Balance, Factored, HeldPoints, LinearTissue, Linearisation, Moved, SolveScratch, TissueError,
 };
 use crate::renewal::{Renewals, Rule};
-use crate::rows::{self, Condensed, Problem, Row};
+use crate::rows::{self, Condensed, Problem, Row, RowKind};
 use crate::source::tool::{Cones, Turning};
 use nalgebra::{Matrix3, Vector3};
 use serde::Serialize;
@@ -94,6 +94,28 @@ impl Grasp {
         for (row, lambda) in self.spread.rows.iter().zip(of_spread) {
             for term in self.spread.terms_of(row) {
                 self.on_anchors[term.anchor as usize] -= Vector3::from(term.direction) * *lambda;
+            }
+        }
+    }
+
+    /// After [`Self::gather`]: adds forces across normals, each with the row of its normal, as far as that presses.
+    fn turn(&mut self, forces: impl Iterator<Item = (usize, Vector3<f64>)>) {
+        let Self {
+            forces: of_rows,
+            acting,
+            on_anchors,
+            ..
+        } = self;
+        for (row, force) in forces {
+            if of_rows.lambda()[row] <= 0.0 {
+                continue;
+            }
+            on_anchors[acting[row].anchor as usize] += force;
+            // Where there are rows across the normal it is theirs.
+            let across = acting[row + 1..].iter().take(2).enumerate();
+            for (axis, own) in across.take_while(|(_, own)| own.kind == RowKind::Tangent) {
+                let along = Vector3::from(own.direction).dot(&force);
+                of_rows.add(row + 1 + axis, -along);
             }
         }
     }
@@ -216,6 +238,7 @@ impl System {
             .map(|group| group.iter().filter_map(free).collect())
             .collect();
         system.columns.group(&groups);
+        system.pairs.keep_others();
         system
     }
 
@@ -418,6 +441,11 @@ impl System {
     /// delta at no forces of the rows of the last [`Self::assemble`] \[m\], (n).
     pub fn delta_free_m(&self, rows: usize) -> &[f64] {
         &self.delta_free[..rows]
+    }
+
+    /// Displacement of an anchor of the last [`Self::assemble`] without forces \[m\], (3).
+    pub fn free_m(&self, anchor: usize) -> &Vector3<f64> {
+        &self.free[anchor]
     }
 
     /// Elastic energy that the forces of the last solve have put into linear tissue \[J\].
@@ -688,11 +716,11 @@ impl System {
     pub fn solve(
         &mut self,
         rows: &[AnchorRow],
-        turning: Option<&Turning>,
+        turning: Option<&mut Turning>,
         grasp: &mut Grasp,
     ) -> rows::Outcome {
         let n = rows.len() + self.spread.rows.len();
-        let (w, delta_free) = match turning {
+        let (w, delta_free) = match &turning {
             Some(turning) => (&turning.compliance, &turning.delta_free),
             None => (&self.w, &self.delta_free),
         };
@@ -715,10 +743,11 @@ impl System {
         grasp.acting.clear();
         grasp.acting.extend_from_slice(rows);
         grasp.spread.copy_from(&self.spread);
-        if let Some(turning) = turning {
-            grasp.forces.add(|delta| turning.forces(rows, delta));
-        }
         grasp.gather();
+        if let Some(turning) = turning {
+            let turned = turning.forces(grasp.forces.lambda());
+            grasp.turn(turned);
+        }
         outcome
     }
 

@@ -92,6 +92,11 @@ impl Solid {
         }
     }
 
+    /// No point of it is farther from `centre` \[m\].
+    pub fn bound(&self) -> f64 {
+        self.radius().max(self.reach())
+    }
+
     /// A point well inside: in the tissue only if the whole shape is.
     pub fn middle(&self) -> Vector3<f64> {
         match self.shape {

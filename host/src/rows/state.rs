@@ -60,17 +60,9 @@ impl State {
         &self.modes
     }
 
-    /// Adds to multipliers what `forces` makes of delta: for a row that presses another one, and how much \[N\].
-    pub(crate) fn add<'a, F: Iterator<Item = (usize, usize, f64)> + 'a>(
-        &'a mut self,
-        forces: impl FnOnce(&'a [f64]) -> F,
-    ) {
-        let Self { lambda, delta, .. } = self;
-        for (pressing, row, by) in forces(delta) {
-            if lambda[pressing] > 0.0 {
-                lambda[row] += by;
-            }
-        }
+    /// Adds to a row's multiplier \[N\].
+    pub(crate) fn add(&mut self, row: usize, by_n: f64) {
+        self.lambda[row] += by_n;
     }
 
     /// As a copy of `other`, without new memory.

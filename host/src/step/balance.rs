@@ -236,7 +236,11 @@ impl<'a> Balance<'a> {
             nodes,
             ..
         } = &mut *self.work;
-        let outcome = system.solve(&set.rows, tools.turning(), &mut self.state.grasp);
+        let mut turning = tools.turning_mut();
+        if let Some(turning) = &mut turning {
+            turning.aim(&self.state.tools, system, set.count(), self.points_m);
+        }
+        let outcome = system.solve(&set.rows, turning, &mut self.state.grasp);
         self.report.iterations += outcome.iterations;
         self.report.solves += 1;
         self.report.residual = outcome.residual;

@@ -5,7 +5,7 @@
 use super::balance::{Balance, BalanceWork};
 use super::tool_rows::{MAX_TOOL_ROWS, ToolRows};
 use crate::model::Model;
-use crate::source::tool::{Cones, Contact, NEAR, Turning};
+use crate::source::tool::{ALIKE_M, Cones, Contact, NEAR, Turning, in_units};
 use crate::tool::ToolSample;
 use nalgebra::{Matrix6, Vector3};
 
@@ -71,7 +71,8 @@ impl Balance<'_> {
         let is_known = tools.turning().is_none_or(Turning::is_plain);
         let turning = tools.turning().filter(|turning| turning.is_plain());
         if let Some(turning) = turning {
-            turning.load(&self.state.tools, tool, grip, n, &mut cones.jacobian);
+            let of = (&self.state.tools.contacts[..], tool);
+            cones.turn(turning, of, grip, (system, set));
         }
         if !system.condense(set.rows.len(), turning, &self.state.grasp, cones) {
             return None;
@@ -100,27 +101,25 @@ impl Balance<'_> {
         let then = solid.moved(&wanted.ahead_m);
         let reach_m = NEAR * solid.radius() + wanted.reach_m;
         let room = tools.most_contacts() - self.state.tools.contacts.len();
-        let mut nearest: [Option<(f64, Contact)>; MAX_TOOL_ROWS] = [None; MAX_TOOL_ROWS];
+        let mut nearest: [Option<(f64, u32)>; MAX_TOOL_ROWS] = [None; MAX_TOOL_ROWS];
         let count = most.min(room);
         for (_, node) in self.work.tools.near.iter().filter(|(of, _)| *of == tool) {
             let is = |contact: &Contact| (contact.tool, contact.node) == (tool, *node);
-            if self.state.tools.contacts.iter().any(is) || !self.work.system.has(*node) {
+            if !self.work.system.has(*node) {
                 continue;
             }
             let at = self.position(*node);
             let soonest = solid.gap(&at).min(then.gap(&at));
-            let Some(contact) = Contact::coming((tool, smooth), *node, &solid, at) else {
+            if soonest >= reach_m || solid.touch(&at).is_none() {
                 continue;
-            };
-            if soonest >= reach_m {
+            }
+            if self.state.tools.contacts.iter().any(is) {
                 continue;
             }
             // Into its place among the nearest.
-            let mut new = Some((soonest, contact));
+            let mut new = Some((in_units(soonest, ALIKE_M), *node));
             for place in nearest[..count].iter_mut() {
-                let nearer = |(gap, contact): &(f64, Contact)| (*gap, contact.node);
-                let before = place.as_ref().map(nearer);
-                if before.is_none_or(|before| new.as_ref().map(nearer) < Some(before)) {
+                if place.is_none_or(|before| new < Some(before)) {
                     std::mem::swap(place, &mut new);
                 }
                 if new.is_none() {
@@ -128,8 +127,10 @@ impl Balance<'_> {
                 }
             }
         }
-        let coming = nearest.into_iter().flatten().map(|(_, contact)| contact);
-        self.state.tools.contacts.extend(coming);
+        for (_, node) in nearest.into_iter().flatten() {
+            let contact = Contact::coming((tool, smooth), node, &solid, self.position(node));
+            self.state.tools.contacts.extend(contact);
+        }
     }
 }
 

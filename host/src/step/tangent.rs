@@ -4,13 +4,14 @@
 //! force on the tissue at a point of a needle, x where that is, s the needle's point and (t, n, b) its
 //! frame there: what sticks has `ds = dx`. What slides has `ds + t dalpha = dx` and keeps `f.t`, which
 //! turns with the pose and, on an arc of curvature kappa, with alpha. Unknown is `df = -(t n b) dLambda`,
-//! and `dx = W df`; dalpha is eliminated.
+//! and `dx = W df`; dalpha is eliminated. The normals of tools that do not rub turn within W (see
+//! [`crate::source::tool::Turning`]); where nothing else slides the matrix is symmetric, and a Cholesky factor does.
 
 use super::balance::{Balance, BalanceWork};
-use crate::dense::Lu;
+use crate::dense::{Dense, Lu};
 use crate::needle::{Curve, Point, Tip, What};
-use crate::rows::Mode;
-use crate::source::tool::Touched;
+use crate::rows::{Mode, RowKind};
+use crate::source::tool::{Contact, Load, Touched, Turns};
 use crate::thread::EndRows;
 use crate::tool::ToolSample;
 use nalgebra::{Matrix6, Vector3, Vector6};
@@ -18,11 +19,24 @@ use nalgebra::{Matrix6, Vector3, Vector6};
 /// Scratch for so many rows.
 pub(crate) struct TangentWork {
     lu: Lu,
+    dense: Dense,
     matrix: Vec<f64>,
     /// Right-hand sides, then dLambda, (n x 6).
     change: Vec<f64>,
-    /// What tools touch, with the place of each among these.
+    /// What tools that rub touch, with the place of each among these.
     touched: Vec<(u32, Touched)>,
+    /// All contacts, and whether some of those that do not rub turn.
+    contacts: Vec<Contact>,
+    turns: bool,
+    load: Load,
+    /// J, (n x 6).
+    jacobian: Vec<f64>,
+    /// Rows without force.
+    free: Vec<bool>,
+    /// Rows of needles whose multiplier follows the way along them, and by how much \[N/m\].
+    follow: Vec<(usize, f64)>,
+    /// Whether it is the Cholesky factor.
+    symmetric: bool,
 }
 
 /// What moves with a tool's grip.
@@ -69,76 +83,153 @@ impl TangentWork {
     pub fn new(most_rows: usize, most_contacts: usize) -> Self {
         Self {
             lu: Lu::new(most_rows),
+            dense: Dense::new(most_rows),
             matrix: vec![0.0; most_rows * most_rows],
             change: vec![0.0; 6 * most_rows],
             touched: Vec::with_capacity(most_contacts),
+            contacts: Vec::with_capacity(most_contacts),
+            turns: false,
+            load: Load::new(most_rows, most_contacts),
+            jacobian: vec![0.0; 6 * most_rows],
+            free: Vec::with_capacity(most_rows),
+            follow: Vec::with_capacity(most_rows),
+            symmetric: false,
         }
     }
 
     /// Factors the derivative of a balance.
-    pub fn factor(&mut self, balance: &Balance) {
-        let Balance {
-            sources,
-            state,
-            work,
-            ..
-        } = balance;
-        let (grasp, tools) = (&state.grasp, &state.tools);
-        let n = work.count();
+    pub fn factor(&mut self, balance: &mut Balance) {
+        let n = balance.work.count();
+        let tools = &balance.state.tools;
         self.touched.clear();
+        self.contacts.clear();
+        self.contacts.extend_from_slice(&tools.contacts);
+        let touched = tools.contacts.iter().filter_map(|contact| {
+            let touched = Touched::new(&balance.sources.tools, tools, contact)?;
+            Some((contact.tool, touched))
+        });
+        self.touched.extend(touched);
         if n == 0 {
             return;
         }
-        let w = work.system.compliance(n);
-        let matrix = &mut self.matrix[..n * n];
-        matrix.copy_from_slice(w);
+        self.turns = balance.turn_normals(Turns::Smooth);
+        let (balance, work) = (&*balance, &*balance.work);
+        self.find_laws(balance);
+        let slides = self.touched.iter().any(|(_, touched)| touched.slides());
+        self.symmetric = !slides && self.follow.is_empty();
+        if self.symmetric {
+            self.gather(work, 0.0);
+            let matrix = &mut self.matrix[..n * n];
+            self.symmetric = self.dense.factor(matrix, n).is_ok() && is_regular(matrix, n);
+        }
+        if !self.symmetric {
+            self.gather(work, REGULAR);
+            self.lu.factor(&mut self.matrix[..n * n], n);
+        }
+    }
+
+    /// Which rows bear no force, and which follow what they hold.
+    fn find_laws(&mut self, balance: &Balance) {
+        let (work, grasp) = (&*balance.work, &balance.state.grasp);
+        let n = work.count();
+        let w = compliance(self.turns, work);
         // Rows of threads and of tissues that touch act or do not; a bound that follows other forces comes after.
-        let singles = work.tools.rows.clone();
-        for (row, mode) in grasp
-            .modes()
-            .iter()
-            .enumerate()
-            .skip(3 * work.needles.points.len())
-        {
-            if *mode != Mode::Held && !singles.contains(&row) {
-                free(matrix, n, row);
+        let of_points = 3 * work.needles.points.len();
+        let (lambda, modes) = (grasp.lambda(), grasp.modes());
+        let free = (0..n).map(|row| {
+            let open = match work.set.rows.get(row).map(|row| row.kind) {
+                // What is open has been let go of.
+                Some(RowKind::Tangent) if work.tools.rows.contains(&row) => false,
+                Some(_) if work.tools.rows.contains(&row) => lambda[row] <= 0.0,
+                _ => row >= of_points && modes[row] != Mode::Held,
+            };
+            open || w[row * (n + 1)] == 0.0
+        });
+        self.free.clear();
+        self.free.extend(free);
+        for row in work.tools.rows.clone() {
+            let tangent = |row: usize| work.set.rows.get(row).map(|row| row.kind);
+            if row > 0 && tangent(row) == Some(RowKind::Tangent) {
+                self.free[row] |= self.free[row - 1];
             }
         }
+        self.follow.clear();
         for (index, point) in work.needles.points.iter().enumerate() {
             let held = held(balance, index, point, Vector3::zeros());
-            let mut replace = |row: usize, scale: f64| {
-                for column in 0..n {
-                    let entry = scale * w[n * column + row];
-                    matrix[n * column + row] = f64::from(u8::from(column == row)) - entry;
-                }
-            };
             match held.law {
                 Law::Sticks => {}
                 Law::Slides => {
                     let inward = -held.force.dot(&held.frame[1]);
-                    replace(held.row, held.curvature * inward);
+                    self.follow.push((held.row, held.curvature * inward));
                 }
                 Law::Cut { sticks } => {
-                    for axis in usize::from(sticks)..3 {
-                        replace(held.row + axis, 0.0);
-                    }
+                    let rows = held.row + usize::from(sticks)..held.row + 3;
+                    self.follow.extend(rows.map(|row| (row, 0.0)));
                 }
             }
         }
-        // What is open has been let go of.
-        for row in work.tools.rows.clone().step_by(3) {
-            if grasp.lambda()[row] <= 0.0 {
-                (row..row + 3).for_each(|row| free(matrix, n, row));
+    }
+
+    /// The matrix, with rows' own compliance raised by a part that makes it `regular`.
+    fn gather(&mut self, work: &BalanceWork, regular: f64) {
+        let n = work.count();
+        let w = compliance(self.turns, work);
+        let matrix = &mut self.matrix[..n * n];
+        matrix.copy_from_slice(w);
+        for (row, scale) in &self.follow {
+            for column in 0..n {
+                let entry = scale * w[n * column + row];
+                matrix[n * column + row] = f64::from(u8::from(column == *row)) - entry;
             }
         }
-        for contact in &tools.contacts {
-            if let Some(touched) = Touched::new(&sources.tools, tools, contact) {
-                touched.replace(matrix, w, n);
-                self.touched.push((contact.tool, touched));
+        for (_, touched) in &self.touched {
+            touched.replace(matrix, w, n);
+        }
+        for (row, is_free) in self.free.iter().enumerate() {
+            if *is_free {
+                free(matrix, n, row);
+            } else {
+                matrix[row * (n + 1)] *= 1.0 + regular;
             }
         }
-        regularise(matrix, n);
-        self.lu.factor(matrix, n);
+    }
+
+    /// J of all rows for a motion of a tool that does not rub, right-hand sides for it, and what its wrench does without the
+    /// rows' answer; none if it touches nothing.
+    fn load_smooth(
+        &mut self,
+        work: &BalanceWork,
+        tool: Option<u32>,
+        grip: &Vector3<f64>,
+    ) -> Option<Matrix6<f64>> {
+        let n = work.count();
+        let (tool, turning) = (tool?, work.tools.known_turning()?);
+        if !turning.slides(&self.contacts, tool) {
+            return None;
+        }
+        let of = (&self.contacts[..], tool);
+        let jacobian = &mut self.jacobian[..6 * n];
+        jacobian.fill(0.0);
+        turning.lead(of, grip, jacobian);
+        let all = |_| true;
+        let system = (&work.system, &work.set);
+        let answer = self.load.add(turning, of, grip, all, system, jacobian);
+        let changes = self.change[..6 * n].chunks_exact_mut(n);
+        for (change, moved) in changes.zip(jacobian.chunks_exact(n)) {
+            for (change, moved) in change.iter_mut().zip(moved) {
+                *change = -moved;
+            }
+            for (row, scale) in &self.follow {
+                change[*row] *= -scale;
+            }
+            for (_, touched) in &self.touched {
+                touched.follow(change);
+            }
+            for (change, _) in change.iter_mut().zip(&self.free).filter(|(_, free)| **free) {
+                *change = 0.0;
+            }
+        }
+        Some(answer + turning.turned(of, grip))
     }
 
     /// d wrench / d pose of what `moves`, for left increments about `grip`, (6 x 6).
@@ -153,16 +244,22 @@ impl TangentWork {
         let position = |index: usize| balance.position_of(&work.set.anchors[index]);
         let n = work.count();
         let tool = |of: &(u32, Touched)| Some(of.0) == moves.tool;
+        if n == 0 {
+            return Matrix6::zeros();
+        }
+        self.change[..6 * n].fill(0.0);
+        let smooth = self.load_smooth(work, moves.tool, grip);
         let nothing = !work
             .needles
             .points
             .iter()
             .any(|point| (moves.needle)(point.needle))
+            && smooth.is_none()
             && !self.touched.iter().any(tool);
         if nothing && pulls.iter().all(Option::is_none) {
             return Matrix6::zeros();
         }
-        let w = work.system.compliance(n);
+        let w = compliance(self.turns, work);
         let points = || {
             work.needles
                 .points
@@ -171,7 +268,6 @@ impl TangentWork {
                 .filter(|(_, point)| (moves.needle)(point.needle))
         };
         let change = &mut self.change[..6 * n];
-        change.fill(0.0);
         for (index, point) in points() {
             let held = held(balance, index, point, position(index));
             for pose in 0..6 {
@@ -215,8 +311,20 @@ impl TangentWork {
                 change[n * pose + touched.row..][..3].copy_from_slice(&load);
             }
         }
-        self.lu.solve(&self.matrix[..n * n], n, change, 6);
+        let matrix = &self.matrix[..n * n];
+        if self.symmetric {
+            self.dense.solve(matrix, n, change, 6);
+        } else {
+            self.lu.solve(matrix, n, change, 6);
+        }
         let mut tangent = Matrix6::zeros();
+        if let Some(smooth) = smooth {
+            let [moved, forces] = [&self.jacobian, &*change];
+            tangent = smooth
+                + Matrix6::from_fn(|i, j| {
+                    product(&moved[n * i..n * (i + 1)], &forces[n * j..n * (j + 1)])
+                });
+        }
         let of_needles = points().map(|(index, point)| {
             let held = held(balance, index, point, position(index));
             (held.row, held.frame, held.in_tissue, held.force)
@@ -330,6 +438,30 @@ impl TangentWork {
 
 /// What a row's own compliance is raised by: rows that say the same share the force, as in a solve.
 const REGULAR: f64 = 1e-11;
+/// A row that differs by less than this part of its compliance from others says the same.
+const SAME: f64 = 1e-9;
+
+/// C (K - G)^-1 C' of the rows of the balance, G where normals turn, (n x n).
+fn compliance(turns: bool, work: &BalanceWork) -> &[f64] {
+    let n = work.count();
+    match work.tools.known_turning().filter(|_| turns) {
+        Some(turning) => &turning.compliance[..n * n],
+        None => work.system.compliance(n),
+    }
+}
+
+fn product(a: &[f64], b: &[f64]) -> f64 {
+    a.iter().zip(b).map(|(a, b)| a * b).sum()
+}
+
+/// Whether no row of a Cholesky factor (n x n) is almost what others say.
+fn is_regular(factor: &[f64], n: usize) -> bool {
+    (0..n).all(|row| {
+        let before = factor[row..n * row].iter().step_by(n.max(1));
+        let pivot = factor[row * (n + 1)].powi(2);
+        pivot > SAME * (pivot + before.map(|entry| entry * entry).sum::<f64>())
+    })
+}
 
 /// Rows on nodes that cannot move keep their force, and rows that repeat others do no harm.
 fn regularise(matrix: &mut [f64], n: usize) {

@@ -175,14 +175,15 @@ fn ratio(rig: &Rig, state: &State, centre: &Vector3<f64>, felt: &Vector3<f64>) -
     (felt + normal * along).norm() / along
 }
 
-/// What the hand puts in is stored or rubbed away.
+/// What the hand puts in is stored or rubbed away, under a ball and under a punch whose rim ploughs.
 #[test]
 fn the_energy_of_a_drag_is_stored_or_dissipated() {
-    {
-        let tool = ball([0.0; 3]).with_friction(0.3, 0.3);
+    let punch = Tool::new(Shape::flat_punch(0.012, 0.03), [0.0; 3]);
+    for (tool, height_m, depth_m) in [(ball([0.0; 3]), RADIUS, 0.003), (punch, 0.0, 0.001)] {
+        let tool = tool.with_friction(0.3, 0.3);
         let mut rig = Rig::slab(tool);
         let mut state = State::new(&rig.model);
-        let down = Vector3::new(-0.006, 0.0, RADIUS - 0.003);
+        let down = Vector3::new(-0.006, 0.0, height_m - depth_m);
         let places = [
             down + Vector3::z() * 0.005,
             down,

@@ -24,10 +24,10 @@ impl ToolContacts {
             };
             let force_n = contact.force_n();
             contact.ahead_m = placement.world(&contact.local_m) - contact.at_m;
-            let along = contact.normal * contact.normal.dot(&contact.ahead_m);
-            let slid_m = contact.ahead_m - along;
             if contact.slips {
-                *friction_j += 0.5 * (contact.before_n + force_n).dot(&slid_m);
+                // All of the way that the tool ran ahead, as the hand and the tissue count theirs: along a round rim both
+                // normals have a part of it, one against the other.
+                *friction_j += 0.5 * (contact.before_n + force_n).dot(&contact.ahead_m);
             }
             if contact.slips || tools.each[contact.tool as usize].tool.is_smooth() {
                 contact.local_m = placement.local(&contact.at_m);

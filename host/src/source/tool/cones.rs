@@ -4,7 +4,8 @@
 //! for, neighbours share one cone: each bears the part of its force that it bears now, so that the normal force and the
 //! limit of friction stay what they are, and W, J become `B'WB`, `B'J`. What that takes from the tangent, and what turns, is in M.
 
-use super::{Contact, ToolContacts, TouchingTools};
+use super::{Contact, Load, ToolContacts, TouchingTools, Turning};
+use crate::anchors::{ConstraintSet, System};
 use crate::dense::Lu;
 use crate::step::{MAX_TOOL_ROWS, ToolRowKind, ToolRows};
 use nalgebra::{Matrix6, Vector2, Vector3};
@@ -12,12 +13,26 @@ use nalgebra::{Matrix6, Vector2, Vector3};
 /// Rows of a cone.
 const AXES: usize = 3;
 
+/// Forces as part of the largest one, and squares of ways \[m^2\], that differ by less are the same: where a scene is
+/// symmetric what is first is not for a rounding to say.
+const ALIKE_FORCE: f64 = 1e-6;
+const ALIKE_SQUARE_M2: f64 = 1e-12;
+/// The same for gaps \[m\].
+pub(crate) const ALIKE_M: f64 = 1e-9;
+
+/// A number counted in a unit, so that what is alike is mostly the same.
+pub(crate) fn in_units(x: f64, unit: f64) -> f64 {
+    (x / unit).round()
+}
+
 /// A contact, and its part of a cone.
 #[derive(Clone, Copy, Debug)]
 struct Member {
     contact: Contact,
     cone: usize,
     weight: f64,
+    /// From the nearest of the cones' first ones, squared \[1e-12 m^2\].
+    apart: f64,
     /// The cone's first tangent in the frame of the contact's: cosine and sine.
     turn: Vector2<f64>,
 }
@@ -44,6 +59,7 @@ pub(crate) struct Cones {
     matrix: Vec<f64>,
     rhs: Vec<f64>,
     lu: Lu,
+    turned: Load,
 }
 
 impl Cones {
@@ -65,6 +81,7 @@ impl Cones {
             matrix: vec![0.0; m * m],
             rhs: vec![0.0; 6 * m],
             lu: Lu::new(m),
+            turned: Load::new(most_rows, most_contacts),
         }
     }
 
@@ -83,14 +100,28 @@ impl Cones {
             contact: *contact,
             cone: 0,
             weight: 1.0,
+            apart: f64::MAX,
             turn: Vector2::x(),
         }));
+        let forces = self.members.iter().map(|member| member.contact.lambda_n[0]);
+        let unit_n = ALIKE_FORCE * forces.fold(f64::MIN_POSITIVE, f64::max);
+        let key = |member: &Member| {
+            let Contact {
+                lambda_n, gap_m, ..
+            } = member.contact;
+            // What presses has no gap but a rounding.
+            if member.presses() {
+                (-in_units(lambda_n[0], unit_n).max(1.0), 0.0)
+            } else {
+                (0.0, in_units(gap_m, ALIKE_M))
+            }
+        };
         self.members.sort_unstable_by(|a, b| {
-            let (a, b) = (&a.contact, &b.contact);
-            let firmer = b.lambda_n[0].total_cmp(&a.lambda_n[0]);
+            let ((firm, gap), (other_firm, other_gap)) = (key(a), key(b));
+            let firmer = firm.total_cmp(&other_firm);
             firmer
-                .then(a.gap_m.total_cmp(&b.gap_m))
-                .then(a.node.cmp(&b.node))
+                .then(gap.total_cmp(&other_gap))
+                .then(a.contact.node.cmp(&b.contact.node))
         });
         let pressing = self
             .members
@@ -118,16 +149,14 @@ impl Cones {
         let pressing = &mut self.members[..count];
         let mut seeds = [0; MAX_TOOL_ROWS];
         for cone in 1..cones {
-            let apart = |member: &Member| {
-                let ways = seeds[..cone].iter().map(|seed| {
-                    (pressing[*seed].contact.at_m - member.contact.at_m).norm_squared()
-                });
-                ways.fold(f64::MAX, f64::min)
-            };
-            let farthest = (0..count).max_by(|a, b| {
-                let (a, b) = (apart(&pressing[*a]), apart(&pressing[*b]));
-                a.total_cmp(&b)
-            });
+            let last = pressing[seeds[cone - 1]].contact.at_m;
+            for member in pressing.iter_mut() {
+                let square = (last - member.contact.at_m).norm_squared();
+                let way = in_units(square, ALIKE_SQUARE_M2);
+                member.apart = member.apart.min(way);
+            }
+            let farthest =
+                (0..count).max_by(|a, b| pressing[*a].apart.total_cmp(&pressing[*b].apart));
             seeds[cone] = farthest.unwrap_or(0);
         }
         let leads = seeds.map(|seed| pressing.get(seed).map(|member| member.contact));
@@ -135,7 +164,10 @@ impl Cones {
         for member in pressing.iter_mut() {
             let near = leads[..cones].iter().flatten().enumerate();
             let nearest = near.min_by(|(_, a), (_, b)| {
-                let way = |lead: &Contact| (lead.at_m - member.contact.at_m).norm_squared();
+                let way = |lead: &Contact| {
+                    let square = (lead.at_m - member.contact.at_m).norm_squared();
+                    in_units(square, ALIKE_SQUARE_M2)
+                };
                 way(a).total_cmp(&way(b))
             });
             let Some((cone, lead)) = nearest else {
@@ -169,6 +201,20 @@ impl Cones {
                 }
             }
         }
+    }
+
+    /// Takes what turns by a motion of `tool` about `grip` off J.
+    pub fn turn(
+        &mut self,
+        turning: &Turning,
+        of: (&[Contact], u32),
+        grip: &Vector3<f64>,
+        (system, set): (&System, &ConstraintSet),
+    ) {
+        let jacobian = &mut self.jacobian[..6 * set.count()];
+        let curved = |ways: usize| ways > 0;
+        self.turned
+            .add(turning, of, grip, curved, (system, set), jacobian);
     }
 
     /// The cones, from what is known of the kept rows, for a tool whose wrench follows its pose by `tangent`.

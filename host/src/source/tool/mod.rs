@@ -3,23 +3,25 @@
 //! Entry points, in the order of a balance: [`ToolContacts::place`], [`ToolContacts::append`] before a solve,
 //! [`ToolContacts::settle`] after it until nothing is left to do, [`ToolContacts::accept`] once the balance is found.
 //! A touched vertex has one cone: its normal row keeps it outside the shape, by the distance linearised where the last
-//! solve left it, and two tangent rows keep it where it sticks on the tool. Friction is plastic flow, integrated
+//! solve left it, and two tangent rows keep it where it sticks on the tool, if that rubs. Friction is plastic flow, integrated
 //! backwards (Simo & Hughes 1998, 1.4): what slides sticks from then on where it has come to.
 
 mod accept;
 mod cones;
+mod load;
 mod reach;
 mod rows;
 mod source;
 mod tangent;
 mod turning;
 
-pub(crate) use cones::Cones;
+pub(crate) use cones::{ALIKE_M, Cones, in_units};
+pub(crate) use load::Load;
 pub(crate) use reach::NEAR;
 use rows::Settled;
 pub(crate) use source::{ToolSource, ToolWork};
 pub(crate) use tangent::Touched;
-pub(crate) use turning::Turning;
+pub(crate) use turning::{Turning, Turns};
 
 use crate::contact::shape::Solid;
 use crate::tool::{MAX_TOOLS, Placement, Tool};
@@ -83,11 +85,11 @@ pub(crate) struct Contact {
     ahead_m: Vector3<f64>,
     /// Force on the tissue at the last balance \[N\], (3).
     before_n: Vector3<f64>,
-    /// The first of its three rows in the last solve: which solve that was is of no consequence.
+    /// The first of its rows in the last solve: which solve that was is of no consequence.
     #[serde(skip)]
     pub row: u32,
-    /// Whether it has but the first of these: it is open, and the tool does not rub.
-    normal_only: bool,
+    /// Whether it has but the first of these: the tool does not rub.
+    smooth: bool,
 }
 
 impl Contact {

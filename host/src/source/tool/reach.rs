@@ -26,7 +26,14 @@ impl TouchingTools {
             };
             let solid = self.solid(tool as usize, placement);
             let reach_m = NEAR * solid.radius() + more_m;
-            for (place, node) in self.nodes.iter().enumerate() {
+            // As far from the centre it is out of reach of any shape, give or take a rounding.
+            let bound_m = (solid.bound() + reach_m) * (1.0 + 1e-9);
+            for (place, (node, rest)) in self.nodes.iter().zip(&self.resting_m).enumerate() {
+                let slack = slack_m.get(self.group[place] as usize);
+                let far_m = bound_m + slack.copied().unwrap_or(f64::MAX);
+                if (rest - solid.centre).norm_squared() > far_m * far_m {
+                    continue;
+                }
                 if self.least_gap_m(&solid, place, slack_m) < reach_m {
                     out.push((tool, *node));
                 }

@@ -45,7 +45,7 @@ impl Placement {
 }
 
 impl ToolContacts {
-    /// Appends three rows for each contact; `points_m` (n x 3) are the unloaded nodes.
+    /// Appends a row for each contact, or three where the tool rubs; `points_m` (n x 3) are the unloaded nodes.
     pub fn append(
         &mut self,
         tools: &TouchingTools,
@@ -79,13 +79,13 @@ impl ToolContacts {
             ];
             let id = ID | u64::from(contact.tool) << 40 | u64::from(node) << 2;
             let rows = frame.into_iter().zip(targets);
-            let count = if contact.normal_only { 1 } else { 3 };
+            let count = if contact.smooth { 1 } else { 3 };
             for (axis, (direction, target_m)) in (0u64..).zip(rows.take(count)) {
                 set.rows.push(AnchorRow {
                     id: id | axis,
                     anchor,
                     kind: match axis {
-                        0 if contact.normal_only => RowKind::Inequality,
+                        0 if contact.smooth => RowKind::Inequality,
                         0 => RowKind::Normal { friction },
                         _ => RowKind::Tangent,
                     },
@@ -119,7 +119,7 @@ impl ToolContacts {
         } = self;
         for contact in contacts {
             let row = contact.row as usize;
-            let rows = row..row + 3;
+            let rows = row..row + if contact.smooth { 1 } else { 3 };
             let (Some(lambda), Some(modes)) = (lambda.get(rows.clone()), modes.get(rows)) else {
                 continue;
             };
@@ -127,8 +127,9 @@ impl ToolContacts {
                 continue;
             };
             let solid = tools.solid(contact.tool as usize, placement);
-            contact.lambda_n = [lambda[0], lambda[1], lambda[2]];
-            contact.slips = modes[1] == Mode::Slipping;
+            contact.lambda_n = [0.0; 3];
+            contact.lambda_n[..lambda.len()].copy_from_slice(lambda);
+            contact.slips = modes.get(1) == Some(&Mode::Slipping);
             contact.go_on(&solid, at(contact.node), farther, &mut settled);
             let tool = &tools.each[contact.tool as usize].tool;
             if contact.sticks && contact.slips && tool.static_friction > tool.friction {
@@ -194,7 +195,7 @@ impl ToolContacts {
             if !settled.has_room {
                 break;
             }
-            let mut contact = self.touch(tool, node, placement, &solid, place);
+            let mut contact = self.touch(tools, (tool, node), placement, &solid, place);
             contact.look(&solid, place);
             self.contacts.push(contact);
         }
@@ -204,8 +205,8 @@ impl ToolContacts {
     /// sticks there.
     fn touch(
         &self,
-        tool: u32,
-        node: u32,
+        tools: &TouchingTools,
+        (tool, node): (u32, u32),
         placement: &Placement,
         solid: &Solid,
         at_m: Vector3<f64>,
@@ -219,7 +220,11 @@ impl ToolContacts {
         let local_m = was.map_or(now, |was| first_inside(placement, solid, was, now));
         Contact {
             local_m,
-            ..Contact::new(tool, node, at_m)
+            ..Contact::new(
+                (tool, tools.each[tool as usize].tool.is_smooth()),
+                node,
+                at_m,
+            )
         }
     }
 }
@@ -250,7 +255,7 @@ fn first_inside(
 
 impl Contact {
     /// At a vertex, without force.
-    fn new(tool: u32, node: u32, at_m: Vector3<f64>) -> Self {
+    fn new((tool, smooth): (u32, bool), node: u32, at_m: Vector3<f64>) -> Self {
         Self {
             tool,
             node,
@@ -266,21 +271,13 @@ impl Contact {
             ahead_m: Vector3::zeros(),
             before_n: Vector3::zeros(),
             row: 0,
-            normal_only: false,
+            smooth,
         }
     }
 
     /// At a vertex that a tool may come to touch, with the tool's shape as it is now.
-    pub fn coming(
-        (tool, smooth): (u32, bool),
-        node: u32,
-        solid: &Solid,
-        at_m: Vector3<f64>,
-    ) -> Option<Self> {
-        let mut contact = Self {
-            normal_only: smooth,
-            ..Self::new(tool, node, at_m)
-        };
+    pub fn coming(of: (u32, bool), node: u32, solid: &Solid, at_m: Vector3<f64>) -> Option<Self> {
+        let mut contact = Self::new(of, node, at_m);
         contact.look(solid, at_m).then_some(contact)
     }
 

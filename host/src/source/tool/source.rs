@@ -2,7 +2,7 @@
 //!
 //! Entry point: [`ToolSource`].
 
-use super::{Settled, TouchingTools, Turning};
+use super::{Settled, TouchingTools, Turning, Turns};
 use crate::needle::MOST_GROUPS;
 use crate::source::{Room, Source};
 use crate::step::{Balance, BalanceWork, Felt, Sources, Status};
@@ -46,6 +46,16 @@ impl ToolWork {
     pub fn turning(&self) -> Option<&Turning> {
         self.turning.as_ref().filter(|_| self.turns)
     }
+
+    /// The same, for the solve.
+    pub fn turning_mut(&mut self) -> Option<&mut Turning> {
+        self.turning.as_mut().filter(|_| self.turns)
+    }
+
+    /// What [`Balance::turn_normals`] found last.
+    pub fn known_turning(&self) -> Option<&Turning> {
+        self.turning.as_ref()
+    }
 }
 
 impl Source for ToolSource {
@@ -64,16 +74,7 @@ impl Source for ToolSource {
 
     /// Has normals turn with the vertices.
     fn soften(&self, balance: &mut Balance, _solve: u32) {
-        let n = balance.work.count();
-        let BalanceWork {
-            system, set, tools, ..
-        } = &mut *balance.work;
-        let contacts = &balance.state.tools;
-        tools.turns = tools.turning.as_mut().is_some_and(|turning| {
-            let found = (system.compliance(n), system.delta_free_m(n));
-            let known = &balance.sources.tools;
-            turning.prepare(known, contacts, &set.rows, found, balance.points_m)
-        });
+        balance.work.tools.turns = balance.turn_normals(Turns::Sliding);
     }
 
     /// Takes up what has come to be inside a tool.
@@ -138,6 +139,17 @@ impl Source for ToolSource {
 }
 
 impl Balance<'_> {
+    /// Has normals turn in the compliance of the set; whether any does.
+    pub(crate) fn turn_normals(&mut self, turns: Turns) -> bool {
+        let BalanceWork {
+            system, set, tools, ..
+        } = &mut *self.work;
+        tools.turning.as_mut().is_some_and(|turning| {
+            let known = &self.sources.tools;
+            turning.prepare(known, &self.state.tools, turns, system, set)
+        })
+    }
+
     /// Lists the vertices that tools may come to touch, or that are `more_m` farther.
     pub(crate) fn find_near_tools(&mut self, more_m: f64) {
         let mut slack_m = [0.0; MOST_GROUPS];

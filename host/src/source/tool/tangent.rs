@@ -1,6 +1,7 @@
-//! How the forces of what is touched follow the tools.
+//! How the forces of what tools that rub touch follow them.
 //!
-//! Entry points: [`Touched::replace`] for the derivative of the balance, [`Touched::load`] for a motion of the tool. With p the
+//! Entry points: [`Touched::replace`] for the derivative of the balance, [`Touched::load`] for a motion of the tool; of tools
+//! that do not rub [`super::Load`] knows. With p the
 //! force on the tissue, x the vertex, n the normal, H the Hessian of the distance, s the way by which the tool has run
 //! ahead, and a motion `dX` of the tool there that turns by theta: what sticks has `dx = dX`; what slides has `n.dx = n.dX`
 //! and keeps `p = lambda (n + mu s/|s|)` while `dn = H (dx - dX) + theta x n` turns both. Unknown is
@@ -48,7 +49,7 @@ impl Slide {
 }
 
 impl Touched {
-    /// A contact that presses.
+    /// A contact that presses; nothing where the tool does not rub.
     pub fn new(tools: &TouchingTools, state: &ToolContacts, contact: &Contact) -> Option<Self> {
         let placement = state.placements[contact.tool as usize].as_ref()?;
         let solid = tools.solid(contact.tool as usize, placement);
@@ -56,7 +57,10 @@ impl Touched {
         let tool = &tools.each[contact.tool as usize].tool;
         let frame = contact.frame();
         let pressing = contact.lambda_n[0];
-        let law = if !tool.is_smooth() && !contact.slips {
+        if tool.is_smooth() {
+            return None;
+        }
+        let law = if !contact.slips {
             Law::Sticks
         } else {
             let across = |v: &Vector3<f64>| Vector2::new(frame[1].dot(v), frame[2].dot(v));
@@ -110,6 +114,20 @@ impl Touched {
                 let normal = f64::from(u8::from(column == self.row));
                 own[row] = force + slide.along[axis] * normal - law[axis];
             }
+        }
+    }
+
+    /// Whether [`Self::replace`] does anything.
+    pub fn slides(&self) -> bool {
+        matches!(self.law, Law::Slides(_))
+    }
+
+    /// Where something else moves its rows by `-moved`: right-hand sides of its law, in the place of these.
+    pub fn follow(&self, moved: &mut [f64]) {
+        if let Law::Slides(slide) = &self.law {
+            let across = Vector2::new(moved[self.row + 1], moved[self.row + 2]);
+            let law = slide.follows() * across * -1.0;
+            moved[self.row + 1..self.row + 3].copy_from_slice(law.as_slice());
         }
     }
 
