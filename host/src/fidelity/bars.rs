@@ -94,8 +94,9 @@ pub fn bars(cases: &[Case]) -> Vec<Bar> {
         };
         bars.extend(rule.judge(cases));
     };
-    let hands = Motion::NAMED.map(|motion| ("palpation", motion.name()));
-    for (scene, hand) in hands.into_iter().chain([
+    let hands = |scene| Motion::NAMED.map(|motion| (scene, motion.name()));
+    let hands = hands("palpation").into_iter().chain(hands("rubbing"));
+    for (scene, hand) in hands.chain([
         ("needle", "presses"),
         ("needle", "taps"),
         ("thread", "pulls"),
@@ -123,6 +124,9 @@ pub fn bars(cases: &[Case]) -> Vec<Bar> {
                 rule(&name("peak %"), &counts, &peak, false, 7.0);
                 rule(&name("step %"), &counts, &step, false, 1.0);
             }
+            let slips = |c: &Case| counts(c) && c.slips.is_some();
+            let onset: Figure = |c| Some(c.slips?.onset_p95_ms);
+            rule(&name("slip p95 ms"), &slips, &onset, false, 5.0);
             let punctured = |c: &Case| counts(c) && c.punctures.is_some();
             let timing: Figure = |c| Some(c.punctures?.puncture_p95_ms);
             rule(&name("puncture p95 ms"), &punctured, &timing, false, 8.0);

@@ -3,7 +3,7 @@
 //! Entry point: [`Case`], which [`Spec::measure`] fills in.
 
 use super::draws::Draw;
-use super::measure::{Errors, Peaks, Punctures};
+use super::measure::{Errors, Peaks, Punctures, Slips};
 use super::notice::Noticed;
 use super::plant::{Mechanics, Off};
 use super::returns::Returned;
@@ -76,6 +76,9 @@ pub struct Case {
     /// When punctures were felt, where there were any.
     #[serde(flatten)]
     pub punctures: Option<Punctures>,
+    /// When slips were felt, where a tool rubs.
+    #[serde(flatten)]
+    pub slips: Option<Slips>,
     /// Extremes, if asked for.
     #[serde(flatten)]
     pub peaks: Option<Peaks>,
@@ -181,6 +184,9 @@ impl Case {
             if factor == Factor::Cold {
                 words.push(format!("phase-{:.2}", spec.around.phase));
             }
+        }
+        if spec.question == Question::Errors && spec.around.phase > 0.0 {
+            words.push(format!("phase-{:.4}", spec.around.phase));
         }
         if spec.question == Question::Corner || spec.mechanics.off != Off::NONE {
             words.push(self.device.clone());

@@ -212,6 +212,59 @@ pub fn punctures(record: &Record) -> Option<Punctures> {
     })
 }
 
+/// When a tool that is dragged is felt to slip.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Slips {
+    /// Turns of the way across the skin after which it slips in truth.
+    pub onsets: usize,
+    /// Between when the true force has turned and when the command has, 19 of 20 are within this \[ms\].
+    pub onset_p95_ms: f64,
+    /// The worst \[ms\].
+    pub onset_max_ms: f64,
+}
+
+/// Part of the change of the force across the skin, from turn to turn of the way, after which it counts as slipping.
+const SLIPPING: f64 = 0.9;
+
+/// Of a run in which the tool is dragged to and fro along x: after each turn the force along x goes from one side to the
+/// other, and onset is when 9/10 of that has come. None if it is never dragged back.
+pub fn slips(record: &Record) -> Option<Slips> {
+    let ticks = &record.ticks;
+    let turns = ticks.windows(2).enumerate().filter_map(|(index, pair)| {
+        let [from, to] = [&pair[0], &pair[1]].map(|tick| tick.velocity_m_per_s[0]);
+        (from * to < 0.0 || (from != 0.0 && to == 0.0)).then_some(index)
+    });
+    let turns: Vec<usize> = turns.collect();
+    let mut off_ms = Vec::new();
+    for pair in turns.windows(2) {
+        let way = &ticks[pair[0]..pair[1]];
+        let (Some(first), true) = (way.first(), way.len() > SLIP_TICKS) else {
+            continue;
+        };
+        let sign = -first.truth_n[0].signum();
+        let along = |of: fn(&Tick) -> [f64; 3]| way.iter().map(move |tick| sign * of(tick)[0]);
+        let most = along(|t| t.truth_n)
+            .take(SLIP_TICKS)
+            .fold(f64::MIN, f64::max);
+        let from = sign * first.truth_n[0];
+        let level = from + SLIPPING * (most - from);
+        let when = |of: fn(&Tick) -> [f64; 3]| along(of).position(|force| force >= level);
+        let (truth, felt) = (when(|t| t.truth_n)?, when(|t| t.command_n));
+        off_ms.push(felt.map_or(way.len() as f64, |felt| (felt as f64 - truth as f64).abs()));
+    }
+    off_ms.sort_by(f64::total_cmp);
+    let last = off_ms.last()?;
+    let p95 = (0.95 * off_ms.len() as f64).ceil() as usize;
+    Some(Slips {
+        onsets: off_ms.len(),
+        onset_p95_ms: off_ms[p95.saturating_sub(1).min(off_ms.len() - 1)],
+        onset_max_ms: *last,
+    })
+}
+
+/// Ticks after a turn in which a tool that is dragged at 0.1 m/s slips.
+const SLIP_TICKS: usize = 150;
+
 /// The most that the motors did.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Peaks {

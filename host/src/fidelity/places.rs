@@ -19,6 +19,9 @@ use std::collections::HashMap;
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 use sutura_shared::device::DeviceError;
 
+/// Coefficient of friction of tools that rub: of rubber on wet tissue.
+const FRICTION: f64 = 0.3;
+
 /// Which scene.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Place {
@@ -28,6 +31,8 @@ pub enum Place {
     Gristle,
     /// [`Palpation`].
     Palpation,
+    /// The same with a tool that rubs, of [`FRICTION`].
+    Rubbing,
     /// [`NeedleSlabs`].
     Needle,
     /// [`WoundSlabs`].
@@ -45,6 +50,7 @@ pub enum Place {
 /// Scenes and true forces that cases share.
 pub struct Scenes {
     palpation: Palpation,
+    rubbing: Palpation,
     needle: NeedleSlabs,
     thread: WoundSlabs,
     corotational: Slab,
@@ -65,7 +71,8 @@ impl Scenes {
     /// None unless a shipped scene is not sound.
     pub fn load() -> Result<Self, SceneError> {
         Ok(Scenes {
-            palpation: Palpation::load()?,
+            palpation: Palpation::load(0.0)?,
+            rubbing: Palpation::load(FRICTION)?,
             needle: NeedleSlabs::load()?,
             thread: WoundSlabs::load()?,
             corotational: Slab::load(Law::Corotational)?,
@@ -80,6 +87,7 @@ impl Scenes {
             Place::Point => &Point::TISSUE,
             Place::Gristle => &Point::GRISTLE,
             Place::Palpation => &self.palpation,
+            Place::Rubbing => &self.rubbing,
             Place::Needle => &self.needle,
             Place::Thread => &self.thread,
             Place::Rogue(rogue) => rogue,

@@ -6,7 +6,7 @@ use super::around::{Around, Blocking};
 use super::case::{Case, Corner, Trial};
 use super::hand::{Grasp, Motion};
 use super::link::LinkSpec;
-use super::measure::{errors, peaks, punctures};
+use super::measure::{errors, peaks, punctures, slips};
 use super::notice::{given_back_j, noticed};
 use super::places::{Place, Scenes};
 use super::plant::Mechanics;
@@ -187,6 +187,7 @@ impl Spec {
                 Place::Point => "point".to_owned(),
                 Place::Gristle => "gristle".to_owned(),
                 Place::Palpation => "palpation".to_owned(),
+                Place::Rubbing => "rubbing".to_owned(),
                 Place::Needle => "needle".to_owned(),
                 Place::Thread => "thread".to_owned(),
                 Place::Rogue(rogue) => rogue.scene_name().to_owned(),
@@ -267,6 +268,8 @@ impl Spec {
         if matches!(self.question, Question::Errors | Question::Trial(_)) {
             case.errors = Some(errors(&record));
             case.punctures = punctures(&record);
+            let drags = (Place::Rubbing, Motion::Strokes) == (self.place, self.motion);
+            case.slips = drags.then(|| slips(&record)).flatten();
             case.given_back_mj = Some(1e3 * given_back_j(&record));
         }
         match self.question {

@@ -149,6 +149,20 @@ pub fn core(extent: Extent, guards: Guards) -> Vec<Spec> {
             specs.push(Spec::errors(Place::Palpation, motion, Rendering::Rows, hz));
         }
     }
+    for motion in Motion::NAMED {
+        for hz in [30.0, 60.0] {
+            specs.push(Spec::errors(Place::Rubbing, motion, Rendering::Rows, hz));
+        }
+    }
+    let phases = match extent {
+        Extent::Short => 4,
+        Extent::Full => 16,
+    };
+    for phase in 1..phases {
+        let mut spec = Spec::errors(Place::Rubbing, Motion::Strokes, Rendering::Rows, 60.0);
+        spec.around.phase = f64::from(phase) / f64::from(phases);
+        specs.push(spec);
+    }
     for hz in [30.0, 60.0] {
         for motion in [Motion::Presses, Motion::Taps] {
             specs.push(Spec::errors(Place::Needle, motion, Rendering::Rows, hz));

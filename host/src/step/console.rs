@@ -34,7 +34,8 @@ impl Balance<'_> {
         cones: &mut Cones,
     ) -> Option<ToolRows> {
         let each = self.sources.tools.each();
-        let smooth = each.get(tool as usize)?.tool.is_smooth();
+        // Where nothing is touched yet there is room for more vertices without friction, which comes with the next frame.
+        let smooth = each.get(tool as usize)?.tool.is_smooth() || self.state.tools.count(tool) == 0;
         let most_rows = wanted.most_rows.min(MAX_TOOL_ROWS);
         let most = most_rows / if smooth { 1 } else { CONE };
         if most == 0 {
@@ -43,21 +44,20 @@ impl Balance<'_> {
         let touched = self.state.tools.contacts.len();
         self.find_near_tools(wanted.reach_m + wanted.ahead_m.norm());
         self.add_coming((tool, smooth), most, wanted);
-        let rows = self.write_rows((tool, id), grip, tangent, most, cones);
+        let rows = self.write_rows((tool, id, smooth), grip, tangent, most, cones);
         self.state.tools.contacts.truncate(touched);
         rows
     }
 
     fn write_rows(
         &mut self,
-        (tool, id): (u32, u8),
+        (tool, id, smooth): (u32, u8, bool),
         grip: &Vector3<f64>,
         tangent: &Matrix6<f64>,
         most: usize,
         cones: &mut Cones,
     ) -> Option<ToolRows> {
         self.append();
-        let smooth = self.sources.tools.each()[tool as usize].tool.is_smooth();
         if !cones.gather(&self.state.tools, (tool, smooth), most) {
             return None;
         }

@@ -242,6 +242,17 @@ fn print_text(report: &Report) {
     }
     print_returns(&report.cases);
     for case in &report.cases {
+        if let Some(slips) = case.slips.filter(|_| is_listed(&case)) {
+            say!(
+                "{}: {} turns, slips felt within {:.0} ms (p95), {:.0} ms at most",
+                case.case,
+                slips.onsets,
+                slips.onset_p95_ms,
+                slips.onset_max_ms
+            );
+        }
+    }
+    for case in &report.cases {
         if let Some(p) = case.punctures.filter(|_| is_listed(&case)) {
             say!(
                 "{}: {} punctures, {} missed, felt within {:.0} ms (p95), {:.0} ms at most, falls off by {:.0} % at most",

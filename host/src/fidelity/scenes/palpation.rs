@@ -8,7 +8,7 @@ use super::{Sample, Scene, Solution, Truth};
 use crate::model::Model;
 use crate::scene::{Document, Scene as SceneFile, SceneError};
 use crate::session::{reach_m, sideways};
-use crate::step::{State, Status, Workspace, step};
+use crate::step::{State, Status, StepReport, Workspace, step};
 use crate::tool::ToolSample;
 use std::path::Path;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -35,6 +35,8 @@ struct Shared {
     untouched: State,
     tool: u8,
     radius_m: f64,
+    /// Whether the tool rubs: then tissue remembers which way it came, and what lies ahead is solved on a copy.
+    rubs: bool,
     /// Of runs that are over, prepared.
     spare: Mutex<Vec<Workspace>>,
 }
@@ -54,12 +56,14 @@ impl Shared {
 }
 
 impl Palpation {
-    /// Builds it.
+    /// Builds it, with a tool of this coefficient of friction.
     ///
     /// # Errors
     /// None unless the shipped scene is not sound.
-    pub fn load() -> Result<Self, SceneError> {
-        let document = Document::embedded("palpation", Path::new(""), FILE);
+    pub fn load(friction: f64) -> Result<Self, SceneError> {
+        let tool = format!("[[tool]]\nfriction = {friction}\n");
+        let text = FILE.replacen("[[tool]]\n", &tool, 1);
+        let document = Document::embedded("palpation", Path::new(""), &text);
         let scene = SceneFile::read(&document, "palpation")?;
         let (model, untouched, _) = scene.build()?;
         let tool = scene.tools.first();
@@ -67,6 +71,7 @@ impl Palpation {
             shared: Arc::new(Shared {
                 tool: tool.map_or(0, |tool| tool.id),
                 radius_m: tool.map_or(0.0, |tool| tool.shape.radius_m()),
+                rubs: friction > 0.0,
                 model,
                 untouched,
                 spare: Mutex::default(),
@@ -77,7 +82,11 @@ impl Palpation {
 
 impl Scene for Palpation {
     fn name(&self) -> &'static str {
-        "palpation"
+        if self.shared.rubs {
+            "rubbing"
+        } else {
+            "palpation"
+        }
     }
 
     fn origin_m(&self) -> [f64; 3] {
@@ -117,6 +126,7 @@ impl Palpation {
         Solver {
             shared: Arc::clone(&self.shared),
             state: self.shared.untouched.clone(),
+            trial: self.shared.untouched.clone(),
             normal: [0.0, 0.0, 1.0],
             ahead_s,
             workspace: Some(work),
@@ -128,6 +138,8 @@ impl Palpation {
 struct Solver {
     shared: Arc<Shared>,
     state: State,
+    /// Of a tool that rubs, where it will be.
+    trial: State,
     /// Of the last contact.
     normal: [f64; 3],
     /// From a state until the end of its frame's use \[s\]; 0 for who is not late.
@@ -156,29 +168,45 @@ impl Truth for Solver {
         });
         work.ahead_m = goal.map_or([0.0; 3], |goal| goal.ahead_m);
         work.reach_m = reach_m(self.ahead_s);
-        let tool = ToolSample {
+        let here = ToolSample {
             id: self.shared.tool,
-            position_m: goal.map_or(sample.position_m, |goal| goal.position_m.map(f64::from)),
+            position_m: sample.position_m,
             orientation: sample.orientation,
             velocity_m_per_s: sample.velocity_m_per_s,
             console_time_us: (sample.time_s * 1e6).round() as u64,
         };
+        let there = ToolSample {
+            position_m: goal.map_or(here.position_m, |goal| goal.position_m.map(f64::from)),
+            ..here
+        };
+        let report = if self.shared.rubs && goal.is_some() {
+            self.shared.go(&mut self.state, work, &here)?;
+            self.trial.clone_from(&self.state);
+            self.shared.go(&mut self.trial, work, &there)?
+        } else {
+            self.shared.go(&mut self.state, work, &there)?
+        };
+        let contact = report.contacts().first()?;
+        let rows = work.rows(here.id).filter(|rows| rows.count > 0);
+        self.normal = contact.normal;
+        Some(Solution {
+            position_m: goal.map(|goal| goal.position_m),
+            wrench: contact.wrench,
+            tangent: contact.tangent,
+            normal: contact.normal,
+            rows: rows.map(|rows| Box::new(*rows)),
+            ..Solution::nothing(contact.gap_m)
+        })
+    }
+}
+
+impl Shared {
+    /// Takes the tool to a sample, if that can be done.
+    fn go(&self, state: &mut State, work: &mut Workspace, to: &ToolSample) -> Option<StepReport> {
         for _ in 0..SOLVES {
-            let report = step(&self.shared.model, &mut self.state, &[tool], work);
+            let report = step(&self.model, state, &[*to], work);
             match report.status {
-                Status::Ok => {
-                    let contact = report.contacts().first()?;
-                    let rows = work.rows(tool.id).filter(|rows| rows.count > 0);
-                    self.normal = contact.normal;
-                    return Some(Solution {
-                        position_m: goal.map(|goal| goal.position_m),
-                        wrench: contact.wrench,
-                        tangent: contact.tangent,
-                        normal: contact.normal,
-                        rows: rows.map(|rows| Box::new(*rows)),
-                        ..Solution::nothing(contact.gap_m)
-                    });
-                }
+                Status::Ok => return Some(report),
                 Status::Behind => {}
                 _ => return None,
             }

@@ -206,7 +206,7 @@ mod tests {
     /// A host that solves every millisecond feels the same, turned, whatever the turn: the harness itself prefers none.
     #[test]
     fn the_truth_is_the_same_turned() {
-        let palpation = Palpation::load().expect("the shipped scene");
+        let palpation = Palpation::load(0.0).expect("the shipped scene");
         let scenes: [(&dyn Scene, Motion); 3] = [
             (&Point::TISSUE, Motion::Strokes),
             (&Round::THIN, Motion::RoundThin),
