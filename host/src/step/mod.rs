@@ -83,7 +83,7 @@ pub struct ToolContact {
 
 impl ToolContact {
     /// Of a tool that touches nothing, and is near nothing.
-    fn nowhere(id: u8) -> Self {
+    pub(crate) fn nowhere(id: u8) -> Self {
         Self {
             id,
             gap_m: f64::MAX,
