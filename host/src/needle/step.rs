@@ -855,8 +855,10 @@ fn look_ahead(
     left: usize,
 ) -> u32 {
     let (body, linear) = (&model.body, model.body.is_linear());
-    // The next factor would make them void, and where none is renewed beside the steps it comes at once.
-    if !linear && !work.system.columns().renews() {
+    // The next factor would make them void, and where none is renewed beside the steps it comes at once: of hyperelastic
+    // tissue with the first touch.
+    let lasts = matches!(body, Body::Hyperelastic { .. }) && state.tools.contacts.is_empty();
+    if !linear && !lasts && !work.system.columns().renews() {
         return 0;
     }
     let tools = &needles.tools;
