@@ -67,7 +67,10 @@ pub fn settle(args: &RunArgs, scene: &mut Scene, plan: &Plan) -> Result<Option<C
     scene.tissue = tissue.instead_of(scene.tissue);
     note!(
         "a step may take {budget_ms:.3} ms; {} models and settings were compared under one law, {}, in {calibration_s:.1} s:",
-        candidates.iter().filter(|each| each.step_us.is_some()).count(),
+        candidates
+            .iter()
+            .filter(|each| each.step_us.is_some())
+            .count(),
         scene.contact_law().words()
     );
     table(&candidates, taken);

@@ -161,7 +161,7 @@ impl Candidate {
 }
 
 /// Models as sessions have them: first those that are quick on most meshes, so that what there is no time for would hardly
-/// hold a budget; last those that tools stick to. Corotational tissue keeps the scene's own settings.
+/// hold a budget; last those that tools stick to, once each. Corotational tissue keeps the scene's own settings.
 fn all(scenes: Tissue) -> Vec<Tissue> {
     let mut all = vec![Tissue::Linear];
     all.extend(COROTATIONAL.map(|passes| {
@@ -176,8 +176,15 @@ fn all(scenes: Tissue) -> Vec<Tissue> {
             continue;
         }
         let short = entry.settings.iter().filter(|setting| setting.short);
-        let found = short.filter_map(|setting| Registered::new(entry.tissue, Some(&setting.name)).ok());
-        all.extend(found.map(Tissue::Registered));
+        let found = short
+            .filter_map(|setting| Registered::new(entry.tissue, Some(&setting.name)).ok())
+            .map(Tissue::Registered);
+        // What sticks does so with every setting.
+        all.extend(
+            found
+                .enumerate()
+                .filter_map(|(index, tissue)| (index == 0 || tissue.has_rows()).then_some(tissue)),
+        );
     }
     all.sort_by_key(|tissue| !tissue.has_rows());
     all

@@ -688,20 +688,21 @@ fn refused(scene: &Scene, entry: &registry::Entry) -> Option<(String, &'static s
     if !scene.needles.is_empty() {
         let why = entry
             .refuses_needles
-            .unwrap_or("tools stick to tissue here: needles have rows, in another solver");
+            .unwrap_or("its cells have nodes that the mesh does not have: needles go with linear or averaged cells");
         let help = "give `--tissue linear`, `--tissue corotational` or `--tissue hyperelastic`, or change `model` in \
                     `[tissue]`";
         return Some((format!("it has needles, and {why}"), help));
     }
     if !scene.touching.is_empty() && scene.needles.is_empty() {
-        let help = "leave `[[tissue_contact]]` out, or take `linear` tissue";
+        let help = "leave `[[tissue_contact]]` out, or take `linear`, `corotational` or `hyperelastic` tissue";
         return Some((
-            "it has tissues that touch, which only linear and corotational tissue take".to_owned(),
+            "it has tissues that touch, which only tissue with rows takes".to_owned(),
             help,
         ));
     }
     if let Some(tool) = scene.tools.iter().find(|tool| !tool.shape.is_smooth()) {
-        let help = "leave `friction` out, or take `linear`, `corotational` or `hyperelastic` tissue";
+        let help =
+            "leave `friction` out, or take `linear`, `corotational` or `hyperelastic` tissue";
         let reason = format!("tool {} rubs, and to this model tools stick", tool.id);
         return Some((reason, help));
     }
