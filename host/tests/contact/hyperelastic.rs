@@ -192,10 +192,11 @@ fn the_force_is_the_slope_of_the_stored_energy() {
 /// The ball hangs off the grip, so that turning the grip moves it.
 const OFFSET: [f64; 3] = [0.01, -0.02, 0.015];
 
-/// The grip with the ball so deep, moved and turned by `by` \[m, rad\].
-fn aslant(depth_m: f64, by: &Vector6<f64>) -> ToolSample {
+/// The grip with the ball so deep and so far aside, moved and turned by `by` \[m, rad\].
+fn aslant((depth_m, aside_m): (f64, f64), by: &Vector6<f64>) -> ToolSample {
     let rotation = UnitQuaternion::from_scaled_axis(Vector3::new(0.3, -0.2, 0.5));
-    let centre = Vector3::from(pressed(depth_m).position_m);
+    let aside = Vector3::new(-0.8, 0.6, 0.0) * aside_m;
+    let centre = Vector3::from(pressed(depth_m).position_m) + aside;
     let grip = centre - rotation * Vector3::from(OFFSET);
     let (shift, turn) = (by.fixed_rows::<3>(0), by.fixed_rows::<3>(3));
     let turn = UnitQuaternion::from_scaled_axis(turn.into_owned());
@@ -210,20 +211,28 @@ fn the_whole_tangent_is_that_of_whole_solves_or_says_how_far_it_may_be_off() {
     let scale = Matrix6::from_diagonal(&Vector6::from_fn(
         |i, _| if i < 3 { 1.0 } else { 1.0 / RADIUS },
     ));
-    for (friction, depth_m) in [(0.0, 0.003), (0.0, 0.007), (0.1, 0.005), (0.4, 0.005)] {
+    // Smooth at two depths; what rubs sticks, and slides.
+    for (friction, depth_m, aside_m) in [
+        (0.0, 0.003, 0.0),
+        (0.0, 0.007, 0.0),
+        (0.4, 0.003, 2e-4),
+        (0.2, 0.004, 6e-3),
+    ] {
         let tool = ball(OFFSET).with_friction(friction, friction);
         // To where the step begins whose end is moved: what rubs knows which way it came.
         let follow = |bench: &mut Bench| {
             let mut state = State::new(&bench.model);
-            for number in -1..5 {
-                let sample = aslant(0.2 * depth_m * f64::from(number), &Vector6::zeros());
-                let report = bench.step(&mut state, sample);
+            let down = (-1..=6).map(|part| (depth_m * f64::from(part) / 6.0, 0.0));
+            let along = (1..=8).map(|part| (depth_m, aside_m * f64::from(part) / 8.0));
+            for at in down.chain(along.filter(|_| aside_m > 0.0)) {
+                let report = bench.step(&mut state, aslant(at, &Vector6::zeros()));
                 assert_eq!(report.status, Status::Ok, "{report:?}");
             }
             state
         };
         let end = |bench: &mut Bench, start: &State, by: &Vector6<f64>| {
-            let report = bench.step(&mut start.clone(), aslant(depth_m, by));
+            let next_m = aside_m + if aside_m > 0.0 { 1e-4 } else { 0.0 };
+            let report = bench.step(&mut start.clone(), aslant((depth_m, next_m), by));
             assert_eq!(report.status, Status::Ok, "{report:?}");
             report
         };
@@ -249,7 +258,7 @@ fn the_whole_tangent_is_that_of_whole_solves_or_says_how_far_it_may_be_off() {
         };
         let fresh = error(&report);
         println!(
-            "friction {friction}, {depth_m} m, {} rows: fresh {fresh:.1e}, says {:.1e}",
+            "friction {friction}, {depth_m} m and {aside_m} m, {} rows: fresh {fresh:.1e}, says {:.1e}",
             report.rows, report.tangent_error
         );
         assert!(fresh < 1e-5, "{fresh:e}");
