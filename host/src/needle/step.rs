@@ -855,9 +855,9 @@ fn look_ahead(
     left: usize,
 ) -> u32 {
     let (body, linear) = (&model.body, model.body.is_linear());
-    // The next factor would make them void, and where none is renewed beside the steps it comes at once: of hyperelastic
-    // tissue with the first touch.
-    let lasts = matches!(body, Body::Hyperelastic { .. }) && state.tools.contacts.is_empty();
+    // The next factor would make them void, and where none is renewed beside the steps it comes at once: but of
+    // hyperelastic tissue, whose factor lasts for some steps.
+    let lasts = matches!(body, Body::Hyperelastic { .. });
     if !linear && !lasts && !work.system.columns().renews() {
         return 0;
     }
@@ -891,7 +891,7 @@ fn look_ahead(
     // It can have them from the start.
     system.wish(next_nodes);
     // Until then the first touch is foretold by this one.
-    if state.tools.contacts.is_empty() {
+    if lasts || state.tools.contacts.is_empty() {
         return system.compute_ahead(body, &state.grasp, next_nodes, left.min(MOST_AHEAD));
     }
     0
