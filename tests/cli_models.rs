@@ -1,7 +1,7 @@
 //! `sutura run` on other tissue models, and the choice among them, from the command line.
 #![allow(clippy::unwrap_used, reason = "tests")]
 
-use crate::support::{Ran, sutura};
+use crate::support::{Ran, root, sutura};
 use serde_json::Value;
 use std::path::{Path, PathBuf};
 use tempfile::TempDir;
@@ -130,14 +130,16 @@ fn what_a_model_does_not_take_is_refused_with_the_reason() {
         (
             sutura(&[
                 "solve",
-                scene(&folder, "model = \"hyperelastic\"").to_str().unwrap(),
+                scene(&folder, "model = \"shape-matching\"")
+                    .to_str()
+                    .unwrap(),
                 "--out",
                 folder.path().join("a.vtu").to_str().unwrap(),
             ]),
             ["runs in sessions only", "sutura run", ""],
         ),
     ] {
-        assert_eq!(ran.code, 2, "{}{}", ran.stdout, ran.stderr);
+        assert_eq!(ran.code, 2, "{said:?}: {}{}", ran.stdout, ran.stderr);
         for words in said {
             assert!(
                 ran.stderr.contains(words),
@@ -181,17 +183,23 @@ fn a_budget_takes_the_best_that_holds_it_or_the_fastest() {
         least < 1e-3,
         "the reference's own law is among them: {chosen}"
     );
-    // Pressed by little, laws are alike in force and in form.
-    let laws = ["linear", "corotational", "hyperelastic", "energy-balance"];
+    // Pressed by little, laws are alike in force and in form. What tools stick to has another contact, and no figure.
+    let laws = ["linear", "corotational", "hyperelastic"];
     for row in candidates {
-        let model = row["model"].as_str().unwrap();
+        let is_law = laws.contains(&row["model"].as_str().unwrap());
         for key in ["error", "displacement_error"] {
-            let is_law = laws.iter().any(|law| model.starts_with(law));
-            let error = row[key].as_f64().filter(|_| is_law);
+            let error = row[key].as_f64();
+            assert_eq!(error.is_some(), is_law, "{key} of {row}");
             assert!(error.is_none_or(|error| error < 0.3), "{key} of {row}");
         }
+        let note = row["note"].as_str().unwrap();
+        assert_eq!(note.contains("stick"), !is_law, "{row}");
+        assert_eq!(row["step_us"].is_null(), !is_law, "{row}");
     }
-    assert!(ran.stderr.contains("taken: --tissue"), "{}", ran.stderr);
+    assert_eq!(chosen["contact"], "frictionless");
+    for words in ["taken: --tissue", "contact without friction"] {
+        assert!(ran.stderr.contains(words), "{}", ran.stderr);
+    }
 
     // Also without `auto`, as the model is not fixed on the line.
     let linear = scene(&folder, "");
@@ -225,9 +233,9 @@ fn a_budget_takes_the_best_that_holds_it_or_the_fastest() {
     assert!(summary(&ran)["chosen"].is_null());
 }
 
-/// What is taken has the scene's own settings, and a replay of the recording has them too.
+/// A scene whose tool rubs is compared with its friction; what is taken is what the line names, and a replay has it too.
 #[test]
-fn auto_keeps_the_scenes_settings_of_what_it_takes() {
+fn what_auto_takes_is_what_the_line_names_and_replays() {
     let folder = TempDir::new().unwrap();
     let own = scene(&folder, "model = \"corotational\"");
     // A tongue, held at one end and pressed down at the other: it turns, and linear tissue grows as it does.
@@ -236,14 +244,13 @@ fn auto_keeps_the_scenes_settings_of_what_it_takes() {
         ("[0.06, 0.06, 0.03]", "[0.06, 0.02, 0.006]"),
         ("[6, 6, 3]", "[12, 4, 2]"),
         ("axis = \"z\"", "axis = \"x\""),
-        ("radius_m = 0.035", "radius_m = 0.01"),
+        ("radius_m = 0.035", "radius_m = 0.01\nfriction = 0.3"),
         ("[0.0, 0.0, 0.037]", "[0.022, 0.0, 0.012]"),
         ("[0.001, 0.0, 0.031]", "[0.022, 0.0, -0.01]"),
     ] {
         assert!(text.contains(slab), "{slab}");
         text = text.replace(slab, tongue);
     }
-    text.push_str("\n[tissue.corotational]\nrefactor_rotation_deg = 0.01\n");
     std::fs::write(&own, text).unwrap();
     let file = folder.path().join("a.mcap");
     let file = file.to_str().unwrap();
@@ -259,9 +266,10 @@ fn auto_keeps_the_scenes_settings_of_what_it_takes() {
     let ran = run(&own, &[&line[..], &more].concat());
     assert_eq!(ran.code, 0, "{}", ran.stderr);
     let taken = summary(&ran);
-    assert_eq!(taken["chosen"]["model"], "corotational", "{taken}");
-    let tissue = taken["chosen"]["setting"].as_str().unwrap();
-    let named = format!("corotational: {tissue}");
+    assert_eq!(taken["chosen"]["model"], "hyperelastic", "{taken}");
+    assert_eq!(taken["chosen"]["contact"], "coulomb", "{taken}");
+    let setting = taken["chosen"]["setting"].as_str().unwrap();
+    let named = format!("hyperelastic: {setting}");
     let ran = run(
         &own,
         &[
@@ -289,8 +297,77 @@ fn auto_has_the_hosts_period_and_gives_rows_if_asked() {
     let chosen = &summary["chosen"];
     assert_eq!(chosen["budget_ms"].as_f64(), Some(50.0));
     let model = chosen["model"].as_str().unwrap();
-    assert!(["linear", "corotational"].contains(&model), "{chosen}");
+    let with_rows = ["linear", "corotational", "hyperelastic"];
+    assert!(with_rows.contains(&model), "{chosen}");
     assert_eq!(summary["rendering"], "rows");
+}
+
+/// One law of contact for all three: for one and the same hand friction is the scene's, whichever tissue it rubs.
+#[test]
+fn the_law_of_contact_does_not_change_with_the_tissue() {
+    let folder = TempDir::new().unwrap();
+    let path = folder.path().join("drag.toml");
+    let drag = std::fs::read_to_string(root().join("scenes/drag.toml")).unwrap();
+    let drag = drag
+        .replace("[20, 13, 7]", "[10, 7, 4]")
+        .replace("host_hz = 200.0", "host_hz = 60.0");
+    for friction in ["friction = 0.3", "friction = 0.0"] {
+        let text = drag
+            .replace("static_friction = 0.4", "")
+            .replace("friction = 0.3", friction);
+        std::fs::write(&path, text).unwrap();
+        let peaks = ["linear", "corotational", "hyperelastic"].map(|tissue| {
+            let ran = run(&path, &["--tissue", tissue]);
+            assert_eq!(ran.code, 0, "{}", ran.stderr);
+            let summary = summary(&ran);
+            assert_eq!(summary["rendering"], "rows", "{tissue}");
+            assert_eq!(summary["decays"], 0, "{tissue}");
+            let frames = &summary["frames"];
+            assert_eq!(frames["rejected"], 0, "{tissue}: {frames}");
+            summary["force_n"]["peak"].as_f64().unwrap()
+        });
+        println!("{friction}: {peaks:?} N");
+        let [linear, ..] = peaks;
+        for peak in peaks {
+            assert!((peak / linear - 1.0).abs() < 0.25, "{peaks:?} N");
+        }
+    }
+}
+
+/// The palpation scene's hand on hyperelastic tissue: each step in contact is rendered, twice the same, and nothing decays.
+#[test]
+fn palpation_of_hyperelastic_tissue_runs_in_lockstep() {
+    let folder = TempDir::new().unwrap();
+    let path = folder.path().join("palpation.toml");
+    let text = std::fs::read_to_string(root().join("scenes/palpation.toml")).unwrap();
+    let text = text
+        .replace("[20, 20, 8]", "[10, 10, 4]")
+        .replace("model = \"linear\"", "model = \"hyperelastic\"");
+    std::fs::write(&path, text).unwrap();
+    let again = [(); 2].map(|()| {
+        let ran = run(&path, &["--host-hz", "60"]);
+        assert_eq!(ran.code, 0, "{}", ran.stderr);
+        summary(&ran)
+    });
+    let [summary, second] = again;
+    assert_eq!(summary["trace_hash"], second["trace_hash"]);
+    assert_eq!(summary["decays"], 0);
+    assert_eq!(summary["steps_withheld"], serde_json::json!({}));
+    assert_eq!(summary["frames"]["rejected"], 0);
+    // The tissue without friction lets the sphere slip where it would stick.
+    let peak = summary["force_n"]["peak"].as_f64().unwrap();
+    assert!((3.0..4.5).contains(&peak), "{peak} N");
+    assert!(summary["energy_j"]["min"].as_f64().unwrap() > -1e-3);
+
+    // And at rest, where the scene holds the tool.
+    let file = folder.path().join("a.json");
+    let (path, file) = (path.to_str().unwrap(), file.to_str().unwrap());
+    let ran = sutura(&["solve", path, "--out", file, "--format", "json"]);
+    assert_eq!(ran.code, 0, "{}", ran.stderr);
+    let solved: Value = serde_json::from_str(&ran.stdout).unwrap();
+    assert!(solved["residual"].as_f64().unwrap() < 1e-8, "{solved}");
+    let force = solved["tools"][0]["force_n"][2].as_f64().unwrap();
+    assert!((-3.6..-3.1).contains(&force), "{force} N");
 }
 
 /// No reference has needles: linear tissue is taken, and the reason said.

@@ -66,8 +66,12 @@ pub fn settle(args: &RunArgs, scene: &mut Scene, plan: &Plan) -> Result<Option<C
     })?;
     scene.tissue = tissue.instead_of(scene.tissue);
     note!(
-        "a step may take {budget_ms:.3} ms; {} models and settings were measured in {calibration_s:.1} s:",
-        candidates.len()
+        "a step may take {budget_ms:.3} ms; {} models and settings were compared under one law, {}, in {calibration_s:.1} s:",
+        candidates
+            .iter()
+            .filter(|each| each.step_us.is_some())
+            .count(),
+        scene.contact_law().words()
     );
     table(&candidates, taken);
     if holds_budget {
@@ -84,6 +88,7 @@ pub fn settle(args: &RunArgs, scene: &mut Scene, plan: &Plan) -> Result<Option<C
         setting: best.setting,
         step_us: best.step_us,
         error: best.error,
+        contact: scene.contact_law(),
         budget_ms,
         holds_budget,
         calibration_s,

@@ -42,20 +42,20 @@ pub struct RunArgs {
     /// Length of the session by the console's clock [s]; the scene's when left out.
     #[arg(long, value_name = "S", value_parser = seconds)]
     pub seconds: Option<f64>,
-    /// Tissue model, in place of the scene's: `linear`, `corotational` with the scene's `[tissue.corotational]`, or one that tools
-    /// stick to, such as `hyperelastic` (which takes needles, too) or `shape-matching`, also with a setting:
-    /// `"shape-matching: 4 rings"`; `auto` measures and chooses.
+    /// Tissue model, in place of the scene's: `linear`, `corotational` with the scene's `[tissue.corotational]`, `hyperelastic`, or
+    /// one that tools stick to, such as `shape-matching`, also with a setting: `"shape-matching: 4 rings"`; `auto` measures and
+    /// chooses.
     #[arg(long, value_name = "NAME", value_parser = Tissue::named)]
     pub tissue: Option<Tissue>,
     /// Solver steps a second, 14 to 1000 [Hz]; the scene's when left out.
     #[arg(long, value_name = "HZ", value_parser = host_rate)]
     pub host_hz: Option<f64>,
-    /// What the console is given to render from, on lines fast enough for it; when left out, rows of linear and
-    /// corotational tissue, else the tangent.
+    /// What the console is given to render from, on lines fast enough for it; when left out, rows of linear, corotational and
+    /// hyperelastic tissue, else the tangent.
     #[arg(long, value_name = "R")]
     pub rendering: Option<Rendering>,
-    /// What a solver step may take [ms]: without --tissue the most accurate model that does so here is taken, by measurement
-    /// before the session. Ends with code 7 if one step in a hundred took longer.
+    /// What a solver step may take [ms]: without --tissue the most accurate model that does so here is taken, of those with the
+    /// scene's contact law, by measurement before the session. Ends with code 7 if one step in a hundred took longer.
     #[arg(long, value_name = "B", value_parser = positive)]
     pub budget_ms: Option<f64>,
     /// Steps host and virtual console tick by tick instead of in real time: two runs give one trace.

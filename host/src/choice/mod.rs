@@ -1,4 +1,5 @@
-//! Which tissue model, with which setting, a session takes: the most accurate one that holds its budget here.
+//! Which tissue model, with which setting, a session takes: the most accurate one that holds its budget here, among those
+//! that have the scene's own contact law.
 //!
 //! Entry points: [`measure`] for what each costs and how far off it is, [`choose`] for the choice, which is a function of
 //! that alone.
@@ -8,7 +9,7 @@ mod way;
 
 pub use measure::{Asked, measure};
 
-use crate::scene::Tissue;
+use crate::scene::{ContactLaw, Tissue};
 use serde::Serialize;
 
 /// Share of the budget that a measured step may take: a session's machine has more to do than a calibration's.
@@ -26,8 +27,8 @@ pub struct Candidate {
     /// Median and slowest hundredth of the steps in contact \[us\], each the fastest of the repetitions; none if it was not run,
     /// or fails.
     pub step_us: Option<StepUs>,
-    /// Force on the tool against the reference: root of the mean square over the press, over the largest; none if it was not
-    /// compared.
+    /// Force on the tool against the reference's under the same contact law: root of the mean square over the press, over the
+    /// largest; none if it was not compared.
     pub error: Option<f64>,
     /// Displacement of all nodes against the reference's: root of the mean square, over that of the reference.
     pub displacement_error: Option<f64>,
@@ -55,6 +56,8 @@ pub struct Chosen {
     pub step_us: Option<StepUs>,
     /// Its error, as [`Candidate::error`].
     pub error: Option<f64>,
+    /// How tools touch, with every candidate: what has another contact law is none.
+    pub contact: ContactLaw,
     /// What a step may take \[ms\].
     pub budget_ms: f64,
     /// Whether its measured steps do, with [`SAFE_SHARE`] to spare.

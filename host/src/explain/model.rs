@@ -37,8 +37,8 @@ pub(super) fn explain(scene: &Scene, model: Registered) -> Result<Vec<Component>
             continue;
         };
         for _ in 0..MOST_WAY_STEPS {
-            let (status, ..) = solver.step(on_path(id, start));
-            if status == Status::Ok || began.elapsed() > LONGEST {
+            let report = solver.step(on_path(id, start));
+            if report.status == Status::Ok || began.elapsed() > LONGEST {
                 break;
             }
         }
@@ -47,8 +47,9 @@ pub(super) fn explain(scene: &Scene, model: Registered) -> Result<Vec<Component>
                 break;
             }
             let ((status, nodes), took) = timed(|| {
-                let (status, contacts, _) = solver.step(on_path(id, at));
-                (status, contacts.first().map_or(0, |contact| contact.rows))
+                let report = solver.step(on_path(id, at));
+                let own = report.contacts().first();
+                (report.status, own.map_or(0, |contact| contact.rows))
             });
             if status == Status::Ok && nodes > 0 {
                 touching.push(took);

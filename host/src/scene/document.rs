@@ -35,8 +35,7 @@ pub enum SceneError {
     /// A model that has no solver but that of sessions.
     #[error("{model} tissue runs in sessions only: it has no rows and no solve at rest")]
     #[diagnostic(help(
-        "`sutura run` takes it; here give `--tissue linear` or `--tissue corotational` where the command has it, or \
-         change `model` in `[tissue]`"
+        "`sutura run` takes it; here change `model` in `[tissue]` to `linear`, `corotational` or `hyperelastic`"
     ))]
     OnlySessions {
         /// The model.

@@ -183,10 +183,10 @@ pub enum TissueModel {
     Linear,
     /// Linear elasticity that turns with each element: large rotations, small strains.
     Corotational,
-    /// Neo-Hookean finite elements in balance by Newton's method; sessions only, as all that follow, but for scenes with
-    /// needles.
+    /// Neo-Hookean finite elements in balance by Newton's method.
     Hyperelastic,
-    /// Neo-Hookean cells whose energies balance at the nodes, without a matrix.
+    /// Neo-Hookean cells whose energies balance at the nodes, without a matrix; sessions only, and tools stick to it, as to all
+    /// that follow.
     EnergyBalanceNeoHookean,
     /// St Venant-Kirchhoff cells whose energies balance at the nodes, without a matrix.
     EnergyBalanceStvk,

@@ -29,7 +29,7 @@ pub use read::LONGEST_S;
 pub use region::Region;
 pub use schema::schema;
 pub use threads::{Thread, ThreadHeld, Tighten};
-pub use tissue::{DENSITY_KG_PER_M3, Registered, Tissue, models};
+pub use tissue::{ContactLaw, DENSITY_KG_PER_M3, Registered, Tissue, models};
 pub use touching::TissueContact;
 pub use way::{OnWay, Way, WayStop};
 
@@ -221,8 +221,7 @@ impl Scene {
     /// # Errors
     /// [`SceneError::Build`]: tissue that is not held against rigid motion, handles that conflict, too many
     /// tools; corotational tissue without a balance under its loads; quadratic cells with needles; tissues that touch and find
-    /// no rest. [`SceneError::OnlySessions`] for a model that tools stick to: any of the registry's but `hyperelastic` with
-    /// needles.
+    /// no rest. [`SceneError::OnlySessions`] for a model that tools stick to: any without [`Registered::has_rows`].
     pub fn build(&self) -> Result<(Model, State, Workspace), SceneError> {
         let tools: Vec<_> = self
             .tools

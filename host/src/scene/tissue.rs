@@ -7,6 +7,7 @@ use crate::mesh::TetMesh;
 use crate::session::Rendering;
 use crate::tradeoff::cases::Substance;
 use crate::tradeoff::registry::{Body, Entry, Setting, entries, entry, hyperelastic_setting};
+use serde::Serialize;
 use std::fmt;
 use sutura_models::hyperelastic::Cells;
 
@@ -20,7 +21,8 @@ pub enum Tissue {
     Linear,
     /// Linear elasticity that turns with each element, and how closely it is followed.
     Corotational(Corotational),
-    /// One of the models that tools stick to: sessions only. But hyperelastic tissue has rows for needles.
+    /// One of the registry's models. Hyperelastic tissue has rows, on cells with the mesh's own nodes; to all others tools
+    /// stick, in sessions only.
     Registered(Registered),
     /// What holds the session's budget, by measurement before it begins; linear where there is no session.
     Auto,
@@ -32,6 +34,29 @@ pub struct Registered {
     name: &'static str,
     /// None: the usual one, because none was named.
     setting: Option<usize>,
+}
+
+/// How tools touch tissue.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum ContactLaw {
+    /// They push along the normal only.
+    Frictionless,
+    /// They rub, each with its own coefficients.
+    Coulomb,
+    /// What they touch stays where they touched it, until they would have to pull.
+    Sticking,
+}
+
+impl ContactLaw {
+    /// In words.
+    pub fn words(self) -> &'static str {
+        match self {
+            ContactLaw::Frictionless => "contact without friction",
+            ContactLaw::Coulomb => "contact with Coulomb friction",
+            ContactLaw::Sticking => "contact that sticks",
+        }
+    }
 }
 
 impl Tissue {
@@ -85,10 +110,12 @@ impl Tissue {
         }
     }
 
-    /// Whether contacts on it can be reduced to rows, which need its compliance. A scene with needles has them on
-    /// hyperelastic tissue, too: [`Scene::has_rows`].
+    /// Whether it has the compliance that rows need: tools press it with or without friction, and do not stick.
     pub fn has_rows(self) -> bool {
-        !matches!(self, Tissue::Registered(_))
+        match self {
+            Tissue::Linear | Tissue::Corotational(_) | Tissue::Auto => true,
+            Tissue::Registered(model) => model.has_rows(),
+        }
     }
 
     /// What a session renders from if nobody says.
@@ -204,6 +231,12 @@ impl Registered {
         (setting.build)(body, mesh)
     }
 
+    /// Whether it has the compliance that rows need. Quadratic cells have nodes that the mesh does not have.
+    pub fn has_rows(self) -> bool {
+        self.hyperelastic()
+            .is_some_and(|(cells, _)| cells != Cells::Quadratic)
+    }
+
     /// Cells, and the share of the forces that may be left out of balance, of hyperelastic tissue.
     pub(crate) fn hyperelastic(self) -> Option<(Cells, f64)> {
         (self.name == "hyperelastic").then(|| hyperelastic_setting(&self.setting()))?
@@ -238,22 +271,23 @@ impl Scene {
         forces
     }
 
-    /// Whether contacts can be reduced to rows. Needles always have them: [`crate::session::TissueSolver`] steps what
-    /// has, [`crate::session::ModelSolver`] all else.
+    /// Whether contacts are rows: [`crate::session::TissueSolver`] steps what has, [`crate::session::ModelSolver`] all else.
     pub fn has_rows(&self) -> bool {
-        let with_needles = match self.tissue {
-            Tissue::Registered(model) if !self.needles.is_empty() => model.hyperelastic(),
-            _ => None,
-        };
-        self.tissue.has_rows() || with_needles.is_some()
+        self.tissue.has_rows()
     }
 
     /// What a session renders from if nobody says.
     pub fn usual_rendering(&self) -> Rendering {
-        if self.has_rows() {
-            Rendering::Rows
-        } else {
-            Rendering::Tangent
+        self.tissue.usual_rendering()
+    }
+
+    /// How tools touch its tissue.
+    pub fn contact_law(&self) -> ContactLaw {
+        let rubs = |tool: &super::Tool| !tool.shape.is_smooth();
+        match self.has_rows() {
+            false => ContactLaw::Sticking,
+            true if self.tools.iter().any(rubs) => ContactLaw::Coulomb,
+            true => ContactLaw::Frictionless,
         }
     }
 

@@ -1,7 +1,7 @@
 //! Any tissue model behind [`Solve`]: tools stick to it, and what holds it back is what they feel.
 //!
-//! Entry point: [`ModelSolver::new`]. For models that are neither linear nor corotational: those have rows, and
-//! [`TissueSolver`](super::TissueSolver).
+//! Entry point: [`ModelSolver::new`]. For models without the compliance that rows need; those that have it go with
+//! [`TissueSolver`](super::TissueSolver), whose tools slip.
 
 use super::sticking::{Sticking, Tools, Touched};
 use super::{Looked, Rendering, SceneSolver, Solve, Solved, reach_m};
@@ -14,7 +14,7 @@ use crate::model::check_tools;
 use crate::scene::{Registered, Scene, SceneError};
 use crate::script::{Script, at_rest};
 use crate::solve::{SolveError, outside};
-use crate::step::{Stages, Status, ToolContact};
+use crate::step::{Status, StepReport, ToolContact};
 use crate::tool::{MAX_TOOLS, Placement, Shape, Tool, ToolSample};
 use crate::tradeoff::registry;
 use nalgebra::Vector3;
@@ -78,7 +78,10 @@ pub struct ModelSolver {
     piece_s: f64,
     began_us: Option<u64>,
     last_us: u64,
-    contacts: Vec<ToolContact>,
+    /// The newest step that found a balance.
+    last_good: StepReport,
+    /// Of the last tangent.
+    tangent_error: f64,
     /// Of the last balance: elastic energy \[J\], force out of balance as a share, and the error of what holds the nodes.
     energy_j: f64,
     residual: f64,
@@ -165,7 +168,8 @@ impl ModelSolver {
             piece_s: 1.0 / host_hz,
             began_us: None,
             last_us: 0,
-            contacts: vec![ToolContact::default(); script.samples().len()],
+            last_good: StepReport::default(),
+            tangent_error: 0.0,
             script,
             energy_j: 0.0,
             residual: 0.0,
@@ -251,20 +255,9 @@ impl ModelSolver {
         self.tissue.positions_m()
     }
 
-    /// What the last balance held, as a drive has it, and which of these the driven tool holds and presses.
-    pub(crate) fn held(&mut self) -> (&[(u32, [f64; 3])], &[usize]) {
-        let driven = self.driven();
-        let index = self.shapes.iter().position(|(id, _)| Some(*id) == driven);
-        self.pressing.clear();
-        if let Some(index) = index {
-            self.sticking.pressing(index, &mut self.pressing);
-        }
-        (self.sticking.drive(&[]).held, &self.pressing)
-    }
-
     /// Steps with the driven tool where `sample` is, and all else where the scripts have it at its time. Where the status is
     /// `Ok` there is a contact for each tool, the driven one's first.
-    pub fn step(&mut self, sample: ToolSample) -> (Status, &[ToolContact], Stages) {
+    pub fn step(&mut self, sample: ToolSample) -> StepReport {
         let now_us = sample.console_time_us;
         let began_us = *self.began_us.get_or_insert(now_us);
         let step_s = match now_us.saturating_sub(self.last_us) {
@@ -273,7 +266,7 @@ impl ModelSolver {
             us => (1e-6 * us as f64).min(LONGEST_STEP_S),
         };
         self.last_us = now_us;
-        let mut stages = Stages::default();
+        let mut report = StepReport::default();
         let mut clock = Clock::start();
         self.script
             .tools_at(1e-6 * now_us.saturating_sub(began_us) as f64, sample);
@@ -295,12 +288,16 @@ impl ModelSolver {
             Status::Ok if self.touched => self.tally.force_error.max(self.force_error),
             _ => self.tally.force_error,
         };
-        clock.lap(&mut stages.tissue_ns);
+        clock.lap(&mut report.stages.tissue_ns);
+        report.status = status;
+        report.imbalance = self.residual;
+        report.stored_energy_j = self.energy_j;
         if status == Status::Ok {
-            self.reduce(&samples[..count]);
+            self.reduce(&samples[..count], &mut report);
+            self.last_good = report;
         }
-        clock.lap(&mut stages.reduce_ns);
-        (status, &self.contacts, stages)
+        clock.lap(&mut report.stages.reduce_ns);
+        report
     }
 
     /// Moves the tools there, in pieces that are short against their shapes.
@@ -480,14 +477,11 @@ impl ModelSolver {
     }
 
     /// What each tool feels.
-    fn reduce(&mut self, samples: &[ToolSample]) {
-        for (slot, sample) in samples.iter().enumerate() {
-            let mut contact = ToolContact {
-                id: sample.id,
-                gap_m: f64::MAX,
-                normal: [0.0, 0.0, 1.0],
-                ..ToolContact::default()
-            };
+    fn reduce(&mut self, samples: &[ToolSample], report: &mut StepReport) {
+        self.tangent_error = 0.0;
+        let contacts = report.contacts_mut(samples.len());
+        for (slot, (sample, place)) in samples.iter().zip(contacts).enumerate() {
+            let mut contact = ToolContact::nowhere(sample.id);
             let index = self.shapes.iter().position(|(id, _)| *id == sample.id);
             let solid = index.and_then(|index| Some((index, self.tools[index]?.1)));
             if let Some((index, solid)) = solid {
@@ -495,10 +489,10 @@ impl ModelSolver {
                 let drives = slot == 0 && self.script.driven().is_some();
                 self.feel(&mut contact, sample, &solid, drives.then_some(self.piece_s));
             }
-            if let Some(place) = self.contacts.get_mut(slot) {
-                *place = contact;
-            }
+            *place = contact;
         }
+        report.rows = report.contacts().iter().map(|contact| contact.rows).sum();
+        report.tangent_error = self.tangent_error;
     }
 
     /// Contact of the tool whose rows are at hand, with the tangent of a piece of that length if one is wanted.
@@ -550,6 +544,7 @@ impl ModelSolver {
         if let Some(tangent) = self.tissue.tangent(&drive, &self.pressing, step_s) {
             tally.tangents += 1;
             tally.tangent_error = tally.tangent_error.max(tangent.error);
+            self.tangent_error = tangent.error;
             // What is less sure of its force is less sure of how that changes.
             let confidence = (1.0 - self.force_error).max(0.0);
             contact.tangent = touched
@@ -605,27 +600,26 @@ impl ModelSolver {
 impl Solve for ModelSolver {
     fn solve(&mut self, state: &Valid<State>) -> Solved {
         let sample = self.sample(state);
-        let (status, contact, stages) = match sample {
-            Some(sample) => {
-                let (status, contacts, stages) = self.step(sample);
-                (status, contacts.first().copied(), stages)
-            }
+        let report = match sample {
+            Some(sample) => self.step(sample),
             // Nothing touches: as linear tissue, which sends nothing either.
             None => {
                 (self.touched, self.unfinished) = (false, false);
-                (Status::UnknownTool, None, Stages::default())
+                let mut report = StepReport::default();
+                report.status = Status::UnknownTool;
+                report
             }
         };
         Solved {
             position_m: state.body().position_m,
-            contact: contact.filter(|_| status == Status::Ok),
+            contact: report.contacts().first().copied(),
             rows: None,
             needle: None,
             thread: None,
-            status,
+            status: report.status,
             touched: self.touched,
             unfinished: self.unfinished,
-            stages,
+            stages: report.stages,
             looked: Looked::default(),
         }
     }
@@ -633,7 +627,8 @@ impl Solve for ModelSolver {
     fn scene(&self) -> Map<String, Value> {
         let tally = &self.tally;
         let others = self
-            .contacts
+            .last_good
+            .contacts()
             .iter()
             .skip(usize::from(self.driven().is_some()));
         let held: Vec<Value> = others
@@ -693,20 +688,21 @@ fn refused(scene: &Scene, entry: &registry::Entry) -> Option<(String, &'static s
     if !scene.needles.is_empty() {
         let why = entry
             .refuses_needles
-            .unwrap_or("tools stick to tissue here: needles have rows, in another solver");
+            .unwrap_or("its cells have nodes that the mesh does not have: needles go with linear or averaged cells");
         let help = "give `--tissue linear`, `--tissue corotational` or `--tissue hyperelastic`, or change `model` in \
                     `[tissue]`";
         return Some((format!("it has needles, and {why}"), help));
     }
     if !scene.touching.is_empty() && scene.needles.is_empty() {
-        let help = "leave `[[tissue_contact]]` out, or take `linear` tissue";
+        let help = "leave `[[tissue_contact]]` out, or take `linear`, `corotational` or `hyperelastic` tissue";
         return Some((
-            "it has tissues that touch, which only linear and corotational tissue take".to_owned(),
+            "it has tissues that touch, which only tissue with rows takes".to_owned(),
             help,
         ));
     }
     if let Some(tool) = scene.tools.iter().find(|tool| !tool.shape.is_smooth()) {
-        let help = "leave `friction` out, or take `linear` or `corotational` tissue";
+        let help =
+            "leave `friction` out, or take `linear`, `corotational` or `hyperelastic` tissue";
         let reason = format!("tool {} rubs, and to this model tools stick", tool.id);
         return Some((reason, help));
     }

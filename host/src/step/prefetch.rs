@@ -3,6 +3,7 @@
 //! Entry points: [`near_tools`], [`near_tips`].
 
 use super::balance::{Balance, BalanceWork};
+use crate::body::Body;
 use crate::source::tool::NEAR;
 
 /// Vertices whose columns a step computes for a touch to come, where a renewed factor makes them void.
@@ -13,8 +14,11 @@ const PREFETCHED: usize = 2;
 /// Columns of the vertices that tools, which come `reach_m` \[m\] farther, are nearest to.
 pub(super) fn near_tools(balance: &mut Balance, reach_m: f64) {
     let (body, linear) = (balance.body, balance.body.is_linear());
-    // The next factor would make them void, and where none is renewed beside the steps it comes at once.
-    if balance.sources.tools.is_empty() || !(linear || balance.work.system.columns().renews()) {
+    // The next factor would make them void, and where none is renewed beside the steps it comes at once: but of
+    // hyperelastic tissue, whose factor lasts for some steps.
+    let lasts = matches!(body, Body::Hyperelastic { .. });
+    let is_used = linear || lasts || balance.work.system.columns().renews();
+    if balance.sources.tools.is_empty() || !is_used {
         return;
     }
     find_next(balance, reach_m);
@@ -30,7 +34,11 @@ pub(super) fn near_tools(balance: &mut Balance, reach_m: f64) {
     } else {
         // It can have them from the start; until then the first touch is foretold by this one.
         system.wish(next);
-        let most = if is_apart { left.min(MOST_AHEAD) } else { 0 };
+        let most = if lasts || is_apart {
+            left.min(MOST_AHEAD)
+        } else {
+            0
+        };
         system.compute_ahead(body, grasp, next, most)
     };
     balance.report.columns_computed += 3 * computed;

@@ -69,7 +69,7 @@ pub struct ToolContact {
 
 impl ToolContact {
     /// Of a tool that touches nothing, and is near nothing.
-    pub(super) fn nowhere(id: u8) -> Self {
+    pub(crate) fn nowhere(id: u8) -> Self {
         Self {
             id,
             gap_m: f64::MAX,

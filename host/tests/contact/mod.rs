@@ -4,6 +4,7 @@ mod balance;
 mod bench;
 mod corotational;
 mod friction;
+mod hyperelastic;
 mod jacobian;
 mod poses;
 mod punch;
