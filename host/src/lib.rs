@@ -20,6 +20,7 @@ pub mod model;
 pub mod needle;
 pub mod output;
 pub mod recording;
+pub mod registry;
 mod renewal;
 pub mod rows;
 pub mod scene;

@@ -4,7 +4,7 @@ use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 use serde::Serialize;
 
 /// Most tools in one model: two hands, each with a tool and a needle.
-pub const MAX_TOOLS: usize = 4;
+pub const MAX_TOOLS: usize = 8;
 
 /// Rounding of a punch's rim in its radii, unless said otherwise: a sharp rim would cut real tissue,
 /// and has no normal.

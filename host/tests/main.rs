@@ -10,6 +10,7 @@ mod fem_models;
 mod fidelity;
 mod half_faces;
 mod hyperelastic;
+mod layers;
 mod link_reconnect;
 mod needle;
 mod no_alloc;

@@ -32,6 +32,21 @@ pub struct Circling {
     rows: Vec<AnchorRow>,
 }
 
+/// A face and the one across its first edge, that edge's nodes first: itself where there is none, as beside a fixed node.
+fn neighbours(faces: &[[u32; 3]], home: usize) -> [[u32; 3]; 2] {
+    let [a, b, c] = faces[home];
+    let opposite = |face: &[u32; 3]| {
+        let on_edge = |node: &u32| [a, b].contains(node);
+        let count = face.iter().filter(|node| on_edge(node)).count();
+        face.iter()
+            .copied()
+            .find(|node| count == 2 && !on_edge(node))
+    };
+    let others = faces.iter().enumerate().filter(|(index, _)| *index != home);
+    let across = others.map(|(_, face)| face).find_map(opposite);
+    [[a, b, c], [a, b, across.unwrap_or(c)]]
+}
+
 impl Circling {
     /// `count` anchors on `mesh`, spread over the half of its boundary that is farthest from the nodes
     /// `fixed`, on circles of `scale` times [`RADIUS_M`]. `None` if it has not so many faces without
@@ -77,24 +92,7 @@ impl Circling {
             let farthest = (0..order.len()).max_by(|a, b| distance[*a].total_cmp(&distance[*b]))?;
             homes.push(order[farthest].1);
         }
-        let opposite = |face: &[u32; 3], edge: [u32; 2]| {
-            let on_edge = |node: &u32| edge.contains(node);
-            let count = face.iter().filter(|node| on_edge(node)).count();
-            face.iter()
-                .copied()
-                .find(|node| count == 2 && !on_edge(node))
-        };
-        let mut faces = Vec::with_capacity(count);
-        for home in homes {
-            let [a, b, c] = free[home];
-            let across = free
-                .iter()
-                .enumerate()
-                .filter(|(index, _)| *index != home)
-                .find_map(|(_, face)| opposite(face, [a, b]));
-            // Beside a fixed node there is none: such an anchor stays where it is.
-            faces.push([[a, b, c], [a, b, across.unwrap_or(c)]]);
-        }
+        let faces = homes.iter().map(|home| neighbours(&free, *home)).collect();
         let axes = (0..count)
             .map(|index| {
                 let angle = 2.4 * index as f64;

@@ -494,20 +494,7 @@ impl Balance<'_> {
                 }
                 Stop::Reached => None,
             };
-            let found = self.work.needles.path.crossings().len();
-            for index in known..found + usize::from(out.is_some()) {
-                let crossing = match out {
-                    Some(out) if index == found => out,
-                    _ => self.work.needles.path.crossings()[index],
-                };
-                let point = self.position_of(&anchor(&self.sources.mesh, &crossing));
-                let last = self.state.each[needle].history.crossings().last();
-                let least = last.map_or(0.0, |last| last.alpha);
-                let alpha = curve
-                    .project(&point, length)
-                    .clamp(least.min(length), length);
-                self.take_hold(needle, Crossing { alpha, ..crossing })?;
-            }
+            self.hold_found(needle, known, out, curve)?;
             if let Some(out) = out {
                 let state = &mut self.state.each[needle];
                 state.tip = Tip::Outside;
@@ -517,6 +504,32 @@ impl Balance<'_> {
                 break;
             }
             here = next;
+        }
+        Ok(())
+    }
+
+    /// The needle takes hold of what its tip's path has found beyond the first `known`, and of where it came out.
+    fn hold_found(
+        &mut self,
+        needle: usize,
+        known: usize,
+        out: Option<Crossing>,
+        curve: &Curve,
+    ) -> Result<(), Status> {
+        let length = curve.length;
+        let found = self.work.needles.path.crossings().len();
+        for index in known..found + usize::from(out.is_some()) {
+            let crossing = match out {
+                Some(out) if index == found => out,
+                _ => self.work.needles.path.crossings()[index],
+            };
+            let point = self.position_of(&anchor(&self.sources.mesh, &crossing));
+            let last = self.state.each[needle].history.crossings().last();
+            let least = last.map_or(0.0, |last| last.alpha);
+            let alpha = curve
+                .project(&point, length)
+                .clamp(least.min(length), length);
+            self.take_hold(needle, Crossing { alpha, ..crossing })?;
         }
         Ok(())
     }

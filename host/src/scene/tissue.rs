@@ -2,11 +2,11 @@
 //!
 //! Entry point: [`Tissue::named`]: `linear`, or `shape-matching: 4 rings` with one of the model's settings.
 
+use super::Rendering;
 use super::{Corotational, Scene, nearest};
 use crate::mesh::TetMesh;
-use crate::session::Rendering;
-use crate::tradeoff::cases::Substance;
-use crate::tradeoff::registry::{Body, Entry, Setting, entries, entry, hyperelastic_setting};
+use crate::registry::Substance;
+use crate::registry::{Body, Entry, Setting, entries, entry, hyperelastic_setting};
 use serde::Serialize;
 use std::fmt;
 use sutura_models::hyperelastic::Cells;
@@ -28,7 +28,7 @@ pub enum Tissue {
     Auto,
 }
 
-/// A model of the [registry](crate::tradeoff::registry) with one of its settings.
+/// A model of the [registry](crate::registry) with one of its settings.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Registered {
     name: &'static str,

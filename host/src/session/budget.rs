@@ -3,7 +3,6 @@
 //! Entry point: [`most_rows`]. The states of the console come first, then the contact, at the rate that the host was
 //! asked for; rows have what is left.
 
-use serde::{Deserialize, Serialize};
 use sutura_shared::wire::message::MAX_ROWS;
 use sutura_shared::wire::{MAX_CONTACT_FRAME, MAX_STATE_FRAME, frame_size};
 
@@ -16,29 +15,6 @@ const BODY: usize = 1 + 21 * 4 + 4 + 1 + 2;
 /// Fewer rows than these foresee less than the tangent, in which all of them are: of a contact of 20 vertices 16 rows are
 /// nearly as good as 24, and 8 are worse than none (`sutura fidelity --full --only "errors palpation rows"`).
 const LEAST_ROWS: usize = 12;
-
-/// What the console is given to render from.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-pub enum Rendering {
-    /// The contact's force alone.
-    Hold,
-    /// The contact with its tangent, and nothing else.
-    Tangent,
-    /// Besides, the contact's rows, as many as the line carries, and the states of needle and thread.
-    #[default]
-    Rows,
-}
-
-impl Rendering {
-    /// In one word.
-    pub fn word(self) -> &'static str {
-        match self {
-            Rendering::Hold => "hold",
-            Rendering::Tangent => "tangent",
-            Rendering::Rows => "rows",
-        }
-    }
-}
 
 /// Bytes of a frame with so many smooth rows.
 fn rows_frame_size(rows: usize) -> usize {

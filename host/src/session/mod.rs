@@ -5,6 +5,7 @@
 //! [`Summary`].
 
 mod budget;
+mod chosen;
 mod contact_frame;
 mod heard;
 mod horizon;
@@ -31,7 +32,9 @@ mod tally;
 mod thread_frame;
 mod tissue;
 
-pub use budget::{LINE_BYTES_PER_S, Rendering, most_rows};
+pub use crate::scene::Rendering;
+pub use budget::{LINE_BYTES_PER_S, most_rows};
+pub use chosen::{Candidate, Chosen, StepUs};
 pub use contact_frame::{contact_frame, pack_symmetric};
 pub use heard::{Fate, Underway};
 pub use horizon::Horizon;

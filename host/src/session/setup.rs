@@ -3,9 +3,10 @@
 //! Entry points: [`Plan`], [`Plan::opening_orders`]. The same orders go to every console; only a simulated
 //! one is also told which device it is and what its hand does.
 
-use super::budget::{Rendering, most_rows};
+use super::budget::most_rows;
 use super::horizon::LONGEST_US;
 use crate::link::{LinkError, Order};
+use crate::scene::Rendering;
 use serde::{Deserialize, Serialize};
 use sutura_shared::device::DeviceDescription;
 use sutura_shared::wire::faults;

@@ -74,7 +74,7 @@ impl Sticking {
             stuck: vec![None; nodes],
             before: vec![None; nodes],
             held: Vec::with_capacity(nodes),
-            rows: [room(), room(), room(), room()],
+            rows: std::array::from_fn(|_| room()),
             touchable,
             is_fixed,
         }

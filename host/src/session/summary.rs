@@ -2,10 +2,10 @@
 //!
 //! Entry point: [`Summary`]. Key names carry their units and are a contract with scripts: add, never rename.
 
+use super::Chosen;
 use super::overload::GivenUp;
 use super::tally::MOST_SPOILT;
 use super::{MachineLate, Scheduling};
-use crate::choice::Chosen;
 use serde::Serialize;
 use std::collections::BTreeMap;
 

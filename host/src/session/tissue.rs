@@ -475,23 +475,56 @@ impl TissueSolver {
         })
     }
 
-    /// What the contact is solved for: ahead of the state where tissue does not remember which way tools came.
+    /// Whether tissue remembers which way tools came.
+    fn remembers(&self) -> bool {
+        let rubs = self.model.tools().iter().any(|(_, tool)| !tool.is_smooth());
+        !self.needles.is_empty() || self.wound.is_some() || rubs
+    }
+
+    /// Whether what lies ahead of a tool that rubs is solved on a copy of the state: not in haste.
+    fn tries_ahead(&self) -> bool {
+        self.effort == Effort::Full && self.would_try_ahead()
+    }
+
+    /// The same if there is time for it: not where tissue is linearised anew by a step.
+    fn would_try_ahead(&self) -> bool {
+        let driven = self.driven().and_then(|driven| self.model.tool(driven));
+        let rubs = driven.is_some_and(|(_, tool)| !tool.is_grip() && !tool.is_smooth());
+        rubs && self.looks_ahead && self.tissue.word() == "linear"
+    }
+
+    /// What the contact is solved for: ahead of the state, or on it where tissue remembers which way tools came and nothing is
+    /// tried.
     fn goal(&mut self, state: &State, period_us: u64) -> Goal {
         let (position_m, velocity) = (state.position_m, state.velocity_m_per_s);
         let contact = self.last.contacts().first();
-        let rubs = self.model.tools().iter().any(|(_, tool)| !tool.is_smooth());
-        let remembers = !self.needles.is_empty() || self.wound.is_some() || rubs;
+        let stays = self.remembers() && !self.tries_ahead();
         let usual_s = self.lead.lead_s(
             state.contact_sequence,
             state.applied_age_us,
             period_us as f64 * 1e-6,
         );
         let lead_s = match contact {
-            Some(_) if !remembers => usual_s,
+            Some(_) if !stays => usual_s,
             _ => 0.0,
         };
         let normal = contact.map_or([0.0; 3], |contact| contact.normal);
         sideways(position_m, velocity, &normal, lead_s, self.ahead_s)
+    }
+
+    /// A step to `goal` on a copy of the state: what the console is to have of it, which the state does not keep. None if
+    /// there is no balance, or nothing lies ahead.
+    fn try_ahead(&mut self, goal: &Goal) -> Option<StepReport> {
+        let mut samples = self.script.samples().to_vec();
+        let driven = samples.first_mut()?;
+        let there = goal.position_m.map(f64::from);
+        if self.last.status != Status::Ok || driven.position_m == there {
+            return None;
+        }
+        driven.position_m = there;
+        let mut state = self.state.clone();
+        let report = step::step(&self.model, &mut state, &samples, &mut self.work);
+        (report.status == Status::Ok).then_some(report)
     }
 
     fn sample(&self, state: &Valid<State>) -> Option<ToolSample> {
@@ -616,7 +649,9 @@ impl Solve for TissueSolver {
         self.effort = effort;
         self.work.spares_rows = effort >= Effort::NoRows;
         let (needles, threads) = (&self.needles, &self.peak_tension_n);
-        let looks = !needles.is_empty() || (self.looks_ahead && !threads.is_empty());
+        let looks = !needles.is_empty()
+            || (self.looks_ahead && !threads.is_empty())
+            || self.would_try_ahead();
         Spared {
             looks: effort >= Effort::NoLooks && looks && self.tissue.word() == "linear",
             rows: effort >= Effort::NoRows && self.work.most_rows > 0,
@@ -650,12 +685,23 @@ impl Solve for TissueSolver {
         let mut stages = step::Stages::default();
         clock.lap(&mut stages.approach_ns);
         let period_us = before_us.map_or(0, |before| sample.console_time_us.saturating_sub(before));
-        let goal = self.goal(state.body(), period_us);
-        sample.position_m = goal.position_m.map(f64::from);
+        let mut goal = self.goal(state.body(), period_us);
+        let tries = self.tries_ahead();
+        if !tries {
+            sample.position_m = goal.position_m.map(f64::from);
+        }
         self.work.ahead_m = goal.ahead_m;
         let armed_anew = before_us.is_some_and(|before| is_armed_anew(before, &sample));
         let report = self.step_with(sample, armed_anew);
         let contact = report.contacts().first().copied();
+        let mut rows = self.rows();
+        let mut felt = contact;
+        if tries {
+            match self.try_ahead(&goal) {
+                Some(ahead) => (felt, rows) = (ahead.contacts().first().copied(), self.rows()),
+                None => goal.position_m = state.body().position_m,
+            }
+        }
         let mut needle = self.driven().and_then(|driven| in_grip(&report, driven));
         clock.lap(&mut 0);
         self.budget.stepped();
@@ -698,8 +744,8 @@ impl Solve for TissueSolver {
         };
         Solved {
             position_m: goal.position_m,
-            contact,
-            rows: self.rows(),
+            contact: felt,
+            rows,
             needle,
             thread,
             status: report.status,

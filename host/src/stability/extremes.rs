@@ -4,8 +4,8 @@
 
 use super::judge::{Course, LONGEST_STEP_S, Path, Verdict, difference, guarded};
 use crate::mesh::{TetMesh, slab};
-use crate::tradeoff::cases::Substance;
-use crate::tradeoff::registry::{Body, Entry};
+use crate::registry::Substance;
+use crate::registry::{Body, Entry};
 use nalgebra::{Rotation3, Vector3};
 use sutura_models::{Material, Tissue};
 
@@ -484,7 +484,7 @@ mod tests {
     /// What moves in time goes another way in steps of a second than in short ones, and that is seen.
     #[test]
     fn a_step_that_is_too_long_is_degraded() {
-        let entry = crate::tradeoff::registry::entry("shape-matching").expect("a model");
+        let entry = crate::registry::entry("shape-matching").expect("a model");
         let verdicts = [0.01, 1.0].map(|step_s| Block::new(&entry).time_step(step_s));
         assert_eq!(
             verdicts.map(|verdict| verdict.word()),

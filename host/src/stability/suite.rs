@@ -6,8 +6,8 @@ use super::extremes::trials;
 use super::judge::{Verdict, guarded};
 use super::{console, rows};
 use crate::fidelity::case::Scenes;
+use crate::registry;
 use crate::scene::SceneError;
-use crate::tradeoff::registry;
 use serde::Serialize;
 use sutura_shared::control::Rendering;
 

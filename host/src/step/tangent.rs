@@ -46,6 +46,18 @@ pub(crate) struct Moves<'a> {
     pub tool: Option<u32>,
 }
 
+impl Moves<'_> {
+    /// Points of the needles that move.
+    fn points(&self, balance: &Balance) -> impl Iterator<Item = Held> {
+        let points = balance.work.needles.points.iter().enumerate();
+        let own = points.filter(|(_, point)| (self.needle)(point.needle));
+        own.map(|(index, point)| {
+            let at = balance.position_of(&balance.work.set.anchors[index]);
+            held(balance, index, point, at)
+        })
+    }
+}
+
 /// An end of a thread that a tool holds, or the needle that it holds.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Pull {
@@ -240,8 +252,7 @@ impl TangentWork {
         moves: Moves,
         pulls: &[Option<Pull>],
     ) -> Matrix6<f64> {
-        let (work, grasp) = (&*balance.work, &balance.state.grasp);
-        let position = |index: usize| balance.position_of(&work.set.anchors[index]);
+        let work = &*balance.work;
         let n = work.count();
         let tool = |of: &(u32, Touched)| Some(of.0) == moves.tool;
         if n == 0 {
@@ -259,17 +270,32 @@ impl TangentWork {
         if nothing && pulls.iter().all(Option::is_none) {
             return Matrix6::zeros();
         }
-        let w = compliance(self.turns, work);
-        let points = || {
-            work.needles
-                .points
-                .iter()
-                .enumerate()
-                .filter(|(_, point)| (moves.needle)(point.needle))
-        };
-        let change = &mut self.change[..6 * n];
-        for (index, point) in points() {
-            let held = held(balance, index, point, position(index));
+        self.load_needles(balance, grip, &moves);
+        self.load_threads(balance, pulls);
+        self.load_rough(balance, grip, moves.tool);
+        let (matrix, change) = (&self.matrix[..n * n], &mut self.change[..6 * n]);
+        if self.symmetric {
+            self.dense.solve(matrix, n, change, 6);
+        } else {
+            self.lu.solve(matrix, n, change, 6);
+        }
+        let mut tangent = smooth.map_or_else(Matrix6::zeros, |smooth| {
+            let [moved, forces] = [&self.jacobian, &self.change];
+            smooth
+                + Matrix6::from_fn(|i, j| {
+                    product(&moved[n * i..n * (i + 1)], &forces[n * j..n * (j + 1)])
+                })
+        });
+        self.add_points(balance, grip, &moves, &mut tangent);
+        self.add_threads(n, pulls, &mut tangent);
+        tangent
+    }
+
+    /// Right-hand sides of what needles that move do to their rows.
+    fn load_needles(&mut self, balance: &Balance, grip: &Vector3<f64>, moves: &Moves) {
+        let n = balance.work.count();
+        let w = compliance(self.turns, balance.work);
+        for held in moves.points(balance) {
             for pose in 0..6 {
                 let (shift, turn) = unit(pose);
                 let moved = shift + turn.cross(&(held.on_needle - grip));
@@ -277,7 +303,7 @@ impl TangentWork {
                 for axis in 0..3 {
                     let along = held.frame[axis];
                     let row = held.row + axis;
-                    change[n * pose + row] = match held.law {
+                    self.change[n * pose + row] = match held.law {
                         _ if w[row * (n + 1)] == 0.0 => 0.0,
                         Law::Slides if axis == 0 => {
                             let inward = -held.force.dot(&held.frame[1]);
@@ -293,79 +319,86 @@ impl TangentWork {
                 }
             }
         }
+    }
+
+    /// Right-hand sides of what ends of threads do to their rows.
+    fn load_threads(&mut self, balance: &Balance, pulls: &[Option<Pull>]) {
+        let n = balance.work.count();
+        let (w, modes) = (
+            compliance(self.turns, balance.work),
+            balance.state.grasp.modes(),
+        );
         for pull in pulls.iter().flatten() {
             for pose in 0..6 {
                 let (shift, turn) = unit(pose);
                 let moved = shift + turn.cross(&pull.arm);
-                let rows = &mut change[n * pose..n * (pose + 1)];
+                let rows = &mut self.change[n * pose..n * (pose + 1)];
                 pull.rows.visit(|row, direction| {
-                    let acts = grasp.modes()[row] == Mode::Held && w[row * (n + 1)] > 0.0;
+                    let acts = modes[row] == Mode::Held && w[row * (n + 1)] > 0.0;
                     rows[row] = if acts { direction.dot(&moved) } else { 0.0 };
                 });
             }
         }
-        for (_, touched) in self.touched.iter().filter(|of| tool(of)) {
+    }
+
+    /// Right-hand sides of what a tool that rubs does to its rows.
+    fn load_rough(&mut self, balance: &Balance, grip: &Vector3<f64>, tool: Option<u32>) {
+        let n = balance.work.count();
+        let own = |of: &&(u32, Touched)| Some(of.0) == tool;
+        for (_, touched) in self.touched.iter().filter(own) {
             for pose in 0..6 {
                 let (shift, turn) = unit(pose);
                 let load = touched.load(grip, &shift, &turn);
-                change[n * pose + touched.row..][..3].copy_from_slice(&load);
+                self.change[n * pose + touched.row..][..3].copy_from_slice(&load);
             }
         }
-        let matrix = &self.matrix[..n * n];
-        if self.symmetric {
-            self.dense.solve(matrix, n, change, 6);
-        } else {
-            self.lu.solve(matrix, n, change, 6);
-        }
-        let mut tangent = Matrix6::zeros();
-        if let Some(smooth) = smooth {
-            let [moved, forces] = [&self.jacobian, &*change];
-            tangent = smooth
-                + Matrix6::from_fn(|i, j| {
-                    product(&moved[n * i..n * (i + 1)], &forces[n * j..n * (j + 1)])
-                });
-        }
-        let of_needles = points().map(|(index, point)| {
-            let held = held(balance, index, point, position(index));
-            (held.row, held.frame, held.in_tissue, held.force)
-        });
-        let of_tools = self.touched.iter().filter(|of| tool(of));
+    }
+
+    /// Adds what the points of needles, and vertices that a rough tool touches, do to the wrench.
+    fn add_points(
+        &self,
+        balance: &Balance,
+        grip: &Vector3<f64>,
+        moves: &Moves,
+        tangent: &mut Matrix6<f64>,
+    ) {
+        let n = balance.work.count();
+        let w = compliance(self.turns, balance.work);
+        let of_needles = moves.points(balance);
+        let of_needles = of_needles.map(|held| (held.row, held.frame, held.in_tissue, held.force));
+        let of_tools = self.touched.iter().filter(|of| Some(of.0) == moves.tool);
         let of_tools = of_tools.map(|(_, at)| (at.row, at.frame, at.at_m, at.force_n));
         for (first, frame, in_tissue, held_n) in of_needles.chain(of_tools) {
             let arm = in_tissue - grip;
             for pose in 0..6 {
                 let (shift, _) = unit(pose);
-                let own = &change[n * pose..n * (pose + 1)];
+                let own = &self.change[n * pose..n * (pose + 1)];
                 let (mut force, mut moved) = (Vector3::zeros(), Vector3::zeros());
                 for (axis, direction) in frame.iter().enumerate() {
                     let row = first + axis;
                     force += direction * own[row];
                     let column = &w[n * row..n * (row + 1)];
-                    let along: f64 = column.iter().zip(own).map(|(w, own)| w * own).sum();
-                    moved -= direction * along;
+                    moved -= direction * product(column, own);
                 }
                 let moment = arm.cross(&force) - (moved - shift).cross(&held_n);
-                for axis in 0..3 {
-                    tangent[(axis, pose)] += force[axis];
-                    tangent[(3 + axis, pose)] += moment[axis];
-                }
+                add(tangent, pose, &force, &moment);
             }
         }
+    }
+
+    /// Adds what ends of threads do to the wrench.
+    fn add_threads(&self, n: usize, pulls: &[Option<Pull>], tangent: &mut Matrix6<f64>) {
         for pull in pulls.iter().flatten() {
             for pose in 0..6 {
                 let (_, turn) = unit(pose);
-                let own = &change[n * pose..n * (pose + 1)];
+                let own = &self.change[n * pose..n * (pose + 1)];
                 let mut force = Vector3::zeros();
                 pull.rows
                     .visit(|row, direction| force -= direction * own[row]);
                 let moment = pull.arm.cross(&force) + turn.cross(&pull.arm).cross(&pull.force);
-                for axis in 0..3 {
-                    tangent[(axis, pose)] += force[axis];
-                    tangent[(3 + axis, pose)] += moment[axis];
-                }
+                add(tangent, pose, &force, &moment);
             }
         }
-        tangent
     }
 
     /// Stiffness of every needle against its slide \[N/m\]: if all stuck, and as it is.
@@ -447,6 +480,14 @@ fn compliance(turns: bool, work: &BalanceWork) -> &[f64] {
     match work.tools.known_turning().filter(|_| turns) {
         Some(turning) => &turning.compliance[..n * n],
         None => work.system.compliance(n),
+    }
+}
+
+/// Adds a column's force and moment.
+fn add(tangent: &mut Matrix6<f64>, pose: usize, force: &Vector3<f64>, moment: &Vector3<f64>) {
+    for axis in 0..3 {
+        tangent[(axis, pose)] += force[axis];
+        tangent[(3 + axis, pose)] += moment[axis];
     }
 }
 

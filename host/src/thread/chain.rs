@@ -270,6 +270,42 @@ impl Chain {
             .unwrap_or_else(Vector3::zeros)
     }
 
+    /// Mass of the heaviest node \[kg\].
+    fn heaviest(&self) -> f64 {
+        let masses = self.points.iter().map(|point| point.mass);
+        masses.fold(0.0, f64::max)
+    }
+
+    /// What acts in a step of `dt_s` \[s\], and by how much a Newton step is held back where it would go too far \[N/m\].
+    fn stage<'t>(
+        &self,
+        dt_s: f64,
+        tissue: Option<(&'t Skin, &'t [Vector3<f64>])>,
+    ) -> (Step<'t>, f64) {
+        let settings = self.settings;
+        let inertia = 1.0 / (dt_s * dt_s);
+        let gravity = Vector3::from(settings.gravity_m_per_s2);
+        let mut step = Step {
+            inertia,
+            drag: settings.drag_per_s / dt_s,
+            gravity,
+            tissue,
+            stiffness: 0.0,
+        };
+        let heaviest = self.heaviest();
+        let segment = settings.length_m / (settings.nodes - 1) as f64;
+        let pull = self
+            .tension
+            .iter()
+            .fold(0.0f64, |most, pull| most.max(pull.abs()));
+        let load = pull
+            + settings.kg_per_m * settings.length_m * gravity.norm()
+            + settings.bending_n_m2 / (segment * segment);
+        step.stiffness = load / (PRESSED * settings.radius_m) + 10.0 * heaviest * inertia;
+        let firmness = heaviest * gravity.norm() / segment + load / settings.length_m;
+        (step, firmness)
+    }
+
     /// Moves on by `dt_s`, above zero, with `guides` ascending along the chain, and outside the tissue whose skin has its nodes at the
     /// given places. What is straight between guides stays so. Allocates nothing.
     pub fn step(
@@ -288,38 +324,15 @@ impl Chain {
             return report;
         }
         self.lay(dt_s, guides);
-        let settings = self.settings;
-        let inertia = 1.0 / (dt_s * dt_s);
-        let gravity = Vector3::from(settings.gravity_m_per_s2);
-        let mut step = Step {
-            inertia,
-            drag: settings.drag_per_s / dt_s,
-            gravity,
-            tissue,
-            stiffness: 0.0,
-        };
-        let heaviest = self
-            .points
-            .iter()
-            .map(|point| point.mass)
-            .fold(0.0, f64::max);
-        let segment = settings.length_m / (settings.nodes - 1) as f64;
-        let pull = self
-            .tension
-            .iter()
-            .fold(0.0f64, |most, pull| most.max(pull.abs()));
-        let load = pull
-            + settings.kg_per_m * settings.length_m * gravity.norm()
-            + settings.bending_n_m2 / (segment * segment);
-        step.stiffness = load / (PRESSED * settings.radius_m) + 10.0 * heaviest * inertia;
+        let (step, firmness) = self.stage(dt_s, tissue);
         self.trial.clone_from(&self.at);
         self.come_back();
         self.at.copy_from_slice(&self.trial);
         let mut sum = self.potential(&step);
         std::mem::swap(&mut self.touch, &mut self.touch_tried);
         // Where inertia is little, what a step may do is bounded at first; elsewhere where one fails.
-        let firmness = heaviest * gravity.norm() / segment + load / settings.length_m;
-        let mut firm = if heaviest * inertia < firmness {
+        let segment = self.settings.length_m / (self.settings.nodes - 1) as f64;
+        let mut firm = if self.heaviest() * step.inertia < firmness {
             firmness
         } else {
             0.0

@@ -266,6 +266,14 @@ impl ThreadState {
         ground: &Ground,
         set: &mut ConstraintSet,
     ) {
+        self.make_segment_rows(index, ground, set);
+        if !self.segments.is_empty() {
+            self.make_length_rows(index, part, is_held, ground, set);
+        }
+    }
+
+    /// Ways of all segments, and the rows that keep a weld together, or a tense segment straight.
+    fn make_segment_rows(&mut self, index: usize, ground: &Ground, set: &mut ConstraintSet) {
         let rest = |end: &End| ground.unloaded(end);
         for segment in &mut self.segments {
             let tissue = |end: &End| match end {
@@ -300,9 +308,18 @@ impl ThreadState {
                 set.soft.extend([(first, soft), (first + 1, soft)]);
             }
         }
-        if self.segments.is_empty() {
-            return;
-        }
+    }
+
+    /// Rows on lengths: of all of the thread, beyond each span that rubs, and of spans that are tightened.
+    fn make_length_rows(
+        &self,
+        index: usize,
+        part: &ThreadPart,
+        is_held: bool,
+        ground: &Ground,
+        set: &mut ConstraintSet,
+    ) {
+        let rest = |end: &End| ground.unloaded(end);
         let along = |from: usize, to: usize, terms: &mut Vec<Term>| {
             let first = terms.len() as u32;
             let mut straight = 0.0;
@@ -388,13 +405,44 @@ impl ThreadState {
         system: &System,
         grasp: &Grasp,
     ) -> bool {
-        let lambda = grasp.lambda();
-        let mut next = single + first;
-        let mut take = || {
-            let own = lambda.get(next).copied().unwrap_or(0.0);
-            next += 1;
-            own
-        };
+        let mut multipliers = grasp
+            .lambda()
+            .get(single + first..)
+            .unwrap_or_default()
+            .iter();
+        let (shared, mut settled) = self.take_tensions(part, is_held, &mut multipliers);
+        self.compliance = self.typical_compliance(system);
+        let (total, straight) = self.linearise_segments(shared, ground, system, grasp);
+        settled &= straight;
+        if is_held {
+            let over = total - self.available_m();
+            settled &= if self.strained {
+                // As strong as it is, whatever is missing; what was enough would be too much.
+                over >= -LENGTH_M
+            } else {
+                over <= LENGTH_M && (shared == 0.0 || over >= -LENGTH_M)
+            };
+        }
+        for place in 0..self.spans.len() {
+            let span = self.spans[place];
+            if let Some(bound_m) = self.bound_m(place) {
+                let over = self.lengths_of(place) - bound_m;
+                settled &= over <= LENGTH_M && (span.own_n == 0.0 || over >= -LENGTH_M);
+            }
+        }
+        settled &= self.rub(part, shared);
+        settled
+    }
+
+    /// Takes the tensions of a solve: the one that all spans share, friction and what spans have of their own; whether the
+    /// thread is as strained as before.
+    fn take_tensions<'a>(
+        &mut self,
+        part: &ThreadPart,
+        is_held: bool,
+        multipliers: &mut impl Iterator<Item = &'a f64>,
+    ) -> (f64, bool) {
+        let mut take = || multipliers.next().copied().unwrap_or(0.0);
         let mut shared = 0.0;
         let mut settled = true;
         if is_held {
@@ -421,10 +469,22 @@ impl ThreadState {
                 self.spans[place].own_n = if bound { take().max(0.0) } else { 0.0 };
             }
         }
+        (shared, settled)
+    }
+
+    /// Linearises all segments where a solve has them; their length together \[m\], and whether their forces are along them.
+    fn linearise_segments(
+        &mut self,
+        shared: f64,
+        ground: &Ground,
+        system: &System,
+        grasp: &Grasp,
+    ) -> (f64, bool) {
+        let lambda = grasp.lambda();
+        let c = self.compliance;
+        let mut settled = true;
         let mut tension = shared;
         let mut at = 0;
-        let c = self.typical_compliance(system);
-        self.compliance = c;
         let mut total = 0.0;
         for segment in &mut self.segments {
             while at < segment.span {
@@ -463,24 +523,7 @@ impl ThreadState {
             };
             segment.linearise(c);
         }
-        if is_held {
-            let over = total - self.available_m();
-            settled &= if self.strained {
-                // As strong as it is, whatever is missing; what was enough would be too much.
-                over >= -LENGTH_M
-            } else {
-                over <= LENGTH_M && (shared == 0.0 || over >= -LENGTH_M)
-            };
-        }
-        for place in 0..self.spans.len() {
-            let span = self.spans[place];
-            if let Some(bound_m) = self.bound_m(place) {
-                let over = self.lengths_of(place) - bound_m;
-                settled &= over <= LENGTH_M && (span.own_n == 0.0 || over >= -LENGTH_M);
-            }
-        }
-        settled &= self.rub(part, shared);
-        settled
+        (total, settled)
     }
 
     /// Rows on several anchors that [`Self::make_rows`] makes.

@@ -7,8 +7,8 @@
 use super::cases::{self, Case};
 use super::front;
 use super::lattice::Lattice;
-use super::registry::{self, Body, Entry, Setting};
 use super::truth::{Answer, Course, displacements, solve, summed};
+use crate::registry::{self, Body, Entry, Setting};
 use serde::Serialize;
 use std::time::Instant;
 use sutura_models::hyperelastic::Cells;

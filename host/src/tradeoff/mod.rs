@@ -1,6 +1,6 @@
 //! Error against time of every tissue model, on cases with known answers.
 //!
-//! Entry points: [`measure::measure`] for the table, [`registry`] for the models, [`cases::all`] for the
+//! Entry points: [`measure::measure`] for the table, [`crate::registry`] for the models, [`cases::all`] for the
 //! cases. Two answers are computed by the program itself: Newton's balance of the same cells and law (what is
 //! off then is the model or its solver), and quadratic cells (what is off then is everything).
 
@@ -9,5 +9,4 @@ pub mod front;
 pub mod lattice;
 pub mod literature;
 pub mod measure;
-pub mod registry;
 pub mod truth;

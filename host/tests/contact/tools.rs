@@ -35,6 +35,47 @@ fn two_tools_feel_each_other_through_the_tissue() {
     assert!((alone - force(&contact(&fresh))).norm() < 1e-9 * alone.norm());
 }
 
+/// Eight, side by side, are in balance in whatever order they come.
+#[test]
+fn eight_tools_press_at_once() {
+    let (mesh, bottom) = slab_mesh();
+    let ids = [0, 1, 2, 3, 4, 5, 6, 7];
+    let tools = ids.map(|id| (id, ball([0.0; 3])));
+    let mut bench = Bench::new(&mesh, &bottom, Loads::default(), &tools);
+    let samples = ids.map(|id| {
+        let (column, row) = (f64::from(id % 4), f64::from(id / 4));
+        ToolSample {
+            id,
+            ..at(
+                0.024 * (column - 1.5),
+                0.03 * (row - 0.5),
+                RADIUS - 1e-3 - 2e-4 * f64::from(id),
+            )
+        }
+    });
+    let mut solve = |samples: &[ToolSample]| {
+        let mut state = State::new(&bench.model);
+        let report = step(&bench.model, &mut state, samples, &mut bench.work);
+        assert_eq!(
+            (report.status, report.contacts().len()),
+            (Status::Ok, samples.len())
+        );
+        (state, report)
+    };
+    let (state, report) = solve(&samples);
+    let mut turned = samples;
+    turned.rotate_left(3);
+    let (_, again) = solve(&turned);
+    for (place, contact) in report.contacts().iter().enumerate() {
+        assert!(contact.rows > 0 && force(contact).z > 0.01, "{contact:?}");
+        let other = &again.contacts()[(place + 8 - 3) % 8];
+        assert_eq!(other.id, contact.id);
+        let error = (force(other) - force(contact)).norm();
+        assert!(error < 1e-9 * force(contact).norm(), "{error} N");
+    }
+    bench.assert_balanced(&state, &samples);
+}
+
 /// The tangent of one tool while another presses some of the same vertices and stays where it is.
 #[test]
 fn two_tools_may_touch_the_same_vertex() {

@@ -2,7 +2,10 @@
 //!
 //! Entry points: [`entries`], [`entry`]. A new model is one entry here; trade-off and stability then have it.
 
-use super::cases::Substance;
+mod substance;
+
+pub use substance::Substance;
+
 use crate::fem::{CorotationalModel, LinearModel, ModelSettings, Policy};
 use crate::mesh::TetMesh;
 use sutura_models::chainmail::{
