@@ -150,7 +150,7 @@ fn functions(text: &str) -> Vec<(String, usize)> {
     let measured = heads.map(|(first, head)| {
         let after = &lines[first..];
         let ends = |line: &&str| line.trim_start() == "}" && indent(line) == indent(head);
-        let count = after.iter().position(|line| ends(line)).unwrap_or(0);
+        let count = after.iter().position(ends).unwrap_or(0);
         let name = head.trim().to_owned();
         (name, count + 1)
     });
