@@ -91,7 +91,7 @@ fn warnings_have_their_place_and_do_not_fail() {
         (&18.into(), &12.into()),
         "{object}"
     );
-    assert!(ran.stderr.contains("bare point"), "{}", ran.stderr);
+    assert!(ran.stderr.contains("measured error"), "{}", ran.stderr);
 }
 
 #[test]

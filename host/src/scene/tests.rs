@@ -279,13 +279,13 @@ fn corotational_settings_arrive_at_their_solver() {
 }
 
 #[test]
-fn a_bare_point_warns_at_its_radius() {
+fn a_small_tool_says_its_error_at_its_radius() {
     let scene = read(&GOOD.replace("radius_m = 0.05", "radius_m = 0.0005")).expect("it only warns");
     let [warning] = scene.warnings.as_slice() else {
         panic!("{:?}", scene.warnings)
     };
     assert_eq!(warning.severity(), Some(miette::Severity::Warning));
-    assert!(warning.to_string().contains("bare point"), "{warning}");
+    assert!(warning.to_string().contains("measured error"), "{warning}");
     assert_eq!(&underlined(warning, "0.0005"), "0.0005");
 }
 

@@ -7,7 +7,7 @@ use super::file::{ToolSection, ToolShape};
 use super::way::{self, read_way};
 use super::{Pose, Tool};
 use crate::mesh::TetMesh;
-use crate::model::LEAST_RADIUS_IN_EDGES;
+use crate::model::{ACCURATE_RADIUS_IN_EDGES, LEAST_RADIUS_IN_EDGES, measured_error_percent};
 use crate::tool::{self, Shape};
 use nalgebra::Vector3;
 use std::ops::Range;
@@ -35,7 +35,7 @@ pub(super) fn read_tools(
         let is_grip = section.shape == ToolShape::Grip;
         let shape = read_shape(document, spanned)?;
         if !is_grip && shape.radius_m() < LEAST_RADIUS_IN_EDGES * edge_m {
-            warnings.push(point_tool(document, at.clone(), shape.radius_m(), edge_m));
+            warnings.push(small_tool(document, at.clone(), shape.radius_m(), edge_m));
         }
         let id = section.id.as_ref().map_or(place as u8, |id| *id.get_ref());
         if tools.iter().any(|other| other.id == id) {
@@ -220,18 +220,21 @@ fn driven_tool(
     }
 }
 
-/// A tool that touches about one vertex feels the mesh, not the tissue.
-fn point_tool(document: &Document, at: Range<usize>, radius_m: f64, edge_m: f64) -> Flaw {
+/// What was measured of tools that are small against the mesh.
+fn small_tool(document: &Document, at: Range<usize>, radius_m: f64, edge_m: f64) -> Flaw {
+    let [error, largest] = measured_error_percent(radius_m / edge_m);
     let message = format!(
-        "a tool of {:.1} mm radius is a bare point for this mesh, whose edges are {:.1} mm long",
+        "a tool of {:.1} mm radius on edges of {:.1} mm: a ball like that has a measured error of {error:.0} % in its force, {largest:.0} % where it is largest",
         radius_m * 1e3,
         edge_m * 1e3
     );
     let help = format!(
-        "the stiffness felt is then an artefact of the mesh (it falls towards 0 under refinement): use a radius of at least {:.4} m, three edges, or a finer mesh",
-        3.0 * edge_m
+        "measured over the places of a cell against an independent value; with a radius of {:.4} m, four edges, or a finer mesh it is {:.0} %",
+        ACCURATE_RADIUS_IN_EDGES * edge_m,
+        measured_error_percent(ACCURATE_RADIUS_IN_EDGES)[0]
     );
-    document.warning(at, &message, "touches few vertices", &help)
+    let label = format!("{:.1} edges", radius_m / edge_m);
+    document.warning(at, &message, &label, &help)
 }
 
 fn read_pose(document: &Document, section: &ToolSection) -> Result<Option<Pose>, SceneError> {

@@ -10,5 +10,6 @@ mod poses;
 mod punch;
 mod renewal;
 mod rows;
+mod small;
 mod tools;
 mod worker;
