@@ -194,6 +194,17 @@ fn springs_are_explained_checked_and_reported() {
     assert!(refused.stderr.contains(said), "{}", refused.stderr);
 }
 
+/// A tool that rubs says what its friction took.
+#[test]
+fn a_dragged_tool_reports_what_friction_took() {
+    let ran = sutura(&["run", "scenes/drag.toml", "--lockstep", "--format", "json"]);
+    assert_eq!(ran.code, 0, "{}", ran.stderr);
+    let taken = &json(&ran)["scene"]["friction_j"];
+    // 60 mm at 0.3 of 1.2 N, less what sticks.
+    let is_near = |taken: f64| (5e-3..40e-3).contains(&taken);
+    assert!(taken.as_f64().is_some_and(is_near), "{taken}");
+}
+
 /// Loads press one slab on the other before the first step, and nothing moves after it.
 #[test]
 fn slabs_touch_without_a_needle() {

@@ -31,7 +31,7 @@ pub enum Place {
     Gristle,
     /// [`Palpation`].
     Palpation,
-    /// The same with a tool that rubs, of [`FRICTION`].
+    /// The same with a tool that rubs, of a coefficient of 0.3.
     Rubbing,
     /// [`NeedleSlabs`].
     Needle,

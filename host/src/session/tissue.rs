@@ -795,6 +795,9 @@ impl Solve for TissueSolver {
             let needles = self.needles.iter().map(|needle| needle.to_json());
             report["needles"] = needles.collect();
         }
+        if self.model.tools().iter().any(|(_, tool)| !tool.is_smooth()) {
+            report["friction_j"] = self.last_good.friction_j.into();
+        }
         for (name, values) in self.state.added(&self.model) {
             let values = values
                 .into_iter()

@@ -16,10 +16,10 @@ pub(crate) const DEFAULT_CACHE_BYTES: usize = 512 << 20;
 /// Scratch and the cache of compliance columns.
 pub struct Workspace {
     pub(super) sources: Option<Box<SourcesWork>>,
-    /// Vertices whose columns one step may compute before it says [`Status::Waiting`].
+    /// Vertices whose columns one step may compute before it says [`Status::Waiting`](super::Status::Waiting).
     pub vertices_per_step: usize,
     /// To how many rows at most steps reduce each tool's contact, for [`Workspace::rows`]; 0: they do not. More than
-    /// [`MAX_TOOL_ROWS`] are never given.
+    /// [`MAX_TOOL_ROWS`](super::MAX_TOOL_ROWS) are never given.
     pub most_rows: usize,
     /// Whether these rows are not made after all, for want of time. Nothing else of a step is another for that.
     pub spares_rows: bool,
@@ -51,7 +51,7 @@ impl Workspace {
     }
 
     /// From now on a thread of its own computes columns, ahead of the tools where it can; a step that
-    /// needs one that is not there says [`Status::Waiting`]. The bits of what a step finds in contact are the
+    /// needs one that is not there says [`Status::Waiting`](super::Status::Waiting). The bits of what a step finds in contact are the
     /// same, but not when it finds it, nor from when on it knows the tangent of a touch to come: for live
     /// sessions, whose [arrivals](Self::take_arrivals) a replay needs. For corotational tissue as
     /// [`Self::renew_beside`] in the steps in which factors are there; columns of newly touched vertices are
