@@ -184,6 +184,10 @@ fn springs_are_explained_checked_and_reported() {
         "{}",
         explained.stdout
     );
+    let sticking = sutura(&["run", slab, "--tissue", "shape-matching", "--lockstep"]);
+    assert_ne!(sticking.code, 0);
+    let said = "it has spring 0, which only tissue with rows takes";
+    assert!(sticking.stderr.contains(said), "{}", sticking.stderr);
     let folder = tempfile::tempdir().expect("a folder");
     let file = folder.path().join("wrong.toml");
     let text = std::fs::read_to_string(root().join(slab)).expect("a scene");

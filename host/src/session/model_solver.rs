@@ -706,6 +706,12 @@ fn refused(scene: &Scene, entry: &registry::Entry) -> Option<(String, &'static s
         let reason = format!("tool {} rubs, and to this model tools stick", tool.id);
         return Some((reason, help));
     }
+    if let Some(added) = scene.added.first() {
+        let (name, _) = added.explain();
+        let help = "leave it out, or take `linear`, `corotational` or `hyperelastic` tissue";
+        let reason = format!("it has {name}, which only tissue with rows takes");
+        return Some((reason, help));
+    }
     if !scene.loads.handles.is_empty() {
         let help = "leave the handles out, or take `linear` tissue";
         return Some((
