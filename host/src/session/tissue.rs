@@ -694,17 +694,16 @@ impl Solve for TissueSolver {
         let armed_anew = before_us.is_some_and(|before| is_armed_anew(before, &sample));
         let report = self.step_with(sample, armed_anew);
         let contact = report.contacts().first().copied();
-        let mut rows = self.rows();
-        let mut felt = contact;
+        let (mut felt, mut rows) = (contact, self.rows());
+        let mut needle = self.driven().and_then(|driven| in_grip(&report, driven));
+        clock.lap(&mut 0);
+        self.budget.stepped();
         if tries {
             match self.try_ahead(&goal) {
                 Some(ahead) => (felt, rows) = (ahead.contacts().first().copied(), self.rows()),
                 None => goal.position_m = state.body().position_m,
             }
         }
-        let mut needle = self.driven().and_then(|driven| in_grip(&report, driven));
-        clock.lap(&mut 0);
-        self.budget.stepped();
         if let (Some(needle), Status::Ok, true) = (&mut needle, report.status, looks_ahead) {
             needle.course = self.look_ahead(needle.needle, &report, period_us);
         }

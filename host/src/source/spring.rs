@@ -42,7 +42,7 @@ impl Section for SpringSection {
         let from = nearest_node(mesh, self.from_m);
         let to = (!self.to_is_fixed).then(|| nearest_node(mesh, self.to_m));
         check_between("stiffness_n_per_m", self.stiffness_n_per_m, (0.0, 1e9))?;
-        check_between("length_m", self.length_m.unwrap_or(1.0), (-1e-9, 10.0))?;
+        check_between("length_m", self.length_m.unwrap_or(1.0), (0.0, 10.0))?;
         let finite = self.from_m.iter().chain(&self.to_m).all(|x| x.is_finite());
         if !finite || self.from_m == self.to_m || to == Some(from) {
             return Err("`from_m` and `to_m` must be two places, not at one node".to_owned());
