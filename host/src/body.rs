@@ -68,7 +68,7 @@ pub(crate) struct Evolving<S> {
 
 type Turning = Evolving<CorotationalState>;
 
-/// Where hyperelastic tissue is and the forces on it, to go back to; nothing of other tissue.
+/// Where tissue that is not linear is and the forces on it, to go back to; nothing of linear tissue.
 #[derive(Default)]
 pub(crate) struct Place {
     u: Vec<f64>,
@@ -173,23 +173,29 @@ impl Motion {
         }
     }
 
-    /// Writes down where hyperelastic tissue is. Allocates the first time.
+    /// Writes down where tissue is whose displacement does not follow from the forces alone. Allocates the first time.
     pub fn keep(&self, place: &mut Place) {
-        if let Self::Straining(own) = self {
-            place.u.clear();
-            place.u.extend_from_slice(own.state.unknowns());
-            place.pushes.clear();
-            place.pushes.reserve(own.pushes.capacity());
-            place.pushes.extend_from_slice(&own.pushes);
-        }
+        let (u, pushes) = match self {
+            Self::Still => return,
+            Self::Turning(own) => (own.state.unknowns(), &own.pushes),
+            Self::Straining(own) => (own.state.unknowns(), &own.pushes),
+        };
+        place.u.clear();
+        place.u.extend_from_slice(u);
+        place.pushes.clear();
+        place.pushes.reserve(pushes.capacity());
+        place.pushes.extend_from_slice(pushes);
     }
 
-    /// Takes hyperelastic tissue back to where it was; the factor stays.
+    /// Takes such tissue back to where it was; the factor stays.
     pub fn go_back(&mut self, place: &Place) {
-        if let Self::Straining(own) = self {
-            own.state.unknowns_mut().copy_from_slice(&place.u);
-            own.pushes.clone_from(&place.pushes);
-        }
+        let (u, pushes) = match self {
+            Self::Still => return,
+            Self::Turning(own) => (own.state.unknowns_mut(), &mut own.pushes),
+            Self::Straining(own) => (own.state.unknowns_mut(), &mut own.pushes),
+        };
+        u.copy_from_slice(&place.u);
+        pushes.clone_from(&place.pushes);
     }
 
     /// Displacement of free nodes \[m\], (unknowns), where it does not follow from the forces alone.

@@ -1,7 +1,7 @@
-//! What evolves as it was: before a balance that fails, before a step on hyperelastic tissue.
+//! What evolves as it was: before a balance that fails, before a step on tissue that is not linear.
 //!
 //! Entry points: [`Kept::keep`], [`Kept::put_back`]; [`Kept::keep_place`], [`Kept::put_back_place`]. Every pass of a step
-//! on hyperelastic tissue follows the whole way of the step on its own linearisation: what rubs slides by how far it has
+//! on tissue that is not linear follows the whole way of the step on its own linearisation: what rubs slides by how far it has
 //! come since the step began (an implicit Euler step), which a pass that went on from the one before would not know.
 
 use super::sources::{Sources, SourcesState};
@@ -54,7 +54,7 @@ impl Kept {
         self.memory.copy_from_slice(&state.memory);
     }
 
-    /// Keeps where hyperelastic tissue is, too. Allocates the first time.
+    /// Keeps where tissue that is not linear is, too. Allocates the first time.
     pub fn keep_place(&mut self, state: &SourcesState) {
         state.grasp.motion().keep(&mut self.place);
         self.keep(state);
@@ -76,7 +76,7 @@ impl Kept {
         state.memory.copy_from_slice(&self.memory);
     }
 
-    /// As [`Self::put_back`], with hyperelastic tissue where it was kept.
+    /// As [`Self::put_back`], with tissue that is not linear where it was kept.
     pub fn put_back_place(&self, state: &mut SourcesState) {
         state.grasp.go_back(&self.place);
         self.put_back(state);

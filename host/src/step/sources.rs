@@ -9,7 +9,7 @@ use super::tangent::TangentWork;
 use super::targets::Targets;
 use super::tool_rows::ToolRows;
 use crate::anchors::{AnchorPoint, AnchorSettings, Grasp, System};
-use crate::body::{Body, Motion};
+use crate::body::Motion;
 use crate::collide::{TouchState, Touching};
 use crate::mesh::{HalfFaces, TetMesh};
 use crate::model::Model;
@@ -287,7 +287,7 @@ pub(crate) struct SourcesWork {
     pub cones: Option<Cones>,
     /// Of tools that touch, at the last step's balance.
     pub rows: Vec<ToolRows>,
-    /// How a step on hyperelastic tissue began.
+    /// How a step on tissue that is not linear began.
     kept: Option<Box<Kept>>,
 }
 
@@ -373,9 +373,13 @@ impl SourcesWork {
         let reached = model.reached(sources);
         let system = System::grouped(body, &model.motion, held, &reached, settings, &groups);
         let most_rows = settings.most_rows + settings.most_spread;
-        let kept = || Box::new(Kept::new(sources, &state, Motion::default()));
+        let kept = || {
+            let mut kept = Box::new(Kept::new(sources, &state, Motion::default()));
+            kept.keep_place(&state);
+            kept
+        };
         Self {
-            kept: matches!(body, Body::Hyperelastic { .. }).then(kept),
+            kept: (!body.is_linear()).then(kept),
             balance: BalanceWork::new(sources, system, &state),
             tangent: TangentWork::new(most_rows, sources.tools.most_contacts()),
             cones: sources.tools.cones(most_rows),
@@ -383,20 +387,20 @@ impl SourcesWork {
         }
     }
 
-    /// Remembers how a step on hyperelastic tissue begins.
+    /// Remembers how a step on tissue that is not linear begins.
     pub fn keep(&mut self, state: &SourcesState) {
         if let Some(kept) = &mut self.kept {
             kept.keep_place(state);
         }
     }
 
-    /// Has the next pass over hyperelastic tissue follow the whole way; whether it does.
+    /// Has the next pass over tissue that is not linear follow the whole way; whether it does.
     pub fn begin_again(&self, state: &mut SourcesState) -> bool {
         let kept = self.kept.as_ref();
         kept.map(|kept| kept.put_back(state)).is_some()
     }
 
-    /// Where hyperelastic tissue cannot go the state is as before the step.
+    /// Where tissue that is not linear cannot go the state is as before the step.
     pub fn put_back(&mut self, state: &mut SourcesState) {
         if let Some(kept) = &self.kept {
             kept.put_back_place(state);

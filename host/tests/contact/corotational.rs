@@ -27,23 +27,31 @@ const CONVERGED: Passes = Passes {
     tolerance: 1e-11,
 };
 
-/// A block of 60 x 60 x 30 mm that is held below.
-fn block(policy: Policy, passes: Passes) -> Bench {
+/// A block of 60 x 60 x 30 mm that is held below, under a tool.
+fn under(tool: Tool, policy: Policy, passes: Passes) -> Bench {
     let mesh = slab([0.06, 0.06, 0.03], [12, 12, 6]).expect("a slab");
     let bottom: Vec<u32> = (0..169).collect();
-    let model = Model::corotational(
-        &mesh,
-        SOFT,
-        &bottom,
-        Loads::default(),
-        &[(0, ball([0.0; 3]))],
-        policy,
-        passes,
-    )
-    .expect("a model");
+    let (loads, tools) = (Loads::default(), [(0, tool)]);
+    let model = Model::corotational(&mesh, SOFT, &bottom, loads, &tools, policy, passes);
+    let model = model.expect("a model");
     let mut work = Workspace::new(&model);
     work.vertices_per_step = 1000;
     Bench { model, work }
+}
+
+fn block(policy: Policy, passes: Passes) -> Bench {
+    under(ball([0.0; 3]), policy, passes)
+}
+
+/// With friction the passes of a step begin where the step does: what slips slides by the way since then.
+#[test]
+fn tangents_with_friction_are_those_of_whole_solves_or_say_how_far_they_may_be_off() {
+    super::hyperelastic::tangents_are_those_of_whole_solves(under);
+}
+
+#[test]
+fn a_drag_keeps_its_cones_and_its_books() {
+    super::hyperelastic::drags_keep_their_cones_and_books(under);
 }
 
 /// Pressed in by `depth`, off the middle, in steps of a millimetre.

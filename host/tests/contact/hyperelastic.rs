@@ -207,6 +207,13 @@ fn aslant((depth_m, aside_m): (f64, f64), by: &Vector6<f64>) -> ToolSample {
 /// the step says.
 #[test]
 fn the_whole_tangent_is_that_of_whole_solves_or_says_how_far_it_may_be_off() {
+    tangents_are_those_of_whole_solves(|tool, policy, passes| {
+        block(tool, Cells::Linear, policy, passes)
+    });
+}
+
+/// The same on tissue in any `block`.
+pub(super) fn tangents_are_those_of_whole_solves(block: impl Fn(Tool, Policy, Passes) -> Bench) {
     // Rotations count as the way of the ball's surface.
     let scale = Matrix6::from_diagonal(&Vector6::from_fn(
         |i, _| if i < 3 { 1.0 } else { 1.0 / RADIUS },
@@ -236,7 +243,7 @@ fn the_whole_tangent_is_that_of_whole_solves_or_says_how_far_it_may_be_off() {
             assert_eq!(report.status, Status::Ok, "{report:?}");
             report
         };
-        let mut bench = block(tool, Cells::Linear, FRESH, CONVERGED);
+        let mut bench = block(tool, FRESH, CONVERGED);
         let start = follow(&mut bench);
         let report = end(&mut bench, &start, &Vector6::zeros());
         let mut expected = Matrix6::zeros();
@@ -263,7 +270,7 @@ fn the_whole_tangent_is_that_of_whole_solves_or_says_how_far_it_may_be_off() {
         );
         assert!(fresh < 1e-5, "{fresh:e}");
         for passes in [CONVERGED, SCENES] {
-            let mut bench = block(tool, Cells::Linear, Policy::default(), passes);
+            let mut bench = block(tool, Policy::default(), passes);
             let start = follow(&mut bench);
             let report = end(&mut bench, &start, &Vector6::zeros());
             let (off, says) = (error(&report), report.tangent_error);
@@ -277,9 +284,16 @@ fn the_whole_tangent_is_that_of_whole_solves_or_says_how_far_it_may_be_off() {
 /// is stored or dissipated.
 #[test]
 fn a_drag_keeps_its_cones_and_its_books() {
+    drags_keep_their_cones_and_books(|tool, policy, passes| {
+        block(tool, Cells::Linear, policy, passes)
+    });
+}
+
+/// The same on tissue in any `block`.
+pub(super) fn drags_keep_their_cones_and_books(block: impl Fn(Tool, Policy, Passes) -> Bench) {
     let mu = 0.3;
     let tool = ball([0.0; 3]).with_friction(mu, mu);
-    let mut bench = block(tool, Cells::Linear, Policy::default(), CONVERGED);
+    let mut bench = block(tool, Policy::default(), CONVERGED);
     let mut state = State::new(&bench.model);
     let down = (0..=40).map(|step| [-0.004, 0.001, RADIUS - 1e-4 * f64::from(step)]);
     let aside = (1..=120).map(|step| [-0.004 + 1e-4 * f64::from(step), 0.001, RADIUS - 0.004]);

@@ -189,6 +189,8 @@ fn a_handle_far_away_leaves_the_needle_as_it_is() {
 fn no_step_with_a_handle_allocates() {
     for kind in [Kind::Linear, Kind::Corotational(EXACT)] {
         let mut bench = held(vec![pull()], kind);
+        // Every pass of a step asks for the columns of its whole way.
+        bench.work.vertices_per_step = 1000;
         push(&mut bench, 40);
         // Again, with all columns there.
         let samples: Vec<_> = (0..30)
