@@ -20,5 +20,6 @@ mod rows;
 mod session_models;
 mod springs;
 mod suture;
+mod tangents;
 mod tissue;
 mod touch;

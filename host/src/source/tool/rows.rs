@@ -217,7 +217,15 @@ impl ToolContacts {
             let before = self.before[tool as usize].as_ref()?;
             Some(before.local(&self.near[found].1))
         });
-        let local_m = was.map_or(now, |was| first_inside(placement, solid, was, now));
+        let entry = was.and_then(|was| first_inside(placement, solid, was, now));
+        // Off the surface it would be held beside where it can be.
+        let nearest = || {
+            let touch = solid.touch(&at_m);
+            touch.map_or(now, |touch| {
+                placement.local(&(at_m - touch.normal * touch.gap))
+            })
+        };
+        let local_m = entry.unwrap_or_else(nearest);
         Contact {
             local_m,
             ..Contact::new(
@@ -229,16 +237,17 @@ impl ToolContacts {
     }
 }
 
-/// Where on the straight way of a vertex from `was` to `now`, both in the tool's frame \[m\], it is first inside.
+/// Where on the straight way of a vertex from `was` to `now`, both in the tool's frame \[m\], it is first inside; nowhere if
+/// it has been inside before.
 fn first_inside(
     placement: &Placement,
     solid: &Solid,
     was: Vector3<f64>,
     now: Vector3<f64>,
-) -> Vector3<f64> {
+) -> Option<Vector3<f64>> {
     let inside = |part: f64| solid.gap(&placement.world(&was.lerp(&now, part))) < 0.0;
     if inside(0.0) {
-        return now;
+        return None;
     }
     // Shapes are convex: outside, then inside.
     let (mut out, mut r#in) = (0.0, 1.0);
@@ -250,7 +259,7 @@ fn first_inside(
             out = middle;
         }
     }
-    was.lerp(&now, out)
+    Some(was.lerp(&now, out))
 }
 
 impl Contact {

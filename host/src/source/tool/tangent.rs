@@ -10,7 +10,7 @@
 use super::{Contact, ToolContacts, TouchingTools};
 use nalgebra::{Matrix2, Vector2, Vector3};
 
-/// Below this way a slip has no other direction than it had \[m\].
+/// What bears all that friction can and has slipped by less than this sticks to whatever moves it back \[m\].
 const NO_WAY_M: f64 = 1e-12;
 
 /// A contact in a derivative.
@@ -60,12 +60,12 @@ impl Touched {
         if tool.is_smooth() {
             return None;
         }
-        let law = if !contact.slips {
+        let across = |v: &Vector3<f64>| Vector2::new(frame[1].dot(v), frame[2].dot(v));
+        let flat = across(&contact.ahead_m);
+        let way = flat.norm();
+        let law = if !contact.slips || way < NO_WAY_M {
             Law::Sticks
         } else {
-            let across = |v: &Vector3<f64>| Vector2::new(frame[1].dot(v), frame[2].dot(v));
-            let flat = across(&contact.ahead_m);
-            let way = flat.norm().max(NO_WAY_M);
             let direction = flat / way;
             let aside = Vector2::new(-direction.y, direction.x);
             let mu = tool.friction;
