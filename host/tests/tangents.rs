@@ -15,7 +15,7 @@ const MOVED_M: f64 = 2e-7;
 /// What is softer than this is not felt \[N/m\].
 const LEAST_N_PER_M: f64 = 1.0;
 /// A hand at rest leaves what has slipped at its limit: forward and backward differ by more than this part.
-const KINK: f64 = 1e-4;
+const KINK: f64 = 3e-4;
 
 /// What a scene may be off by, beyond what its steps say themselves.
 struct Case {
