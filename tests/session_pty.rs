@@ -118,7 +118,7 @@ fn a_session_that_is_stopped_ends_with_its_summary() {
 struct BadLine {
     console: NativeConsole,
     frames: usize,
-    noise: u32,
+    noise: sutura_testkit::Random,
 }
 
 impl LockstepConsole for BadLine {
@@ -133,11 +133,7 @@ impl LockstepConsole for BadLine {
             let frames = self.frames;
             if frames > 10 && frames.is_multiple_of(4) {
                 for _ in 0..frames % 90 {
-                    // xorshift (Marsaglia 2003), zeros and all
-                    self.noise ^= self.noise << 13;
-                    self.noise ^= self.noise >> 17;
-                    self.noise ^= self.noise << 5;
-                    line.push(self.noise as u8);
+                    line.push(self.noise.bits() as u8);
                 }
             }
             let cut = if frames > 10 && frames.is_multiple_of(5) {
@@ -157,7 +153,7 @@ fn a_bad_line_costs_frames_and_never_more_force() {
     let mut console = BadLine {
         console: NativeConsole::new(&plan.device).unwrap(),
         frames: 0,
-        noise: 1,
+        noise: sutura_testkit::Random::new(1),
     };
     let summary = in_lockstep(&mut console, &plan);
     println!("{:?}", summary.frames);

@@ -3,6 +3,7 @@
 use proptest::prelude::*;
 use std::collections::{BTreeMap, BTreeSet};
 use sutura_host::mesh::{HalfFace, HalfFaces, MeshError, TetMesh, read_msh, slab};
+use sutura_testkit::Random;
 
 type Cell = [u32; 4];
 
@@ -96,13 +97,8 @@ fn compact(cells: &[Cell]) -> (u32, Vec<Cell>) {
 
 /// Renumbers nodes, reorders cells and turns each cell to another of its twelve even orders.
 fn scramble(nodes: u32, cells: &mut [Cell], seed: u64) {
-    let mut state = seed | 1;
-    let mut random = move |below: usize| {
-        state = state
-            .wrapping_mul(6364136223846793005)
-            .wrapping_add(1442695040888963407);
-        (state >> 33) as usize % below
-    };
+    let mut random = Random::new(seed);
+    let mut random = move |count: usize| random.below(count);
     let mut numbers: Vec<u32> = (0..nodes).collect();
     for k in (1..numbers.len()).rev() {
         numbers.swap(k, random(k + 1));

@@ -100,7 +100,7 @@ fn rooms_name_what_is_below_them() {
 #[test]
 fn crates_need_what_is_below_them() {
     const ORDER: [&[&str]; 6] = [
-        &["sutura-shared", "sutura-mesh"],
+        &["sutura-shared", "sutura-mesh", "sutura-testkit"],
         &["sutura-client", "sutura-models", "sutura-firmware"],
         &["sutura-host", "sutura-capi"],
         &["sutura-hil"],
@@ -120,6 +120,7 @@ fn crates_need_what_is_below_them() {
         "host/models",
         "host/cli",
         "hil",
+        "testkit",
         "xtask",
         "fuzz",
     ] {
@@ -134,7 +135,7 @@ fn crates_need_what_is_below_them() {
         }
         found += 1;
     }
-    assert_eq!(found, 11);
+    assert_eq!(found, 12);
 }
 
 /// Lines of every function of a file, with where it begins.

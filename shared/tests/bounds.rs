@@ -65,7 +65,7 @@ fn holds_over_all(name: &str, promise: impl Fn([bool; 2], &[Event]) -> Held) {
         RngSeed::Random => 1,
     };
     for number in 0..u64::from(cases) {
-        let mut dice = Dice(Dice(first).bits() ^ number);
+        let mut dice = Dice::new(Dice::new(first).bits() ^ number);
         let switches = [dice.chance(0.5), dice.chance(0.5)];
         let count = 1 + dice.below(EVENTS - 1) as usize;
         let events = dice.events(count);
@@ -373,7 +373,7 @@ fn robbed(events: &[Event], adversary: bool, tank: bool) -> Result<(f64, f64), S
 /// The same adversary without the tank takes much more: the bound above is the tank's.
 #[test]
 fn without_the_tank_the_energy_is_not_bounded() {
-    let mut dice = Dice(1);
+    let mut dice = Dice::new(1);
     let mut worst = [0.0_f64; 2];
     let mut bar = 0.0;
     for _ in 0..40 {
@@ -393,7 +393,7 @@ fn without_the_tank_the_energy_is_not_bounded() {
 /// The strategies above reach what they are for: a test that never arms proves nothing.
 #[test]
 fn the_events_reach_torque_faults_and_limits() {
-    let mut dice = Dice(1);
+    let mut dice = Dice::new(1);
     let (mut modes, mut limited, mut stepped) = ([0_u32; 5], 0, 0);
     for _ in 0..40 {
         let mut run = Run::new(bench(), false);

@@ -175,14 +175,6 @@ impl Clock {
 mod tests {
     use super::*;
 
-    /// xorshift (Marsaglia 2003), 0 to 1.
-    fn random(state: &mut u32) -> f64 {
-        *state ^= *state << 13;
-        *state ^= *state >> 17;
-        *state ^= *state << 5;
-        f64::from(*state) / f64::from(u32::MAX)
-    }
-
     /// Exchanges with a console whose clock is `offset_us + (1 + drift) t`: the way there takes 40 us and waits up to a
     /// tick, the way back 60 us and now and then much longer.
     fn simulate(
@@ -192,17 +184,13 @@ mod tests {
         pings: u32,
     ) -> impl Fn(f64) -> f64 + use<> {
         let console = move |t: f64| offset_us + t * (1.0 + 1e-6 * drift_ppm);
-        let mut state = 7;
+        let mut random = sutura_testkit::Random::new(7);
         for k in 0..pings {
             let asked = 1e6 + 99_382.0 * f64::from(k);
-            let received = asked + 40.0 + 1000.0 * random(&mut state);
+            let received = asked + 40.0 + 1000.0 * random.unit();
             let sent = received + 150.0;
-            let late = if random(&mut state) < 0.1 {
-                20_000.0
-            } else {
-                30.0
-            };
-            let heard = sent + 60.0 + late * random(&mut state);
+            let late = if random.unit() < 0.1 { 20_000.0 } else { 30.0 };
+            let heard = sent + 60.0 + late * random.unit();
             clock.note(&Exchange {
                 asked_us: asked as u64,
                 received_us: console(received) as u64,

@@ -307,11 +307,8 @@ mod tests {
     /// The primal method alone finds what the primal-dual one finds.
     #[test]
     fn both_methods_agree() {
-        let mut seed = 3u64;
-        let mut random = || {
-            seed = seed.wrapping_mul(6364136223846793005).wrapping_add(1);
-            (seed >> 11) as f64 / (1u64 << 53) as f64 * 2.0 - 1.0
-        };
+        let mut random = sutura_testkit::Random::new(3);
+        let mut random = || random.signed();
         const N: usize = 12;
         let mut active = Active::new(N);
         for _ in 0..500 {

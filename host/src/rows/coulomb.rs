@@ -166,11 +166,8 @@ mod tests {
 
     #[test]
     fn every_cone_is_solved() {
-        let mut state = 7u64;
-        let mut random = || {
-            state = state.wrapping_mul(6364136223846793005).wrapping_add(1);
-            (state >> 11) as f64 / (1u64 << 53) as f64 * 2.0 - 1.0
-        };
+        let mut random = sutura_testkit::Random::new(7);
+        let mut random = || random.signed();
         let mut modes = [0; 3];
         for _ in 0..4000 {
             let root = Matrix3::from_fn(|_, _| random());

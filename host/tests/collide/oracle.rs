@@ -72,7 +72,7 @@ struct Tally {
 }
 
 fn compare(family: Family, queries: u32, seed: u64) -> Tally {
-    let mut chance = Chance(seed);
+    let mut chance = Chance::new(seed);
     let mut tally = Tally::default();
     for _ in 0..queries {
         let drawn = draw(&mut chance, family);

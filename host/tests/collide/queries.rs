@@ -3,26 +3,23 @@
 //! Entry point: [`draw`].
 
 use super::exact::{Kind, Point, Query};
+use sutura_testkit::Random;
 
-/// The same numbers on every machine (a linear congruential generator, Knuth's constants).
-pub struct Chance(pub u64);
+/// Whole numbers from a seed.
+pub struct Chance(Random);
 
 impl Chance {
-    fn bits(&mut self) -> u64 {
-        self.0 = self
-            .0
-            .wrapping_mul(6364136223846793005)
-            .wrapping_add(1442695040888963407);
-        self.0 >> 32
+    pub fn new(seed: u64) -> Self {
+        Self(Random::new(seed))
     }
 
     fn below(&mut self, count: u64) -> u64 {
-        self.bits() % count
+        self.0.below(count as usize) as u64
     }
 
     /// -size to size.
     fn whole(&mut self, size: i128) -> i128 {
-        i128::from(self.bits()) * 2 * size / (1 << 32) - size
+        i128::from(self.0.bits() >> 32) * 2 * size / (1 << 32) - size
     }
 
     fn point(&mut self, size: i128) -> Point {

@@ -82,7 +82,7 @@ fn a_sinking_edge_meets_another_at_their_middles() {
 fn nothing_comes_closer_than_the_separation_unsaid() {
     const PARTS: u32 = 12;
     let part = |k: u32| f64::from(k) / f64::from(PARTS);
-    let mut chance = Chance(5);
+    let mut chance = Chance::new(5);
     let (mut meeting, mut apart) = (0, 0);
     for number in 0..1500 {
         let query = draw(&mut chance, FAMILIES[number % FAMILIES.len()]).query;
@@ -188,7 +188,7 @@ fn sizes_do_not_matter_and_what_is_no_number_is_refused() {
 
 #[test]
 fn a_swept_test_allocates_nothing() {
-    let mut chance = Chance(9);
+    let mut chance = Chance::new(9);
     let queries: Vec<[Path; 4]> = (0..200)
         .map(|number| {
             let query = draw(&mut chance, FAMILIES[number % FAMILIES.len()]).query;

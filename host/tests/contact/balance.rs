@@ -1,10 +1,11 @@
 //! Balances: forces, energy, loads that stay, tools that are apart.
 
-use super::bench::{Bench, Chance, RADIUS, at, ball, contact, force, pose, slab_mesh};
+use super::bench::{Bench, RADIUS, at, ball, contact, force, pose, slab_mesh};
 use nalgebra::{UnitQuaternion, Vector3};
 use sutura_host::fem::{Anchor, Handle, Loads, NodeLoad};
 use sutura_host::step::State;
 use sutura_host::tool::{Shape, Tool};
+use sutura_testkit::Random;
 
 #[test]
 fn pushing_in_pushes_the_hand_out() {
@@ -33,9 +34,9 @@ fn pushing_in_pushes_the_hand_out() {
 #[test]
 fn the_force_is_the_slope_of_the_stored_energy() {
     let mut bench = Bench::slab(ball([0.0; 3]));
-    let mut chance = Chance(7);
+    let mut random = Random::new(7);
     for _ in 0..6 {
-        let centre = Vector3::new(0.0, 0.0, RADIUS - 0.006) + chance.vector() * 0.003;
+        let centre = Vector3::new(0.0, 0.0, RADIUS - 0.006) + random.vector() * 0.003;
         let mut solve = |centre: Vector3<f64>| {
             let (_, report) =
                 bench.afresh(at(0.0, 0.0, 0.05), pose(centre, UnitQuaternion::identity()));

@@ -194,23 +194,6 @@ pub fn force(contact: &ToolContact) -> Vector3<f64> {
     Vector3::from_column_slice(&contact.wrench[..3])
 }
 
-/// The same numbers on every machine, in -1 to 1 (a linear congruential generator, Knuth's constants).
-pub struct Chance(pub u64);
-
-impl Chance {
-    pub fn next(&mut self) -> f64 {
-        self.0 = self
-            .0
-            .wrapping_mul(6364136223846793005)
-            .wrapping_add(1442695040888963407);
-        (self.0 >> 11) as f64 / (1u64 << 52) as f64 - 1.0
-    }
-
-    pub fn vector(&mut self) -> Vector3<f64> {
-        Vector3::from_fn(|_, _| self.next())
-    }
-}
-
 pub fn all_finite(report: &StepReport) -> bool {
     report.stored_energy_j.is_finite()
         && report.residual.is_finite()

@@ -1,12 +1,13 @@
 //! Tools on corotational tissue: against whole Newton solves, the linear limit, and itself.
 
-use super::bench::{Bench, Chance, RADIUS, SOFT, at, ball, distance, force, pose};
+use super::bench::{Bench, RADIUS, SOFT, at, ball, distance, force, pose};
 use nalgebra::{Matrix3, Matrix6, UnitQuaternion, Vector3, Vector6};
 use sutura_host::fem::{CorotationalTissue, Loads, NodeLoad, Policy};
 use sutura_host::mesh::{TetMesh, slab, tube};
 use sutura_host::model::{Model, Passes};
 use sutura_host::step::{State, Status, StepReport, Workspace};
 use sutura_host::tool::{Tool, ToolSample};
+use sutura_testkit::Random;
 
 /// Factors in every pass.
 const FRESH: Policy = Policy {
@@ -279,10 +280,10 @@ const BALL: f64 = 0.024;
 /// the grip, so that turning the grip moves it.
 fn round(policy: Policy, passes: Passes) -> Bench {
     let even = tube([0.012, OUTSIDE], [-0.03, 0.03], [2, 24, 8]).expect("a tube");
-    let mut chance = Chance(7);
+    let mut random = Random::new(7);
     let jittered = |p: &[f64; 3]| {
         let free = p[2].abs() < 0.029 && p[0].hypot(p[1]) > 0.99 * OUTSIDE;
-        let by = chance.vector() * if free { 8e-4 } else { 0.0 };
+        let by = random.vector() * if free { 8e-4 } else { 0.0 };
         (Vector3::from(*p) + by).into()
     };
     let points = even.points_m().iter().map(jittered).collect();

@@ -1,8 +1,9 @@
 //! The tangent against perturbed full solves, each detecting contact afresh.
 
-use super::bench::{ARCH, Bench, Chance, RADIUS, at, ball, contact, force, pose};
+use super::bench::{ARCH, Bench, RADIUS, at, ball, contact, force, pose};
 use nalgebra::{Matrix3, Matrix3x6, Matrix6, UnitQuaternion, Vector3};
 use sutura_host::tool::{Tool, ToolSample};
+use sutura_testkit::Random;
 
 #[test]
 fn the_tangent_under_the_middle_is_symmetric() {
@@ -92,13 +93,13 @@ pub fn compare_jacobians(
     mut bench: Bench,
     from: ToolSample,
     expected_rows: u32,
-    mut draw: impl FnMut(&mut Chance) -> (Vector3<f64>, UnitQuaternion<f64>),
+    mut draw: impl FnMut(&mut Random) -> (Vector3<f64>, UnitQuaternion<f64>),
 ) {
-    let mut chance = Chance(42);
+    let mut random = Random::new(42);
     let (mut poses, mut worst, mut fewest, mut most, mut switches) = (0, 0.0f64, u32::MAX, 0, 0);
     while poses < 24 {
         // The drawn position is the shape's centre; the grip is where the offset puts it.
-        let (centre, rotation) = draw(&mut chance);
+        let (centre, rotation) = draw(&mut random);
         let arm = rotation * Vector3::from(bench.model.tools()[0].1.offset_m);
         let position = centre - arm;
         let Some(expected) = by_differences(&mut bench, from, position, rotation) else {
@@ -155,8 +156,8 @@ fn the_jacobian_is_exact_on_a_slab() {
         Bench::slab(ball([0.0; 3])),
         at(0.0, 0.0, 0.05),
         14,
-        |chance| {
-            let [x, y, z] = chance.vector().into();
+        |random| {
+            let [x, y, z] = random.vector().into();
             (
                 Vector3::new(0.012 * x, 0.012 * y, RADIUS - 0.006 + 0.003 * z),
                 UnitQuaternion::identity(),
@@ -168,12 +169,12 @@ fn the_jacobian_is_exact_on_a_slab() {
 #[test]
 fn the_jacobian_is_exact_with_the_sphere_off_the_grip() {
     let offset = [0.02, -0.01, -0.05];
-    compare_jacobians(Bench::slab(ball(offset)), at(0.0, 0.0, 0.2), 14, |chance| {
-        let [x, y, z] = chance.vector().into();
+    compare_jacobians(Bench::slab(ball(offset)), at(0.0, 0.0, 0.2), 14, |random| {
+        let [x, y, z] = random.vector().into();
         let centre = Vector3::new(0.012 * x, 0.012 * y, RADIUS - 0.006 + 0.003 * z);
         (
             centre,
-            UnitQuaternion::from_scaled_axis(chance.vector() * 0.8),
+            UnitQuaternion::from_scaled_axis(random.vector() * 0.8),
         )
     });
 }
@@ -185,14 +186,14 @@ fn the_jacobian_is_exact_on_an_arch() {
         Bench::arch(Tool::sphere(0.018, offset)),
         at(0.0, 0.0, 0.2),
         12,
-        |chance| {
-            let [angle, y, depth] = chance.vector().into();
+        |random| {
+            let [angle, y, depth] = random.vector().into();
             let out = Vector3::new((0.3 * angle).sin(), 0.0, (0.3 * angle).cos());
             let height = ARCH + 0.018 - 0.006 + 0.003 * depth;
             let centre = out * height + Vector3::new(0.0, 0.012 * y, -ARCH);
             (
                 centre,
-                UnitQuaternion::from_scaled_axis(chance.vector() * 0.4),
+                UnitQuaternion::from_scaled_axis(random.vector() * 0.4),
             )
         },
     );
@@ -205,14 +206,14 @@ fn the_jacobian_is_exact_on_an_unstructured_cylinder() {
         Bench::cylinder(Tool::sphere(0.02, offset)),
         at(0.2, 0.0, 0.06),
         8,
-        |chance| {
-            let [angle, z, depth] = chance.vector().into();
+        |random| {
+            let [angle, z, depth] = random.vector().into();
             let out = Vector3::new((0.5 * angle).cos(), (0.5 * angle).sin(), 0.0);
             let centre =
                 out * (0.03 + 0.02 - 0.005 + 0.002 * depth) + Vector3::z() * (0.06 + 0.015 * z);
             (
                 centre,
-                UnitQuaternion::from_scaled_axis(chance.vector() * 0.4),
+                UnitQuaternion::from_scaled_axis(random.vector() * 0.4),
             )
         },
     );

@@ -1,8 +1,6 @@
 //! Bad poses, jumps, missing columns, tools that cannot be, same bits.
 
-use super::bench::{
-    Bench, Chance, RADIUS, SOFT, all_finite, at, ball, contact, force, pose, slab_mesh,
-};
+use super::bench::{Bench, RADIUS, SOFT, all_finite, at, ball, contact, force, pose, slab_mesh};
 use nalgebra::{UnitQuaternion, Vector3};
 use std::collections::hash_map::DefaultHasher;
 use std::hash::Hasher;
@@ -10,6 +8,7 @@ use sutura_host::fem::Loads;
 use sutura_host::model::{Model, ModelError, Warning};
 use sutura_host::step::{State, Status, Workspace, step};
 use sutura_host::tool::{Tool, ToolSample};
+use sutura_testkit::Random;
 
 #[test]
 fn bad_poses_get_a_status_and_the_state_recovers() {
@@ -92,12 +91,12 @@ fn bad_poses_get_a_status_and_the_state_recovers() {
 fn wild_motion_never_breaks_the_solver() {
     let mut bench = Bench::slab(ball([0.0, 0.0, -0.02]));
     bench.work.vertices_per_step = 40;
-    let mut chance = Chance(3);
+    let mut random = Random::new(3);
     let mut state = State::new(&bench.model);
     let mut seen = std::collections::BTreeMap::new();
     for tick in 0..600 {
-        let position = chance.vector() * 0.05 + Vector3::z() * 0.03;
-        let rotation = UnitQuaternion::from_scaled_axis(chance.vector());
+        let position = random.vector() * 0.05 + Vector3::z() * 0.03;
+        let rotation = UnitQuaternion::from_scaled_axis(random.vector());
         let sample = pose(position, rotation);
         let report = bench.step(&mut state, sample);
         assert!(all_finite(&report), "tick {tick}");

@@ -1,8 +1,6 @@
 //! Flat punches: exact tangents, paths that turn, and the force on a block against an independent value.
 
-use super::bench::{
-    ARCH, Bench, Chance, RADIUS, SOFT, all_finite, at, contact, force, pose, slab_mesh,
-};
+use super::bench::{ARCH, Bench, RADIUS, SOFT, all_finite, at, contact, force, pose, slab_mesh};
 use super::jacobian::compare_jacobians;
 use nalgebra::{UnitQuaternion, Vector3};
 use serde_json::Value;
@@ -12,6 +10,7 @@ use sutura_host::mesh::{TetMesh, slab};
 use sutura_host::model::Warning;
 use sutura_host::step::{State, Status, step};
 use sutura_host::tool::{Shape, Tool};
+use sutura_testkit::Random;
 
 /// A punch on a stick, looking down.
 fn punch(offset_m: [f64; 3]) -> Tool {
@@ -21,8 +20,8 @@ fn punch(offset_m: [f64; 3]) -> Tool {
 #[test]
 fn the_jacobian_of_a_punch_is_exact_on_a_slab() {
     let bench = Bench::slab(punch([0.0, 0.0, -0.05]));
-    compare_jacobians(bench, at(0.0, 0.0, 0.2), 14, |chance| {
-        let [x, y, z] = chance.vector().into();
+    compare_jacobians(bench, at(0.0, 0.0, 0.2), 14, |random| {
+        let [x, y, z] = random.vector().into();
         let centre = Vector3::new(0.012 * x, 0.012 * y, -0.003 + 0.002 * z);
         (centre, UnitQuaternion::identity())
     });
@@ -31,10 +30,10 @@ fn the_jacobian_of_a_punch_is_exact_on_a_slab() {
 #[test]
 fn the_jacobian_of_a_tilted_punch_is_exact_on_a_slab() {
     let bench = Bench::slab(punch([0.02, -0.01, -0.05]));
-    compare_jacobians(bench, at(0.0, 0.0, 0.2), 8, |chance| {
-        let [x, y, z] = chance.vector().into();
+    compare_jacobians(bench, at(0.0, 0.0, 0.2), 8, |random| {
+        let [x, y, z] = random.vector().into();
         let centre = Vector3::new(0.012 * x, 0.012 * y, -0.001 + 0.001 * z);
-        let turn = UnitQuaternion::from_scaled_axis(chance.vector() * 0.25);
+        let turn = UnitQuaternion::from_scaled_axis(random.vector() * 0.25);
         (centre, turn)
     });
 }
@@ -42,15 +41,15 @@ fn the_jacobian_of_a_tilted_punch_is_exact_on_a_slab() {
 #[test]
 fn the_jacobian_of_a_punch_is_exact_on_an_arch() {
     let bench = Bench::arch(punch([0.0, 0.03, -0.05]));
-    compare_jacobians(bench, at(0.0, 0.0, 0.2), 8, |chance| {
-        let [angle, y, depth] = chance.vector().into();
+    compare_jacobians(bench, at(0.0, 0.0, 0.2), 8, |random| {
+        let [angle, y, depth] = random.vector().into();
         let out = Vector3::new((0.3 * angle).sin(), 0.0, (0.3 * angle).cos());
         let height = ARCH - 0.004 + 0.002 * depth;
         let centre = out * height + Vector3::new(0.0, 0.012 * y, -ARCH);
         let lean = UnitQuaternion::from_scaled_axis(Vector3::y() * (0.3 * angle));
         (
             centre,
-            UnitQuaternion::from_scaled_axis(chance.vector() * 0.1) * lean,
+            UnitQuaternion::from_scaled_axis(random.vector() * 0.1) * lean,
         )
     });
 }
@@ -59,14 +58,14 @@ fn the_jacobian_of_a_punch_is_exact_on_an_arch() {
 fn the_jacobian_of_a_punch_is_exact_on_an_unstructured_cylinder() {
     let mut tool = punch([-0.05, 0.0, 0.01]);
     tool.axis = [-1.0, 0.0, 0.0];
-    compare_jacobians(Bench::cylinder(tool), at(0.2, 0.0, 0.06), 6, |chance| {
-        let [angle, z, depth] = chance.vector().into();
+    compare_jacobians(Bench::cylinder(tool), at(0.2, 0.0, 0.06), 6, |random| {
+        let [angle, z, depth] = random.vector().into();
         let out = Vector3::new((0.5 * angle).cos(), (0.5 * angle).sin(), 0.0);
         let centre = out * (0.03 - 0.003 + 0.001 * depth) + Vector3::z() * (0.06 + 0.015 * z);
         let lean = UnitQuaternion::from_scaled_axis(Vector3::z() * (0.5 * angle));
         (
             centre,
-            UnitQuaternion::from_scaled_axis(chance.vector() * 0.1) * lean,
+            UnitQuaternion::from_scaled_axis(random.vector() * 0.1) * lean,
         )
     });
 }
@@ -117,14 +116,14 @@ fn a_turn_in_one_step_ends_where_many_small_ones_end() {
 #[test]
 fn wild_motion_of_a_punch_never_breaks_the_solver() {
     let mut bench = Bench::slab(punch([0.0, 0.0, -0.02]));
-    let mut chance = Chance(5);
+    let mut random = Random::new(5);
     let mut state = State::new(&bench.model);
     let mut seen = std::collections::BTreeMap::new();
     let mut pose_of = |swing: f64| {
-        let position = chance.vector() * 0.03 + Vector3::z() * 0.04;
+        let position = random.vector() * 0.03 + Vector3::z() * 0.04;
         pose(
             position,
-            UnitQuaternion::from_scaled_axis(chance.vector() * swing),
+            UnitQuaternion::from_scaled_axis(random.vector() * swing),
         )
     };
     for tick in 0..300 {

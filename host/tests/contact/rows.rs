@@ -1,10 +1,11 @@
 //! Rows for the console: they reproduce the tangent, and predict where rows switch.
 
-use super::bench::{Bench, Chance, RADIUS, at, ball, contact, pose, slab_mesh};
+use super::bench::{Bench, RADIUS, at, ball, contact, pose, slab_mesh};
 use nalgebra::{Matrix6, SMatrix, SVector, UnitQuaternion, Vector3, Vector6};
 use sutura_host::fem::Loads;
 use sutura_host::step::{MAX_TOOL_ROWS, State, ToolContact, ToolRows, step};
 use sutura_host::tool::{Shape, Tool, ToolSample};
+use sutura_testkit::Random;
 
 const N: usize = MAX_TOOL_ROWS;
 
@@ -144,43 +145,47 @@ fn another_tool_is_condensed_out() {
 fn rows_predict_switches() {
     let offset = [0.02, -0.01, -0.05];
     let punch = Tool::new(Shape::flat_punch(RADIUS, 0.04), offset);
-    let mut chance = Chance(11);
+    let mut random = Random::new(11);
     for (what, tool, height) in [
         ("sphere", ball(offset), RADIUS - 0.005),
         ("punch", punch, 0.001),
     ] {
         let mut bench = Bench::slab(tool);
         bench.work.most_rows = MAX_TOOL_ROWS;
-        let (mut by_rows, mut by_tangent, mut switched) = (0.0, 0.0, 0);
-        for _ in 0..40 {
-            let centre = Vector3::new(0.004, 0.004, 0.0).component_mul(&chance.vector())
+        let (mut by_rows, mut by_tangent) = (Vec::new(), Vec::new());
+        for _ in 0..200 {
+            let centre = Vector3::new(0.004, 0.004, 0.0).component_mul(&random.vector())
                 + Vector3::z() * height;
             let grip = centre - lean() * Vector3::from(offset);
             let (from, here) = (at(0.0, 0.0, 0.2), pose(grip, lean()));
             let (_, report) = bench.afresh(from, here);
             let start = contact(&report);
             let rows = *bench.work.rows(0).expect("rows");
-            let (dx, turn) = (chance.vector() * 1e-4, chance.vector() * 1e-3);
+            let (dx, turn) = (random.vector() * 1e-4, random.vector() * 1e-3);
             let there = pose(grip + dx, UnitQuaternion::from_scaled_axis(turn) * lean());
             let (_, report) = bench.afresh(from, there);
             let end = contact(&report);
             if end.rows == start.rows {
                 continue;
             }
-            switched += 1;
             let dq = Vector6::new(dx.x, dx.y, dx.z, turn.x, turn.y, turn.z);
             let tangent = Matrix6::from_fn(|i, j| start.tangent[i][j]);
             let expected = Vector6::from(end.wrench);
             let error = |wrench: Vector6<f64>| (wrench - expected).fixed_rows::<3>(0).norm();
-            by_rows += error(predict(&rows, &start, &dq)).powi(2);
-            by_tangent += error(Vector6::from(start.wrench) + tangent * dq).powi(2);
+            by_rows.push(error(predict(&rows, &start, &dq)));
+            by_tangent.push(error(Vector6::from(start.wrench) + tangent * dq));
         }
+        let switched = by_rows.len();
+        let [rows, tangent] = [by_rows, by_tangent].map(|mut errors| {
+            errors.sort_by(f64::total_cmp);
+            (errors[switched / 2], errors[switched - 1])
+        });
         println!(
-            "{what}: {switched} of 40 switch; rows {:.1e} N, tangent {:.1e} N",
-            by_rows.sqrt(),
-            by_tangent.sqrt()
+            "{what}: {switched} of 200 switch; median and worst of rows {:.1e} and {:.1e} N, of the tangent {:.1e} and {:.1e} N",
+            rows.0, rows.1, tangent.0, tangent.1
         );
-        assert!(switched >= 4);
-        assert!(by_rows.sqrt() < 0.3 * by_tangent.sqrt());
+        assert!(switched >= 20);
+        // A vertex that goes round a narrow rim is foreseen by neither.
+        assert!(rows.0 < 0.3 * tangent.0 && rows.1 <= 1.1 * tangent.1);
     }
 }

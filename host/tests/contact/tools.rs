@@ -1,11 +1,12 @@
 //! Several tools on one tissue.
 
-use super::bench::{Bench, Chance, RADIUS, all_finite, at, ball, contact, force, pose, slab_mesh};
+use super::bench::{Bench, RADIUS, all_finite, at, ball, contact, force, pose, slab_mesh};
 use super::rows::assert_reproduced;
 use nalgebra::{UnitQuaternion, Vector3};
 use sutura_host::fem::Loads;
 use sutura_host::step::{State, Status, step};
 use sutura_host::tool::{Shape, Tool, ToolSample};
+use sutura_testkit::Random;
 
 #[test]
 fn two_tools_feel_each_other_through_the_tissue() {
@@ -185,15 +186,15 @@ fn wild_motion_of_three_tools_never_breaks_the_solver() {
     let mut bench = Bench::new(&mesh, &bottom, Loads::default(), &tools);
     bench.work.most_rows = sutura_host::step::MAX_TOOL_ROWS;
     let mut state = State::new(&bench.model);
-    let mut chance = Chance(99);
+    let mut random = Random::new(99);
     let mut seen = std::collections::BTreeMap::new();
     let (mut shared, mut turning, mut not) = (0, 0, 0);
     for tick in 0..240 {
         let samples = [(0, 0.03), (5, 0.02), (6, 0.02)].map(|(id, height)| ToolSample {
             id,
             ..pose(
-                chance.vector() * 0.025 + Vector3::z() * height,
-                UnitQuaternion::from_scaled_axis(chance.vector() * 0.4),
+                random.vector() * 0.025 + Vector3::z() * height,
+                UnitQuaternion::from_scaled_axis(random.vector() * 0.4),
             )
         });
         let samples = &samples[..1 + tick % 3];

@@ -2,15 +2,16 @@
 //! and a list that keeps its promises.
 
 use super::oracle::{NOT, Oracle};
-use super::support::{Body, Random, Way, jittered};
+use super::support::{Body, Way, jittered};
 use super::{AXES, Slides, Tally, follow, lines_along_axes};
 use nalgebra::Vector3;
 use sutura_host::mesh::{TetMesh, slab};
 use sutura_host::needle::{Curve, Geometry, History, Slack, SlideStatus, Stop, entry, slide, walk};
+use sutura_testkit::Random;
 
 fn small_slab() -> TetMesh {
     let even = slab([4.0, 3.0, 2.0], [4, 3, 2]).expect("a slab");
-    jittered(&even, &mut Random(100), 0.15)
+    jittered(&even, &mut Random::new(100), 0.15)
 }
 
 /// A needle in the middle of the body, its end outside.
@@ -100,7 +101,7 @@ fn no_way_changes_nothing_and_outside_there_is_nothing() {
         assert_eq!((report.pushed, report.popped), (0, 0));
         assert_eq!(history, before);
     }
-    let mut random = Random(101);
+    let mut random = Random::new(101);
     let mut history = History::new(100);
     for _ in 0..1000 {
         let tangent = random.direction();
@@ -122,7 +123,7 @@ fn no_way_changes_nothing_and_outside_there_is_nothing() {
 #[test]
 fn a_needle_that_jumps_keeps_a_sound_list() {
     let body = Body::at_rest(&small_slab());
-    let mut random = Random(102);
+    let mut random = Random::new(102);
     let mut stops = [0; 3];
     for needle in 0..300 {
         let length = random.between(1.0, 6.0);
@@ -174,7 +175,7 @@ fn slivers_are_passed_as_other_cells() {
         p.angle(&q).to_degrees()
     });
     assert!(least.fold(180.0, f64::min) < 0.15);
-    let mut random = Random(103);
+    let mut random = Random::new(103);
     let mut tally = Tally::default();
     for needle in 0..60 {
         let length = random.between(0.5, 3.0);
@@ -220,7 +221,7 @@ fn weights(body: &Body, cell: u32, point: &Vector3<f64>) -> Option<[f64; 4]> {
 #[test]
 fn folded_and_collapsed_tissue_is_passed_or_reported() {
     let mesh = small_slab();
-    let mut random = Random(104);
+    let mut random = Random::new(104);
     let mut stops = [0; 2];
     let (mut inverted, mut flat, mut pushed, mut within) = (0, 0, 0, 0);
     for case in 0..300 {
@@ -349,7 +350,7 @@ fn depth(body: &Body, at: &[Vector3<f64>], cell: u32, point: &Vector3<f64>) -> f
 fn tissue_that_moves_from_step_to_step_does_not_lose_the_tip() {
     let jittered = Body::at_rest(&small_slab());
     let grid = Body::at_rest(&slab([4.0, 4.0, 2.0], [4, 4, 2]).expect("a slab"));
-    let mut random = Random(105);
+    let mut random = Random::new(105);
     let (mut guessed, mut inside) = (0, 0);
     for by in [1e-15, 1e-12, 1e-9, 1e-6, 1e-3, 0.02] {
         let (mut worst, mut misplaced) = (0.0f64, 0.0f64);

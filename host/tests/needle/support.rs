@@ -4,41 +4,7 @@ use super::oracle::{NOT, Oracle};
 use nalgebra::Vector3;
 use sutura_host::mesh::{HalfFaces, TetMesh, read_msh};
 use sutura_host::needle::{Curve, Geometry, Hierarchy, Slack};
-
-/// SplitMix64 (Steele, Lea, Flood 2014).
-pub struct Random(pub u64);
-
-impl Random {
-    pub fn bits(&mut self) -> u64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        z ^ (z >> 31)
-    }
-
-    /// From 0 to 1.
-    pub fn unit(&mut self) -> f64 {
-        (self.bits() >> 11) as f64 / (1u64 << 53) as f64
-    }
-
-    pub fn between(&mut self, low: f64, high: f64) -> f64 {
-        low + (high - low) * self.unit()
-    }
-
-    pub fn vector(&mut self) -> Vector3<f64> {
-        Vector3::from_fn(|_, _| self.between(-1.0, 1.0))
-    }
-
-    pub fn direction(&mut self) -> Vector3<f64> {
-        loop {
-            let v = self.vector();
-            if (0.1..1.0).contains(&v.norm()) {
-                return v.normalize();
-            }
-        }
-    }
-}
+use sutura_testkit::Random;
 
 /// Tissue in a place, with a hierarchy made elsewhere.
 pub struct Body {

@@ -1,8 +1,9 @@
 //! The law of friction, and the same forces by other ways.
 
-use super::sets::{Draw, Kind, Random};
+use super::sets::{Draw, Kind};
 use super::{GENTLE, PLAIN, assert_solved, buffers, cold, difference, sets};
 use sutura_host::rows::{Method, Mode, RowFlag, RowKind, Status, solve};
+use sutura_testkit::Random;
 
 /// The law of friction as it is written in the documentation of `RowKind`, row by row.
 #[test]
@@ -86,17 +87,17 @@ fn gauss_seidel_run_long_finds_the_same_forces() {
 /// After a step of the targets, rows that went and rows that came.
 #[test]
 fn a_warm_start_ends_where_a_cold_one_does() {
-    let mut random = Random(4);
+    let mut random = Random::new(4);
     let mut fewer = 0i64;
     for set in sets(4, 300, GENTLE) {
         let (mut state, mut work) = buffers();
         solve(&set.problem(), Method::ActiveSet, &mut state, &mut work);
         let (mut next, _) = set.permuted(&mut random);
         for free in &mut next.delta_free {
-            *free *= 1.0 + 0.02 * random.sign();
+            *free *= 1.0 + 0.02 * random.signed();
         }
         let place = random.below(next.rows.len());
-        next.rows[place].id = random.next();
+        next.rows[place].id = random.bits();
         let warm = solve(&next.problem(), Method::ActiveSet, &mut state, &mut work);
         assert_eq!(warm.status, Status::Ok);
         let (outcome, fresh, _) = cold(&next, Method::ActiveSet);
@@ -109,7 +110,7 @@ fn a_warm_start_ends_where_a_cold_one_does() {
 
 #[test]
 fn the_order_of_rows_does_not_matter() {
-    let mut random = Random(5);
+    let mut random = Random::new(5);
     let draws = [
         (GENTLE, 1e-8),
         // The share of each copy of a row is that of least norm, to what the regularisation leaves.

@@ -7,8 +7,9 @@ mod random;
 mod reduction;
 mod sets;
 
-use sets::{ALL, CONVEX, Draw, Random, Set, assert_admissible, draw};
+use sets::{ALL, CONVEX, Draw, Set, assert_admissible, draw};
 use sutura_host::rows::{Method, Outcome, State, TOLERANCE, Workspace, gaps, residuals, solve};
+use sutura_testkit::Random;
 
 const MOST: usize = 60;
 
@@ -45,7 +46,7 @@ fn cold(set: &Set, method: Method) -> (Outcome, State, Workspace) {
 
 /// Sets drawn until `count` are not empty and have a force.
 fn sets(seed: u64, count: usize, how: Draw) -> impl Iterator<Item = Set> {
-    let mut random = Random(seed);
+    let mut random = Random::new(seed);
     std::iter::repeat_with(move || draw(&mut random, &how))
         .filter(|set| !set.rows.is_empty() && set.delta_free.iter().any(|free| *free != 0.0))
         .take(count)

@@ -1,8 +1,9 @@
 //! Sets by the hundred thousand, garbage, and allocations.
 
-use super::sets::{ALL, Draw, Random, Set, assert_admissible, draw};
+use super::sets::{ALL, Draw, Set, assert_admissible, draw};
 use super::{GENTLE, PLAIN, assert_solved, buffers, sets};
 use sutura_host::rows::{Method, RowFlag, RowKind, State, Status, Workspace, solve, tangent};
+use sutura_testkit::Random;
 
 /// Ends of random sets.
 #[derive(Debug, Default)]
@@ -16,7 +17,7 @@ struct Tally {
 
 impl Tally {
     fn run(seed: u64, count: usize, how: &Draw) -> Self {
-        let mut random = Random(seed);
+        let mut random = Random::new(seed);
         let (mut state, mut work) = buffers();
         let mut tally = Self::default();
         for index in 0..count {
@@ -120,7 +121,7 @@ fn nearly_dependent_rows_are_solved_or_say_so() {
 /// NaN, infinities, negative and tiny numbers in places where they do not belong.
 #[test]
 fn garbage_gives_a_status_and_finite_forces() {
-    let mut random = Random(8);
+    let mut random = Random::new(8);
     let (mut state, mut work) = buffers();
     let garbage = [
         f64::NAN,

@@ -1,14 +1,15 @@
 //! The reduction against finite differences of the solve itself.
 
-use super::sets::{Random, Set};
+use super::sets::Set;
 use super::{GENTLE, cold, sets};
 use sutura_host::rows::{Condensed, Method, Mode, RowKind, State, condense, tangent};
+use sutura_testkit::Random;
 
 /// A tool's rows: J in the rows' own magnitude.
 fn jacobian(set: &Set, random: &mut Random) -> Vec<f64> {
     let n = set.rows.len();
     let own = |row: usize| set.compliance[row * (n + 1)].sqrt();
-    (0..6 * n).map(|at| own(at % n) * random.sign()).collect()
+    (0..6 * n).map(|at| own(at % n) * random.signed()).collect()
 }
 
 /// Both sides of `set` along `direction`, if no row changes its mode between them.
@@ -39,7 +40,7 @@ fn step(set: &Set, state: &State) -> f64 {
 
 #[test]
 fn the_tangent_is_the_derivative_of_the_wrench() {
-    let mut random = Random(10);
+    let mut random = Random::new(10);
     let (mut checked, mut slipping) = (0, 0);
     for set in sets(10, 400, GENTLE) {
         let n = set.rows.len();
@@ -126,7 +127,7 @@ fn answer(set: &Set, keep: &[usize], forces: &[f64]) -> Answer {
 
 #[test]
 fn condensed_rows_answer_like_the_whole_set() {
-    let mut random = Random(11);
+    let mut random = Random::new(11);
     let (mut checked, mut slipping) = (0, 0);
     for set in sets(11, 400, GENTLE) {
         let n = set.rows.len();

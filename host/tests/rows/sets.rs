@@ -1,38 +1,7 @@
 //! Random row sets of every kind, and the law they must obey, written out without the solver.
 
 use sutura_host::rows::{Mode, Problem, Row, RowKind, State};
-
-/// SplitMix64: the same sets everywhere.
-pub struct Random(pub u64);
-
-impl Random {
-    pub fn next(&mut self) -> u64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        z ^ (z >> 31)
-    }
-
-    /// In 0..count.
-    pub fn below(&mut self, count: usize) -> usize {
-        (self.next() % count as u64) as usize
-    }
-
-    /// In [0, 1).
-    pub fn unit(&mut self) -> f64 {
-        (self.next() >> 11) as f64 / (1u64 << 53) as f64
-    }
-
-    /// In [-1, 1).
-    pub fn sign(&mut self) -> f64 {
-        2.0 * self.unit() - 1.0
-    }
-
-    pub fn chance(&mut self, part: f64) -> bool {
-        self.unit() < part
-    }
-}
+use sutura_testkit::Random;
 
 /// An owned problem.
 #[derive(Clone, Debug)]
@@ -147,11 +116,11 @@ pub fn draw(random: &mut Random, how: &Draw) -> Set {
     let n = kinds.len();
     // C: rows in an energy's square root, so that W = C C'; u: a displacement that meets all targets.
     let width = n + 3;
-    let mut c: Vec<f64> = (0..n * width).map(|_| random.sign()).collect();
+    let mut c: Vec<f64> = (0..n * width).map(|_| random.signed()).collect();
     for row in 0..n {
         c[row * width + row] += how.softest.sqrt() * (n as f64).sqrt();
     }
-    let u: Vec<f64> = (0..width).map(|_| random.sign()).collect();
+    let u: Vec<f64> = (0..width).map(|_| random.signed()).collect();
     let dependent = n > 1 && random.chance(how.dependent);
     let conflicting = dependent && random.chance(how.conflicting);
     if dependent {
@@ -165,12 +134,12 @@ pub fn draw(random: &mut Random, how: &Draw) -> Set {
             let (x, y) = match random.below(3) {
                 0 => (1.0, 0.0),
                 1 => (-1.0, 0.0),
-                _ => (random.sign(), random.sign()),
+                _ => (random.signed(), random.signed()),
             };
             if to != a && to != b {
                 for k in 0..width {
                     c[to * width + k] =
-                        x * c[a * width + k] + y * c[b * width + k] + noise * random.sign();
+                        x * c[a * width + k] + y * c[b * width + k] + noise * random.signed();
                 }
             }
         }
@@ -182,7 +151,7 @@ pub fn draw(random: &mut Random, how: &Draw) -> Set {
         scale[row] = if kinds[row] == RowKind::Tangent {
             scale[row - 1]
         } else {
-            10f64.powf(0.5 * (magnitude + spread * random.sign()))
+            10f64.powf(0.5 * (magnitude + spread * random.signed()))
         };
     }
     let mut compliance = vec![0.0; n * n];
@@ -204,7 +173,7 @@ pub fn draw(random: &mut Random, how: &Draw) -> Set {
     if conflicting {
         for _ in 0..1 + random.below(3) {
             let row = random.below(n);
-            delta_free[row] += scale[row] * random.sign() * load / 10f64.powf(0.5 * magnitude);
+            delta_free[row] += scale[row] * random.signed() * load / 10f64.powf(0.5 * magnitude);
         }
     }
     if random.chance(0.02) {
@@ -219,7 +188,7 @@ pub fn draw(random: &mut Random, how: &Draw) -> Set {
     let rows = kinds
         .into_iter()
         .map(|kind| Row {
-            id: random.next(),
+            id: random.bits(),
             kind,
         })
         .collect();

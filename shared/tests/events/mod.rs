@@ -7,6 +7,7 @@
 use std::fmt::Write;
 use std::str::FromStr;
 use sutura_shared::wire::message::{Command, Contact, Fixture};
+use sutura_testkit::Random;
 
 /// What happens before one tick.
 #[derive(Clone, Debug, PartialEq)]
@@ -59,26 +60,26 @@ impl Course {
     };
 }
 
-/// Numbers from a seed (splitmix64, Steele, Lea and Flood 2014): a million cases of some hundred events are drawn in minutes.
-pub struct Dice(pub u64);
+/// Numbers from a seed.
+pub struct Dice(Random);
 
 impl Dice {
+    pub fn new(seed: u64) -> Self {
+        Self(Random::new(seed))
+    }
+
     pub fn bits(&mut self) -> u64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut z = self.0;
-        z = (z ^ z >> 30).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ z >> 27).wrapping_mul(0x94d0_49bb_1331_11eb);
-        z ^ z >> 31
+        self.0.bits()
     }
 
     /// 0 to `end`, without it.
     pub fn below(&mut self, end: u64) -> u64 {
-        ((u128::from(self.bits()) * u128::from(end)) >> 64) as u64
+        self.0.below(end as usize) as u64
     }
 
     /// 0 to 1, without it.
     fn part(&mut self) -> f64 {
-        (self.bits() >> 11) as f64 / (1_u64 << 53) as f64
+        self.0.unit()
     }
 
     pub fn chance(&mut self, part: f64) -> bool {
