@@ -319,7 +319,7 @@ fn isometry(sample: &ToolSample) -> Isometry3<f64> {
 mod tests {
     use super::*;
     use crate::scene::Document;
-    use crate::step::{Status, Workspace, step};
+    use crate::step::{Status, StepOptions, Workspace, step};
 
     /// A slab, a driven grip that turns, a second hand that takes the needle from it in the open, on its way, and
     /// lets it go.
@@ -405,7 +405,7 @@ way_point = [{ time_s = 0.0, position_m = [0.0, 0.0, 0.06] }]
         assert_eq!(script.driven(), Some(4));
         let mut go = |time_s: f64, state: &mut State, work: &mut Workspace| {
             let tools = script.follow(time_s, &model, state);
-            let report = step(&model, state, tools, work);
+            let report = step(&model, state, tools, &StepOptions::default(), work);
             assert_eq!(report.status, Status::Ok, "at {time_s} s");
             let held_by = report.needles()[0].held_by;
             let pose = state.needle_pose(&model, 1).expect("it exists");

@@ -9,7 +9,7 @@ use crate::model::Model;
 use crate::output::{DrivenNeedle, HeldTool, Reaction, Solution};
 use crate::scene::{Pose, Scene, SceneError};
 use crate::script::{Script, at_rest};
-use crate::step::{State, Status, StepReport, Workspace, step};
+use crate::step::{State, Status, StepOptions, StepReport, Workspace, step};
 use crate::tool::{Tool, ToolSample};
 use crate::wound::Wound;
 use miette::Diagnostic;
@@ -154,10 +154,11 @@ pub(crate) fn bring_in(
         .iter()
         .map(|(id, _, pose)| at_rest(*id, pose))
         .collect();
-    step(model, state, &outside, work);
+    let options = StepOptions::default();
+    step(model, state, &outside, &options, work);
     let mut passes = 0;
     for _ in 0..MOST_STEPS {
-        let report = step(model, state, &inside, work);
+        let report = step(model, state, &inside, &options, work);
         match report.status {
             // A step looks before it moves: only the next one knows what this one left.
             Status::Ok if report.passes == 0 || (passes > 0 && report.imbalance <= IN_BALANCE) => {
@@ -212,7 +213,7 @@ fn arrive(
 ) -> Result<StepReport, SolveError> {
     for _ in 0..MOST_STEPS {
         let tools = script.follow(time_s, model, state);
-        let report = step(model, state, tools, work);
+        let report = step(model, state, tools, &StepOptions::default(), work);
         match report.status {
             Status::Ok => return Ok(report),
             Status::Waiting | Status::Behind => {}

@@ -6,7 +6,7 @@
 use super::look_budget::{Ahead, LookBudget};
 use crate::model::Model;
 use crate::needle::{NeedleReport, TipPlace};
-use crate::step::{State, Status, Workspace, step};
+use crate::step::{State, Status, StepOptions, Workspace, step};
 use crate::tool::ToolSample;
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 use sutura_shared::wire::message::{COURSE_POINTS, Course};
@@ -46,6 +46,7 @@ pub(super) fn course(
     samples: &[ToolSample],
     needle: &NeedleReport,
     look: &Look,
+    options: &StepOptions,
     (work, budget): (&mut Workspace, &mut LookBudget),
 ) -> Course {
     let piece_m = model
@@ -65,6 +66,7 @@ pub(super) fn course(
             state,
             samples,
             look,
+            options,
             (side, sign),
             &mut visits,
             (&mut *work, &mut *budget),
@@ -99,6 +101,7 @@ fn visit(
     state: &State,
     samples: &[ToolSample],
     look: &Look,
+    options: &StepOptions,
     (side, sign): (usize, f64),
     visits: &mut Vec<Visit>,
     (work, budget): (&mut Workspace, &mut LookBudget),
@@ -125,7 +128,7 @@ fn visit(
         if !budget.allows(Ahead::Course, side) {
             return;
         }
-        let report = step(model, &mut trial, &samples, work);
+        let report = step(model, &mut trial, &samples, options, work);
         budget.made(Ahead::Course, side, &report);
         let found = report.needles().iter().find(|other| other.id == needle.id);
         match found {

@@ -16,7 +16,7 @@ use crate::output::tip_word;
 use crate::scene::{Needle, Scene, Tissue};
 use crate::script::{Path, Script, path};
 use crate::solve::{SolveError, bring_in};
-use crate::step::{self, Arrival, Rule, Status, StepReport, ToolRows, Workspace};
+use crate::step::{self, Arrival, Rule, Status, StepOptions, StepReport, ToolRows, Workspace};
 use crate::thread::{ThreadReport, ThreadTension};
 use crate::tool::ToolSample;
 use crate::wound::Wound;
@@ -66,6 +66,9 @@ pub struct TissueSolver {
     model: Model,
     state: step::State,
     work: Workspace,
+    options: StepOptions,
+    /// Rows of a step for which there is time.
+    most_rows: usize,
     /// How long a frame is in use at most \[s\], from its state on.
     ahead_s: f64,
     /// When frames usually are in use.
@@ -145,6 +148,8 @@ impl TissueSolver {
             model,
             state,
             work,
+            options: StepOptions::default(),
+            most_rows: 0,
             ahead_s: 0.0,
             lead: Lead::new(),
             script: Script::new(scene),
@@ -222,8 +227,9 @@ impl TissueSolver {
     /// From now on steps reduce the driven tool's contact to so many rows at most (0: to none), those that matter
     /// within `ahead_s` first.
     pub fn reduce_to(&mut self, most_rows: usize, ahead_s: f64) {
-        self.work.most_rows = most_rows;
-        self.work.reach_m = reach_m(ahead_s);
+        self.most_rows = most_rows;
+        self.options.most_rows = most_rows;
+        self.options.reach_m = reach_m(ahead_s);
         self.ahead_s = ahead_s;
     }
 
@@ -265,7 +271,13 @@ impl TissueSolver {
         if let Some(driven) = samples.first().filter(|_| armed_anew) {
             self.state.put(driven);
         }
-        self.last = step::step(&self.model, &mut self.state, samples, &mut self.work);
+        self.last = step::step(
+            &self.model,
+            &mut self.state,
+            samples,
+            &self.options,
+            &mut self.work,
+        );
         for (tally, report) in self.needles.iter_mut().zip(self.last.needles()) {
             tally.last = *report;
             tally.peak_axial_n = tally.peak_axial_n.max(report.axial_n.abs());
@@ -391,6 +403,7 @@ impl TissueSolver {
             samples,
             found,
             &look,
+            &self.options,
             (&mut self.work, &mut self.budget),
         )
     }
@@ -423,7 +436,13 @@ impl TissueSolver {
             {
                 *at = from - pull * way_m;
             }
-            let report = step::step(&self.model, &mut state, &samples, &mut self.work);
+            let report = step::step(
+                &self.model,
+                &mut state,
+                &samples,
+                &self.options,
+                &mut self.work,
+            );
             self.budget.made(Ahead::Pull, 0, &report);
             let there = at_grip(&report, driven).filter(|_| report.status == Status::Ok);
             let Some(there) = there else {
@@ -523,7 +542,13 @@ impl TissueSolver {
         }
         driven.position_m = there;
         let mut state = self.state.clone();
-        let report = step::step(&self.model, &mut state, &samples, &mut self.work);
+        let report = step::step(
+            &self.model,
+            &mut state,
+            &samples,
+            &self.options,
+            &mut self.work,
+        );
         (report.status == Status::Ok).then_some(report)
     }
 
@@ -647,14 +672,17 @@ impl NeedleTally {
 impl Solve for TissueSolver {
     fn spare(&mut self, effort: Effort) -> Spared {
         self.effort = effort;
-        self.work.spares_rows = effort >= Effort::NoRows;
+        self.options.most_rows = match effort {
+            Effort::NoRows => 0,
+            Effort::Full | Effort::NoLooks => self.most_rows,
+        };
         let (needles, threads) = (&self.needles, &self.peak_tension_n);
         let looks = !needles.is_empty()
             || (self.looks_ahead && !threads.is_empty())
             || self.would_try_ahead();
         Spared {
             looks: effort >= Effort::NoLooks && looks && self.tissue.word() == "linear",
-            rows: effort >= Effort::NoRows && self.work.most_rows > 0,
+            rows: effort >= Effort::NoRows && self.most_rows > 0,
         }
     }
 
@@ -690,7 +718,7 @@ impl Solve for TissueSolver {
         if !tries {
             sample.position_m = goal.position_m.map(f64::from);
         }
-        self.work.ahead_m = goal.ahead_m;
+        self.options.ahead_m = goal.ahead_m;
         let armed_anew = before_us.is_some_and(|before| is_armed_anew(before, &sample));
         let report = self.step_with(sample, armed_anew);
         let contact = report.contacts().first().copied();

@@ -250,7 +250,6 @@ impl Sources {
             most_anchors: room.anchors,
             most_spread: room.spread,
             most_terms: room.terms,
-            vertices_per_step: self.settings.vertices_per_step,
             memory_bytes: self.settings.memory_bytes,
             ..AnchorSettings::default()
         }

@@ -41,9 +41,7 @@ fn block(policy: Policy, passes: Passes) -> Bench {
         passes,
     )
     .expect("a model");
-    let mut work = Workspace::new(&model);
-    work.vertices_per_step = 1000;
-    Bench { model, work }
+    Bench::around(model)
 }
 
 /// Pressed in by `depth`, off the middle, in steps of a millimetre.
@@ -288,9 +286,7 @@ fn round(policy: Policy, passes: Passes) -> Bench {
     let loads = Loads::default();
     let model = Model::corotational(&mesh, SOFT, &ends, loads, &[(0, tool)], policy, passes);
     let model = model.expect("a model");
-    let mut work = Workspace::new(&model);
-    work.vertices_per_step = 1000;
-    Bench { model, work }
+    Bench::around(model)
 }
 
 /// The grip with the ball so deep in the tube's side, aslant, moved and turned by `by` \[m, rad\].

@@ -51,9 +51,7 @@ fn block(tool: Tool, cells: Cells, policy: Policy, passes: Passes) -> Bench {
         passes,
     );
     let model = model.expect("a model");
-    let mut work = Workspace::new(&model);
-    work.vertices_per_step = 1000;
-    Bench { model, work }
+    Bench::around(model)
 }
 
 fn smooth(policy: Policy, passes: Passes) -> Bench {
@@ -325,7 +323,7 @@ fn a_drag_keeps_its_cones_and_its_books() {
 fn a_step_allocates_nothing_once_it_has_been_there() {
     let tool = ball([0.0; 3]).with_friction(0.2, 0.3);
     let mut bench = block(tool, Cells::Linear, Policy::default(), SCENES);
-    bench.work.most_rows = MAX_TOOL_ROWS;
+    bench.options.most_rows = MAX_TOOL_ROWS;
     bench.work.prepare(&bench.model, |_| true);
     let mut state = State::new(&bench.model);
     let way = (-8..=12).chain((-8..12).rev());

@@ -229,13 +229,14 @@ fn a_punch_on_a_block_converges_to_an_independent_value() {
         let (mesh, bottom) = cylinder(face, radius, height, edges);
         let mut bench = Bench::new(&mesh, &bottom, Loads::default(), &[(0, tool)]);
         // The columns of what will be touched, no more.
-        bench.work.vertices_per_step = (2 * edges + 1).pow(2);
+        bench.options.vertices_per_step = Some((2 * edges + 1).pow(2));
         let mut state = State::new(&bench.model);
         let mut press = |z: f64| {
             step(
                 &bench.model,
                 &mut state,
                 &[at(0.0, 0.0, z)],
+                &bench.options,
                 &mut bench.work,
             )
         };

@@ -85,7 +85,7 @@ fn rows_reproduce_the_tangent() {
         ("wide sphere", wide, 0.03 - 0.009, false),
     ] {
         let mut bench = Bench::slab(tool);
-        bench.work.most_rows = MAX_TOOL_ROWS;
+        bench.options.most_rows = MAX_TOOL_ROWS;
         let centre = Vector3::new(0.002, 0.001, height);
         let grip = centre - lean() * Vector3::from(offset);
         let (_, report) = bench.afresh(at(0.0, 0.0, 0.2), pose(grip, lean()));
@@ -117,7 +117,7 @@ fn another_tool_is_condensed_out() {
     let (mesh, bottom) = slab_mesh();
     let tools = [(0, ball([0.0; 3])), (5, ball([0.01, 0.0, -0.02]))];
     let mut bench = Bench::new(&mesh, &bottom, Loads::default(), &tools);
-    bench.work.most_rows = MAX_TOOL_ROWS;
+    bench.options.most_rows = MAX_TOOL_ROWS;
     // Near enough for vertices that both touch.
     let left = at(-0.0045, 0.001, RADIUS - 0.005);
     let right = ToolSample {
@@ -125,7 +125,13 @@ fn another_tool_is_condensed_out() {
         ..at(-0.0055, 0.0, RADIUS + 0.02 - 0.0055)
     };
     let mut state = State::new(&bench.model);
-    let report = step(&bench.model, &mut state, &[left, right], &mut bench.work);
+    let report = step(
+        &bench.model,
+        &mut state,
+        &[left, right],
+        &bench.options,
+        &mut bench.work,
+    );
     assert_eq!(report.contacts().len(), 2, "{:?}", report.status);
     bench.assert_balanced(&state, &[left, right]);
     for contact in report.contacts() {
@@ -133,8 +139,14 @@ fn another_tool_is_condensed_out() {
         assert_eq!(rows.tool, contact.id);
         assert_reproduced(rows, contact, "one of two");
     }
-    bench.work.most_rows = 0;
-    step(&bench.model, &mut state, &[left, right], &mut bench.work);
+    bench.options.most_rows = 0;
+    step(
+        &bench.model,
+        &mut state,
+        &[left, right],
+        &bench.options,
+        &mut bench.work,
+    );
     assert!(bench.work.rows(0).is_none(), "nobody asked");
 }
 
@@ -150,7 +162,7 @@ fn rows_predict_switches() {
         ("punch", punch, 0.001),
     ] {
         let mut bench = Bench::slab(tool);
-        bench.work.most_rows = MAX_TOOL_ROWS;
+        bench.options.most_rows = MAX_TOOL_ROWS;
         let (mut by_rows, mut by_tangent, mut switched) = (0.0, 0.0, 0);
         for _ in 0..40 {
             let centre = Vector3::new(0.004, 0.004, 0.0).component_mul(&chance.vector())

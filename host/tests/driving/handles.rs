@@ -200,8 +200,13 @@ fn no_step_with_a_handle_allocates() {
             .collect();
         let mut run = |state: &mut State| {
             samples.iter().all(|sample| {
-                let report =
-                    sutura_host::step::step(&bench.model, state, &[*sample], &mut bench.work);
+                let report = sutura_host::step::step(
+                    &bench.model,
+                    state,
+                    &[*sample],
+                    &sutura_host::step::StepOptions::default(),
+                    &mut bench.work,
+                );
                 report.status == Status::Ok
             })
         };
