@@ -7,7 +7,7 @@ use super::{
     materials_of, on_path, timed,
 };
 use crate::scene::{Registered, Scene};
-use crate::session::{ModelSolver, Rendering};
+use crate::session::SceneSolver;
 use crate::solve::SolveError;
 use crate::step::Status;
 use std::time::Instant;
@@ -15,8 +15,7 @@ use std::time::Instant;
 /// Builds the scene, follows its hand in pieces, and lists its parts.
 pub(super) fn explain(scene: &Scene, model: Registered) -> Result<Vec<Component>, SolveError> {
     let mut parts = geometry(scene);
-    let (solver, took) =
-        timed(|| ModelSolver::new(scene, model, Rendering::Tangent, scene.host.host_hz));
+    let (solver, took) = timed(|| SceneSolver::new(scene));
     let mut solver = solver?;
     let why = format!("`[tissue] model`, with the setting \"{}\"", model.setting());
     let name = format!("{} tissue", model.name());

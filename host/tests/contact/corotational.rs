@@ -5,7 +5,7 @@ use nalgebra::{Matrix3, Matrix6, UnitQuaternion, Vector3, Vector6};
 use sutura_host::fem::{CorotationalTissue, Loads, NodeLoad, Policy};
 use sutura_host::mesh::{TetMesh, slab, tube};
 use sutura_host::model::{Model, Passes};
-use sutura_host::step::{State, Status, StepReport, Workspace};
+use sutura_host::step::{State, Status, StepReport};
 use sutura_host::tool::{Tool, ToolSample};
 
 /// Factors in every pass.

@@ -5,7 +5,7 @@ use nalgebra::{Matrix6, UnitQuaternion, Vector3, Vector6};
 use sutura_host::fem::{Hyperelasticity, Loads, Policy};
 use sutura_host::mesh::{TetMesh, slab};
 use sutura_host::model::{Model, Passes};
-use sutura_host::step::{MAX_TOOL_ROWS, State, Status, StepReport, Workspace};
+use sutura_host::step::{MAX_TOOL_ROWS, State, Status, StepReport};
 use sutura_host::tool::{Tool, ToolSample};
 use sutura_models::hyperelastic::{Cells, Hyperelastic, Settings};
 use sutura_models::law::Law;
