@@ -26,6 +26,8 @@ pub(super) struct Look {
     pub reach_m: [f64; 2],
     /// Steps forward, and backward, (2).
     pub steps: [usize; 2],
+    /// What each of them is asked for.
+    pub options: StepOptions,
     /// Speed along the slide that friction is to have \[m/s\].
     pub speed_m_per_s: f64,
     /// Whether it is on its way back.
@@ -46,7 +48,6 @@ pub(super) fn course(
     samples: &[ToolSample],
     needle: &NeedleReport,
     look: &Look,
-    options: &StepOptions,
     (work, budget): (&mut Workspace, &mut LookBudget),
 ) -> Course {
     let piece_m = model
@@ -66,7 +67,6 @@ pub(super) fn course(
             state,
             samples,
             look,
-            options,
             (side, sign),
             &mut visits,
             (&mut *work, &mut *budget),
@@ -101,7 +101,6 @@ fn visit(
     state: &State,
     samples: &[ToolSample],
     look: &Look,
-    options: &StepOptions,
     (side, sign): (usize, f64),
     visits: &mut Vec<Visit>,
     (work, budget): (&mut Workspace, &mut LookBudget),
@@ -128,7 +127,7 @@ fn visit(
         if !budget.allows(Ahead::Course, side) {
             return;
         }
-        let report = step(model, &mut trial, &samples, options, work);
+        let report = step(model, &mut trial, &samples, &look.options, work);
         budget.made(Ahead::Course, side, &report);
         let found = report.needles().iter().find(|other| other.id == needle.id);
         match found {

@@ -113,7 +113,6 @@ impl SceneSolver {
             self.past.script.samples(),
             found,
             &look,
-            &self.options,
             (&mut tissue.work, &mut self.past.budget),
         )
     }
@@ -195,6 +194,7 @@ impl SceneSolver {
         Some(Look {
             reach_m,
             steps,
+            options: self.options,
             speed_m_per_s: speed_m_per_s.abs(),
             goes_back,
         })
