@@ -13,6 +13,8 @@ mod prefetch;
 mod reduce;
 mod report;
 mod rest;
+#[cfg(test)]
+mod room_tests;
 mod sources;
 mod state;
 mod substeps;
