@@ -74,8 +74,13 @@ impl Bench {
         Self::new(&mesh, &ends, Loads::default(), &[(0, tool)])
     }
 
+    /// One step with the tools there.
+    pub fn follow(&mut self, state: &mut State, samples: &[ToolSample]) -> StepReport {
+        step(&self.model, state, samples, &self.options, &mut self.work)
+    }
+
     pub fn step(&mut self, state: &mut State, sample: ToolSample) -> StepReport {
-        step(&self.model, state, &[sample], &self.options, &mut self.work)
+        self.follow(state, &[sample])
     }
 
     /// A new state comes in from `from` to `to`: contact detected afresh.

@@ -3,7 +3,7 @@
 use super::bench::{Bench, Chance, RADIUS, at, ball, contact, pose, slab_mesh};
 use nalgebra::{Matrix6, SMatrix, SVector, UnitQuaternion, Vector3, Vector6};
 use sutura_host::fem::Loads;
-use sutura_host::step::{MAX_TOOL_ROWS, State, ToolContact, ToolRows, step};
+use sutura_host::step::{MAX_TOOL_ROWS, State, ToolContact, ToolRows};
 use sutura_host::tool::{Shape, Tool, ToolSample};
 
 const N: usize = MAX_TOOL_ROWS;
@@ -125,13 +125,7 @@ fn another_tool_is_condensed_out() {
         ..at(-0.0055, 0.0, RADIUS + 0.02 - 0.0055)
     };
     let mut state = State::new(&bench.model);
-    let report = step(
-        &bench.model,
-        &mut state,
-        &[left, right],
-        &bench.options,
-        &mut bench.work,
-    );
+    let report = bench.follow(&mut state, &[left, right]);
     assert_eq!(report.contacts().len(), 2, "{:?}", report.status);
     bench.assert_balanced(&state, &[left, right]);
     for contact in report.contacts() {
@@ -140,13 +134,7 @@ fn another_tool_is_condensed_out() {
         assert_reproduced(rows, contact, "one of two");
     }
     bench.options.most_rows = 0;
-    step(
-        &bench.model,
-        &mut state,
-        &[left, right],
-        &bench.options,
-        &mut bench.work,
-    );
+    bench.follow(&mut state, &[left, right]);
     assert!(bench.work.rows(0).is_none(), "nobody asked");
 }
 
