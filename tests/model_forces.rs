@@ -12,7 +12,7 @@ use std::path::Path;
 use sutura_hil::NativeConsole;
 use sutura_host::scene::{Document, Registered, Scene, Tissue, models};
 use sutura_host::session::{
-    self, LINE_BYTES_PER_S, ModelSolver, Plan, Rendering, SceneSolver, Solve, Solved, run_lockstep,
+    LINE_BYTES_PER_S, Plan, Rendering, SceneSolver, Solve, Solved, run_lockstep,
 };
 use sutura_shared::wire::Valid;
 use sutura_shared::wire::message::{Fixture, State};
@@ -26,7 +26,7 @@ const LEAST_RENDERED: f64 = 0.95;
 
 /// A solver whose results are counted on their way to the console.
 struct Watched {
-    solver: Box<dyn SceneSolver>,
+    solver: SceneSolver,
     felt: Felt,
 }
 
@@ -104,11 +104,11 @@ fn plan(scene: &Scene, rendering: Rendering) -> Plan {
 fn session(scene: &mut Scene, tissue: Tissue) -> Felt {
     scene.tissue = tissue;
     let plan = plan(scene, tissue.usual_rendering());
-    let solver = session::solver(scene, &plan).unwrap();
+    let solver = SceneSolver::for_session(scene, &plan).unwrap();
     watch(solver, &plan)
 }
 
-fn watch(solver: Box<dyn SceneSolver>, plan: &Plan) -> Felt {
+fn watch(solver: SceneSolver, plan: &Plan) -> Felt {
     let felt = Felt::default();
     let mut watched = Watched { solver, felt };
     let mut console = NativeConsole::new(&plan.device).unwrap();
@@ -125,8 +125,8 @@ fn watch(solver: Box<dyn SceneSolver>, plan: &Plan) -> Felt {
 fn reference_n(scene: &Scene) -> f64 {
     let model = Registered::new("hyperelastic", Some("linear cells, to 1e-3")).unwrap();
     let plan = plan(scene, Rendering::Tangent);
-    let solver = ModelSolver::new(scene, model, plan.rendering, plan.host_hz).unwrap();
-    let felt = watch(Box::new(solver), &plan);
+    let solver = SceneSolver::sticking(scene, model, plan.rendering, plan.host_hz).unwrap();
+    let felt = watch(solver, &plan);
     assert_eq!(felt.rendered, felt.contact_steps, "{felt:?}");
     assert!(felt.peak_n > 1.0, "{felt:?}");
     felt.peak_n

@@ -12,7 +12,7 @@ use sutura_host::link::{LinkError, LockstepConsole};
 use sutura_host::scene::{Scene, load};
 use sutura_host::script::path;
 use sutura_host::session::{
-    LINE_BYTES_PER_S, Plan, Rendering, Solve, Solved, Summary, TissueSolver, run_lockstep,
+    LINE_BYTES_PER_S, Plan, Rendering, SceneSolver, Solve, Solved, Summary, run_lockstep,
 };
 use sutura_shared::wire::message::{Contact, Needle, State, Tip};
 use sutura_shared::wire::{Accumulator, Unchecked, Valid, decode};
@@ -138,7 +138,7 @@ struct Step {
 
 /// A solver that writes down what it gives.
 struct Watched {
-    solver: TissueSolver,
+    solver: SceneSolver,
     steps: Vec<Step>,
 }
 
@@ -202,13 +202,13 @@ impl LockstepConsole for Tapped {
 
 /// A session of the first `seconds` of a scene, with all that went over the line.
 fn watch(scene: &Scene, seconds: f64) -> (Watched, Tapped, Summary) {
-    let mut solver = TissueSolver::new(scene).unwrap();
-    solver.prepare(&path(scene, seconds, 0.02, TissueSolver::apart_m(scene)));
+    let mut solver = SceneSolver::new(scene).unwrap();
+    solver.prepare(&path(scene, seconds, 0.02, SceneSolver::apart_m(scene)));
     watch_with(solver, scene, seconds)
 }
 
 /// The same by a solver that may have a past.
-fn watch_with(solver: TissueSolver, scene: &Scene, seconds: f64) -> (Watched, Tapped, Summary) {
+fn watch_with(solver: SceneSolver, scene: &Scene, seconds: f64) -> (Watched, Tapped, Summary) {
     let mut watched = Watched {
         solver,
         steps: Vec::new(),

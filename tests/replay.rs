@@ -20,8 +20,8 @@ use sutura_host::recording::{
 };
 use sutura_host::scene::{self, Document, Scene, Sources, Tissue};
 use sutura_host::session::{
-    Effort, LINE_BYTES_PER_S, Line, Plan, Rendering, SceneSolver, Solve, Solved, TissueSolver,
-    contact_frame, run_lockstep, run_real_time,
+    Effort, LINE_BYTES_PER_S, Line, Plan, Rendering, SceneSolver, Solve, Solved, contact_frame,
+    run_lockstep, run_real_time,
 };
 use sutura_host::step::{Arrival, ToolContact};
 use sutura_shared::control::CODE;
@@ -99,7 +99,7 @@ fn recorded(
         ..About::here(BUILD.to_owned(), &plan, scene.tissue.word())
     };
     let recorder = Recorder::start(Some(file), about, sources).unwrap();
-    let mut solver = TissueSolver::for_session(&scene, &plan).unwrap();
+    let mut solver = SceneSolver::for_session(&scene, &plan).unwrap();
     let mut solver = Tiring {
         solver: TappedSolver::new(&mut solver, recorder.tap()),
         solves: 0,
@@ -131,7 +131,7 @@ fn of_console(recording: &Recording) -> ConsoleVerdict {
 
 fn of_host(recording: &Recording) -> HostVerdict {
     let scene = scene::read(&Document::from_sources(&recording.sources)).unwrap();
-    let mut solver = TissueSolver::for_session(&scene, &recording.about.plan).unwrap();
+    let mut solver = SceneSolver::for_session(&scene, &recording.about.plan).unwrap();
     replay_host(recording, &mut solver, true)
 }
 
@@ -317,7 +317,7 @@ fn a_changed_solve_and_a_changed_pose_are_found_at_their_step() {
     let mut changed = recording.clone();
     changed.solves[77].1.state_hash = format!("{:016x}", 7);
     let scene = scene::read(&Document::from_sources(&changed.sources)).unwrap();
-    let solver = || TissueSolver::for_session(&scene, &changed.about.plan).unwrap();
+    let solver = || SceneSolver::for_session(&scene, &changed.about.plan).unwrap();
     let verdict = replay_host(&changed, &mut solver(), false);
     assert_eq!((verdict.diverged_step, verdict.identical), (None, false));
     let touched = changed
@@ -397,7 +397,7 @@ fn a_console_with_a_past_is_joined() {
     let (scene, sources) = read_scene("palpation.toml");
     let plan = plan(&scene, 0.4);
     let mut console = NativeConsole::new(&plan.device).unwrap();
-    let mut solver = TissueSolver::for_session(&scene, &plan).unwrap();
+    let mut solver = SceneSolver::for_session(&scene, &plan).unwrap();
     run_lockstep(&mut console, &plan, &mut solver, |_| {
         ControlFlow::Continue(())
     })
@@ -467,7 +467,7 @@ fn a_console_with_a_past_is_joined() {
 }
 
 /// Two seconds of palpation in real time, with a thread that computes columns.
-fn with_a_thread(file: &Path, mut solver: TissueSolver) -> Recording {
+fn with_a_thread(file: &Path, mut solver: SceneSolver) -> Recording {
     let (scene, sources) = read_scene("palpation.toml");
     let plan = plan(&scene, 2.0);
     let about = About {
@@ -499,7 +499,7 @@ fn a_session_in_real_time_comes_out_the_same_whenever_columns_came() {
     let plan = plan(&scene, 2.0);
     // Nothing is computed beforehand, so that the thread has something to do.
     let unprepared = || {
-        let mut solver = TissueSolver::new(&scene).unwrap();
+        let mut solver = SceneSolver::new(&scene).unwrap();
         solver.reduce_to(plan.most_rows(), 2.0 / plan.host_hz);
         solver
     };
@@ -536,7 +536,7 @@ fn a_session_on_corotational_tissue_comes_out_the_same_whenever_factors_came() {
     std::fs::write(&coarse, shipped.replace("[20, 20, 8]", "[8, 8, 4]")).unwrap();
     let mut scene = scene::read(&Document::read(&coarse).unwrap()).unwrap();
     scene.tissue = Tissue::named("corotational").unwrap();
-    let solver = || TissueSolver::new(&scene).unwrap();
+    let solver = || SceneSolver::new(&scene).unwrap();
     let came = |solve: &SolveSample| {
         solve
             .arrivals

@@ -9,7 +9,7 @@ use sutura_hil::NativeConsole;
 use sutura_host::link::{LinkError, LockstepConsole};
 use sutura_host::scene::{Document, Scene};
 use sutura_host::session::{
-    LINE_BYTES_PER_S, Plan, Rendering, SceneSolver, Solve, Solved, TissueSolver, run_lockstep,
+    LINE_BYTES_PER_S, Plan, Rendering, SceneSolver, Solve, Solved, run_lockstep,
 };
 use sutura_host::step::ToolContact;
 use sutura_host::thread::ThreadPlace;
@@ -206,7 +206,7 @@ fn plan(scene: &Scene) -> Plan {
 fn the_console_is_told_how_the_thread_pulls() {
     let document = Document::embedded("wound.toml", Path::new(""), &coarse());
     let scene = Scene::read(&document, "wound").unwrap();
-    let mut solver = TissueSolver::new(&scene).unwrap();
+    let mut solver = SceneSolver::new(&scene).unwrap();
     let plan = plan(&scene);
     let mut tapped = Tapped {
         console: NativeConsole::new(&plan.device).unwrap(),
@@ -250,7 +250,7 @@ fn the_console_is_told_how_the_thread_pulls() {
 
 /// A solver that keeps what it was asked, and from when on its thread bent over tissue.
 struct Asked {
-    solver: TissueSolver,
+    solver: SceneSolver,
     states: Vec<Valid<State>>,
     bent: Option<usize>,
 }
@@ -261,7 +261,7 @@ impl Solve for Asked {
         let solved = self.solver.solve(state);
         // A look at all of the thread takes longer than a solve.
         if self.bent.is_none() && self.states.len().is_multiple_of(20) {
-            let (model, state, _) = self.solver.parts();
+            let (model, state, _) = self.solver.parts().unwrap();
             let path = state.thread_path(model, 0);
             let bends = path.iter().any(|point| point.what == ThreadPlace::Wraps);
             self.bent = bends.then_some(self.states.len());
@@ -281,7 +281,7 @@ fn a_copy_of_a_bent_thread_goes_on_with_the_same_bits() {
     let scene = Scene::read(&document, "wound").unwrap();
     let plan = plan(&scene);
     let mut asked = Asked {
-        solver: TissueSolver::for_session(&scene, &plan).unwrap(),
+        solver: SceneSolver::for_session(&scene, &plan).unwrap(),
         states: Vec::new(),
         bent: None,
     };
@@ -295,14 +295,14 @@ fn a_copy_of_a_bent_thread_goes_on_with_the_same_bits() {
         .split_at(asked.bent.expect("a thread that bends"));
     assert!(rest.len() > 100, "{}", rest.len());
     // The bits of a step also depend on what was solved before: two solvers that have solved the same.
-    let mut two = [(); 2].map(|()| TissueSolver::for_session(&scene, &plan).unwrap());
+    let mut two = [(); 2].map(|()| SceneSolver::for_session(&scene, &plan).unwrap());
     for state in before {
         for solver in &mut two {
             solver.solve(state);
         }
     }
     let [original, copy] = &mut two;
-    copy.go_on_from(&original.moment());
+    copy.go_on_from(&original.moment().unwrap());
     for (step, state) in rest[..100].iter().enumerate() {
         let [first, second] = [&mut *original, &mut *copy].map(|solver| {
             let solved = solver.solve(state);

@@ -11,6 +11,9 @@ use std::time::Duration;
 
 /// Longest time to look ahead \[s\]: beyond that a hand has turned.
 pub const LONGEST_S: f64 = 0.1;
+/// As fast as a hand sets out \[m/s^2\]: one that goes 30 cm in half a second, as smoothly as hands do, reaches 7 (Flash and
+/// Hogan 1985).
+const SETS_OUT_M_PER_S2: f64 = 10.0;
 /// Frames of which the usual delay is told: one that stalled is no use for the next.
 const FRAMES: usize = 3;
 
@@ -90,6 +93,13 @@ pub fn sideways(
         }
     }
     place_m
+}
+
+/// Way that a hand may go in any direction, besides what its velocity takes it, while a frame is in use that was solved
+/// `ahead_s` before \[m\].
+pub fn reach_m(ahead_s: f64) -> f64 {
+    let ahead_s = ahead_s.clamp(0.0, LONGEST_S);
+    0.5 * SETS_OUT_M_PER_S2 * ahead_s * ahead_s
 }
 
 #[cfg(test)]

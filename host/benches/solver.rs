@@ -18,7 +18,7 @@ use sutura_host::model::Model;
 use sutura_host::needle::{Curve, Geometry, Hierarchy, History, Slack, SlideReport, slide};
 use sutura_host::rows::{self, Method, Outcome, Problem, Row, RowKind};
 use sutura_host::scene::{Document, Scene};
-use sutura_host::step::{State, StepReport, Workspace, step};
+use sutura_host::step::{State, StepOptions, StepReport, Workspace, step};
 use sutura_host::tool::ToolSample;
 
 /// A thousand nodes, and a sphere of three edges: large enough for every part to be at work.
@@ -63,7 +63,13 @@ fn touched() -> (Model, State, Workspace) {
     let (model, mut state, mut work) = built();
     work.prepare(&model, |at| at[2] > -0.001 && at[0].hypot(at[1]) < 0.016);
     for depth_m in [-0.001, 0.001, 0.002, 0.003] {
-        step(&model, &mut state, &[pressed(depth_m)], &mut work);
+        step(
+            &model,
+            &mut state,
+            &[pressed(depth_m)],
+            &StepOptions::default(),
+            &mut work,
+        );
     }
     (model, state, work)
 }
@@ -74,7 +80,13 @@ type Solver = (Model, State, Workspace);
 #[bench::warm(setup = touched)]
 fn palpation_step((model, mut state, mut work): Solver) -> (Solver, StepReport) {
     // What one host period of the palpation scene moves the sphere by.
-    let report = step(&model, &mut state, &[pressed(0.0031)], &mut work);
+    let report = step(
+        &model,
+        &mut state,
+        &[pressed(0.0031)],
+        &StepOptions::default(),
+        &mut work,
+    );
     ((model, state, work), black_box(report))
 }
 

@@ -11,7 +11,7 @@ use crate::model::ModelError;
 use crate::needle::{Hierarchy, NeedleShape};
 use crate::scene::{ADDED_KEYS, HostSettings, Pose, Scene, SceneError, Tissue, position_at};
 use crate::script::{Path, at_rest, path};
-use crate::session::TissueSolver;
+use crate::session::SceneSolver;
 use crate::solve::SolveError;
 use crate::step::{Status, StepReport};
 use crate::tool::{Shape, ToolSample};
@@ -99,18 +99,16 @@ impl Component {
 /// Builds the scene, follows its hand, and lists its parts.
 ///
 /// # Errors
-/// What [`TissueSolver::new`] refuses, or [`crate::session::ModelSolver::new`] for a model that tools stick to.
+/// What [`SceneSolver::new`] refuses.
 pub fn explain(scene: &Scene) -> Result<Vec<Component>, SolveError> {
-    if let Tissue::Registered(model) = scene.tissue
-        && !scene.has_rows()
-    {
+    if let Some(model) = scene.tissue.sticking() {
         return model::explain(scene, model);
     }
     let hand = hand_path(scene);
-    let mut solver = TissueSolver::new(scene)?;
+    let mut solver = SceneSolver::new(scene)?;
     // Held tools have come to touch some already.
     let before = solver.prepare(&Path::default());
-    let apart_m = TissueSolver::apart_m(scene);
+    let apart_m = SceneSolver::apart_m(scene);
     let every_s = scene.seconds / f64::from(steps(scene));
     let ahead = path(scene, scene.seconds, every_s.max(PREPARED_EVERY_S), apart_m);
     let (there, preparing) = timed(|| solver.prepare(&ahead));
@@ -127,7 +125,9 @@ pub fn explain(scene: &Scene) -> Result<Vec<Component>, SolveError> {
     };
 
     let mut parts = tissue(scene)?;
-    let (model, state, work) = solver.parts();
+    let Some((model, state, work)) = solver.parts() else {
+        return Ok(parts);
+    };
     let per_vertex = (prepared > 0).then(|| preparing / prepared);
     parts.push(columns(scene, work.cache_bytes(), per_vertex));
     parts.extend(contacts(scene, &walk));
@@ -167,7 +167,7 @@ pub fn explain(scene: &Scene) -> Result<Vec<Component>, SolveError> {
 
 /// Steps in pieces of the path, evenly spread; the tool is brought to each before it is timed there.
 fn pieces(
-    solver: &mut TissueSolver,
+    solver: &mut SceneSolver,
     id: u8,
     path: &[(f64, [f64; 3])],
 ) -> Vec<(StepReport, Duration)> {

@@ -19,6 +19,7 @@ mod hash;
 pub mod model;
 pub mod needle;
 pub mod output;
+pub mod prescribed;
 pub mod recording;
 pub mod registry;
 mod renewal;

@@ -4,11 +4,13 @@
 //! Entry points: [`Script::step_to`] and [`Script::follow`] before each step; [`path`] for what a session will
 //! come by.
 
+use crate::contact::shape::Solid;
+use crate::mesh::Surface;
 use crate::model::Model;
 use crate::scene::{Pose, Scene, Thread, Way, position_at};
 use crate::step::State;
 use crate::thread::{ThreadEnd, ThreadHold, Tightening};
-use crate::tool::ToolSample;
+use crate::tool::{Tool, ToolSample};
 use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3};
 use sutura_shared::wire::message::HandScript;
 
@@ -135,19 +137,29 @@ impl Script {
     }
 
     /// Goes on to a time since the session began \[s\], with the driven tool, if there is one, where the console has
-    /// it (its script turns it further), and lets needles and threads change hands and be
+    /// it (its script turns it further), and lets needles and threads in the tissue, if there are any, change hands and be
     /// tightened. Returns where the tools are for the step.
     pub fn step_to(
         &mut self,
         time_s: f64,
         console: ToolSample,
-        model: &Model,
-        state: &mut State,
+        tissue: Option<(&Model, &mut State)>,
     ) -> &[ToolSample] {
         if !self.has_begun {
             self.go(time_s, console);
         }
         // A needle is taken where the last step has left it, by a tool where that was then.
+        if let Some((model, state)) = tissue {
+            self.change_hands(time_s, model, state);
+        }
+        if self.has_begun {
+            self.go(time_s, console);
+        }
+        self.has_begun = true;
+        &self.samples
+    }
+
+    fn change_hands(&mut self, time_s: f64, model: &Model, state: &mut State) {
         while let Some(change) = self.due(time_s) {
             // The scene has been checked: there are such a needle and such a thread.
             match change.what {
@@ -167,27 +179,15 @@ impl Script {
                 *before = now;
             }
         }
-        if self.has_begun {
-            self.go(time_s, console);
-        }
-        self.has_begun = true;
-        &self.samples
-    }
-
-    /// [`Self::step_to`] in a scene without needles.
-    pub(crate) fn tools_at(&mut self, time_s: f64, console: ToolSample) -> &[ToolSample] {
-        self.go(time_s, console);
-        self.has_begun = true;
-        &self.samples
     }
 
     /// [`Self::step_to`] with the driven tool on the hand's path, or held where the scene says without a hand.
     pub fn follow(&mut self, time_s: f64, model: &Model, state: &mut State) -> &[ToolSample] {
-        self.step_to(time_s, self.in_hand(time_s), model, state)
+        self.step_to(time_s, self.in_hand(time_s), Some((model, state)))
     }
 
     /// The driven tool on the hand's path.
-    fn in_hand(&self, time_s: f64) -> ToolSample {
+    pub(crate) fn in_hand(&self, time_s: f64) -> ToolSample {
         let pose = match &self.hand {
             Some(hand) => Pose {
                 position_m: position_at(hand, time_s),
@@ -245,6 +245,36 @@ pub(crate) fn at_rest(id: u8, pose: &Pose) -> ToolSample {
         orientation: pose.orientation,
         velocity_m_per_s: [0.0; 3],
         console_time_us: 0,
+    }
+}
+
+/// The pose moved out along the nearest vertex's normal until the shape is clear of the tissue.
+pub(crate) fn outside(surface: &Surface, points: &[[f64; 3]], shape: &Tool, pose: &Pose) -> Pose {
+    let Some(placement) = shape.place(&at_rest(0, pose)) else {
+        return *pose;
+    };
+    let solid = Solid::new(shape, surface.mean_edge_m, &placement);
+    let gap = |solid: &Solid, node: u32| solid.gap(&points[node as usize].into());
+    let nearest = surface
+        .vertices
+        .iter()
+        .zip(&surface.normals)
+        .min_by(|a, b| gap(&solid, *a.0).total_cmp(&gap(&solid, *b.0)));
+    let Some((_, normal)) = nearest else {
+        return *pose;
+    };
+    let stride = Vector3::from(*normal) * solid.radius();
+    let clear = |solid: &Solid| {
+        surface.vertices.iter().all(|node| gap(solid, *node) > 0.0)
+            && !surface.contains(points, solid.middle().into())
+    };
+    let out = (0..1000)
+        .map(|strides| stride * f64::from(strides))
+        .find(|out| clear(&solid.moved(out)))
+        .unwrap_or_default();
+    Pose {
+        position_m: (Vector3::from(pose.position_m) + out).into(),
+        ..*pose
     }
 }
 
@@ -319,7 +349,7 @@ fn isometry(sample: &ToolSample) -> Isometry3<f64> {
 mod tests {
     use super::*;
     use crate::scene::Document;
-    use crate::step::{Status, Workspace, step};
+    use crate::step::{Status, StepOptions, Workspace, step};
 
     /// A slab, a driven grip that turns, a second hand that takes the needle from it in the open, on its way, and
     /// lets it go.
@@ -405,7 +435,7 @@ way_point = [{ time_s = 0.0, position_m = [0.0, 0.0, 0.06] }]
         assert_eq!(script.driven(), Some(4));
         let mut go = |time_s: f64, state: &mut State, work: &mut Workspace| {
             let tools = script.follow(time_s, &model, state);
-            let report = step(&model, state, tools, work);
+            let report = step(&model, state, tools, &StepOptions::default(), work);
             assert_eq!(report.status, Status::Ok, "at {time_s} s");
             let held_by = report.needles()[0].held_by;
             let pose = state.needle_pose(&model, 1).expect("it exists");
@@ -455,7 +485,7 @@ way_point = [{ time_s = 0.0, position_m = [0.0, 0.0, 0.06] }]
             orientation: sensed.coords.into(),
             ..script.samples()[0]
         };
-        let tools = script.step_to(2.0, console, &model, &mut state);
+        let tools = script.step_to(2.0, console, Some((&model, &mut state)));
         let expected = about(Vector3::y()) * sensed;
         let found = quaternion(tools[0].orientation);
         assert!(found.angle_to(&expected) < 1e-12);

@@ -2,75 +2,12 @@
 //!
 //! Entry point: [`solve`].
 
-use crate::contact::shape::Solid;
-use crate::fem::TissueError;
-use crate::mesh::Surface;
-use crate::model::Model;
 use crate::output::{DrivenNeedle, HeldTool, Reaction, Solution};
-use crate::scene::{Pose, Scene, SceneError};
-use crate::script::{Script, at_rest};
-use crate::step::{State, Status, StepReport, Workspace, step};
-use crate::tool::{Tool, ToolSample};
-use crate::wound::Wound;
-use miette::Diagnostic;
-use nalgebra::Vector3;
-use thiserror::Error;
-
-/// Most steps that follow a tool to its pose; a step moves it by a good part of its radius.
-const MOST_STEPS: usize = 10_000;
-
-/// Out-of-balance force on corotational tissue over the forces that act on it: below what files show.
-const IN_BALANCE: f64 = 1e-9;
-/// Passes with the tools at their places: a stale factor leaves about a tenth in each.
-const MOST_PASSES: u32 = 300;
-
-/// Why a scene has no solution at rest.
-#[derive(Debug, Error, Diagnostic)]
-pub enum SolveError {
-    /// Nothing acts on the tissue.
-    #[error("the scene has nothing to solve: no handle, no load, and no tool with a position")]
-    #[diagnostic(help("add a `[[handle]]`, a `[[load]]`, or `position_m` to a `[[tool]]`"))]
-    Nothing,
-    /// The solver cannot be built.
-    #[error(transparent)]
-    #[diagnostic(transparent)]
-    Scene(#[from] SceneError),
-    /// The tissue does not answer.
-    #[error("the tissue cannot be solved: {0}")]
-    Tissue(#[from] TissueError),
-    /// A model that this scene does not go with.
-    #[error("{model} tissue does not take this scene: {reason}")]
-    #[diagnostic(help("{help}"))]
-    Refused {
-        /// The model.
-        model: &'static str,
-        /// Why.
-        reason: String,
-        /// What to do.
-        help: &'static str,
-    },
-    /// Nobody drives the needles.
-    #[error("the scene's needles are held by a tool that nothing moves")]
-    #[diagnostic(help(
-        "add `[hand]` with way points for the driven tool, as in scenes/needle-slabs.toml"
-    ))]
-    NoHand,
-    /// The way to the place could not be followed.
-    #[error("the tissue found no rest {time_s:.3} s after the start: {}", status.name())]
-    #[diagnostic(help(
-        "let the hand go slower there, or less deep; `sutura run --lockstep` shows what the session does"
-    ))]
-    NoWay {
-        /// Since the start of the scripts \[s\].
-        time_s: f64,
-        /// How the step ended.
-        status: Status,
-    },
-    /// A tool could not be brought to its place.
-    #[error("the tissue found no rest with the tools where the scene holds them: {}", .0.name())]
-    #[diagnostic(help("move the tools' `position_m` less deep into the tissue"))]
-    NoRest(Status),
-}
+use crate::scene::{Pose, Scene};
+pub use crate::session::SolveError;
+use crate::session::{IN_BALANCE, MOST_PASSES, MOST_STEPS, SceneSolver};
+use crate::step::{Status, StepReport};
+use crate::tool::Tool;
 
 /// Solves a scene at rest. Tools come from outside, along the outward normal of the vertex nearest to
 /// where the scene holds them. With needles, what is at rest depends on the way there: the scripts are
@@ -89,16 +26,15 @@ pub fn solve(scene: &Scene) -> Result<Solution, SolveError> {
     {
         return Err(SolveError::Nothing);
     }
-    let (model, mut state, mut work) = scene.build()?;
-    let wound = Wound::new(scene, &model);
-    let mut script = Script::new(scene);
+    let mut solver = SceneSolver::apart(scene)?;
     let report = if without {
-        bring_in(&model, &mut state, &held, &mut work)?
+        solver.bring_in(&held)?
     } else {
-        follow_scripts(scene, &mut script, &model, &mut state, &mut work)?
+        follow_scripts(scene, &mut solver)?
     };
-    let wound = wound.map(|wound| wound.report(&model, &state, &report, script.samples()));
-    let rest = model.equilibrium(&state)?;
+    let (model, state, _) = solver.parts().ok_or(SolveError::Nothing)?;
+    let wound = solver.wound();
+    let rest = model.equilibrium(state)?;
     let reactions = rest
         .handle_force_n
         .iter()
@@ -133,56 +69,9 @@ pub fn solve(scene: &Scene) -> Result<Solution, SolveError> {
     })
 }
 
-/// Steps until every tool is where the scene holds it, and corotational tissue in balance.
-pub(crate) fn bring_in(
-    model: &Model,
-    state: &mut State,
-    held: &[(u8, Tool, Pose)],
-    work: &mut Workspace,
-) -> Result<StepReport, SolveError> {
-    if held.is_empty() {
-        return Ok(StepReport::default());
-    }
-    let outside: Vec<ToolSample> = held
-        .iter()
-        .map(|(id, shape, pose)| {
-            let out = outside(model.surface(), model.points_m(), shape, pose);
-            at_rest(*id, &out)
-        })
-        .collect();
-    let inside: Vec<ToolSample> = held
-        .iter()
-        .map(|(id, _, pose)| at_rest(*id, pose))
-        .collect();
-    step(model, state, &outside, work);
-    let mut passes = 0;
-    for _ in 0..MOST_STEPS {
-        let report = step(model, state, &inside, work);
-        match report.status {
-            // A step looks before it moves: only the next one knows what this one left.
-            Status::Ok if report.passes == 0 || (passes > 0 && report.imbalance <= IN_BALANCE) => {
-                return Ok(report);
-            }
-            Status::Ok => passes += report.passes,
-            Status::Waiting | Status::Behind => {}
-            stuck => return Err(SolveError::NoRest(stuck)),
-        }
-        if passes > MOST_PASSES {
-            return Err(SolveError::NoRest(Status::NotConverged));
-        }
-    }
-    Err(SolveError::NoRest(Status::Behind))
-}
-
 /// Steps along the scripts of hands and tools until the scene's time to solve at, at its host's rate, then on the spot
 /// until the tissue is in balance.
-fn follow_scripts(
-    scene: &Scene,
-    script: &mut Script,
-    model: &Model,
-    state: &mut State,
-    work: &mut Workspace,
-) -> Result<StepReport, SolveError> {
+fn follow_scripts(scene: &Scene, solver: &mut SceneSolver) -> Result<StepReport, SolveError> {
     let stays = !scene.needles.is_empty()
         && scene
             .driven()
@@ -194,25 +83,18 @@ fn follow_scripts(
     let steps = (end_s * scene.host.host_hz).ceil() as u64;
     for number in 0..=steps {
         let time_s = (number as f64 / scene.host.host_hz).min(end_s);
-        let report = arrive(time_s, script, model, state, work)?;
+        let report = arrive(time_s, solver)?;
         if number == steps {
-            return settle(time_s, report, script, model, state, work);
+            return settle(time_s, report, solver);
         }
     }
     Err(SolveError::Nothing)
 }
 
 /// Steps until all is where the scripts have it at a time.
-fn arrive(
-    time_s: f64,
-    script: &mut Script,
-    model: &Model,
-    state: &mut State,
-    work: &mut Workspace,
-) -> Result<StepReport, SolveError> {
+fn arrive(time_s: f64, solver: &mut SceneSolver) -> Result<StepReport, SolveError> {
     for _ in 0..MOST_STEPS {
-        let tools = script.follow(time_s, model, state);
-        let report = step(model, state, tools, work);
+        let report = solver.step_by_script(time_s);
         match report.status {
             Status::Ok => return Ok(report),
             Status::Waiting | Status::Behind => {}
@@ -227,14 +109,11 @@ fn arrive(
 fn settle(
     time_s: f64,
     first: StepReport,
-    script: &mut Script,
-    model: &Model,
-    state: &mut State,
-    work: &mut Workspace,
+    solver: &mut SceneSolver,
 ) -> Result<StepReport, SolveError> {
     let mut passes = first.passes;
     loop {
-        let report = arrive(time_s, script, model, state, work)?;
+        let report = arrive(time_s, solver)?;
         passes += report.passes;
         // A step looks before it moves: only the next one knows what this one left.
         if report.passes == 0 || report.imbalance <= IN_BALANCE {
@@ -247,40 +126,11 @@ fn settle(
     }
 }
 
-/// The pose moved out along the nearest vertex's normal until the shape is clear of the tissue.
-pub(crate) fn outside(surface: &Surface, points: &[[f64; 3]], shape: &Tool, pose: &Pose) -> Pose {
-    let Some(placement) = shape.place(&at_rest(0, pose)) else {
-        return *pose;
-    };
-    let solid = Solid::new(shape, surface.mean_edge_m, &placement);
-    let gap = |solid: &Solid, node: u32| solid.gap(&points[node as usize].into());
-    let nearest = surface
-        .vertices
-        .iter()
-        .zip(&surface.normals)
-        .min_by(|a, b| gap(&solid, *a.0).total_cmp(&gap(&solid, *b.0)));
-    let Some((_, normal)) = nearest else {
-        return *pose;
-    };
-    let stride = Vector3::from(*normal) * solid.radius();
-    let clear = |solid: &Solid| {
-        surface.vertices.iter().all(|node| gap(solid, *node) > 0.0)
-            && !surface.contains(points, solid.middle().into())
-    };
-    let out = (0..1000)
-        .map(|strides| stride * f64::from(strides))
-        .find(|out| clear(&solid.moved(out)))
-        .unwrap_or_default();
-    Pose {
-        position_m: (Vector3::from(pose.position_m) + out).into(),
-        ..*pose
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::scene::Document;
+    use nalgebra::Vector3;
     use std::path::Path;
 
     const SLAB: &str = r#"

@@ -8,7 +8,7 @@ use crate::mesh::{Surface, TetMesh};
 use crate::model::{LEAST_RADIUS_IN_EDGES, Model, ModelError};
 use crate::scene::Pose;
 use crate::script::at_rest;
-use crate::step::{State, Status, Workspace, step};
+use crate::step::{State, Status, StepOptions, Workspace, step};
 use crate::tool::Tool;
 use nalgebra::Vector3;
 use serde::Serialize;
@@ -85,7 +85,13 @@ pub fn trial(mesh: &TetMesh, rows: u32) -> Result<Trial, ModelError> {
             orientation: [0.0, 0.0, 0.0, 1.0],
         };
         let started = Instant::now();
-        let report = step(&model, &mut state, &[at_rest(0, &pose)], &mut work);
+        let report = step(
+            &model,
+            &mut state,
+            &[at_rest(0, &pose)],
+            &StepOptions::default(),
+            &mut work,
+        );
         let us = 1e6 * started.elapsed().as_secs_f64();
         if report.status != Status::Ok {
             trial.step_status = report.status.name();

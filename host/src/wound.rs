@@ -7,7 +7,7 @@ use crate::collide::{gaps_m, penetration_m};
 use crate::fem::von_mises_pa;
 use crate::model::Model;
 use crate::scene::{Scene, TissueContact};
-use crate::step::{State, Status, StepReport, Workspace, step};
+use crate::step::{State, Status, StepOptions, StepReport, Workspace, step};
 use crate::thread::{ThreadEnd, ThreadHold, ThreadReport, ThreadTension, Tightening};
 use crate::tool::ToolSample;
 use nalgebra::Vector3;
@@ -228,7 +228,7 @@ fn balance(
         if !matches!(status, Status::Waiting | Status::Behind) {
             break;
         }
-        status = step(model, state, samples, work).status;
+        status = step(model, state, samples, &StepOptions::default(), work).status;
     }
     status
 }

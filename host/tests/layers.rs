@@ -4,7 +4,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
 /// From the bottom up. A room may name its own layer and those below.
-const LAYERS: [&[&str]; 8] = [
+const LAYERS: [&[&str]; 9] = [
     &["clock", "dense", "hash", "tool", "work"],
     &["fem"],
     &["body", "columns", "contact", "renewal", "rows"],
@@ -13,6 +13,7 @@ const LAYERS: [&[&str]; 8] = [
     ],
     &["registry"],
     &["output", "scene", "script", "wound"],
+    &["prescribed"],
     &["recording", "session", "solve"],
     &[
         "choice",

@@ -6,7 +6,7 @@ use sutura_host::fem::{CorotationalTissue, Loads, Material, Policy};
 use sutura_host::mesh::slab;
 use sutura_host::model::{Model, Passes};
 use sutura_host::needle::{Curve, Geometry, Hierarchy, History, Slack, SlideStatus, slide};
-use sutura_host::step::{Rule, State, Status, Workspace, step};
+use sutura_host::step::{MAX_TOOL_ROWS, Rule, State, Status, StepOptions, Workspace, step};
 use sutura_host::tool::{Shape, Tool, ToolSample};
 
 /// Down, sideways through the tissue, up, and away, with two poses that are none.
@@ -45,7 +45,10 @@ fn a_step_allocates_nothing_after_the_first_touch() {
     let model = Model::new(&mesh, material, &bottom, Loads::default(), &tools).expect("a model");
     let mut state = State::new(&model);
     let mut work = Workspace::new(&model);
-    work.most_rows = sutura_host::step::MAX_TOOL_ROWS;
+    let options = StepOptions {
+        most_rows: MAX_TOOL_ROWS,
+        ..StepOptions::default()
+    };
     work.prepare(&model, |_| true);
     let (mut most_rows, mut most_of_a_tool) = (0, 0);
     let mut statuses = Vec::with_capacity(200);
@@ -57,7 +60,13 @@ fn a_step_allocates_nothing_after_the_first_touch() {
                 ..path(tick / 2)
             };
             other.position_m[2] -= 0.008;
-            let report = step(&model, &mut state, &[path(tick), other], &mut work);
+            let report = step(
+                &model,
+                &mut state,
+                &[path(tick), other],
+                &options,
+                &mut work,
+            );
             if report.status == Status::Ok {
                 most_of_a_tool = most_of_a_tool.max(work.rows(3).map_or(0, |rows| rows.count));
             }
@@ -85,7 +94,7 @@ fn a_step_allocates_nothing_after_the_first_touch() {
     let mut state = State::new(&model);
     let allocated = allocation_counter::measure(|| {
         for tick in 60..120 {
-            step(&model, &mut state, &[path(tick)], &mut cold);
+            step(&model, &mut state, &[path(tick)], &options, &mut cold);
         }
     });
     assert!(allocated.count_total > 0);
@@ -113,8 +122,10 @@ fn a_step_on_corotational_tissue_allocates_nothing_once_it_has_columns() {
     let model = model.expect("a model");
     let mut state = State::new(&model);
     let mut work = Workspace::new(&model);
-    work.vertices_per_step = 1000;
-    work.most_rows = sutura_host::step::MAX_TOOL_ROWS;
+    let options = StepOptions {
+        most_rows: MAX_TOOL_ROWS,
+        ..StepOptions::with_vertices(1000)
+    };
     // All buffers for columns, at the first factor; new factors reuse them.
     work.prepare(&model, |_| true);
     let (mut most_rows, mut refactorisations, mut passes) = (0, 0, 0);
@@ -123,7 +134,7 @@ fn a_step_on_corotational_tissue_allocates_nothing_once_it_has_columns() {
         for tick in 0..40 {
             let mut sample = path(5 * tick);
             sample.position_m[2] += 0.006;
-            let report = step(&model, &mut state, &[sample], &mut work);
+            let report = step(&model, &mut state, &[sample], &options, &mut work);
             most_rows = most_rows.max(report.rows);
             refactorisations += report.refactorisations;
             passes += report.passes;
@@ -156,7 +167,7 @@ fn a_step_that_takes_over_a_factor_allocates_nothing() {
     let model = model.expect("a model");
     let mut state = State::new(&model);
     let mut work = Workspace::new(&model);
-    work.vertices_per_step = 1000;
+    let options = StepOptions::with_vertices(1000);
     work.renew_beside(&model, Rule::SAME_EVERYWHERE);
     let mut press = |ticks: std::ops::Range<u32>, work: &mut Workspace| {
         let (mut adopted, mut asked, mut ok) = (0, 0, 0);
@@ -164,7 +175,7 @@ fn a_step_that_takes_over_a_factor_allocates_nothing() {
             let mut sample = path(0);
             let wave = (std::f64::consts::TAU * f64::from(tick) / 60.0).cos();
             sample.position_m = [0.0, 0.002 * wave, 0.016 + 0.005 * wave];
-            let report = step(&model, &mut state, &[sample], work);
+            let report = step(&model, &mut state, &[sample], &options, work);
             adopted += report.renewals.adopted;
             asked += report.renewals.asked;
             ok += u32::from(report.status == Status::Ok);

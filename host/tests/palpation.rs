@@ -3,7 +3,7 @@
 use serde_json::Value;
 use std::path::PathBuf;
 use sutura_host::scene;
-use sutura_host::step::{Status, step};
+use sutura_host::step::{Status, StepOptions, step};
 use sutura_host::tool::ToolSample;
 
 fn path(relative: &str) -> PathBuf {
@@ -24,7 +24,7 @@ fn the_deepest_point_agrees_with_scikit_fem() {
     let expected: Value = serde_json::from_str(&text).expect("JSON");
     let scene = scene::load(&path("scenes/palpation.toml")).expect("the scene");
     let (model, mut state, mut work) = scene.build().expect("a model");
-    work.vertices_per_step = usize::MAX;
+    let options = StepOptions::with_vertices(usize::MAX);
     let tool = scene.tools[0].id;
     let mut press = |position_m: [f64; 3]| {
         let sample = ToolSample {
@@ -34,7 +34,7 @@ fn the_deepest_point_agrees_with_scikit_fem() {
             velocity_m_per_s: [0.0; 3],
             console_time_us: 0,
         };
-        step(&model, &mut state, &[sample], &mut work)
+        step(&model, &mut state, &[sample], &options, &mut work)
     };
     assert_eq!(press([0.0, 0.0, 0.03]).rows, 0);
     let report = press(numbers(&expected["position_m"]));
@@ -66,6 +66,7 @@ fn corotational_tissue_follows_the_scenes_hand() {
     std::fs::write(&file, text).expect("a file");
     let scene = scene::load(&file).expect("the scene");
     let (model, mut state, mut work) = scene.build().expect("a model");
+    let options = StepOptions::default();
     let hand = scene.hand.expect("a hand");
     let (mut waiting, mut touching, mut refactorisations) = (0, 0, 0);
     let (mut times, mut stages) = (Vec::new(), [0.0; 5]);
@@ -84,7 +85,7 @@ fn corotational_tissue_follows_the_scenes_hand() {
             console_time_us: 0,
         };
         let started = std::time::Instant::now();
-        let report = step(&model, &mut state, &[sample], &mut work);
+        let report = step(&model, &mut state, &[sample], &options, &mut work);
         times.push(started.elapsed().as_secs_f64() * 1e3);
         refactorisations += report.refactorisations;
         let s = report.stages;

@@ -1,8 +1,9 @@
 //! Sessions on every tissue model: tools that stick, press, and let go.
 
 use nalgebra::{Matrix3, Vector3};
+use sutura_host::prescribed::PrescribedError;
 use sutura_host::scene::{Document, Registered, Scene, models};
-use sutura_host::session::{ModelSolver, Rendering, SceneSolver, Solve};
+use sutura_host::session::{Rendering, SceneSolver, Solve};
 use sutura_host::solve::SolveError;
 use sutura_host::step::{Status, ToolContact};
 use sutura_host::tool::ToolSample;
@@ -34,7 +35,7 @@ fn scene(more: &str) -> Scene {
 
 /// A solver, and the hand that brings its tool along.
 struct Hand {
-    solver: ModelSolver,
+    solver: SceneSolver,
     time_us: u64,
 }
 
@@ -50,7 +51,7 @@ impl Hand {
 
     fn rendered(scene: &Scene, model: &str, setting: Option<&str>, rendering: Rendering) -> Self {
         let model = Registered::new(model, setting).expect("it is there");
-        let solver = ModelSolver::new(scene, model, rendering, HZ).expect("a solver");
+        let solver = SceneSolver::sticking(scene, model, rendering, HZ).expect("a solver");
         Hand { solver, time_us: 0 }
     }
 
@@ -487,7 +488,7 @@ fn a_session_begins_at_rest() {
         let last = force(&hand.all_to(over(-0.5))[1]);
         let off = (last - first).norm() / last.norm();
         assert!(off < 1e-3, "{model}: {first} N, {last} N");
-        let off_m = furthest(&before, hand.solver.positions_m());
+        let off_m = furthest(&before, &hand.solver.positions_m());
         assert!(off_m < 1e-3 * way_m, "{model}: {off_m} m of {way_m} m");
     }
 }
@@ -528,8 +529,10 @@ fn handles_are_refused() {
     let text = SLAB.replace("[[tool]]\nradius_m = 0.02\n", handle);
     let document = Document::embedded("test.toml", "".as_ref(), &text);
     let scene = Scene::read(&document, "test").expect("good");
-    match ModelSolver::new(&scene, model, Rendering::Tangent, HZ).map(|_| ()) {
-        Err(SolveError::Refused { reason, .. }) => assert!(reason.contains("handles"), "{reason}"),
+    match SceneSolver::sticking(&scene, model, Rendering::Tangent, HZ).map(|_| ()) {
+        Err(SolveError::Prescribed(PrescribedError::Refused { reason, .. })) => {
+            assert!(reason.contains("handles"), "{reason}")
+        }
         other => panic!("not refused: {other:?}"),
     }
 }
@@ -552,9 +555,9 @@ fn regions_count_where_the_model_has_them() {
         assert!(stiff > 1.3 * soft, "{model}: {soft} N, {stiff} N");
     }
     let classical = Registered::new("chainmail-classical", None).expect("it is there");
-    let refused = ModelSolver::new(&layered, classical, Rendering::Tangent, HZ);
+    let refused = SceneSolver::sticking(&layered, classical, Rendering::Tangent, HZ);
     match refused.map(|_| ()) {
-        Err(SolveError::Refused { reason, .. }) => {
+        Err(SolveError::Prescribed(PrescribedError::Refused { reason, .. })) => {
             assert!(reason.contains("one material"), "{reason}")
         }
         other => panic!("not refused: {other:?}"),

@@ -4,7 +4,7 @@ use nalgebra::Vector3;
 use sutura_host::fem::{Loads, NodeLoad, Policy};
 use sutura_host::model::{Model, Passes};
 use sutura_host::scene::{Document, Scene};
-use sutura_host::step::{State, step};
+use sutura_host::step::{State, StepOptions, step};
 
 /// A block with a spring between two corners of its top, and one from a third to a fixed place.
 fn block(tissue: &str) -> Scene {
@@ -32,9 +32,9 @@ fn node(scene: &Scene, at: [f64; 3]) -> u32 {
 /// Where the nodes are after some steps without any tool, and the springs' tensions \[N\] and lengths \[m\].
 fn at_rest(scene: &Scene) -> (Vec<[f64; 3]>, Vec<[f64; 2]>) {
     let (model, mut state, mut work) = scene.build().expect("a good model");
-    work.vertices_per_step = usize::MAX;
+    let options = StepOptions::with_vertices(usize::MAX);
     for _ in 0..40 {
-        let report = step(&model, &mut state, &[], &mut work);
+        let report = step(&model, &mut state, &[], &options, &mut work);
         assert_eq!(report.status.name(), "ok");
     }
     let added = state.added(&model);

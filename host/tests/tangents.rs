@@ -5,7 +5,7 @@ use nalgebra::{Matrix6, Quaternion, UnitQuaternion, Vector3, Vector6};
 use sutura_host::model::Model;
 use sutura_host::scene::{Document, Scene};
 use sutura_host::script::Script;
-use sutura_host::step::{State, Status, StepReport, Workspace, step};
+use sutura_host::step::{State, Status, StepOptions, StepReport, Workspace, step};
 use sutura_host::tool::ToolSample;
 
 /// Rotations count as the way of a point so far from the grip \[m\].
@@ -16,6 +16,9 @@ const MOVED_M: f64 = 2e-7;
 const LEAST_N_PER_M: f64 = 1.0;
 /// A hand at rest leaves what has slipped at its limit: forward and backward differ by more than this part.
 const KINK: f64 = 3e-4;
+
+/// Columns of all vertices that a step needs.
+const ALL: StepOptions = StepOptions::with_vertices(usize::MAX);
 
 /// What a scene may be off by, beyond what its steps say themselves.
 struct Case {
@@ -60,7 +63,7 @@ fn tangents(
     let mut solve = |by: &Vector6<f64>| {
         let mut samples = samples.to_vec();
         samples[tool] = moved(&samples[tool], by);
-        let report = step(model, &mut start.clone(), &samples, work);
+        let report = step(model, &mut start.clone(), &samples, &ALL, work);
         (report.status == Status::Ok).then(|| report.contacts()[tool])
     };
     let here = solve(&Vector6::zeros())?;
@@ -85,7 +88,6 @@ fn is_same(report: &StepReport, last: &StepReport) -> bool {
 fn check(case: &Case) {
     let scene = scene(case.name);
     let (model, mut state, mut work) = scene.build().expect("a model");
-    work.vertices_per_step = usize::MAX;
     let mut script = Script::new(&scene);
     let (mut compared, mut kinks, mut worst) = (0, 0, 0.0f64);
     let mut last = StepReport::default();
@@ -93,7 +95,7 @@ fn check(case: &Case) {
         let time_s = number as f64 / scene.host.host_hz;
         let samples = script.follow(time_s, &model, &mut state).to_vec();
         let start = state.clone();
-        let report = step(&model, &mut state, &samples, &mut work);
+        let report = step(&model, &mut state, &samples, &ALL, &mut work);
         let is_same = is_same(&report, &last);
         last = report;
         if number % 29 != 5 || report.status != Status::Ok || !is_same {

@@ -7,7 +7,7 @@ use super::{HostSpec, Scenario, Ticks, World, world};
 use std::collections::VecDeque;
 use sutura_host::link::{Felt, SentContact};
 use sutura_host::scene::{self, SceneError};
-use sutura_host::session::{Fate, Horizon, Rendering, Solve, TissueSolver, Underway};
+use sutura_host::session::{Fate, Horizon, Rendering, SceneSolver, Solve, Underway};
 use sutura_host::solve::SolveError;
 use sutura_shared::control::TICK_HZ;
 use sutura_shared::link::{HostEvent, HostLink, SendError};
@@ -102,7 +102,7 @@ impl ModelHost {
                 let scene = scene::load(path)?;
                 hand = hand.or(scene.hand);
                 device = scene.device.unwrap_or(device);
-                Box::new(TissueSolver::new(&scene)?)
+                Box::new(SceneSolver::new(&scene)?)
             }
             analytic => world::solver(analytic),
         };

@@ -11,7 +11,7 @@ use sutura_host::recording::replay::{
 };
 use sutura_host::recording::{About, End, Recording};
 use sutura_host::scene::Tissue;
-use sutura_host::session;
+use sutura_host::session::SceneSolver;
 
 /// Runs a recorded session again: the console's ticks and the solver's steps, compared bit by bit.
 ///
@@ -103,10 +103,10 @@ fn host(recording: &Recording) -> Result<HostVerdict, Failure> {
     if let Ok(tissue) = Tissue::named(&about.tissue) {
         scene.tissue = tissue.instead_of(scene.tissue);
     }
-    let mut solver = session::solver(&scene, &about.plan)?;
+    let mut solver = SceneSolver::for_session(&scene, &about.plan)?;
     drop(shown);
     let same_bits = about.same_bits(&here(recording));
-    Ok(replay_host(recording, &mut *solver, same_bits))
+    Ok(replay_host(recording, &mut solver, same_bits))
 }
 
 /// The console's tick that came out differently first, at either end.

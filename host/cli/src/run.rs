@@ -22,8 +22,8 @@ use sutura_host::link::{
 use sutura_host::recording::{Tap, TappedConsole, TappedPort, TappedSolver};
 use sutura_host::scene::{LONGEST_S, Scene, Tissue, host_hz};
 use sutura_host::session::{
-    self, LINE_BYTES_PER_S, Line, NOT_RENDERED, Plan, Progress, Scheduling, SessionError, Solve,
-    Summary, check_rate, run_lockstep, run_real_time,
+    self, LINE_BYTES_PER_S, Line, NOT_RENDERED, Plan, Progress, SceneSolver, Scheduling,
+    SessionError, Solve, Summary, check_rate, run_lockstep, run_real_time,
 };
 use sutura_shared::control::TICK_HZ;
 use sutura_shared::wire::inputs;
@@ -194,7 +194,7 @@ pub fn run(args: &RunArgs, global: &Global) -> Result<(), Failure> {
     }
     let mut solver = {
         let _shown = crate::work::watch();
-        session::solver(&scene, &plan)?
+        SceneSolver::for_session(&scene, &plan)?
     };
     let lockstep = args.lockstep || args.console == "qemu";
     // In lockstep columns are computed in step: when they are there must not depend on this machine's pace.
@@ -202,7 +202,7 @@ pub fn run(args: &RunArgs, global: &Global) -> Result<(), Failure> {
         solver.start_worker();
     }
     let recording = Recording::start(args, &plan, &scene, sources, lockstep, asked)?;
-    let mut solver = TappedSolver::new(&mut *solver, recording.tap());
+    let mut solver = TappedSolver::new(&mut solver, recording.tap());
     let stop = stop_on_signals()?;
     let mut display = Display::new(args.stream, global.format);
     let (mut withholding, mut waiting) = (Lasting::default(), Lasting::default());

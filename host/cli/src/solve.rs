@@ -93,7 +93,7 @@ impl From<SolveError> for Failure {
             SolveError::NoRest(_) | SolveError::NoWay { .. } => Cause::Failed,
             SolveError::Nothing
             | SolveError::NoHand
-            | SolveError::Refused { .. }
+            | SolveError::Prescribed(_)
             | SolveError::Scene(_)
             | SolveError::Tissue(_) => Cause::BadInput,
         };

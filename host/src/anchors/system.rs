@@ -303,11 +303,6 @@ impl System {
             .replay_worker(tissue, self.held.clone(), reached);
     }
 
-    /// Most vertices whose columns a step computes before it waits.
-    pub fn set_budget(&mut self, vertices_per_step: usize) {
-        self.settings.vertices_per_step = vertices_per_step;
-    }
-
     pub fn settings(&self) -> &AnchorSettings {
         &self.settings
     }

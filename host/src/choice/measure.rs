@@ -8,7 +8,7 @@ use super::way::Press;
 use super::{Candidate, SAFE_SHARE, StepUs};
 use crate::scene::{Corotational, Pose, Registered, Scene, Tissue, models};
 use crate::script::Path;
-use crate::session::{Plan, Rendering, TissueSolver};
+use crate::session::{Plan, Rendering, SceneSolver};
 use crate::step::{Status, StepReport};
 use crate::tool::ToolSample;
 use nalgebra::Vector3;
@@ -202,7 +202,7 @@ fn sample(scene: &Scene, at: &[f64; 3], step: usize, asked: &Asked<'_>) -> ToolS
 
 /// The reference's answers along the way, as far as there are any; the first place is outside.
 fn reference(scene: &Scene, asked: &Asked<'_>, way: &[[f64; 3]]) -> Result<Vec<Place>, String> {
-    let mut solver = TissueSolver::new(scene).map_err(|error| error.to_string())?;
+    let mut solver = SceneSolver::new(scene).map_err(|error| error.to_string())?;
     let started = Instant::now();
     let (mut places, mut touches) = (Vec::new(), false);
     for (step, at) in way.iter().enumerate() {
@@ -226,7 +226,7 @@ fn reference(scene: &Scene, asked: &Asked<'_>, way: &[[f64; 3]]) -> Result<Vec<P
 
 /// Steps at a place until the step is good and `done`.
 fn rest(
-    solver: &mut TissueSolver,
+    solver: &mut SceneSolver,
     sample: ToolSample,
     done: impl Fn(&StepReport) -> bool,
 ) -> Option<StepReport> {
@@ -242,12 +242,11 @@ fn rest(
 }
 
 /// What the driven tool feels, whose contact comes first.
-fn place(solver: &TissueSolver, report: &StepReport) -> Place {
-    let (model, state, _) = solver.parts();
+fn place(solver: &SceneSolver, report: &StepReport) -> Place {
     let wrench = report.contacts().first().map_or([0.0; 6], |own| own.wrench);
     Place {
         force_n: Vector3::from_column_slice(&wrench[..3]),
-        positions_m: state.positions(model),
+        positions_m: solver.positions_m().into_owned(),
     }
 }
 
@@ -257,9 +256,9 @@ fn is_touching(report: &StepReport) -> bool {
 }
 
 /// The session's solver, prepared as for its hand.
-fn prepared(scene: &Scene, asked: &Asked<'_>, way: &[[f64; 3]]) -> Result<TissueSolver, String> {
+fn prepared(scene: &Scene, asked: &Asked<'_>, way: &[[f64; 3]]) -> Result<SceneSolver, String> {
     let plan = asked.plan(scene.tissue);
-    let mut solver = TissueSolver::new(scene).map_err(|error| error.to_string())?;
+    let mut solver = SceneSolver::new(scene).map_err(|error| error.to_string())?;
     let grips = way.iter().map(|position_m| Pose {
         position_m: *position_m,
         orientation: [0.0, 0.0, 0.0, 1.0],

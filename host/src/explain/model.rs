@@ -2,61 +2,30 @@
 //!
 //! Entry point: [`explain`].
 
-use super::{
-    Component, LONGEST, MOST_WAY_STEPS, PIECE_STEPS, PIECES, console, geometry, hand_path, loads,
-    materials_of, on_path, timed,
-};
+use super::{Component, console, geometry, hand_path, loads, materials_of, pieces, timed};
 use crate::scene::{Registered, Scene};
-use crate::session::{ModelSolver, Rendering};
+use crate::session::SceneSolver;
 use crate::solve::SolveError;
-use crate::step::Status;
-use std::time::Instant;
+use crate::step::StepReport;
 
 /// Builds the scene, follows its hand in pieces, and lists its parts.
 pub(super) fn explain(scene: &Scene, model: Registered) -> Result<Vec<Component>, SolveError> {
     let mut parts = geometry(scene);
-    let (solver, took) =
-        timed(|| ModelSolver::new(scene, model, Rendering::Tangent, scene.host.host_hz));
+    let (solver, took) = timed(|| SceneSolver::new(scene));
     let mut solver = solver?;
     let why = format!("`[tissue] model`, with the setting \"{}\"", model.setting());
     let name = format!("{} tissue", model.name());
     parts.push(Component::built(name, why).takes(Some(took), "once"));
     parts.push(materials_of(scene));
 
-    let mut touching = Vec::new();
-    let mut most_nodes = 0;
     let hand = hand_path(scene);
-    let began = Instant::now();
-    for piece in 0..PIECES {
-        let first = piece * hand.len() / PIECES;
-        let end = (piece + 1) * hand.len() / PIECES;
-        let places = hand
-            .get(first..end.min(first + PIECE_STEPS))
-            .unwrap_or_default();
-        let (Some(id), Some(start)) = (solver.driven(), places.first()) else {
-            continue;
-        };
-        for _ in 0..MOST_WAY_STEPS {
-            let report = solver.step(on_path(id, start));
-            if report.status == Status::Ok || began.elapsed() > LONGEST {
-                break;
-            }
-        }
-        for at in places {
-            if began.elapsed() > LONGEST {
-                break;
-            }
-            let ((status, nodes), took) = timed(|| {
-                let report = solver.step(on_path(id, at));
-                let own = report.contacts().first();
-                (report.status, own.map_or(0, |contact| contact.rows))
-            });
-            if status == Status::Ok && nodes > 0 {
-                touching.push(took);
-                most_nodes = most_nodes.max(nodes);
-            }
-        }
-    }
+    let driven = solver.driven();
+    let walk = driven.map_or_else(Vec::new, |id| pieces(&mut solver, id, &hand));
+    let nodes = |report: &StepReport| report.contacts().first().map_or(0, |own| own.rows);
+    let in_contact = walk.iter().filter(|(report, _)| nodes(report) > 0);
+    let most_nodes = in_contact.clone().map(|(report, _)| nodes(report)).max();
+    let most_nodes = most_nodes.unwrap_or(0);
+    let mut touching: Vec<_> = in_contact.map(|(_, took)| *took).collect();
     touching.sort();
     let why = match touching.last() {
         Some(slowest) => format!(

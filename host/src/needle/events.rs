@@ -5,7 +5,7 @@
 use super::model::{MAX_NEEDLES, Playback, contains};
 use super::source::{What, anchor};
 use super::state::{Cut, Tip};
-use super::{Crossing, Curve, Geometry, MOST_GROUPS, Slack, Stop, entry, walk};
+use super::{Crossing, Curve, Geometry, History, MOST_GROUPS, Slack, Stop, Walked, entry, walk};
 use crate::anchors::AnchorPoint;
 use crate::step::{Balance, Status};
 use nalgebra::{Isometry3, Matrix3, Vector3, Vector6};
@@ -157,25 +157,28 @@ impl Balance<'_> {
         self.first_face(curve).is_none() && !self.sources.mesh.cells().iter().any(around)
     }
 
-    pub(super) fn advance_inside(&mut self, needle: usize, curve: &Curve) -> Result<bool, Status> {
-        let geometry = Geometry {
+    /// The tissue where the last solve left it.
+    fn geometry<'s>(&'s self, slack: Slack<'s>) -> Geometry<'s, impl Fn(u32) -> Vector3<f64>> {
+        Geometry {
             mesh: &self.sources.mesh,
             hierarchy: &self.sources.hierarchy,
-            slack: Slack::Everywhere(0.0),
-            at: |node| {
-                self.work.nodes.position(
-                    node,
-                    self.body,
-                    self.points_m,
-                    &self.state.grasp,
-                    &self.work.system,
-                )
-            },
-        };
-        let history = &mut self.state.each[needle].history;
-        let walked = walk(&geometry, curve, history, curve.length);
+            slack,
+            at: |node| self.position(node),
+        }
+    }
+
+    /// From where `history` has it to the end of a path.
+    fn walk_along(&self, path: &Curve, history: &mut History) -> Walked {
+        let geometry = self.geometry(Slack::Everywhere(0.0));
+        walk(&geometry, path, history, path.length)
+    }
+
+    pub(super) fn advance_inside(&mut self, needle: usize, curve: &Curve) -> Result<bool, Status> {
+        let mut history = std::mem::take(&mut self.state.each[needle].history);
+        let walked = self.walk_along(curve, &mut history);
         let stop = walked.stop;
         let state = &mut self.state.each[needle];
+        state.history = history;
         state.tally.guessed += walked.guessed;
         state.hold_new(self.sources.apart_m);
         if state.holds.is_empty() && matches!(stop, Stop::Reached | Stop::Lost) {
@@ -211,21 +214,7 @@ impl Balance<'_> {
         };
         let mut walked = std::mem::take(&mut self.work.needles.path);
         walked.restart(before, None);
-        let geometry = Geometry {
-            mesh,
-            hierarchy: &self.sources.hierarchy,
-            slack: Slack::Everywhere(0.0),
-            at: |node| {
-                self.work.nodes.position(
-                    node,
-                    self.body,
-                    self.points_m,
-                    &self.state.grasp,
-                    &self.work.system,
-                )
-            },
-        };
-        let stop = walk(&geometry, &path, &mut walked, path.length).stop;
+        let stop = self.walk_along(&path, &mut walked).stop;
         let now = walked.tip_cell(mesh);
         self.work.needles.path = walked;
         match stop {
@@ -290,21 +279,7 @@ impl Balance<'_> {
         let face = self.first_face(&path)?;
         let mut walked = std::mem::take(&mut self.work.needles.path);
         walked.restart(None, Some(face));
-        let geometry = Geometry {
-            mesh: &self.sources.mesh,
-            hierarchy: &self.sources.hierarchy,
-            slack: Slack::Everywhere(0.0),
-            at: |node| {
-                self.work.nodes.position(
-                    node,
-                    self.body,
-                    self.points_m,
-                    &self.state.grasp,
-                    &self.work.system,
-                )
-            },
-        };
-        let stop = walk(&geometry, &path, &mut walked, path.length).stop;
+        let stop = self.walk_along(&path, &mut walked).stop;
         self.work.needles.path = walked;
         (stop == Stop::Reached).then_some(face)
     }
@@ -313,22 +288,8 @@ impl Balance<'_> {
     pub(super) fn first_face(&self, path: &Curve) -> Option<Crossing> {
         let mut slack = [0.0; MOST_GROUPS];
         let slack = self.slack(&mut slack);
-        let geometry = Geometry {
-            mesh: &self.sources.mesh,
-            hierarchy: &self.sources.hierarchy,
-            slack: Slack::ByGroup(slack),
-            at: |node| {
-                self.work.nodes.position(
-                    node,
-                    self.body,
-                    self.points_m,
-                    &self.state.grasp,
-                    &self.work.system,
-                )
-            },
-        };
         entry(
-            &geometry,
+            &self.geometry(Slack::ByGroup(slack)),
             path,
             &self.work.needles.no_history,
             0.0,
@@ -469,21 +430,7 @@ impl Balance<'_> {
                 None => walked.restart(inside, None),
             }
             let known = walked.crossings().len();
-            let geometry = Geometry {
-                mesh: &self.sources.mesh,
-                hierarchy: &self.sources.hierarchy,
-                slack: Slack::Everywhere(0.0),
-                at: |node| {
-                    self.work.nodes.position(
-                        node,
-                        self.body,
-                        self.points_m,
-                        &self.state.grasp,
-                        &self.work.system,
-                    )
-                },
-            };
-            let stop = walk(&geometry, &path, &mut walked, path.length).stop;
+            let stop = self.walk_along(&path, &mut walked).stop;
             self.work.needles.path = walked;
             let out = match stop {
                 Stop::Boundary(face) => Some(face),

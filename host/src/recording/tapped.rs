@@ -87,13 +87,13 @@ impl LockstepConsole for TappedConsole<'_> {
 
 /// A solver whose solves are told.
 pub struct TappedSolver<'a> {
-    solver: &'a mut dyn SceneSolver,
+    solver: &'a mut SceneSolver,
     tap: Tap,
 }
 
 impl<'a> TappedSolver<'a> {
     /// Stands in for `solver`.
-    pub fn new(solver: &'a mut dyn SceneSolver, tap: Tap) -> Self {
+    pub fn new(solver: &'a mut SceneSolver, tap: Tap) -> Self {
         if tap.is_for_replay() {
             solver.log_arrivals();
         }

@@ -5,7 +5,9 @@ use crate::columns::Columns;
 use crate::fem::{Loads, Material, Policy};
 use crate::mesh::slab;
 use crate::model::{Model, Passes};
-use crate::step::{Arrival, Renewals, State, Status, StepReport, ToolContact, Workspace, step};
+use crate::step::{
+    Arrival, Renewals, State, Status, StepOptions, StepReport, ToolContact, Workspace, step,
+};
 use crate::tool::{Tool, ToolSample};
 use std::time::Duration;
 
@@ -26,6 +28,9 @@ fn block() -> Model {
     Model::corotational(&mesh, soft, &bottom, loads, &tools, policy, passes).expect("a model")
 }
 
+/// Columns are computed in the step that needs them.
+const MANY: StepOptions = StepOptions::with_vertices(1000);
+
 /// Down by 10 mm and along.
 fn path(tick: u32) -> ToolSample {
     let part = f64::from(tick) / f64::from(TICKS);
@@ -40,7 +45,6 @@ fn path(tick: u32) -> ToolSample {
 
 fn workspace(model: &Model, rule: Rule, handicap: Handicap) -> Workspace {
     let mut work = Workspace::new(model);
-    work.vertices_per_step = 1000;
     work.renew_beside(model, rule);
     let renewer = work
         .served()
@@ -72,7 +76,7 @@ fn run(
 ) -> (Vec<Said>, Renewals) {
     let mut all = Renewals::default();
     let each = ticks.map(|tick| {
-        let report = step(model, state, &[path(tick)], work);
+        let report = step(model, state, &[path(tick)], &MANY, work);
         assert_eq!(report.status, Status::Ok, "{report:?}");
         all = all.plus(report.renewals);
         said(&report)
@@ -201,7 +205,7 @@ fn a_tangent_that_cannot_be_factored_leaves_the_last_good_one() {
         .handicap = Handicap::default();
     let mut adopted = 0;
     for tick in (0..TICKS).rev() {
-        let report = step(&model, &mut state, &[path(tick)], &mut work);
+        let report = step(&model, &mut state, &[path(tick)], &MANY, &mut work);
         adopted += report.renewals.adopted;
     }
     assert!(adopted >= 1);
@@ -215,11 +219,11 @@ fn after_a_jump_the_step_makes_the_factor_itself() {
     let mut state = State::new(&model);
     let mut in_step = 0;
     for tick in [0, TICKS / 2, TICKS, TICKS, TICKS, TICKS, TICKS] {
-        let report = step(&model, &mut state, &[path(tick)], &mut work);
+        let report = step(&model, &mut state, &[path(tick)], &MANY, &mut work);
         assert_eq!(report.status, Status::Ok, "{report:?}");
         in_step += report.refactorisations;
     }
     assert!((1..=4).contains(&in_step), "{in_step}");
-    let report = step(&model, &mut state, &[path(TICKS)], &mut work);
+    let report = step(&model, &mut state, &[path(TICKS)], &MANY, &mut work);
     assert!(report.imbalance < 1e-2, "{report:?}");
 }

@@ -118,6 +118,14 @@ impl Tissue {
         }
     }
 
+    /// The model to which tools stick, if it is one.
+    pub fn sticking(self) -> Option<Registered> {
+        match self {
+            Tissue::Registered(model) if !model.has_rows() => Some(model),
+            _ => None,
+        }
+    }
+
     /// What a session renders from if nobody says.
     pub fn usual_rendering(self) -> Rendering {
         if self.has_rows() {
@@ -271,7 +279,7 @@ impl Scene {
         forces
     }
 
-    /// Whether contacts are rows: [`crate::session::TissueSolver`] steps what has, [`crate::session::ModelSolver`] all else.
+    /// Whether contacts are rows: [`step`](crate::step::step) takes what has, to all else tools stick.
     pub fn has_rows(&self) -> bool {
         self.tissue.has_rows()
     }

@@ -3,7 +3,7 @@
 use super::heard::{Fate, Underway};
 use super::horizon::Horizon;
 use super::schedule::Schedule;
-use super::{LINE_BYTES_PER_S, Plan, Rendering, Solve, TissueSolver};
+use super::{LINE_BYTES_PER_S, Plan, Rendering, SceneSolver, Solve};
 use crate::fidelity::plant::Mechanics;
 use crate::link::{Felt, SentContact};
 use crate::scene::{Scene, load, position_at};
@@ -81,7 +81,7 @@ fn state_at(control: &mut Control, scene: &Scene, tick: u64, fresh: Option<&Fres
 
 /// True force at every [`TRUTH_EVERY`]th pose \[N\].
 fn truth(scene: &Scene) -> Vec<[f64; 3]> {
-    let mut solver = TissueSolver::new(scene).expect("a solver");
+    let mut solver = SceneSolver::new(scene).expect("a solver");
     let ticks = (1e3 * scene.seconds) as u64;
     let mut control = Control::new(Mechanics::LIGHT.description()).expect("a device");
     (0..ticks)
@@ -97,7 +97,7 @@ fn truth(scene: &Scene) -> Vec<[f64; 3]> {
 
 fn run(scene: &Scene, truth: &[[f64; 3]], host_hz: f64, stall_ms: u64) -> Outcome {
     let plan = plan(scene, host_hz);
-    let mut solver = TissueSolver::for_session(scene, &plan).expect("a solver");
+    let mut solver = SceneSolver::for_session(scene, &plan).expect("a solver");
     let mut control = Control::new(plan.device).expect("a device");
     control.command(Command::Arm);
     let mut horizon = Horizon::new(host_hz);
@@ -222,7 +222,7 @@ fn a_hand_that_may_set_out_is_told_of_what_it_may_reach() {
     let scene = scene();
     let told = |host_hz: f64| {
         let plan = plan(&scene, host_hz);
-        let mut solver = TissueSolver::for_session(&scene, &plan).expect("a solver");
+        let mut solver = SceneSolver::for_session(&scene, &plan).expect("a solver");
         let mut control = Control::new(plan.device).expect("a device");
         let mut state = state_at(&mut control, &scene, 0, None);
         state.velocity_m_per_s = [0.0; 3];

@@ -6,7 +6,7 @@
 use super::look_budget::{Ahead, LookBudget};
 use crate::model::Model;
 use crate::needle::{NeedleReport, TipPlace};
-use crate::step::{State, Status, Workspace, step};
+use crate::step::{State, Status, StepOptions, Workspace, step};
 use crate::tool::ToolSample;
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 use sutura_shared::wire::message::{COURSE_POINTS, Course};
@@ -26,6 +26,8 @@ pub(super) struct Look {
     pub reach_m: [f64; 2],
     /// Steps forward, and backward, (2).
     pub steps: [usize; 2],
+    /// What each of them is asked for.
+    pub options: StepOptions,
     /// Speed along the slide that friction is to have \[m/s\].
     pub speed_m_per_s: f64,
     /// Whether it is on its way back.
@@ -125,7 +127,7 @@ fn visit(
         if !budget.allows(Ahead::Course, side) {
             return;
         }
-        let report = step(model, &mut trial, &samples, work);
+        let report = step(model, &mut trial, &samples, &look.options, work);
         budget.made(Ahead::Course, side, &report);
         let found = report.needles().iter().find(|other| other.id == needle.id);
         match found {

@@ -7,6 +7,7 @@
 mod budget;
 mod chosen;
 mod contact_frame;
+mod error;
 mod heard;
 mod horizon;
 #[cfg(test)]
@@ -15,7 +16,6 @@ mod lockstep;
 mod look_ahead;
 mod look_budget;
 mod machine_lateness;
-mod model_solver;
 mod needle_frame;
 mod overload;
 #[cfg(test)]
@@ -26,41 +26,40 @@ mod schedule;
 mod scheduling;
 mod setup;
 mod sideways;
-mod sticking;
+mod solver;
 mod summary;
 mod tally;
 mod thread_frame;
-mod tissue;
 
 pub use crate::scene::Rendering;
 pub use budget::{LINE_BYTES_PER_S, most_rows};
 pub use chosen::{Candidate, Chosen, StepUs};
 pub use contact_frame::{contact_frame, pack_symmetric};
+pub use error::SolveError;
 pub use heard::{Fate, Underway};
 pub use horizon::Horizon;
 pub use lockstep::run_lockstep;
 pub use look_budget::Looked;
 pub use machine_lateness::{LatenessProbe, MachineLate, MachineLateness};
-pub use model_solver::ModelSolver;
 pub use needle_frame::{HeldNeedle, needle_frame};
 pub use overload::{Effort, GivenUp, Spared};
 pub use real_time::{Arms, Attendant, Line, run_real_time};
 pub use rows_frame::rows_frame;
 pub use scheduling::Scheduling;
 pub use setup::{Plan, SessionError, check_rate, least_hz};
-pub use sideways::{Goal, reach_m, sideways};
+pub use sideways::{Goal, sideways};
+pub(crate) use solver::{IN_BALANCE, MOST_PASSES, MOST_STEPS};
+pub use solver::{Moment, SceneSolver};
 pub use summary::{
     Age, ConsoleClock, Energy, Force, Frames, Latency, LinkSummary, RoundTrip, StepTime, Summary,
     Throughput,
 };
+pub use sutura_client::ahead::reach_m;
 pub use tally::{NOT_RENDERED, Tally, mode_word};
 pub use thread_frame::{HeldThread, thread_frame};
-pub use tissue::{Moment, TissueSolver};
 
 use crate::link::Felt;
-use crate::scene::{Scene, Tissue};
-use crate::solve::SolveError;
-use crate::step::{Arrival, Stages, Status, ToolContact, ToolRows};
+use crate::step::{Stages, Status, ToolContact, ToolRows};
 use sutura_shared::wire::Valid;
 use sutura_shared::wire::message::{Report, State};
 
@@ -129,65 +128,6 @@ pub trait Solve: Send {
 
     /// What the scene reports when the session is over.
     fn scene(&self) -> serde_json::Map<String, serde_json::Value>;
-}
-
-/// A scene's solver, whose steps can be recorded and run again.
-pub trait SceneSolver: Solve {
-    /// Hash of its state, to the bit; what that leaves out shows in a later step's.
-    fn hash(&self) -> u64;
-
-    /// From now on a thread computes what is newly touched while steps go on with what is there, if the solver has any use
-    /// for one. What a step finds in contact is the same to the bit, but not when it finds it, nor from when on the
-    /// tangent of a touch to come is there: for sessions in real time.
-    fn start_worker(&mut self) {}
-
-    /// From now on it is written down when columns come from their thread, for [`Self::take_arrivals`].
-    fn log_arrivals(&mut self) {}
-
-    /// What has come from the thread since this was asked last.
-    fn take_arrivals(&mut self) -> Vec<Arrival> {
-        Vec::new()
-    }
-
-    /// As [`Self::start_worker`] without the thread: columns come in the steps in which [`Self::expect`] says that they
-    /// came.
-    fn replay_worker(&mut self) {}
-
-    /// What comes in steps to come, and how far the next solve looks ahead.
-    fn expect(&mut self, _arrivals: &[Arrival], _looked: Looked) {}
-
-    /// From now on no long work is done beside the steps but columns: as it was when recordings did not say when a
-    /// factor came.
-    fn renew_in_step(&mut self) {}
-}
-
-/// The solver of a scene's tissue, prepared for what a session is to be.
-///
-/// # Errors
-/// What [`TissueSolver::for_session`] and [`ModelSolver::new`] refuse.
-pub fn solver(scene: &Scene, plan: &Plan) -> Result<Box<dyn SceneSolver>, SolveError> {
-    Ok(match scene.tissue {
-        Tissue::Registered(model) if !scene.has_rows() => Box::new(ModelSolver::new(
-            scene,
-            model,
-            plan.rendering,
-            plan.host_hz,
-        )?),
-        _ => Box::new(TissueSolver::for_session(scene, plan)?),
-    })
-}
-
-/// Builds a scene's solver and brings held tools to their places, to see whether it can be.
-///
-/// # Errors
-/// As [`solver`].
-pub fn check(scene: &Scene) -> Result<(), SolveError> {
-    match scene.tissue {
-        Tissue::Registered(model) if !scene.has_rows() => {
-            ModelSolver::new(scene, model, Rendering::Tangent, scene.host.host_hz).map(drop)
-        }
-        _ => TissueSolver::new(scene).map(drop),
-    }
 }
 
 /// How far a session is.

@@ -2,6 +2,8 @@
 //!
 //! Entry point: [`needle_frame`].
 
+use crate::needle::TipPlace;
+use crate::step::StepReport;
 use sutura_shared::wire::message::{Course, Friction, Needle, Tip};
 use sutura_shared::wire::validate::{MAX_TANGENT, MAX_WRENCH};
 
@@ -35,6 +37,41 @@ pub struct HeldNeedle {
     pub punctured_n: f64,
     /// The axial force on the way from there; none where nobody has looked.
     pub course: Course,
+}
+
+impl HeldNeedle {
+    /// The needle in the grip of `driven`, for the wire.
+    pub(super) fn in_grip(report: &StepReport, driven: u8) -> Option<Self> {
+        let mut needles = report.needles().iter();
+        let needle = needles.find(|n| n.held_by == Some(driven))?;
+        let friction = match (needle.slides, needle.axial_n > 0.0) {
+            (false, _) => Friction::Sticks,
+            (true, false) => Friction::Forward,
+            (true, true) => Friction::Backward,
+        };
+        // What sticks gives way, too, once the boundary does: at most friction is left.
+        let left_n = needle.axial_n + needle.hold_n;
+        let [forward_n, backward_n] = needle.limit_n;
+        Some(Self {
+            tool: driven,
+            needle: needle.id,
+            slide: needle.slide,
+            tip: match needle.tip {
+                TipPlace::Outside | TipPlace::Waiting => Tip::Outside,
+                TipPlace::Holding => Tip::Holding,
+                TipPlace::Inside => Tip::Inside,
+            },
+            waits: needle.tip == TipPlace::Waiting,
+            friction,
+            axial_n: needle.axial_n,
+            friction_n: needle.limit_n,
+            stiffness_n_per_m: needle.stiffness_n_per_m,
+            hold_n: needle.hold_n,
+            puncture_n: needle.puncture_n,
+            punctured_n: left_n.max(-forward_n).min(backward_n),
+            course: Course::default(),
+        })
+    }
 }
 
 /// The frame for the state that `needle` was solved for.

@@ -1,7 +1,7 @@
 //! Punctures of the shipped needles: what the frame before one foretells, against the solve in which it has come.
 
 use super::late_tests::{plan, valid};
-use super::{Rendering, Solve, TissueSolver};
+use super::{Rendering, SceneSolver, Solve};
 use crate::scene::{Scene, load};
 use crate::script;
 use nalgebra::Vector3;
@@ -36,7 +36,7 @@ fn by_tangent(contact: &Contact, dx: &[f32; 6]) -> Vector3<f64> {
 /// foretold.
 fn foretold(scene: &Scene, until_s: f64) -> Vec<(f64, f64)> {
     let plan = plan(scene, HOST_HZ);
-    let mut solver = TissueSolver::for_session(scene, &plan).expect("a solver");
+    let mut solver = SceneSolver::for_session(scene, &plan).expect("a solver");
     let path = script::path(scene, until_s, 1.0 / HOST_HZ, 1.0);
     let (mut found, mut punctures) = (Vec::new(), 0);
     let mut before: Option<(Contact, LocalNeedle)> = None;

@@ -1,20 +1,9 @@
 //! What a contact is solved for: a place ahead across its normal ([`sutura_client::ahead`]), and how far a hand may get from there while
 //! the frame is in use.
 //!
-//! Entry points: [`sideways`], [`reach_m`].
+//! Entry point: [`sideways`].
 
-use sutura_client::ahead::{self, LONGEST_S};
-
-/// As fast as a hand sets out \[m/s^2\]: one that goes 30 cm in half a second, as smoothly as hands do, reaches 7 (Flash and
-/// Hogan 1985).
-const SETS_OUT_M_PER_S2: f64 = 10.0;
-
-/// Way that a hand may go in any direction, besides what its velocity takes it, while a frame is in use that was solved
-/// `ahead_s` before \[m\].
-pub fn reach_m(ahead_s: f64) -> f64 {
-    let ahead_s = ahead_s.clamp(0.0, LONGEST_S);
-    0.5 * SETS_OUT_M_PER_S2 * ahead_s * ahead_s
-}
+use sutura_client::ahead;
 
 /// What a contact is solved for.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]

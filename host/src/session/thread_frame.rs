@@ -2,6 +2,8 @@
 //!
 //! Entry point: [`thread_frame`].
 
+use crate::step::StepReport;
+use crate::thread::{ThreadReport, ThreadTension};
 use sutura_shared::wire::message::{End, Tension, Thread};
 use sutura_shared::wire::validate::{MAX_POSITION, MAX_TANGENT, MAX_WRENCH};
 
@@ -24,6 +26,45 @@ pub struct HeldThread {
     pub stiffness_n_per_m: f64,
     /// What there is of it more than its path needs \[m\].
     pub slack_m: f64,
+}
+
+impl HeldThread {
+    /// The thread that pulls at the grip of `driven`, for the wire; of a thread with both ends there, its head.
+    pub(super) fn at_grip(report: &StepReport, driven: u8) -> Option<Self> {
+        let at = |thread: &ThreadReport, end: usize| thread.held_by[end] == Some(driven);
+        let [tail, head] = [0, 1];
+        let threads = report.threads();
+        let thread = threads.iter().find(|t| at(t, head) || at(t, tail))?;
+        let end = if at(thread, head) { head } else { tail };
+        Some(Self {
+            tool: driven,
+            thread: thread.id,
+            end: [End::Tail, End::Head][end],
+            state: match thread.state {
+                ThreadTension::Slack => Tension::Slack,
+                ThreadTension::Taut => Tension::Taut,
+                ThreadTension::Strained => Tension::Strained,
+            },
+            direction: thread.direction[end],
+            tension_n: thread.tension_n[end],
+            stiffness_n_per_m: along(report, driven, &thread.direction[end]),
+            slack_m: thread.available_m - thread.length_m,
+        })
+    }
+}
+
+/// How much a force along `direction` grows per metre that the grip of `driven` moves against it \[N/m\]: the tangent's
+/// part along it, which turning does not change.
+fn along(report: &StepReport, driven: u8, direction: &[f64; 3]) -> f64 {
+    let contact = report
+        .contacts()
+        .iter()
+        .find(|contact| contact.id == driven);
+    contact.map_or(0.0, |contact| {
+        let rows = contact.tangent.iter().zip(direction);
+        let changes = rows.map(|(row, n)| n * (0..3).map(|i| row[i] * direction[i]).sum::<f64>());
+        -changes.sum::<f64>()
+    })
 }
 
 /// The frame for the state that `thread` was solved for.

@@ -1,7 +1,7 @@
 //! What tests of sources share.
 
 use crate::scene::{Document, Scene};
-use crate::step::{State, StepReport, step};
+use crate::step::{State, StepOptions, StepReport, step};
 use crate::tool::ToolSample;
 use nalgebra::{Matrix6, UnitQuaternion, Vector3, Vector6};
 
@@ -14,7 +14,7 @@ pub(crate) fn held(scene: &str, length_m: f64) -> (StepReport, f64) {
     let document = Document::embedded("test.toml", "".as_ref(), scene);
     let scene = Scene::read(&document, "test").expect("a good scene");
     let (model, mut state, mut work) = scene.build().expect("a good model");
-    work.vertices_per_step = usize::MAX;
+    let options = StepOptions::with_vertices(usize::MAX);
     let pose = scene.tools[0].pose.expect("a place");
     let sample = |shift: Vector3<f64>, turn: Vector3<f64>| ToolSample {
         id: scene.tools[0].id,
@@ -25,7 +25,7 @@ pub(crate) fn held(scene: &str, length_m: f64) -> (StepReport, f64) {
     };
     let none = Vector3::zeros();
     let mut go = |state: &mut State, shift, turn| {
-        let report = step(&model, state, &[sample(shift, turn)], &mut work);
+        let report = step(&model, state, &[sample(shift, turn)], &options, &mut work);
         assert_eq!(report.status.name(), "ok");
         report
     };

@@ -6,6 +6,7 @@
 //! it is plastic flow, integrated backwards (Simo & Hughes 1998, 1.4).
 
 use super::kept::Kept;
+use super::options::StepOptions;
 use super::report::{Status, StepReport};
 use super::sources::{Sources, SourcesState};
 use super::targets::Targets;
@@ -89,6 +90,8 @@ pub(crate) struct Balance<'a> {
     /// Unloaded nodes \[m\], (n x 3).
     pub points_m: &'a [[f64; 3]],
     pub sources: &'a Sources,
+    /// Vertices whose columns the step may compute.
+    pub most_vertices: usize,
     pub state: &'a mut SourcesState,
     pub work: &'a mut BalanceWork,
     pub report: &'a mut StepReport,
@@ -100,6 +103,7 @@ impl<'a> Balance<'a> {
     pub fn new(
         model: &'a Model,
         sources: &'a Sources,
+        options: &StepOptions,
         state: &'a mut SourcesState,
         work: &'a mut BalanceWork,
         report: &'a mut StepReport,
@@ -109,6 +113,9 @@ impl<'a> Balance<'a> {
             body: &model.body,
             points_m: model.points_m(),
             sources,
+            most_vertices: options
+                .vertices_per_step
+                .unwrap_or(sources.settings.vertices_per_step),
             state,
             work,
             report,
@@ -283,8 +290,8 @@ impl<'a> Balance<'a> {
 
     /// Vertices whose columns this step may still compute.
     pub fn vertices_left(&self) -> usize {
-        let most = self.work.system.settings().vertices_per_step;
-        most.saturating_sub(self.report.columns_computed as usize / 3)
+        self.most_vertices
+            .saturating_sub(self.report.columns_computed as usize / 3)
     }
 
     /// Finds where all nodes are after the last solve.

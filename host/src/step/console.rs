@@ -3,6 +3,7 @@
 //! Entry point: [`reduce_tools`].
 
 use super::balance::{Balance, BalanceWork};
+use super::options::StepOptions;
 use super::tool_rows::{MAX_TOOL_ROWS, ToolRows};
 use crate::model::Model;
 use crate::source::tool::{ALIKE_M, Cones, Contact, NEAR, Turning, in_units};
@@ -12,16 +13,6 @@ use nalgebra::{Matrix6, Vector3};
 /// Rows of a cone.
 const CONE: usize = 3;
 
-/// What a console wants to know of a tool.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Wanted {
-    /// Most rows; 0 for none.
-    pub most_rows: usize,
-    /// The way that it may go while they are in use, and any way besides \[m\].
-    pub ahead_m: Vector3<f64>,
-    pub reach_m: f64,
-}
-
 impl Balance<'_> {
     /// The rows of a tool whose wrench about `grip` follows its pose by `tangent`: those of what it touches, and of what it
     /// may come to touch. Nothing if there are none. The rows of the balance are not those of the last solve any more.
@@ -30,20 +21,21 @@ impl Balance<'_> {
         (tool, id): (u32, u8),
         grip: &Vector3<f64>,
         tangent: &Matrix6<f64>,
-        wanted: &Wanted,
+        options: &StepOptions,
         cones: &mut Cones,
     ) -> Option<ToolRows> {
         let each = self.sources.tools.each();
         // Where nothing is touched yet there is room for more vertices without friction, which comes with the next frame.
         let smooth = each.get(tool as usize)?.tool.is_smooth() || self.state.tools.count(tool) == 0;
-        let most_rows = wanted.most_rows.min(MAX_TOOL_ROWS);
+        let most_rows = options.most_rows.min(MAX_TOOL_ROWS);
         let most = most_rows / if smooth { 1 } else { CONE };
         if most == 0 {
             return None;
         }
         let touched = self.state.tools.contacts.len();
-        self.find_near_tools(wanted.reach_m + wanted.ahead_m.norm());
-        self.add_coming((tool, smooth), most, wanted);
+        let ahead_m = Vector3::from(options.ahead_m).norm();
+        self.find_near_tools(options.reach_m + ahead_m);
+        self.add_coming((tool, smooth), most, options);
         let rows = self.write_rows((tool, id, smooth), grip, tangent, most, cones);
         self.state.tools.contacts.truncate(touched);
         rows
@@ -92,14 +84,14 @@ impl Balance<'_> {
 
     /// Takes up the vertices that a tool is nearest to, here or where it may go, as open contacts: as far as their columns
     /// are there.
-    fn add_coming(&mut self, (tool, smooth): (u32, bool), most: usize, wanted: &Wanted) {
+    fn add_coming(&mut self, (tool, smooth): (u32, bool), most: usize, options: &StepOptions) {
         let tools = &self.sources.tools;
         let Some(placement) = &self.state.tools.placements[tool as usize] else {
             return;
         };
         let solid = tools.solid(tool as usize, placement);
-        let then = solid.moved(&wanted.ahead_m);
-        let reach_m = NEAR * solid.radius() + wanted.reach_m;
+        let then = solid.moved(&Vector3::from(options.ahead_m));
+        let reach_m = NEAR * solid.radius() + options.reach_m;
         let room = tools.most_contacts() - self.state.tools.contacts.len();
         let mut nearest: [Option<(f64, u32)>; MAX_TOOL_ROWS] = [None; MAX_TOOL_ROWS];
         let count = most.min(room);
@@ -142,7 +134,7 @@ pub(super) fn reduce_tools(
     model: &Model,
     balance: &mut Balance,
     samples: &[ToolSample],
-    wanted: &Wanted,
+    options: &StepOptions,
     cones: &mut Cones,
     out: &mut Vec<ToolRows>,
 ) {
@@ -155,18 +147,18 @@ pub(super) fn reduce_tools(
         };
         let contact = balance.report.contacts()[place];
         let apart = contact.rows == 0;
-        if wanted.most_rows == 0 && !apart {
+        if options.most_rows == 0 && !apart {
             continue;
         }
         let grip = Vector3::from(sample.position_m);
         let tangent = Matrix6::from_fn(|i, j| contact.tangent[i][j]);
-        let most = Wanted {
+        let most = StepOptions {
             most_rows: if apart {
                 MAX_TOOL_ROWS
             } else {
-                wanted.most_rows
+                options.most_rows
             },
-            ..*wanted
+            ..*options
         };
         let of = (touching, sample.id);
         let Some(mut rows) = balance.tool_rows(of, &grip, &tangent, &most, cones) else {
@@ -177,7 +169,7 @@ pub(super) fn reduce_tools(
             let at_once_m = contact.gap_m + AT_ONCE * radius_m;
             let coming = cones.coming(&rows, at_once_m).transpose().into();
             balance.report.contacts_mut(samples.len())[place].tangent = coming;
-            rows.truncate(wanted.most_rows);
+            rows.truncate(options.most_rows);
         }
         if rows.count > 0 {
             out.push(rows);

@@ -2,16 +2,19 @@
 //!
 //! Entry point: [`step`], whose stages are listed in `outline.rs`. Three lifetimes: [`Model`](crate::model::Model) is
 //! constant, [`State`] evolves and can be kept and compared, [`Workspace`] is scratch and a cache that could be dropped
-//! between any two steps.
+//! between any two steps. What else a step is asked for is in its [`StepOptions`].
 
 mod balance;
 mod console;
 mod kept;
+mod options;
 mod outline;
 mod prefetch;
 mod reduce;
 mod report;
 mod rest;
+#[cfg(test)]
+mod room_tests;
 mod sources;
 mod state;
 mod substeps;
@@ -23,6 +26,7 @@ mod workspace;
 pub use crate::columns::Arrival;
 pub use crate::renewal::{Renewals, Rule};
 pub(crate) use balance::{Balance, BalanceWork, unloaded};
+pub use options::StepOptions;
 pub use outline::step;
 pub(crate) use reduce::Felt;
 pub use report::{Stages, Status, StepReport, ToolContact};

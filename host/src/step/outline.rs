@@ -3,7 +3,8 @@
 //! Entry point: [`step`].
 
 use super::balance::Balance;
-use super::console::{Wanted, reduce_tools};
+use super::console::reduce_tools;
+use super::options::StepOptions;
 use super::prefetch;
 use super::reduce::reduce;
 use super::report::{Status, StepReport, ToolContact};
@@ -27,6 +28,7 @@ pub fn step(
     model: &Model,
     state: &mut State,
     samples: &[ToolSample],
+    options: &StepOptions,
     work: &mut Workspace,
 ) -> StepReport {
     let mut report = StepReport::default();
@@ -37,11 +39,6 @@ pub fn step(
             return report;
         }
     };
-    let wanted = Wanted {
-        most_rows: if work.spares_rows { 0 } else { work.most_rows },
-        ahead_m: Vector3::from(work.ahead_m),
-        reach_m: work.reach_m,
-    };
     let (Some(sources), Some(state), Some(own)) =
         (&model.sources, &mut state.sources, &mut work.sources)
     else {
@@ -50,16 +47,16 @@ pub fn step(
         }
         return report;
     };
-    own.balance.system.set_budget(work.vertices_per_step);
     let mut step = Step {
         model,
         sources,
+        options,
         state,
         work: own,
         report: &mut report,
         clock: &mut Clock::start(),
     };
-    report.status = step.take(samples, &placements, &wanted);
+    report.status = step.take(samples, &placements);
     report
 }
 
@@ -80,6 +77,7 @@ fn read_samples(model: &Model, samples: &[ToolSample]) -> Result<Placements, Sta
 struct Step<'a> {
     model: &'a Model,
     sources: &'a Sources,
+    options: &'a StepOptions,
     state: &'a mut SourcesState,
     work: &'a mut SourcesWork,
     report: &'a mut StepReport,
@@ -88,7 +86,7 @@ struct Step<'a> {
 
 impl Step<'_> {
     /// The whole of it. `samples` are known, finite, once each, and have the tools at `placements`.
-    fn take(&mut self, samples: &[ToolSample], placements: &Placements, wanted: &Wanted) -> Status {
+    fn take(&mut self, samples: &[ToolSample], placements: &Placements) -> Status {
         let (model, sources) = (self.model, self.sources);
         self.work.rows.clear();
         let targets = Targets::read(sources, self.state, samples, placements);
@@ -108,7 +106,7 @@ impl Step<'_> {
         }
         self.count_rows();
         if status == Status::Ok {
-            self.say(samples, wanted);
+            self.say(samples);
         }
         status
     }
@@ -212,8 +210,8 @@ impl Step<'_> {
     }
 
     /// Columns for what comes, and what tools, needles and threads feel.
-    fn say(&mut self, samples: &[ToolSample], wanted: &Wanted) {
-        let model = self.model;
+    fn say(&mut self, samples: &[ToolSample]) {
+        let (model, options) = (self.model, self.options);
         let SourcesWork {
             balance,
             tangent,
@@ -222,11 +220,19 @@ impl Step<'_> {
             ..
         } = &mut *self.work;
         let (report, clock) = (&mut *self.report, &mut *self.clock);
-        let balance = &mut Balance::new(model, self.sources, self.state, balance, report, clock);
-        prefetch::near_tools(balance, wanted.reach_m);
+        let balance = &mut Balance::new(
+            model,
+            self.sources,
+            options,
+            self.state,
+            balance,
+            report,
+            clock,
+        );
+        prefetch::near_tools(balance, options.reach_m);
         reduce(model, balance, samples, tangent);
         if let Some(cones) = cones {
-            reduce_tools(model, balance, samples, wanted, cones, rows);
+            reduce_tools(model, balance, samples, options, cones, rows);
         }
         balance.clock.lap(&mut balance.report.stages.reduce_ns);
         prefetch::near_tips(balance);
@@ -238,6 +244,7 @@ impl Step<'_> {
         Balance::new(
             self.model,
             self.sources,
+            self.options,
             self.state,
             work,
             self.report,

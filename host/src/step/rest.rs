@@ -54,7 +54,6 @@ struct Whole {
     handles: Handles,
     parts: Vec<NeedlePart>,
     threads: Threads,
-    vertices_per_step: usize,
 }
 
 /// Brings tissues that may touch to rest under the loads and handles of a model, which remembers that as
@@ -95,14 +94,12 @@ fn way_m(sources: &Sources) -> f64 {
 
 impl Whole {
     fn take_from(sources: &mut Sources) -> Self {
-        let most = &mut sources.settings.vertices_per_step;
         Self {
             resting: sources.resting.clone(),
             resting_m: sources.resting_m.clone(),
             handles: std::mem::take(&mut sources.handles),
             parts: std::mem::take(&mut sources.needles),
             threads: std::mem::replace(&mut sources.threads, Threads::none()),
-            vertices_per_step: std::mem::replace(most, usize::MAX),
         }
     }
 
@@ -112,7 +109,6 @@ impl Whole {
         sources.handles = self.handles;
         sources.needles = self.parts;
         sources.threads = self.threads;
-        sources.settings.vertices_per_step = self.vertices_per_step;
     }
 
     /// Has so much of the loads act.
@@ -230,6 +226,7 @@ fn balance(
             body,
             sources,
             points_m,
+            most_vertices: usize::MAX,
             state,
             work: &mut work.balance,
             report: &mut StepReport::default(),

@@ -102,7 +102,7 @@ impl Sources {
             }
         }
         let mut kinds: Vec<NeedleTissue> = Vec::new();
-        let mut kind_of_cell = Vec::with_capacity(cells);
+        let mut kind_of_cell = Vec::with_capacity(given);
         for of_cell in tissue {
             let known = kinds.iter().position(|kind| kind == of_cell);
             if known.is_none() {
@@ -168,7 +168,7 @@ impl Sources {
         Ok(())
     }
 
-    /// Adds tools that touch the boundary nodes `nodes`, which are `at_rest` (b) \[m\] with outward normals (b); none is
+    /// Adds tools, those that touch touch the boundary nodes `nodes`, which are `at_rest` (b) \[m\] with outward normals (b); none is
     /// thinner than `least_m`.
     pub fn with_tools(
         mut self,
@@ -177,6 +177,9 @@ impl Sources {
         nodes: &[u32],
         at_rest: (&[Vector3<f64>], &[Vector3<f64>]),
     ) -> Self {
+        if tools.iter().all(|(_, tool)| tool.is_grip()) {
+            return self;
+        }
         let mut group_of = vec![0; self.mesh.nodes()];
         for (group, face) in self.hierarchy.grouped_faces() {
             for node in self.mesh.vertices(face) {
@@ -250,7 +253,6 @@ impl Sources {
             most_anchors: room.anchors,
             most_spread: room.spread,
             most_terms: room.terms,
-            vertices_per_step: self.settings.vertices_per_step,
             memory_bytes: self.settings.memory_bytes,
             ..AnchorSettings::default()
         }

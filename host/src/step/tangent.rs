@@ -101,7 +101,7 @@ impl TangentWork {
             touched: Vec::with_capacity(most_contacts),
             contacts: Vec::with_capacity(most_contacts),
             turns: false,
-            load: Load::new(most_rows, most_contacts),
+            load: Load::new(if most_contacts > 0 { most_rows } else { 0 }, most_contacts),
             jacobian: vec![0.0; 6 * most_rows],
             free: Vec::with_capacity(most_rows),
             follow: Vec::with_capacity(most_rows),

@@ -16,19 +16,6 @@ pub(crate) const DEFAULT_CACHE_BYTES: usize = 512 << 20;
 /// Scratch and the cache of compliance columns.
 pub struct Workspace {
     pub(super) sources: Option<Box<SourcesWork>>,
-    /// Vertices whose columns one step may compute before it says [`Status::Waiting`](super::Status::Waiting).
-    pub vertices_per_step: usize,
-    /// To how many rows at most steps reduce each tool's contact, for [`Workspace::rows`]; 0: they do not. More than
-    /// [`MAX_TOOL_ROWS`](super::MAX_TOOL_ROWS) are never given.
-    pub most_rows: usize,
-    /// Whether these rows are not made after all, for want of time. Nothing else of a step is another for that.
-    pub spares_rows: bool,
-    /// Way that a tool may go from the step's pose while its rows are in use \[m\], (3): those that would switch on it are
-    /// chosen first.
-    pub ahead_m: [f64; 3],
-    /// Way in any direction that it may go besides \[m\]: what is so near is said while the tool is apart, and its columns
-    /// are asked for.
-    pub reach_m: f64,
 }
 
 impl Workspace {
@@ -39,14 +26,6 @@ impl Workspace {
                 .sources
                 .as_ref()
                 .map(|sources| Box::new(SourcesWork::new(model, sources))),
-            vertices_per_step: model
-                .sources
-                .as_ref()
-                .map_or(0, |sources| sources.settings.vertices_per_step),
-            most_rows: 0,
-            spares_rows: false,
-            ahead_m: [0.0; 3],
-            reach_m: 0.0,
         }
     }
 
@@ -138,7 +117,7 @@ impl Workspace {
         }
     }
 
-    /// The rows of a tool at the last step's balance, if [`Workspace::most_rows`] asked for any.
+    /// The rows of a tool at the last step's balance, if [`StepOptions::most_rows`](super::StepOptions) asked for any.
     pub fn rows(&self, tool: u8) -> Option<&ToolRows> {
         let rows = self.sources.iter().flat_map(|needles| &needles.rows);
         rows.into_iter().find(|rows| rows.tool == tool)

@@ -286,8 +286,7 @@ mod tests {
     use super::*;
     use crate::clock::Clock;
     use crate::scene::{Document, Scene};
-    use crate::step::StepReport;
-    use crate::step::{SourcesState, SourcesWork};
+    use crate::step::{SourcesState, SourcesWork, StepOptions, StepReport};
 
     /// Two slabs with a thread, and a load, so that they do not rest where the mesh has them.
     fn wound() -> Scene {
@@ -309,7 +308,16 @@ mod tests {
         let mut work = SourcesWork::new(&model, sources);
         let (mut report, mut clock) = (StepReport::default(), Clock::start());
         let (state, work) = (&mut state, &mut work.balance);
-        let mut balance = Balance::new(&model, sources, state, work, &mut report, &mut clock);
+        let options = StepOptions::default();
+        let mut balance = Balance::new(
+            &model,
+            sources,
+            &options,
+            state,
+            work,
+            &mut report,
+            &mut clock,
+        );
         let skin = |balance: &Balance| format!("{:?}", balance.work.threads.skin);
         balance.find_all_nodes();
         balance.fit_skin();

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use sutura_host::fem::{Loads, Material};
 use sutura_host::mesh::{TetMesh, read_msh, slab};
 use sutura_host::model::Model;
-use sutura_host::step::{State, Status, StepReport, ToolContact, Workspace, step};
+use sutura_host::step::{State, Status, StepOptions, StepReport, ToolContact, Workspace, step};
 use sutura_host::tool::{Shape, Tool, ToolSample};
 
 pub const SOFT: Material = Material {
@@ -20,14 +20,22 @@ pub const ARCH: f64 = 0.06;
 pub struct Bench {
     pub model: Model,
     pub work: Workspace,
+    pub options: StepOptions,
 }
 
 impl Bench {
     pub fn new(mesh: &TetMesh, fixed: &[u32], loads: Loads, tools: &[(u8, Tool)]) -> Self {
         let model = Model::new(mesh, SOFT, fixed, loads, tools).expect("a model");
-        let mut work = Workspace::new(&model);
-        work.vertices_per_step = 1000;
-        Self { model, work }
+        Self::around(model)
+    }
+
+    /// Steps of it compute all columns that they need.
+    pub fn around(model: Model) -> Self {
+        Self {
+            work: Workspace::new(&model),
+            model,
+            options: StepOptions::with_vertices(1000),
+        }
     }
 
     /// The slab that the tests press: 80 x 80 x 30 mm on a table.
@@ -66,8 +74,13 @@ impl Bench {
         Self::new(&mesh, &ends, Loads::default(), &[(0, tool)])
     }
 
+    /// One step with the tools there.
+    pub fn follow(&mut self, state: &mut State, samples: &[ToolSample]) -> StepReport {
+        step(&self.model, state, samples, &self.options, &mut self.work)
+    }
+
     pub fn step(&mut self, state: &mut State, sample: ToolSample) -> StepReport {
-        step(&self.model, state, &[sample], &mut self.work)
+        self.follow(state, &[sample])
     }
 
     /// A new state comes in from `from` to `to`: contact detected afresh.

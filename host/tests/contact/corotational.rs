@@ -5,7 +5,7 @@ use nalgebra::{Matrix3, Matrix6, UnitQuaternion, Vector3, Vector6};
 use sutura_host::fem::{CorotationalTissue, Loads, NodeLoad, Policy};
 use sutura_host::mesh::{TetMesh, slab, tube};
 use sutura_host::model::{Model, Passes};
-use sutura_host::step::{State, Status, StepReport, Workspace};
+use sutura_host::step::{State, Status, StepReport};
 use sutura_host::tool::{Tool, ToolSample};
 use sutura_testkit::Random;
 
@@ -35,9 +35,7 @@ fn under(tool: Tool, policy: Policy, passes: Passes) -> Bench {
     let (loads, tools) = (Loads::default(), [(0, tool)]);
     let model = Model::corotational(&mesh, SOFT, &bottom, loads, &tools, policy, passes);
     let model = model.expect("a model");
-    let mut work = Workspace::new(&model);
-    work.vertices_per_step = 1000;
-    Bench { model, work }
+    Bench::around(model)
 }
 
 fn block(policy: Policy, passes: Passes) -> Bench {
@@ -297,9 +295,7 @@ fn round(policy: Policy, passes: Passes) -> Bench {
     let loads = Loads::default();
     let model = Model::corotational(&mesh, SOFT, &ends, loads, &[(0, tool)], policy, passes);
     let model = model.expect("a model");
-    let mut work = Workspace::new(&model);
-    work.vertices_per_step = 1000;
-    Bench { model, work }
+    Bench::around(model)
 }
 
 /// The grip with the ball so deep in the tube's side, aslant, moved and turned by `by` \[m, rad\].

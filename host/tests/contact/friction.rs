@@ -6,7 +6,7 @@ use sutura_host::fem::Loads;
 use sutura_host::mesh::{TetMesh, slab};
 use sutura_host::model::Model;
 use sutura_host::needle::NeedleSettings;
-use sutura_host::step::{State, Status, StepReport, ToolContact, Workspace, step};
+use sutura_host::step::{State, Status, StepOptions, StepReport, ToolContact, Workspace, step};
 use sutura_host::tool::{Shape, Tool, ToolSample};
 
 /// A model whose tools are constraints among others.
@@ -52,7 +52,13 @@ impl Rig {
     }
 
     fn step(&mut self, state: &mut State, sample: ToolSample) -> StepReport {
-        let report = step(&self.model, state, &[sample], &mut self.work);
+        let report = step(
+            &self.model,
+            state,
+            &[sample],
+            &StepOptions::default(),
+            &mut self.work,
+        );
         assert_eq!(report.status, Status::Ok);
         report
     }

@@ -5,7 +5,7 @@ use nalgebra::{Matrix6, UnitQuaternion, Vector3, Vector6};
 use sutura_host::fem::{Hyperelasticity, Loads, Policy};
 use sutura_host::mesh::{TetMesh, slab};
 use sutura_host::model::{Model, Passes};
-use sutura_host::step::{MAX_TOOL_ROWS, State, Status, StepReport, Workspace};
+use sutura_host::step::{MAX_TOOL_ROWS, State, Status, StepReport};
 use sutura_host::tool::{Tool, ToolSample};
 use sutura_models::hyperelastic::{Cells, Hyperelastic, Settings};
 use sutura_models::law::Law;
@@ -51,9 +51,7 @@ fn block(tool: Tool, cells: Cells, policy: Policy, passes: Passes) -> Bench {
         passes,
     );
     let model = model.expect("a model");
-    let mut work = Workspace::new(&model);
-    work.vertices_per_step = 1000;
-    Bench { model, work }
+    Bench::around(model)
 }
 
 fn smooth(policy: Policy, passes: Passes) -> Bench {
@@ -339,7 +337,7 @@ pub(super) fn drags_keep_their_cones_and_books(block: impl Fn(Tool, Policy, Pass
 fn a_step_allocates_nothing_once_it_has_been_there() {
     let tool = ball([0.0; 3]).with_friction(0.2, 0.3);
     let mut bench = block(tool, Cells::Linear, Policy::default(), SCENES);
-    bench.work.most_rows = MAX_TOOL_ROWS;
+    bench.options.most_rows = MAX_TOOL_ROWS;
     bench.work.prepare(&bench.model, |_| true);
     let mut state = State::new(&bench.model);
     let way = (-8..=12).chain((-8..12).rev());

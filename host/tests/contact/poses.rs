@@ -6,7 +6,7 @@ use std::collections::hash_map::DefaultHasher;
 use std::hash::Hasher;
 use sutura_host::fem::Loads;
 use sutura_host::model::{Model, ModelError, Warning};
-use sutura_host::step::{State, Status, Workspace, step};
+use sutura_host::step::{State, Status, StepOptions, Workspace, step};
 use sutura_host::tool::{Tool, ToolSample};
 use sutura_testkit::Random;
 
@@ -90,7 +90,7 @@ fn bad_poses_get_a_status_and_the_state_recovers() {
 #[test]
 fn wild_motion_never_breaks_the_solver() {
     let mut bench = Bench::slab(ball([0.0, 0.0, -0.02]));
-    bench.work.vertices_per_step = 40;
+    bench.options.vertices_per_step = Some(40);
     let mut random = Random::new(3);
     let mut state = State::new(&bench.model);
     let mut seen = std::collections::BTreeMap::new();
@@ -178,7 +178,7 @@ fn a_teleport_in_contact_ends_where_a_walk_ends() {
 #[test]
 fn missing_columns_are_waited_for() {
     let mut bench = Bench::slab(ball([0.0; 3]));
-    bench.work.vertices_per_step = 3;
+    bench.options.vertices_per_step = Some(3);
     let press = at(0.0, 0.0, RADIUS - 0.006);
     let mut state = State::new(&bench.model);
     bench.step(&mut state, at(0.0, 0.0, 0.05));
@@ -194,7 +194,7 @@ fn missing_columns_are_waited_for() {
     };
     assert!(waited > 1, "{} rows in steps of 3 columns", report.rows);
     let mut prepared = Bench::slab(ball([0.0; 3]));
-    prepared.work.vertices_per_step = 0;
+    prepared.options.vertices_per_step = Some(0);
     assert!(prepared.work.prepare(&prepared.model, |p| p[2] > -1e-9) == 17 * 17);
     let (_, ready) = prepared.afresh(at(0.0, 0.0, 0.05), press);
     assert_eq!(ready.columns_computed, 0);
@@ -237,6 +237,7 @@ fn small_tools_warn_and_impossible_ones_are_refused() {
             &model,
             &mut state,
             &[at(0.0, 0.0, 0.01 - 1e-3 * f64::from(step_mm))],
+            &StepOptions::default(),
             &mut work,
         );
         assert!(all_finite(&report));
@@ -250,7 +251,7 @@ fn small_tools_warn_and_impossible_ones_are_refused() {
 fn a_path_gives_the_same_bits_twice() {
     let run = || {
         let mut bench = Bench::slab(ball([0.0, 0.0, -0.01]));
-        bench.work.vertices_per_step = 4;
+        bench.options.vertices_per_step = Some(4);
         let mut state = State::new(&bench.model);
         let mut hasher = DefaultHasher::new();
         let mut rows = 0;

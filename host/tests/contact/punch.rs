@@ -8,7 +8,7 @@ use std::path::PathBuf;
 use sutura_host::fem::{Loads, Material};
 use sutura_host::mesh::{TetMesh, slab};
 use sutura_host::model::Warning;
-use sutura_host::step::{State, Status, step};
+use sutura_host::step::{State, Status};
 use sutura_host::tool::{Shape, Tool};
 use sutura_testkit::Random;
 
@@ -228,16 +228,9 @@ fn a_punch_on_a_block_converges_to_an_independent_value() {
         let (mesh, bottom) = cylinder(face, radius, height, edges);
         let mut bench = Bench::new(&mesh, &bottom, Loads::default(), &[(0, tool)]);
         // The columns of what will be touched, no more.
-        bench.work.vertices_per_step = (2 * edges + 1).pow(2);
+        bench.options.vertices_per_step = Some((2 * edges + 1).pow(2));
         let mut state = State::new(&bench.model);
-        let mut press = |z: f64| {
-            step(
-                &bench.model,
-                &mut state,
-                &[at(0.0, 0.0, z)],
-                &mut bench.work,
-            )
-        };
+        let mut press = |z: f64| bench.follow(&mut state, &[at(0.0, 0.0, z)]);
         assert_eq!(press(0.01).rows, 0);
         let contact = contact(&press(-depth));
         let stiffness = force(&contact).z / depth;

@@ -29,9 +29,7 @@ fn block(policy: Policy, passes: Passes) -> Bench {
     let loads = Loads::default();
     let model = Model::corotational(&mesh, SOFT, &bottom, loads, &tools, policy, passes);
     let model = model.expect("a model");
-    let mut work = sutura_host::step::Workspace::new(&model);
-    work.vertices_per_step = 1000;
-    Bench { model, work }
+    Bench::around(model)
 }
 
 /// A palpation: down by 10 mm, along by 8 mm, up again.

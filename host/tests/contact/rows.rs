@@ -3,7 +3,7 @@
 use super::bench::{Bench, RADIUS, at, ball, contact, pose, slab_mesh};
 use nalgebra::{Matrix6, SMatrix, SVector, UnitQuaternion, Vector3, Vector6};
 use sutura_host::fem::Loads;
-use sutura_host::step::{MAX_TOOL_ROWS, State, ToolContact, ToolRows, step};
+use sutura_host::step::{MAX_TOOL_ROWS, State, ToolContact, ToolRows};
 use sutura_host::tool::{Shape, Tool, ToolSample};
 use sutura_testkit::Random;
 
@@ -86,7 +86,7 @@ fn rows_reproduce_the_tangent() {
         ("wide sphere", wide, 0.03 - 0.009, false),
     ] {
         let mut bench = Bench::slab(tool);
-        bench.work.most_rows = MAX_TOOL_ROWS;
+        bench.options.most_rows = MAX_TOOL_ROWS;
         let centre = Vector3::new(0.002, 0.001, height);
         let grip = centre - lean() * Vector3::from(offset);
         let (_, report) = bench.afresh(at(0.0, 0.0, 0.2), pose(grip, lean()));
@@ -118,7 +118,7 @@ fn another_tool_is_condensed_out() {
     let (mesh, bottom) = slab_mesh();
     let tools = [(0, ball([0.0; 3])), (5, ball([0.01, 0.0, -0.02]))];
     let mut bench = Bench::new(&mesh, &bottom, Loads::default(), &tools);
-    bench.work.most_rows = MAX_TOOL_ROWS;
+    bench.options.most_rows = MAX_TOOL_ROWS;
     // Near enough for vertices that both touch.
     let left = at(-0.0045, 0.001, RADIUS - 0.005);
     let right = ToolSample {
@@ -126,7 +126,7 @@ fn another_tool_is_condensed_out() {
         ..at(-0.0055, 0.0, RADIUS + 0.02 - 0.0055)
     };
     let mut state = State::new(&bench.model);
-    let report = step(&bench.model, &mut state, &[left, right], &mut bench.work);
+    let report = bench.follow(&mut state, &[left, right]);
     assert_eq!(report.contacts().len(), 2, "{:?}", report.status);
     bench.assert_balanced(&state, &[left, right]);
     for contact in report.contacts() {
@@ -134,8 +134,8 @@ fn another_tool_is_condensed_out() {
         assert_eq!(rows.tool, contact.id);
         assert_reproduced(rows, contact, "one of two");
     }
-    bench.work.most_rows = 0;
-    step(&bench.model, &mut state, &[left, right], &mut bench.work);
+    bench.options.most_rows = 0;
+    bench.follow(&mut state, &[left, right]);
     assert!(bench.work.rows(0).is_none(), "nobody asked");
 }
 
@@ -151,7 +151,7 @@ fn rows_predict_switches() {
         ("punch", punch, 0.001),
     ] {
         let mut bench = Bench::slab(tool);
-        bench.work.most_rows = MAX_TOOL_ROWS;
+        bench.options.most_rows = MAX_TOOL_ROWS;
         let (mut by_rows, mut by_tangent) = (Vec::new(), Vec::new());
         for _ in 0..200 {
             let centre = Vector3::new(0.004, 0.004, 0.0).component_mul(&random.vector())

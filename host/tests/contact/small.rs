@@ -106,7 +106,7 @@ fn the_error_of_a_ball_falls_with_its_radius_in_edges() {
     ];
     for (finer, squares, largest) in known {
         let (mut bench, cell_m) = bench(&expected, finer);
-        bench.work.vertices_per_step = 100_000;
+        bench.options.vertices_per_step = Some(100_000);
         let (mut square, mut most) = (0.0f64, 0.0f64);
         for place in 0..expected.forces.len() {
             let [mean, spread, worst] = errors(&mut bench, &expected, cell_m, place);
@@ -128,7 +128,7 @@ fn the_error_of_a_ball_falls_with_its_radius_in_edges() {
 fn largest_step(finer: usize, depth_m: f64) -> f64 {
     let expected = Expected::read();
     let (mut bench, cell_m) = bench(&expected, finer);
-    bench.work.vertices_per_step = 100_000;
+    bench.options.vertices_per_step = Some(100_000);
     let height = expected.radius_m - depth_m;
     let (mut state, report) = bench.afresh(at(0.0, 0.0, 0.02), at(0.0, 0.0, height));
     let mut before = force(&contact(&report)).z;

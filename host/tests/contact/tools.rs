@@ -4,7 +4,7 @@ use super::bench::{Bench, RADIUS, all_finite, at, ball, contact, force, pose, sl
 use super::rows::assert_reproduced;
 use nalgebra::{UnitQuaternion, Vector3};
 use sutura_host::fem::Loads;
-use sutura_host::step::{State, Status, step};
+use sutura_host::step::{State, Status};
 use sutura_host::tool::{Shape, Tool, ToolSample};
 use sutura_testkit::Random;
 
@@ -19,7 +19,7 @@ fn two_tools_feel_each_other_through_the_tissue() {
         ..at(0.018, 0.0, RADIUS - 0.005)
     };
     let mut state = State::new(&bench.model);
-    let both = step(&bench.model, &mut state, &[right, left], &mut bench.work);
+    let both = bench.follow(&mut state, &[right, left]);
     assert_eq!((both.status, both.contacts().len()), (Status::Ok, 2));
     let [first, second] = both.contacts() else {
         panic!("two contacts")
@@ -28,11 +28,11 @@ fn two_tools_feel_each_other_through_the_tissue() {
     let mirrored = Vector3::new(-1.0, 1.0, 1.0).component_mul(&force(second));
     assert!((force(first) - mirrored).norm() < 1e-9 * force(first).norm());
     // The right one lifts off: the left one is alone and feels something else.
-    let one = step(&bench.model, &mut state, &[left], &mut bench.work);
+    let one = bench.follow(&mut state, &[left]);
     let alone = force(&contact(&one));
     assert!((alone - force(second)).norm() > 1e-3 * alone.norm());
     let mut fresh = State::new(&bench.model);
-    let fresh = step(&bench.model, &mut fresh, &[left], &mut bench.work);
+    let fresh = bench.follow(&mut fresh, &[left]);
     assert!((alone - force(&contact(&fresh))).norm() < 1e-9 * alone.norm());
 }
 
@@ -56,7 +56,7 @@ fn eight_tools_press_at_once() {
     });
     let mut solve = |samples: &[ToolSample]| {
         let mut state = State::new(&bench.model);
-        let report = step(&bench.model, &mut state, samples, &mut bench.work);
+        let report = bench.follow(&mut state, samples);
         assert_eq!(
             (report.status, report.contacts().len()),
             (Status::Ok, samples.len())
@@ -92,13 +92,8 @@ fn two_tools_may_touch_the_same_vertex() {
     let mut solve = |sample: ToolSample| {
         let mut state = State::new(&bench.model);
         let air = at(0.0, 0.0, 0.1);
-        step(
-            &bench.model,
-            &mut state,
-            &[air, ToolSample { id: 5, ..air }],
-            &mut bench.work,
-        );
-        let report = step(&bench.model, &mut state, &[sample, other], &mut bench.work);
+        bench.follow(&mut state, &[air, ToolSample { id: 5, ..air }]);
+        let report = bench.follow(&mut state, &[sample, other]);
         assert_eq!(report.status, Status::Ok);
         bench.assert_balanced(&state, &[sample, other]);
         let mut nodes: Vec<u32> = state.contact_forces(&bench.model).map(|at| at.0).collect();
@@ -147,7 +142,7 @@ fn two_tools_in_one_place_share_the_force() {
     let mut both = |state: &mut State, z: f64| {
         let sample = at(0.001, 0.0, z);
         let samples = [sample, ToolSample { id: 5, ..sample }];
-        step(&bench.model, state, &samples, &mut bench.work)
+        bench.follow(state, &samples)
     };
     assert_eq!(both(&mut state, 0.05).status, Status::Ok);
     let pressed = both(&mut state, RADIUS - 0.004);
@@ -184,7 +179,7 @@ fn wild_motion_of_three_tools_never_breaks_the_solver() {
         (6, Tool::new(shape, [0.0; 3])),
     ];
     let mut bench = Bench::new(&mesh, &bottom, Loads::default(), &tools);
-    bench.work.most_rows = sutura_host::step::MAX_TOOL_ROWS;
+    bench.options.most_rows = sutura_host::step::MAX_TOOL_ROWS;
     let mut state = State::new(&bench.model);
     let mut random = Random::new(99);
     let mut seen = std::collections::BTreeMap::new();
@@ -198,10 +193,10 @@ fn wild_motion_of_three_tools_never_breaks_the_solver() {
             )
         });
         let samples = &samples[..1 + tick % 3];
-        let mut report = step(&bench.model, &mut state, samples, &mut bench.work);
+        let mut report = bench.follow(&mut state, samples);
         for _ in 0..3 {
             if report.status == Status::Behind {
-                report = step(&bench.model, &mut state, samples, &mut bench.work);
+                report = bench.follow(&mut state, samples);
             }
         }
         assert!(all_finite(&report));

@@ -5,7 +5,7 @@ use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use sutura_host::fem::Policy;
 use sutura_host::model::Passes;
 use sutura_host::needle::{Needle, NeedleSettings, NeedleTissue, Playback};
-use sutura_host::step::{Status, step};
+use sutura_host::step::Status;
 
 /// In and out along itself with some shaking, a sample that is none, and the last third with nobody at the
 /// needle. Steps that went well, punctures, most crossings.
@@ -36,7 +36,7 @@ fn in_and_out(bench: &mut Bench, needle: &Needle, way_m: f64) -> (u32, u32, u32)
             let sample = bench.sample();
             bench.state.hold(&bench.model, 0, Some(&sample));
         }
-        let report = step(&bench.model, &mut bench.state, &[sample], &mut bench.work);
+        let report = bench.follow(&[sample]);
         well += u32::from(report.status == Status::Ok);
         if let Some(needle) = report.needles().first() {
             punctures = needle.punctures;

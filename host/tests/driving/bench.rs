@@ -7,7 +7,7 @@ use sutura_host::model::{Model, Passes};
 use sutura_host::needle::{
     Needle, NeedlePart, NeedleReport, NeedleSettings, NeedleShape, NeedleTissue, Rubbing,
 };
-use sutura_host::step::{State, Status, StepReport, Workspace, step};
+use sutura_host::step::{State, Status, StepOptions, StepReport, Workspace, step};
 use sutura_host::tool::{Shape, Tool, ToolSample};
 use sutura_models::hyperelastic::Cells;
 use sutura_models::law::Law;
@@ -232,18 +232,30 @@ impl Bench {
         lengths.fold(0.0, f64::max)
     }
 
+    /// One step with the tools there.
+    pub fn follow(&mut self, samples: &[ToolSample]) -> StepReport {
+        let options = StepOptions::default();
+        step(
+            &self.model,
+            &mut self.state,
+            samples,
+            &options,
+            &mut self.work,
+        )
+    }
+
     /// One step with the grip at `self.grip`.
     pub fn step(&mut self) -> StepReport {
         self.time_us += 5000;
         let sample = self.sample();
-        step(&self.model, &mut self.state, &[sample], &mut self.work)
+        self.follow(&[sample])
     }
 
     /// One step with both tools.
     pub fn step_both(&mut self) -> StepReport {
         self.time_us += 5000;
         let samples = [self.sample_of(0), self.sample_of(1)];
-        step(&self.model, &mut self.state, &samples, &mut self.work)
+        self.follow(&samples)
     }
 
     /// What must be so after any step: numbers finite, histories in order, friction within its bounds and

@@ -8,7 +8,7 @@ use sutura_host::model::{Model, ModelError, Passes};
 use sutura_host::needle::{
     NeedleError, NeedlePart, NeedleSettings, NeedleTissue, Playback, TipPlace,
 };
-use sutura_host::step::{Status, StepReport, step};
+use sutura_host::step::{Status, StepReport};
 use sutura_host::tool::{Shape, Tool};
 
 /// The tip 2 mm above the upper slab, which is from 4 to 12 mm, the lower from -8 to 0; straight down.
@@ -204,7 +204,7 @@ fn poses_that_are_none() {
         samples[6].orientation = [f64::INFINITY, 0.0, 0.0, 0.0];
         let before = bench.state.clone();
         for bad in samples {
-            let report = step(&bench.model, &mut bench.state, &[bad], &mut bench.work);
+            let report = bench.follow(&[bad]);
             assert!(
                 matches!(report.status, Status::NotFinite | Status::UnknownTool),
                 "{bad:?}: {:?}",
@@ -216,12 +216,7 @@ fn poses_that_are_none() {
                 "{bad:?}"
             );
         }
-        let twice = step(
-            &bench.model,
-            &mut bench.state,
-            &[good, good],
-            &mut bench.work,
-        );
+        let twice = bench.follow(&[good, good]);
         assert_eq!(twice.status, Status::UnknownTool);
         assert_eq!(bench.state, before);
         // Far away is a pose; what holds the needle does not let it go there at once.
@@ -695,7 +690,7 @@ fn a_tool_without_a_sample_holds_still() {
     bench.time_us += 5000;
     let pose = bench.state.needle_pose(&bench.model, 0);
     for samples in [vec![], vec![bench.sample_of(1)]] {
-        let report = step(&bench.model, &mut bench.state, &samples, &mut bench.work);
+        let report = bench.follow(&samples);
         bench.look(&report);
         assert_eq!(report.status, Status::Ok);
         assert_eq!(report.contacts().len(), samples.len());

@@ -4,7 +4,7 @@ use super::bench::*;
 use nalgebra::{Isometry3, Matrix6, Translation3, UnitQuaternion, Vector3, Vector6};
 use sutura_host::model::Passes;
 use sutura_host::needle::{Needle, NeedleSettings, NeedleTissue, TipPlace};
-use sutura_host::step::{Status, StepReport, step};
+use sutura_host::step::{Status, StepReport};
 
 /// Force and moment about `at` of all that pushes the tissue, by its nodes.
 fn net(bench: &Bench, at: &Vector3<f64>) -> Vector6<f64> {
@@ -153,7 +153,7 @@ fn let_lie(bench: &mut Bench, needle: &Needle, most: usize) -> (usize, f64) {
     let mut last = first;
     while now > 1e-9 * before && steps < most {
         bench.time_us += 5000;
-        last = step(&bench.model, &mut bench.state, &[], &mut bench.work);
+        last = bench.follow(&[]);
         assert_eq!(last.status, Status::Ok);
         bench.look(&last);
         assert_eq!(last.needles()[0].held_by, None);
@@ -213,7 +213,7 @@ fn a_needle_let_go_comes_to_rest_in_the_tissue() {
                 let mut lie = |steps: usize| {
                     for _ in 0..steps {
                         bench.time_us += 5000;
-                        let report = step(&bench.model, &mut bench.state, &[], &mut bench.work);
+                        let report = bench.follow(&[]);
                         assert_eq!(report.status, Status::Ok);
                     }
                     bench.state.needle_pose(&bench.model, 0).expect("a needle")
@@ -260,7 +260,7 @@ fn a_needle_let_go_in_corotational_tissue_comes_to_rest() {
         let mut last = first;
         for _ in 0..40 {
             bench.time_us += 5000;
-            last = step(&bench.model, &mut bench.state, &[], &mut bench.work);
+            last = bench.follow(&[]);
             assert_eq!(last.status, Status::Ok);
             bench.look(&last);
         }
@@ -272,7 +272,7 @@ fn a_needle_let_go_in_corotational_tissue_comes_to_rest() {
         let pose = bench.state.needle_pose(&bench.model, 0).expect("a needle");
         for _ in 0..40 {
             bench.time_us += 5000;
-            step(&bench.model, &mut bench.state, &[], &mut bench.work);
+            bench.follow(&[]);
         }
         let after = bench.state.needle_pose(&bench.model, 0).expect("a needle");
         let drift = (after.translation.vector - pose.translation.vector).norm();

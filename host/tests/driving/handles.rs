@@ -7,7 +7,7 @@ use sutura_host::fem::{
 };
 use sutura_host::model::Passes;
 use sutura_host::needle::NeedleSettings;
-use sutura_host::step::{State, Status};
+use sutura_host::step::{State, Status, StepOptions, step};
 
 /// Passes of a step that go on until the tissue is in balance.
 const EXACT: Passes = Passes {
@@ -189,8 +189,6 @@ fn a_handle_far_away_leaves_the_needle_as_it_is() {
 fn no_step_with_a_handle_allocates() {
     for kind in [Kind::Linear, Kind::Corotational(EXACT)] {
         let mut bench = held(vec![pull()], kind);
-        // Every pass of a step asks for the columns of its whole way.
-        bench.work.vertices_per_step = 1000;
         push(&mut bench, 40);
         // Again, with all columns there.
         let samples: Vec<_> = (0..30)
@@ -200,10 +198,11 @@ fn no_step_with_a_handle_allocates() {
                 bench.sample()
             })
             .collect();
+        // Every pass of a step asks for the columns of its whole way.
+        let all = StepOptions::with_vertices(1000);
         let mut run = |state: &mut State| {
             samples.iter().all(|sample| {
-                let report =
-                    sutura_host::step::step(&bench.model, state, &[*sample], &mut bench.work);
+                let report = step(&bench.model, state, &[*sample], &all, &mut bench.work);
                 report.status == Status::Ok
             })
         };

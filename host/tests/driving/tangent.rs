@@ -5,7 +5,7 @@ use nalgebra::{Isometry3, Matrix6, Translation3, UnitQuaternion, Vector3, Vector
 use sutura_host::fem::Policy;
 use sutura_host::model::Passes;
 use sutura_host::needle::{NeedleSettings, NeedleTissue, TipPlace};
-use sutura_host::step::{StepReport, step};
+use sutura_host::step::{StepOptions, StepReport, step};
 
 /// A left increment about the grip.
 fn moved(grip: &Isometry3<f64>, by: &Vector6<f64>) -> Isometry3<f64> {
@@ -42,7 +42,13 @@ fn check(bench: &mut Bench, to: Isometry3<f64>) -> (f64, StepReport) {
             let mut state = before.clone();
             bench.grip = moved(&to, &by);
             let sample = bench.sample();
-            let there = step(&bench.model, &mut state, &[sample], &mut bench.work);
+            let there = step(
+                &bench.model,
+                &mut state,
+                &[sample],
+                &StepOptions::default(),
+                &mut bench.work,
+            );
             *end = wrench(&there) / (2.0 * size);
         }
         found.set_column(axis, &(ends[0] - ends[1]));

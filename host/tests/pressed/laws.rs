@@ -6,7 +6,7 @@ use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use sutura_host::fem::{
     Anchor, CorotationalTissue, Handle, LinearTissue, Loads, Material, Materials, NodeLoad, Policy,
 };
-use sutura_host::step::{State, Status, Workspace, step};
+use sutura_host::step::{State, Status, StepOptions, Workspace, step};
 
 const SIDE_M: f64 = 0.02;
 const HEIGHT_M: f64 = 0.03;
@@ -355,8 +355,17 @@ fn no_step_of_pressed_slabs_allocates() {
         let mut work = Workspace::new(&pressed.model);
         work.prepare(&pressed.model, |_| true);
         let mut run = |steps: usize| {
-            (0..steps)
-                .all(|_| step(&pressed.model, &mut state, &[], &mut work).status == Status::Ok)
+            (0..steps).all(|_| {
+                step(
+                    &pressed.model,
+                    &mut state,
+                    &[],
+                    &StepOptions::default(),
+                    &mut work,
+                )
+                .status
+                    == Status::Ok
+            })
         };
         assert!(run(3));
         let mut done = false;

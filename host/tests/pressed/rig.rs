@@ -5,7 +5,7 @@ use nalgebra::Vector3;
 use sutura_host::collide::{TouchPart, TouchSettings, Touching};
 use sutura_host::fem::{Equilibrium, Loads, Materials, NodeLoad, Policy};
 use sutura_host::model::{Model, ModelError, Passes};
-use sutura_host::step::{State, Status, StepReport, Workspace, step};
+use sutura_host::step::{State, Status, StepOptions, StepReport, Workspace, step};
 
 /// What two bodies are made of and how they are held and loaded.
 pub struct Setup {
@@ -99,7 +99,13 @@ impl Pressed {
         let before = self.rest().displacement_m;
         let mut last = StepReport::default();
         for _ in 0..steps {
-            last = step(&self.model, &mut self.state, &[], &mut work);
+            last = step(
+                &self.model,
+                &mut self.state,
+                &[],
+                &StepOptions::default(),
+                &mut work,
+            );
             assert_eq!(last.status, Status::Ok);
         }
         let after = self.rest().displacement_m;

@@ -2,7 +2,7 @@
 
 use super::rig::*;
 use nalgebra::{UnitQuaternion, Vector3, Vector6};
-use sutura_host::step::{StepReport, step};
+use sutura_host::step::{StepOptions, StepReport, step};
 use sutura_host::thread::{ThreadPlace, ThreadPoint, ThreadTension};
 
 const TOUCHING: Setup = Setup {
@@ -145,7 +145,13 @@ fn both_hands_feel_how_the_tension_changes() {
                     let coords = (turn * pose.rotation).coords;
                     samples[tool].orientation = [coords.x, coords.y, coords.z, coords.w];
                 }
-                let report = step(&bench.model, &mut state, &samples, &mut bench.work);
+                let report = step(
+                    &bench.model,
+                    &mut state,
+                    &samples,
+                    &StepOptions::default(),
+                    &mut bench.work,
+                );
                 assert_eq!(report.status.name(), "ok");
                 report.contacts()[tool].wrench
             });

@@ -20,7 +20,7 @@ use sutura_host::model::Model;
 use sutura_host::scene::{Scene, Tissue};
 use sutura_host::script::Script;
 use sutura_host::session::{check_rate, least_hz};
-use sutura_host::step::{State, Status, StepReport, Workspace, step};
+use sutura_host::step::{State, Status, StepOptions, StepReport, Workspace, step};
 use sutura_host::thread::ThreadTension;
 use sutura_shared::control::TICK_HZ;
 
@@ -275,11 +275,17 @@ fn measure(scene: &Scene, progress: &ProgressBar) -> Result<Vec<Case>, Failure> 
     let (model, mut state, mut work) = scene.build()?;
     let factor_ms = 1e3 * started.elapsed().as_secs_f64();
 
-    let cold = walk(scene, &model, &mut state, &mut work);
+    let cold = walk(
+        scene,
+        &model,
+        &mut state,
+        &StepOptions::default(),
+        &mut work,
+    );
     // What the cold pass was too late to touch, so that the warm passes find every column.
-    work.vertices_per_step = usize::MAX;
+    let options = StepOptions::with_vertices(usize::MAX);
     state = State::new(&model);
-    walk(scene, &model, &mut state, &mut work);
+    walk(scene, &model, &mut state, &options, &mut work);
     progress.inc(1);
     let first_touch = cold
         .iter()
@@ -290,7 +296,7 @@ fn measure(scene: &Scene, progress: &ProgressBar) -> Result<Vec<Case>, Failure> 
     let mut passes: Vec<Vec<Sample>> = Vec::with_capacity(PASSES);
     for _ in 0..PASSES {
         state = State::new(&model);
-        passes.push(walk(scene, &model, &mut state, &mut work));
+        passes.push(walk(scene, &model, &mut state, &options, &mut work));
         progress.inc(1);
     }
     let mut field_us: Vec<f64> = (0..PASSES)
@@ -379,14 +385,20 @@ fn measure(scene: &Scene, progress: &ProgressBar) -> Result<Vec<Case>, Failure> 
 }
 
 /// The scene's scripts, one step every host period.
-fn walk(scene: &Scene, model: &Model, state: &mut State, work: &mut Workspace) -> Vec<Sample> {
+fn walk(
+    scene: &Scene,
+    model: &Model,
+    state: &mut State,
+    options: &StepOptions,
+    work: &mut Workspace,
+) -> Vec<Sample> {
     let steps = (scene.seconds * scene.host.host_hz) as u32;
     let mut script = Script::new(scene);
     let timed = |number: u32| {
         let time_s = f64::from(number) / scene.host.host_hz;
         let tools = script.follow(time_s, model, state);
         let started = Instant::now();
-        let report = step(model, state, tools, work);
+        let report = step(model, state, tools, options, work);
         Sample {
             took: started.elapsed(),
             report,

@@ -10,7 +10,7 @@ use std::ops::ControlFlow;
 use std::time::{Duration, Instant};
 use sutura_hil::NativeConsole;
 use sutura_host::scene::Scene;
-use sutura_host::session::{self, Plan, Solve, Solved, TissueSolver, run_lockstep};
+use sutura_host::session::{Plan, SceneSolver, Solve, Solved, run_lockstep};
 use sutura_shared::wire::Valid;
 use sutura_shared::wire::message::State;
 
@@ -67,13 +67,11 @@ impl Solves {
     /// A scene that has no session, or no solver.
     pub fn of(scene: &Scene, passes: usize) -> Result<Solves, Failure> {
         let plan = plan_of(scene)?;
-        if !scene.has_rows() {
-            // It keeps nothing from which a second pass could begin, nor columns for which it would.
-            let mut solver = session::solver(scene, &plan)?;
-            return Solves::run(&plan, &mut *solver);
-        }
-        let mut solver = TissueSolver::for_session(scene, &plan)?;
-        let begin = solver.moment();
+        let mut solver = SceneSolver::for_session(scene, &plan)?;
+        let Some(begin) = solver.moment() else {
+            // Nor are there columns for which a second pass would be made.
+            return Solves::run(&plan, &mut solver);
+        };
         Solves::run(&plan, &mut solver)?;
         let mut best: Option<Solves> = None;
         for _ in 0..passes.max(1) {

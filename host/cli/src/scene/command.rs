@@ -7,7 +7,7 @@ use miette::{Diagnostic, Report};
 use std::path::{Path, PathBuf};
 use sutura_host::explain::{Component, explain};
 use sutura_host::scene::{self, Flaw, Scene};
-use sutura_host::session;
+use sutura_host::session::SceneSolver;
 
 /// Looks at scene files: checks them, explains what they build, describes their keys.
 #[derive(Args, Debug)]
@@ -95,7 +95,7 @@ fn check(path: &Path, global: &Global) -> Result<(), Failure> {
     for warning in warnings {
         render(&Report::new(warning));
     }
-    session::check(&scene)?;
+    SceneSolver::new(&scene)?;
     drop(shown);
     match global.format {
         Format::Json => {

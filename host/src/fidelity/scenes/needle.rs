@@ -5,7 +5,7 @@
 
 use super::{Sample, Scene, Solution, Truth};
 use crate::scene::{Document, Scene as SceneFile, SceneError};
-use crate::session::{Rendering, Solve, TissueSolver};
+use crate::session::{Rendering, SceneSolver, Solve};
 use crate::step::Status;
 use std::path::Path;
 use std::sync::Arc;
@@ -59,7 +59,7 @@ impl Scene for NeedleSlabs {
     }
 
     fn start(&self, _most_rows: usize, _ahead_s: f64, period_s: f64) -> Box<dyn Truth> {
-        let mut solver = TissueSolver::new(&self.scene).ok();
+        let mut solver = SceneSolver::new(&self.scene).ok();
         // The tool takes the needle where both are at first, wherever the hand begins then.
         let begin = Sample {
             time_s: 0.0,
@@ -78,7 +78,7 @@ impl Scene for NeedleSlabs {
 
 /// A scene behind the session's own solver, with what that sends of needles and threads.
 pub(super) struct Session {
-    pub(super) solver: Option<TissueSolver>,
+    pub(super) solver: Option<SceneSolver>,
 }
 
 impl Truth for Session {

@@ -8,7 +8,7 @@ use super::{Sample, Scene, Solution, Truth};
 use crate::model::Model;
 use crate::scene::{Document, Scene as SceneFile, SceneError};
 use crate::session::{reach_m, sideways};
-use crate::step::{State, Status, StepReport, Workspace, step};
+use crate::step::{State, Status, StepOptions, StepReport, Workspace, step};
 use crate::tool::ToolSample;
 use std::path::Path;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -101,9 +101,7 @@ impl Scene for Palpation {
             .unwrap_or_else(PoisonError::into_inner);
         let spare_one = spare.pop();
         drop(spare);
-        let mut work = spare_one.unwrap_or_else(|| self.shared.prepared());
-        // Nothing is left to wait for.
-        work.vertices_per_step = usize::MAX;
+        let work = spare_one.unwrap_or_else(|| self.shared.prepared());
         Box::new(self.solver(work, most_rows, ahead_s, true))
     }
 
@@ -115,20 +113,20 @@ impl Scene for Palpation {
 }
 
 impl Palpation {
-    fn solver(
-        &self,
-        mut work: Workspace,
-        most_rows: usize,
-        ahead_s: f64,
-        is_prepared: bool,
-    ) -> Solver {
-        work.most_rows = most_rows;
+    fn solver(&self, work: Workspace, most_rows: usize, ahead_s: f64, is_prepared: bool) -> Solver {
         Solver {
             shared: Arc::clone(&self.shared),
             state: self.shared.untouched.clone(),
             trial: self.shared.untouched.clone(),
             normal: [0.0, 0.0, 1.0],
             ahead_s,
+            options: StepOptions {
+                // Nothing is left to wait for.
+                vertices_per_step: is_prepared.then_some(usize::MAX),
+                most_rows,
+                reach_m: reach_m(ahead_s),
+                ..StepOptions::default()
+            },
             workspace: Some(work),
             is_prepared,
         }
@@ -144,6 +142,7 @@ struct Solver {
     normal: [f64; 3],
     /// From a state until the end of its frame's use \[s\]; 0 for who is not late.
     ahead_s: f64,
+    options: StepOptions,
     /// Given back at the end if it was prepared.
     workspace: Option<Workspace>,
     is_prepared: bool,
@@ -166,8 +165,8 @@ impl Truth for Solver {
             let [here, velocity] = [here, velocity].map(|place| place.map(|x| x as f32));
             sideways(here, velocity, &self.normal, sample.lead_s, self.ahead_s)
         });
-        work.ahead_m = goal.map_or([0.0; 3], |goal| goal.ahead_m);
-        work.reach_m = reach_m(self.ahead_s);
+        self.options.ahead_m = goal.map_or([0.0; 3], |goal| goal.ahead_m);
+        let options = &self.options;
         let here = ToolSample {
             id: self.shared.tool,
             position_m: sample.position_m,
@@ -180,11 +179,11 @@ impl Truth for Solver {
             ..here
         };
         let report = if self.shared.rubs && goal.is_some() {
-            self.shared.go(&mut self.state, work, &here)?;
+            self.shared.go(&mut self.state, options, work, &here)?;
             self.trial.clone_from(&self.state);
-            self.shared.go(&mut self.trial, work, &there)?
+            self.shared.go(&mut self.trial, options, work, &there)?
         } else {
-            self.shared.go(&mut self.state, work, &there)?
+            self.shared.go(&mut self.state, options, work, &there)?
         };
         let contact = report.contacts().first()?;
         let rows = work.rows(here.id).filter(|rows| rows.count > 0);
@@ -202,9 +201,15 @@ impl Truth for Solver {
 
 impl Shared {
     /// Takes the tool to a sample, if that can be done.
-    fn go(&self, state: &mut State, work: &mut Workspace, to: &ToolSample) -> Option<StepReport> {
+    fn go(
+        &self,
+        state: &mut State,
+        options: &StepOptions,
+        work: &mut Workspace,
+        to: &ToolSample,
+    ) -> Option<StepReport> {
         for _ in 0..SOLVES {
-            let report = step(&self.model, state, &[*to], work);
+            let report = step(&self.model, state, &[*to], options, work);
             match report.status {
                 Status::Ok => return Some(report),
                 Status::Behind => {}

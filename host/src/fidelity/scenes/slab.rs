@@ -6,7 +6,7 @@
 use super::needle::state_late;
 use super::{Sample, Scene, Solution, Truth};
 use crate::scene::{Document, Scene as SceneFile, SceneError};
-use crate::session::{LINE_BYTES_PER_S, Plan, Rendering, SceneSolver, solver};
+use crate::session::{LINE_BYTES_PER_S, Plan, Rendering, SceneSolver, Solve};
 use crate::step::Status;
 use std::path::Path;
 use std::sync::Arc;
@@ -68,7 +68,7 @@ impl Slab {
     }
 
     /// The solver of a host, or of the truth, which needs nothing but the force.
-    fn solver(&self, is_late: bool, period_s: f64) -> Option<Box<dyn SceneSolver>> {
+    fn solver(&self, is_late: bool, period_s: f64) -> Option<SceneSolver> {
         let rendering = if is_late {
             Rendering::Rows
         } else {
@@ -87,7 +87,7 @@ impl Slab {
             clear_fault: false,
             fixture: Fixture::None,
         };
-        solver(&self.scene, &plan).ok()
+        SceneSolver::for_session(&self.scene, &plan).ok()
     }
 }
 
@@ -109,7 +109,7 @@ impl Scene for Slab {
 }
 
 struct Session {
-    solver: Option<Box<dyn SceneSolver>>,
+    solver: Option<SceneSolver>,
     period_s: f64,
 }
 

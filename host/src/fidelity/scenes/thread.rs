@@ -6,7 +6,7 @@
 use super::needle::{Session, state};
 use super::{Sample, Scene, Solution, Truth};
 use crate::scene::{Document, Scene as SceneFile, SceneError};
-use crate::session::{Moment, Solve, TissueSolver};
+use crate::session::{Moment, SceneSolver, Solve};
 use crate::step::Status;
 use std::path::Path;
 use std::sync::{Arc, OnceLock};
@@ -50,10 +50,10 @@ impl WoundSlabs {
     }
 
     /// A solver that goes on where the suture has been sewn.
-    fn solver(&self) -> Option<TissueSolver> {
+    fn solver(&self) -> Option<SceneSolver> {
         let Shared { scene, sewn } = &*self.shared;
         let sewn = sewn.get_or_init(|| sew(scene)).as_ref()?;
-        let mut solver = TissueSolver::new(scene).ok()?;
+        let mut solver = SceneSolver::new(scene).ok()?;
         solver.go_on_from(sewn);
         let state = state(&held(SEWN_S))?;
         (0..SOLVES)
@@ -74,11 +74,11 @@ fn held(time_s: f64) -> Sample {
 }
 
 fn sew(scene: &SceneFile) -> Option<Moment> {
-    let mut solver = TissueSolver::new(scene).ok()?;
+    let mut solver = SceneSolver::new(scene).ok()?;
     for tick in (0..=(SEWN_S * 1e3) as u32).step_by(SEWING_MS) {
         solver.solve(&state(&held(f64::from(tick) * 1e-3))?);
     }
-    Some(solver.moment())
+    solver.moment()
 }
 
 impl Scene for WoundSlabs {

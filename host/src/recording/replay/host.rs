@@ -8,7 +8,7 @@ use super::super::read::Recording;
 use super::super::samples::SolveSample;
 use super::sessions::{Session, parse, sessions};
 use crate::link::Felt;
-use crate::session::{SceneSolver, Solved};
+use crate::session::{SceneSolver, Solve, Solved};
 use std::collections::HashMap;
 use sutura_shared::wire::message::{Contact, State};
 use sutura_shared::wire::{Checked, Valid};
@@ -43,7 +43,7 @@ pub struct HostVerdict {
 /// the same instructions.
 pub fn replay_host(
     recording: &Recording,
-    solver: &mut dyn SceneSolver,
+    solver: &mut SceneSolver,
     same_bits: bool,
 ) -> HostVerdict {
     let mut verdict = HostVerdict {
@@ -110,7 +110,7 @@ struct Run<'a> {
 impl Run<'_> {
     fn step(
         &mut self,
-        solver: &mut dyn SceneSolver,
+        solver: &mut SceneSolver,
         state: &Valid<State>,
         sample: &SolveSample,
         verdict: &mut HostVerdict,

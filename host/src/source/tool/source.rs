@@ -59,9 +59,11 @@ impl ToolWork {
 }
 
 impl Source for ToolSource {
+    /// A row for each vertex that is touched, and two across it where a tool rubs.
     fn room(&self, sources: &Sources) -> Room {
         let contacts = sources.tools.most_contacts();
-        Room::new(contacts, 3 * contacts)
+        let each = if sources.tools.are_smooth() { 1 } else { 3 };
+        Room::new(contacts, each * contacts)
     }
 
     fn append(&self, balance: &mut Balance) {

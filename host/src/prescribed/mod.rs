@@ -1,10 +1,10 @@
-//! Any tissue model behind [`Solve`]: tools stick to it, and what holds it back is what they feel.
+//! Any tissue model with tools that stick to it: nodes go where tools take them, and what holds them back is what tools feel.
 //!
-//! Entry point: [`ModelSolver::new`]. For models without the compliance that rows need; those that have it go with
-//! [`TissueSolver`](super::TissueSolver), whose tools slip.
+//! Entry points: [`Prescribed::new`], [`Prescribed::follow`]. For models without the compliance that rows need; those that
+//! have it go with [`step`](crate::step::step), whose tools slip.
 
-use super::sticking::{Sticking, Tools, Touched};
-use super::{Looked, Rendering, SceneSolver, Solve, Solved, reach_m};
+mod sticking;
+
 use crate::clock::Clock;
 use crate::contact::entry::{Nearest, way_in};
 use crate::contact::shape::Solid;
@@ -12,16 +12,17 @@ use crate::hash::hash_of;
 use crate::mesh::Surface;
 use crate::model::check_tools;
 use crate::registry;
-use crate::scene::{Registered, Scene, SceneError};
-use crate::script::{Script, at_rest};
-use crate::solve::{SolveError, outside};
+use crate::scene::{Registered, Rendering, Scene, SceneError};
+use crate::script::{at_rest, outside};
 use crate::step::{Status, StepReport, ToolContact};
 use crate::tool::{MAX_TOOLS, Placement, Shape, Tool, ToolSample};
+use miette::Diagnostic;
 use nalgebra::Vector3;
-use serde_json::{Map, Value, json};
+use serde_json::{Value, json};
+use sticking::{Sticking, Tools, Touched};
+use sutura_client::ahead::reach_m;
 use sutura_models::{Outcome, Tissue};
-use sutura_shared::wire::Valid;
-use sutura_shared::wire::message::State;
+use thiserror::Error;
 
 /// Most balances of a step: with the nodes found at first, and twice with others. What is left then the next step does. Models
 /// with time have one: a second would be another step.
@@ -55,9 +56,32 @@ const LEAST_DEPTH: f64 = 0.05;
 /// Beyond this relative error a model does not stand by its force: nobody gets it.
 const MOST_FORCE_ERROR: f64 = 0.5;
 
+/// Why a model does not take a scene.
+#[derive(Debug, Error, Diagnostic)]
+pub enum PrescribedError {
+    /// It does not go with what the scene has.
+    #[error("{model} tissue does not take this scene: {reason}")]
+    #[diagnostic(help("{help}"))]
+    Refused {
+        /// The model.
+        model: &'static str,
+        /// Why.
+        reason: String,
+        /// What to do.
+        help: &'static str,
+    },
+    /// Tools without a shape, or too many.
+    #[error(transparent)]
+    #[diagnostic(transparent)]
+    Scene(#[from] SceneError),
+    /// Held tools could not be brought to their places.
+    #[error("the tissue found no rest with the tools where the scene holds them: {}", .0.name())]
+    #[diagnostic(help("move the tools' `position_m` less deep into the tissue"))]
+    NoRest(Status),
+}
+
 /// A model with its tools.
-pub struct ModelSolver {
-    name: String,
+pub(crate) struct Prescribed {
     model: Registered,
     tissue: Box<dyn Tissue>,
     /// Whether its steps have a length.
@@ -66,20 +90,19 @@ pub struct ModelSolver {
     surface: Surface,
     sticking: Sticking,
     shapes: Vec<(u8, Tool)>,
+    /// The tool whose tangent is wanted.
+    driven: Option<u8>,
     tools: Tools,
     /// Rows of the drive whose nodes press, of the tool at hand.
     pressing: Vec<usize>,
     /// Nodes that it will meet.
     to_come: Vec<(u32, f64)>,
     force_n: Vec<[f64; 3]>,
-    script: Script,
     period_s: f64,
     /// Length of the pieces of the last step \[s\].
     piece_s: f64,
-    began_us: Option<u64>,
-    last_us: u64,
-    /// The newest step that found a balance.
-    last_good: StepReport,
+    /// When the last step was, by the console's clock.
+    last_us: Option<u64>,
     /// Of the last tangent.
     tangent_error: f64,
     /// Of the last balance: elastic energy \[J\], force out of balance as a share, and the error of what holds the nodes.
@@ -95,10 +118,6 @@ pub struct ModelSolver {
 /// What a session will say of its steps.
 #[derive(Clone, Copy, Debug, Default)]
 struct Tally {
-    peak_force_n: f64,
-    peak_position_m: [f64; 3],
-    peak_nodes: u32,
-    peak_energy_j: f64,
     most_nodes: u32,
     converged: u64,
     unfinished: u64,
@@ -115,20 +134,20 @@ struct Tally {
     tangent_error: f64,
 }
 
-impl ModelSolver {
+impl Prescribed {
     /// Builds a scene's tissue, brings held tools to their places, and lets all come to rest; what still moves after 20 s of
     /// its own time is left moving. Steps come `host_hz` times a second, and have a tangent if the console renders from that.
     ///
     /// # Errors
-    /// [`SolveError::Refused`] for scenes with needles or handles, and for what the model itself refuses; tools that are too
+    /// [`PrescribedError::Refused`] for scenes with needles or handles, and for what the model itself refuses; tools that are too
     /// many, have no shape, or are held too deep.
     pub fn new(
         scene: &Scene,
         model: Registered,
         rendering: Rendering,
         host_hz: f64,
-    ) -> Result<Self, SolveError> {
-        let refuse = |reason: String, help| SolveError::Refused {
+    ) -> Result<Self, PrescribedError> {
+        let refuse = |reason: String, help| PrescribedError::Refused {
             model: model.name(),
             reason,
             help,
@@ -150,9 +169,7 @@ impl ModelSolver {
         let tissue = model
             .build(&scene.body(), &scene.mesh)
             .map_err(|reason| refuse(reason, "change the scene, or take another `--tissue`"))?;
-        let script = Script::new(scene);
-        let mut solver = ModelSolver {
-            name: scene.name.clone(),
+        let mut prescribed = Prescribed {
             model,
             tissue,
             has_time: entry.has_step,
@@ -160,17 +177,15 @@ impl ModelSolver {
             surface: scene.mesh.surface(),
             sticking: Sticking::new(&scene.mesh, &scene.fixed),
             shapes,
+            driven: scene.driven().map(|tool| tool.id),
             tools: [None; MAX_TOOLS],
             pressing: Vec::with_capacity(scene.mesh.points_m().len()),
             to_come: Vec::with_capacity(scene.mesh.points_m().len()),
             force_n: scene.node_forces(),
             period_s: 1.0 / host_hz,
             piece_s: 1.0 / host_hz,
-            began_us: None,
-            last_us: 0,
-            last_good: StepReport::default(),
+            last_us: None,
             tangent_error: 0.0,
-            script,
             energy_j: 0.0,
             residual: 0.0,
             force_error: 0.0,
@@ -178,13 +193,13 @@ impl ModelSolver {
             unfinished: false,
             tally: Tally::default(),
         };
-        solver.bring_in(scene)?;
-        solver.tally = Tally::default();
-        Ok(solver)
+        prescribed.bring_in(scene)?;
+        prescribed.tally = Tally::default();
+        Ok(prescribed)
     }
 
     /// Held tools come from outside, and what acts already acts until all rests.
-    fn bring_in(&mut self, scene: &Scene) -> Result<(), SolveError> {
+    fn bring_in(&mut self, scene: &Scene) -> Result<(), PrescribedError> {
         let held: Vec<_> = scene.held().collect();
         if held.is_empty() && self.force_n.is_empty() {
             return Ok(());
@@ -225,7 +240,7 @@ impl ModelSolver {
                 }
                 Status::Ok => self.tally.converged > before,
                 Status::Behind => false,
-                _ => return Err(SolveError::NoRest(status)),
+                _ => return Err(PrescribedError::NoRest(status)),
             };
             if rests {
                 return Ok(());
@@ -234,7 +249,7 @@ impl ModelSolver {
         // Models that never are in balance rest after as many steps.
         match status {
             Status::Ok => Ok(()),
-            _ => Err(SolveError::NoRest(status)),
+            _ => Err(PrescribedError::NoRest(status)),
         }
     }
 
@@ -245,36 +260,23 @@ impl ModelSolver {
         nodes.all(|(now, last)| (Vector3::from(*now) - Vector3::from(*last)).norm() <= least_m)
     }
 
-    /// Id of the tool that the console's grip carries.
-    pub fn driven(&self) -> Option<u8> {
-        self.script.driven()
-    }
-
     /// Where every node is \[m\], (n x 3).
     pub fn positions_m(&self) -> &[[f64; 3]] {
         self.tissue.positions_m()
     }
 
-    /// Steps with the driven tool where `sample` is, and all else where the scripts have it at its time. Where the status is
-    /// `Ok` there is a contact for each tool, the driven one's first.
-    pub fn step(&mut self, sample: ToolSample) -> StepReport {
-        let now_us = sample.console_time_us;
-        let began_us = *self.began_us.get_or_insert(now_us);
-        let step_s = match now_us.saturating_sub(self.last_us) {
-            _ if now_us == began_us => self.period_s,
+    /// Follows the tools to `samples`. Where the status is `Ok` there is a contact for each.
+    pub fn follow(&mut self, samples: &[ToolSample]) -> StepReport {
+        let now_us = samples.first().map(|sample| sample.console_time_us);
+        let passed_us = now_us.zip(self.last_us);
+        let step_s = match passed_us.map_or(0, |(now, last)| now.saturating_sub(last)) {
             0 => self.period_s,
             us => (1e-6 * us as f64).min(LONGEST_STEP_S),
         };
-        self.last_us = now_us;
+        self.last_us = now_us.or(self.last_us);
         let mut report = StepReport::default();
         let mut clock = Clock::start();
-        self.script
-            .tools_at(1e-6 * now_us.saturating_sub(began_us) as f64, sample);
-        // No more than there are tools.
-        let mut samples = [sample; MAX_TOOLS];
-        let count = self.script.samples().len().min(MAX_TOOLS);
-        samples[..count].copy_from_slice(&self.script.samples()[..count]);
-        let mut status = self.go(&samples[..count], step_s);
+        let mut status = self.go(samples, step_s);
         self.touched = self.is_touching(status);
         self.unfinished = status == Status::Ok && self.touched && !self.stands_by_its_force();
         if self.unfinished {
@@ -293,11 +295,20 @@ impl ModelSolver {
         report.imbalance = self.residual;
         report.stored_energy_j = self.energy_j;
         if status == Status::Ok {
-            self.reduce(&samples[..count], &mut report);
-            self.last_good = report;
+            self.reduce(samples, &mut report);
         }
         clock.lap(&mut report.stages.reduce_ns);
         report
+    }
+
+    /// Whether the driven tool was in contact in the last step, also where the result is withheld.
+    pub fn touched(&self) -> bool {
+        self.touched
+    }
+
+    /// Whether the last step is withheld because its force means nothing.
+    pub fn is_unfinished(&self) -> bool {
+        self.unfinished
     }
 
     /// Moves the tools there, in pieces that are short against their shapes.
@@ -357,8 +368,8 @@ impl ModelSolver {
 
     /// Whether the driven tool was in contact in a step that ended like this.
     fn is_touching(&mut self, status: Status) -> bool {
-        let driven = self.driven();
-        let Some(index) = self.shapes.iter().position(|(id, _)| Some(*id) == driven) else {
+        let driven = |(id, _): &(u8, Tool)| Some(*id) == self.driven;
+        let Some(index) = self.shapes.iter().position(driven) else {
             return false;
         };
         match status {
@@ -480,14 +491,14 @@ impl ModelSolver {
     fn reduce(&mut self, samples: &[ToolSample], report: &mut StepReport) {
         self.tangent_error = 0.0;
         let contacts = report.contacts_mut(samples.len());
-        for (slot, (sample, place)) in samples.iter().zip(contacts).enumerate() {
+        for (sample, place) in samples.iter().zip(contacts) {
             let mut contact = ToolContact::nowhere(sample.id);
             let index = self.shapes.iter().position(|(id, _)| *id == sample.id);
             let solid = index.and_then(|index| Some((index, self.tools[index]?.1)));
             if let Some((index, solid)) = solid {
                 self.sticking.pressing(index, &mut self.pressing);
-                let drives = slot == 0 && self.script.driven().is_some();
-                self.feel(&mut contact, sample, &solid, drives.then_some(self.piece_s));
+                let step_s = (self.driven == Some(sample.id)).then_some(self.piece_s);
+                self.feel(&mut contact, sample, &solid, step_s);
             }
             *place = contact;
         }
@@ -531,12 +542,6 @@ impl ModelSolver {
         };
         let tally = &mut self.tally;
         tally.most_nodes = tally.most_nodes.max(touched.nodes);
-        if touched.force.norm() > tally.peak_force_n {
-            tally.peak_force_n = touched.force.norm();
-            tally.peak_position_m = sample.position_m;
-            tally.peak_nodes = touched.nodes;
-            tally.peak_energy_j = self.energy_j;
-        }
         if !self.has_tangent {
             return;
         }
@@ -585,99 +590,32 @@ impl ModelSolver {
         contact.tangent = Touched::to_come(&at).tangent(&tangent);
     }
 
-    fn sample(&self, state: &Valid<State>) -> Option<ToolSample> {
-        let body = state.body();
-        Some(ToolSample {
-            id: self.driven()?,
-            position_m: body.position_m.map(f64::from),
-            orientation: body.orientation.map(f64::from),
-            velocity_m_per_s: body.velocity_m_per_s.map(f64::from),
-            console_time_us: state.console_time_us(),
+    /// How the steps went, for the session's summary.
+    pub fn said(&self) -> Value {
+        let tally = &self.tally;
+        let tangent = self.has_tangent && tally.tangents > 0;
+        json!({
+            "setting": self.model.setting(),
+            "contact": "sticking",
+            "contact_nodes": tally.most_nodes,
+            "residual": tally.residual,
+            "contact_steps": tally.contact_steps,
+            "contact_steps_withheld": tally.withheld,
+            "contact_steps_unfinished": tally.unbelieved,
+            "force_error": tally.force_error,
+            "outcomes": {
+                "converged": tally.converged,
+                "unfinished": tally.unfinished,
+                "failed": tally.failed,
+            },
+            "why_failed": tally.why_failed,
+            "tangent_error": tangent.then_some(tally.tangent_error),
         })
     }
-}
 
-impl Solve for ModelSolver {
-    fn solve(&mut self, state: &Valid<State>) -> Solved {
-        let sample = self.sample(state);
-        let report = match sample {
-            Some(sample) => self.step(sample),
-            // Nothing touches: as linear tissue, which sends nothing either.
-            None => {
-                (self.touched, self.unfinished) = (false, false);
-                let mut report = StepReport::default();
-                report.status = Status::UnknownTool;
-                report
-            }
-        };
-        Solved {
-            position_m: state.body().position_m,
-            contact: report.contacts().first().copied(),
-            rows: None,
-            needle: None,
-            thread: None,
-            status: report.status,
-            touched: self.touched,
-            unfinished: self.unfinished,
-            stages: report.stages,
-            looked: Looked::default(),
-        }
-    }
-
-    fn scene(&self) -> Map<String, Value> {
-        let tally = &self.tally;
-        let others = self
-            .last_good
-            .contacts()
-            .iter()
-            .skip(usize::from(self.driven().is_some()));
-        let held: Vec<Value> = others
-            .map(|contact| {
-                let [x, y, z, ..] = contact.wrench;
-                json!({ "tool": contact.id, "force_n": [-x, -y, -z], "rows": contact.rows })
-            })
-            .collect();
-        let tangent = self.has_tangent && tally.tangents > 0;
-        let report = json!({
-            "name": self.name,
-            "tissue": self.model.name(),
-            "nodes": self.tissue.positions_m().len(),
-            "peak": {
-                "force_n": tally.peak_force_n,
-                "position_m": tally.peak_position_m,
-                "rows": tally.peak_nodes,
-                "stored_energy_j": tally.peak_energy_j,
-            },
-            "held": held,
-            "model": {
-                "setting": self.model.setting(),
-                "contact": "sticking",
-                "contact_nodes": tally.most_nodes,
-                "residual": tally.residual,
-                "contact_steps": tally.contact_steps,
-                "contact_steps_withheld": tally.withheld,
-                "contact_steps_unfinished": tally.unbelieved,
-                "force_error": tally.force_error,
-                "outcomes": {
-                    "converged": tally.converged,
-                    "unfinished": tally.unfinished,
-                    "failed": tally.failed,
-                },
-                "why_failed": tally.why_failed,
-                "tangent_error": tangent.then_some(tally.tangent_error),
-            },
-        });
-        match report {
-            Value::Object(report) => report,
-            _ => Map::new(),
-        }
-    }
-}
-
-impl SceneSolver for ModelSolver {
     /// Of where every node is, what sticks to which tool and where, and where the tools are, to the bit. What else a model
     /// keeps from step to step, such as velocities, is not in it: two runs that differ there differ in positions later.
-    fn hash(&self) -> u64 {
+    pub fn hash(&self) -> u64 {
         let tools = self.tools.map(|tool| tool.map(|(placement, _)| placement));
         hash_of(&(self.tissue.positions_m(), self.sticking.state(), tools))
     }

@@ -1,0 +1,137 @@
+//! Tissue with constraints, whose step is [`step`](crate::step::step).
+//!
+//! Entry points: [`Constrained::new`], [`Constrained::step`].
+
+use super::super::SolveError;
+use crate::model::Model;
+use crate::scene::{Pose, Scene, SceneError};
+use crate::script::{Path, at_rest, outside};
+use crate::step::{State, Status, StepOptions, StepReport, Workspace, step};
+use crate::tool::{Tool, ToolSample};
+use crate::wound::Wound;
+use nalgebra::{Quaternion, UnitQuaternion, Vector3};
+
+/// Most steps that follow a tool to its pose; a step moves it by a good part of its radius.
+pub(crate) const MOST_STEPS: usize = 10_000;
+/// Out-of-balance force on corotational tissue over the forces that act on it: below what files show.
+pub(crate) const IN_BALANCE: f64 = 1e-9;
+/// Passes with the tools at their places: a stale factor leaves about a tenth in each.
+pub(crate) const MOST_PASSES: u32 = 300;
+
+/// How far from the tool's centre vertices are prepared, in radii: as far as a step looks ahead.
+const PREPARED_RADII: f64 = 1.5;
+/// How far from a needle nodes are prepared, in mean edges: those of the faces that it goes through, and of the
+/// next ones.
+const PREPARED_EDGES: f64 = 1.5;
+/// And so much further \[m\]: the hand strays from its path, and tissue moves along.
+const PREPARED_MARGIN_M: f64 = 0.003;
+
+/// It, and what it is stepped with.
+pub(super) struct Constrained {
+    pub model: Model,
+    pub state: State,
+    pub work: Workspace,
+    pub wound: Option<Wound>,
+}
+
+impl Constrained {
+    /// A scene's tissue before its tools come.
+    pub fn new(scene: &Scene) -> Result<Self, SceneError> {
+        let (model, state, work) = scene.build()?;
+        Ok(Self {
+            wound: Wound::new(scene, &model),
+            model,
+            state,
+            work,
+        })
+    }
+
+    /// Whether any tool rubs.
+    pub fn rubs(&self) -> bool {
+        self.model.tools().iter().any(|(_, tool)| !tool.is_smooth())
+    }
+
+    /// Computes the columns of what the tool `driven` and needles come by on `path`. Returns of how many vertices there are
+    /// some now.
+    pub fn prepare(&mut self, path: &Path, driven: Option<u8>) -> usize {
+        let edge_m = self.model.surface().mean_edge_m;
+        let needles_m = PREPARED_EDGES * edge_m + PREPARED_MARGIN_M;
+        let mut places: Vec<_> = path.needles.iter().map(|at| (*at, needles_m)).collect();
+        let driven = driven.and_then(|id| self.model.tool(id));
+        if let Some((_, tool)) = driven.filter(|(_, tool)| !tool.is_grip()) {
+            let reach_m = PREPARED_RADII * tool.radius_m().max(edge_m) + PREPARED_MARGIN_M;
+            let offset = Vector3::from(tool.offset_m);
+            places.extend(path.grips.iter().map(|grip| {
+                let [x, y, z, w] = grip.orientation;
+                let turn = UnitQuaternion::new_unchecked(Quaternion::new(w, x, y, z));
+                (Vector3::from(grip.position_m) + turn * offset, reach_m)
+            }));
+        }
+        let near = |vertex: [f64; 3]| {
+            let vertex = Vector3::from(vertex);
+            let reached = |(place, reach_m): &(Vector3<f64>, f64)| {
+                (place - vertex).norm_squared() <= reach_m * reach_m
+            };
+            places.iter().any(reached)
+        };
+        let count = self.work.prepare(&self.model, near);
+        tracing::info!("compliance of {count} vertices computed beforehand");
+        count
+    }
+
+    /// A step of its own.
+    pub fn step(&mut self, samples: &[ToolSample], options: &StepOptions) -> StepReport {
+        step(
+            &self.model,
+            &mut self.state,
+            samples,
+            options,
+            &mut self.work,
+        )
+    }
+
+    /// A step on another state than its own.
+    pub fn try_on(
+        &mut self,
+        state: &mut State,
+        samples: &[ToolSample],
+        options: &StepOptions,
+    ) -> StepReport {
+        step(&self.model, state, samples, options, &mut self.work)
+    }
+
+    /// Steps until every tool is where the scene holds it, and corotational tissue in balance.
+    pub fn bring_in(&mut self, held: &[(u8, Tool, Pose)]) -> Result<StepReport, SolveError> {
+        if held.is_empty() {
+            return Ok(StepReport::default());
+        }
+        let (surface, points_m) = (self.model.surface(), self.model.points_m());
+        let from: Vec<ToolSample> = held
+            .iter()
+            .map(|(id, shape, pose)| at_rest(*id, &outside(surface, points_m, shape, pose)))
+            .collect();
+        let to = held.iter().map(|(id, _, pose)| at_rest(*id, pose));
+        let to: Vec<ToolSample> = to.collect();
+        let options = StepOptions::default();
+        self.step(&from, &options);
+        let mut passes = 0;
+        for _ in 0..MOST_STEPS {
+            let report = self.step(&to, &options);
+            match report.status {
+                // A step looks before it moves: only the next one knows what this one left.
+                Status::Ok
+                    if report.passes == 0 || (passes > 0 && report.imbalance <= IN_BALANCE) =>
+                {
+                    return Ok(report);
+                }
+                Status::Ok => passes += report.passes,
+                Status::Waiting | Status::Behind => {}
+                stuck => return Err(SolveError::NoRest(stuck)),
+            }
+            if passes > MOST_PASSES {
+                return Err(SolveError::NoRest(Status::NotConverged));
+            }
+        }
+        Err(SolveError::NoRest(Status::Behind))
+    }
+}

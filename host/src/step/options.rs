@@ -1,0 +1,32 @@
+//! What a step is asked for besides the tools' poses.
+//!
+//! Entry point: [`StepOptions`].
+
+/// What a step is asked for; by default nothing but balance and contacts.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct StepOptions {
+    /// Vertices whose columns it may compute before it says [`Status::Waiting`](super::Status::Waiting), if not as many as
+    /// the model says.
+    pub vertices_per_step: Option<usize>,
+    /// To how many rows at most it reduces each tool's contact, for [`Workspace::rows`](super::Workspace::rows); 0: it does
+    /// not. More than [`MAX_TOOL_ROWS`](super::MAX_TOOL_ROWS) are never given.
+    pub most_rows: usize,
+    /// Way that a tool may go from its pose while its rows are in use \[m\], (3): those that would switch on it are chosen
+    /// first.
+    pub ahead_m: [f64; 3],
+    /// Way in any direction that it may go besides \[m\]: what is so near is said while the tool is apart, and its columns
+    /// are asked for.
+    pub reach_m: f64,
+}
+
+impl StepOptions {
+    /// The least, with columns of so many vertices.
+    pub const fn with_vertices(most: usize) -> Self {
+        Self {
+            vertices_per_step: Some(most),
+            most_rows: 0,
+            ahead_m: [0.0; 3],
+            reach_m: 0.0,
+        }
+    }
+}
