@@ -5,15 +5,12 @@
 
 pub mod anchors;
 mod body;
-pub mod choice;
 mod clock;
 pub mod collide;
 mod columns;
 mod contact;
 mod dense;
-pub mod explain;
 pub mod fem;
-pub mod fidelity;
 mod hash;
 
 pub mod model;
@@ -29,12 +26,9 @@ pub mod script;
 pub mod session;
 pub mod solve;
 mod source;
-pub mod stability;
 pub mod step;
 pub mod thread;
 pub mod tool;
-pub mod tradeoff;
-pub mod trial;
 pub mod work;
 pub mod wound;
 

@@ -536,7 +536,7 @@ impl Model {
     }
 
     /// Number of scalar unknowns: three per free node.
-    pub(crate) fn unknowns(&self) -> usize {
+    pub fn unknowns(&self) -> usize {
         self.body.numbering().unknowns()
     }
 

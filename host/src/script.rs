@@ -238,7 +238,7 @@ impl Script {
 }
 
 /// A tool at rest there.
-pub(crate) fn at_rest(id: u8, pose: &Pose) -> ToolSample {
+pub fn at_rest(id: u8, pose: &Pose) -> ToolSample {
     ToolSample {
         id,
         position_m: pose.position_m,
@@ -276,6 +276,23 @@ pub(crate) fn outside(surface: &Surface, points: &[[f64; 3]], shape: &Tool, pose
         position_m: (Vector3::from(pose.position_m) + out).into(),
         ..*pose
     }
+}
+
+/// How far a tool in a pose is from the vertex nearest to it of tissue at rest \[m\], and the tool's normal there, into the
+/// tissue's outside; `points` (n x 3) are the nodes \[m\]. None if it is no pose, or has no normal there.
+pub fn gap_at_rest(
+    surface: &Surface,
+    points: &[[f64; 3]],
+    tool: &Tool,
+    pose: &Pose,
+) -> Option<(f64, Vector3<f64>)> {
+    let placement = tool.place(&at_rest(0, pose))?;
+    let solid = Solid::new(tool, surface.mean_edge_m, &placement);
+    let at = |node: u32| Vector3::from(points[node as usize]);
+    let vertices = surface.vertices.iter();
+    let gaps = vertices.map(|node| (solid.gap(&at(*node)), *node));
+    let (gap, node) = gaps.min_by(|a, b| a.0.total_cmp(&b.0))?;
+    Some((gap, -solid.touch(&at(node))?.normal))
 }
 
 /// A sample's or a script's own: of unit length.

@@ -7,7 +7,6 @@ mod contact;
 mod corotational;
 mod driving;
 mod fem_models;
-mod fidelity;
 mod half_faces;
 mod hyperelastic;
 mod layers;

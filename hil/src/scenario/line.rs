@@ -6,7 +6,7 @@
 
 use super::tamper::Frame;
 use super::{Fault, FaultKind, FloodWith, Insane, LineFault, Tamper, Ticks, Way};
-use sutura_host::fidelity::random::Random;
+use fastrand::Rng;
 use sutura_shared::link::HostLink;
 use sutura_shared::wire::{Kind, MAX_FRAME, Message, encode};
 
@@ -33,7 +33,7 @@ struct Numbers {
 /// The line.
 pub(super) struct Line<'a> {
     faults: &'a [Fault],
-    random: Random,
+    random: Rng,
     down: Half,
     up: Half,
     numbers: Numbers,
@@ -50,7 +50,7 @@ impl<'a> Line<'a> {
     pub fn new(faults: &'a [Fault], seed: u64) -> Self {
         Line {
             faults,
-            random: Random::new(seed),
+            random: Rng::with_seed(seed),
             down: Half::default(),
             up: Half::default(),
             numbers: Numbers::default(),
@@ -200,7 +200,7 @@ impl<'a> Line<'a> {
                     frame.set_time_us(time_us);
                 }
                 FaultKind::Tamper(Tamper::Insane { what, value, share })
-                    if frame.is(Kind::Contact) && self.random.unit() < share =>
+                    if frame.is(Kind::Contact) && self.random.f64() < share =>
                 {
                     self.shaken = !self.shaken;
                     insane(frame, what, value as f32, self.shaken);
@@ -224,27 +224,27 @@ impl<'a> Line<'a> {
                 continue;
             }
             match kind {
-                LineFault::Loss(share) if self.random.unit() < share => return,
+                LineFault::Loss(share) if self.random.f64() < share => return,
                 LineFault::Bursts(lost, every) if (now - fault.at) % every < lost => return,
                 LineFault::Pulled => return,
-                LineFault::Duplicates(share, after) if self.random.unit() < share => {
+                LineFault::Duplicates(share, after) if self.random.f64() < share => {
                     again = Some(after);
                 }
-                LineFault::Reordering(share, by) if self.random.unit() < share => overtaken = by,
-                LineFault::BitFlips(share, bits) if self.random.unit() < share => {
+                LineFault::Reordering(share, by) if self.random.f64() < share => overtaken = by,
+                LineFault::BitFlips(share, bits) if self.random.f64() < share => {
                     for _ in 0..bits {
-                        let at = self.random.bits() as usize % (8 * bytes.len().max(1));
+                        let at = self.random.u64(..) as usize % (8 * bytes.len().max(1));
                         if let Some(byte) = bytes.get_mut(at / 8) {
                             *byte ^= 1 << (at % 8);
                         }
                     }
                 }
-                LineFault::Truncation(share) if self.random.unit() < share => {
-                    let kept = self.random.bits() as usize % bytes.len().max(1);
+                LineFault::Truncation(share) if self.random.f64() < share => {
+                    let kept = self.random.u64(..) as usize % bytes.len().max(1);
                     bytes.truncate(kept);
                 }
                 LineFault::Delay(ticks) => when += ticks,
-                LineFault::Jitter(ticks) => when += self.random.bits() % (ticks + 1),
+                LineFault::Jitter(ticks) => when += self.random.u64(..) % (ticks + 1),
                 LineFault::Stall => when = when.max(fault.until),
                 _ => {}
             }
@@ -294,15 +294,15 @@ impl<'a> Line<'a> {
                 }
                 (FloodWith::Hellos, _) => {
                     let mut out = [0; MAX_FRAME];
-                    let nonce = self.random.bits() as u32;
+                    let nonce = self.random.u64(..) as u32;
                     let mut stranger = HostLink::new(sutura_shared::control::TICK_HZ);
                     let length = stranger.hello(nonce, &mut out).unwrap_or_default();
                     own.extend(out.iter().take(length));
                 }
-                _ => own.push(self.random.bits() as u8),
+                _ => own.push(self.random.u64(..) as u8),
             }
         }
-        if with == FloodWith::Garbage && self.random.bits() & 1 == 0 {
+        if with == FloodWith::Garbage && self.random.u64(..) & 1 == 0 {
             // Now and then the host's own frames are heard.
             own.push(0);
         }

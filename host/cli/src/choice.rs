@@ -6,9 +6,9 @@ use crate::failure::{Cause, Failure};
 use crate::run::RunArgs;
 use indicatif::ProgressBar;
 use std::time::{Duration, Instant};
-use sutura_host::choice::{Asked, Candidate, Chosen, SAFE_SHARE, choose, measure};
 use sutura_host::scene::{Scene, Tissue};
 use sutura_host::session::Plan;
+use sutura_study::choice::{Asked, Candidate, Chosen, SAFE_SHARE, choose, measure};
 
 /// Settles which tissue the session of a plan has, where the scene or the budget leaves that open.
 ///

@@ -6,7 +6,7 @@ use clap::{Args, Subcommand};
 use std::path::{Path, PathBuf};
 use sutura_host::mesh::{MeshError, MeshReport, RawMesh, read_raw_mesh};
 use sutura_host::output::{MeshFormat, write_mesh};
-use sutura_host::trial::{Trial, trial};
+use sutura_study::trial::{Trial, trial};
 
 /// Looks at tetrahedral mesh files and converts them: .msh (gmsh), .node and .ele (tetgen), .vtk.
 #[derive(Args, Debug)]

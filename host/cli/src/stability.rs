@@ -9,8 +9,8 @@ use clap::Args;
 use indicatif::ProgressBar;
 use serde::Serialize;
 use std::path::PathBuf;
-use sutura_host::stability::judge;
-use sutura_host::stability::suite::{self, Case};
+use sutura_study::stability::judge;
+use sutura_study::stability::suite::{self, Case};
 
 /// Drives every tissue model, the row solver and the console to the extremes, and says what came of it.
 #[derive(Args, Debug)]

@@ -10,8 +10,8 @@ use crate::{Format, Global};
 use clap::Args;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
-use sutura_host::tradeoff::literature::{FIGURES, Figure};
-use sutura_host::tradeoff::measure::{self, Extent, Row};
+use sutura_study::tradeoff::literature::{FIGURES, Figure};
+use sutura_study::tradeoff::measure::{self, Extent, Row};
 
 /// Measures error against time of every tissue model, over its settings and meshes.
 #[derive(Args, Debug)]

@@ -93,7 +93,7 @@ macro_rules! scene_file {
         }
 
         /// Keys by which scenes add sources.
-        pub(crate) const ADDED_KEYS: &[&str] = &[$(stringify!($key)),*];
+        pub const ADDED_KEYS: &[&str] = &[$(stringify!($key)),*];
 
         impl SceneFile {
             /// Sections of these keys.

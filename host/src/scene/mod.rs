@@ -22,7 +22,7 @@ mod wound_file;
 
 pub use device::{BUILT_IN as BUILT_IN_DEVICES, find_device, read_device};
 pub use document::{Document, Flaw, SceneError, Sources, nearest};
-pub(crate) use file::ADDED_KEYS;
+pub use file::ADDED_KEYS;
 pub use file::{HandSection, WayPointSection};
 pub use hand::{hand_script, position_at};
 pub use needles::{Hold, Needle, NeedleSolver};
@@ -120,7 +120,8 @@ pub struct Corotational {
 }
 
 impl Corotational {
-    pub(crate) fn policy(&self) -> Policy {
+    /// When its tissue is factored anew, with what it leaves out as solvers have it.
+    pub fn policy(&self) -> Policy {
         let solvers = Policy::default();
         Policy {
             refactor_rotation_rad: self
@@ -202,6 +203,11 @@ pub fn host_hz(document: &Document) -> Option<f64> {
 }
 
 impl Scene {
+    /// What it adds by keys of their own: each with its name, and why the scene has it.
+    pub fn added(&self) -> impl Iterator<Item = (String, String)> {
+        self.added.iter().map(|added| added.explain())
+    }
+
     /// The tool that the console's grip carries.
     pub fn driven(&self) -> Option<&Tool> {
         self.tools.iter().find(|tool| tool.driven)
@@ -260,7 +266,10 @@ impl Scene {
     }
 
     /// Hyperelastic tissue as its setting has it, without needles yet.
-    pub(crate) fn hyperelastic(
+    ///
+    /// # Errors
+    /// What no model can be built of.
+    pub fn hyperelastic(
         &self,
         model: Registered,
         tools: &[(u8, tool::Tool)],

@@ -1,6 +1,6 @@
 //! The tissue model that was chosen for a session, and from what.
 //!
-//! Entry point: [`Chosen`]; [`crate::choice`] makes it.
+//! Entry point: [`Chosen`]; `sutura_study::choice` makes it.
 
 use crate::scene::ContactLaw;
 use serde::Serialize;
@@ -50,7 +50,7 @@ pub struct Chosen {
     pub contact: ContactLaw,
     /// What a step may take \[ms\].
     pub budget_ms: f64,
-    /// Whether its measured steps do, with [`SAFE_SHARE`](crate::choice::SAFE_SHARE) to spare.
+    /// Whether its measured steps do, with `sutura_study::choice::SAFE_SHARE` to spare.
     pub holds_budget: bool,
     /// Wall-clock time of the measurement \[s\].
     pub calibration_s: f64,

@@ -91,10 +91,10 @@ impl Underway {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::fidelity::plant::Mechanics;
     use sutura_shared::control::{Control, TICK_US, TickInput};
     use sutura_shared::wire::message::{Command, Contact};
     use sutura_shared::wire::{Header, Kind, PROTOCOL_VERSION, ValidContact};
+    use sutura_study::fidelity::plant::Mechanics;
 
     const HORIZON_US: u32 = 60_000;
 

@@ -4,13 +4,13 @@ use super::heard::{Fate, Underway};
 use super::horizon::Horizon;
 use super::schedule::Schedule;
 use super::{LINE_BYTES_PER_S, Plan, Rendering, SceneSolver, Solve};
-use crate::fidelity::plant::Mechanics;
 use crate::link::{Felt, SentContact};
 use crate::scene::{Scene, load, position_at};
 use std::path::Path;
 use sutura_shared::control::{ContactRows, Control, Fresh, TICK_HZ, TickInput};
 use sutura_shared::wire::message::{Command, Fixture, Mode, State};
 use sutura_shared::wire::{Header, Message, PROTOCOL_VERSION, Valid, ValidContact, ValidRows};
+use sutura_study::fidelity::plant::Mechanics;
 
 /// Ticks between two poses at which the truth is solved for.
 const TRUTH_EVERY: u64 = 4;

@@ -56,7 +56,8 @@ pub enum ToolRowKind {
 }
 
 impl ToolRows {
-    pub(crate) const NONE: Self = Self {
+    /// No rows.
+    pub const NONE: Self = Self {
         tool: 0,
         count: 0,
         turning: false,

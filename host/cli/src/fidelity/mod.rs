@@ -11,16 +11,16 @@ use crate::{Format, Global};
 use clap::Args;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
-use sutura_host::fidelity::bars::{Bar, bars};
-use sutura_host::fidelity::case::{Case, Scenes};
-use sutura_host::fidelity::corners;
-use sutura_host::fidelity::mutants::{self, Mutant};
-use sutura_host::fidelity::oracles::{Oracle, oracles};
-use sutura_host::fidelity::suite::{self, Extent};
-use sutura_host::fidelity::switches::Switch;
-use sutura_host::fidelity::targets::{self, BadLinks};
-use sutura_host::fidelity::trials::{Spread, Three, spreads};
 use sutura_shared::device::DeviceError;
+use sutura_study::fidelity::bars::{Bar, bars};
+use sutura_study::fidelity::case::{Case, Scenes};
+use sutura_study::fidelity::corners;
+use sutura_study::fidelity::mutants::{self, Mutant};
+use sutura_study::fidelity::oracles::{Oracle, oracles};
+use sutura_study::fidelity::suite::{self, Extent};
+use sutura_study::fidelity::switches::Switch;
+use sutura_study::fidelity::targets::{self, BadLinks};
+use sutura_study::fidelity::trials::{Spread, Three, spreads};
 
 /// Measures the console's force against a solve every millisecond: errors, stable stiffness, energy.
 #[derive(Args, Debug)]

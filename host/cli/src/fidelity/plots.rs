@@ -3,9 +3,9 @@
 //! Entry point: [`all`].
 
 use crate::chart::{Chart, Line};
-use sutura_host::fidelity::case::{Case, Place, Scenes, Spec};
-use sutura_host::fidelity::hand::Motion;
 use sutura_shared::control::Rendering;
+use sutura_study::fidelity::case::{Case, Place, Scenes, Spec};
+use sutura_study::fidelity::hand::Motion;
 
 /// File names and contents: stability over the device's damping, errors over the host's rate, force over time.
 pub fn all(cases: &[Case], scenes: &Scenes) -> Vec<(String, String)> {

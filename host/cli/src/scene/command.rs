@@ -5,9 +5,9 @@ use crate::{Format, Global};
 use clap::{Args, Subcommand};
 use miette::{Diagnostic, Report};
 use std::path::{Path, PathBuf};
-use sutura_host::explain::{Component, explain};
 use sutura_host::scene::{self, Flaw, Scene};
 use sutura_host::session::SceneSolver;
+use sutura_study::explain::{Component, explain};
 
 /// Looks at scene files: checks them, explains what they build, describes their keys.
 #[derive(Args, Debug)]

@@ -1,0 +1,53 @@
+//! What a scene builds for threads and for tissues that touch.
+
+use super::Component;
+use std::time::Duration;
+use sutura_host::scene::Scene;
+use sutura_host::step::StepReport;
+
+/// A component for each thread, or one that says that there is none.
+pub(super) fn threads(scene: &Scene, walk: &[(StepReport, Duration)]) -> Vec<Component> {
+    if scene.threads.is_empty() {
+        return vec![Component::absent(
+            "thread",
+            "no `[[thread]]`: no thread rows",
+        )];
+    }
+    let thread = |(index, thread): (usize, &sutura_host::scene::Thread)| {
+        let reports = walk
+            .iter()
+            .filter_map(|(step, _)| step.threads().get(index));
+        let punctures = reports.map(|report| report.punctures).max();
+        let why = match punctures {
+            Some(punctures) => format!(
+                "`[[thread]]`: {:.0} mm long, through {punctures} boundaries at most along the scripts; one row for its \
+                 length, others across each piece of it outside",
+                1e3 * thread.part.length_m
+            ),
+            None => "`[[thread]]`; no `[hand]` to follow here".to_owned(),
+        };
+        Component::built(format!("thread {}", thread.part.id), why)
+    };
+    scene.threads.iter().enumerate().map(thread).collect()
+}
+
+/// A component for each pair of parts that may touch, or one that says that there is none.
+pub(super) fn touching(scene: &Scene, walk: &[(StepReport, Duration)]) -> Vec<Component> {
+    if scene.touching.is_empty() {
+        let why = "no `[[tissue_contact]]`: parts of the mesh go through each other and through themselves";
+        return vec![Component::absent("contact of tissues", why)];
+    }
+    let pressing = walk.iter().map(|(step, _)| step.touching).max();
+    let pair = |pair: &sutura_host::scene::TissueContact| {
+        let [first, second] = &pair.between;
+        let [a, b] = [0, 1].map(|side: usize| pair.faces[side].len());
+        let why = match pressing {
+            Some(most) => format!(
+                "`[[tissue_contact]]`: {a} and {b} faces; {most} pairs of features press at most along the scripts"
+            ),
+            None => format!("`[[tissue_contact]]`: {a} and {b} faces"),
+        };
+        Component::built(format!("contact of {first} and {second}"), why)
+    };
+    scene.touching.iter().map(pair).collect()
+}

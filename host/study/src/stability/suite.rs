@@ -1,0 +1,105 @@
+//! All extremes of all models in one table.
+//!
+//! Entry points: [`measure`], [`Case`].
+
+use super::extremes::trials;
+use super::judge::{Verdict, guarded};
+use super::{console, rows};
+use crate::fidelity::case::Scenes;
+use serde::Serialize;
+use sutura_host::registry;
+use sutura_host::scene::SceneError;
+use sutura_shared::control::Rendering;
+
+/// One line of the table.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Case {
+    /// Model, `rows` for the row solver, or `console` and how it renders.
+    pub tissue: String,
+    /// What is extreme, and its unit.
+    pub what: &'static str,
+    /// How much.
+    pub value: f64,
+    /// `stable`, `degraded`, `refused`; `defect` for anything else.
+    pub outcome: &'static str,
+    /// Largest value that is stable, where it was looked for; not a number if none is.
+    pub largest_stable: Option<f64>,
+    /// How it is degraded, why it refused, or what the defect is.
+    pub note: String,
+}
+
+/// Runs everything whose tissue and extreme have all of `words`. `told` is called with every line as it is found.
+///
+/// # Errors
+/// None unless a shipped scene is not sound.
+pub fn measure(
+    full: bool,
+    words: &[&str],
+    told: &mut dyn FnMut(&Case),
+) -> Result<Vec<Case>, SceneError> {
+    let mut table = Vec::new();
+    let mut add = |tissue: &str,
+                   what: &'static str,
+                   value: f64,
+                   found: &dyn Fn() -> (Verdict, Option<f64>)| {
+        let wanted = |word: &&str| tissue.contains(*word) || what.contains(*word);
+        if !words.iter().all(wanted) {
+            return;
+        }
+        let (verdict, largest_stable) = found();
+        let case = Case {
+            tissue: tissue.to_owned(),
+            what,
+            value,
+            outcome: verdict.word(),
+            largest_stable,
+            note: verdict.note().to_owned(),
+        };
+        told(&case);
+        table.push(case);
+    };
+    for entry in registry::entries() {
+        for trial in trials(&entry, full) {
+            add(entry.tissue, trial.what, trial.value, &|| {
+                let largest = trial.largest.as_ref().filter(|_| full);
+                (trial.run(), largest.map(|largest| largest()))
+            });
+        }
+    }
+    let scales: &[f64] = if full {
+        &[1e-12, 1e-9, 1e-6, 1e-3, 1e3, 1e6, 1e9, 1e12]
+    } else {
+        &[1e12]
+    };
+    for &scale in scales {
+        add("rows", "unit of every other row", scale, &|| {
+            (guarded(|| rows::scaled(scale)), None)
+        });
+    }
+    let periods: &[f64] = if full {
+        &[1.0, 3.0, 10.0, 30.0, 100.0, 300.0, 1000.0]
+    } else {
+        &[1000.0]
+    };
+    let wanted = words
+        .iter()
+        .all(|word| "console-tangent console-rows console-hold host period [ms]".contains(*word));
+    if wanted {
+        let scenes = Scenes::load()?;
+        for (name, rendering) in [
+            ("console-rows", Rendering::Rows),
+            ("console-tangent", Rendering::Tangent),
+            ("console-hold", Rendering::Hold),
+        ] {
+            for &period in periods {
+                add(name, "host period [ms]", period, &|| {
+                    (
+                        guarded(|| console::slow_host(&scenes, rendering, period)),
+                        None,
+                    )
+                });
+            }
+        }
+    }
+    Ok(table)
+}
