@@ -1,6 +1,6 @@
 //! Any tissue model with tools that stick to it: nodes go where tools take them, and what holds them back is what tools feel.
 //!
-//! Entry points: [`Prescribed::new`], [`Prescribed::follow`]. For models without the compliance that rows need; those that
+//! Entry points: `Prescribed::new`, `Prescribed::follow`. For models without the compliance that rows need; those that
 //! have it go with [`step`](crate::step::step), whose tools slip.
 
 mod sticking;
