@@ -10,25 +10,26 @@ use super::{
     reach_m, sideways,
 };
 use crate::clock::Clock;
+use crate::contact::shape::Solid;
 use crate::model::Model;
 use crate::needle::{NeedleReport, TipPlace};
 use crate::output::tip_word;
 use crate::scene::{Needle, Scene, Tissue};
-use crate::script::{Path, Script, path};
+use crate::script::{Path, Script, at_rest, path};
 use crate::solve::{SolveError, bring_in};
 use crate::step::{self, Arrival, Rule, Status, StepReport, ToolRows, Workspace};
 use crate::thread::{ThreadReport, ThreadTension};
 use crate::tool::ToolSample;
 use crate::wound::Wound;
-use nalgebra::{Quaternion, UnitQuaternion, Vector3};
+use nalgebra::Vector3;
 use serde_json::{Map, Value, json};
 use sutura_client::Lead;
 use sutura_shared::control::LOST_AFTER_US;
 use sutura_shared::wire::Valid;
 use sutura_shared::wire::message::{Course, End, Friction, State, Tension, Tip};
 
-/// How far from the tool's centre vertices are prepared, in radii: as far as a step looks ahead.
-const PREPARED_RADII: f64 = 1.5;
+/// How far from the tool vertices are prepared, in radii: as far as a step looks ahead.
+const PREPARED_RADII: f64 = 0.5;
 /// How far from a needle nodes are prepared, in mean edges: those of the faces that it goes through, and of the
 /// next ones.
 const PREPARED_EDGES: f64 = 1.5;
@@ -196,23 +197,25 @@ impl TissueSolver {
     pub fn prepare(&mut self, path: &Path) -> usize {
         let edge_m = self.model.surface().mean_edge_m;
         let needles_m = PREPARED_EDGES * edge_m + PREPARED_MARGIN_M;
-        let mut places: Vec<_> = path.needles.iter().map(|at| (*at, needles_m)).collect();
         let driven = self.driven().and_then(|id| self.model.tool(id));
-        if let Some((_, tool)) = driven.filter(|(_, tool)| !tool.is_grip()) {
-            let reach_m = PREPARED_RADII * tool.radius_m().max(edge_m) + PREPARED_MARGIN_M;
-            let offset = Vector3::from(tool.offset_m);
-            places.extend(path.grips.iter().map(|grip| {
-                let [x, y, z, w] = grip.orientation;
-                let turn = UnitQuaternion::new_unchecked(Quaternion::new(w, x, y, z));
-                (Vector3::from(grip.position_m) + turn * offset, reach_m)
-            }));
-        }
+        let touching = driven.filter(|(_, tool)| !tool.is_grip());
+        let solids: Vec<Solid> = touching.map_or_else(Vec::new, |(_, tool)| {
+            let placed = path
+                .grips
+                .iter()
+                .filter_map(|grip| tool.place(&at_rest(0, grip)));
+            placed
+                .map(|place| Solid::new(tool, edge_m, &place))
+                .collect()
+        });
         let near = |vertex: [f64; 3]| {
             let vertex = Vector3::from(vertex);
-            let reached = |(place, reach_m): &(Vector3<f64>, f64)| {
-                (place - vertex).norm_squared() <= reach_m * reach_m
+            let touched = |solid: &Solid| {
+                solid.gap(&vertex) <= PREPARED_RADII * solid.radius() + PREPARED_MARGIN_M
             };
-            places.iter().any(reached)
+            let pierced =
+                |place: &Vector3<f64>| (place - vertex).norm_squared() <= needles_m * needles_m;
+            solids.iter().any(touched) || path.needles.iter().any(pierced)
         };
         let count = self.work.prepare(&self.model, near);
         tracing::info!("compliance of {count} vertices computed beforehand");
