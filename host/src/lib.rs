@@ -5,6 +5,7 @@
 
 pub mod anchors;
 mod body;
+pub mod boxes;
 pub mod choice;
 mod clock;
 pub mod collide;
