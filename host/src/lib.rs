@@ -5,6 +5,7 @@
 
 pub mod anchors;
 mod body;
+pub mod boxes;
 mod clock;
 pub mod collide;
 mod columns;

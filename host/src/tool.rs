@@ -6,8 +6,8 @@ use serde::Serialize;
 /// Most tools in one model: two hands, each with a tool and a needle.
 pub const MAX_TOOLS: usize = 8;
 
-/// Rounding of a punch's rim in its radii, unless said otherwise: a sharp rim would cut real tissue,
-/// and has no normal.
+/// Rounding of a punch's rim in its radii, or of a box's edges in its least half size, unless said otherwise: a sharp
+/// edge would cut real tissue, and has no normal.
 pub const DEFAULT_FILLET: f64 = 0.1;
 
 /// Largest coefficient of friction: nothing has more.
@@ -45,6 +45,21 @@ pub enum Shape {
         /// Length of the bar behind its face \[m\]; at least two fillets.
         length_m: f64,
     },
+    /// A round bar with half a ball at both ends: what is no farther than a radius from a segment.
+    Capsule {
+        /// Radius of the bar and of its ends \[m\]; above 0.
+        radius_m: f64,
+        /// From the centre of the ball in front to that behind \[m\]; a sphere if it is 0.
+        length_m: f64,
+    },
+    /// A box with rounded edges and corners.
+    RoundedBox {
+        /// From face to face along the tool's side, across side and axis, and along its axis \[m\], (3); each at least
+        /// two fillets.
+        size_m: [f64; 3],
+        /// Radius of its edges and corners \[m\]; above 0.
+        fillet_m: f64,
+    },
     /// A grip that holds needles and touches nothing.
     Grip,
 }
@@ -59,15 +74,26 @@ impl Shape {
         }
     }
 
-    /// Radius of the ball or of the bar \[m\].
+    /// A box with the [`DEFAULT_FILLET`].
+    pub fn rounded_box(size_m: [f64; 3]) -> Self {
+        Self::RoundedBox {
+            size_m,
+            fillet_m: DEFAULT_FILLET * half_least(&size_m),
+        }
+    }
+
+    /// Radius of the ball or of the bar, or half the least size of a box \[m\].
     pub fn radius_m(&self) -> f64 {
-        match *self {
-            Self::Sphere { radius_m } | Self::FlatPunch { radius_m, .. } => radius_m,
+        match self {
+            Self::Sphere { radius_m }
+            | Self::FlatPunch { radius_m, .. }
+            | Self::Capsule { radius_m, .. } => *radius_m,
+            Self::RoundedBox { size_m, .. } => half_least(size_m),
             Self::Grip => 0.0,
         }
     }
 
-    /// The same shape, not thinner than `least_m`.
+    /// The same shape, its [radius](Self::radius_m) not less than `least_m`; its end or face in front stays where it is.
     pub(crate) fn at_least(self, least_m: f64) -> Self {
         match self {
             Self::Sphere { radius_m } => Self::Sphere {
@@ -82,7 +108,25 @@ impl Shape {
                 fillet_m,
                 length_m,
             },
+            Self::Capsule { radius_m, length_m } => Self::Capsule {
+                radius_m: radius_m.max(least_m),
+                length_m,
+            },
+            Self::RoundedBox { size_m, fillet_m } => Self::RoundedBox {
+                size_m: size_m.map(|size| size.max(2.0 * least_m)),
+                fillet_m,
+            },
             Self::Grip => Self::Grip,
+        }
+    }
+
+    /// Whether it is not the same all around its axis.
+    fn has_side(&self) -> bool {
+        match self {
+            Self::RoundedBox { .. } => true,
+            Self::Sphere { .. } | Self::FlatPunch { .. } | Self::Capsule { .. } | Self::Grip => {
+                false
+            }
         }
     }
 
@@ -115,8 +159,42 @@ impl Shape {
                     None
                 }
             }
+            Self::Capsule { radius_m, length_m } => {
+                if !(radius_m.is_finite() && radius_m > 0.0) {
+                    Some(format!(
+                        "a capsule's radius is {radius_m} m; it must be above zero"
+                    ))
+                } else if !(length_m.is_finite() && length_m >= 0.0) {
+                    Some(format!(
+                        "a capsule is {length_m} m long from centre to centre of its ends; it must be finite and not below zero"
+                    ))
+                } else {
+                    None
+                }
+            }
+            Self::RoundedBox { size_m, fillet_m } => {
+                if !(fillet_m.is_finite() && fillet_m > 0.0) {
+                    Some(format!(
+                        "a box's fillet is {fillet_m} m; it must be above zero"
+                    ))
+                } else if !size_m
+                    .iter()
+                    .all(|size| size.is_finite() && *size >= 2.0 * fillet_m)
+                {
+                    Some(format!(
+                        "a box has the size {size_m:?} m; every side must have room for two fillets of {fillet_m} m"
+                    ))
+                } else {
+                    None
+                }
+            }
         }
     }
+}
+
+/// Half the least size of a box \[m\].
+fn half_least(size_m: &[f64; 3]) -> f64 {
+    0.5 * size_m.iter().copied().fold(f64::INFINITY, f64::min)
 }
 
 /// A shape fixed to the grip.
@@ -124,10 +202,14 @@ impl Shape {
 pub struct Tool {
     /// What touches.
     pub shape: Shape,
-    /// Centre of the ball, or of the punch's face, in the frame of the grip \[m\], (3).
+    /// Centre of the ball, of that at a capsule's front end, or of the front face of a punch or a box, in the frame of the
+    /// grip \[m\], (3).
     pub offset_m: [f64; 3],
-    /// Where a punch's face looks, unit vector in the frame of the grip, (3). A ball ignores it.
+    /// Where the front of a punch, a capsule or a box looks, unit vector in the frame of the grip, (3). A ball ignores it.
     pub axis: [f64; 3],
+    /// Where the first side of a box looks, unit vector across the axis in the frame of the grip, (3). What is round
+    /// ignores it.
+    pub side: [f64; 3],
     /// Coulomb's coefficient while it slides over tissue; 0 for none.
     pub friction: f64,
     /// The same while it sticks; not above `friction`: as that.
@@ -135,8 +217,10 @@ pub struct Tool {
 }
 
 impl Tool {
-    /// Where a punch looks unless said otherwise: down.
+    /// Where a shape looks unless said otherwise: down.
     pub const DEFAULT_AXIS: [f64; 3] = [0.0, 0.0, -1.0];
+    /// Where the side of a box looks unless said otherwise: the sizes of one that looks down are those along x, y and z.
+    pub const DEFAULT_SIDE: [f64; 3] = [1.0, 0.0, 0.0];
 
     /// A shape at `offset_m` from the grip that looks down.
     pub fn new(shape: Shape, offset_m: [f64; 3]) -> Self {
@@ -144,6 +228,7 @@ impl Tool {
             shape,
             offset_m,
             axis: Self::DEFAULT_AXIS,
+            side: Self::DEFAULT_SIDE,
             friction: 0.0,
             static_friction: 0.0,
         }
@@ -173,7 +258,7 @@ impl Tool {
         Self::new(Shape::Sphere { radius_m }, offset_m)
     }
 
-    /// Radius of the ball or of the bar \[m\].
+    /// Radius of the ball or of the bar, or half the least size of a box \[m\].
     pub fn radius_m(&self) -> f64 {
         self.shape.radius_m()
     }
@@ -211,21 +296,29 @@ impl Tool {
                 ));
             }
         }
-        let length = Vector3::from(self.axis).norm();
-        if length.is_nan() || (length - 1.0).abs() > 1e-6 {
-            return Some(format!(
-                "the axis {:?} has the length {length}, not 1",
-                self.axis
-            ));
+        let directions = [("axis", self.axis), ("side", self.side)];
+        for (what, direction) in directions {
+            let length = Vector3::from(direction).norm();
+            if length.is_nan() || (length - 1.0).abs() > 1e-6 {
+                return Some(format!(
+                    "the {what} {direction:?} has the length {length}, not 1"
+                ));
+            }
         }
-        None
+        let along = Vector3::from(self.axis).dot(&Vector3::from(self.side));
+        (self.shape.has_side() && along.abs() > 1e-6).then(|| {
+            format!(
+                "the side {:?} is not across the axis {:?}: their product is {along}, not 0",
+                self.side, self.axis
+            )
+        })
     }
 }
 
 /// Where a tool's shape is.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub(crate) struct Placement {
-    /// Centre of the ball or of the punch's face \[m\], world frame.
+    /// Where the tool's offset is \[m\], world frame.
     pub centre: Vector3<f64>,
     /// Grip to world.
     pub rotation: UnitQuaternion<f64>,
@@ -278,6 +371,54 @@ mod tests {
         let mut tool = Tool::sphere(0.01, [0.0; 3]);
         tool.axis = [0.0, 0.0, -2.0];
         assert!(tool.flaw().expect("a flaw").contains("axis"));
+    }
+
+    #[test]
+    fn capsules_and_boxes_without_room_are_refused() {
+        let capsule = |radius_m, length_m| Shape::Capsule { radius_m, length_m }.flaw();
+        assert_eq!(capsule(0.01, 0.0), None);
+        let cuboid = |size_m, fillet_m| Shape::RoundedBox { size_m, fillet_m }.flaw();
+        assert_eq!(cuboid([0.01, 0.02, 0.03], 0.005), None);
+        for (flaw, words) in [
+            (capsule(0.0, 0.01), "radius is 0 m"),
+            (capsule(f64::INFINITY, 0.01), "radius is inf m"),
+            (capsule(0.01, -0.01), "-0.01 m long"),
+            (capsule(0.01, f64::NAN), "NaN m long"),
+            (cuboid([0.01, 0.02, 0.03], 0.0), "fillet is 0 m"),
+            (cuboid([0.01, 0.02, 0.03], 0.006), "two fillets of 0.006 m"),
+            (cuboid([0.01, f64::NAN, 0.03], 0.001), "NaN"),
+            (cuboid([0.01, f64::INFINITY, 0.03], 0.001), "inf"),
+        ] {
+            let flaw = flaw.expect("a flaw");
+            assert!(flaw.contains(words), "{flaw}");
+        }
+        let mut tool = Tool::new(Shape::rounded_box([0.01; 3]), [0.0; 3]);
+        assert_eq!(tool.flaw(), None);
+        tool.side = [0.0, 0.6, 0.8];
+        assert!(tool.flaw().expect("a flaw").contains("not across the axis"));
+        tool.side = [0.0, 0.5, 0.0];
+        assert!(tool.flaw().expect("a flaw").contains("the length 0.5"));
+        // What is round has no side.
+        tool.shape = Shape::Capsule {
+            radius_m: 0.01,
+            length_m: 0.01,
+        };
+        tool.side = tool.axis;
+        assert_eq!(tool.flaw(), None);
+    }
+
+    #[test]
+    fn a_thin_box_grows_to_what_vertices_can_feel() {
+        let thin = Shape::RoundedBox {
+            size_m: [0.02, 0.001, 0.03],
+            fillet_m: 0.0005,
+        };
+        let expected = Shape::RoundedBox {
+            size_m: [0.02, 0.006, 0.03],
+            fillet_m: 0.0005,
+        };
+        assert_eq!(thin.at_least(0.003), expected);
+        assert_eq!((thin.radius_m(), expected.radius_m()), (0.0005, 0.003));
     }
 
     #[test]

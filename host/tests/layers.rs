@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 /// From the bottom up. A room may name its own layer and those below.
 const LAYERS: [&[&str]; 8] = [
-    &["clock", "dense", "hash", "tool", "work"],
+    &["boxes", "clock", "dense", "hash", "tool", "work"],
     &["fem"],
     &["body", "columns", "contact", "renewal", "rows"],
     &[

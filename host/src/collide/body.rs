@@ -5,7 +5,7 @@
 
 use super::pairs::{Path, edge_edge, vertex_face};
 use super::sweep::{Margin, Sweep};
-use super::tree::{Bounds, Tree};
+use crate::boxes::{Bounds, Tree};
 use serde::Serialize;
 use std::collections::HashSet;
 

@@ -5,7 +5,7 @@
 
 use super::patch::closest;
 use super::shell::Shell;
-use super::tree::{Bounds, Tree};
+use crate::boxes::{Bounds, Tree};
 use nalgebra::Vector3;
 use std::f64::consts::PI;
 

@@ -17,7 +17,6 @@ mod stance;
 mod sweep;
 mod touch;
 mod touch_state;
-mod tree;
 
 pub use body::{Body, Pair};
 pub use depth::{gaps_m, penetration_m};
@@ -28,4 +27,3 @@ pub use sweep::{Impact, Margin, Sweep, Verdict};
 pub use touch::{TouchError, TouchPart, TouchSettings, Touching};
 pub use touch_state::TouchState;
 pub(crate) use touch_state::across;
-pub use tree::{Bounds, Tree};

@@ -1,9 +1,11 @@
 //! Signed distance of a tool's convex shape with its first two derivatives.
 //!
-//! Entry points: [`Solid::touch`], [`Solid::gap`]. A punch is a cylinder, smaller by its fillet, swept
-//! by a ball of the fillet's radius: outside that core the distance is once continuously
-//! differentiable, its Hessian that of a plane, a cylinder or a torus (do Carmo 1976, 3-3).
+//! Entry points: [`Solid::touch`], [`Solid::gap`]. A shape is a core swept by a ball: a sphere's is a point, a capsule's a
+//! segment, those of a punch and a box are smaller by the fillet. Outside its core the distance is once continuously
+//! differentiable, its Hessian that of a plane, a cylinder, a torus or a ball (do Carmo 1976, 3-3).
 
+use super::capsule::Foot;
+use super::rounded_box::Beyond;
 use crate::tool::{Placement, Shape, Tool};
 use nalgebra::{Matrix3, Vector3};
 
@@ -11,10 +13,12 @@ use nalgebra::{Matrix3, Vector3};
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Solid {
     shape: Shape,
-    /// Centre of the ball or of the punch's face \[m\], world frame.
+    /// Centre of the ball, of that at a capsule's front end, or of the front face \[m\], world frame.
     pub centre: Vector3<f64>,
-    /// Where the face looks, unit vector, world frame.
-    axis: Vector3<f64>,
+    /// Where the front looks, unit vector, world frame.
+    pub(super) axis: Vector3<f64>,
+    /// Where a box's side looks, unit vector across the axis, world frame.
+    pub(super) side: Vector3<f64>,
 }
 
 /// A point as a shape sees it.
@@ -35,6 +39,7 @@ impl Solid {
             shape: tool.shape.at_least(least_m),
             centre: placement.centre,
             axis: placement.rotation * Vector3::from(tool.axis),
+            side: placement.rotation * Vector3::from(tool.side),
         }
     }
 
@@ -48,13 +53,18 @@ impl Solid {
 
     /// On the way from here to where `other` is the same shape, at this part of it, 0 to 1; turns on it are short.
     pub fn towards(&self, other: &Self, part: f64) -> Self {
+        let axis = self
+            .axis
+            .lerp(&other.axis, part)
+            .try_normalize(0.0)
+            .unwrap_or(other.axis);
+        let side = self.side.lerp(&other.side, part);
         Self {
             centre: self.centre.lerp(&other.centre, part),
-            axis: self
-                .axis
-                .lerp(&other.axis, part)
+            axis,
+            side: (side - axis * axis.dot(&side))
                 .try_normalize(0.0)
-                .unwrap_or(other.axis),
+                .unwrap_or(other.side),
             ..*other
         }
     }
@@ -67,17 +77,26 @@ impl Solid {
     /// Curvature where it is the same everywhere \[1/m\], else 0.
     pub fn curvature_per_m(&self) -> f64 {
         match self.shape {
-            Shape::Sphere { radius_m } => radius_m.recip(),
-            Shape::FlatPunch { .. } | Shape::Grip => 0.0,
+            Shape::Sphere { radius_m }
+            | Shape::Capsule {
+                radius_m,
+                length_m: 0.0,
+            } => radius_m.recip(),
+            Shape::FlatPunch { .. }
+            | Shape::Capsule { .. }
+            | Shape::RoundedBox { .. }
+            | Shape::Grip => 0.0,
         }
     }
 
     /// Longest piece of a path \[m\], short against the curvature that turns the normals: a vertex that
-    /// a punch has run over in one piece is not in its core yet, where another side may be nearer.
+    /// a shape has run over in one piece is not in its core yet, where another side may be nearer.
     pub fn piece(&self) -> f64 {
         match self.shape {
-            Shape::Sphere { radius_m } => 0.25 * radius_m,
-            Shape::FlatPunch { fillet_m, .. } => 0.5 * fillet_m,
+            Shape::Sphere { radius_m } | Shape::Capsule { radius_m, .. } => 0.25 * radius_m,
+            Shape::FlatPunch { fillet_m, .. } | Shape::RoundedBox { fillet_m, .. } => {
+                0.5 * fillet_m
+            }
             Shape::Grip => f64::MAX,
         }
     }
@@ -89,19 +108,36 @@ impl Solid {
             Shape::FlatPunch {
                 radius_m, length_m, ..
             } => radius_m.hypot(length_m),
+            // Its core is a segment, which a turn about that moves nowhere.
+            Shape::Capsule { length_m, .. } => length_m,
+            Shape::RoundedBox {
+                size_m: [side, across, along],
+                ..
+            } => (0.5 * side).hypot(0.5 * across).hypot(along),
         }
     }
 
     /// No point of it is farther from `centre` \[m\].
     pub fn bound(&self) -> f64 {
-        self.radius().max(self.reach())
+        match self.shape {
+            Shape::Capsule { radius_m, length_m } => radius_m + length_m,
+            Shape::Sphere { .. }
+            | Shape::FlatPunch { .. }
+            | Shape::RoundedBox { .. }
+            | Shape::Grip => self.radius().max(self.reach()),
+        }
     }
 
     /// A point well inside: in the tissue only if the whole shape is.
     pub fn middle(&self) -> Vector3<f64> {
         match self.shape {
             Shape::Sphere { .. } | Shape::Grip => self.centre,
-            Shape::FlatPunch { length_m, .. } => self.centre - self.axis * (0.5 * length_m),
+            Shape::FlatPunch { length_m, .. }
+            | Shape::Capsule { length_m, .. }
+            | Shape::RoundedBox {
+                size_m: [_, _, length_m],
+                ..
+            } => self.centre - self.axis * (0.5 * length_m),
         }
     }
 
@@ -118,35 +154,49 @@ impl Solid {
                 let section = Section::new(self, radius_m, fillet_m, length_m, point);
                 section.distance() - fillet_m
             }
+            Shape::Capsule { radius_m, length_m } => {
+                Foot::new(self, radius_m, length_m, point).distance()
+            }
+            Shape::RoundedBox { size_m, fillet_m } => {
+                Beyond::new(self, &size_m, fillet_m, point).distance()
+            }
         }
     }
 
     /// Distance, normal and curvature at `point`; `None` where there is no normal: near the centre of
-    /// a ball, and where a number is not finite.
+    /// a ball or the segment of a capsule, and where a number is not finite.
     pub fn touch(&self, point: &Vector3<f64>) -> Option<Touch> {
         match self.shape {
             Shape::Grip => None,
-            Shape::Sphere { radius_m } => {
-                let arm = point - self.centre;
-                let distance = arm.norm();
-                // Far less than that is never a balance.
-                if !(distance > 1e-3 * radius_m && distance.is_finite()) {
-                    return None;
-                }
-                let normal = arm / distance;
-                Some(Touch {
-                    gap: distance - radius_m,
-                    normal,
-                    curvature: (Matrix3::identity() - normal * normal.transpose()) / distance,
-                })
-            }
+            Shape::Sphere { radius_m } => ball(&(point - self.centre), radius_m),
             Shape::FlatPunch {
                 radius_m,
                 fillet_m,
                 length_m,
             } => Section::new(self, radius_m, fillet_m, length_m, point).touch(),
+            Shape::Capsule { radius_m, length_m } => {
+                Foot::new(self, radius_m, length_m, point).touch()
+            }
+            Shape::RoundedBox { size_m, fillet_m } => {
+                Beyond::new(self, &size_m, fillet_m, point).touch()
+            }
         }
     }
+}
+
+/// What a ball is to a point that is `arm` from its centre \[m\], (3).
+pub(super) fn ball(arm: &Vector3<f64>, radius_m: f64) -> Option<Touch> {
+    let distance = arm.norm();
+    // Far less than that is never a balance.
+    if !(distance > 1e-3 * radius_m && distance.is_finite()) {
+        return None;
+    }
+    let normal = arm / distance;
+    Some(Touch {
+        gap: distance - radius_m,
+        normal,
+        curvature: (Matrix3::identity() - normal * normal.transpose()) / distance,
+    })
 }
 
 /// A point in the plane through it and the axis of a punch; lengths from the core's surfaces.

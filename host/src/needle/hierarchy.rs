@@ -2,7 +2,7 @@
 //!
 //! Entry point: [`Hierarchy::near`]. A query takes boxes grown by how far the tissue has moved since they were made.
 
-use crate::collide::{Bounds, Tree};
+use crate::boxes::{Bounds, Tree};
 use crate::mesh::{HalfFace, HalfFaces};
 use nalgebra::Vector3;
 

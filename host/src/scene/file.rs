@@ -398,6 +398,10 @@ pub enum ToolShape {
     Sphere,
     /// A round bar that ends in a flat face with a rounded rim.
     FlatPunch,
+    /// A round bar with half a ball at both ends.
+    Capsule,
+    /// A box with rounded edges and corners.
+    RoundedBox,
     /// Touches nothing, and holds a needle.
     Grip,
 }
@@ -412,19 +416,30 @@ pub struct ToolSection {
     /// What touches.
     #[serde(default)]
     pub shape: ToolShape,
-    /// Radius of the sphere or of the punch's bar \[m\]; a grip has none.
+    /// Radius of the sphere, or of the bar of a punch or a capsule \[m\].
     #[schemars(with = "Option<f64>")]
     pub radius_m: Option<Spanned<f64>>,
-    /// Radius of a punch's rounded rim \[m\]; a tenth of its radius when left out.
+    /// Of a box, from face to face: along `side`, across both, and along `axis`; for one that looks down along x, y and z
+    /// \[m\], (3).
+    #[schemars(with = "Option<[f64; 3]>")]
+    pub size_m: Option<Spanned<[f64; 3]>>,
+    /// Radius of a punch's rounded rim, or of a box's edges and corners \[m\]; a tenth of the punch's radius, or of half
+    /// the box's least size, when left out.
     #[schemars(with = "Option<f64>")]
     pub fillet_m: Option<Spanned<f64>>,
-    /// Length of a punch's bar behind its face \[m\]; four radii when left out.
+    /// Length of a punch's bar behind its face, or of a capsule from centre to centre of its ends \[m\]; four radii when
+    /// left out.
     #[schemars(with = "Option<f64>")]
     pub length_m: Option<Spanned<f64>>,
-    /// Where a punch's face looks in the grip's frame, of any length, (3); down when left out.
+    /// Where the front of a punch, a capsule or a box looks in the grip's frame, of any length, (3); down when left out.
     #[schemars(with = "Option<[f64; 3]>")]
     pub axis: Option<Spanned<[f64; 3]>>,
-    /// Centre of the sphere, or of the punch's face, in the grip's frame \[m\], (3).
+    /// Where the side of a box looks in the grip's frame, of any length, (3); only what of it lies across `axis` counts. x
+    /// when left out.
+    #[schemars(with = "Option<[f64; 3]>")]
+    pub side: Option<Spanned<[f64; 3]>>,
+    /// Centre of the sphere, of the ball at a capsule's front, or of the front face of a punch or a box, in the grip's
+    /// frame \[m\], (3).
     #[schemars(with = "Option<[f64; 3]>")]
     pub offset_m: Option<Spanned<[f64; 3]>>,
     /// Coulomb's coefficient of the tool on tissue while it slides; 0 when left out.

@@ -15,6 +15,7 @@ mod schema;
 mod select;
 mod threads;
 mod tissue;
+mod tool_shape;
 mod tools;
 mod touching;
 mod way;

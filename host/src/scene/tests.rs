@@ -142,12 +142,64 @@ fn a_flat_punch_arrives_with_its_own_choices_where_nothing_is_said() {
         },
         offset_m: [0.0, 0.0, -0.01],
         axis: [0.0, -1.0, 0.0],
+        side: tool::Tool::DEFAULT_SIDE,
         friction: 0.3,
         static_friction: 0.5,
     };
     assert_eq!(shape(said), expected);
     let unsaid = tool::Tool::new(Shape::flat_punch(0.05, 0.2), [0.0, 0.0, -0.01]);
     assert_eq!(shape("radius_m = 0.05"), unsaid);
+}
+
+#[test]
+fn capsules_and_boxes_arrive_as_they_are_said() {
+    use crate::tool::{self, Shape};
+    let read_tool = |keys: &str| {
+        let text = GOOD.replace("radius_m = 0.05", keys);
+        read(&text).expect("good").tools[0].shape
+    };
+    let new = |shape| tool::Tool::new(shape, [0.0, 0.0, -0.01]);
+    let capsule = |length_m| Shape::Capsule {
+        radius_m: 0.05,
+        length_m,
+    };
+    let said = "shape = \"capsule\"\nradius_m = 0.05\n";
+    assert_eq!(read_tool(said), new(capsule(0.2)));
+    assert_eq!(
+        read_tool(&format!("{said}length_m = 0.0")),
+        new(capsule(0.0))
+    );
+    // One that lies: its side is not asked for.
+    let lying = tool::Tool {
+        axis: [1.0, 0.0, 0.0],
+        ..new(capsule(0.2))
+    };
+    assert_eq!(read_tool(&format!("{said}axis = [3.0, 0.0, 0.0]")), lying);
+
+    let said = "shape = \"rounded-box\"\nsize_m = [0.1, 0.2, 0.3]\n";
+    assert_eq!(read_tool(said), new(Shape::rounded_box([0.1, 0.2, 0.3])));
+    let turned = tool::Tool {
+        axis: [0.0, 1.0, 0.0],
+        side: [0.6, 0.0, 0.8],
+        friction: 0.2,
+        static_friction: 0.2,
+        ..new(Shape::RoundedBox {
+            size_m: [0.1, 0.2, 0.3],
+            fillet_m: 0.05,
+        })
+    };
+    // Only what of the side lies across the axis counts.
+    let keys = "fillet_m = 0.05\naxis = [0.0, 2.0, 0.0]\nside = [3.0, -7.0, 4.0]\nfriction = 0.2";
+    let found = read_tool(&format!("{said}{keys}"));
+    let side = Vector3::from(found.side) - Vector3::from(turned.side);
+    assert!(side.norm() < 1e-15);
+    assert_eq!(
+        tool::Tool {
+            side: turned.side,
+            ..found
+        },
+        turned
+    );
 }
 
 #[test]
@@ -404,9 +456,72 @@ const SLIPS: &[Slip] = &[
     Slip {
         from: "radius_m = 0.05",
         to: "radius_m = 0.05\nfillet_m = 0.01",
-        message: "a sphere has no fillet",
+        message: "a sphere has no `fillet_m`",
         under: "0.01",
-        help: "add `shape = \"flat-punch\"`",
+        help: "add a shape that has it: `shape = \"flat-punch\"`, `shape = \"rounded-box\"`",
+    },
+    Slip {
+        from: "radius_m = 0.05",
+        to: "shape = \"capsule\"\nradius_m = 0.05\nside = [1.0, 0.0, 0.0]",
+        message: "a capsule has no `side`",
+        under: "[1.0, 0.0, 0.0]",
+        help: "`shape = \"rounded-box\"`",
+    },
+    Slip {
+        from: "radius_m = 0.05",
+        to: "shape = \"capsule\"\nlength_m = 0.05",
+        message: "missing key `radius_m`",
+        under: "[[tool]]",
+        help: "`shape = \"grip\"`",
+    },
+    Slip {
+        from: "radius_m = 0.05",
+        to: "shape = \"capsule\"\nradius_m = 0.05\nlength_m = -0.01",
+        message: "length_m = -0.01: must be zero or positive",
+        under: "-0.01",
+        help: "from centre to centre",
+    },
+    Slip {
+        from: "radius_m = 0.05",
+        to: "shape = \"rounded-box\"\nradius_m = 0.05",
+        message: "a rounded box has no `radius_m`",
+        under: "0.05",
+        help: "`shape = \"capsule\"`",
+    },
+    Slip {
+        from: "radius_m = 0.05",
+        to: "shape = \"rounded-box\"",
+        message: "missing key `size_m`",
+        under: "[[tool]]",
+        help: "add `size_m = ...`",
+    },
+    Slip {
+        from: "radius_m = 0.05",
+        to: "shape = \"rounded-box\"\nsize_m = [0.1, 0.0, 0.1]",
+        message: "size_m: a box that is 0 m wide",
+        under: "[0.1, 0.0, 0.1]",
+        help: "from face to face",
+    },
+    Slip {
+        from: "radius_m = 0.05",
+        to: "shape = \"rounded-box\"\nsize_m = [0.1, 0.2, 0.3]\nfillet_m = 0.06",
+        message: "fillet_m = 0.06: must be more than 0 and at most half of each size",
+        under: "0.06",
+        help: "rounded by this",
+    },
+    Slip {
+        from: "radius_m = 0.05",
+        to: "shape = \"rounded-box\"\nsize_m = [0.1, 0.2, 0.3]\nside = [0.0, 0.0, 3.0]",
+        message: "side: no direction across the axis",
+        under: "[0.0, 0.0, 3.0]",
+        help: "add `side = ",
+    },
+    Slip {
+        from: "radius_m = 0.05",
+        to: "shape = \"rounded-box\"\nsize_m = [0.1, 0.2, 0.3]\naxis = [-2.0, 0.0, 0.0]",
+        message: "a box that looks along x needs a side",
+        under: "[-2.0, 0.0, 0.0]",
+        help: "add `side = [0.0, 1.0, 0.0]`",
     },
     Slip {
         from: "radius_m = 0.05",

@@ -4,17 +4,14 @@
 
 use super::document::{Document, Flaw, SceneError};
 use super::file::{ToolSection, ToolShape};
+use super::tool_shape::read_shape;
 use super::way::{self, read_way};
 use super::{Pose, Tool};
 use crate::mesh::TetMesh;
 use crate::model::{ACCURATE_RADIUS_IN_EDGES, LEAST_RADIUS_IN_EDGES, measured_error_percent};
-use crate::tool::{self, Shape};
-use nalgebra::Vector3;
+use crate::tool;
 use std::ops::Range;
 use toml::Spanned;
-
-/// Bars so much longer than wide end far from the tissue.
-const LENGTH_IN_RADII: f64 = 4.0;
 
 /// The tools of a scene, with different ids, one of them driven.
 ///
@@ -33,7 +30,7 @@ pub(super) fn read_tools(
         let section = spanned.get_ref();
         let at = way::place(spanned);
         let is_grip = section.shape == ToolShape::Grip;
-        let shape = read_shape(document, spanned)?;
+        let shape = read_touching(document, spanned)?;
         if !is_grip && shape.radius_m() < LEAST_RADIUS_IN_EDGES * edge_m {
             warnings.push(small_tool(document, at.clone(), shape.radius_m(), edge_m));
         }
@@ -75,11 +72,11 @@ pub(super) fn read_tools(
 }
 
 /// The shape, and how it rubs.
-fn read_shape(
+fn read_touching(
     document: &Document,
     spanned: &Spanned<ToolSection>,
 ) -> Result<tool::Tool, SceneError> {
-    let tool = read_solid(document, spanned)?;
+    let tool = read_shape(document, spanned)?;
     let section = spanned.get_ref();
     let help = "Coulomb's coefficient on tissue: wet metal has 0.1, dry rubber 1";
     let read = |name, key: &Option<Spanned<f64>>, rule: &str, least: f64| match key {
@@ -94,100 +91,6 @@ fn read_shape(
     let rule = format!("between `friction` and {}", tool::MOST_FRICTION);
     let static_friction = read("static_friction", &section.static_friction, &rule, friction)?;
     Ok(tool.with_friction(friction, static_friction))
-}
-
-fn read_solid(
-    document: &Document,
-    spanned: &Spanned<ToolSection>,
-) -> Result<tool::Tool, SceneError> {
-    let section = spanned.get_ref();
-    let offset_m = match &section.offset_m {
-        Some(offset) => document.finite("offset_m", offset)?,
-        None => [0.0; 3],
-    };
-    if section.shape == ToolShape::Grip {
-        let lengths = [
-            &section.radius_m,
-            &section.fillet_m,
-            &section.length_m,
-            &section.friction,
-            &section.static_friction,
-        ]
-        .map(|key| key.as_ref().map(Spanned::span));
-        let vectors = [&section.axis, &section.offset_m].map(|key| key.as_ref().map(Spanned::span));
-        if let Some(span) = lengths.into_iter().chain(vectors).flatten().next() {
-            let message = "a grip touches nothing: it has no radius, fillet, length, axis, offset or friction";
-            let help =
-                "leave this key out, or name a shape that touches: `\"sphere\"`, `\"flat-punch\"`";
-            return Err(document.flaw(span, message, "the shape is a grip", Some(help)));
-        }
-        return Ok(tool::Tool::new(Shape::Grip, offset_m));
-    }
-    let help = "the radius of the sphere or the bar that touches the tissue, in metres; a sphere of 0 is a bare point";
-    let (rule, least): (_, fn(f64) -> bool) = match section.shape {
-        ToolShape::Sphere | ToolShape::Grip => ("zero or positive", |r| r >= 0.0),
-        ToolShape::FlatPunch => ("positive", |r| r > 0.0),
-    };
-    let Some(radius) = &section.radius_m else {
-        let message = "missing key `radius_m`";
-        let help =
-            "add `radius_m = ...`; only a `shape = \"grip\"`, which holds a needle, has none";
-        return Err(document.flaw(spanned.span(), message, "needed here", Some(help)));
-    };
-    let radius_m = document.number("radius_m", radius, rule, least, help)?;
-    if section.shape == ToolShape::Sphere {
-        let lengths =
-            [&section.fillet_m, &section.length_m].map(|key| key.as_ref().map(Spanned::span));
-        let axis = section.axis.as_ref().map(Spanned::span);
-        if let Some(span) = lengths.into_iter().chain([axis]).flatten().next() {
-            let message = "a sphere has no fillet, length or axis";
-            let help = "add `shape = \"flat-punch\"`, or leave this key out";
-            return Err(document.flaw(span, message, "the shape is a sphere", Some(help)));
-        }
-        return Ok(tool::Tool::sphere(radius_m, offset_m));
-    }
-    let fillet_m = match &section.fillet_m {
-        Some(fillet) => document.number(
-            "fillet_m",
-            fillet,
-            "more than 0 and at most the radius",
-            |f| f > 0.0 && f <= radius_m,
-            "the punch's rim is rounded by this: a sharp one would cut real tissue, and has no normal",
-        )?,
-        None => tool::DEFAULT_FILLET * radius_m,
-    };
-    let length_m = match &section.length_m {
-        Some(length) => document.number(
-            "length_m",
-            length,
-            "at least two fillets",
-            |l| l >= 2.0 * fillet_m,
-            "the length of the bar behind the face, with a rounded rim at both ends",
-        )?,
-        None => LENGTH_IN_RADII * radius_m,
-    };
-    let axis = match &section.axis {
-        Some(axis) => {
-            let vector = Vector3::from(document.finite("axis", axis)?);
-            let Some(unit) = vector.try_normalize(1e-12) else {
-                let message = "axis: a direction without length";
-                let help =
-                    "where the punch's face looks in the grip's frame: down is [0.0, 0.0, -1.0]";
-                return Err(document.flaw(axis.span(), message, "no direction", Some(help)));
-            };
-            unit.into()
-        }
-        None => tool::Tool::DEFAULT_AXIS,
-    };
-    let shape = Shape::FlatPunch {
-        radius_m,
-        fillet_m,
-        length_m,
-    };
-    Ok(tool::Tool {
-        axis,
-        ..tool::Tool::new(shape, offset_m)
-    })
 }
 
 /// Place in the list of the tool that the console's grip carries.

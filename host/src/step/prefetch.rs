@@ -51,14 +51,18 @@ fn find_next(balance: &mut Balance, reach_m: f64) {
     let tools = &balance.sources.tools;
     let mut gaps = std::mem::take(&mut balance.work.tools.next_gaps);
     gaps.clear();
-    for &(tool, node) in &balance.work.tools.near {
-        let Some(placement) = &balance.state.tools.placements[tool as usize] else {
+    let near = &balance.work.tools.near;
+    for own in near.chunk_by(|a, b| a.0 == b.0) {
+        let tool = own[0].0 as usize;
+        let Some(placement) = &balance.state.tools.placements[tool] else {
             continue;
         };
-        let solid = tools.solid(tool as usize, placement);
-        let gap_m = solid.gap(&balance.position(node));
-        if gap_m < NEAR * solid.radius() + reach_m {
-            gaps.push((gap_m / solid.radius(), node));
+        let solid = tools.solid(tool, placement);
+        for (_, node) in own {
+            let gap_m = solid.gap(&balance.position(*node));
+            if gap_m < NEAR * solid.radius() + reach_m {
+                gaps.push((gap_m / solid.radius(), *node));
+            }
         }
     }
     gaps.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));

@@ -4,7 +4,7 @@
 //! (Baerentzen & Aanaes 2005), which is right for any closed surface; the nearest point is Ericson's (2004, 5.1.5).
 
 use super::skin::{Side, Skin};
-use crate::collide::Bounds;
+use crate::boxes::Bounds;
 use nalgebra::Vector3;
 
 /// Faces around a vertex at most.

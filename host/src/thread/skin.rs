@@ -2,7 +2,7 @@
 //!
 //! Entry points: [`Skin::new`], [`Skin::refit`], [`Skin::along`], [`Skin::near`], [`Skin::across`].
 
-use crate::collide::{Bounds, Tree};
+use crate::boxes::{Bounds, Tree};
 use nalgebra::Vector3;
 use std::collections::HashMap;
 

@@ -371,6 +371,8 @@ fn contacts(scene: &Scene, walk: &[(StepReport, Duration)]) -> Vec<Component> {
         let shape = match tool.shape.shape {
             Shape::Sphere { .. } => "sphere",
             Shape::FlatPunch { .. } => "flat punch",
+            Shape::Capsule { .. } => "capsule",
+            Shape::RoundedBox { .. } => "rounded box",
             Shape::Grip => "grip",
         };
         let name = match tool.shape.shape {

@@ -1,6 +1,6 @@
 //! What the contact tests press, and how balances are checked.
 
-use nalgebra::{Quaternion, UnitQuaternion, Vector3};
+use nalgebra::{Matrix3, Quaternion, UnitQuaternion, Vector3};
 use std::path::PathBuf;
 use sutura_host::fem::{Loads, Material};
 use sutura_host::mesh::{TetMesh, read_msh, slab};
@@ -141,8 +141,8 @@ impl Bench {
     }
 }
 
-/// Signed distance and outward normal, outside a tool's core: from the nearest point of a sphere's
-/// centre or of a punch shrunk by its fillet.
+/// Signed distance and outward normal, outside a tool's core: from the nearest point of a sphere's centre, of a capsule's
+/// segment, or of a punch or a box shrunk by its fillet.
 pub fn distance(tool: &Tool, sample: &ToolSample, point: &Vector3<f64>) -> (f64, Vector3<f64>) {
     let turn = rotation_of(sample);
     let centre = Vector3::from(sample.position_m) + turn * Vector3::from(tool.offset_m);
@@ -161,6 +161,23 @@ pub fn distance(tool: &Tool, sample: &ToolSample, point: &Vector3<f64>) -> (f64,
             let shrink = ((radius_m - fillet_m) / aside.norm()).min(1.0);
             let ahead = ahead.clamp(fillet_m - length_m, -fillet_m);
             (centre + axis * ahead + aside * shrink, fillet_m)
+        }
+        Shape::Capsule { radius_m, length_m } => {
+            let end = centre - turn * Vector3::from(tool.axis) * length_m;
+            let way = end - centre;
+            let part = (point - centre).dot(&way) / way.norm_squared();
+            (centre.lerp(&end, part.clamp(0.0, 1.0)), radius_m)
+        }
+        Shape::RoundedBox { size_m, fillet_m } => {
+            let (axis, side) = (Vector3::from(tool.axis), Vector3::from(tool.side));
+            let frame = [side, axis.cross(&side), axis].map(|direction| turn * direction);
+            let frame = Matrix3::from_columns(&frame);
+            let mut at = frame.transpose() * (point - centre);
+            let [x, y, z] = size_m;
+            at.x = at.x.clamp(fillet_m - 0.5 * x, 0.5 * x - fillet_m);
+            at.y = at.y.clamp(fillet_m - 0.5 * y, 0.5 * y - fillet_m);
+            at.z = at.z.clamp(fillet_m - z, -fillet_m);
+            (centre + frame * at, fillet_m)
         }
     };
     let arm = point - nearest;

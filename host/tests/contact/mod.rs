@@ -1,6 +1,7 @@
 //! Rigid tools on tissue: balance, exact tangents, rows, bad poses, same bits.
 
 mod balance;
+mod bars;
 mod bench;
 mod corotational;
 mod friction;

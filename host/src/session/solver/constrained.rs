@@ -3,13 +3,14 @@
 //! Entry points: [`Constrained::new`], [`Constrained::step`].
 
 use super::super::SolveError;
+use crate::contact::shape::Solid;
 use crate::model::Model;
 use crate::scene::{Pose, Scene, SceneError};
 use crate::script::{Path, at_rest, outside};
 use crate::step::{State, Status, StepOptions, StepReport, Workspace, step};
 use crate::tool::{Tool, ToolSample};
 use crate::wound::Wound;
-use nalgebra::{Quaternion, UnitQuaternion, Vector3};
+use nalgebra::Vector3;
 
 /// Most steps that follow a tool to its pose; a step moves it by a good part of its radius.
 pub(crate) const MOST_STEPS: usize = 10_000;
@@ -18,8 +19,8 @@ pub(crate) const IN_BALANCE: f64 = 1e-9;
 /// Passes with the tools at their places: a stale factor leaves about a tenth in each.
 pub(crate) const MOST_PASSES: u32 = 300;
 
-/// How far from the tool's centre vertices are prepared, in radii: as far as a step looks ahead.
-const PREPARED_RADII: f64 = 1.5;
+/// How far from the tool vertices are prepared, in radii: as far as a step looks ahead.
+const PREPARED_RADII: f64 = 0.5;
 /// How far from a needle nodes are prepared, in mean edges: those of the faces that it goes through, and of the
 /// next ones.
 const PREPARED_EDGES: f64 = 1.5;
@@ -56,23 +57,23 @@ impl Constrained {
     pub fn prepare(&mut self, path: &Path, driven: Option<u8>) -> usize {
         let edge_m = self.model.surface().mean_edge_m;
         let needles_m = PREPARED_EDGES * edge_m + PREPARED_MARGIN_M;
-        let mut places: Vec<_> = path.needles.iter().map(|at| (*at, needles_m)).collect();
-        let driven = driven.and_then(|id| self.model.tool(id));
-        if let Some((_, tool)) = driven.filter(|(_, tool)| !tool.is_grip()) {
-            let reach_m = PREPARED_RADII * tool.radius_m().max(edge_m) + PREPARED_MARGIN_M;
-            let offset = Vector3::from(tool.offset_m);
-            places.extend(path.grips.iter().map(|grip| {
-                let [x, y, z, w] = grip.orientation;
-                let turn = UnitQuaternion::new_unchecked(Quaternion::new(w, x, y, z));
-                (Vector3::from(grip.position_m) + turn * offset, reach_m)
-            }));
-        }
+        let touching = driven.and_then(|id| self.model.tool(id));
+        let touching = touching.filter(|(_, tool)| !tool.is_grip());
+        let solids: Vec<Solid> = touching.map_or_else(Vec::new, |(_, tool)| {
+            let grips = path.grips.iter();
+            let placed = grips.filter_map(|grip| tool.place(&at_rest(0, grip)));
+            placed
+                .map(|place| Solid::new(tool, edge_m, &place))
+                .collect()
+        });
         let near = |vertex: [f64; 3]| {
             let vertex = Vector3::from(vertex);
-            let reached = |(place, reach_m): &(Vector3<f64>, f64)| {
-                (place - vertex).norm_squared() <= reach_m * reach_m
+            let touched = |solid: &Solid| {
+                solid.gap(&vertex) <= PREPARED_RADII * solid.radius() + PREPARED_MARGIN_M
             };
-            places.iter().any(reached)
+            let pierced =
+                |place: &Vector3<f64>| (place - vertex).norm_squared() <= needles_m * needles_m;
+            solids.iter().any(touched) || path.needles.iter().any(pierced)
         };
         let count = self.work.prepare(&self.model, near);
         tracing::info!("compliance of {count} vertices computed beforehand");

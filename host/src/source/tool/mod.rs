@@ -17,19 +17,24 @@ mod turning;
 
 pub(crate) use cones::{ALIKE_M, Cones, in_units};
 pub(crate) use load::Load;
-pub(crate) use reach::NEAR;
+pub(crate) use reach::{Marks, NEAR};
 use rows::Settled;
 pub(crate) use source::{ToolSource, ToolWork};
 pub(crate) use tangent::Touched;
 pub(crate) use turning::{Turning, Turns};
 
+use crate::boxes::{Bounds, Tree};
 use crate::contact::shape::Solid;
 use crate::tool::{MAX_TOOLS, Placement, Tool};
 use nalgebra::{Vector3, Vector6};
 use serde::Serialize;
+use std::ops::Range;
 
 /// Most contacts at once, of all tools.
 pub(crate) const MOST_CONTACTS: usize = 192;
+
+/// Vertices in a run.
+const RUN: usize = 16;
 
 /// Where tools are, by their places among those that touch.
 pub(crate) type Placements = [Option<Placement>; MAX_TOOLS];
@@ -56,6 +61,11 @@ pub(crate) struct TouchingTools {
     normals: Vec<Vector3<f64>>,
     /// In which group of the hierarchy each is, (b).
     group: Vec<u32>,
+    /// Groups that they are in.
+    groups: usize,
+    /// Around runs of them, so many one after the other: mesh generators number neighbours one after the other, too, and
+    /// what is found run by run is in the order of these lists.
+    runs: Tree,
 }
 
 /// A vertex that a tool touches.
@@ -147,7 +157,12 @@ impl TouchingTools {
             nodes: nodes.to_vec(),
             resting_m: resting_m.to_vec(),
             normals: normals.to_vec(),
+            groups: group.iter().max().map_or(0, |last| *last as usize + 1),
             group,
+            runs: Tree::new(resting_m.len().div_ceil(RUN) as u32, |run| {
+                let own = resting_m.iter().skip(RUN * run as usize).take(RUN);
+                own.fold(Bounds::NOTHING, |all, at| all.with(at))
+            }),
         }
     }
 
@@ -195,10 +210,14 @@ impl TouchingTools {
         Solid::new(tool, *least_m, placement)
     }
 
-    /// Groups that its vertices are in.
-    fn groups(&self) -> usize {
-        let last = self.group.iter().max();
-        last.map_or(0, |last| *last as usize + 1)
+    /// None of the runs of its vertices.
+    pub fn marks(&self) -> Marks {
+        Marks::new(self.nodes.len().div_ceil(RUN))
+    }
+
+    /// Places of the vertices of a run.
+    fn run(&self, run: usize) -> Range<usize> {
+        RUN * run..(RUN * (run + 1)).min(self.nodes.len())
     }
 
     /// Vertices near a tool, each with each.
@@ -226,7 +245,7 @@ impl ToolContacts {
             before: [None; MAX_TOOLS],
             contacts: Vec::with_capacity(most),
             near: Vec::with_capacity(tools.most_pairs()),
-            slack_m: vec![0.0; tools.groups()],
+            slack_m: vec![0.0; tools.groups],
             friction_j: 0.0,
         }
     }

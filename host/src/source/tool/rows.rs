@@ -180,24 +180,27 @@ impl ToolContacts {
         at: impl Fn(u32) -> Vector3<f64>,
         settled: &mut Settled,
     ) {
-        for &(tool, node) in near {
-            let is = |contact: &Contact| (contact.tool, contact.node) == (tool, node);
-            let Some(placement) = &self.placements[tool as usize] else {
+        for own in near.chunk_by(|a, b| a.0 == b.0) {
+            let tool = own[0].0;
+            let Some(placement) = self.placements[tool as usize] else {
                 continue;
             };
-            let solid = tools.solid(tool as usize, placement);
-            let place = at(node);
-            if solid.gap(&place) >= -DEPTH * solid.radius() || self.contacts.iter().any(is) {
-                continue;
+            let solid = tools.solid(tool as usize, &placement);
+            for &(_, node) in own {
+                let is = |contact: &Contact| (contact.tool, contact.node) == (tool, node);
+                let place = at(node);
+                if solid.gap(&place) >= -DEPTH * solid.radius() || self.contacts.iter().any(is) {
+                    continue;
+                }
+                settled.is = false;
+                settled.has_room &= self.contacts.len() < tools.most_contacts();
+                if !settled.has_room {
+                    return;
+                }
+                let mut contact = self.touch(tools, (tool, node), &placement, &solid, place);
+                contact.look(&solid, place);
+                self.contacts.push(contact);
             }
-            settled.is = false;
-            settled.has_room &= self.contacts.len() < tools.most_contacts();
-            if !settled.has_room {
-                break;
-            }
-            let mut contact = self.touch(tools, (tool, node), placement, &solid, place);
-            contact.look(&solid, place);
-            self.contacts.push(contact);
         }
     }
 

@@ -2,7 +2,7 @@
 //!
 //! Entry point: [`ToolSource`].
 
-use super::{Settled, TouchingTools, Turning, Turns};
+use super::{Marks, Settled, TouchingTools, Turning, Turns};
 use crate::needle::MOST_GROUPS;
 use crate::source::{Room, Source};
 use crate::step::{Balance, BalanceWork, Felt, Sources, Status};
@@ -19,6 +19,8 @@ pub(crate) struct ToolWork {
     /// Vertices near these, each with each, and how far those of each group are from where they rest at most \[m\].
     pub near: Vec<(u32, u32)>,
     slack_m: [f64; MOST_GROUPS],
+    /// Scratch.
+    marks: Marks,
     /// Nodes whose columns will be needed, the nearest first, and as near these are.
     pub next_nodes: Vec<u32>,
     pub next_gaps: Vec<(f64, u32)>,
@@ -35,6 +37,7 @@ impl ToolWork {
             rows: 0..0,
             near: Vec::with_capacity(pairs),
             slack_m: [0.0; MOST_GROUPS],
+            marks: tools.marks(),
             next_nodes: Vec::with_capacity(pairs),
             next_gaps: Vec::with_capacity(pairs),
             turning: tools.turning(most_rows),
@@ -157,8 +160,9 @@ impl Balance<'_> {
         let mut slack_m = [0.0; MOST_GROUPS];
         let known = self.slack(&mut slack_m);
         let placements = &self.state.tools.placements;
-        let near = &mut self.work.tools.near;
-        self.sources.tools.near(placements, known, more_m, near);
+        let ToolWork { near, marks, .. } = &mut self.work.tools;
+        let tools = &self.sources.tools;
+        tools.near(placements, known, more_m, marks, near);
         self.work.tools.slack_m = slack_m;
     }
 

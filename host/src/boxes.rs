@@ -1,7 +1,7 @@
 //! Boxes around things that move, in boxes around boxes: which of them may come near which.
 //!
-//! Entry points: [`Tree::new`], [`Tree::refit`], [`Tree::near`], [`Tree::along`], [`Tree::where_near`], [`Tree::pairs`],
-//! [`Tree::own_pairs`], [`Tree::groups`]. The tree stays as it was built, by halving at the median, and its boxes follow. Our own: of the crates bvh and rstar
+//! Entry points: [`Tree::new`], [`Tree::refit`], [`Tree::near`], [`Tree::along`], [`Tree::where_near`],
+//! [`Tree::least`], [`Tree::pairs`], [`Tree::own_pairs`], [`Tree::groups`]. The tree stays as it was built, by halving at the median, and its boxes follow. Our own: of the crates bvh and rstar
 //! know no pairs and no refit, and parry3d-f64 brings a second linear algebra and 40 crates for what is here.
 
 use nalgebra::Vector3;
@@ -69,6 +69,20 @@ impl Bounds {
     #[inline]
     pub fn meets(&self, other: &Self) -> bool {
         (0..3).all(|axis| self.low[axis] <= other.high[axis] && other.low[axis] <= self.high[axis])
+    }
+
+    /// Its middle \[m\], (3).
+    #[inline]
+    pub fn middle(&self) -> Vector3<f64> {
+        (self.low + self.high) * 0.5
+    }
+
+    /// Square of the distance to a point \[m^2\]: not more than what is computed, in the same way, for any point of the
+    /// box, as rounding keeps the order of numbers.
+    #[inline]
+    pub fn distance_squared(&self, point: &Vector3<f64>) -> f64 {
+        let (above, below) = (self.low - point, point - self.high);
+        above.sup(&below).map(|x| x.max(0.0)).norm_squared()
     }
 
     /// Square of the distance to another box.
@@ -226,6 +240,40 @@ impl Tree {
                 }
             }
         }
+    }
+
+    /// The least that `value` says of a thing; infinity if there are none. `bound` says of a box what no value of a thing
+    /// in it is below: things in boxes where that is above the least so far are not asked. Allocates nothing.
+    pub fn least(&self, bound: impl Fn(&Bounds) -> f64, mut value: impl FnMut(u32) -> f64) -> f64 {
+        let mut least = f64::INFINITY;
+        let mut waiting = [(0, f64::NEG_INFINITY); DEPTH + 2];
+        let mut count = usize::from(!self.things.is_empty());
+        while count > 0 {
+            count -= 1;
+            let (number, from) = waiting[count];
+            if from > least {
+                continue;
+            }
+            let node = &self.nodes[number as usize];
+            if node.things == 0 {
+                let child = |number: u32| (number, bound(&self.nodes[number as usize].bounds));
+                let (one, other) = (child(node.first), child(node.first + 1));
+                // The nearer one is to be looked at first: it comes last.
+                (waiting[count], waiting[count + 1]) = if other.1 < one.1 {
+                    (one, other)
+                } else {
+                    (other, one)
+                };
+                count += 2;
+                continue;
+            }
+            for (thing, around) in self.of_leaf(node) {
+                if bound(&around) <= least {
+                    least = least.min(value(thing));
+                }
+            }
+        }
+        least
     }
 
     /// The group of each node by its number, none above them, and the groups' things: all that is below one node at that
@@ -461,6 +509,28 @@ mod tests {
                 let expected: Vec<_> = (0..count).filter(close).map(|x| (x, 0)).collect();
                 assert_eq!(sorted(near), expected);
             }
+        }
+    }
+
+    #[test]
+    fn what_is_nearest_to_a_point_is_found() {
+        for count in [0, 1, 4, 5, 300] {
+            let at = points(count, 1.0);
+            let tree = Tree::new(count, around(&at, 0.0));
+            let mut asked = 0;
+            for from in points(100, 1.5) {
+                let square = |x: u32| (at[x as usize] - from).norm_squared();
+                let expected = (0..count).map(square).fold(f64::INFINITY, f64::min);
+                let found = tree.least(
+                    |bounds| bounds.distance_squared(&from),
+                    |x| {
+                        asked += 1;
+                        square(x)
+                    },
+                );
+                assert_eq!(found, expected);
+            }
+            assert!(count < 300 || asked < 100 * count / 10, "{asked}");
         }
     }
 
