@@ -367,7 +367,7 @@ fn the_tangent_of_bars_on_a_round_surface_is_exact() {
     for (shape, depth) in [(capsule, 0.003), (capsule, 0.006), (cuboid, 0.003)] {
         let mut bench = around(shape, FRESH, CONVERGED);
         let (start, report) = press_round(&mut bench, depth);
-        assert!(report.rows >= 3, "{report:?}");
+        assert!(report.rows >= 2, "{report:?}");
         let expected = scale * whole_by_differences(&mut bench, (&start, &report), depth) * scale;
         let tangent = report.contacts()[0].tangent;
         let found = scale * Matrix6::from_fn(|i, j| tangent[i][j]) * scale;

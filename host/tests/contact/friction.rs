@@ -6,7 +6,9 @@ use sutura_host::fem::Loads;
 use sutura_host::mesh::{TetMesh, slab};
 use sutura_host::model::Model;
 use sutura_host::needle::NeedleSettings;
-use sutura_host::step::{State, Status, StepOptions, StepReport, ToolContact, Workspace, step};
+use sutura_host::step::{
+    MAX_TOOL_ROWS, State, Status, StepOptions, StepReport, ToolContact, Workspace, step,
+};
 use sutura_host::tool::{Shape, Tool, ToolSample};
 
 /// A model whose tools are constraints among others.
@@ -270,5 +272,94 @@ fn tangents_with_friction_are_those_of_whole_solves() {
         }
         println!("{name}: {} touches, largest error {worst:.1e}", here.rows);
         assert!(worst < 1e-6);
+    }
+}
+
+/// Where more is touched than the console has cones for, those that stand for many keep the normal force, the limit of
+/// friction, and the moment at which what is touched would spin: all within 5 %.
+#[test]
+fn merged_cones_keep_normal_force_friction_and_torsion() {
+    let mu = 0.3;
+    let options = StepOptions {
+        most_rows: MAX_TOOL_ROWS,
+        ..StepOptions::with_vertices(1000)
+    };
+    let tilted = UnitQuaternion::from_scaled_axis(Vector3::new(0.05, -0.03, 0.0));
+    for (name, tool, depth_m, turn) in [
+        ("ball", ball([0.0; 3]), 0.005, tilted),
+        (
+            "punch",
+            Tool::new(Shape::flat_punch(0.012, 0.04), [0.0; 3]),
+            0.0015,
+            tilted,
+        ),
+        (
+            "wide punch",
+            Tool::new(Shape::flat_punch(0.02, 0.04), [0.0; 3]),
+            0.0015,
+            UnitQuaternion::identity(),
+        ),
+    ] {
+        let mut rig = Rig::slab(tool.with_friction(mu, mu));
+        let height_m = if name == "ball" { RADIUS } else { 0.0 };
+        let mut state = State::new(&rig.model);
+        let mut contact = None;
+        let mut grip = Vector3::zeros();
+        for part in -2..=10 {
+            grip = Vector3::new(0.0013, -0.0021, height_m - depth_m * f64::from(part) / 10.0);
+            let report = step(
+                &rig.model,
+                &mut state,
+                &[pose(grip, turn)],
+                &options,
+                &mut rig.work,
+            );
+            assert_eq!(report.status, Status::Ok);
+            contact = Some(report.contacts()[0]);
+        }
+        let axis = -force(&contact.expect("a contact")).normalize();
+        let found = rig.model.equilibrium(&state).expect("a field");
+        let all: Vec<(Vector3<f64>, f64)> = state
+            .contact_forces(&rig.model)
+            .map(|(node, force_n)| {
+                let at = Vector3::from(rig.model.points_m()[node as usize])
+                    + Vector3::from(found.displacement_m[node as usize]);
+                let (_, normal) = super::bench::distance(&tool, &pose(grip, turn), &at);
+                (at, normal.dot(&Vector3::from(force_n)))
+            })
+            .collect();
+        let whole_n: f64 = all.iter().map(|(_, n)| n).sum();
+        let centre = all.iter().map(|(at, n)| at * *n).sum::<Vector3<f64>>() / whole_n;
+        let spin: f64 = all
+            .iter()
+            .map(|(at, n)| mu * n * axis.cross(&(at - centre)).norm())
+            .sum();
+        let rows = rig.work.rows(0).expect("rows");
+        // A unit spin about the centre moves the grip, too.
+        let twist = [-axis.cross(&(centre - grip)), axis];
+        let moved = |row: usize| -> f64 {
+            (0..6)
+                .map(|i| rows.jacobian[row][i] * twist[i / 3][i % 3])
+                .sum()
+        };
+        let (mut normal_n, mut torsion) = (0.0, 0.0);
+        for row in (0..rows.count).step_by(3) {
+            normal_n += rows.lambda_n[row];
+            torsion += mu * rows.lambda_n[row] * moved(row + 1).hypot(moved(row + 2));
+        }
+        println!(
+            "{name}: {} vertices in {} cones; normal force {:.4}, torsion {:.4} of what they have",
+            all.len(),
+            rows.count / 3,
+            normal_n / whole_n,
+            torsion / spin
+        );
+        assert!(all.len() > rows.count / 3);
+        assert!((normal_n / whole_n - 1.0).abs() < 1e-6);
+        assert!(
+            (torsion / spin - 1.0).abs() < 0.05,
+            "{name} {}",
+            torsion / spin
+        );
     }
 }

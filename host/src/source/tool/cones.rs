@@ -13,6 +13,9 @@ use nalgebra::{Matrix6, Vector2, Vector3};
 /// Rows of a cone.
 const AXES: usize = 3;
 
+/// Arms of friction that are shorter by more than this part than those of what it is of are not made longer.
+const MOST_FARTHER: f64 = 0.5;
+
 /// Forces as part of the largest one, and squares of ways \[m^2\], that differ by less are the same: where a scene is
 /// symmetric what is first is not for a rounding to say.
 const ALIKE_FORCE: f64 = 1e-6;
@@ -131,7 +134,7 @@ impl Cones {
         let coming = self.members.len() - pressing;
         // Those that come have a cone each, but what presses goes first.
         let spared = most.saturating_sub(coming.min(most / 4)).max(1);
-        let cones = self.share(pressing, spared.min(pressing));
+        let cones = self.share(pressing, spared.min(pressing), unit_n);
         let coming = coming.min(most.saturating_sub(cones));
         self.members.truncate(pressing + coming);
         for (place, member) in self.members[pressing..].iter_mut().enumerate() {
@@ -144,8 +147,9 @@ impl Cones {
         !self.members.is_empty()
     }
 
-    /// Gives the first `count` members to so many cones: each to the nearest of those that are farthest apart.
-    fn share(&mut self, count: usize, cones: usize) -> usize {
+    /// Gives the first `count` members to so many cones: each to the nearest of those that are farthest apart, forces in
+    /// `unit_n` \[N\] counted in.
+    fn share(&mut self, count: usize, cones: usize, unit_n: f64) -> usize {
         let pressing = &mut self.members[..count];
         let mut seeds = [0; MAX_TOOL_ROWS];
         for cone in 1..cones {
@@ -155,8 +159,11 @@ impl Cones {
                 let way = in_units(square, ALIKE_SQUARE_M2);
                 member.apart = member.apart.min(way);
             }
-            let farthest =
-                (0..count).max_by(|a, b| pressing[*a].apart.total_cmp(&pressing[*b].apart));
+            let bears = |place: usize| {
+                let member = &pressing[place];
+                in_units(member.contact.lambda_n[0], unit_n) * member.apart
+            };
+            let farthest = (0..count).max_by(|a, b| bears(*a).total_cmp(&bears(*b)));
             seeds[cone] = farthest.unwrap_or(0);
         }
         let leads = seeds.map(|seed| pressing.get(seed).map(|member| member.contact));
@@ -228,6 +235,7 @@ impl Cones {
     ) {
         let m = self.axes * self.count();
         self.merge(m);
+        self.spread(m);
         let each = &tools.each[tool as usize];
         let held = tangent - self.follows(m);
         *out = ToolRows::NONE;
@@ -324,6 +332,46 @@ impl Cones {
                 for column in 0..m {
                     self.w[m * column + cone] += part * self.shared[k * column + own];
                 }
+            }
+        }
+    }
+
+    /// Has friction of the cones act as far from their middle, on average, as that of their members does: what is in the
+    /// middle of some is nearer, and would spin too easily.
+    fn spread(&mut self, m: usize) {
+        let pressing = self.members.iter().filter(|member| member.presses());
+        let pressing = pressing.map(|member| (member, member.contact.lambda_n[0]));
+        let (mut force_n, mut moment, mut along) = (0.0, Vector3::zeros(), Vector3::zeros());
+        for (member, lambda_n) in pressing.clone() {
+            force_n += lambda_n;
+            moment += member.contact.at_m * lambda_n;
+            along += member.contact.normal * lambda_n;
+        }
+        let middle = moment / force_n;
+        let Some(axis) = along.try_normalize(0.0).filter(|_| self.axes == AXES) else {
+            return;
+        };
+        let mut arms = [(0.0, Vector3::zeros()); MAX_TOOL_ROWS];
+        let mut whole = 0.0;
+        for (member, lambda_n) in pressing {
+            let arm = member.contact.at_m - middle;
+            let (force, sum) = &mut arms[member.cone];
+            (*force, *sum) = (*force + lambda_n, *sum + arm * member.weight);
+            whole += lambda_n * axis.cross(&arm).norm();
+        }
+        let of_cones = arms
+            .iter()
+            .map(|(force, arm)| force * axis.cross(arm).norm());
+        let farther = whole / of_cones.sum::<f64>() - 1.0;
+        // Less is left where members lie about one and the same middle.
+        if !(farther > 0.0 && farther < MOST_FARTHER) {
+            return;
+        }
+        for tangent in (0..m).filter(|row| row % AXES > 0) {
+            let direction = Vector3::from_fn(|pose, _| self.j[m * pose + tangent]);
+            let turn = arms[tangent / AXES].1.cross(&direction) * farther;
+            for pose in 0..3 {
+                self.j[m * (3 + pose) + tangent] += turn[pose];
             }
         }
     }

@@ -302,8 +302,8 @@ mod tests {
                     solid.gap(&tools.resting_m[place]) - slack_m.copied().unwrap_or(f64::MAX)
                 };
                 let mut expected = Vec::new();
-                for tool in 0..2 {
-                    let Some(placement) = &placements[tool] else {
+                for (tool, placement) in placements.iter().enumerate().take(2) {
+                    let Some(placement) = placement else {
                         continue;
                     };
                     let solid = tools.solid(tool, placement);
