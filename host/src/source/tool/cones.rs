@@ -134,7 +134,7 @@ impl Cones {
         let coming = self.members.len() - pressing;
         // Those that come have a cone each, but what presses goes first.
         let spared = most.saturating_sub(coming.min(most / 4)).max(1);
-        let cones = self.share(pressing, spared.min(pressing), unit_n);
+        let cones = self.share(pressing, spared.min(pressing));
         let coming = coming.min(most.saturating_sub(cones));
         self.members.truncate(pressing + coming);
         for (place, member) in self.members[pressing..].iter_mut().enumerate() {
@@ -147,9 +147,8 @@ impl Cones {
         !self.members.is_empty()
     }
 
-    /// Gives the first `count` members to so many cones: each to the nearest of those that are farthest apart, forces in
-    /// `unit_n` \[N\] counted in.
-    fn share(&mut self, count: usize, cones: usize, unit_n: f64) -> usize {
+    /// Gives the first `count` members to so many cones: each to the nearest of those that are farthest apart.
+    fn share(&mut self, count: usize, cones: usize) -> usize {
         let pressing = &mut self.members[..count];
         let mut seeds = [0; MAX_TOOL_ROWS];
         for cone in 1..cones {
@@ -159,11 +158,8 @@ impl Cones {
                 let way = in_units(square, ALIKE_SQUARE_M2);
                 member.apart = member.apart.min(way);
             }
-            let bears = |place: usize| {
-                let member = &pressing[place];
-                in_units(member.contact.lambda_n[0], unit_n) * member.apart
-            };
-            let farthest = (0..count).max_by(|a, b| bears(*a).total_cmp(&bears(*b)));
+            let farthest =
+                (0..count).max_by(|a, b| pressing[*a].apart.total_cmp(&pressing[*b].apart));
             seeds[cone] = farthest.unwrap_or(0);
         }
         let leads = seeds.map(|seed| pressing.get(seed).map(|member| member.contact));
@@ -396,7 +392,7 @@ impl Cones {
             let normal = self.lambda[first];
             for axis in 0..self.axes {
                 let row = first + axis;
-                if !(open || (axis > 0 && member.contact.slips)) {
+                if !(open || (axis > 0 && member.contact.has_slipped())) {
                     continue;
                 }
                 for column in 0..m {

@@ -10,9 +10,6 @@
 use super::{Contact, ToolContacts, TouchingTools};
 use nalgebra::{Matrix2, Vector2, Vector3};
 
-/// What bears all that friction can and has slipped by less than this sticks to whatever moves it back \[m\].
-const NO_WAY_M: f64 = 1e-12;
-
 /// A contact in a derivative.
 pub(crate) struct Touched {
     /// The first of its three rows.
@@ -63,7 +60,7 @@ impl Touched {
         let across = |v: &Vector3<f64>| Vector2::new(frame[1].dot(v), frame[2].dot(v));
         let flat = across(&contact.ahead_m);
         let way = flat.norm();
-        let law = if !contact.slips || way < NO_WAY_M {
+        let law = if !contact.has_slipped() {
             Law::Sticks
         } else {
             let direction = flat / way;
