@@ -133,7 +133,7 @@ impl TissueSolver {
         let held: Vec<_> = scene
             .held()
             .filter(|(tool, _)| scene.needles.is_empty() || !tool.shape.is_grip())
-            .map(|(tool, pose)| (tool.id, tool.shape, pose))
+            .map(|(tool, pose)| (tool.id, tool.shape.clone(), pose))
             .collect();
         let last = bring_in(&model, &mut state, &held, &mut work)?;
         let wound = Wound::new(scene, &model);

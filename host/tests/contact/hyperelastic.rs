@@ -236,7 +236,7 @@ fn the_whole_tangent_is_that_of_whole_solves_or_says_how_far_it_may_be_off() {
             assert_eq!(report.status, Status::Ok, "{report:?}");
             report
         };
-        let mut bench = block(tool, Cells::Linear, FRESH, CONVERGED);
+        let mut bench = block(tool.clone(), Cells::Linear, FRESH, CONVERGED);
         let start = follow(&mut bench);
         let report = end(&mut bench, &start, &Vector6::zeros());
         let mut expected = Matrix6::zeros();
@@ -263,7 +263,7 @@ fn the_whole_tangent_is_that_of_whole_solves_or_says_how_far_it_may_be_off() {
         );
         assert!(fresh < 1e-5, "{fresh:e}");
         for passes in [CONVERGED, SCENES] {
-            let mut bench = block(tool, Cells::Linear, Policy::default(), passes);
+            let mut bench = block(tool.clone(), Cells::Linear, Policy::default(), passes);
             let start = follow(&mut bench);
             let report = end(&mut bench, &start, &Vector6::zeros());
             let (off, says) = (error(&report), report.tangent_error);
@@ -279,7 +279,7 @@ fn the_whole_tangent_is_that_of_whole_solves_or_says_how_far_it_may_be_off() {
 fn a_drag_keeps_its_cones_and_its_books() {
     let mu = 0.3;
     let tool = ball([0.0; 3]).with_friction(mu, mu);
-    let mut bench = block(tool, Cells::Linear, Policy::default(), CONVERGED);
+    let mut bench = block(tool.clone(), Cells::Linear, Policy::default(), CONVERGED);
     let mut state = State::new(&bench.model);
     let down = (0..=40).map(|step| [-0.004, 0.001, RADIUS - 1e-4 * f64::from(step)]);
     let aside = (1..=120).map(|step| [-0.004 + 1e-4 * f64::from(step), 0.001, RADIUS - 0.004]);
