@@ -578,8 +578,8 @@ impl Model {
             .iter()
             .filter(|(_, tool)| tool.shape != Shape::Grip)
             .filter(|(_, tool)| tool.radius_m() < LEAST_RADIUS_IN_EDGES * mean_edge_m)
-            .map(|&(id, tool)| Warning::SmallTool {
-                id,
+            .map(|(id, tool)| Warning::SmallTool {
+                id: *id,
                 radius_m: tool.radius_m(),
                 mean_edge_m,
             })

@@ -19,7 +19,7 @@ pub fn solve(scene: &Scene) -> Result<Solution, SolveError> {
     let held: Vec<(u8, Tool, Pose)> = scene
         .tools
         .iter()
-        .filter_map(|tool| Some((tool.id, tool.shape, tool.pose?)))
+        .filter_map(|tool| Some((tool.id, tool.shape.clone(), tool.pose?)))
         .collect();
     let without = !scene.depends_on_way();
     if scene.loads.forces.is_empty() && scene.loads.handles.is_empty() && held.is_empty() && without

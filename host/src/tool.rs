@@ -1,7 +1,16 @@
 //! Tools: what the hand holds, and one sample of where it is.
 
+mod closed_mesh;
+#[cfg(test)]
+mod mesh_tests;
+mod stl;
+
+pub use closed_mesh::{ClosedMesh, MOST_TRIANGLES, MeshFlaw};
+pub use stl::read_stl;
+
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 use serde::Serialize;
+use std::sync::Arc;
 
 /// Most tools in one model: two hands, each with a tool and a needle.
 pub const MAX_TOOLS: usize = 8;
@@ -28,8 +37,8 @@ pub struct ToolSample {
     pub console_time_us: u64,
 }
 
-/// What a rigid tool touches with; convex.
-#[derive(Clone, Copy, Debug, PartialEq)]
+/// What a rigid tool touches with; convex, but for a mesh.
+#[derive(Clone, Debug, PartialEq)]
 pub enum Shape {
     /// A ball.
     Sphere {
@@ -60,6 +69,14 @@ pub enum Shape {
         /// Radius of its edges and corners \[m\]; above 0.
         fillet_m: f64,
     },
+    /// What is no farther than a fillet from a closed mesh, or inside: its edges are round, and it is larger by the fillet
+    /// all around.
+    Mesh {
+        /// In a frame of its own, whose x is along the tool's side, and z against its axis.
+        mesh: Arc<ClosedMesh>,
+        /// Radius of the ball that sweeps it \[m\]; above 0.
+        fillet_m: f64,
+    },
     /// A grip that holds needles and touches nothing.
     Grip,
 }
@@ -82,20 +99,31 @@ impl Shape {
         }
     }
 
-    /// Radius of the ball or of the bar, or half the least size of a box \[m\].
+    /// A mesh, swept by a ball of so many radii of the largest that it holds: see [`DEFAULT_FILLET`].
+    pub fn mesh(mesh: ClosedMesh) -> Self {
+        let (_, deep_m) = mesh.deepest_m();
+        Self::Mesh {
+            fillet_m: DEFAULT_FILLET * deep_m,
+            mesh: Arc::new(mesh),
+        }
+    }
+
+    /// Radius of the ball or of the bar, half the least size of a box, or radius of the largest ball in a mesh \[m\].
     pub fn radius_m(&self) -> f64 {
         match self {
             Self::Sphere { radius_m }
             | Self::FlatPunch { radius_m, .. }
             | Self::Capsule { radius_m, .. } => *radius_m,
             Self::RoundedBox { size_m, .. } => half_least(size_m),
+            Self::Mesh { mesh, fillet_m } => mesh.deepest_m().1 + fillet_m,
             Self::Grip => 0.0,
         }
     }
 
-    /// The same shape, its [radius](Self::radius_m) not less than `least_m`; its end or face in front stays where it is.
-    pub(crate) fn at_least(self, least_m: f64) -> Self {
-        match self {
+    /// The same shape, its [radius](Self::radius_m) not less than `least_m`; its end or face in front stays where it is. A
+    /// mesh is what it is.
+    pub(crate) fn at_least(&self, least_m: f64) -> Self {
+        match *self {
             Self::Sphere { radius_m } => Self::Sphere {
                 radius_m: radius_m.max(least_m),
             },
@@ -116,14 +144,14 @@ impl Shape {
                 size_m: size_m.map(|size| size.max(2.0 * least_m)),
                 fillet_m,
             },
-            Self::Grip => Self::Grip,
+            Self::Mesh { .. } | Self::Grip => self.clone(),
         }
     }
 
     /// Whether it is not the same all around its axis.
     fn has_side(&self) -> bool {
         match self {
-            Self::RoundedBox { .. } => true,
+            Self::RoundedBox { .. } | Self::Mesh { .. } => true,
             Self::Sphere { .. } | Self::FlatPunch { .. } | Self::Capsule { .. } | Self::Grip => {
                 false
             }
@@ -172,6 +200,11 @@ impl Shape {
                     None
                 }
             }
+            Self::Mesh { fillet_m, .. } => {
+                let is_sound = fillet_m.is_finite() && fillet_m > 0.0;
+                (!is_sound)
+                    .then(|| format!("a mesh's fillet is {fillet_m} m; it must be above zero"))
+            }
             Self::RoundedBox { size_m, fillet_m } => {
                 if !(fillet_m.is_finite() && fillet_m > 0.0) {
                     Some(format!(
@@ -198,17 +231,18 @@ fn half_least(size_m: &[f64; 3]) -> f64 {
 }
 
 /// A shape fixed to the grip.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Tool {
     /// What touches.
     pub shape: Shape,
-    /// Centre of the ball, of that at a capsule's front end, or of the front face of a punch or a box, in the frame of the
-    /// grip \[m\], (3).
+    /// Centre of the ball, of that at a capsule's front end, or of the front face of a punch or a box, or origin of a mesh, in
+    /// the frame of the grip \[m\], (3).
     pub offset_m: [f64; 3],
-    /// Where the front of a punch, a capsule or a box looks, unit vector in the frame of the grip, (3). A ball ignores it.
+    /// Where the front of a punch, a capsule or a box looks, or -z of a mesh, unit vector in the frame of the grip, (3). A
+    /// ball ignores it.
     pub axis: [f64; 3],
-    /// Where the first side of a box looks, unit vector across the axis in the frame of the grip, (3). What is round
-    /// ignores it.
+    /// Where the first side of a box looks, or x of a mesh, unit vector across the axis in the frame of the grip, (3). What
+    /// is round ignores it.
     pub side: [f64; 3],
     /// Coulomb's coefficient while it slides over tissue; 0 for none.
     pub friction: f64,
@@ -250,7 +284,7 @@ impl Tool {
 
     /// Whether it touches nothing.
     pub fn is_grip(&self) -> bool {
-        self.shape == Shape::Grip
+        matches!(self.shape, Shape::Grip)
     }
 
     /// A ball at `offset_m` from the grip.
@@ -258,7 +292,7 @@ impl Tool {
         Self::new(Shape::Sphere { radius_m }, offset_m)
     }
 
-    /// Radius of the ball or of the bar, or half the least size of a box \[m\].
+    /// See [`Shape::radius_m`].
     pub fn radius_m(&self) -> f64 {
         self.shape.radius_m()
     }

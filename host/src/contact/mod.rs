@@ -2,6 +2,7 @@
 
 mod capsule;
 pub(crate) mod entry;
+mod mesh;
 mod rounded_box;
 pub(crate) mod shape;
 #[cfg(test)]

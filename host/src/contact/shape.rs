@@ -1,19 +1,21 @@
-//! Signed distance of a tool's convex shape with its first two derivatives.
+//! Signed distance of a tool's shape with its first two derivatives.
 //!
 //! Entry points: [`Solid::touch`], [`Solid::gap`]. A shape is a core swept by a ball: a sphere's is a point, a capsule's a
-//! segment, those of a punch and a box are smaller by the fillet. Outside its core the distance is once continuously
-//! differentiable, its Hessian that of a plane, a cylinder, a torus or a ball (do Carmo 1976, 3-3).
+//! segment, those of a punch and a box are smaller by the fillet, a mesh is one itself. Outside its core the distance from
+//! what is convex is once continuously differentiable, its Hessian that of a plane, a cylinder, a torus or a ball (do Carmo 1976, 3-3).
 
 use super::capsule::Foot;
+use super::mesh;
 use super::rounded_box::Beyond;
 use crate::tool::{Placement, Shape, Tool};
 use nalgebra::{Matrix3, Vector3};
 
 /// A tool's shape where it is now.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 pub(crate) struct Solid {
     shape: Shape,
-    /// Centre of the ball, of that at a capsule's front end, or of the front face \[m\], world frame.
+    /// Centre of the ball, of that at a capsule's front end, or of the front face, or origin of a mesh \[m\], world
+    /// frame.
     pub centre: Vector3<f64>,
     /// Where the front looks, unit vector, world frame.
     pub(super) axis: Vector3<f64>,
@@ -47,7 +49,7 @@ impl Solid {
     pub fn moved(&self, by: &Vector3<f64>) -> Self {
         Self {
             centre: self.centre + by,
-            ..*self
+            ..self.clone()
         }
     }
 
@@ -65,7 +67,7 @@ impl Solid {
             side: (side - axis * axis.dot(&side))
                 .try_normalize(0.0)
                 .unwrap_or(other.side),
-            ..*other
+            ..other.clone()
         }
     }
 
@@ -85,6 +87,7 @@ impl Solid {
             Shape::FlatPunch { .. }
             | Shape::Capsule { .. }
             | Shape::RoundedBox { .. }
+            | Shape::Mesh { .. }
             | Shape::Grip => 0.0,
         }
     }
@@ -94,9 +97,9 @@ impl Solid {
     pub fn piece(&self) -> f64 {
         match self.shape {
             Shape::Sphere { radius_m } | Shape::Capsule { radius_m, .. } => 0.25 * radius_m,
-            Shape::FlatPunch { fillet_m, .. } | Shape::RoundedBox { fillet_m, .. } => {
-                0.5 * fillet_m
-            }
+            Shape::FlatPunch { fillet_m, .. }
+            | Shape::RoundedBox { fillet_m, .. }
+            | Shape::Mesh { fillet_m, .. } => 0.5 * fillet_m,
             Shape::Grip => f64::MAX,
         }
     }
@@ -114,6 +117,7 @@ impl Solid {
                 size_m: [side, across, along],
                 ..
             } => (0.5 * side).hypot(0.5 * across).hypot(along),
+            Shape::Mesh { ref mesh, .. } => mesh.reach_m(),
         }
     }
 
@@ -121,6 +125,7 @@ impl Solid {
     pub fn bound(&self) -> f64 {
         match self.shape {
             Shape::Capsule { radius_m, length_m } => radius_m + length_m,
+            Shape::Mesh { fillet_m, .. } => fillet_m + self.reach(),
             Shape::Sphere { .. }
             | Shape::FlatPunch { .. }
             | Shape::RoundedBox { .. }
@@ -138,6 +143,18 @@ impl Solid {
                 size_m: [_, _, length_m],
                 ..
             } => self.centre - self.axis * (0.5 * length_m),
+            Shape::Mesh { ref mesh, .. } => mesh::world(self, &mesh.deepest_m().0),
+        }
+    }
+
+    /// Whether `point` is plainly farther than this \[m\]: out of the box around a mesh, whose distance takes a look at its
+    /// triangles. Of other shapes the distance itself is as soon known.
+    pub fn is_beyond(&self, point: &Vector3<f64>, far_m: f64) -> bool {
+        match &self.shape {
+            Shape::Mesh { mesh, fillet_m } => {
+                mesh::is_out_of_box(self, mesh, fillet_m + far_m, point)
+            }
+            _ => false,
         }
     }
 
@@ -160,6 +177,7 @@ impl Solid {
             Shape::RoundedBox { size_m, fillet_m } => {
                 Beyond::new(self, &size_m, fillet_m, point).distance()
             }
+            Shape::Mesh { ref mesh, fillet_m } => mesh::gap(self, mesh, fillet_m, point),
         }
     }
 
@@ -180,6 +198,7 @@ impl Solid {
             Shape::RoundedBox { size_m, fillet_m } => {
                 Beyond::new(self, &size_m, fillet_m, point).touch()
             }
+            Shape::Mesh { ref mesh, fillet_m } => mesh::touch(self, mesh, fillet_m, point),
         }
     }
 }
@@ -325,7 +344,7 @@ mod tests {
         ];
         for (angle, (forward, out)) in (0u32..).zip(places) {
             let at = beside(&punch, forward, out, f64::from(angle));
-            for solid in [punch, ball()] {
+            for solid in [punch.clone(), ball()] {
                 let touch = solid.touch(&at).expect("a normal");
                 assert!((touch.gap - solid.gap(&at)).abs() < 1e-15);
                 assert!((touch.normal.norm() - 1.0).abs() < 1e-14);

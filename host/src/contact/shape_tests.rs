@@ -1,8 +1,9 @@
-//! Capsules and boxes: derivatives in every region, turns, limits, and distances found by search.
+//! Capsules, boxes and meshes: derivatives in every region, turns, limits, and distances found by search.
 
 use super::shape::{Solid, Touch};
-use crate::tool::{Placement, Shape, Tool};
+use crate::tool::{ClosedMesh, Placement, Shape, Tool, read_stl};
 use nalgebra::{Matrix3, UnitQuaternion, Vector3};
+use std::sync::Arc;
 
 const CAPSULE: Shape = Shape::Capsule {
     radius_m: 0.7,
@@ -18,11 +19,11 @@ const BOX: Shape = Shape::RoundedBox {
 const HALF: [f64; 3] = [0.6, 1.0, 1.4];
 
 /// Aslant, with a side that is not the usual one.
-fn tool(shape: Shape) -> Tool {
+fn tool(shape: &Shape) -> Tool {
     Tool {
         axis: [0.0, 0.6, -0.8],
         side: [0.0, 0.8, 0.6],
-        ..Tool::new(shape, [0.0; 3])
+        ..Tool::new(shape.clone(), [0.0; 3])
     }
 }
 
@@ -111,7 +112,7 @@ fn assert_derivatives(solid: &Solid, at: &Vector3<f64>) -> Touch {
 fn the_derivatives_are_those_of_the_distance_in_every_region() {
     let rng = &mut fastrand::Rng::with_seed(1);
     for _ in 0..200 {
-        let solid = Solid::new(&tool(CAPSULE), 0.0, &placed(rng));
+        let solid = Solid::new(&tool(&CAPSULE), 0.0, &placed(rng));
         for (region, at) in around_capsule(rng, &solid).iter().enumerate() {
             let touch = assert_derivatives(&solid, at);
             let distance = touch.gap + 0.7;
@@ -122,7 +123,7 @@ fn the_derivatives_are_those_of_the_distance_in_every_region() {
     for beyond in every_region() {
         let ways = f64::from(beyond.map(i32::abs).iter().sum::<i32>() - 1);
         for _ in 0..30 {
-            let solid = Solid::new(&tool(BOX), 0.0, &placed(rng));
+            let solid = Solid::new(&tool(&BOX), 0.0, &placed(rng));
             let touch = assert_derivatives(&solid, &around_box(rng, &solid, beyond));
             // Flat before faces and inside, a cylinder at edges, a ball at corners.
             let trace = touch.curvature.trace() * (touch.gap + FILLET);
@@ -142,8 +143,8 @@ fn what_turns_with_the_shape_sees_it_as_it_was() {
                 centre: Vector3::zeros(),
                 rotation: UnitQuaternion::identity(),
             };
-            let here = Solid::new(&tool(shape), 0.0, &still).touch(&at);
-            let there = Solid::new(&tool(shape), 0.0, &place).touch(&place.world_of(&at));
+            let here = Solid::new(&tool(&shape), 0.0, &still).touch(&at);
+            let there = Solid::new(&tool(&shape), 0.0, &place).touch(&place.world_of(&at));
             let (here, there) = (here.expect("a normal"), there.expect("a normal"));
             let turn = place.rotation.to_rotation_matrix().into_inner();
             assert!((here.gap - there.gap).abs() < 1e-14);
@@ -169,7 +170,7 @@ fn a_capsule_without_length_is_a_sphere() {
     };
     for _ in 0..300 {
         let place = placed(rng);
-        let capsule = Solid::new(&tool(shape), 0.0, &place);
+        let capsule = Solid::new(&tool(&shape), 0.0, &place);
         let sphere = Solid::new(&Tool::sphere(0.7, [0.0; 3]), 0.0, &place);
         let at = place.centre + vector(rng);
         assert_eq!(capsule.gap(&at), sphere.gap(&at));
@@ -210,7 +211,7 @@ fn least(half: [f64; 2], of: impl Fn(f64, f64) -> f64) -> f64 {
 fn distances_from_a_box_are_those_of_the_nearest_place_on_its_core() {
     let rng = &mut fastrand::Rng::with_seed(4);
     for _ in 0..60 {
-        let solid = Solid::new(&tool(BOX), 0.0, &placed(rng));
+        let solid = Solid::new(&tool(&BOX), 0.0, &placed(rng));
         let local = vector(rng) * 2.0;
         let at = solid.middle() + frame(&solid) * local;
         let faces = (0..3).flat_map(|axis| [(axis, 1.0), (axis, -1.0)]);
@@ -238,7 +239,7 @@ fn bounds_and_reaches_hold_the_whole_shape() {
     for shape in [CAPSULE, BOX] {
         let (mut farthest, mut most) = (0.0f64, 0.0f64);
         let place = placed(rng);
-        let solid = Solid::new(&tool(shape), 0.0, &place);
+        let solid = Solid::new(&tool(&shape), 0.0, &place);
         assert!(solid.gap(&solid.middle()) <= -0.99 * solid.radius());
         for _ in 0..20_000 {
             let at = solid.centre + vector(rng).normalize() * rng.f64() * 1.1 * solid.bound();
@@ -251,7 +252,7 @@ fn bounds_and_reaches_hold_the_whole_shape() {
                 rotation: turn * place.rotation,
                 ..place
             };
-            let moved = (Solid::new(&tool(shape), 0.0, &turned).gap(&at) - gap).abs();
+            let moved = (Solid::new(&tool(&shape), 0.0, &turned).gap(&at) - gap).abs();
             most = most.max(moved / angle);
         }
         assert!(farthest <= solid.bound() && farthest > 0.85 * solid.bound());
@@ -268,16 +269,16 @@ fn a_box_on_its_way_is_turned_as_a_whole() {
     let rng = &mut fastrand::Rng::with_seed(6);
     for axis in 0..3 {
         let from = placed(rng);
-        let begin = Solid::new(&tool(BOX), 0.0, &from);
+        let begin = Solid::new(&tool(&BOX), 0.0, &from);
         let about = frame(&begin).column(axis).into_owned() * 0.3;
         let turned = |part: f64| Placement {
             centre: from.centre + Vector3::x() * part,
             rotation: UnitQuaternion::from_scaled_axis(about * part) * from.rotation,
         };
-        let end = Solid::new(&tool(BOX), 0.0, &turned(1.0));
+        let end = Solid::new(&tool(&BOX), 0.0, &turned(1.0));
         let (half, expected) = (
             begin.towards(&end, 0.5),
-            Solid::new(&tool(BOX), 0.0, &turned(0.5)),
+            Solid::new(&tool(&BOX), 0.0, &turned(0.5)),
         );
         for _ in 0..50 {
             let at = expected.middle() + vector(rng) * 2.0;
@@ -286,4 +287,157 @@ fn a_box_on_its_way_is_turned_as_a_whole() {
         let frame = frame(&begin.towards(&end, 0.3));
         assert!((frame.transpose() * frame - Matrix3::identity()).norm() < 1e-14);
     }
+}
+
+/// The core of [`BOX`] as a mesh, each face cut into so many squares along both sides, all with the same diagonal.
+fn box_mesh(cuts: u32) -> Shape {
+    let mut points: Vec<[f64; 3]> = Vec::new();
+    let mut number = |at: [f64; 3]| {
+        let known = points.iter().position(|point| *point == at);
+        known.unwrap_or_else(|| {
+            points.push(at);
+            points.len() - 1
+        }) as u32
+    };
+    let mut triangles = Vec::new();
+    for (axis, sign) in (0..3).flat_map(|axis| [(axis, 1.0), (axis, -1.0)]) {
+        let (next, last) = ((axis + 1) % 3, (axis + 2) % 3);
+        let mut corner = |u: u32, v: u32| {
+            let mut at = [0.0; 3];
+            let part = |k: u32| f64::from(2 * k) / f64::from(cuts) - 1.0;
+            (at[axis], at[next], at[last]) = (
+                sign * HALF[axis],
+                HALF[next] * part(u),
+                HALF[last] * part(v),
+            );
+            // Its front face is a fillet before the origin, which is at the front of the whole.
+            at[2] += FILLET + HALF[2];
+            number(at)
+        };
+        for (u, v) in (0..cuts).flat_map(|u| (0..cuts).map(move |v| (u, v))) {
+            let [a, b, c, d] = [
+                corner(u, v),
+                corner(u + 1, v),
+                corner(u + 1, v + 1),
+                corner(u, v + 1),
+            ];
+            let mut pair = [[a, b, c], [a, c, d]];
+            if sign < 0.0 {
+                pair.iter_mut().for_each(|triangle| triangle.reverse());
+            }
+            triangles.extend(pair);
+        }
+    }
+    let mesh = ClosedMesh::new(&points, &triangles).expect("closed");
+    Shape::Mesh {
+        mesh: Arc::new(mesh),
+        fillet_m: FILLET,
+    }
+}
+
+/// Wherever it is cut into triangles, also right before their corners and edges.
+#[test]
+fn a_mesh_of_a_box_is_a_rounded_box() {
+    let rng = &mut fastrand::Rng::with_seed(7);
+    for cuts in [1, 2, 3] {
+        let mesh = box_mesh(cuts);
+        for round in 0..20 {
+            let place = if round == 0 {
+                Placement {
+                    centre: Vector3::zeros(),
+                    rotation: UnitQuaternion::identity(),
+                }
+            } else {
+                placed(rng)
+            };
+            let own = |shape| match round {
+                0 => Tool::new(shape, [0.0; 3]),
+                _ => tool(&shape),
+            };
+            let exact = Solid::new(&own(BOX), 0.0, &place);
+            let found = Solid::new(&own(mesh.clone()), 0.0, &place);
+            assert!((exact.middle() - found.middle()).norm() < 0.9);
+            assert!((exact.radius() - found.radius()).abs() < 1e-6);
+            let close = |at: &Vector3<f64>| {
+                let (one, other) = (found.touch(at), exact.touch(at));
+                let (one, other) = (one.expect("a normal"), other.expect("a normal"));
+                assert!(
+                    (one.gap - other.gap).abs() < 1e-12,
+                    "{} {}",
+                    one.gap,
+                    other.gap
+                );
+                assert!((found.gap(at) - one.gap).abs() < 1e-14);
+                assert!((one.normal - other.normal).norm() < 1e-12);
+                let error = (one.curvature - other.curvature).norm();
+                assert!(error < 1e-9 * (1.0 + other.curvature.norm()), "{error:e}");
+            };
+            for beyond in every_region() {
+                close(&around_box(rng, &exact, beyond));
+            }
+            // Before corners, edges and diagonals of triangles on the first face.
+            for (y, z) in [
+                (0.0, 0.0),
+                (1.0 / 3.0, 1.0 / 3.0),
+                (0.5, 0.5),
+                (0.0, 0.3),
+                (-1.0 / 3.0, 0.2),
+            ] {
+                let local = Vector3::new(HALF[0] + 0.2, HALF[1] * y, HALF[2] * z);
+                close(&(exact.middle() + frame(&exact) * local));
+            }
+            // And before those on the edge between two faces.
+            for z in [0.0, 1.0 / 3.0, -1.0 / 3.0, 0.1] {
+                let local = Vector3::new(HALF[0] + 0.2, HALF[1] + 0.1, HALF[2] * z);
+                close(&(exact.middle() + frame(&exact) * local));
+            }
+        }
+    }
+}
+
+/// An L, inside and outside: flat before faces, bent by 1/d around edges and corners, and below zero inside of the notch.
+#[test]
+fn derivatives_of_a_mesh_are_those_of_its_distance() {
+    let bytes = include_bytes!("../../../tests/data/bracket.stl");
+    let mesh = read_stl(bytes, 0.1).expect("closed");
+    let shape = Shape::Mesh {
+        mesh: Arc::new(mesh),
+        fillet_m: FILLET,
+    };
+    let rng = &mut fastrand::Rng::with_seed(8);
+    let mut seen = [0; 4];
+    for round in 0..4000 {
+        let solid = Solid::new(&tool(&shape), 0.0, &placed(rng));
+        // Every second place is in the corner behind the notch.
+        let place = if round % 2 == 0 {
+            vector(rng) * 4.0
+        } else {
+            Vector3::new(-1.2, 0.0, -0.8) + vector(rng) * 0.3
+        };
+        let at = solid.centre + frame(&solid) * place;
+        let touch = solid.touch(&at).expect("a normal");
+        let distance = touch.gap + FILLET;
+        // Away from where another part becomes the nearest.
+        let near = (0..3).flat_map(|axis| [1e-3, -1e-3].map(|way| at + Vector3::ith(axis, way)));
+        let is_smooth = near.into_iter().all(|other| {
+            let foretold = touch.normal + touch.curvature * (other - at);
+            let there = solid.touch(&other).expect("a normal");
+            (there.normal - foretold).norm() < 1e-4
+                && (there.curvature - touch.curvature).norm()
+                    < 0.1 * (touch.curvature.norm() + 1e-9)
+        });
+        if distance.abs() < 0.05 || !is_smooth {
+            continue;
+        }
+        assert_derivatives(&solid, &at);
+        let ways = touch.curvature.trace() * distance;
+        assert!((ways - ways.round()).abs() < 1e-9, "{ways}");
+        let is_notch = distance < 0.0 && ways > 0.5;
+        seen[if is_notch { 3 } else { ways.round() as usize }] += 1;
+    }
+    println!("{seen:?}");
+    assert!(
+        seen[0] > 300 && seen[1] > 100 && seen[2] > 100 && seen[3] > 100,
+        "{seen:?}"
+    );
 }

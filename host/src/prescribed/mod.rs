@@ -163,7 +163,7 @@ impl Prescribed {
         let shapes: Vec<_> = scene
             .tools
             .iter()
-            .map(|tool| (tool.id, tool.shape))
+            .map(|tool| (tool.id, tool.shape.clone()))
             .collect();
         check_tools(&shapes).map_err(SceneError::Build)?;
         let tissue = model
@@ -178,7 +178,7 @@ impl Prescribed {
             sticking: Sticking::new(&scene.mesh, &scene.fixed),
             shapes,
             driven: scene.driven().map(|tool| tool.id),
-            tools: [None; MAX_TOOLS],
+            tools: [const { None }; MAX_TOOLS],
             pressing: Vec::with_capacity(scene.mesh.points_m().len()),
             to_come: Vec::with_capacity(scene.mesh.points_m().len()),
             force_n: scene.node_forces(),
@@ -346,7 +346,7 @@ impl Prescribed {
         let count = pieces.min(MOST_PIECES.max(timed));
         self.piece_s = step_s / count;
         for piece in 1..=count as u32 {
-            let before = self.tools;
+            let before = self.tools.clone();
             for (index, way) in way.iter().enumerate() {
                 if let Some((from, target)) = way {
                     let there = from.towards(target, f64::from(piece) / pieces);
@@ -461,7 +461,7 @@ impl Prescribed {
     /// A tool that holds nothing must be outside; one that has slipped in between nodes is forgotten.
     fn all_outside(&mut self) -> Status {
         for index in 0..MAX_TOOLS {
-            let Some((_, solid)) = self.tools[index] else {
+            let Some((_, solid)) = &self.tools[index] else {
                 continue;
             };
             self.sticking.pressing(index, &mut self.pressing);
@@ -469,7 +469,7 @@ impl Prescribed {
                 continue;
             }
             let positions = self.tissue.positions_m();
-            let Some((_, _, node)) = self.sticking.apart(&solid, positions) else {
+            let Some((_, _, node)) = self.sticking.apart(solid, positions) else {
                 continue;
             };
             let middle = solid.middle();
@@ -494,7 +494,8 @@ impl Prescribed {
         for (sample, place) in samples.iter().zip(contacts) {
             let mut contact = ToolContact::nowhere(sample.id);
             let index = self.shapes.iter().position(|(id, _)| *id == sample.id);
-            let solid = index.and_then(|index| Some((index, self.tools[index]?.1)));
+            let solid =
+                index.and_then(|index| Some((index, self.tools[index].as_ref()?.1.clone())));
             if let Some((index, solid)) = solid {
                 self.sticking.pressing(index, &mut self.pressing);
                 let step_s = (self.driven == Some(sample.id)).then_some(self.piece_s);
@@ -616,7 +617,7 @@ impl Prescribed {
     /// Of where every node is, what sticks to which tool and where, and where the tools are, to the bit. What else a model
     /// keeps from step to step, such as velocities, is not in it: two runs that differ there differ in positions later.
     pub fn hash(&self) -> u64 {
-        let tools = self.tools.map(|tool| tool.map(|(placement, _)| placement));
+        let tools = self.tools.each_ref().map(|tool| Some(tool.as_ref()?.0));
         hash_of(&(self.tissue.positions_m(), self.sticking.state(), tools))
     }
 }

@@ -105,8 +105,8 @@ impl Sticking {
                     continue;
                 }
                 let (placement, solid) = match &before[tool] {
-                    Some(before) => met(before, &(*placement, *solid), &at),
-                    None => (*placement, *solid),
+                    Some(before) => met(before, &(*placement, solid.clone()), &at),
+                    None => (*placement, solid.clone()),
                 };
                 if let Some(touch) = solid.touch(&at) {
                     let on_surface = at - touch.normal * touch.gap;
@@ -270,7 +270,7 @@ fn met(
     point: &Vector3<f64>,
 ) -> (Placement, Solid) {
     if from.1.gap(point) <= 0.0 {
-        return *to;
+        return to.clone();
     }
     let (mut outside, mut inside) = (0.0, 1.0);
     for _ in 0..HALVINGS {

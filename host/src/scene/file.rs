@@ -402,6 +402,8 @@ pub enum ToolShape {
     Capsule,
     /// A box with rounded edges and corners.
     RoundedBox,
+    /// A closed surface of triangles from a file, its edges rounded.
+    Mesh,
     /// Touches nothing, and holds a needle.
     Grip,
 }
@@ -423,23 +425,30 @@ pub struct ToolSection {
     /// \[m\], (3).
     #[schemars(with = "Option<[f64; 3]>")]
     pub size_m: Option<Spanned<[f64; 3]>>,
-    /// Radius of a punch's rounded rim, or of a box's edges and corners \[m\]; a tenth of the punch's radius, or of half
-    /// the box's least size, when left out.
+    /// STL file of a closed surface, binary or ASCII, relative to the scene file.
+    #[schemars(with = "Option<String>")]
+    pub mesh: Option<Spanned<String>>,
+    /// Metres per unit of that file.
+    #[schemars(with = "Option<f64>")]
+    pub scale_to_m: Option<Spanned<f64>>,
+    /// Radius of a punch's rounded rim, or of a box's edges and corners, or by which a mesh is larger all around \[m\]; a
+    /// tenth of the punch's radius, of half the box's least size, or of the largest ball's in the mesh when left out.
     #[schemars(with = "Option<f64>")]
     pub fillet_m: Option<Spanned<f64>>,
     /// Length of a punch's bar behind its face, or of a capsule from centre to centre of its ends \[m\]; four radii when
     /// left out.
     #[schemars(with = "Option<f64>")]
     pub length_m: Option<Spanned<f64>>,
-    /// Where the front of a punch, a capsule or a box looks in the grip's frame, of any length, (3); down when left out.
-    #[schemars(with = "Option<[f64; 3]>")]
-    pub axis: Option<Spanned<[f64; 3]>>,
-    /// Where the side of a box looks in the grip's frame, of any length, (3); only what of it lies across `axis` counts. x
+    /// Where the front of a punch, a capsule or a box looks, or -z of a mesh, in the grip's frame, of any length, (3); down
     /// when left out.
     #[schemars(with = "Option<[f64; 3]>")]
+    pub axis: Option<Spanned<[f64; 3]>>,
+    /// Where the side of a box, or x of a mesh, looks in the grip's frame, of any length, (3); only what of it lies across
+    /// `axis` counts. x when left out.
+    #[schemars(with = "Option<[f64; 3]>")]
     pub side: Option<Spanned<[f64; 3]>>,
-    /// Centre of the sphere, of the ball at a capsule's front, or of the front face of a punch or a box, in the grip's
-    /// frame \[m\], (3).
+    /// Centre of the sphere, of the ball at a capsule's front, or of the front face of a punch or a box, or origin of a mesh,
+    /// in the grip's frame \[m\], (3).
     #[schemars(with = "Option<[f64; 3]>")]
     pub offset_m: Option<Spanned<[f64; 3]>>,
     /// Coulomb's coefficient of the tool on tissue while it slides; 0 when left out.

@@ -235,7 +235,7 @@ impl Scene {
         let tools: Vec<_> = self
             .tools
             .iter()
-            .map(|tool| (tool.id, tool.shape))
+            .map(|tool| (tool.id, tool.shape.clone()))
             .collect();
         let (mesh, fixed) = (&self.mesh, &self.fixed[..]);
         let (materials, loads) = (self.materials.clone(), self.loads.clone());

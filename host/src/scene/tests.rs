@@ -4,6 +4,7 @@ use super::*;
 use crate::fem::Material;
 use miette::Diagnostic;
 use nalgebra::Vector3;
+use std::sync::Arc;
 
 const GOOD: &str = r#"
 name = "good"
@@ -130,7 +131,7 @@ fn a_flat_punch_arrives_with_its_own_choices_where_nothing_is_said() {
             "radius_m = 0.05",
             &format!("shape = \"flat-punch\"\n{keys}"),
         );
-        read(&text).expect("good").tools[0].shape
+        read(&text).expect("good").tools[0].shape.clone()
     };
     let said = "radius_m = 0.05\nfillet_m = 0.004\nlength_m = 0.02\naxis = [0.0, -2.0, 0.0]\n\
                 friction = 0.3\nstatic_friction = 0.5";
@@ -156,7 +157,7 @@ fn capsules_and_boxes_arrive_as_they_are_said() {
     use crate::tool::{self, Shape};
     let read_tool = |keys: &str| {
         let text = GOOD.replace("radius_m = 0.05", keys);
-        read(&text).expect("good").tools[0].shape
+        read(&text).expect("good").tools[0].shape.clone()
     };
     let new = |shape| tool::Tool::new(shape, [0.0, 0.0, -0.01]);
     let capsule = |length_m| Shape::Capsule {
@@ -200,6 +201,60 @@ fn capsules_and_boxes_arrive_as_they_are_said() {
         },
         turned
     );
+}
+
+/// From the scene's own files, with what is wrong in them told at their key.
+#[test]
+fn a_mesh_arrives_from_its_file() {
+    use crate::scene::Sources;
+    use crate::tool::{self, Shape};
+    let file = include_bytes!("../../../tests/data/bracket.stl");
+    let read = |file: &[u8], keys: &str| {
+        let keys = format!("shape = \"mesh\"\nmesh = \"a.stl\"\nscale_to_m = 0.01\n{keys}");
+        let document = Document::from_sources(&Sources {
+            name: "scene.toml".to_owned(),
+            text: GOOD.replace("radius_m = 0.05", &keys),
+            files: [("a.stl".to_owned(), file.to_vec())].into(),
+        });
+        Scene::read(&document, "scene").map(|scene| scene.tools[0].shape.clone())
+    };
+    let mesh = tool::read_stl(file, 0.01).expect("closed");
+    let (_, deep_m) = mesh.deepest_m();
+    let unsaid = tool::Tool::new(Shape::mesh(mesh.clone()), [0.0, 0.0, -0.01]);
+    let found = read(file, "").expect("good");
+    assert_eq!(found, unsaid);
+    assert_eq!(found.radius_m(), deep_m + 0.1 * deep_m);
+    let said = tool::Tool {
+        axis: [1.0, 0.0, 0.0],
+        side: [0.0, 0.0, 1.0],
+        ..tool::Tool::new(
+            Shape::Mesh {
+                mesh: Arc::new(mesh),
+                fillet_m: 0.02,
+            },
+            [0.0, 0.0, -0.01],
+        )
+    };
+    let keys = "fillet_m = 0.02\naxis = [2.0, 0.0, 0.0]\nside = [0.0, 0.0, 3.0]";
+    assert_eq!(read(file, keys).expect("good"), said);
+    for (file, keys, words) in [
+        (&file[..700], "", "a.stl cannot be used: it is no STL: EOF"),
+        (b"solid a\nendsolid a\n", "", "it has no triangles"),
+        (
+            &file[..],
+            "fillet_m = 0.0",
+            "fillet_m = 0: must be positive",
+        ),
+        (&file[..], "length_m = 0.1", "a mesh has no `length_m`"),
+        (
+            &file[..],
+            "axis = [1.0, 0.0, 0.0]",
+            "what looks along x needs a side",
+        ),
+    ] {
+        let error = read(file, keys).expect_err(words).to_string();
+        assert!(error.contains(words), "{error}");
+    }
 }
 
 #[test]
@@ -519,7 +574,7 @@ const SLIPS: &[Slip] = &[
     Slip {
         from: "radius_m = 0.05",
         to: "shape = \"rounded-box\"\nsize_m = [0.1, 0.2, 0.3]\naxis = [-2.0, 0.0, 0.0]",
-        message: "a box that looks along x needs a side",
+        message: "what looks along x needs a side",
         under: "[-2.0, 0.0, 0.0]",
         help: "add `side = [0.0, 1.0, 0.0]`",
     },
@@ -557,6 +612,34 @@ const SLIPS: &[Slip] = &[
         message: "axis: a direction without length",
         under: "[0.0, 0.0, 0.0]",
         help: "down is",
+    },
+    Slip {
+        from: "radius_m = 0.05",
+        to: "shape = \"mesh\"\nscale_to_m = 0.001",
+        message: "missing key `mesh`",
+        under: "[[tool]]",
+        help: "add `mesh = ...`",
+    },
+    Slip {
+        from: "radius_m = 0.05",
+        to: "shape = \"mesh\"\nmesh = \"a.stl\"",
+        message: "missing key `scale_to_m`",
+        under: "[[tool]]",
+        help: "add `scale_to_m = ...`",
+    },
+    Slip {
+        from: "radius_m = 0.05",
+        to: "shape = \"mesh\"\nmesh = \"a.stl\"\nscale_to_m = 0.0",
+        message: "scale_to_m = 0: must be positive",
+        under: "0.0",
+        help: "0.001 for a mesh in millimetres",
+    },
+    Slip {
+        from: "radius_m = 0.05",
+        to: "shape = \"mesh\"\nmesh = \"a.stl\"\nscale_to_m = 0.001",
+        message: "cannot read the mesh /nowhere/a.stl",
+        under: "\"a.stl\"",
+        help: "relative to the scene file",
     },
     Slip {
         from: "[[handle]]",

@@ -13,7 +13,7 @@ use toml::Spanned;
 const LENGTH_IN_RADII: f64 = 4.0;
 
 /// Shapes that touch, as a scene and as a sentence calls them, and their keys; all have an offset and friction.
-const SHAPES: [(ToolShape, &str, &str, &[&str]); 4] = [
+const SHAPES: [(ToolShape, &str, &str, &[&str]); 5] = [
     (ToolShape::Sphere, "sphere", "a sphere", &["radius_m"]),
     (
         ToolShape::FlatPunch,
@@ -32,6 +32,12 @@ const SHAPES: [(ToolShape, &str, &str, &[&str]); 4] = [
         "rounded-box",
         "a rounded box",
         &["size_m", "fillet_m", "axis", "side"],
+    ),
+    (
+        ToolShape::Mesh,
+        "mesh",
+        "a mesh",
+        &["mesh", "scale_to_m", "fillet_m", "axis", "side"],
     ),
 ];
 
@@ -57,10 +63,11 @@ pub(super) fn read_shape(
         ToolShape::FlatPunch => read_punch(document, spanned)?,
         ToolShape::Capsule => read_capsule(document, spanned)?,
         ToolShape::RoundedBox => read_box(document, spanned)?,
+        ToolShape::Mesh => read_mesh(document, spanned)?,
     };
     let axis = read_axis(document, section)?;
     let side = match section.shape {
-        ToolShape::RoundedBox => read_side(document, section, &axis)?,
+        ToolShape::RoundedBox | ToolShape::Mesh => read_side(document, section, &axis)?,
         _ => Vector3::from(Tool::DEFAULT_SIDE),
     };
     Ok(Tool {
@@ -77,6 +84,8 @@ fn said(section: &ToolSection) -> impl Iterator<Item = (&'static str, Range<usiz
     let keys = [
         ("radius_m", length(&section.radius_m)),
         ("size_m", vector(&section.size_m)),
+        ("mesh", section.mesh.as_ref().map(Spanned::span)),
+        ("scale_to_m", length(&section.scale_to_m)),
         ("fillet_m", length(&section.fillet_m)),
         ("length_m", length(&section.length_m)),
         ("axis", vector(&section.axis)),
@@ -215,6 +224,42 @@ fn read_box(document: &Document, spanned: &Spanned<ToolSection>) -> Result<Shape
     Ok(Shape::RoundedBox { size_m, fillet_m })
 }
 
+fn read_mesh(document: &Document, spanned: &Spanned<ToolSection>) -> Result<Shape, SceneError> {
+    let section = spanned.get_ref();
+    let file = section.mesh.as_ref();
+    let file = file.ok_or_else(|| missing(document, spanned, "mesh"))?;
+    let scale = section.scale_to_m.as_ref();
+    let scale = scale.ok_or_else(|| missing(document, spanned, "scale_to_m"))?;
+    let help = "metres per unit of the mesh file: 0.001 for a mesh in millimetres";
+    let scale_to_m = document.number("scale_to_m", scale, "positive", |s| s > 0.0, help)?;
+    let path = document.resolve(file.get_ref());
+    let bytes = document.file(&path).map_err(|error| {
+        let message = format!("cannot read the mesh {}: {error}", path.display());
+        let help = "the path is relative to the scene file";
+        document.flaw(file.span(), message, "this file", Some(help))
+    })?;
+    let mesh = tool::read_stl(&bytes, scale_to_m).map_err(|flaw| {
+        let message = format!("the mesh {} cannot be used: {flaw}", path.display());
+        let help = "a tool's mesh is an STL file of one closed surface, triangles counted from 0; a modeller's check for 3D printing finds and closes holes";
+        document.flaw(file.span(), message, "this file", Some(help))
+    })?;
+    let shape = Shape::mesh(mesh);
+    let (Shape::Mesh { mesh, .. }, Some(fillet)) = (&shape, &section.fillet_m) else {
+        return Ok(shape);
+    };
+    let fillet_m = document.number(
+        "fillet_m",
+        fillet,
+        "positive",
+        |f| f > 0.0,
+        "the mesh is larger by this all around, which makes its edges round: sharp ones have no normal",
+    )?;
+    Ok(Shape::Mesh {
+        mesh: mesh.clone(),
+        fillet_m,
+    })
+}
+
 /// Where the front looks, unit vector.
 fn read_axis(document: &Document, section: &ToolSection) -> Result<Vector3<f64>, SceneError> {
     let Some(axis) = &section.axis else {
@@ -244,7 +289,7 @@ fn read_side(
         let (message, label) = if section.side.is_some() {
             ("side: no direction across the axis", "nothing of it lies across the axis")
         } else {
-            ("a box that looks along x needs a side", "nothing says how it is turned about this")
+            ("what looks along x needs a side", "nothing says how it is turned about this")
         };
         let help = "where the first of `size_m` is measured in the grip's frame, across `axis`: add `side = [0.0, 1.0, 0.0]`, or another";
         document.flaw(key.map_or(0..0, Spanned::span), message, label, Some(help))

@@ -373,6 +373,7 @@ fn contacts(scene: &Scene, walk: &[(StepReport, Duration)]) -> Vec<Component> {
             Shape::FlatPunch { .. } => "flat punch",
             Shape::Capsule { .. } => "capsule",
             Shape::RoundedBox { .. } => "rounded box",
+            Shape::Mesh { .. } => "mesh",
             Shape::Grip => "grip",
         };
         let name = match tool.shape.shape {

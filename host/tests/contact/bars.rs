@@ -89,7 +89,7 @@ fn balances_under_what_turns_in_the_tissue() {
         let tool = Tool {
             axis,
             side: [0.0, 1.0, 0.0],
-            ..Tool::new(shape, [0.0; 3])
+            ..Tool::new(shape.clone(), [0.0; 3])
         };
         let mut bench = Bench::slab(tool);
         let mut state = State::new(&bench.model);

@@ -6,7 +6,7 @@ use sutura_host::fem::{Loads, Material};
 use sutura_host::mesh::{TetMesh, read_msh, slab};
 use sutura_host::model::Model;
 use sutura_host::step::{State, Status, StepOptions, StepReport, ToolContact, Workspace, step};
-use sutura_host::tool::{Shape, Tool, ToolSample};
+use sutura_host::tool::{ClosedMesh, Shape, Tool, ToolSample};
 
 pub const SOFT: Material = Material {
     youngs_modulus_pa: 15e3,
@@ -110,7 +110,7 @@ impl Bench {
         let tools = samples.iter().map(|sample| {
             let of = |(id, _): &&(u8, Tool)| *id == sample.id;
             let (_, tool) = self.model.tools().iter().find(of).expect("a tool");
-            (*tool, *sample)
+            (tool.clone(), *sample)
         });
         let tools: Vec<(Tool, ToolSample)> = tools.collect();
         for &node in &self.model.surface().vertices {
@@ -179,9 +179,49 @@ pub fn distance(tool: &Tool, sample: &ToolSample, point: &Vector3<f64>) -> (f64,
             at.z = at.z.clamp(fillet_m - z, -fillet_m);
             (centre + frame * at, fillet_m)
         }
+        Shape::Mesh { ref mesh, fillet_m } => {
+            let (up, side) = (-Vector3::from(tool.axis), Vector3::from(tool.side));
+            let frame = [side, up.cross(&side), up].map(|direction| turn * direction);
+            let frame = Matrix3::from_columns(&frame);
+            let (nearest, is_inside) = on_mesh(mesh, &(frame.transpose() * (point - centre)));
+            let nearest = centre + frame * nearest;
+            if is_inside {
+                let arm = nearest - point;
+                return (-arm.norm() - fillet_m, arm.normalize());
+            }
+            (nearest, fillet_m)
+        }
     };
     let arm = point - nearest;
     (arm.norm() - swell, arm.normalize())
+}
+
+/// The point of a mesh nearest to `at`, by a look at all its triangles, and whether that is inside, by the solid angle
+/// under which it sees them (van Oosterom & Strackee 1983).
+fn on_mesh(mesh: &ClosedMesh, at: &Vector3<f64>) -> (Vector3<f64>, bool) {
+    let (mut nearest, mut angle) = (Vector3::repeat(f64::MAX), 0.0);
+    let mut take = |place: Vector3<f64>| {
+        if (place - at).norm() < (nearest - at).norm() {
+            nearest = place;
+        }
+    };
+    for triangle in mesh.triangles() {
+        let corners = triangle.map(|point| mesh.points_m()[point as usize]);
+        let [a, b, c] = corners;
+        let weights = Matrix3::from_columns(&[b - a, c - a, (b - a).cross(&(c - a))]);
+        let weights = weights.try_inverse().expect("an area") * (at - a);
+        if weights.x >= 0.0 && weights.y >= 0.0 && weights.x + weights.y <= 1.0 {
+            take(a + (b - a) * weights.x + (c - a) * weights.y);
+        }
+        for (from, to) in [(a, b), (b, c), (c, a)] {
+            let part = (at - from).dot(&(to - from)) / (to - from).norm_squared();
+            take(from.lerp(&to, part.clamp(0.0, 1.0)));
+        }
+        let [u, v, w] = corners.map(|corner| (corner - at).normalize());
+        let over = 1.0 + u.dot(&v) + v.dot(&w) + w.dot(&u);
+        angle += 2.0 * u.dot(&v.cross(&w)).atan2(over);
+    }
+    (nearest, angle > std::f64::consts::TAU)
 }
 
 pub fn slab_mesh() -> (TetMesh, Vec<u32>) {

@@ -364,8 +364,8 @@ fn the_tangent_of_bars_on_a_round_surface_is_exact() {
         size_m: [2.0 * BALL, 2.0 * BALL, 0.03],
         fillet_m: 0.008,
     };
-    for (shape, depth) in [(capsule, 0.003), (capsule, 0.006), (cuboid, 0.003)] {
-        let mut bench = around(shape, FRESH, CONVERGED);
+    for (shape, depth) in [(capsule.clone(), 0.003), (capsule, 0.006), (cuboid, 0.003)] {
+        let mut bench = around(shape.clone(), FRESH, CONVERGED);
         let (start, report) = press_round(&mut bench, depth);
         assert!(report.rows >= 2, "{report:?}");
         let expected = scale * whole_by_differences(&mut bench, (&start, &report), depth) * scale;

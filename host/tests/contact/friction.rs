@@ -300,7 +300,7 @@ fn merged_cones_keep_normal_force_friction_and_torsion() {
             UnitQuaternion::identity(),
         ),
     ] {
-        let mut rig = Rig::slab(tool.with_friction(mu, mu));
+        let mut rig = Rig::slab(tool.clone().with_friction(mu, mu));
         let height_m = if name == "ball" { RADIUS } else { 0.0 };
         let mut state = State::new(&rig.model);
         let mut contact = None;

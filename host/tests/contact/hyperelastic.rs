@@ -241,7 +241,7 @@ pub(super) fn tangents_are_those_of_whole_solves(block: impl Fn(Tool, Policy, Pa
             assert_eq!(report.status, Status::Ok, "{report:?}");
             report
         };
-        let mut bench = block(tool, FRESH, CONVERGED);
+        let mut bench = block(tool.clone(), FRESH, CONVERGED);
         let start = follow(&mut bench);
         let report = end(&mut bench, &start, &Vector6::zeros());
         let mut expected = Matrix6::zeros();
@@ -268,7 +268,7 @@ pub(super) fn tangents_are_those_of_whole_solves(block: impl Fn(Tool, Policy, Pa
         );
         assert!(fresh < 1e-5, "{fresh:e}");
         for passes in [CONVERGED, SCENES] {
-            let mut bench = block(tool, Policy::default(), passes);
+            let mut bench = block(tool.clone(), Policy::default(), passes);
             let start = follow(&mut bench);
             let report = end(&mut bench, &start, &Vector6::zeros());
             let (off, says) = (error(&report), report.tangent_error);
@@ -291,7 +291,7 @@ fn a_drag_keeps_its_cones_and_its_books() {
 pub(super) fn drags_keep_their_cones_and_books(block: impl Fn(Tool, Policy, Passes) -> Bench) {
     let mu = 0.3;
     let tool = ball([0.0; 3]).with_friction(mu, mu);
-    let mut bench = block(tool, Policy::default(), CONVERGED);
+    let mut bench = block(tool.clone(), Policy::default(), CONVERGED);
     let mut state = State::new(&bench.model);
     let down = (0..=40).map(|step| [-0.004, 0.001, RADIUS - 1e-4 * f64::from(step)]);
     let aside = (1..=120).map(|step| [-0.004 + 1e-4 * f64::from(step), 0.001, RADIUS - 0.004]);

@@ -7,6 +7,7 @@ mod corotational;
 mod friction;
 mod hyperelastic;
 mod jacobian;
+mod meshes;
 mod poses;
 mod punch;
 mod renewal;

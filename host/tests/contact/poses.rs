@@ -226,7 +226,7 @@ fn small_tools_warn_and_impossible_ones_are_refused() {
         Err(ModelError::Tool { .. })
     ));
     assert!(matches!(
-        build(&[(3, sphere(0.01)); 2]),
+        build(&[0, 1].map(|_| (3, sphere(0.01)))),
         Err(ModelError::SameTool(3))
     ));
     // A bare point still feels something and never a number that is none.

@@ -226,7 +226,7 @@ fn a_punch_on_a_block_converges_to_an_independent_value() {
     let mut found = Vec::new();
     for edges in [2, 3, 4, 5] {
         let (mesh, bottom) = cylinder(face, radius, height, edges);
-        let mut bench = Bench::new(&mesh, &bottom, Loads::default(), &[(0, tool)]);
+        let mut bench = Bench::new(&mesh, &bottom, Loads::default(), &[(0, tool.clone())]);
         // The columns of what will be touched, no more.
         bench.options.vertices_per_step = Some((2 * edges + 1).pow(2));
         let mut state = State::new(&bench.model);

@@ -12,7 +12,12 @@ use sutura_testkit::Random;
 fn two_tools_feel_each_other_through_the_tissue() {
     let (mesh, bottom) = slab_mesh();
     let tool = ball([0.0; 3]);
-    let mut bench = Bench::new(&mesh, &bottom, Loads::default(), &[(0, tool), (5, tool)]);
+    let mut bench = Bench::new(
+        &mesh,
+        &bottom,
+        Loads::default(),
+        &[(0, tool.clone()), (5, tool)],
+    );
     let left = at(-0.018, 0.0, RADIUS - 0.005);
     let right = ToolSample {
         id: 5,
@@ -174,7 +179,7 @@ fn wild_motion_of_three_tools_never_breaks_the_solver() {
         length_m: 0.04,
     };
     let tools = [
-        (0, Tool::new(shape, [0.0, 0.0, -0.02])),
+        (0, Tool::new(shape.clone(), [0.0, 0.0, -0.02])),
         (5, ball([0.0; 3])),
         (6, Tool::new(shape, [0.0; 3])),
     ];

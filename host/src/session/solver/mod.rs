@@ -90,7 +90,7 @@ impl SceneSolver {
         let held: Vec<_> = scene
             .held()
             .filter(|(tool, _)| scene.needles.is_empty() || !tool.shape.is_grip())
-            .map(|(tool, pose)| (tool.id, tool.shape, pose))
+            .map(|(tool, pose)| (tool.id, tool.shape.clone(), pose))
             .collect();
         solver.bring_in(&held)?;
         Ok(solver)

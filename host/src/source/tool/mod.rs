@@ -40,7 +40,7 @@ const RUN: usize = 16;
 pub(crate) type Placements = [Option<Placement>; MAX_TOOLS];
 
 /// A tool of the model that touches.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 pub(crate) struct TouchingTool {
     /// Among the model's tools.
     pub index: usize,
@@ -160,7 +160,7 @@ impl TouchingTools {
             .filter(|(_, (_, tool))| !tool.is_grip());
         let each = touching.map(|(index, (_, tool))| TouchingTool {
             index,
-            tool: *tool,
+            tool: tool.clone(),
             least_m,
         });
         Self {

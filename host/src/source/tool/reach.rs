@@ -41,7 +41,9 @@ impl TouchingTools {
             marks.take(|run| {
                 for place in self.run(run) {
                     let square = (self.resting_m[place] - solid.centre).norm_squared();
-                    if !is_far(square, self.slack_of(place, slack_m))
+                    let own_m = self.slack_of(place, slack_m);
+                    if !is_far(square, own_m)
+                        && !solid.is_beyond(&self.resting_m[place], reach_m + own_m)
                         && self.least_gap_m(&solid, place, slack_m) < reach_m
                     {
                         out.push((tool, self.nodes[place]));

@@ -189,7 +189,10 @@ impl ToolContacts {
             for &(_, node) in own {
                 let is = |contact: &Contact| (contact.tool, contact.node) == (tool, node);
                 let place = at(node);
-                if solid.gap(&place) >= -DEPTH * solid.radius() || self.contacts.iter().any(is) {
+                if solid.is_beyond(&place, 0.0)
+                    || solid.gap(&place) >= -DEPTH * solid.radius()
+                    || self.contacts.iter().any(is)
+                {
                     continue;
                 }
                 settled.is = false;
