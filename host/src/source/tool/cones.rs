@@ -47,8 +47,9 @@ pub(crate) struct Cones {
     axes: usize,
     /// Rows of the members.
     pub keep: Vec<usize>,
-    /// J of all rows, (n x 6).
+    /// J of all rows, (n x 6), for motions about the grip.
     pub jacobian: Vec<f64>,
+    grip: Vector3<f64>,
     /// Of the kept rows: W, (k x k), delta without their forces, (k), and J, (k x 6).
     pub compliance: Vec<f64>,
     pub delta_free: Vec<f64>,
@@ -74,6 +75,7 @@ impl Cones {
             axes: AXES,
             keep: Vec::with_capacity(k),
             jacobian: vec![0.0; 6 * most_rows],
+            grip: Vector3::zeros(),
             compliance: vec![0.0; k * k],
             delta_free: vec![0.0; k],
             kept_jacobian: vec![0.0; 6 * k],
@@ -190,6 +192,7 @@ impl Cones {
 
     /// J of all `n` rows for a motion of the tool about `grip`, what turns by that left out.
     pub fn load(&mut self, n: usize, grip: &Vector3<f64>) {
+        self.grip = *grip;
         let jacobian = &mut self.jacobian[..6 * n];
         jacobian.fill(0.0);
         for member in &self.members {
@@ -347,27 +350,32 @@ impl Cones {
         let Some(axis) = along.try_normalize(0.0).filter(|_| self.axes == AXES) else {
             return;
         };
-        let mut arms = [(0.0, Vector3::zeros()); MAX_TOOL_ROWS];
-        let mut whole = 0.0;
-        for (member, lambda_n) in pressing {
-            let arm = member.contact.at_m - middle;
-            let (force, sum) = &mut arms[member.cone];
-            (*force, *sum) = (*force + lambda_n, *sum + arm * member.weight);
-            whole += lambda_n * axis.cross(&arm).norm();
-        }
-        let of_cones = arms
-            .iter()
-            .map(|(force, arm)| force * axis.cross(arm).norm());
+        let whole: f64 = pressing
+            .map(|(member, lambda_n)| {
+                let arm = member.contact.at_m - middle;
+                lambda_n * axis.cross(&arm).norm()
+            })
+            .sum();
+        // How far a unit spin about the middle moves a row.
+        let back = axis.cross(&(middle - self.grip));
+        let moved = |j: &[f64], row: usize| -> f64 {
+            let of = |first: usize| Vector3::from_fn(|pose, _| j[m * (first + pose) + row]);
+            of(3).dot(&axis) - of(0).dot(&back)
+        };
+        let cones = (0..m).step_by(AXES);
+        let of_cones = cones.map(|row| {
+            let way = moved(&self.j, row + 1).hypot(moved(&self.j, row + 2));
+            self.lambda[row] * way
+        });
         let farther = whole / of_cones.sum::<f64>() - 1.0;
         // Less is left where members lie about one and the same middle.
         if !(farther > 0.0 && farther < MOST_FARTHER) {
             return;
         }
-        for tangent in (0..m).filter(|row| row % AXES > 0) {
-            let direction = Vector3::from_fn(|pose, _| self.j[m * pose + tangent]);
-            let turn = arms[tangent / AXES].1.cross(&direction) * farther;
+        for row in (0..m).filter(|row| row % AXES > 0) {
+            let turn = axis * (farther * moved(&self.j, row));
             for pose in 0..3 {
-                self.j[m * (3 + pose) + tangent] += turn[pose];
+                self.j[m * (3 + pose) + row] += turn[pose];
             }
         }
     }
@@ -392,7 +400,7 @@ impl Cones {
             let normal = self.lambda[first];
             for axis in 0..self.axes {
                 let row = first + axis;
-                if !(open || (axis > 0 && member.contact.has_slipped())) {
+                if !(open || (axis > 0 && member.contact.slips)) {
                     continue;
                 }
                 for column in 0..m {

@@ -102,21 +102,10 @@ pub(crate) struct Contact {
     smooth: bool,
 }
 
-/// A way that is none \[m\].
-const NO_WAY_M: f64 = 1e-12;
-
 impl Contact {
     /// Directions of its rows: into the tool, and two across.
     pub fn frame(&self) -> [Vector3<f64>; 3] {
         [-self.normal, self.tangent, self.normal.cross(&self.tangent)]
-    }
-
-    /// Whether it has slipped in this step: what bears all that friction can where nothing moves sticks to whatever moves
-    /// it back.
-    pub fn has_slipped(&self) -> bool {
-        let [_, a, b] = self.frame();
-        let way = a.dot(&self.ahead_m).hypot(b.dot(&self.ahead_m));
-        self.slips && way >= NO_WAY_M
     }
 
     /// Force of the tool on the tissue \[N\], (3).

@@ -10,6 +10,9 @@
 use super::{Contact, ToolContacts, TouchingTools};
 use nalgebra::{Matrix2, Vector2, Vector3};
 
+/// A slip by less is none \[m\].
+const NO_WAY_M: f64 = 1e-10;
+
 /// A contact in a derivative.
 pub(crate) struct Touched {
     /// The first of its three rows.
@@ -59,11 +62,17 @@ impl Touched {
         }
         let across = |v: &Vector3<f64>| Vector2::new(frame[1].dot(v), frame[2].dot(v));
         let flat = across(&contact.ahead_m);
-        let way = flat.norm();
-        let law = if !contact.has_slipped() {
+        let law = if !contact.slips {
             Law::Sticks
         } else {
-            let direction = flat / way;
+            // What has no way is rubbed along the force on it.
+            let way = flat.norm().max(NO_WAY_M);
+            let along = if way > NO_WAY_M {
+                flat
+            } else {
+                across(&contact.force_n())
+            };
+            let direction = along.try_normalize(0.0).unwrap_or_default();
             let aside = Vector2::new(-direction.y, direction.x);
             let mu = tool.friction;
             let swing = aside * aside.transpose() * (pressing * mu / way);
