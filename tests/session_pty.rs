@@ -11,7 +11,7 @@ use std::ops::ControlFlow;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
-use sutura_hil::{Meddler, NativeConsole, VirtualConsole};
+use sutura_hil::{FaultProxy, NativeConsole, VirtualConsole};
 use sutura_host::link::{Link, LinkError, LockstepConsole, Order, open_serial};
 use sutura_host::session::{
     Arms, Attendant, Line, Plan, SessionError, Solve, Solved, Summary, run_lockstep, run_real_time,
@@ -177,7 +177,7 @@ fn a_bad_line_in_real_time_never_gives_more_force() {
     let plan = plan(1.5);
     let mut console = VirtualConsole::start(&plan.device).unwrap();
     let (mut frames, mut largest) = (0_usize, 0.0_f32);
-    let port = Meddler::new(console.host_port().unwrap(), move |bytes| {
+    let port = FaultProxy::new(console.host_port().unwrap(), move |bytes| {
         frames += 1;
         if frames > 10 && frames.is_multiple_of(5) {
             return bytes[..bytes.len() / 2].to_vec();

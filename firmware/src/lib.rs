@@ -10,8 +10,8 @@ extern crate std;
 #[cfg(target_os = "none")]
 pub mod board;
 pub mod control_side;
+pub mod crash_record;
 pub mod devices;
-pub mod epitaph;
 pub mod exchange;
 pub mod host_side;
 pub mod outbox;

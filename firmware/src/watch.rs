@@ -40,7 +40,7 @@ impl Watch {
             .is_ok()
     }
 
-    /// The tasks that ticked, as bits: for an epitaph.
+    /// The tasks that ticked, as bits: for an crash_record.
     pub fn bits(&self) -> u32 {
         self.0.load(Ordering::Relaxed)
     }

@@ -2,10 +2,10 @@
 //!
 //! Entry points: [`VirtualConsole`] (real time, behind a pseudo-terminal), [`NativeConsole`] (lockstep, in
 //! this process), [`QemuConsole`] (lockstep, the firmware image under QEMU), [`Qemu`] (any image),
-//! [`Meddler`] (a bad line).
+//! [`FaultProxy`] (a bad line).
 
+mod fault_proxy;
 pub mod identity_trace;
-mod meddler;
 mod native;
 #[cfg(unix)]
 mod pty;
@@ -16,7 +16,7 @@ mod qemu_console;
 pub mod scenario;
 mod virtual_console;
 
-pub use meddler::Meddler;
+pub use fault_proxy::FaultProxy;
 pub use native::NativeConsole;
 #[cfg(unix)]
 pub use pty::Pty;

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 use sutura_host::anchors::circling::Circling;
 use sutura_host::anchors::{
-    AnchorPoint, AnchorRow, AnchorSettings, AnchorSolver, AnchorStatus, AnchorStep,
+    AnchorPoint, AnchorSettings, AnchorSolver, AnchorStatus, AnchorStep, PointConstraint,
 };
 use sutura_host::fem::{Anchor, CorotationalTissue, Handle, LinearTissue, Loads, Material, Policy};
 use sutura_host::mesh::{TetMesh, read_msh, slab};
@@ -49,7 +49,7 @@ fn linear(mesh: &TetMesh, fixed: &[u32], settings: AnchorSettings) -> AnchorSolv
 }
 
 /// What a step's rows ask for, as handles of a whole solve: three rows an anchor, orthonormal.
-fn handles(points: &[AnchorPoint], rows: &[AnchorRow]) -> Vec<Handle> {
+fn handles(points: &[AnchorPoint], rows: &[PointConstraint]) -> Vec<Handle> {
     let target = |anchor: usize| {
         let mut target = [0.0; 3];
         for row in &rows[3 * anchor..3 * anchor + 3] {
@@ -72,7 +72,7 @@ fn handles(points: &[AnchorPoint], rows: &[AnchorRow]) -> Vec<Handle> {
 }
 
 /// Force on the tissue of three rows: -C' lambda.
-fn force(rows: &[AnchorRow], lambda: &[f64], anchor: usize) -> [f64; 3] {
+fn force(rows: &[PointConstraint], lambda: &[f64], anchor: usize) -> [f64; 3] {
     let mut force = [0.0; 3];
     for row in 3 * anchor..3 * anchor + 3 {
         for (force, direction) in force.iter_mut().zip(rows[row].direction) {
@@ -129,7 +129,7 @@ fn rows_agree_with_an_independent_solver() {
             weights: [weights[0], weights[1], weights[2], 0.0],
         });
         for direction in frame {
-            rows.push(AnchorRow {
+            rows.push(PointConstraint {
                 id: rows.len() as u64,
                 anchor: anchor as u32,
                 kind: RowKind::Equality,
@@ -342,7 +342,7 @@ fn one_sided_rows_push_and_never_pull() {
         nodes: [top, 0, 0, 0],
         weights: [1.0, 0.0, 0.0, 0.0],
     }];
-    let mut row = AnchorRow {
+    let mut row = PointConstraint {
         id: 7,
         anchor: 0,
         kind: RowKind::Inequality,
@@ -367,14 +367,14 @@ fn rows_that_make_no_sense_are_refused() {
     assert_eq!(solver.step(points, rows, false).status, AnchorStatus::Ok);
     let good = solver.lambda().to_vec();
 
-    let mut refuse = |points: &[AnchorPoint], rows: &[AnchorRow]| {
+    let mut refuse = |points: &[AnchorPoint], rows: &[PointConstraint]| {
         assert_eq!(
             solver.step(points, rows, false).status,
             AnchorStatus::Malformed
         );
         assert_eq!(solver.lambda(), good, "the last forces stay");
     };
-    let reversed: Vec<AnchorRow> = rows.iter().rev().copied().collect();
+    let reversed: Vec<PointConstraint> = rows.iter().rev().copied().collect();
     refuse(points, &reversed);
     refuse(&points[..4], rows);
     let mut far = points.to_vec();

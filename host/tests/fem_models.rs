@@ -6,7 +6,7 @@ use sutura_host::fem::{
     ModelSettings, NodeLoad, Policy,
 };
 use sutura_host::mesh::{TetMesh, slab};
-use sutura_host::models::{Drive, Outcome, Tissue};
+use sutura_host::models::{BoundaryConditions, Outcome, Tissue};
 
 const SOFT: Material = Material {
     youngs_modulus_pa: 5e3,
@@ -48,7 +48,7 @@ fn they_agree_with_tissue_whose_nodes_are_fixed_for_good() {
     let (held, top) = pressed([0.004, 0.0, -0.009]);
     let mut force_n = vec![[0.0; 3]; 64];
     force_n[30] = [0.01, -0.02, 0.005];
-    let drive = Drive {
+    let drive = BoundaryConditions {
         held: &held,
         force_n: &force_n,
     };
@@ -89,7 +89,7 @@ fn the_tangent_is_the_derivative_of_the_reaction() {
     let at = [0.003, -0.002, -0.008];
     for (name, mut tissue) in both() {
         let (held, top) = pressed(at);
-        let drive = Drive {
+        let drive = BoundaryConditions {
             held: &held,
             force_n: &[],
         };
@@ -104,7 +104,7 @@ fn the_tangent_is_the_derivative_of_the_reaction() {
                 let mut moved = at;
                 moved[axis] += way;
                 let (held, _) = pressed(moved);
-                let drive = Drive {
+                let drive = BoundaryConditions {
                     held: &held,
                     force_n: &[],
                 };
@@ -133,7 +133,7 @@ fn reactions_work_as_much_as_energy_rises() {
         for step in 1..=steps {
             let share = f64::from(step) / f64::from(steps);
             let (held, top) = pressed([0.01 * share, 0.0, -0.012 * share]);
-            let drive = Drive {
+            let drive = BoundaryConditions {
                 held: &held,
                 force_n: &[],
             };
@@ -164,7 +164,7 @@ fn a_turn_beyond_half_a_circle_costs_nothing() {
                 (node, (turn * rest - rest).into())
             })
             .collect();
-        let drive = Drive {
+        let drive = BoundaryConditions {
             held: &held,
             force_n: &[],
         };
@@ -183,7 +183,7 @@ fn held_nodes_may_change() {
         .collect();
     let (first, _) = pressed([0.0, 0.003, -0.006]);
     for ((name, mut fresh), (_, mut used)) in both().into_iter().zip(both()) {
-        let drive = |held| Drive { held, force_n: &[] };
+        let drive = |held| BoundaryConditions { held, force_n: &[] };
         used.step(&drive(&first), 0.01);
         let a = used.step(&drive(&others), 0.01);
         let b = fresh.step(&drive(&others), 0.01);
@@ -208,14 +208,14 @@ fn what_cannot_be_done_is_said_and_leaves_the_place() {
     let few = [(0, [0.0; 3]), (1, [0.0; 3])];
     for (name, mut tissue) in both() {
         let (held, _) = pressed([0.0, 0.0, -0.004]);
-        let sound = Drive {
+        let sound = BoundaryConditions {
             held: &held,
             force_n: &[],
         };
         tissue.step(&sound, 0.01);
         let before = tissue.positions_m().to_vec();
         for held in [&nan[..], &far, &twice, &few, &[]] {
-            let drive = Drive { held, force_n: &[] };
+            let drive = BoundaryConditions { held, force_n: &[] };
             let done = tissue.step(&drive, 0.01);
             assert!(
                 matches!(done.outcome, Outcome::Failed(_)),
@@ -241,7 +241,7 @@ fn steps_allocate_nothing() {
         b[31].0 = 63;
         b[15].0 = 17;
         let step = |tissue: &mut Box<dyn Tissue>, held: &[(u32, [f64; 3])]| {
-            tissue.step(&Drive { held, force_n: &[] }, 0.01);
+            tissue.step(&BoundaryConditions { held, force_n: &[] }, 0.01);
         };
         step(&mut tissue, &a);
         let count = allocation_counter::measure(|| {

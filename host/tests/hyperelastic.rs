@@ -3,7 +3,7 @@
 use nalgebra::{Rotation3, Vector3};
 use std::sync::Arc;
 use sutura_host::anchors::{
-    AnchorPoint, AnchorRow, AnchorSettings, AnchorSolver, AnchorStatus, AnchorStep,
+    AnchorPoint, AnchorSettings, AnchorSolver, AnchorStatus, AnchorStep, PointConstraint,
 };
 use sutura_host::fem::{
     HyperelasticTissue, Hyperelasticity, LinearTissue, Loads, Material, NodeLoad, Policy,
@@ -14,7 +14,7 @@ use sutura_host::rows::RowKind;
 use sutura_host::step::State;
 use sutura_models::hyperelastic::{Cells, Hyperelastic, Settings};
 use sutura_models::law::Law;
-use sutura_models::{Drive, Outcome, Tissue};
+use sutura_models::{BoundaryConditions, Outcome, Tissue};
 
 const SOFT: Material = Material {
     youngs_modulus_pa: 15e3,
@@ -69,7 +69,7 @@ fn solver(mesh: &TetMesh, cells: Cells, policy: Policy, settings: AnchorSettings
 }
 
 /// Three equality rows on each node, along the axes turned by `turn`, that move it by `share` of its way.
-fn pulls(share: f64, turn: &Rotation3<f64>) -> (Vec<AnchorPoint>, Vec<AnchorRow>) {
+fn pulls(share: f64, turn: &Rotation3<f64>) -> (Vec<AnchorPoint>, Vec<PointConstraint>) {
     let points = PULLED.map(|(node, _)| AnchorPoint {
         nodes: [node; 4],
         weights: [1.0, 0.0, 0.0, 0.0],
@@ -77,7 +77,7 @@ fn pulls(share: f64, turn: &Rotation3<f64>) -> (Vec<AnchorPoint>, Vec<AnchorRow>
     let mut rows = Vec::new();
     for (anchor, (_, way)) in (0u32..).zip(PULLED) {
         for (axis, target) in way.into_iter().enumerate() {
-            rows.push(AnchorRow {
+            rows.push(PointConstraint {
                 id: rows.len() as u64,
                 anchor,
                 kind: RowKind::Equality,
@@ -135,7 +135,7 @@ fn passes_converge_to_the_references_balance() {
         let mut reference = Hyperelastic::new(&mesh, &laws, settings).expect("the reference");
         let fixed = bottom().into_iter().map(|node| (node, [0.0; 3]));
         let held: Vec<(u32, [f64; 3])> = fixed.chain(PULLED).collect();
-        let drive = Drive {
+        let drive = BoundaryConditions {
             held: &held,
             force_n: &[],
         };

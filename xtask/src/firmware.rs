@@ -276,7 +276,7 @@ fn fault_paths() -> Vec<Gate> {
             };
             let reached = said.contains(&format!("fault {kind} at 0x"));
             let found = if reached {
-                format!("epitaph {kind}")
+                format!("crash_record {kind}")
             } else {
                 said
             };

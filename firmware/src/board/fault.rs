@@ -1,32 +1,36 @@
-//! Every way in which the program can go wrong ends here: torque off first, then an epitaph for the next
+//! Every way in which the program can go wrong ends here: torque off first, then an crash_record for the next
 //! boot, then the board's `end`.
 
-use crate::epitaph::{Epitaph, Kind, place_of};
+use crate::crash_record::{CrashRecord, Kind, place_of};
 use core::mem::MaybeUninit;
 use core::panic::PanicInfo;
 use cortex_m_rt::exception;
 
-#[unsafe(link_section = ".uninit.EPITAPH")]
-static mut EPITAPH: MaybeUninit<[u32; 3]> = MaybeUninit::uninit();
+#[unsafe(link_section = ".uninit.CRASH_RECORD")]
+static mut CRASH_RECORD: MaybeUninit<[u32; 3]> = MaybeUninit::uninit();
 
-/// Leaves an epitaph and ends the program. The torque must be off already.
-pub fn bury(epitaph: Epitaph) -> ! {
+/// Leaves an crash_record and ends the program. The torque must be off already.
+pub fn bury(crash_record: CrashRecord) -> ! {
     cortex_m::interrupt::disable();
-    let words = epitaph.to_words();
+    let words = crash_record.to_words();
     // SAFETY: interrupts are off and this never returns: nobody else reads or writes the static.
-    unsafe { (&raw mut EPITAPH).cast::<[u32; 3]>().write_volatile(words) };
-    super::end(epitaph)
+    unsafe {
+        (&raw mut CRASH_RECORD)
+            .cast::<[u32; 3]>()
+            .write_volatile(words)
+    };
+    super::end(crash_record)
 }
 
-/// Takes the epitaph of the last boot, if any; for use in the initialisation, once.
-pub fn exhume() -> Option<Epitaph> {
-    let place = (&raw mut EPITAPH).cast::<[u32; 3]>();
+/// Takes the crash_record of the last boot, if any; for use in the initialisation, once.
+pub fn exhume() -> Option<CrashRecord> {
+    let place = (&raw mut CRASH_RECORD).cast::<[u32; 3]>();
     // SAFETY: only called before interrupts are enabled; any bits make an array of integers, and a
     // volatile read takes what the RAM holds.
     unsafe {
-        let epitaph = Epitaph::from_words(place.read_volatile());
+        let crash_record = CrashRecord::from_words(place.read_volatile());
         place.write_volatile([0; 3]);
-        epitaph
+        crash_record
     }
 }
 
@@ -36,7 +40,7 @@ fn panic(info: &PanicInfo) -> ! {
     let place = info
         .location()
         .map_or(0, |place| place_of(place.file(), place.line()));
-    bury(Epitaph {
+    bury(CrashRecord {
         kind: Kind::Panic,
         place,
     })
@@ -65,7 +69,7 @@ extern "C" fn hard_fault(stack_pointer: usize) -> ! {
     } else {
         0
     };
-    bury(Epitaph {
+    bury(CrashRecord {
         kind: Kind::HardFault,
         place,
     })
@@ -74,7 +78,7 @@ extern "C" fn hard_fault(stack_pointer: usize) -> ! {
 #[exception]
 unsafe fn DefaultHandler(number: i16) -> ! {
     super::safe_state();
-    bury(Epitaph {
+    bury(CrashRecord {
         kind: Kind::Exception,
         place: number as u32,
     })

@@ -4,7 +4,7 @@
 //! - `Plant`: encoders and flags in, currents out, for the control task,
 //! - `Port`: bytes from and to the host, for the link task,
 //! - `Guard`: the watchdogs, for the idle task, in `idle(..)`,
-//! - `safe_state()`: first on every fault path; `end(epitaph)`: last on it,
+//! - `safe_state()`: first on every fault path; `end(crash_record)`: last on it,
 //! - `cycles()`, `stack_free()`: what a control tick costs, in the board's unit, and what the stack has left,
 //! - `log(event)`: below control priority only, because its critical section alone could break a deadline.
 
@@ -30,7 +30,7 @@ pub use virtual_console::*;
 /// Chip registers, for the RTIC application.
 pub use stm32f4xx_hal::pac;
 
-use crate::epitaph::Epitaph;
+use crate::crash_record::CrashRecord;
 #[cfg(feature = "virtual")]
 use sutura_shared::simulated_console::Without;
 use sutura_shared::wire::message::Report;
@@ -41,7 +41,7 @@ pub struct Boot {
     /// As in `Report::reset_cause`.
     pub reset_cause: u8,
     /// Of a fault handler.
-    pub epitaph: Option<Epitaph>,
+    pub crash_record: Option<CrashRecord>,
     /// For session numbers: differs from boot to boot on hardware.
     pub seed: u32,
     /// Guards that are off. Boards with motors have no such thing.
@@ -54,8 +54,12 @@ impl Boot {
     pub fn report(&self) -> Report {
         Report {
             reset_cause: self.reset_cause,
-            epitaph_kind: self.epitaph.map_or(0, |epitaph| epitaph.kind as u8),
-            epitaph_place: self.epitaph.map_or(0, |epitaph| epitaph.place),
+            epitaph_kind: self
+                .crash_record
+                .map_or(0, |crash_record| crash_record.kind as u8),
+            epitaph_place: self
+                .crash_record
+                .map_or(0, |crash_record| crash_record.place),
             ..Report::default()
         }
     }

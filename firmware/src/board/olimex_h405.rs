@@ -25,7 +25,7 @@
 //! only when every monitored task ticked. Neither stops in a debugger: halting the core resets the chip.
 
 use super::{Boot, Event, fault};
-use crate::epitaph::{Epitaph, Kind, reset_cause};
+use crate::crash_record::{CrashRecord, Kind, reset_cause};
 use crate::safe_state::{self, Register, TorqueLayout, TorqueRegisters};
 use crate::signals::{Clock, Counter16, StopLine, duty};
 use crate::watch::Watch;
@@ -127,7 +127,7 @@ pub fn safe_state() {
 }
 
 /// Last act of a fault handler.
-pub fn end(_: Epitaph) -> ! {
+pub fn end(_: CrashRecord) -> ! {
     cortex_m::peripheral::SCB::sys_reset()
 }
 
@@ -145,7 +145,7 @@ pub fn emergency_stop() {
 /// The window watchdog's early interrupt: some task hangs.
 pub fn watchdog(watch: &Watch) -> ! {
     safe_state();
-    fault::bury(Epitaph {
+    fault::bury(CrashRecord {
         kind: Kind::Watchdog,
         place: watch.bits(),
     })
@@ -166,13 +166,13 @@ pub use super::stack::unused_bytes as stack_free;
 /// Writes to the log. Takes a critical section: never from the control task.
 pub fn log(event: Event) {
     match event {
-        Event::Started(boot) => match boot.epitaph {
+        Event::Started(boot) => match boot.crash_record {
             None => defmt::info!("started, reset cause {}", boot.reset_cause),
-            Some(epitaph) => defmt::error!(
-                "started, reset cause {}, epitaph {} at {:#x}",
+            Some(crash_record) => defmt::error!(
+                "started, reset cause {}, crash_record {} at {:#x}",
                 boot.reset_cause,
-                epitaph.kind as u8,
-                epitaph.place
+                crash_record.kind as u8,
+                crash_record.place
             ),
         },
         Event::Mode { mode, faults: 0 } => defmt::info!("mode {}", mode),
@@ -320,7 +320,7 @@ pub fn start(
     mut core: cortex_m::Peripherals,
     device: pac::Peripherals,
 ) -> (Plant, Port, Guard, Boot) {
-    let epitaph = fault::exhume();
+    let crash_record = fault::exhume();
     let csr = device.RCC.csr().read().bits();
     device.RCC.csr().modify(|_, w| w.rmvf().set_bit());
     let clocks = Config::hse(8.MHz())
@@ -487,8 +487,8 @@ pub fn start(
         port,
         guard,
         Boot {
-            reset_cause: reset_cause(csr, epitaph),
-            epitaph,
+            reset_cause: reset_cause(csr, crash_record),
+            crash_record,
             seed,
         },
     )

@@ -15,8 +15,8 @@
 
 use super::semihosting::{self, Access, File};
 use super::{Boot, Event, fault};
+use crate::crash_record::CrashRecord;
 use crate::devices::CARTESIAN_BENCH;
-use crate::epitaph::Epitaph;
 use crate::host_side::{Bytes, HostSide};
 use crate::watch::Watch;
 use core::sync::atomic::{AtomicBool, Ordering};
@@ -64,11 +64,11 @@ const OVERRAN: u16 = 0x8000;
 pub fn safe_state() {}
 
 /// Last act of a fault handler: one line, exit code 1.
-pub fn end(epitaph: Epitaph) -> ! {
+pub fn end(crash_record: CrashRecord) -> ! {
     let mut line = *b"fault 0 at 0x00000000, see board/fault.rs";
-    line[6] += epitaph.kind as u8;
+    line[6] += crash_record.kind as u8;
     for digit in 0..8 {
-        let value = (epitaph.place >> (28 - 4 * digit) & 0xF) as u8;
+        let value = (crash_record.place >> (28 - 4 * digit) & 0xF) as u8;
         line[13 + digit] = if value < 10 {
             b'0' + value
         } else {
@@ -191,7 +191,7 @@ pub fn start(
     // Nothing here is random: two runs must give the same bits.
     let boot = Boot {
         reset_cause: 0,
-        epitaph: fault::exhume(),
+        crash_record: fault::exhume(),
         seed,
         without,
     };

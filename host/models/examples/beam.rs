@@ -8,7 +8,7 @@ use std::time::Instant;
 use sutura_mesh::{MeshError, TetMesh, slab};
 use sutura_models::hyperelastic::{Cells, Hyperelastic, Settings};
 use sutura_models::law::Law;
-use sutura_models::{Drive, Material, Tissue};
+use sutura_models::{BoundaryConditions, Material, Tissue};
 
 const MATERIAL: Material = Material {
     youngs_modulus_pa: 3_000.0,
@@ -70,7 +70,7 @@ fn row(cells: Cells, thick: usize, graded: bool) -> Result<(), Box<dyn std::erro
         let mut force_n = [0.0; 3];
         force_n[axis] = force;
         tissue.add_traction(&face, force_n)?;
-        let drive = Drive {
+        let drive = BoundaryConditions {
             held: &held,
             force_n: &[],
         };

@@ -8,7 +8,7 @@ use sutura_models::chainmail::{
     ClassicalChainMail, ClassicalSettings, EllipsoidChainMail, EllipsoidSettings,
 };
 use sutura_models::shape_matching::{ShapeMatching, ShapeMatchingSettings};
-use sutura_models::{Drive, Material, Tissue};
+use sutura_models::{BoundaryConditions, Material, Tissue};
 
 type Failure = Box<dyn std::error::Error>;
 
@@ -50,7 +50,7 @@ impl Poke {
         for index in &self.moved {
             self.held[*index].1 = [0.0, 0.0, -depth_m];
         }
-        let drive = Drive {
+        let drive = BoundaryConditions {
             held: &self.held,
             force_n: &[],
         };

@@ -5,7 +5,7 @@
 use std::time::Instant;
 use sutura_mesh::{TetMesh, slab};
 use sutura_models::chainmail::{EllipsoidChainMail, EllipsoidSettings};
-use sutura_models::{Drive, Material, Outcome, Tissue};
+use sutura_models::{BoundaryConditions, Material, Outcome, Tissue};
 
 const LIVER: Material = Material {
     youngs_modulus_pa: 3_500.0,
@@ -42,7 +42,7 @@ fn run(
         for index in &patch {
             held[*index].1 = by;
         }
-        let drive = Drive {
+        let drive = BoundaryConditions {
             held: &held,
             force_n: &[],
         };

@@ -7,7 +7,7 @@ use std::error::Error;
 use sutura_mesh::{TetMesh, read_msh_raw};
 use sutura_models::energy_balance::{EnergyBalance, Form, Lanes, Motion, Settings};
 use sutura_models::law::Law;
-use sutura_models::{Drive, Material, Outcome, Tissue};
+use sutura_models::{BoundaryConditions, Material, Outcome, Tissue};
 
 /// A case and its solution.
 struct Case {
@@ -187,7 +187,7 @@ fn main() -> Result<(), Box<dyn Error>> {
                         ..Settings::default()
                     },
                 )?;
-                let drive = Drive {
+                let drive = BoundaryConditions {
                     held: &case.held,
                     force_n: &case.force_n,
                 };

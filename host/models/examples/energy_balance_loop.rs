@@ -8,7 +8,7 @@ use std::error::Error;
 use sutura_mesh::read_msh;
 use sutura_models::energy_balance::{EnergyBalance, Form, Lanes, Motion, Settings};
 use sutura_models::law::Law;
-use sutura_models::{Drive, Material, Outcome, Tissue};
+use sutura_models::{BoundaryConditions, Material, Outcome, Tissue};
 
 fn main() -> Result<(), Box<dyn Error>> {
     let data = concat!(env!("CARGO_MANIFEST_DIR"), "/../../tests/data/");
@@ -50,7 +50,7 @@ fn main() -> Result<(), Box<dyn Error>> {
                 ..Settings::default()
             };
             let mut model = EnergyBalance::new(&mesh, &[law], settings)?;
-            let drive = Drive {
+            let drive = BoundaryConditions {
                 held: &held,
                 force_n: &force_n,
             };

@@ -8,7 +8,7 @@ use std::time::Instant;
 use sutura_mesh::{TetMesh, slab};
 use sutura_models::energy_balance::{EnergyBalance, Form, Lanes, Prony, Settings};
 use sutura_models::law::Law;
-use sutura_models::{Drive, Material, Tissue};
+use sutura_models::{BoundaryConditions, Material, Tissue};
 
 const REPEATS: usize = 101;
 const VISITS: u32 = 20;
@@ -41,7 +41,7 @@ fn steps(mesh: &TetMesh, law: Law, settings: Settings) -> Result<Vec<f64>, Box<d
                 }
             })
             .collect();
-        let drive = Drive {
+        let drive = BoundaryConditions {
             held: &held,
             force_n: &[],
         };

@@ -2,10 +2,14 @@
 //!
 //! Entry points: [`refused`], and [`wrong`] for models whose steps need no length.
 
-use crate::{Diagnostics, Drive, Outcome};
+use crate::{BoundaryConditions, Diagnostics, Outcome};
 
 /// Why a step cannot be taken, if it cannot.
-pub(crate) fn refused(drive: &Drive<'_>, nodes: usize, step_s: f64) -> Option<&'static str> {
+pub(crate) fn refused(
+    drive: &BoundaryConditions<'_>,
+    nodes: usize,
+    step_s: f64,
+) -> Option<&'static str> {
     if step_s.is_finite() && step_s > 0.0 {
         wrong(drive, nodes)
     } else {
@@ -14,7 +18,7 @@ pub(crate) fn refused(drive: &Drive<'_>, nodes: usize, step_s: f64) -> Option<&'
 }
 
 /// Why a drive cannot be followed, however long the step, if it cannot.
-pub(crate) fn wrong(drive: &Drive<'_>, nodes: usize) -> Option<&'static str> {
+pub(crate) fn wrong(drive: &BoundaryConditions<'_>, nodes: usize) -> Option<&'static str> {
     let finite = |values: &[f64; 3]| values.iter().all(|value| value.is_finite());
     if !drive.force_n.is_empty() && drive.force_n.len() != nodes {
         Some("the loads are neither none nor one for each node")
@@ -57,7 +61,7 @@ mod tests {
     fn each_fault_is_named() {
         let good = [(1, [0.0; 3]), (4, [1.0, 0.0, 0.0])];
         let of = |held: &[(u32, [f64; 3])], force_n: &[[f64; 3]], step_s| {
-            refused(&Drive { held, force_n }, 5, step_s)
+            refused(&BoundaryConditions { held, force_n }, 5, step_s)
         };
         assert_eq!(of(&good, &[], 1e-3), None);
         assert_eq!(of(&good, &[[0.0; 3]; 5], 1e-3), None);

@@ -4,7 +4,7 @@
 
 use crate::drive_check::failed;
 use crate::in_place::clone_in_place;
-use crate::{Diagnostics, Drive};
+use crate::{BoundaryConditions, Diagnostics};
 
 /// Held nodes of a step and what holds them.
 #[derive(Debug)]
@@ -27,7 +27,7 @@ impl Held {
     }
 
     /// Takes over the nodes that the drive holds; calls `let_go` with each that is no longer held.
-    pub fn hold(&mut self, drive: &Drive<'_>, mut let_go: impl FnMut(usize)) {
+    pub fn hold(&mut self, drive: &BoundaryConditions<'_>, mut let_go: impl FnMut(usize)) {
         let mut now = drive.held.iter().map(|held| held.0).peekable();
         for &node in &self.nodes {
             while now.next_if(|held| *held < node).is_some() {}
@@ -43,7 +43,7 @@ impl Held {
     /// what each has `gone` in the step \[J\].
     pub fn react(
         &mut self,
-        drive: &Drive<'_>,
+        drive: &BoundaryConditions<'_>,
         reaction: impl Fn(usize) -> [f64; 3],
         gone: impl Fn(usize) -> [f64; 3],
     ) -> (f64, f64) {
@@ -62,7 +62,7 @@ impl Held {
     }
 
     /// Says that a step that was undone has failed: reactions are none.
-    pub fn give_up(&mut self, drive: &Drive<'_>, energy_j: f64) -> Diagnostics {
+    pub fn give_up(&mut self, drive: &BoundaryConditions<'_>, energy_j: f64) -> Diagnostics {
         self.reactions_n.clear();
         self.reactions_n.resize(drive.held.len(), [0.0; 3]);
         failed("the step leads to positions that are not finite", energy_j)
@@ -70,7 +70,7 @@ impl Held {
 }
 
 /// The load on a node \[N\].
-pub(crate) fn load(drive: &Drive<'_>, node: usize) -> [f64; 3] {
+pub(crate) fn load(drive: &BoundaryConditions<'_>, node: usize) -> [f64; 3] {
     drive.force_n.get(node).copied().unwrap_or_default()
 }
 
@@ -88,7 +88,7 @@ mod tests {
         let mut held = Held::new(13);
         let mut hold = |nodes: &[u32]| {
             let nodes: Vec<_> = nodes.iter().map(|node| (*node, [0.0; 3])).collect();
-            let drive = Drive {
+            let drive = BoundaryConditions {
                 held: &nodes,
                 force_n: &[],
             };
@@ -106,7 +106,7 @@ mod tests {
     #[test]
     fn reactions_are_summed_and_work() {
         let nodes = [(2, [0.0; 3]), (3, [0.0; 3])];
-        let drive = Drive {
+        let drive = BoundaryConditions {
             held: &nodes,
             force_n: &[],
         };

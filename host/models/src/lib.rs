@@ -1,7 +1,7 @@
 //! Soft-tissue models behind one interface, from the reference to the fastest approximation.
 //!
 //! Entry points: [`Tissue`], which every model implements, and the models' own modules. A model moves nodes
-//! that are held to where a [`Drive`] wants them, lets the others follow, and says what that took.
+//! that are held to where a [`BoundaryConditions`] wants them, lets the others follow, and says what that took.
 
 pub mod chainmail;
 mod drive_check;
@@ -21,4 +21,4 @@ mod tissue;
 
 pub use error::BuildError;
 pub use material::{Material, MaterialError, Materials};
-pub use tissue::{Diagnostics, Drive, Outcome, Tangent, Tissue};
+pub use tissue::{BoundaryConditions, Diagnostics, Outcome, Tangent, Tissue};

@@ -4,7 +4,7 @@
 //! distance and over half of it; the difference of the two is the stated error. Nothing is allocated: [`Trials`] has the
 //! memory.
 
-use crate::{Drive, Outcome, Tangent, Tissue};
+use crate::{BoundaryConditions, Outcome, Tangent, Tissue};
 
 /// Held nodes, ascending, and their displacements from rest \[m\].
 type Holds = Vec<(u32, [f64; 3])>;
@@ -40,7 +40,7 @@ pub(crate) type Parts<T, S> = fn(&mut T) -> (&mut S, &mut Trials<S>);
 pub(crate) fn secant_of_step<T: Tissue, S: Clone>(
     tissue: &mut T,
     parts: Parts<T, S>,
-    drive: &Drive<'_>,
+    drive: &BoundaryConditions<'_>,
     moved: &[usize],
     reach_m: f64,
     step_s: f64,
@@ -58,7 +58,7 @@ pub(crate) fn secant_to_come<T: Tissue, S: Clone>(
     tissue: &mut T,
     parts: Parts<T, S>,
     rest_m: fn(&T, usize) -> Option<[f64; 3]>,
-    drive: &Drive<'_>,
+    drive: &BoundaryConditions<'_>,
     touched: &[(u32, f64)],
     reach_m: f64,
     step_s: f64,
@@ -107,7 +107,7 @@ fn around<T: Tissue, S: Clone>(
     let mut held = std::mem::take(&mut trials.held);
     let from = std::mem::take(&mut trials.from);
     let moved = std::mem::take(&mut trials.moved);
-    let drive = Drive {
+    let drive = BoundaryConditions {
         held: &from,
         force_n,
     };
@@ -138,11 +138,11 @@ fn around<T: Tissue, S: Clone>(
 // A column of the tangent for each axis, by rows.
 #[allow(clippy::needless_range_loop)]
 fn secant(
-    drive: &Drive<'_>,
+    drive: &BoundaryConditions<'_>,
     held: &mut Holds,
     moved: &[(usize, f64)],
     reach_m: f64,
-    mut reactions: impl FnMut(&Drive<'_>) -> Option<[f64; 3]>,
+    mut reactions: impl FnMut(&BoundaryConditions<'_>) -> Option<[f64; 3]>,
 ) -> Option<Tangent> {
     if moved.is_empty() || moved.iter().any(|(index, _)| *index >= drive.held.len()) {
         return None;
@@ -157,7 +157,7 @@ fn secant(
                 for (index, part) in moved {
                     held[*index].1[axis] += sign * reach * part;
                 }
-                let trial = Drive {
+                let trial = BoundaryConditions {
                     held,
                     force_n: drive.force_n,
                 };
@@ -194,11 +194,11 @@ mod tests {
 
     #[test]
     fn a_linear_force_is_exact_and_a_curved_one_says_its_error() {
-        let drive = Drive {
+        let drive = BoundaryConditions {
             held: &HELD,
             force_n: &[],
         };
-        let linear = |trial: &Drive<'_>| {
+        let linear = |trial: &BoundaryConditions<'_>| {
             let [x, y, z] = trial.held[1].1;
             Some([3.0 * x + y, 2.0 * y, x - z])
         };
@@ -212,7 +212,7 @@ mod tests {
         }
         assert!(tangent.error < 1e-9);
         // x^3 at 0.1: the secant over h is 3 x^2 + h^2.
-        let cubic = |trial: &Drive<'_>| Some([trial.held[1].1[0].powi(3), 0.0, 0.0]);
+        let cubic = |trial: &BoundaryConditions<'_>| Some([trial.held[1].1[0].powi(3), 0.0, 0.0]);
         let tangent = secant(&drive, &mut Vec::new(), &[(1, 1.0)], 0.02, cubic).expect("a tangent");
         assert!((tangent.stiffness_n_per_m[0][0] - 0.0301).abs() < 1e-12);
         assert!((tangent.error - 0.0003 / 0.0301).abs() < 1e-9);
@@ -220,7 +220,7 @@ mod tests {
 
     #[test]
     fn no_nodes_no_tangent() {
-        let drive = Drive {
+        let drive = BoundaryConditions {
             held: &HELD,
             force_n: &[],
         };

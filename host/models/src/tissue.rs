@@ -4,7 +4,7 @@
 
 /// What acts on tissue during a step.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct Drive<'a> {
+pub struct BoundaryConditions<'a> {
     /// Nodes that are held, and their displacement from rest \[m\], ascending by node. Which nodes are
     /// held may change from step to step.
     pub held: &'a [(u32, [f64; 3])],
@@ -73,7 +73,7 @@ pub trait Tissue: Send {
     /// Advances by `step_s` \[s\]; quasi-static models only go to balance. Allocates nothing once a drive
     /// with as many held nodes has been seen. Never panics: numbers that are none end in
     /// [`Outcome::Failed`] and leave the positions as they were.
-    fn step(&mut self, drive: &Drive<'_>, step_s: f64) -> Diagnostics;
+    fn step(&mut self, drive: &BoundaryConditions<'_>, step_s: f64) -> Diagnostics;
 
     /// Where every node is \[m\], (n x 3).
     fn positions_m(&self) -> &[[f64; 3]];
@@ -83,13 +83,18 @@ pub trait Tissue: Send {
 
     /// Tangent of the held nodes at `moved`, indices into the last drive, which is given again. Leaves
     /// the state as it was. `None`: the model has no forces to speak of.
-    fn tangent(&mut self, drive: &Drive<'_>, moved: &[usize], step_s: f64) -> Option<Tangent>;
+    fn tangent(
+        &mut self,
+        drive: &BoundaryConditions<'_>,
+        moved: &[usize],
+        step_s: f64,
+    ) -> Option<Tangent>;
 
     /// Tangent of a touch to come, after a step of this drive: of nodes that nothing holds yet, each moved by its share, 0 to 1, of a
     /// common displacement; twice the energy of a unit of it \[N/m\]. Leaves the state as it was. `None`: the model cannot say.
     fn tangent_to_come(
         &mut self,
-        drive: &Drive<'_>,
+        drive: &BoundaryConditions<'_>,
         touched: &[(u32, f64)],
         step_s: f64,
     ) -> Option<Tangent> {

@@ -8,7 +8,7 @@ use sutura_mesh::{TetMesh, slab};
 use sutura_models::chainmail::{
     ClassicalChainMail, ClassicalSettings, EllipsoidChainMail, EllipsoidSettings,
 };
-use sutura_models::{BuildError, Drive, Material, Outcome, Tissue};
+use sutura_models::{BoundaryConditions, BuildError, Material, Outcome, Tissue};
 
 const LIVER: Material = Material {
     youngs_modulus_pa: 3_500.0,
@@ -80,8 +80,8 @@ fn poke(mesh: &TetMesh, half_m: f64, by: [f64; 3]) -> Vec<(u32, [f64; 3])> {
     held
 }
 
-fn held_only(held: &[(u32, [f64; 3])]) -> Drive<'_> {
-    Drive { held, force_n: &[] }
+fn held_only(held: &[(u32, [f64; 3])]) -> BoundaryConditions<'_> {
+    BoundaryConditions { held, force_n: &[] }
 }
 
 fn greatest_distance(a: &[[f64; 3]], b: &[[f64; 3]]) -> f64 {
@@ -237,13 +237,13 @@ fn both_momenta_last_where_nothing_is_held() {
                 })
                 .collect();
             tissue.set_velocities(&velocities);
-            let first = tissue.step(&Drive::default(), 1e-3);
+            let first = tissue.step(&BoundaryConditions::default(), 1e-3);
             // Round-off of what cancels: all elements' m |v|, at the distance they get to.
             let fastest = greatest_norm(&velocities);
             let scale = 1060.0 * 8e-6 * tissue.mass_factor() * fastest;
             let (mut adjusted, mut strained) = (0, 0.0f64);
             for _ in 0..500 {
-                let report = tissue.step(&Drive::default(), 1e-3);
+                let report = tissue.step(&BoundaryConditions::default(), 1e-3);
                 adjusted += tissue.adjusted();
                 strained = strained.max(report.energy_j);
                 let off = Vector3::from(report.momentum) - Vector3::from(first.momentum);
@@ -343,7 +343,7 @@ fn extremes_end_in_a_word_and_finite_positions() {
         let nan = poke(&mesh, 0.004, [0.0, f64::NAN, 0.0]);
         let far = poke(&mesh, 0.004, [0.0, 1e200, 0.0]);
         let loads = vec![[f64::INFINITY; 3]; mesh.points_m().len()];
-        let loaded = Drive {
+        let loaded = BoundaryConditions {
             held: &held,
             force_n: &loads,
         };
@@ -389,7 +389,7 @@ fn a_step_and_its_tangent_allocate_nothing() {
                 let to_come = tissue.tangent_to_come(&ground, &[(held[last].0, 1.0)], 1e-3);
                 assert!(to_come.is_some(), "{name}");
             }
-            tissue.step(&Drive::default(), 1e-4);
+            tissue.step(&BoundaryConditions::default(), 1e-4);
             tissue.step(&held_only(&drives[7]), 1e-3);
         });
         assert_eq!(counted.count_total, 0, "{name}");

@@ -8,7 +8,7 @@ use sutura_models::chainmail::{
     ClassicalChainMail, ClassicalSettings, EllipsoidChainMail, EllipsoidSettings,
 };
 use sutura_models::shape_matching::{ShapeMatching, ShapeMatchingSettings};
-use sutura_models::{Diagnostics, Drive, Material, Outcome, Tissue};
+use sutura_models::{BoundaryConditions, Diagnostics, Material, Outcome, Tissue};
 
 const LIVER: Material = Material {
     youngs_modulus_pa: 3_500.0,
@@ -40,7 +40,7 @@ fn poke(mesh: &TetMesh, half_m: f64, by: [f64; 3]) -> (Vec<(u32, [f64; 3])>, Vec
 }
 
 fn step(tissue: &mut dyn Tissue, held: &[(u32, [f64; 3])], step_s: f64) -> Diagnostics {
-    let report = tissue.step(&Drive { held, force_n: &[] }, step_s);
+    let report = tissue.step(&BoundaryConditions { held, force_n: &[] }, step_s);
     assert!(!matches!(report.outcome, Outcome::Failed(_)));
     report
 }
@@ -335,7 +335,7 @@ fn a_load_is_borne_by_the_springs_and_the_ground() {
     for node in &top {
         force_n[*node] = [0.0, 0.0, total / top.len() as f64];
     }
-    let drive = Drive {
+    let drive = BoundaryConditions {
         held: &held,
         force_n: &force_n,
     };
@@ -359,7 +359,7 @@ fn a_load_is_borne_by_the_springs_and_the_ground() {
     }
     assert!((sunk[0] / sunk[1] - 1.0).abs() < 0.05, "{sunk:?}");
     // Unloaded, it comes back.
-    let drive = Drive {
+    let drive = BoundaryConditions {
         held: &held,
         force_n: &[],
     };
@@ -384,7 +384,7 @@ fn the_tangent_is_the_change_of_the_reaction_in_a_step() {
         for _ in 0..1000 {
             step(tissue, &held, STEP_S);
         }
-        let drive = Drive {
+        let drive = BoundaryConditions {
             held: &held,
             force_n: &[],
         };
@@ -435,7 +435,7 @@ fn tangents_to_come_are_those_of_steps_that_hold() {
             ),
         ]
     };
-    let drive = Drive {
+    let drive = BoundaryConditions {
         held: &ground,
         force_n: &[],
     };

@@ -5,7 +5,7 @@ use sutura_mesh::{TetMesh, read_msh_raw, slab};
 use sutura_models::energy_balance::{EnergyBalance, Form, Lanes, Prony, Settings};
 use sutura_models::hyperelastic::{self, Hyperelastic};
 use sutura_models::law::Law;
-use sutura_models::{Drive, Material, Outcome, Tissue};
+use sutura_models::{BoundaryConditions, Material, Outcome, Tissue};
 
 const BRAIN: Material = Material {
     youngs_modulus_pa: 3_000.0,
@@ -43,7 +43,7 @@ fn errors(settings: Settings) -> (f64, f64) {
     let mut model =
         EnergyBalance::new(&mesh, &[Law::neo_hookean(BRAIN)], settings).expect("a model");
     model.step(
-        &Drive {
+        &BoundaryConditions {
             held: &held,
             force_n: &[],
         },
@@ -101,7 +101,7 @@ fn converged_it_is_where_newton_ends_with_fibres_and_loads() {
     let held: Held = (0..25).map(|node| (node, [0.0; 3])).collect();
     let mut force_n = vec![[0.0; 3]; 100];
     force_n[75..].fill([0.01, 0.004, -0.02]);
-    let drive = Drive {
+    let drive = BoundaryConditions {
         held: &held,
         force_n: &force_n,
     };
@@ -170,7 +170,7 @@ fn a_step_and_its_tangent_allocate_nothing_after_the_first() {
                 .expect("a model");
             let mut failed = 0;
             let mut go = |held: &Held| {
-                let drive = Drive {
+                let drive = BoundaryConditions {
                     held,
                     force_n: &force_n,
                 };

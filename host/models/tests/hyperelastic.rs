@@ -3,7 +3,7 @@
 use sutura_mesh::{TetMesh, slab};
 use sutura_models::hyperelastic::{Cells, Hyperelastic, Motion, Scheme, Settings};
 use sutura_models::law::Law;
-use sutura_models::{Drive, Material, Outcome, Tissue};
+use sutura_models::{BoundaryConditions, Material, Outcome, Tissue};
 
 const LIVER: Material = Material {
     youngs_modulus_pa: 3_500.0,
@@ -74,7 +74,7 @@ fn bottom_held_top_moved(by: [f64; 3]) -> Held {
 }
 
 fn step(tissue: &mut Hyperelastic, held: &Held) -> sutura_models::Diagnostics {
-    let drive = Drive { held, force_n: &[] };
+    let drive = BoundaryConditions { held, force_n: &[] };
     tissue.step(&drive, 0.01)
 }
 
@@ -151,7 +151,7 @@ fn a_uniform_traction_gives_a_uniform_stretch() {
             .expect("faces");
         // Backward Euler with long steps is a way to balance without any node held.
         for _ in 0..6 {
-            let drive = Drive::default();
+            let drive = BoundaryConditions::default();
             assert_eq!(tissue.step(&drive, 100.0).outcome, Outcome::Converged);
         }
         let (_, f) = tissue.deformation(0, [0.25; 4]).expect("a cell");
@@ -182,7 +182,7 @@ fn tangents_agree_with_perturbed_solves() {
         let held = bottom_held_top_moved(by);
         let moved: Vec<usize> = (0..held.len()).filter(|&i| held[i].1 == by).collect();
         assert_eq!(step(&mut still, &held).outcome, Outcome::Converged);
-        let drive = Drive {
+        let drive = BoundaryConditions {
             held: &held,
             force_n: &[],
         };
@@ -231,7 +231,7 @@ fn tangents_to_come_agree_with_solves_that_hold() {
             })
         };
         let mut apart = tissue(law, with(cells));
-        let drive = Drive {
+        let drive = BoundaryConditions {
             held: &rest,
             force_n: &[],
         };
@@ -293,7 +293,7 @@ fn tangents_of_dynamics_agree_with_perturbed_steps() {
         };
         let (mut still, held) = run(by);
         let moved: Vec<usize> = (0..held.len()).filter(|&i| held[i].1 == by).collect();
-        let drive = Drive {
+        let drive = BoundaryConditions {
             held: &held,
             force_n: &[],
         };
@@ -359,7 +359,7 @@ fn work_is_energy() {
                 let share = f64::from(part) / f64::from(load_steps);
                 let by = [0.005 * share, 0.0, -0.003 * share];
                 let force_n = vec![[0.0, 0.06 * share, 0.0]; tissue.positions_m().len()];
-                let drive = Drive {
+                let drive = BoundaryConditions {
                     held: &bottom_held_top_moved(by),
                     force_n: &force_n,
                 };
@@ -426,11 +426,15 @@ fn drives_that_are_none_change_nothing() {
         dynamic(Cells::Linear, Scheme::Midpoint, 0.0),
     ] {
         let mut tissue = tissue(Law::neo_hookean(LIVER), settings);
-        assert!(tissue.tangent(&Drive::default(), &[0], 0.01).is_none());
+        assert!(
+            tissue
+                .tangent(&BoundaryConditions::default(), &[0], 0.01)
+                .is_none()
+        );
         let held = bottom_held_top_moved([0.0, 0.0, 0.002]);
         assert_eq!(step(&mut tissue, &held).outcome, Outcome::Converged);
         let (before, reactions) = (tissue.positions_m().to_vec(), tissue.reactions_n().to_vec());
-        let drive = Drive {
+        let drive = BoundaryConditions {
             held: &held,
             force_n: &[],
         };
@@ -445,7 +449,7 @@ fn drives_that_are_none_change_nothing() {
             (&[(0, [0.0; 3])], &bad),
         ];
         for (held, force_n) in wrong {
-            let done = tissue.step(&Drive { held, force_n }, 0.01);
+            let done = tissue.step(&BoundaryConditions { held, force_n }, 0.01);
             assert!(matches!(done.outcome, Outcome::Failed(_)), "{done:?}");
             assert_eq!(before, tissue.positions_m());
             assert_eq!(reactions, tissue.reactions_n());
@@ -454,7 +458,7 @@ fn drives_that_are_none_change_nothing() {
         // As well when the drive can be taken, but leads nowhere, in a step of another length.
         let flat = hold(|p| Some([0.0, 0.0, -p[2]]));
         let failed = tissue.step(
-            &Drive {
+            &BoundaryConditions {
                 held: &flat,
                 force_n: &[],
             },
@@ -470,7 +474,7 @@ fn drives_that_are_none_change_nothing() {
         dynamic(Cells::Linear, Scheme::BackwardEuler, 0.0),
     );
     for step_s in [0.0, -1.0, nan, f64::INFINITY] {
-        let done = tissue.step(&Drive::default(), step_s);
+        let done = tissue.step(&BoundaryConditions::default(), step_s);
         assert!(matches!(done.outcome, Outcome::Failed(_)), "{done:?}");
     }
 }
@@ -490,7 +494,7 @@ fn free_flight_keeps_momentum() {
             let mut tissue = tissue(Law::neo_hookean(LIVER), dynamic(cells, scheme, drag));
             tissue.set_velocity_m_per_s(&velocity).expect("velocities");
             let steps: Vec<_> = (0..60)
-                .map(|_| tissue.step(&Drive::default(), 0.002))
+                .map(|_| tissue.step(&BoundaryConditions::default(), 0.002))
                 .collect();
             assert!(steps.iter().all(|done| done.outcome == Outcome::Converged));
             steps
@@ -537,7 +541,7 @@ fn time_steps_converge_at_their_order() {
         tissue.add_body_force(|_| [500.0, 0.0, weight]);
         let held = hold(|p| bottom(p).then_some([0.0; 3]));
         for _ in 0..steps {
-            let drive = Drive {
+            let drive = BoundaryConditions {
                 held: &held,
                 force_n: &[],
             };
@@ -573,7 +577,7 @@ fn steps_and_tangents_allocate_nothing() {
             let mut converged = 0;
             let allocated = allocation_counter::measure(|| {
                 for held in &drives {
-                    let drive = Drive { held, force_n: &[] };
+                    let drive = BoundaryConditions { held, force_n: &[] };
                     converged += u32::from(tissue.step(&drive, 0.01).outcome == Outcome::Converged);
                     converged += u32::from(tissue.tangent(&drive, &[0, 3], 0.01).is_some());
                 }

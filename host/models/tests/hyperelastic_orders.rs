@@ -9,7 +9,7 @@ use std::f64::consts::PI;
 use sutura_mesh::slab;
 use sutura_models::hyperelastic::{Cells, Hyperelastic, Settings};
 use sutura_models::law::Law;
-use sutura_models::{Drive, Material, Outcome, Tissue};
+use sutura_models::{BoundaryConditions, Material, Outcome, Tissue};
 
 /// Largest displacement along each axis, of a cube with an edge of 1 m.
 const SIZE: [f64; 3] = [0.12, -0.09, 0.1];
@@ -95,7 +95,7 @@ fn errors(cells: Cells, law: Law, n: usize) -> [f64; 2] {
         .iter()
         .map(|&node| (node, [0.0; 3]))
         .collect();
-    let drive = Drive {
+    let drive = BoundaryConditions {
         held: &held,
         force_n: &[],
     };

@@ -4,7 +4,7 @@ use serde_json::Value;
 use sutura_mesh::{TetMesh, read_msh};
 use sutura_models::hyperelastic::{Cells, Hyperelastic, Settings};
 use sutura_models::law::Law;
-use sutura_models::{Drive, Material, Outcome, Tissue};
+use sutura_models::{BoundaryConditions, Material, Outcome, Tissue};
 
 fn data(name: &str) -> String {
     let path = format!("{}/../../tests/data/{name}", env!("CARGO_MANIFEST_DIR"));
@@ -85,7 +85,7 @@ fn agrees(name: &str) {
     let case = case(name);
     let mut tissue =
         Hyperelastic::new(&case.mesh, &[case.law], Settings::default()).expect("tissue");
-    let drive = Drive {
+    let drive = BoundaryConditions {
         held: &case.held,
         force_n: &case.force_n,
     };
@@ -159,7 +159,7 @@ fn tip(cells: Cells, poisson_ratio: f64, axis: usize, force: f64) -> f64 {
     let mut force_n = [0.0; 3];
     force_n[axis] = force;
     tissue.add_traction(&face, force_n).expect("faces");
-    let drive = Drive {
+    let drive = BoundaryConditions {
         held: &held,
         force_n: &[],
     };

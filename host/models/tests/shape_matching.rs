@@ -6,7 +6,7 @@
 use nalgebra::{Rotation3, Vector3};
 use sutura_mesh::{TetMesh, slab};
 use sutura_models::shape_matching::{ShapeMatching, ShapeMatchingSettings};
-use sutura_models::{BuildError, Drive, Material, Outcome, Tissue};
+use sutura_models::{BoundaryConditions, BuildError, Material, Outcome, Tissue};
 
 const LIVER: Material = Material {
     youngs_modulus_pa: 3_500.0,
@@ -37,8 +37,8 @@ fn poke(mesh: &TetMesh, half_m: f64, by: [f64; 3]) -> (Vec<(u32, [f64; 3])>, Vec
     (held, moved)
 }
 
-fn held_only(held: &[(u32, [f64; 3])]) -> Drive<'_> {
-    Drive { held, force_n: &[] }
+fn held_only(held: &[(u32, [f64; 3])]) -> BoundaryConditions<'_> {
+    BoundaryConditions { held, force_n: &[] }
 }
 
 fn sum(tissue: &ShapeMatching, of: &[usize], axis: usize) -> f64 {
@@ -112,13 +112,13 @@ fn both_momenta_last_where_nothing_is_held() {
             v.into()
         })
         .collect();
-    body.step(&Drive::default(), STEP_S);
+    body.step(&BoundaryConditions::default(), STEP_S);
     body.set_velocities(&velocities);
-    let first = body.step(&Drive::default(), STEP_S);
+    let first = body.step(&BoundaryConditions::default(), STEP_S);
     let scale = 1060.0 * 8e-6 * body.mass_factor() * 2.0;
     let mut strained = 0.0f64;
     for _ in 0..500 {
-        let report = body.step(&Drive::default(), STEP_S);
+        let report = body.step(&BoundaryConditions::default(), STEP_S);
         strained = strained.max(report.energy_j);
         let off = Vector3::from(report.momentum) - Vector3::from(first.momentum);
         assert!(off.norm() < 1e-13 * scale, "{off}");
@@ -127,7 +127,7 @@ fn both_momenta_last_where_nothing_is_held() {
     }
     // It did deform, and came to move rigidly.
     assert!(strained > 1e-5, "{strained}");
-    let last = body.step(&Drive::default(), STEP_S);
+    let last = body.step(&BoundaryConditions::default(), STEP_S);
     assert!(
         last.energy_j < 1e-2 * strained,
         "{} {strained}",
@@ -266,7 +266,7 @@ fn the_same_inputs_give_the_same_bits_and_nothing_is_allocated() {
                 body.tangent(&held_only(held), &[0], STEP_S)
                     .expect("a tangent");
             }
-            body.step(&Drive::default(), 1e-4);
+            body.step(&BoundaryConditions::default(), 1e-4);
         });
         assert_eq!(counted.count_total, 0);
         body.positions_m().to_vec()
@@ -285,7 +285,7 @@ fn loads_and_tangent() {
     for node in &top {
         force_n[*node] = [0.0, 0.0, -0.01 / top.len() as f64];
     }
-    let drive = Drive {
+    let drive = BoundaryConditions {
         held: &held,
         force_n: &force_n,
     };

@@ -4,7 +4,7 @@
 //!
 //! Entry points: [`Circling::new`], [`Circling::at`].
 
-use super::{AnchorPoint, AnchorRow};
+use super::{AnchorPoint, PointConstraint};
 use crate::mesh::TetMesh;
 use crate::rows::RowKind;
 use nalgebra::{Rotation3, Unit, Vector3};
@@ -29,7 +29,7 @@ pub struct Circling {
     axes: Vec<Unit<Vector3<f64>>>,
     radius_m: f64,
     points: Vec<AnchorPoint>,
-    rows: Vec<AnchorRow>,
+    rows: Vec<PointConstraint>,
 }
 
 /// A face and the one across its first edge, that edge's nodes first: itself where there is none, as beside a fixed node.
@@ -103,7 +103,7 @@ impl Circling {
             nodes: [0; 4],
             weights: [0.0; 4],
         };
-        let no_row = AnchorRow {
+        let no_row = PointConstraint {
             id: 0,
             anchor: 0,
             kind: RowKind::Equality,
@@ -120,7 +120,7 @@ impl Circling {
     }
 
     /// Anchors and rows of one step at so many steps a second.
-    pub fn at(&mut self, step: u64, rate_hz: f64) -> (&[AnchorPoint], &[AnchorRow]) {
+    pub fn at(&mut self, step: u64, rate_hz: f64) -> (&[AnchorPoint], &[PointConstraint]) {
         let time_s = step as f64 / rate_hz;
         let grown = (time_s / GROWING_S).min(1.0);
         let radius = self.radius_m * grown * grown * (3.0 - 2.0 * grown);
@@ -137,7 +137,7 @@ impl Circling {
             let turned = Rotation3::from_axis_angle(&self.axes[index], angle + index as f64);
             for axis in 0..3 {
                 let direction: Vector3<f64> = turned.matrix().column(axis).into();
-                self.rows[3 * index + axis] = AnchorRow {
+                self.rows[3 * index + axis] = PointConstraint {
                     id: (3 * index + axis) as u64,
                     anchor: index as u32,
                     kind: RowKind::Equality,

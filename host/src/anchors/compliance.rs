@@ -3,7 +3,7 @@
 //! Entry points: [`Pairs::look`], then [`Pairs::project`]. Blocks between anchors are kept from step to step: what
 //! has not moved in the mesh costs nothing again, and a change of direction only the projection.
 
-use super::{AnchorRow, SpreadRow, Term};
+use super::{MultiPointConstraint, PointConstraint, Term};
 use crate::columns::Columns;
 use nalgebra::{Matrix3, Vector3};
 use serde::Serialize;
@@ -46,12 +46,12 @@ impl Reached {
 /// Rows on several anchors.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub(super) struct Spread {
-    pub rows: Vec<SpreadRow>,
+    pub rows: Vec<MultiPointConstraint>,
     pub terms: Vec<Term>,
 }
 
 impl Spread {
-    pub fn terms_of(&self, row: &SpreadRow) -> &[Term] {
+    pub fn terms_of(&self, row: &MultiPointConstraint) -> &[Term] {
         let (first, count) = (row.terms.0 as usize, row.terms.1 as usize);
         self.terms.get(first..first + count).unwrap_or_default()
     }
@@ -230,7 +230,7 @@ impl Pairs {
     /// begin.
     pub fn project(
         &mut self,
-        rows: &[AnchorRow],
+        rows: &[PointConstraint],
         first_row: &[u32],
         spread: &Spread,
         w: &mut [f64],

@@ -15,7 +15,7 @@ mod tests;
 
 pub(crate) use set::ConstraintSet;
 pub use solver::{AnchorSettings, AnchorSolver, AnchorStages, AnchorStatus, AnchorStep};
-pub(crate) use system::{Grasp, System, is_solved};
+pub(crate) use system::{ConstraintState, ConstraintSystem, is_solved};
 
 use crate::rows::RowKind;
 use serde::Serialize;
@@ -32,7 +32,7 @@ pub struct AnchorPoint {
 /// A row on several anchors: the sum of `direction . u(anchor)` over its terms, at or below its target or
 /// equal to it, by its kind.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub(crate) struct SpreadRow {
+pub(crate) struct MultiPointConstraint {
     /// Names the row from step to step, among single rows too.
     pub id: u64,
     /// What it may do.
@@ -45,7 +45,7 @@ pub(crate) struct SpreadRow {
     pub terms: (u32, u32),
 }
 
-/// A part of a [`SpreadRow`].
+/// A part of a [`MultiPointConstraint`].
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub(crate) struct Term {
     /// Index of the anchor.
@@ -56,7 +56,7 @@ pub(crate) struct Term {
 
 /// One row: `direction . u(anchor) <= target` or `=`, by its kind.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub struct AnchorRow {
+pub struct PointConstraint {
     /// Names the row from step to step.
     pub id: u64,
     /// Index of its anchor.

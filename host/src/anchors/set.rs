@@ -1,6 +1,6 @@
 //! The constraints of one solve: what every source appends to.
 
-use super::{AnchorPoint, AnchorRow, AnchorSettings, SpreadRow, Term};
+use super::{AnchorPoint, AnchorSettings, MultiPointConstraint, PointConstraint, Term};
 
 /// Points of tissue, and the rows on them.
 #[derive(Clone, Debug, Default)]
@@ -10,9 +10,9 @@ pub(crate) struct ConstraintSet {
     /// From one point to another, whose displacement is that of the second less that of the first.
     pub ways: Vec<[Option<AnchorPoint>; 2]>,
     /// Rows on one anchor or way each, in the order of these.
-    pub rows: Vec<AnchorRow>,
+    pub rows: Vec<PointConstraint>,
     /// Rows on several.
-    pub spread: Vec<SpreadRow>,
+    pub spread: Vec<MultiPointConstraint>,
     pub terms: Vec<Term>,
     /// Rows that give way by themselves, and by how much \[m/N\].
     pub soft: Vec<(u32, f64)>,

@@ -2,8 +2,8 @@
 //!
 //! Entry points: [`AnchorSolver::new`], [`AnchorSolver::step`].
 
-use super::system::{Grasp, System, is_solved};
-use super::{AnchorPoint, AnchorRow};
+use super::system::{ConstraintState, ConstraintSystem, is_solved};
+use super::{AnchorPoint, PointConstraint};
 use crate::body::Body;
 use crate::clock::Clock;
 use crate::fem::{
@@ -109,8 +109,8 @@ pub struct AnchorStep {
 /// Tissue held by rows on anchors.
 pub struct AnchorSolver {
     body: Body,
-    grasp: Grasp,
-    system: System,
+    grasp: ConstraintState,
+    system: ConstraintSystem,
     /// Free nodes that anchors may name, in the columns' order, (b).
     reached: Vec<u32>,
     u: Vec<f64>,
@@ -158,8 +158,8 @@ impl AnchorSolver {
     }
 
     fn new(body: Body, reached: &[u32], settings: AnchorSettings) -> Result<Self, TissueError> {
-        let grasp = Grasp::new(body.at_rest(), &settings);
-        let system = System::new(&body, grasp.motion(), reached, settings)?;
+        let grasp = ConstraintState::new(body.at_rest(), &settings);
+        let system = ConstraintSystem::new(&body, grasp.motion(), reached, settings)?;
         let unknowns = body.numbering().unknowns();
         Ok(Self {
             reached: reached.to_vec(),
@@ -203,7 +203,12 @@ impl AnchorSolver {
 
     /// Finds the forces of `rows`, which are in the order of their `anchors`; with `field` the
     /// displacement of all nodes, too. Allocates only while columns are new and memory is below its limit.
-    pub fn step(&mut self, anchors: &[AnchorPoint], rows: &[AnchorRow], field: bool) -> AnchorStep {
+    pub fn step(
+        &mut self,
+        anchors: &[AnchorPoint],
+        rows: &[PointConstraint],
+        field: bool,
+    ) -> AnchorStep {
         let mut report = AnchorStep::default();
         let mut clock = Clock::start();
         let Self {

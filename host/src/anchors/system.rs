@@ -1,11 +1,11 @@
 //! Columns, compliance and forces of rows on anchors, for whoever makes the rows.
 //!
-//! Entry points: [`Grasp`] is what evolves, [`System`] scratch and the cache of columns. In order:
-//! [`System::read`], [`System::look`] and [`System::linearise`] for tissue that turns, [`System::fetch`],
-//! [`System::assemble`], [`System::solve`], [`System::accept`].
+//! Entry points: [`ConstraintState`] is what evolves, [`ConstraintSystem`] scratch and the cache of columns. In order:
+//! [`ConstraintSystem::read`], [`ConstraintSystem::look`] and [`ConstraintSystem::linearise`] for tissue that turns, [`ConstraintSystem::fetch`],
+//! [`ConstraintSystem::assemble`], [`ConstraintSystem::solve`], [`ConstraintSystem::accept`].
 
 use super::compliance::{Pairs, Reached, Spread};
-use super::{AnchorPoint, AnchorRow, AnchorSettings, SpreadRow, Term};
+use super::{AnchorPoint, AnchorSettings, MultiPointConstraint, PointConstraint, Term};
 use crate::body::{Body, BodyWork, Motion, Place, Push};
 use crate::columns::Columns;
 use crate::fem::{
@@ -20,18 +20,18 @@ use std::sync::Arc;
 
 /// What evolves: the tissue's motion and the forces of the rows on it.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub(crate) struct Grasp {
+pub(crate) struct ConstraintState {
     motion: Motion,
     forces: rows::State,
     anchors: Vec<Reached>,
     /// Rows of the last solve, and after them those on several anchors.
-    acting: Vec<AnchorRow>,
+    acting: Vec<PointConstraint>,
     spread: Spread,
     /// Force on the tissue at each anchor \[N\], (anchors).
     on_anchors: Vec<Vector3<f64>>,
 }
 
-impl Grasp {
+impl ConstraintState {
     /// No rows yet.
     pub fn new(motion: Motion, settings: &AnchorSettings) -> Self {
         Self {
@@ -52,7 +52,7 @@ impl Grasp {
     }
 
     /// Rows of the last solve, but those on several anchors; their multipliers come first.
-    pub fn acting(&self) -> &[AnchorRow] {
+    pub fn acting(&self) -> &[PointConstraint] {
         &self.acting
     }
 
@@ -135,7 +135,7 @@ impl Grasp {
     }
 }
 
-/// What [`System::fetch`] did.
+/// What [`ConstraintSystem::fetch`] did.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Fetched {
     /// Vertices whose columns were computed.
@@ -145,7 +145,7 @@ pub(crate) struct Fetched {
 }
 
 /// Scratch and the cache of columns.
-pub(crate) struct System {
+pub(crate) struct ConstraintSystem {
     settings: AnchorSettings,
     held: Arc<HeldPoints>,
     columns: Columns,
@@ -179,7 +179,7 @@ pub(crate) fn is_solved(outcome: &rows::Outcome) -> bool {
     matches!(outcome.status, Ok | Redundant | Incompatible | NotConverged)
 }
 
-impl System {
+impl ConstraintSystem {
     /// For anchors on the free nodes `reached`.
     ///
     /// # Errors
@@ -332,7 +332,7 @@ impl System {
     pub fn displacement(
         &self,
         body: &Body,
-        grasp: &Grasp,
+        grasp: &ConstraintState,
         pushes: &[Push],
         node: u32,
     ) -> Vector3<f64> {
@@ -363,7 +363,7 @@ impl System {
     pub fn slack(
         &self,
         body: &Body,
-        grasp: &Grasp,
+        grasp: &ConstraintState,
         pushes: &[Push],
         resting: &[[f64; 3]],
         out: &mut [f64],
@@ -390,7 +390,13 @@ impl System {
     }
 
     /// Computes columns of nodes that will soon be named, of at most `most` that are missing.
-    pub fn compute_ahead(&mut self, body: &Body, grasp: &Grasp, nodes: &[u32], most: usize) -> u32 {
+    pub fn compute_ahead(
+        &mut self,
+        body: &Body,
+        grasp: &ConstraintState,
+        nodes: &[u32],
+        most: usize,
+    ) -> u32 {
         if self.columns.has_worker() {
             nodes.iter().for_each(|node| self.prefetch(*node));
             return 0;
@@ -444,7 +450,7 @@ impl System {
     }
 
     /// Elastic energy that the forces of the last solve have put into linear tissue \[J\].
-    pub fn stored_j(&self, grasp: &Grasp) -> f64 {
+    pub fn stored_j(&self, grasp: &ConstraintState) -> f64 {
         let forces = grasp.on_anchors.iter().enumerate();
         let each = forces.map(|(anchor, force)| {
             let moved = self.anchor_displacement(grasp, anchor) - self.free[anchor];
@@ -459,7 +465,7 @@ impl System {
     }
 
     /// Where all nodes are displaced to under the forces of the last solve, by the linearisation \[m\], (unknowns).
-    pub fn field<'a>(&'a mut self, body: &Body, grasp: &Grasp) -> &'a [f64] {
+    pub fn field<'a>(&'a mut self, body: &Body, grasp: &ConstraintState) -> &'a [f64] {
         let Self {
             field,
             field_work,
@@ -489,7 +495,7 @@ impl System {
     }
 
     /// After [`Self::begin_step`]: takes over a factor that was renewed beside the steps if its time has come.
-    pub fn take_over(&mut self, body: &Body, grasp: &mut Grasp) -> Renewals {
+    pub fn take_over(&mut self, body: &Body, grasp: &mut ConstraintState) -> Renewals {
         body.begin_step(&mut grasp.motion, &mut self.columns, &self.held)
     }
 
@@ -507,7 +513,7 @@ impl System {
         body: &Body,
         anchors: &[AnchorPoint],
         ways: &[[Option<AnchorPoint>; 2]],
-        rows: &[AnchorRow],
+        rows: &[PointConstraint],
     ) -> bool {
         let count = anchors.len() + ways.len();
         if count > self.settings.most_anchors || rows.len() > self.settings.most_rows {
@@ -566,7 +572,7 @@ impl System {
     }
 
     /// After [`Self::read`]: rows on several of its anchors; whether they make sense.
-    pub fn read_spread(&mut self, rows: &[SpreadRow], terms: &[Term]) -> bool {
+    pub fn read_spread(&mut self, rows: &[MultiPointConstraint], terms: &[Term]) -> bool {
         let anchors = self.next_anchors.len();
         let sound = rows.len() <= self.settings.most_spread
             && terms.len() <= self.settings.most_terms
@@ -586,18 +592,18 @@ impl System {
     }
 
     /// How far from balance the tissue is; `None` for linear tissue.
-    pub fn look(&mut self, body: &Body, grasp: &mut Grasp) -> Option<Balance> {
+    pub fn look(&mut self, body: &Body, grasp: &mut ConstraintState) -> Option<Balance> {
         body.look(&mut grasp.motion, &mut self.body_work, &self.columns)
     }
 
     /// After [`Self::look`]: linearises there; columns of another factor are forgotten.
-    pub fn linearise(&mut self, body: &Body, grasp: &mut Grasp) -> Option<Linearisation> {
+    pub fn linearise(&mut self, body: &Body, grasp: &mut ConstraintState) -> Option<Linearisation> {
         self.accepted = false;
         body.linearise(&mut grasp.motion, &mut self.body_work, &mut self.columns)
     }
 
     /// Computes missing columns of what [`Self::read`] read, of at most `budget` vertices.
-    pub fn fetch(&mut self, body: &Body, grasp: &Grasp, budget: usize) -> Fetched {
+    pub fn fetch(&mut self, body: &Body, grasp: &ConstraintState, budget: usize) -> Fetched {
         self.vertices.clear();
         for anchor in &self.next_anchors {
             self.vertices
@@ -639,7 +645,7 @@ impl System {
     }
 
     /// Compliance and free delta of the rows.
-    pub fn assemble(&mut self, body: &Body, grasp: &Grasp, rows: &[AnchorRow]) {
+    pub fn assemble(&mut self, body: &Body, grasp: &ConstraintState, rows: &[PointConstraint]) {
         let n = rows.len() + self.spread.rows.len();
         for (free, anchor) in self.free.iter_mut().zip(&self.next_anchors) {
             *free = anchor
@@ -671,7 +677,7 @@ impl System {
 
     /// Displacement of an anchor of the last [`Self::assemble`] under the forces of the last solve, by the
     /// linearisation \[m\].
-    pub fn anchor_displacement(&self, grasp: &Grasp, anchor: usize) -> Vector3<f64> {
+    pub fn anchor_displacement(&self, grasp: &ConstraintState, anchor: usize) -> Vector3<f64> {
         let forces = grasp.on_anchors.iter().enumerate();
         let moved = forces
             .filter(|(_, force)| **force != Vector3::zeros())
@@ -685,7 +691,7 @@ impl System {
         &mut self,
         rows: usize,
         turning: Option<&Turning>,
-        grasp: &Grasp,
+        grasp: &ConstraintState,
         cones: &mut Cones,
     ) -> bool {
         let n = rows + self.spread.rows.len();
@@ -710,9 +716,9 @@ impl System {
     /// Finds the forces, with the compliance in which normals turn if some do.
     pub fn solve(
         &mut self,
-        rows: &[AnchorRow],
+        rows: &[PointConstraint],
         turning: Option<&mut Turning>,
-        grasp: &mut Grasp,
+        grasp: &mut ConstraintState,
     ) -> rows::Outcome {
         let n = rows.len() + self.spread.rows.len();
         let (w, delta_free) = match &turning {
@@ -747,8 +753,8 @@ impl System {
     }
 
     /// Moves the tissue under the forces found, as far as it can go.
-    pub fn accept(&mut self, body: &Body, grasp: &mut Grasp) -> Moved {
-        let Grasp {
+    pub fn accept(&mut self, body: &Body, grasp: &mut ConstraintState) -> Moved {
+        let ConstraintState {
             motion,
             anchors,
             on_anchors,

@@ -1,6 +1,9 @@
 //! Rows on several anchors against explicit products with K^-1.
 
-use super::{AnchorPoint, AnchorRow, AnchorSettings, Grasp, SpreadRow, System, Term};
+use super::{
+    AnchorPoint, AnchorSettings, ConstraintState, ConstraintSystem, MultiPointConstraint,
+    PointConstraint, Term,
+};
 use crate::body::Body;
 use crate::fem::{LinearTissue, Loads, Material, NodeLoad};
 use crate::mesh::slab;
@@ -72,15 +75,15 @@ fn spread_rows_give_way_as_products_with_the_inverse_say() {
         tissue: tissue.clone(),
         resting,
     };
-    let grasp = Grasp::new(body.at_rest(), &settings);
+    let grasp = ConstraintState::new(body.at_rest(), &settings);
     let mut system = {
         let nodes = 0..body.numbering().nodes() as u32;
         let reached: Vec<u32> = nodes
             .filter(|node| !body.numbering().is_fixed(*node))
             .collect();
-        System::new(&body, grasp.motion(), &reached, settings).expect("free nodes")
+        ConstraintSystem::new(&body, grasp.motion(), &reached, settings).expect("free nodes")
     };
-    let rows = single.map(|(anchor, direction)| AnchorRow {
+    let rows = single.map(|(anchor, direction)| PointConstraint {
         id: anchor,
         anchor: anchor as u32,
         kind: RowKind::Equality,
@@ -94,7 +97,7 @@ fn spread_rows_give_way_as_products_with_the_inverse_say() {
             anchor: *anchor as u32,
             direction: *direction,
         }));
-        spread_rows.push(SpreadRow {
+        spread_rows.push(MultiPointConstraint {
             id: 10 + index as u64,
             kind: RowKind::Equality,
             target_m: 0.5,

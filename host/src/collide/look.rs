@@ -6,9 +6,9 @@
 //! latter is enough: of edges only those are taken up at first that have no node of such a pair.
 
 use super::body::Pair;
+use super::feature_pair::{faces_each_other, stance, stance_along, weighted};
 use super::near::Nearby;
 use super::pairs::Path;
-use super::stance::{faces_each_other, stance, stance_along, weighted};
 use super::sweep::{Margin, Verdict};
 use super::touch::Touching;
 use super::touch_state::{BEYOND, Kept, TouchState, across};

@@ -7,13 +7,13 @@
 
 mod body;
 mod depth;
+mod feature_pair;
 mod look;
 mod near;
 mod pairs;
 mod patch;
 mod shell;
 mod source;
-mod stance;
 mod sweep;
 mod touch;
 mod touch_state;

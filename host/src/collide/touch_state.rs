@@ -6,10 +6,10 @@
 //! a step and is made good by the next. Pairs are inequalities, so that none ever pulls.
 
 use super::body::Pair;
+use super::feature_pair::{FeaturePair, stance, weighted};
 use super::look::TouchWork;
-use super::stance::{Stance, stance, weighted};
 use super::touch::Touching;
-use crate::anchors::{AnchorPoint, AnchorRow};
+use crate::anchors::{AnchorPoint, PointConstraint};
 use crate::rows::RowKind;
 use nalgebra::Vector3;
 use serde::Serialize;
@@ -149,7 +149,7 @@ impl TouchState {
         touching: &Touching,
         points_m: &[[f64; 3]],
         anchors: &mut Vec<AnchorPoint>,
-        rows: &mut Vec<AnchorRow>,
+        rows: &mut Vec<PointConstraint>,
     ) {
         let unloaded = |node: u32| Vector3::from(points_m[node as usize]);
         for kept in &self.pairs {
@@ -161,7 +161,7 @@ impl TouchState {
             });
             let rest = weighted(&nodes, &kept.weights, unloaded);
             let mut add = |axis: u64, kind, direction: Vector3<f64>, target_m| {
-                rows.push(AnchorRow {
+                rows.push(PointConstraint {
                     id: ID | kept.serial << 2 | axis,
                     anchor,
                     kind,
@@ -283,7 +283,7 @@ fn wandered(
     touching: &Touching,
     kept: &Kept,
     at: impl Fn(u32) -> Vector3<f64>,
-) -> Option<(Pair, Stance)> {
+) -> Option<(Pair, FeaturePair)> {
     let shells = touching.parts[kept.part as usize].shells();
     let mut pair = kept.pair;
     for _ in 0..WANDERED {

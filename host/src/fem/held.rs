@@ -4,7 +4,7 @@
 //! analysis: another set of held nodes costs a factorisation and allocates nothing.
 
 use super::pattern::Pattern;
-use sutura_models::Drive;
+use sutura_models::BoundaryConditions;
 
 /// Which nodes are held.
 #[derive(Clone, Debug)]
@@ -26,7 +26,7 @@ impl Held {
     }
 
     /// Takes the held nodes of a checked drive; whether they are others than before.
-    pub fn take(&mut self, drive: &Drive<'_>) -> bool {
+    pub fn take(&mut self, drive: &BoundaryConditions<'_>) -> bool {
         if self.are_of(drive) {
             return false;
         }
@@ -39,7 +39,7 @@ impl Held {
     }
 
     /// Whether these are the held nodes of a checked drive.
-    pub fn are_of(&self, drive: &Drive<'_>) -> bool {
+    pub fn are_of(&self, drive: &BoundaryConditions<'_>) -> bool {
         self.known
             && self.held == drive.held.len()
             && drive.held.iter().all(|(node, _)| self.is(*node))
@@ -81,7 +81,7 @@ impl Held {
 }
 
 /// What is wrong with a drive for tissue of so many nodes.
-pub(super) fn fault_of(drive: &Drive<'_>, nodes: usize) -> Option<&'static str> {
+pub(super) fn fault_of(drive: &BoundaryConditions<'_>, nodes: usize) -> Option<&'static str> {
     let ascending = drive.held.windows(2).all(|two| two[0].0 < two[1].0);
     let last = drive.held.last().map_or(0, |(node, _)| *node as usize);
     let finite = |vector: &[f64; 3]| vector.iter().all(|x| x.is_finite());

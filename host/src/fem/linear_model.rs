@@ -11,7 +11,7 @@ use super::held::{Held, fault_of, largest};
 use super::numbering::Numbering;
 use super::pattern::Pattern;
 use crate::mesh::TetMesh;
-use sutura_models::{Diagnostics, Drive, Materials, Outcome, Tangent, Tissue};
+use sutura_models::{BoundaryConditions, Diagnostics, Materials, Outcome, Tangent, Tissue};
 
 /// Said where held nodes leave a rigid motion.
 pub(super) const FLOATING: &str =
@@ -82,7 +82,7 @@ impl LinearModel {
     }
 
     /// Factors for the held nodes of the drive if they are others; `false` if tissue can float.
-    fn hold(&mut self, drive: &Drive<'_>) -> bool {
+    fn hold(&mut self, drive: &BoundaryConditions<'_>) -> bool {
         if !self.held.take(drive) {
             return true;
         }
@@ -129,7 +129,7 @@ impl LinearModel {
 }
 
 impl Tissue for LinearModel {
-    fn step(&mut self, drive: &Drive<'_>, _step_s: f64) -> Diagnostics {
+    fn step(&mut self, drive: &BoundaryConditions<'_>, _step_s: f64) -> Diagnostics {
         if let Some(fault) = fault_of(drive, self.rest_m.len()) {
             return self.diagnostics(Outcome::Failed(fault), f64::NAN);
         }
@@ -164,7 +164,12 @@ impl Tissue for LinearModel {
         &self.reactions_n
     }
 
-    fn tangent(&mut self, drive: &Drive<'_>, moved: &[usize], _step_s: f64) -> Option<Tangent> {
+    fn tangent(
+        &mut self,
+        drive: &BoundaryConditions<'_>,
+        moved: &[usize],
+        _step_s: f64,
+    ) -> Option<Tangent> {
         let known = fault_of(drive, self.rest_m.len()).is_none()
             && moved.iter().all(|index| *index < drive.held.len());
         if !known || !self.hold(drive) {
@@ -217,7 +222,11 @@ pub(super) fn place(rest_m: &[[f64; 3]], u: &[f64], positions_m: &mut [[f64; 3]]
 }
 
 /// Force of held nodes on tissue: what it takes less what the loads give.
-pub(super) fn react(drive: &Drive<'_>, internal: &[f64], reactions_n: &mut Vec<[f64; 3]>) {
+pub(super) fn react(
+    drive: &BoundaryConditions<'_>,
+    internal: &[f64],
+    reactions_n: &mut Vec<[f64; 3]>,
+) {
     reactions_n.clear();
     reactions_n.extend(drive.held.iter().map(|(node, _)| {
         let node = *node as usize;
@@ -227,7 +236,7 @@ pub(super) fn react(drive: &Drive<'_>, internal: &[f64], reactions_n: &mut Vec<[
 }
 
 /// Force out of balance at free nodes over the larger of the forces that act, 2-norms.
-pub(super) fn left_over(drive: &Drive<'_>, internal: &[f64], held: &Held) -> f64 {
+pub(super) fn left_over(drive: &BoundaryConditions<'_>, internal: &[f64], held: &Held) -> f64 {
     let (mut left, mut inside, mut outside) = (0.0, 0.0, 0.0);
     for (node, inner) in (0u32..).zip(internal.chunks_exact(3)) {
         let load = drive

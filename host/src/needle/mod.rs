@@ -26,7 +26,7 @@ pub use report::{NeedleReport, TipPlace};
 pub use shape::{Curve, Needle, NeedleShape, NeedleTissue};
 pub use slide::{Entry, Geometry, SlideReport, SlideStatus, entry, slide};
 pub(crate) use source::{NeedleSource, NeedleWork, Point, What, anchor};
-pub use state::Rubbing;
+pub use state::CrossingFriction;
 pub(crate) use state::{Grip, NeedleState, Tip};
 pub use walk::{Stop, Walked, walk};
 

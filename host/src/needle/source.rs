@@ -9,7 +9,7 @@
 use super::model::MAX_NEEDLES;
 use super::state::{NeedleState, Tip};
 use super::{Crossing, History, NeedleTissue};
-use crate::anchors::{AnchorPoint, AnchorRow, ConstraintSet};
+use crate::anchors::{AnchorPoint, ConstraintSet, PointConstraint};
 use crate::mesh::HalfFaces;
 use crate::rows::RowKind;
 use crate::source::{Room, Source};
@@ -267,7 +267,7 @@ fn add_rows(
     let anchor = set.add(at);
     for (axis, (direction, kind)) in (0u64..).zip(frame.into_iter().zip(kinds)) {
         let slid = if axis == 0 { slid } else { 0.0 };
-        set.rows.push(AnchorRow {
+        set.rows.push(PointConstraint {
             id: id | axis,
             anchor,
             kind,

@@ -114,7 +114,7 @@ pub(crate) struct Tally {
 
 /// Friction at one crossing, as the last balance has it.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Rubbing {
+pub struct CrossingFriction {
     /// Force of the needle on the tissue along the needle \[N\], above zero towards the tip.
     pub axial_n: f64,
     /// The most that it can be \[N\].
@@ -136,9 +136,9 @@ impl Grip {
 
 impl NeedleState {
     /// Friction at each crossing of the needle, which is at `curve`.
-    pub fn rubbing(&self, curve: Curve) -> impl Iterator<Item = Rubbing> {
+    pub fn rubbing(&self, curve: Curve) -> impl Iterator<Item = CrossingFriction> {
         let each = self.history.crossings().iter().zip(&self.holds);
-        each.map(move |(crossing, hold)| Rubbing {
+        each.map(move |(crossing, hold)| CrossingFriction {
             axial_n: hold.force.dot(&curve.tangent_at(crossing.alpha)),
             limit_n: hold.limit_n,
             slid_m: crossing.alpha - hold.alpha,

@@ -112,12 +112,12 @@ pub(crate) struct Prescribed {
     /// Whether the driven tool held nodes in the last step, and whether what that gave means nothing.
     touched: bool,
     unfinished: bool,
-    tally: Tally,
+    tally: Statistics,
 }
 
 /// What a session will say of its steps.
 #[derive(Clone, Copy, Debug, Default)]
-struct Tally {
+struct Statistics {
     most_nodes: u32,
     converged: u64,
     unfinished: u64,
@@ -191,10 +191,10 @@ impl Prescribed {
             force_error: 0.0,
             touched: false,
             unfinished: false,
-            tally: Tally::default(),
+            tally: Statistics::default(),
         };
         prescribed.bring_in(scene)?;
-        prescribed.tally = Tally::default();
+        prescribed.tally = Statistics::default();
         Ok(prescribed)
     }
 

@@ -9,7 +9,7 @@ use crate::mesh::TetMesh;
 use crate::tool::{MAX_TOOLS, Placement};
 use nalgebra::{Matrix3, Vector3};
 use serde::Serialize;
-use sutura_models::{Drive, Tangent};
+use sutura_models::{BoundaryConditions, Tangent};
 
 /// How deep a node must be to be taken, in mean edges: far below what is felt, so that a node that was let go is not
 /// taken again by rounding.
@@ -144,8 +144,8 @@ impl Sticking {
     }
 
     /// What was laid out last, with these loads \[N\].
-    pub fn drive<'a>(&'a self, force_n: &'a [[f64; 3]]) -> Drive<'a> {
-        Drive {
+    pub fn drive<'a>(&'a self, force_n: &'a [[f64; 3]]) -> BoundaryConditions<'a> {
+        BoundaryConditions {
             held: &self.held,
             force_n,
         }

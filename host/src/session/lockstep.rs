@@ -6,7 +6,7 @@
 use super::schedule::Schedule;
 use super::setup::{Arming, ArmingWatch};
 use super::{
-    LinkSummary, Plan, Progress, SessionError, Solve, Summary, Tally, Throughput, Underway,
+    LinkSummary, Plan, Progress, SessionError, Solve, Statistics, Summary, Throughput, Underway,
 };
 use crate::link::{Felt, LinkCounters, LinkError, LockstepConsole, Order, append};
 use std::ops::ControlFlow;
@@ -51,7 +51,7 @@ impl Line<'_> {
     }
 
     /// One tick: what waits goes down, what comes up is told to the tally.
-    fn exchange(&mut self, tally: &mut Tally) -> Result<Heard, LinkError> {
+    fn exchange(&mut self, tally: &mut Statistics) -> Result<Heard, LinkError> {
         if self.exchanges.is_multiple_of(PING_EVERY) && self.end.is_open() {
             // The host's clock is the console's here, to the tick.
             let host_us = self.newest_us;
@@ -91,7 +91,7 @@ impl Line<'_> {
         Ok(heard)
     }
 
-    fn open(&mut self, tally: &mut Tally) -> Result<Hello, LinkError> {
+    fn open(&mut self, tally: &mut Statistics) -> Result<Hello, LinkError> {
         // Any number will do: nobody else is on this line, and the trace must not depend on it.
         const NONCE: u32 = 1;
         let mut frame = [0; MAX_FRAME];
@@ -127,7 +127,7 @@ pub fn run_lockstep(
     mut progress: impl FnMut(&Progress<'_>) -> ControlFlow<()>,
 ) -> Result<Summary, SessionError> {
     let started = Instant::now();
-    let mut tally = Tally::new(plan.host_hz);
+    let mut tally = Statistics::new(plan.host_hz);
     tally.horizon.at_least(plan.horizon_us);
     let end = HostLink::new(plan.tick_hz);
     let mut line = Line {

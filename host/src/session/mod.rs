@@ -27,8 +27,8 @@ mod scheduling;
 mod setup;
 mod sideways;
 mod solver;
+mod statistics;
 mod summary;
-mod tally;
 mod thread_frame;
 
 pub use crate::scene::Rendering;
@@ -50,12 +50,12 @@ pub use setup::{Plan, SessionError, check_rate, least_hz};
 pub use sideways::{Goal, sideways};
 pub(crate) use solver::{IN_BALANCE, MOST_PASSES, MOST_STEPS};
 pub use solver::{Moment, SceneSolver};
+pub use statistics::{NOT_RENDERED, Statistics, mode_word};
 pub use summary::{
     Age, ConsoleClock, Energy, Force, Frames, Latency, LinkSummary, RoundTrip, StepTime, Summary,
     Throughput,
 };
 pub use sutura_client::ahead::reach_m;
-pub use tally::{NOT_RENDERED, Tally, mode_word};
 pub use thread_frame::{HeldThread, thread_frame};
 
 use crate::link::Felt;

@@ -9,7 +9,7 @@ use super::overload::Overload;
 use super::schedule::Schedule;
 use super::setup::{Arming, ArmingWatch};
 use super::summary::{ConsoleClock, LinkSummary, RoundTrip, Throughput};
-use super::{LatenessProbe, Plan, Progress, Scheduling, SessionError, Solve, Summary, Tally};
+use super::{LatenessProbe, Plan, Progress, Scheduling, SessionError, Solve, Statistics, Summary};
 use crate::link::{
     Connector, Heard, Link, LinkCounters, LinkError, LinkOptions, Order, Port, SentContact,
     Standing,
@@ -101,7 +101,7 @@ impl From<Box<dyn Port>> for Line {
 
 /// What the link's listener writes down and everybody else reads.
 struct Log {
-    tally: Tally,
+    tally: Statistics,
     /// Whether the console has been armed in this session; what was before is not counted.
     armed: bool,
     /// Whether the console has gone to rest as it was told; what comes then is not counted.
@@ -142,7 +142,7 @@ pub fn run_real_time(
 ) -> Result<Summary, SessionError> {
     let started = Instant::now();
     let silent = SILENT.max(options.silent_after);
-    let mut tally = Tally::new(plan.host_hz);
+    let mut tally = Statistics::new(plan.host_hz);
     tally.horizon.at_least(plan.horizon_us);
     let log = Arc::new(Mutex::new(Log {
         tally,

@@ -4,7 +4,7 @@
 
 use super::Chosen;
 use super::overload::GivenUp;
-use super::tally::MOST_SPOILT;
+use super::statistics::MOST_SPOILT;
 use super::{MachineLate, Scheduling};
 use serde::Serialize;
 use std::collections::BTreeMap;

@@ -3,7 +3,7 @@
 //! Entry points: [`Section`] for the key, [`Added`] for the source, `scene_keys` for its registration.
 
 use super::Source;
-use crate::anchors::{AnchorPoint, AnchorRow, ConstraintSet};
+use crate::anchors::{AnchorPoint, ConstraintSet, PointConstraint};
 use crate::mesh::TetMesh;
 use crate::rows::RowKind;
 use nalgebra::Vector3;
@@ -63,7 +63,7 @@ pub(super) fn append_way(
         if stiffness_n_per_m > 0.0 {
             let place = set.rows.len() as u32;
             set.soft.push((place, stiffness_n_per_m.recip()));
-            set.rows.push(AnchorRow {
+            set.rows.push(PointConstraint {
                 id: ID | (index as u64) << 16 | row,
                 anchor,
                 kind: RowKind::Equality,

@@ -5,7 +5,7 @@
 //! beginning.
 
 use super::{Room, Source};
-use crate::anchors::{AnchorPoint, AnchorRow, ConstraintSet, Grasp};
+use crate::anchors::{AnchorPoint, ConstraintSet, ConstraintState, PointConstraint};
 use crate::fem::{Anchor, Handle, NodeLoad};
 use crate::rows::RowKind;
 use crate::step::{Balance, Sources};
@@ -99,7 +99,7 @@ impl Handles {
         for (place, held) in (0u64..).zip(&self.0) {
             let anchor = set.add(held.point);
             for axis in 0..3 {
-                set.rows.push(AnchorRow {
+                set.rows.push(PointConstraint {
                     id: ID | place << 2 | axis as u64,
                     anchor,
                     kind: RowKind::Equality,
@@ -111,7 +111,7 @@ impl Handles {
     }
 
     /// Force of each on the tissue after the last solve \[N\], (h x 3): for reports.
-    pub fn forces_n(&self, grasp: &Grasp) -> Vec<[f64; 3]> {
+    pub fn forces_n(&self, grasp: &ConstraintState) -> Vec<[f64; 3]> {
         let mut forces: Vec<_> = self.0.iter().map(|held| held.resting_n).collect();
         for (row, lambda) in grasp.acting().iter().zip(grasp.lambda()) {
             if row.id & ID == 0 {

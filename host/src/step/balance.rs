@@ -10,7 +10,7 @@ use super::options::StepOptions;
 use super::report::{Status, StepReport};
 use super::sources::{Sources, SourcesState};
 use super::targets::Targets;
-use crate::anchors::{AnchorPoint, ConstraintSet, System, is_solved};
+use crate::anchors::{AnchorPoint, ConstraintSet, ConstraintSystem, is_solved};
 use crate::body::{Body, Push};
 use crate::clock::Clock;
 use crate::collide::TouchWork;
@@ -28,7 +28,7 @@ const MANY_PUSHES: usize = 150;
 
 /// The present constraints, where they have the tissue, and scratch of each source.
 pub(crate) struct BalanceWork {
-    pub system: System,
+    pub system: ConstraintSystem,
     /// Three rows for every point of a needle, then others.
     pub set: ConstraintSet,
     pub nodes: Nodes,
@@ -54,7 +54,7 @@ pub(crate) struct Nodes {
 
 impl BalanceWork {
     /// Room for `state`.
-    pub fn new(sources: &Sources, system: System, state: &SourcesState) -> Self {
+    pub fn new(sources: &Sources, system: ConstraintSystem, state: &SourcesState) -> Self {
         let settings = sources.anchor_settings();
         Self {
             system,
@@ -355,8 +355,8 @@ impl Nodes {
         node: u32,
         body: &Body,
         points_m: &[[f64; 3]],
-        grasp: &crate::anchors::Grasp,
-        system: &System,
+        grasp: &crate::anchors::ConstraintState,
+        system: &ConstraintSystem,
     ) -> Vector3<f64> {
         if self.at_solve == self.solves {
             return self.at.get(node as usize).copied().unwrap_or_default();

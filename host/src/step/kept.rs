@@ -5,7 +5,7 @@
 //! come since the step began (an implicit Euler step), which a pass that went on from the one before would not know.
 
 use super::sources::{Sources, SourcesState};
-use crate::anchors::Grasp;
+use crate::anchors::ConstraintState;
 use crate::body::{Motion, Place};
 use crate::collide::TouchState;
 use crate::needle::NeedleState;
@@ -16,7 +16,7 @@ use crate::thread::ThreadState;
 /// All that evolves but the tissue's factor, in memory of its own.
 pub(super) struct Kept {
     place: Place,
-    rows: Grasp,
+    rows: ConstraintState,
     each: Vec<NeedleState>,
     threads: Vec<ThreadState>,
     touch: Option<TouchState>,
@@ -29,7 +29,7 @@ impl Kept {
     pub fn new(sources: &Sources, state: &SourcesState, motion: Motion) -> Self {
         Self {
             place: Place::default(),
-            rows: Grasp::new(motion, &sources.anchor_settings()),
+            rows: ConstraintState::new(motion, &sources.anchor_settings()),
             each: state.each.clone(),
             threads: state.threads.clone(),
             touch: state.touch.clone(),

@@ -8,7 +8,7 @@ use super::balance::Balance;
 use super::report::{Status, StepReport};
 use super::sources::{Sources, SourcesState, SourcesWork};
 use super::targets::Targets;
-use crate::anchors::Grasp;
+use crate::anchors::ConstraintState;
 use crate::body::{Body, Motion};
 use crate::clock::Clock;
 use crate::collide::TouchState;
@@ -33,7 +33,7 @@ const AT_REST: f64 = 1e-9;
 #[derive(Clone, Debug)]
 pub(crate) struct Rest {
     /// Its rows and their forces.
-    pub grasp: Grasp,
+    pub grasp: ConstraintState,
     pub touch: TouchState,
     /// Elastic energy beyond that under the loads alone \[J\]; 0 for tissue that turns.
     pub stored_j: f64,

@@ -8,7 +8,7 @@ use super::rest::Rest;
 use super::tangent::TangentWork;
 use super::targets::Targets;
 use super::tool_rows::ToolRows;
-use crate::anchors::{AnchorPoint, AnchorSettings, Grasp, System};
+use crate::anchors::{AnchorPoint, AnchorSettings, ConstraintState, ConstraintSystem};
 use crate::body::Motion;
 use crate::collide::{TouchState, Touching};
 use crate::mesh::{HalfFaces, TetMesh};
@@ -262,7 +262,7 @@ impl Sources {
 /// What evolves.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub(crate) struct SourcesState {
-    pub grasp: Grasp,
+    pub grasp: ConstraintState,
     pub each: Vec<NeedleState>,
     pub threads: Vec<ThreadState>,
     pub touch: Option<TouchState>,
@@ -296,7 +296,7 @@ pub(crate) struct SourcesWork {
 impl SourcesState {
     pub fn new(sources: &Sources, motion: Motion) -> Self {
         let settings = sources.anchor_settings();
-        let mut grasp = Grasp::new(motion, &settings);
+        let mut grasp = ConstraintState::new(motion, &settings);
         let mut touch = sources
             .touching
             .as_ref()
@@ -373,7 +373,8 @@ impl SourcesWork {
         }
         let (body, held) = (&model.body, &model.held);
         let reached = model.reached(sources);
-        let system = System::grouped(body, &model.motion, held, &reached, settings, &groups);
+        let system =
+            ConstraintSystem::grouped(body, &model.motion, held, &reached, settings, &groups);
         let most_rows = settings.most_rows + settings.most_spread;
         let kept = || {
             let mut kept = Box::new(Kept::new(sources, &state, Motion::default()));

@@ -4,7 +4,7 @@
 
 use super::sources::SourcesState;
 use super::targets::pose_of;
-use crate::anchors::Grasp;
+use crate::anchors::ConstraintState;
 use crate::body::Motion;
 use crate::hash::hash_of;
 use crate::model::Model;
@@ -40,7 +40,7 @@ impl State {
     }
 
     /// Rows of needles, threads, handles and tissues that touch, and their forces.
-    pub(crate) fn grasp(&self) -> Option<&Grasp> {
+    pub(crate) fn grasp(&self) -> Option<&ConstraintState> {
         self.sources.as_ref().map(|needles| &needles.grasp)
     }
 
@@ -189,7 +189,11 @@ impl State {
     }
 
     /// What rubs at each of [`State::crossings`], in their order.
-    pub fn rubbing(&self, model: &Model, needle: u8) -> impl Iterator<Item = needle::Rubbing> {
+    pub fn rubbing(
+        &self,
+        model: &Model,
+        needle: u8,
+    ) -> impl Iterator<Item = needle::CrossingFriction> {
         let found = || {
             let parts = &model.sources.as_ref()?.needles;
             let index = parts.iter().position(|part| part.id == needle)?;

@@ -4,7 +4,7 @@
 
 use super::sources::SourcesWork;
 use super::tool_rows::ToolRows;
-use crate::anchors::System;
+use crate::anchors::ConstraintSystem;
 use crate::body::Body;
 use crate::columns::{Arrival, Columns};
 use crate::model::Model;
@@ -73,7 +73,7 @@ impl Workspace {
     }
 
     /// What finds forces on the tissue, and the nodes that it reaches; nothing if nothing touches it.
-    fn system(&mut self, model: &Model) -> Option<(&mut System, Vec<u32>)> {
+    fn system(&mut self, model: &Model) -> Option<(&mut ConstraintSystem, Vec<u32>)> {
         let reached = model.reached(model.sources.as_ref()?);
         let needles = self.sources.as_mut()?;
         Some((&mut needles.balance.system, reached))

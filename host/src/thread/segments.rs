@@ -13,7 +13,10 @@
 
 use super::model::{ThreadHold, ThreadPart, ThreadTension};
 use super::state::ThreadState;
-use crate::anchors::{AnchorPoint, AnchorRow, ConstraintSet, Grasp, SpreadRow, System, Term};
+use crate::anchors::{
+    AnchorPoint, ConstraintSet, ConstraintState, ConstraintSystem, MultiPointConstraint,
+    PointConstraint, Term,
+};
 use crate::mesh::HalfFaces;
 use crate::needle::{Crossing, anchor};
 use crate::rows::RowKind;
@@ -288,7 +291,7 @@ impl ThreadState {
             let from = rest(b) - rest(a);
             let first = set.rows.len() as u32;
             let mut add = |axis: u64, direction: Vector3<f64>| {
-                set.rows.push(AnchorRow {
+                set.rows.push(PointConstraint {
                     id: row_id(index, PIECE, segment.key, axis),
                     anchor: segment.place,
                     kind: RowKind::Equality,
@@ -339,7 +342,7 @@ impl ThreadState {
         let mut add =
             |class: u64, key: u32, kind: RowKind, (from, to): (usize, usize), length: f64| {
                 let (terms, straight) = along(from, to, &mut set.terms);
-                set.spread.push(SpreadRow {
+                set.spread.push(MultiPointConstraint {
                     id: row_id(index, class, (key, 0), 0),
                     kind,
                     target_m: length - straight,
@@ -402,8 +405,8 @@ impl ThreadState {
         is_held: bool,
         (single, first): (usize, usize),
         ground: &Ground,
-        system: &System,
-        grasp: &Grasp,
+        system: &ConstraintSystem,
+        grasp: &ConstraintState,
     ) -> bool {
         let mut multipliers = grasp
             .lambda()
@@ -477,8 +480,8 @@ impl ThreadState {
         &mut self,
         shared: f64,
         ground: &Ground,
-        system: &System,
-        grasp: &Grasp,
+        system: &ConstraintSystem,
+        grasp: &ConstraintState,
     ) -> (f64, bool) {
         let lambda = grasp.lambda();
         let c = self.compliance;
@@ -562,7 +565,7 @@ impl ThreadState {
     }
 
     /// Typical compliance of a segment \[m/N\].
-    fn typical_compliance(&self, system: &System) -> f64 {
+    fn typical_compliance(&self, system: &ConstraintSystem) -> f64 {
         let own = |segment: &Segment| {
             let place = segment.place as usize;
             system.between(place, place).trace() / 3.0

@@ -9,7 +9,7 @@ use sutura_host::step::{MAX_TOOL_ROWS, State, Status, StepReport};
 use sutura_host::tool::{Tool, ToolSample};
 use sutura_models::hyperelastic::{Cells, Hyperelastic, Settings};
 use sutura_models::law::Law;
-use sutura_models::{Drive, Outcome, Tissue};
+use sutura_models::{BoundaryConditions, Outcome, Tissue};
 
 /// Factors in every pass.
 const FRESH: Policy = Policy {
@@ -101,7 +101,7 @@ fn contact_forces_are_those_that_hold_the_reference_there() {
         let fixed = bottom().into_iter().map(|node| (node, [0.0; 3]));
         let mut held: Vec<(u32, [f64; 3])> = fixed.chain(moved).collect();
         held.sort_unstable_by_key(|(node, _)| *node);
-        let drive = Drive {
+        let drive = BoundaryConditions {
             held: &held,
             force_n: &[],
         };

@@ -5,7 +5,7 @@ use sutura_host::fem::{Hyperelasticity, Loads, Material, Policy};
 use sutura_host::mesh::{TetMesh, slab, tube};
 use sutura_host::model::{Model, Passes};
 use sutura_host::needle::{
-    Needle, NeedlePart, NeedleReport, NeedleSettings, NeedleShape, NeedleTissue, Rubbing,
+    CrossingFriction, Needle, NeedlePart, NeedleReport, NeedleSettings, NeedleShape, NeedleTissue,
 };
 use sutura_host::step::{State, Status, StepOptions, StepReport, Workspace, step};
 use sutura_host::tool::{Shape, Tool, ToolSample};
@@ -295,7 +295,7 @@ impl Bench {
                 continue;
             }
             for (place, rubbing) in self.state.rubbing(&self.model, needle).enumerate() {
-                let Rubbing {
+                let CrossingFriction {
                     axial_n,
                     limit_n,
                     slid_m,

@@ -2,7 +2,9 @@
 
 use nalgebra::{Isometry3, Point3, Vector3};
 use std::sync::Arc;
-use sutura_host::anchors::{AnchorPoint, AnchorRow, AnchorSettings, AnchorSolver, AnchorStatus};
+use sutura_host::anchors::{
+    AnchorPoint, AnchorSettings, AnchorSolver, AnchorStatus, PointConstraint,
+};
 use sutura_host::collide::{TouchPart, TouchSettings, TouchState, TouchWork, Touching};
 use sutura_host::fem::{LinearTissue, Loads, Material, NodeLoad};
 use sutura_host::mesh::{RawMesh, TetMesh, slab};
@@ -69,7 +71,7 @@ pub struct Step {
     pub seen: Vec<Vec<Vector3<f64>>>,
     /// What the fixed nodes were moved by.
     pub moved: Vec<(u32, [f64; 3])>,
-    pub rows: Vec<AnchorRow>,
+    pub rows: Vec<PointConstraint>,
     pub anchors: Vec<AnchorPoint>,
     pub lambda: Vec<f64>,
 }

@@ -11,7 +11,9 @@ use nalgebra::{Matrix3, Vector3};
 use serde::Serialize;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
-use sutura_host::anchors::{AnchorPoint, AnchorRow, AnchorSettings, AnchorSolver, AnchorStatus};
+use sutura_host::anchors::{
+    AnchorPoint, AnchorSettings, AnchorSolver, AnchorStatus, PointConstraint,
+};
 use sutura_host::fem::LinearTissue;
 use sutura_host::rows::RowKind;
 
@@ -143,13 +145,13 @@ fn slide(
 }
 
 /// Pressed in along the normal, held sideways.
-fn pressing(inward: &Vector3<f64>) -> [AnchorRow; 3] {
+fn pressing(inward: &Vector3<f64>) -> [PointConstraint; 3] {
     let side = inward.cross(&Vector3::z());
     let directions = [*inward, side, inward.cross(&side)];
     let mut id = 0;
     directions.map(|direction| {
         id += 1;
-        AnchorRow {
+        PointConstraint {
             id,
             anchor: 0,
             kind: RowKind::Equality,

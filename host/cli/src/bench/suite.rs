@@ -11,7 +11,7 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 use sutura_host::anchors::circling::Circling;
 use sutura_host::anchors::{
-    AnchorPoint, AnchorRow, AnchorSettings, AnchorSolver, AnchorStatus, AnchorStep,
+    AnchorPoint, AnchorSettings, AnchorSolver, AnchorStatus, AnchorStep, PointConstraint,
 };
 use sutura_host::fem::{
     Anchor, CorotationalTissue, Handle, LinearTissue, Loads, Material, Policy, TissueError,
@@ -395,8 +395,8 @@ fn difference(tissue: &CorotationalTissue, converged: &[f64], solver: &AnchorSol
 }
 
 /// What three orthonormal rows an anchor ask for, as handles of a whole solve.
-fn handles(points: &[AnchorPoint], rows: &[AnchorRow]) -> Vec<Handle> {
-    let target = |rows: &[AnchorRow]| {
+fn handles(points: &[AnchorPoint], rows: &[PointConstraint]) -> Vec<Handle> {
+    let target = |rows: &[PointConstraint]| {
         let mut target = [0.0; 3];
         for row in rows {
             for (target, direction) in target.iter_mut().zip(row.direction) {

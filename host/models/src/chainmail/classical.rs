@@ -12,7 +12,7 @@ use crate::in_place::clone_in_place;
 use crate::rigid::momenta;
 use crate::secant::{Trials, secant_of_step, secant_to_come};
 use crate::setting::within;
-use crate::{BuildError, Diagnostics, Drive, Material, Outcome, Tangent, Tissue};
+use crate::{BoundaryConditions, BuildError, Diagnostics, Material, Outcome, Tangent, Tissue};
 use sutura_mesh::TetMesh;
 
 /// Drags of a step that are remembered, for each node.
@@ -201,7 +201,7 @@ impl State {
     }
 
     /// One sweep towards balance: each free element goes as far as its springs' stiffness says.
-    fn relax(&mut self, links: &Links, drive: &Drive<'_>) {
+    fn relax(&mut self, links: &Links, drive: &BoundaryConditions<'_>) {
         self.springs(links);
         for i in 0..links.nodes() {
             if self.is_held[i] {
@@ -216,7 +216,7 @@ impl State {
     }
 
     /// Share of the forces that is out of balance; writes the reactions.
-    fn react(&mut self, drive: &Drive<'_>) -> f64 {
+    fn react(&mut self, drive: &BoundaryConditions<'_>) -> f64 {
         for (force, load) in self.force.iter_mut().zip(drive.force_n) {
             for axis in 0..3 {
                 force[axis] += load[axis];
@@ -239,7 +239,7 @@ impl State {
 
 impl Tissue for ClassicalChainMail {
     /// Quasi-static: `step_s` only scales the momenta. Loads act through the relaxation.
-    fn step(&mut self, drive: &Drive<'_>, step_s: f64) -> Diagnostics {
+    fn step(&mut self, drive: &BoundaryConditions<'_>, step_s: f64) -> Diagnostics {
         let links = &self.links;
         let state = &mut self.state;
         if let Some(reason) = refused(drive, links.nodes(), step_s) {
@@ -332,7 +332,12 @@ impl Tissue for ClassicalChainMail {
     }
 
     /// A secant of one step over a hundredth of the mean edge and half of that.
-    fn tangent(&mut self, drive: &Drive<'_>, moved: &[usize], step_s: f64) -> Option<Tangent> {
+    fn tangent(
+        &mut self,
+        drive: &BoundaryConditions<'_>,
+        moved: &[usize],
+        step_s: f64,
+    ) -> Option<Tangent> {
         let reach_m = 0.01 * self.links.edge_m;
         secant_of_step(
             self,
@@ -347,7 +352,7 @@ impl Tissue for ClassicalChainMail {
     /// As [`tangent`](Self::tangent) is.
     fn tangent_to_come(
         &mut self,
-        drive: &Drive<'_>,
+        drive: &BoundaryConditions<'_>,
         touched: &[(u32, f64)],
         step_s: f64,
     ) -> Option<Tangent> {

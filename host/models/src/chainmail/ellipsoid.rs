@@ -14,7 +14,7 @@ use super::state::{SLEEP_EVERY, State};
 use crate::drive_check::{failed, refused};
 use crate::held::ratio;
 use crate::secant::{Trials, secant_of_step, secant_to_come};
-use crate::{BuildError, Diagnostics, Drive, Materials, Outcome, Tangent, Tissue};
+use crate::{BoundaryConditions, BuildError, Diagnostics, Materials, Outcome, Tangent, Tissue};
 use nalgebra::Vector3;
 use sutura_mesh::TetMesh;
 
@@ -200,7 +200,7 @@ impl EllipsoidChainMail {
 }
 
 impl Tissue for EllipsoidChainMail {
-    fn step(&mut self, drive: &Drive<'_>, step_s: f64) -> Diagnostics {
+    fn step(&mut self, drive: &BoundaryConditions<'_>, step_s: f64) -> Diagnostics {
         if let Some(reason) = refused(drive, self.links.nodes(), step_s) {
             return failed(reason, self.state.motion.energy_j);
         }
@@ -299,7 +299,12 @@ impl Tissue for EllipsoidChainMail {
 
     /// A secant of one step over a hundredth of the mean edge and half of that: the answer within `step_s`,
     /// before the tissue beyond has followed; stiffer than the balance it relaxes to.
-    fn tangent(&mut self, drive: &Drive<'_>, moved: &[usize], step_s: f64) -> Option<Tangent> {
+    fn tangent(
+        &mut self,
+        drive: &BoundaryConditions<'_>,
+        moved: &[usize],
+        step_s: f64,
+    ) -> Option<Tangent> {
         let reach_m = 0.01 * self.links.edge_m;
         secant_of_step(
             self,
@@ -314,7 +319,7 @@ impl Tissue for EllipsoidChainMail {
     /// As [`tangent`](Self::tangent) is.
     fn tangent_to_come(
         &mut self,
-        drive: &Drive<'_>,
+        drive: &BoundaryConditions<'_>,
         touched: &[(u32, f64)],
         step_s: f64,
     ) -> Option<Tangent> {

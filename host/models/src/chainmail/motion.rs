@@ -7,7 +7,7 @@ use super::awake::Awake;
 use super::forces::{Element, Pass, Springs};
 use super::links::Links;
 use super::quad::Quad;
-use crate::Drive;
+use crate::BoundaryConditions;
 use crate::held::load;
 use crate::in_place::clone_in_place;
 use crate::rigid::{Rigid, momenta};
@@ -107,7 +107,13 @@ impl Motion {
     }
 
     /// Starts a step: free elements go where velocity, links and loads take them.
-    pub fn predict(&mut self, awake: &Awake, drive: &Drive<'_>, step_s: f64, decay: f64) {
+    pub fn predict(
+        &mut self,
+        awake: &Awake,
+        drive: &BoundaryConditions<'_>,
+        step_s: f64,
+        decay: f64,
+    ) {
         for i in awake.iter() {
             let w = self.inverse_mass[i];
             if w == 0.0 {

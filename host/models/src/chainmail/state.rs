@@ -9,7 +9,7 @@ use super::motion::Motion;
 use super::quad::Quad;
 use super::queue::Queue;
 use super::settings::EllipsoidSettings;
-use crate::Drive;
+use crate::BoundaryConditions;
 use crate::held::{Held, load};
 use crate::in_place::clone_in_place;
 
@@ -107,7 +107,7 @@ impl State {
     }
 
     /// Holds what the drive holds, lets go of the rest, and queues what is moved.
-    pub fn hold(&mut self, drive: &Drive<'_>, links: &Links) {
+    pub fn hold(&mut self, drive: &BoundaryConditions<'_>, links: &Links) {
         let Motion {
             inverse_mass,
             mass,
@@ -135,7 +135,7 @@ impl State {
     }
 
     /// Wakes what a load that has changed acts on.
-    pub fn load(&mut self, drive: &Drive<'_>, links: &Links) {
+    pub fn load(&mut self, drive: &BoundaryConditions<'_>, links: &Links) {
         if drive.force_n.is_empty() && !self.any_load {
             return;
         }
@@ -170,7 +170,7 @@ impl State {
 
     /// Reactions of held elements, and the work of reactions and loads over the step; returns the sum of the
     /// squares of reactions and of the loads on the rest \[N^2\].
-    pub fn react(&mut self, drive: &Drive<'_>, step_s: f64) -> f64 {
+    pub fn react(&mut self, drive: &BoundaryConditions<'_>, step_s: f64) -> f64 {
         let rate_sq = 1.0 / (step_s * step_s);
         let (motion, impulse) = (&self.motion, &self.impulse);
         let gone = |i: usize| difference(&motion.previous[i], &motion.at[i].x.xyz());

@@ -27,7 +27,7 @@ pub use settings::{Form, Lanes, Motion, Prony, Settings};
 
 use crate::drive_check::{refused, wrong};
 use crate::law::Law;
-use crate::{BuildError, Diagnostics, Drive, Outcome, Tangent, Tissue};
+use crate::{BoundaryConditions, BuildError, Diagnostics, Outcome, Tangent, Tissue};
 use nalgebra::Vector3;
 use solver::{Core, Solve};
 use sutura_mesh::TetMesh;
@@ -150,7 +150,7 @@ impl EnergyBalance {
     }
 
     /// Why a drive cannot be followed.
-    fn objection(&self, drive: &Drive<'_>, step_s: f64) -> Option<&'static str> {
+    fn objection(&self, drive: &BoundaryConditions<'_>, step_s: f64) -> Option<&'static str> {
         let nodes = self.rest_m.len();
         let printed = matches!(self.settings.form, Form::Printed | Form::Averaged);
         let timeless = self.settings.motion == Motion::QuasiStatic && !printed;
@@ -162,7 +162,7 @@ impl EnergyBalance {
     }
 
     /// Makes the solver ready for the drive's held nodes.
-    fn hold(&mut self, drive: &Drive<'_>, part_s: f64) {
+    fn hold(&mut self, drive: &BoundaryConditions<'_>, part_s: f64) {
         let step_s = (self.settings.motion == Motion::Dynamic).then_some(part_s);
         let known = self.held.len() == drive.held.len()
             && self.held.iter().zip(drive.held).all(|(a, b)| *a == b.0);
@@ -181,7 +181,7 @@ impl EnergyBalance {
 
     /// Load steps of the way to the drive: as many as are set, and more where held nodes go further than cells
     /// between them bear.
-    fn parts(&self, drive: &Drive<'_>) -> u32 {
+    fn parts(&self, drive: &BoundaryConditions<'_>) -> u32 {
         let printed = matches!(self.settings.form, Form::Printed | Form::Averaged);
         if printed || self.settings.motion == Motion::Dynamic {
             return self.settings.load_steps;
@@ -199,7 +199,12 @@ impl EnergyBalance {
 
     /// Goes to the drive in load steps, as long as all numbers are finite; says how many visits that took and whether they
     /// still are.
-    fn advance(&mut self, drive: &Drive<'_>, step_s: f64, trial: Option<Trial<'_>>) -> (u32, bool) {
+    fn advance(
+        &mut self,
+        drive: &BoundaryConditions<'_>,
+        step_s: f64,
+        trial: Option<Trial<'_>>,
+    ) -> (u32, bool) {
         let parts = self.parts(drive);
         let part_s = step_s / f64::from(parts);
         self.hold(drive, part_s);
@@ -230,7 +235,13 @@ impl EnergyBalance {
     }
 
     /// Places held nodes, loads, and where inertia leads, for a `share` of the way.
-    fn aim(&mut self, drive: &Drive<'_>, share: f64, part_s: f64, trial: Option<Trial<'_>>) {
+    fn aim(
+        &mut self,
+        drive: &BoundaryConditions<'_>,
+        share: f64,
+        part_s: f64,
+        trial: Option<Trial<'_>>,
+    ) {
         let way = |from: [f64; 3], to: [f64; 3]| {
             [0, 1, 2].map(|c| {
                 if share < 1.0 {
@@ -386,7 +397,7 @@ impl EnergyBalance {
 }
 
 impl Tissue for EnergyBalance {
-    fn step(&mut self, drive: &Drive<'_>, step_s: f64) -> Diagnostics {
+    fn step(&mut self, drive: &BoundaryConditions<'_>, step_s: f64) -> Diagnostics {
         if let Some(objection) = self.objection(drive, step_s) {
             return self.report(Outcome::Failed(objection), 0, f64::NAN);
         }
@@ -417,7 +428,12 @@ impl Tissue for EnergyBalance {
         &self.reactions_n
     }
 
-    fn tangent(&mut self, drive: &Drive<'_>, moved: &[usize], step_s: f64) -> Option<Tangent> {
+    fn tangent(
+        &mut self,
+        drive: &BoundaryConditions<'_>,
+        moved: &[usize],
+        step_s: f64,
+    ) -> Option<Tangent> {
         tangent::secant(self, drive, moved, step_s)
     }
 }

@@ -6,7 +6,7 @@
 //! curved force, and would miss how far iterations stop from balance.
 
 use super::{EnergyBalance, Form, Trial};
-use crate::{Drive, Tangent};
+use crate::{BoundaryConditions, Tangent};
 use nalgebra::{Matrix3, Vector3};
 
 /// A trial step as a share of a cell's edge: 1 % strain of one cell, far above single precision's noise.
@@ -15,7 +15,7 @@ const TRIAL: f64 = 0.01;
 /// `None` for the printed forms, which have no balance to speak of, and where a trial does not stay finite.
 pub(super) fn secant(
     model: &mut EnergyBalance,
-    drive: &Drive<'_>,
+    drive: &BoundaryConditions<'_>,
     moved: &[usize],
     step_s: f64,
 ) -> Option<Tangent> {
@@ -39,7 +39,7 @@ pub(super) fn secant(
 /// The stiffness after one run of each trial, and after two; none unless all numbers are finite.
 fn trials(
     model: &mut EnergyBalance,
-    drive: &Drive<'_>,
+    drive: &BoundaryConditions<'_>,
     moved: &[usize],
     step_s: f64,
 ) -> Option<[Matrix3<f64>; 2]> {

@@ -52,8 +52,8 @@ fn between_plates(mesh: &TetMesh, by: [f64; 3]) -> Held {
         .collect()
 }
 
-fn held(held: &Held) -> Drive<'_> {
-    Drive { held, force_n: &[] }
+fn held(held: &Held) -> BoundaryConditions<'_> {
+    BoundaryConditions { held, force_n: &[] }
 }
 
 /// Force of the cells on every node \[N\], straight from the law.
@@ -123,7 +123,7 @@ fn where_it_rests_the_laws_own_forces_balance_the_loads() {
     for (node, force) in force_n.iter_mut().enumerate().skip(48) {
         *force = [0.004, -0.002, 0.003 * (node % 3) as f64];
     }
-    let drive = Drive {
+    let drive = BoundaryConditions {
         held: &bottom,
         force_n: &force_n,
     };
@@ -209,7 +209,7 @@ fn one_iteration_free(mesh: &TetMesh, form: Form) -> (EnergyBalance, Vec<Vector3
     let at_rest = vec![[0.0; 3]; mesh.points_m().len()];
     model.set_velocities(&at_rest);
     let before = model.positions_m().to_vec();
-    model.step(&Drive::default(), 0.01);
+    model.step(&BoundaryConditions::default(), 0.01);
     let moved = model.positions_m().iter().zip(&before);
     let increments = moved
         .map(|(a, b)| Vector3::from(*a) - Vector3::from(*b))
@@ -284,7 +284,7 @@ fn as_printed_a_cell_goes_to_zero_energy_whatever_the_load() {
     let mut energy = model.step(&held(&stretched), 0.01).energy_j;
     let first = energy;
     for _ in 0..60 {
-        let next = model.step(&Drive::default(), 0.01).energy_j;
+        let next = model.step(&BoundaryConditions::default(), 0.01).energy_j;
         assert!(next / energy > 0.249, "{}", next / energy);
         energy = next;
     }
@@ -313,7 +313,7 @@ fn let_go_in_motion_it_keeps_its_momentum_and_loses_energy() {
     let mut energy = kinetic(&model);
     let mut first: Option<Diagnostics> = None;
     for _ in 0..20 {
-        let report = model.step(&Drive::default(), 0.002);
+        let report = model.step(&BoundaryConditions::default(), 0.002);
         assert!(report.residual < 1e-6);
         let now = report.energy_j + kinetic(&model);
         assert!(now < energy * (1.0 + 1e-9));
@@ -382,7 +382,7 @@ fn the_lattice_carries_loads_along_a_beam() {
         .map(|(node, _)| (node, [0.0; 3]))
         .collect();
     let force_n = vec![[0.0, 0.0, -1e-5]; mesh.points_m().len()];
-    let drive = Drive {
+    let drive = BoundaryConditions {
         held: &end,
         force_n: &force_n,
     };
@@ -499,11 +499,11 @@ fn numbers_that_are_none_fail_and_change_nothing() {
                 held(&vec![(9_999, [0.0; 3])]),
                 held(&vec![(3, [0.0; 3]), (2, [0.0; 3])]),
                 held(&far),
-                Drive {
+                BoundaryConditions {
                     held: &[],
                     force_n: &nan,
                 },
-                Drive {
+                BoundaryConditions {
                     held: &[],
                     force_n: &bad_loads,
                 },

@@ -41,13 +41,13 @@ use sutura_mesh::TetMesh;
 /// ```
 /// use sutura_mesh::slab;
 /// use sutura_models::hyperelastic::{Hyperelastic, Settings};
-/// use sutura_models::{Drive, Material, Outcome, Tissue, law::Law};
+/// use sutura_models::{BoundaryConditions, Material, Outcome, Tissue, law::Law};
 /// let mesh = slab([0.04, 0.04, 0.02], [4, 4, 2])?;
 /// let liver = Material { youngs_modulus_pa: 3_500.0, poisson_ratio: 0.45 };
 /// let mut tissue = Hyperelastic::new(&mesh, &[Law::neo_hookean(liver)], Settings::default())?;
 /// let bottom = (0..25).map(|node| (node, [0.0; 3]));
 /// let held: Vec<_> = bottom.chain([(62, [0.0, 0.0, 0.005])]).collect();
-/// let done = tissue.step(&Drive { held: &held, force_n: &[] }, 0.0);
+/// let done = tissue.step(&BoundaryConditions { held: &held, force_n: &[] }, 0.0);
 /// assert_eq!(done.outcome, Outcome::Converged);
 /// assert!(tissue.reactions_n()[25][2] > 0.0);
 /// # Ok::<(), Box<dyn std::error::Error>>(())

@@ -6,7 +6,7 @@
 use super::motion::Course;
 use super::newton::Balance;
 use super::{Hyperelastic, State, Work};
-use crate::{Diagnostics, Drive, Outcome};
+use crate::{BoundaryConditions, Diagnostics, Outcome};
 use nalgebra::Vector3;
 
 impl Hyperelastic {
@@ -32,7 +32,7 @@ impl Hyperelastic {
     }
 
     /// Makes what `work` holds the state.
-    pub(super) fn commit(&mut self, course: Course, work_j: f64, drive: &Drive<'_>) {
+    pub(super) fn commit(&mut self, course: Course, work_j: f64, drive: &BoundaryConditions<'_>) {
         let Self {
             balance,
             state,

@@ -8,7 +8,7 @@ use super::newton::{End, Imbalance};
 use super::settle::{held_part, trapezoid};
 use super::{Hyperelastic, State};
 use crate::drive_check::wrong;
-use crate::{Diagnostics, Drive, Outcome, Tangent, Tissue};
+use crate::{BoundaryConditions, Diagnostics, Outcome, Tangent, Tissue};
 use nalgebra::Vector3;
 
 /// The smallest part of the way.
@@ -22,7 +22,7 @@ impl Tissue for Hyperelastic {
     /// do not look at `step_s`. The work in `energy_difference` is summed by the trapezoidal rule over the
     /// parts of each step in statics, so that it shows how coarse they were. `residual` at or below the
     /// tolerance may mean that round-off allows no less.
-    fn step(&mut self, drive: &Drive<'_>, step_s: f64) -> Diagnostics {
+    fn step(&mut self, drive: &BoundaryConditions<'_>, step_s: f64) -> Diagnostics {
         let mut iterations = 0;
         let (outcome, residual) = match self.advance(drive, step_s, &mut iterations) {
             Ok((outcome, imbalance)) => (outcome, imbalance.relative(self.settings.tolerance)),
@@ -44,7 +44,12 @@ impl Tissue for Hyperelastic {
 
     /// Exact. `None` also before the first step, for indices beyond the drive's, and where the tangent of
     /// free nodes is not positive definite.
-    fn tangent(&mut self, _drive: &Drive<'_>, moved: &[usize], _step_s: f64) -> Option<Tangent> {
+    fn tangent(
+        &mut self,
+        _drive: &BoundaryConditions<'_>,
+        moved: &[usize],
+        _step_s: f64,
+    ) -> Option<Tangent> {
         let share = &mut self.work.share;
         share.fill(0.0);
         for &index in moved {
@@ -56,7 +61,7 @@ impl Tissue for Hyperelastic {
     /// Exact, as [`tangent`](Self::tangent) is.
     fn tangent_to_come(
         &mut self,
-        _drive: &Drive<'_>,
+        _drive: &BoundaryConditions<'_>,
         touched: &[(u32, f64)],
         _step_s: f64,
     ) -> Option<Tangent> {
@@ -106,7 +111,7 @@ impl Hyperelastic {
 
     fn advance(
         &mut self,
-        drive: &Drive<'_>,
+        drive: &BoundaryConditions<'_>,
         step_s: f64,
         iterations: &mut u32,
     ) -> Result<(Outcome, Imbalance), &'static str> {
@@ -140,7 +145,7 @@ impl Hyperelastic {
     }
 
     /// Takes held nodes, targets and loads from a drive.
-    fn take(&mut self, drive: &Drive<'_>) -> Result<(), &'static str> {
+    fn take(&mut self, drive: &BoundaryConditions<'_>) -> Result<(), &'static str> {
         let discrete = &self.balance.elastic.discrete;
         if let Some(reason) = wrong(drive, discrete.corners) {
             return Err(reason);

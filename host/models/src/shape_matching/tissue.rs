@@ -11,7 +11,7 @@ use crate::in_place::clone_in_place;
 use crate::rigid::{Rigid, momenta};
 use crate::secant::{Trials, secant_of_step, secant_to_come};
 use crate::setting::within;
-use crate::{BuildError, Diagnostics, Drive, Materials, Outcome, Tangent, Tissue};
+use crate::{BoundaryConditions, BuildError, Diagnostics, Materials, Outcome, Tangent, Tissue};
 use nalgebra::Vector3;
 use sutura_mesh::TetMesh;
 
@@ -209,7 +209,7 @@ impl State {
     }
 
     /// Holds what the drive holds, and lets the limit of the rest recover.
-    fn hold(&mut self, drive: &Drive<'_>, rest_m: &[[f64; 3]], recovered: f64) {
+    fn hold(&mut self, drive: &BoundaryConditions<'_>, rest_m: &[[f64; 3]], recovered: f64) {
         self.held.hold(drive, |i| self.is_held[i] = false);
         for limited in &mut self.limited {
             *limited = (*limited - recovered).max(0.0);
@@ -223,7 +223,7 @@ impl State {
     }
 
     /// Lines 3 to 6: free nodes go where velocity, limited pull and loads take them.
-    fn predict(&mut self, drive: &Drive<'_>, step_s: f64, decay: f64) {
+    fn predict(&mut self, drive: &BoundaryConditions<'_>, step_s: f64, decay: f64) {
         for i in 0..self.x.len() {
             if self.is_held[i] {
                 continue;
@@ -250,7 +250,7 @@ impl State {
     }
 
     /// Squared norm of what pulls free nodes \[N^2\]: none in balance.
-    fn unbalanced_sq(&self, drive: &Drive<'_>) -> f64 {
+    fn unbalanced_sq(&self, drive: &BoundaryConditions<'_>) -> f64 {
         let mut sum = 0.0;
         for i in (0..self.x.len()).filter(|i| !self.is_held[*i]) {
             let (load, part) = (load(drive, i), 1.0 - self.limited[i]);
@@ -280,7 +280,7 @@ impl State {
     }
 
     /// Reactions, work; the squared norm of the forces that act.
-    fn react(&mut self, drive: &Drive<'_>) -> f64 {
+    fn react(&mut self, drive: &BoundaryConditions<'_>) -> f64 {
         let mut acting_sq = 0.0;
         for (i, force) in drive.force_n.iter().enumerate() {
             for axis in 0..3 {
@@ -303,7 +303,7 @@ impl State {
 }
 
 impl Tissue for ShapeMatching {
-    fn step(&mut self, drive: &Drive<'_>, step_s: f64) -> Diagnostics {
+    fn step(&mut self, drive: &BoundaryConditions<'_>, step_s: f64) -> Diagnostics {
         if let Some(reason) = refused(drive, self.rest_m.len(), step_s) {
             return failed(reason, self.state.energy_j);
         }
@@ -369,7 +369,12 @@ impl Tissue for ShapeMatching {
 
     /// A secant of one step over 0.1 % of the body's extent and half of that: the answer within `step_s`,
     /// before the tissue beyond has followed; stiffer than the balance it relaxes to.
-    fn tangent(&mut self, drive: &Drive<'_>, moved: &[usize], step_s: f64) -> Option<Tangent> {
+    fn tangent(
+        &mut self,
+        drive: &BoundaryConditions<'_>,
+        moved: &[usize],
+        step_s: f64,
+    ) -> Option<Tangent> {
         let reach_m = 1e-3 * self.extent_m;
         secant_of_step(
             self,
@@ -384,7 +389,7 @@ impl Tissue for ShapeMatching {
     /// As [`tangent`](Self::tangent) is.
     fn tangent_to_come(
         &mut self,
-        drive: &Drive<'_>,
+        drive: &BoundaryConditions<'_>,
         touched: &[(u32, f64)],
         step_s: f64,
     ) -> Option<Tangent> {

@@ -12,7 +12,7 @@ use super::{
     CorotationalState, CorotationalTissue, CorotationalWorkspace, Policy, TangentKind, TissueError,
 };
 use crate::mesh::TetMesh;
-use sutura_models::{Diagnostics, Drive, Materials, Outcome, Tangent, Tissue};
+use sutura_models::{BoundaryConditions, Diagnostics, Materials, Outcome, Tangent, Tissue};
 
 /// Iterations of conjugate gradients for a tangent, and what they shall leave.
 const TANGENT_ITERATIONS: u32 = 500;
@@ -203,7 +203,7 @@ impl CorotationalModel {
     }
 
     /// Moves held nodes to their targets, free ones not at all; takes what that pulls with from the residual.
-    fn move_held(&mut self, drive: &Drive<'_>) -> bool {
+    fn move_held(&mut self, drive: &BoundaryConditions<'_>) -> bool {
         self.workspace.direction.fill([0.0; 3]);
         let mut moved = false;
         for (node, target) in drive.held {
@@ -234,7 +234,7 @@ impl CorotationalModel {
     }
 
     /// Goes towards balance: iterations, and how it ended.
-    fn balance(&mut self, drive: &Drive<'_>) -> (u32, Outcome) {
+    fn balance(&mut self, drive: &BoundaryConditions<'_>) -> (u32, Outcome) {
         self.tissue.update(&mut self.state, &mut self.workspace);
         for iteration in 0..self.settings.iterations {
             self.find_residual();
@@ -328,7 +328,7 @@ impl CorotationalModel {
 }
 
 impl Tissue for CorotationalModel {
-    fn step(&mut self, drive: &Drive<'_>, _step_s: f64) -> Diagnostics {
+    fn step(&mut self, drive: &BoundaryConditions<'_>, _step_s: f64) -> Diagnostics {
         if let Some(fault) = fault_of(drive, self.rest_m.len()) {
             return self.diagnostics(Outcome::Failed(fault), 0, f64::NAN);
         }
@@ -377,7 +377,12 @@ impl Tissue for CorotationalModel {
         &self.reactions_n
     }
 
-    fn tangent(&mut self, drive: &Drive<'_>, moved: &[usize], _step_s: f64) -> Option<Tangent> {
+    fn tangent(
+        &mut self,
+        drive: &BoundaryConditions<'_>,
+        moved: &[usize],
+        _step_s: f64,
+    ) -> Option<Tangent> {
         let known = fault_of(drive, self.rest_m.len()).is_none()
             && moved.iter().all(|index| *index < drive.held.len());
         if !known || !self.held.are_of(drive) {

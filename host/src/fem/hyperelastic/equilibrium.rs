@@ -8,7 +8,7 @@ use super::{HyperelasticState, HyperelasticTissue, HyperelasticWorkspace, Hypere
 use crate::mesh::TetMesh;
 use nalgebra::Vector3;
 use sutura_models::hyperelastic::{Hyperelastic, Settings};
-use sutura_models::{Drive, Outcome, Tissue};
+use sutura_models::{BoundaryConditions, Outcome, Tissue};
 
 /// Force out of balance over the forces that act.
 const TOLERANCE: f64 = 1e-10;
@@ -46,7 +46,7 @@ impl HyperelasticTissue {
             .filter(|(node, _)| self.is_fixed(*node))
             .map(|(node, u)| (node, *u))
             .collect();
-        let drive = Drive {
+        let drive = BoundaryConditions {
             held: &held,
             force_n: &force_n,
         };

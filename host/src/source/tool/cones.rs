@@ -5,7 +5,7 @@
 //! limit of friction stay what they are, and W, J become `B'WB`, `B'J`. What that takes from the tangent, and what turns, is in M.
 
 use super::{Contact, Load, ToolContacts, TouchingTools, Turning};
-use crate::anchors::{ConstraintSet, System};
+use crate::anchors::{ConstraintSet, ConstraintSystem};
 use crate::dense::Lu;
 use crate::step::{MAX_TOOL_ROWS, ToolRowKind, ToolRows};
 use nalgebra::{Matrix6, Vector2, Vector3};
@@ -215,7 +215,7 @@ impl Cones {
         turning: &Turning,
         of: (&[Contact], u32),
         grip: &Vector3<f64>,
-        (system, set): (&System, &ConstraintSet),
+        (system, set): (&ConstraintSystem, &ConstraintSet),
     ) {
         let jacobian = &mut self.jacobian[..6 * set.count()];
         let curved = |ways: usize| ways > 0;

@@ -8,7 +8,7 @@
 
 use super::Contact;
 use super::turning::{Slider, Turning};
-use crate::anchors::{ConstraintSet, System};
+use crate::anchors::{ConstraintSet, ConstraintSystem};
 use crate::dense::{add_product, solve_lower, subtract_product};
 use nalgebra::{Matrix3, Matrix6, Vector3, Vector6};
 
@@ -50,7 +50,7 @@ impl Load {
         (contacts, tool): (&[Contact], u32),
         grip: &Vector3<f64>,
         wanted: impl Fn(usize) -> bool,
-        (system, set): (&System, &ConstraintSet),
+        (system, set): (&ConstraintSystem, &ConstraintSet),
         jacobian: &mut [f64],
     ) -> Matrix6<f64> {
         let m = turning.ways.len();
@@ -101,7 +101,7 @@ impl Load {
     }
 
     /// B f of all anchors.
-    fn displace(&mut self, system: &System, anchors: usize) {
+    fn displace(&mut self, system: &ConstraintSystem, anchors: usize) {
         self.moved.clear();
         if self.left.is_empty() {
             return;

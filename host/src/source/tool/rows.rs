@@ -1,7 +1,7 @@
 //! Rows of what is touched, and what a solve says of them.
 
 use super::{Contact, ToolContacts, TouchingTools};
-use crate::anchors::{AnchorPoint, AnchorRow, ConstraintSet};
+use crate::anchors::{AnchorPoint, ConstraintSet, PointConstraint};
 use crate::collide::across;
 use crate::contact::shape::Solid;
 use crate::rows::{Mode, RowKind};
@@ -81,7 +81,7 @@ impl ToolContacts {
             let rows = frame.into_iter().zip(targets);
             let count = if contact.smooth { 1 } else { 3 };
             for (axis, (direction, target_m)) in (0u64..).zip(rows.take(count)) {
-                set.rows.push(AnchorRow {
+                set.rows.push(PointConstraint {
                     id: id | axis,
                     anchor,
                     kind: match axis {

@@ -10,7 +10,7 @@
 //! `B N' (S^-1 + N B N')^-1 N B` first.
 
 use super::{Contact, ToolContacts, TouchingTools};
-use crate::anchors::{AnchorRow, ConstraintSet, System};
+use crate::anchors::{ConstraintSet, ConstraintSystem, PointConstraint};
 use crate::dense::{Dense, add_product, solve_lower, solve_lower_transposed, subtract_product};
 use nalgebra::{Matrix2, Matrix3, Matrix6, Vector3};
 
@@ -114,7 +114,7 @@ impl Turning {
         tools: &TouchingTools,
         state: &ToolContacts,
         turns: Turns,
-        system: &System,
+        system: &ConstraintSystem,
         set: &ConstraintSet,
     ) -> bool {
         let n = set.count();
@@ -161,7 +161,7 @@ impl Turning {
         tools: &TouchingTools,
         state: &ToolContacts,
         turns: Turns,
-        rows: &[AnchorRow],
+        rows: &[PointConstraint],
     ) {
         self.sliders.clear();
         self.ways.clear();
@@ -191,7 +191,7 @@ impl Turning {
     }
 
     /// Q', (m x n), and E.
-    fn reach(&mut self, system: &System, set: &ConstraintSet) {
+    fn reach(&mut self, system: &ConstraintSystem, set: &ConstraintSet) {
         let m = self.ways.len();
         let anchors = set.anchors.len() + set.ways.len();
         for (j, way) in self.ways.iter().enumerate() {
@@ -268,7 +268,13 @@ impl Turning {
     }
 
     /// After [`Self::prepare`]: [`Self::delta_free`] from what `system` has; `points_m` (nodes x 3) are unloaded.
-    pub fn aim(&mut self, state: &ToolContacts, system: &System, n: usize, points_m: &[[f64; 3]]) {
+    pub fn aim(
+        &mut self,
+        state: &ToolContacts,
+        system: &ConstraintSystem,
+        n: usize,
+        points_m: &[[f64; 3]],
+    ) {
         let m = self.ways.len();
         let free = &mut self.free[..m];
         for (free, way) in free.iter_mut().zip(&self.ways) {

@@ -6,7 +6,7 @@
 use nalgebra::Vector3;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use sutura_host::mesh::TetMesh;
-use sutura_models::{Drive, Outcome, Tissue};
+use sutura_models::{BoundaryConditions, Outcome, Tissue};
 
 /// Largest force out of balance in the end that is stable, as a share of the forces that act. A twentieth, because
 /// models that iterate a fixed number of times in a step are meant to be a little behind.
@@ -120,7 +120,7 @@ impl Course<'_> {
                 1.0 - ((step - there) as f64 / self.steps as f64).min(1.0)
             };
             let held = self.held(share);
-            let drive = Drive {
+            let drive = BoundaryConditions {
                 held: &held,
                 force_n: &[],
             };
@@ -238,7 +238,7 @@ mod tests {
     }
 
     impl Tissue for Puppet {
-        fn step(&mut self, _: &Drive<'_>, _: f64) -> Diagnostics {
+        fn step(&mut self, _: &BoundaryConditions<'_>, _: f64) -> Diagnostics {
             self.at[0][0] += self.moves_by;
             Diagnostics {
                 outcome: self.outcome,
@@ -260,7 +260,7 @@ mod tests {
             &[]
         }
 
-        fn tangent(&mut self, _: &Drive<'_>, _: &[usize], _: f64) -> Option<Tangent> {
+        fn tangent(&mut self, _: &BoundaryConditions<'_>, _: &[usize], _: f64) -> Option<Tangent> {
             None
         }
     }
@@ -308,7 +308,7 @@ mod tests {
     }
 
     impl Tissue for Follower {
-        fn step(&mut self, drive: &Drive<'_>, _: f64) -> Diagnostics {
+        fn step(&mut self, drive: &BoundaryConditions<'_>, _: f64) -> Diagnostics {
             for (node, u) in drive.held {
                 let rest = Vector3::from(self.mesh.points_m()[*node as usize]);
                 let there: [f64; 3] = (rest + Vector3::from(*u)).into();
@@ -337,7 +337,7 @@ mod tests {
             &self.reactions
         }
 
-        fn tangent(&mut self, _: &Drive<'_>, _: &[usize], _: f64) -> Option<Tangent> {
+        fn tangent(&mut self, _: &BoundaryConditions<'_>, _: &[usize], _: f64) -> Option<Tangent> {
             None
         }
     }

@@ -8,7 +8,7 @@ use super::cases::Case;
 use super::lattice::Lattice;
 use nalgebra::Vector3;
 use sutura_models::hyperelastic::{Cells, Hyperelastic, Settings};
-use sutura_models::{Drive, Outcome, Tissue};
+use sutura_models::{BoundaryConditions, Outcome, Tissue};
 
 /// A drive that grows with the case's ramp.
 pub struct Course {
@@ -46,14 +46,14 @@ impl Course {
     }
 
     /// At a share of the whole.
-    pub fn at(&mut self, share: f64) -> Drive<'_> {
+    pub fn at(&mut self, share: f64) -> BoundaryConditions<'_> {
         for (now, whole) in self.held.iter_mut().zip(&self.whole) {
             now.1 = whole.1.map(|u| share * u);
         }
         for (now, whole) in self.force_n.iter_mut().zip(&self.force) {
             *now = whole.map(|f| share * f);
         }
-        Drive {
+        BoundaryConditions {
             held: &self.held,
             force_n: &self.force_n,
         }

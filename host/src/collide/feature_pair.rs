@@ -20,7 +20,7 @@ const OPPOSITE: f64 = 0.1;
 
 /// Two features that stand opposite each other.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Stance {
+pub(super) struct FeaturePair {
     /// With these the nodes' positions add up to the difference between the two points, (4).
     pub weights: [f64; 4],
     /// Unit vector along which the first point must stay ahead of the second, (3).
@@ -29,7 +29,7 @@ pub(super) struct Stance {
     pub outside: f64,
 }
 
-impl Stance {
+impl FeaturePair {
     /// The distance along the normal where the nodes are at `at` \[m\].
     pub fn gap_m(&self, nodes: &[u32; 4], at: impl Fn(u32) -> Vector3<f64>) -> f64 {
         self.normal.dot(&weighted(nodes, &self.weights, at))
@@ -76,7 +76,7 @@ pub(super) fn stance(
     shells: [&Shell; 2],
     pair: &Pair,
     at: impl Fn(u32) -> Vector3<f64>,
-) -> Option<Stance> {
+) -> Option<FeaturePair> {
     let mut found = opposite(pair, &at)?;
     if let Pair::EdgeEdge(one, other) = pair {
         let first = shells[0].edge_normal(one, &at);
@@ -94,7 +94,7 @@ pub(super) fn stance_along(
     normal: &Vector3<f64>,
     pair: &Pair,
     at: impl Fn(u32) -> Vector3<f64>,
-) -> Option<Stance> {
+) -> Option<FeaturePair> {
     let mut found = opposite(pair, at)?;
     if let Pair::EdgeEdge(..) = pair {
         found.turn(normal);
@@ -102,7 +102,7 @@ pub(super) fn stance_along(
     Some(found)
 }
 
-impl Stance {
+impl FeaturePair {
     /// Turns the normal to the side of `along`.
     fn turn(&mut self, along: &Vector3<f64>) {
         if self.normal.dot(along) < 0.0 {
@@ -112,7 +112,7 @@ impl Stance {
 }
 
 /// The points opposite each other, and the face's normal or, either way round, the common perpendicular.
-fn opposite(pair: &Pair, at: impl Fn(u32) -> Vector3<f64>) -> Option<Stance> {
+fn opposite(pair: &Pair, at: impl Fn(u32) -> Vector3<f64>) -> Option<FeaturePair> {
     let [a, b, c, d] = pair.nodes().map(&at);
     if let Pair::EdgeEdge(..) = pair {
         let (along, across, from) = (b - a, d - c, a - c);
@@ -122,7 +122,7 @@ fn opposite(pair: &Pair, at: impl Fn(u32) -> Vector3<f64>) -> Option<Stance> {
         let s = across.cross(&from).dot(&perpendicular) / area;
         let t = along.cross(&from).dot(&perpendicular) / area;
         // Numbers that are none are not above anything.
-        (area > PARALLEL * PARALLEL * squares).then_some(Stance {
+        (area > PARALLEL * PARALLEL * squares).then_some(FeaturePair {
             weights: [1.0 - s, s, t - 1.0, -t],
             normal: perpendicular / area.sqrt(),
             outside: (-s).max(s - 1.0).max(-t).max(t - 1.0),
@@ -134,7 +134,7 @@ fn opposite(pair: &Pair, at: impl Fn(u32) -> Vector3<f64>) -> Option<Stance> {
             (from - a).cross(&(to - a)).dot(&whole) / square
         };
         let [u, v, w] = [part(&c, &d), part(&d, &b), part(&b, &c)];
-        (u + v + w).is_finite().then_some(Stance {
+        (u + v + w).is_finite().then_some(FeaturePair {
             weights: [1.0, -u, -v, -w],
             normal: whole / square.sqrt(),
             outside: (-u).max(-v).max(-w),

@@ -1,7 +1,7 @@
 //! Counts and sums over a session, from every state and report of the console and every solver step.
 //!
-//! Entry points: [`Tally::state`], [`Tally::report`], [`Tally::step`], [`Tally::frame`], [`Tally::fate`], then
-//! [`Tally::summary`].
+//! Entry points: [`Statistics::state`], [`Statistics::report`], [`Statistics::step`], [`Statistics::frame`], [`Statistics::fate`], then
+//! [`Statistics::summary`].
 //! Energy is the passivity observer's of Hannaford & Ryu 2002: E = -sum F . dx, with F the contact force
 //! on the hand held over one tick and dx the grip's motion in it; positive when the hand did the work.
 
@@ -20,7 +20,7 @@ use sutura_shared::wire::{faults, inputs};
 
 /// Everything that a session remembers of itself.
 #[derive(Debug)]
-pub struct Tally {
+pub struct Statistics {
     host_hz: f64,
     first: Option<State>,
     last: Option<State>,
@@ -129,10 +129,10 @@ pub fn mode_word(mode: Mode) -> &'static str {
     }
 }
 
-impl Tally {
+impl Statistics {
     /// Nothing has happened yet.
     pub fn new(host_hz: f64) -> Self {
-        Tally {
+        Statistics {
             host_hz,
             first: None,
             last: None,
@@ -530,7 +530,7 @@ mod tests {
     /// k x dx = 1 mJ more comes back than went in (Colgate & Schenkel 1997).
     #[test]
     fn the_energy_of_a_held_spring_is_that_of_its_lateness() {
-        let mut tally = Tally::new(100.0);
+        let mut tally = Statistics::new(100.0);
         let depths = (0..=10).chain((0..10).rev());
         for (tick, depth) in (0..).zip(depths) {
             tally.state(&state(tick, -1e-3 * depth as f32, 0.1 * depth as f32));
@@ -553,7 +553,7 @@ mod tests {
 
     #[test]
     fn ticks_in_which_force_is_withheld_are_counted() {
-        let mut tally = Tally::new(100.0);
+        let mut tally = Statistics::new(100.0);
         for tick in 0..10 {
             let inputs = inputs::OVERRUN | if tick < 4 { inputs::WITHHELD } else { 0 };
             tally.state(&State {
@@ -573,7 +573,7 @@ mod tests {
             ..Report::default()
         };
         let lost = |reports: &[u32]| {
-            let mut tally = Tally::new(100.0);
+            let mut tally = Statistics::new(100.0);
             reports.iter().for_each(|lost| tally.report(&report(*lost)));
             let summary = tally.summary(&LinkCounters::default(), 1000);
             (summary.frames.lost, summary.ticks_late)
@@ -586,7 +586,7 @@ mod tests {
     /// The console starts anew in between: its ticks and its counts begin at 0 again.
     #[test]
     fn a_lost_link_adds_nothing_of_its_own() {
-        let mut tally = Tally::new(100.0);
+        let mut tally = Statistics::new(100.0);
         let report = |lost| Report {
             frames_lost: lost,
             ..Report::default()
@@ -618,14 +618,14 @@ mod tests {
     }
 
     /// Ticks of a session up to this one.
-    fn go_on(tally: &mut Tally, until: u32) {
+    fn go_on(tally: &mut Statistics, until: u32) {
         let from = tally.last().map_or(0, |state| state.tick + 1);
         (from..until).for_each(|tick| tally.state(&state(tick, 0.0, 0.0)));
     }
 
     #[test]
     fn decay_is_counted_once_a_fall() {
-        let mut tally = Tally::new(100.0);
+        let mut tally = Statistics::new(100.0);
         for (tick, contact, mode) in [
             (0, 1, Mode::Armed),
             (1, 1, Mode::Armed),
@@ -646,14 +646,14 @@ mod tests {
     /// Three quarters of the solves of the middle second are missing because each took 20 ms.
     #[test]
     fn the_worst_second_is_the_one_in_which_solves_were_late() {
-        let mut tally = Tally::new(200.0);
-        let solves = |tally: &mut Tally, second: u32, count: u32, us: u64| {
+        let mut tally = Statistics::new(200.0);
+        let solves = |tally: &mut Statistics, second: u32, count: u32, us: u64| {
             for solve in 0..count {
                 go_on(tally, 1000 * second + 1 + 999 * solve / count);
                 tally.session(Duration::from_micros(us), Duration::ZERO);
             }
         };
-        let worst = |tally: &Tally| {
+        let worst = |tally: &Statistics| {
             tally
                 .summary(&LinkCounters::default(), 1000)
                 .worst_second_us
@@ -671,7 +671,7 @@ mod tests {
 
     #[test]
     fn a_session_of_less_than_a_second_has_a_worst_one() {
-        let mut tally = Tally::new(200.0);
+        let mut tally = Statistics::new(200.0);
         go_on(&mut tally, 100);
         for _ in 0..20 {
             tally.session(Duration::from_micros(700), Duration::ZERO);
@@ -691,14 +691,14 @@ mod tests {
         }
     }
 
-    fn status(tally: &Tally) -> String {
+    fn status(tally: &Statistics) -> String {
         tally.summary(&LinkCounters::default(), 1000).status
     }
 
     /// A wall of the console's own is felt all the time.
     #[test]
     fn a_fixtures_force_is_not_that_of_the_scene() {
-        let mut tally = Tally::new(200.0);
+        let mut tally = Statistics::new(200.0);
         let frame = |force_n: f64| {
             let solved = in_contact(force_n);
             let state = state(0, 0.0, 0.0);
@@ -725,14 +725,14 @@ mod tests {
 
     #[test]
     fn a_share_of_a_few_steps_says_nothing() {
-        let mut tally = Tally::new(200.0);
+        let mut tally = Statistics::new(200.0);
         tally.state(&state(0, 0.0, 0.0));
         let waiting = Solved {
             touched: true,
             status: Status::Waiting,
             ..Solved::default()
         };
-        let one_of_three = |tally: &mut Tally| {
+        let one_of_three = |tally: &mut Statistics| {
             tally.step(&waiting, Duration::ZERO);
             tally.step(&in_contact(0.0), Duration::ZERO);
             tally.step(&in_contact(0.0), Duration::ZERO);
@@ -745,8 +745,8 @@ mod tests {
 
     #[test]
     fn why_the_newest_steps_were_withheld_is_known() {
-        let mut tally = Tally::new(200.0);
-        let last = |tally: &Tally| tally.summary(&LinkCounters::default(), 1000).withheld_last;
+        let mut tally = Statistics::new(200.0);
+        let last = |tally: &Statistics| tally.summary(&LinkCounters::default(), 1000).withheld_last;
         let withheld = Solved {
             status: Status::Inside,
             ..Solved::default()
@@ -760,7 +760,7 @@ mod tests {
 
     #[test]
     fn steps_that_are_not_sent_are_counted_by_their_reason() {
-        let mut tally = Tally::new(100.0);
+        let mut tally = Statistics::new(100.0);
         let solved = |status, contact| Solved {
             position_m: [0.0; 3],
             contact,

@@ -1,6 +1,6 @@
 //! A port that does to the host's bytes what a bad line does: noise, loss, cuts.
 //!
-//! Entry point: [`Meddler::new`].
+//! Entry point: [`FaultProxy::new`].
 
 use std::io;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -10,22 +10,22 @@ use sutura_host::link::Port;
 type Rule = Arc<Mutex<dyn FnMut(&[u8]) -> Vec<u8> + Send>>;
 
 /// Hands every write to a rule, and what the rule makes of it to the port.
-pub struct Meddler {
+pub struct FaultProxy {
     port: Box<dyn Port>,
     rule: Rule,
 }
 
-impl Meddler {
+impl FaultProxy {
     /// `rule` gets each write of the host, one frame at a time, and returns what goes on the line instead.
     pub fn new(port: Box<dyn Port>, rule: impl FnMut(&[u8]) -> Vec<u8> + Send + 'static) -> Self {
-        Meddler {
+        FaultProxy {
             port,
             rule: Arc::new(Mutex::new(rule)),
         }
     }
 }
 
-impl Port for Meddler {
+impl Port for FaultProxy {
     fn name(&self) -> String {
         self.port.name()
     }
@@ -45,7 +45,7 @@ impl Port for Meddler {
     }
 
     fn try_clone(&self) -> io::Result<Box<dyn Port>> {
-        Ok(Box::new(Meddler {
+        Ok(Box::new(FaultProxy {
             port: self.port.try_clone()?,
             rule: self.rule.clone(),
         }))

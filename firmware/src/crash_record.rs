@@ -1,9 +1,9 @@
 //! What a fault handler leaves behind for the next boot, and what the reset flags say.
 //!
-//! Entry points: [`Epitaph::to_words`] before the reset, [`Epitaph::from_words`] after it,
+//! Entry points: [`CrashRecord::to_words`] before the reset, [`CrashRecord::from_words`] after it,
 //! [`reset_cause`]. RAM that nobody initialises holds noise after power-up, hence the mark and the check.
 
-/// Which handler wrote the epitaph; the numbers are those of `Report::epitaph_kind`.
+/// Which handler wrote the crash_record; the numbers are those of `Report::epitaph_kind`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u8)]
 pub enum Kind {
@@ -19,7 +19,7 @@ pub enum Kind {
 
 /// The last words of a fault handler.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Epitaph {
+pub struct CrashRecord {
     /// Who wrote it.
     pub kind: Kind,
     /// Where it happened, see [`Kind`].
@@ -28,7 +28,7 @@ pub struct Epitaph {
 
 const MARK: u32 = 0x5375_7475;
 
-impl Epitaph {
+impl CrashRecord {
     /// Three words for the uninitialised RAM.
     pub fn to_words(self) -> [u32; 3] {
         let kind = MARK ^ self.kind as u32;
@@ -65,8 +65,8 @@ pub fn place_of(file: &str, line: u32) -> u32 {
 /// Cause of a reset in the numbers of `Report::reset_cause`, from the flags in `RCC_CSR` (RM0090, 7.3.21).
 ///
 /// Several flags stand at once: every reset pulls the pin too, and a power-up sets the brown-out flag. A
-/// software reset with an epitaph is a fault handler's.
-pub fn reset_cause(csr: u32, epitaph: Option<Epitaph>) -> u8 {
+/// software reset with an crash_record is a fault handler's.
+pub fn reset_cause(csr: u32, crash_record: Option<CrashRecord>) -> u8 {
     const PIN: u32 = 1 << 26;
     const POWER: u32 = 1 << 27 | 1 << 25;
     const SOFTWARE: u32 = 1 << 28;
@@ -76,7 +76,7 @@ pub fn reset_cause(csr: u32, epitaph: Option<Epitaph>) -> u8 {
     } else if csr & WATCHDOGS != 0 {
         4
     } else if csr & SOFTWARE != 0 {
-        if epitaph.is_some() { 5 } else { 3 }
+        if crash_record.is_some() { 5 } else { 3 }
     } else if csr & PIN != 0 {
         2
     } else {
@@ -96,24 +96,24 @@ mod tests {
             Kind::Exception,
             Kind::Watchdog,
         ] {
-            let epitaph = Epitaph {
+            let crash_record = CrashRecord {
                 kind,
                 place: 0x0800_1234,
             };
-            let words = epitaph.to_words();
-            assert_eq!(Epitaph::from_words(words), Some(epitaph));
+            let words = crash_record.to_words();
+            assert_eq!(CrashRecord::from_words(words), Some(crash_record));
             for bit in 0..96 {
                 let mut broken = words;
                 broken[bit / 32] ^= 1 << (bit % 32);
-                assert_eq!(Epitaph::from_words(broken), None, "bit {bit}");
+                assert_eq!(CrashRecord::from_words(broken), None, "bit {bit}");
             }
         }
     }
 
     #[test]
     fn erased_and_zeroed_memory_is_no_epitaph() {
-        assert_eq!(Epitaph::from_words([0; 3]), None);
-        assert_eq!(Epitaph::from_words([u32::MAX; 3]), None);
+        assert_eq!(CrashRecord::from_words([0; 3]), None);
+        assert_eq!(CrashRecord::from_words([u32::MAX; 3]), None);
     }
 
     /// Test vector of the FNV authors: the 32-bit FNV-1a of "foobar" is 0xBF9CF968.
@@ -126,7 +126,7 @@ mod tests {
     /// Flag combinations as RM0090 describes them: the pin flag stands beside every other.
     #[test]
     fn the_strongest_flag_names_the_cause() {
-        let epitaph = Some(Epitaph {
+        let crash_record = Some(CrashRecord {
             kind: Kind::Panic,
             place: 7,
         });
@@ -134,8 +134,8 @@ mod tests {
         assert_eq!(reset_cause(0x0400_0000, None), 2);
         assert_eq!(reset_cause(0x1400_0000, None), 3);
         assert_eq!(reset_cause(0x2400_0000, None), 4);
-        assert_eq!(reset_cause(0x4400_0000, epitaph), 4);
-        assert_eq!(reset_cause(0x1400_0000, epitaph), 5);
+        assert_eq!(reset_cause(0x4400_0000, crash_record), 4);
+        assert_eq!(reset_cause(0x1400_0000, crash_record), 5);
         assert_eq!(reset_cause(0, None), 0);
     }
 }
