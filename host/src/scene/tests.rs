@@ -238,7 +238,7 @@ fn a_mesh_arrives_from_its_file() {
     let keys = "fillet_m = 0.02\naxis = [2.0, 0.0, 0.0]\nside = [0.0, 0.0, 3.0]";
     assert_eq!(read(file, keys).expect("good"), said);
     for (file, keys, words) in [
-        (&file[..700], "", "a.stl cannot be used: it is no STL: EOF"),
+        (&file[..700], "", "a.stl cannot be used: it is no STL"),
         (b"solid a\nendsolid a\n", "", "it has no triangles"),
         (
             &file[..],
