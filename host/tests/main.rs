@@ -7,6 +7,7 @@ mod contact;
 mod corotational;
 mod driving;
 mod fem_models;
+mod fresh_workspace;
 mod half_faces;
 mod hyperelastic;
 mod layers;

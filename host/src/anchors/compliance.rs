@@ -31,6 +31,23 @@ impl Reached {
         pairs.take(self.count)
     }
 
+    /// Some order that depends on nothing but the two.
+    fn is_lower_than(&self, other: &Self) -> bool {
+        let of = |reached: &Self| (reached.vertices, reached.weights.map(f64::to_bits));
+        of(self) < of(other)
+    }
+
+    /// Displacement of `at` per force on this \[m/N\], whose columns must be there.
+    fn moves(&self, at: &Self, columns: &Columns) -> Matrix3<f64> {
+        let mut sum = Matrix3::zeros();
+        for (pushed, weight) in self.parts() {
+            for (vertex, share) in at.parts() {
+                sum += columns.block(vertex, pushed) * (share * weight);
+            }
+        }
+        sum
+    }
+
     /// Adds a vertex; whether there is room.
     pub fn add(&mut self, vertex: u32, weight: f64) -> bool {
         let room = self.count < MOST_VERTICES;
@@ -107,8 +124,7 @@ impl Pairs {
         }
     }
 
-    /// From now on keeps blocks of anchors that come and go, such as those of vertices that may soon be touched. Which of two
-    /// anchors a block is of first then depends on all looks, and on the room for anchors.
+    /// From now on keeps blocks of anchors that come and go, such as those of vertices that may soon be touched.
     pub fn keep_others(&mut self) {
         self.kept = KEPT;
     }
@@ -172,26 +188,30 @@ impl Pairs {
             self.present[slot] = true;
             self.new.push(slot as u32);
         }
-        self.age();
+        self.age(columns);
+        self.fill(columns);
+    }
+
+    /// Blocks between new anchors and all that are held, each from the columns of the lower: the bits of a block do not
+    /// depend on which of its anchors came first.
+    fn fill(&mut self, columns: &Columns) {
         for &new in &self.new {
-            let Some(pushed) = &self.held[new as usize] else {
+            let Some(one) = &self.held[new as usize] else {
                 continue;
             };
-            for (slot, at) in self.held.iter().enumerate() {
-                let Some(at) = at else {
+            for (slot, other) in self.held.iter().enumerate() {
+                let Some(other) = other else {
                     continue;
                 };
-                let mut sum = Matrix3::zeros();
-                for (vertex, weight) in pushed.parts() {
-                    let blocks = columns.of(vertex);
-                    for (node, share) in at.parts() {
-                        let start = 9 * node as usize;
-                        sum += Matrix3::from_column_slice(&blocks[start..start + 9])
-                            * (share * weight);
-                    }
-                }
-                self.blocks[slot * self.most + new as usize] = sum;
-                self.blocks[new as usize * self.most + slot] = sum.transpose();
+                let (one_to_other, other_to_one) = if one.is_lower_than(other) {
+                    let block = one.moves(other, columns);
+                    (block, block.transpose())
+                } else {
+                    let block = other.moves(one, columns);
+                    (block.transpose(), block)
+                };
+                self.blocks[slot * self.most + new as usize] = one_to_other;
+                self.blocks[new as usize * self.most + slot] = other_to_one;
             }
         }
     }
@@ -202,16 +222,17 @@ impl Pairs {
         slots.position(|present| !present).unwrap_or(0)
     }
 
-    /// Forgets what has not been among the present ones for long.
-    fn age(&mut self) {
+    /// Forgets what has not been among the present ones for long, and what has lost its columns.
+    fn age(&mut self, columns: &Columns) {
         self.others.clear();
         for (slot, held) in self.held.iter_mut().enumerate() {
             let idle = &mut self.idle[slot];
             if self.present[slot] {
                 *idle = 0;
-            } else if held.is_some() {
+            } else if let Some(other) = held {
                 *idle += 1;
-                if *idle > self.kept {
+                let has_columns = other.parts().all(|(vertex, _)| columns.has(vertex));
+                if *idle > self.kept || !has_columns {
                     *held = None;
                 } else {
                     self.others.push(slot as u32);

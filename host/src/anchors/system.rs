@@ -609,6 +609,18 @@ impl ConstraintSystem {
             self.vertices
                 .extend(anchor.parts().map(|(vertex, _)| vertex));
         }
+        self.fetch_vertices(body, grasp, budget)
+    }
+
+    /// As [`Self::fetch`], for what forces of the last solve act on.
+    pub fn fetch_acting(&mut self, body: &Body, grasp: &ConstraintState, budget: usize) -> Fetched {
+        self.vertices.clear();
+        self.vertices
+            .extend(grasp.pushes().map(|(vertex, _)| vertex));
+        self.fetch_vertices(body, grasp, budget)
+    }
+
+    fn fetch_vertices(&mut self, body: &Body, grasp: &ConstraintState, budget: usize) -> Fetched {
         self.vertices
             .extend(grasp.motion.pushed().iter().map(|(vertex, _)| *vertex));
         self.missing.clear();

@@ -10,7 +10,7 @@ use super::options::StepOptions;
 use super::report::{Status, StepReport};
 use super::sources::{Sources, SourcesState};
 use super::targets::Targets;
-use crate::anchors::{AnchorPoint, ConstraintSet, ConstraintSystem, is_solved};
+use crate::anchors::{AnchorPoint, ConstraintSet, ConstraintSystem, Fetched, is_solved};
 use crate::body::{Body, Push};
 use crate::clock::Clock;
 use crate::collide::TouchWork;
@@ -62,7 +62,7 @@ impl BalanceWork {
             nodes: Nodes {
                 pushes: Vec::with_capacity(4 * settings.most_anchors),
                 solves: 0,
-                known: vec![Cell::new((0, Vector3::zeros())); sources.mesh.nodes()],
+                known: vec![Cell::new((u64::MAX, Vector3::zeros())); sources.mesh.nodes()],
                 at: sources.resting_m.clone(),
                 at_solve: u64::MAX,
                 at_rest: false,
@@ -123,6 +123,18 @@ impl<'a> Balance<'a> {
         }
     }
 
+    /// Takes the tissue for where the forces of the state have it.
+    ///
+    /// # Errors
+    /// Columns that are awaited.
+    pub fn begin(&mut self) -> Result<(), Status> {
+        self.work.nodes.solved(self.state.grasp.pushes());
+        let vertices = self.vertices_left();
+        let system = &mut self.work.system;
+        let fetched = system.fetch_acting(self.body, &self.state.grasp, vertices);
+        self.take_columns(fetched)
+    }
+
     /// Balances the tissue with everything at `targets`; if that fails all is as before.
     ///
     /// # Errors
@@ -138,6 +150,7 @@ impl<'a> Balance<'a> {
         let done = self.round_by_round(&targets.needles, None);
         if done.is_err() {
             self.work.saved.put_back(self.state);
+            self.work.nodes.solved(self.state.grasp.pushes());
         }
         done
     }
@@ -216,11 +229,8 @@ impl<'a> Balance<'a> {
             return Err(Status::TooManyRows);
         }
         let fetched = system.fetch(self.body, &self.state.grasp, vertices);
-        self.report.columns_computed += 3 * fetched.computed;
-        self.clock.lap(&mut self.report.stages.columns_ns);
-        if !fetched.all {
-            return Err(Status::Waiting);
-        }
+        self.take_columns(fetched)?;
+        let BalanceWork { system, set, .. } = &mut *self.work;
         system.assemble(self.body, &self.state.grasp, &set.rows);
         let (n, sources) = (set.count(), self.sources);
         for (row, by) in &set.soft {
@@ -230,6 +240,12 @@ impl<'a> Balance<'a> {
             source.soften(self, solve);
         }
         Ok(())
+    }
+
+    fn take_columns(&mut self, fetched: Fetched) -> Result<(), Status> {
+        self.report.columns_computed += 3 * fetched.computed;
+        self.clock.lap(&mut self.report.stages.columns_ns);
+        fetched.all.then_some(()).ok_or(Status::Waiting)
     }
 
     /// The `solve`th solve of a balance.

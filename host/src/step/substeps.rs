@@ -14,6 +14,9 @@ const MAX_HALVINGS: i32 = 3;
 
 /// Takes what is held to its targets in pieces.
 pub(super) fn follow(model: &Model, balance: &mut Balance, targets: &Targets) -> Status {
+    if let Err(status) = balance.begin() {
+        return status;
+    }
     let sources = balance.sources;
     let are_free = || {
         sources
