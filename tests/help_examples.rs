@@ -56,6 +56,14 @@ const EXAMPLES: &[(&str, Way)] = &[
         "sutura replay session.mcap --verify --format json",
         Ends(&[]),
     ),
+    (
+        "sutura replay session.mcap --series again",
+        Ends(&["again/session.pvd"]),
+    ),
+    (
+        "sutura run --series pictures",
+        Ends(&["pictures/session.mcap", "pictures/session.pvd"]),
+    ),
     ("sutura run --console /dev/ttyACM0", Port),
     (
         "sutura run --console /dev/ttyACM0 --host-hz 500 --budget-ms 2",

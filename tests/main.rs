@@ -24,6 +24,7 @@ mod python_peer;
 mod qemu;
 mod replay;
 mod rust_client;
+mod series;
 mod session_pty;
 mod shipped_files;
 mod support;

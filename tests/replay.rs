@@ -132,7 +132,7 @@ fn of_console(recording: &Recording) -> ConsoleVerdict {
 fn of_host(recording: &Recording) -> HostVerdict {
     let scene = scene::read(&Document::from_sources(&recording.sources)).unwrap();
     let mut solver = SceneSolver::for_session(&scene, &recording.about.plan).unwrap();
-    replay_host(recording, &mut solver, true)
+    replay_host(recording, &mut solver, true, |_, _| {})
 }
 
 fn assert_same(recording: &Recording) {
@@ -318,7 +318,7 @@ fn a_changed_solve_and_a_changed_pose_are_found_at_their_step() {
     changed.solves[77].1.state_hash = format!("{:016x}", 7);
     let scene = scene::read(&Document::from_sources(&changed.sources)).unwrap();
     let solver = || SceneSolver::for_session(&scene, &changed.about.plan).unwrap();
-    let verdict = replay_host(&changed, &mut solver(), false);
+    let verdict = replay_host(&changed, &mut solver(), false, |_, _| {});
     assert_eq!((verdict.diverged_step, verdict.identical), (None, false));
     let touched = changed
         .solves
@@ -326,7 +326,7 @@ fn a_changed_solve_and_a_changed_pose_are_found_at_their_step() {
         .rposition(|(_, solve)| solve.rows > 0)
         .unwrap();
     changed.solves[touched].1.wrench.as_mut().unwrap()[2] *= 1.0 + 1e-6;
-    let verdict = replay_host(&changed, &mut solver(), false);
+    let verdict = replay_host(&changed, &mut solver(), false, |_, _| {});
     assert_eq!(verdict.diverged_step, Some(touched as u64 + 1));
 }
 
@@ -520,7 +520,7 @@ fn a_session_in_real_time_comes_out_the_same_whenever_columns_came() {
         console.verified_ticks + console.unverified_ticks,
         console.ticks
     );
-    let host = replay_host(&recording, &mut unprepared(), true);
+    let host = replay_host(&recording, &mut unprepared(), true, |_, _| {});
     assert_eq!(host.why, None);
     assert!(host.identical && host.verified_steps == host.steps);
 }
@@ -548,14 +548,14 @@ fn a_session_on_corotational_tissue_comes_out_the_same_whenever_factors_came() {
         let any = recording.solves.iter().any(|(_, solve)| came(solve));
         any.then_some(recording)
     });
-    let host = replay_host(&recording, &mut solver(), true);
+    let host = replay_host(&recording, &mut solver(), true, |_, _| {});
     assert_eq!(host.why, None);
     assert!(host.identical && host.verified_steps == host.steps);
 
     for (_, solve) in &mut recording.solves {
         solve.arrivals.clear();
     }
-    let host = replay_host(&recording, &mut solver(), true);
+    let host = replay_host(&recording, &mut solver(), true, |_, _| {});
     assert!(host.diverged_step.is_some() && !host.identical);
 }
 

@@ -2,8 +2,9 @@
 //!
 //! Entry point: [`solve`].
 
-use crate::output::{DrivenNeedle, HeldTool, Reaction, Solution};
+use crate::output::{Drawn, DrivenNeedle, HeldTool, Reaction, Solution};
 use crate::scene::{Pose, Scene};
+use crate::script::at_rest;
 pub use crate::session::SolveError;
 use crate::session::{IN_BALANCE, MOST_PASSES, MOST_STEPS, SceneSolver};
 use crate::step::{Status, StepReport};
@@ -32,6 +33,13 @@ pub fn solve(scene: &Scene) -> Result<Solution, SolveError> {
     } else {
         follow_scripts(scene, &mut solver)?
     };
+    let samples: Vec<_> = if without {
+        held.iter()
+            .map(|(id, _, pose)| at_rest(*id, pose))
+            .collect()
+    } else {
+        solver.samples().to_vec()
+    };
     let (model, state, _) = solver.parts().ok_or(SolveError::Nothing)?;
     let wound = solver.wound();
     let rest = model.equilibrium(state)?;
@@ -57,15 +65,12 @@ pub fn solve(scene: &Scene) -> Result<Solution, SolveError> {
         scene: scene.name.clone(),
         tissue: scene.tissue.word(),
         forces_act_on: "tissue",
-        points_m: scene.mesh.points_m().to_vec(),
-        principal_stress_pa: model.principal_stress_pa(&rest.displacement_m),
-        displacement_m: rest.displacement_m,
+        drawn: Drawn::of(scene, &solver.positions_m(), Some((model, state)), &samples),
         reactions: reactions.collect(),
         tools: tools.collect(),
         needles: report.needles().iter().map(DrivenNeedle::from).collect(),
         wound,
         residual: rest.residual.max(report.residual),
-        cells: scene.mesh.cells().to_vec(),
     })
 }
 
@@ -177,7 +182,11 @@ plane = { axis = "z", at_m = -0.03 }
     fn gaps(scene: &Scene, solution: &Solution) -> Vec<f64> {
         let tool = &scene.tools[0];
         let centre = Vector3::from(tool.pose.expect("held").position_m);
-        let nodes = solution.points_m.iter().zip(&solution.displacement_m);
+        let nodes = solution
+            .drawn
+            .points_m
+            .iter()
+            .zip(&solution.drawn.displacement_m);
         let top = nodes.filter(|(x, _)| x[2] > -1e-9);
         top.map(|(x, u)| {
             (Vector3::from(*x) + Vector3::from(*u) - centre).norm() - tool.shape.radius_m()
@@ -194,7 +203,7 @@ plane = { axis = "z", at_m = -0.03 }
         let all = scene(&[SLAB, TOOL, LOAD, &pull]);
         let solution = solve(&all).expect("has a rest");
         let node = all.loads.handles[0].anchor.vertices[0] as usize;
-        for (moved, wanted) in solution.displacement_m[node].iter().zip(target) {
+        for (moved, wanted) in solution.drawn.displacement_m[node].iter().zip(target) {
             assert!((moved - wanted).abs() < 1e-12);
         }
         let gaps = gaps(&all, &solution);
@@ -266,7 +275,10 @@ plane = { axis = "z", at_m = -0.03 }
         let both = solve(&scene(&[&turning, TOOL, &pull])).expect("has a rest");
         assert!(both.residual < 1e-8, "{}", both.residual);
         let held = scene(&[&turning, &pull]).loads.handles[0].anchor.vertices[0] as usize;
-        for (moved, wanted) in both.displacement_m[held].iter().zip([0.0, 0.0, 0.005]) {
+        for (moved, wanted) in both.drawn.displacement_m[held]
+            .iter()
+            .zip([0.0, 0.0, 0.005])
+        {
             assert!((moved - wanted).abs() < 1e-9, "{moved}");
         }
         let alone = solve(&scene(&[&turning, TOOL])).expect("has a rest");
@@ -291,7 +303,11 @@ plane = { axis = "z", at_m = -0.03 }
                    [[load]]\non = { plane = { axis = \"x\", at_m = 0.1 } }\ntotal_force_n = [0.0, 0.004, 0.0]\n";
         let end = |scene: &Scene| {
             let solution = solve(scene).expect("has a rest");
-            let nodes = solution.points_m.iter().zip(&solution.displacement_m);
+            let nodes = solution
+                .drawn
+                .points_m
+                .iter()
+                .zip(&solution.drawn.displacement_m);
             let end: Vec<_> = nodes
                 .filter(|(x, _)| x[0] > 0.0999)
                 .map(|(_, u)| *u)

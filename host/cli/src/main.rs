@@ -32,6 +32,7 @@ mod recording;
 mod replay;
 mod run;
 mod scene;
+mod series;
 mod signals;
 mod solve;
 mod stability;

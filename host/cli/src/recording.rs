@@ -39,17 +39,18 @@ impl Recording {
         asked: Arc<AtomicBool>,
     ) -> Result<Recording, Failure> {
         // Nobody replays the last seconds.
-        let build = args.record.as_ref().map(|_| build()).unwrap_or_default();
+        let file = file(args);
+        let build = file.as_ref().map(|_| build()).unwrap_or_default();
         let about = About {
             console: args.console.clone(),
             lockstep,
             worker: !lockstep,
             ..About::here(build, plan, &scene.tissue.to_string())
         };
-        let recorder = Recorder::start(args.record.as_deref(), about, sources);
+        let recorder = Recorder::start(file.as_deref(), about, sources);
         Ok(Recording {
             recorder: recorder.map_err(failure)?,
-            file: args.record.clone(),
+            file,
             last: args.save_last.clone(),
             asked,
         })
@@ -113,6 +114,12 @@ impl Recording {
         }
         Ok(summary)
     }
+}
+
+/// Where all of the session goes, if anywhere.
+pub fn file(args: &RunArgs) -> Option<PathBuf> {
+    let beside = || Some(args.series.as_ref()?.join("session.mcap"));
+    args.record.clone().or_else(beside)
 }
 
 /// A failure of a recording.

@@ -2,10 +2,12 @@
 
 use crate::failure::{Cause, Failure};
 use crate::recording::{build, failure};
+use crate::run::positive;
+use crate::series::{SERIES_HZ, Series, make_folder};
 use crate::{Format, Global};
 use clap::{Args, ValueEnum};
 use serde_json::{Value, json};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use sutura_host::recording::replay::{
     ConsoleVerdict, HostVerdict, NativeTicks, Replayed, replay_console, replay_host,
 };
@@ -32,6 +34,12 @@ pub struct ReplayArgs {
     /// Firmware image for `--console qemu`, in place of the one built from this checkout.
     #[arg(long, value_name = "FILE")]
     pub image: Option<PathBuf>,
+    /// Writes the session to this new folder as a row of .vtu files and a .pvd that lists them, for ParaView.
+    #[arg(long, value_name = "DIR")]
+    pub series: Option<PathBuf>,
+    /// Files of `--series` a second of the session; at most one for each solve.
+    #[arg(long, value_name = "HZ", value_parser = positive, default_value_t = SERIES_HZ)]
+    pub series_hz: f64,
 }
 
 const EXAMPLES: &str = "\
@@ -40,6 +48,7 @@ Examples:
   sutura replay session.mcap                       the same bits?
   sutura replay session.mcap --console qemu        the same bits on the ARM image?
   sutura replay session.mcap --verify --format json
+  sutura replay session.mcap --series again        then: paraview again/session.pvd
 
 A recording opens in other programs too (MCAP: Foxglove, the mcap command).";
 
@@ -59,11 +68,15 @@ pub enum Console {
 /// A file that is no recording; a divergence; with `--verify` anything that could not be compared.
 pub fn run(args: &ReplayArgs, global: &Global) -> Result<(), Failure> {
     let recording = Recording::read(&args.file).map_err(failure)?;
+    if let Some(folder) = &args.series {
+        make_folder(folder)?;
+    }
     let console = console(args, &recording)?;
-    let host = host(&recording)?;
+    let series = args.series.as_deref().map(|dir| (dir, args.series_hz));
+    let (host, pictures) = host(&recording, series)?;
     let (here, there) = (&here(&recording), &recording.about);
     match global.format {
-        Format::Json => say!("{}", object(args, &recording, &console, &host)),
+        Format::Json => say!("{}", object(args, &recording, &console, &host, pictures)),
         Format::Text => say!("{}", text(&recording, &console, &host, here)),
     }
     verdict(args, &recording, &console, &host, there.same_bits(here))
@@ -96,7 +109,11 @@ fn console(args: &ReplayArgs, recording: &Recording) -> Result<ConsoleVerdict, F
     }
 }
 
-fn host(recording: &Recording) -> Result<HostVerdict, Failure> {
+/// Runs the solver's steps again; with `series`, a folder and how many pictures a second, draws them there, and says how many.
+fn host(
+    recording: &Recording,
+    series: Option<(&Path, f64)>,
+) -> Result<(HostVerdict, Option<usize>), Failure> {
     let about = &recording.about;
     let shown = crate::work::watch();
     let mut scene = crate::scene::from_sources(&recording.sources)?;
@@ -106,7 +123,27 @@ fn host(recording: &Recording) -> Result<HostVerdict, Failure> {
     let mut solver = SceneSolver::for_session(&scene, &about.plan)?;
     drop(shown);
     let same_bits = about.same_bits(&here(recording));
-    Ok(replay_host(recording, &mut solver, same_bits))
+    let mut series = series.map(|(folder, hz)| Series::new(folder, &scene, hz));
+    let verdict = replay_host(recording, &mut solver, same_bits, |solver, time_us| {
+        if let Some(series) = &mut series {
+            series.see(solver, time_us);
+        }
+    });
+    let Some(series) = series else {
+        return Ok((verdict, None));
+    };
+    let (path, pictures) = series.finish()?;
+    note!("{pictures} pictures: open {} in ParaView", path.display());
+    Ok((verdict, Some(pictures)))
+}
+
+/// Draws a session that has been recorded.
+///
+/// # Errors
+/// A recording that cannot be read, or files that cannot be written.
+pub fn draw(recording: &Path, folder: &Path, hz: f64) -> Result<(), Failure> {
+    let recording = Recording::read(recording).map_err(failure)?;
+    host(&recording, Some((folder, hz))).map(|_| ())
 }
 
 /// The console's tick that came out differently first, at either end.
@@ -120,6 +157,7 @@ fn object(
     recording: &Recording,
     console: &ConsoleVerdict,
     host: &HostVerdict,
+    pictures: Option<usize>,
 ) -> Value {
     let cut = match &recording.end {
         End::Whole => None,
@@ -151,6 +189,7 @@ fn object(
             "why": host.why,
             "hash": format!("{:016x}", host.hash),
         },
+        "pictures": pictures,
     })
 }
 

@@ -5,6 +5,8 @@ use crate::choice;
 use crate::display::{self, Display};
 use crate::failure::{Cause, Failure};
 use crate::recording::{self, Recording};
+use crate::replay;
+use crate::series::{SERIES_HZ, make_folder};
 use crate::signals::stop_on_signals;
 use crate::{Format, Global, device};
 use clap::{Args, ValueEnum};
@@ -78,6 +80,13 @@ pub struct RunArgs {
     /// Writes the whole session to this file, for `sutura replay` and for other programs: MCAP, 10 to 30 MB a minute.
     #[arg(long, value_name = "FILE")]
     pub record: Option<PathBuf>,
+    /// Writes the session to this new folder for ParaView once it has ended: its recording, and a row of .vtu files from running that
+    /// again.
+    #[arg(long, value_name = "DIR")]
+    pub series: Option<PathBuf>,
+    /// Files of `--series` a second of the session; at most one for each solve.
+    #[arg(long, value_name = "HZ", value_parser = positive, default_value_t = SERIES_HZ)]
+    pub series_hz: f64,
     /// Where the last 30 s go, to be looked at, when the console ends in a fault or is lost; and on SIGUSR1, which without
     /// this writes sutura-last.mcap here.
     #[arg(long, value_name = "FILE")]
@@ -100,6 +109,7 @@ Examples:
   sutura run --tissue hyperelastic --host-hz 20 --lockstep  the reference, in time that is not the clock's
   sutura run --rendering hold --host-hz 30                how it feels without local models
   sutura run --record session.mcap                        then: sutura replay session.mcap
+  sutura run --series pictures                            then: paraview pictures/session.pvd
   sutura run --console /dev/ttyACM0 --save-last fault.mcap
 
 A step that is too slow, a lost console or a wrong solve never leaves a force standing: the console lets
@@ -126,7 +136,11 @@ impl From<Rendering> for session::Rendering {
     }
 }
 
-fn positive(text: &str) -> Result<f64, String> {
+/// A number above 0.
+///
+/// # Errors
+/// What else it is.
+pub fn positive(text: &str) -> Result<f64, String> {
     match text.parse::<f64>() {
         Ok(value) if value > 0.0 && value.is_finite() => Ok(value),
         _ => Err("must be a number above 0".to_owned()),
@@ -168,6 +182,9 @@ const EMULATOR_SPARE: Duration = Duration::from_secs(120);
 /// Everything that keeps the session from running to its end, a latched fault, a missed budget.
 pub fn run(args: &RunArgs, global: &Global) -> Result<(), Failure> {
     let asked = recording::asked();
+    if let Some(folder) = &args.series {
+        make_folder(folder)?;
+    }
     // Before a port is opened: some boards start anew with that.
     let document = crate::scene::document(args.scene.as_deref())?;
     if let Some(host_hz) = args.host_hz.or_else(|| host_hz(&document)) {
@@ -232,6 +249,9 @@ pub fn run(args: &RunArgs, global: &Global) -> Result<(), Failure> {
     match global.format {
         Format::Json => say!("{}", display::json(&summary)),
         Format::Text => say!("{}", display::table(&summary).trim_end()),
+    }
+    if let (Some(folder), Some(file)) = (&args.series, recording::file(args)) {
+        replay::draw(&file, folder, args.series_hz).map_err(Failure::after_summary)?;
     }
     verdict(args, &summary)
 }

@@ -104,6 +104,7 @@ impl From<SolveError> for Failure {
 /// Largest displacement of a node \[m\].
 fn largest_m(solution: &Solution) -> f64 {
     solution
+        .drawn
         .displacement_m
         .iter()
         .map(length)
@@ -120,8 +121,8 @@ fn print_json(args: &SolveArgs, solution: &Solution) {
         "out": args.out.display().to_string(),
         "scene": solution.scene,
         "tissue": solution.tissue,
-        "nodes": solution.points_m.len(),
-        "cells": solution.cells.len(),
+        "nodes": solution.drawn.points_m.len(),
+        "cells": solution.drawn.cells.len(),
         "displacement_max_m": largest_m(solution),
         "reactions": solution.reactions,
         "tools": solution.tools,
@@ -134,8 +135,8 @@ fn print_json(args: &SolveArgs, solution: &Solution) {
 
 fn print_text(args: &SolveArgs, solution: &Solution) {
     say!("{}: {} tissue at rest", solution.scene, solution.tissue);
-    say!("  nodes              {:>10}", solution.points_m.len());
-    say!("  cells              {:>10}", solution.cells.len());
+    say!("  nodes              {:>10}", solution.drawn.points_m.len());
+    say!("  cells              {:>10}", solution.drawn.cells.len());
     say!(
         "  displaced at most  {:>10.4} mm",
         1e3 * largest_m(solution)

@@ -51,10 +51,9 @@ pub fn write_mesh(mesh: &RawMesh, path: &Path, format: MeshFormat) -> io::Result
             let file = grid(&Grid {
                 points_m: &mesh.points_m,
                 cells: &mesh.cells,
-                point_vectors: &[],
                 cell_integers: &[("region", &regions(mesh))],
-                cell_vectors: &[],
                 cell_numbers: &[("mean_ratio", &mesh.qualities())],
+                ..Grid::default()
             });
             write_whole(path, file.as_bytes())
         }

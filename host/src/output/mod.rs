@@ -2,11 +2,14 @@
 //!
 //! Entry points: [`Solution::write`], [`write_mesh`] and [`write_whole`].
 
+mod drawn;
 mod mesh_file;
+mod outline;
 mod solution;
 mod vtu;
 mod whole;
 
+pub use drawn::{Drawn, Line, Part};
 pub use mesh_file::{MeshFormat, write_mesh};
 pub(crate) use solution::tip_word;
 pub use solution::{DrivenNeedle, HeldTool, Reaction, Solution, SolutionFormat};

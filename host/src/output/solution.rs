@@ -3,7 +3,7 @@
 //! Entry point: [`Solution`]. Signs: `force_n` and `torque_nm` in [`Reaction`] and [`HeldTool`] act **on
 //! the tissue**; the handle or the tool feels the opposite.
 
-use super::{vtu, write_whole};
+use super::{Drawn, vtu, write_whole};
 use crate::needle::{NeedleReport, TipPlace};
 use crate::wound::WoundReport;
 use serde::Serialize;
@@ -19,10 +19,9 @@ pub struct Solution {
     pub tissue: &'static str,
     /// What `force_n` and `torque_nm` act on.
     pub forces_act_on: &'static str,
-    /// Node positions at rest without load \[m\], (n x 3), world frame.
-    pub points_m: Vec<[f64; 3]>,
-    /// Nodal displacement \[m\], (n x 3), world frame.
-    pub displacement_m: Vec<[f64; 3]>,
+    /// Where all is.
+    #[serde(flatten)]
+    pub drawn: Drawn,
     /// One for each handle, in the scene's order.
     pub reactions: Vec<Reaction>,
     /// One for each tool that the scene holds somewhere.
@@ -35,12 +34,6 @@ pub struct Solution {
     pub wound: Option<WoundReport>,
     /// Largest component of the unbalanced force on a free node, over the largest nodal force; 1 \[-\].
     pub residual: f64,
-    /// Nodes of each cell, (m x 4); in the grid file only.
-    #[serde(skip)]
-    pub cells: Vec<[u32; 4]>,
-    /// Principal stresses of each cell \[Pa\], descending, tension positive, (m x 3); in the grid file only.
-    #[serde(skip)]
-    pub principal_stress_pa: Vec<[f64; 3]>,
 }
 
 /// What a handle does to the tissue.
@@ -140,7 +133,7 @@ impl Solution {
     pub fn write(&self, path: &Path, format: SolutionFormat) -> io::Result<()> {
         match format {
             SolutionFormat::Json => write_whole(path, &serde_json::to_vec(self)?),
-            SolutionFormat::Vtu => write_whole(path, vtu(self).as_bytes()),
+            SolutionFormat::Vtu => write_whole(path, vtu(&self.drawn).as_bytes()),
         }
     }
 }

@@ -40,11 +40,12 @@ pub struct HostVerdict {
 }
 
 /// Runs the solver's steps again, up to the first that differs. `same_bits`: the solver is the same build, on a machine with
-/// the same instructions.
+/// the same instructions. `seen` is shown the solver after each, with the console time that the solve was for \[us\].
 pub fn replay_host(
     recording: &Recording,
     solver: &mut SceneSolver,
     same_bits: bool,
+    mut seen: impl FnMut(&SceneSolver, u64),
 ) -> HostVerdict {
     let mut verdict = HostVerdict {
         steps: recording.solves.len() as u64,
@@ -93,6 +94,7 @@ pub fn replay_host(
             verdict.why = Some(how);
             break;
         }
+        seen(solver, sample.console_time_us);
         verdict.verified_steps += 1;
     }
     verdict

@@ -300,6 +300,11 @@ impl SceneSolver {
         }
     }
 
+    /// Where the tools were in the last step.
+    pub fn samples(&self) -> &[ToolSample] {
+        self.past.script.samples()
+    }
+
     /// Where every node is \[m\], (n x 3).
     pub fn positions_m(&self) -> Cow<'_, [[f64; 3]]> {
         self.follower.positions_m()

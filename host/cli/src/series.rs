@@ -1,0 +1,105 @@
+//! `--series DIR`: a session as a row of files for ParaView, made by running its recording again.
+//!
+//! Entry point: [`Series`]. Nothing is written while the session runs, so that its loop pays nothing.
+
+use crate::failure::{Cause, Failure};
+use std::io;
+use std::path::{Path, PathBuf};
+use sutura_host::output::{Drawn, vtu, write_whole};
+use sutura_host::scene::Scene;
+use sutura_host::session::SceneSolver;
+
+/// Files a second of the session, unless said otherwise.
+pub const SERIES_HZ: f64 = 25.0;
+
+/// A folder that is being filled: one `.vtu` for each picture, and one `.pvd` that lists them with their times.
+pub struct Series<'a> {
+    folder: &'a Path,
+    scene: &'a Scene,
+    period_us: f64,
+    /// Console time of the first solve \[us\].
+    began_us: Option<u64>,
+    /// Time of each picture since then \[s\].
+    times_s: Vec<f64>,
+    broken: Option<(PathBuf, io::Error)>,
+}
+
+impl<'a> Series<'a> {
+    /// Of a scene, `hz` pictures a second.
+    pub fn new(folder: &'a Path, scene: &'a Scene, hz: f64) -> Self {
+        Self {
+            folder,
+            scene,
+            period_us: 1e6 / hz,
+            began_us: None,
+            times_s: Vec::new(),
+            broken: None,
+        }
+    }
+
+    /// After a solve: writes a picture if it is time for one.
+    pub fn see(&mut self, solver: &SceneSolver, console_time_us: u64) {
+        let began_us = *self.began_us.get_or_insert(console_time_us);
+        let passed_us = console_time_us.saturating_sub(began_us) as f64;
+        let due_us = self.times_s.len() as f64 * self.period_us;
+        if passed_us < due_us || self.broken.is_some() {
+            return;
+        }
+        let tissue = solver.parts().map(|(model, state, _)| (model, state));
+        let samples = solver.samples();
+        let drawn = Drawn::of(self.scene, &solver.positions_m(), tissue, samples);
+        let path = self.folder.join(file(self.times_s.len()));
+        match write_whole(&path, vtu(&drawn).as_bytes()) {
+            Ok(()) => self.times_s.push(passed_us / 1e6),
+            Err(error) => self.broken = Some((path, error)),
+        }
+    }
+
+    /// Writes the list; returns where it is and how many pictures it names.
+    ///
+    /// # Errors
+    /// A file that could not be written.
+    pub fn finish(mut self) -> Result<(PathBuf, usize), Failure> {
+        let path = self.folder.join("session.pvd");
+        let mut list = String::from(
+            "<?xml version=\"1.0\"?>\n<VTKFile type=\"Collection\" version=\"1.0\">\n<Collection>\n",
+        );
+        for (number, time_s) in self.times_s.iter().enumerate() {
+            let file = file(number);
+            list += &format!("<DataSet timestep=\"{time_s}\" file=\"{file}\"/>\n");
+        }
+        list += "</Collection>\n</VTKFile>\n";
+        if self.broken.is_none() {
+            let written = write_whole(&path, list.as_bytes());
+            self.broken = written.err().map(|error| (path.clone(), error));
+        }
+        match self.broken {
+            None => Ok((path, self.times_s.len())),
+            Some((path, error)) => {
+                let message = format!("cannot write {}: {error}", path.display());
+                let help = "what was written before stays; make room, or write fewer pictures with --series-hz";
+                Err(Failure::say(Cause::Failed, message, help))
+            }
+        }
+    }
+}
+
+/// Name of a picture's file.
+fn file(number: usize) -> String {
+    format!("session-{number:05}.vtu")
+}
+
+/// Makes the folder of a series.
+///
+/// # Errors
+/// Bad input: it has something in it, or cannot be made.
+pub fn make_folder(folder: &Path) -> Result<(), Failure> {
+    let made = std::fs::create_dir_all(folder).and_then(|()| std::fs::read_dir(folder));
+    let message = match made.map(|mut entries| entries.next().is_none()) {
+        Ok(true) => return Ok(()),
+        Ok(false) => format!("--series {}: the folder is not empty", folder.display()),
+        Err(error) => format!("--series {}: {error}", folder.display()),
+    };
+    let help = "name a folder that is not there yet, in one that is yours";
+    Err(Failure::say(Cause::BadInput, message, help))
+}

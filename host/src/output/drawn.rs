@@ -1,0 +1,150 @@
+//! A scene at an instant, for files that other programs draw.
+//!
+//! Entry point: [`Drawn::of`].
+
+use super::outline::outline;
+use crate::model::Model;
+use crate::scene::Scene;
+use crate::step::State;
+use crate::tool::ToolSample;
+use serde::Serialize;
+
+/// Distance between two points of a needle's centre line, in its length.
+const NEEDLE_PIECES: u32 = 32;
+
+/// The tissue and what is beside it.
+#[derive(Clone, Debug, Default, Serialize)]
+pub struct Drawn {
+    /// Node positions at rest without load \[m\], (n x 3), world frame.
+    pub points_m: Vec<[f64; 3]>,
+    /// Nodal displacement \[m\], (n x 3), world frame.
+    pub displacement_m: Vec<[f64; 3]>,
+    /// Whether a node does not move, (n); in the grid file only, as all below.
+    #[serde(skip)]
+    pub fixed: Vec<bool>,
+    /// Nodes of each cell, (m x 4).
+    #[serde(skip)]
+    pub cells: Vec<[u32; 4]>,
+    /// Region of each cell, (m).
+    #[serde(skip)]
+    pub regions: Vec<i64>,
+    /// Principal stresses of each cell \[Pa\], descending, tension positive, (m x 3); (0 x 3) of models that say none.
+    #[serde(skip)]
+    pub principal_stress_pa: Vec<[f64; 3]>,
+    /// Needles, threads and tools.
+    #[serde(skip)]
+    pub lines: Vec<Line>,
+}
+
+/// What a line is of; the number is that in files.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Part {
+    /// A needle's centre line, from its end to its tip.
+    Needle = 1,
+    /// A thread, from its tail to its head.
+    Thread = 2,
+    /// An outline of a tool's shape.
+    Tool = 3,
+}
+
+/// A line of what is not tissue.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Line {
+    /// What it is of.
+    pub part: Part,
+    /// Id of the needle, thread or tool.
+    pub id: u8,
+    /// How far what is meant reaches around the line \[m\]; 0 for what lies on a surface.
+    pub radius_m: f64,
+    /// Where it is \[m\], (k x 3), world frame.
+    pub points_m: Vec<[f64; 3]>,
+    /// Of a thread: tension between each point and the next \[N\], (k); of others (0).
+    pub tension_n: Vec<f64>,
+}
+
+impl Drawn {
+    /// A scene with its nodes at `at_m` (n x 3), needles and threads in the tissue as its state has them, and tools where
+    /// `samples` says. Allocates: for files, not for the loop.
+    pub fn of(
+        scene: &Scene,
+        at_m: &[[f64; 3]],
+        tissue: Option<(&Model, &State)>,
+        samples: &[ToolSample],
+    ) -> Self {
+        let points_m = scene.mesh.points_m().to_vec();
+        let ways = at_m.iter().zip(&points_m);
+        let displacement_m: Vec<_> = ways
+            .map(|(at, from)| std::array::from_fn(|axis| at[axis] - from[axis]))
+            .collect();
+        let mut fixed = vec![false; points_m.len()];
+        for &node in &scene.fixed {
+            fixed[node as usize] = true;
+        }
+        let mut regions = scene.mesh.regions().to_vec();
+        regions.resize(scene.mesh.cells().len(), 0);
+        let stress = |(model, _): (&Model, _)| model.principal_stress_pa(&displacement_m);
+        Self {
+            fixed,
+            cells: scene.mesh.cells().to_vec(),
+            regions,
+            principal_stress_pa: tissue.map_or_else(Vec::new, stress),
+            lines: lines(scene, tissue, samples),
+            points_m,
+            displacement_m,
+        }
+    }
+}
+
+/// Needles, threads and tools, in the scene's order.
+fn lines(scene: &Scene, tissue: Option<(&Model, &State)>, samples: &[ToolSample]) -> Vec<Line> {
+    let mut lines = Vec::new();
+    if let Some((model, state)) = tissue {
+        for needle in &scene.needles {
+            let pose = state.needle_pose(model, needle.id);
+            let pose = pose.unwrap_or(needle.start);
+            let curve = needle.needle.at(&pose);
+            let places = (0..=NEEDLE_PIECES).map(|k| f64::from(k) / f64::from(NEEDLE_PIECES));
+            lines.push(Line {
+                part: Part::Needle,
+                id: needle.id,
+                radius_m: 0.5 * needle.needle.thickness_m,
+                points_m: places
+                    .map(|share| curve.at(share * curve.length).into())
+                    .collect(),
+                tension_n: Vec::new(),
+            });
+        }
+        for thread in &scene.threads {
+            let path = state.thread_path(model, thread.part.id);
+            if path.len() > 1 {
+                lines.push(Line {
+                    part: Part::Thread,
+                    id: thread.part.id,
+                    radius_m: 0.0,
+                    points_m: path.iter().map(|point| point.at_m).collect(),
+                    tension_n: path.iter().map(|point| point.tension_n).collect(),
+                });
+            }
+        }
+    }
+    for tool in &scene.tools {
+        let sample = samples.iter().find(|sample| sample.id == tool.id);
+        let Some(placement) = sample.and_then(|sample| tool.shape.place(sample)) else {
+            continue;
+        };
+        let (radius_m, outlines) = outline(&tool.shape);
+        lines.extend(outlines.into_iter().map(|local| {
+            Line {
+                part: Part::Tool,
+                id: tool.id,
+                radius_m,
+                points_m: local
+                    .iter()
+                    .map(|at| (placement.centre + placement.rotation * at).into())
+                    .collect(),
+                tension_n: Vec::new(),
+            }
+        }));
+    }
+    lines
+}
