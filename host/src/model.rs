@@ -5,8 +5,9 @@
 use crate::body::{Body, Motion};
 use crate::collide::{TouchError, TouchPart, TouchSettings, Touching};
 use crate::fem::{
-    CorotationalTissue, Equilibrium, Factored, HeldPoints, HyperelasticTissue, Hyperelasticity,
-    LinearTissue, Loads, Materials, NodeLoad, Policy, TissueError, principal_stress_pa,
+    CorotationalTissue, Equilibrium, Factored, HeldPoints, HyperelasticState, HyperelasticTissue,
+    Hyperelasticity, LinearTissue, Loads, Materials, NodeLoad, Policy, TissueError,
+    principal_stress_pa,
 };
 use crate::mesh::{Surface, TetMesh};
 use crate::needle::{NeedleError, NeedlePart, NeedleSettings, NeedleTissue};
@@ -127,8 +128,8 @@ pub enum ModelError {
     SameTool(u8),
     /// A handle on more nodes than a row's point may have.
     #[error(
-        "handle {0} is on more than {MOST_NODES} nodes: beside needles and tissues that touch it is a \
-         point of one face or cell"
+        "handle {0} is on more than {MOST_NODES} nodes: beside needles and tissues that touch, and on hyperelastic tissue, \
+         it is a point of one face or cell"
     )]
     WideHandle(usize),
     /// A needle.
@@ -149,6 +150,19 @@ pub enum ModelError {
     )]
     NoRest {
         /// The part of loads and handles' ways that has a balance.
+        share: f64,
+        /// How the next one ended.
+        status: Status,
+    },
+    /// Handles that find no balance.
+    #[error(
+        "the handles find no rest beyond {:.1} % of their ways: {}; make these smaller, the tissue stiffer, or the mesh \
+         finer around them",
+        100.0 * share,
+        status.name()
+    )]
+    NotHeld {
+        /// The part of their ways that has a balance.
         share: f64,
         /// How the next one ended.
         status: Status,
@@ -215,12 +229,7 @@ impl Model {
         check_tools(tools)?;
         let beside_bytes = cache_bytes(mesh, tools);
         let tissue = LinearTissue::beside(mesh, &materials.into(), fixed, beside_bytes)?;
-        let anchors = loads
-            .handles
-            .iter()
-            .map(|handle| handle.anchor.clone())
-            .collect();
-        let held = HeldPoints::new(&tissue, anchors)?;
+        let held = HeldPoints::new(&tissue, loads.anchors())?;
         let rest = tissue.solve_held(&loads, &held)?;
         let displacement = rest.displacement_m;
         let mut resting = vec![0.0; tissue.unknowns()];
@@ -313,10 +322,11 @@ impl Model {
         Ok(sources.with_tools(&self.tools, least_m, &self.touchable, at_rest))
     }
 
-    /// As [`Self::corotational`], for tissue that is hyperelastic: it has no handles.
+    /// As [`Self::corotational`], for tissue that is hyperelastic.
     ///
     /// # Errors
-    /// As there; [`TissueError::Elasticity`] for laws out of range or not as many as cells, and for quadratic cells.
+    /// As there; handles on more than four nodes, or where there is no balance; [`TissueError::Elasticity`] for laws out of
+    /// range or not as many as cells, and for quadratic cells.
     pub fn hyperelastic(
         mesh: &TetMesh,
         substance: &Hyperelasticity<'_>,
@@ -331,22 +341,54 @@ impl Model {
         let tissue = HyperelasticTissue::beside(mesh, substance, fixed, policy, beside_bytes)?;
         let mut state = tissue.state();
         tissue.settle(&mut state, mesh, substance, &loads)?;
+        let tissue = Arc::new(tissue);
+        let (state, handle_force_n) = Self::held(mesh, &tissue, state, &loads)?;
         let displacement = tissue.displacement_m(&state);
-        let on_unknowns = loads.on_unknowns(tissue.numbering())?;
+        let held_loads = loads.held_by(&handle_force_n);
+        let on_unknowns = held_loads.on_unknowns(tissue.numbering())?;
         let done = on_unknowns.iter().zip(state.unknowns()).map(|(f, u)| f * u);
         let energy_j = tissue.energy_j(&state, &mut tissue.workspace());
         let resting_potential_j = energy_j - done.sum::<f64>();
         let motion = Motion::straining(state);
         let body = Body::Hyperelastic {
             loads: on_unknowns,
-            tissue: Arc::new(tissue),
+            tissue,
         };
         Self {
             passes,
             resting_potential_j,
+            handle_force_n,
             ..Self::around(mesh, body, motion, loads, tools, &displacement)
         }
         .with_tools(mesh)
+    }
+
+    /// Hyperelastic tissue from its balance under the forces of `loads` to that where their handles hold it, with the
+    /// force of each \[N\], (h x 3).
+    fn held(
+        mesh: &TetMesh,
+        tissue: &Arc<HyperelasticTissue>,
+        state: HyperelasticState,
+        loads: &Loads,
+    ) -> Result<(HyperelasticState, Vec<[f64; 3]>), ModelError> {
+        if loads.handles.is_empty() {
+            return Ok((state, Vec::new()));
+        }
+        tissue.has_room_for_needles()?;
+        let handles = Handles::new(&loads.handles, &[]).map_err(ModelError::WideHandle)?;
+        let displacement = tissue.displacement_m(&state);
+        let body = Body::Hyperelastic {
+            loads: loads.held_by(&[]).on_unknowns(tissue.numbering())?,
+            tissue: Arc::clone(tissue),
+        };
+        let motion = Motion::straining(state.clone());
+        // Only to see that there are such points, and that they do not conflict.
+        HeldPoints::new(&body.view(&motion), loads.anchors())?;
+        let apart = Self::around(mesh, body, motion, loads.clone(), &[], &displacement);
+        let sources = apart.sources_of(mesh, &[], &[], NeedleSettings::default())?;
+        let (motion, forces_n) = step::hold(&apart, sources, &handles)
+            .map_err(|NoRest { share, status }| ModelError::NotHeld { share, status })?;
+        Ok((motion.strained().cloned().unwrap_or(state), forces_n))
     }
 
     /// What follows from the tissue, moved by its loads as `displacement` says.
@@ -604,10 +646,18 @@ impl Model {
                 Some(turning) if loads.handles.is_empty() => tissue.book(turning, &loads),
                 _ => tissue.solve(&loads),
             },
-            (Body::Hyperelastic { tissue, .. }, motion) => match motion.strained() {
-                Some(strained) => tissue.book(strained, &loads),
-                None => tissue.book(&tissue.state(), &loads),
-            },
+            (Body::Hyperelastic { tissue, .. }, motion) => {
+                // Handles that no rows hold act with the forces that they rest with.
+                let held = loads.held_by(&self.handle_force_n);
+                match motion.strained() {
+                    Some(strained) => tissue.book(strained, &held),
+                    None => tissue.book(&tissue.state(), &held),
+                }
+                .map(|found| Equilibrium {
+                    handle_force_n: self.handle_force_n.clone(),
+                    ..found
+                })
+            }
         }?;
         if let (Some(sources), Some(grasp)) = (&self.sources, state.grasp())
             && sources.handles.count() > 0

@@ -250,14 +250,20 @@ plane = { axis = "z", at_m = -0.03 }
         assert!((Vector3::from(at_grip.torque_nm) - expected).norm() < 1e-9 * expected.norm());
     }
 
-    /// Corotational tissue is in balance, touched and not entered, and not far from linear tissue; with
+    /// Corotational and hyperelastic tissue is in balance, touched and not entered, and not far from linear tissue; with
     /// handles instead of a tool, too.
     #[test]
-    fn corotational_tissue_comes_to_rest_under_a_tool_or_handles() {
-        let turning = SLAB.replace("0.4\n", "0.4\nmodel = \"corotational\"\n");
+    fn tissue_that_is_not_linear_comes_to_rest_under_a_tool_or_handles() {
+        for tissue in ["corotational", "hyperelastic"] {
+            comes_to_rest(tissue);
+        }
+    }
+
+    fn comes_to_rest(tissue: &str) {
+        let turning = SLAB.replace("0.4\n", &format!("0.4\nmodel = \"{tissue}\"\n"));
         let pressed = scene(&[&turning, TOOL, LOAD]);
         let solution = solve(&pressed).expect("has a rest");
-        assert_eq!(solution.tissue, "corotational");
+        assert_eq!(solution.tissue, tissue);
         assert!(solution.residual < 1e-8, "{}", solution.residual);
         let gaps = gaps(&pressed, &solution);
         assert!(gaps.iter().all(|gap| *gap > -1e-9));

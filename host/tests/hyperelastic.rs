@@ -6,12 +6,14 @@ use sutura_host::anchors::{
     AnchorPoint, AnchorSettings, AnchorSolver, AnchorStatus, AnchorStep, PointConstraint,
 };
 use sutura_host::fem::{
-    HyperelasticTissue, Hyperelasticity, LinearTissue, Loads, Material, NodeLoad, Policy,
+    Anchor, Handle, HyperelasticTissue, Hyperelasticity, LinearTissue, Loads, Material, NodeLoad,
+    Policy,
 };
 use sutura_host::mesh::{TetMesh, slab};
 use sutura_host::model::{Model, Passes};
+use sutura_host::needle::NeedleSettings;
 use sutura_host::rows::RowKind;
-use sutura_host::step::State;
+use sutura_host::step::{State, Status, StepOptions, Workspace, step};
 use sutura_models::hyperelastic::{Cells, Hyperelastic, Settings};
 use sutura_models::law::Law;
 use sutura_models::{BoundaryConditions, Outcome, Tissue};
@@ -121,26 +123,32 @@ fn forces(solver: &AnchorSolver) -> Vec<[f64; 3]> {
         .collect()
 }
 
+/// The reference's own solver with the pulled nodes held where they go, under forces on all nodes (n x 3) or none.
+fn reference(mesh: &TetMesh, cells: Cells, force_n: &[[f64; 3]]) -> Hyperelastic {
+    let settings = Settings {
+        cells,
+        tolerance: 1e-11,
+        ..Settings::default()
+    };
+    let laws = [Law::neo_hookean(SOFT)];
+    let mut reference = Hyperelastic::new(mesh, &laws, settings).expect("the reference");
+    let fixed = bottom().into_iter().map(|node| (node, [0.0; 3]));
+    let held: Vec<(u32, [f64; 3])> = fixed.chain(PULLED).collect();
+    let drive = BoundaryConditions {
+        held: &held,
+        force_n,
+    };
+    let done = reference.step(&drive, 0.0);
+    assert_eq!(done.outcome, Outcome::Converged);
+    reference
+}
+
 /// Where the reference's own solver has the same nodes, and what it holds them with.
 #[test]
 fn passes_converge_to_the_references_balance() {
     let mesh = block();
     for cells in [Cells::Linear, Cells::Averaged] {
-        let settings = Settings {
-            cells,
-            tolerance: 1e-11,
-            ..Settings::default()
-        };
-        let laws = [Law::neo_hookean(SOFT)];
-        let mut reference = Hyperelastic::new(&mesh, &laws, settings).expect("the reference");
-        let fixed = bottom().into_iter().map(|node| (node, [0.0; 3]));
-        let held: Vec<(u32, [f64; 3])> = fixed.chain(PULLED).collect();
-        let drive = BoundaryConditions {
-            held: &held,
-            force_n: &[],
-        };
-        let done = reference.step(&drive, 0.0);
-        assert_eq!(done.outcome, Outcome::Converged);
+        let reference = reference(&mesh, cells, &[]);
         let expected: Vec<[f64; 3]> = free(&mesh)
             .into_iter()
             .map(|node| {
@@ -333,4 +341,83 @@ fn a_model_rests_under_its_loads() {
     assert!(rest.residual < 1e-9, "{}", rest.residual);
     let most = rest.displacement_m.iter().flatten();
     assert!(most.fold(0.0f64, |m, u| m.max(u.abs())) > 1e-3);
+}
+
+/// Handles beside a load: all nodes are where the reference has them that holds the same nodes, and so are the forces of
+/// the handles; before the first step and after it.
+#[test]
+fn handles_hold_as_the_reference_does() {
+    let mesh = block();
+    let load = NodeLoad {
+        node: 150,
+        force_n: [0.02, -0.03, 0.05],
+    };
+    let mut force_n = vec![[0.0; 3]; mesh.points_m().len()];
+    force_n[150] = load.force_n;
+    let handle = |(node, way): (u32, [f64; 3])| Handle {
+        anchor: Anchor {
+            vertices: vec![node],
+            weights: vec![1.0],
+        },
+        target_displacement_m: way,
+    };
+    let loads = Loads {
+        forces: vec![load],
+        handles: PULLED.map(handle).to_vec(),
+        ..Loads::default()
+    };
+    let laws = [Law::neo_hookean(SOFT)];
+    for cells in [Cells::Linear, Cells::Averaged] {
+        let reference = reference(&mesh, cells, &force_n);
+        let moved = |(x, rest): (&[f64; 3], &[f64; 3])| [0, 1, 2].map(|axis| x[axis] - rest[axis]);
+        let places = reference.positions_m().iter().zip(mesh.points_m());
+        let expected: Vec<[f64; 3]> = places.map(moved).collect();
+        let forces = &reference.reactions_n()[49..];
+        let substance = Hyperelasticity { laws: &laws, cells };
+        let build = |loads: Loads| {
+            let (policy, passes) = (Policy::default(), Passes::default());
+            Model::hyperelastic(&mesh, &substance, &bottom(), loads, &[], policy, passes)
+        };
+        let resting = build(loads.clone()).expect("a model");
+        let by_rows = build(loads.clone()).expect("a model");
+        let by_rows = by_rows
+            .with_needles(&mesh, &[], &[], NeedleSettings::default())
+            .expect("handles as rows");
+        for (model, steps) in [(&resting, 0), (&by_rows, 0), (&by_rows, 3)] {
+            let (mut state, mut work) = (State::new(model), Workspace::new(model));
+            for _ in 0..steps {
+                let report = step(model, &mut state, &[], &StepOptions::default(), &mut work);
+                assert_eq!(report.status, Status::Ok);
+            }
+            let rest = model.equilibrium(&state).expect("a balance");
+            let u = off(rest.displacement_m.into_iter(), expected.iter().copied());
+            let f = off(rest.handle_force_n.into_iter(), forces.iter().copied());
+            println!(
+                "{cells:?}, {steps} steps: {u:.1e}, forces {f:.1e}, {:.1e}",
+                rest.residual
+            );
+            assert!(u < 1e-6 && f < 1e-6 && rest.residual < 1e-8);
+        }
+        let apart = Handle {
+            target_displacement_m: [0.0, 0.0, 0.001],
+            ..loads.handles[0].clone()
+        };
+        let refused = |handles: Vec<Handle>| {
+            let loads = Loads {
+                handles,
+                ..Loads::default()
+            };
+            build(loads).err().map(|error| error.to_string())
+        };
+        let torn = refused(vec![loads.handles[0].clone(), apart]);
+        assert!(torn.is_some_and(|why| why.contains("handle 1")));
+        // A cell whose corners are held turned inside out has no energy.
+        let cell = mesh.cells().last().expect("a cell");
+        let upside_down = |node: &u32| {
+            let z = mesh.points_m()[*node as usize][2];
+            handle((*node, [0.0, 0.0, -2.0 * (z + 0.005)]))
+        };
+        let inverted = refused(cell.iter().map(upside_down).collect());
+        assert!(inverted.is_some_and(|why| why.contains("of their ways: ")));
+    }
 }

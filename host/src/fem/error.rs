@@ -74,9 +74,6 @@ pub enum TissueError {
     /// Laws and cells of hyperelastic tissue.
     #[error("hyperelastic tissue: {0}")]
     Elasticity(BuildError),
-    /// Handles on tissue that has none.
-    #[error("hyperelastic tissue has no `[[handle]]`: pull with a `[[load]]` instead")]
-    Handles,
     /// A load or target that is not a number.
     #[error("{0} is not finite")]
     NotFinite(&'static str),

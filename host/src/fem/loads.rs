@@ -132,7 +132,8 @@ impl Loads {
         }
     }
 
-    pub(super) fn anchors(&self) -> Vec<Anchor> {
+    /// Points of the handles, (h).
+    pub(crate) fn anchors(&self) -> Vec<Anchor> {
         let anchors = self.handles.iter().map(|handle| handle.anchor.clone());
         anchors.collect()
     }

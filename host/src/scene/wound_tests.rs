@@ -380,7 +380,7 @@ fn tissues_touch_without_a_needle() {
 #[test]
 fn handles_hold_tissue_beside_needles() {
     let handle = "[[handle]]\nvertices = [40]\nbarycentric = [1.0]\ntarget_displacement_m = [0.0, 0.0, 0.001]\n";
-    for model in ["linear", "corotational"] {
+    for model in ["linear", "corotational", "hyperelastic"] {
         let text = [GOOD, handle].concat();
         let text = text.replace("[tissue]\n", &format!("[tissue]\nmodel = \"{model}\"\n"));
         let scene = read(&text).expect("a good scene");

@@ -26,6 +26,17 @@ struct Held {
     resting_n: Vector3<f64>,
 }
 
+impl Held {
+    /// From where tissue displaced by `resting` \[m\], (n x 3), has its point, to the target \[m\].
+    fn way_m(&self, resting: &[[f64; 3]]) -> Vector3<f64> {
+        let parts = self.point.nodes.iter().zip(self.point.weights);
+        let at = parts.filter_map(|(node, weight)| {
+            Some(Vector3::from(*resting.get(*node as usize)?) * weight)
+        });
+        self.target_m - at.sum::<Vector3<f64>>()
+    }
+}
+
 /// Handles beside what else acts by rows.
 pub(super) struct HandleSource;
 
@@ -92,6 +103,22 @@ impl Handles {
             resting_n: held.resting_n * share,
         };
         Self(self.0.iter().map(scaled).collect())
+    }
+
+    /// The handles when they have gone so much of the way \[1\] from where tissue displaced by `resting` \[m\], (n x 3), has
+    /// their points, to their targets.
+    pub fn from_rest(&self, resting: &[[f64; 3]], share: f64) -> Self {
+        let moved = |held: &Held| Held {
+            target_m: held.target_m - held.way_m(resting) * (1.0 - share),
+            ..*held
+        };
+        Self(self.0.iter().map(moved).collect())
+    }
+
+    /// Farthest of these ways \[m\].
+    pub fn way_m(&self, resting: &[[f64; 3]]) -> f64 {
+        let ways = self.0.iter().map(|held| held.way_m(resting).norm());
+        ways.fold(0.0, f64::max)
     }
 
     /// Appends an anchor and three rows for each. Allocates nothing if there is room.

@@ -30,7 +30,7 @@ pub use options::StepOptions;
 pub use outline::step;
 pub(crate) use reduce::Felt;
 pub use report::{Stages, Status, StepReport, ToolContact};
-pub(crate) use rest::{NoRest, settle};
+pub(crate) use rest::{NoRest, hold, settle};
 #[cfg(test)]
 pub(crate) use sources::SourcesWork;
 pub(crate) use sources::{Sources, SourcesState};

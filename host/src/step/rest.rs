@@ -1,7 +1,7 @@
-//! The state before the first step where loads or handles bring tissues together: these come on in pieces, a balance at
-//! the end of each.
+//! The state before the first step where loads or handles bring tissues together, and that of hyperelastic tissue that
+//! handles hold: these come on in pieces, a balance at the end of each.
 //!
-//! Entry point: [`settle`]. Where the loads alone would have the tissues says nothing of which side of each other they
+//! Entry points: [`settle`], [`hold`]. Where the loads alone would have the tissues says nothing of which side of each other they
 //! rest on, so the way there is followed from the unloaded mesh, as a step follows that of a needle.
 
 use super::balance::Balance;
@@ -138,30 +138,17 @@ fn follow(
     // There are as many rows at any share.
     let mut work = SourcesWork::new(model, sources);
     let mut state = SourcesState::new(sources, model.body.at_rest());
-    let (mut share, mut stride) = (0.0, (sources.piece_m / far_m).min(1.0));
-    while share < 1.0 {
-        let next = if share + stride < 1.0 {
-            share + stride
-        } else {
-            1.0
-        };
-        whole.load(sources, points_m, next);
-        let before = state.clone();
-        let body = model.body.at_share(next);
-        let exact = IN_BALANCE[usize::from(next < 1.0)];
-        match balance(&body, sources, points_m, &mut state, &mut work, exact) {
-            Ok(()) => share = next,
-            Err(status) => {
-                state = before;
-                stride *= 0.5;
-                if stride < LEAST_SHARE {
-                    return Err(NoRest { share, status });
-                }
-            }
-        }
-    }
+    in_shares(
+        sources.piece_m / far_m,
+        &mut state,
+        |state, share, exact| {
+            whole.load(sources, points_m, share);
+            let body = model.body.at_share(share);
+            balance(&body, sources, points_m, state, &mut work, exact)
+        },
+    )?;
     come_to_rest(model, sources, &mut state, &mut work)
-        .map_err(|status| NoRest { share, status })?;
+        .map_err(|status| NoRest { share: 1.0, status })?;
     let SourcesState { grasp, touch, .. } = state;
     let touch = touch.filter(|touch| touch.pairs() > 0);
     Ok(touch.map(|touch| {
@@ -176,6 +163,67 @@ fn follow(
         };
         (rest, motion, potential_j)
     }))
+}
+
+/// Brings hyperelastic tissue from its balance under the loads alone to where its handles hold it; its motion there, and
+/// their forces on the tissue \[N\], (h x 3).
+///
+/// # Errors
+/// The part of the handles' ways that has a balance, and what the next one ended with.
+pub(crate) fn hold(
+    model: &Model,
+    mut sources: Sources,
+    handles: &Handles,
+) -> Result<(Motion, Vec<[f64; 3]>), NoRest> {
+    let resting = sources.resting.clone();
+    let along = |share| handles.from_rest(&resting, share);
+    sources.handles = along(0.0);
+    let far_m = handles.way_m(&resting);
+    let mut work = SourcesWork::new(model, &sources);
+    let mut state = SourcesState::new(&sources, model.motion.clone());
+    in_shares(
+        sources.piece_m / far_m,
+        &mut state,
+        |state, share, exact| {
+            sources.handles = along(share);
+            let (body, points_m) = (&model.body, model.points_m());
+            balance(body, &sources, points_m, state, &mut work, exact)
+        },
+    )?;
+    Ok((
+        state.grasp.motion().clone(),
+        sources.handles.forces_n(&state.grasp),
+    ))
+}
+
+/// Comes to a balance at growing shares of what acts, `stride` apart at first, up to the whole; each is asked for with
+/// how exact it has to be.
+fn in_shares(
+    stride: f64,
+    state: &mut SourcesState,
+    mut balanced: impl FnMut(&mut SourcesState, f64, f64) -> Result<(), Status>,
+) -> Result<(), NoRest> {
+    let (mut share, mut stride) = (0.0, stride.min(1.0));
+    while share < 1.0 {
+        let next = if share + stride < 1.0 {
+            share + stride
+        } else {
+            1.0
+        };
+        let before = state.clone();
+        let exact = IN_BALANCE[usize::from(next < 1.0)];
+        match balanced(state, next, exact) {
+            Ok(()) => share = next,
+            Err(status) => {
+                *state = before;
+                stride *= 0.5;
+                if stride < LEAST_SHARE {
+                    return Err(NoRest { share, status });
+                }
+            }
+        }
+    }
+    Ok(())
 }
 
 /// Balances under the whole loads until nothing moves.

@@ -14,11 +14,11 @@ use sutura_models::{BoundaryConditions, Outcome, Tissue};
 const TOLERANCE: f64 = 1e-10;
 
 impl HyperelasticTissue {
-    /// Brings `state` from rest into balance under `loads`; `mesh` and `substance` are what the tissue was made of.
+    /// Brings `state` from rest into balance under `loads`, their handles apart; `mesh` and `substance` are what the tissue was made of.
     /// Allocates.
     ///
     /// # Errors
-    /// Loads that name nodes that do not exist or are not finite, [`TissueError::Handles`],
+    /// Loads that name nodes that do not exist, loads and targets that are not finite, and
     /// [`TissueError::NoEquilibrium`]: the state is as before then.
     pub(crate) fn settle(
         &self,
@@ -27,10 +27,8 @@ impl HyperelasticTissue {
         substance: &Hyperelasticity<'_>,
         loads: &Loads,
     ) -> Result<(), TissueError> {
-        if !loads.handles.is_empty() {
-            return Err(TissueError::Handles);
-        }
         let fixed = loads.fixed_field(&self.numbering)?;
+        loads.handle_targets(&fixed)?;
         let force_n = loads.node_forces(&self.numbering)?;
         if fixed.iter().chain(&force_n).flatten().all(|x| *x == 0.0) {
             return Ok(());
