@@ -1,16 +1,15 @@
 #!/usr/bin/env python3
-"""Writes a report's tables and plots into the book.
+"""Writes a report's tables into the book; its pictures: `cargo xtask plots`.
 
-    sutura tradeoff --full --plot out && docs/tables/tradeoff.py out
+    sutura tradeoff --full --plot out && docs/tables/tradeoff.py out && cargo xtask plots --from out/tradeoff.json --sheet
 """
 
 import json
 import pathlib
-import shutil
 import statistics
 import sys
 
-from marked import PAGES, short, table, write
+from marked import short, table, write
 
 BUDGETS_MS = [0.5, 1.0, 5.0, 30.0]
 
@@ -58,13 +57,13 @@ def fronts(report):
         front.sort(key=lambda row: row["step_us"])
         lines += [f"**`{truth['case']}`**: {truth['about']}", "", f"![](tradeoff/tradeoff-{truth['case']}.svg)", ""]
         lines += table(
-            ["model", "cells", "us a step", "+- %", "error %", "moving", "at rest", "line", "force", "same mesh"],
+            ["no.", "model", "cells", "us a step", "+- %", "error %", "moving", "at rest", "line", "force", "same mesh"],
             [
-                [what(row), f"{row['cells']:,}", short(row["step_us"], 3), short(row["spread_pct"], 1),
+                [str(number), what(row), f"{row['cells']:,}", short(row["step_us"], 3), short(row["spread_pct"], 1),
                  short(row["error_pct"]), short(row["arrival_rms_pct"]), short(row["truth_disp_rms_pct"]),
                  short(row["truth_red_line_pct"]),
                  short(row["truth_force_pct"]), short(row["disp_rms_pct"])]
-                for row in front
+                for number, row in enumerate(front, 1)
             ],
         )
         lines.append("")
@@ -123,10 +122,6 @@ def main():
         "truths": truths(report), "best": best(report), "fronts": fronts(report), "printed": printed(report),
         "noise": noise(report), "literature": literature(report),
     })
-    plots = PAGES / "tradeoff"
-    plots.mkdir(exist_ok=True)
-    for truth in report["truths"]:
-        shutil.copy(directory / f"tradeoff-{truth['case']}.svg", plots)
 
 
 if __name__ == "__main__":

@@ -9,6 +9,7 @@ mod gates;
 mod hil;
 mod image;
 mod locks;
+mod plots;
 mod run;
 mod scenes;
 mod setup;
@@ -78,6 +79,25 @@ Times on this machine: cargo run --release -- bench")]
         #[arg(long)]
         check: bool,
     },
+    /// Draws the book's pictures from the reports in docs/data.
+    #[command(after_help = "Examples:
+  cargo xtask plots                       draw all of them; names those that changed
+  cargo xtask plots --check               fails and names them if they are not what would be drawn
+  cargo xtask plots --from FILE.json      put a report in the place of the book's first
+  cargo xtask plots --sheet               all of them on one PNG, docs/src/sheet.png, with date and commit
+
+A report is what `sutura tradeoff --full` or `sutura fidelity --full` prints with --format json, or writes with --plot.")]
+    Plots {
+        /// Write nothing.
+        #[arg(long)]
+        check: bool,
+        /// A report that takes the place of the book's.
+        #[arg(long, value_name = "FILE.json", conflicts_with = "check")]
+        from: Option<std::path::PathBuf>,
+        /// The sheet, too; needs rsvg-convert or chromium.
+        #[arg(long, conflicts_with = "check")]
+        sheet: bool,
+    },
     /// Mutates frames, scenes and meshes and looks what reads them; `cargo xtask fuzz --help` has its arguments.
     #[command(disable_help_flag = true)]
     Fuzz {
@@ -142,6 +162,7 @@ fn main() -> ExitCode {
         } => firmware::gated(bless, format),
         Command::Bench { bless, format } => bench::gated(bless, format),
         Command::Scenes { check } => scenes::gated(check),
+        Command::Plots { check, from, sheet } => plots::all(check, from.as_deref(), sheet),
         Command::Fuzz { arguments } => fuzz::run(&arguments),
         Command::Bars(arguments) => bars::all(&arguments),
         Command::Test { full, seed } => test::all(test::Cases::new(full, seed)),

@@ -18,7 +18,6 @@ macro_rules! note {
 
 mod attendant;
 mod bench;
-mod chart;
 mod choice;
 mod console;
 mod device;

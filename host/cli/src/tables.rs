@@ -1,6 +1,6 @@
-//! Tables as files.
+//! Tables and pictures as files.
 //!
-//! Entry point: [`csv`].
+//! Entry points: [`csv`], [`write_pictures`].
 
 use crate::failure::{Cause, Failure};
 use serde::Serialize;
@@ -14,6 +14,25 @@ pub fn unwritable(path: &Path, error: &std::io::Error) -> Failure {
         format!("cannot write {}: {error}", path.display()),
         "choose a directory that can be written with --plot",
     )
+}
+
+/// Draws a report's pictures into a directory.
+///
+/// # Errors
+/// If one cannot be written.
+pub fn write_pictures(report: &serde_json::Value, directory: &Path) -> Result<(), Failure> {
+    let pictures = sutura_plot::pictures(report).map_err(|error| {
+        Failure::say(
+            Cause::Failed,
+            error.to_string(),
+            "this is a defect of the command; the tables are written",
+        )
+    })?;
+    for picture in pictures {
+        let path = directory.join(&picture.name);
+        std::fs::write(&path, picture.svg).map_err(|error| unwritable(&path, &error))?;
+    }
+    Ok(())
 }
 
 /// Rows with all columns that any of them has, in the order of their first mention.

@@ -2,10 +2,9 @@
 //!
 //! Entry point: [`run`]. Cases, models and errors are the library's; here they are chosen, printed and plotted.
 
-use crate::chart::{Chart, Line};
 use crate::display::progress;
 use crate::failure::{Cause, Failure};
-use crate::tables::{csv, unwritable};
+use crate::tables::{csv, unwritable, write_pictures};
 use crate::{Format, Global};
 use clap::Args;
 use serde::Serialize;
@@ -207,54 +206,10 @@ fn write_files(output: &Output, directory: &Path) -> Result<(), Failure> {
         std::fs::write(&path, text).map_err(|error| unwritable(&path, &error))
     };
     std::fs::create_dir_all(directory).map_err(|error| unwritable(directory, &error))?;
-    write("tradeoff.json", serde_json::json!(output).to_string())?;
+    let report = serde_json::json!(output);
+    write("tradeoff.json", report.to_string())?;
     write("tradeoff.csv", csv(&output.report.cases))?;
     write("tradeoff-best.csv", csv(&output.report.best))?;
     write("tradeoff-truths.csv", csv(&output.report.truths))?;
-    for truth in &output.report.truths {
-        let rows = output.report.cases.iter();
-        let rows: Vec<_> = rows.filter(|row| row.case == truth.case).collect();
-        let chart = chart(truth.case, &rows);
-        write(&format!("tradeoff-{}.svg", truth.case), chart.svg())?;
-    }
-    Ok(())
-}
-
-/// Error over time: a dot for each line of the table, the front as a line.
-fn chart(case: &str, rows: &[&Row]) -> Chart {
-    let point = |row: &&Row| {
-        let point = (1e-3 * row.step_us, row.error_pct);
-        (point.0.is_finite() && point.1.is_finite()).then_some(point)
-    };
-    let mut front: Vec<_> = rows
-        .iter()
-        .filter(|row| row.pareto)
-        .filter_map(point)
-        .collect();
-    front.sort_by(|a, b| a.0.total_cmp(&b.0));
-    let mut lines = vec![Line {
-        name: "front".to_owned(),
-        points: front,
-        dots: Vec::new(),
-    }];
-    for row in rows {
-        let Some(point) = point(row) else { continue };
-        // Models of a kind share a colour.
-        let kind = row.tissue.replace("-neo-hookean", "");
-        match lines.iter_mut().find(|line| line.name == kind) {
-            Some(line) => line.dots.push(point),
-            None => lines.push(Line {
-                name: kind,
-                points: Vec::new(),
-                dots: vec![point],
-            }),
-        }
-    }
-    Chart {
-        title: format!("{case}: error over time; nothing is better than the front"),
-        x: "time of a step [ms]",
-        y: "largest error, of places or force, against quadratic cells [%]",
-        logarithmic: (true, true),
-        lines,
-    }
+    write_pictures(&report, directory)
 }

@@ -2,11 +2,11 @@
 //!
 //! Entry point: [`run`]. The cases and the bars are the library's; here they are chosen, printed and plotted.
 
-mod plots;
+mod traces;
 
 use crate::display::progress;
 use crate::failure::{Cause, Failure};
-use crate::tables::{csv, unwritable};
+use crate::tables::{csv, unwritable, write_pictures};
 use crate::{Format, Global};
 use clap::Args;
 use serde::Serialize;
@@ -21,6 +21,7 @@ use sutura_study::fidelity::suite::{self, Extent};
 use sutura_study::fidelity::switches::Switch;
 use sutura_study::fidelity::targets::{self, BadLinks};
 use sutura_study::fidelity::trials::{Spread, Three, spreads};
+use traces::Trace;
 
 /// Measures the console's force against a solve every millisecond: errors, stable stiffness, energy.
 #[derive(Args, Debug)]
@@ -69,6 +70,9 @@ struct Report {
     bad_links: Vec<BadLinks>,
     oracles: Vec<Oracle>,
     guards: Vec<Mutant>,
+    /// What the pictures need beside the cases, with `--plot`.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    traces: Vec<Trace>,
 }
 
 /// Runs the cases and prints the report.
@@ -137,6 +141,11 @@ pub fn run(args: &FidelityArgs, global: &Global) -> Result<(), Failure> {
         status: if missed { "bars-missed" } else { "ok" },
         extent: if args.full { "full" } else { "short" },
         spreads: spreads(&cases),
+        traces: if args.plot.is_some() {
+            traces::of(&cases, &scenes)
+        } else {
+            Vec::new()
+        },
         bad_links: targets::bad_links(&cases),
         cases,
         bars,
@@ -144,7 +153,7 @@ pub fn run(args: &FidelityArgs, global: &Global) -> Result<(), Failure> {
         guards,
     };
     if let Some(directory) = &args.plot {
-        write_files(&report, &scenes, directory)?;
+        write_files(&report, directory)?;
     }
     match global.format {
         Format::Json => say!("{}", serde_json::json!(report)),
@@ -402,13 +411,14 @@ fn failures(mutant: &Mutant) -> String {
     fails.join("; ")
 }
 
-fn write_files(report: &Report, scenes: &Scenes, directory: &Path) -> Result<(), Failure> {
+fn write_files(report: &Report, directory: &Path) -> Result<(), Failure> {
     let write = |name: &str, text: String| {
         let path = directory.join(name);
         std::fs::write(&path, text).map_err(|error| unwritable(&path, &error))
     };
     std::fs::create_dir_all(directory).map_err(|error| unwritable(directory, &error))?;
-    write("fidelity.json", serde_json::json!(report).to_string())?;
+    let json = serde_json::json!(report);
+    write("fidelity.json", json.to_string())?;
     write("cases.csv", csv(&report.cases))?;
     let corners = corners::table(&report.cases);
     if !corners.is_empty() {
@@ -420,8 +430,5 @@ fn write_files(report: &Report, scenes: &Scenes, directory: &Path) -> Result<(),
     )?;
     write("bars.csv", csv(&report.bars))?;
     write("oracles.csv", csv(&report.oracles))?;
-    for (name, svg) in plots::all(&report.cases, scenes) {
-        write(&name, svg)?;
-    }
-    Ok(())
+    write_pictures(&json, directory)
 }
