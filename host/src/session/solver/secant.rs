@@ -140,3 +140,117 @@ pub(super) fn stiffen(felt: &mut ToolContact, rows: &mut ToolRows, times: f64) {
         *entry *= times;
     }
 }
+
+#[cfg(test)]
+#[allow(clippy::expect_used, reason = "tests")]
+mod tests {
+    use super::super::super::late_tests::{plan, valid};
+    use super::super::super::{Solve, Solved};
+    use super::*;
+    use crate::scene::{Document, Scene};
+    use std::path::Path;
+    use sutura_shared::control::{Control, TickInput};
+    use sutura_shared::wire::message::{Mode, State};
+
+    const LAWS: [&str; 2] = ["corotational", "hyperelastic"];
+    const HOST_HZ: f64 = 60.0;
+    /// Of a tap \[m/s\].
+    const DOWN_M_PER_S: f64 = 0.25;
+    /// Above the skin where the frame is made, below where it is used \[m\].
+    const HIGH_M: f64 = 1.7e-3;
+    const DEEP_M: f64 = 4.4e-3;
+
+    fn solver(law: &str) -> (SceneSolver, State, f64) {
+        let text = include_str!("../../../../scenes/palpation.toml");
+        let text = text.replace("divisions = [20, 20, 8]", "divisions = [10, 10, 4]");
+        let text = text.replace("model = \"linear\"", &format!("model = \"{law}\""));
+        let document = Document::embedded(law, Path::new(""), &text);
+        let scene = Scene::read(&document, law).expect("a scene");
+        let plan = plan(&scene, HOST_HZ);
+        let solver = SceneSolver::for_session(&scene, &plan).expect("a solver");
+        let mut control = Control::new(plan.device).expect("a device");
+        let at_rest = control.tick(&TickInput::default(), None).state;
+        (solver, at_rest, scene.tools[0].shape.radius_m())
+    }
+
+    /// On a way down, the last of whose solves is `high_m` above the skin.
+    fn tap(law: &str, effort: Effort, high_m: f64) -> (SceneSolver, Solved) {
+        let (mut solver, at_rest, radius_m) = solver(law);
+        solver.spare(effort);
+        let mut solved = Solved::default();
+        for before in (0..4).rev() {
+            let up_m = high_m + f64::from(before) * DOWN_M_PER_S / HOST_HZ;
+            let now_us = 1_000_000 + u64::from(4 - before as u32) * 16_667;
+            let state = State {
+                position_m: [0.0, 0.0, (radius_m + up_m) as f32],
+                velocity_m_per_s: [0.0, 0.0, -DOWN_M_PER_S as f32],
+                mode: Mode::Armed,
+                ..at_rest
+            };
+            solved = solver.solve(&valid(1, now_us, state));
+            assert_eq!(solved.status, Status::Ok);
+        }
+        (solver, solved)
+    }
+
+    /// Force after all has come to rest there \[N\].
+    fn true_n(law: &str, deep_m: f64) -> f64 {
+        let (mut solver, mut solved) = tap(law, Effort::Full, -deep_m);
+        let sample = *solver.samples().first().expect("a tool");
+        for _ in 0..20 {
+            let report = solver.step(sample);
+            solved.contact = report.contacts().first().copied();
+        }
+        solved.contact.expect("a contact").wrench[2]
+    }
+
+    /// Taken for what they are where the tool is, rows are off by what tissue stiffens or softens on the way.
+    #[test]
+    fn a_touch_goes_on_as_its_frame_says() {
+        for law in LAWS {
+            let true_n = true_n(law, DEEP_M);
+            let off = |effort| {
+                let (_, solved) = tap(law, effort, HIGH_M);
+                let rows = solved.rows.expect("rows");
+                let mut console = Console::with(&rows, Vector3::z()).expect("sound rows");
+                console.change_n(-HIGH_M - DEEP_M) / true_n - 1.0
+            };
+            let (with, without) = (off(Effort::Full), off(Effort::NoLooks));
+            assert!(with.abs() < 0.03, "{law}: {with}");
+            assert!(without.abs() > 0.06, "{law}: {without}");
+        }
+    }
+
+    /// A step that comes from 4 mm away is as good as one that rests, where there is time for more than one pass.
+    #[test]
+    fn a_step_over_turning_tissue_is_in_balance_where_there_is_time() {
+        let deep_m = 2.5e-3;
+        let true_n = true_n("corotational", deep_m);
+        let off = |effort| {
+            let (_, solved) = tap("corotational", effort, -deep_m);
+            solved.contact.expect("a contact").wrench[2] / true_n - 1.0
+        };
+        let (with, without) = (off(Effort::Full), off(Effort::NoLooks));
+        assert!(with.abs() < 0.02, "{with}");
+        assert!(without.abs() > 0.05, "{without}");
+    }
+
+    /// What is tried feels more, deeper, and leaves nothing behind.
+    #[test]
+    fn a_place_is_tried_and_left() {
+        for law in LAWS {
+            let (mut solver, _) = tap(law, Effort::NoLooks, -1e-3);
+            let mut sample = *solver.samples().first().expect("a tool");
+            for _ in 0..20 {
+                solver.step(sample);
+            }
+            let before = solver.hash();
+            let here_n = solver.past.last.contacts()[0].wrench[2];
+            sample.position_m[2] -= 3e-4;
+            solver.past.budget.begin(&solver.past.last);
+            let there = solver.felt_at(sample.position_m).expect("a contact");
+            assert!(there.wrench[2] > 1.1 * here_n, "{law}: {here_n} {there:?}");
+            assert_eq!(solver.hash(), before, "{law}");
+        }
+    }
+}
