@@ -15,7 +15,7 @@ const OPEN: &[(&str, f64)] = &[
     // 15 Hz and a fifth of the frames lost; 20.1 with the code of 1e64281 on the same tissue.
     ("gristle strokes, pen hand, slow host, rms %", 21.22),
     // Tools that let go of tissue that is not linear: how it comes up the host does not try while the hand rests.
-    ("stalls, contact beyond notice %", 6.07),
+    ("stalls, contact beyond notice %", 13.35),
     ("stalls, dropouts a minute", 29.8),
     // Needles that go farther in a stall than was looked ahead.
     ("stalls, linear, rms p95 %", 3.39),
@@ -40,7 +40,6 @@ const OPEN: &[(&str, f64)] = &[
     ("rubbing tremor rows 30 Hz rms %", 4.49),
     // A hand that sets out around the body in 10 ms: nothing tells the console how round it is until the first frame in motion.
     ("round body of 8 mm, rms %", 5.77),
-    ("given back in 100 ms, trials, mJ", 7.5),
     // Light hands whose console learns a lead that it does not need, at the limit of what is stable without.
     ("stiffness 30 Hz, corners, of what it was", 0.89),
     // Motors a fifth stronger than described give back a fifth more than the tissue, whatever a console does.
