@@ -11,9 +11,9 @@ mod straining;
 
 use crate::columns::Columns;
 use crate::fem::{
-    Balance, CorotationalState, CorotationalTissue, CorotationalWorkspace, Factor, Factored,
-    HeldPoints, HyperelasticState, HyperelasticTissue, LinearTissue, Linearisation, Moved,
-    Numbering, SolveScratch,
+    Balance, Beside, CorotationalState, CorotationalTissue, CorotationalWorkspace, Factor,
+    Factored, HeldPoints, HyperelasticState, HyperelasticTissue, LinearTissue, Linearisation,
+    Moved, Numbering, SolveScratch,
 };
 use crate::renewal::{Renewals, Rule};
 use nalgebra::Vector3;
@@ -350,7 +350,11 @@ impl Body {
             external,
             ..
         } = scratch;
-        let report = tissue.answer(&mut turning.state, workspace, external, columns.helpless());
+        let beside = columns.helpless().map(|helpless| Beside {
+            helpless,
+            idle: turning.pushes.is_empty(),
+        });
+        let report = tissue.answer(&mut turning.state, workspace, external, beside);
         columns.belong_to(turning.state.fingerprint());
         if report.asked {
             columns.ask(&turning.state);

@@ -38,7 +38,7 @@ pub use principal::{principal_stress_pa, von_mises_pa};
 pub use sutura_models::{Material, MaterialError, Materials};
 pub use tissue::LinearTissue;
 
-pub(crate) use corotational::{Balance, RenewScratch, Renewed};
+pub(crate) use corotational::{Balance, Beside, RenewScratch, Renewed};
 pub(crate) use factor::{ColumnScratch, Factor};
 pub(crate) use handles::{Factored, HeldPoints};
 pub(crate) use hyperelastic::Moved;

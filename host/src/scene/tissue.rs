@@ -60,6 +60,11 @@ impl ContactLaw {
 }
 
 impl Tissue {
+    /// Whether its steps may take as many passes as there is time for: what is not said of corotational tissue.
+    pub fn leaves_passes_open(&self) -> bool {
+        matches!(self, Tissue::Corotational(own) if own.passes.is_none())
+    }
+
     /// A model by its name, with its usual setting, or as `name: setting`.
     ///
     /// # Errors

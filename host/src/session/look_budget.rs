@@ -18,6 +18,10 @@ const SOLVE_US: f64 = 5.5;
 const SOLVE_ROWS: f64 = 60.0;
 /// Price of a displacement of all nodes, and of the boundary brought there \[us a node\].
 const FIELD_US: f64 = 0.2;
+/// Price of a pass over tissue that is not linear \[us a node\].
+const PASS_US: f64 = 0.7;
+/// Passes besides a step's first that are wanted: each leaves less than a tenth out of balance.
+const MOST_PASSES: usize = 3;
 /// A price follows what a step took by this part: one that was dear says little.
 const FOLLOWS: f64 = 0.25;
 /// And is forgotten by this part from solve to solve: where nothing can be paid for, nothing would ever be learnt again.
@@ -36,6 +40,10 @@ pub(super) enum Ahead {
     Course,
     /// A pull on a thread that is slack.
     Pull,
+    /// Another pass of the solve's own step, over tissue that one leaves out of balance.
+    Pass,
+    /// A step that is thrown away, over tissue that is not linear.
+    Trial,
 }
 
 /// Steps that a solve made besides its own.
@@ -52,6 +60,12 @@ pub struct Looked {
     pub made: [u32; 2],
     /// Pulls on a thread that is slack.
     pub pulls: u32,
+    /// Passes over tissue that is not linear, besides the step's first: allowed.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub passes: u32,
+    /// Steps over such tissue that were thrown away.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub trials: u32,
     /// Whether there was no time for more.
     pub short: bool,
 }
@@ -85,8 +99,8 @@ pub(super) struct LookBudget {
     /// Nodes of the mesh.
     nodes: f64,
     pace: Pace,
-    /// Price of a step for each [`Ahead`] \[us\], (3); none before the first.
-    price_us: [Option<f64>; 3],
+    /// Price of each [`Ahead`] \[us\], (5); none before the first.
+    price_us: [Option<f64>; 5],
     left_us: f64,
     looked: Looked,
 }
@@ -105,7 +119,7 @@ impl LookBudget {
             planned_us,
             nodes: nodes as f64,
             pace: Pace::Counted,
-            price_us: [None; 3],
+            price_us: [None; 5],
             left_us: 0.0,
             looked: Looked::default(),
         }
@@ -162,9 +176,16 @@ impl LookBudget {
                 Ahead::Course if expected.planned == [0; 2] => 0,
                 Ahead::Course => BOUNDLESS,
                 Ahead::Pull => expected.pulls as usize,
+                Ahead::Pass => expected.passes as usize,
+                Ahead::Trial => expected.trials as usize,
             };
         }
-        let price_us = self.price_us[kind as usize].unwrap_or(counted_us(like, self.nodes));
+        let by_count_us = || match kind {
+            Ahead::Pass => PASS_US * self.nodes,
+            Ahead::Trial => PASS_US * self.nodes * f64::from(like.passes.max(1)),
+            _ => counted_us(like, self.nodes),
+        };
+        let price_us = self.price_us[kind as usize].unwrap_or_else(by_count_us);
         ((self.left_us / price_us).max(0.0) as usize).min(BOUNDLESS)
     }
 
@@ -173,6 +194,13 @@ impl LookBudget {
         let planned = wanted.min(self.affords(Ahead::Approach, like));
         self.looked.approach_left = planned as u32;
         planned
+    }
+
+    /// Most passes of the solve's own step over tissue that is not linear, and that one leaves out of balance.
+    pub fn passes(&mut self, like: &StepReport) -> u32 {
+        let more = self.affords(Ahead::Pass, like).min(MOST_PASSES);
+        self.looked.passes = more as u32;
+        self.looked.passes + 1
     }
 
     /// Steps along a slide, forward and backward, as they are planned.
@@ -196,6 +224,8 @@ impl LookBudget {
                 Ahead::Approach => self.looked.approach < expected.approach,
                 Ahead::Course => self.looked.made[side] < expected.made[side],
                 Ahead::Pull => self.looked.pulls < expected.pulls,
+                Ahead::Pass => self.looked.passes < expected.passes,
+                Ahead::Trial => self.looked.trials < expected.trials,
             },
         };
         self.looked.short |= !is_allowed;
@@ -211,9 +241,13 @@ impl LookBudget {
             }
             Ahead::Course => self.looked.made[side] += 1,
             Ahead::Pull => self.looked.pulls += 1,
+            Ahead::Pass => self.looked.passes += 1,
+            Ahead::Trial => self.looked.trials += 1,
         }
+        let trial_us = PASS_US * self.nodes * f64::from(report.passes.max(1));
         let price_us = match &mut self.pace {
             Pace::Measured(watch) => watch.cpu_lap_us(),
+            _ if kind == Ahead::Trial => trial_us,
             _ => counted_us(report, self.nodes),
         };
         self.left_us -= price_us;
@@ -225,13 +259,20 @@ impl LookBudget {
         }
     }
 
-    /// The solve's own step has been made; it is not charged, and says what a step on the way to it costs at least.
-    pub fn stepped(&mut self) {
+    /// The solve's own step has been made; its first pass is not charged, and it says what a step on the way to it costs at
+    /// least, and what a pass does.
+    pub fn stepped(&mut self, report: &StepReport) {
+        let passes = f64::from(report.passes.max(1));
+        let mut pass_us = PASS_US * self.nodes;
         if let Pace::Measured(watch) = &mut self.pace {
             let own_us = watch.cpu_lap_us();
-            let known = &mut self.price_us[Ahead::Approach as usize];
-            *known = Some(known.map_or(own_us, |price_us| price_us.max(own_us)));
+            pass_us = own_us / passes;
+            let [approach, _, _, pass, _] = &mut self.price_us;
+            *approach = Some(approach.map_or(own_us, |price_us| price_us.max(own_us)));
+            let before_us = pass.unwrap_or(pass_us);
+            *pass = Some(before_us + FOLLOWS * (pass_us - before_us));
         }
+        self.left_us -= pass_us * (passes - 1.0);
     }
 }
 
@@ -301,7 +342,7 @@ mod tests {
         }
         assert!((most..=5 * most).contains(&budget.affords(Ahead::Course, &like)));
         // A clock that stood still.
-        budget.price_us = [Some(0.0); 3];
+        budget.price_us = [Some(0.0); 5];
         assert!(budget.affords(Ahead::Course, &like) <= usize::MAX / 4);
     }
 
@@ -313,6 +354,8 @@ mod tests {
             planned: [7, 3],
             made: [7, 1],
             pulls: 1,
+            passes: 2,
+            trials: 1,
             short: true,
         };
         let mut budget = LookBudget::new(5000.0, 1000);
@@ -333,6 +376,8 @@ mod tests {
         count(&mut budget, Ahead::Course, 0, 7);
         count(&mut budget, Ahead::Course, 1, 3);
         count(&mut budget, Ahead::Pull, 0, 3);
+        count(&mut budget, Ahead::Trial, 0, 3);
+        assert_eq!(budget.passes(&like), 3);
         assert_eq!(budget.looked(), then);
     }
 

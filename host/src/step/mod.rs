@@ -27,7 +27,7 @@ pub use crate::columns::Arrival;
 pub use crate::renewal::{Renewals, Rule};
 pub(crate) use balance::{Balance, BalanceWork, unloaded};
 pub use options::StepOptions;
-pub use outline::step;
+pub use outline::{step, try_step};
 pub(crate) use reduce::Felt;
 pub use report::{Stages, Status, StepReport, ToolContact};
 pub(crate) use rest::{NoRest, hold, settle};

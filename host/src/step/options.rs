@@ -17,6 +17,8 @@ pub struct StepOptions {
     /// Way in any direction that it may go besides \[m\]: what is so near is said while the tool is apart, and its columns
     /// are asked for.
     pub reach_m: f64,
+    /// Most passes over corotational or hyperelastic tissue, if not as many as the model says.
+    pub passes: Option<u32>,
 }
 
 impl StepOptions {
@@ -27,6 +29,7 @@ impl StepOptions {
             most_rows: 0,
             ahead_m: [0.0; 3],
             reach_m: 0.0,
+            passes: None,
         }
     }
 }

@@ -1,6 +1,6 @@
 //! One step, from the samples of tools to what the console is sent.
 //!
-//! Entry point: [`step`].
+//! Entry points: [`step`], [`try_step`].
 
 use super::balance::Balance;
 use super::console::reduce_tools;
@@ -58,6 +58,26 @@ pub fn step(
     };
     report.status = step.take(samples, &placements);
     report
+}
+
+/// A step that is thrown away: what tools would feel at `samples`. The state is as before, but for a factor that comes
+/// meanwhile; that the workspace has rows it forgets. Of tissue that is not linear, where nothing is inside it.
+pub fn try_step(
+    model: &Model,
+    state: &mut State,
+    samples: &[ToolSample],
+    options: &StepOptions,
+    work: &mut Workspace,
+) -> Option<StepReport> {
+    let (own, before) = (work.sources.as_mut()?, state.sources.as_ref()?);
+    if !own.mark(before) {
+        return None;
+    }
+    let report = step(model, state, samples, options, work);
+    let (own, after) = (work.sources.as_mut()?, state.sources.as_mut()?);
+    own.go_back(after);
+    own.rows.clear();
+    Some(report)
 }
 
 /// Where each tool has to go.
@@ -138,7 +158,8 @@ impl Step<'_> {
                 return status;
             }
             let moved = self.move_tissue();
-            let is_last = self.report.passes >= self.model.passes.most;
+            let most = self.options.passes.unwrap_or(self.model.passes.most);
+            let is_last = self.report.passes >= most;
             if is_last {
                 let motion = self.state.grasp.motion();
                 self.report.tangent_error += self.model.body.tangent_error_of_pass(motion);

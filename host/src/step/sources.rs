@@ -291,6 +291,8 @@ pub(crate) struct SourcesWork {
     pub rows: Vec<ToolRows>,
     /// How a step on tissue that is not linear began.
     kept: Option<Box<Kept>>,
+    /// Before one that is thrown away, and the time then \[us\].
+    marked: Option<(Box<Kept>, u64)>,
 }
 
 impl SourcesState {
@@ -382,6 +384,7 @@ impl SourcesWork {
             kept
         };
         Self {
+            marked: (!body.is_linear()).then(|| (kept(), 0)),
             kept: (!body.is_linear()).then(kept),
             balance: BalanceWork::new(sources, system, &state),
             tangent: TangentWork::new(most_rows, sources.tools.most_contacts()),
@@ -411,6 +414,24 @@ impl SourcesWork {
             let pushes = &mut self.balance.nodes.pushes;
             pushes.clear();
             pushes.extend_from_slice(state.grasp.motion().pushed());
+        }
+    }
+
+    /// Remembers a state on tissue that is not linear; whether it is.
+    pub fn mark(&mut self, state: &SourcesState) -> bool {
+        let marked = self.marked.as_mut();
+        let marked = marked.map(|(kept, time_us)| {
+            kept.keep_place(state);
+            *time_us = state.time_us;
+        });
+        marked.is_some()
+    }
+
+    /// The state is as it was marked, but for a factor that has come meanwhile.
+    pub fn go_back(&mut self, state: &mut SourcesState) {
+        if let Some((kept, time_us)) = &self.marked {
+            kept.put_back_place(state);
+            state.time_us = *time_us;
         }
     }
 

@@ -72,6 +72,16 @@ impl ToolRows {
         residual: 0.0,
     };
 
+    /// The same forces here, of tissue that is so many times stiffer.
+    pub fn stiffen(&mut self, times: f64) {
+        for entry in &mut self.compliance {
+            *entry /= times;
+        }
+        for entry in self.held.iter_mut().flatten() {
+            *entry *= times;
+        }
+    }
+
     /// W\[i\]\[j\] \[m/N\]; 0 for rows that are not there.
     pub fn compliance_between(&self, i: usize, j: usize) -> f64 {
         let (i, j) = (i.min(j), i.max(j));

@@ -19,7 +19,7 @@ use sutura_study::fidelity::mutants::{self, Mutant};
 use sutura_study::fidelity::oracles::{Oracle, oracles};
 use sutura_study::fidelity::suite::{self, Extent};
 use sutura_study::fidelity::switches::Switch;
-use sutura_study::fidelity::targets::{self, BadLinks};
+use sutura_study::fidelity::targets::{self, BadLinks, Tighten};
 use sutura_study::fidelity::trials::{Spread, Three, spreads};
 use traces::Trace;
 
@@ -73,6 +73,8 @@ struct Report {
     /// What the pictures need beside the cases, with `--plot`.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     traces: Vec<Trace>,
+    /// Open bars that are better in this run than they are listed.
+    tighten: Vec<Tighten>,
 }
 
 /// Runs the cases and prints the report.
@@ -148,6 +150,7 @@ pub fn run(args: &FidelityArgs, global: &Global) -> Result<(), Failure> {
         },
         bad_links: targets::bad_links(&cases),
         cases,
+        tighten: targets::tighten(&bars),
         bars,
         oracles,
         guards,
@@ -342,6 +345,20 @@ fn print_text(report: &Report) {
     let open = report.bars.iter().filter(|bar| bar.open).count();
     let all = report.bars.len() - open;
     say!("{met} of {all} bars met, {open} open");
+    print_tighten(&report.tighten);
+}
+
+fn print_tighten(tighten: &[Tighten]) {
+    for better in tighten {
+        say!(
+            "tighten {}: {:.3} in this run, listed as open at {:.3}, bar {:.3}{}",
+            better.name,
+            better.value,
+            better.known,
+            better.bar,
+            if better.met { ", met" } else { "" }
+        );
+    }
 }
 
 fn print_spreads(spreads: &[Spread]) {

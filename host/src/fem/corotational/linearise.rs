@@ -6,7 +6,7 @@
 use super::super::element::Element;
 use super::super::rotation::{Polar, polar};
 use super::cell::{self, add_force, gradient, tangent_blocks, tangent_stress};
-use super::{CorotationalState, CorotationalTissue, CorotationalWorkspace};
+use super::{Beside, CorotationalState, CorotationalTissue, CorotationalWorkspace};
 use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 use serde::Serialize;
 
@@ -108,13 +108,13 @@ impl CorotationalTissue {
     }
 
     /// The second half: what the tangent answers to the last [`Self::look`]. With `beside` a factor that gets old is
-    /// asked for, and made here only at so many times the turn that makes it old.
+    /// asked for, and made here only where it is of no help any more.
     pub(crate) fn answer(
         &self,
         state: &mut CorotationalState,
         workspace: &mut CorotationalWorkspace,
         external: &[f64],
-        beside: Option<f64>,
+        beside: Option<Beside>,
     ) -> Linearisation {
         workspace.predicted.copy_from_slice(state.unknowns());
         let internal = workspace.force.as_flattened();
@@ -144,13 +144,14 @@ impl CorotationalTissue {
         state.age = state.age.saturating_add(1);
         let turn_rad = report.rotation_since_refactor_rad;
         let is_old = match beside {
-            Some(times) => self.is_helpless(turn_rad, times),
+            Some(beside) => self.is_helpless(turn_rad, beside.helpless),
             None => {
                 turn_rad > self.policy.refactor_rotation_rad
                     || state.age > self.policy.refactor_every
             }
         };
-        if beside.is_some() && !is_old && state.moved && self.is_ageing(state, turn_rad) {
+        let is_ageing = |beside: Beside| self.is_ageing(state, turn_rad, beside.idle);
+        if !is_old && state.moved && beside.is_some_and(is_ageing) {
             report.asked = state.ask(workspace);
         }
         if is_old && state.moved {

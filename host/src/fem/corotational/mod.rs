@@ -18,7 +18,7 @@ pub(crate) use linearise::Balance;
 pub use linearise::{Linearisation, TangentKind};
 pub(super) use linearise::{add, dot, fingerprint};
 pub use model::{CorotationalModel, ModelSettings};
-pub(crate) use renewed::{RenewScratch, Renewed};
+pub(crate) use renewed::{Beside, RenewScratch, Renewed};
 pub use state::{CorotationalState, CorotationalWorkspace};
 
 use super::assembly::{self, assemble};

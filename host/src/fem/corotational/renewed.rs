@@ -13,6 +13,8 @@ use std::sync::atomic::{AtomicU64, Ordering};
 
 /// A tangent is asked for at this part of the turn that would have it factored in the step, so that it is there in time.
 const EARLY: f64 = 0.5;
+/// At this part of that while nothing presses: the next touch is foretold by it, and nobody waits for another one.
+const IDLE: f64 = 0.1;
 /// Who wants factors younger than so many linearisations wants them of the step itself.
 const LEAST_EVERY: u32 = 16;
 /// Steps until the next is asked for after one that could not be factored.
@@ -51,6 +53,15 @@ pub(crate) struct Renewed {
     fingerprint: u64,
     /// Whether it could be factored.
     sound: bool,
+}
+
+/// How factors are made beside the steps, as a linearisation has to know it.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Beside {
+    /// At so many times the turn that makes a factor old it is made in the step.
+    pub helpless: f64,
+    /// Whether no row presses on the tissue.
+    pub idle: bool,
 }
 
 /// What factoring takes.
@@ -169,8 +180,9 @@ impl CorotationalTissue {
     }
 
     /// Whether it is time for another factor, with cells that have turned by so much since the last \[rad\].
-    pub(super) fn is_ageing(&self, state: &CorotationalState, turn_rad: f64) -> bool {
-        turn_rad > EARLY * self.policy.refactor_rotation_rad
+    pub(super) fn is_ageing(&self, state: &CorotationalState, turn_rad: f64, idle: bool) -> bool {
+        let early = EARLY * if idle { IDLE } else { 1.0 };
+        turn_rad > early * self.policy.refactor_rotation_rad
             || state.age > self.policy.refactor_every
     }
 

@@ -7,7 +7,7 @@ use crate::contact::shape::Solid;
 use crate::model::Model;
 use crate::scene::{Pose, Scene, SceneError};
 use crate::script::{Path, at_rest, outside};
-use crate::step::{State, Status, StepOptions, StepReport, Workspace, step};
+use crate::step::{State, Status, StepOptions, StepReport, Workspace, step, try_step};
 use crate::tool::{Tool, ToolSample};
 use crate::wound::Wound;
 use nalgebra::Vector3;
@@ -99,6 +99,21 @@ impl Constrained {
         options: &StepOptions,
     ) -> StepReport {
         step(&self.model, state, samples, options, &mut self.work)
+    }
+
+    /// A step that is thrown away, on tissue that is not linear.
+    pub fn try_here(
+        &mut self,
+        samples: &[ToolSample],
+        options: &StepOptions,
+    ) -> Option<StepReport> {
+        try_step(
+            &self.model,
+            &mut self.state,
+            samples,
+            options,
+            &mut self.work,
+        )
     }
 
     /// Steps until every tool is where the scene holds it, and corotational tissue in balance.

@@ -7,6 +7,7 @@ mod ahead;
 mod constrained;
 mod follower;
 mod peaks;
+mod secant;
 
 use super::look_budget::{LookBudget, Looked};
 use super::{
@@ -53,6 +54,8 @@ pub struct SceneSolver {
     lead: Lead,
     /// Whether frames carry the states of needle and thread, which are what is looked ahead for.
     looks_ahead: bool,
+    /// Whether its steps may take more passes than the model says, where there is time: the scene leaves it open.
+    settles: bool,
     effort: Effort,
     past: Past,
 }
@@ -138,6 +141,7 @@ impl SceneSolver {
             ahead_s: 0.0,
             lead: Lead::new(),
             looks_ahead: true,
+            settles: scene.tissue.leaves_passes_open(),
             effort: Effort::Full,
         }
     }
@@ -436,8 +440,9 @@ impl Solve for SceneSolver {
         };
         let looks =
             self.has_needles || (self.looks_ahead && self.has_threads) || self.would_try_ahead();
+        let looks = self.settles || self.would_seek_secant() || looks && self.follower.is_linear();
         Spared {
-            looks: effort >= Effort::NoLooks && looks && self.follower.is_linear(),
+            looks: effort >= Effort::NoLooks && looks,
             rows: effort >= Effort::NoRows && self.most_rows > 0,
         }
     }
@@ -467,17 +472,24 @@ impl Solve for SceneSolver {
             sample.position_m = goal.position_m.map(f64::from);
         }
         self.options.ahead_m = goal.ahead_m;
+        let settles = self.settles && self.effort == Effort::Full;
+        self.options.passes = settles.then(|| self.past.budget.passes(&self.past.last));
         let armed_anew = before_us.is_some_and(|before| is_armed_anew(before, &sample));
         let report = self.step_with(sample, armed_anew);
         self.past.peaks.press(&report, sample.position_m);
         let (mut felt, mut rows) = (report.contacts().first().copied(), self.rows());
         clock.lap(&mut 0);
-        self.past.budget.stepped();
+        self.past.budget.stepped(&report);
         if tries {
             match self.try_ahead(&goal) {
                 Some(ahead) => (felt, rows) = (ahead.contacts().first().copied(), self.rows()),
                 None => goal.position_m = state.body().position_m,
             }
+        }
+        if let (Some(felt), Some(rows)) = (&mut felt, &mut rows)
+            && let Some(times) = self.secant(&goal, felt, rows)
+        {
+            secant::stiffen(felt, rows, times);
         }
         let (needle, thread) = self.in_grip(&report, period_us);
         clock.lap(&mut stages.look_ns);

@@ -201,6 +201,7 @@ pub fn run(setup: &Setup<'_>) -> Result<Record, DeviceError> {
             orientation: [0.0, 0.0, 0.0, 1.0],
             velocity_m_per_s: plant.velocity_m_per_s,
             lead_s: 0.0,
+            has_time: true,
         };
         match (setup.truth, &mut truth) {
             (Some(known), _) => now = known.get(number as usize).copied().unwrap_or(now),
@@ -286,6 +287,7 @@ pub fn truth_along(scene: &dyn Scene, motion: Motion, seconds: f64) -> Vec<True>
                 orientation: [0.0, 0.0, 0.0, 1.0],
                 velocity_m_per_s: pace(scene, motion, time_s),
                 lead_s: 0.0,
+                has_time: true,
             };
             if let Some(solution) = truth.solve(&sample) {
                 last = True::of(&solution);
@@ -441,6 +443,7 @@ impl<'a> Remote<'a> {
             } else {
                 0.0
             },
+            has_time: self.setup.mendings.tries,
         };
         let Some(solution) = self.tissue.solve(&sample) else {
             return;
@@ -514,12 +517,7 @@ impl<'a> Remote<'a> {
 /// Rows of tissue that is so many times stiffer: the same forces at the balance.
 fn stiffer(mut rows: ToolRows, times: f64) -> ToolRows {
     if times > 0.0 {
-        for entry in &mut rows.compliance {
-            *entry /= times;
-        }
-        for entry in rows.held.iter_mut().flatten() {
-            *entry *= times;
-        }
+        rows.stiffen(times);
     }
     rows
 }

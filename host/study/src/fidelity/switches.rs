@@ -50,6 +50,8 @@ pub struct Mendings {
     pub ahead: bool,
     /// As long as nothing is known of a link, a solve may take five periods.
     pub longer_start: bool,
+    /// Where there is time steps over tissue that is not linear take more passes, and the way that the hand goes is tried.
+    pub tries: bool,
 }
 
 /// Ticks and delay \[us\] of a link that is known to be quick.
@@ -63,15 +65,17 @@ impl Mendings {
         sets_out: true,
         ahead: true,
         longer_start: true,
+        tries: true,
     };
 
     /// Their names, and whether each is on.
-    pub fn by_name(&self) -> [(&'static str, bool); 4] {
+    pub fn by_name(&self) -> [(&'static str, bool); 5] {
         [
             ("foretold", self.foretold),
             ("sets-out", self.sets_out),
             ("ahead", self.ahead),
             ("longer-start", self.longer_start),
+            ("tries", self.tries),
         ]
     }
 
@@ -147,6 +151,7 @@ impl Switch {
             Switch::Mending("foretold") => mendings.foretold = false,
             Switch::Mending("sets-out") => mendings.sets_out = false,
             Switch::Mending("ahead") => mendings.ahead = false,
+            Switch::Mending("tries") => mendings.tries = false,
             Switch::Mending(_) => mendings.longer_start = false,
         }
         (guards, mendings)

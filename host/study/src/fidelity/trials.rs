@@ -278,7 +278,9 @@ pub fn known_worst() -> Vec<Spec> {
             HOST_HZ,
             6,
         ),
-        stalled(corotational, HOST_HZ, 5),
+        stalled(corotational, HOST_HZ, 6),
+        phased(corotational, HOST_HZ, 0.8),
+        phased(hyperelastic(Motion::Taps), HOST_HZ, 0.8),
         stalled(hyperelastic(Motion::Taps), HOST_HZ, 0),
         stalled(hyperelastic(Motion::Strokes), HOST_HZ, 4),
     ]

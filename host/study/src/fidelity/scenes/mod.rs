@@ -25,6 +25,8 @@ pub struct Sample {
     pub velocity_m_per_s: [f64; 3],
     /// From here to the middle of the time in which the solution will be used \[s\].
     pub lead_s: f64,
+    /// Whether a host has time for what it does besides its step.
+    pub has_time: bool,
 }
 
 /// What a host sends of a solved scene.

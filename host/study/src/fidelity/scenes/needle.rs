@@ -67,6 +67,7 @@ impl Scene for NeedleSlabs {
             orientation: [0.0, 0.0, 0.0, 1.0],
             velocity_m_per_s: [0.0; 3],
             lead_s: 0.0,
+            has_time: true,
         };
         if let (Some(solver), Some(state)) = (&mut solver, state(&begin)) {
             solver.plan_every(period_s);

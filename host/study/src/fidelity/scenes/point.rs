@@ -147,6 +147,7 @@ mod tests {
             orientation: [0.0, 0.0, 0.0, 1.0],
             velocity_m_per_s: [0.0; 3],
             lead_s: 0.0,
+            has_time: true,
         }
     }
 

@@ -8,7 +8,7 @@ use super::{Sample, Scene, Solution, Truth};
 use std::path::Path;
 use std::sync::Arc;
 use sutura_host::scene::{Document, Scene as SceneFile, SceneError};
-use sutura_host::session::{LINE_BYTES_PER_S, Plan, Rendering, SceneSolver, Solve};
+use sutura_host::session::{Effort, LINE_BYTES_PER_S, Plan, Rendering, SceneSolver, Solve};
 use sutura_host::step::Status;
 use sutura_shared::control::TICK_HZ;
 use sutura_shared::wire::message::Fixture;
@@ -116,6 +116,11 @@ struct Session {
 impl Truth for Session {
     fn solve(&mut self, sample: &Sample) -> Option<Solution> {
         let solver = self.solver.as_mut()?;
+        solver.spare(if sample.has_time {
+            Effort::Full
+        } else {
+            Effort::NoLooks
+        });
         let solved = solver.solve(&state_late(sample, self.period_s)?);
         if solved.status != Status::Ok {
             return None;
@@ -151,6 +156,7 @@ mod tests {
                     orientation: [0.0, 0.0, 0.0, 1.0],
                     velocity_m_per_s: [0.0, 0.0, -down_m_per_s],
                     lead_s: 0.0,
+                    has_time: true,
                 };
                 let found = host.solve(&sample).expect("a solution");
                 let rows = found.rows.map_or(0, |rows| rows.count);

@@ -70,6 +70,7 @@ fn held(time_s: f64) -> Sample {
         orientation: [0.0, 0.0, 0.0, 1.0],
         velocity_m_per_s: [0.0; 3],
         lead_s: 0.0,
+        has_time: true,
     }
 }
 
@@ -136,6 +137,7 @@ mod tests {
                 orientation: [0.0, 0.0, 0.0, 1.0],
                 velocity_m_per_s: [0.0; 3],
                 lead_s: 0.0,
+                has_time: true,
             };
             let found = one.solve(&sample).expect("a balance");
             assert_eq!(found.punctures, 16);

@@ -247,6 +247,7 @@ mod tests {
             orientation: [0.0, 0.0, 0.0, 1.0],
             velocity_m_per_s: [0.0; 3],
             lead_s: 0.0,
+            has_time: true,
         };
         let way = [1e-3, 2e-3, -4e-3];
         let step = [0.3e-3, -0.1e-3, 0.2e-3];
