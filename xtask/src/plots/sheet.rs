@@ -9,7 +9,7 @@ use std::path::Path;
 
 /// Columns, and the size of a picture there \[px\]: of its own 800 x 480.
 const COLUMNS: usize = 3;
-const CELL: (usize, usize) = (560, 336);
+const CELL: (usize, usize) = (520, 312);
 /// Height of the line that says what this is \[px\].
 const HEAD: usize = 32;
 /// More than this is not kept in the book \[B\].
@@ -66,14 +66,15 @@ pub fn write() -> Result<()> {
 
 /// Date and commit, and whether pictures differ from it.
 fn version() -> Result<String> {
-    let commit = Tool::new("git log -1 --format=%cs,\u{a0}commit\u{a0}%h").output()?;
+    let commit = Tool::new("git log -1 --format=%cs/%h").output()?;
     let changed = Tool::new("git status --porcelain -- docs/data docs/src host/plot").output()?;
     let more = if changed.trim().is_empty() {
         ""
     } else {
         " and changes"
     };
-    Ok(format!("{}{more}", commit.trim()))
+    let said = commit.trim().replacen('/', ", commit ", 1);
+    Ok(format!("{said}{more}"))
 }
 
 fn rasterised(drawing: &Path, png: &Path, (width, height): (usize, usize)) -> Result<()> {
