@@ -285,7 +285,8 @@ class Thread {
 class Arrows {
   /** @param {number} colour @param {number} most @param {number} thickness over the scene's radius */
   constructor(colour, most, thickness) {
-    const material = new THREE.MeshBasicMaterial({ color: colour, toneMapped: false });
+    // Over everything: what presses lies inside the tool.
+    const material = new THREE.MeshBasicMaterial({ color: colour, toneMapped: false, depthTest: false, transparent: true, opacity: 0.9 });
     this.shafts = new THREE.InstancedMesh(new THREE.CylinderGeometry(0.5, 0.5, 1, 8).translate(0, 0.5, 0), material, most);
     this.heads = new THREE.InstancedMesh(new THREE.ConeGeometry(1.4, 1, 12).translate(0, -0.5, 0), material, most);
     this.thickness = thickness;
@@ -294,6 +295,7 @@ class Arrows {
     this.list = [];
     for (const mesh of [this.shafts, this.heads]) {
       mesh.frustumCulled = false;
+      mesh.renderOrder = 4;
       mesh.count = 0;
       this.group.add(mesh);
     }

@@ -1,21 +1,28 @@
-// What lights wet tissue: a dark room with a ring of lamps and a head lamp. Once as lamps of a scene that is filtered to
+// What lights wet tissue: a dark room with two rings of lamps, one above and a dim one below, and a head lamp. Once as lamps of a scene that is filtered to
 // an environment, once as a light probe of nine coefficients, which costs nothing to draw with.
 
 import * as THREE from 'three';
 
-/** Lamps in the ring. */
+/** Lamps in a ring. */
 const RING = 6;
+/** Height of the rings over their radius, half width of a lamp over its distance, and its radiance. */
+const RINGS = [
+  { height: 0.75, size: 0.2, radiance: 11 },
+  { height: -0.5, size: 0.14, radiance: 5 },
+];
 
 /**
  * Direction, half width over distance, and radiance of each lamp; z is up.
  * @returns {{direction: THREE.Vector3, size: number, radiance: number}[]}
  */
 function lamps() {
-  const ring = Array.from({ length: RING }, (_, i) => {
-    const angle = (2 * Math.PI * (i + 0.5)) / RING;
-    return { direction: new THREE.Vector3(Math.cos(angle), Math.sin(angle), 1.25).normalize(), size: 0.2, radiance: 9 };
-  });
-  return [...ring, { direction: new THREE.Vector3(0.05, -0.1, 1).normalize(), size: 0.28, radiance: 12 }];
+  const rings = RINGS.flatMap(({ height, size, radiance }) =>
+    Array.from({ length: RING }, (_, i) => {
+      const angle = (2 * Math.PI * (i + 0.5)) / RING;
+      return { direction: new THREE.Vector3(Math.cos(angle), Math.sin(angle), height).normalize(), size, radiance };
+    }),
+  );
+  return [...rings, { direction: new THREE.Vector3(0.05, -0.1, 1).normalize(), size: 0.28, radiance: 12 }];
 }
 
 /** Radiance of walls and floor, of the lower and the upper half. */

@@ -58,7 +58,7 @@ class Page {
       clear: () => this.command({ do: 'clear_fault' }),
     });
     this.player = new Player((time_s) => this.link.ask({ do: 'seek', time_s }), () => {});
-    this.plots = new Plots(element('plot-row'), (a, b) => this.setMarks(a, b));
+    this.plots = new Plots(element('plots'), (a, b) => this.setMarks(a, b));
     this.timeLine = new TimeLine({ command: (command) => this.command(command), back: (time) => this.lookBack(time), player: this.player });
     this.panel = new Panel(this.panelActions());
     this.stage = this.makeStage();
@@ -139,7 +139,7 @@ class Page {
     on('solves', (block) => block.session === this.session && this.telemetry?.addSolves(block));
     on('gauges', (gauges) => this.takeGauges(gauges));
     on('event', (event) => this.takeEvent(event));
-    on('closed', () => this.closed());
+    on('closed', () => this.showGone());
   }
 
   /** @param {import('./link.js').Hello} hello */
@@ -270,7 +270,7 @@ class Page {
     const withheld = Object.entries(gauges.withheld).filter(([, count]) => count > 0);
     const word = status ? (this.hello?.statuses[status.word] ?? '–') : '–';
     return [
-      ['Solver', status && word !== 'ok' ? word : word],
+      ['Solver', word],
       ['Vertices touched', whole(status?.rows)],
       ['Touching tissue, pairs', whole(status?.pairs)],
       ['Newton iterations', whole(status?.iterations)],
@@ -314,10 +314,6 @@ class Page {
       this.plots.events.push(event);
       this.timeLine.addEvent(event);
     }
-  }
-
-  closed() {
-    this.showGone();
   }
 
   /** Says what has gone, and crosses out its values. */
@@ -427,7 +423,8 @@ class Page {
         contact: instruments.options.contacts && (this.picture?.contacts.vertices.length ?? 0) > 0 ? instruments.scales.contact : 0,
         wrench: instruments.options.wrench ? instruments.scales.wrench : 0,
       },
-      pixelsPerMetre: stage.pixelsPerMetre / (halves === 2 ? 1 : 1),
+      pixelsPerMetre: stage.pixelsPerMetre,
+      narrow: halves === 2,
       camera: stage.camera.quaternion,
       note: mode.startsWith('anaglyph') ? 'red-cyan: left eye red' : '',
     };

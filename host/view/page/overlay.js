@@ -23,6 +23,7 @@ const AXES = /** @type {[string, string, THREE.Vector3][]} */ ([
  * @property {number} pixelsPerMetre
  * @property {THREE.Quaternion} camera
  * @property {string} note of the stereo mode
+ * @property {boolean} narrow half of the page: what would not fit is left out
  */
 
 /**
@@ -90,7 +91,7 @@ function caption(context, size, what) {
   context.fillStyle = TEXT;
   const time = what.time === null ? '' : `  ${fixed(what.time, 2)} s`;
   context.fillText(`${what.title}${time}`, size.width - 14, size.height - 20);
-  context.fillStyle = DIM;
+  if (what.narrow) return;
   const lines = [];
   if (what.scales.wrench > 0) lines.push(['#6fe3a5', `force on the tool: ${short(what.scales.wrench * 1000)} mm per N`]);
   if (what.scales.contact > 0) lines.push(['#f7e26b', `contact on tissue: ${short(what.scales.contact * 1000)} mm per N`]);

@@ -84,7 +84,7 @@ export class Panel {
     }
     if (can('drag')) {
       const box = document.createElement('div');
-      box.className = 'checks';
+      box.className = 'checks one';
       this.keep = check(box, 'Keep the probe where I let go', this.keep?.checked ?? false, (on) => this.actions.keep(on));
       rows.append(box);
       hint(rows, 'Drag the probe in the picture. Shift or the wheel moves it along the view.');

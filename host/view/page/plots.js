@@ -122,6 +122,7 @@ export class Plots {
   make(panel) {
     const box = document.createElement('figure');
     box.className = 'plot';
+    box.classList.toggle('stacked', panel.stacked);
     const caption = document.createElement('figcaption');
     const title = document.createElement('span');
     title.className = 'title';
@@ -161,7 +162,7 @@ export class Plots {
       scales: { x: { time: false, range: () => this.range() }, y: { range: (_, low, high) => limits(low, high, panel.stacked) } },
       series: [{}, ...(panel.stacked ? series.reverse() : series)],
       axes: [
-        { ...axis, size: 24, space: 60, values: (_, ticks) => ticks.map((tick) => (tick >= 0 ? `${Number(tick.toFixed(3))}` : '')) },
+        { ...axis, size: 24, space: 60, values: (_, ticks) => ticks.map((tick) => `${Number(tick.toFixed(3))}`) },
         { ...axis, size: 42, space: 26 },
       ],
       hooks: { draw: [(plot) => this.drawMarks(plot)], setCursor: [() => this.showValues()] },
@@ -173,7 +174,7 @@ export class Plots {
     if (this.held) return this.held;
     if (this.whole) return this.whole;
     const newest = Math.max(this.telemetry?.ticks.newest ?? 0, this.telemetry?.solves.newest ?? 0);
-    return [newest - this.window_s, newest];
+    return [Math.max(0, newest - this.window_s), Math.max(newest, this.window_s)];
   }
 
   /** Follows the session again. */
@@ -280,12 +281,10 @@ export class Plots {
   }
 
   resize() {
-    const width = Math.floor((this.element.clientWidth - 1) / Math.max(this.list.length, 1));
-    if (width < 60) return;
     for (const { plot, box } of this.list) {
       const caption = box.firstElementChild instanceof HTMLElement ? box.firstElementChild.offsetHeight : 0;
       const height = Math.max(60, this.element.clientHeight - caption - 2);
-      plot.setSize({ width: Math.max(80, width - 6), height });
+      plot.setSize({ width: Math.max(80, box.clientWidth - 6), height });
     }
     this.redraw(true);
   }

@@ -46,7 +46,10 @@ export class Stage extends EventTarget {
     this.head = new THREE.DirectionalLight(0xffffff, 1);
     this.sky = new THREE.HemisphereLight(0xe8f0ff, 0x4a3f3c, 1);
     this.probe = probe();
-    this.scene.add(this.head, this.head.target, this.sky, this.probe);
+    // Glints at the far side, which a probe has not.
+    this.rim = new THREE.DirectionalLight(0xdfeaff, 0.5);
+    this.rim.position.set(-0.7, 1, 0.55);
+    this.scene.add(this.head, this.head.target, this.sky, this.probe, this.rim);
     /** @type {Quality} */
     this.quality = 'lean';
     this.reason = '';
@@ -151,7 +154,9 @@ export class Stage extends EventTarget {
     this.sky.visible = lean;
     this.sky.intensity = 1.35;
     this.probe.visible = this.quality === 'wet';
-    this.head.intensity = lean ? 1.9 : 1.6;
+    this.probe.intensity = 0.55;
+    this.rim.visible = this.quality === 'wet';
+    this.head.intensity = lean ? 1.9 : full ? 1.7 : 1.1;
     this.head.castShadow = full;
     this.renderer.shadowMap.enabled = full;
     this.toneMap();
@@ -159,7 +164,7 @@ export class Stage extends EventTarget {
     if (!full) this.dropSurroundings();
     this.scene.environment = this.surroundings?.texture ?? null;
     this.scene.environmentRotation.set(Math.PI / 2, 0, 0);
-    this.scene.environmentIntensity = 0.7;
+    this.scene.environmentIntensity = 0.35;
   }
 
   /** Colours that a legend explains are shown as they are. @param {boolean} [colours] */
@@ -260,8 +265,8 @@ export class Stage extends EventTarget {
   render() {
     const target = this.controls.target;
     this.head.position.copy(this.camera.position).sub(target).normalize().multiplyScalar(4 * this.radius).add(target);
-    // From above the viewer's shoulder: a lamp at the eye shows no shape.
-    this.head.position.z += 1.6 * this.radius;
+    // From above the viewer's shoulder: a lamp at the eye shows no shape. Moisture shines where it is nearer.
+    this.head.position.z += (this.quality === 'lean' ? 1.6 : 0.7) * this.radius;
     this.head.target.position.copy(target);
     this.dispatchEvent(new Event('draw'));
     this.stereo.render(this.scene, this.camera, this.camera.position.distanceTo(target));
@@ -276,7 +281,7 @@ export class Stage extends EventTarget {
     if (this.quality === 'lean') {
       if (this.drawn % 5 !== 0) return;
       const before = this.resolution;
-      if (this.cost_ms > LEAN_MS) this.resolution *= Math.max(0.7, Math.sqrt(LEAN_MS / this.cost_ms));
+      if (this.cost_ms > LEAN_MS) this.resolution *= Math.max(0.6, Math.sqrt(LEAN_MS / this.cost_ms));
       else if (this.cost_ms < 0.5 * LEAN_MS && this.resolution < 1) this.resolution = Math.min(1, this.resolution * 1.15);
       if (this.resolution !== before) this.resize();
     } else if (this.drawn === TRIAL && this.cost_ms > TRIAL_MS && this.reason.startsWith('graphics card')) {

@@ -21,7 +21,7 @@ export class TimeLine {
   /** @param {TimeActions} actions */
   constructor(actions) {
     this.actions = actions;
-    this.box = element('time');
+    this.box = element('time-line');
     this.recording = false;
     this.paused = false;
     /** @type {{time_s: number, what: string, text: string}[]} */

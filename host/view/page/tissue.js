@@ -37,7 +37,7 @@ export class Tissue {
     this.materials = {
       lean: new THREE.MeshLambertMaterial({ vertexColors: true, ...offset }),
       wet: new THREE.MeshPhysicalMaterial({
-        vertexColors: true, roughness: 0.5, metalness: 0, clearcoat: 1, clearcoatRoughness: 0.18, ...offset,
+        color: 0xd6c2be, vertexColors: true, roughness: 0.5, metalness: 0, clearcoat: 1, clearcoatRoughness: 0.18, ...offset,
       }),
       // Unlit and not tone mapped, or no legend fits.
       colours: new THREE.MeshBasicMaterial({ map: this.map, toneMapped: false, ...offset }),
@@ -47,6 +47,7 @@ export class Tissue {
     };
     this.clippingPlanes = clippingPlanes;
     for (const material of Object.values(this.materials)) material.clippingPlanes = clippingPlanes;
+    /** @type {THREE.Mesh<THREE.BufferGeometry, THREE.Material>} */
     this.skin = new THREE.Mesh(this.buffers, this.materials.lean);
     this.back = new THREE.Mesh(this.buffers, this.materials.inside);
     this.wires = new THREE.Mesh(this.buffers, this.materials.wires);
