@@ -1,0 +1,6 @@
+//! All tests of the page's server and format, in one binary.
+
+mod clients;
+mod commands;
+mod guard;
+mod support;
