@@ -46,7 +46,8 @@ export function pictureBytes(picture) {
   header.writeDoubleLE(picture.time, 8);
   header.writeUInt32LE(picture.geometry, 28);
   header.writeUInt32LE(displacement.length / 3, 32);
-  const scale = Math.max(1e-9, ...displacement.map(Math.abs));
+  // As the message has it, and not less than what it scales.
+  const scale = Math.fround(1.0000001 * Math.max(1e-9, ...displacement.map(Math.abs)));
   header.writeFloatLE(scale, 36);
   const [low, high] = values ? [Math.min(...values), Math.max(...values)] : [0, 0];
   header.writeFloatLE(low, 40);
