@@ -86,7 +86,9 @@ export function alone(page) {
 }
 
 export async function until(page, condition, argument) {
-  await page.waitForFunction(condition, argument, { timeout: PATIENCE_MS, polling: 50 });
+  await page.waitForFunction(condition, argument, { timeout: PATIENCE_MS, polling: 50 }).catch((error) => {
+    throw new Error(`${error.message} Waited for ${condition}`);
+  });
 }
 
 export function check(condition, message) {

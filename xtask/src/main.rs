@@ -14,6 +14,7 @@ mod scenes;
 mod setup;
 mod test;
 mod toolchain;
+mod vendor;
 
 use clap::{Parser, Subcommand, ValueEnum};
 use std::process::ExitCode;
@@ -74,6 +75,17 @@ Times on this machine: cargo run --release -- bench")]
   cargo xtask scenes            write scenes/anastomosis-20.toml and others
   cargo xtask scenes --check    fails if they are not what would be written")]
     Scenes {
+        /// Write nothing.
+        #[arg(long)]
+        check: bool,
+    },
+    /// Fetches what the page of `sutura view` uses of others from npm, as host/view/vendor/vendor.toml says.
+    #[command(after_help = "Examples:
+  cargo xtask vendor            write the files into host/view/vendor
+  cargo xtask vendor --check    fails if they are not the packages', byte for byte
+
+npm is needed. For another version change version and integrity, which `npm view NAME@VERSION dist.integrity` prints.")]
+    Vendor {
         /// Write nothing.
         #[arg(long)]
         check: bool,
@@ -142,6 +154,7 @@ fn main() -> ExitCode {
         } => firmware::gated(bless, format),
         Command::Bench { bless, format } => bench::gated(bless, format),
         Command::Scenes { check } => scenes::gated(check),
+        Command::Vendor { check } => vendor::gated(check),
         Command::Fuzz { arguments } => fuzz::run(&arguments),
         Command::Bars(arguments) => bars::all(&arguments),
         Command::Test { full, seed } => test::all(test::Cases::new(full, seed)),

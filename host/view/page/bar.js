@@ -110,7 +110,6 @@ export class Bar {
   setGauges(gauges) {
     const pair = (/** @type {import('./link.js').Percentiles | undefined} */ both) =>
       both ? `${fixed(both.p50 / 1000, 1)} / ${fixed(both.p99 / 1000, 1)}` : '–';
-    this.setMode(gauges.mode);
     this.set('latency', pair(gauges.latency_us.now), 'ms');
     this.set('step', pair(gauges.step_us.now), 'ms');
     this.set('hz', fixed(gauges.host_hz, 0), 'Hz');

@@ -4,6 +4,7 @@ import * as THREE from 'three';
 import { address, readAddress } from './address.js';
 import { Bar } from './bar.js';
 import { Range } from './colours.js';
+import { MODES } from './decode.js';
 import { Drag } from './drag.js';
 import { Film, fileName, picture as exported, save } from './export.js';
 import { Instruments } from './instruments.js';
@@ -246,6 +247,7 @@ class Page {
   takeGauges(gauges) {
     this.gauges = gauges;
     this.bar.setGauges(gauges);
+    if (this.hello?.source === 'live') this.bar.setMode(gauges.mode);
     this.timeLine.setPaused(gauges.paused);
     this.showFaults(gauges.faults);
     this.alerts.set('console', gauges.connected || this.hello?.source === 'recording' ? '' : 'The console is gone.', 'Its values are crossed out. Look at its cable and power; the session goes on when it is back.');
@@ -584,6 +586,8 @@ class Page {
     const age = ticks.value('age_ms', time);
     const horizon = (this.gauges?.horizon_us ?? 1000 * (this.hello?.horizon_ms ?? Infinity)) / 1000;
     this.bar.set('age', fixed(age, 1), 'ms', age > horizon);
+    const mode = MODES[ticks.value('mode', time)];
+    if (this.hello?.source === 'recording' && mode) this.bar.setMode(mode);
   }
 
   /** A few times a second. */

@@ -7,7 +7,9 @@ import { element } from './words.js';
 import { fixed, short } from './units.js';
 
 /** Words for names that the host uses in its commands. */
-const words = (/** @type {string} */ name) => name.replaceAll('-', ' ').replaceAll('_', ' ');
+const words = (/** @type {string} */ name) => name.replace(/[-_]/g, ' ').replace(/\bhz\b/, 'Hz');
+
+const capital = (/** @type {string} */ text) => text.charAt(0).toUpperCase() + text.slice(1);
 
 /**
  * @typedef {object} PanelActions
@@ -97,8 +99,7 @@ export class Panel {
     const text = (/** @type {number} */ value) => `${short(value)} ${setting.unit}`;
     const control = slider(setting, text, (value) => this.actions.command({ do: 'set', name: setting.name, value }), true);
     control.input.disabled = !can;
-    const label = words(setting.name);
-    row(rows, label.charAt(0).toUpperCase() + label.slice(1), control.box, control.input);
+    row(rows, capital(words(setting.name)), control.box, control.input);
   }
 
   /** @param {import('./link.js').Hello} hello @param {string | null} chosen */
