@@ -14,7 +14,7 @@ const LAYERS: [&[&str]; 8] = [
     &["registry"],
     &["output", "scene", "script", "wound"],
     &["prescribed"],
-    &["recording", "session", "solve"],
+    &["picture", "recording", "session", "solve"],
 ];
 
 /// What lives elsewhere, under a name of this crate.

@@ -2,5 +2,7 @@
 
 mod clients;
 mod commands;
+mod format;
 mod guard;
+mod pictures;
 mod support;
