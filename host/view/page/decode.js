@@ -120,14 +120,14 @@ export const NO_AGE = 4294967295;
  * @property {Float64Array} time [s]
  * @property {Uint8Array} status
  * @property {Float32Array} step [us]
- * @property {Float32Array} stages [us], (rows x stages)
+ * @property {Float32Array} stages [us], (stages x rows)
  * @property {Uint32Array} touched
  * @property {Float32Array} gapTo [m]
  * @property {Float32Array} wrench (rows x 6)
  * @property {Uint32Array} iterations
  * @property {Float32Array} energy [J]
- * @property {Float32Array} axial (rows x needles) [N]
- * @property {Float32Array} tension (rows x 2 threads) [N]
+ * @property {Float32Array} axial (needles x rows) [N]
+ * @property {Float32Array} tension tails and heads (threads x 2 x rows) [N]
  */
 
 /** @typedef {{tag: number, start: number, bytes: number}} Section */
@@ -375,7 +375,7 @@ function solves(view) {
     time: array(Float64Array, view, all, 1, rows),
     status: array(Uint8Array, view, all, 2, rows),
     step: array(Float32Array, view, all, 3, rows),
-    stages: array(Float32Array, view, all, 4, stageCount * rows),
+    stages: array(Float32Array, view, all, 4),
     touched: array(Uint32Array, view, all, 5, rows),
     gapTo: array(Float32Array, view, all, 6, rows),
     wrench: array(Float32Array, view, all, 7, 6 * rows),

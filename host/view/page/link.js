@@ -6,7 +6,7 @@ import { FORMAT, decode } from './decode.js';
  * @typedef {object} Needle @property {number} id @property {number[][]} points_m @property {number} thickness_m
  * @typedef {object} ThreadShape @property {number} id @property {number} needle @property {number} radius_m @property {number} length_m
  * @typedef {object} Setting @property {string} name @property {string} unit @property {number} value @property {number} low @property {number} high @property {number} step
- * @typedef {object} Scalar @property {string} name @property {string} unit @property {boolean} signed
+ * @typedef {object} Scalar @property {string} name @property {string} unit @property {boolean} signed @property {boolean} [available]
  * @typedef {object} TimeLine
  * @property {number} from_s @property {number} to_s @property {number} ready_s @property {number} hz @property {boolean} solvable
  * @property {string | null} why @property {string} badge @property {string} badge_text
@@ -25,7 +25,7 @@ import { FORMAT, decode } from './decode.js';
  * @property {string} console
  * @property {number} tick_hz
  * @property {number} host_hz
- * @property {number} horizon_ms
+ * @property {number | null} horizon_ms
  * @property {number} nodes
  * @property {number} cells
  * @property {[number[], number[]]} bounds_m
@@ -57,11 +57,11 @@ import { FORMAT, decode } from './decode.js';
  * @property {{now: Percentiles, all: Percentiles}} latency_us
  * @property {{now: Percentiles, all: Percentiles}} age_us
  * @property {{now: Percentiles, all: Percentiles}} step_us
- * @property {{now: Percentiles, all: Percentiles}} rtt_us
+ * @property {{now: Percentiles, all: Percentiles} | null} rtt_us
  * @property {number | null} horizon_us
- * @property {number} ticks_late
- * @property {number} tick_overruns
- * @property {{lost: number, rejected: number, late: number, superseded: number}} frames
+ * @property {number | null} ticks_late
+ * @property {number | null} tick_overruns
+ * @property {Record<'lost' | 'rejected' | 'late' | 'superseded', number | null | undefined>} frames
  * @property {Record<string, number>} withheld
  * @property {number | null} energy_j
  * @property {number | null} energy_min_j

@@ -25,6 +25,8 @@ import { Alerts, element, toast } from './words.js';
 const PICTURE_HZ = 30;
 /** Silent for so long, the host counts as gone [s]. */
 const SILENCE_S = 1.5;
+/** The scalar that follows from a picture's displacements. */
+const DISPLACEMENT = 'displacement';
 
 class Page {
   constructor() {
@@ -44,6 +46,8 @@ class Page {
     this.newest = null;
     this.session = -1;
     this.geometry = -1;
+    /** Of the scene that the camera looks at. */
+    this.bounds = '';
     /** @type {string | null} */
     this.scalar = view?.scalar ?? null;
     this.range = new Range();
@@ -161,6 +165,8 @@ class Page {
   /** @param {import('./link.js').Hello} hello */
   startSession(hello) {
     const first = this.session === -1;
+    const elsewhere = String(hello.bounds_m) !== this.bounds;
+    this.bounds = String(hello.bounds_m);
     this.session = hello.session;
     this.geometry = -1;
     this.picture = this.newest = null;
@@ -181,7 +187,7 @@ class Page {
       this.stage.frame(hello.bounds_m);
       this.tissue?.clear();
       this.instruments?.setScene(hello);
-      this.stage.look('home');
+      if (elsewhere) this.stage.look('home');
       if (first) this.applyView();
     }
     if (line) this.player.start(line);
@@ -227,16 +233,34 @@ class Page {
 
   /** @param {import('./decode.js').Picture} picture */
   colour(picture) {
-    const scalar = this.hello?.scalars[picture.scalar - 1];
-    if (!scalar || !picture.scalars || scalar.name !== this.scalar) {
+    const scalar = this.hello?.scalars.find((one) => one.name === this.scalar);
+    const has = this.hello?.scalars[picture.scalar - 1]?.name ?? null;
+    this.panel.sayScalar(this.scalar && has !== this.scalar && this.scalar !== DISPLACEMENT && picture.recorded ? `The pictures of this recording have ${has ?? 'no value'}.` : '');
+    if (!scalar || !this.readValues(picture, has)) {
       this.tissue?.colour(null, [0, 1], false);
       return;
     }
-    const step = (picture.scalarHigh - picture.scalarLow) / 65535;
-    for (let i = 0; i < this.values.length; i += 1) this.values[i] = picture.scalarLow + picture.scalars[i] * step;
     this.range.see(this.values);
     this.tissue?.colour(this.values, this.range.ends, scalar.signed);
     this.panel.showRange(this.range.ends, this.range.fixed !== null);
+  }
+
+  /** Values at the geometry's vertices, if the picture has what is asked for. @param {import('./decode.js').Picture} picture @param {string | null} has */
+  readValues(picture, has) {
+    const { values } = this;
+    const { displacement, scalars } = picture;
+    if (scalars && has === this.scalar) {
+      const step = (picture.scalarHigh - picture.scalarLow) / 65535;
+      for (let i = 0; i < values.length; i += 1) values[i] = picture.scalarLow + scalars[i] * step;
+      return true;
+    }
+    // Every picture has this one.
+    if (this.scalar !== DISPLACEMENT || !displacement) return false;
+    const metres = picture.displacementScale / 32767;
+    for (let i = 0; i < values.length; i += 1) {
+      values[i] = metres * Math.hypot(displacement[3 * i], displacement[3 * i + 1], displacement[3 * i + 2]);
+    }
+    return true;
   }
 
   restartRange() {
@@ -257,7 +281,7 @@ class Page {
 
   /** @param {import('./link.js').Gauges} gauges */
   warnOfLateness(gauges) {
-    const age = gauges.age_us.now?.p50 ?? 0;
+    const age = gauges.age_us?.now?.p50 ?? 0;
     const late = this.hello?.pace === 'real-time' && gauges.horizon_us !== null && gauges.mode === 'armed' && age > gauges.horizon_us;
     const local = ['127.0.0.1', 'localhost', '[::1]'].includes(location.hostname);
     const port = location.port || '80';
@@ -267,8 +291,8 @@ class Page {
   /** @param {import('./link.js').Gauges} gauges @returns {[string, string][]} */
   counters(gauges) {
     const status = this.picture?.status;
-    const whole = (/** @type {number | undefined} */ value) => (value === undefined ? '–' : value.toLocaleString('en'));
-    const ms = (/** @type {import('./link.js').Percentiles} */ both) => (both ? `${fixed(both.p50 / 1000, 2)} / ${fixed(both.p99 / 1000, 2)} ms` : '–');
+    const whole = (/** @type {number | null | undefined} */ value) => (value?.toLocaleString('en') ?? '–');
+    const ms = (/** @type {import('./link.js').Percentiles | undefined} */ both) => (both ? `${fixed(both.p50 / 1000, 2)} / ${fixed(both.p99 / 1000, 2)} ms` : '–');
     const withheld = Object.entries(gauges.withheld).filter(([, count]) => count > 0);
     const word = status ? (this.hello?.statuses[status.word] ?? '–') : '–';
     return [
@@ -279,9 +303,9 @@ class Page {
       ['Residual', status ? status.residual.toExponential(1).replace('-', '−') : '–'],
       ['Largest thread tension', status && Number.isFinite(status.tension) ? `${fixed(status.tension, 3)} N` : '–'],
       ['Longest span', status && Number.isFinite(status.span) ? fixed(status.span, 3) : '–'],
-      ['Latency, session p50 / p99', ms(gauges.latency_us.all)],
-      ['Step, session p50 / p99', ms(gauges.step_us.all)],
-      ['Round trip p50 / p99', ms(gauges.rtt_us.now)],
+      ['Latency, session p50 / p99', ms(gauges.latency_us?.all)],
+      ['Step, session p50 / p99', ms(gauges.step_us?.all)],
+      ['Round trip p50 / p99', ms(gauges.rtt_us?.now)],
       ['Least energy', gauges.energy_min_j === null ? '–' : `${fixed(1000 * gauges.energy_min_j, 3)} mJ`],
       ['Ticks late', whole(gauges.ticks_late)],
       ['Tick overruns', whole(gauges.tick_overruns)],

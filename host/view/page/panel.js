@@ -60,7 +60,7 @@ export class Panel {
     const { command } = this.actions;
     rows.replaceChildren();
     const can = (/** @type {string} */ name) => hello.do.includes(name) && hello.role === 'control';
-    if (hello.role === 'watch' && hello.do.includes('take_control')) {
+    if (hello.role === 'watch' && hello.source === 'live') {
       hint(rows, 'Somebody else controls this session.');
       rows.append(button('Take control', () => command({ do: 'take_control' })));
     }
@@ -106,8 +106,10 @@ export class Panel {
   fillColours(hello, chosen) {
     const rows = this.colours;
     rows.replaceChildren();
-    const names = /** @type {[string, string][]} */ ([['', 'none: by region'], ...hello.scalars.map((scalar) => [scalar.name, `${words(scalar.name)} [${scalar.unit}]`])]);
+    const names = /** @type {[string, string][]} */ ([['', 'none: by region'], ...hello.scalars.filter((scalar) => scalar.available !== false).map((scalar) => [scalar.name, `${words(scalar.name)} [${scalar.unit}]`])]);
     this.scalar = row(rows, 'Value', select(names, chosen ?? '', (name) => this.actions.scalar(name || null)));
+    this.scalarHint = hint(rows, '');
+    this.sayScalar('');
     this.rangeChoice = choice([['held', 'held'], ['fixed', 'fixed']], 'held', (kind) => this.sendRange(kind));
     row(rows, 'Range', this.rangeChoice.box);
     const both = document.createElement('div');
@@ -122,6 +124,13 @@ export class Panel {
     });
     row(rows, 'From, to', both);
     hint(rows, 'Held: the largest 98th percentile so far. Choose the value again to begin anew.');
+  }
+
+  /** Why the value that was chosen is not shown. @param {string} text */
+  sayScalar(text) {
+    if (!this.scalarHint || this.scalarHint.textContent === text) return;
+    this.scalarHint.textContent = text;
+    this.scalarHint.hidden = !text;
   }
 
   /** @param {string} kind */

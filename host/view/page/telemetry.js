@@ -223,10 +223,10 @@ export class Telemetry {
       columns.gap_mm[place] = 1000 * block.gapTo[i];
       this.addStages(block, i, place);
       this.needleColumns.forEach((name, n) => {
-        columns[name][place] = block.axial[i * this.needles + n] ?? NaN;
+        columns[name][place] = block.axial[n * block.rows + i] ?? NaN;
       });
       this.threadColumns.forEach((name, n) => {
-        columns[name][place] = block.tension[2 * i * this.threads + n] ?? NaN;
+        columns[name][place] = block.tension[n * block.rows + i] ?? NaN;
       });
     }
   }
@@ -236,7 +236,8 @@ export class Telemetry {
     const { columns } = this.solves;
     let sum = 0;
     this.stageColumns.forEach((name, stage) => {
-      const value = block.stages[i * block.stageCount + stage] ?? 0;
+      // Solves of a recording may have none.
+      const value = block.stages[stage * block.rows + i] || 0;
       columns[name][place] = value;
       sum += value;
       columns[this.stack[stage]][place] = sum / 1000;
