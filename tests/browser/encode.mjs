@@ -138,7 +138,7 @@ export function solvesBytes(session, stages, rows, needles, threads, gap) {
     [1, Float64Array.from(rows, (row) => row.time)],
     [2, new Uint8Array(count)],
     [3, Float32Array.from(rows, (row) => row.step)],
-    [4, Float32Array.from(rows.flatMap((row) => row.stages))],
+    [4, Float32Array.from(Array.from({ length: stages }, (_, stage) => rows.map((row) => row.stages[stage])).flat())],
     [5, Uint32Array.from(rows, (row) => row.touched)],
     [6, Float32Array.from(rows, () => Infinity)],
     [7, new Float32Array(6 * count)],
