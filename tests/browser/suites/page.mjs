@@ -127,8 +127,8 @@ export const tests = [
         window.sutura.stage.drawn = 0;
       }, quality);
       await until(page, () => window.sutura.stage.drawn > 5);
-      said.push(`${quality} ${(1000 / (await page.evaluate(() => window.sutura.stage.cost_ms))).toFixed(1)}`);
       await shot(quality);
+      said.push(`${quality} ${await page.evaluate(framesASecond)}`);
       pictures.push(await page.evaluate(() => {
         window.sutura.stage.render();
         return window.sutura.stage.renderer.domElement.toDataURL();
@@ -136,11 +136,11 @@ export const tests = [
       check((await variety(page)).colours > 8, `${quality} is uniform`);
     }
     check(new Set(pictures).size === 3, 'two qualities look alike');
-    await page.setViewportSize({ width: 660 + 300, height: 360 + 284 });
+    await page.setViewportSize({ width: 900, height: 644 });
     await page.evaluate(() => window.sutura.stage.choose('lean', 'chosen by hand'));
-    await until(page, () => window.sutura.stage.drawn > 20);
-    const { rate, size } = await page.evaluate(() => ({ rate: 1000 / window.sutura.stage.cost_ms, size: [window.sutura.stage.renderer.domElement.width, window.sutura.stage.renderer.domElement.height] }));
-    return `frames a second: ${said.join(', ')}; lean at ${size.join('x')} ${rate.toFixed(1)}`;
+    await until(page, () => window.sutura.stage.drawn > 2);
+    said.push(`lean ${await page.evaluate(framesASecond)}`);
+    return said.join(', ');
   })],
 
   ['inside', withHost({ scene: 'tube' }, async ({ page, shot }) => {
@@ -461,6 +461,23 @@ export const tests = [
     return `${(after.heap / 1e6).toFixed(1)} MB, ${((after.heap - before.heap) / 1e3).toFixed(0)} kB more after 8 s`;
   })],
 ];
+
+/** Size, and frames a second of drawing alone, by the median of ten with new vertices. In the page. */
+function framesASecond() {
+  const { stage, picture } = window.sutura;
+  stage.resolution = 1;
+  stage.resize();
+  const times = [];
+  for (let i = 0; i < 12; i += 1) {
+    const start = performance.now();
+    window.sutura.show(picture);
+    stage.render();
+    stage.waitForPixels();
+    times.push(performance.now() - start);
+  }
+  const median = times.slice(2).sort((a, b) => a - b)[5];
+  return `${stage.renderer.domElement.width}x${stage.renderer.domElement.height}: ${(1000 / median).toFixed(1)}/s`;
+}
 
 async function expectMode(host, mode, what) {
   for (let i = 0; i < 100 && host.mock.mode !== mode; i += 1) await new Promise((resolve) => setTimeout(resolve, 50));
