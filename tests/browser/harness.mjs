@@ -1,7 +1,10 @@
 // A browser for tests of the page: opens it, notes all that goes wrong in it, keeps pictures. Entry point: `Browser`.
 
 import path from 'node:path';
+import { fileURLToPath } from 'node:url';
 import { chromium } from 'playwright-core';
+
+const PAGE = fileURLToPath(new URL('../../host/view/page/', import.meta.url));
 
 /** Software WebGL, which Chromium has only where it is asked for, in one place. */
 const SOFTWARE = ['--no-sandbox', '--use-angle=swiftshader', '--enable-unsafe-swiftshader', '--ignore-gpu-blocklist', '--mute-audio', '--enable-precise-memory-info'];
@@ -10,10 +13,11 @@ const SIZE = { width: 1280, height: 720 };
 export const PATIENCE_MS = 30_000;
 
 export class Browser {
-  /** @param {{executable: string, out: string}} options */
-  constructor({ executable, out }) {
+  /** @param {{executable: string, out: string, checkout?: boolean}} options `checkout`: its files of the page, not the host's */
+  constructor({ executable, out, checkout = false }) {
     this.executable = executable;
     this.out = out;
+    this.checkout = checkout;
   }
 
   async launch(more = []) {
@@ -31,6 +35,7 @@ export class Browser {
    */
   async open(url, { scene = true, viewport = SIZE } = {}) {
     const context = await this.browser.newContext({ viewport, acceptDownloads: true, permissions: ['clipboard-read', 'clipboard-write'] });
+    if (this.checkout) await context.route('**/page/*', (route) => route.fulfill({ path: path.join(PAGE, path.basename(new URL(route.request().url()).pathname)) }));
     const page = await context.newPage();
     page.setDefaultTimeout(PATIENCE_MS);
     const troubles = [];

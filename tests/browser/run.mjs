@@ -11,13 +11,14 @@ const HERE = fileURLToPath(new URL('.', import.meta.url));
 const BROWSERS = ['/usr/bin/chromium', '/usr/bin/chromium-browser', '/usr/bin/google-chrome', '/usr/bin/google-chrome-stable'];
 const HELP = `Tests the page of \`sutura view\` in a headless browser.
 
-  node tests/browser/run.mjs --sutura PATH_TO_BINARY --out DIR [--only WORD]
+  node tests/browser/run.mjs --sutura PATH_TO_BINARY --out DIR [--only WORD] [--checkout]
 
 Without --sutura the program's own tests are left out, and that is said. Pictures of all tests are kept in DIR.
+--checkout takes the page's files from here instead of the binary: for working on the page without building.
 SUTURA_CHROMIUM names the browser, if it is not in /usr/bin.`;
 
 const { values } = parseArgs({
-  options: { sutura: { type: 'string' }, out: { type: 'string', default: 'out/browser' }, only: { type: 'string' }, help: { type: 'boolean' } },
+  options: { sutura: { type: 'string' }, out: { type: 'string', default: 'out/browser' }, only: { type: 'string' }, checkout: { type: 'boolean' }, help: { type: 'boolean' } },
 });
 if (values.help) {
   console.log(HELP);
@@ -71,7 +72,7 @@ const suites = [(await import('./suites/page.mjs')).tests];
 if (values.sutura) suites.push((await import('./suites/program.mjs')).tests);
 else console.log('left out: tests of the program (no --sutura)');
 
-const browser = new Browser({ executable, out: values.out });
+const browser = new Browser({ executable, out: values.out, checkout: values.checkout });
 await browser.launch();
 for (const tests of suites) {
   for (const [name, run] of tests) await one(name, () => run({ browser, out: values.out, sutura: values.sutura, Browser, executable }));

@@ -58,7 +58,6 @@ import { FORMAT, decode } from './decode.js';
  * @property {{now: Percentiles, all: Percentiles}} age_us
  * @property {{now: Percentiles, all: Percentiles}} step_us
  * @property {{now: Percentiles, all: Percentiles} | null} rtt_us
- * @property {number | null} horizon_us
  * @property {number | null} ticks_late
  * @property {number | null} tick_overruns
  * @property {Record<'lost' | 'rejected' | 'late' | 'superseded', number | null | undefined>} frames

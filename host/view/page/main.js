@@ -25,6 +25,8 @@ import { Alerts, element, toast } from './words.js';
 const PICTURE_HZ = 30;
 /** Silent for so long, the host counts as gone [s]. */
 const SILENCE_S = 1.5;
+/** Events that are told in words; the others are marks on the time line. */
+const TOLD = ['fault', 'lost', 'back', 'overload', 'reset', 'switch', 'saved', 'control', 'ended'];
 /** The scalar that follows from a picture's displacements. */
 const DISPLACEMENT = 'displacement';
 
@@ -282,7 +284,8 @@ class Page {
   /** @param {import('./link.js').Gauges} gauges */
   warnOfLateness(gauges) {
     const age = gauges.age_us?.now?.p50 ?? 0;
-    const late = this.hello?.pace === 'real-time' && gauges.horizon_us !== null && gauges.mode === 'armed' && age > gauges.horizon_us;
+    const horizon = 1000 * (this.hello?.horizon_ms ?? Infinity);
+    const late = this.hello?.pace === 'real-time' && gauges.mode === 'armed' && age > horizon;
     const local = ['127.0.0.1', 'localhost', '[::1]'].includes(location.hostname);
     const port = location.port || '80';
     this.alerts.set('late', late ? 'The host lacks time: forces are older than their horizon.' : '', local ? `Watch from another PC (ssh -L ${port}:127.0.0.1:${port} THIS_PC), or choose the quality “lean”.` : 'Ask for a coarser mesh, or a simpler tissue.', 'warn');
@@ -332,11 +335,11 @@ class Page {
   /** @param {import('./link.js').SessionEvent} event */
   takeEvent(event) {
     if (event.what === 'ready') {
-      this.player.ready = event.time_s;
+      this.player.setReady(event.time_s);
     } else if (event.what === 'verified') {
       this.timeLine.setBadge(event.badge ?? '', event.text);
     } else {
-      if (this.hello?.source === 'live') toast(event.help ? `${event.text} ${event.help}` : event.text, event.what === 'fault' || event.what === 'lost');
+      if (this.hello?.source === 'live' && TOLD.includes(event.what)) toast(event.help ? `${event.text} ${event.help}` : event.text, event.what === 'fault' || event.what === 'lost');
       this.plots.events.push(event);
       this.timeLine.addEvent(event);
     }
@@ -501,7 +504,7 @@ class Page {
     this.ask({ do: 'scalar', name });
     if (this.picture) this.show(this.picture);
     // A picture that has been shown does not come again by itself.
-    if (this.hello?.source === 'recording') this.player.asked = NaN;
+    if (this.hello?.source === 'recording') this.player.again();
   }
 
   /** @param {[number, number] | null} ends */
@@ -608,7 +611,7 @@ class Page {
     this.figures_ms = now;
     this.bar.set('force', fixed(ticks.value('force_n', time), 2), 'N');
     const age = ticks.value('age_ms', time);
-    const horizon = (this.gauges?.horizon_us ?? 1000 * (this.hello?.horizon_ms ?? Infinity)) / 1000;
+    const horizon = this.hello?.horizon_ms ?? Infinity;
     this.bar.set('age', fixed(age, 1), 'ms', age > horizon);
     const mode = MODES[ticks.value('mode', time)];
     if (this.hello?.source === 'recording' && mode) this.bar.setMode(mode);

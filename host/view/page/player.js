@@ -34,6 +34,12 @@ export class Player {
     this.to(line.from_s);
   }
 
+  /** Pictures are there up to here. @param {number} time [s] */
+  setReady(time) {
+    this.ready = time;
+    this.ask();
+  }
+
   /** @param {number} time [s] */
   to(time) {
     this.time = Math.min(Math.max(time, this.span[0]), this.span[1]);
@@ -47,6 +53,12 @@ export class Player {
     this.playing = playing;
     this.before = performance.now();
     this.onChange();
+  }
+
+  /** Asks for the same picture again, which may have another value now. */
+  again() {
+    this.asked = NaN;
+    this.ask();
   }
 
   /** To be called with every frame. */
@@ -71,10 +83,14 @@ export class Player {
     this.busy = true;
     this.asked = this.time;
     this.seek(this.time)
-      .catch(() => {})
-      .finally(() => {
+      .then(() => {
         this.busy = false;
         if (this.time !== this.asked) this.ask();
+      })
+      .catch(() => {
+        // Not there yet: asked for again when more is ready.
+        this.busy = false;
+        this.asked = NaN;
       });
   }
 }

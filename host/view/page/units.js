@@ -19,7 +19,9 @@ export function scaleFor(largest, unit) {
 
 /** @param {number | null | undefined} value @param {number} digits after the point */
 export function fixed(value, digits) {
-  return value === null || value === undefined || !Number.isFinite(value) ? '–' : value.toFixed(digits).replace('-', '−');
+  if (value === null || value === undefined || !Number.isFinite(value)) return '–';
+  const text = value.toFixed(digits);
+  return Number(text) === 0 ? text.replace('-', '') : text.replace('-', '−');
 }
 
 /** Three significant digits. @param {number} value */

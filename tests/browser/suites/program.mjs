@@ -62,14 +62,14 @@ export const tests = [
     const { plotted, newest, status } = await page.evaluate(() => ({ plotted: window.sutura.plots.newest, newest: window.sutura.telemetry.ticks.newest, status: window.sutura.hello.statuses[window.sutura.picture.status.word] }));
     near(plotted, newest, 0.5, 'newest time that is plotted [s]');
     check(status === 'ok', `the solver says ${status}`);
+    const { colours, background } = await variety(page);
+    check(colours > 8 && background < 0.9, `a uniform picture: ${colours} colours`);
     await alone(page);
     const triangles = await page.evaluate(() => {
       window.sutura.stage.render();
       return [window.sutura.stage.renderer.info.render.triangles, window.sutura.tissue.geometry.triangles.length / 3];
     });
     check(triangles[0] === triangles[1] && triangles[0] > 500, `triangles drawn and of the geometry: ${triangles}`);
-    const { colours, background } = await variety(page);
-    check(colours > 8 && background < 0.9, `a uniform picture: ${colours} colours`);
     check(troubles.length === 0, troubles.join('\n'));
   })],
 
