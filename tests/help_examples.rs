@@ -29,8 +29,12 @@ enum Way {
     Port,
     /// A console that runs until it is told to stop.
     Serves,
+    /// A page that is shown until it is told to stop; it says where.
+    Shows,
+    /// A picture of a page, by a browser that may not be there: then what is missing is said.
+    Shot(&'static str),
 }
-use Way::{Chooses, Ends, EndsWith, Feels, Port, Serves};
+use Way::{Chooses, Ends, EndsWith, Feels, Port, Serves, Shot, Shows};
 
 /// Seconds of palpation after which the first press has been held for a while.
 const FIRST_PRESS: &str = "1";
@@ -76,6 +80,15 @@ const EXAMPLES: &[(&str, Way)] = &[
     (
         "sutura run --console /dev/ttyACM0 --save-last fault.mcap",
         Port,
+    ),
+    ("sutura run --console /dev/ttyACM0 --view", Port),
+    ("sutura view", Shows),
+    ("sutura view scenes/anastomosis-20.toml --open", Shows),
+    ("sutura view session.mcap", Shows),
+    ("sutura view --record session.mcap", Shows),
+    (
+        "sutura view scenes/palpation.toml --shot palpation.png --at 2.5",
+        Shot("palpation.png"),
     ),
     ("sutura console", Serves),
     ("sutura console --link /tmp/bench", Serves),
@@ -357,6 +370,51 @@ fn look(at: &Path, line: &str, way: Way) -> Result<(), String> {
             }
         }
         Serves => serve(at, &words),
+        Shows => show(at, &words),
+        Shot(file) => {
+            let ran = run(at, &words);
+            match (ran.code, at.join(file).exists()) {
+                (0, true) => Ok(()),
+                (2, false) if ran.stderr.contains("apt-get install chromium") => Ok(()),
+                other => Err(format!("{other:?}: {}", ran.stderr)),
+            }
+        }
+    }
+}
+
+/// Starts a page, reads where it is, asks for it, and tells it to stop.
+fn show(at: &Path, words: &[String]) -> Result<(), String> {
+    let no_browser = words.iter().filter(|word| *word != "--open");
+    let mut page = Command::new(env!("CARGO_BIN_EXE_sutura"))
+        .args(no_browser)
+        .args(["--view-port", "0"])
+        .current_dir(at)
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let mut stderr = BufReader::new(page.stderr.take().unwrap());
+    let mut line = String::new();
+    while !line.starts_with("see it: ") {
+        line.clear();
+        if stderr.read_line(&mut line).unwrap() == 0 {
+            return Err("it does not say where it is".to_owned());
+        }
+    }
+    let place = line.trim_start_matches("see it: http://").split('/').next();
+    let place = place.unwrap_or_default();
+    let mut stream = std::net::TcpStream::connect(place).unwrap();
+    let request = format!("GET / HTTP/1.1\r\nhost: {place}\r\nconnection: close\r\n\r\n");
+    std::io::Write::write_all(&mut stream, request.as_bytes()).unwrap();
+    let mut answer = String::new();
+    std::io::Read::read_to_string(&mut stream, &mut answer).unwrap();
+    // What it says on the way is not waited for.
+    std::thread::spawn(move || std::io::copy(&mut stderr, &mut std::io::sink()));
+    let told = Command::new("kill").arg(page.id().to_string()).status();
+    let ended = page.wait().unwrap();
+    let is_page = answer.starts_with("HTTP/1.1 200") && answer.contains("<title>Sutura");
+    match (is_page, told.is_ok_and(|told| told.success()), ended.code()) {
+        (true, true, Some(0)) => Ok(()),
+        other => Err(format!("{line:?}: {other:?}")),
     }
 }
 

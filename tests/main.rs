@@ -28,5 +28,7 @@ mod series;
 mod session_pty;
 mod shipped_files;
 mod support;
+#[cfg(all(unix, feature = "view"))]
+mod view;
 mod wounds;
 mod wrong_peers;

@@ -262,7 +262,7 @@ impl Solve for Asked {
         // A look at all of the thread takes longer than a solve.
         if self.bent.is_none() && self.states.len().is_multiple_of(20) {
             let (model, state, _) = self.solver.parts().unwrap();
-            let path = state.thread_path(model, 0);
+            let path = state.thread_path(model, 0, &state.positions(model));
             let bends = path.iter().any(|point| point.what == ThreadPlace::Wraps);
             self.bent = bends.then_some(self.states.len());
         }

@@ -187,6 +187,21 @@ impl Motion {
         place.pushes.extend_from_slice(pushes);
     }
 
+    /// Puts such tissue where `other` is, without new memory; the factor stays, and nothing goes on from here.
+    pub fn see(&mut self, other: &Self) {
+        match (self, other) {
+            (Self::Turning(own), Self::Turning(other)) => {
+                own.state.see(&other.state);
+                own.pushes.clone_from(&other.pushes);
+            }
+            (Self::Straining(own), Self::Straining(other)) => {
+                own.state.see(&other.state);
+                own.pushes.clone_from(&other.pushes);
+            }
+            _ => {}
+        }
+    }
+
     /// Takes such tissue back to where it was; the factor stays.
     pub fn go_back(&mut self, place: &Place) {
         let (u, pushes) = match self {

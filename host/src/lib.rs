@@ -17,6 +17,7 @@ mod hash;
 pub mod model;
 pub mod needle;
 pub mod output;
+pub mod picture;
 pub mod prescribed;
 pub mod recording;
 pub mod registry;
@@ -33,7 +34,7 @@ pub mod tool;
 pub mod work;
 pub mod wound;
 
-use sutura_client::times;
+pub use sutura_client::times;
 /// The host's end of the link, which other simulators have too.
 pub use sutura_client::{link, scheduling};
 /// Tetrahedral meshes.

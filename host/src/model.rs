@@ -635,11 +635,7 @@ impl Model {
     /// # Errors
     /// None that building the model has not refused already, unless the state is not finite.
     pub fn equilibrium(&self, state: &State) -> Result<Equilibrium, TissueError> {
-        let mut loads = self.loads.clone();
-        let pushed = state.contact_forces(self);
-        loads
-            .forces
-            .extend(pushed.map(|(node, force_n)| NodeLoad { node, force_n }));
+        let loads = self.loads_of(state);
         let mut found = match (&self.body, state.motion()) {
             (Body::Linear { tissue, .. }, _) => tissue.solve_held(&loads, &self.held),
             (Body::Corotational { tissue, .. }, motion) => match motion.state() {
@@ -667,6 +663,38 @@ impl Model {
         Ok(found)
     }
 
+    /// Displacement of every node \[m\], (n x 3): that of [`Self::equilibrium`], to the same bits. Allocates.
+    ///
+    /// # Errors
+    /// As there.
+    pub fn displacement_m(&self, state: &State) -> Result<Vec<[f64; 3]>, TissueError> {
+        match (&self.body, state.motion()) {
+            (Body::Linear { tissue, .. }, _) => {
+                tissue.displacement_m(&self.loads_of(state), &self.held)
+            }
+            (Body::Corotational { tissue, .. }, motion) => match motion.state() {
+                Some(turning) if self.loads.handles.is_empty() => {
+                    Ok(tissue.displacement_m(turning))
+                }
+                _ => Ok(self.equilibrium(state)?.displacement_m),
+            },
+            (Body::Hyperelastic { tissue, .. }, motion) => match motion.strained() {
+                Some(strained) => Ok(tissue.displacement_m(strained)),
+                None => Ok(tissue.displacement_m(&tissue.state())),
+            },
+        }
+    }
+
+    /// Loads, and the forces of contact and constraints in `state`.
+    fn loads_of(&self, state: &State) -> Loads {
+        let mut loads = self.loads.clone();
+        let pushed = state.contact_forces(self);
+        loads
+            .forces
+            .extend(pushed.map(|(node, force_n)| NodeLoad { node, force_n }));
+        loads
+    }
+
     /// Principal stresses of each cell \[Pa\], descending, tension positive, (m x 3), for a displacement of every
     /// node \[m\]: from small strain on linear tissue, from strain in the frame that turns with the cell on
     /// corotational tissue, Cauchy's on hyperelastic tissue. None for a displacement of another mesh.
@@ -678,6 +706,28 @@ impl Model {
             Body::Linear { tissue, .. } => tissue.stress(displacement_m),
             Body::Corotational { tissue, .. } => tissue.stress(displacement_m),
             Body::Hyperelastic { tissue, .. } => tissue.stress(displacement_m),
+        };
+        stress.iter().map(principal_stress_pa).collect()
+    }
+
+    /// The same of some of the cells, in their order.
+    pub fn principal_stress_in_pa(
+        &self,
+        displacement_m: &[[f64; 3]],
+        cells: &[u32],
+    ) -> Vec<[f64; 3]> {
+        if displacement_m.len() != self.unloaded_m.len() {
+            return Vec::new();
+        }
+        let indices = cells.iter().map(|cell| *cell as usize);
+        let stress = match &self.body {
+            Body::Linear { tissue, .. } => tissue.stress_in(displacement_m, indices),
+            Body::Corotational { tissue, .. } => tissue.stress_in(displacement_m, indices),
+            // Its invariants are made for all cells at once.
+            Body::Hyperelastic { tissue, .. } => {
+                let all = tissue.stress(displacement_m);
+                indices.filter_map(|cell| all.get(cell).copied()).collect()
+            }
         };
         stress.iter().map(principal_stress_pa).collect()
     }

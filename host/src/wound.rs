@@ -127,14 +127,15 @@ impl Wound {
         last: &StepReport,
         samples: &[ToolSample],
     ) -> WoundReport {
-        let at = places(model, state);
+        let nodes_m = state.positions(model);
+        let at: Vec<_> = nodes_m.iter().copied().map(Vector3::from).collect();
         let gap_m = rim_gap_m(&self.contacts, &at);
         let apart = self.contacts.iter().filter(|pair| !pair.is_within_one());
         let depths_m = apart.map(|pair| penetration_m([&pair.faces[0], &pair.faces[1]], &at));
         let bridges: Vec<_> = self
             .threads
             .iter()
-            .map(|thread| state.bridges(model, *thread))
+            .map(|thread| state.bridges(model, *thread, &nodes_m))
             .collect();
         let ratios = bridges.iter().flatten().map(|b| b.now_m / b.rest_m);
         let bridge_ratio = ratios.reduce(f64::max);

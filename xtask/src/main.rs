@@ -15,6 +15,7 @@ mod scenes;
 mod setup;
 mod test;
 mod toolchain;
+mod vendor;
 
 use clap::{Parser, Subcommand, ValueEnum};
 use std::process::ExitCode;
@@ -98,6 +99,17 @@ A report is what `sutura tradeoff --full` or `sutura fidelity --full` prints wit
         #[arg(long, conflicts_with = "check")]
         sheet: bool,
     },
+    /// Fetches what the page of `sutura view` uses of others from npm, as host/view/vendor/vendor.toml says.
+    #[command(after_help = "Examples:
+  cargo xtask vendor            write the files into host/view/vendor
+  cargo xtask vendor --check    fails if they are not the packages', byte for byte
+
+npm is needed. For another version change version and integrity, which `npm view NAME@VERSION dist.integrity` prints.")]
+    Vendor {
+        /// Write nothing.
+        #[arg(long)]
+        check: bool,
+    },
     /// Mutates frames, scenes and meshes and looks what reads them; `cargo xtask fuzz --help` has its arguments.
     #[command(disable_help_flag = true)]
     Fuzz {
@@ -163,6 +175,7 @@ fn main() -> ExitCode {
         Command::Bench { bless, format } => bench::gated(bless, format),
         Command::Scenes { check } => scenes::gated(check),
         Command::Plots { check, from, sheet } => plots::all(check, from.as_deref(), sheet),
+        Command::Vendor { check } => vendor::gated(check),
         Command::Fuzz { arguments } => fuzz::run(&arguments),
         Command::Bars(arguments) => bars::all(&arguments),
         Command::Test { full, seed } => test::all(test::Cases::new(full, seed)),

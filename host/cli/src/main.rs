@@ -37,6 +37,7 @@ mod solve;
 mod stability;
 mod tables;
 mod tradeoff;
+mod view;
 mod work;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
@@ -64,6 +65,7 @@ struct Cli {
 const EXAMPLES: &str = "\
 Examples:
   sutura                                    5 s palpation with a virtual console
+  sutura view                               the same on a live page, until Ctrl-C
   sutura run --console /dev/ttyACM0         the same on a console at a serial port
   sutura replay session.mcap                what `sutura run --record` wrote, run again bit by bit
   sutura solve scene.toml --out field.vtu   the tissue at rest under the scene's handles and loads
@@ -101,6 +103,7 @@ pub enum Format {
 #[derive(Subcommand, Debug)]
 enum Command {
     Run(run::RunArgs),
+    View(view::ViewArgs),
     Replay(replay::ReplayArgs),
     Console(console::ConsoleArgs),
     Solve(solve::SolveArgs),
@@ -124,6 +127,7 @@ fn main() -> ExitCode {
     };
     let done = match command {
         Command::Run(args) => run::run(args, &cli.global),
+        Command::View(args) => view::run(args),
         Command::Replay(args) => replay::run(args, &cli.global),
         Command::Console(args) => console::run(args, &cli.global),
         Command::Solve(args) => solve::run(args, &cli.global),

@@ -8,7 +8,7 @@ use std::io::Read;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use sutura_host::recording::{About, Recorder, RecordingError, Tap};
+use sutura_host::recording::{About, Recorder, RecordingError, Seen, Tap};
 use sutura_host::scene::{Scene, Sources};
 use sutura_host::session::{Plan, Summary};
 use sutura_shared::hash::TraceHash;
@@ -20,13 +20,15 @@ const LAST: &str = "sutura-last.mcap";
 pub struct Recording {
     recorder: Recorder,
     file: Option<PathBuf>,
+    /// Whether the user has named it.
+    is_named: bool,
     last: Option<PathBuf>,
     /// Set by SIGUSR1.
     asked: Arc<AtomicBool>,
 }
 
 impl Recording {
-    /// Begins to record.
+    /// Begins to record: where the user says, or to be `kept` for as long as the program runs. `seen` is shown what passes.
     ///
     /// # Errors
     /// A file that cannot be written.
@@ -37,9 +39,11 @@ impl Recording {
         sources: Sources,
         lockstep: bool,
         asked: Arc<AtomicBool>,
+        (kept, seen): (Option<&Path>, Option<Seen>),
     ) -> Result<Recording, Failure> {
         // Nobody replays the last seconds.
-        let file = file(args);
+        let named = file(args);
+        let file = named.clone().or_else(|| kept.map(Path::to_owned));
         let build = file.as_ref().map(|_| build()).unwrap_or_default();
         let about = About {
             console: args.console.clone(),
@@ -47,13 +51,20 @@ impl Recording {
             worker: !lockstep,
             ..About::here(build, plan, &scene.tissue.to_string())
         };
-        let recorder = Recorder::start(file.as_deref(), about, sources);
+        let seen = seen.unwrap_or_else(|| Box::new(|_| {}));
+        let recorder = Recorder::start_seen(file.as_deref(), about, sources, seen);
         Ok(Recording {
             recorder: recorder.map_err(failure)?,
             file,
+            is_named: named.is_some(),
             last: args.save_last.clone(),
             asked,
         })
+    }
+
+    /// Where all of the session goes, if anywhere.
+    pub fn file(&self) -> Option<PathBuf> {
+        self.file.clone()
     }
 
     /// Where what passes is told.
@@ -94,7 +105,7 @@ impl Recording {
         let recorded = self.recorder.finish();
         let summary = session?;
         let recorded = recorded.map_err(failure)?;
-        if let Some(file) = &self.file {
+        if let Some(file) = self.file.as_ref().filter(|_| self.is_named) {
             note!(
                 "recorded {} frames and {} solves in {} ({:.1} MB)",
                 recorded.frames,
@@ -104,7 +115,7 @@ impl Recording {
             );
         }
         let lost = recorded.lost;
-        if self.file.is_some() && lost != Default::default() {
+        if self.is_named && lost != Default::default() {
             note!(
                 "the disk was too slow: {} pieces down, {} up and {} solves are missing, and cannot be replayed",
                 lost.down,

@@ -8,6 +8,8 @@ use crate::recording::{self, Recording};
 use crate::replay;
 use crate::series::{SERIES_HZ, make_folder};
 use crate::signals::stop_on_signals;
+use crate::view::PageArgs;
+use crate::view::session::{Viewed, has_desktop};
 use crate::{Format, Global, device};
 use clap::{Args, ValueEnum};
 use std::ops::ControlFlow;
@@ -21,10 +23,11 @@ use sutura_host::link::{
     LinkError, LinkOptions, LockstepConsole, Port, VIRTUAL_HELP, drain, is_virtual, knock,
     open_serial,
 };
+use sutura_host::picture::Showing;
 use sutura_host::recording::{Tap, TappedConsole, TappedPort, TappedSolver};
 use sutura_host::scene::{LONGEST_S, Scene, Tissue, host_hz};
 use sutura_host::session::{
-    self, LINE_BYTES_PER_S, Line, NOT_RENDERED, Plan, Progress, SceneSolver, Scheduling,
+    self, Attendant, LINE_BYTES_PER_S, Line, NOT_RENDERED, Plan, Progress, SceneSolver, Scheduling,
     SessionError, Solve, Summary, check_rate, run_lockstep, run_real_time,
 };
 use sutura_shared::control::TICK_HZ;
@@ -94,6 +97,12 @@ pub struct RunArgs {
     /// Firmware image for `qemu` and `qemu-uart`, in place of the one built from this checkout.
     #[arg(long, value_name = "FILE")]
     pub image: Option<PathBuf>,
+    /// Shows the session on a live page, whose address is printed. At a desktop a session with the virtual console has one unless
+    /// it is in lockstep.
+    #[arg(long)]
+    pub view: bool,
+    #[command(flatten)]
+    pub page: PageArgs,
 }
 
 const EXAMPLES: &str = "\
@@ -109,6 +118,7 @@ Examples:
   sutura run --tissue hyperelastic --host-hz 20 --lockstep  the reference, in time that is not the clock's
   sutura run --rendering hold --host-hz 30                how it feels without local models
   sutura run --record session.mcap                        then: sutura replay session.mcap
+  sutura run --console /dev/ttyACM0 --view                a live page: forces, plots, safe stop
   sutura run --series pictures                            then: paraview pictures/session.pvd
   sutura run --console /dev/ttyACM0 --save-last fault.mcap
 
@@ -154,7 +164,11 @@ fn seconds(text: &str) -> Result<f64, String> {
     }
 }
 
-fn host_rate(text: &str) -> Result<f64, String> {
+/// Solver steps a second \[Hz\].
+///
+/// # Errors
+/// What else it is.
+pub fn host_rate(text: &str) -> Result<f64, String> {
     match text.parse::<f64>() {
         Ok(value) if value > 0.0 && value <= f64::from(TICK_HZ) => Ok(value),
         _ => Err(format!(
@@ -218,9 +232,24 @@ pub fn run(args: &RunArgs, global: &Global) -> Result<(), Failure> {
     if !lockstep {
         solver.start_worker();
     }
-    let recording = Recording::start(args, &plan, &scene, sources, lockstep, asked)?;
-    let mut solver = TappedSolver::new(&mut solver, recording.tap());
+    let mut viewed = viewed(args, global, lockstep)?;
+    if let Some(viewed) = &mut viewed {
+        viewed.begin(&scene, &plan, &solver, &args.console, lockstep)?;
+    }
+    let kept = viewed.as_ref().map(Viewed::kept);
+    let seen = viewed.as_ref().and_then(Viewed::seen);
+    let recording = Recording::start(args, &plan, &scene, sources, lockstep, asked, (kept, seen))?;
+    let tapped = TappedSolver::new(&mut solver, recording.tap());
+    let offer = viewed.as_ref().and_then(Viewed::offer);
+    let mut solver = Showing::new(tapped, offer);
     let stop = stop_on_signals()?;
+    let operator: Box<dyn Attendant> = match &mut viewed {
+        Some(viewed) => {
+            let simulated = args.console == "virtual" || args.console == UART;
+            viewed.attendant(Operator::new(args.rearm), &plan, simulated)
+        }
+        None => Box::new(Operator::new(args.rearm)),
+    };
     let mut display = Display::new(args.stream, global.format);
     let (mut withholding, mut waiting) = (Lasting::default(), Lasting::default());
     let mut progress = |note: &Progress<'_>| {
@@ -233,6 +262,9 @@ pub fn run(args: &RunArgs, global: &Global) -> Result<(), Failure> {
             note!("{WAITS}");
         }
         recording.save_if_asked();
+        if let Some(viewed) = &viewed {
+            viewed.progress(note);
+        }
         if !heard || stop.load(Ordering::Relaxed) {
             ControlFlow::Break(())
         } else {
@@ -240,10 +272,18 @@ pub fn run(args: &RunArgs, global: &Global) -> Result<(), Failure> {
         }
     };
     let tap = recording.tap();
-    let summary = session(args, &mut door, &plan, &mut solver, &tap, &mut progress);
+    let way = Way {
+        door: &mut door,
+        tap: &tap,
+        operator,
+    };
+    let summary = session(args, way, &plan, &mut solver, &mut progress);
     display.finish();
+    let file = recording.file();
+    let view = viewed.as_mut().and_then(Viewed::end);
     let summary = Summary {
         chosen,
+        view,
         ..recording.finish(summary)?
     };
     match global.format {
@@ -253,7 +293,27 @@ pub fn run(args: &RunArgs, global: &Global) -> Result<(), Failure> {
     if let (Some(folder), Some(file)) = (&args.series, recording::file(args)) {
         replay::draw(&file, folder, args.series_hz).map_err(Failure::after_summary)?;
     }
+    match (&viewed, file) {
+        (Some(viewed), Some(file)) if viewed.was_seen() && !stop.load(Ordering::Relaxed) => {
+            viewed.stay(&file, &stop).map_err(Failure::after_summary)?;
+        }
+        (Some(_), _) if !args.view => note!("see it: sutura view"),
+        _ => {}
+    }
     verdict(args, &summary)
+}
+
+/// The page of a session, if it is to have one: asked for, or because somebody at a desktop may look.
+fn viewed(args: &RunArgs, global: &Global, lockstep: bool) -> Result<Option<Viewed>, Failure> {
+    if args.view {
+        return Viewed::open(&args.page).map(Some);
+    }
+    let is_plain = args.console == "virtual" && !lockstep && !args.stream;
+    if !(is_plain && global.format == Format::Text && has_desktop()) {
+        return Ok(None);
+    }
+    // Nobody has asked for it: without a port there is just none.
+    Ok(Viewed::open(&args.page).ok())
 }
 
 fn plan(args: &RunArgs, scene: &Scene) -> Result<Plan, Failure> {
@@ -361,14 +421,25 @@ pub fn plan_of(scene: &Scene) -> Result<Plan, Failure> {
 
 type Watcher<'a> = dyn FnMut(&Progress<'_>) -> ControlFlow<()> + 'a;
 
+/// What leads to the console, and who looks after it.
+struct Way<'a> {
+    door: &'a mut Door,
+    tap: &'a Tap,
+    operator: Box<dyn Attendant>,
+}
+
 fn session(
     args: &RunArgs,
-    door: &mut Door,
+    way: Way<'_>,
     plan: &Plan,
     solver: &mut dyn Solve,
-    tap: &Tap,
     progress: &mut Watcher,
 ) -> Result<Summary, Failure> {
+    let Way {
+        door,
+        tap,
+        operator,
+    } = way;
     let named = |summary: Summary| Summary {
         console: args.console.clone(),
         ..summary
@@ -390,7 +461,7 @@ fn session(
                 VirtualConsole::start_in_memory(&plan.device).map_err(link_failure)?;
             let line = Line::Once {
                 port: tapped(console.host_port().map_err(link_failure)?, tap),
-                attendant: Some(Box::new(Operator::new(args.rearm))),
+                attendant: Some(operator),
             };
             let options = LinkOptions::default();
             let summary = in_real_time(line, "virtual", options, plan, solver, progress)?;
@@ -432,7 +503,7 @@ fn session(
             Ok(summary)
         }
         port => in_real_time(
-            line(port, door.port.take(), args, tap),
+            line(port, door.port.take(), operator, tap),
             port,
             LinkOptions::default(),
             plan,
@@ -444,7 +515,12 @@ fn session(
 }
 
 /// The way to the console at `path`, again and again; `port` if it is open already.
-fn line(path: &str, mut port: Option<Box<dyn Port>>, args: &RunArgs, tap: &Tap) -> Line {
+fn line(
+    path: &str,
+    mut port: Option<Box<dyn Port>>,
+    attendant: Box<dyn Attendant>,
+    tap: &Tap,
+) -> Line {
     let (path, tap) = (path.to_owned(), tap.clone());
     let mut open = move || match port.take() {
         Some(mut port) => drain(port.as_mut()).map(|()| port),
@@ -452,7 +528,7 @@ fn line(path: &str, mut port: Option<Box<dyn Port>>, args: &RunArgs, tap: &Tap) 
     };
     Line::Again {
         connect: Box::new(move || Ok(tapped(open()?, &tap))),
-        attendant: Box::new(Operator::new(args.rearm)),
+        attendant,
     }
 }
 
@@ -497,7 +573,7 @@ pub fn link_failure(error: LinkError) -> Failure {
 }
 
 /// A failed session with its exit code and the next step.
-fn session_failure(error: SessionError, console: &str) -> Failure {
+pub fn session_failure(error: SessionError, console: &str) -> Failure {
     let message = error.to_string();
     match error {
         SessionError::Link(error) => link_failure(error),

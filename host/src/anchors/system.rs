@@ -125,6 +125,12 @@ impl ConstraintState {
         self.motion.go_back(place);
     }
 
+    /// See [`crate::step::State::see`].
+    pub fn see(&mut self, other: &Self) {
+        self.motion.see(&other.motion);
+        self.copy_rows(other);
+    }
+
     /// The rows and forces of `other`, without new memory; the tissue's motion stays.
     pub fn copy_rows(&mut self, other: &Self) {
         self.forces.copy_from(&other.forces);

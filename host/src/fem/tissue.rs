@@ -104,6 +104,35 @@ impl LinearTissue {
         held: &HeldPoints,
     ) -> Result<Equilibrium, TissueError> {
         let outside = loads.node_forces(&self.numbering)?;
+        let (displacement_m, lambda) = self.moved(loads, held, &outside)?;
+        let internal = self.apply(&displacement_m);
+        Ok(Equilibrium::new(
+            loads,
+            &self.numbering,
+            displacement_m,
+            internal,
+            &outside,
+            &lambda,
+        ))
+    }
+
+    /// The displacement alone of [`Self::solve_held`] \[m\], (n x 3), to the same bits.
+    pub(crate) fn displacement_m(
+        &self,
+        loads: &Loads,
+        held: &HeldPoints,
+    ) -> Result<Vec<[f64; 3]>, TissueError> {
+        let outside = loads.node_forces(&self.numbering)?;
+        self.moved(loads, held, &outside).map(|(moved, _)| moved)
+    }
+
+    /// Displacement under forces `outside` (n) and the handles of `loads` \[m\], (n x 3), and the handles' forces.
+    fn moved(
+        &self,
+        loads: &Loads,
+        held: &HeldPoints,
+        outside: &[[f64; 3]],
+    ) -> Result<(Vec<[f64; 3]>, Vec<f64>), TissueError> {
         let mut displacement_m = loads.fixed_field(&self.numbering)?;
 
         // f - K u_fixed on the free nodes.
@@ -129,21 +158,22 @@ impl LinearTissue {
                 *displacement = self.at_node(&u, node as u32);
             }
         }
-        let internal = self.apply(&displacement_m);
-        Ok(Equilibrium::new(
-            loads,
-            &self.numbering,
-            displacement_m,
-            internal,
-            &outside,
-            &lambda,
-        ))
+        Ok((displacement_m, lambda))
     }
 
     /// Cauchy stress of each cell \[Pa\], (m x 3 x 3), for a displacement of every node \[m\].
     pub fn stress(&self, displacement_m: &[[f64; 3]]) -> Vec<[[f64; 3]; 3]> {
-        self.elements
-            .iter()
+        self.stress_in(displacement_m, 0..self.elements.len())
+    }
+
+    /// The same of some of the cells, in their order.
+    pub(crate) fn stress_in(
+        &self,
+        displacement_m: &[[f64; 3]],
+        cells: impl Iterator<Item = usize>,
+    ) -> Vec<[[f64; 3]; 3]> {
+        cells
+            .filter_map(|cell| self.elements.get(cell))
             .map(|element| {
                 let u = element
                     .nodes

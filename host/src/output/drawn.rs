@@ -4,9 +4,11 @@
 
 use super::outline::outline;
 use crate::model::Model;
+use crate::needle::Needle;
 use crate::scene::Scene;
 use crate::step::State;
 use crate::tool::ToolSample;
+use nalgebra::Isometry3;
 use serde::Serialize;
 
 /// Distance between two points of a needle's centre line, in its length.
@@ -88,34 +90,44 @@ impl Drawn {
             cells: scene.mesh.cells().to_vec(),
             regions,
             principal_stress_pa: tissue.map_or_else(Vec::new, stress),
-            lines: lines(scene, tissue, samples),
+            lines: lines(scene, at_m, tissue, samples),
             points_m,
             displacement_m,
         }
     }
 }
 
+/// Points of the centre line of a needle with its frame at `pose`, from its end to its tip \[m\].
+pub(crate) fn centre_line(needle: &Needle, pose: &Isometry3<f64>) -> Vec<[f64; 3]> {
+    let curve = needle.at(pose);
+    let places = (0..=NEEDLE_PIECES).map(|k| f64::from(k) / f64::from(NEEDLE_PIECES));
+    places
+        .map(|share| curve.at(share * curve.length).into())
+        .collect()
+}
+
 /// Needles, threads and tools, in the scene's order.
-fn lines(scene: &Scene, tissue: Option<(&Model, &State)>, samples: &[ToolSample]) -> Vec<Line> {
+fn lines(
+    scene: &Scene,
+    at_m: &[[f64; 3]],
+    tissue: Option<(&Model, &State)>,
+    samples: &[ToolSample],
+) -> Vec<Line> {
     let mut lines = Vec::new();
     if let Some((model, state)) = tissue {
         for needle in &scene.needles {
             let pose = state.needle_pose(model, needle.id);
             let pose = pose.unwrap_or(needle.start);
-            let curve = needle.needle.at(&pose);
-            let places = (0..=NEEDLE_PIECES).map(|k| f64::from(k) / f64::from(NEEDLE_PIECES));
             lines.push(Line {
                 part: Part::Needle,
                 id: needle.id,
                 radius_m: 0.5 * needle.needle.thickness_m,
-                points_m: places
-                    .map(|share| curve.at(share * curve.length).into())
-                    .collect(),
+                points_m: centre_line(&needle.needle, &pose),
                 tension_n: Vec::new(),
             });
         }
         for thread in &scene.threads {
-            let path = state.thread_path(model, thread.part.id);
+            let path = state.thread_path(model, thread.part.id, at_m);
             if path.len() > 1 {
                 lines.push(Line {
                     part: Part::Thread,

@@ -15,7 +15,8 @@ use std::path::{Path, PathBuf};
 use std::sync::mpsc::{Receiver, channel, sync_channel};
 use std::thread::JoinHandle;
 use std::time::Duration;
-use sutura_shared::wire::{Accumulator, Checked, decode};
+use sutura_shared::wire::message::State;
+use sutura_shared::wire::{Accumulator, Checked, Valid, decode};
 
 /// Events that may wait: two seconds of 1000 states, 1000 contacts and 1000 solves.
 const QUEUE: usize = 8192;
@@ -25,6 +26,18 @@ const LONGEST: usize = 8192;
 const TOOL_EVERY_US: u64 = 20_000;
 /// How long the last seconds may take to be written.
 const SAVE_WITHIN: Duration = Duration::from_secs(60);
+
+/// What passes, for whoever looks on.
+#[derive(Clone, Copy, Debug)]
+pub enum Passed<'a> {
+    /// A state of the console.
+    State(&'a Valid<State>),
+    /// A solve, with its times on the wall.
+    Solve(&'a SolveSample),
+}
+
+/// Who looks on; must not wait for anybody.
+pub type Seen = Box<dyn FnMut(Passed<'_>) + Send>;
 
 /// A running recorder. Dropping it ends the file as [`Recorder::finish`] does.
 #[derive(Debug)]
@@ -56,6 +69,19 @@ impl Recorder {
         about: About,
         sources: Sources,
     ) -> Result<Recorder, RecordingError> {
+        Self::start_seen(file, about, sources, Box::new(|_| {}))
+    }
+
+    /// As [`Self::start`]; `seen` is shown everything that passes, in this thread.
+    ///
+    /// # Errors
+    /// As there.
+    pub fn start_seen(
+        file: Option<&Path>,
+        about: About,
+        sources: Sources,
+        seen: Seen,
+    ) -> Result<Recorder, RecordingError> {
         let open = |path| RecordingFile::create(path, &about, &sources);
         let file = file.map(open).transpose()?;
         let (queue, events) = sync_channel(QUEUE);
@@ -72,6 +98,7 @@ impl Recorder {
             tools: 0,
             next_tool_us: 0,
             recorded: Recorded::default(),
+            seen,
         };
         let thread = std::thread::Builder::new()
             .name("sutura-record".to_owned())
@@ -217,6 +244,7 @@ struct Writing {
     tools: u32,
     next_tool_us: u64,
     recorded: Recorded,
+    seen: Seen,
 }
 
 impl Writing {
@@ -261,7 +289,9 @@ impl Writing {
         // The number counts those that were left out, too.
         self.solves.left_out_before(number);
         self.recorded.solves += 1;
-        match serde_json::to_vec(sample) {
+        (self.seen)(Passed::Solve(sample));
+        let timeless = (!self.tap.keeps_wall_time()).then(|| sample.clone().without_times());
+        match serde_json::to_vec(timeless.as_ref().unwrap_or(sample)) {
             Ok(bytes) => self.keep(Entry {
                 topic: SOLVE,
                 sequence: number as u32,
@@ -291,6 +321,7 @@ impl Writing {
         else {
             return None;
         };
+        (self.seen)(Passed::State(&state));
         if now_us < self.next_tool_us && now_us + TOOL_EVERY_US >= self.next_tool_us {
             return None;
         }

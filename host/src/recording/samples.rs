@@ -3,7 +3,7 @@
 //! Entry points: [`SolveSample`], [`ToolSample`]; both are JSON with a JSON Schema in the file.
 
 use crate::session::{Looked, Solved};
-use crate::step::Arrival;
+use crate::step::{Arrival, StepReport};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use sutura_shared::wire::Valid;
@@ -32,6 +32,32 @@ pub struct SolveSample {
     /// Steps that it made besides its own.
     #[serde(default, skip_serializing_if = "Looked::is_nothing")]
     pub looked: Looked,
+    /// Of `step_us`, what each stage took \[us\]: approach, tissue, detect, columns, solve, field, reduce, look. Nothing in lockstep.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub stages_us: Vec<f64>,
+    /// Iterations of the solve's own step.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub iterations: u32,
+    /// Elastic energy that the tools have put into the tissue \[J\].
+    #[serde(default, skip_serializing_if = "is_nothing")]
+    pub energy_j: f64,
+    /// Axial force of each needle \[N\].
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub axial_n: Vec<f64>,
+    /// Tension at the tail and at the head of each thread \[N\].
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub tension_n: Vec<f64>,
+    /// Boundaries that needles have broken through so far.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub punctures: u32,
+}
+
+fn is_zero(count: &u32) -> bool {
+    *count == 0
+}
+
+fn is_nothing(value: &f64) -> bool {
+    *value == 0.0
 }
 
 impl SolveSample {
@@ -54,6 +80,40 @@ impl SolveSample {
                 .map(|arrival| (arrival.step, arrival.vertex))
                 .collect(),
             looked: solved.looked,
+            stages_us: Vec::new(),
+            iterations: 0,
+            energy_j: 0.0,
+            axial_n: Vec::new(),
+            tension_n: Vec::new(),
+            punctures: 0,
+        }
+    }
+
+    /// The same with what plots show besides, of the step that the solve ended with.
+    pub fn with(self, solved: &Solved, report: &StepReport, punctures: u32) -> Self {
+        let stages = solved.stages.named();
+        let threads = report.threads().iter();
+        SolveSample {
+            stages_us: stages.map(|(_, ns)| 1e-3 * ns as f64).to_vec(),
+            iterations: report.iterations,
+            energy_j: report.stored_energy_j,
+            axial_n: report
+                .needles()
+                .iter()
+                .map(|needle| needle.axial_n)
+                .collect(),
+            tension_n: threads.flat_map(|thread| thread.tension_n).collect(),
+            punctures,
+            ..self
+        }
+    }
+
+    /// The same without times on the wall: of a session in lockstep, two recordings of which are to be the same.
+    pub fn without_times(self) -> Self {
+        SolveSample {
+            step_us: 0.0,
+            stages_us: Vec::new(),
+            ..self
         }
     }
 

@@ -99,6 +99,11 @@ impl<'a> TappedSolver<'a> {
         }
         TappedSolver { solver, tap }
     }
+
+    /// The solver itself.
+    pub fn solver(&self) -> &SceneSolver {
+        self.solver
+    }
 }
 
 impl Solve for TappedSolver<'_> {
@@ -116,14 +121,8 @@ impl Solve for TappedSolver<'_> {
         let replay = self.tap.is_for_replay();
         let hash = if replay { self.solver.hash() } else { 0 };
         let sample = SolveSample::new(state, &solved, hash, &self.solver.take_arrivals());
-        self.tap.solve(SolveSample {
-            step_us: if self.tap.keeps_wall_time() {
-                step_us
-            } else {
-                0.0
-            },
-            ..sample
-        });
+        let sample = sample.with(&solved, self.solver.last(), self.solver.punctures());
+        self.tap.solve(SolveSample { step_us, ..sample });
         solved
     }
 

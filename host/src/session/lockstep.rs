@@ -12,7 +12,7 @@ use crate::link::{Felt, LinkCounters, LinkError, LockstepConsole, Order, append}
 use std::ops::ControlFlow;
 use std::time::Instant;
 use sutura_shared::link::{HostEvent, HostLink, SendError};
-use sutura_shared::wire::message::{Command, Hello, Mode, Ping, State};
+use sutura_shared::wire::message::{Command, Hello, Mode, Ping, Report, State};
 use sutura_shared::wire::{MAX_FRAME, Valid};
 
 /// Exchanges within which the console must answer a `Hello`.
@@ -116,6 +116,35 @@ struct Heard {
     state: Option<Valid<State>>,
 }
 
+/// What steers a session between its ticks.
+pub trait Steer {
+    /// Before each tick once the console has been armed: what it is told with that tick is added to `orders`. May wait, as time
+    /// stands still meanwhile; may end the session.
+    fn steer(&mut self, now: &Steered<'_>, orders: &mut Vec<Order>) -> ControlFlow<()>;
+}
+
+/// Where a session is that is steered.
+#[derive(Clone, Copy, Debug)]
+pub struct Steered<'a> {
+    /// Ticks since the session's first state.
+    pub ticks: u64,
+    /// Solves so far.
+    pub solves: u64,
+    /// The console's newest state.
+    pub state: &'a State,
+    /// The console's newest report.
+    pub report: Option<&'a Report>,
+}
+
+/// Nobody steers.
+struct Straight;
+
+impl Steer for Straight {
+    fn steer(&mut self, _: &Steered<'_>, _: &mut Vec<Order>) -> ControlFlow<()> {
+        ControlFlow::Continue(())
+    }
+}
+
 /// Runs a session of `plan.seconds` of console time; `progress` may end it early.
 ///
 /// # Errors
@@ -124,7 +153,22 @@ pub fn run_lockstep(
     console: &mut dyn LockstepConsole,
     plan: &Plan,
     solver: &mut dyn Solve,
+    progress: impl FnMut(&Progress<'_>) -> ControlFlow<()>,
+) -> Result<Summary, SessionError> {
+    run_steered(console, plan, solver, progress, &mut Straight)
+}
+
+/// As [`run_lockstep`], with somebody who steers it: pauses, orders to the console, an end. The same orders before the same
+/// ticks give the same session, to the bit.
+///
+/// # Errors
+/// See [`SessionError`].
+pub fn run_steered(
+    console: &mut dyn LockstepConsole,
+    plan: &Plan,
+    solver: &mut dyn Solve,
     mut progress: impl FnMut(&Progress<'_>) -> ControlFlow<()>,
+    steer: &mut dyn Steer,
 ) -> Result<Summary, SessionError> {
     let started = Instant::now();
     let mut tally = Statistics::new(plan.host_hz);
@@ -148,8 +192,23 @@ pub fn run_lockstep(
     let mut pending: Option<(u64, Felt)> = None;
     let mut underway = Underway::default();
     let mut counters = LinkCounters::default();
-    let mut silent = 0;
+    let (mut silent, mut solves) = (0, 0);
+    let mut orders = Vec::new();
     while tally.ticks() < plan.ticks() {
+        if let Some(state) = tally.last() {
+            let now = Steered {
+                ticks: tally.ticks(),
+                solves,
+                state,
+                report: tally.last_report(),
+            };
+            if steer.steer(&now, &mut orders).is_break() {
+                break;
+            }
+            for order in orders.drain(..) {
+                line.order(&order)?;
+            }
+        }
         // The contact of the last solve leaves just before the tick that starts the next one.
         let next_tick = tally.last().map(|state| state.tick.wrapping_add(1));
         let starts = match (&mut schedule, next_tick) {
@@ -205,6 +264,7 @@ pub fn run_lockstep(
             let solved = solver.solve(&state);
             let solve_time = before.elapsed();
             tally.step(&solved, solve_time);
+            solves += 1;
             let horizon_us = tally.horizon.next_us();
             let frames = solved.frames(state.body(), horizon_us, plan.rendering);
             pending = frames.map(|felt| (state.console_time_us(), felt));

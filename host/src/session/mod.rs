@@ -8,6 +8,7 @@ mod budget;
 mod chosen;
 mod contact_frame;
 mod error;
+mod fault_words;
 mod heard;
 mod horizon;
 #[cfg(test)]
@@ -36,9 +37,10 @@ pub use budget::{LINE_BYTES_PER_S, most_rows};
 pub use chosen::{Candidate, Chosen, StepUs};
 pub use contact_frame::{contact_frame, pack_symmetric};
 pub use error::SolveError;
+pub use fault_words::fault_words;
 pub use heard::{Fate, Underway};
 pub use horizon::Horizon;
-pub use lockstep::run_lockstep;
+pub use lockstep::{Steer, Steered, run_lockstep, run_steered};
 pub use look_budget::Looked;
 pub use machine_lateness::{LatenessProbe, MachineLate, MachineLateness};
 pub use needle_frame::{HeldNeedle, needle_frame};
@@ -49,11 +51,11 @@ pub use scheduling::Scheduling;
 pub use setup::{Plan, SessionError, check_rate, least_hz};
 pub use sideways::{Goal, sideways};
 pub(crate) use solver::{IN_BALANCE, MOST_PASSES, MOST_STEPS};
-pub use solver::{Moment, SceneSolver};
+pub use solver::{Moment, SceneSolver, Snapshot};
 pub use statistics::{NOT_RENDERED, Statistics, mode_word};
 pub use summary::{
     Age, ConsoleClock, Energy, Force, Frames, Latency, LinkSummary, RoundTrip, StepTime, Summary,
-    Throughput,
+    Throughput, ViewSummary,
 };
 pub use sutura_client::ahead::reach_m;
 pub use thread_frame::{HeldThread, thread_frame};

@@ -59,6 +59,17 @@ pub trait Attendant {
 
     /// Whether to arm it now. Asked again and again while it rests.
     fn arms(&mut self) -> Arms;
+
+    /// Waits for so long, or until somebody has an order for the console: it goes out at once.
+    fn wait(&mut self, most: Duration) -> Option<Order> {
+        std::thread::sleep(most);
+        None
+    }
+
+    /// Whether a session goes on in a latched fault, since somebody may clear it.
+    fn stays(&self) -> bool {
+        false
+    }
 }
 
 /// Whether an [`Attendant`] arms the console.
@@ -499,7 +510,15 @@ impl Watch<'_> {
         loop {
             let left_s = self.plan.seconds - elapsed_s;
             let left = Duration::try_from_secs_f64(left_s).unwrap_or_default();
-            std::thread::sleep(left.clamp(TICKS_SOME, LOOK_EVERY));
+            let wait = left.clamp(TICKS_SOME, LOOK_EVERY);
+            match &mut self.attendant {
+                Some(attendant) => {
+                    if let Some(order) = attendant.wait(wait) {
+                        self.link.order(order)?;
+                    }
+                }
+                None => std::thread::sleep(wait),
+            }
             self.link.check()?;
             if solver_ended() {
                 // It ends before it is told to only if the link broke, or by a panic.
@@ -557,7 +576,8 @@ impl Watch<'_> {
                 (None, false) => {}
             }
             // At rest, or in a latched fault, nothing more is to be felt.
-            let fault = self.arming.is_none() && state.mode == Mode::Fault;
+            let stays = self.attendant.as_ref().is_some_and(|other| other.stays());
+            let fault = self.arming.is_none() && state.mode == Mode::Fault && !stays;
             if ticks >= self.plan.ticks() || fault {
                 return Ok(Ended::Running);
             }

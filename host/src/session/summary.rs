@@ -209,8 +209,66 @@ pub struct Summary {
     /// Wake-ups of that thread that were more than 5 ms late.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub machine_late_over_5ms: Option<u64>,
+    /// How it was shown; none without a page.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub view: Option<ViewSummary>,
     /// What the scene reports.
     pub scene: serde_json::Map<String, serde_json::Value>,
+}
+
+/// How a session was shown on a page.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct ViewSummary {
+    /// Where the page was.
+    pub url: String,
+    /// Clients that came.
+    pub clients: u64,
+    /// Pictures that were wanted, made, and sent to all clients together.
+    pub pictures: Pictures,
+    /// Time on a core for making one \[us\].
+    pub picture_us: Percentiles,
+    /// Time that offering one took in the solver's thread, on the wall \[us\].
+    pub offer_us: Percentiles,
+}
+
+/// Pictures of a session.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+pub struct Pictures {
+    /// That were wanted while somebody watched.
+    pub wanted: u64,
+    /// That were made.
+    pub made: u64,
+    /// That were sent.
+    pub sent: u64,
+}
+
+/// Half of all, and 99 of 100, are no longer than these.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub struct Percentiles {
+    /// Median.
+    pub p50: f64,
+    /// 99 of 100 are shorter.
+    pub p99: f64,
+}
+
+impl ViewSummary {
+    /// Of a page at `url`; pictures wanted, made and sent; medians and 99 of 100 of their times \[us\].
+    pub fn new(
+        url: String,
+        clients: u64,
+        [wanted, made, sent]: [u64; 3],
+        picture_us: [f64; 2],
+        offer_us: [f64; 2],
+    ) -> Self {
+        let percentiles = |[p50, p99]: [f64; 2]| Percentiles { p50, p99 };
+        Self {
+            url,
+            clients,
+            pictures: Pictures { wanted, made, sent },
+            picture_us: percentiles(picture_us),
+            offer_us: percentiles(offer_us),
+        }
+    }
 }
 
 impl Summary {

@@ -327,6 +327,23 @@ impl SourcesState {
         }
     }
 
+    /// See [`crate::step::State::see`].
+    pub fn see(&mut self, other: &Self) {
+        self.grasp.see(&other.grasp);
+        for (own, other) in self.each.iter_mut().zip(&other.each) {
+            own.copy_from(other);
+        }
+        for (own, other) in self.threads.iter_mut().zip(&other.threads) {
+            own.copy_from(other);
+        }
+        if let (Some(own), Some(other)) = (&mut self.touch, &other.touch) {
+            own.copy_from(other);
+        }
+        self.tools.copy_from(&other.tools);
+        self.time_us = other.time_us;
+        self.memory.copy_from_slice(&other.memory);
+    }
+
     /// Finds how fast needles slide on their way to `targets`.
     pub fn begin_way(
         &mut self,

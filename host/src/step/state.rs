@@ -160,27 +160,37 @@ impl State {
         }
     }
 
-    /// The path of a thread, from tail to head; for viewers and files.
-    pub fn thread_path(&self, model: &Model, thread: u8) -> Vec<ThreadPoint> {
+    /// The path of a thread, from tail to head, with all nodes at `nodes_m` (n x 3), see [`State::positions`]; for viewers
+    /// and files.
+    pub fn thread_path(&self, model: &Model, thread: u8, nodes_m: &[[f64; 3]]) -> Vec<ThreadPoint> {
         let index = model.thread(thread);
         let found = self.sources.as_ref().zip(model.sources.as_ref()).zip(index);
         found.map_or_else(Vec::new, |((state, sources), index)| {
-            state.thread_path(sources, &self.positions(model), index)
+            state.thread_path(sources, nodes_m, index)
         })
     }
 
-    /// What a thread closes, or not: its spans between two bodies of tissue.
-    pub fn bridges(&self, model: &Model, thread: u8) -> Vec<Bridge> {
+    /// What a thread closes, or not: its spans between two bodies of tissue, with all nodes at `nodes_m` (n x 3).
+    pub fn bridges(&self, model: &Model, thread: u8, nodes_m: &[[f64; 3]]) -> Vec<Bridge> {
         let index = model.thread(thread);
         let found = self.sources.as_ref().zip(model.sources.as_ref()).zip(index);
         found.map_or_else(Vec::new, |((state, sources), index)| {
-            state.bridges(sources, model, &self.positions(model), index)
+            state.bridges(sources, model, nodes_m, index)
         })
+    }
+
+    /// As a copy of `other`, a state of the same model, without new memory: of all that can be seen of it. Nothing goes on from
+    /// it, as the factor of its tissue's tangent stays.
+    pub(crate) fn see(&mut self, other: &Self) {
+        self.motion.see(&other.motion);
+        if let (Some(own), Some(other)) = (&mut self.sources, &other.sources) {
+            own.see(other);
+        }
     }
 
     /// Where all nodes are \[m\], (n x 3): allocates, for files and viewers.
     pub fn positions(&self, model: &Model) -> Vec<[f64; 3]> {
-        let moved = model.equilibrium(self).map(|found| found.displacement_m);
+        let moved = model.displacement_m(self);
         let moved = moved.unwrap_or_else(|_| vec![[0.0; 3]; model.points_m().len()]);
         let nodes = model.points_m().iter().zip(&moved);
         nodes

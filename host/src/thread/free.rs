@@ -45,7 +45,8 @@ impl FreeThread {
             most_guides: MOST_GUIDES,
             ..settings(length_m)
         };
-        let at = places(&state.positions(model));
+        let nodes_m = state.positions(model);
+        let at = places(&nodes_m);
         let mut free = Self {
             id: thread,
             length_m,
@@ -54,7 +55,7 @@ impl FreeThread {
             skin: Skin::new(&model.surface().triangles, &at),
             at,
         };
-        free.guide(model, state);
+        free.guide(model, state, &nodes_m);
         free.chain.place(&free.guides);
         Some(free)
     }
@@ -62,9 +63,10 @@ impl FreeThread {
     /// Moves on by `dt_s`, above zero, to where the thread and the tissue are in `state`. Looks at all of the tissue, as
     /// often as a viewer shows it; allocates.
     pub fn step(&mut self, dt_s: f64, model: &Model, state: &State) -> ChainReport {
-        self.at = places(&state.positions(model));
+        let nodes_m = state.positions(model);
+        self.at = places(&nodes_m);
         self.skin.refit(&self.at);
-        self.guide(model, state);
+        self.guide(model, state, &nodes_m);
         let tissue = Some((&self.skin, &self.at[..]));
         self.chain.step(dt_s, &self.guides, tissue)
     }
@@ -82,9 +84,9 @@ impl FreeThread {
         guides.map(|(index, guide)| (guide.along_m, guide.at_m, self.chain.pull_n(index).into()))
     }
 
-    fn guide(&mut self, model: &Model, state: &State) {
+    fn guide(&mut self, model: &Model, state: &State, nodes_m: &[[f64; 3]]) {
         self.guides.clear();
-        for point in state.thread_path(model, self.id) {
+        for point in state.thread_path(model, self.id, nodes_m) {
             // Places on the thread are counted back from its head.
             let along_m = (self.length_m + point.along_m).clamp(0.0, self.length_m);
             let at_m = point.at_m;

@@ -8,6 +8,7 @@ use sutura_host::needle::{
     CrossingFriction, Needle, NeedlePart, NeedleReport, NeedleSettings, NeedleShape, NeedleTissue,
 };
 use sutura_host::step::{State, Status, StepOptions, StepReport, Workspace, step};
+use sutura_host::thread::ThreadPoint;
 use sutura_host::tool::{Shape, Tool, ToolSample};
 use sutura_models::hyperelastic::Cells;
 use sutura_models::law::Law;
@@ -114,6 +115,12 @@ pub enum Kind {
 }
 
 impl Bench {
+    /// The path of a thread.
+    pub fn path(&self, thread: u8) -> Vec<ThreadPoint> {
+        let nodes_m = self.state.positions(&self.model);
+        self.state.thread_path(&self.model, thread, &nodes_m)
+    }
+
     pub fn new(
         mesh: (TetMesh, Vec<u32>),
         kind: Kind,

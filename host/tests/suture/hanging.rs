@@ -9,7 +9,7 @@ use sutura_host::thread::{ChainSettings, ChainStatus, FreeThread, ThreadPlace};
 fn a_thread_that_follows_its_needle_counts_its_length() {
     let mut bench = bench(SETUP);
     go(&mut bench, Vector3::new(0.0, 0.0, -0.072));
-    let path = bench.state.thread_path(&bench.model, 7);
+    let path = bench.path(7);
     assert!(path.len() > 10);
     for two in path.windows(2) {
         let [from, to] = [two[0], two[1]].map(|point| Vector3::from(point.at_m));
@@ -46,7 +46,7 @@ fn a_loose_thread_hangs_from_its_last_puncture_outside_the_tissue() {
 
     let (length_m, segment) = (0.3, 0.3 / 150.0);
     let nodes: Vec<Vector3<f64>> = free.nodes_m().map(Vector3::from).collect();
-    let path = bench.state.thread_path(&bench.model, 7);
+    let path = bench.path(7);
     let punctures: Vec<_> = path
         .iter()
         .filter(|point| matches!(point.what, ThreadPlace::Enters | ThreadPlace::Leaves))

@@ -208,7 +208,7 @@ fn friction_holds_the_tension_back_around_turns() {
             }
             seen += 1;
             assert!(head > tail, "{tail} {head}");
-            let path = bench.state.thread_path(&bench.model, 7);
+            let path = bench.path(7);
             for ([before, after], turn) in passages(&path) {
                 assert!(turn > 0.05, "{turn}");
                 let ratio = (after / before).ln() / (friction * turn);
@@ -220,9 +220,9 @@ fn friction_holds_the_tension_back_around_turns() {
         }
         assert!(seen > 4);
         // Back: it slips the other way only once the tensions have changed places.
-        let before = bench.state.thread_path(&bench.model, 7);
+        let before = bench.path(7);
         go(&mut bench, Vector3::new(-0.0001, 0.0, 0.00005));
-        let stuck = bench.state.thread_path(&bench.model, 7);
+        let stuck = bench.path(7);
         let places = |path: &[ThreadPoint]| path[1].along_m - path[path.len() - 3].along_m;
         assert!((places(&before) - places(&stuck)).abs() < 1e-9);
         for ([before, after], turn) in passages(&stuck) {

@@ -125,9 +125,18 @@ impl CorotationalTissue {
     /// strain in the frame that turns with the cell, turned into the world's. It is the Cauchy stress to
     /// first order in the strain, and finite for cells that are inverted.
     pub fn stress(&self, displacement_m: &[[f64; 3]]) -> Vec<[[f64; 3]; 3]> {
+        self.stress_in(displacement_m, 0..self.elements.len())
+    }
+
+    /// The same of some of the cells, in their order.
+    pub(crate) fn stress_in(
+        &self,
+        displacement_m: &[[f64; 3]],
+        cells: impl Iterator<Item = usize>,
+    ) -> Vec<[[f64; 3]; 3]> {
         let u = self.placed(displacement_m);
-        self.elements
-            .iter()
+        cells
+            .filter_map(|cell| self.elements.get(cell))
             .map(|element| {
                 let f = Matrix3::identity() + gradient(element, &u);
                 let polar = polar(&f, &mut UnitQuaternion::identity());
@@ -142,6 +151,11 @@ impl CorotationalTissue {
             placed[self.numbering.place(node) as usize] = *value;
         }
         placed
+    }
+
+    /// Displacement of every node \[m\], (n x 3).
+    pub(crate) fn displacement_m(&self, state: &CorotationalState) -> Vec<[f64; 3]> {
+        self.by_node(&state.u)
     }
 
     fn by_node(&self, placed: &[[f64; 3]]) -> Vec<[f64; 3]> {

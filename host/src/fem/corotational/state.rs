@@ -82,6 +82,11 @@ impl CorotationalState {
         &mut self.u.as_flattened_mut()[..self.unknowns]
     }
 
+    /// Puts all nodes where `other`, of the same tissue, has them; for what looks at it.
+    pub(crate) fn see(&mut self, other: &Self) {
+        self.u.copy_from_slice(&other.u);
+    }
+
     /// Largest rotation of a cell \[rad\].
     pub fn largest_rotation_rad(&self) -> f64 {
         let angles = self.rotations.iter().map(|rotation| rotation.angle());

@@ -61,6 +61,11 @@ impl HyperelasticState {
         &mut self.u.as_flattened_mut()[..self.unknowns]
     }
 
+    /// Puts all nodes where `other`, of the same tissue, has them; for what looks at it.
+    pub(crate) fn see(&mut self, other: &Self) {
+        self.u.copy_from_slice(&other.u);
+    }
+
     /// Displacement of any node \[m\].
     pub fn displacement_m(&self, tissue: &HyperelasticTissue, node: u32) -> [f64; 3] {
         self.u[tissue.numbering.place(node) as usize]

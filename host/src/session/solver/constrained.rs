@@ -11,6 +11,7 @@ use crate::step::{State, Status, StepOptions, StepReport, Workspace, step, try_s
 use crate::tool::{Tool, ToolSample};
 use crate::wound::Wound;
 use nalgebra::Vector3;
+use std::sync::Arc;
 
 /// Most steps that follow a tool to its pose; a step moves it by a good part of its radius.
 pub(crate) const MOST_STEPS: usize = 10_000;
@@ -29,7 +30,7 @@ const PREPARED_MARGIN_M: f64 = 0.003;
 
 /// It, and what it is stepped with.
 pub(super) struct Constrained {
-    pub model: Model,
+    pub model: Arc<Model>,
     pub state: State,
     pub work: Workspace,
     pub wound: Option<Wound>,
@@ -41,7 +42,7 @@ impl Constrained {
         let (model, state, work) = scene.build()?;
         Ok(Self {
             wound: Wound::new(scene, &model),
-            model,
+            model: Arc::new(model),
             state,
             work,
         })

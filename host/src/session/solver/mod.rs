@@ -8,6 +8,7 @@ mod constrained;
 mod follower;
 mod peaks;
 mod secant;
+mod snapshot;
 
 use super::look_budget::{LookBudget, Looked};
 use super::{
@@ -28,6 +29,7 @@ pub(crate) use constrained::{IN_BALANCE, MOST_PASSES, MOST_STEPS};
 use follower::Follower;
 use peaks::Peaks;
 use serde_json::{Map, Value, json};
+pub use snapshot::Snapshot;
 use std::borrow::Cow;
 use sutura_client::Lead;
 use sutura_shared::control::LOST_AFTER_US;
@@ -264,7 +266,7 @@ impl SceneSolver {
         let mut tissue = self.follower.constrained();
         let parts = tissue
             .as_mut()
-            .map(|tissue| (&tissue.model, &mut tissue.state));
+            .map(|tissue| (&*tissue.model, &mut tissue.state));
         let samples = script.step_to(time_s, sample, parts);
         if let (Some(tissue), Some(driven)) = (tissue, samples.first().filter(|_| armed_anew)) {
             tissue.state.put(driven);
@@ -299,7 +301,7 @@ impl SceneSolver {
     /// The parts of tissue with constraints, for what looks at them between steps.
     pub fn parts(&self) -> Option<(&Model, &step::State, &Workspace)> {
         match &self.follower {
-            Follower::Constrained(tissue) => Some((&tissue.model, &tissue.state, &tissue.work)),
+            Follower::Constrained(tissue) => Some((&*tissue.model, &tissue.state, &tissue.work)),
             Follower::Prescribed(_) => None,
         }
     }

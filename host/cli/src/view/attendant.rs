@@ -1,0 +1,125 @@
+//! Who looks after a console in real time where there is a page: what it asks for goes out at once.
+//!
+//! Entry point: [`PageAttendant`].
+
+use super::guide::{Guide, PERIOD_S};
+use crate::attendant::Operator;
+use std::sync::mpsc::{Receiver, RecvTimeoutError};
+use std::time::{Duration, Instant};
+use sutura_host::link::{LinkError, Order};
+use sutura_host::session::{Arms, Attendant};
+use sutura_shared::wire::message::{Command as ToConsole, HandScript, Simulate};
+use sutura_view::{Command, Hand, Request};
+
+/// Commands that work in real time: on any console, and besides on one that is simulated.
+pub const COMMANDS: [&str; 4] = ["scalar", "safe_stop", "arm", "clear_fault"];
+/// See [`COMMANDS`].
+pub const SIMULATED: [&str; 2] = ["drag", "hand"];
+
+/// An [`Operator`] who is asked by a page, too.
+pub struct PageAttendant {
+    operator: Operator,
+    asked: Receiver<Request>,
+    /// Whether a page has asked to arm the console.
+    arms: bool,
+    /// Whether a page has stopped it, and none has armed it since: then it is not armed by itself.
+    is_stopped: bool,
+    /// Of a simulated console: its hand, and since when.
+    hand: Option<(Guide, Instant)>,
+}
+
+impl PageAttendant {
+    /// Beside an operator; `hand` of a simulated console.
+    pub fn new(operator: Operator, asked: Receiver<Request>, hand: Option<HandScript>) -> Self {
+        Self {
+            operator,
+            asked,
+            arms: false,
+            is_stopped: false,
+            hand: hand.map(|hand| (Guide::new(hand), Instant::now())),
+        }
+    }
+
+    fn obey(&mut self, Request { command, reply }: Request) -> Option<Order> {
+        let order = match command {
+            Command::SafeStop => {
+                (self.arms, self.is_stopped) = (false, true);
+                Some(Order::Command(ToConsole::Disarm))
+            }
+            Command::ClearFault => Some(Order::Command(ToConsole::ClearFault)),
+            Command::Arm => {
+                (self.arms, self.is_stopped) = (true, false);
+                None
+            }
+            Command::Drag(to_m) => {
+                if let Some((guide, since)) = &mut self.hand {
+                    guide.drag(since.elapsed().as_secs_f64(), to_m);
+                }
+                None
+            }
+            Command::Hand(hand) => self.hand.as_mut().map(|(guide, since)| {
+                let script = guide.go(since.elapsed().as_secs_f64(), hand == Hand::Scene);
+                Order::Simulate(Simulate::Hand(script))
+            }),
+            _ => None,
+        };
+        reply.done();
+        order
+    }
+}
+
+impl Attendant for PageAttendant {
+    fn lost(&mut self, why: &LinkError) {
+        self.operator.lost(why);
+    }
+
+    fn back(&mut self) {
+        self.operator.back();
+    }
+
+    fn let_go(&mut self, wait: Duration) {
+        self.operator.let_go(wait);
+    }
+
+    fn arms(&mut self) -> Arms {
+        if std::mem::take(&mut self.arms) {
+            return Arms::ByHand;
+        }
+        match self.operator.arms() {
+            Arms::ByItself if self.is_stopped => Arms::No,
+            arms => arms,
+        }
+    }
+
+    fn wait(&mut self, most: Duration) -> Option<Order> {
+        let until = Instant::now() + most;
+        loop {
+            let order = self.hand.as_mut().and_then(|(guide, since)| {
+                let script = guide.order(since.elapsed().as_secs_f64())?;
+                Some(Order::Simulate(Simulate::Hand(script)))
+            });
+            if order.is_some() {
+                return order;
+            }
+            let left = until.saturating_duration_since(Instant::now());
+            if left.is_zero() {
+                return None;
+            }
+            let wait = left.min(Duration::from_secs_f64(PERIOD_S));
+            match self.asked.recv_timeout(wait) {
+                Ok(request) => {
+                    let order = self.obey(request);
+                    if order.is_some() {
+                        return order;
+                    }
+                }
+                Err(RecvTimeoutError::Timeout) => {}
+                Err(RecvTimeoutError::Disconnected) => std::thread::sleep(wait),
+            }
+        }
+    }
+
+    fn stays(&self) -> bool {
+        true
+    }
+}

@@ -1,0 +1,154 @@
+//! Figures of a session while it runs, from every state and every solve.
+//!
+//! Entry points: [`Gauges::state`], [`Gauges::solve`], [`Gauges::said`].
+
+use serde_json::{Map, Value, json};
+use std::collections::BTreeMap;
+use std::time::Instant;
+use sutura_host::times::Times;
+use sutura_host::recording::SolveSample;
+use sutura_host::session::mode_word;
+use sutura_shared::wire::faults;
+use sutura_shared::wire::message::{Mode, Report, State};
+
+/// Longest time that percentiles tell apart \[us\].
+const LONGEST_US: u64 = 100_000_000;
+
+/// A time: all of the session, and what came since figures were said last.
+struct Spread {
+    all: Times,
+    now: Times,
+}
+
+impl Spread {
+    fn new() -> Self {
+        Self {
+            all: Times::new(LONGEST_US),
+            now: Times::new(LONGEST_US),
+        }
+    }
+
+    fn record(&mut self, us: u64) {
+        self.all.record(us);
+        self.now.record(us);
+    }
+
+    /// Percentiles, and what comes now begins anew.
+    fn said(&mut self) -> Value {
+        let now = std::mem::replace(&mut self.now, Times::new(LONGEST_US));
+        let percentiles = |times: &Times| {
+            let is_empty = times.quantile(1.0) == 0;
+            (!is_empty).then(|| json!({"p50": times.quantile(0.5), "p99": times.quantile(0.99)}))
+        };
+        json!({"now": percentiles(&now), "all": percentiles(&self.all)})
+    }
+}
+
+/// The figures.
+pub struct Gauges {
+    latency: Spread,
+    age: Spread,
+    step: Spread,
+    last: Option<State>,
+    energy_j: f64,
+    energy_min_j: f64,
+    withheld: BTreeMap<String, u64>,
+    /// Of the newest state \[s\], and when figures were said last: on the wall, then.
+    time_s: f64,
+    said: (Instant, f64),
+    /// Solves since then.
+    solves: u64,
+}
+
+impl Gauges {
+    /// Nothing has happened yet.
+    pub fn new() -> Self {
+        Self {
+            latency: Spread::new(),
+            age: Spread::new(),
+            step: Spread::new(),
+            last: None,
+            energy_j: 0.0,
+            energy_min_j: 0.0,
+            withheld: BTreeMap::new(),
+            time_s: 0.0,
+            said: (Instant::now(), 0.0),
+            solves: 0,
+        }
+    }
+
+    /// Takes note of a state.
+    pub fn state(&mut self, time_s: f64, state: &State) {
+        let renders = matches!(state.mode, Mode::Armed | Mode::Decaying);
+        if renders && state.contact_age_us != u32::MAX {
+            self.age.record(u64::from(state.contact_age_us));
+        }
+        if let Some(before) = &self.last {
+            if before.contact_sequence != state.contact_sequence {
+                self.latency.record(u64::from(state.applied_age_us));
+            }
+            // The passivity observer: what the hand has put in.
+            let work = (0..3).map(|i| {
+                f64::from(before.force_n[i]) * f64::from(state.position_m[i] - before.position_m[i])
+            });
+            self.energy_j -= work.sum::<f64>();
+            self.energy_min_j = self.energy_min_j.min(self.energy_j);
+        }
+        self.last = Some(*state);
+        self.time_s = time_s;
+    }
+
+    /// Takes note of a solve.
+    pub fn solve(&mut self, sample: &SolveSample) {
+        self.solves += 1;
+        self.step.record(sample.step_us as u64);
+        if sample.status != "ok" {
+            *self.withheld.entry(sample.status.clone()).or_default() += 1;
+        }
+    }
+
+    /// Session time of the newest state \[s\].
+    pub fn time_s(&self) -> f64 {
+        self.time_s
+    }
+
+    /// Figures since this was asked last, and of the whole session.
+    pub fn said(&mut self, report: Option<&Report>) -> Map<String, Value> {
+        let (then, before_s) = std::mem::replace(&mut self.said, (Instant::now(), self.time_s));
+        let wall_s = then.elapsed().as_secs_f64();
+        let passed_s = self.time_s - before_s;
+        let solves = std::mem::take(&mut self.solves);
+        let state = self.last.as_ref();
+        let force_n = state.map_or(0.0, |state| {
+            state.force_n.iter().map(|f| f64::from(*f).powi(2)).sum::<f64>().sqrt()
+        });
+        let counted = |of: fn(&Report) -> u32| report.map(of);
+        let said = json!({
+            "time_s": self.time_s,
+            "tick": state.map_or(0, |state| state.tick),
+            "mode": state.map_or("boot", |state| mode_word(state.mode)),
+            "faults": faults::names(state.map_or(0, |state| state.faults)).collect::<Vec<_>>(),
+            "latency_us": self.latency.said(),
+            "age_us": self.age.said(),
+            "step_us": self.step.said(),
+            "rtt_us": null,
+            "ticks_late": counted(|report| report.ticks_late),
+            "tick_overruns": counted(|report| report.tick_overruns),
+            "frames": {
+                "lost": counted(|report| report.frames_lost),
+                "rejected": counted(|report| report.frames_rejected),
+                "superseded": counted(|report| report.frames_superseded),
+            },
+            "withheld": self.withheld,
+            "energy_j": self.energy_j,
+            "energy_min_j": self.energy_min_j,
+            "force_n": force_n,
+            "host_hz": if passed_s > 0.0 { Some(solves as f64 / passed_s) } else { None },
+            "speed": if wall_s > 0.0 { passed_s / wall_s } else { 0.0 },
+        });
+        match said {
+            Value::Object(said) => said,
+            _ => Map::new(),
+        }
+    }
+}

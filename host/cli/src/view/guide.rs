@@ -1,0 +1,253 @@
+//! A hand that follows a page: what a simulated console's hand is told, in short straight ways.
+//!
+//! Entry points: [`Guide::order`] every so often, [`Guide::drag`], [`Guide::go`].
+
+use sutura_host::scene::position_at;
+use sutura_shared::wire::message::{HandScript, WAY_POINTS, WayPoint};
+
+/// Time between two ways of a hand that is dragged \[s\].
+pub const PERIOD_S: f64 = 0.01;
+/// Time in which it follows the page: what comes 30 times a second is not felt as steps \[s\].
+const SMOOTH_S: f64 = 0.03;
+/// Fastest that it follows \[m/s\].
+const FASTEST_M_PER_S: f64 = 0.3;
+/// How long it stays where it was let go \[s\].
+const HOLD_S: f64 = 0.3;
+/// How fast it goes back then \[m/s\].
+const BACK_M_PER_S: f64 = 0.06;
+/// Distance between two places that it remembers \[m\], and how many of these.
+const APART_M: f64 = 5e-4;
+const PLACES: usize = 2000;
+/// How fast it goes to where the scene's hand begins \[m/s\], and for how long at least \[s\].
+const TO_START_M_PER_S: f64 = 0.1;
+const TO_START_S: f64 = 0.3;
+
+/// What the hand is about.
+#[derive(Clone, Debug)]
+enum Doing {
+    /// What its script says.
+    Script,
+    /// It follows a place \[m\].
+    Drag([f64; 3]),
+    /// It was let go at this time \[s\].
+    Held(f64),
+    /// It goes back by which it came.
+    Back,
+    /// It goes to where the scene's hand begins, and follows that from this time on \[s\].
+    ToStart(f64),
+}
+
+/// The hand on a simulated console. Times are those by which the console's own script runs \[s\].
+#[derive(Clone, Debug)]
+pub struct Guide {
+    scenes: HandScript,
+    script: HandScript,
+    since_s: f64,
+    doing: Doing,
+    /// Where it has been since it was taken \[m\].
+    places: Vec<[f64; 3]>,
+    next_s: f64,
+}
+
+impl Guide {
+    /// A hand that has just begun the scene's script.
+    pub fn new(scenes: HandScript) -> Self {
+        Self {
+            script: scenes,
+            scenes,
+            since_s: 0.0,
+            doing: Doing::Script,
+            places: Vec::new(),
+            next_s: 0.0,
+        }
+    }
+
+    /// Where it wants the grip now \[m\].
+    pub fn at(&self, now_s: f64) -> [f64; 3] {
+        position_at(&self.script, now_s - self.since_s)
+    }
+
+    /// It follows a place from now on, or lets go.
+    pub fn drag(&mut self, now_s: f64, to_m: Option<[f64; 3]>) {
+        match (to_m, &self.doing) {
+            (Some(to_m), Doing::Drag(_)) => self.doing = Doing::Drag(to_m),
+            (Some(to_m), _) => {
+                if !matches!(self.doing, Doing::Held(_) | Doing::Back) {
+                    self.places.clear();
+                }
+                self.doing = Doing::Drag(to_m);
+                self.next_s = now_s;
+            }
+            (None, Doing::Drag(_)) => self.doing = Doing::Held(now_s),
+            (None, _) => {}
+        }
+    }
+
+    /// It goes to where the scene's hand begins and follows that, or it stays where it is.
+    pub fn go(&mut self, now_s: f64, by_scene: bool) -> HandScript {
+        let at = self.at(now_s);
+        self.places.clear();
+        if !by_scene {
+            self.doing = Doing::Script;
+            return self.tell(now_s, &[(0.0, at)]);
+        }
+        let start = position_at(&self.scenes, 0.0);
+        let way_s = (distance(&at, &start) / TO_START_M_PER_S).max(TO_START_S);
+        self.doing = Doing::ToStart(now_s + way_s);
+        self.tell(now_s, &[(0.0, at), (way_s, start)])
+    }
+
+    /// What the console's hand is told now, if anything.
+    pub fn order(&mut self, now_s: f64) -> Option<HandScript> {
+        match self.doing.clone() {
+            Doing::Script => None,
+            Doing::ToStart(then_s) if now_s < then_s => None,
+            Doing::ToStart(_) => {
+                self.doing = Doing::Script;
+                (self.script, self.since_s) = (self.scenes, now_s);
+                Some(self.script)
+            }
+            Doing::Held(since_s) if now_s < since_s + HOLD_S => None,
+            Doing::Held(_) => {
+                self.doing = Doing::Back;
+                self.next_s = now_s;
+                self.order(now_s)
+            }
+            _ if now_s < self.next_s => None,
+            Doing::Drag(to_m) => {
+                let from = self.at(now_s);
+                if self.places.last().is_none_or(|last| distance(last, &from) >= APART_M)
+                    && self.places.len() < PLACES
+                {
+                    self.places.push(from);
+                }
+                let part = 1.0 - (-PERIOD_S / SMOOTH_S).exp();
+                let way = part * distance(&from, &to_m);
+                let part = part * (FASTEST_M_PER_S * PERIOD_S / way.max(f64::MIN_POSITIVE)).min(1.0);
+                Some(self.step(now_s, from, &towards(&from, &to_m, part)))
+            }
+            Doing::Back => {
+                let from = self.at(now_s);
+                let most_m = BACK_M_PER_S * PERIOD_S;
+                while self.places.len() > 1
+                    && self.places.last().is_some_and(|last| distance(last, &from) < most_m)
+                {
+                    self.places.pop();
+                }
+                let Some(to) = self.places.last().copied() else {
+                    self.doing = Doing::Script;
+                    return None;
+                };
+                let left_m = distance(&from, &to);
+                if left_m < 1e-6 {
+                    self.places.clear();
+                    self.doing = Doing::Script;
+                    return None;
+                }
+                let part = (most_m / left_m).min(1.0);
+                Some(self.step(now_s, from, &towards(&from, &to, part)))
+            }
+        }
+    }
+
+    /// A way of one period, from where the last one has got to.
+    fn step(&mut self, now_s: f64, from: [f64; 3], to: &[f64; 3]) -> HandScript {
+        self.next_s = now_s + PERIOD_S;
+        self.tell(now_s, &[(0.0, from), (PERIOD_S, *to)])
+    }
+
+    fn tell(&mut self, now_s: f64, points: &[(f64, [f64; 3])]) -> HandScript {
+        let mut way_points = [WayPoint::default(); WAY_POINTS];
+        for (place, (time_s, at)) in way_points.iter_mut().zip(points) {
+            *place = WayPoint {
+                time_s: *time_s as f32,
+                position_m: at.map(|x| x as f32),
+            };
+        }
+        self.script = HandScript {
+            count: points.len() as u8,
+            way_points,
+            ..self.scenes
+        };
+        self.since_s = now_s;
+        self.script
+    }
+}
+
+fn distance(a: &[f64; 3], b: &[f64; 3]) -> f64 {
+    let squares = a.iter().zip(b).map(|(a, b)| (a - b).powi(2));
+    squares.sum::<f64>().sqrt()
+}
+
+fn towards(from: &[f64; 3], to: &[f64; 3], part: f64) -> [f64; 3] {
+    [0, 1, 2].map(|axis: usize| from[axis] + (to[axis] - from[axis]) * part)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn hand() -> HandScript {
+        let mut way_points = [WayPoint::default(); WAY_POINTS];
+        way_points[0].position_m = [0.0, 0.0, 0.05];
+        HandScript {
+            stiffness_n_per_m: 500.0,
+            damping_n_s_per_m: 5.0,
+            start_joint: [0.0; 3],
+            count: 1,
+            way_points,
+        }
+    }
+
+    /// Every tick of so many seconds; where it wants the grip.
+    fn run(guide: &mut Guide, from_s: f64, seconds: f64) -> Vec<[f64; 3]> {
+        let ticks = (1000.0 * seconds) as u32;
+        let each = (0..ticks).map(|tick| {
+            let now_s = from_s + 1e-3 * f64::from(tick);
+            guide.order(now_s);
+            guide.at(now_s)
+        });
+        each.collect()
+    }
+
+    /// It follows without a jump and not too fast, waits when it is let go, and goes back by which it came.
+    #[test]
+    fn it_follows_holds_and_goes_back() {
+        let mut guide = Guide::new(hand());
+        assert!(run(&mut guide, 0.0, 0.5).iter().all(|at| at[2] == f64::from(0.05_f32)));
+        guide.drag(0.5, Some([0.02, 0.0, 0.03]));
+        let there = run(&mut guide, 0.5, 0.6);
+        let end = there[there.len() - 1];
+        assert!(distance(&end, &[0.02, 0.0, 0.03]) < 1e-4, "{end:?}");
+        for two in there.windows(2) {
+            // A way with minimum jerk is at most 15/8 times as fast as on average.
+            assert!(distance(&two[0], &two[1]) < 1.9 * 1e-3 * FASTEST_M_PER_S);
+        }
+        guide.drag(1.1, None);
+        let held = run(&mut guide, 1.1, 0.29);
+        assert!(distance(&held[200], &held[280]) < 1e-6);
+        let back = run(&mut guide, 1.39, 1.0);
+        let home = back[back.len() - 1];
+        assert!(distance(&home, &[0.0, 0.0, 0.05]) < 1e-4, "{home:?}");
+        for at in &back {
+            let nearest = there.iter().map(|other| distance(at, other)).fold(1.0, f64::min);
+            assert!(nearest < 1e-3, "it came by {nearest} m from here");
+        }
+        assert!(guide.order(3.0).is_none(), "it rests");
+    }
+
+    /// The scene's hand begins where it begins, after a way there.
+    #[test]
+    fn it_goes_to_where_the_scene_begins() {
+        let mut guide = Guide::new(hand());
+        guide.drag(0.0, Some([0.05, 0.0, 0.05]));
+        run(&mut guide, 0.0, 1.0);
+        let script = guide.go(1.0, true);
+        assert_eq!(script.count, 2);
+        let way = run(&mut guide, 1.0, 1.0);
+        assert!(way.windows(2).all(|two| distance(&two[0], &two[1]) < 3e-4));
+        assert!(distance(&way[way.len() - 1], &[0.0, 0.0, 0.05]) < 1e-6);
+        let script = guide.go(2.0, false);
+        assert_eq!(script.count, 1);
+    }
+}

@@ -1,0 +1,359 @@
+//! Who steers a sandbox: what pages ask for between two ticks, and the pace of the wall clock.
+//!
+//! Entry points: [`Helm`], [`Helm::ended`].
+
+use super::guide::Guide;
+use super::prepare::{Prepared, Wish};
+use super::show::Show;
+use crate::failure::Failure;
+use std::ops::ControlFlow;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::{Receiver, RecvTimeoutError};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+use sutura_host::link::Order;
+use sutura_host::scene::Tissue;
+use sutura_host::session::{Plan, Steer, Steered};
+use sutura_shared::wire::message::{Command as ToConsole, Mode, Simulate};
+use sutura_view::{Command, Hand, Reply, Request};
+
+/// Between two looks at signals while time stands still.
+const LOOK_EVERY: Duration = Duration::from_millis(50);
+/// Shorter than this it is not slept.
+const WORTH_SLEEPING: Duration = Duration::from_millis(2);
+/// A session that is later than this does not hurry after.
+const LATE: Duration = Duration::from_millis(100);
+/// Ticks that run while time stands still so that an order is obeyed and seen.
+const TICKS_TO_OBEY: u64 = 3;
+
+/// Commands that a sandbox obeys.
+pub const COMMANDS: [&str; 14] = [
+    "scalar",
+    "safe_stop",
+    "arm",
+    "clear_fault",
+    "drag",
+    "hand",
+    "pause",
+    "resume",
+    "step",
+    "speed",
+    "reset",
+    "scene",
+    "tissue",
+    "set",
+];
+
+/// Why a session of a sandbox is over.
+pub enum Ended {
+    /// The program is to end.
+    Closed,
+    /// Another one begins.
+    Next(Box<Prepared>),
+}
+
+/// How far time goes before it stands still again.
+#[derive(Clone, Copy, Debug)]
+enum Until {
+    Tick(u64),
+    Solve(u64),
+}
+
+/// A session that is made beside this one.
+struct Making {
+    thread: JoinHandle<Result<Prepared, Failure>>,
+    reply: Reply,
+}
+
+/// Who steers.
+pub struct Helm<'a> {
+    asked: &'a Receiver<Request>,
+    stop: &'a AtomicBool,
+    show: &'a Show,
+    wish: Wish,
+    plan: Plan,
+    guide: Guide,
+    speed: f64,
+    paused: bool,
+    until: Option<Until>,
+    /// From when and from which tick the pace counts.
+    from: (Instant, u64),
+    making: Option<Making>,
+    ended: Option<Ended>,
+}
+
+impl<'a> Helm<'a> {
+    /// At the helm of a session of this plan, that a wish has led to.
+    pub fn new(
+        asked: &'a Receiver<Request>,
+        stop: &'a AtomicBool,
+        show: &'a Show,
+        wish: Wish,
+        plan: Plan,
+    ) -> Self {
+        let helm = Self {
+            guide: Guide::new(plan.hand),
+            asked,
+            stop,
+            show,
+            wish,
+            plan,
+            speed: 1.0,
+            paused: false,
+            until: None,
+            from: (Instant::now(), 0),
+            making: None,
+            ended: None,
+        };
+        helm.tell();
+        helm
+    }
+
+    /// Why the session is over.
+    pub fn ended(self) -> Ended {
+        self.ended.unwrap_or(Ended::Closed)
+    }
+
+    fn tell(&self) {
+        self.show.going(|going| {
+            going.paused = self.paused;
+            going.wanted_speed = Some(self.speed);
+        });
+    }
+
+    fn go_on(&mut self, ticks: u64) {
+        self.from = (Instant::now(), ticks);
+    }
+
+    fn obey(&mut self, request: Request, now: &Steered<'_>, orders: &mut Vec<Order>) {
+        let Request { command, reply } = request;
+        let renders = matches!(now.state.mode, Mode::Armed | Mode::Decaying);
+        let now_s = self.time_s(now);
+        match command {
+            Command::SafeStop => self.order(ToConsole::Disarm, now, orders),
+            Command::Arm if now.state.mode == Mode::Fault => {
+                return reply.refuse("the console is in a latched fault", "clear the fault first");
+            }
+            Command::Arm => self.order(ToConsole::Arm, now, orders),
+            Command::ClearFault => self.order(ToConsole::ClearFault, now, orders),
+            Command::Drag(Some(_)) | Command::Hand(_) if !renders => {
+                return reply.refuse("nobody holds a grip whose motors are off", "arm first");
+            }
+            Command::Drag(to_m) => self.guide.drag(now_s, to_m),
+            Command::Hand(hand) => {
+                let script = self.guide.go(now_s, hand == Hand::Scene);
+                orders.push(Order::Simulate(Simulate::Hand(script)));
+            }
+            Command::Pause => (self.paused, self.until) = (true, None),
+            Command::Resume => {
+                (self.paused, self.until) = (false, None);
+                self.go_on(now.ticks);
+            }
+            Command::StepTicks(ticks) => {
+                self.step(Until::Tick(now.ticks + u64::from(ticks)), now);
+            }
+            Command::StepSolves(solves) => {
+                self.step(Until::Solve(now.solves + u64::from(solves)), now);
+            }
+            Command::Speed(factor) => {
+                self.speed = factor;
+                self.go_on(now.ticks);
+            }
+            Command::Reset => return self.make(self.wish.clone(), reply),
+            Command::Scene(name) => {
+                return match self.wish.of_scene(&name) {
+                    Some(wish) => self.make(wish, reply),
+                    None => reply.refuse(
+                        &format!("there is no scene `{name}` beside this one"),
+                        "`scenes` of `hello` lists what there is",
+                    ),
+                };
+            }
+            Command::Tissue(name) => {
+                return match Tissue::named(&name) {
+                    Ok(tissue) => {
+                        let wish = Wish {
+                            tissue: Some(tissue),
+                            rendering: None,
+                            ..self.wish.clone()
+                        };
+                        self.make(wish, reply);
+                    }
+                    Err(message) => reply.refuse(&message, "`tissues` of `hello` lists what there is"),
+                };
+            }
+            Command::Set { name, value } => return self.set(&name, value, reply),
+            // The server's own.
+            Command::Ack(_)
+            | Command::PictureHz(_)
+            | Command::Scalar(_)
+            | Command::TakeControl
+            | Command::Seek(_) => {}
+        }
+        self.tell();
+        reply.done();
+    }
+
+    fn step(&mut self, until: Until, now: &Steered<'_>) {
+        (self.paused, self.until) = (true, Some(until));
+        self.go_on(now.ticks);
+    }
+
+    /// An order that is obeyed even while time stands still.
+    fn order(&mut self, order: ToConsole, now: &Steered<'_>, orders: &mut Vec<Order>) {
+        orders.push(Order::Command(order));
+        if self.paused && self.until.is_none() {
+            self.until = Some(Until::Tick(now.ticks + TICKS_TO_OBEY));
+            self.go_on(now.ticks);
+        }
+    }
+
+    fn set(&mut self, name: &str, value: f64, reply: Reply) {
+        let settings = settings(&self.plan);
+        let Some((_, unit, _, [low, high, _])) = settings.iter().find(|(other, ..)| *other == name)
+        else {
+            let message = format!("there is no setting `{name}`");
+            return reply.refuse(&message, "`settings` of `hello` lists what there is");
+        };
+        if !(*low..=*high).contains(&value) {
+            let message = format!("`{name}` is {value} {unit}");
+            let help = format!("give {low} to {high} {unit}");
+            return reply.refuse(&message, &help);
+        }
+        let mut wish = self.wish.clone();
+        match name {
+            HOST_HZ => wish.host_hz = Some(value),
+            STIFFNESS => wish.hand_stiffness_n_per_m = Some(value as f32),
+            _ => wish.hand_damping_n_s_per_m = Some(value as f32),
+        }
+        self.make(wish, reply);
+    }
+
+    /// Makes another session beside this one.
+    fn make(&mut self, wish: Wish, reply: Reply) {
+        if self.making.is_some() {
+            return reply.refuse("another session is being made already", "wait until it begins");
+        }
+        let thread = std::thread::Builder::new()
+            .name("sutura-prepare".to_owned())
+            .spawn(move || Prepared::of(wish));
+        match thread {
+            Ok(thread) => self.making = Some(Making { thread, reply }),
+            Err(error) => reply.refuse(
+                &format!("there is no thread to make it: {error}"),
+                "end other programs",
+            ),
+        }
+    }
+
+    /// Whether the next session is ready.
+    fn is_made(&mut self) -> bool {
+        let Some(making) = self.making.take_if(|making| making.thread.is_finished()) else {
+            return false;
+        };
+        match making.thread.join() {
+            Ok(Ok(prepared)) => {
+                making.reply.done();
+                self.ended = Some(Ended::Next(Box::new(prepared)));
+                return true;
+            }
+            Ok(Err(failure)) => {
+                let help = failure.report.help().map(|help| help.to_string());
+                let message = failure.report.to_string();
+                making.reply.refuse(&message, &help.unwrap_or_default());
+            }
+            Err(_) => making.reply.refuse(
+                "it could not be made",
+                "this is a defect: please report it with the scene",
+            ),
+        }
+        false
+    }
+
+    /// Time of the console's hand: it began with the session's first tick, as good as.
+    fn time_s(&self, now: &Steered<'_>) -> f64 {
+        now.ticks as f64 / f64::from(self.plan.tick_hz)
+    }
+
+    /// How long until the next tick is due.
+    fn ahead(&mut self, ticks: u64) -> Duration {
+        let (since, first) = self.from;
+        let due_s = ticks.saturating_sub(first) as f64 / f64::from(self.plan.tick_hz) / self.speed;
+        let passed = since.elapsed();
+        let due = Duration::try_from_secs_f64(due_s).unwrap_or(passed);
+        if passed > due + LATE {
+            self.go_on(ticks);
+        }
+        due.saturating_sub(passed)
+    }
+}
+
+impl Steer for Helm<'_> {
+    fn steer(&mut self, now: &Steered<'_>, orders: &mut Vec<Order>) -> ControlFlow<()> {
+        if let Some(report) = now.report {
+            self.show.going(|going| going.report = Some(*report));
+        }
+        let is_there = |until: Until| match until {
+            Until::Tick(tick) => now.ticks >= tick,
+            Until::Solve(solve) => now.solves >= solve,
+        };
+        if self.until.is_some_and(is_there) {
+            self.until = None;
+        }
+        loop {
+            if self.stop.load(Ordering::Relaxed) || self.is_made() {
+                return ControlFlow::Break(());
+            }
+            let wait = if self.paused && self.until.is_none() {
+                LOOK_EVERY
+            } else {
+                self.ahead(now.ticks).min(LOOK_EVERY)
+            };
+            let request = if wait < WORTH_SLEEPING {
+                self.asked.try_recv().ok()
+            } else {
+                match self.asked.recv_timeout(wait) {
+                    Ok(request) => Some(request),
+                    Err(RecvTimeoutError::Timeout) => None,
+                    Err(RecvTimeoutError::Disconnected) => return ControlFlow::Break(()),
+                }
+            };
+            match request {
+                Some(request) => self.obey(request, now, orders),
+                None if wait < WORTH_SLEEPING => break,
+                None => {}
+            }
+        }
+        let now_s = self.time_s(now);
+        if matches!(now.state.mode, Mode::Armed | Mode::Decaying)
+            && let Some(script) = self.guide.order(now_s)
+        {
+            orders.push(Order::Simulate(Simulate::Hand(script)));
+        }
+        ControlFlow::Continue(())
+    }
+}
+
+const HOST_HZ: &str = "host-hz";
+const STIFFNESS: &str = "hand-stiffness";
+const DAMPING: &str = "hand-damping";
+
+/// What can be set of a session: name, unit, value, least, largest and step.
+pub fn settings(plan: &Plan) -> Vec<(&'static str, &'static str, f64, [f64; 3])> {
+    let hand = &plan.hand;
+    vec![
+        (HOST_HZ, "Hz", plan.host_hz, [25.0, 1000.0, 5.0]),
+        (
+            STIFFNESS,
+            "N/m",
+            f64::from(hand.stiffness_n_per_m),
+            [50.0, 3000.0, 10.0],
+        ),
+        (
+            DAMPING,
+            "N s/m",
+            f64::from(hand.damping_n_s_per_m),
+            [0.0, 60.0, 0.5],
+        ),
+    ]
+}

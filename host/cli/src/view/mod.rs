@@ -1,0 +1,127 @@
+//! `sutura view`: a scene or a recording on a live page; and the page that `sutura run --view` has.
+//!
+//! Entry points: [`run`] for the command, [`Page`] and [`Show`] for a session that is shown.
+
+mod args;
+#[cfg(feature = "view")]
+mod attendant;
+#[cfg(feature = "view")]
+mod gauges;
+#[cfg(feature = "view")]
+mod guide;
+#[cfg(feature = "view")]
+mod hello;
+#[cfg(feature = "view")]
+mod helm;
+#[cfg(feature = "view")]
+mod page;
+#[cfg(feature = "view")]
+mod prepare;
+#[cfg(feature = "view")]
+mod recorded;
+#[cfg(feature = "view")]
+mod sandbox;
+#[cfg(feature = "view")]
+pub mod session;
+#[cfg(feature = "view")]
+mod shot;
+#[cfg(feature = "view")]
+mod show;
+#[cfg(feature = "view")]
+mod telemetry;
+#[cfg(not(feature = "view"))]
+#[path = "without.rs"]
+pub mod session;
+
+pub use args::PageArgs;
+
+use crate::failure::Failure;
+use crate::run::host_rate;
+use clap::Args;
+use std::path::PathBuf;
+use sutura_host::scene::Tissue;
+
+/// Shows a scene, or a recording, on a live page in the browser.
+///
+/// A scene runs with a virtual console until Ctrl-C: drag its tool, pause, step, change tissue and settings. A recording is run
+/// again, compared with what was recorded, and played on a time line. The page is served to this machine alone, and to whoever
+/// has the key in its address.
+#[derive(Args, Debug)]
+#[command(after_help = EXAMPLES)]
+pub struct ViewArgs {
+    /// Scene file, or a recording (`.mcap`); scenes/palpation.toml (or its copy inside this program) when left out.
+    pub file: Option<PathBuf>,
+    /// Tissue model, in place of the scene's.
+    #[arg(long, value_name = "NAME", value_parser = Tissue::named)]
+    pub tissue: Option<Tissue>,
+    /// Solver steps a second, 14 to 1000 [Hz]; the scene's when left out.
+    #[arg(long, value_name = "HZ", value_parser = host_rate)]
+    pub host_hz: Option<f64>,
+    /// Writes the session to this file, for `sutura replay` and `sutura view`; sessions after a reset or another scene get a number.
+    #[arg(long, value_name = "FILE")]
+    pub record: Option<PathBuf>,
+    /// Takes a picture of the page with an installed Chromium, writes it to this file, and ends.
+    #[arg(long, value_name = "FILE.png")]
+    pub shot: Option<PathBuf>,
+    /// When the picture is taken, by the session's clock [s].
+    #[arg(long, value_name = "S", default_value_t = 2.0, requires = "shot")]
+    pub at: f64,
+    #[command(flatten)]
+    pub page: PageArgs,
+}
+
+const EXAMPLES: &str = "\
+Examples:
+  sutura view                               palpation: open the address that is printed
+  sutura view scenes/anastomosis-20.toml --open
+  sutura view session.mcap                  what `sutura run --record` wrote, on a time line
+  sutura view --record session.mcap         and keep what was done
+  sutura view scenes/palpation.toml --shot palpation.png --at 2.5
+  sutura run --console /dev/ttyACM0 --view  the same page on a session in real time
+
+Over SSH: `ssh -L 8421:127.0.0.1:8421 HOST`, then open the address on your own machine. Safe stop on the page is software: it is no
+emergency stop.";
+
+/// Shows until Ctrl-C.
+///
+/// # Errors
+/// A file that is neither a scene nor a recording; no port.
+#[cfg(feature = "view")]
+pub fn run(args: &ViewArgs) -> Result<(), Failure> {
+    use crate::signals::stop_on_signals;
+    let is_recording = |file: &PathBuf| file.extension().is_some_and(|end| end == "mcap");
+    let stop = stop_on_signals()?;
+    if let Some(shot) = &args.shot {
+        return shot::take(args, shot, &stop);
+    }
+    let mut page = page::Page::open(&args.page)?;
+    match args.file.as_ref().filter(|file| is_recording(file)) {
+        Some(file) => recorded::show(&page, file, &stop),
+        None => {
+            note!("Ctrl-C ends it");
+            sandbox::run(&mut page, args.wish(), args.record.as_deref(), &stop)
+        }
+    }
+}
+
+#[cfg(feature = "view")]
+impl ViewArgs {
+    /// What the sandbox is to be.
+    fn wish(&self) -> prepare::Wish {
+        prepare::Wish {
+            scene: self.file.clone(),
+            tissue: self.tissue,
+            host_hz: self.host_hz,
+            ..prepare::Wish::default()
+        }
+    }
+}
+
+/// Says why there is no page.
+///
+/// # Errors
+/// Always.
+#[cfg(not(feature = "view"))]
+pub fn run(_args: &ViewArgs) -> Result<(), Failure> {
+    Err(session::missing())
+}

@@ -1,0 +1,90 @@
+//! The page of a command: its server, and the line that says where it is.
+//!
+//! Entry point: [`Page::open`].
+
+use super::args::{Control, PageArgs};
+use crate::failure::{Cause, Failure};
+use std::process::{Command, Stdio};
+use std::sync::Arc;
+use std::sync::mpsc::Receiver;
+use sutura_view::{Options, Request, Server, Shared};
+
+/// A server, and what its clients ask for.
+pub struct Page {
+    server: Server,
+    asked: Option<Receiver<Request>>,
+}
+
+impl Page {
+    /// Starts to serve, and says where.
+    ///
+    /// # Errors
+    /// No port, or options that do not go together.
+    pub fn open(args: &PageArgs) -> Result<Page, Failure> {
+        let options = Options {
+            port: args.view_port,
+            bind: args.view_bind,
+            names: args.view_host.clone(),
+            control_from_anywhere: args.view_control == Control::Any,
+        };
+        let (server, asked) = Server::start(&options)
+            .map_err(|error| Failure::say(Cause::BadInput, error.to_string(), error.help()))?;
+        let url = server.url();
+        note!("see it: {url}");
+        let port = server.address().port();
+        if std::env::var_os("SSH_CONNECTION").is_some() && args.view_bind.is_loopback() {
+            note!("from your own machine: ssh -L {port}:127.0.0.1:{port} THIS-MACHINE, then open that address there");
+        }
+        if !args.view_bind.is_loopback() {
+            note!("the page is reached from other machines, and what goes to and from it is not encrypted");
+        }
+        if args.open {
+            browse(&url);
+        }
+        Ok(Page {
+            server,
+            asked: Some(asked),
+        })
+    }
+
+    /// What it shows.
+    pub fn shared(&self) -> &Arc<Shared> {
+        self.server.shared()
+    }
+
+    /// What clients ask for; whoever takes it answers.
+    pub fn take_asked(&mut self) -> Option<Receiver<Request>> {
+        self.asked.take()
+    }
+
+    /// Where it is, without the key.
+    pub fn place(&self) -> String {
+        let url = self.server.url();
+        url.split('#').next().unwrap_or_default().to_owned()
+    }
+
+    /// Where it is, with the key.
+    pub fn url(&self) -> String {
+        self.server.url()
+    }
+}
+
+/// Opens an address in the user's browser, if there is one.
+fn browse(url: &str) {
+    let program = if cfg!(target_os = "macos") {
+        "open"
+    } else if cfg!(windows) {
+        "explorer"
+    } else {
+        "xdg-open"
+    };
+    let opened = Command::new(program)
+        .arg(url)
+        .stdin(Stdio::null())
+        .stdout(Stdio::null())
+        .stderr(Stdio::null())
+        .spawn();
+    if let Err(error) = opened {
+        note!("no browser was opened, `{program}` does not run: {error}");
+    }
+}

@@ -1,0 +1,242 @@
+//! `sutura view FILE.mcap`: a recording on a time line, whose pictures are made by running it again.
+//!
+//! Entry point: [`show`]. What is shown is what was felt: every solve that is run again is compared with what was recorded.
+
+use super::hello::{Kind, hello};
+use super::page::Page;
+use crate::failure::Failure;
+use crate::recording::{build, failure};
+use serde_json::{Value, json};
+use std::path::Path;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
+use sutura_host::picture::{
+    Painter, Scalar, SolveRow, SolvesOf, TickRow, encode_solves, encode_ticks,
+};
+use sutura_host::recording::replay::{HostVerdict, replay_host, sessions};
+use sutura_host::recording::{About, Begins, Recording};
+use sutura_host::scene::{Scene, Tissue};
+use sutura_host::session::{SceneSolver, Snapshot};
+use sutura_shared::wire::message::{Mode, State};
+use sutura_view::{Beginning, Shared};
+
+/// Pictures a second of the recording.
+const HZ: f64 = 30.0;
+/// What pictures of a recording may take \[bytes\]; there are fewer of a longer one.
+const MOST_BYTES: f64 = 256e6;
+/// Rows of a block of telemetry.
+const BLOCK: usize = 1000;
+/// Between two words on how far it is.
+const TELL_EVERY: Duration = Duration::from_millis(250);
+
+/// Shows a recording until `stop` is set.
+///
+/// # Errors
+/// A file that is no recording, or of a scene that is refused.
+pub fn show(page: &Page, file: &Path, stop: &AtomicBool) -> Result<(), Failure> {
+    let recording = Recording::read(file).map_err(failure)?;
+    let about = &recording.about;
+    let mut scene = crate::scene::from_sources(&recording.sources)?;
+    if let Ok(tissue) = Tissue::named(&about.tissue) {
+        scene.tissue = tissue.instead_of(scene.tissue);
+    }
+    let shared = page.shared();
+    let solvable = about.begins != Begins::Later;
+    let why = "it holds the last seconds of a session: what the solver was before is not known, and there is no tissue to show";
+    let mut line = Line::of(&recording, (!solvable).then_some(why));
+    let painter = Painter::new(&scene, shared.session() + 1);
+    let mut geometry = Vec::new();
+    painter.boundary().encode(0, &mut geometry);
+    let kind = Kind {
+        source: "recording",
+        pace: if about.lockstep { "lockstep" } else { "real-time" },
+        console: &about.console,
+        commands: vec!["seek"],
+        has_model: scene.tissue.sticking().is_none(),
+        ..Kind::default()
+    };
+    let mut said = hello(&scene, &about.plan, &kind);
+    said.insert("time_line".to_owned(), line.said());
+    shared.begin(Beginning {
+        hello: said,
+        geometry: Some(geometry),
+        recorded: true,
+    });
+    telemetry(shared, &scene, &recording, &line);
+    if solvable {
+        run_again(shared, &scene, &recording, &painter, &mut line, stop)?;
+    }
+    while !stop.load(Ordering::Relaxed) {
+        std::thread::sleep(Duration::from_millis(50));
+    }
+    Ok(())
+}
+
+/// How a recording lies in time, and what is known of it.
+#[derive(Clone, Debug)]
+struct Line {
+    began_us: u64,
+    to_s: f64,
+    ready_s: f64,
+    hz: f64,
+    why: Option<&'static str>,
+    badge: &'static str,
+    text: String,
+}
+
+impl Line {
+    fn of(recording: &Recording, why: Option<&'static str>) -> Self {
+        let first_solve = recording.solves.first().map(|(_, solve)| solve.console_time_us);
+        let states = states(recording);
+        let armed = |mode| matches!(mode, Mode::Armed | Mode::Decaying);
+        let first = states.iter().find(|(_, state)| armed(state.mode));
+        let began_us = first_solve.or(first.map(|(us, _)| *us)).unwrap_or_default();
+        let last_us = states.last().map_or(began_us, |(us, _)| *us);
+        Self {
+            began_us,
+            to_s: 1e-6 * last_us.saturating_sub(began_us) as f64,
+            ready_s: 0.0,
+            hz: HZ,
+            badge: if why.is_some() { "none" } else { "running" },
+            text: why.map_or_else(|| "it is being run again".to_owned(), str::to_owned),
+            why,
+        }
+    }
+
+    fn time_s(&self, console_time_us: u64) -> f64 {
+        1e-6 * (console_time_us as f64 - self.began_us as f64)
+    }
+
+    fn said(&self) -> Value {
+        json!({
+            "from_s": 0.0, "to_s": self.to_s, "ready_s": self.ready_s, "hz": self.hz,
+            "solvable": self.why.is_none(), "why": self.why, "badge": self.badge, "badge_text": self.text,
+        })
+    }
+}
+
+/// States of the console, with their console time \[us\].
+fn states(recording: &Recording) -> Vec<(u64, State)> {
+    let sessions = sessions(recording).into_iter();
+    let states = sessions.flat_map(|session| session.states);
+    states
+        .map(|(state, _)| (state.console_time_us(), *state.body()))
+        .collect()
+}
+
+/// All ticks and solves that are recorded.
+fn telemetry(shared: &Shared, scene: &Scene, recording: &Recording, line: &Line) {
+    let session = shared.session();
+    let of = SolvesOf {
+        session,
+        needles: scene.needles.len(),
+        threads: scene.threads.len(),
+    };
+    let ticks: Vec<TickRow> = states(recording)
+        .into_iter()
+        .map(|(us, state)| TickRow {
+            time_s: line.time_s(us),
+            state,
+        })
+        .filter(|row| row.time_s >= 0.0)
+        .collect();
+    let solves: Vec<SolveRow> = recording
+        .solves
+        .iter()
+        .map(|(_, sample)| SolveRow {
+            time_s: line.time_s(sample.console_time_us),
+            sample: sample.clone(),
+        })
+        .collect();
+    let mut bytes = Vec::new();
+    for rows in ticks.chunks(BLOCK) {
+        encode_ticks(session, rows, &mut bytes);
+        shared.block(bytes.clone());
+    }
+    for rows in solves.chunks(BLOCK) {
+        encode_solves(of, rows, &mut bytes);
+        shared.block(bytes.clone());
+    }
+}
+
+/// Runs the solver's steps again, and keeps pictures of them.
+fn run_again(
+    shared: &Shared,
+    scene: &Scene,
+    recording: &Recording,
+    painter: &Painter,
+    line: &mut Line,
+    stop: &AtomicBool,
+) -> Result<(), Failure> {
+    let shown = crate::work::watch();
+    let mut solver = SceneSolver::for_session(scene, &recording.about.plan)?;
+    drop(shown);
+    let about = &recording.about;
+    let here = About::here(build(), &about.plan, &about.tissue);
+    let mut own = Snapshot::of(&solver);
+    let mut bytes = Vec::new();
+    let (mut solves, mut sequence, mut due_s) = (0, 0, 0.0);
+    let mut told = Instant::now();
+    let scalar = scene.tissue.sticking().is_none().then_some(Scalar::VonMises);
+    let verdict = replay_host(recording, &mut solver, about.same_bits(&here), |solver, us| {
+        solves += 1;
+        let time_s = line.time_s(us);
+        line.ready_s = time_s;
+        // A program that is to end makes no more pictures; the steps that are left are fast without.
+        if time_s >= due_s && !stop.load(Ordering::Relaxed) {
+            solver.snapshot(&mut own);
+            own.solves = solves;
+            sequence += 1;
+            let mut picture = painter.paint(&own, scalar, sequence);
+            picture.recorded = true;
+            picture.encode(&mut bytes);
+            let most_hz = MOST_BYTES / (bytes.len() as f64 * line.to_s.max(1.0));
+            line.hz = HZ.min(most_hz);
+            due_s = time_s + 1.0 / line.hz - 1e-9;
+            shared.recorded_picture(time_s, bytes.clone());
+        }
+        if told.elapsed() >= TELL_EVERY {
+            told = Instant::now();
+            tell(shared, line, "ready");
+        }
+    });
+    (line.badge, line.text) = judged(&verdict);
+    tell(shared, line, "ready");
+    tell(shared, line, "verified");
+    note!("{}", line.text);
+    Ok(())
+}
+
+fn tell(shared: &Shared, line: &Line, what: &str) {
+    shared.amend("time_line", line.said());
+    shared.text(&json!({
+        "kind": "event", "session": shared.session(), "time_s": line.ready_s, "what": what,
+        "text": line.text, "help": "", "badge": line.badge,
+    }));
+}
+
+/// The badge of a recording that was run again, and its words.
+fn judged(verdict: &HostVerdict) -> (&'static str, String) {
+    let steps = verdict.verified_steps;
+    match (verdict.diverged_at, &verdict.why) {
+        (Some(tick), why) => {
+            let why = why.as_deref().unwrap_or_default();
+            ("diverged", format!("what is shown diverges from what was recorded at tick {tick}: {why}"))
+        }
+        (None, Some(why)) => (
+            "diverged",
+            format!("{steps} of {} solves are as recorded, the rest cannot be run again: {why}", verdict.steps),
+        ),
+        (None, None) if verdict.identical => (
+            "identical",
+            format!("what is shown is what was felt: {steps} solves are identical to the bit"),
+        ),
+        (None, None) => (
+            "close",
+            format!(
+                "{steps} solves are as recorded to within {:.0e} of the largest force, as other rounding makes it",
+                verdict.largest_difference
+            ),
+        ),
+    }
+}

@@ -1,0 +1,140 @@
+//! The page of `sutura run`: while the session runs, and with its recording afterwards.
+//!
+//! Entry points: [`Viewed::open`], [`Viewed::begin`], [`Viewed::end`].
+
+use super::PageArgs;
+use super::attendant::{COMMANDS, PageAttendant, SIMULATED};
+use super::hello::Kind;
+use super::page::Page;
+use super::recorded;
+use super::show::Show;
+use crate::attendant::Operator;
+use crate::failure::{Cause, Failure};
+use std::path::Path;
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+use sutura_host::picture::Offer;
+use sutura_host::recording::Seen;
+use sutura_host::scene::Scene;
+use sutura_host::session::{Attendant, Plan, Progress, SceneSolver, ViewSummary};
+use tempfile::NamedTempFile;
+
+/// A session that has a page.
+pub struct Viewed {
+    page: Page,
+    show: Option<Show>,
+    /// What is recorded for the time line afterwards.
+    kept: NamedTempFile,
+}
+
+impl Viewed {
+    /// Opens the page, before the session begins.
+    ///
+    /// # Errors
+    /// No port, or no room for the recording that it shows afterwards.
+    pub fn open(args: &PageArgs) -> Result<Viewed, Failure> {
+        let kept = tempfile::Builder::new().prefix("sutura-").suffix(".mcap").tempfile();
+        let kept = kept.map_err(|error| {
+            let message = format!("there is no place for the session's recording: {error}");
+            Failure::say(Cause::Failed, message, "set TMPDIR to a folder that is yours, or leave out --view")
+        })?;
+        Ok(Viewed {
+            page: Page::open(args)?,
+            show: None,
+            kept,
+        })
+    }
+
+    /// The session begins: in lockstep it is only watched.
+    ///
+    /// # Errors
+    /// No thread.
+    pub fn begin(
+        &mut self,
+        scene: &Scene,
+        plan: &Plan,
+        solver: &SceneSolver,
+        console: &str,
+        lockstep: bool,
+    ) -> Result<(), Failure> {
+        let simulated = matches!(console, "virtual" | "qemu" | "qemu-uart");
+        let mut commands = vec!["scalar"];
+        if !lockstep {
+            commands = COMMANDS.to_vec();
+            if simulated {
+                commands.extend(SIMULATED);
+            }
+        }
+        let kind = Kind {
+            source: "live",
+            pace: if lockstep { "lockstep" } else { "real-time" },
+            console,
+            motors: !simulated,
+            commands,
+            has_model: solver.model().is_some(),
+            ..Kind::default()
+        };
+        self.show = Some(Show::begin(&self.page, scene, plan, solver, &kind)?);
+        Ok(())
+    }
+
+    /// Where the solver's states go.
+    pub fn offer(&self) -> Option<Arc<Offer>> {
+        self.show.as_ref().map(Show::offer)
+    }
+
+    /// What the recorder tells of.
+    pub fn seen(&self) -> Option<Seen> {
+        self.show.as_ref().map(|show| show.telemetry().seen())
+    }
+
+    /// Where the session is recorded if nobody said where.
+    pub fn kept(&self) -> &Path {
+        self.kept.path()
+    }
+
+    /// An attendant whom the page can ask, too.
+    pub fn attendant(&mut self, operator: Operator, plan: &Plan, simulated: bool) -> Box<dyn Attendant> {
+        match self.page.take_asked() {
+            Some(asked) => {
+                let hand = simulated.then_some(plan.hand);
+                Box::new(PageAttendant::new(operator, asked, hand))
+            }
+            None => Box::new(operator),
+        }
+    }
+
+    /// How far the session is.
+    pub fn progress(&self, note: &Progress<'_>) {
+        if let Some(show) = &self.show {
+            show.going(|going| going.report = note.report.copied());
+        }
+    }
+
+    /// The session is over.
+    pub fn end(&mut self) -> Option<ViewSummary> {
+        let place = self.page.place();
+        self.show.take().map(|show| show.end(place))
+    }
+
+    /// Whether somebody has looked.
+    pub fn was_seen(&self) -> bool {
+        self.page.shared().figures().joined > 0
+    }
+
+    /// Stays with the recording of the session until `stop` is set, while anybody looks.
+    ///
+    /// # Errors
+    /// A recording that cannot be shown.
+    pub fn stay(&self, file: &Path, stop: &AtomicBool) -> Result<(), Failure> {
+        note!("the page stays with the session's recording, at {}; Ctrl-C ends it", self.page.url());
+        recorded::show(&self.page, file, stop)
+    }
+}
+
+/// Whether somebody sits at a desktop who could look at a page.
+pub fn has_desktop() -> bool {
+    use std::io::IsTerminal as _;
+    let set = |name| std::env::var_os(name).is_some_and(|value| !value.is_empty());
+    (set("DISPLAY") || set("WAYLAND_DISPLAY")) && std::io::stderr().is_terminal()
+}

@@ -1,0 +1,168 @@
+//! Rows for plots, and what happens, of every state and every solve: collected in the recorder's thread, shown from another.
+//!
+//! Entry points: [`Telemetry::seen`] for the recorder, [`Telemetry::show`] and [`Telemetry::gauges`] for who shows.
+
+use super::gauges::Gauges;
+use serde_json::{Map, Value, json};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use sutura_host::picture::{SolveRow, SolvesOf, TickRow, encode_solves, encode_ticks};
+use sutura_host::recording::{Passed, Seen, SolveSample};
+use sutura_host::session::fault_words;
+use sutura_shared::wire::faults;
+use sutura_shared::wire::message::{Mode, Report, State};
+use sutura_view::Shared;
+
+/// Most rows that wait to be shown: of ticks that nobody takes for so long nobody would see.
+const MOST: usize = 20_000;
+
+/// What a session has to show.
+pub struct Telemetry(Mutex<Inner>);
+
+struct Inner {
+    of: SolvesOf,
+    /// Console time of the first armed state \[us\].
+    began_us: Option<u64>,
+    ticks: Vec<TickRow>,
+    solves: Vec<SolveRow>,
+    events: Vec<Value>,
+    gauges: Gauges,
+    mode: Option<Mode>,
+    faults: u16,
+    punctures: u32,
+}
+
+impl Telemetry {
+    /// Of a session.
+    pub fn new(of: SolvesOf) -> Arc<Self> {
+        Arc::new(Self(Mutex::new(Inner {
+            of,
+            began_us: None,
+            ticks: Vec::new(),
+            solves: Vec::new(),
+            events: Vec::new(),
+            gauges: Gauges::new(),
+            mode: None,
+            faults: 0,
+            punctures: 0,
+        })))
+    }
+
+    fn lock(&self) -> MutexGuard<'_, Inner> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// For a recorder, which tells of everything that passes.
+    pub fn seen(self: &Arc<Self>) -> Seen {
+        let own = self.clone();
+        Box::new(move |passed| {
+            let mut inner = own.lock();
+            match passed {
+                Passed::State(state) => inner.state(state.console_time_us(), state.body()),
+                Passed::Solve(sample) => inner.solve(sample),
+            }
+        })
+    }
+
+    /// Shows the rows and events that have come.
+    pub fn show(&self, shared: &Shared) {
+        let (of, ticks, solves, events) = {
+            let mut inner = self.lock();
+            let (ticks, solves) = (&mut inner.ticks, Vec::new());
+            let ticks = std::mem::take(ticks);
+            let solves = std::mem::replace(&mut inner.solves, solves);
+            (inner.of, ticks, solves, std::mem::take(&mut inner.events))
+        };
+        let mut bytes = Vec::new();
+        if !ticks.is_empty() {
+            encode_ticks(of.session, &ticks, &mut bytes);
+            shared.block(bytes.clone());
+        }
+        if !solves.is_empty() {
+            encode_solves(of, &solves, &mut bytes);
+            shared.block(bytes);
+        }
+        events.iter().for_each(|event| shared.text(event));
+    }
+
+    /// Figures, see [`Gauges::said`].
+    pub fn gauges(&self, report: Option<&Report>) -> Map<String, Value> {
+        let mut inner = self.lock();
+        let session = inner.of.session;
+        let mut said = inner.gauges.said(report);
+        said.insert("kind".to_owned(), json!("gauges"));
+        said.insert("session".to_owned(), json!(session));
+        said
+    }
+
+    /// Tells of something that is known elsewhere.
+    pub fn event(&self, what: &str, text: &str, help: &str) {
+        self.lock().event(what, text, help);
+    }
+}
+
+impl Inner {
+    fn time_s(&self, console_time_us: u64) -> f64 {
+        let began_us = self.began_us.unwrap_or(console_time_us);
+        1e-6 * (console_time_us as f64 - began_us as f64)
+    }
+
+    fn state(&mut self, console_time_us: u64, state: &State) {
+        let renders = matches!(state.mode, Mode::Armed | Mode::Decaying);
+        if self.began_us.is_none() {
+            if !renders {
+                return;
+            }
+            self.began_us = Some(console_time_us);
+        }
+        let time_s = self.time_s(console_time_us);
+        self.gauges.state(time_s, state);
+        if self.ticks.len() < MOST {
+            self.ticks.push(TickRow {
+                time_s,
+                state: *state,
+            });
+        }
+        let before = self.mode.replace(state.mode);
+        if before != Some(state.mode) {
+            match (before, state.mode) {
+                (_, Mode::Decaying) => self.event(
+                    "decay",
+                    "the force goes to zero: what the host has sent last is older than its horizon",
+                    "",
+                ),
+                (Some(Mode::Decaying), Mode::Armed) => {}
+                (_, Mode::Armed) => self.event("armed", "the console is armed", ""),
+                (_, Mode::Idle) => self.event("disarmed", "the console is at rest", ""),
+                _ => {}
+            }
+        }
+        let new = state.faults & !std::mem::replace(&mut self.faults, state.faults);
+        let named = faults::NAMES.iter().filter(|(bit, _)| new & bit != 0);
+        for (bit, name) in named {
+            let (message, help) = fault_words(*bit);
+            self.event("fault", &format!("{name}: {message}"), help);
+        }
+    }
+
+    fn solve(&mut self, sample: &SolveSample) {
+        let time_s = self.time_s(sample.console_time_us);
+        self.gauges.solve(sample);
+        let before = std::mem::replace(&mut self.punctures, sample.punctures);
+        if sample.punctures > before {
+            self.event("puncture", "a needle has broken through a boundary", "");
+        }
+        if self.solves.len() < MOST {
+            self.solves.push(SolveRow {
+                time_s,
+                sample: sample.clone(),
+            });
+        }
+    }
+
+    fn event(&mut self, what: &str, text: &str, help: &str) {
+        let time_s = self.gauges.time_s();
+        self.events.push(json!({
+            "kind": "event", "session": self.of.session, "time_s": time_s, "what": what, "text": text, "help": help,
+        }));
+    }
+}

@@ -1,0 +1,59 @@
+//! What latched faults mean, and what to do about each.
+//!
+//! Entry point: [`fault_words`].
+
+use sutura_shared::wire::faults::{
+    BOARD, E_STOP, ENCODER_JUMP, NOT_FINITE, OUT_OF_REACH, OVERRUN, OVERSPEED,
+};
+
+/// What a fault is, in a sentence, and what to do: of one bit of the wire's.
+pub fn fault_words(bit: u16) -> (&'static str, &'static str) {
+    match bit {
+        E_STOP => (
+            "the emergency stop is pressed, or was",
+            "release it, and clear the fault",
+        ),
+        NOT_FINITE => (
+            "a force or a current was no number, and the motors were switched off",
+            "this is a defect: please report it with a recording; then clear the fault",
+        ),
+        ENCODER_JUMP => (
+            "an encoder moved faster than the device can",
+            "check the encoder's cable and connector, and clear the fault",
+        ),
+        OVERRUN => (
+            "three control ticks in a row took longer than their period",
+            "give the console's computer less to do beside it, and clear the fault",
+        ),
+        BOARD => (
+            "the board reported a fault of its own: amplifier, supply or watchdog",
+            "check supply and amplifier, and clear the fault",
+        ),
+        OUT_OF_REACH => (
+            "the encoders put the grip where no console reaches",
+            "check the device file and the encoders' zero, and clear the fault",
+        ),
+        OVERSPEED => (
+            "the grip was faster than the device allows under power",
+            "hold the grip, and clear the fault",
+        ),
+        _ => (
+            "the console reports a fault that this host does not know",
+            "use the release that the console's firmware is of",
+        ),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::collections::BTreeSet;
+    use sutura_shared::wire::faults::NAMES;
+
+    #[test]
+    fn every_fault_has_words_of_its_own() {
+        let words: BTreeSet<_> = NAMES.iter().map(|(bit, _)| fault_words(*bit)).collect();
+        assert_eq!(words.len(), NAMES.len());
+        assert!(!words.contains(&fault_words(1 << 15)));
+    }
+}

@@ -1,0 +1,8 @@
+//! All tests of the page's server and format, in one binary.
+
+mod clients;
+mod commands;
+mod format;
+mod guard;
+mod pictures;
+mod support;

@@ -1,0 +1,237 @@
+//! Pictures of sessions: the same of a session and of its recording, nothing allocated to offer them, and what they show.
+
+use std::ops::ControlFlow;
+use std::path::Path;
+use std::sync::Arc;
+use sutura_hil::NativeConsole;
+use sutura_host::picture::{Offer, Painter, Picture, Scalar, Showing};
+use sutura_host::recording::replay::replay_host;
+use sutura_host::recording::{About, Recorder, Recording, TappedConsole, TappedSolver};
+use sutura_host::scene::{self, Document, Scene, Sources};
+use sutura_host::session::{
+    LINE_BYTES_PER_S, Plan, Rendering, SceneSolver, Snapshot, Solve, Solved, run_lockstep,
+};
+use sutura_shared::wire::Valid;
+use sutura_shared::wire::message::{Fixture, State};
+
+fn open(name: &str) -> (Scene, Sources) {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../scenes").join(name);
+    let document = Document::read(&path).expect("a scene");
+    (scene::read(&document).expect("a scene"), document.sources())
+}
+
+fn plan(scene: &Scene, seconds: f64) -> Plan {
+    Plan {
+        device: scene.device.expect("a device"),
+        hand: scene.hand.expect("a hand"),
+        host_hz: scene.host.host_hz,
+        seconds,
+        tick_hz: 1000,
+        state_every: 1,
+        rendering: Rendering::Rows,
+        line_bytes_per_s: LINE_BYTES_PER_S,
+        horizon_us: scene.host.horizon_us,
+        clear_fault: false,
+        fixture: Fixture::None,
+    }
+}
+
+/// A solver whose pictures are drawn at once, every so many solves.
+struct Drawn<'a> {
+    shown: Showing<'a>,
+    offer: Arc<Offer>,
+    own: Box<Snapshot>,
+    painter: &'a Painter,
+    pictures: Vec<Picture>,
+}
+
+impl Solve for Drawn<'_> {
+    fn solve(&mut self, state: &Valid<State>) -> Solved {
+        let solved = self.shown.solve(state);
+        if self.offer.take(&mut self.own) {
+            let sequence = self.pictures.len() as u32 + 1;
+            let scalar = Scalar::ALL[sequence as usize % Scalar::ALL.len()];
+            self.pictures.push(self.painter.paint(&self.own, Some(scalar), sequence));
+        }
+        solved
+    }
+
+    fn scene(&self) -> serde_json::Map<String, serde_json::Value> {
+        self.shown.scene()
+    }
+}
+
+/// A session in lockstep with its recording: trace hash, and pictures if `period_us` is above 0.
+fn session(name: &str, seconds: f64, file: &Path, period_us: u64) -> (String, Vec<Picture>) {
+    let (scene, sources) = open(name);
+    let plan = plan(&scene, seconds);
+    let about = About {
+        lockstep: true,
+        ..About::here("test".to_owned(), &plan, scene.tissue.word())
+    };
+    let recorder = Recorder::start(Some(file), about, sources).expect("a file");
+    let mut solver = SceneSolver::for_session(&scene, &plan).expect("a solver");
+    let painter = Painter::new(&scene, 1);
+    let offer = Offer::new(&solver);
+    offer.want(period_us);
+    let own = Box::new(Snapshot::of(&solver));
+    let tapped = TappedSolver::new(&mut solver, recorder.tap());
+    let mut drawn = Drawn {
+        shown: Showing::new(tapped, Some(offer.clone())),
+        offer,
+        own,
+        painter: &painter,
+        pictures: Vec::new(),
+    };
+    let mut console = NativeConsole::new(&plan.device).expect("a console");
+    let mut console = TappedConsole::new(&mut console, recorder.tap());
+    let summary = run_lockstep(&mut console, &plan, &mut drawn, |_| ControlFlow::Continue(()));
+    let summary = summary.expect("a session");
+    let pictures = drawn.pictures;
+    recorder.finish().expect("written");
+    (summary.trace_hash, pictures)
+}
+
+fn bytes(picture: &Picture) -> Vec<u8> {
+    let mut bytes = Vec::new();
+    picture.encode(&mut bytes);
+    bytes
+}
+
+/// Offering and drawing pictures leaves no trace: hash and recorded bytes are the same. And what the recording shows when it
+/// is run again is what was shown, to the byte.
+fn are_the_same_live_and_again(name: &str, seconds: f64) -> Vec<Picture> {
+    let folder = tempfile::tempdir().expect("a folder");
+    let [seen, unseen] = ["seen.mcap", "unseen.mcap"].map(|name| folder.path().join(name));
+    let (hash, live) = session(name, seconds, &seen, 33_333);
+    let (plain_hash, none) = session(name, seconds, &unseen, 0);
+    assert_eq!(hash, plain_hash);
+    assert!(none.is_empty() && live.len() as f64 > 20.0 * seconds, "{} pictures", live.len());
+    let [seen_bytes, unseen_bytes] = [&seen, &unseen].map(|file| std::fs::read(file).expect("a file"));
+    assert!(seen_bytes == unseen_bytes, "recordings differ");
+
+    let recording = Recording::read(&seen).expect("a recording");
+    let scene = scene::read(&Document::from_sources(&recording.sources)).expect("a scene");
+    let mut solver = SceneSolver::for_session(&scene, &recording.about.plan).expect("a solver");
+    let painter = Painter::new(&scene, 1);
+    let mut own = Snapshot::of(&solver);
+    let (mut solves, mut next) = (0, live.iter());
+    let mut expected = next.next();
+    let verdict = replay_host(&recording, &mut solver, true, |solver, _| {
+        solves += 1;
+        if let Some(picture) = expected.filter(|picture| picture.solves == solves) {
+            solver.snapshot(&mut own);
+            own.solves = solves;
+            let scalar = picture.scalar.as_ref().map(|(scalar, _)| *scalar);
+            let again = painter.paint(&own, scalar, picture.sequence);
+            assert!(bytes(&again) == bytes(picture), "picture {} of {name}", picture.sequence);
+            expected = next.next();
+        }
+    });
+    assert!(verdict.identical && verdict.why.is_none(), "{verdict:?}");
+    assert!(expected.is_none(), "every picture was seen again");
+    live
+}
+
+#[test]
+fn pictures_of_a_palpation_are_the_same_live_and_again() {
+    let live = are_the_same_live_and_again("palpation.toml", 1.5);
+    // The tissue is pressed in, and what is shown says so.
+    let pressed = live.iter().rfind(|picture| picture.tools[0].wrench[2] > 0.1).expect("a touch");
+    assert!(pressed.status.touches && pressed.tools[0].rows > 0 && pressed.tools[0].driven);
+    let deepest = pressed.displacement_m.iter().map(|u| u[2]).fold(0.0, f64::min);
+    assert!(deepest < -1e-4, "{deepest} m");
+    // Forces on the boundary are what the tool feels, the other way round.
+    let pushed: f64 = pressed.contacts.iter().map(|(_, force_n)| force_n[2]).sum();
+    let felt = pressed.tools[0].wrench[2];
+    assert!((pushed + felt).abs() < 0.05 * felt, "{pushed} N for {felt} N");
+    for scalar in Scalar::ALL {
+        let touched = live.iter().filter(|picture| picture.tools[0].wrench[2] > 0.1);
+        let mut of = touched.filter_map(|picture| picture.scalar.as_ref());
+        let of = of.find(|(found, _)| *found == scalar);
+        let (_, values) = of.unwrap_or_else(|| panic!("{scalar:?}"));
+        assert_eq!(values.len(), pressed.displacement_m.len());
+        assert!(values.iter().all(|value| value.is_finite()), "{scalar:?}");
+        assert!(values.iter().any(|value| *value != 0.0), "{scalar:?}");
+    }
+}
+
+#[test]
+fn pictures_of_needle_and_thread_are_the_same_live_and_again() {
+    let live = are_the_same_live_and_again("anastomosis-20.toml", 1.2);
+    let last = live.last().expect("pictures");
+    assert!(!last.needles.is_empty());
+    let turned = last.needles[0].orientation;
+    let norm: f64 = turned.iter().map(|x| x * x).sum();
+    assert!((norm - 1.0).abs() < 1e-9);
+}
+
+/// Values of triangles come to the vertices by area; a constant stays what it is.
+#[test]
+fn averages_keep_constants() {
+    let (scene, _) = open("palpation.toml");
+    let painter = Painter::new(&scene, 1);
+    let boundary = painter.boundary();
+    let same = boundary.by_area(&vec![7.5; boundary.triangles.len()]);
+    assert!(same.iter().all(|value| (value - 7.5).abs() < 1e-9));
+    // A force along a vertex's inward normal presses; the whole is what was put in.
+    let vertex = boundary.nodes.len() as u32 / 2;
+    let pressure = boundary.pressure_pa(&[(vertex, [0.0, 0.0, -1.0])]);
+    assert!(pressure.iter().filter(|value| **value != 0.0).count() <= 1);
+}
+
+/// A snapshot takes no memory once it has been made, of linear tissue with and without needles, and of tissue that turns.
+#[test]
+fn a_snapshot_allocates_nothing() {
+    for (name, tissue) in [
+        ("palpation.toml", "linear"),
+        ("palpation.toml", "corotational"),
+        ("palpation.toml", "chainmail-ellipsoid"),
+        ("anastomosis-20.toml", "linear"),
+    ] {
+        let (mut scene, _) = open(name);
+        let named = scene::Tissue::named(tissue).expect("a tissue");
+        scene.tissue = named.instead_of(scene.tissue);
+        let plan = plan(&scene, 0.4);
+        let mut solver = SceneSolver::for_session(&scene, &plan).expect("a solver");
+        let snapshot = Snapshot::of(&solver);
+        let mut copying = Copying {
+            solver: &mut solver,
+            snapshot,
+            copies: 0,
+            allocated: 0,
+        };
+        let mut console = NativeConsole::new(&plan.device).expect("a console");
+        let ran = run_lockstep(&mut console, &plan, &mut copying, |_| ControlFlow::Continue(()));
+        ran.expect("a session");
+        assert!(copying.copies > 10, "{name}, {tissue}: {} copies", copying.copies);
+        assert_eq!(copying.allocated, 0, "{name}, {tissue}");
+        // The counter does see memory.
+        let allocated = allocation_counter::measure(|| drop(Snapshot::of(&solver)));
+        assert!(allocated.count_total > 0);
+    }
+}
+
+struct Copying<'a> {
+    solver: &'a mut SceneSolver,
+    snapshot: Snapshot,
+    copies: u32,
+    allocated: u64,
+}
+
+impl Solve for Copying<'_> {
+    fn solve(&mut self, state: &Valid<State>) -> Solved {
+        let solved = self.solver.solve(state);
+        let allocated = allocation_counter::measure(|| self.solver.snapshot(&mut self.snapshot));
+        self.copies += 1;
+        // What grows for the first time may take memory.
+        if self.copies > 1 {
+            self.allocated += allocated.count_total;
+        }
+        solved
+    }
+
+    fn scene(&self) -> serde_json::Map<String, serde_json::Value> {
+        self.solver.scene()
+    }
+}

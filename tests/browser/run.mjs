@@ -1,0 +1,82 @@
+// Runs the page of `sutura view`: its modules under node, its types, then in a headless browser against a made-up host and
+// against the program. `node tests/browser/run.mjs --sutura PATH --out DIR`; installs nothing, and says what is missing.
+
+import { spawnSync } from 'node:child_process';
+import { existsSync, mkdirSync } from 'node:fs';
+import path from 'node:path';
+import { fileURLToPath } from 'node:url';
+import { parseArgs } from 'node:util';
+
+const HERE = fileURLToPath(new URL('.', import.meta.url));
+const BROWSERS = ['/usr/bin/chromium', '/usr/bin/chromium-browser', '/usr/bin/google-chrome', '/usr/bin/google-chrome-stable'];
+const HELP = `Tests the page of \`sutura view\` in a headless browser.
+
+  node tests/browser/run.mjs --sutura PATH_TO_BINARY --out DIR [--only WORD] [--checkout]
+
+Without --sutura the program's own tests are left out, and that is said. Pictures of all tests are kept in DIR.
+--checkout takes the page's files from here instead of the binary: for working on the page without building.
+SUTURA_CHROMIUM names the browser, if it is not in /usr/bin.`;
+
+const { values } = parseArgs({
+  options: { sutura: { type: 'string' }, out: { type: 'string', default: 'out/browser' }, only: { type: 'string' }, checkout: { type: 'boolean' }, help: { type: 'boolean' } },
+});
+if (values.help) {
+  console.log(HELP);
+  process.exit(0);
+}
+
+/** What is missing, with the command that brings it. */
+function missing() {
+  const found = [];
+  const executable = [process.env.SUTURA_CHROMIUM, ...BROWSERS].find((one) => one && existsSync(one));
+  if (!executable) found.push('Chromium: apt-get install -y chromium, or set SUTURA_CHROMIUM');
+  if (!existsSync(path.join(HERE, 'node_modules/playwright-core'))) found.push('packages: npm ci --ignore-scripts --prefix tests/browser');
+  if (values.sutura && !existsSync(values.sutura)) found.push(`${values.sutura}: cargo build`);
+  return { executable, found };
+}
+
+const { executable, found } = missing();
+if (found.length > 0) {
+  console.error(`Missing:\n  ${found.join('\n  ')}`);
+  process.exit(2);
+}
+mkdirSync(values.out, { recursive: true });
+
+const counts = { passed: 0, failed: 0 };
+
+/** @param {string} name @param {() => Promise<unknown> | unknown} run */
+async function one(name, run) {
+  if (values.only && !name.includes(values.only)) return;
+  const begin = performance.now();
+  try {
+    const said = await run();
+    counts.passed += 1;
+    console.log(`ok    ${name} (${((performance.now() - begin) / 1000).toFixed(1)} s)${said ? `: ${said}` : ''}`);
+  } catch (error) {
+    counts.failed += 1;
+    console.log(`FAIL  ${name}: ${error instanceof Error ? error.message : error}`);
+  }
+}
+
+/** @param {string} program @param {string[]} words */
+function runs(program, words) {
+  const done = spawnSync(program, words, { cwd: HERE, encoding: 'utf8' });
+  if (done.status !== 0) throw new Error(`${done.stdout}${done.stderr}`);
+}
+
+await one('modules', () => runs(process.execPath, ['--test', 'units/']));
+await one('types', () => runs(process.execPath, ['node_modules/typescript/bin/tsc', '--project', 'tsconfig.json']));
+
+const { Browser } = await import('./harness.mjs');
+const suites = [(await import('./suites/page.mjs')).tests];
+if (values.sutura) suites.push((await import('./suites/program.mjs')).tests);
+else console.log('left out: tests of the program (no --sutura)');
+
+const browser = new Browser({ executable, out: values.out, checkout: values.checkout });
+await browser.launch();
+for (const tests of suites) {
+  for (const [name, run] of tests) await one(name, () => run({ browser, out: values.out, sutura: values.sutura, Browser, executable }));
+}
+await browser.close();
+console.log(`${counts.passed} passed, ${counts.failed} failed`);
+process.exit(counts.failed > 0 || counts.passed === 0 ? 1 : 0);

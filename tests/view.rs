@@ -1,0 +1,320 @@
+//! `sutura view` and `sutura run --view`, asked by a client as the page is one.
+#![allow(clippy::unwrap_used, reason = "tests")]
+
+use crate::support::{root, sutura};
+use serde_json::{Value, json};
+use std::io::{BufRead as _, BufReader};
+use std::net::TcpStream;
+use std::process::{Child, Command, Stdio};
+use std::time::{Duration, Instant};
+use tempfile::tempdir;
+use tokio_tungstenite::tungstenite::client::IntoClientRequest as _;
+use tokio_tungstenite::tungstenite::{Message, WebSocket, client};
+
+/// Long enough for anything on a busy machine.
+const LONG: Duration = Duration::from_secs(120);
+
+/// The command, running, and where its page is.
+struct Running {
+    child: Child,
+    address: String,
+    key: String,
+    words: std::sync::mpsc::Receiver<String>,
+}
+
+impl Running {
+    fn start(arguments: &[&str]) -> Running {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_sutura"));
+        let command = command.args(arguments).current_dir(root());
+        let command = command.stdin(Stdio::null()).stdout(Stdio::piped());
+        let mut child = command.stderr(Stdio::piped()).spawn().unwrap();
+        let (tell, words) = std::sync::mpsc::channel();
+        let stderr = child.stderr.take().unwrap();
+        std::thread::spawn(move || {
+            for line in BufReader::new(stderr).lines().map_while(Result::ok) {
+                if tell.send(line).is_err() {
+                    return;
+                }
+            }
+        });
+        let url = loop {
+            let line = words.recv_timeout(LONG).unwrap();
+            if let Some(url) = line.strip_prefix("see it: http://") {
+                break url.to_owned();
+            }
+        };
+        let (address, key) = url.split_once("/#key=").unwrap();
+        Running {
+            child,
+            address: address.to_owned(),
+            key: key.to_owned(),
+            words,
+        }
+    }
+
+    fn client(&self) -> Client {
+        let stream = TcpStream::connect(&self.address).unwrap();
+        stream.set_read_timeout(Some(LONG)).unwrap();
+        let mut request = format!("ws://{}/ws", self.address).into_client_request().unwrap();
+        let origin = format!("http://{}", self.address).parse().unwrap();
+        request.headers_mut().insert("origin", origin);
+        let (socket, _) = client(request, stream).unwrap();
+        let mut client = Client { socket, id: 0 };
+        client.say(&json!({"key": self.key, "control": true, "format": 1}));
+        client
+    }
+
+    /// Ctrl-C; the exit code, and stdout.
+    fn stop(self) -> (i32, String) {
+        let pid = rustix::process::Pid::from_child(&self.child);
+        rustix::process::kill_process(pid, rustix::process::Signal::INT).unwrap();
+        self.finish()
+    }
+
+    fn finish(self) -> (i32, String) {
+        let output = self.child.wait_with_output().unwrap();
+        let said = String::from_utf8(output.stdout).unwrap();
+        let words: Vec<String> = self.words.iter().collect();
+        (output.status.code().unwrap_or_else(|| panic!("{words:?}")), said)
+    }
+}
+
+struct Client {
+    socket: WebSocket<TcpStream>,
+    id: u64,
+}
+
+impl Client {
+    fn say(&mut self, value: &Value) {
+        self.socket.send(Message::text(value.to_string())).unwrap();
+    }
+
+    /// The next message that `wanted` makes something of; pictures are acknowledged.
+    fn until<T>(&mut self, mut wanted: impl FnMut(&Message) -> Option<T>) -> T {
+        let began = Instant::now();
+        while began.elapsed() < LONG {
+            let message = self.socket.read().unwrap();
+            if let Message::Binary(bytes) = &message
+                && bytes[0] == 2
+            {
+                let sequence = u32::from_le_bytes(bytes[4..8].try_into().unwrap());
+                self.say(&json!({"do": "ack", "sequence": sequence}));
+            }
+            if let Some(found) = wanted(&message) {
+                return found;
+            }
+        }
+        panic!("it did not come");
+    }
+
+    fn text(&mut self, wanted: impl Fn(&Value) -> bool) -> Value {
+        self.until(|message| {
+            let Message::Text(text) = message else { return None };
+            let value: Value = serde_json::from_str(text).unwrap();
+            wanted(&value).then_some(value)
+        })
+    }
+
+    fn hello(&mut self) -> Value {
+        self.text(|value| value["kind"] == "hello")
+    }
+
+    fn event(&mut self, what: &str) -> Value {
+        self.text(|value| value["kind"] == "event" && value["what"] == what)
+    }
+
+    fn ask(&mut self, mut command: Value) -> Value {
+        self.id += 1;
+        let id = self.id;
+        command["id"] = json!(id);
+        self.say(&command);
+        self.text(|value| value["re"] == id)
+    }
+
+    fn does(&mut self, command: Value) {
+        let answer = self.ask(command.clone());
+        assert_eq!(answer["ok"], true, "{command}: {answer}");
+    }
+
+    fn binary(&mut self, kind: u8) -> Vec<u8> {
+        self.until(|message| match message {
+            Message::Binary(bytes) if bytes[0] == kind => Some(bytes.to_vec()),
+            _ => None,
+        })
+    }
+}
+
+fn f64_at(bytes: &[u8], at: usize) -> f64 {
+    f64::from_le_bytes(bytes[at..at + 8].try_into().unwrap())
+}
+
+/// Position of the grip in a picture \[m\].
+fn grip(picture: &[u8]) -> [f32; 3] {
+    let mut at = 56;
+    loop {
+        let tag = u16::from_le_bytes([picture[at], picture[at + 1]]);
+        let length = u32::from_le_bytes(picture[at + 4..at + 8].try_into().unwrap()) as usize;
+        if tag == 7 {
+            let place = |axis: usize| at + 8 + 32 + 4 * axis;
+            return [0, 1, 2].map(|axis| {
+                f32::from_le_bytes(picture[place(axis)..place(axis) + 4].try_into().unwrap())
+            });
+        }
+        at = (at + 8 + length).next_multiple_of(8);
+    }
+}
+
+/// A sandbox stands still, steps, is dragged, stopped and armed, and begins anew; what was done is recorded, and the recording
+/// runs again to the same bits.
+#[test]
+fn a_sandbox_does_what_its_page_asks_for() {
+    let folder = tempdir().unwrap();
+    let file = folder.path().join("sandbox.mcap");
+    let file = file.to_str().unwrap();
+    let running = Running::start(&["view", "--view-port", "0", "--record", file]);
+    let mut client = running.client();
+    let hello = client.hello();
+    assert_eq!(
+        (&hello["source"], &hello["pace"], &hello["role"]),
+        (&json!("live"), &json!("lockstep"), &json!("control"))
+    );
+    assert!(hello["tools"][0]["driven"] == true && hello["bounds_m"][1][0].as_f64().unwrap() > 0.0);
+    let geometry = client.binary(1);
+    let vertices = u32::from_le_bytes(geometry[8..12].try_into().unwrap());
+    assert!(vertices > 100);
+    let picture = client.binary(2);
+    assert_eq!(u32::from_le_bytes(picture[32..36].try_into().unwrap()), vertices);
+    client.binary(3);
+    client.binary(4);
+    client.text(|value| value["kind"] == "gauges" && value["mode"] == "armed");
+
+    // Time stands still, and goes on by so much.
+    client.does(json!({"do": "pause"}));
+    client.text(|value| value["kind"] == "gauges" && value["paused"] == true);
+    let standing = client.text(|value| value["kind"] == "gauges");
+    let later = client.text(|value| value["kind"] == "gauges");
+    assert_eq!(standing["tick"], later["tick"]);
+    client.does(json!({"do": "step", "ticks": 40}));
+    let tick = |value: &Value| value["tick"].as_u64().unwrap();
+    let from = tick(&later);
+    client.text(|value| value["kind"] == "gauges" && tick(value) == from + 40);
+    client.does(json!({"do": "resume"}));
+
+    // The grip follows.
+    let to = [0.015_f32, -0.01, 0.02];
+    client.does(json!({"do": "drag", "to_m": to}));
+    let near = |at: [f32; 3]| at.iter().zip(to).all(|(a, b)| (a - b).abs() < 2e-3);
+    client.until(|message| match message {
+        Message::Binary(bytes) if bytes[0] == 2 && near(grip(bytes)) => Some(()),
+        _ => None,
+    });
+    client.does(json!({"do": "drag", "to_m": null}));
+
+    // Stop is obeyed while time stands still, too.
+    client.does(json!({"do": "pause"}));
+    client.does(json!({"do": "safe_stop"}));
+    client.event("disarmed");
+    let refused = client.ask(json!({"do": "drag", "to_m": to}));
+    assert!(refused["error"]["help"].as_str().unwrap().contains("arm"));
+    client.does(json!({"do": "arm"}));
+    client.event("armed");
+    client.does(json!({"do": "speed", "factor": 2.0}));
+    client.does(json!({"do": "resume"}));
+
+    // Anew, and with another tissue.
+    client.does(json!({"do": "reset"}));
+    let again = client.hello();
+    assert_eq!(again["session"], 2);
+    let first = client.binary(2);
+    assert!(f64_at(&first, 8) < 2.0, "it is {} s old", f64_at(&first, 8));
+    client.does(json!({"do": "set", "name": "host-hz", "value": 50}));
+    assert_eq!(client.hello()["host_hz"], 50.0);
+    let refused = client.ask(json!({"do": "scene", "name": "../secret"}));
+    assert!(refused["error"].is_object());
+    let (code, _) = running.stop();
+    assert_eq!(code, 0);
+
+    let replayed = sutura(&["replay", file, "--verify", "--format", "json"]);
+    assert_eq!(replayed.code, 0, "{}{}", replayed.stdout, replayed.stderr);
+}
+
+/// A session with a page has the trace and the numbers of one without.
+#[test]
+fn a_page_leaves_no_trace_in_a_session_in_lockstep() {
+    let arguments = ["run", "--lockstep", "--seconds", "1", "--format", "json"];
+    let plain = sutura(&arguments).json();
+    let shown = Running::start(&[&arguments[..], &["--view", "--view-port", "0"]].concat());
+    let mut client = shown.client();
+    client.hello();
+    // It is over, and stays as a recording.
+    let hello = client.text(|value| value["kind"] == "hello" && value["source"] == "recording");
+    assert_eq!(hello["time_line"]["solvable"], true);
+    client.event("verified");
+    let (code, said) = shown.stop();
+    let said: Value = serde_json::from_str(&said).unwrap();
+    assert_eq!(code, 0);
+    assert_eq!(said["trace_hash"], plain["trace_hash"]);
+    assert_eq!(said["view"]["clients"], 1);
+    assert!(said["view"]["url"].as_str().unwrap().starts_with("http://127.0.0.1:"));
+    assert!(!said.to_string().contains("key="), "the key is nobody's");
+    assert!(plain["view"].is_null());
+}
+
+/// A recording is run again, and looked at by time.
+#[test]
+fn a_recording_has_a_time_line() {
+    let folder = tempdir().unwrap();
+    let file = folder.path().join("session.mcap");
+    let file = file.to_str().unwrap();
+    let ran = sutura(&["run", "--lockstep", "--seconds", "1.5", "--record", file]);
+    assert_eq!(ran.code, 0, "{}", ran.stderr);
+    let running = Running::start(&["view", file, "--view-port", "0"]);
+    let mut client = running.client();
+    let hello = client.hello();
+    assert_eq!(hello["source"], "recording");
+    assert!((hello["time_line"]["to_s"].as_f64().unwrap() - 1.5).abs() < 0.05);
+    let verified = client.event("verified");
+    assert_eq!(verified["badge"], "identical", "{verified}");
+    for time_s in [0.0, 1.0, 0.5] {
+        client.does(json!({"do": "seek", "time_s": time_s}));
+        let picture = client.binary(2);
+        let found = f64_at(&picture, 8);
+        assert!(found <= time_s + 1e-9 && found > time_s - 0.05, "{found} s for {time_s} s");
+        assert_eq!(picture[2] & 1, 1, "of a recording");
+    }
+    let refused = client.ask(json!({"do": "pause"}));
+    assert!(refused["error"].is_object());
+    assert_eq!(running.stop().0, 0);
+}
+
+/// In real time a page disarms and arms, and nothing arms by itself what it has stopped.
+#[test]
+fn a_page_stops_and_arms_a_session_in_real_time() {
+    let running = Running::start(&[
+        "run", "--view", "--view-port", "0", "--seconds", "8", "--host-hz", "100", "--rearm", "--format", "json",
+    ]);
+    let mut client = running.client();
+    let hello = client.hello();
+    assert_eq!(hello["pace"], "real-time");
+    client.event("armed");
+    client.does(json!({"do": "safe_stop"}));
+    client.event("disarmed");
+    let still = client.text(|value| value["kind"] == "gauges" && value["mode"] == "idle");
+    let later = client.text(|value| value["kind"] == "gauges" && value["tick"] != still["tick"]);
+    assert_eq!(later["mode"], "idle");
+    client.does(json!({"do": "arm"}));
+    client.event("armed");
+    let (_, said) = running.stop();
+    let said: Value = serde_json::from_str(&said).unwrap();
+    assert!(said["rearmed"].as_u64().unwrap() >= 1, "{said}");
+}
+
+/// What does not go together is said with the next step.
+#[test]
+fn a_page_for_others_needs_a_name() {
+    let ran = sutura(&["view", "--view-bind", "0.0.0.0"]);
+    assert_eq!(ran.code, 2);
+    assert!(ran.stderr.contains("--view-host"), "{}", ran.stderr);
+    let ran = sutura(&["view", "nowhere.mcap", "--view-port", "0"]);
+    assert_eq!(ran.code, 2, "{}", ran.stderr);
+}
