@@ -14,6 +14,41 @@ use crate::tool::Tool;
 /// where the scene holds them. With needles, what is at rest depends on the way there: the scripts are
 /// followed until the scene's `solve_at_s`.
 ///
+/// ```
+/// use sutura_host::scene::{Document, read};
+///
+/// let pressed = |stiffness_pa: f64| {
+///     let text = format!(r#"
+///         [mesh.slab]
+///         size_m = [0.08, 0.08, 0.03]
+///         divisions = [8, 8, 3]
+///         [tissue]
+///         model = "linear"
+///         youngs_modulus_pa = {stiffness_pa}
+///         poisson_ratio = 0.45
+///         [[fixed]]
+///         plane = {{ axis = "z", at_m = -0.03 }}
+///         [[tool]]
+///         radius_m = 0.014
+///         position_m = [0.0, 0.0, 0.009]
+///     "#);
+///     read(&Document::embedded("slab.toml", "".as_ref(), &text))
+/// };
+/// let soft = sutura_host::solve::solve(&pressed(5e3)?)?;
+/// let stiff = sutura_host::solve::solve(&pressed(15e3)?)?;
+/// // The tool pushes the tissue down. Held there, tissue of three times the stiffness moves alike and bears three times
+/// // the force.
+/// assert!(soft.tools[0].force_n[2] < 0.0);
+/// assert!((stiff.tools[0].force_n[2] / soft.tools[0].force_n[2] - 3.0).abs() < 1e-6);
+/// let moved = |solution: &sutura_host::output::Solution| {
+///     let lengths = solution.drawn.displacement_m.iter();
+///     lengths.map(|u| u[0].hypot(u[1]).hypot(u[2])).fold(0.0, f64::max)
+/// };
+/// assert!((moved(&stiff) - moved(&soft)).abs() < 1e-9);
+/// assert!((moved(&soft) - 0.005).abs() < 1e-3);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+///
 /// # Errors
 /// Nothing to solve; needles that nobody drives, or a way that cannot be followed; tissue that is not held or handles that conflict; tools held too deep.
 pub fn solve(scene: &Scene) -> Result<Solution, SolveError> {

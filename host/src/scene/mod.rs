@@ -183,6 +183,19 @@ pub struct HostSettings {
 
 /// Reads and checks a scene file and every file that it names.
 ///
+/// ```
+/// let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../scenes/palpation.toml");
+/// let scene = sutura_host::scene::load(path.as_ref())?;
+/// // The slab's top is at z = 0, and it is 30 mm thick.
+/// let heights = || scene.mesh.points_m().iter().map(|point| point[2]);
+/// assert_eq!(heights().fold(f64::NEG_INFINITY, f64::max), 0.0);
+/// assert!((heights().fold(f64::INFINITY, f64::min) + 0.03).abs() < 1e-12);
+/// // It is held by its bottom alone.
+/// let fixed = scene.fixed.iter().map(|node| scene.mesh.points_m()[*node as usize][2]);
+/// assert!(fixed.into_iter().all(|height| (height + 0.03).abs() < 1e-12));
+/// # Ok::<(), sutura_host::scene::SceneError>(())
+/// ```
+///
 /// # Errors
 /// The first thing that is wrong, at its place in the file.
 pub fn load(path: &Path) -> Result<Scene, SceneError> {
@@ -190,6 +203,30 @@ pub fn load(path: &Path) -> Result<Scene, SceneError> {
 }
 
 /// As [`load`], of a document that is already in memory.
+///
+/// ```
+/// use sutura_host::scene::{Document, read};
+///
+/// let slab = |poisson_ratio: f64| {
+///     let text = format!(r#"
+///         [mesh.slab]
+///         size_m = [0.08, 0.08, 0.03]
+///         divisions = [4, 4, 2]
+///         [tissue]
+///         model = "linear"
+///         youngs_modulus_pa = 15e3
+///         poisson_ratio = {poisson_ratio}
+///         [[fixed]]
+///         plane = {{ axis = "z", at_m = -0.03 }}
+///     "#);
+///     read(&Document::embedded("slab.toml", "".as_ref(), &text))
+/// };
+/// assert_eq!(slab(0.45)?.mesh.points_m().len(), 5 * 5 * 3);
+/// // Nothing elastic gets larger under pressure from all sides.
+/// let wrong = slab(0.6).unwrap_err();
+/// assert!(wrong.to_string().contains("poisson"), "{wrong}");
+/// # Ok::<(), sutura_host::scene::SceneError>(())
+/// ```
 ///
 /// # Errors
 /// As there.

@@ -24,6 +24,52 @@ use nalgebra::Vector3;
 /// the balance to one contact per sample. A tool that is not sampled is lifted off.
 ///
 /// Deterministic for one binary and one SIMD level. Allocates only for new columns.
+///
+/// ```
+/// use sutura_host::scene::{Document, Pose, read};
+/// use sutura_host::script::at_rest;
+/// use sutura_host::step::{Status, StepOptions, step};
+///
+/// let scene = read(&Document::embedded("slab.toml", "".as_ref(), r#"
+///     name = "slab"
+///     [mesh.slab]
+///     size_m = [0.08, 0.08, 0.03]
+///     divisions = [8, 8, 3]
+///     [tissue]
+///     model = "linear"
+///     youngs_modulus_pa = 15e3
+///     poisson_ratio = 0.45
+///     [[fixed]]
+///     plane = { axis = "z", at_m = -0.03 }
+///     [[tool]]
+///     radius_m = 0.014
+/// "#))?;
+/// let (model, mut state, mut work) = scene.build()?;
+/// let mut press = |height_m: f64| {
+///     let pose = Pose { position_m: [0.0, 0.0, height_m], orientation: [0.0, 0.0, 0.0, 1.0] };
+///     let sample = at_rest(scene.tools[0].id, &pose);
+///     loop {
+///         // A step goes only so far, and computes only so many columns.
+///         let report = step(&model, &mut state, &[sample], &StepOptions::default(), &mut work);
+///         match report.status {
+///             Status::Ok => break report.contacts()[0],
+///             Status::Waiting | Status::Behind => {}
+///             other => panic!("{other:?}"),
+///         }
+///     }
+/// };
+/// // 4 mm above the slab a ball of 14 mm touches nothing; 1 mm into it is pushed upwards.
+/// let apart = press(0.018);
+/// assert_eq!(apart.wrench[2], 0.0);
+/// assert!((apart.gap_m - 0.004).abs() < 1e-9);
+/// let held = press(0.013);
+/// assert!(held.wrench[2] > 0.0 && held.rows > 0);
+/// // The tangent says what a little more gives.
+/// let deeper = press(0.013 - 1e-7);
+/// let said = held.wrench[2] - 1e-7 * held.tangent[2][2];
+/// assert!((deeper.wrench[2] - said).abs() < 1e-3 * (said - held.wrench[2]));
+/// # Ok::<(), sutura_host::scene::SceneError>(())
+/// ```
 pub fn step(
     model: &Model,
     state: &mut State,

@@ -41,6 +41,105 @@ pub struct HostVerdict {
 
 /// Runs the solver's steps again, up to the first that differs. `same_bits`: the solver is the same build, on a machine with
 /// the same instructions. `seen` is shown the solver after each, with the console time that the solve was for \[us\].
+///
+/// ```
+/// use std::ops::ControlFlow;
+/// use sutura_host::link::{LinkError, LockstepConsole};
+/// use sutura_host::recording::replay::replay_host;
+/// use sutura_host::recording::{About, Recorder, Recording, TappedConsole, TappedSolver};
+/// use sutura_host::scene::{Document, read};
+/// use sutura_host::session::{LINE_BYTES_PER_S, Plan, Rendering, SceneSolver, run_lockstep};
+/// use sutura_shared::simulated_console::SimulatedConsole;
+/// use sutura_shared::wire::message::Fixture;
+///
+/// /// A tick for each exchange.
+/// struct Console(SimulatedConsole);
+///
+/// impl LockstepConsole for Console {
+///     fn exchange(&mut self, down: &[u8], up: &mut Vec<u8>) -> Result<(), LinkError> {
+///         self.0.feed(down);
+///         self.0.tick(Default::default());
+///         self.0.drain(up);
+///         Ok(())
+///     }
+///     fn name(&self) -> &str {
+///         "simulated"
+///     }
+/// }
+///
+/// let document = Document::embedded("slab.toml", "".as_ref(), r#"
+///     name = "slab"
+///     device = "cartesian-bench"
+///     [mesh.slab]
+///     size_m = [0.08, 0.08, 0.03]
+///     divisions = [8, 8, 3]
+///     [tissue]
+///     model = "linear"
+///     youngs_modulus_pa = 15e3
+///     poisson_ratio = 0.45
+///     [[fixed]]
+///     plane = { axis = "z", at_m = -0.03 }
+///     [[tool]]
+///     radius_m = 0.014
+///     [hand]
+///     stiffness_n_per_m = 1000.0
+///     damping_n_s_per_m = 10.0
+///     [[hand.way_point]]
+///     time_s = 0.0
+///     position_m = [0.0, 0.0, 0.016]
+///     [[hand.way_point]]
+///     time_s = 0.4
+///     position_m = [0.0, 0.0, 0.010]
+/// "#);
+/// let scene = read(&document)?;
+/// let plan = Plan {
+///     device: scene.device.ok_or("a device")?,
+///     hand: scene.hand.ok_or("a hand")?,
+///     host_hz: 50.0,
+///     seconds: 0.5,
+///     tick_hz: 1000,
+///     state_every: 1,
+///     rendering: Rendering::Tangent,
+///     line_bytes_per_s: LINE_BYTES_PER_S,
+///     horizon_us: None,
+///     clear_fault: false,
+///     fixture: Fixture::None,
+/// };
+/// let folder = tempfile::tempdir()?;
+/// let path = folder.path().join("session.mcap");
+/// let about = About {
+///     lockstep: true,
+///     ..About::here("example".to_owned(), &plan, scene.tissue.word())
+/// };
+/// let recorder = Recorder::start(Some(&path), about, document.sources())?;
+/// let mut console = Console(SimulatedConsole::new(&plan.device, 0)?);
+/// let mut solver = SceneSolver::for_session(&scene, &plan)?;
+/// let summary = run_lockstep(
+///     &mut TappedConsole::new(&mut console, recorder.tap()),
+///     &plan,
+///     &mut TappedSolver::new(&mut solver, recorder.tap()),
+///     |_| ControlFlow::Continue(()),
+/// )?;
+/// assert_eq!(summary.status, "ok");
+/// recorder.finish()?;
+///
+/// // Another solver of the scene in the file finds the same, to the bit.
+/// let recording = Recording::read(&path)?;
+/// let scene = read(&Document::from_sources(&recording.sources))?;
+/// let mut again = SceneSolver::for_session(&scene, &recording.about.plan)?;
+/// let mut lowest_m = 0.0f64;
+/// let verdict = replay_host(&recording, &mut again, true, |solver, _| {
+///     let heights = solver.positions_m().iter().map(|at| at[2] + 0.03).fold(f64::INFINITY, f64::min);
+///     lowest_m = lowest_m.min(heights);
+/// });
+/// assert!(verdict.identical && verdict.diverged_step.is_none(), "{verdict:?}");
+/// assert_eq!(verdict.verified_steps, recording.solves.len() as u64);
+/// // The hand pressed: the last solve pushes the tool upwards. The table lets nothing through.
+/// let (_, last) = recording.solves.last().ok_or("a solve")?;
+/// assert!(last.wrench.is_some_and(|wrench| wrench[2] > 0.0));
+/// assert!(lowest_m > -1e-9);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub fn replay_host(
     recording: &Recording,
     solver: &mut SceneSolver,

@@ -236,6 +236,56 @@ impl SceneSolver {
 
     /// Steps with the driven tool where `sample` is, and all else where the scripts have it at its time, counted from
     /// the first step's. Where the status is `Ok` there is a contact for each tool, the driven one's first.
+    ///
+    /// ```
+    /// use sutura_host::scene::{Document, Pose, read};
+    /// use sutura_host::script::at_rest;
+    /// use sutura_host::session::SceneSolver;
+    /// use sutura_host::step::Status;
+    ///
+    /// let scene = read(&Document::embedded("slab.toml", "".as_ref(), r#"
+    ///     name = "slab"
+    ///     [mesh.slab]
+    ///     size_m = [0.08, 0.08, 0.03]
+    ///     divisions = [8, 8, 3]
+    ///     [tissue]
+    ///     model = "linear"
+    ///     youngs_modulus_pa = 15e3
+    ///     poisson_ratio = 0.45
+    ///     [[fixed]]
+    ///     plane = { axis = "z", at_m = -0.03 }
+    ///     [[tool]]
+    ///     radius_m = 0.014
+    /// "#))?;
+    /// let mut solver = SceneSolver::new(&scene)?;
+    /// let lowest = |solver: &SceneSolver| {
+    ///     let top = scene.mesh.points_m().iter().map(|point| point[2] == 0.0);
+    ///     let moved = solver.positions_m().into_owned();
+    ///     let heights = moved.into_iter().zip(top).filter(|(_, top)| *top);
+    ///     heights.map(|(at, _)| at[2]).fold(f64::INFINITY, f64::min)
+    /// };
+    /// assert_eq!(lowest(&solver), 0.0);
+    /// // The hand goes down at 50 mm/s, and the console says every 20 ms where it is.
+    /// let id = solver.driven().unwrap_or_default();
+    /// let mut forces_n = Vec::new();
+    /// for turn in 0..=8 {
+    ///     let height_m = 0.016 - 1e-3 * f64::from(turn);
+    ///     let pose = Pose { position_m: [0.0, 0.0, height_m], orientation: [0.0, 0.0, 0.0, 1.0] };
+    ///     let mut sample = at_rest(id, &pose);
+    ///     sample.console_time_us = 20_000 * u64::try_from(turn)?;
+    ///     let mut report = solver.step(sample);
+    ///     while matches!(report.status, Status::Waiting | Status::Behind) {
+    ///         report = solver.step(sample);
+    ///     }
+    ///     assert_eq!(report.status, Status::Ok);
+    ///     forces_n.push(report.contacts()[0].wrench[2]);
+    /// }
+    /// // The deeper, the more; and the top gives way as far as the ball has gone in.
+    /// assert_eq!(forces_n[0], 0.0);
+    /// assert!(forces_n[3..].windows(2).all(|pair| pair[1] > pair[0]));
+    /// assert!((lowest(&solver) + 0.006).abs() < 1e-4);
+    /// # Ok::<(), Box<dyn std::error::Error>>(())
+    /// ```
     pub fn step(&mut self, sample: ToolSample) -> StepReport {
         let report = self.step_with(sample, false);
         self.past.peaks.press(&report, sample.position_m);
