@@ -56,7 +56,8 @@ pub struct SceneSolver {
     lead: Lead,
     /// Whether frames carry the states of needle and thread, which are what is looked ahead for.
     looks_ahead: bool,
-    /// Whether its steps may take more passes than the model says, where there is time: the scene leaves it open.
+    /// Whether its steps may take more passes than the model says, where there is time: the scene leaves it open, and no pass
+    /// follows a needle's way once more.
     settles: bool,
     effort: Effort,
     past: Past,
@@ -143,7 +144,9 @@ impl SceneSolver {
             ahead_s: 0.0,
             lead: Lead::new(),
             looks_ahead: true,
-            settles: scene.tissue.leaves_passes_open(),
+            settles: scene.tissue.leaves_passes_open()
+                && scene.needles.is_empty()
+                && scene.threads.is_empty(),
             effort: Effort::Full,
         }
     }
