@@ -44,7 +44,7 @@ function panels(telemetry) {
         { name: 'force_x_n', label: 'x', colour: AXES.x },
         { name: 'force_y_n', label: 'y', colour: AXES.y },
         { name: 'force_z_n', label: 'z', colour: AXES.z },
-        { name: 'force_n', label: 'norm', colour: AXES.all },
+        { name: 'force_n', label: '|F|', colour: AXES.all },
       ],
     },
     {
