@@ -96,6 +96,14 @@ export class Instruments {
     if (object instanceof THREE.Mesh) object.geometry.dispose();
   }
 
+  /** Around tools and needles as they are. */
+  bounds() {
+    const box = new THREE.Box3();
+    const meshes = [...this.tools.values(), ...this.needles.values()].map(({ mesh }) => mesh);
+    for (const mesh of meshes) if (mesh.visible) box.expandByObject(mesh);
+    return box;
+  }
+
   /** Materials of the quality, and what is shown. */
   apply() {
     const { quality } = this.stage;

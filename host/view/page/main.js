@@ -50,6 +50,7 @@ class Page {
     this.geometry = -1;
     /** Of the scene that the camera looks at. */
     this.bounds = '';
+    this.unframed = false;
     /** @type {string | null} */
     this.scalar = view?.scalar ?? null;
     this.range = new Range();
@@ -191,6 +192,8 @@ class Page {
       this.tissue?.clear();
       this.instruments?.setScene(hello);
       if (elsewhere) this.stage.look('home');
+      // Where tools are the first picture says.
+      this.unframed = elsewhere && !(first && this.view);
       if (first) this.applyView();
     }
     if (line) this.player.start(line);
@@ -221,6 +224,12 @@ class Page {
     this.colour(picture);
     instruments.setPicture(picture, (vertex, into) => this.place(vertex, into));
     this.showSpring();
+    if (this.unframed) {
+      this.unframed = false;
+      const box = instruments.bounds();
+      if (!box.isEmpty()) stage.include(box);
+      stage.look('home');
+    }
     stage.request();
   }
 

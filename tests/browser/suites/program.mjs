@@ -55,6 +55,7 @@ function withProgram(words, run) {
 async function posed({ page, book, shot }, name, live = true) {
   if (book) {
     if (live) await page.evaluate(() => window.sutura.ask({ do: 'pause' }));
+    await page.setViewportSize({ width: 1200, height: 675 });
     await page.evaluate(() => {
       const { stage } = window.sutura;
       stage.adapt = () => {};
@@ -111,11 +112,16 @@ export const tests = [
 
   ['program: drag', withProgram(['scenes/palpation.toml'], async ({ page, shot }) => {
     await until(page, () => window.sutura.grip() !== null && document.getElementById('mode').textContent === 'armed');
-    // In the air: let go, the hand goes back to where it was taken.
-    await until(page, () => window.sutura.telemetry.ticks.length > 100 && window.sutura.telemetry.ticks.value('force_n', 1e9) < 0.01);
-    await page.evaluate(() => window.sutura.ask({ do: 'hand', way: 'none' }));
-    await page.evaluate(() => window.sutura.drag.send(window.sutura.grip().set(0, 0, 0.03)));
-    await until(page, () => window.sutura.newest.status.grip[2] > 0.027 && window.sutura.telemetry.ticks.value('force_n', 1e9) < 0.01);
+    // Let go, the hand goes back to where it was taken: in the air, where the scene's hand begins. Slowly, so that it is
+    // still there when it is told to stay.
+    const ask = (command) => page.evaluate((command) => window.sutura.ask(command), command);
+    await ask({ do: 'speed', factor: 0.2 });
+    await ask({ do: 'hand', way: 'scene' });
+    await until(page, () => window.sutura.newest.status.grip[2] > 0.0295);
+    await ask({ do: 'hand', way: 'none' });
+    await ask({ do: 'speed', factor: 1 });
+    await page.waitForTimeout(500);
+    check((await force(page)) < 0.01, `in the air: ${await force(page)} N`);
     const place = await page.evaluate(() => {
       const { stage, picture } = window.sutura;
       const at = stage.centre.clone().fromArray(picture.tools.find((tool) => tool.driven).position).project(stage.camera);
@@ -124,13 +130,15 @@ export const tests = [
     });
     await page.mouse.move(place.x, place.y);
     await page.mouse.down();
-    await page.mouse.move(place.x, place.y + 0.03 * place.metre, { steps: 12 });
+    await page.mouse.move(place.x, place.y + 0.028 * place.metre, { steps: 12 });
     await until(page, () => window.sutura.telemetry.ticks.value('force_n', 1e9) > 0.3);
     await page.waitForTimeout(1500);
     const pressed = await force(page);
     await shot('program-drag');
     await page.mouse.up();
     await until(page, () => window.sutura.telemetry.ticks.value('force_n', 1e9) < 0.05);
+    await page.waitForTimeout(1000);
+    check((await force(page)) < 0.05, `let go: ${await force(page)} N`);
     return `pressed ${pressed.toFixed(2)} N, let go ${(await force(page)).toFixed(3)} N`;
   })],
 
