@@ -55,7 +55,9 @@ impl Running {
     fn client(&self) -> Client {
         let stream = TcpStream::connect(&self.address).unwrap();
         stream.set_read_timeout(Some(LONG)).unwrap();
-        let mut request = format!("ws://{}/ws", self.address).into_client_request().unwrap();
+        let mut request = format!("ws://{}/ws", self.address)
+            .into_client_request()
+            .unwrap();
         let origin = format!("http://{}", self.address).parse().unwrap();
         request.headers_mut().insert("origin", origin);
         let (socket, _) = client(request, stream).unwrap();
@@ -75,7 +77,10 @@ impl Running {
         let output = self.child.wait_with_output().unwrap();
         let said = String::from_utf8(output.stdout).unwrap();
         let words: Vec<String> = self.words.iter().collect();
-        (output.status.code().unwrap_or_else(|| panic!("{words:?}")), said)
+        (
+            output.status.code().unwrap_or_else(|| panic!("{words:?}")),
+            said,
+        )
     }
 }
 
@@ -109,7 +114,9 @@ impl Client {
 
     fn text(&mut self, wanted: impl Fn(&Value) -> bool) -> Value {
         self.until(|message| {
-            let Message::Text(text) = message else { return None };
+            let Message::Text(text) = message else {
+                return None;
+            };
             let value: Value = serde_json::from_str(text).unwrap();
             wanted(&value).then_some(value)
         })
@@ -183,7 +190,10 @@ fn a_sandbox_does_what_its_page_asks_for() {
     let vertices = u32::from_le_bytes(geometry[8..12].try_into().unwrap());
     assert!(vertices > 100);
     let picture = client.binary(2);
-    assert_eq!(u32::from_le_bytes(picture[32..36].try_into().unwrap()), vertices);
+    assert_eq!(
+        u32::from_le_bytes(picture[32..36].try_into().unwrap()),
+        vertices
+    );
     client.binary(3);
     client.binary(4);
     client.text(|value| value["kind"] == "gauges" && value["mode"] == "armed");
@@ -255,7 +265,12 @@ fn a_page_leaves_no_trace_in_a_session_in_lockstep() {
     assert_eq!(code, 0);
     assert_eq!(said["trace_hash"], plain["trace_hash"]);
     assert_eq!(said["view"]["clients"], 1);
-    assert!(said["view"]["url"].as_str().unwrap().starts_with("http://127.0.0.1:"));
+    assert!(
+        said["view"]["url"]
+            .as_str()
+            .unwrap()
+            .starts_with("http://127.0.0.1:")
+    );
     assert!(!said.to_string().contains("key="), "the key is nobody's");
     assert!(plain["view"].is_null());
 }
@@ -279,7 +294,10 @@ fn a_recording_has_a_time_line() {
         client.does(json!({"do": "seek", "time_s": time_s}));
         let picture = client.binary(2);
         let found = f64_at(&picture, 8);
-        assert!(found <= time_s + 1e-9 && found > time_s - 0.05, "{found} s for {time_s} s");
+        assert!(
+            found <= time_s + 1e-9 && found > time_s - 0.05,
+            "{found} s for {time_s} s"
+        );
         assert_eq!(picture[2] & 1, 1, "of a recording");
     }
     let refused = client.ask(json!({"do": "pause"}));
@@ -291,7 +309,17 @@ fn a_recording_has_a_time_line() {
 #[test]
 fn a_page_stops_and_arms_a_session_in_real_time() {
     let running = Running::start(&[
-        "run", "--view", "--view-port", "0", "--seconds", "8", "--host-hz", "100", "--rearm", "--format", "json",
+        "run",
+        "--view",
+        "--view-port",
+        "0",
+        "--seconds",
+        "8",
+        "--host-hz",
+        "100",
+        "--rearm",
+        "--format",
+        "json",
     ]);
     let mut client = running.client();
     let hello = client.hello();
@@ -307,6 +335,18 @@ fn a_page_stops_and_arms_a_session_in_real_time() {
     let (_, said) = running.stop();
     let said: Value = serde_json::from_str(&said).unwrap();
     assert!(said["rearmed"].as_u64().unwrap() >= 1, "{said}");
+}
+
+/// Who sits at no desktop, or reads stderr from a file, is shown no page unless it is asked for.
+#[test]
+fn without_a_terminal_there_is_no_page() {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_sutura"));
+    command
+        .args(["run", "--seconds", "0.2"])
+        .env("DISPLAY", ":0")
+        .current_dir(root());
+    let ran = crate::support::ran(&mut command);
+    assert!(!ran.stderr.contains("see it"), "{}", ran.stderr);
 }
 
 /// What does not go together is said with the next step.

@@ -468,9 +468,12 @@ export async function start({ scene = 'slab', port = 0, motors = false } = {}) {
       for (const client of mock.clients) if (client.hz > 0) client.sendPicture();
     }, 33),
   ];
-  timers.push(setInterval(() => {
-    for (const client of mock.clients) client.say(mock.gauges(client));
-  }, 500));
+  // Of a recording the host says nothing by itself.
+  if (!mock.recording) {
+    timers.push(setInterval(() => {
+      for (const client of mock.clients) client.say(mock.gauges(client));
+    }, 500));
+  }
   await new Promise((resolve) => server.listen(port, '127.0.0.1', resolve));
   const at = server.address().port;
   return {

@@ -2,7 +2,7 @@
 // against the program. `node tests/browser/run.mjs --sutura PATH --out DIR`; installs nothing, and says what is missing.
 
 import { spawnSync } from 'node:child_process';
-import { existsSync, mkdirSync } from 'node:fs';
+import { copyFileSync, existsSync, mkdirSync, statSync } from 'node:fs';
 import path from 'node:path';
 import { fileURLToPath } from 'node:url';
 import { parseArgs } from 'node:util';
@@ -11,14 +11,15 @@ const HERE = fileURLToPath(new URL('.', import.meta.url));
 const BROWSERS = ['/usr/bin/chromium', '/usr/bin/chromium-browser', '/usr/bin/google-chrome', '/usr/bin/google-chrome-stable'];
 const HELP = `Tests the page of \`sutura view\` in a headless browser.
 
-  node tests/browser/run.mjs --sutura PATH_TO_BINARY --out DIR [--only WORD] [--checkout]
+  node tests/browser/run.mjs --sutura PATH_TO_BINARY --out DIR [--only WORD] [--checkout] [--book]
 
 Without --sutura the program's own tests are left out, and that is said. Pictures of all tests are kept in DIR.
 --checkout takes the page's files from here instead of the binary: for working on the page without building.
+--book draws the program's pictures as a graphics card does, and copies those that the book shows into docs/src/view.
 SUTURA_CHROMIUM names the browser, if it is not in /usr/bin.`;
 
 const { values } = parseArgs({
-  options: { sutura: { type: 'string' }, out: { type: 'string', default: 'out/browser' }, only: { type: 'string' }, checkout: { type: 'boolean' }, help: { type: 'boolean' } },
+  options: { sutura: { type: 'string' }, out: { type: 'string', default: 'out/browser' }, only: { type: 'string' }, checkout: { type: 'boolean' }, book: { type: 'boolean' }, help: { type: 'boolean' } },
 });
 if (values.help) {
   console.log(HELP);
@@ -58,6 +59,18 @@ async function one(name, run) {
   }
 }
 
+/** Pictures of the program's tests that the book shows, none too large to be read over a slow line. */
+function copyForBook() {
+  const folder = path.join(HERE, '../../docs/src/view');
+  mkdirSync(folder, { recursive: true });
+  for (const name of ['palpation', 'stress', 'anastomosis', 'replay']) {
+    const from = path.join(values.out, `program-${name}.png`);
+    const { size } = statSync(from);
+    if (size > 150_000) throw new Error(`${from} has ${size} bytes`);
+    copyFileSync(from, path.join(folder, `${name}.png`));
+  }
+}
+
 /** @param {string} program @param {string[]} words */
 function runs(program, words) {
   const done = spawnSync(program, words, { cwd: HERE, encoding: 'utf8' });
@@ -75,8 +88,9 @@ else console.log('left out: tests of the program (no --sutura)');
 const browser = new Browser({ executable, out: values.out, checkout: values.checkout });
 await browser.launch();
 for (const tests of suites) {
-  for (const [name, run] of tests) await one(name, () => run({ browser, out: values.out, sutura: values.sutura, Browser, executable }));
+  for (const [name, run] of tests) await one(name, () => run({ browser, out: values.out, sutura: values.sutura, executable, book: values.book === true }));
 }
 await browser.close();
+if (values.book) copyForBook();
 console.log(`${counts.passed} passed, ${counts.failed} failed`);
 process.exit(counts.failed > 0 || counts.passed === 0 ? 1 : 0);

@@ -81,7 +81,8 @@ export class Bar {
     this.canArm = hello.do.includes('arm') && hello.role === 'control';
     this.canClear = hello.do.includes('clear_fault') && hello.role === 'control';
     element('console').textContent = hello.source === 'recording' ? 'recording' : `${hello.console} console · ${hello.device}`;
-    element('role').textContent = hello.role === 'control' ? 'you control' : 'you watch';
+    const role = hello.role === 'control' ? 'you control' : 'you watch';
+    element('role').textContent = hello.source === 'recording' ? hello.device : role;
     this.setMode(hello.mode);
   }
 

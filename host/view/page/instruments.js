@@ -96,6 +96,14 @@ export class Instruments {
     if (object instanceof THREE.Mesh) object.geometry.dispose();
   }
 
+  /** Around tools and needles as they are. */
+  bounds() {
+    const box = new THREE.Box3();
+    const meshes = [...this.tools.values(), ...this.needles.values()].map(({ mesh }) => mesh);
+    for (const mesh of meshes) if (mesh.visible) box.expandByObject(mesh);
+    return box;
+  }
+
   /** Materials of the quality, and what is shown. */
   apply() {
     const { quality } = this.stage;
@@ -348,8 +356,7 @@ function metal(quality, colour) {
   return new THREE.MeshPhysicalMaterial({ color: colour, metalness: quality === 'full' ? 0.85 : 0.15, roughness: 0.32 });
 }
 
-/** Where the console's grip is, if nothing of it touches. @param {number} radius of the scene [m] */
+/** Where a grip is, if nothing of it touches: a ring. @param {number} radius of the scene [m] */
 function gripMark(radius) {
-  const size = 0.05 * radius;
-  return new THREE.Mesh(new THREE.OctahedronGeometry(size, 0));
+  return new THREE.Mesh(new THREE.TorusGeometry(0.05 * radius, 0.008 * radius, 10, 36));
 }

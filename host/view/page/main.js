@@ -18,13 +18,13 @@ import { Stage, VIEWS } from './stage.js';
 import { KEPT_S, Telemetry, csv } from './telemetry.js';
 import { TimeLine } from './timeline.js';
 import { Tissue } from './tissue.js';
-import { fixed } from './units.js';
+import { fixed, words } from './units.js';
 import { Alerts, element, toast } from './words.js';
 
 /** Pictures a second that are asked for. */
 const PICTURE_HZ = 30;
 /** Silent for so long, the host counts as gone [s]. */
-const SILENCE_S = 1.5;
+const SILENCE_S = 2;
 /** Events that are told in words; the others are marks on the time line. */
 const TOLD = ['fault', 'lost', 'back', 'overload', 'reset', 'switch', 'saved', 'control', 'ended'];
 /** The scalar that follows from a picture's displacements. */
@@ -50,6 +50,7 @@ class Page {
     this.geometry = -1;
     /** Of the scene that the camera looks at. */
     this.bounds = '';
+    this.unframed = false;
     /** @type {string | null} */
     this.scalar = view?.scalar ?? null;
     this.range = new Range();
@@ -175,6 +176,7 @@ class Page {
     this.past.clear();
     this.drag?.forget();
     this.restartRange();
+    this.alerts.set('badge', '');
     const line = hello.time_line;
     const seconds = line ? line.to_s - line.from_s : KEPT_S;
     this.telemetry = new Telemetry(hello.stages, hello.needles.length, hello.threads.length, seconds, hello.tick_hz);
@@ -190,6 +192,8 @@ class Page {
       this.tissue?.clear();
       this.instruments?.setScene(hello);
       if (elsewhere) this.stage.look('home');
+      // Where tools are the first picture says.
+      this.unframed = elsewhere && !(first && this.view);
       if (first) this.applyView();
     }
     if (line) this.player.start(line);
@@ -220,6 +224,12 @@ class Page {
     this.colour(picture);
     instruments.setPicture(picture, (vertex, into) => this.place(vertex, into));
     this.showSpring();
+    if (this.unframed) {
+      this.unframed = false;
+      const box = instruments.bounds();
+      if (!box.isEmpty()) stage.include(box);
+      stage.look('home');
+    }
     stage.request();
   }
 
@@ -237,7 +247,7 @@ class Page {
   colour(picture) {
     const scalar = this.hello?.scalars.find((one) => one.name === this.scalar);
     const has = this.hello?.scalars[picture.scalar - 1]?.name ?? null;
-    this.panel.sayScalar(this.scalar && has !== this.scalar && this.scalar !== DISPLACEMENT && picture.recorded ? `The pictures of this recording have ${has ?? 'no value'}.` : '');
+    this.panel.sayScalar(this.scalar && has !== this.scalar && this.scalar !== DISPLACEMENT && picture.recorded ? `The pictures of this recording have ${has ? words(has) : 'no value'}.` : '');
     if (!scalar || !this.readValues(picture, has)) {
       this.tissue?.colour(null, [0, 1], false);
       return;
@@ -326,8 +336,8 @@ class Page {
   /** @param {string[]} faults */
   showFaults(faults) {
     for (const name of faults) {
-      const words = this.hello?.fixes[name];
-      this.alerts.set(`fault-${name}`, words?.message ?? `Fault: ${name}`, words?.help ?? '');
+      const fix = this.hello?.fixes[name];
+      this.alerts.set(`fault-${name}`, fix?.message ?? `Fault: ${name}`, fix?.help ?? '');
     }
     this.alerts.only('fault-', faults.map((name) => `fault-${name}`));
   }
@@ -338,6 +348,7 @@ class Page {
       this.player.setReady(event.time_s);
     } else if (event.what === 'verified') {
       this.timeLine.setBadge(event.badge ?? '', event.text);
+      if (event.badge === 'diverged') this.alerts.set('badge', 'This recording could not be verified.', event.text, 'warn');
     } else {
       if (this.hello?.source === 'live' && TOLD.includes(event.what)) toast(event.help ? `${event.text} ${event.help}` : event.text, event.what === 'fault' || event.what === 'lost');
       this.plots.events.push(event);
@@ -347,8 +358,10 @@ class Page {
 
   /** Says what has gone, and crosses out its values. */
   showGone() {
-    const gone = !this.link.open || this.link.silence > SILENCE_S;
-    this.bar.setGone(gone, this.hello?.source === 'live' && this.gauges?.connected === false);
+    const live = this.hello?.source === 'live';
+    // Of a recording nothing comes that nobody has asked for.
+    const gone = !this.link.open || (live && this.link.silence > SILENCE_S);
+    this.bar.setGone(gone, live && this.gauges?.connected === false);
     element('view').classList.toggle('stale', gone && this.session !== -1);
     if (this.link.final) this.alerts.set('link', 'The host has closed the connection.', this.link.final);
     else if (gone && this.link.key) this.alerts.set('link', `No connection to the host, last seen ${Math.floor(this.link.silence)} s ago.`, 'Trying again. Is sutura still running? A console stops by itself when its host is silent.');
@@ -447,7 +460,7 @@ class Page {
     const what = {
       title: `${hello.scene}, ${hello.tissue}`,
       time: this.picture?.time ?? null,
-      legend: scalar ? { ...scalar, name: scalar.name.replaceAll('-', ' '), range: this.range.ends, at: this.under } : null,
+      legend: scalar ? { ...scalar, name: words(scalar.name), range: this.range.ends, at: this.under } : null,
       scales: {
         contact: instruments.options.contacts && (this.picture?.contacts.vertices.length ?? 0) > 0 ? instruments.scales.contact : 0,
         wrench: instruments.options.wrench ? instruments.scales.wrench : 0,

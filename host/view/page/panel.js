@@ -4,10 +4,7 @@
 import { button, check, choice, hint, row, section, select, slider } from './controls.js';
 import { LARGEST_SEPARATION } from './stereo.js';
 import { element } from './words.js';
-import { fixed, short } from './units.js';
-
-/** Words for names that the host uses in its commands. */
-const words = (/** @type {string} */ name) => name.replace(/[-_]/g, ' ').replace(/\bhz\b/, 'Hz');
+import { fixed, short, words } from './units.js';
 
 const capital = (/** @type {string} */ text) => text.charAt(0).toUpperCase() + text.slice(1);
 

@@ -30,6 +30,7 @@ const EVENTS = /** @type {Record<string, string>} */ ({
  * @property {Series[]} series
  * @property {number} digits
  * @property {boolean} stacked
+ * @property {number} [top] of what is shown of a stack
  */
 
 /** @param {import('./telemetry.js').Telemetry} telemetry @returns {Panel[]} */
@@ -44,7 +45,7 @@ function panels(telemetry) {
         { name: 'force_x_n', label: 'x', colour: AXES.x },
         { name: 'force_y_n', label: 'y', colour: AXES.y },
         { name: 'force_z_n', label: 'z', colour: AXES.z },
-        { name: 'force_n', label: 'norm', colour: AXES.all },
+        { name: 'force_n', label: '|F|', colour: AXES.all },
       ],
     },
     {
@@ -83,7 +84,7 @@ export class Plots {
   constructor(element, onMarks) {
     this.element = element;
     this.onMarks = onMarks;
-    /** @type {{panel: Panel, plot: uPlot, values: HTMLElement[], box: HTMLElement}[]} */
+    /** @type {{panel: Panel, plot: uPlot, values: HTMLElement[], box: HTMLElement, title: HTMLElement}[]} */
     this.list = [];
     /** @type {import('./telemetry.js').Telemetry | null} */
     this.telemetry = null;
@@ -145,7 +146,7 @@ export class Plots {
     plot.over.addEventListener('wheel', (event) => this.wheel(event, plot), { passive: false });
     plot.over.addEventListener('click', (event) => this.click(event, plot));
     plot.over.addEventListener('dblclick', () => this.follow());
-    return { panel, plot, values, box };
+    return { panel, plot, values, box, title };
   }
 
   /** @param {Panel} panel @returns {uPlot.Options} */
@@ -159,7 +160,7 @@ export class Plots {
     return {
       width: 300, height: 150, legend: { show: false }, pxAlign: 0,
       cursor: { sync: { key: 'plots' }, drag: { x: false, y: false }, points: { show: false } },
-      scales: { x: { time: false, range: () => this.range() }, y: { range: (_, low, high) => limits(low, high, panel.stacked) } },
+      scales: { x: { time: false, range: () => this.range() }, y: { range: (_, low, high) => limits(low, panel.top ?? high, panel.stacked) } },
       series: [{}, ...(panel.stacked ? series.reverse() : series)],
       axes: [
         { ...axis, size: 24, space: 60, values: (_, ticks) => ticks.map((tick) => `${Number(tick.toFixed(3))}`) },
@@ -199,15 +200,32 @@ export class Plots {
     if (!this.telemetry || (!now && time - this.drawn < EVERY_MS) || document.hidden) return;
     this.drawn = time;
     const [from, to] = this.range();
-    for (const { panel, plot } of this.list) {
+    for (const { panel, plot, title } of this.list) {
       const ring = panel.ring(this.telemetry);
       const names = panel.series.map((series) => series.name);
       if (panel.stacked) names.reverse();
       const pixels = Math.max(50, Math.floor(plot.over.clientWidth));
-      plot.setData(/** @type {uPlot.AlignedData} */ (reduce(ring, names, from, to, pixels)));
+      const data = reduce(ring, names, from, to, pixels);
+      if (panel.stacked) this.cutPeaks(panel, title, data[1]);
+      plot.setData(/** @type {uPlot.AlignedData} */ (data));
     }
     this.newest = this.telemetry.ticks.newest;
     this.showValues();
+  }
+
+  /**
+   * One late step in a thousand would leave nothing to see of all others: it is cut off, and its height is said.
+   * @param {Panel} panel
+   * @param {HTMLElement} title
+   * @param {(number | null)[]} totals
+   */
+  cutPeaks(panel, title, totals) {
+    const sorted = totals.filter((value) => value !== null).sort((a, b) => a - b);
+    const peak = sorted[sorted.length - 1] ?? 0;
+    const usual = sorted[Math.floor(0.95 * (sorted.length - 1))] ?? 0;
+    const cut = usual > 0 && peak > 4 * usual;
+    panel.top = cut ? 4 * usual : undefined;
+    title.textContent = cut ? `${panel.title}, peak ${fixed(peak, 1)}` : panel.title;
   }
 
   /** Values at the cursor, or the newest; with two marks, their difference. */

@@ -58,6 +58,8 @@ export class Stage extends EventTarget {
     this.size = { width: 1, height: 1 };
     this.radius = 0.05;
     this.centre = new THREE.Vector3();
+    /** What `home` and the views show: the tissue, and tools beside it. */
+    this.shown = new THREE.Sphere(new THREE.Vector3(), this.radius);
     this.dirty = true;
     this.lost = false;
     this.drawn = 0;
@@ -185,6 +187,7 @@ export class Stage extends EventTarget {
     const box = new THREE.Box3(new THREE.Vector3(...bounds[0]), new THREE.Vector3(...bounds[1]));
     box.getCenter(this.centre);
     this.radius = Math.max(box.getSize(new THREE.Vector3()).length() / 2, 1e-4);
+    this.shown.set(this.centre, this.radius);
     this.camera.near = this.radius / 50;
     this.camera.far = this.radius * 60;
     this.controls.minDistance = this.radius / 8;
@@ -201,13 +204,20 @@ export class Stage extends EventTarget {
     shadow.radius = 4;
   }
 
+  /** Views show this, too, but not at any size of the tissue. @param {THREE.Box3} box [m] */
+  include(box) {
+    const most = new THREE.Box3().setFromCenterAndSize(this.centre, new THREE.Vector3().setScalar(4 * this.radius));
+    for (const corner of [box.min, box.max]) this.shown.expandByPoint(corner.clone().clamp(most.min, most.max));
+  }
+
   /** @param {ViewName} name */
   look(name) {
     const direction = new THREE.Vector3(...VIEWS[name]).normalize();
     const half = THREE.MathUtils.degToRad(this.camera.fov / 2);
     const narrow = Math.min(half, Math.atan(Math.tan(half) * this.camera.aspect));
-    this.controls.target.copy(this.centre);
-    this.camera.position.copy(this.centre).addScaledVector(direction, (0.94 * this.radius) / Math.sin(narrow));
+    const { center, radius } = this.shown;
+    this.controls.target.copy(center);
+    this.camera.position.copy(center).addScaledVector(direction, (0.94 * radius) / Math.sin(narrow));
     this.controls.update();
     this.request();
   }

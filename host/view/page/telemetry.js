@@ -1,7 +1,10 @@
 // Ticks and solves of the last while, in arrays that are allocated once, and their reduction to what a plot has pixels
 // for. Pure: no page is needed. Entry points: `Ring`, `reduce`.
 
-import { NO_AGE } from './decode.js';
+import { MODES, NO_AGE } from './decode.js';
+
+/** Modes in which the console renders a force. */
+const RENDERS = ['armed', 'decaying'];
 
 /** Of a live session [s]. */
 export const KEPT_S = 60;
@@ -202,7 +205,8 @@ export class Telemetry {
       columns.force_y_n[place] = y;
       columns.force_z_n[place] = z;
       columns.force_n[place] = Math.hypot(x, y, z);
-      columns.age_ms[place] = block.age[i] === NO_AGE ? NaN : block.age[i] / 1000;
+      // Where no force is rendered, none has an age.
+      columns.age_ms[place] = block.age[i] === NO_AGE || !RENDERS.includes(MODES[block.mode[i]]) ? NaN : block.age[i] / 1000;
       columns.latency_ms[place] = block.applied[i] === NO_AGE ? NaN : block.applied[i] / 1000;
       columns.mode[place] = block.mode[i];
       columns.faults[place] = block.faults[i];

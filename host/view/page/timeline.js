@@ -10,6 +10,12 @@ const MARKS = /** @type {Record<string, string>} */ ({
   armed: '#7ee787', disarmed: '#8b96a5', decay: '#ffb86b', fault: '#ff6b61', puncture: '#d2a8ff', lost: '#ff6b61', overload: '#ffb86b',
 });
 
+/** What was found when a recording was run again, in short. */
+const BADGES = /** @type {Record<string, string>} */ ({
+  running: 'is run again', identical: 'identical to the bit', close: 'the same but for rounding', diverged: 'diverges', none: 'not run again',
+  back: 'looking back; the session goes on',
+});
+
 /**
  * @typedef {object} TimeActions
  * @property {(command: {do: string, [key: string]: unknown}) => void} command
@@ -119,7 +125,7 @@ export class TimeLine {
   lookBack(time) {
     this.looking = time;
     this.actions.back(time);
-    this.setBadge(time === null ? '' : 'back', time === null ? '' : 'looking back; the session goes on');
+    this.setBadge(time === null ? '' : 'back', '');
   }
 
   /** @param {string} badge @param {string} text */
@@ -127,7 +133,7 @@ export class TimeLine {
     if (!this.badge) return;
     this.badge.hidden = !badge;
     this.badge.dataset.badge = badge;
-    this.badge.textContent = text || badge;
+    this.badge.textContent = BADGES[badge] ?? badge;
     this.badge.title = text;
   }
 

@@ -24,6 +24,11 @@ export function fixed(value, digits) {
   return Number(text) === 0 ? text.replace('-', '') : text.replace('-', '−');
 }
 
+/** Words for a name that the host uses in its commands. @param {string} name */
+export function words(name) {
+  return name.replace(/[-_]/g, ' ').replace(/\bhz\b/, 'Hz').replace(/\bmises\b/, 'Mises');
+}
+
 /** Three significant digits. @param {number} value */
 export function short(value) {
   if (!Number.isFinite(value)) return '–';

@@ -136,7 +136,11 @@ fn state(tick: u32) -> State {
         velocity_m_per_s: [0.0, 0.0625 * at, 0.0],
         force_n: [0.0, 0.0, 0.5 * at],
         current_a: [0.0; 3],
-        mode: if tick == 2 { Mode::Decaying } else { Mode::Armed },
+        mode: if tick == 2 {
+            Mode::Decaying
+        } else {
+            Mode::Armed
+        },
         faults: if tick == 3 { 0x41 } else { 0 },
         contact_sequence: 1,
         contact_age_us: if tick == 1 { u32::MAX } else { 4000 + tick },
@@ -237,7 +241,8 @@ fn messages() -> Vec<(&'static str, Vec<u8>, Value)> {
     });
     let threads = picture.threads.iter().map(|thread| {
         let points = thread.points.iter();
-        let points = points.map(|p| json!({"at_m": p.at_m, "what": p.what, "tension_n": p.tension_n}));
+        let points =
+            points.map(|p| json!({"at_m": p.at_m, "what": p.what, "tension_n": p.tension_n}));
         json!({"id": thread.id, "state": thread.state, "points": points.collect::<Value>()})
     });
     let contacts = picture.contacts.iter();
@@ -264,7 +269,8 @@ fn messages() -> Vec<(&'static str, Vec<u8>, Value)> {
     let rows = ticks();
     encode_ticks(9, &rows, &mut bytes);
     let states = || rows.iter().map(|row| row.state);
-    let vectors = |of: fn(&State) -> [f32; 3]| -> Value { states().map(|state| json!(of(&state))).collect() };
+    let vectors =
+        |of: fn(&State) -> [f32; 3]| -> Value { states().map(|state| json!(of(&state))).collect() };
     all.push((
         "ticks",
         bytes.clone(),
@@ -352,9 +358,15 @@ fn sections(bytes: &[u8], header: usize, count_at: usize) -> Vec<(u16, &[u8])> {
 fn sections_are_aligned_and_complete() {
     let tags = |name: &str, header, count_at| {
         let all = messages();
-        let (_, bytes, _) = all.iter().find(|(other, ..)| *other == name).expect("there");
+        let (_, bytes, _) = all
+            .iter()
+            .find(|(other, ..)| *other == name)
+            .expect("there");
         let found = sections(bytes, header, count_at);
-        found.iter().map(|(tag, bytes)| (*tag, bytes.len())).collect::<Vec<_>>()
+        found
+            .iter()
+            .map(|(tag, bytes)| (*tag, bytes.len()))
+            .collect::<Vec<_>>()
     };
     assert_eq!(
         tags("geometry", 32, 24),
@@ -362,7 +374,16 @@ fn sections_are_aligned_and_complete() {
     );
     assert_eq!(
         tags("picture", 56, 50),
-        [(1, 30), (2, 10), (3, 128), (4, 56), (5, 60), (5, 48), (6, 32), (7, 48)]
+        [
+            (1, 30),
+            (2, 10),
+            (3, 128),
+            (4, 56),
+            (5, 60),
+            (5, 48),
+            (6, 32),
+            (7, 48)
+        ]
     );
     assert_eq!(tags("ticks", 24, 16).len(), 10);
     assert_eq!(tags("solves", 24, 16).len(), 11);

@@ -15,7 +15,9 @@ use sutura_shared::wire::Valid;
 use sutura_shared::wire::message::{Fixture, State};
 
 fn open(name: &str) -> (Scene, Sources) {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../scenes").join(name);
+    let path = Path::new(env!("CARGO_MANIFEST_DIR"))
+        .join("../../scenes")
+        .join(name);
     let document = Document::read(&path).expect("a scene");
     (scene::read(&document).expect("a scene"), document.sources())
 }
@@ -51,7 +53,8 @@ impl Solve for Drawn<'_> {
         if self.offer.take(&mut self.own) {
             let sequence = self.pictures.len() as u32 + 1;
             let scalar = Scalar::ALL[sequence as usize % Scalar::ALL.len()];
-            self.pictures.push(self.painter.paint(&self.own, Some(scalar), sequence));
+            self.pictures
+                .push(self.painter.paint(&self.own, Some(scalar), sequence));
         }
         solved
     }
@@ -85,7 +88,9 @@ fn session(name: &str, seconds: f64, file: &Path, period_us: u64) -> (String, Ve
     };
     let mut console = NativeConsole::new(&plan.device).expect("a console");
     let mut console = TappedConsole::new(&mut console, recorder.tap());
-    let summary = run_lockstep(&mut console, &plan, &mut drawn, |_| ControlFlow::Continue(()));
+    let summary = run_lockstep(&mut console, &plan, &mut drawn, |_| {
+        ControlFlow::Continue(())
+    });
     let summary = summary.expect("a session");
     let pictures = drawn.pictures;
     recorder.finish().expect("written");
@@ -106,8 +111,13 @@ fn are_the_same_live_and_again(name: &str, seconds: f64) -> Vec<Picture> {
     let (hash, live) = session(name, seconds, &seen, 33_333);
     let (plain_hash, none) = session(name, seconds, &unseen, 0);
     assert_eq!(hash, plain_hash);
-    assert!(none.is_empty() && live.len() as f64 > 20.0 * seconds, "{} pictures", live.len());
-    let [seen_bytes, unseen_bytes] = [&seen, &unseen].map(|file| std::fs::read(file).expect("a file"));
+    assert!(
+        none.is_empty() && live.len() as f64 > 20.0 * seconds,
+        "{} pictures",
+        live.len()
+    );
+    let [seen_bytes, unseen_bytes] =
+        [&seen, &unseen].map(|file| std::fs::read(file).expect("a file"));
     assert!(seen_bytes == unseen_bytes, "recordings differ");
 
     let recording = Recording::read(&seen).expect("a recording");
@@ -124,7 +134,11 @@ fn are_the_same_live_and_again(name: &str, seconds: f64) -> Vec<Picture> {
             own.solves = solves;
             let scalar = picture.scalar.as_ref().map(|(scalar, _)| *scalar);
             let again = painter.paint(&own, scalar, picture.sequence);
-            assert!(bytes(&again) == bytes(picture), "picture {} of {name}", picture.sequence);
+            assert!(
+                bytes(&again) == bytes(picture),
+                "picture {} of {name}",
+                picture.sequence
+            );
             expected = next.next();
         }
     });
@@ -137,16 +151,28 @@ fn are_the_same_live_and_again(name: &str, seconds: f64) -> Vec<Picture> {
 fn pictures_of_a_palpation_are_the_same_live_and_again() {
     let live = are_the_same_live_and_again("palpation.toml", 1.5);
     // The tissue is pressed in, and what is shown says so.
-    let pressed = live.iter().rfind(|picture| picture.tools[0].wrench[2] > 0.1).expect("a touch");
+    let pressed = live
+        .iter()
+        .rfind(|picture| picture.tools[0].wrench[2] > 0.1)
+        .expect("a touch");
     assert!(pressed.status.touches && pressed.tools[0].rows > 0 && pressed.tools[0].driven);
-    let deepest = pressed.displacement_m.iter().map(|u| u[2]).fold(0.0, f64::min);
+    let deepest = pressed
+        .displacement_m
+        .iter()
+        .map(|u| u[2])
+        .fold(0.0, f64::min);
     assert!(deepest < -1e-4, "{deepest} m");
     // Forces on the boundary are what the tool feels, the other way round.
     let pushed: f64 = pressed.contacts.iter().map(|(_, force_n)| force_n[2]).sum();
     let felt = pressed.tools[0].wrench[2];
-    assert!((pushed + felt).abs() < 0.05 * felt, "{pushed} N for {felt} N");
+    assert!(
+        (pushed + felt).abs() < 0.05 * felt,
+        "{pushed} N for {felt} N"
+    );
     for scalar in Scalar::ALL {
-        let touched = live.iter().filter(|picture| picture.tools[0].wrench[2] > 0.1);
+        let touched = live
+            .iter()
+            .filter(|picture| picture.tools[0].wrench[2] > 0.1);
         let mut of = touched.filter_map(|picture| picture.scalar.as_ref());
         let of = of.find(|(found, _)| *found == scalar);
         let (_, values) = of.unwrap_or_else(|| panic!("{scalar:?}"));
@@ -202,9 +228,15 @@ fn a_snapshot_allocates_nothing() {
             allocated: 0,
         };
         let mut console = NativeConsole::new(&plan.device).expect("a console");
-        let ran = run_lockstep(&mut console, &plan, &mut copying, |_| ControlFlow::Continue(()));
+        let ran = run_lockstep(&mut console, &plan, &mut copying, |_| {
+            ControlFlow::Continue(())
+        });
         ran.expect("a session");
-        assert!(copying.copies > 10, "{name}, {tissue}: {} copies", copying.copies);
+        assert!(
+            copying.copies > 10,
+            "{name}, {tissue}: {} copies",
+            copying.copies
+        );
         assert_eq!(copying.allocated, 0, "{name}, {tissue}");
         // The counter does see memory.
         let allocated = allocation_counter::measure(|| drop(Snapshot::of(&solver)));

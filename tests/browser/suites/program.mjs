@@ -51,12 +51,31 @@ function withProgram(words, run) {
   };
 }
 
+/** For the book: the session stands still, and is drawn as a graphics card does. */
+async function posed({ page, book, shot }, name, live = true) {
+  if (book) {
+    if (live) await page.evaluate(() => window.sutura.ask({ do: 'pause' }));
+    await page.setViewportSize({ width: 1200, height: 675 });
+    await page.evaluate(() => {
+      const { stage } = window.sutura;
+      stage.adapt = () => {};
+      stage.choose('full', 'as with a graphics card');
+      document.getElementById('toasts').replaceChildren();
+    });
+    await until(page, () => window.sutura.stage.drawn > 0);
+    await page.evaluate(() => window.sutura.plots.redraw(true));
+    await page.waitForTimeout(1000);
+  }
+  await shot(`program-${name}`);
+  if (book && live) await page.evaluate(() => window.sutura.ask({ do: 'resume' }));
+}
+
 const force = (page) => page.evaluate(() => window.sutura.telemetry.ticks.value('force_n', 1e9));
 
 export const tests = [
-  ['program: palpation', withProgram(['scenes/palpation.toml'], async ({ page, troubles, shot }) => {
+  ['program: palpation', withProgram(['scenes/palpation.toml'], async ({ page, troubles, shot, book }) => {
     await until(page, () => window.sutura.telemetry.ticks.value('force_n', 1e9) > 1 && window.sutura.picture.contacts.vertices.length > 4);
-    await shot('palpation');
+    await posed({ page, book, shot }, 'palpation');
     const first = await page.evaluate(() => window.sutura.telemetry.ticks.newest);
     await until(page, (first) => window.sutura.plots.newest > first + 0.5, first);
     const { plotted, newest, status } = await page.evaluate(() => ({ plotted: window.sutura.plots.newest, newest: window.sutura.telemetry.ticks.newest, status: window.sutura.hello.statuses[window.sutura.picture.status.word] }));
@@ -73,10 +92,10 @@ export const tests = [
     check(troubles.length === 0, troubles.join('\n'));
   })],
 
-  ['program: colours', withProgram(['scenes/palpation.toml'], async ({ page, shot }) => {
+  ['program: colours', withProgram(['scenes/palpation.toml'], async ({ page, shot, book }) => {
     await page.evaluate(() => window.sutura.setScalar('von-mises'));
     await until(page, () => window.sutura.tissue.coloured && window.sutura.telemetry.ticks.value('force_n', 1e9) > 1);
-    await shot('stress-palpation');
+    await posed({ page, book, shot }, 'stress');
     const { high, low } = await page.evaluate(() => ({ high: window.sutura.range.ends[1], low: window.sutura.range.ends[0] }));
     check(low === 0 && high > 100 && high < 1e5, `von Mises from ${low} to ${high} Pa`);
     await page.evaluate(() => window.sutura.setScalar('displacement'));
@@ -93,9 +112,16 @@ export const tests = [
 
   ['program: drag', withProgram(['scenes/palpation.toml'], async ({ page, shot }) => {
     await until(page, () => window.sutura.grip() !== null && document.getElementById('mode').textContent === 'armed');
-    await page.evaluate(() => window.sutura.ask({ do: 'hand', way: 'none' }));
-    await page.evaluate(() => window.sutura.drag.send(window.sutura.grip().set(0, 0, 0.03)));
-    await until(page, () => window.sutura.newest.status.grip[2] > 0.027 && window.sutura.telemetry.ticks.value('force_n', 1e9) < 0.01);
+    // Let go, the hand goes back to where it was taken: in the air, where the scene's hand begins. Slowly, so that it is
+    // still there when it is told to stay.
+    const ask = (command) => page.evaluate((command) => window.sutura.ask(command), command);
+    await ask({ do: 'speed', factor: 0.2 });
+    await ask({ do: 'hand', way: 'scene' });
+    await until(page, () => window.sutura.newest.status.grip[2] > 0.0295);
+    await ask({ do: 'hand', way: 'none' });
+    await ask({ do: 'speed', factor: 1 });
+    await page.waitForTimeout(500);
+    check((await force(page)) < 0.01, `in the air: ${await force(page)} N`);
     const place = await page.evaluate(() => {
       const { stage, picture } = window.sutura;
       const at = stage.centre.clone().fromArray(picture.tools.find((tool) => tool.driven).position).project(stage.camera);
@@ -104,13 +130,15 @@ export const tests = [
     });
     await page.mouse.move(place.x, place.y);
     await page.mouse.down();
-    await page.mouse.move(place.x, place.y + 0.03 * place.metre, { steps: 12 });
+    await page.mouse.move(place.x, place.y + 0.028 * place.metre, { steps: 12 });
     await until(page, () => window.sutura.telemetry.ticks.value('force_n', 1e9) > 0.3);
     await page.waitForTimeout(1500);
     const pressed = await force(page);
-    await shot('drag-palpation');
+    await shot('program-drag');
     await page.mouse.up();
     await until(page, () => window.sutura.telemetry.ticks.value('force_n', 1e9) < 0.05);
+    await page.waitForTimeout(1000);
+    check((await force(page)) < 0.05, `let go: ${await force(page)} N`);
     return `pressed ${pressed.toFixed(2)} N, let go ${(await force(page)).toFixed(3)} N`;
   })],
 
@@ -130,20 +158,20 @@ export const tests = [
     await until(page, (stands) => window.sutura.telemetry.ticks.newest > stands, stands);
   })],
 
-  ['program: another scene', withProgram(['scenes/palpation.toml'], async ({ page, shot }) => {
+  ['program: another scene', withProgram(['scenes/palpation.toml'], async ({ page, shot, book }) => {
     const before = await page.evaluate(() => [window.sutura.session, window.sutura.tissue.triangles]);
     await page.locator('#panel select').first().selectOption('anastomosis-20');
     await until(page, (before) => window.sutura.session !== before && window.sutura.picture?.threads.length === 1, before[0]);
     check((await page.evaluate(() => window.sutura.tissue.triangles)) !== before[1], 'the tissue is another one');
     check((await page.evaluate(() => window.sutura.plots.list.length)) === 5, 'needle and thread are plotted');
     await until(page, () => window.sutura.picture.time > 2.5);
-    await shot('anastomosis');
+    await shot('program-tissue-switch');
     await page.locator('label', { hasText: 'X-ray' }).click();
     await page.waitForTimeout(600);
-    await shot('anastomosis-xray');
+    await posed({ page, book, shot }, 'anastomosis');
   })],
 
-  ['program: recording', async ({ sutura, browser }) => {
+  ['program: recording', async ({ sutura, browser, book }) => {
     const folder = await mkdtemp(path.join(os.tmpdir(), 'sutura-'));
     const file = path.join(folder, 'palpation.mcap');
     const ran = spawnSync(path.resolve(sutura), ['run', 'scenes/palpation.toml', '--lockstep', '--record', file], { cwd: ROOT, encoding: 'utf8' });
@@ -160,8 +188,8 @@ export const tests = [
       }
       await page.evaluate(() => window.sutura.player.to(2.2));
       await page.waitForTimeout(800);
-      await shot('replay-palpation');
-      return await page.locator('.badge').innerText();
+      await posed({ page, book, shot }, 'replay', false);
+      return await page.locator('.badge').getAttribute('title');
     } finally {
       await close();
       await program.end();

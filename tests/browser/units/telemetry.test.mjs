@@ -57,7 +57,7 @@ test('stages and rest add up to the step', () => {
   assert.equal(columns.needle_0_axial_n[0], 0.5);
 });
 
-test('a force that there is not yet has no age', () => {
+test('a force that there is not has no age', () => {
   const telemetry = new Telemetry([], 0, 0, 1, 1000);
   telemetry.addTicks({
     kind: 'ticks', session: 1, gap: false, rows: 1, time: Float64Array.of(0), tick: Uint32Array.of(1), position: new Float32Array(3), velocity: new Float32Array(3),
@@ -65,4 +65,11 @@ test('a force that there is not yet has no age', () => {
   });
   assert.ok(Number.isNaN(telemetry.ticks.columns.age_ms[0]));
   assert.deepEqual([telemetry.ticks.columns.latency_ms[0], telemetry.ticks.columns.force_n[0]], [2.5, 5]);
+  const block = (/** @type {number} */ mode) => ({
+    kind: /** @type {const} */ ('ticks'), session: 1, gap: false, rows: 1, time: Float64Array.of(1), tick: Uint32Array.of(2), position: new Float32Array(3), velocity: new Float32Array(3),
+    force: new Float32Array(3), age: Uint32Array.of(4000), applied: Uint32Array.of(0), mode: Uint8Array.of(mode), faults: Uint16Array.of(0),
+  });
+  telemetry.addTicks(block(2));
+  telemetry.addTicks(block(1));
+  assert.deepEqual([...telemetry.ticks.columns.age_ms.slice(1, 3)], [4, NaN]);
 });

@@ -5,9 +5,9 @@
 use serde_json::{Map, Value, json};
 use std::collections::BTreeMap;
 use std::time::Instant;
-use sutura_host::times::Times;
 use sutura_host::recording::SolveSample;
 use sutura_host::session::mode_word;
+use sutura_host::times::Times;
 use sutura_shared::wire::faults;
 use sutura_shared::wire::message::{Mode, Report, State};
 
@@ -120,7 +120,12 @@ impl Gauges {
         let solves = std::mem::take(&mut self.solves);
         let state = self.last.as_ref();
         let force_n = state.map_or(0.0, |state| {
-            state.force_n.iter().map(|f| f64::from(*f).powi(2)).sum::<f64>().sqrt()
+            state
+                .force_n
+                .iter()
+                .map(|f| f64::from(*f).powi(2))
+                .sum::<f64>()
+                .sqrt()
         });
         let counted = |of: fn(&Report) -> u32| report.map(of);
         let said = json!({

@@ -116,21 +116,28 @@ impl Guide {
             _ if now_s < self.next_s => None,
             Doing::Drag(to_m) => {
                 let from = self.at(now_s);
-                if self.places.last().is_none_or(|last| distance(last, &from) >= APART_M)
+                if self
+                    .places
+                    .last()
+                    .is_none_or(|last| distance(last, &from) >= APART_M)
                     && self.places.len() < PLACES
                 {
                     self.places.push(from);
                 }
                 let part = 1.0 - (-PERIOD_S / SMOOTH_S).exp();
                 let way = part * distance(&from, &to_m);
-                let part = part * (FASTEST_M_PER_S * PERIOD_S / way.max(f64::MIN_POSITIVE)).min(1.0);
+                let part =
+                    part * (FASTEST_M_PER_S * PERIOD_S / way.max(f64::MIN_POSITIVE)).min(1.0);
                 Some(self.step(now_s, from, &towards(&from, &to_m, part)))
             }
             Doing::Back => {
                 let from = self.at(now_s);
                 let most_m = BACK_M_PER_S * PERIOD_S;
                 while self.places.len() > 1
-                    && self.places.last().is_some_and(|last| distance(last, &from) < most_m)
+                    && self
+                        .places
+                        .last()
+                        .is_some_and(|last| distance(last, &from) < most_m)
                 {
                     self.places.pop();
                 }
@@ -214,7 +221,11 @@ mod tests {
     #[test]
     fn it_follows_holds_and_goes_back() {
         let mut guide = Guide::new(hand());
-        assert!(run(&mut guide, 0.0, 0.5).iter().all(|at| at[2] == f64::from(0.05_f32)));
+        assert!(
+            run(&mut guide, 0.0, 0.5)
+                .iter()
+                .all(|at| at[2] == f64::from(0.05_f32))
+        );
         guide.drag(0.5, Some([0.02, 0.0, 0.03]));
         let there = run(&mut guide, 0.5, 0.6);
         let end = there[there.len() - 1];
@@ -230,7 +241,10 @@ mod tests {
         let home = back[back.len() - 1];
         assert!(distance(&home, &[0.0, 0.0, 0.05]) < 1e-4, "{home:?}");
         for at in &back {
-            let nearest = there.iter().map(|other| distance(at, other)).fold(1.0, f64::min);
+            let nearest = there
+                .iter()
+                .map(|other| distance(at, other))
+                .fold(1.0, f64::min);
             assert!(nearest < 1e-3, "it came by {nearest} m from here");
         }
         assert!(guide.order(3.0).is_none(), "it rests");

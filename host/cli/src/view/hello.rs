@@ -3,9 +3,7 @@
 //! Entry point: [`hello`].
 
 use serde_json::{Map, Value, json};
-use sutura_host::picture::{
-    Scalar, describe_needles, describe_threads, describe_tools, statuses,
-};
+use sutura_host::picture::{Scalar, describe_needles, describe_threads, describe_tools, statuses};
 use sutura_host::scene::Scene;
 use sutura_host::session::{Plan, fault_words};
 use sutura_host::step::Stages;
@@ -39,7 +37,11 @@ pub struct Kind<'a> {
 pub fn hello(scene: &Scene, plan: &Plan, kind: &Kind<'_>) -> Map<String, Value> {
     let points = scene.mesh.points_m();
     let ends = |choose: fn(f64, f64) -> f64, from: f64| {
-        let fold = |axis: usize| points.iter().fold(from, |end, point| choose(end, point[axis]));
+        let fold = |axis: usize| {
+            points
+                .iter()
+                .fold(from, |end, point| choose(end, point[axis]))
+        };
         [fold(0), fold(1), fold(2)]
     };
     let scalars = Scalar::ALL.iter().map(|scalar| {
@@ -52,7 +54,10 @@ pub fn hello(scene: &Scene, plan: &Plan, kind: &Kind<'_>) -> Map<String, Value> 
         .iter()
         .map(|(bit, name)| {
             let (message, help) = fault_words(*bit);
-            ((*name).to_owned(), json!({"message": message, "help": help}))
+            (
+                (*name).to_owned(),
+                json!({"message": message, "help": help}),
+            )
         })
         .collect();
     let settings = kind.settings.iter().map(|(name, unit, value, [low, high, step])| {

@@ -7,6 +7,7 @@ use super::prepare::{Prepared, Wish};
 use super::show::Show;
 use crate::failure::Failure;
 use std::ops::ControlFlow;
+use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError};
 use std::thread::JoinHandle;
@@ -80,6 +81,8 @@ pub struct Helm<'a> {
     from: (Instant, u64),
     making: Option<Making>,
     ended: Option<Ended>,
+    /// Set when time stands still.
+    stands: Option<Arc<AtomicBool>>,
 }
 
 impl<'a> Helm<'a> {
@@ -104,9 +107,17 @@ impl<'a> Helm<'a> {
             from: (Instant::now(), 0),
             making: None,
             ended: None,
+            stands: None,
         };
         helm.tell();
         helm
+    }
+
+    /// Time stands still from so long after the start on \[s\]; `reached` is set then.
+    pub fn pause_at(&mut self, at_s: f64, reached: Arc<AtomicBool>) {
+        let ticks = (at_s * f64::from(self.plan.tick_hz)).round() as u64;
+        (self.paused, self.until) = (true, Some(Until::Tick(ticks)));
+        self.stands = Some(reached);
     }
 
     /// Why the session is over.
@@ -179,7 +190,9 @@ impl<'a> Helm<'a> {
                         };
                         self.make(wish, reply);
                     }
-                    Err(message) => reply.refuse(&message, "`tissues` of `hello` lists what there is"),
+                    Err(message) => {
+                        reply.refuse(&message, "`tissues` of `hello` lists what there is")
+                    }
                 };
             }
             Command::Set { name, value } => return self.set(&name, value, reply),
@@ -232,7 +245,10 @@ impl<'a> Helm<'a> {
     /// Makes another session beside this one.
     fn make(&mut self, wish: Wish, reply: Reply) {
         if self.making.is_some() {
-            return reply.refuse("another session is being made already", "wait until it begins");
+            return reply.refuse(
+                "another session is being made already",
+                "wait until it begins",
+            );
         }
         let thread = std::thread::Builder::new()
             .name("sutura-prepare".to_owned())
@@ -299,6 +315,9 @@ impl Steer for Helm<'_> {
         };
         if self.until.is_some_and(is_there) {
             self.until = None;
+            if let Some(stands) = &self.stands {
+                stands.store(true, Ordering::Relaxed);
+            }
         }
         loop {
             if self.stop.load(Ordering::Relaxed) || self.is_made() {

@@ -23,15 +23,15 @@ mod recorded;
 mod sandbox;
 #[cfg(feature = "view")]
 pub mod session;
+#[cfg(not(feature = "view"))]
+#[path = "without.rs"]
+pub mod session;
 #[cfg(feature = "view")]
 mod shot;
 #[cfg(feature = "view")]
 mod show;
 #[cfg(feature = "view")]
 mod telemetry;
-#[cfg(not(feature = "view"))]
-#[path = "without.rs"]
-pub mod session;
 
 pub use args::PageArgs;
 
@@ -99,7 +99,7 @@ pub fn run(args: &ViewArgs) -> Result<(), Failure> {
         Some(file) => recorded::show(&page, file, &stop),
         None => {
             note!("Ctrl-C ends it");
-            sandbox::run(&mut page, args.wish(), args.record.as_deref(), &stop)
+            sandbox::run(&mut page, args.wish(), args.record.as_deref(), None, &stop)
         }
     }
 }

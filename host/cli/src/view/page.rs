@@ -33,10 +33,14 @@ impl Page {
         note!("see it: {url}");
         let port = server.address().port();
         if std::env::var_os("SSH_CONNECTION").is_some() && args.view_bind.is_loopback() {
-            note!("from your own machine: ssh -L {port}:127.0.0.1:{port} THIS-MACHINE, then open that address there");
+            note!(
+                "from your own machine: ssh -L {port}:127.0.0.1:{port} THIS-MACHINE, then open that address there"
+            );
         }
         if !args.view_bind.is_loopback() {
-            note!("the page is reached from other machines, and what goes to and from it is not encrypted");
+            note!(
+                "the page is reached from other machines, and what goes to and from it is not encrypted"
+            );
         }
         if args.open {
             browse(&url);

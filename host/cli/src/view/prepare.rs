@@ -64,7 +64,11 @@ impl Prepared {
             plan.hand.damping_n_s_per_m = damping;
         }
         check_rate(plan.host_hz, TICK_HZ).map_err(|error| {
-            Failure::say(Cause::BadInput, error.to_string(), "give a higher --host-hz")
+            Failure::say(
+                Cause::BadInput,
+                error.to_string(),
+                "give a higher --host-hz",
+            )
         })?;
         let solver = SceneSolver::for_session(&scene, &plan)?;
         Ok(Prepared {
@@ -105,7 +109,11 @@ fn scene_files(wish: &Wish) -> Vec<PathBuf> {
         }
     });
     let entries = folder.and_then(|folder| std::fs::read_dir(folder).ok());
-    let paths = entries.into_iter().flatten().flatten().map(|entry| entry.path());
+    let paths = entries
+        .into_iter()
+        .flatten()
+        .flatten()
+        .map(|entry| entry.path());
     paths
         .filter(|path| path.extension().is_some_and(|end| end == "toml"))
         .collect()

@@ -4,15 +4,14 @@
 
 use super::hello::{Kind, hello};
 use super::page::Page;
+use super::telemetry::Telemetry;
 use crate::failure::Failure;
 use crate::recording::{build, failure};
 use serde_json::{Value, json};
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
-use sutura_host::picture::{
-    Painter, Scalar, SolveRow, SolvesOf, TickRow, encode_solves, encode_ticks,
-};
+use sutura_host::picture::{Painter, Scalar, SolvesOf};
 use sutura_host::recording::replay::{HostVerdict, replay_host, sessions};
 use sutura_host::recording::{About, Begins, Recording};
 use sutura_host::scene::{Scene, Tissue};
@@ -49,7 +48,11 @@ pub fn show(page: &Page, file: &Path, stop: &AtomicBool) -> Result<(), Failure> 
     painter.boundary().encode(0, &mut geometry);
     let kind = Kind {
         source: "recording",
-        pace: if about.lockstep { "lockstep" } else { "real-time" },
+        pace: if about.lockstep {
+            "lockstep"
+        } else {
+            "real-time"
+        },
         console: &about.console,
         commands: vec!["seek"],
         has_model: scene.tissue.sticking().is_none(),
@@ -62,7 +65,8 @@ pub fn show(page: &Page, file: &Path, stop: &AtomicBool) -> Result<(), Failure> 
         geometry: Some(geometry),
         recorded: true,
     });
-    telemetry(shared, &scene, &recording, &line);
+    line.marks = telemetry(shared, &scene, &recording, &line);
+    shared.amend("time_line", line.said());
     if solvable {
         run_again(shared, &scene, &recording, &painter, &mut line, stop)?;
     }
@@ -82,16 +86,19 @@ struct Line {
     why: Option<&'static str>,
     badge: &'static str,
     text: String,
+    /// What happened, as events say it.
+    marks: Vec<Value>,
 }
 
 impl Line {
     fn of(recording: &Recording, why: Option<&'static str>) -> Self {
-        let first_solve = recording.solves.first().map(|(_, solve)| solve.console_time_us);
         let states = states(recording);
-        let armed = |mode| matches!(mode, Mode::Armed | Mode::Decaying);
-        let first = states.iter().find(|(_, state)| armed(state.mode));
-        let began_us = first_solve.or(first.map(|(us, _)| *us)).unwrap_or_default();
-        let last_us = states.last().map_or(began_us, |(us, _)| *us);
+        let renders =
+            |(_, state): &&(u64, State)| matches!(state.mode, Mode::Armed | Mode::Decaying);
+        let began_us = states.iter().find(renders).map_or(0, |(us, _)| *us);
+        // Afterwards it is only asked for its counters.
+        let active = |(_, state): &&(u64, State)| state.mode != Mode::Idle;
+        let last_us = states.iter().rfind(active).map_or(began_us, |(us, _)| *us);
         Self {
             began_us,
             to_s: 1e-6 * last_us.saturating_sub(began_us) as f64,
@@ -99,6 +106,7 @@ impl Line {
             hz: HZ,
             badge: if why.is_some() { "none" } else { "running" },
             text: why.map_or_else(|| "it is being run again".to_owned(), str::to_owned),
+            marks: Vec::new(),
             why,
         }
     }
@@ -111,6 +119,7 @@ impl Line {
         json!({
             "from_s": 0.0, "to_s": self.to_s, "ready_s": self.ready_s, "hz": self.hz,
             "solvable": self.why.is_none(), "why": self.why, "badge": self.badge, "badge_text": self.text,
+            "marks": self.marks,
         })
     }
 }
@@ -124,39 +133,30 @@ fn states(recording: &Recording) -> Vec<(u64, State)> {
         .collect()
 }
 
-/// All ticks and solves that are recorded.
-fn telemetry(shared: &Shared, scene: &Scene, recording: &Recording, line: &Line) {
-    let session = shared.session();
-    let of = SolvesOf {
-        session,
+/// Shows all ticks and solves that are recorded, up to the end of the line; what happened in them.
+fn telemetry(shared: &Shared, scene: &Scene, recording: &Recording, line: &Line) -> Vec<Value> {
+    let telemetry = Telemetry::new(SolvesOf {
+        session: shared.session(),
         needles: scene.needles.len(),
         threads: scene.threads.len(),
-    };
-    let ticks: Vec<TickRow> = states(recording)
-        .into_iter()
-        .map(|(us, state)| TickRow {
-            time_s: line.time_s(us),
-            state,
-        })
-        .filter(|row| row.time_s >= 0.0)
-        .collect();
-    let solves: Vec<SolveRow> = recording
-        .solves
-        .iter()
-        .map(|(_, sample)| SolveRow {
-            time_s: line.time_s(sample.console_time_us),
-            sample: sample.clone(),
-        })
-        .collect();
-    let mut bytes = Vec::new();
-    for rows in ticks.chunks(BLOCK) {
-        encode_ticks(session, rows, &mut bytes);
-        shared.block(bytes.clone());
+    });
+    let mut solves = recording.solves.iter().map(|(_, sample)| sample).peekable();
+    let mut events = Vec::new();
+    let states = states(recording).into_iter();
+    let within = states.filter(|(us, _)| line.time_s(*us) <= line.to_s);
+    for (number, (us, state)) in (1_usize..).zip(within) {
+        telemetry.state(us, &state);
+        while let Some(solve) = solves.next_if(|solve| solve.console_time_us <= us) {
+            telemetry.solve(solve);
+        }
+        if number.is_multiple_of(BLOCK) {
+            events.extend(telemetry.take_events());
+            telemetry.show(shared);
+        }
     }
-    for rows in solves.chunks(BLOCK) {
-        encode_solves(of, rows, &mut bytes);
-        shared.block(bytes.clone());
-    }
+    events.extend(telemetry.take_events());
+    telemetry.show(shared);
+    events
 }
 
 /// Runs the solver's steps again, and keeps pictures of them.
@@ -177,29 +177,38 @@ fn run_again(
     let mut bytes = Vec::new();
     let (mut solves, mut sequence, mut due_s) = (0, 0, 0.0);
     let mut told = Instant::now();
-    let scalar = scene.tissue.sticking().is_none().then_some(Scalar::VonMises);
-    let verdict = replay_host(recording, &mut solver, about.same_bits(&here), |solver, us| {
-        solves += 1;
-        let time_s = line.time_s(us);
-        line.ready_s = time_s;
-        // A program that is to end makes no more pictures; the steps that are left are fast without.
-        if time_s >= due_s && !stop.load(Ordering::Relaxed) {
-            solver.snapshot(&mut own);
-            own.solves = solves;
-            sequence += 1;
-            let mut picture = painter.paint(&own, scalar, sequence);
-            picture.recorded = true;
-            picture.encode(&mut bytes);
-            let most_hz = MOST_BYTES / (bytes.len() as f64 * line.to_s.max(1.0));
-            line.hz = HZ.min(most_hz);
-            due_s = time_s + 1.0 / line.hz - 1e-9;
-            shared.recorded_picture(time_s, bytes.clone());
-        }
-        if told.elapsed() >= TELL_EVERY {
-            told = Instant::now();
-            tell(shared, line, "ready");
-        }
-    });
+    let scalar = scene
+        .tissue
+        .sticking()
+        .is_none()
+        .then_some(Scalar::VonMises);
+    let verdict = replay_host(
+        recording,
+        &mut solver,
+        about.same_bits(&here),
+        |solver, us| {
+            solves += 1;
+            let time_s = line.time_s(us);
+            line.ready_s = time_s;
+            // A program that is to end makes no more pictures; the steps that are left are fast without.
+            if time_s >= due_s && !stop.load(Ordering::Relaxed) {
+                solver.snapshot(&mut own);
+                own.solves = solves;
+                sequence += 1;
+                let mut picture = painter.paint(&own, scalar, sequence);
+                (picture.recorded, picture.time_s) = (true, time_s);
+                picture.encode(&mut bytes);
+                let most_hz = MOST_BYTES / (bytes.len() as f64 * line.to_s.max(1.0));
+                line.hz = HZ.min(most_hz);
+                due_s = time_s + 1.0 / line.hz - 1e-9;
+                shared.recorded_picture(time_s, bytes.clone());
+            }
+            if told.elapsed() >= TELL_EVERY {
+                told = Instant::now();
+                tell(shared, line, "ready");
+            }
+        },
+    );
     (line.badge, line.text) = judged(&verdict);
     tell(shared, line, "ready");
     tell(shared, line, "verified");
@@ -221,11 +230,17 @@ fn judged(verdict: &HostVerdict) -> (&'static str, String) {
     match (verdict.diverged_at, &verdict.why) {
         (Some(tick), why) => {
             let why = why.as_deref().unwrap_or_default();
-            ("diverged", format!("what is shown diverges from what was recorded at tick {tick}: {why}"))
+            (
+                "diverged",
+                format!("what is shown diverges from what was recorded at tick {tick}: {why}"),
+            )
         }
         (None, Some(why)) => (
             "diverged",
-            format!("{steps} of {} solves are as recorded, the rest cannot be run again: {why}", verdict.steps),
+            format!(
+                "{steps} of {} solves are as recorded, the rest cannot be run again: {why}",
+                verdict.steps
+            ),
         ),
         (None, None) if verdict.identical => (
             "identical",

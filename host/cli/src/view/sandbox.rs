@@ -3,8 +3,8 @@
 //! Entry point: [`run`]. They are in lockstep, paced by the wall clock: they can stand still, and on a machine that is too slow
 //! they are slow, and lose nothing.
 
-use super::helm::{COMMANDS, Ended, Helm, settings};
 use super::hello::Kind;
+use super::helm::{COMMANDS, Ended, Helm, settings};
 use super::page::Page;
 use super::prepare::{Prepared, Wish};
 use super::show::Show;
@@ -13,6 +13,7 @@ use crate::recording::{build, failure};
 use crate::run::session_failure;
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 use std::sync::mpsc::Receiver;
 use sutura_hil::NativeConsole;
@@ -21,7 +22,28 @@ use sutura_host::recording::{About, Recorder, TappedConsole, TappedSolver};
 use sutura_host::session::{Progress, run_steered};
 use sutura_view::Request;
 
-/// Runs sessions until `stop` is set.
+/// A session that stands still at a time.
+pub struct PauseAt {
+    at_s: f64,
+    reached: Arc<AtomicBool>,
+}
+
+impl PauseAt {
+    /// So long after its start \[s\].
+    pub fn new(at_s: f64) -> Self {
+        Self {
+            at_s,
+            reached: Arc::default(),
+        }
+    }
+
+    /// Set when it stands still there.
+    pub fn reached(&self) -> Arc<AtomicBool> {
+        self.reached.clone()
+    }
+}
+
+/// Runs sessions until `stop` is set; the first one stands still at `pause`.
 ///
 /// # Errors
 /// The first scene cannot be run; a recording cannot be written.
@@ -29,6 +51,7 @@ pub fn run(
     page: &mut Page,
     wish: Wish,
     record: Option<&Path>,
+    mut pause: Option<PauseAt>,
     stop: &AtomicBool,
 ) -> Result<(), Failure> {
     let mut prepared = {
@@ -40,7 +63,13 @@ pub fn run(
     };
     for number in 1.. {
         let file = record.map(|file| numbered(file, number));
-        match session(page, &asked, prepared, file.as_deref(), stop)? {
+        match session(
+            page,
+            &asked,
+            prepared,
+            (file.as_deref(), pause.take()),
+            stop,
+        )? {
             Ended::Closed => break,
             Ended::Next(next) => prepared = *next,
         }
@@ -52,7 +81,7 @@ fn session(
     page: &Page,
     asked: &Receiver<Request>,
     prepared: Prepared,
-    record: Option<&Path>,
+    (record, pause): (Option<&Path>, Option<PauseAt>),
     stop: &AtomicBool,
 ) -> Result<Ended, Failure> {
     let kind = Kind {
@@ -94,6 +123,9 @@ fn session(
     let tapped = TappedSolver::new(&mut solver, recorder.tap());
     let mut showing = Showing::new(tapped, Some(show.offer()));
     let mut helm = Helm::new(asked, stop, &show, wish, plan);
+    if let Some(PauseAt { at_s, reached }) = pause {
+        helm.pause_at(at_s, reached);
+    }
     let go_on = |_: &Progress<'_>| ControlFlow::Continue(());
     let ran = run_steered(&mut console, &plan, &mut showing, go_on, &mut helm);
     let ended = helm.ended();

@@ -33,10 +33,17 @@ impl Viewed {
     /// # Errors
     /// No port, or no room for the recording that it shows afterwards.
     pub fn open(args: &PageArgs) -> Result<Viewed, Failure> {
-        let kept = tempfile::Builder::new().prefix("sutura-").suffix(".mcap").tempfile();
+        let kept = tempfile::Builder::new()
+            .prefix("sutura-")
+            .suffix(".mcap")
+            .tempfile();
         let kept = kept.map_err(|error| {
             let message = format!("there is no place for the session's recording: {error}");
-            Failure::say(Cause::Failed, message, "set TMPDIR to a folder that is yours, or leave out --view")
+            Failure::say(
+                Cause::Failed,
+                message,
+                "set TMPDIR to a folder that is yours, or leave out --view",
+            )
         })?;
         Ok(Viewed {
             page: Page::open(args)?,
@@ -94,7 +101,12 @@ impl Viewed {
     }
 
     /// An attendant whom the page can ask, too.
-    pub fn attendant(&mut self, operator: Operator, plan: &Plan, simulated: bool) -> Box<dyn Attendant> {
+    pub fn attendant(
+        &mut self,
+        operator: Operator,
+        plan: &Plan,
+        simulated: bool,
+    ) -> Box<dyn Attendant> {
         match self.page.take_asked() {
             Some(asked) => {
                 let hand = simulated.then_some(plan.hand);
@@ -127,7 +139,10 @@ impl Viewed {
     /// # Errors
     /// A recording that cannot be shown.
     pub fn stay(&self, file: &Path, stop: &AtomicBool) -> Result<(), Failure> {
-        note!("the page stays with the session's recording, at {}; Ctrl-C ends it", self.page.url());
+        note!(
+            "the page stays with the session's recording, at {}; Ctrl-C ends it",
+            self.page.url()
+        );
         recorded::show(&self.page, file, stop)
     }
 }

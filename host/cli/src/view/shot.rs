@@ -1,91 +1,208 @@
 //! `--shot`: a picture of the page, by an installed Chromium.
 //!
-//! Entry point: [`take`].
+//! Entry point: [`take`]. The browser is asked over two pipes in its own protocol (Chrome DevTools), in a headless window that draws
+//! in software where there is no graphics.
 
+use super::ViewArgs;
 use super::page::Page;
-use super::{ViewArgs, recorded, sandbox};
+use super::sandbox::{self, PauseAt};
 use crate::failure::{Cause, Failure};
-use std::path::Path;
-use std::process::{Command, Stdio};
+use base64::Engine as _;
+use serde_json::{Value, json};
+use std::io::{self, BufRead as _, BufReader, Write as _};
+use std::path::{Path, PathBuf};
+use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+use sutura_view::Shared;
 
 /// Programs that take pictures of pages, by name.
 const BROWSERS: [&str; 4] = ["chromium", "chromium-browser", "google-chrome", "chrome"];
-/// Before the page has its first picture, on a machine that draws in software \[s\].
-const READY_S: f64 = 10.0;
+/// Standard input and output become the pipes that the browser listens to.
+const AS_PIPES: &str = "exec \"$0\" \"$@\" 3<&0 4>&1 </dev/null >/dev/null 2>&1";
+/// How long a page is given to draw what it got last, in software.
+const DRAWN_WITHIN: Duration = Duration::from_secs(4);
+/// How long all of it may take besides the session.
+const WITHIN: Duration = Duration::from_secs(120);
 
-/// Shows what is to be shown, and takes a picture of it.
+/// Shows a scene, and takes a picture of it.
 ///
 /// # Errors
 /// No browser, or one that takes none.
 pub fn take(args: &ViewArgs, shot: &Path, stop: &Arc<AtomicBool>) -> Result<(), Failure> {
+    if args
+        .file
+        .as_ref()
+        .is_some_and(|file| file.extension().is_some_and(|end| end == "mcap"))
+    {
+        let message = "--shot takes pictures of scenes, not of recordings";
+        let help = "open the recording's page, and export its picture there";
+        return Err(Failure::say(Cause::BadInput, message, help));
+    }
     let browser = browser()?;
     let mut page = Page::open(&args.page)?;
-    let url = page.url();
-    let taking = photographer(browser, &url, shot, args.at, stop.clone())?;
-    let is_recording = args.file.as_ref().filter(|file| file.extension().is_some_and(|end| end == "mcap"));
-    let shown = match is_recording {
-        Some(file) => recorded::show(&page, file, stop),
-        None => sandbox::run(&mut page, args.wish(), args.record.as_deref(), stop),
-    };
+    let at = PauseAt::new(args.at);
+    let shared = page.shared().clone();
+    let (url, reached, stopping) = (page.url(), at.reached(), stop.clone());
+    let file = PathBuf::from(shot);
+    let thread = std::thread::Builder::new().name("sutura-shot".to_owned());
+    let taking = thread.spawn(move || {
+        let taken = photograph(browser, &url, &file, &shared, &reached);
+        stopping.store(true, Ordering::Relaxed);
+        taken
+    });
+    let taking = taking.map_err(|error| failed(browser, shot, &error))?;
+    let shown = sandbox::run(
+        &mut page,
+        args.wish(),
+        args.record.as_deref(),
+        Some(at),
+        stop,
+    );
     stop.store(true, Ordering::Relaxed);
     let taken = taking.join();
     shown?;
     match taken {
-        Ok(true) if shot.is_file() => Ok(()),
-        _ => {
-            let message = format!("{browser} wrote no picture to {}", shot.display());
-            Err(Failure::say(Cause::Failed, message, "see that the folder is yours, and that the browser runs there"))
-        }
+        Ok(taken) => taken.map_err(|error| failed(browser, shot, &error)),
+        Err(_) => Err(failed(browser, shot, &io::Error::other("it failed"))),
     }
+}
+
+fn failed(browser: &str, shot: &Path, error: &io::Error) -> Failure {
+    let message = format!("{browser} took no picture for {}: {error}", shot.display());
+    let help = "see that the folder is yours, and that the browser runs here: `chromium --headless --screenshot about:blank`";
+    Failure::say(Cause::Failed, message, help)
 }
 
 /// A browser that is there.
 fn browser() -> Result<&'static str, Failure> {
     let runs = |name: &&str| {
-        let version = Command::new(name).arg("--version").stdout(Stdio::null()).stderr(Stdio::null()).status();
-        version.is_ok_and(|status| status.success())
+        let mut command = Command::new(name);
+        let version = command
+            .arg("--version")
+            .stdout(Stdio::null())
+            .stderr(Stdio::null());
+        version.status().is_ok_and(|status| status.success())
     };
     BROWSERS.into_iter().find(runs).ok_or_else(|| {
         let message = "no Chromium was found that could take a picture of the page";
-        Failure::say(Cause::BadInput, message, "install one: `apt-get install chromium`")
+        Failure::say(
+            Cause::BadInput,
+            message,
+            "install one: `apt-get install chromium`",
+        )
     })
 }
 
-/// Takes the picture in a thread of its own, then has all end.
-fn photographer(
-    browser: &'static str,
-    url: &str,
-    shot: &Path,
-    at_s: f64,
-    stop: Arc<AtomicBool>,
-) -> Result<JoinHandle<bool>, Failure> {
-    let wait_ms = (1e3 * (at_s + READY_S)) as u64;
-    let mut command = Command::new(browser);
-    command
-        .args(["--headless=new", "--hide-scrollbars", "--enable-unsafe-swiftshader"])
-        .args(["--use-angle=swiftshader", "--window-size=1280,800", "--disable-gpu-vsync"])
-        .arg(format!("--timeout={wait_ms}"))
-        .arg(format!("--screenshot={}", shot.display()))
-        .arg(url)
-        .stdin(Stdio::null())
-        .stdout(Stdio::null())
-        .stderr(Stdio::null());
-    // It refuses to run for root with its sandbox.
-    #[cfg(unix)]
-    if rustix::process::geteuid().is_root() {
-        command.arg("--no-sandbox");
+/// A browser that is asked over pipes.
+struct Browser {
+    child: Child,
+    to: ChildStdin,
+    from: BufReader<ChildStdout>,
+    asked: u64,
+}
+
+impl Drop for Browser {
+    fn drop(&mut self) {
+        // It has ended, or ends now.
+        let _ = self.child.kill();
+        let _ = self.child.wait();
     }
-    let thread = std::thread::Builder::new().name("sutura-shot".to_owned());
-    let taking = thread.spawn(move || {
-        let taken = command.status().is_ok_and(|status| status.success());
-        stop.store(true, Ordering::Relaxed);
-        taken
-    });
-    taking.map_err(|error| {
-        let message = format!("there is no thread to take the picture from: {error}");
-        Failure::say(Cause::Failed, message, "end other programs")
-    })
+}
+
+impl Browser {
+    fn start(name: &str, profile: &Path) -> io::Result<Self> {
+        let mut command = Command::new("sh");
+        command
+            .args([
+                "-c",
+                AS_PIPES,
+                name,
+                "--headless=new",
+                "--remote-debugging-pipe",
+            ])
+            .args([
+                "--hide-scrollbars",
+                "--no-first-run",
+                "--window-size=1280,800",
+            ])
+            .args(["--enable-unsafe-swiftshader", "--use-angle=swiftshader"])
+            .arg(format!("--user-data-dir={}", profile.display()));
+        // It refuses to run for root with its sandbox.
+        #[cfg(unix)]
+        if rustix::process::geteuid().is_root() {
+            command.arg("--no-sandbox");
+        }
+        command.stdin(Stdio::piped()).stdout(Stdio::piped());
+        let mut child = command.stderr(Stdio::null()).spawn()?;
+        let pipes = child.stdin.take().zip(child.stdout.take());
+        let (to, from) = pipes.ok_or_else(|| io::Error::other("it has no pipes"))?;
+        Ok(Self {
+            child,
+            to,
+            from: BufReader::new(from),
+            asked: 0,
+        })
+    }
+
+    /// Asks, and waits for the answer; what else is told is passed over.
+    fn ask(&mut self, session: Option<&str>, method: &str, parameters: Value) -> io::Result<Value> {
+        self.asked += 1;
+        let mut question = json!({"id": self.asked, "method": method, "params": parameters});
+        if let Some(session) = session {
+            question["sessionId"] = json!(session);
+        }
+        self.to.write_all(question.to_string().as_bytes())?;
+        self.to.write_all(&[0])?;
+        self.to.flush()?;
+        loop {
+            let mut bytes = Vec::new();
+            if self.from.read_until(0, &mut bytes)? == 0 {
+                return Err(io::Error::other("it has ended"));
+            }
+            bytes.pop();
+            let answer: Value = serde_json::from_slice(&bytes)?;
+            if answer["id"] == self.asked {
+                return match answer.get("error") {
+                    Some(error) => Err(io::Error::other(error["message"].to_string())),
+                    None => Ok(answer["result"].clone()),
+                };
+            }
+        }
+    }
+}
+
+fn photograph(
+    browser: &str,
+    url: &str,
+    file: &Path,
+    shared: &Shared,
+    reached: &AtomicBool,
+) -> io::Result<()> {
+    let profile = tempfile::tempdir()?;
+    let mut browser = Browser::start(browser, profile.path())?;
+    let text = |value: &Value| value.as_str().unwrap_or_default().to_owned();
+    let target = browser.ask(None, "Target.createTarget", json!({"url": url}))?;
+    let attach = json!({"targetId": target["targetId"], "flatten": true});
+    let session = text(&browser.ask(None, "Target.attachToTarget", attach)?["sessionId"]);
+    let began = Instant::now();
+    let (mut sent, mut still) = (0, Instant::now());
+    while !(reached.load(Ordering::Relaxed) && sent > 0 && still.elapsed() > DRAWN_WITHIN) {
+        if began.elapsed() > WITHIN {
+            return Err(io::Error::other("the page drew nothing for two minutes"));
+        }
+        let now = shared.figures().sent;
+        if now != sent || !reached.load(Ordering::Relaxed) {
+            (sent, still) = (now, Instant::now());
+        }
+        std::thread::sleep(Duration::from_millis(50));
+    }
+    let taken = browser.ask(
+        Some(&session),
+        "Page.captureScreenshot",
+        json!({"format": "png"}),
+    )?;
+    let bytes = base64::engine::general_purpose::STANDARD.decode(text(&taken["data"]));
+    std::fs::write(file, bytes.map_err(io::Error::other)?)
 }

@@ -114,7 +114,11 @@ impl Show {
             .spawn(move || showing.run());
         let thread = thread.map_err(|error| {
             let message = format!("there is no thread that makes pictures: {error}");
-            Failure::say(Cause::Failed, message, "end other programs, or leave out --view")
+            Failure::say(
+                Cause::Failed,
+                message,
+                "end other programs, or leave out --view",
+            )
         })?;
         Ok(Show {
             shared,
@@ -154,7 +158,13 @@ impl Show {
             let took = [0.5, 0.99].map(|part| figures.took_us.quantile(part) as f64);
             (figures.wanted, figures.made, took)
         });
-        ViewSummary::new(place, all.joined, [wanted, made, all.sent], took_us, offer_us)
+        ViewSummary::new(
+            place,
+            all.joined,
+            [wanted, made, all.sent],
+            took_us,
+            offer_us,
+        )
     }
 }
 
@@ -217,9 +227,17 @@ impl Showing {
         let affordable_hz = SHARE / self.cost_s.max(1e-6);
         self.hz = wanted_hz.min(MOST_HZ).min(affordable_hz);
         let speed = self.going().wanted_speed.unwrap_or(1.0);
-        let period_us = if self.hz > 0.0 { 1e6 * speed / self.hz } else { 0.0 };
+        let period_us = if self.hz > 0.0 {
+            1e6 * speed / self.hz
+        } else {
+            0.0
+        };
         // Less than one tick is every solve.
-        self.offer.want(if self.hz > 0.0 { (period_us as u64).max(1) } else { 0 });
+        self.offer.want(if self.hz > 0.0 {
+            (period_us as u64).max(1)
+        } else {
+            0
+        });
     }
 
     fn going(&self) -> Going {
@@ -229,7 +247,9 @@ impl Showing {
     fn paint(&mut self, scalar: Option<Scalar>, sequence: u32) {
         let began = cpu_time();
         let mut bytes = Vec::new();
-        self.painter.paint(&self.own, scalar, sequence).encode(&mut bytes);
+        self.painter
+            .paint(&self.own, scalar, sequence)
+            .encode(&mut bytes);
         let took = cpu_time().saturating_sub(began);
         self.figures.made += 1;
         self.figures.took_us.record(took.as_micros() as u64);

@@ -54,13 +54,25 @@ impl Telemetry {
     /// For a recorder, which tells of everything that passes.
     pub fn seen(self: &Arc<Self>) -> Seen {
         let own = self.clone();
-        Box::new(move |passed| {
-            let mut inner = own.lock();
-            match passed {
-                Passed::State(state) => inner.state(state.console_time_us(), state.body()),
-                Passed::Solve(sample) => inner.solve(sample),
-            }
+        Box::new(move |passed| match passed {
+            Passed::State(state) => own.state(state.console_time_us(), state.body()),
+            Passed::Solve(sample) => own.solve(sample),
         })
+    }
+
+    /// Takes note of a state.
+    pub fn state(&self, console_time_us: u64, state: &State) {
+        self.lock().state(console_time_us, state);
+    }
+
+    /// Takes note of a solve.
+    pub fn solve(&self, sample: &SolveSample) {
+        self.lock().solve(sample);
+    }
+
+    /// What has happened since this was asked last.
+    pub fn take_events(&self) -> Vec<Value> {
+        std::mem::take(&mut self.lock().events)
     }
 
     /// Shows the rows and events that have come.

@@ -17,7 +17,11 @@ pub enum Viewed {}
 /// Why there is no page.
 pub fn missing() -> Failure {
     let message = "this program was built without its page";
-    Failure::say(Cause::BadInput, message, "build it with the Cargo feature `view`")
+    Failure::say(
+        Cause::BadInput,
+        message,
+        "build it with the Cargo feature `view`",
+    )
 }
 
 impl Viewed {
@@ -30,7 +34,14 @@ impl Viewed {
     }
 
     /// Never.
-    pub fn begin(&mut self, _: &Scene, _: &Plan, _: &SceneSolver, _: &str, _: bool) -> Result<(), Failure> {
+    pub fn begin(
+        &mut self,
+        _: &Scene,
+        _: &Plan,
+        _: &SceneSolver,
+        _: &str,
+        _: bool,
+    ) -> Result<(), Failure> {
         match *self {}
     }
 
