@@ -20,9 +20,11 @@ pub fn rows_frame(rows: &ToolRows) -> Option<Rows> {
                     id: rows.id[i],
                     friction: friction as f32,
                 },
-                ToolRowKind::Tangent => RowKind::Tangent { anchor_m: 0.0 },
+                ToolRowKind::Tangent => RowKind::Tangent {
+                    anchor_m: rows.slip_m[i] as f32,
+                },
             },
-            delta_free_m: (rows.delta_m[i] - by_forces.sum::<f64>()) as f32,
+            delta_free_m: (rows.delta_m[i] + rows.slip_m[i] - by_forces.sum::<f64>()) as f32,
             lambda_n: rows.lambda_n[i] as f32,
             jacobian: rows.jacobian[i].map(|entry| entry as f32),
         }

@@ -25,18 +25,22 @@ impl Balance<'_> {
         cones: &mut Cones,
     ) -> Option<ToolRows> {
         let each = self.sources.tools.each();
-        // Where nothing is touched yet there is room for more vertices without friction, which comes with the next frame.
-        let smooth = each.get(tool as usize)?.tool.is_smooth() || self.state.tools.count(tool) == 0;
+        let smooth = each.get(tool as usize)?.tool.is_smooth();
         let most_rows = options.most_rows.min(MAX_TOOL_ROWS);
-        let most = most_rows / if smooth { 1 } else { CONE };
-        if most == 0 {
+        // Where nothing is touched yet there is room for more of what comes.
+        let most = match (smooth, self.state.tools.count(tool)) {
+            (true, _) => most_rows,
+            (false, 0) => most_rows / 2,
+            (false, _) => most_rows / CONE,
+        };
+        if most_rows < if smooth { 1 } else { CONE } {
             return None;
         }
         let touched = self.state.tools.contacts.len();
         let ahead_m = Vector3::from(options.ahead_m).norm();
         self.find_near_tools(options.reach_m + ahead_m);
         self.add_coming((tool, smooth), most, options);
-        let rows = self.write_rows((tool, id, smooth), grip, tangent, most, cones);
+        let rows = self.write_rows((tool, id, smooth), grip, tangent, most_rows, cones);
         self.state.tools.contacts.truncate(touched);
         rows
     }
@@ -153,7 +157,8 @@ pub(super) fn reduce_tools(
         let grip = Vector3::from(sample.position_m);
         let tangent = Matrix6::from_fn(|i, j| contact.tangent[i][j]);
         let most = StepOptions {
-            most_rows: if apart {
+            // A tangent takes all that there are; where some are sent they are planned as a whole.
+            most_rows: if apart && (tool.is_smooth() || options.most_rows == 0) {
                 MAX_TOOL_ROWS
             } else {
                 options.most_rows

@@ -25,6 +25,8 @@ pub struct ToolRows {
     pub id: [u32; MAX_TOOL_ROWS],
     /// Gap \[m\]; 0 where it touches.
     pub delta_m: [f64; MAX_TOOL_ROWS],
+    /// Of tangents: how far what it stands for slipped in the last step \[m\]; 0 of others.
+    pub slip_m: [f64; MAX_TOOL_ROWS],
     /// Multiplier \[N\], 0 where it does not touch.
     pub lambda_n: [f64; MAX_TOOL_ROWS],
     /// d delta / d pose for left increments of the grip, (count x 6) \[m/m, m/rad\]. Minus a row's
@@ -64,6 +66,7 @@ impl ToolRows {
         kind: [ToolRowKind::Smooth; MAX_TOOL_ROWS],
         id: [0; MAX_TOOL_ROWS],
         delta_m: [0.0; MAX_TOOL_ROWS],
+        slip_m: [0.0; MAX_TOOL_ROWS],
         lambda_n: [0.0; MAX_TOOL_ROWS],
         jacobian: [[0.0; 6]; MAX_TOOL_ROWS],
         compliance: [0.0; MAX_TOOL_ROWS * (MAX_TOOL_ROWS + 1) / 2],

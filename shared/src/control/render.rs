@@ -10,7 +10,7 @@ use super::rows::ContactRows;
 use super::thread::LocalThread;
 use super::trust::Trust;
 use super::tuning::{Rendering, Tuning};
-use super::{Fresh, MAX_HORIZON_US, TICK_S};
+use super::{Fresh, MAX_HORIZON_US, TICK_S, TICK_US};
 use crate::kinematics::Grip;
 use crate::math::{Vec3, clamp, dot, max, min, shortened};
 use crate::wire::{ValidNeedle, ValidThread};
@@ -69,6 +69,48 @@ pub(super) struct Render {
     model_n: Option<Vec3>,
     /// Change of the model's force over the last tick in which it was not new \[N\], and the way on which it changed \[m\].
     course: Option<(Vec3, Vec3)>,
+    track: Track,
+}
+
+/// Ticks whose places are remembered: as long as most frames are under way and in use.
+const TRACKED: usize = 128;
+
+/// Places of the grip in the last ticks \[m\].
+#[derive(Clone, Copy, Debug)]
+struct Track {
+    places_m: [Vec3; TRACKED],
+    /// Place of the next one, and how many there are.
+    next: usize,
+    count: usize,
+}
+
+impl Track {
+    const NONE: Track = Track {
+        places_m: [Vec3::new(0.0, 0.0, 0.0); TRACKED],
+        next: 0,
+        count: 0,
+    };
+
+    fn push(&mut self, place_m: Vec3) {
+        if let Some(place) = self.places_m.get_mut(self.next) {
+            *place = place_m;
+        }
+        self.next = (self.next + 1) % TRACKED;
+        self.count = (self.count + 1).min(TRACKED);
+    }
+
+    /// Farthest along a direction in the last `age_us`, and at `now_m` \[m\].
+    fn farthest(&self, along: &Vec3, age_us: u32, now_m: &Vec3) -> f32 {
+        let ticks = (u64::from(age_us) / TICK_US) as usize;
+        let mut most = dot(along, now_m);
+        for ago in 1..=ticks.min(self.count) {
+            let place = self.places_m.get((self.next + TRACKED - ago) % TRACKED);
+            if let Some(place) = place {
+                most = max(most, dot(along, place));
+            }
+        }
+        most
+    }
 }
 
 impl Render {
@@ -104,6 +146,7 @@ impl Render {
             last: None,
             model_n: None,
             course: None,
+            track: Track::NONE,
         }
     }
 
@@ -113,6 +156,7 @@ impl Render {
         self.rows = ContactRows::NONE;
         (self.needle, self.thread, self.held_until_us) = (None, None, 0);
         (self.trust, self.bend) = (Trust::FULL, Bend::NONE);
+        self.track.count = 0;
         self.start_from_nothing();
     }
 
@@ -217,8 +261,12 @@ impl Render {
                 }
             }
         }
-        let dx = new.moved_to(grip);
-        self.rows.replace(&fresh.rows, &dx, new.console_time_us);
+        let age_us = new.age_us(now_us);
+        let farthest = |along: &Vec3| {
+            let farthest = self.track.farthest(along, age_us, &grip.position_m);
+            farthest - dot(along, new.place_m())
+        };
+        self.rows.replace(&fresh.rows, farthest);
         self.contact = Some(new);
         self.changed = true;
     }
@@ -261,6 +309,7 @@ impl Render {
 
     /// Force that is wanted on the grip \[N\], limited in length; 0 when the data is too old.
     pub fn force(&mut self, grip: &Grip, velocity: &Vec3, now_us: u64) -> Vec3 {
+        self.track.push(grip.position_m);
         let before = self.offset_n;
         self.offset_n *= BLEND_DECAY;
         self.pull_n *= BLEND_DECAY;
@@ -354,7 +403,7 @@ impl Render {
             return shortened(force, self.max_force_n);
         }
         let dx = &self.not_too_far(contact, dx);
-        let solved = self.rows.solve(dx, now_us);
+        let solved = self.rows.solve(dx);
         let lost = self.tuning.guards.residual && solved.residual > MAX_RESIDUAL;
         let step = if lost { -GIVE_WAY } else { GIVE_WAY };
         self.rows_share = clamp(self.rows_share + step, 0.0, 1.0);

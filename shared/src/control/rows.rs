@@ -6,7 +6,7 @@
 //! Rows are scaled by d = W_ii^(-1/2), the tangents of a cone by the largest eigenvalue of their block: then
 //! delta~ = d delta and lambda~ = lambda / d are of one unit, and a step of a row needs no division.
 
-use crate::math::{clamp, max, min};
+use crate::math::{Vec3, clamp, dot, max, min};
 use crate::wire::ValidRows;
 use crate::wire::message::{MAX_ROWS, Row, RowKind};
 use crate::wire::validate::MAX_WRENCH;
@@ -47,8 +47,6 @@ struct Touch {
     opens: [f32; 3],
     /// From the middle of the tool's curvature to the tissue \[m\]; 0 of a flat tool.
     reach_m: f32,
-    /// Console time at which it last slipped on the console \[us\]; 0: not since the frame.
-    slipped_us: u64,
 }
 
 /// What carries over from one frame's rows to the next.
@@ -83,6 +81,8 @@ pub struct ContactRows {
     /// Scaled: the multipliers of the last tick, and where tangents stick.
     lambda: [f32; MAX_ROWS],
     anchor: [f32; MAX_ROWS],
+    /// The host's anchors: how far tangents slipped between the state's pose and the frame's.
+    told: [f32; MAX_ROWS],
 }
 
 impl Default for ContactRows {
@@ -105,7 +105,6 @@ impl ContactRows {
             limit: 0.0,
             opens: [0.0; 3],
             reach_m: 0.0,
-            slipped_us: 0,
         }; MAX_ROWS],
         held: [0.0; 21],
         compliance: [[0.0; MAX_ROWS]; MAX_ROWS],
@@ -115,6 +114,7 @@ impl ContactRows {
         host: [0.0; MAX_ROWS],
         lambda: [0.0; MAX_ROWS],
         anchor: [0.0; MAX_ROWS],
+        told: [0.0; MAX_ROWS],
     };
 
     /// Unpacks a frame: W full and scaled, multipliers and anchors as the host has them. Costs as much as some
@@ -167,7 +167,6 @@ impl ContactRows {
             limit: MAX_WRENCH / normal,
             opens: [0.0; 3],
             reach_m: 0.0,
-            slipped_us: 0,
         };
         if friction > 0.0 {
             let (a, b) = (index + 1, index + 2);
@@ -199,6 +198,7 @@ impl ContactRows {
                 RowKind::Smooth { .. } | RowKind::Normal { .. } => 0.0,
             };
             put(&mut self.anchor, index, anchor * scale);
+            put(&mut self.told, index, anchor * scale);
             put(&mut self.free, index, row.delta_free_m * scale);
             put(&mut self.host, index, row.lambda_n / scale);
             if let Some(jacobian) = self.jacobian.get_mut(index) {
@@ -258,8 +258,9 @@ impl ContactRows {
     }
 
     /// Takes the rows of a new frame and goes on from the present ones, see [`adopt`](Self::adopt); none in the
-    /// place of none costs nothing.
-    pub fn replace(&mut self, fresh: &ContactRows, dx_now: &[f32; 6], solved_us: u64) {
+    /// place of none costs nothing. `farthest` says how far along a direction the grip has come since the state that the frame
+    /// was solved for, beyond the frame's pose \[m\].
+    pub fn replace(&mut self, fresh: &ContactRows, farthest: impl FnOnce(&Vec3) -> f32) {
         if fresh.is_empty() {
             (self.count, self.touching) = (0, 0);
             self.held = [0.0; 21];
@@ -267,14 +268,89 @@ impl ContactRows {
         }
         let known = self.known();
         *self = *fresh;
-        self.go_on(&known, dx_now, solved_us);
+        self.go_on(&known);
+        self.slip_to(farthest);
+    }
+
+    /// A contact that slips on the way from the state's pose to the frame's, where the grip did not come, has slipped no
+    /// farther than the grip came: its force is that of the frame there.
+    fn slip_to(&mut self, farthest: impl FnOnce(&Vec3) -> f32) {
+        let mut along = Vec3::zeros();
+        for touch in self.rubbing() {
+            along += self.slide(&touch, |rows, row| at(&rows.told, row));
+        }
+        let square = dot(&along, &along);
+        if square <= 0.0 {
+            return;
+        }
+        let along = along * (1.0 / libm::sqrtf(square));
+        let way = along * min(farthest(&along), 0.0);
+        for touch in self.rubbing() {
+            let rows = [usize::from(touch.row) + 1, usize::from(touch.row) + 2];
+            let slipped = square_of(rows.map(|row| at(&self.told, row)));
+            if slipped <= 0.0 {
+                continue;
+            }
+            let moved = rows.map(|row| dot(&self.direction(row), &way));
+            // No farther back than it slipped.
+            let most = square_of(moved);
+            let part = if most > slipped {
+                libm::sqrtf(slipped / most)
+            } else {
+                1.0
+            };
+            for (row, moved) in rows.into_iter().zip(moved) {
+                let anchor = at(&self.anchor, row) + part * moved;
+                put(&mut self.anchor, row, anchor);
+            }
+        }
+    }
+
+    /// Contacts with friction.
+    fn rubbing(&self) -> impl Iterator<Item = Touch> + use<> {
+        let touches = self.touches.into_iter();
+        let touches = touches.take(usize::from(self.touching));
+        touches.filter(|touch| touch.friction > 0.0)
+    }
+
+    /// Linear part of a row's J, scaled.
+    fn direction(&self, row: usize) -> Vec3 {
+        let row = self.jacobian.get(row);
+        row.map_or_else(Vec3::zeros, |[x, y, z, ..]| Vec3::new(*x, *y, *z))
+    }
+
+    /// The way over a contact with friction of which its tangents have the scaled parts `of` \[m\].
+    fn slide(&self, touch: &Touch, of: impl Fn(&Self, usize) -> f32) -> Vec3 {
+        let first = usize::from(touch.row) + 1;
+        let scale = at(&self.scale, first);
+        // J of a tangent is its direction times its scale.
+        let way = [first, first + 1].map(|row| self.direction(row) * of(self, row));
+        (way[0] + way[1]) * (1.0 / (scale * scale))
+    }
+
+    /// How far the tool has slid over a contact with friction since the frame's pose \[m\].
+    fn slid(&self, touch: &Touch) -> Vec3 {
+        self.slide(touch, |rows, row| {
+            at(&rows.anchor, row) - at(&rows.told, row)
+        })
+    }
+
+    /// The same on average by force; none if nothing rubs.
+    fn slid_on_average(&self) -> Option<Vec3> {
+        let (mut whole, mut sum) = (0.0, Vec3::zeros());
+        for touch in self.rubbing() {
+            let row = usize::from(touch.row);
+            let force = at(&self.lambda, row) * at(&self.scale, row);
+            whole += force;
+            sum += self.slid(&touch) * force;
+        }
+        (whole > 0.0).then(|| sum * (1.0 / whole))
     }
 
     /// Goes on from the rows that have been rendered so far: the multipliers of contacts that both know carry
-    /// over. A contact that has slipped here after `solved_us`, which this frame cannot know, sticks where its force
-    /// is in balance now; else the host's anchor counts, which knows all slip. `dx_now`: see [`solve`](Self::solve).
-    pub fn adopt(&mut self, old: &ContactRows, dx_now: &[f32; 6], solved_us: u64) {
-        self.go_on(&old.known(), dx_now, solved_us);
+    /// over. Where they stick is what the host says, which knows all slip.
+    pub fn adopt(&mut self, old: &ContactRows) {
+        self.go_on(&old.known());
     }
 
     fn known(&self) -> Known {
@@ -286,9 +362,8 @@ impl ContactRows {
         }
     }
 
-    fn go_on(&mut self, old: &Known, dx_now: &[f32; 6], solved_us: u64) {
-        let touching = usize::from(self.touching);
-        for touch in self.touches.iter_mut().take(touching) {
+    fn go_on(&mut self, old: &Known) {
+        for touch in self.touches.iter().take(usize::from(self.touching)) {
             let mut known = old.touches.iter().take(usize::from(old.touching));
             let Some(before) = known.find(|other| other.id == touch.id) else {
                 continue;
@@ -302,20 +377,6 @@ impl ContactRows {
                     to + row,
                     force / at(&self.scale, to + row),
                 );
-            }
-            if both && before.slipped_us > solved_us {
-                touch.slipped_us = before.slipped_us;
-            }
-        }
-        if !is_small(dx_now) {
-            return;
-        }
-        for touch in self.touches.iter().take(touching) {
-            if touch.slipped_us > 0 {
-                for row in usize::from(touch.row) + 1..usize::from(touch.row) + 3 {
-                    let reached = self.without_forces(row, dx_now) + self.by_forces(row);
-                    put(&mut self.anchor, row, reached);
-                }
             }
         }
     }
@@ -341,7 +402,7 @@ impl ContactRows {
     /// Solves the rows at the pose `dx` from the frame's: linear \[m\], then rotation vector \[rad\], world frame,
     /// left increment. Always the same number of sweeps, from the multipliers of the solve before. Tangents whose
     /// force is at its limit drag their anchors along.
-    pub fn solve(&mut self, dx: &[f32; 6], now_us: u64) -> RowsForce {
+    pub fn solve(&mut self, dx: &[f32; 6]) -> RowsForce {
         if !is_small(dx) {
             return RowsForce {
                 change: [0.0; 6],
@@ -353,18 +414,35 @@ impl ContactRows {
             let free = self.without_forces(row, dx);
             put(&mut drive, row, free - at(&self.anchor, row));
         }
-        for touch in self.touches.iter().take(usize::from(self.touching)) {
-            let row = usize::from(touch.row);
-            let opened = at(&drive, row) + touch.opening(dx) * at(&self.scale, row);
-            put(&mut drive, row, opened);
-        }
+        self.open(&mut drive, dx);
         for _ in 0..SWEEPS {
             self.sweep(&drive);
         }
-        let residual = self.settle(&drive, now_us);
+        let residual = self.settle(&drive);
         RowsForce {
             change: self.change(dx),
             residual,
+        }
+    }
+
+    /// How gaps open under a round tool: by the way that it slides over a vertex, which is its own where that does not rub.
+    /// A vertex without friction that pressed from the start goes along with those that have some.
+    fn open(&self, drive: &mut [f32; MAX_ROWS], dx: &[f32; 6]) {
+        if self.touches.iter().all(|touch| touch.reach_m <= 0.0) {
+            return;
+        }
+        let [x, y, z, ..] = *dx;
+        let way = Vec3::new(x, y, z);
+        let on_average = self.slid_on_average();
+        for touch in self.touches.iter().take(usize::from(self.touching)) {
+            let row = usize::from(touch.row);
+            let slid = match on_average {
+                Some(_) if touch.friction > 0.0 => self.slid(touch),
+                Some(slid) if at(&self.host, row) > 0.0 => slid,
+                _ => way,
+            };
+            let opened = at(drive, row) + touch.opening(&way, &slid) * at(&self.scale, row);
+            put(drive, row, opened);
         }
     }
 
@@ -389,7 +467,7 @@ impl ContactRows {
     }
 
     /// What is left of every row: the residual. Anchors of what slips move to where it sticks now.
-    fn settle(&mut self, drive: &[f32; MAX_ROWS], now_us: u64) -> f32 {
+    fn settle(&mut self, drive: &[f32; MAX_ROWS]) -> f32 {
         let (mut worst, mut largest, mut strongest) = (0.0, 0.0, 0.0);
         for index in 0..usize::from(self.touching) {
             let Some(touch) = self.touches.get(index).copied() else {
@@ -416,9 +494,6 @@ impl ContactRows {
                     for (row, slip) in [row + 1, row + 2].into_iter().zip(delta) {
                         let anchor = at(&self.anchor, row) + slip;
                         put(&mut self.anchor, row, anchor);
-                    }
-                    if let Some(touch) = self.touches.get_mut(index) {
-                        touch.slipped_us = now_us;
                     }
                 }
             }
@@ -447,15 +522,22 @@ impl ContactRows {
 
 impl Touch {
     /// What a round tool's way along the surface adds to the gap, which is not in J \[m\]. A vertex is `reach` from the
-    /// tool's middle; moved by d it is `|reach opens + d|`.
+    /// tool's middle; moved by d it is `|reach opens + d|`, with the part of d across that it slides.
     #[inline]
-    fn opening(&self, dx: &[f32; 6]) -> f32 {
+    fn opening(&self, way: &Vec3, slid: &Vec3) -> f32 {
         if self.reach_m <= 0.0 {
             return 0.0;
         }
-        let ([x, y, z, ..], [a, b, c]) = (dx, self.opens);
-        let along = a * x + b * y + c * z;
-        let across = max(x * x + y * y + z * z - along * along, 0.0);
+        let [a, b, c] = self.opens;
+        let opens = Vec3::new(a, b, c);
+        let along = dot(&opens, way);
+        let aside = dot(&opens, slid);
+        // No farther than it went.
+        let across = min(
+            dot(slid, slid) - aside * aside,
+            dot(way, way) - along * along,
+        );
+        let across = max(across, 0.0);
         let foot = self.reach_m + along;
         libm::sqrtf(foot * foot + across) - foot
     }
@@ -472,6 +554,10 @@ fn disc(aim: [f32; 2], radius: f32) -> [f32; 2] {
     } else {
         aim
     }
+}
+
+fn square_of([a, b]: [f32; 2]) -> f32 {
+    a * a + b * b
 }
 
 /// Whether rows are solved for such a way; not for NaN.

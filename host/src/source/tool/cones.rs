@@ -2,7 +2,9 @@
 //!
 //! Entry points: [`Cones::gather`], [`Cones::load`], then [`Cones::write`]. Where more vertices touch than there is room
 //! for, neighbours share one cone: each bears the part of its force that it bears now, so that the normal force and the
-//! limit of friction stay what they are, and W, J become `B'WB`, `B'J`. What that takes from the tangent, and what turns, is in M.
+//! limit of friction stay what they are, and W, J become `B'WB`, `B'J`. Those that press least, which let go first, and those
+//! that come have normals of their own; their tangents are with the nearest cone's, whose coefficient is so much larger. What
+//! that takes from the tangent, and what turns, is in M.
 
 use super::{Contact, Load, ToolContacts, TouchingTools, Turning};
 use crate::anchors::{ConstraintSet, ConstraintSystem};
@@ -28,21 +30,38 @@ pub(crate) fn in_units(x: f64, unit: f64) -> f64 {
     (x / unit).round()
 }
 
-/// A contact, and its part of a cone.
+/// A contact, and its parts of what is sent.
 #[derive(Clone, Copy, Debug)]
 struct Member {
     contact: Contact,
-    cone: usize,
-    weight: f64,
+    /// Of the touches, the one whose normal has its normal, and the cone whose tangents have its tangents, if any do; and
+    /// its shares of their ways.
+    touch: usize,
+    normal_share: f64,
+    cone: Option<usize>,
+    share: f64,
     /// From the nearest of the cones' first ones, squared \[1e-12 m^2\].
     apart: f64,
     /// The cone's first tangent in the frame of the contact's: cosine and sine.
     turn: Vector2<f64>,
 }
 
+/// What is sent as one contact: a cone, or a normal alone.
+#[derive(Clone, Copy, Debug)]
+struct Touch {
+    /// Its firmest member.
+    lead: Contact,
+    /// Its first row, and how many it has.
+    row: usize,
+    axes: usize,
+    /// Normal forces of those whose tangents it has, over those whose normals it has: at least 1.
+    bears: f64,
+}
+
 /// Scratch.
 pub(crate) struct Cones {
     members: Vec<Member>,
+    touches: Vec<Touch>,
     /// Rows of a cone: three, or its normal where the tool does not rub.
     axes: usize,
     /// Rows of the members.
@@ -60,6 +79,7 @@ pub(crate) struct Cones {
     w: Vec<f64>,
     j: Vec<f64>,
     lambda: Vec<f64>,
+    slip: Vec<f64>,
     matrix: Vec<f64>,
     rhs: Vec<f64>,
     lu: Lu,
@@ -72,6 +92,7 @@ impl Cones {
         let (k, m) = (AXES * most_contacts, MAX_TOOL_ROWS);
         Self {
             members: Vec::with_capacity(most_contacts),
+            touches: Vec::with_capacity(m),
             axes: AXES,
             keep: Vec::with_capacity(k),
             jacobian: vec![0.0; 6 * most_rows],
@@ -83,6 +104,7 @@ impl Cones {
             w: vec![0.0; m * m],
             j: vec![0.0; 6 * m],
             lambda: vec![0.0; m],
+            slip: vec![0.0; m],
             matrix: vec![0.0; m * m],
             rhs: vec![0.0; 6 * m],
             lu: Lu::new(m),
@@ -90,7 +112,7 @@ impl Cones {
         }
     }
 
-    /// Takes the contacts of `tool`, those that press first, into at most `most` cones. Whether there are any.
+    /// Takes the contacts of `tool`, those that press first, into at most `most` rows. Whether there are any.
     pub fn gather(
         &mut self,
         state: &ToolContacts,
@@ -99,15 +121,35 @@ impl Cones {
     ) -> bool {
         self.axes = if smooth { 1 } else { AXES };
         self.members.clear();
+        self.touches.clear();
         self.keep.clear();
         let own = state.contacts.iter().filter(|contact| contact.tool == tool);
         self.members.extend(own.map(|contact| Member {
             contact: *contact,
-            cone: 0,
-            weight: 1.0,
+            touch: 0,
+            normal_share: 1.0,
+            cone: None,
+            share: 0.0,
             apart: f64::MAX,
             turn: Vector2::x(),
         }));
+        self.sort();
+        let pressing = self.members.iter().take_while(|member| member.presses());
+        let pressing = pressing.count();
+        let coming = self.members.len() - pressing;
+        let plan = Plan::of(pressing, coming, most, self.axes);
+        self.members.truncate(pressing + plan.coming);
+        self.share(plan.core, plan.cones);
+        self.single(pressing, &plan);
+        for member in &self.members {
+            let row = member.contact.row as usize;
+            self.keep.extend(row..row + self.axes);
+        }
+        !self.members.is_empty()
+    }
+
+    /// The firmest first, then the nearest.
+    fn sort(&mut self) {
         let forces = self.members.iter().map(|member| member.contact.lambda_n[0]);
         let unit_n = ALIKE_FORCE * forces.fold(f64::MIN_POSITIVE, f64::max);
         let key = |member: &Member| {
@@ -128,66 +170,85 @@ impl Cones {
                 .then(gap.total_cmp(&other_gap))
                 .then(a.contact.node.cmp(&b.contact.node))
         });
-        let pressing = self
-            .members
-            .iter()
-            .take_while(|member| member.presses())
-            .count();
-        let coming = self.members.len() - pressing;
-        // Those that come have a cone each, but what presses goes first.
-        let spared = most.saturating_sub(coming.min(most / 4)).max(1);
-        let cones = self.share(pressing, spared.min(pressing));
-        let coming = coming.min(most.saturating_sub(cones));
-        self.members.truncate(pressing + coming);
-        for (place, member) in self.members[pressing..].iter_mut().enumerate() {
-            member.cone = cones + place;
-        }
-        for member in &self.members {
-            let row = member.contact.row as usize;
-            self.keep.extend(row..row + self.axes);
-        }
-        !self.members.is_empty()
     }
 
     /// Gives the first `count` members to so many cones: each to the nearest of those that are farthest apart.
-    fn share(&mut self, count: usize, cones: usize) -> usize {
-        let pressing = &mut self.members[..count];
+    fn share(&mut self, count: usize, cones: usize) {
+        let core = &mut self.members[..count];
         let mut seeds = [0; MAX_TOOL_ROWS];
         for cone in 1..cones {
-            let last = pressing[seeds[cone - 1]].contact.at_m;
-            for member in pressing.iter_mut() {
+            let last = core[seeds[cone - 1]].contact.at_m;
+            for member in core.iter_mut() {
                 let square = (last - member.contact.at_m).norm_squared();
                 let way = in_units(square, ALIKE_SQUARE_M2);
                 member.apart = member.apart.min(way);
             }
-            let farthest =
-                (0..count).max_by(|a, b| pressing[*a].apart.total_cmp(&pressing[*b].apart));
+            let farthest = (0..count).max_by(|a, b| core[*a].apart.total_cmp(&core[*b].apart));
             seeds[cone] = farthest.unwrap_or(0);
         }
-        let leads = seeds.map(|seed| pressing.get(seed).map(|member| member.contact));
-        let mut whole = [0.0; MAX_TOOL_ROWS];
-        for member in pressing.iter_mut() {
-            let near = leads[..cones].iter().flatten().enumerate();
+        for (cone, seed) in seeds.iter().take(cones).enumerate() {
+            self.touches.extend(core.get(*seed).map(|member| Touch {
+                lead: member.contact,
+                row: self.axes * cone,
+                axes: self.axes,
+                bears: 1.0,
+            }));
+        }
+    }
+
+    /// Members beside the core have normals of their own; tangents of all that presses are shared by the cones.
+    fn single(&mut self, pressing: usize, plan: &Plan) {
+        let has_cone = pressing..pressing + plan.coming_cones;
+        let cones = self.touches.len();
+        let (mut own, mut all) = ([0.0; MAX_TOOL_ROWS], [0.0; MAX_TOOL_ROWS]);
+        for (place, member) in self.members.iter_mut().enumerate() {
+            let near = self.touches[..cones].iter().enumerate();
             let nearest = near.min_by(|(_, a), (_, b)| {
-                let way = |lead: &Contact| {
-                    let square = (lead.at_m - member.contact.at_m).norm_squared();
+                let way = |touch: &Touch| {
+                    let square = (touch.lead.at_m - member.contact.at_m).norm_squared();
                     in_units(square, ALIKE_SQUARE_M2)
                 };
                 way(a).total_cmp(&way(b))
             });
-            let Some((cone, lead)) = nearest else {
-                continue;
-            };
-            member.cone = cone;
-            whole[cone] += member.contact.lambda_n[0];
-            let [_, a, b] = member.contact.frame();
-            let flat = Vector2::new(a.dot(&lead.tangent), b.dot(&lead.tangent));
-            member.turn = flat.try_normalize(1e-6).unwrap_or_else(Vector2::x);
+            if let Some((cone, touch)) = nearest.filter(|_| place < pressing) {
+                all[cone] += member.contact.lambda_n[0];
+                member.cone = (self.axes > 1).then_some(cone);
+                let [_, a, b] = member.contact.frame();
+                let flat = Vector2::new(a.dot(&touch.lead.tangent), b.dot(&touch.lead.tangent));
+                member.turn = flat.try_normalize(1e-6).unwrap_or_else(Vector2::x);
+                if place < plan.core {
+                    own[cone] += member.contact.lambda_n[0];
+                    member.touch = cone;
+                    continue;
+                }
+            }
+            member.touch = self.touches.len();
+            let row = self.touches.last().map_or(0, |last| last.row + last.axes);
+            self.touches.push(Touch {
+                lead: member.contact,
+                row,
+                axes: if has_cone.contains(&place) {
+                    self.axes
+                } else {
+                    1
+                },
+                bears: 1.0,
+            });
+            if has_cone.contains(&place) {
+                member.cone = Some(member.touch);
+                member.share = 1.0;
+            }
         }
-        for member in pressing {
-            member.weight = member.contact.lambda_n[0] / whole[member.cone];
+        for (place, member) in self.members[..pressing].iter_mut().enumerate() {
+            let lambda_n = member.contact.lambda_n[0];
+            if place < plan.core {
+                member.normal_share = lambda_n / own[member.touch];
+            }
+            member.share = member.cone.map_or(0.0, |cone| lambda_n / all[cone]);
         }
-        cones
+        for (touch, (own, all)) in self.touches[..cones].iter_mut().zip(own.iter().zip(all)) {
+            touch.bears = all / own;
+        }
     }
 
     /// J of all `n` rows for a motion of the tool about `grip`, what turns by that left out.
@@ -232,37 +293,39 @@ impl Cones {
         tangent: &Matrix6<f64>,
         out: &mut ToolRows,
     ) {
-        let m = self.axes * self.count();
+        let m = self.count();
         self.merge(m);
         self.spread(m);
         let each = &tools.each[tool as usize];
         let held = tangent - self.follows(m);
         *out = ToolRows::NONE;
         out.count = m;
-        let (axes, smooth) = (self.axes, self.axes == 1);
-        for i in 0..m {
-            let lead = self.members.iter().find(|member| member.cone == i / axes);
-            let Some(lead) = lead.map(|member| &member.contact) else {
-                continue;
+        for touch in &self.touches {
+            let (row, lead) = (touch.row, &touch.lead);
+            let friction = if lead.sticks {
+                each.tool.static_friction.max(each.tool.friction)
+            } else {
+                each.tool.friction
             };
-            out.id[i] = lead.node;
-            out.kind[i] = match (smooth, i % axes) {
-                (true, _) => ToolRowKind::Smooth,
-                (false, 0) => ToolRowKind::Normal {
-                    friction: if lead.sticks {
-                        each.tool.static_friction.max(each.tool.friction)
-                    } else {
-                        each.tool.friction
-                    },
-                },
-                (false, _) => ToolRowKind::Tangent,
+            out.kind[row] = if touch.axes == 1 {
+                ToolRowKind::Smooth
+            } else {
+                let friction = friction * touch.bears;
+                ToolRowKind::Normal { friction }
             };
-            if i % axes == 0 && lead.lambda_n[0] <= 0.0 {
-                out.delta_m[i] = lead.gap_m;
+            if lead.lambda_n[0] <= 0.0 {
+                out.delta_m[row] = lead.gap_m;
             }
-            out.lambda_n[i] = self.lambda[i];
-            for pose in 0..6 {
-                out.jacobian[i][pose] = self.j[m * pose + i];
+            for row in row..row + touch.axes {
+                out.id[row] = lead.node;
+                if row > touch.row {
+                    out.kind[row] = ToolRowKind::Tangent;
+                    out.slip_m[row] = self.slip[row];
+                }
+                out.lambda_n[row] = self.lambda[row];
+                for pose in 0..6 {
+                    out.jacobian[row][pose] = self.j[m * pose + row];
+                }
             }
         }
         let pairs = (0..out.count).flat_map(|i| (i..out.count).map(move |j| (i, j)));
@@ -296,40 +359,38 @@ impl Cones {
     }
 
     fn count(&self) -> usize {
-        self.members
-            .iter()
-            .map(|member| member.cone + 1)
-            .max()
-            .unwrap_or(0)
+        self.touches.last().map_or(0, |last| last.row + last.axes)
     }
 
-    /// W, J and forces of the cones.
+    /// W, J and forces of the touches, and how far they have slipped.
     fn merge(&mut self, m: usize) {
         let (k, axes) = (self.keep.len(), self.axes);
         self.shared[..k * m].fill(0.0);
         self.j[..6 * m].fill(0.0);
         self.w[..m * m].fill(0.0);
         self.lambda[..m].fill(0.0);
+        self.slip[..m].fill(0.0);
         for (place, member) in self.members.iter().enumerate() {
-            for (own, cone, turned) in member.parts(place, axes) {
-                let part = turned * member.weight;
-                let column = &self.compliance[k * own..k * (own + 1)];
-                let out = &mut self.shared[k * cone..k * (cone + 1)];
+            let slip = member.contact.slip_m();
+            for part in member.parts(place, axes, &self.touches) {
+                let column = &self.compliance[k * part.own..k * (part.own + 1)];
+                let out = &mut self.shared[k * part.row..k * (part.row + 1)];
                 for (out, w) in out.iter_mut().zip(column) {
-                    *out += part * w;
+                    *out += part.way * w;
                 }
                 for pose in 0..6 {
-                    self.j[m * pose + cone] += part * self.kept_jacobian[k * pose + own];
+                    self.j[m * pose + part.row] +=
+                        part.way * self.kept_jacobian[k * pose + part.own];
                 }
+                self.slip[part.row] += part.way * slip[part.own % axes];
                 // All of the force, and its share of the way.
-                self.lambda[cone] += turned * member.contact.lambda_n[own % axes];
+                self.lambda[part.row] += part.force * member.contact.lambda_n[part.own % axes];
             }
         }
         for (place, member) in self.members.iter().enumerate() {
-            for (own, cone, turned) in member.parts(place, axes) {
-                let part = turned * member.weight;
+            for part in member.parts(place, axes, &self.touches) {
                 for column in 0..m {
-                    self.w[m * column + cone] += part * self.shared[k * column + own];
+                    self.w[m * column + part.row] += part.way * self.shared[k * column + part.own];
                 }
             }
         }
@@ -362,17 +423,18 @@ impl Cones {
             let of = |first: usize| Vector3::from_fn(|pose, _| j[m * (first + pose) + row]);
             of(3).dot(&axis) - of(0).dot(&back)
         };
-        let cones = (0..m).step_by(AXES);
-        let of_cones = cones.map(|row| {
+        let cones = self.touches.iter().filter(|touch| touch.axes == AXES);
+        let of_cones = cones.clone().map(|touch| {
+            let row = touch.row;
             let way = moved(&self.j, row + 1).hypot(moved(&self.j, row + 2));
-            self.lambda[row] * way
+            touch.bears * self.lambda[row] * way
         });
         let farther = whole / of_cones.sum::<f64>() - 1.0;
         // Less is left where members lie about one and the same middle.
         if !(farther > 0.0 && farther < MOST_FARTHER) {
             return;
         }
-        for row in (0..m).filter(|row| row % AXES > 0) {
+        for row in cones.flat_map(|touch| touch.row + 1..touch.row + AXES) {
             let turn = axis * (farther * moved(&self.j, row));
             for pose in 0..3 {
                 self.j[m * (3 + pose) + row] += turn[pose];
@@ -388,19 +450,11 @@ impl Cones {
         let matrix = &mut self.matrix[..m * m];
         matrix.copy_from_slice(&self.w[..m * m]);
         self.rhs[..6 * m].copy_from_slice(&self.j[..6 * m]);
-        let mut done = 0u32;
-        for member in &self.members {
-            // Of each its first is its firmest.
-            if done & 1 << member.cone != 0 {
-                continue;
-            }
-            done |= 1 << member.cone;
-            let first = self.axes * member.cone;
-            let open = !member.presses();
+        for touch in &self.touches {
+            let (first, open) = (touch.row, touch.lead.lambda_n[0] <= 0.0);
             let normal = self.lambda[first];
-            for axis in 0..self.axes {
-                let row = first + axis;
-                if !(open || (axis > 0 && member.contact.slips)) {
+            for row in first..first + touch.axes {
+                if !(open || (row > first && touch.lead.slips)) {
                     continue;
                 }
                 for column in 0..m {
@@ -436,22 +490,98 @@ impl Member {
         self.contact.lambda_n[0] > 0.0
     }
 
-    /// Its row among the kept, the cone's, and that one's direction in its own; `place` is its own among the members.
+    /// Its rows, in those of the touches; `place` is its own among the members, each of which has `axes` rows.
     fn parts(
         &self,
         place: usize,
         axes: usize,
-    ) -> impl Iterator<Item = (usize, usize, f64)> + use<> {
-        let (own, cone) = (axes * place, axes * self.cone);
-        let (c, s) = (self.turn.x, self.turn.y);
-        [
-            (own, cone, 1.0),
-            (own + 1, cone + 1, c),
-            (own + 2, cone + 1, s),
-            (own + 1, cone + 2, -s),
-            (own + 2, cone + 2, c),
-        ]
-        .into_iter()
-        .take(if axes == 1 { 1 } else { 5 })
+        touches: &[Touch],
+    ) -> impl Iterator<Item = Part> + use<> {
+        let own = axes * place;
+        let normal = touches.get(self.touch).map(|touch| Part {
+            own,
+            row: touch.row,
+            way: self.normal_share,
+            force: 1.0,
+        });
+        let cone = self.cone.and_then(|cone| touches.get(cone));
+        let (row, share, turn) = (cone.map(|cone| cone.row), self.share, self.turn);
+        let tangents = [
+            (1, 1, turn.x),
+            (2, 1, turn.y),
+            (1, 2, -turn.y),
+            (2, 2, turn.x),
+        ];
+        let tangents = tangents.into_iter().filter_map(move |(axis, of, turned)| {
+            Some(Part {
+                own: own + axis,
+                row: row? + of,
+                way: share * turned,
+                force: turned,
+            })
+        });
+        normal.into_iter().chain(tangents)
+    }
+}
+
+/// A member's row, its place among the kept, in one that is sent: what that has of its way, and of its force.
+struct Part {
+    own: usize,
+    row: usize,
+    way: f64,
+    force: f64,
+}
+
+/// What becomes of those that press, the firmest first, and of those that come, the nearest first.
+struct Plan {
+    /// So many of those that press share so many cones; the others have normals of their own.
+    core: usize,
+    cones: usize,
+    /// For so many of those that come there is room, the first of them with cones of their own.
+    coming: usize,
+    coming_cones: usize,
+}
+
+impl Plan {
+    /// Of what slides over tissue most slips, each vertex in its own direction: few are touched then, and there are many cones.
+    /// What is pressed deep touches many, which sticks and lets go one by one: there are many normals.
+    fn of(pressing: usize, coming: usize, most: usize, axes: usize) -> Plan {
+        if axes == 1 || axes * (pressing + coming) <= most {
+            // Those that come have a row each, but what presses goes first.
+            let spared = most.saturating_sub(coming.min(most / 4)).max(1);
+            let cones = spared.min(pressing);
+            let coming = coming.min((most / axes).saturating_sub(cones));
+            return Plan {
+                core: pressing,
+                cones,
+                coming,
+                coming_cones: if axes == 1 { 0 } else { coming },
+            };
+        }
+        let (many, few) = (most / 4, (most / 6).max(1));
+        if pressing == 0 {
+            let coming_cones = coming.min(many);
+            return Plan {
+                core: 0,
+                cones: 0,
+                coming: coming.min(most - (axes - 1) * coming_cones),
+                coming_cones,
+            };
+        }
+        let (cones, spared) = if pressing <= 2 * most / 3 {
+            (many.max(1), many.saturating_sub(1))
+        } else {
+            (few, few)
+        };
+        let cones = cones.min(pressing);
+        let singles = most - axes * cones;
+        let coming = coming.min(spared).min(singles);
+        let rim = (singles - coming).min(pressing - cones);
+        Plan {
+            core: pressing - rim,
+            cones,
+            coming,
+            coming_cones: 0,
+        }
     }
 }

@@ -108,6 +108,13 @@ impl Contact {
         [-self.normal, self.tangent, self.normal.cross(&self.tangent)]
     }
 
+    /// Along its rows, how far it slipped at the last balance \[m\].
+    pub fn slip_m(&self) -> [f64; 3] {
+        let slip = |direction: Vector3<f64>| direction.dot(&self.ahead_m);
+        let slips = if self.slips { 1.0 } else { 0.0 };
+        self.frame().map(|direction| slips * slip(direction))
+    }
+
     /// Force of the tool on the tissue \[N\], (3).
     pub fn force_n(&self) -> Vector3<f64> {
         let rows = self.frame().into_iter().zip(self.lambda_n);
