@@ -1,6 +1,7 @@
 // Shapes of tools and needles as the host describes them, as triangles in their own frame.
 
 import * as THREE from 'three';
+import { displace, shade, split } from './surface.js';
 
 /**
  * @typedef {object} ToolShape as in `hello`
@@ -65,12 +66,7 @@ function punch(radius, fillet, length) {
     profile.push(new THREE.Vector2(radius - fillet + fillet * Math.sin(angle), fillet - fillet * Math.cos(angle)));
   }
   profile.push(new THREE.Vector2(radius, length), new THREE.Vector2(0, length));
-  const lathe = new THREE.LatheGeometry(profile, 6 * QUARTER).rotateX(Math.PI / 2);
-  // Creases at the rims that are sharp.
-  const flat = lathe.toNonIndexed();
-  lathe.dispose();
-  flat.computeVertexNormals();
-  return flat;
+  return creased(new THREE.LatheGeometry(profile, 6 * QUARTER).rotateX(Math.PI / 2));
 }
 
 /** A box behind z = 0. @param {number[]} size @param {number} fillet */
@@ -100,10 +96,44 @@ function mesh(points, triangles, fillet) {
       positions.getZ(i) + fillet * normals.getZ(i),
     );
   }
-  const flat = indexed.toNonIndexed();
-  indexed.dispose();
-  flat.computeVertexNormals();
-  return flat;
+  return creased(indexed);
+}
+
+/** The same faces with normals that are smooth but at sharp edges; points in one place are one. @param {THREE.BufferGeometry} geometry */
+function creased(geometry) {
+  const points = geometry.getAttribute('position');
+  /** @type {Map<string, number>} */
+  const places = new Map();
+  /** @type {number[]} */
+  const positions = [];
+  const numbers = Array.from({ length: points.count }, (_, i) => {
+    const point = [points.getX(i), points.getY(i), points.getZ(i)];
+    const key = point.map((value) => Math.round(value * 1e8)).join();
+    const number = places.get(key) ?? places.size;
+    if (number === places.size) {
+      places.set(key, number);
+      positions.push(...point);
+    }
+    return number;
+  });
+  const index = /** @type {THREE.BufferAttribute} */ (geometry.getIndex());
+  const triangles = [];
+  for (let face = 0; face < index.count; face += 3) {
+    const corners = [0, 1, 2].map((corner) => numbers[index.getX(face + corner)]);
+    if (new Set(corners).size === 3) triangles.push(...corners);
+  }
+  geometry.dispose();
+  const unloaded = Float32Array.from(positions);
+  const surface = split(unloaded, Uint32Array.from(triangles), new Int32Array(triangles.length / 3));
+  const placed = new Float32Array(3 * surface.source.length);
+  const normals = new Float32Array(placed.length);
+  displace(unloaded, null, 0, surface.source, placed);
+  shade(placed, surface.index, normals);
+  const made = new THREE.BufferGeometry();
+  made.setAttribute('position', new THREE.BufferAttribute(placed, 3));
+  made.setAttribute('normal', new THREE.BufferAttribute(normals, 3));
+  made.setIndex(new THREE.BufferAttribute(surface.index, 1));
+  return made;
 }
 
 /**

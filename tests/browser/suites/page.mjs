@@ -376,9 +376,14 @@ export const tests = [
       return { name: file.suggestedFilename(), bytes: await readFile(await file.path()) };
     };
     const size = await page.evaluate(() => window.sutura.stage.size);
+    await page.evaluate(() => {
+      const { stage } = window.sutura;
+      stage.addEventListener('draw', () => (window.widest = Math.max(window.widest ?? 0, stage.renderer.domElement.width)));
+    });
     for (const [name, factor] of [['Picture', 1], ['Picture, 2 ×', 2]]) {
       const { bytes } = await download(name);
       check(bytes.readUInt32BE(16) === factor * size.width && bytes.readUInt32BE(20) === factor * size.height, `${name}: ${bytes.readUInt32BE(16)}x${bytes.readUInt32BE(20)}`);
+      check((await page.evaluate(() => window.widest)) === factor * size.width, `${name} is drawn at its size, not enlarged`);
     }
     await until(page, () => window.sutura.telemetry.ticks.length > 500);
     await page.evaluate(() => window.sutura.plots.pause(true));

@@ -74,7 +74,8 @@ const force = (page) => page.evaluate(() => window.sutura.telemetry.ticks.value(
 
 export const tests = [
   ['program: palpation', withProgram(['scenes/palpation.toml'], async ({ page, troubles, shot, book }) => {
-    await until(page, () => window.sutura.telemetry.ticks.value('force_n', 1e9) > 1 && window.sutura.picture.contacts.vertices.length > 4);
+    // The deepest of three presses, which is held for a second.
+    await until(page, () => window.sutura.telemetry.ticks.value('force_n', 1e9) > 2.5 && window.sutura.picture.contacts.vertices.length > 4);
     await posed({ page, book, shot }, 'palpation');
     const first = await page.evaluate(() => window.sutura.telemetry.ticks.newest);
     await until(page, (first) => window.sutura.plots.newest > first + 0.5, first);
@@ -94,7 +95,7 @@ export const tests = [
 
   ['program: colours', withProgram(['scenes/palpation.toml'], async ({ page, shot, book }) => {
     await page.evaluate(() => window.sutura.setScalar('von-mises'));
-    await until(page, () => window.sutura.tissue.coloured && window.sutura.telemetry.ticks.value('force_n', 1e9) > 1);
+    await until(page, () => window.sutura.tissue.coloured && window.sutura.telemetry.ticks.value('force_n', 1e9) > 2.5);
     await posed({ page, book, shot }, 'stress');
     const { high, low } = await page.evaluate(() => ({ high: window.sutura.range.ends[1], low: window.sutura.range.ends[0] }));
     check(low === 0 && high > 100 && high < 1e5, `von Mises from ${low} to ${high} Pa`);
