@@ -218,7 +218,10 @@ fn a_snapshot_allocates_nothing() {
         let (mut scene, _) = open(name);
         let named = scene::Tissue::named(tissue).expect("a tissue");
         scene.tissue = named.instead_of(scene.tissue);
-        let plan = plan(&scene, 0.4);
+        let plan = Plan {
+            rendering: scene.usual_rendering(),
+            ..plan(&scene, 0.4)
+        };
         let mut solver = SceneSolver::for_session(&scene, &plan).expect("a solver");
         let snapshot = Snapshot::of(&solver);
         let mut copying = Copying {

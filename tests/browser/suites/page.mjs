@@ -289,7 +289,8 @@ export const tests = [
       slider.value = '300';
       slider.dispatchEvent(new Event('input'));
     });
-    const time = await page.evaluate(() => window.sutura.picture.time);
+    const { time, looking, newest } = await page.evaluate(() => ({ time: window.sutura.picture.time, looking: window.sutura.timeLine.looking, newest: window.sutura.newest.time }));
+    check(time <= looking && looking - time < 0.5 && newest - time > 0.5, `looking back to ${looking} s of ${newest} s, the picture is of ${time} s`);
     await settled(page, 500);
     check((await page.evaluate(() => window.sutura.picture.time)) === time, 'the picture of then stays');
     check((await page.evaluate(() => window.sutura.newest.time)) > time + 0.3, 'the session goes on');

@@ -178,8 +178,10 @@ export const tests = [
     const ran = spawnSync(path.resolve(sutura), ['run', 'scenes/palpation.toml', '--lockstep', '--record', file], { cwd: ROOT, encoding: 'utf8' });
     check(ran.status === 0, `sutura run: ${ran.stderr}`);
     const program = await view(sutura, [file]);
-    const { page, shot, close } = await browser.open(program.url);
+    let opened;
     try {
+      opened = await browser.open(program.url);
+      const { page, shot } = opened;
       await until(page, () => document.querySelector('.badge').dataset.badge === 'identical');
       await until(page, () => window.sutura.telemetry.ticks.length > 4000);
       for (const time of [2.2, 0.9, 3.6, 1.6]) {
@@ -192,7 +194,7 @@ export const tests = [
       await posed({ page, book, shot }, 'replay', false);
       return await page.locator('.badge').getAttribute('title');
     } finally {
-      await close();
+      await opened?.close();
       await program.end();
       await rm(folder, { recursive: true });
     }
