@@ -28,6 +28,8 @@ export const tests = [
     const said = await page.evaluate(() => ({ renderer: window.sutura.stage.rendererName, quality: window.sutura.stage.quality, reason: window.sutura.stage.reason }));
     check(/swiftshader|llvmpipe/i.test(said.renderer), `the renderer is ${said.renderer}`);
     check(said.quality === 'lean' && said.reason.includes(said.renderer), `a software renderer begins with lean, and says why: ${JSON.stringify(said)}`);
+    const { colours, background } = await variety(page);
+    check(colours > 8 && background < 0.9, `a uniform picture: ${colours} colours, ${background} background`);
     await alone(page);
     const triangles = await page.evaluate(() => {
       const { stage, tissue } = window.sutura;
@@ -35,8 +37,6 @@ export const tests = [
       return [stage.renderer.info.render.triangles, tissue.geometry.triangles.length / 3];
     });
     check(triangles[0] === triangles[1] && triangles[0] > 1000, `triangles drawn and of the geometry: ${triangles}`);
-    const { colours, background } = await variety(page);
-    check(colours > 8 && background < 0.9, `a uniform picture: ${colours} colours, ${background} background`);
     await settled(page, 600);
     check(troubles.length === 0, troubles.join('\n'));
     await shot('page-opens');
