@@ -24,6 +24,7 @@ pub fn all() -> Result<()> {
     );
     rustup_components()?;
     qemu()?;
+    browser()?;
     instruction_counter()?;
     cargo_command("deny", "dependency checks")?;
     cargo_command("nextest", "test runner")
@@ -74,6 +75,25 @@ pub fn qemu() -> Result<()> {
     }
     let version = Tool::new(QEMU).arg("--version").output()?;
     eprintln!("emulator: {}", version.lines().next().unwrap_or_default());
+    Ok(())
+}
+
+/// What the live page is tested in, and with.
+fn browser() -> Result<()> {
+    const BROWSER: &str = "chromium";
+    let missing: Vec<_> = [("node", "nodejs"), ("npm", "npm"), (BROWSER, BROWSER)]
+        .into_iter()
+        .filter(|(program, _)| !is_there(program))
+        .map(|(_, package)| package)
+        .collect();
+    if !missing.is_empty() {
+        apt_install(&missing).context("the page's tests need a browser and node")?;
+    }
+    Tool::new("npm ci --ignore-scripts --no-audit --no-fund --silent --prefix tests/browser")
+        .run()
+        .context("the packages of the page's tests are missing")?;
+    let version = Tool::new(BROWSER).arg("--version").output()?;
+    eprintln!("browser: {}", version.trim());
     Ok(())
 }
 

@@ -175,6 +175,14 @@ fn tests(report: &mut Report, cases: Cases) {
             (Err(error), Ok(())) => Err(error).context("the tests ran without a report"),
         }
     });
+    // Its modules, types and looks; pictures of all of that are kept.
+    let page = target().map(|target| {
+        Tool::new("node tests/browser/run.mjs --sutura")
+            .arg(target.join("debug/sutura"))
+            .arg("--out")
+            .arg(target.join("browser"))
+    });
+    report.tools(Kind::Tests, "page in a browser", page);
     let examples = workspace("test --no-fail-fast --doc");
     report.tools(
         Kind::Tests,

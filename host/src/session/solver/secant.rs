@@ -56,7 +56,7 @@ impl Console {
         let moved = [x as f32, y as f32, z as f32, 0.0, 0.0, 0.0];
         let mut change = [0.0; 6];
         for _ in 0..TICKS {
-            change = self.rows.solve(&moved, 0).change;
+            change = self.rows.solve(&moved).change;
         }
         let [x, y, z, ..] = change.map(f64::from);
         self.normal.dot(&Vector3::new(x, y, z))
