@@ -1,7 +1,7 @@
-//! Twelve thousand ticks that every console must answer with the same bits.
+//! Thirteen thousand ticks that every console must answer with the same bits.
 //!
 //! Entry points: [`run`], and [`committed`] for what it must come to. The script drives a simulated console in lockstep through every mode, with two
-//! devices, with contact data that is ordinary, wild, stale or wrong, and folds what comes back into one
+//! devices, with contact data that is ordinary, wild, stale or wrong, with a tool that rubs, and folds what comes back into one
 //! hash. [`Coverage`] says what really happened, so that a hash of nothing interesting does not pass.
 
 use sutura_host::link::{LinkError, LockstepConsole};
@@ -11,9 +11,9 @@ use sutura_shared::hash::TraceHash;
 use sutura_shared::link::{EXPIRES_AFTER_US, HostEvent, HostLink};
 use sutura_shared::math::{Vec3, dot, max};
 use sutura_shared::wire::message::{
-    Command, Contact, HandScript, Mode, Simulate, State, WAY_POINTS, WayPoint,
+    Command, Contact, HandScript, Mode, Row, RowKind, Rows, Simulate, State, WAY_POINTS, WayPoint,
 };
-use sutura_shared::wire::{MAX_FRAME, Message};
+use sutura_shared::wire::{List, MAX_FRAME, Message};
 
 /// What a console made of the script.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -108,6 +108,7 @@ pub fn run(console: &mut dyn LockstepConsole) -> Result<IdentityTrace, TraceErro
     )?;
     driver.lose_contact()?;
     driver.stop_and_recover()?;
+    driver.rub(stages(FINE), &over_the_wall([0.0; JOINTS]), 1500)?;
     driver.feel_a_wall(
         stages(COARSE),
         &over_the_wall([0.0; JOINTS]),
@@ -133,6 +134,10 @@ pub fn run(console: &mut dyn LockstepConsole) -> Result<IdentityTrace, TraceErro
     })
 }
 
+/// What a cone gives way with along its normal and across it, and a point of its own \[N/m\].
+const CONE_N_PER_M: f32 = 800.0;
+const ACROSS_N_PER_M: f32 = 600.0;
+const ALONE_N_PER_M: f32 = 200.0;
 /// Encoder of an ordinary console \[1/m\].
 const COARSE: f32 = 81_487.0;
 /// Encoder that shows the last bit of what it measures \[1/m\].
@@ -387,6 +392,83 @@ impl<'a> Driver<'a> {
             self.send(solved_us, &contact)?;
         }
         self.ticks(1)
+    }
+
+    /// A plane with friction by rows: a cone, and a point of its own that comes to bear beside it.
+    fn rub(
+        &mut self,
+        device: DeviceDescription,
+        hand: &HandScript,
+        ticks: u32,
+    ) -> Result<(), TraceError> {
+        self.command(Command::Disarm)?;
+        self.ticks(1)?;
+        self.simulate(Simulate::Device(device))?;
+        self.ticks(2)?;
+        self.simulate(Simulate::Hand(*hand))?;
+        self.command(Command::Arm)?;
+        for _ in 0..ticks / 10 {
+            let (solved_us, rows, contact) = (self.now_us, self.cone(), self.flat());
+            self.ticks(10)?;
+            self.send(solved_us, &rows)?;
+            self.send(solved_us, &contact)?;
+        }
+        self.ticks(1)
+    }
+
+    /// The contact that goes with [`Self::cone`].
+    fn flat(&self) -> Contact {
+        let height_m = self.position().z;
+        let mut tangent = [0.0; 21];
+        tangent[11] = -CONE_N_PER_M;
+        Contact {
+            tool: 0,
+            position_m: self.position().into(),
+            orientation: [0.0, 0.0, 0.0, 1.0],
+            wrench: [0.0, 0.0, CONE_N_PER_M * max(0.0, -height_m), 0.0, 0.0, 0.0],
+            tangent,
+            gap_m: max(0.0, height_m),
+            normal: [0.0, 0.0, 1.0],
+            relaxation_per_s: 0.0,
+            horizon_us: 40_000,
+        }
+    }
+
+    /// Rows on the plane z = 0: a cone that has slipped a little, differently every time, and a normal 1 mm below.
+    fn cone(&mut self) -> Rows {
+        let height_m = self.position().z;
+        let bears = |gap_m: f32, n_per_m: f32| n_per_m * max(0.0, -gap_m);
+        let mut tangent = |axis: usize| {
+            let mut jacobian = [0.0; 6];
+            jacobian[axis] = 1.0;
+            let anchor_m = self.random.float(1e-3);
+            Row {
+                kind: RowKind::Tangent { anchor_m },
+                delta_free_m: anchor_m,
+                lambda_n: 0.0,
+                jacobian,
+            }
+        };
+        let across = [tangent(0), tangent(1)];
+        let normal = |kind: RowKind, gap_m: f32, n_per_m: f32| Row {
+            kind,
+            delta_free_m: gap_m,
+            lambda_n: bears(gap_m, n_per_m),
+            jacobian: [0.0, 0.0, 1.0, 0.0, 0.0, 0.0],
+        };
+        let friction = 0.3;
+        let cone = normal(RowKind::Normal { id: 3, friction }, height_m, CONE_N_PER_M);
+        let alone = normal(RowKind::Smooth { id: 9 }, height_m + 1e-3, ALONE_N_PER_M);
+        let diagonal = [CONE_N_PER_M, ACROSS_N_PER_M, ACROSS_N_PER_M, ALONE_N_PER_M];
+        let entry = |i: usize, j: usize| if i == j { 1.0 / diagonal[i] } else { 0.0 };
+        let upper = (0..4).flat_map(|i| (i..4).map(move |j| (i, j)));
+        Rows {
+            tool: 0,
+            held: [0.0; 21],
+            curvature_per_m: 50.0,
+            rows: List::of([cone, across[0], across[1], alone].into_iter()),
+            compliance: List::of(upper.map(|(i, j)| entry(i, j))),
+        }
     }
 
     /// A plane near the grip that is tilted and stiffened a little differently every time.

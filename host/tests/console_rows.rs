@@ -284,7 +284,7 @@ fn ticks_at_one_place_converge() {
     let wanted = patch.force(patch.exact(d, &mut state, &mut work).into_iter());
     let mut rows = patch.frame(&start);
     let errors: Vec<f64> = (1..=6)
-        .map(|tick| {
+        .map(|_| {
             rows.solve(&dx(d));
             apart(wanted, console_force(&patch, &rows)) / apart(wanted, [0.0; 3])
         })

@@ -7,7 +7,8 @@ use sutura_host::mesh::{TetMesh, slab};
 use sutura_host::model::Model;
 use sutura_host::needle::NeedleSettings;
 use sutura_host::step::{
-    MAX_TOOL_ROWS, State, Status, StepOptions, StepReport, ToolContact, Workspace, step,
+    MAX_TOOL_ROWS, State, Status, StepOptions, StepReport, ToolContact, ToolRowKind, Workspace,
+    step,
 };
 use sutura_host::tool::{Shape, Tool, ToolSample};
 
@@ -342,20 +343,31 @@ fn merged_cones_keep_normal_force_friction_and_torsion() {
                 .map(|i| rows.jacobian[row][i] * twist[i / 3][i % 3])
                 .sum()
         };
-        let (mut normal_n, mut torsion) = (0.0, 0.0);
-        for row in (0..rows.count).step_by(3) {
-            normal_n += rows.lambda_n[row];
-            torsion += mu * rows.lambda_n[row] * moved(row + 1).hypot(moved(row + 2));
+        // Those with a row of their own rub by the nearest cone's coefficient, which is the larger for it.
+        let (mut normal_n, mut limit_n, mut torsion) = (0.0, 0.0, 0.0);
+        for row in 0..rows.count {
+            match rows.kind[row] {
+                ToolRowKind::Normal { friction } => {
+                    normal_n += rows.lambda_n[row];
+                    limit_n += friction * rows.lambda_n[row];
+                    let turned = moved(row + 1).hypot(moved(row + 2));
+                    torsion += friction * rows.lambda_n[row] * turned;
+                }
+                ToolRowKind::Smooth => normal_n += rows.lambda_n[row],
+                ToolRowKind::Tangent => {}
+            }
         }
         println!(
-            "{name}: {} vertices in {} cones; normal force {:.4}, torsion {:.4} of what they have",
+            "{name}: {} vertices in {} rows; normal force {:.4}, friction {:.4}, torsion {:.4} of what they have",
             all.len(),
-            rows.count / 3,
+            rows.count,
             normal_n / whole_n,
+            limit_n / (mu * whole_n),
             torsion / spin
         );
-        assert!(all.len() > rows.count / 3);
+        assert!(3 * all.len() > rows.count);
         assert!((normal_n / whole_n - 1.0).abs() < 1e-6);
+        assert!((limit_n / (mu * whole_n) - 1.0).abs() < 0.05);
         assert!(
             (torsion / spin - 1.0).abs() < 0.05,
             "{name} {}",
