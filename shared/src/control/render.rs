@@ -75,7 +75,7 @@ pub(super) struct Render {
 /// Ticks whose places are remembered: as long as most frames are under way and in use.
 const TRACKED: usize = 128;
 
-/// Places of the grip in the last ticks \[m\].
+/// Places of the grip in the last ticks in which there were rows \[m\].
 #[derive(Clone, Copy, Debug)]
 struct Track {
     places_m: [Vec3; TRACKED],
@@ -309,7 +309,12 @@ impl Render {
 
     /// Force that is wanted on the grip \[N\], limited in length; 0 when the data is too old.
     pub fn force(&mut self, grip: &Grip, velocity: &Vec3, now_us: u64) -> Vec3 {
-        self.track.push(grip.position_m);
+        // Nothing slips, or is told to, where no rows are.
+        if self.rows.is_empty() {
+            self.track.count = 0;
+        } else {
+            self.track.push(grip.position_m);
+        }
         let before = self.offset_n;
         self.offset_n *= BLEND_DECAY;
         self.pull_n *= BLEND_DECAY;
