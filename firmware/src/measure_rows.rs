@@ -30,8 +30,8 @@ pub fn all(stopwatch: &Stopwatch, wire: &mut Wire) {
                     }
                 }));
                 let farthest = |_: &Vec3| -1e-3;
-                replace = replace
-                    .max(stopwatch.once(|| rows.replace(wire.console.rows(), farthest)));
+                replace =
+                    replace.max(stopwatch.once(|| rows.replace(wire.console.rows(), farthest)));
             }
             solve = solve.max(stopwatch.once(|| {
                 black_box(rows.solve(black_box(&dx)));

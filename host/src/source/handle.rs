@@ -107,7 +107,7 @@ impl Handles {
 
     /// The handles when they have gone so much of the way \[1\] from where tissue displaced by `resting` \[m\], (n x 3), has
     /// their points, to their targets.
-    pub fn from_rest(&self, resting: &[[f64; 3]], share: f64) -> Self {
+    pub fn part_way(&self, resting: &[[f64; 3]], share: f64) -> Self {
         let moved = |held: &Held| Held {
             target_m: held.target_m - held.way_m(resting) * (1.0 - share),
             ..*held

@@ -176,7 +176,7 @@ pub(crate) fn hold(
     handles: &Handles,
 ) -> Result<(Motion, Vec<[f64; 3]>), NoRest> {
     let resting = sources.resting.clone();
-    let along = |share| handles.from_rest(&resting, share);
+    let along = |share| handles.part_way(&resting, share);
     sources.handles = along(0.0);
     let far_m = handles.way_m(&resting);
     let mut work = SourcesWork::new(model, &sources);
