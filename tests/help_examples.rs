@@ -397,7 +397,8 @@ fn show(at: &Path, words: &[String]) -> Result<(), String> {
     while !line.starts_with("see it: ") {
         line.clear();
         if stderr.read_line(&mut line).unwrap() == 0 {
-            return Err("it does not say where it is".to_owned());
+            let ended = page.wait().unwrap();
+            return Err(format!("it does not say where it is: {ended}"));
         }
     }
     let place = line.trim_start_matches("see it: http://").split('/').next();

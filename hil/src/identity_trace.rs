@@ -466,7 +466,7 @@ impl<'a> Driver<'a> {
             tool: 0,
             held: [0.0; 21],
             curvature_per_m: 50.0,
-            rows: List::of([cone, across[0], across[1], alone].into_iter()),
+            rows: List::of([cone, across[0], across[1], alone]),
             compliance: List::of(upper.map(|(i, j)| entry(i, j))),
         }
     }

@@ -121,7 +121,9 @@ fn sockets_are_for_the_page_and_for_programs_with_the_key() {
     let (server, _asked) = server();
     let address = server.address();
     let port = address.port();
-    let table: Vec<(Vec<(&'static str, String)>, Option<u16>)> = vec![
+    /// Headers of a request.
+    type Headers = Vec<(&'static str, String)>;
+    let table: Vec<(Headers, Option<u16>)> = vec![
         (vec![("origin", format!("http://127.0.0.1:{port}"))], None),
         (vec![("origin", format!("http://localhost:{port}"))], None),
         // A page of another server, of a name that a name server has moved here, and what looks like ours.
