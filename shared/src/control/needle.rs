@@ -284,6 +284,12 @@ impl LocalNeedle {
         self.gives.map(|part| part * lacking_n)
     }
 
+    /// Whether the boundary has given way if the grip goes on to `dx`.
+    pub fn is_through(&self, dx: &[f32; 6]) -> bool {
+        let gives_way = |slide_m| self.next(slide_m).1;
+        self.slide_of(dx).is_some_and(gives_way)
+    }
+
     /// Way along the slide of a motion of the grip \[m\].
     fn slide_of(&self, dx: &[f32; 6]) -> Option<f32> {
         let slide_m: f32 = self.across.iter().zip(dx).map(|(a, b)| a * b).sum();

@@ -58,6 +58,10 @@ pub(super) struct Render {
     left: f32,
     /// The model is new since the last tick.
     changed: bool,
+    /// Whether the needle's boundary has given way where the model was asked for last, and whether that is because the model is
+    /// new.
+    through: bool,
+    parted: bool,
     /// What is left of the force before the model changed, less this model's \[N\].
     offset_n: Vec3,
     /// Part of the force before the model changed that pulled on this model's side, at most 0 \[N\]; fades
@@ -141,6 +145,8 @@ impl Render {
             bend: Bend::NONE,
             left: 0.0,
             changed: false,
+            through: false,
+            parted: false,
             offset_n: Vec3::zeros(),
             pull_n: 0.0,
             last: None,
@@ -289,6 +295,7 @@ impl Render {
             }
             needle
         });
+        self.through &= self.needle.is_some();
         let thread = thread.filter(|thread| thread.console_time_us() == solved_us);
         self.thread = thread.map(LocalThread::new);
         // No eigenvalue of a sum is beyond the sum of the largest.
@@ -354,6 +361,7 @@ impl Render {
         // A tick on one model says how the force goes on into the next one.
         self.course = match (self.model_n, way) {
             (Some(before), Some(way)) if !is_new => Some((model - before, way)),
+            (None, Some(_)) if !is_new => self.course,
             _ => None,
         };
         self.model_n = Some(model);
@@ -399,6 +407,11 @@ impl Render {
         if let Some(needle) = &mut self.needle {
             // Slips where the grip is: where it would get at this speed, it need not.
             needle.follow(&contact.moved_to(grip), now_us);
+            let was_through = core::mem::replace(&mut self.through, needle.is_through(dx));
+            if self.through && !was_through {
+                // What has given way does not go on: the course before it does.
+                (self.parted, self.model_n) = (self.changed, None);
+            }
             force += linear_part(&needle.lacking(dx));
         }
         if let Some(thread) = &self.thread {
@@ -451,16 +464,24 @@ impl Render {
         if baseline || !self.tuning.guards.blend {
             return;
         }
-        let continued = match &self.last {
-            Some((force, at)) => {
-                let before = contact.moved_to(at);
-                let by_tangent = tangent - self.by_tangent(contact, &before, now_us);
-                force + self.onward(by_tangent, way)
-            }
-            None => Vec3::zeros(),
+        let parted = core::mem::take(&mut self.parted);
+        (self.offset_n, self.pull_n) = (-model, 0.0);
+        let Some((force, at)) = &self.last else {
+            return;
         };
+        if parted && dot(model, model) < dot(force, force) {
+            // What has given way is felt, and not faded.
+            self.offset_n = Vec3::zeros();
+            return;
+        }
+        let before = contact.moved_to(at);
+        let by_tangent = tangent - self.by_tangent(contact, &before, now_us);
+        let mut continued = force + self.onward(by_tangent, way);
+        self.pull_n = min(dot(&contact.normal, force), 0.0);
+        if !self.holds(now_us) {
+            continued = self.without_new_pull(&contact.normal, continued);
+        }
         self.offset_n = continued - model;
-        self.pull_n = min(dot(&contact.normal, &continued), 0.0);
     }
 
     /// Change of the force on a way \[m\] of one tick: as on the tick before in as far as the way goes on in its direction,
@@ -642,6 +663,26 @@ mod tests {
         for ms in 0_u8..20 {
             let force = stand.force(-1e-3 + 0.2e-3 * f32::from(ms));
             assert!(force >= -1e-6, "{ms} ms: {force}");
+        }
+    }
+
+    /// Withdrawing as fast as the force goes: a course that has come to its end does not go on below nothing.
+    #[test]
+    fn a_course_that_ends_does_not_pull() {
+        let mut stand = Stand::new();
+        stand.settle(floor(1000.0, -0.3e-3), -0.3e-3);
+        let onward = Vec3::new(0.0, 0.0, 0.25);
+        let force = |stand: &mut Stand, z| {
+            let force = stand.render.force(&grip(z), &onward, stand.now_us);
+            stand.now_us += 1000;
+            force.z
+        };
+        let before = force(&mut stand, -0.05e-3);
+        assert!((before - 0.05).abs() < 1e-3, "{before}");
+        stand.take(floor(1000.0, 0.2e-3), stand.now_us, 0.2e-3);
+        for ms in 0_u8..20 {
+            let force = force(&mut stand, 0.2e-3 + 0.25e-3 * f32::from(ms));
+            assert!(force >= 0.0, "{ms} ms: {force}");
         }
     }
 

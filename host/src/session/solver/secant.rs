@@ -16,11 +16,22 @@ use sutura_shared::wire::{Header, Message, PROTOCOL_VERSION, Valid};
 /// Part of the way to where the grip may get while a frame is in use: the middle of that time, for frames are in use for its
 /// second half.
 const MIDDLE: f64 = 0.75;
-/// Longest way, in radii of the tool: a step follows farther, but not at once.
+/// Longest way inside tissue, in radii of the tool: a step follows farther, but not at once.
 const MOST_RADII: f64 = 0.5;
-/// A tool that comes out is tried where this part of its force is left.
-const LEFT: f64 = 0.2;
-const MOST_HALVINGS: u32 = 4;
+/// A hand that rests out of contact, or comes slowly, may set out, and get so deep, in the same.
+const SETS_OUT: f64 = 0.3;
+/// Nothing is tried for one that goes away by so much, in the same.
+const GOES: f64 = 0.05;
+/// Shorter ways are those of a hand that rests, in the same.
+const RESTS: f64 = 1e-3;
+/// One that lets go gets faster: its way over the one at its speed.
+const FASTER: f64 = 2.0;
+/// It is tried where this part of its force is left; less says where tissue is left, and not how.
+const LEFT: f64 = 0.25;
+const LEAST_LEFT: f64 = 0.05;
+/// Tries to find a way on which rows give a change of force, and how far off that may be.
+const TRIES: u32 = 5;
+const NEAR: f64 = 0.01;
 /// Less change of force than this says nothing \[N\].
 const LEAST_N: f64 = 0.02;
 /// Rows solve as often as a console does in so many ticks.
@@ -61,6 +72,20 @@ impl Console {
         let [x, y, z, ..] = change.map(f64::from);
         self.normal.dot(&Vector3::new(x, y, z))
     }
+
+    /// The way out, `most_m` at most, on which the force falls by `fall_n` \[m\]; it is sought from `way_m`.
+    fn way_out_m(&mut self, fall_n: f64, way_m: f64, most_m: f64) -> f64 {
+        let mut way_m = way_m.min(most_m);
+        for _ in 0..TRIES {
+            let told_n = -self.change_n(way_m);
+            let times = fall_n / told_n.max(NEAR * fall_n);
+            if (times - 1.0).abs() < NEAR || (times > 1.0 && way_m >= most_m) {
+                break;
+            }
+            way_m = (way_m * times).min(most_m);
+        }
+        way_m
+    }
 }
 
 impl SceneSolver {
@@ -70,7 +95,7 @@ impl SceneSolver {
         self.looks_ahead && !self.follower.is_linear() && !inside
     }
 
-    /// By how many times tissue is stiffer along the normal, on the way that the hand goes while the frame is in use, than
+    /// By how many times tissue is stiffer along the normal, on the way that the hand may go while the frame is in use, than
     /// `rows` say. None where nothing is tried, or that says nothing.
     pub(super) fn secant(
         &mut self,
@@ -83,26 +108,72 @@ impl SceneSolver {
         }
         let normal = Vector3::from(felt.normal);
         let (_, tool) = self.parts()?.0.tool(rows.tool)?;
-        let most_m = MOST_RADII * tool.radius_m();
-        let way_m = MIDDLE * normal.dot(&Vector3::from(goal.ahead_m));
-        let mut way_m = way_m.clamp(-most_m, most_m);
-        let here_n = along(&normal, felt);
+        let radius_m = tool.radius_m();
+        let ahead_m = Vector3::from(goal.ahead_m);
+        let way_m = MIDDLE * normal.dot(&ahead_m);
+        let most_m = MOST_RADII * radius_m;
         let mut console = Console::with(rows, normal)?;
-        let mut told_n = console.change_n(way_m);
-        for _ in 0..MOST_HALVINGS {
-            if told_n + here_n >= LEFT * here_n {
-                break;
-            }
-            way_m *= 0.5;
-            told_n = console.change_n(way_m);
-        }
+        let rests = ahead_m.norm() < RESTS * radius_m;
+        let times = if felt.gap_m > 0.0 {
+            let least_m = felt.gap_m + SETS_OUT * radius_m;
+            let goes = way_m > GOES * radius_m;
+            let way_m = way_m.clamp(-felt.gap_m - most_m, -least_m);
+            (!goes).then(|| self.times_onward(goal, felt, &mut console, way_m))?
+        } else if rests {
+            self.times_letting_go(goal, felt, &mut console, most_m)
+        } else if way_m > 0.0 {
+            self.times_letting_go(goal, felt, &mut console, most_m.min(FASTER * way_m))
+        } else {
+            self.times_onward(goal, felt, &mut console, way_m.max(-most_m))
+        };
+        times
+            .filter(|times| times.is_finite())
+            .map(|times| times.clamp(1.0 / MOST, MOST))
+    }
+
+    /// For a way in: the change of force that is found over the one that rows say.
+    fn times_onward(
+        &mut self,
+        goal: &Goal,
+        felt: &ToolContact,
+        console: &mut Console,
+        way_m: f64,
+    ) -> Option<f64> {
+        let told_n = console.change_n(way_m);
         if told_n.abs() < LEAST_N {
             return None;
         }
+        let found_n = self.found_n(goal, &console.normal, way_m)?;
+        Some((found_n - along(&console.normal, felt)) / told_n)
+    }
+
+    /// For a way out: the way on which rows lose as much force as is found to go over the one on which it does. Rows of which
+    /// fewer and fewer touch are not stiffer by a factor on their forces.
+    fn times_letting_go(
+        &mut self,
+        goal: &Goal,
+        felt: &ToolContact,
+        console: &mut Console,
+        most_m: f64,
+    ) -> Option<f64> {
+        let normal = console.normal;
+        let here_n = along(&normal, felt);
+        let stiffness = -slope(&normal, felt);
+        let wanted_n = (1.0 - LEFT) * here_n;
+        if stiffness <= 0.0 || wanted_n < LEAST_N || most_m * stiffness < LEAST_N {
+            return None;
+        }
+        let way_m = console.way_out_m(wanted_n, wanted_n / stiffness, most_m);
+        let left_n = self.found_n(goal, &normal, way_m)?;
+        let gone_n = here_n - left_n.max(LEAST_LEFT * here_n);
+        Some(console.way_out_m(gone_n, way_m, MOST * way_m) / way_m)
+    }
+
+    /// Force along the normal that the driven tool would feel after a way along it \[N\], if there is time to find out.
+    fn found_n(&mut self, goal: &Goal, normal: &Vector3<f64>, way_m: f64) -> Option<f64> {
         let there = Vector3::from(goal.position_m.map(f64::from)) + normal * way_m;
-        let found_n = along(&normal, &self.felt_at(there.into())?) - here_n;
-        let times = found_n / told_n;
-        times.is_finite().then(|| times.clamp(1.0 / MOST, MOST))
+        let felt = self.felt_at(there.into())?;
+        Some(along(normal, &felt))
     }
 
     /// What the driven tool would feel somewhere else, if there is time for that.
@@ -130,6 +201,15 @@ impl SceneSolver {
 /// Force along a normal \[N\].
 fn along(normal: &Vector3<f64>, felt: &ToolContact) -> f64 {
     let [x, y, z, ..] = felt.wrench;
+    normal.dot(&Vector3::new(x, y, z))
+}
+
+/// d force / d position along a normal \[N/m\].
+fn slope(normal: &Vector3<f64>, felt: &ToolContact) -> f64 {
+    let change = felt
+        .tangent
+        .map(|[x, y, z, ..]| normal.dot(&Vector3::new(x, y, z)));
+    let [x, y, z, ..] = change;
     normal.dot(&Vector3::new(x, y, z))
 }
 
@@ -193,6 +273,23 @@ mod tests {
         (solver, solved)
     }
 
+    /// What a hand is sent that rests `high_m` above the skin.
+    fn rest(law: &str, effort: Effort, high_m: f64) -> Solved {
+        let (mut solver, at_rest, radius_m) = solver(law);
+        solver.spare(effort);
+        let mut solved = Solved::default();
+        for number in 0..8_u64 {
+            let state = State {
+                position_m: [0.0, 0.0, (radius_m + high_m) as f32],
+                mode: Mode::Armed,
+                ..at_rest
+            };
+            solved = solver.solve(&valid(1, 1_000_000 + number * 16_667, state));
+            assert_eq!(solved.status, Status::Ok);
+        }
+        solved
+    }
+
     /// Force after all has come to rest there \[N\].
     fn true_n(law: &str, deep_m: f64) -> f64 {
         let (mut solver, mut solved) = tap(law, Effort::Full, -deep_m);
@@ -218,6 +315,35 @@ mod tests {
             let (with, without) = (off(Effort::Full), off(Effort::NoLooks));
             assert!(with.abs() < 0.03, "{law}: {with}");
             assert!(without.abs() > 0.06, "{law}: {without}");
+        }
+    }
+
+    /// A hand that rests in contact may let go, one that rests apart may touch: either is foretold to within what is felt.
+    #[test]
+    fn a_hand_that_rests_goes_on_as_its_frame_says() {
+        for law in LAWS {
+            for (from_m, to_m) in [(-5e-3, -1.8e-3), (8e-3, -4.2e-3)] {
+                let from_n = if from_m < 0.0 {
+                    true_n(law, -from_m)
+                } else {
+                    0.0
+                };
+                let true_n = true_n(law, -to_m);
+                let off_n = |effort| {
+                    let solved = rest(law, effort, from_m);
+                    let rows = solved.rows.expect("rows");
+                    let mut console = Console::with(&rows, Vector3::z()).expect("sound rows");
+                    from_n + console.change_n(to_m - from_m) - true_n
+                };
+                let (with, without) = (off_n(Effort::Full), off_n(Effort::NoLooks));
+                // What a finger notices.
+                let felt_n = 0.1 * true_n + 0.03;
+                assert!(with.abs() < felt_n, "{law} {from_m}: {with} of {true_n}");
+                assert!(
+                    without.abs() > 1.5 * with.abs(),
+                    "{law} {from_m}: {without} {with}"
+                );
+            }
         }
     }
 

@@ -273,6 +273,7 @@ pub fn known_worst() -> Vec<Spec> {
         phased(round, HOST_HZ, 0.8),
         stalled((Place::Palpation, Motion::Strokes), HOST_HZ, 8),
         stalled(needle, HOST_HZ, 0),
+        stalled(needle, HOST_HZ, 1),
         stalled(
             (Place::Slab(Law::Corotational), Motion::Strokes),
             HOST_HZ,
