@@ -313,6 +313,7 @@ pub fn run(args: &RunArgs, global: &Global) -> Result<(), Failure> {
     if let (Some(folder), Some(file)) = (&args.series, recording::file(args)) {
         replay::draw(&file, folder, args.series_hz).map_err(Failure::after_summary)?;
     }
+    let verdict = verdict(args, &summary);
     match (&viewed, file) {
         (Some(viewed), Some(file)) if viewed.was_seen() && !stop.load(Ordering::Relaxed) => {
             viewed.stay(&file, &stop).map_err(Failure::after_summary)?;
@@ -320,7 +321,7 @@ pub fn run(args: &RunArgs, global: &Global) -> Result<(), Failure> {
         (Some(_), _) if !args.view && !is_inside(args) => note!("see it: sutura view"),
         _ => {}
     }
-    verdict(args, &summary)
+    verdict
 }
 
 /// Whether it is shown to this program's terminal or channels, without a page.

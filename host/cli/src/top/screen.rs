@@ -371,7 +371,7 @@ fn key_line(figures: &Figures, look: &Look<'_>) -> Line<'static> {
     let keys = [
         ("s", "safe stop"),
         ("a a", "arm"),
-        ("c", "clear fault"),
+        ("c", "clear"),
         ("p", pause),
         ("t", "controls"),
         ("q", "quit"),

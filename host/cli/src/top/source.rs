@@ -124,7 +124,10 @@ impl Remote {
     fn end(&mut self, why: &Error) {
         let words = match why {
             Error::ConnectionClosed | Error::AlreadyClosed => "it has ended".to_owned(),
-            Error::Protocol(_) | Error::Io(_) => "it is gone".to_owned(),
+            // A program that ends says no farewell.
+            Error::Protocol(_) | Error::Io(_) => {
+                "it has ended, or cannot be reached any more".to_owned()
+            }
             other => other.to_string(),
         };
         let words = format!("the session at {}: {words}", self.address);

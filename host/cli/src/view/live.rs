@@ -32,6 +32,8 @@ const LOOK_EVERY: Duration = Duration::from_millis(20);
 /// Channels that are served. Dropped, they end.
 pub struct Live {
     tap: Tap,
+    /// Channels are there as long as this is.
+    _context: Arc<Context>,
     server: Option<WebSocketServerHandle>,
     stop: Arc<AtomicBool>,
     thread: Option<JoinHandle<()>>,
@@ -99,6 +101,7 @@ impl Live {
         let thread = thread.spawn(move || showing.run());
         Ok(Live {
             tap,
+            _context: context,
             server: Some(server),
             stop,
             thread: Some(thread.map_err(FoxgloveError::from)?),
