@@ -100,7 +100,7 @@ fn only(mut all: Vec<Server>) -> Result<Server, Failure> {
         (Some(one), 0) => Ok(one),
         (None, _) => Err(bad(
             "no session of this user with a page runs on this machine".to_owned(),
-            "begin one with `sutura view`, `sutura run --view` or `sutura run --top`, or give the address that another has printed",
+            "begin one with `sutura view` or `sutura run --view`, or give the address that another has printed",
         )),
         (Some(last), _) => {
             all.push(last);
