@@ -7,7 +7,7 @@
 #![allow(clippy::unwrap_used, reason = "tests")]
 
 use crate::full::full;
-use crate::support::{Ran, root, sutura_in};
+use crate::support::{Ran, ran, root, sutura_in};
 use serde_json::Value;
 use std::collections::BTreeSet;
 use std::io::{BufRead, BufReader};
@@ -82,6 +82,12 @@ const EXAMPLES: &[(&str, Way)] = &[
         Port,
     ),
     ("sutura run --console /dev/ttyACM0 --view", Port),
+    ("sutura run --console /dev/ttyACM0 --top", Port),
+    ("sutura run --top", Feels(FIRST_PRESS)),
+    ("sutura run --view --foxglove", Feels(FIRST_PRESS)),
+    // No session runs here: tests/top.rs has some.
+    ("sutura top", EndsWith(&[2])),
+    ("sutura top http://127.0.0.1:8422", EndsWith(&[2])),
     ("sutura view", Shows),
     ("sutura view scenes/anastomosis-20.toml --open", Shows),
     ("sutura view session.mcap", Shows),
@@ -89,6 +95,10 @@ const EXAMPLES: &[(&str, Way)] = &[
     (
         "sutura view scenes/palpation.toml --shot palpation.png --at 2.5",
         Shot("palpation.png"),
+    ),
+    (
+        "sutura view session.mcap --shot forces.png --at 1.2",
+        Shot("forces.png"),
     ),
     ("sutura console", Serves),
     ("sutura console --link /tmp/bench", Serves),
@@ -311,8 +321,13 @@ fn words(line: &str) -> Vec<String> {
 }
 
 fn run(at: &Path, words: &[String]) -> Ran {
-    let words: Vec<&str> = words.iter().map(String::as_str).collect();
-    sutura_in(at, &words)
+    let mut command = Command::new(env!("CARGO_BIN_EXE_sutura"));
+    // No session of the user's is found, and no port taken that others may have.
+    command.args(words).env("XDG_RUNTIME_DIR", at);
+    if words.iter().any(|word| word == "--foxglove") {
+        command.args(["--foxglove-port", "0"]);
+    }
+    ran(command.current_dir(at))
 }
 
 /// A session of so many seconds in lockstep, and what is wrong with it.

@@ -12,7 +12,11 @@ mod cli_scene;
 mod cli_solve;
 mod cli_stability;
 mod cli_tradeoff;
+#[cfg(all(target_os = "linux", feature = "view"))]
+mod desktop;
 mod fault_scenarios;
+#[cfg(all(unix, feature = "foxglove"))]
+mod foxglove;
 mod full;
 mod help_examples;
 mod killed_host;
@@ -28,6 +32,8 @@ mod series;
 mod session_pty;
 mod shipped_files;
 mod support;
+#[cfg(all(target_os = "linux", feature = "top"))]
+mod top;
 #[cfg(all(unix, feature = "view"))]
 mod view;
 mod wounds;

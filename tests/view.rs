@@ -3,7 +3,7 @@
 
 use crate::support::{root, sutura};
 use serde_json::{Value, json};
-use std::io::{BufRead as _, BufReader};
+use std::io::{BufRead as _, BufReader, Read as _};
 use std::net::TcpStream;
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
@@ -15,16 +15,22 @@ use tokio_tungstenite::tungstenite::{Message, WebSocket, client};
 const LONG: Duration = Duration::from_secs(120);
 
 /// The command, running, and where its page is.
-struct Running {
+pub struct Running {
     child: Child,
-    address: String,
+    pub address: String,
     key: String,
     words: std::sync::mpsc::Receiver<String>,
 }
 
 impl Running {
     fn start(arguments: &[&str]) -> Running {
+        Running::start_with(arguments, &[])
+    }
+
+    /// With these variables in its environment.
+    pub fn start_with(arguments: &[&str], variables: &[(&str, &str)]) -> Running {
         let mut command = Command::new(env!("CARGO_BIN_EXE_sutura"));
+        command.envs(variables.iter().copied());
         let command = command.args(arguments).current_dir(root());
         let command = command.stdin(Stdio::null()).stdout(Stdio::piped());
         let mut child = command.stderr(Stdio::piped()).spawn().unwrap();
@@ -52,6 +58,11 @@ impl Running {
         }
     }
 
+    /// The next line on stderr.
+    pub fn line(&self) -> String {
+        self.words.recv_timeout(LONG).unwrap()
+    }
+
     fn client(&self) -> Client {
         let stream = TcpStream::connect(&self.address).unwrap();
         stream.set_read_timeout(Some(LONG)).unwrap();
@@ -67,20 +78,27 @@ impl Running {
     }
 
     /// Ctrl-C; the exit code, and stdout.
-    fn stop(self) -> (i32, String) {
+    pub fn stop(self) -> (i32, String) {
         let pid = rustix::process::Pid::from_child(&self.child);
         rustix::process::kill_process(pid, rustix::process::Signal::INT).unwrap();
         self.finish()
     }
 
-    fn finish(self) -> (i32, String) {
-        let output = self.child.wait_with_output().unwrap();
-        let said = String::from_utf8(output.stdout).unwrap();
+    fn finish(mut self) -> (i32, String) {
+        let mut said = String::new();
+        let mut stdout = self.child.stdout.take().unwrap();
+        stdout.read_to_string(&mut said).unwrap();
+        let status = self.child.wait().unwrap();
         let words: Vec<String> = self.words.iter().collect();
-        (
-            output.status.code().unwrap_or_else(|| panic!("{words:?}")),
-            said,
-        )
+        (status.code().unwrap_or_else(|| panic!("{words:?}")), said)
+    }
+}
+
+impl Drop for Running {
+    fn drop(&mut self) {
+        // It has ended, or a test has failed.
+        let _ = self.child.kill();
+        let _ = self.child.wait();
     }
 }
 
@@ -355,6 +373,19 @@ fn a_page_for_others_needs_a_name() {
     let ran = sutura(&["view", "--view-bind", "0.0.0.0"]);
     assert_eq!(ran.code, 2);
     assert!(ran.stderr.contains("--view-host"), "{}", ran.stderr);
-    let ran = sutura(&["view", "nowhere.mcap", "--view-port", "0"]);
-    assert_eq!(ran.code, 2, "{}", ran.stderr);
+}
+
+/// What cannot be shown is refused before an address says that there is something to see.
+#[test]
+fn what_is_refused_has_no_address() {
+    for file in [
+        "nowhere.mcap",
+        "nowhere.toml",
+        "scenes/cube-handle.toml",
+        "README.md",
+    ] {
+        let ran = sutura(&["view", file, "--view-port", "0"]);
+        assert_eq!(ran.code, 2, "{file}: {}", ran.stderr);
+        assert!(!ran.stderr.contains("see it"), "{file}: {}", ran.stderr);
+    }
 }

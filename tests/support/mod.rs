@@ -2,6 +2,8 @@
 
 #[cfg(unix)]
 pub mod session;
+#[cfg(target_os = "linux")]
+pub mod terminal;
 
 use std::path::{Path, PathBuf};
 use std::process::Command;

@@ -13,6 +13,8 @@ use sutura_host::session::{Arms, Attendant};
 #[derive(Debug)]
 pub struct Operator {
     rearms: bool,
+    /// Whether keys of a screen arm, and standard input is that screen's.
+    has_keys: bool,
     /// None while nobody listens.
     lines: Option<Arc<Lines>>,
 }
@@ -29,13 +31,22 @@ impl Operator {
     pub fn new(rearms: bool) -> Self {
         Operator {
             rearms,
+            has_keys: false,
             lines: None,
+        }
+    }
+
+    /// Where a screen takes the keys.
+    pub fn at_screen(self) -> Self {
+        Operator {
+            has_keys: true,
+            ..self
         }
     }
 
     /// Listens until standard input or the program ends. Lines that wait there already were not written for this.
     fn listen(&mut self) {
-        if self.rearms || self.lines.is_some() || !stdin::drain() {
+        if self.rearms || self.has_keys || self.lines.is_some() || !stdin::drain() {
             return;
         }
         let lines = Arc::new(Lines::default());
@@ -64,6 +75,7 @@ impl Operator {
         }
         let words = match &self.lines {
             _ if self.rearms => "it is armed again",
+            _ if self.has_keys => "a, pressed twice, arms it",
             Some(lines) if !lines.over.load(Ordering::Relaxed) => {
                 lines.came.store(false, Ordering::Relaxed);
                 if std::io::stdin().is_terminal() {

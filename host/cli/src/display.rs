@@ -7,11 +7,86 @@ use crate::failure::Cause;
 use indicatif::{ProgressBar, ProgressStyle};
 use std::fmt::{Arguments, Write as _};
 use std::io::{self, IsTerminal, Write as _};
+use std::sync::{Mutex, MutexGuard, PoisonError};
 use sutura_host::session::{GivenUp, Progress, Summary, mode_word};
 
-/// A line on stderr, if anybody reads it.
+/// Lines that are kept while the terminal is drawn on: those that are new, and all that have not been printed.
+static HELD: Mutex<Option<[Vec<String>; 2]>> = Mutex::new(None);
+/// Lines that are kept at most.
+const MOST_HELD: usize = 1000;
+
+fn held() -> MutexGuard<'static, Option<[Vec<String>; 2]>> {
+    HELD.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// A line on stderr, if anybody reads it; kept where the terminal is drawn on.
 pub fn note(text: Arguments<'_>) {
+    if let Some([new, all]) = held().as_mut() {
+        if all.len() < MOST_HELD {
+            new.push(text.to_string());
+            all.push(text.to_string());
+        }
+        return;
+    }
     let _ = writeln!(io::stderr(), "{text}");
+}
+
+/// Lines are kept from now on: the terminal is drawn on.
+#[cfg(feature = "top")]
+pub fn hold_notes() {
+    held().get_or_insert_default();
+}
+
+/// The lines that are new.
+#[cfg(feature = "top")]
+pub fn take_notes() -> Vec<String> {
+    held()
+        .as_mut()
+        .map(|[new, _]| std::mem::take(new))
+        .unwrap_or_default()
+}
+
+/// Prints what was kept, and keeps no more.
+#[cfg(feature = "top")]
+pub fn release_notes() {
+    let kept = held().take();
+    for line in kept.into_iter().flat_map(|[_, all]| all) {
+        note!("{line}");
+    }
+}
+
+/// Where logs go: to stderr, line by line, as notes.
+pub struct Log;
+
+impl io::Write for Log {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        if held().is_none() {
+            return io::stderr().write(bytes);
+        }
+        let text = String::from_utf8_lossy(bytes);
+        note!("{}", without_colours(text.trim_end()));
+        Ok(bytes.len())
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        io::stderr().flush()
+    }
+}
+
+/// A text without what makes terminals colour it.
+fn without_colours(text: &str) -> String {
+    let mut parts = text.split('\x1b');
+    let first = parts.next().unwrap_or_default().to_owned();
+    parts.fold(first, |text, part| {
+        text + part.split_once('m').map_or(part, |(_, rest)| rest)
+    })
+}
+
+/// A line on stdout; whether it could be written.
+#[cfg(feature = "top")]
+pub fn tell(text: Arguments<'_>) -> bool {
+    let mut out = io::stdout();
+    writeln!(out, "{text}").and_then(|()| out.flush()).is_ok()
 }
 
 /// A line on stdout. That nobody reads it is not a failure; a full disk ends the command with code 1.
@@ -45,8 +120,9 @@ const PER_SECOND: f64 = 1000.0;
 
 impl Display {
     /// A bar if stderr is a terminal, lines of JSON if `stream`.
-    pub fn new(stream: bool, format: Format) -> Display {
-        let visible = io::stderr().is_terminal() && !(stream && format == Format::Text);
+    /// Neither where `other` is shown in its place.
+    pub fn new(stream: bool, format: Format, other: bool) -> Display {
+        let visible = !other && io::stderr().is_terminal() && !(stream && format == Format::Text);
         let style = ProgressStyle::with_template("{elapsed_precise} {bar:32} {msg}");
         let bar = visible.then(|| {
             ProgressBar::new(0).with_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()))

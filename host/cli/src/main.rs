@@ -36,6 +36,7 @@ mod signals;
 mod solve;
 mod stability;
 mod tables;
+mod top;
 mod tradeoff;
 mod view;
 mod work;
@@ -66,6 +67,7 @@ const EXAMPLES: &str = "\
 Examples:
   sutura                                    5 s palpation with a virtual console
   sutura view                               the same on a live page, until Ctrl-C
+  sutura top                                the figures of the session that runs here, in a terminal
   sutura run --console /dev/ttyACM0         the same on a console at a serial port
   sutura replay session.mcap                what `sutura run --record` wrote, run again bit by bit
   sutura solve scene.toml --out field.vtu   the tissue at rest under the scene's handles and loads
@@ -104,6 +106,7 @@ pub enum Format {
 enum Command {
     Run(run::RunArgs),
     View(view::ViewArgs),
+    Top(top::TopArgs),
     Replay(replay::ReplayArgs),
     Console(console::ConsoleArgs),
     Solve(solve::SolveArgs),
@@ -128,6 +131,7 @@ fn main() -> ExitCode {
     let done = match command {
         Command::Run(args) => run::run(args, &cli.global),
         Command::View(args) => view::run(args),
+        Command::Top(args) => top::run(args, &cli.global),
         Command::Replay(args) => replay::run(args, &cli.global),
         Command::Console(args) => console::run(args, &cli.global),
         Command::Solve(args) => solve::run(args, &cli.global),
@@ -195,7 +199,7 @@ fn start_logging(verbose: u8) {
     };
     let filter = EnvFilter::try_from_default_env().unwrap_or_else(|_| EnvFilter::new(level));
     let logs = tracing_subscriber::fmt::layer()
-        .with_writer(std::io::stderr)
+        .with_writer(|| display::Log)
         .with_ansi(std::io::stderr().is_terminal())
         .with_target(false)
         .without_time()

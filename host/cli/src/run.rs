@@ -8,6 +8,7 @@ use crate::recording::{self, Recording};
 use crate::replay;
 use crate::series::{SERIES_HZ, make_folder};
 use crate::signals::stop_on_signals;
+use crate::top::Top;
 use crate::view::PageArgs;
 use crate::view::session::{Viewed, has_desktop};
 use crate::{Format, Global, device};
@@ -101,6 +102,10 @@ pub struct RunArgs {
     /// it is in lockstep.
     #[arg(long)]
     pub view: bool,
+    /// Shows the session's figures on the terminal in place of the bar, with keys for safe stop and arming: see `sutura top`. Without
+    /// a terminal one line a second on stderr.
+    #[arg(long, conflicts_with = "stream")]
+    pub top: bool,
     #[command(flatten)]
     pub page: PageArgs,
 }
@@ -119,6 +124,8 @@ Examples:
   sutura run --rendering hold --host-hz 30                how it feels without local models
   sutura run --record session.mcap                        then: sutura replay session.mcap
   sutura run --console /dev/ttyACM0 --view                a live page: forces, plots, safe stop
+  sutura run --console /dev/ttyACM0 --top                 the figures in the terminal, safe stop by a key
+  sutura run --view --foxglove                            live channels for Foxglove, Lichtblick and PlotJuggler, too
   sutura run --series pictures                            then: paraview pictures/session.pvd
   sutura run --console /dev/ttyACM0 --save-last fault.mcap
 
@@ -236,7 +243,7 @@ pub fn run(args: &RunArgs, global: &Global) -> Result<(), Failure> {
     if let Some(viewed) = &mut viewed {
         viewed.begin(&scene, &plan, &solver, &args.console, lockstep)?;
     }
-    let kept = viewed.as_ref().map(Viewed::kept);
+    let kept = viewed.as_ref().and_then(Viewed::kept);
     let seen = viewed.as_ref().and_then(Viewed::seen);
     let recording = Recording::start(args, &plan, &scene, sources, lockstep, asked, (kept, seen))?;
     let tapped = TappedSolver::new(&mut solver, recording.tap());
@@ -246,11 +253,21 @@ pub fn run(args: &RunArgs, global: &Global) -> Result<(), Failure> {
     let operator: Box<dyn Attendant> = match &mut viewed {
         Some(viewed) => {
             let simulated = args.console == "virtual" || args.console == UART;
-            viewed.attendant(Operator::new(args.rearm), &plan, simulated)
+            let operator = Operator::new(args.rearm);
+            let operator = if args.top {
+                operator.at_screen()
+            } else {
+                operator
+            };
+            viewed.attendant(operator, &plan, simulated)
         }
         None => Box::new(Operator::new(args.rearm)),
     };
-    let mut display = Display::new(args.stream, global.format);
+    let mut display = Display::new(args.stream, global.format, args.top);
+    let top = match &viewed {
+        Some(viewed) if args.top => Some(Top::start(viewed, stop.clone())?),
+        _ => None,
+    };
     let (mut withholding, mut waiting) = (Lasting::default(), Lasting::default());
     let mut progress = |note: &Progress<'_>| {
         let heard = display.show(note).is_ok();
@@ -278,6 +295,9 @@ pub fn run(args: &RunArgs, global: &Global) -> Result<(), Failure> {
         operator,
     };
     let summary = session(args, way, &plan, &mut solver, &mut progress);
+    if let Some(top) = top {
+        top.end();
+    }
     display.finish();
     let file = recording.file();
     let view = viewed.as_mut().and_then(Viewed::end);
@@ -293,20 +313,29 @@ pub fn run(args: &RunArgs, global: &Global) -> Result<(), Failure> {
     if let (Some(folder), Some(file)) = (&args.series, recording::file(args)) {
         replay::draw(&file, folder, args.series_hz).map_err(Failure::after_summary)?;
     }
+    let verdict = verdict(args, &summary);
     match (&viewed, file) {
         (Some(viewed), Some(file)) if viewed.was_seen() && !stop.load(Ordering::Relaxed) => {
             viewed.stay(&file, &stop).map_err(Failure::after_summary)?;
         }
-        (Some(_), _) if !args.view => note!("see it: sutura view"),
+        (Some(_), _) if !args.view && !is_inside(args) => note!("see it: sutura view"),
         _ => {}
     }
-    verdict(args, &summary)
+    verdict
+}
+
+/// Whether it is shown to this program's terminal or channels, without a page.
+fn is_inside(args: &RunArgs) -> bool {
+    !args.view && (args.top || args.page.foxglove)
 }
 
 /// The page of a session, if it is to have one: asked for, or because somebody at a desktop may look.
 fn viewed(args: &RunArgs, global: &Global, lockstep: bool) -> Result<Option<Viewed>, Failure> {
     if args.view {
         return Viewed::open(&args.page).map(Some);
+    }
+    if is_inside(args) {
+        return Viewed::inside(&args.page).map(Some);
     }
     let is_plain = args.console == "virtual" && !lockstep && !args.stream;
     if !(is_plain && global.format == Format::Text && has_desktop()) {

@@ -16,6 +16,8 @@ pub fn stop_on_signals() -> Result<Arc<AtomicBool>, Failure> {
     let flag = stop.clone();
     let set = ctrlc::set_handler(move || {
         if flag.swap(true, Ordering::Relaxed) {
+            #[cfg(feature = "top")]
+            crate::top::terminal::restore();
             std::process::exit(INTERRUPTED);
         }
     });

@@ -5,7 +5,7 @@
 use super::FORMAT;
 
 /// Multiple at which sections begin \[bytes\].
-const ALIGNED: usize = 8;
+pub(super) const ALIGNED: usize = 8;
 
 /// A message that is being written to a buffer.
 pub(super) struct Message<'a> {

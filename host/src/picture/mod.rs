@@ -9,6 +9,7 @@ mod describe;
 mod message;
 mod offer;
 mod painter;
+mod read;
 mod telemetry;
 
 pub use boundary::Boundary;
@@ -16,6 +17,7 @@ pub use describe::{describe_needles, describe_threads, describe_tools, statuses}
 pub use message::{NeedleView, Picture, StatusView, ThreadPointView, ThreadView, ToolView};
 pub use offer::{Offer, Showing};
 pub use painter::{Painter, Scalar};
+pub use read::Read;
 pub use telemetry::{SolveRow, SolvesOf, TickRow, encode_solves, encode_ticks};
 
 /// Version of the page's format.

@@ -278,6 +278,7 @@ pub fn run_steered(
                 seconds: plan.seconds,
                 state: state.body(),
                 report: tally.last_report(),
+                link: None,
                 needle_waits: tally.waits(),
             };
             if progress(&note).is_break() {

@@ -143,6 +143,8 @@ pub struct Progress<'a> {
     pub state: &'a State,
     /// The console's newest report.
     pub report: Option<&'a Report>,
+    /// The link so far; none in lockstep, which has no line.
+    pub link: Option<LinkSummary>,
     /// Whether the needle in the grip is in tissue that it was not seen to go into, and waits to be outside.
     pub needle_waits: bool,
 }

@@ -564,6 +564,7 @@ impl Watch<'_> {
                 seconds: self.plan.seconds,
                 state,
                 report: report.as_ref(),
+                link: Some(link_summary(self.link)),
                 needle_waits,
             };
             let stopped = progress(&note).is_break();

@@ -10,6 +10,7 @@ import { FORMAT, decode } from './decode.js';
  * @typedef {object} TimeLine
  * @property {number} from_s @property {number} to_s @property {number} ready_s @property {number} hz @property {boolean} solvable
  * @property {string | null} why @property {string} badge @property {string} badge_text
+ * @property {number | null} [at_s] where it is opened
  */
 
 /**

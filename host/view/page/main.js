@@ -318,7 +318,7 @@ class Page {
       ['Longest span', status && Number.isFinite(status.span) ? fixed(status.span, 3) : '–'],
       ['Latency, session p50 / p99', ms(gauges.latency_us?.all)],
       ['Step, session p50 / p99', ms(gauges.step_us?.all)],
-      ['Round trip p50 / p99', ms(gauges.rtt_us?.now)],
+      ['Round trip p50 / p99', ms(gauges.rtt_us?.now ?? gauges.rtt_us?.all)],
       ['Least energy', gauges.energy_min_j === null ? '–' : `${fixed(1000 * gauges.energy_min_j, 3)} mJ`],
       ['Ticks late', whole(gauges.ticks_late)],
       ['Tick overruns', whole(gauges.tick_overruns)],

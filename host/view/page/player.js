@@ -31,7 +31,7 @@ export class Player {
     this.loop = null;
     this.asked = NaN;
     this.playing = false;
-    this.to(line.from_s);
+    this.to(line.at_s ?? line.from_s);
   }
 
   /** Pictures are there up to here. @param {number} time [s] */

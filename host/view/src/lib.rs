@@ -7,11 +7,13 @@ mod client;
 mod command;
 mod files;
 mod guard;
+mod notes;
 mod server;
 mod shared;
 
 pub use client::{MOST_A_SECOND, MOST_BYTES};
 pub use command::{Command, First, Hand, Refused};
 pub use files::{FILES, File};
+pub use notes::{Noted, noted};
 pub use server::{Options, PORT, Server, ViewError};
 pub use shared::{Beginning, Figures, Next, Reply, Request, Shared, Wants};

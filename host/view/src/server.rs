@@ -5,6 +5,7 @@
 use super::client::{MOST_BYTES, serve};
 use super::files::find;
 use super::guard::{Guard, headers, new_key};
+use super::notes::note;
 use super::shared::{Request, Shared};
 use axum::Router;
 use axum::extract::{ConnectInfo, Request as HttpRequest, State, WebSocketUpgrade};
@@ -14,7 +15,7 @@ use axum::response::{IntoResponse as _, Response};
 use axum::routing::any;
 use std::io;
 use std::net::{IpAddr, Ipv4Addr, SocketAddr, TcpListener};
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, channel};
 use std::thread::JoinHandle;
@@ -157,7 +158,7 @@ impl Server {
         let server = Self {
             shared,
             address,
-            note: note(address.port(), &key),
+            note: note(address, &key),
             key,
             names: options.names.clone(),
             stop: Some(stop),
@@ -222,29 +223,6 @@ fn listen(options: &Options) -> Result<TcpListener, ViewError> {
         bind: options.bind,
         source: error,
     })
-}
-
-/// Writes down port and key where only this user reads them, for programs of this user; where there is such a place.
-fn note(port: u16, key: &str) -> Option<PathBuf> {
-    let folder = PathBuf::from(std::env::var_os("XDG_RUNTIME_DIR")?).join("sutura");
-    std::fs::create_dir_all(&folder).ok()?;
-    let path = folder.join("session.json");
-    let text = serde_json::json!({"port": port, "key": key, "pid": std::process::id()});
-    write_for_me(&path, &text.to_string()).ok()?;
-    Some(path)
-}
-
-fn write_for_me(path: &Path, text: &str) -> io::Result<()> {
-    let mut options = std::fs::OpenOptions::new();
-    options.write(true).create(true).truncate(true);
-    #[cfg(unix)]
-    {
-        use std::os::unix::fs::OpenOptionsExt as _;
-        options.mode(0o600);
-    }
-    // One that is there may have other rights.
-    let _ = std::fs::remove_file(path);
-    io::Write::write_all(&mut options.open(path)?, text.as_bytes())
 }
 
 fn router(served: Served) -> Router {

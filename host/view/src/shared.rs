@@ -144,6 +144,8 @@ struct Client {
     underway: VecDeque<u32>,
     seek: Option<Bytes>,
     picture_hz: f64,
+    /// Whether it is a part of the program that shows.
+    is_own: bool,
 }
 
 #[derive(Debug, Default)]
@@ -286,7 +288,7 @@ impl Shared {
     pub fn figures(&self) -> Figures {
         let state = self.lock();
         Figures {
-            clients: state.clients.len(),
+            clients: state.others(),
             joined: state.joined,
             controller: state.controller.is_some(),
             sent: self.sent.load(Ordering::Relaxed),
@@ -296,12 +298,33 @@ impl Shared {
     /// A client has given the key. `None` if there are enough.
     pub fn join(&self, wants_control: bool, may_control: bool) -> Option<(u64, Arc<Notify>)> {
         let mut state = self.lock();
-        if state.clients.len() >= MOST_CLIENTS {
+        if state.others() >= MOST_CLIENTS {
             return None;
         }
+        state.joined += 1;
+        let joined = self.enter(&mut state, wants_control, may_control);
+        Some(joined)
+    }
+
+    /// A part of this program is shown the session as a client is, without a line: it does not count, and wants no pictures until
+    /// it says so.
+    pub fn join_own(&self, wants_control: bool) -> u64 {
+        let mut state = self.lock();
+        let (id, _) = self.enter(&mut state, wants_control, true);
+        if let Some(client) = state.clients.get_mut(&id) {
+            (client.is_own, client.picture_hz) = (true, 0.0);
+        }
+        id
+    }
+
+    fn enter(
+        &self,
+        state: &mut State,
+        wants_control: bool,
+        may_control: bool,
+    ) -> (u64, Arc<Notify>) {
         let id = state.next_client;
         state.next_client += 1;
-        state.joined += 1;
         if wants_control && may_control && state.controller.is_none() {
             state.controller = Some(id);
         }
@@ -326,11 +349,12 @@ impl Shared {
             underway: VecDeque::new(),
             seek: None,
             picture_hz: PICTURE_HZ,
+            is_own: false,
         };
         state.clients.insert(id, client);
         wake.notify_one();
         self.wanted.notify_all();
-        Some((id, wake))
+        (id, wake)
     }
 
     /// A client is gone.
@@ -468,6 +492,14 @@ fn sequence(picture: &[u8]) -> u32 {
 }
 
 impl State {
+    /// Clients but for the program's own.
+    fn others(&self) -> usize {
+        self.clients
+            .values()
+            .filter(|client| !client.is_own)
+            .count()
+    }
+
     fn wake_all(&self) {
         self.clients
             .values()

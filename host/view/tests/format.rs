@@ -4,7 +4,7 @@ use proptest::prelude::*;
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 use sutura_host::picture::{
-    Boundary, NeedleView, Picture, Scalar, SolveRow, SolvesOf, StatusView, ThreadPointView,
+    Boundary, NeedleView, Picture, Read, Scalar, SolveRow, SolvesOf, StatusView, ThreadPointView,
     ThreadView, TickRow, ToolView, encode_solves, encode_ticks,
 };
 use sutura_host::recording::SolveSample;
@@ -310,6 +310,51 @@ fn messages() -> Vec<(&'static str, Vec<u8>, Value)> {
         }),
     ));
     all
+}
+
+/// What is written is read back; what is cut short, of another format or of another kind is nothing, and no message makes it panic.
+#[test]
+fn a_picture_is_read_back() {
+    let mut bytes = Vec::new();
+    picture().encode(&mut bytes);
+    let read = Picture::read(&bytes).expect("a picture");
+    let mut again = Vec::new();
+    read.encode(&mut again);
+    assert!(again == bytes, "{read:?}");
+    for length in 0..bytes.len() - 8 {
+        assert_eq!(Picture::read(&bytes[..length]), None, "{length} bytes");
+    }
+    let mut other = bytes.clone();
+    other[1] += 1;
+    assert_eq!(Picture::read(&other), None);
+    let mut ticks_bytes = Vec::new();
+    encode_ticks(9, &ticks(), &mut ticks_bytes);
+    assert_eq!(Picture::read(&ticks_bytes), None);
+    let read = Read::of(&ticks_bytes).expect("ticks");
+    let rows = ticks();
+    let times: Vec<f64> = rows.iter().map(|row| row.time_s).collect();
+    let forces: Vec<_> = rows
+        .iter()
+        .map(|row| row.state.force_n.map(f64::from))
+        .collect();
+    let modes: Vec<_> = rows.iter().map(|row| row.state.mode as u8).collect();
+    assert_eq!(
+        (read.kind, read.f64s(1), read.vectors(5)),
+        (3, times, forces)
+    );
+    assert_eq!((read.u8s(8), read.u16s(10)), (modes, vec![0, 0, 0x41]));
+    boundary().encode(9, &mut bytes);
+    let read = Read::of(&bytes).expect("a geometry");
+    assert_eq!(read.triples(2), boundary().triangles);
+    let mut random = fastrand::Rng::with_seed(20);
+    for _ in 0..20_000 {
+        let mut wrong = again.clone();
+        for _ in 0..4 {
+            let at = random.usize(..wrong.len());
+            wrong[at] = random.u8(..);
+        }
+        let _ = Picture::read(&wrong);
+    }
 }
 
 /// Bytes and what they hold: as committed, to the byte.

@@ -106,6 +106,14 @@ fn steps(report: &mut Report, cases: Cases) {
         [
             Tool::new("cargo clippy --workspace --all-targets --locked --features")
                 .arg(TEST_FEATURES),
+            // The command without what is optional, and with each of it alone.
+            Tool::new("cargo clippy -p sutura --bins --locked --no-default-features"),
+            Tool::new(
+                "cargo clippy -p sutura --bins --locked --no-default-features --features top",
+            ),
+            Tool::new(
+                "cargo clippy -p sutura --bins --locked --no-default-features --features foxglove",
+            ),
         ]
         .into_iter()
         .chain(native("clippy --all-targets"))
@@ -183,6 +191,13 @@ fn tests(report: &mut Report, cases: Cases) {
             .arg(target.join("browser"))
     });
     report.tools(Kind::Tests, "page in a browser", page);
+    // Last of what the command runs in: it takes the command's place until that is built again.
+    let plain = cases.full.then(|| {
+        Tool::new(
+            "cargo run -p sutura --locked --no-default-features -- run --lockstep --seconds 0.2",
+        )
+    });
+    report.tools(Kind::Tests, "the command without a page", plain);
     let examples = workspace("test --no-fail-fast --doc");
     report.tools(
         Kind::Tests,

@@ -21,6 +21,13 @@ pub struct PageArgs {
     /// Opens the page in a browser.
     #[arg(long)]
     pub open: bool,
+    /// Live channels for Foxglove, Lichtblick and PlotJuggler at ws://127.0.0.1:8765: /tool, /solve, /gauges, /scene. For this
+    /// machine alone and to be read only; there is no key: whoever is on this machine may read.
+    #[arg(long)]
+    pub foxglove: bool,
+    /// Port of these channels; 0: any that is free.
+    #[arg(long, value_name = "PORT", default_value_t = 8765)]
+    pub foxglove_port: u16,
 }
 
 /// Who may take the controls.

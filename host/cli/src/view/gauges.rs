@@ -6,13 +6,80 @@ use serde_json::{Map, Value, json};
 use std::collections::BTreeMap;
 use std::time::Instant;
 use sutura_host::recording::SolveSample;
-use sutura_host::session::mode_word;
+use sutura_host::session::{LinkSummary, mode_word};
 use sutura_host::times::Times;
 use sutura_shared::wire::faults;
 use sutura_shared::wire::message::{Mode, Report, State};
 
 /// Longest time that percentiles tell apart \[us\].
 const LONGEST_US: u64 = 100_000_000;
+
+/// Their channel in live channels.
+#[cfg(feature = "foxglove")]
+pub const TOPIC: &str = "/gauges";
+
+/// Their JSON Schema.
+#[cfg(feature = "foxglove")]
+pub fn schema() -> Value {
+    let number = || json!({"type": ["number", "null"]});
+    let of = |keys: &[&str]| {
+        let keys = keys.iter().map(|key| ((*key).to_owned(), number()));
+        json!({"type": ["object", "null"], "properties": keys.collect::<Map<_, _>>(), "additionalProperties": false})
+    };
+    let percentiles = of(&["p50", "p99"]);
+    let spread = json!({
+        "type": "object", "properties": {"now": percentiles, "all": percentiles}, "required": ["now", "all"],
+    });
+    let mut properties = Map::new();
+    let mut add = |keys: &[&str], schema: &Value| {
+        properties.extend(keys.iter().map(|key| ((*key).to_owned(), schema.clone())));
+    };
+    add(&["kind", "mode"], &json!({"type": "string"}));
+    add(
+        &["faults"],
+        &json!({"type": "array", "items": {"type": "string"}}),
+    );
+    add(&["latency_us", "age_us", "step_us", "rtt_us"], &spread);
+    add(
+        &["stages_us"],
+        &json!({"type": ["array", "null"], "items": {"type": "number"}}),
+    );
+    add(&["frames"], &of(&["lost", "rejected", "superseded"]));
+    add(&["bytes_per_s"], &of(&["down", "up"]));
+    add(&["pictures"], &of(&["wanted", "made", "sent"]));
+    add(
+        &["withheld"],
+        &json!({"type": "object", "additionalProperties": {"type": "integer"}}),
+    );
+    add(
+        &["paused", "controller", "connected"],
+        &json!({"type": "boolean"}),
+    );
+    let numbers = [
+        "session",
+        "time_s",
+        "tick",
+        "rest_us",
+        "sessions",
+        "ticks_late",
+        "tick_overruns",
+        "solves",
+        "energy_j",
+        "energy_min_j",
+        "force_n",
+        "host_hz",
+        "speed",
+        "wanted_speed",
+        "picture_hz",
+        "picture_us",
+        "clients",
+    ];
+    add(&numbers, &number());
+    json!({
+        "$schema": "https://json-schema.org/draft/2020-12/schema", "title": "Gauges", "type": "object",
+        "required": properties.keys().collect::<Vec<_>>(), "properties": properties, "additionalProperties": false,
+    })
+}
 
 /// A time: all of the session, and what came since figures were said last.
 struct Spread {
@@ -53,6 +120,10 @@ pub struct Gauges {
     energy_j: f64,
     energy_min_j: f64,
     withheld: BTreeMap<String, u64>,
+    /// Solves of the session.
+    all_solves: u64,
+    /// Sums of solves that say what their stages took since figures were said last: how many, their steps, their stages \[us\].
+    staged: (u64, f64, Vec<f64>),
     /// Of the newest state \[s\], and when figures were said last: on the wall, then.
     time_s: f64,
     said: (Instant, f64),
@@ -71,6 +142,8 @@ impl Gauges {
             energy_j: 0.0,
             energy_min_j: 0.0,
             withheld: BTreeMap::new(),
+            all_solves: 0,
+            staged: (0, 0.0, Vec::new()),
             time_s: 0.0,
             said: (Instant::now(), 0.0),
             solves: 0,
@@ -101,6 +174,15 @@ impl Gauges {
     /// Takes note of a solve.
     pub fn solve(&mut self, sample: &SolveSample) {
         self.solves += 1;
+        self.all_solves += 1;
+        if !sample.stages_us.is_empty() {
+            let (count, step_us, stages_us) = &mut self.staged;
+            (*count, *step_us) = (*count + 1, *step_us + sample.step_us);
+            stages_us.resize(sample.stages_us.len(), 0.0);
+            for (sum, us) in stages_us.iter_mut().zip(&sample.stages_us) {
+                *sum += us;
+            }
+        }
         self.step.record(sample.step_us as u64);
         if sample.status != "ok" {
             *self.withheld.entry(sample.status.clone()).or_default() += 1;
@@ -112,8 +194,26 @@ impl Gauges {
         self.time_s
     }
 
+    /// What each stage took on average since this was asked last, and the rest of the step \[us\]; null where no solve says.
+    fn staged(&mut self) -> (Value, Value) {
+        let (count, step_us, stages_us) = std::mem::take(&mut self.staged);
+        if count == 0 {
+            return (Value::Null, Value::Null);
+        }
+        let mean = |sum: f64| sum / count as f64;
+        let rest_us = mean(step_us - stages_us.iter().sum::<f64>());
+        let stages_us: Vec<f64> = stages_us.into_iter().map(mean).collect();
+        (json!(stages_us), json!(rest_us.max(0.0)))
+    }
+
     /// Figures since this was asked last, and of the whole session.
-    pub fn said(&mut self, report: Option<&Report>) -> Map<String, Value> {
+    pub fn said(
+        &mut self,
+        report: Option<&Report>,
+        link: Option<&LinkSummary>,
+    ) -> Map<String, Value> {
+        let (stages_us, rest_us) = self.staged();
+        let trips = link.map(|link| link.rtt_us).filter(|rtt| rtt.max > 0.0);
         let (then, before_s) = std::mem::replace(&mut self.said, (Instant::now(), self.time_s));
         let wall_s = then.elapsed().as_secs_f64();
         let passed_s = self.time_s - before_s;
@@ -136,7 +236,12 @@ impl Gauges {
             "latency_us": self.latency.said(),
             "age_us": self.age.said(),
             "step_us": self.step.said(),
-            "rtt_us": null,
+            "stages_us": stages_us,
+            "rest_us": rest_us,
+            // The link keeps those of the whole session alone.
+            "rtt_us": {"now": null, "all": trips.map(|rtt| json!({"p50": rtt.p50, "p99": rtt.p99}))},
+            "bytes_per_s": link.map(|link| link.bytes_per_s),
+            "sessions": link.map(|link| link.sessions),
             "ticks_late": counted(|report| report.ticks_late),
             "tick_overruns": counted(|report| report.tick_overruns),
             "frames": {
@@ -144,6 +249,7 @@ impl Gauges {
                 "rejected": counted(|report| report.frames_rejected),
                 "superseded": counted(|report| report.frames_superseded),
             },
+            "solves": self.all_solves,
             "withheld": self.withheld,
             "energy_j": self.energy_j,
             "energy_min_j": self.energy_min_j,

@@ -13,6 +13,13 @@ mod guide;
 mod hello;
 #[cfg(feature = "view")]
 mod helm;
+#[cfg(feature = "foxglove")]
+mod live;
+#[cfg(all(feature = "view", not(feature = "foxglove")))]
+#[path = "live_without.rs"]
+mod live;
+#[cfg(feature = "foxglove")]
+mod live_scene;
 #[cfg(feature = "view")]
 mod page;
 #[cfg(feature = "view")]
@@ -63,7 +70,7 @@ pub struct ViewArgs {
     /// Takes a picture of the page with an installed Chromium, writes it to this file, and ends.
     #[arg(long, value_name = "FILE.png")]
     pub shot: Option<PathBuf>,
-    /// When the picture is taken, by the session's clock [s].
+    /// When the picture is taken, by the session's clock [s]; of a recording, what was at that time.
     #[arg(long, value_name = "S", default_value_t = 2.0, requires = "shot")]
     pub at: f64,
     #[command(flatten)]
@@ -77,6 +84,7 @@ Examples:
   sutura view session.mcap                  what `sutura run --record` wrote, on a time line
   sutura view --record session.mcap         and keep what was done
   sutura view scenes/palpation.toml --shot palpation.png --at 2.5
+  sutura view session.mcap --shot forces.png --at 1.2
   sutura run --console /dev/ttyACM0 --view  the same page on a session in real time
 
 Over SSH: `ssh -L 8421:127.0.0.1:8421 HOST`, then open the address on your own machine. Safe stop on the page is software: it is no
@@ -89,17 +97,54 @@ emergency stop.";
 #[cfg(feature = "view")]
 pub fn run(args: &ViewArgs) -> Result<(), Failure> {
     use crate::signals::stop_on_signals;
-    let is_recording = |file: &PathBuf| file.extension().is_some_and(|end| end == "mcap");
     let stop = stop_on_signals()?;
+    // What is refused is refused before a page says that there is something to see.
+    let what = What::of(args)?;
     if let Some(shot) = &args.shot {
-        return shot::take(args, shot, &stop);
+        return shot::take(args, what, shot, &stop);
     }
     let mut page = page::Page::open(&args.page)?;
-    match args.file.as_ref().filter(|file| is_recording(file)) {
-        Some(file) => recorded::show(&page, file, &stop),
-        None => {
-            note!("Ctrl-C ends it");
-            sandbox::run(&mut page, args.wish(), args.record.as_deref(), None, &stop)
+    let live = live::Live::open(&args.page, page.shared())?;
+    if matches!(what, What::Scene(_)) {
+        note!("Ctrl-C ends it");
+    }
+    what.show(&mut page, live.as_ref(), args, None, &stop)
+}
+
+/// What is shown.
+#[cfg(feature = "view")]
+enum What {
+    /// A scene with its solver.
+    Scene(Box<prepare::Prepared>),
+    /// A recording.
+    Recording(Box<recorded::Opened>),
+}
+
+#[cfg(feature = "view")]
+impl What {
+    fn of(args: &ViewArgs) -> Result<What, Failure> {
+        let is_recording = |file: &&PathBuf| file.extension().is_some_and(|end| end == "mcap");
+        if let Some(file) = args.file.as_ref().filter(is_recording) {
+            return Ok(What::Recording(Box::new(recorded::Opened::read(file)?)));
+        }
+        let _shown = crate::work::watch();
+        Ok(What::Scene(Box::new(prepare::Prepared::of(args.wish())?)))
+    }
+
+    /// Until `stop` is set; where a time is given, standing still there.
+    fn show(
+        self,
+        page: &mut page::Page,
+        live: Option<&live::Live>,
+        args: &ViewArgs,
+        at: Option<sandbox::At>,
+        stop: &std::sync::atomic::AtomicBool,
+    ) -> Result<(), Failure> {
+        match self {
+            What::Scene(scene) => {
+                sandbox::run(page, live, *scene, args.record.as_deref(), at, stop)
+            }
+            What::Recording(recording) => recorded::show(page, *recording, at.as_ref(), stop),
         }
     }
 }

@@ -1,17 +1,18 @@
-//! The page of a command: its server, and the line that says where it is.
+//! The page of a command: its server, and the line that says where it is; or what is shown inside the program alone.
 //!
-//! Entry point: [`Page::open`].
+//! Entry points: [`Page::open`], [`Page::inside`].
 
 use super::args::{Control, PageArgs};
 use crate::failure::{Cause, Failure};
 use std::process::{Command, Stdio};
 use std::sync::Arc;
-use std::sync::mpsc::Receiver;
+use std::sync::mpsc::{Receiver, channel};
 use sutura_view::{Options, Request, Server, Shared};
 
-/// A server, and what its clients ask for.
+/// What is shown, who serves it if anybody does, and what clients ask for.
 pub struct Page {
-    server: Server,
+    shared: Arc<Shared>,
+    server: Option<Server>,
     asked: Option<Receiver<Request>>,
 }
 
@@ -46,14 +47,25 @@ impl Page {
             browse(&url);
         }
         Ok(Page {
-            server,
+            shared: server.shared().clone(),
+            server: Some(server),
             asked: Some(asked),
         })
     }
 
+    /// Shows to parts of this program alone: no port is opened.
+    pub fn inside() -> Page {
+        let (requests, asked) = channel();
+        Page {
+            shared: Shared::new(requests),
+            server: None,
+            asked: Some(asked),
+        }
+    }
+
     /// What it shows.
     pub fn shared(&self) -> &Arc<Shared> {
-        self.server.shared()
+        &self.shared
     }
 
     /// What clients ask for; whoever takes it answers.
@@ -61,15 +73,15 @@ impl Page {
         self.asked.take()
     }
 
-    /// Where it is, without the key.
-    pub fn place(&self) -> String {
-        let url = self.server.url();
-        url.split('#').next().unwrap_or_default().to_owned()
+    /// Where it is, without the key; none if nobody serves it.
+    pub fn place(&self) -> Option<String> {
+        let url = self.url()?;
+        Some(url.split('#').next().unwrap_or_default().to_owned())
     }
 
-    /// Where it is, with the key.
-    pub fn url(&self) -> String {
-        self.server.url()
+    /// Where it is, with the key; none if nobody serves it.
+    pub fn url(&self) -> Option<String> {
+        self.server.as_ref().map(Server::url)
     }
 }
 

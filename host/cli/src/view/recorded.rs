@@ -4,6 +4,7 @@
 
 use super::hello::{Kind, hello};
 use super::page::Page;
+use super::sandbox::At;
 use super::telemetry::Telemetry;
 use crate::failure::Failure;
 use crate::recording::{build, failure};
@@ -28,21 +29,44 @@ const BLOCK: usize = 1000;
 /// Between two words on how far it is.
 const TELL_EVERY: Duration = Duration::from_millis(250);
 
-/// Shows a recording until `stop` is set.
+/// A recording that can be shown.
+pub struct Opened {
+    recording: Recording,
+    scene: Scene,
+}
+
+impl Opened {
+    /// Reads it, and its scene.
+    ///
+    /// # Errors
+    /// A file that is no recording, or of a scene that is refused.
+    pub fn read(file: &Path) -> Result<Opened, Failure> {
+        let recording = Recording::read(file).map_err(failure)?;
+        let mut scene = crate::scene::from_sources(&recording.sources)?;
+        if let Ok(tissue) = Tissue::named(&recording.about.tissue) {
+            scene.tissue = tissue.instead_of(scene.tissue);
+        }
+        Ok(Opened { recording, scene })
+    }
+}
+
+/// Shows a recording until `stop` is set; the page opens it at a time, if there is to be one.
 ///
 /// # Errors
-/// A file that is no recording, or of a scene that is refused.
-pub fn show(page: &Page, file: &Path, stop: &AtomicBool) -> Result<(), Failure> {
-    let recording = Recording::read(file).map_err(failure)?;
+/// Its tissue cannot be made again.
+pub fn show(
+    page: &Page,
+    opened: Opened,
+    at: Option<&At>,
+    stop: &AtomicBool,
+) -> Result<(), Failure> {
+    let Opened { recording, scene } = opened;
     let about = &recording.about;
-    let mut scene = crate::scene::from_sources(&recording.sources)?;
-    if let Ok(tissue) = Tissue::named(&about.tissue) {
-        scene.tissue = tissue.instead_of(scene.tissue);
-    }
     let shared = page.shared();
     let solvable = about.begins != Begins::Later;
     let why = "it holds the last seconds of a session: what the solver was before is not known, and there is no tissue to show";
     let mut line = Line::of(&recording, (!solvable).then_some(why));
+    line.at_s = at.map(|at| at.at_s.clamp(0.0, line.to_s));
     let painter = Painter::new(&scene, shared.session() + 1);
     let mut geometry = Vec::new();
     painter.boundary().encode(0, &mut geometry);
@@ -70,6 +94,9 @@ pub fn show(page: &Page, file: &Path, stop: &AtomicBool) -> Result<(), Failure> 
     if solvable {
         run_again(shared, &scene, &recording, &painter, &mut line, stop)?;
     }
+    if let Some(at) = at {
+        at.reached.store(true, Ordering::Relaxed);
+    }
     while !stop.load(Ordering::Relaxed) {
         std::thread::sleep(Duration::from_millis(50));
     }
@@ -83,6 +110,8 @@ struct Line {
     to_s: f64,
     ready_s: f64,
     hz: f64,
+    /// Where the page opens it, if not at the start.
+    at_s: Option<f64>,
     why: Option<&'static str>,
     badge: &'static str,
     text: String,
@@ -104,6 +133,7 @@ impl Line {
             to_s: 1e-6 * last_us.saturating_sub(began_us) as f64,
             ready_s: 0.0,
             hz: HZ,
+            at_s: None,
             badge: if why.is_some() { "none" } else { "running" },
             text: why.map_or_else(|| "it is being run again".to_owned(), str::to_owned),
             marks: Vec::new(),
@@ -117,7 +147,7 @@ impl Line {
 
     fn said(&self) -> Value {
         json!({
-            "from_s": 0.0, "to_s": self.to_s, "ready_s": self.ready_s, "hz": self.hz,
+            "from_s": 0.0, "to_s": self.to_s, "ready_s": self.ready_s, "hz": self.hz, "at_s": self.at_s,
             "solvable": self.why.is_none(), "why": self.why, "badge": self.badge, "badge_text": self.text,
             "marks": self.marks,
         })
@@ -139,7 +169,8 @@ fn telemetry(shared: &Shared, scene: &Scene, recording: &Recording, line: &Line)
         session: shared.session(),
         needles: scene.needles.len(),
         threads: scene.threads.len(),
-    });
+    })
+    .with(None);
     let mut solves = recording.solves.iter().map(|(_, sample)| sample).peekable();
     let mut events = Vec::new();
     let states = states(recording).into_iter();

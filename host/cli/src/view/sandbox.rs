@@ -5,8 +5,9 @@
 
 use super::hello::Kind;
 use super::helm::{COMMANDS, Ended, Helm, settings};
+use super::live::Live;
 use super::page::Page;
-use super::prepare::{Prepared, Wish};
+use super::prepare::Prepared;
 use super::show::Show;
 use crate::failure::{Cause, Failure};
 use crate::recording::{build, failure};
@@ -22,49 +23,33 @@ use sutura_host::recording::{About, Recorder, TappedConsole, TappedSolver};
 use sutura_host::session::{Progress, run_steered};
 use sutura_view::Request;
 
-/// A session that stands still at a time.
-pub struct PauseAt {
-    at_s: f64,
-    reached: Arc<AtomicBool>,
+/// A time at which something is to be seen, and whether it is.
+pub struct At {
+    /// By the session's clock \[s\].
+    pub at_s: f64,
+    /// Set when it is.
+    pub reached: Arc<AtomicBool>,
 }
 
-impl PauseAt {
-    /// So long after its start \[s\].
-    pub fn new(at_s: f64) -> Self {
-        Self {
-            at_s,
-            reached: Arc::default(),
-        }
-    }
-
-    /// Set when it stands still there.
-    pub fn reached(&self) -> Arc<AtomicBool> {
-        self.reached.clone()
-    }
-}
-
-/// Runs sessions until `stop` is set; the first one stands still at `pause`.
+/// Runs sessions until `stop` is set, the first one as prepared; that stands still at `pause`.
 ///
 /// # Errors
-/// The first scene cannot be run; a recording cannot be written.
+/// A scene cannot be run; a recording cannot be written.
 pub fn run(
     page: &mut Page,
-    wish: Wish,
+    live: Option<&Live>,
+    mut prepared: Prepared,
     record: Option<&Path>,
-    mut pause: Option<PauseAt>,
+    mut pause: Option<At>,
     stop: &AtomicBool,
 ) -> Result<(), Failure> {
-    let mut prepared = {
-        let _shown = crate::work::watch();
-        Prepared::of(wish)?
-    };
     let Some(asked) = page.take_asked() else {
         return Ok(());
     };
     for number in 1.. {
         let file = record.map(|file| numbered(file, number));
         match session(
-            page,
+            (page, live),
             &asked,
             prepared,
             (file.as_deref(), pause.take()),
@@ -78,10 +63,10 @@ pub fn run(
 }
 
 fn session(
-    page: &Page,
+    (page, live): (&Page, Option<&Live>),
     asked: &Receiver<Request>,
     prepared: Prepared,
-    (record, pause): (Option<&Path>, Option<PauseAt>),
+    (record, pause): (Option<&Path>, Option<At>),
     stop: &AtomicBool,
 ) -> Result<Ended, Failure> {
     let kind = Kind {
@@ -102,7 +87,7 @@ fn session(
         plan,
         mut solver,
     } = prepared;
-    let show = Show::begin(page, &scene, &plan, &solver, &kind)?;
+    let show = Show::begin(page, &scene, &plan, &solver, &kind, live.map(Live::tap))?;
     let about = About {
         console: "virtual".to_owned(),
         lockstep: true,
@@ -123,7 +108,7 @@ fn session(
     let tapped = TappedSolver::new(&mut solver, recorder.tap());
     let mut showing = Showing::new(tapped, Some(show.offer()));
     let mut helm = Helm::new(asked, stop, &show, wish, plan);
-    if let Some(PauseAt { at_s, reached }) = pause {
+    if let Some(At { at_s, reached }) = pause {
         helm.pause_at(at_s, reached);
     }
     let go_on = |_: &Progress<'_>| ControlFlow::Continue(());

@@ -5,6 +5,7 @@
 use super::PageArgs;
 use super::attendant::{COMMANDS, PageAttendant, SIMULATED};
 use super::hello::Kind;
+use super::live::Live;
 use super::page::Page;
 use super::recorded;
 use super::show::Show;
@@ -23,8 +24,10 @@ use tempfile::NamedTempFile;
 pub struct Viewed {
     page: Page,
     show: Option<Show>,
-    /// What is recorded for the time line afterwards.
-    kept: NamedTempFile,
+    /// What is recorded for the time line afterwards, where there is a page.
+    kept: Option<NamedTempFile>,
+    /// Channels for other programs.
+    live: Option<Live>,
 }
 
 impl Viewed {
@@ -45,11 +48,30 @@ impl Viewed {
                 "set TMPDIR to a folder that is yours, or leave out --view",
             )
         })?;
+        Viewed::of(Page::open(args)?, Some(kept), args)
+    }
+
+    /// Shows the session to this program's terminal and its channels alone: there is no page, and nothing afterwards.
+    ///
+    /// # Errors
+    /// No port for the channels.
+    pub fn inside(args: &PageArgs) -> Result<Viewed, Failure> {
+        Viewed::of(Page::inside(), None, args)
+    }
+
+    fn of(page: Page, kept: Option<NamedTempFile>, args: &PageArgs) -> Result<Viewed, Failure> {
         Ok(Viewed {
-            page: Page::open(args)?,
+            live: Live::open(args, page.shared())?,
+            page,
             show: None,
             kept,
         })
+    }
+
+    /// What is shown, for a part of this program.
+    #[cfg(feature = "top")]
+    pub fn shared(&self) -> &Arc<sutura_view::Shared> {
+        self.page.shared()
     }
 
     /// The session begins: in lockstep it is only watched.
@@ -81,7 +103,8 @@ impl Viewed {
             has_model: solver.model().is_some(),
             ..Kind::default()
         };
-        self.show = Some(Show::begin(&self.page, scene, plan, solver, &kind)?);
+        let live = self.live.as_ref().map(Live::tap);
+        self.show = Some(Show::begin(&self.page, scene, plan, solver, &kind, live)?);
         Ok(())
     }
 
@@ -96,8 +119,8 @@ impl Viewed {
     }
 
     /// Where the session is recorded if nobody said where.
-    pub fn kept(&self) -> &Path {
-        self.kept.path()
+    pub fn kept(&self) -> Option<&Path> {
+        self.kept.as_ref().map(|kept| kept.path())
     }
 
     /// An attendant whom the page can ask, too.
@@ -119,14 +142,14 @@ impl Viewed {
     /// How far the session is.
     pub fn progress(&self, note: &Progress<'_>) {
         if let Some(show) = &self.show {
-            show.going(|going| going.report = note.report.copied());
+            show.going(|going| (going.report, going.link) = (note.report.copied(), note.link));
         }
     }
 
     /// The session is over.
     pub fn end(&mut self) -> Option<ViewSummary> {
         let place = self.page.place();
-        self.show.take().map(|show| show.end(place))
+        self.show.take().and_then(|show| show.end(place))
     }
 
     /// Whether somebody has looked.
@@ -139,11 +162,11 @@ impl Viewed {
     /// # Errors
     /// A recording that cannot be shown.
     pub fn stay(&self, file: &Path, stop: &AtomicBool) -> Result<(), Failure> {
-        note!(
-            "the page stays with the session's recording, at {}; Ctrl-C ends it",
-            self.page.url()
-        );
-        recorded::show(&self.page, file, stop)
+        let Some(url) = self.page.url() else {
+            return Ok(());
+        };
+        note!("the page stays with the session's recording, at {url}; Ctrl-C ends it");
+        recorded::show(&self.page, recorded::Opened::read(file)?, None, stop)
     }
 }
 

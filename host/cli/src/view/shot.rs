@@ -3,9 +3,9 @@
 //! Entry point: [`take`]. The browser is asked over two pipes in its own protocol (Chrome DevTools), in a headless window that draws
 //! in software where there is no graphics.
 
-use super::ViewArgs;
 use super::page::Page;
-use super::sandbox::{self, PauseAt};
+use super::sandbox::At;
+use super::{ViewArgs, What};
 use crate::failure::{Cause, Failure};
 use base64::Engine as _;
 use serde_json::{Value, json};
@@ -26,25 +26,25 @@ const DRAWN_WITHIN: Duration = Duration::from_secs(4);
 /// How long all of it may take besides the session.
 const WITHIN: Duration = Duration::from_secs(120);
 
-/// Shows a scene, and takes a picture of it.
+/// Shows a scene or a recording, and takes a picture of it.
 ///
 /// # Errors
 /// No browser, or one that takes none.
-pub fn take(args: &ViewArgs, shot: &Path, stop: &Arc<AtomicBool>) -> Result<(), Failure> {
-    if args
-        .file
-        .as_ref()
-        .is_some_and(|file| file.extension().is_some_and(|end| end == "mcap"))
-    {
-        let message = "--shot takes pictures of scenes, not of recordings";
-        let help = "open the recording's page, and export its picture there";
-        return Err(Failure::say(Cause::BadInput, message, help));
-    }
+pub fn take(
+    args: &ViewArgs,
+    what: What,
+    shot: &Path,
+    stop: &Arc<AtomicBool>,
+) -> Result<(), Failure> {
     let browser = browser()?;
     let mut page = Page::open(&args.page)?;
-    let at = PauseAt::new(args.at);
+    let at = At {
+        at_s: args.at,
+        reached: Arc::default(),
+    };
     let shared = page.shared().clone();
-    let (url, reached, stopping) = (page.url(), at.reached(), stop.clone());
+    let url = page.url().unwrap_or_default();
+    let (reached, stopping) = (at.reached.clone(), stop.clone());
     let file = PathBuf::from(shot);
     let thread = std::thread::Builder::new().name("sutura-shot".to_owned());
     let taking = thread.spawn(move || {
@@ -53,13 +53,7 @@ pub fn take(args: &ViewArgs, shot: &Path, stop: &Arc<AtomicBool>) -> Result<(), 
         taken
     });
     let taking = taking.map_err(|error| failed(browser, shot, &error))?;
-    let shown = sandbox::run(
-        &mut page,
-        args.wish(),
-        args.record.as_deref(),
-        Some(at),
-        stop,
-    );
+    let shown = what.show(&mut page, None, args, Some(at), stop);
     stop.store(true, Ordering::Relaxed);
     let taken = taking.join();
     shown?;

@@ -3,6 +3,7 @@
 //! Entry points: [`Show::begin`], [`Show::end`]. It is nice, and makes no more pictures than a fifth of a core is good for.
 
 use super::hello::{Kind, hello};
+use super::live::Tap;
 use super::page::Page;
 use super::telemetry::Telemetry;
 use crate::failure::{Cause, Failure};
@@ -13,7 +14,7 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 use sutura_host::picture::{Offer, Painter, Scalar, SolvesOf};
 use sutura_host::scene::Scene;
-use sutura_host::session::{Plan, SceneSolver, Snapshot, ViewSummary};
+use sutura_host::session::{LinkSummary, Plan, SceneSolver, Snapshot, ViewSummary};
 use sutura_host::times::Times;
 use sutura_shared::wire::message::Report;
 use sutura_view::{Beginning, Shared};
@@ -40,6 +41,8 @@ const LONGEST_US: u64 = 10_000_000;
 pub struct Going {
     /// The console's newest report.
     pub report: Option<Report>,
+    /// The link so far; none in lockstep.
+    pub link: Option<LinkSummary>,
     /// Whether time stands still.
     pub paused: bool,
     /// Session time per wall time that is wanted; none in real time.
@@ -74,6 +77,7 @@ impl Show {
         plan: &Plan,
         solver: &SceneSolver,
         kind: &Kind<'_>,
+        live: Option<Tap>,
     ) -> Result<Show, Failure> {
         let shared = page.shared().clone();
         let painter = Painter::new(scene, shared.session() + 1);
@@ -88,7 +92,8 @@ impl Show {
             session: shared.session(),
             needles: scene.needles.len(),
             threads: scene.threads.len(),
-        });
+        })
+        .with(live);
         let offer = Offer::new(solver);
         let stop = Arc::new(AtomicBool::new(false));
         let going = Arc::new(Mutex::new(Going::default()));
@@ -146,7 +151,7 @@ impl Show {
     }
 
     /// The session is over; what there is to say of how it was shown.
-    pub fn end(self, place: String) -> ViewSummary {
+    pub fn end(self, place: Option<String>) -> Option<ViewSummary> {
         self.stop.store(true, Ordering::Relaxed);
         self.telemetry.event("ended", "the session is over", "");
         let figures = self.thread.join();
@@ -158,13 +163,13 @@ impl Show {
             let took = [0.5, 0.99].map(|part| figures.took_us.quantile(part) as f64);
             (figures.wanted, figures.made, took)
         });
-        ViewSummary::new(
-            place,
+        Some(ViewSummary::new(
+            place?,
             all.joined,
             [wanted, made, all.sent],
             took_us,
             offer_us,
-        )
+        ))
     }
 }
 
@@ -259,7 +264,9 @@ impl Showing {
 
     fn gauges(&self, wanted_hz: f64) {
         let going = self.going();
-        let mut said = self.telemetry.gauges(going.report.as_ref());
+        let mut said = self
+            .telemetry
+            .gauges(going.report.as_ref(), going.link.as_ref());
         let all = self.shared.figures();
         let own = json!({
             "paused": going.paused,

@@ -3,11 +3,12 @@
 //! Entry points: [`Telemetry::seen`] for the recorder, [`Telemetry::show`] and [`Telemetry::gauges`] for who shows.
 
 use super::gauges::Gauges;
+use super::live::Tap;
 use serde_json::{Map, Value, json};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use sutura_host::picture::{SolveRow, SolvesOf, TickRow, encode_solves, encode_ticks};
 use sutura_host::recording::{Passed, Seen, SolveSample};
-use sutura_host::session::fault_words;
+use sutura_host::session::{LinkSummary, fault_words};
 use sutura_shared::wire::faults;
 use sutura_shared::wire::message::{Mode, Report, State};
 use sutura_view::Shared;
@@ -16,7 +17,11 @@ use sutura_view::Shared;
 const MOST: usize = 20_000;
 
 /// What a session has to show.
-pub struct Telemetry(Mutex<Inner>);
+pub struct Telemetry {
+    inner: Mutex<Inner>,
+    /// Who is told of all that passes, besides.
+    live: Option<Tap>,
+}
 
 struct Inner {
     of: SolvesOf,
@@ -33,8 +38,8 @@ struct Inner {
 
 impl Telemetry {
     /// Of a session.
-    pub fn new(of: SolvesOf) -> Arc<Self> {
-        Arc::new(Self(Mutex::new(Inner {
+    pub fn new(of: SolvesOf) -> Self {
+        let inner = Inner {
             of,
             began_us: None,
             ticks: Vec::new(),
@@ -44,19 +49,38 @@ impl Telemetry {
             mode: None,
             faults: 0,
             punctures: 0,
-        })))
+        };
+        Self {
+            inner: Mutex::new(inner),
+            live: None,
+        }
+    }
+
+    /// Tells channels for other programs, too.
+    pub fn with(self, live: Option<Tap>) -> Arc<Self> {
+        Arc::new(Self { live, ..self })
     }
 
     fn lock(&self) -> MutexGuard<'_, Inner> {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+        self.inner.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     /// For a recorder, which tells of everything that passes.
     pub fn seen(self: &Arc<Self>) -> Seen {
         let own = self.clone();
         Box::new(move |passed| match passed {
-            Passed::State(state) => own.state(state.console_time_us(), state.body()),
-            Passed::Solve(sample) => own.solve(sample),
+            Passed::State(state) => {
+                own.state(state.console_time_us(), state.body());
+                if let Some(live) = &own.live {
+                    live.state(state.body());
+                }
+            }
+            Passed::Solve(sample) => {
+                own.solve(sample);
+                if let Some(live) = &own.live {
+                    live.solve(sample);
+                }
+            }
         })
     }
 
@@ -97,10 +121,14 @@ impl Telemetry {
     }
 
     /// Figures, see [`Gauges::said`].
-    pub fn gauges(&self, report: Option<&Report>) -> Map<String, Value> {
+    pub fn gauges(
+        &self,
+        report: Option<&Report>,
+        link: Option<&LinkSummary>,
+    ) -> Map<String, Value> {
         let mut inner = self.lock();
         let session = inner.of.session;
-        let mut said = inner.gauges.said(report);
+        let mut said = inner.gauges.said(report, link);
         said.insert("kind".to_owned(), json!("gauges"));
         said.insert("session".to_owned(), json!(session));
         said

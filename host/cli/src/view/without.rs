@@ -33,6 +33,14 @@ impl Viewed {
         Err(missing())
     }
 
+    /// Says why there is nothing of it.
+    ///
+    /// # Errors
+    /// Always.
+    pub fn inside(_: &PageArgs) -> Result<Viewed, Failure> {
+        Err(missing())
+    }
+
     /// Never.
     pub fn begin(
         &mut self,
@@ -56,7 +64,7 @@ impl Viewed {
     }
 
     /// Never.
-    pub fn kept(&self) -> &Path {
+    pub fn kept(&self) -> Option<&Path> {
         match *self {}
     }
 

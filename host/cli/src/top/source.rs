@@ -1,0 +1,233 @@
+//! Where figures come from and commands go: the server of a page, or this program itself.
+//!
+//! Entry points: [`Remote::open`], [`Inside`].
+
+use crate::failure::{Cause, Failure};
+use serde_json::{Value, json};
+use std::io;
+use std::net::{TcpStream, ToSocketAddrs as _};
+use std::sync::Arc;
+use std::time::Duration;
+use sutura_view::{Next, Shared};
+use tungstenite::client::IntoClientRequest as _;
+use tungstenite::http::HeaderValue;
+use tungstenite::{Error, WebSocket};
+
+/// How long is waited for something new before keys are looked at \[ms\].
+const WAIT: Duration = Duration::from_millis(20);
+/// How long a server may take to be reached, and to take a command.
+const WITHIN: Duration = Duration::from_secs(5);
+/// Messages that are taken at once.
+const AT_ONCE: usize = 64;
+
+/// A message.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Message {
+    /// JSON.
+    Text(Value),
+    /// Of the page's format.
+    Binary(Vec<u8>),
+}
+
+/// Who says how a session goes, and takes commands.
+pub trait Source {
+    /// What has come; waits a little for something.
+    fn receive(&mut self) -> Vec<Message>;
+
+    /// Says a command, and returns it with its number.
+    fn say(&mut self, command: Value) -> Value;
+
+    /// Why nothing comes any more, if so.
+    fn ended(&self) -> Option<String>;
+}
+
+/// A command with a number of its own.
+fn numbered(last: &mut u64, mut command: Value) -> Value {
+    *last += 1;
+    command["id"] = json!(*last);
+    command
+}
+
+/// No pictures: they are not shown.
+fn none() -> Value {
+    json!({"do": "picture_hz", "hz": 0})
+}
+
+/// The server of a page.
+pub struct Remote {
+    socket: WebSocket<TcpStream>,
+    address: String,
+    asked: u64,
+    ended: Option<String>,
+}
+
+impl Remote {
+    /// Opens the session at an address (name and port).
+    ///
+    /// # Errors
+    /// Nobody answers, or refuses.
+    pub fn open(address: &str, key: &str) -> Result<Remote, Failure> {
+        let unreachable = |why: &dyn std::fmt::Display| {
+            let message = format!("the session at {address} cannot be reached: {why}");
+            let help = "is it still running? over SSH, forward its port: `ssh -L 8421:127.0.0.1:8421 HOST`";
+            Failure::say(Cause::BadInput, message, help)
+        };
+        let mut places = address.to_socket_addrs().map_err(|why| unreachable(&why))?;
+        let mut stream = Err(io::Error::from(io::ErrorKind::NotFound));
+        while let (Err(_), Some(place)) = (&stream, places.next()) {
+            stream = TcpStream::connect_timeout(&place, WITHIN);
+        }
+        let stream = stream.map_err(|why| unreachable(&why))?;
+        let timeouts = |read| {
+            stream.set_nodelay(true)?;
+            stream.set_write_timeout(Some(WITHIN))?;
+            stream.set_read_timeout(Some(read))
+        };
+        timeouts(WITHIN).map_err(|why| unreachable(&why))?;
+        let mut request = format!("ws://{address}/ws")
+            .into_client_request()
+            .map_err(|why| unreachable(&why))?;
+        let given = HeaderValue::from_str(&format!("Bearer {key}"));
+        let given = given.map_err(|why| unreachable(&why))?;
+        request.headers_mut().insert("authorization", given);
+        let cloned = stream.try_clone().map_err(|why| unreachable(&why))?;
+        let opened = tungstenite::client(request, cloned);
+        let (socket, _) = opened.map_err(|error| match error {
+            tungstenite::HandshakeError::Failure(Error::Http(answer)) if answer.status() == 403 => {
+                let message = format!("the session at {address} has another key");
+                let help = "open the address that it has printed; every start has a new key";
+                Failure::say(Cause::BadInput, message, help)
+            }
+            other => unreachable(&other),
+        })?;
+        timeouts(WAIT).map_err(|why| unreachable(&why))?;
+        let mut new = Remote {
+            socket,
+            address: address.to_owned(),
+            asked: 0,
+            ended: None,
+        };
+        new.send(&json!({"key": key, "control": true, "format": 1}));
+        new.say(none());
+        Ok(new)
+    }
+
+    fn send(&mut self, value: &Value) {
+        let sent = self
+            .socket
+            .send(tungstenite::Message::text(value.to_string()));
+        if let Err(error) = sent {
+            self.end(&error);
+        }
+    }
+
+    fn end(&mut self, why: &Error) {
+        let words = match why {
+            Error::ConnectionClosed | Error::AlreadyClosed => "it has ended".to_owned(),
+            // A program that ends says no farewell.
+            Error::Protocol(_) | Error::Io(_) => {
+                "it has ended, or cannot be reached any more".to_owned()
+            }
+            other => other.to_string(),
+        };
+        let words = format!("the session at {}: {words}", self.address);
+        self.ended.get_or_insert(words);
+    }
+}
+
+impl Source for Remote {
+    fn receive(&mut self) -> Vec<Message> {
+        let mut all = Vec::new();
+        while all.len() < AT_ONCE && self.ended.is_none() {
+            match self.socket.read() {
+                Ok(tungstenite::Message::Text(text)) => {
+                    all.extend(serde_json::from_str(&text).ok().map(Message::Text));
+                }
+                Ok(tungstenite::Message::Binary(bytes)) => {
+                    all.push(Message::Binary(bytes.to_vec()));
+                }
+                Ok(tungstenite::Message::Close(why)) => {
+                    let reason = why.filter(|why| !why.reason.is_empty());
+                    let words =
+                        reason.map_or("it has ended".to_owned(), |why| why.reason.to_string());
+                    self.ended = Some(format!("the session at {}: {words}", self.address));
+                }
+                Ok(_) => {}
+                Err(Error::Io(error))
+                    if matches!(
+                        error.kind(),
+                        io::ErrorKind::WouldBlock
+                            | io::ErrorKind::TimedOut
+                            | io::ErrorKind::Interrupted
+                    ) =>
+                {
+                    break;
+                }
+                Err(error) => self.end(&error),
+            }
+        }
+        all
+    }
+
+    fn say(&mut self, command: Value) -> Value {
+        let command = numbered(&mut self.asked, command);
+        self.send(&command);
+        command
+    }
+
+    fn ended(&self) -> Option<String> {
+        self.ended.clone()
+    }
+}
+
+/// A session of this program.
+pub struct Inside {
+    shared: Arc<Shared>,
+    own: u64,
+    asked: u64,
+}
+
+impl Inside {
+    /// Is shown what this session shows.
+    pub fn new(shared: Arc<Shared>) -> Self {
+        Self {
+            own: shared.join_own(true),
+            shared,
+            asked: 0,
+        }
+    }
+}
+
+impl Drop for Inside {
+    fn drop(&mut self) {
+        self.shared.leave(self.own);
+    }
+}
+
+impl Source for Inside {
+    fn receive(&mut self) -> Vec<Message> {
+        let next = || self.shared.next_for(self.own);
+        let message = |next| match next {
+            Next::Text(text) => serde_json::from_str(&text).ok().map(Message::Text),
+            Next::Binary(bytes) | Next::AfterGap(bytes) => Some(Message::Binary(bytes.to_vec())),
+        };
+        let all: Vec<Message> = std::iter::from_fn(next)
+            .take(AT_ONCE)
+            .filter_map(message)
+            .collect();
+        if all.is_empty() {
+            std::thread::sleep(WAIT);
+        }
+        all
+    }
+
+    fn say(&mut self, command: Value) -> Value {
+        let command = numbered(&mut self.asked, command);
+        self.shared.hear(self.own, &command.to_string());
+        command
+    }
+
+    fn ended(&self) -> Option<String> {
+        None
+    }
+}
