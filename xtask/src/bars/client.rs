@@ -2,6 +2,7 @@
 
 use anyhow::{Context, Result, bail};
 use serde_json::{Value, json};
+use std::io::ErrorKind;
 use std::net::TcpStream;
 use std::time::{Duration, Instant};
 use tungstenite::client::IntoClientRequest as _;
@@ -57,7 +58,14 @@ impl Client {
 
     /// The next message.
     pub fn read(&mut self) -> Result<Said> {
-        match self.socket.read()? {
+        let message = loop {
+            match self.socket.read() {
+                // Stopped and going on.
+                Err(tungstenite::Error::Io(error)) if error.kind() == ErrorKind::Interrupted => {}
+                message => break message?,
+            }
+        };
+        match message {
             Message::Text(text) => Ok(Said::Text(serde_json::from_str(&text)?)),
             Message::Binary(bytes) => match bytes.first() {
                 Some(2) => {
