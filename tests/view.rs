@@ -1,6 +1,7 @@
 //! `sutura view` and `sutura run --view`, asked by a client as the page is one.
 #![allow(clippy::unwrap_used, reason = "tests")]
 
+use crate::full::full;
 use crate::support::{root, sutura};
 use serde_json::{Value, json};
 use std::io::{BufRead as _, BufReader, Read as _};
@@ -388,4 +389,62 @@ fn what_is_refused_has_no_address() {
         assert_eq!(ran.code, 2, "{file}: {}", ran.stderr);
         assert!(!ran.stderr.contains("see it"), "{file}: {}", ran.stderr);
     }
+}
+
+/// With eight clients, of whom seven only watch, each one's safe stop is answered, also while another scene is made: before that
+/// is ready, and the console rests in the session that it was meant for.
+#[test]
+fn a_safe_stop_goes_before_a_scene_that_is_made() {
+    let running = Running::start(&["view", "scenes/palpation.toml", "--view-port", "0"]);
+    let mut first = running.client();
+    assert_eq!(first.hello()["role"], "control");
+    let mut others: Vec<Client> = (0..7).map(|_| running.client()).collect();
+    first.event("armed");
+    for other in &mut others {
+        assert_eq!(other.hello()["role"], "watch");
+        other.does(json!({"do": "safe_stop"}));
+    }
+    first.does(json!({"do": "arm"}));
+    first.say(&json!({"id": 1000, "do": "scene", "name": "anastomosis-20"}));
+    first.say(&json!({"id": 1001, "do": "safe_stop"}));
+    let answer = first.text(|value| value["re"] == 1000 || value["re"] == 1001);
+    assert_eq!((&answer["re"], &answer["ok"]), (&json!(1001), &json!(true)));
+    assert_eq!(first.event("disarmed")["session"], 1);
+    first.text(|value| value["re"] == 1000 && value["ok"] == true);
+    assert_eq!(first.hello()["scene"], "Two tubes, 20 punctures");
+    assert_eq!(running.stop().0, 0);
+}
+
+/// Resident memory \[MB\].
+#[cfg(target_os = "linux")]
+fn memory_mb(pid: u32) -> f64 {
+    let status = std::fs::read_to_string(format!("/proc/{pid}/status")).unwrap();
+    let line = status.lines().find_map(|line| line.strip_prefix("VmRSS:"));
+    let kb = line.unwrap().trim().strip_suffix("kB").unwrap();
+    kb.trim().parse::<f64>().unwrap() / 1000.0
+}
+
+/// A client that stands still costs the host nothing, and is shown the present when it goes on: after the pictures that were
+/// underway, one that is not older than what others had then. The session's own time is what counts.
+#[cfg(target_os = "linux")]
+#[test]
+fn a_client_that_stands_still_goes_on_in_the_present() {
+    let stands_s = if full() { 60.0 } else { 4.0 };
+    let running = Running::start(&["view", "scenes/palpation.toml", "--view-port", "0"]);
+    let mut deaf = running.client();
+    let mut other = running.client();
+    deaf.binary(2);
+    let began_s = f64_at(&other.binary(2), 8);
+    let before_mb = memory_mb(running.child.id());
+    let mut now_s = began_s;
+    while now_s < began_s + stands_s {
+        now_s = f64_at(&other.binary(2), 8);
+    }
+    let more_mb = memory_mb(running.child.id()) - before_mb;
+    assert!(more_mb <= 8.0, "{more_mb} MB more");
+    // Two were underway, and the newest of before may be sent as the first of them is acknowledged.
+    let pictures = [0; 4].map(|_| f64_at(&deaf.binary(2), 8));
+    assert!(pictures[0] < began_s + 1.0, "{pictures:?} s");
+    assert!(pictures[3] >= now_s - 0.2, "{pictures:?} s at {now_s} s");
+    assert_eq!(running.stop().0, 0);
 }

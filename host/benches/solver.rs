@@ -16,8 +16,10 @@ use sutura_host::fem::LinearTissue;
 use sutura_host::mesh::{self, HalfFaces};
 use sutura_host::model::Model;
 use sutura_host::needle::{Curve, Geometry, Hierarchy, History, Slack, SlideReport, slide};
+use sutura_host::picture::{Offer, Offering};
 use sutura_host::rows::{self, Method, Outcome, Problem, Row, RowKind};
-use sutura_host::scene::{Document, Scene};
+use sutura_host::scene::{self, Document, Scene};
+use sutura_host::session::SceneSolver;
 use sutura_host::step::{State, StepOptions, StepReport, Workspace, step};
 use sutura_host::tool::ToolSample;
 
@@ -242,6 +244,45 @@ fn needle_outside_20(driven: Driven) -> (Driven, SlideReport) {
     black_box(driven.slid(0.0002))
 }
 
+/// Boxed, so that it is not copied to and fro.
+type Shown = Box<(SceneSolver, Offering)>;
+
+/// Two tubes with needle and thread, and where their states go; if they are watched, one has gone there already.
+fn shown(watched: bool) -> Shown {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../scenes/anastomosis-20.toml");
+    let scene = scene::read(&Document::read(&path).expect("there")).expect("the scene is good");
+    let mut solver = SceneSolver::new(&scene).expect("the tubes are held");
+    let grip = ToolSample {
+        position_m: [0.03, 0.0, 0.03],
+        ..pressed(0.0)
+    };
+    solver.step(grip);
+    let offer = Offer::new(&solver);
+    let mut offering = Offering::new(offer.clone(), &solver);
+    if watched {
+        offer.want(1);
+        offering.solved(&solver, 1);
+    }
+    Box::new((solver, offering))
+}
+
+// What the solver's thread does for those who watch, after a step.
+#[library_benchmark]
+#[bench::tubes(setup = shown, args = (true))]
+fn offer(mut shown: Shown) -> Shown {
+    let (solver, offering) = &mut *shown;
+    offering.solved(black_box(solver), black_box(1000));
+    shown
+}
+
+#[library_benchmark]
+#[bench::tubes(setup = shown, args = (false))]
+fn offer_unwatched(mut shown: Shown) -> Shown {
+    let (solver, offering) = &mut *shown;
+    offering.solved(black_box(solver), black_box(1000));
+    shown
+}
+
 library_benchmark_group!(
     name = solver,
     benchmarks = [
@@ -254,7 +295,9 @@ library_benchmark_group!(
         needle_enters,
         needle_enters_20,
         needle_outside,
-        needle_outside_20
+        needle_outside_20,
+        offer,
+        offer_unwatched
     ]
 );
 main!(

@@ -10,6 +10,7 @@ mod clock;
 pub mod collide;
 mod columns;
 mod contact;
+pub mod core_time;
 mod dense;
 pub mod fem;
 mod hash;

@@ -11,15 +11,16 @@ const HERE = fileURLToPath(new URL('.', import.meta.url));
 const BROWSERS = ['/usr/bin/chromium', '/usr/bin/chromium-browser', '/usr/bin/google-chrome', '/usr/bin/google-chrome-stable'];
 const HELP = `Tests the page of \`sutura view\` in a headless browser.
 
-  node tests/browser/run.mjs --sutura PATH_TO_BINARY --out DIR [--only WORD] [--checkout] [--book]
+  node tests/browser/run.mjs --sutura PATH_TO_BINARY --out DIR [--only WORD] [--checkout] [--minutes M] [--book]
 
 Without --sutura the program's own tests are left out, and that is said. Pictures of all tests are kept in DIR.
 --checkout takes the page's files from here instead of the binary: for working on the page without building.
+--minutes M watches memory for so long in place of one minute.
 --book draws the program's pictures as a graphics card does, and copies those that the book shows into docs/src/view.
 SUTURA_CHROMIUM names the browser, if it is not in /usr/bin.`;
 
 const { values } = parseArgs({
-  options: { sutura: { type: 'string' }, out: { type: 'string', default: 'out/browser' }, only: { type: 'string' }, checkout: { type: 'boolean' }, book: { type: 'boolean' }, help: { type: 'boolean' } },
+  options: { sutura: { type: 'string' }, out: { type: 'string', default: 'out/browser' }, only: { type: 'string' }, checkout: { type: 'boolean' }, minutes: { type: 'string', default: '1' }, book: { type: 'boolean' }, help: { type: 'boolean' } },
 });
 if (values.help) {
   console.log(HELP);
@@ -43,6 +44,7 @@ if (found.length > 0) {
 }
 mkdirSync(values.out, { recursive: true });
 
+const began = Date.now();
 const counts = { passed: 0, failed: 0 };
 
 /** @param {string} name @param {() => Promise<unknown> | unknown} run */
@@ -63,8 +65,11 @@ async function one(name, run) {
 function copyForBook() {
   const folder = path.join(HERE, '../../docs/src/view');
   mkdirSync(folder, { recursive: true });
-  for (const name of ['palpation', 'stress', 'anastomosis', 'replay']) {
+  const sewn = Array.from({ length: 8 }, (_, i) => `anastomosis-${i + 1}`);
+  for (const name of ['palpation', 'stress', 'anastomosis', 'replay', ...sewn]) {
     const from = path.join(values.out, `program-${name}.png`);
+    // With --only there are others of earlier runs.
+    if (!existsSync(from) || statSync(from).mtimeMs < began) continue;
     const { size } = statSync(from);
     if (size > 150_000) throw new Error(`${from} has ${size} bytes`);
     copyFileSync(from, path.join(folder, `${name}.png`));
@@ -88,7 +93,7 @@ else console.log('left out: tests of the program (no --sutura)');
 const browser = new Browser({ executable, out: values.out, checkout: values.checkout });
 await browser.launch();
 for (const tests of suites) {
-  for (const [name, run] of tests) await one(name, () => run({ browser, out: values.out, sutura: values.sutura, executable, book: values.book === true }));
+  for (const [name, run] of tests) await one(name, () => run({ browser, out: values.out, sutura: values.sutura, executable, book: values.book === true, minutes: Number(values.minutes) }));
 }
 await browser.close();
 if (values.book) copyForBook();

@@ -122,6 +122,7 @@ npm is needed. For another version change version and integrity, which `npm view
   cargo xtask bars                                     all scenes, five runs each: idle, busy without and with rights
   cargo xtask bars --idle --runs 1                     a first look
   cargo xtask bars --busy --scene palpation            one scene beside busy loops
+  cargo xtask bars --page                              what a page costs the solver, and how fast it stops the console
   cargo xtask bars --format json > bars.json           all figures of all runs
 
 Builds the release first. An idle machine is needed, and root for both kinds of rights: without real-time rights a session
@@ -131,6 +132,9 @@ Runs during which a thread that only sleeps 1 ms was late by over 5 ms are marke
 that a summary lacks misses its bar. Not measured here: how far looks ahead reach beside lockstep's, a solver that stalls, and
 a cable that is pulled.")]
     Bars(bars::Arguments),
+    /// A client of a page that prints the time of what it is shown; `bars` stops it.
+    #[command(hide = true)]
+    WatchPage { url: String },
     /// Runs everything that the project checks, goes on after a failure, and lists all that failed at the end.
     #[command(after_help = "Examples:
   cargo xtask test                    all checks; property tests draw the same cases every time
@@ -178,6 +182,7 @@ fn main() -> ExitCode {
         Command::Vendor { check } => vendor::gated(check),
         Command::Fuzz { arguments } => fuzz::run(&arguments),
         Command::Bars(arguments) => bars::all(&arguments),
+        Command::WatchPage { url } => bars::client::follow(&url),
         Command::Test { full, seed } => test::all(test::Cases::new(full, seed)),
     };
     match result {

@@ -1,6 +1,6 @@
 //! How a solver's state gets to whoever draws it, without the solver ever waiting.
 //!
-//! Entry points: [`Offer`], [`Showing`]. Three snapshots change hands: the solver writes its own, and puts it where the one
+//! Entry points: [`Offer`], [`Showing`], [`Offering`]. Three snapshots change hands: the solver writes its own, and puts it where the one
 //! who draws finds it, if that is free at the moment; else the next one will do.
 
 use crate::recording::TappedSolver;
@@ -76,7 +76,7 @@ impl Offer {
 
 /// The solver's side of an [`Offer`].
 #[derive(Debug)]
-pub(crate) struct Offering {
+pub struct Offering {
     offer: Arc<Offer>,
     own: Box<Snapshot>,
     due_us: u64,
@@ -84,6 +84,7 @@ pub(crate) struct Offering {
 }
 
 impl Offering {
+    /// To an offer, of this solver's states.
     pub fn new(offer: Arc<Offer>, solver: &SceneSolver) -> Self {
         Self {
             offer,

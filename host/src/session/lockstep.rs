@@ -8,6 +8,7 @@ use super::setup::{Arming, ArmingWatch};
 use super::{
     LinkSummary, Plan, Progress, SessionError, Solve, Statistics, Summary, Throughput, Underway,
 };
+use crate::core_time::core_time;
 use crate::link::{Felt, LinkCounters, LinkError, LockstepConsole, Order, append};
 use std::ops::ControlFlow;
 use std::time::Instant;
@@ -261,7 +262,9 @@ pub fn run_steered(
         // One that disarmed itself, because contacts stayed away for so long, feels nothing until the end.
         if (starts || first) && state.body().mode != Mode::Idle {
             let before = Instant::now();
+            let core = core_time();
             let solved = solver.solve(&state);
+            tally.core(core_time().saturating_sub(core));
             let solve_time = before.elapsed();
             tally.step(&solved, solve_time);
             solves += 1;

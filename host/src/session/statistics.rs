@@ -9,7 +9,7 @@ use super::Solved;
 use super::heard::Fate;
 use super::horizon::Horizon;
 use super::overload::GivenUp;
-use super::summary::{Age, Energy, Force, Frames, Latency, StepTime, Summary};
+use super::summary::{Age, Energy, Force, Frames, Latency, Percentiles, StepTime, Summary};
 use crate::link::{LinkCounters, SentContact};
 use crate::times::Times;
 use std::collections::{BTreeMap, VecDeque};
@@ -38,6 +38,8 @@ pub struct Statistics {
     late: u64,
     /// All that the solver's thread does for a solve \[ns\].
     sessions_ns: Times,
+    /// What the solver's thread had of a core in a solve, in lockstep \[ns\].
+    cores_ns: Times,
     all_ns: u64,
     sent_ns: u64,
     /// Second of the session that is under way; the largest mean of one so far \[ns\].
@@ -146,6 +148,7 @@ impl Statistics {
             horizon: Horizon::new(host_hz),
             late: 0,
             sessions_ns: Times::new(100_000_000_000),
+            cores_ns: Times::new(100_000_000_000),
             all_ns: 0,
             second: Second::default(),
             worst_second_ns: 0.0,
@@ -234,6 +237,12 @@ impl Statistics {
             }
             Fate::Lost => {}
         }
+    }
+
+    /// The solver's thread had so much of a core in a solve.
+    pub fn core(&mut self, time: Duration) {
+        let ns = u64::try_from(time.as_nanos()).unwrap_or(u64::MAX);
+        self.cores_ns.record(ns);
     }
 
     /// Takes note of all that a solve took, sending included.
@@ -425,6 +434,10 @@ impl Statistics {
                 max: self.horizon.given_us().max() as f64 / 1e3,
             },
             worst_second_us: self.worst_second_ns() / 1e3,
+            core_us: (self.cores_ns.count() > 0).then(|| Percentiles {
+                p50: us(&self.cores_ns, 0.5, 1e3),
+                p99: us(&self.cores_ns, 0.99, 1e3),
+            }),
             session_us: StepTime {
                 p50: us(&self.sessions_ns, 0.5, 1e3),
                 p99: us(&self.sessions_ns, 0.99, 1e3),

@@ -173,6 +173,9 @@ pub struct Summary {
     pub age_ms: Age,
     /// Horizon of the contacts that were sent \[ms\].
     pub horizon_ms: Age,
+    /// What the solver's thread had of a core in a solve, which does not depend on what else runs \[us\]; in lockstep.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub core_us: Option<Percentiles>,
     /// All that the solver's thread did for a solve, on the wall \[us\].
     pub session_us: StepTime,
     /// Largest mean of `session_us` in a second of the session \[us\].

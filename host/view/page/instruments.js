@@ -19,6 +19,9 @@ const THINNEST = 1.6;
 /** Arrows are at most this long, over the scene's radius. */
 const LONGEST = 0.45;
 const MOST_ARROWS = 1024;
+/** Order of what is drawn last. */
+const DASHES = 3;
+const AFTER_DASHES = 4;
 
 export class Instruments {
   /** @param {import('./stage.js').Stage} stage */
@@ -150,6 +153,9 @@ export class Instruments {
     mesh.position.fromArray(needle.position);
     mesh.quaternion.fromArray(needle.orientation);
     mesh.visible = true;
+    // In x-ray it is drawn after its dashes: these are then only where it lies behind the tissue, not behind itself.
+    /** @type {THREE.Material} */ (mesh.material).transparent = this.xray;
+    mesh.renderOrder = this.xray ? AFTER_DASHES : 0;
     hidden.line.position.copy(mesh.position);
     hidden.line.quaternion.copy(mesh.quaternion);
     hidden.line.visible = this.xray;
@@ -230,6 +236,7 @@ export class Instruments {
   }
 }
 
+
 /** A line of known radius; or, dashed, what of it lies behind something. */
 class Thread {
   /** @param {THREE.Group} group @param {number} radius [m] @param {number} colour @param {boolean} hidden */
@@ -246,7 +253,7 @@ class Thread {
     this.line = new Line2(new LineGeometry(), this.material);
     this.line.frustumCulled = false;
     this.line.visible = false;
-    this.line.renderOrder = hidden ? 3 : 0;
+    this.line.renderOrder = hidden ? DASHES : 0;
     this.capacity = 0;
     group.add(this.line);
   }

@@ -13,6 +13,7 @@ use axum::http::{HeaderMap, Method, StatusCode, header};
 use axum::middleware::{Next, from_fn_with_state};
 use axum::response::{IntoResponse as _, Response};
 use axum::routing::any;
+use axum::serve::ListenerExt as _;
 use std::io;
 use std::net::{IpAddr, Ipv4Addr, SocketAddr, TcpListener};
 use std::path::PathBuf;
@@ -144,6 +145,12 @@ impl Server {
         let thread = thread.spawn(move || {
             let served = runtime.block_on(async {
                 let listener = tokio::net::TcpListener::from_std(listener)?;
+                // An answer does not wait until the client has said that it has what came before.
+                let listener = listener.tap_io(|stream| {
+                    if let Err(error) = stream.set_nodelay(true) {
+                        tracing::debug!("answers may wait for each other: {error}");
+                    }
+                });
                 let router = router(served).into_make_service_with_connect_info::<SocketAddr>();
                 tokio::select! {
                     ended = axum::serve(listener, router) => ended,

@@ -1,15 +1,22 @@
 // The page of the program itself: `sutura view` of shipped scenes and of a recording.
 
 import { spawn, spawnSync } from 'node:child_process';
-import { mkdtemp, rm } from 'node:fs/promises';
+import { readFileSync } from 'node:fs';
+import { mkdtemp, readFile, rm, writeFile } from 'node:fs/promises';
 import os from 'node:os';
 import path from 'node:path';
 import { fileURLToPath } from 'node:url';
+import { messages, series, vtu } from '../files.mjs';
 import { alone, check, near, until, variety } from '../harness.mjs';
 
 const ROOT = fileURLToPath(new URL('../../../', import.meta.url));
 /** For a scene to be built and its page to be served [ms]. */
 const STARTS_MS = 60_000;
+
+/** The page sends targets of the probe as often [ms]. */
+const SENT_EVERY_MS = 16;
+/** States of which colours are compared, for each of two values. */
+const STATES = 5;
 
 /** Runs `sutura view`, and gives its address. */
 async function view(sutura, words) {
@@ -28,6 +35,7 @@ async function view(sutura, words) {
   });
   return {
     url,
+    pid: child.pid,
     /** As Ctrl-C does; how it ended. */
     end: () => new Promise((resolve) => {
       child.removeAllListeners('exit');
@@ -49,6 +57,23 @@ function withProgram(words, run) {
       await program.end();
     }
   };
+}
+
+/** Runs the program to its end. */
+function runs(sutura, words) {
+  const ran = spawnSync(path.resolve(sutura), words, { cwd: ROOT, encoding: 'utf8' });
+  check(ran.status === 0, `sutura ${words.join(' ')} ends with ${ran.status}: ${ran.stderr}`);
+  return ran.stdout;
+}
+
+/** In a folder that is removed afterwards. */
+async function withFolder(run) {
+  const folder = await mkdtemp(path.join(os.tmpdir(), 'sutura-'));
+  try {
+    return await run(folder);
+  } finally {
+    await rm(folder, { recursive: true });
+  }
 }
 
 /** For the book: the session stands still, and is drawn as a graphics card does. */
@@ -82,6 +107,9 @@ export const tests = [
     const { plotted, newest, status } = await page.evaluate(() => ({ plotted: window.sutura.plots.newest, newest: window.sutura.telemetry.ticks.newest, status: window.sutura.hello.statuses[window.sutura.picture.status.word] }));
     near(plotted, newest, 0.5, 'newest time that is plotted [s]');
     check(status === 'ok', `the solver says ${status}`);
+    const { rest, sums } = await page.evaluate(stagesAndRest);
+    check(rest > -0.1, `stages take ${-rest} us more than their step`);
+    check(sums.length > 100 && Math.max(...sums.map((sum) => Math.abs(sum - 1))) < 1e-4, `stages and rest are ${Math.max(...sums)} of the step`);
     const { colours, background } = await variety(page);
     check(colours > 8 && background < 0.9, `a uniform picture: ${colours} colours`);
     await alone(page);
@@ -111,36 +139,12 @@ export const tests = [
     check(worst[0] < 0.001 && worst[1], `values and displacements differ by ${worst[0]} of the range`);
   })],
 
-  ['program: drag', withProgram(['scenes/palpation.toml'], async ({ page, shot }) => {
-    await until(page, () => window.sutura.grip() !== null && document.getElementById('mode').textContent === 'armed');
-    // Let go, the hand goes back to where it was taken: in the air, where the scene's hand begins. Slowly, so that it is
-    // still there when it is told to stay.
-    const ask = (command) => page.evaluate((command) => window.sutura.ask(command), command);
-    await ask({ do: 'speed', factor: 0.2 });
-    await ask({ do: 'hand', way: 'scene' });
-    await until(page, () => window.sutura.newest.status.grip[2] > 0.0295);
-    await ask({ do: 'hand', way: 'none' });
-    await ask({ do: 'speed', factor: 1 });
-    await page.waitForTimeout(500);
-    check((await force(page)) < 0.01, `in the air: ${await force(page)} N`);
-    const place = await page.evaluate(() => {
-      const { stage, picture } = window.sutura;
-      const at = stage.centre.clone().fromArray(picture.tools.find((tool) => tool.driven).position).project(stage.camera);
-      const box = stage.element.getBoundingClientRect();
-      return { x: box.left + (box.width * (at.x + 1)) / 2, y: box.top + (box.height * (1 - at.y)) / 2, metre: stage.pixelsPerMetre };
-    });
-    await page.mouse.move(place.x, place.y);
-    await page.mouse.down();
-    await page.mouse.move(place.x, place.y + 0.028 * place.metre, { steps: 12 });
-    await until(page, () => window.sutura.telemetry.ticks.value('force_n', 1e9) > 0.3);
-    await page.waitForTimeout(1500);
-    const pressed = await force(page);
-    await shot('program-drag');
-    await page.mouse.up();
-    await until(page, () => window.sutura.telemetry.ticks.value('force_n', 1e9) < 0.05);
-    await page.waitForTimeout(1000);
-    check((await force(page)) < 0.05, `let go: ${await force(page)} N`);
-    return `pressed ${pressed.toFixed(2)} N, let go ${(await force(page)).toFixed(3)} N`;
+  ['program: drag', async (context) => withFolder(async (folder) => {
+    const file = path.join(folder, 'session.mcap');
+    const said = await withProgram(['scenes/palpation.toml', '--record', file], dragged)({ ...context, folder });
+    const { verified_steps: steps, identical } = JSON.parse(runs(context.sutura, ['replay', file, '--verify', '--format', 'json'])).host;
+    check(identical && steps > 500, `of the session's recording ${steps} solves are verified, identical: ${identical}`);
+    return `${said}; ${steps} solves of the recording are identical`;
   })],
 
   ['program: safe stop and arm', withProgram(['scenes/palpation.toml'], async ({ page }) => {
@@ -172,11 +176,10 @@ export const tests = [
     await posed({ page, book, shot }, 'anastomosis');
   })],
 
-  ['program: recording', async ({ sutura, browser, book }) => {
-    const folder = await mkdtemp(path.join(os.tmpdir(), 'sutura-'));
-    const file = path.join(folder, 'palpation.mcap');
-    const ran = spawnSync(path.resolve(sutura), ['run', 'scenes/palpation.toml', '--lockstep', '--record', file], { cwd: ROOT, encoding: 'utf8' });
-    check(ran.status === 0, `sutura run: ${ran.stderr}`);
+  ['program: recording', async ({ sutura, browser, book }) => withFolder(async (folder) => {
+    const shown = path.join(folder, 'series');
+    runs(sutura, ['run', 'scenes/palpation.toml', '--lockstep', '--series', shown]);
+    const file = path.join(shown, 'session.mcap');
     const program = await view(sutura, [file]);
     let opened;
     try {
@@ -184,19 +187,314 @@ export const tests = [
       const { page, shot } = opened;
       await until(page, () => document.querySelector('.badge').dataset.badge === 'identical');
       await until(page, () => window.sutura.telemetry.ticks.length > 4000);
-      for (const time of [2.2, 0.9, 3.6, 1.6]) {
-        await page.evaluate((time) => window.sutura.player.to(time), time);
-        await until(page, (time) => Math.abs(window.sutura.picture.time - time) <= 1 / 30 + 0.005, time);
-        await until(page, (time) => Math.abs(Number.parseFloat(document.querySelector('[data-metric=force] dd').textContent) - window.sutura.telemetry.ticks.value('force_n', time)) < 0.0051, time);
-      }
+      const worst = await scrubbed(page, await messages(file, '/tool'));
+      const colours = await coloured(page, shown);
+      await page.evaluate(() => window.sutura.setScalar(null));
       await page.evaluate(() => window.sutura.player.to(2.2));
       await page.waitForTimeout(800);
       await posed({ page, book, shot }, 'replay', false);
-      return await page.locator('.badge').getAttribute('title');
+      return `${await page.locator('.badge').getAttribute('title')}; 100 places, forces differ by ${worst.toExponential(1)} N at most; ${colours}`;
     } finally {
       await opened?.close();
       await program.end();
-      await rm(folder, { recursive: true });
+    }
+  })],
+
+  ['program: memory is level', async ({ sutura, browser, minutes }) => {
+    const program = await view(sutura, ['scenes/palpation.toml']);
+    let opened;
+    try {
+      opened = await browser.open(program.url, { viewport: { width: 900, height: 644 } });
+      const { page } = opened;
+      const client = await page.context().newCDPSession(page);
+      await client.send('Performance.enable');
+      // Pictures to look back to fill up for 30 s, and what newcomers are told for 60 s; these are no leak.
+      await page.evaluate(() => (window.sutura.past.add = () => {}));
+      const used = async () => {
+        await client.send('HeapProfiler.collectGarbage');
+        const { metrics } = await client.send('Performance.getMetrics');
+        const host_mb = Number(/VmRSS:\s+(\d+)/.exec(readFileSync(`/proc/${program.pid}/status`, 'utf8'))?.[1]) / 1000;
+        const heap_mb = metrics.find((one) => one.name === 'JSHeapUsedSize').value / 1e6;
+        return { host_mb, heap_mb, ...(await page.evaluate(() => ({ ...window.sutura.stage.renderer.info.memory }))) };
+      };
+      await page.waitForTimeout(minutes > 1 ? 70_000 : 10_000);
+      // The scene's hand runs all the time.
+      const again = setInterval(() => page.evaluate(() => window.sutura.ask({ do: 'hand', way: 'scene' })).catch(() => {}), 7000);
+      const before = await used();
+      await page.waitForTimeout(60_000 * minutes - (minutes > 1 ? 0 : 10_000));
+      clearInterval(again);
+      const after = await used();
+      const [host, heap] = [after.host_mb - before.host_mb, after.heap_mb - before.heap_mb];
+      check(heap < 4, `the page's heap grew by ${heap} MB`);
+      // In the first minute what it keeps of the last one fills up.
+      check(host < (minutes > 1 ? 8 : 40), `the host grew by ${host} MB`);
+      check(after.geometries === before.geometries && after.textures === before.textures, JSON.stringify({ before, after }));
+      return `${minutes} min: host ${before.host_mb.toFixed(0)} MB and ${host.toFixed(1)} MB more, heap ${before.heap_mb.toFixed(1)} MB and ${heap.toFixed(2)} MB more`;
+    } finally {
+      await opened?.close();
+      await program.end();
+    }
+  }],
+
+  ['program: anastomosis-50', async ({ sutura, browser, book, out }) => {
+    if (!book) return 'only for the book';
+    const program = await view(sutura, ['scenes/anastomosis-50.toml']);
+    let opened;
+    try {
+      opened = await browser.open(program.url, { viewport: { width: 860, height: 744 } });
+      const { page } = opened;
+      const ask = (command) => page.evaluate((command) => window.sutura.ask(command), command);
+      // From the start, which was over before the page was there.
+      await page.evaluate(() => {
+        const { sutura } = window;
+        const { session } = sutura;
+        sutura.link.addEventListener('hello', () => sutura.session !== session && !window.begun && (window.begun = sutura.ask({ do: 'pause' })));
+      });
+      await ask({ do: 'reset' });
+      await until(page, () => window.begun);
+      await ask({ do: 'speed', factor: 4 });
+      await until(page, () => window.sutura.picture);
+      await page.evaluate(() => {
+        const { sutura } = window;
+        sutura.stage.adapt = () => {};
+        sutura.stage.choose('full', 'as with a graphics card');
+        sutura.setLook('contacts', false);
+        sutura.setLook('wrench', false);
+        sutura.stage.pose = [0.026, -0.0445, 0.022, 0, 0, -0.001, 32];
+        document.getElementById('views').hidden = true;
+      });
+      const said = [];
+      for (const [i, time] of [0.3, 0.9, 2, 5, 9, 15.2, 18.2, 19.3].entries()) {
+        const ticks = Math.round(1000 * (time - (await page.evaluate(() => window.sutura.telemetry.ticks.newest))));
+        if (ticks > 0) await ask({ do: 'step', ticks });
+        await page.waitForFunction((time) => window.sutura.newest.time >= time - 0.006, time, { timeout: 120_000 });
+        await page.evaluate((through) => {
+          window.sutura.setLook('xray', through);
+          document.getElementById('toasts').replaceChildren();
+        }, i > 1 && i < 6);
+        await page.waitForTimeout(1500);
+        await page.locator('#view').screenshot({ path: path.join(out, `program-anastomosis-${i + 1}.png`) });
+        said.push(await page.evaluate(() => `${window.sutura.picture.time.toFixed(2)} s ${window.sutura.picture.needles[0].punctures} punctures`));
+      }
+      const span = await page.evaluate(() => window.sutura.picture.status.span);
+      check(span < 0.1, `the longest span is still ${span} of what it was`);
+      return `${said.join(', ')}; longest span at the end ${span.toFixed(3)}`;
+    } finally {
+      await opened?.close();
+      await program.end();
     }
   }],
 ];
+
+/** Least rest of all steps [us], and stages and rest over the step. In the page. */
+function stagesAndRest() {
+  const { solves, stageColumns } = window.sutura.telemetry;
+  const { columns } = solves;
+  const sums = [];
+  let rest = Infinity;
+  for (let i = 0; i < solves.length; i += 1) {
+    const at = solves.at(i);
+    rest = Math.min(rest, columns.rest_us[at]);
+    sums.push(stageColumns.reduce((sum, name) => sum + columns[name][at], columns.rest_us[at]) / columns.step_us[at]);
+  }
+  return { rest, sums };
+}
+
+/** Waits for so much of the session's time [s], however long that takes. */
+async function passes(page, seconds) {
+  const then = seconds + (await page.evaluate(() => window.sutura.telemetry.ticks.newest));
+  await until(page, (then) => window.sutura.telemetry.ticks.newest >= then && window.sutura.newest.time >= then - 0.1, then);
+}
+
+/** Moves the probe in the air, presses it in, and lets it go. */
+async function dragged({ page, shot, sutura, folder }) {
+  const ask = (command) => page.evaluate((command) => window.sutura.ask(command), command);
+  // Let go, the hand goes back to where it was taken: in the air, where the scene's hand begins. Slowly, so that it is still
+  // there when it is told to stay.
+  await until(page, () => window.sutura.grip() !== null && document.getElementById('mode').textContent === 'armed');
+  await ask({ do: 'speed', factor: 0.2 });
+  await ask({ do: 'hand', way: 'scene' });
+  await until(page, () => window.sutura.newest.status.grip[2] > 0.0295);
+  await ask({ do: 'hand', way: 'none' });
+  await ask({ do: 'speed', factor: 1 });
+  await page.evaluate(() => window.sutura.stage.look('front'));
+  await passes(page, 0.3);
+  check((await force(page)) < 0.01, `in the air: ${await force(page)} N`);
+  const ripple = await inTheAir(page);
+  check(ripple < 0.2, `in the air the grip's speed ripples by ${(100 * ripple).toFixed(0)} % RMS`);
+  await until(page, () => Math.hypot(window.sutura.newest.status.grip[0], window.sutura.newest.status.grip[2] - 0.03) < 1e-3);
+
+  const place = await probe(page);
+  await page.mouse.move(place.x, place.y);
+  await page.mouse.down();
+  const depth = async () => 0.014 - (await page.evaluate(() => window.sutura.newest.status.grip[2]));
+  // The ball's lowest point is 14 mm below the grip; the hand is a spring, and gives way.
+  const start = await depth();
+  for (let press = 0.005 - start, i = 0; i < 10 && Math.abs((await depth()) - 0.005) > 3e-4; i += 1) {
+    await page.mouse.move(place.x, place.y + press * place.metre);
+    await passes(page, 0.5);
+    press += 0.005 - (await depth());
+  }
+  await passes(page, 1);
+  // Let go while time stands still, so that it is known when.
+  await ask({ do: 'pause' });
+  await page.waitForTimeout(300);
+  const pressed = await force(page);
+  const at = await page.evaluate(() => Array.from(window.sutura.newest.status.grip));
+  near(0.014 - at[2], 0.005, 1e-3, 'how deep it is pressed in [m]');
+  await shot('program-drag');
+  const letGo = await page.evaluate(() => window.sutura.telemetry.ticks.newest);
+  await page.mouse.up();
+  await page.waitForTimeout(200);
+  await ask({ do: 'resume' });
+  const scene = path.join(folder, 'pressed.toml');
+  const result = path.join(folder, 'pressed.json');
+  const text = readFileSync(path.join(ROOT, 'scenes/palpation.toml'), 'utf8');
+  const there = text.replace(/position_m = \[0.0, 0.0, 0.005\]/, `position_m = [${at.join(', ')}]`);
+  check(there !== text, 'the scene has a tool to be put elsewhere');
+  await writeFile(scene, there);
+  runs(sutura, ['solve', scene, '--out', result]);
+  const solved = Math.hypot(...JSON.parse(await readFile(result, 'utf8')).tools[0].force_n);
+  near(pressed, solved, 0.1 * solved, 'force, and that of `sutura solve` there [N]');
+  await until(page, (then) => window.sutura.telemetry.ticks.newest > then, letGo + 0.6);
+  const after = await page.evaluate((then) => window.sutura.telemetry.ticks.value('force_n', then), letGo + 0.5);
+  check(after < 0.05, `half a second after it was let go: ${after} N`);
+  return `in the air speed ripples by ${(100 * ripple).toFixed(1)} % RMS; 5 mm deep ${pressed.toFixed(3)} N, solved ${solved.toFixed(3)} N; let go ${after.toFixed(4)} N`;
+}
+
+/** Where the driven tool is on the page, and how long a metre is there [px]. */
+function probe(page) {
+  return page.evaluate(() => {
+    const { stage, picture } = window.sutura;
+    const at = stage.centre.clone().fromArray(picture.tools.find((tool) => tool.driven).position).project(stage.camera);
+    const box = stage.element.getBoundingClientRect();
+    return { x: box.left + (box.width * (at.x + 1)) / 2, y: box.top + (box.height * (1 - at.y)) / 2, metre: stage.pixelsPerMetre };
+  });
+}
+
+/**
+ * Drags the probe sideways at 50 mm/s, with the page's own targets, as often as it sends them; how much the grip's speed
+ * ripples, over its mean. Time goes on from one to the next only, so that no machine is too busy.
+ */
+async function inTheAir(page) {
+  const place = await probe(page);
+  await page.mouse.move(place.x, place.y);
+  await page.mouse.down();
+  await page.evaluate(async ({ x, y, metre, every }) => {
+    const { sutura } = window;
+    const newest = () => sutura.telemetry.ticks.newest;
+    const pass = async (ticks) => {
+      const then = newest() + ticks / 1000;
+      await sutura.ask({ do: 'step', ticks });
+      while (newest() < then - 5e-4) await new Promise((resolve) => setTimeout(resolve, 5));
+    };
+    await sutura.ask({ do: 'pause' });
+    await new Promise((resolve) => setTimeout(resolve, 300));
+    for (let moved = 0; moved < 0.04; moved += 0.05e-3 * every) {
+      const told = new Promise((resolve) => sutura.drag.addEventListener('target', resolve, { once: true }));
+      sutura.stage.element.dispatchEvent(new PointerEvent('pointermove', { clientX: x - moved * metre, clientY: y, buttons: 1, bubbles: true }));
+      await told;
+      await pass(every);
+    }
+    await pass(500);
+    await sutura.ask({ do: 'resume' });
+  }, { ...place, every: SENT_EVERY_MS });
+  // Of the 25 mm in the middle of the way.
+  const speeds = await page.evaluate(() => {
+    const { ticks } = window.sutura.telemetry;
+    const at = (i) => ['x_m', 'y_m', 'z_m'].map((name) => ticks.columns[name][ticks.at(i)]);
+    const apart = (a, b) => Math.hypot(...a.map((x, axis) => x - b[axis]));
+    const end = at(ticks.length - 1);
+    const found = [];
+    for (let i = ticks.length - 1; i > 0; i -= 1) {
+      const away = apart(at(i), end);
+      if (away > 0.03) break;
+      if (away > 0.005) found.push(apart(at(i), at(i - 1)) / (ticks.time[ticks.at(i)] - ticks.time[ticks.at(i - 1)]));
+    }
+    return found;
+  });
+  const mean = speeds.reduce((sum, one) => sum + one, 0) / speeds.length;
+  check(mean > 0.03 && mean < 0.08, `it is dragged at ${mean} m/s`);
+  await page.mouse.up();
+  return Math.sqrt(speeds.reduce((sum, one) => sum + (one - mean) ** 2, 0) / speeds.length) / mean;
+}
+
+/** Looks at a hundred times of a recording; how far forces are from the file's at most [N]. */
+async function scrubbed(page, tool) {
+  const times = await page.evaluate((numbers) => {
+    const { ticks } = window.sutura.telemetry;
+    const time = new Map();
+    for (let i = 0; i < ticks.length; i += 1) time.set(ticks.columns.tick[ticks.at(i)], ticks.time[ticks.at(i)]);
+    return numbers.map((number) => time.get(number) ?? null);
+  }, tool.map((one) => one.tick));
+  const known = tool.map((one, i) => ({ time: times[i], force: Math.hypot(one.force_n.x, one.force_n.y, one.force_n.z) })).filter((one) => one.time !== null && one.time >= 0 && one.time < 4.9);
+  check(known.length > 200, `${known.length} of the file's ${tool.length} samples are on the page`);
+  let [worst, seed] = [0, 1];
+  for (let i = 0; i < 100; i += 1) {
+    seed = (48271 * seed) % 2147483647;
+    const { time, force } = known[seed % known.length];
+    await page.evaluate((time) => window.sutura.player.to(time), time);
+    await until(page, ([time, force]) => Math.abs(window.sutura.picture.time - time) <= 1 / 30 + 0.005 && Math.abs(Number.parseFloat(document.querySelector('[data-metric=force] dd').textContent) - force) < 0.00501, [time, force]);
+    worst = Math.max(worst, Math.abs((await page.evaluate((time) => window.sutura.telemetry.ticks.value('force_n', time), time)) - force));
+  }
+  check(worst < 1e-5, `forces differ from the file's by ${worst} N`);
+  return worst;
+}
+
+/** Compares what the page colours with the VTU files of the same states; how far they are at most, over the range. */
+async function coloured(page, folder) {
+  const rows = await series(path.join(folder, 'session.pvd'));
+  const worst = { displacement: 0, 'von-mises': 0 };
+  const geometry = await page.evaluate(() => {
+    const { positions, triangles, nodeOf } = window.sutura.tissue.geometry;
+    return { positions: Array.from(positions), triangles: Array.from(triangles), nodeOf: Array.from(nodeOf) };
+  });
+  const states = [];
+  for (const name of ['displacement', 'von-mises']) {
+    await page.evaluate((name) => window.sutura.setScalar(name), name);
+    for (const { time, name: file } of rows.filter((row) => row.time > 0.5 && row.time < 4.3)) {
+      if (states.filter((one) => one === name).length === STATES) break;
+      // The pictures' times and the files' are both those of solves; some are the same.
+      await page.evaluate((time) => window.sutura.link.ask({ do: 'seek', time_s: time + 1e-6 }), time);
+      const seen = await until(page, (time) => Math.abs(window.sutura.newest.time - time) < 1 / 25, time).then(() => page.evaluate(([time, name]) => {
+        const { picture, values, hello } = window.sutura;
+        if (Math.abs(picture.time - time) > 1e-6 || (hello.scalars[picture.scalar - 1]?.name !== name && name !== 'displacement')) return null;
+        return Array.from(values);
+      }, [time, name]));
+      if (!seen) continue;
+      const wanted = valuesOf(await vtu(path.join(folder, file)), geometry, name);
+      const high = Math.max(...wanted);
+      // At rest there is no range.
+      if (high === 0) continue;
+      states.push(name);
+      // Twenty vertices, among them those that differ most from rest.
+      const order = wanted.map((_, i) => i).sort((a, b) => wanted[b] - wanted[a]);
+      const chosen = [...order.slice(0, 10), ...order.filter((_, i) => i > 10 && i % Math.ceil(order.length / 10) === 0)];
+      check(chosen.length >= 19, `${chosen.length} vertices`);
+      for (const vertex of chosen) worst[name] = Math.max(worst[name], Math.abs(seen[vertex] - wanted[vertex]) / high);
+    }
+  }
+  check(states.length === 2 * STATES, `${states.length} pictures are of the files' states`);
+  check(worst.displacement < 0.01 && worst['von-mises'] < 0.01, `values differ from the VTU by ${JSON.stringify(worst)} of the range`);
+  return `colours of ${states.length} states are the VTU's within ${(100 * Math.max(...Object.values(worst))).toFixed(3)} % of the range`;
+}
+
+/** What the page should colour, of a VTU: at vertices, stresses of the cells behind triangles averaged by area. */
+function valuesOf({ displacement, cells }, { positions, triangles, nodeOf }, name) {
+  if (name === 'displacement') return nodeOf.map((node) => Math.hypot(...displacement.slice(3 * node, 3 * node + 3)));
+  const behind = new Map();
+  const key = (nodes) => [...nodes].sort((a, b) => a - b).join();
+  for (const { nodes, stress } of cells) nodes.forEach((_, i) => behind.set(key(nodes.filter((__, j) => j !== i)), stress));
+  const [sums, areas] = [new Array(nodeOf.length).fill(0), new Array(nodeOf.length).fill(0)];
+  for (let t = 0; t < triangles.length; t += 3) {
+    const corners = triangles.slice(t, t + 3);
+    const [a, b, c] = corners.map((vertex) => positions.slice(3 * vertex, 3 * vertex + 3));
+    const [u, v] = [b, c].map((end) => end.map((x, axis) => x - a[axis]));
+    const area = Math.hypot(u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]);
+    for (const vertex of corners) {
+      sums[vertex] += area * behind.get(key(corners.map((one) => nodeOf[one])));
+      areas[vertex] += area;
+    }
+  }
+  return sums.map((sum, i) => sum / areas[i]);
+}

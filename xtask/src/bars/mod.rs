@@ -1,9 +1,11 @@
 //! `cargo xtask bars`: what sessions in real time must hold, measured in seconds on this machine: idle, and beside busy
 //! loops, against the same scene in lockstep. Entry point: [`all`].
 
+pub mod client;
 mod judge;
 mod load;
 mod measured;
+mod page;
 mod table;
 
 use crate::Format;
@@ -41,6 +43,9 @@ pub struct Arguments {
     /// Only beside busy loops, one a core and at least two: as a user without real-time rights, and as one with them.
     #[arg(long)]
     busy: bool,
+    /// Only what a page costs and does: clients that keep up, stand still, and stop the console.
+    #[arg(long, conflicts_with_all = ["idle", "busy", "scene"])]
+    page: bool,
     /// How to print what was measured.
     #[arg(long, value_enum, default_value = "text")]
     format: Format,
@@ -60,6 +65,8 @@ struct Group {
 struct Outcome {
     status: &'static str,
     groups: Vec<Group>,
+    /// Of sessions with a page.
+    page: Vec<page::Figure>,
     /// What could not be measured here, and why.
     unmeasured: Vec<String>,
 }
@@ -74,11 +81,12 @@ pub fn all(arguments: &Arguments) -> Result<()> {
     let mut outcome = Outcome {
         status: "ok",
         groups: Vec::new(),
+        page: Vec::new(),
         unmeasured: Vec::new(),
     };
     for load in Load::ALL {
         let only = arguments.idle || arguments.busy;
-        if only && arguments.idle != (load == Load::Idle) {
+        if arguments.page || only && arguments.idle != (load == Load::Idle) {
             continue;
         }
         if let Err(error) = load.is_possible(&program) {
@@ -96,9 +104,17 @@ pub fn all(arguments: &Arguments) -> Result<()> {
             outcome.groups.push(group);
         }
     }
+    if arguments.page || !(arguments.idle || arguments.busy || !arguments.scene.is_empty()) {
+        outcome.page = page::all(&program, arguments.runs)?;
+    }
     let bars = || outcome.groups.iter().flat_map(|group| &group.bars);
-    let missed = bars().filter(|bar| bar.is_missed()).count();
-    if outcome.groups.is_empty() {
+    let missed = bars().filter(|bar| bar.is_missed()).count()
+        + outcome
+            .page
+            .iter()
+            .filter(|figure| figure.is_missed())
+            .count();
+    if outcome.groups.is_empty() && outcome.page.is_empty() {
         bail!(
             "nothing could be measured: {}",
             outcome.unmeasured.join("; ")
@@ -109,10 +125,14 @@ pub fn all(arguments: &Arguments) -> Result<()> {
     }
     match arguments.format {
         Format::Json => println!("{}", serde_json::to_string(&outcome)?),
-        Format::Text => println!("{}", table::verdicts(&outcome.groups, &outcome.unmeasured)),
+        Format::Text => {
+            println!("{}", table::verdicts(&outcome.groups, &outcome.unmeasured));
+            println!("{}", page::table(&outcome.page));
+        }
     }
     if missed > 0 {
-        bail!("{missed} of {} bars are missed", bars().count());
+        let all = bars().count() + outcome.page.len();
+        bail!("{missed} of {all} bars are missed");
     }
     Ok(())
 }

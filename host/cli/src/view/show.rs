@@ -12,6 +12,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
+use sutura_host::core_time::core_time;
 use sutura_host::picture::{Offer, Painter, Scalar, SolvesOf};
 use sutura_host::scene::Scene;
 use sutura_host::session::{LinkSummary, Plan, SceneSolver, Snapshot, ViewSummary};
@@ -195,6 +196,7 @@ impl Showing {
         be_nice();
         let (mut block, mut gauges) = (Instant::now(), Instant::now());
         let mut sequence = 0;
+        let mut painted = Instant::now();
         let mut wanted_since = Instant::now();
         while !self.stop.load(Ordering::Relaxed) {
             let wants = self.shared.wait_for_watcher(REST);
@@ -207,7 +209,9 @@ impl Showing {
                 }
                 let scalar = wants.scalar.as_deref().and_then(Scalar::named);
                 let scalar = scalar.filter(|scalar| self.has_model || !scalar.needs_model());
-                if self.offer.take(&mut self.own) {
+                let is_due = painted.elapsed().as_secs_f64() * self.hz >= 1.0;
+                if (is_due || !self.going().paused) && self.offer.take(&mut self.own) {
+                    painted = Instant::now();
                     sequence += 1;
                     self.paint(scalar, sequence);
                 }
@@ -231,11 +235,11 @@ impl Showing {
     fn pace(&mut self, wanted_hz: f64) {
         let affordable_hz = SHARE / self.cost_s.max(1e-6);
         self.hz = wanted_hz.min(MOST_HZ).min(affordable_hz);
-        let speed = self.going().wanted_speed.unwrap_or(1.0);
-        let period_us = if self.hz > 0.0 {
-            1e6 * speed / self.hz
-        } else {
-            0.0
+        let going = self.going();
+        let period_us = match going.wanted_speed {
+            // What has been stepped to is seen, whatever came just before.
+            _ if going.paused => 0.0,
+            speed => 1e6 * speed.unwrap_or(1.0) / self.hz,
         };
         // Less than one tick is every solve.
         self.offer.want(if self.hz > 0.0 {
@@ -250,12 +254,12 @@ impl Showing {
     }
 
     fn paint(&mut self, scalar: Option<Scalar>, sequence: u32) {
-        let began = cpu_time();
+        let began = core_time();
         let mut bytes = Vec::new();
         self.painter
             .paint(&self.own, scalar, sequence)
             .encode(&mut bytes);
-        let took = cpu_time().saturating_sub(began);
+        let took = core_time().saturating_sub(began);
         self.figures.made += 1;
         self.figures.took_us.record(took.as_micros() as u64);
         self.cost_s = 0.9 * self.cost_s + 0.1 * took.as_secs_f64();
@@ -300,20 +304,4 @@ fn be_nice() {
     if let Err(error) = rustix::process::nice(NICE) {
         tracing::debug!("pictures are made at the usual priority: {error}");
     }
-}
-
-/// What this thread has had of a core, where the system says; else the time on the wall.
-#[cfg(target_os = "linux")]
-fn cpu_time() -> Duration {
-    use rustix::time::{ClockId, clock_gettime};
-    let now = clock_gettime(ClockId::ThreadCPUTime);
-    Duration::new(now.tv_sec.max(0) as u64, now.tv_nsec as u32)
-}
-
-/// What this thread has had of a core, where the system says; else the time on the wall.
-#[cfg(not(target_os = "linux"))]
-fn cpu_time() -> Duration {
-    use std::sync::OnceLock;
-    static BEGAN: OnceLock<Instant> = OnceLock::new();
-    BEGAN.get_or_init(Instant::now).elapsed()
 }
