@@ -465,7 +465,7 @@ impl Render {
             return;
         }
         let parted = core::mem::take(&mut self.parted);
-        (self.offset_n, self.pull_n) = (-model, 0.0);
+        (self.offset_n, self.pull_n) = (Vec3::zeros() - model, 0.0);
         let Some((force, at)) = &self.last else {
             return;
         };
