@@ -20,9 +20,6 @@ const DELAYED: usize = (MAX_ACTUATION_DELAY_US / 1000) as usize + 1;
 /// What the tank holds at the start \[J\]: the work of a few newtons along an encoder's step, below which the ledger
 /// cannot tell.
 const CREDIT_J: f32 = 0.2e-3;
-/// What it gets back of that in a tick out of contact \[J\]: all of it in 100 ms, in which a hand has not pressed and let go
-/// again.
-const RENEWED_J: f32 = 0.01 * CREDIT_J;
 /// What the tank may hold beyond what the present contact can have stored \[J\]: what a swap costs at most on a
 /// contact that has dissipated it before.
 const RESERVE_J: f32 = 3e-3;
@@ -168,9 +165,6 @@ impl Passivity {
         self.credit
             .watch(local.is_there, local.horizon_s, self.before_n);
         self.leak(STORED * 0.5 * square / along);
-        if local.is_apart {
-            self.renew();
-        }
         let size = if square > 0.0 {
             libm::sqrtf(square)
         } else {
@@ -278,13 +272,6 @@ impl Passivity {
         if over_j > 0.0 {
             self.energy_j -= over_j * part;
             self.credit.pay(over_j * part);
-        }
-    }
-
-    /// Out of contact the tank fills up to what it held at the start.
-    fn renew(&mut self) {
-        if self.credit.owed_j() <= 0.0 && self.energy_j < CREDIT_J {
-            self.energy_j = min(self.energy_j + RENEWED_J, CREDIT_J);
         }
     }
 
@@ -521,33 +508,6 @@ mod tests {
         );
         // What was there before stays.
         assert_eq!(allowed(2e-3, 5.0, 0.0, 5.0), 5.0);
-    }
-
-    /// Out of contact, and nothing owed: in 100 ms, and no more than there was at the start.
-    #[test]
-    fn a_tank_that_is_empty_fills_up_out_of_contact() {
-        let device = device(0);
-        let pose = forward(&device, &[0.0; JOINTS]);
-        let after = |is_apart, owed_j: f32, ticks| {
-            let mut ledger = Passivity::new(&device, Guards::ALL);
-            ledger.credit.draw(owed_j);
-            ledger.energy_j = 0.0;
-            for _ in 0..ticks {
-                let local = Local {
-                    along: 1000.0,
-                    most: 1000.0,
-                    is_there: true,
-                    horizon_s: 0.1,
-                    is_apart,
-                };
-                ledger.allow(&Vec3::zeros(), &pose, &[0.0; JOINTS], &local);
-            }
-            ledger.energy_j
-        };
-        assert!((after(true, 0.0, 50) - 0.5 * CREDIT_J).abs() < 1e-3 * CREDIT_J);
-        assert!((after(true, 0.0, 500) - CREDIT_J).abs() < 1e-3 * CREDIT_J);
-        assert_eq!(after(false, 0.0, 500), 0.0);
-        assert_eq!(after(true, 1e-3, 500), 0.0);
     }
 
     /// Beyond what the contact can have stored the tank forgets; below it never.

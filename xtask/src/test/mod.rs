@@ -98,6 +98,11 @@ fn steps(report: &mut Report, cases: Cases) {
             _ => Vec::new(),
         }
     };
+    // And with each of it alone.
+    let alone = || {
+        let of = "cargo clippy -p sutura --bins --locked --no-default-features --features";
+        ["top", "foxglove"].map(|feature| Tool::new(of).arg(feature))
+    };
     // As arguments, because flags in the environment would compile every dependency once more.
     let deny_warnings = |tool: Tool| tool.arg("--").arg("-D").arg("warnings");
     report.tools(
@@ -106,16 +111,11 @@ fn steps(report: &mut Report, cases: Cases) {
         [
             Tool::new("cargo clippy --workspace --all-targets --locked --features")
                 .arg(TEST_FEATURES),
-            // The command without what is optional, and with each of it alone.
+            // The command without what is optional.
             Tool::new("cargo clippy -p sutura --bins --locked --no-default-features"),
-            Tool::new(
-                "cargo clippy -p sutura --bins --locked --no-default-features --features top",
-            ),
-            Tool::new(
-                "cargo clippy -p sutura --bins --locked --no-default-features --features foxglove",
-            ),
         ]
         .into_iter()
+        .chain(cases.full.then(alone).into_iter().flatten())
         .chain(native("clippy --all-targets"))
         .chain(boards("clippy --lib --bins"))
         .map(deny_warnings),

@@ -52,6 +52,8 @@ pub struct Mendings {
     pub longer_start: bool,
     /// Where there is time steps over tissue that is not linear take more passes, and the way that the hand goes is tried.
     pub tries: bool,
+    /// The console is told how far what rubs slipped on the way to the frame's pose, and takes back what the grip did not do.
+    pub slips: bool,
 }
 
 /// Ticks and delay \[us\] of a link that is known to be quick.
@@ -66,16 +68,18 @@ impl Mendings {
         ahead: true,
         longer_start: true,
         tries: true,
+        slips: true,
     };
 
     /// Their names, and whether each is on.
-    pub fn by_name(&self) -> [(&'static str, bool); 5] {
+    pub fn by_name(&self) -> [(&'static str, bool); 6] {
         [
             ("foretold", self.foretold),
             ("sets-out", self.sets_out),
             ("ahead", self.ahead),
             ("longer-start", self.longer_start),
             ("tries", self.tries),
+            ("slips", self.slips),
         ]
     }
 
@@ -89,6 +93,9 @@ impl Mendings {
         if solution.gap_m > 0.0 && !is_told {
             solution.tangent = [[0.0; 6]; 6];
             solution.rows = None;
+        }
+        if let Some(rows) = solution.rows.as_mut().filter(|_| !self.slips) {
+            rows.slip_m.fill(0.0);
         }
         solution
     }
@@ -152,6 +159,7 @@ impl Switch {
             Switch::Mending("sets-out") => mendings.sets_out = false,
             Switch::Mending("ahead") => mendings.ahead = false,
             Switch::Mending("tries") => mendings.tries = false,
+            Switch::Mending("slips") => mendings.slips = false,
             Switch::Mending(_) => mendings.longer_start = false,
         }
         (guards, mendings)

@@ -16,8 +16,8 @@ const OPEN: &[(&str, f64)] = &[
     ("gristle strokes, pen hand, slow host, rms %", 21.22),
     // One seed of strokes, see below; 2.6 of all seeds together.
     ("stalls, contact beyond notice %", 8.91),
-    // A press that is let go slowly at 30 mN: the tank has what was taken, less what a stall gave too much.
-    ("stalls, dropouts a minute", 8.2),
+    // A press of the full form that is let go slowly: the tank has what was taken, less what a stall gave too much.
+    ("stalls, dropouts a minute", 12.3),
     // Needles that go farther in a stall than was looked ahead.
     ("stalls, linear, rms p95 %", 3.39),
     // A stroke over 10 mm without a frame: what rows say sideways is of the vertices that are touched.
