@@ -23,23 +23,15 @@ pub(super) fn near_tools(balance: &mut Balance, reach_m: f64) {
     }
     find_next(balance, reach_m);
     let left = balance.vertices_left();
-    let (grasp, is_apart) = (
-        &balance.state.grasp,
-        balance.state.tools.contacts.is_empty(),
-    );
+    let grasp = &balance.state.grasp;
     let BalanceWork { system, tools, .. } = &mut *balance.work;
     let next = &tools.next_nodes;
     let computed = if linear {
         system.compute_ahead(body, grasp, next, left)
     } else {
-        // It can have them from the start; until then the first touch is foretold by this one.
+        // It can have them from the start; until then this one foretells what comes.
         system.wish(next);
-        let most = if lasts || is_apart {
-            left.min(MOST_AHEAD)
-        } else {
-            0
-        };
-        system.compute_ahead(body, grasp, next, most)
+        system.compute_ahead(body, grasp, next, left.min(MOST_AHEAD))
     };
     balance.report.columns_computed += 3 * computed;
     balance.clock.lap(&mut balance.report.stages.columns_ns);
