@@ -95,10 +95,14 @@ async function posed({ page, book, shot }, name, live = true) {
   if (book && live) await page.evaluate(() => window.sutura.ask({ do: 'resume' }));
 }
 
+/** The scene's hand begins anew: it may have gone by the time that a page is open. */
+const pressAgain = (page) => page.evaluate(() => window.sutura.ask({ do: 'hand', way: 'scene' }));
+
 const force = (page) => page.evaluate(() => window.sutura.telemetry.ticks.value('force_n', 1e9));
 
 export const tests = [
   ['program: palpation', withProgram(['scenes/palpation.toml'], async ({ page, troubles, shot, book }) => {
+    await pressAgain(page);
     // The deepest of three presses, which is held for a second.
     await until(page, () => window.sutura.telemetry.ticks.value('force_n', 1e9) > 2.5 && window.sutura.picture.contacts.vertices.length > 4);
     await posed({ page, book, shot }, 'palpation');
@@ -123,6 +127,7 @@ export const tests = [
 
   ['program: colours', withProgram(['scenes/palpation.toml'], async ({ page, shot, book }) => {
     await page.evaluate(() => window.sutura.setScalar('von-mises'));
+    await pressAgain(page);
     await until(page, () => window.sutura.tissue.coloured && window.sutura.telemetry.ticks.value('force_n', 1e9) > 2.5);
     await posed({ page, book, shot }, 'stress');
     const { high, low } = await page.evaluate(() => ({ high: window.sutura.range.ends[1], low: window.sutura.range.ends[0] }));
