@@ -98,10 +98,14 @@ fn steps(report: &mut Report, cases: Cases) {
             _ => Vec::new(),
         }
     };
-    // And with each of it alone.
+    // And with each of it alone; and the C library, whose crates need no more features than they say.
     let alone = || {
         let of = "cargo clippy -p sutura --bins --locked --no-default-features --features";
-        ["top", "foxglove"].map(|feature| Tool::new(of).arg(feature))
+        let library = Tool::new("cargo clippy -p sutura-capi --lib --locked");
+        ["top", "foxglove"]
+            .map(|feature| Tool::new(of).arg(feature))
+            .into_iter()
+            .chain([library])
     };
     // As arguments, because flags in the environment would compile every dependency once more.
     let deny_warnings = |tool: Tool| tool.arg("--").arg("-D").arg("warnings");
