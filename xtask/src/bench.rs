@@ -81,7 +81,7 @@ fn machine() -> Result<String> {
 fn count() -> Result<BTreeMap<String, u64>> {
     eprintln!("counting instructions under valgrind");
     let tool = Tool::new(
-        "cargo bench --quiet --locked --package sutura-host --bench solver -- --output-format=json",
+        "cargo bench --quiet --locked --package sutura-instructions --bench solver -- --output-format=json",
     );
     let again = tool.shown();
     let output = tool.output().context("the benches failed")?;

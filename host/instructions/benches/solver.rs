@@ -249,7 +249,7 @@ type Shown = Box<(SceneSolver, Offering)>;
 
 /// Two tubes with needle and thread, and where their states go; if they are watched, one has gone there already.
 fn shown(watched: bool) -> Shown {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../scenes/anastomosis-20.toml");
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../scenes/anastomosis-20.toml");
     let scene = scene::read(&Document::read(&path).expect("there")).expect("the scene is good");
     let mut solver = SceneSolver::new(&scene).expect("the tubes are held");
     let grip = ToolSample {
