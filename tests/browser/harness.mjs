@@ -10,7 +10,7 @@ const PAGE = fileURLToPath(new URL('../../host/view/page/', import.meta.url));
 const SOFTWARE = ['--no-sandbox', '--use-angle=swiftshader', '--enable-unsafe-swiftshader', '--ignore-gpu-blocklist', '--mute-audio', '--enable-precise-memory-info'];
 const SIZE = { width: 1280, height: 720 };
 /** For the browser to do what takes it moments on an idle machine [ms]. */
-export const PATIENCE_MS = 30_000;
+export const PATIENCE_MS = 90_000;
 
 export class Browser {
   /** @param {{executable: string, out: string, checkout?: boolean}} options `checkout`: its files of the page, not the host's */
