@@ -23,17 +23,22 @@ pub(super) fn near_tools(balance: &mut Balance, reach_m: f64) {
     }
     find_next(balance, reach_m);
     let left = balance.vertices_left();
-    let is_touching = !balance.state.tools.contacts.is_empty();
-    let takes_over = is_touching && balance.report.renewals.adopted > 0;
-    let grasp = &balance.state.grasp;
+    let (grasp, is_apart) = (
+        &balance.state.grasp,
+        balance.state.tools.contacts.is_empty(),
+    );
     let BalanceWork { system, tools, .. } = &mut *balance.work;
     let next = &tools.next_nodes;
     let computed = if linear {
         system.compute_ahead(body, grasp, next, left)
     } else {
-        // It can have them from the start; until then this one foretells what comes. What takes a factor over has enough to do.
+        // It can have them from the start; until then the first touch is foretold by this one.
         system.wish(next);
-        let most = if takes_over { 0 } else { left.min(MOST_AHEAD) };
+        let most = if lasts || is_apart {
+            left.min(MOST_AHEAD)
+        } else {
+            0
+        };
         system.compute_ahead(body, grasp, next, most)
     };
     balance.report.columns_computed += 3 * computed;
