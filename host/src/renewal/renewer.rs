@@ -26,7 +26,7 @@ pub(crate) struct Renewer {
     ticket: Option<u64>,
     /// Whether it is made.
     made: bool,
-    /// Vertices that it is to have columns for, (b).
+    /// Vertices that it is to have columns for, whoever computes them, (b).
     told: Vec<bool>,
     /// Columns that were used in this step or a later one go with it.
     since: u64,
@@ -145,8 +145,7 @@ impl Renewer {
         renewal.asked = now;
         renewal.tangent.read(state);
         renewal.wanted.clear();
-        let wished = self.wished.iter().copied();
-        let wished = wished.filter(|_| self.wished_at + 1 >= now);
+        let wished = wished(&self.wished, self.wished_at, now);
         let used = in_use.used_since(self.since).map(|(vertex, _)| vertex);
         for vertex in used.chain(wished) {
             if !std::mem::replace(&mut self.told[vertex as usize], true) {
@@ -163,19 +162,21 @@ impl Renewer {
         };
     }
 
-    /// A step begins while something is in the making: what has come in use since is told.
+    /// A step begins while something is in the making: what has come in use since is told, and what will be.
     pub fn go_on(&mut self, state: &CorotationalState, in_use: &Bank, now: u64) {
         self.ask(state, in_use, now);
-        let (By::Thread(thread), Some(ticket)) = (&self.by, self.ticket) else {
+        let Some(ticket) = self.ticket else {
             return;
         };
-        if self.here.is_some() {
-            return;
-        }
-        for (vertex, _) in in_use.used_since(now.saturating_sub(1)) {
-            let told = &mut self.told[vertex as usize];
-            if !*told {
-                *told = thread.tell(ticket, vertex);
+        let wished = wished(&self.wished, self.wished_at, now);
+        let used = in_use.used_since(now.saturating_sub(1));
+        for vertex in used.map(|(vertex, _)| vertex).chain(wished) {
+            if std::mem::replace(&mut self.told[vertex as usize], true) {
+                continue;
+            }
+            // Where it comes too late, the step that takes over computes them.
+            if let (By::Thread(thread), None) = (&self.by, &self.here) {
+                thread.tell(ticket, vertex);
             }
         }
     }
@@ -251,18 +252,19 @@ impl Renewer {
         std::mem::swap(columns, &mut renewal.columns);
         self.late.clear();
         for (vertex, used) in renewal.columns.used_since(self.since) {
-            if columns.has(vertex) {
-                columns.keep(vertex, used);
-            } else {
-                self.late.push(vertex);
-            }
+            self.told[vertex as usize] = true;
+            columns.keep(vertex, used);
         }
+        let told = (0..).zip(&self.told).filter(|(_, told)| **told);
+        let missing = told.map(|(vertex, _)| vertex);
+        self.late
+            .extend(missing.filter(|vertex| !columns.has(*vertex)));
         self.ticket = None;
         report.adopted += 1;
         true
     }
 
-    /// After [`Self::take`]: vertices in use whose columns are not there.
+    /// After [`Self::take`]: vertices in use, or wished for, whose columns are not there.
     pub fn late(&self) -> &[u32] {
         &self.late
     }
@@ -289,4 +291,9 @@ impl Renewer {
             Err(()) => self.by = By::Nobody,
         }
     }
+}
+
+/// What was wished for in the step before `now`, or in it.
+fn wished(vertices: &[u32], at: u64, now: u64) -> impl Iterator<Item = u32> + '_ {
+    vertices.iter().copied().filter(move |_| at + 1 >= now)
 }

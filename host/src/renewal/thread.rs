@@ -145,10 +145,12 @@ impl Thread {
         }
     }
 
-    /// Another vertex for what is in the making; whether there was room.
-    pub fn tell(&self, ticket: u64, vertex: u32) -> bool {
-        let more = self.more.as_ref();
-        more.is_some_and(|more| more.try_send((ticket, vertex)).is_ok())
+    /// Another vertex for what is in the making, if there is room.
+    pub fn tell(&self, ticket: u64, vertex: u32) {
+        if let Some(more) = &self.more {
+            // Full or gone: the step does without.
+            let _ = more.try_send((ticket, vertex));
+        }
     }
 
     /// What is made, if it is; an error when there is no thread any more.

@@ -296,7 +296,7 @@ impl Step<'_> {
             report,
             clock,
         );
-        prefetch::near_tools(balance, options.reach_m);
+        prefetch::near_tools(balance, options);
         reduce(model, balance, samples, tangent);
         if let Some(cones) = cones {
             reduce_tools(model, balance, samples, options, cones, rows);

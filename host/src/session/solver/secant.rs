@@ -347,6 +347,46 @@ mod tests {
         }
     }
 
+    /// Rows know the vertices that a tool comes to as it slides, whatever becomes of the factor meanwhile: without them, those
+    /// that are left behind would push it on.
+    #[test]
+    fn a_stroke_goes_on_as_its_frame_says() {
+        const DEEP_M: f64 = 5e-3;
+        const SPEED_M_PER_S: f64 = 0.1;
+        const ON_M: f64 = 6e-3;
+        for law in LAWS {
+            let (mut solver, at_rest, radius_m) = solver(law);
+            let mut worst = 0.0_f64;
+            for number in 0..28_u32 {
+                let time_s = f64::from(number) / HOST_HZ;
+                let state = State {
+                    position_m: [
+                        (0.02 - SPEED_M_PER_S * time_s) as f32,
+                        0.0,
+                        (radius_m - DEEP_M) as f32,
+                    ],
+                    velocity_m_per_s: [-SPEED_M_PER_S as f32, 0.0, 0.0],
+                    mode: Mode::Armed,
+                    ..at_rest
+                };
+                let now_us = 1_000_000 + (1e6 * time_s).round() as u64;
+                let solved = solver.solve(&valid(1, now_us, state));
+                // Until it is there, and has settled.
+                if number < 8 {
+                    continue;
+                }
+                assert_eq!(solved.status, Status::Ok);
+                let felt = solved.contact.expect("a contact");
+                let rows = solved.rows.expect("rows");
+                let mut console = Console::with(&rows, -Vector3::x()).expect("sound rows");
+                // Without friction nothing but the mesh pushes along a slab's top.
+                let along_n = console.change_n(ON_M) - felt.wrench[0];
+                worst = worst.max(along_n.abs() / felt.wrench[2]);
+            }
+            assert!(worst < 0.25, "{law}: {worst}");
+        }
+    }
+
     /// A step that comes from 4 mm away is as good as one that rests, where there is time for more than one pass.
     #[test]
     fn a_step_over_turning_tissue_is_in_balance_where_there_is_time() {

@@ -14,14 +14,12 @@ use serde::Serialize;
 const OPEN: &[(&str, f64)] = &[
     // 15 Hz and a fifth of the frames lost; 20.1 with the code of 1e64281 on the same tissue.
     ("gristle strokes, pen hand, slow host, rms %", 21.22),
-    // One seed of strokes, see below; 2.6 of all seeds together.
-    ("stalls, contact beyond notice %", 8.91),
+    // One seed of corotational strokes; of all seeds together no group has more than 1.6.
+    ("stalls, contact beyond notice %", 2.22),
     // A press of the full form that is let go slowly: the tank has what was taken, less what a stall gave too much.
     ("stalls, dropouts a minute", 12.3),
     // Needles that go farther in a stall than was looked ahead.
     ("stalls, linear, rms p95 %", 3.39),
-    // A stroke over 10 mm without a frame: what rows say sideways is of the vertices that are touched.
-    ("stalls, corotational, rms p95 %", 5.82),
     // Tools that rub: a line has room for 24 rows where twenty vertices touch, and frames of 30 Hz foretell a hand that turns by 5 mm.
     ("rubbing taps rows 60 Hz peak %", 7.4),
     ("rubbing strokes rows 60 Hz rms %", 2.41),
