@@ -182,6 +182,75 @@ fn what_the_host_has_found_ahead_is_gone_through() {
     }
 }
 
+/// What went in behind a boundary that gave way on the console is held by friction on the way back, as much as of it is
+/// still inside; a course says how friction grows.
+#[test]
+fn what_has_gone_in_since_a_puncture_rubs_on_the_way_back() {
+    const STICK_N_PER_M: f32 = 150.0;
+    const RUBS_N_PER_M: f32 = 25.0;
+    // The tip comes to the boundary after 2 mm, which bears 0.24 N; it cuts with 0.05 N, and friction comes in with what
+    // tissue springs back by.
+    let (touch_m, hold_n, cut_n) = (2e-3, 0.24, 0.05);
+    let jump_m = touch_m + hold_n / STICK_N_PER_M;
+    let inside_m = hold_n / STICK_N_PER_M;
+    let first_n = cut_n + RUBS_N_PER_M * inside_m;
+    let slides_m = jump_m + first_n / STICK_N_PER_M;
+    // As friction grows tissue goes along, and slides back as it gets less.
+    let forward_n_per_m = RUBS_N_PER_M / (1.0 + RUBS_N_PER_M / STICK_N_PER_M);
+    let backward_n_per_m = RUBS_N_PER_M / (1.0 - RUBS_N_PER_M / STICK_N_PER_M);
+    let points = [
+        [touch_m, 0.0],
+        [jump_m, -hold_n],
+        [jump_m, 0.0],
+        [slides_m, -first_n],
+        [slides_m + 6e-3, -first_n - forward_n_per_m * 6e-3],
+        [
+            slides_m + 7e-3,
+            -first_n - forward_n_per_m * 6e-3 - STICK_N_PER_M * 1e-3,
+        ],
+        [12e-3, 0.0],
+    ];
+    let mut course = Course {
+        forward: 6,
+        backward: 1,
+        ..Course::default()
+    };
+    course.points[..7].copy_from_slice(&points);
+    let body = Needle {
+        tip: Tip::Outside,
+        friction_n: [0.0; 2],
+        stiffness_n_per_m: [0.0; 2],
+        course,
+        ..RUBBING
+    };
+    let mut needle = LocalNeedle::new(&valid(body, SOLVED));
+    let mut at = |slide: f32| felt(&mut needle, &body, slide, SOLVED + 1);
+    let deep_m = slides_m + 2e-3;
+    let steps =
+        |from: f32, to: f32| (1..=200_u16).map(move |n| from + (to - from) * f32::from(n) / 200.0);
+    let gone_in_m = inside_m + 2e-3 * (1.0 - forward_n_per_m / STICK_N_PER_M);
+    let most_n = RUBS_N_PER_M * gone_in_m;
+    let turned_m = (first_n + forward_n_per_m * 2e-3 + most_n) / STICK_N_PER_M;
+    let pushed = steps(0.0, deep_m).map(&mut at).last().expect("steps");
+    assert!(
+        (pushed + first_n + forward_n_per_m * 2e-3).abs() < 1e-3,
+        "{pushed}"
+    );
+    let mut most = 0.0_f32;
+    for slide in steps(deep_m, 0.0) {
+        let force = at(slide);
+        most = max(most, force);
+        // First it turns round, then what is still inside rubs.
+        if deep_m - slide > 1.1 * turned_m {
+            let back_m = deep_m - turned_m - slide;
+            let expected = max(most_n - backward_n_per_m * back_m, 0.0);
+            let off_n = (force - expected).abs();
+            assert!(off_n < 0.003, "{slide}: {force}, {expected}");
+        }
+    }
+    assert!((most - most_n).abs() < 0.003, "{most}");
+}
+
 /// Pushes on at 50 mm/s; frames are 16 ms old when they come.
 #[test]
 fn a_puncture_that_the_host_does_not_know_of_stays_had() {

@@ -3,8 +3,11 @@
 //! Entry points: [`Bend::learn`], [`Bend::force`]. Between two frames the tangent changes by dK along the way d; a way x onward adds
 //! (x . d) / (d . d) dK x / 2 to the force, the second term of its Taylor series (on the way back it is the trapezoidal rule). How much of it is
 //! true is learnt from what came: the regression of what the last tangent did not foretell on what this term would have.
+//!
+//! Across d nothing came yet. But a force that turns with the way, as on a ball, says how round the body is: with the curvature
+//! t . K t / |f| along a way across it the tangent turns with the force.
 
-use crate::math::{Vec3, clamp, dot};
+use crate::math::{Vec3, clamp, dot, max, min};
 
 /// Share of what was learnt that is kept when as much new comes.
 const KEPT: f32 = 0.5;
@@ -16,6 +19,10 @@ const TOLD: f32 = 0.3e-3 * 0.3e-3;
 const HOLDS: (f32, f32) = (-1.0, 6.0);
 /// Change of the tangent, in tangents, beyond which it says nothing: a normal that has turned by some 45 degrees.
 const TURNED: f32 = 1.0;
+/// The same as an angle \[rad\].
+const ROUND: f32 = 0.8;
+/// A force that is lighter says nothing of the body \[N\].
+const LIGHT_N: f32 = 0.05;
 
 /// A frame, as what comes next is compared with it.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -30,6 +37,10 @@ struct Known {
 pub(super) struct Bend {
     /// The last one that was somewhere else.
     last: Option<Known>,
+    /// Direction of the newest one's force, its size \[N\], and its tangent \[N/m\].
+    normal: Vec3,
+    size_n: f32,
+    tangent: [f32; 6],
     /// Change of d force / d position \[N/m\], packed upper triangle by rows: xx, xy, xz, yy, yz, zz.
     change: [f32; 6],
     /// The way on which it changed over its square \[1/m\].
@@ -49,6 +60,9 @@ impl Bend {
     /// Nothing is known: a plane.
     pub const NONE: Bend = Bend {
         last: None,
+        normal: Vec3::new(0.0, 0.0, 0.0),
+        size_n: 0.0,
+        tangent: [0.0; 6],
         change: [0.0; 6],
         per_way: Vec3::new(0.0, 0.0, 0.0),
         foretold: 0.0,
@@ -62,6 +76,9 @@ impl Bend {
     /// What is as good as where the last one was tells nothing: a tool that rests goes back on the way on which it came.
     pub fn learn(&mut self, place_m: &Vec3, tangent: &[f32; 6], force: &Vec3, scale: f32) {
         self.scale = scale;
+        self.size_n = libm::sqrtf(dot(force, force));
+        self.normal = force * (1.0 / max(self.size_n, LIGHT_N));
+        self.tangent = *tangent;
         let new = Known {
             place_m: *place_m,
             tangent: *tangent,
@@ -98,19 +115,48 @@ impl Bend {
     /// Part of a way \[m\] from the pose that was solved for up to which the tangent says anything.
     pub fn reach(&self, way: &Vec3) -> f32 {
         let ways = dot(way, &self.per_way);
-        if ways > self.farthest {
+        let known = if ways > self.farthest {
             self.farthest / ways
         } else {
             1.0
+        };
+        let turn = self.turned(way);
+        let square = dot(&turn, &turn);
+        if square > ROUND * ROUND {
+            min(known, ROUND / libm::sqrtf(square))
+        } else {
+            known
         }
     }
 
     /// What it adds to the force after a way \[m\] from the pose that was solved for \[N\]: on the way back all of it, for that way is known,
-    /// onward what has been true of it so far.
+    /// onward what has been true of it so far, and across that what the tangent says of the body.
     pub fn force(&self, way: &Vec3) -> Vec3 {
         let ways = dot(way, &self.per_way);
         let worth = if ways < 0.0 { 1.0 } else { self.worth };
-        self.whole(way, ways) * worth
+        let turn = self.turned(way);
+        // The tangent in a frame that has turned, less what it was.
+        let turned = turn.cross(&product(&self.tangent, way));
+        let more = turned - product(&self.tangent, &turn.cross(way));
+        self.whole(way, ways) * worth + more * (0.5 * self.scale)
+    }
+
+    /// By how much the force has turned after a way, as a rotation \[rad\]: on its part that is across what is known and across the
+    /// force, where the body is convex along it.
+    fn turned(&self, way: &Vec3) -> Vec3 {
+        let known = dot(&self.per_way, &self.per_way);
+        let new = if known > 0.0 {
+            way - self.per_way * (dot(way, &self.per_way) / known)
+        } else {
+            *way
+        };
+        let across = new - self.normal * dot(&new, &self.normal);
+        let square = dot(&across, &across);
+        let slope = dot(&across, &product(&self.tangent, &across));
+        if slope <= 0.0 || self.size_n < LIGHT_N {
+            return Vec3::zeros();
+        }
+        self.normal.cross(&across) * (slope / (square * self.size_n))
     }
 
     fn whole(&self, way: &Vec3, ways: f32) -> Vec3 {
@@ -188,11 +234,11 @@ mod tests {
                 "{ways}: {plane} {bent}"
             );
         }
-        // Nothing is known before the second frame, and nothing across the way.
+        // Hardly anything is known before the second frame, and across the way.
         let (first, _) = along(&step, 1);
-        assert_eq!(first.force(&step), Vec3::zeros());
+        assert!(length(&first.force(&step)) < 1e-3);
         let across = Vec3::new(0.4e-3, 0.0, -0.7e-3);
-        assert!(length(&bend.force(&across)) < 1e-6);
+        assert!(length(&bend.force(&across)) < 2e-3);
     }
 
     #[test]
@@ -205,6 +251,59 @@ mod tests {
         }
         let (plane, bent) = off(&bend, &at, &-step);
         assert!(bent < 0.01 * plane, "{plane} {bent}");
+    }
+
+    /// A ball that pushes back along its radius: force \[N\] and slope \[N/m\] at a place in it.
+    fn ball(at: &Vec3) -> (Vec3, [f32; 6]) {
+        let (stiffness, radius_m) = (500.0, 8e-3);
+        let far_m = length(at);
+        let (n, size_n) = (at * (1.0 / far_m), stiffness * (radius_m - far_m));
+        let (round, steep) = (size_n / far_m, -stiffness - size_n / far_m);
+        let [x, y, z]: [f32; 3] = n.into();
+        let squares = [x * x, x * y, x * z, y * y, y * z, z * z];
+        let mut slope = squares.map(|square| steep * square);
+        for diagonal in [0, 3, 5] {
+            slope[diagonal] += round;
+        }
+        (n * size_n, slope)
+    }
+
+    #[test]
+    fn one_frame_says_how_round_a_body_is() {
+        let foretold = |scale: f32, toward: Vec3| {
+            let at = toward * 6e-3;
+            let mut bend = Bend::NONE;
+            let (force, slope) = ball(&at);
+            // It came straight down, and rests.
+            let (before, before_slope) = ball(&(toward * 7e-3));
+            bend.learn(&(toward * 7e-3), &before_slope, &before, 1.0);
+            bend.learn(&at, &slope, &force, 1.0);
+            let along = toward.cross(&Vec3::new(0.3, 0.9, -0.2)).normalize();
+            let (s, c) = (libm::sinf(scale), libm::cosf(scale));
+            let way = (toward * c + along * s) * 6e-3 - at;
+            let (truth, _) = ball(&(at + way));
+            let plane = force + product(&slope, &way);
+            (
+                length(&(plane - truth)),
+                length(&(plane + bend.force(&way) - truth)),
+                bend.reach(&way),
+            )
+        };
+        for toward in [Vec3::z(), Vec3::new(0.6, -0.48, 0.64)] {
+            for angle in [0.1, 0.3, 0.5] {
+                let (plane, bent, reach) = foretold(angle, toward);
+                assert!(plane > 1.5 * angle * angle, "{plane}");
+                assert!(bent < angle * plane, "{angle}: {bent} of {plane}");
+                assert_eq!(reach, 1.0);
+            }
+            let (_, _, reach) = foretold(1.2, toward);
+            assert!(reach < 0.9, "{reach}");
+        }
+        // What is stuck to a spring is pulled back along the way: that is no shape.
+        let mut bend = Bend::NONE;
+        let slope = [-500.0, 0.0, 0.0, -500.0, 0.0, -500.0];
+        bend.learn(&Vec3::zeros(), &slope, &Vec3::z(), 1.0);
+        assert_eq!(bend.force(&Vec3::new(3e-3, 0.0, 0.0)), Vec3::zeros());
     }
 
     #[test]

@@ -14,8 +14,8 @@ const RATE_N_PER_S: f32 = 4.5;
 /// Speeds of a grip on its way out from which on it comes back slower, and no further \[m/s\]: a light hand is not thrown past
 /// where it rests.
 const PUSHED_OUT: (f32, f32) = (0.02, 0.04);
-/// Most that is lent \[J\]: 6 to 13 mJ are at stake in a press of 1 to 3 N.
-const LIMIT_J: f32 = 15e-3;
+/// Most that is lent \[J\]: 6 to 13 mJ are at stake in a press of 1 to 3 N. With what a tank has at the start it is 15 mJ.
+const LIMIT_J: f32 = 14.5e-3;
 /// Part of the horizon for which the force may be gone without being lost: the hand has hardly moved, and where frames come so
 /// seldom that one of them makes this gap the force would never be there.
 const DIP: f32 = 0.2;

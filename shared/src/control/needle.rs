@@ -24,6 +24,8 @@ const SAME_WAY: f32 = 0.9;
 const HOLDS: f32 = 0.05;
 /// Most of a force and of a moment that come with an axial force of 1 \[1 or m\].
 const MAX_GIVES: f32 = 4.0;
+/// Stiffness below which nothing holds a needle \[N/m\].
+const SOFTEST: f32 = 1e-3;
 /// Ways shorter than this have no slope of their own \[m\].
 const SHORT_M: f32 = 1e-6;
 
@@ -80,9 +82,10 @@ impl Curve {
         force
     }
 
-    /// The steepest change of force, up or down \[N/m\].
-    fn steepest(&self, sign: f32) -> f32 {
+    /// The steepest change of force, up or down, on the first `legs` of it \[N/m\].
+    fn steepest(&self, sign: f32, legs: usize) -> f32 {
         self.legs()
+            .take(legs)
             .fold(0.0, |most, [[from, before], [to, after]]| {
                 let way = to - from;
                 if way > SHORT_M {
@@ -93,11 +96,45 @@ impl Curve {
             })
     }
 
-    /// The first jump: where, and the force after it.
-    fn jump(&self) -> Option<[f32; 2]> {
-        self.legs()
-            .find(|[[from, before], [to, after]]| to == from && after > before)
-            .map(|[_, end]| end)
+    /// How much force is lost per way that the needle slides, up to what holds it next, before the first jump and behind it
+    /// \[N/m\], (2): by friction on what goes in. What is steeper than half of `stick_n_per_m` sticks.
+    fn grows(&self, stick_n_per_m: f32) -> [f32; 2] {
+        let (mut way_m, mut lost_n) = ([0.0; 2], [0.0; 2]);
+        let (mut side, mut ended) = (0, false);
+        for [[from, before], [to, after]] in self.legs() {
+            let (way, lost) = (to - from, before - after);
+            if way <= 0.0 && lost < 0.0 {
+                if side == 1 {
+                    break;
+                }
+                (side, ended) = (1, false);
+            } else if lost > 0.5 * stick_n_per_m * way {
+                ended |= way_m.get(side).is_some_and(|way_m| *way_m > 0.0);
+            } else if let (false, Some(way_m), Some(lost_n)) =
+                (ended, way_m.get_mut(side), lost_n.get_mut(side))
+            {
+                (*way_m, *lost_n) = (*way_m + way, *lost_n + lost);
+            }
+        }
+        core::array::from_fn(|side| {
+            let (way_m, lost_n) = (way_m[side], lost_n[side]);
+            let slope = if way_m > SHORT_M { lost_n / way_m } else { 0.0 };
+            let slope = clamp(slope, 0.0, 0.5 * stick_n_per_m);
+            // Of a way of the grip less slides: what holds goes along as friction grows.
+            slope / (1.0 - slope / max(stick_n_per_m, SOFTEST))
+        })
+    }
+
+    /// The largest force.
+    fn most(&self) -> f32 {
+        self.axial_n.iter().copied().fold(f32::MIN, max)
+    }
+
+    /// The first jump: where, and the forces before and after it.
+    fn jump(&self) -> Option<[f32; 3]> {
+        let is_jump = |[[from, before], [to, after]]: &[[f32; 2]; 2]| to == from && after > before;
+        let jump = self.legs().find(is_jump);
+        jump.map(|[[_, before], [at, after]]| [at, before, after])
     }
 }
 
@@ -124,15 +161,21 @@ pub struct LocalNeedle {
     /// Axial force at the frame's pose \[N\], and what the frame's tangent takes from it per metre \[N/m\].
     solved_n: f32,
     now_n_per_m: f32,
-    /// Of a needle that sticks; no course is steeper \[N/m\].
-    stick_n_per_m: f32,
+    /// Of a needle that sticks, on the way forward, where no course is steeper, and backward, as what holds it unloads
+    /// \[N/m\], (2).
+    stick_n_per_m: [f32; 2],
     forward: Curve,
     backward: Curve,
     /// Where a boundary gives way on the way forward \[m\], the force right after, and the largest that pulls the needle on
-    /// then \[N\].
+    /// then \[N\], besides friction on what has gone in since.
     jump_m: f32,
     after_n: f32,
     most_n: f32,
+    /// Friction on what goes in, before it gives way and after that \[N/m\], (2).
+    grows_n_per_m: [f32; 2],
+    /// How far tissue springs back over the needle then \[m\], and what had slid forward before \[m\].
+    springs_m: f32,
+    from_m: f32,
     /// Where the grip was last \[m\], and the axial force there \[N\].
     at_m: f32,
     axial_n: f32,
@@ -151,11 +194,20 @@ impl LocalNeedle {
     pub fn new(frame: &ValidNeedle) -> Self {
         let body = frame.body();
         let (forward, backward) = (forward(body), backward(body));
-        let stiffest = max(forward.steepest(-1.0), backward.steepest(1.0));
+        let [stiffest, back] = [(forward, -1.0), (backward, 1.0)]
+            .map(|(curve, sign)| curve.steepest(sign, COURSE_POINTS));
         let [all, now] = body.stiffness_n_per_m;
+        let stick_n_per_m = min(max(all, max(stiffest, back)), MAX_TANGENT);
+        // Of a needle that is apart: by what holds it first.
+        let held = forward.legs().take_while(|[[from, _], [to, _]]| to > from);
+        let held_n_per_m = forward.steepest(-1.0, held.count());
+        let unloads = [all, held_n_per_m].into_iter().find(|k| *k > 0.0);
+        let unloads = max(unloads.unwrap_or(stick_n_per_m), back);
+        let back_n_per_m = min(unloads, stick_n_per_m);
         let [_, most_n] = body.friction_n;
         let jump = forward.jump();
-        let [jump_m, after_n] = jump.unwrap_or([f32::MAX, body.punctured_n]);
+        let [jump_m, before_n, after_n] =
+            jump.unwrap_or([f32::MAX, body.punctured_n, body.punctured_n]);
         let mut needle = LocalNeedle {
             needle: body.needle,
             solved_us: frame.console_time_us(),
@@ -164,12 +216,15 @@ impl LocalNeedle {
             gives: across(&body.slide),
             solved_n: body.axial_n,
             now_n_per_m: now,
-            stick_n_per_m: min(max(all, stiffest), MAX_TANGENT),
+            stick_n_per_m: [stick_n_per_m, back_n_per_m],
             forward,
             backward,
             jump_m,
             after_n,
             most_n: max(most_n, after_n),
+            grows_n_per_m: forward.grows(back_n_per_m),
+            springs_m: ramp_m(after_n - before_n, back_n_per_m),
+            from_m: 0.0,
             at_m: 0.0,
             axial_n: body.axial_n,
             slid_m: [0.0; 2],
@@ -185,6 +240,11 @@ impl LocalNeedle {
         needle
     }
 
+    /// What goes in does not rub: for measuring what that is worth.
+    pub(super) fn forget_friction(&mut self) {
+        self.grows_n_per_m = [0.0; 2];
+    }
+
     /// Takes note of the frame's tangent, packed (21), and wrench: a needle that slips by s has the wrench of one that was moved
     /// that much less, `-s T slide`, of which the axial force is a part only. The tangent turns what rubs on a round needle with
     /// it, but where it slips its course through the tissue stays.
@@ -192,7 +252,8 @@ impl LocalNeedle {
         let yields = symmetric_times(tangent, &self.slide);
         let axial: f32 = yields.iter().zip(&self.slide).map(|(w, s)| w * s).sum();
         // Of a needle that slides all along there is nothing to be had from its tangent.
-        if axial < -HOLDS * self.stick_n_per_m && axial.is_finite() {
+        let [stick_n_per_m, _] = self.stick_n_per_m;
+        if axial < -HOLDS * stick_n_per_m && axial.is_finite() {
             let [.., a, b, c] = self.slide;
             let [x, y, z, u, v, w] = *wrench;
             let turn = Vec3::new(a, b, c);
@@ -299,17 +360,19 @@ impl LocalNeedle {
 
     /// The return mapping, from where the grip was last.
     fn go(&mut self, slide_m: f32, now_us: u64) {
-        let [forward_m, backward_m] = self.slid_m;
-        let trial = self.axial_n - self.stick_n_per_m * (slide_m - self.at_m);
+        let stick_n_per_m = self.sticks(slide_m);
+        let trial = self.axial_n - stick_n_per_m * (slide_m - self.at_m);
         let (axial_n, gives_way) = self.next(slide_m);
         if gives_way && self.punctured_us.is_none() {
             self.punctured_us = Some(now_us);
+            self.from_m = self.slid_forward();
         }
         self.at_m = slide_m;
         self.axial_n = axial_n;
-        if self.stick_n_per_m > 0.0 {
+        let [forward_m, backward_m] = self.slid_m;
+        if stick_n_per_m > 0.0 {
             let slip = clamp(
-                (self.axial_n - trial) / self.stick_n_per_m,
+                (self.axial_n - trial) / stick_n_per_m,
                 -MAX_POSITION,
                 MAX_POSITION,
             );
@@ -321,16 +384,32 @@ impl LocalNeedle {
         }
     }
 
+    /// How stiff it is while it sticks on the way to a slide \[N/m\].
+    fn sticks(&self, slide_m: f32) -> f32 {
+        let [forward, backward] = self.stick_n_per_m;
+        if slide_m < self.at_m {
+            backward
+        } else {
+            forward
+        }
+    }
+
+    /// Slid forward since the frame's pose, less what slid backward \[m\].
+    fn slid_forward(&self) -> f32 {
+        let [forward_m, backward_m] = self.slid_m;
+        forward_m - backward_m
+    }
+
     /// The axial force if the grip goes on to `slide_m`, and whether the boundary has given way there.
     fn next(&self, slide_m: f32) -> (f32, bool) {
-        let [forward_m, backward_m] = self.slid_m;
+        let [_, backward_m] = self.slid_m;
         let (was, before_m) = (self.axial_n, self.at_m);
         let mut gone = self.punctured_us.is_some();
         // Asked again at one place it says the same again.
         if slide_m == before_m {
             return (was, gone);
         }
-        let trial = was - self.stick_n_per_m * (slide_m - before_m);
+        let trial = was - self.sticks(slide_m) * (slide_m - before_m);
         // A bound holds against motion towards it. What is not at it yet is not lifted to it, but moves as it does.
         let next = if slide_m > before_m {
             let old = self.low(before_m + backward_m, gone);
@@ -339,8 +418,8 @@ impl LocalNeedle {
             let low = self.low(ahead, gone);
             max(trial, min(low, was + max(low - old, 0.0)))
         } else {
-            let old = self.high(forward_m - before_m, gone);
-            let high = self.high(forward_m - slide_m, gone);
+            let old = self.high(before_m, 0.0, gone);
+            let high = self.high(slide_m, before_m - slide_m, gone);
             min(trial, max(high, was - max(old - high, 0.0)))
         };
         (clamp(next, -MAX_WRENCH, MAX_WRENCH), gone)
@@ -357,12 +436,21 @@ impl LocalNeedle {
         }
     }
 
-    /// The largest force on the way backward.
-    fn high(&self, behind_m: f32, gone: bool) -> f32 {
+    /// The largest force on the way backward at a slide, if so much more slides back by then: friction holds what has gone in
+    /// since the frame's pose, or since the boundary has given way.
+    fn high(&self, slide_m: f32, back_m: f32, gone: bool) -> f32 {
+        let [before, after] = self.grows_n_per_m;
+        let [_, sticks] = self.stick_n_per_m;
+        // What lets go of friction lets go of tissue that it held: more slides than the grip goes.
+        let grows = if gone { after } else { before };
+        let lets_go = clamp(1.0 - grows / max(sticks, SOFTEST), 0.5, 1.0);
+        let gone_in_m = self.slid_forward() - back_m / lets_go;
         if gone {
-            self.most_n
-        } else if behind_m > 0.0 {
-            self.backward.at(behind_m)
+            self.most_n + grows * max(gone_in_m - self.from_m, 0.0)
+        } else if gone_in_m > 0.0 {
+            self.backward.most() + grows * gone_in_m
+        } else if slide_m < 0.0 {
+            self.backward.at(-slide_m)
         } else {
             MAX_WRENCH
         }
@@ -373,6 +461,7 @@ impl LocalNeedle {
         if self.punctured_us.is_none() {
             self.punctured_us = when_us;
             self.axial_n = self.after_n;
+            self.from_m = self.slid_forward() - self.springs_m;
         }
     }
 

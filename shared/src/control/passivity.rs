@@ -17,9 +17,9 @@ use crate::math::{Vec3, clamp, dot, max, min};
 
 /// Commands that may be under way, and the one that is just acting.
 const DELAYED: usize = (MAX_ACTUATION_DELAY_US / 1000) as usize + 1;
-/// What the tank holds at the start \[J\]: the work of a few newtons along an encoder's step, below which the ledger
-/// cannot tell.
-const CREDIT_J: f32 = 0.2e-3;
+/// What the tank holds at the start \[J\]: below the work of a few newtons along an encoder's step the ledger cannot tell, and
+/// tissue that hardens while no frame comes takes a few tenths of a millijoule less than it gives back.
+const CREDIT_J: f32 = 0.5e-3;
 /// What the tank may hold beyond what the present contact can have stored \[J\]: what a swap costs at most on a
 /// contact that has dissipated it before.
 const RESERVE_J: f32 = 3e-3;

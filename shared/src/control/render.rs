@@ -289,6 +289,9 @@ impl Render {
         let needle = needle.filter(|needle| needle.console_time_us() == solved_us);
         self.needle = needle.map(|frame| {
             let mut needle = LocalNeedle::new(frame);
+            if !self.tuning.guards.rubs {
+                needle.forget_friction();
+            }
             needle.note_contact(contact.tangent(), contact.wrench());
             if let Some(old) = &old {
                 needle.adopt(old);

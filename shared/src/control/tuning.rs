@@ -50,6 +50,8 @@ pub struct Guards {
     pub overspeed: bool,
     /// Rows whose residual is too large give way to the tangent.
     pub residual: bool,
+    /// Friction holds back what a needle has gone in since its frame.
+    pub rubs: bool,
     /// A pressed emergency stop is a fault.
     pub emergency_stop: bool,
     /// An encoder that moves faster than the device can is a fault.
@@ -76,6 +78,7 @@ impl Guards {
         power: true,
         overspeed: true,
         residual: true,
+        rubs: true,
         emergency_stop: true,
         encoder_jump: true,
         disarm: true,
@@ -99,6 +102,7 @@ impl Guards {
             "power" => &mut self.power,
             "overspeed" => &mut self.overspeed,
             "residual" => &mut self.residual,
+            "rubs" => &mut self.rubs,
             "emergency_stop" => &mut self.emergency_stop,
             "encoder_jump" => &mut self.encoder_jump,
             "disarm" => &mut self.disarm,

@@ -3,11 +3,11 @@
 //! Entry point: [`mutants`].
 
 use super::bars::{Bar, bars};
-use super::case::{Question, Scenes, Spec};
+use super::case::{Scenes, Spec};
 use super::corners;
 use super::suite::{Extent, core, first_stalls, measure};
 use super::switches::Switch;
-use super::trials::{self, Factor};
+use super::trials;
 use serde::Serialize;
 use sutura_shared::control::Guards;
 use sutura_shared::device::DeviceError;
@@ -21,16 +21,10 @@ pub struct Mutant {
     pub fails: Vec<Bar>,
 }
 
-/// What is run with each of them off: the short form, without trials that show nothing but open bars.
+/// What is run with each of them off: the short form.
 pub fn specs() -> Vec<Spec> {
     let mut specs = core(Extent::Short, Guards::ALL);
-    let shows = |spec: &Spec| {
-        matches!(
-            spec.question,
-            Question::Trial(Factor::Planned | Factor::Isotropic(_) | Factor::Phase)
-        )
-    };
-    specs.extend(trials::known_worst().into_iter().filter(shows));
+    specs.extend(trials::known_worst());
     specs.extend(first_stalls());
     // What a description that is wrong costs.
     specs.extend(corners::known_worst());

@@ -64,6 +64,7 @@ const PLAIN: Tuning = Tuning {
         power: false,
         overspeed: false,
         residual: false,
+        rubs: false,
         emergency_stop: false,
         encoder_jump: false,
         disarm: false,

@@ -9,7 +9,7 @@ use sutura_host::session::Horizon;
 use sutura_shared::control::Guards;
 
 /// Names of guards, and whether each is on.
-pub fn guards_by_name(guards: &Guards) -> [(&'static str, bool); 18] {
+pub fn guards_by_name(guards: &Guards) -> [(&'static str, bool); 19] {
     [
         ("blend", guards.blend),
         ("trust", guards.trust),
@@ -26,6 +26,7 @@ pub fn guards_by_name(guards: &Guards) -> [(&'static str, bool); 18] {
         ("power", guards.power),
         ("overspeed", guards.overspeed),
         ("residual", guards.residual),
+        ("rubs", guards.rubs),
         ("emergency_stop", guards.emergency_stop),
         ("encoder_jump", guards.encoder_jump),
         ("disarm", guards.disarm),
