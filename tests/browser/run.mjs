@@ -15,7 +15,7 @@ const HELP = `Tests the page of \`sutura view\` in a headless browser.
 
 Without --sutura the program's own tests are left out, and that is said. Pictures of all tests are kept in DIR.
 --checkout takes the page's files from here instead of the binary: for working on the page without building.
---minutes M watches memory for so long in place of one minute.
+--minutes M watches memory for so long in place of one minute, once what is kept of the last one is full.
 --book draws the program's pictures as a graphics card does, and copies those that the book shows into docs/src/view.
 SUTURA_CHROMIUM names the browser, if it is not in /usr/bin.`;
 
@@ -86,16 +86,20 @@ await one('modules', () => runs(process.execPath, ['--test', 'units/']));
 await one('types', () => runs(process.execPath, ['node_modules/typescript/bin/tsc', '--project', 'tsconfig.json']));
 
 const { Browser } = await import('./harness.mjs');
+// What watches for minutes has a browser of its own, and runs beside the others.
 const suites = [(await import('./suites/page.mjs')).tests];
-if (values.sutura) suites.push((await import('./suites/program.mjs')).tests);
-else console.log('left out: tests of the program (no --sutura)');
+if (values.sutura) {
+  const program = await import('./suites/program.mjs');
+  suites[0].push(...program.tests);
+  suites.push(program.long);
+} else console.log('left out: tests of the program (no --sutura)');
 
-const browser = new Browser({ executable, out: values.out, checkout: values.checkout });
-await browser.launch();
-for (const tests of suites) {
+await Promise.all(suites.map(async (tests) => {
+  const browser = new Browser({ executable, out: values.out, checkout: values.checkout });
+  await browser.launch();
   for (const [name, run] of tests) await one(name, () => run({ browser, out: values.out, sutura: values.sutura, executable, book: values.book === true, minutes: Number(values.minutes) }));
-}
-await browser.close();
+  await browser.close();
+}));
 if (values.book) copyForBook();
-console.log(`${counts.passed} passed, ${counts.failed} failed`);
+console.log(`${counts.passed} passed, ${counts.failed} failed in ${((Date.now() - began) / 1000).toFixed(0)} s`);
 process.exit(counts.failed > 0 || counts.passed === 0 ? 1 : 0);

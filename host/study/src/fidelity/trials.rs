@@ -90,6 +90,7 @@ pub const GROUNDS: [(Place, Motion); 14] = [
 pub const HOST_HZ: f64 = 60.0;
 /// Phases, and seeds of hosts that block.
 const PHASES: u32 = 10;
+/// Seeds of stalls that are counted together.
 pub const SEEDS: u64 = 10;
 /// Turns beside the one to (1, 1, 1), and of which numbers.
 const TURNS: u8 = 8;
