@@ -40,7 +40,7 @@ pub fn instruction_counter() -> Result<()> {
     let version = || Tool::new(RUNNER).arg("--version").output();
     let is_right = |text: &String| text.trim().ends_with(&format!(" {wanted}"));
     if !version().is_ok_and(|text| is_right(&text)) {
-        let install = format!("cargo install {RUNNER} --locked --version ={wanted}");
+        let install = format!("cargo install {RUNNER} --debug --locked --version ={wanted}");
         eprintln!("installing {RUNNER} from source, which takes minutes: {install}");
         Tool::new(&install)
             .run()
@@ -101,7 +101,7 @@ fn browser() -> Result<()> {
 fn cargo_command(name: &str, what: &str) -> Result<()> {
     let version = || Tool::new(&format!("cargo {name} --version")).output();
     if version().is_err() {
-        let install = format!("cargo install cargo-{name} --locked");
+        let install = format!("cargo install cargo-{name} --debug --locked");
         eprintln!("installing cargo-{name} from source, which takes minutes: {install}");
         Tool::new(&install)
             .run()

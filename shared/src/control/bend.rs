@@ -1,13 +1,13 @@
 //! How the tangent itself changes along the way: what a body's curvature does to a force that is foretold by a plane.
 //!
-//! Entry points: [`Bend::learn`], [`Bend::force`]. Between two frames the tangent changes by dK along the way d; a way x onward adds
+//! Entry points: [`Bend::learn`], [`Bend::onward`]. Between two frames the tangent changes by dK along the way d; a way x onward adds
 //! (x . d) / (d . d) dK x / 2 to the force, the second term of its Taylor series (on the way back it is the trapezoidal rule). How much of it is
 //! true is learnt from what came: the regression of what the last tangent did not foretell on what this term would have.
 //!
 //! Across d nothing came yet. But a force that turns with the way, as on a ball, says how round the body is: with the curvature
 //! t . K t / |f| along a way across it the tangent turns with the force.
 
-use crate::math::{Vec3, clamp, dot, max, min};
+use crate::math::{Vec3, clamp, dot};
 
 /// Share of what was learnt that is kept when as much new comes.
 const KEPT: f32 = 0.5;
@@ -37,10 +37,12 @@ struct Known {
 pub(super) struct Bend {
     /// The last one that was somewhere else.
     last: Option<Known>,
-    /// Direction of the newest one's force, its size \[N\], and its tangent \[N/m\].
+    /// Direction of the newest one's force, if that may turn as on a convex body, over its size \[1/N\]; its tangent, and that
+    /// times the direction \[N/m\].
     normal: Vec3,
-    size_n: f32,
+    per_n: f32,
     tangent: [f32; 6],
+    steep: Vec3,
     /// Change of d force / d position \[N/m\], packed upper triangle by rows: xx, xy, xz, yy, yz, zz.
     change: [f32; 6],
     /// The way on which it changed over its square \[1/m\].
@@ -61,8 +63,9 @@ impl Bend {
     pub const NONE: Bend = Bend {
         last: None,
         normal: Vec3::new(0.0, 0.0, 0.0),
-        size_n: 0.0,
+        per_n: 0.0,
         tangent: [0.0; 6],
+        steep: Vec3::new(0.0, 0.0, 0.0),
         change: [0.0; 6],
         per_way: Vec3::new(0.0, 0.0, 0.0),
         foretold: 0.0,
@@ -76,9 +79,7 @@ impl Bend {
     /// What is as good as where the last one was tells nothing: a tool that rests goes back on the way on which it came.
     pub fn learn(&mut self, place_m: &Vec3, tangent: &[f32; 6], force: &Vec3, scale: f32) {
         self.scale = scale;
-        self.size_n = libm::sqrtf(dot(force, force));
-        self.normal = force * (1.0 / max(self.size_n, LIGHT_N));
-        self.tangent = *tangent;
+        self.lie(tangent, force);
         let new = Known {
             place_m: *place_m,
             tangent: *tangent,
@@ -112,51 +113,69 @@ impl Bend {
         };
     }
 
-    /// Part of a way \[m\] from the pose that was solved for up to which the tangent says anything.
-    pub fn reach(&self, way: &Vec3) -> f32 {
+    /// How the newest force lies, and whether it turns as on a convex body along any way across it.
+    fn lie(&mut self, tangent: &[f32; 6], force: &Vec3) {
+        let size_n = libm::sqrtf(dot(force, force));
+        self.per_n = 0.0;
+        if size_n < LIGHT_N {
+            return;
+        }
+        let per_n = 1.0 / size_n;
+        (self.normal, self.tangent) = (force * per_n, *tangent);
+        self.steep = product(tangent, &self.normal);
+        let [xx, _, _, yy, _, zz] = *tangent;
+        if xx + yy + zz > dot(&self.steep, &self.normal) {
+            self.per_n = per_n;
+        }
+    }
+
+    /// After a way \[m\] from the pose that was solved for: the part of it up to which the tangent says anything, and what this adds to the
+    /// force there \[N\]: on the way back all of it, for that way is known, onward what has been true of it so far, and across that
+    /// what the tangent says of the body.
+    pub fn onward(&self, way: &Vec3) -> (f32, Vec3) {
         let ways = dot(way, &self.per_way);
-        let known = if ways > self.farthest {
+        let mut reach = if ways > self.farthest {
             self.farthest / ways
         } else {
             1.0
         };
-        let turn = self.turned(way);
-        let square = dot(&turn, &turn);
-        if square > ROUND * ROUND {
-            min(known, ROUND / libm::sqrtf(square))
-        } else {
-            known
+        let mut round = Vec3::zeros();
+        if let Some((turn, turned)) = self.around(way, ways) {
+            if turn * reach > ROUND {
+                reach = ROUND / turn;
+            }
+            round = turned * (0.5 * self.scale * reach * reach);
         }
-    }
-
-    /// What it adds to the force after a way \[m\] from the pose that was solved for \[N\]: on the way back all of it, for that way is known,
-    /// onward what has been true of it so far, and across that what the tangent says of the body.
-    pub fn force(&self, way: &Vec3) -> Vec3 {
-        let ways = dot(way, &self.per_way);
+        let (way, ways) = (way * reach, ways * reach);
         let worth = if ways < 0.0 { 1.0 } else { self.worth };
-        let turn = self.turned(way);
-        // The tangent in a frame that has turned, less what it was.
-        let turned = turn.cross(&product(&self.tangent, way));
-        let more = turned - product(&self.tangent, &turn.cross(way));
-        self.whole(way, ways) * worth + more * (0.5 * self.scale)
+        (reach, self.whole(&way, ways) * worth + round)
     }
 
-    /// By how much the force has turned after a way, as a rotation \[rad\]: on its part that is across what is known and across the
-    /// force, where the body is convex along it.
-    fn turned(&self, way: &Vec3) -> Vec3 {
+    /// By how much the force turns on a way, on the part of it that is across what is known and across the force \[rad\], and
+    /// by how much the tangent that turns with it makes another force of the way \[N\]; nothing where the body is not convex along it.
+    ///
+    /// With the turn w = n x k a along a, of curvature k: w x (K x) - K (w x x).
+    fn around(&self, way: &Vec3, ways: f32) -> Option<(f32, Vec3)> {
+        if self.per_n == 0.0 {
+            return None;
+        }
         let known = dot(&self.per_way, &self.per_way);
         let new = if known > 0.0 {
-            way - self.per_way * (dot(way, &self.per_way) / known)
+            way - self.per_way * (ways / known)
         } else {
             *way
         };
         let across = new - self.normal * dot(&new, &self.normal);
-        let square = dot(&across, &across);
-        let slope = dot(&across, &product(&self.tangent, &across));
-        if slope <= 0.0 || self.size_n < LIGHT_N {
-            return Vec3::zeros();
+        let (square, pulled) = (dot(&across, &across), product(&self.tangent, &across));
+        let slope = dot(&across, &pulled);
+        if slope <= 0.0 {
+            return None;
         }
-        self.normal.cross(&across) * (slope / (square * self.size_n))
+        let curvature = slope * self.per_n / square;
+        let turned = across * dot(&self.steep, way) + self.steep * dot(&across, way)
+            - self.normal * dot(&pulled, way)
+            - pulled * dot(&self.normal, way);
+        Some((curvature * libm::sqrtf(square), turned * curvature))
     }
 
     fn whole(&self, way: &Vec3, ways: f32) -> Vec3 {
@@ -220,7 +239,10 @@ mod tests {
         let (true_n, _) = tissue(&(at + way));
         let plane = force + product(&slope, way);
         let size = |v: Vec3| libm::sqrtf(dot(&v, &v));
-        (size(plane - true_n), size(plane + bend.force(way) - true_n))
+        (
+            size(plane - true_n),
+            size(plane + bend.onward(way).1 - true_n),
+        )
     }
 
     #[test]
@@ -236,9 +258,9 @@ mod tests {
         }
         // Hardly anything is known before the second frame, and across the way.
         let (first, _) = along(&step, 1);
-        assert!(length(&first.force(&step)) < 1e-3);
+        assert!(length(&first.onward(&step).1) < 1e-3);
         let across = Vec3::new(0.4e-3, 0.0, -0.7e-3);
-        assert!(length(&bend.force(&across)) < 2e-3);
+        assert!(length(&bend.onward(&across).1) < 2e-3);
     }
 
     #[test]
@@ -285,8 +307,8 @@ mod tests {
             let plane = force + product(&slope, &way);
             (
                 length(&(plane - truth)),
-                length(&(plane + bend.force(&way) - truth)),
-                bend.reach(&way),
+                length(&(plane + bend.onward(&way).1 - truth)),
+                bend.onward(&way).0,
             )
         };
         for toward in [Vec3::z(), Vec3::new(0.6, -0.48, 0.64)] {
@@ -303,7 +325,7 @@ mod tests {
         let mut bend = Bend::NONE;
         let slope = [-500.0, 0.0, 0.0, -500.0, 0.0, -500.0];
         bend.learn(&Vec3::zeros(), &slope, &Vec3::z(), 1.0);
-        assert_eq!(bend.force(&Vec3::new(3e-3, 0.0, 0.0)), Vec3::zeros());
+        assert_eq!(bend.onward(&Vec3::new(3e-3, 0.0, 0.0)).1, Vec3::zeros());
     }
 
     #[test]
@@ -322,7 +344,7 @@ mod tests {
                 1.0,
             );
         }
-        let believed = bend.force(&(step * 2.0));
+        let believed = bend.onward(&(step * 2.0)).1;
         assert!(length(&believed) < 0.1, "{believed:?}");
     }
 
@@ -340,8 +362,8 @@ mod tests {
             );
         }
         let onward = Vec3::new(1.0, 0.0, -0.15) * 2.4e-3;
-        assert_eq!(bend.reach(&onward), 1.0);
-        let far = bend.reach(&(onward * 4.0));
+        assert_eq!(bend.onward(&onward).0, 1.0);
+        let far = bend.onward(&(onward * 4.0)).0;
         assert!((0.2..0.9).contains(&far), "{far}");
         let mut wall = Bend::NONE;
         for x in [0.0_f32, 1e-3] {
@@ -353,6 +375,6 @@ mod tests {
                 1.0,
             );
         }
-        assert_eq!(wall.reach(&Vec3::new(0.1, 0.0, -0.1)), 1.0);
+        assert_eq!(wall.onward(&Vec3::new(0.1, 0.0, -0.1)).0, 1.0);
     }
 }

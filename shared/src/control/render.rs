@@ -391,9 +391,8 @@ impl Render {
         };
         let [x, y, z, ..] = *dx;
         let way = Vec3::new(x, y, z);
-        let reach = self.bend.reach(&way);
+        let (reach, more) = self.bend.onward(&way);
         let dx = &dx.map(|d| d * reach);
-        let more = self.bend.force(&(way * reach));
         contact.force(rendering, dx, scale, more, now_us)
     }
 
