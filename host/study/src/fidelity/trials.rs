@@ -70,7 +70,7 @@ impl Factor {
 }
 
 /// What is touched, and how.
-pub const GROUNDS: [(Place, Motion); 14] = [
+pub const GROUNDS: [(Place, Motion); 16] = [
     (Place::Palpation, Motion::Presses),
     (Place::Palpation, Motion::Taps),
     (Place::Palpation, Motion::Strokes),
@@ -85,6 +85,8 @@ pub const GROUNDS: [(Place, Motion); 14] = [
     (Place::Slab(Law::Hyperelastic), Motion::Presses),
     (Place::Slab(Law::Hyperelastic), Motion::Taps),
     (Place::Slab(Law::Hyperelastic), Motion::Strokes),
+    (Place::Rubbing, Motion::Taps),
+    (Place::Rubbing, Motion::Strokes),
 ];
 /// The host's rate \[1/s\].
 pub const HOST_HZ: f64 = 60.0;
