@@ -27,12 +27,8 @@ impl Balance<'_> {
         let each = self.sources.tools.each();
         let smooth = each.get(tool as usize)?.tool.is_smooth();
         let most_rows = options.most_rows.min(MAX_TOOL_ROWS);
-        // Where nothing is touched yet there is room for more of what comes.
-        let most = match (smooth, self.state.tools.count(tool)) {
-            (true, _) => most_rows,
-            (false, 0) => most_rows / 2,
-            (false, _) => most_rows / CONE,
-        };
+        // Half of what rubs has normals alone, where hardly anything is touched.
+        let most = if smooth { most_rows } else { most_rows / 2 };
         if most_rows < if smooth { 1 } else { CONE } {
             return None;
         }

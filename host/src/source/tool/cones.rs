@@ -559,12 +559,14 @@ impl Plan {
             };
         }
         let (many, few) = (most / 4, (most / 6).max(1));
-        if pressing == 0 {
-            let coming_cones = coming.min(many);
+        if pressing < many {
+            // Hardly touched yet: what comes has the rest.
+            let coming_cones = coming.min(many - pressing);
+            let normals = most - axes * (pressing + coming_cones);
             return Plan {
-                core: 0,
-                cones: 0,
-                coming: coming.min(most - (axes - 1) * coming_cones),
+                core: pressing,
+                cones: pressing,
+                coming: coming.min(coming_cones + normals),
                 coming_cones,
             };
         }
@@ -582,6 +584,33 @@ impl Plan {
             cones,
             coming,
             coming_cones: 0,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::Plan;
+
+    /// A frame made as the first vertex touches tells as much of what comes as one made just before, and no row is left over.
+    #[test]
+    fn what_has_hardly_touched_leaves_its_rows_to_what_comes() {
+        const ROWS: usize = 24;
+        let told = |pressing| {
+            let plan = Plan::of(pressing, 12, ROWS, 3);
+            let cones = plan.cones + plan.coming_cones;
+            let normals = pressing - plan.core + plan.coming - plan.coming_cones;
+            (pressing + plan.coming, 3 * cones + normals)
+        };
+        for pressing in 0..6 {
+            assert_eq!(told(pressing), (12, ROWS), "{pressing}");
+        }
+        for pressing in 6..40 {
+            let (vertices, rows) = told(pressing);
+            assert!(
+                vertices > pressing && rows <= ROWS,
+                "{pressing}: {vertices}, {rows}"
+            );
         }
     }
 }

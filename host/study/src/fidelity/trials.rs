@@ -274,6 +274,7 @@ pub fn known_worst() -> Vec<Spec> {
         phased(taps, 30.0, 0.9),
         phased(needle, HOST_HZ, 0.8),
         phased(round, HOST_HZ, 0.8),
+        phased((Place::Rubbing, Motion::Taps), HOST_HZ, 0.4),
         stalled((Place::Palpation, Motion::Strokes), HOST_HZ, 8),
         stalled(
             (Place::Slab(Law::Corotational), Motion::Strokes),
@@ -287,7 +288,8 @@ pub fn known_worst() -> Vec<Spec> {
         stalled(hyperelastic(Motion::Presses), HOST_HZ, 8),
     ];
     // Whole, for what is counted of all seeds together.
-    for ground in [needle, hyperelastic(Motion::Taps)] {
+    let rubbing = (Place::Rubbing, Motion::Strokes);
+    for ground in [needle, hyperelastic(Motion::Taps), rubbing] {
         specs.extend((0..SEEDS).map(|seed| stalled(ground, HOST_HZ, seed)));
     }
     specs
