@@ -23,8 +23,9 @@ const BROWSERS: [&str; 4] = ["chromium", "chromium-browser", "google-chrome", "c
 const AS_PIPES: &str = "exec \"$0\" \"$@\" 3<&0 4>&1 </dev/null >/dev/null 2>&1";
 /// How long a page is given to draw what it got last, in software.
 const DRAWN_WITHIN: Duration = Duration::from_secs(4);
-/// How long all of it may take besides the session.
+/// How long all of it may take besides the session, and how long that may take on a machine that has much else to do.
 const WITHIN: Duration = Duration::from_secs(120);
+const REACHED_WITHIN: Duration = Duration::from_secs(600);
 
 /// Shows a scene or a recording, and takes a picture of it.
 ///
@@ -181,14 +182,26 @@ fn photograph(
     let attach = json!({"targetId": target["targetId"], "flatten": true});
     let session = text(&browser.ask(None, "Target.attachToTarget", attach)?["sessionId"]);
     let began = Instant::now();
-    let (mut sent, mut still) = (0, Instant::now());
-    while !(reached.load(Ordering::Relaxed) && sent > 0 && still.elapsed() > DRAWN_WITHIN) {
-        if began.elapsed() > WITHIN {
+    let (mut sent, mut still, mut stood) = (0, began, began);
+    loop {
+        let is_reached = reached.load(Ordering::Relaxed);
+        if is_reached && sent > 0 && still.elapsed() > DRAWN_WITHIN {
+            break;
+        }
+        if stood.elapsed() > WITHIN {
             return Err(io::Error::other("the page drew nothing for two minutes"));
         }
+        if began.elapsed() > REACHED_WITHIN + WITHIN {
+            return Err(io::Error::other(
+                "the session did not come so far in ten minutes",
+            ));
+        }
         let now = shared.figures().sent;
-        if now != sent || !reached.load(Ordering::Relaxed) {
+        if now != sent || !is_reached {
             (sent, still) = (now, Instant::now());
+        }
+        if !is_reached {
+            stood = Instant::now();
         }
         std::thread::sleep(Duration::from_millis(50));
     }
