@@ -300,7 +300,8 @@ mod tests {
             let (before, before_slope) = ball(&(toward * 7e-3));
             bend.learn(&(toward * 7e-3), &before_slope, &before, 1.0);
             bend.learn(&at, &slope, &force, 1.0);
-            let along = toward.cross(&Vec3::new(0.3, 0.9, -0.2)).normalize();
+            let along = toward.cross(&Vec3::new(0.3, 0.9, -0.2));
+            let along = along * (1.0 / length(&along));
             let (s, c) = (libm::sinf(scale), libm::cosf(scale));
             let way = (toward * c + along * s) * 6e-3 - at;
             let (truth, _) = ball(&(at + way));

@@ -264,28 +264,6 @@ impl Spec {
             return Ok(case);
         }
         let (record, blocking) = self.run(scenes)?;
-        if let Ok(path) = std::env::var("DUMP") {
-            use std::io::Write;
-            let mut f = std::fs::File::create(path).unwrap();
-            for t in &record.ticks {
-                writeln!(
-                    f,
-                    "{} {} {} {} {} {} {} {} {} {} {}",
-                    t.time_s,
-                    t.position_m[0],
-                    t.position_m[1],
-                    t.position_m[2],
-                    t.meant_n[0],
-                    t.meant_n[1],
-                    t.meant_n[2],
-                    t.truth_n[0],
-                    t.truth_n[1],
-                    t.truth_n[2],
-                    u8::from(t.swapped)
-                )
-                .unwrap();
-            }
-        }
         case.energy_min_j = record.least_energy_j;
         if matches!(self.question, Question::Errors | Question::Trial(_)) {
             case.errors = Some(errors(&record));
