@@ -15,13 +15,17 @@ use crate::run::session_failure;
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use std::sync::atomic::AtomicBool;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::Receiver;
+use std::time::Duration;
 use sutura_hil::NativeConsole;
 use sutura_host::picture::Showing;
 use sutura_host::recording::{About, Recorder, TappedConsole, TappedSolver};
 use sutura_host::session::{Progress, run_steered};
-use sutura_view::Request;
+use sutura_view::{Request, Shared};
+
+/// Between two looks for a page.
+const LOOKS_EVERY: Duration = Duration::from_millis(20);
 
 /// A time at which something is to be seen, and whether it is.
 pub struct At {
@@ -107,6 +111,9 @@ fn session(
     let mut console = TappedConsole::new(&mut console, recorder.tap());
     let tapped = TappedSolver::new(&mut solver, recorder.tap());
     let mut showing = Showing::new(tapped, Some(show.offer()));
+    if pause.is_some() {
+        await_page(page.shared(), stop);
+    }
     let mut helm = Helm::new(asked, stop, &show, wish, plan);
     if let Some(At { at_s, reached }) = pause {
         helm.pause_at(at_s, reached);
@@ -123,6 +130,13 @@ fn session(
         note!("recorded in {}", file.display());
     }
     Ok(ended)
+}
+
+/// Pictures are made for who watches: a page has to be there before time stands still.
+fn await_page(shared: &Shared, stop: &AtomicBool) {
+    while shared.figures().joined == 0 && !stop.load(Ordering::Relaxed) {
+        std::thread::sleep(LOOKS_EVERY);
+    }
 }
 
 /// The file of a session: the first has the name itself.

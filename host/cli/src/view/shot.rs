@@ -196,11 +196,12 @@ fn photograph(
                 "the session did not come so far in ten minutes",
             ));
         }
-        let now = shared.figures().sent;
-        if now != sent || !is_reached {
-            (sent, still) = (now, Instant::now());
+        let figures = shared.figures();
+        if figures.sent != sent || !is_reached {
+            (sent, still) = (figures.sent, Instant::now());
         }
-        if !is_reached {
+        // The session waits for the page, and the picture for the session.
+        if !is_reached && figures.joined > 0 {
             stood = Instant::now();
         }
         std::thread::sleep(Duration::from_millis(50));
