@@ -278,7 +278,7 @@ class Mock {
       latency_us: { now: both, all: both }, age_us: { now: { p50: 5500, p99: 7000 }, all: both }, step_us: { now: { p50: 380, p99: 450 }, all: { p50: 380, p99: 470 } },
       rtt_us: { now: { p50: 900, p99: 1200 }, all: both }, ticks_late: 0, tick_overruns: 0, frames: { lost: 0, rejected: 0, late: 0, superseded: 3 },
       withheld: { waiting: 3 }, energy_j: 0.0012, energy_min_j: -1e-5, force_n: Math.hypot(...this.force), host_hz: 249.6, speed: this.paused ? 0 : 0.99, paused: this.paused,
-      wanted_speed: this.speed, pictures: { wanted: 100, made: 99, sent: 98 }, picture_hz: 30, picture_us: 900, clients: this.clients.size,
+      wanted_speed: this.speed, recording: this.recorded, pictures: { wanted: 100, made: 99, sent: 98 }, picture_hz: 30, picture_us: 900, clients: this.clients.size,
       controller: this.controller === client, connected: this.connected,
     };
   }

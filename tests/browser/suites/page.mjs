@@ -143,7 +143,9 @@ export const tests = [
     return said.join(', ');
   })],
 
-  ['inside', withHost({ scene: 'tube' }, async ({ page, shot }) => {
+  ['inside', withHost({ scene: 'tube' }, async ({ page, host, shot }) => {
+    // The tool stays away: the tubes' walls are where they were.
+    host.mock.way = () => [0.03, 0, 0.006];
     await page.evaluate(() => {
       const { sutura } = window;
       sutura.stage.choose('lean', 'chosen by hand');
@@ -160,13 +162,18 @@ export const tests = [
     })()`);
     const thread = [0x5b, 0x8f, 0xf5];
     const outside = await count(thread, 60);
+    const solid = await page.evaluate(needleSeen);
     await page.locator('label', { hasText: 'X-ray' }).click();
     await settled(page, 500);
     const inside = await count(thread, 60);
     check(inside > outside + 30, `x-ray shows ${inside} pixels of thread, ${outside} without`);
-    await page.evaluate(() => (window.sutura.instruments.needles.get(0).mesh.visible = false));
-    const dashed = await page.evaluate(() => window.sutura.instruments.needles.get(0).hidden.line.visible && window.sutura.instruments.needles.get(0).hidden.material.dashed);
-    check(dashed, 'what of the needle is inside is dashed');
+    const through = await page.evaluate(needleSeen);
+    const said = JSON.stringify({ solid, through });
+    check(solid.inside > 50 && solid.outsideSeen > 20, `the needle is inside and outside of tissue: ${said}`);
+    check(solid.insideSeen === 0, `what of the needle is inside tissue is seen without x-ray: ${said}`);
+    // Dashes have gaps.
+    const part = through.insideSeen / through.inside;
+    check(part > 0.3 && part < 0.95, `${(100 * part).toFixed(0)} % of the needle inside tissue is seen in x-ray: ${said}`);
     await shot('xray');
     await page.locator('label', { hasText: 'X-ray' }).click();
     const walls = [0x7c, 0x2f, 0x35];
@@ -181,6 +188,7 @@ export const tests = [
     });
     check(front, 'the cut takes away the side that one looks from');
     await shot('cut');
+    return `${(100 * part).toFixed(0)} % of the needle inside tissue is seen in x-ray, none without`;
   })],
 
   ['fault', withHost({ scene: 'slab' }, async ({ page, host, shot }) => {
@@ -485,6 +493,48 @@ function framesASecond() {
   }
   const median = times.slice(2).sort((a, b) => a - b)[5];
   return `${stage.renderer.domElement.width}x${stage.renderer.domElement.height}: ${(1000 / median).toFixed(1)}/s`;
+}
+
+/**
+ * Places along the needle's middle that are inside the tubes' walls, or outside of them, and at how many of these the picture is
+ * another one without the needle. In the page.
+ */
+function needleSeen() {
+  const { hello, instruments, stage } = window.sutura;
+  const { mesh, hidden } = instruments.needles.get(0);
+  stage.resolution = 1;
+  stage.resize();
+  const gl = stage.renderer.getContext();
+  const [width, height] = [gl.drawingBufferWidth, gl.drawingBufferHeight];
+  const read = () => {
+    stage.render();
+    const bytes = new Uint8Array(4 * width * height);
+    gl.readPixels(0, 0, width, height, gl.RGBA, gl.UNSIGNED_BYTE, bytes);
+    return bytes;
+  };
+  const both = [mesh, hidden.line];
+  const visible = both.map((one) => one.visible);
+  const [seen, bare] = [read(), (both.forEach((one) => (one.visible = false)), read())];
+  both.forEach((one, i) => (one.visible = visible[i]));
+  const found = { inside: 0, insideSeen: 0, outside: 0, outsideSeen: 0 };
+  const { points_m: points } = hello.needles[0];
+  for (let i = 0; i < 10 * (points.length - 1); i += 1) {
+    const [a, b] = [points[Math.floor(i / 10)], points[Math.floor(i / 10) + 1]];
+    const at = stage.centre.clone().fromArray(a.map((x, axis) => x + ((i % 10) / 10) * (b[axis] - x))).applyMatrix4(mesh.matrixWorld);
+    const [radius, z] = [Math.hypot(at.x, at.y), at.z];
+    // Half a millimetre into the walls, which is more than the needle is thick; and as far away from them.
+    const within = (inner, outer, from, to, by) => radius > inner + by && radius < outer - by && z > from + by && z < to - by;
+    const walls = [[0.008, 0.011, 0.001, 0.03], [0.009, 0.012, -0.03, -0.001]];
+    const inside = walls.some((wall) => within(...wall, 5e-4));
+    if (!inside && walls.some((wall) => within(...wall, -5e-4))) continue;
+    at.project(stage.camera);
+    const place = 4 * (Math.floor((height * (at.y + 1)) / 2) * width + Math.floor((width * (at.x + 1)) / 2));
+    const differs = [0, 1, 2].some((channel) => Math.abs(seen[place + channel] - bare[place + channel]) > 12);
+    const name = inside ? 'inside' : 'outside';
+    found[name] += 1;
+    if (differs) found[`${name}Seen`] += 1;
+  }
+  return found;
 }
 
 async function expectMode(host, mode, what) {
