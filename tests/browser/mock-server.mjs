@@ -245,7 +245,8 @@ class Mock {
   }
 
   needles() {
-    return this.scene.needles.map(({ id }) => ({ id, position: [0.0155, -0.0045, -0.0055], orientation: [0.5, -0.5, 0.5, 0.5], axial: 0.2 }));
+    // Through both walls and the gap between them: towards the axis, and up.
+    return this.scene.needles.map(({ id }) => ({ id, position: [0.0155, -0.0015, -0.0061], orientation: [0, Math.SQRT1_2, Math.SQRT1_2, 0], axial: 0.2 }));
   }
 
   threads() {
