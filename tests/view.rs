@@ -427,6 +427,12 @@ fn memory_mb(pid: u32) -> f64 {
 /// A client that stands still costs the host nothing, and is shown the present when it goes on: after the pictures that were
 /// underway, one that is not older than what others had then. The session's own time is what counts.
 #[cfg(target_os = "linux")]
+    // The console is pinged ten times a second.
+    let pinged = client.text(|value| value["rtt_us"]["now"].is_object());
+    for of in ["now", "all"] {
+        let [p50, p99] = ["p50", "p99"].map(|part| pinged["rtt_us"][of][part].as_f64().unwrap());
+        assert!(0.0 < p50 && p50 <= p99, "{pinged}");
+    }
 #[test]
 fn a_client_that_stands_still_goes_on_in_the_present() {
     let stands_s = if full() { 60.0 } else { 4.0 };

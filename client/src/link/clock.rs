@@ -137,6 +137,29 @@ impl Clock {
         }
     }
 
+    /// Round trips of the present session whose middle is not before this time of the host's clock \[us\].
+    pub fn round_trips_since(&self, host_us: u64) -> RoundTrips {
+        let newest = self.kept.iter().rev();
+        let newest = newest.take_while(|(middle_us, ..)| *middle_us >= host_us as f64);
+        let mut trips: Vec<f64> = newest.map(|(_, _, trip_us)| *trip_us).collect();
+        trips.sort_by(f64::total_cmp);
+        let (Some(min), Some(max)) = (trips.first(), trips.last()) else {
+            return RoundTrips::default();
+        };
+        // The one that this share of all does not exceed.
+        let quantile = |share: f64| {
+            let place = (share * trips.len() as f64).ceil() as usize;
+            *trips.get(place.saturating_sub(1)).unwrap_or(max)
+        };
+        RoundTrips {
+            count: trips.len() as u64,
+            min: *min,
+            p50: quantile(0.5),
+            p99: quantile(0.99),
+            max: *max,
+        }
+    }
+
     /// The console's clock; none before the first exchange of a session.
     pub fn estimate(&self) -> Option<ClockEstimate> {
         let (newest_us, ..) = *self.kept.back()?;
@@ -246,6 +269,33 @@ mod tests {
         } = clock.round_trips();
         assert_eq!((count, min), (50, 100.0));
         assert!((p50 - 950.0).abs() < 2.0, "{p50}");
+    }
+
+    #[test]
+    fn round_trips_of_the_last_while_are_told_from_those_before() {
+        let mut clock = Clock::default();
+        // Every 100 ms, each 10 us longer than the one before.
+        for k in 0..50 {
+            clock.note(&Exchange {
+                asked_us: 100_000 * k,
+                received_us: 0,
+                sent_us: 0,
+                heard_us: 100_000 * k + 500 + 10 * k,
+            });
+        }
+        let newest = clock.round_trips_since(4_000_000);
+        assert_eq!(
+            newest,
+            RoundTrips {
+                count: 10,
+                min: 900.0,
+                p50: 940.0,
+                p99: 990.0,
+                max: 990.0,
+            }
+        );
+        assert_eq!(clock.round_trips_since(0).count, 50);
+        assert_eq!(clock.round_trips_since(5_000_000), RoundTrips::default());
     }
 
     #[test]

@@ -415,6 +415,13 @@ impl Link {
         lock(&self.shared.clock).round_trips()
     }
 
+    /// Round trips of the pings of the last while; of the last minute at most.
+    pub fn round_trips_within(&self, last: Duration) -> RoundTrips {
+        let last_us = u64::try_from(last.as_micros()).unwrap_or(u64::MAX);
+        let since_us = self.host_us().saturating_sub(last_us);
+        lock(&self.shared.clock).round_trips_since(since_us)
+    }
+
     /// The host's clock: since the link was opened \[us\].
     pub fn host_us(&self) -> u64 {
         self.shared.host_us(Instant::now())

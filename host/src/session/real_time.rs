@@ -11,8 +11,8 @@ use super::setup::{Arming, ArmingWatch};
 use super::summary::{ConsoleClock, LinkSummary, RoundTrip, Throughput};
 use super::{LatenessProbe, Plan, Progress, Scheduling, SessionError, Solve, Statistics, Summary};
 use crate::link::{
-    Connector, Heard, Link, LinkCounters, LinkError, LinkOptions, Order, Port, SentContact,
-    Standing,
+    Connector, Heard, Link, LinkCounters, LinkError, LinkOptions, Order, Port, RoundTrips,
+    SentContact, Standing,
 };
 use crate::scheduling::{Duty, Granted, LockedMemory, Role};
 use std::ops::ControlFlow;
@@ -40,6 +40,8 @@ const REARMS: usize = 3;
 const REARMS_IN: Duration = Duration::from_secs(60);
 /// How long the console may take to report after it was disarmed; it reports once a second by itself.
 const REPORT_WITHIN: Duration = Duration::from_millis(1500);
+/// What is said of the present is said of so long: of ten pings.
+const NOW: Duration = Duration::from_secs(1);
 
 fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
@@ -272,15 +274,17 @@ pub fn run_real_time(
 
 /// The link so far.
 fn link_summary(link: &Link) -> LinkSummary {
-    let (trips, counters) = (link.round_trips(), link.counters());
+    let counters = link.counters();
     let seconds = 1e-6 * link.host_us().max(1) as f64;
+    let trips = |trips: RoundTrips| RoundTrip {
+        min: trips.min,
+        p50: trips.p50,
+        p99: trips.p99,
+        max: trips.max,
+    };
     LinkSummary {
-        rtt_us: RoundTrip {
-            min: trips.min,
-            p50: trips.p50,
-            p99: trips.p99,
-            max: trips.max,
-        },
+        rtt_us: trips(link.round_trips()),
+        rtt_now_us: trips(link.round_trips_within(NOW)),
         clock: link.clock().map(|clock| ConsoleClock {
             offset_us: clock.offset_us,
             drift_ppm: clock.drift_ppm,

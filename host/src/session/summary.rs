@@ -113,6 +113,9 @@ pub struct Throughput {
 pub struct LinkSummary {
     /// Round trips without the console's own part \[us\]; 0 in lockstep.
     pub rtt_us: RoundTrip,
+    /// Those of the last second \[us\], while it runs.
+    #[serde(skip)]
+    pub rtt_now_us: RoundTrip,
     /// The clock; none in lockstep.
     pub clock: Option<ConsoleClock>,
     /// Bytes a second.

@@ -358,7 +358,7 @@ pub fn example(now: Instant) -> Figures {
         "kind": "gauges", "session": 1, "time_s": 12.5, "tick": 12500, "mode": "armed", "faults": [],
         "latency_us": both(3200.0, 4800.0), "age_us": both(5100.0, 7900.0), "step_us": both(810.0, 1240.0),
         "stages_us": [0.0, 12.0, 55.0, 90.0, 480.0, 0.0, 31.0, 120.0], "rest_us": 22.0,
-        "rtt_us": {"now": null, "all": {"p50": 910.0, "p99": 1400.0}},
+        "rtt_us": {"now": {"p50": 910.0, "p99": 1400.0}, "all": {"p50": 905.0, "p99": 2100.0}},
         "bytes_per_s": {"down": 44500.0, "up": 51200.0}, "sessions": 1,
         "ticks_late": 3, "tick_overruns": 0, "frames": {"lost": 1, "rejected": 0, "superseded": 12},
         "solves": 3100, "withheld": {"waiting": 7}, "energy_j": 0.00123, "energy_min_j": -0.000004, "force_n": 1.5,

@@ -6,7 +6,7 @@ use serde_json::{Map, Value, json};
 use std::collections::BTreeMap;
 use std::time::Instant;
 use sutura_host::recording::SolveSample;
-use sutura_host::session::{LinkSummary, mode_word};
+use sutura_host::session::{LinkSummary, RoundTrip, mode_word};
 use sutura_host::times::Times;
 use sutura_shared::wire::faults;
 use sutura_shared::wire::message::{Mode, Report, State};
@@ -213,7 +213,10 @@ impl Gauges {
         link: Option<&LinkSummary>,
     ) -> Map<String, Value> {
         let (stages_us, rest_us) = self.staged();
-        let trips = link.map(|link| link.rtt_us).filter(|rtt| rtt.max > 0.0);
+        let trips = |rtt: Option<RoundTrip>| {
+            let rtt = rtt.filter(|rtt| rtt.max > 0.0);
+            rtt.map(|rtt| json!({"p50": rtt.p50, "p99": rtt.p99}))
+        };
         let (then, before_s) = std::mem::replace(&mut self.said, (Instant::now(), self.time_s));
         let wall_s = then.elapsed().as_secs_f64();
         let passed_s = self.time_s - before_s;
@@ -238,8 +241,7 @@ impl Gauges {
             "step_us": self.step.said(),
             "stages_us": stages_us,
             "rest_us": rest_us,
-            // The link keeps those of the whole session alone.
-            "rtt_us": {"now": null, "all": trips.map(|rtt| json!({"p50": rtt.p50, "p99": rtt.p99}))},
+            "rtt_us": {"now": trips(link.map(|link| link.rtt_now_us)), "all": trips(link.map(|link| link.rtt_us))},
             "bytes_per_s": link.map(|link| link.bytes_per_s),
             "sessions": link.map(|link| link.sessions),
             "ticks_late": counted(|report| report.ticks_late),
