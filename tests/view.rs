@@ -174,8 +174,8 @@ fn f64_at(bytes: &[u8], at: usize) -> f64 {
     f64::from_le_bytes(bytes[at..at + 8].try_into().unwrap())
 }
 
-/// Position of the grip in a picture \[m\].
-fn grip(picture: &[u8]) -> [f32; 3] {
+/// A section of a picture.
+fn section(picture: &[u8], wanted: u16) -> &[u8] {
     let mut at = 56;
     loop {
         let tag = u16::from_le_bytes([picture[at], picture[at + 1]]);
@@ -187,6 +187,12 @@ fn grip(picture: &[u8]) -> [f32; 3] {
             });
         }
         at = (at + 8 + length).next_multiple_of(8);
+/// Position of the grip in a picture \[m\].
+fn grip(picture: &[u8]) -> [f32; 3] {
+    let status = section(picture, 7);
+    [32, 36, 40].map(|at| f32::from_le_bytes(status[at..at + 4].try_into().unwrap()))
+}
+
     }
 }
 
@@ -374,6 +380,30 @@ fn a_page_for_others_needs_a_name() {
     let ran = sutura(&["view", "--view-bind", "0.0.0.0"]);
     assert_eq!(ran.code, 2);
     assert!(ran.stderr.contains("--view-host"), "{}", ran.stderr);
+
+    // Pictures of another value take the places of those that there were: of the same time and the same displacements.
+    let scalars = hello["scalars"].as_array().unwrap();
+    let number = |name: &str| 1 + scalars.iter().position(|one| one["name"] == name).unwrap();
+    let mut seen = |name: &str, time_s: f64| {
+        client.does(json!({"do": "scalar", "name": name}));
+        let began = Instant::now();
+        while began.elapsed() < LONG {
+            client.does(json!({"do": "seek", "time_s": time_s}));
+            let picture = client.binary(2);
+            if usize::from(picture[48]) == number(name) {
+                return picture;
+            }
+        }
+        panic!("no picture has {name}");
+    };
+    let stress = seen("von-mises", 0.7);
+    let pressure = seen("pressure", 0.7);
+    assert_eq!(f64_at(&stress, 8), f64_at(&pressure, 8));
+    assert_eq!(section(&stress, 1), section(&pressure, 1));
+    assert_ne!(section(&stress, 2), section(&pressure, 2));
+    // The last one has it, too, and those of before come again.
+    seen("pressure", 1.4);
+    assert_eq!(seen("von-mises", 0.7), stress);
 }
 
 /// What cannot be shown is refused before an address says that there is something to see.

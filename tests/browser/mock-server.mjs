@@ -154,8 +154,8 @@ class Mock {
 
   hello(client) {
     const can = this.recording
-      ? ['seek']
-      : ['safe_stop', 'arm', 'clear_fault', 'pause', 'resume', 'step', 'speed', 'reset', 'scene', 'tissue', 'set', 'drag', 'hand', 'take_control'];
+      ? ['seek', 'scalar']
+      : ['scalar', 'safe_stop', 'arm', 'clear_fault', 'pause', 'resume', 'step', 'speed', 'reset', 'scene', 'tissue', 'set', 'drag', 'hand', 'record', 'save_last', 'take_control'];
     return {
       kind: 'hello', format: 1, version: '0.0.0', session: this.session, source: this.recording ? 'recording' : 'live', pace: 'lockstep',
       scene: this.name, tissue: 'linear', rendering: 'rows', device: 'cartesian-bench', console: 'virtual', tick_hz: 1000, host_hz: 250, horizon_ms: 20,

@@ -236,10 +236,14 @@ impl Shared {
         state.wake_all();
     }
 
-    /// A picture of a recording at a time \[s\], later than all before.
+    /// A picture of a recording at a time \[s\], in place of the one of that time if there is one.
     pub fn recorded_picture(&self, time_s: f64, bytes: Vec<u8>) {
-        let mut state = self.lock();
-        state.line.push((time_s, bytes.into()));
+        let line = &mut self.lock().line;
+        let place = line.partition_point(|(at_s, _)| *at_s < time_s);
+        match line.get_mut(place).filter(|(at_s, _)| *at_s <= time_s) {
+            Some((_, before)) => *before = bytes.into(),
+            None => line.insert(place, (time_s, bytes.into())),
+        }
     }
 
     /// A block of ticks or solves.

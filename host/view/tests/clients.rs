@@ -236,6 +236,15 @@ fn a_recording_is_looked_at_by_time() {
                 .await;
             assert_eq!(answer["ok"], true);
             assert_eq!(sequence(&client.binary(2).await), expected);
+            acknowledge(client, expected).await;
+        }
+        // Another one of the same time takes its place, and that alone.
+        server.shared().recorded_picture(1.0, picture(1000, 100));
+        for (time_s, expected) in [(1.0, 1000), (0.99, 30), (1.04, 32)] {
+            late.ask(json!({"id": 2, "do": "seek", "time_s": time_s}))
+                .await;
+            assert_eq!(sequence(&late.binary(2).await), expected);
+            acknowledge(&mut late, expected).await;
         }
         let scalar = early
             .ask(json!({"id": 3, "do": "scalar", "name": null}))

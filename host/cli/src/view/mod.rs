@@ -27,6 +27,8 @@ mod prepare;
 #[cfg(feature = "view")]
 mod recorded;
 #[cfg(feature = "view")]
+mod recorded_pictures;
+#[cfg(feature = "view")]
 mod sandbox;
 #[cfg(feature = "view")]
 pub mod session;

@@ -4,30 +4,28 @@
 
 use super::hello::{Kind, hello};
 use super::page::Page;
+use super::recorded_pictures::Pictures;
 use super::sandbox::At;
 use super::telemetry::Telemetry;
 use crate::failure::Failure;
-use crate::recording::{build, failure};
+use crate::recording::failure;
 use serde_json::{Value, json};
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::time::{Duration, Instant};
-use sutura_host::picture::{Painter, Scalar, SolvesOf};
-use sutura_host::recording::replay::{HostVerdict, replay_host, sessions};
-use sutura_host::recording::{About, Begins, Recording};
+use std::time::Duration;
+use sutura_host::picture::{Painter, SolvesOf};
+use sutura_host::recording::replay::{HostVerdict, sessions};
+use sutura_host::recording::{Begins, Recording};
 use sutura_host::scene::{Scene, Tissue};
-use sutura_host::session::{SceneSolver, Snapshot};
 use sutura_shared::wire::message::{Mode, State};
 use sutura_view::{Beginning, Shared};
 
 /// Pictures a second of the recording.
 const HZ: f64 = 30.0;
-/// What pictures of a recording may take \[bytes\]; there are fewer of a longer one.
-const MOST_BYTES: f64 = 256e6;
 /// Rows of a block of telemetry.
 const BLOCK: usize = 1000;
-/// Between two words on how far it is.
-const TELL_EVERY: Duration = Duration::from_millis(250);
+/// Between two looks for what is to be shown.
+const LOOK_EVERY: Duration = Duration::from_millis(50);
 
 /// A recording that can be shown.
 pub struct Opened {
@@ -78,7 +76,11 @@ pub fn show(
             "real-time"
         },
         console: &about.console,
-        commands: vec!["seek"],
+        commands: if solvable {
+            vec!["seek", "scalar"]
+        } else {
+            vec!["seek"]
+        },
         has_model: scene.tissue.sticking().is_none(),
         ..Kind::default()
     };
@@ -91,25 +93,37 @@ pub fn show(
     });
     line.marks = telemetry(shared, &scene, &recording, &line);
     shared.amend("time_line", line.said());
+    let mut pictures = Pictures::new(shared, &scene, &recording, &painter, stop);
     if solvable {
-        run_again(shared, &scene, &recording, &painter, &mut line, stop)?;
+        let verdict = pictures.make(&mut line)?;
+        (line.badge, line.text) = judged(&verdict);
+        tell(shared, &line, "ready");
+        tell(shared, &line, "verified");
+        note!("{}", line.text);
     }
     if let Some(at) = at {
         at.reached.store(true, Ordering::Relaxed);
     }
     while !stop.load(Ordering::Relaxed) {
-        std::thread::sleep(Duration::from_millis(50));
+        if !solvable || pictures.are_as_wanted() {
+            std::thread::sleep(LOOK_EVERY);
+        } else {
+            pictures.make(&mut line)?;
+            tell(shared, &line, "ready");
+        }
     }
     Ok(())
 }
 
 /// How a recording lies in time, and what is known of it.
 #[derive(Clone, Debug)]
-struct Line {
+pub struct Line {
     began_us: u64,
     to_s: f64,
-    ready_s: f64,
-    hz: f64,
+    /// Pictures are there up to here \[s\].
+    pub ready_s: f64,
+    /// Pictures a second \[Hz\].
+    pub hz: f64,
     /// Where the page opens it, if not at the start.
     at_s: Option<f64>,
     why: Option<&'static str>,
@@ -141,8 +155,14 @@ impl Line {
         }
     }
 
-    fn time_s(&self, console_time_us: u64) -> f64 {
+    /// When this is on the line \[s\].
+    pub fn time_s(&self, console_time_us: u64) -> f64 {
         1e-6 * (console_time_us as f64 - self.began_us as f64)
+    }
+
+    /// There is room for so many pictures.
+    pub fn thin_out(&mut self, most: f64) {
+        self.hz = HZ.min(most / self.to_s.max(1.0));
     }
 
     fn said(&self) -> Value {
@@ -190,64 +210,8 @@ fn telemetry(shared: &Shared, scene: &Scene, recording: &Recording, line: &Line)
     events
 }
 
-/// Runs the solver's steps again, and keeps pictures of them.
-fn run_again(
-    shared: &Shared,
-    scene: &Scene,
-    recording: &Recording,
-    painter: &Painter,
-    line: &mut Line,
-    stop: &AtomicBool,
-) -> Result<(), Failure> {
-    let shown = crate::work::watch();
-    let mut solver = SceneSolver::for_session(scene, &recording.about.plan)?;
-    drop(shown);
-    let about = &recording.about;
-    let here = About::here(build(), &about.plan, &about.tissue);
-    let mut own = Snapshot::of(&solver);
-    let mut bytes = Vec::new();
-    let (mut solves, mut sequence, mut due_s) = (0, 0, 0.0);
-    let mut told = Instant::now();
-    let scalar = scene
-        .tissue
-        .sticking()
-        .is_none()
-        .then_some(Scalar::VonMises);
-    let verdict = replay_host(
-        recording,
-        &mut solver,
-        about.same_bits(&here),
-        |solver, us| {
-            solves += 1;
-            let time_s = line.time_s(us);
-            line.ready_s = time_s;
-            // A program that is to end makes no more pictures; the steps that are left are fast without.
-            if time_s >= due_s && !stop.load(Ordering::Relaxed) {
-                solver.snapshot(&mut own);
-                own.solves = solves;
-                sequence += 1;
-                let mut picture = painter.paint(&own, scalar, sequence);
-                (picture.recorded, picture.time_s) = (true, time_s);
-                picture.encode(&mut bytes);
-                let most_hz = MOST_BYTES / (bytes.len() as f64 * line.to_s.max(1.0));
-                line.hz = HZ.min(most_hz);
-                due_s = time_s + 1.0 / line.hz - 1e-9;
-                shared.recorded_picture(time_s, bytes.clone());
-            }
-            if told.elapsed() >= TELL_EVERY {
-                told = Instant::now();
-                tell(shared, line, "ready");
-            }
-        },
-    );
-    (line.badge, line.text) = judged(&verdict);
-    tell(shared, line, "ready");
-    tell(shared, line, "verified");
-    note!("{}", line.text);
-    Ok(())
-}
-
-fn tell(shared: &Shared, line: &Line, what: &str) {
+/// Tells how far it is, and what is known of it.
+pub fn tell(shared: &Shared, line: &Line, what: &str) {
     shared.amend("time_line", line.said());
     shared.text(&json!({
         "kind": "event", "session": shared.session(), "time_s": line.ready_s, "what": what,

@@ -10,6 +10,7 @@ use super::sessions::{Session, parse, sessions};
 use crate::link::Felt;
 use crate::session::{SceneSolver, Solve, Solved};
 use std::collections::HashMap;
+use std::ops::ControlFlow;
 use sutura_shared::wire::message::{Contact, State};
 use sutura_shared::wire::{Checked, Valid};
 
@@ -146,6 +147,19 @@ pub fn replay_host(
     same_bits: bool,
     mut seen: impl FnMut(&SceneSolver, u64),
 ) -> HostVerdict {
+    replay_host_while(recording, solver, same_bits, |solver, time_us| {
+        seen(solver, time_us);
+        ControlFlow::Continue(())
+    })
+}
+
+/// As [`replay_host`], until `seen` has seen enough: the verdict is then of the steps up to there.
+pub fn replay_host_while(
+    recording: &Recording,
+    solver: &mut SceneSolver,
+    same_bits: bool,
+    mut seen: impl FnMut(&SceneSolver, u64) -> ControlFlow<()>,
+) -> HostVerdict {
     let mut verdict = HostVerdict {
         steps: recording.solves.len() as u64,
         identical: true,
@@ -193,8 +207,10 @@ pub fn replay_host(
             verdict.why = Some(how);
             break;
         }
-        seen(solver, sample.console_time_us);
         verdict.verified_steps += 1;
+        if seen(solver, sample.console_time_us).is_break() {
+            break;
+        }
     }
     verdict
 }
