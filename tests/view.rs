@@ -180,20 +180,17 @@ fn section(picture: &[u8], wanted: u16) -> &[u8] {
     loop {
         let tag = u16::from_le_bytes([picture[at], picture[at + 1]]);
         let length = u32::from_le_bytes(picture[at + 4..at + 8].try_into().unwrap()) as usize;
-        if tag == 7 {
-            let place = |axis: usize| at + 8 + 32 + 4 * axis;
-            return [0, 1, 2].map(|axis| {
-                f32::from_le_bytes(picture[place(axis)..place(axis) + 4].try_into().unwrap())
-            });
+        if tag == wanted {
+            return &picture[at + 8..at + 8 + length];
         }
         at = (at + 8 + length).next_multiple_of(8);
+    }
+}
+
 /// Position of the grip in a picture \[m\].
 fn grip(picture: &[u8]) -> [f32; 3] {
     let status = section(picture, 7);
     [32, 36, 40].map(|at| f32::from_le_bytes(status[at..at + 4].try_into().unwrap()))
-}
-
-    }
 }
 
 /// A sandbox stands still, steps, is dragged, stopped and armed, and begins anew; what was done is recorded, and the recording
@@ -273,6 +270,62 @@ fn a_sandbox_does_what_its_page_asks_for() {
     assert_eq!(replayed.code, 0, "{}{}", replayed.stdout, replayed.stderr);
 }
 
+/// A page ends a recording and begins another one, of a scene that it has changed, and saves the last seconds beside them.
+#[test]
+fn a_page_changes_a_scene_records_and_saves() {
+    let folder = tempdir().unwrap();
+    let file = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
+    let first = file("a.mcap");
+    let running = Running::start(&["view", "--view-port", "0", "--record", &first]);
+    let mut client = running.client();
+    client.hello();
+    let is_recorded = |client: &mut Client, wanted: bool| {
+        client.text(|value| value["kind"] == "gauges" && value["recording"] == wanted)
+    };
+    let is_whole = |file: &str| {
+        let ran = sutura(&["replay", file, "--verify", "--format", "json"]);
+        assert_eq!(ran.code, 0, "{file}: {}{}", ran.stdout, ran.stderr);
+    };
+    is_recorded(&mut client, true);
+    client.does(json!({"do": "record", "on": false}));
+    is_recorded(&mut client, false);
+    is_whole(&first);
+    let refused = client.ask(json!({"do": "record", "on": false}));
+    assert!(refused["error"].is_object(), "{refused}");
+
+    client.does(json!({"do": "set", "name": "rendering", "value": "tangent"}));
+    assert_eq!(client.hello()["rendering"], "tangent");
+    client.does(json!({"do": "set", "name": "youngs-modulus", "value": 30e3}));
+    let settings = client.hello()["settings"].clone();
+    let mut named = settings.as_array().unwrap().iter();
+    let modulus = named.find(|one| one["name"] == "youngs-modulus").unwrap();
+    assert_eq!(modulus["value"], 30e3);
+    for (name, value) in [
+        ("rendering", json!("other")),
+        ("rendering", json!(1)),
+        ("youngs-modulus", json!(1e9)),
+        ("unknown", json!(1)),
+    ] {
+        let refused = client.ask(json!({"do": "set", "name": name, "value": value}));
+        assert!(refused["error"]["help"].is_string(), "{refused}");
+    }
+
+    client.does(json!({"do": "record", "on": true}));
+    assert_eq!(client.hello()["rendering"], "tangent");
+    is_recorded(&mut client, true);
+    let refused = client.ask(json!({"do": "hand", "way": "recorded"}));
+    let help = &refused["error"]["help"];
+    assert!(help.as_str().unwrap().contains("drag"), "{refused}");
+    client.text(|value| value["kind"] == "gauges" && value["tick"].as_u64() > Some(1000));
+    for name in ["sutura-last.mcap", "sutura-last-2.mcap"] {
+        client.does(json!({"do": "save_last"}));
+        assert!(std::fs::metadata(file(name)).unwrap().len() > 10_000);
+    }
+    assert_eq!(running.stop().0, 0);
+    // The session is the fourth, and its file has the scene with the other modulus.
+    is_whole(&file("a-4.mcap"));
+}
+
 /// A session with a page has the trace and the numbers of one without.
 #[test]
 fn a_page_leaves_no_trace_in_a_session_in_lockstep() {
@@ -327,6 +380,30 @@ fn a_recording_has_a_time_line() {
     }
     let refused = client.ask(json!({"do": "pause"}));
     assert!(refused["error"].is_object());
+
+    // Pictures of another value take the places of those that there were: of the same time and the same displacements.
+    let scalars = hello["scalars"].as_array().unwrap();
+    let number = |name: &str| 1 + scalars.iter().position(|one| one["name"] == name).unwrap();
+    let mut seen = |name: &str, time_s: f64| {
+        client.does(json!({"do": "scalar", "name": name}));
+        let began = Instant::now();
+        while began.elapsed() < LONG {
+            client.does(json!({"do": "seek", "time_s": time_s}));
+            let picture = client.binary(2);
+            if usize::from(picture[48]) == number(name) {
+                return picture;
+            }
+        }
+        panic!("no picture has {name}");
+    };
+    let stress = seen("von-mises", 0.7);
+    let pressure = seen("pressure", 0.7);
+    assert_eq!(f64_at(&stress, 8), f64_at(&pressure, 8));
+    assert_eq!(section(&stress, 1), section(&pressure, 1));
+    assert_ne!(section(&stress, 2), section(&pressure, 2));
+    // The last one has it, too, and those of before come again.
+    seen("pressure", 1.4);
+    assert_eq!(seen("von-mises", 0.7), stress);
     assert_eq!(running.stop().0, 0);
 }
 
@@ -350,6 +427,12 @@ fn a_page_stops_and_arms_a_session_in_real_time() {
     let hello = client.hello();
     assert_eq!(hello["pace"], "real-time");
     client.event("armed");
+    // The console is pinged ten times a second.
+    let pinged = client.text(|value| value["rtt_us"]["now"].is_object());
+    for of in ["now", "all"] {
+        let [p50, p99] = ["p50", "p99"].map(|part| pinged["rtt_us"][of][part].as_f64().unwrap());
+        assert!(0.0 < p50 && p50 <= p99, "{pinged}");
+    }
     client.does(json!({"do": "safe_stop"}));
     client.event("disarmed");
     let still = client.text(|value| value["kind"] == "gauges" && value["mode"] == "idle");
@@ -380,30 +463,6 @@ fn a_page_for_others_needs_a_name() {
     let ran = sutura(&["view", "--view-bind", "0.0.0.0"]);
     assert_eq!(ran.code, 2);
     assert!(ran.stderr.contains("--view-host"), "{}", ran.stderr);
-
-    // Pictures of another value take the places of those that there were: of the same time and the same displacements.
-    let scalars = hello["scalars"].as_array().unwrap();
-    let number = |name: &str| 1 + scalars.iter().position(|one| one["name"] == name).unwrap();
-    let mut seen = |name: &str, time_s: f64| {
-        client.does(json!({"do": "scalar", "name": name}));
-        let began = Instant::now();
-        while began.elapsed() < LONG {
-            client.does(json!({"do": "seek", "time_s": time_s}));
-            let picture = client.binary(2);
-            if usize::from(picture[48]) == number(name) {
-                return picture;
-            }
-        }
-        panic!("no picture has {name}");
-    };
-    let stress = seen("von-mises", 0.7);
-    let pressure = seen("pressure", 0.7);
-    assert_eq!(f64_at(&stress, 8), f64_at(&pressure, 8));
-    assert_eq!(section(&stress, 1), section(&pressure, 1));
-    assert_ne!(section(&stress, 2), section(&pressure, 2));
-    // The last one has it, too, and those of before come again.
-    seen("pressure", 1.4);
-    assert_eq!(seen("von-mises", 0.7), stress);
 }
 
 /// What cannot be shown is refused before an address says that there is something to see.
@@ -457,12 +516,6 @@ fn memory_mb(pid: u32) -> f64 {
 /// A client that stands still costs the host nothing, and is shown the present when it goes on: after the pictures that were
 /// underway, one that is not older than what others had then. The session's own time is what counts.
 #[cfg(target_os = "linux")]
-    // The console is pinged ten times a second.
-    let pinged = client.text(|value| value["rtt_us"]["now"].is_object());
-    for of in ["now", "all"] {
-        let [p50, p99] = ["p50", "p99"].map(|part| pinged["rtt_us"][of][part].as_f64().unwrap());
-        assert!(0.0 < p50 && p50 <= p99, "{pinged}");
-    }
 #[test]
 fn a_client_that_stands_still_goes_on_in_the_present() {
     let stands_s = if full() { 60.0 } else { 4.0 };

@@ -8,13 +8,13 @@ use std::io::Read;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use sutura_host::recording::{About, Recorder, RecordingError, Seen, Tap};
+use sutura_host::recording::{About, Recorder, RecordingError, Saver, Seen, Tap};
 use sutura_host::scene::{Scene, Sources};
 use sutura_host::session::{Plan, Summary};
 use sutura_shared::hash::TraceHash;
 
 /// Where the last seconds go if nothing else is said.
-const LAST: &str = "sutura-last.mcap";
+pub const LAST: &str = "sutura-last.mcap";
 
 /// The recorder of a session.
 pub struct Recording {
@@ -65,6 +65,12 @@ impl Recording {
     /// Where all of the session goes, if anywhere.
     pub fn file(&self) -> Option<PathBuf> {
         self.file.clone()
+    }
+
+    /// Who asks it for files, and where the last seconds go.
+    pub fn saver(&self) -> (Saver, PathBuf) {
+        let last = self.last.clone().unwrap_or_else(|| LAST.into());
+        (self.recorder.saver(), last)
     }
 
     /// Where what passes is told.

@@ -259,7 +259,7 @@ pub fn run(args: &RunArgs, global: &Global) -> Result<(), Failure> {
             } else {
                 operator
             };
-            viewed.attendant(operator, &plan, simulated)
+            viewed.attendant(operator, &plan, simulated, recording.saver())
         }
         None => Box::new(Operator::new(args.rearm)),
     };

@@ -17,7 +17,7 @@ mod tapped;
 pub use about::{About, Begins, simd_level};
 pub use file::RecordingFile;
 pub use read::{End, Frame, Recording, RecordingError};
-pub use recorder::{Passed, Recorded, Recorder, Seen};
+pub use recorder::{Passed, Recorded, Recorder, Saver, Seen};
 pub use ring::{LAST, LAST_BYTES, Ring};
 pub use samples::{SolveSample, ToolSample};
 pub use tap::{Direction, Tap};

@@ -12,7 +12,7 @@ use super::tap::{Direction, Event, Lost, Tap};
 use super::{DOWN, SOLVE, TOOL, UP};
 use crate::scene::Sources;
 use std::path::{Path, PathBuf};
-use std::sync::mpsc::{Receiver, channel, sync_channel};
+use std::sync::mpsc::{Receiver, Sender, channel, sync_channel};
 use std::thread::JoinHandle;
 use std::time::Duration;
 use sutura_shared::wire::message::State;
@@ -44,6 +44,45 @@ pub type Seen = Box<dyn FnMut(Passed<'_>) + Send>;
 pub struct Recorder {
     tap: Tap,
     thread: Option<JoinHandle<Result<Recorded, RecordingError>>>,
+}
+
+/// Who asks a recorder for files while it runs.
+#[derive(Clone, Debug)]
+pub struct Saver(Tap);
+
+impl Saver {
+    /// Writes the last seconds to a file; its length \[bytes\].
+    ///
+    /// # Errors
+    /// [`RecordingError::Unwritable`].
+    pub fn save_last(&self, path: &Path) -> Result<u64, RecordingError> {
+        let saved = path.to_owned();
+        self.ask(path, |done| Event::Save { path: saved, done })
+    }
+
+    /// Ends the file that all is written to; its length \[bytes\], 0 if there is none. What comes later is not in it.
+    ///
+    /// # Errors
+    /// [`RecordingError::Unwritable`], also of something that was told earlier.
+    pub fn end_file(&self) -> Result<u64, RecordingError> {
+        self.ask(Path::new(""), |done| Event::Close { done })
+    }
+
+    fn ask(
+        &self,
+        path: &Path,
+        what: impl FnOnce(Sender<Result<u64, RecordingError>>) -> Event,
+    ) -> Result<u64, RecordingError> {
+        let (done, answer) = channel();
+        self.0.must_tell(what(done));
+        let answered = answer.recv_timeout(SAVE_WITHIN);
+        answered.unwrap_or_else(|error| {
+            Err(RecordingError::Unwritable {
+                path: path.to_owned(),
+                reason: format!("the recorder does not answer: {error}"),
+            })
+        })
+    }
 }
 
 /// What was recorded.
@@ -121,24 +160,17 @@ impl Recorder {
         self.tap.clone()
     }
 
-    /// Writes the last seconds to a file; its length \[bytes\].
+    /// A handle for whoever asks for files.
+    pub fn saver(&self) -> Saver {
+        Saver(self.tap())
+    }
+
+    /// As [`Saver::save_last`].
     ///
     /// # Errors
-    /// [`RecordingError::Unwritable`].
+    /// As there.
     pub fn save_last(&self, path: &Path) -> Result<u64, RecordingError> {
-        let (done, answer) = channel();
-        let path = path.to_owned();
-        self.tap.must_tell(Event::Save {
-            path: path.clone(),
-            done,
-        });
-        let answered = answer.recv_timeout(SAVE_WITHIN);
-        answered.unwrap_or_else(|error| {
-            Err(RecordingError::Unwritable {
-                path,
-                reason: format!("the recorder does not answer: {error}"),
-            })
-        })
+        self.saver().save_last(path)
     }
 
     /// Writes what waits, and ends the file.
@@ -280,6 +312,9 @@ impl Writing {
                     // Who asked may have gone.
                     let _ = done.send(self.save(&path));
                 }
+                Event::Close { done } => {
+                    let _ = done.send(self.close());
+                }
                 Event::End => return,
             }
         }
@@ -360,18 +395,19 @@ impl Writing {
         file.finish(&self.tap.lost())
     }
 
-    fn finish(mut self) -> Result<Recorded, RecordingError> {
+    /// Ends the file.
+    fn close(&mut self) -> Result<u64, RecordingError> {
         if let Some(error) = self.failed.take() {
             return Err(error);
         }
-        let lost = self.tap.lost();
-        let bytes = match self.file.take() {
-            Some(file) => file.finish(&lost)?,
-            None => 0,
-        };
+        let file = self.file.take();
+        file.map_or(Ok(0), |file| file.finish(&self.tap.lost()))
+    }
+
+    fn finish(mut self) -> Result<Recorded, RecordingError> {
         Ok(Recorded {
-            bytes,
-            lost,
+            bytes: self.close()?,
+            lost: self.tap.lost(),
             ..self.recorded
         })
     }

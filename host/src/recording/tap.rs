@@ -41,6 +41,10 @@ pub(super) enum Event {
         path: PathBuf,
         done: Sender<Result<u64, super::RecordingError>>,
     },
+    /// End the file, and say how long it is.
+    Close {
+        done: Sender<Result<u64, super::RecordingError>>,
+    },
     /// Nothing comes any more.
     End,
 }

@@ -183,6 +183,16 @@ impl Document {
         }
     }
 
+    /// Its text.
+    pub fn text(&self) -> &str {
+        &self.text
+    }
+
+    /// The same with another text.
+    pub fn with_text(self, text: String) -> Document {
+        Document { text, ..self }
+    }
+
     /// Its name without folders and extension.
     pub fn stem(&self) -> String {
         let stem = Path::new(&self.name).file_stem();

@@ -5,7 +5,9 @@ import { FORMAT, decode } from './decode.js';
 /**
  * @typedef {object} Needle @property {number} id @property {number[][]} points_m @property {number} thickness_m
  * @typedef {object} ThreadShape @property {number} id @property {number} needle @property {number} radius_m @property {number} length_m
- * @typedef {object} Setting @property {string} name @property {string} unit @property {number} value @property {number} low @property {number} high @property {number} step
+ * @typedef {object} NumberSetting @property {string} name @property {string} unit @property {number} value @property {number} low @property {number} high @property {number} step
+ * @typedef {object} WordSetting @property {string} name @property {string} value @property {string[]} choices
+ * @typedef {NumberSetting | WordSetting} Setting
  * @typedef {object} Scalar @property {string} name @property {string} unit @property {boolean} signed @property {boolean} [available]
  * @typedef {object} TimeLine
  * @property {number} from_s @property {number} to_s @property {number} ready_s @property {number} hz @property {boolean} solvable
@@ -70,6 +72,7 @@ import { FORMAT, decode } from './decode.js';
  * @property {number | null} speed
  * @property {boolean} paused
  * @property {number} wanted_speed
+ * @property {boolean | null} [recording] whether all of it is written to a file; `null`: pages have no say in it
  * @property {{wanted: number, made: number, sent: number}} pictures
  * @property {number} picture_hz
  * @property {number} picture_us

@@ -19,7 +19,7 @@ const capital = (/** @type {string} */ text) => text.charAt(0).toUpperCase() + t
  * @property {(mode: import('./stereo.js').StereoMode) => void} stereo
  * @property {(separation: number) => void} separation
  * @property {(keep: boolean) => void} keep
- * @property {(what: 'png' | 'png2' | 'film' | 'link' | 'csv' | 'csv-all' | 'plots') => void} save
+ * @property {(what: import('./saving.js').Saved) => void} save
  */
 
 export class Panel {
@@ -37,6 +37,8 @@ export class Panel {
     this.bounds = [[0, 0, 0], [1, 1, 1]];
     /** @type {{axis: 'x' | 'y' | 'z' | 'off', part: number, flip: boolean}} */
     this.cut = { axis: 'off', part: 0.5, flip: false };
+    /** Whether the host writes the session to a file. */
+    this.recording = false;
     this.fillLooks();
     this.fillStereo(stereo);
     this.fillFiles(files);
@@ -69,7 +71,7 @@ export class Panel {
     const tissue = select(options(can('tissue') ? hello.tissues : [], hello.tissue), hello.tissue, (name) => command({ do: 'tissue', name }));
     tissue.disabled = !can('tissue');
     row(rows, 'Tissue', tissue);
-    row(rows, 'Rendering', plain(words(hello.rendering)));
+    if (!hello.settings.some((setting) => setting.name === 'rendering')) row(rows, 'Rendering', plain(words(hello.rendering)));
     row(rows, 'Mesh', plain(`${hello.nodes} nodes, ${hello.cells} cells`));
     for (const setting of hello.settings) this.addSetting(rows, setting, can('set'));
     if (can('hand')) {
@@ -79,7 +81,7 @@ export class Panel {
         button('Run the scene\'s hand', () => command({ do: 'hand', way: 'scene' }), 'The scene\'s way points, from their start'),
         button('Let go', () => command({ do: 'hand', way: 'none' })),
       );
-      rows.append(both);
+      rows.append(both, button('Do my drag again', () => command({ do: 'hand', way: 'recorded' }), 'As the probe was dragged last, from where it was taken'));
     }
     if (can('drag')) {
       const box = document.createElement('div');
@@ -89,12 +91,31 @@ export class Panel {
       hint(rows, 'Drag the probe in the picture. Shift or the wheel moves it along the view.');
     }
     if (can('reset')) rows.append(button('Start again', () => command({ do: 'reset' }), 'A new solver, from the start'));
+    this.record = can('record') ? button('Start again and record', () => command({ do: 'record', on: !this.recording })) : null;
+    if (this.record) rows.append(this.record);
+    this.showRecording(this.recording);
+    if (can('save_last')) rows.append(button('Save the last 30 s', () => command({ do: 'save_last' }), 'A recording on the host: forces and events, without tissue'));
+  }
+
+  /** Whether the host writes all of the session to a file. @param {boolean} recording */
+  showRecording(recording) {
+    this.recording = recording;
+    if (!this.record) return;
+    this.record.textContent = recording ? 'End the recording' : 'Start again and record';
+    this.record.title = recording ? 'The file on the host is complete; the session goes on' : 'To a file on the host, from the start, so that it can be run again';
+    this.record.setAttribute('aria-pressed', String(recording));
   }
 
   /** @param {HTMLElement} rows @param {import('./link.js').Setting} setting @param {boolean} can */
   addSetting(rows, setting, can) {
+    const set = (/** @type {number | string} */ value) => this.actions.command({ do: 'set', name: setting.name, value });
+    if ('choices' in setting) {
+      const names = /** @type {[string, string][]} */ (setting.choices.map((name) => [name, words(name)]));
+      row(rows, capital(words(setting.name)), select(names, setting.value, set)).disabled = !can;
+      return;
+    }
     const text = (/** @type {number} */ value) => `${short(value)} ${setting.unit}`;
-    const control = slider(setting, text, (value) => this.actions.command({ do: 'set', name: setting.name, value }), true);
+    const control = slider(setting, text, set, true);
     control.input.disabled = !can;
     row(rows, capital(words(setting.name)), control.box, control.input);
   }

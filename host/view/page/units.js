@@ -26,7 +26,7 @@ export function fixed(value, digits) {
 
 /** Words for a name that the host uses in its commands. @param {string} name */
 export function words(name) {
-  return name.replace(/[-_]/g, ' ').replace(/\bhz\b/, 'Hz').replace(/\bmises\b/, 'Mises');
+  return name.replace(/[-_]/g, ' ').replace(/\bhz\b/, 'Hz').replace(/\bmises\b/, 'Mises').replace(/\byoungs\b/, 'Young\'s');
 }
 
 /** Three significant digits. @param {number} value */

@@ -79,10 +79,23 @@ pub enum Command {
         /// Its name.
         name: String,
         /// What it shall be.
-        value: f64,
+        value: SetTo,
     },
+    /// Begin anew and record it, or end the recording.
+    Record(bool),
+    /// Write the last seconds to a file.
+    SaveLast,
     /// The picture of a recording at this time \[s\].
     Seek(f64),
+}
+
+/// What a setting shall be.
+#[derive(Clone, Debug, PartialEq)]
+pub enum SetTo {
+    /// In the setting's unit.
+    Number(f64),
+    /// One of those that the setting has.
+    Word(String),
 }
 
 /// Which hand holds the grip.
@@ -90,6 +103,8 @@ pub enum Command {
 pub enum Hand {
     /// That of the scene.
     Scene,
+    /// As it was dragged last.
+    Recorded,
     /// None that moves.
     Still,
 }
@@ -148,6 +163,11 @@ impl Keys {
         let value = self.map.remove(key);
         let text = value.and_then(|value| value.as_str().map(str::to_owned));
         text.ok_or_else(|| self.flaw(key, "a text"))
+    }
+
+    fn yes_or_no(&mut self, key: &str) -> Result<bool, Refused> {
+        let value = self.map.remove(key).and_then(|value| value.as_bool());
+        value.ok_or_else(|| self.flaw(key, "true or false"))
     }
 
     /// A value that must be there, and may be null.
@@ -215,8 +235,9 @@ impl Command {
             "drag" => Self::Drag(drag(keys)?),
             "hand" => Self::Hand(match keys.text("way")?.as_str() {
                 "scene" => Hand::Scene,
+                "recorded" => Hand::Recorded,
                 "none" => Hand::Still,
-                _ => return Err(keys.flaw("way", "`scene` or `none`")),
+                _ => return Err(keys.flaw("way", "`scene`, `recorded` or `none`")),
             }),
             "pause" => Self::Pause,
             "resume" => Self::Resume,
@@ -230,8 +251,10 @@ impl Command {
             "tissue" => Self::Tissue(keys.text("name")?),
             "set" => Self::Set {
                 name: keys.text("name")?,
-                value: keys.number("value", f64::MIN, f64::MAX)?,
+                value: set_to(keys)?,
             },
+            "record" => Self::Record(keys.yes_or_no("on")?),
+            "save_last" => Self::SaveLast,
             "seek" => Self::Seek(keys.number("time_s", 0.0, 1e9)?),
             other => {
                 let message = format!("there is no command `{other}`");
@@ -260,6 +283,8 @@ impl Command {
             Self::Scene(_) => "scene",
             Self::Tissue(_) => "tissue",
             Self::Set { .. } => "set",
+            Self::Record(_) => "record",
+            Self::SaveLast => "save_last",
             Self::Seek(_) => "seek",
         }
     }
@@ -276,6 +301,16 @@ impl Command {
                 | Self::Seek(_)
         )
     }
+}
+
+fn set_to(keys: &mut Keys) -> Result<SetTo, Refused> {
+    let value = keys.map.remove("value");
+    let to = value.and_then(|value| match value {
+        Value::Number(number) => number.as_f64().map(SetTo::Number),
+        Value::String(word) => Some(SetTo::Word(word)),
+        _ => None,
+    });
+    to.ok_or_else(|| keys.flaw("value", "a number, or a text"))
 }
 
 fn drag(keys: &mut Keys) -> Result<Option<[f64; 3]>, Refused> {

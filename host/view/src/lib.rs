@@ -12,7 +12,7 @@ mod server;
 mod shared;
 
 pub use client::{MOST_A_SECOND, MOST_BYTES};
-pub use command::{Command, First, Hand, Refused};
+pub use command::{Command, First, Hand, Refused, SetTo};
 pub use files::{FILES, File};
 pub use notes::{Noted, noted};
 pub use server::{Options, PORT, Server, ViewError};

@@ -1,7 +1,7 @@
 //! Commands are understood to the last key, or not at all.
 
 use serde_json::json;
-use sutura_view::{Command, First, Hand};
+use sutura_view::{Command, First, Hand, SetTo};
 
 /// One of each, as clients write them.
 fn samples() -> Vec<(String, Command)> {
@@ -38,6 +38,10 @@ fn samples() -> Vec<(String, Command)> {
             json!({"id": 1, "do": "hand", "way": "scene"}),
             Command::Hand(Hand::Scene),
         ),
+        (
+            json!({"id": 1, "do": "hand", "way": "recorded"}),
+            Command::Hand(Hand::Recorded),
+        ),
         (json!({"id": 1, "do": "pause"}), Command::Pause),
         (json!({"id": 1, "do": "resume"}), Command::Resume),
         (
@@ -65,9 +69,21 @@ fn samples() -> Vec<(String, Command)> {
             json!({"id": 1, "do": "set", "name": "host-hz", "value": 100}),
             Command::Set {
                 name: "host-hz".to_owned(),
-                value: 100.0,
+                value: SetTo::Number(100.0),
             },
         ),
+        (
+            json!({"id": 1, "do": "set", "name": "rendering", "value": "hold"}),
+            Command::Set {
+                name: "rendering".to_owned(),
+                value: SetTo::Word("hold".to_owned()),
+            },
+        ),
+        (
+            json!({"id": 1, "do": "record", "on": true}),
+            Command::Record(true),
+        ),
+        (json!({"id": 1, "do": "save_last"}), Command::SaveLast),
         (
             json!({"id": 1, "do": "seek", "time_s": 1.25}),
             Command::Seek(1.25),
@@ -102,6 +118,18 @@ fn what_is_not_quite_a_command_is_refused_with_its_id() {
         (json!({"id": 3, "do": "drag", "to_m": [0, 0, 11]}), 3),
         (json!({"id": 3, "do": "drag", "to_m": [0, 0, null]}), 3),
         (json!({"id": 3, "do": "hand", "way": "other"}), 3),
+        (json!({"id": 3, "do": "set", "name": "host-hz"}), 3),
+        (
+            json!({"id": 3, "do": "set", "name": "host-hz", "value": null}),
+            3,
+        ),
+        (json!({"id": 3, "do": "record"}), 3),
+        (json!({"id": 3, "do": "record", "on": 1}), 3),
+        (
+            json!({"id": 3, "do": "record", "on": true, "file": "a.mcap"}),
+            3,
+        ),
+        (json!({"id": 3, "do": "save_last", "file": "a.mcap"}), 3),
         (json!({"id": 3, "do": "Pause"}), 3),
         (json!({"id": 3}), 3),
         (json!({"do": "pause"}), 0),
@@ -163,7 +191,10 @@ fn mutated_messages_are_refused_or_mean_what_they_say() {
                     Command::StepTicks(ticks) => assert!((1..=10_000).contains(&ticks)),
                     Command::StepSolves(solves) => assert!((1..=1000).contains(&solves)),
                     Command::Drag(Some(to_m)) => assert!(to_m.iter().all(|x| x.abs() <= 10.0)),
-                    Command::Set { value, .. } => assert!(value.is_finite()),
+                    Command::Set {
+                        value: SetTo::Number(value),
+                        ..
+                    } => assert!(value.is_finite()),
                     Command::Seek(time_s) => assert!((0.0..=1e9).contains(&time_s)),
                     _ => {}
                 }

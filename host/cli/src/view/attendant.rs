@@ -2,7 +2,8 @@
 //!
 //! Entry point: [`PageAttendant`].
 
-use super::guide::{Guide, PERIOD_S};
+use super::guide::{Guide, NO_WAY, NO_WAY_HELP, PERIOD_S};
+use super::saves::Saves;
 use crate::attendant::Operator;
 use std::sync::mpsc::{Receiver, RecvTimeoutError};
 use std::time::{Duration, Instant};
@@ -12,7 +13,7 @@ use sutura_shared::wire::message::{Command as ToConsole, HandScript, Simulate};
 use sutura_view::{Command, Hand, Request};
 
 /// Commands that work in real time: on any console, and besides on one that is simulated.
-pub const COMMANDS: [&str; 4] = ["scalar", "safe_stop", "arm", "clear_fault"];
+pub const COMMANDS: [&str; 5] = ["scalar", "safe_stop", "arm", "clear_fault", "save_last"];
 /// See [`COMMANDS`].
 pub const SIMULATED: [&str; 2] = ["drag", "hand"];
 
@@ -26,17 +27,24 @@ pub struct PageAttendant {
     is_stopped: bool,
     /// Of a simulated console: its hand, and since when.
     hand: Option<(Guide, Instant)>,
+    saves: Saves,
 }
 
 impl PageAttendant {
     /// Beside an operator; `hand` of a simulated console.
-    pub fn new(operator: Operator, asked: Receiver<Request>, hand: Option<HandScript>) -> Self {
+    pub fn new(
+        operator: Operator,
+        asked: Receiver<Request>,
+        hand: Option<HandScript>,
+        saves: Saves,
+    ) -> Self {
         Self {
             operator,
             asked,
             arms: false,
             is_stopped: false,
             hand: hand.map(|hand| (Guide::new(hand), Instant::now())),
+            saves,
         }
     }
 
@@ -57,10 +65,21 @@ impl PageAttendant {
                 }
                 None
             }
-            Command::Hand(hand) => self.hand.as_mut().map(|(guide, since)| {
-                let script = guide.go(since.elapsed().as_secs_f64(), hand == Hand::Scene);
-                Order::Simulate(Simulate::Hand(script))
-            }),
+            Command::Hand(hand) => {
+                let guide = self.hand.as_mut();
+                if hand == Hand::Recorded && guide.as_ref().is_some_and(|(g, _)| !g.has_way()) {
+                    reply.refuse(NO_WAY, NO_WAY_HELP);
+                    return None;
+                }
+                guide.map(|(guide, since)| {
+                    let script = guide.go(since.elapsed().as_secs_f64(), hand);
+                    Order::Simulate(Simulate::Hand(script))
+                })
+            }
+            Command::SaveLast => {
+                self.saves.last(reply);
+                return None;
+            }
             _ => None,
         };
         reply.done();

@@ -55,6 +55,7 @@ pub fn schema() -> Value {
         &["paused", "controller", "connected"],
         &json!({"type": "boolean"}),
     );
+    add(&["recording"], &json!({"type": ["boolean", "null"]}));
     let numbers = [
         "session",
         "time_s",

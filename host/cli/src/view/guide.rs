@@ -1,12 +1,15 @@
 //! A hand that follows a page: what a simulated console's hand is told, in short straight ways.
 //!
-//! Entry points: [`Guide::order`] every so often, [`Guide::drag`], [`Guide::go`].
+//! Entry points: [`Guide::order`] every so often, [`Guide::drag`], [`Guide::go`]. How it was dragged last it can do again.
 
 use sutura_host::scene::position_at;
 use sutura_shared::wire::message::{HandScript, WAY_POINTS, WayPoint};
+use sutura_view::Hand;
 
 /// Time between two ways of a hand that is dragged \[s\].
 pub const PERIOD_S: f64 = 0.01;
+/// Times that are this near are the same \[s\].
+const ROUNDING_S: f64 = 1e-6;
 /// Time in which it follows the page: what comes 30 times a second is not felt as steps \[s\].
 const SMOOTH_S: f64 = 0.03;
 /// Fastest that it follows \[m/s\].
@@ -21,6 +24,12 @@ const PLACES: usize = 2000;
 /// How fast it goes to where the scene's hand begins \[m/s\], and for how long at least \[s\].
 const TO_START_M_PER_S: f64 = 0.1;
 const TO_START_S: f64 = 0.3;
+/// Longest way that it can do again, in periods: 10 min.
+const LONGEST_WAY: usize = 60_000;
+/// What is said where nobody has dragged it.
+pub const NO_WAY: &str = "the tool was not dragged yet";
+/// See there.
+pub const NO_WAY_HELP: &str = "drag it, and it does that again";
 
 /// What the hand is about.
 #[derive(Clone, Debug)]
@@ -33,8 +42,17 @@ enum Doing {
     Held(f64),
     /// It goes back by which it came.
     Back,
-    /// It goes to where the scene's hand begins, and follows that from this time on \[s\].
-    ToStart(f64),
+    /// It goes to where a way begins, and follows that from this time on \[s\].
+    ToStart(Way, f64),
+    /// It does again what it did when it was dragged last, from this place of that on.
+    Again(usize),
+}
+
+/// A way that it can go.
+#[derive(Clone, Copy, Debug)]
+enum Way {
+    Scene,
+    Dragged,
 }
 
 /// The hand on a simulated console. Times are those by which the console's own script runs \[s\].
@@ -46,6 +64,8 @@ pub struct Guide {
     doing: Doing,
     /// Where it has been since it was taken \[m\].
     places: Vec<[f64; 3]>,
+    /// Where it wanted the grip in every period from when it was taken last to when it was let go \[m\].
+    dragged: Vec<[f64; 3]>,
     next_s: f64,
 }
 
@@ -58,6 +78,7 @@ impl Guide {
             since_s: 0.0,
             doing: Doing::Script,
             places: Vec::new(),
+            dragged: Vec::new(),
             next_s: 0.0,
         }
     }
@@ -72,6 +93,7 @@ impl Guide {
         match (to_m, &self.doing) {
             (Some(to_m), Doing::Drag(_)) => self.doing = Doing::Drag(to_m),
             (Some(to_m), _) => {
+                self.dragged = vec![self.at(now_s)];
                 if !matches!(self.doing, Doing::Held(_) | Doing::Back) {
                     self.places.clear();
                 }
@@ -83,17 +105,25 @@ impl Guide {
         }
     }
 
-    /// It goes to where the scene's hand begins and follows that, or it stays where it is.
-    pub fn go(&mut self, now_s: f64, by_scene: bool) -> HandScript {
+    /// Whether it was dragged.
+    pub fn has_way(&self) -> bool {
+        self.dragged.len() > 1
+    }
+
+    /// It goes to where a way begins and follows that, or it stays where it is.
+    pub fn go(&mut self, now_s: f64, hand: Hand) -> HandScript {
         let at = self.at(now_s);
         self.places.clear();
-        if !by_scene {
-            self.doing = Doing::Script;
-            return self.tell(now_s, &[(0.0, at)]);
-        }
-        let start = position_at(&self.scenes, 0.0);
+        let (way, start) = match (hand, self.dragged.first()) {
+            (Hand::Scene, _) => (Way::Scene, position_at(&self.scenes, 0.0)),
+            (Hand::Recorded, Some(start)) => (Way::Dragged, *start),
+            (Hand::Recorded, None) | (Hand::Still, _) => {
+                self.doing = Doing::Script;
+                return self.tell(now_s, &[(0.0, at)]);
+            }
+        };
         let way_s = (distance(&at, &start) / TO_START_M_PER_S).max(TO_START_S);
-        self.doing = Doing::ToStart(now_s + way_s);
+        self.doing = Doing::ToStart(way, now_s + way_s);
         self.tell(now_s, &[(0.0, at), (way_s, start)])
     }
 
@@ -101,11 +131,16 @@ impl Guide {
     pub fn order(&mut self, now_s: f64) -> Option<HandScript> {
         match self.doing.clone() {
             Doing::Script => None,
-            Doing::ToStart(then_s) if now_s < then_s => None,
-            Doing::ToStart(_) => {
+            Doing::ToStart(_, then_s) if now_s < then_s => None,
+            Doing::ToStart(Way::Scene, _) => {
                 self.doing = Doing::Script;
                 (self.script, self.since_s) = (self.scenes, now_s);
                 Some(self.script)
+            }
+            Doing::ToStart(Way::Dragged, _) => {
+                self.doing = Doing::Again(1);
+                self.next_s = now_s;
+                self.order(now_s)
             }
             Doing::Held(since_s) if now_s < since_s + HOLD_S => None,
             Doing::Held(_) => {
@@ -113,7 +148,7 @@ impl Guide {
                 self.next_s = now_s;
                 self.order(now_s)
             }
-            _ if now_s < self.next_s => None,
+            _ if now_s < self.next_s - ROUNDING_S => None,
             Doing::Drag(to_m) => {
                 let from = self.at(now_s);
                 if self
@@ -128,7 +163,19 @@ impl Guide {
                 let way = part * distance(&from, &to_m);
                 let part =
                     part * (FASTEST_M_PER_S * PERIOD_S / way.max(f64::MIN_POSITIVE)).min(1.0);
-                Some(self.step(now_s, from, &towards(&from, &to_m, part)))
+                let to = towards(&from, &to_m, part);
+                if self.dragged.len() < LONGEST_WAY {
+                    self.dragged.push(to);
+                }
+                Some(self.step(now_s, from, &to))
+            }
+            Doing::Again(place) => {
+                let Some(to) = self.dragged.get(place).copied() else {
+                    self.doing = Doing::Script;
+                    return None;
+                };
+                self.doing = Doing::Again(place + 1);
+                Some(self.step(now_s, self.at(now_s), &to))
             }
             Doing::Back => {
                 let from = self.at(now_s);
@@ -256,12 +303,37 @@ mod tests {
         let mut guide = Guide::new(hand());
         guide.drag(0.0, Some([0.05, 0.0, 0.05]));
         run(&mut guide, 0.0, 1.0);
-        let script = guide.go(1.0, true);
+        let script = guide.go(1.0, Hand::Scene);
         assert_eq!(script.count, 2);
         let way = run(&mut guide, 1.0, 1.0);
         assert!(way.windows(2).all(|two| distance(&two[0], &two[1]) < 3e-4));
         assert!(distance(&way[way.len() - 1], &[0.0, 0.0, 0.05]) < 1e-6);
-        let script = guide.go(2.0, false);
+        let script = guide.go(2.0, Hand::Still);
         assert_eq!(script.count, 1);
+    }
+    /// What it did when it was dragged it does again, as fast, from where it was taken, and stays where it was let go.
+    #[test]
+    fn it_does_again_what_it_did() {
+        let mut guide = Guide::new(hand());
+        assert!(!guide.has_way());
+        guide.drag(0.0, Some([0.02, 0.0, 0.03]));
+        let mut way = run(&mut guide, 0.0, 0.4);
+        guide.drag(0.4, Some([0.0, 0.01, 0.04]));
+        way.extend(run(&mut guide, 0.4, 0.4));
+        guide.drag(0.8, None);
+        run(&mut guide, 0.8, 2.0);
+        assert!(guide.has_way());
+        let script = guide.go(3.0, Hand::Recorded);
+        // It is there already, and takes its time.
+        assert_eq!(script.count, 2);
+        run(&mut guide, 3.0, 0.3);
+        let again = run(&mut guide, 3.3, 0.8);
+        for (i, (then, now)) in way.iter().zip(&again).enumerate() {
+            assert!(distance(then, now) < 1e-4, "{i}: {now:?}, not {then:?}");
+        }
+        let after = run(&mut guide, 4.2, 0.5);
+        let end = way[way.len() - 1];
+        assert!(after.iter().all(|at| distance(at, &end) < 2e-4));
+        assert!(guide.order(5.0).is_none(), "it rests");
     }
 }

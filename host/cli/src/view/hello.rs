@@ -30,7 +30,7 @@ pub struct Kind<'a> {
     /// Tissues to choose from.
     pub tissues: Vec<String>,
     /// Settings that can be changed: name, unit, value, least, largest, step.
-    pub settings: Vec<(&'static str, &'static str, f64, [f64; 3])>,
+    pub settings: Vec<Value>,
 }
 
 /// The session's part of `hello`.
@@ -60,9 +60,6 @@ pub fn hello(scene: &Scene, plan: &Plan, kind: &Kind<'_>) -> Map<String, Value> 
             )
         })
         .collect();
-    let settings = kind.settings.iter().map(|(name, unit, value, [low, high, step])| {
-        json!({"name": name, "unit": unit, "value": value, "low": low, "high": high, "step": step})
-    });
     let said = json!({
         "source": kind.source,
         "pace": kind.pace,
@@ -87,7 +84,7 @@ pub fn hello(scene: &Scene, plan: &Plan, kind: &Kind<'_>) -> Map<String, Value> 
         "tools": describe_tools(scene),
         "needles": describe_needles(scene),
         "threads": describe_threads(scene),
-        "settings": settings.collect::<Vec<_>>(),
+        "settings": kind.settings,
         "scenes": kind.scenes,
         "tissues": kind.tissues,
         "fixes": fixes,

@@ -2,11 +2,14 @@
 //!
 //! Entry points: [`Helm`], [`Helm::ended`].
 
-use super::guide::Guide;
+use super::guide::{Guide, NO_WAY, NO_WAY_HELP};
 use super::prepare::{Prepared, Wish};
+use super::saves::Saves;
+use super::settings::Setting;
 use super::show::Show;
 use crate::failure::Failure;
 use std::ops::ControlFlow;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError};
@@ -16,7 +19,7 @@ use sutura_host::link::Order;
 use sutura_host::scene::Tissue;
 use sutura_host::session::{Plan, Steer, Steered};
 use sutura_shared::wire::message::{Command as ToConsole, Mode, Simulate};
-use sutura_view::{Command, Hand, Reply, Request};
+use sutura_view::{Command, Hand, Reply, Request, SetTo};
 
 /// Between two looks at signals while time stands still.
 const LOOK_EVERY: Duration = Duration::from_millis(50);
@@ -28,7 +31,7 @@ const LATE: Duration = Duration::from_millis(100);
 const TICKS_TO_OBEY: u64 = 3;
 
 /// Commands that a sandbox obeys.
-pub const COMMANDS: [&str; 14] = [
+pub const COMMANDS: [&str; 16] = [
     "scalar",
     "safe_stop",
     "arm",
@@ -43,6 +46,8 @@ pub const COMMANDS: [&str; 14] = [
     "scene",
     "tissue",
     "set",
+    "record",
+    "save_last",
 ];
 
 /// Why a session of a sandbox is over.
@@ -73,6 +78,8 @@ pub struct Helm<'a> {
     show: &'a Show,
     wish: Wish,
     plan: Plan,
+    settings: Vec<Setting>,
+    saves: Saves,
     guide: Guide,
     speed: f64,
     paused: bool,
@@ -86,13 +93,13 @@ pub struct Helm<'a> {
 }
 
 impl<'a> Helm<'a> {
-    /// At the helm of a session of this plan, that a wish has led to.
+    /// At the helm of a session of this plan and these settings, that a wish has led to.
     pub fn new(
-        asked: &'a Receiver<Request>,
-        stop: &'a AtomicBool,
+        (asked, stop): (&'a Receiver<Request>, &'a AtomicBool),
         show: &'a Show,
         wish: Wish,
-        plan: Plan,
+        (plan, settings): (Plan, Vec<Setting>),
+        saves: Saves,
     ) -> Self {
         let helm = Self {
             guide: Guide::new(plan.hand),
@@ -101,6 +108,8 @@ impl<'a> Helm<'a> {
             show,
             wish,
             plan,
+            settings,
+            saves,
             speed: 1.0,
             paused: false,
             until: None,
@@ -120,15 +129,17 @@ impl<'a> Helm<'a> {
         self.stands = Some(reached);
     }
 
-    /// Why the session is over.
-    pub fn ended(self) -> Ended {
-        self.ended.unwrap_or(Ended::Closed)
+    /// Why the session is over, and the file that all of it is in, if one is.
+    pub fn ended(self) -> (Ended, Option<PathBuf>) {
+        let file = self.saves.file().map(Path::to_owned);
+        (self.ended.unwrap_or(Ended::Closed), file)
     }
 
     fn tell(&self) {
         self.show.going(|going| {
             going.paused = self.paused;
             going.wanted_speed = Some(self.speed);
+            going.recording = Some(self.saves.file().is_some());
         });
     }
 
@@ -151,8 +162,11 @@ impl<'a> Helm<'a> {
                 return reply.refuse("nobody holds a grip whose motors are off", "arm first");
             }
             Command::Drag(to_m) => self.guide.drag(now_s, to_m),
+            Command::Hand(Hand::Recorded) if !self.guide.has_way() => {
+                return reply.refuse(NO_WAY, NO_WAY_HELP);
+            }
             Command::Hand(hand) => {
-                let script = self.guide.go(now_s, hand == Hand::Scene);
+                let script = self.guide.go(now_s, hand);
                 orders.push(Order::Simulate(Simulate::Hand(script)));
             }
             Command::Pause => (self.paused, self.until) = (true, None),
@@ -195,7 +209,24 @@ impl<'a> Helm<'a> {
                     }
                 };
             }
-            Command::Set { name, value } => return self.set(&name, value, reply),
+            Command::Set { name, value } => return self.set(&name, &value, reply),
+            Command::SaveLast => return self.saves.last(reply),
+            Command::Record(true) if self.saves.file().is_some() => {
+                return reply.refuse("this session is recorded", "say `record` with `on`: false");
+            }
+            Command::Record(true) => {
+                // What the solver was before is not known to a file that begins now.
+                let wish = Wish {
+                    is_recorded: true,
+                    ..self.wish.clone()
+                };
+                return self.make(wish, reply);
+            }
+            Command::Record(false) => {
+                self.wish.is_recorded = false;
+                self.saves.end(reply);
+                return self.tell();
+            }
             // The server's own.
             Command::Ack(_)
             | Command::PictureHz(_)
@@ -221,25 +252,16 @@ impl<'a> Helm<'a> {
         }
     }
 
-    fn set(&mut self, name: &str, value: f64, reply: Reply) {
-        let settings = settings(&self.plan);
-        let Some((_, unit, _, [low, high, _])) = settings.iter().find(|(other, ..)| *other == name)
-        else {
+    fn set(&mut self, name: &str, to: &SetTo, reply: Reply) {
+        let mut named = self.settings.iter().filter(|each| each.name() == name);
+        let Some(setting) = named.next() else {
             let message = format!("there is no setting `{name}`");
             return reply.refuse(&message, "`settings` of `hello` lists what there is");
         };
-        if !(*low..=*high).contains(&value) {
-            let message = format!("`{name}` is {value} {unit}");
-            let help = format!("give {low} to {high} {unit}");
+        if let Some((message, help)) = setting.flaw(to) {
             return reply.refuse(&message, &help);
         }
-        let mut wish = self.wish.clone();
-        match name {
-            HOST_HZ => wish.host_hz = Some(value),
-            STIFFNESS => wish.hand_stiffness_n_per_m = Some(value as f32),
-            _ => wish.hand_damping_n_s_per_m = Some(value as f32),
-        }
-        self.make(wish, reply);
+        self.make(self.wish.with(setting, to), reply);
     }
 
     /// Makes another session beside this one.
@@ -351,28 +373,4 @@ impl Steer for Helm<'_> {
         }
         ControlFlow::Continue(())
     }
-}
-
-const HOST_HZ: &str = "host-hz";
-const STIFFNESS: &str = "hand-stiffness";
-const DAMPING: &str = "hand-damping";
-
-/// What can be set of a session: name, unit, value, least, largest and step.
-pub fn settings(plan: &Plan) -> Vec<(&'static str, &'static str, f64, [f64; 3])> {
-    let hand = &plan.hand;
-    vec![
-        (HOST_HZ, "Hz", plan.host_hz, [25.0, 1000.0, 5.0]),
-        (
-            STIFFNESS,
-            "N/m",
-            f64::from(hand.stiffness_n_per_m),
-            [50.0, 3000.0, 10.0],
-        ),
-        (
-            DAMPING,
-            "N s/m",
-            f64::from(hand.damping_n_s_per_m),
-            [0.0, 60.0, 0.5],
-        ),
-    ]
 }

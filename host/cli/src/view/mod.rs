@@ -31,10 +31,14 @@ mod recorded_pictures;
 #[cfg(feature = "view")]
 mod sandbox;
 #[cfg(feature = "view")]
+mod saves;
+#[cfg(feature = "view")]
 pub mod session;
 #[cfg(not(feature = "view"))]
 #[path = "without.rs"]
 pub mod session;
+#[cfg(feature = "view")]
+mod settings;
 #[cfg(feature = "view")]
 mod shot;
 #[cfg(feature = "view")]
@@ -159,6 +163,7 @@ impl ViewArgs {
             scene: self.file.clone(),
             tissue: self.tissue,
             host_hz: self.host_hz,
+            is_recorded: self.record.is_some(),
             ..prepare::Wish::default()
         }
     }

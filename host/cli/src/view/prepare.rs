@@ -2,8 +2,10 @@
 //!
 //! Entry points: [`Wish`], [`Prepared::of`].
 
+use super::settings::{self, Setting};
 use crate::failure::{Cause, Failure};
 use crate::run::plan_of;
+use std::collections::BTreeMap;
 use std::path::PathBuf;
 use sutura_host::registry;
 use sutura_host::scene::{LONGEST_S, Scene, Sources, Tissue};
@@ -25,6 +27,10 @@ pub struct Wish {
     pub hand_stiffness_n_per_m: Option<f32>,
     /// See there.
     pub hand_damping_n_s_per_m: Option<f32>,
+    /// In place of what the scene's file says, see [`settings`](super::settings).
+    pub written: BTreeMap<&'static str, f64>,
+    /// Whether it is recorded.
+    pub is_recorded: bool,
 }
 
 /// A session that can begin.
@@ -37,6 +43,8 @@ pub struct Prepared {
     pub sources: Sources,
     /// How it runs.
     pub plan: Plan,
+    /// What can be set of it.
+    pub settings: Vec<Setting>,
     /// Ready for the plan.
     pub solver: SceneSolver,
 }
@@ -48,7 +56,8 @@ impl Prepared {
     /// Everything that is wrong with the scene, or that its tissue refuses.
     pub fn of(wish: Wish) -> Result<Prepared, Failure> {
         let document = crate::scene::document(wish.scene.as_deref())?;
-        let (mut scene, sources) = crate::scene::open_with_sources(&document)?;
+        let edited = settings::edited(document.clone(), &wish.written);
+        let (mut scene, sources) = crate::scene::open_with_sources(&edited)?;
         if let Some(tissue) = wish.tissue {
             scene.tissue = tissue.instead_of(scene.tissue);
         }
@@ -72,6 +81,7 @@ impl Prepared {
         })?;
         let solver = SceneSolver::for_session(&scene, &plan)?;
         Ok(Prepared {
+            settings: Setting::all(&wish, &plan, &document),
             wish,
             scene,
             sources,
@@ -129,6 +139,7 @@ impl Wish {
             tissue: None,
             rendering: None,
             host_hz: None,
+            written: BTreeMap::new(),
             ..self.clone()
         })
     }

@@ -4,13 +4,15 @@
 //! they are slow, and lose nothing.
 
 use super::hello::Kind;
-use super::helm::{COMMANDS, Ended, Helm, settings};
+use super::helm::{COMMANDS, Ended, Helm};
 use super::live::Live;
 use super::page::Page;
 use super::prepare::Prepared;
+use super::saves::{Saves, numbered, unused};
+use super::settings::Setting;
 use super::show::Show;
 use crate::failure::{Cause, Failure};
-use crate::recording::{build, failure};
+use crate::recording::{LAST, build, failure};
 use crate::run::session_failure;
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
@@ -24,6 +26,8 @@ use sutura_host::recording::{About, Recorder, TappedConsole, TappedSolver};
 use sutura_host::session::{Progress, run_steered};
 use sutura_view::{Request, Shared};
 
+/// Where a session is recorded that a page wants recorded, if no file was named.
+const RECORDED: &str = "sutura-view.mcap";
 /// Between two looks for a page.
 const LOOKS_EVERY: Duration = Duration::from_millis(20);
 
@@ -51,12 +55,17 @@ pub fn run(
         return Ok(());
     };
     for number in 1.. {
-        let file = record.map(|file| numbered(file, number));
+        let file = match record {
+            Some(file) => numbered(file, number),
+            None => unused(Path::new(RECORDED)),
+        };
+        let file = Some(file).filter(|_| prepared.wish.is_recorded);
         match session(
             (page, live),
             &asked,
             prepared,
-            (file.as_deref(), pause.take()),
+            (file, record),
+            pause.take(),
             stop,
         )? {
             Ended::Closed => break,
@@ -70,7 +79,8 @@ fn session(
     (page, live): (&Page, Option<&Live>),
     asked: &Receiver<Request>,
     prepared: Prepared,
-    (record, pause): (Option<&Path>, Option<At>),
+    (file, named): (Option<PathBuf>, Option<&Path>),
+    pause: Option<At>,
     stop: &AtomicBool,
 ) -> Result<Ended, Failure> {
     let kind = Kind {
@@ -82,13 +92,14 @@ fn session(
         has_model: prepared.solver.model().is_some(),
         scenes: prepared.scenes(),
         tissues: Prepared::tissues(),
-        settings: settings(&prepared.plan),
+        settings: prepared.settings.iter().map(Setting::said).collect(),
     };
     let Prepared {
         wish,
         scene,
         sources,
         plan,
+        settings,
         mut solver,
     } = prepared;
     let show = Show::begin(page, &scene, &plan, &solver, &kind, live.map(Live::tap))?;
@@ -96,13 +107,16 @@ fn session(
         console: "virtual".to_owned(),
         lockstep: true,
         ..About::here(
-            record.map(|_| build()).unwrap_or_default(),
+            file.as_ref().map(|_| build()).unwrap_or_default(),
             &plan,
             &scene.tissue.to_string(),
         )
     };
-    let recorder = Recorder::start_seen(record, about, sources, show.telemetry().seen());
+    let recorder = Recorder::start_seen(file.as_deref(), about, sources, show.telemetry().seen());
     let recorder = recorder.map_err(failure)?;
+    // Beside what was asked for.
+    let last = named.map_or(LAST.into(), |file| file.with_file_name(LAST));
+    let saves = Saves::new(recorder.saver(), show.telemetry().clone(), last, file);
     let console = NativeConsole::new(&plan.device);
     let mut console = console.map_err(|error| {
         let message = format!("the device is unusable: {error}");
@@ -114,19 +128,19 @@ fn session(
     if pause.is_some() {
         await_page(page.shared(), stop);
     }
-    let mut helm = Helm::new(asked, stop, &show, wish, plan);
+    let mut helm = Helm::new((asked, stop), &show, wish, (plan, settings), saves);
     if let Some(At { at_s, reached }) = pause {
         helm.pause_at(at_s, reached);
     }
     let go_on = |_: &Progress<'_>| ControlFlow::Continue(());
     let ran = run_steered(&mut console, &plan, &mut showing, go_on, &mut helm);
-    let ended = helm.ended();
+    let (ended, file) = helm.ended();
     let recorded = recorder.finish();
     let shown = show.end(page.place());
     tracing::info!("shown: {shown:?}");
     ran.map_err(|error| session_failure(error, "virtual"))?;
     recorded.map_err(failure)?;
-    if let Some(file) = record {
+    if let Some(file) = file {
         note!("recorded in {}", file.display());
     }
     Ok(ended)
@@ -137,14 +151,4 @@ fn await_page(shared: &Shared, stop: &AtomicBool) {
     while shared.figures().joined == 0 && !stop.load(Ordering::Relaxed) {
         std::thread::sleep(LOOKS_EVERY);
     }
-}
-
-/// The file of a session: the first has the name itself.
-fn numbered(file: &Path, number: u32) -> PathBuf {
-    if number == 1 {
-        return file.to_owned();
-    }
-    let stem = file.file_stem().unwrap_or_default().to_string_lossy();
-    let end = file.extension().unwrap_or_default().to_string_lossy();
-    file.with_file_name(format!("{stem}-{number}.{end}"))
 }

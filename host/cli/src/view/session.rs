@@ -8,14 +8,15 @@ use super::hello::Kind;
 use super::live::Live;
 use super::page::Page;
 use super::recorded;
+use super::saves::Saves;
 use super::show::Show;
 use crate::attendant::Operator;
 use crate::failure::{Cause, Failure};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 use sutura_host::picture::Offer;
-use sutura_host::recording::Seen;
+use sutura_host::recording::{Saver, Seen};
 use sutura_host::scene::Scene;
 use sutura_host::session::{Attendant, Plan, Progress, SceneSolver, ViewSummary};
 use tempfile::NamedTempFile;
@@ -129,13 +130,15 @@ impl Viewed {
         operator: Operator,
         plan: &Plan,
         simulated: bool,
+        (saver, last): (Saver, PathBuf),
     ) -> Box<dyn Attendant> {
-        match self.page.take_asked() {
-            Some(asked) => {
+        match (self.page.take_asked(), &self.show) {
+            (Some(asked), Some(show)) => {
                 let hand = simulated.then_some(plan.hand);
-                Box::new(PageAttendant::new(operator, asked, hand))
+                let saves = Saves::new(saver, show.telemetry().clone(), last, None);
+                Box::new(PageAttendant::new(operator, asked, hand, saves))
             }
-            None => Box::new(operator),
+            _ => Box::new(operator),
         }
     }
 

@@ -48,6 +48,8 @@ pub struct Going {
     pub paused: bool,
     /// Session time per wall time that is wanted; none in real time.
     pub wanted_speed: Option<f64>,
+    /// Whether all of it is written to a file; none where pages have no say in it.
+    pub recording: Option<bool>,
 }
 
 /// A session that is shown.
@@ -275,6 +277,7 @@ impl Showing {
         let own = json!({
             "paused": going.paused,
             "wanted_speed": going.wanted_speed,
+            "recording": going.recording,
             "pictures": {"wanted": self.figures.wanted, "made": self.figures.made, "sent": all.sent},
             "picture_hz": self.hz.min(wanted_hz),
             "picture_us": 1e6 * self.cost_s,

@@ -3,11 +3,11 @@
 use super::PageArgs;
 use crate::attendant::Operator;
 use crate::failure::{Cause, Failure};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 use sutura_host::picture::Offer;
-use sutura_host::recording::Seen;
+use sutura_host::recording::{Saver, Seen};
 use sutura_host::scene::Scene;
 use sutura_host::session::{Attendant, Plan, Progress, SceneSolver, ViewSummary};
 
@@ -69,7 +69,13 @@ impl Viewed {
     }
 
     /// Never.
-    pub fn attendant(&mut self, _: Operator, _: &Plan, _: bool) -> Box<dyn Attendant> {
+    pub fn attendant(
+        &mut self,
+        _: Operator,
+        _: &Plan,
+        _: bool,
+        _: (Saver, PathBuf),
+    ) -> Box<dyn Attendant> {
         match *self {}
     }
 

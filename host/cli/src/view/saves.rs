@@ -1,0 +1,130 @@
+//! Files that a page asks for: the last seconds, and the end of a recording.
+//!
+//! Entry points: [`Saves::last`], [`Saves::end`]. A page names no files: they go to the folder that the program was started in, or
+//! beside the recording that was asked for there, and take nobody's place.
+
+use super::telemetry::Telemetry;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::thread::JoinHandle;
+use sutura_host::recording::Saver;
+use sutura_view::Reply;
+
+/// What can be saved of a session.
+pub struct Saves {
+    saver: Saver,
+    telemetry: Arc<Telemetry>,
+    /// Where the last seconds go, if there is no such file yet.
+    last: PathBuf,
+    /// All of the session, as long as it is written.
+    file: Option<PathBuf>,
+    saving: Option<JoinHandle<()>>,
+}
+
+impl Saves {
+    /// Of a session that is recorded in `file`, if anywhere.
+    pub fn new(
+        saver: Saver,
+        telemetry: Arc<Telemetry>,
+        last: PathBuf,
+        file: Option<PathBuf>,
+    ) -> Self {
+        Self {
+            saver,
+            telemetry,
+            last,
+            file,
+            saving: None,
+        }
+    }
+
+    /// Where all of the session is written, if anywhere.
+    pub fn file(&self) -> Option<&Path> {
+        self.file.as_deref()
+    }
+
+    /// Writes the last seconds to a file, in a thread of its own: the session does not wait.
+    pub fn last(&mut self, reply: Reply) {
+        let under_way = self.saving.take_if(|saving| saving.is_finished());
+        // A panic of it has been printed.
+        let _ = under_way.map(JoinHandle::join);
+        if self.saving.is_some() {
+            return reply.refuse("the last seconds are being written", "wait until they are");
+        }
+        let (saver, telemetry) = (self.saver.clone(), self.telemetry.clone());
+        let path = unused(&self.last);
+        let thread = std::thread::Builder::new().name("sutura-save".to_owned());
+        let saving = thread.spawn(move || match saver.save_last(&path) {
+            Ok(bytes) => {
+                let mb = 1e-6 * bytes as f64;
+                let text = format!("the last seconds are in {} ({mb:.1} MB)", path.display());
+                note!("{text}");
+                telemetry.event("saved", &text, "");
+                reply.done();
+            }
+            Err(error) => refuse(reply, &error.to_string()),
+        });
+        match saving {
+            Ok(saving) => self.saving = Some(saving),
+            // The reply is gone with the thread: the page hears that there is none.
+            Err(error) => tracing::error!("there is no thread to write the last seconds: {error}"),
+        }
+    }
+
+    /// Ends the recording.
+    pub fn end(&mut self, reply: Reply) {
+        let Some(file) = self.file.take() else {
+            return reply.refuse(
+                "this session is not recorded",
+                "say `record` with `on`: true",
+            );
+        };
+        match self.saver.end_file() {
+            Ok(_) => {
+                let text = format!("recorded in {}", file.display());
+                note!("{text}");
+                self.telemetry.event("saved", &text, "");
+                reply.done();
+            }
+            Err(error) => refuse(reply, &error.to_string()),
+        }
+    }
+}
+
+fn refuse(reply: Reply, why: &str) {
+    reply.refuse(why, "see whether its folder can be written, and has room");
+}
+
+/// This file, or one with the first number that no file has.
+pub fn unused(file: &Path) -> PathBuf {
+    let mut names = (1..).map(|number| numbered(file, number));
+    let found = names.find(|path| !path.exists());
+    found.unwrap_or_else(|| file.to_owned())
+}
+
+/// The first has the name itself.
+pub fn numbered(file: &Path, number: u32) -> PathBuf {
+    if number == 1 {
+        return file.to_owned();
+    }
+    let stem = file.file_stem().unwrap_or_default().to_string_lossy();
+    let end = file.extension().unwrap_or_default().to_string_lossy();
+    file.with_file_name(format!("{stem}-{number}.{end}"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn no_file_takes_the_place_of_another() -> std::io::Result<()> {
+        let folder = tempfile::tempdir()?;
+        let file = folder.path().join("a.mcap");
+        for expected in ["a.mcap", "a-2.mcap", "a-3.mcap"] {
+            let path = unused(&file);
+            assert_eq!(path, folder.path().join(expected));
+            std::fs::write(&path, b"")?;
+        }
+        Ok(())
+    }
+}
