@@ -85,7 +85,7 @@ export async function variety(page) {
 export function alone(page) {
   return page.evaluate(() => {
     const { sutura } = window;
-    for (const name of ['outline', 'tools', 'contacts', 'wrench']) sutura.setLook(name, false);
+    for (const name of ['outline', 'tools', 'contacts', 'wrench']) sutura.view.setLook(name, false);
     sutura.show(sutura.picture);
   });
 }

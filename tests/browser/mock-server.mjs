@@ -146,7 +146,11 @@ class Mock {
     this.home = name === 'slab' ? [0, 0, 0.02] : [0.016, 0, 0.006];
     this.grip = [...this.home];
     this.force = [0, 0, 0];
+    this.recorded = false;
+    this.saved = 0;
+    this.hand = 'scene';
     this.settings = [
+      { name: 'rendering', unit: '', value: 'rows', choices: ['hold', 'tangent', 'rows'] },
       { name: 'host-hz', unit: 'Hz', value: 250, low: 25, high: 1000, step: 25 },
       { name: 'youngs-modulus', unit: 'Pa', value: 15000, low: 1000, high: 100000, step: 1000 },
     ];
@@ -341,6 +345,14 @@ class Client {
     this.sendPicture();
   }
 
+  /** Another session, for all. @param {string} name */
+  again(name) {
+    const { mock } = this;
+    mock.session += 1;
+    mock.begin(name);
+    for (const client of mock.clients) client.greet();
+  }
+
   take(text) {
     const command = JSON.parse(text);
     const { mock } = this;
@@ -387,16 +399,26 @@ class Client {
         break;
       case 'scene':
       case 'reset':
-        mock.session += 1;
-        mock.begin(command.name ?? mock.name);
-        for (const client of mock.clients) client.greet();
+        this.again(command.name ?? mock.name);
+        break;
+      case 'record':
+        if (command.on) this.again(mock.name);
+        mock.recorded = command.on;
+        break;
+      case 'save_last':
+        mock.saved += 1;
+        for (const client of mock.clients) client.say({ kind: 'event', session: mock.session, time_s: mock.time, what: 'saved', text: 'the last seconds are in sutura-last.mcap (0.1 MB)', help: '' });
         break;
       case 'take_control':
         mock.controller = this;
         for (const client of mock.clients) client.say(mock.hello(client));
         break;
       case 'hand':
+        mock.hand = command.way;
+        break;
       case 'set':
+        mock.settings.find((one) => one.name === command.name).value = command.value;
+        break;
       case 'tissue':
         break;
       default:
@@ -439,9 +461,10 @@ async function serve(request, response) {
 }
 
 /**
- * @param {{scene?: 'slab' | 'tube' | 'recording', port?: number, motors?: boolean}} options
+ * @param {{scene?: 'slab' | 'tube' | 'recording', port?: number, motors?: boolean, hz?: number}} options `hz`: pictures a second, few
+ *   enough for a browser that draws in software to do other things, too
  */
-export async function start({ scene = 'slab', port = 0, motors = false } = {}) {
+export async function start({ scene = 'slab', port = 0, motors = false, hz = 10 } = {}) {
   const mock = new Mock(scene);
   const server = http.createServer((request, response) => serve(request, response));
   const sockets = new WebSocketServer({ server, path: '/ws' });
@@ -467,7 +490,7 @@ export async function start({ scene = 'slab', port = 0, motors = false } = {}) {
     setInterval(() => !mock.paused && mock.connected && mock.publish(0.05), 50),
     setInterval(() => {
       for (const client of mock.clients) if (client.hz > 0) client.sendPicture();
-    }, 33),
+    }, 1000 / hz),
   ];
   // Of a recording the host says nothing by itself.
   if (!mock.recording) {
@@ -497,6 +520,6 @@ export async function start({ scene = 'slab', port = 0, motors = false } = {}) {
 }
 
 if (process.argv[1] === fileURLToPath(import.meta.url)) {
-  const { url } = await start({ scene: process.argv[2] ?? 'slab', port: 8421 });
+  const { url } = await start({ scene: process.argv[2] ?? 'slab', port: 8421, hz: 30 });
   console.log(url);
 }

@@ -94,14 +94,14 @@ export const tests = [
   ['colours', withHost({ scene: 'slab' }, async ({ page, host, shot }) => {
     host.mock.way = () => [0.008, 0, 0.004];
     for (const [name, file] of [['displacement', 'displacement'], ['largest-principal', 'stress']]) {
-      await page.locator('#panel select').nth(2).selectOption(name);
+      await page.getByLabel('Value', { exact: true }).selectOption(name);
       await until(page, (name) => window.sutura.tissue.coloured && window.sutura.hello.scalars[window.sutura.picture.scalar - 1]?.name === name && window.sutura.picture.status.grip[2] < 0.0042, name);
       await shot(file);
       await alone(page);
       const worst = await page.evaluate(colourErrors);
       check(worst.places >= 20, `${worst.places} places seen`);
       check(worst.error <= 3, `${name}: dE ${worst.error} between pixel and legend at ${JSON.stringify(worst.at)}`);
-      await page.evaluate(() => ['outline', 'tools', 'contacts', 'wrench'].forEach((name) => window.sutura.setLook(name, true)));
+      await page.evaluate(() => ['outline', 'tools', 'contacts', 'wrench'].forEach((name) => window.sutura.view.setLook(name, true)));
     }
   })],
 
@@ -149,7 +149,7 @@ export const tests = [
     await page.evaluate(() => {
       const { sutura } = window;
       sutura.stage.choose('lean', 'chosen by hand');
-      sutura.setLook('tools', false);
+      sutura.view.setLook('tools', false);
     });
     // The page's own colours of what is drawn through the tissue, and of cut walls.
     const count = (colour, within) => page.evaluate(`(() => {
@@ -249,6 +249,36 @@ export const tests = [
     await page.mouse.up();
   })],
 
+  ['settings, recordings and the last seconds', withHost({ scene: 'slab' }, async ({ page, host, browser }) => {
+    const { mock } = host;
+    const setting = (name) => mock.settings.find((one) => one.name === name).value;
+    const happens = async (what, wanted) => {
+      for (let i = 0; i < 200 && what() !== wanted; i += 1) await settled(page, 20);
+      check(what() === wanted, `the host has ${what()}, not ${wanted}`);
+    };
+    await page.getByLabel('Rendering', { exact: true }).selectOption('hold');
+    await happens(() => setting('rendering'), 'hold');
+    await page.getByLabel('Young\'s modulus', { exact: true }).fill('20000');
+    await happens(() => setting('youngs-modulus'), 20000);
+    await page.getByRole('button', { name: 'Do my drag again' }).click();
+    await happens(() => mock.hand, 'recorded');
+
+    // A recording begins with a session of its own, and the button ends it.
+    const { session } = mock;
+    await page.getByRole('button', { name: 'Start again and record' }).click();
+    await happens(() => mock.recorded && mock.session === session + 1, true);
+    await page.getByRole('button', { name: 'End the recording' }).click();
+    await happens(() => mock.recorded, false);
+    await page.getByRole('button', { name: 'Start again and record' }).waitFor();
+    await page.getByRole('button', { name: 'Save the last 30 s' }).click();
+    await until(page, () => document.getElementById('toasts').textContent.includes('sutura-last.mcap'));
+    check(mock.saved === 1 && mock.session === session + 1, 'saved once, and the session goes on');
+
+    const second = await browser.open(host.url, {});
+    check((await second.page.getByRole('button', { name: /record|Save the last/ }).count()) === 0 && (await second.page.getByLabel('Rendering', { exact: true }).isDisabled()), 'who watches has none of it');
+    await second.close();
+  })],
+
   ['two clients', withHost({ scene: 'slab' }, async ({ page, host, browser }) => {
     const second = await browser.open(host.url, {});
     check((await second.page.locator('#role').innerText()) === 'you watch', 'the second one watches');
@@ -291,7 +321,7 @@ export const tests = [
   })],
 
   ['looking back', withHost({ scene: 'slab' }, async ({ page }) => {
-    await until(page, () => window.sutura.past.list.length > 40);
+    await until(page, () => window.sutura.past.span[1] - window.sutura.past.span[0] > 1.3);
     await page.evaluate(() => {
       const slider = document.querySelector('#time-line input');
       slider.value = '300';
@@ -413,13 +443,13 @@ export const tests = [
       const { sutura } = window;
       sutura.stage.pose = [0.1, -0.07, 0.055, 0.001, 0.002, -0.003, 32];
       sutura.panel.setCut({ axis: 'x', at: 0.0125, flip: true });
-      sutura.setRange([0.001, 0.004]);
+      sutura.colouring.fix([0.001, 0.004]);
     });
     await page.getByRole('button', { name: 'Copy link' }).click();
     await until(page, () => document.getElementById('toasts').textContent.includes('Link copied'));
     const link = await page.evaluate(() => navigator.clipboard.readText());
     const again = await browser.open(link);
-    const { pose, cut, range } = await again.page.evaluate(() => ({ pose: window.sutura.stage.pose, cut: window.sutura.tissue.cut, range: window.sutura.range.fixed }));
+    const { pose, cut, range } = await again.page.evaluate(() => ({ pose: window.sutura.stage.pose, cut: window.sutura.tissue.cut, range: window.sutura.colouring.range.fixed }));
     [0.1, -0.07, 0.055, 0.001, 0.002, -0.003, 32].forEach((value, i) => near(pose[i], value, 1e-6, `camera ${i}`));
     near(cut.at, 0.0125, 1e-9, 'cut');
     check(cut.axis === 'x' && cut.flip && String(range) === '0.001,0.004', JSON.stringify({ cut, range }));
@@ -457,7 +487,7 @@ export const tests = [
     return `${found.violations.length} lesser findings`;
   })],
 
-  ['memory is level', withHost({ scene: 'tube' }, async ({ page }) => {
+  ['memory is level', withHost({ scene: 'tube', hz: 30 }, async ({ page }) => {
     const client = await page.context().newCDPSession(page);
     const used = async () => {
       await client.send('HeapProfiler.collectGarbage');
@@ -546,7 +576,7 @@ async function expectMode(host, mode, what) {
 async function colourErrors() {
   const { sutura } = window;
   const [{ colourAt }, THREE] = await Promise.all([import('/page/colours.js'), import('three')]);
-  const { stage, tissue, picture, range } = sutura;
+  const { stage, tissue, picture, colouring: { range } } = sutura;
   stage.choose('lean', 'chosen by hand');
   stage.look('top');
   sutura.show(picture);

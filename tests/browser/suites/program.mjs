@@ -132,16 +132,16 @@ export const tests = [
   })],
 
   ['program: colours', withProgram(['scenes/palpation.toml'], async ({ page, shot, book }) => {
-    await page.evaluate(() => window.sutura.setScalar('von-mises'));
+    await page.evaluate(() => window.sutura.choose('von-mises'));
     await pressAgain(page);
     await until(page, () => window.sutura.tissue.coloured && window.sutura.telemetry.ticks.value('force_n', 1e9) > 2.5);
     await posed({ page, book, shot }, 'stress');
-    const { high, low } = await page.evaluate(() => ({ high: window.sutura.range.ends[1], low: window.sutura.range.ends[0] }));
+    const { high, low } = await page.evaluate(() => ({ high: window.sutura.colouring.range.ends[1], low: window.sutura.colouring.range.ends[0] }));
     check(low === 0 && high > 100 && high < 1e5, `von Mises from ${low} to ${high} Pa`);
-    await page.evaluate(() => window.sutura.setScalar('displacement'));
+    await page.evaluate(() => window.sutura.choose('displacement'));
     await until(page, () => window.sutura.hello.scalars[window.sutura.picture.scalar - 1]?.name === 'displacement');
     const worst = await page.evaluate(() => {
-      const { picture, values, tissue } = window.sutura;
+      const { picture, colouring: { values }, tissue } = window.sutura;
       const metres = picture.displacementScale / 32767;
       let most = 0;
       for (let i = 0; i < values.length; i += 1) most = Math.max(most, Math.abs(values[i] - metres * Math.hypot(...picture.displacement.slice(3 * i, 3 * i + 3))));
@@ -200,8 +200,13 @@ export const tests = [
       await until(page, () => window.sutura.telemetry.ticks.length > 4000);
       const worst = await scrubbed(page, await messages(file, '/tool'));
       const colours = await coloured(page, shown);
-      await page.evaluate(() => window.sutura.setScalar(null));
       await page.evaluate(() => window.sutura.player.to(2.2));
+      // Pictures of another value are made when it is chosen, and come by themselves.
+      await page.getByLabel('Value', { exact: true }).selectOption('pressure');
+      await until(page, () => window.sutura.tissue.coloured && window.sutura.hello.scalars[window.sutura.picture.scalar - 1]?.name === 'pressure');
+      const [pressed, hint] = await page.evaluate(() => [Math.max(...window.sutura.colouring.values), window.sutura.panel.scalarHint.hidden]);
+      check(pressed > 100 && pressed < 1e5 && hint, `pressures up to ${pressed} Pa`);
+      await page.evaluate(() => window.sutura.choose(null));
       await page.waitForTimeout(800);
       await posed({ page, book, shot }, 'replay', false);
       return `${await page.locator('.badge').getAttribute('title')}; 100 places, forces differ by ${worst.toExponential(1)} N at most; ${colours}`;
@@ -233,8 +238,8 @@ export const tests = [
         const { sutura } = window;
         sutura.stage.adapt = () => {};
         sutura.stage.choose('full', 'as with a graphics card');
-        sutura.setLook('contacts', false);
-        sutura.setLook('wrench', false);
+        sutura.view.setLook('contacts', false);
+        sutura.view.setLook('wrench', false);
         sutura.stage.pose = [0.026, -0.0445, 0.022, 0, 0, -0.001, 32];
         document.getElementById('views').hidden = true;
       });
@@ -244,7 +249,7 @@ export const tests = [
         if (ticks > 0) await ask({ do: 'step', ticks });
         await page.waitForFunction((time) => window.sutura.newest.time >= time - 0.006, time, { timeout: 120_000 });
         await page.evaluate((through) => {
-          window.sutura.setLook('xray', through);
+          window.sutura.view.setLook('xray', through);
           document.getElementById('toasts').replaceChildren();
         }, i > 1 && i < 6);
         await page.waitForTimeout(1500);
@@ -468,13 +473,13 @@ async function coloured(page, folder) {
   });
   const states = [];
   for (const name of ['displacement', 'von-mises']) {
-    await page.evaluate((name) => window.sutura.setScalar(name), name);
+    await page.evaluate((name) => window.sutura.choose(name), name);
     for (const { time, name: file } of rows.filter((row) => row.time > 0.5 && row.time < 4.3)) {
       if (states.filter((one) => one === name).length === STATES) break;
       // The pictures' times and the files' are both those of solves; some are the same.
       await page.evaluate((time) => window.sutura.link.ask({ do: 'seek', time_s: time + 1e-6 }), time);
       const seen = await until(page, (time) => Math.abs(window.sutura.newest.time - time) < 1 / 25, time).then(() => page.evaluate(([time, name]) => {
-        const { picture, values, hello } = window.sutura;
+        const { picture, colouring: { values }, hello } = window.sutura;
         if (Math.abs(picture.time - time) > 1e-6 || (hello.scalars[picture.scalar - 1]?.name !== name && name !== 'displacement')) return null;
         return Array.from(values);
       }, [time, name]));
