@@ -1,5 +1,6 @@
 // A browser for tests of the page: opens it, notes all that goes wrong in it, keeps pictures. Entry point: `Browser`.
 
+import { spawn } from 'node:child_process';
 import path from 'node:path';
 import { fileURLToPath } from 'node:url';
 import { chromium } from 'playwright-core';
@@ -12,6 +13,20 @@ const SIZE = { width: 1280, height: 720 };
 /** For the browser to do what takes it moments on an idle machine [ms]. */
 export const PATIENCE_MS = 90_000;
 
+/** Programs that run for a test. */
+const children = new Set();
+process.on('exit', () => {
+  for (const child of children) child.kill('SIGTERM');
+});
+
+/** Starts a program, which ends at the latest when this one does. @param {string} program @param {string[]} words @param {import('node:child_process').SpawnOptions} options */
+export function started(program, words, options) {
+  const child = spawn(program, words, options);
+  children.add(child);
+  child.on('exit', () => children.delete(child));
+  return child;
+}
+
 export class Browser {
   /** @param {{executable: string, out: string, checkout?: boolean}} options `checkout`: its files of the page, not the host's */
   constructor({ executable, out, checkout = false }) {
@@ -21,7 +36,7 @@ export class Browser {
   }
 
   async launch(more = []) {
-    this.browser = await chromium.launch({ executablePath: this.executable, args: [...SOFTWARE, ...more] });
+    this.browser = await chromium.launch({ executablePath: this.executable, args: [...SOFTWARE, ...more], handleSIGINT: false, handleSIGTERM: false, handleSIGHUP: false });
   }
 
   async close() {

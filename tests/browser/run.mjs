@@ -86,15 +86,17 @@ await one('modules', () => runs(process.execPath, ['--test', 'units/']));
 await one('types', () => runs(process.execPath, ['node_modules/typescript/bin/tsc', '--project', 'tsconfig.json']));
 
 const { Browser } = await import('./harness.mjs');
-// What watches for minutes has a browser of its own, and runs beside the others.
-const suites = [(await import('./suites/page.mjs')).tests];
-if (values.sutura) {
-  const program = await import('./suites/program.mjs');
-  suites[0].push(...program.tests);
-  suites.push(program.long);
-} else console.log('left out: tests of the program (no --sutura)');
+// As it exits what it has started ends, too: browsers, and the program.
+for (const [signal, number] of Object.entries({ SIGINT: 2, SIGTERM: 15, SIGHUP: 1 })) process.on(signal, () => process.exit(128 + number));
+const page = await import('./suites/page.mjs');
+const program = values.sutura ? await import('./suites/program.mjs') : { tests: [], long: [] };
+if (!values.sutura) console.log('left out: tests of the program (no --sutura)');
+// What watches memory waits most of its time: it has a browser of its own, and runs beside the others.
+const suites = [[...page.tests, ...program.tests], [...page.long, ...program.long]];
 
-await Promise.all(suites.map(async (tests) => {
+await Promise.all(suites.map(async (all) => {
+  const tests = all.filter(([name]) => !values.only || name.includes(values.only));
+  if (tests.length === 0) return;
   const browser = new Browser({ executable, out: values.out, checkout: values.checkout });
   await browser.launch();
   for (const [name, run] of tests) await one(name, () => run({ browser, out: values.out, sutura: values.sutura, executable, book: values.book === true, minutes: Number(values.minutes) }));

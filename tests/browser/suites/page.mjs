@@ -486,7 +486,10 @@ export const tests = [
     check(serious.length === 0, serious.map((one) => `${one.id}: ${one.help}: ${one.nodes.map((node) => node.html.slice(0, 120)).join(' | ')}`).join('\n'));
     return `${found.violations.length} lesser findings`;
   })],
+];
 
+/** With a browser of its own, beside others. */
+export const long = [
   ['memory is level', withHost({ scene: 'tube', hz: 30 }, async ({ page }) => {
     const client = await page.context().newCDPSession(page);
     const used = async () => {

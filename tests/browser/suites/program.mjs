@@ -1,6 +1,5 @@
 // The page of the program itself: `sutura view` of shipped scenes and of a recording.
 
-import { spawn } from 'node:child_process';
 import { once } from 'node:events';
 import { readFileSync } from 'node:fs';
 import { mkdtemp, readFile, rm, writeFile } from 'node:fs/promises';
@@ -8,7 +7,7 @@ import os from 'node:os';
 import path from 'node:path';
 import { fileURLToPath } from 'node:url';
 import { messages, series, vtu } from '../files.mjs';
-import { alone, check, near, until, variety } from '../harness.mjs';
+import { alone, check, near, started, until, variety } from '../harness.mjs';
 
 const ROOT = fileURLToPath(new URL('../../../', import.meta.url));
 /** For a scene to be built and its page to be served [ms]. */
@@ -23,7 +22,7 @@ const STATES = 5;
 
 /** Runs `sutura view`, and gives its address. */
 async function view(sutura, words) {
-  const child = spawn(path.resolve(sutura), ['view', ...words], { cwd: ROOT, stdio: ['ignore', 'pipe', 'pipe'] });
+  const child = started(path.resolve(sutura), ['view', ...words], { cwd: ROOT, stdio: ['ignore', 'pipe', 'pipe'] });
   let said = '';
   const url = await new Promise((resolve, reject) => {
     const timer = setTimeout(() => reject(new Error(`no address after ${STARTS_MS} ms: ${said}`)), STARTS_MS);
@@ -64,7 +63,7 @@ function withProgram(words, run) {
 
 /** Runs the program to its end, while other tests go on; what it prints. */
 async function runs(sutura, words) {
-  const child = spawn(path.resolve(sutura), words, { cwd: ROOT, stdio: ['ignore', 'pipe', 'pipe'] });
+  const child = started(path.resolve(sutura), words, { cwd: ROOT, stdio: ['ignore', 'pipe', 'pipe'] });
   const said = { stdout: '', stderr: '' };
   for (const name of ['stdout', 'stderr']) child[name].setEncoding('utf8').on('data', (text) => (said[name] += text));
   const [code] = await once(child, 'close');
