@@ -13,6 +13,8 @@ const ROOT = fileURLToPath(new URL('../../../', import.meta.url));
 /** For a scene to be built and its page to be served [ms]. */
 const STARTS_MS = 60_000;
 
+/** Pictures a second that are asked for [Hz]. */
+const DRAWN_HZ = 10;
 /** The page sends targets of the probe as often [ms]. */
 const SENT_EVERY_MS = 16;
 /** By then the host's and the page's telemetry of the last 60 s is full, and whatever grows on is a leak [s of the session]. */
@@ -53,6 +55,8 @@ function withProgram(words, run) {
     let opened;
     try {
       opened = await context.browser.open(program.url);
+      // Most of the time of these tests is drawing in software.
+      await opened.page.evaluate((hz) => window.sutura.ask({ do: 'picture_hz', hz }), DRAWN_HZ);
       return await run({ ...context, program, ...opened });
     } finally {
       await opened?.close();
@@ -81,11 +85,15 @@ async function withFolder(run) {
   }
 }
 
-/** For the book: the session stands still, and is drawn as a graphics card does. */
-async function posed({ page, book, shot }, name, live = true) {
+/**
+ * For the book: the session stands still, and is drawn as a graphics card does.
+ * @param {{live?: boolean, size?: {width: number, height: number}}} options `size`: smaller where much of the picture is colours
+ *   that go over into each other, of which its file would be too large
+ */
+async function posed({ page, book, shot }, name, { live = true, size = { width: 1200, height: 675 } } = {}) {
   if (book) {
     if (live) await page.evaluate(() => window.sutura.ask({ do: 'pause' }));
-    await page.setViewportSize({ width: 1200, height: 675 });
+    await page.setViewportSize(size);
     await page.evaluate(() => {
       const { stage } = window.sutura;
       stage.adapt = () => {};
@@ -113,6 +121,9 @@ export const tests = [
     await posed({ page, book, shot }, 'palpation');
     const first = await page.evaluate(() => window.sutura.telemetry.ticks.newest);
     await until(page, (first) => window.sutura.plots.newest > first + 0.5, first);
+    // All that has come is plotted, however busy the machine is.
+    await page.evaluate(() => window.sutura.ask({ do: 'pause' }));
+    await until(page, () => window.sutura.gauges.paused && window.sutura.plots.newest > window.sutura.telemetry.ticks.newest - 0.1);
     const { plotted, newest, status } = await page.evaluate(() => ({ plotted: window.sutura.plots.newest, newest: window.sutura.telemetry.ticks.newest, status: window.sutura.hello.statuses[window.sutura.picture.status.word] }));
     near(plotted, newest, 0.5, 'newest time that is plotted [s]');
     check(status === 'ok', `the solver says ${status}`);
@@ -134,7 +145,7 @@ export const tests = [
     await page.evaluate(() => window.sutura.choose('von-mises'));
     await pressAgain(page);
     await until(page, () => window.sutura.tissue.coloured && window.sutura.telemetry.ticks.value('force_n', 1e9) > 2.5);
-    await posed({ page, book, shot }, 'stress');
+    await posed({ page, book, shot }, 'stress', { size: { width: 1040, height: 620 } });
     const { high, low } = await page.evaluate(() => ({ high: window.sutura.colouring.range.ends[1], low: window.sutura.colouring.range.ends[0] }));
     check(low === 0 && high > 100 && high < 1e5, `von Mises from ${low} to ${high} Pa`);
     await page.evaluate(() => window.sutura.choose('displacement'));
@@ -207,7 +218,7 @@ export const tests = [
       check(pressed > 100 && pressed < 1e5 && hint, `pressures up to ${pressed} Pa`);
       await page.evaluate(() => window.sutura.choose(null));
       await page.waitForTimeout(800);
-      await posed({ page, book, shot }, 'replay', false);
+      await posed({ page, book, shot }, 'replay', { live: false });
       return `${await page.locator('.badge').getAttribute('title')}; 100 places, forces differ by ${worst.toExponential(1)} N at most; ${colours}`;
     } finally {
       await opened?.close();
