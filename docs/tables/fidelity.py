@@ -234,7 +234,10 @@ class Page:
         for line in self.lines[first:end]:
             guard, bounds, told = [cell.strip() for cell in line.strip("|").split("|")][:3]
             # The bar that the page names, as long as it fails; else the worst.
-            bar = next((bar for bar in fails[guard] if bar["name"] == told), None) or max(fails[guard], key=beyond)
+            bar = next((bar for bar in fails[guard] if bar["name"] == told), None) or max(fails[guard], key=beyond, default=None)
+            if bar is None:
+                rows.append([guard, bounds, "none", "", "", ""])
+                continue
             rows.append([
                 guard, bounds, bar["name"], f"{bar['must_be']} {bar['bar']:g}",
                 number(with_all[bar["name"]]) if bar["name"] in with_all else "", number(bar["value"]),

@@ -27,6 +27,8 @@ struct Case {
     reordered: f64,
     tangent_scale: f64,
     device_damping_n_s_per_m: f64,
+    #[serde(default)]
+    guards_off: Vec<String>,
     k_max_n_per_m: Option<f64>,
     rms_pct: Option<f64>,
 }
@@ -112,8 +114,9 @@ fn rates(cases: &[Case], scene: &str, hand: &str) -> Chart {
     let own = |case: &&Case| {
         let ideal = case.loss == 0.0 && case.burst_ms == 0.0 && case.reordered == 0.0;
         let is_budget = case.case.contains("-rows");
-        // Trials have errors, too.
+        // Trials have errors, too, and baselines are measured without guards as well.
         case.question == "errors"
+            && case.guards_off.is_empty()
             && case.scene == scene
             && case.hand == hand
             && case.grasp == "rigid"
@@ -178,7 +181,10 @@ fn logarithmic(title: &str) -> Axis {
     }
 }
 
-/// Lines by name, in the order of their first case; points by x.
+/// Renderings in the order in which every picture has them: the same one looks the same.
+const RENDERINGS: [&str; 5] = ["full", "hold", "linear-time", "tangent", "rows"];
+
+/// Lines by name, renderings in their order and others in that of their first case; points by x.
 fn by<'a>(
     cases: impl Iterator<Item = &'a Case>,
     name: impl Fn(&Case) -> String,
@@ -200,6 +206,8 @@ fn by<'a>(
             line.points.push((x, y));
         }
     }
+    let place = |line: &Series| RENDERINGS.iter().position(|name| *name == line.name);
+    lines.sort_by_key(|line| place(line).unwrap_or(RENDERINGS.len()));
     for line in &mut lines {
         line.points.sort_by(|a, b| a.0.total_cmp(&b.0));
     }
@@ -231,5 +239,29 @@ mod tests {
             let points: usize = chart.series.iter().map(|line| line.points.len()).sum();
             assert_eq!(points, 1, "{}", chart.title);
         }
+    }
+
+    /// A baseline that was measured with and without guards is drawn with them, and a rendering looks the same in all pictures.
+    #[test]
+    fn lines_are_of_guarded_consoles_in_one_order() {
+        let case = |rendering: &str, off: &[&str], rms_pct: f64| {
+            json!({
+                "case": rendering, "question": "errors", "scene": "point", "hand": "taps", "grasp": "rigid",
+                "rendering": rendering, "host_hz": 30.0, "loss": 0.0, "burst_ms": 0.0, "reordered": 0.0, "tangent_scale": 1.0,
+                "device_damping_n_s_per_m": 0.5, "guards_off": off, "k_max_n_per_m": null, "rms_pct": rms_pct,
+            })
+        };
+        let cases = [
+            case("rows", &[], 1.0),
+            case("hold", &[], 20.0),
+            case("hold", &["tank", "damping"], 10.0),
+        ];
+        let report = Report::deserialize(json!({ "cases": cases })).expect("a report");
+        let series = rates(&report.cases, "point", "taps").series;
+        let drawn: Vec<_> = series
+            .iter()
+            .map(|line| (line.name.as_str(), line.points[0].1))
+            .collect();
+        assert_eq!(drawn, [("hold", 20.0), ("rows", 1.0)]);
     }
 }

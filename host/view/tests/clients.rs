@@ -132,16 +132,19 @@ fn telemetry_that_is_missed_is_said() {
         for first in 2..250 {
             server.shared().block(ticks(first));
         }
-        // What was on its way by then comes first.
-        let mut next = client.binary(3).await;
-        let mut number = 2;
-        while next[2] == 0 {
-            assert_eq!(next[4], number);
-            number += 1;
-            next = client.binary(3).await;
+        // What was on its way by then comes first; what comes after a gap says so, up to the newest.
+        let (mut expected, mut gaps) = (2, 0);
+        while expected < 250 {
+            let next = client.binary(3).await;
+            if next[2] == 1 {
+                assert!(next[4] > expected, "{} after {expected}", next[4]);
+                gaps += 1;
+            } else {
+                assert_eq!(next[4], expected);
+            }
+            expected = next[4] + 1;
         }
-        assert_eq!((next[2], next[4]), (1, 248));
-        assert_eq!(client.binary(3).await[2..5], [0, 0, 249]);
+        assert!(gaps > 0);
     });
 }
 

@@ -6,6 +6,7 @@
 use super::telemetry::Telemetry;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::JoinHandle;
 use sutura_host::recording::Saver;
 use sutura_view::Reply;
@@ -18,7 +19,14 @@ pub struct Saves {
     last: PathBuf,
     /// All of the session, as long as it is written.
     file: Option<PathBuf>,
-    saving: Option<JoinHandle<()>>,
+    saving: Option<Saving>,
+}
+
+/// The last seconds, on their way to a file.
+struct Saving {
+    thread: JoinHandle<()>,
+    /// There is nothing left but to say so.
+    written: Arc<AtomicBool>,
 }
 
 impl Saves {
@@ -45,27 +53,39 @@ impl Saves {
 
     /// Writes the last seconds to a file, in a thread of its own: the session does not wait.
     pub fn last(&mut self, reply: Reply) {
-        let under_way = self.saving.take_if(|saving| saving.is_finished());
+        let is_over = |saving: &mut Saving| {
+            saving.written.load(Ordering::Relaxed) || saving.thread.is_finished()
+        };
         // A panic of it has been printed.
-        let _ = under_way.map(JoinHandle::join);
+        let _ = self
+            .saving
+            .take_if(is_over)
+            .map(|saving| saving.thread.join());
         if self.saving.is_some() {
             return reply.refuse("the last seconds are being written", "wait until they are");
         }
         let (saver, telemetry) = (self.saver.clone(), self.telemetry.clone());
         let path = unused(&self.last);
         let thread = std::thread::Builder::new().name("sutura-save".to_owned());
-        let saving = thread.spawn(move || match saver.save_last(&path) {
-            Ok(bytes) => {
-                let mb = 1e-6 * bytes as f64;
-                let text = format!("the last seconds are in {} ({mb:.1} MB)", path.display());
-                note!("{text}");
-                telemetry.event("saved", &text, "");
-                reply.done();
+        let written = Arc::new(AtomicBool::new(false));
+        let is_written = written.clone();
+        let saving = thread.spawn(move || {
+            let saved = saver.save_last(&path);
+            // Who hears that it is over may ask again at once.
+            is_written.store(true, Ordering::Relaxed);
+            match saved {
+                Ok(bytes) => {
+                    let mb = 1e-6 * bytes as f64;
+                    let text = format!("the last seconds are in {} ({mb:.1} MB)", path.display());
+                    note!("{text}");
+                    telemetry.event("saved", &text, "");
+                    reply.done();
+                }
+                Err(error) => refuse(reply, &error.to_string()),
             }
-            Err(error) => refuse(reply, &error.to_string()),
         });
         match saving {
-            Ok(saving) => self.saving = Some(saving),
+            Ok(thread) => self.saving = Some(Saving { thread, written }),
             // The reply is gone with the thread: the page hears that there is none.
             Err(error) => tracing::error!("there is no thread to write the last seconds: {error}"),
         }

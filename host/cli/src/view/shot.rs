@@ -49,7 +49,7 @@ pub fn take(
     let file = PathBuf::from(shot);
     let thread = std::thread::Builder::new().name("sutura-shot".to_owned());
     let taking = thread.spawn(move || {
-        let taken = photograph(browser, &url, &file, &shared, &reached);
+        let taken = photograph(browser, &url, &file, &shared, (&reached, &stopping));
         stopping.store(true, Ordering::Relaxed);
         taken
     });
@@ -173,7 +173,7 @@ fn photograph(
     url: &str,
     file: &Path,
     shared: &Shared,
-    reached: &AtomicBool,
+    (reached, stop): (&AtomicBool, &AtomicBool),
 ) -> io::Result<()> {
     let profile = tempfile::tempdir()?;
     let mut browser = Browser::start(browser, profile.path())?;
@@ -187,6 +187,9 @@ fn photograph(
         let is_reached = reached.load(Ordering::Relaxed);
         if is_reached && sent > 0 && still.elapsed() > DRAWN_WITHIN {
             break;
+        }
+        if stop.load(Ordering::Relaxed) {
+            return Err(io::Error::other("it was stopped before there was one"));
         }
         if stood.elapsed() > WITHIN {
             return Err(io::Error::other("the page drew nothing for two minutes"));

@@ -98,10 +98,11 @@ pub fn specs() -> Vec<Spec> {
 /// The nominal corner and the worst of each kind, for the short form.
 pub fn known_worst() -> Vec<Spec> {
     let [soft, _, firm, _, heavy, light] = HANDS;
-    let [_, late, _, lagging, _, _, massive, _, strong] = DEVICES;
+    let [_, late, early, lagging, _, _, massive, _, strong] = DEVICES;
     vec![
         spec(Off::NONE, Grasp::PEN),
         spec(late, light),
+        spec(early, Grasp::PEN),
         spec(lagging, firm),
         spec(massive, heavy),
         spec(strong, soft),

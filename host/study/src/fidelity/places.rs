@@ -21,6 +21,8 @@ use sutura_shared::device::DeviceError;
 
 /// Coefficient of friction of tools that rub: of rubber on wet tissue.
 const FRICTION: f64 = 0.3;
+pub(super) static RUBBED_THIN: Round = Round::THIN.rubbed(FRICTION);
+pub(super) static RUBBED_THICK: Round = Round::THICK.rubbed(FRICTION);
 
 /// Which scene.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -43,6 +45,10 @@ pub enum Place {
     RoundThin,
     /// [`Round::THICK`].
     RoundThick,
+    /// [`Round::THIN`] with a tool that rubs.
+    RubbingThin,
+    /// [`Round::THICK`] with a tool that rubs.
+    RubbingThick,
     /// [`Slab`].
     Slab(Law),
 }
@@ -93,6 +99,8 @@ impl Scenes {
             Place::Rogue(rogue) => rogue,
             Place::RoundThin => &Round::THIN,
             Place::RoundThick => &Round::THICK,
+            Place::RubbingThin => &RUBBED_THIN,
+            Place::RubbingThick => &RUBBED_THICK,
             Place::Slab(Law::Corotational) => &self.corotational,
             Place::Slab(Law::Hyperelastic) => &self.hyperelastic,
         }

@@ -8,7 +8,7 @@ use super::hand::{Grasp, Motion};
 use super::link::LinkSpec;
 use super::measure::{errors, peaks, punctures, slips};
 use super::notice::{given_back_j, noticed};
-use super::places::{Place, Scenes};
+use super::places::{Place, RUBBED_THICK, RUBBED_THIN, Scenes};
 use super::plant::Mechanics;
 use super::returns::{Away, Returned};
 use super::run::{Host, Record, Setup, True, run};
@@ -193,6 +193,8 @@ impl Spec {
                 Place::Rogue(rogue) => rogue.scene_name().to_owned(),
                 Place::RoundThin => Round::THIN.name().to_owned(),
                 Place::RoundThick => Round::THICK.name().to_owned(),
+                Place::RubbingThin => RUBBED_THIN.name().to_owned(),
+                Place::RubbingThick => RUBBED_THICK.name().to_owned(),
                 Place::Slab(law) => law.word().to_owned(),
             },
             hand: self.motion.name(),

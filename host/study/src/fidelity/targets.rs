@@ -13,7 +13,9 @@ use serde::Serialize;
 /// Bars that are open, and the worst that is known of them, in the short form or in the full one.
 const OPEN: &[(&str, f64)] = &[
     // 15 Hz and a fifth of the frames lost; 20.1 with the code of 1e64281 on the same tissue.
-    ("gristle strokes, pen hand, slow host, rms %", 21.22),
+    ("gristle strokes, pen hand, slow host, rms %", 21.6),
+    // Deep in tissue the rows of a turned contact let a force grow across it within a frame.
+    ("turned scene, change of rms, points", 0.602),
     // Tools that rub: a line has room for 24 rows where twenty vertices touch, and frames of 30 Hz foretell a hand that turns by 5 mm.
     ("rubbing taps rows 60 Hz peak %", 7.4),
     ("rubbing strokes rows 60 Hz rms %", 2.45),
@@ -21,12 +23,16 @@ const OPEN: &[(&str, f64)] = &[
     ("rubbing strokes rows 60 Hz slip p95 ms", 8.0),
     ("rubbing strokes rows 30 Hz rms %", 7.6),
     ("rubbing strokes rows 30 Hz slip p95 ms", 41.0),
+    // A cone's rows do not turn with the body.
+    ("round body of 8 mm, tool that rubs, rms %", 5.81),
     // The same hand without a frame for 33 to 110 ms, in which it turns.
     ("stalls, tools that rub, contact beyond notice %", 5.02),
     ("stalls, tools that rub, rms p95 %", 11.2),
     ("stalls, tools that rub, rms worst %", 11.2),
-    // Light hands whose console learns a lead that it does not need, at the limit of what is stable without.
-    ("stiffness 30 Hz, corners, of what it was", 0.89),
+    // A console that is a tick quicker than described, held by a pen: it swings by an encoder's step or two, a little more from half a
+    // second to the next. Of the others the worst is 0.89.
+    ("stiffness 30 Hz, corners, of their own references", 0.458),
+    ("stiffness 30 Hz, corners, of what it was", 0.516),
     // Motors a fifth stronger than described give back a fifth more than the tissue, whatever a console does.
     ("given back in 100 ms, corners, mJ", 2.06),
 ];
@@ -293,32 +299,23 @@ fn of_spreads(spreads: &[Spread]) -> Vec<Bar> {
     let is_linear = |s: &Spread| ["palpation", "needle"].contains(&s.scene.as_str());
     let is_slab = |s: &Spread| ["corotational", "hyperelastic"].contains(&s.scene.as_str());
     let stalls = |s: &Spread| s.factor == "stalls" && (is_linear(s) || is_slab(s));
-    // Of all seeds together.
-    most(
-        "stalls, contact beyond notice %",
-        &|s| stalls(s) && s.runs as u64 >= SEEDS,
-        &|s| s.beyond_of_all_pct,
-        2.0,
-    );
-    most(
-        "stalls, dropouts a minute",
-        &stalls,
-        &|s| s.dropouts_per_min,
-        0.0,
-    );
     let rubs = |s: &Spread| s.factor == "stalls" && s.scene == "rubbing";
-    most(
-        "stalls, tools that rub, contact beyond notice %",
-        &|s| rubs(s) && s.runs as u64 >= SEEDS,
-        &|s| s.beyond_of_all_pct,
-        2.0,
-    );
-    most(
-        "stalls, tools that rub, dropouts a minute",
-        &rubs,
-        &|s| s.dropouts_per_min,
-        0.0,
-    );
+    let of_stalls: [(&str, Is<'_>); 2] = [("stalls", &stalls), ("stalls, tools that rub", &rubs)];
+    for (what, is) in of_stalls {
+        // Of all seeds together.
+        most(
+            &format!("{what}, contact beyond notice %"),
+            &|s| is(s) && s.runs as u64 >= SEEDS,
+            &|s| s.beyond_of_all_pct,
+            2.0,
+        );
+        most(
+            &format!("{what}, dropouts a minute"),
+            is,
+            &|s| s.dropouts_per_min,
+            0.0,
+        );
+    }
     most(
         "taps of tools that rub, every phase, rms p95 %",
         &|s| s.factor == "phase" && s.scene == "rubbing" && s.hand == "taps",
@@ -395,19 +392,19 @@ fn of_spreads(spreads: &[Spread]) -> Vec<Bar> {
         &|s| change(s).unwrap_or(0.0),
         0.1,
     );
-    let round = |s: &Spread| ["planned", "phase"].contains(&s.factor) && s.scene == "round-8-mm";
-    most(
-        "round body of 8 mm, direction p95 degrees",
-        &round,
-        &|s| s.direction_p95_deg.worst,
-        10.0,
-    );
-    most(
-        "round body of 8 mm, rms %",
-        &round,
-        &|s| s.rms_pct.worst,
-        5.0,
-    );
+    for (what, scene) in [
+        ("round body of 8 mm", "round-8-mm"),
+        ("round body of 8 mm, tool that rubs", "rubbing-round-8-mm"),
+    ] {
+        let round = |s: &Spread| ["planned", "phase"].contains(&s.factor) && s.scene == scene;
+        most(
+            &format!("{what}, direction p95 degrees"),
+            &round,
+            &|s| s.direction_p95_deg.worst,
+            10.0,
+        );
+        most(&format!("{what}, rms %"), &round, &|s| s.rms_pct.worst, 5.0);
+    }
     let all = |s: &Spread| s.factor != "draw";
     most(
         "given back in 100 ms, trials, mJ",
@@ -507,7 +504,7 @@ mod tests {
         assert!(met.expect("judged").ok);
         assert_eq!(bound(false).judge(std::iter::empty()), None);
         for (name, known) in OPEN {
-            let at_least = *name == "stiffness 30 Hz, corners, of what it was";
+            let at_least = name.starts_with("stiffness 30 Hz, corners");
             let worse = if at_least { 0.99 * known } else { 1.01 * known };
             assert!(is_open(name, at_least, *known) && !is_open(name, at_least, worse));
         }
@@ -518,7 +515,7 @@ mod tests {
     #[test]
     fn an_open_bar_that_has_become_better_is_told() {
         for (name, known) in OPEN {
-            let at_least = *name == "stiffness 30 Hz, corners, of what it was";
+            let at_least = name.starts_with("stiffness 30 Hz, corners");
             let sign = if at_least { 1.0 } else { -1.0 };
             let told = |name: &str, times: f64| {
                 tighten(&[Bar {

@@ -70,7 +70,7 @@ impl Factor {
 }
 
 /// What is touched, and how.
-pub const GROUNDS: [(Place, Motion); 16] = [
+pub const GROUNDS: [(Place, Motion); 18] = [
     (Place::Palpation, Motion::Presses),
     (Place::Palpation, Motion::Taps),
     (Place::Palpation, Motion::Strokes),
@@ -87,6 +87,8 @@ pub const GROUNDS: [(Place, Motion); 16] = [
     (Place::Slab(Law::Hyperelastic), Motion::Strokes),
     (Place::Rubbing, Motion::Taps),
     (Place::Rubbing, Motion::Strokes),
+    (Place::RubbingThin, Motion::RoundThin),
+    (Place::RubbingThick, Motion::RoundThick),
 ];
 /// The host's rate \[1/s\].
 pub const HOST_HZ: f64 = 60.0;
@@ -247,7 +249,11 @@ fn of_draw(ground: (Place, Motion), draw: Draw) -> Spec {
         },
         // Where a true force on any way costs no more than this.
         grasp: match ground.0 {
-            Place::Palpation | Place::RoundThin | Place::RoundThick => draw.grasp(),
+            Place::Palpation
+            | Place::RoundThin
+            | Place::RoundThick
+            | Place::RubbingThin
+            | Place::RubbingThick => draw.grasp(),
             _ => Grasp::Rigid,
         },
         ..trial(ground, HOST_HZ, Factor::Draw(draw))
@@ -269,12 +275,14 @@ pub fn known_worst() -> Vec<Spec> {
         trial(presses, HOST_HZ, Factor::Planned),
         isotropic(presses, None),
         isotropic(presses, Some(0)),
+        isotropic(presses, Some(6)),
         isotropic(needle, None),
         isotropic(needle, Some(0)),
         phased(taps, 30.0, 0.9),
         phased(needle, HOST_HZ, 0.8),
         phased(round, HOST_HZ, 0.8),
         phased((Place::Rubbing, Motion::Taps), HOST_HZ, 0.4),
+        phased((Place::RubbingThin, Motion::RoundThin), HOST_HZ, 0.9),
         stalled((Place::Palpation, Motion::Strokes), HOST_HZ, 8),
         stalled(
             (Place::Slab(Law::Corotational), Motion::Strokes),
