@@ -291,9 +291,9 @@ mod tests {
                 row[axis] = (there.wrench[i] - solution.wrench[i]) / 1e-9;
             }
         }
-        for i in 0..3 {
-            for j in 0..3 {
-                let symmetric = 0.5 * (slope[i][j] + slope[j][i]);
+        for (i, row) in slope.iter().enumerate() {
+            for (j, entry) in row.iter().enumerate() {
+                let symmetric = 0.5 * (entry + slope[j][i]);
                 let own = 0.5 * (solution.tangent[i][j] + solution.tangent[j][i]);
                 assert!((symmetric - own).abs() < 1e-2, "{i} {j}: {symmetric} {own}");
             }
