@@ -66,7 +66,17 @@ pub fn take(
 
 fn failed(browser: &str, shot: &Path, error: &io::Error) -> Failure {
     let message = format!("{browser} took no picture for {}: {error}", shot.display());
-    let help = "see that the folder is yours, and that the browser runs here: `chromium --headless --screenshot about:blank`";
+    let help = match error.kind() {
+        io::ErrorKind::Interrupted => {
+            "run it again, and let it come so far; `--at S` says when the picture is taken"
+        }
+        io::ErrorKind::TimedOut => {
+            "take it earlier (`--at S`), or on a machine that has less to do"
+        }
+        _ => {
+            "see that the folder is yours, and that the browser runs here: `chromium --headless --screenshot about:blank`"
+        }
+    };
     Failure::say(Cause::Failed, message, help)
 }
 
@@ -189,15 +199,16 @@ fn photograph(
             break;
         }
         if stop.load(Ordering::Relaxed) {
-            return Err(io::Error::other("it was stopped before there was one"));
+            let message = "it was stopped before there was one";
+            return Err(io::Error::new(io::ErrorKind::Interrupted, message));
         }
         if stood.elapsed() > WITHIN {
-            return Err(io::Error::other("the page drew nothing for two minutes"));
+            let message = "the page drew nothing for two minutes";
+            return Err(io::Error::new(io::ErrorKind::TimedOut, message));
         }
         if began.elapsed() > REACHED_WITHIN + WITHIN {
-            return Err(io::Error::other(
-                "the session did not come so far in ten minutes",
-            ));
+            let message = "the session did not come so far in ten minutes";
+            return Err(io::Error::new(io::ErrorKind::TimedOut, message));
         }
         let figures = shared.figures();
         if figures.sent != sent || !is_reached {
