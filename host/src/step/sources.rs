@@ -327,16 +327,13 @@ impl SourcesState {
         }
     }
 
-    /// See [`crate::step::State::see`].
+    /// See [`crate::step::State::see`]. What keeps tissues apart is only for the step after: nobody sees it.
     pub fn see(&mut self, other: &Self) {
         self.grasp.see(&other.grasp);
         for (own, other) in self.each.iter_mut().zip(&other.each) {
             own.copy_from(other);
         }
         for (own, other) in self.threads.iter_mut().zip(&other.threads) {
-            own.copy_from(other);
-        }
-        if let (Some(own), Some(other)) = (&mut self.touch, &other.touch) {
             own.copy_from(other);
         }
         self.tools.copy_from(&other.tools);
