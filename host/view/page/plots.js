@@ -102,6 +102,8 @@ export class Plots {
     this.drawn = 0;
     /** Newest time that has been drawn [s]. @type {number | null} */
     this.newest = null;
+    /** What has been drawn: nothing else is drawn for it again. */
+    this.shown = '';
     this.sync = uPlot.sync('plots');
     new ResizeObserver(() => this.resize()).observe(element);
   }
@@ -194,12 +196,18 @@ export class Plots {
     this.redraw(true);
   }
 
-  /** Redraws if it is time to and anybody can see it. @param {boolean} [now] */
+  /** Redraws if there is something new, it is time to and anybody can see it. @param {boolean} [now] */
   redraw(now = false) {
     const time = performance.now();
     if (!this.telemetry || (!now && time - this.drawn < EVERY_MS) || document.hidden) return;
-    this.drawn = time;
     const [from, to] = this.range();
+    const shown = [from, to, this.play_s, this.events.length, this.telemetry.blocks].join();
+    if (!now && shown === this.shown) {
+      this.showValues();
+      return;
+    }
+    this.shown = shown;
+    this.drawn = time;
     for (const { panel, plot, title } of this.list) {
       const ring = panel.ring(this.telemetry);
       const names = panel.series.map((series) => series.name);

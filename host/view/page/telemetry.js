@@ -177,6 +177,8 @@ export class Telemetry {
     this.stages = stages;
     this.needles = needles;
     this.threads = threads;
+    /** Blocks that have come. */
+    this.blocks = 0;
     const rows = Math.ceil(Math.min(seconds * tick_hz, 1e6)) + 64;
     this.ticks = new Ring(rows, TICK_COLUMNS);
     this.stageColumns = stages.map((stage) => `${stage}_us`);
@@ -192,6 +194,7 @@ export class Telemetry {
 
   /** @param {import('./decode.js').Ticks} block */
   addTicks(block) {
+    this.blocks += 1;
     const { columns } = this.ticks;
     if (block.gap && block.rows > 0 && this.ticks.length > 0) this.ticks.gap(block.time[0]);
     for (let i = 0; i < block.rows; i += 1) {
@@ -215,6 +218,7 @@ export class Telemetry {
 
   /** @param {import('./decode.js').Solves} block */
   addSolves(block) {
+    this.blocks += 1;
     const { columns } = this.solves;
     if (block.gap && block.rows > 0 && this.solves.length > 0) this.solves.gap(block.time[0]);
     for (let i = 0; i < block.rows; i += 1) {
