@@ -124,9 +124,9 @@ fn host(
     drop(shown);
     let same_bits = about.same_bits(&here(recording));
     let mut series = series.map(|(folder, hz)| Series::new(folder, &scene, hz));
-    let verdict = replay_host(recording, &mut solver, same_bits, |solver, time_us| {
+    let verdict = replay_host(recording, &mut solver, same_bits, |solver, here| {
         if let Some(series) = &mut series {
-            series.see(solver, time_us);
+            series.see(solver, here.console_time_us);
         }
     });
     let Some(series) = series else {

@@ -178,7 +178,8 @@ class Page {
     this.telemetry = new Telemetry(hello.stages, hello.needles.length, hello.threads.length, seconds, hello.tick_hz);
     this.plots.whole = line ? [line.from_s, line.to_s] : null;
     this.plots.play_s = null;
-    this.plots.start(this.telemetry);
+    // A recording in lockstep says no times on the wall.
+    this.plots.start(this.telemetry, hello.source === 'recording' && hello.pace === 'lockstep');
     this.timeLine.begin(hello.source === 'recording', hello.role === 'control' ? hello.do : [], line);
     const why = line && !line.solvable ? (line.why ?? '') : '';
     element('no-tissue').hidden = !why || !this.stage;

@@ -33,8 +33,8 @@ const EVENTS = /** @type {Record<string, string>} */ ({
  * @property {number} [top] of what is shown of a stack
  */
 
-/** @param {import('./telemetry.js').Telemetry} telemetry @returns {Panel[]} */
-function panels(telemetry) {
+/** @param {import('./telemetry.js').Telemetry} telemetry @param {boolean} again whether times of steps are those of running them again @returns {Panel[]} */
+function panels(telemetry, again) {
   const ticks = (/** @type {import('./telemetry.js').Telemetry} */ all) => all.ticks;
   const solves = (/** @type {import('./telemetry.js').Telemetry} */ all) => all.solves;
   /** @type {Panel[]} */
@@ -60,7 +60,7 @@ function panels(telemetry) {
       series: [{ name: 'energy_mj', label: 'elastic', colour: '#7ee787' }],
     },
     {
-      title: 'Step by stage [ms]', ring: solves, digits: 2, stacked: true,
+      title: again ? 'Step by stage, run again [ms]' : 'Step by stage [ms]', ring: solves, digits: 2, stacked: true,
       series: [...telemetry.stages, 'rest'].map((stage, i) => ({
         name: telemetry.stack[i], label: stage, colour: stage === 'rest' ? REST : STAGES[i % STAGES.length],
       })),
@@ -108,8 +108,8 @@ export class Plots {
     new ResizeObserver(() => this.resize()).observe(element);
   }
 
-  /** @param {import('./telemetry.js').Telemetry} telemetry */
-  start(telemetry) {
+  /** @param {import('./telemetry.js').Telemetry} telemetry @param {boolean} again whether times of steps are those of running them again */
+  start(telemetry, again) {
     for (const { plot } of this.list) plot.destroy();
     this.element.replaceChildren();
     this.telemetry = telemetry;
@@ -117,7 +117,7 @@ export class Plots {
     this.events = [];
     this.newest = null;
     this.mark(null, null);
-    this.list = panels(telemetry).map((panel) => this.make(panel));
+    this.list = panels(telemetry, again).map((panel) => this.make(panel));
     this.resize();
   }
 

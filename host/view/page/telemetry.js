@@ -42,6 +42,13 @@ export class Ring {
     return place;
   }
 
+  /** Place of the row of this time, or of a new one. @param {number} time [s] */
+  row(time) {
+    if (this.newest === null || time > this.newest) return this.push(time);
+    const row = this.lower(time);
+    return this.time[this.at(row)] === time ? this.at(row) : this.push(time);
+  }
+
   /** A row of nothing, at which lines break. @param {number} time [s] */
   gap(time) {
     const place = this.push(time);
@@ -216,13 +223,16 @@ export class Telemetry {
     }
   }
 
-  /** @param {import('./decode.js').Solves} block */
+  /**
+   * Rows that are there already are written over: a recording in lockstep says no times, and is timed when it is run again.
+   * @param {import('./decode.js').Solves} block
+   */
   addSolves(block) {
     this.blocks += 1;
     const { columns } = this.solves;
     if (block.gap && block.rows > 0 && this.solves.length > 0) this.solves.gap(block.time[0]);
     for (let i = 0; i < block.rows; i += 1) {
-      const place = this.solves.push(block.time[i]);
+      const place = block.gap ? this.solves.push(block.time[i]) : this.solves.row(block.time[i]);
       columns.status[place] = block.status[i];
       columns.step_us[place] = block.step[i];
       columns.rows[place] = block.touched[i];

@@ -127,8 +127,14 @@ fn are_the_same_live_and_again(name: &str, seconds: f64) -> Vec<Picture> {
     let mut own = Snapshot::of(&solver);
     let (mut solves, mut next) = (0, live.iter());
     let mut expected = next.next();
-    let verdict = replay_host(&recording, &mut solver, true, |solver, _| {
+    let verdict = replay_host(&recording, &mut solver, true, |solver, here| {
         solves += 1;
+        // A file of lockstep says no times; these are of running it again.
+        let stages_us: f64 = here.stages_us.iter().sum();
+        assert!(
+            0.0 < stages_us && stages_us < here.step_us + 0.1,
+            "{here:?}"
+        );
         if let Some(picture) = expected.filter(|picture| picture.solves == solves) {
             solver.snapshot(&mut own);
             own.solves = solves;

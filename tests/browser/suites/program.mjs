@@ -208,6 +208,10 @@ export const tests = [
       const { page, shot } = opened;
       await until(page, () => document.querySelector('.badge').dataset.badge === 'identical');
       await until(page, () => window.sutura.telemetry.ticks.length > 4000);
+      // The file says no times of steps, as its session was in lockstep: these are of running them again.
+      const { rest, sums } = await page.evaluate(stagesAndRest);
+      const timed = sums.filter((sum) => Math.abs(sum - 1) < 1e-4).length;
+      check(rest > -0.1 && timed > 900 && timed === sums.length, `stages and rest are the step in ${timed} of ${sums.length} solves, the least rest is ${rest} us`);
       const worst = await scrubbed(page, await messages(file, '/tool'));
       const colours = await coloured(page, shown);
       await page.evaluate(() => window.sutura.player.to(2.2));

@@ -57,6 +57,25 @@ test('stages and rest add up to the step', () => {
   assert.equal(columns.needle_0_axial_n[0], 0.5);
 });
 
+test('a solve that comes again takes the place of what was there', () => {
+  const telemetry = new Telemetry(['one'], 0, 0, 1, 1000);
+  const block = (/** @type {number[]} */ time, /** @type {number[]} */ step) => ({
+    kind: /** @type {const} */ ('solves'), session: 1, gap: false, rows: time.length, stageCount: 1, time: Float64Array.from(time), status: new Uint8Array(time.length), step: Float32Array.from(step),
+    stages: Float32Array.from(step, (us) => us / 2), touched: new Uint32Array(time.length), gapTo: new Float32Array(time.length), wrench: new Float32Array(6 * time.length), iterations: new Uint32Array(time.length),
+    energy: new Float32Array(time.length), axial: new Float32Array(0), tension: new Float32Array(0),
+  });
+  telemetry.addSolves(block([0.1, 0.2, 0.3], [0, 0, 0]));
+  telemetry.addSolves(block([0.2], [80]));
+  telemetry.addSolves(block([0.3, 0.4], [60, 40]));
+  const { solves } = telemetry;
+  assert.deepEqual([...solves.time.slice(0, solves.length)], [0.1, 0.2, 0.3, 0.4]);
+  assert.deepEqual([...solves.columns.step_us.slice(0, 4)], [0, 80, 60, 40]);
+  assert.deepEqual([...solves.columns.rest_us.slice(0, 4)], [0, 40, 30, 20]);
+  // After a gap rows are new ones, at the same time as the gap.
+  telemetry.addSolves({ ...block([0.6], [20]), gap: true });
+  assert.deepEqual([...solves.columns.step_us.slice(4, 6)], [NaN, 20]);
+});
+
 test('a force that there is not has no age', () => {
   const telemetry = new Telemetry([], 0, 0, 1, 1000);
   telemetry.addTicks({

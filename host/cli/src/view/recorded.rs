@@ -91,9 +91,14 @@ pub fn show(
         geometry: Some(geometry),
         recorded: true,
     });
-    line.marks = telemetry(shared, &scene, &recording, &line);
+    let of = SolvesOf {
+        session: shared.session(),
+        needles: scene.needles.len(),
+        threads: scene.threads.len(),
+    };
+    line.marks = telemetry(shared, of, &recording, &line);
     shared.amend("time_line", line.said());
-    let mut pictures = Pictures::new(shared, &scene, &recording, &painter, stop);
+    let mut pictures = Pictures::new(shared, &scene, &recording, &painter, of, stop);
     if solvable {
         let verdict = pictures.make(&mut line)?;
         (line.badge, line.text) = judged(&verdict);
@@ -160,6 +165,11 @@ impl Line {
         1e-6 * (console_time_us as f64 - self.began_us as f64)
     }
 
+    /// Whether this is on the line \[s\].
+    pub fn holds(&self, time_s: f64) -> bool {
+        (0.0..=self.to_s).contains(&time_s)
+    }
+
     /// There is room for so many pictures.
     pub fn thin_out(&mut self, most: f64) {
         self.hz = HZ.min(most / self.to_s.max(1.0));
@@ -184,13 +194,8 @@ fn states(recording: &Recording) -> Vec<(u64, State)> {
 }
 
 /// Shows all ticks and solves that are recorded, up to the end of the line; what happened in them.
-fn telemetry(shared: &Shared, scene: &Scene, recording: &Recording, line: &Line) -> Vec<Value> {
-    let telemetry = Telemetry::new(SolvesOf {
-        session: shared.session(),
-        needles: scene.needles.len(),
-        threads: scene.threads.len(),
-    })
-    .with(None);
+fn telemetry(shared: &Shared, of: SolvesOf, recording: &Recording, line: &Line) -> Vec<Value> {
+    let telemetry = Telemetry::new(of).with(None);
     let mut solves = recording.solves.iter().map(|(_, sample)| sample).peekable();
     let mut events = Vec::new();
     let states = states(recording).into_iter();

@@ -9,9 +9,9 @@ use crate::recording::build;
 use std::ops::ControlFlow;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
-use sutura_host::picture::{Painter, Scalar};
+use sutura_host::picture::{Painter, Scalar, SolveRow, SolvesOf, encode_solves};
 use sutura_host::recording::replay::{HostVerdict, replay_host_while};
-use sutura_host::recording::{About, Recording};
+use sutura_host::recording::{About, Recording, SolveSample};
 use sutura_host::scene::Scene;
 use sutura_host::session::{SceneSolver, Snapshot};
 use sutura_view::Shared;
@@ -27,6 +27,7 @@ pub struct Pictures<'a> {
     scene: &'a Scene,
     recording: &'a Recording,
     painter: &'a Painter,
+    of: SolvesOf,
     stop: &'a AtomicBool,
     /// When each of them is \[s\], ascending, and what its scalar is.
     made: Vec<(f64, Option<Scalar>)>,
@@ -41,6 +42,7 @@ impl<'a> Pictures<'a> {
         scene: &'a Scene,
         recording: &'a Recording,
         painter: &'a Painter,
+        of: SolvesOf,
         stop: &'a AtomicBool,
     ) -> Self {
         let has_model = scene.tissue.sticking().is_none();
@@ -49,6 +51,7 @@ impl<'a> Pictures<'a> {
             scene,
             recording,
             painter,
+            of,
             stop,
             made: Vec::new(),
             scalar: has_model.then_some(Scalar::VonMises),
@@ -90,9 +93,16 @@ impl<'a> Pictures<'a> {
         let is_first = self.made.is_empty();
         let (mut solves, mut next, mut due_s) = (0, 0, 0.0);
         let mut told = Instant::now();
-        let see = |solver: &SceneSolver, us| {
+        let mut rows = Vec::new();
+        let see = |solver: &SceneSolver, here: &SolveSample| {
             solves += 1;
-            let time_s = line.time_s(us);
+            let time_s = line.time_s(here.console_time_us);
+            if is_first && about.lockstep && line.holds(time_s) {
+                rows.push(SolveRow {
+                    time_s,
+                    sample: here.clone(),
+                });
+            }
             if is_first {
                 line.ready_s = time_s;
             } else {
@@ -125,6 +135,7 @@ impl<'a> Pictures<'a> {
             if told.elapsed() >= TELL_EVERY {
                 told = Instant::now();
                 tell(self.shared, line, "ready");
+                timed(self.shared, self.of, &mut rows);
             }
             let is_done = !is_first && (stops || self.are_as_wanted_from(next));
             if is_done {
@@ -134,6 +145,18 @@ impl<'a> Pictures<'a> {
             }
         };
         let same_bits = about.same_bits(&here);
-        Ok(replay_host_while(recording, &mut solver, same_bits, see))
+        let verdict = replay_host_while(recording, &mut solver, same_bits, see);
+        timed(self.shared, self.of, &mut rows);
+        Ok(verdict)
+    }
+}
+
+/// Says how long solves took that were run again, in place of what is shown of them: a recording in lockstep does not say it.
+fn timed(shared: &Shared, of: SolvesOf, rows: &mut Vec<SolveRow>) {
+    if !rows.is_empty() {
+        let mut bytes = Vec::new();
+        encode_solves(of, rows, &mut bytes);
+        shared.block(bytes);
+        rows.clear();
     }
 }

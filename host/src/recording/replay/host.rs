@@ -11,6 +11,7 @@ use crate::link::Felt;
 use crate::session::{SceneSolver, Solve, Solved};
 use std::collections::HashMap;
 use std::ops::ControlFlow;
+use std::time::Instant;
 use sutura_shared::wire::message::{Contact, State};
 use sutura_shared::wire::{Checked, Valid};
 
@@ -41,7 +42,7 @@ pub struct HostVerdict {
 }
 
 /// Runs the solver's steps again, up to the first that differs. `same_bits`: the solver is the same build, on a machine with
-/// the same instructions. `seen` is shown the solver after each, with the console time that the solve was for \[us\].
+/// the same instructions. `seen` is shown the solver after each, and what the solve came to, with its times on the wall here.
 ///
 /// ```
 /// use std::ops::ControlFlow;
@@ -145,10 +146,10 @@ pub fn replay_host(
     recording: &Recording,
     solver: &mut SceneSolver,
     same_bits: bool,
-    mut seen: impl FnMut(&SceneSolver, u64),
+    mut seen: impl FnMut(&SceneSolver, &SolveSample),
 ) -> HostVerdict {
-    replay_host_while(recording, solver, same_bits, |solver, time_us| {
-        seen(solver, time_us);
+    replay_host_while(recording, solver, same_bits, |solver, here| {
+        seen(solver, here);
         ControlFlow::Continue(())
     })
 }
@@ -158,7 +159,7 @@ pub fn replay_host_while(
     recording: &Recording,
     solver: &mut SceneSolver,
     same_bits: bool,
-    mut seen: impl FnMut(&SceneSolver, u64) -> ControlFlow<()>,
+    mut seen: impl FnMut(&SceneSolver, &SolveSample) -> ControlFlow<()>,
 ) -> HostVerdict {
     let mut verdict = HostVerdict {
         steps: recording.solves.len() as u64,
@@ -201,14 +202,17 @@ pub fn replay_host_while(
             ));
             break;
         };
-        if let Err(how) = run.step(solver, &state, sample, &mut verdict) {
-            verdict.diverged_step = Some(index);
-            verdict.diverged_at = Some(state.body().tick);
-            verdict.why = Some(how);
-            break;
-        }
+        let here = match run.step(solver, &state, sample, &mut verdict) {
+            Ok(here) => here,
+            Err(how) => {
+                verdict.diverged_step = Some(index);
+                verdict.diverged_at = Some(state.body().tick);
+                verdict.why = Some(how);
+                break;
+            }
+        };
         verdict.verified_steps += 1;
-        if seen(solver, sample.console_time_us).is_break() {
+        if seen(solver, &here).is_break() {
             break;
         }
     }
@@ -231,10 +235,12 @@ impl Run<'_> {
         state: &Valid<State>,
         sample: &SolveSample,
         verdict: &mut HostVerdict,
-    ) -> Result<(), String> {
+    ) -> Result<SolveSample, String> {
         let arrivals: Vec<_> = sample.arrivals().collect();
         solver.expect(&arrivals, sample.looked);
+        let began = Instant::now();
         let solved = solver.solve(state);
+        let step_us = began.elapsed().as_secs_f64() * 1e6;
         verdict.hash = solver.hash();
         let here = SolveSample::new(state, &solved, verdict.hash, &arrivals);
         let same = here.state_hash == sample.state_hash
@@ -244,7 +250,9 @@ impl Run<'_> {
             return Err(difference(&here, sample));
         }
         self.within(&here, sample, verdict)?;
-        self.sent(state, &solved, same)
+        self.sent(state, &solved, same)?;
+        let here = here.with(&solved, solver.last(), solver.punctures());
+        Ok(SolveSample { step_us, ..here })
     }
 
     /// Whether two solves are the same to what rounding makes of them.
