@@ -185,6 +185,12 @@ export const tests = [
   })],
 
   ['program: another scene', withProgram(['scenes/palpation.toml'], async ({ page, shot, book }) => {
+    // The console's own wall is felt above the tissue.
+    const first = await page.evaluate(() => window.sutura.session);
+    await page.getByLabel('Fixture', { exact: true }).selectOption('wall');
+    await until(page, (first) => window.sutura.session !== first && window.sutura.picture, first);
+    await pressAgain(page);
+    await until(page, () => window.sutura.newest.contacts.vertices.length === 0 && window.sutura.newest.status.grip[2] > 0.016 && window.sutura.telemetry.ticks.value('force_n', 1e9) > 1);
     const before = await page.evaluate(() => [window.sutura.session, window.sutura.tissue.triangles]);
     await page.locator('#panel select').first().selectOption('anastomosis-20');
     await until(page, (before) => window.sutura.session !== before && window.sutura.picture?.threads.length === 1, before[0]);

@@ -2,7 +2,7 @@
 //!
 //! Entry points: [`Wish`], [`Prepared::of`].
 
-use super::settings::{self, Setting};
+use super::settings::{self, Setting, Standing};
 use crate::failure::{Cause, Failure};
 use crate::run::plan_of;
 use std::collections::BTreeMap;
@@ -27,6 +27,8 @@ pub struct Wish {
     pub hand_stiffness_n_per_m: Option<f32>,
     /// See there.
     pub hand_damping_n_s_per_m: Option<f32>,
+    /// What the console renders besides.
+    pub standing: Standing,
     /// In place of what the scene's file says, see [`settings`](super::settings).
     pub written: BTreeMap<&'static str, f64>,
     /// Whether it is recorded.
@@ -72,6 +74,7 @@ impl Prepared {
         if let Some(damping) = wish.hand_damping_n_s_per_m {
             plan.hand.damping_n_s_per_m = damping;
         }
+        plan.fixture = wish.standing.fixture(&plan.hand);
         check_rate(plan.host_hz, TICK_HZ).map_err(|error| {
             Failure::say(
                 Cause::BadInput,
@@ -139,6 +142,7 @@ impl Wish {
             tissue: None,
             rendering: None,
             host_hz: None,
+            standing: Standing::default(),
             written: BTreeMap::new(),
             ..self.clone()
         })

@@ -10,6 +10,7 @@ use std::collections::BTreeMap;
 use std::ops::Range;
 use sutura_host::scene::{Document, Rendering};
 use sutura_host::session::Plan;
+use sutura_shared::wire::message::{Fixture, HandScript};
 use sutura_view::SetTo;
 use toml::Spanned;
 
@@ -17,6 +18,7 @@ const RENDERING: &str = "rendering";
 const HOST_HZ: &str = "host-hz";
 const STIFFNESS: &str = "hand-stiffness";
 const DAMPING: &str = "hand-damping";
+const FIXTURE: &str = "fixture";
 const RENDERINGS: [Rendering; 3] = [Rendering::Hold, Rendering::Tangent, Rendering::Rows];
 /// A file's number is changed by this factor at most.
 const FARTHEST: f64 = 10.0;
@@ -24,6 +26,56 @@ const FARTHEST: f64 = 10.0;
 const LARGEST_RATIO: f64 = 0.49;
 /// Friction to choose where the file says that there is none \[N/m\].
 const SOME_FRICTION_N_PER_M: f64 = 100.0;
+
+/// The wall is so far below where the hand begins \[m\]: to be come upon, not to be begun in.
+const WALL_BELOW_M: f32 = 0.005;
+/// Of wall and coupling: a device that cannot render it stably caps it \[N/m\], \[N s/m\].
+const FIXTURE_N_PER_M: f32 = 800.0;
+const FIXTURE_N_S_PER_M: f32 = 1.0;
+
+/// What the console renders by itself, beside the tissue.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Standing {
+    /// Nothing.
+    #[default]
+    Nothing,
+    /// A level wall below where the hand begins.
+    Wall,
+    /// A spring to where the hand begins.
+    Coupling,
+}
+
+impl Standing {
+    const ALL: [Standing; 3] = [Standing::Nothing, Standing::Wall, Standing::Coupling];
+
+    fn word(self) -> &'static str {
+        match self {
+            Standing::Nothing => "none",
+            Standing::Wall => "wall",
+            Standing::Coupling => "coupling",
+        }
+    }
+
+    /// As a console is told, of a scene with this hand.
+    pub fn fixture(self, hand: &HandScript) -> Fixture {
+        let [begin, ..] = hand.way_points;
+        let [x, y, z] = begin.position_m;
+        match self {
+            Standing::Nothing => Fixture::None,
+            Standing::Wall => Fixture::Wall {
+                point_m: [x, y, z - WALL_BELOW_M],
+                normal: [0.0, 0.0, 1.0],
+                stiffness_n_per_m: FIXTURE_N_PER_M,
+                damping_n_s_per_m: FIXTURE_N_S_PER_M,
+            },
+            Standing::Coupling => Fixture::Coupling {
+                anchor_m: [x, y, z],
+                stiffness_n_per_m: FIXTURE_N_PER_M,
+                damping_n_s_per_m: FIXTURE_N_S_PER_M,
+            },
+        }
+    }
+}
 
 /// Something that can be set.
 #[derive(Clone, Debug, PartialEq)]
@@ -73,6 +125,13 @@ impl Setting {
             number(HOST_HZ, "Hz", plan.host_hz, [25.0, 1000.0, 5.0]),
             number(STIFFNESS, "N/m", stiffness.into(), [50.0, 3000.0, 10.0]),
             number(DAMPING, "N s/m", damping.into(), [0.0, 60.0, 0.5]),
+            Setting {
+                name: FIXTURE,
+                range: Choice::Word {
+                    value: wish.standing.word(),
+                    choices: Standing::ALL.map(Standing::word).to_vec(),
+                },
+            },
         ];
         for written in written(document) {
             let value = wish.written.get(written.name).copied();
@@ -144,6 +203,10 @@ impl Wish {
     pub fn with(&self, setting: &Setting, to: &SetTo) -> Wish {
         let mut wish = self.clone();
         match (setting.name, to) {
+            (FIXTURE, SetTo::Word(word)) => {
+                let mut named = Standing::ALL.into_iter().filter(|each| each.word() == word);
+                wish.standing = named.next().unwrap_or_default();
+            }
             (_, SetTo::Word(word)) => {
                 let mut named = RENDERINGS.into_iter().filter(|each| each.word() == word);
                 wish.rendering = named.next();
@@ -268,6 +331,7 @@ pub fn edited(document: Document, numbers: &BTreeMap<&'static str, f64>) -> Docu
 mod tests {
     use super::*;
     use std::path::Path;
+    use sutura_shared::wire::Message;
 
     fn document() -> Document {
         let text = "\
@@ -297,6 +361,43 @@ youngs_modulus_pa = 1
             "needle = { friction_n_per_m = 12.5, static_friction_n_per_m = 30, puncture_pa = 1e6 }"
         );
         assert_eq!(lines[7], "youngs_modulus_pa = 1");
+    }
+
+    #[test]
+    fn a_wall_stands_below_where_the_hand_begins_and_a_coupling_holds_it_there() {
+        let mut hand = HandScript {
+            stiffness_n_per_m: 1000.0,
+            damping_n_s_per_m: 10.0,
+            start_joint: [0.0; 3],
+            count: 1,
+            way_points: Default::default(),
+        };
+        hand.way_points[0].position_m = [0.01, 0.02, 0.03];
+        let setting = Setting {
+            name: FIXTURE,
+            range: Choice::Word {
+                value: "none",
+                choices: Standing::ALL.map(Standing::word).to_vec(),
+            },
+        };
+        let of = |word: &str| {
+            let to = SetTo::Word(word.to_owned());
+            assert_eq!(setting.flaw(&to), None);
+            let fixture = Wish::default().with(&setting, &to).standing.fixture(&hand);
+            assert_eq!(fixture.check(), Ok(()));
+            fixture
+        };
+        assert_eq!(of("none"), Fixture::None);
+        let Fixture::Wall { point_m, .. } = of("wall") else {
+            panic!("a wall");
+        };
+        assert_eq!(point_m, [0.01, 0.02, 0.03 - WALL_BELOW_M]);
+        let Fixture::Coupling { anchor_m, .. } = of("coupling") else {
+            panic!("a coupling");
+        };
+        assert_eq!(anchor_m, [0.01, 0.02, 0.03]);
+        let wrong = setting.flaw(&SetTo::Word("floor".to_owned()));
+        assert!(wrong.is_some_and(|(_, help)| help == "give one of none, wall, coupling"));
     }
 
     #[test]
