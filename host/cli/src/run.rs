@@ -246,7 +246,7 @@ pub fn run(args: &RunArgs, global: &Global) -> Result<(), Failure> {
     let kept = viewed.as_ref().and_then(Viewed::kept);
     let seen = viewed.as_ref().and_then(Viewed::seen);
     let recording = Recording::start(args, &plan, &scene, sources, lockstep, asked, (kept, seen))?;
-    let tapped = TappedSolver::new(&mut solver, recording.tap());
+    let tapped = TappedSolver::new(&mut solver, recording.tap()).sketched(&scene);
     let offer = viewed.as_ref().and_then(Viewed::offer);
     let mut solver = Showing::new(tapped, offer);
     let stop = stop_on_signals()?;

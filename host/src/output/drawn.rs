@@ -5,7 +5,7 @@
 use super::outline::outline;
 use crate::model::Model;
 use crate::needle::Needle;
-use crate::scene::Scene;
+use crate::scene::{self, Scene};
 use crate::step::State;
 use crate::tool::ToolSample;
 use nalgebra::Isometry3;
@@ -90,7 +90,7 @@ impl Drawn {
             cells: scene.mesh.cells().to_vec(),
             regions,
             principal_stress_pa: tissue.map_or_else(Vec::new, stress),
-            lines: lines(scene, at_m, tissue, samples),
+            lines: Beside::of(scene).lines(at_m, tissue, samples),
             points_m,
             displacement_m,
         }
@@ -106,57 +106,81 @@ pub(crate) fn centre_line(needle: &Needle, pose: &Isometry3<f64>) -> Vec<[f64; 3
         .collect()
 }
 
-/// Needles, threads and tools, in the scene's order.
-fn lines(
-    scene: &Scene,
-    at_m: &[[f64; 3]],
-    tissue: Option<(&Model, &State)>,
-    samples: &[ToolSample],
-) -> Vec<Line> {
-    let mut lines = Vec::new();
-    if let Some((model, state)) = tissue {
-        for needle in &scene.needles {
-            let pose = state.needle_pose(model, needle.id);
-            let pose = pose.unwrap_or(needle.start);
-            lines.push(Line {
-                part: Part::Needle,
-                id: needle.id,
-                radius_m: 0.5 * needle.needle.thickness_m,
-                points_m: centre_line(&needle.needle, &pose),
-                tension_n: Vec::new(),
-            });
+/// What of a scene is not tissue.
+#[derive(Clone, Debug)]
+pub(crate) struct Beside {
+    needles: Vec<scene::Needle>,
+    /// Their ids.
+    threads: Vec<u8>,
+    tools: Vec<scene::Tool>,
+}
+
+impl Beside {
+    pub fn of(scene: &Scene) -> Self {
+        Self {
+            needles: scene.needles.clone(),
+            threads: scene.threads.iter().map(|each| each.part.id).collect(),
+            tools: scene.tools.clone(),
         }
-        for thread in &scene.threads {
-            let path = state.thread_path(model, thread.part.id, at_m);
-            if path.len() > 1 {
+    }
+
+    /// Whether there is a needle.
+    pub fn has_needles(&self) -> bool {
+        !self.needles.is_empty()
+    }
+
+    /// Needles, threads and tools, in the scene's order, with nodes at `at_m` (n x 3) \[m\].
+    pub fn lines(
+        &self,
+        at_m: &[[f64; 3]],
+        tissue: Option<(&Model, &State)>,
+        samples: &[ToolSample],
+    ) -> Vec<Line> {
+        let mut lines = Vec::new();
+        if let Some((model, state)) = tissue {
+            for needle in &self.needles {
+                let pose = state.needle_pose(model, needle.id);
+                let pose = pose.unwrap_or(needle.start);
                 lines.push(Line {
-                    part: Part::Thread,
-                    id: thread.part.id,
-                    radius_m: 0.0,
-                    points_m: path.iter().map(|point| point.at_m).collect(),
-                    tension_n: path.iter().map(|point| point.tension_n).collect(),
+                    part: Part::Needle,
+                    id: needle.id,
+                    radius_m: 0.5 * needle.needle.thickness_m,
+                    points_m: centre_line(&needle.needle, &pose),
+                    tension_n: Vec::new(),
                 });
             }
-        }
-    }
-    for tool in &scene.tools {
-        let sample = samples.iter().find(|sample| sample.id == tool.id);
-        let Some(placement) = sample.and_then(|sample| tool.shape.place(sample)) else {
-            continue;
-        };
-        let (radius_m, outlines) = outline(&tool.shape);
-        lines.extend(outlines.into_iter().map(|local| {
-            Line {
-                part: Part::Tool,
-                id: tool.id,
-                radius_m,
-                points_m: local
-                    .iter()
-                    .map(|at| (placement.centre + placement.rotation * at).into())
-                    .collect(),
-                tension_n: Vec::new(),
+            for &id in &self.threads {
+                let path = state.thread_path(model, id, at_m);
+                if path.len() > 1 {
+                    lines.push(Line {
+                        part: Part::Thread,
+                        id,
+                        radius_m: 0.0,
+                        points_m: path.iter().map(|point| point.at_m).collect(),
+                        tension_n: path.iter().map(|point| point.tension_n).collect(),
+                    });
+                }
             }
-        }));
+        }
+        for tool in &self.tools {
+            let sample = samples.iter().find(|sample| sample.id == tool.id);
+            let Some(placement) = sample.and_then(|sample| tool.shape.place(sample)) else {
+                continue;
+            };
+            let (radius_m, outlines) = outline(&tool.shape);
+            lines.extend(outlines.into_iter().map(|local| {
+                Line {
+                    part: Part::Tool,
+                    id: tool.id,
+                    radius_m,
+                    points_m: local
+                        .iter()
+                        .map(|at| (placement.centre + placement.rotation * at).into())
+                        .collect(),
+                    tension_n: Vec::new(),
+                }
+            }));
+        }
+        lines
     }
-    lines
 }

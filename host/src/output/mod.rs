@@ -9,7 +9,7 @@ mod solution;
 mod vtu;
 mod whole;
 
-pub(crate) use drawn::centre_line;
+pub(crate) use drawn::{Beside, centre_line};
 pub use drawn::{Drawn, Line, Part};
 pub use mesh_file::{MeshFormat, write_mesh};
 pub(crate) use solution::tip_word;

@@ -5,8 +5,9 @@
 use super::about::{ABOUT, About};
 use super::read::RecordingError;
 use super::samples::{SolveSample, ToolSample};
+use super::scene_sample::SceneSample;
 use super::tap::Lost;
-use super::{DOWN, SOLVE, TOOL, UP};
+use super::{DOWN, SCENE, SOLVE, TOOL, UP};
 use crate::scene::Sources;
 use mcap::records::{MessageHeader, Metadata};
 use mcap::{Attachment, McapError, WriteOptions, Writer};
@@ -23,7 +24,7 @@ const CHUNK_BYTES: u64 = 64 << 10;
 /// Name of the metadata record at the end.
 pub(super) const ENDED: &str = "sutura-end";
 /// How the attached document is called in the file; what follows is the path that it is known by.
-pub(super) const SCENE: &str = "scene:";
+pub(super) const DOCUMENT: &str = "scene:";
 /// And the files that it names.
 pub(super) const FILE: &str = "file:";
 /// How frames are encoded.
@@ -32,7 +33,7 @@ pub(super) const FRAME_ENCODING: &str = "x-sutura-frame";
 /// A message of a recording.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Entry {
-    /// [`DOWN`], [`UP`], [`SOLVE`] or [`TOOL`].
+    /// [`DOWN`], [`UP`], [`SOLVE`], [`TOOL`] or [`SCENE`].
     pub topic: &'static str,
     /// Counts the messages of the topic from 1; a gap says that some were left out.
     pub sequence: u32,
@@ -71,19 +72,26 @@ impl RecordingFile {
                 name: ABOUT.to_owned(),
                 metadata: about.words(),
             })?;
-            attach(&mut writer, SCENE, &sources.name, sources.text.as_bytes())?;
+            attach(
+                &mut writer,
+                DOCUMENT,
+                &sources.name,
+                sources.text.as_bytes(),
+            )?;
             for (name, bytes) in &sources.files {
                 attach(&mut writer, FILE, name, bytes)?;
             }
             let none = BTreeMap::new();
             let solve = schema::<SolveSample>(&mut writer, "sutura.Solve")?;
             let tool = schema::<ToolSample>(&mut writer, "sutura.Tool")?;
+            let scene = schema::<SceneSample>(&mut writer, "foxglove.SceneUpdate")?;
             let mut channels = BTreeMap::new();
             for (topic, schema, encoding) in [
                 (DOWN, 0, FRAME_ENCODING),
                 (UP, 0, FRAME_ENCODING),
                 (SOLVE, solve, "json"),
                 (TOOL, tool, "json"),
+                (SCENE, scene, "json"),
             ] {
                 channels.insert(topic, writer.add_channel(schema, topic, encoding, &none)?);
             }

@@ -11,6 +11,7 @@ mod recorder;
 pub mod replay;
 mod ring;
 mod samples;
+mod scene_sample;
 mod tap;
 mod tapped;
 
@@ -20,6 +21,7 @@ pub use read::{End, Frame, Recording, RecordingError};
 pub use recorder::{Passed, Recorded, Recorder, Saver, Seen};
 pub use ring::{LAST, LAST_BYTES, Ring};
 pub use samples::{SolveSample, ToolSample};
+pub use scene_sample::SceneSample;
 pub use tap::{Direction, Tap};
 pub use tapped::{TappedConsole, TappedPort, TappedSolver};
 
@@ -31,3 +33,5 @@ pub const UP: &str = "/frames/up";
 pub const SOLVE: &str = "/solve";
 /// Channel of grip and force, for plots.
 pub const TOOL: &str = "/tool";
+/// Channel of needles, threads and tools, for programs that draw them.
+pub const SCENE: &str = "/scene";

@@ -3,7 +3,7 @@
 //! Entry point: [`Recording::read`]. A file that was cut off, as by a killed process, is read as far as it goes.
 
 use super::about::{ABOUT, About, CONSOLE_CODE};
-use super::file::{ENDED, FILE, SCENE};
+use super::file::{DOCUMENT, ENDED, FILE};
 use super::samples::SolveSample;
 use super::tap::Direction;
 use super::{DOWN, SOLVE, UP};
@@ -236,7 +236,7 @@ impl Parts {
             }
             Record::Metadata(metadata) if metadata.name == ENDED => self.ended = true,
             Record::Attachment { header, data, .. } => {
-                if let Some(name) = header.name.strip_prefix(SCENE) {
+                if let Some(name) = header.name.strip_prefix(DOCUMENT) {
                     self.sources.name = name.to_owned();
                     self.sources.text = String::from_utf8(data.into_owned())
                         .map_err(|_| "the attached scene is not text".to_owned())?;

@@ -9,8 +9,9 @@ use super::read::RecordingError;
 use super::ring::{LAST, LAST_BYTES, Ring};
 use super::samples::{SolveSample, ToolSample};
 use super::tap::{Direction, Event, Lost, Tap};
-use super::{DOWN, SOLVE, TOOL, UP};
+use super::{DOWN, SCENE, SOLVE, TOOL, UP};
 use crate::scene::Sources;
+use serde::Serialize;
 use std::path::{Path, PathBuf};
 use std::sync::mpsc::{Receiver, Sender, channel, sync_channel};
 use std::thread::JoinHandle;
@@ -308,6 +309,11 @@ impl Writing {
                     time_ns,
                     sample,
                 } => self.solve(number, time_ns, &sample),
+                Event::Sketch {
+                    number,
+                    time_ns,
+                    sketch,
+                } => self.json(SCENE, number, time_ns, &sketch.sample(time_ns)),
                 Event::Save { path, done } => {
                     // Who asked may have gone.
                     let _ = done.send(self.save(&path));
@@ -326,14 +332,18 @@ impl Writing {
         self.recorded.solves += 1;
         (self.seen)(Passed::Solve(sample));
         let timeless = (!self.tap.keeps_wall_time()).then(|| sample.clone().without_times());
-        match serde_json::to_vec(timeless.as_ref().unwrap_or(sample)) {
+        self.json(SOLVE, number, time_ns, timeless.as_ref().unwrap_or(sample));
+    }
+
+    fn json(&mut self, topic: &'static str, number: u64, time_ns: u64, sample: &impl Serialize) {
+        match serde_json::to_vec(sample) {
             Ok(bytes) => self.keep(Entry {
-                topic: SOLVE,
+                topic,
                 sequence: number as u32,
                 time_ns,
                 bytes: bytes.into(),
             }),
-            Err(error) => tracing::error!("a solve was not recorded: {error}"),
+            Err(error) => tracing::error!("{topic} was not recorded: {error}"),
         }
     }
 

@@ -4,6 +4,7 @@
 //! that follow each other show where.
 
 use super::SolveSample;
+use super::scene_sample::Sketch;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -36,6 +37,12 @@ pub(super) enum Event {
         time_ns: u64,
         sample: Box<SolveSample>,
     },
+    /// Where needles, threads and tools are.
+    Sketch {
+        number: u64,
+        time_ns: u64,
+        sketch: Sketch,
+    },
     /// Write the last seconds to a file, and say how that went.
     Save {
         path: PathBuf,
@@ -54,8 +61,8 @@ struct Shared {
     queue: SyncSender<Event>,
     clock: Clock,
     whole: bool,
-    numbers: [AtomicU64; 3],
-    lost: [AtomicU64; 3],
+    numbers: [AtomicU64; 4],
+    lost: [AtomicU64; 4],
 }
 
 #[derive(Debug)]
@@ -145,6 +152,18 @@ impl Tap {
         shared.tell(SOLVES, event);
     }
 
+    /// A sketch of the scene; one that is left out is only seen in its channel's numbers.
+    pub(super) fn sketch(&self, sketch: Sketch) {
+        if let Some(shared) = self.0.as_deref() {
+            let event = Event::Sketch {
+                number: shared.number(SKETCHES),
+                time_ns: shared.clock.now_ns(),
+                sketch,
+            };
+            shared.tell(SKETCHES, event);
+        }
+    }
+
     /// In lockstep: another tick has been run.
     pub fn ticked(&self, period_ns: u64) {
         if let Some(Clock::Ticks(now_ns)) = self.0.as_deref().map(|shared| &shared.clock) {
@@ -181,6 +200,8 @@ impl Tap {
 
 /// Place of the solves among the counters; the directions come before.
 const SOLVES: usize = 2;
+/// And that of sketches.
+const SKETCHES: usize = 3;
 
 impl Shared {
     fn number(&self, which: usize) -> u64 {

@@ -3,8 +3,10 @@
 //! Entry points: [`TappedPort`], [`TappedConsole`], [`TappedSolver`]. Sessions do not know of them.
 
 use super::SolveSample;
+use super::scene_sample::Sketching;
 use super::tap::{Direction, Tap};
 use crate::link::{LinkError, LockstepConsole, Port};
+use crate::scene::Scene;
 use crate::session::{Effort, SceneSolver, Solve, Solved, Spared};
 use std::io;
 use std::time::{Duration, Instant};
@@ -89,6 +91,7 @@ impl LockstepConsole for TappedConsole<'_> {
 pub struct TappedSolver<'a> {
     solver: &'a mut SceneSolver,
     tap: Tap,
+    sketching: Option<Sketching>,
 }
 
 impl<'a> TappedSolver<'a> {
@@ -97,7 +100,19 @@ impl<'a> TappedSolver<'a> {
         if tap.is_for_replay() {
             solver.log_arrivals();
         }
-        TappedSolver { solver, tap }
+        TappedSolver {
+            solver,
+            tap,
+            sketching: None,
+        }
+    }
+
+    /// Tells besides where needles, threads and tools of its scene are, for a file of the whole session.
+    pub fn sketched(mut self, scene: &Scene) -> Self {
+        if self.tap.is_for_replay() {
+            self.sketching = Sketching::new(scene, self.solver);
+        }
+        self
     }
 
     /// The solver itself.
@@ -123,6 +138,11 @@ impl Solve for TappedSolver<'_> {
         let sample = SolveSample::new(state, &solved, hash, &self.solver.take_arrivals());
         let sample = sample.with(&solved, self.solver.last(), self.solver.punctures());
         self.tap.solve(SolveSample { step_us, ..sample });
+        if let Some(sketching) = &mut self.sketching
+            && let Some(sketch) = sketching.solved(self.solver, state.console_time_us())
+        {
+            self.tap.sketch(sketch);
+        }
         solved
     }
 

@@ -78,7 +78,7 @@ fn session(name: &str, seconds: f64, file: &Path, period_us: u64) -> (String, Ve
     let offer = Offer::new(&solver);
     offer.want(period_us);
     let own = Box::new(Snapshot::of(&solver));
-    let tapped = TappedSolver::new(&mut solver, recorder.tap());
+    let tapped = TappedSolver::new(&mut solver, recorder.tap()).sketched(&scene);
     let mut drawn = Drawn {
         shown: Showing::new(tapped, Some(offer.clone())),
         offer,
@@ -103,6 +103,48 @@ fn bytes(picture: &Picture) -> Vec<u8> {
     bytes
 }
 
+/// Ten times a second a recording says where needles are, for programs that draw them, as pictures show them.
+fn are_sketched(recording: &[u8], live: &[Picture], seconds: f64) {
+    const BEGINS: &[u8] = br#"{"deletions":[],"entities":[{"#;
+    // Nothing in a recording is compressed.
+    let places = recording.windows(BEGINS.len()).enumerate();
+    let places = places.filter(|(_, bytes)| *bytes == BEGINS);
+    let sketches: Vec<serde_json::Value> = places
+        .map(|(at, _)| {
+            let mut values = serde_json::Deserializer::from_slice(&recording[at..]).into_iter();
+            values.next().expect("a value").expect("JSON")
+        })
+        .collect();
+    if live.iter().all(|picture| picture.needles.is_empty()) {
+        assert!(sketches.is_empty(), "{} sketches", sketches.len());
+        return;
+    }
+    let count = sketches.len() as f64;
+    assert!((count - 10.0 * seconds).abs() < 3.0, "{count} sketches");
+    let last = &sketches[sketches.len() - 1]["entities"][0];
+    assert_eq!(last["frame_id"], "world");
+    assert!(
+        last["id"]
+            .as_str()
+            .is_some_and(|id| id.starts_with("needle ")),
+        "{last}"
+    );
+    let points = last["lines"][0]["points"].as_array().expect("points");
+    let number = |value: &serde_json::Value| value.as_f64().expect("a number");
+    let time_us =
+        1e6 * number(&last["timestamp"]["sec"]) + 1e-3 * number(&last["timestamp"]["nsec"]);
+    let apart_us = |picture: &&Picture| (picture.console_time_us as f64 - time_us).abs() as u64;
+    let picture = live.iter().min_by_key(apart_us).expect("a picture");
+    // A needle's line begins at its frame; between a sketch and the nearest picture it does not go far.
+    let begin = ["x", "y", "z"].map(|axis| number(&points[0][axis]));
+    let way: f64 = begin
+        .iter()
+        .zip(&picture.needles[0].position_m)
+        .map(|(a, b)| (a - b).powi(2))
+        .sum();
+    assert!(points.len() > 10 && way.sqrt() < 2e-3, "{} m", way.sqrt());
+}
+
 /// Offering and drawing pictures leaves no trace: hash and recorded bytes are the same. And what the recording shows when it
 /// is run again is what was shown, to the byte.
 fn are_the_same_live_and_again(name: &str, seconds: f64) -> Vec<Picture> {
@@ -119,6 +161,7 @@ fn are_the_same_live_and_again(name: &str, seconds: f64) -> Vec<Picture> {
     let [seen_bytes, unseen_bytes] =
         [&seen, &unseen].map(|file| std::fs::read(file).expect("a file"));
     assert!(seen_bytes == unseen_bytes, "recordings differ");
+    are_sketched(&seen_bytes, &live, seconds);
 
     let recording = Recording::read(&seen).expect("a recording");
     let scene = scene::read(&Document::from_sources(&recording.sources)).expect("a scene");

@@ -123,7 +123,7 @@ fn session(
         Failure::say(Cause::BadInput, message, "correct its device file")
     })?;
     let mut console = TappedConsole::new(&mut console, recorder.tap());
-    let tapped = TappedSolver::new(&mut solver, recorder.tap());
+    let tapped = TappedSolver::new(&mut solver, recorder.tap()).sketched(&scene);
     let mut showing = Showing::new(tapped, Some(show.offer()));
     if pause.is_some() {
         await_page(page.shared(), stop);
