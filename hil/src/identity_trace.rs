@@ -138,6 +138,8 @@ pub fn run(console: &mut dyn LockstepConsole) -> Result<IdentityTrace, TraceErro
 const CONE_N_PER_M: f32 = 800.0;
 const ACROSS_N_PER_M: f32 = 600.0;
 const ALONE_N_PER_M: f32 = 200.0;
+/// By how much they pull each other along \[m/N\]: eight tenths of what would make them one.
+const ALONG_M_PER_N: f32 = 2e-3;
 /// Encoder of an ordinary console \[1/m\].
 const COARSE: f32 = 81_487.0;
 /// Encoder that shows the last bit of what it measures \[1/m\].
@@ -434,7 +436,8 @@ impl<'a> Driver<'a> {
         }
     }
 
-    /// Rows on the plane z = 0: a cone that has slipped a little, differently every time, and a normal 1 mm below.
+    /// Rows on the plane z = 0: a cone that has slipped a little, differently every time, and a normal 1 mm below. They pull each
+    /// other along, and change names now and then, so that the multipliers of the frame before are not theirs.
     fn cone(&mut self) -> Rows {
         let height_m = self.position().z;
         let bears = |gap_m: f32, n_per_m: f32| n_per_m * max(0.0, -gap_m);
@@ -457,10 +460,24 @@ impl<'a> Driver<'a> {
             jacobian: [0.0, 0.0, 1.0, 0.0, 0.0, 0.0],
         };
         let friction = 0.3;
-        let cone = normal(RowKind::Normal { id: 3, friction }, height_m, CONE_N_PER_M);
-        let alone = normal(RowKind::Smooth { id: 9 }, height_m + 1e-3, ALONE_N_PER_M);
+        let id = if self.random.below(2) == 0 {
+            [3, 9]
+        } else {
+            [9, 3]
+        };
+        let kind = RowKind::Normal {
+            id: id[0],
+            friction,
+        };
+        let cone = normal(kind, height_m, CONE_N_PER_M);
+        let kind = RowKind::Smooth { id: id[1] };
+        let alone = normal(kind, height_m + 1e-3, ALONE_N_PER_M);
         let diagonal = [CONE_N_PER_M, ACROSS_N_PER_M, ACROSS_N_PER_M, ALONE_N_PER_M];
-        let entry = |i: usize, j: usize| if i == j { 1.0 / diagonal[i] } else { 0.0 };
+        let entry = |i: usize, j: usize| match (i, j) {
+            (0, 3) => ALONG_M_PER_N,
+            _ if i == j => 1.0 / diagonal[i],
+            _ => 0.0,
+        };
         let upper = (0..4).flat_map(|i| (i..4).map(move |j| (i, j)));
         Rows {
             tool: 0,

@@ -6,7 +6,7 @@
 use super::bend::Bend;
 use super::contact::{Freshness, LocalContact, STRONGEST_N};
 use super::needle::LocalNeedle;
-use super::rows::ContactRows;
+use super::rows::{ContactRows, MAX_RESIDUAL};
 use super::thread::LocalThread;
 use super::trust::Trust;
 use super::tuning::{Rendering, Tuning};
@@ -18,8 +18,6 @@ use crate::wire::{ValidNeedle, ValidThread};
 /// Factor per tick on what is left of the force before the model changed: a time constant of 10 ms, below
 /// which a change of force is felt as a knock.
 const BLEND_DECAY: f32 = 0.904_837_4;
-/// Scaled residual above which rows are not solved well enough to be felt: a twentieth of the largest drive.
-const MAX_RESIDUAL: f32 = 0.05;
 /// Way of a tick on which a change of force tells as much as a tangent does \[m\]: less than a step of an encoder.
 const TOLD_M: f32 = 10e-6;
 /// Way across the normal for which rows are taken to know what is there \[m\], and the same in ways between frames: beyond that the tool is on

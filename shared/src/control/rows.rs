@@ -15,6 +15,10 @@ use crate::wire::validate::MAX_WRENCH;
 /// times as far behind on patches of 24 rows, and nonlinear conjugate gradients (Silcowitz, Niebe and Erleben
 /// 2010) up to ten times.
 const SWEEPS: u32 = 14;
+/// Scaled residual above which rows are not solved well enough to be felt: a twentieth of the largest drive.
+pub(super) const MAX_RESIDUAL: f32 = 0.05;
+/// In place of the residual of rows that no tick has solved yet.
+const UNSOLVED: f32 = -1.0;
 /// Numbers of a row that are worked on at a time; rows are filled up with zeros.
 const LANES: usize = 8;
 /// Largest way and turn \[m, rad\] for which rows are solved: twice the reach of any console, and more than any turn.
@@ -55,6 +59,7 @@ struct Known {
     touches: [Touch; MAX_ROWS],
     lambda: [f32; MAX_ROWS],
     scale: [f32; MAX_ROWS],
+    residual: f32,
 }
 
 /// The rows of one tool, unpacked; none is the default.
@@ -83,6 +88,14 @@ pub struct ContactRows {
     anchor: [f32; MAX_ROWS],
     /// The host's anchors: how far tangents slipped between the state's pose and the frame's.
     told: [f32; MAX_ROWS],
+    /// What the last solve left; negative before a first one that may start from the host's multipliers.
+    residual: f32,
+}
+
+/// What is left of a contact's rows: the largest violation, scaled, and how far it slips.
+struct Left {
+    off: f32,
+    slip: Option<[f32; 2]>,
 }
 
 impl Default for ContactRows {
@@ -115,6 +128,7 @@ impl ContactRows {
         lambda: [0.0; MAX_ROWS],
         anchor: [0.0; MAX_ROWS],
         told: [0.0; MAX_ROWS],
+        residual: 0.0,
     };
 
     /// Unpacks a frame: W full and scaled, multipliers and anchors as the host has them. Costs as much as some
@@ -359,10 +373,17 @@ impl ContactRows {
             touches: self.touches,
             lambda: self.lambda,
             scale: self.scale,
+            residual: self.residual,
         }
     }
 
     fn go_on(&mut self, old: &Known) {
+        // Rows that nobody can solve are not believed anew with every frame.
+        self.residual = if old.residual <= MAX_RESIDUAL {
+            UNSOLVED
+        } else {
+            old.residual
+        };
         for touch in self.touches.iter().take(usize::from(self.touching)) {
             let mut known = old.touches.iter().take(usize::from(old.touching));
             let Some(before) = known.find(|other| other.id == touch.id) else {
@@ -387,7 +408,8 @@ impl ContactRows {
         at(&self.free, row) + moved
     }
 
-    /// What the multipliers add to it.
+    /// What the multipliers add to it. Hundreds of times a tick: a call costs as much as a chunk of the product.
+    #[inline(always)]
     fn by_forces(&self, row: usize) -> f32 {
         let width = self.width();
         let row = self.compliance.get(row);
@@ -415,13 +437,16 @@ impl ContactRows {
             put(&mut drive, row, free - at(&self.anchor, row));
         }
         self.open(&mut drive, dx);
+        if self.residual < 0.0 {
+            self.start(&drive);
+        }
         for _ in 0..SWEEPS {
             self.sweep(&drive);
         }
-        let residual = self.settle(&drive);
+        self.residual = self.settle(&drive);
         RowsForce {
             change: self.change(dx),
-            residual,
+            residual: self.residual,
         }
     }
 
@@ -466,6 +491,46 @@ impl ContactRows {
         }
     }
 
+    /// Multipliers to start from: those of the tick before, or the host's, whichever are nearer to solving the rows. Where the
+    /// frame before shared its rows among vertices in another way, its multipliers are those of other shares.
+    fn start(&mut self, drive: &[f32; MAX_ROWS]) {
+        let carried = self.lambda;
+        let off = self.farthest_off(drive);
+        self.lambda = self.host;
+        if self.farthest_off(drive) >= off {
+            self.lambda = carried;
+        }
+    }
+
+    /// The largest violation of a row, scaled.
+    fn farthest_off(&self, drive: &[f32; MAX_ROWS]) -> f32 {
+        let touches = self.touches.iter().take(usize::from(self.touching));
+        touches.fold(0.0, |worst, touch| max(worst, self.left(touch, drive).off))
+    }
+
+    /// What is left of a contact's rows.
+    #[inline(always)]
+    fn left(&self, touch: &Touch, drive: &[f32; MAX_ROWS]) -> Left {
+        let row = usize::from(touch.row);
+        let lambda = at(&self.lambda, row);
+        let delta = at(drive, row) + self.by_forces(row);
+        // A multiplier that only the end of the range keeps from growing solves nothing.
+        let mut left = Left {
+            off: (lambda - max(lambda - delta, 0.0)).abs(),
+            slip: None,
+        };
+        if touch.friction > 0.0 {
+            let delta = [row + 1, row + 2].map(|row| at(drive, row) + self.by_forces(row));
+            let force = [at(&self.lambda, row + 1), at(&self.lambda, row + 2)];
+            let aim = [force[0] - delta[0], force[1] - delta[1]];
+            let held = disc(aim, touch.friction * lambda);
+            left.off = max(left.off, (force[0] - held[0]).abs());
+            left.off = max(left.off, (force[1] - held[1]).abs());
+            left.slip = (held != aim).then_some(delta);
+        }
+        left
+    }
+
     /// What is left of every row: the residual. Anchors of what slips move to where it sticks now.
     fn settle(&mut self, drive: &[f32; MAX_ROWS]) -> f32 {
         let (mut worst, mut largest, mut strongest) = (0.0, 0.0, 0.0);
@@ -473,29 +538,16 @@ impl ContactRows {
             let Some(touch) = self.touches.get(index).copied() else {
                 continue;
             };
+            let left = self.left(&touch, drive);
             let row = usize::from(touch.row);
-            let lambda = at(&self.lambda, row);
-            let delta = at(drive, row) + self.by_forces(row);
-            // A multiplier that only the end of the range keeps from growing solves nothing.
-            let off = lambda - max(lambda - delta, 0.0);
-            worst = max(worst, off.abs());
+            worst = max(worst, left.off);
             // As deep as without forces now, or at the frame's pose: a contact that has all but opened is no reason
             // for doubt.
             largest = max(largest, max(-at(drive, row), -at(&self.free, row)));
-            strongest = max(strongest, lambda);
-            if touch.friction > 0.0 {
-                let delta = [row + 1, row + 2].map(|row| at(drive, row) + self.by_forces(row));
-                let force = [at(&self.lambda, row + 1), at(&self.lambda, row + 2)];
-                let aim = [force[0] - delta[0], force[1] - delta[1]];
-                let held = disc(aim, touch.friction * lambda);
-                worst = max(worst, (force[0] - held[0]).abs());
-                worst = max(worst, (force[1] - held[1]).abs());
-                if held != aim {
-                    for (row, slip) in [row + 1, row + 2].into_iter().zip(delta) {
-                        let anchor = at(&self.anchor, row) + slip;
-                        put(&mut self.anchor, row, anchor);
-                    }
-                }
+            strongest = max(strongest, at(&self.lambda, row));
+            for (row, slip) in (row + 1..).zip(left.slip.into_iter().flatten()) {
+                let anchor = at(&self.anchor, row) + slip;
+                put(&mut self.anchor, row, anchor);
             }
         }
         let scale = largest + ROUNDING * strongest;
