@@ -14,8 +14,6 @@ use serde::Serialize;
 const OPEN: &[(&str, f64)] = &[
     // 15 Hz and a fifth of the frames lost; 20.1 with the code of 1e64281 on the same tissue.
     ("gristle strokes, pen hand, slow host, rms %", 21.6),
-    // Deep in tissue a force of up to 0.16 N across turned presses appears a tick or two after a frame came, and fades in 15 ms.
-    ("turned scene, change of rms, points", 0.602),
     // Tools that rub: a line has room for 24 rows where twenty vertices touch, and frames of 30 Hz foretell a hand that turns by 5 mm.
     ("rubbing taps rows 60 Hz peak %", 7.4),
     ("rubbing strokes rows 60 Hz rms %", 2.45),
@@ -343,6 +341,13 @@ fn of_spreads(spreads: &[Spread]) -> Vec<Bar> {
             worst,
         );
     }
+    // Drawn back from where no frame has seen it; half as much again as a finger notices.
+    most(
+        "stalls, needle, peak %",
+        &|s| s.factor == "stalls" && s.scene == "needle",
+        &|s| s.peak_pct.worst,
+        15.0,
+    );
     let slow = |s: &Spread| s.factor == "phase" && s.host_hz == 30.0 && s.hand == "taps";
     most(
         "taps at 30 Hz, every phase, rms p95 %",
