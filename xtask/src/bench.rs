@@ -8,6 +8,7 @@ use crate::Format;
 use crate::gates::{self, Gate, Outcome, SOLVER, Snapshot};
 use crate::run::Tool;
 use crate::setup::{self, VALGRIND};
+use crate::test::TEST_FEATURES;
 use anyhow::{Context, Result, bail};
 use serde::Serialize;
 use serde_json::Value;
@@ -90,9 +91,13 @@ fn machine() -> Result<String> {
 /// Instruction counts by name.
 fn count() -> Result<BTreeMap<String, u64>> {
     eprintln!("counting instructions under valgrind");
+    // With the features and the profile of the tests, in which the solver is compiled as for a release: nothing is built twice.
     let tool = Tool::new(
-        "cargo bench --quiet --locked --package sutura-instructions --bench solver -- --output-format=json",
-    );
+        "cargo bench --quiet --locked --profile dev --workspace --bench solver --features",
+    )
+    .arg(TEST_FEATURES)
+    .arg("--")
+    .arg("--output-format=json");
     let again = tool.shown();
     let output = tool.output().context("the benches failed")?;
     let mut counts = BTreeMap::new();

@@ -1,10 +1,11 @@
 //! Programs that xtask runs, from the root of the checkout. Entry point: [`Tool`].
 
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result, anyhow, bail};
 use std::ffi::OsStr;
 use std::io::{BufRead, BufReader};
 use std::path::{Path, PathBuf};
-use std::process::{Command, Stdio};
+use std::process::{Command, Output, Stdio};
+use std::thread::JoinHandle;
 
 /// Root of the checkout that cargo runs this for, which may not be the one that it was built in.
 pub fn root() -> PathBuf {
@@ -33,6 +34,21 @@ impl Tool {
             shown: words.to_owned(),
             folder: None,
         }
+    }
+
+    /// This program.
+    ///
+    /// # Errors
+    /// If nobody knows where it is.
+    pub fn own() -> Result<Self> {
+        let own = std::env::current_exe()?;
+        let mut command = Command::new(&own);
+        command.current_dir(root());
+        Ok(Self {
+            command,
+            shown: own.display().to_string(),
+            folder: None,
+        })
     }
 
     /// Adds one argument, as it is.
@@ -90,6 +106,14 @@ impl Tool {
         Ok(())
     }
 
+    /// Starts it, beside what is run meanwhile; what it prints is kept until it is waited for.
+    pub fn beside(mut self) -> Beside {
+        Beside {
+            shown: self.shown(),
+            thread: std::thread::spawn(move || self.command.stdin(Stdio::null()).output()),
+        }
+    }
+
     /// Runs to the end without showing anything; its stdout, if it succeeded.
     pub fn output(mut self) -> Result<String> {
         let shown = self.shown();
@@ -103,6 +127,32 @@ impl Tool {
             bail!("`{shown}` failed ({}): {}", output.status, stderr.trim());
         }
         Ok(String::from_utf8_lossy(&output.stdout).into_owned())
+    }
+}
+
+/// A command line that runs beside others.
+pub struct Beside {
+    shown: String,
+    thread: JoinHandle<std::io::Result<Output>>,
+}
+
+impl Beside {
+    /// The command line.
+    pub fn shown(&self) -> String {
+        self.shown.clone()
+    }
+
+    /// Waits for its end, and shows what it wrote.
+    pub fn wait(self) -> Result<()> {
+        let shown = self.shown;
+        let output = self.thread.join().map_err(|_| anyhow!("it panicked"))?;
+        let output = output.with_context(|| format!("cannot start `{shown}`"))?;
+        eprint!("{}", String::from_utf8_lossy(&output.stderr));
+        eprint!("{}", String::from_utf8_lossy(&output.stdout));
+        if !output.status.success() {
+            bail!("`{shown}` failed ({})", output.status);
+        }
+        Ok(())
     }
 }
 

@@ -9,16 +9,14 @@ mod seeds;
 
 pub use seeds::Cases;
 
-use crate::run::{Tool, root, target};
+use crate::run::{Beside, Tool, target};
 use crate::toolchain::{Toolchain, host};
 use crate::{Format, bench, firmware, locks, setup};
-use anyhow::{Context, Result, anyhow, bail};
+use anyhow::{Context, Result, bail};
 use report::{Kind, Report};
-use std::process::{Command, Output};
-use std::thread;
 
 /// Cargo features that only tests need: those that run the firmware's image under QEMU, and the bench's program.
-const TEST_FEATURES: &str = "sutura/qemu-tests,sutura-hil/bench";
+pub const TEST_FEATURES: &str = "sutura/qemu-tests,sutura-hil/bench";
 
 /// What the test runner calls its report: see `.config/nextest.toml`.
 const TEST_REPORT: &str = "junit.xml";
@@ -100,17 +98,20 @@ fn steps(report: &mut Report, cases: Cases) {
             _ => Vec::new(),
         }
     };
-    // And with each of it alone; and the C library, whose crates need no more features than they say.
+    // The command without what is optional, and with each of it alone; and the C library, whose crates need no more features
+    // than they say.
     let alone = || {
-        let of = "cargo clippy -p sutura --bins --locked --no-default-features --features";
-        let library = Tool::new("cargo clippy -p sutura-capi --lib --locked");
+        let command = "cargo clippy -p sutura --bins --locked --no-default-features";
         ["top", "foxglove"]
-            .map(|feature| Tool::new(of).arg(feature))
+            .map(|feature| Tool::new(command).arg("--features").arg(feature))
             .into_iter()
-            .chain([library])
+            .chain([
+                Tool::new(command),
+                Tool::new("cargo clippy -p sutura-capi --lib --locked"),
+            ])
     };
     // Optimised at link time and run in an emulator they keep one core busy, in a folder of their own: beside the lints.
-    let images = thread::spawn(firmware_images);
+    let images = Tool::own().map(|own| own.arg("firmware").beside());
     // As arguments, because flags in the environment would compile every dependency once more.
     let deny_warnings = |tool: Tool| tool.arg("--").arg("-D").arg("warnings");
     report.tools(
@@ -119,8 +120,6 @@ fn steps(report: &mut Report, cases: Cases) {
         [
             Tool::new("cargo clippy --workspace --all-targets --locked --features")
                 .arg(TEST_FEATURES),
-            // The command without what is optional.
-            Tool::new("cargo clippy -p sutura --bins --locked --no-default-features"),
         ]
         .into_iter()
         .chain(cases.full.then(alone).into_iter().flatten())
@@ -132,15 +131,7 @@ fn steps(report: &mut Report, cases: Cases) {
         Kind::Build,
         "firmware images",
         "cargo xtask firmware",
-        |_| {
-            let images = images.join().map_err(|_| anyhow!("it panicked"))??;
-            eprint!("{}", String::from_utf8_lossy(&images.stderr));
-            eprint!("{}", String::from_utf8_lossy(&images.stdout));
-            if !images.status.success() {
-                bail!("see above ({})", images.status);
-            }
-            Ok(())
-        },
+        |_| images?.wait(),
     );
     report.tools(
         Kind::Build,
@@ -150,6 +141,8 @@ fn steps(report: &mut Report, cases: Cases) {
     let parts = native("test").map(|tool| cases.of(tool));
     report.tools(Kind::Tests, "firmware parts", parts);
     tests(report, cases);
+    // What the page's tests wait for leaves time: what builds, and is not the command, runs beside them.
+    let page = page().map(Tool::beside);
     report.step(
         Kind::Tests,
         "solver instructions",
@@ -166,12 +159,15 @@ fn steps(report: &mut Report, cases: Cases) {
         .into_iter()
         .chain(boards("doc --no-deps --lib").into_iter().map(documents)),
     );
-}
-
-/// `cargo xtask firmware`, with what it prints; by this program, since cargo would wait for whoever builds.
-fn firmware_images() -> Result<Output> {
-    let mut command = Command::new(std::env::current_exe()?);
-    Ok(command.arg("firmware").current_dir(root()).output()?)
+    let again = page.as_ref().map(Beside::shown).unwrap_or_default();
+    report.step(Kind::Tests, "page in a browser", &again, |_| page?.wait());
+    // Last of all: it takes the command's place until that is built again.
+    let plain = cases.full.then(|| {
+        Tool::new(
+            "cargo run -p sutura --locked --no-default-features -- run --lockstep --seconds 0.2",
+        )
+    });
+    report.tools(Kind::Tests, "the command without a page", plain);
 }
 
 /// The workspace's tests: built, run, and the examples in its documents.
@@ -205,21 +201,6 @@ fn tests(report: &mut Report, cases: Cases) {
             (Err(error), Ok(())) => Err(error).context("the tests ran without a report"),
         }
     });
-    // Its modules, types and looks; pictures of all of that are kept.
-    let page = target().map(|target| {
-        Tool::new("node tests/browser/run.mjs --sutura")
-            .arg(target.join("debug/sutura"))
-            .arg("--out")
-            .arg(target.join("browser"))
-    });
-    report.tools(Kind::Tests, "page in a browser", page);
-    // Last of what the command runs in: it takes the command's place until that is built again.
-    let plain = cases.full.then(|| {
-        Tool::new(
-            "cargo run -p sutura --locked --no-default-features -- run --lockstep --seconds 0.2",
-        )
-    });
-    report.tools(Kind::Tests, "the command without a page", plain);
     let examples = workspace("test --no-fail-fast --doc");
     report.tools(
         Kind::Tests,
@@ -228,9 +209,19 @@ fn tests(report: &mut Report, cases: Cases) {
     );
 }
 
+/// The page's modules, types and looks; pictures of all of that are kept.
+fn page() -> Result<Tool> {
+    let target = target()?;
+    Ok(Tool::new("node tests/browser/run.mjs --sutura")
+        .arg(target.join("debug/sutura"))
+        .arg("--out")
+        .arg(target.join("browser")))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::run::root;
 
     #[test]
     fn a_command_line_is_shown_as_it_is_typed() {
