@@ -140,6 +140,8 @@ const ACROSS_N_PER_M: f32 = 600.0;
 const ALONE_N_PER_M: f32 = 200.0;
 /// By how much they pull each other along \[m/N\]: eight tenths of what would make them one.
 const ALONG_M_PER_N: f32 = 2e-3;
+/// How far above the cone's plane the point of its own is \[m\].
+const ABOVE_M: f32 = 3e-3;
 /// Encoder of an ordinary console \[1/m\].
 const COARSE: f32 = 81_487.0;
 /// Encoder that shows the last bit of what it measures \[1/m\].
@@ -221,6 +223,22 @@ fn over_the_wall(place: [f32; 3]) -> HandScript {
         start_joint: [0.0; JOINTS],
         count: points.len() as u8,
         way_points,
+    }
+}
+
+/// Multipliers of the two normals of [`Driver::cone`] that solve their rows without friction, from their gaps \[N\].
+fn both_bear(gap_m: [f32; 2]) -> [f32; 2] {
+    let give = [1.0 / CONE_N_PER_M, 1.0 / ALONE_N_PER_M];
+    let alone = [0, 1].map(|row| max(0.0, -gap_m[row]) / give[row]);
+    let determinant = give[0] * give[1] - ALONG_M_PER_N * ALONG_M_PER_N;
+    let both = [0, 1]
+        .map(|row| (ALONG_M_PER_N * gap_m[1 - row] - give[1 - row] * gap_m[row]) / determinant);
+    if both[0] >= 0.0 && both[1] >= 0.0 {
+        both
+    } else if gap_m[1] + ALONG_M_PER_N * alone[0] >= 0.0 {
+        [alone[0], 0.0]
+    } else {
+        [0.0, alone[1]]
     }
 }
 
@@ -436,11 +454,11 @@ impl<'a> Driver<'a> {
         }
     }
 
-    /// Rows on the plane z = 0: a cone that has slipped a little, differently every time, and a normal 1 mm below. They pull each
-    /// other along, and change names now and then, so that the multipliers of the frame before are not theirs.
+    /// Rows on the plane z = 0: a cone that has slipped a little, differently every time, and a normal 3 mm above. They pull each
+    /// other along, and change names now and then: then the multipliers of the frame before are not theirs, and those sent are.
     fn cone(&mut self) -> Rows {
         let height_m = self.position().z;
-        let bears = |gap_m: f32, n_per_m: f32| n_per_m * max(0.0, -gap_m);
+        let bearing = both_bear([height_m, height_m - ABOVE_M]);
         let mut tangent = |axis: usize| {
             let mut jacobian = [0.0; 6];
             jacobian[axis] = 1.0;
@@ -453,10 +471,10 @@ impl<'a> Driver<'a> {
             }
         };
         let across = [tangent(0), tangent(1)];
-        let normal = |kind: RowKind, gap_m: f32, n_per_m: f32| Row {
+        let normal = |kind: RowKind, gap_m: f32, lambda_n: f32| Row {
             kind,
             delta_free_m: gap_m,
-            lambda_n: bears(gap_m, n_per_m),
+            lambda_n,
             jacobian: [0.0, 0.0, 1.0, 0.0, 0.0, 0.0],
         };
         let friction = 0.3;
@@ -469,9 +487,9 @@ impl<'a> Driver<'a> {
             id: id[0],
             friction,
         };
-        let cone = normal(kind, height_m, CONE_N_PER_M);
+        let cone = normal(kind, height_m, bearing[0]);
         let kind = RowKind::Smooth { id: id[1] };
-        let alone = normal(kind, height_m + 1e-3, ALONE_N_PER_M);
+        let alone = normal(kind, height_m - ABOVE_M, bearing[1]);
         let diagonal = [CONE_N_PER_M, ACROSS_N_PER_M, ACROSS_N_PER_M, ALONE_N_PER_M];
         let entry = |i: usize, j: usize| match (i, j) {
             (0, 3) => ALONG_M_PER_N,

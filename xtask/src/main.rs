@@ -51,7 +51,7 @@ enum Command {
     },
     /// Counts the instructions of the solver's parts under valgrind and compares them with the snapshot.
     #[command(after_help = "Examples:
-  cargo xtask bench                    fails if a part takes 3 % more than its snapshot
+  cargo xtask bench                    fails if a part takes 3 % and 100 instructions more than its snapshot
   cargo xtask bench --bless            accept the present counts as snapshot
   cargo xtask bench --format json      one JSON object on stdout
 

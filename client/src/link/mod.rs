@@ -12,6 +12,7 @@ mod lockstep;
 mod pipe;
 mod port;
 mod sent;
+mod silence;
 mod slot;
 mod threads;
 
@@ -23,4 +24,5 @@ pub use lockstep::LockstepConsole;
 pub use pipe::{PipeEnd, pipe};
 pub use port::{Port, open_serial, serial_ports};
 pub use sent::SentContact;
+pub use silence::Silence;
 pub use threads::{Connector, Heard, Link, LinkCounters, LinkOptions, Standing};

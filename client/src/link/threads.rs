@@ -8,6 +8,7 @@ use super::clock::{Clock, ClockEstimate, Exchange, RoundTrips};
 use super::felt::{Felt, Order, append};
 use super::handshake::{READ_WAIT, gone, lock, shake_hands, write_all};
 use super::sent::{SentContact, SentContacts};
+use super::silence::Silence;
 use super::slot::{Outbox, Outgoing, Slot};
 use super::{LinkError, Port};
 use crate::scheduling::{Duty, Granted, Role};
@@ -498,8 +499,9 @@ impl<L: FnMut(Heard<'_>)> Reader<L> {
         rest: &[u8],
         duty: &mut Option<Duty>,
     ) -> Option<LinkError> {
-        let mut heard = Instant::now();
-        self.hear(rest, heard);
+        let opened = Instant::now();
+        self.hear(rest, opened);
+        let mut silence = Silence::from(opened);
         let mut chunk = [0; 4096];
         while !self.shared.is_closing() {
             duty.as_mut().map(Duty::look);
@@ -507,16 +509,15 @@ impl<L: FnMut(Heard<'_>)> Reader<L> {
                 return Some(error);
             }
             match port.read(&mut chunk, READ_WAIT) {
-                Ok(0) if self.connect.is_some() && heard.elapsed() > self.options.silent_after => {
-                    let silent = self.options.silent_after.as_secs_f64();
-                    let reason = format!("nothing came for {silent:.1} s");
-                    let name = port.name();
-                    return Some(LinkError::Gone { name, reason });
-                }
                 Ok(count) => {
                     let now = Instant::now();
-                    if self.hear(&chunk[..count], now) {
-                        heard = now;
+                    let came = self.hear(&chunk[..count], now);
+                    let quiet = silence.look(now, came);
+                    if count == 0 && self.connect.is_some() && quiet > self.options.silent_after {
+                        let silent = self.options.silent_after.as_secs_f64();
+                        let reason = format!("nothing came for {silent:.1} s");
+                        let name = port.name();
+                        return Some(LinkError::Gone { name, reason });
                     }
                 }
                 Err(error) => return Some(gone(&port.name(), &error)),

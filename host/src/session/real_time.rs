@@ -12,7 +12,7 @@ use super::summary::{ConsoleClock, LinkSummary, RoundTrip, Throughput};
 use super::{LatenessProbe, Plan, Progress, Scheduling, SessionError, Solve, Statistics, Summary};
 use crate::link::{
     Connector, Heard, Link, LinkCounters, LinkError, LinkOptions, Order, Port, RoundTrips,
-    SentContact, Standing,
+    SentContact, Silence, Standing,
 };
 use crate::scheduling::{Duty, Granted, LockedMemory, Role};
 use std::ops::ControlFlow;
@@ -508,7 +508,7 @@ impl Watch<'_> {
         progress: &mut impl FnMut(&Progress<'_>) -> ControlFlow<()>,
         solver_ended: impl Fn() -> bool,
     ) -> Result<Ended, SessionError> {
-        let opened = Instant::now();
+        let mut silence = Silence::from(Instant::now());
         let mut elapsed_s = 0.0;
         let mut last: Option<(State, Instant)> = None;
         loop {
@@ -551,13 +551,12 @@ impl Watch<'_> {
                 }
                 self.rest = Some(Rest::Away(why));
             }
-            if self.rest.is_none() {
-                let heard = newest.map_or(opened, |(_, heard)| heard);
-                if heard.elapsed() > self.silent && !self.returns {
-                    return Err(SessionError::Silent {
-                        waited_s: self.silent.as_secs_f64(),
-                    });
-                }
+            let heard = |state: Option<(State, Instant)>| state.map(|(_, heard)| heard);
+            let quiet = silence.look(Instant::now(), heard(newest.or(last)) != heard(last));
+            if self.rest.is_none() && quiet > self.silent && !self.returns {
+                return Err(SessionError::Silent {
+                    waited_s: self.silent.as_secs_f64(),
+                });
             }
             self.look_after(newest, last)?;
             last = newest.or(last);
