@@ -18,6 +18,9 @@ use crate::wire::{ValidNeedle, ValidThread};
 /// Factor per tick on what is left of the force before the model changed: a time constant of 10 ms, below
 /// which a change of force is felt as a knock.
 const BLEND_DECAY: f32 = 0.904_837_4;
+/// Ticks between two frames from which on that is so. What is left fades within the time between frames where they come more often: each
+/// is another change, and what is left of all of them would be a force of 10 ms ago.
+const BLEND_TICKS: u8 = 10;
 /// Way of a tick on which a change of force tells as much as a tangent does \[m\]: less than a step of an encoder.
 const TOLD_M: f32 = 10e-6;
 /// Way across the normal for which rows are taken to know what is there \[m\], and the same in ways between frames: beyond that the tool is on
@@ -65,6 +68,10 @@ pub(super) struct Render {
     /// Part of the force before the model changed that pulled on this model's side, at most 0 \[N\]; fades
     /// like the offset.
     pull_n: f32,
+    /// Factor per tick on both.
+    fade: f32,
+    /// Ticks since the model changed, and between that change and the one before; no more than [`BLEND_TICKS`] are counted.
+    ticks: [u8; 2],
     /// Of the last tick: force \[N\] before the guards, and the pose that it is for.
     last: Option<(Vec3, Grip)>,
     /// What the model gave at the last tick, unless it was new then \[N\].
@@ -147,6 +154,8 @@ impl Render {
             parted: false,
             offset_n: Vec3::zeros(),
             pull_n: 0.0,
+            fade: BLEND_DECAY,
+            ticks: [BLEND_TICKS; 2],
             last: None,
             model_n: None,
             course: None,
@@ -169,6 +178,7 @@ impl Render {
         (self.last, self.model_n, self.course) = (None, None, None);
         self.changed = true;
         (self.offset_n, self.pull_n) = (Vec3::zeros(), 0.0);
+        self.ticks = [BLEND_TICKS; 2];
     }
 
     /// From reading the encoders to the middle of the time in which the motors act on it \[s\].
@@ -324,8 +334,10 @@ impl Render {
             self.track.push(grip.position_m);
         }
         let before = self.offset_n;
-        self.offset_n *= BLEND_DECAY;
-        self.pull_n *= BLEND_DECAY;
+        self.offset_n *= self.fade;
+        self.pull_n *= self.fade;
+        let [since, last] = self.ticks;
+        self.ticks = [(since + 1).min(BLEND_TICKS), last];
         let Some(contact) = self.contact else {
             self.left = 0.0;
             return Vec3::zeros();
@@ -354,6 +366,8 @@ impl Render {
         let is_new = core::mem::take(&mut self.changed);
         let way = self.last.map(|(_, last)| at.position_m - last.position_m);
         if is_new {
+            self.fade = fade(self.ticks);
+            self.ticks = [0, self.ticks[0]];
             let faded = (self.offset_n - before) * share;
             // As fast as it goes: a tick's way is of a few steps of an encoder, and swings by them.
             let onward = velocity * TICK_S;
@@ -520,6 +534,16 @@ impl Render {
     }
 }
 
+/// Factor per tick on what is left of the force before the model changed, from the last two times between changes \[ticks\]: the
+/// longer one counts, so that a frame that comes late and its successor that does not are no two quick ones.
+fn fade(ticks: [u8; 2]) -> f32 {
+    let between = ticks[0].max(ticks[1]);
+    if between >= BLEND_TICKS {
+        return BLEND_DECAY;
+    }
+    f32::from(between) / f32::from(between + 1)
+}
+
 /// Length of a vector.
 fn length(v: &Vec3) -> f32 {
     libm::sqrtf(dot(v, v))
@@ -594,9 +618,11 @@ mod tests {
 
         /// Lets the blend from nothing end.
         fn settle(&mut self, contact: Contact, z: f32) -> f32 {
-            for _ in 0..150 {
+            for _ in 0..15 {
                 self.take(contact, self.now_us, z);
-                self.force(z);
+                for _ in 0..BLEND_TICKS {
+                    self.force(z);
+                }
             }
             self.force(z)
         }
@@ -614,7 +640,7 @@ mod tests {
         let mut stand = Stand::new();
         let force = stand.settle(floor(1000.0, -1e-3), -1e-3);
         assert!((force - 1.0).abs() < 1e-5, "{force}");
-        let solved_us = stand.now_us - 2000;
+        let solved_us = stand.now_us - 1000 * (u64::from(BLEND_TICKS) + 1);
         let mut at = |age_us: u64| {
             stand.now_us = solved_us + age_us;
             stand.force(-1e-3)
@@ -640,6 +666,32 @@ mod tests {
             let left = (stand.force(-1e-3) - 2.0) / 3.0;
             let expected = (-f64::from(ms) / 10.0).exp();
             assert!((f64::from(left) - expected).abs() < 2e-5, "{ms} ms: {left}");
+        }
+    }
+
+    /// A simulator that knows no stiffness, on a force that grows by 50 mN a tick: what is felt is as late as the next frame, and not
+    /// later by 10 ms.
+    #[test]
+    fn frames_that_come_often_are_felt_within_two_of_them() {
+        for between in [1, 2, 4] {
+            let mut stand = Stand::new();
+            let growing = |now_us: u64| {
+                let mut contact = floor(0.0, -1e-3);
+                contact.wrench[2] = 50e-6 * (now_us - SOLVED) as f32;
+                contact
+            };
+            let mut worst: f32 = 0.0;
+            for tick in 0..100 {
+                if tick % between == 0 {
+                    stand.take(growing(stand.now_us), stand.now_us, -1e-3);
+                }
+                let wanted = growing(stand.now_us).wrench[2];
+                let force = stand.force(-1e-3);
+                if tick >= 50 {
+                    worst = worst.max(wanted - force);
+                }
+            }
+            assert!(worst < 50e-3 * 2.01 * between as f32, "{between}: {worst}");
         }
     }
 
