@@ -97,7 +97,7 @@ typedef struct {
   // SUTURA_BOOT to SUTURA_FAULT.
   uint32_t mode;
   // Latched faults, bits: 1 emergency stop, 2 not finite, 4 encoder jump, 8 overrun, 16 board, 32 out of reach,
-  // 64 overspeed.
+  // 64 overspeed, 128 time base, 256 amplifier, 512 supply.
   uint32_t faults;
   // Age of the contact in use [us]; 4294967295 before the first.
   uint32_t contact_age_us;

@@ -63,10 +63,9 @@ impl SimulatedBoard {
         TickInput {
             now_us: self.now_us,
             encoder_counts: self.device.encoder_counts(),
-            orientation: None,
             emergency_stop: self.emergency_stop,
-            board_fault: false,
             overrun,
+            ..TickInput::default()
         }
     }
 

@@ -9,7 +9,7 @@ use crate::rig::{
 use sutura_shared::control::{Control, TickInput, TickOutput};
 use sutura_shared::kinematics::GRAVITY;
 use sutura_shared::wire::message::{Command, Contact, End, Mode, Needle, State, Tension, Thread};
-use sutura_shared::wire::{Valid, faults, inputs};
+use sutura_shared::wire::{Header, Valid, faults, inputs};
 
 /// 1 N upwards at 1 mm behind the wall.
 const WALL: f32 = 1000.0;
@@ -303,11 +303,17 @@ fn force_is_limited_in_length_and_by_the_motors() {
 fn faults_latch_cut_the_torque_at_once_and_clear_only_without_their_cause() {
     /// Brings a cause about, or takes it away.
     type Cause = fn(&mut Loop, bool);
-    let cases: [(u16, Cause); 4] = [
+    let cases: [(u16, Cause); 6] = [
         (faults::E_STOP, |console, on| {
             console.input.emergency_stop = on
         }),
         (faults::BOARD, |console, on| console.input.board_fault = on),
+        (faults::SUPPLY | faults::BOARD, |console, on| {
+            console.input.supply_low = on
+        }),
+        (faults::TIME_BASE, |console, on| {
+            console.input.time_base_fault = on
+        }),
         (faults::OVERRUN, |console, on| {
             console.input.overrun = on;
             if on {
@@ -654,7 +660,9 @@ fn what_a_board_read_is_the_same_with_and_without_the_notice_that_force_is_withh
         | inputs::BOARD_FAULT
         | inputs::OVERRUN
         | inputs::ORIENTATION
-        | inputs::NO_ROTATION;
+        | inputs::NO_ROTATION
+        | inputs::AMPLIFIER
+        | inputs::SUPPLY;
     let read = |bits: u8| {
         let state = State {
             inputs: bits,
@@ -672,4 +680,101 @@ fn what_a_board_read_is_the_same_with_and_without_the_notice_that_force_is_withh
         looked_at += 1;
     }
     assert!(looked_at >= 16, "{looked_at}");
+}
+
+/// Amplifiers that take 100 ms to get ready: armed meanwhile, and nothing goes to the motors nor into the ledger; then the
+/// force begins from nothing.
+#[test]
+fn nothing_is_rendered_before_the_amplifiers_are_ready() {
+    let mut console = Loop::on_credit(bench());
+    console.input.amplifiers_unready = true;
+    console.place(2, -1e-3);
+    console.tick();
+    console.control.command(Command::Arm);
+    for _ in 0..100 {
+        let output = console.contact(wall(WALL, INSIDE));
+        assert_eq!(output.state.mode, Mode::Armed);
+        assert!(output.amplifiers_on, "or they never get ready");
+        assert_eq!(output.state.inputs & inputs::AMPLIFIER, inputs::AMPLIFIER);
+        assert!(renders_nothing(&output));
+        assert_eq!(output.current_a, [0.0; 3]);
+    }
+    console.input.amplifiers_unready = false;
+    let first = console.contact(wall(WALL, INSIDE)).state;
+    assert_eq!(first.mode, Mode::Armed);
+    assert!(first.force_n[2] < 0.05, "{first:?}");
+    for _ in 0..300 {
+        console.contact(wall(WALL, INSIDE));
+    }
+    let output = console.contact(wall(WALL, INSIDE));
+    assert!((output.state.force_n[2] - 1.0).abs() < 0.013, "{output:?}");
+}
+
+#[test]
+fn amplifiers_that_never_get_ready_are_a_fault_after_520_ms() {
+    let mut console = Loop::on_credit(bench());
+    console.input.amplifiers_unready = true;
+    console.tick();
+    // Off, or without a supply yet: nobody minds.
+    assert_eq!(console.wait(2000).state.mode, Mode::Idle);
+    console.control.command(Command::Arm);
+    assert_eq!(console.wait(521).state.mode, Mode::Armed);
+    let output = console.tick();
+    assert_eq!(output.state.mode, Mode::Fault);
+    assert_eq!(output.state.faults, faults::AMPLIFIER | faults::BOARD);
+    assert!(!output.amplifiers_on);
+}
+
+#[test]
+fn ready_that_is_lost_under_power_is_a_fault_at_once_and_clears_while_they_are_off() {
+    let mut console = Loop::armed(bench());
+    console.wait(20);
+    console.input.amplifiers_unready = true;
+    let output = console.tick();
+    assert_eq!(output.state.mode, Mode::Fault);
+    assert_eq!(output.state.faults, faults::AMPLIFIER | faults::BOARD);
+    assert!(!output.amplifiers_on && output.current_a == [0.0; 3]);
+    console.control.command(Command::ClearFault);
+    let output = console.tick();
+    assert_eq!((output.state.mode, output.state.faults), (Mode::Idle, 0));
+}
+
+/// From the states alone: every tick of a console with amplifiers that get ready and fail, a supply that dips and clocks that
+/// part, is run again to the bit. No input bit tells of the clocks; the fault does.
+#[test]
+fn amplifier_supply_and_time_base_are_replayed_from_the_states() {
+    let mut console = Loop::on_credit(bench());
+    let mut again = console.control;
+    let mut faults_seen = 0;
+    for tick in 0..4000_u32 {
+        // Ready 40 ticks after each arming, lost at 900; a dip; clocks that part for 5 ticks, while it is being cleared too.
+        let since = tick % 1000;
+        console.input.amplifiers_unready = since < 80 || (900..910).contains(&tick);
+        console.input.supply_low = tick == 1500;
+        console.input.time_base_fault = (2500..2505).contains(&tick) || tick == 2510;
+        let command = match since {
+            39 | 520 => Some(Command::ClearFault),
+            40 | 530 => Some(Command::Arm),
+            990 => Some(Command::Disarm),
+            _ => None,
+        };
+        let clears = matches!(tick, 2503 | 2510);
+        for command in command
+            .into_iter()
+            .chain(clears.then_some(Command::ClearFault))
+        {
+            console.control.command(command);
+            again.command(command);
+        }
+        let state = console.tick().state;
+        faults_seen |= state.faults;
+        let header = Header {
+            console_time_us: console.input.now_us,
+            ..header_for::<State>()
+        };
+        let read = TickInput::of(&Valid::new(header, state).unwrap());
+        assert_eq!(again.tick(&read, None).state, state, "tick {tick}");
+    }
+    let all = faults::AMPLIFIER | faults::BOARD | faults::SUPPLY | faults::TIME_BASE;
+    assert_eq!(faults_seen, all, "or the script proves nothing");
 }

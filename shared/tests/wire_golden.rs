@@ -97,9 +97,11 @@ fn refusals_and_inputs_are_pinned() {
         inputs::OVERRUN,
         inputs::ORIENTATION,
         inputs::NO_ROTATION,
+        inputs::AMPLIFIER,
+        inputs::SUPPLY,
         inputs::WITHHELD,
     ];
-    assert_eq!(bits, [1, 2, 4, 8, 16, 128]);
+    assert_eq!(bits, [1, 2, 4, 8, 16, 32, 64, 128]);
 }
 
 #[test]
@@ -179,6 +181,9 @@ fn fault_bits_are_pinned() {
         (faults::BOARD, 16, "board"),
         (faults::OUT_OF_REACH, 32, "out_of_reach"),
         (faults::OVERSPEED, 64, "overspeed"),
+        (faults::TIME_BASE, 128, "time_base"),
+        (faults::AMPLIFIER, 256, "amplifier"),
+        (faults::SUPPLY, 512, "supply"),
     ];
     assert_eq!(faults::NAMES.len(), pinned.len());
     for (bit, number, name) in pinned {

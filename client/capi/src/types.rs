@@ -82,7 +82,7 @@ pub struct SuturaPose {
     /// SUTURA_BOOT to SUTURA_FAULT.
     pub mode: u32,
     /// Latched faults, bits: 1 emergency stop, 2 not finite, 4 encoder jump, 8 overrun, 16 board, 32 out of reach,
-    /// 64 overspeed.
+    /// 64 overspeed, 128 time base, 256 amplifier, 512 supply.
     pub faults: u32,
     /// Age of the contact in use [us]; 4294967295 before the first.
     pub contact_age_us: u32,

@@ -222,6 +222,7 @@ impl crate::control_side::Plant for Plant {
             emergency_stop: stop.pressed(),
             board_fault: !ready,
             overrun,
+            ..TickInput::default()
         }
     }
 

@@ -3,7 +3,8 @@
 //! Entry point: [`fault_words`].
 
 use sutura_shared::wire::faults::{
-    BOARD, E_STOP, ENCODER_JUMP, NOT_FINITE, OUT_OF_REACH, OVERRUN, OVERSPEED,
+    AMPLIFIER, BOARD, E_STOP, ENCODER_JUMP, NOT_FINITE, OUT_OF_REACH, OVERRUN, OVERSPEED, SUPPLY,
+    TIME_BASE,
 };
 
 /// What a fault is, in a sentence, and what to do: of one bit of the wire's.
@@ -26,8 +27,8 @@ pub fn fault_words(bit: u16) -> (&'static str, &'static str) {
             "give the console's computer less to do beside it, and clear the fault",
         ),
         BOARD => (
-            "the board reported a fault of its own: amplifier, supply or watchdog",
-            "check supply and amplifier, and clear the fault",
+            "the board reported a fault of its own",
+            "what it was stands beside it; else check supply and amplifier, and clear the fault",
         ),
         OUT_OF_REACH => (
             "the encoders put the grip where no console reaches",
@@ -36,6 +37,18 @@ pub fn fault_words(bit: u16) -> (&'static str, &'static str) {
         OVERSPEED => (
             "the grip was faster than the device allows under power",
             "hold the grip, and clear the fault",
+        ),
+        TIME_BASE => (
+            "two clocks of the board contradicted each other",
+            "reset the board; if it comes again, the board is broken: do not use it",
+        ),
+        AMPLIFIER => (
+            "an amplifier did not get ready within half a second, or stopped being so under power",
+            "check the motors' supply and the amplifier's own display, and clear the fault",
+        ),
+        SUPPLY => (
+            "the board's supply is, or was, too low",
+            "check the supply and its cable, and clear the fault",
         ),
         _ => (
             "the console reports a fault that this host does not know",

@@ -5,6 +5,7 @@
 //! the currents are finite and within the limits of the device, and without fresh contact data the
 //! contact force goes to 0.
 
+mod amplifiers;
 mod bend;
 mod contact;
 mod credit;
@@ -36,6 +37,7 @@ use crate::wire::message::{Command, Fixture, Mode, State};
 use crate::wire::validate::{MAX_POSITION, MAX_SPEED, UNIT_TOLERANCE};
 use crate::wire::{Message, Valid, ValidContact, ValidFixture, ValidNeedle, ValidThread};
 use crate::wire::{faults, inputs};
+use amplifiers::Amplifiers;
 use contact::{Freshness, LocalContact};
 use drive::Drive;
 use encoders::{Encoders, Joints};
@@ -119,6 +121,13 @@ pub struct TickInput {
     pub emergency_stop: bool,
     /// The board has found a fault of its own.
     pub board_fault: bool,
+    /// The amplifiers do not take currents: off, not ready yet, or not ready any more. Under power they have 520 ms to get
+    /// ready, in which nothing is rendered; then, and from then on, it is a fault.
+    pub amplifiers_unready: bool,
+    /// A supply is too low, or was since the tick before.
+    pub supply_low: bool,
+    /// The board's clocks contradict each other.
+    pub time_base_fault: bool,
     /// The computation of the tick before took longer than its period.
     pub overrun: bool,
 }
@@ -138,6 +147,11 @@ impl TickInput {
             },
             emergency_stop: has(inputs::EMERGENCY_STOP),
             board_fault: has(inputs::BOARD_FAULT),
+            amplifiers_unready: has(inputs::AMPLIFIER),
+            supply_low: has(inputs::SUPPLY),
+            // No input bit is left for it. The fault serves as well: it is latched from the tick that first saw it, and a tick
+            // that clears it while it is still there latches it again.
+            time_base_fault: body.faults & faults::TIME_BASE != 0,
             overrun: has(inputs::OVERRUN),
         }
     }
@@ -148,6 +162,8 @@ impl TickInput {
         let turned = self.orientation.as_ref();
         bit(self.emergency_stop, inputs::EMERGENCY_STOP)
             | bit(self.board_fault, inputs::BOARD_FAULT)
+            | bit(self.amplifiers_unready, inputs::AMPLIFIER)
+            | bit(self.supply_low, inputs::SUPPLY)
             | bit(self.overrun, inputs::OVERRUN)
             | bit(turned.is_some(), inputs::ORIENTATION)
             | bit(turned.is_some_and(|q| !is_unit(q)), inputs::NO_ROTATION)
@@ -180,6 +196,7 @@ pub struct Control {
     orders: Orders,
     faults: Faults,
     mode: Mode,
+    amplifiers: Amplifiers,
     drive: Drive,
     limits: Limits,
     passivity: Passivity,
@@ -220,6 +237,7 @@ impl Control {
             orders: Orders::default(),
             faults: Faults::default(),
             mode: Mode::Boot,
+            amplifiers: Amplifiers::Off,
             drive: Drive::new(&device),
             limits: Limits::new(&device, tuning.guards),
             passivity: Passivity::new(&device, tuning.guards),
@@ -371,9 +389,11 @@ impl Control {
             let (needle, thread) = (self.needle.as_ref(), self.thread.as_ref());
             self.render.take(fresh, needle, thread, &grip, input.now_us);
         }
-        let too_fast = self.limits.too_fast(&velocity, has_torque(self.mode));
+        let too_fast = self
+            .limits
+            .too_fast(&velocity, self.amplifiers.take_current());
         self.latch_faults(input, &joints, &pose, too_fast);
-        self.change_mode(started, input.now_us);
+        self.change_mode(started, input);
 
         let (force, left) = self.wanted_force(&grip, &velocity, input.now_us);
         let force = self.guard(&force, left, &pose, &velocity, &joints);
@@ -410,6 +430,8 @@ impl Control {
                 faults::E_STOP,
             ),
             (input.board_fault, faults::BOARD),
+            (input.supply_low, faults::SUPPLY | faults::BOARD),
+            (input.time_base_fault, faults::TIME_BASE),
             (
                 (joints.jumped && self.tuning.guards.encoder_jump) || !turned,
                 faults::ENCODER_JUMP,
@@ -423,8 +445,8 @@ impl Control {
     }
 
     /// Obeys the orders. Those that come during boot wait for its end.
-    fn change_mode(&mut self, started: bool, now_us: u64) {
-        let freshness = self.render.freshness(now_us);
+    fn change_mode(&mut self, started: bool, input: &TickInput) {
+        let freshness = self.render.freshness(input.now_us);
         let before = self.mode;
         let faults = self.faults.latched();
         self.mode = next_mode(before, self.orders, faults, started, freshness);
@@ -434,7 +456,16 @@ impl Control {
         if self.mode == Mode::Fault {
             self.forget();
         }
-        if has_torque(self.mode) && !has_torque(before) {
+        let rendered = self.amplifiers.take_current();
+        if self
+            .amplifiers
+            .judge(has_torque(self.mode), input.amplifiers_unready)
+        {
+            self.trip(faults::AMPLIFIER | faults::BOARD);
+        }
+        let arms = has_torque(self.mode) && !has_torque(before);
+        let begins = self.amplifiers.take_current() && !rendered;
+        if arms || begins {
             // As a replay knows it, which begins with a session, or where nothing was rendered.
             self.swing = Swing::NONE;
             self.render.lead_more(0.0);
@@ -454,7 +485,7 @@ impl Control {
     /// Force that is wanted of contact and fixture \[N\], and the part of the largest force that they may have together:
     /// what the contact's age leaves, and what the fixture, which has no age, pushes by itself.
     fn wanted_force(&mut self, grip: &Grip, velocity: &Vec3, now_us: u64) -> (Vec3, f32) {
-        if !has_torque(self.mode) {
+        if !self.amplifiers.take_current() {
             return (Vec3::zeros(), 0.0);
         }
         let at = grip.position_m + velocity * self.render.lead_s();
@@ -506,7 +537,7 @@ impl Control {
 
     /// Currents, and the contact force that they make. A number that is not finite ends in a fault.
     fn drive_motors(&mut self, pose: &Pose, force: &Vec3) -> ([f32; JOINTS], Vec3) {
-        if has_torque(self.mode) {
+        if self.amplifiers.take_current() {
             let contact = pose.effort(force);
             let command = self.drive.command(&pose.weight_effort, &contact);
             match command.filter(|_| is_finite(force)) {
@@ -529,6 +560,7 @@ impl Control {
     fn trip(&mut self, fault: u16) {
         self.faults.add(fault);
         self.mode = Mode::Fault;
+        self.amplifiers = Amplifiers::Off;
         self.forget();
     }
 
@@ -584,7 +616,14 @@ impl Control {
         for counts in input.encoder_counts {
             trace.word(counts as u32);
         }
-        let flags = [input.emergency_stop, input.board_fault, input.overrun];
+        // Where a board has no such lines the word is what it was before there were any.
+        let flags = [
+            input.supply_low,
+            input.amplifiers_unready,
+            input.emergency_stop,
+            input.board_fault,
+            input.overrun,
+        ];
         trace.word(
             flags
                 .iter()

@@ -10,16 +10,22 @@ pub const NOT_FINITE: u16 = 1 << 1;
 pub const ENCODER_JUMP: u16 = 1 << 2;
 /// Three ticks in a row took longer than their period.
 pub const OVERRUN: u16 = 1 << 3;
-/// The board reported a fault of its own: amplifier, supply, watchdog.
+/// The board reported a fault of its own; what it was is said by another bit, if by any.
 pub const BOARD: u16 = 1 << 4;
 /// The encoders put a joint or the grip where no console reaches: more than 10 m or rad.
 pub const OUT_OF_REACH: u16 = 1 << 5;
 
 /// The grip was faster than the device allows under power, for five ticks.
 pub const OVERSPEED: u16 = 1 << 6;
+/// The board's clocks contradict each other: one stands, or races.
+pub const TIME_BASE: u16 = 1 << 7;
+/// The amplifiers did not get ready, or stopped being so under power. [`BOARD`] is set beside it.
+pub const AMPLIFIER: u16 = 1 << 8;
+/// A supply is, or was, too low. [`BOARD`] is set beside it.
+pub const SUPPLY: u16 = 1 << 9;
 
 /// Every fault that this version knows, with the name that users see.
-pub const NAMES: [(u16, &str); 7] = [
+pub const NAMES: [(u16, &str); 10] = [
     (E_STOP, "e_stop"),
     (NOT_FINITE, "not_finite"),
     (ENCODER_JUMP, "encoder_jump"),
@@ -27,6 +33,9 @@ pub const NAMES: [(u16, &str); 7] = [
     (BOARD, "board"),
     (OUT_OF_REACH, "out_of_reach"),
     (OVERSPEED, "overspeed"),
+    (TIME_BASE, "time_base"),
+    (AMPLIFIER, "amplifier"),
+    (SUPPLY, "supply"),
 ];
 
 /// Names of the faults that are set in `bits`, in the order of the bits.

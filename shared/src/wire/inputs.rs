@@ -13,6 +13,10 @@ pub const OVERRUN: u8 = 1 << 2;
 pub const ORIENTATION: u8 = 1 << 3;
 /// What it sensed was no rotation; the state has the identity in its place.
 pub const NO_ROTATION: u8 = 1 << 4;
+/// The amplifiers do not take currents: off, not ready yet, or not ready any more.
+pub const AMPLIFIER: u8 = 1 << 5;
+/// A supply was too low, or had been since the tick before.
+pub const SUPPLY: u8 = 1 << 6;
 /// Force is withheld: the tank, or a return after an outage, lets through so much less than the contact asks for that a finger
 /// notices it (10 % and 30 mN). A notice, not an input: a tick that is run again finds it anew.
 pub const WITHHELD: u8 = 1 << 7;
