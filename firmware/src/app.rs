@@ -122,7 +122,8 @@ mod sutura {
             }
         }
         WATCH.tick(Task::Telemetry);
-        // What an interrupt did not bring, and what did not fit before.
+        // The orders have been taken: what an interrupt did not bring, and what did not fit before.
+        board::let_link_run();
         rtic::pend(board::LINK);
     }
 
@@ -152,11 +153,15 @@ mod sutura {
         mut host: impl Mutex<T = HostSide<'static, Port>>,
     ) {
         let now_us = last_tick.lock(|tick| clock_us(*tick));
-        host.lock(|host| {
+        let has_all = host.lock(|host| {
             host.receive(now_us, |back| {
                 contacts.lock(|contacts| contacts.publish(back))
-            });
+            })
         });
+        if !has_all {
+            // Its interrupt would come again at once, and again, while what is left waits for a tick.
+            cortex_m::peripheral::NVIC::mask(board::LINK);
+        }
         WATCH.tick(Task::Link);
     }
 

@@ -428,7 +428,7 @@ mod tests {
             let down = script(&mut host, tick, last);
 
             host_side.port().down.extend_from_slice(&down);
-            host_side.receive(now_us, |back| contacts.publish(back));
+            assert!(host_side.receive(now_us, |back| contacts.publish(back)));
             control_side.take(&mut contacts);
             now_us = control_side.tick();
             control_side.give(&mut samples);

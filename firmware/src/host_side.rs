@@ -12,6 +12,9 @@ use sutura_shared::wire::message::Report;
 
 /// A byte stream that never waits.
 pub trait Bytes {
+    /// Most bytes that are taken in one tick; the rest waits in the port. What comes faster than the board can chew must not
+    /// starve telemetry and the watchdogs.
+    const PER_TICK: usize = usize::MAX;
     /// Takes what has arrived, up to the length of `bytes`; 0 = nothing more now.
     fn read(&mut self, bytes: &mut [u8]) -> usize;
     /// Sends what fits; 0 = nothing more fits now.
@@ -40,6 +43,8 @@ pub struct HostSide<'a, P> {
     orders: Producer<'a, Order>,
     back: &'a mut Slot,
     outbox: Outbox<{ 8 * MAX_REAL_TIME_FRAME }>,
+    /// Bytes that may still be taken in this tick.
+    budget: usize,
 }
 
 impl<'a, P: Bytes> HostSide<'a, P> {
@@ -57,12 +62,20 @@ impl<'a, P: Bytes> HostSide<'a, P> {
             orders,
             back,
             outbox: Outbox::new(),
+            budget: P::PER_TICK,
         }
     }
 
     /// Takes all bytes that have arrived by now on the console's clock. `publish` swaps a buffer into the exchange of contacts, under its
     /// lock, and says whether an unread one came back.
-    pub fn receive(&mut self, now_us: u64, mut publish: impl FnMut(&mut &'a mut Slot) -> bool) {
+    ///
+    /// False if bytes may have been left in the port, because orders wait for the control task or the tick's bytes have been
+    /// taken: until the next tick has been sent there is no use in calling again.
+    pub fn receive(
+        &mut self,
+        now_us: u64,
+        mut publish: impl FnMut(&mut &'a mut Slot) -> bool,
+    ) -> bool {
         let mut bytes = [0; CHUNK];
         if self.has_room()
             && let Some(delivery) = self.endpoint.expire(now_us)
@@ -70,11 +83,15 @@ impl<'a, P: Bytes> HostSide<'a, P> {
             self.apply(delivery, &mut publish);
         }
         // While the control task has not taken its orders, the port keeps the rest.
-        while self.has_room() {
-            let count = self.port.read(&mut bytes);
+        let mut has_all = false;
+        while self.has_room() && self.budget > 0 {
+            let most = self.budget.min(CHUNK);
+            let count = bytes.get_mut(..most).map_or(0, |b| self.port.read(b));
             if count == 0 {
+                has_all = true;
                 break;
             }
+            self.budget = self.budget.saturating_sub(count);
             for &byte in bytes.iter().take(count) {
                 if let Some(delivery) = self.endpoint.receive(byte, now_us) {
                     self.apply(delivery, &mut publish);
@@ -84,6 +101,7 @@ impl<'a, P: Bytes> HostSide<'a, P> {
         // A `State` is longer than what a USB port takes at once: the rest follows when a packet has left.
         let port = &mut self.port;
         self.outbox.flush(|bytes| port.write(bytes));
+        has_all
     }
 
     /// For all orders that a chunk may bring.
@@ -120,6 +138,7 @@ impl<'a, P: Bytes> HostSide<'a, P> {
     /// Sends what is due after a tick: the answer to a `Hello`, then `State`, `Pong`, `Report`. `clock_us` is the
     /// console's clock now.
     pub fn send(&mut self, sample: &Sample, clock_us: u64) {
+        self.budget = P::PER_TICK;
         let outbox = &mut self.outbox;
         self.endpoint
             .send(sample, clock_us, |frame| outbox.push(frame));
@@ -157,6 +176,8 @@ mod tests {
     }
 
     impl Bytes for Line {
+        const PER_TICK: usize = 2000;
+
         fn read(&mut self, bytes: &mut [u8]) -> usize {
             let count = self.down.len().min(bytes.len()).min(self.grain);
             for (place, byte) in bytes.iter_mut().zip(self.down.drain(..count)) {
@@ -383,6 +404,45 @@ mod tests {
                 other => panic!("unexpected {other:?}"),
             });
             assert!(received.eq((1..=40).map(|ticks| Command::StateEvery { ticks })));
+        });
+    }
+
+    /// The link task is not called again and again for what it cannot take: it says so, once.
+    #[test]
+    fn it_says_when_orders_must_be_taken_before_it_can_go_on() {
+        with_session(64, |bench| {
+            let mut frames = Vec::new();
+            for ticks in 1..=20 {
+                frames.extend(bench.frame(&Command::StateEvery { ticks }));
+            }
+            bench.side.port.down.extend_from_slice(&frames);
+            let publish = |_: &mut &mut Slot| false;
+            assert!(!bench.side.receive(1000, publish), "the queue is full");
+            let left = bench.side.port.down.len();
+            assert!(!bench.side.receive(1000, publish));
+            assert_eq!(bench.side.port.down.len(), left, "nothing was taken");
+            while bench.orders.dequeue().is_some() {}
+            assert!(bench.side.receive(1000, publish), "all has been taken");
+            assert!(bench.side.receive(1000, publish), "nothing was there");
+        });
+    }
+
+    /// Noise as fast as a line can bring it: so many bytes a tick and no more, and nothing is lost.
+    #[test]
+    fn a_tick_has_a_budget_of_bytes() {
+        with_session(64, |bench| {
+            let publish = |_: &mut &mut Slot| false;
+            bench.side.send(&sample(2), 2000);
+            bench.side.port.down = std::vec![0xA5; 5000];
+            for (left, has_all) in [(3000, false), (3000, false)] {
+                assert_eq!(bench.side.receive(2000, publish), has_all);
+                assert_eq!(bench.side.port.down.len(), left);
+            }
+            for (tick, left, has_all) in [(3, 1000, false), (4, 0, true)] {
+                bench.side.send(&sample(tick), 1000 * u64::from(tick));
+                assert_eq!(bench.side.receive(2000, publish), has_all);
+                assert_eq!(bench.side.port.down.len(), left);
+            }
         });
     }
 

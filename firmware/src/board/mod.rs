@@ -79,6 +79,12 @@ pub enum Event {
     },
 }
 
+/// Lets the link task run again, which masks its interrupt when it can go on only after a tick.
+pub fn let_link_run() {
+    // SAFETY: no critical section is made of this mask; where the task takes a lock, the lock is one of priorities.
+    unsafe { cortex_m::peripheral::NVIC::unmask(LINK) };
+}
+
 /// Sets the floating-point unit up as the shared code expects it: round to nearest, subnormals kept, NaNs
 /// propagated, here and in the context that every interrupt starts with.
 pub fn float_environment(fpu: &mut cortex_m::peripheral::FPU) {
