@@ -2,7 +2,7 @@
 //!
 //! | task | priority | what |
 //! |---|---|---|
-//! | `emergency_stop`, `watchdog` | 15 | torque off |
+//! | `emergency_stop`, `watchdog`, `supply` | 15 | torque off |
 //! | `control` | 12 | one tick of `sutura_shared::control`; takes contacts and gives samples by swapping references |
 //! | `pulse` | 13 | virtual board: SysTick stands in for TIM7 |
 //! | link (`usb`, `uart`) | 4 | bytes to validated contacts and orders |
@@ -31,8 +31,8 @@ mod sutura {
     struct Shared {
         contacts: Exchange<'static, Slot>,
         samples: Exchange<'static, Sample>,
-        /// Console time of the last tick \[us\], and the board's cycles then.
-        last_tick: (u64, u32),
+        /// Console time of the last tick \[us\].
+        last_tick: u64,
         host: HostSide<'static, Port>,
     }
 
@@ -68,7 +68,7 @@ mod sutura {
             Shared {
                 contacts: Exchange::new(middle),
                 samples: Exchange::new(between),
-                last_tick: (0, board::cycles()),
+                last_tick: 0,
                 host: HostSide::new(link, port, orders_in, back, boot.report()),
             },
             Local {
@@ -91,7 +91,7 @@ mod sutura {
         let control = cx.local.control;
         cx.shared.contacts.lock(|contacts| control.take(contacts));
         let tick_us = control.tick();
-        cx.shared.last_tick.lock(|tick| *tick = (tick_us, start));
+        cx.shared.last_tick.lock(|tick| *tick = tick_us);
         control.finish(board::cycles_between(start, board::cycles()));
         cx.shared.samples.lock(|samples| control.give(samples));
         WATCH.tick(Task::Control);
@@ -121,6 +121,9 @@ mod sutura {
                 });
             }
         }
+        if let Some(event) = board::noticed() {
+            board::log(event);
+        }
         WATCH.tick(Task::Telemetry);
         // The orders have been taken: what an interrupt did not bring, and what did not fit before.
         board::let_link_run();
@@ -141,15 +144,14 @@ mod sutura {
         receive(cx.shared.contacts, cx.shared.last_tick, cx.shared.host);
     }
 
-    /// The console's clock \[us\], from the last tick and the cycles since.
-    fn clock_us((tick_us, cycles): (u64, u32)) -> u64 {
-        let since = board::cycles_between(cycles, board::cycles());
-        tick_us + u64::from(since / board::CYCLES_PER_US)
+    /// The console's clock \[us\], from the last tick; under the lock that keeps the next one from running.
+    fn clock_us(tick_us: u64) -> u64 {
+        tick_us + u64::from(board::since_tick_us())
     }
 
     fn receive(
         mut contacts: impl Mutex<T = Exchange<'static, Slot>>,
-        mut last_tick: impl Mutex<T = (u64, u32)>,
+        mut last_tick: impl Mutex<T = u64>,
         mut host: impl Mutex<T = HostSide<'static, Port>>,
     ) {
         let now_us = last_tick.lock(|tick| clock_us(*tick));
@@ -184,5 +186,12 @@ mod sutura {
     #[task(binds = WWDG, priority = 15)]
     fn watchdog(_: watchdog::Context) {
         board::watchdog(&WATCH)
+    }
+
+    /// The chip's supply is low.
+    #[cfg(feature = "olimex-h405")]
+    #[task(binds = PVD, priority = 15)]
+    fn supply(_: supply::Context) {
+        board::supply_low();
     }
 }

@@ -1,19 +1,19 @@
 //! The order of register writes that takes the torque off the motors.
 //!
 //! Entry point: [`safe_state`], called first on every fault path. It only writes, so that it works from any
-//! context and may run twice; each write alone already moves towards no torque.
+//! context and may run twice; each write alone already moves towards no torque. Orderly stops, and starts, are the driver's:
+//! [`crate::drivers::amplifier`].
 
 /// Motors driven by TIM8.
 pub const MOTORS: usize = 3;
 
-/// A register of an STM32F4 that decides about torque.
+/// A register of an STM32F4's TIM8 that decides about torque.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Register {
-    /// Bit set/reset register of the port with the amplifiers' enable pin.
-    EnableSetReset,
-    /// TIM8 break and dead-time register.
-    BreakDeadTime,
-    /// TIM8 capture/compare register of a motor, from 0.
+    /// Second capture/compare mode register: the output of channel 4, which is the amplifiers' enable line, and the mode of
+    /// channel 3.
+    EnableMode,
+    /// Capture/compare register of a motor, from 0.
     Compare(usize),
 }
 
@@ -23,45 +23,21 @@ pub trait TorqueRegisters {
     fn write(&mut self, register: Register, value: u32);
 }
 
-/// What is written where; fixed when the board is laid out.
-#[derive(Clone, Copy, Debug)]
-pub struct TorqueLayout {
-    /// Number of the enable pin in its port; high = amplifiers on.
-    pub enable_pin: u8,
-    /// TIM8 break and dead-time register while running, without the main output enable.
-    pub break_dead_time: u32,
-    /// Compare value for no current.
-    pub zero_compare: u32,
-}
+/// Second capture/compare mode register with channel 3 in PWM mode 1, preloaded, and channel 4 forced to its inactive level,
+/// which is low: amplifiers off (RM0090, 17.4.8: OC3PE, OC3M = 110, OC4M = 100).
+pub const ENABLE_OFF: u32 = 1 << 3 | 0b110 << 4 | 0b100 << 12;
+/// The same with channel 4 forced to its active level, which is high while the timer's outputs are on: amplifiers on (OC4M = 101).
+pub const ENABLE_ON: u32 = 1 << 3 | 0b110 << 4 | 0b101 << 12;
 
-/// Main output enable bit of the break and dead-time register.
-pub const MAIN_OUTPUT_ENABLE: u32 = 1 << 15;
-
-/// Takes the torque off: amplifiers disabled, then the timer's outputs, then zero current on every motor.
+/// Takes the torque off: amplifiers disabled, then no current on every motor. `no_current`: that compare value.
 ///
-/// The enable pin comes first, because it alone means no torque: to an amplifier that takes 10 to 90 % duty
-/// a pulse train that stops is a command out of range, and 0 % may be full current backwards.
-pub fn safe_state(registers: &mut impl TorqueRegisters, layout: &TorqueLayout) {
-    registers.write(Register::EnableSetReset, 1 << (16 + layout.enable_pin));
-    registers.write(
-        Register::BreakDeadTime,
-        layout.break_dead_time & !MAIN_OUTPUT_ENABLE,
-    );
+/// Enable comes first, because it alone means no torque. The pulses go on: an amplifier's enable input may take 8 ms to act,
+/// and a pulse train that ends meanwhile is a set point of 0 % duty.
+pub fn safe_state(registers: &mut impl TorqueRegisters, no_current: u32) {
+    registers.write(Register::EnableMode, ENABLE_OFF);
     for motor in 0..MOTORS {
-        registers.write(Register::Compare(motor), layout.zero_compare);
+        registers.write(Register::Compare(motor), no_current);
     }
-}
-
-/// Puts torque on: the exact reverse order, so that an amplifier wakes up to a pulse train for zero current.
-pub fn torque_on(registers: &mut impl TorqueRegisters, layout: &TorqueLayout) {
-    for motor in 0..MOTORS {
-        registers.write(Register::Compare(motor), layout.zero_compare);
-    }
-    registers.write(
-        Register::BreakDeadTime,
-        layout.break_dead_time | MAIN_OUTPUT_ENABLE,
-    );
-    registers.write(Register::EnableSetReset, 1 << layout.enable_pin);
 }
 
 #[cfg(test)]
@@ -69,93 +45,97 @@ mod tests {
     use super::*;
     use std::vec::Vec;
 
-    const LAYOUT: TorqueLayout = TorqueLayout {
-        enable_pin: 12,
-        break_dead_time: 0x1C00,
-        zero_compare: 4200,
-    };
+    const NONE: u32 = 21_000;
 
-    /// Registers that behave like the timer and port as far as torque goes, and remember every write.
+    /// Registers that behave like the timer as far as torque goes, and remember every write.
     #[derive(Default)]
     struct Mock {
         writes: Vec<(Register, u32)>,
         enable: bool,
-        main_output: bool,
         compare: [u32; MOTORS],
-        /// A motor had current commanded, or the pulses were off, while the amplifiers were enabled.
-        enabled_without_zero: bool,
+        /// A motor had current commanded while the amplifiers were enabled, after the first write.
+        torque: bool,
     }
 
     impl TorqueRegisters for Mock {
         fn write(&mut self, register: Register, value: u32) {
             self.writes.push((register, value));
             match register {
-                Register::EnableSetReset => {
-                    // Reference manual RM0090, 8.4.7: set wins over reset.
-                    let pin = u32::from(LAYOUT.enable_pin);
-                    if value >> pin & 1 == 1 {
-                        self.enable = true;
-                    } else if value >> (16 + pin) & 1 == 1 {
-                        self.enable = false;
-                    }
+                Register::EnableMode => {
+                    // RM0090, 17.4.8: channel 3 keeps PWM mode 1, or motor 3 would leave its pulses.
+                    assert_eq!(value >> 4 & 0b111, 0b110);
+                    self.enable = match value >> 12 & 0b111 {
+                        0b100 => false,
+                        0b101 => true,
+                        other => panic!("channel 4 in mode {other:#b}"),
+                    };
                 }
-                Register::BreakDeadTime => self.main_output = value & MAIN_OUTPUT_ENABLE != 0,
                 Register::Compare(motor) => self.compare[motor] = value,
             }
-            let zero = self.main_output && self.compare == [LAYOUT.zero_compare; MOTORS];
-            self.enabled_without_zero |= self.enable && !zero;
+            self.torque |= self.enable && self.compare != [NONE; MOTORS];
         }
     }
 
     #[test]
-    fn the_enable_pin_goes_first_then_the_outputs_then_the_commands() {
+    fn enable_goes_first_then_the_commands() {
         let mut mock = Mock::default();
-        safe_state(&mut mock, &LAYOUT);
+        safe_state(&mut mock, NONE);
         assert_eq!(
             mock.writes,
             [
-                (Register::EnableSetReset, 1 << 28),
-                (Register::BreakDeadTime, 0x1C00),
-                (Register::Compare(0), 4200),
-                (Register::Compare(1), 4200),
-                (Register::Compare(2), 4200),
+                (Register::EnableMode, 0x4068),
+                (Register::Compare(0), NONE),
+                (Register::Compare(1), NONE),
+                (Register::Compare(2), NONE),
             ]
         );
     }
 
     #[test]
     fn torque_is_off_after_the_first_write_from_any_state() {
-        for main_output in [false, true] {
-            for compare in [0, 840, 4200, 7560, 8400] {
-                let mut mock = Mock {
-                    enable: true,
-                    main_output,
-                    compare: [compare; MOTORS],
-                    ..Mock::default()
-                };
-                safe_state(&mut mock, &LAYOUT);
-                assert!(!mock.enabled_without_zero, "torque between the writes");
-                assert!(!mock.enable && !mock.main_output);
-                assert_eq!(mock.compare, [4200; MOTORS]);
+        for compare in [0, 4_200, NONE, 37_800, 42_000] {
+            let mut mock = Mock {
+                enable: true,
+                compare: [compare; MOTORS],
+                ..Mock::default()
+            };
+            safe_state(&mut mock, NONE);
+            assert!(!mock.torque, "torque between the writes");
+            assert!(!mock.enable);
+            assert_eq!(mock.compare, [NONE; MOTORS]);
+        }
+    }
+
+    /// Each of the two ways suffices when the other one does nothing.
+    #[test]
+    fn no_current_is_commanded_even_if_enable_stays_up() {
+        struct Stuck(Mock);
+        impl TorqueRegisters for Stuck {
+            fn write(&mut self, register: Register, value: u32) {
+                if register != Register::EnableMode {
+                    self.0.write(register, value);
+                }
             }
         }
+        let mut stuck = Stuck(Mock {
+            enable: true,
+            compare: [37_800; MOTORS],
+            ..Mock::default()
+        });
+        safe_state(&mut stuck, NONE);
+        assert_eq!(stuck.0.compare, [NONE; MOTORS]);
     }
 
     #[test]
     fn safe_state_may_run_twice_and_before_anything_was_set_up() {
         let mut mock = Mock::default();
-        safe_state(&mut mock, &LAYOUT);
-        safe_state(&mut mock, &LAYOUT);
-        assert!(!mock.enable && !mock.main_output && !mock.enabled_without_zero);
+        safe_state(&mut mock, NONE);
+        safe_state(&mut mock, NONE);
+        assert!(!mock.enable && !mock.torque);
     }
 
     #[test]
-    fn amplifiers_wake_up_to_zero_current() {
-        let mut mock = Mock {
-            compare: [840, 4200, 7560],
-            ..Mock::default()
-        };
-        torque_on(&mut mock, &LAYOUT);
-        assert!(mock.enable && mock.main_output && !mock.enabled_without_zero);
+    fn on_and_off_differ_in_channel_4_alone() {
+        assert_eq!(ENABLE_ON ^ ENABLE_OFF, 1 << 12);
     }
 }

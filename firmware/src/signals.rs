@@ -1,26 +1,58 @@
-//! Numbers to and from the motor timer, the encoder timers and the cycle counter.
+//! Numbers to and from the motor timer, the encoder timers and the tick timer.
 //!
-//! Entry points: [`duty`], [`StopLine`], [`Counter16`], [`Clock`].
+//! Entry points: [`SetPoint`], [`StopLine`], [`Counter16`], [`TickClock`].
 
-/// Compare value for a motor current, for an amplifier that takes 10 % duty as full current backwards,
-/// 50 % as none and 90 % as full current forwards.
-///
-/// `full_scale_a` is the amplifier's current at 90 % \[A\], `period` the timer's counts per pulse. A current
-/// beyond the scale is clamped; NaN means none.
-pub fn duty(current_a: f32, full_scale_a: f32, period: u32) -> u32 {
-    let share = current_a / full_scale_a;
-    // Spelled out: what `clamp` does to a NaN is not what a motor wants.
-    let share = if share >= 1.0 {
-        1.0
-    } else if share <= -1.0 {
-        -1.0
-    } else if share.is_nan() {
-        0.0
-    } else {
-        share
-    };
-    // Rounded: cut off, 10 % could become a hair less, which the amplifier takes for a fault.
-    ((0.5 + 0.4 * share) * period as f32 + 0.5) as u32
+/// How an amplifier reads a set point from the width of its pulses.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SetPoint {
+    /// Pulses a second \[Hz\].
+    pub frequency_hz: u32,
+    /// Part of the period that means full current backwards.
+    pub backwards: f32,
+    /// Part of the period that means full current forwards; below [`Self::backwards`] for the other polarity.
+    pub forwards: f32,
+    /// That full current \[A\], as it is set in the amplifier.
+    pub full_scale_a: f32,
+}
+
+impl SetPoint {
+    /// maxon ESCON, set point by pulses, full scale at 10 and 90 % duty.
+    ///
+    /// The amplifier takes 10 Hz to 5 kHz, with an error of 0.5 % at 1 kHz and 2.5 % at 5 kHz (hardware reference, "PWM set
+    /// value"). 4 kHz: inside that, about 2 % (of full scale, on a straight line between the two), and a set point is 0.25 to
+    /// 0.5 ms old when it acts: up to a pulse until the timer takes it, and a pulse until the amplifier has measured it.
+    pub const fn escon(full_scale_a: f32) -> SetPoint {
+        SetPoint {
+            frequency_hz: 4000,
+            backwards: 0.1,
+            forwards: 0.9,
+            full_scale_a,
+        }
+    }
+
+    /// Counts of no current, of `period` counts.
+    pub const fn none(&self, period: u16) -> u16 {
+        (0.5 * (self.backwards + self.forwards) * period as f32 + 0.5) as u16
+    }
+
+    /// Counts of a pulse for a motor current \[A\], of `period` counts. A current beyond the scale is clamped; NaN means none.
+    pub fn duty(&self, current_a: f32, period: u16) -> u16 {
+        let share = current_a / self.full_scale_a;
+        // Spelled out: what `clamp` does to a NaN is not what a motor wants.
+        let share = if share >= 1.0 {
+            1.0
+        } else if share <= -1.0 {
+            -1.0
+        } else if share.is_nan() {
+            0.0
+        } else {
+            share
+        };
+        let middle = 0.5 * (self.forwards + self.backwards);
+        let half = 0.5 * (self.forwards - self.backwards);
+        // Rounded: cut off, 10 % could become a hair less, which the amplifier takes for a fault.
+        ((middle + half * share) * f32::from(period) + 0.5) as u16
+    }
 }
 
 /// The emergency stop as a tick finds it. The timer takes its outputs off by itself when the line opens,
@@ -63,38 +95,91 @@ impl Counter16 {
     }
 }
 
-/// Microseconds since boot from a 32-bit counter of `PER_US` cycles a microsecond.
+/// Console time from the ticks of a timer, checked by a counter of the core's clock that counts down, `PER_US` a microsecond.
 ///
-/// Right as long as it is read before the counter has gone round (25.5 s at 168 MHz).
+/// A tick is a period of the tick timer, so that whatever happens to the counter, contacts age and sessions expire as long as
+/// ticks run; that ticks run is for the watchdogs to see. The counter tells how many periods went by unseen while a tick was
+/// late, and whether the two clocks contradict each other.
 #[derive(Clone, Copy, Debug)]
-pub struct Clock<const PER_US: u32> {
-    last: u32,
-    cycles: u32,
+pub struct TickClock<const PER_US: u32> {
     us: u64,
+    /// The counter at the tick before.
+    last: u32,
+    /// Ticks in a row whose length nobody can believe.
+    odd: u8,
+    /// Ticks, and their length by the counter \[us\], since the two were last compared.
+    compared: (u8, u32),
 }
 
-impl<const PER_US: u32> Clock<PER_US> {
-    /// A clock that starts at 0 us when the counter stands at `start`.
-    pub const fn new(start: u32) -> Self {
+/// What a [`TickClock`] says of a tick.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Beat {
+    /// Console time \[us\].
+    pub now_us: u64,
+    /// Three ticks in a row took less than half of their period or more than ten by the counter: one of the clocks stands or
+    /// races.
+    pub contradicts: bool,
+    /// Every hundred ticks, if the clocks were more than 5 % apart in them: time by the counter over time by the ticks \[%\].
+    pub apart_percent: Option<u32>,
+}
+
+/// Period of the tick timer \[us\].
+const PERIOD_US: u32 = 1000;
+/// Lengths of a tick that can be believed \[us\]: half a period to ten.
+const BELIEVED_US: core::ops::RangeInclusive<u32> = PERIOD_US / 2..=10 * PERIOD_US;
+/// So many ticks in a row that cannot be believed are a fault.
+const MAX_ODD: u8 = 3;
+/// Ticks after which the clocks are compared.
+const COMPARE_TICKS: u8 = 100;
+
+impl<const PER_US: u32> TickClock<PER_US> {
+    /// Bits of the counter: those of SysTick.
+    const MASK: u32 = 0x00FF_FFFF;
+
+    /// A clock that starts at 0 us, one period before the first tick, with the counter at `counter`.
+    pub const fn new(counter: u32) -> Self {
         const { assert!(PER_US > 0) };
         Self {
-            last: start,
-            cycles: 0,
             us: 0,
+            last: counter,
+            odd: 0,
+            compared: (0, 0),
         }
     }
 
-    /// Takes the counter's present value and returns the time \[us\].
-    pub fn now_us(&mut self, counter: u32) -> u64 {
-        let passed = counter.wrapping_sub(self.last);
+    /// A tick begins with the counter at `counter`. Right as long as that has not gone round since the tick before (0.8 s at
+    /// 21 MHz).
+    pub fn tick(&mut self, counter: u32) -> Beat {
+        let counts = self.last.wrapping_sub(counter) & Self::MASK;
         self.last = counter;
-        self.us += u64::from(passed / PER_US);
-        self.cycles += passed % PER_US;
-        if self.cycles >= PER_US {
-            self.cycles -= PER_US;
-            self.us += 1;
+        let passed_us = counts / PER_US;
+
+        let believed = BELIEVED_US.contains(&passed_us);
+        self.odd = if believed {
+            0
+        } else {
+            self.odd.saturating_add(1)
+        };
+        // Periods that went by unseen while an interrupt was late. What cannot be believed is one.
+        let periods = if believed {
+            ((passed_us + PERIOD_US / 2) / PERIOD_US).max(1)
+        } else {
+            1
+        };
+        self.us += u64::from(periods * PERIOD_US);
+
+        let (ticks, sum_us) = self.compared;
+        let due_us = u32::from(COMPARE_TICKS) * PERIOD_US;
+        // As much as may be compared without doubt that it is wrong; and the sum cannot overflow.
+        let (ticks, sum_us) = (ticks + 1, sum_us + passed_us.min(due_us));
+        let is_due = ticks >= COMPARE_TICKS;
+        self.compared = if is_due { (0, 0) } else { (ticks, sum_us) };
+        let percent = (sum_us + due_us / 200) / (due_us / 100);
+        Beat {
+            now_us: self.us,
+            contradicts: self.odd >= MAX_ODD,
+            apart_percent: (is_due && sum_us.abs_diff(due_us) > due_us / 20).then_some(percent),
         }
-        self.us
     }
 }
 
@@ -103,18 +188,44 @@ mod tests {
     use super::*;
     use std::vec::Vec;
 
+    const SET_POINT: SetPoint = SetPoint::escon(5.0);
+
     #[test]
     fn duty_spans_10_to_90_percent_and_nothing_leaves_it() {
-        assert_eq!(duty(0.0, 5.0, 8400), 4200);
-        assert_eq!(duty(-0.0, 5.0, 8400), 4200);
-        assert_eq!(duty(5.0, 5.0, 8400), 7560);
-        assert_eq!(duty(-5.0, 5.0, 8400), 840);
-        assert_eq!(duty(2.5, 5.0, 8400), 5880);
-        assert_eq!(duty(f32::NAN, 5.0, 8400), 4200);
+        let duty = |current_a| SET_POINT.duty(current_a, 42_000);
+        assert_eq!(SET_POINT.none(42_000), 21_000);
+        assert_eq!(duty(0.0), 21_000);
+        assert_eq!(duty(-0.0), 21_000);
+        assert_eq!(duty(5.0), 37_800);
+        assert_eq!(duty(-5.0), 4_200);
+        assert_eq!(duty(2.5), 29_400);
+        assert_eq!(duty(f32::NAN), 21_000);
         for bits in (0..=u32::MAX).step_by(65_521) {
-            let value = duty(f32::from_bits(bits), 5.0, 8400);
-            assert!((840..=7560).contains(&value), "{bits:#x} gives {value}");
+            let value = duty(f32::from_bits(bits));
+            assert!((4_200..=37_800).contains(&value), "{bits:#x} gives {value}");
         }
+    }
+
+    #[test]
+    fn the_other_polarity_is_the_mirror_image() {
+        let turned = SetPoint {
+            backwards: 0.9,
+            forwards: 0.1,
+            ..SET_POINT
+        };
+        for current_a in [-7.0, -5.0, -1.0, 0.0, 0.3, 5.0, 9.0, f32::NAN] {
+            let (duty, other) = (
+                SET_POINT.duty(-current_a, 42_000),
+                turned.duty(current_a, 42_000),
+            );
+            assert_eq!(duty, other, "{current_a}");
+        }
+    }
+
+    /// What the manufacturer says that the amplifier takes: 10 Hz to 5 kHz.
+    #[test]
+    fn pulses_come_as_fast_as_the_amplifier_takes_them() {
+        assert!((10..=5000).contains(&SET_POINT.frequency_hz));
     }
 
     /// The line, tick by tick, with the flag as the timer keeps it: it follows an opening at any time.
@@ -156,24 +267,74 @@ mod tests {
         }
     }
 
+    /// A clock with a counter of 21 counts a microsecond, and what it says when the ticks are as long as that \[us\].
+    fn beats(lengths_us: impl IntoIterator<Item = u32>) -> Vec<Beat> {
+        let mut counter = 7_u32;
+        let mut clock = TickClock::<21>::new(counter);
+        let beat = |length_us: u32| {
+            counter = counter.wrapping_sub(21 * length_us) & 0x00FF_FFFF;
+            clock.tick(counter)
+        };
+        lengths_us.into_iter().map(beat).collect()
+    }
+
     #[test]
-    fn the_clock_loses_nothing_over_many_wraps() {
-        let mut clock = Clock::<168>::new(0xFFFF_FF00);
-        let mut counter = 0xFFFF_FF00_u32;
-        let mut cycles = 0_u64;
-        for step in [
-            168,
-            167,
-            1,
-            3_000_000_000,
-            4_000_000_000,
-            4_294_967_295,
-            11,
-            168_000,
+    fn console_time_is_the_count_of_ticks() {
+        // An hour, through many turns of the counter, with the jitter of interrupts.
+        let jitter = |tick: u32| {
+            1000 + [0, 40, 10, 0, 90, 3][tick as usize % 6] - if tick % 6 == 5 { 143 } else { 0 }
+        };
+        let beats = beats((0..3_600_000).map(jitter));
+        for (beat, tick) in beats.iter().zip(1..) {
+            assert_eq!(beat.now_us, 1000 * tick);
+            assert!(!beat.contradicts && beat.apart_percent.is_none(), "{tick}");
+        }
+    }
+
+    #[test]
+    fn ticks_that_an_interrupt_swallowed_are_counted() {
+        // Two periods lost, then the rest in time.
+        let times: Vec<_> = beats([1000, 3100, 900, 1000])
+            .iter()
+            .map(|beat| beat.now_us)
+            .collect();
+        assert_eq!(times, [1000, 4000, 5000, 6000]);
+    }
+
+    /// A counter that a debugger has stopped, or that races: time goes on with the ticks, and the third one is a fault.
+    #[test]
+    fn a_counter_that_stands_or_races_is_a_fault_in_the_third_tick_and_time_goes_on() {
+        for length_us in [0, 1, 499, 10_001, 700_000] {
+            let beats = beats([1000, 1000].into_iter().chain([length_us; 40]));
+            for (beat, tick) in beats.iter().zip(1..) {
+                assert_eq!(beat.now_us, 1000 * tick, "{length_us} us");
+                assert_eq!(beat.contradicts, tick >= 5, "{length_us} us, tick {tick}");
+            }
+        }
+        // Two in a row are none, and what can be believed ends it.
+        let beats = beats([1, 1, 1000, 20_000, 1, 1000, 500, 10_000, 500]);
+        assert!(!beats.iter().any(|beat| beat.contradicts));
+    }
+
+    #[test]
+    fn clocks_that_drift_apart_are_told_of_every_hundred_ticks() {
+        for (length_us, said) in [
+            (1000, None),
+            (1049, None),
+            (951, None),
+            (1060, Some(106)),
+            (900, Some(90)),
         ] {
-            counter = counter.wrapping_add(step);
-            cycles += u64::from(step);
-            assert_eq!(clock.now_us(counter), cycles / 168);
+            let beats = beats([length_us; 300]);
+            for (beat, tick) in beats.iter().zip(1..) {
+                let due = tick % 100 == 0;
+                assert_eq!(
+                    beat.apart_percent,
+                    said.filter(|_| due),
+                    "{length_us} us, tick {tick}"
+                );
+                assert!(!beat.contradicts);
+            }
         }
     }
 }

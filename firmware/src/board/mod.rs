@@ -5,7 +5,9 @@
 //! - `Port`: bytes from and to the host, for the link task,
 //! - `Guard`: the watchdogs, for the idle task, in `idle(..)`,
 //! - `safe_state()`: first on every fault path; `end(crash_record)`: last on it,
+//! - `since_tick_us()`: the console's clock between ticks,
 //! - `cycles()`, `stack_free()`: what a control tick costs, in the board's unit, and what the stack has left,
+//! - `noticed()`: what the control side has noticed and somebody else is to log,
 //! - `log(event)`: below control priority only, because its critical section alone could break a deadline.
 
 #[cfg(not(any(feature = "olimex-h405", feature = "virtual")))]
@@ -76,6 +78,11 @@ pub enum Event {
         mode: u8,
         /// As in `State::faults`.
         faults: u16,
+    },
+    /// Over the last hundred ticks one of the board's clocks gained on the other.
+    ClocksApart {
+        /// Time by the core's clock over time by the tick timer \[%\].
+        percent: u32,
     },
 }
 

@@ -4,36 +4,58 @@
 //!
 //! | pin | what | note |
 //! |---|---|---|
-//! | PC6, PC7, PC8 | TIM8 CH1 to CH3: current command of motor 1 to 3 | 20 kHz, 10 to 90 % duty, 50 % = no current |
+//! | PC6, PC7, PC8 | TIM8 CH1 to CH3: current command of motor 1 to 3 | 4 kHz, 10 to 90 % duty, 50 % = no current |
+//! | PC9 | TIM8 CH4: amplifier enable, high = on | **external 10 kOhm to ground**: the pin floats in reset |
 //! | PA6 | TIM8 BKIN: emergency stop, 3.3 V = run | normally closed contact to 3.3 V; open, or a broken wire, stops |
-//! | PB12 | amplifier enable, high = on | **external 10 kOhm to ground**: the pin floats in reset |
-//! | PB13 | amplifiers ready, 3.3 V = ready | pull-down inside; open = board fault |
-//! | PB4, PB5 | TIM3: encoder 1 A, B | PB4 is JTAG's NJTRST: debug by SWD only |
+//! | PB9 | amplifiers ready, 3.3 V = ready | pull-down inside; open = not ready |
+//! | PB4, PA7 | TIM3: encoder 1 A, B | PB4 is JTAG's NJTRST: debug by SWD only |
 //! | PB6, PB7 | TIM4: encoder 2 A, B | |
-//! | PA5, PB3 | TIM2: encoder 3 A, B | PB3 is JTAG's JTDO (and SWO) |
+//! | PA15, PB3 | TIM2: encoder 3 A, B | JTAG's JTDI and JTDO (and SWO) |
 //! | PA0, PA1 | TIM5: grip A, B | the only pins TIM5 has; PA0 is also the button: pressing it holds A high |
 //! | PA11, PA12 | USB D-, D+ | |
-//! | PC12 | LED, low = lit | lit while the amplifiers are on |
-//! | PA13, PA14 | SWD | PA15 stays free; a JTAG probe would drive PB3, PB4 |
+//! | PC12 | LED, low = lit | lit while the amplifiers are enabled |
+//! | PA13, PA14 | SWD | a JTAG probe would drive PA15, PB3, PB4 |
 //! | PC4 | USB supply sense of the board | left alone |
+//! | PA9, PA10, PB5, PB10, PB11, PB13, PC10, PC11 | nothing | the ROM's loader listens there, or drives them (ST AN2606) |
+//! | PA4, PA5 | nothing | the two pins that do not stand 5 V (data sheet DS8626, pin table: TTa) |
+//!
+//! All pins with an encoder stand 5 V (FT), with the chip under supply and their pull resistors off, which they are.
 //!
 //! The amplifiers must take 10 to 90 % duty as minus to plus full scale and do nothing without enable: 0 %
-//! duty, which is what a stopped timer gives, is then a command out of range and not full current.
+//! duty, which is what a stopped timer gives, is then a command out of range and not full current. When they are enabled and
+//! when pulses run is [`crate::drivers::amplifier`]'s. The break input takes pulses and enable together, with the core dead or
+//! the clock stopped: it needs neither (RM0090, 17.3.12).
 //!
-//! Watchdogs: the independent one bites after 100 ms on its own oscillator. The window watchdog's early
+//! Clocks: the tick is TIM7's, and console time is the count of its ticks. SysTick, at an eighth of the core's clock, checks it.
+//! The core's cycle counter, which debuggers switch off when they leave, says what a tick costs and decides nothing.
+//! If the crystal fails, the chip goes on with its own oscillator, trips the break input and raises an NMI (RM0090, 7.2.7).
+//!
+//! Watchdogs: the independent one runs from the first instruction of `start`, on its own oscillator of 17 to 47 kHz
+//! (DS8626, LSI), and bites after 71 to 196 ms. The window watchdog's early
 //! interrupt comes after 49 ms, above the control task's priority, and takes the torque off. Both are fed
 //! only when every monitored task ticked. Neither stops in a debugger: halting the core resets the chip.
+//!
+//! Supply: below 2.76 to 2.90 V (DS8626, PVD level 5, falling) an interrupt takes the torque off. At 168 MHz with five wait
+//! states the flash needs 2.7 V (RM0090, 3.5.1); brown-out level 3 resets the chip there, and the log says if it is not set.
 
 use super::{Boot, Event, fault};
 use crate::crash_record::{CrashRecord, Kind, reset_cause};
-use crate::safe_state::{self, Register, TorqueLayout, TorqueRegisters};
-use crate::signals::{Clock, Counter16, StopLine, duty};
+use crate::drivers::amplifier::Amplifiers;
+use crate::safe_state::{self, ENABLE_OFF, ENABLE_ON, MOTORS, Register, TorqueRegisters};
+use crate::serial_number::{DIGITS, serial_number};
+use crate::signals::{Counter16, SetPoint, StopLine, TickClock};
 use crate::watch::Watch;
+use core::convert::Infallible;
+use core::sync::atomic::{AtomicBool, AtomicU32, Ordering};
+use cortex_m::peripheral::syst::SystClkSource;
+use cortex_m::peripheral::{NVIC, SYST};
 use defmt_rtt as _;
-use stm32f4xx_hal::gpio::Pull;
+use embedded_hal::digital::{self, OutputPin};
+use embedded_hal::pwm::{self, SetDutyCycle};
+use stm32f4xx_hal::gpio::{Input, Output, PB9, PC12, PinState, Pull};
 use stm32f4xx_hal::otg_fs::{USB, UsbBus};
 use stm32f4xx_hal::pac::Interrupt;
-use stm32f4xx_hal::rcc::{Config, Enable, Reset};
+use stm32f4xx_hal::rcc::{Config, Enable, Rcc, Reset};
 use stm32f4xx_hal::watchdog::IndependentWatchdog;
 use stm32f4xx_hal::{pac, prelude::*, qei::Qei};
 use sutura_shared::control::{Control, TickInput, TickOutput};
@@ -48,22 +70,25 @@ use usbd_serial::{SerialPort, USB_CLASS_CDC};
 
 /// Core clock \[Hz\].
 const CORE_HZ: u32 = 168_000_000;
-/// Cycles of the core in a microsecond.
-pub const CYCLES_PER_US: u32 = CORE_HZ / 1_000_000;
-/// TIM8 counts per pulse: 20 kHz, above hearing and what usual servo amplifiers sample.
-const PULSE: u32 = CORE_HZ / 20_000;
-/// Current of the amplifiers at 90 % duty \[A\].
-const FULL_SCALE_A: f32 = 5.0;
+/// Counts of SysTick in a microsecond: an eighth of the core's clock, so that it goes round in 0.8 s, after both watchdogs.
+const SYSTICK_PER_US: u32 = CORE_HZ / 8 / 1_000_000;
 
-/// TIM8 break and dead-time register: break input on, active low; outputs driven low while disabled;
-/// these bits locked until the next reset (RM0090, 17.4.18).
-const BREAK_DEAD_TIME: u32 = 1 << 12 | 1 << 11 | 1 << 10 | 1 << 8;
-
-const LAYOUT: TorqueLayout = TorqueLayout {
-    enable_pin: 12,
-    break_dead_time: BREAK_DEAD_TIME,
-    zero_compare: PULSE / 2,
+/// The amplifiers.
+const SET_POINT: SetPoint = SetPoint::escon(5.0);
+/// TIM8 counts per pulse.
+const PULSE: u16 = {
+    let counts = CORE_HZ / SET_POINT.frequency_hz;
+    assert!(counts <= u16::MAX as u32, "slower pulses need a prescaler");
+    counts as u16
 };
+/// Compare value of no current.
+const NO_CURRENT: u32 = SET_POINT.none(PULSE) as u32;
+
+/// TIM8 break and dead-time register: break input on, active low; outputs driven low while disabled. Lock level 2, until the
+/// next reset: nothing can change these bits, nor what the outputs' idle level and polarity are (RM0090, 17.4.18).
+const BREAK_DEAD_TIME: u32 = 1 << 12 | 1 << 11 | 1 << 10 | 0b10 << 8;
+/// ... its main output enable, which the break input takes away.
+const MAIN_OUTPUT_ENABLE: u32 = 1 << 15;
 
 /// The console that hangs on this board: three orthogonal axes with capstan drives. Encoders count from
 /// where the console stood at power-up, which is taken as the origin.
@@ -87,7 +112,8 @@ pub const DEVICE: DeviceDescription = {
         max_force_n: 8.0,
         max_power_w: 8.0,
         max_grip_speed_m_per_s: 1.5,
-        actuation_delay_us: 1000,
+        // 1 ms for the winding, 0.4 ms for pulse and amplifier.
+        actuation_delay_us: 1400,
     }
 };
 
@@ -107,27 +133,96 @@ struct Registers;
 impl TorqueRegisters for Registers {
     fn write(&mut self, register: Register, value: u32) {
         // SAFETY: whole-word writes, which cannot tear or be interleaved. Every caller only ever moves
-        // torque off, except `Plant::write`, which runs at one priority and looks at the break input after
-        // it. Before the clocks are on the writes are ignored by the chip.
+        // torque off, except the amplifiers' driver in `Plant::write`, which runs at one priority and looks at the break input
+        // after it. Before the clocks are on the writes are ignored by the chip.
         unsafe {
+            let timer = &*pac::TIM8::ptr();
             match register {
-                Register::EnableSetReset => (*pac::GPIOB::ptr()).bsrr().write(|w| w.bits(value)),
-                Register::BreakDeadTime => (*pac::TIM8::ptr()).bdtr().write(|w| w.bits(value)),
-                Register::Compare(motor) => (*pac::TIM8::ptr())
-                    .ccr(motor % safe_state::MOTORS)
-                    .write(|w| w.bits(value)),
+                Register::EnableMode => timer.ccmr2_output().write(|w| w.bits(value)),
+                Register::Compare(motor) => timer.ccr(motor % MOTORS).write(|w| w.bits(value)),
             };
         }
     }
 }
 
-/// Takes the torque off. From any context, any number of times.
-pub fn safe_state() {
-    safe_state::safe_state(&mut Registers, &LAYOUT);
+/// The pulses of a motor.
+struct Pulses(usize);
+
+impl pwm::ErrorType for Pulses {
+    type Error = Infallible;
 }
 
-/// Last act of a fault handler.
+impl SetDutyCycle for Pulses {
+    fn max_duty_cycle(&self) -> u16 {
+        PULSE
+    }
+
+    fn set_duty_cycle(&mut self, duty: u16) -> Result<(), Infallible> {
+        Registers.write(Register::Compare(self.0), u32::from(duty));
+        Ok(())
+    }
+}
+
+/// The amplifiers' enable line, which the timer drives.
+struct EnableLine;
+
+impl digital::ErrorType for EnableLine {
+    type Error = Infallible;
+}
+
+impl OutputPin for EnableLine {
+    fn set_low(&mut self) -> Result<(), Infallible> {
+        Registers.write(Register::EnableMode, ENABLE_OFF);
+        Ok(())
+    }
+
+    fn set_high(&mut self) -> Result<(), Infallible> {
+        Registers.write(Register::EnableMode, ENABLE_ON);
+        Ok(())
+    }
+}
+
+/// All of the timer's outputs: low, or what their channels say.
+struct Outputs;
+
+impl Outputs {
+    fn write(&mut self, value: u32) -> Result<(), Infallible> {
+        // SAFETY: a whole-word write of documented bits; nobody else writes this register. With the break input active the
+        // chip keeps the outputs off whatever is written (RM0090, 17.4.18, MOE).
+        unsafe { (*pac::TIM8::ptr()).bdtr().write(|w| w.bits(value)) };
+        Ok(())
+    }
+}
+
+impl digital::ErrorType for Outputs {
+    type Error = Infallible;
+}
+
+impl OutputPin for Outputs {
+    fn set_low(&mut self) -> Result<(), Infallible> {
+        self.write(BREAK_DEAD_TIME)
+    }
+
+    fn set_high(&mut self) -> Result<(), Infallible> {
+        self.write(BREAK_DEAD_TIME | MAIN_OUTPUT_ENABLE)
+    }
+}
+
+/// Takes the torque off. From any context, any number of times.
+pub fn safe_state() {
+    safe_state::safe_state(&mut Registers, NO_CURRENT);
+}
+
+/// Last act of a fault handler: pulses of no current go on for 20 ms, until no amplifier is on any more, then a reset.
 pub fn end(_: CrashRecord) -> ! {
+    // SAFETY: a whole-word write; nothing else runs any more. It is the last time that the watchdog is fed, or its early
+    // interrupt would leave 0.8 ms. The independent one bites if this does not come to its end.
+    unsafe {
+        (*pac::WWDG::ptr())
+            .cr()
+            .write(|w| w.wdga().set_bit().t().set(0x7F))
+    };
+    cortex_m::asm::delay(CORE_HZ / 50);
     cortex_m::peripheral::SCB::sys_reset()
 }
 
@@ -149,6 +244,43 @@ pub fn watchdog(watch: &Watch) -> ! {
         kind: Kind::Watchdog,
         place: watch.bits(),
     })
+}
+
+/// The supply has been low since a tick last looked.
+static SUPPLY_DIPPED: AtomicBool = AtomicBool::new(false);
+
+/// The supply's interrupt: torque off. The next tick makes it a fault.
+pub fn supply_low() {
+    safe_state();
+    SUPPLY_DIPPED.store(true, Ordering::Relaxed);
+    // SAFETY: writing 1 clears this line's flag and no other (RM0090, 12.3.6).
+    unsafe { (*pac::EXTI::ptr()).pr().write(|w| w.bits(SUPPLY_LINE)) };
+}
+
+/// Time since the last tick was due \[us\]. While that tick cannot have been interrupted.
+pub fn since_tick_us() -> u32 {
+    // SAFETY: reads without side effects.
+    let timer = unsafe { &*pac::TIM7::ptr() };
+    let before = timer.cnt().read().bits();
+    if timer.sr().read().uif().bit_is_set() {
+        // The next tick is due, and waits for who asks here.
+        1000 + timer.cnt().read().bits()
+    } else {
+        before
+    }
+}
+
+/// Time by SysTick over time by the tick timer \[%\] where they were apart; 0 = nothing to tell.
+static CLOCKS_APART: AtomicU32 = AtomicU32::new(0);
+
+/// What the control side has noticed since this was last asked.
+pub fn noticed() -> Option<Event> {
+    let percent = CLOCKS_APART.load(Ordering::Relaxed);
+    if percent == 0 {
+        return None;
+    }
+    CLOCKS_APART.store(0, Ordering::Relaxed);
+    Some(Event::ClocksApart { percent })
 }
 
 /// Cycle counter of the core.
@@ -176,23 +308,31 @@ pub fn log(event: Event) {
             ),
         },
         Event::Mode { mode, faults: 0 } => defmt::info!("mode {}", mode),
-        Event::Mode { mode, faults } => defmt::warn!("mode {}, faults {:#06b}", mode, faults),
+        Event::Mode { mode, faults } => defmt::warn!("mode {}, faults {:#012b}", mode, faults),
+        Event::ClocksApart { percent } => {
+            defmt::warn!("SysTick has run at {} % of the tick timer", percent)
+        }
     }
 }
 
 /// Encoders, motors and the amplifiers' lines.
 pub struct Plant {
-    clock: Clock<CYCLES_PER_US>,
+    clock: TickClock<SYSTICK_PER_US>,
     encoders: (pac::TIM3, pac::TIM4, pac::TIM2),
     counters: [Counter16; 2],
     tick: pac::TIM7,
-    amplifiers_on: bool,
+    amplifiers: Amplifiers<Pulses, Outputs, EnableLine, PB9<Input>, MOTORS>,
+    led: PC12<Output>,
 }
 
 impl crate::control_side::Plant for Plant {
     /// Acknowledges the tick and reads everything that it needs.
     fn read(&mut self, overrun: bool) -> TickInput {
         self.tick.sr().write(|w| w.uif().clear_bit());
+        let beat = self.clock.tick(SYST::get_current());
+        if let Some(percent) = beat.apart_percent {
+            CLOCKS_APART.store(percent.max(1), Ordering::Relaxed);
+        }
         // SAFETY: only the break interrupt shares these registers, and only its enable bit. Where it comes
         // in between, the bit is set once more and the interrupt, above this priority, clears it again.
         let pwm = unsafe { &*pac::TIM8::ptr() };
@@ -207,11 +347,12 @@ impl crate::control_side::Plant for Plant {
         if !stop.open {
             pwm.dier().write(|w| w.bie().set_bit());
         }
-        // SAFETY: a read without side effects.
-        let ready = unsafe { (*pac::GPIOB::ptr()).idr().read().idr13().bit_is_set() };
+        // A dip that comes between the two is seen by the next tick.
+        let supply_low = SUPPLY_DIPPED.load(Ordering::Relaxed) || supply_is_low();
+        SUPPLY_DIPPED.store(false, Ordering::Relaxed);
         let [first, second] = &mut self.counters;
         TickInput {
-            now_us: self.clock.now_us(cycles()),
+            now_us: beat.now_us,
             encoder_counts: [
                 first.widen(self.encoders.0.cnt().read().cnt().bits()),
                 second.widen(self.encoders.1.cnt().read().cnt().bits()),
@@ -220,42 +361,25 @@ impl crate::control_side::Plant for Plant {
             // No wrist.
             orientation: None,
             emergency_stop: stop.pressed(),
-            board_fault: !ready,
+            board_fault: false,
+            amplifiers_unready: !self.amplifiers.take_currents(),
+            supply_low,
+            time_base_fault: beat.contradicts,
             overrun,
-            ..TickInput::default()
         }
     }
 
     fn write(&mut self, output: &TickOutput) {
-        if !output.amplifiers_on {
+        // What comes during this tick the next one latches.
+        let wanted = output.amplifiers_on && !must_stop();
+        let current_a = wanted.then_some(&output.current_a);
+        let obeyed = self.amplifiers.drive(current_a).is_ok();
+        if !obeyed || must_stop() {
             safe_state();
-        } else if stopped() {
-            // The stop came during this tick; the next one latches it.
-            safe_state();
-        } else {
-            if !self.amplifiers_on {
-                safe_state::torque_on(&mut Registers, &LAYOUT);
-            }
-            for (motor, current_a) in output.current_a.into_iter().enumerate() {
-                Registers.write(
-                    Register::Compare(motor),
-                    duty(current_a, FULL_SCALE_A, PULSE),
-                );
-            }
-            if stopped() {
-                safe_state();
-            }
         }
-        if output.amplifiers_on != self.amplifiers_on {
-            self.amplifiers_on = output.amplifiers_on;
-            let led = if output.amplifiers_on {
-                1 << (16 + 12)
-            } else {
-                1 << 12
-            };
-            // SAFETY: one whole-word write of the set/reset register; nobody else drives this port's pin 12.
-            unsafe { (*pac::GPIOC::ptr()).bsrr().write(|w| w.bits(led)) };
-        }
+        // Low = lit.
+        let lit = PinState::from(!self.amplifiers.are_enabled());
+        self.led.set_state(lit);
     }
 
     /// The next tick is due already.
@@ -272,6 +396,27 @@ fn stopped() -> bool {
     unsafe { (*pac::GPIOA::ptr()).idr().read().idr6().bit_is_clear() }
 }
 
+/// Whether something has happened since the tick began that allows no torque.
+fn must_stop() -> bool {
+    stopped() || SUPPLY_DIPPED.load(Ordering::Relaxed)
+}
+
+/// The supply detector's line among the external interrupts (RM0090, 12.2.5).
+const SUPPLY_LINE: u32 = 1 << 16;
+
+/// Whether the supply is below the detector's threshold.
+fn supply_is_low() -> bool {
+    // SAFETY: a read without side effects.
+    unsafe { (*pac::PWR::ptr()).csr().read().pvdo().bit_is_set() }
+}
+
+/// The chip's own number (RM0090, 39.1).
+fn chip_id() -> [u32; 3] {
+    let place = 0x1FFF_7A10 as *const u32;
+    // SAFETY: three aligned words of read-only memory, on every chip of this family; any bits make integers.
+    [0, 1, 2].map(|word| unsafe { place.add(word).read_volatile() })
+}
+
 /// USB CDC-ACM.
 pub struct Port {
     device: UsbDevice<'static, UsbBus<USB>>,
@@ -279,6 +424,10 @@ pub struct Port {
 }
 
 impl crate::host_side::Bytes for Port {
+    /// Twelve packets: 768 kB/s, more than 24 rows and their contacts 300 times a second, and about 54,000 instructions of the
+    /// 168,000 cycles of a tick.
+    const PER_TICK: usize = 768;
+
     fn read(&mut self, bytes: &mut [u8]) -> usize {
         self.device.poll(&mut [&mut self.serial]);
         self.serial.read(bytes).unwrap_or(0)
@@ -307,7 +456,7 @@ impl Guard {
     }
 }
 
-/// The lowest priority: feeds the watchdogs. Spins, because the cycle counter stands still in sleep.
+/// The lowest priority: feeds the watchdogs. Spins: in sleep the cycle counter, which counts what ticks cost, stands still.
 pub fn idle<T>(_: T, guard: &mut Guard, watch: &Watch) -> ! {
     loop {
         if watch.all_ticked() {
@@ -316,11 +465,31 @@ pub fn idle<T>(_: T, guard: &mut Guard, watch: &Watch) -> ! {
     }
 }
 
+/// Switches the supply detector on, at its level 5, and its interrupt.
+fn watch_supply(rcc: &mut Rcc, power: &pac::PWR, lines: &pac::EXTI) {
+    rcc.apb1enr().modify(|_, w| w.pwren().set_bit());
+    // SAFETY: level 5 of 0 to 7 (RM0090, 5.4.1); only the detector's own bits change.
+    power
+        .cr()
+        .modify(|_, w| unsafe { w.pls().bits(5).pvde().set_bit() });
+    // SAFETY: one line's bits among those of all; nobody else uses an external interrupt.
+    unsafe {
+        lines.rtsr().modify(|r, w| w.bits(r.bits() | SUPPLY_LINE));
+        lines.imr().modify(|r, w| w.bits(r.bits() | SUPPLY_LINE));
+    }
+}
+
 /// Sets the board up. Called once, with interrupts off; the first tick is due 1 ms later.
 pub fn start(
     mut core: cortex_m::Peripherals,
     device: pac::Peripherals,
 ) -> (Plant, Port, Guard, Boot) {
+    // Before anything that may wait for ever, such as a crystal.
+    let mut independent = IndependentWatchdog::new(device.IWDG);
+    independent.start(100.millis());
+    // The interrupts of all boards' tasks are unmasked.
+    NVIC::mask(Interrupt::USART1);
+
     let crash_record = fault::exhume();
     let csr = device.RCC.csr().read().bits();
     device.RCC.csr().modify(|_, w| w.rmvf().set_bit());
@@ -330,31 +499,39 @@ pub fn start(
         .pclk2(84.MHz())
         .require_pll48clk();
     let mut rcc = device.RCC.freeze(clocks);
+    rcc.cr().modify(|_, w| w.csson().set_bit());
     core.DCB.enable_trace();
     core.DWT.enable_cycle_counter();
+    core.SYST.set_clock_source(SystClkSource::External);
+    core.SYST.set_reload(0x00FF_FFFF);
+    core.SYST.clear_current();
+    core.SYST.enable_counter();
+    watch_supply(&mut rcc, &device.PWR, &device.EXTI);
+    // Option bits BOR_LEV, 0 = level 3.
+    let brown_out = device.FLASH.optcr().read().bits() >> 2 & 0b11;
+    if brown_out != 0 {
+        defmt::warn!(
+            "brown-out level 3 is not set (BOR_LEV = {}, not 0): see the wiring page",
+            brown_out
+        );
+    }
 
     let gpioa = device.GPIOA.split(&mut rcc);
     let gpiob = device.GPIOB.split(&mut rcc);
     let gpioc = device.GPIOC.split(&mut rcc);
 
-    // Enable low before anything else drives a motor.
-    let _enable = gpiob
-        .pb12
-        .into_push_pull_output_in_state(stm32f4xx_hal::gpio::PinState::Low);
-    let _ready = gpiob.pb13.into_pull_down_input();
-    let _led = gpioc
-        .pc12
-        .into_push_pull_output_in_state(stm32f4xx_hal::gpio::PinState::High);
+    let ready = gpiob.pb9.into_pull_down_input();
+    let led = gpioc.pc12.into_push_pull_output_in_state(PinState::High);
     let _stop = gpioa
         .pa6
         .into_alternate::<3>()
         .internal_resistor(Pull::Down);
 
-    // Motor outputs: PWM mode 1, all three channels, preloaded.
+    // Motor outputs: PWM mode 1, preloaded; channel 4 is a level. All off before a pin is connected.
     pac::TIM8::enable(&mut rcc);
     pac::TIM8::reset(&mut rcc);
     let pwm = device.TIM8;
-    pwm.arr().write(|w| w.arr().set((PULSE - 1) as u16));
+    pwm.arr().write(|w| w.arr().set(PULSE - 1));
     pwm.ccmr1_output().write(|w| {
         w.oc1m()
             .pwm_mode1()
@@ -365,23 +542,39 @@ pub fn start(
             .oc2pe()
             .enabled()
     });
-    pwm.ccmr2_output()
-        .write(|w| w.oc3m().pwm_mode1().oc3pe().enabled());
-    pwm.ccer()
-        .write(|w| w.cc1e().set_bit().cc2e().set_bit().cc3e().set_bit());
     safe_state();
+    pwm.ccer().write(|w| {
+        let motors = w.cc1e().set_bit().cc2e().set_bit().cc3e().set_bit();
+        motors.cc4e().set_bit()
+    });
+    let amplifiers = Amplifiers::new(
+        [Pulses(0), Pulses(1), Pulses(2)],
+        Outputs,
+        EnableLine,
+        ready,
+        SET_POINT,
+    )
+    .expect("registers obey");
     pwm.egr().write(|w| w.ug().set_bit());
     pwm.cr1().write(|w| w.arpe().set_bit().cen().set_bit());
     let _pwm_pins = (
         gpioc.pc6.into_alternate::<3>(),
         gpioc.pc7.into_alternate::<3>(),
         gpioc.pc8.into_alternate::<3>(),
+        gpioc.pc9.into_alternate::<3>(),
     );
 
     // Encoders, with an input filter of 8 samples at 84 MHz, which swallows spikes up to 95 ns.
+    // Without pull resistors, which JTAG's pins have after a reset: 5 V may not meet one.
     let encoder_1 = Qei::new(
         device.TIM3,
-        (gpiob.pb4.into_alternate(), gpiob.pb5),
+        (
+            gpiob
+                .pb4
+                .into_alternate::<2>()
+                .internal_resistor(Pull::None),
+            gpioa.pa7,
+        ),
         &mut rcc,
     )
     .release()
@@ -391,7 +584,16 @@ pub fn start(
         .0;
     let encoder_3 = Qei::new(
         device.TIM2,
-        (gpioa.pa5, gpiob.pb3.into_alternate()),
+        (
+            gpioa
+                .pa15
+                .into_alternate::<1>()
+                .internal_resistor(Pull::None),
+            gpiob
+                .pb3
+                .into_alternate::<1>()
+                .internal_resistor(Pull::None),
+        ),
         &mut rcc,
     )
     .release()
@@ -430,19 +632,20 @@ pub fn start(
             .expect("start runs once");
         let bus = &*bus.insert(UsbBus::new(usb, memory));
         let serial = SerialPort::new(bus);
+        let serial_number = cortex_m::singleton!(: [u8; DIGITS] = serial_number(chip_id()))
+            .expect("start runs once");
+        // The vendor and product number that V-USB lends to CDC-ACM devices, on the condition that the manufacturer's name
+        // has a domain in it.
         let strings = StringDescriptors::default()
-            .manufacturer("Sutura")
+            .manufacturer("github.com/sutura")
             .product("Sutura console")
-            .serial_number("olimex-h405");
-        // The vendor and product number that V-USB lends to CDC-ACM devices.
+            .serial_number(core::str::from_utf8(serial_number).unwrap_or_default());
         let usb_device = UsbDeviceBuilder::new(bus, UsbVidPid(0x16C0, 0x27DD))
             .strings(&[strings])
             .expect("one language fits")
             .device_class(USB_CLASS_CDC)
             .build();
 
-        let mut independent = IndependentWatchdog::new(device.IWDG);
-        independent.start(100.millis());
         rcc.apb1enr().modify(|_, w| w.wwdgen().set_bit());
         let window = device.WWDG;
         // 42 MHz / 4096 / 8: 64 steps are 49.9 ms; the early interrupt comes one step before.
@@ -477,11 +680,12 @@ pub fn start(
     tick.cr1().write(|w| w.cen().set_bit());
 
     let plant = Plant {
-        clock: Clock::new(cycles()),
+        clock: TickClock::new(SYST::get_current()),
         encoders: (encoder_1, encoder_2, encoder_3),
         counters: [Counter16::default(); 2],
         tick,
-        amplifiers_on: false,
+        amplifiers,
+        led,
     };
     (
         plant,

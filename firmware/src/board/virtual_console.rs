@@ -49,7 +49,7 @@ pub const LINK: Interrupt = Interrupt::USART1;
 /// Counts of SysTick in a tick.
 const TICK: u32 = 168_000;
 /// ... and in a microsecond.
-pub const CYCLES_PER_US: u32 = TICK / 1000;
+const CYCLES_PER_US: u32 = TICK / 1000;
 
 /// Bytes that lockstep hands to the link task at a time.
 const DOWN: usize = 1024;
@@ -83,6 +83,14 @@ pub fn cycles() -> u32 {
     SYST::get_current()
 }
 
+/// Time since the last tick was due \[us\]; 0 in lockstep, where no clock runs between ticks.
+pub fn since_tick_us() -> u32 {
+    if LOCKSTEP.load(Ordering::Relaxed) {
+        return 0;
+    }
+    (TICK - SYST::get_current()) / CYCLES_PER_US
+}
+
 /// Counts between two readings of [`cycles`], less than a tick apart.
 pub fn cycles_between(start: u32, end: u32) -> u32 {
     if start >= end {
@@ -106,6 +114,11 @@ pub fn stack_free() -> u32 {
 
 /// Nobody reads a log here.
 pub fn log(_: Event) {}
+
+/// Its only clock is that of the ticks.
+pub fn noticed() -> Option<Event> {
+    None
+}
 
 /// Whether the next tick is to find that the one before overran.
 static OVERRUN: AtomicBool = AtomicBool::new(false);
