@@ -19,7 +19,7 @@ impl SetPoint {
     /// maxon ESCON, set point by pulses, full scale at 10 and 90 % duty.
     ///
     /// The amplifier takes 10 Hz to 5 kHz, with an error of 0.5 % at 1 kHz and 2.5 % at 5 kHz (hardware reference, "PWM set
-    /// value"). 4 kHz: inside that, about 2 % (of full scale, on a straight line between the two), and a set point is 0.25 to
+    /// value"). 4 kHz: inside that, about 2 % on a straight line between the two; and a set point is 0.25 to
     /// 0.5 ms old when it acts: up to a pulse until the timer takes it, and a pulse until the amplifier has measured it.
     pub const fn escon(full_scale_a: f32) -> SetPoint {
         SetPoint {

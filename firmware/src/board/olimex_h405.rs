@@ -547,14 +547,16 @@ pub fn start(
         let motors = w.cc1e().set_bit().cc2e().set_bit().cc3e().set_bit();
         motors.cc4e().set_bit()
     });
-    let amplifiers = Amplifiers::new(
+    let mut amplifiers = Amplifiers::new(
         [Pulses(0), Pulses(1), Pulses(2)],
         Outputs,
         EnableLine,
         ready,
         SET_POINT,
-    )
-    .expect("registers obey");
+    );
+    if amplifiers.drive(None).is_err() {
+        safe_state();
+    }
     pwm.egr().write(|w| w.ug().set_bit());
     pwm.cr1().write(|w| w.arpe().set_bit().cen().set_bit());
     let _pwm_pins = (

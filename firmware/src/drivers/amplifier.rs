@@ -55,18 +55,9 @@ where
     E: OutputPin,
     R: InputPin,
 {
-    /// Amplifiers that are off, whatever they were before.
-    ///
-    /// # Errors
-    /// [`NotObeyed`] if a pin or timer refused; every other one has been told to stop all the same.
-    pub fn new(
-        pulses: [P; N],
-        outputs: O,
-        enable: E,
-        ready: R,
-        set_point: SetPoint,
-    ) -> Result<Self, NotObeyed> {
-        let mut amplifiers = Self {
+    /// Amplifiers that nobody has started. Whatever they were before, `drive(None)` makes sure of it.
+    pub fn new(pulses: [P; N], outputs: O, enable: E, ready: R, set_point: SetPoint) -> Self {
+        Self {
             pulses,
             outputs,
             enable,
@@ -74,9 +65,7 @@ where
             set_point,
             phase: Phase::Off,
             took: false,
-        };
-        amplifiers.stop()?;
-        Ok(amplifiers)
+        }
     }
 
     /// Whether they take currents in this tick: they have been started and say that they are ready. A line that cannot be
@@ -287,8 +276,9 @@ mod tests {
         }));
         let to = || Rc::clone(&lines);
         let pulses = [Pulses(to(), 0), Pulses(to(), 1)];
-        let bench = Amplifiers::new(pulses, Outputs(to()), Enable(to()), Ready(to()), SET_POINT);
-        let bench = bench.expect("lines that obey");
+        let mut bench =
+            Amplifiers::new(pulses, Outputs(to()), Enable(to()), Ready(to()), SET_POINT);
+        bench.drive(None).expect("lines that obey");
         (lines, bench)
     }
 
@@ -302,7 +292,7 @@ mod tests {
     }
 
     #[test]
-    fn a_new_driver_stops_what_was_on() {
+    fn the_first_stop_ends_what_was_on() {
         let (lines, _) = bench();
         use Call::{Duty, Enable, Outputs};
         assert_eq!(
@@ -448,7 +438,7 @@ mod tests {
             PulseCall::max_duty_cycle(1000),
             PulseCall::set_duty_cycle(500),
         ];
-        // New, then the first tick of starting.
+        // The first stop, then the first tick of starting.
         let mut pulses = PulseMock::new(&[set.clone(), set].concat());
         let mut amplifiers = Amplifiers::new(
             [pulses.clone()],
@@ -456,8 +446,8 @@ mod tests {
             enable.clone(),
             ready.clone(),
             SET_POINT,
-        )
-        .expect("mocks that obey");
+        );
+        amplifiers.drive(None).expect("mocks that obey");
         for _ in 0..=20 {
             amplifiers.drive(Some(&[1.0])).expect("mocks that obey");
         }
@@ -470,7 +460,7 @@ mod tests {
     }
 
     #[test]
-    fn a_new_driver_reports_a_line_that_does_not_obey() {
+    fn the_first_stop_reports_a_line_that_does_not_obey() {
         let error = || MockError::Io(ErrorKind::Other);
         let mut enable = PinMock::new(&[PinCall::set(Level::Low).with_error(error())]);
         // Pulses go on for as long as the amplifiers may be enabled.
@@ -480,14 +470,14 @@ mod tests {
             PulseCall::max_duty_cycle(1000),
             PulseCall::set_duty_cycle(500),
         ]);
-        let made = Amplifiers::new(
+        let mut amplifiers = Amplifiers::new(
             [pulses.clone()],
             outputs.clone(),
             enable.clone(),
             ready.clone(),
             SET_POINT,
         );
-        assert_eq!(made.err(), Some(NotObeyed));
+        assert_eq!(amplifiers.drive(None), Err(NotObeyed));
         enable.done();
         outputs.done();
         ready.done();
