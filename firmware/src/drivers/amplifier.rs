@@ -136,12 +136,13 @@ where
     /// Sets every motor's pulses, also when one refuses.
     fn set(&mut self, current_a: &[f32; N]) -> Result<(), NotObeyed> {
         let set_point = self.set_point;
-        let motors = self.pulses.iter_mut().zip(current_a);
-        motors.fold(Ok(()), |result, (pulses, &current_a)| {
+        let mut result = Ok(());
+        for (pulses, &current_a) in self.pulses.iter_mut().zip(current_a) {
             let duty = set_point.duty(current_a, pulses.max_duty_cycle());
             let set = pulses.set_duty_cycle(duty).map_err(|_| NotObeyed);
-            result.and(set)
-        })
+            result = result.and(set);
+        }
+        result
     }
 }
 
