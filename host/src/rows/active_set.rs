@@ -307,7 +307,7 @@ pub(super) fn flag_empty(problem: &Problem, work: &mut Workspace) {
         }
         let target = scaled.target[at];
         let missed = match problem.rows[row].kind {
-            RowKind::Equality | RowKind::Box { .. } => target,
+            RowKind::Equality | RowKind::Box { .. } | RowKind::Between { .. } => target,
             RowKind::Inequality | RowKind::Normal { .. } => target.min(0.0),
             RowKind::Tangent => 0.0,
         };

@@ -63,6 +63,13 @@ pub enum RowKind {
         /// Largest force \[N\], not negative; infinite makes an equality row.
         limit_n: f64,
     },
+    /// `least <= lambda <= most`: `delta = 0` strictly inside, `delta <= 0` at `most`, `delta >= 0` at `least`.
+    Between {
+        /// Smallest force \[N\], not positive.
+        least_n: f64,
+        /// Largest force \[N\], not negative.
+        most_n: f64,
+    },
     /// An inequality row along a contact normal, followed by its two [`RowKind::Tangent`] rows along
     /// orthogonal unit vectors.
     Normal {

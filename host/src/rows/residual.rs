@@ -83,6 +83,13 @@ pub fn residuals(problem: &Problem, lambda: &[f64], delta: &[f64]) -> Residuals 
                 found.complementarity = larger(found.complementarity, (lambda_ - projected).abs());
                 drive = drive.max(free.abs().min(limit));
             }
+            RowKind::Between { least_n, most_n } => {
+                let projected = (lambda_ - delta_).max(least_n / scale).min(most_n / scale);
+                found.complementarity = larger(found.complementarity, (lambda_ - projected).abs());
+                let pull = (-free).max(0.0).min(most_n / scale);
+                let push = free.max(0.0).min(-least_n / scale);
+                drive = drive.max(pull).max(push);
+            }
             RowKind::Tangent => {}
         }
         if kind != RowKind::Tangent {

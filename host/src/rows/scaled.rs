@@ -119,7 +119,7 @@ impl Scaled {
             self.target.push(target);
             let drive = match law {
                 Law::Between { low: 0.0, high } => (-target).clamp(0.0, high),
-                Law::Between { high, .. } => target.abs().min(high),
+                Law::Between { low, high } => target.abs().min(high.max(-low)),
                 Law::Normal { .. } => (-target).max(0.0),
                 Law::Tangent => 0.0,
             };
@@ -149,6 +149,10 @@ impl Scaled {
             RowKind::Box { limit_n } => Law::Between {
                 low: -limit_n / scale,
                 high: limit_n / scale,
+            },
+            RowKind::Between { least_n, most_n } => Law::Between {
+                low: least_n / scale,
+                high: most_n / scale,
             },
             // Replaced below.
             RowKind::Normal { .. } | RowKind::Tangent => Law::NONE,
@@ -257,8 +261,14 @@ pub(super) fn check_kinds(problem: &Problem) -> Result<(), Fault> {
                 return Err(Fault::NotFinite);
             }
             RowKind::Box { limit_n } if limit_n.is_nan() => return Err(Fault::NotFinite),
+            RowKind::Between { least_n, most_n } if least_n.is_nan() || most_n.is_nan() => {
+                return Err(Fault::NotFinite);
+            }
             RowKind::Normal { friction } if friction < 0.0 => return Err(Fault::Malformed),
             RowKind::Box { limit_n } if limit_n < 0.0 => return Err(Fault::Malformed),
+            RowKind::Between { least_n, most_n } if least_n > 0.0 || most_n < 0.0 => {
+                return Err(Fault::Malformed);
+            }
             RowKind::Normal { .. } => due = 2,
             _ => {}
         }

@@ -127,7 +127,7 @@ impl State {
             self.lambda.push(0.0);
             self.delta.push(0.0);
             self.modes.push(match row.kind {
-                RowKind::Equality | RowKind::Box { .. } => Mode::Held,
+                RowKind::Equality | RowKind::Box { .. } | RowKind::Between { .. } => Mode::Held,
                 _ => Mode::AtLower,
             });
         }

@@ -21,6 +21,10 @@ fn solved(rows: &[Row], compliance: &[f64], delta_free: &[f64]) -> (Outcome, Sta
 #[test]
 fn one_row_obeys_its_law() {
     let limited = RowKind::Box { limit_n: 0.25 };
+    let between = RowKind::Between {
+        least_n: -0.125,
+        most_n: 0.375,
+    };
     let cases = [
         (RowKind::Equality, 1.0, -0.5, 0.0),
         (RowKind::Equality, -1.0, 0.5, 0.0),
@@ -29,6 +33,10 @@ fn one_row_obeys_its_law() {
         (limited, 0.1, -0.05, 0.0),
         (limited, 1.0, -0.25, 0.5),
         (limited, -1.0, 0.25, -0.5),
+        (between, 0.1, -0.05, 0.0),
+        (between, 1.0, -0.125, 0.75),
+        (between, -0.5, 0.25, 0.0),
+        (between, -1.0, 0.375, -0.25),
     ];
     for (kind, free, lambda, delta) in cases {
         let (outcome, state, _) = solved(&[row(1, kind)], &[2.0], &[free]);
@@ -133,6 +141,14 @@ fn bad_input_gives_a_status_and_no_force() {
         one(RowKind::Box { limit_n: f64::NAN }, 1.0, 1.0),
         Status::NotFinite
     );
+    for (least_n, most_n, status) in [
+        (0.5, 1.0, Status::Malformed),
+        (-1.0, -0.5, Status::Malformed),
+        (f64::NAN, 1.0, Status::NotFinite),
+    ] {
+        let kind = RowKind::Between { least_n, most_n };
+        assert_eq!(one(kind, 1.0, 1.0), status);
+    }
 
     let cone = |friction| {
         [

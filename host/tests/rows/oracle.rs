@@ -36,6 +36,12 @@ fn quadratic_programme(set: &Set) -> Vec<f64> {
                     limits.push(limit_n * w / free);
                 }
             }
+            RowKind::Between { least_n, most_n } => {
+                for (side, limit_n) in [(1.0, most_n), (-1.0, -least_n)] {
+                    bounds[row].push((limits.len(), side));
+                    limits.push(limit_n * w / free);
+                }
+            }
             _ => assert_eq!(kind, RowKind::Equality),
         }
     }

@@ -180,9 +180,18 @@ pub fn draw(random: &mut Random, how: &Draw) -> Set {
         delta_free.fill(0.0);
     }
     // Limits that matter: in units of the forces that the loads call for.
-    for (kind, (scale, free)) in kinds.iter_mut().zip(scale.iter().zip(&delta_free)) {
+    let each = kinds.iter_mut().zip(scale.iter().zip(&delta_free));
+    for (row, (kind, (scale, free))) in each.enumerate() {
         if let RowKind::Box { limit_n } = kind {
             *limit_n *= 2.0 * free.abs() / (scale * scale);
+            // Some of them pull more than they push, or do not push.
+            let part = [1.0, 0.25, 1.0, 0.0][row % 4];
+            if part < 1.0 {
+                *kind = RowKind::Between {
+                    least_n: -part * *limit_n,
+                    most_n: *limit_n,
+                };
+            }
         }
     }
     let rows = kinds
@@ -216,6 +225,10 @@ pub fn assert_admissible(set: &Set, state: &State) {
                     lambda.abs() <= limit_n * (1.0 + 1e-14),
                     "{lambda} {limit_n}"
                 );
+            }
+            RowKind::Between { least_n, most_n } => {
+                let rounding = 1e-14 * (most_n - least_n);
+                assert!(lambda >= least_n - rounding && lambda <= most_n + rounding);
             }
             RowKind::Normal { friction } => {
                 assert!(lambda >= 0.0);
