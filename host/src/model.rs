@@ -487,7 +487,7 @@ impl Model {
             });
         };
         let ids: Vec<u8> = sources.needles.iter().map(|part| part.id).collect();
-        sources.threads = Threads::new(threads, &ids, &sources.mesh)?;
+        sources.threads = Threads::new(threads, &ids, &sources.mesh, sources.apart_m)?;
         Ok(self)
     }
 

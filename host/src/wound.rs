@@ -90,7 +90,7 @@ pub struct ThreadSummary {
     pub punctures: u32,
     /// Spans between two parts.
     pub bridges: usize,
-    /// Length of its path outside tissue and at its ends \[m\].
+    /// Length of its path outside tissue and at its ends, and inside if its length runs through \[m\].
     pub length_m: f64,
     /// What there is of it for that \[m\].
     pub available_m: f64,
@@ -102,6 +102,16 @@ pub struct ThreadSummary {
     pub wraps: u32,
     /// Spent by friction \[J\].
     pub dissipated_j: f64,
+    /// Slipped through the grips at tail and head so far \[m\], (2).
+    #[serde(skip_serializing_if = "nothing_slipped")]
+    pub slipped_m: [f64; 2],
+    /// What has been broken off \[m\], if it has broken.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub broken_off_m: Option<f64>,
+}
+
+fn nothing_slipped(slipped_m: &[f64; 2]) -> bool {
+    *slipped_m == [0.0; 2]
 }
 
 impl Wound {
@@ -270,6 +280,8 @@ impl ThreadSummary {
             welds: report.welds,
             wraps: report.wraps,
             dissipated_j: report.dissipated_j,
+            slipped_m: report.slipped_m,
+            broken_off_m: report.broken_off_m,
         }
     }
 }

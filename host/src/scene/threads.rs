@@ -6,7 +6,7 @@ use super::document::{Document, Flaw, SceneError};
 use super::file::ToolSection;
 use super::wound_file::{ThreadEndName, ThreadHoldSection, ThreadSection, ThreadTightenSection};
 use super::{Needle, Tool};
-use crate::thread::{ThreadEnd, ThreadHold, ThreadPart, Tightening};
+use crate::thread::{ThreadEnd, ThreadHold, ThreadPart, Through, Tightening};
 use crate::tool::Shape;
 use toml::Spanned;
 
@@ -122,6 +122,7 @@ pub(super) fn read_threads(
             length_m,
             friction: read_friction(document, said.friction.as_ref())?,
             strength_n,
+            through: read_through(document, said)?,
         };
         threads.push(Thread {
             part,
@@ -130,6 +131,46 @@ pub(super) fn read_threads(
         });
     }
     Ok(threads)
+}
+
+/// How a thread behaves whose length runs through tissue; `None` where no key says that it does.
+fn read_through(document: &Document, said: &ThreadSection) -> Result<Option<Through>, SceneError> {
+    let number = |key: &str, value: &Option<Spanned<f64>>, sound: fn(f64) -> bool, help: &str| {
+        let Some(value) = value else {
+            return Ok(None);
+        };
+        let rule = if sound(0.0) {
+            "zero or positive"
+        } else {
+            "positive"
+        };
+        document.number(key, value, rule, sound, help).map(Some)
+    };
+    // What does not give way.
+    let rigid = |value: &Option<Spanned<f64>>| {
+        let value = value.as_ref().map(|value| *value.get_ref());
+        value == Some(f64::INFINITY)
+    };
+    let positive = |v: f64| v > 0.0;
+    let mut through = Through::default();
+    let help = "tension over strain, in newtons: sutures have 50 to 500; `inf` does not stretch";
+    if !rigid(&said.axial_stiffness_n)
+        && let Some(value) = number("axial_stiffness_n", &said.axial_stiffness_n, positive, help)?
+    {
+        through.axial_stiffness_n = value;
+    }
+    let help = "force per length in tissue, in newtons per metre: 0 to 20 are usual";
+    if let Some(value) = number("drag_n_per_m", &said.drag_n_per_m, |v| v >= 0.0, help)? {
+        through.drag_n_per_m = value;
+    }
+    let help = "tension at which it slips through a grip, in newtons; `inf` for never";
+    if !rigid(&said.grip_n)
+        && let Some(value) = number("grip_n", &said.grip_n, positive, help)?
+    {
+        through.grip_n = value;
+    }
+    let keys = [&said.axial_stiffness_n, &said.drag_n_per_m, &said.grip_n];
+    Ok(keys.iter().any(|key| key.is_some()).then_some(through))
 }
 
 /// Coulomb's coefficient of a thread or a contact; 0 when left out.

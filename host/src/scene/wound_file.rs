@@ -26,6 +26,16 @@ pub struct ThreadSection {
     /// Tension that it bears \[N\]; 20 when left out.
     #[schemars(with = "Option<f64>")]
     pub strength_n: Option<Spanned<f64>>,
+    /// EA, tension over strain \[N\]: its one length runs through tissue, too; `inf`, or left out beside one of the next two, for
+    /// one that does not stretch.
+    #[schemars(with = "Option<f64>")]
+    pub axial_stiffness_n: Option<Spanned<f64>>,
+    /// Drag of tissue along it, per length in tissue \[N/m\]; none when left out.
+    #[schemars(with = "Option<f64>")]
+    pub drag_n_per_m: Option<Spanned<f64>>,
+    /// What a tool's grip holds before the thread slips through it \[N\]; all when left out.
+    #[schemars(with = "Option<f64>")]
+    pub grip_n: Option<Spanned<f64>>,
     /// What holds its ends, from when on.
     #[serde(default)]
     #[schemars(with = "Vec<ThreadHoldSection>")]

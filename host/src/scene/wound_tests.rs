@@ -2,7 +2,7 @@
 
 use super::tests::{Slip, check_slips, read};
 use super::*;
-use crate::thread::{ThreadEnd, ThreadHold, ThreadPart};
+use crate::thread::{ThreadEnd, ThreadHold, ThreadPart, Through};
 
 const GOOD: &str = r#"
 device = "cartesian-bench"
@@ -102,6 +102,7 @@ fn threads_arrive_as_they_are_written() {
         length_m: 0.4,
         friction: 0.1,
         strength_n: 12.0,
+        through: None,
     };
     assert_eq!(thread.part, part);
     let held = |time_s, end, by| ThreadHeld { time_s, end, by };
@@ -118,6 +119,29 @@ fn threads_arrive_as_they_are_written() {
     let scene = read(&short).expect("good");
     let part = scene.threads[0].part;
     assert_eq!((part.friction, part.strength_n), (0.0, 20.0));
+}
+
+/// Any of three keys has the length run through tissue; what is left out does not give way.
+#[test]
+fn a_length_runs_through_tissue_where_a_key_says_so() {
+    let through = |keys: &str| {
+        let said = format!("strength_n = 12.0\n{keys}\n");
+        let scene = read(&GOOD.replace("strength_n = 12.0\n", &said));
+        scene.expect("good").threads[0].part.through
+    };
+    let stiff = Through::default();
+    assert!(stiff.axial_stiffness_n.is_infinite() && stiff.grip_n.is_infinite());
+    assert_eq!(through(""), None);
+    assert_eq!(through("axial_stiffness_n = inf"), Some(stiff));
+    assert_eq!(through("drag_n_per_m = 0.0"), Some(stiff));
+    assert_eq!(through("grip_n = inf"), Some(stiff));
+    let all = through("axial_stiffness_n = 200.0\ndrag_n_per_m = 5.0\ngrip_n = 3.0");
+    let expected = Through {
+        axial_stiffness_n: 200.0,
+        drag_n_per_m: 5.0,
+        grip_n: 3.0,
+    };
+    assert_eq!(all, Some(expected));
 }
 
 /// 3.37 of the source with `ratio` from 1 on; at rest between and after the two sections.
@@ -212,6 +236,27 @@ const SLIPS: &[Slip] = &[
         message: "strength_n = inf: must be positive",
         under: "inf",
         help: "it would break",
+    },
+    Slip {
+        from: "strength_n = 12.0",
+        to: "axial_stiffness_n = 0.0",
+        message: "axial_stiffness_n = 0: must be positive",
+        under: "0.0",
+        help: "tension over strain",
+    },
+    Slip {
+        from: "strength_n = 12.0",
+        to: "drag_n_per_m = inf",
+        message: "drag_n_per_m = inf: must be zero or positive",
+        under: "inf",
+        help: "force per length",
+    },
+    Slip {
+        from: "strength_n = 12.0",
+        to: "grip_n = -1.0",
+        message: "grip_n = -1: must be positive",
+        under: "-1.0",
+        help: "slips through a grip",
     },
     Slip {
         from: "strength_n = 12.0",

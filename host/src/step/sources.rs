@@ -19,7 +19,7 @@ use crate::needle::{
 };
 use crate::source::tool::{Cones, ToolContacts, TouchingTools};
 use crate::source::{Added, Handles, Kept as Memory, ON_POINTS, ON_WAYS, Room, Source};
-use crate::thread::{MOST_SEGMENTS, ThreadState, Threads};
+use crate::thread::{ThreadState, Threads};
 use crate::tool::{MAX_TOOLS, Tool, ToolSample};
 use nalgebra::Vector3;
 use serde::Serialize;
@@ -314,12 +314,7 @@ impl SourcesState {
                 .iter()
                 .map(|part| NeedleState::new(part, &sources.settings))
                 .collect(),
-            threads: sources
-                .threads
-                .parts
-                .iter()
-                .map(|part| ThreadState::new(part, MOST_SEGMENTS))
-                .collect(),
+            threads: sources.threads.parts.iter().map(ThreadState::new).collect(),
             touch,
             tools: ToolContacts::new(&sources.tools),
             time_us: 0,

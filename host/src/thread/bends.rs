@@ -71,7 +71,12 @@ impl ThreadState {
         };
         std::mem::swap(&mut self.bends, &mut work.former);
         self.bends.clear();
+        let outside = self.spans.iter().filter(|span| span.passage.is_none());
+        let outside = outside.count();
         for (index, span) in self.spans.iter().enumerate() {
+            if span.passage.is_some() {
+                continue;
+            }
             let mut own = self.segments.iter().filter(|segment| segment.span == index);
             let (Some(first), last) = (own.next(), own.next_back()) else {
                 continue;
@@ -104,7 +109,8 @@ impl ThreadState {
             inside |= span.to.is_none()
                 && span
                     .from
-                    .is_some_and(|from| self.passed[from].crossing.enters);
+                    .and_then(|from| self.passed.get(from))
+                    .is_some_and(|from| from.crossing.enters);
             if inside {
                 continue;
             }
@@ -112,7 +118,7 @@ impl ThreadState {
             over(&from, &to, &up, &mut work.new);
             let key = span.key;
             for bend in &work.new {
-                if self.bends.len() + self.spans.len() >= MOST_SEGMENTS {
+                if self.bends.len() + outside >= MOST_SEGMENTS {
                     break;
                 }
                 // What has hardly moved stays, so that what is known of it does.

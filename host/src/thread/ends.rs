@@ -15,6 +15,8 @@ pub(crate) struct EndRows {
     along: Vector3<f64>,
     /// Rows that bound its length, from one to another.
     bounds: (usize, usize),
+    /// Part of it in the last of these.
+    last: f64,
     /// The first of its segment's own rows, and how many of these directions they have.
     own: usize,
     directions: [Vector3<f64>; 3],
@@ -30,7 +32,9 @@ impl EndRows {
     /// Rows, and by how much their target falls as the end moves.
     pub fn visit(&self, mut visit: impl FnMut(usize, Vector3<f64>)) {
         for row in self.bounds.0..self.bounds.1 {
-            visit(row, self.along * self.sign);
+            let is_last = row + 1 == self.bounds.1;
+            let part = if is_last { self.last } else { 1.0 };
+            visit(row, self.along * (self.sign * part));
         }
         for (axis, direction) in self.directions.iter().enumerate().take(self.count) {
             visit(self.own + axis, direction * self.sign);
@@ -59,6 +63,7 @@ impl ThreadState {
             sign,
             along: segment.along,
             bounds: (first, first),
+            last: 1.0,
             own: 0,
             directions: [Vector3::x(), Vector3::y(), Vector3::z()],
             count: 0,
@@ -72,11 +77,18 @@ impl ThreadState {
                 rows.count = 2;
             }
         }
-        if is_held && !segment.was_weld {
-            let rubbing = part.friction > 0.0 && end == ThreadEnd::Head;
-            let beyond = if rubbing { self.spans.len() } else { 1 };
-            rows.bounds.1 = first + beyond;
+        let beyond = match end {
+            ThreadEnd::Tail => 0,
+            ThreadEnd::Head => self.friction_rows(part, is_held),
+        };
+        if (is_held || beyond > 0) && !segment.was_weld {
+            rows.bounds.1 = first + usize::from(is_held) + beyond;
             rows.along = segment.solved_along;
+            // The friction of the passage in which it ends acts before it in part.
+            rows.last = match segment.piece {
+                Some(piece) if beyond > 0 => piece.share,
+                _ => 1.0,
+            };
         }
         Some((segment.force * -sign, at, rows))
     }

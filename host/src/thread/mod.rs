@@ -15,11 +15,12 @@ mod segments;
 mod skin;
 mod source;
 mod state;
+mod through;
 mod wrap;
 
 pub(crate) use bends::BendWork;
 pub(crate) use ends::EndRows;
-pub(crate) use model::{MOST_SEGMENTS, Threads};
+pub(crate) use model::Threads;
 pub(crate) use segments::Segment;
 pub(crate) use skin::Skin;
 pub(crate) use source::{ThreadSource, ThreadWork};
@@ -30,5 +31,5 @@ pub use chain::{ChainReport, ChainSettings, ChainStatus};
 pub use free::FreeThread;
 pub use model::{
     Bridge, ThreadEnd, ThreadError, ThreadHold, ThreadPart, ThreadPlace, ThreadPoint, ThreadReport,
-    ThreadTension, Tightening,
+    ThreadTension, Through, Tightening,
 };

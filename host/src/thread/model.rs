@@ -19,8 +19,57 @@ pub struct ThreadPart {
     /// Coulomb's coefficient against tissue \[1\]: tension falls by e^(friction turn) where it slides around
     /// a turn (capstan).
     pub friction: f64,
-    /// Tension that it bears \[N\]; it is not exceeded, the path stays longer then.
+    /// Tension that it bears \[N\]. It is not exceeded: the path stays longer then, or, if the length runs through
+    /// tissue, the thread breaks.
     pub strength_n: f64,
+    /// Whether its one length runs through tissue, too, and how it stretches, drags and slips then; left out, what lies
+    /// in tissue keeps its length, and tension does not act there.
+    pub through: Option<Through>,
+}
+
+/// Of a thread whose one length runs through outside spans and paths inside tissue. Along the path
+/// dT/ds = drag + friction |curvature| T.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Through {
+    /// EA, tension over strain \[N\]; infinite if it does not stretch.
+    pub axial_stiffness_n: f64,
+    /// Drag of tissue along it, per length in tissue \[N/m\].
+    pub drag_n_per_m: f64,
+    /// What a tool's grip holds before the thread slips through it \[N\]; may be infinite.
+    pub grip_n: f64,
+}
+
+impl Default for Through {
+    /// Inextensible, without drag, in grips that do not let it slip.
+    fn default() -> Self {
+        Self {
+            axial_stiffness_n: f64::INFINITY,
+            drag_n_per_m: 0.0,
+            grip_n: f64::INFINITY,
+        }
+    }
+}
+
+impl ThreadPart {
+    /// Whether tissue holds it back where it slides.
+    pub(crate) fn rubs(&self) -> bool {
+        self.friction > 0.0 || self.drags()
+    }
+
+    /// Whether tissue holds it back without tension, too.
+    pub(crate) fn drags(&self) -> bool {
+        self.through
+            .is_some_and(|through| through.drag_n_per_m > 0.0)
+    }
+
+    /// Most segments that its path is made of.
+    pub(crate) fn most_segments(&self) -> usize {
+        if self.through.is_some() {
+            MOST_THROUGH
+        } else {
+            MOST_SEGMENTS
+        }
+    }
 }
 
 /// What holds one of a thread's ends.
@@ -113,12 +162,16 @@ pub struct ThreadReport {
     pub end_m: [[f64; 3]; 2],
     /// Boundary faces that it goes through.
     pub punctures: u32,
-    /// Length of its path outside the tissue and at its ends \[m\].
+    /// Length of its path outside the tissue and at its ends, and inside if its length runs through \[m\].
     pub length_m: f64,
-    /// What there is of it for that \[m\].
+    /// What there is of it for that, unstretched \[m\].
     pub available_m: f64,
     /// Drawn out of the tissue so far by what holds the tail, and the head \[m\].
     pub pulled_m: [f64; 2],
+    /// Slipped through the grips at tail and head so far \[m\].
+    pub slipped_m: [f64; 2],
+    /// What has been broken off \[m\], if it has broken.
+    pub broken_off_m: Option<f64>,
     /// Segments of no length that the tension holds closed.
     pub welds: u32,
     /// Points of tissue outside that it bends around.
@@ -206,10 +259,14 @@ pub(crate) struct Threads {
     /// Number of each node's connected body of tissue, (n), and how many there are.
     bodies: Vec<u32>,
     count: u32,
+    /// Least distance of faces inside between which the path has a direction of its own \[m\].
+    apart_m: f64,
 }
 
 /// Most segments of one thread: 50 punctures with as many bends, and both ends.
 pub(crate) const MOST_SEGMENTS: usize = 96;
+/// Most segments of one thread whose length runs through tissue: as many, and four in each of 50 passages.
+pub(crate) const MOST_THROUGH: usize = 288;
 
 impl Threads {
     /// No threads.
@@ -219,11 +276,17 @@ impl Threads {
             needles: Vec::new(),
             bodies: Vec::new(),
             count: 0,
+            apart_m: 0.0,
         }
     }
 
-    /// Threads on needles with `ids`, in tissue made of `mesh`.
-    pub fn new(parts: &[ThreadPart], ids: &[u8], mesh: &HalfFaces) -> Result<Self, ThreadError> {
+    /// Threads on needles with `ids`, in tissue made of `mesh`, in which faces count that are `apart_m` from each other.
+    pub fn new(
+        parts: &[ThreadPart],
+        ids: &[u8],
+        mesh: &HalfFaces,
+        apart_m: f64,
+    ) -> Result<Self, ThreadError> {
         let mut needles: Vec<usize> = Vec::with_capacity(parts.len());
         for (index, part) in parts.iter().enumerate() {
             let (id, needle) = (part.id, part.needle);
@@ -237,31 +300,7 @@ impl Threads {
                 return Err(flaw("has a thread already"));
             }
             needles.push(place);
-            let numbers = [
-                ("length_m", part.length_m, part.length_m > 0.0, "above zero"),
-                (
-                    "friction",
-                    part.friction,
-                    (0.0..=10.0).contains(&part.friction),
-                    "from 0 to 10",
-                ),
-                (
-                    "strength_n",
-                    part.strength_n,
-                    part.strength_n > 0.0,
-                    "above zero",
-                ),
-            ];
-            for (what, value, sound, rule) in numbers {
-                if !(sound && value.is_finite()) {
-                    return Err(ThreadError::Number {
-                        id,
-                        what,
-                        value,
-                        rule,
-                    });
-                }
-            }
+            check_numbers(part)?;
         }
         let (bodies, count) = bodies(mesh);
         Ok(Self {
@@ -269,6 +308,7 @@ impl Threads {
             needles,
             bodies,
             count,
+            apart_m,
         })
     }
 
@@ -284,8 +324,46 @@ impl Threads {
             points_m,
             bodies: &self.bodies,
             count: self.count,
+            apart_m: self.apart_m,
         }
     }
+}
+
+/// Lengths, forces and coefficients of a thread.
+fn check_numbers(part: &ThreadPart) -> Result<(), ThreadError> {
+    let Through {
+        axial_stiffness_n,
+        drag_n_per_m,
+        grip_n,
+    } = part.through.unwrap_or_default();
+    let positive = |value: f64| (value > 0.0 && value.is_finite(), "above zero");
+    // Infinite for what does not give way.
+    let rigid = |value: f64| (value > 0.0, "above zero");
+    let coefficient = |value: f64| ((0.0..=10.0).contains(&value), "from 0 to 10");
+    let drag = |value: f64| (value >= 0.0 && value.is_finite(), "zero or above");
+    let numbers = [
+        ("length_m", part.length_m, positive(part.length_m)),
+        ("friction", part.friction, coefficient(part.friction)),
+        ("strength_n", part.strength_n, positive(part.strength_n)),
+        (
+            "axial_stiffness_n",
+            axial_stiffness_n,
+            rigid(axial_stiffness_n),
+        ),
+        ("drag_n_per_m", drag_n_per_m, drag(drag_n_per_m)),
+        ("grip_n", grip_n, rigid(grip_n)),
+    ];
+    for (what, value, (sound, rule)) in numbers {
+        if !sound {
+            return Err(ThreadError::Number {
+                id: part.id,
+                what,
+                value,
+                rule,
+            });
+        }
+    }
+    Ok(())
 }
 
 /// Number of each node's connected body, and how many there are.

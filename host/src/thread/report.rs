@@ -178,6 +178,8 @@ impl Balance<'_> {
             state: thread.state,
             held_by: self.held_by(index),
             punctures: thread.punctures(),
+            slipped_m: thread.whole.map_or([0.0; 2], |whole| whole.slipped_m),
+            broken_off_m: thread.whole.and_then(|whole| whole.broken_off_m),
             length_m: spans.map(|span| thread.lengths_of(span)).sum(),
             available_m: thread.available_m(),
             pulled_m: thread.pulled_m,

@@ -26,7 +26,7 @@ use serde::Serialize;
 /// A segment's direction is known when forces follow it to this part of the tension.
 const STRAIGHT: f64 = 1e-3;
 /// The true length is held this well \[m\].
-const LENGTH_M: f64 = 5e-7;
+pub(super) const LENGTH_M: f64 = 5e-7;
 /// Tension below this is none \[N\].
 pub(super) const NO_TENSION_N: f64 = 1e-9;
 
@@ -61,6 +61,21 @@ pub(crate) struct Segment {
     pub first_row: Option<u32>,
     /// Its place among the ways.
     pub place: u32,
+    /// Of a piece inside tissue.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub piece: Option<Piece>,
+}
+
+/// A piece of a path inside tissue.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub(crate) struct Piece {
+    /// Places of its ends among the faces passed; `None` for the head.
+    pub from: usize,
+    pub to: Option<usize>,
+    /// What there is of thread for it \[m\].
+    pub material_m: f64,
+    /// Part of its passage's friction that acts before its middle: of the passage's length.
+    pub share: f64,
 }
 
 /// What lies between two faces, or a face and an end, outside.
@@ -85,7 +100,20 @@ pub(crate) struct Span {
     pub inside: Vector3<f64>,
     /// Multiplier of a bound of its own \[N\].
     pub own_n: f64,
+    /// Of a way through tissue, whose friction acts along it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub passage: Option<Passage>,
 }
+
+/// A way through tissue.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub(crate) struct Passage {
+    /// Most that friction can lessen the tension by, while `limit_n` is the most that it can raise it by \[N\].
+    pub lessens_n: f64,
+}
+
+/// A place among the faces or where it is held \[m\], and where on the thread that is \[m\].
+pub(super) type Stop = (Option<usize>, Vector3<f64>, f64);
 
 /// What threads go through.
 #[derive(Clone, Copy)]
@@ -96,6 +124,8 @@ pub(crate) struct Ground<'a> {
     /// Number of each node's connected body of tissue, (n), and how many there are.
     pub bodies: &'a [u32],
     pub count: u32,
+    /// Least distance of faces inside between which the path has a direction of its own \[m\].
+    pub apart_m: f64,
 }
 
 impl Ground<'_> {
@@ -108,7 +138,7 @@ impl Ground<'_> {
         self.count < 2 || body(a) != body(b)
     }
 
-    fn unloaded(&self, end: &End) -> Vector3<f64> {
+    pub(super) fn unloaded(&self, end: &End) -> Vector3<f64> {
         match end {
             End::Tissue(anchor) => {
                 let parts = anchor.nodes.iter().zip(anchor.weights);
@@ -135,8 +165,26 @@ fn row_id(thread: usize, class: u64, key: (u32, u32), axis: u64) -> u64 {
 
 impl ThreadState {
     /// Whether anything but the thread's own slide withstands a pull.
-    pub fn pulls(&self, head_held: bool) -> bool {
-        !self.passed.is_empty() && (self.is_tail_held() && head_held || self.tightened.is_some())
+    pub fn pulls(&self, part: &ThreadPart, head_held: bool) -> bool {
+        let held = head_held && (self.is_tail_held() || part.drags());
+        !self.passed.is_empty() && (held || self.tightened.is_some())
+    }
+
+    /// Whether the bounds of friction of a span that comes before others, or of a passage, have a row.
+    pub fn has_friction_row(&self, part: &ThreadPart, is_held: bool, place: usize) -> bool {
+        let rubs = part.rubs() && (is_held || part.drags());
+        let is_place = match self.spans.get(place) {
+            _ if self.whole.is_none() => place + 1 < self.spans.len(),
+            span => span.is_some_and(|span| span.passage.is_some()),
+        };
+        rubs && is_place
+    }
+
+    /// Rows of friction.
+    pub fn friction_rows(&self, part: &ThreadPart, is_held: bool) -> usize {
+        let places = 0..self.spans.len();
+        let rows = places.filter(|place| self.has_friction_row(part, is_held, *place));
+        rows.count()
     }
 
     /// Finds the path and linearises it; what is known of its segments stays, where others are `at` says. `head` is
@@ -165,6 +213,10 @@ impl ThreadState {
                 &at,
             );
         }
+        if self.whole.is_some() {
+            self.lay_through(ground, head, known, &at);
+            return;
+        }
         for index in 0..self.passed.len() {
             let own = self.passed[index];
             let from = (Some(index), Vector3::zeros(), own.crossing.alpha);
@@ -180,16 +232,32 @@ impl ThreadState {
     }
 
     /// Adds what lies between two faces or ends: place among the faces or where it is held, and where on the thread.
-    fn add_span(
+    pub(super) fn add_span(
         &mut self,
         ground: &Ground,
         known: &[Segment],
-        from: (Option<usize>, Vector3<f64>, f64),
-        to: (Option<usize>, Vector3<f64>, f64),
+        from: Stop,
+        to: Stop,
         at: &impl Fn(&AnchorPoint) -> Vector3<f64>,
     ) {
+        let [first, second] = self.push_span(ground, from, to);
+        let (place, key) = (self.spans.len() - 1, self.spans[self.spans.len() - 1].key);
+        let (mut piece, mut last) = (0, first);
+        let bends = self.bends.iter().filter(|(of, _)| *of == key);
+        let stops = bends.map(|(_, bend)| End::Tissue(*bend));
+        for stop in stops.chain([second]) {
+            let segment = Segment::new((key, piece), [last, stop], place, known, at);
+            piece += 1;
+            let segment = segment.linearised(self.compliance);
+            self.segments.push(segment);
+            last = stop;
+        }
+    }
+
+    /// Adds a span without its segments; its ends.
+    pub(super) fn push_span(&mut self, ground: &Ground, from: Stop, to: Stop) -> [End; 2] {
         let passed = |place: Option<usize>| Some(self.passed.get(place?)?.crossing);
-        let end = |(place, held, _): (Option<usize>, Vector3<f64>, f64)| match passed(place) {
+        let end = |(place, held, _): Stop| match passed(place) {
             Some(crossing) => End::Tissue(anchor(ground.mesh, &crossing)),
             None => End::Held(held),
         };
@@ -200,7 +268,6 @@ impl ThreadState {
             _ => false,
         };
         let before = self.former.iter().find(|span| span.key == key);
-        let place = self.spans.len();
         self.spans.push(Span {
             key,
             from: from.0,
@@ -213,51 +280,9 @@ impl ThreadState {
             turn: before.map_or(0.0, |span| span.turn),
             inside: Vector3::zeros(),
             own_n: before.map_or(0.0, |span| span.own_n),
+            passage: None,
         });
-        let (mut piece, mut last) = (0, first);
-        let bends = self.bends.iter().filter(|(of, _)| *of == key);
-        let stops = bends.map(|(_, bend)| End::Tissue(*bend));
-        for stop in stops.chain([second]) {
-            let key = (key, piece);
-            piece += 1;
-            let same = known.iter().find(|segment| segment.key == key);
-            let ends = [last, stop];
-            let mut segment = Segment {
-                key,
-                ends,
-                span: place,
-                way: Vector3::zeros(),
-                force: same.map_or_else(Vector3::zeros, |segment| segment.force),
-                tension_n: same.map_or(0.0, |segment| segment.tension_n),
-                along: Vector3::zeros(),
-                length_m: 0.0,
-                is_weld: false,
-                solved_along: Vector3::zeros(),
-                was_weld: false,
-                first_row: None,
-                place: 0,
-            };
-            let point = |end: &End| match end {
-                End::Tissue(anchor) => at(anchor),
-                End::Held(at) => *at,
-            };
-            segment.way = match (same, ends) {
-                (Some(same), [End::Tissue(_), End::Tissue(_)]) if same.ends == ends => same.way,
-                // What is held has moved, the tissue has not.
-                (Some(same), [End::Tissue(a), End::Held(b)]) => match same.ends {
-                    [End::Tissue(before), End::Held(held)] if before == a => same.way + b - held,
-                    _ => b - at(&a),
-                },
-                (Some(same), [End::Held(a), End::Tissue(b)]) => match same.ends {
-                    [End::Held(held), End::Tissue(before)] if before == b => same.way + held - a,
-                    _ => at(&b) - a,
-                },
-                _ => point(&stop) - point(&last),
-            };
-            segment.linearise(self.compliance);
-            self.segments.push(segment);
-            last = stop;
-        }
+        [first, second]
     }
 
     /// Appends the rows of the path.
@@ -323,16 +348,17 @@ impl ThreadState {
         set: &mut ConstraintSet,
     ) {
         let rest = |end: &End| ground.unloaded(end);
-        let along = |from: usize, to: usize, terms: &mut Vec<Term>| {
+        let along = |weight: &dyn Fn(&Segment) -> f64, terms: &mut Vec<Term>| {
             let first = terms.len() as u32;
             let mut straight = 0.0;
             for segment in &self.segments {
-                if (from..to).contains(&segment.span) && !segment.is_weld {
+                let weight = weight(segment);
+                if weight > 0.0 && !segment.is_weld {
                     let [a, b] = &segment.ends;
-                    straight += segment.along.dot(&(rest(b) - rest(a)));
+                    straight += weight * segment.along.dot(&(rest(b) - rest(a)));
                     terms.push(Term {
                         anchor: segment.place,
-                        direction: segment.along.into(),
+                        direction: (segment.along * weight).into(),
                     });
                 }
             }
@@ -340,8 +366,8 @@ impl ThreadState {
         };
         let count = self.spans.len();
         let mut add =
-            |class: u64, key: u32, kind: RowKind, (from, to): (usize, usize), length: f64| {
-                let (terms, straight) = along(from, to, &mut set.terms);
+            |class: u64, key: u32, kind: RowKind, weight: &dyn Fn(&Segment) -> f64, length: f64| {
+                let (terms, straight) = along(weight, &mut set.terms);
                 set.spread.push(MultiPointConstraint {
                     id: row_id(index, class, (key, 0), 0),
                     kind,
@@ -351,39 +377,49 @@ impl ThreadState {
                 });
             };
         if is_held {
-            let kind = if self.is_bounded {
-                RowKind::Box {
+            let kind = match &self.whole {
+                Some(whole) => RowKind::Between {
+                    least_n: 0.0,
+                    most_n: whole.bound_n,
+                },
+                None if self.is_bounded => RowKind::Box {
                     limit_n: part.strength_n,
-                }
-            } else {
-                RowKind::Inequality
+                },
+                None => RowKind::Inequality,
             };
-            let length = self.available_m();
-            add(SHARED, 0, kind, (0, count), length);
-            if part.friction > 0.0 {
-                for place in 1..count {
-                    let span = self.spans[place - 1];
-                    let beyond: f64 = self.spans[place..].iter().map(|span| span.material_m).sum();
-                    let limit_n = span.limit_n;
-                    let kind = RowKind::Box { limit_n };
-                    add(FRICTION_ROW, span.key, kind, (place, count), beyond);
-                }
+            add(SHARED, 0, kind, &|_| 1.0, self.available_m());
+        }
+        for place in 0..count {
+            if self.has_friction_row(part, is_held, place) {
+                let span = self.spans[place];
+                let kind = match span.passage {
+                    Some(passage) => RowKind::Between {
+                        least_n: -passage.lessens_n,
+                        most_n: span.limit_n,
+                    },
+                    None => RowKind::Box {
+                        limit_n: span.limit_n,
+                    },
+                };
+                let weight = |segment: &Segment| segment.beyond(place);
+                add(FRICTION_ROW, span.key, kind, &weight, self.beyond_m(place));
             }
         }
         if self.tightened.is_some() {
             for place in 0..count {
                 let span = self.spans[place];
                 if let Some(length) = self.bound_m(place) {
-                    add(
-                        OWN,
-                        span.key,
-                        RowKind::Inequality,
-                        (place, place + 1),
-                        length,
-                    );
+                    let own = |segment: &Segment| f64::from(u8::from(segment.span == place));
+                    add(OWN, span.key, RowKind::Inequality, &own, length);
                 }
             }
         }
+    }
+
+    /// What there is of thread beyond the friction of a span \[m\].
+    pub(super) fn beyond_m(&self, place: usize) -> f64 {
+        let after = self.spans[place + 1..].iter().map(|span| span.material_m);
+        after.sum::<f64>() + self.own_m(place, |share| share)
     }
 
     /// What there is of thread for the path \[m\].
@@ -417,7 +453,7 @@ impl ThreadState {
         self.compliance = self.typical_compliance(system);
         let (total, straight) = self.linearise_segments(shared, ground, system, grasp);
         settled &= straight;
-        if is_held {
+        if is_held && self.whole.is_none() {
             let over = total - self.available_m();
             settled &= if self.strained {
                 // As strong as it is, whatever is missing; what was enough would be too much.
@@ -433,7 +469,11 @@ impl ThreadState {
                 settled &= over <= LENGTH_M && (span.own_n == 0.0 || over >= -LENGTH_M);
             }
         }
-        settled &= self.rub(part, shared);
+        settled &= if self.whole.is_some() {
+            self.settle_through(part, is_held, shared)
+        } else {
+            self.rub(part, shared)
+        };
         settled
     }
 
@@ -450,6 +490,8 @@ impl ThreadState {
         let mut settled = true;
         if is_held {
             shared = take();
+        }
+        if is_held && self.whole.is_none() {
             self.strained = self.is_bounded && shared >= part.strength_n;
             // A box bounds a push, too.
             let is_bounded = if self.is_bounded {
@@ -459,11 +501,11 @@ impl ThreadState {
             };
             settled &= is_bounded == self.is_bounded;
             self.is_bounded = is_bounded;
-            shared = shared.max(0.0);
-            if part.friction > 0.0 {
-                for place in 1..self.spans.len() {
-                    self.spans[place - 1].friction_n = take();
-                }
+        }
+        shared = shared.max(0.0);
+        for place in 0..self.spans.len() {
+            if self.has_friction_row(part, is_held, place) {
+                self.spans[place].friction_n = take();
             }
         }
         if self.tightened.is_some() {
@@ -495,7 +537,10 @@ impl ThreadState {
                 at += 1;
             }
             let own = self.spans[segment.span].own_n;
-            segment.tension_n = (tension + own).max(0.0);
+            let before = segment.piece.map_or(0.0, |piece| {
+                piece.share * self.spans[segment.span].friction_n
+            });
+            segment.tension_n = (tension + before + own).max(0.0);
             let [a, b] = &segment.ends;
             segment.way = ground.unloaded(b) - ground.unloaded(a)
                 + system.anchor_displacement(grasp, segment.place as usize);
@@ -534,13 +579,8 @@ impl ThreadState {
         if self.segments.is_empty() {
             return 0;
         }
-        let rubbing = if part.friction > 0.0 {
-            self.spans.len().saturating_sub(1)
-        } else {
-            0
-        };
         let own = self.spans.iter().filter(|span| span.bridges).count();
-        let shared = if is_held { 1 + rubbing } else { 0 };
+        let shared = usize::from(is_held) + self.friction_rows(part, is_held);
         shared + if self.tightened.is_some() { own } else { 0 }
     }
 
@@ -580,7 +620,11 @@ impl ThreadState {
     }
 
     /// A balance is found: the thread has slid.
-    pub fn finish(&mut self, is_held: bool) {
+    pub fn finish(&mut self, part: &ThreadPart, is_held: bool) {
+        if self.whole.is_some() {
+            self.finish_through(part, is_held);
+            return;
+        }
         self.state = if self.strained {
             ThreadTension::Strained
         } else if self
@@ -630,6 +674,64 @@ impl ThreadState {
 }
 
 impl Segment {
+    /// Between `ends`, as far as it is `known`.
+    pub(super) fn new(
+        key: (u32, u32),
+        ends: [End; 2],
+        span: usize,
+        known: &[Segment],
+        at: &impl Fn(&AnchorPoint) -> Vector3<f64>,
+    ) -> Self {
+        let same = known.iter().find(|segment| segment.key == key);
+        let point = |end: &End| match end {
+            End::Tissue(anchor) => at(anchor),
+            End::Held(at) => *at,
+        };
+        let way = match (same, ends) {
+            (Some(same), [End::Tissue(_), End::Tissue(_)]) if same.ends == ends => same.way,
+            // What is held has moved, the tissue has not.
+            (Some(same), [End::Tissue(a), End::Held(b)]) => match same.ends {
+                [End::Tissue(before), End::Held(held)] if before == a => same.way + b - held,
+                _ => b - at(&a),
+            },
+            (Some(same), [End::Held(a), End::Tissue(b)]) => match same.ends {
+                [End::Held(held), End::Tissue(before)] if before == b => same.way + held - a,
+                _ => at(&b) - a,
+            },
+            _ => point(&ends[1]) - point(&ends[0]),
+        };
+        Self {
+            key,
+            ends,
+            span,
+            way,
+            force: same.map_or_else(Vector3::zeros, |segment| segment.force),
+            tension_n: same.map_or(0.0, |segment| segment.tension_n),
+            along: Vector3::zeros(),
+            length_m: 0.0,
+            is_weld: false,
+            solved_along: Vector3::zeros(),
+            was_weld: false,
+            first_row: None,
+            place: 0,
+            piece: None,
+        }
+    }
+
+    /// The same, linearised.
+    pub(super) fn linearised(mut self, c: f64) -> Self {
+        self.linearise(c);
+        self
+    }
+
+    /// Part of the friction of the span at `place` that acts on its tension.
+    pub(super) fn beyond(&self, place: usize) -> f64 {
+        match self.piece {
+            Some(piece) if self.span == place => piece.share,
+            _ => f64::from(u8::from(self.span > place)),
+        }
+    }
+
     /// Direction, length, and whether it is a weld, from its way and force: see the module.
     fn linearise(&mut self, c: f64) {
         let z = self.way + self.force * c;

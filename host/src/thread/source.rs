@@ -2,7 +2,7 @@
 //!
 //! Entry point: [`ThreadSource`].
 
-use super::{BendWork, MOST_SEGMENTS, Segment, Skin, ThreadHold, ThreadState, Wrap, wraps};
+use super::{BendWork, Segment, Skin, ThreadHold, ThreadPart, ThreadState, Wrap, wraps};
 use crate::anchors::AnchorPoint;
 use crate::needle::{NeedleState, anchor};
 use crate::source::{Room, Source};
@@ -30,7 +30,8 @@ impl ThreadWork {
     /// Nothing for a scene without threads.
     pub fn new(sources: &Sources) -> Self {
         let count = sources.threads.parts.len();
-        let most = if count == 0 { 0 } else { MOST_SEGMENTS };
+        let parts = sources.threads.parts.iter();
+        let most = parts.map(ThreadPart::most_segments).max().unwrap_or(0);
         let boundary = || sources.mesh.boundary().triangles();
         Self {
             known_segments: Vec::with_capacity(most),
@@ -46,13 +47,14 @@ impl Source for ThreadSource {
     /// A row for every span, and of all that lies beyond it.
     fn room(&self, sources: &Sources) -> Room {
         let parts = &sources.threads.parts;
-        let most = parts.len() * MOST_SEGMENTS;
-        let rubbing = parts.iter().any(|part| part.friction > 0.0);
+        let most = parts.iter().map(ThreadPart::most_segments).sum::<usize>();
+        let longest = parts.iter().map(ThreadPart::most_segments).max();
+        let rubbing = parts.iter().any(ThreadPart::rubs);
         Room {
             anchors: most,
             rows: 3 * most,
             spread: 2 * most,
-            terms: most * if rubbing { MOST_SEGMENTS } else { 3 },
+            terms: most * if rubbing { longest.unwrap_or(0) } else { 3 },
         }
     }
 
@@ -70,6 +72,10 @@ impl Source for ThreadSource {
             let set = &mut balance.work.set;
             thread.make_rows(index, &held.parts[index], is_held, &ground, set);
         }
+    }
+
+    fn soften(&self, balance: &mut Balance, _solve: u32) {
+        balance.soften_threads();
     }
 
     fn settle(&self, balance: &mut Balance, _solve: u32) -> Result<bool, Status> {
@@ -122,9 +128,13 @@ impl Balance<'_> {
             let needle = &self.state.each[held.needles[index]];
             let head = head_at(self.sources, needle, &self.state.threads[index], index);
             let mut thread = std::mem::take(&mut self.state.threads[index]);
-            if thread.pulls(head.is_some()) {
+            let part = &held.parts[index];
+            if part.through.is_some() {
+                thread.drop_behind();
+            }
+            if thread.pulls(part, head.is_some()) {
                 thread.lay(&ground, head, &mut known, |at| self.position_of(at));
-                if self.sources.threads.parts[index].friction > 0.0 {
+                if part.friction > 0.0 && part.through.is_none() {
                     thread.pass_through(&self.sources.mesh, |at| self.position_of(at));
                 }
             } else {
@@ -134,6 +144,22 @@ impl Balance<'_> {
             self.state.threads[index] = thread;
         }
         self.work.threads.known_segments = known;
+    }
+
+    /// Threads stretch.
+    fn soften_threads(&mut self) {
+        let BalanceWork { system, set, .. } = &mut *self.work;
+        let n = set.count();
+        let mut first = set.rows.len();
+        let held = &self.sources.threads;
+        for (index, thread) in self.state.threads.iter().enumerate() {
+            let needle = &self.state.each[held.needles[index]];
+            let is_held =
+                thread.is_tail_held() && head_at(self.sources, needle, thread, index).is_some();
+            let part = &held.parts[index];
+            thread.soften(part, is_held, first, n, system.compliance_mut(n));
+            first += thread.spread_rows(part, is_held);
+        }
     }
 
     /// Takes the threads' tensions from a solve and linearises their paths anew; whether that was not needed.
@@ -174,8 +200,11 @@ impl Balance<'_> {
                 index,
             );
             let is_held = self.state.threads[index].is_tail_held() && head.is_some();
-            self.state.threads[index].finish(is_held);
-            if is_held {
+            let part = &self.sources.threads.parts[index];
+            let thread = &mut self.state.threads[index];
+            thread.finish(part, is_held);
+            // What drags has slid already.
+            if is_held || part.drags() && !thread.segments.is_empty() {
                 continue;
             }
             let Some(head) = head else {

@@ -62,6 +62,35 @@ pub(crate) struct ThreadState {
     pub pulled_m: [f64; 2],
     pub friction_j: f64,
     next_id: u32,
+    /// Of a thread whose length runs through tissue.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub whole: Option<Whole>,
+}
+
+/// What else evolves about a thread whose length runs through tissue.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub(crate) struct Whole {
+    /// Where on the thread its tail ends \[m\].
+    pub end_m: f64,
+    /// Most tension at the tail with which grips hold and nothing breaks \[N\].
+    pub bound_n: f64,
+    /// What gives way at that.
+    pub weakest: Weakest,
+    /// Slipped through the grips at tail and head so far \[m\].
+    pub slipped_m: [f64; 2],
+    /// What has been broken off \[m\], if it has broken.
+    pub broken_off_m: Option<f64>,
+}
+
+/// What of a held thread gives way first.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+pub(crate) enum Weakest {
+    /// The grip at the tail.
+    Tail,
+    /// The grip at the head.
+    Head,
+    /// The thread itself.
+    Thread,
 }
 
 /// With the same room, so that a step on a copy does not allocate either.
@@ -81,8 +110,9 @@ impl Clone for ThreadState {
 }
 
 impl ThreadState {
-    /// A thread that nothing has drawn anywhere yet, with room for `most_segments`.
-    pub fn new(part: &ThreadPart, most_segments: usize) -> Self {
+    /// A thread that nothing has drawn anywhere yet.
+    pub fn new(part: &ThreadPart) -> Self {
+        let most_segments = part.most_segments();
         let hold = |alpha| Hold {
             by: ThreadHold::Free,
             alpha,
@@ -104,6 +134,13 @@ impl ThreadState {
             pulled_m: [0.0; 2],
             friction_j: 0.0,
             next_id: 0,
+            whole: part.through.map(|_| Whole {
+                end_m: -part.length_m,
+                bound_n: part.strength_n,
+                weakest: Weakest::Thread,
+                slipped_m: [0.0; 2],
+                broken_off_m: None,
+            }),
         }
     }
 
@@ -125,6 +162,7 @@ impl ThreadState {
             pulled_m,
             friction_j,
             next_id,
+            whole,
         } = self;
         passed.clone_from(&other.passed);
         *tail = other.tail;
@@ -141,6 +179,7 @@ impl ThreadState {
         *pulled_m = other.pulled_m;
         *friction_j = other.friction_j;
         *next_id = other.next_id;
+        *whole = other.whole;
     }
 
     /// The needle's end has gone through a face, `apart_m` from the one before: whether there is room. What lies
@@ -221,11 +260,12 @@ impl ThreadState {
         near: Vector3<f64>,
         part: &ThreadPart,
     ) {
+        let end_m = self.whole.map_or(-part.length_m, |whole| whole.end_m);
         let alpha = match (end, by, self.passed.first(), self.passed.last()) {
             (ThreadEnd::Tail, ThreadHold::Place(_) | ThreadHold::Tool(_), Some(first), _) => {
-                (first.crossing.alpha - (at - near).norm()).max(-part.length_m)
+                (first.crossing.alpha - (at - near).norm()).max(end_m)
             }
-            (ThreadEnd::Tail, ..) => -part.length_m,
+            (ThreadEnd::Tail, ..) => end_m,
             (ThreadEnd::Head, ThreadHold::Place(_) | ThreadHold::Tool(_), _, Some(last)) => {
                 (last.crossing.alpha + (at - near).norm()).min(0.0)
             }
@@ -242,7 +282,7 @@ impl ThreadState {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::thread::MOST_SEGMENTS;
+    use crate::thread::model::MOST_SEGMENTS;
 
     #[test]
     fn a_copy_has_the_room_of_what_it_copies() {
@@ -252,8 +292,9 @@ mod tests {
             length_m: 0.1,
             friction: 0.0,
             strength_n: 1.0,
+            through: None,
         };
-        let state = ThreadState::new(&part, MOST_SEGMENTS);
+        let state = ThreadState::new(&part);
         // Also in the place of one without.
         let mut other = ThreadState::default();
         other.clone_from(&state);

@@ -3,7 +3,7 @@
 use super::rig::*;
 use nalgebra::Vector3;
 use sutura_host::mesh::TetMesh;
-use sutura_host::needle::{NeedleSettings, NeedleTissue};
+use sutura_host::needle::NeedleSettings;
 use sutura_host::step::{State, StepReport, Workspace};
 use sutura_host::thread::{ThreadEnd, ThreadHold, ThreadPart, ThreadTension};
 
@@ -199,15 +199,6 @@ fn a_needle_that_is_let_go_lets_the_thread_through_the_other_way() {
     assert_eq!(bench.step_both().threads()[0].punctures, 0);
 }
 
-fn frictionless() -> NeedleTissue {
-    NeedleTissue {
-        friction_n_per_m: 0.0,
-        static_friction_n_per_m: 0.0,
-        cutting_pa: 0.0,
-        ..tissue()
-    }
-}
-
 fn part(id: u8, needle: u8, strength_n: f64) -> ThreadPart {
     ThreadPart {
         id,
@@ -215,6 +206,7 @@ fn part(id: u8, needle: u8, strength_n: f64) -> ThreadPart {
         length_m: 0.3,
         friction: 0.1,
         strength_n,
+        through: None,
     }
 }
 
@@ -243,7 +235,7 @@ fn all_punctures_in_one_cell() {
     let settings = NeedleSettings::default();
     let fixed = (mesh, vec![0, 1, 2]);
     let needle = straight(0.02);
-    let bench = Bench::new(fixed, Kind::Linear, needle, start, frictionless(), settings);
+    let bench = Bench::new(fixed, Kind::Linear, needle, start, smooth(), settings);
     let mut bench = with_threads(bench, &[part(7, 0, 1.0)]);
     let (report, others) = pull(&mut bench, Vector3::new(0.08, 0.0, 0.0), 400, 1.0);
     assert_eq!((report.threads()[0].punctures, others), (2, 0));
@@ -270,7 +262,7 @@ fn two_threads_at_once() {
     };
     let needles = [at(0.0013, 0.0047), at(-0.0021, -0.0053)];
     let mesh = slabs();
-    let tissue = vec![frictionless(); mesh.0.cells().len()];
+    let tissue = vec![smooth(); mesh.0.cells().len()];
     let settings = NeedleSettings::default();
     let bench = Bench::many(mesh, Kind::Linear, &needles, MATERIAL, &tissue, settings);
     let mut bench = with_threads(bench, &[part(7, 0, 5.0), part(8, 1, 5.0)]);

@@ -2,5 +2,6 @@
 
 mod extremes;
 mod hanging;
+mod one_length;
 mod pull;
 mod rig;

@@ -5,7 +5,7 @@ use nalgebra::Vector3;
 use sutura_host::collide::{TouchPart, TouchSettings};
 use sutura_host::needle::{NeedleSettings, NeedleTissue};
 use sutura_host::step::{State, StepReport, Workspace};
-use sutura_host::thread::{ThreadEnd, ThreadHold, ThreadPart, ThreadTension};
+use sutura_host::thread::{ThreadEnd, ThreadHold, ThreadPart, ThreadTension, Through};
 
 /// A straight needle above two slabs, with a thread.
 #[derive(Clone, Copy)]
@@ -15,6 +15,8 @@ pub struct Setup {
     pub touches: bool,
     pub gap_m: f64,
     pub length_m: f64,
+    /// Whether its length runs through tissue.
+    pub through: Option<Through>,
     /// Where the needle goes down \[m\].
     pub at_m: [f64; 2],
 }
@@ -25,8 +27,19 @@ pub const SETUP: Setup = Setup {
     touches: false,
     gap_m: 0.004,
     length_m: 0.3,
+    through: None,
     at_m: [0.0013, 0.0007],
 };
+
+/// Tissue without friction on a needle, and cut without force.
+pub fn smooth() -> NeedleTissue {
+    NeedleTissue {
+        friction_n_per_m: 0.0,
+        static_friction_n_per_m: 0.0,
+        cutting_pa: 0.0,
+        ..tissue()
+    }
+}
 
 pub fn bench(setup: Setup) -> Bench {
     let [x, y] = setup.at_m;
@@ -35,12 +48,7 @@ pub fn bench(setup: Setup) -> Bench {
         [0.0, 0.0, -1.0],
         [1.0, 0.0, 0.0],
     );
-    let tissue = NeedleTissue {
-        friction_n_per_m: 0.0,
-        static_friction_n_per_m: 0.0,
-        cutting_pa: 0.0,
-        ..tissue()
-    };
+    let tissue = smooth();
     let settings = NeedleSettings::default();
     let slabs = slabs_apart(setup.gap_m);
     let mut bench = Bench::new(slabs, Kind::Linear, straight(0.04), start, tissue, settings);
@@ -50,6 +58,7 @@ pub fn bench(setup: Setup) -> Bench {
         length_m: setup.length_m,
         friction: setup.friction,
         strength_n: setup.strength_n,
+        through: setup.through,
     };
     let faces = |upper: bool| {
         let faces = bench.mesh.surface().triangles.into_iter();

@@ -4,6 +4,7 @@ use super::Component;
 use std::time::Duration;
 use sutura_host::scene::Scene;
 use sutura_host::step::StepReport;
+use sutura_host::thread::ThreadPart;
 
 /// A component for each thread, or one that says that there is none.
 pub(super) fn threads(scene: &Scene, walk: &[(StepReport, Duration)]) -> Vec<Component> {
@@ -20,15 +21,38 @@ pub(super) fn threads(scene: &Scene, walk: &[(StepReport, Duration)]) -> Vec<Com
         let punctures = reports.map(|report| report.punctures).max();
         let why = match punctures {
             Some(punctures) => format!(
-                "`[[thread]]`: {:.0} mm long, through {punctures} boundaries at most along the scripts; one row for its \
-                 length, others across each piece of it outside",
-                1e3 * thread.part.length_m
+                "`[[thread]]`: {:.0} mm long, through {punctures} boundaries at most along the scripts; {}",
+                1e3 * thread.part.length_m,
+                rows(&thread.part)
             ),
             None => "`[[thread]]`; no `[hand]` to follow here".to_owned(),
         };
         Component::built(format!("thread {}", thread.part.id), why)
     };
     scene.threads.iter().enumerate().map(thread).collect()
+}
+
+/// What rows a thread has.
+fn rows(part: &ThreadPart) -> String {
+    let Some(through) = part.through else {
+        return "one row for its length, others across each piece of it outside".to_owned();
+    };
+    let mut said =
+        "one row for its length outside and inside, others across each piece of it".to_owned();
+    if part.friction > 0.0 || through.drag_n_per_m > 0.0 {
+        said += ", one for the friction of each passage through tissue";
+    }
+    let limits = [
+        (through.axial_stiffness_n, "stretches with EA"),
+        (through.grip_n, "slips through a grip at"),
+        (part.strength_n, "breaks at"),
+    ];
+    for (value, what) in limits {
+        if value.is_finite() {
+            said += &format!("; {what} {value} N");
+        }
+    }
+    said
 }
 
 /// A component for each pair of parts that may touch, or one that says that there is none.

@@ -1,0 +1,494 @@
+//! A thread whose one length runs through outside spans and paths inside tissue: it stretches, drags, slips through grips and breaks.
+//!
+//! Entry points: [`ThreadState::lay_through`], [`ThreadState::soften`] for each solve, [`ThreadState::settle_through`] after it,
+//! [`ThreadState::finish_through`] at the end of a balance. Younes 2021, 3.33, with the pieces between faces inside
+//! among its terms: a point inside is pulled by the tension times the turn there, nothing where the path is straight. A span that has
+//! m of thread is m (1 + T / EA) long, so that EA enters as the rows' own compliance, m / EA for all that two rows share. Along a passage
+//! dT/ds = drag + friction |curvature| T with uniform curvature; its integral bounds one unknown F a passage, which is
+//! spread evenly over the passage's length.
+
+use super::model::{ThreadHold, ThreadPart, ThreadTension};
+use super::segments::{End, Ground, LENGTH_M, NO_TENSION_N, Piece, Segment, Span, Stop};
+use super::state::{ThreadState, Weakest};
+use crate::anchors::AnchorPoint;
+use crate::needle::anchor;
+use nalgebra::Vector3;
+
+/// Bounds follow the tensions to this part of them.
+const FOLLOWS: f64 = 1e-4;
+/// Faces inside of which every one can be a point of the path; of more only some are.
+const MOST_FACES: usize = 128;
+
+impl ThreadState {
+    /// Spans in the order of the path, outside and inside, from the first face on.
+    pub(super) fn lay_through(
+        &mut self,
+        ground: &Ground,
+        head: Option<Vector3<f64>>,
+        known: &[Segment],
+        at: &impl Fn(&AnchorPoint) -> Vector3<f64>,
+    ) {
+        let count = self.passed.len();
+        let mut index = 0;
+        while index < count {
+            let own = self.passed[index];
+            let stop = |place: usize| {
+                (
+                    Some(place),
+                    Vector3::zeros(),
+                    self.passed[place].crossing.alpha,
+                )
+            };
+            let end = head.map(|head| (None, head, self.head.alpha));
+            let from = stop(index);
+            if own.is_boundary && !own.crossing.enters {
+                let next = (index + 1 < count).then(|| stop(index + 1)).or(end);
+                if let Some(to) = next {
+                    self.add_span(ground, known, from, to, at);
+                }
+                index += 1;
+                continue;
+            }
+            let leaves = (index + 1..count).find(|place| {
+                let passed = &self.passed[*place];
+                passed.is_boundary && !passed.crossing.enters
+            });
+            let last = leaves.unwrap_or(count - 1);
+            let to = match (leaves, end) {
+                (None, Some(end)) => Some(end),
+                _ => (last > index).then(|| stop(last)),
+            };
+            if let Some(to) = to {
+                self.add_passage(ground, known, from, to, at);
+            }
+            index = leaves.unwrap_or(count);
+        }
+    }
+
+    /// Adds a way through tissue, with a piece between every two faces that are far enough apart.
+    fn add_passage(
+        &mut self,
+        ground: &Ground,
+        known: &[Segment],
+        from: Stop,
+        to: Stop,
+        at: &impl Fn(&AnchorPoint) -> Vector3<f64>,
+    ) {
+        let [mut last, end] = self.push_span(ground, from, to);
+        let place = self.spans.len() - 1;
+        let former = self
+            .former
+            .iter()
+            .find(|span| span.key == self.spans[place].key);
+        let passage = former.and_then(|span| span.passage).unwrap_or_default();
+        self.spans[place].passage = Some(passage);
+        let Some(mut begin) = from.0 else {
+            return;
+        };
+        let stride = 1 + self.passed.len() / MOST_FACES;
+        let upto = to.0.unwrap_or(self.passed.len());
+        let total = (to.2 - from.2).max(f64::MIN_POSITIVE);
+        let apart = |a: &End, b: &End| (ground.unloaded(a) - ground.unloaded(b)).norm();
+        let add = |threads: &mut Self, ends: [End; 2], begin: usize, until: Option<usize>| {
+            let alpha = |place: usize| threads.passed[place].crossing.alpha;
+            let [start, stop] = [alpha(begin), until.map_or(to.2, alpha)];
+            let key = (threads.passed[begin].id, 0);
+            let mut segment = Segment::new(key, ends, place, known, at);
+            segment.piece = Some(Piece {
+                from: begin,
+                to: until,
+                material_m: stop - start,
+                share: (0.5 * (start + stop) - from.2) / total,
+            });
+            let segment = segment.linearised(threads.compliance);
+            threads.segments.push(segment);
+        };
+        for inner in begin + 1..upto {
+            let next = End::Tissue(anchor(ground.mesh, &self.passed[inner].crossing));
+            let is_due = (inner - begin).is_multiple_of(stride);
+            let far = apart(&last, &next) >= ground.apart_m;
+            // A held end may be anywhere.
+            let before_end = matches!(end, End::Held(_)) || apart(&next, &end) >= ground.apart_m;
+            if is_due && far && before_end {
+                add(self, [last, next], begin, Some(inner));
+                (last, begin) = (next, inner);
+            }
+        }
+        add(self, [last, end], begin, to.0);
+    }
+
+    /// Sum of what there is of thread in the pieces of a passage \[m\], weighted by their shares.
+    pub(super) fn own_m(&self, place: usize, weight: impl Fn(f64) -> f64) -> f64 {
+        let own = self.segments.iter().filter(|segment| segment.span == place);
+        let pieces = own.filter_map(|segment| segment.piece);
+        pieces
+            .map(|piece| weight(piece.share) * piece.material_m)
+            .sum()
+    }
+
+    /// Adds the stretch to the compliance of `n` rows (n x n), of which the thread's rows on lengths begin at `first`.
+    pub fn soften(
+        &self,
+        part: &ThreadPart,
+        is_held: bool,
+        first: usize,
+        n: usize,
+        compliance: &mut [f64],
+    ) {
+        let Some(through) = part.through.filter(|_| !self.segments.is_empty()) else {
+            return;
+        };
+        let soft = through.axial_stiffness_n.recip();
+        if soft == 0.0 {
+            return;
+        }
+        let mut add = |row: usize, column: usize, by: f64| {
+            if let Some(entry) = compliance.get_mut(n * column + row) {
+                *entry += by * soft;
+            }
+        };
+        let mut row = first;
+        if is_held {
+            let spans = self.spans.iter().map(|span| span.material_m);
+            add(row, row, spans.sum());
+            row += 1;
+        }
+        for place in 0..self.spans.len() {
+            if !self.has_friction_row(part, is_held, place) {
+                continue;
+            }
+            let beyond = self.beyond_m(place);
+            for before in first..row {
+                add(row, before, beyond);
+                add(before, row, beyond);
+            }
+            let own = self.own_m(place, |share| share * share - share);
+            add(row, row, beyond + own);
+            row += 1;
+        }
+    }
+
+    /// After a solve in which the tension at the tail is `shared`: bounds of friction and of what holds the ends, and whether
+    /// they are as they were and lengths are held.
+    pub(super) fn settle_through(&mut self, part: &ThreadPart, is_held: bool, shared: f64) -> bool {
+        self.turn_inside();
+        let lengths = self.lengths_are_held(part, is_held, shared);
+        let bounds = self.rub_inside(part, shared);
+        self.bind(part, shared) && bounds && lengths
+    }
+
+    /// Whether true lengths are what the rows allow.
+    fn lengths_are_held(&self, part: &ThreadPart, is_held: bool, shared: f64) -> bool {
+        let mut settled = true;
+        let mut beyond = 0.0;
+        for (place, span) in self.spans.iter().enumerate().rev() {
+            let mut own = if span.passage.is_some() {
+                0.0
+            } else {
+                -span.material_m * self.stretch(part, place)
+            };
+            let mut before = 0.0;
+            for segment in self.segments.iter().filter(|segment| segment.span == place) {
+                let mut over = segment.way.norm();
+                if let Some(piece) = segment.piece {
+                    over -= piece.material_m * stretch(part, segment.tension_n);
+                    before += piece.share * over;
+                }
+                own += over;
+            }
+            if self.has_friction_row(part, is_held, place) {
+                let over = beyond + before;
+                let lessens_n = span.passage.map_or(0.0, |passage| passage.lessens_n);
+                let longer = span.friction_n >= span.limit_n - NO_TENSION_N;
+                let shorter = span.friction_n <= NO_TENSION_N - lessens_n;
+                settled &= (longer || over <= LENGTH_M) && (shorter || over >= -LENGTH_M);
+            }
+            beyond += own;
+        }
+        if is_held {
+            let bound_n = self.whole.map_or(f64::INFINITY, |whole| whole.bound_n);
+            let gives_way = shared >= bound_n - NO_TENSION_N;
+            settled &= (gives_way || beyond <= LENGTH_M)
+                && (shared <= NO_TENSION_N || beyond >= -LENGTH_M);
+        }
+        settled
+    }
+
+    /// Length of a span outside over what there is of thread for it.
+    fn stretch(&self, part: &ThreadPart, place: usize) -> f64 {
+        let own = self.segments.iter().find(|segment| segment.span == place);
+        stretch(part, own.map_or(0.0, |segment| segment.tension_n))
+    }
+
+    /// Turns along each passage, where the thread goes in and out included, as segments pull now.
+    fn turn_inside(&mut self) {
+        for span in &mut self.spans {
+            span.turn = 0.0;
+        }
+        for pair in self.segments.windows(2) {
+            let [before, after] = pair else {
+                continue;
+            };
+            let inside = [before, after]
+                .into_iter()
+                .find(|segment| segment.piece.is_some());
+            if let Some(inside) = inside {
+                let (a, b) = (before.pull(), after.pull());
+                self.spans[inside.span].turn += a.cross(&b).norm().atan2(a.dot(&b));
+            }
+        }
+    }
+
+    /// Bounds of friction along each passage from the tension before it; whether they are as they were.
+    fn rub_inside(&mut self, part: &ThreadPart, shared: f64) -> bool {
+        let drag = part.through.map_or(0.0, |through| through.drag_n_per_m);
+        let mut settled = true;
+        let mut tension = shared;
+        for place in 0..self.spans.len() {
+            let length_m = self.lengths_of(place);
+            let span = &mut self.spans[place];
+            let Some(passage) = &mut span.passage else {
+                continue;
+            };
+            let angle = part.friction * span.turn;
+            let grown = angle.exp_m1();
+            let mean = if angle > 0.0 { grown / angle } else { 1.0 };
+            let before = tension.max(0.0);
+            let limit_n = grown * before + mean * drag * length_m;
+            // Lessened to T' it grows to T on the way back; it does not push.
+            let lessens_n = (limit_n / (1.0 + grown)).min(before);
+            let near = FOLLOWS * limit_n.max(1e-3 * before) + NO_TENSION_N;
+            let follows = |now: f64, then: f64, friction: f64| {
+                (now - then).abs() <= near || friction < now.min(then)
+            };
+            settled &= follows(limit_n, span.limit_n, span.friction_n);
+            settled &= follows(lessens_n, passage.lessens_n, -span.friction_n);
+            span.limit_n = limit_n;
+            passage.lessens_n = lessens_n;
+            tension += span.friction_n;
+        }
+        settled
+    }
+
+    /// Most tension at the tail with which grips hold and nothing breaks; whether it is as it was, or does not matter.
+    fn bind(&mut self, part: &ThreadPart, shared: f64) -> bool {
+        let grip_n = part.through.map_or(f64::INFINITY, |through| through.grip_n);
+        let holds = |hold: ThreadHold| match hold {
+            ThreadHold::Tool(_) => grip_n,
+            _ => f64::INFINITY,
+        };
+        let more = |segment: &Segment| segment.tension_n - shared;
+        let most = self.segments.iter().map(more).fold(0.0, f64::max);
+        let at_head = self.segments.last().map_or(0.0, more);
+        // The needle is too thick for a grip that holds the thread.
+        let head_n = if self.head.alpha < 0.0 {
+            holds(self.head.by)
+        } else {
+            f64::INFINITY
+        };
+        let Some(whole) = &mut self.whole else {
+            return true;
+        };
+        let mut bound = (part.strength_n - most, Weakest::Thread);
+        for (bound_n, weakest) in [
+            (head_n - at_head, Weakest::Head),
+            (holds(self.tail.by), Weakest::Tail),
+        ] {
+            if bound_n < bound.0 {
+                bound = (bound_n, weakest);
+            }
+        }
+        let bound_n = bound.0.max(0.0);
+        let matters = shared >= bound_n.min(whole.bound_n) - NO_TENSION_N;
+        let follows = (bound_n - whole.bound_n).abs() <= FOLLOWS * bound_n + NO_TENSION_N;
+        (whole.bound_n, whole.weakest) = (bound_n, bound.1);
+        follows || !matters
+    }
+
+    /// A balance is found: the thread has slid along its path, through its grips, or is broken.
+    pub(super) fn finish_through(&mut self, part: &ThreadPart, is_held: bool) {
+        let is_taut = |segment: &Segment| segment.tension_n > NO_TENSION_N;
+        if !self.segments.iter().any(is_taut) {
+            self.state = ThreadTension::Slack;
+            self.former.clone_from(&self.spans);
+            return;
+        }
+        self.state = ThreadTension::Taut;
+        let breaks = is_held && self.give_way(part);
+        self.slide(part);
+        if breaks {
+            self.break_off();
+        }
+        self.former.clone_from(&self.spans);
+    }
+
+    /// Lets the thread slip through a grip that does not hold it; whether it is the thread that gives way.
+    fn give_way(&mut self, part: &ThreadPart) -> bool {
+        let shared = self.tension_at_tail();
+        let lacking = self.needed_m(part) - self.available_m();
+        let Some(whole) = &mut self.whole else {
+            return false;
+        };
+        if lacking <= LENGTH_M || shared < whole.bound_n - NO_TENSION_N {
+            return false;
+        }
+        match whole.weakest {
+            Weakest::Thread => return true,
+            Weakest::Tail => {
+                let slips = lacking.min(self.tail.alpha - whole.end_m);
+                self.tail.alpha -= slips;
+                whole.slipped_m[0] += slips;
+                if slips < lacking {
+                    // Its end has come through.
+                    self.tail.by = ThreadHold::Free;
+                    self.tail.alpha = whole.end_m;
+                }
+            }
+            Weakest::Head => {
+                let slips = lacking.min(-self.head.alpha);
+                self.head.alpha += slips;
+                whole.slipped_m[1] += slips;
+            }
+        }
+        false
+    }
+
+    /// What all of the path shares \[N\].
+    fn tension_at_tail(&self) -> f64 {
+        self.segments.first().map_or(0.0, |first| {
+            let before = first.piece.map_or(0.0, |piece| piece.share);
+            let friction_n = self
+                .spans
+                .get(first.span)
+                .map_or(0.0, |span| span.friction_n);
+            first.tension_n - before * friction_n
+        })
+    }
+
+    /// Thread that the path takes with the tensions that there are, unstretched \[m\]; what is slack keeps what it has.
+    fn needed_m(&self, part: &ThreadPart) -> f64 {
+        let spans = self.spans.iter().enumerate();
+        spans
+            .map(|(place, span)| self.taken_m(part, place, span, 0.0))
+            .sum()
+    }
+
+    /// Thread that a span takes, unstretched \[m\], when `gives` is drawn from it if it is slack.
+    fn taken_m(&self, part: &ThreadPart, place: usize, span: &Span, gives: f64) -> f64 {
+        if self.is_taut(place) {
+            let own = self.segments.iter().filter(|segment| segment.span == place);
+            return own.map(|segment| segment.taken_m(part)).sum();
+        }
+        (span.material_m - gives).max(self.lengths_of(place))
+    }
+
+    fn is_taut(&self, place: usize) -> bool {
+        let mut own = self.segments.iter().filter(|segment| segment.span == place);
+        own.any(|segment| segment.tension_n > NO_TENSION_N)
+    }
+
+    /// Gives every span from the head on what it takes; what is left is before the first.
+    fn slide(&mut self, part: &ThreadPart) {
+        let mut shift = 0.0;
+        let mut alpha = self.head.alpha;
+        for place in (0..self.spans.len()).rev() {
+            let span = self.spans[place];
+            let mut taken = self.taken_m(part, place, &span, shift);
+            if span.from.is_none() {
+                taken = alpha - self.tail.alpha;
+                self.pulled_m[0] += taken - span.material_m;
+            }
+            if span.to.is_none() {
+                self.pulled_m[1] += taken - span.material_m;
+            }
+            if span.passage.is_some() {
+                let slip = shift + self.slide_pieces(part, place, (alpha, taken));
+                let before = self.former.iter().find(|former| former.key == span.key);
+                let before = before.map_or(span.friction_n, |before| before.friction_n);
+                self.friction_j += (0.5 * (span.friction_n + before) * slip).abs();
+            }
+            alpha -= taken;
+            shift += taken - span.material_m;
+            self.spans[place].material_m = taken;
+            if let Some(from) = span.from {
+                self.passed[from].crossing.alpha = alpha;
+            }
+        }
+    }
+
+    /// Gives the pieces of a passage that ends at `alpha` and takes so much what each takes; how much has come over the
+    /// friction within it \[m\].
+    fn slide_pieces(
+        &mut self,
+        part: &ThreadPart,
+        place: usize,
+        (mut alpha, taken): (f64, f64),
+    ) -> f64 {
+        let mut slip = 0.0;
+        let material_m = self.spans[place].material_m;
+        let slack = taken / material_m.max(f64::MIN_POSITIVE);
+        let is_taut = self.is_taut(place);
+        for segment in self.segments.iter_mut().rev() {
+            let own_m = segment.taken_m(part);
+            let Some(piece) = segment.piece.as_mut().filter(|_| segment.span == place) else {
+                continue;
+            };
+            let own_m = if is_taut {
+                own_m
+            } else {
+                slack * piece.material_m
+            };
+            let times = own_m / piece.material_m.max(f64::MIN_POSITIVE);
+            slip += piece.share * (own_m - piece.material_m);
+            let begins = self.passed[piece.from].crossing.alpha;
+            let upto = piece.to.unwrap_or(self.passed.len());
+            for passed in &mut self.passed[piece.from + 1..upto] {
+                let beyond = begins + piece.material_m - passed.crossing.alpha;
+                passed.crossing.alpha = alpha - times * beyond;
+            }
+            piece.material_m = own_m;
+            alpha -= own_m;
+            // The first is its span's; the others begin pieces.
+            if let Some(begins) = self.passed.get_mut(piece.from) {
+                begins.crossing.alpha = alpha;
+            }
+        }
+        slip
+    }
+
+    /// The thread breaks where it is tensest. What is behind that is gone.
+    fn break_off(&mut self) {
+        let mut tensest: Option<&Segment> = None;
+        for segment in &self.segments {
+            if tensest.is_none_or(|most| segment.tension_n > most.tension_n + NO_TENSION_N) {
+                tensest = Some(segment);
+            }
+        }
+        let from = tensest.and_then(|segment| match segment.piece {
+            Some(piece) => Some(piece.from),
+            None => self.spans.get(segment.span)?.from,
+        });
+        let at_m = from.map_or(self.tail.alpha, |from| self.passed[from].crossing.alpha);
+        let Some(whole) = &mut self.whole else {
+            return;
+        };
+        let broken_m = whole.broken_off_m.unwrap_or(0.0) + at_m - whole.end_m;
+        whole.broken_off_m = Some(broken_m);
+        whole.end_m = at_m;
+        self.tail.by = ThreadHold::Free;
+        self.tail.alpha = at_m;
+    }
+}
+
+impl Segment {
+    /// Thread that it takes, unstretched \[m\].
+    fn taken_m(&self, part: &ThreadPart) -> f64 {
+        self.way.norm() / stretch(part, self.tension_n)
+    }
+}
+
+/// Length over unstretched length.
+fn stretch(part: &ThreadPart, tension_n: f64) -> f64 {
+    let through = part.through.unwrap_or_default();
+    1.0 + tension_n / through.axial_stiffness_n
+}
