@@ -23,6 +23,9 @@ const TURNED: f32 = 1.0;
 const ROUND: f32 = 0.8;
 /// A force that is lighter says nothing of the body \[N\].
 const LIGHT_N: f32 = 0.05;
+/// Square of a way across what is known on which nothing turns that is felt \[m^2\]. Of a hand that has come to rest there is next to nothing left,
+/// whose square is 0 before it is: the curvature along it would be any number.
+const NOTHING: f32 = 1e-6 * 1e-6;
 
 /// A frame, as what comes next is compared with it.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -168,7 +171,7 @@ impl Bend {
         let across = new - self.normal * dot(&new, &self.normal);
         let (square, pulled) = (dot(&across, &across), product(&self.tangent, &across));
         let slope = dot(&across, &pulled);
-        if slope <= 0.0 {
+        if slope <= 0.0 || square < NOTHING {
             return None;
         }
         let curvature = slope * self.per_n / square;
@@ -243,6 +246,24 @@ mod tests {
             size(plane - true_n),
             size(plane + bend.onward(way).1 - true_n),
         )
+    }
+
+    /// A hand that comes to rest on a ball: the shorter the way, the less there is to add, down to what has no square.
+    #[test]
+    fn the_shortest_ways_add_next_to_nothing() {
+        let mut bend = Bend::NONE;
+        let (push, round) = (1.25, 500.0);
+        let tangent = [round, 0.0, 0.0, round, 0.0, -300.0];
+        bend.learn(&Vec3::zeros(), &tangent, &Vec3::new(0.0, 0.0, push), 1.0);
+        let mut way_m = 1e-3;
+        while way_m > 0.0 {
+            for way in [Vec3::new(way_m, 0.0, 0.0), Vec3::new(way_m, -way_m, way_m)] {
+                let (reach, more) = bend.onward(&way);
+                assert!((0.0..=1.0).contains(&reach), "{way_m:e}: {reach}");
+                assert!(length(&more) <= 2.0 * round * way_m, "{way_m:e}: {more}");
+            }
+            way_m *= 0.3;
+        }
     }
 
     #[test]

@@ -6,7 +6,7 @@ use super::case::Case;
 use super::hand::Motion;
 use super::plant::Mechanics;
 use super::scenes::rogue::Rogue;
-use super::suite::{RATES, SLOW_HZ};
+use super::suite::{FAST_RATES, RATES, SLOW_HZ};
 use super::targets::{self, LEAST_ENERGY_MJ};
 use serde::Serialize;
 
@@ -132,6 +132,25 @@ pub fn bars(cases: &[Case]) -> Vec<Bar> {
             rule(&name("puncture p95 ms"), &punctured, &timing, false, 8.0);
         }
     }
+    let fast = |c: &Case| c.question == "errors" && FAST_RATES.contains(&c.host_hz);
+    let smooth = |c: &Case| fast(c) && c.scene == "palpation";
+    let peak: Figure = |c| Some(c.errors?.peak_pct);
+    rule(
+        "fast hosts, presses and strokes, peak %",
+        &smooth,
+        &peak,
+        false,
+        7.0,
+    );
+    let rubs = |c: &Case| fast(c) && c.scene == "rubbing";
+    let rms: Figure = |c| Some(c.errors?.rms_pct);
+    rule(
+        "fast hosts, strokes that rub, rms %",
+        &rubs,
+        &rms,
+        false,
+        1.5,
+    );
     let stability = |c: &Case| {
         c.question == "stability"
             && c.rendering == "tangent"

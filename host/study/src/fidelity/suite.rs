@@ -34,6 +34,10 @@ const RENDERINGS: [Rendering; 4] = [
 ];
 /// Host rates of the tables \[1/s\].
 pub(super) const RATES: [f64; 3] = [30.0, 60.0, 100.0];
+/// Rates of simulators that are nearly as quick as the console \[1/s\].
+pub(super) const FAST_RATES: [f64; 3] = [250.0, 500.0, 1000.0];
+/// Rows of a frame on a line that is fast enough for these.
+pub(super) const FAST_ROWS: usize = 24;
 /// How wrong tangents are.
 const SCALES: [f64; 4] = [0.5, 0.75, 1.25, 2.0];
 
@@ -162,6 +166,22 @@ pub fn core(extent: Extent, guards: Guards) -> Vec<Spec> {
         let mut spec = Spec::errors(Place::Rubbing, Motion::Strokes, Rendering::Rows, 60.0);
         spec.around.phase = f64::from(phase) / f64::from(phases);
         specs.push(spec);
+    }
+    for hz in FAST_RATES {
+        for motion in [Motion::Presses, Motion::Strokes] {
+            specs.push(Spec::errors(
+                Place::Palpation,
+                motion,
+                Rendering::Tangent,
+                hz,
+            ));
+        }
+        for place in [Place::Palpation, Place::Rubbing] {
+            specs.push(Spec {
+                most_rows: Some(FAST_ROWS),
+                ..Spec::errors(place, Motion::Strokes, Rendering::Rows, hz)
+            });
+        }
     }
     for hz in [30.0, 60.0] {
         for motion in [Motion::Presses, Motion::Taps] {
