@@ -688,7 +688,7 @@ mod tests {
                 let wanted = growing(stand.now_us).wrench[2];
                 let force = stand.force(-1e-3);
                 if tick >= 50 {
-                    worst = worst.max(wanted - force);
+                    worst = max(worst, wanted - force);
                 }
             }
             assert!(worst < 50e-3 * 2.01 * between as f32, "{between}: {worst}");
