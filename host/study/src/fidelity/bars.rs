@@ -132,7 +132,9 @@ pub fn bars(cases: &[Case]) -> Vec<Bar> {
             rule(&name("puncture p95 ms"), &punctured, &timing, false, 8.0);
         }
     }
-    let fast = |c: &Case| c.question == "errors" && FAST_RATES.contains(&c.host_hz);
+    let fast = |c: &Case| {
+        c.question == "errors" && c.rendering != "full" && FAST_RATES.contains(&c.host_hz)
+    };
     let smooth = |c: &Case| fast(c) && c.scene == "palpation";
     let peak: Figure = |c| Some(c.errors?.peak_pct);
     rule(
