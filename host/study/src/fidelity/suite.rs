@@ -15,6 +15,7 @@ use std::sync::PoisonError;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use sutura_shared::control::{Guards, Rendering};
 use sutura_shared::device::DeviceError;
+use sutura_shared::wire::message::MAX_ROWS;
 
 /// How much is measured.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -36,8 +37,6 @@ const RENDERINGS: [Rendering; 4] = [
 pub(super) const RATES: [f64; 3] = [30.0, 60.0, 100.0];
 /// Rates of simulators that are nearly as quick as the console \[1/s\].
 pub(super) const FAST_RATES: [f64; 3] = [250.0, 500.0, 1000.0];
-/// Rows of a frame on a line that is fast enough for these.
-pub(super) const FAST_ROWS: usize = 24;
 /// How wrong tangents are.
 const SCALES: [f64; 4] = [0.5, 0.75, 1.25, 2.0];
 
@@ -178,7 +177,8 @@ pub fn core(extent: Extent, guards: Guards) -> Vec<Spec> {
         }
         for place in [Place::Palpation, Place::Rubbing] {
             specs.push(Spec {
-                most_rows: Some(FAST_ROWS),
+                // On a line that is fast enough for them.
+                most_rows: Some(MAX_ROWS),
                 ..Spec::errors(place, Motion::Strokes, Rendering::Rows, hz)
             });
         }
