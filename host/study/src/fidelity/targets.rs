@@ -24,12 +24,12 @@ const OPEN: &[(&str, f64)] = &[
     // A cone's rows do not turn with the body.
     ("round body of 8 mm, tool that rubs, rms %", 5.81),
     // The same hand without a frame for 33 to 110 ms, in which it turns.
-    ("stalls, tools that rub, contact beyond notice %", 5.02),
+    ("stalls, tools that rub, contact beyond notice %", 4.93),
     ("stalls, tools that rub, rms p95 %", 11.2),
     ("stalls, tools that rub, rms worst %", 11.2),
     // A console that is a tick quicker than described, held by a pen: it swings by an encoder's step or two, a little more from half a
-    // second to the next. Of the others the worst is 0.89.
-    ("stiffness 30 Hz, corners, of their own references", 0.458),
+    // second to the next. Of the others the worst is 0.87.
+    ("stiffness 30 Hz, corners, of their own references", 0.469),
     ("stiffness 30 Hz, corners, of what it was", 0.516),
     // Motors a fifth stronger than described give back a fifth more than the tissue, whatever a console does.
     ("given back in 100 ms, corners, mJ", 2.06),
