@@ -2,8 +2,14 @@
 #![allow(clippy::unwrap_used, reason = "tests")]
 
 use crate::support;
+use crate::support::session::{Plane, device, force_at_rest, plan};
 use crate::support::sutura;
 use serde_json::Value;
+use std::ops::ControlFlow;
+use sutura_hil::NativeConsole;
+use sutura_host::link::Order;
+use sutura_host::session::{Progress, Rendering, Steer, Steered, Tuning, run_steered};
+use sutura_shared::wire::message::Mode;
 
 fn run(arguments: &[&str]) -> Value {
     let ran = sutura(&[&["run", "--lockstep", "--format", "json"], arguments].concat());
@@ -40,6 +46,92 @@ fn two_runs_give_one_trace_and_another_rate_gives_another() {
         run(&["--host-hz", "100"])["trace_hash"],
         first["trace_hash"]
     );
+}
+
+/// Ticks between two tunings.
+const TUNED_EVERY: u64 = 500;
+/// Ticks of the old rate that a change takes at most, and of the new one until its first frame is there.
+const CHANGES_WITHIN: u64 = 150;
+
+/// Every so often another rate and rendering, and what the console felt between.
+struct Tuner {
+    plan: Vec<Tuning>,
+    tuned: Option<Tuning>,
+    /// Solves since the last tuning was in force, and since which tick.
+    solves: Option<(u64, u64)>,
+    rates: Vec<(f64, f64)>,
+    /// Farthest from the force at rest \[N\].
+    off_n: f64,
+}
+
+impl Steer for Tuner {
+    fn steer(&mut self, now: &Steered<'_>, _: &mut Vec<Order>) -> ControlFlow<()> {
+        let place = (now.ticks / TUNED_EVERY) as usize;
+        let into = now.ticks % TUNED_EVERY;
+        // The first half second is the way down, and a quarter more until it rests.
+        if place == 0 || (place == 1 && into < 250) {
+            return ControlFlow::Continue(());
+        }
+        assert_eq!(now.state.mode, Mode::Armed, "at tick {}", now.ticks);
+        let off_n = f64::from(now.state.force_n[2]) - force_at_rest();
+        self.off_n = self.off_n.max(off_n.abs());
+        let tuning = place.checked_sub(2).and_then(|at| self.plan.get(at));
+        let Some(tuning) = tuning.copied() else {
+            return ControlFlow::Continue(());
+        };
+        match into {
+            0 => self.tuned = Some(tuning),
+            CHANGES_WITHIN => self.solves = Some((now.solves, now.ticks)),
+            _ if into + 1 == TUNED_EVERY => {
+                if let Some((solves, ticks)) = self.solves.take() {
+                    let rate = 1e3 * (now.solves - solves) as f64 / (now.ticks - ticks) as f64;
+                    self.rates.push((tuning.host_hz, rate));
+                }
+            }
+            _ => {}
+        }
+        ControlFlow::Continue(())
+    }
+
+    fn tuned(&mut self) -> Option<Tuning> {
+        self.tuned.take()
+    }
+}
+
+/// While a plane is pressed every rate and rendering follows on another: no frame is missing on the way to a slower one, and what is
+/// felt stays what it was.
+#[test]
+fn a_session_goes_on_at_another_rate_and_with_another_rendering() {
+    let changes = [
+        (25.0, Rendering::Rows),
+        (1000.0, Rendering::Hold),
+        (25.0, Rendering::Tangent),
+        (60.0, Rendering::Rows),
+        (250.0, Rendering::Tangent),
+        (30.0, Rendering::Hold),
+    ];
+    let tunings = changes.map(|(host_hz, rendering)| Tuning { host_hz, rendering });
+    let seconds = 1e-3 * (TUNED_EVERY * (changes.len() as u64 + 2)) as f64;
+    let mut tuner = Tuner {
+        plan: tunings.to_vec(),
+        tuned: None,
+        solves: None,
+        rates: Vec::new(),
+        off_n: 0.0,
+    };
+    let mut console = NativeConsole::new(&device()).unwrap();
+    let go_on = |_: &Progress<'_>| ControlFlow::Continue(());
+    let summary = run_steered(&mut console, &plan(seconds), &mut Plane, go_on, &mut tuner).unwrap();
+    assert_eq!((summary.mode.as_str(), summary.frames.lost), ("armed", 0));
+    assert_eq!(tuner.rates.len(), changes.len());
+    for (wanted, reached) in &tuner.rates {
+        let slack = 1e3 / (TUNED_EVERY - CHANGES_WITHIN) as f64;
+        assert!(
+            (wanted - reached).abs() <= slack,
+            "{reached} of {wanted} Hz"
+        );
+    }
+    assert!(tuner.off_n < 0.01 * force_at_rest(), "{} N", tuner.off_n);
 }
 
 /// Scripts rely on these keys.

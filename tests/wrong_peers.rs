@@ -8,8 +8,8 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 use sutura_hil::{Pty, VirtualConsole};
 use sutura_host::link::{Link, Order, Port};
-use sutura_shared::link::{ConsoleLink, Identity};
-use sutura_shared::wire::message::{Hello, Mode, Simulate};
+use sutura_shared::link::{ConsoleLink, Identity, LinkEvent};
+use sutura_shared::wire::message::{Command, Hello, Mode, Simulate};
 use sutura_shared::wire::{MAX_FRAME, PROTOCOL_VERSION, SCHEMA_HASH, Unchecked, decode, encode};
 
 #[test]
@@ -99,8 +99,8 @@ fn a_port_is_opened_before_the_long_work() {
     assert_eq!(run("virtual").code, 2);
 }
 
-/// Answers every hello with what `forge` makes of a good console's answer.
-fn impostor(pty: &mut Pty, stop: &AtomicBool, forge: impl Fn(&[u8]) -> Vec<u8>) {
+/// Answers every hello with what `forge` makes of a good console's answer; whether it was told anything besides, but to disarm.
+fn impostor(pty: &mut Pty, stop: &AtomicBool, forge: impl Fn(&[u8]) -> Vec<u8>) -> bool {
     let device_name = *b"impostor\0\0\0\0\0\0\0\0";
     let mut console = ConsoleLink::new(
         Identity {
@@ -111,27 +111,36 @@ fn impostor(pty: &mut Pty, stop: &AtomicBool, forge: impl Fn(&[u8]) -> Vec<u8>) 
         1,
     );
     let (mut frame, mut chunk) = ([0; MAX_FRAME], [0; 512]);
+    let mut is_told = false;
     while !stop.load(Ordering::Relaxed) {
         let count = pty.read(&mut chunk, Duration::from_millis(5)).unwrap_or(0);
         for byte in &chunk[..count] {
-            console.receive(*byte, 0);
+            let event = console.receive(*byte, 0);
+            is_told |= match event {
+                // With that every session ends.
+                Some(LinkEvent::Command(command)) => *command.body() != Command::Disarm,
+                Some(LinkEvent::Simulate(_) | LinkEvent::Fixture(_)) => true,
+                _ => false,
+            };
             if let Some(length) = console.take_reply(0, &mut frame) {
                 pty.write(&forge(&frame[..length])).unwrap();
             }
         }
     }
+    is_told
 }
 
-fn run_against(forge: impl Fn(&[u8]) -> Vec<u8> + Send) -> Ran {
+/// A session with an [`impostor`], and whether that was told anything.
+fn run_against(forge: impl Fn(&[u8]) -> Vec<u8> + Send) -> (Ran, bool) {
     let mut pty = Pty::open().unwrap();
     let path = pty.path().to_owned();
     let stop = AtomicBool::new(false);
     std::thread::scope(|scope| {
         let (pty, stop) = (&mut pty, &stop);
-        scope.spawn(move || impostor(pty, stop, forge));
+        let impostor = scope.spawn(move || impostor(pty, stop, forge));
         let ran = sutura(&["run", "--console", &path]);
         stop.store(true, Ordering::Relaxed);
-        ran
+        (ran, impostor.join().unwrap())
     })
 }
 
@@ -146,7 +155,7 @@ fn packet(frame: &[u8]) -> Vec<u8> {
 #[test]
 fn another_protocol_version_is_refused_by_name() {
     const OTHER: u8 = 7;
-    let ran = run_against(|frame| {
+    let (ran, _) = run_against(|frame| {
         let mut packet = packet(frame);
         packet[0] = OTHER;
         let content = packet.len() - 4;
@@ -169,27 +178,41 @@ fn another_protocol_version_is_refused_by_name() {
     }
 }
 
+/// The frame of another hello.
+fn forged(frame: &[u8], forge: impl Fn(Hello) -> Hello) -> Vec<u8> {
+    let packet = packet(frame);
+    let Unchecked::Hello(_, hello) = decode(&packet).unwrap().unpack().unwrap() else {
+        panic!("it is a hello")
+    };
+    let mut forged = [0; MAX_FRAME];
+    let length = encode(0, 0, 0, &forge(hello), &mut forged).unwrap();
+    forged[..length].to_vec()
+}
+
+/// Forces and limits of a scene are chosen for its device: another one with motors is told nothing, and both are named.
+#[test]
+fn another_device_with_motors_is_not_armed() {
+    let (ran, is_told) = run_against(|frame| {
+        forged(frame, |hello| Hello {
+            simulated: false,
+            ..hello
+        })
+    });
+    assert_eq!(ran.code, 2, "{}", ran.stderr);
+    assert!(!is_told);
+    for name in ["impostor", "cartesian-bench"] {
+        assert!(ran.stderr.contains(name), "{name} in {}", ran.stderr);
+    }
+}
+
 #[test]
 fn another_schema_is_refused_by_both_hashes() {
     let other = SCHEMA_HASH ^ 0xFF;
-    let ran = run_against(|frame| {
-        let packet = packet(frame);
-        let Unchecked::Hello(_, hello) = decode(&packet).unwrap().unpack().unwrap() else {
-            panic!()
-        };
-        let mut forged = [0; MAX_FRAME];
-        let length = encode(
-            0,
-            0,
-            0,
-            &Hello {
-                schema_hash: other,
-                ..hello
-            },
-            &mut forged,
-        )
-        .unwrap();
-        forged[..length].to_vec()
+    let (ran, _) = run_against(|frame| {
+        forged(frame, |hello| Hello {
+            schema_hash: other,
+            ..hello
+        })
     });
     assert_eq!(ran.code, 4, "{}", ran.stderr);
     for hash in [other, SCHEMA_HASH] {

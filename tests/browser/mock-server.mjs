@@ -150,9 +150,9 @@ class Mock {
     this.saved = 0;
     this.hand = 'scene';
     this.settings = [
-      { name: 'rendering', unit: '', value: 'rows', choices: ['hold', 'tangent', 'rows'] },
-      { name: 'host-hz', unit: 'Hz', value: 250, low: 25, high: 1000, step: 25 },
-      { name: 'youngs-modulus', unit: 'Pa', value: 15000, low: 1000, high: 100000, step: 1000 },
+      { name: 'rendering', at_once: true, unit: '', value: 'rows', choices: ['hold', 'tangent', 'rows'] },
+      { name: 'host-hz', at_once: true, unit: 'Hz', value: 250, low: 25, high: 1000, step: 25 },
+      { name: 'youngs-modulus', at_once: false, unit: 'Pa', value: 15000, low: 1000, high: 100000, step: 1000 },
     ];
   }
 
@@ -416,9 +416,12 @@ class Client {
       case 'hand':
         mock.hand = command.way;
         break;
-      case 'set':
-        mock.settings.find((one) => one.name === command.name).value = command.value;
+      case 'set': {
+        const setting = mock.settings.find((one) => one.name === command.name);
+        setting.value = command.value;
+        if (setting.at_once) for (const client of mock.clients) client.say(mock.hello(client));
         break;
+      }
       case 'tissue':
         break;
       default:

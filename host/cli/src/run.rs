@@ -611,6 +611,13 @@ pub fn session_failure(error: SessionError, console: &str) -> Failure {
             message,
             "remove the cause (is the emergency stop pressed?), then run again with --clear-fault",
         ),
+        SessionError::OtherDevice { console, .. } => Failure::say(
+            Cause::BadInput,
+            message,
+            format!(
+                "write `device = \"{console}\"` into the scene, with that device's file in `devices/` beside it, or connect the other console"
+            ),
+        ),
         SessionError::NotArmed { .. } | SessionError::Silent { .. } => {
             let help = if is_virtual(console) {
                 VIRTUAL_HELP

@@ -4,7 +4,7 @@
 //! who draws finds it, if that is free at the moment; else the next one will do.
 
 use crate::recording::TappedSolver;
-use crate::session::{Effort, SceneSolver, Snapshot, Solve, Solved, Spared};
+use crate::session::{Effort, Plan, SceneSolver, Snapshot, Solve, Solved, Spared};
 use crate::times::Times;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -140,6 +140,10 @@ impl<'a> Showing<'a> {
 impl Solve for Showing<'_> {
     fn spare(&mut self, effort: Effort) -> Spared {
         self.solver.spare(effort)
+    }
+
+    fn tune(&mut self, plan: &Plan) {
+        self.solver.tune(plan);
     }
 
     fn solve(&mut self, state: &Valid<State>) -> Solved {

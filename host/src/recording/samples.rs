@@ -2,7 +2,7 @@
 //!
 //! Entry points: [`SolveSample`], [`ToolSample`]; both are JSON with a JSON Schema in the file.
 
-use crate::session::{Looked, Solved};
+use crate::session::{Looked, Solved, Tuning};
 use crate::step::{Arrival, StepReport};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -32,6 +32,9 @@ pub struct SolveSample {
     /// Steps that it made besides its own.
     #[serde(default, skip_serializing_if = "Looked::is_nothing")]
     pub looked: Looked,
+    /// How the session goes on from this solve on, where that is another way than before.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub tuned: Option<Tuning>,
     /// Of `step_us`, what each stage took \[us\]: approach, tissue, detect, columns, solve, field, reduce, look. Nothing in lockstep.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub stages_us: Vec<f64>,
@@ -80,6 +83,7 @@ impl SolveSample {
                 .map(|arrival| (arrival.step, arrival.vertex))
                 .collect(),
             looked: solved.looked,
+            tuned: None,
             stages_us: Vec::new(),
             iterations: 0,
             energy_j: 0.0,

@@ -7,7 +7,7 @@ use super::scene_sample::Sketching;
 use super::tap::{Direction, Tap};
 use crate::link::{LinkError, LockstepConsole, Port};
 use crate::scene::Scene;
-use crate::session::{Effort, SceneSolver, Solve, Solved, Spared};
+use crate::session::{Effort, Plan, SceneSolver, Solve, Solved, Spared, Tuning};
 use std::io;
 use std::time::{Duration, Instant};
 use sutura_shared::control::TICK_US;
@@ -92,6 +92,8 @@ pub struct TappedSolver<'a> {
     solver: &'a mut SceneSolver,
     tap: Tap,
     sketching: Option<Sketching>,
+    /// Of the next solve, where it is another.
+    tuned: Option<Tuning>,
 }
 
 impl<'a> TappedSolver<'a> {
@@ -104,6 +106,7 @@ impl<'a> TappedSolver<'a> {
             solver,
             tap,
             sketching: None,
+            tuned: None,
         }
     }
 
@@ -126,6 +129,11 @@ impl Solve for TappedSolver<'_> {
         self.solver.spare(effort)
     }
 
+    fn tune(&mut self, plan: &Plan) {
+        self.solver.tune(plan);
+        self.tuned = Some(plan.tuning());
+    }
+
     fn solve(&mut self, state: &Valid<State>) -> Solved {
         if !self.tap.is_heard() {
             return self.solver.solve(state);
@@ -137,7 +145,12 @@ impl Solve for TappedSolver<'_> {
         let hash = if replay { self.solver.hash() } else { 0 };
         let sample = SolveSample::new(state, &solved, hash, &self.solver.take_arrivals());
         let sample = sample.with(&solved, self.solver.last(), self.solver.punctures());
-        self.tap.solve(SolveSample { step_us, ..sample });
+        let tuned = self.tuned.take();
+        self.tap.solve(SolveSample {
+            step_us,
+            tuned,
+            ..sample
+        });
         if let Some(sketching) = &mut self.sketching
             && let Some(sketch) = sketching.solved(self.solver, state.console_time_us())
         {

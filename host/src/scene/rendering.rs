@@ -2,10 +2,11 @@
 //!
 //! Entry point: [`Rendering`].
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 /// What the console is given to render from.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub enum Rendering {
     /// The contact's force alone.
     Hold,

@@ -55,6 +55,11 @@ impl Horizon {
         }
     }
 
+    /// Frames come `host_hz` times a second from now on.
+    pub fn change(&mut self, host_hz: f64) {
+        self.period_us = (1e6 / host_hz).ceil() as u64;
+    }
+
     /// It is never shorter than this \[us\].
     pub fn at_least(&mut self, least_us: Option<u32>) {
         self.least_us = least_us.map_or(SHORTEST_US, u64::from);

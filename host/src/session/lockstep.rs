@@ -6,7 +6,8 @@
 use super::schedule::Schedule;
 use super::setup::{Arming, ArmingWatch};
 use super::{
-    LinkSummary, Plan, Progress, SessionError, Solve, Statistics, Summary, Throughput, Underway,
+    LinkSummary, Plan, Progress, SessionError, Solve, Statistics, Summary, Throughput, Tuning,
+    Underway,
 };
 use crate::core_time::core_time;
 use crate::link::{Felt, LinkCounters, LinkError, LockstepConsole, Order, append};
@@ -122,6 +123,11 @@ pub trait Steer {
     /// Before each tick once the console has been armed: what it is told with that tick is added to `orders`. May wait, as time
     /// stands still meanwhile; may end the session.
     fn steer(&mut self, now: &Steered<'_>, orders: &mut Vec<Order>) -> ControlFlow<()>;
+
+    /// Another tuning, from the tick on that was steered last.
+    fn tuned(&mut self) -> Option<Tuning> {
+        None
+    }
 }
 
 /// Where a session is that is steered.
@@ -172,6 +178,7 @@ pub fn run_steered(
     steer: &mut dyn Steer,
 ) -> Result<Summary, SessionError> {
     let started = Instant::now();
+    let mut plan = *plan;
     let mut tally = Statistics::new(plan.host_hz);
     tally.horizon.at_least(plan.horizon_us);
     let end = HostLink::new(plan.tick_hz);
@@ -185,10 +192,10 @@ pub fn run_steered(
         bytes: (0, 0),
     };
     let hello = line.open(&mut tally)?;
-    for order in plan.opening_orders(&hello) {
+    for order in plan.opening_orders(&hello)? {
         line.order(&order)?;
     }
-    let mut arming = Some(ArmingWatch::new(plan));
+    let mut arming = Some(ArmingWatch::new(&plan));
     let mut schedule: Option<Schedule> = None;
     let mut pending: Option<(u64, Felt)> = None;
     let mut underway = Underway::default();
@@ -208,6 +215,14 @@ pub fn run_steered(
             }
             for order in orders.drain(..) {
                 line.order(&order)?;
+            }
+            if let Some(tuning) = steer.tuned() {
+                plan = plan.tuned(&tuning);
+                solver.tune(&plan);
+                tally.change(plan.host_hz);
+                if let Some(schedule) = &mut schedule {
+                    schedule.change(plan.host_hz);
+                }
             }
         }
         // The contact of the last solve leaves just before the tick that starts the next one.

@@ -48,7 +48,7 @@ pub use overload::{Effort, GivenUp, Spared};
 pub use real_time::{Arms, Attendant, Line, run_real_time};
 pub use rows_frame::rows_frame;
 pub use scheduling::Scheduling;
-pub use setup::{Plan, SessionError, check_rate, least_hz};
+pub use setup::{Plan, SessionError, Tuning, check_rate, least_hz};
 pub use sideways::{Goal, sideways};
 pub(crate) use solver::{IN_BALANCE, MOST_PASSES, MOST_STEPS};
 pub use solver::{Moment, SceneSolver, Snapshot};
@@ -127,6 +127,9 @@ pub trait Solve: Send {
     fn spare(&mut self, _effort: Effort) -> Spared {
         Spared::default()
     }
+
+    /// Solves from now on are for a session of this plan, of which only the tuning differs from the one before.
+    fn tune(&mut self, _plan: &Plan) {}
 
     /// What the scene reports when the session is over.
     fn scene(&self) -> serde_json::Map<String, serde_json::Value>;

@@ -194,7 +194,7 @@ pub fn run_real_time(
             (link, Some(attendant), true)
         }
     };
-    for order in plan.opening_orders(&link.console()) {
+    for order in plan.opening_orders(&link.console())? {
         link.order(order)?;
     }
     let probe = LatenessProbe::start(options.real_time);
@@ -640,7 +640,7 @@ impl Watch<'_> {
                 let ticked_s = f64::from(ticks) / f64::from(self.plan.tick_hz);
                 (ticked_s - passed_s).abs() > SAME_CLOCK_S + SAME_CLOCK * passed_s
             });
-            for order in self.plan.orders_again(&self.link.console(), anew) {
+            for order in self.plan.orders_again(&self.link.console(), anew)? {
                 self.link.order(order)?;
             }
             attendant.back();

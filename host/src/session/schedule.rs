@@ -13,7 +13,13 @@ pub(super) struct Schedule {
     next: u64,
     /// Steps left out before the one that was due last.
     left_out: u64,
+    /// Another rate \[Hz\], and steps until it holds.
+    then: Option<(f64, u8)>,
 }
+
+/// Steps at the old rate before another one holds: the frame of the first, the last that the old rate brings in time, is good
+/// for as long as the new one needs.
+const STEPS_TO_CHANGE: u8 = 2;
 
 impl Schedule {
     /// Steps from `first_tick` on; that tick's own is not asked for.
@@ -24,7 +30,13 @@ impl Schedule {
             host_hz,
             next: 1,
             left_out: 0,
+            then: None,
         }
+    }
+
+    /// Steps come `host_hz` times a second from the next but one on.
+    pub(super) fn change(&mut self, host_hz: f64) {
+        self.then = Some((host_hz, STEPS_TO_CHANGE));
     }
 
     /// Whether a step starts with the state of this tick. Steps whose ticks have passed are left out, not made up for.
@@ -35,6 +47,13 @@ impl Schedule {
             let passed = ((since + 1.0) * self.host_hz / self.tick_hz).ceil() as u64;
             self.left_out = passed.saturating_sub(self.next + 1);
             self.next = passed.max(self.next + 1);
+            self.then = match self.then {
+                Some((host_hz, 0 | 1)) => {
+                    (self.first_tick, self.host_hz, self.next) = (tick, host_hz, 1);
+                    None
+                }
+                later => later.map(|(host_hz, steps)| (host_hz, steps - 1)),
+            };
         }
         due
     }
@@ -72,6 +91,25 @@ mod tests {
             let steps = due(f64::from(hz), 1..=10_000).len();
             assert_eq!(steps, 10 * hz as usize, "{hz} Hz");
         }
+    }
+
+    #[test]
+    fn another_rate_holds_from_the_next_but_one_on() {
+        let mut schedule = Schedule::new(0, 1000, 200.0);
+        let mut due = Vec::new();
+        for tick in 1..=150 {
+            if tick == 12 {
+                schedule.change(40.0);
+            }
+            if tick == 100 {
+                schedule.change(500.0);
+            }
+            if schedule.is_due(tick) {
+                due.push(tick);
+            }
+        }
+        assert_eq!(due[..7], [5, 10, 15, 20, 45, 70, 95]);
+        assert_eq!(due[7..11], [120, 145, 147, 149]);
     }
 
     #[test]

@@ -7,6 +7,7 @@ use super::budget::most_rows;
 use super::horizon::LONGEST_US;
 use crate::link::{LinkError, Order};
 use crate::scene::Rendering;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use sutura_shared::device::DeviceDescription;
 use sutura_shared::wire::faults;
@@ -46,6 +47,15 @@ pub struct Plan {
     pub fixture: Fixture,
 }
 
+/// What of a plan may change while a session runs.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct Tuning {
+    /// Solver steps a second \[Hz\], above 0.
+    pub host_hz: f64,
+    /// What the console is given to render from.
+    pub rendering: Rendering,
+}
+
 /// Why a session did not run to its end.
 #[derive(Debug, thiserror::Error)]
 pub enum SessionError {
@@ -57,6 +67,14 @@ pub enum SessionError {
     Fault {
         /// Names of the faults.
         faults: Vec<String>,
+    },
+    /// A console with motors is another device than the session was made for.
+    #[error("the console is `{console}`, and the session is for `{device}`")]
+    OtherDevice {
+        /// As the console calls itself.
+        console: String,
+        /// As the scene calls its device.
+        device: String,
     },
     /// The console did not arm.
     #[error("the console did not arm within {} s; it is {mode}", f64::from(ARM_WITHIN_MS) / 1e3)]
@@ -99,8 +117,37 @@ impl Plan {
         }
     }
 
+    /// What of it may change.
+    pub fn tuning(&self) -> Tuning {
+        let Plan {
+            host_hz, rendering, ..
+        } = *self;
+        Tuning { host_hz, rendering }
+    }
+
+    /// The same with another tuning.
+    pub fn tuned(&self, to: &Tuning) -> Plan {
+        let Tuning { host_hz, rendering } = *to;
+        Plan {
+            host_hz,
+            rendering,
+            ..*self
+        }
+    }
+
     /// What the console is told before it is armed, in order.
-    pub(super) fn opening_orders(&self, console: &Hello) -> Vec<Order> {
+    ///
+    /// # Errors
+    /// [`SessionError::OtherDevice`]: forces and limits were chosen for another one.
+    pub(super) fn opening_orders(&self, console: &Hello) -> Result<Vec<Order>, SessionError> {
+        // A simulated one becomes whatever it is told.
+        if !console.simulated && console.device_name != self.device.name {
+            let word = |bytes: &[u8; 16]| name(bytes).unwrap_or_default().to_owned();
+            return Err(SessionError::OtherDevice {
+                console: word(&console.device_name),
+                device: word(&self.device.name),
+            });
+        }
         let mut orders = Vec::new();
         if self.state_every != 1 {
             orders.push(Order::Command(Command::StateEvery {
@@ -118,19 +165,26 @@ impl Plan {
             orders.push(Order::Fixture(self.fixture));
         }
         orders.push(Order::Command(Command::Arm));
-        orders
+        Ok(orders)
     }
 
     /// What a console is told that came back after the link was lost; it is not armed. A simulated one that has not
     /// started anew is the device already, and its hand goes on.
-    pub(super) fn orders_again(&self, console: &Hello, started_anew: bool) -> Vec<Order> {
-        let mut orders = self.opening_orders(console);
+    ///
+    /// # Errors
+    /// As [`Self::opening_orders`]: it may be another one.
+    pub(super) fn orders_again(
+        &self,
+        console: &Hello,
+        started_anew: bool,
+    ) -> Result<Vec<Order>, SessionError> {
+        let mut orders = self.opening_orders(console)?;
         orders.retain(|order| match order {
             Order::Command(command) => matches!(command, Command::StateEvery { .. }),
             Order::Simulate(_) => started_anew,
             Order::Fixture(_) => true,
         });
-        orders
+        Ok(orders)
     }
 
     /// Control ticks that the session lasts, at least one.

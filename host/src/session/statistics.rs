@@ -174,6 +174,12 @@ impl Statistics {
         }
     }
 
+    /// Solves are to come `host_hz` times a second from now on.
+    pub fn change(&mut self, host_hz: f64) {
+        self.host_hz = host_hz;
+        self.horizon.change(host_hz);
+    }
+
     /// The link was lost: what comes next is of another session, and maybe of a console that has started anew.
     pub fn lose(&mut self) {
         self.earlier = (self.ticks(), self.counted());

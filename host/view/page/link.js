@@ -5,8 +5,8 @@ import { FORMAT, decode } from './decode.js';
 /**
  * @typedef {object} Needle @property {number} id @property {number[][]} points_m @property {number} thickness_m
  * @typedef {object} ThreadShape @property {number} id @property {number} needle @property {number} radius_m @property {number} length_m
- * @typedef {object} NumberSetting @property {string} name @property {string} unit @property {number} value @property {number} low @property {number} high @property {number} step
- * @typedef {object} WordSetting @property {string} name @property {string} value @property {string[]} choices
+ * @typedef {object} NumberSetting @property {string} name @property {boolean} at_once @property {string} unit @property {number} value @property {number} low @property {number} high @property {number} step
+ * @typedef {object} WordSetting @property {string} name @property {boolean} at_once @property {string} value @property {string[]} choices
  * @typedef {NumberSetting | WordSetting} Setting
  * @typedef {object} Scalar @property {string} name @property {string} unit @property {boolean} signed @property {boolean} [available]
  * @typedef {object} TimeLine

@@ -149,7 +149,10 @@ class Page {
   /** @param {import('./link.js').Hello} hello */
   takeHello(hello) {
     const again = hello.session === this.session;
+    const sameRole = this.hello?.role === hello.role;
     this.hello = hello;
+    // Another setting: whoever holds a slider goes on holding it.
+    if (again && sameRole) return this.panel.showSettings(hello);
     document.title = `${hello.scene} – Sutura`;
     this.bar.setSession(hello);
     this.notices.setSession(hello);

@@ -37,6 +37,8 @@ export class Panel {
     this.bounds = [[0, 0, 0], [1, 1, 1]];
     /** @type {{axis: 'x' | 'y' | 'z' | 'off', part: number, flip: boolean}} */
     this.cut = { axis: 'off', part: 0.5, flip: false };
+    /** What shows a setting's value, by name. @type {Map<string, (value: number | string) => void>} */
+    this.settings = new Map();
     /** Whether the host writes the session to a file. */
     this.recording = false;
     this.fillLooks();
@@ -58,6 +60,7 @@ export class Panel {
     const rows = this.session;
     const { command } = this.actions;
     rows.replaceChildren();
+    this.settings.clear();
     const can = (/** @type {string} */ name) => hello.do.includes(name) && hello.role === 'control';
     if (hello.role === 'watch' && hello.source === 'live') {
       hint(rows, 'Somebody else controls this session.');
@@ -109,15 +112,24 @@ export class Panel {
   /** @param {HTMLElement} rows @param {import('./link.js').Setting} setting @param {boolean} can */
   addSetting(rows, setting, can) {
     const set = (/** @type {number | string} */ value) => this.actions.command({ do: 'set', name: setting.name, value });
+    const title = setting.at_once ? 'At once' : 'A new solver, made while this session goes on';
     if ('choices' in setting) {
       const names = /** @type {[string, string][]} */ (setting.choices.map((name) => [name, words(name)]));
-      row(rows, capital(words(setting.name)), select(names, setting.value, set)).disabled = !can;
+      const chosen = row(rows, capital(words(setting.name)), select(names, setting.value, set));
+      Object.assign(chosen, { disabled: !can, title });
+      this.settings.set(setting.name, (value) => { chosen.value = String(value); });
       return;
     }
     const text = (/** @type {number} */ value) => `${short(value)} ${setting.unit}`;
     const control = slider(setting, text, set, true);
-    control.input.disabled = !can;
+    Object.assign(control.input, { disabled: !can, title });
     row(rows, capital(words(setting.name)), control.box, control.input);
+    this.settings.set(setting.name, (value) => control.set(Number(value)));
+  }
+
+  /** Settings of the same session that are others now. @param {import('./link.js').Hello} hello */
+  showSettings(hello) {
+    for (const setting of hello.settings) this.settings.get(setting.name)?.(setting.value);
   }
 
   /** @param {import('./link.js').Hello} hello @param {string | null} chosen */

@@ -152,7 +152,7 @@ struct Client {
 struct State {
     beginning: Beginning,
     session: u32,
-    /// Counts beginnings and changes of roles: who has seen another number begins anew.
+    /// Counts beginnings and changes of roles and settings: who has seen another number begins anew.
     version: u64,
     clients: BTreeMap<u64, Client>,
     next_client: u64,
@@ -272,6 +272,13 @@ impl Shared {
     /// Changes a part of what `hello` says to those who come from now on.
     pub fn amend(&self, key: &str, value: Value) {
         self.lock().beginning.hello.insert(key.to_owned(), value);
+    }
+
+    /// Says `hello` again to all who are there, after a change of it.
+    pub fn say_again(&self) {
+        let mut state = self.lock();
+        state.version += 1;
+        state.wake_all();
     }
 
     /// What clients want.
@@ -407,8 +414,8 @@ impl Shared {
             }
             Command::TakeControl => {
                 state.controller = Some(client);
-                state.version += 1;
-                state.wake_all();
+                drop(state);
+                self.say_again();
                 return ok();
             }
             _ => {}

@@ -171,6 +171,7 @@ fn solves() -> Vec<SolveRow> {
         step_us: 812.5,
         arrivals: Vec::new(),
         looked: Default::default(),
+        tuned: None,
         stages_us: vec![0.0, 1.0, 2.0, 3.0, 500.0, 5.0, 6.0, 7.0],
         iterations: 11,
         energy_j: 0.125,

@@ -255,13 +255,22 @@ export const tests = [
 
   ['settings, recordings and the last seconds', withHost({ scene: 'slab', hz: 2 }, async ({ page, host, browser }) => {
     const { mock } = host;
-    const setting = (name) => mock.settings.find((one) => one.name === name).value;
+    const of = (name) => mock.settings.find((one) => one.name === name);
+    const setting = (name) => of(name).value;
     const happens = async (what, wanted) => {
       for (let i = 0; i < 200 && what() !== wanted; i += 1) await settled(page, 20);
       check(what() === wanted, `the host has ${what()}, not ${wanted}`);
     };
     await page.getByLabel('Rendering', { exact: true }).selectOption('hold');
     await happens(() => setting('rendering'), 'hold');
+    // A rate changes at once: what holds the slider goes on holding it, and the host's value is what it shows.
+    const rate = page.getByLabel('Host Hz', { exact: true });
+    await rate.focus();
+    await page.keyboard.press('ArrowRight');
+    await happens(() => setting('host-hz'), 275);
+    of('host-hz').value = 300;
+    for (const client of mock.clients) client.say(mock.hello(client));
+    await until(page, () => /** @type {HTMLInputElement} */ (document.activeElement).value === '300');
     await page.getByLabel('Young\'s modulus', { exact: true }).fill('20000');
     await happens(() => setting('youngs-modulus'), 20000);
     await page.getByRole('button', { name: 'Do my drag again' }).click();

@@ -2,6 +2,7 @@
 //!
 //! Entry points: [`Guide::order`] every so often, [`Guide::drag`], [`Guide::go`]. How it was dragged last it can do again.
 
+use super::settings::Grasp;
 use sutura_host::scene::position_at;
 use sutura_shared::wire::message::{HandScript, WAY_POINTS, WayPoint};
 use sutura_view::Hand;
@@ -127,6 +128,24 @@ impl Guide {
         self.tell(now_s, &[(0.0, at), (way_s, start)])
     }
 
+    /// From now on it holds the grip so; what it is told for that, which is what is left of what it was told last.
+    pub fn hold(&mut self, now_s: f64, grasp: Grasp) -> HandScript {
+        self.scenes.stiffness_n_per_m = grasp.stiffness_n_per_m;
+        self.scenes.damping_n_s_per_m = grasp.damping_n_s_per_m;
+        let passed_s = now_s - self.since_s;
+        let used = self.script.way_points.get(..usize::from(self.script.count));
+        let to_come = used.unwrap_or_default().iter().filter_map(|point| {
+            let left_s = f64::from(point.time_s) - passed_s;
+            (left_s > ROUNDING_S).then(|| (left_s, point.position_m.map(f64::from)))
+        });
+        let mut left: Vec<_> = to_come.collect();
+        // Before its first point it rests there already.
+        if left.len() < usize::from(self.script.count) {
+            left.insert(0, (0.0, self.at(now_s)));
+        }
+        self.tell(now_s, &left)
+    }
+
     /// What the console's hand is told now, if anything.
     pub fn order(&mut self, now_s: f64) -> Option<HandScript> {
         match self.doing.clone() {
@@ -240,6 +259,8 @@ fn towards(from: &[f64; 3], to: &[f64; 3], part: f64) -> [f64; 3] {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use sutura_shared::wire::Message;
+    use sutura_shared::wire::message::Simulate;
 
     fn hand() -> HandScript {
         let mut way_points = [WayPoint::default(); WAY_POINTS];
@@ -311,6 +332,45 @@ mod tests {
         let script = guide.go(2.0, Hand::Still);
         assert_eq!(script.count, 1);
     }
+    /// Held otherwise in the middle of a way, it is where it was, comes by all points that are left at their times, and is held so
+    /// in what comes after.
+    #[test]
+    fn it_is_held_otherwise_and_goes_on() {
+        let mut script = hand();
+        let places = [[0.0, 0.0, 0.05], [0.0, 0.02, 0.05], [0.01, 0.0, 0.04]];
+        for (point, (time_s, at)) in script
+            .way_points
+            .iter_mut()
+            .zip([0.1, 0.5, 1.1].into_iter().zip(places))
+        {
+            (point.time_s, point.position_m) = (time_s, at);
+        }
+        script.count = 3;
+        let grasp = Grasp {
+            stiffness_n_per_m: 900.0,
+            damping_n_s_per_m: 9.0,
+        };
+        for changed_s in [0.0, 0.05, 0.1, 0.3, 0.5, 0.8, 1.1, 2.0] {
+            let mut guide = Guide::new(script);
+            let before = guide.at(changed_s);
+            let told = guide.hold(changed_s, grasp);
+            assert_eq!(Simulate::Hand(told).check(), Ok(()), "at {changed_s} s");
+            assert_eq!(told.stiffness_n_per_m, 900.0);
+            assert!(distance(&guide.at(changed_s), &before) < 1e-7);
+            for (time_s, at) in [0.1, 0.5, 1.1].into_iter().zip(places) {
+                if time_s >= changed_s {
+                    let off_m = distance(&guide.at(time_s), &at.map(f64::from));
+                    assert!(
+                        off_m < 1e-5,
+                        "held at {changed_s} s: {off_m} m off at {time_s} s"
+                    );
+                }
+            }
+            let still = guide.go(3.0, Hand::Still);
+            assert_eq!(still.damping_n_s_per_m, 9.0);
+        }
+    }
+
     /// What it did when it was dragged it does again, as fast, from where it was taken, and stays where it was let go.
     #[test]
     fn it_does_again_what_it_did() {

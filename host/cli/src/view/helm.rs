@@ -5,7 +5,7 @@
 use super::guide::{Guide, NO_WAY, NO_WAY_HELP};
 use super::prepare::{Prepared, Wish};
 use super::saves::Saves;
-use super::settings::Setting;
+use super::settings::{Change, Setting};
 use super::show::Show;
 use crate::failure::Failure;
 use std::ops::ControlFlow;
@@ -17,7 +17,7 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 use sutura_host::link::Order;
 use sutura_host::scene::Tissue;
-use sutura_host::session::{Plan, Steer, Steered};
+use sutura_host::session::{Plan, Steer, Steered, Tuning};
 use sutura_shared::wire::message::{Command as ToConsole, Mode, Simulate};
 use sutura_view::{Command, Hand, Reply, Request, SetTo};
 
@@ -81,6 +81,8 @@ pub struct Helm<'a> {
     settings: Vec<Setting>,
     saves: Saves,
     guide: Guide,
+    /// Of the session from the next tick on, where it is another.
+    tuned: Option<Tuning>,
     speed: f64,
     paused: bool,
     until: Option<Until>,
@@ -110,6 +112,7 @@ impl<'a> Helm<'a> {
             plan,
             settings,
             saves,
+            tuned: None,
             speed: 1.0,
             paused: false,
             until: None,
@@ -209,7 +212,9 @@ impl<'a> Helm<'a> {
                     }
                 };
             }
-            Command::Set { name, value } => return self.set(&name, &value, reply),
+            Command::Set { name, value } => {
+                return self.set((&name, &value), now, orders, reply);
+            }
             Command::SaveLast => return self.saves.last(reply),
             Command::Record(true) if self.saves.file().is_some() => {
                 return reply.refuse("this session is recorded", "say `record` with `on`: false");
@@ -252,16 +257,52 @@ impl<'a> Helm<'a> {
         }
     }
 
-    fn set(&mut self, name: &str, to: &SetTo, reply: Reply) {
-        let mut named = self.settings.iter().filter(|each| each.name() == name);
-        let Some(setting) = named.next() else {
+    fn set(
+        &mut self,
+        (name, to): (&str, &SetTo),
+        now: &Steered<'_>,
+        orders: &mut Vec<Order>,
+        reply: Reply,
+    ) {
+        let mut named = self.settings.iter_mut();
+        let Some(setting) = named.find(|each| each.name() == name) else {
             let message = format!("there is no setting `{name}`");
             return reply.refuse(&message, "`settings` of `hello` lists what there is");
         };
         if let Some((message, help)) = setting.flaw(to) {
             return reply.refuse(&message, &help);
         }
-        self.make(self.wish.with(setting, to), reply);
+        let wish = self.wish.with(setting, to);
+        let Some(change) = setting.change(&wish, &self.plan) else {
+            return self.make(wish, reply);
+        };
+        setting.take(to);
+        self.wish = wish;
+        reply.done();
+        self.change(change, now, orders);
+    }
+
+    /// Changes what needs no other solver.
+    fn change(&mut self, change: Change, now: &Steered<'_>, orders: &mut Vec<Order>) {
+        match change {
+            Change::Tuning(tuning) => {
+                self.plan = self.plan.tuned(&tuning);
+                self.tuned = Some(tuning);
+            }
+            Change::Grasp(grasp) => {
+                let script = self.guide.hold(self.time_s(now), grasp);
+                orders.push(Order::Simulate(Simulate::Hand(script)));
+            }
+            Change::Standing(standing) => {
+                orders.push(Order::Fixture(standing.fixture(now.state.position_m)));
+            }
+        }
+        let settings: Vec<_> = self.settings.iter().map(Setting::said).collect();
+        self.show.changed(&[
+            ("settings", settings.into()),
+            ("rendering", self.plan.rendering.word().into()),
+            ("host_hz", self.plan.host_hz.into()),
+        ]);
     }
 
     /// Makes another session beside this one.
@@ -327,6 +368,10 @@ impl<'a> Helm<'a> {
 }
 
 impl Steer for Helm<'_> {
+    fn tuned(&mut self) -> Option<Tuning> {
+        self.tuned.take()
+    }
+
     fn steer(&mut self, now: &Steered<'_>, orders: &mut Vec<Order>) -> ControlFlow<()> {
         if let Some(report) = now.report {
             self.show.going(|going| going.report = Some(*report));

@@ -74,7 +74,8 @@ impl Prepared {
         if let Some(damping) = wish.hand_damping_n_s_per_m {
             plan.hand.damping_n_s_per_m = damping;
         }
-        plan.fixture = wish.standing.fixture(&plan.hand);
+        let [begin, ..] = plan.hand.way_points;
+        plan.fixture = wish.standing.fixture(begin.position_m);
         check_rate(plan.host_hz, TICK_HZ).map_err(|error| {
             Failure::say(
                 Cause::BadInput,
@@ -84,7 +85,7 @@ impl Prepared {
         })?;
         let solver = SceneSolver::for_session(&scene, &plan)?;
         Ok(Prepared {
-            settings: Setting::all(&wish, &plan, &document),
+            settings: Setting::all(&wish, &scene, &plan, &document),
             wish,
             scene,
             sources,

@@ -1,16 +1,16 @@
 //! What a page can set of a session: numbers of its plan, and those that its scene's file says of the tissue.
 //!
-//! Entry points: [`Setting::all`], [`Setting::flaw`], [`edited`]. Another value makes another session. What the file says is written
-//! anew in its text, so that it is checked as the file is, and that a recording has it.
+//! Entry points: [`Setting::all`], [`Setting::flaw`], [`edited`]. What is of the plan changes at once. What the file says is
+//! written anew in its text, so that it is checked as the file is, and that a recording has it: that makes another session.
 
 use super::prepare::Wish;
 use serde::Deserialize;
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
 use std::ops::Range;
-use sutura_host::scene::{Document, Rendering};
-use sutura_host::session::Plan;
-use sutura_shared::wire::message::{Fixture, HandScript};
+use sutura_host::scene::{Document, Rendering, Scene};
+use sutura_host::session::{Plan, Tuning};
+use sutura_shared::wire::message::Fixture;
 use sutura_view::SetTo;
 use toml::Spanned;
 
@@ -18,8 +18,10 @@ const RENDERING: &str = "rendering";
 const HOST_HZ: &str = "host-hz";
 const STIFFNESS: &str = "hand-stiffness";
 const DAMPING: &str = "hand-damping";
+/// Name of the setting of what stands beside the tissue.
 const FIXTURE: &str = "fixture";
 const RENDERINGS: [Rendering; 3] = [Rendering::Hold, Rendering::Tangent, Rendering::Rows];
+const AT_ONCE: [&str; 5] = [RENDERING, HOST_HZ, STIFFNESS, DAMPING, FIXTURE];
 /// A file's number is changed by this factor at most.
 const FARTHEST: f64 = 10.0;
 /// Largest Poisson's ratio to choose: beyond it meshes lock.
@@ -27,7 +29,7 @@ const LARGEST_RATIO: f64 = 0.49;
 /// Friction to choose where the file says that there is none \[N/m\].
 const SOME_FRICTION_N_PER_M: f64 = 100.0;
 
-/// The wall is so far below where the hand begins \[m\]: to be come upon, not to be begun in.
+/// The wall is so far below where the grip is \[m\]: to be come upon, not to be begun in.
 const WALL_BELOW_M: f32 = 0.005;
 /// Of wall and coupling: a device that cannot render it stably caps it \[N/m\], \[N s/m\].
 const FIXTURE_N_PER_M: f32 = 800.0;
@@ -39,9 +41,9 @@ pub enum Standing {
     /// Nothing.
     #[default]
     Nothing,
-    /// A level wall below where the hand begins.
+    /// A level wall below where the grip is as it is set.
     Wall,
-    /// A spring to where the hand begins.
+    /// A spring to where the grip is as it is set.
     Coupling,
 }
 
@@ -56,10 +58,9 @@ impl Standing {
         }
     }
 
-    /// As a console is told, of a scene with this hand.
-    pub fn fixture(self, hand: &HandScript) -> Fixture {
-        let [begin, ..] = hand.way_points;
-        let [x, y, z] = begin.position_m;
+    /// As a console is told whose grip is here \[m\].
+    pub fn fixture(self, grip_m: [f32; 3]) -> Fixture {
+        let [x, y, z] = grip_m;
         match self {
             Standing::Nothing => Fixture::None,
             Standing::Wall => Fixture::Wall {
@@ -75,6 +76,34 @@ impl Standing {
             },
         }
     }
+}
+
+/// Renderings that a scene's tissue has.
+fn renderings(scene: &Scene) -> impl Iterator<Item = Rendering> {
+    // Where tools stick there is no compliance to make rows of.
+    let has_rows = scene.tissue.sticking().is_none();
+    let all = RENDERINGS.into_iter();
+    all.filter(move |rendering| has_rows || *rendering != Rendering::Rows)
+}
+
+/// What changes while a session goes on.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Change {
+    /// How often it is solved, and what is rendered from that.
+    Tuning(Tuning),
+    /// How the hand holds the grip.
+    Grasp(Grasp),
+    /// What stands beside the tissue.
+    Standing(Standing),
+}
+
+/// How a hand holds a grip.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Grasp {
+    /// To where it wants it \[N/m\].
+    pub stiffness_n_per_m: f32,
+    /// Of its speed against that \[N s/m\].
+    pub damping_n_s_per_m: f32,
 }
 
 /// Something that can be set.
@@ -102,7 +131,7 @@ enum Choice {
 
 impl Setting {
     /// All of a session of this plan, that a wish has led to, and whose scene is this file.
-    pub fn all(wish: &Wish, plan: &Plan, document: &Document) -> Vec<Setting> {
+    pub fn all(wish: &Wish, scene: &Scene, plan: &Plan, document: &Document) -> Vec<Setting> {
         let number = |name, unit, value, [low, high, step]: [f64; 3]| Setting {
             name,
             range: Choice::Number {
@@ -119,7 +148,7 @@ impl Setting {
                 name: RENDERING,
                 range: Choice::Word {
                     value: plan.rendering.word(),
-                    choices: RENDERINGS.map(Rendering::word).to_vec(),
+                    choices: renderings(scene).map(Rendering::word).collect(),
                 },
             },
             number(HOST_HZ, "Hz", plan.host_hz, [25.0, 1000.0, 5.0]),
@@ -146,11 +175,51 @@ impl Setting {
         self.name
     }
 
+    /// Whether a session goes on with another value; else that makes another session.
+    fn is_at_once(&self) -> bool {
+        AT_ONCE.contains(&self.name)
+    }
+
+    /// What a session does at once to have another value; none where that needs another solver.
+    pub fn change(&self, wish: &Wish, plan: &Plan) -> Option<Change> {
+        match self.name {
+            RENDERING | HOST_HZ => {
+                let Tuning { host_hz, rendering } = plan.tuning();
+                Some(Change::Tuning(Tuning {
+                    host_hz: wish.host_hz.unwrap_or(host_hz),
+                    rendering: wish.rendering.unwrap_or(rendering),
+                }))
+            }
+            STIFFNESS | DAMPING => Some(Change::Grasp(Grasp {
+                stiffness_n_per_m: wish
+                    .hand_stiffness_n_per_m
+                    .unwrap_or(plan.hand.stiffness_n_per_m),
+                damping_n_s_per_m: wish
+                    .hand_damping_n_s_per_m
+                    .unwrap_or(plan.hand.damping_n_s_per_m),
+            })),
+            FIXTURE => Some(Change::Standing(wish.standing)),
+            _ => None,
+        }
+    }
+
+    /// It has this value now.
+    pub fn take(&mut self, to: &SetTo) {
+        match (&mut self.range, to) {
+            (Choice::Word { value, choices }, SetTo::Word(word)) => {
+                let mut named = choices.iter().filter(|each| *each == word);
+                *value = named.next().unwrap_or(value);
+            }
+            (Choice::Number { value, .. }, SetTo::Number(number)) => *value = *number,
+            _ => {}
+        }
+    }
+
     /// As `hello` says it.
     pub fn said(&self) -> Value {
         match &self.range {
             Choice::Word { value, choices } => {
-                json!({"name": self.name, "unit": "", "value": value, "choices": choices})
+                json!({"name": self.name, "at_once": self.is_at_once(), "unit": "", "value": value, "choices": choices})
             }
             Choice::Number {
                 unit,
@@ -159,7 +228,7 @@ impl Setting {
                 high,
                 step,
             } => {
-                json!({"name": self.name, "unit": unit, "value": value, "low": low, "high": high, "step": step})
+                json!({"name": self.name, "at_once": self.is_at_once(), "unit": unit, "value": value, "low": low, "high": high, "step": step})
             }
         }
     }
@@ -364,15 +433,7 @@ youngs_modulus_pa = 1
     }
 
     #[test]
-    fn a_wall_stands_below_where_the_hand_begins_and_a_coupling_holds_it_there() {
-        let mut hand = HandScript {
-            stiffness_n_per_m: 1000.0,
-            damping_n_s_per_m: 10.0,
-            start_joint: [0.0; 3],
-            count: 1,
-            way_points: Default::default(),
-        };
-        hand.way_points[0].position_m = [0.01, 0.02, 0.03];
+    fn a_wall_stands_below_the_grip_and_a_coupling_holds_it() {
         let setting = Setting {
             name: FIXTURE,
             range: Choice::Word {
@@ -383,7 +444,8 @@ youngs_modulus_pa = 1
         let of = |word: &str| {
             let to = SetTo::Word(word.to_owned());
             assert_eq!(setting.flaw(&to), None);
-            let fixture = Wish::default().with(&setting, &to).standing.fixture(&hand);
+            let standing = Wish::default().with(&setting, &to).standing;
+            let fixture = standing.fixture([0.01, 0.02, 0.03]);
             assert_eq!(fixture.check(), Ok(()));
             fixture
         };

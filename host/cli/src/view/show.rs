@@ -153,6 +153,14 @@ impl Show {
         change(&mut self.going.lock().unwrap_or_else(PoisonError::into_inner));
     }
 
+    /// The session goes on otherwise: what pages were told of it before.
+    pub fn changed(&self, said: &[(&str, Value)]) {
+        for (key, value) in said {
+            self.shared.amend(key, value.clone());
+        }
+        self.shared.say_again();
+    }
+
     /// The session is over; what there is to say of how it was shown.
     pub fn end(self, place: Option<String>) -> Option<ViewSummary> {
         self.stop.store(true, Ordering::Relaxed);

@@ -8,7 +8,7 @@ use super::super::read::Recording;
 use super::super::samples::SolveSample;
 use super::sessions::{Session, parse, sessions};
 use crate::link::Felt;
-use crate::session::{SceneSolver, Solve, Solved};
+use crate::session::{Plan, SceneSolver, Solve, Solved};
 use std::collections::HashMap;
 use std::ops::ControlFlow;
 use std::time::Instant;
@@ -184,8 +184,8 @@ pub fn replay_host_while(
     let mut run = Run {
         states: states(&sessions),
         contacts: contacts(&sessions),
-        recording,
         same_bits,
+        plan: recording.about.plan,
         largest: 0.0,
     };
     for (index, (number, sample)) in (1_u64..).zip(&recording.solves) {
@@ -219,16 +219,17 @@ pub fn replay_host_while(
     verdict
 }
 
-struct Run<'a> {
+struct Run {
     states: HashMap<u64, Valid<State>>,
     contacts: HashMap<u64, Contact>,
-    recording: &'a Recording,
     same_bits: bool,
+    /// As it is at this solve.
+    plan: Plan,
     /// Largest entry of a wrench so far \[N or N m\].
     largest: f64,
 }
 
-impl Run<'_> {
+impl Run {
     fn step(
         &mut self,
         solver: &mut SceneSolver,
@@ -238,6 +239,10 @@ impl Run<'_> {
     ) -> Result<SolveSample, String> {
         let arrivals: Vec<_> = sample.arrivals().collect();
         solver.expect(&arrivals, sample.looked);
+        if let Some(tuning) = &sample.tuned {
+            self.plan = self.plan.tuned(tuning);
+            solver.tune(&self.plan);
+        }
         let began = Instant::now();
         let solved = solver.solve(state);
         let step_us = began.elapsed().as_secs_f64() * 1e6;
@@ -291,8 +296,7 @@ impl Run<'_> {
         let Some(sent) = self.contacts.get(&state.console_time_us()) else {
             return Ok(());
         };
-        let rendering = self.recording.about.plan.rendering;
-        let felt = solved.frames(state.body(), sent.horizon_us, rendering);
+        let felt = solved.frames(state.body(), sent.horizon_us, self.plan.rendering);
         match felt {
             Some(Felt { contact, .. }) if !same || contact == *sent => Ok(()),
             Some(_) => Err("the contact that was sent is not what was solved".to_owned()),

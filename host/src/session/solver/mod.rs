@@ -182,10 +182,7 @@ impl SceneSolver {
         let (end_s, apart_m) = (end_s.min(plan.seconds), Self::apart_m(scene));
         let path = path(scene, end_s, PREPARED_EVERY_S, apart_m);
         self.prepare(&path);
-        // The console has them a period later, and uses them for another.
-        self.reduce_to(plan.most_rows(), 2.0 / plan.host_hz);
-        self.plan_every(1.0 / plan.host_hz);
-        self.looks_ahead = plan.rendering == Rendering::Rows;
+        self.tune(plan);
     }
 
     /// Brings tools to where they are held.
@@ -487,6 +484,16 @@ fn is_armed_anew(before_us: u64, sample: &ToolSample) -> bool {
 }
 
 impl Solve for SceneSolver {
+    fn tune(&mut self, plan: &Plan) {
+        // The console has them a period later, and uses them for another.
+        self.reduce_to(plan.most_rows(), 2.0 / plan.host_hz);
+        self.plan_every(1.0 / plan.host_hz);
+        self.looks_ahead = plan.rendering == Rendering::Rows;
+        if let Follower::Prescribed(tissue) = &mut self.follower {
+            tissue.tune(&plan.tuning());
+        }
+    }
+
     fn spare(&mut self, effort: Effort) -> Spared {
         self.effort = effort;
         self.options.most_rows = match effort {
