@@ -14,7 +14,6 @@ use crate::model::check_tools;
 use crate::registry;
 use crate::scene::{Registered, Rendering, Scene, SceneError};
 use crate::script::{at_rest, outside};
-use crate::session::Tuning;
 use crate::step::{Status, StepReport, ToolContact};
 use crate::tool::{MAX_TOOLS, Placement, Shape, Tool, ToolSample};
 use miette::Diagnostic;
@@ -255,9 +254,9 @@ impl Prescribed {
     }
 
     /// Steps come so often from now on, and have a tangent if the console renders from that.
-    pub fn tune(&mut self, to: &Tuning) {
-        self.period_s = 1.0 / to.host_hz;
-        self.has_tangent = to.rendering == Rendering::Tangent;
+    pub fn tune(&mut self, rendering: Rendering, host_hz: f64) {
+        self.period_s = 1.0 / host_hz;
+        self.has_tangent = rendering == Rendering::Tangent;
     }
 
     /// Whether no node is faster than [`STILL_EDGES_PER_S`], given where all were a step ago \[m\], (n x 3).

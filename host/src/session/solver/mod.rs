@@ -490,7 +490,7 @@ impl Solve for SceneSolver {
         self.plan_every(1.0 / plan.host_hz);
         self.looks_ahead = plan.rendering == Rendering::Rows;
         if let Follower::Prescribed(tissue) = &mut self.follower {
-            tissue.tune(&plan.tuning());
+            tissue.tune(plan.rendering, plan.host_hz);
         }
     }
 
