@@ -4,8 +4,8 @@
 //! What the numbers mean to the control loop: [`sutura_shared::device`].
 
 use super::document::{Document, SceneError, nearest};
-use serde::Deserialize;
 use std::path::Path;
+use sutura_scene_file::device::{DeviceFile, PrismaticSection, RevoluteSection};
 use sutura_shared::device::{DeviceDescription, JOINTS, Joint, Kinematics, MAX_ACTUATION_DELAY_US};
 use toml::Spanned;
 
@@ -20,70 +20,6 @@ pub const BUILT_IN: [(&str, &str); 2] = [
         include_str!("../../../devices/serial-arm.toml"),
     ),
 ];
-
-#[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
-struct DeviceFile {
-    name: Spanned<String>,
-    max_force_n: Spanned<f64>,
-    max_power_w: Spanned<f64>,
-    max_grip_speed_m_per_s: Spanned<f64>,
-    actuation_delay_us: Spanned<u32>,
-    cartesian: Option<Spanned<CartesianSection>>,
-    serial_arm: Option<Spanned<SerialArmSection>>,
-}
-
-/// `[cartesian]`: three orthogonal stages along x, y, z.
-#[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
-struct CartesianSection {
-    origin_m: Spanned<[f64; 3]>,
-    joint: Spanned<Vec<PrismaticSection>>,
-}
-
-#[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
-struct PrismaticSection {
-    counts_per_m: Spanned<f64>,
-    #[serde(default)]
-    zero_counts: i32,
-    force_n_per_a: Spanned<f64>,
-    max_current_a: Spanned<f64>,
-    max_slew_n_per_s: Spanned<f64>,
-    max_speed_m_per_s: Spanned<f64>,
-    mass_kg: Spanned<f64>,
-    damping_n_s_per_m: Spanned<f64>,
-    coulomb_n: Spanned<f64>,
-    /// Mass that this joint's gravity compensation carries; matters along z only.
-    carried_mass_kg: Spanned<f64>,
-}
-
-/// `[serial_arm]`: yaw, shoulder, elbow.
-#[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
-struct SerialArmSection {
-    shoulder_m: Spanned<[f64; 3]>,
-    upper_m: Spanned<f64>,
-    fore_m: Spanned<f64>,
-    elbow_mass_kg: Spanned<f64>,
-    grip_mass_kg: Spanned<f64>,
-    joint: Spanned<Vec<RevoluteSection>>,
-}
-
-#[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
-struct RevoluteSection {
-    counts_per_rad: Spanned<f64>,
-    #[serde(default)]
-    zero_counts: i32,
-    torque_nm_per_a: Spanned<f64>,
-    max_current_a: Spanned<f64>,
-    max_slew_nm_per_s: Spanned<f64>,
-    max_speed_rad_per_s: Spanned<f64>,
-    inertia_kg_m2: Spanned<f64>,
-    damping_nm_s_per_rad: Spanned<f64>,
-    coulomb_nm: Spanned<f64>,
-}
 
 /// The device that a scene names: a path when it ends in `.toml`, else `devices/NAME.toml` next to the
 /// scene or beside its directory, else a built-in one.
@@ -135,7 +71,7 @@ pub fn find_device(
 /// # Errors
 /// A flaw at the key or the number that is wrong.
 pub fn read_device(document: &Document) -> Result<DeviceDescription, SceneError> {
-    let file: DeviceFile = document.parse()?;
+    let file = DeviceFile::read(document.text()).map_err(|error| document.unread(&error))?;
     let c = Check(document);
     let mut name = [0; 16];
     let written = file.name.get_ref().as_bytes();

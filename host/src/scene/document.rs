@@ -4,7 +4,6 @@
 
 use crate::model::ModelError;
 use miette::{Diagnostic, NamedSource, Severity, SourceSpan};
-use serde::de::DeserializeOwned;
 use std::collections::BTreeMap;
 use std::io;
 use std::ops::Range;
@@ -255,17 +254,15 @@ impl Document {
         seen.to_string_lossy().into_owned()
     }
 
-    /// Reads the text as `T`; unknown keys are refused where `T` refuses them.
-    ///
-    /// # Errors
-    /// A [`Flaw`] at the character, with the nearest known key for a misspelt one.
-    pub fn parse<T: DeserializeOwned>(&self) -> Result<T, SceneError> {
-        toml::from_str(&self.text).map_err(|error| {
-            let span = error.span().unwrap_or(0..0);
-            let message = error.message().trim_end().to_owned();
-            let (message, label, help) = explain(&message);
-            self.flaw(span, message, label, help.as_deref())
-        })
+    /// What the parser said of the text: a [`Flaw`] at the character, with the nearest known key for a misspelt one.
+    pub(super) fn unread(&self, error: &toml::de::Error) -> SceneError {
+        self.said(error.span().unwrap_or(0..0), error.message().trim_end())
+    }
+
+    /// As [`Self::unread`], in the parser's words.
+    pub(super) fn said(&self, span: Range<usize>, message: &str) -> SceneError {
+        let (message, label, help) = explain(message);
+        self.flaw(span, message, label, help.as_deref())
     }
 
     /// A complaint about `span`.

@@ -4,7 +4,7 @@
 //! itself, for solves without a console).
 
 use super::document::{Document, SceneError};
-use super::file::HandSection;
+use sutura_scene_file::scene::HandSection;
 use sutura_shared::device::{DeviceDescription, JOINTS, Kinematics};
 use sutura_shared::virtual_console::path;
 use sutura_shared::wire::message::{HandScript, WAY_POINTS, WayPoint};

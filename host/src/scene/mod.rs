@@ -2,9 +2,9 @@
 //!
 //! Entry points: [`load`] and [`Scene::build`]. A scene builds only what it names.
 
+mod added;
 mod device;
 mod document;
-mod file;
 mod hand;
 mod needles;
 mod parts;
@@ -19,18 +19,17 @@ mod tool_shape;
 mod tools;
 mod touching;
 mod way;
-mod wound_file;
 
+pub use added::ADDED_KEYS;
 pub use device::{BUILT_IN as BUILT_IN_DEVICES, find_device, read_device};
 pub use document::{Document, Flaw, SceneError, Sources, nearest};
-pub use file::ADDED_KEYS;
-pub use file::{HandSection, WayPointSection};
 pub use hand::{hand_script, position_at};
 pub use needles::{Hold, Needle, NeedleSolver};
 pub use read::LONGEST_S;
 pub use region::Region;
 pub use rendering::Rendering;
 pub use schema::schema;
+pub use sutura_scene_file::scene::{HandSection, WayPointSection};
 pub use threads::{Thread, ThreadHeld, Tighten};
 pub use tissue::{ContactLaw, DENSITY_KG_PER_M3, Registered, Tissue, models};
 pub use touching::TissueContact;

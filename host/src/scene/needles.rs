@@ -4,13 +4,13 @@
 
 use super::Tool;
 use super::document::{Document, Flaw, SceneError};
-use super::file::{
-    NeedleHoldSection, NeedleSection, NeedleShapeName, NeedleSolverSection, NeedleTissueSection,
-    PlaybackName, RegionSection, SceneFile, TissueSection,
-};
 use crate::mesh::TetMesh;
 use crate::needle::{self, Curve, NeedleShape, NeedleTissue, Playback};
 use nalgebra::{Isometry3, Vector3};
+use sutura_scene_file::scene::{
+    NeedleHoldSection, NeedleSection, NeedleShapeName, NeedleSolverSection, NeedleTissueSection,
+    PlaybackName, RegionSection, SceneFile, TissueSection,
+};
 use toml::Spanned;
 
 /// Points of a needle at which it is looked whether it starts in tissue.

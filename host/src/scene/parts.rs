@@ -3,8 +3,8 @@
 //! Entry point: [`read_parts`].
 
 use super::document::{Document, SceneError};
-use super::file::{Axis, PartSection, SlabSection, TubeSection};
 use crate::mesh::{self, RawMesh, TetMesh};
+use sutura_scene_file::scene::{Axis, PartSection, SlabSection, TubeSection};
 use toml::Spanned;
 
 /// Most cubes of a part: five million cells, far above what any solver here can do.

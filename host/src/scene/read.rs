@@ -2,9 +2,9 @@
 //!
 //! Entry point: [`Scene::read`]. The first thing that is wrong ends it, with its place in the file.
 
+use super::added;
 use super::device::find_device;
 use super::document::{Document, SceneError};
-use super::file::{HandleSection, LoadSection, MeshSection, SceneFile, TissueModel, TissueSection};
 use super::hand::hand_script;
 use super::needles::{read_needle_solver, read_needle_tissue, read_needles};
 use super::parts::{read_parts, read_slab};
@@ -16,6 +16,9 @@ use super::touching::read_touching;
 use super::{Corotational, DENSITY_KG_PER_M3, HostSettings, Registered, Scene, Tissue};
 use crate::fem::{Anchor, Handle, Loads, NodeLoad};
 use crate::mesh::{self, MeshError, TetMesh};
+use sutura_scene_file::scene::{
+    HandleSection, LoadSection, MeshSection, SceneFile, TissueModel, TissueSection,
+};
 use toml::Spanned;
 
 /// Length of a session when the scene does not say \[s\].
@@ -34,7 +37,7 @@ impl Scene {
     /// # Errors
     /// The first thing that is wrong, at its place in the document.
     pub fn read(document: &Document, name: &str) -> Result<Scene, SceneError> {
-        let file: SceneFile = document.parse()?;
+        let (file, added) = added::read(document)?;
         let mesh = read_mesh(document, &file.mesh)?;
         let mut warnings = Vec::new();
         let Made {
@@ -84,7 +87,7 @@ impl Scene {
         }
         let touching = read_touching(document, &file.tissue_contact, &mesh)?;
         let needle_tissue = read_needle_tissue(document, &file, &of_cell, &mut warnings)?;
-        let added = file.added().into_iter().enumerate();
+        let added = added.into_iter().enumerate();
         let added = added.map(|(index, (span, section))| {
             let label = "in this section";
             section
@@ -165,7 +168,8 @@ fn read_solve_at(document: &Document, file: &SceneFile) -> Result<Option<f64>, S
 
 /// What `[host]` says of the rate \[Hz\].
 pub(super) fn read_host_hz(document: &Document) -> Result<f64, SceneError> {
-    let host = read_host(document, &document.parse()?)?;
+    let (file, _) = added::read(document)?;
+    let host = read_host(document, &file)?;
     Ok(host.host_hz)
 }
 

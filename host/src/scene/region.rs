@@ -3,11 +3,11 @@
 //! Entry point: [`read_materials`]. Where two regions share a cell, the later section has it.
 
 use super::document::{Document, Flaw, SceneError, nearest};
-use super::file::{Cuboid, RegionSection, RegionTag, TissueSection};
 use crate::fem::{Material, Materials};
 use crate::mesh::TetMesh;
 use nalgebra::Vector3;
 use std::collections::BTreeMap;
+use sutura_scene_file::scene::{Cuboid, RegionSection, RegionTag, TissueSection};
 use toml::Spanned;
 
 /// Cells with a material of their own.

@@ -3,7 +3,7 @@
 //! Entry point: [`schema`]. Derived from the structs that read the file, so it knows the same keys; what
 //! depends on several values, or on the mesh, only [`load`](super::load) can check.
 
-use super::file::SceneFile;
+use super::added::Whole;
 use schemars::generate::SchemaSettings;
 use schemars::transform::{Transform, transform_subschemas};
 use schemars::{Schema, SchemaGenerator};
@@ -12,7 +12,7 @@ use serde_json::Value;
 /// The schema of a scene file read as JSON.
 pub fn schema() -> Value {
     let settings = SchemaSettings::draft2020_12().with_transform(AsToml);
-    let mut schema = SchemaGenerator::new(settings).into_root_schema_for::<SceneFile>();
+    let mut schema = SchemaGenerator::new(settings).into_root_schema_for::<Whole>();
     schema.insert("title".to_owned(), "Sutura scene".into());
     schema.to_value()
 }

@@ -3,8 +3,8 @@
 //! Entry point: [`select`].
 
 use super::document::{Document, SceneError};
-use super::file::Selection;
 use crate::mesh::TetMesh;
+use sutura_scene_file::scene::Selection;
 use toml::Spanned;
 
 /// Node numbers in ascending order, each once, (at least one).

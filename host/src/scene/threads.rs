@@ -3,11 +3,13 @@
 //! Entry point: [`read_threads`].
 
 use super::document::{Document, Flaw, SceneError};
-use super::file::ToolSection;
-use super::wound_file::{ThreadEndName, ThreadHoldSection, ThreadSection, ThreadTightenSection};
 use super::{Needle, Tool};
 use crate::thread::{ThreadEnd, ThreadHold, ThreadPart, Through, Tightening};
 use crate::tool::Shape;
+use sutura_scene_file::scene::ToolSection;
+use sutura_scene_file::wound::{
+    ThreadEndName, ThreadHoldSection, ThreadSection, ThreadTightenSection,
+};
 use toml::Spanned;
 
 /// What a thread bears that does not say \[N\]: braided sutures of 0.3 mm break at 20 to 30 N.

@@ -3,10 +3,10 @@
 //! Entry point: [`read_shape`].
 
 use super::document::{Document, SceneError};
-use super::file::{ToolSection, ToolShape};
 use crate::tool::{self, Shape, Tool};
 use nalgebra::Vector3;
 use std::ops::Range;
+use sutura_scene_file::scene::{ToolSection, ToolShape};
 use toml::Spanned;
 
 /// Bars so much longer than wide end far from the tissue.

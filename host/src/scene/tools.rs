@@ -3,7 +3,6 @@
 //! Entry point: [`read_tools`].
 
 use super::document::{Document, Flaw, SceneError};
-use super::file::{ToolSection, ToolShape};
 use super::tool_shape::read_shape;
 use super::way::{self, read_way};
 use super::{Pose, Tool};
@@ -11,6 +10,7 @@ use crate::mesh::TetMesh;
 use crate::model::{ACCURATE_RADIUS_IN_EDGES, LEAST_RADIUS_IN_EDGES, measured_error_percent};
 use crate::tool;
 use std::ops::Range;
+use sutura_scene_file::scene::{ToolSection, ToolShape};
 use toml::Spanned;
 
 /// The tools of a scene, with different ids, one of them driven.

@@ -6,8 +6,8 @@ use super::document::{Document, SceneError};
 use super::region::tagged;
 use super::select::select;
 use super::threads::read_friction;
-use super::wound_file::TissueContactSection;
 use crate::mesh::TetMesh;
+use sutura_scene_file::wound::TissueContactSection;
 use toml::Spanned;
 
 /// Two parts of the tissue that may touch.
@@ -89,7 +89,7 @@ pub(super) fn read_touching(
 fn boundary(
     document: &Document,
     mesh: &TetMesh,
-    tag: &Spanned<super::file::RegionTag>,
+    tag: &Spanned<sutura_scene_file::scene::RegionTag>,
 ) -> Result<Vec<[u32; 3]>, SceneError> {
     let cells = tagged(document, mesh, tag)?;
     let boundary = mesh.half_faces().boundary();

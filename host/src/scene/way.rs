@@ -4,8 +4,8 @@
 //! Hogan 1985), as the hand's path.
 
 use super::document::{Document, SceneError};
-use super::file::{ToolSection, ToolWayPointSection};
 use nalgebra::{UnitQuaternion, Vector3};
+use sutura_scene_file::scene::{ToolSection, ToolWayPointSection};
 use toml::Spanned;
 
 /// Latest time of a way point \[s\], as the hand's.

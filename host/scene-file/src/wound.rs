@@ -1,8 +1,8 @@
-//! What a scene file may say of threads and of tissue that touches tissue, key by key, as in [`super::file`].
+//! What a scene file may say of threads and of tissue that touches tissue, key by key, as in [`super::scene`].
 //!
 //! Entry points: [`ThreadSection`], [`TissueContactSection`].
 
-use super::file::{RegionTag, Selection};
+use super::scene::{RegionTag, Selection};
 use schemars::JsonSchema;
 use serde::Deserialize;
 use toml::Spanned;

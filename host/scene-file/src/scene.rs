@@ -1,113 +1,105 @@
 //! What a scene file may say, key by key. Units are in the names; unknown keys are refused.
 //!
-//! Entry point: [`SceneFile`]. Values are checked where they are used, in the files next to this one.
+//! Entry point: [`SceneFile`]. Values are checked where they are used.
 
-use super::wound_file::{ThreadSection, TissueContactSection};
-use crate::source::{Section, scene_keys};
+use super::wound::{ThreadSection, TissueContactSection};
 use schemars::JsonSchema;
 use serde::Deserialize;
 use toml::Spanned;
+use toml::de::DeTable;
 
-/// A section with its place in the file.
-#[derive(Debug, Deserialize)]
-#[serde(transparent)]
-pub(super) struct Placed<T>(Spanned<T>);
+/// Keys at the top of a scene's file, but for those by which it adds sources.
+pub const KEYS: [&str; 17] = [
+    "name",
+    "seconds",
+    "device",
+    "solve_at_s",
+    "mesh",
+    "tissue",
+    "region",
+    "fixed",
+    "tool",
+    "needle",
+    "thread",
+    "tissue_contact",
+    "needle_solver",
+    "handle",
+    "load",
+    "hand",
+    "host",
+];
 
-impl<T: JsonSchema> JsonSchema for Placed<T> {
-    fn schema_name() -> std::borrow::Cow<'static, str> {
-        T::schema_name()
-    }
-
-    fn json_schema(generator: &mut schemars::SchemaGenerator) -> schemars::Schema {
-        T::json_schema(generator)
-    }
+/// A whole scene file, but for the keys by which it adds sources.
+#[derive(Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct SceneFile {
+    /// For people; the file's stem when left out.
+    pub name: Option<String>,
+    /// How long a session lasts \[s\].
+    #[schemars(with = "Option<f64>")]
+    pub seconds: Option<Spanned<f64>>,
+    /// Name of a device, or path of a device file ending in `.toml`.
+    #[schemars(with = "Option<String>")]
+    pub device: Option<Spanned<String>>,
+    /// Until when `sutura solve` follows the scripts of hands and tools \[s\], in scenes with needles; to the end
+    /// when left out.
+    #[schemars(with = "Option<f64>")]
+    pub solve_at_s: Option<Spanned<f64>>,
+    /// Where the tissue is.
+    #[schemars(with = "MeshSection")]
+    pub mesh: Spanned<MeshSection>,
+    /// What the tissue is made of.
+    pub tissue: TissueSection,
+    /// Parts of the tissue that are made of something else.
+    #[serde(default)]
+    #[schemars(with = "Vec<RegionSection>")]
+    pub region: Vec<Spanned<RegionSection>>,
+    /// Nodes that do not move.
+    #[serde(default)]
+    #[schemars(with = "Vec<Selection>")]
+    pub fixed: Vec<Spanned<Selection>>,
+    /// Tools that can touch the tissue, or hold needles.
+    #[serde(default)]
+    #[schemars(with = "Vec<ToolSection>")]
+    pub tool: Vec<Spanned<ToolSection>>,
+    /// Needles.
+    #[serde(default)]
+    #[schemars(with = "Vec<NeedleSection>")]
+    pub needle: Vec<Spanned<NeedleSection>>,
+    /// Threads.
+    #[serde(default)]
+    #[schemars(with = "Vec<ThreadSection>")]
+    pub thread: Vec<Spanned<ThreadSection>>,
+    /// Parts of the tissue that may touch.
+    #[serde(default)]
+    #[schemars(with = "Vec<TissueContactSection>")]
+    pub tissue_contact: Vec<Spanned<TissueContactSection>>,
+    /// Speed against accuracy of needles.
+    #[schemars(with = "Option<NeedleSolverSection>")]
+    pub needle_solver: Option<Spanned<NeedleSolverSection>>,
+    /// Points of tissue that are moved to a target.
+    #[serde(default)]
+    pub handle: Vec<HandleSection>,
+    /// Forces on nodes.
+    #[serde(default)]
+    pub load: Vec<LoadSection>,
+    /// The hand on a simulated console's grip.
+    #[schemars(with = "Option<HandSection>")]
+    pub hand: Option<Spanned<HandSection>>,
+    /// How the host works.
+    #[serde(default)]
+    pub host: HostSection,
 }
 
-/// A section by which a scene adds a source: where it is, and what it says.
-pub(super) type AddedSection<'a> = (std::ops::Range<usize>, &'a dyn Section);
-
-/// The file's own keys, and those of [`scene_keys`].
-macro_rules! scene_file {
-    ($($(#[$about:meta])* $key:ident: $section:ty;)*) => {
-        /// A whole scene file.
-        #[derive(Debug, Deserialize, JsonSchema)]
-        #[serde(deny_unknown_fields)]
-        pub struct SceneFile {
-            /// For people; the file's stem when left out.
-            pub name: Option<String>,
-            /// How long a session lasts \[s\].
-            #[schemars(with = "Option<f64>")]
-            pub seconds: Option<Spanned<f64>>,
-            /// Name of a device, or path of a device file ending in `.toml`.
-            #[schemars(with = "Option<String>")]
-            pub device: Option<Spanned<String>>,
-            /// Until when `sutura solve` follows the scripts of hands and tools \[s\], in scenes with needles; to the end
-            /// when left out.
-            #[schemars(with = "Option<f64>")]
-            pub solve_at_s: Option<Spanned<f64>>,
-            /// Where the tissue is.
-            #[schemars(with = "MeshSection")]
-            pub mesh: Spanned<MeshSection>,
-            /// What the tissue is made of.
-            pub tissue: TissueSection,
-            /// Parts of the tissue that are made of something else.
-            #[serde(default)]
-            #[schemars(with = "Vec<RegionSection>")]
-            pub region: Vec<Spanned<RegionSection>>,
-            /// Nodes that do not move.
-            #[serde(default)]
-            #[schemars(with = "Vec<Selection>")]
-            pub fixed: Vec<Spanned<Selection>>,
-            /// Tools that can touch the tissue, or hold needles.
-            #[serde(default)]
-            #[schemars(with = "Vec<ToolSection>")]
-            pub tool: Vec<Spanned<ToolSection>>,
-            /// Needles.
-            #[serde(default)]
-            #[schemars(with = "Vec<NeedleSection>")]
-            pub needle: Vec<Spanned<NeedleSection>>,
-            /// Threads.
-            #[serde(default)]
-            #[schemars(with = "Vec<ThreadSection>")]
-            pub thread: Vec<Spanned<ThreadSection>>,
-            /// Parts of the tissue that may touch.
-            #[serde(default)]
-            #[schemars(with = "Vec<TissueContactSection>")]
-            pub tissue_contact: Vec<Spanned<TissueContactSection>>,
-            /// Speed against accuracy of needles.
-            #[schemars(with = "Option<NeedleSolverSection>")]
-            pub needle_solver: Option<Spanned<NeedleSolverSection>>,
-            /// Points of tissue that are moved to a target.
-            #[serde(default)]
-            pub handle: Vec<HandleSection>,
-            /// Forces on nodes.
-            #[serde(default)]
-            pub load: Vec<LoadSection>,
-            /// The hand on a simulated console's grip.
-            #[schemars(with = "Option<HandSection>")]
-            pub hand: Option<Spanned<HandSection>>,
-            /// How the host works.
-            #[serde(default)]
-            pub host: HostSection,
-            $($(#[$about])* #[serde(default)] $key: Vec<Placed<$section>>,)*
-        }
-
-        /// Keys by which scenes add sources.
-        pub const ADDED_KEYS: &[&str] = &[$(stringify!($key)),*];
-
-        impl SceneFile {
-            /// Sections of these keys.
-            pub(super) fn added(&self) -> Vec<AddedSection<'_>> {
-                let mut all: Vec<AddedSection<'_>> = Vec::new();
-                $(for Placed(section) in &self.$key {
-                    all.push((section.span(), section.get_ref()));
-                })*
-                all
-            }
-        }
-    };
+impl SceneFile {
+    /// From a file's table without keys of added sources.
+    ///
+    /// # Errors
+    /// What is not of a scene's file, and where.
+    pub fn read(table: Spanned<DeTable<'_>>) -> Result<SceneFile, toml::de::Error> {
+        SceneFile::deserialize(toml::Deserializer::from(table))
+    }
 }
-scene_keys!(scene_file);
 
 /// `[mesh]`: a file with its scale, a structured slab, or several parts.
 #[derive(Debug, Deserialize, JsonSchema)]
@@ -202,7 +194,7 @@ pub enum TissueModel {
 
 impl TissueModel {
     /// As the file writes it.
-    pub(super) fn word(self) -> &'static str {
+    pub fn word(self) -> &'static str {
         match self {
             TissueModel::Linear => "linear",
             TissueModel::Corotational => "corotational",
@@ -633,4 +625,20 @@ pub struct HostSection {
     /// it longer.
     #[schemars(with = "Option<f64>")]
     pub horizon_ms: Option<Spanned<f64>>,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn keys_are_those_of_the_file() {
+        let schema = schemars::SchemaGenerator::default().into_root_schema_for::<SceneFile>();
+        let properties = schema.get("properties").and_then(|all| all.as_object());
+        let mut keys: Vec<&String> = properties.into_iter().flat_map(|all| all.keys()).collect();
+        let mut known = KEYS.to_vec();
+        keys.sort_unstable();
+        known.sort_unstable();
+        assert_eq!(keys, known);
+    }
 }
