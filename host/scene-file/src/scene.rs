@@ -29,7 +29,8 @@ pub const KEYS: [&str; 17] = [
     "host",
 ];
 
-/// A whole scene file, but for the keys by which it adds sources.
+// Without the keys by which it adds sources.
+/// A whole scene file.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct SceneFile {

@@ -33,7 +33,6 @@ macro_rules! added {
             $({
                 let mut schema = generator.subschema_for::<Vec<$section>>();
                 schema.insert("description".to_owned(), concat!($($about),*).trim().into());
-                schema.insert("default".to_owned(), serde_json::json!([]));
                 properties.insert(stringify!($key).to_owned(), schema.to_value());
             })*
         }

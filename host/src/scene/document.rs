@@ -4,6 +4,7 @@
 
 use crate::model::ModelError;
 use miette::{Diagnostic, NamedSource, Severity, SourceSpan};
+use serde::de::DeserializeOwned;
 use std::collections::BTreeMap;
 use std::io;
 use std::ops::Range;
@@ -252,6 +253,14 @@ impl Document {
     fn key(&self, path: &Path) -> String {
         let seen = path.strip_prefix(&self.directory).unwrap_or(path);
         seen.to_string_lossy().into_owned()
+    }
+
+    /// Reads the text as `T`; unknown keys are refused where `T` refuses them.
+    ///
+    /// # Errors
+    /// A [`Flaw`] at the character, with the nearest known key for a misspelt one.
+    pub fn parse<T: DeserializeOwned>(&self) -> Result<T, SceneError> {
+        toml::from_str(&self.text).map_err(|error| self.unread(&error))
     }
 
     /// What the parser said of the text: a [`Flaw`] at the character, with the nearest known key for a misspelt one.
