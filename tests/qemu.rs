@@ -213,6 +213,7 @@ fn the_image_ends_with_its_exit_code() {
         args: vec!["nonsense".into()],
         icount: true,
         uart: false,
+        gdb: false,
         time_limit: TIME_LIMIT,
     };
     let image = sutura_hil::Qemu::start(&options).unwrap_or_else(|error| panic!("{error}"));
@@ -231,6 +232,7 @@ fn an_image_that_takes_too_long_is_killed() {
         args: vec!["uart".into()],
         icount: true,
         uart: false,
+        gdb: false,
         time_limit: Duration::from_millis(300),
     };
     let image = sutura_hil::Qemu::start(&options).unwrap_or_else(|error| panic!("{error}"));

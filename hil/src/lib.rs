@@ -2,8 +2,10 @@
 //!
 //! Entry points: [`VirtualConsole`] (real time, behind a pseudo-terminal), [`NativeConsole`] (lockstep, in
 //! this process), [`QemuConsole`] (lockstep, the firmware image under QEMU), [`Qemu`] (any image),
-//! [`FaultProxy`] (a bad line).
+//! [`BoardImage`](board_image::BoardImage) (the image for motors, with a stand-in for what QEMU lacks), [`FaultProxy`] (a bad line).
 
+#[cfg(unix)]
+pub mod board_image;
 mod fault_proxy;
 pub mod identity_trace;
 mod native;

@@ -32,6 +32,8 @@ pub struct QemuOptions {
     pub icount: bool,
     /// Give the first UART a pseudo-terminal.
     pub uart: bool,
+    /// Wait for a debugger before the first instruction: see [`Qemu::gdb`]. Without semihosting, as on a chip.
+    pub gdb: bool,
     /// The emulator is killed after this long.
     pub time_limit: Duration,
 }
@@ -44,7 +46,8 @@ pub enum QemuError {
     NoQemu,
     /// There is no image.
     #[error(
-        "there is no firmware image at `{path}`; build it with `cargo xtask firmware --board virtual`"
+        "there is no firmware image at `{path}`; build it with `cargo xtask firmware --board {}`",
+        board_of(path)
     )]
     NoImage {
         /// Where it was looked for.
@@ -137,6 +140,36 @@ pub fn default_image() -> PathBuf {
     here.parent().unwrap_or(here).join(IMAGE)
 }
 
+/// The board that an image is for, by its file's name; of other names, the virtual one.
+pub(crate) fn board_of(image: &Path) -> String {
+    let name = image.file_name().unwrap_or_default().to_string_lossy();
+    name.strip_prefix("sutura-").unwrap_or("virtual").to_owned()
+}
+
+/// What the emulator says of itself: one line.
+///
+/// # Errors
+/// [`QemuError::NoQemu`], or what the system said.
+pub fn version() -> Result<String, QemuError> {
+    let output = Command::new(PROGRAM)
+        .arg("--version")
+        .output()
+        .map_err(no_program)?;
+    let text = String::from_utf8_lossy(&output.stdout);
+    Ok(text.lines().next().unwrap_or_default().to_owned())
+}
+
+/// Why the program cannot be started.
+fn no_program(error: io::Error) -> QemuError {
+    match error.kind() {
+        io::ErrorKind::NotFound => QemuError::NoQemu,
+        _ => QemuError::System {
+            what: format!("`{PROGRAM}` cannot be started"),
+            source: error,
+        },
+    }
+}
+
 /// Starts an image that talks over its first UART; see [`Qemu::uart`].
 ///
 /// # Errors
@@ -148,6 +181,7 @@ pub fn with_uart(image: PathBuf, time_limit: Duration) -> Result<Qemu, QemuError
         args,
         icount: false,
         uart: true,
+        gdb: false,
         time_limit,
     })
 }
@@ -179,13 +213,7 @@ impl Qemu {
             .stdout(Stdio::piped())
             .stderr(Stdio::piped())
             .spawn()
-            .map_err(|error| match error.kind() {
-                io::ErrorKind::NotFound => QemuError::NoQemu,
-                _ => QemuError::System {
-                    what: format!("`{PROGRAM}` cannot be started"),
-                    source: error,
-                },
-            })?;
+            .map_err(no_program)?;
         let (stdout, stderr) = (child.stdout.take(), child.stderr.take());
         let shared = Arc::new(Shared {
             process: Mutex::new(Process {
@@ -227,6 +255,16 @@ impl Qemu {
     /// The path of the UART's pseudo-terminal, for the host to open.
     pub fn uart(&self) -> Option<&str> {
         self.uart.as_deref()
+    }
+
+    /// The socket of the debugger's stub; there a moment after the start.
+    pub fn gdb(&self) -> PathBuf {
+        self.directory.path().join(GDB)
+    }
+
+    /// What the emulator logs about the image; not there before the first line.
+    pub fn log(&self) -> PathBuf {
+        self.directory.path().join(LOG)
     }
 
     /// A directory that lives as long as the emulator.
@@ -296,7 +334,7 @@ impl Qemu {
     /// [`QemuError::Complaints`] with every line that `expected` does not know.
     pub fn check_log(&self, expected: impl Fn(&str) -> bool) -> Result<(), QemuError> {
         // No file: nothing was logged.
-        let log = fs::read_to_string(self.directory.path().join(LOG)).unwrap_or_default();
+        let log = fs::read_to_string(self.log()).unwrap_or_default();
         let lines: Vec<String> = log
             .lines()
             .filter(|line| !expected(line))
@@ -340,6 +378,7 @@ impl Drop for Qemu {
 }
 
 const LOG: &str = "qemu.log";
+const GDB: &str = "gdb";
 
 fn command_line(options: &QemuOptions, directory: &Path) -> Vec<OsString> {
     // A comma ends a value; twice it is a comma.
@@ -358,7 +397,15 @@ fn command_line(options: &QemuOptions, directory: &Path) -> Vec<OsString> {
     ]
     .map(Into::into)
     .into();
-    line.extend(["-semihosting-config".into(), semihosting.into()]);
+    if options.gdb {
+        // A comma ends a value here, too.
+        let path = directory.join(GDB).to_string_lossy().replace(',', ",,");
+        let socket = format!("socket,id=gdb,path={path},server=on,wait=off");
+        line.extend(["-S".into(), "-chardev".into(), socket.into()]);
+        line.extend(["-gdb", "chardev:gdb"].map(Into::into));
+    } else {
+        line.extend(["-semihosting-config".into(), semihosting.into()]);
+    }
     if options.icount {
         line.extend(["-icount", "shift=3,sleep=off"].map(Into::into));
     }
@@ -419,21 +466,24 @@ mod tests {
             args: Vec::new(),
             icount: true,
             uart: false,
+            gdb: false,
             time_limit: Duration::from_secs(60),
         }
     }
 
     #[test]
     fn a_missing_image_says_how_to_build_it() {
-        let Err(error) = Qemu::start(&options("no/such/image".into())) else {
-            panic!("started")
-        };
-        assert!(
-            error
-                .to_string()
-                .contains("cargo xtask firmware --board virtual"),
-            "{error}"
-        );
+        for (image, board) in [
+            ("no/such/sutura-virtual", "virtual"),
+            ("no/such/sutura-olimex-h405", "olimex-h405"),
+            ("no/such/image", "virtual"),
+        ] {
+            let Err(error) = Qemu::start(&options(image.into())) else {
+                panic!("started")
+            };
+            let build = format!("`cargo xtask firmware --board {board}`");
+            assert!(error.to_string().contains(&build), "{error}");
+        }
     }
 
     #[test]

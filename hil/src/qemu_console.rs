@@ -79,6 +79,7 @@ impl QemuConsole {
             args,
             icount: true,
             uart: false,
+            gdb: false,
             time_limit,
         })?;
         // Opening a pipe waits for the other end for ever, unless told not to wait at all.

@@ -1,0 +1,409 @@
+//! The registers of the STM32F405 that QEMU does not have, as far as the image of the board uses them (RM0090).
+//!
+//! Entry points for the image: [`Chip::read`], [`Chip::write`]; for what is wired to the chip: [`Chip::lines`], [`Chip::outputs`],
+//! [`Chip::open_stop`]. A register without a meaning of its own keeps what is written.
+
+use super::otg::{OTG, Otg};
+use std::collections::{BTreeMap, BTreeSet};
+
+const TIM2_CNT: u32 = 0x4000_0024;
+const TIM3_CNT: u32 = 0x4000_0424;
+const TIM4_CNT: u32 = 0x4000_0824;
+/// Control register of the tick timer: that it starts is the last thing that starting the board does.
+pub const TIM7_CR1: u32 = 0x4000_1400;
+const TIM7_SR: u32 = 0x4000_1410;
+const TIM7_CNT: u32 = 0x4000_1424;
+/// Control register of the window watchdog.
+pub const WWDG_CR: u32 = 0x4000_2C00;
+const IWDG_KR: u32 = 0x4000_3000;
+const PWR_CSR: u32 = 0x4000_7004;
+const TIM8: u32 = 0x4001_0400;
+const TIM8_DIER: u32 = 0x4001_040C;
+const TIM8_SR: u32 = 0x4001_0410;
+const TIM8_CCMR2: u32 = 0x4001_041C;
+const TIM8_CCER: u32 = 0x4001_0420;
+const TIM8_CCR1: u32 = 0x4001_0434;
+const TIM8_BDTR: u32 = 0x4001_0444;
+const GPIOA_IDR: u32 = 0x4002_0010;
+const GPIOB_IDR: u32 = 0x4002_0410;
+const RCC_CR: u32 = 0x4002_3800;
+const RCC_CFGR: u32 = 0x4002_3808;
+const RCC_CSR: u32 = 0x4002_3874;
+const FLASH_OPTCR: u32 = 0x4002_3C14;
+const RNG_SR: u32 = 0x5006_0804;
+const RNG_DR: u32 = 0x5006_0808;
+const CHIP_ID: u32 = 0x1FFF_7A10;
+const SYST_CVR: u32 = 0xE000_E018;
+/// Application interrupt and reset control.
+pub const AIRCR: u32 = 0xE000_ED0C;
+
+const HSE_ON: u32 = 1 << 16;
+const PLL_ON: u32 = 1 << 24;
+/// Key, and the request, of a reset by software.
+pub const RESET_REQUEST: u32 = 0x05FA_0004;
+
+/// Interrupt numbers (RM0090, table 61): of the window watchdog,
+pub const WWDG: u8 = 0;
+/// of the supply's detector,
+pub const PVD: u8 = 1;
+/// of the break input,
+const TIM8_BREAK: u8 = 43;
+/// of the tick timer,
+pub const TIM7: u8 = 55;
+/// of the USB core.
+pub const OTG_FS: u8 = 67;
+
+/// Flags of RCC_CSR.
+pub mod reset {
+    /// The pin, which every other cause pulls, too.
+    pub const PIN: u32 = 1 << 26;
+    /// Power-up, with the brown-out flag.
+    pub const POWER: u32 = 1 << 27 | 1 << 25 | PIN;
+    /// By software.
+    pub const SOFTWARE: u32 = 1 << 28 | PIN;
+    /// By the independent watchdog.
+    pub const INDEPENDENT_WATCHDOG: u32 = 1 << 29 | PIN;
+}
+
+/// What the seed of session numbers is drawn as.
+pub const RANDOM: u32 = 0xC0FF_EE01;
+/// The chip's own number, 96 bits.
+pub const ID: [u32; 3] = [0x0043_002B, 0x3438_510B, 0x3236_3530];
+
+/// What is wired to the chip.
+#[derive(Clone, Copy, Debug)]
+pub struct Lines {
+    /// Encoder counters, (3).
+    pub encoder_counts: [i32; 3],
+    /// The amplifiers' ready line.
+    pub ready: bool,
+    /// The supply is below the detector's threshold.
+    pub supply_low: bool,
+    /// The crystal swings.
+    pub crystal: bool,
+    /// Counts of SysTick in a period of the tick timer: 21000 where the clocks agree.
+    pub systick_per_tick: u32,
+    /// Every tick ends after the next one was due.
+    pub ticks_late: bool,
+}
+
+/// What the chip puts out.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Outputs {
+    /// Amplifier enable, PC9.
+    pub enable: bool,
+    /// The pulses run, PC6 to PC8.
+    pub pulses: bool,
+    /// Compare values of the three motors, of 42000 counts.
+    pub duty: [u32; 3],
+}
+
+/// How often each watchdog was fed.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Feeds {
+    /// The independent one.
+    pub independent: u32,
+    /// The window watchdog.
+    pub window: u32,
+}
+
+/// The chip.
+#[derive(Clone, Debug)]
+pub struct Chip {
+    /// What is wired to it.
+    pub lines: Lines,
+    /// Its USB core.
+    pub usb: Otg,
+    /// Every change of the outputs since this was last taken, in order.
+    pub changes: Vec<Outputs>,
+    /// Since power-up.
+    pub feeds: Feeds,
+    /// The independent watchdog runs.
+    pub watchdog_runs: bool,
+    /// The image has not come to the end of its start: every read of a block is answered here.
+    pub starts: bool,
+    /// Reads of the clock control while the crystal does not swing.
+    pub waits_for_crystal: u32,
+    stored: BTreeMap<u32, u32>,
+    systick: u32,
+    stop_open: bool,
+    /// TIM8's break flag.
+    tripped: bool,
+    /// TIM7's update flag.
+    tick_due: bool,
+    shown: Outputs,
+}
+
+const DARK: Outputs = Outputs {
+    enable: false,
+    pulses: false,
+    duty: [0; 3],
+};
+
+impl Chip {
+    /// A chip that has just got its supply, with everything well around it.
+    pub fn new() -> Chip {
+        let lines = Lines {
+            encoder_counts: [0; 3],
+            ready: true,
+            supply_low: false,
+            crystal: true,
+            systick_per_tick: 21_000,
+            ticks_late: false,
+        };
+        let mut chip = Chip {
+            lines,
+            usb: Otg::default(),
+            changes: Vec::new(),
+            feeds: Feeds::default(),
+            watchdog_runs: false,
+            starts: true,
+            waits_for_crystal: 0,
+            stored: BTreeMap::new(),
+            systick: 0x00FF_0000,
+            stop_open: false,
+            tripped: false,
+            tick_due: false,
+            shown: DARK,
+        };
+        chip.reset(reset::POWER);
+        chip
+    }
+
+    /// A reset, with its flags of [`reset`]: registers start again, the encoders' counters at 0; lines stay.
+    pub fn reset(&mut self, cause: u32) {
+        self.lines.encoder_counts = [0; 3];
+        self.usb = Otg::default();
+        self.stored.clear();
+        self.starts = true;
+        self.watchdog_runs = false;
+        self.waits_for_crystal = 0;
+        self.tripped = false;
+        self.tick_due = false;
+        // Values after a reset that are not 0 and that the image builds on (RM0090, 7.3, 8.4.11; brown-out level 3 in the options).
+        self.stored.extend([
+            (RCC_CR, 0x83),
+            (RCC_CSR, cause),
+            (FLASH_OPTCR, 0x0FFF_AAE1),
+            (0x4002_0000, 0xA800_0000),
+            (0x4002_000C, 0x6400_0000),
+            (0x4002_0400, 0x0000_0280),
+            (0x4002_040C, 0x0000_0100),
+        ]);
+        self.show();
+    }
+
+    /// What a read of a register gives, without what it does.
+    pub fn peek(&self, address: u32) -> u32 {
+        let bit = |set, at: u32| if set { 1 << at } else { 0 };
+        let counts = |joint: usize| self.lines.encoder_counts[joint] as u32;
+        match address {
+            TIM3_CNT => counts(0) & 0xFFFF,
+            TIM4_CNT => counts(1) & 0xFFFF,
+            TIM2_CNT => counts(2),
+            TIM7_SR => bit(self.tick_due, 0),
+            TIM7_CNT => 0,
+            PWR_CSR => self.stored(address) & !(1 << 2) | bit(self.lines.supply_low, 2),
+            TIM8_SR => bit(self.tripped, 7),
+            TIM8_BDTR if self.stop_open => self.stored(address) & !(1 << 15),
+            GPIOA_IDR => bit(!self.stop_open, 6),
+            GPIOB_IDR => bit(self.lines.ready, 9),
+            RCC_CR => self.oscillators(),
+            // The switch obeys at once.
+            RCC_CFGR => self.stored(address) & !0xC | (self.stored(address) & 3) << 2,
+            RNG_SR => 1,
+            RNG_DR => RANDOM,
+            CHIP_ID..0x1FFF_7A1C => ID[(address - CHIP_ID) as usize / 4],
+            SYST_CVR => self.systick,
+            OTG..0x5004_0000 => self.usb.peek(address - OTG),
+            _ => self.stored(address),
+        }
+    }
+
+    /// A read of a register.
+    pub fn read(&mut self, address: u32) -> u32 {
+        match address {
+            OTG..0x5004_0000 => return self.usb.read(address - OTG),
+            RCC_CR if self.stored(RCC_CR) & HSE_ON != 0 && !self.lines.crystal => {
+                self.waits_for_crystal += 1;
+            }
+            _ => {}
+        }
+        self.peek(address)
+    }
+
+    /// A write to a register.
+    pub fn write(&mut self, address: u32, value: u32) {
+        match address {
+            OTG..0x5004_0000 => return self.usb.write(address - OTG, value),
+            TIM7_SR => self.tick_due = self.lines.ticks_late,
+            // Cleared by writing 0; an open line sets it again.
+            TIM8_SR => self.tripped &= value & 1 << 7 != 0 || self.stop_open,
+            IWDG_KR => match value {
+                0xAAAA => self.feeds.independent += 1,
+                0xCCCC => self.watchdog_runs = true,
+                _ => {}
+            },
+            WWDG_CR => self.feeds.window += 1,
+            // Remove the reset flags.
+            RCC_CSR if value & 1 << 24 != 0 => {
+                self.stored.insert(RCC_CSR, 0);
+                return;
+            }
+            TIM8_BDTR if self.stop_open => {
+                self.stored.insert(address, value & !(1 << 15));
+                return;
+            }
+            _ => {}
+        }
+        self.stored.insert(address, value);
+        if address & !0xFF == TIM8 & !0xFF {
+            self.show();
+        }
+    }
+
+    /// What a read gave 0 for although it is not 0: the runner has to watch it. Only for registers that change by themselves.
+    pub fn misread(&self, address: u32) -> bool {
+        self.alive().contains(&address) && self.peek(address) != 0
+    }
+
+    /// Registers that have to be watched for reads now: address and length.
+    pub fn watched(&self) -> BTreeSet<(u32, u32)> {
+        let mut watched =
+            BTreeSet::from([(SYST_CVR, 4), (TIM2_CNT, 4), (TIM3_CNT, 4), (TIM4_CNT, 4)]);
+        if self.starts {
+            watched.extend([
+                (TIM7_CR1, 0x30),
+                (PWR_CSR - 4, 8),
+                (TIM8, 0x50),
+                (0x4002_0000, 0x28),
+                (0x4002_0400, 0x28),
+                (0x4002_0800, 0x28),
+                (RCC_CR, 0x90),
+                (FLASH_OPTCR - 0x14, 0x18),
+                (RNG_SR - 4, 12),
+                (CHIP_ID, 12),
+            ]);
+        } else {
+            let alive = self.alive().into_iter();
+            watched.extend(alive.filter(|at| self.peek(*at) != 0).map(|at| (at, 4)));
+        }
+        if self.starts || self.usb.sets_up {
+            watched.insert((OTG, 0xF00));
+            let fifo = self
+                .usb
+                .watched()
+                .into_iter()
+                .filter(|offset| *offset >= 0xF00);
+            watched.extend(fifo.map(|offset| (OTG + offset, 4)));
+        } else {
+            watched.extend(
+                self.usb
+                    .watched()
+                    .into_iter()
+                    .map(|offset| (OTG + offset, 4)),
+            );
+        }
+        watched
+    }
+
+    /// What the outputs are.
+    pub fn outputs(&self) -> Outputs {
+        let control = self.stored(TIM8_BDTR);
+        let on = control & 1 << 15 != 0;
+        let channels = self.stored(TIM8_CCER);
+        let enabled = channels & 1 << 12 != 0;
+        Outputs {
+            // Forced active (OC4M = 101), and not turned round (CC4P).
+            enable: on
+                && enabled
+                && channels & 1 << 13 == 0
+                && self.stored(TIM8_CCMR2) >> 12 & 7 == 0b101,
+            pulses: on && channels & 0x111 == 0x111,
+            duty: [0, 4, 8].map(|at| self.stored(TIM8_CCR1 + at)),
+        }
+    }
+
+    /// The emergency stop's line opens. The timer takes its outputs away, whatever the program does (RM0090, 17.3.12).
+    pub fn open_stop(&mut self) {
+        self.stop_open = true;
+        self.trip();
+    }
+
+    /// The emergency stop's line is closed again. Outputs come back when the program says so.
+    pub fn close_stop(&mut self) {
+        self.stop_open = false;
+    }
+
+    /// The crystal ends. Where the program has asked for it the chip trips the break input; true if it raises an NMI, too.
+    pub fn lose_crystal(&mut self) -> bool {
+        self.lines.crystal = false;
+        let guarded = self.stored(RCC_CR) & 1 << 19 != 0;
+        if guarded {
+            self.trip();
+        }
+        guarded
+    }
+
+    /// A period of the tick timer begins.
+    pub fn begin_tick(&mut self) {
+        self.tick_due = true;
+        self.systick = self.systick.wrapping_sub(self.lines.systick_per_tick) & 0x00FF_FFFF;
+    }
+
+    /// Interrupts that the chip asks for now, by level.
+    pub fn interrupts(&self) -> impl Iterator<Item = u8> {
+        let stop = self.tripped && self.stored(TIM8_DIER) & 1 << 7 != 0;
+        let lines = [(stop, TIM8_BREAK), (self.usb.interrupts_now(), OTG_FS)];
+        lines
+            .into_iter()
+            .filter_map(|(asks, number)| asks.then_some(number))
+    }
+
+    /// What a register of the pins or timers was last set to.
+    pub fn stored(&self, address: u32) -> u32 {
+        self.stored.get(&address).copied().unwrap_or(0)
+    }
+
+    /// Registers that change by themselves once the image has started, USB apart.
+    fn alive(&self) -> [u32; 5] {
+        [GPIOA_IDR, GPIOB_IDR, PWR_CSR, TIM8_SR, TIM7_SR]
+    }
+
+    fn trip(&mut self) {
+        let control = self.stored(TIM8_BDTR);
+        // Break enabled (BKE), active low (BKP).
+        if control & 1 << 12 != 0 && control & 1 << 13 == 0 {
+            self.tripped = true;
+            self.stored.insert(TIM8_BDTR, control & !(1 << 15));
+        }
+        self.show();
+    }
+
+    fn show(&mut self) {
+        let outputs = self.outputs();
+        if outputs != self.shown {
+            self.shown = outputs;
+            self.changes.push(outputs);
+        }
+    }
+
+    fn oscillators(&self) -> u32 {
+        let value = self.stored(RCC_CR);
+        let crystal = value & HSE_ON != 0 && self.lines.crystal;
+        let bit = |set, at: u32| if set { 1 << at } else { 0 };
+        value & !(1 << 17 | 1 << 25)
+            | bit(crystal, 17)
+            | bit(value & PLL_ON != 0 && crystal, 25)
+            | 1 << 1
+    }
+}
+
+impl Default for Chip {
+    fn default() -> Self {
+        Chip::new()
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,89 @@
+//! Registers as the image and the wires see them.
+
+use super::*;
+
+/// Set up as the board sets it up, and on.
+fn armed() -> Chip {
+    let mut chip = Chip::new();
+    for (address, value) in [
+        (TIM8_CCER, 0x1111),
+        (TIM8_CCR1, 21_000),
+        (TIM8_CCR1 + 4, 21_000),
+        (TIM8_CCR1 + 8, 21_000),
+        (TIM8_BDTR, 0x9E00),
+        (TIM8_CCMR2, 0x5068),
+        (TIM8_DIER, 0x80),
+    ] {
+        chip.write(address, value);
+    }
+    chip
+}
+
+#[test]
+fn the_break_takes_pulses_and_enable_and_gives_them_back_to_nobody_while_it_stands() {
+    let mut chip = armed();
+    let on = Outputs {
+        enable: true,
+        pulses: true,
+        duty: [21_000; 3],
+    };
+    assert_eq!(chip.outputs(), on);
+    chip.open_stop();
+    assert!(!chip.outputs().enable && !chip.outputs().pulses);
+    assert!(chip.interrupts().eq([TIM8_BREAK]));
+    // Neither the outputs nor the flag obey while the line is open.
+    chip.write(TIM8_BDTR, 0x9E00);
+    chip.write(TIM8_SR, 0);
+    assert!(!chip.outputs().pulses);
+    assert_eq!(chip.peek(TIM8_SR), 0x80);
+    chip.close_stop();
+    assert!(!chip.outputs().pulses, "by itself");
+    chip.write(TIM8_SR, 0);
+    assert_eq!(chip.peek(TIM8_SR), 0);
+    chip.write(TIM8_BDTR, 0x9E00);
+    assert_eq!(chip.outputs(), on);
+}
+
+#[test]
+fn without_the_break_input_nothing_trips() {
+    let mut chip = armed();
+    chip.write(TIM8_BDTR, 0x8E00);
+    chip.open_stop();
+    assert!(chip.outputs().pulses);
+}
+
+#[test]
+fn what_is_not_0_is_watched_and_what_was_read_as_0_then_is_told() {
+    let mut chip = Chip::new();
+    chip.starts = false;
+    chip.lines.ready = false;
+    let has = |chip: &Chip, at| chip.watched().contains(&(at, 4));
+    assert!(has(&chip, GPIOA_IDR) && !has(&chip, GPIOB_IDR));
+    assert!(!chip.misread(GPIOB_IDR));
+    chip.lines.ready = true;
+    assert!(has(&chip, GPIOB_IDR) && chip.misread(GPIOB_IDR));
+    chip.open_stop();
+    assert!(!has(&chip, GPIOA_IDR));
+}
+
+#[test]
+fn a_dead_crystal_is_waited_for_and_counted() {
+    let mut chip = Chip::new();
+    chip.write(RCC_CR, 0x83 | HSE_ON);
+    assert_ne!(chip.read(RCC_CR) & 1 << 17, 0);
+    assert_eq!(chip.waits_for_crystal, 0);
+    assert!(!chip.lose_crystal(), "nobody asked to be told");
+    assert_eq!(chip.read(RCC_CR) & 1 << 17, 0);
+    assert_eq!(chip.waits_for_crystal, 1);
+}
+
+#[test]
+fn every_change_of_the_outputs_is_kept_in_order() {
+    let mut chip = armed();
+    let orders: Vec<_> = chip.changes.iter().map(|o| (o.pulses, o.enable)).collect();
+    assert_eq!(orders[orders.len() - 2..], [(true, false), (true, true)]);
+    chip.changes.clear();
+    chip.write(TIM8_CCMR2, 0x4068);
+    chip.write(TIM8_CCMR2, 0x4068);
+    assert_eq!(chip.changes.len(), 1);
+}

@@ -1,0 +1,309 @@
+//! The unmodified image of a board with motors, under QEMU, with a stand-in for the registers that QEMU lacks.
+//!
+//! Entry points: [`BoardImage::start`], [`BoardImage::tick`], [`BoardImage::enumerate`], [`BoardImage::send`], [`BoardImage::take`],
+//! [`BoardImage::chip`].
+//!
+//! QEMU runs the processor, its interrupts, its floating point, flash and RAM. A block that it lacks reads as 0, and it logs what is
+//! written there. So the stand-in ([`Chip`]) stops the processor, through QEMU's gdb stub, only before reads of registers that are not
+//! 0, decodes the load and does it; writes it takes from the log, in order. Time is the stand-in's: a tick is when it says so, and as
+//! long as it says, and nothing depends on how fast the emulator is.
+
+mod chip;
+mod connection;
+mod error;
+mod gdb;
+mod otg;
+mod processor;
+mod provenance;
+mod thumb;
+mod unimplemented;
+mod usb_host;
+
+pub use chip::{Chip, Feeds, ID, Lines, Outputs, RANDOM, reset};
+pub use error::BoardImageError;
+pub use otg::Otg;
+pub use provenance::{Provenance, default_image, provenance};
+pub use usb_host::Descriptors;
+
+use chip::{TIM7, TIM7_CR1, WWDG_CR};
+use connection::PC;
+use processor::{Processor, Stop};
+use std::collections::VecDeque;
+use std::path::PathBuf;
+use std::time::{Duration, Instant};
+
+/// Interrupt set-enable registers, set-pending registers, and the one with the NMI's bit.
+const NVIC_ISER: u32 = 0xE000_E100;
+const NVIC_ISPR: u32 = 0xE000_E200;
+const ICSR: u32 = 0xE000_ED04;
+const NMI_PENDING: u32 = 1 << 31;
+/// Lines of the external interrupts, which QEMU has: unmasked, and on a rising edge.
+const EXTI_IMR: u32 = 0x4001_3C00;
+const EXTI_RTSR: u32 = 0x4001_3C08;
+/// The supply detector's line.
+const SUPPLY_LINE: u32 = 1 << 16;
+
+/// Interrupts in a row without an effect, after which the image must have masked them.
+const WITHOUT_EFFECT: u32 = 2;
+/// Interrupts at a time, after which something is wrong.
+const MOST_INTERRUPTS: u32 = 2000;
+/// Bytes of a packet.
+const PACKET: usize = 64;
+
+/// The image, at rest between two interrupts.
+#[derive(Debug)]
+pub struct BoardImage {
+    processor: Processor,
+    chip: Chip,
+    /// Registers of the thread while it waits.
+    thread: Vec<u32>,
+    up: Vec<u8>,
+    /// Packets for the serial port that it has not taken.
+    down: VecDeque<Vec<u8>>,
+    /// Bytes of a packet on the control endpoint.
+    control_size: usize,
+    ticks: u64,
+    started: Instant,
+}
+
+impl BoardImage {
+    /// Gives the chip its supply, with everything well around it, and boots.
+    ///
+    /// # Errors
+    /// [`BoardImageError`].
+    pub fn start(image: PathBuf, time_limit: Duration) -> Result<BoardImage, BoardImageError> {
+        let mut board = BoardImage::power_up(image, time_limit)?;
+        board.boot()?;
+        Ok(board)
+    }
+
+    /// Gives the chip its supply. It stands before the image's first instruction: [`BoardImage::boot`].
+    ///
+    /// # Errors
+    /// [`BoardImageError`].
+    pub fn power_up(image: PathBuf, time_limit: Duration) -> Result<BoardImage, BoardImageError> {
+        Ok(BoardImage {
+            processor: Processor::start(image, time_limit)?,
+            chip: Chip::new(),
+            thread: Vec::new(),
+            up: Vec::new(),
+            down: VecDeque::new(),
+            control_size: 0,
+            ticks: 0,
+            started: Instant::now(),
+        })
+    }
+
+    /// From the reset vector to idle, with a first tick: its interrupt is raised where its timer starts.
+    ///
+    /// # Errors
+    /// [`BoardImageError::Reset`] if the image resets the chip, or a watchdog does, and others.
+    pub fn boot(&mut self) -> Result<(), BoardImageError> {
+        self.processor.connection.watch_writes(TIM7_CR1, true)?;
+        let started = self.run_to_write(TIM7_CR1);
+        self.processor.connection.watch_writes(TIM7_CR1, false)?;
+        self.thread = started?;
+        self.chip.starts = false;
+        self.begin_tick();
+        // Interrupts are off: it stays pending while the start goes on.
+        self.interrupt(TIM7)?;
+        self.idle_feeds()
+    }
+
+    /// After [`BoardImageError::Reset`]: lets the reset happen, with its cause of [`reset`], and boots.
+    ///
+    /// # Errors
+    /// See [`BoardImage::boot`].
+    pub fn boot_again(&mut self, cause: u32) -> Result<(), BoardImageError> {
+        self.chip.reset(cause);
+        self.down.clear();
+        self.up.clear();
+        self.processor.reset()?;
+        self.boot()
+    }
+
+    /// The chip and what is wired to it.
+    pub fn chip(&mut self) -> &mut Chip {
+        &mut self.chip
+    }
+
+    /// Ticks since the supply came.
+    pub fn ticks(&self) -> u64 {
+        self.ticks
+    }
+
+    /// What the run has cost: a line for people.
+    pub fn speed(&self) -> String {
+        let seconds = self.started.elapsed().as_secs_f64();
+        format!(
+            "{} ticks in {seconds:.1} s, {:.0} ticks a second, {:.1} stops a tick",
+            self.ticks,
+            self.ticks as f64 / seconds,
+            self.processor.stops as f64 / self.ticks.max(1) as f64
+        )
+    }
+
+    /// One tick: what the host has sent goes down, the tick timer's interrupt comes, what the console says goes up, and idle has its
+    /// turn.
+    ///
+    /// # Errors
+    /// [`BoardImageError::Reset`] if the image resets the chip, and others.
+    pub fn tick(&mut self) -> Result<(), BoardImageError> {
+        self.serve()?;
+        self.begin_tick();
+        self.interrupt(TIM7)?;
+        self.serve()?;
+        self.idle_feeds()
+    }
+
+    /// Sends bytes to the console's serial port, as fast as it takes them.
+    pub fn send(&mut self, bytes: &[u8]) {
+        self.down.extend(bytes.chunks(PACKET).map(<[u8]>::to_vec));
+    }
+
+    /// Packets that the console has not taken yet.
+    pub fn waiting(&self) -> usize {
+        self.down.len()
+    }
+
+    /// Takes what the console has sent.
+    pub fn take(&mut self) -> Vec<u8> {
+        std::mem::take(&mut self.up)
+    }
+
+    /// Raises an interrupt, and lets the image run until it is at rest again.
+    ///
+    /// # Errors
+    /// [`BoardImageError::Reset`] if the image resets the chip, and others.
+    pub fn interrupt(&mut self, number: u8) -> Result<(), BoardImageError> {
+        let register = NVIC_ISPR + 4 * (u32::from(number) / 32);
+        let bit = 1 << (number % 32);
+        self.processor.pend(&mut self.chip, register, bit)
+    }
+
+    /// Raises the interrupt of the supply's detector; false if the image has not asked for it.
+    ///
+    /// # Errors
+    /// See [`BoardImage::interrupt`].
+    pub fn supply_interrupt(&mut self) -> Result<bool, BoardImageError> {
+        let lines = self.processor.connection.word(EXTI_IMR)?
+            & self.processor.connection.word(EXTI_RTSR)?;
+        let asked = lines & SUPPLY_LINE != 0;
+        if asked {
+            self.interrupt(chip::PVD)?;
+        }
+        Ok(asked)
+    }
+
+    /// The crystal ends, and the chip raises an NMI if the image has asked to be told; false if not.
+    ///
+    /// # Errors
+    /// See [`BoardImage::interrupt`].
+    pub fn lose_crystal(&mut self) -> Result<bool, BoardImageError> {
+        let guarded = self.chip.lose_crystal();
+        if guarded {
+            self.processor.pend(&mut self.chip, ICSR, NMI_PENDING)?;
+        }
+        Ok(guarded)
+    }
+
+    /// Raises the window watchdog's early interrupt.
+    ///
+    /// # Errors
+    /// See [`BoardImage::interrupt`].
+    pub fn window_watchdog(&mut self) -> Result<(), BoardImageError> {
+        self.interrupt(chip::WWDG)
+    }
+
+    /// Serves what the chip asks for, and carries packets both ways, until nothing more happens.
+    ///
+    /// # Errors
+    /// See [`BoardImage::interrupt`].
+    pub fn serve(&mut self) -> Result<(), BoardImageError> {
+        let mut without_effect = 0;
+        for _ in 0..MOST_INTERRUPTS {
+            self.carry();
+            let Some(number) = self.chip.interrupts().next() else {
+                return Ok(());
+            };
+            let stops = self.processor.stops;
+            self.interrupt(number)?;
+            let had_effect = self.processor.stops != stops;
+            without_effect = if had_effect { 0 } else { without_effect + 1 };
+            if without_effect >= WITHOUT_EFFECT {
+                return if self.is_unmasked(number)? {
+                    Err(BoardImageError::Storm { number })
+                } else {
+                    Ok(())
+                };
+            }
+        }
+        let waiting = self.chip.usb.waiting();
+        Err(BoardImageError::Usb(format!(
+            "{MOST_INTERRUPTS} interrupts have not served what is there; {waiting} entries are in the receive FIFO"
+        )))
+    }
+
+    /// Lets idle do so many instructions, without interrupts. Slow: the emulator forgets its translations at every step.
+    ///
+    /// # Errors
+    /// [`BoardImageError`].
+    pub fn idle_steps(&mut self, count: usize) -> Result<(), BoardImageError> {
+        self.resume_thread();
+        for _ in 0..count {
+            self.processor.step(&mut self.chip)?;
+        }
+        self.thread = self.processor.connection.registers()?;
+        Ok(())
+    }
+
+    /// Lets idle run until it has fed the watchdogs, of which the window watchdog comes last: as every task has ticked, in its next round.
+    fn idle_feeds(&mut self) -> Result<(), BoardImageError> {
+        self.processor.connection.watch_writes(WWDG_CR, true)?;
+        self.resume_thread();
+        let fed = self.run_to_write(WWDG_CR);
+        self.processor.connection.watch_writes(WWDG_CR, false)?;
+        self.thread = fed?;
+        Ok(())
+    }
+
+    fn is_unmasked(&mut self, number: u8) -> Result<bool, BoardImageError> {
+        let register = NVIC_ISER + 4 * (u32::from(number) / 32);
+        let word = self.processor.connection.word(register)?;
+        Ok(word & 1 << (number % 32) != 0)
+    }
+
+    fn begin_tick(&mut self) {
+        self.chip.begin_tick();
+        self.ticks += 1;
+    }
+
+    /// Packets both ways, as far as the device takes and has any.
+    fn carry(&mut self) {
+        let usb = &mut self.chip.usb;
+        while let Some(packet) = self.down.front()
+            && usb.give(usb_host::SERIAL_DOWN, otg::Down::Data, packet)
+        {
+            self.down.pop_front();
+        }
+        if let Some(packet) = usb.take(usb_host::SERIAL_UP) {
+            self.up.extend(packet);
+        }
+    }
+
+    /// Runs until this register has been written; the thread's registers after that.
+    fn run_to_write(&mut self, register: u32) -> Result<Vec<u32>, BoardImageError> {
+        match self.processor.run(&mut self.chip, Some(register))? {
+            Stop::Write(address) if address == register => self.processor.write(&mut self.chip),
+            Stop::Write(_) => Err(BoardImageError::Reset),
+            stop => Err(self.processor.unexpected(stop)),
+        }
+    }
+
+    /// Puts back what waiting took of the thread's registers.
+    fn resume_thread(&mut self) {
+        let thread = &self.thread;
+        let of = |number: usize| (number, thread.get(number).copied().unwrap_or(0));
+        self.processor.connection.put_registers(&[0, 1, PC].map(of));
+    }
+}
