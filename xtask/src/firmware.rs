@@ -4,6 +4,7 @@
 use crate::Format;
 use crate::gates::{self, FIRMWARE, Gate, Outcome, Snapshot};
 use crate::image::{self, Image};
+use crate::made_of;
 use crate::run::{Tool, root};
 use crate::setup::{self, QEMU};
 use crate::toolchain::{TARGET, Toolchain};
@@ -75,7 +76,8 @@ fn build(toolchain: &Toolchain, board: Board) -> Result<()> {
         .env("RUSTFLAGS", flags)
         .within("firmware")
         .run()
-        .with_context(|| format!("the image for {} does not build", board.name()))
+        .with_context(|| format!("the image for {} does not build", board.name()))?;
+    made_of::write(&image_path(&format!("sutura-{}", board.name())))
 }
 
 /// Where cargo keeps the sources of dependencies.

@@ -9,6 +9,7 @@ mod gates;
 mod hil;
 mod image;
 mod locks;
+mod made_of;
 mod plots;
 mod run;
 mod scenes;

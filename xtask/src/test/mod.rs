@@ -16,7 +16,7 @@ use anyhow::{Context, Result, bail};
 use report::{Kind, Report};
 
 /// Cargo features that only tests need: those that run the firmware's image under QEMU, and the bench's program.
-pub const TEST_FEATURES: &str = "sutura/qemu-tests,sutura-hil/bench";
+pub const TEST_FEATURES: &str = "sutura/qemu-tests,sutura-hil/qemu-tests,sutura-hil/bench";
 
 /// What the test runner calls its report: see `.config/nextest.toml`.
 const TEST_REPORT: &str = "junit.xml";
