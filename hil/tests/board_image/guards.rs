@@ -1,0 +1,178 @@
+//! Everything that takes the torque off: on the pins at once, in the state of the next tick with the right fault.
+
+use super::{Bench, DARK, NO_CURRENT};
+use sutura_shared::wire::faults;
+use sutura_shared::wire::message::{Command, Mode};
+
+/// TIM8's interrupt enable register, and the break's bit.
+const TIM8_DIER: u32 = 0x4001_040C;
+const BREAK: u32 = 1 << 7;
+
+/// The next tick is in fault, with these faults and no torque; and stays off until somebody clears it.
+fn fault(bench: &mut Bench, expected: u16) {
+    let state = bench.tick();
+    assert_eq!((state.mode, state.faults), (Mode::Fault, expected));
+    assert!(!bench.outputs().enable);
+    assert_eq!(bench.outputs().duty, [NO_CURRENT; 3]);
+    for _ in 0..40 {
+        assert_eq!(bench.tick().mode, Mode::Fault);
+    }
+    assert_eq!(bench.outputs(), DARK);
+}
+
+/// With the cause gone the console can be armed again, and not before it is told.
+fn recover(bench: &mut Bench) {
+    bench.say(&Command::Arm);
+    assert_eq!(
+        bench.tick().mode,
+        Mode::Fault,
+        "armed without being cleared"
+    );
+    bench.say(&Command::ClearFault);
+    let state = bench.tick();
+    assert_eq!((state.mode, state.faults), (Mode::Idle, 0));
+    bench.arm();
+}
+
+#[test]
+fn the_emergency_stop_cuts_pulses_and_enable_and_is_a_fault() {
+    let mut bench = Bench::start();
+    bench.push();
+    bench.changes();
+    bench.board.chip().open_stop();
+    // By the timer alone, with the program not having run.
+    let cut = bench.outputs();
+    assert!(
+        !cut.enable && !cut.pulses && cut.duty[2] != NO_CURRENT,
+        "{cut:?}"
+    );
+    assert_eq!(bench.changes(), [cut]);
+    // The interrupt: no current, no enable, and no further interrupt while the line is open.
+    bench.board.serve().unwrap();
+    assert_eq!(bench.outputs(), DARK);
+    assert_eq!(bench.board.chip().stored(TIM8_DIER) & BREAK, 0);
+    fault(&mut bench, faults::E_STOP);
+    // Cleared while it is open: it comes back.
+    bench.say(&Command::ClearFault);
+    assert_eq!(bench.tick().faults, faults::E_STOP);
+    bench.board.chip().close_stop();
+    bench.tick();
+    assert_eq!(bench.board.chip().stored(TIM8_DIER) & BREAK, BREAK);
+    recover(&mut bench);
+    bench.say_speed("emergency stop, held");
+}
+
+#[test]
+fn a_stop_shorter_than_a_tick_is_a_fault_as_well() {
+    let mut bench = Bench::start();
+    bench.push();
+    bench.board.chip().open_stop();
+    bench.board.chip().close_stop();
+    fault(&mut bench, faults::E_STOP);
+    recover(&mut bench);
+    bench.say_speed("emergency stop, a glitch");
+}
+
+#[test]
+fn amplifiers_that_are_not_ready_any_more_are_a_fault() {
+    let mut bench = Bench::start();
+    bench.push();
+    bench.board.chip().lines.ready = false;
+    fault(&mut bench, faults::AMPLIFIER | faults::BOARD);
+    bench.board.chip().lines.ready = true;
+    recover(&mut bench);
+    bench.say_speed("ready lost");
+}
+
+#[test]
+fn amplifiers_that_never_get_ready_are_a_fault_520_ms_after_arming_and_have_had_no_force() {
+    let mut bench = Bench::start();
+    bench.board.chip().lines.ready = false;
+    bench.say(&Command::Arm);
+    let mut armed = 0;
+    loop {
+        if armed % 16 == 0 && bench.state.unwrap().1.mode == Mode::Armed {
+            let contact = bench.floor();
+            bench.say(&contact);
+        }
+        let state = bench.tick();
+        assert_eq!(
+            (state.force_n, bench.outputs().duty),
+            ([0.0; 3], [NO_CURRENT; 3])
+        );
+        if state.mode == Mode::Fault {
+            break;
+        }
+        armed += 1;
+        assert!(armed < 1000, "armed for ever");
+    }
+    assert_eq!(
+        bench.state.unwrap().1.faults,
+        faults::AMPLIFIER | faults::BOARD
+    );
+    // The tick that arms, and 520 after it.
+    assert_eq!(armed, 521);
+    assert!(!bench.outputs().enable);
+    bench.say_speed("never ready");
+}
+
+#[test]
+fn a_supply_that_dips_between_two_ticks_takes_the_torque_off_at_once_and_is_a_fault() {
+    let mut bench = Bench::start();
+    bench.push();
+    bench.changes();
+    bench.board.chip().lines.supply_low = true;
+    assert!(
+        bench.board.supply_interrupt().unwrap(),
+        "nobody asked for it"
+    );
+    bench.board.chip().lines.supply_low = false;
+    // Enable, then the motors; the pulses go on.
+    let changes = bench.changes();
+    assert!(
+        !changes[0].enable && changes[0].duty[2] != NO_CURRENT,
+        "{changes:?}"
+    );
+    let off = bench.outputs();
+    assert!(!off.enable && off.pulses && off.duty == [NO_CURRENT; 3]);
+    fault(&mut bench, faults::SUPPLY | faults::BOARD);
+    recover(&mut bench);
+    bench.say_speed("supply");
+}
+
+#[test]
+fn a_supply_that_is_low_is_seen_by_the_tick_alone() {
+    let mut bench = Bench::start();
+    bench.push();
+    bench.board.chip().lines.supply_low = true;
+    fault(&mut bench, faults::SUPPLY | faults::BOARD);
+    bench.say_speed("supply, without its interrupt");
+}
+
+/// SysTick that stands, and one that runs at eleven times its rate.
+#[test]
+fn clocks_that_contradict_each_other_are_a_fault_in_the_third_tick() {
+    for counts in [0, 231_000] {
+        let mut bench = Bench::start();
+        bench.push();
+        bench.board.chip().lines.systick_per_tick = counts;
+        for _ in 0..2 {
+            assert_eq!(bench.tick().faults, 0);
+        }
+        fault(&mut bench, faults::TIME_BASE);
+        bench.say_speed("clocks");
+    }
+}
+
+#[test]
+fn ticks_that_take_longer_than_their_period_are_a_fault_in_the_third() {
+    let mut bench = Bench::start();
+    bench.push();
+    bench.board.chip().lines.ticks_late = true;
+    // The first one is told that the one before was in time.
+    for _ in 0..3 {
+        assert_eq!(bench.tick().faults, 0);
+    }
+    fault(&mut bench, faults::OVERRUN);
+    bench.say_speed("late ticks");
+}

@@ -1,0 +1,307 @@
+//! The image for the Olimex STM32-H405, as it is flashed, under QEMU: see `sutura_hil::board_image`. Nothing here looks at a clock.
+
+#![allow(clippy::unwrap_used, reason = "a test")]
+
+mod guards;
+mod link;
+mod resets;
+mod sessions;
+
+use std::time::Duration;
+use sutura_hil::board_image::{BoardImage, BoardImageError, Outputs, RANDOM};
+use sutura_hil::board_image::{default_image, provenance};
+use sutura_shared::console_endpoint::{ConsoleEndpoint, Delivery};
+use sutura_shared::control::{Control, Fresh, TickInput};
+use sutura_shared::device::{DeviceDescription, Joint, Kinematics};
+use sutura_shared::link::{ConsoleLink, HostEvent, HostLink, Identity};
+use sutura_shared::wire::message::{Command, Contact, Hello, Mode, Report, State};
+use sutura_shared::wire::{MAX_FRAME, Message, Valid};
+
+/// For a run that hangs, on a machine that does other things.
+const TIME_LIMIT: Duration = Duration::from_secs(1500);
+
+/// What the board's own description says: `firmware/src/board/olimex_h405.rs`.
+const DEVICE: DeviceDescription = {
+    let axis = Joint {
+        counts_per_unit: 200_000.0,
+        zero_counts: 0,
+        effort_per_amp: 4.0,
+        max_current_a: 3.0,
+        max_slew_per_s: 4_000.0,
+        max_speed_per_s: 2.0,
+        inertia: 0.12,
+        damping: 0.5,
+        coulomb: 0.2,
+    };
+    DeviceDescription {
+        name: *b"olimex-h405\0\0\0\0\0",
+        kinematics: Kinematics::Cartesian { origin_m: [0.0; 3] },
+        joints: [axis; 3],
+        gravity_mass_kg: [0.0; 3],
+        max_force_n: 8.0,
+        max_power_w: 8.0,
+        max_grip_speed_m_per_s: 1.5,
+        actuation_delay_us: 1400,
+    }
+};
+
+/// Bytes that the image takes in a tick for sure, in whole packets: what is sent with them is with the twin in the same tick.
+const TAKEN: usize = 704;
+/// Compare value of no current.
+const NO_CURRENT: u32 = 21_000;
+const DARK: Outputs = Outputs {
+    enable: false,
+    pulses: false,
+    duty: [NO_CURRENT; 3],
+};
+
+/// Compare value of a current \[A\]: 10 to 90 % of 42000 counts for minus to plus 5 A.
+fn duty(current_a: f32) -> u32 {
+    let share = (current_a / 5.0).clamp(-1.0, 1.0);
+    ((0.5 + 0.4 * share) * 42_000.0 + 0.5) as u32
+}
+
+/// What every test runs, and which it is.
+fn image() -> std::path::PathBuf {
+    let image = default_image();
+    let known = provenance(&image).unwrap_or_else(|error| panic!("{error}"));
+    eprintln!("sha256 {} of {} files", known.sha256, known.sources);
+    known.image
+}
+
+/// The same control loop and link in this process: what the image is compared with, tick by tick.
+struct Twin {
+    endpoint: ConsoleEndpoint,
+    control: Control,
+    fresh: Option<Fresh>,
+    now_us: u64,
+}
+
+impl Twin {
+    fn new() -> Twin {
+        let identity = Identity {
+            tick_hz: 1000,
+            simulated: false,
+            device_name: DEVICE.name,
+        };
+        let link = ConsoleLink::new(identity, RANDOM);
+        Twin {
+            endpoint: ConsoleEndpoint::new(link, Report::default()),
+            control: Control::new(DEVICE).unwrap(),
+            fresh: None,
+            now_us: 0,
+        }
+    }
+
+    fn receive(&mut self, bytes: &[u8]) {
+        let expired = self.endpoint.expire(self.now_us);
+        expired
+            .into_iter()
+            .for_each(|delivery| self.apply(delivery));
+        for byte in bytes {
+            if let Some(delivery) = self.endpoint.receive(*byte, self.now_us) {
+                self.apply(delivery);
+            }
+        }
+    }
+
+    fn apply(&mut self, delivery: Delivery) {
+        match delivery {
+            Delivery::Contact(contact) => self.fresh = Some(self.endpoint.fresh(contact)),
+            Delivery::Order(order) => {
+                if order.voids_contacts() {
+                    self.fresh = None;
+                }
+                order.obey(&mut self.control, |_, _| {});
+            }
+        }
+    }
+
+    fn tick(&mut self, input: &TickInput) -> State {
+        let fresh = self.fresh.take();
+        self.now_us = input.now_us;
+        self.control.tick(input, fresh.as_ref()).state
+    }
+}
+
+/// The image with a host on its USB port.
+struct Bench {
+    board: BoardImage,
+    twin: Twin,
+    host: HostLink,
+    hello: Option<Hello>,
+    report: Option<Report>,
+    /// The newest state, and its console time \[us\].
+    state: Option<(u64, State)>,
+    /// Bytes for the next tick.
+    down: Vec<u8>,
+    /// Whether every state is compared with the twin's, and the outputs with its currents.
+    compares: bool,
+    compared: u32,
+    /// Ticks of this boot.
+    booted: u64,
+}
+
+impl Bench {
+    /// A console that has been plugged in and has answered a host.
+    fn start() -> Bench {
+        let board = BoardImage::start(image(), TIME_LIMIT).unwrap_or_else(|e| panic!("{e}"));
+        let mut bench = Bench::of(board);
+        bench.open();
+        bench
+    }
+
+    fn of(board: BoardImage) -> Bench {
+        let booted = board.ticks() - 1;
+        Bench {
+            board,
+            twin: Twin::new(),
+            host: HostLink::new(1000),
+            hello: None,
+            report: None,
+            state: None,
+            down: Vec::new(),
+            compares: true,
+            compared: 0,
+            booted,
+        }
+    }
+
+    /// Plugs the cable in, says hello, and waits for the answer.
+    fn open(&mut self) {
+        self.board.enumerate().unwrap_or_else(|e| panic!("{e}"));
+        self.hello();
+        self.tick();
+        assert!(self.hello.is_some() && self.state.is_some(), "no answer");
+        assert!(self.report.is_some(), "no report beside it");
+    }
+
+    fn hello(&mut self) {
+        // Ticks before a host came: nothing but time.
+        for tick in 1..=self.board.ticks() - self.booted {
+            self.twin.tick(&TickInput {
+                now_us: 1000 * tick,
+                amplifiers_unready: true,
+                ..TickInput::default()
+            });
+        }
+        let mut frame = [0; MAX_FRAME];
+        let length = self.host.hello(7, &mut frame).unwrap();
+        self.down.push(0);
+        self.down.extend_from_slice(&frame[..length]);
+    }
+
+    /// A frame of the session, for the next tick, at the newest state's time.
+    fn say(&mut self, message: &impl Message) {
+        let mut frame = [0; MAX_FRAME];
+        let time = self.state.map_or(0, |(time, _)| time);
+        let length = self.host.send(time, message, &mut frame).unwrap();
+        self.down.extend_from_slice(&frame[..length]);
+    }
+
+    /// One tick; the state that it ended in.
+    fn tick(&mut self) -> State {
+        let ticked = self.try_tick();
+        ticked.unwrap_or_else(|error| panic!("{error}"));
+        self.state.unwrap().1
+    }
+
+    fn try_tick(&mut self) -> Result<(), BoardImageError> {
+        let most = if self.compares { TAKEN } else { usize::MAX };
+        let down: Vec<u8> = self.down.drain(..self.down.len().min(most)).collect();
+        self.board.send(&down);
+        self.board.tick()?;
+        self.twin.receive(&down);
+        for byte in self.board.take() {
+            match self.host.receive(byte) {
+                Some(HostEvent::State(state)) => self.took(&state),
+                Some(HostEvent::Opened(hello)) => self.hello = Some(hello),
+                Some(HostEvent::Report(report)) => self.report = Some(*report.body()),
+                Some(HostEvent::Pong(_)) | None => {}
+                Some(other) => panic!("{other:?}"),
+            }
+        }
+        Ok(())
+    }
+
+    /// A state has come: what the same tick gives here, and what is on the pins.
+    fn took(&mut self, state: &Valid<State>) {
+        let body = *state.body();
+        self.state = Some((state.console_time_us(), body));
+        if !self.compares {
+            return;
+        }
+        assert_eq!(body.encoder_counts, self.board.chip().lines.encoder_counts);
+        let own = self.twin.tick(&TickInput::of(state));
+        // To the bit: the hash is over all outputs and the state within.
+        assert_eq!(body.trace_hash, own.trace_hash, "{body:?}\nhere: {own:?}");
+        assert_eq!(body, own);
+        assert_eq!(self.board.chip().outputs().duty, body.current_a.map(duty));
+        self.compared += 1;
+    }
+
+    /// Ticks until the amplifiers are on and take currents.
+    fn arm(&mut self) {
+        self.say(&Command::Arm);
+        for _ in 0..25 {
+            let state = self.tick();
+            assert_eq!((state.mode, state.faults), (Mode::Armed, 0));
+        }
+        assert!(self.board.chip().outputs().enable, "not after 25 ms");
+    }
+
+    /// Arms, presses 1 mm deep into a floor of 2 kN/m, and stays there.
+    fn push(&mut self) {
+        self.arm();
+        for tick in 0..=40 {
+            if tick % 8 == 0 {
+                let contact = self.floor();
+                self.say(&contact);
+            }
+            self.board.chip().lines.encoder_counts[2] = -5 * tick;
+            self.tick();
+        }
+        assert!(self.pushes(), "{:?}", self.state);
+    }
+
+    fn pushes(&self) -> bool {
+        let (_, state) = self.state.unwrap();
+        state.force_n[2] > 1.0
+    }
+
+    /// A floor of 2 kN/m at z = 0, solved at the newest state's pose, good for 100 ms.
+    fn floor(&self) -> Contact {
+        let (_, state) = self.state.unwrap();
+        let depth = -state.position_m[2];
+        let mut tangent = [0.0; 21];
+        tangent[11] = -2000.0;
+        Contact {
+            tool: 0,
+            position_m: state.position_m,
+            orientation: state.orientation,
+            wrench: [0.0, 0.0, 2000.0 * depth.max(0.0), 0.0, 0.0, 0.0],
+            tangent,
+            gap_m: (-depth).max(0.0),
+            normal: [0.0, 0.0, 1.0],
+            relaxation_per_s: 0.0,
+            horizon_us: 100_000,
+        }
+    }
+
+    /// The changes of the outputs since this was last asked.
+    fn changes(&mut self) -> Vec<Outputs> {
+        std::mem::take(&mut self.board.chip().changes)
+    }
+
+    fn outputs(&mut self) -> Outputs {
+        self.board.chip().outputs()
+    }
+
+    fn say_speed(&self, what: &str) {
+        eprintln!(
+            "{what}: {}; {} ticks compared",
+            self.board.speed(),
+            self.compared
+        );
+    }
+}

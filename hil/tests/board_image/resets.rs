@@ -1,0 +1,107 @@
+//! Resets: who makes them, what they find the torque at, and what the next boot says of them.
+
+use super::{Bench, DARK, NO_CURRENT, TIME_LIMIT, image};
+use sutura_hil::board_image::{BoardImage, BoardImageError, reset};
+
+/// Numbers of `Report::reset_cause` and `Report::epitaph_kind`.
+const BY_WATCHDOG: u8 = 4;
+const BY_FAULT_HANDLER: u8 = 5;
+const EXCEPTION: u8 = 3;
+const WATCHDOG: u8 = 4;
+
+fn is_reset(result: &Result<(), BoardImageError>) -> bool {
+    matches!(result, Err(BoardImageError::Reset))
+}
+
+/// Cause of the reset, epitaph, and its place, as the host is told after the next boot.
+fn told(board: BoardImage, cause: u32) -> (BoardImage, (u8, u8, u32)) {
+    let mut board = board;
+    board.boot_again(cause).unwrap_or_else(|e| panic!("{e}"));
+    let mut bench = Bench::of(board);
+    bench.open();
+    let report = bench.report.unwrap();
+    assert_eq!(bench.outputs(), DARK);
+    let place = report.epitaph_place;
+    (
+        bench.board,
+        (report.reset_cause, report.epitaph_kind, place),
+    )
+}
+
+/// When no tick comes nobody feeds the watchdogs, and the window's early interrupt takes the torque off.
+#[test]
+fn a_tick_timer_that_stops_ends_in_the_window_watchdog() {
+    let mut bench = Bench::start();
+    bench.push();
+    let fed = bench.board.chip().feeds;
+    bench.board.serve().unwrap();
+    bench.board.idle_steps(300).unwrap();
+    assert_eq!(bench.board.chip().feeds, fed, "fed without a tick");
+    bench.changes();
+    assert!(is_reset(&bench.board.window_watchdog()));
+    // Enable, then the motors, and pulses for no current to the end.
+    let changes = bench.changes();
+    assert!(
+        !changes[0].enable && changes[0].duty[2] != NO_CURRENT,
+        "{changes:?}"
+    );
+    assert!(changes.iter().all(|o| o.pulses && !o.enable), "{changes:?}");
+    assert_eq!(bench.outputs().duty, [NO_CURRENT; 3]);
+    // Fed once more: without that the early interrupt would leave 0.8 ms.
+    assert_eq!(bench.board.chip().feeds.window, fed.window + 1);
+    // The tasks that had ticked: none.
+    let (board, told) = told(bench.board, reset::SOFTWARE);
+    assert_eq!(told, (BY_FAULT_HANDLER, WATCHDOG, 0));
+    eprintln!("window watchdog: {}", board.speed());
+}
+
+#[test]
+fn a_crystal_that_fails_takes_the_torque_off_and_resets_again_and_again() {
+    let mut bench = Bench::start();
+    bench.push();
+    bench.changes();
+    let lost = bench
+        .board
+        .lose_crystal()
+        .map(|guarded| assert!(guarded, "nobody asked for it"));
+    assert!(is_reset(&lost));
+    // By the timer first, with no program.
+    let changes = bench.changes();
+    assert!(!changes[0].enable && !changes[0].pulses, "{changes:?}");
+    assert_eq!(bench.outputs().duty, [NO_CURRENT; 3]);
+    // Without a crystal it waits, off, until the independent watchdog bites.
+    let mut board = bench.board;
+    assert!(is_reset(&board.boot_again(reset::SOFTWARE)));
+    assert!(board.chip().watchdog_runs && !board.chip().outputs().enable);
+    assert!(is_reset(&board.boot_again(reset::INDEPENDENT_WATCHDOG)));
+    board.chip().lines.crystal = true;
+    let (board, told) = told(board, reset::INDEPENDENT_WATCHDOG);
+    // What the handler left was read by the first of those boots.
+    assert_eq!(told, (BY_WATCHDOG, 0, 0));
+    eprintln!("crystal: {}", board.speed());
+}
+
+/// The exception's number is the epitaph's place: -14 is the NMI.
+#[test]
+fn an_nmi_leaves_its_number() {
+    let mut bench = Bench::start();
+    bench.push();
+    assert!(bench.board.lose_crystal().is_err());
+    bench.board.chip().lines.crystal = true;
+    let (board, told) = told(bench.board, reset::SOFTWARE);
+    assert_eq!(told, (BY_FAULT_HANDLER, EXCEPTION, -14_i32 as u32));
+    eprintln!("NMI: {}", board.speed());
+}
+
+#[test]
+fn a_crystal_that_never_swings_is_waited_for_under_a_watchdog() {
+    let mut board = BoardImage::power_up(image(), TIME_LIMIT).unwrap_or_else(|e| panic!("{e}"));
+    board.chip().lines.crystal = false;
+    let booted = board.boot();
+    assert!(is_reset(&booted), "{booted:?}");
+    assert!(board.chip().changes.iter().all(|o| !o.enable && !o.pulses));
+    board.chip().lines.crystal = true;
+    let (board, told) = told(board, reset::INDEPENDENT_WATCHDOG);
+    assert_eq!(told, (BY_WATCHDOG, 0, 0));
+    eprintln!("no crystal: {}", board.speed());
+}
