@@ -214,6 +214,6 @@ mod tests {
             [9],
             "longer than what is there"
         );
-        assert_eq!(of_type(&[0, 4, 9], 4, 2), []);
+        assert!(of_type(&[0, 4, 9], 4, 2).is_empty());
     }
 }
