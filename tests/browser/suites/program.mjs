@@ -190,10 +190,12 @@ export const tests = [
   })],
 
   ['program: another scene', withProgram(['scenes/palpation.toml'], async ({ page, shot, book }) => {
-    // The console's own wall is felt above the tissue.
+    // The console's own wall is felt above the tissue, at once: 5 mm below where the hand has come to rest.
+    await until(page, () => window.sutura.picture?.time > 5 && window.sutura.newest.status.grip[2] > 0.029);
     const first = await page.evaluate(() => window.sutura.session);
     await page.getByLabel('Fixture', { exact: true }).selectOption('wall');
-    await until(page, (first) => window.sutura.session !== first && window.sutura.picture, first);
+    await until(page, () => window.sutura.hello.settings.some((one) => one.name === 'fixture' && one.value === 'wall'));
+    check((await page.evaluate(() => window.sutura.session)) === first, 'the session goes on');
     await pressAgain(page);
     await until(page, () => window.sutura.newest.contacts.vertices.length === 0 && window.sutura.newest.status.grip[2] > 0.016 && window.sutura.telemetry.ticks.value('force_n', 1e9) > 1);
     const before = await page.evaluate(() => [window.sutura.session, window.sutura.tissue.triangles]);
