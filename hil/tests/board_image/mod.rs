@@ -10,9 +10,10 @@ mod sessions;
 use std::time::Duration;
 use sutura_hil::board_image::{BoardImage, BoardImageError, Outputs, RANDOM};
 use sutura_hil::board_image::{default_image, provenance};
+use sutura_host::scene::{Document, read_device};
 use sutura_shared::console_endpoint::{ConsoleEndpoint, Delivery};
 use sutura_shared::control::{Control, Fresh, TickInput};
-use sutura_shared::device::{DeviceDescription, Joint, Kinematics};
+use sutura_shared::device::DeviceDescription;
 use sutura_shared::link::{ConsoleLink, HostEvent, HostLink, Identity};
 use sutura_shared::wire::message::{Command, Contact, Hello, Mode, Report, State};
 use sutura_shared::wire::{MAX_FRAME, Message, Valid};
@@ -20,30 +21,11 @@ use sutura_shared::wire::{MAX_FRAME, Message, Valid};
 /// For a run that hangs, on a machine that does other things.
 const TIME_LIMIT: Duration = Duration::from_secs(1500);
 
-/// What the board's own description says: `firmware/src/board/olimex_h405.rs`.
-const DEVICE: DeviceDescription = {
-    let axis = Joint {
-        counts_per_unit: 200_000.0,
-        zero_counts: 0,
-        effort_per_amp: 4.0,
-        max_current_a: 3.0,
-        max_slew_per_s: 4_000.0,
-        max_speed_per_s: 2.0,
-        inertia: 0.12,
-        damping: 0.5,
-        coulomb: 0.2,
-    };
-    DeviceDescription {
-        name: *b"olimex-h405\0\0\0\0\0",
-        kinematics: Kinematics::Cartesian { origin_m: [0.0; 3] },
-        joints: [axis; 3],
-        gravity_mass_kg: [0.0; 3],
-        max_force_n: 8.0,
-        max_power_w: 8.0,
-        max_grip_speed_m_per_s: 1.5,
-        actuation_delay_us: 1400,
-    }
-};
+/// The device file that a session with this board needs: the image has the same numbers compiled in, or bits differ.
+fn device() -> DeviceDescription {
+    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../devices/olimex-h405.toml");
+    read_device(&Document::read(path.as_ref()).unwrap()).unwrap()
+}
 
 /// Bytes that the image takes in a tick for sure, in whole packets: what is sent with them is with the twin in the same tick.
 const TAKEN: usize = 704;
@@ -82,12 +64,12 @@ impl Twin {
         let identity = Identity {
             tick_hz: 1000,
             simulated: false,
-            device_name: DEVICE.name,
+            device_name: device().name,
         };
         let link = ConsoleLink::new(identity, RANDOM);
         Twin {
             endpoint: ConsoleEndpoint::new(link, Report::default()),
-            control: Control::new(DEVICE).unwrap(),
+            control: Control::new(device()).unwrap(),
             fresh: None,
             now_us: 0,
         }

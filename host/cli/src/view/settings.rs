@@ -18,7 +18,6 @@ const RENDERING: &str = "rendering";
 const HOST_HZ: &str = "host-hz";
 const STIFFNESS: &str = "hand-stiffness";
 const DAMPING: &str = "hand-damping";
-/// Name of the setting of what stands beside the tissue.
 const FIXTURE: &str = "fixture";
 const RENDERINGS: [Rendering; 3] = [Rendering::Hold, Rendering::Tangent, Rendering::Rows];
 const AT_ONCE: [&str; 5] = [RENDERING, HOST_HZ, STIFFNESS, DAMPING, FIXTURE];

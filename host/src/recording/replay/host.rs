@@ -12,6 +12,7 @@ use crate::session::{Plan, SceneSolver, Solve, Solved};
 use std::collections::HashMap;
 use std::ops::ControlFlow;
 use std::time::Instant;
+use sutura_shared::control::TICK_HZ;
 use sutura_shared::wire::message::{Contact, State};
 use sutura_shared::wire::{Checked, Valid};
 
@@ -240,6 +241,12 @@ impl Run {
         let arrivals: Vec<_> = sample.arrivals().collect();
         solver.expect(&arrivals, sample.looked);
         if let Some(tuning) = &sample.tuned {
+            if !(1.0..=f64::from(TICK_HZ)).contains(&tuning.host_hz) {
+                return Err(format!(
+                    "it goes on with {} solves a second",
+                    tuning.host_hz
+                ));
+            }
             self.plan = self.plan.tuned(tuning);
             solver.tune(&self.plan);
         }
