@@ -142,7 +142,7 @@ fn the_text_says_the_same_for_people() {
     }
     let ran = sutura(&["scene", "check", "scenes/palpation.toml"]);
     assert!(
-        ran.stdout.contains("good, with 0 warnings"),
+        ran.stdout.contains("good (warnings: 0, notes: 1)"),
         "{}",
         ran.stdout
     );

@@ -297,7 +297,8 @@ impl Document {
         )
     }
 
-    fn note(
+    /// Says something of a place that does not keep the scene from being used.
+    pub(super) fn note(
         &self,
         severity: Severity,
         span: Range<usize>,

@@ -102,6 +102,8 @@ pub struct Scene {
     pub host: HostSettings,
     /// What is allowed but probably not meant.
     pub warnings: Vec<Flaw>,
+    /// What is as meant, and good to know.
+    pub notes: Vec<Flaw>,
 }
 
 /// What a scene says about corotational tissue; the solver's own choice where it says nothing.

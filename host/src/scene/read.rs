@@ -39,7 +39,7 @@ impl Scene {
     pub fn read(document: &Document, name: &str) -> Result<Scene, SceneError> {
         let (file, added) = added::read(document)?;
         let mesh = read_mesh(document, &file.mesh)?;
-        let mut warnings = Vec::new();
+        let (mut warnings, mut notes) = (Vec::new(), Vec::new());
         let Made {
             materials,
             regions,
@@ -77,7 +77,7 @@ impl Scene {
             }
             (None, _) => None,
         };
-        let tools = read_tools(document, &file.tool, &mesh, &mut warnings)?;
+        let tools = read_tools(document, &file.tool, &mesh, (&mut warnings, &mut notes))?;
         let hands = (&tools[..], &file.tool[..]);
         let needles = read_needles(document, &file.needle, &tools, &mesh)?;
         let threads = read_threads(document, &file.thread, &needles, &tools)?;
@@ -131,6 +131,7 @@ impl Scene {
             hand,
             host: read_host(document, &file)?,
             warnings,
+            notes,
         })
     }
 }

@@ -393,7 +393,26 @@ fn a_small_tool_says_its_error_at_its_radius() {
     };
     assert_eq!(warning.severity(), Some(miette::Severity::Warning));
     assert!(warning.to_string().contains("measured error"), "{warning}");
+    assert!(scene.notes.is_empty(), "{:?}", scene.notes);
     assert_eq!(&underlined(warning, "0.0005"), "0.0005");
+}
+
+#[test]
+fn below_four_edges_the_error_is_a_note() {
+    let good = read(GOOD).expect("a scene");
+    let edge_m = good.mesh.surface().mean_edge_m;
+    let of = |edges: f64| {
+        let radius = format!("radius_m = {}", edges * edge_m);
+        read(&GOOD.replace("radius_m = 0.05", &radius)).expect("a scene")
+    };
+    let scene = of(3.5);
+    let [note] = scene.notes.as_slice() else {
+        panic!("{:?}", scene.notes)
+    };
+    assert_eq!(note.severity(), Some(miette::Severity::Advice));
+    assert!(note.to_string().contains("measured error of 3 %"), "{note}");
+    assert!(scene.warnings.is_empty(), "{:?}", scene.warnings);
+    assert!(of(4.01).notes.is_empty());
 }
 
 /// The text that a complaint's span covers in `GOOD` after one edit.

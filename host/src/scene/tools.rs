@@ -9,6 +9,7 @@ use super::{Pose, Tool};
 use crate::mesh::TetMesh;
 use crate::model::{ACCURATE_RADIUS_IN_EDGES, LEAST_RADIUS_IN_EDGES, measured_error_percent};
 use crate::tool;
+use miette::Severity;
 use std::ops::Range;
 use sutura_scene_file::scene::{ToolSection, ToolShape};
 use toml::Spanned;
@@ -21,7 +22,7 @@ pub(super) fn read_tools(
     document: &Document,
     sections: &[Spanned<ToolSection>],
     mesh: &TetMesh,
-    warnings: &mut Vec<Flaw>,
+    (warnings, notes): (&mut Vec<Flaw>, &mut Vec<Flaw>),
 ) -> Result<Vec<Tool>, SceneError> {
     let edge_m = mesh.surface().mean_edge_m;
     let driven = driven_tool(document, sections)?;
@@ -31,8 +32,14 @@ pub(super) fn read_tools(
         let at = way::place(spanned);
         let is_grip = section.shape == ToolShape::Grip;
         let shape = read_touching(document, spanned)?;
-        if !is_grip && shape.radius_m() < LEAST_RADIUS_IN_EDGES * edge_m {
-            warnings.push(small_tool(document, at.clone(), shape.radius_m(), edge_m));
+        let radius_m = shape.radius_m();
+        if !is_grip && radius_m < ACCURATE_RADIUS_IN_EDGES * edge_m {
+            let (severity, list) = if radius_m < LEAST_RADIUS_IN_EDGES * edge_m {
+                (Severity::Warning, &mut *warnings)
+            } else {
+                (Severity::Advice, &mut *notes)
+            };
+            list.push(small_tool(document, severity, at.clone(), radius_m, edge_m));
         }
         let id = section.id.as_ref().map_or(place as u8, |id| *id.get_ref());
         if tools.iter().any(|other| other.id == id) {
@@ -123,8 +130,14 @@ fn driven_tool(
     }
 }
 
-/// What was measured of tools that are small against the mesh.
-fn small_tool(document: &Document, at: Range<usize>, radius_m: f64, edge_m: f64) -> Flaw {
+/// What was measured of tools that are small against the mesh: of interest below four edges, a warning below three.
+fn small_tool(
+    document: &Document,
+    severity: Severity,
+    at: Range<usize>,
+    radius_m: f64,
+    edge_m: f64,
+) -> Flaw {
     let [error, largest] = measured_error_percent(radius_m / edge_m);
     let message = format!(
         "a tool of {:.1} mm radius on edges of {:.1} mm: a ball like that has a measured error of {error:.0} % in its force, {largest:.0} % where it is largest",
@@ -137,7 +150,7 @@ fn small_tool(document: &Document, at: Range<usize>, radius_m: f64, edge_m: f64)
         measured_error_percent(ACCURATE_RADIUS_IN_EDGES)[0]
     );
     let label = format!("{:.1} edges", radius_m / edge_m);
-    document.warning(at, &message, &label, &help)
+    document.note(severity, at, message, label, Some(&help))
 }
 
 fn read_pose(document: &Document, section: &ToolSection) -> Result<Option<Pose>, SceneError> {

@@ -26,10 +26,10 @@ Examples:
 const CHECK_EXAMPLES: &str = "\
 Examples:
   sutura scene check mine.toml                  the first thing that is wrong, at its character
-  sutura scene check mine.toml --format json    status, warnings[] with line and column
+  sutura scene check mine.toml --format json    status, warnings[], notes[] with line and column
 
-Reads every file that the scene names, builds the solver and brings held tools to their places. Warnings do not
-fail; what is wrong ends with exit code 2.";
+Reads every file that the scene names, builds the solver and brings held tools to their places. Warnings and
+notes do not fail; what is wrong ends with exit code 2.";
 
 const EXPLAIN_EXAMPLES: &str = "\
 Examples:
@@ -90,10 +90,12 @@ pub fn run(args: &SceneArgs, global: &Global) -> Result<(), Failure> {
 fn check(path: &Path, global: &Global) -> Result<(), Failure> {
     let shown = crate::work::watch();
     let mut scene = scene::load(path)?;
-    let warnings = std::mem::take(&mut scene.warnings);
-    let places: Vec<_> = warnings.iter().map(placed).collect();
-    for warning in warnings {
-        render(&Report::new(warning));
+    let said = [&mut scene.warnings, &mut scene.notes].map(std::mem::take);
+    let [warnings, notes] = said
+        .each_ref()
+        .map(|flaws| flaws.iter().map(placed).collect::<Vec<_>>());
+    for flaw in said.into_iter().flatten() {
+        render(&Report::new(flaw));
     }
     SceneSolver::new(&scene)?;
     drop(shown);
@@ -102,13 +104,15 @@ fn check(path: &Path, global: &Global) -> Result<(), Failure> {
             let mut object = summary(&scene);
             object["status"] = "ok".into();
             object["file"] = path.display().to_string().into();
-            object["warnings"] = places.into();
+            object["warnings"] = warnings.into();
+            object["notes"] = notes.into();
             say!("{object}");
         }
         Format::Text => say!(
-            "{}: good, with {} warnings: \"{}\", {} tissue, {} nodes, {} cells, {} tools, {} needles, {} handles",
+            "{}: good (warnings: {}, notes: {}): \"{}\", {} tissue, {} nodes, {} cells, {} tools, {} needles, {} handles",
             path.display(),
-            places.len(),
+            warnings.len(),
+            notes.len(),
             scene.name,
             scene.tissue.word(),
             scene.mesh.points_m().len(),
