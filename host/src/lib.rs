@@ -12,6 +12,7 @@ mod columns;
 mod contact;
 pub mod core_time;
 mod dense;
+pub mod event;
 pub mod fem;
 mod hash;
 

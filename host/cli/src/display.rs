@@ -331,6 +331,9 @@ pub fn table(summary: &Summary) -> String {
             ),
         );
     }
+    for event in events(s) {
+        row("event", event);
+    }
     for (name, values) in added(s) {
         row(name, values);
     }
@@ -376,6 +379,49 @@ fn wound(summary: &Summary) -> Option<String> {
         ));
     }
     (!said.is_empty()).then(|| said.join("; "))
+}
+
+/// The first events of the session, and how many more there were.
+fn events(summary: &Summary) -> Vec<String> {
+    const SHOWN: usize = 6;
+    let all = summary.scene.get("events").and_then(|all| all.as_array());
+    let all = all.map_or(&[][..], Vec::as_slice);
+    let mut said: Vec<String> = all.iter().take(SHOWN).map(event).collect();
+    let more = summary.scene.get("more_events");
+    let more = more.and_then(|more| more.as_u64()).unwrap_or(0);
+    let left = all.len().saturating_sub(SHOWN) as u64 + more;
+    if left > 0 {
+        said.push(format!("{left} more, see `--format json`"));
+    }
+    said
+}
+
+fn event(event: &serde_json::Value) -> String {
+    let number = |key: &str| event[key].as_f64().unwrap_or_default();
+    let word = |key: &str| event[key].as_str().unwrap_or_default();
+    let at = format!("{:.2} s", number("time_s"));
+    match word("event") {
+        "slipped" => format!(
+            "{at} to {:.2} s: {:.2} mm of thread {} slipped through the grip of tool {} at its {}{}",
+            number("until_s"),
+            1e3 * number("length_m"),
+            event["thread"],
+            event["tool"],
+            word("end"),
+            if event["is_out"] == true {
+                ", which came out of it"
+            } else {
+                ""
+            }
+        ),
+        "broke" => format!(
+            "{at}: thread {} broke at {:.3} N; {:.0} mm behind that are gone",
+            event["thread"],
+            number("tension_n"),
+            1e3 * number("lost_m")
+        ),
+        other => format!("{at}: {other}"),
+    }
 }
 
 /// What sources say that the scene adds by keys of their own: their names, and their values.

@@ -50,8 +50,8 @@ pub use rows_frame::rows_frame;
 pub use scheduling::Scheduling;
 pub use setup::{Plan, SessionError, Tuning, check_rate, least_hz};
 pub use sideways::{Goal, sideways};
+pub use solver::{Happened, Moment, SceneSolver, Snapshot};
 pub(crate) use solver::{IN_BALANCE, MOST_PASSES, MOST_STEPS};
-pub use solver::{Moment, SceneSolver, Snapshot};
 pub use statistics::{NOT_RENDERED, Statistics, mode_word};
 pub use summary::{
     Age, ConsoleClock, Energy, Force, Frames, Latency, LinkSummary, RoundTrip, StepTime, Summary,

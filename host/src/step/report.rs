@@ -2,10 +2,14 @@
 //!
 //! Entry points: [`StepReport`], [`Status`].
 
+use crate::event::Event;
 use crate::needle::{MAX_NEEDLES, NeedleReport};
 use crate::renewal::Renewals;
 use crate::thread::ThreadReport;
 use crate::tool::MAX_TOOLS;
+
+/// Most events of a step: of each thread a slip at either end, and a break.
+const MAX_EVENTS: usize = 3 * MAX_NEEDLES;
 
 /// How a step ended. Anything but `Ok` means: send nothing, let the console's data age.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
@@ -157,6 +161,7 @@ pub struct StepReport {
     needle_count: usize,
     threads: [ThreadReport; MAX_NEEDLES],
     thread_count: usize,
+    events: [Option<Event>; MAX_EVENTS],
     /// Pairs of features of touching tissues that press against each other.
     pub touching: u32,
     /// Dissipated by the friction of tools so far \[J\].
@@ -182,6 +187,18 @@ impl StepReport {
     pub(crate) fn threads_mut(&mut self, count: usize) -> &mut [ThreadReport] {
         self.thread_count = count.min(MAX_NEEDLES);
         &mut self.threads[..self.thread_count]
+    }
+
+    /// What has happened since the last step whose status was `Ok`, thread by thread; none unless this one's is.
+    pub fn events(&self) -> impl Iterator<Item = Event> {
+        self.events.into_iter().flatten()
+    }
+
+    /// Adds an event; one that finds no room is left out.
+    pub(crate) fn happened(&mut self, event: Event) {
+        if let Some(free) = self.events.iter_mut().find(|event| event.is_none()) {
+            *free = Some(event);
+        }
     }
 
     pub(crate) fn contacts_mut(&mut self, count: usize) -> &mut [ToolContact] {

@@ -8,6 +8,7 @@ mod chain;
 mod ends;
 mod free;
 mod friction;
+mod gives;
 mod model;
 mod nearest;
 mod report;

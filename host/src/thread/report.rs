@@ -164,6 +164,10 @@ impl Balance<'_> {
         let count = self.state.threads.len();
         for index in 0..count {
             self.report.threads_mut(count)[index] = self.thread_report(index);
+            let id = self.sources.threads.parts[index].id;
+            for event in self.state.threads[index].take_events(id) {
+                self.report.happened(event);
+            }
         }
     }
 

@@ -4,6 +4,7 @@
 //! alpha behind the needle's end (younes-2021, 3.3). What lies in tissue keeps its length; between punctures
 //! the thread slides.
 
+use super::gives::GaveWay;
 use super::model::{ThreadEnd, ThreadHold, ThreadPart, ThreadTension, Tightening};
 use super::segments::{Segment, Span};
 use crate::anchors::AnchorPoint;
@@ -80,6 +81,7 @@ pub(crate) struct Whole {
     pub slipped_m: [f64; 2],
     /// What has been broken off \[m\], if it has broken.
     pub broken_off_m: Option<f64>,
+    pub gave_way: GaveWay,
 }
 
 /// What of a held thread gives way first.
@@ -140,6 +142,7 @@ impl ThreadState {
                 weakest: Weakest::Thread,
                 slipped_m: [0.0; 2],
                 broken_off_m: None,
+                gave_way: GaveWay::default(),
             }),
         }
     }

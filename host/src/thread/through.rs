@@ -1,4 +1,4 @@
-//! A thread whose one length runs through outside spans and paths inside tissue: it stretches, drags, slips through grips and breaks.
+//! A thread whose one length runs through outside spans and paths inside tissue: it stretches and drags.
 //!
 //! Entry points: [`ThreadState::lay_through`], [`ThreadState::soften`] for each solve, [`ThreadState::settle_through`] after it,
 //! [`ThreadState::finish_through`] at the end of a balance. Younes 2021, 3.33, with the pieces between faces inside
@@ -7,15 +7,15 @@
 //! dT/ds = drag + friction |curvature| T with uniform curvature; its integral bounds one unknown F a passage, which is
 //! spread evenly over the passage's length.
 
-use super::model::{ThreadHold, ThreadPart, ThreadTension};
+use super::model::{ThreadPart, ThreadTension};
 use super::segments::{End, Ground, LENGTH_M, NO_TENSION_N, Piece, Segment, Span, Stop};
-use super::state::{ThreadState, Weakest};
+use super::state::ThreadState;
 use crate::anchors::AnchorPoint;
 use crate::needle::anchor;
 use nalgebra::Vector3;
 
 /// Bounds follow the tensions to this part of them.
-const FOLLOWS: f64 = 1e-4;
+pub(super) const FOLLOWS: f64 = 1e-4;
 /// Faces inside of which every one can be a point of the path; of more only some are.
 const MOST_FACES: usize = 128;
 
@@ -270,41 +270,6 @@ impl ThreadState {
         settled
     }
 
-    /// Most tension at the tail with which grips hold and nothing breaks; whether it is as it was, or does not matter.
-    fn bind(&mut self, part: &ThreadPart, shared: f64) -> bool {
-        let grip_n = part.through.map_or(f64::INFINITY, |through| through.grip_n);
-        let holds = |hold: ThreadHold| match hold {
-            ThreadHold::Tool(_) => grip_n,
-            _ => f64::INFINITY,
-        };
-        let more = |segment: &Segment| segment.tension_n - shared;
-        let most = self.segments.iter().map(more).fold(0.0, f64::max);
-        let at_head = self.segments.last().map_or(0.0, more);
-        // The needle is too thick for a grip that holds the thread.
-        let head_n = if self.head.alpha < 0.0 {
-            holds(self.head.by)
-        } else {
-            f64::INFINITY
-        };
-        let Some(whole) = &mut self.whole else {
-            return true;
-        };
-        let mut bound = (part.strength_n - most, Weakest::Thread);
-        for (bound_n, weakest) in [
-            (head_n - at_head, Weakest::Head),
-            (holds(self.tail.by), Weakest::Tail),
-        ] {
-            if bound_n < bound.0 {
-                bound = (bound_n, weakest);
-            }
-        }
-        let bound_n = bound.0.max(0.0);
-        let matters = shared >= bound_n.min(whole.bound_n) - NO_TENSION_N;
-        let follows = (bound_n - whole.bound_n).abs() <= FOLLOWS * bound_n + NO_TENSION_N;
-        (whole.bound_n, whole.weakest) = (bound_n, bound.1);
-        follows || !matters
-    }
-
     /// A balance is found: the thread has slid along its path, through its grips, or is broken.
     pub(super) fn finish_through(&mut self, part: &ThreadPart, is_held: bool) {
         let is_taut = |segment: &Segment| segment.tension_n > NO_TENSION_N;
@@ -322,39 +287,8 @@ impl ThreadState {
         self.former.clone_from(&self.spans);
     }
 
-    /// Lets the thread slip through a grip that does not hold it; whether it is the thread that gives way.
-    fn give_way(&mut self, part: &ThreadPart) -> bool {
-        let shared = self.tension_at_tail();
-        let lacking = self.needed_m(part) - self.available_m();
-        let Some(whole) = &mut self.whole else {
-            return false;
-        };
-        if lacking <= LENGTH_M || shared < whole.bound_n - NO_TENSION_N {
-            return false;
-        }
-        match whole.weakest {
-            Weakest::Thread => return true,
-            Weakest::Tail => {
-                let slips = lacking.min(self.tail.alpha - whole.end_m);
-                self.tail.alpha -= slips;
-                whole.slipped_m[0] += slips;
-                if slips < lacking {
-                    // Its end has come through.
-                    self.tail.by = ThreadHold::Free;
-                    self.tail.alpha = whole.end_m;
-                }
-            }
-            Weakest::Head => {
-                let slips = lacking.min(-self.head.alpha);
-                self.head.alpha += slips;
-                whole.slipped_m[1] += slips;
-            }
-        }
-        false
-    }
-
     /// What all of the path shares \[N\].
-    fn tension_at_tail(&self) -> f64 {
+    pub(super) fn tension_at_tail(&self) -> f64 {
         self.segments.first().map_or(0.0, |first| {
             let before = first.piece.map_or(0.0, |piece| piece.share);
             let friction_n = self
@@ -366,7 +300,7 @@ impl ThreadState {
     }
 
     /// Thread that the path takes with the tensions that there are, unstretched \[m\]; what is slack keeps what it has.
-    fn needed_m(&self, part: &ThreadPart) -> f64 {
+    pub(super) fn needed_m(&self, part: &ThreadPart) -> f64 {
         let spans = self.spans.iter().enumerate();
         spans
             .map(|(place, span)| self.taken_m(part, place, span, 0.0))
@@ -454,29 +388,6 @@ impl ThreadState {
             }
         }
         slip
-    }
-
-    /// The thread breaks where it is tensest. What is behind that is gone.
-    fn break_off(&mut self) {
-        let mut tensest: Option<&Segment> = None;
-        for segment in &self.segments {
-            if tensest.is_none_or(|most| segment.tension_n > most.tension_n + NO_TENSION_N) {
-                tensest = Some(segment);
-            }
-        }
-        let from = tensest.and_then(|segment| match segment.piece {
-            Some(piece) => Some(piece.from),
-            None => self.spans.get(segment.span)?.from,
-        });
-        let at_m = from.map_or(self.tail.alpha, |from| self.passed[from].crossing.alpha);
-        let Some(whole) = &mut self.whole else {
-            return;
-        };
-        let broken_m = whole.broken_off_m.unwrap_or(0.0) + at_m - whole.end_m;
-        whole.broken_off_m = Some(broken_m);
-        whole.end_m = at_m;
-        self.tail.by = ThreadHold::Free;
-        self.tail.alpha = at_m;
     }
 }
 

@@ -1,6 +1,7 @@
 //! Threads drawn through tissue by needles, and pulled.
 
 mod extremes;
+mod gives;
 mod hanging;
 mod one_length;
 mod pull;

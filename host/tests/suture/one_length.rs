@@ -10,19 +10,19 @@ use sutura_host::thread::{
     Through,
 };
 
-const LENGTH_M: f64 = 0.3;
-const EA_N: f64 = 200.0;
+pub(super) const LENGTH_M: f64 = 0.3;
+pub(super) const EA_N: f64 = 200.0;
 const INEXTENSIBLE: Through = Through {
     axial_stiffness_n: f64::INFINITY,
     drag_n_per_m: 0.0,
     grip_n: f64::INFINITY,
 };
-const ELASTIC: Through = Through {
+pub(super) const ELASTIC: Through = Through {
     axial_stiffness_n: EA_N,
     ..INEXTENSIBLE
 };
 
-fn part(through: Through) -> ThreadPart {
+pub(super) fn part(through: Through) -> ThreadPart {
     ThreadPart {
         id: 7,
         needle: 0,
@@ -34,7 +34,7 @@ fn part(through: Through) -> ThreadPart {
 }
 
 /// A slab of 30 x 30 x 20 mm, its top at z = 0, the nodes held of which `is_held` says so.
-fn thick(is_held: impl Fn(&[f64; 3]) -> bool) -> (TetMesh, Vec<u32>) {
+pub(super) fn thick(is_held: impl Fn(&[f64; 3]) -> bool) -> (TetMesh, Vec<u32>) {
     let mesh = slab([0.03, 0.03, 0.02], [7, 7, 5]).expect("a slab");
     let nodes = (0u32..).zip(mesh.points_m());
     let held = nodes.filter(|(_, at)| is_held(at));
@@ -42,7 +42,7 @@ fn thick(is_held: impl Fn(&[f64; 3]) -> bool) -> (TetMesh, Vec<u32>) {
     (mesh, held)
 }
 
-fn sides(at: &[f64; 3]) -> bool {
+pub(super) fn sides(at: &[f64; 3]) -> bool {
     at[0].abs() > 0.0149
 }
 
@@ -63,7 +63,7 @@ fn threaded(
 }
 
 /// The needle drawn straight down through the slab, its tail free.
-fn drawn_through(mesh: (TetMesh, Vec<u32>), part: ThreadPart) -> Bench {
+pub(super) fn drawn_through(mesh: (TetMesh, Vec<u32>), part: ThreadPart) -> Bench {
     let at = [0.0013, 0.0007, 0.042];
     let start = frame(at, [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]);
     let mut bench = threaded(mesh, (straight(0.04), start), part);
@@ -227,7 +227,7 @@ fn a_free_tail_drags() {
 }
 
 /// Angles between the pieces of a path, from its first point inside to its last \[rad\].
-fn turn_rad(path: &[ThreadPoint]) -> f64 {
+pub(super) fn turn_rad(path: &[ThreadPoint]) -> f64 {
     let at = |place: usize| Vector3::from(path[place].at_m);
     let ways: Vec<_> = (1..path.len())
         .map(|place| at(place) - at(place - 1))
@@ -239,7 +239,7 @@ fn turn_rad(path: &[ThreadPoint]) -> f64 {
 
 /// A half-circle needle drawn `times` in at x = 8 mm and out at -8 mm through tissue that does not move, its tail in a grip
 /// that slips; both ends leave the tissue upwards.
-fn wound_up(times: u32, with: ThreadPart) -> Bench {
+pub(super) fn wound_up(times: u32, with: ThreadPart) -> Bench {
     let radius = 0.008;
     let start = frame([-radius, -0.004, 1e-4], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]);
     // All but the lower side is held.

@@ -5,6 +5,7 @@
 
 mod ahead;
 mod constrained;
+mod events;
 mod follower;
 mod peaks;
 mod secant;
@@ -26,6 +27,8 @@ use crate::tool::{Tool, ToolSample};
 use crate::wound::WoundReport;
 use constrained::Constrained;
 pub(crate) use constrained::{IN_BALANCE, MOST_PASSES, MOST_STEPS};
+use events::EventLog;
+pub use events::Happened;
 use follower::Follower;
 use peaks::Peaks;
 use serde_json::{Map, Value, json};
@@ -71,6 +74,7 @@ struct Past {
     began_us: Option<u64>,
     budget: LookBudget,
     peaks: Peaks,
+    events: EventLog,
     /// Of the state before.
     last_sample: Option<ToolSample>,
     last: StepReport,
@@ -135,6 +139,7 @@ impl SceneSolver {
                 began_us: None,
                 budget: LookBudget::new(1e6 / scene.host.host_hz, follower.nodes()),
                 peaks: Peaks::new(scene),
+                events: EventLog::new(),
                 last_sample: None,
                 last: StepReport::default(),
             },
@@ -310,6 +315,7 @@ impl SceneSolver {
         let Past {
             script,
             peaks,
+            events,
             last,
             ..
         } = &mut self.past;
@@ -323,12 +329,18 @@ impl SceneSolver {
         }
         *last = self.follower.follow(samples, &self.options);
         peaks.step(last);
+        events.step(time_s, last);
         *last
     }
 
     /// Boundaries that needles have broken through so far.
     pub fn punctures(&self) -> u32 {
         self.past.peaks.punctures()
+    }
+
+    /// What has happened to threads so far.
+    pub fn events(&self) -> &[Happened] {
+        self.past.events.all()
     }
 
     /// Where it is now; nothing of a model to which tools stick, of which there is no copy.
@@ -585,6 +597,13 @@ impl Solve for SceneSolver {
         report.extend(self.past.peaks.said(self.driven().is_some()));
         report.extend(self.follower.said(&self.past.peaks.last_good));
         report.extend(self.wound_said());
+        if self.has_needles {
+            let (events, more) = self.past.events.said();
+            report.insert("events".to_owned(), events);
+            if more > 0 {
+                report.insert("more_events".to_owned(), more.into());
+            }
+        }
         report
     }
 }

@@ -1,0 +1,227 @@
+//! What has happened in a session, in the order of time.
+//!
+//! Entry points: [`EventLog::step`], [`EventLog::said`].
+
+use crate::event::Event;
+use crate::step::{Status, StepReport};
+use crate::thread::ThreadEnd;
+use serde_json::{Value, json};
+
+/// Most events that a session tells; of later ones there is a count.
+const MOST: usize = 256;
+
+/// An event of a session. What slips on from step to step is one.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Happened {
+    /// When it began, since the first step \[s\].
+    pub time_s: f64,
+    /// When it was over, since the first step \[s\].
+    pub until_s: f64,
+    /// What.
+    pub event: Event,
+    /// Balanced step that had it last.
+    step: u64,
+}
+
+/// The events so far.
+#[derive(Clone, Debug)]
+pub(super) struct EventLog {
+    all: Vec<Happened>,
+    /// How many found no room.
+    left_out: u64,
+    /// Steps that found a balance.
+    steps: u64,
+}
+
+impl EventLog {
+    /// Nothing yet.
+    pub fn new() -> Self {
+        Self {
+            all: Vec::with_capacity(MOST),
+            left_out: 0,
+            steps: 0,
+        }
+    }
+
+    /// Takes note of a step at a time \[s\].
+    pub fn step(&mut self, time_s: f64, report: &StepReport) {
+        if report.status != Status::Ok {
+            return;
+        }
+        self.steps += 1;
+        for event in report.events() {
+            self.note(time_s, event);
+        }
+    }
+
+    /// Takes note of an event at a time \[s\].
+    pub fn note(&mut self, time_s: f64, event: Event) {
+        let step = self.steps;
+        if let Some(before) = self.all.iter_mut().rev().find(|one| one.goes_on(&event)) {
+            let is_next = before.step + 1 >= step;
+            if is_next && before.take(&event) {
+                (before.until_s, before.step) = (time_s, step);
+                return;
+            }
+        }
+        if self.all.len() == MOST {
+            self.left_out += 1;
+            return;
+        }
+        self.all.push(Happened {
+            time_s,
+            until_s: time_s,
+            event,
+            step,
+        });
+    }
+
+    /// All that there was room for.
+    pub fn all(&self) -> &[Happened] {
+        &self.all
+    }
+
+    /// Its part of the summary: the events, and how many more there were.
+    pub fn said(&self) -> (Value, u64) {
+        let all = self.all.iter().map(Happened::to_json);
+        (all.collect(), self.left_out)
+    }
+}
+
+impl Happened {
+    /// Whether an event is of the same end in the same grip.
+    fn goes_on(&self, next: &Event) -> bool {
+        let of = |event: &Event| match event {
+            Event::Slipped {
+                thread, end, tool, ..
+            } => Some((*thread, *end, *tool)),
+            Event::Broke { .. } => None,
+        };
+        of(next).is_some_and(|next| of(&self.event) == Some(next))
+    }
+
+    /// Adds what has slipped since; whether it was not over before.
+    fn take(&mut self, next: &Event) -> bool {
+        let (
+            Event::Slipped {
+                length_m, is_out, ..
+            },
+            Event::Slipped {
+                length_m: more_m,
+                is_out: is_out_now,
+                ..
+            },
+        ) = (&mut self.event, next)
+        else {
+            return false;
+        };
+        let goes_on = !*is_out;
+        if goes_on {
+            *length_m += more_m;
+            *is_out = *is_out_now;
+        }
+        goes_on
+    }
+
+    fn to_json(&self) -> Value {
+        let (time_s, until_s) = (self.time_s, self.until_s);
+        match self.event {
+            Event::Slipped {
+                thread,
+                end,
+                tool,
+                length_m,
+                is_out,
+            } => json!({
+                "event": "slipped",
+                "time_s": time_s,
+                "until_s": until_s,
+                "thread": thread,
+                "end": word(end),
+                "tool": tool,
+                "length_m": length_m,
+                "is_out": is_out,
+            }),
+            Event::Broke {
+                thread,
+                tension_n,
+                lost_m,
+            } => json!({
+                "event": "broke",
+                "time_s": time_s,
+                "thread": thread,
+                "tension_n": tension_n,
+                "lost_m": lost_m,
+            }),
+        }
+    }
+}
+
+/// As files write it.
+fn word(end: ThreadEnd) -> &'static str {
+    match end {
+        ThreadEnd::Tail => "tail",
+        ThreadEnd::Head => "head",
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn slip(tool: u8, is_out: bool) -> Event {
+        Event::Slipped {
+            thread: 3,
+            end: ThreadEnd::Tail,
+            tool,
+            length_m: 1e-3,
+            is_out,
+        }
+    }
+
+    /// Of a slip that lasts there is one event; what comes after a pause, or through another grip, is another.
+    #[test]
+    fn what_slips_on_is_one_event() {
+        let mut log = EventLog::new();
+        let mut step = |time_s: f64, event: Option<Event>| {
+            let mut report = StepReport::default();
+            event.into_iter().for_each(|event| report.happened(event));
+            log.step(time_s, &report);
+            // What waits for columns is no pause.
+            report.status = Status::Waiting;
+            log.step(time_s, &report);
+        };
+        step(0.1, Some(slip(1, false)));
+        step(0.2, Some(slip(1, false)));
+        step(0.3, None);
+        step(0.4, Some(slip(1, true)));
+        step(0.5, Some(slip(1, false)));
+        step(0.6, Some(slip(2, false)));
+        let found: Vec<_> = log
+            .all()
+            .iter()
+            .map(|one| (one.time_s, one.until_s))
+            .collect();
+        assert_eq!(found, [(0.1, 0.2), (0.4, 0.4), (0.5, 0.5), (0.6, 0.6)]);
+        let (said, more) = log.said();
+        assert_eq!(more, 0);
+        assert_eq!(said[0]["length_m"], 2e-3);
+        assert_eq!(said[0]["end"], "tail");
+        assert_eq!(said[1]["is_out"], true);
+        assert_eq!(said[3]["tool"], 2);
+    }
+
+    #[test]
+    fn what_finds_no_room_is_counted() {
+        let mut log = EventLog::new();
+        let broke = Event::Broke {
+            thread: 0,
+            tension_n: 1.0,
+            lost_m: 0.1,
+        };
+        for _ in 0..MOST + 2 {
+            log.note(0.0, broke);
+        }
+        assert_eq!((log.all().len(), log.said().1), (MOST, 2));
+    }
+}

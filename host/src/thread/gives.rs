@@ -1,0 +1,175 @@
+//! What gives way where a thread is pulled harder than its grips hold or it bears: it slips, or it breaks.
+//!
+//! Entry points: [`ThreadState::bind`] after each solve, [`ThreadState::give_way`] and [`ThreadState::break_off`] when a balance is
+//! found, [`ThreadState::take_events`] for the report. Every length that comes or goes is an event: what there is of thread
+//! between the holds is what there was and what has slipped in.
+
+use super::model::{ThreadEnd, ThreadHold, ThreadPart};
+use super::segments::{LENGTH_M, NO_TENSION_N, Segment};
+use super::state::{ThreadState, Weakest};
+use super::through::FOLLOWS;
+use crate::event::Event;
+use serde::Serialize;
+
+/// What has given way since it was reported last.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub(crate) struct GaveWay {
+    /// At tail and head.
+    slips: [Option<Slip>; 2],
+    breaks: Option<Break>,
+}
+
+/// Through a grip.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+struct Slip {
+    tool: u8,
+    length_m: f64,
+    /// Whether its end has come through.
+    is_out: bool,
+}
+
+/// Of the thread.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+struct Break {
+    tension_n: f64,
+    lost_m: f64,
+}
+
+impl GaveWay {
+    /// So much has slipped through the grip that holds an end.
+    fn slip(&mut self, end: usize, by: ThreadHold, length_m: f64, is_out: bool) {
+        let ThreadHold::Tool(tool) = by else {
+            return;
+        };
+        let before = self.slips[end].map_or(0.0, |slip| slip.length_m);
+        self.slips[end] = Some(Slip {
+            tool,
+            length_m: before + length_m,
+            is_out,
+        });
+    }
+
+    /// A thread's events.
+    fn events(self, thread: u8) -> impl Iterator<Item = Event> {
+        let ends = [ThreadEnd::Tail, ThreadEnd::Head].into_iter();
+        let slips = ends.zip(self.slips).filter_map(move |(end, slip)| {
+            let slip = slip?;
+            Some(Event::Slipped {
+                thread,
+                end,
+                tool: slip.tool,
+                length_m: slip.length_m,
+                is_out: slip.is_out,
+            })
+        });
+        let breaks = self.breaks.map(|torn| Event::Broke {
+            thread,
+            tension_n: torn.tension_n,
+            lost_m: torn.lost_m,
+        });
+        slips.chain(breaks)
+    }
+}
+
+impl ThreadState {
+    /// Most tension at the tail with which grips hold and nothing breaks; whether it is as it was, or does not matter.
+    pub(super) fn bind(&mut self, part: &ThreadPart, shared: f64) -> bool {
+        let grip_n = part.through.map_or(f64::INFINITY, |through| through.grip_n);
+        let holds = |hold: ThreadHold| match hold {
+            ThreadHold::Tool(_) => grip_n,
+            _ => f64::INFINITY,
+        };
+        let more = |segment: &Segment| segment.tension_n - shared;
+        let most = self.segments.iter().map(more).fold(0.0, f64::max);
+        let at_head = self.segments.last().map_or(0.0, more);
+        // The needle is too thick for a grip that holds the thread.
+        let head_n = if self.head.alpha < 0.0 {
+            holds(self.head.by)
+        } else {
+            f64::INFINITY
+        };
+        let Some(whole) = &mut self.whole else {
+            return true;
+        };
+        let mut bound = (part.strength_n - most, Weakest::Thread);
+        for (bound_n, weakest) in [
+            (head_n - at_head, Weakest::Head),
+            (holds(self.tail.by), Weakest::Tail),
+        ] {
+            if bound_n < bound.0 {
+                bound = (bound_n, weakest);
+            }
+        }
+        let bound_n = bound.0.max(0.0);
+        let matters = shared >= bound_n.min(whole.bound_n) - NO_TENSION_N;
+        let follows = (bound_n - whole.bound_n).abs() <= FOLLOWS * bound_n + NO_TENSION_N;
+        (whole.bound_n, whole.weakest) = (bound_n, bound.1);
+        follows || !matters
+    }
+
+    /// Lets the thread slip through a grip that does not hold it; whether it is the thread that gives way.
+    pub(super) fn give_way(&mut self, part: &ThreadPart) -> bool {
+        let shared = self.tension_at_tail();
+        let lacking = self.needed_m(part) - self.available_m();
+        let Some(whole) = &mut self.whole else {
+            return false;
+        };
+        if lacking <= LENGTH_M || shared < whole.bound_n - NO_TENSION_N {
+            return false;
+        }
+        match whole.weakest {
+            Weakest::Thread => return true,
+            Weakest::Tail => {
+                let slips = lacking.min(self.tail.alpha - whole.end_m);
+                self.tail.alpha -= slips;
+                whole.slipped_m[0] += slips;
+                let is_out = slips < lacking;
+                whole.gave_way.slip(0, self.tail.by, slips, is_out);
+                if is_out {
+                    // Its end has come through.
+                    self.tail.by = ThreadHold::Free;
+                    self.tail.alpha = whole.end_m;
+                }
+            }
+            Weakest::Head => {
+                let slips = lacking.min(-self.head.alpha);
+                self.head.alpha += slips;
+                whole.slipped_m[1] += slips;
+                whole.gave_way.slip(1, self.head.by, slips, false);
+            }
+        }
+        false
+    }
+
+    /// The thread breaks where it is tensest. What is behind that is gone.
+    pub(super) fn break_off(&mut self) {
+        let mut tensest: Option<&Segment> = None;
+        for segment in &self.segments {
+            if tensest.is_none_or(|most| segment.tension_n > most.tension_n + NO_TENSION_N) {
+                tensest = Some(segment);
+            }
+        }
+        let from = tensest.and_then(|segment| match segment.piece {
+            Some(piece) => Some(piece.from),
+            None => self.spans.get(segment.span)?.from,
+        });
+        let tension_n = tensest.map_or(0.0, |most| most.tension_n);
+        let at_m = from.map_or(self.tail.alpha, |from| self.passed[from].crossing.alpha);
+        let Some(whole) = &mut self.whole else {
+            return;
+        };
+        let lost_m = at_m - whole.end_m;
+        whole.broken_off_m = Some(whole.broken_off_m.unwrap_or(0.0) + lost_m);
+        whole.gave_way.breaks = Some(Break { tension_n, lost_m });
+        whole.end_m = at_m;
+        self.tail.by = ThreadHold::Free;
+        self.tail.alpha = at_m;
+    }
+
+    /// What has given way since this was asked last.
+    pub(super) fn take_events(&mut self, thread: u8) -> impl Iterator<Item = Event> + use<> {
+        let gave_way = self.whole.as_mut().map(|whole| &mut whole.gave_way);
+        let gave_way = gave_way.map(std::mem::take).unwrap_or_default();
+        gave_way.events(thread)
+    }
+}
