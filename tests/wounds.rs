@@ -384,3 +384,89 @@ fn slips_are_told_at_their_place() {
         }
     }
 }
+
+/// The console's grip 9 cm away from the needle takes nothing, the run says where to bring it, and the check that its script does
+/// not; the tail is taken.
+#[test]
+fn a_console_9_cm_away_holds_nothing() {
+    let directory = tempfile::tempdir().unwrap();
+    let far = "position_m = [0.0979756, 0.0094000, 0.0013755]";
+    let text = coarse();
+    let (near, end) = (
+        "position_m = [0.0079756, 0.0094000, 0.0013755]",
+        "position_m = [0.0211756, 0.0094000, 0.0189755]",
+    );
+    assert_eq!(
+        (text.matches(near).count(), text.matches(end).count()),
+        (2, 1)
+    );
+    let text = text.replace(near, far).replace(end, far);
+    let path = directory.path().join("far.toml");
+    std::fs::write(&path, text).unwrap();
+    let ran = sutura_in(
+        directory.path(),
+        &["run", "far.toml", "--lockstep", "--format", "json"],
+    );
+    assert_eq!(ran.code, 0, "{}", ran.stderr);
+    let summary: Value = serde_json::from_str(&ran.stdout).unwrap();
+    let scene = &summary["scene"];
+    assert_eq!(scene["needles"][0]["held_by"], 1, "{scene}");
+    assert_eq!(scene["threads"][0]["held_by"], serde_json::json!([2, 1]));
+    let events = scene["events"].as_array().unwrap();
+    let [missed] = &events[..] else {
+        panic!("{events:?}");
+    };
+    assert_eq!(
+        (&missed["event"], &missed["tool"], &missed["needle"]),
+        (&"missed".into(), &0.into(), &0.into())
+    );
+    assert!(
+        (number(missed, "distance_m") - 0.09).abs() < 5e-4,
+        "{missed}"
+    );
+    assert!((number(missed, "time_s") - 6.57).abs() < 0.01, "{missed}");
+    let said = "tool 0 was to take needle 0, 90.0 mm away: bring its grip to (8.0, 9.4, ";
+    assert!(ran.stderr.contains(said), "{}", ran.stderr);
+
+    let checked = sutura_in(directory.path(), &["scene", "check", "far.toml"]);
+    assert_eq!(checked.code, 0, "{}", checked.stderr);
+    assert!(
+        checked.stderr.contains("out of reach"),
+        "{}",
+        checked.stderr
+    );
+}
+
+/// A thread in weak grips slips through them: the session tells it in one event an end and time, which add up to what has slipped.
+#[test]
+fn what_slips_in_a_session_is_told() {
+    let directory = tempfile::tempdir().unwrap();
+    let text = coarse().replace("length_m = 0.3\n", "length_m = 0.3\ngrip_n = 0.03\n");
+    let summary = run(directory.path(), &text);
+    assert_eq!(summary["status"], "ok");
+    let scene = &summary["scene"];
+    let thread = &scene["threads"][0];
+    let slipped = thread["slipped_m"][0].as_f64().unwrap();
+    assert!(slipped > 1e-3, "{thread}");
+    let events = scene["events"].as_array().unwrap();
+    assert!(!events.is_empty() && events.len() < 256, "{}", events.len());
+    let mut told = 0.0;
+    for event in events {
+        assert_eq!(
+            (
+                &event["event"],
+                &event["thread"],
+                &event["end"],
+                &event["tool"]
+            ),
+            (&"slipped".into(), &0.into(), &"tail".into(), &2.into())
+        );
+        assert!(number(event, "time_s") > 6.57, "{event}");
+        assert!(
+            number(event, "until_s") >= number(event, "time_s"),
+            "{event}"
+        );
+        told += number(event, "length_m");
+    }
+    assert!((told - slipped).abs() < 1e-12, "{told} {slipped}");
+}

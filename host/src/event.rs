@@ -1,6 +1,6 @@
-//! What happens at an instant, beside what a step balances: a thread slips through a grip, or breaks.
+//! What happens at an instant, beside what a step balances: a thread slips through a grip or breaks, a hand takes hold of nothing.
 //!
-//! Entry point: [`Event`]; [`crate::step::StepReport::events`] has those of a step.
+//! Entry point: [`Event`]; [`crate::step::StepReport::events`] has those of a step, [`crate::script::Script::take_missed`] those of scripts.
 
 use crate::thread::ThreadEnd;
 
@@ -31,4 +31,25 @@ pub enum Event {
         /// What was behind that and is gone, unstretched \[m\].
         lost_m: f64,
     },
+    /// A tool was to take what is out of its reach. It is tried again in every step until the time of that hold ends; what held it
+    /// before goes on meanwhile.
+    Missed {
+        /// Id of the tool.
+        tool: u8,
+        /// What it was to take.
+        what: Held,
+        /// How far it was from that \[m\].
+        distance_m: f64,
+        /// Where it would have had to be, give or take its reach \[m\], (3).
+        nearest_m: [f64; 3],
+    },
+}
+
+/// What a tool can hold.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Held {
+    /// A needle, by its id.
+    Needle(u8),
+    /// An end of a thread, by its id.
+    Thread(u8, ThreadEnd),
 }

@@ -1,17 +1,23 @@
 //! What a scene's scripts say at a time: where tools are that the console does not carry, how grips are
-//! turned, and who holds which needle and thread.
+//! turned, and who holds which needle and thread, as far as hands reach.
 //!
 //! Entry points: [`Script::step_to`] and [`Script::follow`] before each step; [`path`] for what a session will
 //! come by.
 
+mod holds;
+mod path;
+
 use crate::contact::shape::Solid;
+use crate::event::Event;
 use crate::mesh::Surface;
 use crate::model::Model;
 use crate::scene::{Pose, Scene, Thread, Way, position_at};
 use crate::step::State;
-use crate::thread::{ThreadEnd, ThreadHold, Tightening};
+use crate::thread::Tightening;
 use crate::tool::{Tool, ToolSample};
+use holds::{Change, Waiting, changes};
 use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3};
+pub use path::{Path, path};
 use sutura_shared::wire::message::HandScript;
 
 /// The scripts of a scene, and how far they have been followed.
@@ -21,11 +27,17 @@ pub struct Script {
     samples: Vec<ToolSample>,
     /// Of each sample's tool.
     ways: Vec<Option<Way>>,
+    /// From how far it takes what it is to hold \[m\].
+    reaches_m: Vec<f64>,
     is_driven: bool,
     /// In the order of time; needles before threads.
     changes: Vec<Change>,
-    /// How many of them have been made.
+    /// How many of them have been due.
     made: usize,
+    /// Those of them that have not been made yet, for what is out of reach.
+    waiting: Vec<Waiting>,
+    /// What was out of reach, to be told.
+    missed: Vec<Event>,
     /// Those that are tightened, each with what it was tightened to last.
     tightened: Vec<(Thread, Option<Tightening>)>,
     /// Whether tools and needles have met in a step before.
@@ -33,26 +45,6 @@ pub struct Script {
     hand: Option<HandScript>,
     /// Where the driven tool is without a hand, before its script turns it.
     rest: Pose,
-}
-
-/// A needle or an end of a thread changes hands.
-#[derive(Clone, Copy, Debug, PartialEq)]
-struct Change {
-    time_s: f64,
-    what: Taken,
-}
-
-#[derive(Clone, Copy, Debug, PartialEq)]
-enum Taken {
-    Needle {
-        id: u8,
-        tool: Option<u8>,
-    },
-    Thread {
-        id: u8,
-        end: ThreadEnd,
-        by: ThreadHold,
-    },
 }
 
 impl Script {
@@ -74,24 +66,9 @@ impl Script {
             .map(|tool| tool.way.clone())
             .into_iter()
             .chain(held().map(|(tool, _)| tool.way.clone()));
-        let mut changes: Vec<Change> = scene
-            .needles
-            .iter()
-            .flat_map(|needle| {
-                needle.holds.iter().map(|hold| {
-                    let (id, tool) = (needle.id, hold.tool);
-                    (hold.time_s, Taken::Needle { id, tool })
-                })
-            })
-            .chain(scene.threads.iter().flat_map(|thread| {
-                thread.holds.iter().map(|hold| {
-                    let (id, end, by) = (thread.part.id, hold.end, hold.by);
-                    (hold.time_s, Taken::Thread { id, end, by })
-                })
-            }))
-            .map(|(time_s, what)| Change { time_s, what })
-            .collect();
-        changes.sort_by(|a, b| a.time_s.total_cmp(&b.time_s));
+        let changes = changes(scene);
+        let reaches = driven.into_iter().chain(held().map(|(tool, _)| tool));
+        let reaches = reaches.map(|tool| tool.reach_m);
         let rest = driven.and_then(|tool| tool.pose).map_or(somewhere, |pose| {
             let turns = driven.is_some_and(|tool| tool.way.is_some());
             let orientation = if turns {
@@ -108,6 +85,9 @@ impl Script {
             samples: samples.collect(),
             ways: ways.collect(),
             is_driven: driven.is_some(),
+            reaches_m: reaches.collect(),
+            waiting: Vec::with_capacity(changes.len()),
+            missed: Vec::with_capacity(changes.len()),
             changes,
             made: 0,
             tightened: scene
@@ -161,17 +141,12 @@ impl Script {
 
     fn change_hands(&mut self, time_s: f64, model: &Model, state: &mut State) {
         while let Some(change) = self.due(time_s) {
-            // The scene has been checked: there are such a needle and such a thread.
-            match change.what {
-                Taken::Needle { id, tool } => {
-                    let by = tool.and_then(|id| self.sample(id));
-                    state.hold(model, id, by.as_ref());
-                }
-                Taken::Thread { id, end, by } => {
-                    state.hold_thread(model, id, end, by, &self.samples);
-                }
-            }
+            self.waiting.retain(|hold| !hold.ends_with(&change));
+            self.waiting.push(Waiting::new(change));
         }
+        let mut waiting = std::mem::take(&mut self.waiting);
+        waiting.retain_mut(|hold| !self.take(hold, model, state));
+        self.waiting = waiting;
         for (thread, before) in &mut self.tightened {
             let now = thread.tightened(time_s);
             if now != *before {
@@ -232,8 +207,31 @@ impl Script {
         Some(due)
     }
 
+    /// Makes a change that is due, if what is to be held is within reach; whether it is.
+    fn take(&mut self, hold: &mut Waiting, model: &Model, state: &mut State) -> bool {
+        let hand = hold.tool().and_then(|id| self.hand(id));
+        let missed = hand.and_then(|(sample, reach_m)| hold.missed(&sample, reach_m, model, state));
+        match missed {
+            Some(missed) => self.missed.extend(hold.tell(missed)),
+            None => hold.make(&self.samples, model, state),
+        }
+        missed.is_none()
+    }
+
+    /// A tool, and how far it reaches \[m\].
+    fn hand(&self, id: u8) -> Option<(ToolSample, f64)> {
+        let mut hands = self.samples.iter().zip(&self.reaches_m);
+        let found = hands.find(|(sample, _)| sample.id == id);
+        found.map(|(sample, reach_m)| (*sample, *reach_m))
+    }
+
+    /// What hands have missed since this was asked last: each hold once.
+    pub fn take_missed(&mut self) -> impl Iterator<Item = Event> + '_ {
+        self.missed.drain(..)
+    }
+
     fn sample(&self, id: u8) -> Option<ToolSample> {
-        self.samples.iter().find(|sample| sample.id == id).copied()
+        self.hand(id).map(|(sample, _)| sample)
     }
 }
 
@@ -300,61 +298,6 @@ fn quaternion([x, y, z, w]: [f64; 4]) -> UnitQuaternion<f64> {
     UnitQuaternion::new_unchecked(Quaternion::new(w, x, y, z))
 }
 
-/// Places that a session comes by if its hands keep to their scripts.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct Path {
-    /// Of the driven tool's grip, and how it is turned there.
-    pub grips: Vec<Pose>,
-    /// Of the needles' centre lines \[m\].
-    pub needles: Vec<Vector3<f64>>,
-}
-
-/// Where the scripts lead until `seconds` \[s\], looked at `every_s`; points of a needle are at most `apart_m` from each
-/// other. Empty without a hand.
-pub fn path(scene: &Scene, seconds: f64, every_s: f64, apart_m: f64) -> Path {
-    let mut path = Path::default();
-    if scene.hand.is_none() {
-        return path;
-    }
-    let mut script = Script::new(scene);
-    // Needles as they would go in the open, and in which tool's frame they are where.
-    let mut poses: Vec<Isometry3<f64>> = scene.needles.iter().map(|n| n.start).collect();
-    let mut grips: Vec<Option<(u8, Isometry3<f64>)>> = vec![None; poses.len()];
-    let places = (seconds / every_s).ceil().max(0.0) as u32;
-    for place in 0..=places {
-        let time_s = f64::from(place) * every_s;
-        while let Some(change) = script.due(time_s) {
-            let Taken::Needle { id, tool } = change.what else {
-                continue;
-            };
-            let by = tool.and_then(|id| script.sample(id));
-            let index = scene.needles.iter().position(|n| n.id == id);
-            if let Some(index) = index {
-                grips[index] = by.map(|tool| (tool.id, isometry(&tool).inverse() * poses[index]));
-            }
-        }
-        let in_hand = script.in_hand(time_s);
-        script.go(time_s, in_hand);
-        if let Some(grip) = script.samples.first().filter(|_| script.is_driven) {
-            path.grips.push(Pose {
-                position_m: grip.position_m,
-                orientation: grip.orientation,
-            });
-        }
-        for ((needle, pose), grip) in scene.needles.iter().zip(&mut poses).zip(&grips) {
-            let holder = grip.and_then(|(id, _)| script.sample(id));
-            if let (Some(tool), Some((_, in_grip))) = (holder, grip) {
-                *pose = isometry(&tool) * in_grip;
-            }
-            let curve = needle.needle.at(pose);
-            let pieces = (curve.length / apart_m).ceil().max(1.0) as u32;
-            let alphas = (0..=pieces).map(|k| curve.length * f64::from(k) / f64::from(pieces));
-            path.needles.extend(alphas.map(|alpha| curve.at(alpha)));
-        }
-    }
-    path
-}
-
 fn isometry(sample: &ToolSample) -> Isometry3<f64> {
     Isometry3::from_parts(
         Translation3::from(sample.position_m),
@@ -370,7 +313,7 @@ mod tests {
 
     /// A slab, a driven grip that turns, a second hand that takes the needle from it in the open, on its way, and
     /// lets it go.
-    const SCENE: &str = r#"
+    pub(super) const SCENE: &str = r#"
 device = "cartesian-bench"
 seconds = 4.0
 
@@ -389,6 +332,7 @@ plane = { axis = "z", at_m = -0.01 }
 [[tool]]
 id = 4
 shape = "grip"
+reach_m = 0.011
 [[tool.way_point]]
 time_s = 0.0
 [[tool.way_point]]
@@ -398,6 +342,7 @@ rotation_deg = [0.0, 90.0, 0.0]
 [[tool]]
 id = 6
 shape = "grip"
+reach_m = 0.1
 [[tool.way_point]]
 time_s = 1.0
 position_m = [0.0, 0.0, 0.1]

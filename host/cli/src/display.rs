@@ -420,6 +420,21 @@ fn event(event: &serde_json::Value) -> String {
             number("tension_n"),
             1e3 * number("lost_m")
         ),
+        "missed" => format!(
+            "{at}: tool {} was to take {} {}, {:.1} mm away",
+            event["tool"],
+            if event["needle"].is_null() {
+                "thread"
+            } else {
+                "needle"
+            },
+            if event["needle"].is_null() {
+                &event["thread"]
+            } else {
+                &event["needle"]
+            },
+            1e3 * number("distance_m")
+        ),
         other => format!("{at}: {other}"),
     }
 }

@@ -450,6 +450,9 @@ pub struct ToolSection {
     /// The same while it sticks, at least `friction`; the same when left out.
     #[schemars(with = "Option<f64>")]
     pub static_friction: Option<Spanned<f64>>,
+    /// From how far a grip takes a needle or a thread that it is to hold \[m\]; 0.005 when left out.
+    #[schemars(with = "Option<f64>")]
+    pub reach_m: Option<Spanned<f64>>,
     /// Whether the console's grip carries this tool, as one tool in a scene; the first when no tool says so.
     #[schemars(with = "Option<bool>")]
     pub driven: Option<Spanned<bool>>,
@@ -527,14 +530,15 @@ pub struct NeedleSection {
     pub hold: Vec<Spanned<NeedleHoldSection>>,
 }
 
-/// `[[needle.hold]]`: from this time on a tool holds the needle where it happens to be, or none does.
+/// `[[needle.hold]]`: from this time on a tool holds the needle where it happens to be, once that is within its reach, or none
+/// does.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct NeedleHoldSection {
     /// Since the session began \[s\]; the first is 0.
     #[schemars(with = "f64")]
     pub time_s: Spanned<f64>,
-    /// Id of a tool that is a grip; the needle is let go when left out.
+    /// Id of a tool that is a grip; the needle is let go when left out. Who held it before goes on until it is taken.
     #[schemars(with = "Option<u8>")]
     pub tool: Option<Spanned<u8>>,
 }

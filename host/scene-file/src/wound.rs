@@ -65,7 +65,7 @@ pub struct ThreadHoldSection {
     pub time_s: Spanned<f64>,
     /// Which end.
     pub end: ThreadEndName,
-    /// Id of a tool that is a grip: it takes the thread without slack, where it is then.
+    /// Id of a tool that is a grip: it takes the thread without slack, once that is within its reach, where it is then.
     #[schemars(with = "Option<u8>")]
     pub tool: Option<Spanned<u8>>,
     /// Where the end is held \[m\], (3).

@@ -204,6 +204,18 @@ impl Curve {
         );
         near + radius * along.atan2(out)
     }
+
+    /// The point between end and tip that is nearest to a place \[m\].
+    pub fn nearest(&self, to: &Vector3<f64>) -> Vector3<f64> {
+        let half = 0.5 * self.length;
+        let inner = self.project(to, half).clamp(0.0, self.length);
+        let places = [0.0, inner, self.length].map(|alpha| self.at(alpha));
+        let [first, ..] = places;
+        places.into_iter().fold(first, |best, next| {
+            let is_nearer = (next - to).norm_squared() < (best - to).norm_squared();
+            if is_nearer { next } else { best }
+        })
+    }
 }
 
 /// A point with a frame, as an isometry.

@@ -8,6 +8,7 @@ mod document;
 mod hand;
 mod needles;
 mod parts;
+mod reach;
 mod read;
 mod region;
 mod rendering;
@@ -161,6 +162,8 @@ pub struct Tool {
     pub pose: Option<Pose>,
     /// How the grip turns, and where one goes that the console does not carry.
     pub way: Option<Way>,
+    /// From how far a grip takes a needle or a thread \[m\].
+    pub reach_m: f64,
 }
 
 /// Position and orientation of a grip.

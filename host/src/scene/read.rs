@@ -8,6 +8,7 @@ use super::document::{Document, SceneError};
 use super::hand::hand_script;
 use super::needles::{read_needle_solver, read_needle_tissue, read_needles};
 use super::parts::{read_parts, read_slab};
+use super::reach::out_of_reach;
 use super::region::{Made, read_materials};
 use super::select::{check_nodes, select};
 use super::threads::{idle_grips, read_threads};
@@ -85,6 +86,15 @@ impl Scene {
         if file.tissue_contact.is_empty() || !needles.is_empty() {
             warnings.extend(idle_grips(document, hands, &needles, &threads));
         }
+        let sections = (&file.needle[..], &file.thread[..]);
+        let parts = (&needles[..], &threads[..]);
+        warnings.extend(out_of_reach(
+            document,
+            sections,
+            parts,
+            &tools,
+            hand.as_ref(),
+        ));
         let touching = read_touching(document, &file.tissue_contact, &mesh)?;
         let needle_tissue = read_needle_tissue(document, &file, &of_cell, &mut warnings)?;
         let added = added.into_iter().enumerate();

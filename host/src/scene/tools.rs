@@ -14,6 +14,9 @@ use std::ops::Range;
 use sutura_scene_file::scene::{ToolSection, ToolShape};
 use toml::Spanned;
 
+/// From how far a grip takes what it is to hold, if it does not say \[m\]: jaws of needle holders are 5 to 10 mm long.
+const REACH_M: f64 = 0.005;
+
 /// The tools of a scene, with different ids, one of them driven.
 ///
 /// # Errors
@@ -73,9 +76,24 @@ pub(super) fn read_tools(
             driven,
             pose,
             way,
+            reach_m: read_reach(document, section)?,
         });
     }
     Ok(tools)
+}
+
+/// From how far a grip takes what it is to hold \[m\].
+fn read_reach(document: &Document, section: &ToolSection) -> Result<f64, SceneError> {
+    let Some(reach) = &section.reach_m else {
+        return Ok(REACH_M);
+    };
+    if section.shape != ToolShape::Grip {
+        let message = "a reach of a tool that is no grip";
+        let help = "leave `reach_m` out, or make it `shape = \"grip\"`: only grips hold needles and threads";
+        return Err(document.flaw(reach.span(), message, "holds nothing", Some(help)));
+    }
+    let help = "from the grip to the needle or thread, in metres: jaws have 0.003 to 0.02";
+    document.number("reach_m", reach, "positive", |v| v > 0.0, help)
 }
 
 /// The shape, and how it rubs.

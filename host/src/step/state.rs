@@ -9,7 +9,7 @@ use crate::body::Motion;
 use crate::hash::hash_of;
 use crate::model::Model;
 use crate::needle::{self, Grip};
-use crate::thread::{Bridge, ThreadEnd, ThreadHold, ThreadPoint, Tightening};
+use crate::thread::{Bridge, ThreadEnd, ThreadHold, ThreadPlace, ThreadPoint, Tightening};
 use crate::tool::ToolSample;
 use nalgebra::Vector3;
 use serde::Serialize;
@@ -98,6 +98,47 @@ impl State {
         let parts = &model.sources.as_ref()?.needles;
         let index = parts.iter().position(|part| part.id == needle)?;
         Some(self.sources.as_ref()?.each.get(index)?.pose)
+    }
+
+    /// The point of a needle's centre line that is nearest to a place \[m\], (3); `None` if there is no such needle.
+    pub fn nearest_of_needle(&self, model: &Model, needle: u8, to: &[f64; 3]) -> Option<[f64; 3]> {
+        let parts = &model.sources.as_ref()?.needles;
+        let part = parts.iter().find(|part| part.id == needle)?;
+        let curve = part.needle.at(&self.needle_pose(model, needle)?);
+        Some(curve.nearest(&Vector3::from(*to)).into())
+    }
+
+    /// The point near an end of a thread that is nearest to a place \[m\], (3): of the straight way from the outermost face that it goes
+    /// through to what holds that end, of a free tail that face alone, as where it hangs nobody computes; without a
+    /// face the needle's end. `None` if there is no such thread. Solves for all nodes.
+    pub fn nearest_of_thread(
+        &self,
+        model: &Model,
+        thread: u8,
+        end: ThreadEnd,
+        to: &[f64; 3],
+    ) -> Option<[f64; 3]> {
+        let path = self.thread_path(model, thread, &self.positions(model));
+        let outer = |point: &ThreadPoint| Vector3::from(point.at_m);
+        let pair = match end {
+            ThreadEnd::Tail => path.iter().take(2).map(outer).collect::<Vec<_>>(),
+            ThreadEnd::Head => path.iter().rev().take(2).map(outer).collect(),
+        };
+        let (first, next) = (*pair.first()?, pair.last()?);
+        // A free tail ends at a face.
+        let is_held = end == ThreadEnd::Head || path.first()?.what == ThreadPlace::End;
+        let way = if is_held {
+            next - first
+        } else {
+            Vector3::zeros()
+        };
+        let share = way.dot(&(Vector3::from(*to) - first)) / way.norm_squared();
+        let share = if share.is_finite() {
+            share.clamp(0.0, 1.0)
+        } else {
+            0.0
+        };
+        Some((first + way * share).into())
     }
 
     /// The faces that a needle goes through, from its end to its tip.

@@ -15,6 +15,8 @@ const GAP_M: f64 = 0.004;
 /// Half a circle, whose centre goes along above the gap.
 const NEEDLE_RADIUS_M: f64 = 0.008;
 const NEEDLE_DEG: f64 = 180.0;
+/// From how far scripted hands take it \[m\]: they turn about the circle's centre.
+const REACH_M: f64 = 0.01;
 const CENTRE_Z_M: f64 = 0.002;
 /// Between the tip and the tissue when a bite begins, and between the needle's end and the tissue when it has ended
 /// \[degree\].
@@ -158,10 +160,10 @@ rims = [
         depth = NEEDLE_RADIUS_M - CENTRE_Z_M,
     ));
     text.push_str("# The console's own.\n[[tool]]\nid = 0\nshape = \"grip\"\n\n");
-    text.push_str("# Goes round with the needle.\n");
-    write::hand(&mut text, 1, &round);
-    text.push_str("# Carries the needle to the next bite, and pulls the tail.\n");
-    write::hand(&mut text, 2, &carry);
+    text.push_str("# Goes round with the needle, which it holds from the circle's centre.\n");
+    write::hand(&mut text, 1, REACH_M, &round);
+    text.push_str("# Carries the needle to the next bite, held likewise, and pulls the tail.\n");
+    write::hand(&mut text, 2, REACH_M, &carry);
     let pulled = along(head, PULL_M, right);
     write::console_hand(
         &mut text,

@@ -29,6 +29,8 @@ const LOWER: Tube = Tube {
 /// Half a circle.
 const NEEDLE_RADIUS_M: f64 = 0.0061;
 const NEEDLE_DEG: f64 = 180.0;
+/// From how far scripted hands take it \[m\]: they turn about the circle's centre.
+const REACH_M: f64 = 0.008;
 /// Distance of its circle's centre from the tubes' axis, and height \[m\]: it goes into a tube's outside 2 mm from its
 /// end and comes out of the cut, and half a circle fits outside both tubes.
 const CENTRE_M: [f64; 2] = [0.0155, 0.0001];
@@ -221,10 +223,10 @@ rims = [
         LOWER.ends_m[1],
     ));
     text.push_str("# The console's own.\n[[tool]]\nid = 0\nshape = \"grip\"\n\n");
-    text.push_str("# Goes round with the needle.\n");
-    write::hand(&mut text, 1, &round);
-    text.push_str("# Carries the needle to the next bite, and pulls the tail.\n");
-    write::hand(&mut text, 2, &carry);
+    text.push_str("# Goes round with the needle, which it holds from the circle's centre.\n");
+    write::hand(&mut text, 1, REACH_M, &round);
+    text.push_str("# Carries the needle to the next bite, held likewise, and pulls the tail.\n");
+    write::hand(&mut text, 2, REACH_M, &carry);
     let pulled = along(head, pull_m, aside(head_out, 1.0));
     write::console_hand(
         &mut text,

@@ -49,9 +49,12 @@ hold = [
     text.push_str("]\n\n");
 }
 
-/// `[[tool]]`: a grip with its script.
-pub fn hand(text: &mut String, id: u8, stops: &[Stop]) {
-    let _ = writeln!(text, "[[tool]]\nid = {id}\nshape = \"grip\"\nway_point = [");
+/// `[[tool]]`: a grip with its script, which takes what is so far from it \[m\].
+pub fn hand(text: &mut String, id: u8, reach_m: f64, stops: &[Stop]) {
+    let _ = writeln!(
+        text,
+        "[[tool]]\nid = {id}\nshape = \"grip\"\nreach_m = {reach_m}\nway_point = ["
+    );
     for stop in stops {
         let at = position(stop.position_m);
         let _ = write!(text, "  {{ time_s = {:.3}, position_m = {at}", stop.time_s);

@@ -2,7 +2,7 @@
 //!
 //! Entry points: [`EventLog::step`], [`EventLog::said`].
 
-use crate::event::Event;
+use crate::event::{Event, Held};
 use crate::step::{Status, StepReport};
 use crate::thread::ThreadEnd;
 use serde_json::{Value, json};
@@ -95,7 +95,7 @@ impl Happened {
             Event::Slipped {
                 thread, end, tool, ..
             } => Some((*thread, *end, *tool)),
-            Event::Broke { .. } => None,
+            Event::Broke { .. } | Event::Missed { .. } => None,
         };
         of(next).is_some_and(|next| of(&self.event) == Some(next))
     }
@@ -153,7 +153,37 @@ impl Happened {
                 "tension_n": tension_n,
                 "lost_m": lost_m,
             }),
+            Event::Missed {
+                tool,
+                what,
+                distance_m,
+                nearest_m,
+            } => {
+                let mut said = json!({
+                    "event": "missed",
+                    "time_s": time_s,
+                    "tool": tool,
+                    "distance_m": distance_m,
+                    "nearest_m": nearest_m,
+                });
+                match what {
+                    Held::Needle(id) => said["needle"] = id.into(),
+                    Held::Thread(id, end) => {
+                        said["thread"] = id.into();
+                        said["end"] = word(end).into();
+                    }
+                }
+                said
+            }
         }
+    }
+}
+
+/// As a sentence has it.
+pub(super) fn name(what: &Held) -> String {
+    match what {
+        Held::Needle(id) => format!("needle {id}"),
+        Held::Thread(id, end) => format!("thread {id} by its {}", word(*end)),
     }
 }
 

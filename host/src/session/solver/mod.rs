@@ -16,6 +16,7 @@ use super::{
     Effort, HeldNeedle, HeldThread, Plan, Rendering, Solve, SolveError, Solved, Spared, reach_m,
 };
 use crate::clock::Clock;
+use crate::event::Event;
 use crate::model::Model;
 use crate::prescribed::Prescribed;
 use crate::scene::{Pose, Registered, Scene};
@@ -323,7 +324,12 @@ impl SceneSolver {
         let parts = tissue
             .as_mut()
             .map(|tissue| (&*tissue.model, &mut tissue.state));
-        let samples = script.step_to(time_s, sample, parts);
+        script.step_to(time_s, sample, parts);
+        for missed in script.take_missed() {
+            events.note(time_s, missed);
+            warn_of(&missed);
+        }
+        let samples = script.samples();
         if let (Some(tissue), Some(driven)) = (tissue, samples.first().filter(|_| armed_anew)) {
             tissue.state.put(driven);
         }
@@ -338,7 +344,7 @@ impl SceneSolver {
         self.past.peaks.punctures()
     }
 
-    /// What has happened to threads so far.
+    /// What has happened to threads, and which holds were out of reach, so far.
     pub fn events(&self) -> &[Happened] {
         self.past.events.all()
     }
@@ -485,6 +491,26 @@ impl SceneSolver {
         if let Some(tissue) = self.follower.constrained() {
             tissue.work.renew_in_step();
         }
+    }
+}
+
+/// Says where a hand has to go that has missed what it was to hold.
+fn warn_of(missed: &Event) {
+    if let Event::Missed {
+        tool,
+        what,
+        distance_m,
+        nearest_m: [x, y, z],
+    } = missed
+    {
+        tracing::warn!(
+            "tool {tool} was to take {}, {:.1} mm away: bring its grip to ({:.1}, {:.1}, {:.1}) mm",
+            events::name(what),
+            1e3 * distance_m,
+            1e3 * x,
+            1e3 * y,
+            1e3 * z
+        );
     }
 }
 

@@ -1,0 +1,78 @@
+//! What a session comes by if its hands keep to their scripts.
+//!
+//! Entry point: [`path`].
+
+use super::holds::Taken;
+use super::{Script, isometry};
+use crate::scene::{Pose, Scene};
+use nalgebra::{Isometry3, Vector3};
+
+/// Places that a session comes by if its hands keep to their scripts.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Path {
+    /// Of the driven tool's grip, and how it is turned there.
+    pub grips: Vec<Pose>,
+    /// Of the needles' centre lines \[m\].
+    pub needles: Vec<Vector3<f64>>,
+}
+
+/// Where the scripts lead until `seconds` \[s\], looked at `every_s`; points of a needle are at most `apart_m` from each
+/// other. Empty without a hand.
+pub fn path(scene: &Scene, seconds: f64, every_s: f64, apart_m: f64) -> Path {
+    let mut path = Path::default();
+    if scene.hand.is_none() {
+        return path;
+    }
+    let mut script = Script::new(scene);
+    // Needles as they would go in the open, and in which tool's frame they are where.
+    let mut poses: Vec<Isometry3<f64>> = scene.needles.iter().map(|n| n.start).collect();
+    let mut grips: Vec<Option<(u8, Isometry3<f64>)>> = vec![None; poses.len()];
+    // Who is to take each, but does not reach it yet.
+    let mut waiting: Vec<Option<u8>> = vec![None; poses.len()];
+    let places = (seconds / every_s).ceil().max(0.0) as u32;
+    for place in 0..=places {
+        let time_s = f64::from(place) * every_s;
+        while let Some(change) = script.due(time_s) {
+            let Taken::Needle { id, tool } = change.what else {
+                continue;
+            };
+            let index = scene.needles.iter().position(|n| n.id == id);
+            if let Some(index) = index {
+                waiting[index] = tool;
+                if tool.is_none() {
+                    grips[index] = None;
+                }
+            }
+        }
+        for (index, needle) in scene.needles.iter().enumerate() {
+            let Some((tool, reach_m)) = waiting[index].and_then(|id| script.hand(id)) else {
+                continue;
+            };
+            let at = Vector3::from(tool.position_m);
+            let pose = &poses[index];
+            if needle.needle.at(pose).nearest(&at).metric_distance(&at) <= reach_m {
+                grips[index] = Some((tool.id, isometry(&tool).inverse() * pose));
+                waiting[index] = None;
+            }
+        }
+        let in_hand = script.in_hand(time_s);
+        script.go(time_s, in_hand);
+        if let Some(grip) = script.samples.first().filter(|_| script.is_driven) {
+            path.grips.push(Pose {
+                position_m: grip.position_m,
+                orientation: grip.orientation,
+            });
+        }
+        for ((needle, pose), grip) in scene.needles.iter().zip(&mut poses).zip(&grips) {
+            let holder = grip.and_then(|(id, _)| script.sample(id));
+            if let (Some(tool), Some((_, in_grip))) = (holder, grip) {
+                *pose = isometry(&tool) * in_grip;
+            }
+            let curve = needle.needle.at(pose);
+            let pieces = (curve.length / apart_m).ceil().max(1.0) as u32;
+            let alphas = (0..=pieces).map(|k| curve.length * f64::from(k) / f64::from(pieces));
+            path.needles.extend(alphas.map(|alpha| curve.at(alpha)));
+        }
+    }
+    path
+}
