@@ -31,6 +31,15 @@ pub enum Event {
         /// What was behind that and is gone, unstretched \[m\].
         lost_m: f64,
     },
+    /// A thread presses harder on tissue than that bears.
+    Pressed {
+        /// Id of the thread.
+        thread: u8,
+        /// What it presses with, where most \[Pa\].
+        pressure_pa: f64,
+        /// What tissue bears \[Pa\].
+        tear_pa: f64,
+    },
     /// A tool was to take what is out of its reach. It is tried again in every step until the time of that hold ends; what held it
     /// before goes on meanwhile.
     Missed {

@@ -108,6 +108,9 @@ pub struct ThreadSummary {
     /// What has been broken off \[m\], if it has broken.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub broken_off_m: Option<f64>,
+    /// What it presses on tissue at each passage, from the tail on \[Pa\]; of a thread whose length runs through.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub thread_pressure_pa: Vec<f64>,
 }
 
 fn nothing_slipped(slipped_m: &[f64; 2]) -> bool {
@@ -177,7 +180,10 @@ impl Wound {
             threads: threads
                 .iter()
                 .zip(&bridges)
-                .map(|(thread, bridges)| ThreadSummary::new(thread, bridges.len()))
+                .map(|(thread, bridges)| ThreadSummary {
+                    thread_pressure_pa: state.thread_pressures_pa(model, thread.id),
+                    ..ThreadSummary::new(thread, bridges.len())
+                })
                 .collect(),
         }
     }
@@ -282,6 +288,7 @@ impl ThreadSummary {
             dissipated_j: report.dissipated_j,
             slipped_m: report.slipped_m,
             broken_off_m: report.broken_off_m,
+            thread_pressure_pa: Vec::new(),
         }
     }
 }

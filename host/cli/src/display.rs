@@ -420,6 +420,12 @@ fn event(event: &serde_json::Value) -> String {
             number("tension_n"),
             1e3 * number("lost_m")
         ),
+        "pressed" => format!(
+            "{at}: thread {} presses on tissue with {:.0} kPa, which bears {:.0} kPa",
+            event["thread"],
+            1e-3 * number("pressure_pa"),
+            1e-3 * number("tear_pa")
+        ),
         "missed" => format!(
             "{at}: tool {} was to take {} {}, {:.1} mm away",
             event["tool"],

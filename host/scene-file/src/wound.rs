@@ -36,6 +36,12 @@ pub struct ThreadSection {
     /// What a tool's grip holds before the thread slips through it \[N\]; all when left out.
     #[schemars(with = "Option<f64>")]
     pub grip_n: Option<Spanned<f64>>,
+    /// Diameter, over which it presses on tissue, beside one of the three before \[m\]; 0.0003 when left out.
+    #[schemars(with = "Option<f64>")]
+    pub thickness_m: Option<Spanned<f64>>,
+    /// Pressure on tissue above which that would tear, which is warned of, beside one of those three \[Pa\]; none when left out.
+    #[schemars(with = "Option<f64>")]
+    pub tear_pa: Option<Spanned<f64>>,
     /// What holds its ends, from when on.
     #[serde(default)]
     #[schemars(with = "Vec<ThreadHoldSection>")]

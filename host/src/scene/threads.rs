@@ -51,6 +51,12 @@ pub struct Tighten {
 }
 
 impl Thread {
+    /// Pressure of it that tissue bears \[Pa\].
+    pub fn tear_pa(&self) -> f64 {
+        let through = self.part.through;
+        through.map_or(f64::INFINITY, |through| through.tear_pa)
+    }
+
     /// How far its spans are tightened at a time since the session began \[s\]; `None` before that begins.
     pub fn tightened(&self, time_s: f64) -> Option<Tightening> {
         let begun = self
@@ -171,8 +177,26 @@ fn read_through(document: &Document, said: &ThreadSection) -> Result<Option<Thro
     {
         through.grip_n = value;
     }
+    let help = "diameter in metres: sutures have 0.00007 (6-0) to 0.0004 (0)";
+    if let Some(value) = number("thickness_m", &said.thickness_m, positive, help)? {
+        through.thickness_m = value;
+    }
+    let help = "in pascals: soft tissue bears 1e5 to 1e6 under a thread";
+    if let Some(value) = number("tear_pa", &said.tear_pa, positive, help)? {
+        through.tear_pa = value;
+    }
     let keys = [&said.axial_stiffness_n, &said.drag_n_per_m, &said.grip_n];
-    Ok(keys.iter().any(|key| key.is_some()).then_some(through))
+    if keys.iter().any(|key| key.is_some()) {
+        return Ok(Some(through));
+    }
+    match said.thickness_m.as_ref().or(said.tear_pa.as_ref()) {
+        None => Ok(None),
+        Some(alone) => {
+            let message = "a thread that does not act on tissue along its path presses nowhere";
+            let help = "add `axial_stiffness_n = inf`: its length runs through tissue then";
+            Err(document.flaw(alone.span(), message, "of no effect", Some(help)))
+        }
+    }
 }
 
 /// Coulomb's coefficient of a thread or a contact; 0 when left out.

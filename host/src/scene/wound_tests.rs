@@ -140,8 +140,21 @@ fn a_length_runs_through_tissue_where_a_key_says_so() {
         axial_stiffness_n: 200.0,
         drag_n_per_m: 5.0,
         grip_n: 3.0,
+        ..Through::default()
     };
     assert_eq!(all, Some(expected));
+    let presses = through("grip_n = inf\nthickness_m = 0.2e-3\ntear_pa = 3e5");
+    let expected = Through {
+        thickness_m: 0.2e-3,
+        tear_pa: 3e5,
+        ..stiff
+    };
+    assert_eq!(presses, Some(expected));
+    for alone in ["thickness_m = 0.2e-3", "tear_pa = 3e5"] {
+        let said = format!("strength_n = 12.0\n{alone}\n");
+        let flaw = read(&GOOD.replace("strength_n = 12.0\n", &said)).expect_err("no effect");
+        assert!(flaw.to_string().contains("presses nowhere"), "{flaw}");
+    }
 }
 
 /// 3.37 of the source with `ratio` from 1 on; at rest between and after the two sections.

@@ -220,6 +220,16 @@ impl State {
         })
     }
 
+    /// What a thread whose length runs through tissue presses on that at each of its passages, from the tail on: the normal force
+    /// of its turn per length and thickness \[Pa\].
+    pub fn thread_pressures_pa(&self, model: &Model, thread: u8) -> Vec<f64> {
+        let index = model.thread(thread);
+        let found = self.sources.as_ref().zip(model.sources.as_ref()).zip(index);
+        found.map_or_else(Vec::new, |((state, sources), index)| {
+            state.thread_pressures_pa(sources, index)
+        })
+    }
+
     /// As a copy of `other`, a state of the same model, without new memory: of all that can be seen of it. Nothing goes on from
     /// it, as the factor of its tissue's tangent stays.
     pub(crate) fn see(&mut self, other: &Self) {

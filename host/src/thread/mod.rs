@@ -11,6 +11,7 @@ mod friction;
 mod gives;
 mod model;
 mod nearest;
+mod pressure;
 mod report;
 mod segments;
 mod skin;

@@ -37,15 +37,24 @@ pub struct Through {
     pub drag_n_per_m: f64,
     /// What a tool's grip holds before the thread slips through it \[N\]; may be infinite.
     pub grip_n: f64,
+    /// Diameter, over which it presses on tissue \[m\].
+    pub thickness_m: f64,
+    /// Pressure on tissue above which that tears \[Pa\], which is warned of and does not happen; infinite for none.
+    pub tear_pa: f64,
 }
 
+/// Diameter of a thread that does not say \[m\]: USP 2-0.
+const THICKNESS_M: f64 = 0.3e-3;
+
 impl Default for Through {
-    /// Inextensible, without drag, in grips that do not let it slip.
+    /// Inextensible, without drag, in grips that do not let it slip; of 0.3 mm.
     fn default() -> Self {
         Self {
             axial_stiffness_n: f64::INFINITY,
             drag_n_per_m: 0.0,
             grip_n: f64::INFINITY,
+            thickness_m: THICKNESS_M,
+            tear_pa: f64::INFINITY,
         }
     }
 }
@@ -178,6 +187,8 @@ pub struct ThreadReport {
     pub wraps: u32,
     /// Spent by friction so far \[J\].
     pub dissipated_j: f64,
+    /// Largest of [`crate::step::State::thread_pressures_pa`] \[Pa\].
+    pub pressure_pa: f64,
 }
 
 /// A point of a thread's path, from tail to head.
@@ -335,6 +346,8 @@ fn check_numbers(part: &ThreadPart) -> Result<(), ThreadError> {
         axial_stiffness_n,
         drag_n_per_m,
         grip_n,
+        thickness_m,
+        tear_pa,
     } = part.through.unwrap_or_default();
     let positive = |value: f64| (value > 0.0 && value.is_finite(), "above zero");
     // Infinite for what does not give way.
@@ -352,6 +365,8 @@ fn check_numbers(part: &ThreadPart) -> Result<(), ThreadError> {
         ),
         ("drag_n_per_m", drag_n_per_m, drag(drag_n_per_m)),
         ("grip_n", grip_n, rigid(grip_n)),
+        ("thickness_m", thickness_m, positive(thickness_m)),
+        ("tear_pa", tear_pa, rigid(tear_pa)),
     ];
     for (what, value, (sound, rule)) in numbers {
         if !sound {

@@ -64,6 +64,15 @@ impl SourcesState {
             .collect()
     }
 
+    /// See [`crate::step::State::thread_pressures_pa`].
+    pub fn thread_pressures_pa(&self, sources: &Sources, thread: usize) -> Vec<f64> {
+        let each = self
+            .threads
+            .get(thread)
+            .zip(sources.threads.parts.get(thread));
+        each.map_or_else(Vec::new, |(each, part)| each.pressures_pa(part).collect())
+    }
+
     /// See [`crate::step::State::thread_path`].
     pub fn thread_path(
         &self,
@@ -190,6 +199,7 @@ impl Balance<'_> {
             welds: welds.count() as u32,
             wraps: thread.bends.len() as u32,
             dissipated_j: thread.friction_j,
+            pressure_pa: thread.pressures_pa(part).fold(0.0, f64::max),
             ..ThreadReport::default()
         };
         for (place, end) in [ThreadEnd::Tail, ThreadEnd::Head].into_iter().enumerate() {

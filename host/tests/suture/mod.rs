@@ -4,5 +4,6 @@ mod extremes;
 mod gives;
 mod hanging;
 mod one_length;
+mod pressure;
 mod pull;
 mod rig;

@@ -16,6 +16,8 @@ const INEXTENSIBLE: Through = Through {
     axial_stiffness_n: f64::INFINITY,
     drag_n_per_m: 0.0,
     grip_n: f64::INFINITY,
+    thickness_m: 0.3e-3,
+    tear_pa: f64::INFINITY,
 };
 pub(super) const ELASTIC: Through = Through {
     axial_stiffness_n: EA_N,
@@ -73,7 +75,7 @@ pub(super) fn drawn_through(mesh: (TetMesh, Vec<u32>), part: ThreadPart) -> Benc
 }
 
 /// The same, with the tail in the hands of tool 1, in line with the path.
-fn locked(through: Through) -> Bench {
+pub(super) fn locked(through: Through) -> Bench {
     let mut bench = drawn_through(thick(sides), part(through));
     hold(&mut bench, ThreadEnd::Tail, ThreadHold::Tool(1));
     bench
@@ -240,10 +242,14 @@ pub(super) fn turn_rad(path: &[ThreadPoint]) -> f64 {
 /// A half-circle needle drawn `times` in at x = 8 mm and out at -8 mm through tissue that does not move, its tail in a grip
 /// that slips; both ends leave the tissue upwards.
 pub(super) fn wound_up(times: u32, with: ThreadPart) -> Bench {
+    // All but the lower side is held.
+    wound_up_in(thick(|at| at[2] > -0.0199), times, with)
+}
+
+/// The same in other tissue.
+pub(super) fn wound_up_in(mesh: (TetMesh, Vec<u32>), times: u32, with: ThreadPart) -> Bench {
     let radius = 0.008;
     let start = frame([-radius, -0.004, 1e-4], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]);
-    // All but the lower side is held.
-    let mesh = thick(|at| at[2] > -0.0199);
     let mut bench = threaded(mesh, (arc(radius, 170.0), start), with);
     for _ in 0..times {
         for _ in 0..360 {

@@ -31,12 +31,15 @@ pub(super) struct EventLog {
     left_out: u64,
     /// Steps that found a balance.
     steps: u64,
+    /// Largest pressure of each thread on tissue, what that bears, and whether it has been told that it is more \[Pa\].
+    pressures: Vec<(f64, f64, bool)>,
 }
 
 impl EventLog {
-    /// Nothing yet.
-    pub fn new() -> Self {
+    /// Nothing yet; tissue bears so much of each thread \[Pa\].
+    pub fn new(tear_pa: impl Iterator<Item = f64>) -> Self {
         Self {
+            pressures: tear_pa.map(|tear_pa| (0.0, tear_pa, false)).collect(),
             all: Vec::with_capacity(MOST),
             left_out: 0,
             steps: 0,
@@ -52,6 +55,32 @@ impl EventLog {
         for event in report.events() {
             self.note(time_s, event);
         }
+        for (place, thread) in report.threads().iter().enumerate() {
+            let Some((peak_pa, tear_pa, is_told)) = self.pressures.get_mut(place) else {
+                continue;
+            };
+            *peak_pa = peak_pa.max(thread.pressure_pa);
+            let tear_pa = *tear_pa;
+            if thread.pressure_pa > tear_pa && !std::mem::replace(is_told, true) {
+                let pressed = Event::Pressed {
+                    thread: thread.id,
+                    pressure_pa: thread.pressure_pa,
+                    tear_pa,
+                };
+                self.note(time_s, pressed);
+                tracing::warn!(
+                    "thread {} presses on tissue with {:.0} kPa, which bears {:.0} kPa",
+                    thread.id,
+                    1e-3 * thread.pressure_pa,
+                    1e-3 * tear_pa
+                );
+            }
+        }
+    }
+
+    /// Largest pressure of each thread on tissue so far \[Pa\].
+    pub fn peaks_pa(&self) -> impl Iterator<Item = f64> {
+        self.pressures.iter().map(|(peak_pa, ..)| *peak_pa)
     }
 
     /// Takes note of an event at a time \[s\].
@@ -95,7 +124,7 @@ impl Happened {
             Event::Slipped {
                 thread, end, tool, ..
             } => Some((*thread, *end, *tool)),
-            Event::Broke { .. } | Event::Missed { .. } => None,
+            _ => None,
         };
         of(next).is_some_and(|next| of(&self.event) == Some(next))
     }
@@ -152,6 +181,17 @@ impl Happened {
                 "thread": thread,
                 "tension_n": tension_n,
                 "lost_m": lost_m,
+            }),
+            Event::Pressed {
+                thread,
+                pressure_pa,
+                tear_pa,
+            } => json!({
+                "event": "pressed",
+                "time_s": time_s,
+                "thread": thread,
+                "pressure_pa": pressure_pa,
+                "tear_pa": tear_pa,
             }),
             Event::Missed {
                 tool,
@@ -212,7 +252,7 @@ mod tests {
     /// Of a slip that lasts there is one event; what comes after a pause, or through another grip, is another.
     #[test]
     fn what_slips_on_is_one_event() {
-        let mut log = EventLog::new();
+        let mut log = EventLog::new(std::iter::empty());
         let mut step = |time_s: f64, event: Option<Event>| {
             let mut report = StepReport::default();
             event.into_iter().for_each(|event| report.happened(event));
@@ -243,7 +283,7 @@ mod tests {
 
     #[test]
     fn what_finds_no_room_is_counted() {
-        let mut log = EventLog::new();
+        let mut log = EventLog::new(std::iter::empty());
         let broke = Event::Broke {
             thread: 0,
             tension_n: 1.0,
@@ -253,5 +293,28 @@ mod tests {
             log.note(0.0, broke);
         }
         assert_eq!((log.all().len(), log.said().1), (MOST, 2));
+    }
+
+    /// What a thread presses is kept at its largest, and told once where tissue bears less.
+    #[test]
+    fn a_thread_that_presses_too_hard_is_told_once() {
+        let mut log = EventLog::new([2e5].into_iter());
+        for (time_s, pressure_pa) in [(0.1, 1e5), (0.2, 2.5e5), (0.3, 1e5), (0.4, 3e5)] {
+            let mut report = StepReport::default();
+            report.threads_mut(1)[0].pressure_pa = pressure_pa;
+            log.step(time_s, &report);
+        }
+        let told: Vec<_> = log
+            .all()
+            .iter()
+            .map(|one| (one.time_s, one.event))
+            .collect();
+        let pressed = Event::Pressed {
+            thread: 0,
+            pressure_pa: 2.5e5,
+            tear_pa: 2e5,
+        };
+        assert_eq!(told, [(0.2, pressed)]);
+        assert_eq!(log.peaks_pa().collect::<Vec<_>>(), [3e5]);
     }
 }

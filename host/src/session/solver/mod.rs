@@ -19,7 +19,7 @@ use crate::clock::Clock;
 use crate::event::Event;
 use crate::model::Model;
 use crate::prescribed::Prescribed;
-use crate::scene::{Pose, Registered, Scene};
+use crate::scene::{Pose, Registered, Scene, Thread};
 use crate::script::{Path, Script, path};
 use crate::step::{
     self, Arrival, Rule, Stages, Status, StepOptions, StepReport, ToolRows, Workspace,
@@ -140,7 +140,7 @@ impl SceneSolver {
                 began_us: None,
                 budget: LookBudget::new(1e6 / scene.host.host_hz, follower.nodes()),
                 peaks: Peaks::new(scene),
-                events: EventLog::new(),
+                events: EventLog::new(scene.threads.iter().map(Thread::tear_pa)),
                 last_sample: None,
                 last: StepReport::default(),
             },
@@ -403,6 +403,13 @@ impl SceneSolver {
         let peaks_n = &self.past.peaks.tension_n;
         for (thread, peak) in threads.into_iter().flatten().zip(peaks_n) {
             thread["peak_tension_n"] = json!(peak);
+        }
+        let threads = map.get_mut("threads").and_then(Value::as_array_mut);
+        let peaks_pa = self.past.events.peaks_pa();
+        for (thread, peak) in threads.into_iter().flatten().zip(peaks_pa) {
+            if peak > 0.0 {
+                thread["peak_thread_pressure_pa"] = json!(peak);
+            }
         }
         map
     }
