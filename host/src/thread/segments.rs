@@ -110,6 +110,8 @@ pub(crate) struct Span {
 pub(crate) struct Passage {
     /// Most that friction can lessen the tension by, while `limit_n` is the most that it can raise it by \[N\].
     pub lessens_n: f64,
+    /// Tension before it, and its friction, after the last solve of this balance \[N\].
+    pub before: Option<[f64; 2]>,
 }
 
 /// A place among the faces or where it is held \[m\], and where on the thread that is \[m\].

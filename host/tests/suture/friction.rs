@@ -3,7 +3,9 @@
 use super::one_length::*;
 use super::rig::*;
 use nalgebra::Vector3;
-use sutura_host::thread::{ThreadEnd, ThreadHold, ThreadPart, ThreadPoint, ThreadReport, Through};
+use sutura_host::thread::{
+    ThreadEnd, ThreadHold, ThreadPart, ThreadPlace, ThreadPoint, ThreadReport, Through,
+};
 
 const GRIP_N: f64 = 0.2;
 /// Steps of a minute at 200 Hz.
@@ -37,7 +39,7 @@ fn stored_j(path: &[ThreadPoint]) -> f64 {
 #[test]
 fn friction_spends_what_slides_over_it() {
     let mut all = Vec::new();
-    for friction in [0.0, 0.1] {
+    for friction in [0.0, 0.1, 0.3] {
         let with = ThreadPart {
             friction,
             ..part(Through {
@@ -80,7 +82,7 @@ fn friction_spends_what_slides_over_it() {
         }
         all.push(spent);
     }
-    assert!(all[0] < all[1], "{all:?}");
+    assert!(all[0] < all[1] && all[1] < all[2], "{all:?}");
 }
 
 /// Raises the head's hand by 0.1 mm a step until `is_done`.
@@ -181,5 +183,92 @@ fn nothing_creeps_for_a_minute() {
             assert_eq!(thread.tension_n[0] > 0.1, is_held, "{thread:?}");
             assert!(crept_m < 1e-9 && worst < 1e-6, "{crept_m} {worst}");
         }
+    }
+}
+
+/// Tensions of a passage's pieces as they are, and as friction at every crossing by itself has them, from that before the passage and
+/// the turns on the way; the last is the piece after it \[N\].
+fn by_crossing(path: &[ThreadPoint], enters: usize, friction: f64) -> Vec<[f64; 2]> {
+    let way =
+        |from: usize, to: usize| Vector3::from(path[to].at_m) - Vector3::from(path[from].at_m);
+    let leaves = (enters..path.len()).find(|place| path[*place].what == ThreadPlace::Leaves);
+    let leaves = leaves.expect("a way out");
+    // Faces that share a point share their tension.
+    let turns = |place: &usize| path[*place].tension_n != path[*place - 1].tension_n;
+    let kept: Vec<usize> = (enters..=leaves)
+        .filter(turns)
+        .chain([leaves + 1])
+        .collect();
+    let pieces = kept.windows(2).map(|two| (two[0], two[1]));
+    let mut expected = path[enters - 1].tension_n;
+    let mut tensions = Vec::new();
+    let mut last = way(enters - 1, enters);
+    for (begin, end) in pieces {
+        expected *= (friction * last.angle(&way(begin, end))).exp();
+        last = way(begin, end);
+        tensions.push([path[begin].tension_n, expected]);
+    }
+    tensions
+}
+
+/// Two bites beside each other and the turn between them, in tissue that gives way: how far one unknown a passage, spread over its
+/// length, is from friction at every crossing. Behind each passage it is the same; within, it is off by a part of what the
+/// passage changes.
+#[test]
+fn one_friction_a_passage_is_near_that_of_every_crossing() {
+    for friction in [0.1, 0.3] {
+        let with = ThreadPart {
+            friction,
+            ..part(Through {
+                grip_n: GRIP_N,
+                ..ELASTIC
+            })
+        };
+        let mut bench = wound_up_in(thick(sides), 2, with);
+        go(&mut bench, Vector3::new(0.0, 0.0, 0.03));
+        let path = bench.path(7);
+        let enters = (0..path.len()).filter(|place| path[*place].what == ThreadPlace::Enters);
+        let (mut inner, mut behind) = (0.0f64, 0.0f64);
+        for enters in enters {
+            let tensions = by_crossing(&path, enters, friction);
+            assert!(tensions.len() > 3, "{tensions:?}");
+            let off = |[is, by]: &[f64; 2]| (is / by - 1.0).abs();
+            let (last, inside) = tensions.split_last().expect("pieces");
+            behind = behind.max(off(last));
+            inner = inside.iter().map(off).fold(inner, f64::max);
+        }
+        println!("friction {friction}: off by {behind} behind a passage, {inner} within");
+        assert!(behind < 0.01, "{behind}");
+        assert!(inner < friction, "{inner}");
+    }
+}
+
+/// Round a turn at which friction multiplies the tension by more than e, steps settle at once, and to the same law.
+#[test]
+fn a_turn_that_multiplies_the_tension_settles() {
+    for friction in [0.5, 0.8] {
+        let with = ThreadPart {
+            friction,
+            ..part(ELASTIC)
+        };
+        let mut bench = wound_up(1, with);
+        let (mut most, mut pieces, mut taut) = (0, 0, 0);
+        for _ in 0..200 {
+            bench.grip.translation.vector.z += 5e-5;
+            let report = bench.step_both();
+            assert_eq!(report.status.name(), "ok");
+            most = most.max(report.solves);
+            pieces = pieces.max(report.substeps);
+            let [tail, head] = report.threads()[0].tension_n;
+            if tail > 0.05 {
+                let turn = friction * turn_rad(&bench.path(7));
+                assert!(turn > 1.5);
+                let ratio = (head / tail).ln() / turn;
+                assert!((ratio - 1.0).abs() < 0.01, "{tail} {head} {turn}");
+                taut += 1;
+            }
+        }
+        println!("{friction}: {most} solves, {pieces} pieces, {taut} steps taut");
+        assert!(taut > 20 && most <= 24, "{most} {taut}");
     }
 }
