@@ -4,9 +4,9 @@
 //! not been where its needle's end has not been.
 
 use super::document::{Document, Flaw};
-use super::file::NeedleSection;
+use sutura_scene_file::scene::NeedleSection;
 use super::hand::position_at;
-use super::wound_file::ThreadSection;
+use sutura_scene_file::wound::ThreadSection;
 use super::{Needle, Thread, Tool};
 use crate::thread::ThreadHold;
 use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3};
