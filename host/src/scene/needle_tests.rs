@@ -49,6 +49,7 @@ rotation_deg = [0.0, 90.0, 0.0]
 [[tool]]
 id = 5
 shape = "grip"
+reach_m = 0.06
 
 [[tool.way_point]]
 time_s = 0.0

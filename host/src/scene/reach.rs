@@ -4,12 +4,12 @@
 //! not been where its needle's end has not been.
 
 use super::document::{Document, Flaw};
-use sutura_scene_file::scene::NeedleSection;
 use super::hand::position_at;
-use sutura_scene_file::wound::ThreadSection;
 use super::{Needle, Thread, Tool};
 use crate::thread::ThreadHold;
 use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3};
+use sutura_scene_file::scene::NeedleSection;
+use sutura_scene_file::wound::ThreadSection;
 use sutura_shared::wire::message::HandScript;
 use toml::Spanned;
 

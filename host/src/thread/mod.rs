@@ -6,6 +6,7 @@
 mod bends;
 mod chain;
 mod ends;
+mod follow;
 mod free;
 mod friction;
 mod gives;
@@ -22,6 +23,7 @@ mod wrap;
 
 pub(crate) use bends::BendWork;
 pub(crate) use ends::EndRows;
+pub(crate) use follow::FollowWork;
 pub(crate) use model::Threads;
 pub(crate) use segments::Segment;
 pub(crate) use skin::Skin;

@@ -11,6 +11,7 @@
 //! Friction: the tension changes by F at a passage through tissue, which is bounded, e^(mu theta) - 1 times the smaller
 //! of the tensions on both sides (capstan), and F is the multiplier of the length of all that lies beyond: a box row.
 
+use super::follow::{FollowWork, LengthRows};
 use super::model::{ThreadHold, ThreadPart, ThreadTension};
 use super::state::ThreadState;
 use crate::anchors::{
@@ -110,8 +111,8 @@ pub(crate) struct Span {
 pub(crate) struct Passage {
     /// Most that friction can lessen the tension by, while `limit_n` is the most that it can raise it by \[N\].
     pub lessens_n: f64,
-    /// Tension before it, and its friction, after the last solve of this balance \[N\].
-    pub before: Option<[f64; 2]>,
+    /// How `lessens_n` and the span's `limit_n` grow with the tension before it \[1\].
+    pub rates: [f64; 2],
 }
 
 /// A place among the faces or where it is held \[m\], and where on the thread that is \[m\].
@@ -445,6 +446,7 @@ impl ThreadState {
         ground: &Ground,
         system: &ConstraintSystem,
         grasp: &ConstraintState,
+        follow: &mut FollowWork,
     ) -> bool {
         let mut multipliers = grasp
             .lambda()
@@ -472,7 +474,18 @@ impl ThreadState {
             }
         }
         settled &= if self.whole.is_some() {
-            self.settle_through(part, is_held, shared)
+            let n = grasp.lambda().len();
+            let rows = LengthRows {
+                compliance: system.compliance(n),
+                n,
+                first: single + first,
+                modes: grasp.modes(),
+                lambda_n: grasp.lambda(),
+                delta_m: grasp.delta_m(),
+            };
+            let is_settled = self.settle_through(part, is_held, shared);
+            self.foresee(part, is_held, rows, follow);
+            is_settled
         } else {
             self.rub(part, shared)
         };

@@ -2,7 +2,9 @@
 //!
 //! Entry point: [`ThreadSource`].
 
-use super::{BendWork, Segment, Skin, ThreadHold, ThreadPart, ThreadState, Wrap, wraps};
+use super::{
+    BendWork, FollowWork, Segment, Skin, ThreadHold, ThreadPart, ThreadState, Wrap, wraps,
+};
 use crate::anchors::AnchorPoint;
 use crate::needle::{NeedleState, anchor};
 use crate::source::{Room, Source};
@@ -24,6 +26,7 @@ pub(crate) struct ThreadWork {
     skin_at_rest: bool,
     bends: BendWork,
     wraps: Vec<Wrap>,
+    follow: FollowWork,
 }
 
 impl ThreadWork {
@@ -32,6 +35,7 @@ impl ThreadWork {
         let count = sources.threads.parts.len();
         let parts = sources.threads.parts.iter();
         let most = parts.map(ThreadPart::most_segments).max().unwrap_or(0);
+        let rubs = sources.threads.parts.iter().any(ThreadPart::rubs);
         let boundary = || sources.mesh.boundary().triangles();
         Self {
             known_segments: Vec::with_capacity(most),
@@ -39,6 +43,7 @@ impl ThreadWork {
             skin_at_rest: false,
             bends: BendWork::new(most),
             wraps: Vec::with_capacity(most),
+            follow: FollowWork::new(rubs),
         }
     }
 }
@@ -183,6 +188,7 @@ impl Balance<'_> {
                 &ground,
                 &self.work.system,
                 &self.state.grasp,
+                &mut self.work.threads.follow,
             );
             first += thread.spread_rows(&held.parts[index], is_held);
         }

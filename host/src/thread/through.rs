@@ -8,7 +8,7 @@
 //! spread evenly over the passage's length.
 
 use super::model::{ThreadPart, ThreadTension};
-use super::segments::{End, Ground, LENGTH_M, NO_TENSION_N, Passage, Piece, Segment, Span, Stop};
+use super::segments::{End, Ground, LENGTH_M, NO_TENSION_N, Piece, Segment, Span, Stop};
 use super::state::ThreadState;
 use crate::anchors::AnchorPoint;
 use crate::needle::anchor;
@@ -81,10 +81,7 @@ impl ThreadState {
             .iter()
             .find(|span| span.key == self.spans[place].key);
         let passage = former.and_then(|span| span.passage).unwrap_or_default();
-        self.spans[place].passage = Some(Passage {
-            before: None,
-            ..passage
-        });
+        self.spans[place].passage = Some(passage);
         let Some(mut begin) = from.0 else {
             return;
         };
@@ -262,15 +259,18 @@ impl ThreadState {
             let lessens_n = (limit_n / (1.0 + grown)).min(before);
             let near = FOLLOWS * limit_n.max(1e-3 * before) + NO_TENSION_N;
             let follows = |now: f64, then: f64, friction: f64| {
-                (now - then).abs() <= near || friction < now.min(then)
+                (now - then).abs() <= near || friction < now.min(then) - near
             };
             settled &= follows(limit_n, span.limit_n, span.friction_n);
             settled &= follows(lessens_n, passage.lessens_n, -span.friction_n);
-            let eased = passage.eases(before, span.friction_n);
-            // What is raised here is missed before it: where that would grow from solve to solve, a secant.
-            span.limit_n = (limit_n + grown * eased * span.friction_n) / (1.0 + grown * eased);
-            passage.before = Some([before, span.friction_n]);
-            passage.lessens_n = lessens_n;
+            let slides = |grown: f64| if tension > 0.0 { grown } else { 0.0 };
+            let lessened = if lessens_n < before {
+                grown / (1.0 + grown)
+            } else {
+                1.0
+            };
+            passage.rates = [slides(lessened), slides(grown)];
+            (passage.lessens_n, span.limit_n) = (lessens_n, limit_n);
             tension += span.friction_n;
         }
         settled
@@ -394,20 +394,6 @@ impl ThreadState {
             }
         }
         slip
-    }
-}
-
-impl Passage {
-    /// By how much the tension before it falls where its friction rises, by the last two solves; 0 where that is not known.
-    fn eases(&self, before_n: f64, friction_n: f64) -> f64 {
-        let Some([then_n, friction_then_n]) = self.before else {
-            return 0.0;
-        };
-        let rise_n = friction_n - friction_then_n;
-        if rise_n.abs() <= NO_TENSION_N {
-            return 0.0;
-        }
-        ((then_n - before_n) / rise_n).clamp(0.0, 1.0)
     }
 }
 
