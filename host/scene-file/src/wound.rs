@@ -60,6 +60,8 @@ pub enum ThreadEndName {
     Tail,
     /// The one at the needle.
     Head,
+    /// No end: what is outside the tissue, where it is nearest to the hand. It takes the place of a hold at the head.
+    Span,
 }
 
 /// `[[thread.hold]]`: from this time on an end is held by a tool, at a place, by a knot, or by nothing.
@@ -69,7 +71,7 @@ pub struct ThreadHoldSection {
     /// Since the session began \[s\].
     #[schemars(with = "f64")]
     pub time_s: Spanned<f64>,
-    /// Which end.
+    /// Which end, or a span.
     pub end: ThreadEndName,
     /// Id of a tool that is a grip: it takes the thread without slack, once that is within its reach, where it is then.
     #[schemars(with = "Option<u8>")]

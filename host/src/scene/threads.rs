@@ -224,6 +224,7 @@ fn read_holds(
         let end = match said.end {
             ThreadEndName::Tail => ThreadEnd::Tail,
             ThreadEndName::Head => ThreadEnd::Head,
+            ThreadEndName::Span => ThreadEnd::Span,
         };
         let knot = said.knot.as_ref().filter(|knot| *knot.get_ref());
         let by = match (&said.tool, &said.at_m, knot) {

@@ -121,6 +121,17 @@ fn threads_arrive_as_they_are_written() {
     assert_eq!((part.friction, part.strength_n), (0.0, 20.0));
 }
 
+#[test]
+fn a_span_is_held_like_an_end() {
+    let scene = read(&GOOD.replace("end = \"head\"", "end = \"span\"")).expect("good");
+    let held = ThreadHeld {
+        time_s: 1.5,
+        end: ThreadEnd::Span,
+        by: ThreadHold::Tool(5),
+    };
+    assert_eq!(scene.threads[0].holds[2], held);
+}
+
 /// Any of three keys has the length run through tissue; what is left out does not give way.
 #[test]
 fn a_length_runs_through_tissue_where_a_key_says_so() {

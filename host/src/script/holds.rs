@@ -59,6 +59,14 @@ pub(super) fn changes(scene: &Scene) -> Vec<Change> {
 }
 
 impl Taken {
+    /// Whether both are of one needle or end; a span is held in place of the head.
+    fn is_hold_of(&self, other: &Self) -> bool {
+        match (self.held(), other.held()) {
+            (Held::Thread(id, end), Held::Thread(other, next)) => id == other && end.is_with(next),
+            (held, other) => held == other,
+        }
+    }
+
     fn held(&self) -> Held {
         match *self {
             Self::Needle { id, .. } => Held::Needle(id),
@@ -77,7 +85,7 @@ impl Waiting {
 
     /// Whether its time is over when `next` is due.
     pub fn ends_with(&self, next: &Change) -> bool {
-        self.what.held() == next.what.held()
+        self.what.is_hold_of(&next.what)
     }
 
     /// The tool that is to take hold.

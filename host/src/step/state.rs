@@ -9,7 +9,9 @@ use crate::body::Motion;
 use crate::hash::hash_of;
 use crate::model::Model;
 use crate::needle::{self, Grip};
-use crate::thread::{Bridge, ThreadEnd, ThreadHold, ThreadPlace, ThreadPoint, Tightening};
+use crate::thread::{
+    Bridge, ThreadEnd, ThreadHold, ThreadPlace, ThreadPoint, Tightening, nearest_outside,
+};
 use crate::tool::ToolSample;
 use nalgebra::Vector3;
 use serde::Serialize;
@@ -110,7 +112,7 @@ impl State {
 
     /// The point near an end of a thread that is nearest to a place \[m\], (3): of the straight way from the outermost face that it goes
     /// through to what holds that end, of a free tail that face alone, as where it hangs nobody computes; without a
-    /// face the needle's end. `None` if there is no such thread. Solves for all nodes.
+    /// face the needle's end; of a span, of all straight ways outside. `None` if there is no such thread. Solves for all nodes.
     pub fn nearest_of_thread(
         &self,
         model: &Model,
@@ -120,9 +122,13 @@ impl State {
     ) -> Option<[f64; 3]> {
         let path = self.thread_path(model, thread, &self.positions(model));
         let outer = |point: &ThreadPoint| Vector3::from(point.at_m);
+        if end == ThreadEnd::Span {
+            let nearest = nearest_outside(&path, &Vector3::from(*to));
+            return nearest.map(|nearest| nearest.at.into());
+        }
         let pair = match end {
             ThreadEnd::Tail => path.iter().take(2).map(outer).collect::<Vec<_>>(),
-            ThreadEnd::Head => path.iter().rev().take(2).map(outer).collect(),
+            ThreadEnd::Head | ThreadEnd::Span => path.iter().rev().take(2).map(outer).collect(),
         };
         let (first, next) = (*pair.first()?, pair.last()?);
         // A free tail ends at a face.

@@ -54,7 +54,7 @@ impl ThreadState {
     ) -> Option<(Vector3<f64>, Vector3<f64>, EndRows)> {
         let (segment, sign) = match end {
             ThreadEnd::Tail => (self.segments.first()?, -1.0),
-            ThreadEnd::Head => (self.segments.last()?, 1.0),
+            ThreadEnd::Head | ThreadEnd::Span => (self.segments.last()?, 1.0),
         };
         let End::Held(at) = segment.ends[usize::from(sign > 0.0)] else {
             return None;
@@ -79,7 +79,7 @@ impl ThreadState {
         }
         let beyond = match end {
             ThreadEnd::Tail => 0,
-            ThreadEnd::Head => self.friction_rows(part, is_held),
+            ThreadEnd::Head | ThreadEnd::Span => self.friction_rows(part, is_held),
         };
         if (is_held || beyond > 0) && !segment.was_weld {
             rows.bounds.1 = first + usize::from(is_held) + beyond;

@@ -11,6 +11,9 @@ use super::through::FOLLOWS;
 use crate::event::Event;
 use serde::Serialize;
 
+/// What is always left of a thread between a hand that it slips through and the next face \[m\].
+pub(super) const LEFT_M: f64 = 4.0 * LENGTH_M;
+
 /// What has given way since it was reported last.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub(crate) struct GaveWay {
@@ -111,6 +114,7 @@ impl ThreadState {
     pub(super) fn give_way(&mut self, part: &ThreadPart) -> bool {
         let shared = self.tension_at_tail();
         let lacking = self.needed_m(part) - self.available_m();
+        let beyond = self.faces_of_path();
         let Some(whole) = &mut self.whole else {
             return false;
         };
@@ -132,8 +136,14 @@ impl ThreadState {
                 }
             }
             Weakest::Head => {
-                let slips = lacking.min(-self.head.alpha);
+                // From what lies between hand and needle, of which a little stays.
+                let beyond = self.passed.get_mut(beyond..).unwrap_or_default();
+                let least_m = if beyond.is_empty() { 0.0 } else { LEFT_M };
+                let slips = lacking.min(-self.head.alpha - least_m).max(0.0);
                 self.head.alpha += slips;
+                for passed in beyond {
+                    passed.crossing.alpha = passed.crossing.alpha.max(self.head.alpha + least_m);
+                }
                 whole.slipped_m[1] += slips;
                 whole.gave_way.slip(1, self.head.by, slips, false);
             }

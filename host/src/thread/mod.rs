@@ -25,6 +25,7 @@ pub(crate) use bends::BendWork;
 pub(crate) use ends::EndRows;
 pub(crate) use follow::FollowWork;
 pub(crate) use model::Threads;
+pub(crate) use report::{Outside, nearest_outside};
 pub(crate) use segments::Segment;
 pub(crate) use skin::Skin;
 pub(crate) use source::{ThreadSource, ThreadWork};

@@ -102,6 +102,17 @@ pub enum ThreadEnd {
     Tail,
     /// The one at the needle. Held by nothing it is held by the needle.
     Head,
+    /// No end: what is outside, where it is nearest to the hand. Held there the thread is pulled between its tail and the hand, as if
+    /// the head were; what lies between hand and needle slides after without tension. One hold at a time is there, at a span or at
+    /// the head.
+    Span,
+}
+
+impl ThreadEnd {
+    /// Whether a hold of one ends that of the other.
+    pub(crate) fn is_with(self, other: Self) -> bool {
+        (self == Self::Tail) == (other == Self::Tail)
+    }
 }
 
 /// How far spans that bridge two bodies of tissue are drawn together: to a part of their length in the unloaded mesh.

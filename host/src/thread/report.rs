@@ -25,15 +25,19 @@ impl SourcesState {
         };
         let nearest = match end {
             ThreadEnd::Tail => each.passed.first(),
-            ThreadEnd::Head => each.passed.last(),
+            ThreadEnd::Head | ThreadEnd::Span => each.passed.last(),
         };
         let at = at.map_or_else(Vector3::zeros, Vector3::from);
+        let outside = match end {
+            ThreadEnd::Span => nearest_outside(&self.thread_path(sources, nodes_m, thread), &at),
+            _ => None,
+        };
         let near = nearest.map_or(at, |near| {
             let near = anchor(&sources.mesh, &near.crossing);
             place_of(nodes_m, &near)
         });
         let part = &sources.threads.parts[thread];
-        self.threads[thread].hold(end, hold, at, near, part);
+        self.threads[thread].hold(end, hold, at, (near, outside), part);
         true
     }
 
@@ -51,6 +55,8 @@ impl SourcesState {
         let mut each = each.clone();
         let ground = sources.threads.ground(&sources.mesh, model.points_m());
         each.segments.clear();
+        // Beyond a hand on a span, too.
+        each.head.by = ThreadHold::Free;
         let place = |at: &AnchorPoint| place_of(nodes_m, at);
         each.lay(&ground, None, &mut Vec::new(), place);
         let spans = each.spans.iter().enumerate();
@@ -59,7 +65,7 @@ impl SourcesState {
             .map(|(index, span)| Bridge {
                 rest_m: span.rest_m,
                 now_m: each.lengths_of(index),
-                tension_n: self.threads[thread].tension_after(span.key),
+                tension_n: self.threads[thread].tension_in_span(span.key),
             })
             .collect()
     }
@@ -109,7 +115,13 @@ impl SourcesState {
             }
         };
         bends(&mut path, 0);
-        for passed in &each.passed {
+        let hand = match each.head.by {
+            ThreadHold::Place(_) | ThreadHold::Tool(_) => Some(end(each.head.at, each.head.alpha)),
+            _ => None,
+        };
+        let faces = each.faces_of_path();
+        for (index, passed) in each.passed.iter().enumerate() {
+            path.extend(hand.filter(|_| index == faces));
             let at = anchor(&sources.mesh, &passed.crossing);
             path.push(ThreadPoint {
                 at_m: place_of(nodes_m, &at).into(),
@@ -119,17 +131,67 @@ impl SourcesState {
                     (true, true) => ThreadPlace::Enters,
                     (true, false) => ThreadPlace::Leaves,
                 },
-                tension_n: each.tension_after(passed.id),
+                tension_n: each.tension_in_span(passed.id),
             });
             bends(&mut path, passed.id);
         }
-        let head = match each.head.by {
-            ThreadHold::Place(_) | ThreadHold::Tool(_) => each.head.at,
-            _ => part.needle.at(&needle.pose).start,
-        };
-        path.push(end(head, each.head.alpha));
+        let is_apart = hand.filter(|_| faces == each.passed.len());
+        path.push(is_apart.unwrap_or_else(|| end(part.needle.at(&needle.pose).start, 0.0)));
         path
     }
+}
+
+/// A point of a thread outside.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Outside {
+    /// Where it is \[m\].
+    pub at: Vector3<f64>,
+    /// Where on the thread \[m\], the slack of its span shared out evenly, and with what the way to the hand needs from the face before.
+    pub along_m: f64,
+    /// Faces before it.
+    pub faces: usize,
+}
+
+/// The point of what lies outside that is nearest to a place \[m\]; what is slack counts as straight.
+pub(crate) fn nearest_outside(path: &[ThreadPoint], to: &Vector3<f64>) -> Option<Outside> {
+    let at = |point: &ThreadPoint| Vector3::from(point.at_m);
+    let is_face =
+        |point: &&ThreadPoint| !matches!(point.what, ThreadPlace::End | ThreadPlace::Wraps);
+    let mut nearest: Option<(f64, Outside)> = None;
+    let mut first = 0;
+    while first + 1 < path.len() {
+        // A span, with the points that it bends around.
+        let wraps = path[first + 1..].iter();
+        let wraps = wraps.take_while(|point| point.what == ThreadPlace::Wraps);
+        let last = first + 1 + wraps.count();
+        let outside = matches!(path[first].what, ThreadPlace::End | ThreadPlace::Leaves);
+        let span = path.get(first..=last).filter(|_| outside);
+        let span = span.unwrap_or_default();
+        let pairs = || span.windows(2).map(|two| (at(&two[0]), at(&two[1])));
+        let total_m: f64 = pairs().map(|(a, b)| a.metric_distance(&b)).sum();
+        let mut gone_m = 0.0;
+        for (from, until) in pairs() {
+            let way = until - from;
+            let share = (way.dot(&(to - from)) / way.norm_squared()).clamp(0.0, 1.0);
+            let share = if share.is_finite() { share } else { 0.0 };
+            let point = from + way * share;
+            let distance_m = point.metric_distance(to);
+            if nearest.is_none_or(|(least_m, _)| distance_m < least_m) {
+                let part = (gone_m + share * way.norm()) / total_m.max(f64::MIN_POSITIVE);
+                let [begin, end] = [path[first].along_m, path[last].along_m];
+                let needed_m = gone_m + from.metric_distance(to);
+                let outside = Outside {
+                    at: point,
+                    along_m: begin + (part * (end - begin)).max(needed_m),
+                    faces: path[..=first].iter().filter(is_face).count(),
+                };
+                nearest = Some((distance_m, outside));
+            }
+            gone_m += way.norm();
+        }
+        first = last;
+    }
+    nearest.map(|(_, outside)| outside)
 }
 
 fn place_of(nodes_m: &[[f64; 3]], at: &AnchorPoint) -> Vector3<f64> {
@@ -205,7 +267,7 @@ impl Balance<'_> {
         for (place, end) in [ThreadEnd::Tail, ThreadEnd::Head].into_iter().enumerate() {
             let segment = match end {
                 ThreadEnd::Tail => thread.segments.first(),
-                ThreadEnd::Head => thread.segments.last(),
+                ThreadEnd::Head | ThreadEnd::Span => thread.segments.last(),
             };
             let is_free = end == ThreadEnd::Tail && !thread.is_tail_held();
             if !is_free {

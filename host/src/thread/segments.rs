@@ -170,7 +170,7 @@ impl ThreadState {
     /// Whether anything but the thread's own slide withstands a pull.
     pub fn pulls(&self, part: &ThreadPart, head_held: bool) -> bool {
         let held = head_held && (self.is_tail_held() || part.drags());
-        !self.passed.is_empty() && (held || self.tightened.is_some())
+        self.faces_of_path() > 0 && (held || self.tightened.is_some())
     }
 
     /// Whether the bounds of friction of a span that comes before others, or of a passage, have a row.
@@ -220,10 +220,11 @@ impl ThreadState {
             self.lay_through(ground, head, known, &at);
             return;
         }
-        for index in 0..self.passed.len() {
+        let path = self.faces_of_path();
+        for index in 0..path {
             let own = self.passed[index];
             let from = (Some(index), Vector3::zeros(), own.crossing.alpha);
-            let to = match (self.passed.get(index + 1), head) {
+            let to = match (self.passed[..path].get(index + 1), head) {
                 (None, Some(head)) => (None, head, self.head.alpha),
                 (Some(next), _) if own.is_boundary && !own.crossing.enters => {
                     (Some(index + 1), Vector3::zeros(), next.crossing.alpha)
@@ -619,6 +620,15 @@ impl ThreadState {
         before.map_or(0.0, |segment| segment.tension_n)
     }
 
+    /// The same, and none beyond a hand on a span.
+    pub fn tension_in_span(&self, id: u32) -> f64 {
+        let beyond = self.passed.get(self.faces_of_path());
+        if beyond.is_some_and(|beyond| id >= beyond.id) {
+            return 0.0;
+        }
+        self.tension_after(id)
+    }
+
     /// Typical compliance of a segment \[m/N\].
     fn typical_compliance(&self, system: &ConstraintSystem) -> f64 {
         let own = |segment: &Segment| {
@@ -655,7 +665,7 @@ impl ThreadState {
             self.former.clone_from(&self.spans);
             return;
         }
-        let (last, count) = (self.spans.len().wrapping_sub(1), self.passed.len());
+        let (last, count) = (self.spans.len().wrapping_sub(1), self.faces_of_path());
         // From the head on, with what lies in tissue as long as it was.
         let mut shift = 0.0;
         let mut upto = count;

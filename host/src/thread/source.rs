@@ -209,6 +209,8 @@ impl Balance<'_> {
             let part = &self.sources.threads.parts[index];
             let thread = &mut self.state.threads[index];
             thread.finish(part, is_held);
+            self.follow_hand(index);
+            let thread = &self.state.threads[index];
             // What drags has slid already.
             if is_held || part.drags() && !thread.segments.is_empty() {
                 continue;
@@ -217,11 +219,9 @@ impl Balance<'_> {
                 self.draw_back(index);
                 continue;
             };
-            let Some(last) = self.state.threads[index]
-                .passed
-                .last()
-                .map(|last| last.crossing)
-            else {
+            let thread = &self.state.threads[index];
+            let path = &thread.passed[..thread.faces_of_path()];
+            let Some(last) = path.last().map(|last| last.crossing) else {
                 continue;
             };
             let way = head - self.position_of(&anchor(&self.sources.mesh, &last));
@@ -232,6 +232,17 @@ impl Balance<'_> {
                 thread.drop_behind();
             }
         }
+    }
+
+    /// A hand on a span draws what it needs out of what lies between it and the needle.
+    fn follow_hand(&mut self, index: usize) {
+        let thread = &self.state.threads[index];
+        let Some(next) = thread.passed.get(thread.faces_of_path()) else {
+            return;
+        };
+        let at = self.position_of(&anchor(&self.sources.mesh, &next.crossing));
+        let way_m = thread.head.at.metric_distance(&at);
+        self.state.threads[index].follow_hand(way_m);
     }
 
     /// What a tail that is pulled draws out of the tissue of a thread whose head nobody holds.

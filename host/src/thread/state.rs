@@ -4,9 +4,10 @@
 //! alpha behind the needle's end (younes-2021, 3.3). What lies in tissue keeps its length; between punctures
 //! the thread slides.
 
-use super::gives::GaveWay;
+use super::Outside;
+use super::gives::{GaveWay, LEFT_M};
 use super::model::{ThreadEnd, ThreadHold, ThreadPart, ThreadTension, Tightening};
-use super::segments::{Segment, Span};
+use super::segments::{LENGTH_M, Segment, Span};
 use crate::anchors::AnchorPoint;
 use crate::mesh::HalfFaces;
 use crate::needle::Crossing;
@@ -197,7 +198,7 @@ impl ThreadState {
         if let Some(last) = self.passed.last() {
             let lacking = last.crossing.alpha + apart_m - alpha;
             if lacking > 0.0 {
-                self.draw(lacking);
+                self.draw_in(lacking);
             }
         }
         self.passed.push(Passed {
@@ -208,10 +209,28 @@ impl ThreadState {
         true
     }
 
-    /// All that is in tissue slides towards the head.
+    /// All that is in tissue slides towards the head, up to the hand on a span.
     pub fn draw(&mut self, by: f64) {
-        for passed in &mut self.passed {
+        let count = self.faces_of_path();
+        for passed in &mut self.passed[..count] {
             passed.crossing.alpha -= by;
+        }
+    }
+
+    /// What lies between the needle and a span that is held, or the tail, slides towards the needle.
+    fn draw_in(&mut self, by: f64) {
+        let held_m = self.head.alpha;
+        let beyond = match self.faces_of_path() {
+            all if all == self.passed.len() => 0,
+            beyond => beyond,
+        };
+        for passed in &mut self.passed[beyond..] {
+            let least_m = if beyond > 0 {
+                held_m
+            } else {
+                f64::NEG_INFINITY
+            };
+            passed.crossing.alpha = (passed.crossing.alpha - by).max(least_m);
         }
     }
 
@@ -241,6 +260,32 @@ impl ThreadState {
         }
     }
 
+    /// How many of the faces lie before what holds the head: others lie between a span that is held and the needle.
+    pub fn faces_of_path(&self) -> usize {
+        match self.head.by {
+            ThreadHold::Place(_) | ThreadHold::Tool(_) => {
+                let upto = self.head.alpha + LENGTH_M;
+                let is_before = |passed: &Passed| passed.crossing.alpha <= upto;
+                self.passed.partition_point(is_before)
+            }
+            _ => self.passed.len(),
+        }
+    }
+
+    /// What lies between a span that is held and the needle slides towards the hand, if it has to: `way_m` from there to the next face.
+    pub fn follow_hand(&mut self, way_m: f64) {
+        let beyond = self.faces_of_path();
+        let Some(next) = self.passed.get(beyond) else {
+            return;
+        };
+        let lacking = way_m - (next.crossing.alpha - self.head.alpha);
+        if lacking > 0.0 {
+            for passed in &mut self.passed[beyond..] {
+                passed.crossing.alpha = (passed.crossing.alpha + lacking).min(0.0);
+            }
+        }
+    }
+
     /// Whether the tail withstands a pull.
     pub fn is_tail_held(&self) -> bool {
         self.tail.by != ThreadHold::Free
@@ -254,13 +299,30 @@ impl ThreadState {
             .count() as u32
     }
 
-    /// Gives an end another hold, at `at`; `near` is where the nearest face is.
+    /// Where on the thread a hand takes a span, which draws what it lacks from beyond \[m\].
+    fn make_room(&mut self, outside: Option<Outside>) -> f64 {
+        let Some(outside) = outside else {
+            return 0.0;
+        };
+        let beyond = self.passed.get_mut(outside.faces..).unwrap_or_default();
+        let alpha = if beyond.is_empty() {
+            outside.along_m.min(0.0)
+        } else {
+            outside.along_m.min(-LEFT_M)
+        };
+        for passed in beyond {
+            passed.crossing.alpha = passed.crossing.alpha.max(alpha + LEFT_M).min(0.0);
+        }
+        alpha
+    }
+
+    /// Gives an end another hold, at `at`; `near` is where the nearest face is, and `outside` where of a span, if that is held.
     pub fn hold(
         &mut self,
         end: ThreadEnd,
         by: ThreadHold,
         at: Vector3<f64>,
-        near: Vector3<f64>,
+        (near, outside): (Vector3<f64>, Option<Outside>),
         part: &ThreadPart,
     ) {
         let end_m = self.whole.map_or(-part.length_m, |whole| whole.end_m);
@@ -272,12 +334,15 @@ impl ThreadState {
             (ThreadEnd::Head, ThreadHold::Place(_) | ThreadHold::Tool(_), _, Some(last)) => {
                 (last.crossing.alpha + (at - near).norm()).min(0.0)
             }
-            (ThreadEnd::Head, ..) => 0.0,
+            (ThreadEnd::Span, ThreadHold::Place(_) | ThreadHold::Tool(_), ..) => {
+                self.make_room(outside)
+            }
+            (ThreadEnd::Head | ThreadEnd::Span, ..) => 0.0,
         };
         let hold = Hold { by, alpha, at };
         match end {
             ThreadEnd::Tail => self.tail = hold,
-            ThreadEnd::Head => self.head = hold,
+            ThreadEnd::Head | ThreadEnd::Span => self.head = hold,
         }
     }
 }

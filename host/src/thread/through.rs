@@ -28,7 +28,7 @@ impl ThreadState {
         known: &[Segment],
         at: &impl Fn(&AnchorPoint) -> Vector3<f64>,
     ) {
-        let count = self.passed.len();
+        let count = self.faces_of_path();
         let mut index = 0;
         while index < count {
             let own = self.passed[index];
@@ -85,8 +85,9 @@ impl ThreadState {
         let Some(mut begin) = from.0 else {
             return;
         };
-        let stride = 1 + self.passed.len() / MOST_FACES;
-        let upto = to.0.unwrap_or(self.passed.len());
+        let faces = self.faces_of_path();
+        let stride = 1 + faces / MOST_FACES;
+        let upto = to.0.unwrap_or(faces);
         let total = (to.2 - from.2).max(f64::MIN_POSITIVE);
         let apart = |a: &End, b: &End| (ground.unloaded(a) - ground.unloaded(b)).norm();
         let add = |threads: &mut Self, ends: [End; 2], begin: usize, until: Option<usize>| {
@@ -368,6 +369,7 @@ impl ThreadState {
         let material_m = self.spans[place].material_m;
         let slack = taken / material_m.max(f64::MIN_POSITIVE);
         let is_taut = self.is_taut(place);
+        let faces = self.faces_of_path();
         for segment in self.segments.iter_mut().rev() {
             let own_m = segment.taken_m(part);
             let Some(piece) = segment.piece.as_mut().filter(|_| segment.span == place) else {
@@ -381,7 +383,7 @@ impl ThreadState {
             let times = own_m / piece.material_m.max(f64::MIN_POSITIVE);
             slip += piece.share * (own_m - piece.material_m);
             let begins = self.passed[piece.from].crossing.alpha;
-            let upto = piece.to.unwrap_or(self.passed.len());
+            let upto = piece.to.unwrap_or(faces);
             for passed in &mut self.passed[piece.from + 1..upto] {
                 let beyond = begins + piece.material_m - passed.crossing.alpha;
                 passed.crossing.alpha = alpha - times * beyond;

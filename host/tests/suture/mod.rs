@@ -1,5 +1,6 @@
 //! Threads drawn through tissue by needles, and pulled.
 
+mod by_hand;
 mod extremes;
 mod friction;
 mod gives;
@@ -8,3 +9,4 @@ mod one_length;
 mod pressure;
 mod pull;
 mod rig;
+mod u_stitch;

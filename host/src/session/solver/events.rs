@@ -223,6 +223,7 @@ impl Happened {
 pub(super) fn name(what: &Held) -> String {
     match what {
         Held::Needle(id) => format!("needle {id}"),
+        Held::Thread(id, ThreadEnd::Span) => format!("thread {id} by a span"),
         Held::Thread(id, end) => format!("thread {id} by its {}", word(*end)),
     }
 }
@@ -232,6 +233,7 @@ fn word(end: ThreadEnd) -> &'static str {
     match end {
         ThreadEnd::Tail => "tail",
         ThreadEnd::Head => "head",
+        ThreadEnd::Span => "span",
     }
 }
 
