@@ -279,3 +279,57 @@ fn a_turn_that_multiplies_the_tension_settles() {
         assert!(taut > 20 && most <= 24, "{most} {taut}");
     }
 }
+
+/// Tension at the end of a path whose tail is free: dT/ds = drag + friction |curvature| T, piece by piece as it is drawn \[N\].
+fn dragged_n(path: &[ThreadPoint], drag_n_per_m: f64, friction: f64) -> f64 {
+    let mut tension_n = 0.0;
+    let mut before: Option<Vector3<f64>> = None;
+    let mut inside = false;
+    for two in path.windows(2) {
+        inside = match two[0].what {
+            ThreadPlace::Enters => true,
+            ThreadPlace::Leaves | ThreadPlace::End => false,
+            _ => inside,
+        };
+        let way = Vector3::from(two[1].at_m) - Vector3::from(two[0].at_m);
+        // Faces may share a point.
+        if way.norm() < 1e-9 {
+            continue;
+        }
+        if let Some(before) = before.replace(way) {
+            tension_n *= (friction * before.angle(&way)).exp();
+        }
+        if inside {
+            tension_n += drag_n_per_m * way.norm();
+        }
+    }
+    tension_n
+}
+
+/// A free tail is held back by what its way through tissue is, and turns multiply that.
+#[test]
+fn a_free_tail_drags_round_turns() {
+    let drag_n_per_m = 5.0;
+    for friction in [0.0, 0.1] {
+        let with = ThreadPart {
+            friction,
+            ..part(Through {
+                drag_n_per_m,
+                ..ELASTIC
+            })
+        };
+        let mut seen = Vec::new();
+        for times in [1, 2, 4] {
+            let mut bench = wound_up(times, with);
+            hold(&mut bench, ThreadEnd::Tail, ThreadHold::Free);
+            let report = go(&mut bench, Vector3::new(0.0, 0.0, 0.03));
+            let [tail, head] = report.threads()[0].tension_n;
+            let expected = dragged_n(&bench.path(7), drag_n_per_m, friction);
+            println!("{friction}, {times}: {head} {expected}");
+            assert_eq!(tail, 0.0);
+            assert!((head / expected - 1.0).abs() < 0.01, "{head} {expected}");
+            seen.push(head);
+        }
+        assert!(seen.windows(2).all(|two| two[1] > 1.9 * two[0]), "{seen:?}");
+    }
+}
