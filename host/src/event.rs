@@ -1,4 +1,4 @@
-//! What happens at an instant, beside what a step balances: a thread slips through a grip or breaks, a hand takes hold of nothing.
+//! What happens at an instant, beside what a step balances: a thread slips through a grip or breaks, its knot opens, a hand takes hold of nothing.
 //!
 //! Entry point: [`Event`]; [`crate::step::StepReport::events`] has those of a step, [`crate::script::Script::take_missed`] those of scripts.
 
@@ -30,6 +30,13 @@ pub enum Event {
         tension_n: f64,
         /// What was behind that and is gone, unstretched \[m\].
         lost_m: f64,
+    },
+    /// The knot at a thread's tail opened: the tail is free.
+    Opened {
+        /// Id of the thread.
+        thread: u8,
+        /// Tension there \[N\].
+        tension_n: f64,
     },
     /// A thread presses harder on tissue than that bears.
     Pressed {

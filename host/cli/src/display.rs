@@ -420,6 +420,11 @@ fn event(event: &serde_json::Value) -> String {
             number("tension_n"),
             1e3 * number("lost_m")
         ),
+        "opened" => format!(
+            "{at}: the knot of thread {} opened at {:.3} N",
+            event["thread"],
+            number("tension_n")
+        ),
         "pressed" => format!(
             "{at}: thread {} presses on tissue with {:.0} kPa, which bears {:.0} kPa",
             event["thread"],

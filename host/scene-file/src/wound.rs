@@ -26,7 +26,7 @@ pub struct ThreadSection {
     /// Tension that it bears \[N\]; 20 when left out.
     #[schemars(with = "Option<f64>")]
     pub strength_n: Option<Spanned<f64>>,
-    /// EA, tension over strain \[N\]: its one length runs through tissue, too; `inf`, or left out beside one of the next two, for
+    /// EA, tension over strain \[N\]: its one length runs through tissue, too; `inf`, or left out beside one of the next three, for
     /// one that does not stretch.
     #[schemars(with = "Option<f64>")]
     pub axial_stiffness_n: Option<Spanned<f64>>,
@@ -36,10 +36,13 @@ pub struct ThreadSection {
     /// What a tool's grip holds before the thread slips through it \[N\]; all when left out.
     #[schemars(with = "Option<f64>")]
     pub grip_n: Option<Spanned<f64>>,
-    /// Diameter, over which it presses on tissue, beside one of the three before \[m\]; 0.0003 when left out.
+    /// What a knot holds before it opens \[N\]; all when left out.
+    #[schemars(with = "Option<f64>")]
+    pub knot_n: Option<Spanned<f64>>,
+    /// Diameter, over which it presses on tissue, beside one of the four before \[m\]; 0.0003 when left out.
     #[schemars(with = "Option<f64>")]
     pub thickness_m: Option<Spanned<f64>>,
-    /// Pressure on tissue above which that would tear, which is warned of, beside one of those three \[Pa\]; none when left out.
+    /// Pressure on tissue above which that would tear, which is warned of, beside one of those four \[Pa\]; none when left out.
     #[schemars(with = "Option<f64>")]
     pub tear_pa: Option<Spanned<f64>>,
     /// What holds its ends, from when on.

@@ -177,6 +177,12 @@ fn read_through(document: &Document, said: &ThreadSection) -> Result<Option<Thro
     {
         through.grip_n = value;
     }
+    let help = "tension at which it opens, in newtons; `inf` for never";
+    if !rigid(&said.knot_n)
+        && let Some(value) = number("knot_n", &said.knot_n, positive, help)?
+    {
+        through.knot_n = value;
+    }
     let help = "diameter in metres: sutures have 0.00007 (6-0) to 0.0004 (0)";
     if let Some(value) = number("thickness_m", &said.thickness_m, positive, help)? {
         through.thickness_m = value;
@@ -185,7 +191,12 @@ fn read_through(document: &Document, said: &ThreadSection) -> Result<Option<Thro
     if let Some(value) = number("tear_pa", &said.tear_pa, positive, help)? {
         through.tear_pa = value;
     }
-    let keys = [&said.axial_stiffness_n, &said.drag_n_per_m, &said.grip_n];
+    let keys = [
+        &said.axial_stiffness_n,
+        &said.drag_n_per_m,
+        &said.grip_n,
+        &said.knot_n,
+    ];
     if keys.iter().any(|key| key.is_some()) {
         return Ok(Some(through));
     }

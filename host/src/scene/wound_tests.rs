@@ -132,7 +132,7 @@ fn a_span_is_held_like_an_end() {
     assert_eq!(scene.threads[0].holds[2], held);
 }
 
-/// Any of three keys has the length run through tissue; what is left out does not give way.
+/// Any of four keys has the length run through tissue; what is left out does not give way.
 #[test]
 fn a_length_runs_through_tissue_where_a_key_says_so() {
     let through = |keys: &str| {
@@ -146,11 +146,13 @@ fn a_length_runs_through_tissue_where_a_key_says_so() {
     assert_eq!(through("axial_stiffness_n = inf"), Some(stiff));
     assert_eq!(through("drag_n_per_m = 0.0"), Some(stiff));
     assert_eq!(through("grip_n = inf"), Some(stiff));
-    let all = through("axial_stiffness_n = 200.0\ndrag_n_per_m = 5.0\ngrip_n = 3.0");
+    assert_eq!(through("knot_n = inf"), Some(stiff));
+    let all = through("axial_stiffness_n = 200.0\ndrag_n_per_m = 5.0\ngrip_n = 3.0\nknot_n = 8.0");
     let expected = Through {
         axial_stiffness_n: 200.0,
         drag_n_per_m: 5.0,
         grip_n: 3.0,
+        knot_n: 8.0,
         ..Through::default()
     };
     assert_eq!(all, Some(expected));

@@ -1,10 +1,10 @@
-//! What gives way where a thread is pulled harder than its grips hold or it bears: it slips, or it breaks.
+//! What gives way where a thread is pulled harder than its grips and knots hold or it bears: it slips, its knot opens, or it breaks.
 //!
 //! Entry points: [`ThreadState::bind`] after each solve, [`ThreadState::give_way`] and [`ThreadState::break_off`] when a balance is
 //! found, [`ThreadState::take_events`] for the report. Every length that comes or goes is an event: what there is of thread
 //! between the holds is what there was and what has slipped in.
 
-use super::model::{ThreadEnd, ThreadHold, ThreadPart};
+use super::model::{ThreadEnd, ThreadHold, ThreadPart, Through};
 use super::segments::{LENGTH_M, NO_TENSION_N, Segment};
 use super::state::{ThreadState, Weakest};
 use super::through::FOLLOWS;
@@ -20,6 +20,8 @@ pub(crate) struct GaveWay {
     /// At tail and head.
     slips: [Option<Slip>; 2],
     breaks: Option<Break>,
+    /// Tension at which the knot opened \[N\].
+    opens: Option<f64>,
 }
 
 /// Through a grip.
@@ -70,16 +72,19 @@ impl GaveWay {
             tension_n: torn.tension_n,
             lost_m: torn.lost_m,
         });
-        slips.chain(breaks)
+        let opens = self.opens;
+        let opens = opens.map(|tension_n| Event::Opened { thread, tension_n });
+        slips.chain(breaks).chain(opens)
     }
 }
 
 impl ThreadState {
-    /// Most tension at the tail with which grips hold and nothing breaks; whether it is as it was, or does not matter.
+    /// Most tension at the tail with which grips and knots hold and nothing breaks; whether it is as it was, or does not matter.
     pub(super) fn bind(&mut self, part: &ThreadPart, shared: f64) -> bool {
-        let grip_n = part.through.map_or(f64::INFINITY, |through| through.grip_n);
+        let Through { grip_n, knot_n, .. } = part.through.unwrap_or_default();
         let holds = |hold: ThreadHold| match hold {
             ThreadHold::Tool(_) => grip_n,
+            ThreadHold::Knot => knot_n,
             _ => f64::INFINITY,
         };
         let more = |segment: &Segment| segment.tension_n - shared;
@@ -123,6 +128,10 @@ impl ThreadState {
         }
         match whole.weakest {
             Weakest::Thread => return true,
+            Weakest::Tail if self.tail.by == ThreadHold::Knot => {
+                self.tail.by = ThreadHold::Free;
+                whole.gave_way.opens = Some(shared);
+            }
             Weakest::Tail => {
                 let slips = lacking.min(self.tail.alpha - whole.end_m);
                 self.tail.alpha -= slips;

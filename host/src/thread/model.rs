@@ -37,6 +37,8 @@ pub struct Through {
     pub drag_n_per_m: f64,
     /// What a tool's grip holds before the thread slips through it \[N\]; may be infinite.
     pub grip_n: f64,
+    /// What a knot holds before it opens \[N\]; may be infinite.
+    pub knot_n: f64,
     /// Diameter, over which it presses on tissue \[m\].
     pub thickness_m: f64,
     /// Pressure on tissue above which that tears \[Pa\], which is warned of and does not happen; infinite for none.
@@ -47,12 +49,13 @@ pub struct Through {
 const THICKNESS_M: f64 = 0.3e-3;
 
 impl Default for Through {
-    /// Inextensible, without drag, in grips that do not let it slip; of 0.3 mm.
+    /// Inextensible, without drag, in grips and knots that do not give way; of 0.3 mm.
     fn default() -> Self {
         Self {
             axial_stiffness_n: f64::INFINITY,
             drag_n_per_m: 0.0,
             grip_n: f64::INFINITY,
+            knot_n: f64::INFINITY,
             thickness_m: THICKNESS_M,
             tear_pa: f64::INFINITY,
         }
@@ -357,6 +360,7 @@ fn check_numbers(part: &ThreadPart) -> Result<(), ThreadError> {
         axial_stiffness_n,
         drag_n_per_m,
         grip_n,
+        knot_n,
         thickness_m,
         tear_pa,
     } = part.through.unwrap_or_default();
@@ -376,6 +380,7 @@ fn check_numbers(part: &ThreadPart) -> Result<(), ThreadError> {
         ),
         ("drag_n_per_m", drag_n_per_m, drag(drag_n_per_m)),
         ("grip_n", grip_n, rigid(grip_n)),
+        ("knot_n", knot_n, rigid(knot_n)),
         ("thickness_m", thickness_m, positive(thickness_m)),
         ("tear_pa", tear_pa, rigid(tear_pa)),
     ];

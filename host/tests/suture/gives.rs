@@ -217,3 +217,41 @@ fn a_break_is_told_with_what_it_takes() {
         assert_eq!(report.threads()[0].broken_off_m, Some(lost_m));
     }
 }
+
+/// A knot holds to its strength, and then nothing: what comes after it is a free tail.
+#[test]
+fn a_knot_opens_at_its_strength() {
+    let knot_n = 1.2;
+    let mut bench = drawn_through(thick(sides), part(Through { knot_n, ..ELASTIC }));
+    hold(&mut bench, ThreadEnd::Tail, ThreadHold::Knot);
+    let (mut most, mut opened) = (0.0f64, None);
+    for _ in 0..4000 {
+        bench.grip.translation.vector.z -= 1e-4;
+        let report = bench.step_both();
+        assert_eq!(report.status.name(), "ok");
+        let tension_n = report.threads()[0].tension_n[1];
+        for event in report.events() {
+            let Event::Opened {
+                thread: 7,
+                tension_n,
+            } = event
+            else {
+                panic!("{event:?}")
+            };
+            assert_eq!(opened, None);
+            opened = Some(tension_n);
+            most = most.max(tension_n);
+        }
+        if opened.is_some() {
+            break;
+        }
+        assert!(tension_n <= knot_n * 1.0001, "{tension_n}");
+        most = most.max(tension_n);
+    }
+    assert!((most / knot_n - 1.0).abs() < 0.01, "{most}");
+    assert!((opened.expect("it opens") / knot_n - 1.0).abs() < 1e-6);
+    let after = bench.step_both().threads()[0];
+    assert_eq!(after.tension_n, [0.0; 2], "{after:?}");
+    let report = go(&mut bench, Vector3::new(0.0, 0.0, -2e-3));
+    assert_eq!(report.threads()[0].tension_n, [0.0; 2]);
+}

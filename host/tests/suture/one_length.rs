@@ -16,6 +16,7 @@ const INEXTENSIBLE: Through = Through {
     axial_stiffness_n: f64::INFINITY,
     drag_n_per_m: 0.0,
     grip_n: f64::INFINITY,
+    knot_n: f64::INFINITY,
     thickness_m: 0.3e-3,
     tear_pa: f64::INFINITY,
 };

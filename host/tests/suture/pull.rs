@@ -15,6 +15,7 @@ const THROUGH: Setup = Setup {
         axial_stiffness_n: 20.0,
         drag_n_per_m: 0.0,
         grip_n: f64::INFINITY,
+        knot_n: f64::INFINITY,
         thickness_m: 0.3e-3,
         tear_pa: f64::INFINITY,
     }),
