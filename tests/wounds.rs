@@ -470,3 +470,93 @@ fn what_slips_in_a_session_is_told() {
     }
     assert!((told - slipped).abs() < 1e-12, "{told} {slipped}");
 }
+
+/// A straight thread through a slab, its tail held: 200 N over 40 mm are 5 kN/m.
+const LOCKED: &str = r#"
+name = "A locked thread"
+seconds = 6.0
+device = "cartesian-bench"
+
+[mesh.slab]
+size_m = [0.03, 0.03, 0.02]
+divisions = [7, 7, 5]
+
+[tissue]
+youngs_modulus_pa = 20e3
+poisson_ratio = 0.4
+
+[tissue.needle]
+friction_n_per_m = 0.0
+puncture_pa = 1e5
+
+[[fixed]]
+plane = { axis = "x", at_m = -0.015 }
+
+[[fixed]]
+plane = { axis = "x", at_m = 0.015 }
+
+[[needle]]
+shape = "straight"
+length_m = 0.02
+thickness_m = 0.0008
+end_m = [0.0013, 0.0007, 0.022]
+direction = [0.0, 0.0, -1.0]
+hold = [{ time_s = 0.0, tool = 0 }]
+
+[[thread]]
+needle = 0
+length_m = 0.2
+axial_stiffness_n = 200.0
+hold = [{ time_s = 3.0, end = "tail", tool = 1 }]
+
+[[tool]]
+id = 0
+shape = "grip"
+
+[[tool]]
+id = 1
+shape = "grip"
+reach_m = 0.02
+position_m = [0.0013, 0.0007, 0.01]
+
+[hand]
+stiffness_n_per_m = 800.0
+damping_n_s_per_m = 4.0
+way_point = [
+  { time_s = 0.0, position_m = [0.0013, 0.0007, 0.022] },
+  { time_s = 2.8, position_m = [0.0013, 0.0007, -0.03] },
+  { time_s = 3.2, position_m = [0.0013, 0.0007, -0.03] },
+  { time_s = 3.6, position_m = [0.0013, 0.0007, -0.034] },
+  { time_s = 4.0, position_m = [0.0013, 0.0007, -0.034] },
+  { time_s = 4.1, position_m = [0.0013, 0.0007, -0.03] },
+  { time_s = 4.2, position_m = [0.0013, 0.0007, -0.034] },
+  { time_s = 4.3, position_m = [0.0013, 0.0007, -0.03] },
+  { time_s = 4.4, position_m = [0.0013, 0.0007, -0.034] },
+  { time_s = 6.0, position_m = [0.0013, 0.0007, -0.034] },
+]
+
+[host]
+host_hz = 200.0
+horizon_ms = 60.0
+"#;
+
+/// A hand that pulls and shakes a thread that locks gets no energy out of the console, whatever the host's rate, and feels its tension.
+#[test]
+fn a_locked_thread_gives_no_energy() {
+    let directory = tempfile::tempdir().unwrap();
+    for host_hz in ["60.0", "200.0", "1000.0"] {
+        let text = LOCKED.replace("host_hz = 200.0", &format!("host_hz = {host_hz}"));
+        let summary = run(directory.path(), &text);
+        assert_eq!(summary["status"], "ok");
+        assert_eq!(summary["faults"], serde_json::json!([]));
+        let least_j = summary["energy_j"]["min"].as_f64().unwrap();
+        let peak_n = summary["force_n"]["peak"].as_f64().unwrap();
+        let thread = &summary["scene"]["threads"][0];
+        let tension_n = number(thread, "peak_tension_n");
+        println!("{host_hz} Hz: {least_j} J, {peak_n} N of {tension_n} N");
+        assert!(least_j >= -1e-3, "{least_j}");
+        assert!(tension_n > 2.5, "{thread}");
+        assert!((peak_n / tension_n - 1.0).abs() < 0.1, "{peak_n} {tension_n}");
+        assert_eq!(thread["state"], "taut");
+    }
+}
