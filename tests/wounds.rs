@@ -556,7 +556,10 @@ fn a_locked_thread_gives_no_energy() {
         println!("{host_hz} Hz: {least_j} J, {peak_n} N of {tension_n} N");
         assert!(least_j >= -1e-3, "{least_j}");
         assert!(tension_n > 2.5, "{thread}");
-        assert!((peak_n / tension_n - 1.0).abs() < 0.1, "{peak_n} {tension_n}");
+        assert!(
+            (peak_n / tension_n - 1.0).abs() < 0.1,
+            "{peak_n} {tension_n}"
+        );
         assert_eq!(thread["state"], "taut");
     }
 }

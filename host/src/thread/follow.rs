@@ -32,9 +32,9 @@ pub(crate) struct FollowWork {
 }
 
 impl FollowWork {
-    /// For threads of which none rubs nothing is kept.
-    pub fn new(rubs: bool) -> Self {
-        let most = if rubs { MOST_ROWS } else { 0 };
+    /// Nothing is kept where no bound follows.
+    pub fn new(follows: bool) -> Self {
+        let most = if follows { MOST_ROWS } else { 0 };
         Self {
             matrix: vec![0.0; most * most],
             lu: Lu::new(most),

@@ -35,7 +35,8 @@ impl ThreadWork {
         let count = sources.threads.parts.len();
         let parts = sources.threads.parts.iter();
         let most = parts.map(ThreadPart::most_segments).max().unwrap_or(0);
-        let rubs = sources.threads.parts.iter().any(ThreadPart::rubs);
+        let follows = |part: &ThreadPart| part.through.is_some() && part.rubs();
+        let follows = sources.threads.parts.iter().any(follows);
         let boundary = || sources.mesh.boundary().triangles();
         Self {
             known_segments: Vec::with_capacity(most),
@@ -43,7 +44,7 @@ impl ThreadWork {
             skin_at_rest: false,
             bends: BendWork::new(most),
             wraps: Vec::with_capacity(most),
-            follow: FollowWork::new(rubs),
+            follow: FollowWork::new(follows),
         }
     }
 }
