@@ -429,12 +429,15 @@ impl ThreadState {
     /// What there is of thread for the path \[m\].
     pub fn available_m(&self) -> f64 {
         let spans: f64 = self.spans.iter().map(|span| span.material_m).sum();
-        // What is left before a knot comes to the tissue.
-        let loose = match (self.tail.by, self.passed.first()) {
+        spans + self.loose_m()
+    }
+
+    /// What is left before a knot comes to the tissue \[m\].
+    pub(super) fn loose_m(&self) -> f64 {
+        match (self.tail.by, self.passed.first()) {
             (ThreadHold::Knot, Some(first)) => first.crossing.alpha - self.tail.alpha,
             _ => 0.0,
-        };
-        spans + loose
+        }
     }
 
     /// After a solve whose single rows were `single` in number, and the first of those on several anchors that are this thread's

@@ -4,7 +4,7 @@
 //! [`ThreadState::finish_through`] at the end of a balance. Younes 2021, 3.33, with the pieces between faces inside
 //! among its terms: a point inside is pulled by the tension times the turn there, nothing where the path is straight. A span that has
 //! m of thread is m (1 + T / EA) long, so that EA enters as the rows' own compliance, m / EA for all that two rows share. Along a passage
-//! dT/ds = drag + friction |curvature| T with uniform curvature; its integral bounds one unknown F a passage, which is
+//! dT/ds = drag + friction |curvature| T; its integral bounds one unknown F a passage, which is
 //! spread evenly over the passage's length.
 
 use super::model::{ThreadPart, ThreadTension};
@@ -209,6 +209,7 @@ impl ThreadState {
         if is_held {
             let bound_n = self.whole.map_or(f64::INFINITY, |whole| whole.bound_n);
             let gives_way = shared >= bound_n - NO_TENSION_N;
+            beyond -= self.loose_m();
             settled &= (gives_way || beyond <= LENGTH_M)
                 && (shared <= NO_TENSION_N || beyond >= -LENGTH_M);
         }
@@ -219,6 +220,23 @@ impl ThreadState {
     fn stretch(&self, part: &ThreadPart, place: usize) -> f64 {
         let own = self.segments.iter().find(|segment| segment.span == place);
         stretch(part, own.map_or(0.0, |segment| segment.tension_n))
+    }
+
+    /// Length of a passage, each piece times e^(friction turn) of what comes after it, and before it \[m\].
+    fn turned_lengths_m(&self, place: usize, friction: f64) -> [f64; 2] {
+        let total = self.spans[place].turn;
+        let (mut gone, mut lengths) = (0.0, [0.0; 2]);
+        for (index, segment) in self.segments.iter().enumerate() {
+            if segment.span != place {
+                continue;
+            }
+            let before = index.checked_sub(1).map(|before| &self.segments[before]);
+            gone += before.map_or(0.0, |before| before.turn_to(segment));
+            let length_m = segment.way.norm();
+            lengths[0] += length_m * (friction * (total - gone)).exp();
+            lengths[1] += length_m * (friction * gone).exp();
+        }
+        lengths
     }
 
     /// Turns along each passage, where the thread goes in and out included, as segments pull now.
@@ -234,8 +252,7 @@ impl ThreadState {
                 .into_iter()
                 .find(|segment| segment.piece.is_some());
             if let Some(inside) = inside {
-                let (a, b) = (before.pull(), after.pull());
-                self.spans[inside.span].turn += a.cross(&b).norm().atan2(a.dot(&b));
+                self.spans[inside.span].turn += before.turn_to(after);
             }
         }
     }
@@ -246,18 +263,20 @@ impl ThreadState {
         let mut settled = true;
         let mut tension = shared;
         for place in 0..self.spans.len() {
-            let length_m = self.lengths_of(place);
+            let [ahead_m, back_m] = if drag > 0.0 {
+                self.turned_lengths_m(place, part.friction)
+            } else {
+                [0.0; 2]
+            };
             let span = &mut self.spans[place];
             let Some(passage) = &mut span.passage else {
                 continue;
             };
-            let angle = part.friction * span.turn;
-            let grown = angle.exp_m1();
-            let mean = if angle > 0.0 { grown / angle } else { 1.0 };
+            let grown = (part.friction * span.turn).exp_m1();
             let before = tension.max(0.0);
-            let limit_n = grown * before + mean * drag * length_m;
+            let limit_n = grown * before + drag * ahead_m;
             // Lessened to T' it grows to T on the way back; it does not push.
-            let lessens_n = (limit_n / (1.0 + grown)).min(before);
+            let lessens_n = ((grown * before + drag * back_m) / (1.0 + grown)).min(before);
             let near = FOLLOWS * limit_n.max(1e-3 * before) + NO_TENSION_N;
             let follows = |now: f64, then: f64, friction: f64| {
                 (now - then).abs() <= near || friction < now.min(then) - near
@@ -400,6 +419,12 @@ impl ThreadState {
 }
 
 impl Segment {
+    /// Turn to the next one, as both pull \[rad\].
+    fn turn_to(&self, next: &Self) -> f64 {
+        let (a, b) = (self.pull(), next.pull());
+        a.cross(&b).norm().atan2(a.dot(&b))
+    }
+
     /// Thread that it takes, unstretched \[m\].
     fn taken_m(&self, part: &ThreadPart) -> f64 {
         self.way.norm() / stretch(part, self.tension_n)
