@@ -3,6 +3,7 @@
 //! Entry point: [`Event`]; [`crate::step::StepReport::events`] has those of a step, [`crate::script::Script::take_missed`] those of scripts.
 
 use crate::thread::ThreadEnd;
+use serde::Serialize;
 
 /// Something that happened. What there is of a thread between its holds changes by what slips, and its length by what breaks off,
 /// by nothing else.
@@ -47,6 +48,20 @@ pub enum Event {
         /// What tissue bears \[Pa\].
         tear_pa: f64,
     },
+    /// Jaws took hold of tissue.
+    Grasped {
+        /// Id of the tool that carries them.
+        tool: u8,
+        /// How many points of it they hold.
+        points: u32,
+    },
+    /// Jaws hold nothing although they are closed.
+    Lost {
+        /// Id of the tool that carries them.
+        tool: u8,
+        /// What has become of the tissue.
+        why: Loss,
+    },
     /// A tool was to take what is out of its reach. It is tried again in every step until the time of that hold ends; what held it
     /// before goes on meanwhile.
     Missed {
@@ -59,6 +74,17 @@ pub enum Event {
         /// Where it would have had to be, give or take its reach \[m\], (3).
         nearest_m: [f64; 3],
     },
+}
+
+/// Why closed jaws hold nothing.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+pub enum Loss {
+    /// There was nothing between them.
+    Nothing,
+    /// It has slipped out.
+    Slipped,
+    /// It bore no more.
+    Tore,
 }
 
 /// What a tool can hold.

@@ -15,7 +15,7 @@ mod dense;
 pub mod event;
 pub mod fem;
 mod hash;
-
+pub mod jaws;
 pub mod model;
 pub mod needle;
 pub mod output;

@@ -9,6 +9,7 @@ use crate::fem::{
     Hyperelasticity, LinearTissue, Loads, Materials, NodeLoad, Policy, TissueError,
     principal_stress_pa,
 };
+use crate::jaws::JawsPart;
 use crate::mesh::{Surface, TetMesh};
 use crate::needle::{NeedleError, NeedlePart, NeedleSettings, NeedleTissue};
 use crate::source::{Added, Handles, MOST_NODES};
@@ -166,6 +167,14 @@ pub enum ModelError {
         share: f64,
         /// How the next one ended.
         status: Status,
+    },
+    /// Jaws without a sound shape, on no grip, or on one that has some.
+    #[error("the jaws of tool {tool}: {flaw}")]
+    Jaws {
+        /// The tool that is to carry them.
+        tool: u8,
+        /// What is wrong.
+        flaw: String,
     },
     /// More tools than a step has room for.
     #[error("{0} tools; at most {MAX_TOOLS} are possible")]
@@ -516,6 +525,42 @@ impl Model {
             && let Some(rest) = &sources.rest
         {
             sources.start_outside(rest.touch.at_m())?;
+        }
+        Ok(self)
+    }
+
+    /// Adds jaws to tools of a model of `mesh`.
+    ///
+    /// # Errors
+    /// Jaws without a sound shape, on a tool that is no grip, or two on one; too little memory; handles beside them on more than
+    /// four nodes.
+    pub fn with_jaws(mut self, mesh: &TetMesh, parts: &[JawsPart]) -> Result<Self, ModelError> {
+        if parts.is_empty() {
+            return Ok(self);
+        }
+        for (index, JawsPart { tool, jaws }) in parts.iter().enumerate() {
+            let flaw = if !self.tool(*tool).is_some_and(|(_, tool)| tool.is_grip()) {
+                Some("a tool that is a grip carries jaws".to_owned())
+            } else if parts[..index].iter().any(|other| other.tool == *tool) {
+                Some("a tool carries one pair".to_owned())
+            } else {
+                jaws.flaw()
+            };
+            if let Some(flaw) = flaw {
+                return Err(ModelError::Jaws { tool: *tool, flaw });
+            }
+        }
+        match &self.body {
+            Body::Linear { .. } => {}
+            Body::Corotational { tissue, .. } => tissue.has_room_for_needles()?,
+            Body::Hyperelastic { tissue, .. } => tissue.has_room_for_needles()?,
+        }
+        let reaches = self.sources.as_ref().is_some_and(Sources::reach_inside);
+        if !reaches {
+            self = self.with_needles(mesh, &[], &[], NeedleSettings::default())?;
+        }
+        if let Some(sources) = &mut self.sources {
+            sources.jaws = parts.to_vec();
         }
         Ok(self)
     }

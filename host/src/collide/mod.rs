@@ -22,6 +22,7 @@ pub use body::{Body, Pair};
 pub use depth::{gaps_m, penetration_m};
 pub use look::TouchWork;
 pub use pairs::{Path, edge_edge, vertex_face};
+pub(crate) use patch::closest;
 pub(crate) use source::TissueContactSource;
 pub use sweep::{Impact, Margin, Sweep, Verdict};
 pub use touch::{TouchError, TouchPart, TouchSettings, Touching};

@@ -89,7 +89,7 @@ impl<const N: usize> Patch<N> {
 }
 
 /// The point of a patch that is closest to the origin.
-pub(super) struct Closest<const N: usize> {
+pub(crate) struct Closest<const N: usize> {
     /// Where it is \[m\], (3).
     pub point: Vector3<f64>,
     /// Mixture of the corners that gives it.
@@ -99,7 +99,7 @@ pub(super) struct Closest<const N: usize> {
 }
 
 /// Up to round-off, and on the border if the patch has hardly an area: nobody relies on its being exact.
-pub(super) fn closest<const N: usize>(corners: &[Vector3<f64>; N]) -> Closest<N> {
+pub(crate) fn closest<const N: usize>(corners: &[Vector3<f64>; N]) -> Closest<N> {
     if let Some(inside) = foot(corners) {
         return inside;
     }

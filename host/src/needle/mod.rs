@@ -25,7 +25,7 @@ pub(crate) use model::{check, contains};
 pub use report::{NeedleReport, TipPlace};
 pub use shape::{Curve, Needle, NeedleShape, NeedleTissue};
 pub use slide::{Entry, Geometry, SlideReport, SlideStatus, entry, slide};
-pub(crate) use source::{NeedleSource, NeedleWork, Point, What, anchor};
+pub(crate) use source::{NeedleSource, NeedleWork, Point, STIFFEST_M_PER_N, What, anchor};
 pub use state::CrossingFriction;
 pub(crate) use state::{Grip, NeedleState, Tip};
 pub use walk::{Stop, Walked, walk};

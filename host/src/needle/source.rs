@@ -22,7 +22,7 @@ const SLIDE_TOLERANCE: f64 = 3e-8;
 /// Compliance of friction on fixed nodes \[m/N\]: far below any tissue's, so that it slides at once.
 const RIGID_M_PER_N: f64 = 1e-6;
 /// Least compliance of a row beside fixed nodes \[m/N\]: a hundredth of what an edge of soft tissue has.
-const STIFFEST_M_PER_N: f64 = 3e-5;
+pub(crate) const STIFFEST_M_PER_N: f64 = 3e-5;
 
 /// Needles, held by tools or not.
 pub(crate) struct NeedleSource;

@@ -62,11 +62,14 @@ fn start(work: &mut Workspace) {
 /// Modes of rows that carry no force.
 fn settle(work: &mut Workspace) {
     let (scaled, vectors) = (&work.scaled, &mut work.vectors);
+    let mut before = Law::NONE;
     for (mode, law) in vectors.modes.iter_mut().zip(&scaled.law) {
-        *mode = match law {
-            Law::Between { low, high } if *low < 0.0 && *high > 0.0 => Mode::Held,
+        *mode = match (law, before) {
+            (Law::Between { low, high }, _) if *low < 0.0 && *high > 0.0 => Mode::Held,
+            (Law::Disc { .. }, _) | (Law::Tangent, Law::Disc { .. }) => Mode::Held,
             _ => Mode::AtLower,
         };
+        before = *law;
     }
 }
 
@@ -309,7 +312,7 @@ pub(super) fn flag_empty(problem: &Problem, work: &mut Workspace) {
         let missed = match problem.rows[row].kind {
             RowKind::Equality | RowKind::Box { .. } | RowKind::Between { .. } => target,
             RowKind::Inequality | RowKind::Normal { .. } => target.min(0.0),
-            RowKind::Tangent => 0.0,
+            RowKind::Tangent | RowKind::Disc { .. } => 0.0,
         };
         shift[at] = -missed;
         work.flags[row] = if missed == 0.0 {

@@ -1,4 +1,4 @@
-//! Sets with Coulomb cones: semismooth Newton over open, sticking and slipping.
+//! Sets with Coulomb cones and discs: semismooth Newton over open, sticking and slipping.
 //!
 //! Entry point: [`solve`]. With `q = x - r delta`, r the inverse of the diagonal, a solution is
 //! `x = P(q)`, P the projection to bounds, half-lines and discs of radius `mu q_n` (Alart & Curnier
@@ -213,6 +213,7 @@ fn linear_step(problem: &Reduced, at: &mut Iterate, active: &mut Active) {
             }
             slip.complete(matrix, k, place);
             slip.replace(rhs, place);
+            slip.aim(rhs, place);
             place += 1;
         }
         place += 1;
@@ -226,8 +227,13 @@ fn linear_step(problem: &Reduced, at: &mut Iterate, active: &mut Active) {
 
 /// Linearisation of the slipping pair whose first tangent is `row`.
 fn slip_at(problem: &Reduced, at: &Iterate, row: usize) -> Slip {
-    let Law::Normal { friction } = problem.law[row - 1] else {
-        return Slip::new(0.0, [0.0, 1.0, 0.0], 1.0);
+    if let Law::Disc { radius } = problem.law[row] {
+        let r = step_of_disc(problem, row);
+        return Slip::disc(radius, [row, row + 1].map(|t| at.x[t] - r * at.delta[t]), r);
+    }
+    let before = row.checked_sub(1).map(|normal| problem.law[normal]);
+    let Some(Law::Normal { friction }) = before else {
+        return Slip::disc(0.0, [1.0, 0.0], 1.0);
     };
     let (normal, sideways) = steps(problem, row - 1);
     let q = [
@@ -236,6 +242,11 @@ fn slip_at(problem: &Reduced, at: &Iterate, row: usize) -> Slip {
         at.x[row + 1] - sideways * at.delta[row + 1],
     ];
     Slip::new(friction, q, sideways)
+}
+
+/// r of a disc's rows.
+fn step_of_disc(problem: &Reduced, row: usize) -> f64 {
+    2.0 / (own(problem, row) + own(problem, row + 1))
 }
 
 /// r of a cone's normal and tangents.
@@ -250,10 +261,10 @@ fn own(problem: &Reduced, row: usize) -> f64 {
 }
 
 /// Calls `with` with every entry of `x - P(x - r delta)` and its r, which `steps_of` gives for a row, or
-/// for a normal and its tangents.
+/// for a normal and its tangents, or for a disc.
 fn natural_map(
     laws: &[Law],
-    steps_of: impl Fn(usize, bool) -> (f64, f64),
+    steps_of: impl Fn(usize, Law) -> (f64, f64),
     at: impl Fn(usize) -> (f64, f64),
     mut with: impl FnMut(f64, f64),
 ) {
@@ -261,28 +272,39 @@ fn natural_map(
         match *law {
             Law::Between { low, high } if low < high => {
                 let (x, gap) = at(row);
-                let (r, _) = steps_of(row, false);
+                let (r, _) = steps_of(row, *law);
                 with(x - (x - r * gap).max(low).min(high), r);
             }
             Law::Normal { friction } => {
-                let (r, sideways) = steps_of(row, true);
+                let (r, sideways) = steps_of(row, *law);
                 let [(x, gap), first, second] = [row, row + 1, row + 2].map(&at);
                 let q = (x - r * gap).max(0.0);
                 with(x - q, r);
-                let aim = [first, second].map(|(x, gap)| x - sideways * gap);
-                let length = aim[0].hypot(aim[1]);
-                let radius = friction * q;
-                let part = if length > radius {
-                    radius / length
-                } else {
-                    1.0
-                };
-                with(first.0 - part * aim[0], sideways);
-                with(second.0 - part * aim[1], sideways);
+                for off in off_disc([first, second], sideways, friction * q) {
+                    with(off, sideways);
+                }
+            }
+            Law::Disc { radius } => {
+                let (r, _) = steps_of(row, *law);
+                for off in off_disc([row, row + 1].map(&at), r, radius) {
+                    with(off, r);
+                }
             }
             Law::Between { .. } | Law::Tangent => {}
         }
     }
+}
+
+/// `x - P(x - r delta)` of a pair of rows, P the projection to a disc.
+fn off_disc(pair: [(f64, f64); 2], r: f64, radius: f64) -> [f64; 2] {
+    let aim = pair.map(|(x, gap)| x - r * gap);
+    let length = aim[0].hypot(aim[1]);
+    let part = if length > radius {
+        radius / length
+    } else {
+        1.0
+    };
+    [pair[0].0 - part * aim[0], pair[1].0 - part * aim[1]]
 }
 
 /// Largest entry of the natural map with r = 1, as [`super::residuals`] measures it.
@@ -303,12 +325,10 @@ fn merit(problem: &Reduced, at: &Iterate, gaps: &[f64], part: f64) -> f64 {
     let between = |from: f64, to: f64| from + part * (to - from);
     natural_map(
         problem.law,
-        |row, cone| {
-            if cone {
-                steps(problem, row)
-            } else {
-                (own(problem, row).recip(), 1.0)
-            }
+        |row, law| match law {
+            Law::Normal { .. } => steps(problem, row),
+            Law::Disc { .. } => (step_of_disc(problem, row), 1.0),
+            Law::Between { .. } | Law::Tangent => (own(problem, row).recip(), 1.0),
         },
         |row| {
             (
@@ -348,6 +368,13 @@ pub(super) fn classify(problem: &Reduced, at: &mut Iterate) {
                 };
                 at.modes[row] = own;
                 at.modes[row + 1..row + 3].fill(pair);
+            }
+            Law::Disc { radius } => {
+                let r = step_of_disc(problem, row);
+                let aim = [row, row + 1].map(|t| at.x[t] - r * at.delta[t]);
+                let sticks = aim[0].hypot(aim[1]) <= radius;
+                let mode = if sticks { Mode::Held } else { Mode::Slipping };
+                at.modes[row..row + 2].fill(mode);
             }
             Law::Tangent => {}
         }

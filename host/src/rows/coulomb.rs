@@ -1,11 +1,11 @@
-//! One Coulomb cone by itself: normal and two tangents on a 3 x 3 compliance.
+//! One Coulomb cone, or disc, by itself: normal and two tangents on a 3 x 3 compliance, or two rows on a 2 x 2 one.
 //!
-//! Entry point: [`solve`]. Open and sticking are linear; slipping is one equation in the angle of the
+//! Entry points: [`solve`], [`solve_disc`]. Open and sticking are linear; slipping is one equation in the angle of the
 //! slip: with `delta_t` along `d`, `lambda_t = -mu lambda_n d` and `delta_n = 0` give `lambda_n`, and
 //! `d x delta_t = 0` the angle (Bonnefon & Daviet 2011 write it as a quartic). Newton from the last
 //! direction, else all angles.
 
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::{Matrix2, Matrix3, Vector2, Vector3};
 
 /// Directions tried when Newton from the last one fails, and when two solutions hide between those.
 const DIRECTIONS: [usize; 2] = [32, 256];
@@ -36,6 +36,31 @@ pub(super) fn solve(
     slip.newton(start)
         .or_else(|| DIRECTIONS.into_iter().find_map(|count| slip.search(count)))
         .unwrap_or_else(|| slip.project(last))
+}
+
+/// Newton steps for the force of a disc: they converge from below, quadratically.
+const DISC_STEPS: u32 = 30;
+
+/// Force in a disc with gap `free + a lambda`: sticks inside, and slips by `delta = -nu lambda` at its rim, where
+/// `|(a + nu)^-1 free|` is the radius (the secular equation of a trust region: More & Sorensen 1983).
+pub(super) fn solve_disc(a: &Matrix2<f64>, free: &Vector2<f64>, radius: f64) -> Vector2<f64> {
+    let mut nu = 0.0;
+    let mut force = Vector2::zeros();
+    for _ in 0..DISC_STEPS {
+        let Some(factor) = (a + Matrix2::identity() * nu).cholesky() else {
+            nu += 1e-12 * a.trace();
+            continue;
+        };
+        force = -factor.solve(free);
+        let length = force.norm();
+        if length <= radius * (1.0 + 1e-15) {
+            break;
+        }
+        let slope = force.dot(&factor.solve(&force)) / (length * length);
+        nu += (length - radius) / (radius * slope);
+    }
+    let length = force.norm();
+    force * (radius / length).min(1.0)
 }
 
 /// A slipping cone.

@@ -8,7 +8,7 @@ use super::cone::{classify, natural_residual};
 use super::scaled::Law;
 use super::workspace::{Finish, Workspace};
 use super::{Problem, active_set, coulomb};
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::{Matrix2, Matrix3, Vector2, Vector3};
 
 /// At most `sweeps` sweeps over the whole problem, from the warm forces.
 pub(super) fn solve(
@@ -71,17 +71,26 @@ pub(super) fn project(laws: &[Law], x: &mut [f64]) {
                 radius = friction * x[row];
             }
             Law::Tangent => {
-                let length = x[row].hypot(x[row + 1]);
-                if !length.is_finite() {
-                    x[row..row + 2].fill(0.0);
-                } else if length > radius {
-                    let part = radius / length;
-                    x[row..row + 2].iter_mut().for_each(|x| *x *= part);
-                }
+                into_disc(&mut x[row..row + 2], radius);
+                row += 1;
+            }
+            Law::Disc { radius } => {
+                into_disc(&mut x[row..row + 2], radius);
                 row += 1;
             }
         }
         row += 1;
+    }
+}
+
+/// The nearest pair of forces in a disc.
+fn into_disc(pair: &mut [f64], radius: f64) {
+    let length = pair[0].hypot(pair[1]);
+    if !length.is_finite() {
+        pair.fill(0.0);
+    } else if length > radius {
+        let part = radius / length;
+        pair.iter_mut().for_each(|x| *x *= part);
     }
 }
 
@@ -113,6 +122,18 @@ pub(super) fn sweep(problem: &Reduced, x: &mut [f64], delta: &mut [f64]) {
                 let next = coulomb::solve(&a, &(gap - a * last), friction, &last);
                 if next.iter().all(|x| x.is_finite()) {
                     for axis in 0..3 {
+                        change(row + axis, next[axis] - last[axis], delta);
+                        x[row + axis] = next[axis];
+                    }
+                }
+            }
+            Law::Disc { radius } => {
+                let a = Matrix2::from_fn(|i, j| problem.matrix[(row + j) * n + row + i]);
+                let last = Vector2::new(x[row], x[row + 1]);
+                let gap = Vector2::new(delta[row], delta[row + 1]);
+                let next = coulomb::solve_disc(&a, &(gap - a * last), radius);
+                if next.iter().all(|x| x.is_finite()) {
+                    for axis in 0..2 {
                         change(row + axis, next[axis] - last[axis], delta);
                         x[row + axis] = next[axis];
                     }

@@ -78,7 +78,14 @@ pub enum RowKind {
     },
     /// Part of the cone of the [`RowKind::Normal`] row before: `|lambda_t| <= friction lambda_n`,
     /// `delta_t = 0` strictly inside, `lambda_t = -friction lambda_n delta_t / |delta_t|` when it slips.
+    /// Behind a [`RowKind::Disc`], the second row of that.
     Tangent,
+    /// With the one [`RowKind::Tangent`] row that follows, along orthogonal unit vectors: Coulomb's cone at a given normal
+    /// force. `|lambda| <= limit`, `delta = 0` strictly inside, `lambda = -limit delta / |delta|` when it slips.
+    Disc {
+        /// Largest force of both rows together \[N\], not negative; infinite makes two equality rows.
+        limit_n: f64,
+    },
 }
 
 /// A row.

@@ -153,8 +153,10 @@ fn linearise<'a>(
     modes.copy_from_slice(&state.modes);
     for &row in skip {
         modes[row] = Mode::AtLower;
-        if matches!(work.scaled.law[row], Law::Normal { .. }) {
-            modes[row + 1..row + 3].fill(Mode::AtLower);
+        match work.scaled.law[row] {
+            Law::Normal { .. } => modes[row + 1..row + 3].fill(Mode::AtLower),
+            Law::Disc { .. } => modes[row + 1] = Mode::AtLower,
+            Law::Between { .. } | Law::Tangent => {}
         }
     }
     let active = &mut work.active;
@@ -226,18 +228,21 @@ impl Linear<'_> {
     /// The law of the slipping pair whose first tangent is at `place`.
     fn slip(&self, place: usize) -> Option<Slip> {
         let row = self.active.rows[place];
+        if self.state.modes[row] != Mode::Slipping {
+            return None;
+        }
+        let aim = |at: usize| {
+            let scale = self.scaled.scale[at];
+            self.state.lambda[at] / scale - self.state.delta[at] * scale
+        };
+        if let Law::Disc { radius } = self.scaled.law[row] {
+            return Some(Slip::disc(radius, [row, row + 1].map(aim), 1.0));
+        }
         let normal = row.checked_sub(1)?;
         let Law::Normal { friction } = self.scaled.law[normal] else {
             return None;
         };
-        if self.state.modes[row] != Mode::Slipping {
-            return None;
-        }
-        let aim = [normal, row, row + 1].map(|at| {
-            let scale = self.scaled.scale[at];
-            self.state.lambda[at] / scale - self.state.delta[at] * scale
-        });
-        Some(Slip::new(friction, aim, 1.0))
+        Some(Slip::new(friction, [normal, row, row + 1].map(aim), 1.0))
     }
 
     /// Right-hand side `column`: a change of all rows' delta_free.

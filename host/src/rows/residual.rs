@@ -15,7 +15,7 @@ pub struct Residuals {
     pub equality: f64,
     /// |min(lambda~, delta~)| of inequality and normal rows, its like for boxes.
     pub complementarity: f64,
-    /// Tangents against the disc of their cone.
+    /// Tangents against the disc of their cone, and discs.
     pub cone: f64,
 }
 
@@ -90,9 +90,15 @@ pub fn residuals(problem: &Problem, lambda: &[f64], delta: &[f64]) -> Residuals 
                 let push = free.max(0.0).min(-least_n / scale);
                 drive = drive.max(pull).max(push);
             }
-            RowKind::Tangent => {}
+            RowKind::Disc { limit_n } if !empty(row + 1) => {
+                let (off, most, driven) = disc(problem, lambda, delta, (row, limit_n));
+                found.cone = larger(found.cone, off);
+                strongest = strongest.max(most);
+                drive = drive.max(driven);
+            }
+            RowKind::Tangent | RowKind::Disc { .. } => {}
         }
-        if kind != RowKind::Tangent {
+        if !matches!(kind, RowKind::Tangent | RowKind::Disc { .. }) {
             strongest = strongest.max(lambda_.abs());
         }
         if let RowKind::Normal { friction } = kind
@@ -125,6 +131,34 @@ pub fn residuals(problem: &Problem, lambda: &[f64], delta: &[f64]) -> Residuals 
         }
     }
     found
+}
+
+/// Residual of a disc whose first row this is, its force, and its drive, all scaled.
+fn disc(
+    problem: &Problem,
+    lambda: &[f64],
+    delta: &[f64],
+    (row, limit_n): (usize, f64),
+) -> (f64, f64, f64) {
+    let diagonal = |row: usize| problem.compliance[row * (problem.rows.len() + 1)];
+    let scale = diagonal(row).max(diagonal(row + 1)).sqrt().recip();
+    let radius = limit_n / scale;
+    let of = |from: &[f64], by: f64| [from[row] * by, from[row + 1] * by];
+    let (force, gap) = (of(lambda, scale.recip()), of(delta, scale));
+    let aim = [force[0] - gap[0], force[1] - gap[1]];
+    let length = aim[0].hypot(aim[1]);
+    let part = if length > radius {
+        radius / length
+    } else {
+        1.0
+    };
+    let off = (force[0] - part * aim[0]).hypot(force[1] - part * aim[1]);
+    let free = of(problem.delta_free, scale);
+    (
+        off,
+        force[0].hypot(force[1]),
+        free[0].hypot(free[1]).min(radius),
+    )
 }
 
 /// The larger of the two, NaN if `x` is.

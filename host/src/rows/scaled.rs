@@ -11,8 +11,10 @@ pub(super) enum Law {
     Between { low: f64, high: f64 },
     /// A cone's normal; the next two rows are its tangents.
     Normal { friction: f64 },
-    /// A cone's tangent.
+    /// A cone's tangent, or the second row of a disc.
     Tangent,
+    /// A disc's first row; the next one is its second.
+    Disc { radius: f64 },
 }
 
 impl Law {
@@ -32,7 +34,7 @@ impl Law {
         match self {
             Self::Between { low, high } => (low, high),
             Self::Normal { .. } => (0.0, f64::INFINITY),
-            Self::Tangent => (0.0, 0.0),
+            Self::Tangent | Self::Disc { .. } => (0.0, 0.0),
         }
     }
 }
@@ -118,6 +120,9 @@ impl Scaled {
             let target = problem.delta_free[row] * scale;
             self.target.push(target);
             let drive = match law {
+                Law::Disc { radius } => target
+                    .hypot(problem.delta_free[row + 1] * scale)
+                    .min(radius),
                 Law::Between { low: 0.0, high } => (-target).clamp(0.0, high),
                 Law::Between { low, high } => target.abs().min(high.max(-low)),
                 Law::Normal { .. } => (-target).max(0.0),
@@ -155,8 +160,11 @@ impl Scaled {
                 high: most_n / scale,
             },
             // Replaced below.
-            RowKind::Normal { .. } | RowKind::Tangent => Law::NONE,
+            RowKind::Normal { .. } | RowKind::Tangent | RowKind::Disc { .. } => Law::NONE,
         });
+        if let RowKind::Disc { limit_n } = problem.rows[row].kind {
+            return self.push_disc([diagonal(row), diagonal(row + 1)], limit_n);
+        }
         let RowKind::Normal { friction } = problem.rows[row].kind else {
             return Ok(());
         };
@@ -185,6 +193,29 @@ impl Scaled {
             }
             self.law.extend([Law::NONE, Law::NONE]);
         }
+        Ok(())
+    }
+
+    /// Scales both rows of a disc alike, of which the first is there; one that moves nothing bears nothing.
+    fn push_disc(&mut self, diagonals: [f64; 2], limit_n: f64) -> Result<(), Fault> {
+        let [first, second] = diagonals;
+        scale_of(first.min(second))?;
+        let scale = scale_of(first.max(second))?;
+        let at = self.law.len() - 1;
+        self.scale[at] = scale;
+        self.scale.push(scale);
+        let acts = limit_n > 0.0 && first.min(second) >= f64::MIN_POSITIVE;
+        let radius = limit_n / scale;
+        let laws = if !acts {
+            [Law::NONE; 2]
+        } else if radius == f64::INFINITY {
+            [Law::FREE; 2]
+        } else {
+            self.cones = true;
+            [Law::Disc { radius }, Law::Tangent]
+        };
+        self.law[at] = laws[0];
+        self.law.push(laws[1]);
         Ok(())
     }
 
@@ -257,6 +288,9 @@ pub(super) fn check_kinds(problem: &Problem) -> Result<(), Fault> {
         }
         match row.kind {
             RowKind::Tangent => due -= 1,
+            RowKind::Disc { limit_n } if limit_n.is_nan() => return Err(Fault::NotFinite),
+            RowKind::Disc { limit_n } if limit_n < 0.0 => return Err(Fault::Malformed),
+            RowKind::Disc { .. } => due = 1,
             RowKind::Normal { friction } if friction.is_infinite() || friction.is_nan() => {
                 return Err(Fault::NotFinite);
             }

@@ -15,6 +15,7 @@ pub(crate) mod tool;
 pub(crate) use added::{Added, Kept, Section, scene_keys};
 
 use crate::collide::TissueContactSource;
+use crate::jaws::JawsSource;
 use crate::needle::{FreeNeedleSource, NeedleSource};
 use crate::step::{Balance, Felt, Sources, Status};
 use crate::thread::ThreadSource;
@@ -108,11 +109,12 @@ impl std::ops::Add for Room {
 }
 
 /// Sources whose rows are on points; those that a scene adds come after them.
-pub(crate) const ON_POINTS: [&dyn Source; 4] = [
+pub(crate) const ON_POINTS: [&dyn Source; 5] = [
     &NeedleSource,
     &TissueContactSource,
     &ToolSource,
     &HandleSource,
+    &JawsSource,
 ];
 
 /// Sources whose rows are on ways, or that have none.

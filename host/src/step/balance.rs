@@ -14,6 +14,7 @@ use crate::anchors::{AnchorPoint, ConstraintSet, ConstraintSystem, Fetched, is_s
 use crate::body::{Body, Push};
 use crate::clock::Clock;
 use crate::collide::TouchWork;
+use crate::jaws::JawsWork;
 use crate::model::Model;
 use crate::needle::{MOST_GROUPS, NeedleWork};
 use crate::source::tool::ToolWork;
@@ -35,6 +36,7 @@ pub(crate) struct BalanceWork {
     pub needles: NeedleWork,
     pub threads: ThreadWork,
     pub tools: ToolWork,
+    pub jaws: JawsWork,
     pub touch: Option<TouchWork>,
     saved: Kept,
 }
@@ -70,6 +72,7 @@ impl BalanceWork {
             needles: NeedleWork::new(state.each.len(), sources),
             threads: ThreadWork::new(sources),
             tools: ToolWork::new(&sources.tools, settings.most_rows + settings.most_spread),
+            jaws: JawsWork::new(sources),
             touch: sources
                 .touching
                 .as_ref()
@@ -145,6 +148,9 @@ impl<'a> Balance<'a> {
         for (thread, [tail, head]) in self.state.threads.iter_mut().zip(&targets.threads) {
             thread.tail.at = *tail;
             thread.head.at = *head;
+        }
+        for (each, target) in self.state.jaws.iter_mut().zip(&targets.jaws) {
+            each.pose = *target;
         }
         self.work.needles.releases.clear();
         let done = self.round_by_round(&targets.needles, None);

@@ -8,6 +8,7 @@ use super::sources::{Sources, SourcesState};
 use crate::anchors::ConstraintState;
 use crate::body::{Motion, Place};
 use crate::collide::TouchState;
+use crate::jaws::JawsState;
 use crate::needle::NeedleState;
 use crate::source::Kept as Memory;
 use crate::source::tool::ToolContacts;
@@ -21,6 +22,7 @@ pub(super) struct Kept {
     threads: Vec<ThreadState>,
     touch: Option<TouchState>,
     tools: ToolContacts,
+    jaws: Vec<JawsState>,
     memory: Vec<Memory>,
 }
 
@@ -34,6 +36,7 @@ impl Kept {
             threads: state.threads.clone(),
             touch: state.touch.clone(),
             tools: ToolContacts::new(&sources.tools),
+            jaws: state.jaws.clone(),
             memory: state.memory.clone(),
         }
     }
@@ -51,6 +54,9 @@ impl Kept {
             kept.copy_from(touch);
         }
         self.tools.copy_from(&state.tools);
+        for (kept, each) in self.jaws.iter_mut().zip(&state.jaws) {
+            kept.copy_from(each);
+        }
         self.memory.copy_from_slice(&state.memory);
     }
 
@@ -73,6 +79,9 @@ impl Kept {
             touch.copy_from(kept);
         }
         state.tools.copy_from(&self.tools);
+        for (each, kept) in state.jaws.iter_mut().zip(&self.jaws) {
+            each.copy_from(kept);
+        }
         state.memory.copy_from_slice(&self.memory);
     }
 

@@ -15,6 +15,7 @@ use super::targets::Targets;
 use super::workspace::Workspace;
 use crate::clock::Clock;
 use crate::fem::Moved;
+use crate::jaws::between;
 use crate::model::Model;
 use crate::source::tool::Placements;
 use crate::tool::{MAX_TOOLS, ToolSample};
@@ -302,6 +303,7 @@ impl Step<'_> {
             reduce_tools(model, balance, samples, options, cones, rows);
         }
         balance.clock.lap(&mut balance.report.stages.reduce_ns);
+        between(balance);
         prefetch::near_tips(balance);
     }
 

@@ -77,7 +77,7 @@ pub(super) fn reduce(
     for source in balance.sources.each() {
         source.report(balance, samples);
     }
-    tangent.report_needles(balance, samples);
+    tangent.report_slides(balance, samples);
     let stored = balance.work.system.stored_j(&balance.state.grasp);
     let system = &balance.work.system;
     let potential_j = model
@@ -96,6 +96,7 @@ fn tool_tangent(balance: &Balance, tangent: &mut TangentWork, felt: &Felt) -> Ma
     let moves = Moves {
         needle: &held,
         tool: felt.touching,
+        jaws: balance.sources.jaws_of(felt.tool),
     };
     let mut derivative = tangent.differentiate(balance, &felt.grip, moves, &felt.pulls);
     // Without friction what tools feel comes from an energy: symmetric to the last bit, but for what the moment makes.

@@ -3,13 +3,14 @@
 //! Entry points: [`StepReport`], [`Status`].
 
 use crate::event::Event;
+use crate::jaws::JawsReport;
 use crate::needle::{MAX_NEEDLES, NeedleReport};
 use crate::renewal::Renewals;
 use crate::thread::ThreadReport;
 use crate::tool::MAX_TOOLS;
 
-/// Most events of a step: of each thread a slip at either end, and a break.
-const MAX_EVENTS: usize = 3 * MAX_NEEDLES;
+/// Most events of a step: of each thread a slip at either end, and a break; of all jaws that they lost what they held, and took hold.
+const MAX_EVENTS: usize = 3 * MAX_NEEDLES + 2 * MAX_TOOLS;
 
 /// How a step ended. Anything but `Ok` means: send nothing, let the console's data age.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
@@ -161,6 +162,8 @@ pub struct StepReport {
     needle_count: usize,
     threads: [ThreadReport; MAX_NEEDLES],
     thread_count: usize,
+    jaws: [JawsReport; MAX_TOOLS],
+    jaws_count: usize,
     events: [Option<Event>; MAX_EVENTS],
     /// Pairs of features of touching tissues that press against each other.
     pub touching: u32,
@@ -187,6 +190,16 @@ impl StepReport {
     pub(crate) fn threads_mut(&mut self, count: usize) -> &mut [ThreadReport] {
         self.thread_count = count.min(MAX_NEEDLES);
         &mut self.threads[..self.thread_count]
+    }
+
+    /// One per pair of jaws, in the model's order; empty unless the status is `Ok`.
+    pub fn jaws(&self) -> &[JawsReport] {
+        &self.jaws[..self.jaws_count]
+    }
+
+    pub(crate) fn jaws_mut(&mut self, count: usize) -> &mut [JawsReport] {
+        self.jaws_count = count.min(MAX_TOOLS);
+        &mut self.jaws[..self.jaws_count]
     }
 
     /// What has happened since the last step whose status was `Ok`, thread by thread; none unless this one's is.

@@ -11,6 +11,7 @@ use super::tool_rows::ToolRows;
 use crate::anchors::{AnchorPoint, AnchorSettings, ConstraintState, ConstraintSystem};
 use crate::body::Motion;
 use crate::collide::{TouchState, Touching};
+use crate::jaws::{JawsPart, JawsState};
 use crate::mesh::{HalfFaces, TetMesh};
 use crate::model::Model;
 use crate::needle::{
@@ -44,6 +45,8 @@ pub(crate) struct Sources {
     pub touching: Option<Touching>,
     /// Points of tissue that are held.
     pub handles: Handles,
+    /// Jaws, on tools of their own.
+    pub jaws: Vec<JawsPart>,
     /// What the scene adds by keys of their own.
     pub added: Vec<Arc<dyn Added>>,
     /// What evolves, before the first step, where tissues touch already.
@@ -60,6 +63,8 @@ pub(crate) struct Sources {
     pub apart_m: f64,
     /// Longest piece of a needle's way between two solves \[m\].
     pub piece_m: f64,
+    /// Mean edge of the boundary \[m\].
+    pub edge_m: f64,
 }
 
 impl Sources {
@@ -126,6 +131,7 @@ impl Sources {
             tools: TouchingTools::none(),
             touching: None,
             handles: Handles::default(),
+            jaws: Vec::new(),
             added: Vec::new(),
             rest: None,
             resting_m: resting_m.iter().map(|at| Vector3::from(*at)).collect(),
@@ -138,6 +144,7 @@ impl Sources {
             kind_of_cell,
             apart_m: APART * mesh.surface().mean_edge_m,
             piece_m: PIECE * mesh.surface().mean_edge_m,
+            edge_m: mesh.surface().mean_edge_m,
         };
         sources.start_outside(&sources.resting_m)?;
         Ok(sources)
@@ -197,7 +204,13 @@ impl Sources {
         !tools_only
             || self.touching.is_some()
             || !self.threads.parts.is_empty()
+            || !self.jaws.is_empty()
             || !self.added.is_empty()
+    }
+
+    /// Place of a tool's jaws.
+    pub fn jaws_of(&self, tool: u8) -> Option<usize> {
+        self.jaws.iter().position(|part| part.tool == tool)
     }
 
     /// Whether forces follow from an energy alone: there are but tools without friction.
@@ -268,6 +281,8 @@ pub(crate) struct SourcesState {
     pub touch: Option<TouchState>,
     #[serde(skip_serializing_if = "ToolContacts::touch_nothing")]
     pub tools: ToolContacts,
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub jaws: Vec<JawsState>,
     /// When the last balance was sampled, by the console's clock.
     pub time_us: u64,
     /// What added sources keep.
@@ -317,6 +332,7 @@ impl SourcesState {
             threads: sources.threads.parts.iter().map(ThreadState::new).collect(),
             touch,
             tools: ToolContacts::new(&sources.tools),
+            jaws: sources.jaws.iter().map(JawsState::new).collect(),
             time_us: 0,
             memory: sources.begin_added(),
         }
@@ -332,6 +348,9 @@ impl SourcesState {
             own.copy_from(other);
         }
         self.tools.copy_from(&other.tools);
+        for (own, other) in self.jaws.iter_mut().zip(&other.jaws) {
+            own.copy_from(other);
+        }
         self.time_us = other.time_us;
         self.memory.copy_from_slice(&other.memory);
     }

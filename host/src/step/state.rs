@@ -7,6 +7,7 @@ use super::targets::pose_of;
 use crate::anchors::ConstraintState;
 use crate::body::Motion;
 use crate::hash::hash_of;
+use crate::jaws::Grasped;
 use crate::model::Model;
 use crate::needle::{self, Grip};
 use crate::thread::{
@@ -93,6 +94,25 @@ impl State {
             put += usize::from(grip.is_some_and(|grip| each.put(pose * grip.needle)));
         }
         put
+    }
+
+    /// Has the jaws of a tool close, or open. They take hold of what is between them at the end of the next step that has the
+    /// columns for it, where the tool and the tissue are then: nothing moves and no force changes by that. Open jaws hold
+    /// nothing at once. Says whether the tool has jaws.
+    pub fn close(&mut self, model: &Model, tool: u8, closed: bool) -> bool {
+        let found = model.sources.as_ref().zip(self.sources.as_mut());
+        let jaws = found.and_then(|(sources, state)| {
+            let index = sources.jaws_of(tool)?;
+            state.jaws.get_mut(index)
+        });
+        jaws.map(|jaws| jaws.close(closed)).is_some()
+    }
+
+    /// The points that the jaws of a tool hold.
+    pub fn grasped(&self, model: &Model, tool: u8) -> &[Grasped] {
+        let found = model.sources.as_ref().zip(self.sources.as_ref());
+        let jaws = found.and_then(|(sources, state)| state.jaws.get(sources.jaws_of(tool)?));
+        jaws.map_or(&[], |jaws| &jaws.points)
     }
 
     /// Where a needle is: its frame, as [`crate::needle::NeedleShape`] has it.

@@ -9,6 +9,7 @@
 
 use super::balance::{Balance, BalanceWork};
 use crate::dense::{Dense, Lu};
+use crate::jaws::Gripped;
 use crate::needle::{Curve, Point, Tip, What};
 use crate::rows::{Mode, RowKind};
 use crate::source::tool::{Contact, Load, Touched, Turns};
@@ -44,9 +45,18 @@ pub(crate) struct Moves<'a> {
     pub needle: &'a dyn Fn(usize) -> bool,
     /// Place among the tools that touch.
     pub tool: Option<u32>,
+    /// Place among the jaws.
+    pub jaws: Option<usize>,
 }
 
 impl Moves<'_> {
+    /// Points of the jaws that move.
+    fn gripped<'b>(&self, work: &'b BalanceWork) -> impl Iterator<Item = &'b Gripped> {
+        let jaws = self.jaws;
+        let points = work.jaws.points.iter();
+        points.filter(move |point| Some(point.jaws) == jaws)
+    }
+
     /// Points of the needles that move.
     fn points(&self, balance: &Balance) -> impl Iterator<Item = Held> {
         let points = balance.work.needles.points.iter().enumerate();
@@ -127,7 +137,8 @@ impl TangentWork {
         self.turns = balance.turn_normals(Turns::Smooth);
         let (balance, work) = (&*balance, &*balance.work);
         self.find_laws(balance);
-        let slides = self.touched.iter().any(|(_, touched)| touched.slides());
+        let slides = self.touched.iter().any(|(_, touched)| touched.slides())
+            || work.jaws.points.iter().any(|point| point.slips);
         self.symmetric = !slides && self.follow.is_empty();
         if self.symmetric {
             self.gather(work, 0.0);
@@ -153,6 +164,9 @@ impl TangentWork {
                 // What is open has been let go of.
                 Some(RowKind::Tangent) if work.tools.rows.contains(&row) => false,
                 Some(_) if work.tools.rows.contains(&row) => lambda[row] <= 0.0,
+                Some(_) if work.jaws.rows.contains(&row) => {
+                    !matches!(modes[row], Mode::Held | Mode::Slipping)
+                }
                 _ => row >= of_points && modes[row] != Mode::Held,
             };
             open || w[row * (n + 1)] == 0.0
@@ -197,6 +211,9 @@ impl TangentWork {
         for (_, touched) in &self.touched {
             touched.replace(matrix, w, n);
         }
+        for gripped in &work.jaws.points {
+            gripped.replace(matrix, w, n);
+        }
         for (row, is_free) in self.free.iter().enumerate() {
             if *is_free {
                 free(matrix, n, row);
@@ -237,6 +254,9 @@ impl TangentWork {
             for (_, touched) in &self.touched {
                 touched.follow(change);
             }
+            for gripped in &work.jaws.points {
+                gripped.follow(change);
+            }
             for (change, _) in change.iter_mut().zip(&self.free).filter(|(_, free)| **free) {
                 *change = 0.0;
             }
@@ -266,6 +286,7 @@ impl TangentWork {
             .iter()
             .any(|point| (moves.needle)(point.needle))
             && smooth.is_none()
+            && moves.gripped(work).next().is_none()
             && !self.touched.iter().any(tool);
         if nothing && pulls.iter().all(Option::is_none) {
             return Matrix6::zeros();
@@ -273,6 +294,7 @@ impl TangentWork {
         self.load_needles(balance, grip, &moves);
         self.load_threads(balance, pulls);
         self.load_rough(balance, grip, moves.tool);
+        self.load_jaws(balance, grip, &moves);
         let (matrix, change) = (&self.matrix[..n * n], &mut self.change[..6 * n]);
         if self.symmetric {
             self.dense.solve(matrix, n, change, 6);
@@ -354,7 +376,22 @@ impl TangentWork {
         }
     }
 
-    /// Adds what the points of needles, and vertices that a rough tool touches, do to the wrench.
+    /// Right-hand sides of what jaws do to their rows.
+    fn load_jaws(&mut self, balance: &Balance, grip: &Vector3<f64>, moves: &Moves) {
+        let n = balance.work.count();
+        for point in moves.gripped(balance.work) {
+            for pose in 0..6 {
+                let (shift, turn) = unit(pose);
+                let load = point.load(grip, &shift, &turn);
+                let rows = &mut self.change[n * pose + point.row..][..3];
+                for ((row, load), free) in rows.iter_mut().zip(load).zip(&self.free[point.row..]) {
+                    *row = if *free { 0.0 } else { load };
+                }
+            }
+        }
+    }
+
+    /// Adds what the points of needles and jaws, and vertices that a rough tool touches, do to the wrench.
     fn add_points(
         &self,
         balance: &Balance,
@@ -365,10 +402,16 @@ impl TangentWork {
         let n = balance.work.count();
         let w = compliance(self.turns, balance.work);
         let of_needles = moves.points(balance);
-        let of_needles = of_needles.map(|held| (held.row, held.frame, held.in_tissue, held.force));
+        let of_needles = of_needles.map(|held| {
+            let rows = (held.row, held.frame, [0.0; 3]);
+            (rows, held.in_tissue, held.force)
+        });
         let of_tools = self.touched.iter().filter(|of| Some(of.0) == moves.tool);
-        let of_tools = of_tools.map(|(_, at)| (at.row, at.frame, at.at_m, at.force_n));
-        for (first, frame, in_tissue, held_n) in of_needles.chain(of_tools) {
+        let of_tools = of_tools.map(|(_, at)| ((at.row, at.frame, [0.0; 3]), at.at_m, at.force_n));
+        let of_jaws = moves.gripped(balance.work);
+        let of_jaws = of_jaws.map(|at| ((at.row, at.frame, at.soft), at.at_m, at.force_n));
+        let points = of_needles.chain(of_tools).chain(of_jaws);
+        for ((first, frame, soft), in_tissue, held_n) in points {
             let arm = in_tissue - grip;
             for pose in 0..6 {
                 let (shift, _) = unit(pose);
@@ -378,7 +421,7 @@ impl TangentWork {
                     let row = first + axis;
                     force += direction * own[row];
                     let column = &w[n * row..n * (row + 1)];
-                    moved -= direction * product(column, own);
+                    moved -= direction * (product(column, own) - soft[axis] * own[row]);
                 }
                 let moment = arm.cross(&force) - (moved - shift).cross(&held_n);
                 add(tangent, pose, &force, &moment);
@@ -401,8 +444,8 @@ impl TangentWork {
         }
     }
 
-    /// Stiffness of every needle against its slide \[N/m\]: if all stuck, and as it is.
-    pub fn report_needles(&mut self, balance: &mut Balance, samples: &[ToolSample]) {
+    /// Stiffness of every needle against its slide, and of all jaws against being pulled on \[N/m\]: if all stuck, and as it is.
+    pub fn report_slides(&mut self, balance: &mut Balance, samples: &[ToolSample]) {
         let count = balance.state.each.len();
         for needle in 0..count {
             let grip = balance.grip_of(needle, samples);
@@ -410,15 +453,70 @@ impl TangentWork {
             let moves = Moves {
                 needle: &|other| other == needle,
                 tool: None,
+                jaws: None,
             };
             let derivative = self.differentiate(balance, &grip, moves, &[]);
             let out = &mut balance.report.needles_mut(count)[needle];
             out.stiffness_n_per_m[1] = -twist.dot(&(derivative * twist));
         }
+        self.report_jaws(balance);
         for needle in 0..count {
             let sticking = self.sticking(balance.work, needle);
             balance.report.needles_mut(count)[needle].stiffness_n_per_m[0] = sticking;
         }
+    }
+
+    /// The same of jaws; where all of their points stick the two are one.
+    fn report_jaws(&mut self, balance: &mut Balance) {
+        let count = balance.sources.jaws.len();
+        for jaws in 0..count {
+            let report = balance.report.jaws_mut(count)[jaws];
+            let (Some(pose), true) = (balance.state.jaws[jaws].pose, report.points > 0) else {
+                continue;
+            };
+            let away = Vector3::from(report.away);
+            let moves = Moves {
+                needle: &|_| false,
+                tool: None,
+                jaws: Some(jaws),
+            };
+            let derivative = self.differentiate(balance, &pose.translation.vector, moves, &[]);
+            let now = -away.dot(&(derivative.fixed_view::<3, 3>(0, 0) * away));
+            balance.report.jaws_mut(count)[jaws].stiffness_n_per_m = [now; 2];
+        }
+        for jaws in 0..count {
+            let report = balance.report.jaws_mut(count)[jaws];
+            if report.slipping > 0 {
+                let sticking = self.sticking_jaws(balance.work, jaws, &report.away.into());
+                balance.report.jaws_mut(count)[jaws].stiffness_n_per_m[0] = sticking;
+            }
+        }
+    }
+
+    /// Stiffness of jaws against a way in a direction if nothing slipped, other rows left out \[N/m\].
+    fn sticking_jaws(&mut self, work: &BalanceWork, jaws: usize, away: &Vector3<f64>) -> f64 {
+        let own = work.jaws.points.iter().filter(|point| point.jaws == jaws);
+        let (all, n) = (work.count(), 3 * own.clone().count());
+        let Some(first) = own.clone().map(|point| point.row).min() else {
+            return 0.0;
+        };
+        let w = work.system.compliance(all);
+        let columns = self.matrix[..n * n].chunks_exact_mut(n);
+        for (column, from) in columns.zip(w[first * all..].chunks_exact(all)) {
+            column.copy_from_slice(&from[first..first + n]);
+        }
+        let rhs = &mut self.change[..n];
+        for point in own {
+            for (axis, along) in point.frame.iter().enumerate() {
+                rhs[point.row - first + axis] = along.dot(away);
+            }
+        }
+        // What the rows are to move by, and again as weights of their forces.
+        self.jacobian[..n].copy_from_slice(rhs);
+        regularise(&mut self.matrix[..n * n], n);
+        self.lu.factor(&mut self.matrix[..n * n], n);
+        self.lu.solve(&self.matrix[..n * n], n, rhs, 1);
+        product(&self.jacobian[..n], &self.change[..n])
     }
 
     /// Stiffness against the uniform slide of a needle if nothing slid \[N/m\].

@@ -3,6 +3,7 @@
 //! Entry points: [`Targets::read`], [`Targets::share`], [`Targets::part_way`].
 
 use super::sources::{Sources, SourcesState};
+use crate::jaws::{Jaws, JawsState};
 use crate::needle::{MAX_NEEDLES, NeedlePart, NeedleState, Tip};
 use crate::source::tool::Placements;
 use crate::thread::ThreadHold;
@@ -21,6 +22,8 @@ pub(crate) struct Targets {
     pub threads: [[Vector3<f64>; 2]; MAX_NEEDLES],
     /// By their places among those that touch.
     pub tools: Placements,
+    /// Grips that carry jaws; nothing for one that has not been anywhere.
+    pub jaws: [Option<Isometry3<f64>>; MAX_TOOLS],
 }
 
 impl Targets {
@@ -30,6 +33,7 @@ impl Targets {
             needles: [Isometry3::identity(); MAX_NEEDLES],
             threads: [[Vector3::zeros(); 2]; MAX_NEEDLES],
             tools: [None; MAX_TOOLS],
+            jaws: [None; MAX_TOOLS],
         }
     }
 
@@ -59,6 +63,10 @@ impl Targets {
                 _ => hold.at,
             });
         }
+        let jaws = state.jaws.iter().zip(&sources.jaws);
+        for (target, (each, part)) in targets.jaws.iter_mut().zip(jaws) {
+            *target = of(part.tool).and_then(pose_of).or(each.pose);
+        }
         targets
     }
 
@@ -86,6 +94,10 @@ impl Targets {
                 share = share.min(sources.piece_m / far);
             }
         }
+        let jaws = state.jaws.iter().zip(&self.jaws).zip(&sources.jaws);
+        for ((each, target), part) in jaws {
+            share = share.min(jaws_share(sources.piece_m, each, target, &part.jaws));
+        }
         share.min(state.tools.part(&sources.tools, &self.tools))
     }
 
@@ -100,6 +112,11 @@ impl Targets {
                 if share < 1.0 {
                     *end = from + (*end - from) * share;
                 }
+            }
+        }
+        for (pose, each) in next.jaws.iter_mut().zip(&state.jaws) {
+            if let (Some(from), Some(to)) = (each.pose, *pose) {
+                *pose = Some(towards(&from, &to, share));
             }
         }
         next.tools = state.tools.towards(&self.tools, share);
@@ -123,6 +140,25 @@ fn needle_share(
             .map(|along| (to.at(along * to.length) - from.at(along * from.length)).norm());
         share = share.min(piece_m / way.into_iter().fold(0.0, f64::max));
     }
+    // A way without end is none.
+    if share.is_nan() {
+        f64::NAN
+    } else {
+        share.min(1.0)
+    }
+}
+
+/// Which share of their way jaws may go at once: all of it while they hold nothing.
+fn jaws_share(piece_m: f64, each: &JawsState, target: &Option<Isometry3<f64>>, jaws: &Jaws) -> f64 {
+    let (Some(from), Some(to), false) = (each.pose, target, each.points.is_empty()) else {
+        return 1.0;
+    };
+    let turn = (to.rotation * from.rotation.inverse()).angle();
+    let ways = [0.0, jaws.length_m].map(|along_m| {
+        let [a, b] = [&from, to].map(|pose| jaws.on_pads(pose, (along_m, 0.0)));
+        a.metric_distance(&b)
+    });
+    let share = (MOST_TURN / turn).min(piece_m / ways[0].max(ways[1]));
     // A way without end is none.
     if share.is_nan() {
         f64::NAN

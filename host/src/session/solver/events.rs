@@ -2,7 +2,7 @@
 //!
 //! Entry points: [`EventLog::step`], [`EventLog::said`].
 
-use crate::event::{Event, Held};
+use crate::event::{Event, Held, Loss};
 use crate::step::{Status, StepReport};
 use crate::thread::ThreadEnd;
 use serde_json::{Value, json};
@@ -198,6 +198,22 @@ impl Happened {
                 "thread": thread,
                 "pressure_pa": pressure_pa,
                 "tear_pa": tear_pa,
+            }),
+            Event::Grasped { tool, points } => json!({
+                "event": "grasped",
+                "time_s": time_s,
+                "tool": tool,
+                "points": points,
+            }),
+            Event::Lost { tool, why } => json!({
+                "event": "lost",
+                "time_s": time_s,
+                "tool": tool,
+                "why": match why {
+                    Loss::Nothing => "nothing",
+                    Loss::Slipped => "slipped",
+                    Loss::Tore => "tore",
+                },
             }),
             Event::Missed {
                 tool,
