@@ -116,6 +116,7 @@ fn scenes_in_which_all_is_solved_at_once_give_the_same_bits_natively_and_on_the_
         "scenes/needle-hyperelastic.toml",
         "scenes/touching-slabs.toml",
         "scenes/tied-slab.toml",
+        "scenes/jaws-lift.toml",
     ] {
         let emulated = same_bits_natively_and_on_the_image(scene);
         assert!(emulated["decays"] == 0, "{scene}");

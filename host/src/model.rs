@@ -605,6 +605,13 @@ impl Model {
         self.touchable.get(vertex as usize).copied()
     }
 
+    /// Whether a tool carries jaws.
+    pub(crate) fn has_jaws(&self) -> bool {
+        self.sources
+            .as_ref()
+            .is_some_and(|sources| !sources.jaws.is_empty())
+    }
+
     /// Index of a thread.
     pub(crate) fn thread(&self, id: u8) -> Option<usize> {
         let parts = &self.sources.as_ref()?.threads.parts;

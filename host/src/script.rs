@@ -11,10 +11,10 @@ use crate::contact::shape::Solid;
 use crate::event::Event;
 use crate::mesh::Surface;
 use crate::model::Model;
-use crate::scene::{Pose, Scene, Thread, Way, position_at};
+use crate::scene::{Jaws, Pose, Scene, Thread, Way, position_at};
 use crate::step::State;
 use crate::thread::Tightening;
-use crate::tool::{Tool, ToolSample};
+use crate::tool::{Act, Tool, ToolSample};
 use holds::{Change, Waiting, changes};
 use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3};
 pub use path::{Path, path};
@@ -40,6 +40,8 @@ pub struct Script {
     missed: Vec<Event>,
     /// Those that are tightened, each with what it was tightened to last.
     tightened: Vec<(Thread, Option<Tightening>)>,
+    /// Jaws, and whether their script had each closed last: hands may do otherwise in between.
+    jaws: Vec<(Jaws, bool)>,
     /// Whether tools and needles have met in a step before.
     has_begun: bool,
     hand: Option<HandScript>,
@@ -95,6 +97,11 @@ impl Script {
                 .iter()
                 .filter(|thread| !thread.tightens.is_empty())
                 .map(|thread| (thread.clone(), None))
+                .collect(),
+            jaws: scene
+                .jaws
+                .iter()
+                .map(|jaws| (jaws.clone(), false))
                 .collect(),
             has_begun: false,
             hand: scene.hand,
@@ -152,6 +159,17 @@ impl Script {
             if now != *before {
                 state.tighten(model, thread.part.id, now);
                 *before = now;
+            }
+        }
+        for (jaws, before) in &mut self.jaws {
+            let (now, tool) = (jaws.is_closed(time_s), jaws.part.tool);
+            if now != std::mem::replace(before, now) {
+                let act = if now {
+                    Act::Close(tool)
+                } else {
+                    Act::Open(tool)
+                };
+                state.act(model, act);
             }
         }
     }

@@ -9,7 +9,8 @@ pub use closed_mesh::{ClosedMesh, MOST_TRIANGLES, MeshFlaw};
 pub use stl::read_stl;
 
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
-use serde::Serialize;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 
 /// Most tools in one model: two hands, each with a tool and a needle.
@@ -35,6 +36,16 @@ pub struct ToolSample {
     pub velocity_m_per_s: [f64; 3],
     /// Console time at which it was there \[us\].
     pub console_time_us: u64,
+}
+
+/// What a hand does with a tool besides moving it: by a script, a page, or a pedal.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum Act {
+    /// Closes the jaws of the tool with this id.
+    Close(u8),
+    /// Opens them.
+    Open(u8),
 }
 
 /// What a rigid tool touches with; convex, but for a mesh.

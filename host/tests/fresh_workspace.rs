@@ -94,5 +94,6 @@ cases! {
     touching_slabs "touching-slabs" false 0.2 80 100.0;
     wound_slabs "wound-slabs" false 0.5 900 100.0;
     tied_slab "tied-slab" false 0.5 100 50.0;
+    jaws_lift "jaws-lift" true 1.0 150 50.0;
     anastomosis "anastomosis-20" false 1.0 400 50.0;
 }

@@ -10,6 +10,7 @@ mod fem_models;
 mod fresh_workspace;
 mod half_faces;
 mod hyperelastic;
+mod jaws;
 mod layers;
 mod link_reconnect;
 mod needle;

@@ -164,10 +164,10 @@ fn of_needles() {
     }
 }
 
-/// Punches that rub beside a needle; a spring beside a tool; tissues that touch under one.
+/// Punches that rub beside a needle; a spring beside a tool; jaws.
 #[test]
 fn of_pairs() {
-    for name in ["needle-held-slab", "tied-slab"] {
+    for name in ["needle-held-slab", "tied-slab", "jaws-lift"] {
         check(&Case {
             name,
             exact: 1e-5,

@@ -73,7 +73,7 @@ pub fn run(args: &SolveArgs, global: &Global) -> Result<(), Failure> {
 fn solve_at(at_s: f64, scene: &Scene) -> Result<f64, Failure> {
     if !scene.depends_on_way() {
         let message = format!(
-            "--at {at_s}: the scene \"{}\" has no needle and no tissue contact, so nothing depends on the way there",
+            "--at {at_s}: the scene \"{}\" has no needle, no jaws and no tissue contact, so nothing depends on the way there",
             scene.name
         );
         let help = "leave --at out: tools are held where `position_m` says";

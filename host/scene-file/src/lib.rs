@@ -5,5 +5,6 @@
 //! reads is made here, once.
 
 pub mod device;
+pub mod jaws;
 pub mod scene;
 pub mod wound;

@@ -2,6 +2,7 @@
 //!
 //! Entry point: [`SceneFile`]. Values are checked where they are used.
 
+use super::jaws::JawsSection;
 use super::wound::{ThreadSection, TissueContactSection};
 use schemars::JsonSchema;
 use serde::Deserialize;
@@ -9,7 +10,7 @@ use toml::Spanned;
 use toml::de::DeTable;
 
 /// Keys at the top of a scene's file, but for those by which it adds sources.
-pub const KEYS: [&str; 17] = [
+pub const KEYS: [&str; 18] = [
     "name",
     "seconds",
     "device",
@@ -21,6 +22,7 @@ pub const KEYS: [&str; 17] = [
     "tool",
     "needle",
     "thread",
+    "jaws",
     "tissue_contact",
     "needle_solver",
     "handle",
@@ -71,6 +73,10 @@ pub struct SceneFile {
     #[serde(default)]
     #[schemars(with = "Vec<ThreadSection>")]
     pub thread: Vec<Spanned<ThreadSection>>,
+    /// Jaws that take hold of tissue.
+    #[serde(default)]
+    #[schemars(with = "Vec<JawsSection>")]
+    pub jaws: Vec<Spanned<JawsSection>>,
     /// Parts of the tissue that may touch.
     #[serde(default)]
     #[schemars(with = "Vec<TissueContactSection>")]

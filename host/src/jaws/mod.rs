@@ -1,6 +1,6 @@
 //! Jaws: two pads on a grip that take hold of the tissue between them, and lift, pull and turn it.
 //!
-//! Entry points: [`Jaws`] and [`JawsPart`] for a [`crate::model::Model`], [`crate::step::State::close`] to take hold and let
+//! Entry points: [`Jaws`] and [`JawsPart`] for a [`crate::model::Model`], [`crate::step::State::act`] to take hold and let
 //! go. Points of the boundary between the pads are held across these by equality rows, and in their plane by Coulomb's law at
 //! the given clamping force, of which each point has its share. Nothing moves and no force changes when jaws take hold.
 

@@ -149,6 +149,29 @@ impl Jaws {
         )
     }
 
+    /// Places between the open pads of a grip at `pose`, at most `apart_m` from each other \[m\].
+    pub(crate) fn between(&self, pose: &Isometry3<f64>, apart_m: f64) -> Vec<Vector3<f64>> {
+        let parts = |length_m: f64| (length_m / apart_m).ceil().max(1.0) as u32;
+        let spread = move |length_m: f64| {
+            let count = parts(length_m);
+            (0..=count).map(move |k| length_m * f64::from(k) / f64::from(count))
+        };
+        let slope = (0.5 * self.opening_rad).tan();
+        let [across, ..] = self.frame(&pose.rotation);
+        let along = spread(self.length_m);
+        let places = along.flat_map(|along_m| {
+            let gape_m = slope * along_m;
+            let flat = spread(self.width_m).map(move |aside_m| (along_m, aside_m));
+            flat.flat_map(move |place| {
+                spread(2.0 * gape_m).map(move |far_m| (place, far_m - gape_m))
+            })
+        });
+        let places = places.map(|((along_m, aside_m), far_m)| {
+            self.on_pads(pose, (along_m, aside_m - 0.5 * self.width_m)) + across * far_m
+        });
+        places.collect()
+    }
+
     /// The other way: the place in the world of a point of the pads' plane, of a grip at `pose` \[m\].
     pub(crate) fn on_pads(
         &self,

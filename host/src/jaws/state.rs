@@ -1,6 +1,6 @@
 //! What evolves about jaws: where they are, and the points that they hold.
 //!
-//! Entry points: [`JawsState`], [`crate::step::State::close`].
+//! Entry points: [`JawsState`], [`crate::step::State::act`].
 
 use super::{JawsPart, JawsReport};
 use crate::anchors::AnchorPoint;

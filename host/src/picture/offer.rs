@@ -5,6 +5,7 @@
 
 use crate::recording::TappedSolver;
 use crate::session::{Effort, Plan, SceneSolver, Snapshot, Solve, Solved, Spared};
+use crate::tool::Act;
 use crate::times::Times;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -138,6 +139,10 @@ impl<'a> Showing<'a> {
 }
 
 impl Solve for Showing<'_> {
+    fn act(&mut self, act: Act) -> bool {
+        self.solver.act(act)
+    }
+
     fn spare(&mut self, effort: Effort) -> Spared {
         self.solver.spare(effort)
     }

@@ -638,6 +638,12 @@ fn refused(scene: &Scene, entry: &registry::Entry) -> Option<(String, &'static s
                     `[tissue]`";
         return Some((format!("it has needles, and {why}"), help));
     }
+    if !scene.jaws.is_empty() {
+        let help =
+            "leave `[[jaws]]` out, or take `linear`, `corotational` or `hyperelastic` tissue";
+        let reason = "it has jaws, whose friction only tissue with rows takes".to_owned();
+        return Some((reason, help));
+    }
     if !scene.touching.is_empty() && scene.needles.is_empty() {
         let help = "leave `[[tissue_contact]]` out, or take `linear`, `corotational` or `hyperelastic` tissue";
         return Some((

@@ -4,6 +4,7 @@
 
 use crate::session::{Looked, Solved, Tuning};
 use crate::step::{Arrival, StepReport};
+use crate::tool::Act;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use sutura_shared::wire::Valid;
@@ -35,6 +36,9 @@ pub struct SolveSample {
     /// How the session goes on from this solve on, where that is another way than before.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub tuned: Option<Tuning>,
+    /// What hands did with tools before it, besides moving them.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub acts: Vec<Act>,
     /// Of `step_us`, what each stage took \[us\]: approach, tissue, detect, columns, solve, field, reduce, look. Nothing in lockstep.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub stages_us: Vec<f64>,
@@ -84,6 +88,7 @@ impl SolveSample {
                 .collect(),
             looked: solved.looked,
             tuned: None,
+            acts: Vec::new(),
             stages_us: Vec::new(),
             iterations: 0,
             energy_j: 0.0,

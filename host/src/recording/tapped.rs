@@ -8,6 +8,7 @@ use super::tap::{Direction, Tap};
 use crate::link::{LinkError, LockstepConsole, Port};
 use crate::scene::Scene;
 use crate::session::{Effort, Plan, SceneSolver, Solve, Solved, Spared, Tuning};
+use crate::tool::Act;
 use std::io;
 use std::time::{Duration, Instant};
 use sutura_shared::control::TICK_US;
@@ -94,6 +95,8 @@ pub struct TappedSolver<'a> {
     sketching: Option<Sketching>,
     /// Of the next solve, where it is another.
     tuned: Option<Tuning>,
+    /// Before the next solve.
+    acts: Vec<Act>,
 }
 
 impl<'a> TappedSolver<'a> {
@@ -107,6 +110,7 @@ impl<'a> TappedSolver<'a> {
             tap,
             sketching: None,
             tuned: None,
+            acts: Vec::new(),
         }
     }
 
@@ -134,6 +138,11 @@ impl Solve for TappedSolver<'_> {
         self.tuned = Some(plan.tuning());
     }
 
+    fn act(&mut self, act: Act) -> bool {
+        self.acts.push(act);
+        self.solver.act(act)
+    }
+
     fn solve(&mut self, state: &Valid<State>) -> Solved {
         if !self.tap.is_heard() {
             return self.solver.solve(state);
@@ -149,6 +158,7 @@ impl Solve for TappedSolver<'_> {
         self.tap.solve(SolveSample {
             step_us,
             tuned,
+            acts: std::mem::take(&mut self.acts),
             ..sample
         });
         if let Some(sketching) = &mut self.sketching

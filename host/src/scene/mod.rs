@@ -6,6 +6,7 @@ mod added;
 mod device;
 mod document;
 mod hand;
+mod jaws;
 mod needles;
 mod parts;
 mod reach;
@@ -25,6 +26,7 @@ pub use added::ADDED_KEYS;
 pub use device::{BUILT_IN as BUILT_IN_DEVICES, find_device, read_device};
 pub use document::{Document, Flaw, SceneError, Sources, nearest};
 pub use hand::{hand_script, position_at};
+pub use jaws::Jaws;
 pub use needles::{Hold, Needle, NeedleSolver};
 pub use read::LONGEST_S;
 pub use region::Region;
@@ -85,6 +87,8 @@ pub struct Scene {
     pub needle_tissue: Vec<NeedleTissue>,
     /// Threads, with different ids, on different needles.
     pub threads: Vec<Thread>,
+    /// Jaws, on different tools.
+    pub jaws: Vec<Jaws>,
     /// Parts of the tissue that may touch.
     pub touching: Vec<TissueContact>,
     /// Sources of constraints that it adds by keys of their own.
@@ -255,9 +259,15 @@ impl Scene {
         self.tools.iter().find(|tool| tool.driven)
     }
 
-    /// Whether what is at rest depends on the way there: there are needles, or tissues that touch.
+    /// The tool that the console's grip carries, if that has jaws.
+    pub fn driven_jaws(&self) -> Option<u8> {
+        let driven = self.driven()?.id;
+        self.jaws.iter().any(|jaws| jaws.part.tool == driven).then_some(driven)
+    }
+
+    /// Whether what is at rest depends on the way there: there are needles, jaws, or tissues that touch.
     pub fn depends_on_way(&self) -> bool {
-        !(self.needles.is_empty() && self.touching.is_empty())
+        !(self.needles.is_empty() && self.touching.is_empty() && self.jaws.is_empty())
     }
 
     /// Tools that are held while another is driven, with their poses.
@@ -301,6 +311,8 @@ impl Scene {
             error => SceneError::Build(error),
         })?;
         let model = self.add_needles(model);
+        let jaws: Vec<_> = self.jaws.iter().map(|jaws| jaws.part).collect();
+        let model = model.and_then(|model| model.with_jaws(mesh, &jaws));
         let model = model.and_then(|model| model.with_added(mesh, &self.added));
         let model = model.map_err(SceneError::Build)?;
         let (state, workspace) = (State::new(&model), Workspace::new(&model));
@@ -338,7 +350,7 @@ impl Scene {
     }
 
     fn add_needles(&self, model: Model) -> Result<Model, ModelError> {
-        if !self.depends_on_way() {
+        if self.needles.is_empty() && self.touching.is_empty() {
             return Ok(model);
         }
         let parts: Vec<_> = self

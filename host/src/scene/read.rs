@@ -6,6 +6,7 @@ use super::added;
 use super::device::find_device;
 use super::document::{Document, SceneError};
 use super::hand::hand_script;
+use super::jaws::read_jaws;
 use super::needles::{read_needle_solver, read_needle_tissue, read_needles};
 use super::parts::{read_parts, read_slab};
 use super::reach::out_of_reach;
@@ -82,9 +83,10 @@ impl Scene {
         let hands = (&tools[..], &file.tool[..]);
         let needles = read_needles(document, &file.needle, &tools, &mesh)?;
         let threads = read_threads(document, &file.thread, &needles, &tools)?;
+        let jaws = read_jaws(document, &file.jaws, &tools, (&needles, &threads))?;
         // Where tissues touch and there are no needles, nothing else may be in the console's grip.
         if file.tissue_contact.is_empty() || !needles.is_empty() {
-            warnings.extend(idle_grips(document, hands, &needles, &threads));
+            warnings.extend(idle_grips(document, hands, (&needles, &threads), &jaws));
         }
         let sections = (&file.needle[..], &file.thread[..]);
         let parts = (&needles[..], &threads[..]);
@@ -128,6 +130,7 @@ impl Scene {
             needles,
             needle_tissue,
             threads,
+            jaws,
             touching,
             added,
             needle_solver: read_needle_solver(document, &file)?,
@@ -164,9 +167,9 @@ fn read_solve_at(document: &Document, file: &SceneFile) -> Result<Option<f64>, S
     let Some(value) = &file.solve_at_s else {
         return Ok(None);
     };
-    if file.needle.is_empty() && file.tissue_contact.is_empty() {
+    if file.needle.is_empty() && file.tissue_contact.is_empty() && file.jaws.is_empty() {
         let message = "a time to solve at in a scene where nothing depends on the way there";
-        let help = "`sutura solve` follows scripts for needles and touching tissues only: add a `[[needle]]`, or leave this key out";
+        let help = "`sutura solve` follows scripts for needles, jaws and touching tissues only: add a `[[needle]]`, or leave this key out";
         return Err(document.flaw(value.span(), message, "no needle", Some(help)));
     }
     let help = "seconds since the session begins";

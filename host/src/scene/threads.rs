@@ -3,7 +3,7 @@
 //! Entry point: [`read_threads`].
 
 use super::document::{Document, Flaw, SceneError};
-use super::{Needle, Tool};
+use super::{Jaws, Needle, Tool};
 use crate::thread::{ThreadEnd, ThreadHold, ThreadPart, Through, Tightening};
 use crate::tool::Shape;
 use sutura_scene_file::scene::ToolSection;
@@ -324,18 +324,19 @@ fn in_order(
     document.number(key, value, &rule, |t| t >= before_s, help)
 }
 
-/// A warning for each grip that never holds a needle or a thread.
+/// A warning for each grip that never holds a needle or a thread, and carries no jaws.
 pub(super) fn idle_grips(
     document: &Document,
     (tools, sections): (&[Tool], &[Spanned<ToolSection>]),
-    needles: &[Needle],
-    threads: &[Thread],
+    (needles, threads): (&[Needle], &[Thread]),
+    jaws: &[Jaws],
 ) -> Vec<Flaw> {
     let holds = |tool: &Tool| {
         let by = ThreadHold::Tool(tool.id);
         let needle = |needle: &Needle| needle.holds.iter().any(|hold| hold.tool == Some(tool.id));
         let thread = |thread: &Thread| thread.holds.iter().any(|hold| hold.by == by);
-        needles.iter().any(needle) || threads.iter().any(thread)
+        let carries = jaws.iter().any(|jaws| jaws.part.tool == tool.id);
+        needles.iter().any(needle) || threads.iter().any(thread) || carries
     };
     let idle = |(tool, _): &(&Tool, _)| tool.shape.shape == Shape::Grip && !holds(tool);
     let warn = |(tool, section): (&Tool, &Spanned<ToolSection>)| {
@@ -343,7 +344,7 @@ pub(super) fn idle_grips(
             "tool {} is a grip that holds no needle and no thread",
             tool.id
         );
-        let help = "name it in a `[[needle.hold]]` or `[[thread.hold]]`, or leave the tool out";
+        let help = "name it in a `[[needle.hold]]` or `[[thread.hold]]`, give it `[[jaws]]`, or leave the tool out";
         document.warning(section.span(), &message, "does nothing", help)
     };
     tools.iter().zip(sections).filter(idle).map(warn).collect()

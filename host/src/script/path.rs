@@ -14,6 +14,8 @@ pub struct Path {
     pub grips: Vec<Pose>,
     /// Of the needles' centre lines \[m\].
     pub needles: Vec<Vector3<f64>>,
+    /// Between pads that close \[m\].
+    pub pads: Vec<Vector3<f64>>,
 }
 
 /// Where the scripts lead until `seconds` \[s\], looked at `every_s`; points of a needle are at most `apart_m` from each
@@ -62,6 +64,15 @@ pub fn path(scene: &Scene, seconds: f64, every_s: f64, apart_m: f64) -> Path {
                 position_m: grip.position_m,
                 orientation: grip.orientation,
             });
+        }
+        for (jaws, before) in &mut script.jaws {
+            let closes = jaws.is_closed(time_s);
+            let begins = closes && !std::mem::replace(before, closes);
+            let tool = script.samples.iter().find(|s| s.id == jaws.part.tool);
+            if let Some(tool) = tool.filter(|_| begins) {
+                let pads = jaws.part.jaws.between(&isometry(tool), apart_m);
+                path.pads.extend(pads);
+            }
         }
         for ((needle, pose), grip) in scene.needles.iter().zip(&mut poses).zip(&grips) {
             let holder = grip.and_then(|(id, _)| script.sample(id));

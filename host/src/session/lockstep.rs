@@ -11,6 +11,7 @@ use super::{
 };
 use crate::core_time::core_time;
 use crate::link::{Felt, LinkCounters, LinkError, LockstepConsole, Order, append};
+use crate::tool::Act;
 use std::ops::ControlFlow;
 use std::time::Instant;
 use sutura_shared::link::{HostEvent, HostLink, SendError};
@@ -124,6 +125,11 @@ pub trait Steer {
     /// stands still meanwhile; may end the session.
     fn steer(&mut self, now: &Steered<'_>, orders: &mut Vec<Order>) -> ControlFlow<()>;
 
+    /// What hands do with tools before the next solve.
+    fn acts(&mut self) -> Vec<Act> {
+        Vec::new()
+    }
+
     /// Another tuning, from the tick on that was steered last.
     fn tuned(&mut self) -> Option<Tuning> {
         None
@@ -215,6 +221,9 @@ pub fn run_steered(
             }
             for order in orders.drain(..) {
                 line.order(&order)?;
+            }
+            for act in steer.acts() {
+                solver.act(act);
             }
             if let Some(tuning) = steer.tuned() {
                 plan = plan.tuned(&tuning);

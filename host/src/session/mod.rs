@@ -33,6 +33,7 @@ mod summary;
 mod thread_frame;
 
 pub use crate::scene::Rendering;
+use crate::tool::Act;
 pub use budget::{LINE_BYTES_PER_S, most_rows};
 pub use chosen::{Candidate, Chosen, StepUs};
 pub use contact_frame::{contact_frame, pack_symmetric};
@@ -130,6 +131,11 @@ pub trait Solve: Send {
 
     /// Solves from now on are for a session of this plan, of which only the tuning differs from the one before.
     fn tune(&mut self, _plan: &Plan) {}
+
+    /// What a hand does with a tool before the next solve, besides moving it; whether the tool can.
+    fn act(&mut self, _act: Act) -> bool {
+        false
+    }
 
     /// What the scene reports when the session is over.
     fn scene(&self) -> serde_json::Map<String, serde_json::Value>;

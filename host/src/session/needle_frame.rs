@@ -74,6 +74,45 @@ impl HeldNeedle {
     }
 }
 
+/// Ids of needles that stand for the jaws of a tool: so much less the tool's id.
+const JAWS: u8 = u8::MAX;
+
+impl HeldNeedle {
+    /// The tissue in the jaws of `driven`, as if it were a needle that tissue holds along the way on which the jaws are pulled
+    /// off: what slips does so by friction, to either side.
+    pub(super) fn in_jaws(report: &StepReport, driven: u8) -> Option<Self> {
+        let mut jaws = report.jaws().iter();
+        let jaws = jaws.find(|jaws| jaws.tool == driven && jaws.points > 0)?;
+        let [x, y, z] = jaws.away;
+        let axial_n: f64 = jaws
+            .force_n
+            .iter()
+            .zip(jaws.away)
+            .map(|(f, a)| -f * a)
+            .sum();
+        let slips = jaws.slipping >= jaws.points;
+        Some(Self {
+            tool: driven,
+            needle: JAWS.wrapping_sub(driven),
+            slide: [x, y, z, 0.0, 0.0, 0.0],
+            tip: Tip::Inside,
+            waits: false,
+            friction: if slips {
+                Friction::Forward
+            } else {
+                Friction::Sticks
+            },
+            axial_n,
+            friction_n: [jaws.limit_n; 2],
+            stiffness_n_per_m: jaws.stiffness_n_per_m,
+            hold_n: 0.0,
+            puncture_n: 0.0,
+            punctured_n: axial_n,
+            course: Course::default(),
+        })
+    }
+}
+
 /// The frame for the state that `needle` was solved for.
 pub fn needle_frame(needle: &HeldNeedle) -> Needle {
     // Round-off below zero, and thresholds that nothing reaches; what is not a number stays that, and is

@@ -13,7 +13,7 @@ use crate::needle::{self, Grip};
 use crate::thread::{
     Bridge, ThreadEnd, ThreadHold, ThreadPlace, ThreadPoint, Tightening, nearest_outside,
 };
-use crate::tool::ToolSample;
+use crate::tool::{Act, ToolSample};
 use nalgebra::Vector3;
 use serde::Serialize;
 
@@ -99,7 +99,11 @@ impl State {
     /// Has the jaws of a tool close, or open. They take hold of what is between them at the end of the next step that has the
     /// columns for it, where the tool and the tissue are then: nothing moves and no force changes by that. Open jaws hold
     /// nothing at once. Says whether the tool has jaws.
-    pub fn close(&mut self, model: &Model, tool: u8, closed: bool) -> bool {
+    pub fn act(&mut self, model: &Model, act: Act) -> bool {
+        let (tool, closed) = match act {
+            Act::Close(tool) => (tool, true),
+            Act::Open(tool) => (tool, false),
+        };
         let found = model.sources.as_ref().zip(self.sources.as_mut());
         let jaws = found.and_then(|(sources, state)| {
             let index = sources.jaws_of(tool)?;

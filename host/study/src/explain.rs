@@ -132,6 +132,7 @@ pub fn explain(scene: &Scene) -> Result<Vec<Component>, SolveError> {
     parts.push(columns(scene, work.cache_bytes(), per_vertex));
     parts.extend(contacts(scene, &walk));
     parts.extend(needles(scene, &walk));
+    parts.extend(jaws(scene, &walk));
     parts.extend(wound::threads(scene, &walk));
     parts.extend(wound::touching(scene, &walk));
     parts.push(handles(scene));
@@ -342,6 +343,12 @@ fn columns(scene: &Scene, bytes: usize, per_vertex: Option<Duration>) -> Compone
     if scene.tools.is_empty() {
         return Component::absent(name, "no `[[tool]]`: nothing touches the tissue");
     }
+    if scene.needles.is_empty() && !scene.jaws.is_empty() {
+        let why = "`[[jaws]]`: three for each node of what they hold; here those between the pads where the scripts close them";
+        return Component::built(name, why)
+            .bytes(bytes)
+            .takes(per_vertex, "vertex");
+    }
     if !scene.needles.is_empty() {
         let why = "`[[needle]]`: three for each node of a face that a needle goes through; here those along the scripts";
         return Component::built(name, why)
@@ -475,6 +482,32 @@ fn needles(scene: &Scene, walk: &[(StepReport, Duration)]) -> Vec<Component> {
     let why = "`[[needle]]`: finds the face that a tip outside comes to";
     parts.push(Component::built("hierarchy of the boundary", why).takes(Some(took), "once"));
     parts
+}
+
+/// Jaws: three rows at each point that they hold.
+fn jaws(scene: &Scene, walk: &[(StepReport, Duration)]) -> Vec<Component> {
+    if scene.jaws.is_empty() {
+        return vec![Component::absent("jaws", "no `[[jaws]]`")];
+    }
+    let each = scene.jaws.iter().enumerate().map(|(index, each)| {
+        let jaws = &each.part.jaws;
+        let reports = walk.iter().filter_map(|(step, _)| step.jaws().get(index));
+        let points = reports.map(|report| report.points).max();
+        let why = format!(
+            "`[[jaws]]`: pads of {:.1} by {:.1} mm that hold {:.2} N in their plane, closed {} times; {} points at most along \
+             the scripts",
+            1e3 * jaws.length_m,
+            1e3 * jaws.width_m,
+            jaws.limit_n(),
+            each.closes.len(),
+            points.unwrap_or(0)
+        );
+        Component {
+            rows: points.map(|points| 3 * points),
+            ..Component::built(format!("jaws of tool {}", each.part.tool), why)
+        }
+    });
+    each.collect()
 }
 
 fn handles(scene: &Scene) -> Component {

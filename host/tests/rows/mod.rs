@@ -1,6 +1,7 @@
 //! Row sets against a QP solver, against the law of friction, against their own derivatives, and by
 //! the hundred thousand.
 
+mod discs;
 mod laws;
 mod oracle;
 mod random;

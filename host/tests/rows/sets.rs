@@ -40,6 +40,7 @@ impl Set {
         for start in starts {
             let length = match self.rows[start].kind {
                 RowKind::Normal { .. } => 3,
+                RowKind::Disc { .. } => 2,
                 _ => 1,
             };
             from.extend(start..start + length);
@@ -82,9 +83,11 @@ pub enum Kind {
     Inequality,
     Box,
     Cone,
+    Disc,
 }
 
 pub const CONVEX: &[Kind] = &[Kind::Equality, Kind::Inequality, Kind::Box];
+pub const WITH_DISCS: &[Kind] = &[Kind::Equality, Kind::Inequality, Kind::Cone, Kind::Disc];
 pub const ALL: &[Kind] = &[Kind::Equality, Kind::Inequality, Kind::Box, Kind::Cone];
 
 pub fn draw(random: &mut Random, how: &Draw) -> Set {
@@ -110,6 +113,10 @@ pub fn draw(random: &mut Random, how: &Draw) -> Set {
                 };
                 kinds.push(RowKind::Normal { friction });
                 kinds.extend([RowKind::Tangent; 2]);
+            }
+            Kind::Disc => {
+                let limit_n = 0.5 * random.unit();
+                kinds.extend([RowKind::Disc { limit_n }, RowKind::Tangent]);
             }
         }
     }
@@ -235,10 +242,18 @@ pub fn assert_admissible(set: &Set, state: &State) {
                 let lateral = state.lambda()[row + 1].hypot(state.lambda()[row + 2]);
                 assert!(lateral <= friction * lambda * (1.0 + 1e-12) + 1e-300);
             }
+            RowKind::Disc { limit_n } => {
+                let length = state.lambda()[row].hypot(state.lambda()[row + 1]);
+                assert!(length <= limit_n * (1.0 + 1e-12));
+            }
             RowKind::Equality | RowKind::Tangent => {}
         }
         if state.modes()[row] == Mode::Slipping {
-            assert_eq!(set.rows[row].kind, RowKind::Tangent);
+            let kind = set.rows[row].kind;
+            assert!(
+                matches!(kind, RowKind::Tangent | RowKind::Disc { .. }),
+                "{kind:?}"
+            );
         }
     }
 }

@@ -93,6 +93,15 @@ export class Panel {
       rows.append(box);
       hint(rows, 'Drag the probe in the picture. Shift or the wheel moves it along the view.');
     }
+    if (can('jaws')) {
+      const both = document.createElement('div');
+      both.className = 'pair';
+      both.append(
+        button('Close the jaws', () => command({ do: 'jaws', closed: true }), 'They take hold of what is between them'),
+        button('Open', () => command({ do: 'jaws', closed: false })),
+      );
+      rows.append(both);
+    }
     if (can('reset')) rows.append(button('Start again', () => command({ do: 'reset' }), 'A new solver, from the start'));
     this.record = can('record') ? button('Start again and record', () => command({ do: 'record', on: !this.recording })) : null;
     if (this.record) rows.append(this.record);

@@ -58,6 +58,8 @@ pub enum Command {
     Drag(Option<[f64; 3]>),
     /// The scene's hand from its start, or none.
     Hand(Hand),
+    /// Close the jaws of the console's tool, or open them.
+    Jaws(bool),
     /// Stop time.
     Pause,
     /// Let it go on.
@@ -239,6 +241,7 @@ impl Command {
                 "none" => Hand::Still,
                 _ => return Err(keys.flaw("way", "`scene`, `recorded` or `none`")),
             }),
+            "jaws" => Self::Jaws(keys.yes_or_no("closed")?),
             "pause" => Self::Pause,
             "resume" => Self::Resume,
             "step" if keys.map.contains_key("solves") => {
@@ -275,6 +278,7 @@ impl Command {
             Self::ClearFault => "clear_fault",
             Self::Drag(_) => "drag",
             Self::Hand(_) => "hand",
+            Self::Jaws(_) => "jaws",
             Self::Pause => "pause",
             Self::Resume => "resume",
             Self::StepTicks(_) | Self::StepSolves(_) => "step",

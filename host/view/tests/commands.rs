@@ -83,6 +83,10 @@ fn samples() -> Vec<(String, Command)> {
             json!({"id": 1, "do": "record", "on": true}),
             Command::Record(true),
         ),
+        (
+            json!({"id": 1, "do": "jaws", "closed": true}),
+            Command::Jaws(true),
+        ),
         (json!({"id": 1, "do": "save_last"}), Command::SaveLast),
         (
             json!({"id": 1, "do": "seek", "time_s": 1.25}),

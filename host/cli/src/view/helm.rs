@@ -18,6 +18,7 @@ use std::time::{Duration, Instant};
 use sutura_host::link::Order;
 use sutura_host::scene::Tissue;
 use sutura_host::session::{Plan, Steer, Steered, Tuning};
+use sutura_host::tool::Act;
 use sutura_shared::wire::message::{Command as ToConsole, Mode, Simulate};
 use sutura_view::{Command, Hand, Reply, Request, SetTo};
 
@@ -31,13 +32,14 @@ const LATE: Duration = Duration::from_millis(100);
 const TICKS_TO_OBEY: u64 = 3;
 
 /// Commands that a sandbox obeys.
-pub const COMMANDS: [&str; 16] = [
+pub const COMMANDS: [&str; 17] = [
     "scalar",
     "safe_stop",
     "arm",
     "clear_fault",
     "drag",
     "hand",
+    "jaws",
     "pause",
     "resume",
     "step",
@@ -49,6 +51,8 @@ pub const COMMANDS: [&str; 16] = [
     "record",
     "save_last",
 ];
+
+const NO_JAWS: &str = "the console's tool has no jaws";
 
 /// Why a session of a sandbox is over.
 pub enum Ended {
@@ -88,6 +92,9 @@ pub struct Helm<'a> {
     until: Option<Until>,
     /// From when and from which tick the pace counts.
     from: (Instant, u64),
+    /// The console's tool, if that has jaws, and what is done with it before the next solve.
+    jaws: Option<u8>,
+    acts: Vec<Act>,
     making: Option<Making>,
     ended: Option<Ended>,
     /// Set when time stands still.
@@ -117,12 +124,19 @@ impl<'a> Helm<'a> {
             paused: false,
             until: None,
             from: (Instant::now(), 0),
+            jaws: None,
+            acts: Vec::new(),
             making: None,
             ended: None,
             stands: None,
         };
         helm.tell();
         helm
+    }
+
+    /// The console's tool has jaws, if it is one.
+    pub fn close_jaws_of(&mut self, tool: Option<u8>) {
+        self.jaws = tool;
     }
 
     /// Time stands still from so long after the start on \[s\]; `reached` is set then.
@@ -172,6 +186,11 @@ impl<'a> Helm<'a> {
                 let script = self.guide.go(now_s, hand);
                 orders.push(Order::Simulate(Simulate::Hand(script)));
             }
+            Command::Jaws(closed) => match self.jaws {
+                Some(tool) if closed => self.acts.push(Act::Close(tool)),
+                Some(tool) => self.acts.push(Act::Open(tool)),
+                None => return reply.refuse(NO_JAWS, "take a scene whose driven tool has `[[jaws]]`"),
+            },
             Command::Pause => (self.paused, self.until) = (true, None),
             Command::Resume => {
                 (self.paused, self.until) = (false, None);
@@ -368,6 +387,10 @@ impl<'a> Helm<'a> {
 }
 
 impl Steer for Helm<'_> {
+    fn acts(&mut self) -> Vec<Act> {
+        std::mem::take(&mut self.acts)
+    }
+
     fn tuned(&mut self) -> Option<Tuning> {
         self.tuned.take()
     }

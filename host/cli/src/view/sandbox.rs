@@ -83,12 +83,15 @@ fn session(
     pause: Option<At>,
     stop: &AtomicBool,
 ) -> Result<Ended, Failure> {
+    let jaws = prepared.scene.driven_jaws();
+    let commands = COMMANDS.into_iter();
+    let commands = commands.filter(|name| *name != "jaws" || jaws.is_some());
     let kind = Kind {
         source: "live",
         pace: "lockstep",
         console: "virtual",
         motors: false,
-        commands: COMMANDS.to_vec(),
+        commands: commands.collect(),
         has_model: prepared.solver.model().is_some(),
         scenes: prepared.scenes(),
         tissues: Prepared::tissues(),
@@ -129,6 +132,7 @@ fn session(
         await_page(page.shared(), stop);
     }
     let mut helm = Helm::new((asked, stop), &show, wish, (plan, settings), saves);
+    helm.close_jaws_of(jaws);
     if let Some(At { at_s, reached }) = pause {
         helm.pause_at(at_s, reached);
     }

@@ -250,6 +250,9 @@ impl Run {
             self.plan = self.plan.tuned(tuning);
             solver.tune(&self.plan);
         }
+        for act in &sample.acts {
+            solver.act(*act);
+        }
         let began = Instant::now();
         let solved = solver.solve(state);
         let step_us = began.elapsed().as_secs_f64() * 1e6;

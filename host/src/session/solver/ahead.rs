@@ -84,6 +84,7 @@ impl SceneSolver {
         if let Some(needle) = needle.as_mut().filter(|_| looks_ahead) {
             needle.course = self.look_ahead(needle.needle, report, period_us);
         }
+        let needle = needle.or_else(|| HeldNeedle::in_jaws(report, driven));
         let mut thread = HeldThread::at_grip(report, driven);
         let slack = |thread: &&mut HeldThread| thread.state == Tension::Slack;
         if let Some(thread) = thread.as_mut().filter(slack).filter(|_| is_good) {

@@ -74,7 +74,12 @@ impl Constrained {
             };
             let pierced =
                 |place: &Vector3<f64>| (place - vertex).norm_squared() <= needles_m * needles_m;
-            solids.iter().any(touched) || path.needles.iter().any(pierced)
+            let held = |place: &Vector3<f64>| {
+                (place - vertex).norm_squared() <= (0.5 * edge_m + PREPARED_MARGIN_M).powi(2)
+            };
+            solids.iter().any(touched)
+                || path.needles.iter().any(pierced)
+                || path.pads.iter().any(held)
         };
         let count = self.work.prepare(&self.model, near);
         tracing::info!("compliance of {count} vertices computed beforehand");

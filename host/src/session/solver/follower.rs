@@ -77,7 +77,9 @@ impl Follower {
     /// Whether tissue remembers which way tools came, needles aside.
     pub fn remembers(&self) -> bool {
         match self {
-            Self::Constrained(tissue) => tissue.wound.is_some() || tissue.rubs(),
+            Self::Constrained(tissue) => {
+                tissue.wound.is_some() || tissue.rubs() || tissue.model.has_jaws()
+            }
             Self::Prescribed(_) => true,
         }
     }

@@ -24,7 +24,7 @@ use crate::script::{Path, Script, path};
 use crate::step::{
     self, Arrival, Rule, Stages, Status, StepOptions, StepReport, ToolRows, Workspace,
 };
-use crate::tool::{Tool, ToolSample};
+use crate::tool::{Act, Tool, ToolSample};
 use crate::wound::WoundReport;
 use constrained::Constrained;
 pub(crate) use constrained::{IN_BALANCE, MOST_PASSES, MOST_STEPS};
@@ -50,6 +50,7 @@ pub struct SceneSolver {
     tissue: &'static str,
     has_needles: bool,
     has_threads: bool,
+    has_jaws: bool,
     follower: Follower,
     options: StepOptions,
     /// Rows of a step for which there is time.
@@ -100,7 +101,10 @@ impl SceneSolver {
         // Grips touch nothing on their way.
         let held: Vec<_> = scene
             .held()
-            .filter(|(tool, _)| scene.needles.is_empty() || !tool.shape.is_grip())
+            .filter(|(tool, _)| {
+                let carries = !(scene.needles.is_empty() && scene.jaws.is_empty());
+                !(carries && tool.shape.is_grip())
+            })
             .map(|(tool, pose)| (tool.id, tool.shape.clone(), pose))
             .collect();
         solver.bring_in(&held)?;
@@ -135,6 +139,7 @@ impl SceneSolver {
             tissue,
             has_needles: !scene.needles.is_empty(),
             has_threads: !scene.threads.is_empty(),
+            has_jaws: !scene.jaws.is_empty(),
             past: Past {
                 script: Script::new(scene),
                 began_us: None,
@@ -339,6 +344,12 @@ impl SceneSolver {
         *last
     }
 
+    /// What a hand does with a tool between two steps; whether the tool can.
+    pub fn act(&mut self, act: Act) -> bool {
+        let tissue = self.follower.constrained();
+        tissue.is_some_and(|tissue| tissue.state.act(&tissue.model, act))
+    }
+
     /// Boundaries that needles have broken through so far.
     pub fn punctures(&self) -> u32 {
         self.past.peaks.punctures()
@@ -529,6 +540,10 @@ fn is_armed_anew(before_us: u64, sample: &ToolSample) -> bool {
 }
 
 impl Solve for SceneSolver {
+    fn act(&mut self, act: Act) -> bool {
+        Self::act(self, act)
+    }
+
     fn tune(&mut self, plan: &Plan) {
         // The console has them a period later, and uses them for another.
         self.reduce_to(plan.most_rows(), 2.0 / plan.host_hz);
@@ -630,7 +645,7 @@ impl Solve for SceneSolver {
         report.extend(self.past.peaks.said(self.driven().is_some()));
         report.extend(self.follower.said(&self.past.peaks.last_good));
         report.extend(self.wound_said());
-        if self.has_needles {
+        if self.has_needles || self.has_jaws {
             let (events, more) = self.past.events.said();
             report.insert("events".to_owned(), events);
             if more > 0 {

@@ -2,6 +2,7 @@
 //!
 //! Entry points: [`Peaks::step`], [`Peaks::press`], [`Peaks::said`].
 
+use crate::jaws::{JawsReport, Pads};
 use crate::needle::NeedleReport;
 use crate::output::tip_word;
 use crate::scene::{Needle, Scene};
@@ -13,6 +14,7 @@ use serde_json::{Map, Value, json};
 pub(super) struct Peaks {
     deepest: Deepest,
     needles: Vec<NeedleTally>,
+    jaws: Vec<JawsTally>,
     /// Largest tension at an end of each thread \[N\].
     pub tension_n: Vec<f64>,
     /// The newest step that found a balance.
@@ -26,6 +28,13 @@ struct Deepest {
     position_m: [f64; 3],
     rows: u32,
     stored_energy_j: f64,
+}
+
+/// Jaws as the last step left them, and what they pulled with at most \[N\].
+#[derive(Clone, Copy, Debug, Default)]
+struct JawsTally {
+    last: JawsReport,
+    peak_n: f64,
 }
 
 /// A needle as the last step left it, and at its worst.
@@ -42,6 +51,7 @@ impl Peaks {
         Self {
             deepest: Deepest::default(),
             needles: scene.needles.iter().map(NeedleTally::of).collect(),
+            jaws: vec![JawsTally::default(); scene.jaws.len()],
             tension_n: vec![0.0; scene.threads.len()],
             last_good: StepReport::default(),
         }
@@ -53,6 +63,10 @@ impl Peaks {
             tally.last = *report;
             tally.peak_axial_n = tally.peak_axial_n.max(report.axial_n.abs());
             tally.most_crossings = tally.most_crossings.max(report.crossings);
+        }
+        for (tally, report) in self.jaws.iter_mut().zip(report.jaws()) {
+            tally.last = *report;
+            tally.peak_n = tally.peak_n.max(norm(&report.force_n));
         }
         for (peak, thread) in self.tension_n.iter_mut().zip(report.threads()) {
             *peak = thread.tension_n.into_iter().fold(*peak, f64::max);
@@ -112,7 +126,33 @@ impl Peaks {
             let needles = self.needles.iter().map(|needle| needle.to_json());
             said.insert("needles".to_owned(), needles.collect());
         }
+        if !self.jaws.is_empty() {
+            let jaws = self.jaws.iter().map(|jaws| jaws.to_json());
+            said.insert("jaws".to_owned(), jaws.collect());
+        }
         said
+    }
+}
+
+fn norm([x, y, z]: &[f64; 3]) -> f64 {
+    (x * x + y * y + z * z).sqrt()
+}
+
+impl JawsTally {
+    fn to_json(self) -> Value {
+        let last = self.last;
+        let limit_n = last.limit_n.is_finite().then_some(last.limit_n);
+        json!({
+            "tool": last.tool,
+            "closed": last.pads != Pads::Open,
+            "points": last.points,
+            "slipping": last.slipping,
+            "force_n": last.force_n,
+            "peak_n": self.peak_n,
+            "in_plane_n": last.in_plane_n,
+            "limit_n": limit_n,
+            "friction_j": last.friction_j,
+        })
     }
 }
 

@@ -89,6 +89,11 @@ pub fn measure(
                 .to_owned(),
         );
     }
+    if !scene.jaws.is_empty() {
+        return Err(
+            "it has jaws, which only linear, corotational and hyperelastic tissue take".to_owned(),
+        );
+    }
     let Some(press) = Press::of(scene) else {
         return Err("no tool is driven that touches".to_owned());
     };
