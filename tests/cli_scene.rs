@@ -168,6 +168,39 @@ fn a_session_steps_the_tools_that_are_held_too() {
     assert_eq!(scene["held"].as_array().map(Vec::len), Some(1));
 }
 
+/// Jaws are explained, lift a slab in lockstep and let it slip, the same each time; models without rows refuse them.
+#[test]
+fn jaws_are_explained_run_and_reported() {
+    let lift = "scenes/jaws-lift.toml";
+    let run = || {
+        let ran = sutura(&["run", lift, "--lockstep", "--format", "json"]);
+        assert_eq!(ran.code, 0, "{}", ran.stderr);
+        json(&ran)
+    };
+    let object = run();
+    let scene = &object["scene"];
+    let events: Vec<_> = scene["events"].as_array().into_iter().flatten().collect();
+    let named = |name: &str| events.iter().filter(|event| event["event"] == name).count();
+    assert_eq!((named("grasped"), named("lost")), (2, 1), "{scene}");
+    let jaws = &scene["jaws"][0];
+    assert_eq!((&jaws["tool"], &jaws["closed"]), (&0.into(), &false.into()));
+    assert!(jaws["peak_n"].as_f64() > Some(0.9), "{scene}");
+    assert!(jaws["friction_j"].as_f64() > Some(1e-4), "{scene}");
+    // The console feels the lift: it pulls, which a contact alone does not.
+    assert!(object["force_n"]["peak"].as_f64() > Some(0.5), "{object}");
+    assert_eq!(object["trace_hash"], run()["trace_hash"]);
+    let explained = sutura(&["scene", "explain", lift]);
+    assert!(
+        explained.stdout.contains("hold 1.00 N in their plane"),
+        "{}",
+        explained.stdout
+    );
+    let sticking = sutura(&["run", lift, "--tissue", "shape-matching", "--lockstep"]);
+    assert_ne!(sticking.code, 0);
+    let said = "it has jaws, whose friction only tissue with rows takes";
+    assert!(sticking.stderr.contains(said), "{}", sticking.stderr);
+}
+
 /// What a scene adds by a key of its own is said by a session, and by an explanation of the scene; what is wrong with it at
 /// its place.
 #[test]

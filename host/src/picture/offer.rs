@@ -5,8 +5,8 @@
 
 use crate::recording::TappedSolver;
 use crate::session::{Effort, Plan, SceneSolver, Snapshot, Solve, Solved, Spared};
-use crate::tool::Act;
 use crate::times::Times;
+use crate::tool::Act;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Instant;

@@ -221,3 +221,105 @@ fn read_closes(
     }
     Ok(closes)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::Scene;
+    use super::*;
+
+    const SCENE: &str = r#"
+[mesh.slab]
+size_m = [0.02, 0.02, 0.01]
+divisions = [2, 2, 1]
+[tissue]
+youngs_modulus_pa = 20e3
+poisson_ratio = 0.45
+needle = { friction_n_per_m = 10.0, puncture_pa = 1e5 }
+[[fixed]]
+plane = { axis = "z", at_m = -0.01 }
+[[tool]]
+id = 4
+shape = "grip"
+[[tool]]
+id = 5
+shape = "grip"
+position_m = [0.0, 0.0, 0.1]
+[[tool]]
+id = 6
+radius_m = 0.01
+[[tool]]
+id = 7
+shape = "grip"
+[[needle]]
+shape = "straight"
+length_m = 0.02
+thickness_m = 0.001
+end_m = [0.0, 0.0, 0.1]
+direction = [1.0, 0.0, 0.0]
+hold = [{ time_s = 0.0, tool = 5 }]
+[[jaws]]
+tool = 4
+clamp_n = 2.0
+friction = 0.4
+"#;
+
+    fn read(more: &str) -> Result<Scene, String> {
+        let text = format!("{SCENE}{more}");
+        let document = Document::embedded("test.toml", "".as_ref(), &text);
+        Scene::read(&document, "test").map_err(|error| error.to_string())
+    }
+
+    #[test]
+    fn keys_are_those_of_the_file() {
+        let scene = read(
+            "length_m = 0.015\nwidth_m = 0.004\nopening_deg = 45.0\noffset_m = [0.0, 0.0, -0.05]\naxis = [0.0, 3.0, 0.0]\n\
+             side = [1.0, 1.0, 0.0]\npoints = 12\nstrength_pa = 2e4\n[[jaws.close]]\nfrom_s = 1.0\nto_s = 2.0\n[[jaws.close]]\nfrom_s = 3.0\n",
+        )
+        .expect("a good scene");
+        let jaws = &scene.jaws[0];
+        let expected = jaws::Jaws {
+            offset_m: [0.0, 0.0, -0.05],
+            axis: [0.0, 1.0, 0.0],
+            side: [1.0, 0.0, 0.0],
+            length_m: 0.015,
+            width_m: 0.004,
+            opening_rad: 45.0f64.to_radians(),
+            clamp_n: 2.0,
+            friction: 0.4,
+            points: 12,
+            strength_pa: 2e4,
+        };
+        assert_eq!((jaws.part.tool, jaws.part.jaws), (4, expected));
+        let closed = [0.9, 1.0, 1.9, 2.0, 2.9, 3.0, 99.0].map(|time_s| jaws.is_closed(time_s));
+        assert_eq!(closed, [false, true, true, false, false, true, true]);
+        assert_eq!(scene.driven_jaws(), Some(4));
+        // What is left out.
+        let usual = read("").expect("a good scene").jaws[0].part.jaws;
+        assert_eq!(usual, jaws::Jaws::new(2.0, 0.4));
+        let warned = scene.warnings.iter().map(ToString::to_string);
+        assert_eq!(warned.filter(|w| w.contains("tool 4")).count(), 0);
+    }
+
+    #[test]
+    fn what_makes_no_sense_is_refused_at_its_place() {
+        let refused = |more: &str, said: &str| {
+            let found = read(more).expect_err(more);
+            assert!(found.contains(said), "{more}: {found}");
+        };
+        let second = |tool: u8| format!("[[jaws]]\ntool = {tool}\nclamp_n = 1.0\nfriction = 0.5\n");
+        refused(&second(4), "has jaws already");
+        refused(&second(5), "holds a needle, too");
+        refused(&second(6), "touches tissue by itself");
+        refused(&second(7), "is nowhere");
+        refused(&second(8), "there is no tool 8");
+        refused("points = 2", "points = 2");
+        refused("opening_deg = 180.0", "opening_deg");
+        refused("width_m = 0.0", "width_m");
+        refused("strength_pa = -1.0", "strength_pa");
+        refused("side = [0.0, 0.0, 2.0]", "along the pads' axis");
+        refused("axis = [0.0, 0.0, 0.0]", "without length");
+        refused("close = [{ from_s = 2.0, to_s = 1.0 }]", "to_s");
+        refused("close = [{ from_s = 2.0 }, { from_s = 3.0 }]", "from_s");
+        refused("grip_m = 1.0", "grip_m");
+    }
+}

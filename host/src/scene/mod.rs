@@ -262,7 +262,10 @@ impl Scene {
     /// The tool that the console's grip carries, if that has jaws.
     pub fn driven_jaws(&self) -> Option<u8> {
         let driven = self.driven()?.id;
-        self.jaws.iter().any(|jaws| jaws.part.tool == driven).then_some(driven)
+        self.jaws
+            .iter()
+            .any(|jaws| jaws.part.tool == driven)
+            .then_some(driven)
     }
 
     /// Whether what is at rest depends on the way there: there are needles, jaws, or tissues that touch.

