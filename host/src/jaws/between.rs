@@ -54,7 +54,7 @@ impl Between {
         let faces = sources.mesh.boundary().half_faces().len();
         Self {
             faces: Vec::with_capacity(faces),
-            nodes: Vec::with_capacity(3 * faces),
+            nodes: Vec::with_capacity((3 * faces).max(4 * MOST_POINTS)),
             candidates: Vec::with_capacity(3 * faces + 4),
             chosen: Vec::with_capacity(MOST_POINTS),
             factor: Vec::with_capacity(MOST_POINTS),

@@ -139,6 +139,7 @@ pub fn needle_frame(needle: &HeldNeedle) -> Needle {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::jaws::JawsReport;
     use sutura_shared::wire::message::COURSE_POINTS;
     use sutura_shared::wire::{Message, Reject};
 
@@ -172,6 +173,43 @@ mod tests {
         assert_eq!(frame.course, NEEDLE.course);
         // Never punctured: the largest force that the wire has.
         assert_eq!(frame.puncture_n, MAX_WRENCH);
+    }
+
+    /// What jaws pull at is felt along the way on which they are pulled off, held by friction to either side.
+    #[test]
+    fn tissue_in_jaws_is_a_needle_that_it_holds() {
+        let mut report = StepReport::default();
+        assert_eq!(HeldNeedle::in_jaws(&report, 3), None);
+        report.jaws_mut(1)[0] = JawsReport {
+            tool: 3,
+            points: 8,
+            force_n: [0.3, 0.0, 0.4],
+            in_plane_n: 0.5,
+            limit_n: f64::INFINITY,
+            away: [0.6, 0.0, 0.8],
+            stiffness_n_per_m: [200.0, 150.0],
+            ..JawsReport::default()
+        };
+        assert_eq!(HeldNeedle::in_jaws(&report, 4), None);
+        let held = HeldNeedle::in_jaws(&report, 3).expect("it holds tissue");
+        let frame = needle_frame(&held);
+        assert_eq!(frame.check(), Ok(()));
+        assert_eq!((frame.tool, frame.needle, frame.tip), (3, 252, Tip::Inside));
+        assert_eq!((frame.axial_n, frame.friction), (-0.5, Friction::Sticks));
+        assert_eq!(frame.friction_n, [MAX_WRENCH; 2]);
+        assert_eq!(frame.stiffness_n_per_m, [200.0, 150.0]);
+        // At the bound the tissue goes no further with them.
+        (
+            report.jaws_mut(1)[0].limit_n,
+            report.jaws_mut(1)[0].slipping,
+        ) = (0.5, 8);
+        let slips = HeldNeedle::in_jaws(&report, 3).expect("it holds tissue");
+        assert_eq!(
+            (slips.friction, slips.friction_n),
+            (Friction::Forward, [0.5; 2])
+        );
+        report.jaws_mut(1)[0].points = 0;
+        assert_eq!(HeldNeedle::in_jaws(&report, 3), None);
     }
 
     #[test]

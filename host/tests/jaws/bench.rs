@@ -53,7 +53,7 @@ fn sixty_rows_beside_a_needle() {
     rig.work.prepare(&rig.model, |_| true);
     let pose = at(-0.005, 0.001, -0.006);
     let holder = |z: f64| sample(HOLDER, &at(0.0251, 0.0007, z));
-    let mut go = |rig: &mut Rig, jaws: &Isometry3<f64>, z: f64| {
+    let go = |rig: &mut Rig, jaws: &Isometry3<f64>, z: f64| {
         let samples = [sample(1, jaws), holder(z)];
         let options = rig.options;
         let (model, state, work) = (&rig.model, &mut rig.state, &mut rig.work);

@@ -4,5 +4,6 @@ mod bench;
 mod extremes;
 mod linear;
 mod rig;
+mod session;
 mod slip;
 mod turning;

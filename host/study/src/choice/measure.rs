@@ -269,6 +269,7 @@ fn prepared(scene: &Scene, asked: &Asked<'_>, way: &[[f64; 3]]) -> Result<SceneS
     solver.prepare(&Path {
         grips: grips.collect(),
         needles: Vec::new(),
+        pads: Vec::new(),
     });
     solver.reduce_to(plan.most_rows(), 2.0 / plan.host_hz);
     Ok(solver)
