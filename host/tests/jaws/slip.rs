@@ -40,7 +40,7 @@ fn jaws_slip_at_friction_times_clamp_whatever_the_points() {
         let (mut rig, pose) = tongue(points, clamp_n);
         let report = rig.close(1, &[pose]);
         assert_eq!(report.jaws()[0].points as usize, points);
-        let step_m = 2.5e-4;
+        let step_m = 5e-5;
         let mut at_x = |k: i32| {
             let pushed = moved(&pose, 0, -step_m * f64::from(k));
             rig.step(&[pushed])
@@ -51,9 +51,9 @@ fn jaws_slip_at_friction_times_clamp_whatever_the_points() {
         while before.jaws()[0].slipping < points as u32 {
             k += 1;
             before = at_x(k);
-            assert!(k < 200, "it never slips");
+            assert!(k < 400, "it never slips");
         }
-        for _ in 0..12 {
+        for _ in 0..60 {
             k += 1;
             before = at_x(k);
         }
@@ -96,7 +96,7 @@ fn the_bound_is_the_same_in_all_directions() {
         let jaws = report.jaws()[0];
         assert_eq!(jaws.slipping, jaws.points);
         assert!(
-            (jaws.in_plane_n - 0.04).abs() < 1e-6,
+            (jaws.in_plane_n / 0.002 - 1.0).abs() < 1e-4,
             "{angle}: {}",
             jaws.in_plane_n
         );

@@ -78,14 +78,15 @@ fn a_twist_by_30_degrees_is_that_of_a_solve_with_finite_rotations() {
 
 #[test]
 fn the_tangent_on_tissue_that_turns_is_that_of_whole_steps() {
-    for (clamp_n, slips) in [(1e3, false), (0.25, true)] {
+    for (clamp_n, degrees, slips) in [(1e3, 12.0, false), (1.2, 3.0, true)] {
         let mut rig = Rig::turning(&[jaws(clamp_n)]);
         rig.close(1, &[over()]);
-        let pose = twist(&mut rig, 12.0);
-        let lifted = Isometry3::from_parts(
-            (pose.translation.vector + Vector3::new(0.001, 0.0, 0.002)).into(),
-            pose.rotation,
-        );
+        let pose = twist(&mut rig, degrees);
+        let by = |x: f64, z: f64| Isometry3::translation(x, 0.0, z) * pose;
+        rig.step(&[by(0.0004, 0.0012)]);
+        rig.step(&[by(0.0008, 0.0024)]);
+        // One piece of the way: what slipped before it has slipped.
+        let lifted = by(0.0012, 0.0034);
         let before = rig.state.clone();
         let report = rig.step(&[lifted]);
         rig.state = before;

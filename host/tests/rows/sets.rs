@@ -115,7 +115,7 @@ pub fn draw(random: &mut Random, how: &Draw) -> Set {
                 kinds.extend([RowKind::Tangent; 2]);
             }
             Kind::Disc => {
-                let limit_n = 0.5 * random.unit();
+                let limit_n = 0.05 * 400f64.powf(random.unit());
                 kinds.extend([RowKind::Disc { limit_n }, RowKind::Tangent]);
             }
         }
