@@ -118,7 +118,7 @@ impl Between {
         let in_pads = |place: &Vector3<f64>| {
             jaws.in_pads(&pose.inverse_transform_point(&(*place).into()).coords)
         };
-        let corners = |face: &HalfFace| mesh.vertices(*face).map(|node| at(node));
+        let corners = |face: &HalfFace| mesh.vertices(*face).map(at);
         self.faces
             .retain(|face| meets(jaws, corners(face).map(|at| in_pads(&at))));
         self.nodes.clear();
@@ -182,7 +182,7 @@ impl Between {
         middle: &Vector3<f64>,
         at: impl Fn(u32) -> Vector3<f64>,
     ) {
-        let corners = |face: &HalfFace| mesh.vertices(*face).map(|node| at(node));
+        let corners = |face: &HalfFace| mesh.vertices(*face).map(&at);
         let Some((_, face, _)) = self.nearest_face(middle, corners) else {
             return;
         };

@@ -93,7 +93,7 @@ impl Jaws {
             Some(format!(
                 "they open by {opening_rad} rad; it must be between 0 and half a turn"
             ))
-        } else if !(self.clamp_n >= 0.0) {
+        } else if self.clamp_n.is_nan() || self.clamp_n < 0.0 {
             Some(format!(
                 "they clamp with {} N; it must not be below zero",
                 self.clamp_n
@@ -108,7 +108,7 @@ impl Jaws {
                 "{} points; {FEWEST_POINTS} to {MOST_POINTS} are possible",
                 self.points
             ))
-        } else if !(self.strength_pa > 0.0) {
+        } else if self.strength_pa.is_nan() || self.strength_pa <= 0.0 {
             Some(format!(
                 "tissue bears {} Pa; it must be above zero",
                 self.strength_pa

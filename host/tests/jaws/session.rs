@@ -73,7 +73,7 @@ fn a_script_closes_and_opens_jaws() {
         assert_eq!(jaws.pads == Pads::Open, !closed, "{step}");
         assert_eq!(report.contacts()[0].rows > 0, closed && step > 10, "{step}");
         let [_, _, pull, ..] = report.contacts()[0].wrench;
-        assert!((pull < -0.05) == (closed && step > 12), "{step}: {pull} N");
+        assert!((pull < -0.01) == (closed && step > 10), "{step}: {pull} N");
     }
     let grasped = Event::Grasped { tool: 4, points: 6 };
     assert_eq!(hand.events(), [(10.0, grasped)]);

@@ -189,7 +189,9 @@ impl<'a> Helm<'a> {
             Command::Jaws(closed) => match self.jaws {
                 Some(tool) if closed => self.acts.push(Act::Close(tool)),
                 Some(tool) => self.acts.push(Act::Open(tool)),
-                None => return reply.refuse(NO_JAWS, "take a scene whose driven tool has `[[jaws]]`"),
+                None => {
+                    return reply.refuse(NO_JAWS, "take a scene whose driven tool has `[[jaws]]`");
+                }
             },
             Command::Pause => (self.paused, self.until) = (true, None),
             Command::Resume => {
