@@ -172,6 +172,7 @@ fn solves() -> Vec<SolveRow> {
         arrivals: Vec::new(),
         looked: Default::default(),
         tuned: None,
+        acts: Vec::new(),
         stages_us: vec![0.0, 1.0, 2.0, 3.0, 500.0, 5.0, 6.0, 7.0],
         iterations: 11,
         energy_j: 0.125,
