@@ -75,7 +75,7 @@ fn a_script_closes_and_opens_jaws() {
         let [_, _, pull, ..] = report.contacts()[0].wrench;
         assert!((pull < -0.01) == (closed && step > 10), "{step}: {pull} N");
     }
-    let grasped = Event::Grasped { tool: 4, points: 6 };
+    let grasped = Event::Grasped { tool: 4, points: 8 };
     assert_eq!(hand.events(), [(10.0, grasped)]);
 }
 
