@@ -303,9 +303,13 @@ pub struct NeedleTissueSection {
     /// Force that cuts on, per area of the tip \[Pa\]; 0 when left out.
     #[schemars(with = "Option<f64>")]
     pub cutting_pa: Option<Spanned<f64>>,
-    /// Axial force on the tip that breaks through a boundary, per area of the tip \[Pa\]; `inf`: never.
+    /// Force on the tip that breaks through a boundary, per area of the tip \[Pa\]; `inf`: never. What acts along the needle
+    /// counts; across the surface, from outside, where `surface_friction` is finite.
     #[schemars(with = "Option<f64>")]
     pub puncture_pa: Option<Spanned<f64>>,
+    /// Coulomb's coefficient of the needle on the surface, from outside; `inf` when left out: its tip never slips.
+    #[schemars(with = "Option<f64>")]
+    pub surface_friction: Option<Spanned<f64>>,
 }
 
 /// How a mesh file calls a region.
@@ -530,6 +534,9 @@ pub struct NeedleSection {
     /// `direction` counts.
     #[schemars(with = "Option<[f64; 3]>")]
     pub towards: Option<Spanned<[f64; 3]>>,
+    /// Whether its shaft touches the surface where it is outside of the tissue.
+    #[serde(default)]
+    pub body: bool,
     /// Who holds it, from when on.
     #[serde(default)]
     #[schemars(with = "Vec<NeedleHoldSection>")]

@@ -5,6 +5,7 @@
 use super::model::{MAX_NEEDLES, Playback, contains};
 use super::source::{What, anchor};
 use super::state::{Cut, Tip};
+use super::surface::TipLoad;
 use super::{Crossing, Curve, Geometry, History, MOST_GROUPS, Slack, Stop, Walked, entry, walk};
 use crate::anchors::AnchorPoint;
 use crate::step::{Balance, Status};
@@ -34,19 +35,15 @@ impl Balance<'_> {
         needle: usize,
         played: Option<usize>,
     ) -> Result<bool, Status> {
-        let Tip::Holding { face, .. } = self.state.each[needle].tip else {
+        let Tip::Holding { face, rubs, .. } = self.state.each[needle].tip else {
             return Ok(false);
         };
-        let found = self
-            .work
-            .needles
-            .points
-            .iter()
-            .find(|point| point.needle == needle && point.what == What::Holding);
-        let Some(point) = found else {
+        let (Some(index), Some(TipLoad { load_n: push, .. })) =
+            (self.point_of(needle, What::Holding), self.tip_load(needle))
+        else {
             return Ok(false);
         };
-        let push = -self.state.grasp.lambda()[point.first_row];
+        let point = self.work.needles.points[index];
         // A face that cannot give way holds nothing back.
         let rigid = self.state.grasp.delta_m()[point.first_row] > 0.0
             && self.work.system.compliance(self.work.count())
@@ -54,7 +51,7 @@ impl Balance<'_> {
                 == 0.0;
         let area = self.sources.needles[needle].needle.tip_area_m2();
         let limit = self.sources.tissue(face.face.cell()).puncture_pa * area;
-        if push < 0.0 {
+        if push < 0.0 || (rubs.is_some() && push == 0.0) {
             // Nobody has done work on what was taken only now.
             if !self.work.needles.took[needle] {
                 self.release(needle, What::Holding);
@@ -305,7 +302,8 @@ impl Balance<'_> {
         state.tip_force = Vector3::zeros();
         self.work.needles.took[needle] = true;
         let id = state.new_id();
-        state.tip = Tip::Holding { face, id };
+        let rubs = None;
+        state.tip = Tip::Holding { face, id, rubs };
         let pose = state.pose;
         state.begin_log(pose);
     }
@@ -334,6 +332,7 @@ impl Balance<'_> {
         self.settle_releases();
         // Tissue has slid far, and what rubs changes now: that slide is over.
         self.book();
+        self.follow_surface();
         self.stick();
         let pose = self.state.each[needle].pose;
         let curve = self.sources.needles[needle].needle.at(&pose);

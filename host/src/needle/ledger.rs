@@ -6,6 +6,7 @@
 use super::Crossing;
 use super::source::{Point, Release, What, anchor};
 use super::state::Tip;
+use super::surface::friction_of;
 use crate::rows::Mode;
 use crate::step::{Balance, Status};
 use nalgebra::{Vector3, Vector6};
@@ -110,8 +111,35 @@ impl Balance<'_> {
         wrench
     }
 
+    /// Where nobody holds the needle nobody gets the work that the way of one of its points is worth.
+    fn book_loose(&mut self, place: usize) {
+        let point = self.work.needles.points[place];
+        let force = self.state.grasp.force_on(place);
+        let needle = &self.sources.needles[point.needle].needle;
+        let state = &mut self.state.each[point.needle];
+        let [from, to] = [&state.booked, &state.pose].map(|pose| needle.at(pose));
+        let known = match point.what {
+            What::Crossing(index) => state.holds.get(index).map(|hold| (hold.alpha, hold.force)),
+            What::Touch(index) => {
+                let touch = state.touches.get(index);
+                touch.map(|touch| (touch.alpha, touch.force))
+            }
+            What::Cut | What::Holding => Some((to.length, state.tip_force)),
+        };
+        if let Some((alpha, before)) = known {
+            let mean = 0.5 * (before + force);
+            state.tally.release_j -= mean.dot(&(to.at(alpha) - from.at(alpha)));
+        }
+    }
+
     /// Books slides and cuts under the mean of the forces before and after, as [`Self::settle_releases`] says.
     pub(super) fn book(&mut self) {
+        for place in 0..self.work.needles.points.len() {
+            let needle = self.work.needles.points[place].needle;
+            if self.state.each[needle].grip.is_none() {
+                self.book_loose(place);
+            }
+        }
         let lambda = self.state.grasp.lambda();
         let (delta, modes) = (self.state.grasp.delta_m(), self.state.grasp.modes());
         for (index_of_point, point) in self.work.needles.points.iter().enumerate() {
@@ -119,24 +147,22 @@ impl Balance<'_> {
                 What::Crossing(index) => self.slid(point.needle, index),
                 _ => Vector3::zeros(),
             };
+            let rubs = friction_of(self.work, point).map(|_| self.slipped(point));
             let state = &mut self.state.each[point.needle];
             let (force, slide) = (lambda[point.first_row], delta[point.first_row]);
-            if state.grip.is_none() {
-                // Where nobody holds the needle nobody gets the work that its way is worth.
-                let needle = &self.sources.needles[point.needle].needle;
-                let [from, to] = [&state.booked, &state.pose].map(|pose| needle.at(pose));
-                let (alpha, before) = match point.what {
-                    What::Crossing(index) => match state.holds.get(index) {
-                        Some(hold) => (hold.alpha, hold.force),
-                        None => continue,
+            if matches!(point.what, What::Cut | What::Holding) {
+                let force = self.state.grasp.force_on(index_of_point);
+                if let (
+                    Some(slipped),
+                    Tip::Holding {
+                        rubs: Some(lie), ..
                     },
-                    What::Cut | What::Holding => (to.length, state.tip_force),
-                };
-                let mean = 0.5 * (before + self.state.grasp.force_on(index_of_point));
-                state.tally.release_j -= mean.dot(&(to.at(alpha) - from.at(alpha)));
-            }
-            if !matches!(point.what, What::Crossing(_)) {
-                state.tip_force = self.state.grasp.force_on(index_of_point);
+                ) = (rubs, state.tip)
+                {
+                    let way = slipped + lie.off_m;
+                    state.tally.friction_j += 0.5 * (state.tip_force + force).dot(&way);
+                }
+                state.tip_force = force;
             }
             let bound = modes[point.first_row] != Mode::Held;
             match point.what {
@@ -160,13 +186,21 @@ impl Balance<'_> {
                     cut.cuts = cuts;
                     cut.axial_n = force;
                 }
+                What::Touch(index) => {
+                    let force = self.state.grasp.force_on(index_of_point);
+                    if let (Some(touch), Some(slipped)) = (state.touches.get_mut(index), rubs) {
+                        state.tally.friction_j += 0.5 * (touch.force + force).dot(&slipped);
+                        touch.force = force;
+                    }
+                }
                 What::Holding => {}
             }
         }
         for (needle, state) in self.state.each.iter_mut().enumerate() {
             state.booked = state.pose;
-            let at_tip =
-                |point: &Point| point.needle == needle && !matches!(point.what, What::Crossing(_));
+            let at_tip = |point: &Point| {
+                point.needle == needle && matches!(point.what, What::Cut | What::Holding)
+            };
             if !self.work.needles.points.iter().any(at_tip) {
                 state.tip_force = Vector3::zeros();
             }

@@ -3,6 +3,7 @@
 //! Entry points: [`Needle`], [`Curve`], [`slide`]. Source: Younes 2021, sections 3.1 and 3.2, with friction-bounded
 //! axial rows in place of its sticking rows (3.28), which are their limit for infinite friction.
 
+mod body;
 mod events;
 mod hierarchy;
 mod history;
@@ -15,6 +16,7 @@ mod shape;
 mod slide;
 mod source;
 mod state;
+mod surface;
 mod walk;
 
 pub use hierarchy::{Capsule, Hierarchy, MOST_GROUPS, Slack};
@@ -28,6 +30,7 @@ pub use slide::{Entry, Geometry, SlideReport, SlideStatus, entry, slide};
 pub(crate) use source::{NeedleSource, NeedleWork, Point, STIFFEST_M_PER_N, What, anchor};
 pub use state::CrossingFriction;
 pub(crate) use state::{Grip, NeedleState, Tip};
+pub(crate) use surface::friction_of;
 pub use walk::{Stop, Walked, walk};
 
 /// Places on a curve that are nearer than this to each other \[m\] may be in either order by rounding alone:

@@ -2,6 +2,7 @@
 //!
 //! Entry points: [`NeedlePart`], [`NeedleSettings`].
 
+use super::body::PIECE_RADII;
 use super::{Needle, NeedleTissue};
 use nalgebra::{Isometry3, Vector3};
 use thiserror::Error;
@@ -18,6 +19,15 @@ pub struct NeedlePart {
     pub needle: Needle,
     /// Where its frame is before the first step: outside the tissue.
     pub start: Isometry3<f64>,
+    /// Whether its shaft touches the surface where it is outside of the tissue.
+    pub body: bool,
+}
+
+impl NeedlePart {
+    /// Longest piece of a path on which nothing that its body meets comes to be on the body's other side \[m\].
+    pub(crate) fn body_piece_m(&self) -> f64 {
+        PIECE_RADII * 0.5 * self.needle.thickness_m
+    }
 }
 
 /// How a needle's way since the first contact is followed once its tip has broken through.
@@ -88,7 +98,7 @@ pub enum NeedleError {
         cells: usize,
     },
     /// A property that is below zero or not a number.
-    #[error("{what} is {value}; it must be zero or above{}", if *.what == "puncture_pa" { "" } else { " and finite" })]
+    #[error("{what} is {value}; it must be zero or above{}", if ["puncture_pa", "surface_friction"].contains(what) { "" } else { " and finite" })]
     Property {
         /// Its name.
         what: &'static str,
@@ -126,6 +136,7 @@ pub(crate) fn check(tissue: &NeedleTissue) -> Result<(), NeedleError> {
         viscous_n_s_per_m2,
         cutting_pa,
         puncture_pa,
+        surface_friction,
     } = *tissue;
     for (what, value) in [
         ("friction_n_per_m", friction_n_per_m),
@@ -133,8 +144,10 @@ pub(crate) fn check(tissue: &NeedleTissue) -> Result<(), NeedleError> {
         ("viscous_n_s_per_m2", viscous_n_s_per_m2),
         ("cutting_pa", cutting_pa),
         ("puncture_pa", puncture_pa),
+        ("surface_friction", surface_friction),
     ] {
-        let endless = value.is_infinite() && what != "puncture_pa";
+        let may_be_endless = ["puncture_pa", "surface_friction"].contains(&what);
+        let endless = value.is_infinite() && !may_be_endless;
         if value.is_nan() || value < 0.0 || endless {
             return Err(NeedleError::Property { what, value });
         }

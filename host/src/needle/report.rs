@@ -5,6 +5,7 @@
 use super::Curve;
 use super::source::{Point, What};
 use super::state::Tip;
+use super::surface::TipLoad;
 use crate::step::{Balance, Felt, slide_twist};
 use crate::tool::ToolSample;
 use nalgebra::Vector3;
@@ -38,6 +39,8 @@ pub struct NeedleReport {
     pub tip: TipPlace,
     /// Faces that it goes through.
     pub crossings: u32,
+    /// Places where its body touches the surface.
+    pub touches: u32,
     /// Boundary faces that it has broken through so far.
     pub punctures: u32,
     /// Whether all that rubs slides.
@@ -48,7 +51,7 @@ pub struct NeedleReport {
     pub limit_n: [f64; 2],
     /// Axial force of the tip on the face that it holds \[N\].
     pub hold_n: f64,
-    /// Axial force that breaks through it \[N\]; infinite for never, 0 when it holds none.
+    /// Axial force that breaks through it, in the direction of the present one \[N\]; infinite for never, 0 when it holds none.
     pub puncture_n: f64,
     /// Stiffness against its slide \[N/m\]: if all stuck, and as it is.
     pub stiffness_n_per_m: [f64; 2],
@@ -93,7 +96,11 @@ impl Balance<'_> {
             }
             felt.wrench += self.wrench_on(needle, &felt.grip);
             let points = self.work.needles.points.iter();
-            let rows = 3 * points.filter(|point| point.needle == needle).count() as u32;
+            let acts = |point: &&Point| {
+                let presses = || self.state.grasp.lambda()[point.first_row] > 0.0;
+                point.needle == needle && (!matches!(point.what, What::Touch(_)) || presses())
+            };
+            let rows = 3 * points.filter(acts).count() as u32;
             felt.rows += rows;
             let curve = self.curve(needle);
             let forward = curve.tangent_at(curve.length);
@@ -141,16 +148,24 @@ impl Balance<'_> {
             Tip::Inside { cut: Some(cut) } => cut.limit_n,
             _ => 0.0,
         };
-        let is_holding = |point: &&Point| point.needle == needle && point.what == What::Holding;
-        let holding = self.work.needles.points.iter().find(is_holding);
-        let (hold_n, puncture_n) = match (each.tip, holding) {
-            (Tip::Holding { face, .. }, Some(point)) => (
-                -self.state.grasp.lambda()[point.first_row],
-                self.sources.tissue(face.face.cell()).puncture_pa * part.needle.tip_area_m2(),
-            ),
+        let (hold_n, puncture_n) = match (each.tip, self.tip_load(needle)) {
+            (Tip::Holding { face, .. }, Some(TipLoad { load_n, axial_n })) => {
+                let limit_n =
+                    self.sources.tissue(face.face.cell()).puncture_pa * part.needle.tip_area_m2();
+                let puncture_n = match (load_n == axial_n, axial_n > 0.0) {
+                    (true, _) => limit_n,
+                    (false, true) => limit_n * (axial_n / load_n),
+                    (false, false) => f64::INFINITY,
+                };
+                (axial_n, puncture_n)
+            }
             _ => (0.0, 0.0),
         };
         let mut holds = each.holds.iter();
+        let touches = each.touches.iter();
+        let pressing = touches
+            .filter(|touch| touch.force != Vector3::zeros())
+            .count();
         NeedleReport {
             id: part.id,
             held_by: each.grip.map(|by| by.tool),
@@ -161,6 +176,7 @@ impl Balance<'_> {
                 Tip::Waiting => TipPlace::Waiting,
             },
             crossings: each.holds.len() as u32,
+            touches: pressing as u32,
             punctures: each.tally.punctures,
             slides: !each.holds.is_empty() && holds.all(|hold| hold.slides || hold.limit_n == 0.0),
             axial_n: self.wrench_on(needle, &grip).dot(&twist),

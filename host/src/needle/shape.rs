@@ -110,8 +110,10 @@ pub struct NeedleTissue {
     /// Force on the tip that cuts on \[N/m^2\], per area of the tip.
     pub cutting_pa: f64,
     /// Axial force on the tip that breaks through a boundary face \[N/m^2\], per area of the tip;
-    /// infinite: never.
+    /// infinite: never. Where the surface's friction is finite it is the force across the face that counts, from outside.
     pub puncture_pa: f64,
+    /// Coulomb's coefficient of the needle on the surface, from outside \[1\]; infinite: it never slips.
+    pub surface_friction: f64,
 }
 
 /// Where a needle, or any line or arc, is: s(alpha), arc length \[m\].

@@ -6,11 +6,13 @@
 //! with alpha on an arc: the axial target is `w.s(alpha_k) + alpha_0 - alpha_k`, whose delta is the whole slide since
 //! alpha_0.
 
+use super::body::{MOST_TOUCHES, Touch};
 use super::model::MAX_NEEDLES;
 use super::state::{NeedleState, Tip};
+use super::surface::{Lie, cone};
 use super::{Crossing, History, NeedleTissue};
 use crate::anchors::{AnchorPoint, ConstraintSet, PointConstraint};
-use crate::mesh::HalfFaces;
+use crate::mesh::{HalfFace, HalfFaces};
 use crate::rows::RowKind;
 use crate::source::{Room, Source};
 use crate::step::{Balance, BalanceWork, Felt, Sources, Status, unloaded};
@@ -33,6 +35,7 @@ pub(crate) enum What {
     Crossing(usize),
     Holding,
     Cut,
+    Touch(usize),
 }
 
 /// A point of the present rows.
@@ -40,7 +43,8 @@ pub(crate) enum What {
 pub(crate) struct Point {
     pub needle: usize,
     pub what: What,
-    /// Of its three rows: along the needle, towards the inside of its curve, across both.
+    /// Of its three rows: along the needle, towards the inside of its curve, across both; of what lies on the surface out of
+    /// the tissue, and two across.
     pub first_row: usize,
     /// On the needle \[m\].
     pub alpha: f64,
@@ -76,6 +80,9 @@ pub(crate) struct NeedleWork {
     pub(super) pressed: Vec<bool>,
     /// Where each point is acted on.
     pub(super) arms: Vec<Vector3<f64>>,
+    /// Faces near a body, and what it comes to touch.
+    pub(super) near: Vec<HalfFace>,
+    pub(super) found: Vec<Touch>,
     /// Nodes whose columns will be needed soon.
     pub ahead: Vec<u32>,
     /// Where each free needle turns about in the last solve, and its drag.
@@ -86,7 +93,13 @@ impl NeedleWork {
     /// For so many needles.
     pub fn new(count: usize, sources: &Sources) -> Self {
         let most_crossings = sources.settings.most_crossings;
-        let points = count * (most_crossings + 1);
+        let points = most_points(sources);
+        let bodies = sources.needles.iter().any(|part| part.body);
+        let faces = if bodies {
+            sources.mesh.boundary().half_faces().len()
+        } else {
+            0
+        };
         Self {
             points: Vec::with_capacity(points),
             releases: Vec::with_capacity(points),
@@ -97,6 +110,8 @@ impl NeedleWork {
             took: vec![false; count],
             pressed: vec![false; count],
             arms: Vec::with_capacity(points),
+            near: Vec::with_capacity(2 * faces),
+            found: Vec::with_capacity(if bodies { MOST_TOUCHES } else { 0 }),
             // A cell and its neighbours around each tip, and one that lies ahead.
             ahead: Vec::with_capacity(24 * count),
             drags: vec![None; count],
@@ -105,9 +120,9 @@ impl NeedleWork {
 }
 
 impl Source for NeedleSource {
-    /// At each crossing three rows, and at each tip.
+    /// At each crossing three rows, at each tip, and where bodies touch.
     fn room(&self, sources: &Sources) -> Room {
-        let points = sources.needles.len() * (sources.settings.most_crossings + 1);
+        let points = most_points(sources);
         Room::new(points, 3 * points)
     }
 
@@ -125,27 +140,25 @@ impl Source for NeedleSource {
         let mesh = &balance.sources.mesh;
         for (index, state) in balance.state.each.iter().enumerate() {
             let curve = balance.sources.needles[index].needle.at(&state.pose);
-            let mut add = |what, at: AnchorPoint, alpha: f64, slid: f64, id: u32, kinds| {
-                let parts = at.nodes.iter().zip(at.weights);
-                let rest: Vector3<f64> = parts
-                    .map(|(node, weight)| unloaded(balance.points_m, *node) * weight)
-                    .sum();
-                needles.points.push(Point {
-                    needle: index,
-                    what,
-                    first_row: set.rows.len(),
-                    alpha,
-                });
-                let id = (index as u64) << 34 | u64::from(id) << 2;
-                add_rows(
-                    set,
-                    at,
-                    id,
-                    curve.frame_at(alpha),
-                    (curve.at(alpha) - rest, slid),
-                    kinds,
-                );
-            };
+            let mut add =
+                |what, at: AnchorPoint, alpha: f64, slid: f64, id: u32, lie: Option<Lie>, kinds| {
+                    let parts = at.nodes.iter().zip(at.weights);
+                    let rest: Vector3<f64> = parts
+                        .map(|(node, weight)| unloaded(balance.points_m, *node) * weight)
+                        .sum();
+                    needles.points.push(Point {
+                        needle: index,
+                        what,
+                        first_row: set.rows.len(),
+                        alpha,
+                    });
+                    let id = (index as u64) << 34 | u64::from(id) << 2;
+                    let (frame, to) = match lie {
+                        Some(lie) => (lie.frame(), curve.at(alpha) + lie.slid_m),
+                        None => (curve.frame_at(alpha), curve.at(alpha)),
+                    };
+                    add_rows(set, at, id, frame, (to - rest, slid), kinds);
+                };
             let equal = RowKind::Equality;
             let crossings = state.history.crossings().iter().zip(&state.holds);
             for (place, (crossing, hold)) in crossings.enumerate() {
@@ -159,21 +172,37 @@ impl Source for NeedleSource {
                     crossing.alpha,
                     hold.alpha - crossing.alpha,
                     hold.id,
+                    None,
                     [RowKind::Box { limit_n }, equal, equal],
                 );
             }
             match state.tip {
-                Tip::Holding { face, id } => {
+                Tip::Holding { face, id, rubs } => {
                     let at = anchor(mesh, &face);
-                    add(What::Holding, at, curve.length, 0.0, id, [equal; 3]);
+                    let friction = balance.sources.tissue(face.face.cell()).surface_friction;
+                    let kinds = rubs.map_or([equal; 3], |_| cone(friction));
+                    add(What::Holding, at, curve.length, 0.0, id, rubs, kinds);
                 }
                 Tip::Inside { cut: Some(cut) } => {
                     let limit_n = if cut.pressed { cut.limit_n } else { 0.0 };
                     let none = RowKind::Box { limit_n: 0.0 };
                     let kinds = [RowKind::Box { limit_n }, none, none];
-                    add(What::Cut, cut.at, curve.length, 0.0, 0, kinds);
+                    add(What::Cut, cut.at, curve.length, 0.0, 0, None, kinds);
                 }
                 _ => {}
+            }
+            for (place, touch) in state.touches.iter().enumerate() {
+                let (slid, lie) = (-touch.apart_m, Some(touch.lie));
+                let kinds = cone(touch.friction);
+                add(
+                    What::Touch(place),
+                    touch.at,
+                    touch.alpha,
+                    slid,
+                    touch.id,
+                    lie,
+                    kinds,
+                );
             }
         }
     }
@@ -196,7 +225,7 @@ impl Source for NeedleSource {
     }
 
     /// Slides as the solve says.
-    fn settle(&self, balance: &mut Balance, _solve: u32) -> Result<bool, Status> {
+    fn settle(&self, balance: &mut Balance, solve: u32) -> Result<bool, Status> {
         let mut settled = true;
         let grasp = &balance.state.grasp;
         let (delta, lambda) = (grasp.delta_m(), grasp.lambda());
@@ -226,7 +255,8 @@ impl Source for NeedleSource {
             }
         }
         balance.lead_followers();
-        Ok(settled)
+        settled &= balance.let_slip();
+        Ok(settled & balance.touch_bodies(solve)?)
     }
 
     fn advance(&self, balance: &mut Balance, played: Option<usize>) -> Result<bool, Status> {
@@ -245,6 +275,8 @@ impl Source for NeedleSource {
 
     fn accept(&self, balance: &mut Balance) {
         balance.book();
+        balance.follow_surface();
+        balance.follow_bodies();
         for needle in 0..balance.state.each.len() {
             if matches!(balance.state.each[needle].tip, Tip::Holding { .. }) {
                 balance.state.each[needle].log_pose();
@@ -252,6 +284,15 @@ impl Source for NeedleSource {
             balance.cut(needle);
         }
     }
+}
+
+/// Points of all needles at most.
+fn most_points(sources: &Sources) -> usize {
+    let each = sources.needles.iter().map(|part| {
+        let touches = if part.body { MOST_TOUCHES } else { 0 };
+        sources.settings.most_crossings + 1 + touches
+    });
+    each.sum()
 }
 
 /// A point with three rows in the directions of `frame`, which bring it `to` its place from where it is unloaded \[m\], but

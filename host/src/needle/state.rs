@@ -2,7 +2,9 @@
 //!
 //! Entry points: [`NeedleState`], [`Tip`].
 
+use super::body::{MOST_TOUCHES, Touch};
 use super::model::{NeedlePart, NeedleSettings};
+use super::surface::Lie;
 use super::{Crossing, Curve, History};
 use crate::anchors::AnchorPoint;
 use nalgebra::{Isometry3, Vector3};
@@ -20,6 +22,12 @@ pub(crate) struct NeedleState {
     /// One for each crossing.
     pub holds: Vec<Hold>,
     pub tip: Tip,
+    /// Where its body touches the surface, or may come to.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub touches: Vec<Touch>,
+    /// Whether its body is within some edges of the surface.
+    #[serde(skip)]
+    pub is_near: bool,
     /// A boundary face that the tip let go of from outside: it may have been dragged on below it.
     pub left: Option<Crossing>,
     /// Poses since the tip first touched the face that it holds.
@@ -71,6 +79,9 @@ pub(crate) enum Tip {
         /// The crossing that it will be.
         face: Crossing,
         id: u32,
+        /// How it lies on the face once it has slipped: from then on friction holds it.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        rubs: Option<Lie>,
     },
     /// In a cell.
     Inside {
@@ -152,6 +163,8 @@ impl NeedleState {
             history: History::new(settings.most_crossings),
             holds: Vec::with_capacity(settings.most_crossings),
             tip: Tip::Outside,
+            touches: Vec::with_capacity(if part.body { MOST_TOUCHES } else { 0 }),
+            is_near: true,
             left: None,
             log: Vec::with_capacity(LOG),
             log_skipped: 0,
@@ -172,6 +185,8 @@ impl NeedleState {
             history,
             holds,
             tip,
+            touches,
+            is_near,
             left,
             log,
             log_skipped,
@@ -187,6 +202,8 @@ impl NeedleState {
         history.clone_from(&other.history);
         holds.clone_from(&other.holds);
         *tip = other.tip;
+        touches.clone_from(&other.touches);
+        *is_near = other.is_near;
         *left = other.left;
         log.clone_from(&other.log);
         *log_skipped = other.log_skipped;
@@ -211,6 +228,7 @@ impl NeedleState {
         self.tip_force = Vector3::zeros();
         self.left = None;
         self.log.clear();
+        self.touches.clear();
         true
     }
 
@@ -274,6 +292,7 @@ impl Clone for NeedleState {
             history: self.history.clone(),
             holds: Vec::with_capacity(self.history.most()),
             log: Vec::with_capacity(LOG),
+            touches: Vec::with_capacity(self.touches.capacity()),
             ..*self
         };
         copy.copy_from(self);

@@ -363,6 +363,7 @@ impl Scene {
                 id: needle.id,
                 needle: needle.needle,
                 start: needle.start,
+                body: needle.body,
             })
             .collect();
         let settings = NeedleSettings {

@@ -148,6 +148,7 @@ fn each_cell_answers_as_its_part_says() {
         viscous_n_s_per_m2: 0.0,
         cutting_pa: 1e5,
         puncture_pa: 4e5,
+        surface_friction: f64::INFINITY,
     };
     assert_eq!(of(1), upper);
     let tube = NeedleTissue {
@@ -156,6 +157,7 @@ fn each_cell_answers_as_its_part_says() {
         viscous_n_s_per_m2: 8.0,
         cutting_pa: 1e5,
         puncture_pa: f64::INFINITY,
+        surface_friction: f64::INFINITY,
     };
     assert_eq!(of(2), tube);
 }

@@ -18,6 +18,9 @@ const LOOKS: u32 = 32;
 /// A direction's part across another one that still is a direction: a degree.
 const LEAST_ACROSS: f64 = 0.0175;
 
+/// Coulomb's coefficient of a needle on the surface where a scene does not say: its tip digs in at any angle.
+const SURFACE_FRICTION: f64 = f64::INFINITY;
+
 /// A needle of a scene.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Needle {
@@ -27,6 +30,8 @@ pub struct Needle {
     pub needle: needle::Needle,
     /// Where its frame is at the start, end at the origin and first tangent along x.
     pub start: Isometry3<f64>,
+    /// Whether its shaft touches the surface.
+    pub body: bool,
     /// Who holds it, in the order of time; the first from the start on.
     pub holds: Vec<Hold>,
 }
@@ -97,6 +102,7 @@ pub(super) fn read_needles(
             id,
             needle,
             start,
+            body: said.body,
             holds,
         });
     }
@@ -417,7 +423,31 @@ fn read_properties(
         viscous_n_s_per_m2,
         cutting_pa,
         puncture_pa,
+        surface_friction: read_surface_friction(document, said, otherwise)?,
     })
+}
+
+/// Coulomb's coefficient on the surface, with `otherwise` for one that is left out.
+fn read_surface_friction(
+    document: &Document,
+    said: &NeedleTissueSection,
+    otherwise: Option<&NeedleTissue>,
+) -> Result<f64, SceneError> {
+    let help = "Coulomb's coefficient of the needle on the surface; `inf`: its tip never slips";
+    match &said.surface_friction {
+        Some(value) if *value.get_ref() == f64::INFINITY => Ok(f64::INFINITY),
+        Some(value) => {
+            let not_negative = |v| v >= 0.0;
+            document.number(
+                "surface_friction",
+                value,
+                "zero or positive",
+                not_negative,
+                help,
+            )
+        }
+        None => Ok(otherwise.map_or(SURFACE_FRICTION, |other| other.surface_friction)),
+    }
 }
 
 /// Speed against accuracy.

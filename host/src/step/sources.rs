@@ -218,6 +218,11 @@ impl Sources {
         self.tools.are_smooth() && !self.reach_inside()
     }
 
+    /// Mean edge of the boundary \[m\].
+    pub fn edge_m(&self) -> f64 {
+        self.piece_m / PIECE
+    }
+
     /// How a cell answers needles.
     pub fn tissue(&self, cell: u32) -> &NeedleTissue {
         const NONE: NeedleTissue = NeedleTissue {
@@ -226,6 +231,7 @@ impl Sources {
             viscous_n_s_per_m2: 0.0,
             cutting_pa: 0.0,
             puncture_pa: 0.0,
+            surface_friction: 0.0,
         };
         let kind = self.kind_of_cell.get(cell as usize);
         kind.map_or(&NONE, |kind| &self.kinds[*kind as usize])

@@ -10,7 +10,7 @@
 use super::balance::{Balance, BalanceWork};
 use crate::dense::{Dense, Lu};
 use crate::jaws::Gripped;
-use crate::needle::{Curve, Point, Tip, What};
+use crate::needle::{Curve, Point, Tip, What, friction_of};
 use crate::rows::{Mode, RowKind};
 use crate::source::tool::{Contact, Load, Touched, Turns};
 use crate::thread::EndRows;
@@ -24,8 +24,8 @@ pub(crate) struct TangentWork {
     matrix: Vec<f64>,
     /// Right-hand sides, then dLambda, (n x 6).
     change: Vec<f64>,
-    /// What tools that rub touch, with the place of each among these.
-    touched: Vec<(u32, Touched)>,
+    /// What tools that rub touch, and needles lie on.
+    touched: Vec<(Owner, Touched)>,
     /// All contacts, and whether some of those that do not rub turn.
     contacts: Vec<Contact>,
     turns: bool,
@@ -38,6 +38,14 @@ pub(crate) struct TangentWork {
     follow: Vec<(usize, f64)>,
     /// Whether it is the Cholesky factor.
     symmetric: bool,
+}
+
+/// Whose a contact is.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Owner {
+    /// By its place among the tools that touch.
+    Tool(u32),
+    Needle(usize),
 }
 
 /// What moves with a tool's grip.
@@ -61,10 +69,19 @@ impl Moves<'_> {
     fn points(&self, balance: &Balance) -> impl Iterator<Item = Held> {
         let points = balance.work.needles.points.iter().enumerate();
         let own = points.filter(|(_, point)| (self.needle)(point.needle));
+        let own = own.filter(|(_, point)| friction_of(balance.work, point).is_none());
         own.map(|(index, point)| {
             let at = balance.position_of(&balance.work.set.anchors[index]);
             held(balance, index, point, at)
         })
+    }
+
+    /// Whether it moves with the grip.
+    fn has(&self, owner: Owner) -> bool {
+        match owner {
+            Owner::Tool(tool) => self.tool == Some(tool),
+            Owner::Needle(needle) => (self.needle)(needle),
+        }
     }
 }
 
@@ -108,7 +125,7 @@ impl TangentWork {
             dense: Dense::new(most_rows),
             matrix: vec![0.0; most_rows * most_rows],
             change: vec![0.0; 6 * most_rows],
-            touched: Vec::with_capacity(most_contacts),
+            touched: Vec::with_capacity(most_contacts + most_rows / 3),
             contacts: Vec::with_capacity(most_contacts),
             turns: false,
             load: Load::new(if most_contacts > 0 { most_rows } else { 0 }, most_contacts),
@@ -128,9 +145,10 @@ impl TangentWork {
         self.contacts.extend_from_slice(&tools.contacts);
         let touched = tools.contacts.iter().filter_map(|contact| {
             let touched = Touched::new(&balance.sources.tools, tools, contact)?;
-            Some((contact.tool, touched))
+            Some((Owner::Tool(contact.tool), touched))
         });
         self.touched.extend(touched);
+        self.touched.extend(lying(balance));
         if n == 0 {
             return;
         }
@@ -181,6 +199,13 @@ impl TangentWork {
         }
         self.follow.clear();
         for (index, point) in work.needles.points.iter().enumerate() {
+            if friction_of(work, point).is_some() {
+                let rows = point.first_row..point.first_row + 3;
+                if lambda[point.first_row] <= 0.0 {
+                    self.free[rows].fill(true);
+                }
+                continue;
+            }
             let held = held(balance, index, point, Vector3::zeros());
             match held.law {
                 Law::Sticks => {}
@@ -274,7 +299,7 @@ impl TangentWork {
     ) -> Matrix6<f64> {
         let work = &*balance.work;
         let n = work.count();
-        let tool = |of: &(u32, Touched)| Some(of.0) == moves.tool;
+        let has = |of: &(Owner, Touched)| moves.has(of.0);
         if n == 0 {
             return Matrix6::zeros();
         }
@@ -287,13 +312,13 @@ impl TangentWork {
             .any(|point| (moves.needle)(point.needle))
             && smooth.is_none()
             && moves.gripped(work).next().is_none()
-            && !self.touched.iter().any(tool);
+            && !self.touched.iter().any(has);
         if nothing && pulls.iter().all(Option::is_none) {
             return Matrix6::zeros();
         }
         self.load_needles(balance, grip, &moves);
         self.load_threads(balance, pulls);
-        self.load_rough(balance, grip, moves.tool);
+        self.load_rough(balance, grip, &moves);
         self.load_jaws(balance, grip, &moves);
         let (matrix, change) = (&self.matrix[..n * n], &mut self.change[..6 * n]);
         if self.symmetric {
@@ -363,10 +388,10 @@ impl TangentWork {
         }
     }
 
-    /// Right-hand sides of what a tool that rubs does to its rows.
-    fn load_rough(&mut self, balance: &Balance, grip: &Vector3<f64>, tool: Option<u32>) {
+    /// Right-hand sides of what a tool that rubs, and a needle that lies on a surface, does to its rows.
+    fn load_rough(&mut self, balance: &Balance, grip: &Vector3<f64>, moves: &Moves) {
         let n = balance.work.count();
-        let own = |of: &&(u32, Touched)| Some(of.0) == tool;
+        let own = |of: &&(Owner, Touched)| moves.has(of.0);
         for (_, touched) in self.touched.iter().filter(own) {
             for pose in 0..6 {
                 let (shift, turn) = unit(pose);
@@ -406,7 +431,7 @@ impl TangentWork {
             let rows = (held.row, held.frame, [0.0; 3]);
             (rows, held.in_tissue, held.force)
         });
-        let of_tools = self.touched.iter().filter(|of| Some(of.0) == moves.tool);
+        let of_tools = self.touched.iter().filter(|of| moves.has(of.0));
         let of_tools = of_tools.map(|(_, at)| ((at.row, at.frame, [0.0; 3]), at.at_m, at.force_n));
         let of_jaws = moves.gripped(balance.work);
         let of_jaws = of_jaws.map(|at| ((at.row, at.frame, at.soft), at.at_m, at.force_n));
@@ -544,8 +569,15 @@ impl TangentWork {
             .iter()
             .filter(|point| point.needle == needle)
         {
-            rhs[point.first_row] = f64::from(u8::from(w[point.first_row * (all + 1)] > 0.0));
             any = true;
+            if friction_of(work, point).is_some() {
+                // What lies on the surface slips before it holds anything.
+                for axis in 0..3 {
+                    free(&mut self.matrix, n, point.first_row + axis);
+                }
+                continue;
+            }
+            rhs[point.first_row] = f64::from(u8::from(w[point.first_row * (all + 1)] > 0.0));
             if point.what == What::Cut {
                 for axis in 1..3 {
                     free(&mut self.matrix, n, point.first_row + axis);
@@ -631,13 +663,34 @@ fn unit(pose: usize) -> (Vector3<f64>, Vector3<f64>) {
     }
 }
 
+/// Points of needles that lie on a surface and press.
+fn lying<'a>(balance: &'a Balance) -> impl Iterator<Item = (Owner, Touched)> + 'a {
+    let (work, grasp) = (&*balance.work, &balance.state.grasp);
+    let each = work.needles.points.iter().enumerate();
+    each.filter_map(move |(index, point)| {
+        let friction = friction_of(work, point)?;
+        let row = point.first_row;
+        if grasp.lambda()[row] <= 0.0 {
+            return None;
+        }
+        let frame = [0, 1, 2].map(|axis| Vector3::from(work.set.rows[row + axis].direction));
+        let slips = friction == 0.0 || grasp.modes()[row + 1] == Mode::Slipping;
+        let slipped = slips.then(|| (balance.slipped(point), friction));
+        let at_m = balance.position_of(&work.set.anchors[index]);
+        let on_needle_m = balance.curve(point.needle).at(point.alpha);
+        let force_n = grasp.force_on(index);
+        let touched = Touched::lying((row, frame), (at_m, on_needle_m), force_n, slipped);
+        Some((Owner::Needle(point.needle), touched))
+    })
+}
+
 fn held(balance: &Balance, index: usize, point: &Point, in_tissue: Vector3<f64>) -> Held {
     let (sources, grasp) = (balance.sources, &balance.state.grasp);
     let state = &balance.state.each[point.needle];
     let curve = sources.needles[point.needle].needle.at(&state.pose);
     let bound = grasp.modes()[point.first_row] != Mode::Held;
     let law = match (point.what, state.tip) {
-        (What::Holding, _) => Law::Sticks,
+        (What::Holding | What::Touch(_), _) => Law::Sticks,
         (What::Crossing(place), _) => {
             let frictionless = state
                 .holds

@@ -13,6 +13,9 @@ use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3};
 /// Largest turn of a piece of the way \[rad\]: the tip's path is taken as straight within one.
 const MOST_TURN: f64 = 0.1;
 
+/// Pieces of a mean edge: as far a body goes at once that is two edges from the surface.
+const EDGE_PIECES: f64 = 4.0;
+
 /// Where everything goes that somebody holds; what nobody holds is where the tissue took it.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Targets {
@@ -135,7 +138,14 @@ fn needle_share(
     let touches = !each.holds.is_empty() || !matches!(each.tip, Tip::Outside | Tip::Waiting);
     let turn = (target.rotation * each.pose.rotation.inverse()).angle();
     let mut share = MOST_TURN / turn;
-    if touches {
+    let nears = own.body && each.is_near;
+    let piece_m = match (nears, touches) {
+        (true, _) => piece_m.min(own.body_piece_m()),
+        (false, true) => piece_m,
+        // It is looked for farther than this.
+        (false, false) => piece_m * EDGE_PIECES,
+    };
+    if touches || own.body {
         let way = [0.0, 0.5, 1.0]
             .map(|along| (to.at(along * to.length) - from.at(along * from.length)).norm());
         share = share.min(piece_m / way.into_iter().fold(0.0, f64::max));

@@ -473,6 +473,18 @@ fn needles(scene: &Scene, walk: &[(StepReport, Duration)]) -> Vec<Component> {
             rows: crossings.map(|crossings| 3 * crossings),
             ..Component::built(name, why)
         });
+        if needle.body {
+            let touches = reports().map(|report| report.touches).max();
+            let why = match touches {
+                Some(touches) => format!("`body`: touches the surface in {touches} places at most along the scripts"),
+                None => "`body`; no `[hand]` to follow here".to_owned(),
+            };
+            let name = format!("body of needle {}", needle.id);
+            parts.push(Component {
+                rows: touches.map(|touches| 3 * touches),
+                ..Component::built(name, why)
+            });
+        }
     }
     let half_faces = scene.mesh.half_faces();
     let points_m = scene.mesh.points_m();

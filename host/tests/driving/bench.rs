@@ -29,6 +29,7 @@ pub fn tissue() -> NeedleTissue {
         viscous_n_s_per_m2: 0.0,
         cutting_pa: 0.05 / area,
         puncture_pa: 0.2 / area,
+        surface_friction: f64::INFINITY,
     }
 }
 
@@ -111,6 +112,7 @@ pub fn frame(end: [f64; 3], direction: [f64; 3], towards: [f64; 3]) -> Isometry3
 pub enum Kind {
     Linear,
     Corotational(Passes),
+    CorotationalWith(Passes, Policy),
     Hyperelastic(Passes, Policy),
 }
 
@@ -159,9 +161,21 @@ impl Bench {
 
     /// The same under loads and handles.
     pub fn loaded(
-        (mesh, fixed): (TetMesh, Vec<u32>),
+        mesh: (TetMesh, Vec<u32>),
         kind: Kind,
         needles: &[(Needle, Isometry3<f64>)],
+        loaded: (Material, Loads),
+        tissue: &[NeedleTissue],
+        settings: NeedleSettings,
+    ) -> Self {
+        Self::built(mesh, kind, (needles, false), loaded, tissue, settings)
+    }
+
+    /// The same with needles that have bodies, or not.
+    pub fn built(
+        (mesh, fixed): (TetMesh, Vec<u32>),
+        kind: Kind,
+        (needles, body): (&[(Needle, Isometry3<f64>)], bool),
         (material, loads): (Material, Loads),
         tissue: &[NeedleTissue],
         settings: NeedleSettings,
@@ -171,6 +185,9 @@ impl Bench {
             Kind::Linear => Model::new(&mesh, material, &fixed, loads, &tools),
             Kind::Corotational(passes) => {
                 let policy = Policy::default();
+                Model::corotational(&mesh, material, &fixed, loads, &tools, policy, passes)
+            }
+            Kind::CorotationalWith(passes, policy) => {
                 Model::corotational(&mesh, material, &fixed, loads, &tools, policy, passes)
             }
             Kind::Hyperelastic(passes, policy) => {
@@ -184,7 +201,12 @@ impl Bench {
         .expect("tissue");
         let parts: Vec<NeedlePart> = (0u8..)
             .zip(needles)
-            .map(|(id, &(needle, start))| NeedlePart { id, needle, start })
+            .map(|(id, &(needle, start))| NeedlePart {
+                id,
+                needle,
+                start,
+                body,
+            })
             .collect();
         let model = model
             .with_needles(&mesh, &parts, tissue, settings)

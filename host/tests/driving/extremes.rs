@@ -339,6 +339,7 @@ fn ten_thousand_crossings_at_once() {
     let tools = [(0, Tool::new(Shape::Grip, [0.0; 3]))];
     let model = Model::new(&strip, MATERIAL, &fixed, Loads::default(), &tools).expect("tissue");
     let part = NeedlePart {
+        body: false,
         id: 0,
         needle: straight(0.06),
         start,
@@ -440,6 +441,7 @@ fn a_needle_in_tissue_at_the_start_is_refused() {
     let built = |length_m: f64, end_z: f64| {
         let start = frame([0.0013, 0.0007, end_z], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]);
         let part = NeedlePart {
+            body: false,
             id: 3,
             needle: straight(length_m),
             start,

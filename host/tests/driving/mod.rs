@@ -2,12 +2,14 @@
 
 mod allocations;
 pub mod bench;
+mod bodies;
 mod energy;
 mod extremes;
 mod force;
 mod grips;
 mod handles;
 mod playback;
+mod slips;
 mod tangent;
 mod waiting;
 mod walks;

@@ -42,6 +42,7 @@ fn tissues() -> impl Strategy<Value = NeedleTissue> {
             viscous_n_s_per_m2: viscous,
             cutting_pa: cutting * tissue().cutting_pa,
             puncture_pa: puncture * tissue().puncture_pa,
+            surface_friction: tissue().surface_friction,
         },
     )
 }

@@ -18,7 +18,8 @@ pub(crate) struct Touched {
     /// The first of its three rows.
     pub row: usize,
     pub at_m: Vector3<f64>,
-    /// Where it sticks on the tool \[m\].
+    /// Where on the tool its normal row and its others hold it \[m\].
+    moves_at_m: Vector3<f64>,
     sticks_at_m: Vector3<f64>,
     pub frame: [Vector3<f64>; 3],
     normal: Vector3<f64>,
@@ -93,12 +94,51 @@ impl Touched {
         Some(Self {
             row: contact.row as usize,
             at_m: contact.at_m,
+            moves_at_m: contact.at_m,
             sticks_at_m: contact.at_m + contact.ahead_m,
             frame,
             normal: contact.normal,
             force_n: contact.force_n(),
             law,
         })
+    }
+
+    /// A point of a needle that lies on a surface which stays while it is solved for: the first of its three rows and their
+    /// directions, where it is, the force on the tissue \[N\], the needle's way ahead of the tissue \[m\] where it slips, and
+    /// Coulomb's coefficient.
+    pub fn lying(
+        (row, frame): (usize, [Vector3<f64>; 3]),
+        (at_m, on_needle_m): (Vector3<f64>, Vector3<f64>),
+        force_n: Vector3<f64>,
+        slipped: Option<(Vector3<f64>, f64)>,
+    ) -> Self {
+        let across = |v: &Vector3<f64>| Vector2::new(frame[1].dot(v), frame[2].dot(v));
+        let law = slipped.map_or(Law::Sticks, |(ahead_m, friction)| {
+            let flat = across(&ahead_m);
+            let way = flat.norm().max(NO_WAY_M);
+            let direction = flat.try_normalize(NO_WAY_M);
+            let direction = direction
+                .or_else(|| across(&force_n).try_normalize(0.0))
+                .unwrap_or_default();
+            let aside = Vector2::new(-direction.y, direction.x);
+            let pressing = -force_n.dot(&frame[0]);
+            Law::Slides(Slide {
+                along: direction * friction,
+                turns: Matrix2::zeros(),
+                bends: Matrix2::zeros(),
+                swings: aside * aside.transpose() * (pressing * friction / way),
+            })
+        });
+        Self {
+            row,
+            at_m,
+            moves_at_m: on_needle_m,
+            sticks_at_m: on_needle_m,
+            frame,
+            normal: -frame[0],
+            force_n,
+            law,
+        }
     }
 
     /// Puts the law of what slides in place of its rows of the compliance `w`, in `matrix` (n x n).
@@ -140,7 +180,7 @@ impl Touched {
     /// Right-hand sides of its rows for a motion of its tool, whose grip shifts and turns.
     pub fn load(&self, grip: &Vector3<f64>, shift: &Vector3<f64>, turn: &Vector3<f64>) -> [f64; 3] {
         let motion = |at: &Vector3<f64>| shift + turn.cross(&(at - grip));
-        let moved = motion(&self.at_m);
+        let moved = motion(&self.moves_at_m);
         let normal = -self.frame[0].dot(&moved);
         let across = |v: &Vector3<f64>| Vector2::new(self.frame[1].dot(v), self.frame[2].dot(v));
         match &self.law {
