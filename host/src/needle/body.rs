@@ -321,9 +321,10 @@ impl Balance<'_> {
             let Some(shaft) = self.shaft(needle) else {
                 continue;
             };
-            let is_off = |found: &Found| match presses {
-                true => found.gap_m.abs() > within_m[0],
-                false => found.gap_m < -within_m[1] && found.gap_m > -shaft.radius_m,
+            let is_off = |found: &Found| {
+                let gap_m = found.gap_m;
+                let is_inside = gap_m < -within_m[1] && gap_m > -shaft.radius_m;
+                (presses && gap_m.abs() > within_m[0]) || (!presses && found.is_within && is_inside)
             };
             let Some(found) = self.find(&shaft, touch.feature).filter(is_off) else {
                 continue;

@@ -476,7 +476,9 @@ fn needles(scene: &Scene, walk: &[(StepReport, Duration)]) -> Vec<Component> {
         if needle.body {
             let touches = reports().map(|report| report.touches).max();
             let why = match touches {
-                Some(touches) => format!("`body`: touches the surface in {touches} places at most along the scripts"),
+                Some(touches) => format!(
+                    "`body`: touches the surface in {touches} places at most along the scripts"
+                ),
                 None => "`body`; no `[hand]` to follow here".to_owned(),
             };
             let name = format!("body of needle {}", needle.id);

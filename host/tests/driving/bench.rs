@@ -112,7 +112,6 @@ pub fn frame(end: [f64; 3], direction: [f64; 3], towards: [f64; 3]) -> Isometry3
 pub enum Kind {
     Linear,
     Corotational(Passes),
-    CorotationalWith(Passes, Policy),
     Hyperelastic(Passes, Policy),
 }
 
@@ -185,9 +184,6 @@ impl Bench {
             Kind::Linear => Model::new(&mesh, material, &fixed, loads, &tools),
             Kind::Corotational(passes) => {
                 let policy = Policy::default();
-                Model::corotational(&mesh, material, &fixed, loads, &tools, policy, passes)
-            }
-            Kind::CorotationalWith(passes, policy) => {
                 Model::corotational(&mesh, material, &fixed, loads, &tools, policy, passes)
             }
             Kind::Hyperelastic(passes, policy) => {
