@@ -36,6 +36,7 @@ fn sixty_rows_beside_a_needle() {
                 thickness_m: 6e-4,
             },
             start: Isometry3::from_parts(Vector3::new(0.0251, 0.0007, 0.045).into(), down),
+            body: false,
         };
         let answer = NeedleTissue {
             friction_n_per_m: 10.0,
@@ -43,6 +44,7 @@ fn sixty_rows_beside_a_needle() {
             viscous_n_s_per_m2: 0.0,
             cutting_pa: 1e5,
             puncture_pa: 2e5,
+            surface_friction: f64::INFINITY,
         };
         let tissue = vec![answer; mesh.cells().len()];
         let settings = NeedleSettings::default();
