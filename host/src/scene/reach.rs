@@ -38,6 +38,9 @@ struct Nearest {
     at_s: f64,
 }
 
+/// A hold that is not taken, its tool, and how near that comes.
+type Missed<'a> = (usize, &'a Tool, Nearest);
+
 /// A warning for each hold by a tool whose script does not bring it there. Nothing is known of the console's tool without a hand,
 /// nor of what it has held.
 pub(super) fn out_of_reach(
@@ -158,7 +161,7 @@ impl<'a> Scripts<'a> {
 
     /// Who has a needle when, and which of its holds are not taken; the former is not known where the console's tool has it
     /// without a hand.
-    fn stints(&self, needle: &Needle) -> (Option<Vec<Stint>>, Vec<(usize, &'a Tool, Nearest)>) {
+    fn stints(&self, needle: &Needle) -> (Option<Vec<Stint>>, Vec<Missed<'a>>) {
         let mut stints = vec![Stint {
             from_s: 0.0,
             tool: None,
@@ -207,7 +210,7 @@ impl<'a> Scripts<'a> {
     }
 
     /// Holds of a thread's ends that are not taken, as its needle has never been there.
-    fn missed_threads(&self, thread: &Thread, stints: &[Stint]) -> Vec<(usize, &'a Tool, Nearest)> {
+    fn missed_threads(&self, thread: &Thread, stints: &[Stint]) -> Vec<Missed<'a>> {
         let been: Vec<(f64, Vector3<f64>)> = self
             .looks(0.0, None)
             .filter_map(|time_s| {

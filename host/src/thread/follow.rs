@@ -204,7 +204,9 @@ impl ThreadState {
             weights,
             ..
         } = work;
-        (bounds.clear(), rates.clear(), weights.clear());
+        bounds.clear();
+        rates.clear();
+        weights.clear();
         let passages = || {
             let spans = self.spans.iter().enumerate();
             spans.filter_map(|(place, span)| Some((place, span, span.passage?)))

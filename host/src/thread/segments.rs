@@ -448,8 +448,7 @@ impl ThreadState {
         is_held: bool,
         (single, first): (usize, usize),
         ground: &Ground,
-        system: &ConstraintSystem,
-        grasp: &ConstraintState,
+        (system, grasp): (&ConstraintSystem, &ConstraintState),
         follow: &mut FollowWork,
     ) -> bool {
         let mut multipliers = grasp

@@ -187,8 +187,7 @@ impl Balance<'_> {
                 is_held,
                 rows,
                 &ground,
-                &self.work.system,
-                &self.state.grasp,
+                (&self.work.system, &self.state.grasp),
                 &mut self.work.threads.follow,
             );
             first += thread.spread_rows(&held.parts[index], is_held);

@@ -252,7 +252,7 @@ fn jaws_that_make_no_sense_are_refused() {
     let good = jaws(1.0);
     let ball = (1, Tool::sphere(0.01, [0.0; 3]));
     assert!(refused(&[ball], &[good]).contains("grip"));
-    assert!(refused(&[grip.clone()], &[good, good]).contains("one pair"));
+    assert!(refused(std::slice::from_ref(&grip), &[good, good]).contains("one pair"));
     let wrong = [
         Jaws {
             length_m: 0.0,
@@ -294,7 +294,7 @@ fn jaws_that_make_no_sense_are_refused() {
         },
     ];
     for jaws in wrong {
-        assert!(!refused(&[grip.clone()], &[jaws]).is_empty());
+        assert!(!refused(std::slice::from_ref(&grip), &[jaws]).is_empty());
     }
     let found = model(&[grip]).with_jaws(&mesh, &[]).expect("without jaws");
     let (_, _) = (State::new(&found), Workspace::new(&found));

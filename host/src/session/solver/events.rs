@@ -112,7 +112,7 @@ impl EventLog {
 
     /// Its part of the summary: the events, and how many more there were.
     pub fn said(&self) -> (Value, u64) {
-        let all = self.all.iter().map(Happened::to_json);
+        let all = self.all.iter().copied().map(Happened::to_json);
         (all.collect(), self.left_out)
     }
 }
@@ -152,7 +152,7 @@ impl Happened {
         goes_on
     }
 
-    fn to_json(&self) -> Value {
+    fn to_json(self) -> Value {
         let (time_s, until_s) = (self.time_s, self.until_s);
         match self.event {
             Event::Slipped {
