@@ -105,18 +105,9 @@ pub fn residuals(problem: &Problem, lambda: &[f64], delta: &[f64]) -> Residuals 
             && !empty(row + 1)
             && !empty(row + 2)
         {
-            let scale = diagonal(row + 1).max(diagonal(row + 2)).sqrt().recip();
-            let force = [lambda[row + 1] / scale, lambda[row + 2] / scale];
-            let radius = friction * lambda[row].max(0.0) / scale;
-            let aim = [
-                force[0] - delta[row + 1] * scale,
-                force[1] - delta[row + 2] * scale,
-            ];
-            let part = (radius / aim[0].hypot(aim[1])).min(1.0);
-            let part = if radius == 0.0 { 0.0 } else { part };
-            let off = (force[0] - part * aim[0]).hypot(force[1] - part * aim[1]);
+            let (off, force) = cone(problem, lambda, delta, (row, friction));
             found.cone = larger(found.cone, off);
-            strongest = strongest.max(force[0].hypot(force[1]));
+            strongest = strongest.max(force);
         }
     }
     let scale = drive + 1e-6 * strongest;
@@ -131,6 +122,27 @@ pub fn residuals(problem: &Problem, lambda: &[f64], delta: &[f64]) -> Residuals 
         }
     }
     found
+}
+
+/// Residual of the tangents of a cone whose normal row this is, and their force, both scaled.
+fn cone(
+    problem: &Problem,
+    lambda: &[f64],
+    delta: &[f64],
+    (row, friction): (usize, f64),
+) -> (f64, f64) {
+    let diagonal = |row: usize| problem.compliance[row * (problem.rows.len() + 1)];
+    let scale = diagonal(row + 1).max(diagonal(row + 2)).sqrt().recip();
+    let force = [lambda[row + 1] / scale, lambda[row + 2] / scale];
+    let radius = friction * lambda[row].max(0.0) / scale;
+    let aim = [
+        force[0] - delta[row + 1] * scale,
+        force[1] - delta[row + 2] * scale,
+    ];
+    let part = (radius / aim[0].hypot(aim[1])).min(1.0);
+    let part = if radius == 0.0 { 0.0 } else { part };
+    let off = (force[0] - part * aim[0]).hypot(force[1] - part * aim[1]);
+    (off, force[0].hypot(force[1]))
 }
 
 /// Residual of a disc whose first row this is, its force, and its drive, all scaled.
