@@ -257,8 +257,9 @@ fn tangent_off(bench: &mut Bench, to: Isometry3<f64>) -> f64 {
 
 #[test]
 fn the_tangent_is_the_derivative() {
-    let linear = |friction: f64| (friction, across(1e-4));
-    for (friction, part) in [linear(0.0), (0.0, bulging(1e-4)), linear(0.4)] {
+    // An arc that goes farther in one step comes to overlap, and lies anew in it, which the tangent does not know: off by 4 % there.
+    let linear = |friction: f64| (friction, across(1e-4), 1.0);
+    for (friction, part, size) in [linear(0.0), (0.0, bulging(1e-4), 0.1), linear(0.4)] {
         let mut bench = build(a_slab(), Kind::Linear, part, 20e3, rubbing(friction));
         for place in 0..14 {
             let by = if place < 10 {
@@ -268,7 +269,7 @@ fn the_tangent_is_the_derivative() {
             };
             shift(&mut bench, by);
         }
-        let by = Vector6::new(3e-5, -2e-5, -2e-5, 1e-3, 5e-4, 1e-3);
+        let by = Vector6::new(3e-5, -2e-5, -2e-5, 1e-3, 5e-4, 1e-3) * size;
         let to = moved(&bench.grip, &by);
         let worst = tangent_off(&mut bench, to);
         println!("mu {friction}: {worst:.1e}");
