@@ -3,7 +3,7 @@
 //! Entry points: [`NeedlePart`], [`NeedleSettings`].
 
 use super::body::PIECE_RADII;
-use super::{Needle, NeedleTissue};
+use super::{Needle, NeedleShape, NeedleTissue};
 use nalgebra::{Isometry3, Vector3};
 use thiserror::Error;
 
@@ -24,6 +24,20 @@ pub struct NeedlePart {
 }
 
 impl NeedlePart {
+    /// What is wrong with its shape, its start or its body.
+    pub(crate) fn flaw(&self) -> Option<String> {
+        let coords = self.start.to_homogeneous();
+        let is_straight = matches!(self.needle.shape, NeedleShape::Straight { .. });
+        self.needle.flaw().or_else(|| {
+            if !coords.iter().all(|x| x.is_finite()) {
+                Some("its start is not finite".to_owned())
+            } else {
+                (self.body && !is_straight)
+                    .then(|| "an arc has no body that touches yet".to_owned())
+            }
+        })
+    }
+
     /// Longest piece of a path on which nothing that its body meets comes to be on the body's other side \[m\].
     pub(crate) fn body_piece_m(&self) -> f64 {
         PIECE_RADII * 0.5 * self.needle.thickness_m

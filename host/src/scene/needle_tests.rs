@@ -432,6 +432,13 @@ const SLIPS: &[Slip] = &[
         help: "0 to 255",
     },
     Slip {
+        from: "[[needle]]\nshape = \"arc\"",
+        to: "[[needle]]\nbody = true\nshape = \"arc\"",
+        message: "an arc does not touch yet",
+        under: "[[needle]]",
+        help: "leave `body` out",
+    },
+    Slip {
         from: "[[needle.hold]]\ntime_s = 0.0\n\n[needle_solver]",
         to: "[needle_solver]",
         message: "nobody holds this needle",

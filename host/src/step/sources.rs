@@ -80,12 +80,7 @@ impl Sources {
             return Err(NeedleError::TooMany(parts.len()));
         }
         for (index, part) in parts.iter().enumerate() {
-            let coords = part.start.to_homogeneous();
-            let flaw = part.needle.flaw().or_else(|| {
-                let finite = coords.iter().all(|x| x.is_finite());
-                (!finite).then(|| "its start is not finite".to_owned())
-            });
-            if let Some(flaw) = flaw {
+            if let Some(flaw) = part.flaw() {
                 let id = part.id;
                 return Err(NeedleError::Flaw { id, flaw });
             }
