@@ -219,7 +219,8 @@ impl ThreadState {
 
     /// What lies between the needle and a span that is held, or the tail, slides towards the needle.
     fn draw_in(&mut self, by: f64) {
-        let held_m = self.head.alpha;
+        // A little is left before the hand, else a face would be on its other side.
+        let held_m = self.head.alpha + LEFT_M;
         let beyond = match self.faces_of_path() {
             all if all == self.passed.len() => 0,
             beyond => beyond,
