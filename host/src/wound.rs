@@ -80,7 +80,7 @@ pub struct WoundReport {
 pub struct ThreadSummary {
     /// Id of the thread.
     pub thread: u8,
-    /// `slack`, `taut` or `strained`.
+    /// `slack` or `taut`.
     pub state: &'static str,
     /// Ids of the tools that hold its tail and its head, (2).
     pub held_by: [Option<u8>; 2],
@@ -274,7 +274,6 @@ impl ThreadSummary {
             state: match report.state {
                 ThreadTension::Slack => "slack",
                 ThreadTension::Taut => "taut",
-                ThreadTension::Strained => "strained",
             },
             held_by: report.held_by,
             tension_n: report.tension_n,

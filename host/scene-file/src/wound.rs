@@ -26,8 +26,7 @@ pub struct ThreadSection {
     /// Tension that it bears \[N\]; 20 when left out.
     #[schemars(with = "Option<f64>")]
     pub strength_n: Option<Spanned<f64>>,
-    /// EA, tension over strain \[N\]: its one length runs through tissue, too; `inf`, or left out beside one of the next three, for
-    /// one that does not stretch.
+    /// EA, tension over strain \[N\]; `inf`, or left out, for one that does not stretch.
     #[schemars(with = "Option<f64>")]
     pub axial_stiffness_n: Option<Spanned<f64>>,
     /// Drag of tissue along it, per length in tissue \[N/m\]; none when left out.
@@ -39,10 +38,10 @@ pub struct ThreadSection {
     /// What a knot holds before it opens \[N\]; all when left out.
     #[schemars(with = "Option<f64>")]
     pub knot_n: Option<Spanned<f64>>,
-    /// Diameter, over which it presses on tissue, beside one of the four before \[m\]; 0.0003 when left out.
+    /// Diameter, over which it presses on tissue \[m\]; 0.0003 when left out.
     #[schemars(with = "Option<f64>")]
     pub thickness_m: Option<Spanned<f64>>,
-    /// Pressure on tissue above which that would tear, which is warned of, beside one of those four \[Pa\]; none when left out.
+    /// Pressure on tissue above which that would tear, which is warned of \[Pa\]; none when left out.
     #[schemars(with = "Option<f64>")]
     pub tear_pa: Option<Spanned<f64>>,
     /// What holds its ends, from when on.

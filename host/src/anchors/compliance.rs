@@ -246,6 +246,26 @@ impl Pairs {
         &self.blocks[self.slots[at] as usize * self.most + self.slots[pushed] as usize]
     }
 
+    /// Displacements of all present anchors \[m\] under `forces` on them \[N\], (anchors) each.
+    pub fn displace(&self, forces: &[Vector3<f64>], moved_m: &mut [Vector3<f64>]) {
+        moved_m.fill(Vector3::zeros());
+        let acts = |force: &Vector3<f64>| *force != Vector3::zeros();
+        for (b, on_b) in forces.iter().enumerate().filter(|(_, force)| acts(force)) {
+            for (a, on_a) in forces.iter().enumerate() {
+                // A block between two that act serves both: most of the time goes into reading it.
+                let both = acts(on_a);
+                if both && a > b {
+                    continue;
+                }
+                let block = self.block(b, a);
+                moved_m[a] += block.tr_mul(on_b);
+                if both && a < b {
+                    moved_m[b] += block * on_a;
+                }
+            }
+        }
+    }
+
     /// Fills `w` (n x n, column-major, both triangles), n the number of `rows` and `spread` rows, with the former
     /// first, which are in the order of their anchors; `first_row` (anchors + 1) says where each anchor's rows
     /// begin.
@@ -259,16 +279,14 @@ impl Pairs {
         let single = rows.len();
         let n = single + spread.rows.len();
         let anchors = self.slots.len();
-        for b in 0..anchors {
-            for column in first_row[b] as usize..first_row[b + 1] as usize {
-                let direction = Vector3::from(rows[column].direction);
-                for a in 0..=b {
-                    let (first, end) = (first_row[a] as usize, first_row[a + 1] as usize);
-                    if first == end {
-                        continue;
-                    }
-                    let moved = self.block(a, b) * direction;
-                    for row in first..end {
+        let of = |anchor: usize| first_row[anchor] as usize..first_row[anchor + 1] as usize;
+        for b in (0..anchors).filter(|b| !of(*b).is_empty()) {
+            for a in (0..=b).filter(|a| !of(*a).is_empty()) {
+                // The transpose of that of `a` per force on `b`; these lie side by side.
+                let block = self.block(b, a);
+                for column in of(b) {
+                    let moved = block.tr_mul(&Vector3::from(rows[column].direction));
+                    for row in of(a) {
                         let entry = moved.dot(&Vector3::from(rows[row].direction));
                         w[n * column + row] = entry;
                         w[n * row + column] = entry;

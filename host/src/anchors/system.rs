@@ -165,6 +165,8 @@ pub(crate) struct ConstraintSystem {
     next_anchors: Vec<Reached>,
     first_row: Vec<u32>,
     free: Vec<Vector3<f64>>,
+    /// What the forces of the last solve move each anchor by, beyond `free` \[m\].
+    moved: Vec<Vector3<f64>>,
     pairs: Pairs,
     spread: Spread,
     w: Vec<f64>,
@@ -278,6 +280,7 @@ impl ConstraintSystem {
             next_anchors: Vec::with_capacity(most_anchors),
             first_row: Vec::with_capacity(most_anchors + 1),
             free: vec![Vector3::zeros(); most_anchors],
+            moved: Vec::with_capacity(most_anchors),
             pairs: Pairs::new(most_anchors),
             spread: Spread {
                 rows: Vec::with_capacity(settings.most_spread),
@@ -456,13 +459,10 @@ impl ConstraintSystem {
     }
 
     /// Elastic energy that the forces of the last solve have put into linear tissue \[J\].
-    pub fn stored_j(&self, grasp: &ConstraintState) -> f64 {
-        let forces = grasp.on_anchors.iter().enumerate();
-        let each = forces.map(|(anchor, force)| {
-            let moved = self.anchor_displacement(grasp, anchor) - self.free[anchor];
-            0.5 * force.dot(&moved)
-        });
-        each.sum()
+    pub fn stored_j(&mut self, grasp: &ConstraintState) -> f64 {
+        self.displace(grasp);
+        let each = grasp.on_anchors.iter().zip(&self.moved);
+        each.map(|(force, moved)| 0.5 * force.dot(moved)).sum()
     }
 
     /// Displacement of an anchor of the last [`Self::assemble`] per force on another \[m/N\].
@@ -693,14 +693,16 @@ impl ConstraintSystem {
         self.pairs.project(rows, &self.first_row, &self.spread, w);
     }
 
-    /// Displacement of an anchor of the last [`Self::assemble`] under the forces of the last solve, by the
-    /// linearisation \[m\].
-    pub fn anchor_displacement(&self, grasp: &ConstraintState, anchor: usize) -> Vector3<f64> {
-        let forces = grasp.on_anchors.iter().enumerate();
-        let moved = forces
-            .filter(|(_, force)| **force != Vector3::zeros())
-            .map(|(pushed, force)| self.pairs.block(anchor, pushed) * force);
-        self.free[anchor] + moved.sum::<Vector3<f64>>()
+    /// Finds where the forces of the last solve move the anchors of the last [`Self::assemble`], by the linearisation.
+    pub fn displace(&mut self, grasp: &ConstraintState) {
+        let forces = &grasp.on_anchors;
+        self.moved.resize(forces.len(), Vector3::zeros());
+        self.pairs.displace(forces, &mut self.moved);
+    }
+
+    /// After [`Self::displace`]: displacement of an anchor \[m\].
+    pub fn anchor_displacement(&self, anchor: usize) -> Vector3<f64> {
+        self.free[anchor] + self.moved[anchor]
     }
 
     /// After [`Self::read`] and [`Self::assemble`] of the rows of the last solve and others that are open: the rows of `cones`

@@ -87,7 +87,7 @@ pub struct NeedleView {
 pub struct ThreadView {
     /// Which.
     pub id: u8,
-    /// 0 slack, 1 taut, 2 strained.
+    /// 0 slack, 1 taut.
     pub state: u8,
     /// From tail to head.
     pub points: Vec<ThreadPointView>,

@@ -247,7 +247,6 @@ impl Painter {
                 state: match report.map(|report| report.state).unwrap_or_default() {
                     ThreadTension::Slack => 0,
                     ThreadTension::Taut => 1,
-                    ThreadTension::Strained => 2,
                 },
                 points: points.collect(),
             }

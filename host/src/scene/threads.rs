@@ -53,8 +53,7 @@ pub struct Tighten {
 impl Thread {
     /// Pressure of it that tissue bears \[Pa\].
     pub fn tear_pa(&self) -> f64 {
-        let through = self.part.through;
-        through.map_or(f64::INFINITY, |through| through.tear_pa)
+        self.part.through.tear_pa
     }
 
     /// How far its spans are tightened at a time since the session began \[s\]; `None` before that begins.
@@ -141,8 +140,8 @@ pub(super) fn read_threads(
     Ok(threads)
 }
 
-/// How a thread behaves whose length runs through tissue; `None` where no key says that it does.
-fn read_through(document: &Document, said: &ThreadSection) -> Result<Option<Through>, SceneError> {
+/// How a thread stretches, drags, slips and presses.
+fn read_through(document: &Document, said: &ThreadSection) -> Result<Through, SceneError> {
     let number = |key: &str, value: &Option<Spanned<f64>>, sound: fn(f64) -> bool, help: &str| {
         let Some(value) = value else {
             return Ok(None);
@@ -191,23 +190,7 @@ fn read_through(document: &Document, said: &ThreadSection) -> Result<Option<Thro
     if let Some(value) = number("tear_pa", &said.tear_pa, positive, help)? {
         through.tear_pa = value;
     }
-    let keys = [
-        &said.axial_stiffness_n,
-        &said.drag_n_per_m,
-        &said.grip_n,
-        &said.knot_n,
-    ];
-    if keys.iter().any(|key| key.is_some()) {
-        return Ok(Some(through));
-    }
-    match said.thickness_m.as_ref().or(said.tear_pa.as_ref()) {
-        None => Ok(None),
-        Some(alone) => {
-            let message = "a thread that does not act on tissue along its path presses nowhere";
-            let help = "add `axial_stiffness_n = inf`: its length runs through tissue then";
-            Err(document.flaw(alone.span(), message, "of no effect", Some(help)))
-        }
-    }
+    Ok(through)
 }
 
 /// Coulomb's coefficient of a thread or a contact; 0 when left out.

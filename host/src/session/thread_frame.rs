@@ -43,7 +43,6 @@ impl HeldThread {
             state: match thread.state {
                 ThreadTension::Slack => Tension::Slack,
                 ThreadTension::Taut => Tension::Taut,
-                ThreadTension::Strained => Tension::Strained,
             },
             direction: thread.direction[end],
             tension_n: thread.tension_n[end],

@@ -78,8 +78,8 @@ pub(super) fn reduce(
         source.report(balance, samples);
     }
     tangent.report_slides(balance, samples);
-    let stored = balance.work.system.stored_j(&balance.state.grasp);
-    let system = &balance.work.system;
+    let system = &mut balance.work.system;
+    let stored = system.stored_j(&balance.state.grasp);
     let potential_j = model
         .body
         .potential_j(balance.state.grasp.motion(), system.body_work());

@@ -153,7 +153,7 @@ fn follow(
     let touch = touch.filter(|touch| touch.pairs() > 0);
     Ok(touch.map(|touch| {
         let motion = grasp.motion().clone();
-        let system = &work.balance.system;
+        let system = &mut work.balance.system;
         let potential_j = model.body.potential_j(&motion, system.body_work());
         let stored_j = potential_j.map_or_else(|| system.stored_j(&grasp), |_| 0.0);
         let rest = Rest {

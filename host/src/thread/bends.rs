@@ -2,7 +2,7 @@
 //!
 //! Entry point: [`ThreadState::bend`].
 
-use super::model::{MOST_SEGMENTS, ThreadTension};
+use super::model::{MOST_BENDS, ThreadTension};
 use super::segments::End;
 use super::state::ThreadState;
 use crate::anchors::AnchorPoint;
@@ -118,7 +118,7 @@ impl ThreadState {
             over(&from, &to, &up, &mut work.new);
             let key = span.key;
             for bend in &work.new {
-                if self.bends.len() + outside >= MOST_SEGMENTS {
+                if self.bends.len() + outside >= MOST_BENDS {
                     break;
                 }
                 // What has hardly moved stays, so that what is known of it does.

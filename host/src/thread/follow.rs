@@ -211,12 +211,12 @@ impl ThreadState {
             let spans = self.spans.iter().enumerate();
             spans.filter_map(|(place, span)| Some((place, span, span.passage?)))
         };
-        if let Some(whole) = self.whole.filter(|_| is_held) {
-            bounds.push([0.0, whole.bound_n]);
+        if is_held {
+            bounds.push([0.0, self.bound_n]);
             rates.push([0.0, 1.0]);
             let mut segments = self.segments.iter();
             let tension = |a: &&Segment, b: &&Segment| a.tension_n.total_cmp(&b.tension_n);
-            let weakest = match whole.weakest {
+            let weakest = match self.weakest {
                 Weakest::Tail => None,
                 Weakest::Head => segments.next_back(),
                 Weakest::Thread => segments.max_by(tension),
@@ -233,9 +233,9 @@ impl ThreadState {
     /// Takes over the bounds that hold with the change found.
     fn follow(&mut self, is_held: bool, work: &FollowWork) {
         let begin = usize::from(is_held);
-        if let Some(whole) = self.whole.as_mut().filter(|_| is_held) {
+        if is_held {
             let [_, most_n] = work.bounds(0, work.more_n(begin, 0));
-            whole.bound_n = most_n.max(0.0);
+            self.bound_n = most_n.max(0.0);
         }
         let passages = self.spans.iter_mut().filter(|span| span.passage.is_some());
         for (row, span) in (begin..work.modes.len()).zip(passages) {

@@ -81,7 +81,7 @@ impl GaveWay {
 impl ThreadState {
     /// Most tension at the tail with which grips and knots hold and nothing breaks; whether it is as it was, or does not matter.
     pub(super) fn bind(&mut self, part: &ThreadPart, shared: f64) -> bool {
-        let Through { grip_n, knot_n, .. } = part.through.unwrap_or_default();
+        let Through { grip_n, knot_n, .. } = part.through;
         let holds = |hold: ThreadHold| match hold {
             ThreadHold::Tool(_) => grip_n,
             ThreadHold::Knot => knot_n,
@@ -96,9 +96,6 @@ impl ThreadState {
         } else {
             f64::INFINITY
         };
-        let Some(whole) = &mut self.whole else {
-            return true;
-        };
         let mut bound = (part.strength_n - most, Weakest::Thread);
         for (bound_n, weakest) in [
             (head_n - at_head, Weakest::Head),
@@ -109,9 +106,9 @@ impl ThreadState {
             }
         }
         let bound_n = bound.0.max(0.0);
-        let matters = shared >= bound_n.min(whole.bound_n) - NO_TENSION_N;
-        let follows = (bound_n - whole.bound_n).abs() <= FOLLOWS * bound_n + NO_TENSION_N;
-        (whole.bound_n, whole.weakest) = (bound_n, bound.1);
+        let matters = shared >= bound_n.min(self.bound_n) - NO_TENSION_N;
+        let follows = (bound_n - self.bound_n).abs() <= FOLLOWS * bound_n + NO_TENSION_N;
+        (self.bound_n, self.weakest) = (bound_n, bound.1);
         follows || !matters
     }
 
@@ -120,28 +117,25 @@ impl ThreadState {
         let shared = self.tension_at_tail();
         let lacking = self.needed_m(part) - self.available_m();
         let beyond = self.faces_of_path();
-        let Some(whole) = &mut self.whole else {
-            return false;
-        };
-        if lacking <= LENGTH_M || shared < whole.bound_n - NO_TENSION_N {
+        if lacking <= LENGTH_M || shared < self.bound_n - NO_TENSION_N {
             return false;
         }
-        match whole.weakest {
+        match self.weakest {
             Weakest::Thread => return true,
             Weakest::Tail if self.tail.by == ThreadHold::Knot => {
                 self.tail.by = ThreadHold::Free;
-                whole.gave_way.opens = Some(shared);
+                self.gave_way.opens = Some(shared);
             }
             Weakest::Tail => {
-                let slips = lacking.min(self.tail.alpha - whole.end_m);
+                let slips = lacking.min(self.tail.alpha - self.end_m);
                 self.tail.alpha -= slips;
-                whole.slipped_m[0] += slips;
+                self.slipped_m[0] += slips;
                 let is_out = slips < lacking;
-                whole.gave_way.slip(0, self.tail.by, slips, is_out);
+                self.gave_way.slip(0, self.tail.by, slips, is_out);
                 if is_out {
                     // Its end has come through.
                     self.tail.by = ThreadHold::Free;
-                    self.tail.alpha = whole.end_m;
+                    self.tail.alpha = self.end_m;
                 }
             }
             Weakest::Head => {
@@ -153,8 +147,8 @@ impl ThreadState {
                 for passed in beyond {
                     passed.crossing.alpha = passed.crossing.alpha.max(self.head.alpha + least_m);
                 }
-                whole.slipped_m[1] += slips;
-                whole.gave_way.slip(1, self.head.by, slips, false);
+                self.slipped_m[1] += slips;
+                self.gave_way.slip(1, self.head.by, slips, false);
             }
         }
         false
@@ -174,21 +168,16 @@ impl ThreadState {
         });
         let tension_n = tensest.map_or(0.0, |most| most.tension_n);
         let at_m = from.map_or(self.tail.alpha, |from| self.passed[from].crossing.alpha);
-        let Some(whole) = &mut self.whole else {
-            return;
-        };
-        let lost_m = at_m - whole.end_m;
-        whole.broken_off_m = Some(whole.broken_off_m.unwrap_or(0.0) + lost_m);
-        whole.gave_way.breaks = Some(Break { tension_n, lost_m });
-        whole.end_m = at_m;
+        let lost_m = at_m - self.end_m;
+        self.broken_off_m = Some(self.broken_off_m.unwrap_or(0.0) + lost_m);
+        self.gave_way.breaks = Some(Break { tension_n, lost_m });
+        self.end_m = at_m;
         self.tail.by = ThreadHold::Free;
         self.tail.alpha = at_m;
     }
 
     /// What has given way since this was asked last.
     pub(super) fn take_events(&mut self, thread: u8) -> impl Iterator<Item = Event> + use<> {
-        let gave_way = self.whole.as_mut().map(|whole| &mut whole.gave_way);
-        let gave_way = gave_way.map(std::mem::take).unwrap_or_default();
-        gave_way.events(thread)
+        std::mem::take(&mut self.gave_way).events(thread)
     }
 }

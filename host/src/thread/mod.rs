@@ -8,7 +8,6 @@ mod chain;
 mod ends;
 mod follow;
 mod free;
-mod friction;
 mod gives;
 mod model;
 mod nearest;

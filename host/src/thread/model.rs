@@ -19,15 +19,13 @@ pub struct ThreadPart {
     /// Coulomb's coefficient against tissue \[1\]: tension falls by e^(friction turn) where it slides around
     /// a turn (capstan).
     pub friction: f64,
-    /// Tension that it bears \[N\]. It is not exceeded: the path stays longer then, or, if the length runs through
-    /// tissue, the thread breaks.
+    /// Tension that it bears \[N\]; beyond that it breaks.
     pub strength_n: f64,
-    /// Whether its one length runs through tissue, too, and how it stretches, drags and slips then; left out, what lies
-    /// in tissue keeps its length, and tension does not act there.
-    pub through: Option<Through>,
+    /// How it stretches, drags, slips and presses.
+    pub through: Through,
 }
 
-/// Of a thread whose one length runs through outside spans and paths inside tissue. Along the path
+/// Of the one length that runs through outside spans and paths inside tissue. Along the path
 /// dT/ds = drag + friction |curvature| T.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Through {
@@ -70,17 +68,7 @@ impl ThreadPart {
 
     /// Whether tissue holds it back without tension, too.
     pub(crate) fn drags(&self) -> bool {
-        self.through
-            .is_some_and(|through| through.drag_n_per_m > 0.0)
-    }
-
-    /// Most segments that its path is made of.
-    pub(crate) fn most_segments(&self) -> usize {
-        if self.through.is_some() {
-            MOST_THROUGH
-        } else {
-            MOST_SEGMENTS
-        }
+        self.through.drag_n_per_m > 0.0
     }
 }
 
@@ -164,8 +152,6 @@ pub enum ThreadTension {
     Slack,
     /// Its path is as long as what there is of it.
     Taut,
-    /// It pulls with its strength, and its path is longer than what there is of it.
-    Strained,
 }
 
 /// What a step found about one thread.
@@ -185,7 +171,7 @@ pub struct ThreadReport {
     pub end_m: [[f64; 3]; 2],
     /// Boundary faces that it goes through.
     pub punctures: u32,
-    /// Length of its path outside the tissue and at its ends, and inside if its length runs through \[m\].
+    /// Length of its path, outside the tissue and inside \[m\].
     pub length_m: f64,
     /// What there is of it for that, unstretched \[m\].
     pub available_m: f64,
@@ -288,10 +274,10 @@ pub(crate) struct Threads {
     apart_m: f64,
 }
 
-/// Most segments of one thread: 50 punctures with as many bends, and both ends.
-pub(crate) const MOST_SEGMENTS: usize = 96;
-/// Most segments of one thread whose length runs through tissue: as many, and four in each of 50 passages.
-pub(crate) const MOST_THROUGH: usize = 288;
+/// Most segments of one thread: 50 punctures with as many bends, both ends, and four in each of 50 passages.
+pub(crate) const MOST_SEGMENTS: usize = 288;
+/// Most bends of one thread.
+pub(crate) const MOST_BENDS: usize = 96;
 
 impl Threads {
     /// No threads.
@@ -363,7 +349,7 @@ fn check_numbers(part: &ThreadPart) -> Result<(), ThreadError> {
         knot_n,
         thickness_m,
         tear_pa,
-    } = part.through.unwrap_or_default();
+    } = part.through;
     let positive = |value: f64| (value > 0.0 && value.is_finite(), "above zero");
     // Infinite for what does not give way.
     let rigid = |value: f64| (value > 0.0, "above zero");

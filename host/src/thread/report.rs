@@ -36,8 +36,7 @@ impl SourcesState {
             let near = anchor(&sources.mesh, &near.crossing);
             place_of(nodes_m, &near)
         });
-        let part = &sources.threads.parts[thread];
-        self.threads[thread].hold(end, hold, at, (near, outside), part);
+        self.threads[thread].hold(end, hold, at, (near, outside));
         true
     }
 
@@ -253,9 +252,10 @@ impl Balance<'_> {
             state: thread.state,
             held_by: self.held_by(index),
             punctures: thread.punctures(),
-            slipped_m: thread.whole.map_or([0.0; 2], |whole| whole.slipped_m),
-            broken_off_m: thread.whole.and_then(|whole| whole.broken_off_m),
-            length_m: spans.map(|span| thread.lengths_of(span)).sum(),
+            slipped_m: thread.slipped_m,
+            broken_off_m: thread.broken_off_m,
+            // Not -0, which a sum of nothing is.
+            length_m: spans.map(|span| thread.lengths_of(span)).sum::<f64>() + 0.0,
             available_m: thread.available_m(),
             pulled_m: thread.pulled_m,
             welds: welds.count() as u32,

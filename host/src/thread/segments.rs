@@ -1,18 +1,18 @@
-//! A thread's path outside the tissue as rows: one length, whatever it takes to keep its pieces straight.
+//! A thread's path as rows: one length, whatever it takes to keep its pieces straight.
 //!
 //! Entry points: [`ThreadState::lay`], [`ThreadState::make_rows`], [`ThreadState::settle`] after each solve,
-//! [`ThreadState::finish`] at the end of a balance. Younes 2021, 3.33, with both end segments: `sum |y_j| <= available`
-//! for the ways y_j of all segments, whose multiplier is the tension T. Newton's method on it has, for every
-//! segment of length l along d, its part d.y in one shared row and two rows across d that give way by l / T: the
+//! [`ThreadState::finish`] at the end of a balance. Younes 2021, 3.33, with both end segments and what lies in tissue:
+//! `sum |y_j| <= available` for the ways y_j of all segments, whose multiplier is the tension T. Newton's method on it has,
+//! for every segment of length l along d, its part d.y in one shared row and two rows across d that give way by l / T: the
 //! stiffness of a taut string. A segment that vanishes has no direction; it becomes a weld, three rows y = 0,
 //! until their force exceeds T. Both come out of one formula, the projection of z = y + c f on the segments
 //! that are c T shorter (Moreau), with c a typical compliance.
 //!
-//! Friction: the tension changes by F at a passage through tissue, which is bounded, e^(mu theta) - 1 times the smaller
-//! of the tensions on both sides (capstan), and F is the multiplier of the length of all that lies beyond: a box row.
+//! Friction: the tension changes by F along a passage through tissue, and F is the multiplier of the length of all that lies
+//! beyond, between bounds (module `through`).
 
 use super::follow::{FollowWork, LengthRows};
-use super::model::{ThreadHold, ThreadPart, ThreadTension};
+use super::model::{ThreadHold, ThreadPart};
 use super::state::ThreadState;
 use crate::anchors::{
     AnchorPoint, ConstraintSet, ConstraintState, ConstraintSystem, MultiPointConstraint,
@@ -28,6 +28,8 @@ use serde::Serialize;
 const STRAIGHT: f64 = 1e-3;
 /// The true length is held this well \[m\].
 pub(super) const LENGTH_M: f64 = 5e-7;
+/// Points of tissue that are no farther apart are one \[m\]: a thread that grazes an edge of a body goes in and out at one point.
+const SAME_M: f64 = 1e-9;
 /// Tension below this is none \[N\].
 pub(super) const NO_TENSION_N: f64 = 1e-9;
 
@@ -96,9 +98,8 @@ pub(crate) struct Span {
     /// Most that friction can change the tension by at its end, and what it does \[N\].
     pub limit_n: f64,
     pub friction_n: f64,
-    /// Turn on the way to the next span \[rad\], and that way, straight through the tissue \[m\].
+    /// Turn along a passage, where the thread goes in and out included \[rad\].
     pub turn: f64,
-    pub inside: Vector3<f64>,
     /// Multiplier of a bound of its own \[N\].
     pub own_n: f64,
     /// Of a way through tissue, whose friction acts along it.
@@ -141,6 +142,13 @@ impl Ground<'_> {
         self.count < 2 || body(a) != body(b)
     }
 
+    /// Whether two ends are the same point of tissue, between which nothing can act.
+    pub(super) fn are_one(&self, a: &End, b: &End) -> bool {
+        let in_tissue = |end: &End| matches!(end, End::Tissue(_));
+        let apart_m = (self.unloaded(a) - self.unloaded(b)).norm();
+        in_tissue(a) && in_tissue(b) && apart_m <= SAME_M
+    }
+
     pub(super) fn unloaded(&self, end: &End) -> Vector3<f64> {
         match end {
             End::Tissue(anchor) => {
@@ -173,14 +181,11 @@ impl ThreadState {
         self.faces_of_path() > 0 && (held || self.tightened.is_some())
     }
 
-    /// Whether the bounds of friction of a span that comes before others, or of a passage, have a row.
+    /// Whether the friction of a span, which is then a passage, has a row.
     pub fn has_friction_row(&self, part: &ThreadPart, is_held: bool, place: usize) -> bool {
         let rubs = part.rubs() && (is_held || part.drags());
-        let is_place = match self.spans.get(place) {
-            _ if self.whole.is_none() => place + 1 < self.spans.len(),
-            span => span.is_some_and(|span| span.passage.is_some()),
-        };
-        rubs && is_place
+        let span = self.spans.get(place);
+        rubs && span.is_some_and(|span| span.passage.is_some())
     }
 
     /// Rows of friction.
@@ -216,23 +221,7 @@ impl ThreadState {
                 &at,
             );
         }
-        if self.whole.is_some() {
-            self.lay_through(ground, head, known, &at);
-            return;
-        }
-        let path = self.faces_of_path();
-        for index in 0..path {
-            let own = self.passed[index];
-            let from = (Some(index), Vector3::zeros(), own.crossing.alpha);
-            let to = match (self.passed[..path].get(index + 1), head) {
-                (None, Some(head)) => (None, head, self.head.alpha),
-                (Some(next), _) if own.is_boundary && !own.crossing.enters => {
-                    (Some(index + 1), Vector3::zeros(), next.crossing.alpha)
-                }
-                _ => continue,
-            };
-            self.add_span(ground, known, from, to, &at);
-        }
+        self.lay_through(ground, head, known, &at);
     }
 
     /// Adds what lies between two faces or ends: place among the faces or where it is held, and where on the thread.
@@ -250,10 +239,11 @@ impl ThreadState {
         let bends = self.bends.iter().filter(|(of, _)| *of == key);
         let stops = bends.map(|(_, bend)| End::Tissue(*bend));
         for stop in stops.chain([second]) {
-            let segment = Segment::new((key, piece), [last, stop], place, known, at);
+            if !ground.are_one(&last, &stop) {
+                let segment = Segment::new((key, piece), [last, stop], place, known, at);
+                self.segments.push(segment.linearised(self.compliance));
+            }
             piece += 1;
-            let segment = segment.linearised(self.compliance);
-            self.segments.push(segment);
             last = stop;
         }
     }
@@ -282,7 +272,6 @@ impl ThreadState {
             limit_n: before.map_or(0.0, |span| span.limit_n),
             friction_n: before.map_or(0.0, |span| span.friction_n),
             turn: before.map_or(0.0, |span| span.turn),
-            inside: Vector3::zeros(),
             own_n: before.map_or(0.0, |span| span.own_n),
             passage: None,
         });
@@ -381,29 +370,19 @@ impl ThreadState {
                 });
             };
         if is_held {
-            let kind = match &self.whole {
-                Some(whole) => RowKind::Between {
-                    least_n: 0.0,
-                    most_n: whole.bound_n,
-                },
-                None if self.is_bounded => RowKind::Box {
-                    limit_n: part.strength_n,
-                },
-                None => RowKind::Inequality,
+            let kind = RowKind::Between {
+                least_n: 0.0,
+                most_n: self.bound_n,
             };
             add(SHARED, 0, kind, &|_| 1.0, self.available_m());
         }
         for place in 0..count {
             if self.has_friction_row(part, is_held, place) {
                 let span = self.spans[place];
-                let kind = match span.passage {
-                    Some(passage) => RowKind::Between {
-                        least_n: -passage.lessens_n,
-                        most_n: span.limit_n,
-                    },
-                    None => RowKind::Box {
-                        limit_n: span.limit_n,
-                    },
+                let passage = span.passage.unwrap_or_default();
+                let kind = RowKind::Between {
+                    least_n: -passage.lessens_n,
+                    most_n: span.limit_n,
                 };
                 let weight = |segment: &Segment| segment.beyond(place);
                 add(FRICTION_ROW, span.key, kind, &weight, self.beyond_m(place));
@@ -456,19 +435,9 @@ impl ThreadState {
             .get(single + first..)
             .unwrap_or_default()
             .iter();
-        let (shared, mut settled) = self.take_tensions(part, is_held, &mut multipliers);
+        let shared = self.take_tensions(part, is_held, &mut multipliers);
         self.compliance = self.typical_compliance(system);
-        let (total, straight) = self.linearise_segments(shared, ground, system, grasp);
-        settled &= straight;
-        if is_held && self.whole.is_none() {
-            let over = total - self.available_m();
-            settled &= if self.strained {
-                // As strong as it is, whatever is missing; what was enough would be too much.
-                over >= -LENGTH_M
-            } else {
-                over <= LENGTH_M && (shared == 0.0 || over >= -LENGTH_M)
-            };
-        }
+        let mut settled = self.linearise_segments(shared, ground, system, grasp);
         for place in 0..self.spans.len() {
             let span = self.spans[place];
             if let Some(bound_m) = self.bound_m(place) {
@@ -476,51 +445,29 @@ impl ThreadState {
                 settled &= over <= LENGTH_M && (span.own_n == 0.0 || over >= -LENGTH_M);
             }
         }
-        settled &= if self.whole.is_some() {
-            let n = grasp.lambda().len();
-            let rows = LengthRows {
-                compliance: system.compliance(n),
-                n,
-                first: single + first,
-                modes: grasp.modes(),
-                lambda_n: grasp.lambda(),
-                delta_m: grasp.delta_m(),
-            };
-            let is_settled = self.settle_through(part, is_held, shared);
-            self.foresee(part, is_held, rows, follow);
-            is_settled
-        } else {
-            self.rub(part, shared)
+        let n = grasp.lambda().len();
+        let rows = LengthRows {
+            compliance: system.compliance(n),
+            n,
+            first: single + first,
+            modes: grasp.modes(),
+            lambda_n: grasp.lambda(),
+            delta_m: grasp.delta_m(),
         };
+        settled &= self.settle_through(part, is_held, shared);
+        self.foresee(part, is_held, rows, follow);
         settled
     }
 
-    /// Takes the tensions of a solve: the one that all spans share, friction and what spans have of their own; whether the
-    /// thread is as strained as before.
+    /// Takes the tensions of a solve, friction and what spans have of their own; the one at the tail, which all share.
     fn take_tensions<'a>(
         &mut self,
         part: &ThreadPart,
         is_held: bool,
         multipliers: &mut impl Iterator<Item = &'a f64>,
-    ) -> (f64, bool) {
+    ) -> f64 {
         let mut take = || multipliers.next().copied().unwrap_or(0.0);
-        let mut shared = 0.0;
-        let mut settled = true;
-        if is_held {
-            shared = take();
-        }
-        if is_held && self.whole.is_none() {
-            self.strained = self.is_bounded && shared >= part.strength_n;
-            // A box bounds a push, too.
-            let is_bounded = if self.is_bounded {
-                shared > 0.0
-            } else {
-                shared > part.strength_n
-            };
-            settled &= is_bounded == self.is_bounded;
-            self.is_bounded = is_bounded;
-        }
-        shared = shared.max(0.0);
+        let shared = if is_held { take().max(0.0) } else { 0.0 };
         for place in 0..self.spans.len() {
             if self.has_friction_row(part, is_held, place) {
                 self.spans[place].friction_n = take();
@@ -532,23 +479,22 @@ impl ThreadState {
                 self.spans[place].own_n = if bound { take().max(0.0) } else { 0.0 };
             }
         }
-        (shared, settled)
+        shared
     }
 
-    /// Linearises all segments where a solve has them; their length together \[m\], and whether their forces are along them.
+    /// Linearises all segments where a solve has them; whether their forces are along them.
     fn linearise_segments(
         &mut self,
         shared: f64,
         ground: &Ground,
         system: &ConstraintSystem,
         grasp: &ConstraintState,
-    ) -> (f64, bool) {
+    ) -> bool {
         let lambda = grasp.lambda();
         let c = self.compliance;
         let mut settled = true;
         let mut tension = shared;
         let mut at = 0;
-        let mut total = 0.0;
         for segment in &mut self.segments {
             while at < segment.span {
                 tension += self.spans[at].friction_n;
@@ -561,7 +507,7 @@ impl ThreadState {
             segment.tension_n = (tension + before + own).max(0.0);
             let [a, b] = &segment.ends;
             segment.way = ground.unloaded(b) - ground.unloaded(a)
-                + system.anchor_displacement(grasp, segment.place as usize);
+                + system.anchor_displacement(segment.place as usize);
             segment.force = Vector3::zeros();
             if !segment.is_weld {
                 segment.force = segment.along * segment.tension_n;
@@ -577,7 +523,6 @@ impl ThreadState {
                 }
             }
             let length = segment.way.norm();
-            total += length;
             let pull = segment.tension_n;
             settled &= if segment.is_weld {
                 segment.force.norm() <= pull * (1.0 + STRAIGHT) + NO_TENSION_N
@@ -589,7 +534,7 @@ impl ThreadState {
             };
             segment.linearise(c);
         }
-        (total, settled)
+        settled
     }
 
     /// Rows on several anchors that [`Self::make_rows`] makes.
@@ -644,59 +589,6 @@ impl ThreadState {
         } else {
             1.0
         }
-    }
-
-    /// A balance is found: the thread has slid.
-    pub fn finish(&mut self, part: &ThreadPart, is_held: bool) {
-        if self.whole.is_some() {
-            self.finish_through(part, is_held);
-            return;
-        }
-        self.state = if self.strained {
-            ThreadTension::Strained
-        } else if self
-            .segments
-            .iter()
-            .any(|segment| segment.tension_n > NO_TENSION_N)
-        {
-            ThreadTension::Taut
-        } else {
-            ThreadTension::Slack
-        };
-        if !is_held || self.state != ThreadTension::Taut {
-            self.former.clone_from(&self.spans);
-            return;
-        }
-        let (last, count) = (self.spans.len().wrapping_sub(1), self.faces_of_path());
-        // From the head on, with what lies in tissue as long as it was.
-        let mut shift = 0.0;
-        let mut upto = count;
-        for place in (0..=last).rev() {
-            let new = self.lengths_of(place);
-            let span = &mut self.spans[place];
-            let change = new - span.material_m;
-            span.material_m = new;
-            if span.to.is_none() {
-                self.pulled_m[1] += change;
-            }
-            // It rubs where it leaves the span, by what lies beyond.
-            let before = self.former.iter().find(|former| former.key == span.key);
-            let before = before.map_or(span.friction_n, |before| before.friction_n);
-            self.friction_j += (0.5 * (span.friction_n + before) * shift).abs();
-            let Some(from) = span.from else {
-                self.pulled_m[0] += change;
-                continue;
-            };
-            for passed in &mut self.passed[from + 1..upto] {
-                passed.crossing.alpha -= shift;
-            }
-            upto = from + 1;
-            shift += change;
-        }
-        for passed in &mut self.passed[..upto] {
-            passed.crossing.alpha -= shift;
-        }
-        self.former.clone_from(&self.spans);
     }
 }
 

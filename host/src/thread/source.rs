@@ -2,6 +2,7 @@
 //!
 //! Entry point: [`ThreadSource`].
 
+use super::model::MOST_SEGMENTS;
 use super::{
     BendWork, FollowWork, Segment, Skin, ThreadHold, ThreadPart, ThreadState, Wrap, wraps,
 };
@@ -33,10 +34,8 @@ impl ThreadWork {
     /// Nothing for a scene without threads.
     pub fn new(sources: &Sources) -> Self {
         let count = sources.threads.parts.len();
-        let parts = sources.threads.parts.iter();
-        let most = parts.map(ThreadPart::most_segments).max().unwrap_or(0);
-        let follows = |part: &ThreadPart| part.through.is_some() && part.rubs();
-        let follows = sources.threads.parts.iter().any(follows);
+        let most = if count > 0 { MOST_SEGMENTS } else { 0 };
+        let rubs = sources.threads.parts.iter().any(ThreadPart::rubs);
         let boundary = || sources.mesh.boundary().triangles();
         Self {
             known_segments: Vec::with_capacity(most),
@@ -44,7 +43,7 @@ impl ThreadWork {
             skin_at_rest: false,
             bends: BendWork::new(most),
             wraps: Vec::with_capacity(most),
-            follow: FollowWork::new(follows),
+            follow: FollowWork::new(rubs),
         }
     }
 }
@@ -53,14 +52,13 @@ impl Source for ThreadSource {
     /// A row for every span, and of all that lies beyond it.
     fn room(&self, sources: &Sources) -> Room {
         let parts = &sources.threads.parts;
-        let most = parts.iter().map(ThreadPart::most_segments).sum::<usize>();
-        let longest = parts.iter().map(ThreadPart::most_segments).max();
+        let most = MOST_SEGMENTS * parts.len();
         let rubbing = parts.iter().any(ThreadPart::rubs);
         Room {
             anchors: most,
             rows: 3 * most,
             spread: 2 * most,
-            terms: most * if rubbing { longest.unwrap_or(0) } else { 3 },
+            terms: most * if rubbing { MOST_SEGMENTS } else { 3 },
         }
     }
 
@@ -135,14 +133,9 @@ impl Balance<'_> {
             let head = head_at(self.sources, needle, &self.state.threads[index], index);
             let mut thread = std::mem::take(&mut self.state.threads[index]);
             let part = &held.parts[index];
-            if part.through.is_some() {
-                thread.drop_behind();
-            }
+            thread.drop_behind();
             if thread.pulls(part, head.is_some()) {
                 thread.lay(&ground, head, &mut known, |at| self.position_of(at));
-                if part.friction > 0.0 && part.through.is_none() {
-                    thread.pass_through(&self.sources.mesh, |at| self.position_of(at));
-                }
             } else {
                 thread.segments.clear();
                 thread.spans.clear();
@@ -174,6 +167,10 @@ impl Balance<'_> {
         let ground = held.ground(&self.sources.mesh, self.points_m);
         let mut settled = true;
         let mut first = 0;
+        let mut threads = self.state.threads.iter();
+        if threads.any(|thread| !thread.segments.is_empty()) {
+            self.work.system.displace(&self.state.grasp);
+        }
         for (index, thread) in self.state.threads.iter_mut().enumerate() {
             if thread.segments.is_empty() {
                 continue;

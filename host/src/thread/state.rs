@@ -1,12 +1,13 @@
 //! What evolves about threads: which faces they go through, what holds their ends, how they pulled last.
 //!
 //! Entry point: [`ThreadState`]. Places on a thread are counted from its head at the needle: at most 0, as
-//! alpha behind the needle's end (younes-2021, 3.3). What lies in tissue keeps its length; between punctures
-//! the thread slides.
+//! alpha behind the needle's end (younes-2021, 3.3).
 
 use super::Outside;
 use super::gives::{GaveWay, LEFT_M};
-use super::model::{ThreadEnd, ThreadHold, ThreadPart, ThreadTension, Tightening};
+use super::model::{
+    MOST_BENDS, MOST_SEGMENTS, ThreadEnd, ThreadHold, ThreadPart, ThreadTension, Tightening,
+};
 use super::segments::{LENGTH_M, Segment, Span};
 use crate::anchors::AnchorPoint;
 use crate::mesh::HalfFaces;
@@ -55,23 +56,12 @@ pub(crate) struct ThreadState {
     /// How short bridging spans have to be.
     pub tightened: Option<Tightening>,
     pub state: ThreadTension,
-    /// Whether the tension is the strength, and whether the rows say that it can be no more.
-    pub strained: bool,
-    pub is_bounded: bool,
     /// Typical compliance of a segment \[m/N\]; 0 before the first solve.
     pub compliance: f64,
     /// Drawn out at tail and head so far \[m\].
     pub pulled_m: [f64; 2],
     pub friction_j: f64,
     next_id: u32,
-    /// Of a thread whose length runs through tissue.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub whole: Option<Whole>,
-}
-
-/// What else evolves about a thread whose length runs through tissue.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub(crate) struct Whole {
     /// Where on the thread its tail ends \[m\].
     pub end_m: f64,
     /// Most tension at the tail with which grips hold and nothing breaks \[N\].
@@ -86,13 +76,14 @@ pub(crate) struct Whole {
 }
 
 /// What of a held thread gives way first.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 pub(crate) enum Weakest {
     /// The grip at the tail.
     Tail,
     /// The grip at the head.
     Head,
     /// The thread itself.
+    #[default]
     Thread,
 }
 
@@ -115,7 +106,6 @@ impl Clone for ThreadState {
 impl ThreadState {
     /// A thread that nothing has drawn anywhere yet.
     pub fn new(part: &ThreadPart) -> Self {
-        let most_segments = part.most_segments();
         let hold = |alpha| Hold {
             by: ThreadHold::Free,
             alpha,
@@ -125,26 +115,22 @@ impl ThreadState {
             passed: Vec::with_capacity(MOST_PASSED),
             tail: hold(-part.length_m),
             head: hold(0.0),
-            segments: Vec::with_capacity(most_segments),
-            spans: Vec::with_capacity(most_segments),
-            former: Vec::with_capacity(most_segments),
-            bends: Vec::with_capacity(most_segments),
+            segments: Vec::with_capacity(MOST_SEGMENTS),
+            spans: Vec::with_capacity(MOST_SEGMENTS),
+            former: Vec::with_capacity(MOST_SEGMENTS),
+            bends: Vec::with_capacity(MOST_BENDS),
             tightened: None,
             state: ThreadTension::Slack,
-            strained: false,
-            is_bounded: false,
             compliance: 0.0,
             pulled_m: [0.0; 2],
             friction_j: 0.0,
             next_id: 0,
-            whole: part.through.map(|_| Whole {
-                end_m: -part.length_m,
-                bound_n: part.strength_n,
-                weakest: Weakest::Thread,
-                slipped_m: [0.0; 2],
-                broken_off_m: None,
-                gave_way: GaveWay::default(),
-            }),
+            end_m: -part.length_m,
+            bound_n: part.strength_n,
+            weakest: Weakest::Thread,
+            slipped_m: [0.0; 2],
+            broken_off_m: None,
+            gave_way: GaveWay::default(),
         }
     }
 
@@ -160,13 +146,16 @@ impl ThreadState {
             bends,
             tightened,
             state,
-            strained,
-            is_bounded,
             compliance,
             pulled_m,
             friction_j,
             next_id,
-            whole,
+            end_m,
+            bound_n,
+            weakest,
+            slipped_m,
+            broken_off_m,
+            gave_way,
         } = self;
         passed.clone_from(&other.passed);
         *tail = other.tail;
@@ -177,13 +166,16 @@ impl ThreadState {
         bends.clone_from(&other.bends);
         *tightened = other.tightened;
         *state = other.state;
-        *strained = other.strained;
-        *is_bounded = other.is_bounded;
         *compliance = other.compliance;
         *pulled_m = other.pulled_m;
         *friction_j = other.friction_j;
         *next_id = other.next_id;
-        *whole = other.whole;
+        *end_m = other.end_m;
+        *bound_n = other.bound_n;
+        *weakest = other.weakest;
+        *slipped_m = other.slipped_m;
+        *broken_off_m = other.broken_off_m;
+        *gave_way = other.gave_way;
     }
 
     /// The needle's end has gone through a face, `apart_m` from the one before: whether there is room. What lies
@@ -324,14 +316,12 @@ impl ThreadState {
         by: ThreadHold,
         at: Vector3<f64>,
         (near, outside): (Vector3<f64>, Option<Outside>),
-        part: &ThreadPart,
     ) {
-        let end_m = self.whole.map_or(-part.length_m, |whole| whole.end_m);
         let alpha = match (end, by, self.passed.first(), self.passed.last()) {
             (ThreadEnd::Tail, ThreadHold::Place(_) | ThreadHold::Tool(_), Some(first), _) => {
-                (first.crossing.alpha - (at - near).norm()).max(end_m)
+                (first.crossing.alpha - (at - near).norm()).max(self.end_m)
             }
-            (ThreadEnd::Tail, ..) => end_m,
+            (ThreadEnd::Tail, ..) => self.end_m,
             (ThreadEnd::Head, ThreadHold::Place(_) | ThreadHold::Tool(_), _, Some(last)) => {
                 (last.crossing.alpha + (at - near).norm()).min(0.0)
             }
@@ -351,7 +341,7 @@ impl ThreadState {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::thread::model::MOST_SEGMENTS;
+    use crate::thread::Through;
 
     #[test]
     fn a_copy_has_the_room_of_what_it_copies() {
@@ -361,7 +351,7 @@ mod tests {
             length_m: 0.1,
             friction: 0.0,
             strength_n: 1.0,
-            through: None,
+            through: Through::default(),
         };
         let state = ThreadState::new(&part);
         // Also in the place of one without.
@@ -374,10 +364,10 @@ mod tests {
                 copy.segments.capacity(),
                 copy.spans.capacity(),
                 copy.former.capacity(),
-                copy.bends.capacity(),
             ] {
                 assert!(room >= MOST_SEGMENTS, "{room}");
             }
+            assert!(copy.bends.capacity() >= MOST_BENDS);
         }
     }
 }

@@ -1,7 +1,7 @@
 //! A thread whose one length runs through outside spans and paths inside tissue: it stretches and drags.
 //!
 //! Entry points: [`ThreadState::lay_through`], [`ThreadState::soften`] for each solve, [`ThreadState::settle_through`] after it,
-//! [`ThreadState::finish_through`] at the end of a balance. Younes 2021, 3.33, with the pieces between faces inside
+//! [`ThreadState::finish`] at the end of a balance. Younes 2021, 3.33, with the pieces between faces inside
 //! among its terms: a point inside is pulled by the tension times the turn there, nothing where the path is straight. A span that has
 //! m of thread is m (1 + T / EA) long, so that EA enters as the rows' own compliance, m / EA for all that two rows share. Along a passage
 //! dT/ds = drag + friction |curvature| T; its integral bounds one unknown F a passage, which is
@@ -91,6 +91,9 @@ impl ThreadState {
         let total = (to.2 - from.2).max(f64::MIN_POSITIVE);
         let apart = |a: &End, b: &End| (ground.unloaded(a) - ground.unloaded(b)).norm();
         let add = |threads: &mut Self, ends: [End; 2], begin: usize, until: Option<usize>| {
+            if ground.are_one(&ends[0], &ends[1]) {
+                return;
+            }
             let alpha = |place: usize| threads.passed[place].crossing.alpha;
             let [start, stop] = [alpha(begin), until.map_or(to.2, alpha)];
             let key = (threads.passed[begin].id, 0);
@@ -136,11 +139,8 @@ impl ThreadState {
         n: usize,
         compliance: &mut [f64],
     ) {
-        let Some(through) = part.through.filter(|_| !self.segments.is_empty()) else {
-            return;
-        };
-        let soft = through.axial_stiffness_n.recip();
-        if soft == 0.0 {
+        let soft = part.through.axial_stiffness_n.recip();
+        if soft == 0.0 || self.segments.is_empty() {
             return;
         }
         let mut add = |row: usize, column: usize, by: f64| {
@@ -183,7 +183,8 @@ impl ThreadState {
         let mut settled = true;
         let mut beyond = 0.0;
         for (place, span) in self.spans.iter().enumerate().rev() {
-            let mut own = if span.passage.is_some() {
+            // Pieces have their own; a passage at one point has none.
+            let mut own = if span.passage.is_some() && !self.is_point(place) {
                 0.0
             } else {
                 -span.material_m * self.stretch(part, place)
@@ -207,8 +208,7 @@ impl ThreadState {
             beyond += own;
         }
         if is_held {
-            let bound_n = self.whole.map_or(f64::INFINITY, |whole| whole.bound_n);
-            let gives_way = shared >= bound_n - NO_TENSION_N;
+            let gives_way = shared >= self.bound_n - NO_TENSION_N;
             beyond -= self.loose_m();
             settled &= (gives_way || beyond <= LENGTH_M)
                 && (shared <= NO_TENSION_N || beyond >= -LENGTH_M);
@@ -259,7 +259,7 @@ impl ThreadState {
 
     /// Bounds of friction along each passage from the tension before it; whether they are as they were.
     fn rub_inside(&mut self, part: &ThreadPart, shared: f64) -> bool {
-        let drag = part.through.map_or(0.0, |through| through.drag_n_per_m);
+        let drag = part.through.drag_n_per_m;
         let mut settled = true;
         let mut tension = shared;
         for place in 0..self.spans.len() {
@@ -297,7 +297,7 @@ impl ThreadState {
     }
 
     /// A balance is found: the thread has slid along its path, through its grips, or is broken.
-    pub(super) fn finish_through(&mut self, part: &ThreadPart, is_held: bool) {
+    pub fn finish(&mut self, part: &ThreadPart, is_held: bool) {
         let is_taut = |segment: &Segment| segment.tension_n > NO_TENSION_N;
         if !self.segments.iter().any(is_taut) {
             self.state = ThreadTension::Slack;
@@ -333,8 +333,17 @@ impl ThreadState {
             .sum()
     }
 
+    /// Whether a span begins and ends at one point of tissue.
+    fn is_point(&self, place: usize) -> bool {
+        let mut spans = self.segments.iter().map(|segment| segment.span);
+        !spans.any(|span| span == place)
+    }
+
     /// Thread that a span takes, unstretched \[m\], when `gives` is drawn from it if it is slack.
     fn taken_m(&self, part: &ThreadPart, place: usize, span: &Span, gives: f64) -> f64 {
+        if self.is_point(place) {
+            return 0.0;
+        }
         if self.is_taut(place) {
             let own = self.segments.iter().filter(|segment| segment.span == place);
             return own.map(|segment| segment.taken_m(part)).sum();
@@ -433,6 +442,5 @@ impl Segment {
 
 /// Length over unstretched length.
 fn stretch(part: &ThreadPart, tension_n: f64) -> f64 {
-    let through = part.through.unwrap_or_default();
-    1.0 + tension_n / through.axial_stiffness_n
+    1.0 + tension_n / part.through.axial_stiffness_n
 }

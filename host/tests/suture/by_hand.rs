@@ -15,20 +15,15 @@ const GRIP_N: f64 = 0.2;
 fn taken(times: u32, friction: f64) -> Bench {
     // All but the lower side is held.
     let still = thick(|at| at[2] > -0.0199);
-    let through = Some(Through {
+    let through = Through {
         grip_n: GRIP_N,
         ..ELASTIC
-    });
+    };
     taken_in(still, times, friction, through)
 }
 
 /// The same in other tissue.
-fn taken_in(
-    mesh: (TetMesh, Vec<u32>),
-    times: u32,
-    friction: f64,
-    through: Option<Through>,
-) -> Bench {
+fn taken_in(mesh: (TetMesh, Vec<u32>), times: u32, friction: f64, through: Through) -> Bench {
     let with = ThreadPart {
         friction,
         through,
@@ -117,22 +112,6 @@ fn what_lies_beyond_does_not_matter() {
     for (a, b) in two.into_iter().zip(three) {
         assert!((a / b - 1.0).abs() < 1e-9, "{a} {b}");
     }
-}
-
-/// A thread whose length ends at the surface pulls the tissue up by its tension, which is what the hand feels.
-#[test]
-fn a_span_of_a_length_outside_is_pulled() {
-    let mut bench = taken_in(thick(sides), 2, 0.0, None);
-    let before = bench.path(7);
-    let report = go(&mut bench, Vector3::new(0.0, 0.0, 4e-3));
-    let thread = report.threads()[0];
-    let [tail, head] = thread.tension_n;
-    assert!(tail > 0.01, "{thread:?}");
-    assert_eq!(tail, head);
-    assert!((pull_n(&report) / head - 1.0).abs() < 1e-6, "{report:?}");
-    let path = bench.path(7);
-    assert!(hand(&path) > 0 && path.len() == before.len());
-    lasts(&path);
 }
 
 /// Let go it is slack; taken up by the needle's hand it is whole again, and no thread is lost.

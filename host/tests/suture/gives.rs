@@ -65,24 +65,6 @@ fn pull(bench: &mut Bench, tool: u8, way: [f64; 3], told: &mut Told) -> StepRepo
     report
 }
 
-/// The points of a path that it turns at: faces inside that are nearer to each other than `apart_m` share one.
-fn turning(path: &[ThreadPoint], apart_m: f64) -> Vec<ThreadPoint> {
-    let apart = |a: &ThreadPoint, b: &ThreadPoint| {
-        Vector3::from(a.at_m).metric_distance(&Vector3::from(b.at_m))
-    };
-    let mut kept: Vec<ThreadPoint> = Vec::new();
-    for (place, point) in path.iter().enumerate() {
-        let is_far = kept.last().is_none_or(|last| apart(last, point) >= apart_m);
-        let mut beyond = path[place..].iter();
-        let leaves = beyond.find(|beyond| beyond.what == ThreadPlace::Leaves);
-        let is_far = is_far && leaves.is_none_or(|leaves| apart(leaves, point) >= apart_m);
-        if is_far || point.what != ThreadPlace::Inside {
-            kept.push(*point);
-        }
-    }
-    kept
-}
-
 /// Unstretched thread of a path outside tissue and inside \[m\], from where its points are and the tensions between them alone.
 fn material_m(path: &[ThreadPoint], ea_n: f64) -> [f64; 2] {
     let mut material = [0.0; 2];
@@ -112,7 +94,6 @@ fn slips_alone_change_what_there_is_of_thread() {
         let mut bench = wound_up(2, with);
         let mut told = Told::default();
         let length_m = held_m(&bench.path(7));
-        let apart_m = 0.15 * bench.mesh.surface().mean_edge_m;
         let (mut worst, mut taut) = (0.0f64, 0);
         for _ in 0..60 {
             let report = pull(&mut bench, 0, [0.0, 0.0, 5e-4], &mut told);
@@ -122,7 +103,7 @@ fn slips_alone_change_what_there_is_of_thread() {
             let thread = report.threads()[0];
             assert_eq!(thread.slipped_m, told.slipped_m);
             if thread.state == ThreadTension::Taut {
-                let [outside, inside] = material_m(&turning(&path, apart_m), EA_N);
+                let [outside, inside] = material_m(&turning(&bench, &path), EA_N);
                 worst = worst.max((outside + inside - there).abs());
                 taut += 1;
             }

@@ -12,14 +12,6 @@ use sutura_host::thread::{
 
 pub(super) const LENGTH_M: f64 = 0.3;
 pub(super) const EA_N: f64 = 200.0;
-const INEXTENSIBLE: Through = Through {
-    axial_stiffness_n: f64::INFINITY,
-    drag_n_per_m: 0.0,
-    grip_n: f64::INFINITY,
-    knot_n: f64::INFINITY,
-    thickness_m: 0.3e-3,
-    tear_pa: f64::INFINITY,
-};
 pub(super) const ELASTIC: Through = Through {
     axial_stiffness_n: EA_N,
     ..INEXTENSIBLE
@@ -32,7 +24,7 @@ pub(super) fn part(through: Through) -> ThreadPart {
         length_m: LENGTH_M,
         friction: 0.0,
         strength_n: 20.0,
-        through: Some(through),
+        through,
     }
 }
 
@@ -99,22 +91,6 @@ fn inside_m(path: &[ThreadPoint]) -> f64 {
 
 fn pull_n(report: &StepReport) -> f64 {
     Vector3::from_column_slice(&report.contacts()[0].wrench[..3]).norm()
-}
-
-/// What a length that ends at the surface does to tissue: the punctures are torn apart by the pull.
-#[test]
-fn a_length_outside_alone_tears_the_punctures_apart() {
-    let outside = ThreadPart {
-        through: None,
-        ..part(ELASTIC)
-    };
-    let mut bench = drawn_through(thick(sides), outside);
-    hold(&mut bench, ThreadEnd::Tail, ThreadHold::Tool(1));
-    let before = inside_m(&bench.path(7));
-    let report = go(&mut bench, Vector3::new(0.0, 0.0, -0.003));
-    let longer = inside_m(&bench.path(7)) - before;
-    println!("{longer} m, {} N", pull_n(&report));
-    assert!(longer > 2e-3, "{longer}");
 }
 
 /// It is as stiff as itself, moves no tissue, and there is as much of it as before.

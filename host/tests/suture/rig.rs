@@ -5,7 +5,9 @@ use nalgebra::Vector3;
 use sutura_host::collide::{TouchPart, TouchSettings};
 use sutura_host::needle::{NeedleSettings, NeedleTissue};
 use sutura_host::step::{State, StepReport, Workspace};
-use sutura_host::thread::{ThreadEnd, ThreadHold, ThreadPart, ThreadTension, Through};
+use sutura_host::thread::{
+    ThreadEnd, ThreadHold, ThreadPart, ThreadPlace, ThreadPoint, ThreadTension, Through,
+};
 
 /// A straight needle above two slabs, with a thread.
 #[derive(Clone, Copy)]
@@ -15,11 +17,23 @@ pub struct Setup {
     pub touches: bool,
     pub gap_m: f64,
     pub length_m: f64,
-    /// Whether its length runs through tissue.
-    pub through: Option<Through>,
+    pub through: Through,
     /// Where the needle goes down \[m\].
     pub at_m: [f64; 2],
 }
+
+/// Without drag, in grips and knots that do not give way.
+pub const INEXTENSIBLE: Through = Through {
+    axial_stiffness_n: f64::INFINITY,
+    drag_n_per_m: 0.0,
+    grip_n: f64::INFINITY,
+    knot_n: f64::INFINITY,
+    thickness_m: 0.3e-3,
+    tear_pa: f64::INFINITY,
+};
+
+/// Of a soft thread \[N\].
+pub const SOFT_EA_N: f64 = 20.0;
 
 pub const SETUP: Setup = Setup {
     friction: 0.0,
@@ -27,7 +41,11 @@ pub const SETUP: Setup = Setup {
     touches: false,
     gap_m: 0.004,
     length_m: 0.3,
-    through: None,
+    // It stretches before it breaks.
+    through: Through {
+        axial_stiffness_n: SOFT_EA_N,
+        ..INEXTENSIBLE
+    },
     at_m: [0.0013, 0.0007],
 };
 
@@ -110,4 +128,23 @@ pub fn drawn(mut bench: Bench) -> Bench {
 pub fn hold(bench: &mut Bench, end: ThreadEnd, by: ThreadHold) {
     let samples = [bench.sample_of(0), bench.sample_of(1)];
     assert!(bench.state.hold_thread(&bench.model, 7, end, by, &samples));
+}
+
+/// The points of a path that it turns at: faces inside that are nearer to each other than 0.15 mean edges share one.
+pub fn turning(bench: &Bench, path: &[ThreadPoint]) -> Vec<ThreadPoint> {
+    let apart_m = 0.15 * bench.mesh.surface().mean_edge_m;
+    let apart = |a: &ThreadPoint, b: &ThreadPoint| {
+        Vector3::from(a.at_m).metric_distance(&Vector3::from(b.at_m))
+    };
+    let mut kept: Vec<ThreadPoint> = Vec::new();
+    for (place, point) in path.iter().enumerate() {
+        let is_far = kept.last().is_none_or(|last| apart(last, point) >= apart_m);
+        let mut beyond = path[place..].iter();
+        let leaves = beyond.find(|beyond| beyond.what == ThreadPlace::Leaves);
+        let is_far = is_far && leaves.is_none_or(|leaves| apart(leaves, point) >= apart_m);
+        if is_far || point.what != ThreadPlace::Inside {
+            kept.push(*point);
+        }
+    }
+    kept
 }

@@ -50,7 +50,7 @@ export const NO_AGE = 4294967295;
 /**
  * @typedef {object} ThreadPicture
  * @property {number} id
- * @property {number} state 0 slack, 1 taut, 2 strained
+ * @property {number} state 0 slack, 1 taut
  * @property {Float32Array} points [m], (p x 3)
  * @property {Uint8Array} what 0 end, 1 inside, 2 enters, 3 leaves, 4 wraps
  * @property {Float32Array} tension [N], up to the next point

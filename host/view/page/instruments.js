@@ -11,7 +11,6 @@ const STEEL = 0xb9c4cf;
 const DRIVEN = 0x8fb4d8;
 const NEEDLE = 0xdde5ee;
 const THREAD = 0x5b8ff5;
-const STRAINED = 0xffb347;
 const CONTACT = 0xf7e26b;
 const REACTION = 0x6fe3a5;
 /** Thinnest line that can still be followed [px]. */
@@ -128,7 +127,6 @@ export class Instruments {
       const lines = this.threads.get(thread.id);
       for (const line of lines ? [lines.seen, lines.hidden] : []) {
         line.place(thread.points);
-        line.material.color.set(thread.state === 2 ? STRAINED : THREAD);
       }
       if (lines) lines.hidden.line.visible = this.xray;
     }

@@ -48,8 +48,8 @@ const BITE: u32 = 4;
 const BEGIN_S: f64 = 0.1;
 const PULL_S: f64 = 3.6;
 /// By how much the thread's ends are pulled away \[m\].
-const PULL_M: f64 = 0.0517;
-const LONG_PULL_M: f64 = 0.0962;
+const PULL_M: f64 = 0.0537;
+const LONG_PULL_M: f64 = 0.0942;
 
 /// Angle on the needle's circle \[degree\], from radially outwards towards +z, of its crossing with a cylinder about
 /// the tubes' axis.
@@ -63,10 +63,10 @@ fn outwards(angle: f64) -> Vec3 {
     [angle.cos(), angle.sin(), 0.0]
 }
 
-/// Round the tube and a little outwards: a pull outwards would dent it.
+/// Round the tube, and along it away from the gap: a pull outwards would dent it where the thread goes in.
 fn aside(out: Vec3, sense: f64) -> Vec3 {
     let round = [-out[1], out[0], 0.0].map(|v| sense * v);
-    along(round.map(|v| 0.96 * v), 0.28, out)
+    along(round.map(|v| 0.6 * v), -0.8 * sense, [0.0, 0.0, 1.0])
 }
 
 /// The needle's way for so many punctures: an even number.

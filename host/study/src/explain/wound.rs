@@ -34,9 +34,7 @@ pub(super) fn threads(scene: &Scene, walk: &[(StepReport, Duration)]) -> Vec<Com
 
 /// What rows a thread has.
 fn rows(part: &ThreadPart) -> String {
-    let Some(through) = part.through else {
-        return "one row for its length, others across each piece of it outside".to_owned();
-    };
+    let through = part.through;
     let mut said =
         "one row for its length outside and inside, others across each piece of it".to_owned();
     if part.friction > 0.0 || through.drag_n_per_m > 0.0 {
