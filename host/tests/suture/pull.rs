@@ -237,7 +237,7 @@ fn friction_holds_the_tension_back_around_turns() {
         assert!(seen > 4);
         // Back: it slips the other way only once the tensions have changed places.
         let before = bench.path(7);
-        go(&mut bench, Vector3::new(-0.0001, 0.0, 0.00005));
+        go(&mut bench, Vector3::new(-0.00001, 0.0, 0.000005));
         let stuck = bench.path(7);
         let places = |path: &[ThreadPoint]| path[1].along_m - path[path.len() - 3].along_m;
         assert!((places(&before) - places(&stuck)).abs() < 1e-9);
