@@ -618,10 +618,10 @@ impl Model {
         parts.iter().position(|part| part.id == id)
     }
 
-    /// Length of a thread \[m\].
-    pub(crate) fn thread_length_m(&self, id: u8) -> Option<f64> {
-        let parts = &self.sources.as_ref()?.threads.parts;
-        Some(parts[self.thread(id)?].length_m)
+    /// Whether there is a thread.
+    pub fn has_thread(&self) -> bool {
+        let sources = self.sources.as_ref();
+        sources.is_some_and(|sources| !sources.threads.parts.is_empty())
     }
 
     /// Whether a node is held.

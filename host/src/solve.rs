@@ -8,6 +8,7 @@ use crate::script::at_rest;
 pub use crate::session::SolveError;
 use crate::session::{IN_BALANCE, MOST_PASSES, MOST_STEPS, SceneSolver};
 use crate::step::{Status, StepReport};
+use crate::thread::Hanging;
 use crate::tool::Tool;
 
 /// Solves a scene at rest. Tools come from outside, along the outward normal of the vertex nearest to
@@ -96,11 +97,17 @@ pub fn solve(scene: &Scene) -> Result<Solution, SolveError> {
         gap_m: contact.gap_m,
         rows: contact.rows,
     });
+    let nodes_m = solver.positions_m();
+    let mut hanging = Hanging::new(model);
+    let free = hanging.as_mut().and_then(|hanging| {
+        hanging.beat(0, model, state, &nodes_m);
+        hanging.seen(0, model, state, &nodes_m)
+    });
     Ok(Solution {
         scene: scene.name.clone(),
         tissue: scene.tissue.word(),
         forces_act_on: "tissue",
-        drawn: Drawn::of(scene, &solver.positions_m(), Some((model, state)), &samples),
+        drawn: Drawn::of(scene, &nodes_m, Some((model, state)), free, &samples),
         reactions: reactions.collect(),
         tools: tools.collect(),
         needles: report.needles().iter().map(DrivenNeedle::from).collect(),

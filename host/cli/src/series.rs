@@ -8,6 +8,7 @@ use std::path::{Path, PathBuf};
 use sutura_host::output::{Drawn, vtu, write_whole};
 use sutura_host::scene::Scene;
 use sutura_host::session::SceneSolver;
+use sutura_host::thread::{Beats, Hanging};
 
 /// Files a second of the session, unless said otherwise.
 pub const SERIES_HZ: f64 = 25.0;
@@ -21,6 +22,9 @@ pub struct Series<'a> {
     began_us: Option<u64>,
     /// Time of each picture since then \[s\].
     times_s: Vec<f64>,
+    /// Threads that hang, from the first solve on.
+    hanging: Option<Hanging>,
+    beats: Beats,
     broken: Option<(PathBuf, io::Error)>,
 }
 
@@ -33,21 +37,35 @@ impl<'a> Series<'a> {
             period_us: 1e6 / hz,
             began_us: None,
             times_s: Vec::new(),
+            hanging: None,
+            beats: Beats::default(),
             broken: None,
         }
     }
 
     /// After a solve: writes a picture if it is time for one.
     pub fn see(&mut self, solver: &SceneSolver, console_time_us: u64) {
+        if self.began_us.is_none() {
+            self.hanging = solver.model().and_then(|model| Hanging::new(model));
+        }
         let began_us = *self.began_us.get_or_insert(console_time_us);
+        let tissue = solver.parts().map(|(model, state, _)| (model, state));
+        let is_beat = self.beats.is_due(console_time_us);
+        let threads = self.hanging.as_mut().zip(tissue);
+        if is_beat && let Some((hanging, (model, state))) = threads {
+            hanging.beat(console_time_us, model, state, &solver.positions_m());
+        }
         let passed_us = console_time_us.saturating_sub(began_us) as f64;
         let due_us = self.times_s.len() as f64 * self.period_us;
         if passed_us < due_us || self.broken.is_some() {
             return;
         }
-        let tissue = solver.parts().map(|(model, state, _)| (model, state));
-        let samples = solver.samples();
-        let drawn = Drawn::of(self.scene, &solver.positions_m(), tissue, samples);
+        let nodes_m = solver.positions_m();
+        let threads = self.hanging.as_mut().zip(tissue);
+        let free = threads.and_then(|(hanging, (model, state))| {
+            hanging.seen(console_time_us, model, state, &nodes_m)
+        });
+        let drawn = Drawn::of(self.scene, &nodes_m, tissue, free, solver.samples());
         let path = self.folder.join(file(self.times_s.len()));
         match write_whole(&path, vtu(&drawn).as_bytes()) {
             Ok(()) => self.times_s.push(passed_us / 1e6),

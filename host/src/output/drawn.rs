@@ -7,6 +7,7 @@ use crate::model::Model;
 use crate::needle::Needle;
 use crate::scene::{self, Scene};
 use crate::step::State;
+use crate::thread::FreeThreads;
 use crate::tool::ToolSample;
 use nalgebra::Isometry3;
 use serde::Serialize;
@@ -65,12 +66,13 @@ pub struct Line {
 }
 
 impl Drawn {
-    /// A scene with its nodes at `at_m` (n x 3), needles and threads in the tissue as its state has them, and tools where
-    /// `samples` says. Allocates: for files, not for the loop.
+    /// A scene with its nodes at `at_m` (n x 3), needles and threads in the tissue as its state has them, the latter as
+    /// `free` has them where they hang, and tools where `samples` says. Allocates: for files, not for the loop.
     pub fn of(
         scene: &Scene,
         at_m: &[[f64; 3]],
         tissue: Option<(&Model, &State)>,
+        free: Option<&FreeThreads>,
         samples: &[ToolSample],
     ) -> Self {
         let points_m = scene.mesh.points_m().to_vec();
@@ -90,7 +92,7 @@ impl Drawn {
             cells: scene.mesh.cells().to_vec(),
             regions,
             principal_stress_pa: tissue.map_or_else(Vec::new, stress),
-            lines: Beside::of(scene).lines(at_m, tissue, samples),
+            lines: Beside::of(scene).lines(at_m, tissue, free, samples),
             points_m,
             displacement_m,
         }
@@ -129,11 +131,12 @@ impl Beside {
         !self.needles.is_empty()
     }
 
-    /// Needles, threads and tools, in the scene's order, with nodes at `at_m` (n x 3) \[m\].
+    /// Needles, threads and tools, in the scene's order, with nodes at `at_m` (n x 3) \[m\]; threads straight without `free`.
     pub fn lines(
         &self,
         at_m: &[[f64; 3]],
         tissue: Option<(&Model, &State)>,
+        free: Option<&FreeThreads>,
         samples: &[ToolSample],
     ) -> Vec<Line> {
         let mut lines = Vec::new();
@@ -150,7 +153,8 @@ impl Beside {
                 });
             }
             for &id in &self.threads {
-                let path = state.thread_path(model, id, at_m);
+                let straight = || state.thread_path(model, id, at_m);
+                let path = free.map_or_else(straight, |free| free.path(id).to_vec());
                 if path.len() > 1 {
                     lines.push(Line {
                         part: Part::Thread,

@@ -10,9 +10,6 @@ use crate::tool::Shape;
 use nalgebra::Isometry3;
 use serde_json::{Value, json};
 
-/// Half of a thread's thickness, of which scenes say nothing \[m\]: that of a 3-0 suture.
-const THREAD_RADIUS_M: f64 = 1.25e-4;
-
 /// Words of a step's end, in the order of their numbers.
 pub fn statuses() -> [&'static str; 8] {
     [
@@ -116,7 +113,7 @@ pub fn describe_threads(scene: &Scene) -> Value {
         json!({
             "id": thread.part.id,
             "needle": thread.part.needle,
-            "radius_m": THREAD_RADIUS_M,
+            "radius_m": thread.part.radius_m(),
             "length_m": thread.part.length_m,
         })
     });

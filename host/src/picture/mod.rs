@@ -15,7 +15,7 @@ mod telemetry;
 pub use boundary::Boundary;
 pub use describe::{describe_needles, describe_threads, describe_tools, statuses};
 pub use message::{NeedleView, Picture, StatusView, ThreadPointView, ThreadView, ToolView};
-pub use offer::{Offer, Offering, Showing};
+pub use offer::{Heard, Offer, Offering, Showing};
 pub use painter::{Painter, Scalar};
 pub use read::Read;
 pub use telemetry::{SolveRow, SolvesOf, TickRow, encode_solves, encode_ticks};

@@ -1,13 +1,16 @@
 //! How a solver's state gets to whoever draws it, without the solver ever waiting.
 //!
 //! Entry points: [`Offer`], [`Showing`], [`Offering`]. Three snapshots change hands: the solver writes its own, and puts it where the one
-//! who draws finds it, if that is free at the moment; else the next one will do.
+//! who draws finds it, if that is free at the moment; else the next one will do. Of a scene with a thread those at beats go in a row of their
+//! own, [`Heard`], of which none is left out while it has room: how a thread hangs follows from all of them.
 
 use crate::recording::TappedSolver;
 use crate::session::{Effort, Plan, SceneSolver, Snapshot, Solve, Solved, Spared};
+use crate::thread::Beats;
 use crate::times::Times;
 use crate::tool::Act;
 use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Instant;
 use sutura_shared::wire::Valid;
@@ -15,6 +18,64 @@ use sutura_shared::wire::message::State;
 
 /// Longest time of an offer that its percentiles tell apart \[ns\].
 const LONGEST_NS: u64 = 1_000_000_000;
+
+/// Beats that wait for who draws at most: 3.2 s of the console's time.
+const MOST_BEATS: usize = 32;
+
+/// A beat of a solver's threads.
+#[derive(Debug)]
+struct Beat {
+    snapshot: Box<Snapshot>,
+    /// Whether beats before it are missing.
+    begins: bool,
+}
+
+/// The solver's side of the row of beats.
+#[derive(Debug)]
+struct Told {
+    to: SyncSender<Beat>,
+    free: Receiver<Box<Snapshot>>,
+}
+
+/// The beats of a solver's threads, for who draws them.
+#[derive(Debug)]
+pub struct Heard {
+    from: Receiver<Beat>,
+    back: SyncSender<Box<Snapshot>>,
+    /// One that is later than what is drawn.
+    next: Option<Beat>,
+    is_open: bool,
+}
+
+impl Heard {
+    /// From now on there is room for beats, of snapshots like this one.
+    pub fn open(&mut self, own: &Snapshot) {
+        if !std::mem::replace(&mut self.is_open, true) {
+            for _ in 0..MOST_BEATS {
+                self.give_back(Box::new(own.clone()));
+            }
+        }
+    }
+
+    /// Visits the beats up to a snapshot, that one's own included, and whether others are missing before each.
+    pub fn up_to(&mut self, own: &Snapshot, mut visit: impl FnMut(&Snapshot, bool)) {
+        while let Some(beat) = self.next.take().or_else(|| self.from.try_recv().ok()) {
+            // The count of solves begins anew some day.
+            let ahead = beat.snapshot.solves.wrapping_sub(own.solves);
+            if ahead != 0 && ahead < u32::MAX / 2 {
+                self.next = Some(beat);
+                return;
+            }
+            visit(&beat.snapshot, beat.begins);
+            self.give_back(beat.snapshot);
+        }
+    }
+
+    fn give_back(&self, snapshot: Box<Snapshot>) {
+        // There is room for all; the solver may be gone.
+        let _ = self.back.try_send(snapshot);
+    }
+}
 
 /// Where a solver and who draws it meet.
 #[derive(Debug)]
@@ -24,6 +85,9 @@ pub struct Offer {
     /// Snapshots that were made so far.
     made: AtomicU64,
     slot: Mutex<Slot>,
+    /// Both ends of the row of beats, until they are fetched; of a scene with a thread.
+    told: Mutex<Option<Told>>,
+    heard: Mutex<Option<Heard>>,
 }
 
 #[derive(Debug)]
@@ -37,7 +101,11 @@ struct Slot {
 impl Offer {
     /// For a solver, whom nobody watches yet.
     pub fn new(solver: &SceneSolver) -> Arc<Self> {
+        let has_thread = solver.model().is_some_and(|model| model.has_thread());
+        let (told, heard) = has_thread.then(row).unzip();
         Arc::new(Self {
+            told: Mutex::new(told),
+            heard: Mutex::new(heard),
             period_us: AtomicU64::new(0),
             made: AtomicU64::new(0),
             slot: Mutex::new(Slot {
@@ -51,6 +119,14 @@ impl Offer {
     /// From now on there is a snapshot every so much console time \[us\]; 0: nobody watches.
     pub fn want(&self, period_us: u64) {
         self.period_us.store(period_us, Ordering::Relaxed);
+    }
+
+    /// The beats of its threads, once; none of a scene without.
+    pub fn heard(&self) -> Option<Heard> {
+        self.heard
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner)
+            .take()
     }
 
     /// Snapshots that were made so far.
@@ -75,6 +151,19 @@ impl Offer {
     }
 }
 
+/// A row of beats.
+fn row() -> (Told, Heard) {
+    let (to, from) = sync_channel(MOST_BEATS);
+    let (back, free) = sync_channel(MOST_BEATS);
+    let heard = Heard {
+        from,
+        back,
+        next: None,
+        is_open: false,
+    };
+    (Told { to, free }, heard)
+}
+
 /// The solver's side of an [`Offer`].
 #[derive(Debug)]
 pub struct Offering {
@@ -82,17 +171,43 @@ pub struct Offering {
     own: Box<Snapshot>,
     due_us: u64,
     solves: u32,
+    told: Option<Told>,
+    beats: Beats,
+    /// Whether a beat is missing before the next one.
+    is_missing: bool,
 }
 
 impl Offering {
     /// To an offer, of this solver's states.
     pub fn new(offer: Arc<Offer>, solver: &SceneSolver) -> Self {
+        let told = offer.told.lock();
+        let told = told.unwrap_or_else(PoisonError::into_inner).take();
         Self {
             offer,
             own: Box::new(Snapshot::of(solver)),
             due_us: 0,
             solves: 0,
+            told,
+            beats: Beats::default(),
+            is_missing: true,
         }
+    }
+
+    /// Tells of a beat, if this is one and there is room; there is none before somebody looks.
+    fn beat(&mut self, solver: &SceneSolver, now_us: u64) {
+        let Some(told) = &self.told else {
+            return;
+        };
+        if !self.beats.is_due(now_us) {
+            return;
+        }
+        let begins = std::mem::replace(&mut self.is_missing, true);
+        let Ok(mut snapshot) = told.free.try_recv() else {
+            return;
+        };
+        solver.snapshot(&mut snapshot);
+        snapshot.solves = self.solves;
+        self.is_missing = told.to.try_send(Beat { snapshot, begins }).is_err();
     }
 
     /// After a solve for a state of this console time \[us\].
@@ -100,8 +215,10 @@ impl Offering {
         self.solves = self.solves.wrapping_add(1);
         let period_us = self.offer.period_us.load(Ordering::Relaxed);
         if period_us == 0 {
+            self.is_missing = true;
             return;
         }
+        self.beat(solver, now_us);
         // A console that has started anew counts from the beginning.
         let is_early = now_us < self.due_us && self.due_us - now_us <= period_us;
         if is_early {

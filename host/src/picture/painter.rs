@@ -11,7 +11,7 @@ use crate::needle::TipPlace;
 use crate::scene::{Needle, Scene, Tool};
 use crate::session::Snapshot;
 use crate::step::{State, Status};
-use crate::thread::{ThreadPlace, ThreadTension};
+use crate::thread::{FreeThreads, Hanging, ThreadPlace, ThreadTension};
 
 /// What is shown at the vertices in colours.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -98,9 +98,16 @@ impl Painter {
         &self.boundary
     }
 
-    /// A picture of a solver of this scene.
-    pub fn paint(&self, of: &Snapshot, scalar: Option<Scalar>, sequence: u32) -> Picture {
+    /// A picture of a solver of this scene, with its threads as they hang after their last beat; straight without.
+    pub fn paint(
+        &self,
+        of: &Snapshot,
+        hanging: Option<&mut Hanging>,
+        scalar: Option<Scalar>,
+        sequence: u32,
+    ) -> Picture {
         let nodes_m = of.positions_m();
+        let free = hanging.and_then(|hanging| of.threads(hanging, &nodes_m));
         let moved = |(node, from): (&u32, &[f64; 3])| {
             let at = nodes_m.get(*node as usize).unwrap_or(from);
             [0, 1, 2].map(|axis: usize| at[axis] - from[axis])
@@ -113,7 +120,10 @@ impl Painter {
             Some((scalar, values))
         });
         let (needles, threads) = match of.constrained() {
-            Some(tissue) => (self.needles(of, tissue), self.threads(of, tissue, &nodes_m)),
+            Some(tissue) => (
+                self.needles(of, tissue),
+                self.threads(of, tissue, free, &nodes_m),
+            ),
             None => (Vec::new(), Vec::new()),
         };
         Picture {
@@ -226,11 +236,13 @@ impl Painter {
         &self,
         of: &Snapshot,
         (model, state): (&Model, &State),
+        free: Option<&FreeThreads>,
         nodes_m: &[[f64; 3]],
     ) -> Vec<ThreadView> {
         let each = self.threads.iter().map(|id| {
             let report = of.good().threads().iter().find(|report| report.id == *id);
-            let path = state.thread_path(model, *id, nodes_m);
+            let straight = || state.thread_path(model, *id, nodes_m);
+            let path = free.map_or_else(straight, |free| free.path(*id).to_vec());
             let points = path.iter().map(|point| ThreadPointView {
                 at_m: point.at_m,
                 what: match point.what {
@@ -239,6 +251,7 @@ impl Painter {
                     ThreadPlace::Enters => 2,
                     ThreadPlace::Leaves => 3,
                     ThreadPlace::Wraps => 4,
+                    ThreadPlace::Hangs => 5,
                 },
                 tension_n: point.tension_n,
             });

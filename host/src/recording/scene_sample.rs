@@ -6,13 +6,12 @@ use super::samples::{Turn, Xyz};
 use crate::output::{Beside, Line, Part};
 use crate::scene::Scene;
 use crate::session::{SceneSolver, Snapshot};
+use crate::thread::{Beats, Hanging};
 use schemars::JsonSchema;
 use serde::Serialize;
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, PoisonError};
 use std::sync::mpsc::{Receiver, Sender, channel};
 
-/// Console time between two sketches \[us\].
-const EVERY_US: u64 = 100_000;
 /// Thickness of lines that have none of their own \[m\].
 const THIN_M: f64 = 2.5e-4;
 const FRAME: &str = "world";
@@ -21,15 +20,29 @@ const FRAME: &str = "world";
 #[derive(Debug)]
 pub(super) struct Sketching {
     beside: Arc<Beside>,
-    due_us: u64,
+    /// Which of them are sketched: at the beats of threads that hang.
+    beats: Beats,
+    threads: Arc<Mutex<Threads>>,
+    made: u64,
     free: Receiver<Box<Snapshot>>,
     back: Sender<Box<Snapshot>>,
+}
+
+/// The threads of a scene that has some, for the recorder's thread alone.
+#[derive(Debug)]
+struct Threads {
+    hanging: Option<Hanging>,
+    /// Number of the sketch that they are at.
+    at: u64,
 }
 
 /// A copy, and what is drawn of it.
 #[derive(Debug)]
 pub(super) struct Sketch {
     beside: Arc<Beside>,
+    threads: Arc<Mutex<Threads>>,
+    /// Counts them, from 1.
+    number: u64,
     snapshot: Box<Snapshot>,
     back: Sender<Box<Snapshot>>,
 }
@@ -46,7 +59,12 @@ impl Sketching {
         let _ = back.send(Box::new(Snapshot::of(solver)));
         Some(Self {
             beside: Arc::new(beside),
-            due_us: 0,
+            beats: Beats::default(),
+            threads: Arc::new(Mutex::new(Threads {
+                hanging: solver.model().and_then(|model| Hanging::new(model)),
+                at: 0,
+            })),
+            made: 0,
             free,
             back,
         })
@@ -54,16 +72,17 @@ impl Sketching {
 
     /// After a solve for a state of this console time \[us\]: a sketch, if it is time.
     pub fn solved(&mut self, solver: &SceneSolver, now_us: u64) -> Option<Sketch> {
-        // A console that has started anew counts from the beginning.
-        if now_us < self.due_us && self.due_us - now_us <= EVERY_US {
+        if !self.beats.is_due(now_us) {
             return None;
         }
-        self.due_us = now_us + EVERY_US;
+        self.made += 1;
         let free = self.free.try_recv().ok();
         let mut snapshot = free.unwrap_or_else(|| Box::new(Snapshot::of(solver)));
         solver.snapshot(&mut snapshot);
         Some(Sketch {
             beside: self.beside.clone(),
+            threads: self.threads.clone(),
+            number: self.made,
             snapshot,
             back: self.back.clone(),
         })
@@ -75,11 +94,25 @@ impl Sketch {
     pub fn sample(self, time_ns: u64) -> SceneSample {
         let Self {
             beside,
+            threads,
+            number,
             snapshot,
             back,
         } = self;
         let nodes_m = snapshot.positions_m();
-        let lines = beside.lines(&nodes_m, snapshot.constrained(), snapshot.samples());
+        let mut threads = threads.lock().unwrap_or_else(PoisonError::into_inner);
+        // One that found no room in the queue is missing.
+        let is_next = threads.at + 1 == number;
+        threads.at = number;
+        let free = threads.hanging.as_mut().and_then(|hanging| {
+            if !is_next {
+                hanging.begin();
+            }
+            snapshot.beat(hanging, &nodes_m);
+            snapshot.threads(hanging, &nodes_m)
+        });
+        let samples = snapshot.samples();
+        let lines = beside.lines(&nodes_m, snapshot.constrained(), free, samples);
         // The solver may be gone.
         let _ = back.send(snapshot);
         SceneSample::of(&lines, time_ns)

@@ -60,6 +60,17 @@ pub struct ChainSettings {
 }
 
 impl ChainSettings {
+    /// The same material with another radius \[m\].
+    pub fn of_radius(self, radius_m: f64) -> Self {
+        let ratio = radius_m / self.radius_m;
+        Self {
+            radius_m,
+            kg_per_m: self.kg_per_m * ratio.powi(2),
+            bending_n_m2: self.bending_n_m2 * ratio.powi(4),
+            ..self
+        }
+    }
+
     /// Of a size 2-0 monofilament (0.3 mm of polypropylene, 1 GPa) of some length.
     pub fn of_length(length_m: f64) -> Self {
         Self {
@@ -85,9 +96,10 @@ pub(crate) struct Guide {
 }
 
 /// How a step ended.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
 pub enum ChainStatus {
     /// In balance.
+    #[default]
     Ok,
     /// Not yet: the next step goes on.
     Moving,
@@ -96,7 +108,7 @@ pub enum ChainStatus {
 }
 
 /// What a step did.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct ChainReport {
     /// How it ended.
     pub status: ChainStatus,
@@ -110,12 +122,25 @@ pub struct ChainReport {
     pub touching: u32,
 }
 
+impl ChainReport {
+    /// Of two chains: the worse status and length, steps and nodes of both.
+    pub(crate) fn with(self, other: Self) -> Self {
+        Self {
+            status: self.status.max(other.status),
+            steps: self.steps + other.steps,
+            length_error: self.length_error.max(other.length_error),
+            touching: self.touching + other.touching,
+        }
+    }
+}
+
 /// A point of the chain in a step: a node or a guide.
 #[derive(Clone, Copy, Debug)]
 struct Point {
     along: f64,
     /// The guide's or the node's.
     is_guide: bool,
+    #[cfg_attr(not(test), expect(dead_code))]
     index: usize,
     /// Held: a guide, or a node of a straight piece.
     fixed: bool,
@@ -132,6 +157,8 @@ const NONE: usize = usize::MAX;
 #[derive(Clone, Debug)]
 pub(crate) struct Chain {
     settings: ChainSettings,
+    /// To which side it bows where it is laid with slack; zero for downwards.
+    aside: Vector3<f64>,
     /// Nodes \[m\] and their velocities \[m/s\], (n x 3).
     nodes: Vec<Vector3<f64>>,
     velocities: Vec<Vector3<f64>>,
@@ -150,6 +177,7 @@ pub(crate) struct Chain {
     touch: Vec<(f64, Vector3<f64>)>,
     touch_tried: Vec<(f64, Vector3<f64>)>,
     /// Force of the chain on each guide \[N\], (3), by guide.
+    #[cfg(test)]
     pulls: Vec<Vector3<f64>>,
     band: Band,
     rhs: Vec<f64>,
@@ -194,6 +222,7 @@ impl Chain {
         let most = settings.nodes + settings.most_guides;
         let vectors = || Vec::with_capacity(most);
         Some(Self {
+            aside: Vector3::zeros(),
             stretched: 0.0,
             velocities: vec![Vector3::zeros(); settings.nodes],
             nodes,
@@ -206,6 +235,7 @@ impl Chain {
             tension: Vec::with_capacity(most),
             touch: Vec::with_capacity(most),
             touch_tried: Vec::with_capacity(most),
+            #[cfg(test)]
             pulls: Vec::with_capacity(settings.most_guides),
             band: Band::new(4 * most),
             rhs: Vec::with_capacity(4 * most),
@@ -256,6 +286,37 @@ impl Chain {
         self.velocities.fill(Vector3::zeros());
     }
 
+    /// To which side it bows from now on where it is laid between guides with slack; zero for downwards.
+    pub fn bow_towards(&mut self, aside: Vector3<f64>) {
+        self.aside = aside;
+    }
+
+    /// Has another length from now on, above zero \[m\], with as many nodes at equal distances.
+    pub fn lengthen(&mut self, length_m: f64) {
+        self.settings.length_m = length_m;
+    }
+
+    /// Has another length from now on, above zero \[m\], and so many nodes, at least 2: each is and moves as what was at `place`
+    /// among the nodes of before. Takes new memory where there are more.
+    pub fn renew(&mut self, length_m: f64, nodes: usize, place: impl Fn(usize) -> f64) {
+        let last = (self.nodes.len() - 1) as f64;
+        let of = |from: &[Vector3<f64>]| {
+            let at = |node| {
+                let place = place(node).clamp(0.0, last);
+                let before = (place as usize).min(from.len() - 2);
+                from[before].lerp(&from[before + 1], place - before as f64)
+            };
+            (0..nodes).map(at).collect()
+        };
+        (self.nodes, self.velocities) = (of(&self.nodes), of(&self.velocities));
+        (self.settings.length_m, self.settings.nodes) = (length_m, nodes);
+    }
+
+    /// Where a node is along it \[m\].
+    pub fn along_m(&self, node: usize) -> f64 {
+        (node as f64 * self.segment()).min(self.settings.length_m)
+    }
+
     /// Where its nodes are \[m\], from its start.
     pub fn nodes_m(&self) -> &[Vector3<f64>] {
         &self.nodes
@@ -263,7 +324,8 @@ impl Chain {
 
     /// Force of the chain on a guide of the last step \[N\], (3); zero for one that was not there. Pieces straight between two
     /// guides have a tension that follows from neither, and none here.
-    pub fn pull_n(&self, guide: usize) -> Vector3<f64> {
+    #[cfg(test)]
+    fn pull_n(&self, guide: usize) -> Vector3<f64> {
         self.pulls
             .get(guide)
             .copied()
@@ -372,6 +434,7 @@ impl Chain {
             std::mem::swap(&mut self.at, &mut self.trial);
             std::mem::swap(&mut self.touch, &mut self.touch_tried);
         }
+        #[cfg(test)]
         self.find_pulls(&step, guides.len());
         // Speeds are those of the balance; short of it they may not have more energy than there was.
         let most_j = match report.status {

@@ -1,101 +1,306 @@
-//! How the parts of a model's thread that nothing draws taut lie in space: for viewers and files.
+//! How a model's threads lie in space where nothing draws them taut: for pictures and files.
 //!
-//! Entry points: [`FreeThread::new`], [`FreeThread::step`]. The thread of the balance has a length and a tension, no
-//! shape where it is slack; the shape is that of a chain guided by the faces that the thread goes through and
-//! by what holds its ends (Younes 2021, end of 3.3.2). It takes nothing back to the balance, and only exists where
-//! somebody asks for it.
+//! Entry points: [`FreeThreads::new`], [`FreeThreads::step`], [`FreeThreads::path`]. The thread of the balance has a length and a
+//! tension, no shape where it is slack. Here every slack stretch between two points that hold it, or beyond the last one, is
+//! a chain of its own as long as there is thread for it (Younes 2021, end of 3.3.2), held in the direction in which it comes
+//! out of tissue or needle, and lying on the tissue. It takes nothing back to the balance, and only exists where somebody
+//! asks for it.
 
 use super::chain::{Chain, ChainReport, ChainSettings, Guide};
+use super::model::{ThreadPlace, ThreadPoint};
 use super::skin::Skin;
-use super::state::MOST_PASSED;
+use super::state::ThreadState;
+use super::stretch::{Stretch, stretches};
 use crate::model::Model;
 use crate::step::State;
 use nalgebra::Vector3;
 
-/// Two guides are told apart by this part of the thread.
-const APART: f64 = 1e-9;
-/// Guides at most: all faces, and both ends.
-const MOST_GUIDES: usize = MOST_PASSED + 2;
+/// Nodes of a chain are about so far from each other \[m\]: a piece over a tube of 10 mm is 0.05 mm below its hull.
+const SPACING_M: f64 = 2e-3;
+/// Pieces of a chain; fewer do not bend, more take too long.
+const PIECES: [usize; 2] = [8, 256];
+/// A chain has other nodes once its pieces are longer or shorter than they are to be by this factor.
+const RENEWED: f64 = 1.5;
+/// Guides of a chain at most: both ends, and what holds their directions.
+const MOST_GUIDES: usize = 4;
 
-/// A thread with a shape.
+/// A model's threads, with a shape.
 #[derive(Clone, Debug)]
-pub struct FreeThread {
-    id: u8,
-    length_m: f64,
-    chain: Chain,
-    guides: Vec<Guide>,
+pub struct FreeThreads {
+    gravity_m_per_s2: [f64; 3],
     skin: Skin,
     /// Where the tissue's nodes are \[m\], (n x 3).
     at: Vec<Vector3<f64>>,
+    each: Vec<Free>,
 }
 
-impl FreeThread {
-    /// Of a model's thread, as it lies in `state`, straight where nothing guides it; nodes about `spacing_m` from each
-    /// other, made of what `settings` says for its length. `None` if there is no such thread or nothing can be
-    /// made of the numbers.
-    pub fn new(
-        model: &Model,
-        state: &State,
-        thread: u8,
-        settings: impl FnOnce(f64) -> ChainSettings,
-    ) -> Option<Self> {
-        let length_m = model.thread_length_m(thread)?;
-        let settings = ChainSettings {
-            length_m,
-            most_guides: MOST_GUIDES,
-            ..settings(length_m)
-        };
-        let nodes_m = state.positions(model);
-        let at = places(&nodes_m);
-        let mut free = Self {
-            id: thread,
-            length_m,
-            chain: Chain::new(settings, &Vector3::zeros(), &Vector3::x())?,
-            guides: Vec::with_capacity(MOST_GUIDES),
+#[derive(Clone, Debug)]
+struct Free {
+    id: u8,
+    index: usize,
+    radius_m: f64,
+    slack: Vec<Slack>,
+    path: Vec<ThreadPoint>,
+}
+
+/// A slack stretch.
+#[derive(Clone, Debug)]
+struct Slack {
+    key: (u32, bool),
+    /// As many pieces as it has, and one more at each end that has a direction.
+    chain: Chain,
+    directed: [bool; 2],
+}
+
+impl FreeThreads {
+    /// Of a model, all of them straight; `None` of one that has no thread.
+    pub fn new(model: &Model, gravity_m_per_s2: [f64; 3]) -> Option<Self> {
+        let parts = &model.sources.as_ref()?.threads.parts;
+        let each = parts.iter().enumerate().map(|(index, part)| Free {
+            id: part.id,
+            index,
+            radius_m: part.radius_m(),
+            slack: Vec::new(),
+            path: Vec::new(),
+        });
+        let each: Vec<_> = each.collect();
+        if each.is_empty() {
+            return None;
+        }
+        let at = places(model.points_m());
+        Some(Self {
+            gravity_m_per_s2,
             skin: Skin::new(&model.surface().triangles, &at),
             at,
-        };
-        free.guide(model, state, &nodes_m);
-        free.chain.place(&free.guides);
-        Some(free)
+            each,
+        })
     }
 
-    /// Moves on by `dt_s`, above zero, to where the thread and the tissue are in `state`. Looks at all of the tissue, as
-    /// often as a viewer shows it; allocates.
-    pub fn step(&mut self, dt_s: f64, model: &Model, state: &State) -> ChainReport {
-        let nodes_m = state.positions(model);
-        self.at = places(&nodes_m);
-        self.skin.refit(&self.at);
-        self.guide(model, state, &nodes_m);
-        let tissue = Some((&self.skin, &self.at[..]));
-        self.chain.step(dt_s, &self.guides, tissue)
-    }
-
-    /// Where its nodes are \[m\], from tail to head.
-    pub fn nodes_m(&self) -> impl Iterator<Item = [f64; 3]> {
-        self.chain.nodes_m().iter().map(|at| (*at).into())
-    }
-
-    /// The points of its path that the thread is held at, from tail to head: where they are along it, counted from its tail \[m\],
-    /// where they are \[m\], (3), and with what force it pulls them there \[N\], (3): its weight and bending, beside the tension of
-    /// the balance.
-    pub fn guides(&self) -> impl Iterator<Item = (f64, [f64; 3], [f64; 3])> {
-        let guides = self.guides.iter().enumerate();
-        guides.map(|(index, guide)| (guide.along_m, guide.at_m, self.chain.pull_n(index).into()))
-    }
-
-    fn guide(&mut self, model: &Model, state: &State, nodes_m: &[[f64; 3]]) {
-        self.guides.clear();
-        for point in state.thread_path(model, self.id, nodes_m) {
-            // Places on the thread are counted back from its head.
-            let along_m = (self.length_m + point.along_m).clamp(0.0, self.length_m);
-            let at_m = point.at_m;
-            let before = self.guides.last().map(|guide| guide.along_m);
-            if before.is_none_or(|before| along_m > before + APART * self.length_m) {
-                self.guides.push(Guide { along_m, at_m });
-            }
+    /// Forgets all shapes: in the next step everything begins straight and at rest.
+    pub fn forget(&mut self) {
+        for free in &mut self.each {
+            free.slack.clear();
         }
     }
+
+    /// Takes the shapes of another one of the same model.
+    pub(super) fn lie_as(&mut self, other: &Self) {
+        self.each.clone_from(&other.each);
+    }
+
+    /// Moves on by `dt_s`, above zero, to where threads and tissue are in `state`, whose nodes are at `nodes_m` (n x 3); the
+    /// worst of what its chains report. Allocates.
+    pub fn step(
+        &mut self,
+        dt_s: f64,
+        model: &Model,
+        state: &State,
+        nodes_m: &[[f64; 3]],
+    ) -> ChainReport {
+        let mut worst = ChainReport::default();
+        let Some((sources, threads)) = model.sources.as_ref().zip(state.sources.as_ref()) else {
+            return worst;
+        };
+        self.at = places(nodes_m);
+        self.skin.refit(&self.at);
+        let tissue = (&self.skin, &self.at[..]);
+        for free in &mut self.each {
+            let places = threads.thread_places(sources, nodes_m, free.index);
+            let (end_m, tangent) = threads.thread_ends(sources, free.index);
+            let stretches = stretches(&places, end_m, &tangent);
+            free.take(&stretches, self.gravity_m_per_s2);
+            for (slack, stretch) in free.slack.iter_mut().zip(&stretches) {
+                worst = worst.with(slack.step(dt_s, stretch, tissue));
+            }
+            free.path = drawn(&places, &stretches, &free.slack);
+            // Where something else holds the head the path ends there, unless there is thread up to the needle.
+            let reaches = stretches.iter().any(|each| each.next + 1 == places.len());
+            let is_apart = threads.threads.get(free.index).is_some_and(ThreadState::is_apart);
+            if is_apart && !reaches {
+                free.path.pop();
+            }
+        }
+        worst
+    }
+
+    /// The path of a thread, from tail to head, as the last step left it; empty if there is none.
+    pub fn path(&self, thread: u8) -> &[ThreadPoint] {
+        let free = self.each.iter().find(|free| free.id == thread);
+        free.map_or(&[], |free| &free.path)
+    }
+}
+
+impl Free {
+    /// A chain for each of these stretches: the one that it had, as long as it is now, or a new one.
+    fn take(&mut self, stretches: &[Stretch], gravity_m_per_s2: [f64; 3]) {
+        let mut before = std::mem::take(&mut self.slack);
+        for stretch in stretches {
+            let place = before.iter().position(|slack| slack.key == stretch.key);
+            let known = place.map(|place| before.swap_remove(place));
+            let made = match known {
+                Some(mut slack) => {
+                    slack.fit(stretch);
+                    Some(slack)
+                }
+                None => Slack::new(stretch, self.radius_m, gravity_m_per_s2),
+            };
+            // Numbers of which nothing can be made end what is drawn.
+            let Some(slack) = made else {
+                return;
+            };
+            self.slack.push(slack);
+        }
+    }
+}
+
+impl Slack {
+    fn new(stretch: &Stretch, radius_m: f64, gravity_m_per_s2: [f64; 3]) -> Option<Self> {
+        let directed = stretch.directed();
+        let pieces = pieces(stretch.length_m);
+        let (nodes, total) = sizes(stretch.length_m, pieces, directed);
+        let settings = ChainSettings {
+            nodes,
+            most_guides: MOST_GUIDES,
+            gravity_m_per_s2,
+            ..ChainSettings::of_length(total).of_radius(radius_m)
+        };
+        let mut new = Self {
+            key: stretch.key,
+            chain: Chain::new(settings, &Vector3::zeros(), &Vector3::x())?,
+            directed,
+        };
+        new.chain.bow_towards(stretch.out());
+        let guides = new.guides(stretch);
+        new.chain.place(&guides);
+        Some(new)
+    }
+
+    /// Pieces of the stretch itself.
+    fn pieces(&self) -> usize {
+        let beyond = self.directed.map(usize::from);
+        self.chain.nodes_m().len() - 1 - beyond[0] - beyond[1]
+    }
+
+    /// Of the stretch as long as it is now.
+    fn fit(&mut self, stretch: &Stretch) {
+        let directed = stretch.directed();
+        let wanted = pieces(stretch.length_m);
+        let own = self.pieces();
+        let ratio = own as f64 / wanted as f64;
+        let kept = (1.0 / RENEWED..=RENEWED).contains(&ratio);
+        let pieces = if kept { own } else { wanted };
+        let (nodes, total) = sizes(stretch.length_m, pieces, directed);
+        self.chain.bow_towards(stretch.out());
+        let before = self.directed.map(usize::from);
+        if pieces == own && directed == self.directed {
+            self.chain.lengthen(total);
+            return;
+        }
+        // Counted in nodes of before, also those beyond the ends.
+        let place = |node: usize| {
+            let part = (node as f64 - f64::from(u8::from(directed[0]))) / pieces as f64;
+            before[0] as f64 + part * own as f64
+        };
+        self.chain.renew(total, nodes, place);
+        self.directed = directed;
+    }
+
+    /// Both ends, and a point before and behind that hold its direction.
+    fn guides(&self, stretch: &Stretch) -> Vec<Guide> {
+        let (last, segment) = (self.chain.nodes_m().len() - 1, self.chain.segment());
+        let first = usize::from(self.directed[0]);
+        let mut guides = Vec::with_capacity(MOST_GUIDES);
+        let mut add = |node: usize, at: Vector3<f64>| {
+            guides.push(Guide {
+                along_m: self.chain.along_m(node),
+                at_m: at.into(),
+            });
+        };
+        let [from, to] = stretch.ends;
+        if let Some(end) = from {
+            if let Some(way) = end.way {
+                add(0, end.at - way * segment);
+            }
+            add(first, end.at);
+        }
+        if let Some(end) = to {
+            add(last - usize::from(self.directed[1]), end.at);
+            if let Some(way) = end.way {
+                add(last, end.at + way * segment);
+            }
+        }
+        guides
+    }
+
+    fn step(
+        &mut self,
+        dt_s: f64,
+        stretch: &Stretch,
+        tissue: (&Skin, &[Vector3<f64>]),
+    ) -> ChainReport {
+        let guides = self.guides(stretch);
+        self.chain.step(dt_s, &guides, Some(tissue))
+    }
+
+    /// Its nodes from end to end \[m\].
+    fn nodes_m(&self) -> &[Vector3<f64>] {
+        let nodes = self.chain.nodes_m();
+        let [before, behind] = self.directed.map(usize::from);
+        nodes.get(before..nodes.len() - behind).unwrap_or_default()
+    }
+}
+
+/// A path with the nodes of its slack stretches, which are in its order.
+fn drawn(
+    places: &[(u32, ThreadPoint)],
+    stretches: &[Stretch],
+    slack: &[Slack],
+) -> Vec<ThreadPoint> {
+    let mut path = Vec::with_capacity(places.len());
+    let mut next = 0;
+    let mut chains = stretches.iter().zip(slack);
+    let mut upto = |path: &mut Vec<ThreadPoint>, place: usize| {
+        let own = places.get(next..place).unwrap_or_default();
+        path.extend(own.iter().map(|(_, point)| *point));
+        next = next.max(place);
+    };
+    for (stretch, slack) in &mut chains {
+        upto(&mut path, stretch.first);
+        let nodes = slack.nodes_m();
+        let piece_m = stretch.length_m / (nodes.len() - 1) as f64;
+        let [from, to] = stretch.ends.map(|end| usize::from(end.is_some()));
+        for (node, at) in nodes.iter().enumerate() {
+            if node < from || node + to >= nodes.len() {
+                continue;
+            }
+            path.push(ThreadPoint {
+                at_m: (*at).into(),
+                along_m: stretch.along_m + piece_m * node as f64,
+                what: if node == 0 {
+                    ThreadPlace::End
+                } else {
+                    ThreadPlace::Hangs
+                },
+                tension_n: 0.0,
+            });
+        }
+        // What it bent around while it was taut is none of it.
+        upto(&mut Vec::new(), stretch.next);
+    }
+    upto(&mut path, places.len());
+    path
+}
+
+/// How many pieces a stretch of this length is made of.
+fn pieces(length_m: f64) -> usize {
+    let [least, most] = PIECES;
+    ((length_m / SPACING_M).ceil() as usize).clamp(least, most)
+}
+
+/// Nodes and length of a chain with so many pieces between its ends \[m\].
+fn sizes(length_m: f64, pieces: usize, directed: [bool; 2]) -> (usize, f64) {
+    let all = pieces + directed.iter().filter(|is| **is).count();
+    (all + 1, length_m / pieces as f64 * all as f64)
 }
 
 fn places(positions: &[[f64; 3]]) -> Vec<Vector3<f64>> {

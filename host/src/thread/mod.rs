@@ -1,7 +1,7 @@
 //! Suture thread: pulled through anchors in tissue.
 //!
 //! Entry points: [`ThreadPart`] for a thread that follows a needle in a [`crate::model::Model`];
-//! [`FreeThread`] for the shape of what hangs. Source: Younes 2021, section 3.3.
+//! [`Hanging`] for the shape of what hangs. Source: Younes 2021, section 3.3.
 
 mod bends;
 mod chain;
@@ -9,6 +9,7 @@ mod ends;
 mod follow;
 mod free;
 mod gives;
+mod hanging;
 mod model;
 mod nearest;
 mod pressure;
@@ -17,6 +18,7 @@ mod segments;
 mod skin;
 mod source;
 mod state;
+mod stretch;
 mod through;
 mod wrap;
 
@@ -32,7 +34,8 @@ pub(crate) use state::ThreadState;
 pub(crate) use wrap::{Wrap, wraps};
 
 pub use chain::{ChainReport, ChainSettings, ChainStatus};
-pub use free::FreeThread;
+pub use free::FreeThreads;
+pub use hanging::{Beats, Hanging};
 pub use model::{
     Bridge, ThreadEnd, ThreadError, ThreadHold, ThreadPart, ThreadPlace, ThreadPoint, ThreadReport,
     ThreadTension, Through, Tightening,

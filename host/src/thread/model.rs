@@ -43,6 +43,8 @@ pub struct Through {
     pub tear_pa: f64,
 }
 
+/// Half of the thickness of a thread whose length does not run through tissue, which says none \[m\]: USP 3-0.
+const RADIUS_M: f64 = 1.25e-4;
 /// Diameter of a thread that does not say \[m\]: USP 2-0.
 const THICKNESS_M: f64 = 0.3e-3;
 
@@ -61,6 +63,12 @@ impl Default for Through {
 }
 
 impl ThreadPart {
+    /// Half of its thickness \[m\].
+    pub fn radius_m(&self) -> f64 {
+        self.through
+            .map_or(RADIUS_M, |through| 0.5 * through.thickness_m)
+    }
+
     /// Whether tissue holds it back where it slides.
     pub(crate) fn rubs(&self) -> bool {
         self.friction > 0.0 || self.drags()
@@ -217,6 +225,8 @@ pub enum ThreadPlace {
     Leaves,
     /// On the surface, where it bends around it.
     Wraps,
+    /// Between two points that hold it, or beyond the last one, where nothing draws it taut.
+    Hangs,
 }
 
 /// A span of a thread between two punctures.

@@ -2,7 +2,7 @@
 //!
 //! Entry points: [`SourcesState::hold_thread`], [`Balance::feel_threads`].
 
-use super::{Bridge, ThreadEnd, ThreadHold, ThreadPlace, ThreadPoint, ThreadReport};
+use super::{Bridge, ThreadEnd, ThreadHold, ThreadPlace, ThreadPoint, ThreadReport, ThreadState};
 use crate::anchors::AnchorPoint;
 use crate::model::Model;
 use crate::needle::anchor;
@@ -85,12 +85,28 @@ impl SourcesState {
         nodes_m: &[[f64; 3]],
         thread: usize,
     ) -> Vec<ThreadPoint> {
+        let mut places = self.thread_places(sources, nodes_m, thread);
+        // A hand that holds the head ends the path.
+        if self.threads.get(thread).is_some_and(ThreadState::is_apart) {
+            places.pop();
+        }
+        places.into_iter().map(|(_, point)| point).collect()
+    }
+
+    /// The points of a thread's path, and the needle's end behind a hand that holds the head, from tail to head; each with the id
+    /// of the face that it is or lies behind, 0 before the first.
+    pub(super) fn thread_places(
+        &self,
+        sources: &Sources,
+        nodes_m: &[[f64; 3]],
+        thread: usize,
+    ) -> Vec<(u32, ThreadPoint)> {
         let Some(each) = self.threads.get(thread) else {
             return Vec::new();
         };
         let part = &sources.needles[sources.threads.needles[thread]];
         let needle = &self.each[sources.threads.needles[thread]];
-        let mut path = Vec::with_capacity(each.passed.len() + 2);
+        let mut path = Vec::with_capacity(each.passed.len() + 3);
         let end = |at: Vector3<f64>, along_m| ThreadPoint {
             at_m: at.into(),
             along_m,
@@ -98,19 +114,21 @@ impl SourcesState {
             tension_n: 0.0,
         };
         if matches!(each.tail.by, ThreadHold::Place(_) | ThreadHold::Tool(_)) {
-            path.push(ThreadPoint {
+            let tail = ThreadPoint {
                 tension_n: each.tension_after(0),
                 ..end(each.tail.at, each.tail.alpha)
-            });
+            };
+            path.push((0, tail));
         }
-        let bends = |path: &mut Vec<ThreadPoint>, key: u32| {
+        let bends = |path: &mut Vec<(u32, ThreadPoint)>, key: u32| {
             for (_, bend) in each.bends.iter().filter(|(of, _)| *of == key) {
-                path.push(ThreadPoint {
+                let point = ThreadPoint {
                     at_m: place_of(nodes_m, bend).into(),
-                    along_m: path.last().map_or(0.0, |last| last.along_m),
+                    along_m: path.last().map_or(0.0, |(_, last)| last.along_m),
                     what: ThreadPlace::Wraps,
                     tension_n: each.tension_after(key),
-                });
+                };
+                path.push((key, point));
             }
         };
         bends(&mut path, 0);
@@ -118,11 +136,11 @@ impl SourcesState {
             ThreadHold::Place(_) | ThreadHold::Tool(_) => Some(end(each.head.at, each.head.alpha)),
             _ => None,
         };
-        let faces = each.faces_of_path();
+        let (faces, mut last) = (each.faces_of_path(), 0);
         for (index, passed) in each.passed.iter().enumerate() {
-            path.extend(hand.filter(|_| index == faces));
+            path.extend(hand.filter(|_| index == faces).map(|hand| (last, hand)));
             let at = anchor(&sources.mesh, &passed.crossing);
-            path.push(ThreadPoint {
+            let face = ThreadPoint {
                 at_m: place_of(nodes_m, &at).into(),
                 along_m: passed.crossing.alpha,
                 what: match (passed.is_boundary, passed.crossing.enters) {
@@ -131,12 +149,26 @@ impl SourcesState {
                     (true, false) => ThreadPlace::Leaves,
                 },
                 tension_n: each.tension_in_span(passed.id),
-            });
-            bends(&mut path, passed.id);
+            };
+            last = passed.id;
+            path.push((last, face));
+            bends(&mut path, last);
         }
-        let is_apart = hand.filter(|_| faces == each.passed.len());
-        path.push(is_apart.unwrap_or_else(|| end(part.needle.at(&needle.pose).start, 0.0)));
+        path.extend(hand.filter(|_| each.is_apart()).map(|hand| (last, hand)));
+        path.push((last, end(part.needle.at(&needle.pose).start, 0.0)));
         path
+    }
+
+    /// Where on a thread its tail ends \[m\], and the direction in which its head is fastened to the needle.
+    pub(super) fn thread_ends(&self, sources: &Sources, thread: usize) -> (f64, Vector3<f64>) {
+        let each = &self.threads[thread];
+        let part = &sources.threads.parts[thread];
+        let end_m = each.whole.map_or(-part.length_m, |whole| whole.end_m);
+        let needle = sources.threads.needles[thread];
+        let curve = sources.needles[needle]
+            .needle
+            .at(&self.each[needle].pose);
+        (end_m, curve.tangent)
     }
 }
 

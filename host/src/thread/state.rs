@@ -279,6 +279,12 @@ impl ThreadState {
         }
     }
 
+    /// Whether a hand holds the head beyond all faces, so that the path does not go on to the needle.
+    pub fn is_apart(&self) -> bool {
+        let is_held = matches!(self.head.by, ThreadHold::Place(_) | ThreadHold::Tool(_));
+        is_held && self.faces_of_path() == self.passed.len()
+    }
+
     /// Whether the tail withstands a pull.
     pub fn is_tail_held(&self) -> bool {
         self.tail.by != ThreadHold::Free

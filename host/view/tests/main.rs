@@ -6,3 +6,4 @@ mod format;
 mod guard;
 mod pictures;
 mod support;
+mod threads;

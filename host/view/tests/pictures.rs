@@ -14,7 +14,7 @@ use sutura_host::session::{
 use sutura_shared::wire::Valid;
 use sutura_shared::wire::message::{Fixture, State};
 
-fn open(name: &str) -> (Scene, Sources) {
+pub fn open(name: &str) -> (Scene, Sources) {
     let path = Path::new(env!("CARGO_MANIFEST_DIR"))
         .join("../../scenes")
         .join(name);
@@ -22,7 +22,7 @@ fn open(name: &str) -> (Scene, Sources) {
     (scene::read(&document).expect("a scene"), document.sources())
 }
 
-fn plan(scene: &Scene, seconds: f64) -> Plan {
+pub fn plan(scene: &Scene, seconds: f64) -> Plan {
     Plan {
         device: scene.device.expect("a device"),
         hand: scene.hand.expect("a hand"),
@@ -54,7 +54,7 @@ impl Solve for Drawn<'_> {
             let sequence = self.pictures.len() as u32 + 1;
             let scalar = Scalar::ALL[sequence as usize % Scalar::ALL.len()];
             self.pictures
-                .push(self.painter.paint(&self.own, Some(scalar), sequence));
+                .push(self.painter.paint(&self.own, None, Some(scalar), sequence));
         }
         solved
     }
@@ -182,7 +182,7 @@ fn are_the_same_live_and_again(name: &str, seconds: f64) -> Vec<Picture> {
             solver.snapshot(&mut own);
             own.solves = solves;
             let scalar = picture.scalar.as_ref().map(|(scalar, _)| *scalar);
-            let again = painter.paint(&own, scalar, picture.sequence);
+            let again = painter.paint(&own, None, scalar, picture.sequence);
             assert!(
                 bytes(&again) == bytes(picture),
                 "picture {} of {name}",

@@ -14,6 +14,7 @@ use sutura_host::recording::replay::{HostVerdict, replay_host_while};
 use sutura_host::recording::{About, Recording, SolveSample};
 use sutura_host::scene::Scene;
 use sutura_host::session::{SceneSolver, Snapshot};
+use sutura_host::thread::{Beats, Hanging};
 use sutura_view::Shared;
 
 /// What pictures of a recording may take \[bytes\]; there are fewer of a longer one.
@@ -89,6 +90,8 @@ impl<'a> Pictures<'a> {
         drop(shown);
         let here = About::here(build(), &about.plan, &about.tissue);
         let mut own = Snapshot::of(&solver);
+        let mut hanging = solver.model().and_then(|model| Hanging::new(model));
+        let mut beats = Beats::default();
         let mut bytes = Vec::new();
         let is_first = self.made.is_empty();
         let (mut solves, mut next, mut due_s) = (0, 0, 0.0);
@@ -109,6 +112,11 @@ impl<'a> Pictures<'a> {
                 due_s = self.made.get(next).map_or(f64::INFINITY, |(at_s, _)| *at_s);
             }
             let stops = self.stop.load(Ordering::Relaxed);
+            let is_beat = beats.is_due(here.console_time_us);
+            if let Some(hanging) = hanging.as_mut().filter(|_| is_beat && !stops) {
+                solver.snapshot(&mut own);
+                own.beat(hanging, &own.positions_m());
+            }
             // A program that is to end makes no more pictures; the steps that are left are fast without.
             if time_s >= due_s && !stops {
                 self.scalar = self.wanted().or(self.scalar);
@@ -117,7 +125,8 @@ impl<'a> Pictures<'a> {
                     solver.snapshot(&mut own);
                     own.solves = solves;
                     let sequence = next as u32 + 1;
-                    let mut picture = self.painter.paint(&own, self.scalar, sequence);
+                    let hanging = hanging.as_mut();
+                    let mut picture = self.painter.paint(&own, hanging, self.scalar, sequence);
                     (picture.recorded, picture.time_s) = (true, time_s);
                     picture.encode(&mut bytes);
                     self.shared.recorded_picture(time_s, bytes.clone());

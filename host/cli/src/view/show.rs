@@ -13,9 +13,10 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 use sutura_host::core_time::core_time;
-use sutura_host::picture::{Offer, Painter, Scalar, SolvesOf};
+use sutura_host::picture::{Heard, Offer, Painter, Scalar, SolvesOf};
 use sutura_host::scene::Scene;
 use sutura_host::session::{LinkSummary, Plan, SceneSolver, Snapshot, ViewSummary};
+use sutura_host::thread::Hanging;
 use sutura_host::times::Times;
 use sutura_shared::wire::message::Report;
 use sutura_view::{Beginning, Shared};
@@ -102,6 +103,8 @@ impl Show {
         let going = Arc::new(Mutex::new(Going::default()));
         let showing = Showing {
             own: Box::new(Snapshot::of(solver)),
+            hanging: solver.model().and_then(|model| Hanging::new(model)),
+            heard: offer.heard(),
             has_model: kind.has_model,
             painter,
             shared: shared.clone(),
@@ -188,6 +191,9 @@ impl Show {
 struct Showing {
     painter: Painter,
     own: Box<Snapshot>,
+    /// Threads that hang, and their beats.
+    hanging: Option<Hanging>,
+    heard: Option<Heard>,
     has_model: bool,
     shared: Arc<Shared>,
     telemetry: Arc<Telemetry>,
@@ -251,6 +257,9 @@ impl Showing {
             _ if going.paused => 0.0,
             speed => 1e6 * speed.unwrap_or(1.0) / self.hz,
         };
+        if let Some(heard) = self.heard.as_mut().filter(|_| self.hz > 0.0) {
+            heard.open(&self.own);
+        }
         // Less than one tick is every solve.
         self.offer.want(if self.hz > 0.0 {
             (period_us as u64).max(1)
@@ -265,15 +274,29 @@ impl Showing {
 
     fn paint(&mut self, scalar: Option<Scalar>, sequence: u32) {
         let began = core_time();
+        self.hear();
         let mut bytes = Vec::new();
         self.painter
-            .paint(&self.own, scalar, sequence)
+            .paint(&self.own, self.hanging.as_mut(), scalar, sequence)
             .encode(&mut bytes);
         let took = core_time().saturating_sub(began);
         self.figures.made += 1;
         self.figures.took_us.record(took.as_micros() as u64);
         self.cost_s = 0.9 * self.cost_s + 0.1 * took.as_secs_f64();
         self.shared.picture(bytes);
+    }
+
+    /// Moves threads that hang on to the last beat before the newest snapshot.
+    fn hear(&mut self) {
+        let (Some(heard), Some(hanging)) = (&mut self.heard, &mut self.hanging) else {
+            return;
+        };
+        heard.up_to(&self.own, |beat, begins| {
+            if begins {
+                hanging.begin();
+            }
+            beat.beat(hanging, &beat.positions_m());
+        });
     }
 
     fn gauges(&self, wanted_hz: f64) {

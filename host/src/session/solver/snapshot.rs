@@ -6,6 +6,7 @@ use super::SceneSolver;
 use super::follower::Follower;
 use crate::model::Model;
 use crate::step::{State, StepReport};
+use crate::thread::{FreeThreads, Hanging};
 use crate::tool::ToolSample;
 use std::sync::Arc;
 
@@ -67,6 +68,23 @@ impl Snapshot {
             Seen::Constrained(model, state) => state.positions(model),
             Seen::Prescribed(nodes_m) => nodes_m.clone(),
         }
+    }
+
+    /// Moves threads that hang on to this instant, which is a beat, with all nodes at `nodes_m` (n x 3).
+    pub fn beat(&self, hanging: &mut Hanging, nodes_m: &[[f64; 3]]) {
+        if let Some((model, state)) = self.constrained() {
+            hanging.beat(self.console_time_us, model, state, nodes_m);
+        }
+    }
+
+    /// Threads that hang, as they are at this instant after their last beat; `None` before the first.
+    pub fn threads<'a>(
+        &self,
+        hanging: &'a mut Hanging,
+        nodes_m: &[[f64; 3]],
+    ) -> Option<&'a FreeThreads> {
+        let (model, state) = self.constrained()?;
+        hanging.seen(self.console_time_us, model, state, nodes_m)
     }
 
     /// Where the tools are, the driven one first.

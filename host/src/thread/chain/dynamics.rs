@@ -200,6 +200,7 @@ impl Chain {
     }
 
     /// What the chain pulls guides with: gradient and tensions at `at`.
+    #[cfg(test)]
     pub(super) fn find_pulls(&mut self, step: &Step<'_>, guides: usize) {
         self.find_gradient(step);
         self.pulls.clear();

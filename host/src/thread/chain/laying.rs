@@ -13,7 +13,8 @@ impl Chain {
         guides.len() <= self.settings.most_guides && guides.iter().all(within) && ascending
     }
 
-    pub(super) fn segment(&self) -> f64 {
+    /// Distance of two nodes along it \[m\].
+    pub fn segment(&self) -> f64 {
         self.settings.length_m / (self.settings.nodes - 1) as f64
     }
 
@@ -119,12 +120,15 @@ impl Chain {
         self.at[from + 1..to].iter().map(off).fold(0.0, f64::max)
     }
 
-    /// Unit vector across a line, downwards if that is possible.
+    /// Unit vector across a line, to the side it is to bow to, or downwards, as far as that is possible.
     pub(super) fn across(&self, line: &Vector3<f64>) -> Vector3<f64> {
         let along = line.try_normalize(0.0).unwrap_or_else(Vector3::z);
-        let gravity = Vector3::from(self.settings.gravity_m_per_s2);
-        let down = gravity - along * along.dot(&gravity);
-        down.try_normalize(1e-6 * gravity.norm())
+        let off = |side: Vector3<f64>| {
+            let across = side - along * along.dot(&side);
+            across.try_normalize(1e-6 * side.norm())
+        };
+        off(self.aside)
+            .or_else(|| off(Vector3::from(self.settings.gravity_m_per_s2)))
             .unwrap_or_else(|| {
                 let axis = Vector3::ith(along.iamin(), 1.0);
                 (axis - along * along.dot(&axis)).normalize()
