@@ -9,8 +9,8 @@ use crate::session::{SceneSolver, Snapshot};
 use crate::thread::{Beats, Hanging};
 use schemars::JsonSchema;
 use serde::Serialize;
-use std::sync::{Arc, Mutex, PoisonError};
 use std::sync::mpsc::{Receiver, Sender, channel};
+use std::sync::{Arc, Mutex, PoisonError};
 
 /// Thickness of lines that have none of their own \[m\].
 const THIN_M: f64 = 2.5e-4;

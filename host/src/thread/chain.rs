@@ -15,11 +15,11 @@ use super::skin::Skin;
 use band::Band;
 use nalgebra::Vector3;
 
-/// Newton's steps in one step in time; two to five are usual, the rest is for what starts far away.
+/// Newton's steps in one step in time, unless said otherwise; two to five are usual, the rest is for what starts far away.
 const MOST_NEWTON: usize = 30;
 /// Halvings of one of them.
 const HALVINGS: usize = 14;
-/// At rest when no point would move by more than this part of a segment.
+/// At rest when no point would move by more than this part of a segment, unless said otherwise.
 const AT_REST: f64 = 1e-6;
 /// Lengths are held this well, of their own; what is asked for is 1e-4.
 const HELD: f64 = 1e-10;
@@ -57,6 +57,10 @@ pub struct ChainSettings {
     pub drag_per_s: f64,
     /// Gravity \[m/s^2\], (3).
     pub gravity_m_per_s2: [f64; 3],
+    /// At rest when no point would move by more than this part of a segment \[1\].
+    pub at_rest: f64,
+    /// Newton's steps in one step in time at most.
+    pub most_newton: usize,
 }
 
 impl ChainSettings {
@@ -82,6 +86,8 @@ impl ChainSettings {
             radius_m: 0.15e-3,
             drag_per_s: 10.0,
             gravity_m_per_s2: [0.0, 0.0, -9.81],
+            at_rest: AT_REST,
+            most_newton: MOST_NEWTON,
         }
     }
 }
@@ -244,26 +250,18 @@ impl Chain {
         })
     }
 
-    /// Lays it at rest along straight lines from guide to guide, ascending along it, and on beyond them, a little
-    /// downwards or aside so that it does not stand on its end.
-    pub fn place(&mut self, guides: &[Guide]) {
+    /// Lays it at rest along straight lines from guide to guide, ascending along it, and beyond the first and the last one along
+    /// `loose`, a unit vector, a little downwards or aside so that it does not stand on its end.
+    pub fn place(&mut self, guides: &[Guide], loose: &Vector3<f64>) {
         let (Some(first), Some(last)) = (guides.first(), guides.last()) else {
             return;
         };
-        let (length, segment) = (self.settings.length_m, self.segment());
+        let (segment, aside) = (self.segment(), self.falls(loose));
         let at = |guide: &Guide| Vector3::from(guide.at_m);
-        let way = |from: Option<&Guide>, to: &Guide| {
-            let from = from.map_or_else(Vector3::zeros, at);
-            (at(to) - from)
-                .try_normalize(0.0)
-                .unwrap_or_else(Vector3::x)
+        let beyond = |guide: &Guide, along: f64| {
+            let far = (along - guide.along_m).abs();
+            at(guide) + loose * far + aside * (far * far)
         };
-        let begins = way(guides.get(1), first);
-        let ends = way(
-            guides.len().checked_sub(2).map(|before| &guides[before]),
-            last,
-        );
-        let [aside, beside] = [begins, ends].map(|way| self.across(&way) * (ASIDE / length));
         for (node, place) in self.nodes.iter_mut().enumerate() {
             let along = node as f64 * segment;
             let next = guides.partition_point(|guide| guide.along_m <= along);
@@ -273,14 +271,8 @@ impl Chain {
                     let share = (along - a.along_m) / (b.along_m - a.along_m);
                     at(a).lerp(&at(b), share)
                 }
-                (None, _) => {
-                    let far = first.along_m - along;
-                    at(first) + begins * far + aside * (far * far)
-                }
-                (_, None) => {
-                    let far = along - last.along_m;
-                    at(last) + ends * far + beside * (far * far)
-                }
+                (None, _) => beyond(first, along),
+                (_, None) => beyond(last, along),
             };
         }
         self.velocities.fill(Vector3::zeros());
@@ -400,13 +392,13 @@ impl Chain {
             0.0
         };
         report.status = ChainStatus::Moving;
-        while (report.steps as usize) < MOST_NEWTON {
+        while (report.steps as usize) < self.settings.most_newton {
             report.steps += 1;
             let Some((slope, farthest)) = self.newton(&step, firm) else {
                 firm = (10.0 * firm).max(firmness);
                 continue;
             };
-            if farthest <= AT_REST * segment {
+            if farthest <= self.settings.at_rest * segment {
                 report.status = ChainStatus::Ok;
                 break;
             }

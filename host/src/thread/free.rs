@@ -21,6 +21,10 @@ const SPACING_M: f64 = 2e-3;
 const PIECES: [usize; 2] = [8, 256];
 /// A chain has other nodes once its pieces are longer or shorter than they are to be by this factor.
 const RENEWED: f64 = 1.5;
+/// At rest when no node would move by more than this part of the distance of two: 10 um.
+const AT_REST: f64 = 5e-3;
+/// Newton's steps of a chain in a step in time at most, which bounds what a picture takes: the next one goes on.
+const MOST_NEWTON: usize = 12;
 /// Guides of a chain at most: both ends, and what holds their directions.
 const MOST_GUIDES: usize = 4;
 
@@ -108,14 +112,17 @@ impl FreeThreads {
             let places = threads.thread_places(sources, nodes_m, free.index);
             let (end_m, tangent) = threads.thread_ends(sources, free.index);
             let stretches = stretches(&places, end_m, &tangent);
-            free.take(&stretches, self.gravity_m_per_s2);
+            free.take(&stretches, self.gravity_m_per_s2, tissue);
             for (slack, stretch) in free.slack.iter_mut().zip(&stretches) {
                 worst = worst.with(slack.step(dt_s, stretch, tissue));
             }
             free.path = drawn(&places, &stretches, &free.slack);
             // Where something else holds the head the path ends there, unless there is thread up to the needle.
             let reaches = stretches.iter().any(|each| each.next + 1 == places.len());
-            let is_apart = threads.threads.get(free.index).is_some_and(ThreadState::is_apart);
+            let is_apart = threads
+                .threads
+                .get(free.index)
+                .is_some_and(ThreadState::is_apart);
             if is_apart && !reaches {
                 free.path.pop();
             }
@@ -132,7 +139,12 @@ impl FreeThreads {
 
 impl Free {
     /// A chain for each of these stretches: the one that it had, as long as it is now, or a new one.
-    fn take(&mut self, stretches: &[Stretch], gravity_m_per_s2: [f64; 3]) {
+    fn take(
+        &mut self,
+        stretches: &[Stretch],
+        gravity_m_per_s2: [f64; 3],
+        tissue: (&Skin, &[Vector3<f64>]),
+    ) {
         let mut before = std::mem::take(&mut self.slack);
         for stretch in stretches {
             let place = before.iter().position(|slack| slack.key == stretch.key);
@@ -142,7 +154,7 @@ impl Free {
                     slack.fit(stretch);
                     Some(slack)
                 }
-                None => Slack::new(stretch, self.radius_m, gravity_m_per_s2),
+                None => Slack::new(stretch, self.radius_m, gravity_m_per_s2, tissue),
             };
             // Numbers of which nothing can be made end what is drawn.
             let Some(slack) = made else {
@@ -154,7 +166,12 @@ impl Free {
 }
 
 impl Slack {
-    fn new(stretch: &Stretch, radius_m: f64, gravity_m_per_s2: [f64; 3]) -> Option<Self> {
+    fn new(
+        stretch: &Stretch,
+        radius_m: f64,
+        gravity_m_per_s2: [f64; 3],
+        tissue: (&Skin, &[Vector3<f64>]),
+    ) -> Option<Self> {
         let directed = stretch.directed();
         let pieces = pieces(stretch.length_m);
         let (nodes, total) = sizes(stretch.length_m, pieces, directed);
@@ -162,6 +179,8 @@ impl Slack {
             nodes,
             most_guides: MOST_GUIDES,
             gravity_m_per_s2,
+            at_rest: AT_REST,
+            most_newton: MOST_NEWTON,
             ..ChainSettings::of_length(total).of_radius(radius_m)
         };
         let mut new = Self {
@@ -171,7 +190,8 @@ impl Slack {
         };
         new.chain.bow_towards(stretch.out());
         let guides = new.guides(stretch);
-        new.chain.place(&guides);
+        let down = Vector3::from(gravity_m_per_s2);
+        new.chain.place(&guides, &stretch.clear_way(&down, tissue));
         Some(new)
     }
 
@@ -305,4 +325,120 @@ fn sizes(length_m: f64, pieces: usize, directed: [bool; 2]) -> (usize, f64) {
 
 fn places(positions: &[[f64; 3]]) -> Vec<Vector3<f64>> {
     positions.iter().map(|at| Vector3::from(*at)).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::stretch::Held;
+    use super::*;
+    use crate::mesh::tube;
+    use nalgebra::Rotation3;
+
+    /// A loop on a tube's outside, and what hangs from it, loose.
+    fn stretches_on_a_tube(turned: &Rotation3<f64>) -> [Stretch; 2] {
+        let at = |angle: f64, z: f64| {
+            let (sin, cos) = angle.sin_cos();
+            Vector3::new(0.011 * cos, 0.011 * sin, z)
+        };
+        let held = |at: Vector3<f64>, sign: f64| Held {
+            at: turned * at,
+            way: Some(turned * Vector3::new(at.x, at.y, 0.0).normalize() * sign),
+        };
+        let both = Stretch {
+            key: (3, false),
+            ends: [
+                Some(held(at(0.1, 0.013), 1.0)),
+                Some(held(at(0.7, 0.011), -1.0)),
+            ],
+            length_m: 0.012,
+            along_m: -0.2,
+            first: 1,
+            next: 1,
+        };
+        let loose = Stretch {
+            key: (0, false),
+            ends: [None, Some(held(at(0.1, 0.013), -1.0))],
+            length_m: 0.1,
+            ..both
+        };
+        [both, loose]
+    }
+
+    /// After two seconds, in a scene that is turned as a whole.
+    fn settled(turned: &Rotation3<f64>, gravity: Vector3<f64>, dt_s: f64) -> Vec<Vector3<f64>> {
+        let mesh = tube([0.008, 0.011], [0.0, 0.03], [2, 24, 8]).expect("a tube");
+        let points = mesh.points_m().iter();
+        let at: Vec<_> = points.map(|p| turned * Vector3::from(*p)).collect();
+        let skin = Skin::new(&mesh.surface().triangles, &at);
+        let gravity = (turned * gravity).into();
+        let mut all = Vec::new();
+        for stretch in stretches_on_a_tube(turned) {
+            let mut slack = Slack::new(&stretch, 1.25e-4, gravity, (&skin, &at)).expect("a chain");
+            for _ in 0..(2.0 / dt_s) as u32 {
+                let report = slack.step(dt_s, &stretch, (&skin, &at));
+                assert!(report.length_error < 1e-9, "{report:?}");
+            }
+            let nodes = slack.nodes_m();
+            let pieces = nodes.windows(2).map(|two| two[0].metric_distance(&two[1]));
+            let length: f64 = pieces.sum();
+            assert!((length / stretch.length_m - 1.0).abs() < 1e-9, "{length} m");
+            for (end, node) in stretch.ends.iter().zip([0, nodes.len() - 1]) {
+                assert!(end.is_none_or(|end| end.at == nodes[node]));
+            }
+            for node in nodes {
+                let depth = skin.distance(&at, node, 0.0);
+                assert!(depth.is_none_or(|(far, _)| far > -1e-9), "{node:?}");
+            }
+            all.extend(nodes.iter().map(|at| turned.inverse() * at));
+        }
+        all
+    }
+
+    /// Without gravity, or where that is turned with it, a turned scene has the turned shape; with gravity that stays another one.
+    #[test]
+    fn a_turned_scene_has_the_turned_shape() {
+        let turned = Rotation3::from_euler_angles(0.4, -1.1, 2.0);
+        for gravity in [Vector3::zeros(), Vector3::new(0.0, 0.0, -9.81)] {
+            let [one, other] = [Rotation3::identity(), turned].map(|by| settled(&by, gravity, 0.1));
+            let apart = one.iter().zip(&other).map(|(a, b)| a.metric_distance(b));
+            let apart = apart.fold(0.0, f64::max);
+            assert!(apart < 1e-6, "{apart} m with {gravity:?}");
+        }
+        let down = Vector3::new(0.0, 0.0, -9.81);
+        let stays = settled(&turned, turned.inverse() * down, 0.1);
+        let far = settled(&turned, down, 0.1)
+            .iter()
+            .zip(&stays)
+            .map(|(a, b)| a.metric_distance(b))
+            .fold(0.0, f64::max);
+        assert!(far > 0.01, "{far} m");
+    }
+
+    /// A stretch that is drawn in keeps what it has of a shape, and has fewer nodes in the end.
+    #[test]
+    fn a_stretch_that_is_drawn_in_keeps_its_length() {
+        let still = Rotation3::identity();
+        let mesh = tube([0.008, 0.011], [0.0, 0.03], [2, 24, 8]).expect("a tube");
+        let points = mesh.points_m().iter();
+        let at: Vec<_> = points.map(|p| Vector3::from(*p)).collect();
+        let skin = Skin::new(&mesh.surface().triangles, &at);
+        let [_, mut loose] = stretches_on_a_tube(&still);
+        let down = [0.0, 0.0, -9.81];
+        let mut slack = Slack::new(&loose, 1.25e-4, down, (&skin, &at)).expect("a chain");
+        let first = slack.nodes_m().len();
+        let mut before = loose.length_m;
+        while loose.length_m > 0.02 {
+            slack.fit(&loose);
+            let report = slack.step(0.1, &loose, (&skin, &at));
+            assert!(report.length_error < 1e-9, "{report:?}");
+            let nodes = slack.nodes_m();
+            let pieces = nodes.windows(2).map(|two| two[0].metric_distance(&two[1]));
+            let length: f64 = pieces.sum();
+            assert!((length / loose.length_m - 1.0).abs() < 1e-9, "{length} m");
+            assert!(length < before + 1e-12);
+            before = length;
+            loose.length_m -= 3e-3;
+        }
+        assert!(slack.nodes_m().len() < first / 2);
+    }
 }

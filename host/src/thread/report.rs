@@ -165,9 +165,7 @@ impl SourcesState {
         let part = &sources.threads.parts[thread];
         let end_m = each.whole.map_or(-part.length_m, |whole| whole.end_m);
         let needle = sources.threads.needles[thread];
-        let curve = sources.needles[needle]
-            .needle
-            .at(&self.each[needle].pose);
+        let curve = sources.needles[needle].needle.at(&self.each[needle].pose);
         (end_m, curve.tangent)
     }
 }

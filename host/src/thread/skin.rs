@@ -112,6 +112,21 @@ impl Skin {
         0.5 * self.mean_edge_m
     }
 
+    /// Whether a straight line cuts a face, with nodes at `at` \[m\]. Allocates nothing.
+    pub fn is_cut(&self, at: &[Vector3<f64>], from: &Vector3<f64>, to: &Vector3<f64>) -> bool {
+        let (way, mut cut) = (to - from, false);
+        self.tree.along(from, to, |face| {
+            let [a, b, c] = self.face(face).map(|node| place(at, node) - from);
+            // Signed volumes of what the line and each side span (Segura & Feito 2001), and of the ends.
+            let sides = [(a, b), (b, c), (c, a)].map(|(p, q)| way.dot(&p.cross(&q)));
+            let through = sides.iter().all(|x| *x >= 0.0) || sides.iter().all(|x| *x <= 0.0);
+            let normal = (b - a).cross(&(c - a));
+            let (before, whole) = (normal.dot(&a), normal.dot(&way));
+            cut |= through && whole != 0.0 && (0.0..=1.0).contains(&(before / whole));
+        });
+        cut
+    }
+
     /// Whether what moves from one point to another may come into the tissue.
     pub fn may_meet(&self, from: &Vector3<f64>, to: &Vector3<f64>) -> bool {
         let mut met = false;

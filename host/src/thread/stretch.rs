@@ -4,6 +4,7 @@
 
 use super::model::{ThreadPlace, ThreadPoint};
 use super::segments::NO_TENSION_N;
+use super::skin::Skin;
 use nalgebra::Vector3;
 
 /// A stretch with less slack than this, of its length, is straight.
@@ -49,6 +50,41 @@ impl Stretch {
             .ends
             .map(|end| end.and_then(|end| end.way).unwrap_or_else(Vector3::zeros));
         from - to
+    }
+
+    /// Unit vector along which a loose end can be laid straight without meeting the tissue: `down`, as it comes out of what holds it,
+    /// between the two or to their sides, or up; as it comes out, if there is no such way.
+    pub fn clear_way(
+        &self,
+        down: &Vector3<f64>,
+        (skin, at): (&Skin, &[Vector3<f64>]),
+    ) -> Vector3<f64> {
+        let unit = |way: Vector3<f64>| way.try_normalize(0.0);
+        let (out, down) = (unit(self.out()), unit(*down));
+        let first = out.or(down).unwrap_or_else(Vector3::x);
+        let down = down.unwrap_or_else(Vector3::zeros);
+        let aside = unit(first.cross(&down)).unwrap_or_else(Vector3::zeros);
+        let Some(held) = self.ends[1].filter(|_| self.ends[0].is_none()) else {
+            return first;
+        };
+        // Its own end may lie on the tissue.
+        let from = held.at + first * WITHIN_M;
+        let is_clear = |way: &Vector3<f64>| !skin.is_cut(at, &from, &(from + way * self.length_m));
+        let ways = [
+            down,
+            first + down,
+            down + aside,
+            down - aside,
+            first,
+            first + aside,
+            first - aside,
+            aside,
+            -aside,
+            first - down,
+            -down,
+        ];
+        let mut ways = ways.into_iter().filter_map(unit);
+        ways.find(is_clear).unwrap_or(first)
     }
 }
 

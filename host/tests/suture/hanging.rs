@@ -2,7 +2,7 @@
 
 use super::rig::*;
 use nalgebra::Vector3;
-use sutura_host::thread::{ChainSettings, ChainStatus, FreeThread, ThreadPlace};
+use sutura_host::thread::{FreeThreads, ThreadPlace, ThreadPoint, ThreadTension};
 
 /// Between the faces that it was drawn through straight there is as much of it as they are apart.
 #[test]
@@ -18,58 +18,85 @@ fn a_thread_that_follows_its_needle_counts_its_length() {
     }
 }
 
-/// Its nodes pass the punctures, keep their distances, stay outside where it is outside, and come to rest below what they
-/// hang on; a thread that is not there has no shape.
+/// Where it hangs it begins and ends at the points that hold it, is as long as there is thread, stays outside, and comes to rest
+/// below what it hangs on; a thread that is not there has no shape.
 #[test]
 fn a_loose_thread_hangs_from_its_last_puncture_outside_the_tissue() {
     let mut bench = bench(SETUP);
     go(&mut bench, Vector3::new(0.0, 0.0, -0.072));
-    let settings = |length_m| ChainSettings {
-        nodes: 151,
-        bending_n_m2: 1e-8,
-        drag_per_s: 20.0,
-        ..ChainSettings::of_length(length_m)
-    };
-    assert!(FreeThread::new(&bench.model, &bench.state, 3, settings).is_none());
-    let free = FreeThread::new(&bench.model, &bench.state, 7, settings);
+    let nodes_m = bench.state.positions(&bench.model);
+    let free = FreeThreads::new(&bench.model, [0.0, 0.0, -9.81]);
     let mut free = free.expect("a thread");
-    let mut report = None;
-    for _ in 0..300 {
-        report = Some(free.step(0.01, &bench.model, &bench.state));
+    for _ in 0..40 {
+        let report = free.step(0.1, &bench.model, &bench.state, &nodes_m);
+        assert!(report.length_error < 1e-9, "{report:?}");
     }
-    let report = report.expect("a step");
-    assert_eq!(report.status, ChainStatus::Ok);
-    assert!(
-        report.length_error < 1e-4 && report.touching > 0,
-        "{report:?}"
-    );
+    assert!(free.path(3).is_empty());
+    let path = free.path(7);
+    let is_shape = |point: &&ThreadPoint| point.what == ThreadPlace::Hangs;
+    let held: Vec<_> = path.iter().filter(|point| !is_shape(point)).collect();
+    let fixed = bench.path(7);
+    // What holds it is where it was, behind the loose end.
+    assert_eq!(held[0].what, ThreadPlace::End);
+    assert!(held[1..].iter().zip(&fixed).all(|(a, b)| *a == b));
+    assert_eq!(held.len(), fixed.len() + 1);
 
-    let (length_m, segment) = (0.3, 0.3 / 150.0);
-    let nodes: Vec<Vector3<f64>> = free.nodes_m().map(Vector3::from).collect();
-    let path = bench.path(7);
-    let punctures: Vec<_> = path
+    let first = path
         .iter()
-        .filter(|point| matches!(point.what, ThreadPlace::Enters | ThreadPlace::Leaves))
-        .collect();
-    assert_eq!(punctures.len(), 4);
-    for point in &punctures {
-        let place = Vector3::from(point.at_m);
-        let near = nodes.iter().map(|at| at.metric_distance(&place));
-        assert!(near.fold(f64::MAX, f64::min) < 0.6 * segment);
-    }
-    // From the tail to the first puncture it lies outside.
+        .position(|point| point.what == ThreadPlace::Enters);
+    let first = first.expect("a puncture");
+    let at = |point: &ThreadPoint| Vector3::from(point.at_m);
+    let tail = &path[..=first];
+    let pieces = tail
+        .windows(2)
+        .map(|two| at(&two[0]).metric_distance(&at(&two[1])));
+    let (length_m, there_is) = (pieces.sum::<f64>(), path[first].along_m + SETUP.length_m);
+    assert!(
+        (length_m / there_is - 1.0).abs() < 1e-9,
+        "{length_m} m of {there_is} m"
+    );
+    assert!(tail.len() > 50);
     let surface = bench.model.surface();
-    let places = bench.state.positions(&bench.model);
-    let outside = (length_m + punctures[0].along_m) / segment;
-    let loose = &nodes[..outside as usize - 1];
-    assert!(loose.len() > 50);
-    for (index, node) in loose.iter().enumerate() {
+    let hanging: Vec<_> = path.iter().filter(is_shape).collect();
+    assert!(
+        hanging
+            .iter()
+            .all(|point| !surface.contains(&nodes_m, point.at_m))
+    );
+    // It was straight up at first, and has fallen.
+    assert!(path[0].at_m[2] < path[first].at_m[2] - 0.1, "{:?}", path[0]);
+}
+
+/// What a hand lets go of between tail and hand hangs from the hand; none of it is where the thread is taut.
+#[test]
+fn what_is_beyond_a_hand_hangs_from_it() {
+    let mut bench = drawn(bench(SETUP));
+    let mut free = FreeThreads::new(&bench.model, [0.0, 0.0, -9.81]).expect("a thread");
+    let mut spans = Vec::new();
+    for way in [Vector3::zeros(), Vector3::new(0.0, 0.0, 0.004)] {
+        // Away from the tissue, the hand pulls.
+        bench.other.translation.vector += way;
+        let report = go(&mut bench, Vector3::new(0.0, 0.0, -2e-4));
+        let nodes_m = bench.state.positions(&bench.model);
+        let step = free.step(0.1, &bench.model, &bench.state, &nodes_m);
+        assert!(step.length_error < 1e-9, "{step:?}");
+        let path = free.path(7);
+        let hand = path
+            .iter()
+            .rposition(|point| Vector3::from(point.at_m) == bench.other.translation.vector);
+        let hand = hand.expect("the hand is a point of it");
         assert!(
-            !surface.contains(&places, (*node).into()),
-            "node {index} at {node:?}"
+            path[1..hand]
+                .iter()
+                .all(|point| point.what == ThreadPlace::Hangs)
         );
+        let enters = path
+            .iter()
+            .position(|point| point.what == ThreadPlace::Enters);
+        spans.push((
+            report.threads()[0].state,
+            enters.expect("a puncture") - hand,
+        ));
     }
-    // It was straight up, and has fallen.
-    let first = Vector3::from(punctures[0].at_m);
-    assert!(loose[0].z < first.z + 0.01, "{:?}", loose[0]);
+    assert_eq!(spans[1], (ThreadTension::Taut, 1));
 }

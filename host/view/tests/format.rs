@@ -106,6 +106,7 @@ fn picture() -> Picture {
                     ThreadPointView::default(),
                     ThreadPointView {
                         at_m: [0.0, 0.0, 1.0],
+                        what: 5,
                         ..ThreadPointView::default()
                     },
                 ],

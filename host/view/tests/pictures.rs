@@ -4,13 +4,14 @@ use std::ops::ControlFlow;
 use std::path::Path;
 use std::sync::Arc;
 use sutura_hil::NativeConsole;
-use sutura_host::picture::{Offer, Painter, Picture, Scalar, Showing};
+use sutura_host::picture::{Heard, Offer, Painter, Picture, Scalar, Showing};
 use sutura_host::recording::replay::replay_host;
 use sutura_host::recording::{About, Recorder, Recording, TappedConsole, TappedSolver};
 use sutura_host::scene::{self, Document, Scene, Sources};
 use sutura_host::session::{
     LINE_BYTES_PER_S, Plan, Rendering, SceneSolver, Snapshot, Solve, Solved, run_lockstep,
 };
+use sutura_host::thread::{Beats, Hanging};
 use sutura_shared::wire::Valid;
 use sutura_shared::wire::message::{Fixture, State};
 
@@ -44,6 +45,8 @@ struct Drawn<'a> {
     offer: Arc<Offer>,
     own: Box<Snapshot>,
     painter: &'a Painter,
+    hanging: Option<Hanging>,
+    heard: Option<Heard>,
     pictures: Vec<Picture>,
 }
 
@@ -53,8 +56,15 @@ impl Solve for Drawn<'_> {
         if self.offer.take(&mut self.own) {
             let sequence = self.pictures.len() as u32 + 1;
             let scalar = Scalar::ALL[sequence as usize % Scalar::ALL.len()];
-            self.pictures
-                .push(self.painter.paint(&self.own, None, Some(scalar), sequence));
+            if let (Some(heard), Some(hanging)) = (&mut self.heard, &mut self.hanging) {
+                heard.up_to(&self.own, |beat, begins| {
+                    assert_eq!(begins, sequence == 1, "no beat is missing");
+                    beat.beat(hanging, &beat.positions_m());
+                });
+            }
+            let (own, hanging) = (&self.own, self.hanging.as_mut());
+            let picture = self.painter.paint(own, hanging, Some(scalar), sequence);
+            self.pictures.push(picture);
         }
         solved
     }
@@ -78,12 +88,19 @@ fn session(name: &str, seconds: f64, file: &Path, period_us: u64) -> (String, Ve
     let offer = Offer::new(&solver);
     offer.want(period_us);
     let own = Box::new(Snapshot::of(&solver));
+    let hanging = solver.model().and_then(|model| Hanging::new(model));
+    let mut heard = offer.heard();
+    if let Some(heard) = &mut heard {
+        heard.open(&own);
+    }
     let tapped = TappedSolver::new(&mut solver, recorder.tap()).sketched(&scene);
     let mut drawn = Drawn {
         shown: Showing::new(tapped, Some(offer.clone())),
         offer,
         own,
         painter: &painter,
+        hanging,
+        heard,
         pictures: Vec::new(),
     };
     let mut console = NativeConsole::new(&plan.device).expect("a console");
@@ -168,6 +185,8 @@ fn are_the_same_live_and_again(name: &str, seconds: f64) -> Vec<Picture> {
     let mut solver = SceneSolver::for_session(&scene, &recording.about.plan).expect("a solver");
     let painter = Painter::new(&scene, 1);
     let mut own = Snapshot::of(&solver);
+    let mut hanging = solver.model().and_then(|model| Hanging::new(model));
+    let mut beats = Beats::default();
     let (mut solves, mut next) = (0, live.iter());
     let mut expected = next.next();
     let verdict = replay_host(&recording, &mut solver, true, |solver, here| {
@@ -178,11 +197,16 @@ fn are_the_same_live_and_again(name: &str, seconds: f64) -> Vec<Picture> {
             0.0 < stages_us && stages_us < here.step_us + 0.1,
             "{here:?}"
         );
+        let is_beat = beats.is_due(here.console_time_us);
+        if let Some(hanging) = hanging.as_mut().filter(|_| is_beat) {
+            solver.snapshot(&mut own);
+            own.beat(hanging, &own.positions_m());
+        }
         if let Some(picture) = expected.filter(|picture| picture.solves == solves) {
             solver.snapshot(&mut own);
             own.solves = solves;
             let scalar = picture.scalar.as_ref().map(|(scalar, _)| *scalar);
-            let again = painter.paint(&own, None, scalar, picture.sequence);
+            let again = painter.paint(&own, hanging.as_mut(), scalar, picture.sequence);
             assert!(
                 bytes(&again) == bytes(picture),
                 "picture {} of {name}",
@@ -239,6 +263,35 @@ fn pictures_of_needle_and_thread_are_the_same_live_and_again() {
     let turned = last.needles[0].orientation;
     let norm: f64 = turned.iter().map(|x| x * x).sum();
     assert!((norm - 1.0).abs() < 1e-9);
+    let hangs = |picture: &Picture| {
+        picture.threads[0]
+            .points
+            .iter()
+            .any(|point| point.what == 5)
+    };
+    assert!(live.iter().all(hangs));
+
+    // Fewer pictures show the same: what hangs does not know how often it is looked at.
+    let folder = tempfile::tempdir().expect("a folder");
+    let (_, seldom) = session(
+        "anastomosis-20.toml",
+        1.2,
+        &folder.path().join("seldom.mcap"),
+        70_000,
+    );
+    let mut both = 0;
+    for picture in &seldom {
+        let same = live
+            .iter()
+            .find(|other| other.console_time_us == picture.console_time_us);
+        both += u32::from(same.is_some_and(|other| other.threads == picture.threads));
+        assert!(same.is_none_or(|other| other.threads == picture.threads));
+    }
+    assert!(
+        both >= 2,
+        "{both} of {} pictures at the same time",
+        seldom.len()
+    );
 }
 
 /// Values of triangles come to the vertices by area; a constant stays what it is.

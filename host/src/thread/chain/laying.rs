@@ -1,6 +1,8 @@
 //! Which points a chain has in a step, and how its lengths are held.
 
-use super::{APART, Chain, Guide, HELD, LAID_ANEW, LEAST_FREE, MOST_PASSES, NONE, Point, STRAIGHT};
+use super::{
+    APART, ASIDE, Chain, Guide, HELD, LAID_ANEW, LEAST_FREE, MOST_PASSES, NONE, Point, STRAIGHT,
+};
 use nalgebra::Vector3;
 
 impl Chain {
@@ -121,18 +123,26 @@ impl Chain {
     }
 
     /// Unit vector across a line, to the side it is to bow to, or downwards, as far as that is possible.
-    pub(super) fn across(&self, line: &Vector3<f64>) -> Vector3<f64> {
+    fn across(&self, line: &Vector3<f64>) -> Vector3<f64> {
         let along = line.try_normalize(0.0).unwrap_or_else(Vector3::z);
-        let off = |side: Vector3<f64>| {
-            let across = side - along * along.dot(&side);
-            across.try_normalize(1e-6 * side.norm())
-        };
-        off(self.aside)
-            .or_else(|| off(Vector3::from(self.settings.gravity_m_per_s2)))
+        let gravity = Vector3::from(self.settings.gravity_m_per_s2);
+        off(&along, &self.aside)
+            .or_else(|| off(&along, &gravity))
             .unwrap_or_else(|| {
                 let axis = Vector3::ith(along.iamin(), 1.0);
                 (axis - along * along.dot(&axis)).normalize()
             })
+    }
+
+    /// How far a loose end that is laid along a unit vector leaves that, over the square of the way along it \[1/m\]: downwards, or to
+    /// some side where that is the way it stands; nowhere without gravity.
+    pub(super) fn falls(&self, loose: &Vector3<f64>) -> Vector3<f64> {
+        let gravity = Vector3::from(self.settings.gravity_m_per_s2);
+        if gravity.norm() > 0.0 {
+            self.across(loose) * (ASIDE / self.settings.length_m)
+        } else {
+            Vector3::zeros()
+        }
     }
 
     /// Masses, and places of unknowns: those of a point, then the multiplier of the piece before it.
@@ -326,4 +336,10 @@ impl Chain {
             self.nodes[node] = at;
         }
     }
+}
+
+/// Unit vector to a side, across a unit vector, if there is one.
+fn off(along: &Vector3<f64>, side: &Vector3<f64>) -> Option<Vector3<f64>> {
+    let across = side - along * along.dot(side);
+    across.try_normalize(1e-6 * side.norm())
 }
