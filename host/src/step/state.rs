@@ -135,7 +135,7 @@ impl State {
     }
 
     /// The point near an end of a thread that is nearest to a place \[m\], (3): of the straight way from the outermost face that it goes
-    /// through to what holds that end, of a free tail that face alone, as where it hangs nobody computes; without a
+    /// through to what holds that end, of a free tail that face alone, as where it hangs the balance does not know; without a
     /// face the needle's end; of a span, of all straight ways outside. `None` if there is no such thread. Solves for all nodes.
     pub fn nearest_of_thread(
         &self,
