@@ -334,8 +334,8 @@ mod tests {
     use crate::mesh::tube;
     use nalgebra::Rotation3;
 
-    /// A loop on a tube's outside, and what hangs from it, loose.
-    fn stretches_on_a_tube(turned: &Rotation3<f64>) -> [Stretch; 2] {
+    /// A loop on a tube's outside, what hangs from it, loose, and what a needle holds above the rim, so that it lies on the other side's.
+    fn stretches_on_a_tube(turned: &Rotation3<f64>) -> [Stretch; 3] {
         let at = |angle: f64, z: f64| {
             let (sin, cos) = angle.sin_cos();
             Vector3::new(0.011 * cos, 0.011 * sin, z)
@@ -361,7 +361,15 @@ mod tests {
             length_m: 0.1,
             ..both
         };
-        [both, loose]
+        let above = Held {
+            at: turned * Vector3::new(0.0095, 0.0, 0.031),
+            way: Some(turned * Vector3::new(1.0, 0.1, 0.05).normalize()),
+        };
+        let over = Stretch {
+            ends: [None, Some(above)],
+            ..loose
+        };
+        [both, loose, over]
     }
 
     /// After two seconds, in a scene that is turned as a whole.
@@ -371,12 +379,13 @@ mod tests {
         let at: Vec<_> = points.map(|p| turned * Vector3::from(*p)).collect();
         let skin = Skin::new(&mesh.surface().triangles, &at);
         let gravity = (turned * gravity).into();
-        let mut all = Vec::new();
+        let (mut all, mut touching) = (Vec::new(), 0);
         for stretch in stretches_on_a_tube(turned) {
             let mut slack = Slack::new(&stretch, 1.25e-4, gravity, (&skin, &at)).expect("a chain");
             for _ in 0..(2.0 / dt_s) as u32 {
                 let report = slack.step(dt_s, &stretch, (&skin, &at));
                 assert!(report.length_error < 1e-9, "{report:?}");
+                touching += report.touching;
             }
             let nodes = slack.nodes_m();
             let pieces = nodes.windows(2).map(|two| two[0].metric_distance(&two[1]));
@@ -391,6 +400,7 @@ mod tests {
             }
             all.extend(nodes.iter().map(|at| turned.inverse() * at));
         }
+        assert!(touching > 0);
         all
     }
 
@@ -422,7 +432,7 @@ mod tests {
         let points = mesh.points_m().iter();
         let at: Vec<_> = points.map(|p| Vector3::from(*p)).collect();
         let skin = Skin::new(&mesh.surface().triangles, &at);
-        let [_, mut loose] = stretches_on_a_tube(&still);
+        let [_, mut loose, _] = stretches_on_a_tube(&still);
         let down = [0.0, 0.0, -9.81];
         let mut slack = Slack::new(&loose, 1.25e-4, down, (&skin, &at)).expect("a chain");
         let first = slack.nodes_m().len();
