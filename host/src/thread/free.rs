@@ -362,7 +362,7 @@ mod tests {
             ..both
         };
         let above = Held {
-            at: turned * Vector3::new(0.0095, 0.0, 0.031),
+            at: turned * Vector3::new(0.009, 0.0, 0.031),
             way: Some(turned * Vector3::new(1.0, 0.1, 0.05).normalize()),
         };
         let over = Stretch {
