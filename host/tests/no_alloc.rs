@@ -5,7 +5,7 @@ use nalgebra::Vector3;
 use sutura_host::fem::{CorotationalTissue, Loads, Material, Policy};
 use sutura_host::mesh::slab;
 use sutura_host::model::{Model, Passes};
-use sutura_host::needle::{Curve, Geometry, Hierarchy, History, Slack, SlideStatus, slide};
+use sutura_host::needle::{Curve, Geometry, Hierarchy, History, Joints, Slack, SlideStatus, slide};
 use sutura_host::step::{MAX_TOOL_ROWS, Rule, State, Status, StepOptions, Workspace, step};
 use sutura_host::tool::{Shape, Tool, ToolSample};
 
@@ -233,6 +233,7 @@ fn following_a_needle_allocates_nothing() {
         inward: Vector3::new(0.8, 0.0, 0.6),
         curvature: 25.0,
         length: 0.05,
+        joints: Joints::default(),
     };
     let needle = |along: f64| Curve {
         start: base.at(along),

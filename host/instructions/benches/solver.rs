@@ -15,7 +15,7 @@ use std::path::Path;
 use sutura_host::fem::LinearTissue;
 use sutura_host::mesh::{self, HalfFaces};
 use sutura_host::model::Model;
-use sutura_host::needle::{Curve, Geometry, Hierarchy, History, Slack, SlideReport, slide};
+use sutura_host::needle::{Curve, Geometry, Hierarchy, History, Joints, Slack, SlideReport, slide};
 use sutura_host::picture::{Offer, Offering};
 use sutura_host::rows::{self, Method, Outcome, Problem, Row, RowKind};
 use sutura_host::scene::{self, Document, Scene};
@@ -193,6 +193,7 @@ impl Driven {
             inward: tangent.cross(&Vector3::x()).normalize(),
             curvature: 0.0,
             length: 0.04,
+            joints: Joints::default(),
         };
         let geometry = Geometry {
             mesh: &self.mesh,

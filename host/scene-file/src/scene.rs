@@ -501,6 +501,20 @@ pub enum NeedleShapeName {
     Straight,
     /// Part of a circle.
     Arc,
+    /// Straight and circular parts one after the other.
+    Segments,
+}
+
+/// A part of a needle of `segments`, with the tangent of the one before it where the two meet.
+#[derive(Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct NeedleSegmentSection {
+    /// Arc length \[m\].
+    #[schemars(with = "f64")]
+    pub length_m: Spanned<f64>,
+    /// Radius of the circle \[m\]; straight when left out.
+    #[schemars(with = "Option<f64>")]
+    pub radius_m: Option<Spanned<f64>>,
 }
 
 /// `[[needle]]`: its shape, where it is when the session begins, and who holds it when.
@@ -510,7 +524,7 @@ pub struct NeedleSection {
     /// Number on the wire; its place in the list when left out.
     #[schemars(with = "Option<u8>")]
     pub id: Option<Spanned<u8>>,
-    /// Straight, or part of a circle.
+    /// Straight, part of a circle, or several of both.
     pub shape: NeedleShapeName,
     /// From end to tip \[m\], of a straight needle.
     #[schemars(with = "Option<f64>")]
@@ -521,6 +535,9 @@ pub struct NeedleSection {
     /// From end to tip \[degree\], of an arc; less than 360.
     #[schemars(with = "Option<f64>")]
     pub angle_deg: Option<Spanned<f64>>,
+    /// From end to tip, of a needle of segments, (1 to 6).
+    #[schemars(with = "Option<Vec<NeedleSegmentSection>>")]
+    pub segments: Option<Spanned<Vec<NeedleSegmentSection>>>,
     /// Diameter \[m\].
     #[schemars(with = "f64")]
     pub thickness_m: Spanned<f64>,
@@ -530,7 +547,7 @@ pub struct NeedleSection {
     /// Which way it goes at its end, towards the tip, of any length, (3).
     #[schemars(with = "[f64; 3]")]
     pub direction: Spanned<[f64; 3]>,
-    /// From the end to the circle's centre, of any length, (3); of an arc. Only what of it lies across
+    /// From the end to the circle's centre, of any length, (3); of an arc, or of segments: to the side that they bend to. Only what of it lies across
     /// `direction` counts.
     #[schemars(with = "Option<[f64; 3]>")]
     pub towards: Option<Spanned<[f64; 3]>>,

@@ -24,6 +24,7 @@ impl Balance<'_> {
         for needle in 0..self.state.each.len() {
             changed |= self.follow_hold(needle, played)?;
             changed |= self.withdraw(needle);
+            changed |= self.draw_end_back(needle)?;
             changed |= self.advance(needle)?;
         }
         Ok(changed)
@@ -43,12 +44,6 @@ impl Balance<'_> {
         else {
             return Ok(false);
         };
-        let point = self.work.needles.points[index];
-        // A face that cannot give way holds nothing back.
-        let rigid = self.state.grasp.delta_m()[point.first_row] > 0.0
-            && self.work.system.compliance(self.work.count())
-                [point.first_row * (self.work.count() + 1)]
-                == 0.0;
         let area = self.sources.needles[needle].needle.tip_area_m2();
         let limit = self.sources.tissue(face.face.cell()).puncture_pa * area;
         if push < 0.0 || (rubs.is_some() && push == 0.0) {
@@ -68,7 +63,7 @@ impl Balance<'_> {
             return Ok(true);
         }
         let free = played == Some(needle);
-        if push > limit || free || (rigid && limit.is_finite()) {
+        if push > limit || free {
             self.puncture(needle, face, free)?;
             return Ok(true);
         }
@@ -91,6 +86,7 @@ impl Balance<'_> {
             let state = &mut self.state.each[needle];
             state.history.pop();
             state.holds.truncate(index);
+            state.lead_anew();
             // What it held lay beyond this face.
             state.log.clear();
             state.tip = match state.history.tip_cell(&self.sources.mesh) {
@@ -99,32 +95,7 @@ impl Balance<'_> {
             };
             changed = true;
         }
-        let crossings = self.state.each[needle].history.crossings();
-        let behind = crossings
-            .iter()
-            .take_while(|first| first.alpha < 0.0)
-            .count();
-        let thread = self.sources.threads.of_needle(needle);
-        for index in 0..behind {
-            self.release(needle, What::Crossing(index));
-            // The thread follows.
-            let crossing = self.state.each[needle].history.crossings()[index];
-            let apart = thread.map_or(0.0, |thread| self.apart(thread, &crossing));
-            if let Some(thread) = thread.and_then(|thread| self.state.threads.get_mut(thread)) {
-                let has_room = thread.pass(&self.sources.mesh, crossing, apart);
-                self.state.each[needle].tally.lost += u32::from(!has_room);
-            }
-        }
-        if behind > 0 {
-            let state = &mut self.state.each[needle];
-            state.history.drop_behind(&self.sources.mesh, 0.0);
-            state.holds.drain(..behind);
-            if let Some(first) = state.holds.first_mut() {
-                first.follows = false;
-            }
-            changed = true;
-        }
-        changed
+        changed | self.hand_over(needle)
     }
 
     /// The tip goes on through the cells, or from outside to the boundary.
@@ -155,7 +126,10 @@ impl Balance<'_> {
     }
 
     /// The tissue where the last solve left it.
-    fn geometry<'s>(&'s self, slack: Slack<'s>) -> Geometry<'s, impl Fn(u32) -> Vector3<f64>> {
+    pub(super) fn geometry<'s>(
+        &'s self,
+        slack: Slack<'s>,
+    ) -> Geometry<'s, impl Fn(u32) -> Vector3<f64>> {
         Geometry {
             mesh: &self.sources.mesh,
             hierarchy: &self.sources.hierarchy,
@@ -214,6 +188,13 @@ impl Balance<'_> {
         let stop = self.walk_along(&path, &mut walked).stop;
         let now = walked.tip_cell(mesh);
         self.work.needles.path = walked;
+        let out = match stop {
+            Stop::Boundary(out) => Some(out),
+            _ => None,
+        };
+        if matches!(stop, Stop::Reached | Stop::Boundary(_)) {
+            self.lead_thread_aside(needle, out);
+        }
         match stop {
             Stop::Reached => {
                 self.state.each[needle].history.restart(now, None);

@@ -131,6 +131,19 @@ impl History {
         room
     }
 
+    /// Adds a crossing at the end, not beyond the first one; `false` if there is no room.
+    pub fn push_front(&mut self, mut crossing: Crossing) -> bool {
+        let room = self.crossings.len() < self.most;
+        if room {
+            if let Some(first) = self.crossings.first() {
+                crossing.alpha = crossing.alpha.min(first.alpha);
+            }
+            self.before = crossing.from();
+            self.crossings.insert(0, crossing);
+        }
+        room
+    }
+
     /// Takes the crossing next to the tip away.
     pub fn pop(&mut self) -> Option<Crossing> {
         self.crossings.pop()

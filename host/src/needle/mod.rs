@@ -4,6 +4,7 @@
 //! axial rows in place of its sticking rows (3.28), which are their limit for infinite friction.
 
 mod body;
+mod end;
 mod events;
 mod hierarchy;
 mod history;
@@ -25,13 +26,15 @@ pub(crate) use loose::FreeNeedleSource;
 pub use model::{MAX_NEEDLES, NeedleError, NeedlePart, NeedleSettings, Playback};
 pub(crate) use model::{check, contains};
 pub use report::{NeedleReport, TipPlace};
-pub use shape::{Curve, Needle, NeedleShape, NeedleTissue};
+pub use shape::{
+    Curve, Joints, MOST_SEGMENTS, Needle, NeedleSegment, NeedleSegments, NeedleShape, NeedleTissue,
+};
 pub use slide::{Entry, Geometry, SlideReport, SlideStatus, entry, slide};
 pub(crate) use source::{NeedleSource, NeedleWork, Point, STIFFEST_M_PER_N, What, anchor};
 pub use state::CrossingFriction;
 pub(crate) use state::{Grip, NeedleState, Tip};
 pub(crate) use surface::friction_of;
-pub use walk::{Stop, Walked, walk};
+pub use walk::{Stop, Walked, walk, walk_back};
 
 /// Places on a curve that are nearer than this to each other \[m\] may be in either order by rounding alone:
 /// 1e-9 of its length, which for faces nearly along the curve is still far above rounding, and far

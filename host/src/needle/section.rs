@@ -215,6 +215,7 @@ impl Section {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::needle::Joints;
 
     /// Numbers between -1 and 1 that are not regular.
     fn spread(k: usize) -> f64 {
@@ -238,6 +239,7 @@ mod tests {
                 inward,
                 curvature: if radius > 0.0 { 1.0 / radius } else { 0.0 },
                 length: 1.0,
+                joints: Joints::default(),
             }
         })
     }
@@ -303,6 +305,7 @@ mod tests {
                 inward: Vector3::y(),
                 curvature: f64::from(k as u32 % 2),
                 length: 1.0,
+                joints: Joints::default(),
             });
             let mut corners = [3 * k, 3 * k + 1, 3 * k + 2].map(vector);
             if k % 3 == 0 {
@@ -327,6 +330,7 @@ mod tests {
             inward: Vector3::y(),
             curvature: 0.0,
             length: 2.0,
+            joints: Joints::default(),
         };
         let section = Section::new(&curve);
         let below = Vector3::new(0.0, 0.0, -1.0);

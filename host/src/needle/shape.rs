@@ -1,10 +1,45 @@
-//! Straight needles and circular arcs in one arc-length parametrisation.
+//! Straight needles, circular arcs, and what is made of several of both, in one arc-length parametrisation.
 //!
 //! Entry points: [`Needle`], [`Needle::at`], [`Curve`]. Source: Younes 2021, 3.1.1. In the needle's own
 //! frame the end is the origin, the tangent there is +x, and an arc bends towards +y:
-//! `s(alpha) = (r sin(alpha / r), r (1 - cos(alpha / r)), 0)`, a straight needle being its limit.
+//! `s(alpha) = (r sin(alpha / r), r (1 - cos(alpha / r)), 0)`, a straight needle being its limit. Segments go on from each
+//! other with the same tangent, in one plane.
 
 use nalgebra::{Isometry3, Point3, Vector3};
+
+/// Most segments of a needle.
+pub const MOST_SEGMENTS: usize = 6;
+
+/// A straight or circular part of a needle.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct NeedleSegment {
+    /// Arc length \[m\].
+    pub length_m: f64,
+    /// Of the circle \[m\]; infinite if it is straight.
+    pub radius_m: f64,
+}
+
+/// Segments of a needle, from its end to its tip: at least one.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct NeedleSegments {
+    each: [NeedleSegment; MOST_SEGMENTS],
+    count: usize,
+}
+
+impl NeedleSegments {
+    /// So many of them, from end to tip; `None` for none, or more than [`MOST_SEGMENTS`].
+    pub fn new(segments: &[NeedleSegment]) -> Option<Self> {
+        let mut each = [NeedleSegment::default(); MOST_SEGMENTS];
+        let count = segments.len();
+        each.get_mut(..count)?.copy_from_slice(segments);
+        (count > 0).then_some(Self { each, count })
+    }
+
+    /// From end to tip.
+    pub fn each(&self) -> &[NeedleSegment] {
+        &self.each[..self.count]
+    }
+}
 
 /// Centre line of a needle, from the end (alpha = 0) to the tip (alpha = length).
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -21,6 +56,9 @@ pub enum NeedleShape {
         /// From end to tip \[rad\], less than a whole turn.
         angle_rad: f64,
     },
+    /// Straight and circular parts, each with the tangent of the one before it where they meet, all bending to one side:
+    /// together by less than a whole turn.
+    Segments(NeedleSegments),
 }
 
 impl NeedleShape {
@@ -32,15 +70,50 @@ impl NeedleShape {
                 radius_m,
                 angle_rad,
             } => radius_m * angle_rad,
+            Self::Segments(segments) => {
+                let lengths = segments.each().iter().map(|segment| segment.length_m);
+                lengths.sum()
+            }
         }
     }
 
-    /// 1 / radius \[1/m\]; 0 for a straight needle.
+    /// 1 / radius at the end \[1/m\]; 0 where it is straight.
     pub fn curvature_per_m(&self) -> f64 {
         match *self {
             Self::Straight { .. } => 0.0,
             Self::Arc { radius_m, .. } => radius_m.recip(),
+            Self::Segments(segments) => {
+                let first = segments.each().first();
+                first.map_or(0.0, |first| first.radius_m.recip())
+            }
         }
+    }
+
+    /// Whether any of it is not straight.
+    pub fn bends(&self) -> bool {
+        match self {
+            Self::Segments(segments) => {
+                let mut each = segments.each().iter();
+                each.any(|segment| segment.radius_m.is_finite())
+            }
+            _ => self.curvature_per_m() > 0.0,
+        }
+    }
+
+    /// Where segments meet.
+    fn joints(&self) -> Joints {
+        let mut joints = Joints::default();
+        if let Self::Segments(segments) = self {
+            let mut alpha = 0.0;
+            let pairs = segments.each().windows(2);
+            for (joint, pair) in joints.each.iter_mut().zip(pairs) {
+                let [before, after] = pair else { continue };
+                alpha += before.length_m;
+                *joint = (alpha, after.radius_m.recip());
+                joints.count += 1;
+            }
+        }
+        joints
     }
 }
 
@@ -68,6 +141,7 @@ impl Needle {
             inward: along(Vector3::y()),
             curvature: self.shape.curvature_per_m(),
             length: self.shape.length_m(),
+            joints: self.shape.joints(),
         }
     }
 
@@ -93,6 +167,26 @@ impl Needle {
                         )
                     })
                 }),
+            NeedleShape::Segments(segments) => {
+                let flaw = |segment: &NeedleSegment| {
+                    let radius_m = segment.radius_m;
+                    let is_straight = radius_m == f64::INFINITY;
+                    positive("segment's length [m]", segment.length_m).or_else(|| {
+                        let radius = || positive("segment's radius [m]", radius_m);
+                        if is_straight { None } else { radius() }
+                    })
+                };
+                let each = segments.each();
+                let turn: f64 = each.iter().map(|one| one.length_m / one.radius_m).sum();
+                each.iter().find_map(flaw).or_else(|| {
+                    (turn >= std::f64::consts::TAU).then(|| {
+                        format!(
+                            "the needle's segments turn by {} degrees; a whole turn, 360, is too much",
+                            turn.to_degrees()
+                        )
+                    })
+                })
+            }
         };
         shape.or_else(|| positive("thickness [m]", self.thickness_m))
     }
@@ -116,6 +210,29 @@ pub struct NeedleTissue {
     pub surface_friction: f64,
 }
 
+/// Where the curvature of a curve changes, and to what.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Joints {
+    /// alpha \[m\], ascending, and 1 / radius from there on \[1/m\].
+    each: [(f64, f64); MOST_SEGMENTS - 1],
+    count: usize,
+}
+
+impl Joints {
+    fn all(&self) -> &[(f64, f64)] {
+        &self.each[..self.count]
+    }
+}
+
+/// A part of a curve that is one line or arc.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Piece {
+    /// By itself: its own alpha is 0 where it begins.
+    pub curve: Curve,
+    /// Where it begins and ends on the whole \[m\].
+    pub span: [f64; 2],
+}
+
 /// Where a needle, or any line or arc, is: s(alpha), arc length \[m\].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Curve {
@@ -125,10 +242,12 @@ pub struct Curve {
     pub tangent: Vector3<f64>,
     /// Unit vector from s(0) to the circle's centre; any unit vector across a line's tangent.
     pub inward: Vector3<f64>,
-    /// 1 / radius \[1/m\]; 0 for a line.
+    /// 1 / radius \[1/m\], up to the first joint; 0 for a line.
     pub curvature: f64,
     /// Largest alpha \[m\].
     pub length: f64,
+    /// Where it changes from one line or circle to another: nowhere for most.
+    pub joints: Joints,
 }
 
 impl Curve {
@@ -146,11 +265,80 @@ impl Curve {
             inward,
             curvature: 0.0,
             length,
+            joints: Joints::default(),
         })
+    }
+
+    /// How many lines and arcs it is made of.
+    pub(super) fn pieces(&self) -> usize {
+        1 + self.joints.count
+    }
+
+    /// The number of the piece that has alpha; beyond both ends the first and the last go on.
+    pub(super) fn number_at(&self, alpha: f64) -> usize {
+        let joints = self.joints.all();
+        joints.partition_point(|(joint, _)| *joint <= alpha)
+    }
+
+    /// One of its pieces.
+    pub(super) fn piece(&self, number: usize) -> Piece {
+        let joints = self.joints.all();
+        let end = |place: usize| joints.get(place).map_or(self.length, |(alpha, _)| *alpha);
+        let mut piece = Piece {
+            curve: Self {
+                length: end(0),
+                joints: Joints::default(),
+                ..*self
+            },
+            span: [0.0, end(0)],
+        };
+        for (place, (alpha, curvature)) in joints.iter().enumerate().take(number) {
+            let before = piece.curve;
+            let length = before.length;
+            piece.span = [*alpha, end(place + 1)];
+            piece.curve = Self {
+                start: before.at(length),
+                tangent: before.tangent_at(length),
+                inward: before.inward_at(length),
+                curvature: *curvature,
+                length: piece.span[1] - alpha,
+                ..before
+            };
+        }
+        piece
+    }
+
+    /// The line or circle that has alpha, and alpha on that.
+    fn part(&self, alpha: f64) -> (Self, f64) {
+        let piece = self.piece(self.number_at(alpha));
+        (piece.curve, alpha - piece.span[0])
+    }
+
+    /// The line or circle that its middle is on: all of it, for most.
+    pub(crate) fn middle_piece(&self) -> Self {
+        self.piece(self.number_at(0.5 * self.length)).curve
+    }
+
+    /// Whether any of it is not straight.
+    pub fn bends(&self) -> bool {
+        let mut beyond = self.joints.all().iter();
+        self.curvature != 0.0 || beyond.any(|(_, curvature)| *curvature != 0.0)
+    }
+
+    /// 1 / radius at alpha \[1/m\].
+    pub fn curvature_at(&self, alpha: f64) -> f64 {
+        match self.number_at(alpha).checked_sub(1) {
+            Some(joint) => self.joints.each[joint].1,
+            None => self.curvature,
+        }
     }
 
     /// s(alpha) \[m\], also beyond both ends.
     pub fn at(&self, alpha: f64) -> Vector3<f64> {
+        if self.joints.count > 0 {
+            let (part, alpha) = self.part(alpha);
+            return part.at(alpha);
+        }
         if self.curvature == 0.0 {
             return self.start + self.tangent * alpha;
         }
@@ -160,6 +348,10 @@ impl Curve {
 
     /// Unit tangent at alpha, towards the tip: d s / d alpha.
     pub fn tangent_at(&self, alpha: f64) -> Vector3<f64> {
+        if self.joints.count > 0 {
+            let (part, alpha) = self.part(alpha);
+            return part.tangent_at(alpha);
+        }
         if self.curvature == 0.0 {
             return self.tangent;
         }
@@ -169,6 +361,10 @@ impl Curve {
 
     /// Unit vector at alpha across the tangent in the curve's plane, towards the centre of an arc.
     pub fn inward_at(&self, alpha: f64) -> Vector3<f64> {
+        if self.joints.count > 0 {
+            let (part, alpha) = self.part(alpha);
+            return part.inward_at(alpha);
+        }
         if self.curvature == 0.0 {
             return self.inward;
         }
@@ -191,8 +387,12 @@ impl Curve {
     }
 
     /// alpha of the nearest point on the whole line, or on the circle within half a turn of `near`
-    /// (3.9; 3.12 to 3.17): the uniform slide of a grip is the difference to where it was.
+    /// (3.9; 3.12 to 3.17): the uniform slide of a grip is the difference to where it was. Of several pieces on that of
+    /// `near`, or, where that has its foot beyond a joint, on the next.
     pub fn project(&self, point: &Vector3<f64>, near: f64) -> f64 {
+        if self.joints.count > 0 {
+            return self.project_on_pieces(point, near);
+        }
         let from = point - self.start;
         if self.curvature == 0.0 {
             return from.dot(&self.tangent);
@@ -207,8 +407,38 @@ impl Curve {
         near + radius * along.atan2(out)
     }
 
+    fn project_on_pieces(&self, point: &Vector3<f64>, near: f64) -> f64 {
+        let first = self.number_at(near);
+        let (mut number, last) = (first, self.pieces() - 1);
+        let mut near = near;
+        loop {
+            let Piece { curve, span } = self.piece(number);
+            let alpha = span[0] + curve.project(point, near - span[0]);
+            // Between two pieces that both have it beyond the other it is in their joint.
+            if alpha < span[0] && number > 0 {
+                if number > first {
+                    return span[0];
+                }
+                (number, near) = (number - 1, span[0]);
+            } else if alpha > span[1] && number < last {
+                if number < first {
+                    return span[1];
+                }
+                (number, near) = (number + 1, span[1]);
+            } else {
+                return alpha;
+            }
+        }
+    }
+
     /// The point between end and tip that is nearest to a place \[m\].
     pub fn nearest(&self, to: &Vector3<f64>) -> Vector3<f64> {
+        if self.joints.count > 0 {
+            let each = (0..self.pieces()).map(|number| self.piece(number).curve.nearest(to));
+            let distance = |at: &Vector3<f64>| (at - to).norm_squared();
+            let nearest = each.min_by(|a, b| distance(a).total_cmp(&distance(b)));
+            return nearest.unwrap_or(self.start);
+        }
         let half = 0.5 * self.length;
         let inner = self.project(to, half).clamp(0.0, self.length);
         let places = [0.0, inner, self.length].map(|alpha| self.at(alpha));
@@ -234,9 +464,22 @@ impl From<&Curve> for Isometry3<f64> {
 mod tests {
     use super::*;
 
-    fn needles() -> [Needle; 2] {
+    fn segments(each: &[(f64, f64)]) -> Option<NeedleSegments> {
+        let each = each.iter();
+        let each = each.map(|&(length_m, radius_m)| NeedleSegment { length_m, radius_m });
+        NeedleSegments::new(&each.collect::<Vec<_>>())
+    }
+
+    fn needles() -> [Needle; 3] {
         let thickness_m = 0.8e-3;
+        let ski = [
+            (0.007, f64::INFINITY),
+            (0.004, 0.02),
+            (0.005, f64::INFINITY),
+            (0.006, 0.008),
+        ];
         [
+            NeedleShape::Segments(segments(&ski).expect("four")),
             NeedleShape::Straight { length_m: 0.04 },
             NeedleShape::Arc {
                 radius_m: 0.012,
@@ -261,7 +504,7 @@ mod tests {
                 let bend = (curve.tangent_at(alpha + h) - curve.tangent_at(alpha - h)) / (2.0 * h);
                 let [tangent, inward, binormal] = curve.frame_at(alpha);
                 assert!((slope - tangent).norm() < 5e-9);
-                assert!((bend - inward * curve.curvature).norm() < 1e-7);
+                assert!((bend - inward * curve.curvature_at(alpha)).norm() < 1e-7);
                 assert!((tangent.cross(&inward) - binormal).norm() < 1e-14);
             }
         }
@@ -291,7 +534,8 @@ mod tests {
 
     #[test]
     fn needles_without_a_shape_are_refused() {
-        let [straight, arc] = needles();
+        let [ski, straight, arc] = needles();
+        assert_eq!(ski.flaw(), None);
         assert_eq!(straight.flaw(), None);
         assert_eq!(arc.flaw(), None);
         let flaw = |shape, thickness_m| Needle { shape, thickness_m }.flaw().expect("a flaw");
@@ -303,5 +547,32 @@ mod tests {
         };
         assert!(flaw(arc(0.0, 1.0), 1e-3).contains("radius"));
         assert!(flaw(arc(0.01, 6.3), 1e-3).contains("360"));
+        let of = |each: &[(f64, f64)]| NeedleShape::Segments(segments(each).expect("some"));
+        assert!(flaw(of(&[(0.01, 0.01), (0.0, 0.01)]), 1e-3).contains("length"));
+        assert!(flaw(of(&[(0.01, 0.01), (0.01, -0.01)]), 1e-3).contains("radius"));
+        assert!(flaw(of(&[(0.04, 0.01), (0.03, 0.01)]), 1e-3).contains("360"));
+        assert_eq!((segments(&[]), segments(&[(1.0, 1.0); 7])), (None, None));
+    }
+
+    /// Two halves of a line or an arc are the whole.
+    #[test]
+    fn segments_that_are_alike_are_one() {
+        for (whole, radius_m) in needles().into_iter().skip(1).zip([f64::INFINITY, 0.012]) {
+            let half = 0.5 * whole.shape.length_m();
+            let both = segments(&[(half, radius_m), (half, radius_m)]).expect("two");
+            let shape = NeedleShape::Segments(both);
+            let [one, two] = [whole, Needle { shape, ..whole }].map(|needle| needle.at(&pose()));
+            for part in [-0.2, 0.0, 0.3, 0.5, 0.7, 1.0, 1.2] {
+                let alpha = part * one.length;
+                let [a, b] = [one, two].map(|curve| (curve.at(alpha), curve.frame_at(alpha)));
+                assert!((a.0 - b.0).norm() < 1e-15 && (a.1[0] - b.1[0]).norm() < 1e-14);
+                let beside = a.0 + a.1[1] * 1e-3;
+                for near in [0.2, 0.5, 0.8] {
+                    let found = two.project(&beside, near * two.length);
+                    assert!((found - alpha).abs() < 1e-15, "{found} for {alpha}");
+                }
+                assert!((one.nearest(&beside) - two.nearest(&beside)).norm() < 1e-15);
+            }
+        }
     }
 }

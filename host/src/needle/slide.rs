@@ -3,11 +3,11 @@
 //! Entry points: [`entry`], [`slide`]. Source: Younes 2021, 3.2.1 and 3.2.3.1 (the playback, where boundaries
 //! do not resist).
 
+use super::Curve;
 use super::hierarchy::{Capsule, Hierarchy, Slack};
 use super::history::{Crossing, History};
-use super::section::Section;
-use super::walk::{Stop, walk};
-use super::{Curve, tie};
+use super::section::Root;
+use super::walk::{Heading, Stop, go};
 use crate::mesh::HalfFaces;
 use nalgebra::Vector3;
 
@@ -52,25 +52,61 @@ pub fn entry<At: Fn(u32) -> Vector3<f64>>(
     from: f64,
     to: f64,
 ) -> Entry {
-    let (section, tie) = (Section::new(curve), tie(curve));
+    meet(
+        geometry,
+        Heading::new(curve, false, from),
+        history,
+        [from, to],
+    )
+}
+
+/// The same along a heading: back from a place outside it is the first face that the needle's end comes to.
+fn meet<At: Fn(u32) -> Vector3<f64>>(
+    geometry: &Geometry<'_, At>,
+    mut heading: Heading,
+    history: &History,
+    [from, to]: [f64; 2],
+) -> Entry {
     let mut found = Entry {
         crossing: None,
         boxes: 0,
         faces: 0,
     };
+    let tie = heading.tie();
     let from = from - tie;
+    loop {
+        let [begins, ends] = heading.span;
+        if from <= ends {
+            let range = [from.max(begins - tie), to.min(ends)];
+            meet_piece(geometry, &heading, history, range, &mut found);
+        }
+        if found.crossing.is_some() || to <= ends || !from.is_finite() {
+            return found;
+        }
+        heading.next();
+    }
+}
+
+/// The first face that is met on one piece, from one place on the way to another.
+fn meet_piece<At: Fn(u32) -> Vector3<f64>>(
+    geometry: &Geometry<'_, At>,
+    heading: &Heading,
+    history: &History,
+    [from, to]: [f64; 2],
+    found: &mut Entry,
+) {
+    let (section, tie) = (&heading.section, heading.tie());
+    let curvature = heading.piece.curvature.abs();
     let to = to.min(from + section.turn());
-    let pieces = ((to - from) * curve.curvature.abs() / PIECE)
-        .ceil()
-        .max(1.0);
+    let pieces = ((to - from) * curvature / PIECE).ceil().max(1.0);
     if !(from <= to && pieces.is_finite()) {
-        return found;
+        return;
     }
     let piece = (to - from) / pieces;
-    let bulge = piece * piece * curve.curvature.abs() / 8.0;
+    let bulge = piece * piece * curvature / 8.0;
     for number in 0..pieces as u32 {
         let start = from + piece * f64::from(number);
-        let [a, b] = [start, start + piece].map(|alpha| curve.at(alpha));
+        let [a, b] = [start, start + piece].map(|along| heading.piece.at(heading.alpha(along)));
         let capsule = Capsule::new(&a, &b);
         let (mut best, mut faces) = (found.crossing, 0);
         found.boxes += geometry.hierarchy.near(
@@ -81,21 +117,25 @@ pub fn entry<At: Fn(u32) -> Vector3<f64>>(
                 let corners = nodes.map(|node| (geometry.at)(node));
                 let heights = corners.map(|at| section.height(&at));
                 let roots = section.roots(nodes, &corners, &heights);
-                for root in roots.into_iter().flatten().filter(|root| !root.leaves) {
-                    let turn = section.turn();
-                    let alpha = if turn.is_finite() {
-                        from + (root.alpha - from).rem_euclid(turn)
+                let leads_in = |root: &Root| root.leaves == heading.back;
+                for root in roots.into_iter().flatten().filter(leads_in) {
+                    let (turn, along) = (section.turn(), heading.along(root.alpha));
+                    let along = if turn.is_finite() {
+                        from + (along - from).rem_euclid(turn)
                     } else {
-                        root.alpha
+                        along
                     };
                     let crossing = Crossing {
                         face,
-                        enters: true,
+                        enters: !heading.back,
                         weights: root.weights,
-                        alpha,
+                        alpha: heading.sign() * along,
                     };
-                    let between = from <= alpha && alpha <= to;
-                    if between && !has(history, &crossing, tie) && sooner(&crossing, best, tie) {
+                    let between = from <= along && along <= to;
+                    if between
+                        && !heading.has(history, &crossing, tie)
+                        && heading.sooner(&crossing, best, tie)
+                    {
                         best = Some(crossing);
                     }
                 }
@@ -103,25 +143,36 @@ pub fn entry<At: Fn(u32) -> Vector3<f64>>(
         );
         found.faces += faces;
         found.crossing = best;
-        if best.is_some_and(|best| best.alpha + tie < start + piece) {
+        let along = |best: Crossing| heading.sign() * best.alpha;
+        if best.is_some_and(|best| along(best) + tie < start + piece) {
             break;
         }
     }
-    found
 }
 
-/// Whether the tip has come through this already.
-fn has(history: &History, crossing: &Crossing, tie: f64) -> bool {
-    let last = history.crossings().iter().rev();
-    last.take_while(|c| c.alpha >= crossing.alpha - 2.0 * tie)
-        .any(|c| c.enters && c.face == crossing.face && c.alpha <= crossing.alpha + 2.0 * tie)
-}
+impl Heading<'_> {
+    /// Whether the needle has come through this already.
+    fn has(&self, history: &History, crossing: &Crossing, tie: f64) -> bool {
+        let near = |c: &&Crossing| (c.alpha - crossing.alpha).abs() <= 2.0 * tie;
+        let same = |c: &Crossing| c.face == crossing.face && c.enters == crossing.enters;
+        let all = history.crossings().iter();
+        if self.back {
+            let first = all.take_while(|c| c.alpha <= crossing.alpha + 2.0 * tie);
+            first.filter(near).any(same)
+        } else {
+            let last = all
+                .rev()
+                .take_while(|c| c.alpha >= crossing.alpha - 2.0 * tie);
+            last.filter(near).any(same)
+        }
+    }
 
-fn sooner(crossing: &Crossing, best: Option<Crossing>, tie: f64) -> bool {
-    best.is_none_or(|best| {
-        let behind = crossing.alpha - best.alpha;
-        behind < -tie || (behind <= tie && crossing.face < best.face)
-    })
+    fn sooner(&self, crossing: &Crossing, best: Option<Crossing>, tie: f64) -> bool {
+        best.is_none_or(|best| {
+            let behind = self.sign() * (crossing.alpha - best.alpha);
+            behind < -tie || (behind <= tie && crossing.face < best.face)
+        })
+    }
 }
 
 /// What a slide did.
@@ -166,6 +217,9 @@ fn is_finite(curve: &Curve) -> bool {
 
 /// Slides a needle along itself by `sigma` \[m\], forward if positive, to `curve`, through tissue that does not
 /// move and boundaries that do not resist.
+///
+/// What the list has behind the end is a thread's, and comes back as the needle is drawn back. Where it has nothing there the
+/// end finds its own way, as the tip does forward.
 pub fn slide<At: Fn(u32) -> Vector3<f64>>(
     geometry: &Geometry<'_, At>,
     curve: &Curve,
@@ -178,42 +232,85 @@ pub fn slide<At: Fn(u32) -> Vector3<f64>>(
         return report;
     }
     history.shift(-sigma);
-    report.popped = history.pop_beyond(curve.length) as u32;
-    if sigma <= 0.0 {
+    if sigma > 0.0 {
+        report.popped = history.pop_beyond(curve.length) as u32;
+        let from = curve.length - sigma;
+        let heading = || Heading::new(curve, false, 0.0);
+        go_on(
+            geometry,
+            heading,
+            history,
+            [from, curve.length],
+            &mut report,
+        );
         return report;
     }
-    let mut from = curve.length - sigma;
+    let is_followed = history.crossings().len() > history.on_needle().len();
+    if sigma < 0.0 && !is_followed {
+        let first = history.crossings().first();
+        let from = first.map_or(sigma, |first| (-first.alpha).max(sigma));
+        let heading = || Heading::new(curve, true, sigma);
+        go_on(geometry, heading, history, [from, 0.0], &mut report);
+    }
+    report.popped = history.pop_beyond(curve.length) as u32;
+    report
+}
+
+impl SlideReport {
+    /// Adds a crossing through a boundary face, if there is room.
+    fn add(
+        &mut self,
+        mesh: &HalfFaces,
+        heading: &Heading,
+        history: &mut History,
+        crossing: Crossing,
+    ) {
+        if heading.push(history, crossing) {
+            self.pushed += 1;
+            self.entered += u32::from(crossing.enters);
+            self.left += u32::from(crossing.leaves(mesh));
+        } else {
+            self.status = SlideStatus::Full;
+        }
+    }
+}
+
+/// On from where the history has the needle along a heading, to `to`; outside from `from` on.
+fn go_on<'a, At: Fn(u32) -> Vector3<f64>>(
+    geometry: &Geometry<'_, At>,
+    heading: impl Fn() -> Heading<'a>,
+    history: &mut History,
+    [mut from, to]: [f64; 2],
+    report: &mut SlideReport,
+) {
     loop {
-        if history.tip_cell(geometry.mesh).is_none() {
-            let found = entry(geometry, curve, history, from, curve.length);
+        if heading().cell(geometry.mesh, history).is_none() {
+            let found = meet(geometry, heading(), history, [from, to]);
             report.looked_at += found.boxes + found.faces;
             let Some(crossing) = found.crossing else {
-                return report;
+                return;
             };
-            if !history.push(crossing) {
-                report.status = SlideStatus::Full;
-                return report;
+            report.add(geometry.mesh, &heading(), history, crossing);
+            if report.status != SlideStatus::Ok {
+                return;
             }
-            report.pushed += 1;
-            report.entered += 1;
         }
         let had = history.crossings().len();
-        let walked = walk(geometry, curve, history, curve.length);
+        let walked = go(geometry, history, heading(), to);
         report.looked_at += walked.cells;
         report.guessed += walked.guessed;
         report.pushed += (history.crossings().len() - had) as u32;
         match walked.stop {
-            Stop::Reached => return report,
-            Stop::Boundary(crossing) if history.push(crossing) => {
-                report.pushed += 1;
-                report.left += 1;
-                from = crossing.alpha;
+            Stop::Reached => return,
+            Stop::Boundary(crossing) => {
+                from = heading().sign() * crossing.alpha;
+                report.add(geometry.mesh, &heading(), history, crossing);
             }
-            Stop::Boundary(_) | Stop::Full => report.status = SlideStatus::Full,
+            Stop::Full => report.status = SlideStatus::Full,
             Stop::Lost => report.status = SlideStatus::Lost,
         }
         if report.status != SlideStatus::Ok {
-            return report;
+            return;
         }
     }
 }

@@ -71,6 +71,10 @@ pub(crate) struct NeedleWork {
     pub(super) no_history: History,
     /// Where each needle's tip was at the last balance, or where it came out since.
     pub(super) tips: Vec<Vector3<f64>>,
+    /// Where each needle's end was at the last balance.
+    pub(super) ends: Vec<Vector3<f64>>,
+    /// Whether its end has given crossings away in this balance.
+    pub(super) gave: Vec<bool>,
     /// Let go of a face, or was withdrawn from one, in this balance: the tissue that gives way is not to be
     /// gone into at once.
     pub(super) let_go: Vec<bool>,
@@ -106,6 +110,8 @@ impl NeedleWork {
             path: History::new(if count == 0 { 0 } else { most_crossings }),
             no_history: History::new(0),
             tips: vec![Vector3::zeros(); count],
+            ends: vec![Vector3::zeros(); count],
+            gave: vec![false; count],
             let_go: vec![false; count],
             took: vec![false; count],
             pressed: vec![false; count],
@@ -207,7 +213,8 @@ impl Source for NeedleSource {
         }
     }
 
-    /// Friction on what cannot move needs something that gives way, or it would be none.
+    /// Friction on what cannot move needs something that gives way, or it would be none; so does a face of fixed nodes that holds
+    /// a tip, or nothing would say how hard that presses.
     fn soften(&self, balance: &mut Balance, _solve: u32) {
         let n = balance.work.count();
         let w = balance.work.system.compliance_mut(n);
@@ -215,9 +222,9 @@ impl Source for NeedleSource {
             for row in point.first_row..point.first_row + 3 {
                 let own = &mut w[row * (n + 1)];
                 // Next to what does not move a way of nothing would be a force of everything.
-                if *own > 0.0 {
+                if *own > 0.0 || point.what == What::Holding {
                     *own = own.max(STIFFEST_M_PER_N);
-                } else if row == point.first_row && point.what != What::Holding {
+                } else if row == point.first_row {
                     *own = RIGID_M_PER_N;
                 }
             }
@@ -235,7 +242,7 @@ impl Source for NeedleSource {
             let needle = &balance.sources.needles[point.needle].needle;
             if let What::Crossing(index) = point.what {
                 let alpha = state.holds[index].alpha - delta[point.first_row];
-                let bends = needle.shape.curvature_per_m() > 0.0;
+                let bends = needle.shape.bends();
                 let change = (alpha - point.alpha).abs();
                 settled &= !bends || change <= SLIDE_TOLERANCE * needle.shape.length_m();
                 state.history.set_alpha(index, alpha);
@@ -333,7 +340,9 @@ impl Balance<'_> {
             if played.is_none() {
                 let curve = self.sources.needles[index].needle.at(&state.pose);
                 work.tips[index] = curve.at(curve.length);
+                work.ends[index] = curve.start;
             }
+            work.gave[index] = false;
             work.let_go[index] = false;
             work.took[index] = false;
             work.pressed[index] = false;
@@ -351,7 +360,7 @@ impl Balance<'_> {
         let parts = self.sources.needles.iter().zip(&before);
         for (state, (part, before)) in self.state.each.iter_mut().zip(parts) {
             let (from, to) = (part.needle.at(before), part.needle.at(&state.pose));
-            if from.curvature == 0.0 {
+            if !from.bends() {
                 continue;
             }
             let middle = 0.5 * from.length;
@@ -403,7 +412,12 @@ impl Balance<'_> {
     /// Crossings without rows of their own go with the one before them.
     pub(super) fn lead_followers(&mut self) {
         for state in self.state.each.iter_mut() {
-            let mut slide = 0.0;
+            let leader = state.holds.iter().position(|hold| !hold.follows);
+            let leader = leader.and_then(|leader| {
+                let crossing = state.history.crossings().get(leader)?;
+                Some(crossing.alpha - state.holds[leader].alpha)
+            });
+            let mut slide = leader.unwrap_or(0.0);
             for index in 0..state.holds.len() {
                 let hold = state.holds[index];
                 if hold.follows {
@@ -452,7 +466,11 @@ fn limits(sources: &Sources, state: &mut NeedleState, length: f64) {
     let speed = state.speed.abs();
     let crossings = state.history.crossings();
     let count = state.holds.len();
-    let mut leader = 0;
+    let first = state.holds.iter().position(|hold| !hold.follows);
+    let mut leader = first.unwrap_or(0);
+    for hold in &mut state.holds {
+        hold.limit_n = 0.0;
+    }
     for (index, crossing) in crossings.iter().enumerate().take(count) {
         let mut own = state.holds[index];
         if own.follows {
@@ -474,7 +492,6 @@ fn limits(sources: &Sources, state: &mut NeedleState, length: f64) {
             Some(next) => share(crossing.to(mesh), own.alpha, next.alpha, 0.5),
             None => share(crossing.to(mesh), own.alpha, length, 1.0),
         };
-        state.holds[index].limit_n = 0.0;
         state.holds[leader].limit_n += behind + ahead;
     }
 }

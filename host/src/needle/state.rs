@@ -65,7 +65,8 @@ pub(crate) struct Hold {
     pub force: Vector3<f64>,
     /// Whether it slid at the last balance.
     pub slides: bool,
-    /// Whether it lies so close behind the crossing before it that it has no rows and goes with that.
+    /// Whether it lies so close to the crossing before it, or before the first that does not, to that, that it has no rows and
+    /// goes with it.
     pub follows: bool,
 }
 
@@ -255,6 +256,41 @@ impl NeedleState {
                 slides: false,
                 follows,
             });
+        }
+    }
+
+    /// The same for crossings that have come at the end: one that is nearer than `apart_m` to the next that has rows goes with
+    /// that.
+    pub fn hold_front(&mut self, apart_m: f64) {
+        loop {
+            let crossings = self.history.crossings();
+            let new = crossings.len() - self.holds.len();
+            let Some(place) = new.checked_sub(1) else {
+                return;
+            };
+            let alpha = crossings[place].alpha;
+            let is_same = crossings.get(new).is_some_and(|next| !next.enters);
+            let leader = self.holds.iter().position(|hold| !hold.follows);
+            let leader = leader.and_then(|leader| crossings.get(new + leader));
+            let follows = is_same && leader.is_some_and(|leader| leader.alpha - alpha < apart_m);
+            let id = self.new_id();
+            let hold = Hold {
+                id,
+                alpha,
+                limit_n: 0.0,
+                force: Vector3::zeros(),
+                slides: false,
+                follows,
+            };
+            self.holds.insert(0, hold);
+        }
+    }
+
+    /// Where the only crossing with rows is gone that others went with, the last of them has rows.
+    pub fn lead_anew(&mut self) {
+        let is_led = self.holds.iter().any(|hold| !hold.follows);
+        if let Some(last) = self.holds.last_mut().filter(|_| !is_led) {
+            last.follows = false;
         }
     }
 

@@ -1,13 +1,13 @@
-//! Takes the tip of a needle through the cells of the tissue.
+//! Takes the tip of a needle, or its end, through the cells of the tissue.
 //!
-//! Entry point: [`walk`]. Source: Younes 2021, algorithms 3.3 and 3.4, with the passages of
+//! Entry points: [`walk`], [`walk_back`]. Source: Younes 2021, algorithms 3.3 and 3.4, with the passages of
 //! [`Section`](super::section::Section) in place of separate face, edge and vertex cases.
 
 use super::history::{Crossing, History};
 use super::section::{Root, Section};
 use super::slide::Geometry;
 use super::{Curve, tie};
-use crate::mesh::HalfFace;
+use crate::mesh::{HalfFace, HalfFaces};
 use nalgebra::Vector3;
 
 /// Guessed exits in a row after which the way is lost: around one vertex there are about 30 cells.
@@ -50,31 +50,203 @@ pub fn walk<At: Fn(u32) -> Vector3<f64>>(
     history: &mut History,
     to: f64,
 ) -> Walked {
-    let section = Section::new(curve);
+    go(geometry, history, Heading::new(curve, false, 0.0), to)
+}
+
+/// The same from the first crossing back to `to` \[m\], with the end: [`Stop::Boundary`] is where it comes out of the tissue.
+/// Of a needle without crossings, which has all of it in one cell, from `from` \[m\].
+pub fn walk_back<At: Fn(u32) -> Vector3<f64>>(
+    geometry: &Geometry<'_, At>,
+    curve: &Curve,
+    history: &mut History,
+    from: f64,
+    to: f64,
+) -> Walked {
+    go(geometry, history, Heading::new(curve, true, -from), -to)
+}
+
+/// Along one piece of a curve, with the tip or back with the end. Back is the mirror image of forward: what counts up on the way
+/// is minus alpha, and passages into a cell are those out of it.
+pub(super) struct Heading<'a> {
+    whole: &'a Curve,
+    pub piece: Curve,
+    pub section: Section,
+    number: usize,
+    pub back: bool,
+    /// Where the piece begins on the whole \[m\].
+    offset: f64,
+    /// Where it begins and ends as the way counts; without end where there is no joint.
+    pub span: [f64; 2],
+    /// Where a way without crossings comes from.
+    from: f64,
+}
+
+impl<'a> Heading<'a> {
+    /// From `from` on, as the way counts.
+    pub fn new(whole: &'a Curve, back: bool, from: f64) -> Self {
+        let number = if back { whole.pieces() - 1 } else { 0 };
+        Self::on(whole, back, from, number)
+    }
+
+    fn on(whole: &'a Curve, back: bool, from: f64, number: usize) -> Self {
+        let piece = whole.piece(number);
+        let [mut begins, mut ends] = piece.span;
+        if number == 0 {
+            begins = f64::NEG_INFINITY;
+        }
+        if number + 1 == whole.pieces() {
+            ends = f64::INFINITY;
+        }
+        Self {
+            whole,
+            piece: piece.curve,
+            section: Section::new(&piece.curve),
+            number,
+            back,
+            offset: piece.span[0],
+            span: if back {
+                [-ends, -begins]
+            } else {
+                [begins, ends]
+            },
+            from,
+        }
+    }
+
+    /// On to the next piece.
+    pub fn next(&mut self) {
+        let number = if self.back {
+            self.number.saturating_sub(1)
+        } else {
+            self.number + 1
+        };
+        *self = Self::on(self.whole, self.back, self.from, number);
+    }
+
+    /// Back, or on, to the piece that has a place.
+    fn seek(&mut self, along: f64) {
+        let inside = self.span[0] <= along && along <= self.span[1];
+        if !inside {
+            let number = self.whole.number_at(self.sign() * along);
+            *self = Self::on(self.whole, self.back, self.from, number);
+        }
+    }
+
+    /// See [`tie`].
+    pub fn tie(&self) -> f64 {
+        tie(self.whole)
+    }
+
+    /// Of alpha, as the way counts.
+    pub fn sign(&self) -> f64 {
+        if self.back { -1.0 } else { 1.0 }
+    }
+
+    /// What counts up on the way, of alpha on the piece.
+    pub fn along(&self, alpha: f64) -> f64 {
+        if self.offset == 0.0 {
+            self.sign() * alpha
+        } else {
+            self.sign() * (self.offset + alpha)
+        }
+    }
+
+    /// Alpha on the piece of a place on the way.
+    pub fn alpha(&self, along: f64) -> f64 {
+        self.sign() * along - self.offset
+    }
+
+    fn tangent_at(&self, along: f64) -> Vector3<f64> {
+        let tangent = self.piece.tangent_at(self.alpha(along));
+        if self.back { -tangent } else { tangent }
+    }
+
+    /// The crossing through a half-face of the cell that the way comes from.
+    pub fn crossing(
+        &self,
+        mesh: &HalfFaces,
+        face: HalfFace,
+        weights: [f64; 3],
+        along: f64,
+    ) -> Crossing {
+        let alpha = self.sign() * along;
+        let other = mesh.opposite(face).filter(|_| self.back);
+        let Some(other) = other else {
+            return Crossing {
+                face,
+                enters: self.back,
+                weights,
+                alpha,
+            };
+        };
+        let own = mesh.vertices(face);
+        let weight = |vertex: u32| {
+            let mut each = own.iter().zip(weights);
+            each.find(|(own, _)| **own == vertex)
+                .map_or(0.0, |(_, weight)| weight)
+        };
+        Crossing {
+            face: other,
+            enters: false,
+            weights: mesh.vertices(other).map(weight),
+            alpha,
+        }
+    }
+
+    /// The crossing that a way comes from.
+    fn last<'h>(&self, history: &'h History) -> Option<&'h Crossing> {
+        let all = history.crossings();
+        if self.back { all.first() } else { all.last() }
+    }
+
+    /// Where a way is.
+    pub fn cell(&self, mesh: &HalfFaces, history: &History) -> Option<u32> {
+        if self.back {
+            history.before()
+        } else {
+            history.tip_cell(mesh)
+        }
+    }
+
+    /// Adds a crossing to what the way comes from.
+    pub fn push(&self, history: &mut History, crossing: Crossing) -> bool {
+        if self.back {
+            history.push_front(crossing)
+        } else {
+            history.push(crossing)
+        }
+    }
+}
+
+/// A walk to where the way counts `to`.
+pub(super) fn go<At: Fn(u32) -> Vector3<f64>>(
+    geometry: &Geometry<'_, At>,
+    history: &mut History,
+    mut heading: Heading,
+    to: f64,
+) -> Walked {
+    let mesh = geometry.mesh;
     let mut walked = Walked {
         stop: Stop::Reached,
         cells: 0,
         guessed: 0,
     };
     let mut in_a_row = 0;
-    while let Some(cell) = history.tip_cell(geometry.mesh) {
+    while let Some(cell) = heading.cell(mesh, history) {
         walked.cells += 1;
-        let last = history.crossings().last().copied();
-        let exit = match Cell::new(geometry, &section, cell, last.as_ref()) {
-            Some(cell) => cell.exit(curve, &section, to),
-            None => Exit::Lost,
-        };
-        let exit = match exit {
-            Exit::Passage(exit) => {
+        let last = heading.last(history).copied();
+        let exit = exit(geometry, &mut heading, cell, last.as_ref(), to);
+        let (face, weights, along) = match exit {
+            Exit::Passage(face, weights, along) => {
                 in_a_row = 0;
-                exit
+                (face, weights, along)
             }
-            Exit::Guess(exit) => {
+            Exit::Guess(face, weights, along) => {
                 in_a_row += 1;
-                if exit.alpha <= to {
+                if along <= to {
                     walked.guessed += 1;
                 }
-                exit
+                (face, weights, along)
             }
             Exit::Stays => break,
             Exit::Lost => {
@@ -82,20 +254,20 @@ pub fn walk<At: Fn(u32) -> Vector3<f64>>(
                 break;
             }
         };
-        if !exit.alpha.is_finite() || in_a_row > MOST_GUESSES {
+        if !along.is_finite() || in_a_row > MOST_GUESSES {
             walked.stop = Stop::Lost;
             break;
         }
-        if exit.alpha > to {
+        if along > to {
             break;
         }
-        let alpha = last.map_or(exit.alpha, |last| exit.alpha.max(last.alpha));
-        let exit = Crossing { alpha, ..exit };
-        if exit.leaves(geometry.mesh) {
-            walked.stop = Stop::Boundary(exit);
+        let along = last.map_or(along, |last| along.max(heading.sign() * last.alpha));
+        let crossing = heading.crossing(mesh, face, weights, along);
+        if mesh.opposite(face).is_none() {
+            walked.stop = Stop::Boundary(crossing);
             break;
         }
-        if !history.push(exit) {
+        if !heading.push(history, crossing) {
             walked.stop = Stop::Full;
             break;
         }
@@ -104,14 +276,41 @@ pub fn walk<At: Fn(u32) -> Vector3<f64>>(
 }
 
 enum Exit {
-    Passage(Crossing),
-    Guess(Crossing),
+    /// A half-face of the cell, where on it, and where that is on the way.
+    Passage(HalfFace, [f64; 3], f64),
+    Guess(HalfFace, [f64; 3], f64),
     /// The cell has the whole curve in it.
     Stays,
     Lost,
 }
 
-/// The cell that the tip is in.
+/// Where the way leaves a cell, on the piece that it does.
+fn exit<At: Fn(u32) -> Vector3<f64>>(
+    geometry: &Geometry<'_, At>,
+    heading: &mut Heading,
+    cell: u32,
+    last: Option<&Crossing>,
+    to: f64,
+) -> Exit {
+    heading.seek(last.map_or(heading.from, |last| heading.sign() * last.alpha));
+    loop {
+        let Some(cell) = Cell::new(geometry, heading, cell, last) else {
+            return Exit::Lost;
+        };
+        let exit = cell.exit(heading, to);
+        let goes_on = match exit {
+            Exit::Passage(.., along) | Exit::Guess(.., along) => along > heading.span[1],
+            Exit::Stays | Exit::Lost => last.is_none(),
+        };
+        // Beyond the joint the way is another.
+        if !goes_on || to <= heading.span[1] {
+            return exit;
+        }
+        heading.next();
+    }
+}
+
+/// The cell that a way is in.
 struct Cell {
     /// Half-faces opposite its corners.
     faces: [HalfFace; 4],
@@ -126,8 +325,10 @@ struct Cell {
 /// The crossing that a cell was entered through.
 #[derive(Clone, Copy)]
 struct Entry {
-    /// Of where the tissue has it now.
-    alpha: f64,
+    /// On the way, of where the tissue has it now; of the joint, if the way has one since.
+    along: f64,
+    /// Whether there is one.
+    is_joint: bool,
     /// The corner of the cell that it lies opposite to.
     corner: usize,
     /// Barycentric in the cell.
@@ -137,7 +338,7 @@ struct Entry {
 impl Cell {
     fn new<At: Fn(u32) -> Vector3<f64>>(
         geometry: &Geometry<'_, At>,
-        section: &Section,
+        heading: &Heading,
         cell: u32,
         last: Option<&Crossing>,
     ) -> Option<Self> {
@@ -145,6 +346,7 @@ impl Cell {
         let faces = mesh.half_face(cell, 0)?.of_cell();
         let nodes = *mesh.cells().get(cell as usize)?;
         let at = nodes.map(|node| (geometry.at)(node));
+        let section = &heading.section;
         let entry = match last {
             Some(last) => {
                 let (mut weights, mut place) = ([0.0; 4], Vector3::zeros());
@@ -154,9 +356,22 @@ impl Cell {
                     weights[corner] = weight;
                     place += at[corner] * weight;
                 }
+                let (was, begins) = (heading.sign() * last.alpha, heading.span[0]);
+                let face = if heading.back {
+                    last.face
+                } else {
+                    last.ahead(mesh)?
+                };
+                let is_joint = was < begins;
+                let along = heading.along(section.alpha(&place));
                 Some(Entry {
-                    alpha: nearest(section.alpha(&place), last.alpha, section.turn()),
-                    corner: last.ahead(mesh)?.corner(),
+                    along: if is_joint {
+                        begins
+                    } else {
+                        nearest(along, was, section.turn())
+                    },
+                    is_joint,
+                    corner: face.corner(),
                     weights,
                 })
             }
@@ -185,10 +400,24 @@ impl Cell {
         )
     }
 
-    fn exit(&self, curve: &Curve, section: &Section, to: f64) -> Exit {
+    fn exit(&self, heading: &Heading, to: f64) -> Exit {
+        let (section, tie) = (&heading.section, heading.tie());
         let turn = section.turn();
-        let entered = self.entry.map_or(0.0, |entry| entry.alpha);
-        let roots = [0, 1, 2, 3].map(|corner| self.roots(section, corner));
+        let from = heading.from.max(heading.span[0]);
+        let entered = self.entry.map_or(from, |entry| entry.along);
+        let is_joint = match self.entry {
+            Some(entry) => entry.is_joint,
+            None => from > heading.from,
+        };
+        let as_met = |root: Root| Root {
+            leaves: root.leaves != heading.back,
+            alpha: heading.along(root.alpha),
+            ..root
+        };
+        let roots = [0, 1, 2, 3].map(|corner| {
+            let roots = self.roots(section, corner);
+            roots.map(|root| root.map(as_met))
+        });
         let all = || {
             roots
                 .iter()
@@ -197,10 +426,11 @@ impl Cell {
         };
         let mut leaving = all().filter(|(_, root)| root.leaves);
         let Some(first) = leaving.next() else {
-            return self.exit_without_passage(curve, to);
+            return self.exit_without_passage(heading, to);
         };
         // Where the section has the entry: an anchor that the tissue has carried off is near it.
-        let entry_corner = self.entry.map(|entry| entry.corner);
+        let entry = self.entry.filter(|_| !is_joint);
+        let entry_corner = entry.map(|entry| entry.corner);
         let found = all()
             .filter(|(corner, root)| !root.leaves && Some(*corner) == entry_corner)
             .map(|(_, root)| nearest(root.alpha, entered, turn))
@@ -221,15 +451,16 @@ impl Cell {
             }
             // An anchor off the curve may lie behind the way out by as much as it is off.
             let slack = match found {
-                Some(_) if out_before(corner) => -tie(curve),
-                Some(_) => tie(curve),
+                Some(_) if out_before(corner) => -tie,
+                Some(_) => tie,
+                None if is_joint => tie,
                 None => 0.5 * turn,
             };
             (ahead + slack).rem_euclid(turn) - slack
         };
         let key = |corner: usize, root: &Root| {
             let ahead = ahead(corner, root);
-            let behind = out_before(corner) || ahead < -tie(curve);
+            let behind = out_before(corner) || ahead < -tie;
             (behind, if behind { ahead.abs() } else { ahead })
         };
         let (mut corner, mut root) = first;
@@ -238,18 +469,13 @@ impl Cell {
                 (corner, root) = (other_corner, other);
             }
         }
-        let alpha = start + way * ahead(corner, root);
-        if alpha < entered - tie(curve) && self.volume() >= 0.0 {
+        let along = start + way * ahead(corner, root);
+        if along < entered - tie && self.volume() >= 0.0 {
             // The tissue has moved so that the curve leaves the cell before it enters: a place there
             // would be put where the needle is not.
-            return self.exit_without_passage(curve, to);
+            return self.exit_without_passage(heading, to);
         }
-        Exit::Passage(Crossing {
-            face: self.faces[corner],
-            enters: false,
-            weights: root.weights,
-            alpha,
-        })
+        Exit::Passage(self.faces[corner], root.weights, along)
     }
 
     /// Six times its volume.
@@ -268,11 +494,11 @@ impl Cell {
     }
 
     /// The curve's plane or the curve in it misses the cell: on by the tangent where it was entered.
-    fn exit_without_passage(&self, curve: &Curve, to: f64) -> Exit {
+    fn exit_without_passage(&self, heading: &Heading, to: f64) -> Exit {
         let (gradients, volume) = (self.gradients(), self.volume());
         let Some(entry) = self.entry else {
             // Nothing holds the needle in this cell; it is in it, or not.
-            let tip = curve.at(to);
+            let tip = heading.whole.at(heading.sign() * to);
             let inside = (0..4).all(|k| {
                 let corner = self.at[(k + 1) % 4];
                 gradients[k].dot(&(tip - corner)) * volume.signum() >= -1e-9 * volume.abs()
@@ -283,7 +509,7 @@ impl Cell {
                 Exit::Lost
             };
         };
-        let along = curve.tangent_at(entry.alpha) * volume.signum();
+        let along = heading.tangent_at(entry.along) * volume.signum();
         let rates = gradients.map(|gradient| gradient.dot(&along));
         // Back through the entry only if there is no other way.
         let others = (0..4).filter(|k| rates[*k] < 0.0 && *k != entry.corner);
@@ -309,12 +535,7 @@ impl Cell {
         if !out.iter().all(|w| w.is_finite()) {
             return Exit::Lost;
         }
-        Exit::Guess(Crossing {
-            face: self.faces[corner],
-            enters: false,
-            weights: out,
-            alpha: entry.alpha + ahead,
-        })
+        Exit::Guess(self.faces[corner], out, entry.along + ahead)
     }
 }
 

@@ -93,6 +93,7 @@ pub fn describe_needles(scene: &Scene) -> Value {
                 radius_m,
                 angle_rad,
             } => ("arc", Some(radius_m), Some(angle_rad)),
+            NeedleShape::Segments(_) => ("segments", None, None),
         };
         json!({
             "id": needle.id,

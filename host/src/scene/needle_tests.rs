@@ -130,6 +130,21 @@ fn what_is_written_arrives() {
     assert!((line.at(0.03) - Vector3::new(0.0, 0.0, 0.02)).norm() < 1e-15);
 }
 
+#[test]
+fn segments_go_on_from_each_other() {
+    let said = "shape = \"segments\"\nsegments = [{ length_m = 0.02 }, { length_m = 0.01, radius_m = 0.008 }]\n\
+                towards = [1.0, 0.0, 0.0]\n";
+    let text = GOOD.replace("shape = \"straight\"\nlength_m = 0.03\n", said);
+    let scene = read(&text).expect("good");
+    let needle = scene.needles[1].needle;
+    assert_eq!(needle.shape.length_m(), 0.03);
+    let curve = needle.at(&scene.needles[1].start);
+    let near = |alpha: f64, x: [f64; 3]| (curve.at(alpha) - Vector3::from(x)).norm() < 1e-15;
+    assert!(near(0.0, [0.0, 0.0, 0.05]) && near(0.02, [0.0, 0.0, 0.03]));
+    let (sin, cos) = (0.01f64 / 0.008).sin_cos();
+    assert!(near(0.03, [0.008 * (1.0 - cos), 0.0, 0.03 - 0.008 * sin]));
+}
+
 /// Regions take what they leave out from the tissue, but a friction of their own has no foreign static one.
 #[test]
 fn each_cell_answers_as_its_part_says() {
@@ -416,6 +431,41 @@ const SLIPS: &[Slip] = &[
         message: "a straight needle has no radius, angle or side",
         under: "90.0",
         help: "shape = \"arc\"",
+    },
+    Slip {
+        from: "shape = \"straight\"\nlength_m = 0.03\n",
+        to: "shape = \"segments\"\nsegments = []\n",
+        message: "0 segments",
+        under: "[]",
+        help: "1 to 6",
+    },
+    Slip {
+        from: "shape = \"straight\"\nlength_m = 0.03\n",
+        to: "shape = \"segments\"\nsegments = [{ length_m = 0.03 }]\nlength_m = 0.03\n",
+        message: "a needle of segments has the lengths",
+        under: "0.03",
+        help: "put it into",
+    },
+    Slip {
+        from: "shape = \"straight\"\nlength_m = 0.03\n",
+        to: "shape = \"segments\"\nsegments = [{ length_m = 0.03, radius_m = -1.0 }]\n",
+        message: "radius_m = -1: must be positive",
+        under: "-1.0",
+        help: "straight",
+    },
+    Slip {
+        from: "shape = \"straight\"\nlength_m = 0.03\n",
+        to: "shape = \"segments\"\nsegments = [{ length_m = 0.07, radius_m = 0.01 }]\n",
+        message: "the segments turn by 401 degrees",
+        under: "[{ length_m = 0.07, radius_m = 0.01 }]",
+        help: "360",
+    },
+    Slip {
+        from: "shape = \"straight\"\nlength_m = 0.03\n",
+        to: "shape = \"segments\"\nsegments = [{ length_m = 0.01, radius_m = 0.01 }]\n",
+        message: "an arc that does not say to which side",
+        under: "[0.0, 0.0, -1.0]",
+        help: "add `towards",
     },
     Slip {
         from: "end_m = [0.0, 0.0, 0.05]",

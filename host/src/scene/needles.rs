@@ -5,11 +5,14 @@
 use super::Tool;
 use super::document::{Document, Flaw, SceneError};
 use crate::mesh::TetMesh;
-use crate::needle::{self, Curve, NeedleShape, NeedleTissue, Playback};
+use crate::needle::{
+    self, Curve, Joints, MOST_SEGMENTS, NeedleSegment, NeedleSegments, NeedleShape, NeedleTissue,
+    Playback,
+};
 use nalgebra::{Isometry3, Vector3};
 use sutura_scene_file::scene::{
-    NeedleHoldSection, NeedleSection, NeedleShapeName, NeedleSolverSection, NeedleTissueSection,
-    PlaybackName, RegionSection, SceneFile, TissueSection,
+    NeedleHoldSection, NeedleSection, NeedleSegmentSection, NeedleShapeName, NeedleSolverSection,
+    NeedleTissueSection, PlaybackName, RegionSection, SceneFile, TissueSection,
 };
 use toml::Spanned;
 
@@ -115,55 +118,107 @@ pub(super) fn read_needles(
     Ok(needles)
 }
 
+/// Refuses keys of other shapes.
+fn check_keys(document: &Document, said: &NeedleSection) -> Result<(), SceneError> {
+    let span = |key: &Option<Spanned<f64>>| key.as_ref().map(Spanned::span);
+    let of_arcs = [span(&said.radius_m), span(&said.angle_deg)];
+    let of_segments = said.segments.as_ref().map(Spanned::span);
+    let towards = said.towards.as_ref().map(Spanned::span);
+    let mut arcs = of_arcs.into_iter().flatten();
+    let (word, foreign, help) = match said.shape {
+        NeedleShapeName::Straight => (
+            "a straight needle has no radius, angle or side that it bends to",
+            arcs.next().or(towards).or(of_segments),
+            "make it `shape = \"arc\"`, or leave this key out",
+        ),
+        NeedleShapeName::Arc => (
+            "an arc's length is that of its radius and angle together",
+            span(&said.length_m).or(of_segments),
+            "leave `length_m` out, or make it `shape = \"straight\"`",
+        ),
+        NeedleShapeName::Segments => (
+            "a needle of segments has the lengths and radii of these",
+            span(&said.length_m).or_else(|| arcs.next()),
+            "put it into `segments`",
+        ),
+    };
+    match foreign {
+        Some(span) => Err(document.flaw(span, word, "not of this shape", Some(help))),
+        None => Ok(()),
+    }
+}
+
 fn read_shape(
     document: &Document,
     section: &Spanned<NeedleSection>,
 ) -> Result<NeedleShape, SceneError> {
     let said = section.get_ref();
-    let straight = said.shape == NeedleShapeName::Straight;
-    let (word, foreign) = if straight {
-        let of_arcs = [&said.radius_m, &said.angle_deg].map(|key| key.as_ref().map(Spanned::span));
-        let towards = said.towards.as_ref().map(Spanned::span);
-        let foreign = of_arcs.into_iter().chain([towards]).flatten().next();
-        (
-            "a straight needle has no radius, angle or side that it bends to",
-            foreign,
-        )
-    } else {
-        let length = said.length_m.as_ref().map(Spanned::span);
-        (
-            "an arc's length is that of its radius and angle together",
-            length,
-        )
-    };
-    if let Some(span) = foreign {
-        let help = if straight {
-            "make it `shape = \"arc\"`, or leave this key out"
-        } else {
-            "leave `length_m` out, or make it `shape = \"straight\"`"
-        };
-        return Err(document.flaw(span, word, "not of this shape", Some(help)));
-    }
+    check_keys(document, said)?;
     let number = |key: &str, value: &Option<Spanned<f64>>, rule: &str, most: f64, help: &str| {
         let value = needed(document, section, key, value.as_ref())?;
         document.number(key, value, rule, |v| v > 0.0 && v < most, help)
     };
     let most = f64::INFINITY;
-    Ok(if straight {
-        let help = "from end to tip, in metres: 0.02 to 0.06 are usual";
-        NeedleShape::Straight {
-            length_m: number("length_m", &said.length_m, "positive", most, help)?,
+    match said.shape {
+        NeedleShapeName::Straight => {
+            let help = "from end to tip, in metres: 0.02 to 0.06 are usual";
+            Ok(NeedleShape::Straight {
+                length_m: number("length_m", &said.length_m, "positive", most, help)?,
+            })
         }
-    } else {
-        let help = "of the circle, in metres: 0.004 to 0.02 are usual";
-        let radius_m = number("radius_m", &said.radius_m, "positive", most, help)?;
-        let rule = "more than 0 and less than 360";
-        let help = "from end to tip: half a circle is 180, suture needles have 90 to 225";
-        let degrees = number("angle_deg", &said.angle_deg, rule, 360.0, help)?;
-        NeedleShape::Arc {
-            radius_m,
-            angle_rad: degrees.to_radians(),
+        NeedleShapeName::Arc => {
+            let help = "of the circle, in metres: 0.004 to 0.02 are usual";
+            let radius_m = number("radius_m", &said.radius_m, "positive", most, help)?;
+            let rule = "more than 0 and less than 360";
+            let help = "from end to tip: half a circle is 180, suture needles have 90 to 225";
+            let degrees = number("angle_deg", &said.angle_deg, rule, 360.0, help)?;
+            Ok(NeedleShape::Arc {
+                radius_m,
+                angle_rad: degrees.to_radians(),
+            })
         }
+        NeedleShapeName::Segments => {
+            let segments = needed(document, section, "segments", said.segments.as_ref())?;
+            read_segments(document, segments)
+        }
+    }
+}
+
+fn read_segments(
+    document: &Document,
+    said: &Spanned<Vec<NeedleSegmentSection>>,
+) -> Result<NeedleShape, SceneError> {
+    let mut segments = Vec::with_capacity(said.get_ref().len());
+    let mut turn = 0.0;
+    for segment in said.get_ref() {
+        let positive = |key: &str, value: &Spanned<f64>, help: &str| {
+            document.number(key, value, "positive", |v| v > 0.0, help)
+        };
+        let help = "along the needle, in metres";
+        let length_m = positive("length_m", &segment.length_m, help)?;
+        let radius_m = match &segment.radius_m {
+            Some(value) => positive("radius_m", value, "of the circle; left out it is straight")?,
+            None => f64::INFINITY,
+        };
+        turn += length_m / radius_m;
+        segments.push(NeedleSegment { length_m, radius_m });
+    }
+    let flaw =
+        |message: String, help: &str| document.flaw(said.span(), message, "segments", Some(help));
+    if turn >= std::f64::consts::TAU {
+        let message = format!("the segments turn by {:.0} degrees", turn.to_degrees());
+        return Err(flaw(
+            message,
+            "less than a whole turn, 360 degrees, together",
+        ));
+    }
+    let shape = NeedleSegments::new(&segments).map(NeedleShape::Segments);
+    shape.ok_or_else(|| {
+        let message = format!("{} segments", segments.len());
+        flaw(
+            message,
+            &format!("a needle is made of 1 to {MOST_SEGMENTS}"),
+        )
     })
 }
 
@@ -195,9 +250,9 @@ fn read_start(
         })
     };
     let tangent = direction("direction", &said.direction)?;
-    let aside = match (&needle.shape, &said.towards) {
-        (NeedleShape::Straight { .. }, _) => Vector3::ith(tangent.iamin(), 1.0),
-        (NeedleShape::Arc { .. }, Some(towards)) => {
+    let aside = match &said.towards {
+        None if !needle.shape.bends() => Vector3::ith(tangent.iamin(), 1.0),
+        Some(towards) => {
             let side = direction("towards", towards)?;
             if side.cross(&tangent).norm() < LEAST_ACROSS {
                 let message = "towards: along `direction`, not to one of its sides";
@@ -206,7 +261,7 @@ fn read_start(
             }
             side
         }
-        (NeedleShape::Arc { .. }, None) => {
+        None => {
             let message = "an arc that does not say to which side it bends";
             let help = "add `towards = [..]`, from the needle's end to the circle's centre";
             let span = said.direction.span();
@@ -220,6 +275,7 @@ fn read_start(
         inward,
         curvature: needle.shape.curvature_per_m(),
         length: needle.shape.length_m(),
+        joints: Joints::default(),
     }))
 }
 

@@ -177,6 +177,18 @@ impl State {
         history.map_or(&[], needle::History::crossings)
     }
 
+    /// The faces that a thread goes through, from its tail to its head, alpha from there: at most 0.
+    pub fn thread_crossings(
+        &self,
+        model: &Model,
+        thread: u8,
+    ) -> impl Iterator<Item = &needle::Crossing> {
+        let sources = self.sources.as_ref().zip(model.thread(thread));
+        let passed = sources.and_then(|(state, index)| state.threads.get(index));
+        let passed = passed.into_iter().flat_map(|thread| &thread.passed);
+        passed.map(|passed| &passed.crossing)
+    }
+
     /// The way of a needle through the mesh.
     pub fn needle_history(&self, model: &Model, needle: u8) -> Option<&needle::History> {
         let parts = &model.sources.as_ref()?.needles;

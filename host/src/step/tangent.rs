@@ -722,13 +722,15 @@ fn held(balance: &Balance, index: usize, point: &Point, in_tissue: Vector3<f64>)
         on_needle: curve.at(alpha),
         in_tissue,
         force: grasp.force_on(index),
-        curvature: curve.curvature,
+        curvature: curve.curvature_at(alpha),
         law,
     }
 }
 
-/// The uniform slide of a needle as a twist of its grip per metre: linear, then angular.
+/// The uniform slide of a needle as a twist of its grip per metre: linear, then angular. One of several segments slides as its
+/// middle does.
 pub(crate) fn slide_twist(curve: &Curve, grip: &Vector3<f64>) -> Vector6<f64> {
+    let curve = &curve.middle_piece();
     let turn = curve.binormal() * curve.curvature;
     let shift = curve.tangent + turn.cross(&(grip - curve.start));
     Vector6::new(shift.x, shift.y, shift.z, turn.x, turn.y, turn.z)

@@ -201,6 +201,11 @@ impl ThreadState {
         true
     }
 
+    /// The needle's end has gone back through the last face.
+    pub fn drop_last(&mut self) {
+        self.passed.pop();
+    }
+
     /// All that is in tissue slides towards the head, up to the hand on a span.
     pub fn draw(&mut self, by: f64) {
         let count = self.faces_of_path();

@@ -452,6 +452,7 @@ fn needles(scene: &Scene, walk: &[(StepReport, Duration)]) -> Vec<Component> {
         let shape = match needle.needle.shape {
             NeedleShape::Straight { .. } => "straight",
             NeedleShape::Arc { .. } => "arc",
+            NeedleShape::Segments(_) => "of segments",
         };
         let reports = || {
             walk.iter()

@@ -5,10 +5,11 @@ use sutura_host::fem::{Hyperelasticity, Loads, Material, Policy};
 use sutura_host::mesh::{TetMesh, slab, tube};
 use sutura_host::model::{Model, Passes};
 use sutura_host::needle::{
-    CrossingFriction, Needle, NeedlePart, NeedleReport, NeedleSettings, NeedleShape, NeedleTissue,
+    Crossing, CrossingFriction, History, Needle, NeedlePart, NeedleReport, NeedleSegment,
+    NeedleSegments, NeedleSettings, NeedleShape, NeedleTissue,
 };
 use sutura_host::step::{State, Status, StepOptions, StepReport, Workspace, step};
-use sutura_host::thread::ThreadPoint;
+use sutura_host::thread::{ThreadPart, ThreadPoint};
 use sutura_host::tool::{Shape, Tool, ToolSample};
 use sutura_models::hyperelastic::Cells;
 use sutura_models::law::Law;
@@ -19,6 +20,9 @@ pub const MATERIAL: Material = Material {
 };
 
 pub const THICKNESS_M: f64 = 0.8e-3;
+
+/// Id of the first needle's thread.
+pub const THREAD: u8 = 7;
 
 /// 0.2 N to break through, 0.05 N to cut, 5 N/m of friction: 0.1 N for 20 mm.
 pub fn tissue() -> NeedleTissue {
@@ -95,6 +99,20 @@ pub fn arc(radius_m: f64, angle_deg: f64) -> Needle {
             radius_m,
             angle_rad: angle_deg.to_radians(),
         },
+        thickness_m: THICKNESS_M,
+    }
+}
+
+/// Of lengths with radii, infinite where it is straight.
+pub fn of_segments(segments: &[(f64, f64)]) -> Needle {
+    let each = segments.iter().map(|(length_m, radius_m)| NeedleSegment {
+        length_m: *length_m,
+        radius_m: *radius_m,
+    });
+    let each: Vec<_> = each.collect();
+    let segments = NeedleSegments::new(&each).expect("a few");
+    Needle {
+        shape: NeedleShape::Segments(segments),
         thickness_m: THICKNESS_M,
     }
 }
@@ -223,6 +241,55 @@ impl Bench {
             assert!(bench.hold(id, Some(id)));
         }
         bench
+    }
+
+    /// The same with a thread on the first needle, begun anew.
+    pub fn with_thread(mut self, length_m: f64) -> Self {
+        let part = ThreadPart {
+            id: THREAD,
+            needle: 0,
+            length_m,
+            friction: 0.0,
+            strength_n: 20.0,
+            through: None,
+        };
+        self.model = self.model.with_threads(&[part]).expect("a thread");
+        self.state = State::new(&self.model);
+        self.work = Workspace::new(&self.model);
+        self.work.prepare(&self.model, |_| true);
+        assert!(self.hold(0, Some(0)));
+        self
+    }
+
+    /// What the first needle's thread goes through, and the needle.
+    pub fn both(&self) -> [Vec<Crossing>; 2] {
+        let thread = self.state.thread_crossings(&self.model, THREAD).copied();
+        let needle = self.state.crossings(&self.model, 0);
+        [thread.collect(), needle.to_vec()]
+    }
+
+    /// The list goes from the tail, or the end of a needle without a thread, to the tip from cell to cell, alpha never falls, and
+    /// ways into and out of tissue alternate.
+    pub fn is_in_order(&self) {
+        let mesh = self.mesh.half_faces();
+        let history = self.state.needle_history(&self.model, 0);
+        let history = history.expect("a needle");
+        let [thread, needle] = self.both();
+        let mut whole = History::new(thread.len() + needle.len());
+        if thread.is_empty() {
+            whole.restart(history.before(), None);
+        } else {
+            let last = thread.last().and_then(|last| last.to(mesh));
+            assert_eq!(last, history.before(), "{thread:?} {needle:?}");
+        }
+        let all = || thread.iter().chain(&needle);
+        assert!(all().all(|crossing| whole.push(*crossing)));
+        assert_eq!(whole.check(mesh, f64::INFINITY), Ok(()), "{whole:?}");
+        let turns = all().filter(|c| c.enters || c.leaves(mesh));
+        let turns: Vec<bool> = turns.map(|c| c.enters).collect();
+        let alternate = turns.windows(2).all(|pair| pair[0] != pair[1]);
+        assert!(alternate, "{turns:?}");
+        assert_eq!(whole.tip_cell(mesh), history.tip_cell(mesh));
     }
 
     /// Has a tool take a needle where both are.

@@ -531,7 +531,7 @@ fn a_tip_pressed_in_sideways_is_not_forgotten() {
 }
 
 #[test]
-fn what_cannot_move_rubs_and_does_not_hold() {
+fn what_cannot_move_rubs_and_gives_way() {
     // Every node of the lower slab is fixed.
     let (mesh, mut fixed) = slabs();
     fixed.extend(
@@ -586,6 +586,62 @@ fn what_cannot_move_rubs_and_does_not_hold() {
         } else {
             assert_eq!((last.punctures, last.tip), (2, TipPlace::Holding));
         }
+        out(&mut bench, above(0.04));
+    }
+}
+
+/// The threshold is that of any other face, and the force grows up to it: not at once, and not never.
+#[test]
+fn a_boundary_of_fixed_nodes_is_broken_at_its_threshold() {
+    let (mesh, _) = slabs();
+    // The lower slab, and all of its top's faces with it.
+    let fixed = (0u32..).zip(mesh.points_m());
+    let fixed = fixed.filter(|(_, p)| p[2] < 0.002 || p[0].abs() > 0.0149);
+    let fixed: Vec<u32> = fixed.map(|(node, _)| node).collect();
+    let soft = NeedleTissue {
+        puncture_pa: 0.0,
+        ..NeedleTissue::default()
+    };
+    let per_n = tissue().puncture_pa / 0.2;
+    for threshold_n in [0.05, 0.28, 1.0] {
+        let hard = NeedleTissue {
+            puncture_pa: threshold_n * per_n,
+            ..soft
+        };
+        let low = |cell: &[u32; 4]| mesh.points_m()[cell[0] as usize][2] < 0.002;
+        let of = |cell| if low(cell) { hard } else { soft };
+        let by_cell: Vec<NeedleTissue> = mesh.cells().iter().map(of).collect();
+        let (needle, settings) = (straight(0.04), NeedleSettings::default());
+        let held = (mesh.clone(), fixed.clone());
+        let mut bench = Bench::of(held, Kind::Linear, needle, above(0.04), &by_cell, settings);
+        bench.go();
+        // The tip is just above z = 0.
+        let last = down(&mut bench, 0.0138).needles()[0];
+        assert_eq!((last.punctures, last.tip), (2, TipPlace::Outside));
+        let (mut most_n, mut before_n, mut held) = (0.0f64, 0.0, 0);
+        let broken = (0..400).find(|_| {
+            bench.grip.translation.vector.z -= 1e-6;
+            let (_, needle) = bench.go();
+            if needle.punctures > 2 {
+                return true;
+            }
+            if needle.tip == TipPlace::Holding {
+                let off_n = needle.puncture_n - threshold_n;
+                assert!(off_n.abs() < 1e-12, "{needle:?}");
+                assert!(needle.hold_n >= before_n, "{needle:?} after {before_n}");
+                // What the hand feels is what holds.
+                assert!((needle.axial_n + needle.hold_n).abs() < 1e-9, "{needle:?}");
+                (before_n, held) = (needle.hold_n, held + 1);
+                most_n = most_n.max(needle.hold_n);
+            }
+            false
+        });
+        assert!(broken.is_some() && held > 0, "{held}");
+        // A step is 1 um.
+        assert!(
+            most_n <= threshold_n && most_n > threshold_n - 0.04,
+            "{most_n}"
+        );
         out(&mut bench, above(0.04));
     }
 }

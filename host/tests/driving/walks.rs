@@ -78,6 +78,8 @@ struct Course {
     start: Isometry3<f64>,
     /// All the way through the tissue \[m\].
     through_m: f64,
+    /// Back from there until all is out \[m\], and what more for each metre that it is in.
+    out_m: [f64; 2],
 }
 
 impl Course {
@@ -102,26 +104,39 @@ impl Course {
             needle,
             start,
             through_m,
+            out_m: [needle.shape.length_m() + 2e-3, 0.0],
         }
     }
 
     fn slabs(tissue: NeedleTissue, every_pose: bool) -> Self {
+        let start = frame([0.0013, 0.0007, 0.042], [0.05, 0.02, -1.0], [1.0, 0.0, 0.0]);
+        Self::through_slabs(straight(0.03), start, 0.022, tissue, every_pose)
+    }
+
+    fn through_slabs(
+        needle: Needle,
+        start: Isometry3<f64>,
+        through_m: f64,
+        tissue: NeedleTissue,
+        every_pose: bool,
+    ) -> Self {
         let one = slab([0.02, 0.02, 0.006], [3, 3, 2]).expect("a slab");
         let lifted = one.points_m().iter().map(|p| [p[0], p[1], p[2] + 0.009]);
         let other = TetMesh::new(lifted.collect(), one.cells().to_vec()).expect("a slab");
         let both = other.beside(&one).expect("apart");
-        let start = frame([0.0013, 0.0007, 0.042], [0.05, 0.02, -1.0], [1.0, 0.0, 0.0]);
-        Self::new(
-            ends(both, 0),
-            straight(0.03),
-            start,
-            0.022,
-            tissue,
-            every_pose,
-        )
+        Self::new(ends(both, 0), needle, start, through_m, tissue, every_pose)
     }
 
     fn tube(tissue: NeedleTissue, every_pose: bool) -> Self {
+        Self::through_tube(arc(0.009, 150.0), 0.022, tissue, every_pose)
+    }
+
+    fn through_tube(
+        needle: Needle,
+        through_m: f64,
+        tissue: NeedleTissue,
+        every_pose: bool,
+    ) -> Self {
         let mesh = tube([0.006, 0.01], [0.0, 0.02], [2, 14, 4]).expect("a tube");
         let centre = Vector3::new(0.0135, 0.0, 0.0101);
         let end = centre - Vector3::y() * 0.009;
@@ -136,14 +151,16 @@ impl Course {
             .filter(|(_, p)| p[2] < low + 1e-9)
             .map(|(node, _)| node)
             .collect();
-        Self::new(
-            (mesh, fixed),
-            arc(0.009, 150.0),
-            start,
-            0.022,
-            tissue,
-            every_pose,
-        )
+        Self::new((mesh, fixed), needle, start, through_m, tissue, every_pose)
+    }
+
+    /// Of a needle whose end goes in, too: back from wherever it is to the start; with a thread or none.
+    fn back(mut self, threaded: bool) -> Self {
+        self.out_m = [4e-3, 1.0];
+        if threaded {
+            self.bench = self.bench.with_thread(0.2);
+        }
+        self
     }
 
     fn go(&mut self, to: Isometry3<f64>) -> Status {
@@ -152,6 +169,7 @@ impl Course {
         let report = self.bench.try_step();
         match report.status {
             Status::Ok => {
+                self.bench.is_in_order();
                 assert_eq!(report.contacts().len(), 1);
                 assert_eq!(report.needles().len(), 1);
             }
@@ -183,16 +201,19 @@ impl Course {
             }
             from = to;
         }
+        let [least_m, more] = self.out_m;
         // Out along itself, and on until it is.
         let pose = self
             .bench
             .state
             .needle_pose(&self.bench.model, 0)
             .expect("a needle");
-        let curve = self.needle.at(&pose);
         let mut last = Status::Ok;
-        for step in 1..=140 {
-            let way = -(f64::from(step) * 0.25e-3).min(curve.length + 2e-3);
+        let last_way = legs.last().map_or(0.0, |leg| leg.way);
+        let out_m = least_m + more * (last_way * self.through_m).max(0.0);
+        let steps = (out_m / 0.25e-3).ceil() as u32 + 10;
+        for step in 1..=steps {
+            let way = -(f64::from(step) * 0.25e-3).min(out_m);
             last = self.go(on_the_way(&self.needle, &pose, way));
         }
         assert_eq!(last, Status::Ok);
@@ -223,6 +244,16 @@ proptest! {
     #[test]
     fn straight_needles_through_slabs(tissue in tissues(), legs in legs(), every_pose: bool) {
         Course::slabs(tissue, every_pose).walk(&legs);
+    }
+
+    #[test]
+    fn short_needles_through_slabs(
+        tissue in tissues(), legs in legs(), every_pose: bool, kind in 0..2usize, threaded: bool,
+    ) {
+        let segments = [(0.006, f64::INFINITY), (0.004, 0.02), (0.004, f64::INFINITY)];
+        let needle = [straight(0.014), of_segments(&segments)][kind];
+        let start = frame([0.0013, 0.0007, 0.026], [0.05, 0.02, -1.0], [1.0, 0.0, 0.0]);
+        Course::through_slabs(needle, start, 0.034, tissue, every_pose).back(threaded).walk(&legs);
     }
 
     #[test]

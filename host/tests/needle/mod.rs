@@ -1,5 +1,6 @@
 //! Needles through meshes: the list that follows a needle step by step against brute force.
 
+mod back;
 mod extremes;
 mod oracle;
 mod support;

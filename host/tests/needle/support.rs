@@ -3,7 +3,7 @@
 use super::oracle::{NOT, Oracle};
 use nalgebra::Vector3;
 use sutura_host::mesh::{HalfFaces, TetMesh, read_msh};
-use sutura_host::needle::{Curve, Geometry, Hierarchy, Slack};
+use sutura_host::needle::{Curve, Geometry, Hierarchy, Joints, Slack};
 use sutura_testkit::Random;
 
 /// Tissue in a place, with a hierarchy made elsewhere.
@@ -124,6 +124,7 @@ impl Way {
                 inward,
                 curvature: 0.0,
                 length,
+                joints: Joints::default(),
             },
             centred: false,
             aside: Vector3::zeros(),
@@ -176,6 +177,7 @@ impl Way {
             inward,
             curvature,
             length,
+            joints: Joints::default(),
         };
         let base = Curve {
             start: base.at(angle * radius),
@@ -210,6 +212,7 @@ impl Way {
                 inward,
                 curvature,
                 length,
+                joints: Joints::default(),
             },
             centred: true,
             aside: Vector3::zeros(),

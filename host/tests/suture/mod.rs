@@ -1,5 +1,6 @@
 //! Threads drawn through tissue by needles, and pulled.
 
+mod back;
 mod by_hand;
 mod extremes;
 mod friction;
