@@ -29,10 +29,8 @@ impl Balance<'_> {
         }
         let state = &mut self.state.each[needle];
         state.history.drop_behind(&self.sources.mesh, 0.0);
-        let had_leader = state.holds.drain(..behind).any(|hold| !hold.follows);
-        if let Some(first) = state.holds.first_mut().filter(|_| had_leader) {
-            first.follows = false;
-        }
+        state.drop_holds(behind);
+        self.count_anew(needle, |taken| taken.checked_sub(behind));
         self.work.needles.gave[needle] = true;
         true
     }
@@ -80,12 +78,13 @@ impl Balance<'_> {
         }
     }
 
-    /// A needle's thread, and the last face that it goes through, if its head is at the needle.
+    /// A needle's thread, and the last face that it goes through, if that lies between the needle and what holds the thread.
     fn chained(&self, needle: usize) -> Option<(usize, Crossing)> {
         let index = self.sources.threads.of_needle(needle)?;
         let thread = self.state.threads.get(index)?;
         let is_apart = matches!(thread.head.by, ThreadHold::Place(_) | ThreadHold::Tool(_));
-        let last = thread.passed.last().filter(|_| !is_apart)?;
+        let beyond = if is_apart { thread.faces_of_path() } else { 0 };
+        let last = thread.passed.get(beyond..)?.last()?;
         Some((index, last.crossing))
     }
 
@@ -158,7 +157,7 @@ impl Balance<'_> {
             return Err(Status::TooManyRows);
         }
         state.hold_front(self.sources.apart_m);
-        self.count_on(needle, 1);
+        self.count_anew(needle, |taken| Some(taken + 1));
         let releases = &mut self.work.needles.releases;
         if releases.len() < releases.capacity() {
             releases.push(Release {
@@ -172,11 +171,11 @@ impl Balance<'_> {
         Ok(())
     }
 
-    /// So many crossings have come before those that were taken hold of.
-    fn count_on(&mut self, needle: usize, count: usize) {
+    /// Crossings have come before those that were taken hold of, or have gone.
+    fn count_anew(&mut self, needle: usize, place: impl Fn(usize) -> Option<usize>) {
         let own = self.work.needles.releases.iter_mut();
         for release in own.filter(|release| release.needle == needle) {
-            release.taken = release.taken.map(|taken| taken + count);
+            release.taken = release.taken.and_then(&place);
         }
     }
 
@@ -199,7 +198,7 @@ impl Balance<'_> {
         state.tally.guessed += walked.guessed;
         state.tally.lost += u32::from(walked.stop == Stop::Lost);
         state.hold_front(self.sources.apart_m);
-        self.count_on(needle, found);
+        self.count_anew(needle, |taken| Some(taken + found));
         if has_room {
             Ok(found > 0)
         } else {

@@ -39,9 +39,7 @@ impl Balance<'_> {
         let Tip::Holding { face, rubs, .. } = self.state.each[needle].tip else {
             return Ok(false);
         };
-        let (Some(index), Some(TipLoad { load_n: push, .. })) =
-            (self.point_of(needle, What::Holding), self.tip_load(needle))
-        else {
+        let Some(TipLoad { load_n: push, .. }) = self.tip_load(needle) else {
             return Ok(false);
         };
         let area = self.sources.needles[needle].needle.tip_area_m2();
@@ -85,8 +83,7 @@ impl Balance<'_> {
             self.work.needles.let_go[needle] = true;
             let state = &mut self.state.each[needle];
             state.history.pop();
-            state.holds.truncate(index);
-            state.lead_anew();
+            state.pop_hold();
             // What it held lay beyond this face.
             state.log.clear();
             state.tip = match state.history.tip_cell(&self.sources.mesh) {

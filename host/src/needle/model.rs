@@ -33,7 +33,7 @@ impl NeedlePart {
                 Some("its start is not finite".to_owned())
             } else {
                 (self.body && !is_straight)
-                    .then(|| "an arc has no body that touches yet".to_owned())
+                    .then(|| "only a straight needle has a body that touches yet".to_owned())
             }
         })
     }

@@ -409,22 +409,20 @@ impl Balance<'_> {
         }
     }
 
-    /// Crossings without rows of their own go with the one before them.
+    /// Crossings without rows of their own go with one beside them.
     pub(super) fn lead_followers(&mut self) {
         for state in self.state.each.iter_mut() {
-            let leader = state.holds.iter().position(|hold| !hold.follows);
-            let leader = leader.and_then(|leader| {
-                let crossing = state.history.crossings().get(leader)?;
-                Some(crossing.alpha - state.holds[leader].alpha)
-            });
-            let mut slide = leader.unwrap_or(0.0);
             for index in 0..state.holds.len() {
-                let hold = state.holds[index];
-                if hold.follows {
-                    state.history.set_alpha(index, hold.alpha + slide);
-                } else if let Some(crossing) = state.history.crossings().get(index) {
-                    slide = crossing.alpha - hold.alpha;
+                if !state.holds[index].follows {
+                    continue;
                 }
+                let leader = state.leader_of(index);
+                let slide = leader.and_then(|leader| {
+                    let crossing = state.history.crossings().get(leader)?;
+                    Some(crossing.alpha - state.holds[leader].alpha)
+                });
+                let alpha = state.holds[index].alpha + slide.unwrap_or(0.0);
+                state.history.set_alpha(index, alpha);
             }
         }
     }
@@ -466,17 +464,15 @@ fn limits(sources: &Sources, state: &mut NeedleState, length: f64) {
     let speed = state.speed.abs();
     let crossings = state.history.crossings();
     let count = state.holds.len();
-    let first = state.holds.iter().position(|hold| !hold.follows);
-    let mut leader = first.unwrap_or(0);
     for hold in &mut state.holds {
         hold.limit_n = 0.0;
     }
     for (index, crossing) in crossings.iter().enumerate().take(count) {
         let mut own = state.holds[index];
+        let mut leader = index;
         if own.follows {
+            leader = state.leader_of(index).unwrap_or(index);
             own.slides = state.holds[leader].slides;
-        } else {
-            leader = index;
         }
         let share = |cell: Option<u32>, from: f64, to: f64, part: f64| match cell {
             Some(cell) => {

@@ -65,9 +65,12 @@ pub(crate) struct Hold {
     pub force: Vector3<f64>,
     /// Whether it slid at the last balance.
     pub slides: bool,
-    /// Whether it lies so close to the crossing before it, or before the first that does not, to that, that it has no rows and
-    /// goes with it.
+    /// Whether it lies so close to the last crossing before it that has rows, or to the first after it, that it has none and goes
+    /// with that.
     pub follows: bool,
+    /// Whether that is the one after it.
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
+    pub ahead: bool,
 }
 
 /// Where a tip is.
@@ -245,17 +248,10 @@ impl NeedleState {
         while let Some(crossing) = self.history.crossings().get(self.holds.len()) {
             let (alpha, enters) = (crossing.alpha, crossing.enters);
             let leader = self.holds.iter().rposition(|hold| !hold.follows);
-            let leader = leader.and_then(|leader| self.history.crossings().get(leader));
-            let follows = !enters && leader.is_some_and(|leader| alpha - leader.alpha < apart_m);
-            let id = self.new_id();
-            self.holds.push(Hold {
-                id,
-                alpha,
-                limit_n: 0.0,
-                force: Vector3::zeros(),
-                slides: false,
-                follows,
-            });
+            let leader = leader.and_then(|leader| self.place_of(leader, 0));
+            let follows = |(leader, _): &(f64, f64)| !enters && alpha - leader < apart_m;
+            let hold = self.hold_of(alpha, leader.filter(follows), false);
+            self.holds.push(hold);
         }
     }
 
@@ -271,26 +267,56 @@ impl NeedleState {
             let alpha = crossings[place].alpha;
             let is_same = crossings.get(new).is_some_and(|next| !next.enters);
             let leader = self.holds.iter().position(|hold| !hold.follows);
-            let leader = leader.and_then(|leader| crossings.get(new + leader));
-            let follows = is_same && leader.is_some_and(|leader| leader.alpha - alpha < apart_m);
-            let id = self.new_id();
-            let hold = Hold {
-                id,
-                alpha,
-                limit_n: 0.0,
-                force: Vector3::zeros(),
-                slides: false,
-                follows,
-            };
+            let leader = leader.and_then(|leader| self.place_of(leader, new));
+            let follows = |(leader, _): &(f64, f64)| is_same && leader - alpha < apart_m;
+            let hold = self.hold_of(alpha, leader.filter(follows), true);
             self.holds.insert(0, hold);
         }
     }
 
-    /// Where the only crossing with rows is gone that others went with, the last of them has rows.
-    pub fn lead_anew(&mut self) {
-        let is_led = self.holds.iter().any(|hold| !hold.follows);
-        if let Some(last) = self.holds.last_mut().filter(|_| !is_led) {
-            last.follows = false;
+    /// Where a crossing is, and by how much it has slid in this balance \[m\]; so many that have no hold yet lie before all others.
+    fn place_of(&self, hold: usize, before: usize) -> Option<(f64, f64)> {
+        let alpha = self.history.crossings().get(before + hold)?.alpha;
+        Some((alpha, alpha - self.holds.get(hold)?.alpha))
+    }
+
+    /// Of a crossing that has just come, with the one that it goes with: the next solve moves it by all that this one has slid.
+    fn hold_of(&mut self, alpha: f64, leader: Option<(f64, f64)>, ahead: bool) -> Hold {
+        Hold {
+            id: self.new_id(),
+            alpha: alpha - leader.map_or(0.0, |(_, slid)| slid),
+            limit_n: 0.0,
+            force: Vector3::zeros(),
+            slides: false,
+            follows: leader.is_some(),
+            ahead: ahead && leader.is_some(),
+        }
+    }
+
+    /// The crossing with rows that one without goes with.
+    pub fn leader_of(&self, index: usize) -> Option<usize> {
+        let leads = |place: &usize| !self.holds[*place].follows;
+        if self.holds.get(index)?.ahead {
+            (index + 1..self.holds.len()).find(leads)
+        } else {
+            (0..index).rev().find(leads)
+        }
+    }
+
+    /// The crossing next to the tip is gone: where the one before went with that, it has rows.
+    pub fn pop_hold(&mut self) {
+        self.holds.pop();
+        if let Some(last) = self.holds.last_mut().filter(|last| last.ahead) {
+            (last.follows, last.ahead) = (false, false);
+        }
+    }
+
+    /// The first crossings are gone: where the next went with one of them, it has rows.
+    pub fn drop_holds(&mut self, count: usize) {
+        let is_led = self.leader_of(count).is_some_and(|leader| leader >= count);
+        self.holds.drain(..count);
+        if let Some(first) = self.holds.first_mut() {
+            first.follows &= is_led;
         }
     }
 

@@ -484,7 +484,7 @@ const SLIPS: &[Slip] = &[
     Slip {
         from: "[[needle]]\nshape = \"arc\"",
         to: "[[needle]]\nbody = true\nshape = \"arc\"",
-        message: "an arc does not touch yet",
+        message: "that is not straight does not touch yet",
         under: "[[needle]]",
         help: "leave `body` out",
     },

@@ -87,9 +87,9 @@ pub(super) fn read_needles(
             document.number("thickness_m", &said.thickness_m, "positive", positive, help)?;
         let needle = needle::Needle { shape, thickness_m };
         if said.body && said.shape != NeedleShapeName::Straight {
-            let message = "the body of a needle that is an arc does not touch yet";
+            let message = "the body of a needle that is not straight does not touch yet";
             let help = "leave `body` out, or make it `shape = \"straight\"`";
-            return Err(document.flaw(section.span(), message, "an arc", Some(help)));
+            return Err(document.flaw(section.span(), message, "bends", Some(help)));
         }
         let start = read_start(document, said, needle)?;
         let curve = needle.at(&start);

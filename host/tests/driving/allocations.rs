@@ -105,6 +105,21 @@ fn straight_needles_in_linear_tissue() {
     }
 }
 
+/// Needles that are shorter than their way: the end goes in, gives faces to the thread, if there is one, and comes out again.
+#[test]
+fn ends_that_go_in_and_out() {
+    let halves = of_segments(&[(0.007, f64::INFINITY); 2]);
+    let start = frame([0.0013, 0.0007, 0.0275], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]);
+    for (needle, threaded) in [(halves, true), (straight(0.014), false)] {
+        let settings = NeedleSettings::default();
+        let mut bench = Bench::new(slabs(), Kind::Linear, needle, start, soft(), settings);
+        if threaded {
+            bench = bench.with_thread(0.2);
+        }
+        check(bench, &needle, 0.022, true);
+    }
+}
+
 #[test]
 fn arcs_in_linear_tissue() {
     let (bench, needle) = bent(Kind::Linear);

@@ -404,5 +404,8 @@ fn the_body_of_an_arc_is_refused() {
     let settings = NeedleSettings::default();
     let refused = model.with_needles(&mesh, &[part], &answers, settings);
     let said = refused.map(|_| ()).expect_err("refused").to_string();
-    assert!(said.contains("needle 4") && said.contains("arc"), "{said}");
+    assert!(
+        said.contains("needle 4") && said.contains("straight"),
+        "{said}"
+    );
 }

@@ -1,9 +1,9 @@
 //! Needles through meshes: the list that follows a needle step by step against brute force.
 
-mod back;
+pub mod back;
 mod extremes;
 mod oracle;
-mod support;
+pub mod support;
 
 use nalgebra::Vector3;
 use oracle::{Aside, NOT, Oracle};
