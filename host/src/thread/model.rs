@@ -43,8 +43,6 @@ pub struct Through {
     pub tear_pa: f64,
 }
 
-/// Half of the thickness of a thread whose length does not run through tissue, which says none \[m\]: USP 3-0.
-const RADIUS_M: f64 = 1.25e-4;
 /// Diameter of a thread that does not say \[m\]: USP 2-0.
 const THICKNESS_M: f64 = 0.3e-3;
 
@@ -65,8 +63,7 @@ impl Default for Through {
 impl ThreadPart {
     /// Half of its thickness \[m\].
     pub fn radius_m(&self) -> f64 {
-        self.through
-            .map_or(RADIUS_M, |through| 0.5 * through.thickness_m)
+        0.5 * self.through.thickness_m
     }
 
     /// Whether tissue holds it back where it slides.

@@ -162,11 +162,9 @@ impl SourcesState {
     /// Where on a thread its tail ends \[m\], and the direction in which its head is fastened to the needle.
     pub(super) fn thread_ends(&self, sources: &Sources, thread: usize) -> (f64, Vector3<f64>) {
         let each = &self.threads[thread];
-        let part = &sources.threads.parts[thread];
-        let end_m = each.whole.map_or(-part.length_m, |whole| whole.end_m);
         let needle = sources.threads.needles[thread];
         let curve = sources.needles[needle].needle.at(&self.each[needle].pose);
-        (end_m, curve.tangent)
+        (each.end_m, curve.tangent)
     }
 }
 

@@ -9,7 +9,7 @@ use sutura_host::needle::{
     NeedleSegments, NeedleSettings, NeedleShape, NeedleTissue,
 };
 use sutura_host::step::{State, Status, StepOptions, StepReport, Workspace, step};
-use sutura_host::thread::{ThreadPart, ThreadPoint};
+use sutura_host::thread::{ThreadPart, ThreadPoint, Through};
 use sutura_host::tool::{Shape, Tool, ToolSample};
 use sutura_models::hyperelastic::Cells;
 use sutura_models::law::Law;
@@ -251,7 +251,7 @@ impl Bench {
             length_m,
             friction: 0.0,
             strength_n: 20.0,
-            through: None,
+            through: Through::default(),
         };
         self.model = self.model.with_threads(&[part]).expect("a thread");
         self.state = State::new(&self.model);

@@ -284,10 +284,10 @@ fn a_thread_that_is_held_at_its_tail_gives_faces_back() {
         ..Through::default()
     };
     for (through, friction) in [
-        (None, 0.0),
-        (None, 0.2),
-        (Some(stiff), 0.0),
-        (Some(stiff), 0.2),
+        (INEXTENSIBLE, 0.0),
+        (INEXTENSIBLE, 0.2),
+        (stiff, 0.0),
+        (stiff, 0.2),
     ] {
         let mut bench = drawn(bench(Setup {
             through,
