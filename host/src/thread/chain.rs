@@ -19,7 +19,7 @@ use nalgebra::Vector3;
 const MOST_NEWTON: usize = 30;
 /// Halvings of one of them.
 const HALVINGS: usize = 14;
-/// At rest when no point would move by more than this part of a segment, unless said otherwise.
+/// At rest when no point would move by more than this part of a segment; a step that is held back is a small part of what is left to go.
 const AT_REST: f64 = 1e-6;
 /// Lengths are held this well, of their own; what is asked for is 1e-4.
 const HELD: f64 = 1e-10;
@@ -57,8 +57,6 @@ pub struct ChainSettings {
     pub drag_per_s: f64,
     /// Gravity \[m/s^2\], (3).
     pub gravity_m_per_s2: [f64; 3],
-    /// At rest when no point would move by more than this part of a segment \[1\].
-    pub at_rest: f64,
     /// Newton's steps in one step in time at most.
     pub most_newton: usize,
 }
@@ -86,7 +84,6 @@ impl ChainSettings {
             radius_m: 0.15e-3,
             drag_per_s: 10.0,
             gravity_m_per_s2: [0.0, 0.0, -9.81],
-            at_rest: AT_REST,
             most_newton: MOST_NEWTON,
         }
     }
@@ -398,7 +395,7 @@ impl Chain {
                 firm = (10.0 * firm).max(firmness);
                 continue;
             };
-            if farthest <= self.settings.at_rest * segment {
+            if farthest <= AT_REST * segment {
                 report.status = ChainStatus::Ok;
                 break;
             }

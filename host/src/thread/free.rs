@@ -21,8 +21,6 @@ const SPACING_M: f64 = 2e-3;
 const PIECES: [usize; 2] = [8, 256];
 /// A chain has other nodes once its pieces are longer or shorter than they are to be by this factor.
 const RENEWED: f64 = 1.5;
-/// At rest when no node would move by more than this part of the distance of two: 10 um.
-const AT_REST: f64 = 5e-3;
 /// Newton's steps of a chain in a step in time at most, which bounds what a picture takes: the next one goes on.
 const MOST_NEWTON: usize = 12;
 /// Guides of a chain at most: both ends, and what holds their directions.
@@ -179,7 +177,6 @@ impl Slack {
             nodes,
             most_guides: MOST_GUIDES,
             gravity_m_per_s2,
-            at_rest: AT_REST,
             most_newton: MOST_NEWTON,
             ..ChainSettings::of_length(total).of_radius(radius_m)
         };

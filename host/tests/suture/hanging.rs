@@ -27,7 +27,7 @@ fn a_loose_thread_hangs_from_its_last_puncture_outside_the_tissue() {
     let nodes_m = bench.state.positions(&bench.model);
     let free = FreeThreads::new(&bench.model, [0.0, 0.0, -9.81]);
     let mut free = free.expect("a thread");
-    for _ in 0..40 {
+    for _ in 0..120 {
         let report = free.step(0.1, &bench.model, &bench.state, &nodes_m);
         assert!(report.length_error < 1e-9, "{report:?}");
     }
