@@ -215,7 +215,7 @@ fn friction_holds_the_tension_back_around_turns() {
             ..TOUCHING
         }));
         // Pulled far aside, so that it turns; the other end stays.
-        let mut seen = 0;
+        let (mut seen, mut slid) = (0, 0);
         for _ in 0..8 {
             let report = go(&mut bench, Vector3::new(0.001, 0.0, -0.0005));
             let [tail, head] = report.threads()[0].tension_n;
@@ -228,13 +228,12 @@ fn friction_holds_the_tension_back_around_turns() {
             for ([before, after], turn) in passages(&turning(&bench, &path)) {
                 assert!(turn > 0.05, "{turn}");
                 let ratio = (after / before).ln() / (friction * turn);
-                // The balance has its points by where tissue is unloaded; within 1 % in tissue that does not move.
-                assert!(
-                    (ratio - 1.0).abs() < 0.03,
-                    "{before} {after} {turn} {ratio}"
-                );
+                // Less where it sticks while the turn grows. The balance has its points by where tissue is unloaded.
+                assert!(ratio < 1.03, "{before} {after} {turn} {ratio}");
+                slid += u32::from((ratio - 1.0).abs() < 0.01);
             }
         }
+        assert!(slid > 0, "nothing slides as far as friction lets it");
         assert!(seen > 4);
         // Back: it slips the other way only once the tensions have changed places.
         let spent_j = |report: &StepReport| report.threads()[0].dissipated_j;
