@@ -90,7 +90,7 @@ pub struct ThreadSummary {
     pub punctures: u32,
     /// Spans between two parts.
     pub bridges: usize,
-    /// Length of its path outside tissue and at its ends, and inside if its length runs through \[m\].
+    /// Length of its path, outside tissue and inside \[m\].
     pub length_m: f64,
     /// What there is of it for that \[m\].
     pub available_m: f64,
@@ -108,7 +108,7 @@ pub struct ThreadSummary {
     /// What has been broken off \[m\], if it has broken.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub broken_off_m: Option<f64>,
-    /// What it presses on tissue at each passage, from the tail on \[Pa\]; of a thread whose length runs through.
+    /// What it presses on tissue at each passage, from the tail on \[Pa\].
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub thread_pressure_pa: Vec<f64>,
 }

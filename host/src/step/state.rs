@@ -262,7 +262,7 @@ impl State {
         })
     }
 
-    /// What a thread whose length runs through tissue presses on that at each of its passages, from the tail on: the normal force
+    /// What a thread presses on tissue at each of its passages, from the tail on: the normal force
     /// of its turn per length and thickness \[Pa\].
     pub fn thread_pressures_pa(&self, model: &Model, thread: u8) -> Vec<f64> {
         let index = model.thread(thread);

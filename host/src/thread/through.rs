@@ -1,4 +1,4 @@
-//! A thread whose one length runs through outside spans and paths inside tissue: it stretches and drags.
+//! The one length of a thread, through outside spans and paths inside tissue: it stretches and drags.
 //!
 //! Entry points: [`ThreadState::lay_through`], [`ThreadState::soften`] for each solve, [`ThreadState::settle_through`] after it,
 //! [`ThreadState::finish`] at the end of a balance. Younes 2021, 3.33, with the pieces between faces inside
