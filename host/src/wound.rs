@@ -8,7 +8,7 @@ use crate::fem::von_mises_pa;
 use crate::model::Model;
 use crate::scene::{Scene, TissueContact};
 use crate::step::{State, Status, StepOptions, StepReport, Workspace, step};
-use crate::thread::{ThreadEnd, ThreadHold, ThreadReport, ThreadTension, Tightening};
+use crate::thread::{HandReport, ThreadEnd, ThreadHold, ThreadReport, ThreadTension, Tightening};
 use crate::tool::ToolSample;
 use nalgebra::Vector3;
 use serde::Serialize;
@@ -108,9 +108,26 @@ pub struct ThreadSummary {
     /// What has been broken off \[m\], if it has broken.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub broken_off_m: Option<f64>,
+    /// What holds it between its ends, from the tail on.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub hands: Vec<HandSummary>,
     /// What it presses on tissue at each passage, from the tail on \[Pa\].
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub thread_pressure_pa: Vec<f64>,
+}
+
+/// A hand between the ends of a thread as a step has left it. Pairs are of the sides of the tail and of the head.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct HandSummary {
+    /// Id of the tool; none for a place.
+    pub held_by: Option<u8>,
+    /// Where it holds the thread, counted from the head \[m\].
+    pub along_m: f64,
+    /// Tension at both sides \[N\], (2).
+    pub tension_n: [f64; 2],
+    /// Slipped through it so far to both sides \[m\], (2).
+    #[serde(skip_serializing_if = "nothing_slipped")]
+    pub slipped_m: [f64; 2],
 }
 
 fn nothing_slipped(slipped_m: &[f64; 2]) -> bool {
@@ -162,7 +179,6 @@ impl Wound {
             .map(|(now, rest)| (now - Vector3::from(*rest)).into())
             .collect();
         let stresses = model.principal_stress_pa(&displaced);
-        let ends = |thread: &ThreadReport| thread.tension_n.into_iter().fold(0.0, f64::max);
         let threads = last.threads();
         let has_threads = !self.threads.is_empty();
         WoundReport {
@@ -172,7 +188,10 @@ impl Wound {
             rim_gap_vs_welded: gap_m.zip(welded_m).map(|(now, welded)| now / welded),
             rim_gap_m: gap_m,
             rim_gap_welded_m: welded_m,
-            tension_n: threads.iter().map(ends).reduce(f64::max),
+            tension_n: threads
+                .iter()
+                .map(ThreadReport::most_tension_n)
+                .reduce(f64::max),
             pulled_m: has_threads.then(|| threads.iter().flat_map(|t| t.pulled_m).sum()),
             stress_peak_pa: stresses.iter().flatten().map(|s| s.abs()).reduce(f64::max),
             von_mises_peak_pa: stresses.iter().map(von_mises_pa).reduce(f64::max),
@@ -287,7 +306,24 @@ impl ThreadSummary {
             dissipated_j: report.dissipated_j,
             slipped_m: report.slipped_m,
             broken_off_m: report.broken_off_m,
+            hands: report
+                .hands
+                .iter()
+                .flatten()
+                .map(HandSummary::new)
+                .collect(),
             thread_pressure_pa: Vec::new(),
+        }
+    }
+}
+
+impl HandSummary {
+    fn new(report: &HandReport) -> Self {
+        Self {
+            held_by: report.tool,
+            along_m: report.along_m,
+            tension_n: report.tension_n,
+            slipped_m: report.slipped_m,
         }
     }
 }

@@ -8,7 +8,6 @@ use super::source::{Release, What, anchor};
 use super::state::Tip;
 use super::{Crossing, Curve, Slack, Stop, walk_back};
 use crate::step::{Balance, Status};
-use crate::thread::ThreadHold;
 
 impl Balance<'_> {
     /// Crossings that have slid off the end: whether there are any.
@@ -82,10 +81,7 @@ impl Balance<'_> {
     fn chained(&self, needle: usize) -> Option<(usize, Crossing)> {
         let index = self.sources.threads.of_needle(needle)?;
         let thread = self.state.threads.get(index)?;
-        let is_apart = matches!(thread.head.by, ThreadHold::Place(_) | ThreadHold::Tool(_));
-        let beyond = if is_apart { thread.faces_of_path() } else { 0 };
-        let last = thread.passed.get(beyond..)?.last()?;
-        Some((index, last.crossing))
+        Some((index, thread.passed.last()?.crossing))
     }
 
     /// An end that goes back takes what it comes to: whether there are new crossings.

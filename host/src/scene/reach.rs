@@ -228,7 +228,7 @@ impl<'a> Scripts<'a> {
             };
             let next = thread.holds[place + 1..].iter();
             let until_s = next
-                .filter(|next| next.end.is_with(hold.end))
+                .filter(|next| hold.end.is_left(hold.by, (next.end, next.by)))
                 .map(|next| next.time_s);
             let mut nearest = Nearest::none();
             for time_s in self.looks(hold.time_s, until_s.reduce(f64::min)) {

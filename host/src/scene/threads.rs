@@ -4,7 +4,7 @@
 
 use super::document::{Document, Flaw, SceneError};
 use super::{Jaws, Needle, Tool};
-use crate::thread::{ThreadEnd, ThreadHold, ThreadPart, Through, Tightening};
+use crate::thread::{MOST_HANDS, ThreadEnd, ThreadHold, ThreadPart, Through, Tightening};
 use crate::tool::Shape;
 use sutura_scene_file::scene::ToolSection;
 use sutura_scene_file::wound::{
@@ -123,17 +123,25 @@ pub(super) fn read_threads(
             }
             None => STRENGTH_N,
         };
+        let holds = read_holds(document, &said.hold, tools)?;
+        let mut through = read_through(document, said)?;
+        through.strands = count_strands(&holds).ok_or_else(|| {
+            let message = format!("more than {MOST_HANDS} hands between the ends of thread {id}");
+            let help =
+                "let one tool take one span after the other: it lets go of the one that it had";
+            document.flaw(section.span(), message, "held by too many", Some(help))
+        })?;
         let part = ThreadPart {
             id,
             needle,
             length_m,
             friction: read_friction(document, said.friction.as_ref())?,
             strength_n,
-            through: read_through(document, said)?,
+            through,
         };
         threads.push(Thread {
             part,
-            holds: read_holds(document, &said.hold, tools)?,
+            holds,
             tightens: read_tightens(document, &said.tighten)?,
         });
     }
@@ -240,6 +248,24 @@ fn read_holds(
         holds.push(ThreadHeld { time_s, end, by });
     }
     Ok(holds)
+}
+
+/// In how many strands a thread may come that is held so; `None` for more than there may be.
+fn count_strands(holds: &[ThreadHeld]) -> Option<u8> {
+    let is_hand = |by: ThreadHold| matches!(by, ThreadHold::Tool(_) | ThreadHold::Place(_));
+    let of = |end: ThreadEnd| {
+        let holds = holds.iter().filter(move |hold| hold.end == end);
+        holds.map(|hold| hold.by).filter(move |by| is_hand(*by))
+    };
+    let mut hands: Vec<ThreadHold> = Vec::new();
+    for by in of(ThreadEnd::Span) {
+        if !hands.contains(&by) {
+            hands.push(by);
+        }
+    }
+    // The head has one holder at a time.
+    let all = hands.len() + usize::from(of(ThreadEnd::Head).next().is_some());
+    u8::try_from(1 + all).ok().filter(|_| all <= MOST_HANDS)
 }
 
 /// Id of a grip that is somewhere.

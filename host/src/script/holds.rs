@@ -59,11 +59,19 @@ pub(super) fn changes(scene: &Scene) -> Vec<Change> {
 }
 
 impl Taken {
-    /// Whether both are of one needle or end; a span is held in place of the head.
-    fn is_hold_of(&self, other: &Self) -> bool {
-        match (self.held(), other.held()) {
-            (Held::Thread(id, end), Held::Thread(other, next)) => id == other && end.is_with(next),
-            (held, other) => held == other,
+    /// Whether it is over when the next one is made.
+    fn is_left(&self, next: &Self) -> bool {
+        match (*self, *next) {
+            (Self::Needle { id, .. }, Self::Needle { id: other, .. }) => id == other,
+            (
+                Self::Thread { id, end, by },
+                Self::Thread {
+                    id: other,
+                    end: next,
+                    by: hand,
+                },
+            ) => id == other && end.is_left(by, (next, hand)),
+            _ => false,
         }
     }
 
@@ -85,7 +93,7 @@ impl Waiting {
 
     /// Whether its time is over when `next` is due.
     pub fn ends_with(&self, next: &Change) -> bool {
-        self.what.is_hold_of(&next.what)
+        self.what.is_left(&next.what)
     }
 
     /// The tool that is to take hold.

@@ -29,8 +29,40 @@ pub struct HeldThread {
 }
 
 impl HeldThread {
-    /// The thread that pulls at the grip of `driven`, for the wire; of a thread with both ends there, its head.
+    /// The thread that pulls at the grip of `driven`, for the wire; of a thread with both ends there, its head. Between the ends it is that
+    /// side of the hand that pulls harder, or has less slack, which is the head of what is there and on the other side the tail.
     pub(super) fn at_grip(report: &StepReport, driven: u8) -> Option<Self> {
+        Self::at_end(report, driven).or_else(|| Self::between_ends(report, driven))
+    }
+
+    fn between_ends(report: &StepReport, driven: u8) -> Option<Self> {
+        let threads = report.threads().iter();
+        let mut hands = threads.flat_map(|thread| {
+            let hands = thread.hands.iter().flatten();
+            hands.map(move |hand| (thread.id, hand))
+        });
+        let (thread, hand) = hands.find(|(_, hand)| hand.tool == Some(driven))?;
+        let [before, after] = hand.tension_n;
+        let is_tail = after > before || (after == before && hand.slack_m[1] < hand.slack_m[0]);
+        let side = usize::from(is_tail);
+        let tension_n = hand.tension_n[side];
+        Some(Self {
+            tool: driven,
+            thread,
+            end: [End::Head, End::Tail][side],
+            state: if tension_n > 0.0 {
+                Tension::Taut
+            } else {
+                Tension::Slack
+            },
+            direction: hand.direction[side],
+            tension_n,
+            stiffness_n_per_m: along(report, driven, &hand.direction[side]),
+            slack_m: hand.slack_m[side],
+        })
+    }
+
+    fn at_end(report: &StepReport, driven: u8) -> Option<Self> {
         let at = |thread: &ThreadReport, end: usize| thread.held_by[end] == Some(driven);
         let [tail, head] = [0, 1];
         let threads = report.threads();

@@ -6,7 +6,7 @@ use super::balance::Balance;
 use super::report::ToolContact;
 use super::tangent::{Moves, Pull, TangentWork};
 use crate::model::Model;
-use crate::needle::MAX_NEEDLES;
+use crate::thread::MAX_STRANDS;
 use crate::tool::ToolSample;
 use nalgebra::{Matrix6, Vector3, Vector6};
 
@@ -25,7 +25,7 @@ pub(crate) struct Felt {
     pub gap_m: f64,
     pub normal: Vector3<f64>,
     /// Ends of threads that it holds.
-    pub pulls: [Option<Pull>; 2 * MAX_NEEDLES],
+    pub pulls: [Option<Pull>; 2 * MAX_STRANDS],
 }
 
 impl Felt {
@@ -39,7 +39,7 @@ impl Felt {
             rows: 0,
             gap_m: f64::MAX,
             normal: Vector3::z(),
-            pulls: [None; 2 * MAX_NEEDLES],
+            pulls: [None; 2 * MAX_STRANDS],
         }
     }
 

@@ -330,7 +330,7 @@ impl SourcesState {
                 .iter()
                 .map(|part| NeedleState::new(part, &sources.settings))
                 .collect(),
-            threads: sources.threads.parts.iter().map(ThreadState::new).collect(),
+            threads: strands(&sources.threads),
             touch,
             tools: ToolContacts::new(&sources.tools),
             jaws: sources.jaws.iter().map(JawsState::new).collect(),
@@ -481,4 +481,17 @@ impl SourcesWork {
         let system = &mut self.balance.system;
         system.prepare(&model.body, &model.motion, &nodes)
     }
+}
+
+/// One strand in use a thread, and room for others.
+fn strands(threads: &Threads) -> Vec<ThreadState> {
+    let each = (0..threads.strands()).map(|strand| {
+        let part = threads.part_of(strand);
+        if threads.is_led(strand) {
+            ThreadState::new(part)
+        } else {
+            ThreadState::unused(part)
+        }
+    });
+    each.collect()
 }

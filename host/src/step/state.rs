@@ -184,9 +184,11 @@ impl State {
         thread: u8,
     ) -> impl Iterator<Item = &needle::Crossing> {
         let sources = self.sources.as_ref().zip(model.thread(thread));
-        let passed = sources.and_then(|(state, index)| state.threads.get(index));
-        let passed = passed.into_iter().flat_map(|thread| &thread.passed);
-        passed.map(|passed| &passed.crossing)
+        let strands = sources.into_iter().flat_map(|(state, index)| {
+            let strands = state.strands(index).iter();
+            strands.map(|strand| &state.threads[strand])
+        });
+        strands.flat_map(|strand| strand.passed.iter().map(|passed| &passed.crossing))
     }
 
     /// The way of a needle through the mesh.
@@ -231,16 +233,16 @@ impl State {
     /// free again. Says whether there is such a thread and the numbers make sense.
     pub fn tighten(&mut self, model: &Model, thread: u8, to: Option<Tightening>) -> bool {
         let index = model.thread(thread);
-        let each = self.sources.as_mut().zip(index);
-        let each = each.and_then(|(state, index)| state.threads.get_mut(index));
+        let Some((state, index)) = self.sources.as_mut().zip(index) else {
+            return false;
+        };
         let is_sound = to.is_none_or(|to| to.is_sound());
-        match each.filter(|_| is_sound) {
-            Some(each) => {
-                each.tightened = to;
-                true
+        if is_sound {
+            for strand in state.strands(index).iter() {
+                state.threads[strand].tightened = to;
             }
-            None => false,
         }
+        is_sound
     }
 
     /// The path of a thread, from tail to head, with all nodes at `nodes_m` (n x 3), see [`State::positions`]; for viewers

@@ -381,8 +381,10 @@ impl TangentWork {
                 let moved = shift + turn.cross(&pull.arm);
                 let rows = &mut self.change[n * pose..n * (pose + 1)];
                 pull.rows.visit(|row, direction| {
-                    let acts = modes[row] == Mode::Held && w[row * (n + 1)] > 0.0;
-                    rows[row] = if acts { direction.dot(&moved) } else { 0.0 };
+                    // One tool may hold both ends of a strand.
+                    if modes[row] == Mode::Held && w[row * (n + 1)] > 0.0 {
+                        rows[row] += direction.dot(&moved);
+                    }
                 });
             }
         }

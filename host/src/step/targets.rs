@@ -6,7 +6,7 @@ use super::sources::{Sources, SourcesState};
 use crate::jaws::{Jaws, JawsState};
 use crate::needle::{MAX_NEEDLES, NeedlePart, NeedleState, Tip};
 use crate::source::tool::Placements;
-use crate::thread::ThreadHold;
+use crate::thread::{MAX_STRANDS, ThreadHold};
 use crate::tool::{MAX_TOOLS, ToolSample};
 use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3};
 
@@ -21,8 +21,8 @@ const EDGE_PIECES: f64 = 4.0;
 pub(crate) struct Targets {
     /// The needles' frames.
     pub needles: [Isometry3<f64>; MAX_NEEDLES],
-    /// Tails and heads of threads \[m\].
-    pub threads: [[Vector3<f64>; 2]; MAX_NEEDLES],
+    /// Both ends of strands \[m\].
+    pub threads: [[Vector3<f64>; 2]; MAX_STRANDS],
     /// By their places among those that touch.
     pub tools: Placements,
     /// Grips that carry jaws; nothing for one that has not been anywhere.
@@ -34,7 +34,7 @@ impl Targets {
     pub fn none() -> Self {
         Self {
             needles: [Isometry3::identity(); MAX_NEEDLES],
-            threads: [[Vector3::zeros(); 2]; MAX_NEEDLES],
+            threads: [[Vector3::zeros(); 2]; MAX_STRANDS],
             tools: [None; MAX_TOOLS],
             jaws: [None; MAX_TOOLS],
         }

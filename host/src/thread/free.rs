@@ -9,7 +9,6 @@
 use super::chain::{Chain, ChainReport, ChainSettings, Guide};
 use super::model::{ThreadPlace, ThreadPoint};
 use super::skin::Skin;
-use super::state::ThreadState;
 use super::stretch::{Stretch, stretches};
 use crate::model::Model;
 use crate::step::State;
@@ -117,11 +116,7 @@ impl FreeThreads {
             free.path = drawn(&places, &stretches, &free.slack);
             // Where something else holds the head the path ends there, unless there is thread up to the needle.
             let reaches = stretches.iter().any(|each| each.next + 1 == places.len());
-            let is_apart = threads
-                .threads
-                .get(free.index)
-                .is_some_and(ThreadState::is_apart);
-            if is_apart && !reaches {
+            if threads.is_head_in_hand(free.index) && !reaches {
                 free.path.pop();
             }
         }

@@ -54,19 +54,21 @@ impl GaveWay {
         });
     }
 
-    /// A thread's events.
-    fn events(self, thread: u8) -> impl Iterator<Item = Event> {
-        let ends = [ThreadEnd::Tail, ThreadEnd::Head].into_iter();
-        let slips = ends.zip(self.slips).filter_map(move |(end, slip)| {
-            let slip = slip?;
-            Some(Event::Slipped {
-                thread,
-                end,
-                tool: slip.tool,
-                length_m: slip.length_m,
-                is_out: slip.is_out,
-            })
-        });
+    /// A strand's events, which ends at `ends` of its thread.
+    fn events(self, thread: u8, ends: [ThreadEnd; 2]) -> impl Iterator<Item = Event> {
+        let slips = ends
+            .into_iter()
+            .zip(self.slips)
+            .filter_map(move |(end, slip)| {
+                let slip = slip?;
+                Some(Event::Slipped {
+                    thread,
+                    end,
+                    tool: slip.tool,
+                    length_m: slip.length_m,
+                    is_out: slip.is_out,
+                })
+            });
         let breaks = self.breaks.map(|torn| Event::Broke {
             thread,
             tension_n: torn.tension_n,
@@ -82,8 +84,9 @@ impl ThreadState {
     /// Most tension at the tail with which grips and knots hold and nothing breaks; whether it is as it was, or does not matter.
     pub(super) fn bind(&mut self, part: &ThreadPart, shared: f64) -> bool {
         let Through { grip_n, knot_n, .. } = part.through;
-        let holds = |hold: ThreadHold| match hold {
-            ThreadHold::Tool(_) => grip_n,
+        // A grip withstands the difference of the tensions at both sides.
+        let holds = |end: usize, hold: ThreadHold| match hold {
+            ThreadHold::Tool(_) => grip_n + self.beyond_n[end],
             ThreadHold::Knot => knot_n,
             _ => f64::INFINITY,
         };
@@ -92,14 +95,14 @@ impl ThreadState {
         let at_head = self.segments.last().map_or(0.0, more);
         // The needle is too thick for a grip that holds the thread.
         let head_n = if self.head.alpha < 0.0 {
-            holds(self.head.by)
+            holds(1, self.head.by)
         } else {
             f64::INFINITY
         };
         let mut bound = (part.strength_n - most, Weakest::Thread);
         for (bound_n, weakest) in [
             (head_n - at_head, Weakest::Head),
-            (holds(self.tail.by), Weakest::Tail),
+            (holds(0, self.tail.by), Weakest::Tail),
         ] {
             if bound_n < bound.0 {
                 bound = (bound_n, weakest);
@@ -112,11 +115,11 @@ impl ThreadState {
         follows || !matters
     }
 
-    /// Lets the thread slip through a grip that does not hold it; whether it is the thread that gives way.
-    pub(super) fn give_way(&mut self, part: &ThreadPart) -> bool {
+    /// Lets the thread slip through a grip that does not hold it, of which there is as much as up to the places `ends` on the thread
+    /// \[m\]; whether it is the thread that gives way.
+    pub(super) fn give_way(&mut self, part: &ThreadPart, ends: [f64; 2]) -> bool {
         let shared = self.tension_at_tail();
         let lacking = self.needed_m(part) - self.available_m();
-        let beyond = self.faces_of_path();
         if lacking <= LENGTH_M || shared < self.bound_n - NO_TENSION_N {
             return false;
         }
@@ -127,10 +130,10 @@ impl ThreadState {
                 self.gave_way.opens = Some(shared);
             }
             Weakest::Tail => {
-                let slips = lacking.min(self.tail.alpha - self.end_m);
+                let slips = lacking.min(self.tail.alpha - ends[0]).max(0.0);
                 self.tail.alpha -= slips;
                 self.slipped_m[0] += slips;
-                let is_out = slips < lacking;
+                let is_out = slips < lacking && self.before.is_none();
                 self.gave_way.slip(0, self.tail.by, slips, is_out);
                 if is_out {
                     // Its end has come through.
@@ -139,14 +142,8 @@ impl ThreadState {
                 }
             }
             Weakest::Head => {
-                // From what lies between hand and needle, of which a little stays.
-                let beyond = self.passed.get_mut(beyond..).unwrap_or_default();
-                let least_m = if beyond.is_empty() { 0.0 } else { LEFT_M };
-                let slips = lacking.min(-self.head.alpha - least_m).max(0.0);
+                let slips = lacking.min(ends[1] - self.head.alpha).max(0.0);
                 self.head.alpha += slips;
-                for passed in beyond {
-                    passed.crossing.alpha = passed.crossing.alpha.max(self.head.alpha + least_m);
-                }
                 self.slipped_m[1] += slips;
                 self.gave_way.slip(1, self.head.by, slips, false);
             }
@@ -168,7 +165,8 @@ impl ThreadState {
         });
         let tension_n = tensest.map_or(0.0, |most| most.tension_n);
         let at_m = from.map_or(self.tail.alpha, |from| self.passed[from].crossing.alpha);
-        let lost_m = at_m - self.end_m;
+        let begins_m = self.before.map_or(self.end_m, |_| self.tail.alpha);
+        let lost_m = at_m - begins_m;
         self.broken_off_m = Some(self.broken_off_m.unwrap_or(0.0) + lost_m);
         self.gave_way.breaks = Some(Break { tension_n, lost_m });
         self.end_m = at_m;
@@ -176,8 +174,18 @@ impl ThreadState {
         self.tail.alpha = at_m;
     }
 
-    /// What has given way since this was asked last.
-    pub(super) fn take_events(&mut self, thread: u8) -> impl Iterator<Item = Event> + use<> {
-        std::mem::take(&mut self.gave_way).events(thread)
+    /// What has given way since this was asked last; of the strand that is at the head, or another one.
+    pub(super) fn take_events(
+        &mut self,
+        thread: u8,
+        is_head: bool,
+    ) -> impl Iterator<Item = Event> + use<> {
+        let tail = self.before.map_or(ThreadEnd::Tail, |_| ThreadEnd::Span);
+        let head = if is_head {
+            ThreadEnd::Head
+        } else {
+            ThreadEnd::Span
+        };
+        std::mem::take(&mut self.gave_way).events(thread, [tail, head])
     }
 }

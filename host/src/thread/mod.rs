@@ -18,6 +18,7 @@ mod segments;
 mod skin;
 mod source;
 mod state;
+mod strands;
 mod stretch;
 mod through;
 mod wrap;
@@ -25,8 +26,8 @@ mod wrap;
 pub(crate) use bends::BendWork;
 pub(crate) use ends::EndRows;
 pub(crate) use follow::FollowWork;
-pub(crate) use model::Threads;
-pub(crate) use report::{Outside, nearest_outside};
+pub(crate) use model::{MAX_STRANDS, MOST_HANDS, Threads};
+pub(crate) use report::nearest_outside;
 pub(crate) use segments::Segment;
 pub(crate) use skin::Skin;
 pub(crate) use source::{ThreadSource, ThreadWork};
@@ -37,6 +38,6 @@ pub use chain::{ChainReport, ChainSettings, ChainStatus};
 pub use free::FreeThreads;
 pub use hanging::{Beats, Hanging};
 pub use model::{
-    Bridge, ThreadEnd, ThreadError, ThreadHold, ThreadPart, ThreadPlace, ThreadPoint, ThreadReport,
-    ThreadTension, Through, Tightening,
+    Bridge, HandReport, ThreadEnd, ThreadError, ThreadHold, ThreadPart, ThreadPlace, ThreadPoint,
+    ThreadReport, ThreadTension, Through, Tightening,
 };

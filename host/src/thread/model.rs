@@ -41,13 +41,15 @@ pub struct Through {
     pub thickness_m: f64,
     /// Pressure on tissue above which that tears \[Pa\], which is warned of and does not happen; infinite for none.
     pub tear_pa: f64,
+    /// Strands that there are at one time at most: one, and one more for each hand between the ends.
+    pub strands: u8,
 }
 
 /// Diameter of a thread that does not say \[m\]: USP 2-0.
 const THICKNESS_M: f64 = 0.3e-3;
 
 impl Default for Through {
-    /// Inextensible, without drag, in grips and knots that do not give way; of 0.3 mm.
+    /// Inextensible, without drag, in grips and knots that do not give way; of 0.3 mm, and with room for one hand between the ends.
     fn default() -> Self {
         Self {
             axial_stiffness_n: f64::INFINITY,
@@ -56,6 +58,7 @@ impl Default for Through {
             knot_n: f64::INFINITY,
             thickness_m: THICKNESS_M,
             tear_pa: f64::INFINITY,
+            strands: 2,
         }
     }
 }
@@ -96,18 +99,22 @@ pub enum ThreadHold {
 pub enum ThreadEnd {
     /// The one that follows.
     Tail,
-    /// The one at the needle. Held by nothing it is held by the needle.
+    /// The one at the needle, between it and the last face. Held by nothing it is held by the needle.
     Head,
-    /// No end: what is outside, where it is nearest to the hand. Held there the thread is pulled between its tail and the hand, as if
-    /// the head were; what lies between hand and needle slides after without tension. One hold at a time is there, at a span or at
-    /// the head.
+    /// No end: what is outside, where it is nearest to the hand. A hand there, or at the head, divides the thread into strands, of which
+    /// each has a length and a tension of its own. Several hands can be there; one that takes another place lets go of the one that it
+    /// had, and a hold by nothing lets go of all.
     Span,
 }
 
 impl ThreadEnd {
-    /// Whether a hold of one ends that of the other.
-    pub(crate) fn is_with(self, other: Self) -> bool {
-        (self == Self::Tail) == (other == Self::Tail)
+    /// Whether who holds it, `by`, does so no more when the next takes hold.
+    pub(crate) fn is_left(self, by: ThreadHold, (end, next): (Self, ThreadHold)) -> bool {
+        match (self, end) {
+            (Self::Tail, Self::Tail) | (Self::Head, Self::Head) => true,
+            (Self::Tail, _) | (_, Self::Tail) => false,
+            _ => next == ThreadHold::Free || next == by,
+        }
     }
 }
 
@@ -194,6 +201,35 @@ pub struct ThreadReport {
     pub dissipated_j: f64,
     /// Largest of [`crate::step::State::thread_pressures_pa`] \[Pa\].
     pub pressure_pa: f64,
+    /// What holds it between its ends, from the tail on.
+    pub hands: [Option<HandReport>; MOST_HANDS],
+}
+
+impl ThreadReport {
+    /// Largest tension at an end or a hand \[N\].
+    pub fn most_tension_n(&self) -> f64 {
+        let hands = self.hands.iter().flatten().flat_map(|hand| hand.tension_n);
+        self.tension_n.into_iter().chain(hands).fold(0.0, f64::max)
+    }
+}
+
+/// What a step found about a hand between the ends of a thread. Pairs are of the sides of the tail and of the head.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct HandReport {
+    /// The tool, unless it is a place.
+    pub tool: Option<u8>,
+    /// Where it holds the thread \[m\], (3).
+    pub at_m: [f64; 3],
+    /// Where that is on the thread, counted from the head \[m\].
+    pub along_m: f64,
+    /// Tension at both sides \[N\], (2).
+    pub tension_n: [f64; 2],
+    /// Unit vectors along which both sides pull it, (2 x 3); zero where there is nothing.
+    pub direction: [[f64; 3]; 2],
+    /// What there is of thread in both strands more than their paths need \[m\], (2).
+    pub slack_m: [f64; 2],
+    /// Slipped through it so far to the side of the tail, and to that of the head \[m\], (2).
+    pub slipped_m: [f64; 2],
 }
 
 /// A point of a thread's path, from tail to head.
@@ -254,6 +290,9 @@ pub enum ThreadError {
         /// What is wrong with it.
         flaw: &'static str,
     },
+    /// More strands than there is room for.
+    #[error("the threads come in {0} strands; at most {MAX_STRANDS} are possible")]
+    TooManyStrands(usize),
     /// A number out of range.
     #[error("thread {id}: `{what}` is {value}; it must be {rule}")]
     Number {
@@ -273,7 +312,9 @@ pub enum ThreadError {
 pub(crate) struct Threads {
     pub parts: Vec<ThreadPart>,
     /// Index of each thread's needle.
-    pub needles: Vec<usize>,
+    needles: Vec<usize>,
+    /// Index of the thread of each strand. The first are those at the needles, one a thread, in the order of threads.
+    strands: Vec<usize>,
     /// Number of each node's connected body of tissue, (n), and how many there are.
     bodies: Vec<u32>,
     count: u32,
@@ -285,6 +326,10 @@ pub(crate) struct Threads {
 pub(crate) const MOST_SEGMENTS: usize = 288;
 /// Most bends of one thread.
 pub(crate) const MOST_BENDS: usize = 96;
+/// Most strands of all threads together.
+pub(crate) const MAX_STRANDS: usize = 16;
+/// Most hands between the ends of one thread.
+pub(crate) const MOST_HANDS: usize = 4;
 
 impl Threads {
     /// No threads.
@@ -292,6 +337,7 @@ impl Threads {
         Self {
             parts: Vec::new(),
             needles: Vec::new(),
+            strands: Vec::new(),
             bodies: Vec::new(),
             count: 0,
             apart_m: 0.0,
@@ -320,10 +366,18 @@ impl Threads {
             needles.push(place);
             check_numbers(part)?;
         }
+        let mut strands: Vec<usize> = (0..parts.len()).collect();
+        for (index, part) in parts.iter().enumerate() {
+            strands.extend((1..part.through.strands).map(|_| index));
+        }
+        if strands.len() > MAX_STRANDS {
+            return Err(ThreadError::TooManyStrands(strands.len()));
+        }
         let (bodies, count) = bodies(mesh);
         Ok(Self {
             parts: parts.to_vec(),
             needles,
+            strands,
             bodies,
             count,
             apart_m,
@@ -333,6 +387,31 @@ impl Threads {
     /// The thread of a needle.
     pub fn of_needle(&self, needle: usize) -> Option<usize> {
         self.needles.iter().position(|own| *own == needle)
+    }
+
+    /// Number of strands that there can be.
+    pub fn strands(&self) -> usize {
+        self.strands.len()
+    }
+
+    /// Index of the thread that a strand is of.
+    pub fn thread_of(&self, strand: usize) -> usize {
+        self.strands[strand]
+    }
+
+    /// The thread that a strand is of.
+    pub fn part_of(&self, strand: usize) -> &ThreadPart {
+        &self.parts[self.strands[strand]]
+    }
+
+    /// Index of the needle of a strand's thread.
+    pub fn needle_of(&self, strand: usize) -> usize {
+        self.needles[self.strands[strand]]
+    }
+
+    /// Whether a strand ends at its needle.
+    pub fn is_led(&self, strand: usize) -> bool {
+        strand < self.parts.len()
     }
 
     /// What they go through.
@@ -356,11 +435,14 @@ fn check_numbers(part: &ThreadPart) -> Result<(), ThreadError> {
         knot_n,
         thickness_m,
         tear_pa,
+        strands,
     } = part.through;
     let positive = |value: f64| (value > 0.0 && value.is_finite(), "above zero");
     // Infinite for what does not give way.
     let rigid = |value: f64| (value > 0.0, "above zero");
     let coefficient = |value: f64| ((0.0..=10.0).contains(&value), "from 0 to 10");
+    let most = 1 + MOST_HANDS as u8;
+    let in_all = |strands: u8| ((1..=most).contains(&strands), "from 1 to 5");
     let drag = |value: f64| (value >= 0.0 && value.is_finite(), "zero or above");
     let numbers = [
         ("length_m", part.length_m, positive(part.length_m)),
@@ -376,6 +458,7 @@ fn check_numbers(part: &ThreadPart) -> Result<(), ThreadError> {
         ("knot_n", knot_n, rigid(knot_n)),
         ("thickness_m", thickness_m, positive(thickness_m)),
         ("tear_pa", tear_pa, rigid(tear_pa)),
+        ("strands", f64::from(strands), in_all(strands)),
     ];
     for (what, value, (sound, rule)) in numbers {
         if !sound {

@@ -1,8 +1,8 @@
 //! What is asked of threads between steps, and said of them after one.
 //!
-//! Entry points: [`SourcesState::hold_thread`], [`Balance::feel_threads`].
+//! Entry points: [`SourcesState::thread_path`], [`Balance::feel_threads`], [`Balance::report_threads`].
 
-use super::{Bridge, ThreadEnd, ThreadHold, ThreadPlace, ThreadPoint, ThreadReport, ThreadState};
+use super::{Bridge, HandReport, ThreadEnd, ThreadPlace, ThreadPoint, ThreadReport, ThreadTension};
 use crate::anchors::AnchorPoint;
 use crate::model::Model;
 use crate::needle::anchor;
@@ -10,36 +10,6 @@ use crate::step::{Balance, Felt, Pull, Sources, SourcesState};
 use nalgebra::{Vector3, Vector6};
 
 impl SourcesState {
-    /// See [`crate::step::State::hold_thread`]; `at` is where it is held, if it has a place.
-    pub fn hold_thread(
-        &mut self,
-        sources: &Sources,
-        nodes_m: &[[f64; 3]],
-        thread: usize,
-        end: ThreadEnd,
-        hold: ThreadHold,
-        at: Option<[f64; 3]>,
-    ) -> bool {
-        let Some(each) = self.threads.get(thread) else {
-            return false;
-        };
-        let nearest = match end {
-            ThreadEnd::Tail => each.passed.first(),
-            ThreadEnd::Head | ThreadEnd::Span => each.passed.last(),
-        };
-        let at = at.map_or_else(Vector3::zeros, Vector3::from);
-        let outside = match end {
-            ThreadEnd::Span => nearest_outside(&self.thread_path(sources, nodes_m, thread), &at),
-            _ => None,
-        };
-        let near = nearest.map_or(at, |near| {
-            let near = anchor(&sources.mesh, &near.crossing);
-            place_of(nodes_m, &near)
-        });
-        self.threads[thread].hold(end, hold, at, (near, outside));
-        true
-    }
-
     /// See [`crate::step::State::bridges`].
     pub fn bridges(
         &self,
@@ -48,34 +18,42 @@ impl SourcesState {
         nodes_m: &[[f64; 3]],
         thread: usize,
     ) -> Vec<Bridge> {
-        let Some(each) = self.threads.get(thread) else {
-            return Vec::new();
-        };
-        let mut each = each.clone();
         let ground = sources.threads.ground(&sources.mesh, model.points_m());
-        each.segments.clear();
-        // Beyond a hand on a span, too.
-        each.head.by = ThreadHold::Free;
         let place = |at: &AnchorPoint| place_of(nodes_m, at);
-        each.lay(&ground, None, &mut Vec::new(), place);
-        let spans = each.spans.iter().enumerate();
-        let bridging = spans.filter(|(_, span)| span.bridges);
-        bridging
-            .map(|(index, span)| Bridge {
+        let mut bridges = Vec::new();
+        for mut each in self.joined(thread) {
+            each.segments.clear();
+            each.lay(&ground, None, &mut Vec::new(), place);
+            let spans = each.spans.iter().enumerate();
+            let bridging = spans.filter(|(_, span)| span.bridges);
+            bridges.extend(bridging.map(|(index, span)| Bridge {
                 rest_m: span.rest_m,
                 now_m: each.lengths_of(index),
-                tension_n: self.threads[thread].tension_in_span(span.key),
-            })
-            .collect()
+                tension_n: self.tension_after(thread, span.key),
+            }));
+        }
+        bridges
+    }
+
+    /// Tension behind the face of that name, towards the head, up to a hand \[N\].
+    fn tension_after(&self, thread: usize, id: u32) -> f64 {
+        let mut strands = self.strands(thread).iter();
+        let is_own = |strand: &usize| {
+            self.threads[*strand]
+                .passed
+                .iter()
+                .any(|passed| passed.id == id)
+        };
+        let own = strands.find(is_own);
+        own.map_or(0.0, |strand| self.threads[strand].tension_after(id))
     }
 
     /// See [`crate::step::State::thread_pressures_pa`].
     pub fn thread_pressures_pa(&self, sources: &Sources, thread: usize) -> Vec<f64> {
-        let each = self
-            .threads
-            .get(thread)
-            .zip(sources.threads.parts.get(thread));
-        each.map_or_else(Vec::new, |(each, part)| each.pressures_pa(part).collect())
+        let strands = self.strands(thread).iter();
+        let each = strands.map(|strand| (&self.threads[strand], sources.threads.part_of(strand)));
+        each.flat_map(|(each, part)| each.pressures_pa(part))
+            .collect()
     }
 
     /// See [`crate::step::State::thread_path`].
@@ -86,11 +64,15 @@ impl SourcesState {
         thread: usize,
     ) -> Vec<ThreadPoint> {
         let mut places = self.thread_places(sources, nodes_m, thread);
-        // A hand that holds the head ends the path.
-        if self.threads.get(thread).is_some_and(ThreadState::is_apart) {
+        if self.is_head_in_hand(thread) {
             places.pop();
         }
         places.into_iter().map(|(_, point)| point).collect()
+    }
+
+    /// Whether a hand holds the head apart from the needle, so that the path ends there.
+    pub(super) fn is_head_in_hand(&self, thread: usize) -> bool {
+        self.strands(thread).head(&self.threads) != thread
     }
 
     /// The points of a thread's path, and the needle's end behind a hand that holds the head, from tail to head; each with the id
@@ -101,24 +83,49 @@ impl SourcesState {
         nodes_m: &[[f64; 3]],
         thread: usize,
     ) -> Vec<(u32, ThreadPoint)> {
-        let Some(each) = self.threads.get(thread) else {
-            return Vec::new();
-        };
-        let part = &sources.needles[sources.threads.needles[thread]];
-        let needle = &self.each[sources.threads.needles[thread]];
+        let mut path: Vec<(u32, ThreadPoint)> = Vec::new();
+        for strand in self.strands(thread).iter() {
+            let mut last = path.last().map_or(0, |(last, _)| *last);
+            if self.threads[strand].goes_on() {
+                // The hand between the two is the first point of this one.
+                path.pop();
+            }
+            for (id, point) in self.places(sources, nodes_m, strand) {
+                last = last.max(id);
+                path.push((last, point));
+            }
+        }
+        path
+    }
+
+    /// The points of a strand's path, from tail to head.
+    pub(super) fn strand_places(
+        &self,
+        sources: &Sources,
+        nodes_m: &[[f64; 3]],
+        strand: usize,
+    ) -> Vec<ThreadPoint> {
+        let places = self.places(sources, nodes_m, strand);
+        places.into_iter().map(|(_, point)| point).collect()
+    }
+
+    /// The points of a strand's path, each with the id of the face that it is or lies behind, 0 before the first.
+    fn places(
+        &self,
+        sources: &Sources,
+        nodes_m: &[[f64; 3]],
+        strand: usize,
+    ) -> Vec<(u32, ThreadPoint)> {
+        let each = &self.threads[strand];
         let mut path = Vec::with_capacity(each.passed.len() + 3);
-        let end = |at: Vector3<f64>, along_m| ThreadPoint {
+        let end = |at: Vector3<f64>, along_m, tension_n| ThreadPoint {
             at_m: at.into(),
             along_m,
             what: ThreadPlace::End,
-            tension_n: 0.0,
+            tension_n,
         };
-        if matches!(each.tail.by, ThreadHold::Place(_) | ThreadHold::Tool(_)) {
-            let tail = ThreadPoint {
-                tension_n: each.tension_after(0),
-                ..end(each.tail.at, each.tail.alpha)
-            };
-            path.push((0, tail));
+        if each.is_tail_in_hand() {
+            path.push((0, end(each.tail.at, each.tail.alpha, each.tension_after(0))));
         }
         let bends = |path: &mut Vec<(u32, ThreadPoint)>, key: u32| {
             for (_, bend) in each.bends.iter().filter(|(of, _)| *of == key) {
@@ -132,13 +139,7 @@ impl SourcesState {
             }
         };
         bends(&mut path, 0);
-        let hand = match each.head.by {
-            ThreadHold::Place(_) | ThreadHold::Tool(_) => Some(end(each.head.at, each.head.alpha)),
-            _ => None,
-        };
-        let (faces, mut last) = (each.faces_of_path(), 0);
-        for (index, passed) in each.passed.iter().enumerate() {
-            path.extend(hand.filter(|_| index == faces).map(|hand| (last, hand)));
+        for passed in &each.passed {
             let at = anchor(&sources.mesh, &passed.crossing);
             let face = ThreadPoint {
                 at_m: place_of(nodes_m, &at).into(),
@@ -148,23 +149,28 @@ impl SourcesState {
                     (true, true) => ThreadPlace::Enters,
                     (true, false) => ThreadPlace::Leaves,
                 },
-                tension_n: each.tension_in_span(passed.id),
+                tension_n: each.tension_after(passed.id),
             };
-            last = passed.id;
-            path.push((last, face));
-            bends(&mut path, last);
+            path.push((passed.id, face));
+            bends(&mut path, passed.id);
         }
-        path.extend(hand.filter(|_| each.is_apart()).map(|hand| (last, hand)));
-        path.push((last, end(part.needle.at(&needle.pose).start, 0.0)));
+        let last = path.last().map_or(0, |(last, _)| *last);
+        if each.head.by.is_hand() {
+            path.push((last, end(each.head.at, each.head.alpha, 0.0)));
+        } else if sources.threads.is_led(strand) {
+            let needle = sources.threads.needle_of(strand);
+            let curve = sources.needles[needle].needle.at(&self.each[needle].pose);
+            path.push((last, end(curve.start, 0.0, 0.0)));
+        }
         path
     }
 
     /// Where on a thread its tail ends \[m\], and the direction in which its head is fastened to the needle.
     pub(super) fn thread_ends(&self, sources: &Sources, thread: usize) -> (f64, Vector3<f64>) {
-        let each = &self.threads[thread];
-        let needle = sources.threads.needles[thread];
+        let first = self.strands(thread).iter().next().unwrap_or(thread);
+        let needle = sources.threads.needle_of(thread);
         let curve = sources.needles[needle].needle.at(&self.each[needle].pose);
-        (each.end_m, curve.tangent)
+        (self.threads[first].end_m, curve.tangent)
     }
 }
 
@@ -221,19 +227,29 @@ pub(crate) fn nearest_outside(path: &[ThreadPoint], to: &Vector3<f64>) -> Option
     nearest.map(|(_, outside)| outside)
 }
 
-fn place_of(nodes_m: &[[f64; 3]], at: &AnchorPoint) -> Vector3<f64> {
+/// Where a point of tissue is whose nodes are at `nodes_m` \[m\].
+pub(super) fn place_of(nodes_m: &[[f64; 3]], at: &AnchorPoint) -> Vector3<f64> {
     let parts = at.nodes.iter().zip(at.weights);
     let places = parts
         .filter_map(|(node, weight)| Some(Vector3::from(*nodes_m.get(*node as usize)?) * weight));
     places.sum()
 }
 
+/// An end of a strand: its tension \[N\], the unit vector along which it pulls what holds it, (3), and where that is \[m\], (3); zero
+/// where nothing does.
+#[derive(Clone, Copy)]
+struct EndReport {
+    tension_n: f64,
+    direction: [f64; 3],
+    at_m: [f64; 3],
+}
+
 impl Balance<'_> {
     /// What a tool feels of the ends of threads that it holds, or the needle before them.
     pub(super) fn feel_threads(&self, felt: &mut Felt) {
         let mut first = self.work.set.rows.len();
-        let parts = &self.sources.threads.parts;
-        for (index, (thread, part)) in self.state.threads.iter().zip(parts).enumerate() {
+        for (index, thread) in self.state.threads.iter().enumerate() {
+            let part = self.sources.threads.part_of(index);
             let is_held = self.is_held(index);
             let ends = [ThreadEnd::Tail, ThreadEnd::Head].into_iter();
             for (place, (end, by)) in ends.zip(self.held_by(index)).enumerate() {
@@ -259,54 +275,120 @@ impl Balance<'_> {
 
     /// What a step found about each thread.
     pub(super) fn report_threads(&mut self) {
-        let count = self.state.threads.len();
+        let threads = &self.sources.threads;
+        let count = threads.parts.len();
         for index in 0..count {
             self.report.threads_mut(count)[index] = self.thread_report(index);
-            let id = self.sources.threads.parts[index].id;
-            for event in self.state.threads[index].take_events(id) {
+        }
+        for strand in 0..self.state.threads.len() {
+            let id = threads.part_of(strand).id;
+            let strands = self.state.strands(threads.thread_of(strand));
+            let is_head = strand == strands.head(&self.state.threads);
+            for event in self.state.threads[strand].take_events(id, is_head) {
                 self.report.happened(event);
             }
         }
     }
 
+    /// The ends are those that somebody holds: beyond a hand at the head is only the needle.
     fn thread_report(&self, index: usize) -> ThreadReport {
-        let thread = &self.state.threads[index];
-        let part = &self.sources.threads.parts[index];
-        let is_held = self.is_held(index);
-        let spans = 0..thread.spans.len();
-        let welds = thread.segments.iter().filter(|segment| segment.is_weld);
+        let strands = self.state.strands(index);
+        let head = strands.head(&self.state.threads);
+        let tail = strands.iter().next().unwrap_or(index);
         let mut out = ThreadReport {
-            id: part.id,
-            state: thread.state,
-            held_by: self.held_by(index),
-            punctures: thread.punctures(),
-            slipped_m: thread.slipped_m,
-            broken_off_m: thread.broken_off_m,
-            // Not -0, which a sum of nothing is.
-            length_m: spans.map(|span| thread.lengths_of(span)).sum::<f64>() + 0.0,
-            available_m: thread.available_m(),
-            pulled_m: thread.pulled_m,
-            welds: welds.count() as u32,
-            wraps: thread.bends.len() as u32,
-            dissipated_j: thread.friction_j,
-            pressure_pa: thread.pressures_pa(part).fold(0.0, f64::max),
+            id: self.sources.threads.part_of(index).id,
+            held_by: [self.held_by(tail)[0], self.held_by(head)[1]],
             ..ThreadReport::default()
         };
-        for (place, end) in [ThreadEnd::Tail, ThreadEnd::Head].into_iter().enumerate() {
-            let segment = match end {
-                ThreadEnd::Tail => thread.segments.first(),
-                ThreadEnd::Head | ThreadEnd::Span => thread.segments.last(),
-            };
-            let is_free = end == ThreadEnd::Tail && !thread.is_tail_held();
-            if !is_free {
-                out.tension_n[place] = segment.map_or(0.0, |segment| segment.tension_n);
-            }
-            if let Some((force, at, rows)) = thread.end(end, part, is_held, 0) {
-                let direction = force.try_normalize(0.0).unwrap_or_else(|| rows.pull());
-                out.direction[place] = direction.into();
-                out.end_m[place] = at.into();
+        for strand in strands.iter() {
+            self.add_strand(strand, &mut out);
+            if strand == head {
+                break;
             }
         }
+        let ends = [(tail, ThreadEnd::Tail), (head, ThreadEnd::Head)];
+        for (place, (strand, end)) in ends.into_iter().enumerate() {
+            let thread = &self.state.threads[strand];
+            let felt = self.end_report(strand, end);
+            (out.tension_n[place], out.direction[place]) = (felt.tension_n, felt.direction);
+            out.end_m[place] = felt.at_m;
+            out.pulled_m[place] = thread.pulled_m[place];
+            out.slipped_m[place] = thread.slipped_m[place];
+        }
+        let mut between = strands.iter();
+        let mut before = between.next().unwrap_or(index);
+        let mut free = out.hands.iter_mut();
+        for after in between {
+            if before == head {
+                break;
+            }
+            let hand = self.hand_report([before, after]);
+            if let (true, Some(place)) = (self.state.threads[after].goes_on(), free.next()) {
+                *place = Some(hand);
+            }
+            before = after;
+        }
         out
+    }
+
+    /// Adds what is of all strands.
+    fn add_strand(&self, strand: usize, out: &mut ThreadReport) {
+        let thread = &self.state.threads[strand];
+        let part = self.sources.threads.part_of(strand);
+        let welds = thread.segments.iter().filter(|segment| segment.is_weld);
+        if thread.state == ThreadTension::Taut {
+            out.state = ThreadTension::Taut;
+        }
+        out.punctures += thread.punctures();
+        out.length_m += thread.length_m();
+        out.available_m += thread.available_m();
+        out.welds += welds.count() as u32;
+        out.wraps += thread.bends.len() as u32;
+        out.dissipated_j += thread.friction_j;
+        out.pressure_pa = thread.pressures_pa(part).fold(out.pressure_pa, f64::max);
+        if let Some(lost_m) = thread.broken_off_m {
+            out.broken_off_m = Some(out.broken_off_m.unwrap_or(0.0) + lost_m);
+        }
+    }
+
+    fn end_report(&self, strand: usize, end: ThreadEnd) -> EndReport {
+        let thread = &self.state.threads[strand];
+        let segment = match end {
+            ThreadEnd::Tail => thread.segments.first(),
+            ThreadEnd::Head | ThreadEnd::Span => thread.segments.last(),
+        };
+        let is_free = end == ThreadEnd::Tail && !thread.is_tail_held();
+        let tension_n = segment.filter(|_| !is_free);
+        let tension_n = tension_n.map_or(0.0, |segment| segment.tension_n);
+        let part = self.sources.threads.part_of(strand);
+        let pull = thread.end(end, part, self.is_held(strand), 0);
+        let pull = pull.map(|(force, at, rows)| {
+            let direction = force.try_normalize(0.0).unwrap_or_else(|| rows.pull());
+            (direction.into(), at.into())
+        });
+        let (direction, at_m) = pull.unwrap_or_default();
+        EndReport {
+            tension_n,
+            direction,
+            at_m,
+        }
+    }
+
+    /// Of the hand between two strands.
+    fn hand_report(&self, strands: [usize; 2]) -> HandReport {
+        let [before, after] = strands.map(|strand| &self.state.threads[strand]);
+        let ends = [
+            self.end_report(strands[0], ThreadEnd::Head),
+            self.end_report(strands[1], ThreadEnd::Tail),
+        ];
+        HandReport {
+            tool: self.held_by(strands[0])[1],
+            at_m: after.tail.at.into(),
+            along_m: after.tail.alpha,
+            tension_n: ends.map(|end| end.tension_n),
+            direction: ends.map(|end| end.direction),
+            slack_m: [before, after].map(|each| each.available_m() - each.length_m()),
+            slipped_m: [before.slipped_m[1], after.slipped_m[0]],
+        }
     }
 }

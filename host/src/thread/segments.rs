@@ -178,7 +178,7 @@ impl ThreadState {
     /// Whether anything but the thread's own slide withstands a pull.
     pub fn pulls(&self, part: &ThreadPart, head_held: bool) -> bool {
         let held = head_held && (self.is_tail_held() || part.drags());
-        self.faces_of_path() > 0 && (held || self.tightened.is_some())
+        !self.passed.is_empty() && (held || self.tightened.is_some())
     }
 
     /// Whether the friction of a span, which is then a passage, has a row.
@@ -555,6 +555,13 @@ impl ThreadState {
         Some(self.tightened?.of(own, all) * span.rest_m)
     }
 
+    /// True length of its path \[m\].
+    pub fn length_m(&self) -> f64 {
+        let spans = 0..self.spans.len();
+        // Not -0, which a sum of nothing is.
+        spans.map(|span| self.lengths_of(span)).sum::<f64>() + 0.0
+    }
+
     /// True length of a span \[m\].
     pub fn lengths_of(&self, span: usize) -> f64 {
         let own = self.segments.iter().filter(|segment| segment.span == span);
@@ -565,15 +572,6 @@ impl ThreadState {
     pub fn tension_after(&self, id: u32) -> f64 {
         let before = self.segments.iter().rfind(|segment| segment.key.0 <= id);
         before.map_or(0.0, |segment| segment.tension_n)
-    }
-
-    /// The same, and none beyond a hand on a span.
-    pub fn tension_in_span(&self, id: u32) -> f64 {
-        let beyond = self.passed.get(self.faces_of_path());
-        if beyond.is_some_and(|beyond| id >= beyond.id) {
-            return 0.0;
-        }
-        self.tension_after(id)
     }
 
     /// Typical compliance of a segment \[m/N\].

@@ -70,11 +70,11 @@ impl Source for ThreadSource {
         let held = &balance.sources.threads;
         let ground = held.ground(&balance.sources.mesh, balance.points_m);
         for (index, thread) in balance.state.threads.iter_mut().enumerate() {
-            let needle = &balance.state.each[held.needles[index]];
+            let needle = &balance.state.each[held.needle_of(index)];
             let head = head_at(balance.sources, needle, thread, index);
             let is_held = thread.is_tail_held() && head.is_some();
             let set = &mut balance.work.set;
-            thread.make_rows(index, &held.parts[index], is_held, &ground, set);
+            thread.make_rows(index, held.part_of(index), is_held, &ground, set);
         }
     }
 
@@ -103,7 +103,7 @@ impl Source for ThreadSource {
 impl Balance<'_> {
     /// Whether both ends of a thread withstand a pull.
     pub(super) fn is_held(&self, thread: usize) -> bool {
-        let needle = &self.state.each[self.sources.threads.needles[thread]];
+        let needle = &self.state.each[self.sources.threads.needle_of(thread)];
         let state = &self.state.threads[thread];
         state.is_tail_held() && head_at(self.sources, needle, state, thread).is_some()
     }
@@ -115,9 +115,10 @@ impl Balance<'_> {
             ThreadHold::Tool(tool) => Some(*tool),
             _ => None,
         };
-        let needle = &self.state.each[self.sources.threads.needles[thread]];
+        let needle = &self.state.each[self.sources.threads.needle_of(thread)];
+        let grip = needle.grip.filter(|_| self.sources.threads.is_led(thread));
         let head = match state.head.by {
-            ThreadHold::Free | ThreadHold::Knot => needle.grip.map(|grip| grip.tool),
+            ThreadHold::Free | ThreadHold::Knot => grip.map(|grip| grip.tool),
             hold => by(&hold),
         };
         [by(&state.tail.by), head]
@@ -129,10 +130,10 @@ impl Balance<'_> {
         let ground = held.ground(&self.sources.mesh, self.points_m);
         let mut known = std::mem::take(&mut self.work.threads.known_segments);
         for index in 0..self.state.threads.len() {
-            let needle = &self.state.each[held.needles[index]];
+            let needle = &self.state.each[held.needle_of(index)];
             let head = head_at(self.sources, needle, &self.state.threads[index], index);
             let mut thread = std::mem::take(&mut self.state.threads[index]);
-            let part = &held.parts[index];
+            let part = held.part_of(index);
             thread.drop_behind();
             if thread.pulls(part, head.is_some()) {
                 thread.lay(&ground, head, &mut known, |at| self.position_of(at));
@@ -152,10 +153,10 @@ impl Balance<'_> {
         let mut first = set.rows.len();
         let held = &self.sources.threads;
         for (index, thread) in self.state.threads.iter().enumerate() {
-            let needle = &self.state.each[held.needles[index]];
+            let needle = &self.state.each[held.needle_of(index)];
             let is_held =
                 thread.is_tail_held() && head_at(self.sources, needle, thread, index).is_some();
-            let part = &held.parts[index];
+            let part = held.part_of(index);
             thread.soften(part, is_held, first, n, system.compliance_mut(n));
             first += thread.spread_rows(part, is_held);
         }
@@ -167,95 +168,88 @@ impl Balance<'_> {
         let ground = held.ground(&self.sources.mesh, self.points_m);
         let mut settled = true;
         let mut first = 0;
-        let mut threads = self.state.threads.iter();
-        if threads.any(|thread| !thread.segments.is_empty()) {
+        if self
+            .state
+            .threads
+            .iter()
+            .any(|thread| !thread.segments.is_empty())
+        {
             self.work.system.displace(&self.state.grasp);
         }
-        for (index, thread) in self.state.threads.iter_mut().enumerate() {
-            if thread.segments.is_empty() {
+        for index in 0..self.state.threads.len() {
+            if self.state.threads[index].segments.is_empty() {
                 continue;
             }
-            let needle = &self.state.each[held.needles[index]];
+            self.state.look_beyond(index);
+            let thread = &mut self.state.threads[index];
+            let needle = &self.state.each[held.needle_of(index)];
             let is_held =
                 thread.is_tail_held() && head_at(self.sources, needle, thread, index).is_some();
             let rows = (self.work.set.rows.len(), first);
+            let part = held.part_of(index);
             settled &= thread.settle(
-                &held.parts[index],
+                part,
                 is_held,
                 rows,
                 &ground,
                 (&self.work.system, &self.state.grasp),
                 &mut self.work.threads.follow,
             );
-            first += thread.spread_rows(&held.parts[index], is_held);
+            first += thread.spread_rows(part, is_held);
         }
         settled
     }
 
-    /// Threads have slid: those that pull as the solve says, others follow their needle.
+    /// Threads have slid: those that pull as the solve says, others follow their needle or a hand.
     fn finish_threads(&mut self) {
         for index in 0..self.state.threads.len() {
-            let needle = self.sources.threads.needles[index];
-            let head = head_at(
-                self.sources,
-                &self.state.each[needle],
-                &self.state.threads[index],
-                index,
-            );
-            let is_held = self.state.threads[index].is_tail_held() && head.is_some();
-            let part = &self.sources.threads.parts[index];
-            let thread = &mut self.state.threads[index];
-            thread.finish(part, is_held);
-            self.follow_hand(index);
-            let thread = &self.state.threads[index];
+            let is_held = self.is_held(index);
+            let part = self.sources.threads.part_of(index);
+            let ends = self.state.reach_m(index);
+            self.state.threads[index].finish(part, is_held, ends);
+            self.state.share_slips(index);
+        }
+        for index in 0..self.state.threads.len() {
+            let part = self.sources.threads.part_of(index);
             // What drags has slid already.
-            if is_held || part.drags() && !thread.segments.is_empty() {
-                continue;
-            }
-            let Some(head) = head else {
-                self.draw_back(index);
-                continue;
-            };
-            let thread = &self.state.threads[index];
-            let path = &thread.passed[..thread.faces_of_path()];
-            let Some(last) = path.last().map(|last| last.crossing) else {
-                continue;
-            };
-            let way = head - self.position_of(&anchor(&self.sources.mesh, &last));
-            let thread = &mut self.state.threads[index];
-            let short = way.norm() - (thread.head.alpha - last.alpha);
-            if short > 0.0 {
-                thread.draw(short);
-                thread.drop_behind();
+            let drags = part.drags() && !self.state.threads[index].segments.is_empty();
+            if !self.is_held(index) && !drags {
+                self.follow_ends(index);
             }
         }
     }
 
-    /// A hand on a span draws what it needs out of what lies between it and the needle.
-    fn follow_hand(&mut self, index: usize) {
+    /// A strand of which one end is free follows the other one without tension.
+    fn follow_ends(&mut self, index: usize) {
+        let needle = &self.state.each[self.sources.threads.needle_of(index)];
         let thread = &self.state.threads[index];
-        let Some(next) = thread.passed.get(thread.faces_of_path()) else {
+        let Some(head) = head_at(self.sources, needle, thread, index) else {
+            self.draw_back(index);
             return;
         };
-        let at = self.position_of(&anchor(&self.sources.mesh, &next.crossing));
-        let way_m = thread.head.at.metric_distance(&at);
-        self.state.threads[index].follow_hand(way_m);
+        let Some(last) = thread.passed.last().map(|last| last.crossing) else {
+            return;
+        };
+        let way = head - self.position_of(&anchor(&self.sources.mesh, &last));
+        let thread = &mut self.state.threads[index];
+        let short = way.norm() - (thread.head.alpha - last.alpha);
+        if short > 0.0 {
+            thread.draw(short);
+            thread.drop_behind();
+        }
     }
 
     /// What a tail that is pulled draws out of the tissue of a thread whose head nobody holds.
     fn draw_back(&mut self, index: usize) {
         let thread = &self.state.threads[index];
         let tail = thread.tail;
-        let has_place = matches!(tail.by, ThreadHold::Place(_) | ThreadHold::Tool(_));
-        let Some(first) = thread.passed.first().filter(|_| has_place) else {
+        let Some(first) = thread.passed.first().filter(|_| tail.by.is_hand()) else {
             return;
         };
         let way = tail.at - self.position_of(&anchor(&self.sources.mesh, &first.crossing));
         let short = way.norm() - (first.crossing.alpha - tail.alpha);
         if short > 0.0 {
-            let thread = &mut self.state.threads[index];
-            thread.draw(-short);
-            thread.drop_ahead();
+            self.state.threads[index].draw_back(short);
         }
     }
 
@@ -307,21 +301,22 @@ impl Balance<'_> {
     }
 }
 
-/// Where the head of a thread is held \[m\]: at its needle's end, if somebody holds that, or apart from it.
+/// Where the head of a strand is held \[m\]: in a hand, or at its needle's end, if somebody holds that.
 pub(super) fn head_at(
     sources: &Sources,
     needle: &NeedleState,
-    thread: &ThreadState,
+    strand: &ThreadState,
     index: usize,
 ) -> Option<Vector3<f64>> {
-    match thread.head.by {
-        ThreadHold::Place(_) | ThreadHold::Tool(_) => Some(thread.head.at),
-        _ => {
-            needle.grip?;
-            let part = &sources.needles[sources.threads.needles[index]].needle;
-            Some(part.at(&needle.pose).start)
-        }
+    if strand.head.by.is_hand() {
+        return Some(strand.head.at);
     }
+    if !sources.threads.is_led(index) {
+        return None;
+    }
+    needle.grip?;
+    let part = &sources.needles[sources.threads.needle_of(index)].needle;
+    Some(part.at(&needle.pose).start)
 }
 
 #[cfg(test)]

@@ -1,14 +1,11 @@
-//! What evolves about threads: which faces they go through, what holds their ends, how they pulled last.
+//! What evolves about strands of threads: which faces they go through, what holds their ends, how they pulled last.
 //!
-//! Entry point: [`ThreadState`]. Places on a thread are counted from its head at the needle: at most 0, as
+//! Entry point: [`ThreadState`]. A thread that no hand holds between its ends is one strand. Places on a thread are counted from its head at the needle: at most 0, as
 //! alpha behind the needle's end (younes-2021, 3.3).
 
-use super::Outside;
 use super::gives::{GaveWay, LEFT_M};
-use super::model::{
-    MOST_BENDS, MOST_SEGMENTS, ThreadEnd, ThreadHold, ThreadPart, ThreadTension, Tightening,
-};
-use super::segments::{LENGTH_M, Segment, Span};
+use super::model::{MOST_BENDS, MOST_SEGMENTS, ThreadHold, ThreadPart, ThreadTension, Tightening};
+use super::segments::{Segment, Span};
 use crate::anchors::AnchorPoint;
 use crate::mesh::HalfFaces;
 use crate::needle::Crossing;
@@ -38,9 +35,13 @@ pub(crate) struct Hold {
     pub at: Vector3<f64>,
 }
 
-/// One thread.
+/// A strand: a thread, or what of it lies between two that hold it.
 #[derive(Debug, Default, PartialEq, Serialize)]
 pub(crate) struct ThreadState {
+    /// Whether there is such a strand now.
+    pub is_used: bool,
+    /// The strand on the tail's side, if a hand is between.
+    pub before: Option<usize>,
     /// From tail to head.
     pub passed: Vec<Passed>,
     pub tail: Hold,
@@ -62,8 +63,10 @@ pub(crate) struct ThreadState {
     pub pulled_m: [f64; 2],
     pub friction_j: f64,
     next_id: u32,
-    /// Where on the thread its tail ends \[m\].
+    /// Where on the thread its tail ends \[m\], if no strand is before it.
     pub end_m: f64,
+    /// Tension beyond what holds its tail and its head \[N\].
+    pub beyond_n: [f64; 2],
     /// Most tension at the tail with which grips hold and nothing breaks \[N\].
     pub bound_n: f64,
     /// What gives way at that.
@@ -131,6 +134,17 @@ impl ThreadState {
             slipped_m: [0.0; 2],
             broken_off_m: None,
             gave_way: GaveWay::default(),
+            is_used: true,
+            before: None,
+            beyond_n: [0.0; 2],
+        }
+    }
+
+    /// Room for another strand of a thread.
+    pub fn unused(part: &ThreadPart) -> Self {
+        Self {
+            is_used: false,
+            ..Self::new(part)
         }
     }
 
@@ -156,7 +170,13 @@ impl ThreadState {
             slipped_m,
             broken_off_m,
             gave_way,
+            is_used,
+            before,
+            beyond_n,
         } = self;
+        *is_used = other.is_used;
+        *before = other.before;
+        *beyond_n = other.beyond_n;
         passed.clone_from(&other.passed);
         *tail = other.tail;
         *head = other.head;
@@ -206,29 +226,39 @@ impl ThreadState {
         self.passed.pop();
     }
 
-    /// All that is in tissue slides towards the head, up to the hand on a span.
+    /// All that is in tissue slides towards the head.
     pub fn draw(&mut self, by: f64) {
-        let count = self.faces_of_path();
-        for passed in &mut self.passed[..count] {
+        for passed in &mut self.passed {
             passed.crossing.alpha -= by;
         }
     }
 
-    /// What lies between the needle and a span that is held, or the tail, slides towards the needle.
+    /// What lies between the needle and the tail, or the hand there, slides towards the needle.
     fn draw_in(&mut self, by: f64) {
         // A little is left before the hand, else a face would be on its other side.
-        let held_m = self.head.alpha + LEFT_M;
-        let beyond = match self.faces_of_path() {
-            all if all == self.passed.len() => 0,
-            beyond => beyond,
+        let least_m = match self.before {
+            Some(_) => self.tail.alpha + LEFT_M,
+            None => f64::NEG_INFINITY,
         };
-        for passed in &mut self.passed[beyond..] {
-            let least_m = if beyond > 0 {
-                held_m
-            } else {
-                f64::NEG_INFINITY
-            };
+        for passed in &mut self.passed {
             passed.crossing.alpha = (passed.crossing.alpha - by).max(least_m);
+        }
+    }
+
+    /// All that is in tissue slides towards the tail, and out of it; up to the end, if a hand between the ends draws.
+    pub fn draw_back(&mut self, by: f64) {
+        let end = self.head.alpha;
+        let is_stopped = self.goes_on();
+        for passed in &mut self.passed {
+            let alpha = passed.crossing.alpha + by;
+            passed.crossing.alpha = if is_stopped { alpha.min(end) } else { alpha };
+        }
+        while self
+            .passed
+            .last()
+            .is_some_and(|last| last.crossing.alpha > end)
+        {
+            self.passed.pop();
         }
     }
 
@@ -246,50 +276,6 @@ impl ThreadState {
         self.passed.drain(..gone);
     }
 
-    /// Faces that the head has been drawn back out of are forgotten.
-    pub fn drop_ahead(&mut self) {
-        let end = self.head.alpha;
-        while self
-            .passed
-            .last()
-            .is_some_and(|last| last.crossing.alpha > end)
-        {
-            self.passed.pop();
-        }
-    }
-
-    /// How many of the faces lie before what holds the head: others lie between a span that is held and the needle.
-    pub fn faces_of_path(&self) -> usize {
-        match self.head.by {
-            ThreadHold::Place(_) | ThreadHold::Tool(_) => {
-                let upto = self.head.alpha + LENGTH_M;
-                let is_before = |passed: &Passed| passed.crossing.alpha <= upto;
-                self.passed.partition_point(is_before)
-            }
-            _ => self.passed.len(),
-        }
-    }
-
-    /// What lies between a span that is held and the needle slides towards the hand, if it has to: `way_m` from there to the next face.
-    pub fn follow_hand(&mut self, way_m: f64) {
-        let beyond = self.faces_of_path();
-        let Some(next) = self.passed.get(beyond) else {
-            return;
-        };
-        let lacking = way_m - (next.crossing.alpha - self.head.alpha);
-        if lacking > 0.0 {
-            for passed in &mut self.passed[beyond..] {
-                passed.crossing.alpha = (passed.crossing.alpha + lacking).min(0.0);
-            }
-        }
-    }
-
-    /// Whether a hand holds the head beyond all faces, so that the path does not go on to the needle.
-    pub fn is_apart(&self) -> bool {
-        let is_held = matches!(self.head.by, ThreadHold::Place(_) | ThreadHold::Tool(_));
-        is_held && self.faces_of_path() == self.passed.len()
-    }
-
     /// Whether the tail withstands a pull.
     pub fn is_tail_held(&self) -> bool {
         self.tail.by != ThreadHold::Free
@@ -301,51 +287,6 @@ impl ThreadState {
             .iter()
             .filter(|passed| passed.is_boundary)
             .count() as u32
-    }
-
-    /// Where on the thread a hand takes a span, which draws what it lacks from beyond \[m\].
-    fn make_room(&mut self, outside: Option<Outside>) -> f64 {
-        let Some(outside) = outside else {
-            return 0.0;
-        };
-        let beyond = self.passed.get_mut(outside.faces..).unwrap_or_default();
-        let alpha = if beyond.is_empty() {
-            outside.along_m.min(0.0)
-        } else {
-            outside.along_m.min(-LEFT_M)
-        };
-        for passed in beyond {
-            passed.crossing.alpha = passed.crossing.alpha.max(alpha + LEFT_M).min(0.0);
-        }
-        alpha
-    }
-
-    /// Gives an end another hold, at `at`; `near` is where the nearest face is, and `outside` where of a span, if that is held.
-    pub fn hold(
-        &mut self,
-        end: ThreadEnd,
-        by: ThreadHold,
-        at: Vector3<f64>,
-        (near, outside): (Vector3<f64>, Option<Outside>),
-    ) {
-        let alpha = match (end, by, self.passed.first(), self.passed.last()) {
-            (ThreadEnd::Tail, ThreadHold::Place(_) | ThreadHold::Tool(_), Some(first), _) => {
-                (first.crossing.alpha - (at - near).norm()).max(self.end_m)
-            }
-            (ThreadEnd::Tail, ..) => self.end_m,
-            (ThreadEnd::Head, ThreadHold::Place(_) | ThreadHold::Tool(_), _, Some(last)) => {
-                (last.crossing.alpha + (at - near).norm()).min(0.0)
-            }
-            (ThreadEnd::Span, ThreadHold::Place(_) | ThreadHold::Tool(_), ..) => {
-                self.make_room(outside)
-            }
-            (ThreadEnd::Head | ThreadEnd::Span, ..) => 0.0,
-        };
-        let hold = Hold { by, alpha, at };
-        match end {
-            ThreadEnd::Tail => self.tail = hold,
-            ThreadEnd::Head | ThreadEnd::Span => self.head = hold,
-        }
     }
 }
 

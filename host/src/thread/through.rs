@@ -28,7 +28,7 @@ impl ThreadState {
         known: &[Segment],
         at: &impl Fn(&AnchorPoint) -> Vector3<f64>,
     ) {
-        let count = self.faces_of_path();
+        let count = self.passed.len();
         let mut index = 0;
         while index < count {
             let own = self.passed[index];
@@ -85,7 +85,7 @@ impl ThreadState {
         let Some(mut begin) = from.0 else {
             return;
         };
-        let faces = self.faces_of_path();
+        let faces = self.passed.len();
         let stride = 1 + faces / MOST_FACES;
         let upto = to.0.unwrap_or(faces);
         let total = (to.2 - from.2).max(f64::MIN_POSITIVE);
@@ -296,8 +296,8 @@ impl ThreadState {
         settled
     }
 
-    /// A balance is found: the thread has slid along its path, through its grips, or is broken.
-    pub fn finish(&mut self, part: &ThreadPart, is_held: bool) {
+    /// A balance is found: the thread has slid along its path, through its grips, up to the places `ends` on it \[m\], or is broken.
+    pub fn finish(&mut self, part: &ThreadPart, is_held: bool, ends: [f64; 2]) {
         let is_taut = |segment: &Segment| segment.tension_n > NO_TENSION_N;
         if !self.segments.iter().any(is_taut) {
             self.state = ThreadTension::Slack;
@@ -305,7 +305,7 @@ impl ThreadState {
             return;
         }
         self.state = ThreadTension::Taut;
-        let breaks = is_held && self.give_way(part);
+        let breaks = is_held && self.give_way(part, ends);
         self.slide(part);
         if breaks {
             self.break_off();
@@ -397,7 +397,7 @@ impl ThreadState {
         let material_m = self.spans[place].material_m;
         let slack = taken / material_m.max(f64::MIN_POSITIVE);
         let is_taut = self.is_taut(place);
-        let faces = self.faces_of_path();
+        let faces = self.passed.len();
         for segment in self.segments.iter_mut().rev() {
             let own_m = segment.taken_m(part);
             let Some(piece) = segment.piece.as_mut().filter(|_| segment.span == place) else {

@@ -6,7 +6,8 @@ use nalgebra::Vector3;
 use sutura_host::mesh::TetMesh;
 use sutura_host::step::StepReport;
 use sutura_host::thread::{
-    ThreadEnd, ThreadHold, ThreadPart, ThreadPlace, ThreadPoint, ThreadTension, Through,
+    HandReport, ThreadEnd, ThreadHold, ThreadPart, ThreadPlace, ThreadPoint, ThreadReport,
+    ThreadTension, Through,
 };
 
 const GRIP_N: f64 = 0.2;
@@ -50,8 +51,14 @@ fn pull_n(report: &StepReport) -> f64 {
     Vector3::from_column_slice(&report.contacts()[0].wrench[..3]).norm()
 }
 
+/// What the only hand between the ends has.
+fn taken_by(thread: &ThreadReport) -> HandReport {
+    assert_eq!(thread.hands.iter().flatten().count(), 1, "{thread:?}");
+    thread.hands[0].expect("a hand")
+}
+
 /// Where the hand is on the path.
-fn hand(path: &[ThreadPoint]) -> usize {
+fn place_of_hand(path: &[ThreadPoint]) -> usize {
     let place = path
         .iter()
         .rposition(|point| point.what == ThreadPlace::End && point.along_m < 0.0);
@@ -81,16 +88,17 @@ fn a_span_is_pulled_from_the_tail() {
         let report = go(&mut bench, Vector3::new(0.0, 0.0, 0.03));
         let thread = report.threads()[0];
         let path = bench.path(7);
-        let place = hand(&path);
+        let place = place_of_hand(&path);
         let theta = turn_rad(&path[..=place]);
-        let [tail, head] = thread.tension_n;
+        let (tail, hand) = (thread.tension_n[0], taken_by(&thread));
+        let head = hand.tension_n[0];
         println!("{times}: {tail} {head} {theta}");
         assert!((head / GRIP_N - 1.0).abs() < 0.01, "{head}");
-        assert!(thread.slipped_m[1] > 5e-3, "{thread:?}");
+        assert!(hand.slipped_m[0] > 5e-3, "{thread:?}");
         let ratio = head / tail / (0.1 * theta).exp();
         assert!((ratio - 1.0).abs() < 0.01, "{ratio}");
         assert!((pull_n(&report) / head - 1.0).abs() < 1e-6, "{report:?}");
-        assert_eq!(thread.held_by, [Some(1), Some(0)]);
+        assert_eq!((thread.held_by, hand.tool), ([Some(1), None], Some(0)));
         assert!(path[place..].iter().all(|point| point.tension_n == 0.0));
         // As many faces as there were, and what came from the needle's side went along them.
         assert_eq!(path.len(), before.len());
@@ -106,7 +114,8 @@ fn what_lies_beyond_does_not_matter() {
     let pulled = |times| {
         let mut bench = taken(times, 0.2);
         let report = go(&mut bench, Vector3::new(0.0, 0.0, 0.02));
-        report.threads()[0].tension_n
+        let thread = report.threads()[0];
+        [thread.tension_n[0], taken_by(&thread).tension_n[0]]
     };
     let [two, three] = [2, 3].map(pulled);
     for (a, b) in two.into_iter().zip(three) {

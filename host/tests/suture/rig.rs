@@ -30,6 +30,7 @@ pub const INEXTENSIBLE: Through = Through {
     knot_n: f64::INFINITY,
     thickness_m: 0.3e-3,
     tear_pa: f64::INFINITY,
+    strands: 2,
 };
 
 /// Of a soft thread \[N\].

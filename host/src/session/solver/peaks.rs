@@ -69,7 +69,7 @@ impl Peaks {
             tally.peak_n = tally.peak_n.max(norm(&report.force_n));
         }
         for (peak, thread) in self.tension_n.iter_mut().zip(report.threads()) {
-            *peak = thread.tension_n.into_iter().fold(*peak, f64::max);
+            *peak = peak.max(thread.most_tension_n());
         }
         if report.status == Status::Ok {
             self.last_good = *report;
