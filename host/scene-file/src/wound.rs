@@ -84,6 +84,9 @@ pub struct ThreadHoldSection {
     /// A knot at the tail, too thick for the first puncture: true, or left out.
     #[schemars(with = "Option<bool>")]
     pub knot: Option<Spanned<bool>>,
+    /// The `tool` lets go of the head or the span that it holds: true, or left out.
+    #[schemars(with = "Option<bool>")]
+    pub lets_go: Option<Spanned<bool>>,
 }
 
 /// `[[thread.tighten]]`: what bridges two parts of the tissue shrinks to a part of its length in the unloaded mesh,

@@ -229,6 +229,7 @@ fn read_holds(
             ThreadEndName::Span => ThreadEnd::Span,
         };
         let knot = said.knot.as_ref().filter(|knot| *knot.get_ref());
+        let lets_go = said.lets_go.as_ref().filter(|lets_go| *lets_go.get_ref());
         let by = match (&said.tool, &said.at_m, knot) {
             (None, None, None) => ThreadHold::Free,
             (None, None, Some(_)) if end == ThreadEnd::Tail => ThreadHold::Knot,
@@ -238,13 +239,28 @@ fn read_holds(
                 return Err(document.flaw(knot.span(), message, "at the head", Some(help)));
             }
             (None, Some(at), None) => ThreadHold::Place(document.finite("at_m", at)?),
-            (Some(id), None, None) => ThreadHold::Tool(read_tool(document, id, tools)?),
+            (Some(id), None, None) => {
+                let tool = read_tool(document, id, tools)?;
+                if lets_go.is_some() {
+                    ThreadHold::Without(tool)
+                } else {
+                    ThreadHold::Tool(tool)
+                }
+            }
             _ => {
                 let message = "an end of a thread that is held by several things";
                 let help = "give one of `tool`, `at_m` and `knot`, or none to let it go";
                 return Err(document.flaw(section.span(), message, "held twice", Some(help)));
             }
         };
+        if let Some(lets_go) = lets_go
+            && (end == ThreadEnd::Tail || !matches!(by, ThreadHold::Without(_)))
+        {
+            let message = "no tool that lets go of a head or a span";
+            let help =
+                "name the `tool`; a tail is let go by a hold without `tool`, `at_m` and `knot`";
+            return Err(document.flaw(lets_go.span(), message, "nothing to let go", Some(help)));
+        }
         holds.push(ThreadHeld { time_s, end, by });
     }
     Ok(holds)

@@ -217,7 +217,7 @@ impl State {
         };
         let tool = |id: u8| samples.iter().find(|sample| sample.id == id);
         let at = match hold {
-            ThreadHold::Free | ThreadHold::Knot => None,
+            ThreadHold::Free | ThreadHold::Knot | ThreadHold::Without(_) => None,
             ThreadHold::Place(at) => Some(at),
             ThreadHold::Tool(id) => match tool(id) {
                 Some(sample) => Some(sample.position_m),

@@ -92,6 +92,8 @@ pub enum ThreadHold {
     Place([f64; 3]),
     /// The grip of a tool, by its id, which takes hold of it without slack at the nearest face.
     Tool(u8),
+    /// Nothing any more, if it was the grip of this tool; other hands stay. Of the head or a span.
+    Without(u8),
 }
 
 /// Which end of a thread.
@@ -110,10 +112,16 @@ pub enum ThreadEnd {
 impl ThreadEnd {
     /// Whether who holds it, `by`, does so no more when the next takes hold.
     pub(crate) fn is_left(self, by: ThreadHold, (end, next): (Self, ThreadHold)) -> bool {
+        let lets_go = matches!(next, ThreadHold::Without(_));
         match (self, end) {
-            (Self::Tail, Self::Tail) | (Self::Head, Self::Head) => true,
+            (Self::Tail, Self::Tail) => true,
+            (Self::Head, Self::Head) if !lets_go => true,
             (Self::Tail, _) | (_, Self::Tail) => false,
-            _ => next == ThreadHold::Free || next == by,
+            _ => match (by, next) {
+                (_, ThreadHold::Free) => true,
+                (ThreadHold::Tool(tool), ThreadHold::Without(other)) => tool == other,
+                _ => next == by,
+            },
         }
     }
 }

@@ -224,6 +224,9 @@ impl SourcesState {
         }
         let at = at.map_or_else(Vector3::zeros, Vector3::from);
         if end == ThreadEnd::Tail {
+            if matches!(by, ThreadHold::Without(_)) {
+                return false;
+            }
             let first = self.strands(thread).iter().next().unwrap_or(thread);
             let near = self.threads[first].passed.first();
             let near = near.map(|near| place_of(nodes_m, &anchor(&sources.mesh, &near.crossing)));
@@ -234,6 +237,10 @@ impl SourcesState {
             ThreadHold::Knot => return false,
             ThreadHold::Free => {
                 self.let_go(thread, |_| true);
+                return true;
+            }
+            ThreadHold::Without(tool) => {
+                self.let_go(thread, |held| held == ThreadHold::Tool(tool));
                 return true;
             }
             ThreadHold::Tool(_) => self.let_go(thread, |held| held == by),

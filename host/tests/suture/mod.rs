@@ -5,6 +5,7 @@ mod by_hand;
 mod extremes;
 mod friction;
 mod gives;
+mod hands;
 mod hanging;
 mod one_length;
 mod pressure;

@@ -135,14 +135,18 @@ fn what_the_hands_do_is_stored_or_rubbed_away() {
     assert!(error < 2e-3, "{error}");
 }
 
-/// Both tools' tangents against steps from the same state with a tool moved a little, as closely as directions are
-/// known.
 #[test]
 fn both_hands_feel_how_the_tension_changes() {
     let mut bench = drawn(bench(SETUP));
     go(&mut bench, Vector3::new(0.001, 0.0005, -0.002));
     let report = bench.step_both();
     assert_eq!(report.threads()[0].state, ThreadTension::Taut);
+    tangents_are_true(&mut bench, &report);
+}
+
+/// Both tools' tangents against steps from the same state with a tool moved a little, as closely as directions are
+/// known.
+pub fn tangents_are_true(bench: &mut Bench, report: &StepReport) {
     let mut worst = 0.0f64;
     for (tool, contact) in report.contacts().iter().enumerate() {
         let exact = nalgebra::Matrix6::from(contact.tangent).transpose();
