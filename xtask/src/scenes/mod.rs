@@ -2,6 +2,7 @@
 //! Entry point: [`gated`].
 
 mod bites;
+mod hands;
 mod slabs;
 mod stitch;
 mod tubes;
@@ -12,9 +13,10 @@ use crate::run::root;
 use anyhow::{Context, Result, bail};
 
 /// Files below `scenes/` and what they say.
-fn files() -> [(&'static str, String); 4] {
+fn files() -> [(&'static str, String); 5] {
     [
         ("anastomosis-20.toml", tubes::anastomosis(20)),
+        ("anastomosis-50-by-hand.toml", hands::by_hand()),
         ("anastomosis-50.toml", tubes::anastomosis(50)),
         ("anastomosis-50-tighten.toml", bites::tightened()),
         ("wound-slabs.toml", slabs::wound()),

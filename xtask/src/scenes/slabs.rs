@@ -54,6 +54,8 @@ fn sewing() -> Sewing {
         thickness_m: 0.0006,
         begin_s: 0.1,
         bites: bites.to_vec(),
+        pulls: Vec::new(),
+        pull_s: 0.0,
     }
 }
 
@@ -120,7 +122,7 @@ model = \"linear\"
 youngs_modulus_pa = 30e3
 poisson_ratio = 0.45
 
-# 0.14 N to break through with a tip of 0.28 mm^2. Neither needle nor thread rubs.
+# 0.14 N to break through with a tip of 0.28 mm^2. The needle does not rub.
 [tissue.needle]
 friction_n_per_m = 0.0
 puncture_pa = 5e5

@@ -8,7 +8,7 @@ use super::turn::{Vec3, along, cross, rotation_vector};
 use super::turn::{norm, rotated};
 
 /// Between a hand's rest and what the other hand does \[s\]: two steps at 200 Hz.
-const REST_S: f64 = 0.01;
+pub const REST_S: f64 = 0.01;
 
 /// One bite: the tip goes round the circle's centre.
 #[derive(Clone, Copy, Debug)]
@@ -36,6 +36,10 @@ pub struct Sewing {
     /// When the first bite begins \[s\].
     pub begin_s: f64,
     pub bites: Vec<Bite>,
+    /// By how much a third hand draws the needle away after each bite \[m\]; none without. The second hand takes it there.
+    pub pulls: Vec<Vec3>,
+    /// How long that has it \[s\].
+    pub pull_s: f64,
 }
 
 /// A point of a hand's script.
@@ -51,7 +55,7 @@ pub struct Stop {
 pub struct Script {
     /// Of the hand that goes round with the needle, and of the one that carries it.
     pub stops: [Vec<Stop>; 2],
-    /// From when on which of them holds the needle \[s\].
+    /// From when on which of them holds the needle \[s\]; 2 is a third one that pulls.
     pub holds: Vec<(f64, usize)>,
     /// When each bite ends \[s\].
     pub ends_s: Vec<f64>,
@@ -116,6 +120,12 @@ impl Sewing {
             now_s += bite.seconds;
             round.push(stop(now_s, bite.centre, bite.turn()));
             script.ends_s.push(now_s);
+            let mut from = bite.centre;
+            if let Some(pull) = self.pulls.get(index) {
+                script.holds.push((now_s + REST_S, 2));
+                now_s += 2.0 * REST_S + self.pull_s;
+                from = along(from, 1.0, *pull);
+            }
             let Some(next) = self.bites.get(index + 1) else {
                 continue;
             };
@@ -123,8 +133,8 @@ impl Sewing {
             now_s += 2.0 * REST_S;
             round.push(stop(now_s, bite.centre, bite.turn()));
             let turn = Self::turn_between(bite, next);
-            let half_way = along(bite.centre, 0.5, along(next.centre, -1.0, bite.centre));
-            carry.push(stop(now_s, bite.centre, [0.0; 3]));
+            let half_way = along(from, 0.5, along(next.centre, -1.0, from));
+            carry.push(stop(now_s, from, [0.0; 3]));
             carry.push(stop(
                 now_s + 0.5 * bite.way_s,
                 along(half_way, 1.0, bite.aside),
@@ -136,7 +146,9 @@ impl Sewing {
             now_s += 2.0 * REST_S;
             carry.push(stop(now_s, next.centre, turn));
             // Back, empty, while the needle goes through tissue.
-            carry.push(stop(now_s + 0.5 * next.seconds, next.centre, [0.0; 3]));
+            if self.pulls.is_empty() {
+                carry.push(stop(now_s + 0.5 * next.seconds, next.centre, [0.0; 3]));
+            }
         }
         script
     }

@@ -9,38 +9,38 @@ use super::turn::{Vec3, along};
 use super::write;
 
 /// Inner and outer radius, lower and upper end \[m\].
-struct Tube {
-    radii_m: [f64; 2],
+pub(super) struct Tube {
+    pub(super) radii_m: [f64; 2],
     ends_m: [f64; 2],
     divisions: [u32; 3],
 }
 
-const UPPER: Tube = Tube {
+pub(super) const UPPER: Tube = Tube {
     radii_m: [0.008, 0.011],
     ends_m: [0.002, 0.032],
     divisions: [2, 30, 8],
 };
-const LOWER: Tube = Tube {
+pub(super) const LOWER: Tube = Tube {
     radii_m: [0.009, 0.012],
     ends_m: [-0.030, -0.002],
     divisions: [2, 32, 8],
 };
 
 /// Half a circle.
-const NEEDLE_RADIUS_M: f64 = 0.0061;
+pub(super) const NEEDLE_RADIUS_M: f64 = 0.0061;
 const NEEDLE_DEG: f64 = 180.0;
 /// From how far scripted hands take it \[m\]: they turn about the circle's centre.
-const REACH_M: f64 = 0.008;
+pub(super) const REACH_M: f64 = 0.008;
 /// Distance of its circle's centre from the tubes' axis, and height \[m\]: it goes into a tube's outside 2 mm from its
 /// end and comes out of the cut, and half a circle fits outside both tubes.
-const CENTRE_M: [f64; 2] = [0.0155, 0.0001];
+pub(super) const CENTRE_M: [f64; 2] = [0.0155, 0.0001];
 /// The same for a bite into the outer half of the upper tube's wall.
 const SHALLOW_CENTRE_M: [f64; 2] = [0.01585, 0.014];
 /// Between the tip and the tissue when a bite begins, and between the needle's end and the tissue when it has ended
 /// \[degree\].
 const CLEAR_DEG: f64 = 7.0;
 /// The thread's length \[m\].
-const THREAD_M: f64 = 0.6;
+pub(super) const THREAD_M: f64 = 0.6;
 /// Punctures of a bite through both tubes.
 const BITE: u32 = 4;
 
@@ -53,7 +53,7 @@ const LONG_PULL_M: f64 = 0.0942;
 
 /// Angle on the needle's circle \[degree\], from radially outwards towards +z, of its crossing with a cylinder about
 /// the tubes' axis.
-fn crossing_deg(centre_m: [f64; 2], radius_m: f64, above: bool) -> f64 {
+pub(super) fn crossing_deg(centre_m: [f64; 2], radius_m: f64, above: bool) -> f64 {
     let cos = (radius_m - centre_m[0]) / NEEDLE_RADIUS_M;
     let degrees = cos.acos().to_degrees();
     if above { degrees } else { 360.0 - degrees }
@@ -112,7 +112,64 @@ pub(super) fn sewing(punctures: u32) -> Sewing {
         thickness_m: 0.0006,
         begin_s: BEGIN_S,
         bites: bites.collect(),
+        pulls: Vec::new(),
+        pull_s: 0.0,
     }
+}
+
+/// Both tubes, what they are made of, and what holds them.
+pub(super) fn tissue(text: &mut String) {
+    for (name, tube) in [("upper", &UPPER), ("lower", &LOWER)] {
+        let [low, high] = tube.ends_m;
+        text.push_str(&format!(
+            "[[mesh.part]]
+name = \"{name}\"
+tube = {{ radii_m = {:?}, length_m = {:.4}, divisions = {:?} }}
+at_m = [0.0, 0.0, {:.4}]
+
+",
+            tube.radii_m,
+            high - low,
+            tube.divisions,
+            0.5 * (low + high),
+        ));
+    }
+    text.push_str(
+        "[tissue]
+model = \"linear\"
+# Like the wall of the gut.
+youngs_modulus_pa = 150e3
+poisson_ratio = 0.45
+
+# 0.28 N to break through with a tip of 0.28 mm^2. The needle does not rub.
+[tissue.needle]
+friction_n_per_m = 0.0
+puncture_pa = 1e6
+
+",
+    );
+    text.push_str("# Their far ends are held.\n");
+    for end in [UPPER.ends_m[1], LOWER.ends_m[0]] {
+        text.push_str(&format!(
+            "[[fixed]]\nplane = {{ axis = \"z\", at_m = {end:.4} }}\n\n"
+        ));
+    }
+}
+
+/// What closes.
+pub(super) fn contact(text: &mut String) {
+    text.push_str(&format!(
+        "# What closes.
+[[tissue_contact]]
+between = [\"upper\", \"lower\"]
+rims = [
+  {{ plane = {{ axis = \"z\", at_m = {:.4} }} }},
+  {{ plane = {{ axis = \"z\", at_m = {:.4} }} }},
+]
+
+",
+        UPPER.ends_m[0], LOWER.ends_m[1],
+    ));
 }
 
 /// A scene with so many punctures.
@@ -164,41 +221,7 @@ device = \"cartesian-bench\"
 
 "
     );
-    for (name, tube) in [("upper", &UPPER), ("lower", &LOWER)] {
-        let [low, high] = tube.ends_m;
-        text.push_str(&format!(
-            "[[mesh.part]]
-name = \"{name}\"
-tube = {{ radii_m = {:?}, length_m = {:.4}, divisions = {:?} }}
-at_m = [0.0, 0.0, {:.4}]
-
-",
-            tube.radii_m,
-            high - low,
-            tube.divisions,
-            0.5 * (low + high),
-        ));
-    }
-    text.push_str(
-        "[tissue]
-model = \"linear\"
-# Like the wall of the gut.
-youngs_modulus_pa = 150e3
-poisson_ratio = 0.45
-
-# 0.28 N to break through with a tip of 0.28 mm^2. Neither needle nor thread rubs.
-[tissue.needle]
-friction_n_per_m = 0.0
-puncture_pa = 1e6
-
-",
-    );
-    text.push_str("# Their far ends are held.\n");
-    for end in [UPPER.ends_m[1], LOWER.ends_m[0]] {
-        text.push_str(&format!(
-            "[[fixed]]\nplane = {{ axis = \"z\", at_m = {end:.4} }}\n\n"
-        ));
-    }
+    tissue(&mut text);
     write::needle(&mut text, &sewing, &holds);
     text.push_str(&format!(
         "# Frictionless, and held at both ends once it has been sewn.
@@ -208,20 +231,10 @@ length_m = {THREAD_M:?}
 hold = [
   {{ time_s = {:.3}, end = \"tail\", tool = 2 }},
 ]
-
-# What closes.
-[[tissue_contact]]
-between = [\"upper\", \"lower\"]
-rims = [
-  {{ plane = {{ axis = \"z\", at_m = {:.4} }} }},
-  {{ plane = {{ axis = \"z\", at_m = {:.4} }} }},
-]
-
 ",
         pull_s - 0.05,
-        UPPER.ends_m[0],
-        LOWER.ends_m[1],
     ));
+    contact(&mut text);
     text.push_str("# The console's own.\n[[tool]]\nid = 0\nshape = \"grip\"\n\n");
     text.push_str("# Goes round with the needle, which it holds from the circle's centre.\n");
     write::hand(&mut text, 1, REACH_M, &round);
