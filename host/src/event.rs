@@ -32,7 +32,14 @@ pub enum Event {
         /// What was behind that and is gone, unstretched \[m\].
         lost_m: f64,
     },
-    /// The knot at a thread's tail opened: the tail is free.
+    /// A thread was cut. Both ends are free, or knotted.
+    Cut {
+        /// Id of the thread.
+        thread: u8,
+        /// Where on it, counted from the needle, at most 0 \[m\].
+        along_m: f64,
+    },
+    /// A knot at the end of a thread opened: that is free.
     Opened {
         /// Id of the thread.
         thread: u8,

@@ -420,8 +420,13 @@ fn event(event: &serde_json::Value) -> String {
             number("tension_n"),
             1e3 * number("lost_m")
         ),
+        "cut" => format!(
+            "{at}: thread {} was cut {:.0} mm before the needle",
+            event["thread"],
+            -1e3 * number("along_m")
+        ),
         "opened" => format!(
-            "{at}: the knot of thread {} opened at {:.3} N",
+            "{at}: a knot of thread {} opened at {:.3} N",
             event["thread"],
             number("tension_n")
         ),

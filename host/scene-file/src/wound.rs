@@ -48,6 +48,10 @@ pub struct ThreadSection {
     #[serde(default)]
     #[schemars(with = "Vec<ThreadHoldSection>")]
     pub hold: Vec<Spanned<ThreadHoldSection>>,
+    /// When it is cut, and where.
+    #[serde(default)]
+    #[schemars(with = "Vec<ThreadCutSection>")]
+    pub cut: Vec<Spanned<ThreadCutSection>>,
     /// When what of it bridges punctures is shortened.
     #[serde(default)]
     #[schemars(with = "Vec<ThreadTightenSection>")]
@@ -62,8 +66,26 @@ pub enum ThreadEndName {
     Tail,
     /// The one at the needle.
     Head,
-    /// No end: what is outside the tissue, where it is nearest to the hand. It takes the place of a hold at the head.
+    /// No end: what is outside the tissue, where it is nearest to the hand. Hands there divide it.
     Span,
+}
+
+/// `[[thread.cut]]`: it is cut outside the tissue, where it is nearest to a tool or a place.
+#[derive(Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct ThreadCutSection {
+    /// Since the session began \[s\].
+    #[schemars(with = "f64")]
+    pub time_s: Spanned<f64>,
+    /// Id of a tool that is a grip, once the thread is within its reach.
+    #[schemars(with = "Option<u8>")]
+    pub tool: Option<Spanned<u8>>,
+    /// A place \[m\], (3).
+    #[schemars(with = "Option<[f64; 3]>")]
+    pub at_m: Option<Spanned<[f64; 3]>>,
+    /// Both ends have a knot that is too thick for a puncture: what is sewn stays drawn together, and the next stitch begins with one.
+    #[serde(default)]
+    pub knots: bool,
 }
 
 /// `[[thread.hold]]`: from this time on an end is held by a tool, at a place, by a knot, or by nothing.

@@ -7,7 +7,7 @@ use crate::model::Model;
 use crate::needle::Needle;
 use crate::scene::{self, Scene};
 use crate::step::State;
-use crate::thread::FreeThreads;
+use crate::thread::{FreeThreads, ThreadPlace, ThreadPoint};
 use crate::tool::ToolSample;
 use nalgebra::Isometry3;
 use serde::Serialize;
@@ -155,13 +155,14 @@ impl Beside {
             for &id in &self.threads {
                 let straight = || state.thread_path(model, id, at_m);
                 let path = free.map_or_else(straight, |free| free.path(id).to_vec());
-                if path.len() > 1 {
+                let is_end = |point: &ThreadPoint| point.what == ThreadPlace::Cut;
+                for piece in path.split_inclusive(is_end).filter(|piece| piece.len() > 1) {
                     lines.push(Line {
                         part: Part::Thread,
                         id,
                         radius_m: 0.0,
-                        points_m: path.iter().map(|point| point.at_m).collect(),
-                        tension_n: path.iter().map(|point| point.tension_n).collect(),
+                        points_m: piece.iter().map(|point| point.at_m).collect(),
+                        tension_n: piece.iter().map(|point| point.tension_n).collect(),
                     });
                 }
             }

@@ -98,7 +98,7 @@ pub struct ThreadView {
 pub struct ThreadPointView {
     /// Where it is \[m\], (3).
     pub at_m: [f64; 3],
-    /// 0 end, 1 inside, 2 enters, 3 leaves, 4 wraps, 5 hangs.
+    /// 0 end, 1 inside, 2 enters, 3 leaves, 4 wraps, 5 hangs, 6 the loose end of a piece.
     pub what: u8,
     /// Tension up to the next \[N\].
     pub tension_n: f64,

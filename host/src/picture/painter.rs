@@ -252,6 +252,7 @@ impl Painter {
                     ThreadPlace::Leaves => 3,
                     ThreadPlace::Wraps => 4,
                     ThreadPlace::Hangs => 5,
+                    ThreadPlace::Cut => 6,
                 },
                 tension_n: point.tension_n,
             });

@@ -33,7 +33,7 @@ pub use region::Region;
 pub use rendering::Rendering;
 pub use schema::schema;
 pub use sutura_scene_file::scene::{HandSection, WayPointSection};
-pub use threads::{Thread, ThreadHeld, Tighten};
+pub use threads::{Cut, CutBy, Thread, ThreadHeld, Tighten};
 pub use tissue::{ContactLaw, DENSITY_KG_PER_M3, Registered, Tissue, models};
 pub use touching::TissueContact;
 pub use way::{OnWay, Way, WayStop};

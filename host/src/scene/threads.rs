@@ -4,11 +4,13 @@
 
 use super::document::{Document, Flaw, SceneError};
 use super::{Jaws, Needle, Tool};
-use crate::thread::{MOST_HANDS, ThreadEnd, ThreadHold, ThreadPart, Through, Tightening};
+use crate::thread::{
+    MAX_STRANDS, MOST_HANDS, ThreadEnd, ThreadHold, ThreadPart, Through, Tightening,
+};
 use crate::tool::Shape;
 use sutura_scene_file::scene::ToolSection;
 use sutura_scene_file::wound::{
-    ThreadEndName, ThreadHoldSection, ThreadSection, ThreadTightenSection,
+    ThreadCutSection, ThreadEndName, ThreadHoldSection, ThreadSection, ThreadTightenSection,
 };
 use toml::Spanned;
 
@@ -22,8 +24,30 @@ pub struct Thread {
     pub part: ThreadPart,
     /// What holds its ends, in the order of time.
     pub holds: Vec<ThreadHeld>,
+    /// When it is cut, in the order of time.
+    pub cuts: Vec<Cut>,
     /// When it is tightened, in the order of time.
     pub tightens: Vec<Tighten>,
+}
+
+/// When a thread is cut, and where it is nearest to.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Cut {
+    /// Since the session began \[s\].
+    pub time_s: f64,
+    /// By which tool, or at which place.
+    pub by: CutBy,
+    /// Whether both ends are knotted.
+    pub knots: bool,
+}
+
+/// What cuts a thread.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum CutBy {
+    /// A tool, by its id, where it is then.
+    Tool(u8),
+    /// A place \[m\], (3).
+    Place([f64; 3]),
 }
 
 /// From when on what holds an end of a thread.
@@ -125,8 +149,11 @@ pub(super) fn read_threads(
         };
         let holds = read_holds(document, &said.hold, tools)?;
         let mut through = read_through(document, said)?;
-        through.strands = count_strands(&holds).ok_or_else(|| {
-            let message = format!("more than {MOST_HANDS} hands between the ends of thread {id}");
+        let cuts = read_cuts(document, &said.cut, tools)?;
+        through.strands = count_strands(&holds, cuts.len()).ok_or_else(|| {
+            let message = format!(
+                "more than {MOST_HANDS} hands between the ends of thread {id}, or more than {} with its cuts", MAX_STRANDS - 1
+            );
             let help =
                 "let one tool take one span after the other: it lets go of the one that it had";
             document.flaw(section.span(), message, "held by too many", Some(help))
@@ -142,6 +169,7 @@ pub(super) fn read_threads(
         threads.push(Thread {
             part,
             holds,
+            cuts,
             tightens: read_tightens(document, &said.tighten)?,
         });
     }
@@ -266,8 +294,8 @@ fn read_holds(
     Ok(holds)
 }
 
-/// In how many strands a thread may come that is held so; `None` for more than there may be.
-fn count_strands(holds: &[ThreadHeld]) -> Option<u8> {
+/// In how many strands a thread may come that is held and cut so; `None` for more than there may be.
+fn count_strands(holds: &[ThreadHeld], cuts: usize) -> Option<u8> {
     let is_hand = |by: ThreadHold| matches!(by, ThreadHold::Tool(_) | ThreadHold::Place(_));
     let of = |end: ThreadEnd| {
         let holds = holds.iter().filter(move |hold| hold.end == end);
@@ -280,8 +308,39 @@ fn count_strands(holds: &[ThreadHeld]) -> Option<u8> {
         }
     }
     // The head has one holder at a time.
-    let all = hands.len() + usize::from(of(ThreadEnd::Head).next().is_some());
-    u8::try_from(1 + all).ok().filter(|_| all <= MOST_HANDS)
+    let between = hands.len() + usize::from(of(ThreadEnd::Head).next().is_some());
+    let all = between + cuts;
+    u8::try_from(1 + all)
+        .ok()
+        .filter(|_| between <= MOST_HANDS && all < MAX_STRANDS)
+}
+
+fn read_cuts(
+    document: &Document,
+    sections: &[Spanned<ThreadCutSection>],
+    tools: &[Tool],
+) -> Result<Vec<Cut>, SceneError> {
+    let mut cuts: Vec<Cut> = Vec::with_capacity(sections.len());
+    for section in sections {
+        let said = section.get_ref();
+        let before_s = cuts.last().map_or(0.0, |cut| cut.time_s);
+        let time_s = in_order(document, "time_s", &said.time_s, before_s)?;
+        let by = match (&said.tool, &said.at_m) {
+            (Some(id), None) => CutBy::Tool(read_tool(document, id, tools)?),
+            (None, Some(at)) => CutBy::Place(document.finite("at_m", at)?),
+            _ => {
+                let message = "a cut by nothing, or by two things";
+                let help = "give one of `tool` and `at_m`";
+                return Err(document.flaw(section.span(), message, "cut by what", Some(help)));
+            }
+        };
+        cuts.push(Cut {
+            time_s,
+            by,
+            knots: said.knots,
+        });
+    }
+    Ok(cuts)
 }
 
 /// Id of a grip that is somewhere.
@@ -359,7 +418,11 @@ pub(super) fn idle_grips(
     let holds = |tool: &Tool| {
         let by = ThreadHold::Tool(tool.id);
         let needle = |needle: &Needle| needle.holds.iter().any(|hold| hold.tool == Some(tool.id));
-        let thread = |thread: &Thread| thread.holds.iter().any(|hold| hold.by == by);
+        let thread = |thread: &Thread| {
+            let cut = CutBy::Tool(tool.id);
+            thread.holds.iter().any(|hold| hold.by == by)
+                || thread.cuts.iter().any(|one| one.by == cut)
+        };
         let carries = jaws.iter().any(|jaws| jaws.part.tool == tool.id);
         needles.iter().any(needle) || threads.iter().any(thread) || carries
     };

@@ -1,16 +1,16 @@
-//! Who takes which needle and which end of a thread, and when: a hand takes hold of what is within its reach, where that is then.
+//! Who takes which needle and which end of a thread, and cuts it, and when: a hand takes hold of what is within its reach, where that is then.
 //!
 //! Entry points: [`changes`] of a scene, [`Waiting`] for one that is due.
 
 use crate::event::{Event, Held};
 use crate::model::Model;
-use crate::scene::Scene;
+use crate::scene::{CutBy, Scene};
 use crate::step::State;
 use crate::thread::{ThreadEnd, ThreadHold};
 use crate::tool::ToolSample;
 use nalgebra::Vector3;
 
-/// A needle or an end of a thread changes hands.
+/// A needle or an end of a thread changes hands, or a thread is cut.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Change {
     pub time_s: f64,
@@ -27,6 +27,11 @@ pub(super) enum Taken {
         id: u8,
         end: ThreadEnd,
         by: ThreadHold,
+    },
+    Cut {
+        id: u8,
+        by: CutBy,
+        knots: bool,
     },
 }
 
@@ -52,7 +57,13 @@ pub(super) fn changes(scene: &Scene) -> Vec<Change> {
             (hold.time_s, Taken::Thread { id, end, by })
         })
     });
-    let all = needles.chain(threads);
+    let cuts = scene.threads.iter().flat_map(|thread| {
+        thread.cuts.iter().map(|cut| {
+            let (id, by, knots) = (thread.part.id, cut.by, cut.knots);
+            (cut.time_s, Taken::Cut { id, by, knots })
+        })
+    });
+    let all = needles.chain(threads).chain(cuts);
     let mut changes: Vec<Change> = all.map(|(time_s, what)| Change { time_s, what }).collect();
     changes.sort_by(|a, b| a.time_s.total_cmp(&b.time_s));
     changes
@@ -79,6 +90,7 @@ impl Taken {
         match *self {
             Self::Needle { id, .. } => Held::Needle(id),
             Self::Thread { id, end, .. } => Held::Thread(id, end),
+            Self::Cut { id, .. } => Held::Thread(id, ThreadEnd::Span),
         }
     }
 }
@@ -103,8 +115,12 @@ impl Waiting {
             Taken::Thread {
                 by: ThreadHold::Tool(tool),
                 ..
+            }
+            | Taken::Cut {
+                by: CutBy::Tool(tool),
+                ..
             } => Some(tool),
-            Taken::Thread { .. } => None,
+            Taken::Thread { .. } | Taken::Cut { .. } => None,
         }
     }
 
@@ -120,6 +136,7 @@ impl Waiting {
         let nearest_m = match self.what {
             Taken::Needle { id, .. } => state.nearest_of_needle(model, id, at),
             Taken::Thread { id, end, .. } => state.nearest_of_thread(model, id, end, at),
+            Taken::Cut { id, .. } => state.nearest_of_thread(model, id, ThreadEnd::Span, at),
         }?;
         let distance_m = Vector3::from(nearest_m).metric_distance(&Vector3::from(*at));
         let within = distance_m <= reach_m;
@@ -145,6 +162,16 @@ impl Waiting {
             }
             Taken::Thread { id, end, by } => {
                 state.hold_thread(model, id, end, by, samples);
+            }
+            Taken::Cut { id, by, knots } => {
+                let tool = |id: u8| samples.iter().find(|sample| sample.id == id);
+                let at = match by {
+                    CutBy::Tool(id) => tool(id).map(|sample| sample.position_m),
+                    CutBy::Place(at) => Some(at),
+                };
+                if let Some(at) = at {
+                    state.cut_thread(model, id, &at, knots);
+                }
             }
         }
     }

@@ -228,6 +228,19 @@ impl State {
         is_sound && state.hold_thread(sources, &nodes_m, thread, end, hold, at)
     }
 
+    /// Cuts a thread outside the tissue, where it is nearest to a place \[m\], (3). Both ends are free; with `knots` each has one that is too
+    /// thick for a puncture: before the cut at the last face, behind it at the cut. Says whether there is something to cut, and room
+    /// for another strand.
+    pub fn cut_thread(&mut self, model: &Model, thread: u8, at_m: &[f64; 3], knots: bool) -> bool {
+        let nodes_m = self.positions(model);
+        let found = model.sources.as_ref().zip(self.sources.as_mut());
+        let Some(((sources, state), thread)) = found.zip(model.thread(thread)) else {
+            return false;
+        };
+        let at = Vector3::from(*at_m);
+        at.iter().all(|x| x.is_finite()) && state.cut_thread(sources, &nodes_m, thread, &at, knots)
+    }
+
     /// Bounds every span of a thread that bridges two bodies of tissue (every one between punctures, if there is only one
     /// body) to a part of its length in the unloaded mesh (younes-2021, 3.37), whatever its ends do; `None` gives them
     /// free again. Says whether there is such a thread and the numbers make sense.

@@ -9,7 +9,7 @@
 use super::chain::{Chain, ChainReport, ChainSettings, Guide};
 use super::model::{ThreadPlace, ThreadPoint};
 use super::skin::Skin;
-use super::stretch::{Stretch, stretches};
+use super::stretch::{Begin, Stretch, stretches};
 use crate::model::Model;
 use crate::step::State;
 use nalgebra::Vector3;
@@ -47,7 +47,7 @@ struct Free {
 /// A slack stretch.
 #[derive(Clone, Debug)]
 struct Slack {
-    key: (u32, bool),
+    key: (u32, Begin),
     /// As many pieces as it has, and one more at each end that has a direction.
     chain: Chain,
     directed: [bool; 2],
@@ -300,6 +300,20 @@ fn drawn(
         upto(&mut Vec::new(), stretch.next);
     }
     upto(&mut path, places.len());
+    // A loose end is where its chain ends.
+    for place in 0..path.len() {
+        if path[place].what == ThreadPlace::Cut {
+            let is_end = |next: &&ThreadPoint| next.what != ThreadPlace::Cut;
+            let beside = [place.checked_sub(1), Some(place + 1)];
+            let mut beside = beside
+                .into_iter()
+                .flatten()
+                .filter_map(|place| path.get(place));
+            if let Some(at_m) = beside.find(is_end).map(|end| end.at_m) {
+                path[place].at_m = at_m;
+            }
+        }
+    }
     path
 }
 
@@ -337,7 +351,7 @@ mod tests {
             way: Some(turned * Vector3::new(at.x, at.y, 0.0).normalize() * sign),
         };
         let both = Stretch {
-            key: (3, false),
+            key: (3, Begin::Face),
             ends: [
                 Some(held(at(0.1, 0.013), 1.0)),
                 Some(held(at(0.7, 0.011), -1.0)),
@@ -348,7 +362,7 @@ mod tests {
             next: 1,
         };
         let loose = Stretch {
-            key: (0, false),
+            key: (0, Begin::Loose),
             ends: [None, Some(held(at(0.1, 0.013), -1.0))],
             length_m: 0.1,
             ..both

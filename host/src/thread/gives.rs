@@ -20,8 +20,10 @@ pub(crate) struct GaveWay {
     /// At tail and head.
     slips: [Option<Slip>; 2],
     breaks: Option<Break>,
-    /// Tension at which the knot opened \[N\].
+    /// Tension at which a knot opened \[N\].
     opens: Option<f64>,
+    /// Where on the thread it was cut \[m\].
+    cut_m: Option<f64>,
 }
 
 /// Through a grip.
@@ -54,6 +56,11 @@ impl GaveWay {
         });
     }
 
+    /// It has been cut, there on the thread \[m\].
+    pub(super) fn cut(&mut self, along_m: f64) {
+        self.cut_m = Some(along_m);
+    }
+
     /// A strand's events, which ends at `ends` of its thread.
     fn events(self, thread: u8, ends: [ThreadEnd; 2]) -> impl Iterator<Item = Event> {
         let slips = ends
@@ -76,7 +83,8 @@ impl GaveWay {
         });
         let opens = self.opens;
         let opens = opens.map(|tension_n| Event::Opened { thread, tension_n });
-        slips.chain(breaks).chain(opens)
+        let cut = self.cut_m.map(|along_m| Event::Cut { thread, along_m });
+        slips.chain(breaks).chain(opens).chain(cut)
     }
 }
 
@@ -128,6 +136,11 @@ impl ThreadState {
             Weakest::Tail if self.tail.by == ThreadHold::Knot => {
                 self.tail.by = ThreadHold::Free;
                 self.gave_way.opens = Some(shared);
+            }
+            Weakest::Head if self.head.by == ThreadHold::Knot => {
+                self.head.by = ThreadHold::Free;
+                let last = self.segments.last();
+                self.gave_way.opens = last.map(|last| last.tension_n);
             }
             Weakest::Tail => {
                 let slips = lacking.min(self.tail.alpha - ends[0]).max(0.0);

@@ -41,7 +41,7 @@ pub struct Through {
     pub thickness_m: f64,
     /// Pressure on tissue above which that tears \[Pa\], which is warned of and does not happen; infinite for none.
     pub tear_pa: f64,
-    /// Strands that there are at one time at most: one, and one more for each hand between the ends.
+    /// Strands that there are at one time at most: one, and one more for each hand between the ends and each cut.
     pub strands: u8,
 }
 
@@ -268,6 +268,8 @@ pub enum ThreadPlace {
     Wraps,
     /// Between two points that hold it, or beyond the last one, where nothing draws it taut.
     Hangs,
+    /// A loose end where it is cut or broken; the next point is of another piece.
+    Cut,
 }
 
 /// A span of a thread between two punctures.
@@ -449,8 +451,8 @@ fn check_numbers(part: &ThreadPart) -> Result<(), ThreadError> {
     // Infinite for what does not give way.
     let rigid = |value: f64| (value > 0.0, "above zero");
     let coefficient = |value: f64| ((0.0..=10.0).contains(&value), "from 0 to 10");
-    let most = 1 + MOST_HANDS as u8;
-    let in_all = |strands: u8| ((1..=most).contains(&strands), "from 1 to 5");
+    let most = MAX_STRANDS as u8;
+    let in_all = |strands: u8| ((1..=most).contains(&strands), "from 1 to 16");
     let drag = |value: f64| (value >= 0.0 && value.is_finite(), "zero or above");
     let numbers = [
         ("length_m", part.length_m, positive(part.length_m)),

@@ -84,16 +84,37 @@ impl SourcesState {
         thread: usize,
     ) -> Vec<(u32, ThreadPoint)> {
         let mut path: Vec<(u32, ThreadPoint)> = Vec::new();
+        let mut before: Option<usize> = None;
         for strand in self.strands(thread).iter() {
+            let each = &self.threads[strand];
             let mut last = path.last().map_or(0, |(last, _)| *last);
-            if self.threads[strand].goes_on() {
+            let places = self.places(sources, nodes_m, strand);
+            if each.goes_on() {
                 // The hand between the two is the first point of this one.
                 path.pop();
+            } else if let Some(before) = before {
+                let ends = [path.last(), places.first()].map(|end| end.map(|(_, end)| end.at_m));
+                let along_m = [self.threads[before].head.alpha, each.tail.alpha];
+                for (at_m, along_m) in ends.into_iter().zip(along_m) {
+                    let what = ThreadPlace::Cut;
+                    path.extend(at_m.map(|at_m| {
+                        (
+                            last,
+                            ThreadPoint {
+                                at_m,
+                                along_m,
+                                what,
+                                tension_n: 0.0,
+                            },
+                        )
+                    }));
+                }
             }
-            for (id, point) in self.places(sources, nodes_m, strand) {
+            for (id, point) in places {
                 last = last.max(id);
                 path.push((last, point));
             }
+            before = Some(strand);
         }
         path
     }
@@ -188,8 +209,12 @@ pub(crate) struct Outside {
 /// The point of what lies outside that is nearest to a place \[m\]; what is slack counts as straight.
 pub(crate) fn nearest_outside(path: &[ThreadPoint], to: &Vector3<f64>) -> Option<Outside> {
     let at = |point: &ThreadPoint| Vector3::from(point.at_m);
-    let is_face =
-        |point: &&ThreadPoint| !matches!(point.what, ThreadPlace::End | ThreadPlace::Wraps);
+    let is_face = |point: &&ThreadPoint| {
+        !matches!(
+            point.what,
+            ThreadPlace::End | ThreadPlace::Wraps | ThreadPlace::Cut
+        )
+    };
     let mut nearest: Option<(f64, Outside)> = None;
     let mut first = 0;
     while first + 1 < path.len() {

@@ -13,7 +13,7 @@
 
 use super::follow::{FollowWork, LengthRows};
 use super::model::{ThreadHold, ThreadPart};
-use super::state::ThreadState;
+use super::state::{Hold, ThreadState};
 use crate::anchors::{
     AnchorPoint, ConstraintSet, ConstraintState, ConstraintSystem, MultiPointConstraint,
     PointConstraint, Term,
@@ -177,7 +177,7 @@ fn row_id(thread: usize, class: u64, key: (u32, u32), axis: u64) -> u64 {
 impl ThreadState {
     /// Whether anything but the thread's own slide withstands a pull.
     pub fn pulls(&self, part: &ThreadPart, head_held: bool) -> bool {
-        let held = head_held && (self.is_tail_held() || part.drags());
+        let held = self.is_head_held(head_held) && (self.is_tail_held() || part.drags());
         !self.passed.is_empty() && (held || self.tightened.is_some())
     }
 
@@ -411,12 +411,15 @@ impl ThreadState {
         spans + self.loose_m()
     }
 
-    /// What is left before a knot comes to the tissue \[m\].
+    /// What is left before knots come to the tissue \[m\].
     pub(super) fn loose_m(&self) -> f64 {
-        match (self.tail.by, self.passed.first()) {
-            (ThreadHold::Knot, Some(first)) => first.crossing.alpha - self.tail.alpha,
-            _ => 0.0,
-        }
+        let ends = self.passed.first().zip(self.passed.last());
+        ends.map_or(0.0, |(first, last)| {
+            let tail_m = first.crossing.alpha - self.tail.alpha;
+            let head_m = self.head.alpha - last.crossing.alpha;
+            let is_knot = |hold: &Hold| f64::from(u8::from(hold.by == ThreadHold::Knot));
+            tail_m * is_knot(&self.tail) + head_m * is_knot(&self.head)
+        })
     }
 
     /// After a solve whose single rows were `single` in number, and the first of those on several anchors that are this thread's

@@ -72,7 +72,7 @@ impl Source for ThreadSource {
         for (index, thread) in balance.state.threads.iter_mut().enumerate() {
             let needle = &balance.state.each[held.needle_of(index)];
             let head = head_at(balance.sources, needle, thread, index);
-            let is_held = thread.is_tail_held() && head.is_some();
+            let is_held = thread.is_held(head.is_some());
             let set = &mut balance.work.set;
             thread.make_rows(index, held.part_of(index), is_held, &ground, set);
         }
@@ -105,7 +105,7 @@ impl Balance<'_> {
     pub(super) fn is_held(&self, thread: usize) -> bool {
         let needle = &self.state.each[self.sources.threads.needle_of(thread)];
         let state = &self.state.threads[thread];
-        state.is_tail_held() && head_at(self.sources, needle, state, thread).is_some()
+        state.is_held(head_at(self.sources, needle, state, thread).is_some())
     }
 
     /// The tools that hold the tail and the head of a thread.
@@ -154,8 +154,7 @@ impl Balance<'_> {
         let held = &self.sources.threads;
         for (index, thread) in self.state.threads.iter().enumerate() {
             let needle = &self.state.each[held.needle_of(index)];
-            let is_held =
-                thread.is_tail_held() && head_at(self.sources, needle, thread, index).is_some();
+            let is_held = thread.is_held(head_at(self.sources, needle, thread, index).is_some());
             let part = held.part_of(index);
             thread.soften(part, is_held, first, n, system.compliance_mut(n));
             first += thread.spread_rows(part, is_held);
@@ -183,8 +182,7 @@ impl Balance<'_> {
             self.state.look_beyond(index);
             let thread = &mut self.state.threads[index];
             let needle = &self.state.each[held.needle_of(index)];
-            let is_held =
-                thread.is_tail_held() && head_at(self.sources, needle, thread, index).is_some();
+            let is_held = thread.is_held(head_at(self.sources, needle, thread, index).is_some());
             let rows = (self.work.set.rows.len(), first);
             let part = held.part_of(index);
             settled &= thread.settle(

@@ -276,6 +276,16 @@ impl ThreadState {
         self.passed.drain(..gone);
     }
 
+    /// Whether both ends withstand a pull; what holds the head `is_there`, or it is a knot.
+    pub fn is_held(&self, is_there: bool) -> bool {
+        self.is_tail_held() && self.is_head_held(is_there)
+    }
+
+    /// The same of the head alone.
+    pub fn is_head_held(&self, is_there: bool) -> bool {
+        is_there || self.head.by == ThreadHold::Knot
+    }
+
     /// Whether the tail withstands a pull.
     pub fn is_tail_held(&self) -> bool {
         self.tail.by != ThreadHold::Free

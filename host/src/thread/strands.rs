@@ -1,6 +1,6 @@
-//! The strands of threads: a hand between the ends of a thread divides it, and joins it again when it lets go.
+//! The strands of threads: a hand between the ends of a thread divides it, and joins it again when it lets go; so does a cut, for good.
 //!
-//! Entry points: [`SourcesState::hold_thread`], [`SourcesState::strands`]. Each strand has a length, a tension and friction of its own, and
+//! Entry points: [`SourcesState::hold_thread`], [`SourcesState::cut_thread`], [`SourcesState::strands`]. Each strand has a length, a tension and friction of its own, and
 //! ends of which each is held or free, so that all that is known of a thread with two ends holds for it. What a hand does not hold slips
 //! from one strand into the next.
 
@@ -257,18 +257,11 @@ impl SourcesState {
             ThreadEnd::Span => self.nearest_span(sources, nodes_m, thread, &at),
             _ => self.head_span(sources, nodes_m, thread, &at),
         };
-        let mut rooms = sources.threads.parts.len()..self.threads.len();
-        let room = rooms.find(|strand| {
-            !self.threads[*strand].is_used && sources.threads.thread_of(*strand) == thread
-        });
-        let (Some(place), Some(room)) = (place, room) else {
+        let (Some(place), Some(room)) = (place, self.room(sources, thread)) else {
             return false;
         };
         let alpha = place.along_m;
-        let mut other = std::mem::take(&mut self.threads[room]);
-        self.threads[place.strand].divide(&mut other, place.faces, Hold { by, alpha, at });
-        self.threads[room] = other;
-        self.threads[place.strand].before = Some(room);
+        self.split(place, room, Hold { by, alpha, at });
         true
     }
 
@@ -283,6 +276,58 @@ impl SourcesState {
             whole.push(each);
         }
         whole
+    }
+
+    /// See [`crate::step::State::cut_thread`].
+    pub fn cut_thread(
+        &mut self,
+        sources: &Sources,
+        nodes_m: &[[f64; 3]],
+        thread: usize,
+        at: &Vector3<f64>,
+        knots: bool,
+    ) -> bool {
+        let place = self.nearest_span(sources, nodes_m, thread, at);
+        let (Some(place), Some(room)) = (place, self.room(sources, thread)) else {
+            return false;
+        };
+        let loose = |alpha: f64| Hold {
+            by: ThreadHold::Free,
+            alpha,
+            at: Vector3::zeros(),
+        };
+        self.split(place, room, loose(place.along_m));
+        let [before, after] = [room, place.strand];
+        self.threads[after].end_m = place.along_m;
+        self.threads[after].gave_way.cut(place.along_m);
+        if knots {
+            // What is between the tissue and the cut is the knot's own.
+            if let Some(last) = self.threads[before].passed.last() {
+                let alpha = last.crossing.alpha;
+                self.threads[before].head = Hold {
+                    by: ThreadHold::Knot,
+                    ..loose(alpha)
+                };
+            }
+            self.threads[after].tail.by = ThreadHold::Knot;
+        }
+        true
+    }
+
+    /// A strand of a thread that is not used.
+    fn room(&self, sources: &Sources, thread: usize) -> Option<usize> {
+        let mut rooms = sources.threads.parts.len()..self.threads.len();
+        rooms.find(|strand| {
+            !self.threads[*strand].is_used && sources.threads.thread_of(*strand) == thread
+        })
+    }
+
+    /// All of a strand up to there becomes another one.
+    fn split(&mut self, place: Place, room: usize, hold: Hold) {
+        let mut other = std::mem::take(&mut self.threads[room]);
+        self.threads[place.strand].divide(&mut other, place.faces, hold);
+        self.threads[room] = other;
+        self.threads[place.strand].before = Some(room);
     }
 
     /// Hands between the ends of a thread let go.

@@ -21,11 +21,20 @@ pub(super) struct Held {
     pub way: Option<Vector3<f64>>,
 }
 
+/// Where a stretch begins.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Begin {
+    Face,
+    Hand,
+    /// It is the loose tail of the thread, or of what a cut has left.
+    Loose,
+}
+
 /// What lies slack outside the tissue.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Stretch {
-    /// The face that it begins at, 0 for none, and whether that is a hand beyond that face.
-    pub key: (u32, bool),
+    /// The face that it begins at or behind, 0 for none, and at what.
+    pub key: (u32, Begin),
     /// What holds it at the side of the tail and of the head.
     pub ends: [Option<Held>; 2],
     /// What there is of thread for it \[m\], above zero.
@@ -64,7 +73,7 @@ impl Stretch {
         let first = out.or(down).unwrap_or_else(Vector3::x);
         let down = down.unwrap_or_else(Vector3::zeros);
         let aside = unit(first.cross(&down)).unwrap_or_else(Vector3::zeros);
-        let Some(held) = self.ends[1].filter(|_| self.ends[0].is_none()) else {
+        let ([None, Some(held)] | [Some(held), None]) = self.ends else {
             return first;
         };
         // Its own end may lie on the tissue.
@@ -113,7 +122,7 @@ pub(super) fn stretches(
     let is_outside = matches!(tail.what, ThreadPlace::End | ThreadPlace::Enters);
     if is_outside && tail.along_m > end_m {
         found.push(Stretch {
-            key: (0, false),
+            key: (0, Begin::Loose),
             ends: [None, Some(held(0, false))],
             length_m: tail.along_m - end_m,
             along_m: end_m,
@@ -129,22 +138,32 @@ pub(super) fn stretches(
         let next = first + 1 + wraps.count();
         let ends = places.get(next).map(|(_, to)| (from.what, to.what, to));
         let length_m = ends.map_or(0.0, |(.., to)| to.along_m - from.along_m);
+        let loose = [from.what, ends.map_or(ThreadPlace::Inside, |(_, to, _)| to)];
+        let loose = loose.map(|what| what == ThreadPlace::Cut);
         let is_outside = matches!(
             ends,
             Some((
-                ThreadPlace::End | ThreadPlace::Leaves,
-                ThreadPlace::End | ThreadPlace::Enters,
+                ThreadPlace::End | ThreadPlace::Leaves | ThreadPlace::Cut,
+                ThreadPlace::End | ThreadPlace::Enters | ThreadPlace::Cut,
                 _
             ))
-        );
+        ) && loose != [true; 2];
+        let begin = match from.what {
+            ThreadPlace::End => Begin::Hand,
+            ThreadPlace::Cut => Begin::Loose,
+            _ => Begin::Face,
+        };
         let way_m = places.get(first..=next).map_or(0.0, way_m);
         if is_outside
             && from.tension_n <= NO_TENSION_N
             && length_m - way_m > STRAIGHT * length_m.max(way_m)
         {
             found.push(Stretch {
-                key: (*key, from.what == ThreadPlace::End),
-                ends: [Some(held(first, true)), Some(held(next, false))],
+                key: (*key, begin),
+                ends: [
+                    (!loose[0]).then(|| held(first, true)),
+                    (!loose[1]).then(|| held(next, false)),
+                ],
                 length_m,
                 along_m: from.along_m,
                 first: first + 1,

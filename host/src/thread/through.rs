@@ -7,7 +7,7 @@
 //! dT/ds = drag + friction |curvature| T; its integral bounds one unknown F a passage, which is
 //! spread evenly over the passage's length.
 
-use super::model::{ThreadPart, ThreadTension};
+use super::model::{ThreadHold, ThreadPart, ThreadTension};
 use super::segments::{End, Ground, LENGTH_M, NO_TENSION_N, Piece, Segment, Span, Stop};
 use super::state::ThreadState;
 use crate::anchors::AnchorPoint;
@@ -360,7 +360,8 @@ impl ThreadState {
     fn slide(&mut self, part: &ThreadPart) {
         let mut shift = 0.0;
         let mut alpha = self.head.alpha;
-        for place in (0..self.spans.len()).rev() {
+        let count = self.spans.len();
+        for place in (0..count).rev() {
             let span = self.spans[place];
             let mut taken = self.taken_m(part, place, &span, shift);
             if span.from.is_none() {
@@ -375,6 +376,11 @@ impl ThreadState {
                 let before = self.former.iter().find(|former| former.key == span.key);
                 let before = before.map_or(span.friction_n, |before| before.friction_n);
                 self.friction_j += (0.5 * (span.friction_n + before) * slip).abs();
+            }
+            if self.head.by == ThreadHold::Knot
+                && let Some(last) = self.passed.last_mut().filter(|_| place + 1 == count)
+            {
+                last.crossing.alpha = alpha;
             }
             alpha -= taken;
             shift += taken - span.material_m;

@@ -20,6 +20,8 @@ const LONGEST = 0.45;
 const MOST_ARROWS = 1024;
 /** Order of what is drawn last. */
 const DASHES = 3;
+/** What a point is behind which a thread ends. */
+const LOOSE_END = 6;
 const AFTER_DASHES = 4;
 
 export class Instruments {
@@ -126,7 +128,7 @@ export class Instruments {
     for (const thread of picture.threads) {
       const lines = this.threads.get(thread.id);
       for (const line of lines ? [lines.seen, lines.hidden] : []) {
-        line.place(thread.points);
+        line.place(thread.points, thread.what);
       }
       if (lines) lines.hidden.line.visible = this.xray;
     }
@@ -256,8 +258,8 @@ class Thread {
     group.add(this.line);
   }
 
-  /** @param {Float32Array} points (p x 3) */
-  place(points) {
+  /** @param {Float32Array} points (p x 3) @param {Uint8Array} [what] each of them is */
+  place(points, what) {
     if (points.length < 6) {
       this.line.visible = false;
       return;
@@ -271,7 +273,11 @@ class Thread {
     const start = /** @type {THREE.InterleavedBufferAttribute} */ (this.line.geometry.getAttribute('instanceStart'));
     const data = /** @type {Float32Array} */ (start.data.array);
     const segments = points.length / 3 - 1;
-    for (let i = 0; i < segments; i += 1) data.set(points.subarray(3 * i, 3 * i + 6), 6 * i);
+    for (let i = 0; i < segments; i += 1) {
+      data.set(points.subarray(3 * i, 3 * i + 6), 6 * i);
+      // Nothing from a loose end to the next piece.
+      if (what?.[i] === LOOSE_END) data.copyWithin(6 * i + 3, 6 * i, 6 * i + 3);
+    }
     start.data.needsUpdate = true;
     this.line.geometry.instanceCount = segments;
     if (this.hidden) this.line.computeLineDistances();

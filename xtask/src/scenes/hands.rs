@@ -17,7 +17,10 @@ const STAY_S: f64 = 0.9;
 const WAY_S: f64 = 1.0;
 /// How far it is drawn after each bite \[m\]: after the first one with all that is to be sewn with, after each of the others that is
 /// less by what the one before has taken.
-const AWAY_M: [f64; 13] = [0.2300, 0.2181, 0.2083, 0.1805, 0.1640, 0.1475, 0.1310, 0.1145, 0.0980, 0.0815, 0.0650, 0.0485, 0.0320];
+const AWAY_M: [f64; 13] = [
+    0.2300, 0.2181, 0.2083, 0.1805, 0.1640, 0.1475, 0.1310, 0.1145, 0.0980, 0.0815, 0.0650, 0.0485,
+    0.0320,
+];
 /// After which bites the console draws, which goes by 12 points at most; after those before a hand of the scene does.
 const CONSOLE: std::ops::Range<usize> = 10..13;
 /// How much of the first way the tail is still free \[m\].

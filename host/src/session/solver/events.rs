@@ -182,6 +182,12 @@ impl Happened {
                 "tension_n": tension_n,
                 "lost_m": lost_m,
             }),
+            Event::Cut { thread, along_m } => json!({
+                "event": "cut",
+                "time_s": time_s,
+                "thread": thread,
+                "along_m": along_m,
+            }),
             Event::Opened { thread, tension_n } => json!({
                 "event": "opened",
                 "time_s": time_s,
