@@ -2,6 +2,7 @@
 
 mod back;
 mod by_hand;
+mod cut;
 mod extremes;
 mod friction;
 mod gives;
