@@ -5,7 +5,8 @@ use super::rig::*;
 use nalgebra::Vector3;
 use sutura_host::event::Event;
 use sutura_host::thread::{
-    ThreadEnd, ThreadHold, ThreadPlace, ThreadPoint, ThreadReport, ThreadTension, Through,
+    FreeThreads, ThreadEnd, ThreadHold, ThreadPlace, ThreadPoint, ThreadReport, ThreadTension,
+    Through,
 };
 
 /// A thread that has been wound up twice and is pulled, its tail at a place; and where its span between the two bites is.
@@ -154,4 +155,48 @@ fn a_knot_before_a_cut_opens() {
     assert!((most_n / 0.6 - 1.0).abs() < 0.01, "{most_n}");
     let thread = bench.step_both().threads()[0];
     assert_eq!(thread.tension_n, [0.0; 2]);
+}
+
+/// Both loose ends hang from the tissue as long as there is thread, and end where they are marked.
+#[test]
+fn both_ends_of_a_cut_hang() {
+    let (mut bench, at) = pulled(sides, ELASTIC);
+    // Slack, so that there is something to hang.
+    go(&mut bench, Vector3::new(0.0, 0.0, -0.004));
+    let mut free = FreeThreads::new(&bench.model, [0.0, 0.0, -9.81]).expect("a thread");
+    assert!(bench.state.cut_thread(&bench.model, 7, &at, false));
+    after(&mut bench);
+    let nodes_m = bench.state.positions(&bench.model);
+    for _ in 0..20 {
+        let report = free.step(0.1, &bench.model, &bench.state, &nodes_m);
+        assert!(report.length_error < 1e-9, "{report:?}");
+    }
+    let path = free.path(7);
+    let cuts: Vec<usize> = (0..path.len())
+        .filter(|place| path[*place].what == ThreadPlace::Cut)
+        .collect();
+    let [head, tail] = cuts[..] else {
+        panic!("{cuts:?}");
+    };
+    assert_eq!(head + 1, tail);
+    let is_face =
+        |place: &usize| matches!(path[*place].what, ThreadPlace::Enters | ThreadPlace::Leaves);
+    let before = (0..head).rfind(is_face).expect("a way out");
+    let behind = (tail..path.len()).find(is_face).expect("a way in");
+    let ends = [(before, head), (tail, behind)];
+    for (from, to) in ends {
+        let pieces = path[from..=to].windows(2).map(|two| {
+            let [a, b] = [two[0], two[1]].map(|point| Vector3::from(point.at_m));
+            a.metric_distance(&b)
+        });
+        let (length_m, there_is) = (pieces.sum::<f64>(), path[to].along_m - path[from].along_m);
+        assert!(there_is > 1e-3, "{there_is}");
+        assert!(
+            (length_m / there_is - 1.0).abs() < 1e-6,
+            "{length_m} m of {there_is} m"
+        );
+        assert!(to - from > 5);
+    }
+    let apart = Vector3::from(path[head].at_m).metric_distance(&Vector3::from(path[tail].at_m));
+    assert!(apart > 1e-3, "{apart}");
 }

@@ -3,6 +3,7 @@
 //!
 //! Entry point: [`by_hand`]. The thread rubs, so that a pull at its ends would close the last bites only.
 
+use super::drawn::{AWAY_S, DRAWS, Drawn, STAY_S, stop};
 use super::stitch::{Bite, REST_S, Sewing, Stop};
 use super::tubes::{self, CENTRE_M, LOWER, NEEDLE_RADIUS_M, REACH_M, THREAD_M, UPPER};
 use super::turn::{Vec3, along};
@@ -10,32 +11,22 @@ use super::write;
 
 const PUNCTURES: u32 = 50;
 const FRICTION: f64 = 0.1;
-/// How long the needle is drawn away after a bite, and held there \[s\].
-const AWAY_S: f64 = 1.2;
-const STAY_S: f64 = 0.9;
+/// How much farther than elsewhere the needle goes round, as the tissue is no more where it was \[degree\].
+const MORE_DEG: f64 = 20.0;
 /// How long the way to the next bite takes \[s\].
 const WAY_S: f64 = 1.0;
 /// How far it is drawn after each bite \[m\]: after the first one with all that is to be sewn with, after each of the others that is
 /// less by what the one before has taken.
 const AWAY_M: [f64; 13] = [
-    0.2300, 0.2181, 0.2083, 0.1805, 0.1640, 0.1475, 0.1310, 0.1145, 0.0980, 0.0815, 0.0650, 0.0485,
-    0.0320,
+    0.2300, 0.2195, 0.2105, 0.2007, 0.1913, 0.1847, 0.1650, 0.1540, 0.1420, 0.1310, 0.1190, 0.1080,
+    0.0960,
 ];
 /// After which bites the console draws, which goes by 12 points at most; after those before a hand of the scene does.
 const CONSOLE: std::ops::Range<usize> = 10..13;
 /// How much of the first way the tail is still free \[m\].
-const FREE_M: f64 = 0.2217;
+const FREE_M: f64 = 0.2183;
 /// How far from where the thread comes out a hand holds it, and where it goes in the tail \[m\].
 const HELD_M: f64 = 0.008;
-
-/// Where a hand is, from when on.
-fn stop(time_s: f64, position_m: Vec3) -> Stop {
-    Stop {
-        time_s,
-        position_m,
-        rotation_deg: [0.0; 3],
-    }
-}
 
 /// Where the thread goes in before a bite and comes out after it \[m\].
 fn punctures(sewing: &Sewing, index: usize) -> [Vec3; 2] {
@@ -65,6 +56,16 @@ fn away(sewing: &Sewing, index: usize) -> Vec3 {
     [-0.6 * y, 0.6 * x, across]
 }
 
+/// A bite that goes farther round, and has more time for the way to the next one.
+fn farther(bite: &Bite) -> Bite {
+    let [from, to] = bite.tip_deg;
+    Bite {
+        tip_deg: [from, to + MORE_DEG * (to - from).signum()],
+        way_s: WAY_S,
+        ..*bite
+    }
+}
+
 /// The needle's way, drawn away after each bite.
 fn sewing() -> Sewing {
     let plain = tubes::sewing(PUNCTURES);
@@ -72,83 +73,39 @@ fn sewing() -> Sewing {
     Sewing {
         pulls: ways.collect(),
         pull_s: AWAY_S + STAY_S,
-        bites: plain
-            .bites
-            .iter()
-            .map(|bite| Bite {
-                way_s: WAY_S,
-                ..*bite
-            })
-            .collect(),
+        bites: plain.bites.iter().map(farther).collect(),
         ..plain
     }
 }
 
-/// What hands do between the bites.
-#[derive(Default)]
-struct Between {
-    /// Of the hand that draws first, and of the console.
-    draws: Vec<Stop>,
-    console: Vec<(f64, Vec3)>,
-    /// Of the hand that keeps the thread, and when it takes it or lets it go \[s\].
-    keeps: Vec<Stop>,
-    holds: Vec<(f64, bool)>,
-    ends_s: f64,
-}
-
-fn between(sewing: &Sewing, ends_s: &[f64]) -> Between {
-    let mut all = Between::default();
-    for (index, (bite, sewn_s)) in sewing.bites.iter().zip(ends_s).enumerate() {
-        let (from_s, at) = (sewn_s + 2.0 * REST_S, sewing.end_after(bite));
-        let there_s = from_s + AWAY_S;
-        let far = along(at, 1.0, sewing.pulls[index]);
-        all.ends_s = there_s + STAY_S;
-        for (time_s, at) in [
-            (*sewn_s, at),
-            (from_s, at),
-            (there_s, far),
-            (all.ends_s + 2.0 * REST_S, far),
-        ] {
-            if CONSOLE.contains(&index) {
-                all.console.push((time_s, at));
-            } else {
-                all.draws.push(stop(time_s, at));
-            }
-        }
-        let [_, out] = punctures(sewing, index);
-        if let Some(last) = all.keeps.last().copied() {
-            // Until the console pulls.
-            all.keeps.push(stop(there_s + 0.1, last.position_m));
-            all.holds.push((there_s + 0.1, false));
+/// The hand that keeps the thread between the bites, and when it takes it or lets it go \[s\].
+fn keeps(sewing: &Sewing, there_s: &[f64]) -> (Vec<Stop>, Vec<(f64, bool)>) {
+    let (mut stops, mut holds): (Vec<Stop>, _) = (Vec::new(), Vec::new());
+    for (index, there_s) in there_s.iter().enumerate() {
+        if let Some(last) = stops.last().copied() {
+            // Until the next one pulls.
+            stops.push(stop(there_s + 0.1, last.position_m));
+            holds.push((there_s + 0.1, false));
         }
         // At the end the console has it.
         if index + 1 < sewing.bites.len() {
-            all.keeps.push(stop(
+            let [_, out] = punctures(sewing, index);
+            stops.push(stop(
                 there_s + 0.55,
                 along(out, HELD_M, away(sewing, index)),
             ));
-            all.holds.push((there_s + 0.6, true));
+            holds.push((there_s + 0.6, true));
         }
     }
-    all
+    (stops, holds)
 }
 
 /// The scene.
 pub fn by_hand() -> String {
     let sewing = sewing();
     let script = sewing.script();
-    let puller = |index: usize| if CONSOLE.contains(&index) { 0 } else { 4 };
-    let mut drawn = 0..;
-    let needle_holds = script.holds.iter().map(|(time_s, hand)| {
-        let tool = match hand {
-            0 => 1,
-            1 => 2,
-            _ => puller(drawn.next().unwrap_or_default()),
-        };
-        (*time_s, tool)
-    });
-    let needle_holds: Vec<_> = needle_holds.collect();
-    let hands = between(&sewing, &script.ends_s);
+    let hands = Drawn::new(&sewing, CONSOLE);
+    let (keeper, holds) = keeps(&sewing, &hands.there_s);
     let [into, _] = punctures(&sewing, 0);
     let tail = along(into, -HELD_M, away(&sewing, 0));
     let drawn_s = drawn_s(script.ends_s[0] + 2.0 * REST_S);
@@ -169,7 +126,7 @@ device = \"cartesian-bench\"
         hands.ends_s
     );
     tubes::tissue(&mut text);
-    write::needle(&mut text, &sewing, &needle_holds);
+    write::needle(&mut text, &sewing, &hands.holds);
     text.push_str(&format!(
         "[[thread]]
 needle = 0
@@ -180,7 +137,7 @@ hold = [
 ",
         write::position(tail)
     ));
-    for (time_s, takes) in hands.holds {
+    for (time_s, takes) in holds {
         let rest = if takes { "" } else { ", lets_go = true" };
         text.push_str(&format!(
             "  {{ time_s = {time_s:.3}, end = \"span\", tool = 3{rest} }},\n"
@@ -195,9 +152,9 @@ hold = [
     text.push_str("# Carries the needle to the next bite, held likewise.\n");
     write::hand(&mut text, 2, REACH_M, carry);
     text.push_str("# Keeps the thread where it comes out.\n");
-    write::hand(&mut text, 3, REACH_M, &hands.keeps);
+    write::hand(&mut text, 3, REACH_M, &keeper);
     text.push_str("# Draws the needle away after the first bites.\n");
-    write::hand(&mut text, 4, REACH_M, &hands.draws);
+    write::hand(&mut text, DRAWS, REACH_M, &hands.hand);
     write::console_hand(&mut text, &hands.console);
     text.push_str("[host]\nhost_hz = 200.0\nhorizon_ms = 60.0\n");
     text

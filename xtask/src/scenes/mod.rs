@@ -2,7 +2,9 @@
 //! Entry point: [`gated`].
 
 mod bites;
+mod drawn;
 mod hands;
+mod knots;
 mod slabs;
 mod stitch;
 mod tubes;
@@ -13,13 +15,14 @@ use crate::run::root;
 use anyhow::{Context, Result, bail};
 
 /// Files below `scenes/` and what they say.
-fn files() -> [(&'static str, String); 5] {
+fn files() -> [(&'static str, String); 6] {
     [
         ("anastomosis-20.toml", tubes::anastomosis(20)),
         ("anastomosis-50-by-hand.toml", hands::by_hand()),
         ("anastomosis-50.toml", tubes::anastomosis(50)),
         ("anastomosis-50-tighten.toml", bites::tightened()),
         ("wound-slabs.toml", slabs::wound()),
+        ("wound-slabs-knots.toml", knots::interrupted()),
     ]
 }
 

@@ -10,14 +10,14 @@ use super::write;
 /// Along x, y, z \[m\].
 const SIZE_M: [f64; 3] = [0.02, 0.03, 0.01];
 const DIVISIONS: [u32; 3] = [8, 12, 4];
-const GAP_M: f64 = 0.004;
+pub(super) const GAP_M: f64 = 0.004;
 
 /// Half a circle, whose centre goes along above the gap.
-const NEEDLE_RADIUS_M: f64 = 0.008;
+pub(super) const NEEDLE_RADIUS_M: f64 = 0.008;
 const NEEDLE_DEG: f64 = 180.0;
 /// From how far scripted hands take it \[m\]: they turn about the circle's centre.
-const REACH_M: f64 = 0.01;
-const CENTRE_Z_M: f64 = 0.002;
+pub(super) const REACH_M: f64 = 0.01;
+pub(super) const CENTRE_Z_M: f64 = 0.002;
 /// Between the tip and the tissue when a bite begins, and between the needle's end and the tissue when it has ended
 /// \[degree\].
 const CLEAR_DEG: f64 = 10.0;
@@ -37,7 +37,7 @@ fn leaves_deg() -> f64 {
     360.0 - (CENTRE_Z_M / NEEDLE_RADIUS_M).asin().to_degrees()
 }
 
-fn sewing() -> Sewing {
+pub(super) fn sewing() -> Sewing {
     let leaves = leaves_deg();
     let bites = BITES_M.map(|y| Bite {
         centre: [0.0, y, CENTRE_Z_M],
@@ -57,6 +57,61 @@ fn sewing() -> Sewing {
         pulls: Vec::new(),
         pull_s: 0.0,
     }
+}
+
+/// Both slabs, what they are made of, and what holds them.
+pub(super) fn tissue(text: &mut String) {
+    let aside = 0.5 * (SIZE_M[0] + GAP_M);
+    for (name, x) in [("left", -aside), ("right", aside)] {
+        text.push_str(&format!(
+            "[[mesh.part]]
+name = \"{name}\"
+slab = {{ size_m = {SIZE_M:?}, divisions = {DIVISIONS:?} }}
+at_m = [{x:.4}, 0.0, 0.0]
+
+"
+        ));
+    }
+    text.push_str(
+        "[tissue]
+model = \"linear\"
+# Like muscle.
+youngs_modulus_pa = 30e3
+poisson_ratio = 0.45
+
+# 0.14 N to break through with a tip of 0.28 mm^2. The needle does not rub.
+[tissue.needle]
+friction_n_per_m = 0.0
+puncture_pa = 5e5
+
+# Held at the sides that look away from the wound.
+",
+    );
+    let end = 0.5 * GAP_M + SIZE_M[0];
+    for x in [-end, end] {
+        text.push_str(&format!(
+            "[[fixed]]\nplane = {{ axis = \"x\", at_m = {x:.4} }}\n\n"
+        ));
+    }
+}
+
+/// What closes.
+pub(super) fn contact(text: &mut String) {
+    text.push_str(&format!(
+        "# What closes.
+[[tissue_contact]]
+between = [\"left\", \"right\"]
+# As deep as the thread goes.
+rims = [
+  {{ box = {{ min_m = [-{half:?}, -{y:?}, -{depth:?}], max_m = [-{half:?}, {y:?}, 0.0] }} }},
+  {{ box = {{ min_m = [{half:?}, -{y:?}, -{depth:?}], max_m = [{half:?}, {y:?}, 0.0] }} }},
+]
+
+",
+        half = 0.5 * GAP_M,
+        y = 0.5 * SIZE_M[1],
+        depth = NEEDLE_RADIUS_M - CENTRE_Z_M,
+    ));
 }
 
 /// The scene.
@@ -104,38 +159,7 @@ device = \"cartesian-bench\"
 ",
         1e3 * GAP_M
     );
-    let aside = 0.5 * (SIZE_M[0] + GAP_M);
-    for (name, x) in [("left", -aside), ("right", aside)] {
-        text.push_str(&format!(
-            "[[mesh.part]]
-name = \"{name}\"
-slab = {{ size_m = {SIZE_M:?}, divisions = {DIVISIONS:?} }}
-at_m = [{x:.4}, 0.0, 0.0]
-
-"
-        ));
-    }
-    text.push_str(
-        "[tissue]
-model = \"linear\"
-# Like muscle.
-youngs_modulus_pa = 30e3
-poisson_ratio = 0.45
-
-# 0.14 N to break through with a tip of 0.28 mm^2. The needle does not rub.
-[tissue.needle]
-friction_n_per_m = 0.0
-puncture_pa = 5e5
-
-# Held at the sides that look away from the wound.
-",
-    );
-    let end = 0.5 * GAP_M + SIZE_M[0];
-    for x in [-end, end] {
-        text.push_str(&format!(
-            "[[fixed]]\nplane = {{ axis = \"x\", at_m = {x:.4} }}\n\n"
-        ));
-    }
+    tissue(&mut text);
     write::needle(&mut text, &sewing, &holds);
     text.push_str(&format!(
         "# Frictionless, and held at both ends once it has been sewn.
@@ -146,21 +170,10 @@ hold = [
   {{ time_s = {:.3}, end = \"tail\", tool = 2 }},
 ]
 
-# What closes.
-[[tissue_contact]]
-between = [\"left\", \"right\"]
-# As deep as the thread goes.
-rims = [
-  {{ box = {{ min_m = [-{half:?}, -{y:?}, -{depth:?}], max_m = [-{half:?}, {y:?}, 0.0] }} }},
-  {{ box = {{ min_m = [{half:?}, -{y:?}, -{depth:?}], max_m = [{half:?}, {y:?}, 0.0] }} }},
-]
-
 ",
         pull_s - 0.05,
-        half = 0.5 * GAP_M,
-        y = 0.5 * SIZE_M[1],
-        depth = NEEDLE_RADIUS_M - CENTRE_Z_M,
     ));
+    contact(&mut text);
     text.push_str("# The console's own.\n[[tool]]\nid = 0\nshape = \"grip\"\n\n");
     text.push_str("# Goes round with the needle, which it holds from the circle's centre.\n");
     write::hand(&mut text, 1, REACH_M, &round);
