@@ -563,3 +563,46 @@ fn a_locked_thread_gives_no_energy() {
         assert_eq!(thread["state"], "taut");
     }
 }
+
+/// A shipped scene in lockstep.
+fn shipped(name: &str) -> Value {
+    let ran = sutura(&["run", name, "--lockstep", "--format", "json"]);
+    assert_eq!(ran.code, 0, "{}", ran.stderr);
+    serde_json::from_str(&ran.stdout).unwrap()
+}
+
+/// What the console feels at most beside the tension there: they are one where it draws hardest.
+fn feels_the_tension(summary: &Value) {
+    let felt = number(&summary["force_n"], "peak");
+    let pulled = number(&summary["scene"]["threads"][0], "peak_tension_n");
+    assert!(felt > 0.3, "{felt} N");
+    assert!((felt / pulled - 1.0).abs() < 0.01, "{felt} {pulled} N");
+}
+
+/// Each stitch is drawn together by its knot, cut, and stays closed.
+#[test]
+fn interrupted_stitches_stay_closed() {
+    let summary = shipped("scenes/wound-slabs-knots.toml");
+    assert_eq!(summary["status"], "ok");
+    assert_eq!(summary["steps_withheld"], serde_json::json!({}));
+    let scene = &summary["scene"];
+    assert!(number(scene, "bridge_ratio") < 0.05, "{scene}");
+    let thread = &scene["threads"][0];
+    let count = |key: &str| thread[key].as_u64().unwrap();
+    assert_eq!((count("punctures"), count("bridges")), (16, 4), "{thread}");
+    // The last one is cut too: nobody pulls any more, and every passage of every stitch is pressed on.
+    assert_eq!(thread["tension_n"][1], 0.0, "{thread}");
+    let pressures = thread["thread_pressure_pa"].as_array().unwrap();
+    assert_eq!(pressures.len(), 8, "{thread}");
+    assert!(pressures.iter().all(|one| one.as_f64().unwrap() > 1e5));
+    let cuts: Vec<f64> = scene["events"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .filter(|event| event["event"] == "cut")
+        .map(|event| number(event, "along_m"))
+        .collect();
+    assert_eq!(cuts.len(), 4, "{scene}");
+    assert!(cuts.is_sorted(), "{cuts:?}");
+    feels_the_tension(&summary);
+}

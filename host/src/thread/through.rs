@@ -301,6 +301,10 @@ impl ThreadState {
         let is_taut = |segment: &Segment| segment.tension_n > NO_TENSION_N;
         if !self.segments.iter().any(is_taut) {
             self.state = ThreadTension::Slack;
+            if is_held {
+                // What a span lacks comes from where there is more.
+                self.slide(part);
+            }
             self.former.clone_from(&self.spans);
             return;
         }
