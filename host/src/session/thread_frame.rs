@@ -72,14 +72,14 @@ impl HeldThread {
             tool: driven,
             thread: thread.id,
             end: [End::Tail, End::Head][end],
-            state: match thread.state {
+            state: match thread.end_state[end] {
                 ThreadTension::Slack => Tension::Slack,
                 ThreadTension::Taut => Tension::Taut,
             },
             direction: thread.direction[end],
             tension_n: thread.tension_n[end],
             stiffness_n_per_m: along(report, driven, &thread.direction[end]),
-            slack_m: thread.available_m - thread.length_m,
+            slack_m: thread.slack_m[end],
         })
     }
 }
@@ -132,6 +132,7 @@ pub fn thread_frame(thread: &HeldThread) -> Thread {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::thread::HandReport;
     use sutura_shared::wire::{Message, Reject};
 
     const TAUT: HeldThread = HeldThread {
@@ -144,6 +145,46 @@ mod tests {
         stiffness_n_per_m: 300.0,
         slack_m: -1e-15,
     };
+
+    /// Of both sides of a hand the console is told the one that pulls harder, or will sooner.
+    #[test]
+    fn between_the_ends_a_hand_is_told_one_side() {
+        let mut report = StepReport::default();
+        let told = |report: &StepReport| {
+            let held = HeldThread::at_grip(report, 3).expect("a thread");
+            (
+                held.end,
+                held.state,
+                held.direction,
+                held.tension_n,
+                held.slack_m,
+            )
+        };
+        let direction = [[1.0, 0.0, 0.0], [0.0, 0.0, 1.0]];
+        for (tension_n, slack_m, side) in [
+            ([0.5, 0.2], [0.0, 0.0], 0),
+            ([0.2, 0.5], [0.0, 0.0], 1),
+            ([0.0, 0.0], [0.01, 0.002], 1),
+            ([0.0, 0.0], [0.001, 0.002], 0),
+        ] {
+            report.threads_mut(1)[0].hands[1] = Some(HandReport {
+                tool: Some(3),
+                tension_n,
+                slack_m,
+                direction,
+                ..HandReport::default()
+            });
+            let state = if tension_n[side] > 0.0 {
+                Tension::Taut
+            } else {
+                Tension::Slack
+            };
+            let end = [End::Head, End::Tail][side];
+            let expected = (end, state, direction[side], tension_n[side], slack_m[side]);
+            assert_eq!(told(&report), expected);
+        }
+        assert_eq!(HeldThread::at_grip(&report, 0), None);
+    }
 
     #[test]
     fn the_frame_passes_the_consoles_own_check() {

@@ -179,8 +179,12 @@ pub enum ThreadTension {
 pub struct ThreadReport {
     /// Which thread.
     pub id: u8,
-    /// Whether it pulls.
+    /// Whether any of it pulls.
     pub state: ThreadTension,
+    /// Whether the strands at the tail and at the head pull, which are one where no hand is between.
+    pub end_state: [ThreadTension; 2],
+    /// What there is of thread in them more than their paths need \[m\].
+    pub slack_m: [f64; 2],
     /// Tension at the tail and at the head \[N\].
     pub tension_n: [f64; 2],
     /// The tools that hold its tail and its head, the latter through the needle or not.

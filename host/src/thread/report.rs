@@ -337,6 +337,8 @@ impl Balance<'_> {
             let felt = self.end_report(strand, end);
             (out.tension_n[place], out.direction[place]) = (felt.tension_n, felt.direction);
             out.end_m[place] = felt.at_m;
+            out.end_state[place] = thread.state;
+            out.slack_m[place] = thread.available_m() - thread.length_m();
             out.pulled_m[place] = thread.pulled_m[place];
             out.slipped_m[place] = thread.slipped_m[place];
         }
