@@ -606,3 +606,26 @@ fn interrupted_stitches_stay_closed() {
     assert!(cuts.is_sorted(), "{cuts:?}");
     feels_the_tension(&summary);
 }
+
+/// A running suture that rubs is drawn together bite by bite: one hand pulls at the needle, another one keeps what is closed.
+#[test]
+fn a_running_suture_is_drawn_together_by_hand() {
+    let summary = shipped("tests/data/wound-by-hand.toml");
+    assert_eq!(summary["status"], "ok");
+    assert_eq!(summary["steps_withheld"], serde_json::json!({}));
+    let scene = &summary["scene"];
+    assert_eq!(scene["events"], serde_json::json!([]), "{scene}");
+    assert!(number(scene, "gap_ratio") < 0.25, "{scene}");
+    let thread = &scene["threads"][0];
+    assert_eq!(thread["punctures"], 16, "{thread}");
+    // The place at the tail, and the console by the needle; the hand between the bites has let go.
+    assert_eq!(thread["held_by"], serde_json::json!([null, 0]));
+    assert!(thread["hands"].is_null(), "{thread}");
+    let excess = number(thread, "length_m") - number(thread, "available_m");
+    assert!(excess.abs() < 1e-6, "{excess} m");
+    assert!(number(thread, "dissipated_j") > 1e-4, "{thread}");
+    // Friction keeps what was drawn together: the tail has less than the console, and not nothing.
+    let tension = |end: usize| thread["tension_n"][end].as_f64().unwrap();
+    assert!(0.2 < tension(0) && tension(0) < tension(1), "{thread}");
+    feels_the_tension(&summary);
+}

@@ -76,7 +76,7 @@ device = \"cartesian-bench\"
         1e3 * GAP_M,
         hands.ends_s,
     );
-    slabs::tissue(&mut text);
+    slabs::tissue(&mut text, slabs::DIVISIONS);
     write::needle(&mut text, &sewing, &hands.holds);
     text.push_str(&format!(
         "# Frictionless, with a knot at its tail.

@@ -3,7 +3,6 @@
 
 mod bites;
 mod drawn;
-mod hands;
 mod knots;
 mod slabs;
 mod stitch;
@@ -15,10 +14,9 @@ use crate::run::root;
 use anyhow::{Context, Result, bail};
 
 /// Files below `scenes/` and what they say.
-fn files() -> [(&'static str, String); 6] {
+fn files() -> [(&'static str, String); 5] {
     [
         ("anastomosis-20.toml", tubes::anastomosis(20)),
-        ("anastomosis-50-by-hand.toml", hands::by_hand()),
         ("anastomosis-50.toml", tubes::anastomosis(50)),
         ("anastomosis-50-tighten.toml", bites::tightened()),
         ("wound-slabs.toml", slabs::wound()),

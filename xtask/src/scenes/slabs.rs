@@ -9,7 +9,7 @@ use super::write;
 
 /// Along x, y, z \[m\].
 const SIZE_M: [f64; 3] = [0.02, 0.03, 0.01];
-const DIVISIONS: [u32; 3] = [8, 12, 4];
+pub(super) const DIVISIONS: [u32; 3] = [8, 12, 4];
 pub(super) const GAP_M: f64 = 0.004;
 
 /// Half a circle, whose centre goes along above the gap.
@@ -60,13 +60,13 @@ pub(super) fn sewing() -> Sewing {
 }
 
 /// Both slabs, what they are made of, and what holds them.
-pub(super) fn tissue(text: &mut String) {
+pub(super) fn tissue(text: &mut String, divisions: [u32; 3]) {
     let aside = 0.5 * (SIZE_M[0] + GAP_M);
     for (name, x) in [("left", -aside), ("right", aside)] {
         text.push_str(&format!(
             "[[mesh.part]]
 name = \"{name}\"
-slab = {{ size_m = {SIZE_M:?}, divisions = {DIVISIONS:?} }}
+slab = {{ size_m = {SIZE_M:?}, divisions = {divisions:?} }}
 at_m = [{x:.4}, 0.0, 0.0]
 
 "
@@ -159,7 +159,7 @@ device = \"cartesian-bench\"
 ",
         1e3 * GAP_M
     );
-    tissue(&mut text);
+    tissue(&mut text, DIVISIONS);
     write::needle(&mut text, &sewing, &holds);
     text.push_str(&format!(
         "# Frictionless, and held at both ends once it has been sewn.
