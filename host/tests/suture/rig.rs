@@ -5,9 +5,7 @@ use nalgebra::Vector3;
 use sutura_host::collide::{TouchPart, TouchSettings};
 use sutura_host::needle::{NeedleSettings, NeedleTissue};
 use sutura_host::step::{State, StepReport, Workspace};
-use sutura_host::thread::{
-    ThreadEnd, ThreadHold, ThreadPart, ThreadPlace, ThreadPoint, ThreadTension, Through,
-};
+use sutura_host::thread::{ThreadEnd, ThreadHold, ThreadPart, ThreadPoint, ThreadTension, Through};
 
 /// A straight needle above two slabs, with a thread.
 #[derive(Clone, Copy)]
@@ -133,19 +131,5 @@ pub fn hold(bench: &mut Bench, end: ThreadEnd, by: ThreadHold) {
 
 /// The points of a path that it turns at: faces inside that are nearer to each other than 0.15 mean edges share one.
 pub fn turning(bench: &Bench, path: &[ThreadPoint]) -> Vec<ThreadPoint> {
-    let apart_m = 0.15 * bench.mesh.surface().mean_edge_m;
-    let apart = |a: &ThreadPoint, b: &ThreadPoint| {
-        Vector3::from(a.at_m).metric_distance(&Vector3::from(b.at_m))
-    };
-    let mut kept: Vec<ThreadPoint> = Vec::new();
-    for (place, point) in path.iter().enumerate() {
-        let is_far = kept.last().is_none_or(|last| apart(last, point) >= apart_m);
-        let mut beyond = path[place..].iter();
-        let leaves = beyond.find(|beyond| beyond.what == ThreadPlace::Leaves);
-        let is_far = is_far && leaves.is_none_or(|leaves| apart(leaves, point) >= apart_m);
-        if is_far || point.what != ThreadPlace::Inside {
-            kept.push(*point);
-        }
-    }
-    kept
+    super::least::turning(path, 0.15 * bench.mesh.surface().mean_edge_m)
 }

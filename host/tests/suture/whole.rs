@@ -1,0 +1,281 @@
+//! Whole sutures against the least energy: what a session without friction leaves, in whatever order the ends were pulled.
+
+use super::least::{Apart, Least, Suture, turning};
+use nalgebra::Vector3;
+use std::path::Path;
+use sutura_host::collide::{TouchSettings, gaps_m, penetration_m};
+use sutura_host::scene::{Document, Scene, position_at};
+use sutura_host::session::SceneSolver;
+use sutura_host::step::{State, Status, StepOptions, StepReport, Workspace, step};
+use sutura_host::thread::{ThreadPlace, ThreadPoint};
+use sutura_host::tool::ToolSample;
+
+/// Most that gap and tensions are off.
+const GAP_OFF: f64 = 0.03;
+const TENSION_OFF: f64 = 0.03;
+
+/// Parts of their ways at which the hands at head and tail arrive together, and in how many steps.
+type Order = [([f64; 2], u32)];
+
+const TOGETHER: &Order = &[([1.0, 1.0], 300)];
+const TAIL_FIRST: &Order = &[([0.0, 1.0], 300), ([1.0, 1.0], 300)];
+const HEAD_FIRST: &Order = &[([1.0, 0.0], 300), ([1.0, 1.0], 300)];
+/// And let go between.
+const IN_TURNS: &Order = &[
+    ([0.5, 0.0], 150),
+    ([0.5, 0.8], 200),
+    ([0.2, 0.2], 150),
+    ([1.0, 0.2], 200),
+    ([1.0, 1.0], 200),
+];
+/// 1 to 1.5 mm each.
+const IN_FEW_STEPS: &Order = &[([1.0, 1.0], 40)];
+
+/// Steps on the spot after that.
+const REST: u32 = 10;
+
+/// `SUTURA_FULL=1`: the long forms.
+fn full() -> bool {
+    std::env::var_os("SUTURA_FULL").is_some_and(|value| value == "1")
+}
+
+/// Sewn, held at both ends, and not pulled yet.
+struct Sewn {
+    scene: Scene,
+    solver: SceneSolver,
+    state: State,
+    /// Where the hands begin and end.
+    hands: [Vec<ToolSample>; 2],
+}
+
+/// What a pull leaves.
+struct Pulled {
+    at: Vec<Vector3<f64>>,
+    report: StepReport,
+    /// Tension of each span outside \[N\].
+    spans_n: Vec<f64>,
+    /// The path of the last step, with all nodes at rest.
+    path: Vec<ThreadPoint>,
+}
+
+impl Sewn {
+    /// A scene of this repository up to its pull, by its scripts.
+    fn new(name: &str) -> Self {
+        let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../scenes");
+        let text = std::fs::read_to_string(root.join(name)).expect("a scene");
+        let scene = Scene::read(&Document::embedded(name, &root, &text), name).expect("good");
+        let mut solver = SceneSolver::new(&scene).expect("a solver");
+        let held_s = scene.threads[0].holds.last().expect("held").time_s + 0.05;
+        let next = follow(&scene, &mut solver, 0, held_s);
+        let (_, state, _) = solver.parts().expect("rows");
+        let (state, begin) = (state.clone(), solver.samples().to_vec());
+        follow(&scene, &mut solver, next, scene.seconds);
+        let end = solver.samples().to_vec();
+        Self {
+            scene,
+            solver,
+            state,
+            hands: [begin, end],
+        }
+    }
+
+    /// The hands after parts of `upto` of their ways; the console's is at the head, the others at the tail.
+    fn samples(&self, upto: f64, parts: [f64; 2], time_us: u64) -> Vec<ToolSample> {
+        let [begin, end] = &self.hands;
+        let both = begin.iter().zip(end).enumerate();
+        both.map(|(index, (begin, end))| {
+            let part = upto * parts[usize::from(index > 0)];
+            let [from, to] = [begin, end].map(|sample| Vector3::from(sample.position_m));
+            ToolSample {
+                position_m: (from + (to - from) * part).into(),
+                console_time_us: time_us,
+                ..*begin
+            }
+        })
+        .collect()
+    }
+
+    /// Pulls what has been sewn so, as far as `upto`.
+    fn pulled(&self, order: &Order, upto: f64) -> Pulled {
+        let (model, _, _) = self.solver.parts().expect("rows");
+        let (mut state, mut work) = (self.state.clone(), Workspace::new(model));
+        let mut time_us = self.hands[0][0].console_time_us;
+        let (mut from, mut report) = ([0.0; 2], StepReport::default());
+        let mut path = Vec::new();
+        let rest = [([1.0; 2], REST)];
+        for (to, steps) in order.iter().chain(&rest) {
+            for k in 1..=*steps {
+                time_us += 5000;
+                let done = f64::from(k) / f64::from(*steps);
+                let parts = [0, 1].map(|end| from[end] + done * (to[end] - from[end]));
+                let samples = self.samples(upto, parts, time_us);
+                // What it bends around in this step.
+                path = state.thread_path(model, 0, model.points_m());
+                let mut step = || {
+                    step(
+                        model,
+                        &mut state,
+                        &samples,
+                        &StepOptions::default(),
+                        &mut work,
+                    )
+                };
+                report = step();
+                while matches!(report.status, Status::Waiting | Status::Behind) {
+                    report = step();
+                }
+                assert_eq!(report.status, Status::Ok, "{to:?} {k}");
+            }
+            from = *to;
+        }
+        let nodes_m = state.positions(model);
+        let outside =
+            |point: &&ThreadPoint| matches!(point.what, ThreadPlace::End | ThreadPlace::Leaves);
+        let after = state.thread_path(model, 0, &nodes_m);
+        let spans = after[..after.len() - 1].iter().filter(outside);
+        Pulled {
+            at: nodes_m.into_iter().map(Vector3::from).collect(),
+            report,
+            spans_n: spans.map(|point| point.tension_n).collect(),
+            path,
+        }
+    }
+
+    fn suture(&self, pulled: &Pulled) -> Suture {
+        let scene = &self.scene;
+        let edge_m = scene.mesh.surface().mean_edge_m;
+        let [one, other] = &scene.touching[0].faces;
+        let apart = Apart::new([one, other], TouchSettings::default().separation * edge_m);
+        Suture::new(
+            (&scene.mesh, &scene.fixed),
+            |cell| scene.materials.of(cell),
+            &turning(&pulled.path, 0.15 * edge_m),
+            Some(apart),
+        )
+    }
+
+    /// Mean distance of the rims' nodes to the other part \[m\].
+    fn gap_m(&self, at: &[Vector3<f64>]) -> f64 {
+        let pair = &self.scene.touching[0];
+        let mut gaps = gaps_m(&pair.rims[0], &pair.faces[1], at);
+        gaps.extend(gaps_m(&pair.rims[1], &pair.faces[0], at));
+        gaps.iter().sum::<f64>() / gaps.len() as f64
+    }
+
+    /// Pulls, and compares with the least energy of as much thread.
+    fn compare(&self, order: &Order, upto: f64) {
+        let pulled = self.pulled(order, upto);
+        let suture = self.suture(&pulled);
+        let thread = pulled.report.threads()[0];
+        // The same law: the path is as long as the solver has it.
+        let off = suture.length_m(&pulled.at) - thread.length_m;
+        assert!(off.abs() < 1e-9, "{off} m");
+        suture.check_slopes(&pulled.at);
+        let least = suture.drawn(thread.available_m, f64::INFINITY);
+        self.check(&suture, &pulled, &least);
+    }
+
+    fn check(&self, suture: &Suture, pulled: &Pulled, least: &Least) {
+        let [one, other] = &self.scene.touching[0].faces;
+        assert_eq!(penetration_m([one, other], &least.at), 0.0);
+        let [gap_m, least_m] = [&pulled.at, &least.at].map(|at| self.gap_m(at));
+        let most = |sign: f64| {
+            let signed = pulled.spans_n.iter().map(|tension_n| sign * tension_n);
+            sign * signed.fold(f64::NEG_INFINITY, f64::max)
+        };
+        println!(
+            "gap {gap_m} of {least_m} m; tissue {} of {} J; {} spans with {} to {} of {} N",
+            suture.tissue_j(&pulled.at),
+            least.tissue_j,
+            pulled.spans_n.len(),
+            most(-1.0),
+            most(1.0),
+            least.tension_n
+        );
+        assert!((gap_m / least_m - 1.0).abs() < GAP_OFF, "{gap_m} {least_m}");
+        for tension_n in &pulled.spans_n {
+            let off = tension_n / least.tension_n - 1.0;
+            assert!(off.abs() < TENSION_OFF, "{tension_n} {}", least.tension_n);
+        }
+    }
+}
+
+/// A session by its scripts from a step on, up to a time; the next step.
+fn follow(scene: &Scene, solver: &mut SceneSolver, from: u64, until_s: f64) -> u64 {
+    let hand = scene.hand.as_ref().expect("a hand");
+    let hz = scene.host.host_hz;
+    let last = (until_s * hz).round() as u64;
+    for number in from..=last {
+        let time_s = number as f64 / hz;
+        let sample = ToolSample {
+            id: solver.driven().expect("driven"),
+            position_m: position_at(hand, time_s),
+            orientation: [0.0, 0.0, 0.0, 1.0],
+            velocity_m_per_s: [0.0; 3],
+            console_time_us: (1e6 * time_s).round() as u64,
+        };
+        let mut report = solver.step(sample);
+        while matches!(report.status, Status::Waiting | Status::Behind) {
+            report = solver.step(sample);
+        }
+        assert_eq!(report.status, Status::Ok, "{time_s} s");
+    }
+    last + 1
+}
+
+/// Two slabs, drawn until they press.
+#[test]
+fn two_slabs_are_closed_as_the_least_energy_has_it() {
+    let sewn = Sewn::new("wound-slabs.toml");
+    let long = [TAIL_FIRST, HEAD_FIRST, IN_FEW_STEPS];
+    let orders = [TOGETHER, IN_TURNS].into_iter();
+    for order in orders.chain(long.into_iter().filter(|_| full())) {
+        sewn.compare(order, 1.0);
+    }
+}
+
+/// Two tubes with 20 punctures, their walls not yet pressed across each other: beyond that there are several balances.
+#[test]
+fn two_tubes_are_closed_as_the_least_energy_has_it() {
+    let sewn = Sewn::new("anastomosis-20.toml");
+    let long = [TAIL_FIRST, HEAD_FIRST, IN_TURNS, IN_FEW_STEPS];
+    sewn.compare(TOGETHER, 0.8);
+    for order in long.into_iter().filter(|_| full()) {
+        sewn.compare(order, 0.8);
+    }
+}
+
+/// The same pulled all the way: one of several balances, and the least energy next to where the session is.
+#[test]
+fn two_tubes_that_are_pulled_hard_are_in_a_balance() {
+    if !full() {
+        return;
+    }
+    let sewn = Sewn::new("anastomosis-20.toml");
+    for order in [TOGETHER, TAIL_FIRST, HEAD_FIRST, IN_TURNS, IN_FEW_STEPS] {
+        let pulled = sewn.pulled(order, 1.0);
+        let suture = sewn.suture(&pulled);
+        let thread = pulled.report.threads()[0];
+        let from_rest = suture.drawn(thread.available_m, f64::INFINITY);
+        println!(
+            "from rest: {} m, {} N",
+            sewn.gap_m(&from_rest.at),
+            from_rest.tension_n
+        );
+        let [tension_n, _] = thread.tension_n;
+        let next = suture.drawn_from(&pulled.at, tension_n, thread.available_m);
+        sewn.check(&suture, &pulled, &next);
+    }
+}
+
+/// Two tubes with 50 punctures, pulled all the way.
+#[test]
+fn fifty_punctures_are_closed_as_the_least_energy_has_it() {
+    if !full() {
+        return;
+    }
+    let sewn = Sewn::new("anastomosis-50.toml");
+    for order in [TOGETHER, TAIL_FIRST, HEAD_FIRST, IN_TURNS, IN_FEW_STEPS] {
+        sewn.compare(order, 1.0);
+    }
+}
