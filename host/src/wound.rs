@@ -8,13 +8,12 @@ use crate::fem::von_mises_pa;
 use crate::model::Model;
 use crate::scene::{Scene, TissueContact};
 use crate::step::{State, Status, StepOptions, StepReport, Workspace, step};
-use crate::thread::{HandReport, ThreadEnd, ThreadHold, ThreadReport, ThreadTension, Tightening};
-use crate::tool::ToolSample;
+use crate::thread::{HandReport, ThreadReport, ThreadTension, Tightening};
 use nalgebra::Vector3;
 use serde::Serialize;
 
-/// Part of the spans' length by which punctures are drawn together at a time, for comparison: a tenth of an edge or
-/// less, where gaps are a few edges wide.
+/// Part of the spans' length in the unloaded mesh by which punctures are drawn together at a time, for comparison: a tenth of an
+/// edge or less, where gaps are a few edges wide.
 const WELDING_STEP: f64 = 1.0 / 60.0;
 /// What is left of their length then: as good as nothing.
 const WELDED: f64 = 1e-3;
@@ -52,7 +51,7 @@ pub struct WoundReport {
     /// Mean distance of the rims' nodes to the other part \[m\].
     #[serde(skip_serializing_if = "Option::is_none")]
     pub rim_gap_m: Option<f64>,
-    /// The same with both ends of every thread let go and what bridges the parts drawn together all the way.
+    /// The same of these punctures alone: what bridges the parts drawn together all the way from rest, and nothing that holds threads.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub rim_gap_welded_m: Option<f64>,
     /// Largest tension at an end of a thread \[N\].
@@ -149,14 +148,8 @@ impl Wound {
         })
     }
 
-    /// What a step has left, with the tools at `samples`.
-    pub fn report(
-        &self,
-        model: &Model,
-        state: &State,
-        last: &StepReport,
-        samples: &[ToolSample],
-    ) -> WoundReport {
+    /// What a step has left.
+    pub fn report(&self, model: &Model, state: &State, last: &StepReport) -> WoundReport {
         let nodes_m = state.positions(model);
         let at: Vec<_> = nodes_m.iter().copied().map(Vector3::from).collect();
         let gap_m = rim_gap_m(&self.contacts, &at);
@@ -169,8 +162,8 @@ impl Wound {
             .collect();
         let ratios = bridges.iter().flatten().map(|b| b.now_m / b.rest_m);
         let bridge_ratio = ratios.reduce(f64::max);
-        let welded_m = gap_m.zip(bridge_ratio).and_then(|(_, ratio)| {
-            let drawn = self.welded(model, state, samples, ratio)?;
+        let welded_m = gap_m.zip(bridge_ratio).and_then(|_| {
+            let drawn = self.welded(model, state)?;
             rim_gap_m(&self.contacts, &places(model, &drawn))
         });
         let displaced: Vec<[f64; 3]> = at
@@ -207,38 +200,19 @@ impl Wound {
         }
     }
 
-    /// The same state with all ends of threads let go and what bridges parts drawn together from `ratio` of its length
-    /// to nothing, tissues kept apart all the while; `None` if that finds no balance.
-    fn welded(
-        &self,
-        model: &Model,
-        state: &State,
-        samples: &[ToolSample],
-        ratio: f64,
-    ) -> Option<State> {
-        let (mut state, mut work) = (state.clone(), Workspace::new(model));
-        for thread in &self.threads {
-            for end in [ThreadEnd::Tail, ThreadEnd::Head] {
-                state.hold_thread(model, *thread, end, ThreadHold::Free, samples);
-            }
-        }
-        let mut samples = samples.to_vec();
-        let (mut left, mut part) = (ratio, 0.0);
+    /// The same punctures drawn together from rest, their spans all to the same part of their lengths, with nothing that holds
+    /// threads and tissues kept apart all the while: it depends on the punctures alone. `None` if that finds no balance.
+    fn welded(&self, model: &Model, state: &State) -> Option<State> {
+        let (mut state, mut work) = (state.sewn_at_rest(model), Workspace::new(model));
+        let (mut left, mut part) = (1.0f64, WELDING_STEP);
         // What found no balance is tried again in smaller steps.
-        while left > WELDED || part == 0.0 {
+        while left > WELDED {
             let next = (left - part).max(WELDED);
             for thread in &self.threads {
                 state.tighten(model, *thread, Some(Tightening::all(next)));
             }
-            for sample in &mut samples {
-                sample.velocity_m_per_s = [0.0; 3];
-                sample.console_time_us += 5000;
-            }
-            match balance(model, &mut state, &samples, &mut work) {
-                Status::Ok => {
-                    left = next;
-                    part = if part == 0.0 { WELDING_STEP } else { part };
-                }
+            match balance(model, &mut state, &mut work) {
+                Status::Ok => left = next,
                 status if part <= WELDING_STEP * SMALLEST_SHARE => {
                     tracing::info!(
                         "the gap of welded punctures is not known: {status:?} at {next}"
@@ -253,18 +227,13 @@ impl Wound {
 }
 
 /// How a step ends; one that computes columns goes on, as a step has room for some only.
-fn balance(
-    model: &Model,
-    state: &mut State,
-    samples: &[ToolSample],
-    work: &mut Workspace,
-) -> Status {
+fn balance(model: &Model, state: &mut State, work: &mut Workspace) -> Status {
     let mut status = Status::Waiting;
     for _ in 0..MOST_WAITS {
         if !matches!(status, Status::Waiting | Status::Behind) {
             break;
         }
-        status = step(model, state, samples, &StepOptions::default(), work).status;
+        status = step(model, state, &[], &StepOptions::default(), work).status;
     }
     status
 }

@@ -258,6 +258,42 @@ impl State {
         is_sound
     }
 
+    /// Tissue at rest and threads that nothing holds, through the faces that they go through in this state; nothing else of it.
+    pub(crate) fn sewn_at_rest(&self, model: &Model) -> Self {
+        let mut anew = Self::new(model);
+        let states = anew.sources.as_mut().zip(self.sources.as_ref());
+        let (Some((anew_of, own_of)), Some(sources)) = (states, &model.sources) else {
+            return anew;
+        };
+        let at = |crossing: &needle::Crossing| {
+            let anchor = needle::anchor(&sources.mesh, crossing);
+            let parts = anchor.nodes.iter().zip(anchor.weights);
+            let places = parts.filter_map(|(node, weight)| {
+                Some(Vector3::from(*model.points_m().get(*node as usize)?) * weight)
+            });
+            places.sum::<Vector3<f64>>()
+        };
+        let threads = anew_of.threads.iter_mut().zip(&own_of.threads);
+        for (thread, own) in threads {
+            // Straight between faces; of a thread that is shorter than that, in proportion.
+            let mut last: Option<Vector3<f64>> = None;
+            let mut gone_m = 0.0;
+            for passed in &own.passed {
+                let here = at(&passed.crossing);
+                gone_m += last.map_or(0.0, |last| here.metric_distance(&last));
+                last = Some(here);
+                let mut passed = *passed;
+                passed.crossing.alpha = gone_m;
+                thread.passed.push(passed);
+            }
+            let scale = (-thread.tail.alpha / gone_m).min(1.0);
+            for passed in &mut thread.passed {
+                passed.crossing.alpha = scale * (passed.crossing.alpha - gone_m);
+            }
+        }
+        anew
+    }
+
     /// The path of a thread, from tail to head, with all nodes at `nodes_m` (n x 3), see [`State::positions`]; for viewers
     /// and files.
     pub fn thread_path(&self, model: &Model, thread: u8, nodes_m: &[[f64; 3]]) -> Vec<ThreadPoint> {

@@ -9,6 +9,7 @@ use sutura_host::session::SceneSolver;
 use sutura_host::step::{State, Status, StepOptions, StepReport, Workspace, step};
 use sutura_host::thread::{ThreadPlace, ThreadPoint};
 use sutura_host::tool::ToolSample;
+use sutura_host::wound::Wound;
 
 /// Most that gap and tensions are off.
 const GAP_OFF: f64 = 0.03;
@@ -50,6 +51,7 @@ struct Sewn {
 
 /// What a pull leaves.
 struct Pulled {
+    state: State,
     at: Vec<Vector3<f64>>,
     report: StepReport,
     /// Tension of each span outside \[N\].
@@ -134,6 +136,7 @@ impl Sewn {
         let after = state.thread_path(model, 0, &nodes_m);
         let spans = after[..after.len() - 1].iter().filter(outside);
         Pulled {
+            state,
             at: nodes_m.into_iter().map(Vector3::from).collect(),
             report,
             spans_n: spans.map(|point| point.tension_n).collect(),
@@ -277,5 +280,34 @@ fn fifty_punctures_are_closed_as_the_least_energy_has_it() {
     let sewn = Sewn::new("anastomosis-50.toml");
     for order in [TOGETHER, TAIL_FIRST, HEAD_FIRST, IN_TURNS, IN_FEW_STEPS] {
         sewn.compare(order, 1.0);
+    }
+}
+
+/// How far apart the rims of punctures are that are drawn together is one number, wherever the session ended.
+#[test]
+fn welds_do_not_depend_on_the_pull() {
+    let names = [
+        "wound-slabs.toml",
+        "anastomosis-20.toml",
+        "anastomosis-50.toml",
+    ];
+    for name in &names[..if full() { 3 } else { 1 }] {
+        let sewn = Sewn::new(name);
+        let (model, _, _) = sewn.solver.parts().expect("rows");
+        let wound = Wound::new(&sewn.scene, model).expect("a wound");
+        let ends = [(TOGETHER, 0.0), (TAIL_FIRST, 0.7), (IN_FEW_STEPS, 1.0)];
+        let gaps_m = ends.map(|(order, upto)| {
+            let pulled = sewn.pulled(order, upto);
+            let report = wound.report(model, &pulled.state, &pulled.report);
+            report.rim_gap_welded_m.expect("a balance")
+        });
+        println!("{name}: {gaps_m:?} m");
+        assert_eq!(gaps_m, [gaps_m[0]; 3]);
+        let rest: Vec<_> = model
+            .points_m()
+            .iter()
+            .map(|at| Vector3::from(*at))
+            .collect();
+        assert!(gaps_m[0] < 0.5 * sewn.gap_m(&rest), "{gaps_m:?}");
     }
 }

@@ -400,9 +400,9 @@ impl SceneSolver {
         let Follower::Constrained(tissue) = &self.follower else {
             return None;
         };
-        let (last, samples) = (&self.past.peaks.last_good, self.past.script.samples());
+        let last = &self.past.peaks.last_good;
         let wound = tissue.wound.as_ref()?;
-        Some(wound.report(&tissue.model, &tissue.state, last, samples))
+        Some(wound.report(&tissue.model, &tissue.state, last))
     }
 
     /// The same for the summary.
