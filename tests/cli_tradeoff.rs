@@ -98,6 +98,48 @@ fn lines_fronts_and_files() {
     }
 }
 
+/// One bite, closed on three tissues and two meshes.
+#[test]
+fn a_suture_is_closed_on_every_tissue_that_needles_go_through() {
+    let directory = tempfile::tempdir().expect("a directory");
+    let files = directory.path().to_str().expect("a path");
+    let output = sutura(&[
+        "tradeoff",
+        "--only",
+        "suture-closed",
+        "--plot",
+        files,
+        "--format",
+        "json",
+    ]);
+    assert_eq!(output.code, 0, "{}", output.stderr);
+    let report: Value = serde_json::from_str(&output.stdout).expect("one object");
+    assert_eq!(report["cases"], serde_json::json!([]));
+    let rows = report["sutures"].as_array().expect("lines");
+    let number = |row: &Value, key: &str| row[key].as_f64().expect("a number");
+    for tissue in ["linear", "corotational", "hyperelastic"] {
+        let own: Vec<_> = rows.iter().filter(|row| row["tissue"] == tissue).collect();
+        assert_eq!(own.len(), 2, "{rows:?}");
+        for row in &own {
+            assert_eq!(row["outcome"], "converged", "{row}");
+            // It closes, it is taut, and less is drawn out than the hands go, as the tissue gives way.
+            let gap = number(row, "gap_ratio");
+            assert!((0.05..0.9).contains(&gap), "{row}");
+            assert!((0.02..5.0).contains(&number(row, "tension_n")), "{row}");
+            let pulled_m = number(row, "pulled_m");
+            assert!((0.001..0.006).contains(&pulled_m), "{row}");
+            assert!(number(row, "p99_us") >= number(row, "step_us"), "{row}");
+        }
+        assert!(number(own[1], "cells") > 2.0 * number(own[0], "cells"));
+        // All are off the truth but that itself.
+        let off = own.iter().filter(|row| row["error_pct"].is_f64()).count();
+        assert_eq!(off, if tissue == "hyperelastic" { 1 } else { 2 });
+    }
+    let table = std::fs::read_to_string(directory.path().join("tradeoff-sutures.csv"));
+    assert_eq!(table.expect("a table").lines().count(), rows.len() + 1);
+    assert!(directory.path().join("tradeoff-suture-closed.svg").exists());
+}
+
 #[test]
 fn lines_stream_as_they_are_measured() {
     let output = sutura(&[

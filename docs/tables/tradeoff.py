@@ -106,6 +106,19 @@ def literature(report):
     )
 
 
+def sutures(report):
+    rows = report["sutures"]
+    return table(
+        ["tissue", "nodes", "cells", "gap", "tension \\[N\\]", "gap off", "tension off", "p50 \\[ms\\]", "p99 \\[ms\\]"],
+        [
+            [row["tissue"], f"{row['nodes']:,}", f"{row['cells']:,}", short(row["gap_ratio"], 3), short(row["tension_n"], 3)]
+            + [short(row[key], 2) + (" %" if row[key] is not None else "") for key in ("gap_off_pct", "tension_off_pct")]
+            + [short(1e-3 * row[key], 2) for key in ("step_us", "p99_us")]
+            for row in rows
+        ],
+    )
+
+
 def noise(report):
     spreads = sorted(row["spread_pct"] for row in report["cases"] if row["runs"] >= 3)
     tenth = spreads[len(spreads) * 9 // 10]
@@ -120,7 +133,7 @@ def main():
     report = json.loads((directory / "tradeoff.json").read_text())
     write("tradeoff.md", {
         "truths": truths(report), "best": best(report), "fronts": fronts(report), "printed": printed(report),
-        "noise": noise(report), "literature": literature(report),
+        "noise": noise(report), "sutures": sutures(report), "literature": literature(report),
     })
 
 

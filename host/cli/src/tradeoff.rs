@@ -11,6 +11,7 @@ use serde::Serialize;
 use std::path::{Path, PathBuf};
 use sutura_study::tradeoff::literature::{FIGURES, Figure};
 use sutura_study::tradeoff::measure::{self, Extent, Row};
+use sutura_study::tradeoff::suture;
 
 /// Measures error against time of every tissue model, over its settings and meshes.
 #[derive(Args, Debug)]
@@ -39,7 +40,8 @@ Examples:
 
 Errors are against solutions that the command computes itself: Newton's balance of the same cells and law
 (disp_*, force_pct), and quadratic cells on the finest mesh (truth_*; arrival_* before tissue has
-come to rest). Times are this machine's. Build with --release.";
+come to rest). A suture (`suture-closed`) is a table of its own: gap, tension and steps on linear, corotational and
+hyperelastic tissue, against the latter on the finest mesh. Times are this machine's. Build with --release.";
 
 #[derive(Serialize)]
 struct Output<'a> {
@@ -47,6 +49,7 @@ struct Output<'a> {
     extent: &'static str,
     #[serde(flatten)]
     report: &'a measure::Report,
+    sutures: &'a [suture::Row],
     literature: [Figure; FIGURES.len()],
 }
 
@@ -65,7 +68,8 @@ pub fn run(args: &TradeoffArgs, global: &Global) -> Result<(), Failure> {
         .flat_map(|only| only.split_whitespace())
         .collect();
     let plan = measure::plan(extent, &words);
-    if plan.is_empty() {
+    let sewn = suture::plan(&words);
+    if plan.is_empty() && sewn.is_empty() {
         return Err(Failure::say(
             Cause::BadInput,
             format!(
@@ -75,7 +79,7 @@ pub fn run(args: &TradeoffArgs, global: &Global) -> Result<(), Failure> {
             "words are parts of a case's or a tissue's name: `beam`, `cylinder-compressed`, `linear`; --full has more cases",
         ));
     }
-    let bar = progress(measure::lines(&plan, extent));
+    let bar = progress(measure::lines(&plan, extent) + suture::lines(&sewn, extent));
     let mut told = |row: &Row| {
         bar.inc(1);
         bar.set_message(format!("{} {}", row.case, row.tissue));
@@ -99,11 +103,19 @@ pub fn run(args: &TradeoffArgs, global: &Global) -> Result<(), Failure> {
             "the other cases can be run by their names with --only",
         )
     })?;
+    let sutures = suture::measure(&sewn, extent, &mut |row| {
+        bar.inc(1);
+        bar.set_message(format!("{} {}", row.case, row.tissue));
+        if args.stream {
+            say!("{}", serde_json::json!(row));
+        }
+    });
     bar.finish_and_clear();
     let output = Output {
         status: "ok",
         extent: if args.full { "full" } else { "short" },
         report: &report,
+        sutures: &sutures,
         literature: FIGURES,
     };
     if let Some(directory) = &args.plot {
@@ -111,7 +123,11 @@ pub fn run(args: &TradeoffArgs, global: &Global) -> Result<(), Failure> {
     }
     match global.format {
         Format::Json => say!("{}", serde_json::json!(output)),
-        Format::Text => print_text(&report),
+        Format::Text => {
+            print_text(&report);
+            print_sutures(&sutures);
+            print_literature();
+        }
     }
     Ok(())
 }
@@ -187,6 +203,43 @@ fn print_text(report: &measure::Report) {
             best.cells
         );
     }
+}
+
+fn print_sutures(rows: &[suture::Row]) {
+    if rows.is_empty() {
+        return;
+    }
+    say!("{}: {}", suture::CASE, suture::ABOUT);
+    say!(
+        "  {:27} {:>6} {:>9} {:>9} | {:>7} {:>7} {:>8} | {:>7} {:>9}",
+        "",
+        "cells",
+        "p50 us",
+        "p99 us",
+        "gap",
+        "N",
+        "mm drawn",
+        "gap %",
+        "tension %"
+    );
+    for row in rows {
+        say!(
+            "  {:27} {:6} {:9.1} {:9.1} | {:7.3} {:7.3} {:8.2} | {:7.2} {:9.2} {}",
+            row.tissue,
+            row.cells,
+            row.step_us,
+            row.p99_us,
+            row.gap_ratio,
+            row.tension_n,
+            1e3 * row.pulled_m,
+            row.gap_off_pct,
+            row.tension_off_pct,
+            row.note
+        );
+    }
+}
+
+fn print_literature() {
     say!("Printed by others, on their machines:");
     for figure in FIGURES {
         say!(
@@ -211,5 +264,6 @@ fn write_files(output: &Output, directory: &Path) -> Result<(), Failure> {
     write("tradeoff.csv", csv(&output.report.cases))?;
     write("tradeoff-best.csv", csv(&output.report.best))?;
     write("tradeoff-truths.csv", csv(&output.report.truths))?;
+    write("tradeoff-sutures.csv", csv(output.sutures))?;
     write_pictures(&report, directory)
 }

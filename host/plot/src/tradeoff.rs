@@ -13,6 +13,17 @@ const MOST_PCT: f64 = 1000.0;
 struct Report {
     truths: Vec<Truth>,
     cases: Vec<Row>,
+    /// A table of its own, with the neo-Hookean tissue on the finest mesh for an answer.
+    #[serde(default)]
+    sutures: Vec<Suture>,
+}
+
+#[derive(Deserialize)]
+struct Suture {
+    case: String,
+    tissue: String,
+    step_us: Option<f64>,
+    error_pct: Option<f64>,
 }
 
 #[derive(Deserialize)]
@@ -53,7 +64,44 @@ pub fn charts(report: &Value) -> Result<Vec<(String, Chart)>, Error> {
             chart(&truth.case, &rows),
         )
     };
-    Ok(report.truths.iter().map(chart).collect())
+    let mut charts: Vec<_> = report.truths.iter().map(chart).collect();
+    if let Some(first) = report.sutures.first() {
+        let name = format!("tradeoff-{}", first.case);
+        charts.push((name, sewn(&first.case, &report.sutures)));
+    }
+    Ok(charts)
+}
+
+fn sewn(case: &str, rows: &[Suture]) -> Chart {
+    let mut series: Vec<Series> = Vec::new();
+    for row in rows {
+        let number = |value: Option<f64>| value.unwrap_or(f64::NAN);
+        let point = (1e-3 * number(row.step_us), number(row.error_pct));
+        match series.iter_mut().find(|own| own.name == row.tissue) {
+            Some(own) => own.points.push(point),
+            None => series.push(Series {
+                name: row.tissue.clone(),
+                points: vec![point],
+                ..Series::default()
+            }),
+        }
+    }
+    Chart {
+        title: format!("{case}: gap and tension against the time of a step"),
+        note: "The answer itself, hyperelastic tissue on the finest mesh, has no error to show."
+            .to_owned(),
+        x: Axis {
+            title: "median step while the thread is pulled [ms]".to_owned(),
+            logarithmic: true,
+            most: None,
+        },
+        y: Axis {
+            title: "larger error of gap and tension [%]".to_owned(),
+            logarithmic: true,
+            most: Some(MOST_PCT),
+        },
+        series,
+    }
 }
 
 fn chart(case: &str, rows: &[&Row]) -> Chart {
@@ -131,5 +179,27 @@ mod tests {
         assert_eq!(names, ["front", "chainmail", "energy-balance", "linear"]);
         let svg = chart.svg().expect("a picture");
         assert!(svg.contains("1 beyond") && svg.contains("1 no numbers"));
+    }
+
+    #[test]
+    fn a_suture_has_a_picture_of_its_own() {
+        let row = |tissue: &str, us: f64, pct: Option<f64>| json!({"case": "sewn", "tissue": tissue, "step_us": us, "error_pct": pct});
+        let report = json!({
+            "truths": [], "cases": [],
+            "sutures": [
+                row("linear", 700.0, Some(30.0)),
+                row("linear", 2e3, Some(20.0)),
+                row("hyperelastic", 9e3, Some(10.0)),
+                row("hyperelastic", 4e4, None),
+            ],
+        });
+        let charts = charts(&report).expect("a picture");
+        let [(name, chart)] = &charts[..] else {
+            panic!("{} pictures", charts.len());
+        };
+        assert_eq!(name, "tradeoff-sewn");
+        assert_eq!(chart.series[0].points, [(0.7, 30.0), (2.0, 20.0)]);
+        assert_eq!(chart.series.len(), 2);
+        assert!(chart.svg().expect("a picture").contains("1 no numbers"));
     }
 }

@@ -2,11 +2,13 @@
 //!
 //! Entry points: [`measure::measure`] for the table, [`sutura_host::registry`] for the models, [`cases::all`] for the
 //! cases. Two answers are computed by the program itself: Newton's balance of the same cells and law (what is
-//! off then is the model or its solver), and quadratic cells (what is off then is everything).
+//! off then is the model or its solver), and quadratic cells (what is off then is everything). A suture, which has
+//! neither, is a table of its own: [`suture::measure`].
 
 pub mod cases;
 pub mod front;
 pub mod lattice;
 pub mod literature;
 pub mod measure;
+pub mod suture;
 pub mod truth;
