@@ -103,6 +103,8 @@ pub(super) struct Pairs {
     kept: u8,
     /// What unit forces of rows on several anchors move each anchor by, (anchors).
     moved: Vec<Vector3<f64>>,
+    /// Anchors that rows act on by themselves.
+    acting: Vec<u32>,
 }
 
 impl Pairs {
@@ -121,6 +123,7 @@ impl Pairs {
             idle: vec![0; most],
             kept: 0,
             moved: vec![Vector3::zeros(); most],
+            acting: Vec::with_capacity(most),
         }
     }
 
@@ -280,16 +283,19 @@ impl Pairs {
         let n = single + spread.rows.len();
         let anchors = self.slots.len();
         let of = |anchor: usize| first_row[anchor] as usize..first_row[anchor + 1] as usize;
-        for b in (0..anchors).filter(|b| !of(*b).is_empty()) {
-            for a in (0..=b).filter(|a| !of(*a).is_empty()) {
-                // The transpose of that of `a` per force on `b`; these lie side by side.
-                let block = self.block(b, a);
-                for column in of(b) {
-                    let moved = block.tr_mul(&Vector3::from(rows[column].direction));
-                    for row in of(a) {
-                        let entry = moved.dot(&Vector3::from(rows[row].direction));
-                        w[n * column + row] = entry;
-                        w[n * row + column] = entry;
+        self.acting.clear();
+        self.acting
+            .extend((0..anchors as u32).filter(|anchor| !of(*anchor as usize).is_empty()));
+        for (place, &b) in self.acting.iter().enumerate() {
+            // The transposes of those per force on `b`; these lie side by side.
+            let blocks = self.blocks_at(b as usize);
+            for column in of(b as usize) {
+                let direction = Vector3::from(rows[column].direction);
+                let entries = &mut w[n * column..n * (column + 1)];
+                for &a in &self.acting[..=place] {
+                    let moved = blocks[self.slots[a as usize] as usize].tr_mul(&direction);
+                    for row in of(a as usize) {
+                        entries[row] = moved.dot(&Vector3::from(rows[row].direction));
                     }
                 }
             }
@@ -297,32 +303,50 @@ impl Pairs {
         for (index, row) in spread.rows.iter().enumerate() {
             let column = single + index;
             for a in 0..anchors {
+                let blocks = self.blocks_at(a);
                 let mut moved = Vector3::zeros();
                 for term in spread.terms_of(row) {
                     let direction = Vector3::from(term.direction);
-                    moved += self.block(a, term.anchor as usize) * direction;
+                    moved += blocks[self.slots[term.anchor as usize] as usize] * direction;
                 }
                 self.moved[a] = moved;
             }
-            for (place, row) in rows.iter().enumerate() {
-                let entry = self.moved[row.anchor as usize].dot(&Vector3::from(row.direction));
-                w[n * column + place] = entry;
-                w[n * place + column] = entry;
+            let entries = &mut w[n * column..n * (column + 1)];
+            for (entry, row) in entries.iter_mut().zip(rows) {
+                *entry = self.moved[row.anchor as usize].dot(&Vector3::from(row.direction));
             }
-            for (other, before) in spread.rows[..=index].iter().enumerate() {
-                let entry: f64 = spread
-                    .terms_of(before)
-                    .iter()
-                    .map(|term| {
-                        let moved = &self.moved[term.anchor as usize];
-                        moved.dot(&Vector3::from(term.direction))
-                    })
-                    .sum();
-                w[n * column + single + other] = entry;
-                w[n * (single + other) + column] = entry;
+            for (entry, before) in entries[single..].iter_mut().zip(&spread.rows[..=index]) {
+                let parts = spread.terms_of(before).iter().map(|term| {
+                    let moved = &self.moved[term.anchor as usize];
+                    moved.dot(&Vector3::from(term.direction))
+                });
+                *entry = parts.sum();
             }
             // What gives way besides the tissue.
             w[(n + 1) * column] += row.compliance_m_per_n;
+        }
+        mirror(w, n);
+    }
+
+    /// Blocks of what forces anywhere move `at` by, by slot.
+    fn blocks_at(&self, at: usize) -> &[Matrix3<f64>] {
+        let first = self.slots[at] as usize * self.most;
+        &self.blocks[first..first + self.most]
+    }
+}
+
+/// Side of the squares in which a matrix is mirrored: a line of memory is read and written as a whole.
+const SIDE: usize = 16;
+
+/// Copies the upper triangle of `w` (n x n, column-major) to the lower.
+fn mirror(w: &mut [f64], n: usize) {
+    for first in (0..n).step_by(SIDE) {
+        for from in (first..n).step_by(SIDE) {
+            for column in from..(from + SIDE).min(n) {
+                for row in first..(first + SIDE).min(column) {
+                    w[n * row + column] = w[n * column + row];
+                }
+            }
         }
     }
 }

@@ -167,6 +167,8 @@ pub(crate) struct ConstraintSystem {
     free: Vec<Vector3<f64>>,
     /// What the forces of the last solve move each anchor by, beyond `free` \[m\].
     moved: Vec<Vector3<f64>>,
+    /// Whether these are of the forces of the last solve.
+    is_displaced: bool,
     pairs: Pairs,
     spread: Spread,
     w: Vec<f64>,
@@ -281,6 +283,7 @@ impl ConstraintSystem {
             first_row: Vec::with_capacity(most_anchors + 1),
             free: vec![Vector3::zeros(); most_anchors],
             moved: Vec::with_capacity(most_anchors),
+            is_displaced: false,
             pairs: Pairs::new(most_anchors),
             spread: Spread {
                 rows: Vec::with_capacity(settings.most_spread),
@@ -521,6 +524,7 @@ impl ConstraintSystem {
         ways: &[[Option<AnchorPoint>; 2]],
         rows: &[PointConstraint],
     ) -> bool {
+        self.is_displaced = false;
         let count = anchors.len() + ways.len();
         if count > self.settings.most_anchors || rows.len() > self.settings.most_rows {
             return false;
@@ -695,6 +699,9 @@ impl ConstraintSystem {
 
     /// Finds where the forces of the last solve move the anchors of the last [`Self::assemble`], by the linearisation.
     pub fn displace(&mut self, grasp: &ConstraintState) {
+        if std::mem::replace(&mut self.is_displaced, true) {
+            return;
+        }
         let forces = &grasp.on_anchors;
         self.moved.resize(forces.len(), Vector3::zeros());
         self.pairs.displace(forces, &mut self.moved);
@@ -740,6 +747,7 @@ impl ConstraintSystem {
         turning: Option<&mut Turning>,
         grasp: &mut ConstraintState,
     ) -> rows::Outcome {
+        self.is_displaced = false;
         let n = rows.len() + self.spread.rows.len();
         let (w, delta_free) = match &turning {
             Some(turning) => (&turning.compliance, &turning.delta_free),
