@@ -26,6 +26,9 @@ use serde::Serialize;
 
 /// A segment's direction is known when forces follow it to this part of the tension.
 const STRAIGHT: f64 = 1e-3;
+/// Or when the piece leads so near to where they point \[m\]: bodies in contact turn a span of a few hundredths of a millimetre by
+/// more than that part of it in every step.
+const ACROSS_M: f64 = 0.2 * LENGTH_M;
 /// The true length is held this well \[m\].
 pub(super) const LENGTH_M: f64 = 5e-7;
 /// Points of tissue that are no farther apart are one \[m\]: a thread that grazes an edge of a body goes in and out at one point.
@@ -531,7 +534,8 @@ impl ThreadState {
                 segment.force.norm() <= pull * (1.0 + STRAIGHT) + NO_TENSION_N
             } else if pull > NO_TENSION_N {
                 let straight = segment.way * (pull / length.max(f64::MIN_POSITIVE));
-                (segment.force - straight).norm() <= STRAIGHT * pull.max(1e-3)
+                let off_n = (segment.force - straight).norm();
+                off_n <= STRAIGHT * pull.max(1e-3) || off_n * length <= ACROSS_M * pull
             } else {
                 true
             };
@@ -620,13 +624,24 @@ impl Segment {
             },
             _ => point(&ends[1]) - point(&ends[0]),
         };
+        let goes_on = same.is_some_and(|same| have_same_points(&ends, &same.ends));
+        let before = known.iter().find(|segment| segment.key.0 == key.0);
+        let (force, tension_n) = match (same, before) {
+            (Some(same), _) if goes_on => (same.force, same.tension_n),
+            // Beside a bend that has come or gone: what the span pulled with, straight on.
+            (_, Some(before)) => {
+                let along = way.try_normalize(0.0).unwrap_or_else(Vector3::zeros);
+                (along * before.tension_n, before.tension_n)
+            }
+            _ => (Vector3::zeros(), 0.0),
+        };
         Self {
             key,
             ends,
             span,
             way,
-            force: same.map_or_else(Vector3::zeros, |segment| segment.force),
-            tension_n: same.map_or(0.0, |segment| segment.tension_n),
+            force,
+            tension_n,
             along: Vector3::zeros(),
             length_m: 0.0,
             is_weld: false,
@@ -676,8 +691,60 @@ impl Segment {
     }
 }
 
+/// Whether ends are the same points of tissue, wherever what is held is.
+fn have_same_points(ends: &[End; 2], others: &[End; 2]) -> bool {
+    let is_same = |(one, other): (&End, &End)| match (one, other) {
+        (End::Held(_), End::Held(_)) => true,
+        _ => one == other,
+    };
+    ends.iter().zip(others).all(is_same)
+}
+
 /// Two unit vectors across another.
 pub(super) fn across(along: &Vector3<f64>) -> (Vector3<f64>, Vector3<f64>) {
     let u = along.cross(&Vector3::ith(along.iamin(), 1.0)).normalize();
     (u, along.cross(&u))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn node(node: u32) -> End {
+        End::Tissue(AnchorPoint {
+            nodes: [node; 4],
+            weights: [1.0, 0.0, 0.0, 0.0],
+        })
+    }
+
+    /// A piece beside a bend that has come pulls as its span did, along what is seen; one that was there goes on as it was.
+    #[test]
+    fn a_new_piece_pulls_as_its_span_did() {
+        let at = |point: &AnchorPoint| Vector3::new(0.002 * f64::from(point.nodes[0]), 0.0, 0.0);
+        let new = |piece: u32, ends: [End; 2], known: &[Segment]| {
+            Segment::new((5, piece), ends, 0, known, &at)
+        };
+        let slack = new(0, [node(1), node(2)], &[]);
+        assert_eq!((slack.tension_n, slack.force), (0.0, Vector3::zeros()));
+        let force = Vector3::new(0.2, 0.1, 0.0);
+        let known = [Segment {
+            tension_n: 0.3,
+            force,
+            ..slack
+        }];
+        let same = new(0, [node(1), node(2)], &known);
+        assert_eq!((same.tension_n, same.force), (0.3, force));
+        for (piece, ends) in [(0, [node(1), node(3)]), (1, [node(3), node(2)])] {
+            let beside = new(piece, ends, &known);
+            let along = beside.way / beside.way.norm();
+            assert_eq!((beside.tension_n, beside.force), (0.3, along * 0.3));
+        }
+        // What is held is the same thread wherever it is.
+        let [there, here] = [0.01, 0.02].map(|x| End::Held(Vector3::new(x, 0.0, 0.0)));
+        let known = [Segment {
+            ends: [node(1), there],
+            ..known[0]
+        }];
+        assert_eq!(new(0, [node(1), here], &known).force, force);
+    }
 }
