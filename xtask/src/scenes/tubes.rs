@@ -48,7 +48,7 @@ const BITE: u32 = 4;
 const BEGIN_S: f64 = 0.1;
 const PULL_S: f64 = 3.6;
 /// By how much the thread's ends are pulled away \[m\].
-const PULL_M: f64 = 0.0537;
+const PULL_M: f64 = 0.0556;
 const LONG_PULL_M: f64 = 0.0942;
 
 /// Angle on the needle's circle \[degree\], from radially outwards towards +z, of its crossing with a cylinder about
@@ -67,6 +67,14 @@ fn outwards(angle: f64) -> Vec3 {
 fn aside(out: Vec3, sense: f64) -> Vec3 {
     let round = [-out[1], out[0], 0.0].map(|v| sense * v);
     along(round.map(|v| 0.6 * v), -0.8 * sense, [0.0, 0.0, 1.0])
+}
+
+/// Across the gap, as for a knot: what pulls an end that comes out of one tube towards the other closes the bite beside it.
+fn across(out: Vec3, sense: f64) -> Vec3 {
+    let round = [-out[1], out[0], 0.0];
+    let parts = [0.10, sense * 0.40, sense * 0.91];
+    let outwards = along(round.map(|v| parts[1] * v), parts[0], out);
+    along(outwards, parts[2], [0.0, 0.0, 1.0])
 }
 
 /// The needle's way for so many punctures: an even number.
@@ -189,7 +197,14 @@ pub fn anastomosis(punctures: u32) -> String {
     let head = last.map_or([0.0; 3], |bite| sewing.end_after(bite));
     let head_out = last.map_or([0.0; 3], |bite| bite.axes[0]);
     let tail_out = sewing.bites[0].axes[0];
-    let pull_m = if punctures > 20 { LONG_PULL_M } else { PULL_M };
+    // After an odd number of bites through both tubes the ends come out of different ones.
+    let whole = punctures / BITE;
+    let is_across = punctures.is_multiple_of(BITE) && !whole.is_multiple_of(2);
+    let (pull_m, way): (f64, fn(Vec3, f64) -> Vec3) = if is_across {
+        (PULL_M, across)
+    } else {
+        (LONG_PULL_M, aside)
+    };
     let tail = along(tail_out.map(|v| 0.016 * v), 0.009, [0.0, 0.0, 1.0]);
     let rest = |time_s, position_m| Stop {
         time_s,
@@ -200,7 +215,7 @@ pub fn anastomosis(punctures: u32) -> String {
     carry.push(rest(pull_s, tail));
     carry.push(rest(
         pull_s + PULL_S,
-        along(tail, pull_m, aside(tail_out, -1.0)),
+        along(tail, pull_m, way(tail_out, -1.0)),
     ));
 
     let seconds = (10.0 * (pull_s + PULL_S + 0.2)).ceil() / 10.0;
@@ -240,7 +255,7 @@ hold = [
     write::hand(&mut text, 1, REACH_M, &round);
     text.push_str("# Carries the needle to the next bite, held likewise, and pulls the tail.\n");
     write::hand(&mut text, 2, REACH_M, &carry);
-    let pulled = along(head, pull_m, aside(head_out, 1.0));
+    let pulled = along(head, pull_m, way(head_out, 1.0));
     write::console_hand(
         &mut text,
         &[(0.0, head), (pull_s, head), (pull_s + PULL_S, pulled)],
