@@ -77,6 +77,17 @@ fn across(out: Vec3, sense: f64) -> Vec3 {
     along(outwards, parts[2], [0.0, 0.0, 1.0])
 }
 
+/// How far the thread's ends are pulled away \[m\], and in which direction.
+fn pull(punctures: u32) -> (f64, fn(Vec3, f64) -> Vec3) {
+    // After an odd number of bites through both tubes the ends come out of different ones.
+    let whole = punctures / BITE;
+    if punctures.is_multiple_of(BITE) && !whole.is_multiple_of(2) {
+        (PULL_M, across)
+    } else {
+        (LONG_PULL_M, aside)
+    }
+}
+
 /// The needle's way for so many punctures: an even number.
 pub(super) fn sewing(punctures: u32) -> Sewing {
     let whole = punctures / BITE;
@@ -197,14 +208,7 @@ pub fn anastomosis(punctures: u32) -> String {
     let head = last.map_or([0.0; 3], |bite| sewing.end_after(bite));
     let head_out = last.map_or([0.0; 3], |bite| bite.axes[0]);
     let tail_out = sewing.bites[0].axes[0];
-    // After an odd number of bites through both tubes the ends come out of different ones.
-    let whole = punctures / BITE;
-    let is_across = punctures.is_multiple_of(BITE) && !whole.is_multiple_of(2);
-    let (pull_m, way): (f64, fn(Vec3, f64) -> Vec3) = if is_across {
-        (PULL_M, across)
-    } else {
-        (LONG_PULL_M, aside)
-    };
+    let (pull_m, way) = pull(punctures);
     let tail = along(tail_out.map(|v| 0.016 * v), 0.009, [0.0, 0.0, 1.0]);
     let rest = |time_s, position_m| Stop {
         time_s,
