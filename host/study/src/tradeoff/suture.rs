@@ -35,7 +35,7 @@ const END_S: f64 = 2.3;
 /// Into the one slab and out of it, and the other.
 const PUNCTURES: u32 = 4;
 /// Most steps at one place.
-const MOST_WAITS: u32 = 200;
+const MOST_WAITS: u32 = 5000;
 
 /// Everything but the meshes' divisions and the tissue's model.
 const SCENE: &str = r#"
