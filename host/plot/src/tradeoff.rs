@@ -187,7 +187,7 @@ mod tests {
         let report = json!({
             "truths": [], "cases": [],
             "sutures": [
-                row("linear", 700.0, Some(30.0)),
+                row("linear", 500.0, Some(30.0)),
                 row("linear", 2e3, Some(20.0)),
                 row("hyperelastic", 9e3, Some(10.0)),
                 row("hyperelastic", 4e4, None),
@@ -198,7 +198,7 @@ mod tests {
             panic!("{} pictures", charts.len());
         };
         assert_eq!(name, "tradeoff-sewn");
-        assert_eq!(chart.series[0].points, [(0.7, 30.0), (2.0, 20.0)]);
+        assert_eq!(chart.series[0].points, [(0.5, 30.0), (2.0, 20.0)]);
         assert_eq!(chart.series.len(), 2);
         assert!(chart.svg().expect("a picture").contains("1 no numbers"));
     }
