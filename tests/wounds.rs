@@ -586,7 +586,10 @@ fn interrupted_stitches_stay_closed() {
     assert_eq!(summary["status"], "ok");
     assert_eq!(summary["steps_withheld"], serde_json::json!({}));
     let scene = &summary["scene"];
-    assert!(number(scene, "bridge_ratio") < 0.05, "{scene}");
+    // Stitches open a little as the next ones are drawn.
+    assert!(number(scene, "bridge_ratio") < 0.12, "{scene}");
+    // Of all four, welded.
+    assert!(number(scene, "rim_gap_vs_welded") > 0.5, "{scene}");
     let thread = &scene["threads"][0];
     let count = |key: &str| thread[key].as_u64().unwrap();
     assert_eq!((count("punctures"), count("bridges")), (16, 4), "{thread}");

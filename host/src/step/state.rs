@@ -273,22 +273,34 @@ impl State {
             });
             places.sum::<Vector3<f64>>()
         };
-        let threads = anew_of.threads.iter_mut().zip(&own_of.threads);
-        for (thread, own) in threads {
-            // Straight between faces; of a thread that is shorter than that, in proportion.
-            let mut last: Option<Vector3<f64>> = None;
-            let mut gone_m = 0.0;
-            for passed in &own.passed {
-                let here = at(&passed.crossing);
-                gone_m += last.map_or(0.0, |last| here.metric_distance(&last));
-                last = Some(here);
-                let mut passed = *passed;
-                passed.crossing.alpha = gone_m;
-                thread.passed.push(passed);
-            }
-            let scale = (-thread.tail.alpha / gone_m).min(1.0);
-            for passed in &mut thread.passed {
-                passed.crossing.alpha = scale * (passed.crossing.alpha - gone_m);
+        for thread in 0..sources.threads.parts.len() {
+            // From the needle on, piece by piece.
+            let mut place = thread;
+            for (index, own) in own_of.joined(thread).into_iter().rev().enumerate() {
+                if index > 0 {
+                    let Some(room) = anew_of.room(sources, thread) else {
+                        break;
+                    };
+                    anew_of.threads[place].before = Some(room);
+                    anew_of.threads[room].is_used = true;
+                    place = room;
+                }
+                let thread = &mut anew_of.threads[place];
+                // Straight between faces; of a thread that is shorter than that, in proportion.
+                let mut last: Option<Vector3<f64>> = None;
+                let mut gone_m = 0.0;
+                for passed in &own.passed {
+                    let here = at(&passed.crossing);
+                    gone_m += last.map_or(0.0, |last| here.metric_distance(&last));
+                    last = Some(here);
+                    let mut passed = *passed;
+                    passed.crossing.alpha = gone_m;
+                    thread.passed.push(passed);
+                }
+                let scale = (-thread.tail.alpha / gone_m).min(1.0);
+                for passed in &mut thread.passed {
+                    passed.crossing.alpha = scale * (passed.crossing.alpha - gone_m);
+                }
             }
         }
         anew

@@ -266,7 +266,7 @@ impl SourcesState {
     }
 
     /// Copies of a thread as if no hand held it between its ends, of all that is whole.
-    pub(super) fn joined(&self, thread: usize) -> Vec<ThreadState> {
+    pub fn joined(&self, thread: usize) -> Vec<ThreadState> {
         let mut whole: Vec<ThreadState> = Vec::new();
         for strand in self.strands(thread).iter() {
             let mut each = self.threads[strand].clone();
@@ -315,7 +315,7 @@ impl SourcesState {
     }
 
     /// A strand of a thread that is not used.
-    fn room(&self, sources: &Sources, thread: usize) -> Option<usize> {
+    pub fn room(&self, sources: &Sources, thread: usize) -> Option<usize> {
         let mut rooms = sources.threads.parts.len()..self.threads.len();
         rooms.find(|strand| {
             !self.threads[*strand].is_used && sources.threads.thread_of(*strand) == thread
