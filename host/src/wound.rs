@@ -183,7 +183,7 @@ impl Wound {
             rim_gap_welded_m: welded_m,
             tension_n: threads
                 .iter()
-                .map(ThreadReport::most_tension_n)
+                .map(|thread| last.most_tension_n(thread.id))
                 .reduce(f64::max),
             pulled_m: has_threads.then(|| threads.iter().flat_map(|t| t.pulled_m).sum()),
             stress_peak_pa: stresses.iter().flatten().map(|s| s.abs()).reduce(f64::max),
@@ -194,6 +194,7 @@ impl Wound {
                 .zip(&bridges)
                 .map(|(thread, bridges)| ThreadSummary {
                     thread_pressure_pa: state.thread_pressures_pa(model, thread.id),
+                    hands: hands_of(last, thread.id),
                     ..ThreadSummary::new(thread, bridges.len())
                 })
                 .collect(),
@@ -275,15 +276,16 @@ impl ThreadSummary {
             dissipated_j: report.dissipated_j,
             slipped_m: report.slipped_m,
             broken_off_m: report.broken_off_m,
-            hands: report
-                .hands
-                .iter()
-                .flatten()
-                .map(HandSummary::new)
-                .collect(),
+            hands: Vec::new(),
             thread_pressure_pa: Vec::new(),
         }
     }
+}
+
+fn hands_of(report: &StepReport, thread: u8) -> Vec<HandSummary> {
+    let hands = report.hands().iter();
+    let hands = hands.filter(|hand| hand.thread == thread);
+    hands.map(HandSummary::new).collect()
 }
 
 impl HandSummary {

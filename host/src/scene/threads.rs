@@ -111,6 +111,7 @@ pub(super) fn read_threads(
     tools: &[Tool],
 ) -> Result<Vec<Thread>, SceneError> {
     let mut threads: Vec<Thread> = Vec::with_capacity(sections.len());
+    let mut counted = Counted::default();
     for (place, section) in sections.iter().enumerate() {
         let said = section.get_ref();
         let id = said.id.as_ref().map_or(place as u8, |id| *id.get_ref());
@@ -150,14 +151,7 @@ pub(super) fn read_threads(
         let holds = read_holds(document, &said.hold, tools)?;
         let mut through = read_through(document, said)?;
         let cuts = read_cuts(document, &said.cut, tools)?;
-        through.strands = count_strands(&holds, cuts.len()).ok_or_else(|| {
-            let message = format!(
-                "more than {MOST_HANDS} hands between the ends of thread {id}, or more than {} with its cuts", MAX_STRANDS - 1
-            );
-            let help =
-                "let one tool take one span after the other: it lets go of the one that it had";
-            document.flaw(section.span(), message, "held by too many", Some(help))
-        })?;
+        through.strands = counted.add(document, section, &holds, &cuts)?;
         let part = ThreadPart {
             id,
             needle,
@@ -294,8 +288,52 @@ fn read_holds(
     Ok(holds)
 }
 
-/// In how many strands a thread may come that is held and cut so; `None` for more than there may be.
-fn count_strands(holds: &[ThreadHeld], cuts: usize) -> Option<u8> {
+/// Hands between the ends of all threads so far, and strands that these and cuts make of them.
+#[derive(Default)]
+struct Counted {
+    hands: usize,
+    strands: usize,
+}
+
+impl Counted {
+    /// Adds a thread that is held and cut so; in how many strands it may come.
+    fn add(
+        &mut self,
+        document: &Document,
+        section: &Spanned<ThreadSection>,
+        holds: &[ThreadHeld],
+        cuts: &[Cut],
+    ) -> Result<u8, SceneError> {
+        let hands = hands_between(holds);
+        let own = 1 + hands + cuts.len();
+        self.hands += hands;
+        self.strands += own;
+        if self.hands > MOST_HANDS {
+            let message = format!(
+                "{} hands between the ends of threads; at most {MOST_HANDS} are possible",
+                self.hands
+            );
+            let help =
+                "let one tool take one span after the other: it lets go of the one that it had";
+            return Err(document.flaw(section.span(), message, "held by too many", Some(help)));
+        }
+        let fits = u8::try_from(own)
+            .ok()
+            .filter(|_| self.strands <= MAX_STRANDS);
+        fits.ok_or_else(|| {
+            let message = format!(
+                "hands and cuts make {} strands of the threads; at most {MAX_STRANDS} are possible",
+                self.strands
+            );
+            let help =
+                "one for each thread, each hand between its ends and each cut: cut it fewer times";
+            document.flaw(section.span(), message, "in too many parts", Some(help))
+        })
+    }
+}
+
+/// How many hands hold a thread between its ends, if each that does so at some time did so at once.
+fn hands_between(holds: &[ThreadHeld]) -> usize {
     let is_hand = |by: ThreadHold| matches!(by, ThreadHold::Tool(_) | ThreadHold::Place(_));
     let of = |end: ThreadEnd| {
         let holds = holds.iter().filter(move |hold| hold.end == end);
@@ -308,11 +346,7 @@ fn count_strands(holds: &[ThreadHeld], cuts: usize) -> Option<u8> {
         }
     }
     // The head has one holder at a time.
-    let between = hands.len() + usize::from(of(ThreadEnd::Head).next().is_some());
-    let all = between + cuts;
-    u8::try_from(1 + all)
-        .ok()
-        .filter(|_| between <= MOST_HANDS && all < MAX_STRANDS)
+    hands.len() + usize::from(of(ThreadEnd::Head).next().is_some())
 }
 
 fn read_cuts(

@@ -36,19 +36,17 @@ impl HeldThread {
     }
 
     fn between_ends(report: &StepReport, driven: u8) -> Option<Self> {
-        let threads = report.threads().iter();
-        let mut hands = threads.flat_map(|thread| {
-            let hands = thread.hands.iter().flatten();
-            hands.map(move |hand| (thread.id, hand))
-        });
-        let (thread, hand) = hands.find(|(_, hand)| hand.tool == Some(driven))?;
+        let hand = report
+            .hands()
+            .iter()
+            .find(|hand| hand.tool == Some(driven))?;
         let [before, after] = hand.tension_n;
         let is_tail = after > before || (after == before && hand.slack_m[1] < hand.slack_m[0]);
         let side = usize::from(is_tail);
         let tension_n = hand.tension_n[side];
         Some(Self {
             tool: driven,
-            thread,
+            thread: hand.thread,
             end: [End::Head, End::Tail][side],
             state: if tension_n > 0.0 {
                 Tension::Taut
@@ -149,7 +147,6 @@ mod tests {
     /// Of both sides of a hand the console is told the one that pulls harder, or will sooner.
     #[test]
     fn between_the_ends_a_hand_is_told_one_side() {
-        let mut report = StepReport::default();
         let told = |report: &StepReport| {
             let held = HeldThread::at_grip(report, 3).expect("a thread");
             (
@@ -167,7 +164,8 @@ mod tests {
             ([0.0, 0.0], [0.01, 0.002], 1),
             ([0.0, 0.0], [0.001, 0.002], 0),
         ] {
-            report.threads_mut(1)[0].hands[1] = Some(HandReport {
+            let mut report = StepReport::default();
+            report.held(HandReport {
                 tool: Some(3),
                 tension_n,
                 slack_m,
@@ -182,8 +180,8 @@ mod tests {
             let end = [End::Head, End::Tail][side];
             let expected = (end, state, direction[side], tension_n[side], slack_m[side]);
             assert_eq!(told(&report), expected);
+            assert_eq!(HeldThread::at_grip(&report, 0), None);
         }
-        assert_eq!(HeldThread::at_grip(&report, 0), None);
     }
 
     #[test]

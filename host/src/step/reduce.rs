@@ -4,9 +4,8 @@
 
 use super::balance::Balance;
 use super::report::ToolContact;
-use super::tangent::{Moves, Pull, TangentWork};
+use super::tangent::{Moves, TangentWork};
 use crate::model::Model;
-use crate::thread::MAX_STRANDS;
 use crate::tool::ToolSample;
 use nalgebra::{Matrix6, Vector3, Vector6};
 
@@ -24,8 +23,6 @@ pub(crate) struct Felt {
     /// How far it is from touching \[m\], and the normal there.
     pub gap_m: f64,
     pub normal: Vector3<f64>,
-    /// Ends of threads that it holds.
-    pub pulls: [Option<Pull>; 2 * MAX_STRANDS],
 }
 
 impl Felt {
@@ -39,7 +36,6 @@ impl Felt {
             rows: 0,
             gap_m: f64::MAX,
             normal: Vector3::z(),
-            pulls: [None; 2 * MAX_STRANDS],
         }
     }
 
@@ -98,7 +94,8 @@ fn tool_tangent(balance: &Balance, tangent: &mut TangentWork, felt: &Felt) -> Ma
         tool: felt.touching,
         jaws: balance.sources.jaws_of(felt.tool),
     };
-    let mut derivative = tangent.differentiate(balance, &felt.grip, moves, &felt.pulls);
+    let mut derivative =
+        tangent.differentiate(balance, &felt.grip, moves, &balance.work.threads.pulls);
     // Without friction what tools feel comes from an energy: symmetric to the last bit, but for what the moment makes.
     if felt.touching.is_some() && balance.sources.are_conservative() {
         let moment: Vector3<f64> = felt.wrench.fixed_rows::<3>(3).into();

@@ -6,7 +6,7 @@ use crate::event::Event;
 use crate::jaws::JawsReport;
 use crate::needle::{MAX_NEEDLES, NeedleReport};
 use crate::renewal::Renewals;
-use crate::thread::ThreadReport;
+use crate::thread::{HandReport, MOST_HANDS, ThreadReport};
 use crate::tool::MAX_TOOLS;
 
 /// Most events of a step: of each thread a slip at either end, and a break; of all jaws that they lost what they held, and took hold.
@@ -162,6 +162,8 @@ pub struct StepReport {
     needle_count: usize,
     threads: [ThreadReport; MAX_NEEDLES],
     thread_count: usize,
+    hands: [HandReport; MOST_HANDS],
+    hand_count: usize,
     jaws: [JawsReport; MAX_TOOLS],
     jaws_count: usize,
     events: [Option<Event>; MAX_EVENTS],
@@ -190,6 +192,29 @@ impl StepReport {
     pub(crate) fn threads_mut(&mut self, count: usize) -> &mut [ThreadReport] {
         self.thread_count = count.min(MAX_NEEDLES);
         &mut self.threads[..self.thread_count]
+    }
+
+    /// What holds threads between their ends, thread by thread in the model's order, each from the tail on; empty unless the status is
+    /// `Ok`.
+    pub fn hands(&self) -> &[HandReport] {
+        &self.hands[..self.hand_count]
+    }
+
+    /// Adds a hand between the ends of a thread; there is room for as many as there may be.
+    pub(crate) fn held(&mut self, hand: HandReport) {
+        if let Some(free) = self.hands.get_mut(self.hand_count) {
+            *free = hand;
+            self.hand_count += 1;
+        }
+    }
+
+    /// Largest tension at an end of a thread or a hand on it \[N\]; 0 for one that is not there.
+    pub fn most_tension_n(&self, thread: u8) -> f64 {
+        let threads = self.threads().iter().filter(|each| each.id == thread);
+        let hands = self.hands().iter().filter(|each| each.thread == thread);
+        let ends = threads.flat_map(|each| each.tension_n);
+        ends.chain(hands.flat_map(|each| each.tension_n))
+            .fold(0.0, f64::max)
     }
 
     /// One per pair of jaws, in the model's order; empty unless the status is `Ok`.

@@ -295,7 +295,7 @@ impl TangentWork {
         balance: &Balance,
         grip: &Vector3<f64>,
         moves: Moves,
-        pulls: &[Option<Pull>],
+        pulls: &[Pull],
     ) -> Matrix6<f64> {
         let work = &*balance.work;
         let n = work.count();
@@ -313,7 +313,7 @@ impl TangentWork {
             && smooth.is_none()
             && moves.gripped(work).next().is_none()
             && !self.touched.iter().any(has);
-        if nothing && pulls.iter().all(Option::is_none) {
+        if nothing && pulls.is_empty() {
             return Matrix6::zeros();
         }
         self.load_needles(balance, grip, &moves);
@@ -369,13 +369,13 @@ impl TangentWork {
     }
 
     /// Right-hand sides of what ends of threads do to their rows.
-    fn load_threads(&mut self, balance: &Balance, pulls: &[Option<Pull>]) {
+    fn load_threads(&mut self, balance: &Balance, pulls: &[Pull]) {
         let n = balance.work.count();
         let (w, modes) = (
             compliance(self.turns, balance.work),
             balance.state.grasp.modes(),
         );
-        for pull in pulls.iter().flatten() {
+        for pull in pulls {
             for pose in 0..6 {
                 let (shift, turn) = unit(pose);
                 let moved = shift + turn.cross(&pull.arm);
@@ -457,8 +457,8 @@ impl TangentWork {
     }
 
     /// Adds what ends of threads do to the wrench.
-    fn add_threads(&self, n: usize, pulls: &[Option<Pull>], tangent: &mut Matrix6<f64>) {
-        for pull in pulls.iter().flatten() {
+    fn add_threads(&self, n: usize, pulls: &[Pull], tangent: &mut Matrix6<f64>) {
+        for pull in pulls {
             for pose in 0..6 {
                 let (_, turn) = unit(pose);
                 let own = &self.change[n * pose..n * (pose + 1)];

@@ -213,21 +213,13 @@ pub struct ThreadReport {
     pub dissipated_j: f64,
     /// Largest of [`crate::step::State::thread_pressures_pa`] \[Pa\].
     pub pressure_pa: f64,
-    /// What holds it between its ends, from the tail on.
-    pub hands: [Option<HandReport>; MOST_HANDS],
-}
-
-impl ThreadReport {
-    /// Largest tension at an end or a hand \[N\].
-    pub fn most_tension_n(&self) -> f64 {
-        let hands = self.hands.iter().flatten().flat_map(|hand| hand.tension_n);
-        self.tension_n.into_iter().chain(hands).fold(0.0, f64::max)
-    }
 }
 
 /// What a step found about a hand between the ends of a thread. Pairs are of the sides of the tail and of the head.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct HandReport {
+    /// Which thread.
+    pub thread: u8,
     /// The tool, unless it is a place.
     pub tool: Option<u8>,
     /// Where it holds the thread \[m\], (3).
@@ -342,7 +334,7 @@ pub(crate) const MOST_SEGMENTS: usize = 288;
 pub(crate) const MOST_BENDS: usize = 96;
 /// Most strands of all threads together.
 pub(crate) const MAX_STRANDS: usize = 16;
-/// Most hands between the ends of one thread.
+/// Most hands between the ends of all threads together.
 pub(crate) const MOST_HANDS: usize = 4;
 
 impl Threads {

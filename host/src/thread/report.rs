@@ -271,13 +271,14 @@ struct EndReport {
 
 impl Balance<'_> {
     /// What a tool feels of the ends of threads that it holds, or the needle before them.
-    pub(super) fn feel_threads(&self, felt: &mut Felt) {
+    pub(super) fn feel_threads(&mut self, felt: &mut Felt) {
+        self.work.threads.pulls.clear();
         let mut first = self.work.set.rows.len();
         for (index, thread) in self.state.threads.iter().enumerate() {
             let part = self.sources.threads.part_of(index);
             let is_held = self.is_held(index);
             let ends = [ThreadEnd::Tail, ThreadEnd::Head].into_iter();
-            for (place, (end, by)) in ends.zip(self.held_by(index)).enumerate() {
+            for (end, by) in ends.zip(self.held_by(index)) {
                 let Some((force, at, rows)) = thread.end(end, part, is_held, first) else {
                     continue;
                 };
@@ -292,7 +293,7 @@ impl Balance<'_> {
                 if felt.touching.is_none() {
                     felt.gap_m = 0.0;
                 }
-                felt.pulls[2 * index + place] = Some(Pull { arm, force, rows });
+                self.work.threads.pulls.push(Pull { arm, force, rows });
             }
             first += thread.spread_rows(part, is_held);
         }
@@ -304,6 +305,7 @@ impl Balance<'_> {
         let count = threads.parts.len();
         for index in 0..count {
             self.report.threads_mut(count)[index] = self.thread_report(index);
+            self.report_hands(index);
         }
         for strand in 0..self.state.threads.len() {
             let id = threads.part_of(strand).id;
@@ -342,20 +344,25 @@ impl Balance<'_> {
             out.pulled_m[place] = thread.pulled_m[place];
             out.slipped_m[place] = thread.slipped_m[place];
         }
+        out
+    }
+
+    /// What holds a thread between its ends, from the tail on.
+    fn report_hands(&mut self, index: usize) {
+        let strands = self.state.strands(index);
+        let head = strands.head(&self.state.threads);
         let mut between = strands.iter();
         let mut before = between.next().unwrap_or(index);
-        let mut free = out.hands.iter_mut();
         for after in between {
             if before == head {
                 break;
             }
-            let hand = self.hand_report([before, after]);
-            if let (true, Some(place)) = (self.state.threads[after].goes_on(), free.next()) {
-                *place = Some(hand);
+            if self.state.threads[after].goes_on() {
+                let hand = self.hand_report([before, after]);
+                self.report.held(hand);
             }
             before = after;
         }
-        out
     }
 
     /// Adds what is of all strands.
@@ -409,6 +416,7 @@ impl Balance<'_> {
             self.end_report(strands[1], ThreadEnd::Tail),
         ];
         HandReport {
+            thread: self.sources.threads.part_of(strands[0]).id,
             tool: self.held_by(strands[0])[1],
             at_m: after.tail.at.into(),
             along_m: after.tail.alpha,

@@ -9,7 +9,7 @@ use super::{
 use crate::anchors::AnchorPoint;
 use crate::needle::{NeedleState, anchor};
 use crate::source::{Room, Source};
-use crate::step::{Balance, BalanceWork, Felt, Sources, Status};
+use crate::step::{Balance, BalanceWork, Felt, Pull, Sources, Status};
 use crate::tool::ToolSample;
 use nalgebra::Vector3;
 
@@ -28,6 +28,8 @@ pub(crate) struct ThreadWork {
     bends: BendWork,
     wraps: Vec<Wrap>,
     follow: FollowWork,
+    /// Ends that the tool holds that is looked at.
+    pub pulls: Vec<Pull>,
 }
 
 impl ThreadWork {
@@ -44,6 +46,7 @@ impl ThreadWork {
             bends: BendWork::new(most),
             wraps: Vec::with_capacity(most),
             follow: FollowWork::new(rubs),
+            pulls: Vec::with_capacity(2 * sources.threads.strands()),
         }
     }
 }

@@ -5,7 +5,7 @@
 //! from one strand into the next.
 
 use super::gives::LEFT_M;
-use super::model::{MAX_STRANDS, ThreadEnd, ThreadHold};
+use super::model::{MAX_STRANDS, MOST_HANDS, ThreadEnd, ThreadHold};
 use super::nearest_outside;
 use super::report::place_of;
 use super::state::{Hold, ThreadState};
@@ -257,6 +257,10 @@ impl SourcesState {
             ThreadEnd::Span => self.nearest_span(sources, nodes_m, thread, &at),
             _ => self.head_span(sources, nodes_m, thread, &at),
         };
+        let hands = self.threads.iter().filter(|strand| strand.goes_on());
+        if hands.count() >= MOST_HANDS {
+            return false;
+        }
         let (Some(place), Some(room)) = (place, self.room(sources, thread)) else {
             return false;
         };

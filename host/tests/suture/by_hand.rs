@@ -6,8 +6,7 @@ use nalgebra::Vector3;
 use sutura_host::mesh::TetMesh;
 use sutura_host::step::StepReport;
 use sutura_host::thread::{
-    HandReport, ThreadEnd, ThreadHold, ThreadPart, ThreadPlace, ThreadPoint, ThreadReport,
-    ThreadTension, Through,
+    ThreadEnd, ThreadHold, ThreadPart, ThreadPlace, ThreadPoint, ThreadTension, Through,
 };
 
 const GRIP_N: f64 = 0.2;
@@ -51,12 +50,6 @@ fn pull_n(report: &StepReport) -> f64 {
     Vector3::from_column_slice(&report.contacts()[0].wrench[..3]).norm()
 }
 
-/// What the only hand between the ends has.
-fn taken_by(thread: &ThreadReport) -> HandReport {
-    assert_eq!(thread.hands.iter().flatten().count(), 1, "{thread:?}");
-    thread.hands[0].expect("a hand")
-}
-
 /// Where the hand is on the path.
 fn place_of_hand(path: &[ThreadPoint]) -> usize {
     let place = path
@@ -90,7 +83,7 @@ fn a_span_is_pulled_from_the_tail() {
         let path = bench.path(7);
         let place = place_of_hand(&path);
         let theta = turn_rad(&path[..=place]);
-        let (tail, hand) = (thread.tension_n[0], taken_by(&thread));
+        let (tail, hand) = (thread.tension_n[0], only_hand(&report));
         let head = hand.tension_n[0];
         println!("{times}: {tail} {head} {theta}");
         assert!((head / GRIP_N - 1.0).abs() < 0.01, "{head}");
@@ -115,7 +108,7 @@ fn what_lies_beyond_does_not_matter() {
         let mut bench = taken(times, 0.2);
         let report = go(&mut bench, Vector3::new(0.0, 0.0, 0.02));
         let thread = report.threads()[0];
-        [thread.tension_n[0], taken_by(&thread).tension_n[0]]
+        [thread.tension_n[0], only_hand(&report).tension_n[0]]
     };
     let [two, three] = [2, 3].map(pulled);
     for (a, b) in two.into_iter().zip(three) {

@@ -5,10 +5,7 @@ use super::pull::tangents_are_true;
 use super::rig::*;
 use nalgebra::Vector3;
 use sutura_host::step::StepReport;
-use sutura_host::thread::{
-    HandReport, ThreadEnd, ThreadHold, ThreadPart, ThreadPlace, ThreadReport, ThreadTension,
-    Through,
-};
+use sutura_host::thread::{ThreadEnd, ThreadHold, ThreadPart, ThreadPlace, ThreadTension, Through};
 
 /// A thread that has been wound up twice, its tail at a place, its head in the needle that tool 0 has, and its span between the two
 /// bites in the hand of tool 1.
@@ -31,11 +28,6 @@ fn divided(through: Through, friction: f64) -> Bench {
     bench
 }
 
-fn hand(thread: &ThreadReport) -> HandReport {
-    assert_eq!(thread.hands.iter().flatten().count(), 1, "{thread:?}");
-    thread.hands[0].expect("a hand")
-}
-
 /// Moves the hand by so much, in steps of 0.1 mm.
 fn draw(bench: &mut Bench, way: Vector3<f64>) -> StepReport {
     let steps = (way.norm() / 1e-4).ceil() as usize;
@@ -56,29 +48,29 @@ fn force_n(report: &StepReport, tool: usize) -> Vector3<f64> {
 #[test]
 fn what_a_hand_holds_apart_has_two_tensions() {
     let mut bench = divided(ELASTIC, 0.1);
-    let start = bench.step_both().threads()[0];
-    assert_eq!(start.held_by, [None, Some(0)]);
-    let there_m = |thread: &ThreadReport| {
-        let hand = hand(thread);
-        [thread.available_m, hand.along_m]
+    let start = bench.step_both();
+    assert_eq!(start.threads()[0].held_by, [None, Some(0)]);
+    let there_m = |report: &StepReport| {
+        let thread = report.threads()[0];
+        [thread.available_m, only_hand(report).along_m]
     };
     let before = there_m(&start);
     // Out, as far as the side of the tail is slack, and a little more.
     let mut report = bench.step_both();
-    while hand(&report.threads()[0]).tension_n[0] < 0.2 {
+    while only_hand(&report).tension_n[0] < 0.2 {
         report = draw(&mut bench, Vector3::new(0.0, 0.0, 2e-4));
     }
-    let first = hand(&report.threads()[0]);
+    let first = only_hand(&report);
     // The needle draws on its side.
     let mut now = first;
     while now.tension_n[1] < 0.5 {
         report = go(&mut bench, Vector3::new(0.0, 0.0, 2e-4));
-        now = hand(&report.threads()[0]);
+        now = only_hand(&report);
     }
     let thread = report.threads()[0];
     println!("{first:?}\n{now:?}");
     assert_eq!(thread.state, ThreadTension::Taut);
-    assert_eq!(there_m(&thread), before, "{thread:?}");
+    assert_eq!(there_m(&report), before, "{thread:?}");
     // Only by the tissue between the two.
     let change_n = (now.tension_n[0] - first.tension_n[0]).abs();
     assert!(change_n < 0.02, "{change_n}");
@@ -93,7 +85,7 @@ fn what_a_hand_holds_apart_has_two_tensions() {
 fn a_hand_feels_how_both_sides_change() {
     let mut bench = divided(ELASTIC, 0.0);
     let mut report = bench.step_both();
-    while hand(&report.threads()[0]).tension_n[0] < 0.2 {
+    while only_hand(&report).tension_n[0] < 0.2 {
         report = draw(&mut bench, Vector3::new(0.0, 0.0, 2e-4));
     }
     while report.threads()[0].tension_n[1] < 0.3 {
@@ -114,8 +106,7 @@ fn a_hand_slips_along_the_thread() {
     for _ in 0..60 {
         report = go(&mut bench, Vector3::new(0.0, 0.0, 4e-4));
     }
-    let thread = report.threads()[0];
-    let now = hand(&thread);
+    let now = only_hand(&report);
     println!("{now:?}");
     let [before, after] = now.tension_n;
     assert!(
@@ -134,10 +125,10 @@ fn a_hand_slips_along_the_thread() {
     // From a side that is held it comes until that is as taut, less what the grip holds.
     let mut bench = divided(Through { grip_n, ..ELASTIC }, 0.1);
     let all_m = bench.step_both().threads()[0].available_m;
-    let mut now = hand(&report.threads()[0]);
+    let mut now = only_hand(&report);
     while now.tension_n[0] < 0.5 {
         report = go(&mut bench, Vector3::new(0.0, 0.0, 5e-6));
-        now = hand(&report.threads()[0]);
+        now = only_hand(&report);
     }
     let [before, after] = now.tension_n;
     println!("{now:?}");
@@ -157,14 +148,14 @@ fn a_hand_that_lets_go_makes_one_of_both() {
             report = go(&mut bench, Vector3::new(0.0, 0.0, 2e-4));
         }
         let before = report.threads()[0];
-        let sides = hand(&before).tension_n;
+        let sides = only_hand(&report).tension_n;
         assert!(sides[0] < 0.1 && sides[1] > 0.4, "{sides:?}");
         hold(&mut bench, ThreadEnd::Span, ThreadHold::Without(5));
-        let same = bench.step_both().threads()[0];
-        assert!(same.hands[0].is_some(), "{same:?}");
+        only_hand(&bench.step_both());
         hold(&mut bench, ThreadEnd::Span, by);
-        let after = bench.step_both().threads()[0];
-        assert!(after.hands.iter().all(Option::is_none), "{after:?}");
+        let report = bench.step_both();
+        assert!(report.hands().is_empty(), "{:?}", report.hands());
+        let after = report.threads()[0];
         assert!((after.available_m - before.available_m).abs() < 1e-9);
         assert_eq!(after.punctures, before.punctures);
         let [tail, head] = after.tension_n;
@@ -182,10 +173,10 @@ fn a_hand_has_one_place() {
     let between = (last + bench.grip.translation.vector) / 2.0;
     bench.other.translation.vector = between;
     hold(&mut bench, ThreadEnd::Span, ThreadHold::Tool(1));
-    let thread = bench.step_both().threads()[0];
+    let report = bench.step_both();
     // Beyond it is the needle alone: it holds the head.
-    assert_eq!(thread.held_by, [None, Some(1)]);
-    assert!(thread.hands.iter().all(Option::is_none), "{thread:?}");
+    assert_eq!(report.threads()[0].held_by, [None, Some(1)]);
+    assert!(report.hands().is_empty(), "{:?}", report.hands());
     let samples = [bench.sample_of(0), bench.sample_of(1)];
     let by = ThreadHold::Place([0.0, 0.0, 0.01]);
     let end = ThreadEnd::Span;

@@ -5,7 +5,9 @@ use nalgebra::Vector3;
 use sutura_host::collide::{TouchPart, TouchSettings};
 use sutura_host::needle::{NeedleSettings, NeedleTissue};
 use sutura_host::step::{State, StepReport, Workspace};
-use sutura_host::thread::{ThreadEnd, ThreadHold, ThreadPart, ThreadPoint, ThreadTension, Through};
+use sutura_host::thread::{
+    HandReport, ThreadEnd, ThreadHold, ThreadPart, ThreadPoint, ThreadTension, Through,
+};
 
 /// A straight needle above two slabs, with a thread.
 #[derive(Clone, Copy)]
@@ -122,6 +124,12 @@ pub fn drawn(mut bench: Bench) -> Bench {
     bench.other.translation.vector = Vector3::new(0.001, 0.002, 0.03);
     hold(&mut bench, ThreadEnd::Tail, ThreadHold::Tool(1));
     bench
+}
+
+/// What the only hand between ends of threads has.
+pub fn only_hand(report: &StepReport) -> HandReport {
+    assert_eq!(report.hands().len(), 1, "{:?}", report.hands());
+    report.hands()[0]
 }
 
 pub fn hold(bench: &mut Bench, end: ThreadEnd, by: ThreadHold) {

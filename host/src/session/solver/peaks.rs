@@ -69,7 +69,7 @@ impl Peaks {
             tally.peak_n = tally.peak_n.max(norm(&report.force_n));
         }
         for (peak, thread) in self.tension_n.iter_mut().zip(report.threads()) {
-            *peak = peak.max(thread.most_tension_n());
+            *peak = peak.max(report.most_tension_n(thread.id));
         }
         if report.status == Status::Ok {
             self.last_good = *report;
