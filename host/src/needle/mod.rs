@@ -11,6 +11,7 @@ mod history;
 mod ledger;
 mod loose;
 mod model;
+mod relax;
 mod report;
 mod section;
 mod shape;

@@ -8,6 +8,7 @@
 
 use super::body::{MOST_TOUCHES, Touch};
 use super::model::MAX_NEEDLES;
+use super::relax::Relaxation;
 use super::state::{NeedleState, Tip};
 use super::surface::{Lie, cone};
 use super::{Crossing, History, NeedleTissue};
@@ -89,6 +90,8 @@ pub(crate) struct NeedleWork {
     pub(super) found: Vec<Touch>,
     /// Nodes whose columns will be needed soon.
     pub ahead: Vec<u32>,
+    /// Of each needle that bends.
+    relaxations: Vec<Relaxation>,
     /// Where each free needle turns about in the last solve, and its drag.
     pub(super) drags: Vec<Option<(Vector3<f64>, Vector6<f64>)>>,
 }
@@ -120,6 +123,9 @@ impl NeedleWork {
             found: Vec::with_capacity(if bodies { MOST_TOUCHES } else { 0 }),
             // A cell and its neighbours around each tip, and one that lies ahead.
             ahead: Vec::with_capacity(24 * count),
+            relaxations: (0..count)
+                .map(|_| Relaxation::new(most_crossings))
+                .collect(),
             drags: vec![None; count],
         }
     }
@@ -137,6 +143,8 @@ impl Source for NeedleSource {
         for (state, part) in balance.state.each.iter_mut().zip(&sources.needles) {
             limits(sources, state, part.needle.shape.length_m());
         }
+        let relaxations = &mut balance.work.needles.relaxations;
+        relaxations.iter_mut().for_each(Relaxation::begin);
     }
 
     /// Rows of every needle at its pose and present slides.
@@ -233,21 +241,12 @@ impl Source for NeedleSource {
 
     /// Slides as the solve says.
     fn settle(&self, balance: &mut Balance, solve: u32) -> Result<bool, Status> {
-        let mut settled = true;
+        let mut settled = balance.slide_crossings();
         let grasp = &balance.state.grasp;
         let (delta, lambda) = (grasp.delta_m(), grasp.lambda());
         let needles = &mut balance.work.needles;
         for point in &needles.points {
             let state = &mut balance.state.each[point.needle];
-            let needle = &balance.sources.needles[point.needle].needle;
-            if let What::Crossing(index) = point.what {
-                let alpha = state.holds[index].alpha - delta[point.first_row];
-                let bends = needle.shape.bends();
-                let change = (alpha - point.alpha).abs();
-                settled &= !bends || change <= SLIDE_TOLERANCE * needle.shape.length_m();
-                state.history.set_alpha(index, alpha);
-                continue;
-            }
             let (What::Cut, Tip::Inside { cut: Some(cut) }) = (point.what, &mut state.tip) else {
                 continue;
             };
@@ -325,6 +324,18 @@ fn add_rows(
     }
 }
 
+impl NeedleState {
+    /// Which crossing a point is, and where on the needle it has slid to in a solve \[m\].
+    fn slid_to(&self, point: &Point, delta_m: &[f64]) -> Option<(usize, f64)> {
+        match point.what {
+            What::Crossing(place) => {
+                Some((place, self.holds[place].alpha - delta_m[point.first_row]))
+            }
+            _ => None,
+        }
+    }
+}
+
 impl Balance<'_> {
     /// Puts the needles where they shall be; while the way of one is played back nothing begins for the others.
     pub(crate) fn begin_needles(&mut self, poses: &[Isometry3<f64>], played: Option<usize>) {
@@ -353,6 +364,37 @@ impl Balance<'_> {
         }
         self.stick();
         self.predict(poses_before);
+    }
+
+    /// Crossings slide as the last solve says; whether they were there already, or slide along a line.
+    fn slide_crossings(&mut self) -> bool {
+        let mut settled = true;
+        let delta_m = self.state.grasp.delta_m();
+        let needles = &mut self.work.needles;
+        for (index, state) in self.state.each.iter_mut().enumerate() {
+            let shape = &self.sources.needles[index].needle.shape;
+            let relaxation = &mut needles.relaxations[index];
+            let points = || needles.points.iter().filter(|point| point.needle == index);
+            let mut at_rest = true;
+            for point in points() {
+                if let Some((_, alpha)) = state.slid_to(point, delta_m) {
+                    let change_m = alpha - point.alpha;
+                    at_rest &= change_m.abs() <= SLIDE_TOLERANCE * shape.length_m();
+                    relaxation.take(change_m);
+                }
+            }
+            at_rest |= !shape.bends();
+            let part = relaxation.part();
+            let part = if at_rest { 1.0 } else { part };
+            for point in points() {
+                if let Some((place, alpha)) = state.slid_to(point, delta_m) {
+                    let alpha = point.alpha + part * (alpha - point.alpha);
+                    state.history.set_alpha(place, alpha);
+                }
+            }
+            settled &= at_rest;
+        }
+        settled
     }
 
     /// What slid will slide on, by about the uniform slide (3.9, 3.17); a line needs no guess.

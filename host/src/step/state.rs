@@ -14,7 +14,7 @@ use crate::thread::{
     Bridge, ThreadEnd, ThreadHold, ThreadPlace, ThreadPoint, Tightening, nearest_outside,
 };
 use crate::tool::{Act, ToolSample};
-use nalgebra::Vector3;
+use nalgebra::{Isometry3, Vector3};
 use serde::Serialize;
 
 /// What evolves.
@@ -120,7 +120,7 @@ impl State {
     }
 
     /// Where a needle is: its frame, as [`crate::needle::NeedleShape`] has it.
-    pub fn needle_pose(&self, model: &Model, needle: u8) -> Option<nalgebra::Isometry3<f64>> {
+    pub fn needle_pose(&self, model: &Model, needle: u8) -> Option<Isometry3<f64>> {
         let parts = &model.sources.as_ref()?.needles;
         let index = parts.iter().position(|part| part.id == needle)?;
         Some(self.sources.as_ref()?.each.get(index)?.pose)
@@ -198,8 +198,9 @@ impl State {
         Some(&self.sources.as_ref()?.each.get(index)?.history)
     }
 
-    /// Has an end of a thread held by something else from now on, where it is. Says whether there is such a thread
-    /// and such a tool among `samples`.
+    /// Has an end of a thread, or a span, held by something else from now on. A span that is taut is held where it is, and moves with
+    /// the tool; what is slack comes to the hand. Says whether there is such a thread and such a tool among `samples`, and room for
+    /// another hand.
     pub fn hold_thread(
         &mut self,
         model: &Model,
@@ -216,16 +217,17 @@ impl State {
             return false;
         };
         let tool = |id: u8| samples.iter().find(|sample| sample.id == id);
-        let at = match hold {
+        let pose = match hold {
             ThreadHold::Free | ThreadHold::Knot | ThreadHold::Without(_) => None,
-            ThreadHold::Place(at) => Some(at),
-            ThreadHold::Tool(id) => match tool(id) {
-                Some(sample) => Some(sample.position_m),
+            ThreadHold::Place([x, y, z]) => Some(Isometry3::translation(x, y, z)),
+            ThreadHold::Tool(id) => match tool(id).and_then(pose_of) {
+                Some(pose) => Some(pose),
                 None => return false,
             },
         };
-        let is_sound = at.is_none_or(|at| at.iter().all(|x| x.is_finite()));
-        is_sound && state.hold_thread(sources, &nodes_m, thread, end, hold, at)
+        let is_finite = |at: &Vector3<f64>| at.iter().all(|x| x.is_finite());
+        let is_sound = pose.is_none_or(|pose| is_finite(&pose.translation.vector));
+        is_sound && state.hold_thread(sources, &nodes_m, thread, end, hold, pose)
     }
 
     /// Cuts a thread outside the tissue, where it is nearest to a place \[m\], (3). Both ends are free; with `knots` each has one that is too

@@ -8,7 +8,7 @@ use crate::needle::{MAX_NEEDLES, NeedlePart, NeedleState, Tip};
 use crate::source::tool::Placements;
 use crate::thread::{MAX_STRANDS, ThreadHold};
 use crate::tool::{MAX_TOOLS, ToolSample};
-use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3};
+use nalgebra::{Isometry3, Point3, Quaternion, Translation3, UnitQuaternion, Vector3};
 
 /// Largest turn of a piece of the way \[rad\]: the tip's path is taken as straight within one.
 const MOST_TURN: f64 = 0.1;
@@ -60,9 +60,9 @@ impl Targets {
         }
         for (ends, thread) in targets.threads.iter_mut().zip(&state.threads) {
             *ends = [thread.tail, thread.head].map(|hold| match hold.by {
-                ThreadHold::Tool(tool) => {
-                    of(tool).map_or(hold.at, |sample| Vector3::from(sample.position_m))
-                }
+                ThreadHold::Tool(tool) => of(tool)
+                    .and_then(pose_of)
+                    .map_or(hold.at, |pose| (pose * Point3::from(hold.on_tool)).coords),
                 _ => hold.at,
             });
         }

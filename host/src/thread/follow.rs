@@ -29,6 +29,8 @@ pub(crate) struct FollowWork {
     rates: Vec<[f64; 2]>,
     /// Of the whole length's most tension: its part in the friction of each passage.
     weights: Vec<f64>,
+    /// Part of the way to where the last solve has segments at which they are linearised.
+    pub part: f64,
 }
 
 impl FollowWork {
@@ -43,6 +45,7 @@ impl FollowWork {
             bounds: Vec::with_capacity(most),
             rates: Vec::with_capacity(most),
             weights: Vec::with_capacity(most),
+            part: 1.0,
         }
     }
 

@@ -200,6 +200,8 @@ impl SourcesState {
 pub(crate) struct Outside {
     /// Where it is \[m\].
     pub at: Vector3<f64>,
+    /// Where a hand has it that takes it there \[m\]: what is slack comes to the hand, what is taut stays.
+    pub held: Vector3<f64>,
     /// Where on the thread \[m\], the slack of its span shared out evenly, and with what the way to the hand needs from the face before.
     pub along_m: f64,
     /// Faces before it.
@@ -227,6 +229,7 @@ pub(crate) fn nearest_outside(path: &[ThreadPoint], to: &Vector3<f64>) -> Option
         let span = span.unwrap_or_default();
         let pairs = || span.windows(2).map(|two| (at(&two[0]), at(&two[1])));
         let total_m: f64 = pairs().map(|(a, b)| a.metric_distance(&b)).sum();
+        let is_taut = span.first().is_some_and(|from| from.tension_n > 0.0);
         let mut gone_m = 0.0;
         for (from, until) in pairs() {
             let way = until - from;
@@ -237,9 +240,14 @@ pub(crate) fn nearest_outside(path: &[ThreadPoint], to: &Vector3<f64>) -> Option
             if nearest.is_none_or(|(least_m, _)| distance_m < least_m) {
                 let part = (gone_m + share * way.norm()) / total_m.max(f64::MIN_POSITIVE);
                 let [begin, end] = [path[first].along_m, path[last].along_m];
-                let needed_m = gone_m + from.metric_distance(to);
+                let (held, needed_m) = if is_taut {
+                    (point, 0.0)
+                } else {
+                    (*to, gone_m + from.metric_distance(to))
+                };
                 let outside = Outside {
                     at: point,
+                    held,
                     along_m: begin + (part * (end - begin)).max(needed_m),
                     faces: path[..=first].iter().filter(is_face).count(),
                 };

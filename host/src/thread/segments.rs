@@ -57,7 +57,10 @@ pub(crate) struct Segment {
     /// Pull on its first end \[N\].
     pub force: Vector3<f64>,
     pub tension_n: f64,
-    /// Where it was linearised: unit vector, and length \[m\], 0 for a weld.
+    /// Where it was linearised: what its direction and length are found from, see the module, \[m\] and \[N\]; its direction, a unit
+    /// vector, and length \[m\], 0 for a weld.
+    aim_m: Vector3<f64>,
+    aim_n: f64,
     pub along: Vector3<f64>,
     pub length_m: f64,
     pub is_weld: bool,
@@ -323,12 +326,12 @@ impl ThreadState {
             if segment.is_weld {
                 (0..3).for_each(|axis| add(axis, Vector3::ith(axis as usize, 1.0)));
                 segment.first_row = Some(first);
-            } else if segment.tension_n > NO_TENSION_N {
+            } else if segment.aim_n > NO_TENSION_N {
                 let (u, v) = across(&segment.along);
                 add(0, u);
                 add(1, v);
                 segment.first_row = Some(first);
-                let soft = segment.length_m / segment.tension_n;
+                let soft = segment.length_m / segment.aim_n;
                 set.soft.extend([(first, soft), (first + 1, soft)]);
             }
         }
@@ -443,7 +446,7 @@ impl ThreadState {
             .iter();
         let shared = self.take_tensions(part, is_held, &mut multipliers);
         self.compliance = self.typical_compliance(system);
-        let mut settled = self.linearise_segments(shared, ground, system, grasp);
+        let mut settled = self.linearise_segments(shared, ground, (system, grasp), follow.part);
         for place in 0..self.spans.len() {
             let span = self.spans[place];
             if let Some(bound_m) = self.bound_m(place) {
@@ -488,13 +491,13 @@ impl ThreadState {
         shared
     }
 
-    /// Linearises all segments where a solve has them; whether their forces are along them.
+    /// Linearises all segments where a solve has them, or a `part` of the way there; whether their forces are along them.
     fn linearise_segments(
         &mut self,
         shared: f64,
         ground: &Ground,
-        system: &ConstraintSystem,
-        grasp: &ConstraintState,
+        (system, grasp): (&ConstraintSystem, &ConstraintState),
+        part: f64,
     ) -> bool {
         let lambda = grasp.lambda();
         let c = self.compliance;
@@ -539,7 +542,7 @@ impl ThreadState {
             } else {
                 true
             };
-            segment.linearise(c);
+            segment.linearise(c, part);
         }
         settled
     }
@@ -642,6 +645,8 @@ impl Segment {
             way,
             force,
             tension_n,
+            aim_m: Vector3::zeros(),
+            aim_n: 0.0,
             along: Vector3::zeros(),
             length_m: 0.0,
             is_weld: false,
@@ -655,7 +660,7 @@ impl Segment {
 
     /// The same, linearised.
     pub(super) fn linearised(mut self, c: f64) -> Self {
-        self.linearise(c);
+        self.linearise(c, 1.0);
         self
     }
 
@@ -667,17 +672,23 @@ impl Segment {
         }
     }
 
-    /// Direction, length, and whether it is a weld, from its way and force: see the module.
-    fn linearise(&mut self, c: f64) {
-        let z = self.way + self.force * c;
-        let (size, short) = (z.norm(), c * self.tension_n);
-        self.is_weld = size <= short && self.tension_n > NO_TENSION_N;
+    /// Direction, length, and whether it is a weld, from its way and force, or from a `part` of the change to them: see the module.
+    fn linearise(&mut self, c: f64, part: f64) {
+        let (aim_m, aim_n) = (self.way + self.force * c, self.tension_n);
+        if part < 1.0 {
+            self.aim_m += (aim_m - self.aim_m) * part;
+            self.aim_n += (aim_n - self.aim_n) * part;
+        } else {
+            (self.aim_m, self.aim_n) = (aim_m, aim_n);
+        }
+        let (size, short) = (self.aim_m.norm(), c * self.aim_n);
+        self.is_weld = size <= short && self.aim_n > NO_TENSION_N;
         if self.is_weld || size == 0.0 {
             self.length_m = 0.0;
             self.is_weld = true;
             return;
         }
-        self.along = z / size;
+        self.along = self.aim_m / size;
         self.length_m = size - short;
     }
 

@@ -13,6 +13,11 @@ use crate::step::{Balance, BalanceWork, Felt, Pull, Sources, Status};
 use crate::tool::ToolSample;
 use nalgebra::Vector3;
 
+/// Solves of a balance after which segments that are not settled go back and forth: Newton's method has a few sets of welds and of what
+/// touches in turn.
+const SWINGS: u32 = 32;
+/// Part of each change that is then made.
+const DAMPED: f64 = 0.5;
 /// A thread that would bend by less over tissue cuts into it \[rad\].
 const LEAST_TURN: f64 = 0.05;
 
@@ -85,7 +90,8 @@ impl Source for ThreadSource {
         balance.soften_threads();
     }
 
-    fn settle(&self, balance: &mut Balance, _solve: u32) -> Result<bool, Status> {
+    fn settle(&self, balance: &mut Balance, solve: u32) -> Result<bool, Status> {
+        balance.work.threads.follow.part = if solve > SWINGS { DAMPED } else { 1.0 };
         Ok(balance.settle_threads())
     }
 

@@ -31,8 +31,9 @@ pub(crate) struct Hold {
     pub by: ThreadHold,
     /// Where on the thread it is held \[m\].
     pub alpha: f64,
-    /// Where that is \[m\].
+    /// Where that is \[m\], and in the frame of a tool that holds it.
     pub at: Vector3<f64>,
+    pub on_tool: Vector3<f64>,
 }
 
 /// A strand: a thread, or what of it lies between two that hold it.
@@ -110,9 +111,8 @@ impl ThreadState {
     /// A thread that nothing has drawn anywhere yet.
     pub fn new(part: &ThreadPart) -> Self {
         let hold = |alpha| Hold {
-            by: ThreadHold::Free,
             alpha,
-            at: Vector3::zeros(),
+            ..Hold::default()
         };
         Self {
             passed: Vec::with_capacity(MOST_PASSED),

@@ -11,7 +11,7 @@ use super::report::place_of;
 use super::state::{Hold, ThreadState};
 use crate::needle::anchor;
 use crate::step::{Sources, SourcesState};
-use nalgebra::Vector3;
+use nalgebra::{Isometry3, Vector3};
 
 /// Where a hand takes a thread.
 #[derive(Clone, Copy, Debug)]
@@ -21,6 +21,8 @@ struct Place {
     faces: usize,
     /// Where it is on the thread \[m\].
     along_m: f64,
+    /// Where the hand has it \[m\].
+    held: Vector3<f64>,
 }
 
 /// Some strands.
@@ -74,7 +76,12 @@ impl ThreadState {
             }
             _ => self.end_m,
         };
-        self.tail = Hold { by, alpha, at };
+        self.tail = Hold {
+            by,
+            alpha,
+            at,
+            ..Hold::default()
+        };
     }
 
     /// All up to the hand goes to `other`, which was not used; the rest stays.
@@ -209,7 +216,7 @@ impl SourcesState {
         self.threads[strand].beyond_n = beyond_n;
     }
 
-    /// See [`crate::step::State::hold_thread`]; `at` is where it is held, if it has a place.
+    /// See [`crate::step::State::hold_thread`]; `pose` is that of what holds it, if it has a place.
     pub fn hold_thread(
         &mut self,
         sources: &Sources,
@@ -217,12 +224,13 @@ impl SourcesState {
         thread: usize,
         end: ThreadEnd,
         by: ThreadHold,
-        at: Option<[f64; 3]>,
+        pose: Option<Isometry3<f64>>,
     ) -> bool {
         if thread >= sources.threads.parts.len() {
             return false;
         }
-        let at = at.map_or_else(Vector3::zeros, Vector3::from);
+        let pose = pose.unwrap_or_default();
+        let at = pose.translation.vector;
         if end == ThreadEnd::Tail {
             if matches!(by, ThreadHold::Without(_)) {
                 return false;
@@ -264,8 +272,13 @@ impl SourcesState {
         let (Some(place), Some(room)) = (place, self.room(sources, thread)) else {
             return false;
         };
-        let alpha = place.along_m;
-        self.split(place, room, Hold { by, alpha, at });
+        let hold = Hold {
+            by,
+            alpha: place.along_m,
+            at: place.held,
+            on_tool: pose.inverse_transform_point(&place.held.into()).coords,
+        };
+        self.split(place, room, hold);
         true
     }
 
@@ -296,9 +309,8 @@ impl SourcesState {
             return false;
         };
         let loose = |alpha: f64| Hold {
-            by: ThreadHold::Free,
             alpha,
-            at: Vector3::zeros(),
+            ..Hold::default()
         };
         self.split(place, room, loose(place.along_m));
         let [before, after] = [room, place.strand];
@@ -380,6 +392,7 @@ impl SourcesState {
                     strand,
                     faces: outside.faces,
                     along_m: outside.along_m.min(most_m),
+                    held: outside.held,
                 };
                 nearest = Some((far_m, place));
             }
@@ -404,6 +417,7 @@ impl SourcesState {
             strand: thread,
             faces: led.passed.len(),
             along_m,
+            held: *at,
         })
     }
 }

@@ -3,13 +3,12 @@
 use super::one_length::*;
 use super::pull::tangents_are_true;
 use super::rig::*;
-use nalgebra::Vector3;
+use nalgebra::{UnitQuaternion, Vector3};
 use sutura_host::step::StepReport;
 use sutura_host::thread::{ThreadEnd, ThreadHold, ThreadPart, ThreadPlace, ThreadTension, Through};
 
-/// A thread that has been wound up twice, its tail at a place, its head in the needle that tool 0 has, and its span between the two
-/// bites in the hand of tool 1.
-fn divided(through: Through, friction: f64) -> Bench {
+/// A thread that has been wound up twice, its tail at a place, its head in the needle that tool 0 has.
+fn wound(through: Through, friction: f64) -> Bench {
     let with = ThreadPart {
         friction,
         ..part(through)
@@ -18,6 +17,12 @@ fn divided(through: Through, friction: f64) -> Bench {
     let mut bench = wound_up_in(thick(|at| at[2] > -0.0199), 2, with);
     let tail = bench.other.translation.vector.into();
     hold(&mut bench, ThreadEnd::Tail, ThreadHold::Place(tail));
+    bench
+}
+
+/// The same with its span between the two bites in the hand of tool 1.
+fn divided(through: Through, friction: f64) -> Bench {
+    let mut bench = wound(through, friction);
     let path = bench.path(7);
     let mut faces = path.iter();
     let place = faces.position(|point| point.what == ThreadPlace::Leaves);
@@ -79,6 +84,51 @@ fn what_a_hand_holds_apart_has_two_tensions() {
     assert!(off_n < 1e-3 * now.tension_n[1], "{off_n}");
     let off_n = force_n(&report, 0).norm() - thread.tension_n[1];
     assert!(off_n.abs() < 1e-3 * thread.tension_n[1], "{off_n}");
+}
+
+/// A hand takes what is taut where it is, and pulls it nowhere by that; it then goes along with the hand, which feels it at that place.
+#[test]
+fn what_is_taut_is_taken_where_it_is() {
+    let mut bench = wound(ELASTIC, 0.0);
+    let mut report = bench.step_both();
+    while report.threads()[0].tension_n[1] < 0.5 {
+        report = go(&mut bench, Vector3::new(0.0, 0.0, 2e-4));
+    }
+    let before = report.threads()[0];
+    let path = bench.path(7);
+    let out = path
+        .iter()
+        .position(|point| point.what == ThreadPlace::Leaves);
+    let [from, to] = [0, 1].map(|next| Vector3::from(path[out.expect("a way out") + next].at_m));
+    let middle = (from + to) / 2.0;
+    let aside = (to - from).cross(&Vector3::x()).normalize() * 3e-3;
+    bench.other.translation.vector = middle + aside;
+    hold(&mut bench, ThreadEnd::Span, ThreadHold::Tool(1));
+    report = bench.step_both();
+    let hand = only_hand(&report);
+    assert!(
+        (Vector3::from(hand.at_m) - middle).norm() < 1e-9,
+        "{hand:?}"
+    );
+    for tension_n in hand
+        .tension_n
+        .into_iter()
+        .chain(report.threads()[0].tension_n)
+    {
+        let off = tension_n / before.tension_n[1] - 1.0;
+        assert!(off.abs() < 1e-6, "{tension_n} {before:?}");
+    }
+    let pulls = [0, 1].map(|side| Vector3::from(hand.direction[side]) * hand.tension_n[side]);
+    let moment = -aside.cross(&(pulls[0] + pulls[1]));
+    let felt = Vector3::from_column_slice(&report.contacts()[1].wrench[3..]);
+    assert!((felt - moment).norm() < 1e-9, "{felt} {moment}");
+    let turn = UnitQuaternion::from_scaled_axis(Vector3::new(0.01, 0.02, -0.01));
+    bench.other.rotation = turn * bench.other.rotation;
+    report = bench.step_both();
+    assert_eq!(report.status.name(), "ok");
+    let there = bench.other.translation.vector - turn * aside;
+    let hand = only_hand(&report);
+    assert!((Vector3::from(hand.at_m) - there).norm() < 1e-9, "{hand:?}");
 }
 
 #[test]
