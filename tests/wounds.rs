@@ -633,3 +633,21 @@ fn a_running_suture_is_drawn_together_by_hand() {
     assert!(0.2 < tension(0) && tension(0) < tension(1), "{thread}");
     feels_the_tension(&summary);
 }
+
+/// A hand lets go of what it holds apart, 1.2 N on one side and 0.9 N on the other, while the thread rubs and the tubes press.
+#[test]
+fn what_a_hand_held_apart_becomes_one_length() {
+    let summary = shipped("tests/data/tubes-by-hand.toml");
+    assert_eq!(summary["status"], "ok");
+    assert_eq!(summary["steps_withheld"], serde_json::json!({}));
+    let scene = &summary["scene"];
+    assert_eq!(scene["events"], serde_json::json!([]), "{scene}");
+    let thread = &scene["threads"][0];
+    assert_eq!(thread["punctures"], 16, "{thread}");
+    assert!(thread["hands"].is_null(), "{thread}");
+    let excess = number(thread, "length_m") - number(thread, "available_m");
+    assert!(excess.abs() < 1e-6, "{excess} m");
+    let tension = |end: usize| thread["tension_n"][end].as_f64().unwrap();
+    assert!(0.2 < tension(0) && 1.0 < tension(1), "{thread}");
+    feels_the_tension(&summary);
+}

@@ -12,7 +12,7 @@ use super::write;
 /// What there is of thread behind the needle at first \[m\].
 const THREAD_M: f64 = 0.15;
 /// How far the needle is drawn away after each bite \[m\]: until the knot is at the tissue, and the wound is closed there.
-const AWAY_M: [f64; 4] = [0.1385, 0.1230, 0.1075, 0.0920];
+const AWAY_M: [f64; 4] = [0.1385, 0.1246, 0.1104, 0.0960];
 /// After which bites the console draws.
 const CONSOLE: std::ops::Range<usize> = 1..4;
 /// How long the way to the next bite takes \[s\].
