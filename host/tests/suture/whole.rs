@@ -7,7 +7,7 @@ use sutura_host::collide::{TouchSettings, gaps_m, penetration_m};
 use sutura_host::scene::{Document, Scene, position_at};
 use sutura_host::session::SceneSolver;
 use sutura_host::step::{State, Status, StepOptions, StepReport, Workspace, step};
-use sutura_host::thread::{ThreadPlace, ThreadPoint};
+use sutura_host::thread::{ThreadEnd, ThreadHold, ThreadPlace, ThreadPoint};
 use sutura_host::tool::ToolSample;
 use sutura_host::wound::Wound;
 
@@ -63,9 +63,15 @@ struct Pulled {
 impl Sewn {
     /// A scene of this repository up to its pull, by its scripts.
     fn new(name: &str) -> Self {
+        Self::in_strands(name, 1)
+    }
+
+    /// The same with room for cuts.
+    fn in_strands(name: &str, strands: u8) -> Self {
         let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../scenes");
         let text = std::fs::read_to_string(root.join(name)).expect("a scene");
-        let scene = Scene::read(&Document::embedded(name, &root, &text), name).expect("good");
+        let mut scene = Scene::read(&Document::embedded(name, &root, &text), name).expect("good");
+        scene.threads[0].part.through.strands = strands;
         let mut solver = SceneSolver::new(&scene).expect("a solver");
         let held_s = scene.threads[0].holds.last().expect("held").time_s + 0.05;
         let next = follow(&scene, &mut solver, 0, held_s);
@@ -99,12 +105,24 @@ impl Sewn {
 
     /// Pulls what has been sewn so, as far as `upto`.
     fn pulled(&self, order: &Order, upto: f64) -> Pulled {
+        self.pulled_from(self.state.clone(), [0.0; 2], order, upto)
+    }
+
+    /// The same from a state on in which the hands have gone parts of their ways.
+    fn pulled_from(
+        &self,
+        mut state: State,
+        mut from: [f64; 2],
+        order: &Order,
+        upto: f64,
+    ) -> Pulled {
         let (model, _, _) = self.solver.parts().expect("rows");
-        let (mut state, mut work) = (self.state.clone(), Workspace::new(model));
+        let mut work = Workspace::new(model);
         let mut time_us = self.hands[0][0].console_time_us;
-        let (mut from, mut report) = ([0.0; 2], StepReport::default());
+        let mut report = StepReport::default();
         let mut path = Vec::new();
-        let rest = [([1.0; 2], REST)];
+        let last = order.last().map_or([1.0; 2], |(to, _)| *to);
+        let rest = [(last, REST)];
         for (to, steps) in order.iter().chain(&rest) {
             for k in 1..=*steps {
                 time_us += 5000;
@@ -310,4 +328,38 @@ fn welds_do_not_depend_on_the_pull() {
             .collect();
         assert!(gaps_m[0] < 0.5 * sewn.gap_m(&rest), "{gaps_m:?}");
     }
+}
+
+/// Of a suture that is cut, with a knot at either side, and whose tail is let go, what lies beyond the cut is drawn on: as if what lies
+/// before had never been sewn.
+#[test]
+fn a_suture_that_is_cut_is_what_is_left_of_it() {
+    let sewn = Sewn::in_strands("wound-slabs.toml", 2);
+    let (model, _, _) = sewn.solver.parts().expect("rows");
+    let Pulled { mut state, .. } = sewn.pulled(TOGETHER, 0.7);
+    let path = state.thread_path(model, 0, &state.positions(model));
+    let is_run = |two: &&[ThreadPoint]| {
+        two[0].what == ThreadPlace::Leaves && two[1].what == ThreadPlace::Enters
+    };
+    // Each bite is through both slabs: every second run is from bite to bite.
+    let run = path.windows(2).filter(is_run).nth(1).expect("bites");
+    let [a, b] = [0, 1].map(|end| Vector3::from(run[end].at_m));
+    let middle = (a + b) / 2.0;
+    assert!(state.cut_thread(model, 0, &middle.into(), true));
+    let samples = sewn.samples(0.7, [1.0; 2], 0);
+    assert!(state.hold_thread(model, 0, ThreadEnd::Tail, ThreadHold::Free, &samples));
+    let on: &Order = &[([1.6, 1.0], 300)];
+    let mut pulled = sewn.pulled_from(state, [1.0; 2], on, 0.7);
+    let cut = pulled
+        .path
+        .iter()
+        .rposition(|point| point.what == ThreadPlace::Cut);
+    let before = pulled.path.drain(..=cut.expect("a cut"));
+    let spans = before.filter(|point| point.what == ThreadPlace::Leaves);
+    let before_n: Vec<f64> = pulled.spans_n.drain(..spans.count()).collect();
+    assert_eq!(before_n, [0.0; 3]);
+    let suture = sewn.suture(&pulled);
+    let [first, last] = [pulled.path.first(), pulled.path.last()].map(|end| end.expect("a path"));
+    let least = suture.drawn(last.along_m - first.along_m, f64::INFINITY);
+    sewn.check(&suture, &pulled, &least);
 }
