@@ -80,6 +80,57 @@ fn a_straight_needle_goes_through_both_slabs_and_comes_back() {
     assert!(most >= 12, "three layers of cells in each slab: {most}");
 }
 
+/// An arc half way through that is pulled aside, not along itself: tissue slides along what bends, to where it is pulled least.
+#[test]
+fn an_arc_that_is_pulled_aside_drags_the_tissue_along() {
+    let text = std::fs::read_to_string(root().join(ARC)).unwrap();
+    let (before, rest) = text.split_once("[[tool.way_point]]\ntime_s = 9.0").unwrap();
+    let (_, hand) = rest.split_once("# The hand is a spring").unwrap();
+    let directory = tempfile::tempdir().unwrap();
+    for [x, y, z] in [[0.0, 0.0, 0.012], [0.006, 0.01, 0.006]] {
+        let at = |[x, y, z]: [f64; 3]| {
+            let [x, y] = [0.014 + x, 0.0007 + y];
+            format!("position_m = [{x}, {y}, {z:?}]\n")
+        };
+        let turned = "rotation_deg = [0.0, -105.0, 0.0]\n";
+        let begin = format!("[[tool.way_point]]\ntime_s = 9.0\n{}", at([0.0; 3]));
+        let stay = format!(
+            "[[tool.way_point]]\ntime_s = 12.0\n{turned}{}",
+            at([0.0; 3])
+        );
+        let aside = format!(
+            "[[tool.way_point]]\ntime_s = 13.5\n{turned}{}",
+            at([x, y, z])
+        );
+        let scene = [
+            before,
+            &begin,
+            &stay,
+            &aside,
+            "# The hand is a spring",
+            hand,
+        ]
+        .concat();
+        std::fs::write(directory.path().join("aside.toml"), scene).unwrap();
+        let line = ["run", "aside.toml", "--lockstep", "--seconds", "13.6"];
+        let ran = sutura_in(
+            directory.path(),
+            &[&line[..], &["--format", "json"]].concat(),
+        );
+        assert_eq!(ran.code, 0, "{}", ran.stderr);
+        let summary: Value = serde_json::from_str(&ran.stdout).unwrap();
+        assert_eq!(summary["steps_withheld"], serde_json::json!({}));
+        let scene = &summary["scene"];
+        assert_eq!(scene["needles"][0]["crossings"], 7, "{scene}");
+        let force = &scene["held"][0]["force_n"];
+        let force = [0, 1, 2].map(|axis| force[axis].as_f64().unwrap());
+        let along = [x, y, z].into_iter().zip(force).map(|(way, n)| way * n);
+        let way_m = (x * x + y * y + z * z).sqrt();
+        let back_n = along.sum::<f64>() / way_m;
+        assert!((2.0..6.0).contains(&back_n), "{back_n} N: {force:?}");
+    }
+}
+
 /// A second hand takes it on the far side: it is the one that holds it in the end.
 #[test]
 fn an_arc_goes_through_both_tube_walls_and_changes_hands() {
