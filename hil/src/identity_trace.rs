@@ -65,6 +65,8 @@ pub struct Coverage {
     pub swaps: u32,
     /// Ticks on the way down after the horizon.
     pub decaying_forces: u32,
+    /// Ticks on which a fault let the weight down.
+    pub let_down: u32,
     /// Changes from a fault to idle.
     pub recoveries: u32,
 }
@@ -678,6 +680,8 @@ impl Coverage {
         if let Some(before) = before {
             let swapped = state.contact_sequence != before.contact_sequence;
             self.swaps += u32::from(torque && swapped);
+            let carries = state.mode == Mode::Fault && state.current_a != [0.0; JOINTS];
+            self.let_down += u32::from(carries);
             let recovered = before.mode == Mode::Fault && state.mode != Mode::Fault;
             self.recoveries += u32::from(recovered);
         }

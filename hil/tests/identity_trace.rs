@@ -88,6 +88,7 @@ fn the_trace_leaves_nothing_out() {
         negative_zeros,
         swaps,
         decaying_forces,
+        let_down,
         recoveries,
     } = native(1.0).coverage;
     assert!(states >= 10_000, "{states}");
@@ -101,5 +102,6 @@ fn the_trace_leaves_nothing_out() {
     assert!(negative_zeros >= 5, "{negative_zeros}");
     assert!(swaps >= 500, "{swaps}");
     assert!(decaying_forces >= 50, "{decaying_forces}");
+    assert!(let_down >= 50, "{let_down}");
     assert!(recoveries >= 6, "{recoveries}");
 }

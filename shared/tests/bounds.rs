@@ -118,7 +118,37 @@ struct Run {
     before: Option<TickOutput>,
     /// Ticks since a fixture may have pushed.
     open_ticks: u32,
+    carried: Carried,
 }
+
+/// What the motors may carry, by the test's own count: the weight comes in 300 ticks and goes in as many.
+#[derive(Clone, Copy, Default)]
+struct Carried {
+    /// Ticks' worth of the weight.
+    ticks: u16,
+    /// Most effort of a joint's weight in any pose so far.
+    most: [f32; 3],
+}
+
+impl Carried {
+    fn note(&mut self, weight: &[f32; 3], output: &TickOutput) {
+        for (most, weight) in self.most.iter_mut().zip(weight) {
+            *most = most.max(weight.abs());
+        }
+        self.ticks = match (output.state.mode, output.amplifiers_on) {
+            (_, false) => 0,
+            (Mode::Fault, true) => self.ticks.saturating_sub(1),
+            (_, true) => (self.ticks + 1).min(300),
+        };
+    }
+
+    fn part(&self) -> f32 {
+        f32::from(self.ticks) / 300.0
+    }
+}
+
+/// Faults after which the weight may still be carried, less and less.
+const LETS_DOWN: u16 = faults::ENCODER_JUMP | faults::OUT_OF_REACH | faults::OVERSPEED;
 
 /// Whether a fixture may push at this tick; a wall is felt some time ahead of the motion.
 fn may_push(fixture: &Fixture, state: &State) -> bool {
@@ -152,6 +182,7 @@ impl Run {
             sequence: 0,
             before: None,
             open_ticks: 0,
+            carried: Carried::default(),
         }
     }
 
@@ -192,6 +223,16 @@ impl Run {
             .tick(&self.input, fresh.map(Into::into).as_ref())
     }
 
+    /// Efforts that carry the weight at the pose of the encoders.
+    fn weight(&self) -> [f32; 3] {
+        let joints = self.input.encoder_counts.iter().zip(&self.device.joints);
+        let mut q = [0.0; 3];
+        for (q, (counts, joint)) in q.iter_mut().zip(joints) {
+            *q = *counts as f32 * (1.0 / joint.counts_per_unit);
+        }
+        kinematics::forward(&self.device, &q).weight_effort
+    }
+
     /// What must hold after every tick.
     fn check(&mut self, output: &TickOutput) -> Held {
         let state = &output.state;
@@ -206,7 +247,8 @@ impl Run {
             hold!(now.abs() <= joint.max_current_a, "{state:?}");
             let step_effort = (now - before) * joint.effort_per_amp;
             let limit = joint.max_slew_per_s * TICK_S * (1.0 + ROUNDING) + ROUNDING;
-            let off = !output.amplifiers_on && *now == 0.0;
+            // A fault takes the contact away at once; what is carried then is bounded below.
+            let off = state.mode == Mode::Fault || !output.amplifiers_on && *now == 0.0;
             hold!(
                 off || step_effort.abs() <= limit,
                 "{before} {now} {state:?}"
@@ -214,13 +256,26 @@ impl Run {
         }
 
         let torque = matches!(state.mode, Mode::Armed | Mode::Decaying);
-        hold!(output.amplifiers_on == torque, "{state:?}");
+        let lets_down = output.amplifiers_on && !torque;
+        let may = state.mode == Mode::Fault && state.faults & !LETS_DOWN == 0;
+        hold!(!lets_down || may, "{state:?}");
+        hold!(!torque || output.amplifiers_on, "{state:?}");
+        self.carried.note(&self.weight(), output);
+        let motors = output.current_a.iter().zip(&self.device.joints);
+        for ((current_a, joint), most) in motors.zip(self.carried.most) {
+            let effort = (current_a * joint.effort_per_amp).abs();
+            let carried = most * self.carried.part() * (1.0 + 1e-4) + ROUNDING;
+            hold!(!lets_down || effort <= carried, "{carried} {state:?}");
+        }
         hold!(
             (state.faults != 0) == (state.mode == Mode::Fault),
             "{state:?}"
         );
-        let rest = output.current_a == [0.0; 3] && state.force_n == [0.0; 3];
-        hold!(torque || rest, "{state:?}");
+        hold!(torque || state.force_n == [0.0; 3], "{state:?}");
+        hold!(
+            output.amplifiers_on || output.current_a == [0.0; 3],
+            "{state:?}"
+        );
         self.open_ticks = match may_push(self.control.fixture(), state) {
             true => 0,
             false => self.open_ticks + 1,
@@ -256,20 +311,16 @@ fn motors_bounded([jointed, tank]: [bool; 2], events: &[Event]) -> Held {
         fixture: Some(Fixture::None),
         ..SILENCE
     };
-    for event in std::iter::once(&opened).chain([&SILENCE; 59]) {
+    for event in std::iter::once(&opened).chain([&SILENCE; 299]) {
         let output = run.tick(event);
         run.check(&output)?;
     }
     let settled = run.tick(&SILENCE);
-    let weight = {
-        let q: [f32; 3] = core::array::from_fn(|i| {
-            run.input.encoder_counts[i] as f32 * (1.0 / run.device.joints[i].counts_per_unit)
-        });
-        kinematics::forward(&run.device, &q).weight_effort
-    };
+    let weight = run.weight();
+    run.check(&settled)?;
     for ((current_a, weight), joint) in settled.current_a.iter().zip(weight).zip(&run.device.joints)
     {
-        let carried = if settled.amplifiers_on { weight } else { 0.0 };
+        let carried = weight * run.carried.part();
         hold!(
             (current_a * joint.effort_per_amp - carried).abs() < 1e-5,
             "{settled:?}"
@@ -296,7 +347,12 @@ impl Books {
     fn book(&mut self, run: &Run, output: &TickOutput) {
         let now = run.input.encoder_counts;
         let before = self.counts.replace(now).unwrap_or(now);
-        let jumped = output.state.faults & faults::ENCODER_JUMP != 0;
+        // What moves on after a jump is believed again, while the fault stays.
+        let jumped = (0..3).any(|axis| {
+            let joint = run.device.joints[axis];
+            let most = joint.max_speed_per_s * TICK_S * joint.counts_per_unit + 1.0;
+            now[axis].wrapping_sub(before[axis]).unsigned_abs() as f32 > most
+        });
         for axis in 0..3 {
             let joint = run.device.joints[axis];
             let way =
@@ -309,7 +365,8 @@ impl Books {
         let contact = core::array::from_fn(|axis| {
             let motor = output.current_a[axis] * run.device.joints[axis].effort_per_amp;
             let force = f64::from(output.state.force_n[axis]);
-            f64::from(motor - weight[axis]).clamp(force.min(0.0), force.max(0.0))
+            f64::from(motor - weight[axis] * run.carried.part())
+                .clamp(force.min(0.0), force.max(0.0))
         });
         self.efforts = if output.amplifiers_on {
             [contact, self.efforts[0]]

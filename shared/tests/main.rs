@@ -13,6 +13,7 @@ mod kinematics;
 mod link;
 mod needle_and_thread;
 mod passivity;
+mod ramps;
 mod rig;
 mod rows_values;
 mod simulated_console;

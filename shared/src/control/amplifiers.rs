@@ -25,7 +25,7 @@ impl Amplifiers {
             _ if !wanted => (Amplifiers::Off, false),
             _ if !unready => (Amplifiers::On, false),
             Amplifiers::Off => (Amplifiers::Waking(0), false),
-            Amplifiers::Waking(ticks) if ticks < LONGEST_WAIT => {
+            Amplifiers::Waking(ticks) if ticks + 1 < LONGEST_WAIT => {
                 (Amplifiers::Waking(ticks + 1), false)
             }
             Amplifiers::Waking(_) | Amplifiers::On => (Amplifiers::Off, true),
@@ -59,11 +59,11 @@ mod tests {
         }
     }
 
-    /// 20 ms of pulses and 500 ms of waking: the tick that arms, and 520 after it.
+    /// 20 ms of pulses and 500 ms of waking: ready in the tick 520 ms after the one that arms, or a fault in that.
     #[test]
     fn they_have_their_time_to_get_ready_and_no_more() {
         let mut amplifiers = Amplifiers::Off;
-        for tick in 0..=520 {
+        for tick in 0..520 {
             assert!(!amplifiers.judge(true, true), "{tick}");
             assert!(!amplifiers.take_current());
         }

@@ -1,6 +1,6 @@
 //! From joint efforts to motor currents that cannot hurt anybody: effort limits, then slew limits.
 //!
-//! Entry points: [`Drive::command`], [`Drive::off`].
+//! Entry points: [`Drive::command`], [`Drive::let_down`], [`Drive::off`].
 
 use super::TICK_S;
 use crate::device::{DeviceDescription, JOINTS};
@@ -29,6 +29,8 @@ struct Motor {
     max_step_a: f32,
     /// Last command \[A\].
     current_a: f32,
+    /// What of it carries the weight \[A\].
+    weight_a: f32,
 }
 
 /// The motors of a console.
@@ -47,6 +49,7 @@ impl Drive {
                 max_current_a: joint.max_current_a,
                 max_step_a: joint.max_slew_per_s * amp_per_effort.abs() * TICK_S,
                 current_a: 0.0,
+                weight_a: 0.0,
             }
         });
         Drive { motors }
@@ -55,8 +58,22 @@ impl Drive {
     /// No current, at once.
     pub fn off(&mut self) {
         for motor in &mut self.motors {
-            motor.current_a = 0.0;
+            (motor.current_a, motor.weight_a) = (0.0, 0.0);
         }
+    }
+
+    /// Whether any motor carries a part of the weight.
+    pub fn carries(&self) -> bool {
+        self.motors.iter().any(|motor| motor.weight_a != 0.0)
+    }
+
+    /// Currents without any contact, at once, and with so much of the weight that was carried last, whatever the pose is now.
+    pub fn let_down(&mut self, part: f32) -> [f32; JOINTS] {
+        for motor in &mut self.motors {
+            motor.weight_a *= part;
+            motor.current_a = motor.weight_a;
+        }
+        self.motors.map(|motor| motor.current_a)
     }
 
     /// Currents for carrying the weight, and for as much of the contact as the motors have room for:
@@ -97,6 +114,9 @@ impl Drive {
             let effort = motor.current_a / motor.amp_per_effort - weight * carried;
             let whole = contact * share;
             *given = clamp(effort, min(whole, 0.0), max(whole, 0.0));
+            let whole_a = weight * carried * motor.amp_per_effort;
+            let rest_a = motor.current_a - *given * motor.amp_per_effort;
+            motor.weight_a = clamp(rest_a, min(whole_a, 0.0), max(whole_a, 0.0));
         }
         Some(Command {
             current_a,

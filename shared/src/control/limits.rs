@@ -95,13 +95,13 @@ impl Limits {
     }
 
     /// The force of the last tick, changed towards `force` as fast as all joints can: it keeps the direction of
-    /// the change. `left`: part of the largest force that may still be wanted; 1 and more: all of it.
+    /// the change. `left`: part of the largest force that may still be wanted, 0 to 1.
     ///
     /// Where the slew limit takes the largest force away within 8 ticks, a `left` that falls to 0 in 30 ticks, and a
     /// `force` of 0 then, leave nothing at that tick, whatever was wanted before.
     pub fn slewed(&self, force: &Vec3, pose: &Pose, left: f32) -> Vec3 {
         // Damping has been added since it was bounded, and goes with what it damps.
-        let force = &self.shortened(force, min(left, 1.0));
+        let force = &self.shortened(force, left);
         if !self.guards.slew {
             return *force;
         }

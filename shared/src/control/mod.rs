@@ -15,6 +15,7 @@ mod limits;
 mod mode;
 mod needle;
 mod passivity;
+mod ramps;
 mod render;
 mod rows;
 mod swing;
@@ -32,7 +33,7 @@ pub use tuning::{Guards, Rendering, Tuning};
 use crate::device::{DeviceDescription, DeviceError, JOINTS, Joint};
 use crate::hash::TraceHash;
 use crate::kinematics::{self, Grip, Pose};
-use crate::math::{Vec3, clamp, is_finite};
+use crate::math::{Vec3, clamp, is_finite, min};
 use crate::wire::message::{Command, Fixture, Mode, State};
 use crate::wire::validate::{MAX_POSITION, MAX_SPEED, UNIT_TOLERANCE};
 use crate::wire::{Message, Valid, ValidContact, ValidFixture, ValidNeedle, ValidThread};
@@ -44,6 +45,7 @@ use encoders::{Encoders, Joints};
 use limits::Limits;
 use mode::{Faults, Orders, has_torque, next_mode};
 use passivity::{Local, Passivity};
+use ramps::{Ramps, may_let_down};
 use render::Render;
 use swing::{Along, Swing};
 use wall::Fixed;
@@ -67,7 +69,7 @@ pub const LOST_AFTER_US: u32 = 500_000;
 ///
 /// Raised by one with every change of the bits that a console computes, that is with every hash that is added to
 /// `tests/golden/identity-trace.txt`; a test compares the two. Changes that no bit shows, as of speed or size, leave it.
-pub const CODE: u32 = 5;
+pub const CODE: u32 = 6;
 
 /// From reading the encoders until the motors act on it \[s\].
 fn delay_s(device: &DeviceDescription) -> f32 {
@@ -175,7 +177,8 @@ impl TickInput {
 pub struct TickOutput {
     /// Motor currents \[A\], (3).
     pub current_a: [f32; JOINTS],
-    /// Whether the amplifiers are on; the currents are 0 while they are not.
+    /// Whether the amplifiers are on; the currents are 0 while they are not. After a fault that lets the weight down they still
+    /// are, for up to 300 ms.
     pub amplifiers_on: bool,
     /// What the host is told.
     pub state: State,
@@ -197,6 +200,7 @@ pub struct Control {
     faults: Faults,
     mode: Mode,
     amplifiers: Amplifiers,
+    ramps: Ramps,
     drive: Drive,
     limits: Limits,
     passivity: Passivity,
@@ -238,6 +242,7 @@ impl Control {
             faults: Faults::default(),
             mode: Mode::Boot,
             amplifiers: Amplifiers::Off,
+            ramps: Ramps::default(),
             drive: Drive::new(&device),
             limits: Limits::new(&device, tuning.guards),
             passivity: Passivity::new(&device, tuning.guards),
@@ -389,9 +394,7 @@ impl Control {
             let (needle, thread) = (self.needle.as_ref(), self.thread.as_ref());
             self.render.take(fresh, needle, thread, &grip, input.now_us);
         }
-        let too_fast = self
-            .limits
-            .too_fast(&velocity, self.amplifiers.take_current());
+        let too_fast = self.limits.too_fast(&velocity, self.renders());
         self.latch_faults(input, &joints, &pose, too_fast);
         self.change_mode(started, input);
 
@@ -408,7 +411,7 @@ impl Control {
         );
         TickOutput {
             current_a,
-            amplifiers_on: has_torque(self.mode),
+            amplifiers_on: self.wants_amplifiers(),
             state,
         }
     }
@@ -456,21 +459,37 @@ impl Control {
         if self.mode == Mode::Fault {
             self.forget();
         }
-        let rendered = self.amplifiers.take_current();
+        let rendered = has_torque(before) && self.amplifiers.take_current();
         if self
             .amplifiers
-            .judge(has_torque(self.mode), input.amplifiers_unready)
+            .judge(self.wants_amplifiers(), input.amplifiers_unready)
         {
             self.trip(faults::AMPLIFIER | faults::BOARD);
         }
         let arms = has_torque(self.mode) && !has_torque(before);
-        let begins = self.amplifiers.take_current() && !rendered;
+        let begins = self.renders() && !rendered;
         if arms || begins {
             // As a replay knows it, which begins with a session, or where nothing was rendered.
             self.swing = Swing::NONE;
             self.render.lead_more(0.0);
             self.begin_rendering(freshness);
         }
+        if self.renders() {
+            self.ramps.rise(begins);
+        }
+    }
+
+    /// Whether currents of contact and weight go to the motors.
+    fn renders(&self) -> bool {
+        has_torque(self.mode) && self.amplifiers.take_current()
+    }
+
+    /// Whether the amplifiers are to be on: under power, or as long as a fault lets down what the motors carry.
+    fn wants_amplifiers(&self) -> bool {
+        let lets_down = || {
+            self.mode == Mode::Fault && may_let_down(self.faults.latched()) && self.drive.carries()
+        };
+        has_torque(self.mode) || lets_down()
     }
 
     /// The first force after arming is 0 and grows from there; what is too old then is no contact at all.
@@ -483,16 +502,17 @@ impl Control {
     }
 
     /// Force that is wanted of contact and fixture \[N\], and the part of the largest force that they may have together:
-    /// what the contact's age leaves, and what the fixture, which has no age, pushes by itself.
+    /// what the contact's age leaves, and what the fixture, which has no age, pushes by itself. Both rise with arming.
     fn wanted_force(&mut self, grip: &Grip, velocity: &Vec3, now_us: u64) -> (Vec3, f32) {
-        if !self.amplifiers.take_current() {
+        if !self.renders() {
             return (Vec3::zeros(), 0.0);
         }
         let at = grip.position_m + velocity * self.render.lead_s();
         let contact = self.render.force(grip, velocity, now_us);
         let fixed = self.fixed.force(&at, velocity);
         let left = self.render.left() + self.limits.part_of(&fixed);
-        (contact + fixed, left)
+        let ramp = self.ramps.contact();
+        ((contact + fixed) * ramp, min(left, 1.0) * ramp)
     }
 
     /// As much of a force as limits and tank let through. `left`: the part of the largest force that it may have.
@@ -506,9 +526,11 @@ impl Control {
     ) -> Vec3 {
         let bounded = self.limits.bound(force, velocity);
         let (along, most) = self.render.stiffness(&bounded);
+        let ramp = self.ramps.contact();
         let local = Local {
-            along: along + self.fixed.stiffness_along(&bounded),
-            most: most + self.fixed.stiffness(),
+            along: (along + self.fixed.stiffness_along(&bounded)) * ramp,
+            most: (most + self.fixed.stiffness()) * ramp,
+            ramp,
             is_there: self.render.left() > 0.0,
             horizon_s: self.render.contact().map_or(0.0, LocalContact::horizon_s),
             is_apart: self.render.is_apart(),
@@ -537,9 +559,11 @@ impl Control {
 
     /// Currents, and the contact force that they make. A number that is not finite ends in a fault.
     fn drive_motors(&mut self, pose: &Pose, force: &Vec3) -> ([f32; JOINTS], Vec3) {
-        if self.amplifiers.take_current() {
+        if self.renders() {
             let contact = pose.effort(force);
-            let command = self.drive.command(&pose.weight_effort, &contact);
+            let part = self.ramps.weight();
+            let weight = pose.weight_effort.map(|weight| weight * part);
+            let command = self.drive.command(&weight, &contact);
             match command.filter(|_| is_finite(force)) {
                 Some(command) => {
                     let force = force * command.share;
@@ -550,9 +574,19 @@ impl Control {
                 None => self.trip(faults::NOT_FINITE),
             }
         }
+        self.limits.commit(&Vec3::zeros());
+        if self.amplifiers.take_current() {
+            // What was commanded of the contact still acts, for the device's delay, and is still booked.
+            self.passivity.commit(&[0.0; JOINTS], &Vec3::zeros());
+            let current_a = self.drive.let_down(self.ramps.let_down());
+            if self.drive.carries() {
+                return (current_a, Vec3::zeros());
+            }
+            self.amplifiers = Amplifiers::Off;
+        }
+        self.ramps.off();
         self.drive.off();
         self.passivity.off();
-        self.limits.commit(&Vec3::zeros());
         ([0.0; JOINTS], Vec3::zeros())
     }
 

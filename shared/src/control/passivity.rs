@@ -85,6 +85,8 @@ pub(super) struct Local {
     pub horizon_s: f32,
     /// It has no force at this place, whatever of another model still fades.
     pub is_apart: bool,
+    /// Part of the model's force that arming lets through by now, 0 to 1.
+    pub ramp: f32,
 }
 
 /// What a force would do until it can be changed.
@@ -171,8 +173,7 @@ impl Passivity {
             0.0
         };
         let share = if size > 0.0 {
-            let most = max(local.most, SOFTEST);
-            self.share(&(wanted * (1.0 / size)), size, pose, velocity, most)
+            self.share(&(wanted * (1.0 / size)), size, pose, velocity, local)
         } else {
             if local.is_apart {
                 self.credit.end();
@@ -210,8 +211,9 @@ impl Passivity {
         size: f32,
         pose: &Pose,
         velocity: &[f32; JOINTS],
-        stiffness: f32,
+        local: &Local,
     ) -> f32 {
+        let stiffness = max(local.most, SOFTEST);
         let forecast = self.forecast(&pose.effort(&(direction * size)), velocity);
         let mut spring_n = self.covered(&forecast, stiffness);
         let speed = dot(direction, &pose.velocity(velocity));
@@ -231,8 +233,9 @@ impl Passivity {
         };
         let covered = if size > bound { bound / size } else { 1.0 };
         let share = min(covered, self.paid(&forecast)) * self.shrunk();
-        self.credit
-            .note(size, size * (1.0 - share), spring_n >= size);
+        // What is all there early in a ramp has not come back before the tank pays for what it is a part of.
+        let is_covered = spring_n * local.ramp >= size;
+        self.credit.note(size, size * (1.0 - share), is_covered);
         share
     }
 
@@ -473,6 +476,7 @@ mod tests {
                 is_there: true,
                 horizon_s: 0.1,
                 is_apart: false,
+                ramp: 1.0,
             },
         );
         force.x
