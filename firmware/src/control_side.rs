@@ -105,16 +105,19 @@ impl<'a, P: Plant> ControlSide<'a, P> {
 mod tests {
     use super::*;
     use crate::devices::CARTESIAN_BENCH;
+    use crate::drivers::angle::AngleEncoder;
+    use crate::drivers::angle::tests::Bus;
     use crate::host_side::{Bytes, HostSide, Orders};
     use std::vec::Vec;
     use sutura_shared::control::TICK_HZ;
+    use sutura_shared::device::JOINTS;
     use sutura_shared::link::{ConsoleLink, HostEvent, HostLink, Identity};
     use sutura_shared::simulated_console::{Pace, SimulatedBoard, SimulatedConsole};
     use sutura_shared::wire::message::{
         Command, Contact, Course, End, Friction, HandScript, Mode, Needle, Ping, Report, Row,
         RowKind, Rows, State, Tension, Thread, Tip, WAY_POINTS, WayPoint,
     };
-    use sutura_shared::wire::{List, MAX_FRAME, Message};
+    use sutura_shared::wire::{List, MAX_FRAME, Message, faults};
 
     #[derive(Default)]
     struct Line {
@@ -389,9 +392,95 @@ mod tests {
         );
     }
 
+    /// A simulated board whose joints have angle sensors on a bus each.
+    struct OverSpi {
+        board: SimulatedBoard,
+        buses: [Bus; JOINTS],
+        encoders: [AngleEncoder<Bus>; JOINTS],
+    }
+
+    impl OverSpi {
+        fn new(board: SimulatedBoard) -> Self {
+            let buses = [(); JOINTS].map(|()| Bus::new());
+            // 2 m/s at 81 counts a millimetre.
+            let encoders = buses.clone().map(|bus| AngleEncoder::new(bus, 164));
+            OverSpi {
+                board,
+                buses,
+                encoders,
+            }
+        }
+    }
+
+    impl Plant for OverSpi {
+        fn read(&mut self, overrun: bool) -> TickInput {
+            let mut input = self.board.read(overrun);
+            let joints = self.buses.iter().zip(&mut self.encoders);
+            for ((bus, encoder), counts) in joints.zip(&mut input.encoder_counts) {
+                bus.0.borrow_mut().angle = counts.rem_euclid(1 << 14) as u16;
+                let angle = encoder.tick();
+                *counts = angle.counts;
+                input.board_fault |= angle.broken;
+            }
+            input
+        }
+
+        fn write(&mut self, output: &TickOutput) {
+            self.board.write(output);
+        }
+
+        fn overrun(&self) -> bool {
+            false
+        }
+
+        fn simulate(&mut self, order: &Simulate, control: &mut Control) {
+            let before = self.board.device().encoder_counts();
+            self.board.simulate(order, control);
+            // Another device has sensors that start again.
+            if self.board.device().encoder_counts() != before {
+                let buses = self.buses.clone();
+                self.encoders = buses.map(|bus| AngleEncoder::new(bus, 164));
+            }
+        }
+    }
+
     /// The tasks' parts, run in the order of their priorities, are `SimulatedConsole` to the byte.
     #[test]
     fn the_tasks_give_the_bytes_of_the_simulated_console() {
+        compare_with_the_simulated_console(SimulatedBoard::new(&CARTESIAN_BENCH));
+    }
+
+    /// Sessions, faults and all: angles over a bus are counts to the bit.
+    #[test]
+    fn encoders_over_spi_give_the_bytes_of_encoders_that_count() {
+        let board = SimulatedBoard::new(&CARTESIAN_BENCH);
+        compare_with_the_simulated_console(OverSpi::new(board));
+    }
+
+    #[test]
+    fn a_sensor_that_is_gone_is_a_fault_of_the_board_in_the_third_tick() {
+        let mut queue = Orders::new();
+        let (_, orders_out) = queue.split();
+        let mut front = None;
+        let mut sample = Sample::BEFORE_THE_FIRST;
+        let mut control = Control::new(CARTESIAN_BENCH).expect("a valid device");
+        control.command(Command::Arm);
+        let plant = OverSpi::new(SimulatedBoard::new(&CARTESIAN_BENCH));
+        let mut side = ControlSide::new(control, plant, orders_out, &mut front, &mut sample);
+        for _ in 0..400 {
+            side.tick();
+        }
+        side.plant.buses[1].0.borrow_mut().stuck = Some(u16::MAX);
+        let modes = [(); 3].map(|()| {
+            side.tick();
+            (side.sample.state.mode, side.sample.state.faults)
+        });
+        let armed = (Mode::Armed, 0);
+        assert_eq!(modes, [armed, armed, (Mode::Fault, faults::BOARD)]);
+        assert_eq!(side.sample.state.current_a, [0.0; JOINTS]);
+    }
+
+    fn compare_with_the_simulated_console(plant: impl Plant) {
         let identity = Identity {
             tick_hz: TICK_HZ,
             simulated: true,
@@ -412,7 +501,6 @@ mod tests {
         let mut contacts = Exchange::new(&mut middle);
         let mut samples = Exchange::new(&mut between);
         let control = Control::new(CARTESIAN_BENCH).expect("a valid device");
-        let plant = SimulatedBoard::new(&CARTESIAN_BENCH);
         let mut control_side =
             ControlSide::new(control, plant, orders_out, &mut front, &mut written);
         let mut newest = &mut newest;
