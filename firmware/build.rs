@@ -11,7 +11,7 @@ fn main() {
     println!("cargo:rustc-link-search={}", out.display());
     println!("cargo:rustc-link-arg-bins=-Tlink.x");
     println!("cargo:rustc-link-arg-bins=--nmagic");
-    if env::var("CARGO_FEATURE_OLIMEX_H405").is_ok() {
+    if env::var("CARGO_FEATURE_MOTORS").is_ok() {
         println!("cargo:rustc-link-arg-bins=-Tdefmt.x");
     }
 }

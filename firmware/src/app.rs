@@ -131,7 +131,7 @@ mod sutura {
     }
 
     /// Bytes from the host, over USB.
-    #[cfg(feature = "olimex-h405")]
+    #[cfg(not(feature = "virtual"))]
     #[task(binds = OTG_FS, priority = 4, shared = [contacts, last_tick, host])]
     fn usb(cx: usb::Context) {
         receive(cx.shared.contacts, cx.shared.last_tick, cx.shared.host);
@@ -175,21 +175,21 @@ mod sutura {
     }
 
     /// The break input: the timer has stopped the pulses already.
-    #[cfg(feature = "olimex-h405")]
+    #[cfg(not(feature = "virtual"))]
     #[task(binds = TIM8_BRK_TIM12, priority = 15)]
     fn emergency_stop(_: emergency_stop::Context) {
         board::emergency_stop();
     }
 
     /// The window watchdog is about to bite.
-    #[cfg(feature = "olimex-h405")]
+    #[cfg(not(feature = "virtual"))]
     #[task(binds = WWDG, priority = 15)]
     fn watchdog(_: watchdog::Context) {
         board::watchdog(&WATCH)
     }
 
     /// The chip's supply is low.
-    #[cfg(feature = "olimex-h405")]
+    #[cfg(not(feature = "virtual"))]
     #[task(binds = PVD, priority = 15)]
     fn supply(_: supply::Context) {
         board::supply_low();

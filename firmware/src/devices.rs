@@ -33,6 +33,33 @@ pub const CARTESIAN_BENCH: DeviceDescription = {
     }
 };
 
+/// Three orthogonal axes with capstan drives, under a name: what hangs on a board with motors until it has a description of its own.
+/// Encoders count from where the console stood at power-up, which is taken as the origin.
+pub const fn capstan_stages(name: [u8; 16]) -> DeviceDescription {
+    let axis = Joint {
+        counts_per_unit: 200_000.0,
+        zero_counts: 0,
+        effort_per_amp: 4.0,
+        max_current_a: 3.0,
+        max_slew_per_s: 4_000.0,
+        max_speed_per_s: 2.0,
+        inertia: 0.12,
+        damping: 0.5,
+        coulomb: 0.2,
+    };
+    DeviceDescription {
+        name,
+        kinematics: Kinematics::Cartesian { origin_m: [0.0; 3] },
+        joints: [axis; JOINTS],
+        gravity_mass_kg: [0.0; JOINTS],
+        max_force_n: 8.0,
+        max_power_w: 8.0,
+        max_grip_speed_m_per_s: 1.5,
+        // 1 ms for the winding, 0.4 ms for pulse and amplifier.
+        actuation_delay_us: 1400,
+    }
+}
+
 /// A serial arm like that of `devices/serial-arm.toml`, for counting what its kinematics cost.
 pub const SERIAL_ARM: DeviceDescription = {
     let joint = Joint {

@@ -17,6 +17,7 @@ pub mod exchange;
 pub mod host_side;
 pub mod outbox;
 pub mod safe_state;
+pub mod seed;
 pub mod serial_number;
 pub mod signals;
 pub mod watch;

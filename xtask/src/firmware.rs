@@ -20,18 +20,22 @@ pub enum Board {
     /// Olimex STM32-H405.
     #[value(name = "olimex-h405")]
     OlimexH405,
+    /// ST NUCLEO-F446ZE.
+    #[value(name = "nucleo-f446ze")]
+    NucleoF446ze,
     /// QEMU's netduinoplus2 with a simulated console.
     Virtual,
 }
 
 impl Board {
     /// Every board.
-    pub const ALL: [Board; 2] = [Board::OlimexH405, Board::Virtual];
+    pub const ALL: [Board; 3] = [Board::OlimexH405, Board::NucleoF446ze, Board::Virtual];
 
     /// Name of its cargo feature.
     pub fn name(self) -> &'static str {
         match self {
             Board::OlimexH405 => "olimex-h405",
+            Board::NucleoF446ze => "nucleo-f446ze",
             Board::Virtual => "virtual",
         }
     }

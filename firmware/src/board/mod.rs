@@ -1,4 +1,5 @@
-//! One file per board; a cargo feature chooses. Every board offers the same names:
+//! One file per board; a cargo feature chooses. Boards with motors have what is theirs in that file, and the rest in `stm32f4`. Every board
+//! offers the same names:
 //!
 //! - `start(..)`: clocks, pins, timers; gives [`Plant`], [`Port`], [`Guard`] and what the last boot left,
 //! - `Plant`: encoders and flags in, currents out, for the control task,
@@ -10,24 +11,40 @@
 //! - `noticed()`: what the control side has noticed and somebody else is to log,
 //! - `log(event)`: below control priority only, because its critical section alone could break a deadline.
 
-#[cfg(not(any(feature = "olimex-h405", feature = "virtual")))]
-compile_error!("choose a board: --features olimex-h405 or --features virtual");
-#[cfg(all(feature = "olimex-h405", feature = "virtual"))]
+#[cfg(not(any(
+    feature = "olimex-h405",
+    feature = "nucleo-f446ze",
+    feature = "virtual"
+)))]
+compile_error!("choose a board: --features olimex-h405, nucleo-f446ze or virtual");
+#[cfg(any(
+    all(feature = "olimex-h405", feature = "nucleo-f446ze"),
+    all(feature = "olimex-h405", feature = "virtual"),
+    all(feature = "nucleo-f446ze", feature = "virtual")
+))]
 compile_error!("choose one board only");
 
 mod fault;
-#[cfg(feature = "olimex-h405")]
-mod olimex_h405;
 #[cfg(feature = "virtual")]
 mod semihosting;
 mod stack;
+#[cfg(not(feature = "virtual"))]
+mod stm32f4;
 #[cfg(feature = "virtual")]
 mod virtual_console;
-
+#[cfg(feature = "nucleo-f446ze")]
+#[path = "nucleo_f446ze.rs"]
+mod wiring;
 #[cfg(feature = "olimex-h405")]
-pub use olimex_h405::*;
+#[path = "olimex_h405.rs"]
+mod wiring;
+
+#[cfg(not(feature = "virtual"))]
+pub use stm32f4::*;
 #[cfg(feature = "virtual")]
 pub use virtual_console::*;
+#[cfg(not(feature = "virtual"))]
+pub use wiring::{DEVICE, IDENTITY};
 
 /// Chip registers, for the RTIC application.
 pub use stm32f4xx_hal::pac;

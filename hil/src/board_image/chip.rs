@@ -1,8 +1,9 @@
-//! The registers of the STM32F405 that QEMU does not have, as far as the image of the board uses them (RM0090).
+//! The registers of an STM32F405 or F446 that QEMU does not have, as far as the images of the boards use them (RM0090, RM0390).
 //!
 //! Entry points for the image: [`Chip::read`], [`Chip::write`]; for what is wired to the chip: [`Chip::lines`], [`Chip::outputs`],
 //! [`Chip::open_stop`]. A register without a meaning of its own keeps what is written.
 
+use super::board::Board;
 use super::otg::{OTG, Otg};
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -110,6 +111,7 @@ pub struct Feeds {
 /// The chip.
 #[derive(Clone, Debug)]
 pub struct Chip {
+    board: Board,
     /// What is wired to it.
     pub lines: Lines,
     /// Its USB core.
@@ -142,7 +144,7 @@ const DARK: Outputs = Outputs {
 
 impl Chip {
     /// A chip that has just got its supply, with everything well around it.
-    pub fn new() -> Chip {
+    pub fn new(board: Board) -> Chip {
         let lines = Lines {
             encoder_counts: [0; 3],
             ready: true,
@@ -152,8 +154,9 @@ impl Chip {
             ticks_late: false,
         };
         let mut chip = Chip {
+            board,
             lines,
-            usb: Otg::default(),
+            usb: Otg::new(board.usb_core()),
             changes: Vec::new(),
             feeds: Feeds::default(),
             watchdog_runs: false,
@@ -173,7 +176,7 @@ impl Chip {
     /// A reset, with its flags of [`reset`]: registers start again, the encoders' counters at 0; lines stay.
     pub fn reset(&mut self, cause: u32) {
         self.lines.encoder_counts = [0; 3];
-        self.usb = Otg::default();
+        self.usb = Otg::new(self.board.usb_core());
         self.stored.clear();
         self.starts = true;
         self.watchdog_runs = false;
@@ -211,8 +214,8 @@ impl Chip {
             RCC_CR => self.oscillators(),
             // The switch obeys at once.
             RCC_CFGR => self.stored(address) & !0xC | (self.stored(address) & 3) << 2,
-            RNG_SR => 1,
-            RNG_DR => RANDOM,
+            RNG_SR if self.board.draws() => 1,
+            RNG_DR if self.board.draws() => RANDOM,
             CHIP_ID..0x1FFF_7A1C => ID[(address - CHIP_ID) as usize / 4],
             SYST_CVR => self.systick,
             OTG..0x5004_0000 => self.usb.peek(address - OTG),
@@ -279,7 +282,7 @@ impl Chip {
                 (0x4002_0000, 0x28),
                 (0x4002_0400, 0x28),
                 (0x4002_0800, 0x28),
-                (RCC_CR, 0x90),
+                (RCC_CR, 0x98),
                 (FLASH_OPTCR - 0x14, 0x18),
                 (RNG_SR - 4, 12),
                 (CHIP_ID, 12),
@@ -396,12 +399,6 @@ impl Chip {
             | bit(crystal, 17)
             | bit(value & PLL_ON != 0 && crystal, 25)
             | 1 << 1
-    }
-}
-
-impl Default for Chip {
-    fn default() -> Self {
-        Chip::new()
     }
 }
 

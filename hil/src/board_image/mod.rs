@@ -8,6 +8,7 @@
 //! 0, decodes the load and does it; writes it takes from the log, in order. Time is the stand-in's: a tick is when it says so, and as
 //! long as it says, and nothing depends on how fast the emulator is.
 
+mod board;
 mod chip;
 mod connection;
 mod error;
@@ -19,6 +20,7 @@ mod thumb;
 mod unimplemented;
 mod usb_host;
 
+pub use board::Board;
 pub use chip::{Chip, Feeds, ID, Lines, Outputs, RANDOM, reset};
 pub use error::BoardImageError;
 pub use otg::Otg;
@@ -71,20 +73,28 @@ impl BoardImage {
     ///
     /// # Errors
     /// [`BoardImageError`].
-    pub fn start(image: PathBuf, time_limit: Duration) -> Result<BoardImage, BoardImageError> {
-        let mut board = BoardImage::power_up(image, time_limit)?;
-        board.boot()?;
-        Ok(board)
+    pub fn start(
+        board: Board,
+        image: PathBuf,
+        time_limit: Duration,
+    ) -> Result<BoardImage, BoardImageError> {
+        let mut running = BoardImage::power_up(board, image, time_limit)?;
+        running.boot()?;
+        Ok(running)
     }
 
     /// Gives the chip its supply. It stands before the image's first instruction: [`BoardImage::boot`].
     ///
     /// # Errors
     /// [`BoardImageError`].
-    pub fn power_up(image: PathBuf, time_limit: Duration) -> Result<BoardImage, BoardImageError> {
+    pub fn power_up(
+        board: Board,
+        image: PathBuf,
+        time_limit: Duration,
+    ) -> Result<BoardImage, BoardImageError> {
         Ok(BoardImage {
             processor: Processor::start(image, time_limit)?,
-            chip: Chip::new(),
+            chip: Chip::new(board),
             thread: Vec::new(),
             up: Vec::new(),
             down: VecDeque::new(),

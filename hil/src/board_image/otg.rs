@@ -68,6 +68,8 @@ struct Endpoint {
 /// The core.
 #[derive(Clone, Debug, Default)]
 pub struct Otg {
+    /// What it says it is.
+    id: u32,
     stored: BTreeMap<u32, u32>,
     reset: bool,
     enumerated: bool,
@@ -81,6 +83,14 @@ pub struct Otg {
 }
 
 impl Otg {
+    /// A core that says it is this.
+    pub fn new(id: u32) -> Otg {
+        Otg {
+            id,
+            ..Otg::default()
+        }
+    }
+
     /// What a read of a register gives, without what it does.
     pub fn peek(&self, offset: u32) -> u32 {
         let endpoint = |base: u32| self.endpoints.get(((offset - base) / 0x20) as usize);
@@ -89,7 +99,7 @@ impl Otg {
             GRSTCTL => 1 << 31,
             GINTSTS => self.interrupts(),
             GRXSTSR | GRXSTSP => self.status(),
-            CID => 0x1200,
+            CID => self.id,
             // Full speed.
             DSTS => 3 << 1,
             IN..0x980 => endpoint(IN).map_or(0, |endpoint| match offset & 0x1F {

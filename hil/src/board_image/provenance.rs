@@ -3,15 +3,15 @@
 //! Entry point: [`provenance`]. Beside each image that command writes `IMAGE.sha256`, in the format of `sha256sum`: the image, then every file
 //! that it was built from, relative to the checkout.
 
-use super::BoardImageError;
+use super::{Board, BoardImageError};
 use crate::qemu::{QemuError, board_of};
 use sha2::{Digest, Sha256};
 use std::fmt::Write;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-/// The image for the Olimex STM32-H405, relative to the source checkout.
-const IMAGE: &str = "firmware/target/thumbv7em-none-eabihf/release/sutura-olimex-h405";
+/// Where images are, relative to the source checkout.
+const IMAGES: &str = "firmware/target/thumbv7em-none-eabihf/release";
 
 /// An image that has been checked.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -29,9 +29,10 @@ fn checkout() -> &'static Path {
     here.parent().unwrap_or(here)
 }
 
-/// Where `cargo xtask firmware` puts the image, in the source checkout that this program was built from.
-pub fn default_image() -> PathBuf {
-    checkout().join(IMAGE)
+/// Where `cargo xtask firmware` puts a board's image, in the source checkout that this program was built from.
+pub fn default_image(board: Board) -> PathBuf {
+    let name = format!("sutura-{}", board.name());
+    checkout().join(IMAGES).join(name)
 }
 
 /// Checks an image against the list beside it, and its sources against the same list.

@@ -8,7 +8,7 @@ use std::io::{self, Read};
 use std::path::PathBuf;
 
 /// Blocks by the names that QEMU gives them (hw/arm/stm32f405_soc.c).
-const BLOCKS: [(&str, u32); 13] = [
+const BLOCKS: [(&str, u32); 15] = [
     ("timer[7]", 0x4000_1400),
     ("WWDG", 0x4000_2C00),
     ("IWDG", 0x4000_3000),
@@ -19,6 +19,8 @@ const BLOCKS: [(&str, u32); 13] = [
     ("GPIOA", 0x4002_0000),
     ("GPIOB", 0x4002_0400),
     ("GPIOC", 0x4002_0800),
+    ("GPIOD", 0x4002_0C00),
+    ("GPIOG", 0x4002_1800),
     ("RCC", 0x4002_3800),
     ("Flash Int", 0x4002_3C00),
     ("USB OTG FS", 0x5000_0000),

@@ -1,6 +1,6 @@
 //! Everything that takes the torque off: on the pins at once, in the state of the next tick with the right fault.
 
-use super::{Bench, DARK, NO_CURRENT};
+use super::{Bench, Board, DARK, NO_CURRENT};
 use sutura_shared::wire::faults;
 use sutura_shared::wire::message::{Command, Mode};
 
@@ -34,9 +34,9 @@ fn recover(bench: &mut Bench) {
     bench.arm();
 }
 
-#[test]
-fn the_emergency_stop_cuts_pulses_and_enable_and_is_a_fault() {
-    let mut bench = Bench::start();
+on_each_board!(the_emergency_stop_cuts_pulses_and_enable_and_is_a_fault);
+fn the_emergency_stop_cuts_pulses_and_enable_and_is_a_fault(on: Board) {
+    let mut bench = Bench::start(on);
     bench.push();
     bench.changes();
     bench.board.chip().open_stop();
@@ -62,9 +62,9 @@ fn the_emergency_stop_cuts_pulses_and_enable_and_is_a_fault() {
     bench.say_speed("emergency stop, held");
 }
 
-#[test]
-fn a_stop_shorter_than_a_tick_is_a_fault_as_well() {
-    let mut bench = Bench::start();
+on_each_board!(a_stop_shorter_than_a_tick_is_a_fault_as_well);
+fn a_stop_shorter_than_a_tick_is_a_fault_as_well(on: Board) {
+    let mut bench = Bench::start(on);
     bench.push();
     bench.board.chip().open_stop();
     bench.board.chip().close_stop();
@@ -73,9 +73,9 @@ fn a_stop_shorter_than_a_tick_is_a_fault_as_well() {
     bench.say_speed("emergency stop, a glitch");
 }
 
-#[test]
-fn amplifiers_that_are_not_ready_any_more_are_a_fault() {
-    let mut bench = Bench::start();
+on_each_board!(amplifiers_that_are_not_ready_any_more_are_a_fault);
+fn amplifiers_that_are_not_ready_any_more_are_a_fault(on: Board) {
+    let mut bench = Bench::start(on);
     bench.push();
     bench.board.chip().lines.ready = false;
     fault(&mut bench, faults::AMPLIFIER | faults::BOARD);
@@ -84,9 +84,13 @@ fn amplifiers_that_are_not_ready_any_more_are_a_fault() {
     bench.say_speed("ready lost");
 }
 
-#[test]
-fn amplifiers_that_never_get_ready_are_a_fault_520_ms_after_arming_and_have_had_no_force() {
-    let mut bench = Bench::start();
+on_each_board!(
+    amplifiers_that_never_get_ready_are_a_fault_520_ms_after_arming_and_have_had_no_force
+);
+fn amplifiers_that_never_get_ready_are_a_fault_520_ms_after_arming_and_have_had_no_force(
+    on: Board,
+) {
+    let mut bench = Bench::start(on);
     bench.board.chip().lines.ready = false;
     bench.say(&Command::Arm);
     let mut armed = 0;
@@ -116,9 +120,9 @@ fn amplifiers_that_never_get_ready_are_a_fault_520_ms_after_arming_and_have_had_
     bench.say_speed("never ready");
 }
 
-#[test]
-fn a_supply_that_dips_between_two_ticks_takes_the_torque_off_at_once_and_is_a_fault() {
-    let mut bench = Bench::start();
+on_each_board!(a_supply_that_dips_between_two_ticks_takes_the_torque_off_at_once_and_is_a_fault);
+fn a_supply_that_dips_between_two_ticks_takes_the_torque_off_at_once_and_is_a_fault(on: Board) {
+    let mut bench = Bench::start(on);
     bench.push();
     bench.changes();
     bench.board.chip().lines.supply_low = true;
@@ -140,20 +144,20 @@ fn a_supply_that_dips_between_two_ticks_takes_the_torque_off_at_once_and_is_a_fa
     bench.say_speed("supply");
 }
 
-#[test]
-fn a_supply_that_is_low_is_seen_by_the_tick_alone() {
-    let mut bench = Bench::start();
+on_each_board!(a_supply_that_is_low_is_seen_by_the_tick_alone);
+fn a_supply_that_is_low_is_seen_by_the_tick_alone(on: Board) {
+    let mut bench = Bench::start(on);
     bench.push();
     bench.board.chip().lines.supply_low = true;
     fault(&mut bench, faults::SUPPLY | faults::BOARD);
     bench.say_speed("supply, without its interrupt");
 }
 
+on_each_board!(clocks_that_contradict_each_other_are_a_fault_in_the_third_tick);
 /// SysTick that stands, and one that runs at eleven times its rate.
-#[test]
-fn clocks_that_contradict_each_other_are_a_fault_in_the_third_tick() {
+fn clocks_that_contradict_each_other_are_a_fault_in_the_third_tick(on: Board) {
     for counts in [0, 231_000] {
-        let mut bench = Bench::start();
+        let mut bench = Bench::start(on);
         bench.push();
         bench.board.chip().lines.systick_per_tick = counts;
         for _ in 0..2 {
@@ -164,9 +168,9 @@ fn clocks_that_contradict_each_other_are_a_fault_in_the_third_tick() {
     }
 }
 
-#[test]
-fn ticks_that_take_longer_than_their_period_are_a_fault_in_the_third() {
-    let mut bench = Bench::start();
+on_each_board!(ticks_that_take_longer_than_their_period_are_a_fault_in_the_third);
+fn ticks_that_take_longer_than_their_period_are_a_fault_in_the_third(on: Board) {
+    let mut bench = Bench::start(on);
     bench.push();
     bench.board.chip().lines.ticks_late = true;
     // The first one is told that the one before was in time.

@@ -1,6 +1,23 @@
-//! The image for the Olimex STM32-H405, as it is flashed, under QEMU: see `sutura_hil::board_image`. Nothing here looks at a clock.
+//! The images for boards with motors, as they are flashed, under QEMU: see `sutura_hil::board_image`. Nothing here looks at a clock.
 
 #![allow(clippy::unwrap_used, reason = "a test")]
+
+/// The test of this name, on each board.
+macro_rules! on_each_board {
+    ($test:ident) => {
+        mod $test {
+            #[test]
+            fn olimex_h405() {
+                super::$test(super::Board::OlimexH405);
+            }
+
+            #[test]
+            fn nucleo_f446ze() {
+                super::$test(super::Board::NucleoF446ze);
+            }
+        }
+    };
+}
 
 mod guards;
 mod link;
@@ -8,7 +25,7 @@ mod resets;
 mod sessions;
 
 use std::time::Duration;
-use sutura_hil::board_image::{BoardImage, BoardImageError, Outputs, RANDOM};
+use sutura_hil::board_image::{Board, BoardImage, BoardImageError, Outputs, RANDOM};
 use sutura_hil::board_image::{default_image, provenance};
 use sutura_host::scene::{Document, read_device};
 use sutura_shared::console_endpoint::{ConsoleEndpoint, Delivery};
@@ -22,8 +39,9 @@ use sutura_shared::wire::{MAX_FRAME, Message, Valid};
 const TIME_LIMIT: Duration = Duration::from_secs(1500);
 
 /// The device file that a session with this board needs: the image has the same numbers compiled in, or bits differ.
-fn device() -> DeviceDescription {
-    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../devices/olimex-h405.toml");
+fn device(on: Board) -> DeviceDescription {
+    let devices = concat!(env!("CARGO_MANIFEST_DIR"), "/../devices");
+    let path = format!("{devices}/{}.toml", on.name());
     read_device(&Document::read(path.as_ref()).unwrap()).unwrap()
 }
 
@@ -44,8 +62,8 @@ fn duty(current_a: f32) -> u32 {
 }
 
 /// What every test runs, and which it is.
-fn image() -> std::path::PathBuf {
-    let image = default_image();
+fn image(on: Board) -> std::path::PathBuf {
+    let image = default_image(on);
     let known = provenance(&image).unwrap_or_else(|error| panic!("{error}"));
     eprintln!("sha256 {} of {} files", known.sha256, known.sources);
     known.image
@@ -60,16 +78,16 @@ struct Twin {
 }
 
 impl Twin {
-    fn new() -> Twin {
+    fn new(on: Board, seed: u32) -> Twin {
         let identity = Identity {
             tick_hz: 1000,
             simulated: false,
-            device_name: device().name,
+            device_name: device(on).name,
         };
-        let link = ConsoleLink::new(identity, RANDOM);
+        let link = ConsoleLink::new(identity, seed);
         Twin {
             endpoint: ConsoleEndpoint::new(link, Report::default()),
-            control: Control::new(device()).unwrap(),
+            control: Control::new(device(on)).unwrap(),
             fresh: None,
             now_us: 0,
         }
@@ -106,8 +124,20 @@ impl Twin {
     }
 }
 
+/// The seed that the first session's number was made from: MurmurHash3's finalizer, the other way round (see `ConsoleLink`).
+fn seed_of(hello: &Hello) -> u32 {
+    let mut x = hello.session;
+    x ^= x >> 16;
+    x = x.wrapping_mul(0x7ed1_b41d);
+    x ^= x >> 13 ^ x >> 26;
+    x = x.wrapping_mul(0xa5cb_9243);
+    x ^= x >> 16;
+    (x.wrapping_sub(0x9e37_79b9) ^ hello.nonce).rotate_right(16)
+}
+
 /// The image with a host on its USB port.
 struct Bench {
+    on: Board,
     board: BoardImage,
     twin: Twin,
     host: HostLink,
@@ -122,22 +152,25 @@ struct Bench {
     compared: u32,
     /// Ticks of this boot.
     booted: u64,
+    /// What the image has drawn for its sessions.
+    seed: u32,
 }
 
 impl Bench {
     /// A console that has been plugged in and has answered a host.
-    fn start() -> Bench {
-        let board = BoardImage::start(image(), TIME_LIMIT).unwrap_or_else(|e| panic!("{e}"));
-        let mut bench = Bench::of(board);
+    fn start(on: Board) -> Bench {
+        let board = BoardImage::start(on, image(on), TIME_LIMIT);
+        let mut bench = Bench::of(on, board.unwrap_or_else(|e| panic!("{e}")));
         bench.open();
         bench
     }
 
-    fn of(board: BoardImage) -> Bench {
+    fn of(on: Board, board: BoardImage) -> Bench {
         let booted = board.ticks() - 1;
         Bench {
             board,
-            twin: Twin::new(),
+            on,
+            twin: Twin::new(on, RANDOM),
             host: HostLink::new(1000),
             hello: None,
             report: None,
@@ -146,6 +179,7 @@ impl Bench {
             compares: true,
             compared: 0,
             booted,
+            seed: 0,
         }
     }
 
@@ -193,9 +227,17 @@ impl Bench {
         let down: Vec<u8> = self.down.drain(..self.down.len().min(most)).collect();
         self.board.send(&down);
         self.board.tick()?;
+        let up = self.board.take();
+        let events: Vec<_> = up
+            .iter()
+            .filter_map(|byte| self.host.receive(*byte))
+            .collect();
+        if self.hello.is_none() {
+            self.learn_seed(&events);
+        }
         self.twin.receive(&down);
-        for byte in self.board.take() {
-            match self.host.receive(byte) {
+        for event in events {
+            match Some(event) {
                 Some(HostEvent::State(state)) => self.took(&state),
                 Some(HostEvent::Opened(hello)) => self.hello = Some(hello),
                 Some(HostEvent::Report(report)) => self.report = Some(*report.body()),
@@ -204,6 +246,21 @@ impl Bench {
             }
         }
         Ok(())
+    }
+
+    /// The first answer tells what the image has drawn; the twin draws the same.
+    fn learn_seed(&mut self, events: &[HostEvent]) {
+        for event in events {
+            let HostEvent::Opened(hello) = event else {
+                continue;
+            };
+            let seed = seed_of(hello);
+            if self.on == Board::OlimexH405 {
+                assert_eq!(seed, RANDOM, "what the generator gave");
+            }
+            self.seed = seed;
+            self.twin.endpoint = Twin::new(self.on, seed).endpoint;
+        }
     }
 
     /// A state has come: what the same tick gives here, and what is on the pins.

@@ -1,6 +1,6 @@
 //! Resets: who makes them, what they find the torque at, and what the next boot says of them.
 
-use super::{Bench, DARK, NO_CURRENT, TIME_LIMIT, image};
+use super::{Bench, Board, DARK, NO_CURRENT, TIME_LIMIT, image};
 use sutura_hil::board_image::{BoardImage, BoardImageError, reset};
 
 /// Numbers of `Report::reset_cause` and `Report::epitaph_kind`.
@@ -14,10 +14,10 @@ fn is_reset(result: &Result<(), BoardImageError>) -> bool {
 }
 
 /// Cause of the reset, epitaph, and its place, as the host is told after the next boot.
-fn told(board: BoardImage, cause: u32) -> (BoardImage, (u8, u8, u32)) {
+fn told(on: Board, board: BoardImage, cause: u32) -> (BoardImage, (u8, u8, u32)) {
     let mut board = board;
     board.boot_again(cause).unwrap_or_else(|e| panic!("{e}"));
-    let mut bench = Bench::of(board);
+    let mut bench = Bench::of(on, board);
     bench.open();
     let report = bench.report.unwrap();
     assert_eq!(bench.outputs(), DARK);
@@ -28,10 +28,10 @@ fn told(board: BoardImage, cause: u32) -> (BoardImage, (u8, u8, u32)) {
     )
 }
 
+on_each_board!(a_tick_timer_that_stops_ends_in_the_window_watchdog);
 /// When no tick comes nobody feeds the watchdogs, and the window's early interrupt takes the torque off.
-#[test]
-fn a_tick_timer_that_stops_ends_in_the_window_watchdog() {
-    let mut bench = Bench::start();
+fn a_tick_timer_that_stops_ends_in_the_window_watchdog(on: Board) {
+    let mut bench = Bench::start(on);
     bench.push();
     let fed = bench.board.chip().feeds;
     bench.board.serve().unwrap();
@@ -50,14 +50,14 @@ fn a_tick_timer_that_stops_ends_in_the_window_watchdog() {
     // Fed once more: without that the early interrupt would leave 0.8 ms.
     assert_eq!(bench.board.chip().feeds.window, fed.window + 1);
     // The tasks that had ticked: none.
-    let (board, told) = told(bench.board, reset::SOFTWARE);
+    let (board, told) = told(on, bench.board, reset::SOFTWARE);
     assert_eq!(told, (BY_FAULT_HANDLER, WATCHDOG, 0));
     eprintln!("window watchdog: {}", board.speed());
 }
 
-#[test]
-fn a_crystal_that_fails_takes_the_torque_off_and_resets_again_and_again() {
-    let mut bench = Bench::start();
+on_each_board!(a_crystal_that_fails_takes_the_torque_off_and_resets_again_and_again);
+fn a_crystal_that_fails_takes_the_torque_off_and_resets_again_and_again(on: Board) {
+    let mut bench = Bench::start(on);
     bench.push();
     bench.changes();
     let lost = bench
@@ -75,33 +75,34 @@ fn a_crystal_that_fails_takes_the_torque_off_and_resets_again_and_again() {
     assert!(board.chip().watchdog_runs && !board.chip().outputs().enable);
     assert!(is_reset(&board.boot_again(reset::INDEPENDENT_WATCHDOG)));
     board.chip().lines.crystal = true;
-    let (board, told) = told(board, reset::INDEPENDENT_WATCHDOG);
+    let (board, told) = told(on, board, reset::INDEPENDENT_WATCHDOG);
     // What the handler left was read by the first of those boots.
     assert_eq!(told, (BY_WATCHDOG, 0, 0));
     eprintln!("crystal: {}", board.speed());
 }
 
+on_each_board!(an_nmi_leaves_its_number);
 /// The exception's number is the epitaph's place: -14 is the NMI.
-#[test]
-fn an_nmi_leaves_its_number() {
-    let mut bench = Bench::start();
+fn an_nmi_leaves_its_number(on: Board) {
+    let mut bench = Bench::start(on);
     bench.push();
     assert!(bench.board.lose_crystal().is_err());
     bench.board.chip().lines.crystal = true;
-    let (board, told) = told(bench.board, reset::SOFTWARE);
+    let (board, told) = told(on, bench.board, reset::SOFTWARE);
     assert_eq!(told, (BY_FAULT_HANDLER, EXCEPTION, -14_i32 as u32));
     eprintln!("NMI: {}", board.speed());
 }
 
-#[test]
-fn a_crystal_that_never_swings_is_waited_for_under_a_watchdog() {
-    let mut board = BoardImage::power_up(image(), TIME_LIMIT).unwrap_or_else(|e| panic!("{e}"));
+on_each_board!(a_crystal_that_never_swings_is_waited_for_under_a_watchdog);
+fn a_crystal_that_never_swings_is_waited_for_under_a_watchdog(on: Board) {
+    let mut board =
+        BoardImage::power_up(on, image(on), TIME_LIMIT).unwrap_or_else(|e| panic!("{e}"));
     board.chip().lines.crystal = false;
     let booted = board.boot();
     assert!(is_reset(&booted), "{booted:?}");
     assert!(board.chip().changes.iter().all(|o| !o.enable && !o.pulses));
     board.chip().lines.crystal = true;
-    let (board, told) = told(board, reset::INDEPENDENT_WATCHDOG);
+    let (board, told) = told(on, board, reset::INDEPENDENT_WATCHDOG);
     assert_eq!(told, (BY_WATCHDOG, 0, 0));
     eprintln!("no crystal: {}", board.speed());
 }

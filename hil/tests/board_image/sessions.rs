@@ -1,6 +1,6 @@
 //! Sessions: what the image renders is what the shared code renders here, to the bit, as pulses of the right width.
 
-use super::{Bench, DARK, NO_CURRENT, duty};
+use super::{Bench, Board, DARK, NO_CURRENT, duty};
 use sutura_shared::wire::List;
 use sutura_shared::wire::message::{Command, Mode, Row, RowKind, Rows, State};
 
@@ -26,9 +26,9 @@ fn session(bench: &mut Bench, ticks: u32, mut say: impl FnMut(&mut Bench)) -> Ve
     states
 }
 
-#[test]
-fn contacts_are_felt_as_the_shared_code_renders_them() {
-    let mut bench = Bench::start();
+on_each_board!(contacts_are_felt_as_the_shared_code_renders_them);
+fn contacts_are_felt_as_the_shared_code_renders_them(on: Board) {
+    let mut bench = Bench::start(on);
     let states = session(&mut bench, 500, |bench| {
         let contact = bench.floor();
         bench.say(&contact);
@@ -54,10 +54,10 @@ fn contacts_are_felt_as_the_shared_code_renders_them() {
     assert!(states.iter().all(|state| state.mode == Mode::Armed));
 }
 
-#[test]
-fn rows_are_felt_as_the_shared_code_solves_them() {
+on_each_board!(rows_are_felt_as_the_shared_code_solves_them);
+fn rows_are_felt_as_the_shared_code_solves_them(on: Board) {
     const COUNT: usize = 24;
-    let mut bench = Bench::start();
+    let mut bench = Bench::start(on);
     let states = session(&mut bench, 500, |bench| {
         let height = bench.state.unwrap().1.position_m[2];
         let row = |at: usize| Row {
@@ -89,9 +89,9 @@ fn rows_are_felt_as_the_shared_code_solves_them() {
     assert!(states.iter().all(|state| state.mode == Mode::Armed));
 }
 
-#[test]
-fn pulses_come_20_ms_before_enable_and_go_20_ms_after() {
-    let mut bench = Bench::start();
+on_each_board!(pulses_come_20_ms_before_enable_and_go_20_ms_after);
+fn pulses_come_20_ms_before_enable_and_go_20_ms_after(on: Board) {
+    let mut bench = Bench::start(on);
     assert_eq!(bench.outputs(), DARK);
     bench.say(&Command::Arm);
     let mut shown = Vec::new();
@@ -126,10 +126,10 @@ fn pulses_come_20_ms_before_enable_and_go_20_ms_after() {
     bench.say_speed("arming and stopping");
 }
 
+on_each_board!(a_silent_host_is_felt_no_longer_and_then_disarmed);
 /// The core's cycle counter stands still in all of this: QEMU has none.
-#[test]
-fn a_silent_host_is_felt_no_longer_and_then_disarmed() {
-    let mut bench = Bench::start();
+fn a_silent_host_is_felt_no_longer_and_then_disarmed(on: Board) {
+    let mut bench = Bench::start(on);
     bench.push();
     let sent_us = bench
         .state

@@ -1,0 +1,155 @@
+//! ST NUCLEO-F446ZE (MB1137): STM32F446ZE with 144 pins, a probe of its own, 168 MHz, USB full speed.
+//!
+//! Not yet run on hardware. What it shares with other boards, how it starts and how it stops is [`super::stm32f4`]'s. The first board for a
+//! builder without a probe: its upper USB connector (CN1) is the probe, with power; the lower one (CN13) is the console's.
+//!
+//! | pin | what | connector | on the board, as it is delivered |
+//! |---|---|---|---|
+//! | PC6, PC7, PC8 | TIM8 CH1 to CH3: current command of motor 1 to 3 | CN7 1, CN7 11, CN8 2 | |
+//! | PC9 | TIM8 CH4: amplifier enable, high = on | CN8 4 | **external 10 kOhm to ground** |
+//! | PA6 | TIM8 BKIN: emergency stop, 3.3 V = run | CN7 12 (D12) | |
+//! | PB9 | amplifiers ready, 3.3 V = ready | CN7 4 (D14) | pull-down inside |
+//! | PB4, PB5 | TIM3: encoder 1 A, B | CN7 19, CN7 13 | PB4 is JTAG's NJTRST; PB5 goes to D11 by SB122, which is open |
+//! | PD12, PD13 | TIM4: encoder 2 A, B | CN10 21, CN10 19 | not PB6 and PB7: PB7 has LD2, by SB139 |
+//! | PA15, PA1 | TIM2: encoder 3 A, B | CN7 9, CN11 30 | not PB3, which the probe listens to as SWO |
+//! | PA11, PA12 | USB D-, D+ | CN13 | |
+//! | PB0 | LD1, green: the amplifiers are enabled | | SB120 closed; SB119, to PA5, open |
+//! | PB7 | LD2, blue: armed or decaying | | SB139 |
+//! | PB14 | LD3, red, blinking: a fault | | SB118 |
+//! | PG6 | USB power switch: held low | | as the host of a stick the board would give 5 V; high = on |
+//! | PC13 | button B1 | | SB173 closed; SB180, to PA0, open; nothing yet |
+//! | PH0 | 8 MHz from the probe (its MCO) | | no crystal at PH0 and PH1: the probe must have power |
+//! | PC5 | ADC1 channel 15: noise, left open | CN9 and CN11 | nothing may be there |
+//! | PA8, PA9, PA10 | USB start of frame, VBUS, **ID** | CN13 | taken by the connector: left alone |
+//! | PG7 | USB over-current, low = over | | left alone |
+//! | PD8, PD9 | the probe's serial port (USART3) | | left alone |
+//! | PA13, PA14, PB3 | SWD and SWO, from the probe | | left alone |
+//! | PC14, PC15 | crystal of 32 kHz | | left alone |
+//! | PA4, PA5 | nothing | | the two pins that do not stand 5 V |
+//!
+//! Sources: alternate functions are the data sheet's (DS10693, table 11); LEDs, button and solder bridges those of the manual
+//! (UM1974) as mbed's and NuttX's files of the family quote it. **Connector numbers and bridges are to be checked on the board before it is wired.**
+//!
+//! The chip has no random generator: [`session_seed`] takes noise, the chip's number and a count in RAM.
+
+use super::stm32f4::{Ports, Wired, chip_id};
+use crate::devices::capstan_stages;
+use crate::drivers::lamp::{Lamp, Show};
+use crate::seed::{Seeds, WORDS};
+use crate::signals::SetPoint;
+use core::mem::MaybeUninit;
+use embedded_hal::digital::PinState;
+use stm32f4xx_hal::gpio::{Input, Output, PB0, PB7, PB9, PB14, PG6, Pull};
+use stm32f4xx_hal::rcc::{Config, Enable, Rcc};
+use stm32f4xx_hal::{pac, prelude::*, qei::Qei};
+use sutura_shared::device::DeviceDescription;
+use sutura_shared::link::Identity;
+use sutura_shared::wire::message::Mode;
+
+/// The amplifiers.
+pub const SET_POINT: SetPoint = SetPoint::escon(5.0);
+
+/// The console that hangs on this board.
+pub const DEVICE: DeviceDescription = capstan_stages(*b"nucleo-f446ze\0\0\0");
+
+/// What the console says of itself.
+pub const IDENTITY: Identity = Identity {
+    tick_hz: 1000,
+    simulated: false,
+    device_name: DEVICE.name,
+};
+
+/// The amplifiers' ready line.
+pub type Ready = PB9<Input>;
+
+/// Green, blue and red, and the USB power switch, which stays off.
+pub struct Lamps {
+    enabled: Lamp<PB0<Output>>,
+    armed: Lamp<PB7<Output>>,
+    fault: Lamp<PB14<Output>>,
+    _usb_power: PG6<Output>,
+}
+
+impl Lamps {
+    /// Once a tick.
+    pub fn tick(&mut self, enabled: bool, mode: Mode) {
+        let lit = |on| if on { Show::Lit } else { Show::Dark };
+        self.enabled.tick(lit(enabled));
+        self.armed
+            .tick(lit(matches!(mode, Mode::Armed | Mode::Decaying)));
+        self.fault.tick(match mode {
+            Mode::Fault => Show::Blinking,
+            _ => Show::Dark,
+        });
+    }
+}
+
+/// The probe's clock.
+pub fn clocks() -> Config {
+    Config::hse(8.MHz()).bypass_hse_oscillator()
+}
+
+#[unsafe(link_section = ".uninit.SEEDS")]
+static mut SEEDS: MaybeUninit<[u32; WORDS]> = MaybeUninit::uninit();
+
+/// A number that differs from boot to boot.
+pub fn session_seed(rcc: &mut Rcc) -> Option<u32> {
+    let place = (&raw mut SEEDS).cast::<[u32; WORDS]>();
+    // SAFETY: called once, before interrupts are enabled; any bits make an array of integers, and volatile accesses take what the
+    // RAM holds and leave it there.
+    unsafe {
+        let mut seeds = Seeds::from_words(place.read_volatile());
+        let seed = seeds.draw(chip_id(), noise(rcc));
+        place.write_volatile(seeds.to_words());
+        Some(seed)
+    }
+}
+
+/// What an open pin picks up: the lowest bits of 64 conversions, as short as they can be (RM0390, 13.3).
+fn noise(rcc: &mut Rcc) -> u64 {
+    pac::ADC1::enable(rcc);
+    // SAFETY: nobody else uses the converter; channel 15 is a documented value.
+    let converter = unsafe { &*pac::ADC1::ptr() };
+    converter.cr2().write(|w| w.adon().set_bit());
+    // SAFETY: as above.
+    converter.sqr3().write(|w| unsafe { w.bits(15) });
+    // 3 us to start (DS10693, t_STAB).
+    cortex_m::asm::delay(3 * 168);
+    (0..64).fold(0, |bits: u64, _| {
+        converter.cr2().modify(|_, w| w.swstart().set_bit());
+        // A conversion takes 15 of the converter's cycles; one that does not end gives what was there.
+        let _ = (0..1000).find(|_| converter.sr().read().eoc().bit_is_set());
+        bits.rotate_left(1) ^ u64::from(converter.dr().read().bits() & 3)
+    })
+}
+
+/// Takes the board's pins. Encoders are without pull resistors, which JTAG's pins have after a reset: 5 V may not meet one.
+pub fn wire(ports: Ports, timers: (pac::TIM3, pac::TIM4, pac::TIM2), rcc: &mut Rcc) -> Wired {
+    let Ports { a, b, c, d, g } = ports;
+    let encoder_1 = (
+        b.pb4.into_alternate::<2>().internal_resistor(Pull::None),
+        b.pb5,
+    );
+    let encoder_3 = (
+        a.pa15.into_alternate::<1>().internal_resistor(Pull::None),
+        a.pa1,
+    );
+    let _open = c.pc5.into_analog();
+    Wired {
+        stop: a.pa6,
+        motors: (c.pc6, c.pc7, c.pc8, c.pc9),
+        usb: (a.pa11, a.pa12),
+        encoders: (
+            Qei::new(timers.0, encoder_1, rcc).release().0,
+            Qei::new(timers.1, (d.pd12, d.pd13), rcc).release().0,
+            Qei::new(timers.2, encoder_3, rcc).release().0,
+        ),
+        ready: b.pb9.into_pull_down_input(),
+        lamps: Lamps {
+            enabled: Lamp::new(b.pb0.into_push_pull_output(), PinState::High),
+            armed: Lamp::new(b.pb7.into_push_pull_output(), PinState::High),
+            fault: Lamp::new(b.pb14.into_push_pull_output(), PinState::High),
+            _usb_power: g.pg6.into_push_pull_output(),
+        },
+    }
+}

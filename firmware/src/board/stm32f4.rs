@@ -1,0 +1,653 @@
+//! What boards with an STM32F4 and motors have in common: an F405 or F446 at 168 MHz with USB full speed.
+//!
+//! Not yet run on hardware. A board's own file has its pins, its clock, where its random numbers come from, and its console.
+//!
+//! | pin | what | note |
+//! |---|---|---|
+//! | PC6, PC7, PC8 | TIM8 CH1 to CH3: current command of motor 1 to 3 | 4 kHz, 10 to 90 % duty, 50 % = no current |
+//! | PC9 | TIM8 CH4: amplifier enable, high = on | **external 10 kOhm to ground**: the pin floats in reset |
+//! | PA6 | TIM8 BKIN: emergency stop, 3.3 V = run | normally closed contact to 3.3 V; open, or a broken wire, stops |
+//! | TIM3, TIM4, TIM2 CH1 and CH2 | encoder 1, 2, 3 A and B | on pins of the board |
+//! | PA11, PA12 | USB D-, D+ | |
+//! | PA13, PA14 | SWD | |
+//! | PA4, PA5 | | the two pins that do not stand 5 V (data sheets DS8626 and DS10693, pin tables: TTa) |
+//!
+//! The amplifiers must take 10 to 90 % duty as minus to plus full scale and do nothing without enable: 0 %
+//! duty, which is what a stopped timer gives, is then a command out of range and not full current. When they are enabled and
+//! when pulses run is [`crate::drivers::amplifier`]'s. The break input takes pulses and enable together, with the core dead or
+//! the clock stopped: it needs neither (RM0090, 17.3.12).
+//!
+//! Clocks: the tick is TIM7's, and console time is the count of its ticks. SysTick, at an eighth of the core's clock, checks it.
+//! The core's cycle counter, which debuggers switch off when they leave, says what a tick costs and decides nothing.
+//! If the crystal fails, the chip goes on with its own oscillator, trips the break input and raises an NMI (RM0090, 7.2.7).
+//!
+//! Watchdogs: the independent one runs from the first instruction of `start`, on its own oscillator of 17 to 47 kHz
+//! (DS8626, LSI), and bites after 71 to 196 ms. The window watchdog's early
+//! interrupt comes after 49 ms, above the control task's priority, and takes the torque off. Both are fed
+//! only when every monitored task ticked. Neither stops in a debugger: halting the core resets the chip.
+//!
+//! Supply: below 2.76 to 2.90 V (DS8626, PVD level 5, falling) an interrupt takes the torque off. At 168 MHz with five wait
+//! states the flash needs 2.7 V (RM0090, 3.5.1); brown-out level 3 resets the chip there, and the log says if it is not set.
+
+use super::wiring::{self, Lamps, Ready, SET_POINT};
+use super::{Boot, Event, fault};
+use crate::crash_record::{CrashRecord, Kind, reset_cause};
+use crate::drivers::amplifier::Amplifiers;
+use crate::safe_state::{self, ENABLE_OFF, ENABLE_ON, MOTORS, Register, TorqueRegisters};
+use crate::serial_number::{DIGITS, serial_number};
+use crate::signals::{Counter16, StopLine, TickClock};
+use crate::watch::Watch;
+use core::convert::Infallible;
+use core::sync::atomic::{AtomicBool, AtomicU32, Ordering};
+use cortex_m::peripheral::syst::SystClkSource;
+use cortex_m::peripheral::{NVIC, SYST};
+use defmt_rtt as _;
+use embedded_hal::digital::{self, OutputPin};
+use embedded_hal::pwm::{self, SetDutyCycle};
+use stm32f4xx_hal::gpio::{self, Input, Pull};
+use stm32f4xx_hal::otg_fs::{USB, UsbBus};
+use stm32f4xx_hal::pac::Interrupt;
+use stm32f4xx_hal::rcc::{Enable, Rcc, Reset};
+use stm32f4xx_hal::watchdog::IndependentWatchdog;
+use stm32f4xx_hal::{pac, prelude::*};
+use sutura_shared::control::{Control, TickInput, TickOutput};
+use sutura_shared::wire::message::Simulate;
+use usb_device::bus::UsbBusAllocator;
+use usb_device::device::{
+    StringDescriptors, UsbDevice, UsbDeviceBuilder, UsbDeviceState, UsbVidPid,
+};
+use usbd_serial::{SerialPort, USB_CLASS_CDC};
+
+/// Core clock \[Hz\].
+const CORE_HZ: u32 = 168_000_000;
+/// Counts of SysTick in a microsecond: an eighth of the core's clock, so that it goes round in 0.8 s, after both watchdogs.
+const SYSTICK_PER_US: u32 = CORE_HZ / 8 / 1_000_000;
+
+/// TIM8 counts per pulse.
+const PULSE: u16 = {
+    let counts = CORE_HZ / SET_POINT.frequency_hz;
+    assert!(counts <= u16::MAX as u32, "slower pulses need a prescaler");
+    counts as u16
+};
+/// Compare value of no current.
+const NO_CURRENT: u32 = SET_POINT.none(PULSE) as u32;
+
+/// TIM8 break and dead-time register: break input on, active low; outputs driven low while disabled. Lock level 2, until the
+/// next reset: nothing can change these bits, nor what the outputs' idle level and polarity are (RM0090, 17.4.18).
+const BREAK_DEAD_TIME: u32 = 1 << 12 | 1 << 11 | 1 << 10 | 0b10 << 8;
+/// ... its main output enable, which the break input takes away.
+const MAIN_OUTPUT_ENABLE: u32 = 1 << 15;
+
+/// The interrupt of the link task.
+pub const LINK: Interrupt = Interrupt::OTG_FS;
+
+/// The real torque registers, from any context.
+struct Registers;
+
+impl TorqueRegisters for Registers {
+    fn write(&mut self, register: Register, value: u32) {
+        // SAFETY: whole-word writes, which cannot tear or be interleaved. Every caller only ever moves
+        // torque off, except the amplifiers' driver in `Plant::write`, which runs at one priority and looks at the break input
+        // after it. Before the clocks are on the writes are ignored by the chip.
+        unsafe {
+            let timer = &*pac::TIM8::ptr();
+            match register {
+                Register::EnableMode => timer.ccmr2_output().write(|w| w.bits(value)),
+                Register::Compare(motor) => timer.ccr(motor % MOTORS).write(|w| w.bits(value)),
+            };
+        }
+    }
+}
+
+/// The pulses of a motor.
+struct Pulses(usize);
+
+impl pwm::ErrorType for Pulses {
+    type Error = Infallible;
+}
+
+impl SetDutyCycle for Pulses {
+    fn max_duty_cycle(&self) -> u16 {
+        PULSE
+    }
+
+    fn set_duty_cycle(&mut self, duty: u16) -> Result<(), Infallible> {
+        Registers.write(Register::Compare(self.0), u32::from(duty));
+        Ok(())
+    }
+}
+
+/// The amplifiers' enable line, which the timer drives.
+struct EnableLine;
+
+impl digital::ErrorType for EnableLine {
+    type Error = Infallible;
+}
+
+impl OutputPin for EnableLine {
+    fn set_low(&mut self) -> Result<(), Infallible> {
+        Registers.write(Register::EnableMode, ENABLE_OFF);
+        Ok(())
+    }
+
+    fn set_high(&mut self) -> Result<(), Infallible> {
+        Registers.write(Register::EnableMode, ENABLE_ON);
+        Ok(())
+    }
+}
+
+/// All of the timer's outputs: low, or what their channels say.
+struct Outputs;
+
+impl Outputs {
+    fn write(&mut self, value: u32) -> Result<(), Infallible> {
+        // SAFETY: a whole-word write of documented bits; nobody else writes this register. With the break input active the
+        // chip keeps the outputs off whatever is written (RM0090, 17.4.18, MOE).
+        unsafe { (*pac::TIM8::ptr()).bdtr().write(|w| w.bits(value)) };
+        Ok(())
+    }
+}
+
+impl digital::ErrorType for Outputs {
+    type Error = Infallible;
+}
+
+impl OutputPin for Outputs {
+    fn set_low(&mut self) -> Result<(), Infallible> {
+        self.write(BREAK_DEAD_TIME)
+    }
+
+    fn set_high(&mut self) -> Result<(), Infallible> {
+        self.write(BREAK_DEAD_TIME | MAIN_OUTPUT_ENABLE)
+    }
+}
+
+/// Takes the torque off. From any context, any number of times.
+pub fn safe_state() {
+    safe_state::safe_state(&mut Registers, NO_CURRENT);
+}
+
+/// Last act of a fault handler: pulses of no current go on for 20 ms, until no amplifier is on any more, then a reset.
+pub fn end(_: CrashRecord) -> ! {
+    // SAFETY: a whole-word write; nothing else runs any more. It is the last time that the watchdog is fed, or its early
+    // interrupt would leave 0.8 ms. The independent one bites if this does not come to its end.
+    unsafe {
+        (*pac::WWDG::ptr())
+            .cr()
+            .write(|w| w.wdga().set_bit().t().set(0x7F))
+    };
+    cortex_m::asm::delay(CORE_HZ / 50);
+    cortex_m::peripheral::SCB::sys_reset()
+}
+
+/// The emergency stop's interrupt: torque off, and no further interrupt until the stop is released.
+pub fn emergency_stop() {
+    safe_state();
+    // SAFETY: the control task, below this priority, is the only other user of this register.
+    unsafe {
+        (*pac::TIM8::ptr())
+            .dier()
+            .modify(|_, w| w.bie().clear_bit())
+    };
+}
+
+/// The window watchdog's early interrupt: some task hangs.
+pub fn watchdog(watch: &Watch) -> ! {
+    safe_state();
+    fault::bury(CrashRecord {
+        kind: Kind::Watchdog,
+        place: watch.bits(),
+    })
+}
+
+/// The supply has been low since a tick last looked.
+static SUPPLY_DIPPED: AtomicBool = AtomicBool::new(false);
+
+/// The supply's interrupt: torque off. The next tick makes it a fault.
+pub fn supply_low() {
+    safe_state();
+    SUPPLY_DIPPED.store(true, Ordering::Relaxed);
+    // SAFETY: writing 1 clears this line's flag and no other (RM0090, 12.3.6).
+    unsafe { (*pac::EXTI::ptr()).pr().write(|w| w.bits(SUPPLY_LINE)) };
+}
+
+/// Time since the last tick was due \[us\]. While that tick cannot have been interrupted.
+pub fn since_tick_us() -> u32 {
+    // SAFETY: reads without side effects.
+    let timer = unsafe { &*pac::TIM7::ptr() };
+    let before = timer.cnt().read().bits();
+    if timer.sr().read().uif().bit_is_set() {
+        // The next tick is due, and waits for who asks here.
+        1000 + timer.cnt().read().bits()
+    } else {
+        before
+    }
+}
+
+/// Time by SysTick over time by the tick timer \[%\] where they were apart; 0 = nothing to tell.
+static CLOCKS_APART: AtomicU32 = AtomicU32::new(0);
+
+/// What the control side has noticed since this was last asked.
+pub fn noticed() -> Option<Event> {
+    let percent = CLOCKS_APART.load(Ordering::Relaxed);
+    if percent == 0 {
+        return None;
+    }
+    CLOCKS_APART.store(0, Ordering::Relaxed);
+    Some(Event::ClocksApart { percent })
+}
+
+/// Cycle counter of the core.
+pub fn cycles() -> u32 {
+    cortex_m::peripheral::DWT::cycle_count()
+}
+
+/// Cycles between two readings of [`cycles`].
+pub fn cycles_between(start: u32, end: u32) -> u32 {
+    end.wrapping_sub(start)
+}
+
+pub use super::stack::unused_bytes as stack_free;
+
+/// Writes to the log. Takes a critical section: never from the control task.
+pub fn log(event: Event) {
+    match event {
+        Event::Started(boot) => match boot.crash_record {
+            None => defmt::info!("started, reset cause {}", boot.reset_cause),
+            Some(crash_record) => defmt::error!(
+                "started, reset cause {}, crash_record {} at {:#x}",
+                boot.reset_cause,
+                crash_record.kind as u8,
+                crash_record.place
+            ),
+        },
+        Event::Mode { mode, faults: 0 } => defmt::info!("mode {}", mode),
+        Event::Mode { mode, faults } => defmt::warn!("mode {}, faults {:#012b}", mode, faults),
+        Event::ClocksApart { percent } => {
+            defmt::warn!("SysTick has run at {} % of the tick timer", percent)
+        }
+    }
+}
+
+/// The pins of the chip, for a board to take its own.
+pub struct Ports {
+    /// Port A, and so on.
+    pub a: gpio::gpioa::Parts,
+    /// Port B.
+    pub b: gpio::gpiob::Parts,
+    /// Port C.
+    pub c: gpio::gpioc::Parts,
+    /// Port D.
+    pub d: gpio::gpiod::Parts,
+    /// Port G.
+    pub g: gpio::gpiog::Parts,
+}
+
+/// What a board has taken of them. The first three are where the chip has them, and are set up here, when it is safe.
+pub struct Wired {
+    /// The emergency stop's line.
+    pub stop: gpio::PA6<Input>,
+    /// Current commands of the motors, and the amplifiers' enable.
+    pub motors: (gpio::PC6, gpio::PC7, gpio::PC8, gpio::PC9),
+    /// D-, D+.
+    pub usb: (gpio::PA11, gpio::PA12),
+    /// Encoder timers of joint 1, 2, 3, which count.
+    pub encoders: (pac::TIM3, pac::TIM4, pac::TIM2),
+    /// The amplifiers' ready line, high = ready.
+    pub ready: Ready,
+    /// What people see.
+    pub lamps: Lamps,
+}
+
+/// Encoders, motors and the amplifiers' lines.
+pub struct Plant {
+    clock: TickClock<SYSTICK_PER_US>,
+    encoders: (pac::TIM3, pac::TIM4, pac::TIM2),
+    counters: [Counter16; 2],
+    tick: pac::TIM7,
+    amplifiers: Amplifiers<Pulses, Outputs, EnableLine, Ready, MOTORS>,
+    lamps: Lamps,
+}
+
+impl crate::control_side::Plant for Plant {
+    /// Acknowledges the tick and reads everything that it needs.
+    fn read(&mut self, overrun: bool) -> TickInput {
+        self.tick.sr().write(|w| w.uif().clear_bit());
+        let beat = self.clock.tick(SYST::get_current());
+        if let Some(percent) = beat.apart_percent {
+            CLOCKS_APART.store(percent.max(1), Ordering::Relaxed);
+        }
+        // SAFETY: only the break interrupt shares these registers, and only its enable bit. Where it comes
+        // in between, the bit is set once more and the interrupt, above this priority, clears it again.
+        let pwm = unsafe { &*pac::TIM8::ptr() };
+        let stop = StopLine {
+            open: stopped(),
+            tripped: pwm.sr().read().bif().bit_is_set(),
+        };
+        if stop.clears_flag() {
+            // Cleared by writing 0; the other flags are not used. An opening from here on sets it again.
+            pwm.sr().write(|w| w.bif().clear_bit());
+        }
+        if !stop.open {
+            pwm.dier().write(|w| w.bie().set_bit());
+        }
+        // A dip that comes between the two is seen by the next tick.
+        let supply_low = SUPPLY_DIPPED.load(Ordering::Relaxed) || supply_is_low();
+        SUPPLY_DIPPED.store(false, Ordering::Relaxed);
+        let [first, second] = &mut self.counters;
+        TickInput {
+            now_us: beat.now_us,
+            encoder_counts: [
+                first.widen(self.encoders.0.cnt().read().cnt().bits()),
+                second.widen(self.encoders.1.cnt().read().cnt().bits()),
+                self.encoders.2.cnt().read().cnt().bits() as i32,
+            ],
+            // No wrist.
+            orientation: None,
+            emergency_stop: stop.pressed(),
+            board_fault: false,
+            amplifiers_unready: !self.amplifiers.take_currents(),
+            supply_low,
+            time_base_fault: beat.contradicts,
+            overrun,
+        }
+    }
+
+    fn write(&mut self, output: &TickOutput) {
+        // What comes during this tick the next one latches.
+        let wanted = output.amplifiers_on && !must_stop();
+        let current_a = wanted.then_some(&output.current_a);
+        let obeyed = self.amplifiers.drive(current_a).is_ok();
+        if !obeyed || must_stop() {
+            safe_state();
+        }
+        let enabled = self.amplifiers.are_enabled();
+        self.lamps.tick(enabled, output.state.mode);
+    }
+
+    /// The next tick is due already.
+    fn overrun(&self) -> bool {
+        self.tick.sr().read().uif().bit_is_set()
+    }
+
+    fn simulate(&mut self, _: &Simulate, _: &mut Control) {}
+}
+
+/// Whether the emergency stop's line is open.
+fn stopped() -> bool {
+    // SAFETY: a read without side effects; the pin can be read in its alternate function too.
+    unsafe { (*pac::GPIOA::ptr()).idr().read().idr6().bit_is_clear() }
+}
+
+/// Whether something has happened since the tick began that allows no torque.
+fn must_stop() -> bool {
+    stopped() || SUPPLY_DIPPED.load(Ordering::Relaxed)
+}
+
+/// The supply detector's line among the external interrupts (RM0090, 12.2.5).
+const SUPPLY_LINE: u32 = 1 << 16;
+
+/// Whether the supply is below the detector's threshold.
+fn supply_is_low() -> bool {
+    // SAFETY: a read without side effects.
+    unsafe { (*pac::PWR::ptr()).csr().read().pvdo().bit_is_set() }
+}
+
+/// The chip's own number (RM0090, 39.1; RM0390, 33.1).
+pub fn chip_id() -> [u32; 3] {
+    let place = 0x1FFF_7A10 as *const u32;
+    // SAFETY: three aligned words of read-only memory, on every chip of this family; any bits make integers.
+    [0, 1, 2].map(|word| unsafe { place.add(word).read_volatile() })
+}
+
+/// USB CDC-ACM.
+pub struct Port {
+    device: UsbDevice<'static, UsbBus<USB>>,
+    serial: SerialPort<'static, UsbBus<USB>>,
+}
+
+impl crate::host_side::Bytes for Port {
+    /// Twelve packets: 768 kB/s, more than 24 rows and their contacts 300 times a second, and about 54,000 instructions of the
+    /// 168,000 cycles of a tick.
+    const PER_TICK: usize = 768;
+
+    fn read(&mut self, bytes: &mut [u8]) -> usize {
+        self.device.poll(&mut [&mut self.serial]);
+        self.serial.read(bytes).unwrap_or(0)
+    }
+
+    /// Splitting into packets and the zero-length packet after a last full one are `usbd-serial`'s.
+    fn write(&mut self, bytes: &[u8]) -> usize {
+        if self.device.state() != UsbDeviceState::Configured {
+            // Nobody listens: let go of it, so that a host that comes later gets fresh frames.
+            return bytes.len();
+        }
+        self.serial.write(bytes).unwrap_or(0)
+    }
+}
+
+/// Both watchdogs.
+pub struct Guard {
+    independent: IndependentWatchdog,
+    window: pac::WWDG,
+}
+
+impl Guard {
+    fn feed(&mut self) {
+        self.independent.feed();
+        self.window.cr().write(|w| w.wdga().set_bit().t().set(0x7F));
+    }
+}
+
+/// The lowest priority: feeds the watchdogs. Spins: in sleep the cycle counter, which counts what ticks cost, stands still.
+pub fn idle<T>(_: T, guard: &mut Guard, watch: &Watch) -> ! {
+    loop {
+        if watch.all_ticked() {
+            guard.feed();
+        }
+    }
+}
+
+/// Switches the supply detector on, at its level 5, and its interrupt.
+fn watch_supply(rcc: &mut Rcc, power: &pac::PWR, lines: &pac::EXTI) {
+    rcc.apb1enr().modify(|_, w| w.pwren().set_bit());
+    // SAFETY: level 5 of 0 to 7 (RM0090, 5.4.1); only the detector's own bits change.
+    power
+        .cr()
+        .modify(|_, w| unsafe { w.pls().bits(5).pvde().set_bit() });
+    // SAFETY: one line's bits among those of all; nobody else uses an external interrupt.
+    unsafe {
+        lines.rtsr().modify(|r, w| w.bits(r.bits() | SUPPLY_LINE));
+        lines.imr().modify(|r, w| w.bits(r.bits() | SUPPLY_LINE));
+    }
+}
+
+/// Sets the board up. Called once, with interrupts off; the first tick is due 1 ms later.
+pub fn start(
+    mut core: cortex_m::Peripherals,
+    device: pac::Peripherals,
+) -> (Plant, Port, Guard, Boot) {
+    // Before anything that may wait for ever, such as a crystal.
+    let mut independent = IndependentWatchdog::new(device.IWDG);
+    independent.start(100.millis());
+    // The interrupts of all boards' tasks are unmasked.
+    NVIC::mask(Interrupt::USART1);
+
+    let crash_record = fault::exhume();
+    let csr = device.RCC.csr().read().bits();
+    device.RCC.csr().modify(|_, w| w.rmvf().set_bit());
+    let clocks = wiring::clocks()
+        .sysclk(CORE_HZ.Hz())
+        .pclk1(42.MHz())
+        .pclk2(84.MHz())
+        .require_pll48clk();
+    let mut rcc = device.RCC.freeze(clocks);
+    rcc.cr().modify(|_, w| w.csson().set_bit());
+    core.DCB.enable_trace();
+    core.DWT.enable_cycle_counter();
+    core.SYST.set_clock_source(SystClkSource::External);
+    core.SYST.set_reload(0x00FF_FFFF);
+    core.SYST.clear_current();
+    core.SYST.enable_counter();
+    watch_supply(&mut rcc, &device.PWR, &device.EXTI);
+    // Option bits BOR_LEV, 0 = level 3.
+    let brown_out = device.FLASH.optcr().read().bits() >> 2 & 0b11;
+    if brown_out != 0 {
+        defmt::warn!(
+            "brown-out level 3 is not set (BOR_LEV = {}, not 0): see the wiring page",
+            brown_out
+        );
+    }
+
+    let ports = Ports {
+        a: device.GPIOA.split(&mut rcc),
+        b: device.GPIOB.split(&mut rcc),
+        c: device.GPIOC.split(&mut rcc),
+        d: device.GPIOD.split(&mut rcc),
+        g: device.GPIOG.split(&mut rcc),
+    };
+    let wired = wiring::wire(ports, (device.TIM3, device.TIM4, device.TIM2), &mut rcc);
+    let _stop = wired
+        .stop
+        .into_alternate::<3>()
+        .internal_resistor(Pull::Down);
+
+    // Motor outputs: PWM mode 1, preloaded; channel 4 is a level. All off before a pin is connected.
+    pac::TIM8::enable(&mut rcc);
+    pac::TIM8::reset(&mut rcc);
+    let pwm = device.TIM8;
+    pwm.arr().write(|w| w.arr().set(PULSE - 1));
+    pwm.ccmr1_output().write(|w| {
+        w.oc1m()
+            .pwm_mode1()
+            .oc1pe()
+            .enabled()
+            .oc2m()
+            .pwm_mode1()
+            .oc2pe()
+            .enabled()
+    });
+    safe_state();
+    pwm.ccer().write(|w| {
+        let motors = w.cc1e().set_bit().cc2e().set_bit().cc3e().set_bit();
+        motors.cc4e().set_bit()
+    });
+    let mut amplifiers = Amplifiers::new(
+        [Pulses(0), Pulses(1), Pulses(2)],
+        Outputs,
+        EnableLine,
+        wired.ready,
+        SET_POINT,
+    );
+    if amplifiers.drive(None).is_err() {
+        safe_state();
+    }
+    pwm.egr().write(|w| w.ug().set_bit());
+    pwm.cr1().write(|w| w.arpe().set_bit().cen().set_bit());
+    let (motor_1, motor_2, motor_3, enable) = wired.motors;
+    let _pwm_pins = (
+        motor_1.into_alternate::<3>(),
+        motor_2.into_alternate::<3>(),
+        motor_3.into_alternate::<3>(),
+        enable.into_alternate::<3>(),
+    );
+
+    // Encoders, with an input filter of 8 samples at 84 MHz, which swallows spikes up to 95 ns.
+    let (encoder_1, encoder_2, encoder_3) = wired.encoders;
+    // SAFETY: 3 = eight samples of the timer's clock, a documented value of both fields (RM0090, 18.4.7).
+    unsafe {
+        encoder_1
+            .ccmr1_input()
+            .modify(|_, w| w.ic1f().bits(3).ic2f().bits(3));
+        encoder_2
+            .ccmr1_input()
+            .modify(|_, w| w.ic1f().bits(3).ic2f().bits(3));
+        encoder_3
+            .ccmr1_input()
+            .modify(|_, w| w.ic1f().bits(3).ic2f().bits(3));
+    }
+
+    // Without one the host's nonce alone has to do.
+    let seed = wiring::session_seed(&mut rcc).unwrap_or(0);
+
+    let (port, guard) = {
+        let memory = cortex_m::singleton!(: [u32; 1024] = [0; 1024]).expect("start runs once");
+        let usb = USB::new(
+            (
+                device.OTG_FS_GLOBAL,
+                device.OTG_FS_DEVICE,
+                device.OTG_FS_PWRCLK,
+            ),
+            wired.usb,
+            &rcc.clocks,
+        );
+        let bus = cortex_m::singleton!(: Option<UsbBusAllocator<UsbBus<USB>>> = None)
+            .expect("start runs once");
+        let bus = &*bus.insert(UsbBus::new(usb, memory));
+        let serial = SerialPort::new(bus);
+        let serial_number = cortex_m::singleton!(: [u8; DIGITS] = serial_number(chip_id()))
+            .expect("start runs once");
+        // The vendor and product number that V-USB lends to CDC-ACM devices, on the condition that the manufacturer's name
+        // has a domain in it.
+        let strings = StringDescriptors::default()
+            .manufacturer("github.com/sutura")
+            .product("Sutura console")
+            .serial_number(core::str::from_utf8(serial_number).unwrap_or_default());
+        let usb_device = UsbDeviceBuilder::new(bus, UsbVidPid(0x16C0, 0x27DD))
+            .strings(&[strings])
+            .expect("one language fits")
+            .device_class(USB_CLASS_CDC)
+            .build();
+
+        rcc.apb1enr().modify(|_, w| w.wwdgen().set_bit());
+        let window = device.WWDG;
+        // 42 MHz / 4096 / 8: 64 steps are 49.9 ms; the early interrupt comes one step before.
+        window
+            .cfr()
+            .write(|w| w.ewi().set_bit().wdgtb().div8().w().set(0x7F));
+        window.cr().write(|w| w.wdga().set_bit().t().set(0x7F));
+        (
+            Port {
+                device: usb_device,
+                serial,
+            },
+            Guard {
+                independent,
+                window,
+            },
+        )
+    };
+
+    // Setting up may have tripped the stop's flag; with an open line it comes back by itself.
+    pwm.sr().write(|w| w.bif().clear_bit());
+
+    // The tick: 1 MHz / 1000.
+    pac::TIM7::enable(&mut rcc);
+    pac::TIM7::reset(&mut rcc);
+    let tick = device.TIM7;
+    tick.psc().write(|w| w.psc().set(83));
+    tick.arr().write(|w| w.arr().set(999));
+    tick.egr().write(|w| w.ug().set_bit());
+    tick.sr().write(|w| w.uif().clear_bit());
+    tick.dier().write(|w| w.uie().set_bit());
+    tick.cr1().write(|w| w.cen().set_bit());
+
+    let plant = Plant {
+        clock: TickClock::new(SYST::get_current()),
+        encoders: (encoder_1, encoder_2, encoder_3),
+        counters: [Counter16::default(); 2],
+        tick,
+        amplifiers,
+        lamps: wired.lamps,
+    };
+    (
+        plant,
+        port,
+        guard,
+        Boot {
+            reset_cause: reset_cause(csr, crash_record),
+            crash_record,
+            seed,
+        },
+    )
+}
