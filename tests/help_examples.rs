@@ -69,6 +69,13 @@ const EXAMPLES: &[(&str, Way)] = &[
         Ends(&["pictures/session.mcap", "pictures/session.pvd"]),
     ),
     ("sutura run --console /dev/ttyACM0", Port),
+    ("sutura device list", EndsWith(&[0, 3])),
+    ("sutura device list --format json", EndsWith(&[0, 3])),
+    ("sutura device selftest /dev/ttyACM0", Port),
+    (
+        "sutura device selftest /dev/ttyACM0 --out selftest.txt",
+        Port,
+    ),
     (
         "sutura run --console /dev/ttyACM0 --host-hz 500 --budget-ms 2",
         Port,

@@ -18,6 +18,7 @@ pub mod host_side;
 pub mod outbox;
 pub mod safe_state;
 pub mod seed;
+pub mod selftest;
 pub mod serial_number;
 pub mod signals;
 pub mod watch;

@@ -143,7 +143,9 @@ pub fn default_image() -> PathBuf {
 /// The board that an image is for, by its file's name; of other names, the virtual one.
 pub(crate) fn board_of(image: &Path) -> String {
     let name = image.file_name().unwrap_or_default().to_string_lossy();
-    name.strip_prefix("sutura-").unwrap_or("virtual").to_owned()
+    let name = name.strip_prefix("sutura-").unwrap_or("virtual");
+    // A board's self-test is built beside its image.
+    name.strip_prefix("selftest-").unwrap_or(name).to_owned()
 }
 
 /// What the emulator says of itself: one line.
@@ -476,6 +478,7 @@ mod tests {
         for (image, board) in [
             ("no/such/sutura-virtual", "virtual"),
             ("no/such/sutura-olimex-h405", "olimex-h405"),
+            ("no/such/sutura-selftest-olimex-h405", "olimex-h405"),
             ("no/such/image", "virtual"),
         ] {
             let Err(error) = Qemu::start(&options(image.into())) else {

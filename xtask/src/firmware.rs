@@ -81,7 +81,13 @@ fn build(toolchain: &Toolchain, board: Board) -> Result<()> {
         .within("firmware")
         .run()
         .with_context(|| format!("the image for {} does not build", board.name()))?;
-    made_of::write(&image_path(&format!("sutura-{}", board.name())))
+    let mut images = vec![format!("sutura-{}", board.name())];
+    if board != Board::Virtual {
+        images.push(format!("sutura-selftest-{}", board.name()));
+    }
+    images
+        .iter()
+        .try_for_each(|image| made_of::write(&image_path(image)))
 }
 
 /// Where cargo keeps the sources of dependencies.

@@ -81,7 +81,7 @@ Times on this machine: cargo run --release -- bench")]
         #[arg(long)]
         check: bool,
     },
-    /// Draws the book's pictures from the reports in docs/data.
+    /// Draws the book's pictures from the reports in docs/data, and its wiring drawings from docs/wiring.
     #[command(after_help = "Examples:
   cargo xtask plots                       draw all of them; names those that changed
   cargo xtask plots --check               fails and names them if they are not what would be drawn

@@ -1,11 +1,11 @@
 //! Byte pipes to a console, and opening one with errors that say what to do next.
 //!
-//! Entry points: [`Port`], [`open_serial`]. Serial ports go through the `serialport` crate; a
+//! Entry points: [`Port`], [`open_serial`], [`consoles`]. Serial ports go through the `serialport` crate; a
 //! USB console ignores the line rate, the emulator's UART has none.
 
 use super::LinkError;
 use super::holder::holder;
-use serialport::SerialPort;
+use serialport::{SerialPort, SerialPortInfo, SerialPortType};
 use std::io;
 use std::time::Duration;
 
@@ -44,12 +44,74 @@ struct Serial {
     port: Box<dyn SerialPort>,
 }
 
-/// Opens a serial port or a pseudo-terminal.
+/// A console on USB, which says so.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct ConsolePort {
+    /// Name of its serial port.
+    pub port: String,
+    /// Its chip's number: 24 hexadecimal digits.
+    pub serial_number: String,
+}
+
+/// The consoles on USB, by serial number.
+pub fn consoles() -> Vec<ConsolePort> {
+    let ports = serialport::available_ports().unwrap_or_default();
+    consoles_of(&ports)
+}
+
+/// Vendor and product number, which V-USB lends to serial ports of anybody, and a chip's number, which makes one of ours.
+fn consoles_of(ports: &[SerialPortInfo]) -> Vec<ConsolePort> {
+    let ours = |port: &SerialPortInfo| match &port.port_type {
+        SerialPortType::UsbPort(usb) if (usb.vid, usb.pid) == (0x16C0, 0x27DD) => {
+            let serial_number = usb.serial_number.clone()?;
+            is_serial_number(&serial_number).then(|| ConsolePort {
+                // macOS has each port twice; the one that does not wait for a carrier is the one to open.
+                port: port.port_name.replace("/dev/tty.", "/dev/cu."),
+                serial_number: serial_number.to_ascii_uppercase(),
+            })
+        }
+        _ => None,
+    };
+    let mut found: Vec<_> = ports.iter().filter_map(ours).collect();
+    found.sort_by(|a, b| (&a.serial_number, &a.port).cmp(&(&b.serial_number, &b.port)));
+    found.dedup();
+    found
+}
+
+/// Whether this is what a console's USB serial number looks like.
+fn is_serial_number(name: &str) -> bool {
+    name.len() == 24 && name.bytes().all(|digit| digit.is_ascii_hexdigit())
+}
+
+/// The port that is meant: a serial number's, of these consoles, or the one of that name.
+fn port_of(name: &str, consoles: impl FnOnce() -> Vec<ConsolePort>) -> Result<String, LinkError> {
+    if !is_serial_number(name) {
+        return Ok(name.to_owned());
+    }
+    let consoles = consoles();
+    let own = |console: &&ConsolePort| console.serial_number.eq_ignore_ascii_case(name);
+    match consoles.iter().find(own) {
+        Some(console) => Ok(console.port.clone()),
+        None => {
+            let shown =
+                |console: ConsolePort| format!("{} ({})", console.port, console.serial_number);
+            Err(LinkError::NoPort {
+                name: name.to_owned(),
+                found: consoles.into_iter().map(shown).collect::<Vec<_>>().into(),
+            })
+        }
+    }
+}
+
+/// Opens a serial port or a pseudo-terminal, by its name, or a console on USB by its serial number. Opened again by that it is found
+/// wherever it has come back.
 ///
 /// # Errors
 /// [`LinkError::NoPort`] with the ports that were found, [`LinkError::Permission`], [`LinkError::Busy`],
 /// or [`LinkError::Open`] with what the system said.
-pub fn open_serial(path: &str) -> Result<Box<dyn Port>, LinkError> {
+pub fn open_serial(name: &str) -> Result<Box<dyn Port>, LinkError> {
+    let path = port_of(name, consoles)?;
+    let path = path.as_str();
     let builder = serialport::new(path, BAUD)
         .timeout(WRITE_WAIT)
         .dtr_on_open(true);
@@ -148,7 +210,7 @@ pub fn serial_ports() -> Vec<String> {
     ports
         .into_iter()
         .map(|port| match port.port_type {
-            serialport::SerialPortType::UsbPort(usb) => {
+            SerialPortType::UsbPort(usb) => {
                 format!(
                     "{} ({})",
                     port.port_name,
@@ -214,6 +276,65 @@ mod tests {
         );
         assert!(error.to_string().contains("/dev/no-such-console"));
         assert!(error.help().contains("virtual"), "{}", error.help());
+    }
+
+    const NUMBERS: [&str; 2] = ["0043002B3438510B32363530", "0043002B3438510B32363531"];
+
+    fn usb(name: &str, pid: u16, serial_number: Option<&str>) -> SerialPortInfo {
+        SerialPortInfo {
+            port_name: name.to_owned(),
+            port_type: SerialPortType::UsbPort(serialport::UsbPortInfo {
+                vid: 0x16C0,
+                pid,
+                serial_number: serial_number.map(str::to_owned),
+                manufacturer: None,
+                product: None,
+            }),
+        }
+    }
+
+    #[test]
+    fn consoles_are_told_from_what_else_borrows_their_number() {
+        let ports = [
+            usb("/dev/ttyACM1", 0x27DD, Some(NUMBERS[1])),
+            usb("/dev/ttyACM0", 0x27DD, Some(&NUMBERS[0].to_lowercase())),
+            usb("/dev/ttyACM2", 0x27DD, Some("1")),
+            usb("/dev/ttyACM3", 0x27DD, None),
+            usb("/dev/ttyACM4", 0x05DF, Some(NUMBERS[0])),
+            SerialPortInfo {
+                port_name: "/dev/ttyS0".to_owned(),
+                port_type: SerialPortType::Unknown,
+            },
+        ];
+        let found = consoles_of(&ports);
+        let expected = [(0, "/dev/ttyACM0"), (1, "/dev/ttyACM1")].map(|(at, port)| ConsolePort {
+            port: port.to_owned(),
+            serial_number: NUMBERS[at].to_owned(),
+        });
+        assert_eq!(found, expected);
+    }
+
+    #[test]
+    fn a_serial_number_is_the_port_where_it_is_now() {
+        let plugged = |port: &str| {
+            let ports = [usb(port, 0x27DD, Some(NUMBERS[0]))];
+            move || consoles_of(&ports)
+        };
+        for port in ["/dev/ttyACM0", "/dev/ttyACM7"] {
+            let found = port_of(NUMBERS[0], plugged(port)).expect("it is there");
+            assert_eq!(found, port);
+            let small = NUMBERS[0].to_lowercase();
+            assert_eq!(port_of(&small, plugged(port)).expect("it is there"), port);
+        }
+        // Nobody looks for a port's name.
+        let name = port_of("/dev/ttyUSB0", || panic!("looked for")).expect("a name");
+        assert_eq!(name, "/dev/ttyUSB0");
+        let error = port_of(NUMBERS[1], plugged("/dev/ttyACM0")).expect_err("another one");
+        let text = error.to_string();
+        assert!(
+            text.contains(NUMBERS[1]) && text.contains(NUMBERS[0]),
+            "{text}"
+        );
     }
 
     #[cfg(unix)]

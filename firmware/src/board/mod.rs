@@ -24,6 +24,8 @@ compile_error!("choose a board: --features olimex-h405, nucleo-f446ze or virtual
 ))]
 compile_error!("choose one board only");
 
+#[cfg(not(feature = "virtual"))]
+mod bare;
 mod fault;
 #[cfg(feature = "virtual")]
 mod semihosting;
@@ -39,6 +41,8 @@ mod wiring;
 #[path = "olimex_h405.rs"]
 mod wiring;
 
+#[cfg(not(feature = "virtual"))]
+pub use bare::BareRig;
 #[cfg(not(feature = "virtual"))]
 pub use stm32f4::*;
 #[cfg(feature = "virtual")]

@@ -118,7 +118,7 @@ impl SetDutyCycle for Pulses {
 }
 
 /// The amplifiers' enable line, which the timer drives.
-struct EnableLine;
+pub(super) struct EnableLine;
 
 impl digital::ErrorType for EnableLine {
     type Error = Infallible;
@@ -137,7 +137,7 @@ impl OutputPin for EnableLine {
 }
 
 /// All of the timer's outputs: low, or what their channels say.
-struct Outputs;
+pub(super) struct Outputs;
 
 impl Outputs {
     fn write(&mut self, value: u32) -> Result<(), Infallible> {
@@ -297,6 +297,11 @@ pub struct Wired {
     pub ready: Ready,
     /// What people see.
     pub lamps: Lamps,
+}
+
+/// Writes a line of a self-test to the log; see [`log`].
+pub fn log_line(line: &str) {
+    defmt::info!("{=str}", line);
 }
 
 /// Encoders, motors and the amplifiers' lines.

@@ -27,6 +27,8 @@ const TIM8_CCR1: u32 = 0x4001_0434;
 const TIM8_BDTR: u32 = 0x4001_0444;
 const GPIOA_IDR: u32 = 0x4002_0010;
 const GPIOB_IDR: u32 = 0x4002_0410;
+const GPIOC_IDR: u32 = 0x4002_0810;
+const GPIOC_BSRR: u32 = 0x4002_0818;
 const RCC_CR: u32 = 0x4002_3800;
 const RCC_CFGR: u32 = 0x4002_3808;
 const RCC_CSR: u32 = 0x4002_3874;
@@ -86,6 +88,8 @@ pub struct Lines {
     pub systick_per_tick: u32,
     /// Every tick ends after the next one was due.
     pub ticks_late: bool,
+    /// The self-test's jumpers are in: PC6 to A and PC7 to B of all encoders, PC8 to the stop's line, PC9 to ready.
+    pub jumpers: bool,
 }
 
 /// What the chip puts out.
@@ -133,6 +137,8 @@ pub struct Chip {
     tripped: bool,
     /// TIM7's update flag.
     tick_due: bool,
+    /// Levels of port C that the program has set, where jumpers lead on.
+    levels: u32,
     shown: Outputs,
 }
 
@@ -152,6 +158,7 @@ impl Chip {
             crystal: true,
             systick_per_tick: 21_000,
             ticks_late: false,
+            jumpers: false,
         };
         let mut chip = Chip {
             board,
@@ -167,6 +174,7 @@ impl Chip {
             stop_open: false,
             tripped: false,
             tick_due: false,
+            levels: 0,
             shown: DARK,
         };
         chip.reset(reset::POWER);
@@ -183,6 +191,7 @@ impl Chip {
         self.waits_for_crystal = 0;
         self.tripped = false;
         self.tick_due = false;
+        self.levels = 0;
         // Values after a reset that are not 0 and that the image builds on (RM0090, 7.3, 8.4.11; brown-out level 3 in the options).
         self.stored.extend([
             (RCC_CR, 0x83),
@@ -210,7 +219,9 @@ impl Chip {
             TIM8_SR => bit(self.tripped, 7),
             TIM8_BDTR if self.stop_open => self.stored(address) & !(1 << 15),
             GPIOA_IDR => bit(!self.stop_open, 6),
+            GPIOB_IDR if self.lines.jumpers => bit(self.outputs().enable, 9),
             GPIOB_IDR => bit(self.lines.ready, 9),
+            GPIOC_IDR if self.lines.jumpers => bit(self.outputs().enable, 9),
             RCC_CR => self.oscillators(),
             // The switch obeys at once.
             RCC_CFGR => self.stored(address) & !0xC | (self.stored(address) & 3) << 2,
@@ -248,6 +259,7 @@ impl Chip {
                 _ => {}
             },
             WWDG_CR => self.feeds.window += 1,
+            GPIOC_BSRR if self.lines.jumpers => self.jump(value),
             // Remove the reset flags.
             RCC_CSR if value & 1 << 24 != 0 => {
                 self.stored.insert(RCC_CSR, 0);
@@ -289,7 +301,9 @@ impl Chip {
             ]);
         } else {
             let alive = self.alive().into_iter();
-            watched.extend(alive.filter(|at| self.peek(*at) != 0).map(|at| (at, 4)));
+            // What the program sets comes back by a jumper before anything else stops it.
+            let live = alive.filter(|at| self.lines.jumpers || self.peek(*at) != 0);
+            watched.extend(live.map(|at| (at, 4)));
         }
         if self.starts || self.usb.sets_up {
             watched.insert((OTG, 0xF00));
@@ -369,8 +383,29 @@ impl Chip {
     }
 
     /// Registers that change by themselves once the image has started, USB apart.
-    fn alive(&self) -> [u32; 5] {
-        [GPIOA_IDR, GPIOB_IDR, PWR_CSR, TIM8_SR, TIM7_SR]
+    fn alive(&self) -> [u32; 6] {
+        [GPIOA_IDR, GPIOB_IDR, GPIOC_IDR, PWR_CSR, TIM8_SR, TIM7_SR]
+    }
+
+    /// Levels of port C change: what the jumpers make of them. An encoder counts up where A leads B (RM0090, 18.3.12).
+    fn jump(&mut self, value: u32) {
+        let quarter = |levels: u32| match levels >> 6 & 3 {
+            0b00 => 0,
+            0b01 => 1,
+            0b11 => 2,
+            _ => 3,
+        };
+        let before = self.levels;
+        self.levels = before & !(value >> 16) | value & 0xFFFF;
+        let step = (quarter(self.levels) - quarter(before) + 1_i32).rem_euclid(4) - 1;
+        for counts in &mut self.lines.encoder_counts {
+            // Two lines at once are no step that can be told.
+            *counts += if step.abs() == 1 { step } else { 0 };
+        }
+        match self.levels >> 8 & 1 {
+            0 => self.open_stop(),
+            _ => self.close_stop(),
+        }
     }
 
     fn trip(&mut self) {

@@ -24,7 +24,7 @@ pub use board::Board;
 pub use chip::{Chip, Feeds, ID, Lines, Outputs, RANDOM, reset};
 pub use error::BoardImageError;
 pub use otg::Otg;
-pub use provenance::{Provenance, default_image, provenance};
+pub use provenance::{Provenance, default_image, default_selftest, provenance};
 pub use usb_host::Descriptors;
 
 use chip::{TIM7, TIM7_CR1, WWDG_CR};

@@ -35,6 +35,12 @@ pub fn default_image(board: Board) -> PathBuf {
     checkout().join(IMAGES).join(name)
 }
 
+/// Where it puts the image of that board's self-test.
+pub fn default_selftest(board: Board) -> PathBuf {
+    let name = format!("sutura-selftest-{}", board.name());
+    checkout().join(IMAGES).join(name)
+}
+
 /// Checks an image against the list beside it, and its sources against the same list.
 ///
 /// # Errors

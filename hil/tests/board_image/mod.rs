@@ -22,6 +22,7 @@ macro_rules! on_each_board {
 mod guards;
 mod link;
 mod resets;
+mod selftest;
 mod sessions;
 
 use std::time::Duration;
@@ -63,8 +64,12 @@ fn duty(current_a: f32) -> u32 {
 
 /// What every test runs, and which it is.
 fn image(on: Board) -> std::path::PathBuf {
-    let image = default_image(on);
-    let known = provenance(&image).unwrap_or_else(|error| panic!("{error}"));
+    known(&default_image(on))
+}
+
+/// An image that is what these sources make.
+fn known(image: &std::path::Path) -> std::path::PathBuf {
+    let known = provenance(image).unwrap_or_else(|error| panic!("{error}"));
     eprintln!("sha256 {} of {} files", known.sha256, known.sources);
     known.image
 }

@@ -20,6 +20,7 @@ mod attendant;
 mod bench;
 mod choice;
 mod console;
+mod consoles;
 mod device;
 mod display;
 mod doctor;
@@ -76,6 +77,7 @@ Examples:
   sutura tradeoff                           error against time of every tissue model
   sutura stability                          what tissue models do at the extremes
   sutura scene explain scene.toml           what a scene builds, why, and what it costs
+  sutura device list                        port and serial number of every console on USB
   sutura doctor /dev/ttyACM0                what is wrong with this machine or that console, and the fix
   sutura mesh info part.msh                 quality of a mesh, and whether scenes take it
 
@@ -117,6 +119,7 @@ enum Command {
     Scene(scene::command::SceneArgs),
     Mesh(mesh::MeshArgs),
     Doctor(doctor::DoctorArgs),
+    Device(consoles::DeviceArgs),
 }
 
 fn main() -> ExitCode {
@@ -142,6 +145,7 @@ fn main() -> ExitCode {
         Command::Scene(args) => scene::command::run(args, &cli.global),
         Command::Mesh(args) => mesh::run(args, &cli.global),
         Command::Doctor(args) => doctor::run(args, &cli.global),
+        Command::Device(args) => consoles::run(args, &cli.global),
     };
     match done {
         Ok(()) => ExitCode::SUCCESS,

@@ -1,6 +1,7 @@
-//! `cargo xtask plots`: the book's pictures, drawn from the reports in `docs/data`.
+//! `cargo xtask plots`: the book's pictures, drawn from the reports in `docs/data`, and from the texts in `docs/wiring`.
 //! Entry point: [`all`].
 
+mod circuit;
 mod sheet;
 
 use crate::run::root;
@@ -59,11 +60,11 @@ fn drawn(kind: Kind) -> Result<Option<Vec<Picture>>> {
 /// Draws all pictures; with `check` it only says which are not as they would be drawn.
 fn gated(check: bool) -> Result<()> {
     let mut stale = Vec::new();
+    let mut folders = vec![(root().join("docs/src/wiring"), circuit::all()?)];
     for kind in KINDS {
-        let Some(pictures) = drawn(kind)? else {
-            continue;
-        };
-        let folder = folder(kind);
+        folders.extend(drawn(kind)?.map(|pictures| (folder(kind), pictures)));
+    }
+    for (folder, pictures) in folders {
         fs::create_dir_all(&folder).with_context(|| format!("creating {}", folder.display()))?;
         for path in different(&folder, &pictures)? {
             let shown = path
@@ -88,7 +89,7 @@ fn gated(check: bool) -> Result<()> {
     }
     if !stale.is_empty() {
         bail!(
-            "not what is drawn from docs/data: {}; run `cargo xtask plots`, look at them, and `cargo xtask plots --sheet`",
+            "not what is drawn from docs/data and docs/wiring: {}; run `cargo xtask plots`, look at them, and `cargo xtask plots --sheet`",
             stale.join(", ")
         );
     }

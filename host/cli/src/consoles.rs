@@ -1,0 +1,317 @@
+//! `sutura device`: the consoles that are plugged in, and what a bare board says of itself.
+
+use crate::failure::{Cause, Failure};
+use crate::run::link_failure;
+use crate::{Format, Global};
+use clap::{Args, Subcommand};
+use serde::Serialize;
+use std::io;
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+use sutura_host::link::{Port, consoles, open_serial};
+
+/// Longest time between two lines of a self-test: the clocks are looked at for half a second.
+const SILENCE: Duration = Duration::from_secs(5);
+
+/// Looks at consoles that are plugged in, and runs a bare board's self-test.
+#[derive(Args, Debug)]
+pub struct DeviceArgs {
+    #[command(subcommand)]
+    command: DeviceCommand,
+}
+
+const LIST_EXAMPLES: &str = "\
+Examples:
+  sutura device list                     port and serial number of every console on USB
+  sutura device list --format json
+
+A serial number is the chip's own. It goes wherever a port's name does, and stays when a port's name changes: `sutura run --console SERIAL`.
+Boards behind a serial bridge have no such number: name their port.
+
+Exit codes: 0 there are some, 3 there is none.";
+
+const SELFTEST_EXAMPLES: &str = "\
+Examples:
+  sutura device selftest /dev/ttyACM0                       print what the board finds, line by line
+  sutura device selftest /dev/ttyACM0 --out selftest.txt    and keep it
+
+The board has the image sutura-selftest-BOARD of `cargo xtask firmware`, its jumpers (the wiring page), and NO AMPLIFIER: enable goes high.
+
+Exit codes: 0 all passed, 1 something failed, 3 nothing on PORT answers as a self-test.";
+
+#[derive(Subcommand, Debug)]
+enum DeviceCommand {
+    /// Port and serial number of every console on USB.
+    #[command(after_help = LIST_EXAMPLES)]
+    List,
+    /// Has a board with jumpers and without amplifiers test itself.
+    #[command(after_help = SELFTEST_EXAMPLES)]
+    Selftest {
+        /// The board's port, or its serial number.
+        port: String,
+        /// New file that the lines are written to.
+        #[arg(short, long, value_name = "FILE")]
+        out: Option<PathBuf>,
+    },
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// No console is plugged in; a self-test that fails, or that nobody answers.
+pub fn run(args: &DeviceArgs, global: &Global) -> Result<(), Failure> {
+    match &args.command {
+        DeviceCommand::List => list(global),
+        DeviceCommand::Selftest { port, out } => {
+            let mut open = open_serial(port).map_err(link_failure)?;
+            let text = global.format == Format::Text;
+            let report = listen(open.as_mut(), |line| {
+                if text {
+                    println!("{line}");
+                }
+            })?;
+            judge(&report, port, out.as_deref(), global)
+        }
+    }
+}
+
+fn list(global: &Global) -> Result<(), Failure> {
+    let found = consoles();
+    if found.is_empty() {
+        return Err(Failure::say(
+            Cause::NoConsole,
+            "no console is plugged in, of those that say so on USB",
+            "plug one in, in the USB connector of its board's own (not a probe's); `sutura doctor` shows all ports",
+        ));
+    }
+    match global.format {
+        Format::Json => {
+            let consoles: Vec<_> = found
+                .iter()
+                .map(|console| serde_json::json!({ "port": console.port, "serial_number": console.serial_number }))
+                .collect();
+            println!(
+                "{}",
+                serde_json::json!({ "status": "ok", "consoles": consoles })
+            );
+        }
+        Format::Text => {
+            for console in &found {
+                println!("{}  {}", console.serial_number, console.port);
+            }
+        }
+    }
+    Ok(())
+}
+
+/// What a board's self-test has said.
+#[derive(Debug, Default, PartialEq, Eq, Serialize)]
+struct Report {
+    checks: Vec<Found>,
+}
+
+/// A line of it.
+#[derive(Debug, PartialEq, Eq, Serialize)]
+struct Found {
+    name: String,
+    passed: bool,
+    figure: String,
+}
+
+impl Found {
+    /// `pass NAME FIGURE`, or `FAIL` in the place of `pass`.
+    fn read(line: &str) -> Option<Found> {
+        let (verdict, rest) = line.split_once(' ')?;
+        let (name, figure) = rest.split_once(' ').unwrap_or((rest, ""));
+        let passed = match verdict {
+            "pass" => true,
+            "FAIL" => false,
+            _ => return None,
+        };
+        let (name, figure) = (name.to_owned(), figure.to_owned());
+        Some(Found {
+            name,
+            passed,
+            figure,
+        })
+    }
+}
+
+/// Asks for a self-test and gives its lines as they come, until it ends.
+fn listen(port: &mut dyn Port, mut say: impl FnMut(&str)) -> Result<Report, Failure> {
+    let name = port.name();
+    let broken = |error: io::Error| {
+        Failure::say(
+            Cause::NoConsole,
+            format!("`{name}` broke off: {error}"),
+            "plug the board in again, and start over",
+        )
+    };
+    // A board that has just been plugged in may have dropped the first.
+    let mut asked = Instant::now();
+    port.write(b"t").map_err(broken)?;
+    let mut report = Report::default();
+    let mut rest = Vec::new();
+    loop {
+        let mut bytes = [0; 256];
+        let count = port
+            .read(&mut bytes, Duration::from_millis(100))
+            .map_err(broken)?;
+        rest.extend_from_slice(bytes.get(..count).unwrap_or_default());
+        while let Some(end) = rest.iter().position(|byte| *byte == b'\n') {
+            let line: Vec<u8> = rest.drain(..=end).collect();
+            let line = String::from_utf8_lossy(&line);
+            let line = line.trim();
+            if let Some(found) = Found::read(line) {
+                say(line);
+                report.checks.push(found);
+                asked = Instant::now();
+            } else if line.starts_with("end ") && !report.checks.is_empty() {
+                say(line);
+                return Ok(report);
+            }
+        }
+        if asked.elapsed() > SILENCE {
+            let message = match report.checks.last() {
+                None => format!("nothing on `{name}` answers as a self-test"),
+                Some(last) => format!("the self-test on `{name}` stopped after `{}`", last.name),
+            };
+            return Err(Failure::say(
+                Cause::NoConsole,
+                message,
+                "flash the image sutura-selftest-BOARD of `cargo xtask firmware` on a board without amplifiers, and press its reset",
+            ));
+        }
+    }
+}
+
+/// Writes and judges a report.
+fn judge(report: &Report, port: &str, out: Option<&Path>, global: &Global) -> Result<(), Failure> {
+    if let Some(path) = out {
+        let line = |found: &Found| {
+            let verdict = if found.passed { "pass" } else { "FAIL" };
+            format!("{verdict} {} {}\n", found.name, found.figure)
+        };
+        let text: String = report.checks.iter().map(line).collect();
+        std::fs::write(path, text).map_err(|error| {
+            Failure::say(
+                Cause::BadInput,
+                format!("cannot write {}: {error}", path.display()),
+                "name a file that can be written with --out",
+            )
+        })?;
+    }
+    let failed: Vec<&str> = report
+        .checks
+        .iter()
+        .filter(|found| !found.passed)
+        .map(|found| found.name.as_str())
+        .collect();
+    if global.format == Format::Json {
+        println!(
+            "{}",
+            serde_json::json!({ "port": port, "failed": failed, "checks": report.checks })
+        );
+    }
+    if failed.is_empty() {
+        return Ok(());
+    }
+    Err(Failure::say(
+        Cause::Failed,
+        format!(
+            "{} of {} checks failed: {}",
+            failed.len(),
+            report.checks.len(),
+            failed.join(", ")
+        ),
+        "look at the jumpers of those first, then at the board: the wiring page has both",
+    ))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use sutura_host::link::pipe;
+
+    /// What `listen` makes of a board that sends this once it is asked, in small pieces.
+    fn heard(said: &'static str) -> (Result<Report, Failure>, Vec<String>) {
+        let (mut host, mut board) = pipe();
+        let there = std::thread::spawn(move || {
+            let mut asked = [0; 8];
+            while board
+                .read(&mut asked, Duration::from_millis(50))
+                .is_ok_and(|count| count == 0)
+            {}
+            for piece in said.as_bytes().chunks(7) {
+                board.write(piece).expect("room");
+            }
+            // Holds its end as long as the host listens.
+            while board.read(&mut asked, Duration::from_millis(50)).is_ok() {}
+        });
+        let mut lines = Vec::new();
+        let report = listen(&mut host, |line| lines.push(line.to_owned()));
+        drop(host);
+        there.join().expect("it ends");
+        (report, lines)
+    }
+
+    #[test]
+    fn lines_are_given_as_they_come_and_end_with_the_end() {
+        let (report, lines) = heard(
+            "noise\r\npass reset cause 1, epitaph 0\r\nFAIL stop_cuts enable stayed high\r\nend 1 passed 1 failed\r\n",
+        );
+        assert_eq!(lines.len(), 3, "{lines:?}");
+        let report = report.expect("it came to its end");
+        let expected = [
+            ("reset", true, "cause 1, epitaph 0"),
+            ("stop_cuts", false, "enable stayed high"),
+        ];
+        let found = report
+            .checks
+            .iter()
+            .map(|found| (found.name.as_str(), found.passed, found.figure.as_str()));
+        assert!(found.eq(expected), "{report:?}");
+    }
+
+    #[test]
+    fn what_does_not_answer_or_stops_is_named_with_what_to_flash() {
+        for (said, says) in [
+            ("", "nothing on"),
+            ("\u{1}\u{2} a console's frames \n", "nothing on"),
+            ("pass reset cause 1, epitaph 0\n", "stopped after `reset`"),
+        ] {
+            let (report, _) = heard(said);
+            let error = report.expect_err("no end").to_string();
+            assert!(error.contains(says), "{error}");
+        }
+    }
+
+    #[test]
+    fn a_check_that_failed_is_an_error_that_names_it_and_the_lines_are_kept() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let path = folder.path().join("selftest.txt");
+        let found = |name: &str, passed| Found {
+            name: name.to_owned(),
+            passed,
+            figure: "3 of 4".to_owned(),
+        };
+        let global = Global {
+            format: Format::Text,
+            verbose: 0,
+        };
+        let mut report = Report {
+            checks: vec![found("clocks", true)],
+        };
+        assert!(judge(&report, "x", Some(&path), &global).is_ok());
+        report.checks.push(found("encoder_2_forward", false));
+        let error = judge(&report, "x", Some(&path), &global).expect_err("one failed");
+        assert!(
+            error
+                .to_string()
+                .contains("1 of 2 checks failed: encoder_2_forward"),
+            "{error}"
+        );
+        let text = std::fs::read_to_string(&path).expect("written");
+        assert_eq!(text, "pass clocks 3 of 4\nFAIL encoder_2_forward 3 of 4\n");
+    }
+}
