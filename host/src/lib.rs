@@ -24,6 +24,7 @@ pub mod prescribed;
 pub mod recording;
 pub mod registry;
 mod renewal;
+pub mod rod;
 pub mod rows;
 pub mod scene;
 pub mod script;

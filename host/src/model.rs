@@ -12,6 +12,7 @@ use crate::fem::{
 use crate::jaws::JawsPart;
 use crate::mesh::{Surface, TetMesh};
 use crate::needle::{NeedleError, NeedlePart, NeedleSettings, NeedleTissue};
+use crate::rod::BarPart;
 use crate::source::{Added, Handles, MOST_NODES};
 use crate::step::{self, DEFAULT_CACHE_BYTES, NoRest, Sources, State, Status};
 use crate::thread::{ThreadError, ThreadPart, Threads};
@@ -172,6 +173,14 @@ pub enum ModelError {
     #[error("the jaws of tool {tool}: {flaw}")]
     Jaws {
         /// The tool that is to carry them.
+        tool: u8,
+        /// What is wrong.
+        flaw: String,
+    },
+    /// A bar without a sound shape, on no grip, or on one that has some.
+    #[error("the body of tool {tool}: {flaw}")]
+    Bar {
+        /// The tool that is to carry it.
         tool: u8,
         /// What is wrong.
         flaw: String,
@@ -550,6 +559,43 @@ impl Model {
                 return Err(ModelError::Jaws { tool: *tool, flaw });
             }
         }
+        self = self.reaching_inside(mesh)?;
+        if let Some(sources) = &mut self.sources {
+            sources.jaws = parts.to_vec();
+        }
+        Ok(self)
+    }
+
+    /// Adds bodies of grips, which touch the surface, to tools of a model of `mesh`.
+    ///
+    /// # Errors
+    /// Bars without a sound shape, on a tool that is no grip, or two on one; too little memory; handles beside them on more than
+    /// four nodes.
+    pub fn with_bars(mut self, mesh: &TetMesh, parts: &[BarPart]) -> Result<Self, ModelError> {
+        if parts.is_empty() {
+            return Ok(self);
+        }
+        for (index, BarPart { tool, bar }) in parts.iter().enumerate() {
+            let flaw = if !self.tool(*tool).is_some_and(|(_, tool)| tool.is_grip()) {
+                Some("a tool that is a grip has one beside its shape".to_owned())
+            } else if parts[..index].iter().any(|other| other.tool == *tool) {
+                Some("a tool has one".to_owned())
+            } else {
+                bar.flaw()
+            };
+            if let Some(flaw) = flaw {
+                return Err(ModelError::Bar { tool: *tool, flaw });
+            }
+        }
+        self = self.reaching_inside(mesh)?;
+        if let Some(sources) = &mut self.sources {
+            sources.bars = parts.to_vec();
+        }
+        Ok(self)
+    }
+
+    /// With sources whose rows may act on any node of `mesh`.
+    fn reaching_inside(mut self, mesh: &TetMesh) -> Result<Self, ModelError> {
         match &self.body {
             Body::Linear { .. } => {}
             Body::Corotational { tissue, .. } => tissue.has_room_for_needles()?,
@@ -558,9 +604,6 @@ impl Model {
         let reaches = self.sources.as_ref().is_some_and(Sources::reach_inside);
         if !reaches {
             self = self.with_needles(mesh, &[], &[], NeedleSettings::default())?;
-        }
-        if let Some(sources) = &mut self.sources {
-            sources.jaws = parts.to_vec();
         }
         Ok(self)
     }

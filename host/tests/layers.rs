@@ -17,7 +17,7 @@ const LAYERS: [&[&str]; 8] = [
     &["fem"],
     &["body", "columns", "contact", "renewal", "rows"],
     &[
-        "anchors", "collide", "event", "jaws", "model", "needle", "source", "step", "thread",
+        "anchors", "collide", "event", "jaws", "model", "needle", "rod", "source", "step", "thread",
     ],
     &["registry"],
     &["output", "scene", "script", "wound"],

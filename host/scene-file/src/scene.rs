@@ -463,6 +463,9 @@ pub struct ToolSection {
     /// From how far a grip takes a needle or a thread that it is to hold \[m\]; 0.005 when left out.
     #[schemars(with = "Option<f64>")]
     pub reach_m: Option<Spanned<f64>>,
+    /// Of a grip: what of it touches the tissue. Nothing when left out.
+    #[schemars(with = "Option<GripBodySection>")]
+    pub body: Option<Spanned<GripBodySection>>,
     /// Whether the console's grip carries this tool, as one tool in a scene; the first when no tool says so.
     #[schemars(with = "Option<bool>")]
     pub driven: Option<Spanned<bool>>,
@@ -476,6 +479,27 @@ pub struct ToolSection {
     #[serde(default)]
     #[schemars(with = "Vec<ToolWayPointSection>")]
     pub way_point: Vec<Spanned<ToolWayPointSection>>,
+}
+
+/// `body` of a `[[tool]]` that is a grip: a round bar with half a ball at both ends.
+#[derive(Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct GripBodySection {
+    /// Of the bar \[m\].
+    #[schemars(with = "f64")]
+    pub radius_m: Spanned<f64>,
+    /// From centre to centre of its ends \[m\].
+    #[schemars(with = "f64")]
+    pub length_m: Spanned<f64>,
+    /// Where its front looks in the grip's frame, of any length, (3); down when left out.
+    #[schemars(with = "Option<[f64; 3]>")]
+    pub axis: Option<Spanned<[f64; 3]>>,
+    /// Centre of the ball at its front, in the grip's frame \[m\], (3); the grip when left out.
+    #[schemars(with = "Option<[f64; 3]>")]
+    pub offset_m: Option<Spanned<[f64; 3]>>,
+    /// Coulomb's coefficient on tissue; 0 when left out.
+    #[schemars(with = "Option<f64>")]
+    pub friction: Option<Spanned<f64>>,
 }
 
 /// `[[tool.way_point]]`: between two of them with minimum jerk, from rest to rest.

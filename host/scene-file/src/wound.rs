@@ -44,6 +44,9 @@ pub struct ThreadSection {
     /// Pressure on tissue above which that would tear, which is warned of \[Pa\]; none when left out.
     #[schemars(with = "Option<f64>")]
     pub tear_pa: Option<Spanned<f64>>,
+    /// Whether taut spans outside keep out of the tissue within every step.
+    #[serde(default)]
+    pub body: bool,
     /// What holds its ends, from when on.
     #[serde(default)]
     #[schemars(with = "Vec<ThreadHoldSection>")]

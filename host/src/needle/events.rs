@@ -115,8 +115,8 @@ impl Balance<'_> {
         }
     }
 
-    /// Whether no part of a needle is in tissue.
-    fn is_clear(&self, curve: &Curve) -> bool {
+    /// Whether no part of a needle, or of another line or arc, is in tissue.
+    pub(crate) fn is_clear(&self, curve: &Curve) -> bool {
         let around =
             |cell: &[u32; 4]| contains(&cell.map(|node| self.position(node)), &curve.start);
         self.first_face(curve).is_none() && !self.sources.mesh.cells().iter().any(around)

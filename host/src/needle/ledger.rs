@@ -147,7 +147,7 @@ impl Balance<'_> {
                 What::Crossing(index) => self.slid(point.needle, index),
                 _ => Vector3::zeros(),
             };
-            let rubs = friction_of(self.work, point).map(|_| self.slipped(point));
+            let rubs = friction_of(self.work, point).map(|_| self.slipped(point.first_row));
             let state = &mut self.state.each[point.needle];
             let (force, slide) = (lambda[point.first_row], delta[point.first_row]);
             if matches!(point.what, What::Cut | What::Holding) {

@@ -34,7 +34,7 @@ pub use slide::{Entry, Geometry, SlideReport, SlideStatus, entry, slide};
 pub(crate) use source::{NeedleSource, NeedleWork, Point, STIFFEST_M_PER_N, What, anchor};
 pub use state::CrossingFriction;
 pub(crate) use state::{Grip, NeedleState, Tip};
-pub(crate) use surface::friction_of;
+pub(crate) use surface::{Lie, cone, friction_of};
 pub use walk::{Stop, Walked, walk, walk_back};
 
 /// Places on a curve that are nearer than this to each other \[m\] may be in either order by rounding alone:

@@ -2,8 +2,8 @@
 //!
 //! Entry points: [`NeedlePart`], [`NeedleSettings`].
 
-use super::body::PIECE_RADII;
-use super::{Needle, NeedleShape, NeedleTissue};
+use super::{Needle, NeedleTissue};
+use crate::rod::PIECE_RADII;
 use nalgebra::{Isometry3, Vector3};
 use thiserror::Error;
 
@@ -24,18 +24,12 @@ pub struct NeedlePart {
 }
 
 impl NeedlePart {
-    /// What is wrong with its shape, its start or its body.
+    /// What is wrong with its shape or its start.
     pub(crate) fn flaw(&self) -> Option<String> {
         let coords = self.start.to_homogeneous();
-        let is_straight = matches!(self.needle.shape, NeedleShape::Straight { .. });
-        self.needle.flaw().or_else(|| {
-            if !coords.iter().all(|x| x.is_finite()) {
-                Some("its start is not finite".to_owned())
-            } else {
-                (self.body && !is_straight)
-                    .then(|| "only a straight needle has a body that touches yet".to_owned())
-            }
-        })
+        let is_finite = coords.iter().all(|x| x.is_finite());
+        let lost = || (!is_finite).then(|| "its start is not finite".to_owned());
+        self.needle.flaw().or_else(lost)
     }
 
     /// Longest piece of a path on which nothing that its body meets comes to be on the body's other side \[m\].

@@ -226,7 +226,7 @@ impl Joints {
 
 /// A part of a curve that is one line or arc.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Piece {
+pub(crate) struct Piece {
     /// By itself: its own alpha is 0 where it begins.
     pub curve: Curve,
     /// Where it begins and ends on the whole \[m\].
@@ -270,18 +270,18 @@ impl Curve {
     }
 
     /// How many lines and arcs it is made of.
-    pub(super) fn pieces(&self) -> usize {
+    pub(crate) fn pieces(&self) -> usize {
         1 + self.joints.count
     }
 
     /// The number of the piece that has alpha; beyond both ends the first and the last go on.
-    pub(super) fn number_at(&self, alpha: f64) -> usize {
+    pub(crate) fn number_at(&self, alpha: f64) -> usize {
         let joints = self.joints.all();
         joints.partition_point(|(joint, _)| *joint <= alpha)
     }
 
     /// One of its pieces.
-    pub(super) fn piece(&self, number: usize) -> Piece {
+    pub(crate) fn piece(&self, number: usize) -> Piece {
         let joints = self.joints.all();
         let end = |place: usize| joints.get(place).map_or(self.length, |(alpha, _)| *alpha);
         let mut piece = Piece {
@@ -331,6 +331,12 @@ impl Curve {
             Some(joint) => self.joints.each[joint].1,
             None => self.curvature,
         }
+    }
+
+    /// Largest 1 / radius on it \[1/m\].
+    pub(crate) fn most_curvature(&self) -> f64 {
+        let joints = self.joints.all().iter().map(|(_, curvature)| *curvature);
+        joints.fold(self.curvature, f64::max)
     }
 
     /// s(alpha) \[m\], also beyond both ends.

@@ -6,14 +6,14 @@
 //! with alpha on an arc: the axial target is `w.s(alpha_k) + alpha_0 - alpha_k`, whose delta is the whole slide since
 //! alpha_0.
 
-use super::body::{MOST_TOUCHES, Touch};
 use super::model::MAX_NEEDLES;
 use super::relax::Relaxation;
 use super::state::{NeedleState, Tip};
 use super::surface::{Lie, cone};
 use super::{Crossing, History, NeedleTissue};
 use crate::anchors::{AnchorPoint, ConstraintSet, PointConstraint};
-use crate::mesh::{HalfFace, HalfFaces};
+use crate::mesh::HalfFaces;
+use crate::rod::MOST_TOUCHES;
 use crate::rows::RowKind;
 use crate::source::{Room, Source};
 use crate::step::{Balance, BalanceWork, Felt, Sources, Status, unloaded};
@@ -85,9 +85,6 @@ pub(crate) struct NeedleWork {
     pub(super) pressed: Vec<bool>,
     /// Where each point is acted on.
     pub(super) arms: Vec<Vector3<f64>>,
-    /// Faces near a body, and what it comes to touch.
-    pub(super) near: Vec<HalfFace>,
-    pub(super) found: Vec<Touch>,
     /// Nodes whose columns will be needed soon.
     pub ahead: Vec<u32>,
     /// Of each needle that bends.
@@ -101,12 +98,6 @@ impl NeedleWork {
     pub fn new(count: usize, sources: &Sources) -> Self {
         let most_crossings = sources.settings.most_crossings;
         let points = most_points(sources);
-        let bodies = sources.needles.iter().any(|part| part.body);
-        let faces = if bodies {
-            sources.mesh.boundary().half_faces().len()
-        } else {
-            0
-        };
         Self {
             points: Vec::with_capacity(points),
             releases: Vec::with_capacity(points),
@@ -119,8 +110,6 @@ impl NeedleWork {
             took: vec![false; count],
             pressed: vec![false; count],
             arms: Vec::with_capacity(points),
-            near: Vec::with_capacity(2 * faces),
-            found: Vec::with_capacity(if bodies { MOST_TOUCHES } else { 0 }),
             // A cell and its neighbours around each tip, and one that lies ahead.
             ahead: Vec::with_capacity(24 * count),
             relaxations: (0..count)

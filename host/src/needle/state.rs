@@ -2,11 +2,11 @@
 //!
 //! Entry points: [`NeedleState`], [`Tip`].
 
-use super::body::{MOST_TOUCHES, Touch};
 use super::model::{NeedlePart, NeedleSettings};
 use super::surface::Lie;
 use super::{Crossing, Curve, History};
 use crate::anchors::AnchorPoint;
+use crate::rod::{MOST_TOUCHES, Touch};
 use nalgebra::{Isometry3, Vector3};
 use serde::Serialize;
 

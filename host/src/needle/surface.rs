@@ -91,7 +91,7 @@ impl Balance<'_> {
     }
 
     /// Mean normal of the faces around a vertex of the boundary, by their areas; zero for others.
-    pub(super) fn node_normal(&self, node: u32) -> Vector3<f64> {
+    pub(crate) fn node_normal(&self, node: u32) -> Vector3<f64> {
         let boundary = self.sources.mesh.boundary();
         let areas = boundary
             .leaving(node)
@@ -101,7 +101,7 @@ impl Balance<'_> {
     }
 
     /// Outward normal of a triangle of the boundary, as long as its area is twice \[m^2\].
-    pub(super) fn area(&self, triangle: usize) -> Vector3<f64> {
+    pub(crate) fn area(&self, triangle: usize) -> Vector3<f64> {
         let corners = self.sources.mesh.boundary().triangles().get(triangle);
         corners.map_or_else(Vector3::zeros, |corners| {
             let [a, b, c] = corners.map(|node| self.position(node));
@@ -251,10 +251,10 @@ impl Balance<'_> {
         }
     }
 
-    /// How far a point whose rows are a cone has slipped in this balance \[m\], (3).
-    pub(crate) fn slipped(&self, point: &Point) -> Vector3<f64> {
+    /// How far a point whose rows are a cone, from `first_row` on, has slipped in this balance \[m\], (3).
+    pub(crate) fn slipped(&self, first_row: usize) -> Vector3<f64> {
         let delta = self.state.grasp.delta_m();
-        let rows = (1..3).map(|axis| point.first_row + axis);
+        let rows = (1..3).map(|axis| first_row + axis);
         rows.map(|row| Vector3::from(self.work.set.rows[row].direction) * delta[row])
             .sum()
     }

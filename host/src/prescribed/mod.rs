@@ -644,6 +644,14 @@ fn refused(scene: &Scene, entry: &registry::Entry) -> Option<(String, &'static s
         let reason = "it has jaws, whose friction only tissue with rows takes".to_owned();
         return Some((reason, help));
     }
+    if let Some(part) = scene.bars().next() {
+        let help = "leave `body` out, or take `linear`, `corotational` or `hyperelastic` tissue";
+        let reason = format!(
+            "tool {} has a body, which only tissue with rows takes",
+            part.tool
+        );
+        return Some((reason, help));
+    }
     if !scene.touching.is_empty() && scene.needles.is_empty() {
         let help = "leave `[[tissue_contact]]` out, or take `linear`, `corotational` or `hyperelastic` tissue";
         return Some((

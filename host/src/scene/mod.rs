@@ -44,6 +44,7 @@ use crate::mesh::TetMesh;
 use crate::model::{Model, ModelError, Passes};
 use crate::needle::{NeedlePart, NeedleSettings, NeedleTissue};
 use crate::registry::Substance;
+use crate::rod::{Bar, BarPart};
 use crate::source::Added;
 use crate::step::{State, Workspace};
 use crate::tool;
@@ -168,6 +169,8 @@ pub struct Tool {
     pub way: Option<Way>,
     /// From how far a grip takes a needle or a thread \[m\].
     pub reach_m: f64,
+    /// What of a grip touches the tissue.
+    pub body: Option<Bar>,
 }
 
 /// Position and orientation of a grip.
@@ -268,6 +271,15 @@ impl Scene {
             .then_some(driven)
     }
 
+    /// Bodies of grips.
+    pub fn bars(&self) -> impl Iterator<Item = BarPart> {
+        let tools = self.tools.iter();
+        tools.filter_map(|tool| {
+            let bar = tool.body?;
+            Some(BarPart { tool: tool.id, bar })
+        })
+    }
+
     /// Whether what is at rest depends on the way there: there are needles, jaws, or tissues that touch.
     pub fn depends_on_way(&self) -> bool {
         !(self.needles.is_empty() && self.touching.is_empty() && self.jaws.is_empty())
@@ -316,6 +328,8 @@ impl Scene {
         let model = self.add_needles(model);
         let jaws: Vec<_> = self.jaws.iter().map(|jaws| jaws.part).collect();
         let model = model.and_then(|model| model.with_jaws(mesh, &jaws));
+        let bars: Vec<_> = self.bars().collect();
+        let model = model.and_then(|model| model.with_bars(mesh, &bars));
         let model = model.and_then(|model| model.with_added(mesh, &self.added));
         let model = model.map_err(SceneError::Build)?;
         let (state, workspace) = (State::new(&model), Workspace::new(&model));

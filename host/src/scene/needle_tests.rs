@@ -329,6 +329,27 @@ const SLIPS: &[Slip] = &[
     },
     Slip {
         from: "id = 2\nshape = \"grip\"",
+        to: "id = 2\nshape = \"grip\"\nbody = { radius_m = 0.0, length_m = 0.05 }",
+        message: "radius_m",
+        under: "0.0",
+        help: "needle holders",
+    },
+    Slip {
+        from: "id = 2\nshape = \"grip\"",
+        to: "id = 2\nshape = \"grip\"\nbody = { radius_m = 0.002 }",
+        message: "missing key `length_m`",
+        under: "",
+        help: "",
+    },
+    Slip {
+        from: "id = 2\nshape = \"grip\"",
+        to: "id = 2\nshape = \"grip\"\nbody = { radius_m = 0.002, length_m = 0.05, friction = -0.1 }",
+        message: "friction",
+        under: "-0.1",
+        help: "wet metal",
+    },
+    Slip {
+        from: "id = 2\nshape = \"grip\"",
         to: "id = 2\nshape = \"grip\"\nradius_m = 0.01",
         message: "a grip touches nothing",
         under: "0.01",
@@ -482,13 +503,6 @@ const SLIPS: &[Slip] = &[
         help: "0 to 255",
     },
     Slip {
-        from: "[[needle]]\nshape = \"arc\"",
-        to: "[[needle]]\nbody = true\nshape = \"arc\"",
-        message: "that is not straight does not touch yet",
-        under: "[[needle]]",
-        help: "leave `body` out",
-    },
-    Slip {
         from: "[[needle.hold]]\ntime_s = 0.0\n\n[needle_solver]",
         to: "[needle_solver]",
         message: "nobody holds this needle",
@@ -550,4 +564,24 @@ fn every_slip_is_told_at_its_place_with_a_way_out() {
     let silent = GOOD.replace("needle = {", "# needle = {");
     let message = read(&silent).expect_err("says nothing").to_string();
     assert!(message.contains("nothing that says"), "{message}");
+}
+
+/// The body of a grip is a bar along its axis; other tools have none beside their shape.
+#[test]
+fn a_grip_has_a_body() {
+    let body =
+        "body = { radius_m = 0.002, length_m = 0.05, axis = [0.0, 2.0, 0.0], friction = 0.2 }";
+    let text = GOOD.replacen("shape = \"grip\"", &format!("shape = \"grip\"\n{body}"), 1);
+    let scene = read(&text).expect("good");
+    let parts: Vec<_> = scene.bars().collect();
+    let bar = crate::rod::Bar {
+        offset_m: [0.0; 3],
+        axis: [0.0, 1.0, 0.0],
+        radius_m: 0.002,
+        length_m: 0.05,
+        friction: 0.2,
+    };
+    assert_eq!(parts.iter().map(|part| part.bar).collect::<Vec<_>>(), [bar]);
+    scene.build().expect("a model");
+    assert!(read(GOOD).expect("good").bars().next().is_none());
 }

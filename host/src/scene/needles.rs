@@ -86,11 +86,6 @@ pub(super) fn read_needles(
         let thickness_m =
             document.number("thickness_m", &said.thickness_m, "positive", positive, help)?;
         let needle = needle::Needle { shape, thickness_m };
-        if said.body && said.shape != NeedleShapeName::Straight {
-            let message = "the body of a needle that is not straight does not touch yet";
-            let help = "leave `body` out, or make it `shape = \"straight\"`";
-            return Err(document.flaw(section.span(), message, "bends", Some(help)));
-        }
         let start = read_start(document, said, needle)?;
         let curve = needle.at(&start);
         let inside = |look: &u32| {

@@ -220,6 +220,7 @@ fn read_through(document: &Document, said: &ThreadSection) -> Result<Through, Sc
     if let Some(value) = number("tear_pa", &said.tear_pa, positive, help)? {
         through.tear_pa = value;
     }
+    through.body = said.body;
     Ok(through)
 }
 
@@ -442,7 +443,7 @@ fn in_order(
     document.number(key, value, &rule, |t| t >= before_s, help)
 }
 
-/// A warning for each grip that never holds a needle or a thread, and carries no jaws.
+/// A warning for each grip that never holds a needle or a thread, carries no jaws and has no body.
 pub(super) fn idle_grips(
     document: &Document,
     (tools, sections): (&[Tool], &[Spanned<ToolSection>]),
@@ -457,7 +458,7 @@ pub(super) fn idle_grips(
             thread.holds.iter().any(|hold| hold.by == by)
                 || thread.cuts.iter().any(|one| one.by == cut)
         };
-        let carries = jaws.iter().any(|jaws| jaws.part.tool == tool.id);
+        let carries = tool.body.is_some() || jaws.iter().any(|jaws| jaws.part.tool == tool.id);
         needles.iter().any(needle) || threads.iter().any(thread) || carries
     };
     let idle = |(tool, _): &(&Tool, _)| tool.shape.shape == Shape::Grip && !holds(tool);

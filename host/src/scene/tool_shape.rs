@@ -126,7 +126,7 @@ fn refuse_others(document: &Document, section: &ToolSection) -> Result<(), Scene
             format!("the shape is {}", shape.2),
         ),
         None => (
-            format!("a grip touches nothing: it has no `{key}`"),
+            format!("a grip touches nothing but with a `body`: it has no `{key}`"),
             "the shape is a grip".to_owned(),
         ),
     };

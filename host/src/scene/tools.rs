@@ -8,8 +8,10 @@ use super::way::{self, read_way};
 use super::{Pose, Tool};
 use crate::mesh::TetMesh;
 use crate::model::{ACCURATE_RADIUS_IN_EDGES, LEAST_RADIUS_IN_EDGES, measured_error_percent};
+use crate::rod::Bar;
 use crate::tool;
 use miette::Severity;
+use nalgebra::Vector3;
 use std::ops::Range;
 use sutura_scene_file::scene::{ToolSection, ToolShape};
 use toml::Spanned;
@@ -77,6 +79,7 @@ pub(super) fn read_tools(
             pose,
             way,
             reach_m: read_reach(document, section)?,
+            body: read_body(document, section)?,
         });
     }
     Ok(tools)
@@ -94,6 +97,57 @@ fn read_reach(document: &Document, section: &ToolSection) -> Result<f64, SceneEr
     }
     let help = "from the grip to the needle or thread, in metres: jaws have 0.003 to 0.02";
     document.number("reach_m", reach, "positive", |v| v > 0.0, help)
+}
+
+/// What of a grip touches the tissue.
+fn read_body(document: &Document, section: &ToolSection) -> Result<Option<Bar>, SceneError> {
+    let Some(spanned) = &section.body else {
+        return Ok(None);
+    };
+    if section.shape != ToolShape::Grip {
+        let message = "a body of a tool that has a shape";
+        let help =
+            "leave `body` out, or make it `shape = \"grip\"`: other tools touch with their shape";
+        return Err(document.flaw(spanned.span(), message, "touches already", Some(help)));
+    }
+    let said = spanned.get_ref();
+    let positive = |value: f64| value > 0.0;
+    let help =
+        "the bar that touches the tissue, in metres: needle holders are 0.002 to 0.004 in radius";
+    let radius_m = document.number("radius_m", &said.radius_m, "positive", positive, help)?;
+    let help = "from centre to centre of the round ends, in metres";
+    let length_m = document.number("length_m", &said.length_m, "positive", positive, help)?;
+    let axis = match &said.axis {
+        Some(axis) => {
+            let vector = Vector3::from(document.finite("axis", axis)?);
+            vector.try_normalize(1e-12).ok_or_else(|| {
+                let message = "axis: a direction without length";
+                let help = "where the front looks in the grip's frame: down is [0.0, 0.0, -1.0]";
+                document.flaw(axis.span(), message, "no direction", Some(help))
+            })?
+        }
+        None => tool::Tool::DEFAULT_AXIS.into(),
+    };
+    let offset_m = match &said.offset_m {
+        Some(offset) => document.finite("offset_m", offset)?,
+        None => [0.0; 3],
+    };
+    let friction = match &said.friction {
+        Some(friction) => {
+            let rule = format!("between 0 and {}", tool::MOST_FRICTION);
+            let is_sound = |value| (0.0..=tool::MOST_FRICTION).contains(&value);
+            let help = "Coulomb's coefficient on tissue: wet metal has 0.1";
+            document.number("friction", friction, &rule, is_sound, help)?
+        }
+        None => 0.0,
+    };
+    Ok(Some(Bar {
+        offset_m,
+        axis: axis.into(),
+        radius_m,
+        length_m,
+        friction,
+    }))
 }
 
 /// The shape, and how it rubs.

@@ -167,6 +167,14 @@ fn a_thread_stretches_drags_and_slips_as_its_keys_say() {
         ..stiff
     };
     assert_eq!(presses, expected);
+    let bends = through("body = true");
+    assert_eq!(
+        bends,
+        Through {
+            body: true,
+            ..stiff
+        }
+    );
 }
 
 /// 3.37 of the source with `ratio` from 1 on; at rest between and after the two sections.

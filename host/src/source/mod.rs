@@ -17,6 +17,7 @@ pub(crate) use added::{Added, Kept, Section, scene_keys};
 use crate::collide::TissueContactSource;
 use crate::jaws::JawsSource;
 use crate::needle::{FreeNeedleSource, NeedleSource};
+use crate::rod::BarSource;
 use crate::step::{Balance, Felt, Sources, Status};
 use crate::thread::ThreadSource;
 use crate::tool::ToolSample;
@@ -109,12 +110,13 @@ impl std::ops::Add for Room {
 }
 
 /// Sources whose rows are on points; those that a scene adds come after them.
-pub(crate) const ON_POINTS: [&dyn Source; 5] = [
+pub(crate) const ON_POINTS: [&dyn Source; 6] = [
     &NeedleSource,
     &TissueContactSource,
     &ToolSource,
     &HandleSource,
     &JawsSource,
+    &BarSource,
 ];
 
 /// Sources whose rows are on ways, or that have none.

@@ -17,6 +17,7 @@ use crate::collide::TouchWork;
 use crate::jaws::JawsWork;
 use crate::model::Model;
 use crate::needle::{MOST_GROUPS, NeedleWork};
+use crate::rod::{BarWork, TouchWork as RodWork};
 use crate::source::tool::ToolWork;
 use crate::thread::ThreadWork;
 use nalgebra::Vector3;
@@ -38,6 +39,8 @@ pub(crate) struct BalanceWork {
     pub tools: ToolWork,
     pub jaws: JawsWork,
     pub touch: Option<TouchWork>,
+    pub rods: RodWork,
+    pub bars: BarWork,
     saved: Kept,
 }
 
@@ -77,6 +80,8 @@ impl BalanceWork {
                 .touching
                 .as_ref()
                 .map(|touching| TouchWork::new(touching, sources.mesh.nodes())),
+            rods: RodWork::new(sources),
+            bars: BarWork::new(sources),
             saved: Kept::new(sources, state, state.grasp.motion().clone()),
         }
     }
@@ -152,7 +157,11 @@ impl<'a> Balance<'a> {
         for (each, target) in self.state.jaws.iter_mut().zip(&targets.jaws) {
             each.pose = *target;
         }
+        for (each, target) in self.state.bars.iter_mut().zip(&targets.bars) {
+            each.pose = *target;
+        }
         self.work.needles.releases.clear();
+        self.work.threads.begin();
         let done = self.round_by_round(&targets.needles, None);
         if done.is_err() {
             self.work.saved.put_back(self.state);

@@ -10,6 +10,7 @@ use crate::body::{Motion, Place};
 use crate::collide::TouchState;
 use crate::jaws::JawsState;
 use crate::needle::NeedleState;
+use crate::rod::BarState;
 use crate::source::Kept as Memory;
 use crate::source::tool::ToolContacts;
 use crate::thread::ThreadState;
@@ -23,6 +24,7 @@ pub(super) struct Kept {
     touch: Option<TouchState>,
     tools: ToolContacts,
     jaws: Vec<JawsState>,
+    bars: Vec<BarState>,
     memory: Vec<Memory>,
 }
 
@@ -37,6 +39,7 @@ impl Kept {
             touch: state.touch.clone(),
             tools: ToolContacts::new(&sources.tools),
             jaws: state.jaws.clone(),
+            bars: state.bars.clone(),
             memory: state.memory.clone(),
         }
     }
@@ -55,6 +58,9 @@ impl Kept {
         }
         self.tools.copy_from(&state.tools);
         for (kept, each) in self.jaws.iter_mut().zip(&state.jaws) {
+            kept.copy_from(each);
+        }
+        for (kept, each) in self.bars.iter_mut().zip(&state.bars) {
             kept.copy_from(each);
         }
         self.memory.copy_from_slice(&state.memory);
@@ -80,6 +86,9 @@ impl Kept {
         }
         state.tools.copy_from(&self.tools);
         for (each, kept) in state.jaws.iter_mut().zip(&self.jaws) {
+            each.copy_from(kept);
+        }
+        for (each, kept) in state.bars.iter_mut().zip(&self.bars) {
             each.copy_from(kept);
         }
         state.memory.copy_from_slice(&self.memory);

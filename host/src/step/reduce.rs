@@ -93,6 +93,7 @@ fn tool_tangent(balance: &Balance, tangent: &mut TangentWork, felt: &Felt) -> Ma
         needle: &held,
         tool: felt.touching,
         jaws: balance.sources.jaws_of(felt.tool),
+        bar: balance.sources.bar_of(felt.tool),
     };
     let mut derivative =
         tangent.differentiate(balance, &felt.grip, moves, &balance.work.threads.pulls);

@@ -18,6 +18,7 @@ use crate::needle::{
     Geometry, Hierarchy, History, MAX_NEEDLES, NeedleError, NeedlePart, NeedleSettings,
     NeedleState, NeedleTissue, Slack, check, contains, entry,
 };
+use crate::rod::{BarPart, BarState};
 use crate::source::tool::{Cones, ToolContacts, TouchingTools};
 use crate::source::{Added, Handles, Kept as Memory, ON_POINTS, ON_WAYS, Room, Source};
 use crate::thread::{ThreadState, Threads};
@@ -47,6 +48,8 @@ pub(crate) struct Sources {
     pub handles: Handles,
     /// Jaws, on tools of their own.
     pub jaws: Vec<JawsPart>,
+    /// Bodies of grips.
+    pub bars: Vec<BarPart>,
     /// What the scene adds by keys of their own.
     pub added: Vec<Arc<dyn Added>>,
     /// What evolves, before the first step, where tissues touch already.
@@ -127,6 +130,7 @@ impl Sources {
             touching: None,
             handles: Handles::default(),
             jaws: Vec::new(),
+            bars: Vec::new(),
             added: Vec::new(),
             rest: None,
             resting_m: resting_m.iter().map(|at| Vector3::from(*at)).collect(),
@@ -200,7 +204,18 @@ impl Sources {
             || self.touching.is_some()
             || !self.threads.parts.is_empty()
             || !self.jaws.is_empty()
+            || !self.bars.is_empty()
             || !self.added.is_empty()
+    }
+
+    /// Whether there are rods that touch the surface.
+    pub fn have_rods(&self) -> bool {
+        !self.bars.is_empty() || self.needles.iter().any(|part| part.body)
+    }
+
+    /// Place of a tool's bar.
+    pub fn bar_of(&self, tool: u8) -> Option<usize> {
+        self.bars.iter().position(|part| part.tool == tool)
     }
 
     /// Place of a tool's jaws.
@@ -284,6 +299,8 @@ pub(crate) struct SourcesState {
     pub tools: ToolContacts,
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub jaws: Vec<JawsState>,
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub bars: Vec<BarState>,
     /// When the last balance was sampled, by the console's clock.
     pub time_us: u64,
     /// What added sources keep.
@@ -334,6 +351,11 @@ impl SourcesState {
             touch,
             tools: ToolContacts::new(&sources.tools),
             jaws: sources.jaws.iter().map(JawsState::new).collect(),
+            bars: sources
+                .bars
+                .iter()
+                .map(|part| BarState::new(part.tool))
+                .collect(),
             time_us: 0,
             memory: sources.begin_added(),
         }
@@ -350,6 +372,9 @@ impl SourcesState {
         }
         self.tools.copy_from(&other.tools);
         for (own, other) in self.jaws.iter_mut().zip(&other.jaws) {
+            own.copy_from(other);
+        }
+        for (own, other) in self.bars.iter_mut().zip(&other.bars) {
             own.copy_from(other);
         }
         self.time_us = other.time_us;

@@ -79,7 +79,7 @@ impl State {
     /// Puts the needles that a tool holds to where they are with it at `sample`, without the way there: for a tool that was
     /// moved while nobody looked. One that is then in tissue is in no hole and touches nothing until all of it has been
     /// outside once ([`needle::TipPlace::Waiting`]). One that was in tissue before stays in its holes, and follows in the next
-    /// step as always. Says how many were put.
+    /// step as always. Its body is put likewise. Says how many needles were put.
     pub fn put(&mut self, sample: &ToolSample) -> usize {
         let Some(pose) = pose_of(sample) else {
             return 0;
@@ -92,6 +92,11 @@ impl State {
         for each in needles {
             let grip = each.grip.filter(|grip| grip.tool == sample.id);
             put += usize::from(grip.is_some_and(|grip| each.put(pose * grip.needle)));
+        }
+        let bars = self.sources.iter_mut();
+        let mut bars = bars.flat_map(|sources| &mut sources.bars);
+        if let Some(own) = bars.find(|bar| bar.tool == sample.id) {
+            own.put(pose);
         }
         put
     }

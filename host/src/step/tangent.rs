@@ -46,6 +46,7 @@ enum Owner {
     /// By its place among the tools that touch.
     Tool(u32),
     Needle(usize),
+    Bar(usize),
 }
 
 /// What moves with a tool's grip.
@@ -55,6 +56,8 @@ pub(crate) struct Moves<'a> {
     pub tool: Option<u32>,
     /// Place among the jaws.
     pub jaws: Option<usize>,
+    /// Place among the bars.
+    pub bar: Option<usize>,
 }
 
 impl Moves<'_> {
@@ -81,6 +84,7 @@ impl Moves<'_> {
         match owner {
             Owner::Tool(tool) => self.tool == Some(tool),
             Owner::Needle(needle) => (self.needle)(needle),
+            Owner::Bar(bar) => self.bar == Some(bar),
         }
     }
 }
@@ -149,6 +153,7 @@ impl TangentWork {
         });
         self.touched.extend(touched);
         self.touched.extend(lying(balance));
+        self.touched.extend(leaning(balance));
         if n == 0 {
             return;
         }
@@ -182,6 +187,8 @@ impl TangentWork {
                 // What is open has been let go of.
                 Some(RowKind::Tangent) if work.tools.rows.contains(&row) => false,
                 Some(_) if work.tools.rows.contains(&row) => lambda[row] <= 0.0,
+                // As of needles.
+                Some(_) if work.bars.rows.contains(&row) => false,
                 Some(_) if work.jaws.rows.contains(&row) => {
                     !matches!(modes[row], Mode::Held | Mode::Slipping)
                 }
@@ -195,6 +202,11 @@ impl TangentWork {
             let tangent = |row: usize| work.set.rows.get(row).map(|row| row.kind);
             if row > 0 && tangent(row) == Some(RowKind::Tangent) {
                 self.free[row] |= self.free[row - 1];
+            }
+        }
+        for point in &work.bars.points {
+            if lambda[point.first_row] <= 0.0 {
+                self.free[point.first_row..point.first_row + 3].fill(true);
             }
         }
         self.follow.clear();
@@ -481,6 +493,7 @@ impl TangentWork {
                 needle: &|other| other == needle,
                 tool: None,
                 jaws: None,
+                bar: None,
             };
             let derivative = self.differentiate(balance, &grip, moves, &[]);
             let out = &mut balance.report.needles_mut(count)[needle];
@@ -506,6 +519,7 @@ impl TangentWork {
                 needle: &|_| false,
                 tool: None,
                 jaws: Some(jaws),
+                bar: None,
             };
             let derivative = self.differentiate(balance, &pose.translation.vector, moves, &[]);
             let now = -away.dot(&(derivative.fixed_view::<3, 3>(0, 0) * away));
@@ -667,23 +681,47 @@ fn unit(pose: usize) -> (Vector3<f64>, Vector3<f64>) {
 
 /// Points of needles that lie on a surface and press.
 fn lying<'a>(balance: &'a Balance) -> impl Iterator<Item = (Owner, Touched)> + 'a {
-    let (work, grasp) = (&*balance.work, &balance.state.grasp);
-    let each = work.needles.points.iter().enumerate();
+    let each = balance.work.needles.points.iter().enumerate();
     each.filter_map(move |(index, point)| {
-        let friction = friction_of(work, point)?;
-        let row = point.first_row;
-        if grasp.lambda()[row] <= 0.0 {
-            return None;
-        }
-        let frame = [0, 1, 2].map(|axis| Vector3::from(work.set.rows[row + axis].direction));
-        let slips = friction == 0.0 || grasp.modes()[row + 1] == Mode::Slipping;
-        let slipped = slips.then(|| (balance.slipped(point), friction));
-        let at_m = balance.position_of(&work.set.anchors[index]);
+        let friction = friction_of(balance.work, point)?;
         let on_needle_m = balance.curve(point.needle).at(point.alpha);
-        let force_n = grasp.force_on(index);
-        let touched = Touched::lying((row, frame), (at_m, on_needle_m), force_n, slipped);
+        let touched = pressing(balance, (index, point.first_row), on_needle_m, friction)?;
         Some((Owner::Needle(point.needle), touched))
     })
+}
+
+/// Points of bars that press.
+fn leaning<'a>(balance: &'a Balance) -> impl Iterator<Item = (Owner, Touched)> + 'a {
+    balance.work.bars.points.iter().filter_map(move |point| {
+        let place = (point.anchor, point.first_row);
+        let touched = pressing(balance, place, point.on_bar_m, point.friction)?;
+        Some((Owner::Bar(point.bar), touched))
+    })
+}
+
+/// A point with the rows of a cone, by its anchor and the first of these, and where what presses on it is \[m\]; nothing if that does
+/// not press.
+fn pressing(
+    balance: &Balance,
+    (anchor, row): (usize, usize),
+    on_it_m: Vector3<f64>,
+    friction: f64,
+) -> Option<Touched> {
+    let (work, grasp) = (&*balance.work, &balance.state.grasp);
+    if grasp.lambda()[row] <= 0.0 {
+        return None;
+    }
+    let frame = [0, 1, 2].map(|axis| Vector3::from(work.set.rows[row + axis].direction));
+    let slips = friction == 0.0 || grasp.modes()[row + 1] == Mode::Slipping;
+    let slipped = slips.then(|| (balance.slipped(row), friction));
+    let at_m = balance.position_of(&work.set.anchors[anchor]);
+    let force_n = grasp.force_on(anchor);
+    Some(Touched::lying(
+        (row, frame),
+        (at_m, on_it_m),
+        force_n,
+        slipped,
+    ))
 }
 
 fn held(balance: &Balance, index: usize, point: &Point, in_tissue: Vector3<f64>) -> Held {

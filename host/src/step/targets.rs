@@ -5,6 +5,7 @@
 use super::sources::{Sources, SourcesState};
 use crate::jaws::{Jaws, JawsState};
 use crate::needle::{MAX_NEEDLES, NeedlePart, NeedleState, Tip};
+use crate::rod::{Bar, BarState};
 use crate::source::tool::Placements;
 use crate::thread::{MAX_STRANDS, ThreadHold};
 use crate::tool::{MAX_TOOLS, ToolSample};
@@ -27,6 +28,8 @@ pub(crate) struct Targets {
     pub tools: Placements,
     /// Grips that carry jaws; nothing for one that has not been anywhere.
     pub jaws: [Option<Isometry3<f64>>; MAX_TOOLS],
+    /// Grips that carry bars; likewise.
+    pub bars: [Option<Isometry3<f64>>; MAX_TOOLS],
 }
 
 impl Targets {
@@ -37,6 +40,7 @@ impl Targets {
             threads: [[Vector3::zeros(); 2]; MAX_STRANDS],
             tools: [None; MAX_TOOLS],
             jaws: [None; MAX_TOOLS],
+            bars: [None; MAX_TOOLS],
         }
     }
 
@@ -70,6 +74,10 @@ impl Targets {
         for (target, (each, part)) in targets.jaws.iter_mut().zip(jaws) {
             *target = of(part.tool).and_then(pose_of).or(each.pose);
         }
+        let bars = state.bars.iter().zip(&sources.bars);
+        for (target, (each, part)) in targets.bars.iter_mut().zip(bars) {
+            *target = of(part.tool).and_then(pose_of).or(each.pose);
+        }
         targets
     }
 
@@ -101,6 +109,10 @@ impl Targets {
         for ((each, target), part) in jaws {
             share = share.min(jaws_share(sources.piece_m, each, target, &part.jaws));
         }
+        let bars = state.bars.iter().zip(&self.bars).zip(&sources.bars);
+        for ((each, target), part) in bars {
+            share = share.min(bar_share(sources, each, target, &part.bar));
+        }
         share.min(state.tools.part(&sources.tools, &self.tools))
     }
 
@@ -117,8 +129,16 @@ impl Targets {
                 }
             }
         }
-        for (pose, each) in next.jaws.iter_mut().zip(&state.jaws) {
-            if let (Some(from), Some(to)) = (each.pose, *pose) {
+        let jaws = next
+            .jaws
+            .iter_mut()
+            .zip(state.jaws.iter().map(|each| each.pose));
+        let bars = next
+            .bars
+            .iter_mut()
+            .zip(state.bars.iter().map(|each| each.pose));
+        for (pose, before) in jaws.chain(bars) {
+            if let (Some(from), Some(to)) = (before, *pose) {
                 *pose = Some(towards(&from, &to, share));
             }
         }
@@ -169,6 +189,28 @@ fn jaws_share(piece_m: f64, each: &JawsState, target: &Option<Isometry3<f64>>, j
         a.metric_distance(&b)
     });
     let share = (MOST_TURN / turn).min(piece_m / ways[0].max(ways[1]));
+    // A way without end is none.
+    if share.is_nan() {
+        f64::NAN
+    } else {
+        share.min(1.0)
+    }
+}
+
+/// Which share of its way a bar may go at once.
+fn bar_share(sources: &Sources, each: &BarState, to: &Option<Isometry3<f64>>, bar: &Bar) -> f64 {
+    let (Some(from), Some(to)) = (each.pose, to) else {
+        return 1.0;
+    };
+    let piece_m = match each.is_near {
+        true => bar.piece_m(sources.edge_m()),
+        // It is looked for farther than this.
+        false => sources.piece_m * EDGE_PIECES,
+    };
+    let turn = (to.rotation * from.rotation.inverse()).angle();
+    let [here, there] = [&from, to].map(|pose| bar.ends(pose));
+    let ways = here.iter().zip(&there).map(|(a, b)| a.metric_distance(b));
+    let share = (MOST_TURN / turn).min(piece_m / ways.fold(0.0, f64::max));
     // A way without end is none.
     if share.is_nan() {
         f64::NAN

@@ -52,17 +52,18 @@ impl ThreadState {
     }
 
     /// Where spans bend over tissue whose nodes are at `at` \[m\]; `over` finds bends of a chord, with the way out of
-    /// the tissue.
+    /// the tissue. Whether that is elsewhere than before.
     pub fn bend(
         &mut self,
         mesh: &HalfFaces,
         at: &[Vector3<f64>],
         work: &mut BendWork,
         mut over: impl FnMut(&Vector3<f64>, &Vector3<f64>, &Vector3<f64>, &mut Vec<AnchorPoint>),
-    ) {
+    ) -> bool {
         if !self.may_bend() {
+            let did_bend = !self.bends.is_empty();
             self.bends.clear();
-            return;
+            return did_bend;
         }
         let place = |anchor: &AnchorPoint| {
             let parts = anchor.nodes.iter().zip(anchor.weights);
@@ -130,5 +131,6 @@ impl ThreadState {
                 self.bends.push((key, near.map_or(*bend, |(_, old)| *old)));
             }
         }
+        self.bends != work.former
     }
 }

@@ -43,6 +43,9 @@ pub struct Through {
     pub tear_pa: f64,
     /// Strands that there are at one time at most: one, and one more for each hand between the ends and each cut.
     pub strands: u8,
+    /// Whether taut spans outside keep out of the tissue within each balance; else they do so by the next one, where they
+    /// would bend sharply.
+    pub body: bool,
 }
 
 /// Diameter of a thread that does not say \[m\]: USP 2-0.
@@ -59,6 +62,7 @@ impl Default for Through {
             thickness_m: THICKNESS_M,
             tear_pa: f64::INFINITY,
             strands: 2,
+            body: false,
         }
     }
 }
@@ -442,6 +446,7 @@ fn check_numbers(part: &ThreadPart) -> Result<(), ThreadError> {
         thickness_m,
         tear_pa,
         strands,
+        body: _,
     } = part.through;
     let positive = |value: f64| (value > 0.0 && value.is_finite(), "above zero");
     // Infinite for what does not give way.

@@ -20,6 +20,10 @@ const SWINGS: u32 = 32;
 const DAMPED: f64 = 0.5;
 /// A thread that would bend by less over tissue cuts into it \[rad\].
 const LEAST_TURN: f64 = 0.05;
+/// The same where its spans have bodies: between two edges it cuts in by a quarter of their distance times this.
+const LEAST_TURN_OF_BODY: f64 = 0.002;
+/// Rounds of a balance in which spans are lifted out of the tissue.
+const MOST_LIFTS: u32 = 12;
 
 /// Threads.
 pub(crate) struct ThreadSource;
@@ -35,6 +39,8 @@ pub(crate) struct ThreadWork {
     follow: FollowWork,
     /// Ends that the tool holds that is looked at.
     pub pulls: Vec<Pull>,
+    /// Rounds of this balance in which spans were lifted.
+    lifts: u32,
 }
 
 impl ThreadWork {
@@ -52,7 +58,13 @@ impl ThreadWork {
             wraps: Vec::with_capacity(most),
             follow: FollowWork::new(rubs),
             pulls: Vec::with_capacity(2 * sources.threads.strands()),
+            lifts: 0,
         }
+    }
+
+    /// Before a balance.
+    pub fn begin(&mut self) {
+        self.lifts = 0;
     }
 }
 
@@ -95,9 +107,20 @@ impl Source for ThreadSource {
         Ok(balance.settle_threads())
     }
 
+    /// Lifts spans that have bodies out of the tissue.
+    fn advance(&self, balance: &mut Balance, _played: Option<usize>) -> Result<bool, Status> {
+        let threads = &balance.sources.threads;
+        let lifts = &mut balance.work.threads.lifts;
+        if *lifts >= MOST_LIFTS || !threads.parts.iter().any(|part| part.through.body) {
+            return Ok(false);
+        }
+        *lifts += 1;
+        Ok(balance.bend_threads(|part| part.through.body))
+    }
+
     fn accept(&self, balance: &mut Balance) {
         balance.finish_threads();
-        balance.bend_threads();
+        balance.bend_threads(|_| true);
     }
 
     fn feel(&self, balance: &mut Balance, felt: &mut Felt) {
@@ -272,14 +295,25 @@ impl Balance<'_> {
         }
     }
 
-    /// A balance is found: where taut threads bend over tissue.
-    fn bend_threads(&mut self) {
-        if self.state.threads.iter().all(|thread| !thread.may_bend()) {
-            self.state
-                .threads
-                .iter_mut()
-                .for_each(|thread| thread.bends.clear());
-            return;
+    /// Where those of the taut threads that are `meant` bend over tissue as the last solve has it; whether that is elsewhere than
+    /// before.
+    fn bend_threads(&mut self, meant: impl Fn(&ThreadPart) -> bool) -> bool {
+        let parts = &self.sources.threads;
+        let mut changed = false;
+        let mut may_bend = false;
+        for (index, thread) in self.state.threads.iter_mut().enumerate() {
+            if !meant(parts.part_of(index)) {
+                continue;
+            }
+            if thread.may_bend() {
+                may_bend = true;
+            } else {
+                changed |= !thread.bends.is_empty();
+                thread.bends.clear();
+            }
+        }
+        if !may_bend {
+            return changed;
         }
         self.find_all_nodes();
         self.fit_skin();
@@ -291,13 +325,21 @@ impl Balance<'_> {
             ..
         } = threads;
         let (Some(skin), at) = (skin, &nodes.at) else {
-            return;
+            return changed;
         };
         let mesh = &self.sources.mesh;
-        for thread in self.state.threads.iter_mut() {
-            thread.bend(mesh, at, bends, |from, to, up, out| {
+        for (index, thread) in self.state.threads.iter_mut().enumerate() {
+            let part = parts.part_of(index);
+            if !meant(part) {
+                continue;
+            }
+            let least_turn = match part.through.body {
+                true => LEAST_TURN_OF_BODY,
+                false => LEAST_TURN,
+            };
+            changed |= thread.bend(mesh, at, bends, |from, to, up, out| {
                 found.clear();
-                wraps(skin, at, from, to, up, LEAST_TURN, found);
+                wraps(skin, at, from, to, up, least_turn, found);
                 out.extend(found.iter().map(|wrap| AnchorPoint {
                     nodes: [wrap.nodes[0], wrap.nodes[1], wrap.nodes[0], wrap.nodes[0]],
                     weights: [wrap.weights[0], wrap.weights[1], 0.0, 0.0],
@@ -305,6 +347,7 @@ impl Balance<'_> {
             });
         }
         self.clock.lap(&mut self.report.stages.detect_ns);
+        changed
     }
 }
 

@@ -133,6 +133,7 @@ pub fn explain(scene: &Scene) -> Result<Vec<Component>, SolveError> {
     parts.extend(contacts(scene, &walk));
     parts.extend(needles(scene, &walk));
     parts.extend(jaws(scene, &walk));
+    parts.extend(bodies(scene));
     parts.extend(wound::threads(scene, &walk));
     parts.extend(wound::touching(scene, &walk));
     parts.push(handles(scene));
@@ -521,6 +522,20 @@ fn jaws(scene: &Scene, walk: &[(StepReport, Duration)]) -> Vec<Component> {
             rows: points.map(|points| 3 * points),
             ..Component::built(format!("jaws of tool {}", each.part.tool), why)
         }
+    });
+    each.collect()
+}
+
+/// Bodies of grips: three rows at each place where they touch, or may come to.
+fn bodies(scene: &Scene) -> Vec<Component> {
+    let each = scene.bars().map(|part| {
+        let why = format!(
+            "`body` of a `[[tool]]`: a bar of {:.1} by {:.1} mm that touches the surface; rows where it does, or may in the next \
+             piece of its way",
+            2e3 * part.bar.radius_m,
+            1e3 * part.bar.length_m,
+        );
+        Component::built(format!("body of tool {}", part.tool), why)
     });
     each.collect()
 }

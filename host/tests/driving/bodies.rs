@@ -4,12 +4,11 @@ use super::bench::*;
 use nalgebra::{Isometry3, Matrix6, Translation3, UnitQuaternion, Vector3, Vector6};
 use sutura_host::fem::{Loads, Material};
 use sutura_host::mesh::{TetMesh, slab};
-use sutura_host::model::Model;
-use sutura_host::needle::{Needle, NeedlePart, NeedleSettings, NeedleTissue, TipPlace};
+use sutura_host::needle::{Needle, NeedleSettings, NeedleTissue, TipPlace};
 use sutura_host::step::{Status, StepOptions, StepReport, step};
 
 /// A slab of 30 x 20 x 8 mm with its top at 0, held at its bottom.
-fn a_slab() -> (TetMesh, Vec<u32>) {
+pub fn a_slab() -> (TetMesh, Vec<u32>) {
     let flat = slab([0.03, 0.02, 0.008], [9, 6, 3]).expect("a slab");
     let top = flat
         .points_m()
@@ -25,14 +24,14 @@ fn a_slab() -> (TetMesh, Vec<u32>) {
     (mesh, fixed)
 }
 
-fn rubbing(surface_friction: f64) -> NeedleTissue {
+pub fn rubbing(surface_friction: f64) -> NeedleTissue {
     NeedleTissue {
         surface_friction,
         ..tissue()
     }
 }
 
-fn build(
+pub fn build(
     mesh: (TetMesh, Vec<u32>),
     kind: Kind,
     (needle, start): (Needle, Isometry3<f64>),
@@ -60,7 +59,7 @@ fn across(height_m: f64) -> (Needle, Isometry3<f64>) {
     (straight(0.05), start)
 }
 
-fn shift(bench: &mut Bench, by: [f64; 3]) -> StepReport {
+pub fn shift(bench: &mut Bench, by: [f64; 3]) -> StepReport {
     bench.grip.translation.vector += Vector3::from(by);
     let report = bench.step();
     assert_eq!(report.status, Status::Ok);
@@ -69,25 +68,35 @@ fn shift(bench: &mut Bench, by: [f64; 3]) -> StepReport {
 }
 
 /// Force on the tissue \[N\].
-fn force(report: &StepReport) -> Vector3<f64> {
+pub fn force(report: &StepReport) -> Vector3<f64> {
     let [x, y, z, ..] = report.contacts()[0].wrench;
     -Vector3::new(x, y, z)
 }
 
 /// How far the tissue, solved for as a whole, reaches into the shaft between its end and `to_m` \[m\].
-fn overlap_m(bench: &Bench, needle: &Needle, from_m: f64, to_m: f64) -> f64 {
+pub fn overlap_m(bench: &Bench, needle: &Needle, from_m: f64, to_m: f64) -> f64 {
     let nodes = bench.state.positions(&bench.model);
-    let at = |node: u32| Vector3::from(nodes[node as usize]);
     let curve = needle.at(&bench.grip);
-    let boundary = bench.mesh.half_faces().boundary();
+    let places =
+        (0..=2000).map(|place| curve.at(from_m + (to_m - from_m) * f64::from(place) / 2000.0));
+    overlap_of(&bench.mesh, &nodes, places, 0.5 * needle.thickness_m)
+}
+
+/// How far tissue with nodes at `nodes` reaches into balls of this radius at `places` \[m\].
+pub fn overlap_of(
+    mesh: &TetMesh,
+    nodes: &[[f64; 3]],
+    places: impl Iterator<Item = Vector3<f64>>,
+    radius_m: f64,
+) -> f64 {
+    let at = |node: u32| Vector3::from(nodes[node as usize]);
+    let boundary = mesh.half_faces().boundary();
     let mut deepest = f64::MIN;
-    for corners in boundary.triangles() {
-        let [a, b, c] = corners.map(at);
-        for place in 0..=2000 {
-            let alpha = from_m + (to_m - from_m) * f64::from(place) / 2000.0;
-            let on = curve.at(alpha);
+    for on in places {
+        for corners in boundary.triangles() {
+            let [a, b, c] = corners.map(at);
             // Within reach at all?
-            let near = |p: &Vector3<f64>| (p - on).norm() < 0.006;
+            let near = |p: &Vector3<f64>| (p - on).norm() < 0.006 + radius_m;
             if !(near(&a) || near(&b) || near(&c)) {
                 continue;
             }
@@ -95,7 +104,7 @@ fn overlap_m(bench: &Bench, needle: &Needle, from_m: f64, to_m: f64) -> f64 {
                 let side = q - p;
                 let part = ((on - p).dot(&side) / side.norm_squared()).clamp(0.0, 1.0);
                 let apart = (p + side * part - on).norm();
-                deepest = deepest.max(0.5 * needle.thickness_m - apart);
+                deepest = deepest.max(radius_m - apart);
             }
             let normal = (b - a).cross(&(c - a)).normalize();
             let foot = on - normal * normal.dot(&(on - a));
@@ -106,7 +115,7 @@ fn overlap_m(bench: &Bench, needle: &Needle, from_m: f64, to_m: f64) -> f64 {
             if sides.into_iter().all(inside) {
                 let height = normal.dot(&(on - a));
                 if height > -0.002 {
-                    deepest = deepest.max(0.5 * needle.thickness_m - height);
+                    deepest = deepest.max(radius_m - height);
                 }
             }
         }
@@ -196,7 +205,7 @@ fn a_shaft_rubs() {
     }
 }
 
-fn moved(grip: &Isometry3<f64>, by: &Vector6<f64>) -> Isometry3<f64> {
+pub fn moved(grip: &Isometry3<f64>, by: &Vector6<f64>) -> Isometry3<f64> {
     let part = |first| Vector3::new(by[first], by[first + 1], by[first + 2]);
     let rotation = UnitQuaternion::from_scaled_axis(part(3)) * grip.rotation;
     Isometry3::from_parts(
@@ -205,8 +214,9 @@ fn moved(grip: &Isometry3<f64>, by: &Vector6<f64>) -> Isometry3<f64> {
     )
 }
 
-/// Largest difference of the tangent of a step to `to` from whole steps to its neighbours, over the largest entry of its kind.
-fn tangent_off(bench: &mut Bench, to: Isometry3<f64>) -> f64 {
+/// Largest difference of the tangent of a step to `to` from whole steps to its neighbours, over the largest entry of its kind; and
+/// the step's solves.
+pub fn tangent_off(bench: &mut Bench, to: Isometry3<f64>) -> (f64, u32) {
     let before = bench.state.clone();
     let at = |bench: &mut Bench, grip: Isometry3<f64>| {
         let mut state = before.clone();
@@ -240,7 +250,7 @@ fn tangent_off(bench: &mut Bench, to: Isometry3<f64>) -> f64 {
         let there = found.fixed_view::<3, 3>(i, j);
         worst = worst.max((own - there).amax() / there.amax());
     }
-    worst
+    (worst, report.solves)
 }
 
 #[test]
@@ -258,38 +268,43 @@ fn the_tangent_is_the_derivative() {
         }
         let by = Vector6::new(3e-5, -2e-5, -2e-5, 1e-3, 5e-4, 1e-3);
         let to = moved(&bench.grip, &by);
-        let worst = tangent_off(&mut bench, to);
+        let (worst, _) = tangent_off(&mut bench, to);
         println!("mu {friction}: {worst:.1e}");
         assert!(worst < 1e-6, "mu {friction}: off by {worst:e}");
     }
+}
+
+/// Part of the largest energy that the hand's work, pressing, sweeping and lifting in steps of so much \[m\], leaves unexplained.
+pub fn missing_of_work(bench: &mut Bench, step_m: f64) -> f64 {
+    let (mut work, mut before, mut most, mut off) = (0.0, Vector3::zeros(), 0.0f64, 0.0);
+    let legs = [
+        ([0.0, 0.0, -1.0], 8e-4),
+        ([1.0, 0.2, 0.0], 3e-3),
+        ([0.0, 0.0, 1.0], 1e-3),
+    ];
+    for (way, far_m) in legs {
+        for _ in 0..(far_m / step_m).round() as usize {
+            let way = Vector3::from(way) * step_m;
+            let report = shift(bench, way.into());
+            let now = force(&report);
+            work += 0.5 * (before + now).dot(&way);
+            before = now;
+            most = most.max(report.stored_energy_j);
+            let spent: f64 = report.needles()[0].dissipated_j.iter().sum();
+            off = work - report.stored_energy_j - spent;
+        }
+    }
+    println!("{step_m} m: {off:.2e} J of {most:.2e} J missing");
+    off.abs() / most
 }
 
 /// The hand's work goes into the tissue and friction; what is missing falls with the step.
 #[test]
 fn the_hands_work_is_stored_and_rubbed_away() {
     let missing = [5e-5f64, 1.25e-5].map(|step_m| {
-        let (needle, start) = across(1e-6);
-        let mut bench = build(a_slab(), Kind::Linear, (needle, start), 20e3, rubbing(0.3));
-        let (mut work, mut before, mut most, mut off) = (0.0, Vector3::zeros(), 0.0f64, 0.0);
-        let legs = [
-            ([0.0, 0.0, -1.0], 8e-4),
-            ([1.0, 0.2, 0.0], 3e-3),
-            ([0.0, 0.0, 1.0], 1e-3),
-        ];
-        for (way, far_m) in legs {
-            for _ in 0..(far_m / step_m).round() as usize {
-                let way = Vector3::from(way) * step_m;
-                let report = shift(&mut bench, way.into());
-                let now = force(&report);
-                work += 0.5 * (before + now).dot(&way);
-                before = now;
-                most = most.max(report.stored_energy_j);
-                let spent: f64 = report.needles()[0].dissipated_j.iter().sum();
-                off = work - report.stored_energy_j - spent;
-            }
-        }
-        println!("{step_m} m: {off:.2e} J of {most:.2e} J missing");
-        off.abs() / most
+        let part = across(1e-6);
+        let mut bench = build(a_slab(), Kind::Linear, part, 20e3, rubbing(0.3));
+        missing_of_work(&mut bench, step_m)
     });
     assert!(
         missing[1] < 0.02 && missing[1] < 0.6 * missing[0] + 1e-3,
@@ -386,26 +401,4 @@ fn swept_into_a_side_it_pushes() {
         println!("{before} N");
         assert!(!body || before > 0.05, "{before} N");
     }
-}
-
-/// Arcs have no body yet.
-#[test]
-fn the_body_of_an_arc_is_refused() {
-    let (mesh, fixed) = a_slab();
-    let loads = Loads::default();
-    let model = Model::new(&mesh, MATERIAL, &fixed, loads, &[]).expect("tissue");
-    let part = NeedlePart {
-        id: 4,
-        needle: arc(0.012, 140.0),
-        start: frame([0.0, 0.0, 0.03], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]),
-        body: true,
-    };
-    let answers = vec![rubbing(0.2); mesh.cells().len()];
-    let settings = NeedleSettings::default();
-    let refused = model.with_needles(&mesh, &[part], &answers, settings);
-    let said = refused.map(|_| ()).expect_err("refused").to_string();
-    assert!(
-        said.contains("needle 4") && said.contains("straight"),
-        "{said}"
-    );
 }

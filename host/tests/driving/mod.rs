@@ -1,6 +1,8 @@
 //! Needles driven through tissue: forces, energy, derivatives, extremes.
 
 mod allocations;
+mod arcs;
+mod bars;
 pub mod bench;
 mod bodies;
 mod energy;

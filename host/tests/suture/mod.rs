@@ -10,6 +10,7 @@ mod hands;
 mod hanging;
 mod least;
 mod one_length;
+mod over;
 mod pressure;
 mod pull;
 mod rig;

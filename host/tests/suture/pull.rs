@@ -24,7 +24,7 @@ struct Ledger {
 }
 
 /// How much longer a thread's path is than unstretched \[m\], and what is stored in that \[J\].
-fn stretched(bench: &Bench, axial_stiffness_n: f64) -> (f64, f64) {
+pub fn stretched(bench: &Bench, axial_stiffness_n: f64) -> (f64, f64) {
     let path = bench.path(7);
     let pieces = path.windows(2).map(|two| {
         let strain = two[0].tension_n / axial_stiffness_n;

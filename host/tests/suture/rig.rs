@@ -31,6 +31,7 @@ pub const INEXTENSIBLE: Through = Through {
     thickness_m: 0.3e-3,
     tear_pa: f64::INFINITY,
     strands: 2,
+    body: false,
 };
 
 /// Of a soft thread \[N\].

@@ -102,7 +102,8 @@ impl SceneSolver {
         let held: Vec<_> = scene
             .held()
             .filter(|(tool, _)| {
-                let carries = !(scene.needles.is_empty() && scene.jaws.is_empty());
+                let others = scene.needles.is_empty() && scene.jaws.is_empty();
+                let carries = tool.body.is_some() || !others;
                 !(carries && tool.shape.is_grip())
             })
             .map(|(tool, pose)| (tool.id, tool.shape.clone(), pose))
