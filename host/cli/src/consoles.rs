@@ -281,7 +281,7 @@ mod tests {
             ("pass reset cause 1, epitaph 0\n", "stopped after `reset`"),
         ] {
             let (report, _) = heard(said);
-            let error = report.expect_err("no end").to_string();
+            let error = report.expect_err("no end").report.to_string();
             assert!(error.contains(says), "{error}");
         }
     }
@@ -307,9 +307,10 @@ mod tests {
         let error = judge(&report, "x", Some(&path), &global).expect_err("one failed");
         assert!(
             error
+                .report
                 .to_string()
                 .contains("1 of 2 checks failed: encoder_2_forward"),
-            "{error}"
+            "{error:?}"
         );
         let text = std::fs::read_to_string(&path).expect("written");
         assert_eq!(text, "pass clocks 3 of 4\nFAIL encoder_2_forward 3 of 4\n");

@@ -208,5 +208,8 @@ fn the_work_on_a_span_over_a_rim_is_stored() {
         println!("{step_m}: {worst_j} of {peak_j} J");
         worst_j / peak_j
     });
-    assert!(missing[1] < 0.02 && missing[1] < 0.6 * missing[0] + 1e-3, "{missing:?}");
+    assert!(
+        missing[1] < 0.02 && missing[1] < 0.6 * missing[0] + 1e-3,
+        "{missing:?}"
+    );
 }
