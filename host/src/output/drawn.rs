@@ -169,10 +169,11 @@ impl Beside {
         }
         for tool in &self.tools {
             let sample = samples.iter().find(|sample| sample.id == tool.id);
-            let Some(placement) = sample.and_then(|sample| tool.shape.place(sample)) else {
+            let seen = tool.seen();
+            let Some(placement) = sample.and_then(|sample| seen.place(sample)) else {
                 continue;
             };
-            let (radius_m, outlines) = outline(&tool.shape);
+            let (radius_m, outlines) = outline(&seen);
             lines.extend(outlines.into_iter().map(|local| {
                 Line {
                     part: Part::Tool,

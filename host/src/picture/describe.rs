@@ -28,7 +28,7 @@ pub fn statuses() -> [&'static str; 8] {
 /// Tools: their shapes, and how these are fixed to their grips.
 pub fn describe_tools(scene: &Scene) -> Value {
     let each = scene.tools.iter().map(|tool| {
-        let shape = &tool.shape;
+        let shape = &tool.seen();
         let (mut length_m, mut fillet_m, mut size_m, mut mesh_of) = (None, None, None, None);
         let word = match &shape.shape {
             Shape::Sphere { .. } => "sphere",

@@ -190,7 +190,7 @@ impl Painter {
         let contacts = of.last().contacts();
         let each = of.samples().iter().filter_map(|sample| {
             let tool = self.tools.iter().find(|tool| tool.id == sample.id)?;
-            let placement = tool.shape.place(sample)?;
+            let placement = tool.seen().place(sample)?;
             let contact = contacts.iter().find(|contact| contact.id == tool.id);
             Some(ToolView {
                 id: tool.id,

@@ -5,6 +5,7 @@
 use super::shape::PIECE_RADII;
 use super::touch::{MOST_TOUCHES, Touch};
 use crate::needle::Curve;
+use crate::tool::MOST_FRICTION;
 use nalgebra::{Isometry3, Point3, Vector3};
 use serde::Serialize;
 
@@ -43,7 +44,9 @@ impl Bar {
             return Some("its axis must be a unit vector, and its offset finite".to_owned());
         }
         let friction = self.friction;
-        (!(friction >= 0.0)).then(|| format!("its friction is {friction}; it must be 0 or more"))
+        let is_sound = (0.0..=MOST_FRICTION).contains(&friction);
+        let limits = || format!("its friction is {friction}; it must be from 0 to {MOST_FRICTION}");
+        (!is_sound).then(limits)
     }
 
     /// Centres of its balls, the one in front first, of a grip at `pose` \[m\].

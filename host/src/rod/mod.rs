@@ -1,6 +1,6 @@
 //! Rods: balls swept along curves, which touch the tissue's surface. Bodies of needles are rods, and bodies of grips: [`Bar`].
 //!
-//! Entry points: [`Rod`] for what one is, [`Swept`] for one where it is; `touch.rs` says where it touches, and `feature.rs` what.
+//! Entry points: `Rod` for what one is, `Swept` for one where it is; `touch.rs` says where it touches, and `feature.rs` what.
 
 mod bar;
 mod feature;

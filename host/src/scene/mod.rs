@@ -173,6 +173,20 @@ pub struct Tool {
     pub body: Option<Bar>,
 }
 
+impl Tool {
+    /// What is seen of it: its shape, or the body of a grip.
+    pub fn seen(&self) -> tool::Tool {
+        let Some(bar) = self.body else {
+            return self.shape.clone();
+        };
+        let (radius_m, length_m) = (bar.radius_m, bar.length_m);
+        tool::Tool {
+            axis: bar.axis,
+            ..tool::Tool::new(tool::Shape::Capsule { radius_m, length_m }, bar.offset_m)
+        }
+    }
+}
+
 /// Position and orientation of a grip.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Pose {

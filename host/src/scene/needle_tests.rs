@@ -338,7 +338,7 @@ const SLIPS: &[Slip] = &[
         from: "id = 2\nshape = \"grip\"",
         to: "id = 2\nshape = \"grip\"\nbody = { radius_m = 0.002 }",
         message: "missing key `length_m`",
-        under: "",
+        under: "{ radius_m = 0.002 }",
         help: "",
     },
     Slip {
@@ -574,7 +574,7 @@ fn a_grip_has_a_body() {
     let text = GOOD.replacen("shape = \"grip\"", &format!("shape = \"grip\"\n{body}"), 1);
     let scene = read(&text).expect("good");
     let parts: Vec<_> = scene.bars().collect();
-    let bar = crate::rod::Bar {
+    let bar = Bar {
         offset_m: [0.0; 3],
         axis: [0.0, 1.0, 0.0],
         radius_m: 0.002,
@@ -582,6 +582,9 @@ fn a_grip_has_a_body() {
         friction: 0.2,
     };
     assert_eq!(parts.iter().map(|part| part.bar).collect::<Vec<_>>(), [bar]);
+    let seen = scene.tools.iter().find(|tool| tool.body.is_some());
+    let seen = seen.expect("a body").seen();
+    assert_eq!((seen.radius_m(), seen.axis), (0.002, [0.0, 1.0, 0.0]));
     scene.build().expect("a model");
     assert!(read(GOOD).expect("good").bars().next().is_none());
 }

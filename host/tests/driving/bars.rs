@@ -7,6 +7,8 @@ use sutura_host::fem::{Loads, Material};
 use sutura_host::mesh::TetMesh;
 use sutura_host::model::Model;
 use sutura_host::rod::{Bar, BarPart};
+use sutura_host::scene::{Document, Scene};
+use sutura_host::session::SceneSolver;
 use sutura_host::step::{State, Status, StepOptions, StepReport, Workspace, step};
 use sutura_host::tool::{Shape, Tool, ToolSample};
 
@@ -390,4 +392,52 @@ fn bars_without_a_shape_are_refused() {
         )])
         .contains("unit vector")
     );
+}
+
+/// A scene's session: the console's grip has a body, another one is held beside it.
+#[test]
+fn a_session_feels_the_body_of_its_grip() {
+    let text = r#"
+        device = "cartesian-bench"
+        [mesh.slab]
+        size_m = [0.04, 0.04, 0.02]
+        divisions = [8, 8, 4]
+        [tissue]
+        youngs_modulus_pa = 10e3
+        poisson_ratio = 0.4
+        [[fixed]]
+        plane = { axis = "z", at_m = -0.02 }
+        [[tool]]
+        shape = "grip"
+        body = { radius_m = 0.003, length_m = 0.02, axis = [1.0, 0.3, 0.0], friction = 0.2 }
+        [[tool]]
+        id = 3
+        shape = "grip"
+        position_m = [0.0, 0.0, 0.1]
+        body = { radius_m = 0.003, length_m = 0.02 }
+    "#;
+    let document = Document::embedded("test.toml", "".as_ref(), text);
+    let scene = Scene::read(&document, "test").expect("good");
+    let mut solver = SceneSolver::new(&scene).expect("a solver");
+    let mut last = Vector3::zeros();
+    for place in 0..60u32 {
+        let height_m = 0.0045 - 5e-5 * f64::from(place);
+        let sample = ToolSample {
+            id: 0,
+            console_time_us: 10_000 * u64::from(place),
+            ..Held::sample(&Isometry3::translation(0.01, 0.0, height_m))
+        };
+        let report = solver.step(sample);
+        if report.status == Status::Waiting {
+            continue;
+        }
+        assert_eq!(report.status, Status::Ok);
+        let [x, y, z, ..] = report.contacts()[0].wrench;
+        last = Vector3::new(x, y, z);
+        assert!(
+            height_m < 0.00301 || last == Vector3::zeros(),
+            "{height_m}: {last}"
+        );
+    }
+    assert!(last.z > 0.05, "{last}");
 }
