@@ -15,6 +15,7 @@ use sutura_shared::control::{
 };
 use sutura_shared::device::DeviceDescription;
 use sutura_shared::kinematics;
+use sutura_shared::math::max;
 use sutura_shared::wire::message::{Fixture, Mode, State};
 use sutura_shared::wire::{Message, faults};
 
@@ -133,7 +134,7 @@ struct Carried {
 impl Carried {
     fn note(&mut self, weight: &[f32; 3], output: &TickOutput) {
         for (most, weight) in self.most.iter_mut().zip(weight) {
-            *most = most.max(weight.abs());
+            *most = max(*most, weight.abs());
         }
         self.ticks = match (output.state.mode, output.amplifiers_on) {
             (_, false) => 0,

@@ -7,6 +7,7 @@ use crate::rig::{Loop, arm, bench, fixture_frame, frame, hand, wall};
 use sutura_shared::control::{Control, TICK_S, TickInput, TickOutput};
 use sutura_shared::device::{DeviceDescription, JOINTS};
 use sutura_shared::kinematics::{GRAVITY, forward};
+use sutura_shared::math::max;
 use sutura_shared::simulated_console::SimulatedBoard;
 use sutura_shared::wire::faults;
 use sutura_shared::wire::message::{Command, Fixture, Mode, Simulate};
@@ -371,7 +372,7 @@ fn sinks(begin: impl Fn(&mut Control, &mut TickInput)) -> (f32, f32) {
         }
         let output = control.tick(&input, None);
         board.write(&output);
-        most = most.max(board.device().joints().1[2].abs());
+        most = max(most, board.device().joints().1[2].abs());
     }
     (most, from - board.device().position()[2])
 }

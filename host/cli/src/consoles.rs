@@ -207,16 +207,18 @@ fn judge(report: &Report, port: &str, out: Option<&Path>, global: &Global) -> Re
         .filter(|found| !found.passed)
         .map(|found| found.name.as_str())
         .collect();
-    if global.format == Format::Json {
+    let json = global.format == Format::Json;
+    if json {
+        let status = if failed.is_empty() { "ok" } else { "failed" };
         println!(
             "{}",
-            serde_json::json!({ "port": port, "failed": failed, "checks": report.checks })
+            serde_json::json!({ "status": status, "port": port, "failed": failed, "checks": report.checks })
         );
     }
     if failed.is_empty() {
         return Ok(());
     }
-    Err(Failure::say(
+    let failure = Failure::say(
         Cause::Failed,
         format!(
             "{} of {} checks failed: {}",
@@ -225,7 +227,13 @@ fn judge(report: &Report, port: &str, out: Option<&Path>, global: &Global) -> Re
             failed.join(", ")
         ),
         "look at the jumpers of those first, then at the board: the wiring page has both",
-    ))
+    );
+    // A JSON object has said it already.
+    Err(if json {
+        failure.after_summary()
+    } else {
+        failure
+    })
 }
 
 #[cfg(test)]
@@ -305,13 +313,8 @@ mod tests {
         assert!(judge(&report, "x", Some(&path), &global).is_ok());
         report.checks.push(found("encoder_2_forward", false));
         let error = judge(&report, "x", Some(&path), &global).expect_err("one failed");
-        assert!(
-            error
-                .report
-                .to_string()
-                .contains("1 of 2 checks failed: encoder_2_forward"),
-            "{error:?}"
-        );
+        let error = error.report.to_string();
+        assert_eq!(error, "1 of 2 checks failed: encoder_2_forward");
         let text = std::fs::read_to_string(&path).expect("written");
         assert_eq!(text, "pass clocks 3 of 4\nFAIL encoder_2_forward 3 of 4\n");
     }

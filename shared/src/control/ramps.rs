@@ -71,8 +71,8 @@ mod tests {
         let mut ramps = Ramps::default();
         for tick in 1..=1000_u16 {
             ramps.rise(tick == 1);
-            let part = |ticks: f32| (f32::from(tick) / ticks).min(1.0);
-            assert_eq!([ramps.weight(), ramps.contact()], [part(300.0), part(50.0)]);
+            let part = |ticks: u16| f32::from(tick.min(ticks)) / f32::from(ticks);
+            assert_eq!([ramps.weight(), ramps.contact()], [part(300), part(50)]);
         }
     }
 
