@@ -214,7 +214,11 @@ fn every_picture_of_the_book_can_be_read() {
     assert!(all.is_empty(), "{} in all\n{}", all.len(), all.join("\n"));
     for path in &pictures {
         let svg = std::fs::read_to_string(path).expect("readable");
-        let over = inside(&svg);
+        // A drawing of wires has no data.
+        let is_drawing = path
+            .parent()
+            .is_some_and(|folder| folder.ends_with("wiring"));
+        let over = if is_drawing { Vec::new() } else { inside(&svg) };
         let is_number = |words: &String| words.parse::<u32>().is_ok();
         assert!(over.iter().all(is_number), "{}: {over:?}", path.display());
         assert!(
