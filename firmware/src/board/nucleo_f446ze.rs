@@ -27,8 +27,9 @@
 //! | PC14, PC15 | crystal of 32 kHz | | left alone |
 //! | PA4, PA5 | nothing | | the two pins that do not stand 5 V |
 //!
-//! Sources: alternate functions are the data sheet's (DS10693, table 11); LEDs, button and solder bridges those of the manual
-//! (UM1974) as mbed's and NuttX's files of the family quote it. **Connector numbers and bridges are to be checked on the board before it is wired.**
+//! Sources: alternate functions are the data sheet's (DS10693, table 11); LEDs, button and their solder bridges those that mbed's and
+//! NuttX's files of the family quote from the manual (UM1974). The manual itself was not at hand: connector numbers and SB122 are
+//! unchecked. **Connector numbers and bridges are to be checked on the board before it is wired.**
 //!
 //! The chip has no random generator: [`session_seed`] takes noise, the chip's number and a count in RAM.
 
