@@ -758,4 +758,33 @@ mod tests {
         }];
         assert_eq!(new(0, [node(1), here], &known).force, force);
     }
+
+    /// A segment that solves leave to and fro, at two tensions and two ways, is linearised between them where half of each change is
+    /// made, and where each solve has it otherwise.
+    #[test]
+    fn what_goes_to_and_fro_ends_between() {
+        let at = |point: &AnchorPoint| Vector3::new(0.002 * f64::from(point.nodes[0]), 0.0, 0.0);
+        let fresh = Segment::new((5, 0), [node(1), node(2)], 0, &[], &at);
+        let ends = [(1.0, 0.3), (-1.0, 0.1)].map(|(side, tension_n)| {
+            let way = Vector3::new(2e-3, 1e-3 * side, 0.0);
+            (way, way.normalize() * tension_n, tension_n)
+        });
+        let swung = |part: f64| {
+            let mut segment = fresh;
+            segment.linearise(1e-3, 1.0);
+            let mut slopes = [0.0; 2];
+            for solve in 0..40 {
+                let (way, force, tension_n) = ends[solve % 2];
+                (segment.way, segment.force, segment.tension_n) = (way, force, tension_n);
+                segment.linearise(1e-3, part);
+                slopes[solve % 2] = segment.along.y / segment.along.x;
+            }
+            slopes
+        };
+        let slope = |end: usize| ends[end].0.y / ends[end].0.x;
+        for end in [0, 1] {
+            assert!((swung(1.0)[end] - slope(end)).abs() < 1e-12);
+            assert!(swung(0.5)[end].abs() < 0.6 * slope(end).abs());
+        }
+    }
 }
