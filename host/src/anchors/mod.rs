@@ -15,7 +15,7 @@ mod tests;
 
 pub(crate) use set::ConstraintSet;
 pub use solver::{AnchorSettings, AnchorSolver, AnchorStages, AnchorStatus, AnchorStep};
-pub(crate) use system::{ConstraintState, ConstraintSystem, Fetched, is_solved};
+pub(crate) use system::{ConstraintState, ConstraintSystem, Fetched, MANY_PUSHES, is_solved};
 
 use crate::rows::RowKind;
 use serde::Serialize;

@@ -158,6 +158,9 @@ pub(crate) struct ConstraintSystem {
     body_work: BodyWork,
     /// Whether the tissue has moved since it was linearised.
     accepted: bool,
+    /// Displacement without row forces, by the linearisation \[m\], (unknowns); empty where few vertices are pushed: then
+    /// sums of columns cost less.
+    resting: Vec<f64>,
     /// Place of each mesh node among the reached, (n).
     reached_of_node: Vec<u32>,
     vertices: Vec<u32>,
@@ -182,6 +185,8 @@ pub(crate) struct ConstraintSystem {
 }
 
 const UNREACHED: u32 = u32::MAX;
+/// Where more vertices than this are pushed, one solve for all nodes costs less than a sum for each that is asked for.
+pub(crate) const MANY_PUSHES: usize = 150;
 
 /// Whether a solve gave forces to go on with.
 pub(crate) fn is_solved(outcome: &rows::Outcome) -> bool {
@@ -276,6 +281,11 @@ impl ConstraintSystem {
             columns,
             body_work: body.work(),
             accepted: false,
+            resting: Vec::with_capacity(if body.is_linear() {
+                0
+            } else {
+                body.numbering().unknowns()
+            }),
             reached_of_node,
             vertices: Vec::with_capacity(8 * most_anchors),
             missing: Vec::with_capacity(8 * most_anchors),
@@ -354,11 +364,20 @@ impl ConstraintSystem {
         if let Some(unknowns) = grasp.motion.unknowns().filter(|_| self.accepted) {
             return body.numbering().at_node(unknowns, node).into();
         }
-        let free = body.free(&grasp.motion, &self.body_work, &self.columns, vertex);
+        let free = self.free_of(body, grasp, vertex);
         let moved = pushes
             .iter()
             .map(|(pushed, force)| self.columns.block(vertex, *pushed) * force);
         free + moved.sum::<Vector3<f64>>()
+    }
+
+    /// Displacement of a vertex without row forces, by the linearisation \[m\].
+    fn free_of(&self, body: &Body, grasp: &ConstraintState, vertex: u32) -> Vector3<f64> {
+        let first = self.columns.first_unknown(vertex);
+        match self.resting.get(first..first + 3) {
+            Some(at) => Vector3::from_column_slice(at),
+            None => body.free(&grasp.motion, &self.body_work, &self.columns, vertex),
+        }
     }
 
     /// As [`Self::compliance`], for what gives way besides the tissue.
@@ -609,7 +628,20 @@ impl ConstraintSystem {
     /// After [`Self::look`]: linearises there; columns of another factor are forgotten.
     pub fn linearise(&mut self, body: &Body, grasp: &mut ConstraintState) -> Option<Linearisation> {
         self.accepted = false;
-        body.linearise(&mut grasp.motion, &mut self.body_work, &mut self.columns)
+        self.resting.clear();
+        let done = body.linearise(&mut grasp.motion, &mut self.body_work, &mut self.columns);
+        if grasp.motion.pushed().len() > MANY_PUSHES {
+            self.resting.resize(body.numbering().unknowns(), 0.0);
+            body.displaced(
+                &grasp.motion,
+                &self.body_work,
+                &self.columns,
+                std::iter::empty(),
+                &mut self.resting,
+                &mut self.field_work,
+            );
+        }
+        done
     }
 
     /// Computes missing columns of what [`Self::read`] read, of at most `budget` vertices.
@@ -669,13 +701,10 @@ impl ConstraintSystem {
     /// Compliance and free delta of the rows.
     pub fn assemble(&mut self, body: &Body, grasp: &ConstraintState, rows: &[PointConstraint]) {
         let n = rows.len() + self.spread.rows.len();
-        for (free, anchor) in self.free.iter_mut().zip(&self.next_anchors) {
-            *free = anchor
-                .parts()
-                .map(|(vertex, weight)| {
-                    body.free(&grasp.motion, &self.body_work, &self.columns, vertex) * weight
-                })
-                .sum();
+        for at in 0..self.next_anchors.len() {
+            let parts = self.next_anchors[at].parts();
+            let free = parts.map(|(vertex, weight)| self.free_of(body, grasp, vertex) * weight);
+            self.free[at] = free.sum();
         }
         for (delta, row) in self.delta_free.iter_mut().zip(rows) {
             let along = Vector3::from(row.direction).dot(&self.free[row.anchor as usize]);
@@ -791,6 +820,7 @@ impl ConstraintSystem {
         let pushes = pushes(anchors, on_anchors);
         let moved = body.accept(motion, &mut self.body_work, &self.columns, pushes);
         self.accepted = true;
+        self.resting.clear();
         moved
     }
 }

@@ -1,11 +1,11 @@
-//! Rows on several anchors against explicit products with K^-1.
+//! Rows on several anchors against explicit products with K^-1, and where turning tissue is without any.
 
 use super::{
-    AnchorPoint, AnchorSettings, ConstraintState, ConstraintSystem, MultiPointConstraint,
-    PointConstraint, Term,
+    AnchorPoint, AnchorSettings, ConstraintState, ConstraintSystem, MANY_PUSHES,
+    MultiPointConstraint, PointConstraint, Term,
 };
 use crate::body::Body;
-use crate::fem::{LinearTissue, Loads, Material, NodeLoad};
+use crate::fem::{CorotationalTissue, LinearTissue, Loads, Material, NodeLoad, Policy};
 use crate::mesh::slab;
 use crate::rows::RowKind;
 use std::sync::Arc;
@@ -139,5 +139,74 @@ fn spread_rows_give_way_as_products_with_the_inverse_say() {
             let off = (found[6 * column + row] - along - own).abs();
             assert!(off < 1e-12 * largest, "{row} {column}: {off:e}");
         }
+    }
+}
+
+/// Of many forces one solve takes the place of a sum for each vertex; both say the same, and the sums go on after the tissue has moved.
+#[test]
+fn tissue_that_many_forces_act_on_is_where_sums_of_columns_have_it() {
+    let mesh = slab([0.06, 0.06, 0.02], [7, 7, 2]).expect("a slab");
+    let fixed: Vec<u32> = (0..64).collect();
+    let material = Material {
+        youngs_modulus_pa: 15e3,
+        poisson_ratio: 0.4,
+    };
+    let tissue = CorotationalTissue::new(&mesh, material, &fixed, Policy::default());
+    let tissue = Arc::new(tissue.expect("tissue"));
+    let loads = vec![0.0; tissue.unknowns()];
+    let body = Body::Corotational { tissue, loads };
+    let cells = mesh.cells().iter().rev().step_by(4).take(60);
+    let anchors: Vec<AnchorPoint> = cells
+        .map(|nodes| AnchorPoint {
+            nodes: *nodes,
+            weights: [0.1, 0.2, 0.3, 0.4],
+        })
+        .collect();
+    let rows: Vec<PointConstraint> = (0..anchors.len() as u32)
+        .map(|anchor| PointConstraint {
+            id: u64::from(anchor),
+            anchor,
+            kind: RowKind::Equality,
+            direction: if anchor % 2 == 0 {
+                [1.0, 0.0, 0.0]
+            } else {
+                [0.0, 0.6, 0.8]
+            },
+            target_m: 2e-4 * f64::from(anchor % 7),
+        })
+        .collect();
+    let settings = AnchorSettings {
+        most_rows: rows.len(),
+        most_anchors: anchors.len(),
+        ..AnchorSettings::default()
+    };
+    let mut grasp = ConstraintState::new(body.at_rest(), &settings);
+    let nodes = 0..body.numbering().nodes() as u32;
+    let reached: Vec<u32> = nodes
+        .filter(|node| !body.numbering().is_fixed(*node))
+        .collect();
+    let mut system =
+        ConstraintSystem::new(&body, grasp.motion(), &reached, settings).expect("free nodes");
+    system.begin_step();
+    for pass in 0..3 {
+        system.look(&body, &mut grasp).expect("tissue that turns");
+        system.linearise(&body, &mut grasp).expect("the same");
+        assert!(system.read(&body, &anchors, &[], &rows));
+        assert!(system.fetch(&body, &grasp, usize::MAX).all);
+        assert_eq!(grasp.motion().pushed().len() > MANY_PUSHES, pass > 0);
+        let (mut largest, mut off): (f64, f64) = (0.0, 0.0);
+        for (vertex, node) in (0u32..).zip(&reached) {
+            let at = system.displacement(&body, &grasp, &[], *node);
+            let sum = body.free(grasp.motion(), system.body_work(), system.columns(), vertex);
+            largest = largest.max(sum.norm());
+            off = off.max((at - sum).norm());
+        }
+        assert!(
+            off <= 1e-12 * largest,
+            "pass {pass}: {off:e} of {largest:e}"
+        );
+        system.assemble(&body, &grasp, &rows);
+        system.solve(&rows, None, &mut grasp);
+        system.accept(&body, &mut grasp);
     }
 }

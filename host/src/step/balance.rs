@@ -10,7 +10,9 @@ use super::options::StepOptions;
 use super::report::{Status, StepReport};
 use super::sources::{Sources, SourcesState};
 use super::targets::Targets;
-use crate::anchors::{AnchorPoint, ConstraintSet, ConstraintSystem, Fetched, is_solved};
+use crate::anchors::{
+    AnchorPoint, ConstraintSet, ConstraintSystem, Fetched, MANY_PUSHES, is_solved,
+};
 use crate::body::{Body, Push};
 use crate::clock::Clock;
 use crate::collide::TouchWork;
@@ -25,8 +27,6 @@ use std::cell::Cell;
 
 /// Most solves of one balance.
 const MOST_SOLVES: u32 = 64;
-/// Where more vertices than this are pushed, one solve for all nodes costs less than a sum for each that is asked for.
-const MANY_PUSHES: usize = 150;
 
 /// The present constraints, where they have the tissue, and scratch of each source.
 pub(crate) struct BalanceWork {

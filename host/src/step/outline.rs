@@ -183,7 +183,11 @@ impl Step<'_> {
         let system = &mut self.work.balance.system;
         system.begin_step();
         self.report.renewals = system.take_over(&self.model.body, &mut self.state.grasp);
-        self.clock.lap(&mut self.report.stages.tissue_ns);
+        let stages = &mut self.report.stages;
+        self.clock.lap(match self.report.renewals.waited {
+            0 => &mut stages.tissue_ns,
+            _ => &mut stages.wait_ns,
+        });
     }
 
     /// Newton's passes: each linearises the tissue where it is and follows the way, until little is left out of balance.

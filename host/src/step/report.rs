@@ -87,8 +87,7 @@ impl ToolContact {
 /// Time spent in each stage \[ns\].
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
 pub struct Stages {
-    /// Rotations, internal forces and factorisation of corotational tissue; taking over a renewed factor, and
-    /// waiting for it.
+    /// Rotations, internal forces and factorisation of corotational tissue; taking over a renewed factor.
     pub tissue_ns: u64,
     /// Where the boundary is and which vertices are near a tool.
     pub detect_ns: u64,
@@ -104,11 +103,13 @@ pub struct Stages {
     pub approach_ns: u64,
     /// Steps ahead on a copy of the state, all their stages together; by a session's solver.
     pub look_ns: u64,
+    /// Waiting for a renewed factor, as steps do that are the same on every machine.
+    pub wait_ns: u64,
 }
 
 impl Stages {
-    /// The stages' names and times \[ns\], in the order in which a step passes them.
-    pub fn named(&self) -> [(&'static str, u64); 8] {
+    /// The stages' names and times \[ns\], in the order in which a step passes them, and last what it waits.
+    pub fn named(&self) -> [(&'static str, u64); 9] {
         [
             ("approach", self.approach_ns),
             ("tissue", self.tissue_ns),
@@ -118,6 +119,7 @@ impl Stages {
             ("field", self.field_ns),
             ("reduce", self.reduce_ns),
             ("look", self.look_ns),
+            ("wait", self.wait_ns),
         ]
     }
 }

@@ -68,7 +68,8 @@ Examples:
 
 Figures of scenes are medians over all steps in contact (and once more over those in which a thread pulls), after every compliance column was computed; first_touch_us is
 the slowest step while they were not. session_us is all that a session's solver does in a period, over the whole script, and
-worst_second_us the largest mean of a second of it. Build with --release: a debug build is many times slower.";
+worst_second_us the largest mean of a second of it; what lockstep waits for factors is left out, and solves_waited says how
+often it did. Build with --release: a debug build is many times slower.";
 
 #[derive(Serialize)]
 struct Report {
@@ -122,6 +123,8 @@ struct Case {
 #[derive(Serialize)]
 struct OfSession {
     session_us: SessionUs,
+    /// Solves that waited for a factor, without that.
+    solves_waited: usize,
     /// Largest mean of the solves of a second of scene time.
     worst_second_us: f64,
     #[serde(skip)]
@@ -369,6 +372,7 @@ fn measure(scene: &Scene, progress: &ProgressBar) -> Result<Vec<Case>, Failure> 
     let mut cases = vec![Case {
         of_session: Some(OfSession {
             session_us: solves.distribution(),
+            solves_waited: solves.waited(),
             worst_second_us: worst.map_or(0.0, |worst| worst.mean_us),
             worst,
         }),
@@ -490,8 +494,12 @@ fn print_text(report: &Report) {
                     worst.mean_us, worst.from_s
                 )
             });
+            let waited = match of.solves_waited {
+                0 => String::new(),
+                waited => format!("; {waited} waited for a factor besides"),
+            };
             say!(
-                "  in a session, looking ahead and all: p50 {p50:.0}, p99 {p99:.0}, max {max:.0}{worst}"
+                "  in a session, looking ahead and all: p50 {p50:.0}, p99 {p99:.0}, max {max:.0}{worst}{waited}"
             );
         }
         if let Some(turning) = &case.turning {

@@ -1,7 +1,8 @@
 //! What a session's solver takes: contact, looking ahead and all that its thread does in a period, over the whole script.
 //!
 //! Entry point: [`Solves::of`]. The session is run in lockstep with a virtual console, once so that every compliance column
-//! that it needs is there, then as often as is measured; time stands for what the same solve took when it was fastest.
+//! that it needs is there, then as often as is measured; time stands for what the same solve took when it was fastest. What steps
+//! wait for factors is left out: in real time factors come when they are made.
 
 use crate::failure::{Cause, Failure};
 use crate::run::plan_of;
@@ -17,9 +18,14 @@ use sutura_shared::wire::message::State;
 /// A second of console time \[us\].
 const SECOND_US: u64 = 1_000_000;
 
-/// The solves of a session: console time \[us\], and what each took \[us\].
+/// The solves of a session.
 #[derive(Clone, Debug, Default)]
-pub struct Solves(Vec<(u64, f64)>);
+pub struct Solves {
+    /// Console time \[us\], and what each took \[us\].
+    each: Vec<(u64, f64)>,
+    /// How many of them waited for a factor.
+    waited: usize,
+}
 
 /// Their distribution.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
@@ -44,14 +50,17 @@ pub struct WorstSecond {
 struct Timed<'a> {
     solver: &'a mut dyn Solve,
     solves: Vec<(u64, Duration)>,
+    waited: usize,
 }
 
 impl Solve for Timed<'_> {
     fn solve(&mut self, state: &Valid<State>) -> Solved {
         let started = Instant::now();
         let solved = self.solver.solve(state);
-        self.solves
-            .push((state.console_time_us(), started.elapsed()));
+        let waited = Duration::from_nanos(solved.stages.wait_ns);
+        let took = started.elapsed().saturating_sub(waited);
+        self.solves.push((state.console_time_us(), took));
+        self.waited += usize::from(!waited.is_zero());
         solved
     }
 
@@ -93,6 +102,7 @@ impl Solves {
         let mut timed = Timed {
             solver,
             solves: Vec::new(),
+            waited: 0,
         };
         let ran = run_lockstep(
             &mut console,
@@ -105,22 +115,33 @@ impl Solves {
             Failure::say(Cause::Failed, error.to_string(), help)
         })?;
         let micros = |(time_us, took): (u64, Duration)| (time_us, 1e6 * took.as_secs_f64());
-        Ok(Solves(timed.solves.into_iter().map(micros).collect()))
+        Ok(Solves {
+            each: timed.solves.into_iter().map(micros).collect(),
+            waited: timed.waited,
+        })
     }
 
     /// Each solve as it was fastest: in lockstep two passes do the same.
     fn faster(self, other: Solves) -> Solves {
-        let same = self.0.len() == other.0.len();
+        let same = self.each.len() == other.each.len();
         if !same {
             return other;
         }
-        let pairs = self.0.into_iter().zip(other.0);
-        Solves(pairs.map(|((time, a), (_, b))| (time, a.min(b))).collect())
+        let pairs = self.each.into_iter().zip(other.each);
+        Solves {
+            each: pairs.map(|((time, a), (_, b))| (time, a.min(b))).collect(),
+            waited: other.waited,
+        }
+    }
+
+    /// How many of them waited for a factor, which is not part of what they took.
+    pub fn waited(&self) -> usize {
+        self.waited
     }
 
     /// Their distribution.
     pub fn distribution(&self) -> SessionUs {
-        let mut took: Vec<f64> = self.0.iter().map(|(_, us)| *us).collect();
+        let mut took: Vec<f64> = self.each.iter().map(|(_, us)| *us).collect();
         SessionUs {
             p50: super::quantile(&mut took, 0.5),
             p99: super::quantile(&mut took, 0.99),
@@ -130,7 +151,7 @@ impl Solves {
 
     /// Of all seconds of console time that begin with a solve the one with the largest mean; a shorter session is one.
     pub fn worst_second(&self) -> Option<WorstSecond> {
-        let solves = &self.0;
+        let solves = &self.each;
         let (first_us, last_us) = (solves.first()?.0, solves.last()?.0);
         let mut worst: Option<(usize, usize, f64)> = None;
         let (mut end, mut sum) = (0, 0.0);
@@ -167,7 +188,11 @@ mod tests {
             let us = if slow.contains(&k) { 900.0 } else { 100.0 };
             (5_000_000 + 10_000 * k, us)
         });
-        Solves(all.collect())
+        of(all.collect())
+    }
+
+    fn of(each: Vec<(u64, f64)>) -> Solves {
+        Solves { each, waited: 0 }
     }
 
     #[test]
@@ -191,7 +216,7 @@ mod tests {
 
     #[test]
     fn a_short_session_is_one_second() {
-        let short = Solves(vec![(0, 1.0), (10_000, 3.0)]);
+        let short = of(vec![(0, 1.0), (10_000, 3.0)]);
         let worst = short.worst_second().expect("a second");
         assert_eq!((worst.from_s, worst.mean_us), (0.0, 2.0));
         assert_eq!(Solves::default().worst_second(), None);
@@ -199,8 +224,8 @@ mod tests {
 
     #[test]
     fn each_solve_counts_as_it_was_fastest() {
-        let a = Solves(vec![(0, 1.0), (10, 8.0)]);
-        let b = Solves(vec![(0, 2.0), (10, 3.0)]);
-        assert_eq!(a.faster(b).0, [(0, 1.0), (10, 3.0)]);
+        let a = of(vec![(0, 1.0), (10, 8.0)]);
+        let b = of(vec![(0, 2.0), (10, 3.0)]);
+        assert_eq!(a.faster(b).each, [(0, 1.0), (10, 3.0)]);
     }
 }

@@ -350,14 +350,14 @@ pub fn example(now: Instant) -> Figures {
         "kind": "hello", "session": 1, "version": "0.1.0", "scene": "palpation", "tissue": "linear", "rendering": "rows",
         "device": "delta-3", "console": "/dev/ttyACM0", "source": "live", "pace": "real-time", "role": "control",
         "host_hz": 250.0, "horizon_ms": 20.0, "mode": "idle", "faults": [],
-        "stages": ["approach", "tissue", "detect", "columns", "solve", "field", "reduce", "look"],
+        "stages": ["approach", "tissue", "detect", "columns", "solve", "field", "reduce", "look", "wait"],
         "fixes": fixes.collect::<serde_json::Map<_, _>>(),
     });
     let both = |p50: f64, p99: f64| json!({"now": {"p50": p50, "p99": p99}, "all": {"p50": p50, "p99": 2.0 * p99}});
     let gauges = json!({
         "kind": "gauges", "session": 1, "time_s": 12.5, "tick": 12500, "mode": "armed", "faults": [],
         "latency_us": both(3200.0, 4800.0), "age_us": both(5100.0, 7900.0), "step_us": both(810.0, 1240.0),
-        "stages_us": [0.0, 12.0, 55.0, 90.0, 480.0, 0.0, 31.0, 120.0], "rest_us": 22.0,
+        "stages_us": [0.0, 12.0, 55.0, 90.0, 480.0, 0.0, 31.0, 120.0, 0.0], "rest_us": 22.0,
         "rtt_us": {"now": {"p50": 910.0, "p99": 1400.0}, "all": {"p50": 905.0, "p99": 2100.0}},
         "bytes_per_s": {"down": 44500.0, "up": 51200.0}, "sessions": 1,
         "ticks_late": 3, "tick_overruns": 0, "frames": {"lost": 1, "rejected": 0, "superseded": 12},
