@@ -8,7 +8,7 @@ use crate::fem::von_mises_pa;
 use crate::model::Model;
 use crate::scene::{Scene, TissueContact};
 use crate::step::{State, Status, StepOptions, StepReport, Workspace, step};
-use crate::thread::{HandReport, ThreadReport, ThreadTension, Tightening};
+use crate::thread::{Bridge, HandReport, ThreadReport, ThreadTension, Tightening};
 use nalgebra::Vector3;
 use serde::Serialize;
 
@@ -89,6 +89,9 @@ pub struct ThreadSummary {
     pub punctures: u32,
     /// Spans between two parts.
     pub bridges: usize,
+    /// Each of them, from the tail on.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub bridging: Vec<BridgeSummary>,
     /// Length of its path, outside tissue and inside \[m\].
     pub length_m: f64,
     /// What there is of it for that \[m\].
@@ -113,6 +116,15 @@ pub struct ThreadSummary {
     /// What it presses on tissue at each passage, from the tail on \[Pa\].
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub thread_pressure_pa: Vec<f64>,
+}
+
+/// A span between two parts as a step has left it.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct BridgeSummary {
+    /// Its length over that in the unloaded mesh.
+    pub ratio: f64,
+    /// Tension in it \[N\].
+    pub tension_n: f64,
 }
 
 /// A hand between the ends of a thread as a step has left it. Pairs are of the sides of the tail and of the head.
@@ -160,7 +172,8 @@ impl Wound {
             .iter()
             .map(|thread| state.bridges(model, *thread, &nodes_m))
             .collect();
-        let ratios = bridges.iter().flatten().map(|b| b.now_m / b.rest_m);
+        let each = bridges.iter().flatten().map(BridgeSummary::new);
+        let ratios = each.map(|bridge| bridge.ratio);
         let bridge_ratio = ratios.reduce(f64::max);
         let welded_m = gap_m.zip(bridge_ratio).and_then(|_| {
             let drawn = self.welded(model, state)?;
@@ -195,6 +208,7 @@ impl Wound {
                 .map(|(thread, bridges)| ThreadSummary {
                     thread_pressure_pa: state.thread_pressures_pa(model, thread.id),
                     hands: hands_of(last, thread.id),
+                    bridging: bridges.iter().map(BridgeSummary::new).collect(),
                     ..ThreadSummary::new(thread, bridges.len())
                 })
                 .collect(),
@@ -256,6 +270,15 @@ fn rim_gap_m(contacts: &[TissueContact], at: &[Vector3<f64>]) -> Option<f64> {
     (!gaps.is_empty()).then(|| gaps.iter().sum::<f64>() / count)
 }
 
+impl BridgeSummary {
+    fn new(bridge: &Bridge) -> Self {
+        Self {
+            ratio: bridge.now_m / bridge.rest_m,
+            tension_n: bridge.tension_n,
+        }
+    }
+}
+
 impl ThreadSummary {
     fn new(report: &ThreadReport, bridges: usize) -> Self {
         Self {
@@ -268,6 +291,7 @@ impl ThreadSummary {
             tension_n: report.tension_n,
             punctures: report.punctures,
             bridges,
+            bridging: Vec::new(),
             length_m: report.length_m,
             available_m: report.available_m,
             pulled_m: report.pulled_m,

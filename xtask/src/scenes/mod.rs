@@ -3,6 +3,7 @@
 
 mod bites;
 mod drawn;
+mod hand_over_hand;
 mod knots;
 mod slabs;
 mod stitch;
@@ -14,9 +15,10 @@ use crate::run::root;
 use anyhow::{Context, Result, bail};
 
 /// Files below `scenes/` and what they say.
-fn files() -> [(&'static str, String); 5] {
+fn files() -> [(&'static str, String); 6] {
     [
         ("anastomosis-20.toml", tubes::anastomosis(20)),
+        ("anastomosis-20-by-hand.toml", hand_over_hand::by_hand()),
         ("anastomosis-50.toml", tubes::anastomosis(50)),
         ("anastomosis-50-tighten.toml", bites::tightened()),
         ("wound-slabs.toml", slabs::wound()),

@@ -9,38 +9,38 @@ use super::turn::{Vec3, along};
 use super::write;
 
 /// Inner and outer radius, lower and upper end \[m\].
-struct Tube {
-    radii_m: [f64; 2],
+pub(super) struct Tube {
+    pub radii_m: [f64; 2],
     ends_m: [f64; 2],
     divisions: [u32; 3],
 }
 
-const UPPER: Tube = Tube {
+pub(super) const UPPER: Tube = Tube {
     radii_m: [0.008, 0.011],
     ends_m: [0.002, 0.032],
     divisions: [2, 30, 8],
 };
-const LOWER: Tube = Tube {
+pub(super) const LOWER: Tube = Tube {
     radii_m: [0.009, 0.012],
     ends_m: [-0.030, -0.002],
     divisions: [2, 32, 8],
 };
 
 /// Half a circle.
-const NEEDLE_RADIUS_M: f64 = 0.0061;
+pub(super) const NEEDLE_RADIUS_M: f64 = 0.0061;
 const NEEDLE_DEG: f64 = 180.0;
 /// From how far scripted hands take it \[m\]: they turn about the circle's centre.
-const REACH_M: f64 = 0.008;
+pub(super) const REACH_M: f64 = 0.008;
 /// Distance of its circle's centre from the tubes' axis, and height \[m\]: it goes into a tube's outside 2 mm from its
 /// end and comes out of the cut, and half a circle fits outside both tubes.
-const CENTRE_M: [f64; 2] = [0.0155, 0.0001];
+pub(super) const CENTRE_M: [f64; 2] = [0.0155, 0.0001];
 /// The same for a bite into the outer half of the upper tube's wall.
 const SHALLOW_CENTRE_M: [f64; 2] = [0.01585, 0.014];
 /// Between the tip and the tissue when a bite begins, and between the needle's end and the tissue when it has ended
 /// \[degree\].
 const CLEAR_DEG: f64 = 7.0;
 /// The thread's length \[m\].
-const THREAD_M: f64 = 0.6;
+pub(super) const THREAD_M: f64 = 0.6;
 /// Punctures of a bite through both tubes.
 const BITE: u32 = 4;
 
@@ -53,7 +53,7 @@ const LONG_PULL_M: f64 = 0.0942;
 
 /// Angle on the needle's circle \[degree\], from radially outwards towards +z, of its crossing with a cylinder about
 /// the tubes' axis.
-fn crossing_deg(centre_m: [f64; 2], radius_m: f64, above: bool) -> f64 {
+pub(super) fn crossing_deg(centre_m: [f64; 2], radius_m: f64, above: bool) -> f64 {
     let cos = (radius_m - centre_m[0]) / NEEDLE_RADIUS_M;
     let degrees = cos.acos().to_degrees();
     if above { degrees } else { 360.0 - degrees }
@@ -137,7 +137,7 @@ pub(super) fn sewing(punctures: u32) -> Sewing {
 }
 
 /// Both tubes, what they are made of, and what holds them.
-fn tissue(text: &mut String) {
+pub(super) fn tissue(text: &mut String) {
     for (name, tube) in [("upper", &UPPER), ("lower", &LOWER)] {
         let [low, high] = tube.ends_m;
         text.push_str(&format!(
@@ -176,7 +176,7 @@ puncture_pa = 1e6
 }
 
 /// What closes.
-fn contact(text: &mut String) {
+pub(super) fn contact(text: &mut String) {
     text.push_str(&format!(
         "# What closes.
 [[tissue_contact]]
