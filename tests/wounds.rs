@@ -669,6 +669,22 @@ fn a_running_suture_is_drawn_together_by_hand() {
     feels_the_tension(&summary);
 }
 
+/// Where a thread bends over tissue is found after a balance, and may leave none near it: the bends of before go on then. Without that no
+/// step of this scene has a balance from 11.4 s on.
+#[test]
+fn new_bends_of_a_thread_do_not_stop_a_session() {
+    let summary = shipped("tests/data/bridge-by-hand.toml");
+    assert_eq!(summary["status"], "ok");
+    assert_eq!(summary["steps_withheld"], serde_json::json!({}));
+    let scene = &summary["scene"];
+    assert_eq!(scene["events"], serde_json::json!([]), "{scene}");
+    let thread = &scene["threads"][0];
+    let tensions = thread["hands"].as_array().unwrap().iter();
+    let tensions = tensions.map(|hand| hand["tension_n"][1].as_f64().unwrap());
+    let most = tensions.fold(0.0, f64::max);
+    assert!((0.5..3.0).contains(&most), "{thread}");
+}
+
 /// Twenty punctures of a thread that rubs are drawn together span by span: every bite closes, though a pull at the ends would close the last
 /// ones alone, the length is kept, and in every tick in which the console pulls it feels the tension at its grip.
 #[test]

@@ -143,12 +143,21 @@ impl<'a> Balance<'a> {
         self.take_columns(fetched)
     }
 
-    /// Balances the tissue with everything at `targets`; if that fails all is as before.
+    /// Balances the tissue with everything at `targets`; if that fails all is as before. Where threads bend since the last balance
+    /// may leave none near it: then they go on as they were bent in that.
     ///
     /// # Errors
     /// Why there is no balance.
     pub fn to(&mut self, targets: &Targets) -> Result<(), Status> {
         self.work.saved.keep(self.state);
+        match self.at(targets) {
+            Err(Status::NotConverged) if self.bend_as_before() => self.at(targets),
+            done => done,
+        }
+    }
+
+    /// As [`Self::to`], from what is kept.
+    fn at(&mut self, targets: &Targets) -> Result<(), Status> {
         self.state.tools.place(&self.sources.tools, &targets.tools);
         for (thread, [tail, head]) in self.state.threads.iter_mut().zip(&targets.threads) {
             thread.tail.at = *tail;

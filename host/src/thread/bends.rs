@@ -1,6 +1,6 @@
 //! Where a thread's spans bend over tissue, from one balance to the next.
 //!
-//! Entry point: [`ThreadState::bend`].
+//! Entry points: [`ThreadState::bend`], [`ThreadState::bend_as_before`].
 
 use super::model::{MOST_BENDS, ThreadTension};
 use super::segments::End;
@@ -49,6 +49,21 @@ impl ThreadState {
         });
         !self.segments.is_empty()
             && (self.state != ThreadTension::Slack || self.available_m() < longest.sum::<f64>())
+    }
+
+    /// Bends as it did in the last balance, if it bends elsewhere since; whether it does.
+    pub fn bend_as_before(&mut self) -> bool {
+        let pairs = self.segments.iter().zip(self.segments.iter().skip(1));
+        let former = pairs.filter_map(|(one, next)| match one.ends[1] {
+            End::Tissue(bend) if one.key.0 == next.key.0 => Some((one.key.0, bend)),
+            _ => None,
+        });
+        if former.clone().eq(self.bends.iter().copied()) {
+            return false;
+        }
+        self.bends.clear();
+        self.bends.extend(former);
+        true
     }
 
     /// Where spans bend over tissue whose nodes are at `at` \[m\]; `over` finds bends of a chord, with the way out of

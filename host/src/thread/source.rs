@@ -230,6 +230,12 @@ impl Balance<'_> {
         settled
     }
 
+    /// See [`ThreadState::bend_as_before`]; whether any thread does.
+    pub(crate) fn bend_as_before(&mut self) -> bool {
+        let threads = self.state.threads.iter_mut();
+        threads.fold(false, |any, thread| thread.bend_as_before() | any)
+    }
+
     /// Threads have slid: those that pull as the solve says, others follow their needle or a hand.
     fn finish_threads(&mut self) {
         for index in 0..self.state.threads.len() {
