@@ -685,25 +685,56 @@ fn new_bends_of_a_thread_do_not_stop_a_session() {
     assert!((0.5..3.0).contains(&most), "{thread}");
 }
 
-/// Twenty punctures of a thread that rubs are drawn together span by span: every bite closes, though a pull at the ends would close the last
-/// ones alone, the length is kept, and in every tick in which the console pulls it feels the tension at its grip.
-#[test]
-fn a_suture_that_rubs_is_closed_span_by_span() {
-    let text = std::fs::read_to_string(root().join("scenes/anastomosis-20-by-hand.toml")).unwrap();
-    let document = Document::embedded("by-hand.toml", Path::new(""), &text);
-    let scene = Scene::read(&document, "by-hand").unwrap();
-    let plan = plan(&scene);
-    let holds = scene.threads[0].holds.clone();
-    let let_go_us = holds
+/// All that a scene does, turned about z: its tissue stays, so that what pierces it does so elsewhere in its mesh.
+fn turned(text: &str, degrees: f64) -> String {
+    let (sin, cos) = degrees.to_radians().sin_cos();
+    let (tissue, hands) = text.split_once("[[needle]]").unwrap();
+    let mut all = format!("{tissue}[[needle]]");
+    let mut rest = hands;
+    while let Some(at) = rest.find(" = [") {
+        let (key, after) = rest.split_at(at + 4);
+        all.push_str(key);
+        rest = after;
+        let is_vector = [
+            "position_m",
+            "end_m",
+            "direction",
+            "towards",
+            "rotation_deg",
+        ]
         .iter()
-        .filter(|hold| matches!(hold.by, ThreadHold::Without(tool) if tool != 0))
-        .map(|hold| (1e6 * hold.time_s) as u64);
-    let mut solver = SceneSolver::for_session(&scene, &plan).unwrap();
+        .any(|name| key[..at].ends_with(name));
+        if is_vector {
+            let (vector, after) = rest.split_once(']').unwrap();
+            let numbers: Vec<f64> = vector
+                .split(',')
+                .map(|x| x.trim().parse().unwrap())
+                .collect();
+            let [x, y, z] = numbers[..] else {
+                panic!("{vector}")
+            };
+            let turned = [cos * x - sin * y, sin * x + cos * y, z].map(|x| format!("{x:.7}"));
+            all.push_str(&turned.join(", "));
+            all.push(']');
+            rest = after;
+        }
+    }
+    all + rest
+}
+
+/// A session of a scene in lockstep with a console whose line is tapped.
+fn tapped(scene: &Scene) -> (Value, Tapped) {
+    let plan = plan(scene);
+    let mut solver = SceneSolver::for_session(scene, &plan).unwrap();
     let mut tapped = Tapped::new(&plan);
     let summary = run_lockstep(&mut tapped, &plan, &mut solver, |_| {
         ControlFlow::Continue(())
     });
-    let summary = serde_json::to_value(summary.unwrap()).unwrap();
+    (serde_json::to_value(summary.unwrap()).unwrap(), tapped)
+}
+
+/// 20 punctures of a thread that rubs are closed: nothing was withheld, each bridge is within 5 %, and the length is kept.
+fn all_are_closed(summary: &Value) {
     assert_eq!(summary["status"], "ok");
     assert_eq!(summary["steps_withheld"], serde_json::json!({}));
     let scene = &summary["scene"];
@@ -725,6 +756,48 @@ fn a_suture_that_rubs_is_closed_span_by_span() {
         (1, &Value::from(0)),
         "{thread}"
     );
+}
+
+fn by_hand(degrees: f64) -> Scene {
+    let path = root().join("scenes/anastomosis-20-by-hand.toml");
+    let text = turned(&std::fs::read_to_string(path).unwrap(), degrees);
+    Scene::read(
+        &Document::embedded("by-hand.toml", Path::new(""), &text),
+        "by-hand",
+    )
+    .unwrap()
+}
+
+/// A suture that rubs is closed span by span wherever its punctures are in the mesh, with the same pulls.
+#[test]
+fn a_suture_that_rubs_is_closed_at_other_places_of_the_mesh() {
+    for degrees in degrees_of_turn() {
+        let (summary, _) = tapped(&by_hand(degrees));
+        let ratio = number(&summary["scene"], "bridge_ratio");
+        println!("{degrees} degrees: bridges within {ratio:.4}");
+        all_are_closed(&summary);
+    }
+}
+
+fn degrees_of_turn() -> Vec<f64> {
+    match std::env::var_os("SUTURA_FULL") {
+        Some(_) => vec![3.0, 6.0, 17.0, 90.0, 200.0],
+        None => vec![200.0],
+    }
+}
+
+/// Twenty punctures of a thread that rubs are drawn together span by span: every bite closes, though a pull at the ends would close the last
+/// ones alone, the length is kept, and in every tick in which the console pulls it feels the tension at its grip.
+#[test]
+fn a_suture_that_rubs_is_closed_span_by_span() {
+    let scene = by_hand(0.0);
+    let holds = scene.threads[0].holds.clone();
+    let let_go_us = holds
+        .iter()
+        .filter(|hold| matches!(hold.by, ThreadHold::Without(tool) if tool != 0))
+        .map(|hold| (1e6 * hold.time_s) as u64);
+    let (summary, tapped) = tapped(&scene);
+    all_are_closed(&summary);
 
     // While it draws, but for the 40 ms after another hand has let go: what that held comes all at once.
     let began_us = tapped.states[0].us;
