@@ -76,6 +76,18 @@ const EXAMPLES: &[(&str, Way)] = &[
         "sutura device selftest /dev/ttyACM0 --out selftest.txt",
         Port,
     ),
+    // Of no console: the number is made up.
+    ("sutura device log 0043002B3438510B32363530", EndsWith(&[3])),
+    (
+        "sutura device log 0043002B3438510B32363530 --elf sutura-nucleo-f446ze",
+        EndsWith(&[2]),
+    ),
+    // There are no such images, or a board that is plugged in would be written: tests/flash.rs has both.
+    ("sutura flash image.elf", EndsWith(&[2])),
+    ("sutura flash image.bin", EndsWith(&[2])),
+    ("sutura flash image.bin --method dfu", EndsWith(&[2])),
+    ("sutura flash image.hex --method probe", EndsWith(&[2])),
+    ("sutura flash image.bin --port /dev/ttyACM0", EndsWith(&[2])),
     (
         "sutura run --console /dev/ttyACM0 --host-hz 500 --budget-ms 2",
         Port,

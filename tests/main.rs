@@ -15,6 +15,7 @@ mod cli_tradeoff;
 #[cfg(all(target_os = "linux", feature = "view"))]
 mod desktop;
 mod fault_scenarios;
+mod flash;
 #[cfg(all(unix, feature = "foxglove"))]
 mod foxglove;
 mod full;

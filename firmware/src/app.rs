@@ -9,6 +9,11 @@
 //! | `telemetry` | 2 | samples to frames, and the log |
 //! | `idle` | 0 | watchdogs; on the virtual board the other end of lockstep |
 
+/// For who writes it to a board.
+#[used]
+#[unsafe(link_section = ".identification")]
+static IDENTIFICATION: [u8; 64] = sutura_firmware::board::identification("console");
+
 #[rtic::app(device = stm32f4xx_hal::pac, peripherals = true)]
 mod sutura {
     use rtic::Mutex;

@@ -15,6 +15,8 @@ pub mod devices;
 pub mod drivers;
 pub mod exchange;
 pub mod host_side;
+pub mod loader;
+pub mod log_ring;
 pub mod outbox;
 pub mod safe_state;
 pub mod seed;

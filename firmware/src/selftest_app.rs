@@ -7,6 +7,11 @@
 //! | 2 | report | EXTI0, pended by control | lines to the host |
 //! | 0 | idle | | feeds the watchdogs when all three ran |
 
+/// For who writes it to a board.
+#[used]
+#[unsafe(link_section = ".identification")]
+static IDENTIFICATION: [u8; 64] = sutura_firmware::board::identification("selftest");
+
 #[rtic::app(device = stm32f4xx_hal::pac, peripherals = true)]
 mod selftest {
     use core::fmt::Write;

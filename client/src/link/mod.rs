@@ -22,7 +22,7 @@ pub use felt::{Felt, Order, append};
 pub use handshake::{drain, knock, nonce};
 pub use lockstep::LockstepConsole;
 pub use pipe::{PipeEnd, pipe};
-pub use port::{ConsolePort, Port, consoles, open_serial, serial_ports};
+pub use port::{ConsolePort, Port, consoles, open_serial, serial_ports, touch};
 pub use sent::SentContact;
 pub use silence::Silence;
 pub use threads::{Connector, Heard, Link, LinkCounters, LinkOptions, Standing};

@@ -8,6 +8,7 @@ use super::holder::holder;
 use serialport::{SerialPort, SerialPortInfo, SerialPortType};
 use std::io;
 use std::time::Duration;
+use sutura_shared::usb::{PRODUCT, VENDOR};
 
 /// A byte pipe to a console, over which frames travel both ways.
 pub trait Port: Send {
@@ -59,10 +60,10 @@ pub fn consoles() -> Vec<ConsolePort> {
     consoles_of(&ports)
 }
 
-/// Vendor and product number, which V-USB lends to serial ports of anybody, and a chip's number, which makes one of ours.
+/// Vendor and product number, and a chip's number, which makes one of ours.
 fn consoles_of(ports: &[SerialPortInfo]) -> Vec<ConsolePort> {
     let ours = |port: &SerialPortInfo| match &port.port_type {
-        SerialPortType::UsbPort(usb) if (usb.vid, usb.pid) == (0x16C0, 0x27DD) => {
+        SerialPortType::UsbPort(usb) if (usb.vid, usb.pid) == (VENDOR, PRODUCT) => {
             let serial_number = usb.serial_number.clone()?;
             is_serial_number(&serial_number).then(|| ConsolePort {
                 // macOS has each port twice; the one that does not wait for a carrier is the one to open.
@@ -130,6 +131,26 @@ pub fn open_serial(name: &str) -> Result<Box<dyn Port>, LinkError> {
         name: path.to_owned(),
         port,
     }))
+}
+
+/// Line rate that asks a board to go into its ROM's loader, as many boards with USB take it \[baud\].
+const TOUCH_BAUD: u32 = 1200;
+
+/// Asks a running console to go into the loader of its ROM, so that its firmware can be written: opens its port, by its name or serial
+/// number, at 1200 baud and says that the terminal is gone. A console that is not at rest stays what it is; whether it went is for
+/// the caller to see.
+///
+/// # Errors
+/// As [`open_serial`].
+pub fn touch(name: &str) -> Result<(), LinkError> {
+    let path = port_of(name, consoles)?;
+    let builder = serialport::new(&path, TOUCH_BAUD).dtr_on_open(true);
+    let mut port = builder.open().map_err(|error| explain(&path, &error))?;
+    // A console that is gone by now cannot answer, and closing the port says it again.
+    if let Err(error) = port.write_data_terminal_ready(false) {
+        tracing::debug!("{path}: terminal ready not taken back: {error}");
+    }
+    Ok(())
 }
 
 /// Has an FTDI bridge pass bytes on after 1 ms, where the system lets us: it keeps them for 16 ms otherwise. `root` is that

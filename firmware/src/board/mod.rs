@@ -9,7 +9,7 @@
 //! - `since_tick_us()`: the console's clock between ticks,
 //! - `cycles()`, `stack_free()`: what a control tick costs, in the board's unit, and what the stack has left,
 //! - `noticed()`: what the control side has noticed and somebody else is to log,
-//! - `log(event)`: below control priority only, because its critical section alone could break a deadline.
+//! - `log(event)`: below control priority only, because a tick has no time for it.
 
 #[cfg(not(any(
     feature = "olimex-h405",
@@ -27,6 +27,8 @@ compile_error!("choose one board only");
 #[cfg(not(feature = "virtual"))]
 mod bare;
 mod fault;
+#[cfg(not(feature = "virtual"))]
+mod logger;
 #[cfg(feature = "virtual")]
 mod semihosting;
 mod stack;
@@ -50,10 +52,26 @@ pub use virtual_console::*;
 #[cfg(not(feature = "virtual"))]
 pub use wiring::{DEVICE, IDENTITY};
 
+/// The board's name: that of its feature, its image and its device.
+const NAME: &str = match () {
+    #[cfg(feature = "olimex-h405")]
+    () => "olimex-h405",
+    #[cfg(feature = "nucleo-f446ze")]
+    () => "nucleo-f446ze",
+    #[cfg(feature = "virtual")]
+    () => "virtual",
+};
+
+/// What an image says of itself to who writes it to a board: one static in the section `.identification`.
+pub const fn identification(image: &str) -> [u8; identification::LENGTH] {
+    Identification::new(NAME, image, env!("CARGO_PKG_VERSION")).to_bytes()
+}
+
 /// Chip registers, for the RTIC application.
 pub use stm32f4xx_hal::pac;
 
 use crate::crash_record::CrashRecord;
+use sutura_shared::identification::{self, Identification};
 #[cfg(feature = "virtual")]
 use sutura_shared::simulated_console::Without;
 use sutura_shared::wire::message::Report;
@@ -105,6 +123,15 @@ pub enum Event {
         /// Time by the core's clock over time by the tick timer \[%\].
         percent: u32,
     },
+    /// Lines of the log did not fit.
+    LogLost {
+        /// On the way to a probe, since the start.
+        probe: u32,
+        /// Over USB, since the start.
+        usb: u32,
+    },
+    /// A host has asked for the ROM's loader, and the console was not at rest.
+    LoaderRefused,
 }
 
 /// Lets the link task run again, which masks its interrupt when it can go on only after a tick.

@@ -26,22 +26,27 @@
 //! interrupt comes after 49 ms, above the control task's priority, and takes the torque off. Both are fed
 //! only when every monitored task ticked. Neither stops in a debugger: halting the core resets the chip.
 //!
+//! Loader: a host that touches the serial port of a console at rest sends it to the loader in the chip's ROM ([`crate::loader`]), by two
+//! words in RAM and a reset. The reset ends both watchdogs (RM0090, 21.3 and 22.3), and all that `start` has set up.
+//!
 //! Supply: below 2.76 to 2.90 V (DS8626, PVD level 5, falling) an interrupt takes the torque off. At 168 MHz with five wait
 //! states the flash needs 2.7 V (RM0090, 3.5.1); brown-out level 3 resets the chip there, and the log says if it is not set.
 
+use super::logger::{self, LogClass};
 use super::wiring::{self, Lamps, Ready, SET_POINT};
 use super::{Boot, Event, fault};
 use crate::crash_record::{CrashRecord, Kind, reset_cause};
 use crate::drivers::amplifier::Amplifiers;
+use crate::loader::{self, Touch};
 use crate::safe_state::{self, ENABLE_OFF, ENABLE_ON, MOTORS, Register, TorqueRegisters};
 use crate::serial_number::{DIGITS, serial_number};
 use crate::signals::{Counter16, StopLine, TickClock};
 use crate::watch::Watch;
 use core::convert::Infallible;
+use core::mem::MaybeUninit;
 use core::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 use cortex_m::peripheral::syst::SystClkSource;
 use cortex_m::peripheral::{NVIC, SYST};
-use defmt_rtt as _;
 use embedded_hal::digital::{self, OutputPin};
 use embedded_hal::pwm::{self, SetDutyCycle};
 use stm32f4xx_hal::gpio::{self, Input, Pull};
@@ -51,12 +56,13 @@ use stm32f4xx_hal::rcc::{Enable, Rcc, Reset};
 use stm32f4xx_hal::watchdog::IndependentWatchdog;
 use stm32f4xx_hal::{pac, prelude::*};
 use sutura_shared::control::{Control, TickInput, TickOutput};
+use sutura_shared::usb::{PRODUCT, VENDOR};
 use sutura_shared::wire::message::Simulate;
 use usb_device::bus::UsbBusAllocator;
 use usb_device::device::{
     StringDescriptors, UsbDevice, UsbDeviceBuilder, UsbDeviceState, UsbVidPid,
 };
-use usbd_serial::{SerialPort, USB_CLASS_CDC};
+use usbd_serial::SerialPort;
 
 /// Core clock \[Hz\].
 const CORE_HZ: u32 = 168_000_000;
@@ -211,6 +217,68 @@ pub fn supply_low() {
     unsafe { (*pac::EXTI::ptr()).pr().write(|w| w.bits(SUPPLY_LINE)) };
 }
 
+/// A host has touched the serial port since a tick last looked.
+static TOUCHED: AtomicBool = AtomicBool::new(false);
+/// A touch was not taken.
+static LOADER_REFUSED: AtomicBool = AtomicBool::new(false);
+
+/// What a reset keeps of a touch.
+#[unsafe(link_section = ".uninit.LOADER_REQUEST")]
+static mut LOADER_REQUEST: MaybeUninit<[u32; 2]> = MaybeUninit::uninit();
+
+/// The motors are off, and have been: resets the chip, whose next start goes to the loader in its ROM.
+fn leave_for_loader() -> ! {
+    cortex_m::interrupt::disable();
+    safe_state();
+    // SAFETY: interrupts are off and this never returns: nobody else reads or writes the static.
+    unsafe {
+        (&raw mut LOADER_REQUEST)
+            .cast::<[u32; 2]>()
+            .write_volatile(loader::REQUEST)
+    };
+    cortex_m::peripheral::SCB::sys_reset()
+}
+
+/// First of all code after a reset, before RAM has its values: goes to the loader in the chip's ROM if the program before asked
+/// for it, once. The ROM lies at 0x1FFF_0000 (ST AN2606) and is mapped to 0, as BOOT0 would have it (RM0090, 2.4 and 9.2.1).
+#[unsafe(no_mangle)]
+#[unsafe(naked)]
+extern "C" fn __pre_init() {
+    core::arch::naked_asm!(
+        "ldr r0, ={request}",
+        "ldrd r1, r2, [r0]",
+        "movs r3, #0",
+        "strd r3, r3, [r0]",
+        "ldr r3, ={word}",
+        "cmp r1, r3",
+        "bne 1f",
+        "mvns r3, r3",
+        "cmp r2, r3",
+        "bne 1f",
+        // The clock of SYSCFG (RCC_APB2ENR, SYSCFGEN), and a read that waits for it.
+        "ldr r0, =0x40023844",
+        "ldr r1, [r0]",
+        "orr r1, r1, #0x4000",
+        "str r1, [r0]",
+        "ldr r1, [r0]",
+        // SYSCFG_MEMRMP = 1: system memory at 0.
+        "ldr r0, =0x40013800",
+        "movs r1, #1",
+        "str r1, [r0]",
+        "dsb",
+        "isb",
+        "ldr r0, =0x1fff0000",
+        "ldr r1, [r0]",
+        "ldr r2, [r0, #4]",
+        "msr msp, r1",
+        "bx r2",
+        "1:",
+        "bx lr",
+        request = sym LOADER_REQUEST,
+        word = const loader::REQUEST[0],
+    )
+}
+
 /// Time since the last tick was due \[us\]. While that tick cannot have been interrupted.
 pub fn since_tick_us() -> u32 {
     // SAFETY: reads without side effects.
@@ -229,6 +297,13 @@ static CLOCKS_APART: AtomicU32 = AtomicU32::new(0);
 
 /// What the control side has noticed since this was last asked.
 pub fn noticed() -> Option<Event> {
+    if LOADER_REFUSED.load(Ordering::Relaxed) {
+        LOADER_REFUSED.store(false, Ordering::Relaxed);
+        return Some(Event::LoaderRefused);
+    }
+    if let Some([probe, usb]) = logger::lost() {
+        return Some(Event::LogLost { probe, usb });
+    }
     let percent = CLOCKS_APART.load(Ordering::Relaxed);
     if percent == 0 {
         return None;
@@ -249,7 +324,7 @@ pub fn cycles_between(start: u32, end: u32) -> u32 {
 
 pub use super::stack::unused_bytes as stack_free;
 
-/// Writes to the log. Takes a critical section: never from the control task.
+/// Writes to the log. Never from the control task, which has no time for it.
 pub fn log(event: Event) {
     match event {
         Event::Started(boot) => match boot.crash_record {
@@ -266,6 +341,10 @@ pub fn log(event: Event) {
         Event::ClocksApart { percent } => {
             defmt::warn!("SysTick has run at {} % of the tick timer", percent)
         }
+        Event::LogLost { probe, usb } => {
+            defmt::warn!("lines lost so far: {} to a probe, {} over USB", probe, usb)
+        }
+        Event::LoaderRefused => defmt::warn!("not at rest: not going into the loader"),
     }
 }
 
@@ -312,6 +391,8 @@ pub struct Plant {
     tick: pac::TIM7,
     amplifiers: Amplifiers<Pulses, Outputs, EnableLine, Ready, MOTORS>,
     lamps: Lamps,
+    /// The chip's option bits (RM0090, 3.9.10).
+    flash_options: u32,
 }
 
 impl crate::control_side::Plant for Plant {
@@ -319,6 +400,7 @@ impl crate::control_side::Plant for Plant {
     fn read(&mut self, overrun: bool) -> TickInput {
         self.tick.sr().write(|w| w.uif().clear_bit());
         let beat = self.clock.tick(SYST::get_current());
+        logger::set_time(beat.now_us);
         if let Some(percent) = beat.apart_percent {
             CLOCKS_APART.store(percent.max(1), Ordering::Relaxed);
         }
@@ -368,6 +450,17 @@ impl crate::control_side::Plant for Plant {
         }
         let enabled = self.amplifiers.are_enabled();
         self.lamps.tick(enabled, output.state.mode);
+        // A touch counts in the tick after it, or never.
+        if TOUCHED.swap(false, Ordering::Relaxed) {
+            if loader::may_leave(
+                output.state.mode,
+                self.amplifiers.are_off(),
+                self.flash_options,
+            ) {
+                leave_for_loader();
+            }
+            LOADER_REFUSED.store(true, Ordering::Relaxed);
+        }
     }
 
     /// The next tick is due already.
@@ -405,10 +498,12 @@ pub fn chip_id() -> [u32; 3] {
     [0, 1, 2].map(|word| unsafe { place.add(word).read_volatile() })
 }
 
-/// USB CDC-ACM.
+/// USB: a serial port (CDC-ACM), and the log.
 pub struct Port {
     device: UsbDevice<'static, UsbBus<USB>>,
     serial: SerialPort<'static, UsbBus<USB>>,
+    log: LogClass<'static, UsbBus<USB>>,
+    touch: Touch,
 }
 
 impl crate::host_side::Bytes for Port {
@@ -417,7 +512,14 @@ impl crate::host_side::Bytes for Port {
     const PER_TICK: usize = 768;
 
     fn read(&mut self, bytes: &mut [u8]) -> usize {
-        self.device.poll(&mut [&mut self.serial]);
+        self.device.poll(&mut [&mut self.serial, &mut self.log]);
+        if self.device.state() == UsbDeviceState::Configured {
+            self.log.give();
+        }
+        let baud = self.serial.line_coding().data_rate();
+        if self.touch.saw(baud, self.serial.dtr()) {
+            TOUCHED.store(true, Ordering::Relaxed);
+        }
         self.serial.read(bytes).unwrap_or(0)
     }
 
@@ -496,7 +598,8 @@ pub fn start(
     core.SYST.enable_counter();
     watch_supply(&mut rcc, &device.PWR, &device.EXTI);
     // Option bits BOR_LEV, 0 = level 3.
-    let brown_out = device.FLASH.optcr().read().bits() >> 2 & 0b11;
+    let flash_options = device.FLASH.optcr().read().bits();
+    let brown_out = flash_options >> 2 & 0b11;
     if brown_out != 0 {
         defmt::warn!(
             "brown-out level 3 is not set (BOR_LEV = {}, not 0): see the wiring page",
@@ -589,7 +692,10 @@ pub fn start(
         let bus = cortex_m::singleton!(: Option<UsbBusAllocator<UsbBus<USB>>> = None)
             .expect("start runs once");
         let bus = &*bus.insert(UsbBus::new(usb, memory));
+        // Endpoints to the host: 0, the port's two, and the log's, of the four that the F405 has, and the F446 with six
+        // (RM0090, 34.1; RM0390, 31.1); FIFOs of 16 words each, of 320.
         let serial = SerialPort::new(bus);
+        let log = LogClass::new(bus);
         let serial_number = cortex_m::singleton!(: [u8; DIGITS] = serial_number(chip_id()))
             .expect("start runs once");
         // The vendor and product number that V-USB lends to CDC-ACM devices, on the condition that the manufacturer's name
@@ -598,10 +704,10 @@ pub fn start(
             .manufacturer("github.com/sutura")
             .product("Sutura console")
             .serial_number(core::str::from_utf8(serial_number).unwrap_or_default());
-        let usb_device = UsbDeviceBuilder::new(bus, UsbVidPid(0x16C0, 0x27DD))
+        let usb_device = UsbDeviceBuilder::new(bus, UsbVidPid(VENDOR, PRODUCT))
             .strings(&[strings])
             .expect("one language fits")
-            .device_class(USB_CLASS_CDC)
+            .composite_with_iads()
             .build();
 
         rcc.apb1enr().modify(|_, w| w.wwdgen().set_bit());
@@ -615,6 +721,8 @@ pub fn start(
             Port {
                 device: usb_device,
                 serial,
+                log,
+                touch: Touch::default(),
             },
             Guard {
                 independent,
@@ -644,6 +752,7 @@ pub fn start(
         tick,
         amplifiers,
         lamps: wired.lamps,
+        flash_options,
     };
     (
         plant,

@@ -81,6 +81,11 @@ where
         self.phase == Phase::On
     }
 
+    /// Whether they have been stopped, and pulses with them.
+    pub fn are_off(&self) -> bool {
+        self.phase == Phase::Off
+    }
+
     /// One tick: currents \[A\] to go to the motors, or `None` to stop. While they do not take currents none goes out.
     ///
     /// # Errors
@@ -343,12 +348,13 @@ mod tests {
         let off = [Enable(false), Duty(0, NONE), Duty(1, NONE)];
         for _ in 0..20 {
             assert_eq!(tick(&lines, &mut bench, None), off);
-            assert!(lines.borrow().outputs);
+            assert!(lines.borrow().outputs && !bench.are_off());
         }
         for _ in 0..5 {
             let calls = tick(&lines, &mut bench, None);
             assert_eq!(calls[..3], off);
             assert_eq!(calls[3..], [Outputs(false)]);
+            assert!(bench.are_off());
         }
     }
 

@@ -68,6 +68,27 @@ pub mod reset {
     pub const INDEPENDENT_WATCHDOG: u32 = 1 << 29 | PIN;
 }
 
+/// The loader in the chip's ROM.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct RomLoader {
+    /// Its vector table.
+    pub table: u32,
+    /// Its stack, and its first instruction: made up, the manuals have neither.
+    pub stack: u32,
+    /// As above.
+    pub entry: u32,
+    /// What maps memories to address 0 (SYSCFG_MEMRMP; QEMU forgets it).
+    pub map: u32,
+}
+
+/// The loader in the chip's ROM (ST AN2606: system memory).
+pub const LOADER: RomLoader = RomLoader {
+    table: 0x1FFF_0000,
+    stack: 0x2000_2D40,
+    entry: 0x1FFF_1234,
+    map: 0x4001_3800,
+};
+
 /// What the seed of session numbers is drawn as.
 pub const RANDOM: u32 = 0xC0FF_EE01;
 /// The chip's own number, 96 bits.
@@ -197,6 +218,8 @@ impl Chip {
             (RCC_CR, 0x83),
             (RCC_CSR, cause),
             (FLASH_OPTCR, 0x0FFF_AAE1),
+            (LOADER.table, LOADER.stack),
+            (LOADER.table + 4, LOADER.entry | 1),
             (0x4002_0000, 0xA800_0000),
             (0x4002_000C, 0x6400_0000),
             (0x4002_0400, 0x0000_0280),
@@ -298,6 +321,7 @@ impl Chip {
                 (FLASH_OPTCR - 0x14, 0x18),
                 (RNG_SR - 4, 12),
                 (CHIP_ID, 12),
+                (LOADER.table, 8),
             ]);
         } else {
             let alive = self.alive().into_iter();

@@ -137,6 +137,14 @@ impl Connection {
         self.command(&format!("{}2,{address:x},4", letter(on)))
     }
 
+    /// Stops before the instruction at a place from now on.
+    ///
+    /// # Errors
+    /// [`BoardImageError`].
+    pub fn break_at(&mut self, place: u32) -> Result<(), BoardImageError> {
+        self.command(&format!("Z1,{place:x},2"))
+    }
+
     fn command(&mut self, packet: &str) -> Result<(), BoardImageError> {
         match self.ask(packet)? {
             answer if answer == "OK" => Ok(()),

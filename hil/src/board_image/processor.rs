@@ -5,7 +5,7 @@
 //! A thread that waits for its interrupts has a few instructions in the last bytes of RAM: the first one writes to the interrupt
 //! controller, which the stub itself cannot, and the last one, reached when every handler is through, stops the processor.
 
-use super::chip::{AIRCR, Chip, RESET_REQUEST};
+use super::chip::{AIRCR, Chip, LOADER, RESET_REQUEST};
 use super::connection::{Connection, PC, STATUS};
 use super::error::BoardImageError;
 use super::thumb::{self, Access};
@@ -36,6 +36,8 @@ pub enum Stop {
     Seat,
     /// Before a write to this register.
     Write(u32),
+    /// At the first instruction of the loader in ROM.
+    Loader,
 }
 
 /// The processor, stopped.
@@ -98,6 +100,9 @@ impl Processor {
             if pc == SEAT {
                 return Ok(Stop::Seat);
             }
+            if pc == LOADER.entry {
+                return Ok(Stop::Loader);
+            }
             self.stops += 1;
             let code = self.code(pc)?;
             let Some(access) = Access::decode(code, &integers(&registers)) else {
@@ -140,6 +145,7 @@ impl Processor {
         match self.run(chip, None)? {
             Stop::Seat => Ok(()),
             Stop::Write(_) => Err(BoardImageError::Reset),
+            stop => Err(self.unexpected(stop)),
         }
     }
 

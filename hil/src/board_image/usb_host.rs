@@ -1,4 +1,4 @@
-//! The host's end of the USB cable: enumeration as a serial port (USB 2.0, 9; USB CDC 1.2, PSTN 6.3).
+//! The host's end of the USB cable: enumeration as a serial port with a log (USB 2.0, 9; USB CDC 1.2, PSTN 6.3).
 //!
 //! Entry point: [`BoardImage::enumerate`].
 
@@ -8,6 +8,8 @@ use super::{BoardImage, BoardImageError};
 /// Endpoints of the serial port: from the host, and to it.
 pub const SERIAL_DOWN: usize = 1;
 pub const SERIAL_UP: usize = 2;
+/// Endpoint of the log.
+pub const LOG_UP: usize = 3;
 
 /// Address that the device is given.
 const ADDRESS: u16 = 7;
@@ -77,6 +79,17 @@ impl BoardImage {
         self.control_out(0x21, 0x22, 3, 0, &[])?;
         self.chip().usb.sets_up = false;
         Ok(descriptors)
+    }
+
+    /// The host sets the serial port to a line rate and says whether its terminal is ready.
+    ///
+    /// # Errors
+    /// See [`BoardImage::enumerate`].
+    pub fn set_line(&mut self, baud: u32, terminal_ready: bool) -> Result<(), BoardImageError> {
+        let mut coding = LINE_CODING;
+        coding[..4].copy_from_slice(&baud.to_le_bytes());
+        self.control_out(0x21, 0x20, 0, 0, &coding)?;
+        self.control_out(0x21, 0x22, 2 | u16::from(terminal_ready), 0, &[])
     }
 
     /// A string descriptor, in US English.

@@ -27,11 +27,15 @@ fn the_image_boots_enumerates_and_answers_with_its_names(on: Board) {
     assert_eq!(chip.stored(GPIOC_AFRH) & 0xFF, 0x33);
 
     let said = board.enumerate().unwrap_or_else(|error| panic!("{error}"));
-    assert_eq!((said.vendor, said.product, said.class), (0x16C0, 0x27DD, 2));
-    // Communications and data; notification up, data down and up.
-    assert_eq!(said.interfaces, [2, 10]);
-    assert_eq!(said.endpoints.len(), 3);
-    assert!(said.endpoints.contains(&0x01) && said.endpoints.contains(&0x82));
+    // Of several functions, each with its interfaces.
+    assert_eq!(
+        (said.vendor, said.product, said.class),
+        (0x16C0, 0x27DD, 0xEF)
+    );
+    // Communications, data, and the log; notification up, data down and up, log up: with the control endpoint all four to the host that
+    // the F405 has.
+    assert_eq!(said.interfaces, [2, 10, 0xFF]);
+    assert_eq!(said.endpoints, [0x81, 0x82, 0x01, 0x83]);
     assert_eq!(said.manufacturer, "github.com/sutura");
     assert_eq!(said.name, "Sutura console");
     let [a, b, c] = ID;

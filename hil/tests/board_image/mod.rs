@@ -21,6 +21,8 @@ macro_rules! on_each_board {
 
 mod guards;
 mod link;
+mod loader;
+mod log;
 mod resets;
 mod selftest;
 mod sessions;

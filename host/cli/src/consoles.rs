@@ -1,4 +1,4 @@
-//! `sutura device`: the consoles that are plugged in, and what a bare board says of itself.
+//! `sutura device`: the consoles that are plugged in, what they log, and what a bare board says of itself.
 
 use crate::failure::{Cause, Failure};
 use crate::run::link_failure;
@@ -13,7 +13,7 @@ use sutura_host::link::{Port, consoles, open_serial};
 /// Longest time between two lines of a self-test: the clocks are looked at for half a second.
 const SILENCE: Duration = Duration::from_secs(5);
 
-/// Looks at consoles that are plugged in, and runs a bare board's self-test.
+/// Looks at consoles that are plugged in, reads their logs, and runs a bare board's self-test.
 #[derive(Args, Debug)]
 pub struct DeviceArgs {
     #[command(subcommand)]
@@ -39,6 +39,17 @@ The board has the image sutura-selftest-BOARD of `cargo xtask firmware`, its jum
 
 Exit codes: 0 all passed, 1 something failed, 3 nothing on PORT answers as a self-test.";
 
+#[cfg(feature = "log")]
+const LOG_EXAMPLES: &str = "\
+Examples:
+  sutura device log 0043002B3438510B32363530                                   what that console logs, until Ctrl-C
+  sutura device log 0043002B3438510B32363530 --elf sutura-nucleo-f446ze        in the words of this image
+
+The words are in the ELF file that is on the console, not in what it sends. Without --elf: that of the last `cargo xtask firmware` here.
+The log tells what it has lost; whoever comes late finds how it began.
+
+Exit codes: 0 stopped, 2 no image, or not that console's, 3 no such console, or it broke off.";
+
 #[derive(Subcommand, Debug)]
 enum DeviceCommand {
     /// Port and serial number of every console on USB.
@@ -52,6 +63,16 @@ enum DeviceCommand {
         /// New file that the lines are written to.
         #[arg(short, long, value_name = "FILE")]
         out: Option<PathBuf>,
+    },
+    /// What a console on USB logs, until Ctrl-C.
+    #[cfg(feature = "log")]
+    #[command(after_help = LOG_EXAMPLES)]
+    Log {
+        /// The console's serial number: see `sutura device list`.
+        serial: String,
+        /// The ELF file that is on it.
+        #[arg(long, value_name = "FILE")]
+        elf: Option<PathBuf>,
     },
 }
 
@@ -72,6 +93,101 @@ pub fn run(args: &DeviceArgs, global: &Global) -> Result<(), Failure> {
             })?;
             judge(&report, port, out.as_deref(), global)
         }
+        #[cfg(feature = "log")]
+        DeviceCommand::Log { serial, elf } => log::run(serial, elf.as_deref(), global),
+    }
+}
+
+#[cfg(feature = "log")]
+mod log {
+    //! `sutura device log`.
+
+    use super::*;
+    use crate::signals::stop_on_signals;
+    use std::sync::atomic::Ordering;
+    use sutura_board::{Line, LogError, LogImage, UsbLog};
+
+    /// Time after which Ctrl-C is looked for.
+    const LOOK: Duration = Duration::from_millis(200);
+
+    /// Shows the log of a console.
+    pub fn run(serial: &str, elf: Option<&Path>, global: &Global) -> Result<(), Failure> {
+        // Before the console is looked for: a file that is named has to be good.
+        let named = elf.map(LogImage::read).transpose().map_err(failure)?;
+        let mut usb = UsbLog::open(serial).map_err(failure)?;
+        let image = match named {
+            Some(image) => image,
+            None => LogImage::read(&last_built(&usb.board)).map_err(failure)?,
+        };
+        let (mut lines, mut unknown) = (image.lines(), Unknown::default());
+        let stop = stop_on_signals()?;
+        while !stop.load(Ordering::Relaxed) {
+            let bytes = usb.read(LOOK).map_err(failure)?;
+            for line in lines.of(&bytes) {
+                unknown.count(&line)?;
+                show(&line, global);
+            }
+        }
+        Ok(())
+    }
+
+    /// Where `cargo xtask firmware` puts a board's image.
+    fn last_built(board: &str) -> PathBuf {
+        format!("firmware/target/thumbv7em-none-eabihf/release/sutura-{board}").into()
+    }
+
+    /// Lines that no line of the image is like.
+    #[derive(Debug, Default)]
+    pub struct Unknown {
+        all: u32,
+        in_a_row: u32,
+    }
+
+    impl Unknown {
+        /// So many in a row before any other are another image's.
+        const MOST: u32 = 3;
+
+        /// Counts a line.
+        pub fn count(&mut self, line: &Line) -> Result<(), Failure> {
+            self.all += 1;
+            self.in_a_row = if line.text.is_none() {
+                self.in_a_row + 1
+            } else {
+                0
+            };
+            if self.in_a_row == self.all && self.all >= Self::MOST {
+                return Err(Failure::say(
+                    Cause::BadInput,
+                    "the console does not log in the words of this image",
+                    "name the ELF file that is on it with --elf, or write this one to it: `sutura flash`",
+                ));
+            }
+            Ok(())
+        }
+    }
+
+    fn show(line: &Line, global: &Global) {
+        let text = line.text.as_deref();
+        match global.format {
+            Format::Json => say!(
+                "{}",
+                serde_json::json!({ "time_s": line.time.parse::<f64>().ok(), "level": line.level, "text": text })
+            ),
+            Format::Text => say!(
+                "{:>14} {:5} {}",
+                line.time,
+                line.level,
+                text.unwrap_or("(garbled)")
+            ),
+        }
+    }
+
+    fn failure(error: LogError) -> Failure {
+        let cause = match error {
+            LogError::Image(_) | LogError::NoWords { .. } => Cause::BadInput,
+            _ => Cause::NoConsole,
+        };
+        Failure::new(cause, error)
     }
 }
 
@@ -292,6 +408,23 @@ mod tests {
             let error = report.expect_err("no end").report.to_string();
             assert!(error.contains(says), "{error}");
         }
+    }
+
+    #[cfg(feature = "log")]
+    #[test]
+    fn another_images_log_is_told_and_a_garbled_line_is_borne() {
+        let line = |text: Option<&str>| sutura_board::Line {
+            time: String::new(),
+            level: "info",
+            text: text.map(str::to_owned),
+        };
+        let mut unknown = log::Unknown::default();
+        assert!(unknown.count(&line(Some("mode 1"))).is_ok());
+        assert!((0..9).all(|_| unknown.count(&line(None)).is_ok()));
+        let mut unknown = log::Unknown::default();
+        assert!(unknown.count(&line(None)).is_ok() && unknown.count(&line(None)).is_ok());
+        let error = unknown.count(&line(None)).expect_err("three at the start");
+        assert!(error.report.to_string().contains("not log in the words"));
     }
 
     #[test]

@@ -27,6 +27,7 @@ mod doctor;
 mod failure;
 mod fidelity;
 mod fixture;
+mod flash;
 mod mesh;
 mod recording;
 mod replay;
@@ -78,6 +79,7 @@ Examples:
   sutura stability                          what tissue models do at the extremes
   sutura scene explain scene.toml           what a scene builds, why, and what it costs
   sutura device list                        port and serial number of every console on USB
+  sutura flash image.bin                    writes a firmware image to a board, and reads it back
   sutura doctor /dev/ttyACM0                what is wrong with this machine or that console, and the fix
   sutura mesh info part.msh                 quality of a mesh, and whether scenes take it
 
@@ -120,6 +122,7 @@ enum Command {
     Mesh(mesh::MeshArgs),
     Doctor(doctor::DoctorArgs),
     Device(consoles::DeviceArgs),
+    Flash(flash::FlashArgs),
 }
 
 fn main() -> ExitCode {
@@ -146,6 +149,7 @@ fn main() -> ExitCode {
         Command::Mesh(args) => mesh::run(args, &cli.global),
         Command::Doctor(args) => doctor::run(args, &cli.global),
         Command::Device(args) => consoles::run(args, &cli.global),
+        Command::Flash(args) => flash::run(args, &cli.global),
     };
     match done {
         Ok(()) => ExitCode::SUCCESS,

@@ -1,0 +1,111 @@
+//! The log: what comes over USB and what a probe finds, when somebody reads it and when nobody does.
+
+use super::{Bench, Board, image};
+use sutura_board::{Line, LogImage};
+use sutura_shared::wire::message::{Command, Mode};
+
+fn words(on: Board) -> LogImage {
+    LogImage::read(&image(on)).unwrap_or_else(|error| panic!("{error}"))
+}
+
+/// What lines say, with `?` for what the image cannot have said.
+fn texts(lines: &[Line]) -> Vec<&str> {
+    let texts = lines.iter().map(|line| line.text.as_deref());
+    texts.map(|text| text.unwrap_or("?")).collect()
+}
+
+on_each_board!(what_happens_is_read_over_usb_and_by_a_probe);
+fn what_happens_is_read_over_usb_and_by_a_probe(on: Board) {
+    let words = words(on);
+    let (mut over_usb, mut by_probe) = (words.lines(), words.lines());
+    let mut bench = Bench::start(on);
+    bench.arm();
+    bench.say(&Command::Disarm);
+    bench.tick();
+    bench.board.touch(1200).unwrap();
+    for _ in 0..3 {
+        bench.tick();
+    }
+    let usb = over_usb.of(&bench.board.take_log().unwrap());
+    let probe = by_probe.of(&bench.board.take_probe_log().unwrap());
+    assert_eq!(usb, probe);
+    assert_eq!(
+        texts(&usb),
+        [
+            "started, reset cause 1",
+            "mode 1",
+            "mode 2",
+            "mode 1",
+            "not at rest: not going into the loader"
+        ]
+    );
+    let levels: Vec<_> = usb.iter().map(|line| line.level).collect();
+    assert_eq!(levels, ["info", "info", "info", "info", "warn"]);
+    // Console time: before the first tick, in the one after it, which leaves `Boot`, and in the last but two.
+    let ticks = bench.board.ticks();
+    let times: Vec<u64> = usb.iter().map(|line| microseconds(&line.time)).collect();
+    assert_eq!(times[..2], [0, 2000]);
+    assert_eq!(times[4], 1000 * (ticks - 2), "{times:?}");
+    assert!(times.is_sorted(), "{times:?}");
+    // And no more.
+    assert!(bench.board.take_log().unwrap().is_empty());
+    assert!(bench.board.take_probe_log().unwrap().is_empty());
+}
+
+/// Of `1.002000` seconds.
+fn microseconds(time: &str) -> u64 {
+    let (seconds, rest) = time.split_once('.').unwrap_or((time, "0"));
+    seconds.parse::<u64>().unwrap() * 1_000_000 + rest.parse::<u64>().unwrap()
+}
+
+on_each_board!(a_log_that_nobody_reads_costs_no_tick_and_what_is_lost_is_told);
+/// Modes change until both rings are full: who comes then finds how it began, and how much is missing.
+fn a_log_that_nobody_reads_costs_no_tick_and_what_is_lost_is_told(on: Board) {
+    let words = words(on);
+    let mut lines = words.lines();
+    let mut bench = Bench::start(on);
+    for change in 0..260 {
+        let command = if change % 2 == 0 {
+            Command::Arm
+        } else {
+            Command::Disarm
+        };
+        bench.say(&command);
+        bench.tick();
+    }
+    assert_eq!(bench.report.unwrap().tick_overruns, 0);
+    // What had been given to the endpoint has been taken by nobody; the ring behind it is full.
+    let first = lines.of(&bench.board.take_log().unwrap());
+    assert_eq!(
+        texts(&first)[..3],
+        ["started, reset cause 1", "mode 1", "mode 2"]
+    );
+    for (at, text) in texts(&first).iter().enumerate().skip(2) {
+        assert_eq!(
+            *text,
+            if at % 2 == 0 { "mode 2" } else { "mode 1" },
+            "line {at}"
+        );
+    }
+    // 260 changes, "started" and the first mode, less those that came.
+    let missing = 262 - first.len();
+    assert!(missing > 50, "{missing}");
+    bench.tick();
+    bench.tick();
+    let told = lines.of(&bench.board.take_log().unwrap());
+    let [line] = &told[..] else {
+        panic!("{told:?}");
+    };
+    let text = line.text.as_deref().unwrap();
+    assert!(
+        text.starts_with("lines lost so far: ") && text.ends_with(&format!(", {missing} over USB")),
+        "{text}"
+    );
+    // Nobody reads the probe's: it has the first ones, and lost the same, and that line.
+    let probe = words.lines().of(&bench.board.take_probe_log().unwrap());
+    assert_eq!(
+        texts(&probe)[..3],
+        ["started, reset cause 1", "mode 1", "mode 2"]
+    );
+    assert!(bench.tick().mode == Mode::Idle);
+}
