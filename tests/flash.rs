@@ -319,6 +319,14 @@ fn what_is_not_there_is_named_with_the_way_to_get_it() {
         "{}",
         done.stderr
     );
+    bench.set("denied", "");
+    let done = bench.run(&[&path, "--method", "dfu"]);
+    assert_eq!(done.code, 3);
+    assert!(
+        done.stderr.contains("LIBUSB_ERROR_ACCESS") && done.stderr.contains("udev/rules.d"),
+        "{}",
+        done.stderr
+    );
     bench.set("probe", "");
     let done = bench.run(&[&path, "--method", "probe"]);
     assert_eq!(done.code, 3);

@@ -8,6 +8,8 @@ if [ "$1" = -l ]; then
         echo "$found, alt=3, name=\"@Device Feature/0xFFFF0000/01*004 e\", serial=\"345F37823336\""
         echo "$found, alt=0, name=\"@Internal Flash  /0x08000000/04*016Kg,01*064Kg,$(cat "$FAKE_BOARD/loader")\", serial=\"345F37823336\""
     fi
+    # A board that the system keeps from this user.
+    [ -e "$FAKE_BOARD/denied" ] && echo "dfu-util: Cannot open DFU device 0483:df11 found on devnum 9 (LIBUSB_ERROR_ACCESS)" >&2
     # A console that was asked to leave comes back as the loader.
     [ -e "$FAKE_BOARD/comes" ] && mv "$FAKE_BOARD/comes" "$FAKE_BOARD/loader"
     exit 0

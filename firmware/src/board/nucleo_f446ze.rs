@@ -19,6 +19,7 @@
 //! | PG6 | USB power switch: held low | | as the host of a stick the board would give 5 V; high = on |
 //! | PC13 | button B1 | | SB173 closed; SB180, to PA0, open; nothing yet |
 //! | PH0 | 8 MHz from the probe (its MCO) | | no crystal at PH0 and PH1: the probe must have power |
+//! | PC0 | ADC1 channel 10: the motors' supply over a divider, if [`MOTOR_SUPPLY`] says so | CN9 3 (A1) | |
 //! | PC5 | ADC1 channel 15: noise, left open | CN9 and CN11 | nothing may be there |
 //! | PA8, PA9, PA10 | USB start of frame, VBUS, **ID** | CN13 | taken by the connector: left alone |
 //! | PG7 | USB over-current, low = over | | left alone |
@@ -33,15 +34,16 @@
 //!
 //! The chip has no random generator: [`session_seed`] takes noise, the chip's number and a count in RAM.
 
-use super::stm32f4::{Ports, Wired, chip_id};
+use super::stm32f4::{Converter, Ports, Sampling, Wired, chip_id};
 use crate::devices::capstan_stages;
+use crate::drivers::analog::{Channel, MotorSupply};
 use crate::drivers::lamp::{Lamp, Show};
 use crate::seed::{Seeds, WORDS};
 use crate::signals::SetPoint;
 use core::mem::MaybeUninit;
 use embedded_hal::digital::PinState;
 use stm32f4xx_hal::gpio::{Input, Output, PB0, PB7, PB9, PB14, PG6, Pull};
-use stm32f4xx_hal::rcc::{Config, Enable, Rcc};
+use stm32f4xx_hal::rcc::{Config, Rcc};
 use stm32f4xx_hal::{pac, prelude::*, qei::Qei};
 use sutura_shared::device::DeviceDescription;
 use sutura_shared::link::Identity;
@@ -49,6 +51,10 @@ use sutura_shared::wire::message::Mode;
 
 /// The amplifiers.
 pub const SET_POINT: SetPoint = SetPoint::escon(5.0);
+
+/// The motors' supply, where a divider brings it to PC0: with 100 and 10 kOhm `MotorSupply { full_scale_v: 36.3, limits_v: [20.0, 22.0,
+/// 28.0] }` is of 24 V. None: nobody looks at it.
+pub const MOTOR_SUPPLY: Option<MotorSupply> = None;
 
 /// The console that hangs on this board.
 pub const DEVICE: DeviceDescription = capstan_stages(*b"nucleo-f446ze\0\0\0");
@@ -108,19 +114,11 @@ pub fn session_seed(rcc: &mut Rcc) -> Option<u32> {
 
 /// What an open pin picks up: the lowest bits of 64 conversions, as short as they can be (RM0390, 13.3).
 fn noise(rcc: &mut Rcc) -> u64 {
-    pac::ADC1::enable(rcc);
-    // SAFETY: nobody else uses the converter; channel 15 is a documented value.
-    let converter = unsafe { &*pac::ADC1::ptr() };
-    converter.cr2().write(|w| w.adon().set_bit());
-    // SAFETY: as above.
-    converter.sqr3().write(|w| unsafe { w.bits(15) });
-    // 3 us to start (DS10693, t_STAB).
-    cortex_m::asm::delay(3 * 168);
+    let mut converter = Converter::begin(rcc, 15, Sampling::Shortest);
     (0..64).fold(0, |bits: u64, _| {
-        converter.cr2().modify(|_, w| w.swstart().set_bit());
-        // A conversion takes 15 of the converter's cycles; one that does not end gives what was there.
-        let _ = (0..1000).find(|_| converter.sr().read().eoc().bit_is_set());
-        bits.rotate_left(1) ^ u64::from(converter.dr().read().bits() & 3)
+        // A conversion takes 15 of the converter's cycles; one that does not end gives nothing.
+        let reading = (0..1000).find_map(|_| converter.read().ok());
+        bits.rotate_left(1) ^ u64::from(reading.unwrap_or_default() & 3)
     })
 }
 
@@ -146,6 +144,7 @@ pub fn wire(ports: Ports, timers: (pac::TIM3, pac::TIM4, pac::TIM2), rcc: &mut R
             Qei::new(timers.2, encoder_3, rcc).release().0,
         ),
         ready: b.pb9.into_pull_down_input(),
+        motor_supply: c.pc0,
         lamps: Lamps {
             enabled: Lamp::new(b.pb0.into_push_pull_output(), PinState::High),
             armed: Lamp::new(b.pb7.into_push_pull_output(), PinState::High),

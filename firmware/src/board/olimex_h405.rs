@@ -13,6 +13,7 @@
 //! | PA15, PB3 | TIM2: encoder 3 A, B | JTAG's JTDI and JTDO (and SWO) |
 //! | PA0, PA1 | TIM5: grip A, B | the only pins TIM5 has; PA0 is also the button: pressing it holds A high |
 //! | PA11, PA12 | USB D-, D+ | |
+//! | PC0 | ADC1 channel 10: the motors' supply over a divider | if [`MOTOR_SUPPLY`] says so |
 //! | PC12 | LED, low = lit | lit while the amplifiers are enabled |
 //! | PA13, PA14 | SWD | a JTAG probe would drive PA15, PB3, PB4 |
 //! | PC4 | USB supply sense of the board | left alone |
@@ -25,6 +26,7 @@
 
 use super::stm32f4::{Ports, Wired};
 use crate::devices::capstan_stages;
+use crate::drivers::analog::MotorSupply;
 use crate::drivers::lamp::{Lamp, Show};
 use crate::signals::SetPoint;
 use embedded_hal::digital::PinState;
@@ -37,6 +39,10 @@ use sutura_shared::wire::message::Mode;
 
 /// The amplifiers.
 pub const SET_POINT: SetPoint = SetPoint::escon(5.0);
+
+/// The motors' supply, where a divider brings it to PC0: with 100 and 10 kOhm `MotorSupply { full_scale_v: 36.3, limits_v: [20.0, 22.0,
+/// 28.0] }` is of 24 V. None: nobody looks at it.
+pub const MOTOR_SUPPLY: Option<MotorSupply> = None;
 
 /// The console that hangs on this board.
 pub const DEVICE: DeviceDescription = capstan_stages(*b"olimex-h405\0\0\0\0\0");
@@ -97,6 +103,7 @@ pub fn wire(ports: Ports, timers: (pac::TIM3, pac::TIM4, pac::TIM2), rcc: &mut R
             Qei::new(timers.2, encoder_3, rcc).release().0,
         ),
         ready: b.pb9.into_pull_down_input(),
+        motor_supply: c.pc0,
         lamps: Lamps(Lamp::new(
             c.pc12.into_push_pull_output_in_state(gpio::PinState::High),
             PinState::Low,

@@ -9,6 +9,7 @@
 //! | PA6 | TIM8 BKIN: emergency stop, 3.3 V = run | normally closed contact to 3.3 V; open, or a broken wire, stops |
 //! | TIM3, TIM4, TIM2 CH1 and CH2 | encoder 1, 2, 3 A and B | on pins of the board |
 //! | PA11, PA12 | USB D-, D+ | |
+//! | PC0 | ADC1 channel 10: the motors' supply, over a divider | where the board's `MOTOR_SUPPLY` says that there is one |
 //! | PA13, PA14 | SWD | |
 //! | PA4, PA5 | | the two pins that do not stand 5 V (data sheets DS8626 and DS10693, pin tables: TTa) |
 //!
@@ -33,10 +34,11 @@
 //! states the flash needs 2.7 V (RM0090, 3.5.1); brown-out level 3 resets the chip there, and the log says if it is not set.
 
 use super::logger::{self, LogClass};
-use super::wiring::{self, Lamps, Ready, SET_POINT};
+use super::wiring::{self, Lamps, MOTOR_SUPPLY, Ready, SET_POINT};
 use super::{Boot, Event, fault};
 use crate::crash_record::{CrashRecord, Kind, reset_cause};
 use crate::drivers::amplifier::Amplifiers;
+use crate::drivers::analog::{Channel, Supply};
 use crate::loader::{self, Touch};
 use crate::safe_state::{self, ENABLE_OFF, ENABLE_ON, MOTORS, Register, TorqueRegisters};
 use crate::serial_number::{DIGITS, serial_number};
@@ -120,6 +122,63 @@ impl SetDutyCycle for Pulses {
     fn set_duty_cycle(&mut self, duty: u16) -> Result<(), Infallible> {
         Registers.write(Register::Compare(self.0), u32::from(duty));
         Ok(())
+    }
+}
+
+/// A channel of ADC1, which converts all the time: a reading is of the tick before.
+pub(super) struct Converter(());
+
+/// No conversion has ended since the last reading.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct NotYet;
+
+impl Converter {
+    /// Switches the converter on and begins with a channel, 10 to 18, whose pin is analog. The only one: the next one takes its place.
+    pub(super) fn begin(rcc: &mut Rcc, channel: u32, sampling: Sampling) -> Self {
+        pac::ADC1::enable(rcc);
+        let converter = Self::registers();
+        // SAFETY: documented values of the sampling time of channels 10 to 18, three bits each, and of the sequence's only
+        // channel (RM0090, 13.13.4 and 13.13.11).
+        unsafe {
+            let bits = (sampling as u32) << (3 * channel.saturating_sub(10).min(8));
+            converter.smpr1().write(|w| w.bits(bits));
+            converter.sqr3().write(|w| w.bits(channel));
+        }
+        converter.cr2().write(|w| w.adon().set_bit());
+        // 3 us to start (DS8626 and DS10693, t_STAB).
+        cortex_m::asm::delay(3 * CORE_HZ / 1_000_000);
+        converter.cr2().modify(|_, w| w.swstart().set_bit());
+        Converter(())
+    }
+
+    fn registers() -> &'static pac::adc1::RegisterBlock {
+        // SAFETY: nobody else uses the converter, and of this type there is one at a time.
+        unsafe { &*pac::ADC1::ptr() }
+    }
+}
+
+/// Cycles of the converter in which it looks at the pin.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[allow(dead_code, reason = "each is some board's")]
+pub(super) enum Sampling {
+    /// 3: of noise.
+    Shortest = 0,
+    /// 480: from dividers of up to 50 kOhm.
+    Longest = 7,
+}
+
+impl Channel for Converter {
+    const FULL_SCALE: u16 = 4095;
+    type Error = NotYet;
+
+    fn read(&mut self) -> Result<u16, NotYet> {
+        let converter = Self::registers();
+        if converter.sr().read().eoc().bit_is_clear() {
+            return Err(NotYet);
+        }
+        let reading = converter.dr().read().bits() as u16;
+        converter.cr2().modify(|_, w| w.swstart().set_bit());
+        Ok(reading)
     }
 }
 
@@ -374,6 +433,8 @@ pub struct Wired {
     pub encoders: (pac::TIM3, pac::TIM4, pac::TIM2),
     /// The amplifiers' ready line, high = ready.
     pub ready: Ready,
+    /// The motors' supply, over a divider.
+    pub motor_supply: gpio::PC0,
     /// What people see.
     pub lamps: Lamps,
 }
@@ -390,6 +451,7 @@ pub struct Plant {
     counters: [Counter16; 2],
     tick: pac::TIM7,
     amplifiers: Amplifiers<Pulses, Outputs, EnableLine, Ready, MOTORS>,
+    motor_supply: Option<Supply<Converter>>,
     lamps: Lamps,
     /// The chip's option bits (RM0090, 3.9.10).
     flash_options: u32,
@@ -421,6 +483,9 @@ impl crate::control_side::Plant for Plant {
         // A dip that comes between the two is seen by the next tick.
         let supply_low = SUPPLY_DIPPED.load(Ordering::Relaxed) || supply_is_low();
         SUPPLY_DIPPED.store(false, Ordering::Relaxed);
+        let wanted = !self.amplifiers.are_off();
+        let unfit = |supply: &mut Supply<_>| supply.is_unfit(wanted);
+        let supply_low = self.motor_supply.as_mut().is_some_and(unfit) || supply_low;
         let [first, second] = &mut self.counters;
         TickInput {
             now_us: beat.now_us,
@@ -678,6 +743,11 @@ pub fn start(
     // Without one the host's nonce alone has to do.
     let seed = wiring::session_seed(&mut rcc).unwrap_or(0);
 
+    let motor_supply = MOTOR_SUPPLY.map(|own| {
+        let _pin = wired.motor_supply.into_analog();
+        Supply::new(Converter::begin(&mut rcc, 10, Sampling::Longest), own)
+    });
+
     let (port, guard) = {
         let memory = cortex_m::singleton!(: [u32; 1024] = [0; 1024]).expect("start runs once");
         let usb = USB::new(
@@ -751,6 +821,7 @@ pub fn start(
         counters: [Counter16::default(); 2],
         tick,
         amplifiers,
+        motor_supply,
         lamps: wired.lamps,
         flash_options,
     };

@@ -1,6 +1,6 @@
 //! Supply voltage and temperatures, from voltages that a converter reads.
 //!
-//! Entry points, once a tick: [`Supply::tick`], [`Thermistor::tick`]. `embedded-hal` 1.0 has no trait for converters any more, so that
+//! Entry points, once a tick: [`Supply::is_unfit`] or [`Supply::tick`], [`Thermistor::tick`]. `embedded-hal` 1.0 has no trait for converters any more, so that
 //! [`Channel`] is our own: one reading of one channel, as boards and converters on a bus can give it.
 
 /// One channel of a converter.
@@ -38,6 +38,15 @@ pub struct Supply<C> {
     last_v: [Option<f32>; 3],
 }
 
+/// A motors' supply as a board has it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct MotorSupply {
+    /// Voltage at which the converter reads full scale: its reference, over the divider's part \[V\].
+    pub full_scale_v: f32,
+    /// Low below the first, well again above the second, too high above the third \[V\].
+    pub limits_v: [f32; 3],
+}
+
 /// What a supply is.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum SupplyState {
@@ -52,16 +61,21 @@ pub enum SupplyState {
 }
 
 impl<C: Channel> Supply<C> {
-    /// `full_scale_v`: the supply at which the channel reads full scale. `limits_v`: low below the first, well again above
-    /// the second, too high above the third \[V\].
-    pub fn new(channel: C, full_scale_v: f32, limits_v: [f32; 3]) -> Self {
+    /// A supply on a channel.
+    pub fn new(channel: C, own: MotorSupply) -> Self {
         Self {
             channel,
-            full_scale_v,
-            limits_v,
+            full_scale_v: own.full_scale_v,
+            limits_v: own.limits_v,
             low: true,
             last_v: [None; 3],
         }
+    }
+
+    /// Once a tick: whether motors that are wanted may not have it. While nobody wants them it may be anything, off too.
+    pub fn is_unfit(&mut self, wanted: bool) -> bool {
+        let state = self.tick();
+        wanted && !matches!(state, SupplyState::Well(_))
     }
 
     /// A reading, and what the last three come to: a single one that is off changes nothing, and a supply that fails is seen 2 ms
@@ -184,8 +198,27 @@ mod tests {
         let readings = volts
             .iter()
             .map(|volts| volts.map(|volts| (volts / 30.0 * 4095.0 + 0.5) as u16));
-        let mut supply = Supply::new(script(readings), 30.0, [20.0, 22.0, 28.0]);
+        let mut supply = Supply::new(script(readings), OWN);
         volts.iter().map(|_| supply.tick()).collect()
+    }
+
+    const OWN: MotorSupply = MotorSupply {
+        full_scale_v: 30.0,
+        limits_v: [20.0, 22.0, 28.0],
+    };
+
+    #[test]
+    fn a_supply_that_is_off_or_unknown_matters_to_motors_that_are_wanted_and_to_no_others() {
+        let reading = |volts: f32| Some((volts / 30.0 * 4095.0) as u16);
+        // Off, on, too high, a broken wire: three ticks each.
+        let states = [reading(0.5), reading(24.0), reading(29.0), None];
+        let readings = states.iter().flat_map(|state| [*state; 3]);
+        for wanted in [false, true] {
+            let mut supply = Supply::new(script(readings.clone()), OWN);
+            let unfit: Vec<_> = (0..12).map(|_| supply.is_unfit(wanted)).collect();
+            let settled = [unfit[2], unfit[5], unfit[8], unfit[11]];
+            assert_eq!(settled, [wanted, false, wanted, wanted]);
+        }
     }
 
     fn kinds(volts: &[Option<f32>]) -> std::string::String {

@@ -30,10 +30,17 @@ impl DfuUtil {
     /// All boards in their ROM's loader.
     ///
     /// # Errors
-    /// Those of the program.
+    /// [`FlashError::NoAccess`] if there are only some that this user may not open, and those of the program.
     pub fn all() -> Result<Vec<DfuUtil>, FlashError> {
-        let said = PROGRAM.run(&["-l", "-d", LOADER])?;
-        Ok(said.lines().filter_map(listed).collect())
+        let [said, complaints] = PROGRAM.run(&["-l", "-d", LOADER])?;
+        let found: Vec<_> = said.lines().filter_map(listed).collect();
+        let mut complaints = complaints.lines();
+        match complaints.find(|line| line.contains("Cannot open DFU device")) {
+            Some(line) if found.is_empty() => Err(FlashError::NoAccess {
+                said: line.trim().to_owned(),
+            }),
+            _ => Ok(found),
+        }
     }
 
     /// The one of this number, or the only one.
@@ -60,9 +67,9 @@ impl DfuUtil {
         }
     }
 
-    fn run(&self, memory: &str, more: &[&str]) -> Result<String, FlashError> {
+    fn run(&self, memory: &str, more: &[&str]) -> Result<(), FlashError> {
         let which = ["-d", LOADER, "-S", &self.serial, "-a", "0", "-s", memory];
-        PROGRAM.run(&[&which[..], more].concat())
+        PROGRAM.run(&[&which[..], more].concat()).map(|_| ())
     }
 }
 
@@ -122,13 +129,11 @@ impl Loader for DfuUtil {
         let file = folder.path().join("write.bin");
         fs::write(&file, bytes).map_err(broken)?;
         let memory = format!("{:#010x}", FLASH_START as usize + offset);
-        self.run(&memory, &["-D", &file.to_string_lossy()])?;
-        Ok(())
+        self.run(&memory, &["-D", &file.to_string_lossy()])
     }
 
     fn start(&mut self) -> Result<(), FlashError> {
         self.run(&format!("{FLASH_START:#010x}:leave"), &[])
-            .map(|_| ())
     }
 }
 

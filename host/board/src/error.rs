@@ -153,6 +153,16 @@ pub enum FlashError {
     #[error("no board is in the loader of its ROM")]
     #[diagnostic(help("{BOOT_PINS}"))]
     NoLoader,
+    /// A board is in its ROM's loader, and the system keeps this user from it.
+    #[error("a board is in the loader of its ROM, and may not be opened: {said}")]
+    #[diagnostic(help(
+        "on Linux: `SUBSYSTEM==\"usb\", ATTRS{{idVendor}}==\"0483\", ATTRS{{idProduct}}==\"df11\", TAG+=\"uaccess\"` in /etc/udev/rules.d/60-sutura-loader.rules, then plug it in again; \
+on Windows: its driver is WinUSB, by Zadig"
+    ))]
+    NoAccess {
+        /// What the program said.
+        said: String,
+    },
     /// Several could be meant.
     #[error("several are there: {}", found.join(", "))]
     #[diagnostic(help("say which: --device {}", found.first().map_or("", String::as_str)))]

@@ -31,7 +31,7 @@ impl ProbeRs {
     /// # Errors
     /// Those of the program.
     pub fn all() -> Result<Vec<String>, FlashError> {
-        let said = PROGRAM.run(&["list"])?;
+        let [said, _] = PROGRAM.run(&["list"])?;
         Ok(said.lines().filter_map(listed).collect())
     }
 
@@ -65,7 +65,8 @@ impl ProbeRs {
 
     fn run(&self, command: &str, more: &[&str]) -> Result<String, FlashError> {
         let which = [command, "--chip", self.chip, "--probe", &self.probe];
-        PROGRAM.run(&[&which[..], more].concat())
+        let [said, _] = PROGRAM.run(&[&which[..], more].concat())?;
+        Ok(said)
     }
 }
 

@@ -19,11 +19,11 @@ pub struct Program {
 }
 
 impl Program {
-    /// Runs it to its end; what it said on stdout.
+    /// Runs it to its end; what it said on stdout and stderr.
     ///
     /// # Errors
     /// [`FlashError::NoProgram`]; [`FlashError::Program`] if it fails, with the last that it said.
-    pub fn run<S: AsRef<OsStr>>(&self, arguments: &[S]) -> Result<String, FlashError> {
+    pub fn run<S: AsRef<OsStr>>(&self, arguments: &[S]) -> Result<[String; 2], FlashError> {
         let mut command = Command::new(self.name);
         // It may ask for what nobody answers.
         command.args(arguments).stdin(Stdio::null());
@@ -34,7 +34,8 @@ impl Program {
         };
         match command.output() {
             Ok(output) if output.status.success() => {
-                Ok(String::from_utf8_lossy(&output.stdout).into_owned())
+                let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
+                Ok([text(&output.stdout), text(&output.stderr)])
             }
             Ok(output) => {
                 let of = |bytes: &[u8]| last_words(&String::from_utf8_lossy(bytes));

@@ -201,6 +201,7 @@ fn failure(error: FlashError) -> Failure {
         }
         FlashError::NoProgram { .. }
         | FlashError::NoLoader
+        | FlashError::NoAccess { .. }
         | FlashError::NoProbe
         | FlashError::Several { .. }
         | FlashError::NotThere { .. } => Cause::NoConsole,
