@@ -75,6 +75,16 @@ fn push(bytes: &[u8]) {
     USB.push(bytes);
 }
 
+/// What defmt encodes with.
+///
+/// # Safety
+/// For who has found depth 0, until its `release`: nobody else has a reference then.
+unsafe fn encoder() -> &'static mut defmt::Encoder {
+    let place = &raw mut ENCODER;
+    // SAFETY: as above; the static is aligned and has its value from the start.
+    unsafe { &mut *place }
+}
+
 // SAFETY: a task that interrupts another one ends before that goes on, so that whoever finds depth 0 is alone with the encoder and the
 // rings' writing ends until its own `release`; all others leave them alone.
 unsafe impl defmt::Logger for Logger {
@@ -87,7 +97,7 @@ unsafe impl defmt::Logger for Logger {
         RTT.begin();
         USB.begin();
         // SAFETY: as above; nobody else has a reference.
-        unsafe { (*(&raw mut ENCODER)).start_frame(push) };
+        unsafe { encoder().start_frame(push) };
     }
 
     unsafe fn flush() {}
@@ -96,7 +106,7 @@ unsafe impl defmt::Logger for Logger {
         let depth = DEPTH.load(Ordering::Relaxed);
         if depth == 1 {
             // SAFETY: as above.
-            unsafe { (*(&raw mut ENCODER)).end_frame(push) };
+            unsafe { encoder().end_frame(push) };
             RTT.commit();
             USB.commit();
         } else {
@@ -109,7 +119,7 @@ unsafe impl defmt::Logger for Logger {
     unsafe fn write(bytes: &[u8]) {
         if DEPTH.load(Ordering::Relaxed) == 1 {
             // SAFETY: as above.
-            unsafe { (*(&raw mut ENCODER)).write(bytes, push) };
+            unsafe { encoder().write(bytes, push) };
         }
     }
 }

@@ -136,6 +136,8 @@ fn of_hex(file: &[u8]) -> Result<Vec<u8>, String> {
 
 #[cfg(test)]
 pub(crate) mod tests {
+    #![allow(clippy::unwrap_used, reason = "tests")]
+
     use super::*;
     use crate::target::FIRST_SECTOR;
     use std::path::PathBuf;

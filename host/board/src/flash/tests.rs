@@ -1,5 +1,7 @@
 //! A chip whose flash behaves like one: sectors are erased to ones, writing only clears bits, and the supply may go at any byte.
 
+#![allow(clippy::unwrap_used, reason = "tests")]
+
 use super::*;
 use crate::image::tests::bytes;
 use std::path::Path;
