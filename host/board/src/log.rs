@@ -210,3 +210,31 @@ impl UsbLog {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Lines of a real image are read in `hil/tests/board_image/log.rs`.
+    #[test]
+    fn a_file_without_words_is_named_with_what_to_give() {
+        let error = |path: &str| match LogImage::read(Path::new(path)) {
+            Ok(_) => String::new(),
+            Err(error) => format!(
+                "{error} ({:?})",
+                miette::Diagnostic::help(&error).map(|h| h.to_string())
+            ),
+        };
+        let text = error("Cargo.toml");
+        assert!(
+            text.contains("`Cargo.toml` has no words for a log") && text.contains("--elf"),
+            "{text}"
+        );
+        let text = error("not-there");
+        assert!(
+            text.contains("cannot read the image `not-there`")
+                && text.contains("cargo xtask firmware"),
+            "{text}"
+        );
+    }
+}
