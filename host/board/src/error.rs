@@ -65,6 +65,17 @@ pub enum FlashError {
         /// What was asked for.
         board: String,
     },
+    /// The image is one that no console may have.
+    #[error("the image is `{image}` for {board}, which no board may have")]
+    #[diagnostic(help(
+        "boards take the images `console` and `selftest`: `cargo xtask firmware --board {board}` makes both"
+    ))]
+    NotForBoards {
+        /// What it says it is.
+        image: String,
+        /// Its board.
+        board: String,
+    },
     /// The image is larger than the flash.
     #[error("the image has {bytes} bytes, and {}'s flash {}", board.name, board.flash_bytes)]
     #[diagnostic(help("look at `cargo xtask firmware` for what it is made of"))]

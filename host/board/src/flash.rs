@@ -70,7 +70,7 @@ impl Flash {
     ///
     /// # Errors
     /// [`FlashError::Unidentified`] if it does not say, unless `force` and `board` say it; [`FlashError::OtherBoard`],
-    /// [`FlashError::UnknownBoard`], [`FlashError::TooLarge`].
+    /// [`FlashError::UnknownBoard`], [`FlashError::NotForBoards`], [`FlashError::TooLarge`].
     pub fn new(
         image: Image,
         path: &std::path::Path,
@@ -82,6 +82,13 @@ impl Flash {
                 return Err(FlashError::OtherBoard {
                     image: own.board().to_owned(),
                     board: board.to_owned(),
+                });
+            }
+            // Images that tests alone run are made for boards, too.
+            (Some(own), _) if !["console", "selftest"].contains(&own.image()) => {
+                return Err(FlashError::NotForBoards {
+                    image: own.image().to_owned(),
+                    board: own.board().to_owned(),
                 });
             }
             (Some(own), _) => Target::named(own.board())?,

@@ -258,6 +258,13 @@ fn images_that_do_not_say_what_they_are_or_are_another_boards_are_refused_before
         error.to_string(),
         "the image is for `olimex-h405`, and --board says `nucleo-f446ze`"
     );
+    let mut tests_own = image(H405, 5000);
+    tests_own.identification = Some(Identification::new(H405, "mutants", "0.1.0"));
+    let error = new(tests_own, None, true).unwrap_err();
+    assert_eq!(
+        error.to_string(),
+        "the image is `mutants` for olimex-h405, which no board may have"
+    );
     let error = new(image("virtual", 5000), None, true).unwrap_err();
     assert_eq!(error.to_string(), "no board is named `virtual`");
     let error = new(image("nucleo-f446ze", 600_000), None, true).unwrap_err();
