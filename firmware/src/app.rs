@@ -26,6 +26,7 @@ mod sutura {
     use sutura_shared::console_endpoint::Sample;
     use sutura_shared::control::Control;
     use sutura_shared::link::ConsoleLink;
+    use sutura_shared::mutant::stands;
     use sutura_shared::simulated_console::Without;
     use sutura_shared::wire::message::Mode;
 
@@ -62,9 +63,9 @@ mod sutura {
         let [back, middle, front] = cx.local.slots;
         let [written, between, newest] = cx.local.samples;
         // With motors everything watches, whatever anybody says.
-        #[cfg(not(feature = "virtual"))]
+        #[cfg(not(any(feature = "virtual", feature = "mutants")))]
         let Without { tuning, checks } = Without::default();
-        #[cfg(feature = "virtual")]
+        #[cfg(any(feature = "virtual", feature = "mutants"))]
         let Without { tuning, checks } = boot.without;
         let link = ConsoleLink::with_checks(board::IDENTITY, boot.seed, checks);
         let control =
@@ -165,7 +166,7 @@ mod sutura {
                 contacts.lock(|contacts| contacts.publish(back))
             })
         });
-        if !has_all {
+        if !has_all && stands("link_masked") {
             // Its interrupt would come again at once, and again, while what is left waits for a tick.
             cortex_m::peripheral::NVIC::mask(board::LINK);
         }

@@ -7,6 +7,7 @@ use heapless::spsc::{Consumer, Producer, Queue};
 use sutura_shared::console_endpoint::{ConsoleEndpoint, Delivery, Order, Sample};
 use sutura_shared::control::Fresh;
 use sutura_shared::link::ConsoleLink;
+use sutura_shared::mutant::stands;
 use sutura_shared::wire::MAX_REAL_TIME_FRAME;
 use sutura_shared::wire::message::Report;
 
@@ -91,7 +92,9 @@ impl<'a, P: Bytes> HostSide<'a, P> {
                 has_all = true;
                 break;
             }
-            self.budget = self.budget.saturating_sub(count);
+            if stands("byte_budget") {
+                self.budget = self.budget.saturating_sub(count);
+            }
             for &byte in bytes.iter().take(count) {
                 if let Some(delivery) = self.endpoint.receive(byte, now_us) {
                     self.apply(delivery, &mut publish);
@@ -107,6 +110,7 @@ impl<'a, P: Bytes> HostSide<'a, P> {
     /// For all orders that a chunk may bring.
     fn has_room(&self) -> bool {
         self.orders.capacity() - self.orders.len() > CHUNK / SMALLEST_FRAME
+            || !stands("room_for_orders")
     }
 
     fn apply(&mut self, delivery: Delivery, publish: &mut impl FnMut(&mut &'a mut Slot) -> bool) {

@@ -4,6 +4,8 @@
 //! context and may run twice; each write alone already moves towards no torque. Orderly stops, and starts, are the driver's:
 //! [`crate::drivers::amplifier`].
 
+use sutura_shared::mutant::stands;
+
 /// Motors driven by TIM8.
 pub const MOTORS: usize = 3;
 
@@ -34,9 +36,13 @@ pub const ENABLE_ON: u32 = 1 << 3 | 0b110 << 4 | 0b101 << 12;
 /// Enable comes first, because it alone means no torque. The pulses go on: an amplifier's enable input may take 8 ms to act,
 /// and a pulse train that ends meanwhile is a set point of 0 % duty.
 pub fn safe_state(registers: &mut impl TorqueRegisters, no_current: u32) {
-    registers.write(Register::EnableMode, ENABLE_OFF);
-    for motor in 0..MOTORS {
-        registers.write(Register::Compare(motor), no_current);
+    if stands("enable_falls") {
+        registers.write(Register::EnableMode, ENABLE_OFF);
+    }
+    if stands("no_current") {
+        for motor in 0..MOTORS {
+            registers.write(Register::Compare(motor), no_current);
+        }
     }
 }
 

@@ -2,6 +2,8 @@
 //!
 //! Entry points: [`SetPoint`], [`StopLine`], [`Counter16`], [`TickClock`].
 
+use sutura_shared::mutant::stands;
+
 /// How an amplifier reads a set point from the width of its pulses.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SetPoint {
@@ -69,7 +71,7 @@ pub struct StopLine {
 impl StopLine {
     /// Whether this tick has to stop.
     pub fn pressed(self) -> bool {
-        self.open || self.tripped
+        self.open || self.tripped && stands("stop_flag")
     }
 
     /// Whether the flag is to be cleared: only after a tick was told of it, and with the line closed.
@@ -161,7 +163,7 @@ impl<const PER_US: u32> TickClock<PER_US> {
             self.odd.saturating_add(1)
         };
         // Periods that went by unseen while an interrupt was late. What cannot be believed is one.
-        let periods = if believed {
+        let periods = if believed && stands("lost_periods") {
             ((passed_us + PERIOD_US / 2) / PERIOD_US).max(1)
         } else {
             1
@@ -177,7 +179,7 @@ impl<const PER_US: u32> TickClock<PER_US> {
         let percent = (sum_us + due_us / 200) / (due_us / 100);
         Beat {
             now_us: self.us,
-            contradicts: self.odd >= MAX_ODD,
+            contradicts: self.odd >= MAX_ODD && stands("time_base"),
             apart_percent: (is_due && sum_us.abs_diff(due_us) > due_us / 20).then_some(percent),
         }
     }

@@ -3,6 +3,7 @@
 //! Entry point: [`Watch`]. Tasks of any priority tick it without a lock.
 
 use core::sync::atomic::{AtomicU32, Ordering};
+use sutura_shared::mutant::stands;
 
 /// A monitored task.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -35,9 +36,13 @@ impl Watch {
 
     /// True if every task ticked since this last said so; then all have to tick again.
     pub fn all_ticked(&self) -> bool {
+        if !stands("telemetry_watched") {
+            self.tick(Task::Telemetry);
+        }
         self.0
             .compare_exchange(ALL, 0, Ordering::Relaxed, Ordering::Relaxed)
             .is_ok()
+            || !stands("tasks_watched")
     }
 
     /// The tasks that ticked, as bits: for an crash_record.

@@ -144,8 +144,10 @@ pub fn default_image() -> PathBuf {
 pub(crate) fn board_of(image: &Path) -> String {
     let name = image.file_name().unwrap_or_default().to_string_lossy();
     let name = name.strip_prefix("sutura-").unwrap_or("virtual");
-    // A board's self-test is built beside its image.
-    name.strip_prefix("selftest-").unwrap_or(name).to_owned()
+    // A board's other images are built beside it.
+    let board = ["selftest-", "mutants-"].iter();
+    let mut board = board.filter_map(|kind| name.strip_prefix(kind));
+    board.next().unwrap_or(name).to_owned()
 }
 
 /// What the emulator says of itself: one line.
@@ -479,6 +481,7 @@ mod tests {
             ("no/such/sutura-virtual", "virtual"),
             ("no/such/sutura-olimex-h405", "olimex-h405"),
             ("no/such/sutura-selftest-olimex-h405", "olimex-h405"),
+            ("no/such/sutura-mutants-olimex-h405", "olimex-h405"),
             ("no/such/image", "virtual"),
         ] {
             let Err(error) = Qemu::start(&options(image.into())) else {

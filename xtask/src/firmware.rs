@@ -72,18 +72,24 @@ fn build(toolchain: &Toolchain, board: Board) -> Result<()> {
     let remap = |from: PathBuf, to: &str| format!("--remap-path-prefix={}={to}", from.display());
     let flags = [remap(cargo_home(), "cargo"), remap(root(), "sutura")].join(" ");
     // Cargo looks for `.cargo/config.toml` from the working folder on, not from the manifest.
-    toolchain
-        .cargo("build --release --locked --quiet --features")
-        .arg(board.name())
-        .arg("--target-dir")
-        .arg(root().join("firmware/target"))
-        .env("RUSTFLAGS", flags)
-        .within("firmware")
-        .run()
-        .with_context(|| format!("the image for {} does not build", board.name()))?;
-    let mut images = vec![format!("sutura-{}", board.name())];
+    let cargo = |words: &str| {
+        let tool = toolchain.cargo(&format!("build --release --locked --quiet {words}"));
+        tool.arg("--target-dir")
+            .arg(root().join("firmware/target"))
+            .env("RUSTFLAGS", &flags)
+            .within("firmware")
+            .run()
+            .with_context(|| format!("the image for {} does not build", board.name()))
+    };
+    let name = board.name();
+    cargo(&format!("--features {name}"))?;
+    let mut images = vec![format!("sutura-{name}")];
     if board != Board::Virtual {
-        images.push(format!("sutura-selftest-{}", board.name()));
+        images.push(format!("sutura-selftest-{name}"));
+        // Never beside the others: with that feature they are other images.
+        let mutants = format!("sutura-mutants-{name}");
+        cargo(&format!("--features {name},mutants --bin {mutants}"))?;
+        images.push(mutants);
     }
     images
         .iter()

@@ -5,6 +5,7 @@ use crate::crash_record::{CrashRecord, Kind, place_of};
 use core::mem::MaybeUninit;
 use core::panic::PanicInfo;
 use cortex_m_rt::exception;
+use sutura_shared::mutant::stands;
 
 #[unsafe(link_section = ".uninit.CRASH_RECORD")]
 static mut CRASH_RECORD: MaybeUninit<[u32; 3]> = MaybeUninit::uninit();
@@ -13,12 +14,14 @@ static mut CRASH_RECORD: MaybeUninit<[u32; 3]> = MaybeUninit::uninit();
 pub fn bury(crash_record: CrashRecord) -> ! {
     cortex_m::interrupt::disable();
     let words = crash_record.to_words();
-    // SAFETY: interrupts are off and this never returns: nobody else reads or writes the static.
-    unsafe {
-        (&raw mut CRASH_RECORD)
-            .cast::<[u32; 3]>()
-            .write_volatile(words)
-    };
+    if stands("epitaph") {
+        // SAFETY: interrupts are off and this never returns: nobody else reads or writes the static.
+        unsafe {
+            (&raw mut CRASH_RECORD)
+                .cast::<[u32; 3]>()
+                .write_volatile(words)
+        };
+    }
     super::end(crash_record)
 }
 
@@ -60,7 +63,9 @@ extern "C" fn HardFault() {
 }
 
 extern "C" fn hard_fault(stack_pointer: usize) -> ! {
-    super::safe_state();
+    if stands("hard_fault_stops") {
+        super::safe_state();
+    }
     // The exception frame holds the program counter in its seventh word, unless the stack had overflown.
     let top = super::stack::region();
     let place = if top.contains(&stack_pointer) && top.contains(&(stack_pointer + 31)) {
@@ -77,7 +82,9 @@ extern "C" fn hard_fault(stack_pointer: usize) -> ! {
 
 #[exception]
 unsafe fn DefaultHandler(number: i16) -> ! {
-    super::safe_state();
+    if stands("exception_stops") {
+        super::safe_state();
+    }
     bury(CrashRecord {
         kind: Kind::Exception,
         place: number as u32,

@@ -29,6 +29,8 @@ mod bare;
 mod fault;
 #[cfg(not(feature = "virtual"))]
 mod logger;
+#[cfg(feature = "mutants")]
+mod mutants;
 #[cfg(feature = "virtual")]
 mod semihosting;
 mod stack;
@@ -72,7 +74,7 @@ pub use stm32f4xx_hal::pac;
 
 use crate::crash_record::CrashRecord;
 use sutura_shared::identification::{self, Identification};
-#[cfg(feature = "virtual")]
+#[cfg(any(feature = "virtual", feature = "mutants"))]
 use sutura_shared::simulated_console::Without;
 use sutura_shared::wire::message::Report;
 
@@ -86,7 +88,7 @@ pub struct Boot {
     /// For session numbers: differs from boot to boot on hardware.
     pub seed: u32,
     /// Guards that are off. Boards with motors have no such thing.
-    #[cfg(feature = "virtual")]
+    #[cfg(any(feature = "virtual", feature = "mutants"))]
     pub without: Without,
 }
 

@@ -59,6 +59,7 @@ use stm32f4xx_hal::watchdog::IndependentWatchdog;
 use stm32f4xx_hal::{pac, prelude::*};
 use sutura_shared::control::{Control, TickInput, TickOutput};
 use sutura_shared::usb::{PRODUCT, VENDOR};
+use sutura_shared::mutant::stands;
 use sutura_shared::wire::message::Simulate;
 use usb_device::bus::UsbBusAllocator;
 use usb_device::device::{
@@ -82,7 +83,9 @@ const NO_CURRENT: u32 = SET_POINT.none(PULSE) as u32;
 
 /// TIM8 break and dead-time register: break input on, active low; outputs driven low while disabled. Lock level 2, until the
 /// next reset: nothing can change these bits, nor what the outputs' idle level and polarity are (RM0090, 17.4.18).
-const BREAK_DEAD_TIME: u32 = 1 << 12 | 1 << 11 | 1 << 10 | 0b10 << 8;
+const BREAK_DEAD_TIME: u32 = BREAK_INPUT | 1 << 11 | 1 << 10 | 0b10 << 8;
+/// ... its break input on.
+const BREAK_INPUT: u32 = 1 << 12;
 /// ... its main output enable, which the break input takes away.
 const MAIN_OUTPUT_ENABLE: u32 = 1 << 15;
 
@@ -206,6 +209,11 @@ pub(super) struct Outputs;
 
 impl Outputs {
     fn write(&mut self, value: u32) -> Result<(), Infallible> {
+        let value = if stands("break_input") {
+            value
+        } else {
+            value & !BREAK_INPUT
+        };
         // SAFETY: a whole-word write of documented bits; nobody else writes this register. With the break input active the
         // chip keeps the outputs off whatever is written (RM0090, 17.4.18, MOE).
         unsafe { (*pac::TIM8::ptr()).bdtr().write(|w| w.bits(value)) };
@@ -234,31 +242,37 @@ pub fn safe_state() {
 
 /// Last act of a fault handler: pulses of no current go on for 20 ms, until no amplifier is on any more, then a reset.
 pub fn end(_: CrashRecord) -> ! {
-    // SAFETY: a whole-word write; nothing else runs any more. It is the last time that the watchdog is fed, or its early
-    // interrupt would leave 0.8 ms. The independent one bites if this does not come to its end.
-    unsafe {
-        (*pac::WWDG::ptr())
-            .cr()
-            .write(|w| w.wdga().set_bit().t().set(0x7F))
-    };
+    if stands("last_feed") {
+        // SAFETY: a whole-word write; nothing else runs any more. It is the last time that the watchdog is fed, or its early
+        // interrupt would leave 0.8 ms. The independent one bites if this does not come to its end.
+        unsafe {
+            (*pac::WWDG::ptr())
+                .cr()
+                .write(|w| w.wdga().set_bit().t().set(0x7F))
+        };
+    }
     cortex_m::asm::delay(CORE_HZ / 50);
     cortex_m::peripheral::SCB::sys_reset()
 }
 
 /// The emergency stop's interrupt: torque off, and no further interrupt until the stop is released.
 pub fn emergency_stop() {
-    safe_state();
+    if stands("stop_at_once") {
+        safe_state();
+    }
     // SAFETY: the control task, below this priority, is the only other user of this register.
     unsafe {
         (*pac::TIM8::ptr())
             .dier()
-            .modify(|_, w| w.bie().clear_bit())
+            .modify(|_, w| w.bie().bit(!stands("stop_once")))
     };
 }
 
 /// The window watchdog's early interrupt: some task hangs.
 pub fn watchdog(watch: &Watch) -> ! {
-    safe_state();
+    if stands("watchdog_stops") {
+        safe_state();
+    }
     fault::bury(CrashRecord {
         kind: Kind::Watchdog,
         place: watch.bits(),
@@ -270,8 +284,10 @@ static SUPPLY_DIPPED: AtomicBool = AtomicBool::new(false);
 
 /// The supply's interrupt: torque off. The next tick makes it a fault.
 pub fn supply_low() {
-    safe_state();
-    SUPPLY_DIPPED.store(true, Ordering::Relaxed);
+    if stands("supply_at_once") {
+        safe_state();
+    }
+    SUPPLY_DIPPED.store(stands("supply_remembered"), Ordering::Relaxed);
     // SAFETY: writing 1 clears this line's flag and no other (RM0090, 12.3.6).
     unsafe { (*pac::EXTI::ptr()).pr().write(|w| w.bits(SUPPLY_LINE)) };
 }
@@ -477,7 +493,7 @@ impl crate::control_side::Plant for Plant {
             // Cleared by writing 0; the other flags are not used. An opening from here on sets it again.
             pwm.sr().write(|w| w.bif().clear_bit());
         }
-        if !stop.open {
+        if !stop.open && stands("stop_again") {
             pwm.dier().write(|w| w.bie().set_bit());
         }
         // A dip that comes between the two is seen by the next tick.
@@ -488,7 +504,11 @@ impl crate::control_side::Plant for Plant {
         let supply_low = self.motor_supply.as_mut().is_some_and(unfit) || supply_low;
         let [first, second] = &mut self.counters;
         TickInput {
-            now_us: beat.now_us,
+            now_us: if stands("console_time") {
+                beat.now_us
+            } else {
+                u64::from(cycles() / 168)
+            },
             encoder_counts: [
                 first.widen(self.encoders.0.cnt().read().cnt().bits()),
                 second.widen(self.encoders.1.cnt().read().cnt().bits()),
@@ -544,7 +564,7 @@ fn stopped() -> bool {
 
 /// Whether something has happened since the tick began that allows no torque.
 fn must_stop() -> bool {
-    stopped() || SUPPLY_DIPPED.load(Ordering::Relaxed)
+    (stopped() || SUPPLY_DIPPED.load(Ordering::Relaxed)) && stands("stop_within_tick")
 }
 
 /// The supply detector's line among the external interrupts (RM0090, 12.2.5).
@@ -553,7 +573,7 @@ const SUPPLY_LINE: u32 = 1 << 16;
 /// Whether the supply is below the detector's threshold.
 fn supply_is_low() -> bool {
     // SAFETY: a read without side effects.
-    unsafe { (*pac::PWR::ptr()).csr().read().pvdo().bit_is_set() }
+    unsafe { (*pac::PWR::ptr()).csr().read().pvdo().bit_is_set() && stands("supply_level") }
 }
 
 /// The chip's own number (RM0090, 39.1; RM0390, 33.1).
@@ -607,7 +627,10 @@ pub struct Guard {
 impl Guard {
     fn feed(&mut self) {
         self.independent.feed();
-        self.window.cr().write(|w| w.wdga().set_bit().t().set(0x7F));
+        let window = stands("window_watchdog");
+        self.window
+            .cr()
+            .write(|w| w.wdga().bit(window).t().set(0x7F));
     }
 }
 
@@ -630,7 +653,9 @@ fn watch_supply(rcc: &mut Rcc, power: &pac::PWR, lines: &pac::EXTI) {
     // SAFETY: one line's bits among those of all; nobody else uses an external interrupt.
     unsafe {
         lines.rtsr().modify(|r, w| w.bits(r.bits() | SUPPLY_LINE));
-        lines.imr().modify(|r, w| w.bits(r.bits() | SUPPLY_LINE));
+        if stands("supply_interrupt") {
+            lines.imr().modify(|r, w| w.bits(r.bits() | SUPPLY_LINE));
+        }
     }
 }
 
@@ -639,9 +664,13 @@ pub fn start(
     mut core: cortex_m::Peripherals,
     device: pac::Peripherals,
 ) -> (Plant, Port, Guard, Boot) {
+    #[cfg(feature = "mutants")]
+    let without = super::mutants::without();
     // Before anything that may wait for ever, such as a crystal.
     let mut independent = IndependentWatchdog::new(device.IWDG);
-    independent.start(100.millis());
+    if stands("watchdog_first") {
+        independent.start(100.millis());
+    }
     // The interrupts of all boards' tasks are unmasked.
     NVIC::mask(Interrupt::USART1);
 
@@ -654,7 +683,9 @@ pub fn start(
         .pclk2(84.MHz())
         .require_pll48clk();
     let mut rcc = device.RCC.freeze(clocks);
-    rcc.cr().modify(|_, w| w.csson().set_bit());
+    if stands("clock_security") {
+        rcc.cr().modify(|_, w| w.csson().set_bit());
+    }
     core.DCB.enable_trace();
     core.DWT.enable_cycle_counter();
     core.SYST.set_clock_source(SystClkSource::External);
@@ -783,10 +814,17 @@ pub fn start(
         rcc.apb1enr().modify(|_, w| w.wwdgen().set_bit());
         let window = device.WWDG;
         // 42 MHz / 4096 / 8: 64 steps are 49.9 ms; the early interrupt comes one step before.
-        window
-            .cfr()
-            .write(|w| w.ewi().set_bit().wdgtb().div8().w().set(0x7F));
-        window.cr().write(|w| w.wdga().set_bit().t().set(0x7F));
+        window.cfr().write(|w| {
+            w.ewi()
+                .bit(stands("watchdog_warns"))
+                .wdgtb()
+                .div8()
+                .w()
+                .set(0x7F)
+        });
+        if stands("window_watchdog") {
+            window.cr().write(|w| w.wdga().set_bit().t().set(0x7F));
+        }
         (
             Port {
                 device: usb_device,
@@ -833,6 +871,8 @@ pub fn start(
             reset_cause: reset_cause(csr, crash_record),
             crash_record,
             seed,
+            #[cfg(feature = "mutants")]
+            without,
         },
     )
 }

@@ -11,6 +11,7 @@
 use crate::signals::SetPoint;
 use embedded_hal::digital::{InputPin, OutputPin};
 use embedded_hal::pwm::SetDutyCycle;
+use sutura_shared::mutant::stands;
 
 /// Pulses for no current before the amplifiers are enabled, and after \[ticks of 1 ms\]: twice the slowest enable input known,
 /// 8 ms, and a few pulses of the slowest usual frequency.
@@ -108,12 +109,14 @@ where
                 self.outputs.set_high().map_err(|_| NotObeyed)?;
                 self.phase = Phase::Starting(PULSES_ALONE);
             }
-            Phase::Starting(left @ 2..) => self.phase = Phase::Starting(left - 1),
+            Phase::Starting(left @ 2..) if stands("pulses_first") => {
+                self.phase = Phase::Starting(left - 1)
+            }
             Phase::Starting(_) => {
                 self.enable.set_high().map_err(|_| NotObeyed)?;
                 self.phase = Phase::On;
             }
-            Phase::On if self.took => self.set(current_a)?,
+            Phase::On if self.took || !stands("ready_first") => self.set(current_a)?,
             Phase::On => self.set(&[0.0; N])?,
         }
         Ok(())
@@ -123,9 +126,13 @@ where
     fn stop(&mut self) -> Result<(), NotObeyed> {
         self.phase = match self.phase {
             Phase::Off | Phase::Stopping(..=1) => Phase::Off,
-            Phase::Stopping(left) => Phase::Stopping(left - 1),
+            Phase::Stopping(left) if stands("pulses_last") => Phase::Stopping(left - 1),
+            Phase::Stopping(_) => Phase::Off,
             Phase::Starting(_) | Phase::On => Phase::Stopping(PULSES_ALONE),
         };
+        if !stands("enable_first") {
+            self.set(&[0.0; N])?;
+        }
         // Enable first: it alone means no torque.
         let enable = self.enable.set_low().map_err(|_| NotObeyed);
         let current = self.set(&[0.0; N]);

@@ -16,6 +16,8 @@ const TIM7_SR: u32 = 0x4000_1410;
 const TIM7_CNT: u32 = 0x4000_1424;
 /// Control register of the window watchdog.
 pub const WWDG_CR: u32 = 0x4000_2C00;
+/// Configuration register of the window watchdog, and that it warns.
+pub const WWDG_WARNS: (u32, u32) = (0x4000_2C04, 1 << 9);
 const IWDG_KR: u32 = 0x4000_3000;
 const PWR_CSR: u32 = 0x4000_7004;
 const TIM8: u32 = 0x4001_0400;
@@ -26,7 +28,8 @@ const TIM8_CCER: u32 = 0x4001_0420;
 const TIM8_CCR1: u32 = 0x4001_0434;
 const TIM8_BDTR: u32 = 0x4001_0444;
 const GPIOA_IDR: u32 = 0x4002_0010;
-const GPIOB_IDR: u32 = 0x4002_0410;
+/// Levels of port B: the ready line.
+pub const GPIOB_IDR: u32 = 0x4002_0410;
 const GPIOC_IDR: u32 = 0x4002_0810;
 const GPIOC_BSRR: u32 = 0x4002_0818;
 const RCC_CR: u32 = 0x4002_3800;
@@ -49,6 +52,8 @@ pub const RESET_REQUEST: u32 = 0x05FA_0004;
 pub const WWDG: u8 = 0;
 /// of the supply's detector,
 pub const PVD: u8 = 1;
+/// of the line that telemetry runs on,
+pub const EXTI0: u8 = 6;
 /// of the break input,
 const TIM8_BREAK: u8 = 43;
 /// of the tick timer,
@@ -147,6 +152,8 @@ pub struct Chip {
     pub feeds: Feeds,
     /// The independent watchdog runs.
     pub watchdog_runs: bool,
+    /// So does the window watchdog.
+    pub window_runs: bool,
     /// The image has not come to the end of its start: every read of a block is answered here.
     pub starts: bool,
     /// Reads of the clock control while the crystal does not swing.
@@ -188,6 +195,7 @@ impl Chip {
             changes: Vec::new(),
             feeds: Feeds::default(),
             watchdog_runs: false,
+            window_runs: false,
             starts: true,
             waits_for_crystal: 0,
             stored: BTreeMap::new(),
@@ -209,6 +217,7 @@ impl Chip {
         self.stored.clear();
         self.starts = true;
         self.watchdog_runs = false;
+        self.window_runs = false;
         self.waits_for_crystal = 0;
         self.tripped = false;
         self.tick_due = false;
@@ -281,7 +290,10 @@ impl Chip {
                 0xCCCC => self.watchdog_runs = true,
                 _ => {}
             },
-            WWDG_CR => self.feeds.window += 1,
+            WWDG_CR => {
+                self.feeds.window += 1;
+                self.window_runs |= value & 1 << 7 != 0;
+            }
             GPIOC_BSRR if self.lines.jumpers => self.jump(value),
             // Remove the reset flags.
             RCC_CSR if value & 1 << 24 != 0 => {

@@ -32,12 +32,16 @@ impl Connection {
     ///
     /// # Errors
     /// [`BoardImageError`].
-    pub fn start(image: PathBuf, time_limit: Duration) -> Result<Connection, BoardImageError> {
+    pub fn start(
+        image: PathBuf,
+        counts: bool,
+        time_limit: Duration,
+    ) -> Result<Connection, BoardImageError> {
         check_version()?;
         let qemu = Qemu::start(&QemuOptions {
             image,
             args: Vec::new(),
-            icount: false,
+            icount: counts,
             uart: false,
             gdb: true,
             time_limit,

@@ -33,6 +33,14 @@ pub enum BoardImageError {
         /// What differs.
         why: String,
     },
+    /// An image whose guards all stand.
+    #[error(
+        "`{path}` has no switch that takes a guard out: only the images `sutura-mutants-BOARD` of `cargo xtask firmware` have one"
+    )]
+    NoSwitch {
+        /// The image.
+        path: PathBuf,
+    },
     /// The line to the emulator's gdb stub.
     #[error("{what}: {source}")]
     Line {

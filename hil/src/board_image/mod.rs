@@ -15,6 +15,7 @@ mod error;
 mod gdb;
 mod loader;
 mod log;
+mod mutants;
 mod otg;
 mod processor;
 mod provenance;
@@ -23,14 +24,15 @@ mod unimplemented;
 mod usb_host;
 
 pub use board::Board;
-pub use chip::{Chip, Feeds, ID, LOADER, Lines, Outputs, RANDOM, reset};
+pub use chip::{Chip, EXTI0, Feeds, ID, LOADER, Lines, Outputs, RANDOM, reset};
 pub use error::BoardImageError;
 pub use loader::LoaderStart;
+pub use mutants::{default_mutants, switch_of};
 pub use otg::Otg;
 pub use provenance::{Provenance, default_image, default_selftest, provenance};
 pub use usb_host::Descriptors;
 
-use chip::{TIM7, TIM7_CR1, WWDG_CR};
+use chip::{GPIOB_IDR, TIM7, TIM7_CR1, WWDG_CR, WWDG_WARNS};
 use connection::PC;
 use processor::{Processor, Stop};
 use std::collections::VecDeque;
@@ -40,8 +42,16 @@ use std::time::{Duration, Instant};
 /// Interrupt set-enable registers, set-pending registers, and the one with the NMI's bit.
 const NVIC_ISER: u32 = 0xE000_E100;
 const NVIC_ISPR: u32 = 0xE000_E200;
+/// ... and those that mask.
+const NVIC_ICER: u32 = 0xE000_E180;
 const ICSR: u32 = 0xE000_ED04;
 const NMI_PENDING: u32 = 1 << 31;
+/// SysTick's control register.
+const SYST_CSR: u32 = 0xE000_E010;
+/// Counter of the grip's timer.
+const TIM5_CNT: u32 = 0x4000_0C24;
+/// With `-icount shift=3`.
+const NS_PER_INSTRUCTION: u32 = 8;
 /// Lines of the external interrupts, which QEMU has: unmasked, and on a rising edge.
 const EXTI_IMR: u32 = 0x4001_3C00;
 const EXTI_RTSR: u32 = 0x4001_3C08;
@@ -54,6 +64,13 @@ const WITHOUT_EFFECT: u32 = 2;
 const MOST_INTERRUPTS: u32 = 2000;
 /// Bytes of a packet.
 const PACKET: usize = 64;
+/// Where the chip has no memory.
+pub const ASTRAY: u32 = 0x1000_0000 + 0x10_0000;
+
+/// The register and the bit that pend an interrupt.
+fn pending(number: u8) -> (u32, u32) {
+    (NVIC_ISPR + 4 * (u32::from(number) / 32), 1 << (number % 32))
+}
 
 /// The image, at rest between two interrupts.
 #[derive(Debug)]
@@ -68,6 +85,8 @@ pub struct BoardImage {
     /// Bytes of a packet on the control endpoint.
     control_size: usize,
     ticks: u64,
+    /// The emulator's clock, as it was last looked at \[ns\].
+    counted_ns: u32,
     started: Instant,
 }
 
@@ -95,14 +114,31 @@ impl BoardImage {
         image: PathBuf,
         time_limit: Duration,
     ) -> Result<BoardImage, BoardImageError> {
+        BoardImage::of(board, Processor::start(image, false, time_limit)?)
+    }
+
+    /// The same with every instruction counted, by the emulator's own clock: [`BoardImage::instructions`]. Slower.
+    ///
+    /// # Errors
+    /// [`BoardImageError`].
+    pub fn power_up_counting(
+        board: Board,
+        image: PathBuf,
+        time_limit: Duration,
+    ) -> Result<BoardImage, BoardImageError> {
+        BoardImage::of(board, Processor::start(image, true, time_limit)?)
+    }
+
+    fn of(board: Board, processor: Processor) -> Result<BoardImage, BoardImageError> {
         Ok(BoardImage {
-            processor: Processor::start(image, time_limit)?,
+            processor,
             chip: Chip::new(board),
             thread: Vec::new(),
             up: Vec::new(),
             down: VecDeque::new(),
             control_size: 0,
             ticks: 0,
+            counted_ns: 0,
             started: Instant::now(),
         })
     }
@@ -143,6 +179,20 @@ impl BoardImage {
     /// Ticks since the supply came.
     pub fn ticks(&self) -> u64 {
         self.ticks
+    }
+
+    /// Instructions since this was last asked, less than 500 million, of an image that was powered up with
+    /// [`BoardImage::power_up_counting`]. A timer that the image leaves alone tells: QEMU's counts virtual nanoseconds, on or off. It
+    /// would go on to the end of the emulator's SysTick whenever the processor stands; that is off, and the image never sees it.
+    ///
+    /// # Errors
+    /// [`BoardImageError`].
+    pub fn instructions(&mut self) -> Result<u32, BoardImageError> {
+        self.processor.pend(&mut self.chip, SYST_CSR, 0)?;
+        let now_ns = self.processor.connection.word(TIM5_CNT)?;
+        let passed_ns = now_ns.wrapping_sub(self.counted_ns);
+        self.counted_ns = now_ns;
+        Ok(passed_ns / NS_PER_INSTRUCTION)
     }
 
     /// What the run has cost: a line for people.
@@ -189,8 +239,7 @@ impl BoardImage {
     /// # Errors
     /// [`BoardImageError::Reset`] if the image resets the chip, and others.
     pub fn interrupt(&mut self, number: u8) -> Result<(), BoardImageError> {
-        let register = NVIC_ISPR + 4 * (u32::from(number) / 32);
-        let bit = 1 << (number % 32);
+        let (register, bit) = pending(number);
         self.processor.pend(&mut self.chip, register, bit)
     }
 
@@ -220,12 +269,69 @@ impl BoardImage {
         Ok(guarded)
     }
 
-    /// Raises the window watchdog's early interrupt.
+    /// Raises the window watchdog's early interrupt; false if the image has not asked for it.
     ///
     /// # Errors
     /// See [`BoardImage::interrupt`].
-    pub fn window_watchdog(&mut self) -> Result<(), BoardImageError> {
-        self.interrupt(chip::WWDG)
+    pub fn window_watchdog(&mut self) -> Result<bool, BoardImageError> {
+        let asked = self.chip.stored(WWDG_WARNS.0) & WWDG_WARNS.1 != 0;
+        if asked {
+            self.interrupt(chip::WWDG)?;
+        }
+        Ok(asked)
+    }
+
+    /// Begins a tick, and leaves the control task where it has read all but whether the amplifiers are ready: they have to be.
+    ///
+    /// # Errors
+    /// See [`BoardImage::interrupt`].
+    pub fn begin_and_stand(&mut self) -> Result<(), BoardImageError> {
+        self.serve()?;
+        self.begin_tick();
+        let (register, bit) = pending(TIM7);
+        self.processor
+            .pend_to_read(&mut self.chip, (register, bit), GPIOB_IDR)
+    }
+
+    /// After [`BoardImage::begin_and_stand`]: the rest of that task, and of those that it has begun.
+    ///
+    /// # Errors
+    /// See [`BoardImage::interrupt`].
+    pub fn go_on(&mut self) -> Result<(), BoardImageError> {
+        self.processor.go_on_to_rest(&mut self.chip)
+    }
+
+    /// A tick in which idle has no turn, so that nobody is fed: for images in which a task hangs.
+    ///
+    /// # Errors
+    /// See [`BoardImage::interrupt`].
+    pub fn tick_without_idle(&mut self) -> Result<(), BoardImageError> {
+        self.serve()?;
+        self.begin_tick();
+        self.interrupt(TIM7)?;
+        self.serve()
+    }
+
+    /// Masks an interrupt, as if its task hung.
+    ///
+    /// # Errors
+    /// See [`BoardImage::interrupt`].
+    pub fn mask(&mut self, number: u8) -> Result<(), BoardImageError> {
+        let (register, bit) = pending(number);
+        let register = register - NVIC_ISPR + NVIC_ICER;
+        self.processor.pend(&mut self.chip, register, bit)
+    }
+
+    /// Has the thread go on where there is nothing to run.
+    ///
+    /// # Errors
+    /// [`BoardImageError::Reset`] if the image resets the chip, and others.
+    pub fn run_astray(&mut self) -> Result<(), BoardImageError> {
+        self.processor.connection.put_registers(&[(PC, ASTRAY)]);
+        match self.processor.run(&mut self.chip, None)? {
+            Stop::Seat => Ok(()),
+            _ => Err(BoardImageError::Reset),
+        }
     }
 
     /// Serves what the chip asks for, and carries packets both ways, until nothing more happens.
@@ -307,7 +413,7 @@ impl BoardImage {
     /// Runs until this register has been written; the thread's registers after that.
     fn run_to_write(&mut self, register: u32) -> Result<Vec<u32>, BoardImageError> {
         match self.processor.run(&mut self.chip, Some(register))? {
-            Stop::Write(address) if address == register => self.processor.write(&mut self.chip),
+            Stop::Write(address) if address == register => self.processor.access(&mut self.chip),
             Stop::Write(_) => Err(BoardImageError::Reset),
             stop => Err(self.processor.unexpected(stop)),
         }

@@ -38,6 +38,8 @@ pub enum Stop {
     Write(u32),
     /// At the first instruction of the loader in ROM.
     Loader,
+    /// Before a read of it.
+    Read(u32),
 }
 
 /// The processor, stopped.
@@ -65,8 +67,12 @@ impl Processor {
     ///
     /// # Errors
     /// [`BoardImageError`].
-    pub fn start(image: PathBuf, time_limit: Duration) -> Result<Processor, BoardImageError> {
-        let mut connection = Connection::start(image, time_limit)?;
+    pub fn start(
+        image: PathBuf,
+        counts: bool,
+        time_limit: Duration,
+    ) -> Result<Processor, BoardImageError> {
+        let mut connection = Connection::start(image, counts, time_limit)?;
         connection.put_read_watch((LOADED, 4), true);
         connection.watch_writes(AIRCR, true)?;
         for (at, word) in (WAITING_ROOM..).step_by(4).zip(WAITING_CODE) {
@@ -84,7 +90,7 @@ impl Processor {
         })
     }
 
-    /// Runs until a thread waits, until the chip is asked to reset, or until a write to `until`, whose writes are watched.
+    /// Runs until a thread waits, until the chip is asked to reset, or until an access to `until`, whose writes or reads are watched.
     ///
     /// # Errors
     /// [`BoardImageError::Reset`] if a watchdog's time is up, and others.
@@ -108,10 +114,15 @@ impl Processor {
             let Some(access) = Access::decode(code, &integers(&registers)) else {
                 return Err(BoardImageError::Instruction { pc, code });
             };
-            if !access.load && (access.address == AIRCR || Some(access.address) == until) {
-                return Ok(Stop::Write(access.address));
+            let address = access.address;
+            match access.load {
+                false if address == AIRCR || Some(address) == until => {
+                    return Ok(Stop::Write(address));
+                }
+                true if Some(address) == until => return Ok(Stop::Read(address)),
+                _ => {}
             }
-            self.go_on(chip, access, registers);
+            self.go_on(chip, access, registers, until);
             if chip.waits_for_crystal > CRYSTAL_POLLS {
                 return Err(match chip.watchdog_runs {
                     true => BoardImageError::Reset,
@@ -149,11 +160,11 @@ impl Processor {
         }
     }
 
-    /// Does the write that the processor has stopped before; its registers after that.
+    /// Does the access that the processor has stopped before; its registers after that.
     ///
     /// # Errors
     /// [`BoardImageError`].
-    pub fn write(&mut self, chip: &mut Chip) -> Result<Vec<u32>, BoardImageError> {
+    pub fn access(&mut self, chip: &mut Chip) -> Result<Vec<u32>, BoardImageError> {
         let mut registers = self.connection.registers()?;
         let pc = registers[PC];
         let code = self.code(pc)?;
@@ -162,6 +173,39 @@ impl Processor {
         };
         self.carry_out(chip, &access, &mut registers);
         Ok(registers)
+    }
+
+    /// Has a thread that waits write to a register, and runs until the first read of another: the processor stands before it.
+    ///
+    /// # Errors
+    /// [`BoardImageError::Stopped`] if it is not read, and others.
+    pub fn pend_to_read(
+        &mut self,
+        chip: &mut Chip,
+        (register, value): (u32, u32),
+        until: u32,
+    ) -> Result<(), BoardImageError> {
+        let registers = [(0, register), (1, value), (PC, WAITING_ROOM)];
+        self.connection.put_registers(&registers);
+        match self.run(chip, Some(until))? {
+            Stop::Read(_) => Ok(()),
+            stop => Err(self.unexpected(stop)),
+        }
+    }
+
+    /// Goes on with the access that the processor stands before, until a thread waits again.
+    ///
+    /// # Errors
+    /// [`BoardImageError::Reset`] if the image resets the chip, and others.
+    pub fn go_on_to_rest(&mut self, chip: &mut Chip) -> Result<(), BoardImageError> {
+        let registers = self.access(chip)?;
+        let all: Vec<_> = registers.into_iter().enumerate().collect();
+        self.connection.put_registers(&all);
+        match self.run(chip, None)? {
+            Stop::Seat => Ok(()),
+            Stop::Write(_) => Err(BoardImageError::Reset),
+            stop => Err(self.unexpected(stop)),
+        }
     }
 
     /// Has the chip reset itself, wherever the processor is; the next run begins at the image's first instruction.
@@ -198,7 +242,8 @@ impl Processor {
 
     /// Does a load or store in the processor's place, and what comes right after it as long as that is loads of watched registers and
     /// stores to RAM: how a packet leaves its FIFO.
-    fn go_on(&mut self, chip: &mut Chip, first: Access, before: Vec<u32>) {
+    /// Not past an access to `until`.
+    fn go_on(&mut self, chip: &mut Chip, first: Access, before: Vec<u32>, until: Option<u32>) {
         let mut registers = before.clone();
         let mut access = first;
         loop {
@@ -210,6 +255,7 @@ impl Processor {
             }
             let code = self.known_code(registers[PC]);
             match code.and_then(|code| Access::decode(code, &integers(&registers))) {
+                Some(next) if Some(next.address) == until => break,
                 Some(next) if next.load && self.is_watched(next.address) => access = next,
                 Some(next) if !next.load && RAM.contains(&next.address) => access = next,
                 _ => break,

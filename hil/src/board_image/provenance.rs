@@ -31,13 +31,16 @@ fn checkout() -> &'static Path {
 
 /// Where `cargo xtask firmware` puts a board's image, in the source checkout that this program was built from.
 pub fn default_image(board: Board) -> PathBuf {
-    let name = format!("sutura-{}", board.name());
-    checkout().join(IMAGES).join(name)
+    image(&format!("sutura-{}", board.name()))
 }
 
 /// Where it puts the image of that board's self-test.
 pub fn default_selftest(board: Board) -> PathBuf {
-    let name = format!("sutura-selftest-{}", board.name());
+    image(&format!("sutura-selftest-{}", board.name()))
+}
+
+/// Where it puts the image of that name.
+pub(super) fn image(name: &str) -> PathBuf {
     checkout().join(IMAGES).join(name)
 }
 

@@ -1,6 +1,6 @@
 //! Everything that takes the torque off: on the pins at once, in the state of the next tick with the right fault.
 
-use super::{Bench, Board, DARK, NO_CURRENT};
+use super::{Bench, DARK, NO_CURRENT, On};
 use sutura_shared::wire::faults;
 use sutura_shared::wire::message::{Command, Mode};
 
@@ -35,7 +35,7 @@ fn recover(bench: &mut Bench) {
 }
 
 on_each_board!(the_emergency_stop_cuts_pulses_and_enable_and_is_a_fault);
-fn the_emergency_stop_cuts_pulses_and_enable_and_is_a_fault(on: Board) {
+pub(super) fn the_emergency_stop_cuts_pulses_and_enable_and_is_a_fault(on: On) {
     let mut bench = Bench::start(on);
     bench.push();
     bench.changes();
@@ -63,7 +63,7 @@ fn the_emergency_stop_cuts_pulses_and_enable_and_is_a_fault(on: Board) {
 }
 
 on_each_board!(a_stop_shorter_than_a_tick_is_a_fault_as_well);
-fn a_stop_shorter_than_a_tick_is_a_fault_as_well(on: Board) {
+pub(super) fn a_stop_shorter_than_a_tick_is_a_fault_as_well(on: On) {
     let mut bench = Bench::start(on);
     bench.push();
     bench.board.chip().open_stop();
@@ -74,7 +74,7 @@ fn a_stop_shorter_than_a_tick_is_a_fault_as_well(on: Board) {
 }
 
 on_each_board!(amplifiers_that_are_not_ready_any_more_are_a_fault);
-fn amplifiers_that_are_not_ready_any_more_are_a_fault(on: Board) {
+pub(super) fn amplifiers_that_are_not_ready_any_more_are_a_fault(on: On) {
     let mut bench = Bench::start(on);
     bench.push();
     bench.board.chip().lines.ready = false;
@@ -87,11 +87,13 @@ fn amplifiers_that_are_not_ready_any_more_are_a_fault(on: Board) {
 on_each_board!(
     amplifiers_that_never_get_ready_are_a_fault_520_ms_after_arming_and_have_had_no_force
 );
-fn amplifiers_that_never_get_ready_are_a_fault_520_ms_after_arming_and_have_had_no_force(
-    on: Board,
+pub(super) fn amplifiers_that_never_get_ready_are_a_fault_520_ms_after_arming_and_have_had_no_force(
+    on: On,
 ) {
     let mut bench = Bench::start(on);
     bench.board.chip().lines.ready = false;
+    // In the floor, which would push.
+    bench.board.chip().lines.encoder_counts[2] = -200;
     bench.say(&Command::Arm);
     let mut armed = 0;
     loop {
@@ -121,7 +123,9 @@ fn amplifiers_that_never_get_ready_are_a_fault_520_ms_after_arming_and_have_had_
 }
 
 on_each_board!(a_supply_that_dips_between_two_ticks_takes_the_torque_off_at_once_and_is_a_fault);
-fn a_supply_that_dips_between_two_ticks_takes_the_torque_off_at_once_and_is_a_fault(on: Board) {
+pub(super) fn a_supply_that_dips_between_two_ticks_takes_the_torque_off_at_once_and_is_a_fault(
+    on: On,
+) {
     let mut bench = Bench::start(on);
     bench.push();
     bench.changes();
@@ -145,7 +149,7 @@ fn a_supply_that_dips_between_two_ticks_takes_the_torque_off_at_once_and_is_a_fa
 }
 
 on_each_board!(a_supply_that_is_low_is_seen_by_the_tick_alone);
-fn a_supply_that_is_low_is_seen_by_the_tick_alone(on: Board) {
+pub(super) fn a_supply_that_is_low_is_seen_by_the_tick_alone(on: On) {
     let mut bench = Bench::start(on);
     bench.push();
     bench.board.chip().lines.supply_low = true;
@@ -155,7 +159,7 @@ fn a_supply_that_is_low_is_seen_by_the_tick_alone(on: Board) {
 
 on_each_board!(clocks_that_contradict_each_other_are_a_fault_in_the_third_tick);
 /// SysTick that stands, and one that runs at eleven times its rate.
-fn clocks_that_contradict_each_other_are_a_fault_in_the_third_tick(on: Board) {
+pub(super) fn clocks_that_contradict_each_other_are_a_fault_in_the_third_tick(on: On) {
     for counts in [0, 231_000] {
         let mut bench = Bench::start(on);
         bench.push();
@@ -169,7 +173,7 @@ fn clocks_that_contradict_each_other_are_a_fault_in_the_third_tick(on: Board) {
 }
 
 on_each_board!(ticks_that_take_longer_than_their_period_are_a_fault_in_the_third);
-fn ticks_that_take_longer_than_their_period_are_a_fault_in_the_third(on: Board) {
+pub(super) fn ticks_that_take_longer_than_their_period_are_a_fault_in_the_third(on: On) {
     let mut bench = Bench::start(on);
     bench.push();
     bench.board.chip().lines.ticks_late = true;
@@ -179,4 +183,79 @@ fn ticks_that_take_longer_than_their_period_are_a_fault_in_the_third(on: Board) 
     }
     fault(&mut bench, faults::OVERRUN);
     bench.say_speed("late ticks");
+}
+
+on_each_board!(a_stop_in_the_middle_of_a_tick_lets_no_current_of_that_tick_out);
+/// What the tick has read says nothing of it yet; before it writes it looks once more.
+pub(super) fn a_stop_in_the_middle_of_a_tick_lets_no_current_of_that_tick_out(on: On) {
+    let mut bench = Bench::start(on);
+    bench.push();
+    bench.compares = false;
+    bench.board.begin_and_stand().unwrap();
+    bench.board.chip().open_stop();
+    bench.board.go_on().unwrap();
+    // The interrupt has not come yet.
+    let off = bench.outputs();
+    assert!(!off.enable && !off.pulses, "{off:?}");
+    assert_eq!(off.duty, [NO_CURRENT; 3]);
+    bench.board.serve().unwrap();
+    fault(&mut bench, faults::E_STOP);
+    bench.say_speed("emergency stop, within a tick");
+}
+
+on_each_board!(an_encoder_that_jumps_is_a_fault);
+pub(super) fn an_encoder_that_jumps_is_a_fault(on: On) {
+    let mut bench = Bench::start(on);
+    bench.push();
+    // 2.5 m/s, of a joint that can do 2.
+    bench.board.chip().lines.encoder_counts[0] += 500;
+    fault(&mut bench, faults::ENCODER_JUMP);
+    bench.say_speed("an encoder that jumps");
+}
+
+on_each_board!(a_grip_that_is_too_fast_is_a_fault);
+pub(super) fn a_grip_that_is_too_fast_is_a_fault(on: On) {
+    let mut bench = Bench::start(on);
+    bench.push();
+    // 1.75 m/s, of 1.5 that a grip may do, for five ticks.
+    let fault = (0..20).find_map(|_| {
+        bench.board.chip().lines.encoder_counts[0] += 350;
+        let state = bench.tick();
+        (state.mode == Mode::Fault).then_some(state.faults)
+    });
+    assert_eq!(fault, Some(faults::OVERSPEED));
+    assert!(!bench.outputs().enable);
+    bench.say_speed("a grip that is too fast");
+}
+
+on_each_board!(encoders_out_of_reach_are_a_fault);
+/// A count that no console of a metre can have: what it stands at when the console boots is believed as it is.
+pub(super) fn encoders_out_of_reach_are_a_fault(on: On) {
+    let mut board = on.power_up();
+    board.chip().lines.encoder_counts[2] = 4_000_000;
+    board.boot().unwrap();
+    let mut bench = Bench::of(on, board);
+    bench.compares = false;
+    bench.open();
+    bench.say(&Command::Arm);
+    let state = bench.tick();
+    assert_eq!(
+        (state.mode, state.faults),
+        (Mode::Fault, faults::OUT_OF_REACH)
+    );
+    assert_eq!(bench.outputs(), DARK);
+    bench.say_speed("out of reach");
+}
+
+on_each_board!(periods_that_an_interrupt_swallowed_are_counted);
+pub(super) fn periods_that_an_interrupt_swallowed_are_counted(on: On) {
+    let mut bench = Bench::start(on);
+    let mut times = Vec::new();
+    for periods in [1, 3, 1] {
+        bench.board.chip().lines.systick_per_tick = 21_000 * periods;
+        bench.tick();
+        times.push(bench.state.unwrap().0);
+    }
+    assert_eq!([times[1] - times[0], times[2] - times[1]], [3000, 1000]);
+    bench.say_speed("swallowed periods");
 }

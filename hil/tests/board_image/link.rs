@@ -1,8 +1,10 @@
 //! The cable: enumeration, `Hello`, and a line that is flooded.
 
-use super::{Bench, Board, DARK, TIME_LIMIT, image};
-use sutura_hil::board_image::{BoardImage, ID, reset};
-use sutura_shared::wire::message::{Command, Mode, Ping};
+use super::{Bench, Board, DARK, On, TAKEN};
+use sutura_hil::board_image::{ID, reset};
+use sutura_shared::link::HostLink;
+use sutura_shared::wire::message::{Command, Contact, Hello, Mode, Ping, Refusal};
+use sutura_shared::wire::{MAX_FRAME, SCHEMA_HASH, Unchecked, decode, encode};
 
 /// Pin modes and functions of the port that the timer drives.
 const GPIOC_MODER: u32 = 0x4002_0800;
@@ -10,8 +12,8 @@ const GPIOC_AFRL: u32 = 0x4002_0820;
 const GPIOC_AFRH: u32 = 0x4002_0824;
 
 on_each_board!(the_image_boots_enumerates_and_answers_with_its_names);
-fn the_image_boots_enumerates_and_answers_with_its_names(on: Board) {
-    let mut board = BoardImage::start(on, image(on), TIME_LIMIT).unwrap_or_else(|e| panic!("{e}"));
+pub(super) fn the_image_boots_enumerates_and_answers_with_its_names(on: On) {
+    let mut board = on.start();
     // The amplifiers have never been touched, and both watchdogs run and are fed.
     let chip = board.chip();
     assert!(
@@ -20,7 +22,8 @@ fn the_image_boots_enumerates_and_answers_with_its_names(on: Board) {
         chip.changes
     );
     assert_eq!(chip.outputs(), DARK);
-    assert!(chip.watchdog_runs && chip.feeds.independent > 0 && chip.feeds.window > 0);
+    assert!(chip.watchdog_runs && chip.feeds.independent > 0);
+    assert!(chip.window_runs && chip.feeds.window > 0);
     // PC6 to PC9 are the timer's: alternate function 3.
     assert_eq!(chip.stored(GPIOC_MODER) >> 12 & 0xFF, 0b1010_1010);
     assert_eq!(chip.stored(GPIOC_AFRL) >> 24, 0x33);
@@ -61,7 +64,7 @@ fn the_image_boots_enumerates_and_answers_with_its_names(on: Board) {
 
 on_each_board!(a_flooded_line_costs_no_tick_and_no_watchdog);
 /// Everything that a line can bring, more of it than a tick takes: ticks come, are told of, and all tasks run.
-fn a_flooded_line_costs_no_tick_and_no_watchdog(on: Board) {
+pub(super) fn a_flooded_line_costs_no_tick_and_no_watchdog(on: On) {
     let mut bench = Bench::start(on);
     bench.arm();
     bench.compares = false;
@@ -99,13 +102,23 @@ fn a_flooded_line_costs_no_tick_and_no_watchdog(on: Board) {
     let state = bench.tick();
     assert_eq!(u64::from(state.tick), ticks + 1, "from {first}");
     assert_eq!((state.mode, state.faults), (Mode::Armed, 0));
+    // More at once than wait for a tick, as many as a tick may bring, and the last of them counts.
+    for _ in 0..24 {
+        bench.say(&Command::StateEvery { ticks: 1 });
+    }
+    bench.say(&Command::Disarm);
+    assert!(bench.down.len() < TAKEN, "{}", bench.down.len());
+    for _ in 0..3 {
+        bench.tick();
+    }
+    assert_eq!(bench.state.unwrap().1.mode, Mode::Idle, "an order is lost");
     bench.say_speed("a flooded line");
 }
 
 on_each_board!(two_boots_in_a_row_draw_numbers_of_their_own);
 /// Without a random generator, and with a converter that gives the same for ever: what RAM keeps makes the difference. The stand-in's
 /// generator draws the same every time, and is no chip's.
-fn two_boots_in_a_row_draw_numbers_of_their_own(on: Board) {
+pub(super) fn two_boots_in_a_row_draw_numbers_of_their_own(on: On) {
     let mut bench = Bench::start(on);
     let mut seeds = vec![bench.seed];
     for _ in 0..3 {
@@ -120,10 +133,113 @@ fn two_boots_in_a_row_draw_numbers_of_their_own(on: Board) {
     let mut different = seeds.clone();
     different.sort_unstable();
     different.dedup();
-    let expected = if on == Board::OlimexH405 {
+    let expected = if on.board == Board::OlimexH405 {
         1
     } else {
         seeds.len()
     };
     assert_eq!(different.len(), expected, "{seeds:08x?}");
+}
+
+on_each_board!(a_session_in_which_nothing_comes_for_a_second_is_over);
+pub(super) fn a_session_in_which_nothing_comes_for_a_second_is_over(on: On) {
+    let mut bench = Bench::start(on);
+    bench.compares = false;
+    bench.say(&Command::StateEvery { ticks: 10 });
+    bench.try_tick().unwrap();
+    let mut newest = 0;
+    for tick in 0..1050 {
+        let before = bench.state;
+        bench.try_tick().unwrap();
+        newest = if bench.state == before { newest } else { tick };
+    }
+    // The last frame came with the tick before these.
+    assert!((980..1000).contains(&newest), "{newest}");
+    bench.say_speed("a session that expires");
+}
+
+on_each_board!(a_host_with_other_messages_gets_no_session);
+pub(super) fn a_host_with_other_messages_gets_no_session(on: On) {
+    let mut board = on.start();
+    board.enumerate().unwrap();
+    let mut frame = [0; MAX_FRAME];
+    let hello = Hello {
+        schema_hash: SCHEMA_HASH ^ 1,
+        nonce: 5,
+        session: 0,
+        tick_hz: 1000,
+        max_frame: MAX_FRAME as u16,
+        simulated: false,
+        device_name: [0; 16],
+        refusal: Refusal::None,
+    };
+    let length = encode(0, 0, 0, &hello, &mut frame).unwrap();
+    board.send(&[0]);
+    board.send(&frame[..length]);
+    (0..3).for_each(|_| board.tick().unwrap());
+    let up = board.take();
+    let frames = up.split(|byte| *byte == 0).filter(|f| !f.is_empty());
+    let answers: Vec<_> = frames.map(|stuffed| answer(stuffed).unwrap()).collect();
+    assert_eq!(answers, [(0, Refusal::Schema)], "no session, and why");
+}
+
+/// Session and refusal of a `Hello`.
+fn answer(stuffed: &[u8]) -> Option<(u32, Refusal)> {
+    let mut packet = vec![0; stuffed.len()];
+    let length = cobs::decode(stuffed, &mut packet).ok()?.frame_size();
+    match decode(&packet[..length]).ok()?.unpack().ok()? {
+        Unchecked::Hello(_, hello) => Some((hello.session, hello.refusal)),
+        _ => None,
+    }
+}
+
+on_each_board!(what_is_not_to_be_believed_changes_nothing);
+/// Each of these would change what the console does, if it were believed; the twin believes none.
+pub(super) fn what_is_not_to_be_believed_changes_nothing(on: On) {
+    let mut bench = Bench::start(on);
+    bench.push();
+    let session = bench.hello.unwrap().session;
+    let (now_us, _) = bench.state.unwrap();
+    let soft = Contact {
+        wrench: [0.0; 6],
+        ..bench.floor()
+    };
+    let mut frame = [0; MAX_FRAME];
+    let mut raw = |session, sequence, time_us, body: &Contact| {
+        let length = encode(session, sequence, time_us, body, &mut frame).unwrap();
+        frame[..length].to_vec()
+    };
+    // Bits that have fallen over; another session; a frame that has been; a state to come; another host.
+    let mut fallen = raw(session, 1000, now_us, &soft);
+    let middle = fallen.len() / 2;
+    fallen[middle] ^= if fallen[middle] == 0x40 { 0x20 } else { 0x40 };
+    let stranger = raw(session ^ 1, 1001, now_us, &soft);
+    let old = raw(session, 1, now_us, &soft);
+    let early = raw(session, 1002, now_us + 60_000, &soft);
+    let mut other = HostLink::new(1000);
+    let length = other.hello(99, &mut frame).unwrap();
+    let owner = frame[..length].to_vec();
+    for what in [fallen, stranger, old, early, owner] {
+        bench.down.extend(what);
+        for _ in 0..3 {
+            assert_eq!(bench.tick().mode, Mode::Armed);
+        }
+    }
+    bench.say_speed("what is not to be believed");
+}
+
+on_each_board!(a_new_session_finds_the_console_disarmed);
+/// A host that has been silent for 0.3 s has lost it to whoever asks.
+pub(super) fn a_new_session_finds_the_console_disarmed(on: On) {
+    let mut bench = Bench::start(on);
+    bench.push();
+    for _ in 0..320 {
+        assert_ne!(bench.tick().mode, Mode::Idle);
+    }
+    let mut frame = [0; MAX_FRAME];
+    let length = bench.host.hello(8, &mut frame).unwrap();
+    bench.down.extend_from_slice(&frame[..length]);
+    assert_eq!(bench.tick().mode, Mode::Idle);
+    assert!(!bench.outputs().enable);
+    bench.say_speed("a new session");
 }

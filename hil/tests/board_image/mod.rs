@@ -8,12 +8,12 @@ macro_rules! on_each_board {
         mod $test {
             #[test]
             fn olimex_h405() {
-                super::$test(super::Board::OlimexH405);
+                super::$test(super::On::OLIMEX_H405);
             }
 
             #[test]
             fn nucleo_f446ze() {
-                super::$test(super::Board::NucleoF446ze);
+                super::$test(super::On::NUCLEO_F446ZE);
             }
         }
     };
@@ -23,13 +23,15 @@ mod guards;
 mod link;
 mod loader;
 mod log;
+mod mutants;
 mod resets;
 mod selftest;
 mod sessions;
+mod traffic;
 
 use std::time::Duration;
 use sutura_hil::board_image::{Board, BoardImage, BoardImageError, Outputs, RANDOM};
-use sutura_hil::board_image::{default_image, provenance};
+use sutura_hil::board_image::{default_image, default_mutants, provenance};
 use sutura_host::scene::{Document, read_device};
 use sutura_shared::console_endpoint::{ConsoleEndpoint, Delivery};
 use sutura_shared::control::{Control, Fresh, TickInput};
@@ -42,7 +44,7 @@ use sutura_shared::wire::{MAX_FRAME, Message, Valid};
 const TIME_LIMIT: Duration = Duration::from_secs(1500);
 
 /// The device file that a session with this board needs: the image has the same numbers compiled in, or bits differ.
-fn device(on: Board) -> DeviceDescription {
+fn device(on: On) -> DeviceDescription {
     let devices = concat!(env!("CARGO_MANIFEST_DIR"), "/../devices");
     let path = format!("{devices}/{}.toml", on.name());
     read_device(&Document::read(path.as_ref()).unwrap()).unwrap()
@@ -64,9 +66,69 @@ fn duty(current_a: f32) -> u32 {
     ((0.5 + 0.4 * share) * 42_000.0 + 0.5) as u32
 }
 
-/// What every test runs, and which it is.
-fn image(on: Board) -> std::path::PathBuf {
-    known(&default_image(on))
+type PowerUp = fn(Board, std::path::PathBuf, Duration) -> Result<BoardImage, BoardImageError>;
+
+/// What a check runs.
+#[derive(Clone, Copy, Debug)]
+struct On {
+    board: Board,
+    /// The image that can go without a guard, and which it is to go without; else the one that is flashed.
+    mutant: Option<Option<&'static str>>,
+}
+
+impl On {
+    /// The images that are flashed.
+    const OLIMEX_H405: On = On {
+        board: Board::OlimexH405,
+        mutant: None,
+    };
+    const NUCLEO_F446ZE: On = On {
+        board: Board::NucleoF446ze,
+        mutant: None,
+    };
+
+    /// The one that can go without a guard.
+    fn mutant(board: Board, without: Option<&'static str>) -> On {
+        On {
+            board,
+            mutant: Some(without),
+        }
+    }
+
+    fn name(self) -> &'static str {
+        self.board.name()
+    }
+
+    /// Before its first instruction.
+    fn power_up(self) -> BoardImage {
+        self.power(BoardImage::power_up)
+    }
+
+    fn power(self, up: PowerUp) -> BoardImage {
+        let image = match self.mutant {
+            None => known(&default_image(self.board)),
+            Some(_) => known(&default_mutants(self.board)),
+        };
+        let board = up(self.board, image.clone(), TIME_LIMIT);
+        let mut board = board.unwrap_or_else(|error| panic!("{error}"));
+        if let Some(guard) = self.mutant {
+            let out = board.take_out(&image, guard);
+            out.unwrap_or_else(|error| panic!("{error}"));
+        }
+        board
+    }
+
+    /// Before its first instruction, with every instruction counted.
+    fn power_up_counting(self) -> BoardImage {
+        self.power(BoardImage::power_up_counting)
+    }
+
+    /// Booted.
+    fn start(self) -> BoardImage {
+        let mut board = self.power_up();
+        board.boot().unwrap_or_else(|error| panic!("{error}"));
+        board
+    }
 }
 
 /// An image that is what these sources make.
@@ -85,7 +147,7 @@ struct Twin {
 }
 
 impl Twin {
-    fn new(on: Board, seed: u32) -> Twin {
+    fn new(on: On, seed: u32) -> Twin {
         let identity = Identity {
             tick_hz: 1000,
             simulated: false,
@@ -144,7 +206,7 @@ fn seed_of(hello: &Hello) -> u32 {
 
 /// The image with a host on its USB port.
 struct Bench {
-    on: Board,
+    on: On,
     board: BoardImage,
     twin: Twin,
     host: HostLink,
@@ -165,14 +227,13 @@ struct Bench {
 
 impl Bench {
     /// A console that has been plugged in and has answered a host.
-    fn start(on: Board) -> Bench {
-        let board = BoardImage::start(on, image(on), TIME_LIMIT);
-        let mut bench = Bench::of(on, board.unwrap_or_else(|e| panic!("{e}")));
+    fn start(on: On) -> Bench {
+        let mut bench = Bench::of(on, on.start());
         bench.open();
         bench
     }
 
-    fn of(on: Board, board: BoardImage) -> Bench {
+    fn of(on: On, board: BoardImage) -> Bench {
         let booted = board.ticks() - 1;
         Bench {
             board,
@@ -224,9 +285,12 @@ impl Bench {
 
     /// One tick; the state that it ended in.
     fn tick(&mut self) -> State {
+        let before = self.state.map(|(time, _)| time);
         let ticked = self.try_tick();
         ticked.unwrap_or_else(|error| panic!("{error}"));
-        self.state.unwrap().1
+        let (time, state) = self.state.unwrap();
+        assert_ne!(before, Some(time), "no state has come");
+        state
     }
 
     fn try_tick(&mut self) -> Result<(), BoardImageError> {
@@ -262,7 +326,7 @@ impl Bench {
                 continue;
             };
             let seed = seed_of(hello);
-            if self.on == Board::OlimexH405 {
+            if self.on.board == Board::OlimexH405 {
                 assert_eq!(seed, RANDOM, "what the generator gave");
             }
             self.seed = seed;

@@ -1,11 +1,13 @@
 //! Resets: who makes them, what they find the torque at, and what the next boot says of them.
 
-use super::{Bench, Board, DARK, NO_CURRENT, TIME_LIMIT, image};
-use sutura_hil::board_image::{BoardImage, BoardImageError, reset};
+use super::{Bench, DARK, NO_CURRENT, On};
+use sutura_hil::board_image::{ASTRAY, BoardImage, BoardImageError, EXTI0, reset};
+use sutura_shared::wire::message::Ping;
 
 /// Numbers of `Report::reset_cause` and `Report::epitaph_kind`.
 const BY_WATCHDOG: u8 = 4;
 const BY_FAULT_HANDLER: u8 = 5;
+const HARD_FAULT: u8 = 2;
 const EXCEPTION: u8 = 3;
 const WATCHDOG: u8 = 4;
 
@@ -13,8 +15,19 @@ fn is_reset(result: &Result<(), BoardImageError>) -> bool {
     matches!(result, Err(BoardImageError::Reset))
 }
 
+/// The window watchdog's early interrupt, which ends in a reset.
+fn warned(board: &mut BoardImage) -> bool {
+    match board.window_watchdog() {
+        Ok(asked) => {
+            assert!(asked, "nobody asked for it");
+            false
+        }
+        Err(error) => is_reset(&Err(error)),
+    }
+}
+
 /// Cause of the reset, epitaph, and its place, as the host is told after the next boot.
-fn told(on: Board, board: BoardImage, cause: u32) -> (BoardImage, (u8, u8, u32)) {
+fn told(on: On, board: BoardImage, cause: u32) -> (BoardImage, (u8, u8, u32)) {
     let mut board = board;
     board.boot_again(cause).unwrap_or_else(|e| panic!("{e}"));
     let mut bench = Bench::of(on, board);
@@ -30,7 +43,7 @@ fn told(on: Board, board: BoardImage, cause: u32) -> (BoardImage, (u8, u8, u32))
 
 on_each_board!(a_tick_timer_that_stops_ends_in_the_window_watchdog);
 /// When no tick comes nobody feeds the watchdogs, and the window's early interrupt takes the torque off.
-fn a_tick_timer_that_stops_ends_in_the_window_watchdog(on: Board) {
+pub(super) fn a_tick_timer_that_stops_ends_in_the_window_watchdog(on: On) {
     let mut bench = Bench::start(on);
     bench.push();
     let fed = bench.board.chip().feeds;
@@ -38,7 +51,7 @@ fn a_tick_timer_that_stops_ends_in_the_window_watchdog(on: Board) {
     bench.board.idle_steps(300).unwrap();
     assert_eq!(bench.board.chip().feeds, fed, "fed without a tick");
     bench.changes();
-    assert!(is_reset(&bench.board.window_watchdog()));
+    assert!(warned(&mut bench.board));
     // Enable, then the motors, and pulses for no current to the end.
     let changes = bench.changes();
     assert!(
@@ -56,7 +69,7 @@ fn a_tick_timer_that_stops_ends_in_the_window_watchdog(on: Board) {
 }
 
 on_each_board!(a_crystal_that_fails_takes_the_torque_off_and_resets_again_and_again);
-fn a_crystal_that_fails_takes_the_torque_off_and_resets_again_and_again(on: Board) {
+pub(super) fn a_crystal_that_fails_takes_the_torque_off_and_resets_again_and_again(on: On) {
     let mut bench = Bench::start(on);
     bench.push();
     bench.changes();
@@ -83,7 +96,7 @@ fn a_crystal_that_fails_takes_the_torque_off_and_resets_again_and_again(on: Boar
 
 on_each_board!(an_nmi_leaves_its_number);
 /// The exception's number is the epitaph's place: -14 is the NMI.
-fn an_nmi_leaves_its_number(on: Board) {
+pub(super) fn an_nmi_leaves_its_number(on: On) {
     let mut bench = Bench::start(on);
     bench.push();
     assert!(bench.board.lose_crystal().is_err());
@@ -94,9 +107,8 @@ fn an_nmi_leaves_its_number(on: Board) {
 }
 
 on_each_board!(a_crystal_that_never_swings_is_waited_for_under_a_watchdog);
-fn a_crystal_that_never_swings_is_waited_for_under_a_watchdog(on: Board) {
-    let mut board =
-        BoardImage::power_up(on, image(on), TIME_LIMIT).unwrap_or_else(|e| panic!("{e}"));
+pub(super) fn a_crystal_that_never_swings_is_waited_for_under_a_watchdog(on: On) {
+    let mut board = on.power_up();
     board.chip().lines.crystal = false;
     let booted = board.boot();
     assert!(is_reset(&booted), "{booted:?}");
@@ -105,4 +117,55 @@ fn a_crystal_that_never_swings_is_waited_for_under_a_watchdog(on: Board) {
     let (board, told) = told(on, board, reset::INDEPENDENT_WATCHDOG);
     assert_eq!(told, (BY_WATCHDOG, 0, 0));
     eprintln!("no crystal: {}", board.speed());
+}
+
+on_each_board!(a_control_task_that_hangs_ends_in_the_window_watchdog);
+/// In the middle of a tick, at the second highest priority: the watchdog's is higher.
+pub(super) fn a_control_task_that_hangs_ends_in_the_window_watchdog(on: On) {
+    let mut bench = Bench::start(on);
+    bench.push();
+    bench.board.begin_and_stand().unwrap();
+    bench.changes();
+    assert!(warned(&mut bench.board));
+    let changes = bench.changes();
+    assert!(!changes[0].enable, "{changes:?}");
+    assert_eq!(bench.outputs().duty, [NO_CURRENT; 3]);
+    let (board, told) = told(on, bench.board, reset::SOFTWARE);
+    assert_eq!((told.0, told.1), (BY_FAULT_HANDLER, WATCHDOG));
+    eprintln!("a control task that hangs: {}", board.speed());
+}
+
+on_each_board!(a_telemetry_task_that_hangs_ends_in_the_window_watchdog);
+/// While the two others go on: nobody is fed, and the epitaph names them.
+pub(super) fn a_telemetry_task_that_hangs_ends_in_the_window_watchdog(on: On) {
+    let mut bench = Bench::start(on);
+    bench.board.mask(EXTI0).unwrap();
+    let fed = bench.board.chip().feeds;
+    for host_us in 0..50 {
+        bench.say(&Ping { host_us });
+        let down: Vec<u8> = bench.down.drain(..).collect();
+        bench.board.send(&down);
+        bench.board.tick_without_idle().unwrap();
+    }
+    bench.board.idle_steps(300).unwrap();
+    assert_eq!(bench.board.chip().feeds, fed, "fed without telemetry");
+    assert!(warned(&mut bench.board));
+    let (board, told) = told(on, bench.board, reset::SOFTWARE);
+    // Control and link.
+    assert_eq!(told, (BY_FAULT_HANDLER, WATCHDOG, 0b011));
+    eprintln!("a telemetry task that hangs: {}", board.speed());
+}
+
+on_each_board!(a_program_that_runs_astray_takes_the_torque_off_and_says_where);
+pub(super) fn a_program_that_runs_astray_takes_the_torque_off_and_says_where(on: On) {
+    let mut bench = Bench::start(on);
+    bench.push();
+    bench.changes();
+    assert!(is_reset(&bench.board.run_astray()));
+    let changes = bench.changes();
+    assert!(!changes[0].enable && changes[0].pulses, "{changes:?}");
+    assert_eq!(bench.outputs().duty, [NO_CURRENT; 3]);
+    let (board, told) = told(on, bench.board, reset::SOFTWARE);
+    assert_eq!(told, (BY_FAULT_HANDLER, HARD_FAULT, ASTRAY));
+    eprintln!("a program that runs astray: {}", board.speed());
 }

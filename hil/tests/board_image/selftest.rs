@@ -1,12 +1,13 @@
 //! The self-test's images, with jumpers and without.
 
-use super::{Board, TIME_LIMIT, known};
+use super::{On, TIME_LIMIT, known};
 use sutura_hil::board_image::{BoardImage, default_selftest};
 
 /// Lines of a run.
-fn report(on: Board, jumpers: bool) -> Vec<String> {
-    let image = known(&default_selftest(on));
-    let mut board = BoardImage::power_up(on, image, TIME_LIMIT).unwrap_or_else(|e| panic!("{e}"));
+fn report(on: On, jumpers: bool) -> Vec<String> {
+    let image = known(&default_selftest(on.board));
+    let mut board =
+        BoardImage::power_up(on.board, image, TIME_LIMIT).unwrap_or_else(|e| panic!("{e}"));
     board.chip().lines.jumpers = jumpers;
     board.boot().unwrap_or_else(|e| panic!("{e}"));
     board.enumerate().unwrap_or_else(|e| panic!("{e}"));
@@ -34,7 +35,7 @@ fn failed(lines: &[String]) -> Vec<&str> {
 }
 
 on_each_board!(with_its_jumpers_a_board_fails_only_what_the_emulator_lacks);
-fn with_its_jumpers_a_board_fails_only_what_the_emulator_lacks(on: Board) {
+pub(super) fn with_its_jumpers_a_board_fails_only_what_the_emulator_lacks(on: On) {
     let lines = report(on, true);
     // No cycle counter.
     assert_eq!(failed(&lines), ["clocks", "tick_cost"]);
@@ -44,7 +45,7 @@ fn with_its_jumpers_a_board_fails_only_what_the_emulator_lacks(on: Board) {
 }
 
 on_each_board!(without_jumpers_each_check_of_theirs_fails);
-fn without_jumpers_each_check_of_theirs_fails(on: Board) {
+pub(super) fn without_jumpers_each_check_of_theirs_fails(on: On) {
     let lines = report(on, false);
     let expected = [
         "clocks",

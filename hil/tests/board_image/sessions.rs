@@ -1,8 +1,10 @@
 //! Sessions: what the image renders is what the shared code renders here, to the bit, as pulses of the right width.
 
-use super::{Bench, Board, DARK, NO_CURRENT, duty};
+use super::{Bench, DARK, NO_CURRENT, On, duty};
 use sutura_shared::wire::List;
-use sutura_shared::wire::message::{Command, Mode, Row, RowKind, Rows, State};
+use sutura_shared::wire::message::{
+    Command, Contact, Course, Friction, Mode, Needle, Row, RowKind, Rows, State, Tip,
+};
 
 /// A hand that moves: counts of the three encoders in a tick, of which the second goes through the ends of its counter.
 fn hand(tick: u32) -> [i32; 3] {
@@ -27,7 +29,7 @@ fn session(bench: &mut Bench, ticks: u32, mut say: impl FnMut(&mut Bench)) -> Ve
 }
 
 on_each_board!(contacts_are_felt_as_the_shared_code_renders_them);
-fn contacts_are_felt_as_the_shared_code_renders_them(on: Board) {
+pub(super) fn contacts_are_felt_as_the_shared_code_renders_them(on: On) {
     let mut bench = Bench::start(on);
     let states = session(&mut bench, 500, |bench| {
         let contact = bench.floor();
@@ -55,7 +57,7 @@ fn contacts_are_felt_as_the_shared_code_renders_them(on: Board) {
 }
 
 on_each_board!(rows_are_felt_as_the_shared_code_solves_them);
-fn rows_are_felt_as_the_shared_code_solves_them(on: Board) {
+pub(super) fn rows_are_felt_as_the_shared_code_solves_them(on: On) {
     const COUNT: usize = 24;
     let mut bench = Bench::start(on);
     let states = session(&mut bench, 500, |bench| {
@@ -90,7 +92,7 @@ fn rows_are_felt_as_the_shared_code_solves_them(on: Board) {
 }
 
 on_each_board!(pulses_come_20_ms_before_enable_and_go_20_ms_after);
-fn pulses_come_20_ms_before_enable_and_go_20_ms_after(on: Board) {
+pub(super) fn pulses_come_20_ms_before_enable_and_go_20_ms_after(on: On) {
     let mut bench = Bench::start(on);
     assert_eq!(bench.outputs(), DARK);
     bench.say(&Command::Arm);
@@ -128,7 +130,7 @@ fn pulses_come_20_ms_before_enable_and_go_20_ms_after(on: Board) {
 
 on_each_board!(a_silent_host_is_felt_no_longer_and_then_disarmed);
 /// The core's cycle counter stands still in all of this: QEMU has none.
-fn a_silent_host_is_felt_no_longer_and_then_disarmed(on: Board) {
+pub(super) fn a_silent_host_is_felt_no_longer_and_then_disarmed(on: On) {
     let mut bench = Bench::start(on);
     bench.push();
     let sent_us = bench
@@ -154,4 +156,153 @@ fn a_silent_host_is_felt_no_longer_and_then_disarmed(on: Board) {
     assert!(off_after.unwrap() <= 601_000, "{off_after:?}");
     assert_eq!(bench.outputs(), DARK);
     bench.say_speed("a silent host");
+}
+
+on_each_board!(a_contact_that_is_to_be_good_for_ever_is_not);
+pub(super) fn a_contact_that_is_to_be_good_for_ever_is_not(on: On) {
+    let mut bench = Bench::start(on);
+    bench.push();
+    let contact = Contact {
+        horizon_us: u32::MAX,
+        ..bench.floor()
+    };
+    bench.say(&contact);
+    let solved_us = bench.state.unwrap().0;
+    let gone_us = (0..200).find_map(|_| {
+        let state = bench.tick();
+        (state.current_a == [0.0; 3]).then(|| bench.state.unwrap().0 - solved_us)
+    });
+    // The longest horizon, and 30 ms of decay.
+    assert!(gone_us.is_some_and(|us| us <= 181_000), "{gone_us:?}");
+    bench.say_speed("a contact for ever");
+}
+
+on_each_board!(a_rough_session_is_felt_as_the_shared_code_renders_it);
+/// What ordinary sessions leave out: a needle that comes back, rows that do not converge, a hand that swings, an outage, and forces that no
+/// tissue has, with a grip as fast as it may be.
+pub(super) fn a_rough_session_is_felt_as_the_shared_code_renders_it(on: On) {
+    let mut bench = Bench::start(on);
+    bench.arm();
+    needle_and_back(&mut bench);
+    stubborn_rows(&mut bench);
+    swing(&mut bench);
+    forces_that_no_tissue_has(&mut bench);
+    bench.say_speed("a rough session");
+    let (_, state) = bench.state.unwrap();
+    assert_eq!((state.mode, state.faults), (Mode::Armed, 0));
+}
+
+/// 7 mm in and out again, with one frame.
+fn needle_and_back(bench: &mut Bench) {
+    let mut course = Course {
+        forward: 4,
+        ..Course::default()
+    };
+    let points = [[2e-3, 0.0], [3.6e-3, -0.24], [3.6e-3, 0.0], [12e-3, -0.4]];
+    course.points[..4].copy_from_slice(&points);
+    bench.say(&Needle {
+        tool: 0,
+        needle: 0,
+        slide: [0.0, 0.0, -1.0, 0.0, 0.0, 0.0],
+        tip: Tip::Outside,
+        friction: Friction::Sticks,
+        axial_n: 0.0,
+        friction_n: [0.0; 2],
+        stiffness_n_per_m: [150.0; 2],
+        hold_n: 0.0,
+        puncture_n: 0.24,
+        punctured_n: 0.0,
+        course,
+    });
+    let contact = Contact {
+        wrench: [0.0; 6],
+        tangent: [0.0; 21],
+        horizon_us: 150_000,
+        ..bench.floor()
+    };
+    bench.say(&contact);
+    for tick in 0..140 {
+        bench.board.chip().lines.encoder_counts[2] -= if tick < 70 { 20 } else { -20 };
+        bench.tick();
+    }
+}
+
+/// Twelve pairs that press each other on, almost as far as themselves.
+fn stubborn_rows(bench: &mut Bench) {
+    for tick in 0..64 {
+        if tick % 16 == 0 {
+            let height = bench.state.unwrap().1.position_m[2];
+            let row = |at: usize| Row {
+                kind: RowKind::Smooth { id: at as u32 },
+                delta_free_m: height - 1e-4 * (at % 5) as f32,
+                lambda_n: 0.0,
+                jacobian: [0.02 * at as f32, 0.0, 1.0, 0.0, 0.0, 0.0],
+            };
+            let entry = |row: usize, column: usize| match (row, column) {
+                _ if row == column => 0.01,
+                _ if row / 2 == column / 2 => -0.0099,
+                _ => 0.0,
+            };
+            let upper = (0..24).flat_map(|row| (row..24).map(move |column| entry(row, column)));
+            let rows = Rows {
+                tool: 0,
+                held: [0.0; 21],
+                curvature_per_m: 0.0,
+                rows: List::of((0..24).map(row)),
+                compliance: List::of(upper),
+            };
+            bench.say(&rows);
+            let contact = bench.floor();
+            bench.say(&contact);
+        }
+        bench.board.chip().lines.encoder_counts[2] += if tick < 32 { -8 } else { 8 };
+        bench.tick();
+    }
+}
+
+/// 2 mm at 20 Hz about 2 mm deep, as a grip on a contact does whose delay is told wrong; then no host for 0.16 s.
+fn swing(bench: &mut Bench) {
+    for tick in 0..400 {
+        let silent = (200..360).contains(&tick);
+        if tick % 16 == 0 && !silent {
+            let contact = bench.floor();
+            bench.say(&contact);
+        }
+        let phase = std::f64::consts::TAU * 0.02 * f64::from(tick);
+        let z = match tick {
+            ..200 => -400.0 * phase.sin() - 4.0 * f64::from(tick.min(100)),
+            _ => -400.0,
+        };
+        bench.board.chip().lines.encoder_counts[2] = z as i32;
+        bench.tick();
+    }
+}
+
+/// A new one every other tick, in any direction, with a grip that goes to and fro at 1 m/s.
+fn forces_that_no_tissue_has(bench: &mut Bench) {
+    let mut random = fastrand::Rng::with_seed(11);
+    let mut number = |most: f32| most * (2.0 * random.f32() - 1.0);
+    for tick in 0..160 {
+        if tick % 2 == 0 {
+            let push = [9.0, number(6.0), number(6.0)];
+            let stiffness = 500.0 + number(400.0);
+            let mut tangent = [0.0; 21];
+            for (place, share) in [(0, 1.0), (6, 0.5), (11, 0.8), (1, 0.2)] {
+                tangent[place] = -stiffness * (share + number(0.1));
+            }
+            let contact = Contact {
+                wrench: [push[0], push[1], push[2], 0.0, 0.0, 0.0],
+                tangent,
+                normal: [1.0, 0.0, 0.0],
+                gap_m: 0.0,
+                ..bench.floor()
+            };
+            bench.say(&contact);
+        }
+        let [x, y, _] = &mut bench.board.chip().lines.encoder_counts;
+        let fro = tick / 40 % 2 == 1;
+        *x += if fro { -205 } else { 205 };
+        *y += if tick / 20 % 2 == 1 { -30 } else { 30 };
+        bench.tick();
+    }
 }

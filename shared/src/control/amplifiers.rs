@@ -2,6 +2,8 @@
 //!
 //! Entry points: [`Amplifiers::judge`], [`Amplifiers::take_current`].
 
+use crate::mutant::stands;
+
 /// Longest time from arming until the amplifiers are ready \[ticks\]: 20 ms of pulses before they are enabled, and 500 ms in
 /// which a servo amplifier checks itself and its supply.
 const LONGEST_WAIT: u16 = 520;
@@ -28,15 +30,24 @@ impl Amplifiers {
             Amplifiers::Waking(ticks) if ticks + 1 < LONGEST_WAIT => {
                 (Amplifiers::Waking(ticks + 1), false)
             }
-            Amplifiers::Waking(_) | Amplifiers::On => (Amplifiers::Off, true),
+            Amplifiers::Waking(_) | Amplifiers::On => (Amplifiers::Off, self.must_be_ready()),
         };
         *self = next;
         fault
     }
 
+    /// Whether it is a fault that they are not ready.
+    #[inline(always)]
+    fn must_be_ready(self) -> bool {
+        match self {
+            Amplifiers::On => stands("ready_kept"),
+            _ => stands("ready_in_time"),
+        }
+    }
+
     /// Whether currents go to the motors.
     pub fn take_current(self) -> bool {
-        self == Amplifiers::On
+        self == Amplifiers::On || !stands("ready_first")
     }
 }
 

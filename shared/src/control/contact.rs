@@ -8,6 +8,7 @@ use super::tuning::Rendering;
 use super::{MAX_HORIZON_US, STALE_DECAY_US};
 use crate::kinematics::Grip;
 use crate::math::{Vec3, clamp, dot, max, shortened};
+use crate::mutant::stands;
 use crate::wire::ValidContact;
 
 /// Longest force of a tangent on its own \[N\]: squares stay finite whatever is added to it.
@@ -68,7 +69,11 @@ impl LocalContact {
             gap_m: body.gap_m,
             normal: Vec3::from(body.normal),
             relaxation_per_s: body.relaxation_per_s,
-            horizon_us: body.horizon_us.min(MAX_HORIZON_US),
+            horizon_us: if stands("longest_horizon") {
+                body.horizon_us.min(MAX_HORIZON_US)
+            } else {
+                body.horizon_us
+            },
             console_time_us: frame.console_time_us(),
             sequence: frame.sequence(),
             applied_age_us: 0,
@@ -97,7 +102,8 @@ impl LocalContact {
         match self.age_us(now_us).saturating_sub(self.horizon_us) {
             0 => Freshness::Fresh,
             1..=super::LOST_AFTER_US => Freshness::Stale,
-            _ => Freshness::Lost,
+            _ if stands("lost") => Freshness::Lost,
+            _ => Freshness::Stale,
         }
     }
 

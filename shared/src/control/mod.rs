@@ -34,6 +34,7 @@ use crate::device::{DeviceDescription, DeviceError, JOINTS, Joint};
 use crate::hash::TraceHash;
 use crate::kinematics::{self, Grip, Pose};
 use crate::math::{Vec3, clamp, is_finite, min};
+use crate::mutant::stands;
 use crate::wire::message::{Command, Fixture, Mode, State};
 use crate::wire::validate::{MAX_POSITION, MAX_SPEED, UNIT_TOLERANCE};
 use crate::wire::{Message, Valid, ValidContact, ValidFixture, ValidNeedle, ValidThread};
@@ -439,7 +440,7 @@ impl Control {
                 (joints.jumped && self.tuning.guards.encoder_jump) || !turned,
                 faults::ENCODER_JUMP,
             ),
-            (out_of_reach, faults::OUT_OF_REACH),
+            (out_of_reach && stands("out_of_reach"), faults::OUT_OF_REACH),
             (too_fast, faults::OVERSPEED),
         ];
         let present = causes.iter().filter(|(present, _)| *present);

@@ -3,6 +3,7 @@
 //! Entry points: [`Orders::command`], [`Faults::latch`], [`next_mode`].
 
 use super::contact::Freshness;
+use crate::mutant::stands;
 use crate::wire::faults;
 use crate::wire::message::{Command, Mode};
 
@@ -37,7 +38,7 @@ pub(super) fn next_mode(
     started: bool,
     contact: Freshness,
 ) -> Mode {
-    if faults != 0 {
+    if faults != 0 && stands("fault_wins") {
         return Mode::Fault;
     }
     let mode = match mode {
@@ -79,11 +80,11 @@ impl Faults {
         } else {
             0
         };
-        if clear {
+        if clear || !stands("faults_stay") {
             self.latched = 0;
         }
         self.latched |= causes;
-        if self.overruns >= MAX_OVERRUNS {
+        if self.overruns >= MAX_OVERRUNS && stands("overrun") {
             self.latched |= faults::OVERRUN;
         }
     }

@@ -4,6 +4,7 @@
 //! the motors alone, [`Ramps::off`] otherwise. An arm that is carried from one tick to the next kicks, and one that is let go
 //! of falls on the hand.
 
+use crate::mutant::stands;
 use crate::wire::faults;
 
 /// Time in which the whole weight comes or goes \[ticks\]: an arm let go of falls as far as a hand follows without a thought.
@@ -58,6 +59,9 @@ impl Ramps {
 
     /// Part of a contact force, and of the largest one, that may be there.
     pub fn contact(&self) -> f32 {
+        if !stands("contact_ramp") {
+            return 1.0;
+        }
         f32::from(self.contact) / f32::from(CONTACT)
     }
 }

@@ -84,6 +84,29 @@ impl Guards {
         disarm: true,
     };
 
+    /// Their names.
+    pub const NAMES: [&str; 19] = [
+        "blend",
+        "trust",
+        "lead",
+        "bend",
+        "swing",
+        "tank",
+        "along",
+        "credit",
+        "damping",
+        "horizon",
+        "force",
+        "slew",
+        "power",
+        "overspeed",
+        "residual",
+        "rubs",
+        "emergency_stop",
+        "encoder_jump",
+        "disarm",
+    ];
+
     /// Switches off the guard of this name, that of its field; false if there is none.
     pub fn switch_off(&mut self, name: &str) -> bool {
         let guard = match name {

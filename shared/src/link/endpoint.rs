@@ -56,6 +56,17 @@ impl Checks {
         expiry: true,
     };
 
+    /// Their names.
+    pub const NAMES: [&str; 7] = [
+        "checksum",
+        "session",
+        "sequence",
+        "future",
+        "schema",
+        "ownership",
+        "expiry",
+    ];
+
     /// Switches off the check of this name, that of its field; false if there is none.
     pub fn switch_off(&mut self, name: &str) -> bool {
         let check = match name {
