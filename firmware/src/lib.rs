@@ -17,6 +17,8 @@ pub mod exchange;
 pub mod host_side;
 pub mod loader;
 pub mod log_ring;
+pub mod measure;
+mod measure_rows;
 pub mod outbox;
 pub mod safe_state;
 pub mod seed;

@@ -1,12 +1,10 @@
-//! What the bench image counts, and with what. Entry points: [`Stopwatch::print`], [`all`].
+//! What a console's work costs, case by case: counted as instructions under the emulator, and as cycles by a board's self-test.
+//!
+//! Entry points: [`all`], and [`Meter`] for what counts.
 
+use crate::devices::{CARTESIAN_BENCH, SERIAL_ARM};
 use crate::measure_rows::{self, patch};
-use core::fmt::Write;
 use core::hint::black_box;
-use core::sync::atomic::{Ordering, compiler_fence};
-use cortex_m::peripheral::SYST;
-use cortex_m_semihosting::hio;
-use sutura_firmware::devices::{CARTESIAN_BENCH, SERIAL_ARM};
 use sutura_shared::console_endpoint::Sample;
 use sutura_shared::control::{Control, Fresh, TICK_HZ, TickInput};
 use sutura_shared::device::{DeviceDescription, JOINTS};
@@ -16,67 +14,30 @@ use sutura_shared::wire::message::{Command, Contact, MAX_ROWS, Mode, Rows};
 use sutura_shared::wire::{MAX_FRAME, ValidContact};
 
 /// Repetitions of every measurement: the most expensive one counts.
-const REPEAT: u32 = 8;
+pub const REPEAT: u32 = 8;
 
-/// Counts instructions.
-pub struct Stopwatch {
-    /// SysTick counts of measuring nothing.
-    overhead: u32,
-}
+/// Counts what work costs.
+pub trait Meter {
+    /// Cost of one run.
+    fn once(&mut self, work: impl FnMut()) -> u32;
 
-impl Stopwatch {
-    /// SysTick must be running at the core clock over its full 24 bits.
-    pub fn new() -> Self {
-        let mut stopwatch = Self { overhead: 0 };
-        stopwatch.overhead = (0..REPEAT)
-            .map(|_| stopwatch.counts(&mut || ()))
-            .min()
-            .unwrap_or(0);
-        stopwatch
-    }
+    /// Takes a figure.
+    fn line(&mut self, name: &'static str, figure: u32);
 
-    fn counts(&self, work: &mut impl FnMut()) -> u32 {
-        // Fences, or the compiler would move parts of the work out of the count.
-        let start = SYST::get_current();
-        compiler_fence(Ordering::SeqCst);
-        work();
-        compiler_fence(Ordering::SeqCst);
-        let end = SYST::get_current();
-        (start.wrapping_sub(end) & 0x00FF_FFFF).saturating_sub(self.overhead)
-    }
-
-    /// Instructions of one run.
-    pub fn once(&self, mut work: impl FnMut()) -> u32 {
-        // 8 ns at 168 MHz: 1.344 counts an instruction.
-        (self.counts(&mut work) * 1000 + 672) / 1344
-    }
-
-    /// Runs the work a few times and prints the most that one took.
-    pub fn print(&self, name: &str, mut work: impl FnMut()) {
-        let most = (0..REPEAT).map(|_| self.once(&mut work)).max().unwrap_or(0);
-        line(name, most);
-    }
-}
-
-/// Prints one figure.
-pub fn line(name: &str, instructions: u32) {
-    if let Ok(mut stdout) = hio::hstdout() {
-        let written = writeln!(
-            stdout,
-            "{{\"name\":\"{name}\",\"instructions\":{instructions}}}"
-        );
-        black_box(written.is_ok());
+    /// Runs the work a few times; the figure is the most that one took.
+    fn most(&mut self, name: &'static str, mut work: impl FnMut()) {
+        let most = (0..REPEAT).map(|_| self.once(&mut work)).max();
+        self.line(name, most.unwrap_or(0));
     }
 }
 
 /// Everything that does not need the application's locks.
-pub fn all(stopwatch: &Stopwatch) {
-    let mut wire = Wire::new();
+pub fn all(meter: &mut impl Meter, wire: &mut Wire) {
     for (device, names) in [
         (&CARTESIAN_BENCH, CARTESIAN_NAMES),
         (&SERIAL_ARM, SERIAL_ARM_NAMES),
     ] {
-        device_costs(stopwatch, &mut wire, device, names);
+        device_costs(meter, wire, device, names);
     }
     let mut most = 0;
     for sequence in 0..REPEAT {
@@ -84,14 +45,14 @@ pub fn all(stopwatch: &Stopwatch) {
             u64::from(sequence),
             &touching(device_grip(&CARTESIAN_BENCH)),
         );
-        most = most.max(stopwatch.once(|| {
+        most = most.max(meter.once(|| {
             black_box(wire.receive(&frame[..length]).is_some());
         }));
     }
-    line("contact_receive_and_validate", most);
-    measure_rows::all(stopwatch, &mut wire);
+    meter.line("contact_receive_and_validate", most);
+    measure_rows::all(meter, wire);
     let mut frame = [0; MAX_FRAME];
-    stopwatch.print("state_encode", || {
+    meter.most("state_encode", || {
         black_box(
             wire.console
                 .encode_state(1000, &Sample::BEFORE_THE_FIRST.state, &mut frame),
@@ -142,24 +103,24 @@ fn counts(device: &DeviceDescription, q: [f32; JOINTS]) -> [i32; JOINTS] {
 }
 
 /// A tick whose contact is a stiff, tilted surface that the grip is in: nothing is skipped.
-fn device_costs(stopwatch: &Stopwatch, wire: &mut Wire, device: &DeviceDescription, names: Names) {
-    stopwatch.print(names.kinematics, || {
+fn device_costs(meter: &mut impl Meter, wire: &mut Wire, device: &DeviceDescription, names: Names) {
+    meter.most(names.kinematics, || {
         black_box(forward(black_box(device), black_box(&MIDDLE)));
     });
-    ticks(stopwatch, wire, device, None, [names.tick, names.swap]);
+    ticks(meter, wire, device, None, [names.tick, names.swap]);
     for (cones, names) in [(0, names.rows), (MAX_ROWS / 3, names.cones)] {
         let rows = patch(cones);
-        ticks(stopwatch, wire, device, Some(&rows), names);
+        ticks(meter, wire, device, Some(&rows), names);
     }
 }
 
 /// Every tenth tick changes the model.
 fn ticks(
-    stopwatch: &Stopwatch,
+    meter: &mut impl Meter,
     wire: &mut Wire,
     device: &DeviceDescription,
     rows: Option<&Rows>,
-    [plain_name, swap_name]: [&str; 2],
+    [plain_name, swap_name]: [&'static str; 2],
 ) {
     let Ok(mut control) = Control::new(*device) else {
         return;
@@ -189,7 +150,7 @@ fn ticks(
             None => contact.into(),
         });
         let mut output = None;
-        let cost = stopwatch.once(|| output = Some(control.tick(&input, slot.as_ref())));
+        let cost = meter.once(|| output = Some(control.tick(&input, slot.as_ref())));
         let armed = output.is_some_and(|output| output.state.mode == Mode::Armed);
         let force = output.map_or(0.0, |output| output.state.force_n[2]);
         // Only what renders counts.
@@ -202,8 +163,8 @@ fn ticks(
             *most = cost.max(*most);
         }
     }
-    line(plain_name, plain);
-    line(swap_name, swap);
+    meter.line(plain_name, plain);
+    meter.line(swap_name, swap);
 }
 
 fn device_grip(device: &DeviceDescription) -> [f32; 3] {
@@ -241,12 +202,21 @@ fn touching(position_m: [f32; 3]) -> Contact {
 
 /// Both ends of an open session.
 pub struct Wire {
+    /// The host's.
     pub host: HostLink,
+    /// The console's.
     pub console: ConsoleLink,
 }
 
+impl Default for Wire {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
 impl Wire {
-    fn new() -> Self {
+    /// A session between the two.
+    pub fn new() -> Self {
         let identity = Identity {
             tick_hz: TICK_HZ,
             simulated: true,

@@ -1,6 +1,6 @@
 //! What contact rows cost, and how many bytes they are. Entry point: [`all`].
 
-use crate::measure::{Stopwatch, Wire, line};
+use crate::measure::{Meter, Wire};
 use core::hint::black_box;
 use sutura_shared::control::ContactRows;
 use sutura_shared::math::Vec3;
@@ -11,7 +11,7 @@ use sutura_shared::wire::{List, MAX_FRAME};
 const TICKS: u64 = 60;
 
 /// Sizes, the way in, and a tick's work, for 24 smooth rows and for 8 cones.
-pub fn all(stopwatch: &Stopwatch, wire: &mut Wire) {
+pub fn all(meter: &mut impl Meter, wire: &mut Wire) {
     for (cones, names) in [(0, SMOOTH_NAMES), (MAX_ROWS / 3, CONES_NAMES)] {
         let body = patch(cones);
         let mut frame = [0; MAX_FRAME];
@@ -24,24 +24,23 @@ pub fn all(stopwatch: &Stopwatch, wire: &mut Wire) {
             let dx = [tick as f32 * 1e-4, 0.0, press, 0.0, 1e-3, 0.0];
             if tick % 10 == 1 {
                 let length = wire.host.send(now_us, &body, &mut frame).unwrap_or(0);
-                receive = receive.max(stopwatch.once(|| {
+                receive = receive.max(meter.once(|| {
                     for &byte in &frame[..length] {
                         black_box(wire.console.receive(byte, u64::MAX).is_some());
                     }
                 }));
                 let farthest = |_: &Vec3| -1e-3;
-                replace =
-                    replace.max(stopwatch.once(|| rows.replace(wire.console.rows(), farthest)));
+                replace = replace.max(meter.once(|| rows.replace(wire.console.rows(), farthest)));
             }
-            solve = solve.max(stopwatch.once(|| {
+            solve = solve.max(meter.once(|| {
                 black_box(rows.solve(black_box(&dx)));
             }));
         }
         let length = wire.host.send(0, &body, &mut frame).unwrap_or(0);
-        line(names.bytes, length as u32);
-        line(names.receive, receive);
-        line(names.replace, replace);
-        line(names.solve, solve);
+        meter.line(names.bytes, length as u32);
+        meter.line(names.receive, receive);
+        meter.line(names.replace, replace);
+        meter.line(names.solve, solve);
     }
 }
 

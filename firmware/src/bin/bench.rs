@@ -7,14 +7,61 @@
 #![no_std]
 #![no_main]
 
-#[path = "../measure.rs"]
-mod measure;
-#[path = "../measure_rows.rs"]
-mod measure_rows;
+use core::fmt::Write;
+use core::hint::black_box;
+use core::sync::atomic::{Ordering, compiler_fence};
+use cortex_m::peripheral::SYST;
+use cortex_m_semihosting::hio;
+use sutura_firmware::measure::{Meter, REPEAT};
+
+/// Counts instructions.
+struct Stopwatch {
+    /// SysTick counts of measuring nothing.
+    overhead: u32,
+}
+
+impl Stopwatch {
+    /// SysTick must be running at the core clock over its full 24 bits.
+    fn new() -> Self {
+        let mut stopwatch = Self { overhead: 0 };
+        stopwatch.overhead = (0..REPEAT)
+            .map(|_| stopwatch.counts(&mut || ()))
+            .min()
+            .unwrap_or(0);
+        stopwatch
+    }
+
+    fn counts(&self, work: &mut impl FnMut()) -> u32 {
+        // Fences, or the compiler would move parts of the work out of the count.
+        let start = SYST::get_current();
+        compiler_fence(Ordering::SeqCst);
+        work();
+        compiler_fence(Ordering::SeqCst);
+        let end = SYST::get_current();
+        (start.wrapping_sub(end) & 0x00FF_FFFF).saturating_sub(self.overhead)
+    }
+}
+
+impl Meter for Stopwatch {
+    fn once(&mut self, mut work: impl FnMut()) -> u32 {
+        // 8 ns at 168 MHz: 1.344 counts an instruction.
+        (self.counts(&mut work) * 1000 + 672) / 1344
+    }
+
+    fn line(&mut self, name: &'static str, instructions: u32) {
+        if let Ok(mut stdout) = hio::hstdout() {
+            let written = writeln!(
+                stdout,
+                "{{\"name\":\"{name}\",\"instructions\":{instructions}}}"
+            );
+            black_box(written.is_ok());
+        }
+    }
+}
 
 #[rtic::app(device = stm32f4xx_hal::pac, peripherals = true)]
 mod bench {
-    use crate::measure::{self, Stopwatch};
+    use crate::Stopwatch;
     use core::hint::black_box;
     use cortex_m::peripheral::SYST;
     use cortex_m::peripheral::syst::SystClkSource;
@@ -22,6 +69,7 @@ mod bench {
     use sutura_firmware::board;
     use sutura_firmware::exchange::Exchange;
     use sutura_firmware::host_side::Slot;
+    use sutura_firmware::measure::{self, Meter, Wire};
     use sutura_shared::console_endpoint::Sample;
 
     #[shared]
@@ -74,22 +122,22 @@ mod bench {
         let [back, front] = cx.local.ends;
         let [written, newest] = cx.local.sample_ends;
         crash_if_told();
-        let stopwatch = Stopwatch::new();
+        let mut stopwatch = Stopwatch::new();
 
-        stopwatch.print("contact_swap", || {
+        stopwatch.most("contact_swap", || {
             contacts.lock(|contacts| contacts.publish(back));
         });
         // Swaps once, then finds nothing new: the most counts.
-        stopwatch.print("contact_take", || {
+        stopwatch.most("contact_take", || {
             contacts.lock(|contacts| contacts.take(front));
         });
-        stopwatch.print("state_swap", || {
+        stopwatch.most("state_swap", || {
             samples.lock(|samples| samples.publish(written));
         });
-        stopwatch.print("state_take", || {
+        stopwatch.most("state_take", || {
             samples.lock(|samples| samples.take(newest));
         });
-        measure::all(&stopwatch);
+        measure::all(&mut stopwatch, &mut Wire::new());
         loop {
             debug::exit(debug::EXIT_SUCCESS);
         }

@@ -46,7 +46,7 @@ mod wiring;
 mod wiring;
 
 #[cfg(not(feature = "virtual"))]
-pub use bare::BareRig;
+pub use bare::{BULK, BareRig, Bench, Feeder, kept, work};
 #[cfg(not(feature = "virtual"))]
 pub use stm32f4::*;
 #[cfg(feature = "virtual")]

@@ -10,8 +10,16 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 use sutura_host::link::{Port, consoles, open_serial};
 
-/// Longest time between two lines of a self-test: the clocks are looked at for half a second.
+/// Longest time between two lines of a self-test, which says every second that it is busy; a reset takes two.
 const SILENCE: Duration = Duration::from_secs(5);
+/// Time between two attempts to reach a board that resets itself.
+const RETRY: Duration = Duration::from_millis(200);
+/// What a self-test is told: to begin, and to go on after a reset.
+const BEGIN: &[u8] = b"t";
+const GO_ON: &[u8] = b"c";
+/// What it is sent, in turn, when it asks for bytes; and what lines begin with that are only to be counted.
+const PATTERN: &[u8] = b"ABCDEFGHIJKLMNOPQRSTUVWXYZ";
+const FILLER: char = '~';
 
 /// Looks at consoles that are plugged in, reads their logs, and runs a bare board's self-test.
 #[derive(Args, Debug)]
@@ -84,13 +92,17 @@ pub fn run(args: &DeviceArgs, global: &Global) -> Result<(), Failure> {
     match &args.command {
         DeviceCommand::List => list(global),
         DeviceCommand::Selftest { port, out } => {
-            let mut open = open_serial(port).map_err(link_failure)?;
+            let open = open_serial(port).map_err(link_failure)?;
+            // Its port may have another name after a reset.
+            let same = consoles().into_iter().find(|console| console.port == *port);
+            let name = same.map_or_else(|| port.clone(), |console| console.serial_number);
             let text = global.format == Format::Text;
-            let report = listen(open.as_mut(), |line| {
+            let say = |line: &str| {
                 if text {
                     println!("{line}");
                 }
-            })?;
+            };
+            let report = listen(open, || open_serial(&name).ok(), say)?;
             judge(&report, port, out.as_deref(), global)
         }
         #[cfg(feature = "log")]
@@ -230,64 +242,111 @@ struct Report {
 #[derive(Debug, PartialEq, Eq, Serialize)]
 struct Found {
     name: String,
-    passed: bool,
+    verdict: Verdict,
     figure: String,
 }
 
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+enum Verdict {
+    #[serde(rename = "pass")]
+    Pass,
+    #[serde(rename = "FAIL")]
+    Fail,
+    /// The board's cycle counter stands: it is an emulator, or broken.
+    #[serde(rename = "untimed")]
+    Untimed,
+}
+
+impl Verdict {
+    const WORDS: [(&str, Verdict); 3] = [
+        ("pass", Verdict::Pass),
+        ("FAIL", Verdict::Fail),
+        ("untimed", Verdict::Untimed),
+    ];
+
+    fn word(self) -> &'static str {
+        let mut words = Verdict::WORDS.into_iter();
+        words
+            .find_map(|(word, verdict)| (verdict == self).then_some(word))
+            .unwrap_or_default()
+    }
+}
+
 impl Found {
-    /// `pass NAME FIGURE`, or `FAIL` in the place of `pass`.
+    /// `pass NAME FIGURE`, or `FAIL` or `untimed` in the place of `pass`.
     fn read(line: &str) -> Option<Found> {
         let (verdict, rest) = line.split_once(' ')?;
         let (name, figure) = rest.split_once(' ').unwrap_or((rest, ""));
-        let passed = match verdict {
-            "pass" => true,
-            "FAIL" => false,
-            _ => return None,
-        };
+        let mut words = Verdict::WORDS.into_iter();
+        let verdict = words.find_map(|(word, is)| (word == verdict).then_some(is))?;
         let (name, figure) = (name.to_owned(), figure.to_owned());
         Some(Found {
             name,
-            passed,
+            verdict,
             figure,
         })
     }
 }
 
-/// Asks for a self-test and gives its lines as they come, until it ends.
-fn listen(port: &mut dyn Port, mut say: impl FnMut(&str)) -> Result<Report, Failure> {
+/// Asks for a self-test and gives its lines as they come, until it ends. Sends the bytes that it asks for, and opens the port again
+/// after each reset that it has told of.
+fn listen(
+    port: Box<dyn Port>,
+    mut reopen: impl FnMut() -> Option<Box<dyn Port>>,
+    mut say: impl FnMut(&str),
+) -> Result<Report, Failure> {
     let name = port.name();
-    let broken = |error: io::Error| {
-        Failure::say(
-            Cause::NoConsole,
-            format!("`{name}` broke off: {error}"),
-            "plug the board in again, and start over",
-        )
-    };
-    // A board that has just been plugged in may have dropped the first.
-    let mut asked = Instant::now();
-    port.write(b"t").map_err(broken)?;
+    let mut open = Some(port);
     let mut report = Report::default();
-    let mut rest = Vec::new();
+    let mut heard = Instant::now();
+    // To be sent, and received up to the end of a line.
+    let (mut down, mut rest) = (BEGIN.to_vec(), Vec::new());
+    let mut resets = false;
     loop {
-        let mut bytes = [0; 256];
-        let count = port
-            .read(&mut bytes, Duration::from_millis(100))
-            .map_err(broken)?;
-        rest.extend_from_slice(bytes.get(..count).unwrap_or_default());
+        match open
+            .as_deref_mut()
+            .map(|port| exchange(port, &mut down, &mut rest))
+        {
+            Some(Ok(())) => {}
+            Some(Err(error)) if !resets => {
+                return Err(Failure::say(
+                    Cause::NoConsole,
+                    format!("`{name}` broke off: {error}"),
+                    "plug the board in again, and start over",
+                ));
+            }
+            // It is on its way through the reset that it has told of.
+            _ => {
+                drop(open.take());
+                rest.clear();
+                std::thread::sleep(RETRY);
+                open = reopen();
+                down = GO_ON.to_vec();
+            }
+        }
         while let Some(end) = rest.iter().position(|byte| *byte == b'\n') {
             let line: Vec<u8> = rest.drain(..=end).collect();
             let line = String::from_utf8_lossy(&line);
             let line = line.trim();
+            let before = std::mem::replace(&mut heard, Instant::now());
             if let Some(found) = Found::read(line) {
                 say(line);
                 report.checks.push(found);
-                asked = Instant::now();
+                resets = false;
             } else if line.starts_with("end ") && !report.checks.is_empty() {
                 say(line);
                 return Ok(report);
+            } else if let Some(count) = line.strip_prefix("send ") {
+                let count = count.parse().unwrap_or(0);
+                down.extend(PATTERN.iter().copied().cycle().take(count));
+            } else if line.starts_with("next ") {
+                resets = true;
+            } else if !line.starts_with(FILLER) && !line.starts_with("busy ") {
+                // Noise is no sign of life.
+                heard = before;
             }
         }
-        if asked.elapsed() > SILENCE {
+        if heard.elapsed() > SILENCE {
             let message = match report.checks.last() {
                 None => format!("nothing on `{name}` answers as a self-test"),
                 Some(last) => format!("the self-test on `{name}` stopped after `{}`", last.name),
@@ -301,11 +360,25 @@ fn listen(port: &mut dyn Port, mut say: impl FnMut(&str)) -> Result<Report, Fail
     }
 }
 
+/// Sends what is to be sent, and takes what has come.
+fn exchange(port: &mut dyn Port, down: &mut Vec<u8>, rest: &mut Vec<u8>) -> io::Result<()> {
+    let sent = port.write(down)?;
+    down.drain(..sent);
+    let wait = match down.is_empty() {
+        true => Duration::from_millis(100),
+        false => Duration::from_millis(1),
+    };
+    let mut bytes = [0; 4096];
+    let count = port.read(&mut bytes, wait)?;
+    rest.extend_from_slice(bytes.get(..count).unwrap_or_default());
+    Ok(())
+}
+
 /// Writes and judges a report.
 fn judge(report: &Report, port: &str, out: Option<&Path>, global: &Global) -> Result<(), Failure> {
     if let Some(path) = out {
         let line = |found: &Found| {
-            let verdict = if found.passed { "pass" } else { "FAIL" };
+            let verdict = found.verdict.word();
             format!("{verdict} {} {}\n", found.name, found.figure)
         };
         let text: String = report.checks.iter().map(line).collect();
@@ -320,7 +393,7 @@ fn judge(report: &Report, port: &str, out: Option<&Path>, global: &Global) -> Re
     let failed: Vec<&str> = report
         .checks
         .iter()
-        .filter(|found| !found.passed)
+        .filter(|found| found.verdict == Verdict::Fail)
         .map(|found| found.name.as_str())
         .collect();
     let json = global.format == Format::Json;
@@ -359,7 +432,7 @@ mod tests {
 
     /// What `listen` makes of a board that sends this once it is asked, in small pieces.
     fn heard(said: &'static str) -> (Result<Report, Failure>, Vec<String>) {
-        let (mut host, mut board) = pipe();
+        let (host, mut board) = pipe();
         let there = std::thread::spawn(move || {
             let mut asked = [0; 8];
             while board
@@ -373,8 +446,7 @@ mod tests {
             while board.read(&mut asked, Duration::from_millis(50)).is_ok() {}
         });
         let mut lines = Vec::new();
-        let report = listen(&mut host, |line| lines.push(line.to_owned()));
-        drop(host);
+        let report = listen(Box::new(host), || None, |line| lines.push(line.to_owned()));
         there.join().expect("it ends");
         (report, lines)
     }
@@ -387,13 +459,13 @@ mod tests {
         assert_eq!(lines.len(), 3, "{lines:?}");
         let report = report.expect("it came to its end");
         let expected = [
-            ("reset", true, "cause 1, epitaph 0"),
-            ("stop_cuts", false, "enable stayed high"),
+            ("reset", Verdict::Pass, "cause 1, epitaph 0"),
+            ("stop_cuts", Verdict::Fail, "enable stayed high"),
         ];
         let found = report
             .checks
             .iter()
-            .map(|found| (found.name.as_str(), found.passed, found.figure.as_str()));
+            .map(|found| (found.name.as_str(), found.verdict, found.figure.as_str()));
         assert!(found.eq(expected), "{report:?}");
     }
 
@@ -431,9 +503,9 @@ mod tests {
     fn a_check_that_failed_is_an_error_that_names_it_and_the_lines_are_kept() {
         let folder = tempfile::tempdir().expect("a folder");
         let path = folder.path().join("selftest.txt");
-        let found = |name: &str, passed| Found {
+        let found = |name: &str, verdict| Found {
             name: name.to_owned(),
-            passed,
+            verdict,
             figure: "3 of 4".to_owned(),
         };
         let global = Global {
@@ -441,14 +513,67 @@ mod tests {
             verbose: 0,
         };
         let mut report = Report {
-            checks: vec![found("clocks", true)],
+            checks: vec![
+                found("clocks", Verdict::Pass),
+                found("usb_up", Verdict::Untimed),
+            ],
         };
         assert!(judge(&report, "x", Some(&path), &global).is_ok());
-        report.checks.push(found("encoder_2_forward", false));
+        report
+            .checks
+            .push(found("encoder_2_forward", Verdict::Fail));
         let error = judge(&report, "x", Some(&path), &global).expect_err("one failed");
         let error = error.report.to_string();
-        assert_eq!(error, "1 of 2 checks failed: encoder_2_forward");
+        assert_eq!(error, "1 of 3 checks failed: encoder_2_forward");
         let text = std::fs::read_to_string(&path).expect("written");
-        assert_eq!(text, "pass clocks 3 of 4\nFAIL encoder_2_forward 3 of 4\n");
+        let expected = "pass clocks 3 of 4\nuntimed usb_up 3 of 4\nFAIL encoder_2_forward 3 of 4\n";
+        assert_eq!(text, expected);
+    }
+
+    /// A board that asks for 60 bytes, resets itself, and goes on.
+    #[test]
+    fn what_it_asks_for_is_sent_and_a_reset_is_gone_through() {
+        let (host, mut board) = pipe();
+        let (again, mut after) = pipe();
+        let there = std::thread::spawn(move || {
+            let asked = hear(&mut board, 1);
+            board.write(b"send 60\r\n").expect("room");
+            let bytes = hear(&mut board, 60);
+            board
+                .write(b"pass usb_down 60 bytes\r\n~filler\r\nnext window_watchdog\r\n")
+                .expect("room");
+            std::thread::sleep(Duration::from_millis(300));
+            drop(board);
+            let word = hear(&mut after, 1);
+            after
+                .write(b"pass window_watchdog after 49 ms\r\nend 2 passed 0 failed 0 untimed\r\n")
+                .expect("room");
+            std::thread::sleep(Duration::from_millis(300));
+            (asked, bytes, word)
+        });
+        let mut ports: Vec<Option<Box<dyn Port>>> = vec![Some(Box::new(again)), None, None];
+        let mut lines = Vec::new();
+        let report = listen(
+            Box::new(host),
+            || ports.pop().flatten(),
+            |line| lines.push(line.to_owned()),
+        );
+        let (asked, bytes, word) = there.join().expect("it ends");
+        assert_eq!((asked.as_slice(), word.as_slice()), (BEGIN, GO_ON));
+        let expected: Vec<u8> = PATTERN.iter().copied().cycle().take(60).collect();
+        assert_eq!(bytes, expected);
+        let names: Vec<_> = report.expect("to its end").checks;
+        assert_eq!(names.len(), 2, "{names:?}");
+        assert_eq!(lines.len(), 3, "{lines:?}");
+    }
+
+    fn hear(port: &mut impl Port, count: usize) -> Vec<u8> {
+        let mut heard = Vec::new();
+        while heard.len() < count {
+            let mut bytes = [0; 64];
+            let read = port.read(&mut bytes, Duration::from_millis(50));
+            heard.extend_from_slice(&bytes[..read.expect("it is there")]);
+        }
+        heard
     }
 }
