@@ -21,13 +21,20 @@ pub trait Meter {
     /// Cost of one run.
     fn once(&mut self, work: impl FnMut()) -> u32;
 
+    /// Whether anybody wants the figure of this name.
+    fn wants(&self, _: &str) -> bool {
+        true
+    }
+
     /// Takes a figure.
     fn line(&mut self, name: &'static str, figure: u32);
 
     /// Runs the work a few times; the figure is the most that one took.
     fn most(&mut self, name: &'static str, mut work: impl FnMut()) {
-        let most = (0..REPEAT).map(|_| self.once(&mut work)).max();
-        self.line(name, most.unwrap_or(0));
+        if self.wants(name) {
+            let most = (0..REPEAT).map(|_| self.once(&mut work)).max();
+            self.line(name, most.unwrap_or(0));
+        }
     }
 }
 
@@ -122,6 +129,9 @@ fn ticks(
     rows: Option<&Rows>,
     [plain_name, swap_name]: [&'static str; 2],
 ) {
+    if !meter.wants(plain_name) && !meter.wants(swap_name) {
+        return;
+    }
     let Ok(mut control) = Control::new(*device) else {
         return;
     };

@@ -2,6 +2,7 @@
 //! Entry points: [`build_one`], [`gated`].
 
 use crate::Format;
+use crate::cycles::{self, Estimate};
 use crate::gates::{self, FIRMWARE, Gate, Outcome, Snapshot};
 use crate::image::{self, Image};
 use crate::made_of;
@@ -53,6 +54,9 @@ const TICK_LIMITS: [(&str, u64); 5] = [
     ("tick_rows24_with_swap_serial_arm", 76_000),
     ("tick_rows24_cones_with_swap_serial_arm", 76_000),
 ];
+
+/// Most that a tick may take, estimated: a fifth of its 168000 is left for the link and telemetry \[cycles\].
+const CYCLE_LIMIT: u64 = 134_400;
 
 /// Time after which the emulator is stopped \[s\]; a run takes about one.
 const BENCH_LIMIT_S: u32 = 60;
@@ -122,6 +126,7 @@ struct Summary {
     rustc: String,
     boards: BTreeMap<&'static str, Image>,
     instructions: BTreeMap<String, u64>,
+    cycles: BTreeMap<String, Estimate>,
     gates: Vec<Gate>,
     status: &'static str,
 }
@@ -186,6 +191,16 @@ pub fn gated(bless: bool, format: Format) -> Result<()> {
     for (name, limit) in TICK_LIMITS {
         gates.push(gates::limit(name, instructions.get(name).copied(), limit));
     }
+    let cycles = cycles::all()?;
+    for (name, estimate) in &cycles {
+        let title = format!("{name} in cycles");
+        gates.push(gates::limit(&title, Some(estimate.cycles), CYCLE_LIMIT));
+        // What was followed is what was counted: to a percent, as blocks that an interrupt or a page cuts are not.
+        let counted = instructions.get(name).copied().unwrap_or(0);
+        let apart = counted.abs_diff(estimate.instructions);
+        let title = format!("{name} followed");
+        gates.push(gates::limit(&title, Some(apart), counted / 100 + 100));
+    }
     for (board, image) in &boards {
         let way = image.panic_in_control.join(" calls ");
         let (outcome, found) = if way.is_empty() {
@@ -209,6 +224,7 @@ pub fn gated(bless: bool, format: Format) -> Result<()> {
         rustc,
         boards,
         instructions,
+        cycles,
         gates,
         status,
     };
@@ -234,7 +250,9 @@ fn print_text(summary: &Summary) {
     }
     println!();
     for (name, count) in &summary.instructions {
-        println!("{name:<40} {count:>9}  instructions");
+        let estimate = summary.cycles.get(name).map(|estimate| estimate.cycles);
+        let cycles = estimate.map_or_else(String::new, |c| format!(", about {c} cycles"));
+        println!("{name:<40} {count:>9}  instructions{cycles}");
     }
     println!();
     gates::print(&summary.gates);

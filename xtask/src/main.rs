@@ -3,6 +3,7 @@
 mod bars;
 mod bench;
 mod calls;
+mod cycles;
 mod firmware;
 mod fuzz;
 mod gates;

@@ -14,16 +14,32 @@ use cortex_m::peripheral::SYST;
 use cortex_m_semihosting::hio;
 use sutura_firmware::measure::{Meter, REPEAT};
 
+/// What is counted begins here. `cargo xtask firmware` follows the instructions from here on, up to the other mark.
+#[inline(never)]
+fn mark_begin() {
+    cortex_m::asm::nop();
+}
+
+/// What is counted ends here.
+#[inline(never)]
+fn mark_end() {
+    // Two, or the compiler would make one function of both.
+    cortex_m::asm::nop();
+    cortex_m::asm::nop();
+}
+
 /// Counts instructions.
 struct Stopwatch {
     /// SysTick counts of measuring nothing.
     overhead: u32,
+    /// The only case that is wanted, if not all are.
+    only: Option<heapless::String<64>>,
 }
 
 impl Stopwatch {
     /// SysTick must be running at the core clock over its full 24 bits.
-    fn new() -> Self {
-        let mut stopwatch = Self { overhead: 0 };
+    fn new(only: Option<heapless::String<64>>) -> Self {
+        let mut stopwatch = Self { overhead: 0, only };
         stopwatch.overhead = (0..REPEAT)
             .map(|_| stopwatch.counts(&mut || ()))
             .min()
@@ -35,7 +51,9 @@ impl Stopwatch {
         // Fences, or the compiler would move parts of the work out of the count.
         let start = SYST::get_current();
         compiler_fence(Ordering::SeqCst);
+        mark_begin();
         work();
+        mark_end();
         compiler_fence(Ordering::SeqCst);
         let end = SYST::get_current();
         (start.wrapping_sub(end) & 0x00FF_FFFF).saturating_sub(self.overhead)
@@ -43,6 +61,10 @@ impl Stopwatch {
 }
 
 impl Meter for Stopwatch {
+    fn wants(&self, name: &str) -> bool {
+        self.only.as_ref().is_none_or(|only| *only == name)
+    }
+
     fn once(&mut self, mut work: impl FnMut()) -> u32 {
         // 8 ns at 168 MHz: 1.344 counts an instruction.
         (self.counts(&mut work) * 1000 + 672) / 1344
@@ -122,7 +144,7 @@ mod bench {
         let [back, front] = cx.local.ends;
         let [written, newest] = cx.local.sample_ends;
         crash_if_told();
-        let mut stopwatch = Stopwatch::new();
+        let mut stopwatch = Stopwatch::new(only());
 
         stopwatch.most("contact_swap", || {
             contacts.lock(|contacts| contacts.publish(back));
@@ -141,6 +163,14 @@ mod bench {
         loop {
             debug::exit(debug::EXIT_SUCCESS);
         }
+    }
+
+    /// The case after the word `only` on the emulator's command line.
+    fn only() -> Option<heapless::String<64>> {
+        let mut buffer = [0; 512];
+        let mut words = board::command_line(&mut buffer).split_whitespace();
+        words.find(|word| *word == "only")?;
+        heapless::String::try_from(words.next()?).ok()
     }
 
     /// Goes wrong as the emulator's command line says: `crash panic`, `crash overflow`, `crash exception`.
