@@ -158,8 +158,8 @@ mod selftest {
         });
         let bytes = bytes.get(..count).unwrap_or_default();
         if !BULK.take(bytes) {
-            let words = bytes.iter().filter(|byte| [BEGIN, GO_ON].contains(byte));
-            if let Some(word) = words.last() {
+            let word = bytes.iter().rfind(|byte| [BEGIN, GO_ON].contains(byte));
+            if let Some(word) = word {
                 cx.shared.word.lock(|newest| *newest = Some(*word));
             }
         }

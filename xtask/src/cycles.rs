@@ -112,7 +112,7 @@ fn short(code: u32, at: u32) -> Instruction {
     match code >> 8 {
         0x44..=0x46 if code & 0x87 == 0x87 => branch(2, 1),
         0x47 => branch(2, 1),
-        0x48..=0x4F => load(2, Some((at + 4 & !3) + 4 * (code & 0xFF))),
+        0x48..=0x4F => load(2, Some(((at + 4) & !3) + 4 * (code & 0xFF))),
         // Offsets in registers: stores of a word, half, byte; then loads.
         0x50..=0x55 => store(2),
         0x56..=0x5F => load(2, None),
@@ -132,7 +132,7 @@ fn short(code: u32, at: u32) -> Instruction {
 fn long(first: u32, second: u32, at: u32) -> Instruction {
     let list = second.count_ones();
     let literal = |offset: u32, up: bool| {
-        let from = at + 4 & !3;
+        let from = (at + 4) & !3;
         Some(if up {
             from.wrapping_add(offset)
         } else {
