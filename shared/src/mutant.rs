@@ -1,6 +1,6 @@
 //! Guards that are taken out, one at a time, to see whether a test notices.
 //!
-//! Entry points: [`stands`] at a guard, [`take_out`] where an image starts. Without the feature `mutants`, which nothing that goes to a
+//! Entry points: [`stands`] at a guard, `take_out` where an image starts. Without the feature `mutants`, which nothing that goes to a
 //! console has, every guard stands, the compiler knows it, and nothing of this is left.
 
 #[cfg(feature = "mutants")]
