@@ -12,7 +12,12 @@
 /// For who writes it to a board.
 #[used]
 #[unsafe(link_section = ".identification")]
-static IDENTIFICATION: [u8; 64] = sutura_firmware::board::identification("console");
+static IDENTIFICATION: [u8; 64] =
+    sutura_firmware::board::identification(if cfg!(feature = "mutants") {
+        "mutants"
+    } else {
+        "console"
+    });
 
 #[rtic::app(device = stm32f4xx_hal::pac, peripherals = true)]
 mod sutura {
