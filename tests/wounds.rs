@@ -118,13 +118,14 @@ fn an_open_wound_is_reported_as_it_is_made() {
     }
 }
 
-/// What bridges the gap is as short as the scene says, and nobody pulls at the thread's ends.
+/// What bridges the gap is as short as the scene says, and what has been drawn out for that is told.
 #[test]
 fn bridges_are_as_short_as_they_are_tightened() {
     let text = coarse();
     let (before, rest) = text.split_once("length_m = 0.3\nhold = [").unwrap();
     let (_, after) = rest.split_once("]\n").unwrap();
-    let tighten = "length_m = 0.3\ntighten = [{ time_s = 6.7, until_s = 8.7, ratio = 0.4 }]\n";
+    let tighten = "length_m = 0.3\nhold = [{ time_s = 6.57, end = \"tail\", at_m = [-0.0128, -0.0091, 0.0064] }]\n\
+                   tighten = [{ time_s = 6.7, until_s = 8.7, ratio = 0.4 }]\n";
     let directory = tempfile::tempdir().unwrap();
     let whole = [before, tighten, after].concat();
     let wound_at = |at_s: &str| solve(directory.path(), &whole, &["--at", at_s])["wound"].clone();
@@ -135,9 +136,61 @@ fn bridges_are_as_short_as_they_are_tightened() {
     );
     let done = wound_at("9.0");
     assert!((number(&done, "bridge_ratio") - 0.4).abs() < 1e-3, "{done}");
-    assert_eq!(done["threads"][0]["tension_n"][1], 0.0, "{done}");
+    let drawn = |wound: &Value| number(&wound["threads"][0], "drawn_m");
+    assert!(drawn(&done) > drawn(&half_way) + 0.005, "{done}");
+    assert!(number(&done, "pulled_m") >= drawn(&done), "{done}");
     assert!(number(&done, "gap_ratio") < number(&half_way, "gap_ratio"));
     assert!(number(&done, "gap_ratio") < 0.6, "{done}");
+}
+
+/// Two knots pull at one slab: both threads have their tension, and the console's hand feels its own alone.
+#[test]
+fn two_threads_pull_at_one_slab() {
+    let ran = sutura(&[
+        "run",
+        "scenes/two-threads.toml",
+        "--lockstep",
+        "--format",
+        "json",
+    ]);
+    assert_eq!(ran.code, 0, "{}", ran.stderr);
+    let summary: Value = serde_json::from_str(&ran.stdout).unwrap();
+    assert_eq!(summary["steps_withheld"], serde_json::json!({}));
+    assert_eq!(summary["decays"], 0);
+    assert_eq!(summary["scene"]["punctures"], 4);
+    for (thread, by) in [(0, 0), (1, 1)] {
+        let thread = &summary["scene"]["threads"][thread];
+        assert_eq!(thread["held_by"], serde_json::json!([null, by]));
+        assert!((0.1..0.6).contains(&number(thread, "peak_tension_n")), "{thread}");
+        assert_eq!(thread["state"], "slack", "{thread}");
+    }
+    let peak = number(&summary["force_n"], "peak");
+    assert!((0.2..1.0).contains(&peak), "{peak} N");
+}
+
+/// What hands that tighten draw out of two tubes depends on friction along the thread, and closes them bite by bite.
+#[test]
+fn an_anastomosis_is_drawn_together_bite_by_bite() {
+    let text = std::fs::read_to_string(root().join("scenes/anastomosis-50-tighten.toml")).unwrap();
+    let directory = tempfile::tempdir().unwrap();
+    let drawn = |friction: &str| {
+        let other = text.replace("\nfriction = 0.1\n", &format!("\nfriction = {friction}\n"));
+        let summary = run(directory.path(), &other);
+        assert_eq!(summary["steps_withheld"], serde_json::json!({}), "{friction}");
+        let scene = &summary["scene"];
+        assert!(number(scene, "gap_ratio") < 0.2, "{scene}");
+        assert!(number(scene, "bridge_ratio") < 0.2, "{scene}");
+        let thread = &scene["threads"][0];
+        let over_m = number(thread, "length_m") - number(thread, "available_m");
+        assert!(over_m < 1e-6, "{thread}");
+        assert!(number(thread, "drawn_m") > 0.1, "{thread}");
+        let spent = number(thread, "dissipated_j");
+        (summary["trace_hash"].clone(), spent)
+    };
+    let [without, some, more] = ["0.0", "0.1", "0.5"].map(drawn);
+    assert_eq!(without.1, 0.0);
+    assert!(0.0 < some.1 && some.1 < more.1, "{some:?} {more:?}");
+    assert!(without.0 != some.0 && some.0 != more.0 && without.0 != more.0);
 }
 
 /// Nothing of a thread is reported or sent where there is none.

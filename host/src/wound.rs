@@ -8,7 +8,7 @@ use crate::fem::von_mises_pa;
 use crate::model::Model;
 use crate::scene::{Scene, TissueContact};
 use crate::step::{State, Status, StepOptions, StepReport, Workspace, step};
-use crate::thread::{Bridge, HandReport, ThreadReport, ThreadTension, Tightening};
+use crate::thread::{Bridge, HandReport, ThreadReport, ThreadTension};
 use nalgebra::Vector3;
 use serde::Serialize;
 
@@ -57,7 +57,7 @@ pub struct WoundReport {
     /// Largest tension at an end of a thread \[N\].
     #[serde(skip_serializing_if = "Option::is_none")]
     pub tension_n: Option<f64>,
-    /// Thread drawn out of the tissue, of all threads at both ends \[m\].
+    /// Thread drawn out of the tissue, of all threads at both ends and by hands that tighten \[m\].
     #[serde(skip_serializing_if = "Option::is_none")]
     pub pulled_m: Option<f64>,
     /// Largest principal stress of a cell, of either sign \[Pa\].
@@ -107,6 +107,9 @@ pub struct ThreadSummary {
     /// Slipped through the grips at tail and head so far \[m\], (2).
     #[serde(skip_serializing_if = "nothing_slipped")]
     pub slipped_m: [f64; 2],
+    /// Drawn out of its spans by hands that tighten them \[m\].
+    #[serde(skip_serializing_if = "is_nothing")]
+    pub drawn_m: f64,
     /// What has been broken off \[m\], if it has broken.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub broken_off_m: Option<f64>,
@@ -139,6 +142,10 @@ pub struct HandSummary {
     /// Slipped through it so far to both sides \[m\], (2).
     #[serde(skip_serializing_if = "nothing_slipped")]
     pub slipped_m: [f64; 2],
+}
+
+fn is_nothing(length_m: &f64) -> bool {
+    *length_m == 0.0
 }
 
 fn nothing_slipped(slipped_m: &[f64; 2]) -> bool {
@@ -198,7 +205,7 @@ impl Wound {
                 .iter()
                 .map(|thread| last.most_tension_n(thread.id))
                 .reduce(f64::max),
-            pulled_m: has_threads.then(|| threads.iter().flat_map(|t| t.pulled_m).sum()),
+            pulled_m: has_threads.then(|| threads.iter().map(drawn_m).sum()),
             stress_peak_pa: stresses.iter().flatten().map(|s| s.abs()).reduce(f64::max),
             von_mises_peak_pa: stresses.iter().map(von_mises_pa).reduce(f64::max),
             touching: (!self.contacts.is_empty()).then_some(last.touching),
@@ -224,7 +231,7 @@ impl Wound {
         while left > WELDED {
             let next = (left - part).max(WELDED);
             for thread in &self.threads {
-                state.tighten(model, *thread, Some(Tightening::all(next)));
+                state.weld(model, *thread, next);
             }
             match balance(model, &mut state, &mut work) {
                 Status::Ok => left = next,
@@ -299,11 +306,17 @@ impl ThreadSummary {
             wraps: report.wraps,
             dissipated_j: report.dissipated_j,
             slipped_m: report.slipped_m,
+            drawn_m: report.drawn_m,
             broken_off_m: report.broken_off_m,
             hands: Vec::new(),
             thread_pressure_pa: Vec::new(),
         }
     }
+}
+
+/// Drawn out of the tissue so far, at both ends and by hands that tighten \[m\].
+fn drawn_m(report: &ThreadReport) -> f64 {
+    report.pulled_m.iter().sum::<f64>() + report.drawn_m
 }
 
 fn hands_of(report: &StepReport, thread: u8) -> Vec<HandSummary> {

@@ -114,8 +114,8 @@ pub struct ThreadHoldSection {
     pub lets_go: Option<Spanned<bool>>,
 }
 
-/// `[[thread.tighten]]`: what bridges two parts of the tissue shrinks to a part of its length in the unloaded mesh,
-/// whatever the ends do.
+/// `[[thread.tighten]]`: hands hold the thread where spans that bridge two parts of the tissue end, and draw it out of them until there is
+/// thread for a part of their length in the unloaded mesh.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ThreadTightenSection {
@@ -131,6 +131,9 @@ pub struct ThreadTightenSection {
     /// Whether one span comes after the other, from the tail on; all together when left out.
     #[serde(default)]
     pub in_turn: bool,
+    /// Tension in a span at which its hand draws no further \[N\]; it draws on when left out.
+    #[schemars(with = "Option<f64>")]
+    pub most_n: Option<Spanned<f64>>,
 }
 
 /// `[[tissue_contact]]`: two parts of the tissue may touch.

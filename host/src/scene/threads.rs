@@ -61,17 +61,19 @@ pub struct ThreadHeld {
     pub by: ThreadHold,
 }
 
-/// When a thread's segments between punctures shrink, in proportion to time.
+/// When hands tighten a thread's spans between punctures, in proportion to time.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Tighten {
     /// When it begins \[s\].
     pub time_s: f64,
     /// When it is done \[s\].
     pub until_s: f64,
-    /// What is left then of their length in the unloaded mesh.
+    /// Thread that is left in them then, over their length in the unloaded mesh.
     pub ratio: f64,
     /// Whether one comes after the other.
     pub in_turn: bool,
+    /// Tension in one at which its hand draws no further \[N\].
+    pub most_n: f64,
 }
 
 impl Thread {
@@ -95,6 +97,7 @@ impl Thread {
                 1.0
             },
             in_turn: last.in_turn,
+            most_n: last.most_n,
         })
     }
 }
@@ -162,9 +165,9 @@ pub(super) fn read_threads(
         };
         threads.push(Thread {
             part,
+            tightens: read_tightens(document, &said.tighten, &part, &holds)?,
             holds,
             cuts,
-            tightens: read_tightens(document, &said.tighten)?,
         });
     }
     Ok(threads)
@@ -407,6 +410,8 @@ fn read_tool(document: &Document, id: &Spanned<u8>, tools: &[Tool]) -> Result<u8
 fn read_tightens(
     document: &Document,
     sections: &[Spanned<ThreadTightenSection>],
+    part: &ThreadPart,
+    holds: &[ThreadHeld],
 ) -> Result<Vec<Tighten>, SceneError> {
     let mut list: Vec<Tighten> = Vec::with_capacity(sections.len());
     for section in sections {
@@ -415,18 +420,36 @@ fn read_tightens(
             until_s,
             ratio,
             in_turn,
+            most_n,
         } = section.get_ref();
         let before_s = list.last().map_or(0.0, |tighten| tighten.until_s);
+        let span = time_s.span();
         let time_s = in_order(document, "time_s", time_s, before_s)?;
+        let mut tails = holds.iter().filter(|hold| hold.end == ThreadEnd::Tail);
+        let tail = tails.rfind(|hold| hold.time_s <= time_s);
+        let is_held = tail.is_some_and(|hold| hold.by != ThreadHold::Free);
+        if !(is_held || part.drags()) {
+            let id = part.id;
+            let message =
+                format!("thread {id} is tightened at {time_s} s, and nothing holds its tail then");
+            let help = "hands that tighten would draw it out by its tail: hold that before (`[[thread.hold]]` with `end = \"tail\"` and a \
+                        `tool`, a place `at_m` or `knot = true`), or let tissue hold the thread back (`drag_n_per_m`)";
+            return Err(document.flaw(span, message, "its tail is free", Some(help)));
+        }
         let until_s = in_order(document, "until_s", until_s, time_s)?;
         let help = "what is left of the length: 0 draws the punctures together, 1 changes nothing";
         let sound = |v: f64| (0.0..=1.0).contains(&v);
         let ratio = document.number("ratio", ratio, "from 0 to 1", sound, help)?;
+        let most_n = most_n.as_ref().map_or(Ok(f64::INFINITY), |most_n| {
+            let help = "in newtons: a surgeon draws stitches of tissue together with 0.2 to 2";
+            document.number("most_n", most_n, "above zero", |v| v > 0.0, help)
+        })?;
         list.push(Tighten {
             time_s,
             until_s,
             ratio,
             in_turn: *in_turn,
+            most_n,
         });
     }
     Ok(list)

@@ -327,6 +327,13 @@ const SLIPS: &[Slip] = &[
         help: "",
     },
     Slip {
+        from: "[[thread.tighten]]\ntime_s = 2.0",
+        to: "[[thread.tighten]]\ntime_s = 1.25",
+        message: "thread 0 is tightened at 1.25 s, and nothing holds its tail then",
+        under: "1.25",
+        help: "hold that before (`[[thread.hold]]` with `end = \"tail\"`",
+    },
+    Slip {
         from: "strength_n = 12.0",
         to: "strength_n = 12.0\ncut = [{ time_s = 1.0, tool = 77 }]",
         message: "there is no tool 77",

@@ -248,9 +248,10 @@ impl State {
         at.iter().all(|x| x.is_finite()) && state.cut_thread(sources, &nodes_m, thread, &at, knots)
     }
 
-    /// Bounds every span of a thread that bridges two bodies of tissue (every one between punctures, if there is only one
-    /// body) to a part of its length in the unloaded mesh (younes-2021, 3.37), whatever its ends do; `None` gives them
-    /// free again. Says whether there is such a thread and the numbers make sense.
+    /// Has hands tighten every span of a thread that bridges two bodies of tissue (every one between punctures, if there is only one
+    /// body): each holds its span where that goes into the tissue on the way to the head, and takes in what there is of thread in it
+    /// beyond a part of its length in the unloaded mesh. With `None` they let go, and what they have taken in is thread of their spans again.
+    /// Says whether there is such a thread and the numbers make sense.
     pub fn tighten(&mut self, model: &Model, thread: u8, to: Option<Tightening>) -> bool {
         let index = model.thread(thread);
         let Some((state, index)) = self.sources.as_mut().zip(index) else {
@@ -258,11 +259,22 @@ impl State {
         };
         let is_sound = to.is_none_or(|to| to.is_sound());
         if is_sound {
-            for strand in state.strands(index).iter() {
-                state.threads[strand].tightened = to;
-            }
+            state.tighten_thread(index, to);
         }
         is_sound
+    }
+
+    /// Draws every span of a thread that bridges two bodies of tissue together to a part of its length in the unloaded mesh, without thread
+    /// (younes-2021, 3.37): a figure of its punctures. Whether there is such a thread.
+    pub(crate) fn weld(&mut self, model: &Model, thread: u8, ratio: f64) -> bool {
+        let index = model.thread(thread);
+        let Some((state, index)) = self.sources.as_mut().zip(index) else {
+            return false;
+        };
+        for strand in state.strands(index).iter() {
+            state.threads[strand].welded = Some(ratio);
+        }
+        true
     }
 
     /// Tissue at rest and threads that nothing holds, through the faces that they go through in this state; nothing else of it.

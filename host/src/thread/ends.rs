@@ -77,12 +77,24 @@ impl ThreadState {
                 rows.count = 2;
             }
         }
+        // Of the portion that it ends.
+        let (before, portion) = match end {
+            ThreadEnd::Tail => (0, self.portion(0)),
+            ThreadEnd::Head | ThreadEnd::Span => {
+                let last = self.portion(self.spans.len().saturating_sub(1));
+                let before = self.portions().filter(|portion| portion.end < last.end);
+                let rows = before.map(|portion| self.length_rows(part, is_held, &portion));
+                (rows.sum(), last)
+            }
+        };
+        let is_held = self.is_portion_held(&portion, is_held);
         let beyond = match end {
             ThreadEnd::Tail => 0,
-            ThreadEnd::Head | ThreadEnd::Span => self.friction_rows(part, is_held),
+            ThreadEnd::Head | ThreadEnd::Span => self.friction_rows(part, is_held, portion),
         };
         if (is_held || beyond > 0) && !segment.was_weld {
-            rows.bounds.1 = first + usize::from(is_held) + beyond;
+            rows.bounds.0 = first + before;
+            rows.bounds.1 = rows.bounds.0 + usize::from(is_held) + beyond;
             rows.along = segment.solved_along;
             // The friction of the passage in which it ends acts before it in part.
             rows.last = match segment.piece {

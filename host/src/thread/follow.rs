@@ -11,6 +11,7 @@ use super::segments::Segment;
 use super::state::{ThreadState, Weakest};
 use crate::dense::Lu;
 use crate::rows::Mode;
+use std::ops::Range;
 
 /// Most rows on lengths of one thread that are looked at together; the bounds of more follow solve by solve.
 const MOST_ROWS: usize = 128;
@@ -180,27 +181,52 @@ impl ThreadState {
         rows: LengthRows,
         work: &mut FollowWork,
     ) {
-        let begin = usize::from(is_held);
-        let m = begin + self.friction_rows(part, is_held);
-        if m == begin || m > work.change.len() {
-            return;
+        let (mut next, mut first) = (0, rows.first);
+        while next < self.spans.len() {
+            let portion = self.portion(next);
+            let own = LengthRows { first, ..rows };
+            let count = self.length_rows(part, is_held, &portion);
+            (first, next) = (first + count, portion.end);
+            let is_held = self.is_portion_held(&portion, is_held);
+            if count > usize::from(is_held) && count <= work.change.len() {
+                self.foresee_portion(part, &portion, is_held, own, work);
+            }
         }
+    }
+
+    /// The same of a portion between hands.
+    fn foresee_portion(
+        &mut self,
+        part: &ThreadPart,
+        portion: &Range<usize>,
+        is_held: bool,
+        rows: LengthRows,
+        work: &mut FollowWork,
+    ) {
+        let begin = usize::from(is_held);
+        self.list_bounds(part, portion, is_held, work);
         work.modes.clear();
-        work.modes.extend((0..m).map(|row| rows.mode(row)));
-        self.list_bounds(is_held, work);
+        work.modes
+            .extend((0..work.bounds.len()).map(|row| rows.mode(row)));
         for _ in 0..MOST_SETS {
             if !work.solve(&rows, begin) {
                 return;
             }
             if work.look(&rows, begin) {
-                self.follow(is_held, work);
+                self.follow(portion, is_held, work);
                 return;
             }
         }
     }
 
     /// Bounds as the last solve has them, and how they follow.
-    fn list_bounds(&self, is_held: bool, work: &mut FollowWork) {
+    fn list_bounds(
+        &self,
+        part: &ThreadPart,
+        portion: &Range<usize>,
+        is_held: bool,
+        work: &mut FollowWork,
+    ) {
         let FollowWork {
             bounds,
             rates,
@@ -211,15 +237,20 @@ impl ThreadState {
         rates.clear();
         weights.clear();
         let passages = || {
-            let spans = self.spans.iter().enumerate();
-            spans.filter_map(|(place, span)| Some((place, span, span.passage?)))
+            let places = portion.clone();
+            places.filter_map(|place| {
+                let span = &self.spans[place];
+                Some((place, span, span.passage?))
+            })
         };
         if is_held {
-            bounds.push([0.0, self.bound_n]);
+            bounds.push([0.0, self.most_n(part, portion)]);
             rates.push([0.0, 1.0]);
-            let mut segments = self.segments.iter();
+            let segments = self.segments.iter();
+            let mut segments = segments.filter(|segment| portion.contains(&segment.span));
             let tension = |a: &&Segment, b: &&Segment| a.tension_n.total_cmp(&b.tension_n);
             let weakest = match self.weakest {
+                _ if portion.start > 0 => None,
                 Weakest::Tail => None,
                 Weakest::Head => segments.next_back(),
                 Weakest::Thread => segments.max_by(tension),
@@ -234,13 +265,14 @@ impl ThreadState {
     }
 
     /// Takes over the bounds that hold with the change found.
-    fn follow(&mut self, is_held: bool, work: &FollowWork) {
+    fn follow(&mut self, portion: &Range<usize>, is_held: bool, work: &FollowWork) {
         let begin = usize::from(is_held);
-        if is_held {
+        if is_held && portion.start == 0 {
             let [_, most_n] = work.bounds(0, work.more_n(begin, 0));
             self.bound_n = most_n.max(0.0);
         }
-        let passages = self.spans.iter_mut().filter(|span| span.passage.is_some());
+        let spans = self.spans[portion.clone()].iter_mut();
+        let passages = spans.filter(|span| span.passage.is_some());
         for (row, span) in (begin..work.modes.len()).zip(passages) {
             let [low, high] = work.bounds(row, work.more_n(begin, row));
             span.limit_n = high.max(0.0);

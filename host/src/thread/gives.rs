@@ -92,6 +92,9 @@ impl ThreadState {
     /// Most tension at the tail with which grips and knots hold and nothing breaks; whether it is as it was, or does not matter.
     pub(super) fn bind(&mut self, part: &ThreadPart, shared: f64) -> bool {
         let Through { grip_n, knot_n, .. } = part.through;
+        // Up to the first hand that tightens, which holds what comes.
+        let end = self.portion(0).end;
+        let segments = self.segments.iter().filter(|segment| segment.span < end);
         // A grip withstands the difference of the tensions at both sides.
         let holds = |end: usize, hold: ThreadHold| match hold {
             ThreadHold::Tool(_) => grip_n + self.beyond_n[end],
@@ -99,10 +102,10 @@ impl ThreadState {
             _ => f64::INFINITY,
         };
         let more = |segment: &Segment| segment.tension_n - shared;
-        let most = self.segments.iter().map(more).fold(0.0, f64::max);
+        let most = segments.map(more).fold(0.0, f64::max);
         let at_head = self.segments.last().map_or(0.0, more);
         // The needle is too thick for a grip that holds the thread.
-        let head_n = if self.head.alpha < 0.0 {
+        let head_n = if self.head.alpha < 0.0 && !self.has_hands() {
             holds(1, self.head.by)
         } else {
             f64::INFINITY
@@ -127,7 +130,8 @@ impl ThreadState {
     /// \[m\]; whether it is the thread that gives way.
     pub(super) fn give_way(&mut self, part: &ThreadPart, ends: [f64; 2]) -> bool {
         let shared = self.tension_at_tail();
-        let lacking = self.needed_m(part) - self.available_m();
+        let portion = self.portion(0);
+        let lacking = self.needed_m(part, &portion) - self.material_m(&portion);
         if lacking <= LENGTH_M || shared < self.bound_n - NO_TENSION_N {
             return false;
         }

@@ -21,6 +21,7 @@ mod state;
 mod strands;
 mod stretch;
 mod through;
+mod tighten;
 mod wrap;
 
 pub(crate) use bends::BendWork;

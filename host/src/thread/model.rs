@@ -130,7 +130,7 @@ impl ThreadEnd {
     }
 }
 
-/// How far spans that bridge two bodies of tissue are drawn together: to a part of their length in the unloaded mesh.
+/// How short hands make spans that bridge two bodies of tissue: there is thread in each for a part of its length in the unloaded mesh.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Tightening {
     /// To which part before, and in the end.
@@ -139,32 +139,34 @@ pub struct Tightening {
     pub done: f64,
     /// Whether one span comes after the other, from the tail on, instead of all together.
     pub in_turn: bool,
+    /// Tension in a span at which its hand draws no further \[N\]; may be infinite.
+    pub most_n: f64,
 }
 
 impl Tightening {
-    /// All spans to one part.
-    pub fn all(ratio: f64) -> Self {
-        Self {
-            ratio: [ratio; 2],
-            done: 1.0,
-            in_turn: false,
-        }
-    }
-
     /// Of the span at `place` among `count`.
     pub fn of(&self, place: usize, count: usize) -> f64 {
-        let own = if self.in_turn {
+        let [from, to] = self.ratio;
+        from + self.done_of(place, count) * (to - from)
+    }
+
+    /// Whether a hand has that span.
+    pub(crate) fn has_begun(&self, place: usize, count: usize) -> bool {
+        self.ratio[0] < 1.0 || self.done_of(place, count) > 0.0
+    }
+
+    /// How much is done of it, 0 to 1.
+    fn done_of(&self, place: usize, count: usize) -> f64 {
+        if self.in_turn {
             (self.done * count as f64 - place as f64).clamp(0.0, 1.0)
         } else {
             self.done
-        };
-        let [from, to] = self.ratio;
-        from + own * (to - from)
+        }
     }
 
     pub(crate) fn is_sound(&self) -> bool {
         let numbers = [self.ratio[0], self.ratio[1], self.done];
-        numbers.iter().all(|x| x.is_finite() && *x >= 0.0)
+        numbers.iter().all(|x| x.is_finite() && *x >= 0.0) && self.most_n > 0.0
     }
 }
 
@@ -207,6 +209,8 @@ pub struct ThreadReport {
     pub pulled_m: [f64; 2],
     /// Slipped through the grips at tail and head so far \[m\].
     pub slipped_m: [f64; 2],
+    /// Drawn out of its spans so far by hands that tighten them \[m\].
+    pub drawn_m: f64,
     /// What has been broken off \[m\], if it has broken.
     pub broken_off_m: Option<f64>,
     /// Segments of no length that the tension holds closed.

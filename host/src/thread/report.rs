@@ -384,6 +384,7 @@ impl Balance<'_> {
         out.punctures += thread.punctures();
         out.length_m += thread.length_m();
         out.available_m += thread.available_m();
+        out.drawn_m += thread.drawn_m();
         out.welds += welds.count() as u32;
         out.wraps += thread.bends.len() as u32;
         out.dissipated_j += thread.friction_j;
@@ -399,7 +400,10 @@ impl Balance<'_> {
             ThreadEnd::Tail => thread.segments.first(),
             ThreadEnd::Head | ThreadEnd::Span => thread.segments.last(),
         };
-        let is_free = end == ThreadEnd::Tail && !thread.is_tail_held();
+        let is_free = match end {
+            ThreadEnd::Tail => !thread.is_tail_held(),
+            ThreadEnd::Head | ThreadEnd::Span => thread.ends_at_hand(),
+        };
         let tension_n = segment.filter(|_| !is_free);
         let tension_n = tension_n.map_or(0.0, |segment| segment.tension_n);
         let part = self.sources.threads.part_of(strand);

@@ -13,7 +13,7 @@
 
 use super::follow::{FollowWork, LengthRows};
 use super::model::{ThreadHold, ThreadPart};
-use super::state::{Hold, ThreadState};
+use super::state::ThreadState;
 use crate::anchors::{
     AnchorPoint, ConstraintSet, ConstraintState, ConstraintSystem, MultiPointConstraint,
     PointConstraint, Term,
@@ -23,6 +23,7 @@ use crate::needle::{Crossing, anchor};
 use crate::rows::RowKind;
 use nalgebra::Vector3;
 use serde::Serialize;
+use std::ops::Range;
 
 /// A segment's direction is known when forces follow it to this part of the tension.
 const STRAIGHT: f64 = 1e-3;
@@ -108,6 +109,10 @@ pub(crate) struct Span {
     pub turn: f64,
     /// Multiplier of a bound of its own \[N\].
     pub own_n: f64,
+    /// Tension at the hand before it, if there is one \[N\].
+    pub shared_n: f64,
+    /// Whether a hand that tightens holds the thread at its end.
+    pub hand: bool,
     /// Of a way through tissue, whose friction acts along it.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub passage: Option<Passage>,
@@ -184,21 +189,33 @@ impl ThreadState {
     /// Whether anything but the thread's own slide withstands a pull.
     pub fn pulls(&self, part: &ThreadPart, head_held: bool) -> bool {
         let held = self.is_head_held(head_held) && (self.is_tail_held() || part.drags());
-        !self.passed.is_empty() && (held || self.tightened.is_some())
+        let draws = self.tightened.is_some() || self.welded.is_some();
+        !self.passed.is_empty() && (held || draws)
     }
 
     /// Whether the friction of a span, which is then a passage, has a row.
     pub fn has_friction_row(&self, part: &ThreadPart, is_held: bool, place: usize) -> bool {
-        let rubs = part.rubs() && (is_held || part.drags());
+        let rubs = part.rubs() && (is_held || part.drags() || self.has_hands());
         let span = self.spans.get(place);
         rubs && span.is_some_and(|span| span.passage.is_some())
     }
 
-    /// Rows of friction.
-    pub fn friction_rows(&self, part: &ThreadPart, is_held: bool) -> usize {
-        let places = 0..self.spans.len();
-        let rows = places.filter(|place| self.has_friction_row(part, is_held, *place));
-        rows.count()
+    /// Rows of friction of a portion.
+    pub fn friction_rows(&self, part: &ThreadPart, is_held: bool, portion: Range<usize>) -> usize {
+        let mut places = portion;
+        let has_row = |place: &usize| self.has_friction_row(part, is_held, *place);
+        places.by_ref().filter(has_row).count()
+    }
+
+    /// Rows on lengths of a portion.
+    pub(super) fn length_rows(
+        &self,
+        part: &ThreadPart,
+        is_held: bool,
+        portion: &Range<usize>,
+    ) -> usize {
+        let shared = usize::from(self.is_portion_held(portion, is_held));
+        shared + self.friction_rows(part, is_held, portion.clone())
     }
 
     /// Finds the path and linearises it; what is known of its segments stays, where others are `at` says. `head` is
@@ -279,6 +296,8 @@ impl ThreadState {
             friction_n: before.map_or(0.0, |span| span.friction_n),
             turn: before.map_or(0.0, |span| span.turn),
             own_n: before.map_or(0.0, |span| span.own_n),
+            shared_n: before.map_or(0.0, |span| span.shared_n),
+            hand: false,
             passage: None,
         });
         [first, second]
@@ -337,7 +356,7 @@ impl ThreadState {
         }
     }
 
-    /// Rows on lengths: of all of the thread, beyond each span that rubs, and of spans that are tightened.
+    /// Rows on lengths: of every portion, beyond each span that rubs, and of spans that are welded.
     fn make_length_rows(
         &self,
         index: usize,
@@ -375,26 +394,35 @@ impl ThreadState {
                     terms,
                 });
             };
-        if is_held {
-            let kind = RowKind::Between {
-                least_n: 0.0,
-                most_n: self.bound_n,
-            };
-            add(SHARED, 0, kind, &|_| 1.0, self.available_m());
-        }
-        for place in 0..count {
-            if self.has_friction_row(part, is_held, place) {
-                let span = self.spans[place];
-                let passage = span.passage.unwrap_or_default();
+        for portion in self.portions() {
+            let own = |segment: &Segment| portion.contains(&segment.span);
+            if self.is_portion_held(&portion, is_held) {
                 let kind = RowKind::Between {
-                    least_n: -passage.lessens_n,
-                    most_n: span.limit_n,
+                    least_n: 0.0,
+                    most_n: self.most_n(part, &portion),
                 };
-                let weight = |segment: &Segment| segment.beyond(place);
-                add(FRICTION_ROW, span.key, kind, &weight, self.beyond_m(place));
+                let key = self.spans[portion.start].key;
+                let weight = |segment: &Segment| f64::from(u8::from(own(segment)));
+                let key = if portion.start == 0 { 0 } else { key };
+                add(SHARED, key, kind, &weight, self.material_m(&portion));
+            }
+            for place in portion.clone() {
+                if self.has_friction_row(part, is_held, place) {
+                    let span = self.spans[place];
+                    let passage = span.passage.unwrap_or_default();
+                    let kind = RowKind::Between {
+                        least_n: -passage.lessens_n,
+                        most_n: span.limit_n,
+                    };
+                    let weight = |segment: &Segment| match own(segment) {
+                        true => segment.beyond(place),
+                        false => 0.0,
+                    };
+                    add(FRICTION_ROW, span.key, kind, &weight, self.beyond_m(place));
+                }
             }
         }
-        if self.tightened.is_some() {
+        if self.welded.is_some() {
             for place in 0..count {
                 let span = self.spans[place];
                 if let Some(length) = self.bound_m(place) {
@@ -407,24 +435,33 @@ impl ThreadState {
 
     /// What there is of thread beyond the friction of a span \[m\].
     pub(super) fn beyond_m(&self, place: usize) -> f64 {
-        let after = self.spans[place + 1..].iter().map(|span| span.material_m);
-        after.sum::<f64>() + self.own_m(place, |share| share)
+        let end = self.portion(place).end;
+        let after = self.spans[place + 1..end].iter();
+        after.map(|span| span.material_m).sum::<f64>() + self.own_m(place, |share| share)
+    }
+
+    /// What there is of thread for a portion \[m\].
+    pub(super) fn material_m(&self, portion: &Range<usize>) -> f64 {
+        let spans = self.spans[portion.clone()].iter();
+        let spans: f64 = spans.map(|span| span.material_m).sum();
+        let ends = [portion.start == 0, portion.end == self.spans.len()];
+        spans + self.loose_m(ends)
     }
 
     /// What there is of thread for the path \[m\].
     pub fn available_m(&self) -> f64 {
-        let spans: f64 = self.spans.iter().map(|span| span.material_m).sum();
-        spans + self.loose_m()
+        self.material_m(&(0..self.spans.len()))
     }
 
-    /// What is left before knots come to the tissue \[m\].
-    pub(super) fn loose_m(&self) -> f64 {
+    /// What is left before knots come to the tissue at the ends that `has_ends` \[m\].
+    pub(super) fn loose_m(&self, has_ends: [bool; 2]) -> f64 {
         let ends = self.passed.first().zip(self.passed.last());
         ends.map_or(0.0, |(first, last)| {
             let tail_m = first.crossing.alpha - self.tail.alpha;
             let head_m = self.head.alpha - last.crossing.alpha;
-            let is_knot = |hold: &Hold| f64::from(u8::from(hold.by == ThreadHold::Knot));
-            tail_m * is_knot(&self.tail) + head_m * is_knot(&self.head)
+            let knots = [&self.tail, &self.head].map(|hold| hold.by == ThreadHold::Knot);
+            let is_there = |end: usize| f64::from(u8::from(has_ends[end] && knots[end]));
+            tail_m * is_there(0) + head_m * is_there(1)
         })
     }
 
@@ -444,9 +481,10 @@ impl ThreadState {
             .get(single + first..)
             .unwrap_or_default()
             .iter();
-        let shared = self.take_tensions(part, is_held, &mut multipliers);
+        self.take_tensions(part, is_held, &mut multipliers);
+        let shared = self.spans.first().map_or(0.0, |first| first.shared_n);
         self.compliance = self.typical_compliance(system);
-        let mut settled = self.linearise_segments(shared, ground, (system, grasp), follow.part);
+        let mut settled = self.linearise_segments(ground, (system, grasp), follow.part);
         for place in 0..self.spans.len() {
             let span = self.spans[place];
             if let Some(bound_m) = self.bound_m(place) {
@@ -468,33 +506,45 @@ impl ThreadState {
         settled
     }
 
-    /// Takes the tensions of a solve, friction and what spans have of their own; the one at the tail, which all share.
+    /// Takes the tensions of a solve: those at the tail and behind hands, friction, and what spans have of their own.
     fn take_tensions<'a>(
         &mut self,
         part: &ThreadPart,
         is_held: bool,
         multipliers: &mut impl Iterator<Item = &'a f64>,
-    ) -> f64 {
+    ) {
         let mut take = || multipliers.next().copied().unwrap_or(0.0);
-        let shared = if is_held { take().max(0.0) } else { 0.0 };
+        let mut next = 0;
         for place in 0..self.spans.len() {
+            if place == next {
+                let portion = self.portion(place);
+                let is_held = self.is_portion_held(&portion, is_held);
+                self.spans[place].shared_n = if is_held { take().max(0.0) } else { 0.0 };
+                next = portion.end;
+            }
             if self.has_friction_row(part, is_held, place) {
                 self.spans[place].friction_n = take();
             }
         }
-        if self.tightened.is_some() {
+        if self.welded.is_some() {
             for place in 0..self.spans.len() {
                 let bound = self.spans[place].bridges;
                 self.spans[place].own_n = if bound { take().max(0.0) } else { 0.0 };
             }
         }
-        shared
+    }
+
+    /// The tension before a span, if that before the one before it is `tension_n` \[N\].
+    pub(super) fn tension_before(&self, place: usize, tension_n: f64) -> f64 {
+        match place.checked_sub(1).map(|before| self.spans[before]) {
+            Some(before) if !before.hand => tension_n + before.friction_n,
+            _ => self.spans[place].shared_n,
+        }
     }
 
     /// Linearises all segments where a solve has them, or a `part` of the way there; whether their forces are along them.
     fn linearise_segments(
         &mut self,
-        shared: f64,
         ground: &Ground,
         (system, grasp): (&ConstraintSystem, &ConstraintState),
         part: f64,
@@ -502,13 +552,14 @@ impl ThreadState {
         let lambda = grasp.lambda();
         let c = self.compliance;
         let mut settled = true;
-        let mut tension = shared;
-        let mut at = 0;
-        for segment in &mut self.segments {
-            while at < segment.span {
-                tension += self.spans[at].friction_n;
-                at += 1;
+        let mut tension = 0.0;
+        let mut next = 0;
+        for index in 0..self.segments.len() {
+            while next <= self.segments[index].span {
+                tension = self.tension_before(next, tension);
+                next += 1;
             }
+            let segment = &mut self.segments[index];
             let own = self.spans[segment.span].own_n;
             let before = segment.piece.map_or(0.0, |piece| {
                 piece.share * self.spans[segment.span].friction_n
@@ -553,16 +604,15 @@ impl ThreadState {
             return 0;
         }
         let own = self.spans.iter().filter(|span| span.bridges).count();
-        let shared = usize::from(is_held) + self.friction_rows(part, is_held);
-        shared + if self.tightened.is_some() { own } else { 0 }
+        let portions = self.portions();
+        let lengths = portions.map(|portion| self.length_rows(part, is_held, &portion));
+        lengths.sum::<usize>() + if self.welded.is_some() { own } else { 0 }
     }
 
     /// A span's own bound of its length \[m\], if it has one.
     fn bound_m(&self, place: usize) -> Option<f64> {
         let span = self.spans.get(place).filter(|span| span.bridges)?;
-        let bridging = |spans: &[Span]| spans.iter().filter(|span| span.bridges).count();
-        let (own, all) = (bridging(&self.spans[..place]), bridging(&self.spans));
-        Some(self.tightened?.of(own, all) * span.rest_m)
+        Some(self.welded? * span.rest_m)
     }
 
     /// True length of its path \[m\].
@@ -580,6 +630,12 @@ impl ThreadState {
 
     /// Tension behind the face of that name, towards the head \[N\]; in tissue as before it.
     pub fn tension_after(&self, id: u32) -> f64 {
+        // Beyond the last hand there is none where that holds the end.
+        let last = self.spans.last().filter(|last| last.hand);
+        let end = last.and_then(|last| self.passed.get(last.to?));
+        if end.is_some_and(|end| id >= end.id) {
+            return 0.0;
+        }
         let before = self.segments.iter().rfind(|segment| segment.key.0 <= id);
         before.map_or(0.0, |segment| segment.tension_n)
     }

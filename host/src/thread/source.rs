@@ -173,7 +173,9 @@ impl Balance<'_> {
                 thread.segments.clear();
                 thread.spans.clear();
             }
+            let drawn_m = thread.take_in(thread.is_head_held(head.is_some()));
             self.state.threads[index] = thread;
+            self.state.move_before(index, drawn_m);
         }
         self.work.threads.known_segments = known;
     }
@@ -247,9 +249,10 @@ impl Balance<'_> {
         }
         for index in 0..self.state.threads.len() {
             let part = self.sources.threads.part_of(index);
-            // What drags has slid already.
-            let drags = part.drags() && !self.state.threads[index].segments.is_empty();
-            if !self.is_held(index) && !drags {
+            // What drags, or hands have, has slid already.
+            let thread = &self.state.threads[index];
+            let has_slid = (part.drags() || thread.has_hands()) && !thread.segments.is_empty();
+            if !self.is_held(index) && !has_slid {
                 self.follow_ends(index);
             }
         }

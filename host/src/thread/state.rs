@@ -6,6 +6,7 @@
 use super::gives::{GaveWay, LEFT_M};
 use super::model::{MOST_BENDS, MOST_SEGMENTS, ThreadHold, ThreadPart, ThreadTension, Tightening};
 use super::segments::{Segment, Span};
+use super::tighten::Drawn;
 use crate::anchors::AnchorPoint;
 use crate::mesh::HalfFaces;
 use crate::needle::Crossing;
@@ -55,8 +56,11 @@ pub(crate) struct ThreadState {
     pub former: Vec<Span>,
     /// Points of tissue that a span bends around, by the face that it begins at.
     pub bends: Vec<(u32, AnchorPoint)>,
-    /// How short bridging spans have to be.
+    /// How short hands make bridging spans, and what these have drawn out.
     pub tightened: Option<Tightening>,
+    pub drawn: Vec<Drawn>,
+    /// To which part of their length at rest bridging spans are drawn together, without thread.
+    pub welded: Option<f64>,
     pub state: ThreadTension,
     /// Typical compliance of a segment \[m/N\]; 0 before the first solve.
     pub compliance: f64,
@@ -100,6 +104,7 @@ impl Clone for ThreadState {
             spans: Vec::with_capacity(self.spans.capacity()),
             former: Vec::with_capacity(self.former.capacity()),
             bends: Vec::with_capacity(self.bends.capacity()),
+            drawn: Vec::with_capacity(self.drawn.capacity()),
             ..Self::default()
         };
         copy.copy_from(self);
@@ -123,6 +128,8 @@ impl ThreadState {
             former: Vec::with_capacity(MOST_SEGMENTS),
             bends: Vec::with_capacity(MOST_BENDS),
             tightened: None,
+            drawn: Vec::with_capacity(MOST_SEGMENTS),
+            welded: None,
             state: ThreadTension::Slack,
             compliance: 0.0,
             pulled_m: [0.0; 2],
@@ -159,6 +166,8 @@ impl ThreadState {
             former,
             bends,
             tightened,
+            drawn,
+            welded,
             state,
             compliance,
             pulled_m,
@@ -185,6 +194,8 @@ impl ThreadState {
         former.clone_from(&other.former);
         bends.clone_from(&other.bends);
         *tightened = other.tightened;
+        drawn.clone_from(&other.drawn);
+        *welded = other.welded;
         *state = other.state;
         *compliance = other.compliance;
         *pulled_m = other.pulled_m;
@@ -276,9 +287,9 @@ impl ThreadState {
         self.passed.drain(..gone);
     }
 
-    /// Whether both ends withstand a pull; what holds the head `is_there`, or it is a knot.
+    /// Whether both ends withstand a pull; what holds the head `is_there`, or it is a knot, or the last hand that tightens.
     pub fn is_held(&self, is_there: bool) -> bool {
-        self.is_tail_held() && self.is_head_held(is_there)
+        self.is_tail_held() && (self.is_head_held(is_there) || self.has_hands())
     }
 
     /// The same of the head alone.

@@ -89,7 +89,7 @@ impl ThreadState {
         other.is_used = true;
         (other.before, other.tail, other.head) = (self.before, self.tail, hand);
         (other.end_m, other.bound_n) = (self.end_m, self.bound_n);
-        other.tightened = self.tightened;
+        (other.tightened, other.welded) = (self.tightened, self.welded);
         other.pulled_m = [self.pulled_m[0], 0.0];
         other.slipped_m = [self.slipped_m[0], 0.0];
         (other.friction_j, other.broken_off_m) = (0.0, None);
@@ -105,6 +105,7 @@ impl ThreadState {
         move_over(&mut self.former, &mut other.former, |one| is_own(one.key));
         move_over(&mut self.bends, &mut other.bends, |one| is_own(one.0));
         other.bends.retain(|(key, _)| *key < last);
+        move_over(&mut self.drawn, &mut other.drawn, |one| is_own(one.key));
         self.spans.clear();
         other.spans.clear();
         self.tail = hand;
@@ -132,6 +133,7 @@ impl ThreadState {
         prepend(&mut self.segments, &mut other.segments);
         self.bends.retain(|(key, _)| *key > 0);
         prepend(&mut self.bends, &mut other.bends);
+        prepend(&mut self.drawn, &mut other.drawn);
         self.spans.clear();
         other.spans.clear();
     }

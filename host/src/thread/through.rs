@@ -13,9 +13,13 @@ use super::state::ThreadState;
 use crate::anchors::AnchorPoint;
 use crate::needle::anchor;
 use nalgebra::Vector3;
+use std::ops::Range;
 
 /// Bounds follow the tensions to this part of them.
 pub(super) const FOLLOWS: f64 = 1e-4;
+/// A passage multiplies the tension by no more, which is e^5.7: what is before it then is hardly felt, and solves that go on to tell it from none
+/// find no end.
+const MOST_GROWN: f64 = 300.0;
 /// Faces inside of which every one can be a point of the path; of more only some are.
 const MOST_FACES: usize = 128;
 
@@ -82,6 +86,8 @@ impl ThreadState {
             .find(|span| span.key == self.spans[place].key);
         let passage = former.and_then(|span| span.passage).unwrap_or_default();
         self.spans[place].passage = Some(passage);
+        // It leads through tissue, not from one piece of it to another.
+        self.spans[place].bridges = false;
         let Some(mut begin) = from.0 else {
             return;
         };
@@ -149,23 +155,26 @@ impl ThreadState {
             }
         };
         let mut row = first;
-        if is_held {
-            let spans = self.spans.iter().map(|span| span.material_m);
-            add(row, row, spans.sum());
-            row += 1;
-        }
-        for place in 0..self.spans.len() {
-            if !self.has_friction_row(part, is_held, place) {
-                continue;
+        for portion in self.portions() {
+            let first = row;
+            if self.is_portion_held(&portion, is_held) {
+                let spans = self.spans[portion.clone()].iter();
+                add(row, row, spans.map(|span| span.material_m).sum());
+                row += 1;
             }
-            let beyond = self.beyond_m(place);
-            for before in first..row {
-                add(row, before, beyond);
-                add(before, row, beyond);
+            for place in portion {
+                if !self.has_friction_row(part, is_held, place) {
+                    continue;
+                }
+                let beyond = self.beyond_m(place);
+                for before in first..row {
+                    add(row, before, beyond);
+                    add(before, row, beyond);
+                }
+                let own = self.own_m(place, |share| share * share - share);
+                add(row, row, beyond + own);
+                row += 1;
             }
-            let own = self.own_m(place, |share| share * share - share);
-            add(row, row, beyond + own);
-            row += 1;
         }
     }
 
@@ -173,16 +182,22 @@ impl ThreadState {
     /// they are as they were and lengths are held.
     pub(super) fn settle_through(&mut self, part: &ThreadPart, is_held: bool, shared: f64) -> bool {
         self.turn_inside();
-        let lengths = self.lengths_are_held(part, is_held, shared);
-        let bounds = self.rub_inside(part, shared);
+        let portions = self.portions();
+        let lengths = portions
+            .map(|portion| self.lengths_are_held(part, is_held, &portion))
+            .fold(true, |held, own| held & own);
+        let bounds = self.rub_inside(part);
         self.bind(part, shared) && bounds && lengths
     }
 
-    /// Whether true lengths are what the rows allow.
-    fn lengths_are_held(&self, part: &ThreadPart, is_held: bool, shared: f64) -> bool {
+    /// Whether true lengths of a portion are what the rows allow.
+    fn lengths_are_held(&self, part: &ThreadPart, is_held: bool, portion: &Range<usize>) -> bool {
         let mut settled = true;
         let mut beyond = 0.0;
         for (place, span) in self.spans.iter().enumerate().rev() {
+            if !portion.contains(&place) {
+                continue;
+            }
             // Pieces have their own; a passage at one point has none.
             let mut own = if span.passage.is_some() && !self.is_point(place) {
                 0.0
@@ -207,9 +222,10 @@ impl ThreadState {
             }
             beyond += own;
         }
-        if is_held {
-            let gives_way = shared >= self.bound_n - NO_TENSION_N;
-            beyond -= self.loose_m();
+        if self.is_portion_held(portion, is_held) {
+            let shared = self.spans[portion.start].shared_n;
+            let gives_way = shared >= self.most_n(part, portion) - NO_TENSION_N;
+            beyond -= self.loose_m([portion.start == 0, portion.end == self.spans.len()]);
             settled &= (gives_way || beyond <= LENGTH_M)
                 && (shared <= NO_TENSION_N || beyond >= -LENGTH_M);
         }
@@ -233,8 +249,9 @@ impl ThreadState {
             let before = index.checked_sub(1).map(|before| &self.segments[before]);
             gone += before.map_or(0.0, |before| before.turn_to(segment));
             let length_m = segment.way.norm();
-            lengths[0] += length_m * (friction * (total - gone)).exp();
-            lengths[1] += length_m * (friction * gone).exp();
+            let grown = |turn: f64| (friction * turn).exp().min(MOST_GROWN);
+            lengths[0] += length_m * grown(total - gone);
+            lengths[1] += length_m * grown(gone);
         }
         lengths
     }
@@ -258,11 +275,12 @@ impl ThreadState {
     }
 
     /// Bounds of friction along each passage from the tension before it; whether they are as they were.
-    fn rub_inside(&mut self, part: &ThreadPart, shared: f64) -> bool {
+    fn rub_inside(&mut self, part: &ThreadPart) -> bool {
         let drag = part.through.drag_n_per_m;
         let mut settled = true;
-        let mut tension = shared;
+        let mut tension = 0.0;
         for place in 0..self.spans.len() {
+            tension = self.tension_before(place, tension);
             let [ahead_m, back_m] = if drag > 0.0 {
                 self.turned_lengths_m(place, part.friction)
             } else {
@@ -272,7 +290,7 @@ impl ThreadState {
             let Some(passage) = &mut span.passage else {
                 continue;
             };
-            let grown = (part.friction * span.turn).exp_m1();
+            let grown = (part.friction * span.turn).exp_m1().min(MOST_GROWN);
             let before = tension.max(0.0);
             let limit_n = grown * before + drag * ahead_m;
             // Lessened to T' it grows to T on the way back; it does not push.
@@ -291,7 +309,6 @@ impl ThreadState {
             };
             passage.rates = [slides(lessened), slides(grown)];
             (passage.lessens_n, span.limit_n) = (lessens_n, limit_n);
-            tension += span.friction_n;
         }
         settled
     }
@@ -301,7 +318,7 @@ impl ThreadState {
         let is_taut = |segment: &Segment| segment.tension_n > NO_TENSION_N;
         if !self.segments.iter().any(is_taut) {
             self.state = ThreadTension::Slack;
-            if is_held {
+            if is_held || self.has_hands() {
                 // What a span lacks comes from where there is more.
                 self.slide(part);
             }
@@ -309,7 +326,7 @@ impl ThreadState {
             return;
         }
         self.state = ThreadTension::Taut;
-        let breaks = is_held && self.give_way(part, ends);
+        let breaks = is_held && self.give_way(part, ends) || self.is_torn_by_hand(part);
         self.slide(part);
         if breaks {
             self.break_off();
@@ -329,12 +346,10 @@ impl ThreadState {
         })
     }
 
-    /// Thread that the path takes with the tensions that there are, unstretched \[m\]; what is slack keeps what it has.
-    pub(super) fn needed_m(&self, part: &ThreadPart) -> f64 {
-        let spans = self.spans.iter().enumerate();
-        spans
-            .map(|(place, span)| self.taken_m(part, place, span, 0.0))
-            .sum()
+    /// Thread that a portion takes with the tensions that there are, unstretched \[m\]; what is slack keeps what it has.
+    pub(super) fn needed_m(&self, part: &ThreadPart, portion: &Range<usize>) -> f64 {
+        let taken = |place: usize| self.taken_m(part, place, &self.spans[place], 0.0);
+        portion.clone().map(taken).sum()
     }
 
     /// Whether a span begins and ends at one point of tissue.
@@ -360,14 +375,23 @@ impl ThreadState {
         own.any(|segment| segment.tension_n > NO_TENSION_N)
     }
 
-    /// Gives every span from the head on what it takes; what is left is before the first.
+    /// Gives every span from the head, or a hand that tightens, on what it takes; what is left is before the first.
     fn slide(&mut self, part: &ThreadPart) {
         let mut shift = 0.0;
-        let mut alpha = self.head.alpha;
         let count = self.spans.len();
+        let mut alpha = self.head.alpha;
         for place in (0..count).rev() {
             let span = self.spans[place];
+            if let Some(to) = span.to.filter(|_| span.hand) {
+                (shift, alpha) = (0.0, self.passed[to].crossing.alpha);
+            }
             let mut taken = self.taken_m(part, place, &span, shift);
+            let hand = place
+                .checked_sub(1)
+                .filter(|before| self.spans[*before].hand);
+            if let Some(from) = span.from.filter(|_| hand.is_some()) {
+                taken = alpha - self.passed[from].crossing.alpha;
+            }
             if span.from.is_none() {
                 taken = alpha - self.tail.alpha;
                 self.pulled_m[0] += taken - span.material_m;

@@ -14,5 +14,6 @@ mod over;
 mod pressure;
 mod pull;
 mod rig;
+mod tighten;
 mod u_stitch;
 mod whole;

@@ -46,7 +46,7 @@ const BITE: u32 = 4;
 
 /// When the needle's end is pulled away \[s\], and for how long.
 const BEGIN_S: f64 = 0.1;
-const PULL_S: f64 = 3.6;
+pub(super) const PULL_S: f64 = 3.6;
 /// By how much the thread's ends are pulled away \[m\].
 const PULL_M: f64 = 0.0556;
 const LONG_PULL_M: f64 = 0.0942;
@@ -193,6 +193,11 @@ rims = [
 
 /// A scene with so many punctures.
 pub fn anastomosis(punctures: u32) -> String {
+    drawn(punctures, pull(punctures).0)
+}
+
+/// The same, of which the console draws the head out by so much \[m\].
+pub(super) fn drawn(punctures: u32, head_m: f64) -> String {
     let sewing = sewing(punctures);
     let script = sewing.script();
     let [round, mut carry] = script.stops;
@@ -259,7 +264,7 @@ hold = [
     write::hand(&mut text, 1, REACH_M, &round);
     text.push_str("# Carries the needle to the next bite, held likewise, and pulls the tail.\n");
     write::hand(&mut text, 2, REACH_M, &carry);
-    let pulled = along(head, pull_m, way(head_out, 1.0));
+    let pulled = along(head, head_m, way(head_out, 1.0));
     write::console_hand(
         &mut text,
         &[(0.0, head), (pull_s, head), (pull_s + PULL_S, pulled)],
