@@ -34,6 +34,27 @@ fn run_on(scene: &str, tissue: &[&str]) -> Value {
     serde_json::from_str(&ran.stdout).unwrap()
 }
 
+/// A body that is pressed into a slab and swept over it: the hand feels it steadily, and friction spends.
+#[test]
+fn a_needles_body_sweeps_over_a_slab() {
+    let summary = run_on("scenes/needle-sweeps.toml", &["--seconds", "2.4"]);
+    assert_eq!(summary["status"], "ok");
+    assert_eq!(summary["steps_withheld"], serde_json::json!({}));
+    assert_eq!(summary["decays"], 0);
+    // Pressed by 1 mm less what the hand gives way by it is 0.61 to 0.63 N, and at most 0.15 N across that.
+    let peak = summary["force_n"]["peak"].as_f64().unwrap();
+    assert!((0.55..0.75).contains(&peak), "{peak} N");
+    let needle = &summary["scene"]["needles"][0];
+    assert_eq!(
+        (&needle["tip"], &needle["most_crossings"]),
+        (&"outside".into(), &0.into()),
+        "{needle}"
+    );
+    let spent = needle["dissipated_j"]["friction"].as_f64().unwrap();
+    // 0.12 N along some 4 mm.
+    assert!((1e-4..2e-3).contains(&spent), "{spent} J");
+}
+
 /// Every step is sent, the force stays below the device's limit, and at the end the tissue is alone again.
 fn check_session(summary: &Value, punctures: u32) {
     assert_eq!(summary["status"], "ok");
