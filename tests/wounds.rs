@@ -131,14 +131,18 @@ fn bridges_are_as_short_as_they_are_tightened() {
     let wound_at = |at_s: &str| solve(directory.path(), &whole, &["--at", at_s])["wound"].clone();
     let half_way = wound_at("7.7");
     assert!(
-        (number(&half_way, "bridge_ratio") - 0.7).abs() < 1e-3,
+        (number(&half_way, "bridge_ratio") - 0.7).abs() < 0.01,
         "{half_way}"
     );
     let done = wound_at("9.0");
-    assert!((number(&done, "bridge_ratio") - 0.4).abs() < 1e-3, "{done}");
+    // Meanwhile the console pulls at the head, and thread comes to the last span as it is drawn out of that.
+    assert!((number(&done, "bridge_ratio") - 0.4).abs() < 0.03, "{done}");
     let drawn = |wound: &Value| number(&wound["threads"][0], "drawn_m");
     assert!(drawn(&done) > drawn(&half_way) + 0.005, "{done}");
-    assert!(number(&done, "pulled_m") >= drawn(&done), "{done}");
+    let ends = done["threads"][0]["pulled_m"].as_array().unwrap();
+    let at_ends: f64 = ends.iter().map(|end| end.as_f64().unwrap()).sum();
+    let all_m = number(&done, "pulled_m");
+    assert!((all_m - at_ends - drawn(&done)).abs() < 1e-12, "{done}");
     assert!(number(&done, "gap_ratio") < number(&half_way, "gap_ratio"));
     assert!(number(&done, "gap_ratio") < 0.6, "{done}");
 }
@@ -161,7 +165,10 @@ fn two_threads_pull_at_one_slab() {
     for (thread, by) in [(0, 0), (1, 1)] {
         let thread = &summary["scene"]["threads"][thread];
         assert_eq!(thread["held_by"], serde_json::json!([null, by]));
-        assert!((0.1..0.6).contains(&number(thread, "peak_tension_n")), "{thread}");
+        assert!(
+            (0.1..0.6).contains(&number(thread, "peak_tension_n")),
+            "{thread}"
+        );
         assert_eq!(thread["state"], "slack", "{thread}");
     }
     let peak = number(&summary["force_n"], "peak");
@@ -176,7 +183,11 @@ fn an_anastomosis_is_drawn_together_bite_by_bite() {
     let drawn = |friction: &str| {
         let other = text.replace("\nfriction = 0.1\n", &format!("\nfriction = {friction}\n"));
         let summary = run(directory.path(), &other);
-        assert_eq!(summary["steps_withheld"], serde_json::json!({}), "{friction}");
+        assert_eq!(
+            summary["steps_withheld"],
+            serde_json::json!({}),
+            "{friction}"
+        );
         let scene = &summary["scene"];
         assert!(number(scene, "gap_ratio") < 0.2, "{scene}");
         assert!(number(scene, "bridge_ratio") < 0.2, "{scene}");

@@ -126,7 +126,7 @@ impl ThreadState {
             self.drawn.len() - 1
         });
         let drawn = &mut self.drawn[place].length_m;
-        let more_m = (material_m - length_m).clamp(-*drawn, most_m);
+        let more_m = (material_m - length_m).min(most_m).max(-*drawn);
         // True lengths are held this well.
         if more_m.abs() <= LENGTH_M {
             return 0.0;
