@@ -40,7 +40,7 @@ impl BoardImage {
         self.processor.connection.watch_writes(LOADER.map, true)?;
         let mut stop = self.processor.run(&mut self.chip, Some(LOADER.map))?;
         if stop == Stop::Write(LOADER.map) {
-            let after = self.processor.write(&mut self.chip)?;
+            let after = self.processor.access(&mut self.chip)?;
             let after = (PC, after.get(PC).copied().unwrap_or_default());
             self.processor.connection.put_registers(&[after]);
             stop = self.processor.run(&mut self.chip, None)?;

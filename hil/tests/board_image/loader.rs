@@ -1,6 +1,6 @@
 //! The touch: a console at rest goes into the loader in its ROM, any other stays what it is.
 
-use super::{Bench, Board, DARK};
+use super::{Bench, DARK, On};
 use sutura_hil::board_image::{BoardImageError, LOADER, LoaderStart, reset};
 use sutura_shared::wire::message::{Command, Mode};
 
@@ -16,7 +16,7 @@ fn resets(bench: &mut Bench) -> bool {
 }
 
 on_each_board!(a_console_at_rest_goes_into_the_loader_of_its_rom_with_everything_off);
-fn a_console_at_rest_goes_into_the_loader_of_its_rom_with_everything_off(on: Board) {
+fn a_console_at_rest_goes_into_the_loader_of_its_rom_with_everything_off(on: On) {
     let mut bench = Bench::start(on);
     bench.board.touch(BAUD).unwrap();
     assert!(resets(&mut bench), "it stays");
@@ -39,7 +39,7 @@ fn a_console_at_rest_goes_into_the_loader_of_its_rom_with_everything_off(on: Boa
 }
 
 on_each_board!(other_rates_and_terminals_that_stay_are_no_touch);
-fn other_rates_and_terminals_that_stay_are_no_touch(on: Board) {
+fn other_rates_and_terminals_that_stay_are_no_touch(on: On) {
     let mut bench = Bench::start(on);
     bench.board.touch(9600).unwrap();
     bench.board.set_line(BAUD, true).unwrap();
@@ -53,7 +53,7 @@ fn other_rates_and_terminals_that_stay_are_no_touch(on: Board) {
 }
 
 on_each_board!(a_console_that_is_armed_starting_stopping_or_in_a_fault_is_not_touched);
-fn a_console_that_is_armed_starting_stopping_or_in_a_fault_is_not_touched(on: Board) {
+fn a_console_that_is_armed_starting_stopping_or_in_a_fault_is_not_touched(on: On) {
     let mut bench = Bench::start(on);
     // In the tick of arming, while pulses begin.
     bench.say(&Command::Arm);

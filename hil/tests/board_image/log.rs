@@ -1,11 +1,12 @@
 //! The log: what comes over USB and what a probe finds, when somebody reads it and when nobody does.
 
-use super::{Bench, Board, image};
+use super::{Bench, On};
 use sutura_board::{Line, LogImage};
+use sutura_hil::board_image::default_image;
 use sutura_shared::wire::message::{Command, Mode};
 
-fn words(on: Board) -> LogImage {
-    LogImage::read(&image(on)).unwrap_or_else(|error| panic!("{error}"))
+fn words(on: On) -> LogImage {
+    LogImage::read(&default_image(on.board)).unwrap_or_else(|error| panic!("{error}"))
 }
 
 /// What lines say, with `?` for what the image cannot have said.
@@ -15,7 +16,7 @@ fn texts(lines: &[Line]) -> Vec<&str> {
 }
 
 on_each_board!(what_happens_is_read_over_usb_and_by_a_probe);
-fn what_happens_is_read_over_usb_and_by_a_probe(on: Board) {
+fn what_happens_is_read_over_usb_and_by_a_probe(on: On) {
     let words = words(on);
     let (mut over_usb, mut by_probe) = (words.lines(), words.lines());
     let mut bench = Bench::start(on);
@@ -60,7 +61,7 @@ fn microseconds(time: &str) -> u64 {
 
 on_each_board!(a_log_that_nobody_reads_costs_no_tick_and_what_is_lost_is_told);
 /// Modes change until both rings are full: who comes then finds how it began, and how much is missing.
-fn a_log_that_nobody_reads_costs_no_tick_and_what_is_lost_is_told(on: Board) {
+fn a_log_that_nobody_reads_costs_no_tick_and_what_is_lost_is_told(on: On) {
     let words = words(on);
     let mut lines = words.lines();
     let mut bench = Bench::start(on);
