@@ -258,12 +258,16 @@ impl Figures {
         self.hello["host_hz"].as_f64()
     }
 
-    /// Stages of a step with what each took of late on average \[us\], and then what none names.
+    /// Stages of a step with what each took of late on average \[us\], and then what none names; without the wait where there is
+    /// none, as in real time.
     pub fn stages(&self) -> Vec<(String, Option<f64>)> {
         let names = self.hello["stages"].as_array().into_iter().flatten();
         let names = names.filter_map(Value::as_str).enumerate();
         let us = |place: usize| self.gauges["stages_us"][place].as_f64();
-        let mut all: Vec<_> = names.map(|(at, name)| (name.to_owned(), us(at))).collect();
+        let each = names.map(|(at, name)| (name.to_owned(), us(at)));
+        let said =
+            |(name, us): &(String, Option<f64>)| name != "wait" || us.is_some_and(|us| us > 0.0);
+        let mut all: Vec<_> = each.filter(said).collect();
         all.push(("rest".to_owned(), self.number(&["rest_us"])));
         all
     }
