@@ -878,7 +878,7 @@ fn a_suture_that_rubs_is_closed_span_by_span() {
                 && tick.speed_m_per_s > 1e-3
                 && !others.iter().any(comes)
         };
-        if to_us - from_us > 5000 || from.tension_n.min(to.tension_n) < 0.3 {
+        if to_us - from_us > 8000 || from.tension_n.min(to.tension_n) < 0.3 {
             continue;
         }
         for tick in tapped.states.iter().filter(draws) {

@@ -8,7 +8,7 @@ import { fixed } from './units.js';
 const EVERY_MS = 100;
 const WINDOWS = { shortest: 0.2, longest: 60 };
 const AXES = { x: '#ff7b72', y: '#7ee787', z: '#79c0ff', all: '#e6edf3' };
-const STAGES = ['#4e79a7', '#76b7b2', '#59a14f', '#edc948', '#f28e2b', '#e15759', '#b07aa1', '#9c755f'];
+const STAGES = ['#4e79a7', '#76b7b2', '#59a14f', '#edc948', '#f28e2b', '#e15759', '#b07aa1', '#9c755f', '#ff9da7'];
 const REST = '#8b96a5';
 const LINES = ['#79c0ff', '#ffb86b', '#7ee787', '#d2a8ff', '#ff7b72', '#f2cc60'];
 const EVENTS = /** @type {Record<string, string>} */ ({

@@ -62,8 +62,8 @@ const TAKEN_M: f64 = 0.006;
 const NEAR_M: f64 = 0.010;
 const KEPT_M: f64 = 0.005;
 /// How long a pull takes, and one near the tissue \[s\].
-const PULL_S: f64 = 1.2;
-const NEAR_S: f64 = 2.5;
+const PULL_S: f64 = 4.0;
+const NEAR_S: f64 = 4.0;
 /// Who draws first, and who keeps.
 const HAND: u8 = 4;
 const KEEPER: u8 = 3;
@@ -267,6 +267,6 @@ hold = [
     text.push_str("# Draws.\n");
     write::hand(&mut text, HAND, REACH_M, &hands.draws);
     write::console_hand(&mut text, &hands.console);
-    text.push_str("[host]\nhost_hz = 200.0\nhorizon_ms = 60.0\n");
+    text.push_str("[host]\nhost_hz = 125.0\nhorizon_ms = 60.0\n");
     text
 }
