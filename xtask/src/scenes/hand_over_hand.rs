@@ -63,7 +63,7 @@ const NEAR_M: f64 = 0.010;
 const KEPT_M: f64 = 0.005;
 /// How long a pull takes, and one near the tissue \[s\].
 const PULL_S: f64 = 4.0;
-const NEAR_S: f64 = 4.0;
+const NEAR_S: f64 = 5.0;
 /// Who draws first, and who keeps.
 const HAND: u8 = 4;
 const KEEPER: u8 = 3;
