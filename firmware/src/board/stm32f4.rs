@@ -58,8 +58,8 @@ use stm32f4xx_hal::rcc::{Enable, Rcc, Reset};
 use stm32f4xx_hal::watchdog::IndependentWatchdog;
 use stm32f4xx_hal::{pac, prelude::*};
 use sutura_shared::control::{Control, TickInput, TickOutput};
-use sutura_shared::usb::{PRODUCT, VENDOR};
 use sutura_shared::mutant::stands;
+use sutura_shared::usb::{PRODUCT, VENDOR};
 use sutura_shared::wire::message::Simulate;
 use usb_device::bus::UsbBusAllocator;
 use usb_device::device::{

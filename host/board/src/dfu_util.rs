@@ -108,10 +108,7 @@ impl Loader for DfuUtil {
     }
 
     fn read(&mut self, offset: usize, length: usize) -> Result<Vec<u8>, FlashError> {
-        let broken = |source| FlashError::File {
-            program: PROGRAM.name,
-            source,
-        };
+        let broken = |source| PROGRAM.file_error(source);
         // It does not write into a file that is there.
         let folder = tempfile::tempdir().map_err(broken)?;
         let file = folder.path().join("read.bin");
@@ -121,10 +118,7 @@ impl Loader for DfuUtil {
     }
 
     fn write(&mut self, offset: usize, bytes: &[u8]) -> Result<(), FlashError> {
-        let broken = |source| FlashError::File {
-            program: PROGRAM.name,
-            source,
-        };
+        let broken = |source| PROGRAM.file_error(source);
         let folder = tempfile::tempdir().map_err(broken)?;
         let file = folder.path().join("write.bin");
         fs::write(&file, bytes).map_err(broken)?;

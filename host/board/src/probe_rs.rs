@@ -91,10 +91,7 @@ impl Loader for ProbeRs {
     }
 
     fn read(&mut self, offset: usize, length: usize) -> Result<Vec<u8>, FlashError> {
-        let broken = |source| FlashError::File {
-            program: PROGRAM.name,
-            source,
-        };
+        let broken = |source| PROGRAM.file_error(source);
         let folder = tempfile::tempdir().map_err(broken)?;
         let file = folder.path().join("read.bin");
         let address = format!("{:#010x}", FLASH_START as usize + offset);
@@ -112,10 +109,7 @@ impl Loader for ProbeRs {
     }
 
     fn write(&mut self, offset: usize, bytes: &[u8]) -> Result<(), FlashError> {
-        let broken = |source| FlashError::File {
-            program: PROGRAM.name,
-            source,
-        };
+        let broken = |source| PROGRAM.file_error(source);
         let folder = tempfile::tempdir().map_err(broken)?;
         let file = folder.path().join("write.bin");
         fs::write(&file, bytes).map_err(broken)?;

@@ -19,6 +19,14 @@ pub struct Program {
 }
 
 impl Program {
+    /// A file that it is given, or gives, cannot be made, read or written.
+    pub fn file_error(&self, source: std::io::Error) -> FlashError {
+        FlashError::File {
+            program: self.name,
+            source,
+        }
+    }
+
     /// Runs it to its end; what it said on stdout and stderr.
     ///
     /// # Errors

@@ -103,7 +103,8 @@ pub struct Stages {
     pub approach_ns: u64,
     /// Steps ahead on a copy of the state, all their stages together; by a session's solver.
     pub look_ns: u64,
-    /// Waiting for a renewed factor, as steps do that are the same on every machine.
+    /// Until a renewed factor was there, and taking it over: steps that are the same on every machine wait for it, others where the one that they
+    /// have is of no help any more.
     pub wait_ns: u64,
 }
 

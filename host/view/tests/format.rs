@@ -272,8 +272,12 @@ fn messages() -> Vec<(&'static str, Vec<u8>, Value)> {
     let rows = ticks();
     encode_ticks(9, &rows, &mut bytes);
     let states = || rows.iter().map(|row| row.state);
-    let vectors =
-        |of: fn(&State) -> [f32; 3]| -> Value { states().map(|state| json!(of(&state))).collect() };
+    // Widened, as a reader sees them: with some features `serde_json` shows an `f32` by fewer digits.
+    let vectors = |of: fn(&State) -> [f32; 3]| -> Value {
+        states()
+            .map(|state| json!(of(&state).map(f64::from)))
+            .collect()
+    };
     all.push((
         "ticks",
         bytes.clone(),
