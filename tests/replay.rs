@@ -833,7 +833,8 @@ fn the_last_seconds_are_saved_when_the_console_is_lost() {
     }
     // Until it has felt the console for a while; anew where this machine was so late that the console went to rest before.
     let (mut host, mut said) = undisturbed(|| {
-        let words = ["run", "--seconds", "60", "--stream"];
+        // It waits for the console to come back until then.
+        let words = ["run", "--seconds", "10", "--stream"];
         let mut host = Command::new(env!("CARGO_BIN_EXE_sutura"))
             .args(words)
             .args(["--console", link.to_str().unwrap()])

@@ -481,6 +481,70 @@ fn a_page_stops_and_arms_a_session_in_real_time() {
     assert!(said["rearmed"].as_u64().unwrap() >= 1, "{said}");
 }
 
+/// In real time a page closes and opens the jaws of the console's tool, which no script does, and the recording has it.
+#[test]
+fn a_page_closes_jaws_in_real_time() {
+    let folder = tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
+    let (scene, file) = (path("jaws.toml"), path("jaws.mcap"));
+    let text = std::fs::read_to_string(root().join("scenes/jaws-lift.toml")).unwrap();
+    let scripted = text.matches("[[jaws.close]]").count();
+    let never = [
+        ("from_s = 1.2", "to_s = 4.0"),
+        ("from_s = 4.8", "to_s = 7.4"),
+    ];
+    assert_eq!(scripted, never.len());
+    let text = never.iter().fold(text, |text, (from, to)| {
+        text.replace(&format!("[[jaws.close]]\n{from}\n{to}\n"), "")
+    });
+    // Down, and there it stays.
+    let (text, _) = text.split_once("# ... up by 8 mm").unwrap();
+    let host = "\n[host]\nhost_hz = 100.0\nhorizon_ms = 100.0\n";
+    std::fs::write(
+        &scene,
+        format!("{text}{host}").replace("[[hand.way_point]]\n\n[host]", "[host]"),
+    )
+    .unwrap();
+    let running = Running::start(&[
+        "run",
+        &scene,
+        "--view",
+        "--view-port",
+        "0",
+        "--seconds",
+        "60",
+        "--record",
+        &file,
+        "--format",
+        "json",
+    ]);
+    let mut client = running.client();
+    let hello = client.hello();
+    let commands = hello["do"].as_array().unwrap();
+    assert!(commands.contains(&json!("jaws")), "{hello}");
+    let tick = |value: &Value| value["tick"].as_u64();
+    client.text(|value| value["kind"] == "gauges" && tick(value) > Some(1500));
+    client.does(json!({"do": "jaws", "closed": true}));
+    let closed = client.text(|value| value["kind"] == "gauges");
+    client
+        .text(|value| value["kind"] == "gauges" && tick(value) > tick(&closed).map(|at| at + 500));
+    client.does(json!({"do": "jaws", "closed": false}));
+    let open = client.text(|value| value["kind"] == "gauges");
+    client.text(|value| value["kind"] == "gauges" && tick(value) > tick(&open).map(|at| at + 300));
+    let (_, said) = running.stop();
+    let said: Value = serde_json::from_str(&said).unwrap();
+    let events = said["scene"]["events"].as_array().unwrap();
+    let grasped = events.iter().filter(|event| event["event"] == "grasped");
+    assert_eq!(grasped.count(), 1, "{said}");
+    let jaws = &said["scene"]["jaws"][0];
+    assert_eq!(
+        (&jaws["closed"], &jaws["points"]),
+        (&json!(false), &json!(0))
+    );
+    let ran = sutura(&["replay", &file, "--verify", "--format", "json"]);
+    assert_eq!(ran.code, 0, "{}{}", ran.stdout, ran.stderr);
+}
+
 /// Who sits at no desktop, or reads stderr from a file, is shown no page unless it is asked for.
 #[test]
 fn without_a_terminal_there_is_no_page() {

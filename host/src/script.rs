@@ -164,12 +164,7 @@ impl Script {
         for (jaws, before) in &mut self.jaws {
             let (now, tool) = (jaws.is_closed(time_s), jaws.part.tool);
             if now != std::mem::replace(before, now) {
-                let act = if now {
-                    Act::Close(tool)
-                } else {
-                    Act::Open(tool)
-                };
-                state.act(model, act);
+                state.act(model, Act::of_jaws(tool, now));
             }
         }
     }

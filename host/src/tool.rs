@@ -48,6 +48,17 @@ pub enum Act {
     Open(u8),
 }
 
+impl Act {
+    /// Closes or opens the jaws of a tool.
+    pub fn of_jaws(tool: u8, closed: bool) -> Self {
+        if closed {
+            Self::Close(tool)
+        } else {
+            Self::Open(tool)
+        }
+    }
+}
+
 /// What a rigid tool touches with; convex, but for a mesh.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Shape {

@@ -15,6 +15,7 @@ use crate::link::{
     SentContact, Silence, Standing,
 };
 use crate::scheduling::{Duty, Granted, LockedMemory, Role};
+use crate::tool::Act;
 use std::ops::ControlFlow;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -66,6 +67,11 @@ pub trait Attendant {
     fn wait(&mut self, most: Duration) -> Option<Order> {
         std::thread::sleep(most);
         None
+    }
+
+    /// What hands do with tools before the next solve; asked whenever a wait is over.
+    fn acts(&mut self) -> Vec<Act> {
+        Vec::new()
     }
 
     /// Whether a session goes on in a latched fault, since somebody may clear it.
@@ -128,6 +134,8 @@ struct Log {
     ticks: u64,
     /// What the solver's thread got of the system, and how often it gave way.
     solver: (Granted, u64),
+    /// What hands do with tools before the next solve.
+    acts: Vec<Act>,
 }
 
 /// What the watching thread needs of the log. It is an ordinary one, and whoever waited for it would wait for all other
@@ -166,6 +174,7 @@ pub fn run_real_time(
         reports: 0,
         ticks: plan.ticks(),
         solver: (Granted::NotAsked, 0),
+        acts: Vec::new(),
     }));
     let memory = options.real_time.then(LockedMemory::ask).flatten();
     let view = Arc::new(Mutex::new(View::default()));
@@ -406,6 +415,10 @@ fn solve_until(
             schedule.get_or_insert_with(|| Schedule::new(now, plan.tick_hz, plan.host_hz));
         if due {
             let missed = if was_late { schedule.left_out() } else { 0 };
+            let acts = std::mem::take(&mut lock(log).acts);
+            for act in acts {
+                solver.act(act);
+            }
             let spared = solver.spare(overload.effort());
             let solved = solver.solve(&state);
             let solve_time = heard.elapsed();
@@ -519,6 +532,10 @@ impl Watch<'_> {
                 Some(attendant) => {
                     if let Some(order) = attendant.wait(wait) {
                         self.link.order(order)?;
+                    }
+                    let acts = attendant.acts();
+                    if !acts.is_empty() {
+                        lock(self.log).acts.extend(acts);
                     }
                 }
                 None => std::thread::sleep(wait),

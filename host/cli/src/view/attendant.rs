@@ -3,17 +3,21 @@
 //! Entry point: [`PageAttendant`].
 
 use super::guide::{Guide, NO_WAY, NO_WAY_HELP, PERIOD_S};
+use super::helm::{NO_JAWS, NO_JAWS_HELP};
 use super::saves::Saves;
 use crate::attendant::Operator;
 use std::sync::mpsc::{Receiver, RecvTimeoutError};
 use std::time::{Duration, Instant};
 use sutura_host::link::{LinkError, Order};
 use sutura_host::session::{Arms, Attendant};
+use sutura_host::tool::Act;
 use sutura_shared::wire::message::{Command as ToConsole, HandScript, Simulate};
 use sutura_view::{Command, Hand, Request};
 
 /// Commands that work in real time: on any console, and besides on one that is simulated.
 pub const COMMANDS: [&str; 5] = ["scalar", "safe_stop", "arm", "clear_fault", "save_last"];
+/// On a console whose tool has jaws.
+pub const JAWS: &str = "jaws";
 /// See [`COMMANDS`].
 pub const SIMULATED: [&str; 2] = ["drag", "hand"];
 
@@ -28,15 +32,19 @@ pub struct PageAttendant {
     /// Of a simulated console: its hand, and since when.
     hand: Option<(Guide, Instant)>,
     saves: Saves,
+    /// The console's tool, if that has jaws, and what is done with it before the next solve.
+    jaws: Option<u8>,
+    acts: Vec<Act>,
 }
 
 impl PageAttendant {
-    /// Beside an operator; `hand` of a simulated console.
+    /// Beside an operator; `hand` of a simulated console; `jaws`: the console's tool, if that has any.
     pub fn new(
         operator: Operator,
         asked: Receiver<Request>,
         hand: Option<HandScript>,
         saves: Saves,
+        jaws: Option<u8>,
     ) -> Self {
         Self {
             operator,
@@ -45,6 +53,8 @@ impl PageAttendant {
             is_stopped: false,
             hand: hand.map(|hand| (Guide::new(hand), Instant::now())),
             saves,
+            jaws,
+            acts: Vec::new(),
         }
     }
 
@@ -75,6 +85,14 @@ impl PageAttendant {
                     let script = guide.go(since.elapsed().as_secs_f64(), hand);
                     Order::Simulate(Simulate::Hand(script))
                 })
+            }
+            Command::Jaws(closed) => {
+                let Some(tool) = self.jaws else {
+                    reply.refuse(NO_JAWS, NO_JAWS_HELP);
+                    return None;
+                };
+                self.acts.push(Act::of_jaws(tool, closed));
+                None
             }
             Command::SaveLast => {
                 self.saves.last(reply);
@@ -128,7 +146,7 @@ impl Attendant for PageAttendant {
             match self.asked.recv_timeout(wait) {
                 Ok(request) => {
                     let order = self.obey(request);
-                    if order.is_some() {
+                    if order.is_some() || !self.acts.is_empty() {
                         return order;
                     }
                 }
@@ -136,6 +154,10 @@ impl Attendant for PageAttendant {
                 Err(RecvTimeoutError::Disconnected) => std::thread::sleep(wait),
             }
         }
+    }
+
+    fn acts(&mut self) -> Vec<Act> {
+        std::mem::take(&mut self.acts)
     }
 
     fn stays(&self) -> bool {

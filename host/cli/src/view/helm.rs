@@ -52,7 +52,10 @@ pub const COMMANDS: [&str; 17] = [
     "save_last",
 ];
 
-const NO_JAWS: &str = "the console's tool has no jaws";
+/// Why jaws cannot be closed, and what helps.
+pub const NO_JAWS: &str = "the console's tool has no jaws";
+/// See [`NO_JAWS`].
+pub const NO_JAWS_HELP: &str = "take a scene whose driven tool has `[[jaws]]`";
 
 /// Why a session of a sandbox is over.
 pub enum Ended {
@@ -187,11 +190,8 @@ impl<'a> Helm<'a> {
                 orders.push(Order::Simulate(Simulate::Hand(script)));
             }
             Command::Jaws(closed) => match self.jaws {
-                Some(tool) if closed => self.acts.push(Act::Close(tool)),
-                Some(tool) => self.acts.push(Act::Open(tool)),
-                None => {
-                    return reply.refuse(NO_JAWS, "take a scene whose driven tool has `[[jaws]]`");
-                }
+                Some(tool) => self.acts.push(Act::of_jaws(tool, closed)),
+                None => return reply.refuse(NO_JAWS, NO_JAWS_HELP),
             },
             Command::Pause => (self.paused, self.until) = (true, None),
             Command::Resume => {

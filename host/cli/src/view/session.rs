@@ -3,7 +3,7 @@
 //! Entry points: [`Viewed::open`], [`Viewed::begin`], [`Viewed::end`].
 
 use super::PageArgs;
-use super::attendant::{COMMANDS, PageAttendant, SIMULATED};
+use super::attendant::{COMMANDS, JAWS, PageAttendant, SIMULATED};
 use super::hello::Kind;
 use super::live::Live;
 use super::page::Page;
@@ -29,6 +29,8 @@ pub struct Viewed {
     kept: Option<NamedTempFile>,
     /// Channels for other programs.
     live: Option<Live>,
+    /// The console's tool, if that has jaws that the page may close.
+    jaws: Option<u8>,
 }
 
 impl Viewed {
@@ -66,6 +68,7 @@ impl Viewed {
             page,
             show: None,
             kept,
+            jaws: None,
         })
     }
 
@@ -94,6 +97,8 @@ impl Viewed {
             if simulated {
                 commands.extend(SIMULATED);
             }
+            self.jaws = scene.driven_jaws();
+            commands.extend(self.jaws.map(|_| JAWS));
         }
         let kind = Kind {
             source: "live",
@@ -136,7 +141,7 @@ impl Viewed {
             (Some(asked), Some(show)) => {
                 let hand = simulated.then_some(plan.hand);
                 let saves = Saves::new(saver, show.telemetry().clone(), last, None);
-                Box::new(PageAttendant::new(operator, asked, hand, saves))
+                Box::new(PageAttendant::new(operator, asked, hand, saves, self.jaws))
             }
             _ => Box::new(operator),
         }
