@@ -40,6 +40,8 @@ pub struct Descriptors {
     pub name: String,
     /// Which one it is.
     pub serial_number: String,
+    /// The configuration with its interfaces and endpoints, as it came.
+    pub configuration: Vec<u8>,
 }
 
 impl BoardImage {
@@ -72,6 +74,7 @@ impl BoardImage {
             manufacturer: self.string(byte(&device, 14)?)?,
             name: self.string(byte(&device, 15)?)?,
             serial_number: self.string(byte(&device, 16)?)?,
+            configuration: configuration.clone(),
         };
         self.control_out(0, 9, u16::from(byte(&configuration, 5)?), 0, &[])?;
         // SET_LINE_CODING, SET_CONTROL_LINE_STATE: terminal ready.
@@ -93,7 +96,10 @@ impl BoardImage {
     }
 
     /// A string descriptor, in US English.
-    fn string(&mut self, index: u8) -> Result<String, BoardImageError> {
+    ///
+    /// # Errors
+    /// See [`BoardImage::enumerate`].
+    pub fn string(&mut self, index: u8) -> Result<String, BoardImageError> {
         let descriptor = self.control_in(0x80, 6, 0x0300 | u16::from(index), 0x0409, 255)?;
         let units = descriptor.get(2..).unwrap_or_default().chunks_exact(2);
         let units: Vec<u16> = units.map(|c| u16::from_le_bytes([c[0], c[1]])).collect();

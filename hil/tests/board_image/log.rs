@@ -1,12 +1,73 @@
 //! The log: what comes over USB and what a probe finds, when somebody reads it and when nobody does.
 
 use super::{Bench, On};
-use sutura_board::{Line, LogImage};
+use std::time::Duration;
+use sutura_board::{Line, LogBytes, LogError, LogImage, LogPlace, follow};
 use sutura_hil::board_image::default_image;
 use sutura_shared::wire::message::{Command, Mode};
 
 fn words(on: On) -> LogImage {
     LogImage::read(&default_image(on.board)).unwrap_or_else(|error| panic!("{error}"))
+}
+
+/// Pieces of a log; after them the console is gone.
+struct Pieces(Vec<Vec<u8>>);
+
+impl LogBytes for Pieces {
+    fn read(&mut self, _: Duration) -> Result<Vec<u8>, LogError> {
+        let gone = || LogError::Gone {
+            source: std::io::ErrorKind::NotConnected.into(),
+        };
+        self.0.pop().ok_or_else(gone)
+    }
+}
+
+/// What waits on the log's endpoint, so many bytes at a time.
+fn packets(bench: &mut Bench, length: usize) -> Pieces {
+    let bytes = bench.board.take_log().unwrap();
+    Pieces(bytes.chunks(length).rev().map(<[u8]>::to_vec).collect())
+}
+
+/// The lines of all pieces.
+fn followed(words: &LogImage, mut pieces: Pieces) -> Result<Vec<Line>, LogError> {
+    let (mut left, mut lines) = (pieces.0.len(), Vec::new());
+    let enough = || {
+        left = left.wrapping_sub(1);
+        left == usize::MAX
+    };
+    follow(&mut pieces, words, enough, |line| lines.push(line.clone()))?;
+    Ok(lines)
+}
+
+on_each_board!(the_host_finds_the_log_beside_the_port_by_its_class);
+fn the_host_finds_the_log_beside_the_port_by_its_class(on: On) {
+    let mut board = on.start();
+    let said = board.enumerate().unwrap();
+    let place = LogPlace::find(&said.configuration).unwrap();
+    assert_eq!((place.interface, place.endpoint), (2, 0x83));
+    let name = board.string(place.name.unwrap().get()).unwrap();
+    assert_eq!(name, on.name());
+}
+
+on_each_board!(a_log_is_followed_until_it_ends_or_is_another_images);
+fn a_log_is_followed_until_it_ends_or_is_another_images(on: On) {
+    let words = words(on);
+    let mut bench = Bench::start(on);
+    let mut pieces = packets(&mut bench, 64);
+    // Noise after a line that is known is one line that is not; the next one is known again.
+    let started = pieces.0.clone();
+    let noise = || vec![0x11, 0x22, 0x33, 0];
+    pieces.0.extend(vec![noise(); 4]);
+    pieces.0.extend(started);
+    let lines = followed(&words, Pieces(pieces.0.clone())).unwrap();
+    let known = texts(&lines).iter().filter(|text| **text != "?").count();
+    assert_eq!((known, lines.len()), (4, 8), "{lines:?}");
+    // Noise alone is another image's log.
+    let other = followed(&words, Pieces(vec![noise(); 3])).unwrap_err();
+    assert!(matches!(other, LogError::OtherImage), "{other}");
+    // Who is gone is told of.
+    let gone = follow(&mut pieces, &words, || false, |_| {}).unwrap_err();
+    assert!(gone.to_string().contains("broke off"), "{gone}");
 }
 
 /// What lines say, with `?` for what the image cannot have said.
@@ -18,7 +79,7 @@ fn texts(lines: &[Line]) -> Vec<&str> {
 on_each_board!(what_happens_is_read_over_usb_and_by_a_probe);
 fn what_happens_is_read_over_usb_and_by_a_probe(on: On) {
     let words = words(on);
-    let (mut over_usb, mut by_probe) = (words.lines(), words.lines());
+    let mut by_probe = words.lines();
     let mut bench = Bench::start(on);
     bench.arm();
     bench.say(&Command::Disarm);
@@ -27,7 +88,7 @@ fn what_happens_is_read_over_usb_and_by_a_probe(on: On) {
     for _ in 0..3 {
         bench.tick();
     }
-    let usb = over_usb.of(&bench.board.take_log().unwrap());
+    let usb = followed(&words, packets(&mut bench, 7)).unwrap();
     let probe = by_probe.of(&bench.board.take_probe_log().unwrap());
     assert_eq!(usb, probe);
     assert_eq!(

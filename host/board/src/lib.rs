@@ -12,12 +12,16 @@ mod log;
 mod probe_rs;
 mod program;
 mod target;
+#[cfg(feature = "log")]
+mod usb_log;
 
 pub use dfu_util::DfuUtil;
 pub use error::{BOOT_PINS, FlashError};
 pub use flash::{Done, Flash, Loader, Replaced, flash};
 pub use image::Image;
 #[cfg(feature = "log")]
-pub use log::{Line, Lines, LogError, LogImage, UsbLog};
+pub use log::{Line, Lines, LogBytes, LogError, LogImage, follow};
 pub use probe_rs::ProbeRs;
 pub use target::{BOARDS, Chip, FLASH_START, Target};
+#[cfg(feature = "log")]
+pub use usb_log::{LogPlace, UsbLog};

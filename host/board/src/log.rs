@@ -1,14 +1,12 @@
 //! The log of a console: what its image logs (defmt), in words.
 //!
-//! Entry points: [`LogImage::read`], [`LogImage::lines`]; [`UsbLog`] for a console on USB.
+//! Entry points: [`LogImage::read`], [`LogImage::lines`]; [`follow`] for one that goes on. [`UsbLog`](crate::UsbLog) is where a console on
+//! USB gives it.
 
 use crate::FlashError;
 use defmt_decoder::{DecodeError, StreamDecoder, Table};
-use nusb::transfer::{Bulk, In};
-use nusb::{Endpoint, MaybeFuture};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
-use sutura_shared::usb::{LOG_INTERFACE, PRODUCT, VENDOR};
 
 /// Why there is no log.
 #[derive(Debug, thiserror::Error, miette::Diagnostic)]
@@ -28,6 +26,12 @@ pub enum LogError {
         /// What is missing.
         why: String,
     },
+    /// Nothing that comes is a line of it.
+    #[error("the console does not log in the words of this image")]
+    #[diagnostic(help(
+        "name the ELF file that is on it with --elf, or write this one to it: `sutura flash`"
+    ))]
+    OtherImage,
     /// Nothing of that number is on USB.
     #[error("no console {serial} is on USB")]
     #[diagnostic(help("`sutura device list` shows those that are"))]
@@ -43,6 +47,15 @@ pub enum LogError {
     NoLog {
         /// The number.
         serial: String,
+    },
+    /// It has been pulled out, or reset.
+    #[error("the console's log broke off: {source}")]
+    #[diagnostic(help(
+        "plug it in again; one that resets comes back by itself and says why in its first line"
+    ))]
+    Gone {
+        /// What the system says.
+        source: std::io::Error,
     },
     /// The system says no.
     #[error("the console's log cannot be opened: {source}")]
@@ -129,93 +142,50 @@ impl Lines<'_> {
     }
 }
 
-/// The log of a console on USB.
-pub struct UsbLog {
-    endpoint: Endpoint<Bulk, In>,
-    /// The board that the console says it is.
-    pub board: String,
+/// Where a log's bytes come from.
+pub trait LogBytes {
+    /// The next bytes, or none when none have come for so long.
+    ///
+    /// # Errors
+    /// [`LogError::Gone`].
+    fn read(&mut self, wait: Duration) -> Result<Vec<u8>, LogError>;
 }
 
-/// Bytes that are asked for at a time: as long a packet as the bus has.
-const ASKED: usize = 64;
+/// Time after which [`follow`] asks whether that is enough.
+const LOOK: Duration = Duration::from_millis(200);
+/// So many lines in a row that no line of the image is like, before any other, are another image's.
+const UNKNOWN: u32 = 3;
 
-impl UsbLog {
-    /// Opens the log of the console with this number.
-    ///
-    /// # Errors
-    /// [`LogError::NoConsole`], [`LogError::NoLog`], [`LogError::Usb`].
-    pub fn open(serial: &str) -> Result<UsbLog, LogError> {
-        let usb = |error: nusb::Error| LogError::Usb {
-            source: error.into(),
-        };
-        let is_it = |device: &nusb::DeviceInfo| {
-            let own = device.serial_number().unwrap_or_default();
-            (device.vendor_id(), device.product_id()) == (VENDOR, PRODUCT)
-                && own.eq_ignore_ascii_case(serial)
-        };
-        let mut devices = nusb::list_devices().wait().map_err(usb)?;
-        let serial = serial.to_owned();
-        let Some(info) = devices.find(is_it) else {
-            return Err(LogError::NoConsole { serial });
-        };
-        let device = info.open().wait().map_err(usb)?;
-        let configuration = device
-            .active_configuration()
-            .map_err(|error| LogError::Usb {
-                source: std::io::Error::other(error),
-            })?;
-        let mut settings = configuration.interface_alt_settings();
-        let is_log = |class: [u8; 3]| class == LOG_INTERFACE;
-        let found = settings.find(|one| is_log([one.class(), one.subclass(), one.protocol()]));
-        let address = |one: &nusb::descriptors::InterfaceDescriptor<'_>| {
-            one.endpoints().next().map(|endpoint| endpoint.address())
-        };
-        let Some((number, name, address)) = found
-            .and_then(|one| Some((one.interface_number(), one.string_index(), address(&one)?)))
-        else {
-            return Err(LogError::NoLog { serial });
-        };
-        let name = name.and_then(|index| {
-            let english = nusb::descriptors::language_id::US_ENGLISH;
-            device
-                .get_string_descriptor(index, english, Duration::from_secs(1))
-                .wait()
-                .ok()
-        });
-        let interface = device.claim_interface(number).wait().map_err(usb)?;
-        let endpoint = interface.endpoint(address).map_err(usb)?;
-        Ok(UsbLog {
-            endpoint,
-            board: name.unwrap_or_default(),
-        })
-    }
-
-    /// The next bytes, or none when none have come for a while.
-    ///
-    /// # Errors
-    /// [`LogError::Usb`] if the console is gone.
-    pub fn read(&mut self, wait: Duration) -> Result<Vec<u8>, LogError> {
-        if self.endpoint.pending() == 0 {
-            let buffer = self.endpoint.allocate(ASKED);
-            self.endpoint.submit(buffer);
-        }
-        match self.endpoint.wait_next_complete(wait) {
-            None => Ok(Vec::new()),
-            Some(done) => {
-                done.status.map_err(|error| LogError::Usb {
-                    source: error.into(),
-                })?;
-                Ok(done.buffer.into_vec())
+/// Shows a log's lines as they come, until `enough`.
+///
+/// # Errors
+/// [`LogError::OtherImage`], and those of the bytes.
+pub fn follow(
+    bytes: &mut dyn LogBytes,
+    image: &LogImage,
+    mut enough: impl FnMut() -> bool,
+    mut show: impl FnMut(&Line),
+) -> Result<(), LogError> {
+    let mut lines = image.lines();
+    let (mut known, mut unknown) = (false, 0);
+    while !enough() {
+        for line in lines.of(&bytes.read(LOOK)?) {
+            known |= line.text.is_some();
+            unknown += u32::from(line.text.is_none());
+            if !known && unknown >= UNKNOWN {
+                return Err(LogError::OtherImage);
             }
+            show(&line);
         }
     }
+    Ok(())
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    /// Lines of a real image are read in `hil/tests/board_image/log.rs`.
+    /// Lines of a real image are read, and followed, in `hil/tests/board_image/log.rs`.
     #[test]
     fn a_file_without_words_is_named_with_what_to_give() {
         let error = |path: &str| match LogImage::read(Path::new(path)) {

@@ -117,10 +117,7 @@ mod log {
     use super::*;
     use crate::signals::stop_on_signals;
     use std::sync::atomic::Ordering;
-    use sutura_board::{Line, LogError, LogImage, UsbLog};
-
-    /// Time after which Ctrl-C is looked for.
-    const LOOK: Duration = Duration::from_millis(200);
+    use sutura_board::{Line, LogError, LogImage, UsbLog, follow};
 
     /// Shows the log of a console.
     pub fn run(serial: &str, elf: Option<&Path>, global: &Global) -> Result<(), Failure> {
@@ -131,51 +128,14 @@ mod log {
             Some(image) => image,
             None => LogImage::read(&last_built(&usb.board)).map_err(failure)?,
         };
-        let (mut lines, mut unknown) = (image.lines(), Unknown::default());
         let stop = stop_on_signals()?;
-        while !stop.load(Ordering::Relaxed) {
-            let bytes = usb.read(LOOK).map_err(failure)?;
-            for line in lines.of(&bytes) {
-                unknown.count(&line)?;
-                show(&line, global);
-            }
-        }
-        Ok(())
+        let stopped = || stop.load(Ordering::Relaxed);
+        follow(&mut usb, &image, stopped, |line| show(line, global)).map_err(failure)
     }
 
     /// Where `cargo xtask firmware` puts a board's image.
     fn last_built(board: &str) -> PathBuf {
         format!("firmware/target/thumbv7em-none-eabihf/release/sutura-{board}").into()
-    }
-
-    /// Lines that no line of the image is like.
-    #[derive(Debug, Default)]
-    pub struct Unknown {
-        all: u32,
-        in_a_row: u32,
-    }
-
-    impl Unknown {
-        /// So many in a row before any other are another image's.
-        const MOST: u32 = 3;
-
-        /// Counts a line.
-        pub fn count(&mut self, line: &Line) -> Result<(), Failure> {
-            self.all += 1;
-            self.in_a_row = if line.text.is_none() {
-                self.in_a_row + 1
-            } else {
-                0
-            };
-            if self.in_a_row == self.all && self.all >= Self::MOST {
-                return Err(Failure::say(
-                    Cause::BadInput,
-                    "the console does not log in the words of this image",
-                    "name the ELF file that is on it with --elf, or write this one to it: `sutura flash`",
-                ));
-            }
-            Ok(())
-        }
     }
 
     fn show(line: &Line, global: &Global) {
@@ -196,7 +156,7 @@ mod log {
 
     fn failure(error: LogError) -> Failure {
         let cause = match error {
-            LogError::Image(_) | LogError::NoWords { .. } => Cause::BadInput,
+            LogError::Image(_) | LogError::NoWords { .. } | LogError::OtherImage => Cause::BadInput,
             _ => Cause::NoConsole,
         };
         Failure::new(cause, error)
@@ -480,23 +440,6 @@ mod tests {
             let error = report.expect_err("no end").report.to_string();
             assert!(error.contains(says), "{error}");
         }
-    }
-
-    #[cfg(feature = "log")]
-    #[test]
-    fn another_images_log_is_told_and_a_garbled_line_is_borne() {
-        let line = |text: Option<&str>| sutura_board::Line {
-            time: String::new(),
-            level: "info",
-            text: text.map(str::to_owned),
-        };
-        let mut unknown = log::Unknown::default();
-        assert!(unknown.count(&line(Some("mode 1"))).is_ok());
-        assert!((0..9).all(|_| unknown.count(&line(None)).is_ok()));
-        let mut unknown = log::Unknown::default();
-        assert!(unknown.count(&line(None)).is_ok() && unknown.count(&line(None)).is_ok());
-        let error = unknown.count(&line(None)).expect_err("three at the start");
-        assert!(error.report.to_string().contains("not log in the words"));
     }
 
     #[test]
