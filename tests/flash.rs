@@ -2,6 +2,9 @@
 #![cfg(unix)]
 #![allow(clippy::unwrap_used, reason = "tests")]
 
+#[cfg(feature = "qemu-tests")]
+mod selftest;
+
 use crate::support::{Ran, ran, root};
 use std::fs;
 use std::os::unix::fs::PermissionsExt;

@@ -52,6 +52,14 @@ impl Pty {
     pub fn path(&self) -> &str {
         &self.path
     }
+
+    /// Bytes that the host has not read yet.
+    ///
+    /// # Errors
+    /// What the system says.
+    pub fn unread(&self) -> io::Result<u64> {
+        Ok(rustix::io::ioctl_fionread(&self.terminal)?)
+    }
 }
 
 /// Nothing there, or no room, is not an error.
