@@ -114,17 +114,17 @@ fn impostor(pty: &mut Pty, stop: &AtomicBool, forge: impl Fn(&[u8]) -> Vec<u8>) 
     let mut is_told = false;
     while !stop.load(Ordering::Relaxed) {
         let count = pty.read(&mut chunk, Duration::from_millis(5)).unwrap_or(0);
-        for byte in &chunk[..count] {
-            let event = console.receive(*byte, 0);
+        let mut rest = &chunk[..count];
+        while let Some(event) = console.receive(&mut rest, 0) {
             is_told |= match event {
                 // With that every session ends.
-                Some(LinkEvent::Command(command)) => *command.body() != Command::Disarm,
-                Some(LinkEvent::Simulate(_) | LinkEvent::Fixture(_)) => true,
+                LinkEvent::Command(command) => *command.body() != Command::Disarm,
+                LinkEvent::Simulate(_) | LinkEvent::Fixture(_) => true,
                 _ => false,
             };
-            if let Some(length) = console.take_reply(0, &mut frame) {
-                pty.write(&forge(&frame[..length])).unwrap();
-            }
+        }
+        if let Some(length) = console.take_reply(0, &mut frame) {
+            pty.write(&forge(&frame[..length])).unwrap();
         }
     }
     is_told

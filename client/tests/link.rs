@@ -124,13 +124,12 @@ fn console(mut port: PipeEnd, orders: &Receiver<Do>, heard: &Sender<LinkEvent>) 
     let (mut frame, mut chunk, mut tick) = ([0; MAX_FRAME], [0; 256], 0);
     loop {
         let count = port.read(&mut chunk, Duration::from_millis(1)).unwrap_or(0);
-        for byte in &chunk[..count] {
-            if let Some(event) = end.receive(*byte, 1_000_000) {
-                let _ = heard.send(event);
-            }
-            if let Some(length) = end.take_reply(0, &mut frame) {
-                port.write(&frame[..length]).unwrap();
-            }
+        let mut rest = &chunk[..count];
+        while let Some(event) = end.receive(&mut rest, 1_000_000) {
+            let _ = heard.send(event);
+        }
+        if let Some(length) = end.take_reply(0, &mut frame) {
+            port.write(&frame[..length]).unwrap();
         }
         match orders.try_recv() {
             Ok(Do::States(count)) => {

@@ -95,10 +95,9 @@ impl<'a, P: Bytes> HostSide<'a, P> {
             if stands("byte_budget") {
                 self.budget = self.budget.saturating_sub(count);
             }
-            for &byte in bytes.iter().take(count) {
-                if let Some(delivery) = self.endpoint.receive(byte, now_us) {
-                    self.apply(delivery, &mut publish);
-                }
+            let mut rest = bytes.get(..count).unwrap_or_default();
+            while let Some(delivery) = self.endpoint.receive(&mut rest, now_us) {
+                self.apply(delivery, &mut publish);
             }
         }
         // A `State` is longer than what a USB port takes at once: the rest follows when a packet has left.

@@ -3,6 +3,7 @@
 //! Entry points: [`Touch::saw`] where the serial port is, [`may_leave`] where the motors are. The console takes it at rest only. It
 //! leaves two words in RAM and resets, and the next start goes to the loader before anything else (`board::stm32f4`).
 
+use sutura_shared::mutant::stands;
 use sutura_shared::wire::message::Mode;
 
 /// Line rate that is a touch when the terminal goes: that of many boards with USB \[baud\].
@@ -20,9 +21,9 @@ pub struct Touch {
 impl Touch {
     /// The host's settings of the port, whenever they may have changed; true when its terminal goes at 1200 baud.
     pub fn saw(&mut self, baud: u32, terminal_ready: bool) -> bool {
-        let went = self.was_ready && !terminal_ready;
+        let was_ready = self.was_ready || !stands("touch_goes");
         self.was_ready = terminal_ready;
-        went && baud == BAUD
+        was_ready && !terminal_ready && (baud == BAUD || !stands("touch_rate"))
     }
 }
 
@@ -30,7 +31,10 @@ impl Touch {
 /// the option bit `WDG_SW` = 0 that one starts with the chip, and would bite in the loader (RM0090, 21.3.1).
 pub fn may_leave(mode: Mode, amplifiers_off: bool, flash_options: u32) -> bool {
     const WDG_SW: u32 = 1 << 5;
-    mode == Mode::Idle && amplifiers_off && flash_options & WDG_SW != 0
+    let watchdog_stops = flash_options & WDG_SW != 0;
+    (mode == Mode::Idle || !stands("touch_idle"))
+        && (amplifiers_off || !stands("touch_off"))
+        && (watchdog_stops || !stands("touch_watchdog"))
 }
 
 #[cfg(test)]

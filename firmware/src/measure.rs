@@ -256,13 +256,11 @@ impl Wire {
     }
 
     fn receive(&mut self, frame: &[u8]) -> Option<ValidContact> {
-        let mut valid = None;
-        for &byte in frame {
-            if let Some(LinkEvent::Contact(contact)) = self.console.receive(byte, u64::MAX) {
-                valid = Some(contact);
-            }
+        let mut rest = frame;
+        match self.console.receive(&mut rest, u64::MAX) {
+            Some(LinkEvent::Contact(contact)) => Some(contact),
+            _ => None,
         }
-        valid
     }
 
     fn send_rows(&mut self, console_time_us: u64, rows: &Rows) {

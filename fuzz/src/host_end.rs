@@ -23,9 +23,7 @@ fn opened(nonce: u32) -> Option<(HostLink, u32)> {
     let (mut host, mut console) = (HostLink::new(1000), ConsoleLink::new(identity, nonce));
     let mut bytes = [0; MAX_FRAME];
     let len = host.hello(nonce, &mut bytes).ok()?;
-    for byte in bytes.get(..len)? {
-        console.receive(*byte, 0);
-    }
+    console.receive(&mut bytes.get(..len)?, 0);
     let len = console.take_reply(0, &mut bytes)?;
     let mut session = 0;
     for byte in bytes.get(..len)? {

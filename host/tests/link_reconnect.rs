@@ -265,9 +265,7 @@ fn a_console_that_another_host_uses_says_so() {
         let (mut end, mut owner) = (ConsoleLink::new(identity, 1), HostLink::new(1000));
         let (mut frame, mut chunk) = ([0; MAX_FRAME], [0; 256]);
         let length = owner.hello(1, &mut frame).unwrap();
-        frame[..length].iter().for_each(|byte| {
-            end.receive(*byte, 0);
-        });
+        end.receive(&mut &frame[..length], 0);
         let length = end.take_reply(0, &mut frame).unwrap();
         assert!(
             frame[..length]
@@ -275,16 +273,13 @@ fn a_console_that_another_host_uses_says_so() {
                 .any(|byte| matches!(owner.receive(*byte), Some(HostEvent::Opened(_))))
         );
         let length = owner.send(0, &Command::Arm, &mut frame).unwrap();
-        frame[..length].iter().for_each(|byte| {
-            end.receive(*byte, 0);
-        });
+        end.receive(&mut &frame[..length], 0);
         while !stopped.load(Ordering::Relaxed) {
             let count = far.read(&mut chunk, Duration::from_millis(1)).unwrap_or(0);
-            for byte in &chunk[..count] {
-                end.receive(*byte, 1000);
-                if let Some(length) = end.take_reply(1000, &mut frame) {
-                    let _ = far.write(&frame[..length]);
-                }
+            let mut rest = &chunk[..count];
+            while end.receive(&mut rest, 1000).is_some() {}
+            if let Some(length) = end.take_reply(1000, &mut frame) {
+                let _ = far.write(&frame[..length]);
             }
         }
     });

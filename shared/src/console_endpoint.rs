@@ -142,10 +142,16 @@ impl ConsoleEndpoint {
         ConsoleEndpoint { link, report: boot }
     }
 
-    /// Takes a byte that came on the console's clock.
-    pub fn receive(&mut self, byte: u8, now_us: u64) -> Option<Delivery> {
-        let event = self.link.receive(byte, now_us)?;
-        delivery(event)
+    /// Takes bytes that came on the console's clock, up to the frame that brings something: `bytes` is what is left of them then, and
+    /// empty if none does.
+    pub fn receive(&mut self, bytes: &mut &[u8], now_us: u64) -> Option<Delivery> {
+        loop {
+            let event = self.link.receive(bytes, now_us)?;
+            let delivery = delivery(event);
+            if delivery.is_some() {
+                return delivery;
+            }
+        }
     }
 
     /// Closes a session in which nothing has come for too long.

@@ -21,9 +21,7 @@
 //!
 //! // The host asks for a session, over whatever carries bytes ...
 //! let length = host.hello(42, &mut frame)?;
-//! for byte in &frame[..length] {
-//!     console.receive(*byte, 0);
-//! }
+//! console.receive(&mut &frame[..length], 0);
 //! // ... and the console gives one.
 //! let length = console.take_reply(0, &mut frame).unwrap_or(0);
 //! let answer = frame[..length].iter().find_map(|byte| host.receive(*byte));

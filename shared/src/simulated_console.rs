@@ -178,10 +178,9 @@ impl SimulatedConsole {
     pub fn feed(&mut self, bytes: &[u8]) {
         self.expire();
         let now_us = self.clock_us();
-        for byte in bytes {
-            if let Some(delivery) = self.endpoint.receive(*byte, now_us) {
-                self.apply(delivery);
-            }
+        let mut rest = bytes;
+        while let Some(delivery) = self.endpoint.receive(&mut rest, now_us) {
+            self.apply(delivery);
         }
     }
 

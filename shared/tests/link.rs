@@ -34,8 +34,8 @@ fn feed(console: &mut ConsoleLink, bytes: &[u8]) -> Vec<LinkEvent> {
 }
 
 fn feed_at(console: &mut ConsoleLink, bytes: &[u8], now_us: u64) -> Vec<LinkEvent> {
-    let events = bytes.iter().filter_map(|b| console.receive(*b, now_us));
-    events.collect()
+    let mut rest = bytes;
+    std::iter::from_fn(|| console.receive(&mut rest, now_us)).collect()
 }
 
 /// The commands among events that are nothing else.

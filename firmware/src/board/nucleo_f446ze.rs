@@ -20,7 +20,7 @@
 //! | PC13 | button B1 | | SB173 closed; SB180, to PA0, open; nothing yet |
 //! | PH0 | 8 MHz from the probe (its MCO) | | no crystal at PH0 and PH1: the probe must have power |
 //! | PC0 | ADC1 channel 10: the motors' supply over a divider, if [`MOTOR_SUPPLY`] says so | CN9 3 (A1) | |
-//! | PC5 | ADC1 channel 15: noise, left open | CN9 and CN11 | nothing may be there |
+//! | PC5 | ADC1 channel 15: noise, left open | CN12 6 | nothing may be there |
 //! | PA8, PA9, PA10 | USB start of frame, VBUS, **ID** | CN13 | taken by the connector: left alone |
 //! | PG7 | USB over-current, low = over | | left alone |
 //! | PD8, PD9 | the probe's serial port (USART3) | | left alone |
@@ -28,9 +28,10 @@
 //! | PC14, PC15 | crystal of 32 kHz | | left alone |
 //! | PA4, PA5 | nothing | | the two pins that do not stand 5 V |
 //!
-//! Sources: alternate functions are the data sheet's (DS10693, table 11); LEDs, button and their solder bridges those that mbed's and
-//! NuttX's files of the family quote from the manual (UM1974). The manual itself was not at hand: connector numbers and SB122 are
-//! unchecked. **Connector numbers and bridges are to be checked on the board before it is wired.**
+//! Sources: alternate functions are the data sheet's (DS10693, table 11). The manual (UM1974) was not at hand; others quote it: CN7 to CN10
+//! from its table 18 (rev. 11) in Zephyr's `st_zio_connector.dtsi` of this board, CN11 and CN12 in a drawing of the MB1137
+//! (github.com/casten/Nucleo-144-gpio), LEDs, button and bridges from its sections 7.5 and 7.6 in mbed's and NuttX's files of the family,
+//! and SB121 and SB122 as the choice between PA7 and PB5 for D11. **They are to be checked on the board before it is wired.**
 //!
 //! The chip has no random generator: [`session_seed`] takes noise, the chip's number and a count in RAM.
 
@@ -52,9 +53,25 @@ use sutura_shared::wire::message::Mode;
 /// The amplifiers.
 pub const SET_POINT: SetPoint = SetPoint::escon(5.0);
 
-/// The motors' supply, where a divider brings it to PC0: with 100 and 10 kOhm `MotorSupply { full_scale_v: 36.3, limits_v: [20.0, 22.0,
-/// 28.0] }` is of 24 V. None: nobody looks at it.
-pub const MOTOR_SUPPLY: Option<MotorSupply> = None;
+/// The motors' supply, where a divider brings it to PC0: this one is of 24 V, over 100 and 10 kOhm. None: nobody looks at it.
+pub const MOTOR_SUPPLY: Option<MotorSupply> = if cfg!(feature = "mutants") {
+    Some(MotorSupply {
+        full_scale_v: 36.3,
+        limits_v: [20.0, 22.0, 28.0],
+    })
+} else {
+    None
+};
+
+/// Of the image that only tests run: everything that there is a driver for.
+#[cfg(feature = "mutants")]
+#[path = "fitted.rs"]
+mod fitted;
+/// What else is on it: nothing, but in the image that only tests run.
+#[cfg(not(feature = "mutants"))]
+pub use super::stm32f4::NoSensors as Sensors;
+#[cfg(feature = "mutants")]
+pub use fitted::Sensors;
 
 /// The console that hangs on this board.
 pub const DEVICE: DeviceDescription = capstan_stages(*b"nucleo-f446ze\0\0\0");
@@ -114,7 +131,7 @@ pub fn session_seed(rcc: &mut Rcc) -> Option<u32> {
 
 /// What an open pin picks up: the lowest bits of 64 conversions, as short as they can be (RM0390, 13.3).
 fn noise(rcc: &mut Rcc) -> u64 {
-    let mut converter = Converter::begin(rcc, 15, Sampling::Shortest);
+    let mut converter = Converter::<pac::ADC1>::begin(rcc, 15, Sampling::Shortest);
     (0..64).fold(0, |bits: u64, _| {
         // A conversion takes 15 of the converter's cycles; one that does not end gives nothing.
         let reading = (0..1000).find_map(|_| converter.read().ok());
@@ -123,7 +140,12 @@ fn noise(rcc: &mut Rcc) -> u64 {
 }
 
 /// Takes the board's pins. Encoders are without pull resistors, which JTAG's pins have after a reset: 5 V may not meet one.
-pub fn wire(ports: Ports, timers: (pac::TIM3, pac::TIM4, pac::TIM2), rcc: &mut Rcc) -> Wired {
+pub fn wire(
+    ports: Ports,
+    timers: (pac::TIM3, pac::TIM4, pac::TIM2),
+    bus: pac::SPI3,
+    rcc: &mut Rcc,
+) -> Wired {
     let Ports { a, b, c, d, g } = ports;
     let encoder_1 = (
         b.pb4.into_alternate::<2>().internal_resistor(Pull::None),
@@ -134,6 +156,13 @@ pub fn wire(ports: Ports, timers: (pac::TIM3, pac::TIM4, pac::TIM2), rcc: &mut R
         a.pa1,
     );
     let _open = c.pc5.into_analog();
+    #[cfg(feature = "mutants")]
+    let sensors = {
+        let bus = (bus, c.pc10, c.pc11, c.pc12, d.pd2);
+        Sensors::wire(bus, (d.pd7, d.pd6), c.pc3, rcc)
+    };
+    #[cfg(not(feature = "mutants"))]
+    let (sensors, _) = (Sensors, bus);
     Wired {
         stop: a.pa6,
         motors: (c.pc6, c.pc7, c.pc8, c.pc9),
@@ -145,6 +174,7 @@ pub fn wire(ports: Ports, timers: (pac::TIM3, pac::TIM4, pac::TIM2), rcc: &mut R
         ),
         ready: b.pb9.into_pull_down_input(),
         motor_supply: c.pc0,
+        sensors,
         lamps: Lamps {
             enabled: Lamp::new(b.pb0.into_push_pull_output(), PinState::High),
             armed: Lamp::new(b.pb7.into_push_pull_output(), PinState::High),

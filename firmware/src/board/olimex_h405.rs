@@ -24,7 +24,7 @@
 //!
 //! Its clock is its crystal; random numbers are the chip's.
 
-use super::stm32f4::{Ports, Wired};
+use super::stm32f4::{NoSensors, Ports, Wired};
 use crate::devices::capstan_stages;
 use crate::drivers::analog::MotorSupply;
 use crate::drivers::lamp::{Lamp, Show};
@@ -57,6 +57,9 @@ pub const IDENTITY: Identity = Identity {
 /// The amplifiers' ready line.
 pub type Ready = PB9<Input>;
 
+/// Encoders that count, and nothing else.
+pub type Sensors = NoSensors;
+
 /// The one on the board.
 pub struct Lamps(Lamp<PC12<Output>>);
 
@@ -83,7 +86,12 @@ pub fn session_seed(rcc: &mut Rcc) -> Option<u32> {
 }
 
 /// Takes the board's pins. Encoders are without pull resistors, which JTAG's pins have after a reset: 5 V may not meet one.
-pub fn wire(ports: Ports, timers: (pac::TIM3, pac::TIM4, pac::TIM2), rcc: &mut Rcc) -> Wired {
+pub fn wire(
+    ports: Ports,
+    timers: (pac::TIM3, pac::TIM4, pac::TIM2),
+    _: pac::SPI3,
+    rcc: &mut Rcc,
+) -> Wired {
     let Ports { a, b, c, .. } = ports;
     let encoder_1 = (
         b.pb4.into_alternate::<2>().internal_resistor(Pull::None),
@@ -104,6 +112,7 @@ pub fn wire(ports: Ports, timers: (pac::TIM3, pac::TIM4, pac::TIM2), rcc: &mut R
         ),
         ready: b.pb9.into_pull_down_input(),
         motor_supply: c.pc0,
+        sensors: NoSensors,
         lamps: Lamps(Lamp::new(
             c.pc12.into_push_pull_output_in_state(gpio::PinState::High),
             PinState::Low,

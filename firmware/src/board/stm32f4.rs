@@ -34,7 +34,7 @@
 //! states the flash needs 2.7 V (RM0090, 3.5.1); brown-out level 3 resets the chip there, and the log says if it is not set.
 
 use super::logger::{self, LogClass};
-use super::wiring::{self, Lamps, MOTOR_SUPPLY, Ready, SET_POINT};
+use super::wiring::{self, Lamps, MOTOR_SUPPLY, Ready, SET_POINT, Sensors};
 use super::{Boot, Event, fault};
 use crate::crash_record::{CrashRecord, Kind, reset_cause};
 use crate::drivers::amplifier::Amplifiers;
@@ -45,6 +45,7 @@ use crate::serial_number::{DIGITS, serial_number};
 use crate::signals::{Counter16, StopLine, TickClock};
 use crate::watch::Watch;
 use core::convert::Infallible;
+use core::marker::PhantomData;
 use core::mem::MaybeUninit;
 use core::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 use cortex_m::peripheral::syst::SystClkSource;
@@ -58,6 +59,7 @@ use stm32f4xx_hal::rcc::{Enable, Rcc, Reset};
 use stm32f4xx_hal::watchdog::IndependentWatchdog;
 use stm32f4xx_hal::{pac, prelude::*};
 use sutura_shared::control::{Control, TickInput, TickOutput};
+use sutura_shared::device::JOINTS;
 use sutura_shared::mutant::stands;
 use sutura_shared::usb::{PRODUCT, VENDOR};
 use sutura_shared::wire::message::Simulate;
@@ -128,18 +130,37 @@ impl SetDutyCycle for Pulses {
     }
 }
 
-/// A channel of ADC1, which converts all the time: a reading is of the tick before.
-pub(super) struct Converter(());
+/// A converter of the chip's. All of them have the registers of the first.
+pub(super) trait Adc: Enable {
+    fn registers() -> &'static pac::adc1::RegisterBlock;
+}
+
+impl Adc for pac::ADC1 {
+    fn registers() -> &'static pac::adc1::RegisterBlock {
+        // SAFETY: nobody but its one `Converter` uses it.
+        unsafe { &*pac::ADC1::ptr() }
+    }
+}
+
+impl Adc for pac::ADC2 {
+    fn registers() -> &'static pac::adc1::RegisterBlock {
+        // SAFETY: as above.
+        unsafe { &*pac::ADC2::ptr() }
+    }
+}
+
+/// A channel of a converter, which converts all the time: a reading is of the tick before.
+pub(super) struct Converter<A = pac::ADC1>(PhantomData<A>);
 
 /// No conversion has ended since the last reading.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct NotYet;
 
-impl Converter {
-    /// Switches the converter on and begins with a channel, 10 to 18, whose pin is analog. The only one: the next one takes its place.
+impl<A: Adc> Converter<A> {
+    /// Switches the converter on and begins with a channel, 10 to 18, whose pin is analog. The only one of it: the next one takes its place.
     pub(super) fn begin(rcc: &mut Rcc, channel: u32, sampling: Sampling) -> Self {
-        pac::ADC1::enable(rcc);
-        let converter = Self::registers();
+        A::enable(rcc);
+        let converter = A::registers();
         // SAFETY: documented values of the sampling time of channels 10 to 18, three bits each, and of the sequence's only
         // channel (RM0090, 13.13.4 and 13.13.11).
         unsafe {
@@ -151,12 +172,7 @@ impl Converter {
         // 3 us to start (DS8626 and DS10693, t_STAB).
         cortex_m::asm::delay(3 * CORE_HZ / 1_000_000);
         converter.cr2().modify(|_, w| w.swstart().set_bit());
-        Converter(())
-    }
-
-    fn registers() -> &'static pac::adc1::RegisterBlock {
-        // SAFETY: nobody else uses the converter, and of this type there is one at a time.
-        unsafe { &*pac::ADC1::ptr() }
+        Converter(PhantomData)
     }
 }
 
@@ -170,12 +186,12 @@ pub(super) enum Sampling {
     Longest = 7,
 }
 
-impl Channel for Converter {
+impl<A: Adc> Channel for Converter<A> {
     const FULL_SCALE: u16 = 4095;
     type Error = NotYet;
 
     fn read(&mut self) -> Result<u16, NotYet> {
-        let converter = Self::registers();
+        let converter = A::registers();
         if converter.sr().read().eoc().bit_is_clear() {
             return Err(NotYet);
         }
@@ -451,8 +467,32 @@ pub struct Wired {
     pub ready: Ready,
     /// The motors' supply, over a divider.
     pub motor_supply: gpio::PC0,
+    /// What else the control task reads.
+    pub sensors: Sensors,
     /// What people see.
     pub lamps: Lamps,
+}
+
+/// What a board's sensors say in a tick, beside the encoders that its timers count.
+#[derive(Clone, Copy, Debug)]
+pub struct Sensed {
+    /// Encoder counts, (3): those of the timers, or of sensors in their place.
+    pub counts: [i32; JOINTS],
+    /// Something is broken, too hot, or where it must not be: the fault `board`.
+    pub unfit: bool,
+}
+
+/// Of a board that has none.
+pub struct NoSensors;
+
+impl NoSensors {
+    /// Once a tick, with what the timers have counted.
+    pub fn tick(&mut self, counts: [i32; JOINTS]) -> Sensed {
+        Sensed {
+            counts,
+            unfit: false,
+        }
+    }
 }
 
 /// Writes a line of a self-test to the log; see [`log`].
@@ -468,6 +508,7 @@ pub struct Plant {
     tick: pac::TIM7,
     amplifiers: Amplifiers<Pulses, Outputs, EnableLine, Ready, MOTORS>,
     motor_supply: Option<Supply<Converter>>,
+    sensors: Sensors,
     lamps: Lamps,
     /// The chip's option bits (RM0090, 3.9.10).
     flash_options: u32,
@@ -501,23 +542,25 @@ impl crate::control_side::Plant for Plant {
         SUPPLY_DIPPED.store(false, Ordering::Relaxed);
         let wanted = !self.amplifiers.are_off();
         let unfit = |supply: &mut Supply<_>| supply.is_unfit(wanted);
-        let supply_low = self.motor_supply.as_mut().is_some_and(unfit) || supply_low;
+        let unfit = self.motor_supply.as_mut().is_some_and(unfit) && stands("motor_supply");
+        let supply_low = unfit || supply_low;
         let [first, second] = &mut self.counters;
+        let sensed = self.sensors.tick([
+            first.widen(self.encoders.0.cnt().read().cnt().bits()),
+            second.widen(self.encoders.1.cnt().read().cnt().bits()),
+            self.encoders.2.cnt().read().cnt().bits() as i32,
+        ]);
         TickInput {
             now_us: if stands("console_time") {
                 beat.now_us
             } else {
                 u64::from(cycles() / 168)
             },
-            encoder_counts: [
-                first.widen(self.encoders.0.cnt().read().cnt().bits()),
-                second.widen(self.encoders.1.cnt().read().cnt().bits()),
-                self.encoders.2.cnt().read().cnt().bits() as i32,
-            ],
+            encoder_counts: sensed.counts,
             // No wrist.
             orientation: None,
             emergency_stop: stop.pressed(),
-            board_fault: false,
+            board_fault: sensed.unfit && stands("sensors"),
             amplifiers_unready: !self.amplifiers.take_currents(),
             supply_low,
             time_base_fault: beat.contradicts,
@@ -545,6 +588,9 @@ impl crate::control_side::Plant for Plant {
                 leave_for_loader();
             }
             LOADER_REFUSED.store(true, Ordering::Relaxed);
+            if !stands("touch_forgotten") {
+                TOUCHED.store(true, Ordering::Relaxed);
+            }
         }
     }
 
@@ -717,7 +763,8 @@ pub fn start(
         d: device.GPIOD.split(&mut rcc),
         g: device.GPIOG.split(&mut rcc),
     };
-    let wired = wiring::wire(ports, (device.TIM3, device.TIM4, device.TIM2), &mut rcc);
+    let timers = (device.TIM3, device.TIM4, device.TIM2);
+    let wired = wiring::wire(ports, timers, device.SPI3, &mut rcc);
     let _stop = wired
         .stop
         .into_alternate::<3>()
@@ -867,6 +914,7 @@ pub fn start(
         tick,
         amplifiers,
         motor_supply,
+        sensors: wired.sensors,
         lamps: wired.lamps,
         flash_options,
     };

@@ -4,6 +4,7 @@
 //! [`Chip::open_stop`]. A register without a meaning of its own keeps what is written.
 
 use super::board::Board;
+use super::fitted::Fitted;
 use super::otg::{OTG, Otg};
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -146,6 +147,8 @@ pub struct Chip {
     pub lines: Lines,
     /// Its USB core.
     pub usb: Otg,
+    /// What else is on the board.
+    pub fitted: Option<Fitted>,
     /// Every change of the outputs since this was last taken, in order.
     pub changes: Vec<Outputs>,
     /// Since power-up.
@@ -156,6 +159,8 @@ pub struct Chip {
     pub window_runs: bool,
     /// The image has not come to the end of its start: every read of a block is answered here.
     pub starts: bool,
+    /// The option bytes have the independent watchdog start with the chip.
+    pub watchdog_by_option: bool,
     /// Reads of the clock control while the crystal does not swing.
     pub waits_for_crystal: u32,
     stored: BTreeMap<u32, u32>,
@@ -192,11 +197,13 @@ impl Chip {
             board,
             lines,
             usb: Otg::new(board.usb_core()),
+            fitted: None,
             changes: Vec::new(),
             feeds: Feeds::default(),
             watchdog_runs: false,
             window_runs: false,
             starts: true,
+            watchdog_by_option: false,
             waits_for_crystal: 0,
             stored: BTreeMap::new(),
             systick: 0x00FF_0000,
@@ -216,7 +223,7 @@ impl Chip {
         self.usb = Otg::new(self.board.usb_core());
         self.stored.clear();
         self.starts = true;
-        self.watchdog_runs = false;
+        self.watchdog_runs = self.watchdog_by_option;
         self.window_runs = false;
         self.waits_for_crystal = 0;
         self.tripped = false;
@@ -241,6 +248,9 @@ impl Chip {
     pub fn peek(&self, address: u32) -> u32 {
         let bit = |set, at: u32| if set { 1 << at } else { 0 };
         let counts = |joint: usize| self.lines.encoder_counts[joint] as u32;
+        if let Some(value) = self.fitted.and_then(|fitted| fitted.peek(address)) {
+            return value;
+        }
         match address {
             TIM3_CNT => counts(0) & 0xFFFF,
             TIM4_CNT => counts(1) & 0xFFFF,
@@ -248,6 +258,8 @@ impl Chip {
             TIM7_SR => bit(self.tick_due, 0),
             TIM7_CNT => 0,
             PWR_CSR => self.stored(address) & !(1 << 2) | bit(self.lines.supply_low, 2),
+            // Bit WDG_SW (RM0090, 3.9.10).
+            FLASH_OPTCR if self.watchdog_by_option => self.stored(address) & !(1 << 5),
             TIM8_SR => bit(self.tripped, 7),
             TIM8_BDTR if self.stop_open => self.stored(address) & !(1 << 15),
             GPIOA_IDR => bit(!self.stop_open, 6),
@@ -280,6 +292,9 @@ impl Chip {
 
     /// A write to a register.
     pub fn write(&mut self, address: u32, value: u32) {
+        if let Some(fitted) = &mut self.fitted {
+            fitted.write(address, value, self.lines.encoder_counts[2]);
+        }
         match address {
             OTG..0x5004_0000 => return self.usb.write(address - OTG, value),
             TIM7_SR => self.tick_due = self.lines.ticks_late,
@@ -340,6 +355,8 @@ impl Chip {
             // What the program sets comes back by a jumper before anything else stops it.
             let live = alive.filter(|at| self.lines.jumpers || self.peek(*at) != 0);
             watched.extend(live.map(|at| (at, 4)));
+            let fitted = self.fitted.iter().flat_map(|_| Fitted::WATCHED);
+            watched.extend(fitted.map(|at| (at, 4)));
         }
         if self.starts || self.usb.sets_up {
             watched.insert((OTG, 0xF00));

@@ -12,6 +12,7 @@ mod board;
 mod chip;
 mod connection;
 mod error;
+mod fitted;
 mod gdb;
 mod loader;
 mod log;
@@ -26,6 +27,7 @@ mod usb_host;
 pub use board::Board;
 pub use chip::{Chip, EXTI0, Feeds, ID, LOADER, Lines, Outputs, RANDOM, reset};
 pub use error::BoardImageError;
+pub use fitted::Fitted;
 pub use loader::LoaderStart;
 pub use mutants::{default_mutants, switch_of};
 pub use otg::Otg;
@@ -141,6 +143,17 @@ impl BoardImage {
             counted_ns: 0,
             started: Instant::now(),
         })
+    }
+
+    /// Before the first boot: puts everything on the board that there is a driver for.
+    ///
+    /// # Errors
+    /// [`BoardImageError`].
+    pub fn fit(&mut self) -> Result<(), BoardImageError> {
+        self.chip.fitted = Some(Fitted::WELL);
+        self.processor
+            .connection
+            .watch_writes(fitted::SPI3_DR, true)
     }
 
     /// From the reset vector to idle, with a first tick: its interrupt is raised where its timer starts.

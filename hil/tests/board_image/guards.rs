@@ -9,7 +9,7 @@ const TIM8_DIER: u32 = 0x4001_040C;
 const BREAK: u32 = 1 << 7;
 
 /// The next tick is in fault, with these faults and no torque; and stays off until somebody clears it.
-fn fault(bench: &mut Bench, expected: u16) {
+pub(super) fn fault(bench: &mut Bench, expected: u16) {
     let state = bench.tick();
     assert_eq!((state.mode, state.faults), (Mode::Fault, expected));
     assert!(!bench.outputs().enable);
@@ -21,7 +21,7 @@ fn fault(bench: &mut Bench, expected: u16) {
 }
 
 /// With the cause gone the console can be armed again, and not before it is told.
-fn recover(bench: &mut Bench) {
+pub(super) fn recover(bench: &mut Bench) {
     bench.say(&Command::Arm);
     assert_eq!(
         bench.tick().mode,

@@ -39,7 +39,7 @@ fn a_console_at_rest_goes_into_the_loader_of_its_rom_with_everything_off(on: On)
 }
 
 on_each_board!(other_rates_and_terminals_that_stay_are_no_touch);
-fn other_rates_and_terminals_that_stay_are_no_touch(on: On) {
+pub(super) fn other_rates_and_terminals_that_stay_are_no_touch(on: On) {
     let mut bench = Bench::start(on);
     bench.board.touch(9600).unwrap();
     bench.board.set_line(BAUD, true).unwrap();
@@ -53,7 +53,7 @@ fn other_rates_and_terminals_that_stay_are_no_touch(on: On) {
 }
 
 on_each_board!(a_console_that_is_armed_starting_stopping_or_in_a_fault_is_not_touched);
-fn a_console_that_is_armed_starting_stopping_or_in_a_fault_is_not_touched(on: On) {
+pub(super) fn a_console_that_is_armed_starting_stopping_or_in_a_fault_is_not_touched(on: On) {
     let mut bench = Bench::start(on);
     // In the tick of arming, while pulses begin.
     bench.say(&Command::Arm);
@@ -89,4 +89,18 @@ fn a_console_that_is_armed_starting_stopping_or_in_a_fault_is_not_touched(on: On
     assert_eq!(bench.tick().mode, Mode::Idle);
     bench.board.touch(BAUD).unwrap();
     assert!(resets(&mut bench));
+}
+
+on_each_board!(a_watchdog_that_starts_with_the_chip_keeps_it_out_of_the_loader);
+/// It would bite there, half way through writing.
+pub(super) fn a_watchdog_that_starts_with_the_chip_keeps_it_out_of_the_loader(on: On) {
+    let mut board = on.power_up();
+    board.chip().watchdog_by_option = true;
+    board.boot().unwrap();
+    let mut bench = Bench::of(on, board);
+    bench.open();
+    bench.board.touch(BAUD).unwrap();
+    for _ in 0..3 {
+        assert_eq!(bench.tick().mode, Mode::Idle);
+    }
 }

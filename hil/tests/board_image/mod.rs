@@ -19,6 +19,7 @@ macro_rules! on_each_board {
     };
 }
 
+mod fitted;
 mod guards;
 mod link;
 mod loader;
@@ -87,6 +88,12 @@ impl On {
         mutant: None,
     };
 
+    /// That of a NUCLEO with everything on it, which no console is flashed with.
+    const FITTED: On = On {
+        board: Board::NucleoF446ze,
+        mutant: Some(None),
+    };
+
     /// The one that can go without a guard.
     fn mutant(board: Board, without: Option<&'static str>) -> On {
         On {
@@ -114,6 +121,9 @@ impl On {
         if let Some(guard) = self.mutant {
             let out = board.take_out(&image, guard);
             out.unwrap_or_else(|error| panic!("{error}"));
+            if self.board == Board::NucleoF446ze {
+                board.fit().unwrap_or_else(|error| panic!("{error}"));
+            }
         }
         board
     }
@@ -167,10 +177,9 @@ impl Twin {
         expired
             .into_iter()
             .for_each(|delivery| self.apply(delivery));
-        for byte in bytes {
-            if let Some(delivery) = self.endpoint.receive(*byte, self.now_us) {
-                self.apply(delivery);
-            }
+        let mut rest = bytes;
+        while let Some(delivery) = self.endpoint.receive(&mut rest, self.now_us) {
+            self.apply(delivery);
         }
     }
 

@@ -2,7 +2,7 @@
 //!
 //! The image is one of its own (`sutura-mutants-BOARD`), with a switch in RAM; the one that is shipped has none.
 
-use super::{On, guards, link, resets, sessions, traffic};
+use super::{On, fitted, guards, link, loader, resets, sessions, traffic};
 use std::collections::{BTreeMap, BTreeSet};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
@@ -11,8 +11,8 @@ use sutura_shared::control::Guards;
 use sutura_shared::link::Checks;
 
 /// A check fails without this guard.
-fn notices(check: fn(On), guard: &'static str) {
-    let on = On::mutant(Board::OlimexH405, Some(guard));
+fn notices(board: Board, check: fn(On), guard: &'static str) {
+    let on = On::mutant(board, Some(guard));
     let outcome = catch_unwind(AssertUnwindSafe(|| check(on)));
     let Err(panic) = outcome else {
         panic!("without the guard `{guard}` everything that is checked still holds");
@@ -22,26 +22,26 @@ fn notices(check: fn(On), guard: &'static str) {
     eprintln!("without `{guard}`: {}", said.unwrap_or("it fails"));
 }
 
-/// For each check, the guards that it fails without.
+/// For each check on a board, the guards that it fails without.
 macro_rules! checks {
-    ($($room:ident :: $check:ident: $($guard:ident)*;)*) => {
-        $(mod $check {
+    ($($board:ident { $($room:ident :: $check:ident: $($guard:ident)*;)* })*) => {
+        $($(mod $check {
             use super::*;
 
             #[test]
             fn all_guards() {
-                $room::$check(On::mutant(Board::OlimexH405, None));
+                $room::$check(On::mutant(Board::$board, None));
             }
 
             $(#[test]
             fn $guard() {
-                notices($room::$check, stringify!($guard));
+                notices(Board::$board, $room::$check, stringify!($guard));
             })*
-        })*
+        })*)*
 
         /// All guards, and what each is noticed by.
         fn noticed() -> BTreeMap<&'static str, &'static str> {
-            let all = [$($((stringify!($guard), stringify!($check)),)*)*];
+            let all = [$($($((stringify!($guard), stringify!($check)),)*)*)*];
             let count = all.len();
             let noticed = BTreeMap::from(all);
             assert_eq!(noticed.len(), count, "a guard that is taken out twice");
@@ -51,44 +51,54 @@ macro_rules! checks {
 }
 
 checks! {
-    guards::the_emergency_stop_cuts_pulses_and_enable_and_is_a_fault:
-        break_input emergency_stop stop_at_once stop_once stop_again faults_stay;
-    guards::a_stop_shorter_than_a_tick_is_a_fault_as_well: stop_flag;
-    guards::a_stop_in_the_middle_of_a_tick_lets_no_current_of_that_tick_out: stop_within_tick;
-    guards::amplifiers_that_are_not_ready_any_more_are_a_fault: ready_kept fault_wins;
-    guards::amplifiers_that_never_get_ready_are_a_fault_520_ms_after_arming_and_have_had_no_force:
-        ready_in_time ready_first;
-    guards::a_supply_that_dips_between_two_ticks_takes_the_torque_off_at_once_and_is_a_fault:
-        supply_interrupt supply_at_once supply_remembered enable_falls no_current;
-    guards::a_supply_that_is_low_is_seen_by_the_tick_alone: supply_level;
-    guards::clocks_that_contradict_each_other_are_a_fault_in_the_third_tick: time_base;
-    guards::ticks_that_take_longer_than_their_period_are_a_fault_in_the_third: overrun;
-    guards::periods_that_an_interrupt_swallowed_are_counted: lost_periods;
-    guards::an_encoder_that_jumps_is_a_fault: encoder_jump;
-    guards::a_grip_that_is_too_fast_is_a_fault: overspeed;
-    guards::encoders_out_of_reach_are_a_fault: out_of_reach;
-    link::the_image_boots_enumerates_and_answers_with_its_names: window_watchdog;
-    link::a_flooded_line_costs_no_tick_and_no_watchdog: link_masked room_for_orders;
-    link::a_new_session_finds_the_console_disarmed: disarm;
-    link::a_session_in_which_nothing_comes_for_a_second_is_over: expiry;
-    link::a_host_with_other_messages_gets_no_session: schema;
-    link::what_is_not_to_be_believed_changes_nothing: checksum session sequence future ownership;
-    resets::a_tick_timer_that_stops_ends_in_the_window_watchdog:
-        tasks_watched watchdog_warns watchdog_stops last_feed epitaph;
-    resets::a_telemetry_task_that_hangs_ends_in_the_window_watchdog: telemetry_watched;
-    resets::a_crystal_that_fails_takes_the_torque_off_and_resets_again_and_again:
-        clock_security exception_stops;
-    resets::a_crystal_that_never_swings_is_waited_for_under_a_watchdog: watchdog_first;
-    resets::a_program_that_runs_astray_takes_the_torque_off_and_says_where: hard_fault_stops;
-    sessions::pulses_come_20_ms_before_enable_and_go_20_ms_after:
-        pulses_first pulses_last enable_first;
-    traffic::noise: byte_budget;
-    sessions::a_silent_host_is_felt_no_longer_and_then_disarmed: console_time horizon lost;
-    sessions::a_contact_that_is_to_be_good_for_ever_is_not: longest_horizon;
-    sessions::contacts_are_felt_as_the_shared_code_renders_them:
-        contact_ramp blend trust lead tank damping force;
-    sessions::a_rough_session_is_felt_as_the_shared_code_renders_it:
-        rubs residual swing bend along credit power;
+    OlimexH405 {
+        guards::the_emergency_stop_cuts_pulses_and_enable_and_is_a_fault:
+            break_input emergency_stop stop_at_once stop_once stop_again faults_stay;
+        guards::a_stop_shorter_than_a_tick_is_a_fault_as_well: stop_flag;
+        guards::a_stop_in_the_middle_of_a_tick_lets_no_current_of_that_tick_out: stop_within_tick;
+        guards::amplifiers_that_are_not_ready_any_more_are_a_fault: ready_kept fault_wins;
+        guards::amplifiers_that_never_get_ready_are_a_fault_520_ms_after_arming_and_have_had_no_force:
+            ready_in_time ready_first;
+        guards::a_supply_that_dips_between_two_ticks_takes_the_torque_off_at_once_and_is_a_fault:
+            supply_interrupt supply_at_once supply_remembered enable_falls no_current;
+        guards::a_supply_that_is_low_is_seen_by_the_tick_alone: supply_level;
+        guards::clocks_that_contradict_each_other_are_a_fault_in_the_third_tick: time_base;
+        guards::ticks_that_take_longer_than_their_period_are_a_fault_in_the_third: overrun;
+        guards::periods_that_an_interrupt_swallowed_are_counted: lost_periods;
+        guards::an_encoder_that_jumps_is_a_fault: encoder_jump;
+        guards::a_grip_that_is_too_fast_is_a_fault: overspeed;
+        guards::encoders_out_of_reach_are_a_fault: out_of_reach;
+        link::the_image_boots_enumerates_and_answers_with_its_names: window_watchdog;
+        link::a_flooded_line_costs_no_tick_and_no_watchdog: link_masked room_for_orders;
+        link::a_new_session_finds_the_console_disarmed: disarm;
+        link::a_session_in_which_nothing_comes_for_a_second_is_over: expiry;
+        link::a_host_with_other_messages_gets_no_session: schema;
+        link::what_is_not_to_be_believed_changes_nothing: checksum session sequence future ownership;
+        loader::other_rates_and_terminals_that_stay_are_no_touch: touch_rate touch_goes;
+        loader::a_console_that_is_armed_starting_stopping_or_in_a_fault_is_not_touched:
+            touch_idle touch_off touch_forgotten;
+        loader::a_watchdog_that_starts_with_the_chip_keeps_it_out_of_the_loader: touch_watchdog;
+        resets::a_tick_timer_that_stops_ends_in_the_window_watchdog:
+            tasks_watched watchdog_warns watchdog_stops last_feed epitaph;
+        resets::a_telemetry_task_that_hangs_ends_in_the_window_watchdog: telemetry_watched;
+        resets::a_crystal_that_fails_takes_the_torque_off_and_resets_again_and_again:
+            clock_security exception_stops;
+        resets::a_crystal_that_never_swings_is_waited_for_under_a_watchdog: watchdog_first;
+        resets::a_program_that_runs_astray_takes_the_torque_off_and_says_where: hard_fault_stops;
+        sessions::pulses_come_20_ms_before_enable_and_go_20_ms_after:
+            pulses_first pulses_last enable_first;
+        traffic::noise: byte_budget;
+        sessions::a_silent_host_is_felt_no_longer_and_then_disarmed: console_time horizon lost;
+        sessions::a_contact_that_is_to_be_good_for_ever_is_not: longest_horizon;
+        sessions::contacts_are_felt_as_the_shared_code_renders_them:
+            contact_ramp blend trust lead tank damping force;
+        sessions::a_rough_session_is_felt_as_the_shared_code_renders_it:
+            rubs residual swing bend along credit power;
+    }
+    NucleoF446ze {
+        fitted::a_motors_supply_that_is_unfit_under_power_is_a_fault: motor_supply;
+        fitted::sensors_that_are_broken_or_hot_are_a_fault: sensors;
+    }
 }
 
 /// Guards that no check of an image can show to be there, and what holds in their place.

@@ -47,8 +47,8 @@ pub fn fault_words(bit: u16) -> (&'static str, &'static str) {
             "check the motors' supply and the amplifier's own display, and clear the fault",
         ),
         SUPPLY => (
-            "the board's supply is, or was, too low",
-            "check the supply and its cable, and clear the fault",
+            "the board's supply is, or was, too low, or the motors' supply is not within its limits",
+            "check the supplies and their cables, and clear the fault",
         ),
         _ => (
             "the console reports a fault that this host does not know",

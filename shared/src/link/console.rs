@@ -100,14 +100,16 @@ impl ConsoleLink {
         }
     }
 
-    /// Takes one byte that came at console time `now_us`. What is refused is only counted.
-    #[inline]
-    pub fn receive(&mut self, byte: u8, now_us: u64) -> Option<LinkEvent> {
-        if self.endpoint.take_in(byte) {
-            self.frame(now_us)
-        } else {
-            None
+    /// Takes bytes that came at console time `now_us`, up to the frame that brings something: `bytes` is what is left of them then, and
+    /// empty if none does. What is refused is only counted.
+    pub fn receive(&mut self, bytes: &mut &[u8], now_us: u64) -> Option<LinkEvent> {
+        while self.endpoint.take_in(bytes) {
+            let event = self.frame(now_us);
+            if event.is_some() {
+                return event;
+            }
         }
+        None
     }
 
     /// Apart, so that the many bytes within a frame do not pay for the registers and the stack that the

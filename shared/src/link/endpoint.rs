@@ -150,10 +150,9 @@ impl Endpoint {
         self.sent_sequence
     }
 
-    /// Takes one byte; whether it completes a frame, which then has to be [examined](Self::examine).
-    #[inline]
-    pub(super) fn take_in(&mut self, byte: u8) -> bool {
-        self.accumulator.take_in(byte)
+    /// Takes bytes up to the first that completes a frame, which then has to be [examined](Self::examine); false if none does.
+    pub(super) fn take_in(&mut self, bytes: &mut &[u8]) -> bool {
+        self.accumulator.take_in(bytes)
     }
 
     /// Looks at the frame that is complete. What is refused is counted here. Rows go to where `rows` says, if they are

@@ -150,7 +150,7 @@ impl HostLink {
 
     /// Takes one byte. What is refused is only counted.
     pub fn receive(&mut self, byte: u8) -> Option<HostEvent> {
-        if !self.endpoint.take_in(byte) {
+        if !self.endpoint.take_in(&mut &[byte][..]) {
             return None;
         }
         match self.endpoint.examine(None)? {

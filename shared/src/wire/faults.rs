@@ -21,7 +21,7 @@ pub const OVERSPEED: u16 = 1 << 6;
 pub const TIME_BASE: u16 = 1 << 7;
 /// The amplifiers did not get ready, or stopped being so under power. [`BOARD`] is set beside it.
 pub const AMPLIFIER: u16 = 1 << 8;
-/// A supply is, or was, too low. [`BOARD`] is set beside it.
+/// A supply is, or was, too low, or the motors' too high or not to be measured. [`BOARD`] is set beside it.
 pub const SUPPLY: u16 = 1 << 9;
 
 /// Every fault that this version knows, with the name that users see.

@@ -102,8 +102,9 @@ impl Run {
     fn tick(&mut self, frames: &[&DownFrame], state: &Valid<State>) -> Result<Ran, String> {
         let body = state.body();
         let before_us = state.console_time_us().saturating_sub(TICK_US);
-        for byte in frames.iter().flat_map(|frame| &frame.bytes) {
-            if let Some(delivery) = self.endpoint.receive(*byte, before_us) {
+        for frame in frames {
+            let mut bytes = &frame.bytes[..];
+            while let Some(delivery) = self.endpoint.receive(&mut bytes, before_us) {
                 self.apply(delivery, before_us);
             }
         }
