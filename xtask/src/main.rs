@@ -2,6 +2,7 @@
 
 mod bars;
 mod bench;
+mod book;
 mod calls;
 mod cycles;
 mod firmware;
@@ -32,7 +33,7 @@ struct Arguments {
 
 #[derive(Subcommand)]
 enum Command {
-    /// Installs what is missing: the chip's Rust target, QEMU, valgrind, gungraun-runner, cargo-deny, cargo-nextest.
+    /// Installs what is missing: the chip's Rust target, QEMU, valgrind, gungraun-runner, cargo-deny, cargo-nextest, mdBook.
     Setup,
     /// Builds the firmware, prints sizes and instruction counts, and compares them with the snapshots.
     #[command(after_help = "Examples:
@@ -100,6 +101,15 @@ A report is what `sutura tradeoff --full` or `sutura fidelity --full` prints wit
         /// The sheet, too; needs rsvg-convert or chromium.
         #[arg(long, conflicts_with = "check")]
         sheet: bool,
+    },
+    /// Builds the book into target/book and looks up every link, anchor, formula and path in it.
+    #[command(after_help = "Examples:
+  cargo xtask book              fails and lists what is wrong; installs mdBook into target/tools
+  cargo xtask book --tables     writes first what `sutura schema` prints into the pages' tables")]
+    Book {
+        /// Write the tables that are made of the command's types.
+        #[arg(long)]
+        tables: bool,
     },
     /// Fetches what the page of `sutura view` uses of others from npm, as host/view/vendor/vendor.toml says.
     #[command(after_help = "Examples:
@@ -181,6 +191,7 @@ fn main() -> ExitCode {
         Command::Bench { bless, format } => bench::gated(bless, format),
         Command::Scenes { check } => scenes::gated(check),
         Command::Plots { check, from, sheet } => plots::all(check, from.as_deref(), sheet),
+        Command::Book { tables } => book::build(tables),
         Command::Vendor { check } => vendor::gated(check),
         Command::Fuzz { arguments } => fuzz::run(&arguments),
         Command::Bars(arguments) => bars::all(&arguments),
@@ -193,5 +204,36 @@ fn main() -> ExitCode {
             eprintln!("error: {error:#}");
             ExitCode::FAILURE
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Command lines of README, the book and its neighbours.
+    #[test]
+    fn what_is_written_of_this_command_is_understood() {
+        let root = run::root();
+        let book = std::fs::read_dir(root.join("docs/src")).expect("readable");
+        let pages = book.map(|entry| entry.expect("readable").path());
+        let others = ["README.md", "firmware/README.md", "CONTRIBUTING.md"];
+        let mut lines = 0;
+        for path in pages.chain(others.map(|name| root.join(name))) {
+            let Ok(text) = std::fs::read_to_string(&path) else {
+                continue;
+            };
+            for line in text.lines().map(str::trim_start) {
+                if !line.starts_with("cargo xtask ") {
+                    continue;
+                }
+                let line = line.split("  ").next().unwrap_or_default();
+                let words = line.split_whitespace().skip(1);
+                let parsed = Arguments::try_parse_from(words);
+                assert!(parsed.is_ok(), "{}: `{line}`", path.display());
+                lines += 1;
+            }
+        }
+        assert!(lines > 5, "{lines}");
     }
 }

@@ -115,18 +115,24 @@ impl Tool {
     }
 
     /// Runs to the end without showing anything; its stdout, if it succeeded.
-    pub fn output(mut self) -> Result<String> {
+    pub fn output(self) -> Result<String> {
+        self.both().map(|(stdout, _)| stdout)
+    }
+
+    /// As [`Tool::output`]; its stdout and its stderr.
+    pub fn both(mut self) -> Result<(String, String)> {
         let shown = self.shown();
         let output = self
             .command
             .stdin(Stdio::null())
             .output()
             .with_context(|| format!("cannot start `{shown}`"))?;
+        let [stdout, stderr] = [&output.stdout, &output.stderr]
+            .map(|bytes| String::from_utf8_lossy(bytes).into_owned());
         if !output.status.success() {
-            let stderr = String::from_utf8_lossy(&output.stderr);
             bail!("`{shown}` failed ({}): {}", output.status, stderr.trim());
         }
-        Ok(String::from_utf8_lossy(&output.stdout).into_owned())
+        Ok((stdout, stderr))
     }
 }
 

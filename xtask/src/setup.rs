@@ -27,7 +27,8 @@ pub fn all() -> Result<()> {
     browser()?;
     instruction_counter()?;
     cargo_command("deny", "dependency checks")?;
-    cargo_command("nextest", "test runner")
+    cargo_command("nextest", "test runner")?;
+    crate::book::program().map(drop)
 }
 
 /// Valgrind, and the runner of the instruction counts.

@@ -11,7 +11,7 @@ pub use seeds::Cases;
 
 use crate::run::{Beside, Tool, target};
 use crate::toolchain::{Toolchain, host};
-use crate::{Format, bench, firmware, locks, setup};
+use crate::{Format, bench, book, firmware, locks, setup};
 use anyhow::{Context, Result, bail};
 use report::{Kind, Report};
 
@@ -61,6 +61,9 @@ fn steps(report: &mut Report, cases: Cases) {
     );
     report.step(Kind::Checks, "lock files", "cargo xtask test", |_| {
         locks::check()
+    });
+    report.step(Kind::Checks, "book", "cargo xtask book", |_| {
+        book::build(false)
     });
     let deny = |manifest: &str| {
         // Advisories need a database from the network and change by the day: not part of this.
