@@ -1,5 +1,6 @@
 //! `sutura bench` from end to end, on a scene small enough for a test.
 
+use crate::support::described::assert_described;
 use crate::support::{sutura, sutura_in};
 use serde_json::Value;
 
@@ -43,6 +44,7 @@ fn a_case_counts_what_it_did_and_its_times_are_consistent() {
     );
     assert_eq!(ran.code, 0, "{}", ran.stderr);
     let report: Value = serde_json::from_str(&ran.stdout).expect("one JSON object");
+    assert_described("bench", &report);
     assert_eq!(report["status"], "ok");
     assert!(report["machine"]["threads"].as_u64() >= Some(1));
     let case = &report["cases"][0];

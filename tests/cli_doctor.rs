@@ -2,6 +2,7 @@
 #![cfg(unix)]
 #![allow(clippy::unwrap_used, reason = "tests")]
 
+use crate::support::described::assert_described;
 use crate::support::{Ran, sutura};
 use std::path::Path;
 
@@ -12,6 +13,7 @@ fn checks(stdout: &str) -> Vec<serde_json::Value> {
 
 /// Those with something wrong have one fix, the others none; the exit code follows from them.
 fn consistent(ran: &Ran) -> Vec<serde_json::Value> {
+    assert_described("doctor", &ran.json());
     let checks = checks(&ran.stdout);
     for check in &checks {
         assert!(

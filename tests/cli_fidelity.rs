@@ -1,5 +1,6 @@
 //! `sutura fidelity` from end to end, on its cheapest cases.
 
+use crate::support::described::assert_described;
 use crate::support::sutura;
 use serde_json::Value;
 
@@ -18,6 +19,7 @@ fn cases_bars_and_files() {
     ]);
     assert_eq!(output.code, 0, "{}", output.stderr);
     let report: Value = serde_json::from_str(&output.stdout).expect("one object");
+    assert_described("fidelity", &report);
     assert_eq!(report["extent"], "short");
     let cases = report["cases"].as_array().expect("cases");
     assert_eq!(cases.len(), 2);

@@ -106,6 +106,7 @@ fn an_image_goes_through_the_roms_loader_and_is_read_back() {
     let done = bench.run(&[&path, "--method", "dfu", "--format", "json"]);
     assert_eq!(done.code, 0, "{}", done.stderr);
     let json = done.json();
+    crate::support::described::assert_described("flash", &json);
     assert_eq!(json["status"], "ok");
     assert_eq!(
         (&json["board"], &json["method"]),

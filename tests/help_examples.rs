@@ -1,5 +1,5 @@
-//! Every example that a `--help` shows: it is run here, and what it feels or writes is looked at. An example without an entry
-//! below fails, and so does an entry without an example.
+//! Every example that a `--help`, README or the book shows: it is run here, and what it feels or writes is looked at. An example
+//! without an entry below fails, and so does an entry without an example.
 //!
 //! Sessions run in lockstep, so that nothing depends on the machine; where the first second shows what the example shows, it is
 //! that second. What takes long, or needs an emulator, runs with `SUTURA_FULL=1`.
@@ -23,6 +23,8 @@ enum Way {
     EndsWith(&'static [i32]),
     /// As a session in lockstep, so many seconds of it \[s\]: force is felt, and nothing decays on the way.
     Feels(&'static str),
+    /// The same of a scene whose force is not that of a press: the session ends well.
+    Runs(&'static str),
     /// The same with a tissue that is chosen by measurement, which may miss its budget here.
     Chooses(&'static str),
     /// With a console that is not there in place of a board's: exit code 3, and the port is named.
@@ -34,7 +36,7 @@ enum Way {
     /// A picture of a page, by a browser that may not be there: then what is missing is said.
     Shot(&'static str),
 }
-use Way::{Chooses, Ends, EndsWith, Feels, Port, Serves, Shot, Shows};
+use Way::{Chooses, Ends, EndsWith, Feels, Port, Runs, Serves, Shot, Shows};
 
 /// Seconds of palpation after which the first press has been held for a while.
 const FIRST_PRESS: &str = "1";
@@ -68,7 +70,18 @@ const EXAMPLES: &[(&str, Way)] = &[
         "sutura run --series pictures",
         Ends(&["pictures/session.mcap", "pictures/session.pvd"]),
     ),
+    (
+        "sutura run scenes/palpation.toml --console virtual --lockstep",
+        Feels(FIRST_PRESS),
+    ),
+    ("sutura run scenes/needle-arc.toml", Runs("0.5")),
+    ("sutura run scenes/anastomosis-50.toml", Runs("0.1")),
+    ("sutura run scenes/needle-sweeps.toml", Runs("0.5")),
+    ("sutura run scenes/two-threads.toml", Runs("0.5")),
+    ("sutura run --view", Feels(FIRST_PRESS)),
+    ("sutura run --foxglove", Feels(FIRST_PRESS)),
     ("sutura run --console /dev/ttyACM0", Port),
+    ("sutura run --console /tmp/console", Port),
     ("sutura device list", EndsWith(&[0, 3])),
     ("sutura device list --format json", EndsWith(&[0, 3])),
     ("sutura device selftest /dev/ttyACM0", Port),
@@ -109,6 +122,8 @@ const EXAMPLES: &[(&str, Way)] = &[
     ("sutura top http://127.0.0.1:8422", EndsWith(&[2])),
     ("sutura view", Shows),
     ("sutura view scenes/anastomosis-20.toml --open", Shows),
+    ("sutura view scenes/anastomosis-20.toml", Shows),
+    ("sutura view --foxglove", Shows),
     ("sutura view session.mcap", Shows),
     ("sutura view --record session.mcap", Shows),
     (
@@ -121,6 +136,7 @@ const EXAMPLES: &[(&str, Way)] = &[
     ),
     ("sutura console", Serves),
     ("sutura console --link /tmp/bench", Serves),
+    ("sutura console --link /tmp/console", Serves),
     ("sutura console --device devices/serial-arm.toml", Serves),
     (
         "sutura solve scenes/cube-handle.toml --out cube.vtu",
@@ -135,6 +151,10 @@ const EXAMPLES: &[(&str, Way)] = &[
         Ends(&["pressed.json"]),
     ),
     (
+        "sutura solve scenes/palpation.toml --out out.vtu",
+        Ends(&["out.vtu"]),
+    ),
+    (
         "sutura solve scene.toml --out field.vtu",
         Ends(&["field.vtu"]),
     ),
@@ -145,6 +165,17 @@ const EXAMPLES: &[(&str, Way)] = &[
     ("sutura scene explain scene.toml", Ends(&[])),
     ("sutura scene explain mine.toml --format json", Ends(&[])),
     ("sutura scene schema", Ends(&[])),
+    ("sutura schema", Ends(&[])),
+    ("sutura schema run", Ends(&[])),
+    ("sutura schema run --format json", Ends(&[])),
+    ("sutura --version", Ends(&[])),
+    ("sutura completions bash", Ends(&[])),
+    ("sutura completions zsh", Ends(&[])),
+    ("sutura completions fish", Ends(&[])),
+    (
+        "sutura man ~/.local/share/man/man1",
+        Ends(&["home/.local/share/man/man1/sutura-run.1"]),
+    ),
     ("sutura mesh info tests/data/cube_1650.msh", Ends(&[])),
     ("sutura mesh info part.vtk --scale 0.001", Ends(&[])),
     ("sutura mesh info part.ele --format json", Ends(&[])),
@@ -171,12 +202,17 @@ const LONG: &[(&str, Way)] = &[
         Chooses(FIRST_PRESS),
     ),
     ("sutura run --tissue auto", Chooses(FIRST_PRESS)),
+    ("sutura run --budget-ms 5", Chooses(FIRST_PRESS)),
     (
         "sutura run --tissue hyperelastic --host-hz 20 --lockstep",
         Feels(FIRST_PRESS),
     ),
     (
         "sutura run scenes/palpation.toml --console qemu --format json",
+        EndsWith(&[0]),
+    ),
+    (
+        "sutura run scenes/palpation.toml --console qemu",
         EndsWith(&[0]),
     ),
     ("sutura replay session.mcap --console qemu", EndsWith(&[0])),
@@ -201,6 +237,7 @@ const LONG: &[(&str, Way)] = &[
         Ends(&[]),
     ),
     ("sutura doctor", EndsWith(&[0, 1])),
+    ("sutura doctor virtual", EndsWith(&[0, 1])),
     ("sutura doctor virtual --format json", EndsWith(&[0, 1])),
     (
         "sutura doctor --scene scenes/anastomosis-50.toml",
@@ -223,6 +260,7 @@ const LONG: &[(&str, Way)] = &[
     ("sutura fidelity --check --format json", Ends(&[])),
     ("sutura tradeoff", Ends(&[])),
     ("sutura tradeoff --full --plot figures", Ends(&["figures"])),
+    ("sutura tradeoff --full --plot out", Ends(&["out"])),
     ("sutura tradeoff --full --only beam-bending", Ends(&[])),
     (
         "sutura tradeoff --only \"cube linear\" --format json",
@@ -275,9 +313,53 @@ fn shown() -> BTreeSet<String> {
             else {
                 continue;
             };
-            let ends = ["  ", " | ", " > "].iter().filter_map(|end| line.find(end));
-            let line = &line[..ends.min().unwrap_or(line.len())];
-            lines.insert(line.trim_end().to_owned());
+            lines.insert(up_to_its_end(line));
+        }
+    }
+    lines.extend(written());
+    lines
+}
+
+/// The command of a line that goes on with what it is for, or with what takes its output.
+fn up_to_its_end(line: &str) -> String {
+    let ends = ["  ", " | ", " > ", " && "];
+    let ends = ends.iter().filter_map(|end| line.find(end));
+    let line = &line[..ends.min().unwrap_or(line.len())];
+    line.trim_end().to_owned()
+}
+
+/// The command lines of README and the book: lines of code that begin with the command, or with cargo that runs it.
+fn written() -> BTreeSet<String> {
+    const CARGO: &str = "cargo run --release";
+    let book = std::fs::read_dir(root().join("docs/src")).unwrap();
+    let pages = book.map(|entry| entry.unwrap().path());
+    let pages = pages.filter(|path| path.extension().is_some_and(|end| end == "md"));
+    let others =
+        ["README.md", "firmware/README.md", "CONTRIBUTING.md"].map(|name| root().join(name));
+    let mut lines = BTreeSet::new();
+    for path in pages.chain(others) {
+        let text = std::fs::read_to_string(&path).unwrap();
+        let mut fenced = false;
+        for line in text.lines() {
+            if line.starts_with("```") {
+                fenced = !fenced;
+            }
+            let code = if fenced {
+                Some(line)
+            } else {
+                line.strip_prefix("    ")
+            };
+            let Some(line) = code.map(up_to_its_end) else {
+                continue;
+            };
+            let own = match line.strip_prefix(CARGO) {
+                Some("") => Some("sutura".to_owned()),
+                Some(rest) => rest
+                    .strip_prefix(" -- ")
+                    .map(|rest| format!("sutura {rest}")),
+                None => Some(line).filter(|line| line.starts_with("sutura ")),
+            };
+            lines.extend(own);
         }
     }
     lines
@@ -332,7 +414,8 @@ fn words(line: &str) -> Vec<String> {
         if index % 2 == 1 {
             words.push(part.to_owned());
         } else {
-            words.extend(part.split_whitespace().map(str::to_owned));
+            let split = part.split_whitespace();
+            words.extend(split.map(|word| word.replace('~', "home")));
         }
     }
     words.remove(0);
@@ -374,6 +457,16 @@ fn feel(at: &Path, mut words: Vec<String>, seconds: &str, codes: &[i32]) -> Resu
 /// Runs an example; what is wrong, if anything.
 fn look(at: &Path, line: &str, way: Way) -> Result<(), String> {
     let words = words(line);
+    // What an earlier example has written, and this one writes anew.
+    for option in ["--out", "--record", "--shot", "--save-last"] {
+        let file = words.windows(2).find(|two| two[0] == option);
+        if let Some([_, file]) = file {
+            let _ = std::fs::remove_file(at.join(file));
+        }
+    }
+    if let Some([_, folder]) = words.windows(2).find(|two| two[0] == "--plot") {
+        let _ = std::fs::remove_dir_all(at.join(folder));
+    }
     let ended = |codes: &[i32]| {
         let ran = run(at, &words);
         match codes.contains(&ran.code) {
@@ -385,6 +478,14 @@ fn look(at: &Path, line: &str, way: Way) -> Result<(), String> {
         Feels(seconds) => feel(at, words, seconds, &[0]),
         Chooses(seconds) => feel(at, words, seconds, &[0, 7]),
         EndsWith(codes) => ended(codes),
+        Runs(seconds) => {
+            let more = ["--lockstep", "--seconds", seconds, "--format", "json"];
+            let ran = run(at, &[&words[..], &more.map(str::to_owned)].concat());
+            match (ran.code, &ran.json()["status"]) {
+                (0, status) if status == "ok" => Ok(()),
+                other => Err(format!("{other:?}: {}", ran.stderr)),
+            }
+        }
         Ends(files) => {
             ended(&[0])?;
             let missing = files.iter().find(|file| !at.join(file).exists());
@@ -395,6 +496,7 @@ fn look(at: &Path, line: &str, way: Way) -> Result<(), String> {
             let words: Vec<String> = words
                 .iter()
                 .map(|word| word.replace("/dev/ttyACM0", NOBODY))
+                .map(|word| word.replace("/tmp/console", NOBODY))
                 .collect();
             let ran = run(at, &words);
             let said = format!("{}{}", ran.stdout, ran.stderr);
@@ -457,7 +559,10 @@ fn show(at: &Path, words: &[String]) -> Result<(), String> {
 fn serve(at: &Path, words: &[String]) -> Result<(), String> {
     // Not where another run of this test puts its own.
     let link = at.join("bench").display().to_string();
-    let words = words.iter().map(|word| word.replace("/tmp/bench", &link));
+    let words = words.iter().map(|word| {
+        word.replace("/tmp/bench", &link)
+            .replace("/tmp/console", &link)
+    });
     let mut console = Command::new(env!("CARGO_BIN_EXE_sutura"))
         .args(words)
         .current_dir(at)

@@ -15,13 +15,16 @@ mod cli_tradeoff;
 #[cfg(all(target_os = "linux", feature = "view"))]
 mod desktop;
 mod fault_scenarios;
+mod files;
 mod flash;
 #[cfg(all(unix, feature = "foxglove"))]
 mod foxglove;
 mod full;
 mod help_examples;
+mod install;
 mod killed_host;
 mod lockstep;
+mod messages;
 mod model_forces;
 mod needles;
 mod python_peer;
@@ -29,6 +32,7 @@ mod python_peer;
 mod qemu;
 mod replay;
 mod rust_client;
+mod schemas;
 mod series;
 mod session_pty;
 mod shipped_files;

@@ -539,7 +539,15 @@ fn a_solve_follows_the_scripts_until_its_time() {
     let directory = tempfile::tempdir().unwrap();
     let solve = |more: &[&str]| -> Value {
         let words = [
-            &["solve", SLABS, "--out", "out.json", "--format", "json"],
+            &[
+                "solve",
+                SLABS,
+                "--out",
+                "out.json",
+                "--overwrite",
+                "--format",
+                "json",
+            ],
             more,
         ]
         .concat();

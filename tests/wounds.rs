@@ -88,6 +88,7 @@ fn solve(directory: &Path, text: &str, more: &[&str]) -> Value {
         "wound.toml",
         "--out",
         "out.json",
+        "--overwrite",
         "--format",
         "json",
     ];

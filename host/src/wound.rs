@@ -10,6 +10,7 @@ use crate::scene::{Scene, TissueContact};
 use crate::step::{State, Status, StepOptions, StepReport, Workspace, step};
 use crate::thread::{Bridge, HandReport, ThreadReport, ThreadTension};
 use nalgebra::Vector3;
+use schemars::JsonSchema;
 use serde::Serialize;
 
 /// Part of the spans' length in the unloaded mesh by which punctures are drawn together at a time, for comparison: a tenth of an
@@ -34,7 +35,7 @@ pub struct Wound {
 }
 
 /// What a scene with threads or tissues that touch reports; a key is left out where there is nothing to say.
-#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, JsonSchema)]
 pub struct WoundReport {
     /// Mean gap of the rims over that at the start.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -75,7 +76,7 @@ pub struct WoundReport {
 }
 
 /// A thread as a step has left it.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
 pub struct ThreadSummary {
     /// Id of the thread.
     pub thread: u8,
@@ -122,7 +123,7 @@ pub struct ThreadSummary {
 }
 
 /// A span between two parts as a step has left it.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, JsonSchema)]
 pub struct BridgeSummary {
     /// Its length over that in the unloaded mesh.
     pub ratio: f64,
@@ -131,7 +132,7 @@ pub struct BridgeSummary {
 }
 
 /// A hand between the ends of a thread as a step has left it. Pairs are of the sides of the tail and of the head.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
 pub struct HandSummary {
     /// Id of the tool; none for a place.
     pub held_by: Option<u8>,

@@ -1,5 +1,6 @@
 //! Runs the `sutura` command as a user would and looks at all that it says.
 
+pub mod described;
 #[cfg(unix)]
 pub mod session;
 #[cfg(target_os = "linux")]

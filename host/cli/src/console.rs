@@ -3,6 +3,8 @@
 use crate::Global;
 use crate::failure::{Cause, Failure};
 use clap::Args;
+use schemars::JsonSchema;
+use serde::Serialize;
 use std::path::PathBuf;
 use sutura_shared::simulated_console::Without;
 
@@ -24,6 +26,15 @@ pub struct ConsoleArgs {
     /// Whoever tests a host against this console can see whether the test would notice a console that does not watch.
     #[arg(long, value_name = "GUARD,..", value_parser = without)]
     pub without: Option<Without>,
+}
+
+/// What `--format json` prints once it runs.
+#[derive(Serialize, JsonSchema)]
+pub struct Started {
+    /// What `sutura run --console` opens: the link, if there is one.
+    port: String,
+    /// The pseudo-terminal.
+    terminal: String,
 }
 
 fn without(names: &str) -> Result<Without, String> {
@@ -71,7 +82,10 @@ pub fn run(args: &ConsoleArgs, global: &Global) -> Result<(), Failure> {
         .as_ref()
         .map_or(path.clone(), |link| link.0.display().to_string());
     match global.format {
-        Format::Json => say!("{}", serde_json::json!({ "port": port, "terminal": path })),
+        Format::Json => crate::display::object(&Started {
+            port,
+            terminal: path,
+        }),
         Format::Text => say!("{port}"),
     }
     // Whoever started this as a child waits for the line.

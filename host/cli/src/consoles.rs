@@ -4,6 +4,7 @@ use crate::failure::{Cause, Failure};
 use crate::run::link_failure;
 use crate::{Format, Global};
 use clap::{Args, Subcommand};
+use schemars::JsonSchema;
 use serde::Serialize;
 use std::io;
 use std::path::{Path, PathBuf};
@@ -92,6 +93,9 @@ pub fn run(args: &DeviceArgs, global: &Global) -> Result<(), Failure> {
     match &args.command {
         DeviceCommand::List => list(global),
         DeviceCommand::Selftest { port, out } => {
+            if let Some(out) = out {
+                crate::files::free(out, global)?;
+            }
             let open = open_serial(port).map_err(link_failure)?;
             // Its port may have another name after a reset.
             let same = consoles().into_iter().find(|console| console.port == *port);
@@ -141,10 +145,11 @@ mod log {
     fn show(line: &Line, global: &Global) {
         let text = line.text.as_deref();
         match global.format {
-            Format::Json => say!(
-                "{}",
-                serde_json::json!({ "time_s": line.time.parse::<f64>().ok(), "level": line.level, "text": text })
-            ),
+            Format::Json => crate::display::object(&Logged {
+                time_s: line.time.parse().ok(),
+                level: &line.level,
+                text,
+            }),
             Format::Text => say!(
                 "{:>14} {:5} {}",
                 line.time,
@@ -163,6 +168,48 @@ mod log {
     }
 }
 
+/// What `sutura device list --format json` prints.
+#[derive(Serialize, JsonSchema)]
+pub struct Listed {
+    /// `ok`.
+    status: &'static str,
+    /// Every console that says so on USB.
+    consoles: Vec<Plugged>,
+}
+
+/// A console on USB.
+#[derive(Serialize, JsonSchema)]
+struct Plugged {
+    /// What `--console` opens.
+    port: String,
+    /// What it has in USB; `--console` takes that, too.
+    serial_number: String,
+}
+
+/// What `sutura device selftest --format json` prints.
+#[derive(Serialize, JsonSchema)]
+pub struct Tested<'a> {
+    /// `ok` or `failed`.
+    status: &'static str,
+    /// Where the board is.
+    port: &'a str,
+    /// Names of the checks that failed.
+    failed: Vec<&'a str>,
+    /// All of them.
+    checks: &'a [Found],
+}
+
+/// A line of `sutura device log --format json`.
+#[derive(Serialize, JsonSchema)]
+pub struct Logged<'a> {
+    /// On the console's clock \[s\]; none if the line is garbled.
+    pub time_s: Option<f64>,
+    /// How important it is.
+    pub level: &'a str,
+    /// What it says; none if it is garbled.
+    pub text: Option<&'a str>,
+}
+
 fn list(global: &Global) -> Result<(), Failure> {
     let found = consoles();
     if found.is_empty() {
@@ -174,18 +221,18 @@ fn list(global: &Global) -> Result<(), Failure> {
     }
     match global.format {
         Format::Json => {
-            let consoles: Vec<_> = found
-                .iter()
-                .map(|console| serde_json::json!({ "port": console.port, "serial_number": console.serial_number }))
-                .collect();
-            println!(
-                "{}",
-                serde_json::json!({ "status": "ok", "consoles": consoles })
-            );
+            let consoles = found.iter().map(|console| Plugged {
+                port: console.port.clone(),
+                serial_number: console.serial_number.clone(),
+            });
+            crate::display::object(&Listed {
+                status: "ok",
+                consoles: consoles.collect(),
+            });
         }
         Format::Text => {
             for console in &found {
-                println!("{}  {}", console.serial_number, console.port);
+                say!("{}  {}", console.serial_number, console.port);
             }
         }
     }
@@ -193,20 +240,20 @@ fn list(global: &Global) -> Result<(), Failure> {
 }
 
 /// What a board's self-test has said.
-#[derive(Debug, Default, PartialEq, Eq, Serialize)]
+#[derive(Debug, Default, PartialEq, Eq, Serialize, JsonSchema)]
 struct Report {
     checks: Vec<Found>,
 }
 
 /// A line of it.
-#[derive(Debug, PartialEq, Eq, Serialize)]
+#[derive(Debug, PartialEq, Eq, Serialize, JsonSchema)]
 struct Found {
     name: String,
     verdict: Verdict,
     figure: String,
 }
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, JsonSchema)]
 enum Verdict {
     #[serde(rename = "pass")]
     Pass,
@@ -359,10 +406,12 @@ fn judge(report: &Report, port: &str, out: Option<&Path>, global: &Global) -> Re
     let json = global.format == Format::Json;
     if json {
         let status = if failed.is_empty() { "ok" } else { "failed" };
-        println!(
-            "{}",
-            serde_json::json!({ "status": status, "port": port, "failed": failed, "checks": report.checks })
-        );
+        crate::display::object(&Tested {
+            status,
+            port,
+            failed: failed.clone(),
+            checks: &report.checks,
+        });
     }
     if failed.is_empty() {
         return Ok(());

@@ -1,10 +1,12 @@
 //! How a session shows itself: a bar while it runs, a table or an object when it is over.
 //!
-//! Entry points: [`Display`], [`table`], [`json`].
+//! Entry points: [`Display`], [`table`], [`object`].
 
 use crate::Format;
 use crate::failure::Cause;
 use indicatif::{ProgressBar, ProgressStyle};
+use schemars::JsonSchema;
+use serde::Serialize;
 use std::fmt::{Arguments, Write as _};
 use std::io::{self, IsTerminal, Write as _};
 use std::sync::{Mutex, MutexGuard, PoisonError};
@@ -152,16 +154,17 @@ impl Display {
             ));
         }
         if self.stream {
-            let object = serde_json::json!({
-                "elapsed_s": note.elapsed_s,
-                "tick": note.state.tick,
-                "mode": mode,
-                "position_m": note.state.position_m,
-                "force_n": note.state.force_n,
-                "age_ms": (note.state.contact_age_us != u32::MAX).then(|| f64::from(note.state.contact_age_us) / 1e3),
-                "ticks_late": note.report.map(|report| report.ticks_late),
-            });
-            writeln!(io::stdout(), "{object}")?;
+            let age_us = note.state.contact_age_us;
+            let line = Line {
+                elapsed_s: note.elapsed_s,
+                tick: note.state.tick,
+                mode,
+                position_m: note.state.position_m,
+                force_n: note.state.force_n,
+                age_ms: (age_us != u32::MAX).then(|| f64::from(age_us) / 1e3),
+                ticks_late: note.report.map(|report| report.ticks_late),
+            };
+            writeln!(io::stdout(), "{}", serde_json::to_string(&line)?)?;
         }
         Ok(())
     }
@@ -174,10 +177,30 @@ impl Display {
     }
 }
 
-/// The summary as one JSON object.
-pub fn json(summary: &Summary) -> String {
-    // Only maps with keys that are no text, or numbers that JSON lacks, could fail; it has neither.
-    serde_json::to_string(summary).unwrap_or_default()
+/// A result as one JSON object on stdout.
+pub fn object(result: &impl Serialize) {
+    // Only maps with keys that are no text could fail; results have none.
+    let text = serde_json::to_string(result).unwrap_or_default();
+    say!("{text}");
+}
+
+/// A line of `sutura run --stream`.
+#[derive(Serialize, JsonSchema)]
+pub struct Line {
+    /// Session time \[s\].
+    elapsed_s: f64,
+    /// The console's tick.
+    tick: u32,
+    /// Control mode.
+    mode: &'static str,
+    /// Of the grip \[m\], (3).
+    position_m: [f32; 3],
+    /// On the grip \[N\], (3).
+    force_n: [f32; 3],
+    /// Age of the contact data in use \[ms\]; none before the first.
+    age_ms: Option<f64>,
+    /// Ticks that started more than a period late so far; none where the console has not said so.
+    ticks_late: Option<u32>,
 }
 
 /// The summary for people.

@@ -29,6 +29,40 @@ pub enum Cause {
 }
 
 impl Cause {
+    /// In the order of their codes.
+    pub const ALL: [Cause; 8] = [
+        Cause::Failed,
+        Cause::BadInput,
+        Cause::NoConsole,
+        Cause::Protocol,
+        Cause::Fault,
+        Cause::Diverged,
+        Cause::Budget,
+        Cause::NotRendered,
+    ];
+
+    /// What it means, in the words of the book.
+    pub fn meaning(self) -> &'static str {
+        match self {
+            Cause::Failed => "the input was good, but the work could not be finished",
+            Cause::BadInput => {
+                "bad usage or bad input: an argument, a file, something in a file; a recording by another console code; \
+                 a console with motors that is another device than the scene's"
+            }
+            Cause::NoConsole => "no such port, nothing answers on it, no emulator",
+            Cause::Protocol => {
+                "the console speaks another protocol version or other message schemas"
+            }
+            Cause::Fault => "the console is in a latched fault",
+            Cause::Diverged => "a replay took another course than its recording",
+            Cause::Budget => "a budget that you stated was missed",
+            Cause::NotRendered => {
+                "a session whose contact was not felt: steps found a force and none was rendered, or more than a fifth of \
+                 the steps in contact were withheld or not balanced, once those are a quarter of a second's"
+            }
+        }
+    }
+
     /// The exit code.
     pub fn code(self) -> u8 {
         self as u8
@@ -92,18 +126,47 @@ impl Failure {
 
 /// Shows a diagnostic on stderr.
 pub fn render(report: &Report) {
-    // Off a terminal: no colours, and no wrapping, so that a message can be searched for.
-    let handler = if std::io::stderr().is_terminal() {
-        GraphicalReportHandler::new()
-    } else {
-        GraphicalReportHandler::new_themed(GraphicalTheme::unicode_nocolor()).with_wrap_lines(false)
+    // Messages say what they come from themselves: a chain of causes would say it twice.
+    let rendered = |handler: GraphicalReportHandler| {
+        let handler = handler.without_cause_chain();
+        let mut text = String::new();
+        match handler.render_report(&mut text, report.as_ref()) {
+            Ok(()) => text,
+            Err(_) => format!("{report:?}\n"),
+        }
     };
-    let mut text = String::new();
-    if handler.render_report(&mut text, report.as_ref()).is_err() {
-        text = format!("{report:?}\n");
-    }
+    // Off a terminal: no colours, and no wrapping, so that a message can be searched for.
+    let plain = GraphicalReportHandler::new_themed(GraphicalTheme::unicode_nocolor());
+    let plain = rendered(plain.with_wrap_lines(false));
+    let harmless = harmless(&plain);
+    let text = match std::io::stderr().is_terminal() && harmless == plain {
+        true => rendered(GraphicalReportHandler::new()),
+        false => harmless,
+    };
     // Whoever reads may have closed the pipe.
     let _ = std::io::Write::write_all(&mut std::io::stderr(), text.as_bytes());
+}
+
+/// Letters of a line that are shown: lists of all that a key may be are shorter, lines of a file that is no text are not.
+const MOST_LETTERS: usize = 2000;
+
+/// A text as a terminal may have it, whatever names and lines of files are in it: what would steer it is written out, and lines
+/// without end are cut.
+pub fn harmless(text: &str) -> String {
+    let lines = text.split('\n').map(|line| {
+        let mut shown = String::new();
+        for letter in line.chars().take(MOST_LETTERS) {
+            match letter.is_control() && letter != '\t' {
+                true => shown.extend(letter.escape_default()),
+                false => shown.push(letter),
+            }
+        }
+        if line.chars().nth(MOST_LETTERS).is_some() {
+            shown.push_str(" ...");
+        }
+        shown
+    });
+    lines.collect::<Vec<_>>().join("\n")
 }
 
 /// A failure that has no type of its own.
@@ -118,6 +181,22 @@ struct Said {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn names_do_not_steer_terminals_and_lines_end() {
+        assert_eq!(
+            harmless("a\u{1b}[31mb\tc\nd\u{7}"),
+            "a\\u{1b}[31mb\tc\nd\\u{7}"
+        );
+        let long = harmless(&"x".repeat(100_000));
+        assert!(
+            long.len() < 2100 && long.ends_with("x ..."),
+            "{}",
+            long.len()
+        );
+        let (good, short) = ("cannot read `ä`: no", "y".repeat(MOST_LETTERS));
+        assert_eq!((harmless(good), harmless(&short)), (good.to_owned(), short));
+    }
 
     /// Scripts depend on these numbers.
     #[test]
@@ -135,5 +214,6 @@ mod tests {
         for (cause, code) in pinned {
             assert_eq!(cause.code(), code, "{cause:?}");
         }
+        assert_eq!(pinned.map(|(cause, _)| cause), Cause::ALL);
     }
 }

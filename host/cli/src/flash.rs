@@ -4,6 +4,8 @@ use crate::failure::{Cause, Failure};
 use crate::run::link_failure;
 use crate::{Format, Global};
 use clap::{Args, ValueEnum};
+use schemars::JsonSchema;
+use serde::Serialize;
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 use sutura_board::{
@@ -210,6 +212,29 @@ fn failure(error: FlashError) -> Failure {
     Failure::new(cause, error)
 }
 
+/// What `--format json` prints.
+#[derive(Serialize, JsonSchema)]
+pub struct Flashed<'a> {
+    /// `ok`.
+    status: &'static str,
+    /// The board, as the image says.
+    board: &'a str,
+    /// Name of the image, as it says itself.
+    image: &'a str,
+    /// Its version.
+    version: &'a str,
+    /// `dfu`, `probe` or `touch`.
+    method: Option<String>,
+    /// How many were written.
+    bytes: usize,
+    /// Whether all were read back the same.
+    verified: bool,
+    /// What was there before: `nothing`, `foreign`, or which image of which board.
+    replaced: String,
+    /// Whether it runs; if not, press reset.
+    started: bool,
+}
+
 fn tell(what: &Flash, method: Method, done: &Done, global: &Global) {
     let own = what.identification();
     let (image, version) = own.map_or(("", ""), |own| (own.image(), own.version()));
@@ -220,20 +245,19 @@ fn tell(what: &Flash, method: Method, done: &Done, global: &Global) {
         Replaced::Image(old) => format!("{} {} of {}", old.image(), old.version(), old.board()),
     };
     match global.format {
-        Format::Json => say!(
-            "{}",
-            serde_json::json!({
-                "status": "ok",
-                "board": board,
-                "image": image,
-                "version": version,
-                "method": method.to_possible_value().map(|value| value.get_name().to_owned()),
-                "bytes": done.bytes,
-                "verified": true,
-                "replaced": replaced,
-                "started": done.started,
-            })
-        ),
+        Format::Json => crate::display::object(&Flashed {
+            status: "ok",
+            board,
+            image,
+            version,
+            method: method
+                .to_possible_value()
+                .map(|value| value.get_name().to_owned()),
+            bytes: done.bytes,
+            verified: true,
+            replaced,
+            started: done.started,
+        }),
         Format::Text => {
             let after = if done.started {
                 "it runs"

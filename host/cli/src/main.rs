@@ -26,13 +26,16 @@ mod display;
 mod doctor;
 mod failure;
 mod fidelity;
+mod files;
 mod fixture;
 mod flash;
+mod generate;
 mod mesh;
 mod recording;
 mod replay;
 mod run;
 mod scene;
+mod schema;
 mod series;
 mod signals;
 mod solve;
@@ -43,8 +46,10 @@ mod tradeoff;
 mod view;
 mod work;
 
-use clap::{Args, Parser, Subcommand, ValueEnum};
-use failure::{Cause, Failure, render};
+use clap::{Args, CommandFactory, Parser, Subcommand, ValueEnum};
+use failure::{Cause, Failure, harmless, render};
+use schemars::JsonSchema;
+use serde::Serialize;
 use std::io::IsTerminal;
 use std::process::ExitCode;
 use sutura_host::work::TARGET;
@@ -57,7 +62,7 @@ use tracing_subscriber::{EnvFilter, Layer};
 ///
 /// Without a subcommand this is `sutura run`.
 #[derive(Parser, Debug)]
-#[command(version, after_help = EXAMPLES)]
+#[command(name = "sutura", version = env!("SUTURA_VERSION"), after_help = EXAMPLES)]
 struct Cli {
     #[command(flatten)]
     global: Global,
@@ -95,6 +100,9 @@ pub struct Global {
     /// More logs on stderr: -v what is done, -vv details, -vvv everything. RUST_LOG overrides.
     #[arg(short, long, action = clap::ArgAction::Count, global = true)]
     pub verbose: u8,
+    /// Writes over files that are there; otherwise they are kept, and the command ends with code 2.
+    #[arg(long, global = true)]
+    pub overwrite: bool,
 }
 
 /// How results are printed.
@@ -119,6 +127,9 @@ enum Command {
     Tradeoff(tradeoff::TradeoffArgs),
     Stability(stability::StabilityArgs),
     Scene(scene::command::SceneArgs),
+    Schema(schema::SchemaArgs),
+    Completions(generate::CompletionsArgs),
+    Man(generate::ManArgs),
     Mesh(mesh::MeshArgs),
     Doctor(doctor::DoctorArgs),
     Device(consoles::DeviceArgs),
@@ -136,7 +147,7 @@ fn main() -> ExitCode {
     };
     let done = match command {
         Command::Run(args) => run::run(args, &cli.global),
-        Command::View(args) => view::run(args),
+        Command::View(args) => view::run(args, &cli.global),
         Command::Top(args) => top::run(args, &cli.global),
         Command::Replay(args) => replay::run(args, &cli.global),
         Command::Console(args) => console::run(args, &cli.global),
@@ -146,6 +157,9 @@ fn main() -> ExitCode {
         Command::Tradeoff(args) => tradeoff::run(args, &cli.global),
         Command::Stability(args) => stability::run(args, &cli.global),
         Command::Scene(args) => scene::command::run(args, &cli.global),
+        Command::Schema(args) => schema::run(args, &cli.global),
+        Command::Completions(args) => generate::completions(args, Cli::command()),
+        Command::Man(args) => generate::man(args, Cli::command()),
         Command::Mesh(args) => mesh::run(args, &cli.global),
         Command::Doctor(args) => doctor::run(args, &cli.global),
         Command::Device(args) => consoles::run(args, &cli.global),
@@ -229,12 +243,24 @@ fn tell(failure: &Failure, format: Format) {
     }
 }
 
+/// What `--format json` prints of a failure.
+#[derive(Serialize, JsonSchema)]
+pub struct Failed<'a> {
+    /// The exit code in a word.
+    status: &'static str,
+    /// The exit code.
+    exit_code: u8,
+    /// What is wrong.
+    message: &'a str,
+    /// What to do about it.
+    help: Option<&'a str>,
+}
+
 fn say_failure(cause: Cause, message: &str, help: Option<&str>) {
-    let object = serde_json::json!({
-        "status": cause.word(),
-        "exit_code": cause.code(),
-        "message": message,
-        "help": help,
+    display::object(&Failed {
+        status: cause.word(),
+        exit_code: cause.code(),
+        message: &harmless(message),
+        help: help.map(harmless).as_deref(),
     });
-    say!("{object}");
 }

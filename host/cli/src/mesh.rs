@@ -1,11 +1,14 @@
 //! `sutura mesh`: what a mesh file is like, and the same mesh in another format.
 
 use crate::failure::{Cause, Failure};
-use crate::{Format, Global};
+use crate::{Format, Global, display, files};
 use clap::{Args, Subcommand};
+use schemars::JsonSchema;
+use serde::Serialize;
 use std::path::{Path, PathBuf};
 use sutura_host::mesh::{MeshError, MeshReport, RawMesh, read_raw_mesh};
 use sutura_host::output::{MeshFormat, write_mesh};
+use sutura_host::scene::unlikely_size;
 use sutura_study::trial::{Trial, trial};
 
 /// Looks at tetrahedral mesh files and converts them: .msh (gmsh), .node and .ele (tetgen), .vtk.
@@ -102,6 +105,82 @@ fn read(input: &Input) -> Result<(RawMesh, MeshReport), Failure> {
         })
 }
 
+/// What `sutura mesh info --format json` prints.
+#[derive(Serialize, JsonSchema)]
+pub struct Info {
+    /// `ok`.
+    status: &'static str,
+    /// The mesh's file.
+    file: String,
+    #[serde(flatten)]
+    report: MeshReport,
+    /// What is allowed but hardly meant.
+    warnings: Vec<Hint>,
+    #[serde(flatten)]
+    times: Times,
+}
+
+/// A warning.
+#[derive(Serialize, JsonSchema)]
+struct Hint {
+    /// What there is.
+    message: String,
+    /// What to do about it.
+    help: String,
+}
+
+/// What `sutura mesh convert --format json` prints.
+#[derive(Serialize, JsonSchema)]
+pub struct Converted {
+    /// `ok`.
+    status: &'static str,
+    /// The mesh's file.
+    file: String,
+    /// The new file.
+    out: String,
+    #[serde(flatten)]
+    report: MeshReport,
+}
+
+/// Times of a step on the mesh; none if they were not measured.
+#[derive(Default, Serialize, JsonSchema)]
+struct Times {
+    /// Assembly and factorisation, with the lowest nodes fixed \[ms\].
+    factor_ms: Option<f64>,
+    /// Memory of the factor \[MB\].
+    factor_mb: Option<f64>,
+    /// The compliance columns of one vertex, when it is touched for the first time \[us\].
+    column_us: Option<f64>,
+    /// Median of the deeper steps of the press, with all columns at hand \[us\].
+    step_us: Option<f64>,
+    /// Vertices that the sphere touched at most: the rows of the step.
+    step_rows: Option<u32>,
+    /// Radius of the sphere \[m\].
+    step_radius_m: Option<f64>,
+    /// How the last step ended, `ok` if all is well; else why nothing was measured.
+    step_status: String,
+}
+
+impl Times {
+    fn of(trial: &Result<Trial, String>) -> Times {
+        match trial {
+            Ok(trial) => Times {
+                factor_ms: Some(trial.factor_ms),
+                factor_mb: Some(trial.factor_mb),
+                column_us: Some(trial.column_us),
+                step_us: trial.step_us,
+                step_rows: Some(trial.step_rows),
+                step_radius_m: Some(trial.step_radius_m),
+                step_status: trial.step_status.to_owned(),
+            },
+            Err(why) => Times {
+                step_status: why.clone(),
+                ..Times::default()
+            },
+        }
+    }
+}
+
 /// Nodes up to which times are measured unasked: the factorisation then takes a fraction of a second.
 const QUICK_NODES: usize = 5000;
 
@@ -112,26 +191,23 @@ fn info(input: &Input, time: bool, rows: u32, global: &Global) -> Result<(), Fai
     } else {
         Err(format!("{} nodes: ask for it with --time", report.nodes))
     };
+    let largest_m = report.size_m.iter().copied().fold(0.0, f64::max);
+    let hints = unlikely_size(largest_m, "--scale").into_iter();
+    let hints = hints.map(|(message, help)| Hint { message, help });
     match global.format {
-        Format::Json => {
-            let mut object = json(&report, &[("file", &input.file)]);
-            let times = match &trial {
-                Ok(trial) => serde_json::json!(trial),
-                Err(why) => serde_json::json!({
-                    "factor_ms": null, "factor_mb": null, "column_us": null, "step_us": null,
-                    "step_rows": null, "step_radius_m": null, "step_status": why,
-                }),
-            };
-            if let (Some(object), serde_json::Value::Object(times)) =
-                (object.as_object_mut(), times)
-            {
-                object.extend(times);
-            }
-            say!("{object}");
-        }
+        Format::Json => display::object(&Info {
+            status: "ok",
+            file: input.file.display().to_string(),
+            times: Times::of(&trial),
+            warnings: hints.collect(),
+            report,
+        }),
         Format::Text => {
             print_text(&input.file, &report);
             print_times(&trial);
+            for hint in hints {
+                say!("{}: {}", hint.message, hint.help);
+            }
         }
     }
     Ok(())
@@ -183,6 +259,7 @@ fn convert(input: &Input, out: &Path, global: &Global) -> Result<(), Failure> {
         let help = "end the name in .msh, .node, .ele, .vtk or .vtu";
         return Err(Failure::say(Cause::BadInput, message, help));
     };
+    files::free(out, global)?;
     let (mesh, report) = read(input)?;
     write_mesh(&mesh, out, format).map_err(|error| {
         let message = format!("cannot write {}: {error}", out.display());
@@ -193,10 +270,12 @@ fn convert(input: &Input, out: &Path, global: &Global) -> Result<(), Failure> {
         tracing::warn!("scenes will refuse this mesh: {refusal}");
     }
     match global.format {
-        Format::Json => say!(
-            "{}",
-            json(&report, &[("file", &input.file), ("out", &out.to_owned())])
-        ),
+        Format::Json => display::object(&Converted {
+            status: "ok",
+            file: input.file.display().to_string(),
+            out: out.display().to_string(),
+            report,
+        }),
         Format::Text => say!(
             "{} nodes and {} cells written to {}",
             report.nodes,
@@ -205,15 +284,6 @@ fn convert(input: &Input, out: &Path, global: &Global) -> Result<(), Failure> {
         ),
     }
     Ok(())
-}
-
-fn json(report: &MeshReport, files: &[(&str, &PathBuf)]) -> serde_json::Value {
-    let mut object = serde_json::json!(report);
-    object["status"] = "ok".into();
-    for (key, path) in files {
-        object[*key] = path.display().to_string().into();
-    }
-    object
 }
 
 fn print_text(file: &Path, report: &MeshReport) {

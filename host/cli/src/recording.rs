@@ -96,11 +96,15 @@ impl Recording {
         }
     }
 
-    /// Ends the recording of a session that came out like this, and says what there is to say of it.
+    /// Ends the recording of a session that came out like this, and says what there is to say of it. A file that could not be
+    /// written takes nothing from the summary: its failure is beside it.
     ///
     /// # Errors
-    /// The session's; else that of a file that could not be written.
-    pub fn finish(self, session: Result<Summary, Failure>) -> Result<Summary, Failure> {
+    /// The session's.
+    pub fn finish(
+        self,
+        session: Result<Summary, Failure>,
+    ) -> Result<(Summary, Result<(), Failure>), Failure> {
         let bad = match &session {
             Ok(summary) => summary.mode == "fault",
             Err(failure) => matches!(failure.cause, Cause::Fault | Cause::NoConsole),
@@ -110,7 +114,10 @@ impl Recording {
         }
         let recorded = self.recorder.finish();
         let summary = session?;
-        let recorded = recorded.map_err(failure)?;
+        let recorded = match recorded {
+            Ok(recorded) => recorded,
+            Err(error) => return Ok((summary, Err(failure(error)))),
+        };
         if let Some(file) = self.file.as_ref().filter(|_| self.is_named) {
             note!(
                 "recorded {} frames and {} solves in {} ({:.1} MB)",
@@ -129,7 +136,7 @@ impl Recording {
                 lost.solves
             );
         }
-        Ok(summary)
+        Ok((summary, Ok(())))
     }
 }
 

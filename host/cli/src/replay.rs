@@ -3,13 +3,14 @@
 use crate::failure::{Cause, Failure};
 use crate::recording::{build, failure};
 use crate::run::positive;
-use crate::series::{SERIES_HZ, Series, make_folder};
-use crate::{Format, Global};
+use crate::series::{SERIES_HZ, Series};
+use crate::{Format, Global, display, files};
 use clap::{Args, ValueEnum};
-use serde_json::{Value, json};
+use schemars::JsonSchema;
+use serde::Serialize;
 use std::path::{Path, PathBuf};
 use sutura_host::recording::replay::{
-    ConsoleVerdict, HostVerdict, NativeTicks, Replayed, replay_console, replay_host,
+    ConsoleVerdict, HostVerdict, NativeTicks, Replayed as Replays, replay_console, replay_host,
 };
 use sutura_host::recording::{About, End, Recording};
 use sutura_host::scene::Tissue;
@@ -69,14 +70,14 @@ pub enum Console {
 pub fn run(args: &ReplayArgs, global: &Global) -> Result<(), Failure> {
     let recording = Recording::read(&args.file).map_err(failure)?;
     if let Some(folder) = &args.series {
-        make_folder(folder)?;
+        files::folder("--series", folder, global)?;
     }
     let console = console(args, &recording)?;
     let series = args.series.as_deref().map(|dir| (dir, args.series_hz));
     let (host, pictures) = host(&recording, series)?;
     let (here, there) = (&here(&recording), &recording.about);
     match global.format {
-        Format::Json => say!("{}", object(args, &recording, &console, &host, pictures)),
+        Format::Json => display::object(&replayed(args, &recording, &console, &host, pictures)),
         Format::Text => say!("{}", text(&recording, &console, &host, here)),
     }
     verdict(args, &recording, &console, &host, there.same_bits(here))
@@ -88,7 +89,7 @@ fn here(recording: &Recording) -> About {
 }
 
 fn console(args: &ReplayArgs, recording: &Recording) -> Result<ConsoleVerdict, Failure> {
-    let replay = |console: &mut dyn Replayed| replay_console(recording, console);
+    let replay = |console: &mut dyn Replays| replay_console(recording, console);
     match args.console {
         Console::Native => Ok(replay(&mut NativeTicks::new(&recording.about.plan.device))),
         #[cfg(unix)]
@@ -152,45 +153,108 @@ fn diverged_at(console: &ConsoleVerdict, host: &HostVerdict) -> Option<u32> {
     both.into_iter().flatten().min()
 }
 
-fn object(
+/// What `--format json` prints.
+#[derive(Serialize, JsonSchema)]
+pub struct Replayed {
+    /// The recording.
+    file: String,
+    /// States in it.
+    ticks: u64,
+    /// The console's tick that came out differently first, at either end.
+    diverged_at: Option<u32>,
+    /// Trace hash of the console's last tick, in hexadecimal.
+    hash: String,
+    /// Why the recording ends before the session did, if so.
+    cut_off: Option<String>,
+    /// The console's ticks.
+    console: OfConsole,
+    /// The solver's steps.
+    host: OfHost,
+    /// Files that `--series` has written.
+    pictures: Option<usize>,
+}
+
+/// The console's ticks, run again.
+#[derive(Serialize, JsonSchema)]
+struct OfConsole {
+    /// Ticks that came out the same.
+    verified_ticks: u64,
+    /// Those at the beginning of sessions that could not be compared.
+    unverified_ticks: u64,
+    /// Frames of the host that the line must have lost for the rest to come out the same.
+    lost_frames: u64,
+    /// The tick that came out differently first.
+    diverged_at: Option<u32>,
+    /// The tick from which on nothing can be compared.
+    unverifiable_from: Option<u32>,
+    /// Why, of either.
+    why: Option<String>,
+    /// Trace hash of the last tick that was run, in hexadecimal.
+    hash: String,
+}
+
+/// The solver's steps, run again.
+#[derive(Serialize, JsonSchema)]
+struct OfHost {
+    /// Solves in the recording.
+    steps: u64,
+    /// Those that came out the same.
+    verified_steps: u64,
+    /// Whether all of those have the same bits.
+    identical: bool,
+    /// Largest difference of an entry of a wrench, over the largest of the session so far.
+    largest_difference: f64,
+    /// The console's tick of the first solve that came out differently.
+    diverged_at: Option<u32>,
+    /// That solve, from 1.
+    diverged_step: Option<u64>,
+    /// The first solve that cannot be run again.
+    unverifiable_from: Option<u64>,
+    /// Why, of any of these.
+    why: Option<String>,
+    /// Hash of the solver's state after the last solve, in hexadecimal.
+    hash: String,
+}
+
+fn replayed(
     args: &ReplayArgs,
     recording: &Recording,
     console: &ConsoleVerdict,
     host: &HostVerdict,
     pictures: Option<usize>,
-) -> Value {
-    let cut = match &recording.end {
+) -> Replayed {
+    let cut_off = match &recording.end {
         End::Whole => None,
-        End::Cut(reason) => Some(reason),
+        End::Cut(reason) => Some(reason.to_string()),
     };
-    json!({
-        "file": args.file.display().to_string(),
-        "ticks": console.ticks,
-        "diverged_at": diverged_at(console, host),
-        "hash": format!("{:016x}", console.hash),
-        "cut_off": cut,
-        "console": {
-            "verified_ticks": console.verified_ticks,
-            "unverified_ticks": console.unverified_ticks,
-            "lost_frames": console.lost_frames,
-            "diverged_at": console.diverged_at,
-            "unverifiable_from": console.unverifiable_from,
-            "why": console.why,
-            "hash": format!("{:016x}", console.hash),
+    Replayed {
+        file: args.file.display().to_string(),
+        ticks: console.ticks,
+        diverged_at: diverged_at(console, host),
+        hash: format!("{:016x}", console.hash),
+        cut_off,
+        console: OfConsole {
+            verified_ticks: console.verified_ticks,
+            unverified_ticks: console.unverified_ticks,
+            lost_frames: console.lost_frames,
+            diverged_at: console.diverged_at,
+            unverifiable_from: console.unverifiable_from,
+            why: console.why.clone(),
+            hash: format!("{:016x}", console.hash),
         },
-        "host": {
-            "steps": host.steps,
-            "verified_steps": host.verified_steps,
-            "identical": host.identical,
-            "largest_difference": host.largest_difference,
-            "diverged_at": host.diverged_at,
-            "diverged_step": host.diverged_step,
-            "unverifiable_from": host.unverifiable_from,
-            "why": host.why,
-            "hash": format!("{:016x}", host.hash),
+        host: OfHost {
+            steps: host.steps,
+            verified_steps: host.verified_steps,
+            identical: host.identical,
+            largest_difference: host.largest_difference,
+            diverged_at: host.diverged_at,
+            diverged_step: host.diverged_step,
+            unverifiable_from: host.unverifiable_from,
+            why: host.why.clone(),
+            hash: format!("{:016x}", host.hash),
         },
-        "pictures": pictures,
-    })
+        pictures,
+    }
 }
 
 fn text(

@@ -6,12 +6,12 @@ use crate::display::{self, Display};
 use crate::failure::{Cause, Failure};
 use crate::recording::{self, Recording};
 use crate::replay;
-use crate::series::{SERIES_HZ, make_folder};
+use crate::series::SERIES_HZ;
 use crate::signals::stop_on_signals;
 use crate::top::Top;
 use crate::view::PageArgs;
 use crate::view::session::{Viewed, has_desktop};
-use crate::{Format, Global, device};
+use crate::{Format, Global, device, files};
 use clap::{Args, ValueEnum};
 use std::ops::ControlFlow;
 use std::path::PathBuf;
@@ -204,7 +204,10 @@ const EMULATOR_SPARE: Duration = Duration::from_secs(120);
 pub fn run(args: &RunArgs, global: &Global) -> Result<(), Failure> {
     let asked = recording::asked();
     if let Some(folder) = &args.series {
-        make_folder(folder)?;
+        files::folder("--series", folder, global)?;
+    }
+    for file in [&args.record, &args.save_last].into_iter().flatten() {
+        files::free(file, global)?;
     }
     // Before a port is opened: some boards start anew with that.
     let document = crate::scene::document(args.scene.as_deref())?;
@@ -301,15 +304,17 @@ pub fn run(args: &RunArgs, global: &Global) -> Result<(), Failure> {
     display.finish();
     let file = recording.file();
     let view = viewed.as_mut().and_then(Viewed::end);
+    let (summary, recorded) = recording.finish(summary)?;
     let summary = Summary {
         chosen,
         view,
-        ..recording.finish(summary)?
+        ..summary
     };
     match global.format {
-        Format::Json => say!("{}", display::json(&summary)),
+        Format::Json => display::object(&summary),
         Format::Text => say!("{}", display::table(&summary).trim_end()),
     }
+    recorded.map_err(Failure::after_summary)?;
     if let (Some(folder), Some(file)) = (&args.series, recording::file(args)) {
         replay::draw(&file, folder, args.series_hz).map_err(Failure::after_summary)?;
     }
@@ -726,6 +731,9 @@ pub mod emulated {
     use std::process::{Command, Stdio};
     use sutura_hil::{QemuError, qemu};
 
+    /// What the image is called.
+    const IMAGE: &str = "sutura-virtual";
+
     /// Whether there is an emulator to run.
     ///
     /// # Errors
@@ -743,29 +751,72 @@ pub mod emulated {
         }
     }
 
-    /// The image that the user named, or the one of this checkout, built anew if anything has changed.
+    /// The image that the user named, one that was installed beside this program, or that of the checkout which this program was
+    /// built in, built anew if anything has changed and cargo is there.
     pub fn image(named: Option<&Path>) -> Result<PathBuf, Failure> {
         if let Some(image) = named {
             return Ok(image.to_owned());
+        }
+        let installed = installed();
+        if let Some(image) = installed.iter().find(|image| image.is_file()) {
+            return Ok(image.clone());
         }
         let checkout = Path::new(env!("CARGO_MANIFEST_DIR"))
             .ancestors()
             .nth(2)
             .filter(|root| root.join("firmware").is_dir());
         if let Some(root) = checkout {
-            // Its own output belongs to progress: stdout is for the result.
-            let built = Command::new("cargo")
-                .args(["xtask", "firmware", "--board", "virtual"])
-                .current_dir(root)
-                .stdout(Stdio::from(std::io::stderr()))
-                .status();
-            if !built.is_ok_and(|status| status.success()) {
-                let message = "the firmware image cannot be built";
-                let help = "see above, and `cargo xtask setup`; or name an image with --image";
-                return Err(Failure::say(Cause::NoConsole, message, help));
-            }
+            build(root)?;
         }
-        Ok(qemu::default_image())
+        let image = qemu::default_image();
+        if image.is_file() {
+            return Ok(image);
+        }
+        let places: Vec<_> = installed
+            .iter()
+            .map(|image| image.display().to_string())
+            .collect();
+        Err(Failure::say(
+            Cause::NoConsole,
+            format!(
+                "there is no firmware image for the emulator: {}",
+                image.display()
+            ),
+            format!(
+                "in a checkout, `cargo xtask firmware --board virtual` builds one; name it with --image, or copy it to {}",
+                places.join(" or ")
+            ),
+        ))
+    }
+
+    /// Where an image is that was installed with this program.
+    fn installed() -> Vec<PathBuf> {
+        let program = std::env::current_exe().unwrap_or_default();
+        let folder = program.parent().unwrap_or(Path::new(""));
+        let share = folder
+            .parent()
+            .unwrap_or(Path::new(""))
+            .join("share/sutura");
+        [folder, &share].map(|folder| folder.join(IMAGE)).into()
+    }
+
+    /// Builds the image of a checkout; without cargo nothing is done.
+    fn build(root: &Path) -> Result<(), Failure> {
+        // Its own output belongs to progress: stdout is for the result.
+        let built = Command::new("cargo")
+            .args(["xtask", "firmware", "--board", "virtual"])
+            .current_dir(root)
+            .stdout(Stdio::from(std::io::stderr()))
+            .status();
+        match built {
+            Ok(status) if status.success() => Ok(()),
+            Err(error) if error.kind() == std::io::ErrorKind::NotFound => Ok(()),
+            _ => Err(Failure::say(
+                Cause::NoConsole,
+                "the firmware image cannot be built",
+                "see above, and `cargo xtask setup`; or name an image with --image",
+            )),
+        }
     }
 
     /// A failed emulator with its exit code and the next step.

@@ -106,18 +106,3 @@ impl<'a> Series<'a> {
 fn file(number: usize) -> String {
     format!("session-{number:05}.vtu")
 }
-
-/// Makes the folder of a series.
-///
-/// # Errors
-/// Bad input: it has something in it, or cannot be made.
-pub fn make_folder(folder: &Path) -> Result<(), Failure> {
-    let made = std::fs::create_dir_all(folder).and_then(|()| std::fs::read_dir(folder));
-    let message = match made.map(|mut entries| entries.next().is_none()) {
-        Ok(true) => return Ok(()),
-        Ok(false) => format!("--series {}: the folder is not empty", folder.display()),
-        Err(error) => format!("--series {}: {error}", folder.display()),
-    };
-    let help = "name a folder that is not there yet, in one that is yours";
-    Err(Failure::say(Cause::BadInput, message, help))
-}

@@ -1,12 +1,15 @@
 //! `sutura solve`: the tissue at rest under a scene's handles, loads and held tools.
 
 use crate::failure::{Cause, Failure};
-use crate::{Format, Global, scene};
+use crate::{Format, Global, display, files, scene};
 use clap::Args;
+use schemars::JsonSchema;
+use serde::Serialize;
 use std::path::PathBuf;
-use sutura_host::output::{Solution, SolutionFormat};
+use sutura_host::output::{DrivenNeedle, HeldTool, Reaction, Solution, SolutionFormat};
 use sutura_host::scene::{LONGEST_S, Scene};
 use sutura_host::solve::{SolveError, solve};
+use sutura_host::wound::WoundReport;
 
 /// Solves a scene at rest: handles at their targets, loads, and tools held where `position_m` says.
 #[derive(Args, Debug)]
@@ -47,6 +50,7 @@ pub fn run(args: &SolveArgs, global: &Global) -> Result<(), Failure> {
             "end the name in .json or .vtu",
         ));
     };
+    files::free(&args.out, global)?;
     let shown = crate::work::watch();
     let mut scene = scene::open(Some(&args.scene))?;
     scene::without_session(&mut scene);
@@ -64,7 +68,7 @@ pub fn run(args: &SolveArgs, global: &Global) -> Result<(), Failure> {
         )
     })?;
     match global.format {
-        Format::Json => print_json(args, &solution),
+        Format::Json => display::object(&solved(args, &solution)),
         Format::Text => print_text(args, &solution),
     }
     Ok(())
@@ -115,22 +119,50 @@ fn length(v: &[f64; 3]) -> f64 {
     v.iter().map(|x| x * x).sum::<f64>().sqrt()
 }
 
-fn print_json(args: &SolveArgs, solution: &Solution) {
-    let object = serde_json::json!({
-        "status": "ok",
-        "out": args.out.display().to_string(),
-        "scene": solution.scene,
-        "tissue": solution.tissue,
-        "nodes": solution.drawn.points_m.len(),
-        "cells": solution.drawn.cells.len(),
-        "displacement_max_m": largest_m(solution),
-        "reactions": solution.reactions,
-        "tools": solution.tools,
-        "needles": solution.needles,
-        "wound": solution.wound,
-        "residual": solution.residual,
-    });
-    say!("{object}");
+/// What `--format json` prints.
+#[derive(Serialize, JsonSchema)]
+pub struct Solved<'a> {
+    /// `ok`.
+    status: &'static str,
+    /// The result file.
+    out: String,
+    /// Name of the scene.
+    scene: &'a str,
+    /// Name of the tissue model.
+    tissue: &'static str,
+    /// Nodes of the mesh.
+    nodes: usize,
+    /// Cells of the mesh.
+    cells: usize,
+    /// Largest displacement of a node \[m\].
+    displacement_max_m: f64,
+    /// One for each handle, in the scene's order.
+    reactions: &'a [Reaction],
+    /// One for each tool that the scene holds somewhere.
+    tools: &'a [HeldTool],
+    /// One for each needle, in the scene's order.
+    needles: &'a [DrivenNeedle],
+    /// How well threads and contact close a wound; none in scenes without.
+    wound: Option<&'a WoundReport>,
+    /// Largest component of the unbalanced force on a free node, over the largest nodal force.
+    residual: f64,
+}
+
+fn solved<'a>(args: &SolveArgs, solution: &'a Solution) -> Solved<'a> {
+    Solved {
+        status: "ok",
+        out: args.out.display().to_string(),
+        scene: &solution.scene,
+        tissue: solution.tissue,
+        nodes: solution.drawn.points_m.len(),
+        cells: solution.drawn.cells.len(),
+        displacement_max_m: largest_m(solution),
+        reactions: &solution.reactions,
+        tools: &solution.tools,
+        needles: &solution.needles,
+        wound: solution.wound.as_ref(),
+        residual: solution.residual,
+    }
 }
 
 fn print_text(args: &SolveArgs, solution: &Solution) {

@@ -3,10 +3,11 @@
 //! Entry point: [`run`]. Trials and criteria are the library's; here they are chosen and printed.
 
 use crate::failure::{Cause, Failure};
-use crate::tables::{csv, unwritable};
+use crate::tables::{Kept, csv, unwritable};
 use crate::{Format, Global};
 use clap::Args;
 use indicatif::ProgressBar;
+use schemars::JsonSchema;
 use serde::Serialize;
 use std::path::PathBuf;
 use sutura_study::stability::judge;
@@ -39,8 +40,8 @@ Examples:
 An outcome is `stable`, `degraded` (the note says how) or `refused` (the note says why).
 Anything else is a defect: it is named, and the exit code is 1.";
 
-#[derive(Serialize)]
-struct Output<'a> {
+#[derive(Serialize, JsonSchema)]
+pub struct Output<'a> {
     status: &'static str,
     extent: &'static str,
     limits: Limits,
@@ -48,7 +49,7 @@ struct Output<'a> {
 }
 
 /// What `stable` means.
-#[derive(Serialize)]
+#[derive(Serialize, JsonSchema)]
 struct Limits {
     residual: f64,
     difference: f64,
@@ -61,11 +62,16 @@ struct Limits {
 /// # Errors
 /// Bad input for words that nothing has; failed for a defect.
 pub fn run(args: &StabilityArgs, global: &Global) -> Result<(), Failure> {
+    // Before hours of work that could not be kept.
+    if let Some(directory) = &args.plot {
+        crate::files::folder("--plot", directory, global)?;
+    }
     let words: Vec<_> = args
         .only
         .iter()
         .flat_map(|only| only.split_whitespace())
         .collect();
+    let kept = Kept::within(args.plot.as_deref())?;
     // How many there are is known only when they have been run.
     let bar = ProgressBar::new_spinner();
     let mut told = |case: &Case| {
@@ -76,6 +82,7 @@ pub fn run(args: &StabilityArgs, global: &Global) -> Result<(), Failure> {
             case.tissue,
             case.what
         ));
+        kept.line(case);
         if args.stream {
             say!("{}", serde_json::json!(case));
         } else {
@@ -113,7 +120,6 @@ pub fn run(args: &StabilityArgs, global: &Global) -> Result<(), Failure> {
         cases: &cases,
     };
     if let Some(directory) = &args.plot {
-        std::fs::create_dir_all(directory).map_err(|error| unwritable(directory, &error))?;
         for (name, text) in [
             ("stability.json", serde_json::json!(output).to_string()),
             ("stability.csv", csv(&cases)),
@@ -123,7 +129,7 @@ pub fn run(args: &StabilityArgs, global: &Global) -> Result<(), Failure> {
         }
     }
     match global.format {
-        Format::Json => say!("{}", serde_json::json!(output)),
+        Format::Json => crate::display::object(&output),
         Format::Text => print_text(&cases),
     }
     if let Some(first) = defects.first() {

@@ -1,11 +1,14 @@
 //! Tables and pictures as files.
 //!
-//! Entry points: [`csv`], [`write_pictures`].
+//! Entry points: [`csv`], [`write_pictures`]; [`Kept`], for lines as they are measured.
 
 use crate::failure::{Cause, Failure};
 use serde::Serialize;
 use std::fmt::Write as _;
+use std::fs::File;
+use std::io::Write as _;
 use std::path::Path;
+use std::sync::{Mutex, PoisonError};
 
 /// The failure to write one.
 pub fn unwritable(path: &Path, error: &std::io::Error) -> Failure {
@@ -14,6 +17,32 @@ pub fn unwritable(path: &Path, error: &std::io::Error) -> Failure {
         format!("cannot write {}: {error}", path.display()),
         "choose a directory that can be written with --plot",
     )
+}
+
+/// Lines of a table as they are measured, one JSON object each: whoever interrupts hours of work has what there was.
+pub struct Kept(Option<Mutex<File>>);
+
+impl Kept {
+    /// In `cases.jsonl` of a directory, if there is one.
+    ///
+    /// # Errors
+    /// If it cannot be made.
+    pub fn within(directory: Option<&Path>) -> Result<Kept, Failure> {
+        let file = directory.map(|directory| {
+            let path = directory.join("cases.jsonl");
+            File::create(&path).map_err(|error| unwritable(&path, &error))
+        });
+        Ok(Kept(file.transpose()?.map(Mutex::new)))
+    }
+
+    /// Writes a line, at once. A disk that is full is told by what is written in the end.
+    pub fn line(&self, row: &impl Serialize) {
+        let Some(file) = &self.0 else { return };
+        let mut line = serde_json::to_string(row).unwrap_or_default();
+        line.push('\n');
+        let mut file = file.lock().unwrap_or_else(PoisonError::into_inner);
+        let _ = file.write_all(line.as_bytes());
+    }
 }
 
 /// Draws a report's pictures into a directory.

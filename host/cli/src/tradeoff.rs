@@ -4,9 +4,10 @@
 
 use crate::display::progress;
 use crate::failure::{Cause, Failure};
-use crate::tables::{csv, unwritable, write_pictures};
+use crate::tables::{Kept, csv, unwritable, write_pictures};
 use crate::{Format, Global};
 use clap::Args;
+use schemars::JsonSchema;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 use sutura_study::tradeoff::literature::{FIGURES, Figure};
@@ -43,13 +44,14 @@ Errors are against solutions that the command computes itself: Newton's balance 
 come to rest). A suture (`suture-closed`) is a table of its own: gap, tension and steps on linear, corotational and
 hyperelastic tissue, against the latter on the finest mesh. Times are this machine's. Build with --release.";
 
-#[derive(Serialize)]
-struct Output<'a> {
+#[derive(Serialize, JsonSchema)]
+pub struct Output<'a> {
     status: &'static str,
     extent: &'static str,
     #[serde(flatten)]
     report: &'a measure::Report,
     sutures: &'a [suture::Row],
+    #[schemars(with = "Vec<Figure>")]
     literature: [Figure; FIGURES.len()],
 }
 
@@ -58,6 +60,10 @@ struct Output<'a> {
 /// # Errors
 /// Bad input for words that nothing has; failed if a case has no answer.
 pub fn run(args: &TradeoffArgs, global: &Global) -> Result<(), Failure> {
+    // Before hours of work that could not be kept.
+    if let Some(directory) = &args.plot {
+        crate::files::folder("--plot", directory, global)?;
+    }
     if cfg!(debug_assertions) {
         tracing::warn!("a debug build: times mean little");
     }
@@ -79,10 +85,12 @@ pub fn run(args: &TradeoffArgs, global: &Global) -> Result<(), Failure> {
             "words are parts of a case's or a tissue's name: `beam`, `cylinder-compressed`, `linear`; --full has more cases",
         ));
     }
+    let kept = Kept::within(args.plot.as_deref())?;
     let bar = progress(measure::lines(&plan, extent) + suture::lines(&sewn, extent));
     let mut told = |row: &Row| {
         bar.inc(1);
         bar.set_message(format!("{} {}", row.case, row.tissue));
+        kept.line(row);
         if args.stream {
             say!("{}", serde_json::json!(row));
         } else {
@@ -106,6 +114,7 @@ pub fn run(args: &TradeoffArgs, global: &Global) -> Result<(), Failure> {
     let sutures = suture::measure(&sewn, extent, &mut |row| {
         bar.inc(1);
         bar.set_message(format!("{} {}", row.case, row.tissue));
+        kept.line(row);
         if args.stream {
             say!("{}", serde_json::json!(row));
         }
@@ -122,7 +131,7 @@ pub fn run(args: &TradeoffArgs, global: &Global) -> Result<(), Failure> {
         write_files(&output, directory)?;
     }
     match global.format {
-        Format::Json => say!("{}", serde_json::json!(output)),
+        Format::Json => crate::display::object(&output),
         Format::Text => {
             print_text(&report);
             print_sutures(&sutures);
@@ -258,7 +267,6 @@ fn write_files(output: &Output, directory: &Path) -> Result<(), Failure> {
         let path = directory.join(name);
         std::fs::write(&path, text).map_err(|error| unwritable(&path, &error))
     };
-    std::fs::create_dir_all(directory).map_err(|error| unwritable(directory, &error))?;
     let report = serde_json::json!(output);
     write("tradeoff.json", report.to_string())?;
     write("tradeoff.csv", csv(&output.report.cases))?;

@@ -6,12 +6,13 @@ use super::check::{is_flat, longest_edge};
 use super::manifold::for_each_face;
 use super::{CellId, MeshError, RawMesh, signed_volume};
 use nalgebra::Vector3;
+use schemars::JsonSchema;
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::convert::Infallible;
 
 /// A mesh in figures. Lengths in metres after the reader's scale.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
 pub struct MeshReport {
     /// How many nodes there are.
     pub nodes: usize,
@@ -42,7 +43,7 @@ pub struct MeshReport {
 }
 
 /// Smallest value and quantiles (nearest rank) of a quality; not a number without cells.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
 pub struct Quality {
     /// Name of the measure: `mean-ratio`, see [`mean_ratio`].
     pub measure: &'static str,
@@ -55,7 +56,7 @@ pub struct Quality {
 }
 
 /// Of the edges of all cells, one that several cells share counted for each.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
 pub struct EdgeLengths {
     /// Shortest \[m\].
     pub min: f64,
@@ -66,7 +67,7 @@ pub struct EdgeLengths {
 }
 
 /// One region of a mesh.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
 pub struct RegionReport {
     /// Its number, 0 for cells without a region.
     pub region: i64,

@@ -10,13 +10,14 @@ use crate::step::State;
 use crate::thread::{FreeThreads, ThreadPlace, ThreadPoint};
 use crate::tool::ToolSample;
 use nalgebra::Isometry3;
+use schemars::JsonSchema;
 use serde::Serialize;
 
 /// Distance between two points of a needle's centre line, in its length.
 const NEEDLE_PIECES: u32 = 32;
 
 /// The tissue and what is beside it.
-#[derive(Clone, Debug, Default, Serialize)]
+#[derive(Clone, Debug, Default, Serialize, JsonSchema)]
 pub struct Drawn {
     /// Node positions at rest without load \[m\], (n x 3), world frame.
     pub points_m: Vec<[f64; 3]>,

@@ -6,12 +6,13 @@
 use super::{Drawn, vtu, write_whole};
 use crate::needle::{NeedleReport, TipPlace};
 use crate::wound::WoundReport;
+use schemars::JsonSchema;
 use serde::Serialize;
 use std::io;
 use std::path::Path;
 
 /// What `sutura solve` writes. The keys of the JSON file are the names of these fields.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, Serialize, JsonSchema)]
 pub struct Solution {
     /// Name of the scene.
     pub scene: String,
@@ -37,7 +38,7 @@ pub struct Solution {
 }
 
 /// What a handle does to the tissue.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
 pub struct Reaction {
     /// Place of the handle in the scene, from 0.
     pub handle: usize,
@@ -51,7 +52,7 @@ pub struct Reaction {
 }
 
 /// What a tool does to the tissue.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
 pub struct HeldTool {
     /// Id of the tool.
     pub tool: u8,
@@ -66,7 +67,7 @@ pub struct HeldTool {
 }
 
 /// A needle as its way has left it.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
 pub struct DrivenNeedle {
     /// Id of the needle.
     pub needle: u8,

@@ -376,7 +376,7 @@ fn explain(message: &str) -> (String, String, Option<String>) {
                 Some(help),
             );
         }
-        _ => return (message.to_owned(), String::new(), None),
+        _ => return (in_words(message), String::new(), None),
     };
     let all = known
         .iter()
@@ -394,6 +394,45 @@ fn explain(message: &str) -> (String, String, Option<String>) {
     )
 }
 
+/// What a parser says of a value of another kind, without names of types.
+fn in_words(message: &str) -> String {
+    let Some((found, wanted)) = message.split_once(", expected ") else {
+        return message.to_owned();
+    };
+    let kinds = found
+        .strip_prefix("invalid type: ")
+        .or(found.strip_prefix("invalid value: "));
+    let length = found.strip_prefix("invalid length ");
+    let found = match (kinds, length) {
+        (Some(found), _) => found
+            .replace("string", "text")
+            .replace("floating point", "number")
+            .replace("integer", "number")
+            .replace("sequence", "list")
+            .replace("map", "section"),
+        (None, Some(length)) => format!("a list of {length}"),
+        (None, None) => return message.to_owned(),
+    };
+    let of_length = ["an array of length ", "a tuple of size ", "a sequence of "];
+    let length = of_length
+        .iter()
+        .find_map(|words| wanted.strip_prefix(words));
+    let wanted = match (wanted, length) {
+        (_, Some(length)) => format!("a list of {length}"),
+        ("f64" | "f32", _) => "a number".to_owned(),
+        ("u8", _) => "a whole number from 0 to 255".to_owned(),
+        ("usize" | "u16" | "u32" | "u64", _) => "a whole number, 0 or more".to_owned(),
+        ("i8" | "i16" | "i32" | "i64" | "isize", _) => "a whole number".to_owned(),
+        ("a string", _) => "text".to_owned(),
+        ("a boolean", _) => "true or false".to_owned(),
+        ("a sequence", _) => "a list".to_owned(),
+        ("a map", _) => "a section".to_owned(),
+        (wanted, _) if wanted.starts_with("struct ") => "a section".to_owned(),
+        (wanted, _) => wanted.to_owned(),
+    };
+    format!("this is {found}, and {wanted} is needed")
+}
+
 /// The known word nearest to a misspelt one, if one is near enough to be meant.
 pub fn nearest<'a>(word: &str, known: &[&'a str]) -> Option<&'a str> {
     // A wrong unit suffix ("radius_mm" for "radius_m") is near; an unrelated word is not.
@@ -405,6 +444,47 @@ pub fn nearest<'a>(word: &str, known: &[&'a str]) -> Option<&'a str> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// Of values of another kind the parser names types of the language that nobody who writes a scene has to know.
+    #[test]
+    fn values_of_another_kind_are_told_in_words() {
+        for (text, said) in [
+            (
+                "n = \"a\"",
+                "this is text \"a\", and a whole number, 0 or more is needed",
+            ),
+            (
+                "n = -5",
+                "this is number `-5`, and a whole number, 0 or more is needed",
+            ),
+            ("x = true", "this is boolean `true`, and a number is needed"),
+            (
+                "at = [1.0, 2.0]",
+                "this is a list of 2, and a list of 3 is needed",
+            ),
+            (
+                "at = 1.0",
+                "this is number `1.0`, and a list of 3 is needed",
+            ),
+            ("part = 3", "this is number `3`, and a section is needed"),
+        ] {
+            let document = Document::embedded("a.toml", Path::new(""), text);
+            let error = document.parse::<Anything>().expect_err(text);
+            assert_eq!(error.to_string(), said, "{text}");
+        }
+    }
+
+    #[derive(Debug, serde::Deserialize)]
+    #[allow(dead_code, reason = "never read")]
+    struct Anything {
+        n: Option<usize>,
+        x: Option<f64>,
+        at: Option<[f64; 3]>,
+        part: Option<Part>,
+    }
+
+    #[derive(Debug, serde::Deserialize)]
+    struct Part {}
 
     #[test]
     fn a_misspelt_word_finds_its_neighbour_and_a_foreign_one_none() {

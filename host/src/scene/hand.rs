@@ -8,6 +8,7 @@ use sutura_scene_file::scene::HandSection;
 use sutura_shared::device::{DeviceDescription, JOINTS, Kinematics};
 use sutura_shared::virtual_console::path;
 use sutura_shared::wire::message::{HandScript, WAY_POINTS, WayPoint};
+use sutura_shared::wire::validate::MAX_POSITION;
 use toml::Spanned;
 
 /// Checks the `[hand]` section and places the device's joints at its first way point.
@@ -54,13 +55,12 @@ pub fn hand_script(
         )?;
         let position = document.finite("position_m", &point.position_m)?;
         let Some(joint) = joints_at(&device.kinematics, position) else {
-            let message = "the grip cannot reach this way point".to_owned();
-            let help = "see the arm's lengths and where its shoulder stands in the device file";
+            let (message, help) = out_of_reach(&device.kinematics, position);
             return Err(document.flaw(
                 point.position_m.span(),
                 message,
                 "out of reach",
-                Some(help),
+                Some(&help),
             ));
         };
         if i == 0 {
@@ -83,6 +83,13 @@ pub fn hand_script(
 /// Joint coordinates that bring the grip to `position` \[m\]; of an arm's two ways the one with the elbow
 /// above. None where the grip cannot be.
 fn joints_at(kinematics: &Kinematics, position: [f64; 3]) -> Option<[f32; JOINTS]> {
+    // Farther than a frame can say.
+    if position
+        .iter()
+        .any(|along| along.abs() > f64::from(MAX_POSITION))
+    {
+        return None;
+    }
     let joints: [f32; JOINTS] = match *kinematics {
         Kinematics::Cartesian { origin_m } => {
             std::array::from_fn(|i| (position[i] - f64::from(origin_m[i])) as f32)
@@ -107,6 +114,35 @@ fn joints_at(kinematics: &Kinematics, position: [f64; 3]) -> Option<[f32; JOINTS
         }
     };
     joints.iter().all(|q| q.is_finite()).then_some(joints)
+}
+
+/// What is wrong with a place \[m\] that the grip does not get to, and what to do.
+fn out_of_reach(kinematics: &Kinematics, position: [f64; 3]) -> (String, String) {
+    let [x, y, z] = position;
+    let limit = match *kinematics {
+        Kinematics::Cartesian { .. } => {
+            format!("no console goes farther than {MAX_POSITION} m along an axis")
+        }
+        Kinematics::SerialArm {
+            shoulder_m,
+            upper_m,
+            fore_m,
+        } => {
+            let from = |i: usize| position[i] - f64::from(shoulder_m[i]);
+            let far_m = from(0).hypot(from(1)).hypot(from(2));
+            format!(
+                "it is {far_m:.3} m from the shoulder, and the arm reaches {:.3} m to {:.3} m",
+                (upper_m - fore_m).abs(),
+                upper_m + fore_m
+            )
+        }
+    };
+    let message = format!("the grip cannot reach this way point ({x}, {y}, {z}) m: {limit}");
+    let help = match joints_at(kinematics, position.map(|along| 1e-3 * along)) {
+        Some(_) => "lengths are in metres: times 0.001 it is in reach",
+        None => "see the arm's lengths and where its shoulder stands in the device file",
+    };
+    (message, help.to_owned())
 }
 
 /// Where the hand wants the grip at a time since the session began \[m\]: the same path, in the same single

@@ -20,6 +20,7 @@ mod tissue;
 mod tool_shape;
 mod tools;
 mod touching;
+mod units;
 mod way;
 
 pub use added::ADDED_KEYS;
@@ -36,6 +37,7 @@ pub use sutura_scene_file::scene::{HandSection, WayPointSection};
 pub use threads::{Cut, CutBy, Thread, ThreadHeld, Tighten};
 pub use tissue::{ContactLaw, DENSITY_KG_PER_M3, Registered, Tissue, models};
 pub use touching::TissueContact;
+pub use units::unlikely_size;
 pub use way::{OnWay, Way, WayStop};
 
 use crate::collide::{TouchPart, TouchSettings};

@@ -15,6 +15,7 @@ use super::select::{check_nodes, select};
 use super::threads::{idle_grips, read_threads};
 use super::tools::read_tools;
 use super::touching::read_touching;
+use super::units;
 use super::{Corotational, DENSITY_KG_PER_M3, HostSettings, Registered, Scene, Tissue};
 use crate::fem::{Anchor, Handle, Loads, NodeLoad};
 use crate::mesh::{self, MeshError, TetMesh};
@@ -47,6 +48,7 @@ impl Scene {
             regions,
             of_cell,
         } = read_materials(document, &mesh, &file.tissue, &file.region, &mut warnings)?;
+        warnings.extend(units::of_mesh(document, &file.mesh, &mesh));
         let mut fixed = Vec::new();
         for selection in &file.fixed {
             fixed.extend(select(document, &mesh, selection)?);
@@ -80,6 +82,14 @@ impl Scene {
             (None, _) => None,
         };
         let tools = read_tools(document, &file.tool, &mesh, (&mut warnings, &mut notes))?;
+        warnings.extend(units::of_tools(document, &file.tool, &tools, &mesh));
+        let moduli = std::iter::once(&file.tissue.youngs_modulus_pa).chain(
+            file.region
+                .iter()
+                .map(|region| &region.get_ref().youngs_modulus_pa),
+        );
+        warnings
+            .extend(moduli.filter_map(|modulus| units::of_stiffness(document, modulus, &tools)));
         let hands = (&tools[..], &file.tool[..]);
         let needles = read_needles(document, &file.needle, &tools, &mesh)?;
         let threads = read_threads(document, &file.thread, &needles, &tools)?;

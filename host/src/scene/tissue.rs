@@ -7,6 +7,7 @@ use super::{Corotational, Scene, nearest};
 use crate::mesh::TetMesh;
 use crate::registry::Substance;
 use crate::registry::{Body, Entry, Setting, entries, entry, hyperelastic_setting};
+use schemars::JsonSchema;
 use serde::Serialize;
 use std::fmt;
 use sutura_models::hyperelastic::Cells;
@@ -37,7 +38,7 @@ pub struct Registered {
 }
 
 /// How tools touch tissue.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum ContactLaw {
     /// They push along the normal only.

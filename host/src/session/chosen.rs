@@ -3,10 +3,11 @@
 //! Entry point: [`Chosen`]; `sutura_study::choice` makes it.
 
 use crate::scene::ContactLaw;
+use schemars::JsonSchema;
 use serde::Serialize;
 
 /// One model with one setting.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
 pub struct Candidate {
     /// Name of the model.
     pub model: &'static str,
@@ -27,7 +28,7 @@ pub struct Candidate {
 }
 
 /// Time of a step.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, JsonSchema)]
 pub struct StepUs {
     /// Median \[us\].
     pub p50: f64,
@@ -36,7 +37,7 @@ pub struct StepUs {
 }
 
 /// What was taken, from what.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
 pub struct Chosen {
     /// Name of the model.
     pub model: &'static str,

@@ -4,6 +4,7 @@
 
 use crate::scheduling::{Duty, Role};
 use crate::times::Times;
+use schemars::JsonSchema;
 use serde::Serialize;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -18,7 +19,7 @@ const VERY_LATE: Duration = Duration::from_millis(5);
 const LONGEST_US: u64 = 60_000_000;
 
 /// Percentiles of how late wake-ups were \[us\].
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, JsonSchema)]
 pub struct MachineLate {
     /// Median.
     pub p50: f64,

@@ -53,7 +53,7 @@ pub use setup::{Plan, SessionError, Tuning, check_rate, least_hz};
 pub use sideways::{Goal, sideways};
 pub use solver::{Happened, Moment, SceneSolver, Snapshot};
 pub(crate) use solver::{IN_BALANCE, MOST_PASSES, MOST_STEPS};
-pub use statistics::{NOT_RENDERED, Statistics, mode_word};
+pub use statistics::{NOT_RENDERED, Statistics, UNSENDABLE, mode_word};
 pub use summary::{
     Age, ConsoleClock, Energy, Force, Frames, Latency, LinkSummary, RoundTrip, StepTime, Summary,
     Throughput, ViewSummary,

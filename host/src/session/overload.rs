@@ -3,6 +3,7 @@
 //! Entry points: [`Overload::note`] after every solve, [`Overload::effort`] before the next. In real time only: in lockstep a
 //! solve takes what it takes. What is given up comes back once solves are in time again.
 
+use schemars::JsonSchema;
 use serde::Serialize;
 use std::time::Duration;
 
@@ -35,7 +36,7 @@ pub struct Spared {
 }
 
 /// `overload` in a session's summary: solves that gave something up.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, JsonSchema)]
 pub struct GivenUp {
     /// That did not look ahead.
     pub looks: u64,

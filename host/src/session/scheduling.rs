@@ -1,10 +1,11 @@
 //! What a session's threads got of the system, for its summary.
 
 use crate::scheduling::Granted;
+use schemars::JsonSchema;
 use serde::Serialize;
 
 /// `scheduling` in a session's summary. Each is `real-time`, `ordinary` or `not-asked`.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, JsonSchema)]
 pub struct Scheduling {
     /// The solver's thread.
     pub solver: &'static str,

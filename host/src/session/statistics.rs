@@ -87,7 +87,7 @@ const MOST_UNDERWAY: usize = 128;
 /// Part of a second that solves must fill for their mean to be that of a second \[ns\].
 const LEAST_FILLED_NS: u64 = 500_000_000;
 /// Why a step is withheld that was solved well and whose numbers the console would refuse.
-const UNSENDABLE: &str = "unsendable";
+pub const UNSENDABLE: &str = "unsendable";
 
 /// Solves of a second of the session.
 #[derive(Clone, Copy, Debug, Default)]

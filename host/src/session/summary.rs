@@ -6,11 +6,12 @@ use super::Chosen;
 use super::overload::GivenUp;
 use super::statistics::MOST_SPOILT;
 use super::{MachineLate, Scheduling};
+use schemars::JsonSchema;
 use serde::Serialize;
 use std::collections::BTreeMap;
 
 /// Percentiles of a time.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, JsonSchema)]
 pub struct Latency {
     /// Median.
     pub p50: f64,
@@ -23,7 +24,7 @@ pub struct Latency {
 }
 
 /// Percentiles of an age.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, JsonSchema)]
 pub struct Age {
     /// Median.
     pub p50: f64,
@@ -32,7 +33,7 @@ pub struct Age {
 }
 
 /// Percentiles of a solver step's time.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, JsonSchema)]
 pub struct StepTime {
     /// Median.
     pub p50: f64,
@@ -43,7 +44,7 @@ pub struct StepTime {
 }
 
 /// Frames of both directions.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, JsonSchema)]
 pub struct Frames {
     /// Frames that the host sent.
     pub sent: u64,
@@ -59,7 +60,7 @@ pub struct Frames {
 }
 
 /// Contact force on the grip, as the console commanded it.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, JsonSchema)]
 pub struct Force {
     /// Largest magnitude \[N\].
     pub peak: f64,
@@ -68,7 +69,7 @@ pub struct Force {
 }
 
 /// Passivity observer.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, JsonSchema)]
 pub struct Energy {
     /// Least energy that the hand had put into the tissue so far, over the session \[J\]. Below zero the
     /// console has given out more than it was given.
@@ -76,7 +77,7 @@ pub struct Energy {
 }
 
 /// Round trips of pings.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, JsonSchema)]
 pub struct RoundTrip {
     /// Fastest.
     pub min: f64,
@@ -89,7 +90,7 @@ pub struct RoundTrip {
 }
 
 /// The console's clock as the host knows it at the end.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, JsonSchema)]
 pub struct ConsoleClock {
     /// Console clock less host clock, which starts with the link \[us\].
     pub offset_us: f64,
@@ -100,7 +101,7 @@ pub struct ConsoleClock {
 }
 
 /// Bytes a second each way.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, JsonSchema)]
 pub struct Throughput {
     /// To the console.
     pub down: f64,
@@ -109,7 +110,7 @@ pub struct Throughput {
 }
 
 /// The link in numbers.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, JsonSchema)]
 pub struct LinkSummary {
     /// Round trips without the console's own part \[us\]; 0 in lockstep.
     pub rtt_us: RoundTrip,
@@ -125,7 +126,7 @@ pub struct LinkSummary {
 }
 
 /// A session in numbers.
-#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, JsonSchema)]
 pub struct Summary {
     /// `ok`; else what was latched, why what was touched was not felt, or that the console is at rest: the first of these.
     pub status: String,
@@ -223,7 +224,7 @@ pub struct Summary {
 }
 
 /// How a session was shown on a page.
-#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, JsonSchema)]
 pub struct ViewSummary {
     /// Where the page was.
     pub url: String,
@@ -238,7 +239,7 @@ pub struct ViewSummary {
 }
 
 /// Pictures of a session.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, JsonSchema)]
 pub struct Pictures {
     /// That were wanted while somebody watched.
     pub wanted: u64,
@@ -249,7 +250,7 @@ pub struct Pictures {
 }
 
 /// Half of all, and 99 of 100, are no longer than these.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, JsonSchema)]
 pub struct Percentiles {
     /// Median.
     pub p50: f64,

@@ -8,12 +8,14 @@ use crate::needle::{MAX_NEEDLES, NeedleReport};
 use crate::renewal::Renewals;
 use crate::thread::{HandReport, MOST_HANDS, ThreadReport};
 use crate::tool::MAX_TOOLS;
+use schemars::JsonSchema;
 
 /// Most events of a step: of each thread a slip at either end, and a break; of all jaws that they lost what they held, and took hold.
 const MAX_EVENTS: usize = 3 * MAX_NEEDLES + 2 * MAX_TOOLS;
 
 /// How a step ended. Anything but `Ok` means: send nothing, let the console's data age.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Default, JsonSchema)]
+#[schemars(rename_all = "kebab-case")]
 #[non_exhaustive]
 pub enum Status {
     /// Balance found at the sampled poses.

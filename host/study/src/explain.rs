@@ -7,17 +7,21 @@ mod model;
 mod wound;
 
 use nalgebra::Vector3;
+use schemars::JsonSchema;
 use serde::Serialize;
 use std::time::{Duration, Instant};
 use sutura_host::fem::{CorotationalTissue, LinearTissue};
 use sutura_host::model::ModelError;
 use sutura_host::needle::{Hierarchy, NeedleShape};
-use sutura_host::scene::{ADDED_KEYS, HostSettings, Pose, Scene, SceneError, Tissue, position_at};
+use sutura_host::scene::{
+    ADDED_KEYS, HostSettings, Pose, Rendering, Scene, SceneError, Tissue, position_at,
+};
 use sutura_host::script::{Path, at_rest, path};
-use sutura_host::session::SceneSolver;
+use sutura_host::session::{LINE_BYTES_PER_S, SceneSolver, most_rows};
 use sutura_host::solve::SolveError;
 use sutura_host::step::{Status, StepReport};
 use sutura_host::tool::{Shape, ToolSample};
+use sutura_shared::control::TICK_HZ;
 
 /// Seconds between two places of a needle whose surroundings are prepared.
 const PREPARED_EVERY_S: f64 = 0.02;
@@ -33,7 +37,7 @@ const MOST_WAY_STEPS: usize = 24;
 const LONGEST: Duration = Duration::from_secs(5);
 
 /// One part of a scene's solver, or one that the scene does without.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
 pub struct Component {
     /// What it is.
     pub name: String,
@@ -162,7 +166,7 @@ pub fn explain(scene: &Scene) -> Result<Vec<Component>, SolveError> {
             refactorisation(scene.tissue.word(), &walk)
         }
     });
-    parts.extend(not_here());
+    parts.push(console_rows(scene));
     parts.extend(console(scene));
     Ok(parts)
 }
@@ -574,13 +578,28 @@ fn loads(scene: &Scene) -> Component {
     }
 }
 
-/// What no scene of this version can name.
-fn not_here() -> [Component; 1] {
-    [(
-        "console rows",
-        "the console gets a wrench and a tangent; this version sends no rows with them",
-    )]
-    .map(|(name, why)| Component::absent(name, why))
+/// Rows that the console solves between two solves.
+fn console_rows(scene: &Scene) -> Component {
+    let name = "console rows";
+    if scene.usual_rendering() != Rendering::Rows {
+        let why = "no rows: tools stick to this tissue, and the console has the tangent";
+        return Component::absent(name, why);
+    }
+    let host_hz = scene.host.host_hz;
+    match most_rows(LINE_BYTES_PER_S, host_hz, f64::from(TICK_HZ)) {
+        0 => {
+            let why = format!(
+                "no rows: at {host_hz} solves a second the line has no room, and the console has the tangent"
+            );
+            Component::absent(name, why)
+        }
+        most => {
+            let why = format!(
+                "`[host]`: at {host_hz} solves a second a frame has up to {most} of the contact's rows, which the console solves itself"
+            );
+            Component::built(name, why)
+        }
+    }
 }
 
 fn console(scene: &Scene) -> [Component; 3] {
@@ -589,10 +608,7 @@ fn console(scene: &Scene) -> [Component; 3] {
             "device",
             "`device`: what the simulated console is, and what its grip reaches",
         ),
-        None => Component::absent(
-            "device",
-            "no `device`: a session asks the console what it is",
-        ),
+        None => Component::absent("device", "no `device`: there is no console to describe"),
     };
     let hand = match &scene.hand {
         Some(hand) => {

@@ -4,6 +4,7 @@
 //! Entry point: [`trial`]. Nothing is extrapolated: the figures are medians of what ran on this machine.
 
 use nalgebra::Vector3;
+use schemars::JsonSchema;
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::time::Instant;
@@ -25,7 +26,7 @@ const STEPS: u32 = 50;
 const PRESSES: u32 = 3;
 
 /// Times of one mesh on this machine.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
 pub struct Trial {
     /// Assembly and factorisation, with the lowest nodes fixed \[ms\].
     pub factor_ms: f64,

@@ -12,8 +12,10 @@ use crate::failure::{Cause, Failure};
 use crate::{Format, Global, scene};
 use clap::Args;
 use indicatif::ProgressBar;
+use schemars::JsonSchema;
 use serde::Serialize;
 use session::{SessionUs, Solves, WorstSecond};
+use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 use sutura_host::model::Model;
@@ -71,8 +73,8 @@ the slowest step while they were not. session_us is all that a session's solver 
 worst_second_us the largest mean of a second of it; what lockstep waits for factors is left out, and solves_waited says how
 often it did. Build with --release: a debug build is many times slower.";
 
-#[derive(Serialize)]
-struct Report {
+#[derive(Serialize, JsonSchema)]
+pub struct Report {
     status: &'static str,
     machine: Machine,
     cases: Vec<Case>,
@@ -80,7 +82,7 @@ struct Report {
     slides: Vec<sliding::Slide>,
 }
 
-#[derive(Serialize)]
+#[derive(Serialize, JsonSchema)]
 struct Machine {
     cpu: String,
     threads: usize,
@@ -89,7 +91,7 @@ struct Machine {
     build: &'static str,
 }
 
-#[derive(Serialize)]
+#[derive(Serialize, JsonSchema)]
 struct Case {
     scene: String,
     tissue: &'static str,
@@ -107,6 +109,7 @@ struct Case {
     /// Displacement of all nodes, for viewers and files; in steps of which it is a part, its stage.
     #[serde(skip_serializing_if = "Option::is_none")]
     field_us: Option<f64>,
+    #[schemars(with = "BTreeMap<String, f64>")]
     stages_us: StagesUs,
     /// Assembly and factorisation.
     factor_ms: f64,
@@ -120,7 +123,7 @@ struct Case {
 }
 
 /// What a session's solver takes in a period, over all phases of the scene.
-#[derive(Serialize)]
+#[derive(Serialize, JsonSchema)]
 struct OfSession {
     session_us: SessionUs,
     /// Solves that waited for a factor, without that.
@@ -132,7 +135,7 @@ struct OfSession {
 }
 
 /// What rows on anchors cost.
-#[derive(Serialize)]
+#[derive(Serialize, JsonSchema)]
 struct Rows {
     /// Columns computed per warm step: solves.
     columns_per_step: f64,
@@ -144,7 +147,7 @@ struct Rows {
 }
 
 /// What corotational tissue did.
-#[derive(Serialize)]
+#[derive(Serialize, JsonSchema)]
 struct Turning {
     /// Made in the step.
     refactors_per_step: f64,
@@ -160,7 +163,7 @@ struct Turning {
     displacement_difference_pct: f64,
 }
 
-#[derive(Serialize)]
+#[derive(Serialize, JsonSchema)]
 struct Spread {
     p50: f64,
     mean: f64,
@@ -242,7 +245,7 @@ pub fn run(args: &BenchArgs, global: &Global) -> Result<(), Failure> {
         slides,
     };
     match global.format {
-        Format::Json => say!("{}", serde_json::json!(report)),
+        Format::Json => crate::display::object(&report),
         Format::Text => print_text(&report),
     }
     Ok(())

@@ -6,6 +6,7 @@
 
 use crate::failure::{Cause, Failure};
 use crate::run::plan_of;
+use schemars::JsonSchema;
 use serde::Serialize;
 use std::ops::ControlFlow;
 use std::time::{Duration, Instant};
@@ -28,7 +29,7 @@ pub struct Solves {
 }
 
 /// Their distribution.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, JsonSchema)]
 pub struct SessionUs {
     pub p50: f64,
     pub p99: f64,

@@ -8,6 +8,7 @@ use super::quantile;
 use super::suite::{Bench, MATERIAL, RATE_HZ, unexpected};
 use crate::failure::Failure;
 use nalgebra::{Matrix3, Vector3};
+use schemars::JsonSchema;
 use serde::Serialize;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -25,7 +26,7 @@ const AHEAD: [usize; 2] = [100, 0];
 const DEPTH_M: f64 = 0.001;
 
 /// Steps of one slide.
-#[derive(Serialize)]
+#[derive(Serialize, JsonSchema)]
 pub struct Slide {
     scene: String,
     nodes: usize,
@@ -41,7 +42,7 @@ pub struct Slide {
     step_us: SlideTimes,
 }
 
-#[derive(Serialize)]
+#[derive(Serialize, JsonSchema)]
 struct SlideTimes {
     p50: f64,
     p99: f64,

@@ -10,6 +10,7 @@ use crate::failure::{Cause, Failure};
 use crate::run::{link_failure, plan_of};
 use crate::{Format, Global};
 use clap::Args;
+use schemars::JsonSchema;
 use serde::Serialize;
 use std::path::PathBuf;
 use sutura_hil::VirtualConsole;
@@ -42,7 +43,7 @@ Examples:
 Exit codes: 0 all is well, 3 no console answered on PORT, 1 something else is to be mended.";
 
 /// Something that was looked at.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, JsonSchema)]
 pub struct Check {
     /// What.
     pub name: &'static str,
@@ -52,6 +53,13 @@ pub struct Check {
     pub found: String,
     /// What to do about it; none if it is as it should be.
     pub fix: Option<String>,
+}
+
+/// What `--format json` prints.
+#[derive(Serialize, JsonSchema)]
+pub struct Looked<'a> {
+    /// All that was looked at.
+    checks: &'a [Check],
 }
 
 impl Check {
@@ -173,7 +181,7 @@ fn slower(rate: f64, least_hz: f64) -> String {
 
 fn print(checks: &[Check], format: Format) {
     match format {
-        Format::Json => say!("{}", serde_json::json!({ "checks": checks })),
+        Format::Json => crate::display::object(&Looked { checks }),
         Format::Text => {
             for check in checks {
                 let mark = if check.ok { "ok " } else { "BAD" };

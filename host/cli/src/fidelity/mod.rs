@@ -6,9 +6,10 @@ mod traces;
 
 use crate::display::progress;
 use crate::failure::{Cause, Failure};
-use crate::tables::{csv, unwritable, write_pictures};
+use crate::tables::{Kept, csv, unwritable, write_pictures};
 use crate::{Format, Global};
 use clap::Args;
+use schemars::JsonSchema;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 use sutura_shared::device::DeviceError;
@@ -60,8 +61,8 @@ Examples:
 
 Everything is simulated, by seeds: the figures do not depend on the machine. Build with --release.";
 
-#[derive(Serialize)]
-struct Report {
+#[derive(Serialize, JsonSchema)]
+pub struct Report {
     status: &'static str,
     extent: &'static str,
     cases: Vec<Case>,
@@ -82,6 +83,10 @@ struct Report {
 /// # Errors
 /// Bad input for words that no case has; the stated budget missed with `--check`.
 pub fn run(args: &FidelityArgs, global: &Global) -> Result<(), Failure> {
+    // Before hours of work that could not be kept.
+    if let Some(directory) = &args.plot {
+        crate::files::folder("--plot", directory, global)?;
+    }
     if cfg!(debug_assertions) {
         tracing::warn!("a debug build: this takes many times longer");
     }
@@ -115,11 +120,16 @@ pub fn run(args: &FidelityArgs, global: &Global) -> Result<(), Failure> {
     }
     let scenes = Scenes::load()?;
     let bar = progress(specs.len());
-    let told = |done: usize, name: &str| {
+    let told = |done: usize, case: &Case| {
         bar.set_position(done as u64);
-        bar.set_message(name.to_owned());
+        bar.set_message(case.case.clone());
     };
-    let cases = suite::measure(&specs, &scenes, threads, &told).map_err(unsound)?;
+    let kept = Kept::within(args.plot.as_deref())?;
+    let measured = |done: usize, case: &Case| {
+        told(done, case);
+        kept.line(case);
+    };
+    let cases = suite::measure(&specs, &scenes, threads, &measured).map_err(unsound)?;
     let bars = bars(&cases);
     let whole = args.only.is_none();
     let oracles = if whole && !args.guards {
@@ -159,7 +169,7 @@ pub fn run(args: &FidelityArgs, global: &Global) -> Result<(), Failure> {
         write_files(&report, directory)?;
     }
     match global.format {
-        Format::Json => say!("{}", serde_json::json!(report)),
+        Format::Json => crate::display::object(&report),
         Format::Text => print_text(&report),
     }
     if missed && args.check {
@@ -433,7 +443,6 @@ fn write_files(report: &Report, directory: &Path) -> Result<(), Failure> {
         let path = directory.join(name);
         std::fs::write(&path, text).map_err(|error| unwritable(&path, &error))
     };
-    std::fs::create_dir_all(directory).map_err(|error| unwritable(directory, &error))?;
     let json = serde_json::json!(report);
     write("fidelity.json", json.to_string())?;
     write("cases.csv", csv(&report.cases))?;

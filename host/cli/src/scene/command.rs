@@ -1,12 +1,16 @@
 //! `sutura scene`: whether a scene is good, what it builds and what that costs, and the schema of its file.
 
 use crate::failure::{Failure, render};
-use crate::{Format, Global};
+use crate::run::{plan_of, session_failure};
+use crate::{Format, Global, display};
 use clap::{Args, Subcommand};
 use miette::{Diagnostic, Report};
+use schemars::JsonSchema;
+use serde::Serialize;
 use std::path::{Path, PathBuf};
 use sutura_host::scene::{self, Flaw, Scene};
-use sutura_host::session::SceneSolver;
+use sutura_host::session::{SceneSolver, check_rate};
+use sutura_shared::control::TICK_HZ;
 use sutura_study::explain::{Component, explain};
 
 /// Looks at scene files: checks them, explains what they build, describes their keys.
@@ -97,17 +101,19 @@ fn check(path: &Path, global: &Global) -> Result<(), Failure> {
     for flaw in said.into_iter().flatten() {
         render(&Report::new(flaw));
     }
+    // What `run` refuses is refused here; without a hand a scene is for `solve`.
+    if scene.hand.is_some() {
+        let plan = plan_of(&scene)?;
+        check_rate(plan.host_hz, TICK_HZ).map_err(|error| session_failure(error, "virtual"))?;
+    }
     SceneSolver::new(&scene)?;
     drop(shown);
     match global.format {
-        Format::Json => {
-            let mut object = summary(&scene);
-            object["status"] = "ok".into();
-            object["file"] = path.display().to_string().into();
-            object["warnings"] = warnings.into();
-            object["notes"] = notes.into();
-            say!("{object}");
-        }
+        Format::Json => display::object(&Checked {
+            counts: counts(path, &scene),
+            warnings,
+            notes,
+        }),
         Format::Text => say!(
             "{}: good (warnings: {}, notes: {}): \"{}\", {} tissue, {} nodes, {} cells, {} tools, {} needles, {} handles",
             path.display(),
@@ -125,29 +131,88 @@ fn check(path: &Path, global: &Global) -> Result<(), Failure> {
     Ok(())
 }
 
-fn summary(scene: &Scene) -> serde_json::Value {
-    serde_json::json!({
-        "scene": scene.name,
-        "tissue": scene.tissue.word(),
-        "nodes": scene.mesh.points_m().len(),
-        "cells": scene.mesh.cells().len(),
-        "regions": scene.regions.len(),
-        "tools": scene.tools.len(),
-        "needles": scene.needles.len(),
-        "handles": scene.loads.handles.len(),
-    })
+/// What there is in a scene.
+#[derive(Serialize, JsonSchema)]
+struct Counts {
+    /// `ok`.
+    status: &'static str,
+    /// The scene's file.
+    file: String,
+    /// The scene's name.
+    scene: String,
+    /// Name of the tissue model.
+    tissue: &'static str,
+    /// Nodes of the mesh.
+    nodes: usize,
+    /// Cells of the mesh.
+    cells: usize,
+    /// Regions with a material of their own.
+    regions: usize,
+    /// Tools.
+    tools: usize,
+    /// Needles.
+    needles: usize,
+    /// Handles.
+    handles: usize,
 }
 
-/// A warning with its line and column, counted from 1.
-fn placed(warning: &Flaw) -> serde_json::Value {
+/// What `sutura scene check --format json` prints.
+#[derive(Serialize, JsonSchema)]
+pub struct Checked {
+    #[serde(flatten)]
+    counts: Counts,
+    /// What is allowed but hardly meant.
+    warnings: Vec<Placed>,
+    /// What is worth knowing.
+    notes: Vec<Placed>,
+}
+
+/// What `sutura scene explain --format json` prints.
+#[derive(Serialize, JsonSchema)]
+pub struct Explained {
+    #[serde(flatten)]
+    counts: Counts,
+    /// Parts of the solver, those too that the scene does without.
+    components: Vec<Component>,
+}
+
+/// A warning or a note with its place.
+#[derive(Serialize, JsonSchema)]
+struct Placed {
+    /// What there is.
+    message: String,
+    /// What to do about it.
+    help: Option<String>,
+    /// Line in the scene's file, from 1.
+    line: Option<usize>,
+    /// Column, from 1.
+    column: Option<usize>,
+}
+
+fn counts(path: &Path, scene: &Scene) -> Counts {
+    Counts {
+        status: "ok",
+        file: path.display().to_string(),
+        scene: scene.name.clone(),
+        tissue: scene.tissue.word(),
+        nodes: scene.mesh.points_m().len(),
+        cells: scene.mesh.cells().len(),
+        regions: scene.regions.len(),
+        tools: scene.tools.len(),
+        needles: scene.needles.len(),
+        handles: scene.loads.handles.len(),
+    }
+}
+
+fn placed(warning: &Flaw) -> Placed {
     let source = warning.source_code();
     let place = source.and_then(|source| source.read_span(&warning.span(), 0, 0).ok());
-    serde_json::json!({
-        "message": warning.to_string(),
-        "help": warning.help().map(|help| help.to_string()),
-        "line": place.as_ref().map(|place| place.line() + 1),
-        "column": place.as_ref().map(|place| place.column() + 1),
-    })
+    Placed {
+        message: warning.to_string(),
+        help: warning.help().map(|help| help.to_string()),
+        line: place.as_ref().map(|place| place.line() + 1),
+        column: place.as_ref().map(|place| place.column() + 1),
+    }
 }
 
 fn print_components(path: &Path, global: &Global) -> Result<(), Failure> {
@@ -160,11 +225,10 @@ fn print_components(path: &Path, global: &Global) -> Result<(), Failure> {
     let components = explain(&scene)?;
     drop(shown);
     if global.format == Format::Json {
-        let mut object = summary(&scene);
-        object["status"] = "ok".into();
-        object["file"] = path.display().to_string().into();
-        object["components"] = serde_json::json!(components);
-        say!("{object}");
+        display::object(&Explained {
+            counts: counts(path, &scene),
+            components,
+        });
         return Ok(());
     }
     say!("{}: {} tissue", scene.name, scene.tissue.word());

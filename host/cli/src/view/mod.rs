@@ -48,6 +48,7 @@ mod telemetry;
 
 pub use args::PageArgs;
 
+use crate::Global;
 use crate::failure::Failure;
 use crate::run::host_rate;
 use clap::Args;
@@ -101,8 +102,11 @@ emergency stop.";
 /// # Errors
 /// A file that is neither a scene nor a recording; no port.
 #[cfg(feature = "view")]
-pub fn run(args: &ViewArgs) -> Result<(), Failure> {
+pub fn run(args: &ViewArgs, global: &Global) -> Result<(), Failure> {
     use crate::signals::stop_on_signals;
+    for file in [&args.record, &args.shot].into_iter().flatten() {
+        crate::files::free(file, global)?;
+    }
     let stop = stop_on_signals()?;
     // What is refused is refused before a page says that there is something to see.
     let what = What::of(args)?;
@@ -174,6 +178,6 @@ impl ViewArgs {
 /// # Errors
 /// Always.
 #[cfg(not(feature = "view"))]
-pub fn run(_args: &ViewArgs) -> Result<(), Failure> {
+pub fn run(_args: &ViewArgs, _global: &Global) -> Result<(), Failure> {
     Err(session::missing())
 }

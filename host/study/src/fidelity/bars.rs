@@ -8,10 +8,11 @@ use super::plant::Mechanics;
 use super::scenes::rogue::Rogue;
 use super::suite::{FAST_RATES, RATES, SLOW_HZ};
 use super::targets::{self, LEAST_ENERGY_MJ};
+use schemars::JsonSchema;
 use serde::Serialize;
 
 /// A figure and what it must be.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
 pub struct Bar {
     /// What.
     pub name: String,

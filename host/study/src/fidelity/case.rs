@@ -8,13 +8,14 @@ use super::notice::Noticed;
 use super::plant::{Mechanics, Off};
 use super::returns::Returned;
 use super::trials::Factor;
+use schemars::JsonSchema;
 use serde::Serialize;
 
 pub use super::places::{Place, Scenes};
 pub use super::spec::{Question, Spec};
 
 /// One line of the tables. Numbers that were not asked for are left out.
-#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, JsonSchema)]
 pub struct Case {
     /// All words below, for people and `--only`.
     pub case: String,
@@ -97,7 +98,7 @@ pub struct Case {
 }
 
 /// What makes a trial.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, JsonSchema)]
 pub struct Trial {
     /// What is not as planned.
     pub factor: &'static str,
@@ -111,7 +112,7 @@ pub struct Trial {
 }
 
 /// What a corner of the device has beside its largest stable stiffness.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, JsonSchema)]
 pub struct Corner {
     /// Largest stable stiffness of the same console, hand and device with a host that solves every millisecond, without
     /// delay \[N/m\].

@@ -9,6 +9,7 @@ use super::hand::Grasp;
 use super::plant::Off;
 use super::random::Random;
 use super::scenes::turned::Turn;
+use schemars::JsonSchema;
 use serde::Serialize;
 
 /// What is drawn: phase, three numbers of a turn, cold start, blocking host, delay, lag, mass, torque, hand.
@@ -36,7 +37,7 @@ pub fn latin_hypercube(count: usize, seed: u64) -> Vec<[f64; FACTORS]> {
 }
 
 /// One of them, as it is printed.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, JsonSchema)]
 pub struct Draw {
     /// Which.
     pub draw: u16,

@@ -3,12 +3,13 @@
 //! Entry points: [`errors`], [`steadiness`].
 
 use super::run::{Record, Tick};
+use schemars::JsonSchema;
 use serde::Serialize;
 use sutura_shared::control::TICK_S;
 use sutura_shared::wire::message::Mode;
 
 /// Errors of the force on the hand, in percent of the largest true force.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, JsonSchema)]
 pub struct Errors {
     /// Largest true force \[N\]: 100 %.
     pub force_max_n: f64,
@@ -153,7 +154,7 @@ pub fn steadiness(record: &Record) -> Steadiness {
 }
 
 /// When the punctures of a run are felt.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, JsonSchema)]
 pub struct Punctures {
     /// In truth.
     pub punctures: usize,
@@ -213,7 +214,7 @@ pub fn punctures(record: &Record) -> Option<Punctures> {
 }
 
 /// When a tool that is dragged is felt to slip.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, JsonSchema)]
 pub struct Slips {
     /// Turns of the way across the skin after which it slips in truth.
     pub onsets: usize,
@@ -266,7 +267,7 @@ pub fn slips(record: &Record) -> Option<Slips> {
 const SLIP_TICKS: usize = 150;
 
 /// The most that the motors did.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, JsonSchema)]
 pub struct Peaks {
     /// \[N\].
     pub force_peak_n: f64,

@@ -3,17 +3,18 @@
 //! Entry point: [`mutants`].
 
 use super::bars::{Bar, bars};
-use super::case::{Scenes, Spec};
+use super::case::{Case, Scenes, Spec};
 use super::corners;
 use super::suite::{Extent, core, first_stalls, measure};
 use super::switches::Switch;
 use super::trials;
+use schemars::JsonSchema;
 use serde::Serialize;
 use sutura_shared::control::Guards;
 use sutura_shared::device::DeviceError;
 
 /// What a switch is for: the bars that fail without it and not with it.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
 pub struct Mutant {
     /// What is off.
     pub guard: &'static str,
@@ -38,14 +39,14 @@ pub fn specs() -> Vec<Spec> {
 pub fn mutants(
     scenes: &Scenes,
     threads: usize,
-    done: &(dyn Fn(usize, &str) + Sync),
+    done: &(dyn Fn(usize, &Case) + Sync),
 ) -> Result<Vec<Mutant>, DeviceError> {
     let all = specs();
     let with_all = bars(&measure(&all, scenes, threads, done)?);
     let mut mutants = Vec::new();
     for (index, switch) in Switch::all().into_iter().enumerate() {
         let specs: Vec<Spec> = all.iter().map(|spec| spec.without(switch)).collect();
-        let told = |n: usize, name: &str| done((index + 1) * all.len() + n, name);
+        let told = |n: usize, case: &Case| done((index + 1) * all.len() + n, case);
         let found = bars(&measure(&specs, scenes, threads, &told)?);
         let met = |bar: &&Bar| with_all.iter().any(|with| with.name == bar.name && with.ok);
         let fails = found.iter().filter(|bar| !bar.ok).filter(met);

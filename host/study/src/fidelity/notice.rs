@@ -4,6 +4,7 @@
 //! contact in which the force is off by more than a finger notices, and dropouts.
 
 use super::run::{Record, Tick};
+use schemars::JsonSchema;
 use serde::Serialize;
 use sutura_shared::control::TICK_S;
 
@@ -20,7 +21,7 @@ const WINDOW_TICKS: usize = 100;
 const FROM_S: f64 = 0.1;
 
 /// What a hand notices.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, JsonSchema)]
 pub struct Noticed {
     /// Time in contact \[s\]: where there is a true force, or one that is felt.
     pub contact_s: f64,

@@ -13,12 +13,13 @@ use super::run::{Host, Record, Setup, run};
 use super::scenes::point::Point;
 use super::stiffest::{Search, stiffest};
 use super::switches::Mendings;
+use schemars::JsonSchema;
 use serde::Serialize;
 use sutura_shared::control::{Guards, Rendering, TICK_S, Tuning};
 use sutura_shared::device::DeviceError;
 
 /// One figure against theory.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
 pub struct Oracle {
     /// What.
     pub name: String,

@@ -12,6 +12,7 @@ use super::measure::length;
 use super::notice::{excess_j, given_back_where_j};
 use super::run::{Record, Tick};
 use super::switches::Mendings;
+use schemars::JsonSchema;
 use serde::Serialize;
 use sutura_shared::control::{Guards, Rendering};
 use sutura_shared::device::DeviceError;
@@ -157,7 +158,7 @@ pub(super) fn rest_m(spec: &Spec, scenes: &Scenes) -> Result<f64, DeviceError> {
 }
 
 /// What came back, and how.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, JsonSchema)]
 pub struct Returned {
     /// Force on the hand before it came back \[N\].
     pub gone_force_n: f64,

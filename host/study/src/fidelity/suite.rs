@@ -321,7 +321,7 @@ fn without_repeats(specs: Vec<Spec>) -> Vec<Spec> {
     kept
 }
 
-/// Runs them all, on as many threads as asked, and tells after each how many are done.
+/// Runs them all, on as many threads as asked, and tells after each how many are done, and what it came to.
 ///
 /// # Errors
 /// Mechanics that make no valid device.
@@ -329,7 +329,7 @@ pub fn measure(
     specs: &[Spec],
     scenes: &Scenes,
     threads: usize,
-    done: &(dyn Fn(usize, &str) + Sync),
+    done: &(dyn Fn(usize, &Case) + Sync),
 ) -> Result<Vec<Case>, DeviceError> {
     let next = AtomicUsize::new(0);
     let finished = AtomicUsize::new(0);
@@ -342,13 +342,14 @@ pub fn measure(
                     specs.get(index).map(|spec| (index, spec))
                 } {
                     let case = spec.measure(scenes);
-                    let name = spec.case().case;
+                    // What fails ends the whole run.
+                    let told = case.clone().unwrap_or_else(|_| spec.case());
                     let mut results = results.lock().unwrap_or_else(PoisonError::into_inner);
                     if let Some(place) = results.get_mut(index) {
                         *place = Some(case);
                     }
                     drop(results);
-                    done(finished.fetch_add(1, Ordering::Relaxed) + 1, &name);
+                    done(finished.fetch_add(1, Ordering::Relaxed) + 1, &told);
                 }
             });
         }

@@ -8,6 +8,7 @@ use super::case::Case;
 use super::corners::{self, Line};
 use super::returns::{self, Returned};
 use super::trials::{SEEDS, Spread, spreads};
+use schemars::JsonSchema;
 use serde::Serialize;
 
 /// Bars that are open, and the worst that is known of them, in the short form or in the full one.
@@ -54,7 +55,7 @@ pub fn is_open(name: &str, at_least: bool, value: f64) -> bool {
 const BETTER: f64 = 0.05;
 
 /// An open bar that was better in a run than it is known to be.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
 pub struct Tighten {
     /// Of the bar.
     pub name: String,
@@ -236,7 +237,7 @@ fn given_back_on_bad_links<'a>(cases: impl Iterator<Item = &'a Case>) -> Option<
 }
 
 /// What bad links give back, with all guards or without tank and damping.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, JsonSchema)]
 pub struct BadLinks {
     /// Without tank and damping.
     pub is_unguarded: bool,

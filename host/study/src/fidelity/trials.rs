@@ -14,6 +14,7 @@ use super::plant::{Mechanics, Off};
 use super::random::Random;
 use super::scenes::slab::Law;
 use super::scenes::turned::Turn;
+use schemars::JsonSchema;
 use serde::Serialize;
 use sutura_shared::control::Rendering;
 
@@ -304,7 +305,7 @@ pub fn known_worst() -> Vec<Spec> {
 }
 
 /// Median, 95th percentile and worst of some runs.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, JsonSchema)]
 pub struct Three {
     /// Of all, half are at most this.
     pub median: f64,
@@ -331,7 +332,7 @@ impl Three {
 }
 
 /// All runs of one ground that differ in the same factor.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
 pub struct Spread {
     /// Scene, hand, rate and factor.
     pub group: String,

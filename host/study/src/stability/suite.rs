@@ -6,13 +6,14 @@ use super::extremes::trials;
 use super::judge::{Verdict, guarded};
 use super::{console, rows};
 use crate::fidelity::case::Scenes;
+use schemars::JsonSchema;
 use serde::Serialize;
 use sutura_host::registry;
 use sutura_host::scene::SceneError;
 use sutura_shared::control::Rendering;
 
 /// One line of the table.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
 pub struct Case {
     /// Model, `rows` for the row solver, or `console` and how it renders.
     pub tissue: String,

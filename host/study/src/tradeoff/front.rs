@@ -4,13 +4,14 @@
 //! poor model and a coarse one with a good model compare, and nothing wins that is late or feels wrong.
 
 use super::measure::Row;
+use schemars::JsonSchema;
 use serde::Serialize;
 
 /// Times that a step may take \[us\].
 pub const BUDGETS_US: [f64; 4] = [500.0, 1_000.0, 5_000.0, 30_000.0];
 
 /// The most accurate line of a case within a time.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
 pub struct Best {
     /// Name of the case.
     pub case: &'static str,

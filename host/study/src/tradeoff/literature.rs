@@ -2,10 +2,11 @@
 //!
 //! Entry point: [`FIGURES`].
 
+use schemars::JsonSchema;
 use serde::Serialize;
 
 /// One printed figure.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, JsonSchema)]
 pub struct Figure {
     /// Who printed it.
     pub source: &'static str,

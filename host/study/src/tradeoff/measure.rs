@@ -8,6 +8,7 @@ use super::cases::{self, Case};
 use super::front;
 use super::lattice::Lattice;
 use super::truth::{Answer, Course, displacements, solve, summed};
+use schemars::JsonSchema;
 use serde::Serialize;
 use std::time::Instant;
 use sutura_host::registry::{self, Body, Entry, Setting};
@@ -33,7 +34,7 @@ const SLOW_S: f64 = 1.0;
 const SETTLE_S: f64 = 20.0;
 
 /// One line of the table. Errors of what has failed are not numbers.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
 pub struct Row {
     /// Name of the case.
     pub case: &'static str,
@@ -85,7 +86,7 @@ pub struct Row {
 }
 
 /// The answer by quadratic cells, and how sure it is.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
 pub struct Truth {
     /// Name of the case.
     pub case: &'static str,
@@ -106,7 +107,7 @@ pub struct Truth {
 }
 
 /// The whole report.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
 pub struct Report {
     /// The lines.
     pub cases: Vec<Row>,

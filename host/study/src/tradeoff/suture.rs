@@ -6,6 +6,7 @@
 
 use super::measure::Extent;
 use nalgebra::Vector3;
+use schemars::JsonSchema;
 use serde::Serialize;
 use std::path::Path;
 use std::time::Instant;
@@ -128,7 +129,7 @@ host_hz = 50.0
 "#;
 
 /// One line of the table. Numbers of what has failed are none.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
 pub struct Row {
     /// [`CASE`].
     pub case: &'static str,
