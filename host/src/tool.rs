@@ -331,6 +331,16 @@ impl Tool {
         finite.then_some(Placement { centre, rotation })
     }
 
+    /// A sample of it, with its grip where the tool is at a placement.
+    pub(crate) fn sample_at(&self, placement: &Placement, sample: &ToolSample) -> ToolSample {
+        let Placement { centre, rotation } = placement;
+        ToolSample {
+            position_m: (centre - rotation * Vector3::from(self.offset_m)).into(),
+            orientation: rotation.coords.into(),
+            ..*sample
+        }
+    }
+
     /// Why it cannot be used, if so.
     pub(crate) fn flaw(&self) -> Option<String> {
         if let Some(flaw) = self.shape.flaw() {

@@ -278,6 +278,16 @@ pub fn table(summary: &Summary) -> String {
             ),
         );
     }
+    if s.steps_behind > 0 {
+        row(
+            "behind",
+            format!(
+                "in {} steps the hands were faster than a step follows, and the tissue lagged by {:.1} mm at most",
+                s.steps_behind,
+                1e3 * s.most_lag_m
+            ),
+        );
+    }
     let l = &s.link;
     let clock = l.clock.map_or(String::new(), |clock| {
         format!(

@@ -10,7 +10,7 @@ use crate::model::Model;
 use crate::needle::TipPlace;
 use crate::scene::{Needle, Scene, Tool};
 use crate::session::Snapshot;
-use crate::step::{State, Status};
+use crate::step::State;
 use crate::thread::{FreeThreads, Hanging, ThreadPlace, ThreadTension};
 
 /// What is shown at the vertices in colours.
@@ -129,7 +129,7 @@ impl Painter {
         Picture {
             sequence,
             recorded: false,
-            withheld: of.last().status != Status::Ok,
+            withheld: !of.last().status.has_balance(),
             time_s: of.time_s(),
             console_time_us: of.console_time_us(),
             solves: of.solves,

@@ -271,7 +271,17 @@ impl Prescribed {
         self.tissue.positions_m()
     }
 
-    /// Follows the tools to `samples`. Where the status is `Ok` there is a contact for each.
+    /// Where the last step has a tool that was sampled at `sample`.
+    pub fn reached(&self, sample: &ToolSample) -> ToolSample {
+        let index = self.shapes.iter().position(|(id, _)| *id == sample.id);
+        let found =
+            index.and_then(|index| Some((&self.shapes[index].1, self.tools[index].as_ref()?)));
+        found.map_or(*sample, |(tool, (placement, _))| {
+            tool.sample_at(placement, sample)
+        })
+    }
+
+    /// Follows the tools to `samples`. Where there is a balance there is a contact for each.
     pub fn follow(&mut self, samples: &[ToolSample]) -> StepReport {
         let now_us = samples.first().map(|sample| sample.console_time_us);
         let passed_us = now_us.zip(self.last_us);
@@ -284,24 +294,36 @@ impl Prescribed {
         let mut clock = Clock::start();
         let mut status = self.go(samples, step_s);
         self.touched = self.is_touching(status);
-        self.unfinished = status == Status::Ok && self.touched && !self.stands_by_its_force();
+        self.unfinished = status.has_balance() && self.touched && !self.stands_by_its_force();
         if self.unfinished {
             // Tissue goes on from where it is, towards balance.
             status = Status::NotConverged;
         }
         self.tally.contact_steps += u64::from(self.touched);
-        self.tally.withheld += u64::from(self.touched && status != Status::Ok);
+        self.tally.withheld += u64::from(self.touched && !status.has_balance());
         self.tally.unbelieved += u64::from(self.unfinished);
         self.tally.force_error = match status {
-            Status::Ok if self.touched => self.tally.force_error.max(self.force_error),
+            Status::Ok | Status::Behind if self.touched => {
+                self.tally.force_error.max(self.force_error)
+            }
             _ => self.tally.force_error,
         };
         clock.lap(&mut report.stages.tissue_ns);
         report.status = status;
         report.imbalance = self.residual;
         report.stored_energy_j = self.energy_j;
-        if status == Status::Ok {
-            self.reduce(samples, &mut report);
+        match status {
+            Status::Ok => self.reduce(samples, &mut report),
+            Status::Behind => {
+                if let Some(first) = samples.first() {
+                    let mut reached = [*first; MAX_TOOLS];
+                    for (reached, sample) in reached.iter_mut().zip(samples) {
+                        *reached = self.reached(sample);
+                    }
+                    self.reduce(&reached[..samples.len().min(MAX_TOOLS)], &mut report);
+                }
+            }
+            _ => {}
         }
         clock.lap(&mut report.stages.reduce_ns);
         report

@@ -69,8 +69,12 @@ use sutura_shared::wire::message::{Report, State};
 /// What a solver step gave.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Solved {
-    /// Grip position that was solved for \[m\], (3): a little ahead of the state's.
+    /// Grip position that was solved for \[m\], (3): a little ahead of the state's, or as far behind as the hand was too fast.
     pub position_m: [f32; 3],
+    /// Grip orientation that was solved for, unit quaternion (x, y, z, w); the state's if it is not said.
+    pub orientation: Option<[f32; 4]>,
+    /// How far the tools are from where the step was to follow them, the farthest \[m\].
+    pub lag_m: f64,
     /// The contact at the state's pose; none when the result is not good enough to be felt.
     pub contact: Option<ToolContact>,
     /// The contact's rows; sent with it, never without.
@@ -97,6 +101,7 @@ impl Solved {
     pub fn frames(&self, state: &State, horizon_us: u32, rendering: Rendering) -> Option<Felt> {
         let mut contact = contact_frame(state, self.contact.as_ref()?, horizon_us);
         contact.position_m = self.position_m;
+        contact.orientation = self.orientation.unwrap_or(state.orientation);
         let (needle, thread) = (self.needle.as_ref(), self.thread.as_ref());
         let all = Felt {
             contact,

@@ -11,6 +11,7 @@ use super::horizon::Horizon;
 use super::overload::GivenUp;
 use super::summary::{Age, Energy, Force, Frames, Latency, Percentiles, StepTime, Summary};
 use crate::link::{LinkCounters, SentContact};
+use crate::step::Status;
 use crate::times::Times;
 use std::collections::{BTreeMap, VecDeque};
 use std::time::Duration;
@@ -58,6 +59,9 @@ pub struct Statistics {
     /// Whether the needle waited in the newest step, and in how many it did.
     waits: bool,
     steps_waited: u64,
+    /// Steps that lagged behind the hands, and how far at most \[m\].
+    steps_behind: u64,
+    most_lag_m: f64,
     rearmed: u64,
     given_up: GivenUp,
     ages_us: Times,
@@ -161,6 +165,8 @@ impl Statistics {
             withheld_last: None,
             waits: false,
             steps_waited: 0,
+            steps_behind: 0,
+            most_lag_m: 0.0,
             rearmed: 0,
             given_up: GivenUp::default(),
             ages_us: Times::new(u64::from(u32::MAX)),
@@ -302,6 +308,8 @@ impl Statistics {
         self.spoilt_steps += u64::from(solved.touched && is_spoilt);
         self.waits = solved.needle.is_some_and(|needle| needle.waits);
         self.steps_waited += u64::from(self.waits);
+        self.steps_behind += u64::from(solved.status == Status::Behind);
+        self.most_lag_m = self.most_lag_m.max(solved.lag_m);
         if solved.contact.is_some() {
             self.withheld_last = None;
             return;
@@ -466,6 +474,8 @@ impl Statistics {
             decays: self.decays,
             ticks_withheld: self.ticks_withheld,
             needle_waited_steps: self.steps_waited,
+            steps_behind: self.steps_behind,
+            most_lag_m: self.most_lag_m,
             frames,
             latency_us: Latency {
                 p50: us(delays, 0.5, 1.0),

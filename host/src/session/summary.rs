@@ -167,6 +167,11 @@ pub struct Summary {
     /// Solver steps in which the needle in the grip touched nothing, since the console was armed with it in the tissue and it
     /// had not been outside since.
     pub needle_waited_steps: u64,
+    /// Solver steps whose hands were faster than a step follows: what was felt is the balance where the tools were by then, and the
+    /// next steps went on from there.
+    pub steps_behind: u64,
+    /// How far a tool lagged in them at most \[m\].
+    pub most_lag_m: f64,
     /// Frames.
     pub frames: Frames,
     /// The link.

@@ -168,12 +168,14 @@ impl Step<'_> {
         let status = self.take_passes(&targets);
         self.end_way(status, &moment);
         let tools = &mut self.state.tools;
-        if status == Status::Ok && tools.forget_inside(&sources.tools, contains) {
+        if status.has_balance() && tools.forget_inside(&sources.tools, contains) {
             return Status::Inside;
         }
         self.count_rows();
-        if status == Status::Ok {
-            self.say(samples);
+        match status {
+            Status::Ok => self.say(samples),
+            Status::Behind => self.say_on_the_way(samples),
+            _ => {}
         }
         status
     }
@@ -204,8 +206,7 @@ impl Step<'_> {
                 self.report.substeps = 0;
             }
             let status = follow(self.model, &mut self.balance(), targets);
-            let has_come = matches!(status, Status::Ok | Status::Behind);
-            if !has_come || self.model.body.is_linear() {
+            if !status.has_balance() || self.model.body.is_linear() {
                 return status;
             }
             let moved = self.move_tissue();
@@ -263,7 +264,7 @@ impl Step<'_> {
 
     /// What failed is taken back.
     fn end_way(&mut self, status: Status, moment: &Moment) {
-        if matches!(status, Status::Ok | Status::Behind) {
+        if status.has_balance() {
             self.state.time_us = moment.time_us.unwrap_or(self.state.time_us);
             return;
         }
@@ -279,6 +280,18 @@ impl Step<'_> {
         let work = &self.work.balance;
         let rows = work.count() - work.tools.rows.len();
         self.report.rows = (rows + self.state.tools.contacts.len()) as u32;
+    }
+
+    /// As [`Self::say`], where tools are that have not come all the way.
+    fn say_on_the_way(&mut self, samples: &[ToolSample]) {
+        let Some(first) = samples.first() else {
+            return self.say(samples);
+        };
+        let mut reached = [*first; MAX_TOOLS];
+        for (reached, sample) in reached.iter_mut().zip(samples) {
+            *reached = self.state.reached(self.model, self.sources, sample);
+        }
+        self.say(&reached[..samples.len()]);
     }
 
     /// Columns for what comes, and what tools, needles and threads feel.

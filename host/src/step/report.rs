@@ -13,7 +13,7 @@ use schemars::JsonSchema;
 /// Most events of a step: of each thread a slip at either end, and a break; of all jaws that they lost what they held, and took hold.
 const MAX_EVENTS: usize = 3 * MAX_NEEDLES + 2 * MAX_TOOLS;
 
-/// How a step ended. Anything but `Ok` means: send nothing, let the console's data age.
+/// How a step ended. Without a balance ([`Status::has_balance`]) nothing is sent: the console's data ages.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default, JsonSchema)]
 #[schemars(rename_all = "kebab-case")]
 #[non_exhaustive]
@@ -27,7 +27,8 @@ pub enum Status {
     UnknownTool,
     /// Columns of the compliance are still missing for newly touched vertices; the next step goes on.
     Waiting,
-    /// The tool moved farther than one step follows; the next step goes on from where this one ended.
+    /// The tools moved farther than one step follows. What is reported is the balance where they are by then
+    /// ([`super::State::reached`]); the next step goes on from there.
     Behind,
     /// No stable balance found: about a radius deep, where symmetry leaves open to which side the tissue
     /// slips around a sphere, or two tools that press one vertex the same way. The state stays at the last
@@ -40,6 +41,11 @@ pub enum Status {
 }
 
 impl Status {
+    /// Whether a balance was found: at the sampled poses, or as far on the way there as a step goes.
+    pub fn has_balance(self) -> bool {
+        matches!(self, Self::Ok | Self::Behind)
+    }
+
     /// As reports print it.
     pub fn name(self) -> &'static str {
         match self {
@@ -179,7 +185,7 @@ pub struct StepReport {
 }
 
 impl StepReport {
-    /// One per needle, in the model's order; empty unless the status is `Ok`.
+    /// One per needle, in the model's order; empty without a balance.
     pub fn needles(&self) -> &[NeedleReport] {
         &self.needles[..self.needle_count]
     }
@@ -189,7 +195,7 @@ impl StepReport {
         &mut self.needles[..self.needle_count]
     }
 
-    /// One per thread, in the model's order; empty unless the status is `Ok`.
+    /// One per thread, in the model's order; empty without a balance.
     pub fn threads(&self) -> &[ThreadReport] {
         &self.threads[..self.thread_count]
     }
@@ -199,8 +205,8 @@ impl StepReport {
         &mut self.threads[..self.thread_count]
     }
 
-    /// What holds threads between their ends, thread by thread in the model's order, each from the tail on; empty unless the status is
-    /// `Ok`.
+    /// What holds threads between their ends, thread by thread in the model's order, each from the tail on; empty without a
+    /// balance.
     pub fn hands(&self) -> &[HandReport] {
         &self.hands[..self.hand_count]
     }
@@ -222,7 +228,7 @@ impl StepReport {
             .fold(0.0, f64::max)
     }
 
-    /// One per pair of jaws, in the model's order; empty unless the status is `Ok`.
+    /// One per pair of jaws, in the model's order; empty without a balance.
     pub fn jaws(&self) -> &[JawsReport] {
         &self.jaws[..self.jaws_count]
     }
@@ -232,7 +238,7 @@ impl StepReport {
         &mut self.jaws[..self.jaws_count]
     }
 
-    /// What has happened since the last step whose status was `Ok`, thread by thread; none unless this one's is.
+    /// What has happened since the last step that found a balance, thread by thread; none unless this one has.
     pub fn events(&self) -> impl Iterator<Item = Event> {
         self.events.into_iter().flatten()
     }
@@ -249,7 +255,7 @@ impl StepReport {
         &mut self.contacts[..self.tools]
     }
 
-    /// One per sample, in the samples' order; empty unless the status is `Ok`.
+    /// One per sample, in the samples' order; empty without a balance.
     pub fn contacts(&self) -> &[ToolContact] {
         &self.contacts[..self.tools]
     }

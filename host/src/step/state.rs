@@ -117,6 +117,15 @@ impl State {
         jaws.map(|jaws| jaws.close(closed)).is_some()
     }
 
+    /// Where the last step has a tool that was sampled at `sample`: there, or, where its status was [`super::Status::Behind`], as far on
+    /// the way as that has come, by what the tool carries.
+    pub fn reached(&self, model: &Model, sample: &ToolSample) -> ToolSample {
+        let found = self.sources.as_ref().zip(model.sources.as_ref());
+        found.map_or(*sample, |(state, sources)| {
+            state.reached(model, sources, sample)
+        })
+    }
+
     /// The points that the jaws of a tool hold.
     pub fn grasped(&self, model: &Model, tool: u8) -> &[Grasped] {
         let found = model.sources.as_ref().zip(self.sources.as_ref());

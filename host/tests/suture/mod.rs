@@ -8,6 +8,7 @@ mod friction;
 mod gives;
 mod hands;
 mod hanging;
+mod in_air;
 mod least;
 mod one_length;
 mod over;

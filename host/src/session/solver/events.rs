@@ -3,7 +3,7 @@
 //! Entry points: [`EventLog::step`], [`EventLog::said`].
 
 use crate::event::{Event, Held, Loss};
-use crate::step::{Status, StepReport};
+use crate::step::StepReport;
 use crate::thread::ThreadEnd;
 use serde_json::{Value, json};
 
@@ -48,7 +48,7 @@ impl EventLog {
 
     /// Takes note of a step at a time \[s\].
     pub fn step(&mut self, time_s: f64, report: &StepReport) {
-        if report.status != Status::Ok {
+        if !report.status.has_balance() {
             return;
         }
         self.steps += 1;
@@ -268,6 +268,7 @@ fn word(end: ThreadEnd) -> &'static str {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::step::Status;
 
     fn slip(tool: u8, is_out: bool) -> Event {
         Event::Slipped {

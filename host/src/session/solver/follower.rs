@@ -18,11 +18,19 @@ pub(super) enum Follower {
 }
 
 impl Follower {
-    /// Follows the tools to `samples`, as far as a step goes. Where the status is `Ok` there is a contact for each.
+    /// Follows the tools to `samples`, as far as a step goes. Where there is a balance there is a contact for each.
     pub fn follow(&mut self, samples: &[ToolSample], options: &StepOptions) -> StepReport {
         match self {
             Self::Constrained(tissue) => tissue.step(samples, options),
             Self::Prescribed(tissue) => tissue.follow(samples),
+        }
+    }
+
+    /// Where the last step has a tool that was sampled at `sample`.
+    pub fn reached(&self, sample: &ToolSample) -> ToolSample {
+        match self {
+            Self::Constrained(tissue) => tissue.state.reached(&tissue.model, sample),
+            Self::Prescribed(tissue) => tissue.reached(sample),
         }
     }
 

@@ -31,6 +31,7 @@ pub(crate) use constrained::{IN_BALANCE, MOST_PASSES, MOST_STEPS};
 use events::EventLog;
 pub use events::Happened;
 use follower::Follower;
+use nalgebra::Vector3;
 use peaks::Peaks;
 use serde_json::{Map, Value, json};
 pub use snapshot::Snapshot;
@@ -233,7 +234,7 @@ impl SceneSolver {
     fn rows(&self) -> Option<ToolRows> {
         let (_, _, work) = self.parts()?;
         let rows = work.rows(self.driven()?)?;
-        (self.past.last.status == Status::Ok && rows.count > 0).then_some(*rows)
+        (self.past.last.status.has_balance() && rows.count > 0).then_some(*rows)
     }
 
     /// Distance between the points of a needle that [`Self::prepare`] needs at most \[m\].
@@ -247,7 +248,7 @@ impl SceneSolver {
     }
 
     /// Steps with the driven tool where `sample` is, and all else where the scripts have it at its time, counted from
-    /// the first step's. Where the status is `Ok` there is a contact for each tool, the driven one's first.
+    /// the first step's. Where there is a balance ([`Status::has_balance`]) there is a contact for each tool, the driven one's first.
     ///
     /// ```
     /// use sutura_host::scene::{Document, Pose, read};
@@ -300,8 +301,28 @@ impl SceneSolver {
     /// ```
     pub fn step(&mut self, sample: ToolSample) -> StepReport {
         let report = self.step_with(sample, false);
-        self.past.peaks.press(&report, sample.position_m);
+        self.past
+            .peaks
+            .press(&report, self.reached(&report, &sample).position_m);
         report
+    }
+
+    /// Where a step has a tool that was sampled at `sample`: on the way there, if that was too long for it.
+    fn reached(&self, report: &StepReport, sample: &ToolSample) -> ToolSample {
+        match report.status {
+            Status::Behind => self.follower.reached(sample),
+            _ => *sample,
+        }
+    }
+
+    /// How far the tools are from where the last step was to follow them, the farthest \[m\].
+    fn lag_m(&self) -> f64 {
+        let report = &self.past.last;
+        let lags = self.past.script.samples().iter().map(|sample| {
+            let [there, here] = [*sample, self.reached(report, sample)];
+            Vector3::from(there.position_m).metric_distance(&Vector3::from(here.position_m))
+        });
+        lags.fold(0.0, f64::max)
     }
 
     /// As [`Self::step`]; of a console that is `armed_anew` nobody knows by which way its grip came where it is.
@@ -444,13 +465,12 @@ impl SceneSolver {
         }
         let report = &self.past.last;
         match report.status {
-            Status::Ok => {
+            Status::Ok | Status::Behind => {
                 let contact = report.contacts().first();
                 contact.is_some_and(|contact| contact.rows > 0)
                     || needle.is_some_and(|needle| needle.tip != Tip::Outside)
                     || thread.is_some_and(|thread| thread.state != Tension::Slack)
             }
-            Status::Behind => report.rows > 0,
             Status::Waiting | Status::NotConverged | Status::TooManyRows | Status::Inside => true,
             Status::NotFinite | Status::UnknownTool => false,
         }
@@ -599,7 +619,8 @@ impl Solve for SceneSolver {
         self.options.passes = settles.then(|| self.past.budget.passes(&self.past.last));
         let armed_anew = before_us.is_some_and(|before| is_armed_anew(before, &sample));
         let report = self.step_with(sample, armed_anew);
-        self.past.peaks.press(&report, sample.position_m);
+        let reached = self.reached(&report, &sample);
+        self.past.peaks.press(&report, reached.position_m);
         let (mut felt, mut rows) = (report.contacts().first().copied(), self.rows());
         clock.lap(&mut 0);
         self.past.budget.stepped(&report);
@@ -609,15 +630,22 @@ impl Solve for SceneSolver {
                 None => goal.position_m = state.body().position_m,
             }
         }
-        if let (Some(felt), Some(rows)) = (&mut felt, &mut rows)
+        if report.status == Status::Ok
+            && let (Some(felt), Some(rows)) = (&mut felt, &mut rows)
             && let Some(times) = self.secant(&goal, felt, rows)
         {
             secant::stiffen(felt, rows, times);
         }
         let (needle, thread) = self.in_grip(&report, period_us);
         clock.lap(&mut stages.look_ns);
+        let is_behind = report.status == Status::Behind;
+        if is_behind {
+            goal.position_m = reached.position_m.map(|x| x as f32);
+        }
         Solved {
             position_m: goal.position_m,
+            orientation: is_behind.then(|| reached.orientation.map(|x| x as f32)),
+            lag_m: if is_behind { self.lag_m() } else { 0.0 },
             contact: felt,
             rows,
             touched: self.touched(needle.as_ref(), thread.as_ref()),

@@ -6,7 +6,7 @@ use crate::jaws::{JawsReport, Pads};
 use crate::needle::NeedleReport;
 use crate::output::tip_word;
 use crate::scene::{Needle, Scene};
-use crate::step::{Status, StepReport};
+use crate::step::StepReport;
 use serde_json::{Map, Value, json};
 
 /// The worst so far.
@@ -71,7 +71,7 @@ impl Peaks {
         for (peak, thread) in self.tension_n.iter_mut().zip(report.threads()) {
             *peak = peak.max(report.most_tension_n(thread.id));
         }
-        if report.status == Status::Ok {
+        if report.status.has_balance() {
             self.last_good = *report;
         }
     }
