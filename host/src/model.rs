@@ -15,7 +15,9 @@ use crate::needle::{NeedleError, NeedlePart, NeedleSettings, NeedleTissue};
 use crate::rod::BarPart;
 use crate::source::{Added, Handles, MOST_NODES};
 use crate::step::{self, DEFAULT_CACHE_BYTES, NoRest, Sources, State, Status};
-use crate::thread::{ThreadError, ThreadPart, Threads};
+use crate::thread::{
+    Contact, Obstacle, ThreadBody, ThreadContact, ThreadError, ThreadPart, Threads,
+};
 use crate::tool::{MAX_TOOLS, Shape, Tool};
 use nalgebra::Vector3;
 use std::fmt;
@@ -590,6 +592,37 @@ impl Model {
         self = self.reaching_inside(mesh)?;
         if let Some(sources) = &mut self.sources {
             sources.bars = parts.to_vec();
+        }
+        Ok(self)
+    }
+
+    /// Has taut spans of threads lie on bodies of grips and needles, which the model has by now.
+    ///
+    /// # Errors
+    /// A thread or a body that is not there; a pair that is there already.
+    pub fn with_thread_contacts(mut self, contacts: &[ThreadContact]) -> Result<Self, ModelError> {
+        for (index, contact) in contacts.iter().enumerate() {
+            let flaw = |flaw| ThreadError::Contact {
+                contact: *contact,
+                flaw,
+            };
+            let sources = self.sources.as_mut();
+            let sources = sources.ok_or_else(|| flaw("there is no such thread"))?;
+            if contacts[..index].contains(contact) {
+                return Err(flaw("that is said twice").into());
+            }
+            let mut needles = sources.needles.iter();
+            let with = match contact.with {
+                ThreadBody::Grip(tool) => sources.bar_of(tool).map(Obstacle::Bar),
+                ThreadBody::Needle(id) => needles
+                    .position(|part| part.id == id && part.body)
+                    .map(Obstacle::Needle),
+            };
+            let with = with.ok_or_else(|| flaw("that has no body"))?;
+            let mut threads = sources.threads.parts.iter();
+            let thread = threads.position(|part| part.id == contact.thread);
+            let thread = thread.ok_or_else(|| flaw("there is no such thread"))?;
+            sources.threads.contacts.push(Contact { thread, with });
         }
         Ok(self)
     }

@@ -103,6 +103,9 @@ pub struct ThreadSummary {
     pub welds: u32,
     /// Points of tissue that it bends around.
     pub wraps: u32,
+    /// Bodies that its spans lie on, each span counted.
+    #[serde(skip_serializing_if = "is_none")]
+    pub laps: u32,
     /// Spent by friction \[J\].
     pub dissipated_j: f64,
     /// Slipped through the grips at tail and head so far \[m\], (2).
@@ -147,6 +150,10 @@ pub struct HandSummary {
 
 fn is_nothing(length_m: &f64) -> bool {
     *length_m == 0.0
+}
+
+fn is_none(count: &u32) -> bool {
+    *count == 0
 }
 
 fn nothing_slipped(slipped_m: &[f64; 2]) -> bool {
@@ -305,6 +312,7 @@ impl ThreadSummary {
             pulled_m: report.pulled_m,
             welds: report.welds,
             wraps: report.wraps,
+            laps: report.laps,
             dissipated_j: report.dissipated_j,
             slipped_m: report.slipped_m,
             drawn_m: report.drawn_m,

@@ -3,14 +3,14 @@
 //! Entry point: [`SceneFile`]. Values are checked where they are used.
 
 use super::jaws::JawsSection;
-use super::wound::{ThreadSection, TissueContactSection};
+use super::wound::{BodyContactSection, ThreadSection, TissueContactSection};
 use schemars::JsonSchema;
 use serde::Deserialize;
 use toml::Spanned;
 use toml::de::DeTable;
 
 /// Keys at the top of a scene's file, but for those by which it adds sources.
-pub const KEYS: [&str; 18] = [
+pub const KEYS: [&str; 19] = [
     "name",
     "seconds",
     "device",
@@ -24,6 +24,7 @@ pub const KEYS: [&str; 18] = [
     "thread",
     "jaws",
     "tissue_contact",
+    "body_contact",
     "needle_solver",
     "handle",
     "load",
@@ -81,6 +82,10 @@ pub struct SceneFile {
     #[serde(default)]
     #[schemars(with = "Vec<TissueContactSection>")]
     pub tissue_contact: Vec<Spanned<TissueContactSection>>,
+    /// Threads that may lie on bodies of grips and needles.
+    #[serde(default)]
+    #[schemars(with = "Vec<BodyContactSection>")]
+    pub body_contact: Vec<Spanned<BodyContactSection>>,
     /// Speed against accuracy of needles.
     #[schemars(with = "Option<NeedleSolverSection>")]
     pub needle_solver: Option<Spanned<NeedleSolverSection>>,

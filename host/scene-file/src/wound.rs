@@ -1,6 +1,7 @@
-//! What a scene file may say of threads and of tissue that touches tissue, key by key, as in [`super::scene`].
+//! What a scene file may say of threads, of tissue that touches tissue and of bodies that touch each other, key by key, as in
+//! [`super::scene`].
 //!
-//! Entry points: [`ThreadSection`], [`TissueContactSection`].
+//! Entry points: [`ThreadSection`], [`TissueContactSection`], [`BodyContactSection`].
 
 use super::scene::{RegionTag, Selection};
 use schemars::JsonSchema;
@@ -150,4 +151,25 @@ pub struct TissueContactSection {
     /// out.
     #[schemars(with = "Option<[Selection; 2]>")]
     pub rims: Option<[Spanned<Selection>; 2]>,
+}
+
+/// `[[body_contact]]`: taut spans of a thread lie on a body instead of going through it.
+#[derive(Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct BodyContactSection {
+    /// A thread, and a tool or a needle with a body, (2).
+    #[schemars(with = "[BodyName; 2]")]
+    pub between: [Spanned<BodyName>; 2],
+}
+
+/// How a scene names what touches: `{ thread = 0 }`, `{ tool = 1 }`, `{ needle = 0 }`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum BodyName {
+    /// Id of a thread.
+    Thread(u8),
+    /// Id of a tool that is a grip with a `body`.
+    Tool(u8),
+    /// Id of a needle with `body = true`.
+    Needle(u8),
 }

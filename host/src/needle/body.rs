@@ -65,6 +65,16 @@ impl Balance<'_> {
         })
     }
 
+    /// The shape of a needle's body where it is.
+    pub(crate) fn shaft_rod(&self, needle: usize) -> Option<Rod> {
+        self.shaft(needle).map(|shaft| shaft.rod)
+    }
+
+    /// Whether a needle's body can touch anything at a place on it \[m\].
+    pub(crate) fn is_shaft_free(&self, needle: usize, alpha: f64) -> bool {
+        self.shaft(needle).is_some_and(|shaft| shaft.is_free(alpha))
+    }
+
     /// After the `solve`th solve: bodies that are in the tissue touch it; whether there are none.
     ///
     /// # Errors

@@ -195,6 +195,11 @@ impl Balance<'_> {
         Some(Carried { part, rod })
     }
 
+    /// The shape of a bar where it is.
+    pub(crate) fn bar_rod(&self, bar: usize) -> Option<Rod> {
+        self.bar(bar).map(|carried| carried.rod)
+    }
+
     fn carried(&self, bar: usize) -> Option<Carried<'_>> {
         let has_been_outside = self.state.bars[bar].has_been_outside;
         self.bar(bar).filter(|_| has_been_outside)

@@ -3,6 +3,7 @@
 //! Entry points: [`load`] and [`Scene::build`]. A scene builds only what it names.
 
 mod added;
+mod bodies;
 mod device;
 mod document;
 mod hand;
@@ -49,6 +50,7 @@ use crate::registry::Substance;
 use crate::rod::{Bar, BarPart};
 use crate::source::Added;
 use crate::step::{State, Workspace};
+use crate::thread::ThreadContact;
 use crate::tool;
 use crate::work;
 use std::path::Path;
@@ -94,6 +96,8 @@ pub struct Scene {
     pub jaws: Vec<Jaws>,
     /// Parts of the tissue that may touch.
     pub touching: Vec<TissueContact>,
+    /// Threads that may lie on bodies of grips and needles.
+    pub body_contacts: Vec<ThreadContact>,
     /// Sources of constraints that it adds by keys of their own.
     pub(crate) added: Vec<Arc<dyn Added>>,
     /// Speed against accuracy of needles.
@@ -346,6 +350,8 @@ impl Scene {
         let model = model.and_then(|model| model.with_jaws(mesh, &jaws));
         let bars: Vec<_> = self.bars().collect();
         let model = model.and_then(|model| model.with_bars(mesh, &bars));
+        let contacts = &self.body_contacts[..];
+        let model = model.and_then(|model| model.with_thread_contacts(contacts));
         let model = model.and_then(|model| model.with_added(mesh, &self.added));
         let model = model.map_err(SceneError::Build)?;
         let (state, workspace) = (State::new(&model), Workspace::new(&model));

@@ -3,6 +3,7 @@
 //! Entry point: [`Scene::read`]. The first thing that is wrong ends it, with its place in the file.
 
 use super::added;
+use super::bodies::read_body_contacts;
 use super::device::find_device;
 use super::document::{Document, SceneError};
 use super::hand::hand_script;
@@ -108,6 +109,8 @@ impl Scene {
             hand.as_ref(),
         ));
         let touching = read_touching(document, &file.tissue_contact, &mesh)?;
+        let bodies = (&threads[..], &needles[..], &tools[..]);
+        let body_contacts = read_body_contacts(document, &file.body_contact, bodies)?;
         let needle_tissue = read_needle_tissue(document, &file, &of_cell, &mut warnings)?;
         let added = added.into_iter().enumerate();
         let added = added.map(|(index, (span, section))| {
@@ -142,6 +145,7 @@ impl Scene {
             threads,
             jaws,
             touching,
+            body_contacts,
             added,
             needle_solver: read_needle_solver(document, &file)?,
             loads: Loads {

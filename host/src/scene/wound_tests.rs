@@ -2,7 +2,7 @@
 
 use super::tests::{Slip, check_slips, read};
 use super::*;
-use crate::thread::{ThreadEnd, ThreadHold, ThreadPart, Through};
+use crate::thread::{ThreadBody, ThreadContact, ThreadEnd, ThreadHold, ThreadPart, Through};
 
 const GOOD: &str = r#"
 device = "cartesian-bench"
@@ -515,4 +515,101 @@ fn handles_hold_tissue_beside_needles() {
         );
         assert!(rest.residual < 1e-8, "{}", rest.residual);
     }
+}
+
+/// With bodies that its thread lies on.
+fn with_bodies(sections: &str) -> String {
+    let body = "id = 5\nshape = \"grip\"\nbody = { radius_m = 0.002, length_m = 0.03 }";
+    let text = GOOD.replacen("id = 5\nshape = \"grip\"", body, 1);
+    let needle = "thickness_m = 0.0008\nbody = true";
+    text.replacen("thickness_m = 0.0008", needle, 1) + sections
+}
+
+const BODIES: &str = "\n[[body_contact]]\nbetween = [{ thread = 0 }, { tool = 5 }]\n\
+                      [[body_contact]]\nbetween = [{ needle = 3 }, { thread = 0 }]\n";
+
+#[test]
+fn bodies_that_threads_lie_on_are_named() {
+    let scene = read(&with_bodies(BODIES)).expect("good");
+    let contact = |with| ThreadContact { thread: 0, with };
+    let named = [ThreadBody::Grip(5), ThreadBody::Needle(3)].map(contact);
+    assert_eq!(scene.body_contacts, named);
+    scene.build().expect("a model");
+    assert!(read(GOOD).expect("good").body_contacts.is_empty());
+}
+
+#[test]
+fn slips_at_bodies_are_told_at_their_place() {
+    let slip = |from, to, message, under, help| Slip {
+        from,
+        to,
+        message,
+        under,
+        help,
+    };
+    let slips = [
+        slip(
+            "{ tool = 5 }",
+            "{ tool = 6 }",
+            "there is no tool 6",
+            "{ tool = 6 }",
+            "this scene's tools are [2, 5]",
+        ),
+        slip(
+            "{ tool = 5 }",
+            "{ tool = 2 }",
+            "tool 2 has no body",
+            "{ tool = 2 }",
+            "add `body = {",
+        ),
+        slip(
+            "{ tool = 5 }",
+            "{ thread = 0 }",
+            "two threads",
+            "{ thread = 0 }",
+            "name a thread and a body",
+        ),
+        slip(
+            "[{ thread = 0 }, { tool = 5 }]",
+            "[{ needle = 3 }, { tool = 5 }]",
+            "no thread: bodies of grips and needles do not press on each other",
+            "{ tool = 5 }",
+            "name a thread and a body",
+        ),
+        slip(
+            "[{ thread = 0 }",
+            "[{ thread = 1 }",
+            "there is no thread 1",
+            "{ thread = 1 }",
+            "this scene's threads are [0]",
+        ),
+        slip(
+            "{ needle = 3 }",
+            "{ needle = 0 }",
+            "there is no needle 0",
+            "{ needle = 0 }",
+            "this scene's needles are [3]",
+        ),
+        slip(
+            "body = true",
+            "body = false",
+            "needle 3 has no body",
+            "{ needle = 3 }",
+            "add `body = true`",
+        ),
+        slip(
+            "{ tool = 5 }",
+            "{ tol = 5 }",
+            "unknown",
+            "tol",
+            "did you mean `tool`",
+        ),
+    ];
+    check_slips(&with_bodies(BODIES), &slips);
+    let twice = with_bodies(&[BODIES, &BODIES.replace("needle = 3", "tool = 5")].concat());
+    let message = read(&twice).expect_err("twice").to_string();
+    assert!(
+        message.contains("thread 0 is to lie on this twice"),
+        "{message}"
+    );
 }

@@ -21,7 +21,7 @@ use crate::needle::{
 use crate::rod::{BarPart, BarState};
 use crate::source::tool::{Cones, ToolContacts, TouchingTools};
 use crate::source::{Added, Handles, Kept as Memory, ON_POINTS, ON_WAYS, Room, Source};
-use crate::thread::{ThreadState, ThreadTension, Threads};
+use crate::thread::{Obstacle, ThreadState, ThreadTension, Threads};
 use crate::tool::{MAX_TOOLS, Tool, ToolSample};
 use nalgebra::Vector3;
 use serde::Serialize;
@@ -385,6 +385,12 @@ impl SourcesState {
     pub fn have_taut_threads(&self) -> bool {
         let mut threads = self.threads.iter();
         threads.any(|thread| thread.state == ThreadTension::Taut)
+    }
+
+    /// Whether a thread passes a body near enough that it may come to lie on it.
+    pub fn passes(&self, with: Obstacle) -> bool {
+        let mut laps = self.threads.iter().flat_map(|thread| &thread.laps);
+        laps.any(|lap| lap.with == with)
     }
 
     /// Finds how fast needles slide on their way to `targets`.

@@ -11,7 +11,7 @@ use crate::jaws::Grasped;
 use crate::model::Model;
 use crate::needle::{self, Grip};
 use crate::thread::{
-    Bridge, ThreadEnd, ThreadHold, ThreadPlace, ThreadPoint, Tightening, nearest_outside,
+    Bridge, Obstacle, ThreadEnd, ThreadHold, ThreadPlace, ThreadPoint, Tightening, nearest_outside,
 };
 use crate::tool::{Act, ToolSample};
 use nalgebra::{Isometry3, Vector3};
@@ -84,19 +84,22 @@ impl State {
         let Some(pose) = pose_of(sample) else {
             return 0;
         };
-        let needles = self
-            .sources
-            .iter_mut()
-            .flat_map(|sources| &mut sources.each);
+        let Some(sources) = &mut self.sources else {
+            return 0;
+        };
         let mut put = 0;
-        for each in needles {
+        for (needle, each) in sources.each.iter_mut().enumerate() {
             let grip = each.grip.filter(|grip| grip.tool == sample.id);
-            put += usize::from(grip.is_some_and(|grip| each.put(pose * grip.needle)));
+            let is_put = grip.is_some_and(|grip| each.put(pose * grip.needle));
+            put += usize::from(is_put);
+            let threads = sources.threads.iter_mut().filter(|_| is_put);
+            threads.for_each(|thread| thread.forget_laps(Obstacle::Needle(needle)));
         }
-        let bars = self.sources.iter_mut();
-        let mut bars = bars.flat_map(|sources| &mut sources.bars);
-        if let Some(own) = bars.find(|bar| bar.tool == sample.id) {
-            own.put(pose);
+        let bar = sources.bars.iter().position(|bar| bar.tool == sample.id);
+        if let Some(bar) = bar {
+            sources.bars[bar].put(pose);
+            let threads = sources.threads.iter_mut();
+            threads.for_each(|thread| thread.forget_laps(Obstacle::Bar(bar)));
         }
         put
     }

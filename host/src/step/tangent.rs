@@ -32,6 +32,8 @@ pub(crate) struct TangentWork {
     load: Load,
     /// J, (n x 6).
     jacobian: Vec<f64>,
+    /// Ways of the rows by forces of threads that turn with a body, (n x 6).
+    swung: Vec<f64>,
     /// Rows without force.
     free: Vec<bool>,
     /// Rows of needles whose multiplier follows the way along them, and by how much \[N/m\].
@@ -89,14 +91,16 @@ impl Moves<'_> {
     }
 }
 
-/// An end of a thread that a tool holds, or the needle that it holds.
+/// An end of a thread that a tool holds, or the needle that it holds; or a straight piece at a body of its that the thread lies on.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Pull {
-    /// From the grip to the end \[m\].
+    /// From the grip to the end, or to the other end of the piece \[m\].
     pub arm: Vector3<f64>,
-    /// On the end \[N\].
+    /// On the end, or the body \[N\].
     pub force: Vector3<f64>,
     pub rows: EndRows,
+    /// Of a piece at a body: the way with which its other end moves, if that is of tissue, and 1 or -1 for with or against it.
+    pub on_body: Option<Option<(usize, f64)>>,
 }
 
 /// One point of a needle and its force.
@@ -134,6 +138,7 @@ impl TangentWork {
             turns: false,
             load: Load::new(if most_contacts > 0 { most_rows } else { 0 }, most_contacts),
             jacobian: vec![0.0; 6 * most_rows],
+            swung: vec![0.0; 6 * most_rows],
             free: Vec::with_capacity(most_rows),
             follow: Vec::with_capacity(most_rows),
             symmetric: false,
@@ -332,6 +337,7 @@ impl TangentWork {
         self.load_threads(balance, pulls);
         self.load_rough(balance, grip, &moves);
         self.load_jaws(balance, grip, &moves);
+        self.load_turned(work, pulls);
         let (matrix, change) = (&self.matrix[..n * n], &mut self.change[..6 * n]);
         if self.symmetric {
             self.dense.solve(matrix, n, change, 6);
@@ -346,7 +352,7 @@ impl TangentWork {
                 })
         });
         self.add_points(balance, grip, &moves, &mut tangent);
-        self.add_threads(n, pulls, &mut tangent);
+        self.add_threads(work, pulls, &mut tangent);
         tangent
     }
 
@@ -380,7 +386,8 @@ impl TangentWork {
         }
     }
 
-    /// Right-hand sides of what ends of threads do to their rows.
+    /// Right-hand sides of what ends of threads do to their rows. The length of a thread that lies on a body is one in the frame of that: as
+    /// the body moves, the other ends of the straight pieces move the other way in it.
     fn load_threads(&mut self, balance: &Balance, pulls: &[Pull]) {
         let n = balance.work.count();
         let (w, modes) = (
@@ -398,6 +405,39 @@ impl TangentWork {
                         rows[row] += direction.dot(&moved);
                     }
                 });
+            }
+        }
+    }
+
+    /// Right-hand sides of what forces of threads do to the tissue as they turn with a body that these lie on.
+    fn load_turned(&mut self, work: &BalanceWork, pulls: &[Pull]) {
+        let n = work.count();
+        self.swung[..6 * n].fill(0.0);
+        if pulls.iter().all(|pull| pull.on_body.is_none()) {
+            return;
+        }
+        for pose in 3..6 {
+            let swung = &mut self.swung[n * pose..n * (pose + 1)];
+            for (way, force) in turned(pulls, unit(pose).1) {
+                visit_terms(work, |row, anchor, direction| {
+                    swung[row] += direction.dot(&(work.system.between(anchor, way) * force));
+                });
+            }
+            // Where it has a body to turn a tool has no shape, and no J.
+            let change = &mut self.jacobian[n * pose..n * (pose + 1)];
+            change.copy_from_slice(swung);
+            for (row, scale) in &self.follow {
+                change[*row] *= -scale;
+            }
+            for (_, touched) in &self.touched {
+                touched.follow(change);
+            }
+            for gripped in &work.jaws.points {
+                gripped.follow(change);
+            }
+            let own = self.change[n * pose..n * (pose + 1)].iter_mut();
+            for ((own, change), free) in own.zip(change).zip(&self.free) {
+                *own += if *free { 0.0 } else { *change };
             }
         }
     }
@@ -460,7 +500,8 @@ impl TangentWork {
                     let row = first + axis;
                     force += direction * own[row];
                     let column = &w[n * row..n * (row + 1)];
-                    moved -= direction * (product(column, own) - soft[axis] * own[row]);
+                    let swung = self.swung[n * pose + row];
+                    moved -= direction * (product(column, own) - soft[axis] * own[row] - swung);
                 }
                 let moment = arm.cross(&force) - (moved - shift).cross(&held_n);
                 add(tangent, pose, &force, &moment);
@@ -469,15 +510,29 @@ impl TangentWork {
     }
 
     /// Adds what ends of threads do to the wrench.
-    fn add_threads(&self, n: usize, pulls: &[Pull], tangent: &mut Matrix6<f64>) {
+    fn add_threads(&self, work: &BalanceWork, pulls: &[Pull], tangent: &mut Matrix6<f64>) {
+        let n = work.count();
         for pull in pulls {
             for pose in 0..6 {
-                let (_, turn) = unit(pose);
+                let (shift, turn) = unit(pose);
                 let own = &self.change[n * pose..n * (pose + 1)];
                 let mut force = Vector3::zeros();
                 pull.rows
                     .visit(|row, direction| force -= direction * own[row]);
-                let moment = pull.arm.cross(&force) + turn.cross(&pull.arm).cross(&pull.force);
+                let arm = match pull.on_body {
+                    None => turn.cross(&pull.arm),
+                    Some(way) => {
+                        force += turn.cross(&pull.force);
+                        let moved = way.map(|(way, sign)| {
+                            let turned = turned(pulls, turn);
+                            let swung =
+                                turned.map(|(by, force)| work.system.between(way, by) * force);
+                            (moved(work, way, own) + swung.sum::<Vector3<f64>>()) * sign
+                        });
+                        moved.unwrap_or_default() - shift
+                    }
+                };
+                let moment = pull.arm.cross(&force) + arm.cross(&pull.force);
                 add(tangent, pose, &force, &moment);
             }
         }
@@ -627,6 +682,38 @@ fn compliance(turns: bool, work: &BalanceWork) -> &[f64] {
         Some(turning) => &turning.compliance[..n * n],
         None => work.system.compliance(n),
     }
+}
+
+/// Visits the rows, each with its anchors and its direction at these.
+fn visit_terms(work: &BalanceWork, mut visit: impl FnMut(usize, usize, Vector3<f64>)) {
+    let set = &work.set;
+    for (row, single) in set.rows.iter().enumerate() {
+        visit(row, single.anchor as usize, single.direction.into());
+    }
+    for (row, spread) in set.spread.iter().enumerate() {
+        let (first, count) = (spread.terms.0 as usize, spread.terms.1 as usize);
+        for term in &set.terms[first..first + count] {
+            let row = set.rows.len() + row;
+            visit(row, term.anchor as usize, term.direction.into());
+        }
+    }
+}
+
+/// By how much a change of all multipliers moves an anchor or a way. The normals of smooth tools do not turn here.
+fn moved(work: &BalanceWork, at: usize, change: &[f64]) -> Vector3<f64> {
+    let mut moved = Vector3::zeros();
+    visit_terms(work, |row, anchor, direction| {
+        moved -= work.system.between(at, anchor) * direction * change[row];
+    });
+    moved
+}
+
+/// What the forces on tissue of threads that lie on a body change by as that turns, each with its way.
+fn turned(pulls: &[Pull], turn: Vector3<f64>) -> impl Iterator<Item = (usize, Vector3<f64>)> {
+    pulls.iter().filter_map(move |pull| {
+        let (way, sign) = pull.on_body??;
+        Some((way, turn.cross(&pull.force) * -sign))
+    })
 }
 
 /// Adds a column's force and moment.

@@ -7,7 +7,7 @@ use crate::jaws::{Jaws, JawsState};
 use crate::needle::{MAX_NEEDLES, NeedlePart, NeedleState, Tip};
 use crate::rod::{Bar, BarState};
 use crate::source::tool::Placements;
-use crate::thread::{MAX_STRANDS, ThreadHold};
+use crate::thread::{MAX_STRANDS, Obstacle, ThreadHold};
 use crate::tool::{MAX_TOOLS, ToolSample};
 use nalgebra::{Isometry3, Point3, Quaternion, Translation3, UnitQuaternion, Vector3};
 
@@ -95,8 +95,9 @@ impl Targets {
     pub fn share(&self, sources: &Sources, state: &SourcesState) -> f64 {
         let mut share = 1.0f64;
         let needles = state.each.iter().zip(&self.needles).zip(&sources.needles);
-        for ((each, target), own) in needles {
-            share = share.min(needle_share(sources.piece_m, each, target, own));
+        for (index, ((each, target), own)) in needles.enumerate() {
+            let passes = state.passes(Obstacle::Needle(index));
+            share = share.min(needle_share(sources.piece_m, (each, passes), target, own));
         }
         for (thread, target) in state.threads.iter().zip(&self.threads) {
             let way = [target[0] - thread.tail.at, target[1] - thread.head.at];
@@ -110,8 +111,9 @@ impl Targets {
             share = share.min(jaws_share(sources.piece_m, each, target, &part.jaws));
         }
         let bars = state.bars.iter().zip(&self.bars).zip(&sources.bars);
-        for ((each, target), part) in bars {
-            share = share.min(bar_share(sources, each, target, &part.bar));
+        for (index, ((each, target), part)) in bars.enumerate() {
+            let nears = each.is_near || state.passes(Obstacle::Bar(index));
+            share = share.min(bar_share(sources, (each, nears), target, &part.bar));
         }
         share.min(state.tools.part(&sources.tools, &self.tools))
     }
@@ -147,10 +149,10 @@ impl Targets {
     }
 }
 
-/// Which share of its way a needle may go at once.
+/// Which share of its way a needle may go at once, which `passes` a thread that may lie on it or not.
 fn needle_share(
     piece_m: f64,
-    each: &NeedleState,
+    (each, passes): (&NeedleState, bool),
     target: &Isometry3<f64>,
     own: &NeedlePart,
 ) -> f64 {
@@ -159,7 +161,7 @@ fn needle_share(
     let turn = (target.rotation * each.pose.rotation.inverse()).angle();
     let mut share = MOST_TURN / turn;
     let nears = own.body && each.is_near;
-    let piece_m = match (nears, touches) {
+    let piece_m = match (nears, touches || passes) {
         (true, _) => piece_m.min(own.body_piece_m()),
         (false, true) => piece_m,
         // It is looked for farther than this.
@@ -197,12 +199,17 @@ fn jaws_share(piece_m: f64, each: &JawsState, target: &Option<Isometry3<f64>>, j
     }
 }
 
-/// Which share of its way a bar may go at once.
-fn bar_share(sources: &Sources, each: &BarState, to: &Option<Isometry3<f64>>, bar: &Bar) -> f64 {
+/// Which share of its way a bar may go at once, which `nears` something or not.
+fn bar_share(
+    sources: &Sources,
+    (each, nears): (&BarState, bool),
+    to: &Option<Isometry3<f64>>,
+    bar: &Bar,
+) -> f64 {
     let (Some(from), Some(to)) = (each.pose, to) else {
         return 1.0;
     };
-    let piece_m = match each.is_near {
+    let piece_m = match nears {
         true => bar.piece_m(sources.edge_m()),
         // It is looked for farther than this.
         false => sources.piece_m * EDGE_PIECES,

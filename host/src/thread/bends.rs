@@ -3,7 +3,7 @@
 //! Entry points: [`ThreadState::bend`], [`ThreadState::bend_as_before`].
 
 use super::model::{MOST_BENDS, ThreadTension};
-use super::segments::End;
+use super::segments::{End, Span};
 use super::state::ThreadState;
 use crate::anchors::AnchorPoint;
 use crate::mesh::HalfFaces;
@@ -48,7 +48,7 @@ impl ThreadState {
             let span = self.spans.get(segment.span);
             let is_held = span.is_none_or(|span| span.from.is_none() || span.to.is_none());
             let times = if is_held { LONGEST_WAY } else { LONGEST_BRIDGE };
-            times * segment.way.norm()
+            times * segment.path_m()
         });
         !self.segments.is_empty()
             && (self.state != ThreadTension::Slack || self.available_m() < longest.sum::<f64>())
@@ -67,6 +67,36 @@ impl ThreadState {
         self.bends.clear();
         self.bends.extend(former);
         true
+    }
+
+    /// The sum of the outward normals at the ends of a span outside; nothing where that is no way out of the tissue.
+    fn way_out(&self, mesh: &HalfFaces, at: &[Vector3<f64>], span: &Span) -> Option<Vector3<f64>> {
+        let mut up = Vector3::zeros();
+        let mut inside = false;
+        for passed in [span.from, span.to].into_iter().flatten() {
+            let Some(passed) = self.passed.get(passed) else {
+                continue;
+            };
+            inside |= !passed.is_boundary;
+            let [a, b, c] = mesh.vertices(passed.crossing.face).map(|node| {
+                at.get(node as usize)
+                    .copied()
+                    .unwrap_or_else(Vector3::zeros)
+            });
+            up += (b - a)
+                .cross(&(c - a))
+                .try_normalize(0.0)
+                .unwrap_or_default();
+        }
+        // Between two cuts that face each other no side is outside.
+        inside |= up.norm() < LEAST_UP;
+        // The needle's end is in the tissue.
+        inside |= span.to.is_none()
+            && span
+                .from
+                .and_then(|from| self.passed.get(from))
+                .is_some_and(|from| from.crossing.enters);
+        (!inside).then_some(up)
     }
 
     /// Where spans bend over tissue whose nodes are at `at` \[m\]; `over` finds bends of a chord, with the way out of
@@ -105,41 +135,33 @@ impl ThreadState {
                 End::Tissue(anchor) => place(&anchor),
                 End::Held(at) => at,
             });
-            let mut up = Vector3::zeros();
-            let mut inside = false;
-            for passed in [span.from, span.to].into_iter().flatten() {
-                let Some(passed) = self.passed.get(passed) else {
-                    continue;
-                };
-                inside |= !passed.is_boundary;
-                let [a, b, c] = mesh.vertices(passed.crossing.face).map(|node| {
-                    at.get(node as usize)
-                        .copied()
-                        .unwrap_or_else(Vector3::zeros)
-                });
-                up += (b - a)
-                    .cross(&(c - a))
-                    .try_normalize(0.0)
-                    .unwrap_or_default();
-            }
-            // Between two cuts that face each other no side is outside.
-            inside |= up.norm() < LEAST_UP;
-            // The needle's end is in the tissue.
-            inside |= span.to.is_none()
-                && span
-                    .from
-                    .and_then(|from| self.passed.get(from))
-                    .is_some_and(|from| from.crossing.enters);
-            if inside {
+            let Some(up) = self.way_out(mesh, at, span) else {
                 continue;
-            }
+            };
             let key = span.key;
             let former = work.former.iter().filter(|(of, _)| *of == key);
             work.edges.clear();
             let edges = former.map(|(_, bend)| [bend.nodes[0], bend.nodes[1]]);
             work.edges.extend(edges);
             work.new.clear();
-            over([&from, &to, &up], &work.edges, &mut work.new);
+            // What lies on a body bends over tissue before it and behind it.
+            let mut start = from;
+            for segment in self.segments.iter().filter(|each| each.span == index) {
+                match (segment.leg, segment.ends) {
+                    (Some(leg), [End::Held(on), _]) if leg.leaves => start = on,
+                    (Some(leg), [_, End::Held(on)]) => {
+                        over([&start, &on, &up], &work.edges, &mut work.new);
+                        let mut laps = self.laps.iter_mut().filter(|lap| lap.is_on);
+                        if let Some(lap) =
+                            laps.find(|lap| lap.key == span.key && lap.with == leg.with)
+                        {
+                            lap.bends = work.new.len() as u32;
+                        }
+                    }
+                    _ => {}
+                }
+            }
+            over([&start, &to, &up], &work.edges, &mut work.new);
             for bend in &work.new {
                 if self.bends.len() + outside >= MOST_BENDS {
                     break;

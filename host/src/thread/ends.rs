@@ -1,9 +1,10 @@
 //! What holds a thread's ends: pull, place and rows, for wrenches and tangents.
 //!
-//! Entry point: [`ThreadState::end`].
+//! Entry points: [`ThreadState::end`], [`ThreadState::pulls_on`] for bodies that spans lie on.
 
+use super::lap::Obstacle;
 use super::model::{ThreadEnd, ThreadPart};
-use super::segments::{End, across};
+use super::segments::{End, Segment, across};
 use super::state::ThreadState;
 use nalgebra::Vector3;
 
@@ -17,9 +18,8 @@ pub(crate) struct EndRows {
     bounds: (usize, usize),
     /// Part of it in the last of these.
     last: f64,
-    /// The first of its segment's own rows, and how many of these directions they have.
-    own: usize,
-    directions: [Vector3<f64>; 3],
+    /// Its segment's own rows, so many of them, with their directions.
+    own: [(usize, Vector3<f64>); 3],
     count: usize,
 }
 
@@ -36,8 +36,8 @@ impl EndRows {
             let part = if is_last { self.last } else { 1.0 };
             visit(row, self.along * (self.sign * part));
         }
-        for (axis, direction) in self.directions.iter().enumerate().take(self.count) {
-            visit(self.own + axis, direction * self.sign);
+        for (row, direction) in self.own.iter().take(self.count) {
+            visit(*row, direction * self.sign);
         }
     }
 }
@@ -59,49 +59,97 @@ impl ThreadState {
         let End::Held(at) = segment.ends[usize::from(sign > 0.0)] else {
             return None;
         };
+        let rows = self.rows_of(segment, sign, part, is_held, first);
+        Some((segment.force * -sign, at, rows))
+    }
+
+    /// Rows that an end of a segment has a part in, the second one if `sign` is 1, the first one if it is -1.
+    fn rows_of(
+        &self,
+        segment: &Segment,
+        sign: f64,
+        part: &ThreadPart,
+        is_held: bool,
+        first: usize,
+    ) -> EndRows {
         let mut rows = EndRows {
             sign,
             along: segment.along,
             bounds: (first, first),
             last: 1.0,
-            own: 0,
-            directions: [Vector3::x(), Vector3::y(), Vector3::z()],
+            own: [(0, Vector3::zeros()); 3],
             count: 0,
         };
         if let Some(own) = segment.first_row {
-            rows.own = own as usize;
-            rows.count = 3;
-            if !segment.was_weld {
-                let (u, v) = across(&segment.solved_along);
-                rows.directions = [u, v, Vector3::zeros()];
-                rows.count = 2;
-            }
+            let own = own as usize;
+            (rows.own, rows.count) = match segment.leg {
+                _ if segment.was_weld => {
+                    let row = |axis: usize| (own + axis, Vector3::ith(axis, 1.0));
+                    ([row(0), row(1), row(2)], 3)
+                }
+                None => {
+                    let (u, v) = across(&segment.solved_along);
+                    ([(own, u), (own + 1, v), (0, Vector3::zeros())], 2)
+                }
+                Some(leg) => {
+                    let [away, beside] = leg.solved_across;
+                    let axial = leg.axial_row.map_or(0, |row| first + row as usize);
+                    let count = 1 + usize::from(leg.axial_row.is_some());
+                    ([(own, away), (axial, beside), (0, Vector3::zeros())], count)
+                }
+            };
         }
-        // Of the portion that it ends.
-        let (before, portion) = match end {
-            ThreadEnd::Tail => (0, self.portion(0)),
-            ThreadEnd::Head | ThreadEnd::Span => {
-                let last = self.portion(self.spans.len().saturating_sub(1));
-                let before = self.portions().filter(|portion| portion.end < last.end);
-                let rows = before.map(|portion| self.length_rows(part, is_held, &portion));
-                (rows.sum(), last)
-            }
-        };
+        // Of its portion: its length, and the friction of passages before it, and in part of that in which it is.
+        let portion = self.portion(segment.span);
+        let before = self.portions().filter(|other| other.end <= portion.start);
+        let before = before.map(|other| self.length_rows(part, is_held, &other));
+        let before: usize = before.sum();
         let is_held = self.is_portion_held(&portion, is_held);
-        let beyond = match end {
-            ThreadEnd::Tail => 0,
-            ThreadEnd::Head | ThreadEnd::Span => self.friction_rows(part, is_held, portion),
-        };
+        let beyond = self.friction_rows(part, is_held, portion.start..segment.span + 1);
         if (is_held || beyond > 0) && !segment.was_weld {
             rows.bounds.0 = first + before;
             rows.bounds.1 = rows.bounds.0 + usize::from(is_held) + beyond;
             rows.along = segment.solved_along;
-            // The friction of the passage in which it ends acts before it in part.
             rows.last = match segment.piece {
                 Some(piece) if beyond > 0 => piece.share,
                 _ => 1.0,
             };
         }
-        Some((segment.force * -sign, at, rows))
+        rows
     }
+
+    /// Pulls of spans on bodies that they lie on, with each the body, the straight piece at it, and where that has its other end \[m\].
+    pub(super) fn pulls_on(
+        &self,
+        part: &ThreadPart,
+        is_held: bool,
+        first: usize,
+    ) -> impl Iterator<Item = LegPull> {
+        self.segments.iter().filter_map(move |segment| {
+            let leg = segment.leg?;
+            let sign = if leg.leaves { -1.0 } else { 1.0 };
+            let far = segment.ends[usize::from(leg.leaves)];
+            Some(LegPull {
+                with: leg.with,
+                force: segment.force * -sign,
+                far_m: segment.far_m()?,
+                rows: self.rows_of(segment, sign, part, is_held, first),
+                way: match far {
+                    End::Tissue(_) => Some((segment.place as usize, -sign)),
+                    End::Held(_) => None,
+                },
+            })
+        })
+    }
+}
+
+/// The pull of a straight piece on a body that its span lies on.
+pub(crate) struct LegPull {
+    pub with: Obstacle,
+    /// On the body \[N\].
+    pub force: Vector3<f64>,
+    /// Its other end \[m\]; of tissue the way that moves with it, and 1 or -1 for with or against.
+    pub far_m: Vector3<f64>,
+    pub way: Option<(usize, f64)>,
+    pub rows: EndRows,
 }

@@ -6,11 +6,14 @@
 mod air;
 mod bends;
 mod chain;
+mod cylinder;
 mod ends;
 mod follow;
 mod free;
 mod gives;
 mod hanging;
+mod lap;
+mod legs;
 mod model;
 mod nearest;
 mod pressure;
@@ -28,6 +31,7 @@ mod wrap;
 pub(crate) use bends::BendWork;
 pub(crate) use ends::EndRows;
 pub(crate) use follow::FollowWork;
+pub(crate) use lap::{Contact, Obstacle};
 pub(crate) use model::{MAX_STRANDS, MOST_HANDS, Threads};
 pub(crate) use report::nearest_outside;
 pub(crate) use segments::Segment;
@@ -40,6 +44,6 @@ pub use chain::{ChainReport, ChainSettings, ChainStatus};
 pub use free::FreeThreads;
 pub use hanging::{Beats, Hanging};
 pub use model::{
-    Bridge, HandReport, ThreadEnd, ThreadError, ThreadHold, ThreadPart, ThreadPlace, ThreadPoint,
-    ThreadReport, ThreadTension, Through, Tightening,
+    Bridge, HandReport, ThreadBody, ThreadContact, ThreadEnd, ThreadError, ThreadHold, ThreadPart,
+    ThreadPlace, ThreadPoint, ThreadReport, ThreadTension, Through, Tightening,
 };

@@ -2,6 +2,7 @@
 //!
 //! Entry points: [`ThreadPart`], [`ThreadReport`].
 
+use super::lap::Contact;
 use super::segments::Ground;
 use crate::mesh::HalfFaces;
 use serde::Serialize;
@@ -82,6 +83,24 @@ impl ThreadPart {
     pub(crate) fn drags(&self) -> bool {
         self.through.drag_n_per_m > 0.0
     }
+}
+
+/// A body that a thread may lie on.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ThreadBody {
+    /// The bar of a grip, by the id of the tool.
+    Grip(u8),
+    /// The shaft of a needle that has a body, by the id of the needle.
+    Needle(u8),
+}
+
+/// A thread and a body that it may lie on.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct ThreadContact {
+    /// Id of the thread.
+    pub thread: u8,
+    /// What its taut spans lie on.
+    pub with: ThreadBody,
 }
 
 /// What holds one of a thread's ends.
@@ -217,6 +236,8 @@ pub struct ThreadReport {
     pub welds: u32,
     /// Points of tissue outside that it bends around.
     pub wraps: u32,
+    /// Bodies that its spans lie on, each span counted.
+    pub laps: u32,
     /// Spent by friction so far \[J\].
     pub dissipated_j: f64,
     /// Largest of [`crate::step::State::thread_pressures_pa`] \[Pa\].
@@ -307,6 +328,14 @@ pub enum ThreadError {
     /// More strands than there is room for.
     #[error("the threads come in {0} strands; at most {MAX_STRANDS} are possible")]
     TooManyStrands(usize),
+    /// A thread, or a body for it to lie on, that is not there.
+    #[error("thread {} is to lie on {}, but {flaw}", contact.thread, of_body(contact.with))]
+    Contact {
+        /// Which of both.
+        contact: ThreadContact,
+        /// What is wrong with it.
+        flaw: &'static str,
+    },
     /// A number out of range.
     #[error("thread {id}: `{what}` is {value}; it must be {rule}")]
     Number {
@@ -319,6 +348,13 @@ pub enum ThreadError {
         /// What is allowed.
         rule: &'static str,
     },
+}
+
+fn of_body(body: ThreadBody) -> String {
+    match body {
+        ThreadBody::Grip(tool) => format!("the body of tool {tool}"),
+        ThreadBody::Needle(needle) => format!("the body of needle {needle}"),
+    }
 }
 
 /// Threads of a model, and the tissue that they go through.
@@ -334,6 +370,8 @@ pub(crate) struct Threads {
     count: u32,
     /// Least distance of faces inside between which the path has a direction of its own \[m\].
     apart_m: f64,
+    /// Which bodies each may lie on.
+    pub contacts: Vec<Contact>,
 }
 
 /// Most segments of one thread: 50 punctures with as many bends, both ends, and four in each of 50 passages.
@@ -355,6 +393,7 @@ impl Threads {
             bodies: Vec::new(),
             count: 0,
             apart_m: 0.0,
+            contacts: Vec::new(),
         }
     }
 
@@ -395,6 +434,7 @@ impl Threads {
             bodies,
             count,
             apart_m,
+            contacts: Vec::new(),
         })
     }
 

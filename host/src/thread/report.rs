@@ -183,6 +183,7 @@ impl SourcesState {
             let curve = sources.needles[needle].needle.at(&self.each[needle].pose);
             path.push((last, end(curve.start, 0.0, 0.0)));
         }
+        each.draw_laps(&mut path);
         path
     }
 
@@ -301,7 +302,32 @@ impl Balance<'_> {
                 if felt.touching.is_none() {
                     felt.gap_m = 0.0;
                 }
-                self.work.threads.pulls.push(Pull { arm, force, rows });
+                self.work.threads.pulls.push(Pull {
+                    arm,
+                    force,
+                    rows,
+                    on_body: None,
+                });
+            }
+            // What lies on its body is felt along the straight pieces there: where these begin does not matter.
+            for pull in thread.pulls_on(part, is_held, first) {
+                if self.carrier(pull.with) != Some(felt.tool) {
+                    continue;
+                }
+                let (arm, force) = (pull.far_m - felt.grip, pull.force);
+                let moment = arm.cross(&force);
+                felt.wrench +=
+                    Vector6::new(force.x, force.y, force.z, moment.x, moment.y, moment.z);
+                felt.rows += 1;
+                if felt.touching.is_none() {
+                    felt.gap_m = 0.0;
+                }
+                self.work.threads.pulls.push(Pull {
+                    arm,
+                    force,
+                    rows: pull.rows,
+                    on_body: Some(pull.way),
+                });
             }
             first += thread.spread_rows(part, is_held);
         }
@@ -424,6 +450,7 @@ impl Balance<'_> {
         out.drawn_m += thread.drawn_m();
         out.welds += welds.count() as u32;
         out.wraps += thread.bends.len() as u32;
+        out.laps += thread.laps.iter().filter(|lap| lap.is_on).count() as u32;
         out.dissipated_j += thread.friction_j;
         out.pressure_pa = thread.pressures_pa(part).fold(out.pressure_pa, f64::max);
         if let Some(lost_m) = thread.broken_off_m {

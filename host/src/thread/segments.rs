@@ -12,6 +12,7 @@
 //! beyond, between bounds (module `through`).
 
 use super::follow::{FollowWork, LengthRows};
+use super::legs::{Leg, add_legs};
 use super::model::{ThreadHold, ThreadPart};
 use super::state::ThreadState;
 use crate::anchors::{
@@ -26,10 +27,10 @@ use serde::Serialize;
 use std::ops::Range;
 
 /// A segment's direction is known when forces follow it to this part of the tension.
-const STRAIGHT: f64 = 1e-3;
+pub(super) const STRAIGHT: f64 = 1e-3;
 /// Or when the piece leads so near to where they point \[m\]: bodies in contact turn a span of a few hundredths of a millimetre by
 /// more than that part of it in every step.
-const ACROSS_M: f64 = 0.2 * LENGTH_M;
+pub(super) const ACROSS_M: f64 = 0.2 * LENGTH_M;
 /// The true length is held this well \[m\].
 pub(super) const LENGTH_M: f64 = 5e-7;
 /// Points of tissue that are no farther apart are one \[m\]: a thread that grazes an edge of a body goes in and out at one point.
@@ -58,10 +59,10 @@ pub(crate) struct Segment {
     /// Pull on its first end \[N\].
     pub force: Vector3<f64>,
     pub tension_n: f64,
-    /// Where it was linearised: what its direction and length are found from, see the module, \[m\] and \[N\]; its direction, a unit
-    /// vector, and length \[m\], 0 for a weld.
-    aim_m: Vector3<f64>,
-    aim_n: f64,
+    /// Where it was linearised: what its direction and length are found from, see the module, or the far end of a leg, \[m\], and
+    /// \[N\]; its direction, a unit vector, and length \[m\], 0 for a weld.
+    pub(super) aim_m: Vector3<f64>,
+    pub(super) aim_n: f64,
     pub along: Vector3<f64>,
     pub length_m: f64,
     pub is_weld: bool,
@@ -74,6 +75,9 @@ pub(crate) struct Segment {
     /// Of a piece inside tissue.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub piece: Option<Piece>,
+    /// Of one that leads to a body that its span lies on, or away from it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub leg: Option<Leg>,
 }
 
 /// A piece of a path inside tissue.
@@ -179,6 +183,8 @@ const PIECE: u64 = 0;
 const SHARED: u64 = 1;
 const FRICTION_ROW: u64 = 2;
 const OWN: u64 = 3;
+/// Of a piece's rows, the one of legs along a body.
+const AXIAL: u64 = 3;
 
 fn row_id(thread: usize, class: u64, key: (u32, u32), axis: u64) -> u64 {
     let key = u64::from(key.0) << 8 | u64::from(key.1 & 0xff);
@@ -260,9 +266,14 @@ impl ThreadState {
         let (place, key) = (self.spans.len() - 1, self.spans[self.spans.len() - 1].key);
         let (mut piece, mut last) = (0, first);
         let bends = self.bends.iter().filter(|(of, _)| *of == key);
+        let count = bends.clone().count() as u32;
         let stops = bends.map(|(_, bend)| End::Tissue(*bend));
         for stop in stops.chain([second]) {
-            if !ground.are_one(&last, &stop) {
+            let lap = self.laps.iter_mut();
+            if let Some(lap) = lap.into_iter().find(|lap| lap.is_behind(key, piece, count)) {
+                let segments = (lap, &mut self.segments);
+                add_legs(segments, (key, piece), [last, stop], place, known, at);
+            } else if !ground.are_one(&last, &stop) {
                 let segment = Segment::new((key, piece), [last, stop], place, known, at);
                 self.segments.push(segment.linearised(self.compliance));
             }
@@ -312,9 +323,12 @@ impl ThreadState {
         ground: &Ground,
         set: &mut ConstraintSet,
     ) {
+        let first = set.spread.len();
         self.make_segment_rows(index, ground, set);
         if !self.segments.is_empty() {
             self.make_length_rows(index, part, is_held, ground, set);
+            let id = |key| row_id(index, PIECE, key, AXIAL);
+            self.make_axial_rows(id, ground, first, set);
         }
     }
 
@@ -331,6 +345,9 @@ impl ThreadState {
             segment.first_row = None;
             segment.was_weld = segment.is_weld;
             segment.solved_along = segment.along;
+            if let Some(leg) = &mut segment.leg {
+                leg.solved_across = leg.across;
+            }
             let from = rest(b) - rest(a);
             let first = set.rows.len() as u32;
             let mut add = |axis: u64, direction: Vector3<f64>| {
@@ -346,11 +363,16 @@ impl ThreadState {
                 (0..3).for_each(|axis| add(axis, Vector3::ith(axis as usize, 1.0)));
                 segment.first_row = Some(first);
             } else if segment.aim_n > NO_TENSION_N {
+                let soft = segment.length_m / segment.aim_n;
+                segment.first_row = Some(first);
+                if let Some(leg) = segment.leg {
+                    add(0, leg.across[0]);
+                    set.soft.push((first, soft));
+                    continue;
+                }
                 let (u, v) = across(&segment.along);
                 add(0, u);
                 add(1, v);
-                segment.first_row = Some(first);
-                let soft = segment.length_m / segment.aim_n;
                 set.soft.extend([(first, soft), (first + 1, soft)]);
             }
         }
@@ -374,6 +396,7 @@ impl ThreadState {
                 if weight > 0.0 && !segment.is_weld {
                     let [a, b] = &segment.ends;
                     straight += weight * segment.along.dot(&(rest(b) - rest(a)));
+                    straight += weight * segment.arc_m();
                     terms.push(Term {
                         anchor: segment.place,
                         direction: (segment.along * weight).into(),
@@ -487,7 +510,9 @@ impl ThreadState {
         self.take_tensions(part, is_held, &mut multipliers);
         let shared = self.spans.first().map_or(0.0, |first| first.shared_n);
         self.compliance = self.typical_compliance(system);
-        let mut settled = self.linearise_segments(ground, (system, grasp), follow.part);
+        let of_solve = (system, grasp, single + first);
+        let mut settled = self.linearise_segments(ground, of_solve, follow.part);
+        settled &= self.linearise_legs(follow.part);
         for place in 0..self.spans.len() {
             let span = self.spans[place];
             if let Some(bound_m) = self.bound_m(place) {
@@ -545,11 +570,12 @@ impl ThreadState {
         }
     }
 
-    /// Linearises all segments where a solve has them, or a `part` of the way there; whether their forces are along them.
+    /// Linearises all segments but legs where a solve has them, or a `part` of the way there; whether their forces are along them.
+    /// The thread's rows on several anchors begin at `first`.
     fn linearise_segments(
         &mut self,
         ground: &Ground,
-        (system, grasp): (&ConstraintSystem, &ConstraintState),
+        (system, grasp, first): (&ConstraintSystem, &ConstraintState, usize),
         part: f64,
     ) -> bool {
         let lambda = grasp.lambda();
@@ -574,6 +600,17 @@ impl ThreadState {
             segment.force = Vector3::zeros();
             if !segment.is_weld {
                 segment.force = segment.along * segment.tension_n;
+            }
+            if let Some(leg) = segment.leg {
+                let rows = [
+                    segment.first_row.map(|row| row as usize),
+                    leg.axial_row.map(|row| first + row as usize),
+                ];
+                for (row, along) in rows.into_iter().zip(&leg.across) {
+                    let of_row = row.and_then(|row| lambda.get(row));
+                    segment.force += along * of_row.copied().unwrap_or(0.0);
+                }
+                continue;
             }
             if let Some(row) = segment.first_row {
                 let row = row as usize;
@@ -609,7 +646,10 @@ impl ThreadState {
         let own = self.spans.iter().filter(|span| span.bridges).count();
         let portions = self.portions();
         let lengths = portions.map(|portion| self.length_rows(part, is_held, &portion));
-        lengths.sum::<usize>() + if self.welded.is_some() { own } else { 0 }
+        let welded = if self.welded.is_some() { own } else { 0 };
+        let leaving = |leg: &Leg| leg.leaves && leg.axial_row.is_some();
+        let legs = self.segments.iter().filter_map(|segment| segment.leg);
+        lengths.sum::<usize>() + welded + legs.filter(leaving).count()
     }
 
     /// A span's own bound of its length \[m\], if it has one.
@@ -629,7 +669,7 @@ impl ThreadState {
     /// True length of a span \[m\].
     pub fn lengths_of(&self, span: usize) -> f64 {
         let own = self.segments.iter().filter(|segment| segment.span == span);
-        own.map(|segment| segment.way.norm()).sum()
+        own.map(Segment::path_m).sum()
     }
 
     /// Tension behind the face of that name, towards the head \[N\]; in tissue as before it.
@@ -728,6 +768,7 @@ impl Segment {
             first_row: None,
             place: 0,
             piece: None,
+            leg: None,
         }
     }
 

@@ -83,6 +83,7 @@ impl Source for ThreadSource {
     }
 
     fn prepare(&self, balance: &mut Balance) {
+        balance.place_laps();
         balance.lay_threads();
     }
 
@@ -107,20 +108,23 @@ impl Source for ThreadSource {
         Ok(balance.settle_threads())
     }
 
-    /// Lifts spans that have bodies out of the tissue.
+    /// Lifts spans that have bodies out of the tissue, and all onto bodies that they are to lie on.
     fn advance(&self, balance: &mut Balance, _played: Option<usize>) -> Result<bool, Status> {
         let threads = &balance.sources.threads;
         let lifts = &mut balance.work.threads.lifts;
-        if *lifts >= MOST_LIFTS || !threads.parts.iter().any(|part| part.through.body) {
+        let have_bodies = threads.parts.iter().any(|part| part.through.body);
+        if *lifts >= MOST_LIFTS || !(have_bodies || !threads.contacts.is_empty()) {
             return Ok(false);
         }
         *lifts += 1;
-        Ok(balance.bend_threads(|part| part.through.body))
+        let bends = have_bodies && balance.bend_threads(|part| part.through.body);
+        Ok(balance.find_laps() | bends)
     }
 
     fn accept(&self, balance: &mut Balance) {
         balance.finish_threads();
         balance.bend_threads(|_| true);
+        balance.follow_laps();
     }
 
     fn feel(&self, balance: &mut Balance, felt: &mut Felt) {
@@ -173,6 +177,7 @@ impl Balance<'_> {
             } else {
                 thread.segments.clear();
                 thread.spans.clear();
+                thread.laps.clear();
             }
             let drawn_m = thread.take_in(thread.is_head_held(head.is_some()));
             self.state.threads[index] = thread;

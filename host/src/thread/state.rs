@@ -5,6 +5,7 @@
 
 use super::air::Air;
 use super::gives::{GaveWay, LEFT_M};
+use super::lap::{Lap, MOST_LAPS};
 use super::model::{MOST_BENDS, MOST_SEGMENTS, ThreadHold, ThreadPart, ThreadTension, Tightening};
 use super::segments::{Segment, Span};
 use super::tighten::Drawn;
@@ -57,6 +58,9 @@ pub(crate) struct ThreadState {
     pub former: Vec<Span>,
     /// Points of tissue that a span bends around, by the face that it begins at.
     pub bends: Vec<(u32, AnchorPoint)>,
+    /// Bodies that its spans lie on, or pass.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub laps: Vec<Lap>,
     /// How short hands make bridging spans, and what these have drawn out.
     pub tightened: Option<Tightening>,
     pub drawn: Vec<Drawn>,
@@ -108,6 +112,7 @@ impl Clone for ThreadState {
             spans: Vec::with_capacity(self.spans.capacity()),
             former: Vec::with_capacity(self.former.capacity()),
             bends: Vec::with_capacity(self.bends.capacity()),
+            laps: Vec::with_capacity(self.laps.capacity()),
             drawn: Vec::with_capacity(self.drawn.capacity()),
             ..Self::default()
         };
@@ -131,6 +136,7 @@ impl ThreadState {
             spans: Vec::with_capacity(MOST_SEGMENTS),
             former: Vec::with_capacity(MOST_SEGMENTS),
             bends: Vec::with_capacity(MOST_BENDS),
+            laps: Vec::with_capacity(2 * MOST_LAPS),
             tightened: None,
             drawn: Vec::with_capacity(MOST_SEGMENTS),
             welded: None,
@@ -170,6 +176,7 @@ impl ThreadState {
             spans,
             former,
             bends,
+            laps,
             tightened,
             drawn,
             welded,
@@ -199,6 +206,7 @@ impl ThreadState {
         spans.clone_from(&other.spans);
         former.clone_from(&other.former);
         bends.clone_from(&other.bends);
+        laps.clone_from(&other.laps);
         *tightened = other.tightened;
         drawn.clone_from(&other.drawn);
         *welded = other.welded;
@@ -348,6 +356,7 @@ mod tests {
                 assert!(room >= MOST_SEGMENTS, "{room}");
             }
             assert!(copy.bends.capacity() >= MOST_BENDS);
+            assert!(copy.laps.capacity() >= 2 * MOST_LAPS);
         }
     }
 }

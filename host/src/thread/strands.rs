@@ -105,6 +105,7 @@ impl ThreadState {
         move_over(&mut self.former, &mut other.former, |one| is_own(one.key));
         move_over(&mut self.bends, &mut other.bends, |one| is_own(one.0));
         other.bends.retain(|(key, _)| *key < last);
+        self.divide_laps(other, last);
         move_over(&mut self.drawn, &mut other.drawn, |one| is_own(one.key));
         self.spans.clear();
         other.spans.clear();
@@ -127,6 +128,7 @@ impl ThreadState {
         if let Some(lost_m) = other.broken_off_m.take() {
             self.broken_off_m = Some(self.broken_off_m.unwrap_or(0.0) + lost_m);
         }
+        let last = other.passed.last().map_or(0, |last| last.id);
         prepend(&mut self.passed, &mut other.passed);
         self.former.retain(|span| span.key > 0);
         prepend(&mut self.former, &mut other.former);
@@ -134,6 +136,7 @@ impl ThreadState {
         prepend(&mut self.segments, &mut other.segments);
         self.bends.retain(|(key, _)| *key > 0);
         prepend(&mut self.bends, &mut other.bends);
+        self.join_laps(other, last);
         prepend(&mut self.drawn, &mut other.drawn);
         self.spans.clear();
         other.spans.clear();

@@ -206,7 +206,7 @@ impl ThreadState {
             };
             let mut before = 0.0;
             for segment in self.segments.iter().filter(|segment| segment.span == place) {
-                let mut over = segment.way.norm();
+                let mut over = segment.path_m();
                 if let Some(piece) = segment.piece {
                     over -= piece.material_m * stretch(part, segment.tension_n);
                     before += piece.share * over;
@@ -471,7 +471,7 @@ impl Segment {
 
     /// Thread that it takes, unstretched \[m\].
     fn taken_m(&self, part: &ThreadPart) -> f64 {
-        self.way.norm() / stretch(part, self.tension_n)
+        self.path_m() / stretch(part, self.tension_n)
     }
 }
 

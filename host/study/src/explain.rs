@@ -140,6 +140,7 @@ pub fn explain(scene: &Scene) -> Result<Vec<Component>, SolveError> {
     parts.extend(bodies(scene));
     parts.extend(wound::threads(scene, &walk));
     parts.extend(wound::touching(scene, &walk));
+    parts.extend(wound::body_contacts(scene, &walk));
     parts.push(handles(scene));
     parts.extend(added(scene));
     parts.push(loads(scene));

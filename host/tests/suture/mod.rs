@@ -9,6 +9,7 @@ mod gives;
 mod hands;
 mod hanging;
 mod in_air;
+mod laps;
 mod least;
 mod one_length;
 mod over;

@@ -4,7 +4,7 @@ use super::Component;
 use std::time::Duration;
 use sutura_host::scene::Scene;
 use sutura_host::step::StepReport;
-use sutura_host::thread::ThreadPart;
+use sutura_host::thread::{ThreadBody, ThreadPart};
 
 /// A component for each thread, or one that says that there is none.
 pub(super) fn threads(scene: &Scene, walk: &[(StepReport, Duration)]) -> Vec<Component> {
@@ -72,4 +72,29 @@ pub(super) fn touching(scene: &Scene, walk: &[(StepReport, Duration)]) -> Vec<Co
         Component::built(format!("contact of {first} and {second}"), why)
     };
     scene.touching.iter().map(pair).collect()
+}
+
+/// A component for each thread and body that it may lie on, or one that says that there is none.
+pub(super) fn body_contacts(scene: &Scene, walk: &[(StepReport, Duration)]) -> Vec<Component> {
+    if scene.body_contacts.is_empty() {
+        let why = "no `[[body_contact]]`: threads go through bodies of grips and needles";
+        return vec![Component::absent("threads on bodies", why)];
+    }
+    let each = scene.body_contacts.iter().map(|contact| {
+        let body = match contact.with {
+            ThreadBody::Grip(tool) => format!("tool {tool}"),
+            ThreadBody::Needle(needle) => format!("needle {needle}"),
+        };
+        let own = walk.iter().flat_map(|(step, _)| step.threads());
+        let own = own.filter(|report| report.id == contact.thread);
+        let why = "`[[body_contact]]`: three rows across the two straight pieces beside it";
+        let why = match own.map(|report| report.laps).max() {
+            Some(most) => {
+                format!("{why}; its spans lie on {most} bodies at most along the scripts")
+            }
+            None => why.to_owned(),
+        };
+        Component::built(format!("thread {} on {body}", contact.thread), why)
+    });
+    each.collect()
 }
