@@ -6,7 +6,7 @@ use super::rig::*;
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 use sutura_host::fem::Loads;
 use sutura_host::mesh::TetMesh;
-use sutura_host::needle::NeedleSettings;
+use sutura_host::needle::{Needle, NeedleSettings};
 use sutura_host::rod::{Bar, BarPart};
 use sutura_host::step::{State, StepReport, Workspace};
 use sutura_host::thread::{
@@ -37,38 +37,49 @@ fn beside(at: &[f64; 3]) -> bool {
 
 /// A needle with a thread, drawn down through a slab whose place and turn are `place`, with a bar on tool 1, far away; the thread's tail is
 /// held, and it is taut.
-fn strung(place: &Isometry3<f64>, is_held: fn(&[f64; 3]) -> bool, body: bool) -> Bench {
+fn strung(place: &Isometry3<f64>, is_held: fn(&[f64; 3]) -> bool) -> Bench {
+    strung_beside(place, is_held, None)
+}
+
+/// The same with another needle in place of the bar, if there is one.
+fn strung_beside(
+    place: &Isometry3<f64>,
+    is_held: fn(&[f64; 3]) -> bool,
+    other: Option<Needle>,
+) -> Bench {
     let (mesh, fixed) = thick(is_held);
     let moved = |at: &[f64; 3]| (place * nalgebra::Point3::from(*at)).coords.into();
     let points = mesh.points_m().iter().map(moved).collect();
     let mesh = TetMesh::new(points, mesh.cells().to_vec()).expect("the same slab");
     let start = frame([0.0013, 0.0007, 0.042], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]);
-    let needles = [(straight(0.04), place * start)];
+    let away = place * Isometry3::translation(-0.03, 0.05, -0.03);
+    let mut needles = vec![(straight(0.04), place * start)];
+    needles.extend(other.map(|other| (other, away)));
     let by_cell = vec![smooth(); mesh.cells().len()];
     let mut bench = Bench::built(
         (mesh, fixed),
         Kind::Linear,
-        (&needles, body),
+        (&needles, other.is_some()),
         (MATERIAL, Loads::default()),
         &by_cell,
         NeedleSettings::default(),
     );
     let bars = [BarPart { tool: 1, bar: BAR }];
-    let contacts = [ThreadContact {
-        thread: 7,
-        with: ThreadBody::Grip(1),
-    }];
+    let with = other.map_or(ThreadBody::Grip(1), |_| ThreadBody::Needle(1));
+    let contacts = [ThreadContact { thread: 7, with }];
     let model = bench
         .model
         .with_threads(&[part(ELASTIC)])
         .expect("a thread");
-    let model = model.with_bars(&bench.mesh, &bars).expect("a bar");
+    let bars = &bars[usize::from(other.is_some())..];
+    let model = model.with_bars(&bench.mesh, bars).expect("a bar");
     bench.model = model.with_thread_contacts(&contacts).expect("a pair");
     bench.state = State::new(&bench.model);
     bench.work = Workspace::new(&bench.model);
     bench.work.prepare(&bench.model, |_| true);
-    bench.other = place * Isometry3::translation(-0.03, 0.05, -0.03);
+    bench.other = away;
     assert!(bench.hold(0, Some(0)));
+    assert!(other.is_none() || bench.hold(1, Some(1)));
     let down = place.rotation * Vector3::new(0.0, 0.0, -0.08);
     go(&mut bench, down);
     let tail = place * nalgebra::Point3::from(TAIL);
@@ -167,7 +178,7 @@ fn a_bar_that_lifts_a_span_feels_its_tension_times_its_turn() {
     let place = Isometry3::identity();
     for way in lifts() {
         for by_m in [1e-3, 4e-3, 8e-3] {
-            let mut bench = strung(&place, still, false);
+            let mut bench = strung(&place, still);
             let report = lifted(&mut bench, &place, way, by_m);
             let (force, moment) = of_bar(&report);
             let thread = report.threads()[0];
@@ -214,7 +225,7 @@ fn a_slanting_bar_feels_no_force_along_itself() {
     for axis in [Vector3::new(0.5, 1.0, 0.0), Vector3::new(-0.3, 1.0, 0.5)] {
         let axis = axis.normalize();
         let up = (Vector3::z() - axis * axis.z).normalize();
-        let mut bench = strung(&place, still, false);
+        let mut bench = strung(&place, still);
         let report = lifted(&mut bench, &place, (up, axis), 5e-3);
         let (force, moment) = of_bar(&report);
         let tension = report.threads()[0].tension_n[0];
@@ -231,7 +242,7 @@ fn a_slanting_bar_feels_no_force_along_itself() {
 fn the_tangent_is_the_derivative() {
     let place = Isometry3::identity();
     for axis in [Vector3::y(), Vector3::new(0.5, 1.0, 0.2).normalize()] {
-        let mut bench = strung(&place, beside, false);
+        let mut bench = strung(&place, beside);
         let up = (Vector3::z() - axis * axis.z).normalize();
         lifted(&mut bench, &place, (up, axis), 6e-3);
         bench.other.translation.vector += Vector3::new(1e-3, 3e-3, 0.0);
@@ -247,7 +258,7 @@ fn the_tangent_is_the_derivative() {
 #[test]
 fn all_forces_are_in_balance() {
     let place = Isometry3::identity();
-    let mut bench = strung(&place, beside, false);
+    let mut bench = strung(&place, beside);
     let report = lifted(&mut bench, &place, (Vector3::z(), Vector3::y()), 6e-3);
     let felt: Vector3<f64> = report
         .contacts()
@@ -271,7 +282,7 @@ fn all_forces_are_in_balance() {
 #[test]
 fn a_turned_scene_has_turned_forces() {
     let lift = |place: &Isometry3<f64>| {
-        let mut bench = strung(place, beside, false);
+        let mut bench = strung(place, beside);
         let report = lifted(&mut bench, place, (Vector3::z(), Vector3::y()), 5e-3);
         let (force, moment) = of_bar(&report);
         [force, moment].map(|vector| place.inverse_transform_vector(&vector))
@@ -293,7 +304,7 @@ fn a_turned_scene_has_turned_forces() {
 fn the_work_of_a_bar_is_stored() {
     let missing = [4e-4f64, 1e-4].map(|step_m| {
         let place = Isometry3::identity();
-        let mut bench = strung(&place, beside, false);
+        let mut bench = strung(&place, beside);
         let report = lifted(&mut bench, &place, (Vector3::z(), Vector3::y()), 1e-3);
         let stored = |bench: &Bench, report: &StepReport| {
             report.stored_energy_j + super::pull::stretched(bench, EA_N).1
@@ -326,7 +337,7 @@ fn the_work_of_a_bar_is_stored() {
 #[test]
 fn a_span_slides_off_the_end_of_a_bar() {
     let place = Isometry3::identity();
-    let mut bench = strung(&place, still, false);
+    let mut bench = strung(&place, still);
     let report = lifted(&mut bench, &place, (Vector3::z(), Vector3::y()), 5e-3);
     let before = of_bar(&report).0.norm();
     let mut on = 0;
@@ -350,7 +361,7 @@ fn a_span_slides_off_the_end_of_a_bar() {
 #[test]
 fn a_bar_that_no_thread_is_to_lie_on_feels_none() {
     let place = Isometry3::identity();
-    let mut bench = strung(&place, still, false);
+    let mut bench = strung(&place, still);
     bench.model = bench.model.with_threads(&[part(ELASTIC)]).expect("threads");
     let report = lifted(&mut bench, &place, (Vector3::z(), Vector3::y()), 5e-3);
     assert_eq!(
@@ -363,8 +374,9 @@ fn a_bar_that_no_thread_is_to_lie_on_feels_none() {
 #[test]
 fn a_bar_that_is_put_into_a_span_waits() {
     let place = Isometry3::identity();
-    let mut bench = strung(&place, still, false);
-    lifted(&mut bench, &place, (Vector3::z(), Vector3::y()), 5e-3);
+    let mut bench = strung(&place, still);
+    // Not yet half of it is above the span.
+    lifted(&mut bench, &place, (Vector3::z(), Vector3::y()), 1.5e-3);
     let sample = bench.sample_of(1);
     bench.state.put(&sample);
     let report = bench.step_both();
@@ -375,7 +387,7 @@ fn a_bar_that_is_put_into_a_span_waits() {
     let mut to = bench.other;
     to.translation.vector.z -= 0.012;
     bring(&mut bench, &to);
-    to.translation.vector.z += 0.012;
+    to.translation.vector.z += 0.0155;
     let report = bring(&mut bench, &to);
     assert!(report.threads()[0].laps == 1 && of_bar(&report).0.z < -0.01);
 }
@@ -384,7 +396,7 @@ fn a_bar_that_is_put_into_a_span_waits() {
 #[test]
 fn a_hand_takes_a_span_that_lies_on_a_bar() {
     let place = Isometry3::identity();
-    let mut bench = strung(&place, still, false);
+    let mut bench = strung(&place, still);
     let report = lifted(&mut bench, &place, (Vector3::z(), Vector3::y()), 5e-3);
     let (before, path) = (of_bar(&report).0, bench.path(7));
     let [from, to] = [0, 1].map(|place| Vector3::from(path[place].at_m));
@@ -419,7 +431,7 @@ fn steps_are_the_same_twice_and_allocate_nothing() {
     };
     let begin = || {
         let place = Isometry3::identity();
-        let mut bench = strung(&place, beside, false);
+        let mut bench = strung(&place, beside);
         lifted(&mut bench, &place, (Vector3::z(), Vector3::y()), 2e-3);
         bench
     };
@@ -430,4 +442,93 @@ fn steps_are_the_same_twice_and_allocate_nothing() {
     walk(&mut second);
     assert_eq!(first.state.hash(), second.state.hash());
     assert!(first.step_both().threads()[0].laps == 1);
+}
+
+/// A span that a needle's shaft has lifted by so much, to its middle, 18 mm from its end.
+fn lifted_by(bench: &mut Bench, needle: &Needle, axis: Vector3<f64>, by_m: f64) -> StepReport {
+    let radius_m = 0.5 * (THICKNESS_M + INEXTENSIBLE.thickness_m);
+    let middle = (Vector3::from(TAIL) + Vector3::new(0.0013, 0.0007, 0.0)) / 2.0;
+    let up = (Vector3::z() - axis * axis.z).normalize();
+    // Arcs bend upwards.
+    let turned = frame([0.0; 3], axis.into(), up.into()).rotation;
+    let own = needle.at(&Isometry3::identity());
+    let turn = turned
+        * UnitQuaternion::rotation_between(&own.tangent_at(0.018), &Vector3::x()).expect("a turn");
+    let pose = |at: Vector3<f64>| Isometry3::from_parts((at - turn * own.at(0.018)).into(), turn);
+    let near = middle - up * (radius_m + 5e-4);
+    for at in [
+        Vector3::new(-0.03, 0.05, -0.08),
+        Vector3::new(near.x, near.y, -0.08),
+        near - up * 0.01,
+    ] {
+        bring(bench, &pose(at));
+    }
+    let report = bring(bench, &pose(near));
+    assert_eq!(
+        (report.threads()[0].laps, of_bar(&report).0),
+        (0, Vector3::zeros())
+    );
+    bring(bench, &pose(middle + up * (by_m - radius_m)))
+}
+
+/// A straight needle and an arc lift a span as a bar does; neither is pulled along itself where the span lies.
+#[test]
+fn a_needle_lifts_a_span() {
+    for needle in [straight(0.04), arc(0.012, 170.0)] {
+        for axis in [Vector3::y(), Vector3::new(0.3, 1.0, 0.1).normalize()] {
+            let place = Isometry3::identity();
+            let mut bench = strung_beside(&place, beside, Some(needle));
+            lifted_by(&mut bench, &needle, axis, 5e-3);
+            // It slides to where it rests.
+            let mut report = bench.step_both();
+            for _ in 0..40 {
+                report = bench.step_both();
+                assert_eq!(report.status.name(), "ok");
+            }
+            let (force, thread) = (of_bar(&report).0, report.threads()[0]);
+            let tension = thread.tension_n[0];
+            let [from, to] = directions(&bench);
+            assert!(thread.laps == 1 && tension > 0.01, "{thread:?}");
+            assert!((force - (to - from) * tension).norm() < 1e-5 * tension);
+            let curve = needle.at(&bench.other);
+            let path = bench.path(7);
+            let on: Vec<_> = path
+                .iter()
+                .filter(|p| p.what == ThreadPlace::Wraps)
+                .collect();
+            let middle = Vector3::from(on[on.len() / 2].at_m);
+            let along = curve.tangent_at(curve.project(&middle, 0.018));
+            println!("{needle:?}: {force} {}", force.dot(&along));
+            assert!(force.dot(&along).abs() < 0.01 * force.norm(), "{force}");
+            let stretched = thread.available_m * (1.0 + tension / EA_N);
+            assert!((thread.length_m - stretched).abs() < 1e-6, "{thread:?}");
+        }
+    }
+}
+
+/// The tangents of both hands are the derivatives, of an arc as it lies.
+#[test]
+fn the_tangent_of_a_needle_is_the_derivative() {
+    for needle in [straight(0.04), arc(0.012, 170.0)] {
+        let place = Isometry3::identity();
+        let mut bench = strung_beside(&place, beside, Some(needle));
+        let axis = Vector3::new(0.3, 1.0, 0.1).normalize();
+        lifted_by(&mut bench, &needle, axis, 5e-3);
+        // Where it lies on an arc follows from step to step, until it rests.
+        let report = (0..40).map(|_| bench.step_both()).next_back();
+        let report = report.expect("a step");
+        assert!(report.threads()[0].laps == 1 && of_bar(&report).0.norm() > 0.01);
+        tangents_are_true(&mut bench, &report);
+    }
+}
+
+/// A needle that nobody holds is no obstacle, and its own thread's end at it does not lie on it.
+#[test]
+fn a_needle_that_is_let_go_lets_the_span_through() {
+    let (needle, place) = (straight(0.04), Isometry3::identity());
+    let mut bench = strung_beside(&place, still, Some(needle));
+    lifted_by(&mut bench, &needle, Vector3::y(), 5e-3);
+    assert!(bench.hold(1, None));
+    let report = bench.step_both();
+    assert_eq!((report.status.name(), report.threads()[0].laps), ("ok", 0));
 }
