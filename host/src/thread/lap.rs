@@ -376,7 +376,7 @@ fn pass(rod: &Rod, from: &Vector3<f64>, to: &Vector3<f64>) -> Option<Passing> {
         let slant = axis.dot(&chord);
         let left = square - slant * slant;
         // Not a number is none.
-        if !(left > ACROSS * ACROSS * square) {
+        if left.is_nan() || left <= ACROSS * ACROSS * square {
             continue;
         }
         let apart = from - origin;

@@ -113,7 +113,7 @@ impl Source for ThreadSource {
         let threads = &balance.sources.threads;
         let lifts = &mut balance.work.threads.lifts;
         let have_bodies = threads.parts.iter().any(|part| part.through.body);
-        if *lifts >= MOST_LIFTS || !(have_bodies || !threads.contacts.is_empty()) {
+        if *lifts >= MOST_LIFTS || !have_bodies && threads.contacts.is_empty() {
             return Ok(false);
         }
         *lifts += 1;

@@ -715,6 +715,7 @@ way_point = [{ time_s = 0.0, position_m = [0.0, 0.0, 0.04] }, { time_s = 0.4, po
             "needle",
             "thread",
             "contact of tissues",
+            "threads on bodies",
         ] {
             let part = part(&parts, name);
             assert!(!part.built && part.why.starts_with("no "), "{part:?}");

@@ -10,7 +10,7 @@ use sutura_host::needle::{Needle, NeedleSettings};
 use sutura_host::rod::{Bar, BarPart};
 use sutura_host::step::{State, StepReport, Workspace};
 use sutura_host::thread::{
-    ThreadBody, ThreadContact, ThreadEnd, ThreadHold, ThreadPart, ThreadPlace,
+    ThreadBody, ThreadContact, ThreadEnd, ThreadHold, ThreadPart, ThreadPlace, Through,
 };
 
 const BAR: Bar = Bar {
@@ -38,7 +38,7 @@ fn beside(at: &[f64; 3]) -> bool {
 /// A needle with a thread, drawn down through a slab whose place and turn are `place`, with a bar on tool 1, far away; the thread's tail is
 /// held, and it is taut.
 fn strung(place: &Isometry3<f64>, is_held: fn(&[f64; 3]) -> bool) -> Bench {
-    strung_beside(place, is_held, None)
+    strung_beside(place, is_held, None, (ELASTIC, TAIL))
 }
 
 /// The same with another needle in place of the bar, if there is one.
@@ -46,6 +46,7 @@ fn strung_beside(
     place: &Isometry3<f64>,
     is_held: fn(&[f64; 3]) -> bool,
     other: Option<Needle>,
+    (through, tail): (Through, [f64; 3]),
 ) -> Bench {
     let (mesh, fixed) = thick(is_held);
     let moved = |at: &[f64; 3]| (place * nalgebra::Point3::from(*at)).coords.into();
@@ -69,7 +70,7 @@ fn strung_beside(
     let contacts = [ThreadContact { thread: 7, with }];
     let model = bench
         .model
-        .with_threads(&[part(ELASTIC)])
+        .with_threads(&[part(through)])
         .expect("a thread");
     let bars = &bars[usize::from(other.is_some())..];
     let model = model.with_bars(&bench.mesh, bars).expect("a bar");
@@ -82,7 +83,7 @@ fn strung_beside(
     assert!(other.is_none() || bench.hold(1, Some(1)));
     let down = place.rotation * Vector3::new(0.0, 0.0, -0.08);
     go(&mut bench, down);
-    let tail = place * nalgebra::Point3::from(TAIL);
+    let tail = place * nalgebra::Point3::from(tail);
     hold(
         &mut bench,
         ThreadEnd::Tail,
@@ -477,7 +478,7 @@ fn a_needle_lifts_a_span() {
     for needle in [straight(0.04), arc(0.012, 170.0)] {
         for axis in [Vector3::y(), Vector3::new(0.3, 1.0, 0.1).normalize()] {
             let place = Isometry3::identity();
-            let mut bench = strung_beside(&place, beside, Some(needle));
+            let mut bench = strung_beside(&place, beside, Some(needle), (ELASTIC, TAIL));
             lifted_by(&mut bench, &needle, axis, 5e-3);
             // It slides to where it rests.
             let mut report = bench.step_both();
@@ -511,7 +512,7 @@ fn a_needle_lifts_a_span() {
 fn the_tangent_of_a_needle_is_the_derivative() {
     for needle in [straight(0.04), arc(0.012, 170.0)] {
         let place = Isometry3::identity();
-        let mut bench = strung_beside(&place, beside, Some(needle));
+        let mut bench = strung_beside(&place, beside, Some(needle), (ELASTIC, TAIL));
         let axis = Vector3::new(0.3, 1.0, 0.1).normalize();
         lifted_by(&mut bench, &needle, axis, 5e-3);
         // Where it lies on an arc follows from step to step, until it rests.
@@ -526,9 +527,71 @@ fn the_tangent_of_a_needle_is_the_derivative() {
 #[test]
 fn a_needle_that_is_let_go_lets_the_span_through() {
     let (needle, place) = (straight(0.04), Isometry3::identity());
-    let mut bench = strung_beside(&place, still, Some(needle));
+    let mut bench = strung_beside(&place, still, Some(needle), (ELASTIC, TAIL));
     lifted_by(&mut bench, &needle, Vector3::y(), 5e-3);
     assert!(bench.hold(1, None));
     let report = bench.step_both();
     assert_eq!((report.status.name(), report.threads()[0].laps), ("ok", 0));
+}
+
+/// A span over the slab's rim is lifted off it by a bar beside that, and laid down again: bends over tissue go and come, and what the bar
+/// feels is the tension times the turn there.
+#[test]
+fn a_span_is_lifted_off_a_rim() {
+    let place = Isometry3::identity();
+    let through = Through {
+        body: true,
+        ..ELASTIC
+    };
+    let tail = [-0.045, 0.0007, -0.006];
+    let mut bench = strung_beside(&place, still, None, (through, tail));
+    let turn = lying(Vector3::y());
+    for at in [
+        [-0.03, 0.05, -0.08],
+        [-0.03, 0.0007, -0.08],
+        [-0.03, 0.0007, -0.012],
+    ] {
+        let at = Vector3::from(at);
+        bring(&mut bench, &Isometry3::from_parts(at.into(), turn));
+    }
+    let report = bench.step_both();
+    assert!(report.threads()[0].wraps > 0 && report.threads()[0].laps == 0);
+    let mut lain = [0u32; 2];
+    for step in 0..56 {
+        let way = if step < 28 { 5e-4 } else { -5e-4 };
+        bench.other.translation.vector.z += way;
+        let report = bench.step_both();
+        assert_eq!(report.status.name(), "ok");
+        let (force, thread) = (of_bar(&report).0, report.threads()[0]);
+        if thread.laps == 0 {
+            assert_eq!(force, Vector3::zeros());
+            continue;
+        }
+        lain[usize::from(thread.wraps > 0)] += 1;
+        let path = bench.path(7);
+        let at = |place: usize| Vector3::from(path[place].at_m);
+        let is_on = |place: &usize| {
+            let off = bench.other.inverse() * nalgebra::Point3::from(path[*place].at_m);
+            (off.x.hypot(off.y) - RADIUS_M).abs() < 1e-6
+        };
+        let on: Vec<_> = (0..path.len()).filter(is_on).collect();
+        let (first, last) = (on[0], on[on.len() - 1]);
+        let from = (at(first) - at(first - 1)).normalize();
+        let to = (at(last + 1) - at(last)).normalize();
+        let tension = thread.tension_n[0];
+        let off = force - (to - from) * tension;
+        assert!(
+            off.norm() <= 1e-3 * tension.max(1e-3),
+            "{step}: {force} {off}"
+        );
+        let stretched = thread.available_m * (1.0 + tension / EA_N);
+        assert!(
+            tension < 1e-6 || (thread.length_m - stretched).abs() < 1e-6,
+            "{thread:?}"
+        );
+    }
+    println!("{lain:?}");
+    assert!(lain.iter().all(|steps| *steps > 4), "{lain:?}");
+    let report = bench.step_both();
+    assert!(report.threads()[0].wraps > 0 && report.threads()[0].laps == 0);
 }
