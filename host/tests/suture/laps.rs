@@ -482,7 +482,7 @@ fn a_needle_lifts_a_span() {
             lifted_by(&mut bench, &needle, axis, 5e-3);
             // It slides to where it rests.
             let mut report = bench.step_both();
-            for _ in 0..40 {
+            for _ in 0..24 {
                 report = bench.step_both();
                 assert_eq!(report.status.name(), "ok");
             }
@@ -500,7 +500,7 @@ fn a_needle_lifts_a_span() {
             let middle = Vector3::from(on[on.len() / 2].at_m);
             let along = curve.tangent_at(curve.project(&middle, 0.018));
             println!("{needle:?}: {force} {}", force.dot(&along));
-            assert!(force.dot(&along).abs() < 0.01 * force.norm(), "{force}");
+            assert!(force.dot(&along).abs() < 1e-3 * force.norm(), "{force}");
             let stretched = thread.available_m * (1.0 + tension / EA_N);
             assert!((thread.length_m - stretched).abs() < 1e-6, "{thread:?}");
         }
@@ -516,8 +516,10 @@ fn the_tangent_of_a_needle_is_the_derivative() {
         let axis = Vector3::new(0.3, 1.0, 0.1).normalize();
         lifted_by(&mut bench, &needle, axis, 5e-3);
         // Where it lies on an arc follows from step to step, until it rests.
-        let report = (0..40).map(|_| bench.step_both()).next_back();
-        let report = report.expect("a step");
+        for _ in 0..24 {
+            bench.step_both();
+        }
+        let report = bench.step_both();
         assert!(report.threads()[0].laps == 1 && of_bar(&report).0.norm() > 0.01);
         tangents_are_true(&mut bench, &report);
     }
