@@ -8,10 +8,13 @@ use sutura_host::fem::Loads;
 use sutura_host::mesh::TetMesh;
 use sutura_host::needle::{Needle, NeedleSettings};
 use sutura_host::rod::{Bar, BarPart};
+use sutura_host::scene::{Document, Scene};
+use sutura_host::session::SceneSolver;
 use sutura_host::step::{State, StepReport, Workspace};
 use sutura_host::thread::{
     ThreadBody, ThreadContact, ThreadEnd, ThreadHold, ThreadPart, ThreadPlace, Through,
 };
+use sutura_host::tool::ToolSample;
 
 const BAR: Bar = Bar {
     offset_m: [0.0, 0.0, 0.015],
@@ -596,4 +599,86 @@ fn a_span_is_lifted_off_a_rim() {
     assert!(lain.iter().all(|steps| *steps > 4), "{lain:?}");
     let report = bench.step_both();
     assert!(report.threads()[0].wraps > 0 && report.threads()[0].laps == 0);
+}
+
+/// A scene's session: a scripted hand draws a needle through a slab, the tail is held, and the console's grip lifts the span that it is named
+/// with; twice to the same bits.
+#[test]
+fn a_console_lifts_a_span_of_a_scene() {
+    let text = r#"
+        device = "cartesian-bench"
+        [mesh.slab]
+        size_m = [0.03, 0.03, 0.02]
+        divisions = [7, 7, 5]
+        [tissue]
+        youngs_modulus_pa = 50e3
+        poisson_ratio = 0.4
+        needle = { friction_n_per_m = 0.0, puncture_pa = 1e5 }
+        [[fixed]]
+        plane = { axis = "x", at_m = 0.015 }
+        [[tool]]
+        shape = "grip"
+        body = { radius_m = 0.002, length_m = 0.03, axis = [0.0, 1.0, 0.0] }
+        [[tool]]
+        id = 1
+        shape = "grip"
+        [[tool.way_point]]
+        time_s = 0.0
+        position_m = [0.0013, 0.0007, 0.045]
+        [[tool.way_point]]
+        time_s = 1.0
+        position_m = [0.0013, 0.0007, -0.04]
+        [[needle]]
+        shape = "straight"
+        length_m = 0.04
+        thickness_m = 0.0008
+        end_m = [0.0013, 0.0007, 0.045]
+        direction = [0.0, 0.0, -1.0]
+        [[needle.hold]]
+        time_s = 0.0
+        tool = 1
+        [[thread]]
+        needle = 0
+        length_m = 0.3
+        axial_stiffness_n = 200.0
+        [[thread.hold]]
+        time_s = 1.2
+        end = "tail"
+        at_m = [-0.06, 0.0007, 0.004]
+        [[body_contact]]
+        between = [{ tool = 0 }, { thread = 0 }]
+    "#;
+    let run = |text: &str| {
+        let document = Document::embedded("test.toml", "".as_ref(), text);
+        let scene = Scene::read(&document, "test").expect("good");
+        let mut solver = SceneSolver::new(&scene).expect("a solver");
+        let mut felt = Vec::new();
+        for tick in 0..220u32 {
+            // Below the span, and from 1.3 s on up through it, as the middle of the bar is 15 mm behind the grip.
+            let high_m = (f64::from(tick) - 130.0).max(0.0) * 4e-4;
+            let sample = ToolSample {
+                id: 0,
+                position_m: [-0.03, 0.0157, -0.028 + high_m],
+                orientation: [0.0, 0.0, 0.0, 1.0],
+                velocity_m_per_s: [0.0; 3],
+                console_time_us: 10_000 * u64::from(tick),
+            };
+            let report = solver.step(sample);
+            let mut contacts = report.contacts().iter();
+            let own = contacts.find(|contact| contact.id == 0);
+            felt.extend(own.map(|own| (report.threads()[0], own.wrench)));
+        }
+        felt
+    };
+    let felt = run(text);
+    let (thread, wrench) = felt[felt.len() - 1];
+    let force = Vector3::new(wrench[0], wrench[1], wrench[2]);
+    println!("{force} {thread:?}");
+    assert!(thread.laps == 1 && thread.tension_n[0] > 0.1, "{thread:?}");
+    assert!(force.z < -0.1 * thread.tension_n[0], "{force}");
+    assert_eq!(felt, run(text));
+    // Without the section there is nothing to feel.
+    let (without, _) = text.split_once("[[body_contact]]").expect("a section");
+    let (thread, wrench) = run(without).pop().expect("a step");
+    assert_eq!((thread.laps, wrench), (0, [0.0; 6]));
 }
