@@ -480,15 +480,21 @@ mod tests {
 
     #[test]
     fn what_does_not_answer_or_stops_is_named_with_what_to_flash() {
-        for (said, says) in [
-            ("", "nothing on"),
-            ("\u{1}\u{2} a console's frames \n", "nothing on"),
-            ("pass reset cause 1, epitaph 0\n", "stopped after `reset`"),
-        ] {
+        let check = |said, says| {
             let (report, _) = heard(said);
             let error = report.expect_err("no end").report.to_string();
             assert!(error.contains(says), "{error}");
-        }
+        };
+        // Each waits for silence.
+        std::thread::scope(|scope| {
+            for (said, says) in [
+                ("", "nothing on"),
+                ("\u{1}\u{2} a console's frames \n", "nothing on"),
+                ("pass reset cause 1, epitaph 0\n", "stopped after `reset`"),
+            ] {
+                scope.spawn(move || check(said, says));
+            }
+        });
     }
 
     #[test]
@@ -503,6 +509,7 @@ mod tests {
         let global = Global {
             format: Format::Text,
             verbose: 0,
+            overwrite: false,
         };
         let mut report = Report {
             checks: vec![
