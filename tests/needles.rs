@@ -75,7 +75,7 @@ fn swept(slower: f64, host_hz: f64) -> (Watched, Tapped, Summary) {
     });
     let hand = "[hand]\nstiffness_n_per_m = 1000.0\ndamping_n_s_per_m = 10.0\n";
     let host = format!("[host]\nhost_hz = {host_hz}\nhorizon_ms = 60.0\n");
-    let text = [before, hand, &points.collect::<String>(), &host].concat();
+    let text = [before.as_str(), hand, &points.collect::<String>(), &host].concat();
     let document = sutura_host::scene::Document::embedded("sweeps.toml", Path::new(""), &text);
     let scene = Scene::read(&document, "sweeps").unwrap();
     watch(&scene, 1.1 * slower + 1.4)

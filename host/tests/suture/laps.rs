@@ -11,9 +11,7 @@ use sutura_host::rod::{Bar, BarPart};
 use sutura_host::scene::{Document, Scene};
 use sutura_host::session::SceneSolver;
 use sutura_host::step::{State, StepReport, Workspace};
-use sutura_host::thread::{
-    ThreadBody, ThreadContact, ThreadEnd, ThreadHold, ThreadPart, ThreadPlace, Through,
-};
+use sutura_host::thread::{ThreadBody, ThreadContact, ThreadEnd, ThreadHold, ThreadPlace, Through};
 use sutura_host::tool::ToolSample;
 
 const BAR: Bar = Bar {
