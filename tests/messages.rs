@@ -255,11 +255,11 @@ fn unlikely_units_are_told_with_place_limit_and_factor() {
         ),
         (
             "radius_m = 0.03",
-            "radius_m = 30.0",
+            "radius_m = 15.0",
             "16:",
             &[
-                "tool 0 is 60.0 m across, larger than the body of 40.0 mm",
-                "times 0.001 it is 60.0 mm",
+                "tool 0 has a radius of 15.0 m, larger than the body of 40.0 mm",
+                "times 0.001 it is 15.0 mm",
             ],
         ),
         (

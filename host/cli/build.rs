@@ -16,14 +16,14 @@ fn main() {
 
 /// Commit and date, where this folder is in a checkout and not only below somebody else's.
 fn of_checkout() -> Option<String> {
-    git(&["ls-files", "--error-unmatch", "build.rs"])?;
-    // A new commit moves what one of these says.
+    // A new commit moves what one of these says; also one that takes this file in.
     for name in ["HEAD", "logs/HEAD"] {
         let path = git(&["rev-parse", "--git-path", name])?;
         if Path::new(&path).exists() {
             println!("cargo:rerun-if-changed={path}");
         }
     }
+    git(&["ls-files", "--error-unmatch", "build.rs"])?;
     git(&["log", "-1", "--format=%h, %cs", "--abbrev=12"])
 }
 

@@ -57,7 +57,7 @@ pub fn unlikely_size(size_m: f64, key: &str) -> Option<(String, String)> {
 /// A length as people say it.
 fn length(length_m: f64) -> String {
     match length_m {
-        m if m >= 1e4 || m < 1e-6 => format!("{m:.1e} m"),
+        m if !(1e-6..1e4).contains(&m) => format!("{m:.1e} m"),
         m if m >= 1.0 => format!("{m:.1} m"),
         m if m >= 1e-3 => format!("{:.1} mm", 1e3 * m),
         m => format!("{:.1} um", 1e6 * m),
@@ -91,7 +91,8 @@ pub(super) fn of_mesh(
     Some(document.warning(at, &message, "hardly metres", &help))
 }
 
-/// A warning for each tool that is larger than the body which it touches.
+/// A warning for each tool whose radius is larger than the body which it touches. Balls somewhat larger than what they press on are
+/// in use.
 pub(super) fn of_tools(
     document: &Document,
     sections: &[Spanned<ToolSection>],
@@ -100,18 +101,18 @@ pub(super) fn of_tools(
 ) -> Vec<Flaw> {
     let body_m = size_m(mesh);
     let large = tools.iter().zip(sections).filter_map(|(tool, section)| {
-        let across_m = 2.0 * tool.shape.radius_m();
-        (across_m > body_m).then(|| {
+        let radius_m = tool.shape.radius_m();
+        (radius_m > body_m).then(|| {
             let message = format!(
-                "tool {} is {} across, larger than the body of {}",
+                "tool {} has a radius of {}, larger than the body of {}",
                 tool.id,
-                length(across_m),
+                length(radius_m),
                 length(body_m)
             );
-            let help = match 1e-3 * across_m < body_m {
+            let help = match 1e-3 * radius_m < body_m {
                 true => format!(
                     "lengths are in metres: times 0.001 it is {}",
-                    length(1e-3 * across_m)
+                    length(1e-3 * radius_m)
                 ),
                 false => "lengths are in metres".to_owned(),
             };
