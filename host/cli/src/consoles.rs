@@ -147,7 +147,7 @@ mod log {
         match global.format {
             Format::Json => crate::display::object(&Logged {
                 time_s: line.time.parse().ok(),
-                level: &line.level,
+                level: line.level,
                 text,
             }),
             Format::Text => say!(
