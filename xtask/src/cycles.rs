@@ -51,13 +51,28 @@ struct Instruction {
     reads: [Option<u8>; 3],
 }
 
-/// Most expensive tick of a kind.
-#[derive(Clone, Copy, Debug, Default, Serialize)]
+/// What was run, or the most expensive tick of a kind.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct Estimate {
     /// Instructions.
     pub instructions: u64,
     /// Cycles.
     pub cycles: u64,
+    /// Of those: waiting for the flash,
+    pub flash: u64,
+    /// and for the pipeline to fill after branches.
+    pub branches: u64,
+}
+
+impl Estimate {
+    fn since(self, begin: Estimate) -> Estimate {
+        Estimate {
+            instructions: self.instructions - begin.instructions,
+            cycles: self.cycles - begin.cycles,
+            flash: self.flash - begin.flash,
+            branches: self.branches - begin.branches,
+        }
+    }
 }
 
 /// Reads the instruction at an address (ARMv7-M Architecture Reference Manual, A5 and A6).
@@ -262,8 +277,7 @@ struct Core {
     line: u32,
     since: u32,
     before: Instruction,
-    instructions: u64,
-    cycles: u64,
+    sum: Estimate,
 }
 
 impl Core {
@@ -277,6 +291,7 @@ impl Core {
         cycles += u32::from(awaited.is_some() && instruction.reads.contains(&awaited));
         if instruction.branches && taken {
             cycles += REFILL;
+            self.sum.branches += u64::from(REFILL);
         }
         let mut waits = 0;
         for line in [at / LINE, (at + instruction.length - 1) / LINE] {
@@ -295,11 +310,13 @@ impl Core {
             && !self.literals.has(literal / LINE, LITERAL_LINES)
         {
             cycles += WAIT_STATES;
+            self.sum.flash += u64::from(WAIT_STATES);
         }
         self.since += cycles;
         self.before = *instruction;
-        self.instructions += 1;
-        self.cycles += u64::from(cycles + waits);
+        self.sum.instructions += 1;
+        self.sum.cycles += u64::from(cycles + waits);
+        self.sum.flash += u64::from(waits);
     }
 }
 
@@ -435,15 +452,17 @@ fn follow(code: &mut Code, mut lines: impl BufRead) -> Result<[Estimate; 2]> {
         }
         before = Some(block);
         if block == code.begin {
-            began = Some((core.instructions, core.cycles));
+            began = Some(core.sum);
         } else if block == code.end
-            && let Some((instructions, cycles)) = began.take()
+            && let Some(begin) = began.take()
         {
             if let Some(tick) = marks.checked_sub(EMPTY).filter(|tick| TICKS.contains(tick)) {
                 // Every tenth changes the model.
                 let kind = &mut most[usize::from(tick % 10 == 5)];
-                kind.instructions = kind.instructions.max(core.instructions - instructions);
-                kind.cycles = kind.cycles.max(core.cycles - cycles);
+                let tick = core.sum.since(begin);
+                if tick.cycles > kind.cycles {
+                    *kind = tick;
+                }
             }
             marks += 1;
             if marks == EMPTY + TICKS.end {
@@ -559,7 +578,7 @@ mod tests {
         for (at, instruction) in [sum, product, square].iter().enumerate() {
             core.run(4 * at as u32, instruction, false);
         }
-        assert_eq!(core.cycles, 1 + 1 + 2);
+        assert_eq!(core.sum.cycles, 1 + 1 + 2);
     }
 
     /// A straight line waits for each line of flash but for what of it is on its way; a loop that fits does not.
@@ -571,14 +590,20 @@ mod tests {
             core.run(at, &add, false);
         }
         // The first line in full, the others less the four cycles of the one before.
-        assert_eq!(core.cycles, 16 + 5 + 3 * u64::from(WAIT_STATES - 4));
-        let before = core.cycles;
+        let waits = 5 + 3 * u64::from(WAIT_STATES - 4);
+        assert_eq!((core.sum.cycles, core.sum.flash), (16 + waits, waits));
+        let before = core.sum;
         let back = branch(4, 1);
         core.run(5 * LINE - 4, &back, true);
         for at in (LINE..5 * LINE).step_by(4) {
             core.run(at, &add, false);
         }
-        assert_eq!(core.cycles - before, 1 + u64::from(REFILL) + 16);
+        let loop_again = core.sum.since(before);
+        assert_eq!(loop_again.cycles, 1 + u64::from(REFILL) + 16);
+        assert_eq!(
+            (loop_again.flash, loop_again.branches),
+            (0, u64::from(REFILL))
+        );
     }
 
     #[test]

@@ -250,8 +250,13 @@ fn print_text(summary: &Summary) {
     }
     println!();
     for (name, count) in &summary.instructions {
-        let estimate = summary.cycles.get(name).map(|estimate| estimate.cycles);
-        let cycles = estimate.map_or_else(String::new, |c| format!(", about {c} cycles"));
+        let cycles = summary.cycles.get(name).map_or_else(String::new, |one| {
+            let (flash, branches) = (one.flash, one.branches);
+            format!(
+                ", about {} cycles: {flash} of them wait for flash, {branches} for branches",
+                one.cycles
+            )
+        });
         println!("{name:<40} {count:>9}  instructions{cycles}");
     }
     println!();

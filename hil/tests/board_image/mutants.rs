@@ -87,7 +87,7 @@ checks! {
         resets::a_program_that_runs_astray_takes_the_torque_off_and_says_where: hard_fault_stops;
         sessions::pulses_come_20_ms_before_enable_and_go_20_ms_after:
             pulses_first pulses_last enable_first;
-        traffic::noise: byte_budget;
+        traffic::a_tick_takes_no_more_than_its_budget: byte_budget;
         sessions::a_silent_host_is_felt_no_longer_and_then_disarmed: console_time horizon lost;
         sessions::a_contact_that_is_to_be_good_for_ever_is_not: longest_horizon;
         sessions::contacts_are_felt_as_the_shared_code_renders_them:

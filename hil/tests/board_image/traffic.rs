@@ -17,8 +17,8 @@ fn ticks() -> usize {
     if full { 10_000 } else { 500 }
 }
 
-/// Ticks whose instructions are counted, which is slow: from frame to frame they are the same.
-const COUNTED: usize = 40;
+/// Ticks whose instructions are counted, which is slow: five frames of rows, and all others many times.
+const COUNTED: usize = 16;
 
 /// Ticks beside which the line never ends: many, and some of which every instruction is counted.
 fn flood(on: On, name: &str, say: impl FnMut(&mut Bench) + Clone) {
@@ -85,7 +85,7 @@ fn last(
 }
 
 on_each_board!(contacts);
-pub(super) fn contacts(on: On) {
+fn contacts(on: On) {
     flood(on, "contacts", |bench| {
         let contact = bench.floor();
         bench.say(&contact);
@@ -93,7 +93,7 @@ pub(super) fn contacts(on: On) {
 }
 
 on_each_board!(rows);
-pub(super) fn rows(on: On) {
+fn rows(on: On) {
     flood(on, "24 rows and their contacts", |bench| {
         let height = bench.state.unwrap().1.position_m[2];
         let row = |at: usize| Row {
@@ -117,23 +117,32 @@ pub(super) fn rows(on: On) {
 }
 
 on_each_board!(orders);
-pub(super) fn orders(on: On) {
+fn orders(on: On) {
     flood(on, "orders", |bench| {
         bench.say(&Command::StateEvery { ticks: 1 });
     });
 }
 
 on_each_board!(noise);
+fn noise(on: On) {
+    flood(on, "noise", noisy());
+}
+
+/// Of the same traffic so much that a tick without a budget would take more.
+pub(super) fn a_tick_takes_no_more_than_its_budget(on: On) {
+    last(Bench::start(on), 10, noisy(), |_| {});
+}
+
 /// With a frame of the host now and then, or the session would end.
-pub(super) fn noise(on: On) {
+fn noisy() -> impl FnMut(&mut Bench) + Clone {
     let mut random = fastrand::Rng::with_seed(5);
     let mut count = 0;
-    flood(on, "noise", move |bench| {
+    move |bench| {
         bench.down.extend((0..1000).map(|_| random.u8(..)));
         count += 1;
         if count % 20 == 0 {
             bench.down.push(0);
             bench.say(&Ping { host_us: count });
         }
-    });
+    }
 }
