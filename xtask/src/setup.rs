@@ -27,8 +27,7 @@ pub fn all() -> Result<()> {
     browser()?;
     instruction_counter()?;
     cargo_command("deny", "dependency checks")?;
-    cargo_command("nextest", "test runner")?;
-    crate::book::program().map(drop)
+    cargo_command("nextest", "test runner")
 }
 
 /// Valgrind, and the runner of the instruction counts.
